@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+# One CMake target per room. A room links only what the table in ARCHITECTURE.md allows it;
+# tools/rooms.py holds the includes to the same table.
+
+find_package(GTest REQUIRED)
+include(GoogleTest)
+
+# lithe_room(<name> [TICK] [LINKS <target>...])
+#   Every *.cpp beside this CMakeLists.txt but *_test.cpp and main.cpp becomes the library lithe_<name>;
+#   every x_test.cpp becomes the test program <name>_x_test.
+#   TICK: runs in the tick, so built without exceptions and RTTI, and checked by clang's effect analysis.
+function(lithe_room name)
+  cmake_parse_arguments(ROOM "TICK" "" "LINKS" ${ARGN})
+  file(GLOB sources CONFIGURE_DEPENDS *.cpp)
+  file(GLOB tests CONFIGURE_DEPENDS *_test.cpp)
+  file(GLOB mains CONFIGURE_DEPENDS main.cpp)
+  list(REMOVE_ITEM sources ${tests} ${mains} "")
+  if(sources)
+    add_library(lithe_${name} STATIC ${sources})
+    target_link_libraries(lithe_${name} PUBLIC lithe_flags ${ROOM_LINKS})
+    if(ROOM_TICK)
+      target_compile_options(lithe_${name} PRIVATE -fno-exceptions -fno-rtti)
+      if(CMAKE_CXX_COMPILER_ID MATCHES Clang AND CMAKE_CXX_COMPILER_VERSION VERSION_GREATER_EQUAL 20)
+        target_compile_options(lithe_${name} PRIVATE -Werror=function-effects)
+      endif()
+    endif()
+  else()
+    add_library(lithe_${name} INTERFACE)
+    target_link_libraries(lithe_${name} INTERFACE lithe_flags ${ROOM_LINKS})
+  endif()
+  foreach(test IN LISTS tests)
+    get_filename_component(stem ${test} NAME_WE)
+    lithe_test(${name}_${stem} SOURCES ${test} LINKS lithe_${name})
+  endforeach()
+endfunction()
+
+# lithe_test(<name> SOURCES <file>... LINKS <target>...): one GoogleTest program, one ctest entry per test.
+function(lithe_test name)
+  cmake_parse_arguments(TEST "" "" "SOURCES;LINKS" ${ARGN})
+  if(NOT LITHE_TESTS)
+    return()
+  endif()
+  add_executable(${name} ${TEST_SOURCES})
+  target_link_libraries(${name} PRIVATE ${TEST_LINKS} GTest::gtest GTest::gtest_main)
+  gtest_discover_tests(${name} PROPERTIES TIMEOUT 120 DISCOVERY_TIMEOUT 60)
+endfunction()

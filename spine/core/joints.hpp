@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+// The capacity of the house and the array every joint quantity lives in.
+#pragma once
+
+#include <array>
+#include <cstddef>
+
+#ifndef LITHE_NJ
+#define LITHE_NJ 32
+#endif
+
+namespace lithe {
+
+// Capacity in joints, a build option (`-DLITHE_NJ=`). A robot uses the first `joints` entries of every array.
+inline constexpr std::size_t kMaxJoints = LITHE_NJ;
+
+using JointArray = std::array<double, kMaxJoints>;
+
+}  // namespace lithe
