@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+// A robot as robot.toml describes it: plain structs, every value checked, every reference already an index.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <string>
+#include <vector>
+
+namespace lithe::robot {
+
+// A core left to the program: it takes what the machine has (docs/rt.md).
+inline constexpr int kAutoCpu = -1;
+
+enum class Release { spin, hybrid, sleep };           // how the Spine waits for its next release
+enum class TransportPlace { automatic, thread, inlined };  // where the buses are served
+enum class MissPolicy { skip, stop };                 // what a missed deadline does
+enum class StaleAction { hold, safe_stop };           // what a silent Brain does
+enum class SafeEnd { damp, hold };                    // how the safe law ends, once the joint has slowed down
+enum class BusKind { loop };
+enum class DeviceKind { moteus };
+
+struct SpineConfig {
+  Release release = Release::spin;
+  TransportPlace transport = TransportPlace::automatic;
+  int cpu_spine = kAutoCpu;
+  int cpu_transport = kAutoCpu;
+  int cpu_brain = kAutoCpu;
+  int cpu_housekeeping = kAutoCpu;
+  std::uint32_t late_ticks_to_stop = 20;
+  MissPolicy miss_policy = MissPolicy::skip;
+  std::int64_t phase_ns = 500'000;  // of the release grid against whole milliseconds of CLOCK_MONOTONIC
+};
+
+struct GuardConfig {
+  SafeEnd safe_end = SafeEnd::damp;
+  double soft_stop_rad = 0.1;        // width of the zone before a position limit in which outward torque fades
+  double position_overrun_rad = 0.2;  // this far beyond a position limit is a fault
+  double velocity_overrun = 1.25;    // this multiple of a joint's velocity limit is a fault
+};
+
+struct BrainConfig {
+  double stale_after_s = 0.25;
+  StaleAction on_stale = StaleAction::hold;
+};
+
+struct BusConfig {
+  std::string name;
+  BusKind kind = BusKind::loop;
+};
+
+struct DeviceConfig {
+  std::string name;
+  DeviceKind kind = DeviceKind::moteus;
+  std::size_t bus = 0;  // index into RobotConfig::buses
+  std::uint32_t id = 1;
+  double watchdog_s = 0.1;
+};
+
+// The simulated plant at the far end of a joint's drive, in joint coordinates: angle 0 hangs straight down,
+// gravity pulls with -mgl_nm * sin(angle).
+struct PlantConfig {
+  double inertia_kg_m2 = 2.5e-3;
+  double mgl_nm = 0.0;
+  double viscous_nm_s_rad = 0.0;
+  double coulomb_nm = 0.0;
+  double cogging_nm = 0.0;           // amplitude
+  std::uint32_t cogging_per_rev = 84;
+  double torque_lag_s = 1.0e-3;
+  std::uint32_t encoder_counts = 16384;  // per revolution of the motor
+  double initial_position_rad = 0.0;
+  std::uint64_t seed = 1;
+};
+
+// Coordinates: position_rad = sign * device_rad / ratio + zero_rad; torque_nm = sign * ratio * device_nm.
+struct JointConfig {
+  std::string name;
+  std::size_t device = 0;  // index into RobotConfig::devices; one device drives one joint
+  double sign = 1.0;       // +1 or -1
+  double zero_rad = 0.0;   // the joint's angle where its device reads 0
+  double ratio = 1.0;      // motor turns per joint turn
+  double position_min_rad = 0.0;
+  double position_max_rad = 0.0;
+  double velocity_max_rad_s = 0.0;
+  double torque_max_nm = 0.0;
+  double torque_slew_nm_s = 0.0;
+  double deceleration_rad_s2 = 20.0;
+  bool monotone = false;  // never overshoot a waypoint (grippers); costs smoothness
+  double kp_max_nm_rad = 100.0;   // the stiffest device-side PD a law may ask for
+  double kd_max_nm_s_rad = 5.0;
+  double safe_kp_nm_rad = 0.0;    // the safe law's own PD; its damping also ends every safe stop
+  double safe_kd_nm_s_rad = 0.0;
+  PlantConfig sim;
+};
+
+// Contract: a value; built by load_robot and never changed afterwards · never in the tick
+struct RobotConfig {
+  std::string name;
+  std::string path;  // of the file it came from
+  double rate_hz = 1000.0;
+  std::string law;  // absolute path of the law to start with; empty = none
+  SpineConfig spine;
+  GuardConfig guard;
+  BrainConfig brain;
+  std::vector<BusConfig> buses;
+  std::vector<DeviceConfig> devices;
+  std::vector<JointConfig> joints;
+  std::vector<std::string> notes;  // things that work but cost something, one sentence each
+};
+
+}  // namespace lithe::robot

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// Reads robot.toml. Every mistake is reported with its place, the nearest right word and what to do next.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "spine/core/result.hpp"
+#include "spine/robot/config.hpp"
+
+namespace lithe::robot {
+
+// What the file is judged against beside itself.
+struct Host {
+  unsigned cores = 0;  // 0 = ask the machine
+};
+
+// Contract: never in the tick · reads one file, changes nothing. The error names every mistake of the file, one a
+// line, as `file:line:column: what is wrong; what to do`. Too few cores are a note in the result, not an error.
+Result<RobotConfig> load_robot(const std::string& path, Host host = {});
+
+// The same on text that is already in memory; `path` is only used in messages and to resolve relative paths.
+Result<RobotConfig> parse_robot(std::string_view text, const std::string& path, Host host = {});
+
+}  // namespace lithe::robot
