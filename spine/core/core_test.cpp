@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <array>
+#include <cstdlib>
+#include <thread>
+#include <vector>
+
+#include "spine/core/histogram.hpp"
+#include "spine/core/host.hpp"
+#include "spine/core/paths.hpp"
+#include "spine/core/result.hpp"
+#include "spine/core/time.hpp"
+
+namespace lithe {
+namespace {
+
+struct Counters {
+  std::array<std::uint64_t, kHistogramBins> bin{};
+  std::uint64_t count = 0, max_ns = 0, sum_ns = 0;
+};
+
+TEST(RawClock, FollowsTheKernelsClock) {
+  const RawClock clock = RawClock::calibrate();
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  // 50 ms at 100 ppm is 5 us; a clock that ignores the fitted scale is off by tens of milliseconds.
+  EXPECT_LT(std::abs(clock.error_ns()), 100'000);
+  EXPECT_LT(std::abs(clock.resample().error_ns()), 20'000);
+}
+
+TEST(RawClock, NeverRunsBackwardsWithinAThread) {
+  const RawClock clock = RawClock::calibrate(kNsPerMs);
+  std::int64_t last = clock.now_ns();
+  for (int i = 0; i < 100'000; ++i) {
+    const std::int64_t now = clock.now_ns();
+    ASSERT_GE(now, last);
+    last = now;
+  }
+}
+
+TEST(Histogram, EveryDurationFallsIntoTheBinThatClaimsIt) {
+  for (std::uint64_t ns = 0; ns < (std::uint64_t{1} << 33); ns = ns < 4096 ? ns + 1 : ns + ns / 97) {
+    const std::size_t bin = histogram_bin(ns);
+    ASSERT_LE(histogram_bin_floor_ns(bin), ns);
+    ASSERT_GT(histogram_bin_floor_ns(bin + 1), ns);
+  }
+  EXPECT_EQ(histogram_bin(~std::uint64_t{0}), kHistogramBins - 1);
+}
+
+TEST(Histogram, QuantilesAreWithinABinOfTheTruth) {
+  Counters counters;
+  HistogramWriter writer(counters);
+  for (int i = 1; i <= 10'000; ++i) writer.add(i);
+  writer.add(-5);  // a negative duration is a clock's mistake, never a negative index
+  EXPECT_EQ(counters.count, 10'001u);
+  EXPECT_EQ(counters.max_ns, 10'000u);
+  EXPECT_NEAR(static_cast<double>(histogram_quantile_ns(counters.bin, 0.5)), 5000, 5000 * 0.04);
+  EXPECT_NEAR(static_cast<double>(histogram_quantile_ns(counters.bin, 0.999)), 9990, 9990 * 0.04);
+}
+
+TEST(CpuPlan, FoldsFourRolesOntoFewerCores) {
+  const CpuPlan four = fold_cpus({0, 1, 2, 3});
+  EXPECT_EQ(four.spine, 1);
+  EXPECT_EQ(four.brain, 2);
+  EXPECT_EQ(four.transport, 3);
+  EXPECT_FALSE(four.transport_inline);
+  const CpuPlan two = fold_cpus({4, 5});
+  EXPECT_EQ(two.housekeeping, 4);
+  EXPECT_EQ(two.spine, 5);
+  EXPECT_EQ(two.brain, 4);
+  EXPECT_TRUE(two.transport_inline);
+  EXPECT_FALSE(two.spine_shares);
+  EXPECT_TRUE(fold_cpus({7}).spine_shares);
+}
+
+TEST(Host, PinningToACoreThatIsNotThereSaysWhichAre) {
+  const Result<> result = pin_this_thread(1000);
+  ASSERT_FALSE(result);
+  EXPECT_NE(result.message().find("may use cores"), std::string::npos) << result.message();
+}
+
+TEST(Host, PrefaultLeavesMemoryAsItWas) {
+  std::vector<char> memory(64 * 1024, 'x');
+  prefault(memory.data(), memory.size());
+  EXPECT_EQ(memory, std::vector<char>(64 * 1024, 'x'));
+}
+
+TEST(Paths, TheEnvironmentMovesEverything) {
+  setenv("LITHE_RUN_DIR", "/somewhere", 1);
+  setenv("LITHE_SHM_PREFIX", "probe", 1);
+  EXPECT_EQ(control_socket_path("arm"), "/somewhere/arm.sock");
+  EXPECT_EQ(shm_path("arm", "spine"), "/dev/shm/probe.arm.spine");
+  unsetenv("LITHE_SHM_PREFIX");
+  EXPECT_EQ(shm_path("arm", "spine"), "/dev/shm/lithe.arm.spine");
+  unsetenv("LITHE_RUN_DIR");
+}
+
+TEST(Result, CarriesEitherAValueOrTheReason) {
+  const Result<int> good = 3;
+  const Result<int> bad = Error{"no"};
+  EXPECT_EQ(*good, 3);
+  EXPECT_FALSE(bad);
+  EXPECT_EQ(bad.message(), "no");
+}
+
+}  // namespace
+}  // namespace lithe

@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/core/host.hpp"
+
+#include <malloc.h>
+#include <pthread.h>
+#include <sched.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cerrno>
+#include <cstring>
+
+namespace lithe {
+
+std::vector<int> allowed_cpus() {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  std::vector<int> cpus;
+  if (sched_getaffinity(0, sizeof set, &set) != 0) return {0};
+  for (int cpu = 0; cpu < CPU_SETSIZE; ++cpu) {
+    if (CPU_ISSET(cpu, &set)) cpus.push_back(cpu);
+  }
+  return cpus;
+}
+
+CpuPlan fold_cpus(const std::vector<int>& cpus) {
+  const std::size_t n = cpus.size();
+  if (n == 0) return {};
+  CpuPlan plan;
+  plan.housekeeping = cpus[0];
+  plan.spine = n >= 2 ? cpus[1] : cpus[0];
+  plan.brain = n >= 4 ? cpus[2] : cpus[0];
+  plan.transport = n >= 3 ? cpus[n >= 4 ? 3 : 2] : plan.spine;
+  plan.transport_inline = n < 3;
+  plan.spine_shares = n < 2;
+  return plan;
+}
+
+Result<> pin_this_thread(int cpu) {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  if (cpu < 0 || cpu >= CPU_SETSIZE) return Error{"cpu " + std::to_string(cpu) + " is not a core number"};
+  CPU_SET(cpu, &set);
+  const int error = pthread_setaffinity_np(pthread_self(), sizeof set, &set);
+  if (error == 0) return done();
+  std::string allowed;
+  for (const int each : allowed_cpus()) allowed += (allowed.empty() ? "" : ",") + std::to_string(each);
+  return Error{"cannot pin to core " + std::to_string(cpu) + ": " + std::strerror(error) +
+               "; this process may use cores " + allowed + " (set [spine] cpu_* in the robot file)"};
+}
+
+int raise_priority() {
+  // In Linux a nice value belongs to a thread: PRIO_PROCESS with 0 is the caller alone.
+  if (setpriority(PRIO_PROCESS, 0, -20) != 0) errno = 0;
+  errno = 0;
+  return getpriority(PRIO_PROCESS, 0);
+}
+
+Result<> lock_memory(std::size_t stack_bytes) {
+  // A soft limit below the hard one is the user's to raise.
+  rlimit limit{};
+  if (getrlimit(RLIMIT_MEMLOCK, &limit) == 0 && limit.rlim_cur < limit.rlim_max) {
+    limit.rlim_cur = limit.rlim_max;
+    setrlimit(RLIMIT_MEMLOCK, &limit);
+  }
+  const bool locked = mlockall(MCL_CURRENT | MCL_FUTURE) == 0;
+  const int error = errno;
+  // volatile: the writes are the point.
+  volatile auto* stack = static_cast<volatile char*>(__builtin_alloca(stack_bytes));
+  for (std::size_t at = 0; at < stack_bytes; at += 4096) stack[at] = 0;
+  if (locked) return done();
+  return Error{std::string("memory is not locked (") + std::strerror(error) +
+               "): raise the memlock limit (`ulimit -l unlimited`, or LimitMEMLOCK=infinity)"};
+}
+
+void freeze_malloc() {
+  mallopt(M_TRIM_THRESHOLD, -1);
+  mallopt(M_MMAP_MAX, 0);
+  mallopt(M_ARENA_MAX, 1);
+}
+
+void prefault(void* address, std::size_t bytes) {
+  const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
+  auto* at = static_cast<char*>(address);
+  for (std::size_t offset = 0; offset < bytes; offset += page) {
+    // An atomic add of zero faults the page in for writing even while somebody else is using it.
+    std::atomic_ref<char>(at[offset]).fetch_add(0, std::memory_order_relaxed);
+  }
+}
+
+}  // namespace lithe

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a thread asks of the kernel before it may tick: a core, a priority, memory that stays.
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "spine/core/result.hpp"
+
+namespace lithe {
+
+// Which core does what (design §3). Several roles share a core when there are fewer than four.
+struct CpuPlan {
+  int housekeeping = 0;
+  int spine = 0;
+  int brain = 0;
+  int transport = 0;
+  bool spine_shares = false;      // something of ours runs on the Spine's core: the Spine must not spin
+  bool transport_inline = false;  // no core of its own: the tick thread runs the bus cycle in its slack
+};
+
+// Cores this process may run on, ascending.
+std::vector<int> allowed_cpus();
+
+// The documented fold: 4 cores: one role each · 3: Brain joins housekeeping · 2: Transport moves into the tick thread ·
+// 1: all share, and the Spine sleeps between ticks.
+CpuPlan fold_cpus(const std::vector<int>& cpus);
+
+// Pins the calling thread. The error names the core and those allowed.
+Result<> pin_this_thread(int cpu);
+
+// Asks for nice -20 for the calling thread; returns the nice value now in force.
+int raise_priority();
+
+// Locks all present and future memory and touches `stack_bytes` of the caller's stack, so that the tick never faults.
+Result<> lock_memory(std::size_t stack_bytes = 512 * 1024);
+
+// Keeps malloc from growing or shrinking the address space behind the tick's back (no trimming, no mmap, one arena).
+void freeze_malloc();
+
+// Touches every page for writing without changing it.
+void prefault(void* address, std::size_t bytes);
+
+}  // namespace lithe

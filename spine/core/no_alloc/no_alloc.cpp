@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/core/no_alloc/no_alloc.hpp"
+
+#include <cstddef>
+#include <cstdlib>
+
+namespace {
+
+thread_local int g_depth = 0;
+thread_local std::uint64_t g_calls = 0;
+
+void count() {
+  if (g_depth > 0) ++g_calls;
+}
+
+}  // namespace
+
+// glibc exports its allocator under these names too, so the wrappers need no dlsym (which itself allocates).
+extern "C" {
+void* __libc_malloc(std::size_t size);
+void* __libc_calloc(std::size_t count, std::size_t size);
+void* __libc_realloc(void* old, std::size_t size);
+void __libc_free(void* old);
+
+void* malloc(std::size_t size) noexcept {
+  count();
+  return __libc_malloc(size);
+}
+void* calloc(std::size_t number, std::size_t size) noexcept {
+  count();
+  return __libc_calloc(number, size);
+}
+void* realloc(void* old, std::size_t size) noexcept {
+  count();
+  return __libc_realloc(old, size);
+}
+void free(void* old) noexcept {
+  count();
+  __libc_free(old);
+}
+}
+
+namespace lithe {
+
+NoAllocScope::NoAllocScope() : at_start_(g_calls) { ++g_depth; }
+NoAllocScope::~NoAllocScope() { --g_depth; }
+std::uint64_t NoAllocScope::calls() const { return g_calls - at_start_; }
+
+}  // namespace lithe

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/core/paths.hpp"
+
+#include <unistd.h>
+
+#include <cstdlib>
+
+namespace lithe {
+namespace {
+
+std::string environment(const char* name) {
+  const char* value = std::getenv(name);
+  return value != nullptr ? value : "";
+}
+
+}  // namespace
+
+std::string run_dir() {
+  if (const std::string dir = environment("LITHE_RUN_DIR"); !dir.empty()) return dir;
+  if (geteuid() == 0) return "/run/lithe";
+  if (const std::string dir = environment("XDG_RUNTIME_DIR"); !dir.empty()) return dir + "/lithe";
+  return "/tmp/lithe-" + std::to_string(geteuid());
+}
+
+std::string cache_dir() {
+  if (const std::string dir = environment("LITHE_CACHE_DIR"); !dir.empty()) return dir;
+  if (const std::string dir = environment("XDG_CACHE_HOME"); !dir.empty()) return dir + "/lithe";
+  if (const std::string home = environment("HOME"); !home.empty()) return home + "/.cache/lithe";
+  return run_dir() + "/cache";
+}
+
+std::string control_socket_path(std::string_view robot) { return run_dir() + "/" + std::string(robot) + ".sock"; }
+
+std::string shm_path(std::string_view robot, std::string_view segment) {
+  std::string prefix = environment("LITHE_SHM_PREFIX");
+  if (prefix.empty()) prefix = "lithe";
+  return "/dev/shm/" + prefix + "." + std::string(robot) + "." + std::string(segment);
+}
+
+}  // namespace lithe

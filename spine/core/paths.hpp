@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where LITHE keeps what must be found by name: sockets, shared memory, compiled laws.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+namespace lithe {
+
+// $LITHE_RUN_DIR, else /run/lithe (root), else $XDG_RUNTIME_DIR/lithe, else /tmp/lithe-<uid>. Not created.
+std::string run_dir();
+
+// $LITHE_CACHE_DIR, else $XDG_CACHE_HOME/lithe, else $HOME/.cache/lithe, else <run_dir>/cache. Not created.
+std::string cache_dir();
+
+// Control socket of a robot: <run_dir>/<robot>.sock
+std::string control_socket_path(std::string_view robot);
+
+// Shared-memory object of a robot: /dev/shm/<prefix>.<robot>.<segment>, prefix $LITHE_SHM_PREFIX or "lithe".
+std::string shm_path(std::string_view robot, std::string_view segment);
+
+}  // namespace lithe
