@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+# The front door. Each command sets up what it needs (tools/setup) and can be repeated.
+MAKEFLAGS += --no-print-directory
+PYTHON := .venv/bin/python
+JOBS ?= $(shell nproc)
+
+.PHONY: help demo test check bench format clean setup release
+.DEFAULT_GOAL := help
+
+help:  ## this list
+	@echo "LITHE: a real-time Spine whose control law can be replaced while the robot moves"
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' Makefile
+
+demo: release  ## the experiment on a simulated arm: probe, learn, swap laws live, survive a dead Brain -> out/demo/
+	@$(PYTHON) -m lithe.demo
+
+test: release  ## every test: C++ (ctest), then Python and across processes (pytest)
+	@ctest --preset release -j $(JOBS) --progress
+	@$(PYTHON) -m pytest
+
+check:  ## what CI asks: format, tidy, rooms, schema, limits, types, ASan+UBSan, TSan, RTSan
+	@tools/setup build check bench
+	@$(PYTHON) tools/check.py
+
+bench:  ## jitter, tick cost, Channel latency, each against a peer and a control that must fail -> out/bench/
+	@tools/setup build bench
+	@cmake --preset bench --log-level=WARNING
+	@cmake --build --preset bench -j $(JOBS)
+	@$(PYTHON) bench/report.py
+
+format:  ## rewrite every file the way `make check` wants it
+	@tools/setup build check
+	@$(PYTHON) tools/check.py --fix
+
+release:
+	@tools/setup build
+	@cmake --preset release --log-level=WARNING
+	@cmake --build --preset release -j $(JOBS)
+
+clean:  ## remove build/, out/ and .venv/
+	rm -rf build out .venv

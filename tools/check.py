@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Everything `make check` asks for, cheapest first. Names on the command line pick steps; --fix repairs what it can."""
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+PYTHON = ".venv/bin/python"
+JOBS = str(len(os.sched_getaffinity(0)))
+CPP_FILES = "git ls-files -co --exclude-standard '*.cpp' '*.hpp' '*.c' '*.h' | grep -v -e ^spine/wire/ -e /_shm/"
+# What must be free of data races, and what runs in the tick (cmake/rooms.cmake labels every test with its room).
+RACE_ROOMS = "ipc law load"
+RACE_TESTS = "^(ipc|law|load)$"
+
+
+@dataclass(frozen=True)
+class Step:
+    """One check: the command that asks, and the command that mends (or shows more)."""
+
+    name: str
+    command: str
+    fix: str
+
+
+def build(preset: str, targets: str = "") -> str:
+    """Configure and build one preset."""
+    only = f" --target {targets}" if targets else ""
+    return f"cmake --preset {preset} --log-level=WARNING && cmake --build --preset {preset} -j {JOBS}{only}"
+
+
+STEPS = [
+    Step("rooms", f"{PYTHON} tools/rooms.py", "the table ALLOWED in tools/rooms.py says who may include whom"),
+    Step("lint", f"{PYTHON} tools/lint.py", "each line above says what to do"),
+    Step("schema", f"{PYTHON} tools/gen.py --check", f"{PYTHON} tools/gen.py"),
+    Step("ruff", f"{PYTHON} -m ruff check --quiet . && {PYTHON} -m ruff format --check --quiet .", "make format"),
+    Step("types", f"{PYTHON} -m mypy --no-error-summary", f"{PYTHON} -m mypy"),
+    Step("format", f"{CPP_FILES} | xargs clang-format-22 --dry-run -Werror", "make format"),
+    Step(
+        "tidy",
+        f"cmake --preset clang --log-level=WARNING && {PYTHON} tools/tidy.py -j {JOBS}",
+        "clang-tidy-22 -p build/clang --fix FILE",
+    ),
+    Step(
+        "rtsan",
+        f"{build('rtsan', 'tick_tests')} && ctest --preset rtsan -L '^tick$' -j {JOBS}",
+        "ctest --preset rtsan -L tick -R NAME; a call that must stay needs LITHE_RT_EXEMPT(\"why bounded\", ...)",
+    ),
+    Step(
+        "tsan",
+        f"{build('tsan', ' '.join(f'{room}_tests' for room in RACE_ROOMS.split()))}"
+        f" && ctest --preset tsan -L '{RACE_TESTS}' -j {JOBS}",
+        "ctest --preset tsan -R NAME shows both sides of the race; no suppressions",
+    ),
+    Step("asan", f"{build('asan')} && ctest --preset asan -j {JOBS}", "ctest --preset asan -R NAME"),
+]
+FIXES = [
+    f"{PYTHON} -m ruff check --quiet --fix .; {PYTHON} -m ruff format --quiet .",
+    f"{CPP_FILES} | xargs clang-format-22 -i",
+]
+
+
+def run(step: Step) -> bool:
+    """Run one step; show what it printed only when that matters."""
+    started = time.monotonic()
+    done = subprocess.run(["bash", "-o", "pipefail", "-c", step.command], cwd=ROOT, capture_output=True, text=True, check=False)
+    taken = time.monotonic() - started
+    passed = done.returncode == 0
+    if not passed:
+        print(done.stdout[-20000:] + done.stderr[-20000:], end="")
+    elif step.name == "lint":
+        print(done.stdout, end="")
+    print(f"{'ok  ' if passed else 'FAIL'} {step.name:<8} {taken:6.1f} s" + ("" if passed else f"   to fix: {step.fix}"), flush=True)
+    return passed
+
+
+def main() -> int:
+    """Run the steps that were asked for; all of them, even after a failure, so that one run tells everything."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("steps", nargs="*", metavar="STEP", help=" ".join(step.name for step in STEPS))
+    parser.add_argument("--fix", action="store_true")
+    args = parser.parse_args()
+    if args.fix:
+        return max(subprocess.run(["bash", "-c", fix], cwd=ROOT, check=False).returncode for fix in FIXES)
+    wanted = [step for step in STEPS if not args.steps or step.name in args.steps]
+    unknown = set(args.steps) - {step.name for step in STEPS}
+    if unknown:
+        parser.error(f"no such step: {', '.join(sorted(unknown))}")
+    failed = [step.name for step in wanted if not run(step)]
+    print(f"check: {len(wanted) - len(failed)} of {len(wanted)} passed" + (f", failed: {' '.join(failed)}" if failed else ""))
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

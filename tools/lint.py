@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rules about the text of the tree: lengths, licence lines, unfinished words, and the list of RT exemptions."""
+
+import ast
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+MAX_FILE_LINES = 400
+MAX_FUNCTION_LINES = 60
+MAX_EXEMPTIONS = 5
+GENERATED = re.compile(r"^spine/wire/|^brain/lithe/_wire\.py$|^brain/lithe/_shm/|^docs/reference/|/golden/|\.msg$")
+CPP = (".cpp", ".hpp", ".c", ".h")
+SPDX = "SPDX-License-Identifier: Apache-2.0"
+NEEDS_SPDX = re.compile(r"(\.(cpp|hpp|c|h|py|sh|toml|cmake|yml)|CMakeLists\.txt|Makefile|tools/setup|\.ci/run)$")
+NOISE = re.compile(
+    r'R"(?P<tag>\w*)\((?:.|\n)*?\)(?P=tag)"|"(?:\\.|[^"\\\n])*"|(?<![0-9a-fA-F])\'(?:\\.|[^\'\\\n])+\'|//[^\n]*|/\*(?:.|\n)*?\*/'
+)
+NOT_A_FUNCTION = re.compile(r"\b(namespace|struct|class|enum|union|extern|if|for|while|switch|catch|do|else|try)\b[^;{}]*$")
+EXEMPTION = re.compile(r'LITHE_RT_EXEMPT\(\s*"([^"]+)"')
+
+
+def blank(match: re.Match[str]) -> str:
+    """White space as long as the match, with its line breaks."""
+    return re.sub(r"[^\n]", " ", match[0])
+
+
+def cpp_functions(text: str) -> Iterator[tuple[int, int]]:
+    """(first line, length in lines) of every function body in C++ text, found by its braces."""
+    text = re.sub(r"^[ \t]*#(?:[^\n]*\\\n)*[^\n]*", blank, NOISE.sub(blank, text), flags=re.M)
+    depth_of_function = None
+    depth = start = head = 0
+    for at, char in enumerate(text):
+        if char == "{":
+            before = text[head:at]
+            if depth_of_function is None and ")" in before and not NOT_A_FUNCTION.search(before.split("(")[0]):
+                depth_of_function = depth
+                start = head + len(before) - len(before.lstrip())
+            depth += 1
+        elif char == "}":
+            depth -= 1
+            if depth_of_function == depth:
+                depth_of_function = None
+                yield text.count("\n", 0, start) + 1, text.count("\n", start, at) + 1
+        if char in "{};" and depth_of_function is None:
+            head = at + 1
+
+
+def python_functions(text: str) -> Iterator[tuple[int, int]]:
+    """(first line, length in lines) of every function in Python text."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node.lineno, (node.end_lineno or node.lineno) - node.lineno + 1
+
+
+def check_lengths(path: str, text: str) -> Iterator[str]:
+    """Files and functions that no longer fit in a head."""
+    if GENERATED.search(path):
+        return
+    lines = text.count("\n")
+    if lines > MAX_FILE_LINES:
+        yield f"{path}:1: {lines} lines; {MAX_FILE_LINES} at most: split it by what its parts are about"
+    functions = python_functions(text) if path.endswith(".py") else cpp_functions(text)
+    for line, length in functions:
+        if length > MAX_FUNCTION_LINES:
+            yield f"{path}:{line}: a function of {length} lines; {MAX_FUNCTION_LINES} at most: name its steps"
+
+
+def check_licence(path: str, text: str) -> Iterator[str]:
+    """Files without the licence line among their first three."""
+    if NEEDS_SPDX.search(path) and SPDX not in "\n".join(text.splitlines()[:3]):
+        yield f"{path}:1: add the line '{SPDX}' as a comment"
+
+
+def check_unfinished(path: str, text: str) -> Iterator[str]:
+    """Marks of unfinished work: those belong into an issue."""
+    if path.startswith(("tools/lint.py", "tests/tools/")):
+        return
+    for number, line in enumerate(text.splitlines(), 1):
+        if re.search(r"\b(TODO|FIXME|XXX|HACK)\b", line):
+            yield f"{path}:{number}: unfinished work in the source; finish it or open an issue"
+
+
+def exemptions(path: str, text: str) -> Iterator[str]:
+    """The reasons given for stepping out of the real-time contract."""
+    if path.endswith("core/rt.hpp") or path.endswith("_test.cpp"):
+        return
+    for match in EXEMPTION.finditer(text):
+        yield f"{path}:{text.count(chr(10), 0, match.start()) + 1}: {match[1]}"
+
+
+def tracked(root: Path) -> list[str]:
+    """The text files that git knows, or would know after `git add`."""
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True).stdout.splitlines()
+    return sorted(path for path in listed if (root / path).is_file())
+
+
+def main(root: Path) -> int:
+    """Check the tree; print each problem on a line of its own."""
+    problems: list[str] = []
+    excuses: list[str] = []
+    for path in tracked(root):
+        if not path.endswith((*CPP, ".py")) and not NEEDS_SPDX.search(path):
+            continue
+        text = (root / path).read_text()
+        problems += [*check_licence(path, text), *check_unfinished(path, text)]
+        if path.endswith((*CPP, ".py")):
+            problems += check_lengths(path, text)
+        if path.endswith(CPP):
+            excuses += exemptions(path, text)
+    if len(excuses) > MAX_EXEMPTIONS:
+        problems.append(f"{len(excuses)} RT exemptions; {MAX_EXEMPTIONS} at most: make the call real-time, or move it")
+    for excuse in excuses:
+        print("RT exemption", excuse)
+    for problem in problems:
+        print(problem)
+    return 1 if problems else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(__file__).parent.parent))
