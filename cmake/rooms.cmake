@@ -9,7 +9,8 @@ include(GoogleTest)
 #   Every *.cpp beside this CMakeLists.txt but *_test.cpp and main.cpp becomes the library lithe_<name>;
 #   every x_test.cpp becomes the test program <name>_x_test.
 #   TICK: runs in the tick, so built without exceptions and RTTI.
-#   The target <name>_tests builds a room's tests, tick_tests those of all TICK rooms; ctest labels say the same.
+#   The target <name>_tests builds a room's tests, tick_tests those of all TICK rooms; its label in ctest is
+#   <name>, or tick.<name>.
 add_custom_target(tick_tests)
 function(lithe_room name)
   cmake_parse_arguments(ROOM "TICK" "" "LINKS" ${ARGN})
@@ -28,28 +29,28 @@ function(lithe_room name)
     target_link_libraries(lithe_${name} INTERFACE lithe_flags ${ROOM_LINKS})
   endif()
   add_custom_target(${name}_tests)
-  set(labels ${name})
+  set(label ${name})
   if(ROOM_TICK)
-    list(APPEND labels tick)
+    set(label tick.${name})
     add_dependencies(tick_tests ${name}_tests)
   endif()
   foreach(test IN LISTS tests)
     get_filename_component(stem ${test} NAME_WE)
-    lithe_test(${name}_${stem} SOURCES ${test} LINKS lithe_${name} LABELS ${labels})
+    lithe_test(${name}_${stem} SOURCES ${test} LINKS lithe_${name} LABEL ${label})
     if(TARGET ${name}_${stem})
       add_dependencies(${name}_tests ${name}_${stem})
     endif()
   endforeach()
 endfunction()
 
-# lithe_test(<name> SOURCES <file>... LINKS <target>... [LABELS <label>...]): one GoogleTest program, one ctest
+# lithe_test(<name> SOURCES <file>... LINKS <target>... [LABEL <label>]): one GoogleTest program, one ctest
 # entry per test.
 function(lithe_test name)
-  cmake_parse_arguments(TEST "" "" "SOURCES;LINKS;LABELS" ${ARGN})
+  cmake_parse_arguments(TEST "" "LABEL" "SOURCES;LINKS" ${ARGN})
   if(NOT LITHE_TESTS)
     return()
   endif()
   add_executable(${name} ${TEST_SOURCES})
   target_link_libraries(${name} PRIVATE ${TEST_LINKS} GTest::gtest GTest::gtest_main)
-  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT 120 LABELS "${TEST_LABELS}")
+  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT 120 LABELS "${TEST_LABEL}")
 endfunction()

@@ -15,7 +15,7 @@ JOBS = str(len(os.sched_getaffinity(0)))
 CPP_FILES = "git ls-files -co --exclude-standard '*.cpp' '*.hpp' '*.c' '*.h' | grep -v -e ^spine/wire/ -e /_shm/"
 # What must be free of data races, and what runs in the tick (cmake/rooms.cmake labels every test with its room).
 RACE_ROOMS = "ipc law load"
-RACE_TESTS = "^(ipc|law|load)$"
+RACE_TESTS = r"\b(ipc|law|load)$"
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ STEPS = [
     ),
     Step(
         "rtsan",
-        f"{build('rtsan', 'tick_tests')} && ctest --preset rtsan -L '^tick$' -j {JOBS}",
-        "ctest --preset rtsan -L tick -R NAME; a call that must stay needs LITHE_RT_EXEMPT(\"why bounded\", ...)",
+        f"{build('rtsan', 'tick_tests')} && ctest --preset rtsan -L '^tick' -j {JOBS}",
+        'ctest --preset rtsan -L tick -R NAME; a call that must stay needs LITHE_RT_EXEMPT("why bounded", ...)',
     ),
     Step(
         "tsan",
@@ -67,14 +67,19 @@ FIXES = [
 def run(step: Step) -> bool:
     """Run one step; show what it printed only when that matters."""
     started = time.monotonic()
-    done = subprocess.run(["bash", "-o", "pipefail", "-c", step.command], cwd=ROOT, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        ["bash", "-o", "pipefail", "-c", step.command], cwd=ROOT, capture_output=True, text=True, check=False
+    )
     taken = time.monotonic() - started
     passed = done.returncode == 0
     if not passed:
         print(done.stdout[-20000:] + done.stderr[-20000:], end="")
     elif step.name == "lint":
         print(done.stdout, end="")
-    print(f"{'ok  ' if passed else 'FAIL'} {step.name:<8} {taken:6.1f} s" + ("" if passed else f"   to fix: {step.fix}"), flush=True)
+    print(
+        f"{'ok  ' if passed else 'FAIL'} {step.name:<8} {taken:6.1f} s" + ("" if passed else f"   to fix: {step.fix}"),
+        flush=True,
+    )
     return passed
 
 
@@ -91,7 +96,10 @@ def main() -> int:
     if unknown:
         parser.error(f"no such step: {', '.join(sorted(unknown))}")
     failed = [step.name for step in wanted if not run(step)]
-    print(f"check: {len(wanted) - len(failed)} of {len(wanted)} passed" + (f", failed: {' '.join(failed)}" if failed else ""))
+    print(
+        f"check: {len(wanted) - len(failed)} of {len(wanted)} passed"
+        + (f", failed: {' '.join(failed)}" if failed else "")
+    )
     return 1 if failed else 0
 
 

@@ -18,7 +18,9 @@ NEEDS_SPDX = re.compile(r"(\.(cpp|hpp|c|h|py|sh|toml|cmake|yml)|CMakeLists\.txt|
 NOISE = re.compile(
     r'R"(?P<tag>\w*)\((?:.|\n)*?\)(?P=tag)"|"(?:\\.|[^"\\\n])*"|(?<![0-9a-fA-F])\'(?:\\.|[^\'\\\n])+\'|//[^\n]*|/\*(?:.|\n)*?\*/'
 )
-NOT_A_FUNCTION = re.compile(r"\b(namespace|struct|class|enum|union|extern|if|for|while|switch|catch|do|else|try)\b[^;{}]*$")
+NOT_A_FUNCTION = re.compile(
+    r"\b(namespace|struct|class|enum|union|extern|if|for|while|switch|catch|do|else|try)\b[^;{}]*$"
+)
 EXEMPTION = re.compile(r'LITHE_RT_EXEMPT\(\s*"([^"]+)"')
 
 
@@ -85,7 +87,7 @@ def check_unfinished(path: str, text: str) -> Iterator[str]:
 
 def exemptions(path: str, text: str) -> Iterator[str]:
     """The reasons given for stepping out of the real-time contract."""
-    if path.endswith("core/rt.hpp") or path.endswith("_test.cpp"):
+    if path.endswith(("core/rt.hpp", "_test.cpp")):
         return
     for match in EXEMPTION.finditer(text):
         yield f"{path}:{text.count(chr(10), 0, match.start()) + 1}: {match[1]}"

@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`make check` says which step failed and what mends it."""
+
+import check
+import pytest
+
+
+def test_a_failing_step_prints_the_command_that_fixes_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert not check.run(check.Step("format", "echo spine/a.cpp:1 is ugly; false", "make format"))
+    printed = capsys.readouterr().out
+    assert "spine/a.cpp:1 is ugly" in printed
+    assert "FAIL format" in printed
+    assert "to fix: make format" in printed
+
+
+def test_a_failure_inside_a_pipe_is_a_failure() -> None:
+    assert not check.run(check.Step("pipe", "false | cat", "nothing"))
+
+
+def test_a_passing_step_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert check.run(check.Step("quiet", "echo noise", "nothing"))
+    assert len(capsys.readouterr().out.splitlines()) == 1
+
+
+def test_every_step_says_how_to_fix_it() -> None:
+    assert all(step.fix for step in check.STEPS)
+    assert len({step.name for step in check.STEPS}) == len(check.STEPS)

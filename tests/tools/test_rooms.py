@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The room table refuses what the design refuses."""
+
+from pathlib import Path
+
+import pytest
+import rooms
+
+REFUSED = [
+    ("spine/core/time.cpp", '#include "spine/ipc/channel.hpp"', "spine/core may not include spine/ipc"),
+    ("spine/ipc/channel.hpp", '#include "spine/hal/actuators.hpp"', "spine/ipc may not include spine/hal"),
+    ("spine/hal/sim/plant.cpp", '#include "spine/ipc/ring.hpp"', "spine/hal/sim may not include spine/ipc"),
+    ("spine/loop/tick.cpp", '#include "spine/load/loader.hpp"', "spine/loop may not include spine/load"),
+    ("spine/guard/guard.cpp", "#include <lithe/law.hpp>", "spine/guard may not include spine/law"),
+    ("spine/load/loader.cpp", '#include "spine/robot/robot.hpp"', "spine/load may not include spine/robot"),
+    ("lawd/main.cpp", '#include "spine/robot/robot.hpp"', "lawd may not include spine/robot"),
+    ("laws/pd.cpp", '#include "spine/core/time.hpp"', "laws may not include spine/core"),
+    ("laws/pd.cpp", "#include <thread>", "a law may not include <thread>"),
+    ("spine/loop/tick.cpp", '#include "spine/main.cpp"', "nothing includes main or cli"),
+    ("supervisor/control/server.cpp", '#include "supervisor/cli/cli.hpp"', "nothing includes main or cli"),
+    ("spine/loop/tick.cpp", '#include "tick.hpp"', "not a path from the repo root"),
+]
+
+
+@pytest.mark.parametrize(("path", "line", "reason"), REFUSED)
+def test_a_forbidden_include_is_refused_with_its_line(path: str, line: str, reason: str) -> None:
+    problems = list(rooms.check_cpp(path, "// first line\n" + line + "\n"))
+    assert len(problems) == 1
+    assert problems[0].startswith(f"{path}:2: ")
+    assert reason in problems[0]
+
+
+def test_the_allowed_directions_pass() -> None:
+    text = '#include "spine/ipc/ring.hpp"\n#include "spine/law/slot.hpp"\n#include <vector>\n'
+    assert list(rooms.check_cpp("spine/loop/tick.cpp", text)) == []
+    assert list(rooms.check_cpp("laws/pd.cpp", "#include <lithe/law.hpp>\n#include <cmath>\n")) == []
+
+
+def test_the_brain_may_import_nothing_but_the_standard_library_and_numpy() -> None:
+    problems = list(rooms.check_python("brain/lithe/a.py", "import json\nimport numpy as np\nimport requests\n"))
+    assert problems == ["brain/lithe/a.py:3: brain may not import requests; it has the standard library and numpy"]
+
+
+def test_the_table_has_no_cycle() -> None:
+    def reach(room: str, seen: frozenset[str]) -> None:
+        assert room not in seen, f"{room} reaches itself"
+        # hal and its own sub-rooms are one house: actuators on top, drivers below, both know the memory map.
+        for other in rooms.ALLOWED[room]:
+            if not (room.startswith("spine/hal") and other.startswith("spine/hal")):
+                reach(other, seen | {room})
+
+    for room in rooms.ALLOWED:
+        reach(room, frozenset())
+
+
+def test_this_tree_keeps_the_table() -> None:
+    assert rooms.check_tree(Path(rooms.__file__).parent.parent) == []

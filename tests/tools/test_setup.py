@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""tools/setup on machines that lack something, played with stand-ins for dpkg-query, apt-get, sudo and id."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+HIDE_PYTHON = "python3 python3.11 python3.12 python3.13"
+
+
+def executable(path: Path, text: str) -> None:
+    path.write_text("#!/bin/sh\n" + text)
+    path.chmod(0o755)
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Path:
+    """A tree with only the set-up in it, and a bin/ whose commands stand before the system's."""
+    (tmp_path / "tools").mkdir()
+    (tmp_path / "brain").mkdir()
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "brain/pyproject.toml").write_text("[project]\nname = 'lithe'\n")
+    for name in ("setup", "packages.txt", "requirements.txt"):
+        shutil.copy(ROOT / "tools" / name, tmp_path / "tools" / name)
+    installed = [
+        line.split()[1] for line in (ROOT / "tools/packages.txt").read_text().splitlines() if line[:1] not in "#"
+    ]
+    (tmp_path / "installed").write_text("".join(f"ii  {name}\n" for name in installed))
+    executable(tmp_path / "bin/dpkg-query", f"cat {tmp_path}/installed\n")
+    executable(tmp_path / "bin/id", "echo 1000\n")
+    executable(tmp_path / "bin/sudo", "exit 1\n")
+    executable(tmp_path / "bin/apt-get", f'echo "$@" >> {tmp_path}/apt.log\n')
+    return tmp_path
+
+
+def forget(machine: Path, package: str) -> None:
+    text = (machine / "installed").read_text()
+    (machine / "installed").write_text(text.replace(f"ii  {package}\n", f"rc  {package}\n"))
+
+
+def setup(machine: Path, *groups: str) -> subprocess.CompletedProcess[str]:
+    environment = {"PATH": f"{machine}/bin:/usr/bin:/bin", "HOME": str(machine)}
+    command = [str(machine / "tools/setup"), *groups]
+    return subprocess.run(
+        command, capture_output=True, text=True, env=environment, check=False, stdin=subprocess.DEVNULL
+    )
+
+
+def pretend_venv(machine: Path) -> None:
+    """A .venv that is up to date, so that only packages matter."""
+    (machine / ".venv/bin").mkdir(parents=True)
+    executable(machine / ".venv/bin/python", "exit 0\n")
+    texts = b"".join(
+        (machine / name).read_bytes() for name in ("tools/setup", "tools/requirements.txt", "brain/pyproject.toml")
+    )
+    digest = subprocess.run(["sha256sum"], input=texts, capture_output=True, check=True).stdout.decode()
+    (machine / ".venv/setup.stamp").write_text(f"{digest}{os.path.realpath(machine)}\n")
+
+
+def test_nothing_missing_says_nothing(machine: Path) -> None:
+    pretend_venv(machine)
+    done = setup(machine, "build", "check", "bench")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_without_rights_exactly_one_line_to_type_and_exit_1(machine: Path) -> None:
+    forget(machine, "ninja-build")
+    forget(machine, "libgtest-dev")
+    done = setup(machine)
+    assert done.returncode == 1
+    assert (done.stdout + done.stderr).splitlines() == [
+        "sudo apt-get update && sudo apt-get install -y --no-install-recommends libgtest-dev ninja-build"
+    ]
+    assert not (machine / "apt.log").exists()
+
+
+def test_a_missing_package_of_another_group_does_not_matter(machine: Path) -> None:
+    pretend_venv(machine)
+    forget(machine, "clang-22")
+    assert setup(machine, "build").returncode == 0
+    assert setup(machine, "build", "check").returncode == 1
+
+
+def test_with_password_less_sudo_apt_installs_what_is_missing(machine: Path) -> None:
+    pretend_venv(machine)
+    executable(machine / "bin/sudo", '[ "$1" = -n ] && shift; exec "$@"\n')
+    forget(machine, "cmake")
+    assert setup(machine).returncode == 0
+    assert "install -y --no-install-recommends cmake" in (machine / "apt.log").read_text()
+
+
+def test_a_first_python_without_venv_is_passed_over(machine: Path) -> None:
+    for name in HIDE_PYTHON.split():
+        executable(machine / "bin" / name, "exit 1\n")
+    script = (machine / "tools/setup").read_text().split("if ! command -v dpkg-query")[0]
+    command = ["bash", "-c", script + "usable_python", str(machine / "tools/setup")]
+    environment = {"PATH": f"{machine}/bin:/usr/bin:/bin"}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode in (0, 1)
+    found = done.stdout.strip()
+    assert found.startswith("/usr/bin/python3") if done.returncode == 0 else "python3-venv" in done.stderr
+
+
+def test_every_package_line_has_a_group_a_name_and_a_reason() -> None:
+    for line in (ROOT / "tools/packages.txt").read_text().splitlines():
+        if not line.startswith("#"):
+            group, _, reason = line.split(maxsplit=2)
+            assert group in {"build", "check", "bench"}
+            assert len(reason) > len("short")
