@@ -67,10 +67,11 @@ def check_cpp(path: str, text: str) -> Iterator[str]:
     room = room_of(path)
     for number, line in enumerate(text.splitlines(), 1):
         where = f"{path}:{number}: "
-        angled = INCLUDE.match(line)
-        foreign = angled and angled[2] and angled[2] not in LAW_HEADERS and not angled[2].startswith("Eigen/")
+        match = INCLUDE.match(line)
+        angled = match[2] if match else None
+        foreign = angled is not None and angled not in LAW_HEADERS and not angled.startswith("Eigen/")
         if room == "laws" and foreign and not path.endswith("_test.cpp"):
-            yield where + f"a law may not include <{angled[2]}>; it has {', '.join(sorted(LAW_HEADERS))}, Eigen"
+            yield where + f"a law may not include <{angled}>; it has {', '.join(sorted(LAW_HEADERS))}, Eigen"
         target = included(line)
         if target is None or room is None:
             continue
