@@ -13,11 +13,11 @@ namespace lithe::robot {
 // A core left to the program: it takes what the machine has (docs/rt.md).
 inline constexpr int kAutoCpu = -1;
 
-enum class Release { spin, hybrid, sleep };           // how the Spine waits for its next release
+enum class Release { spin, hybrid, sleep };                // how the Spine waits for its next release
 enum class TransportPlace { automatic, thread, inlined };  // where the buses are served
-enum class MissPolicy { skip, stop };                 // what a missed deadline does
-enum class StaleAction { hold, safe_stop };           // what a silent Brain does
-enum class SafeEnd { damp, hold };                    // how the safe law ends, once the joint has slowed down
+enum class MissPolicy { skip, stop };                      // what a missed deadline does
+enum class StaleAction { hold, safe_stop };                // what a silent Brain does
+enum class SafeEnd { damp, hold };                         // how the safe law ends, once the joint has slowed down
 enum class BusKind { loop };
 enum class DeviceKind { moteus };
 
@@ -35,9 +35,9 @@ struct SpineConfig {
 
 struct GuardConfig {
   SafeEnd safe_end = SafeEnd::damp;
-  double soft_stop_rad = 0.1;        // width of the zone before a position limit in which outward torque fades
+  double soft_stop_rad = 0.1;         // width of the zone before a position limit in which outward torque fades
   double position_overrun_rad = 0.2;  // this far beyond a position limit is a fault
-  double velocity_overrun = 1.25;    // this multiple of a joint's velocity limit is a fault
+  double velocity_overrun = 1.25;     // this multiple of a joint's velocity limit is a fault
 };
 
 struct BrainConfig {
@@ -65,7 +65,7 @@ struct PlantConfig {
   double mgl_nm = 0.0;
   double viscous_nm_s_rad = 0.0;
   double coulomb_nm = 0.0;
-  double cogging_nm = 0.0;           // amplitude
+  double cogging_nm = 0.0;  // amplitude
   std::uint32_t cogging_per_rev = 84;
   double torque_lag_s = 1.0e-3;
   std::uint32_t encoder_counts = 16384;  // per revolution of the motor
@@ -86,10 +86,10 @@ struct JointConfig {
   double torque_max_nm = 0.0;
   double torque_slew_nm_s = 0.0;
   double deceleration_rad_s2 = 20.0;
-  bool monotone = false;  // never overshoot a waypoint (grippers); costs smoothness
-  double kp_max_nm_rad = 100.0;   // the stiffest device-side PD a law may ask for
+  bool monotone = false;         // never overshoot a waypoint (grippers); costs smoothness
+  double kp_max_nm_rad = 100.0;  // the stiffest device-side PD a law may ask for
   double kd_max_nm_s_rad = 5.0;
-  double safe_kp_nm_rad = 0.0;    // the safe law's own PD; its damping also ends every safe stop
+  double safe_kp_nm_rad = 0.0;  // the safe law's own PD; its damping also ends every safe stop
   double safe_kd_nm_s_rad = 0.0;
   PlantConfig sim;
 };

@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+// Collects the mistakes of one file, so that a person sees all of them at once and in the file's order.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "spine/core/result.hpp"
+
+namespace lithe::robot {
+
+struct Place {
+  std::uint32_t line = 1;
+  std::uint32_t column = 1;
+};
+
+// The candidate closest to `word` by edit distance, or empty when none is close enough to be meant.
+std::string_view nearest(std::string_view word, const std::vector<std::string_view>& candidates);
+
+// `; did you mean 'x'?` or, with nothing close, `; one of: a, b, c`. Empty without candidates.
+std::string suggestion(std::string_view word, const std::vector<std::string_view>& candidates);
+
+// Contract: never in the tick · one file, one Report
+class Report {
+ public:
+  explicit Report(std::string path) : path_(std::move(path)) {}
+
+  void add(Place place, const std::string& what);
+  bool empty() const { return mistakes_.empty(); }
+  Error error() const;  // every mistake, one a line
+
+ private:
+  struct Mistake {
+    Place place;
+    std::string what;
+  };
+  std::string path_;
+  std::vector<Mistake> mistakes_;  // in the order of the file
+};
+
+}  // namespace lithe::robot

@@ -1,0 +1,263 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/robot/robot.hpp"
+
+#include <fmt/format.h>
+
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <thread>
+
+#include "spine/core/joints.hpp"
+#include "spine/robot/reader.hpp"
+#include "spine/robot/sections.hpp"
+
+namespace lithe::robot {
+namespace {
+
+constexpr std::size_t kLargestFile = 1 << 20;
+
+// The file as a whole: sections in the order in which later ones refer to earlier ones.
+class File {
+ public:
+  File(const toml::table& root, RobotConfig& robot, Report& report)
+      : robot_(robot), report_(report), top_(root, "", report) {}
+
+  void read() {
+    top_.identifier("name", robot_.name);
+    top_.number("rate_hz", robot_.rate_hz, {100.0, 10'000.0});
+    top_.text("law", robot_.law);
+    section("spine", [&](Reader& in) { read_spine(in, robot_.spine); });
+    section("guard", [&](Reader& in) { read_guard(in, robot_.guard); });
+    section("brain", [&](Reader& in) { read_brain(in, robot_.brain); });
+    if (const toml::table* defaults = top_.table("defaults")) read_defaults(*defaults);
+    read_buses();
+    read_devices();
+    read_joints();
+    top_.finish();
+  }
+
+ private:
+  template <class Read>
+  void section(std::string_view key, Read read) {
+    if (const toml::table* table = top_.table(key)) {
+      Reader in(*table, fmt::format("[{}]", key), report_);
+      read(in);
+    }
+  }
+
+  void read_defaults(const toml::table& table) {
+    Reader in(table, "[defaults]", report_);
+    device_defaults_ = in.table("device");
+    joint_defaults_ = in.table("joint");
+    in.finish();
+  }
+
+  void read_buses() {
+    for (const toml::table* table : top_.tables("bus")) {
+      BusConfig& bus = robot_.buses.emplace_back();
+      Reader in(*table, where("bus", *table), report_);
+      in.identifier("name", bus.name);
+      in.choice<BusKind>("kind", bus.kind, {{"loop", BusKind::loop}}, Need::required);
+      in.finish();
+      refuse_twin(in, "bus", robot_.buses);
+    }
+  }
+
+  void read_devices() {
+    const std::vector<std::string_view> buses = names(robot_.buses);
+    DeviceConfig prototype;
+    if (device_defaults_ != nullptr) {
+      Reader in(*device_defaults_, "[defaults.device]", report_);
+      read_device(in, prototype, buses, Need::optional);
+      in.finish();
+    }
+    for (const toml::table* table : top_.tables("device")) {
+      DeviceConfig& device = robot_.devices.emplace_back(prototype);
+      Reader in(*table, where("device", *table), report_, device_defaults_);
+      in.identifier("name", device.name);
+      in.integer("id", device.id, {1, 126}, Need::required);
+      read_device(in, device, buses, Need::required);
+      in.finish();
+      refuse_twin(in, "device", robot_.devices);
+      for (std::size_t i = 0; i + 1 < robot_.devices.size(); ++i) {
+        const DeviceConfig& other = robot_.devices[i];
+        if (table->get("id") != nullptr && other.bus == device.bus && other.id == device.id) {
+          in.complain("id", fmt::format("{} is already taken on this bus by \"{}\"", device.id, other.name));
+        }
+      }
+      if (device.watchdog_s * robot_.rate_hz < 4.0) {
+        in.complain("watchdog_s", fmt::format("{} s is less than 4 ticks at {} Hz, the drive would stop by itself; "
+                                              "give at least {}",
+                                              device.watchdog_s, robot_.rate_hz, 4.0 / robot_.rate_hz));
+      }
+    }
+  }
+
+  void read_joints() {
+    JointConfig prototype;
+    const toml::table* sim_defaults = nullptr;
+    if (joint_defaults_ != nullptr) {
+      Reader in(*joint_defaults_, "[defaults.joint]", report_);
+      read_joint(in, prototype, Need::optional);
+      sim_defaults = in.table("sim");
+      in.finish();
+    }
+    if (sim_defaults != nullptr) {
+      Reader in(*sim_defaults, "[defaults.joint.sim]", report_);
+      read_plant(in, prototype.sim);
+    }
+    const std::vector<const toml::table*> tables = top_.tables("joint");
+    if (tables.size() > kMaxJoints) {
+      report_.add(place_of(*tables[kMaxJoints]),
+                  fmt::format("this is joint {} of {}, but LITHE was built for {}; remove joints or build it with "
+                              "-DLITHE_NJ={}",
+                              kMaxJoints + 1, tables.size(), kMaxJoints, tables.size()));
+    }
+    std::vector<const toml::table*> owners(robot_.devices.size(), nullptr);
+    for (const toml::table* table : tables) read_one_joint(*table, prototype, owners);
+    for (std::size_t i = 0; i < owners.size(); ++i) {
+      if (owners[i] == nullptr && report_.empty()) {
+        robot_.notes.push_back(fmt::format("device \"{}\" moves no joint; it is left alone", robot_.devices[i].name));
+      }
+    }
+  }
+
+  void read_one_joint(const toml::table& table, const JointConfig& prototype, std::vector<const toml::table*>& owners) {
+    JointConfig& joint = robot_.joints.emplace_back(prototype);
+    joint.device = owners.size();
+    Reader in(table, where("joint", table), report_, joint_defaults_);
+    in.identifier("name", joint.name);
+    in.reference("device", joint.device, "device", names(robot_.devices));
+    read_joint(in, joint, Need::required);
+    if (const toml::table* sim = in.table("sim")) {
+      Reader plant(*sim, where("joint", table) + ".sim", report_);
+      read_plant(plant, joint.sim);
+    }
+    in.finish();
+    refuse_twin(in, "joint", robot_.joints);
+    if (joint.position_min_rad >= joint.position_max_rad && has_limits(table)) {
+      in.complain("position_max_rad", fmt::format("{} is not above position_min_rad = {}; exchange or correct them",
+                                                  joint.position_max_rad, joint.position_min_rad));
+    }
+    if (joint.device >= owners.size()) return;
+    if (owners[joint.device] != nullptr) {
+      in.complain("device", fmt::format("\"{}\" already moves another joint (line {}); one device moves one joint",
+                                        robot_.devices[joint.device].name, place_of(*owners[joint.device]).line));
+    }
+    owners[joint.device] = &table;
+  }
+
+  bool has_limits(const toml::table& table) const {
+    const auto has = [&](std::string_view key) {
+      return table.get(key) != nullptr || (joint_defaults_ != nullptr && joint_defaults_->get(key) != nullptr);
+    };
+    return has("position_min_rad") && has("position_max_rad");
+  }
+
+  static std::string where(std::string_view kind, const toml::table& table) {
+    const auto name = table["name"].value<std::string>();
+    return name ? fmt::format("[[{}]] {}", kind, *name) : fmt::format("[[{}]]", kind);
+  }
+
+  template <class T>
+  static std::vector<std::string_view> names(const std::vector<T>& items) {
+    std::vector<std::string_view> all;
+    for (const T& item : items) all.push_back(item.name);
+    return all;
+  }
+
+  // The last of `items` must not carry the name of an earlier one.
+  template <class T>
+  static void refuse_twin(Reader& in, std::string_view kind, const std::vector<T>& items) {
+    for (std::size_t i = 0; i + 1 < items.size(); ++i) {
+      if (items[i].name == items.back().name && !items[i].name.empty()) {
+        in.complain("name",
+                    fmt::format("there is already a [[{}]] named \"{}\"; give each its own name", kind, items[i].name));
+        return;
+      }
+    }
+  }
+
+  RobotConfig& robot_;
+  Report& report_;
+  Reader top_;
+  const toml::table* device_defaults_ = nullptr;
+  const toml::table* joint_defaults_ = nullptr;
+};
+
+// What works but costs something: stated, never refused.
+void note_costs(RobotConfig& robot, unsigned cores) {
+  const SpineConfig& spine = robot.spine;
+  if (cores < 4) {
+    robot.notes.push_back(fmt::format(
+        "this machine offers {} core{}, the full layout uses 4: some processes share a core and the tick is later "
+        "more often (docs/rt.md)",
+        cores, cores == 1 ? "" : "s"));
+  }
+  const auto absent = [&](std::string_view key, int cpu) {
+    if (cpu >= 0 && static_cast<unsigned>(cpu) >= cores) {
+      robot.notes.push_back(
+          fmt::format("spine.{} = {}, but the cores here are 0 to {}: chosen as \"auto\"", key, cpu, cores - 1));
+    }
+  };
+  absent("cpu_spine", spine.cpu_spine);
+  absent("cpu_transport", spine.cpu_transport);
+  absent("cpu_brain", spine.cpu_brain);
+  absent("cpu_housekeeping", spine.cpu_housekeeping);
+  if (spine.release == Release::sleep && robot.rate_hz > 2000.0) {
+    robot.notes.push_back(
+        fmt::format("release = \"sleep\" at {} Hz: waking takes tens of microseconds of every {:.0f}; "
+                    "\"spin\" is exact",
+                    robot.rate_hz, 1.0e6 / robot.rate_hz));
+  }
+  for (const JointConfig& joint : robot.joints) {
+    if (joint.sim.initial_position_rad < joint.position_min_rad ||
+        joint.sim.initial_position_rad > joint.position_max_rad) {
+      robot.notes.push_back(fmt::format("joint \"{}\" starts its simulation outside its position limits", joint.name));
+    }
+  }
+}
+
+}  // namespace
+
+Result<RobotConfig> parse_robot(std::string_view text, const std::string& path, Host host) {
+  const toml::parse_result parsed = toml::parse(text, path);
+  Report report(path);
+  if (!parsed) {
+    const auto& at = parsed.error().source().begin;
+    report.add({at.line, at.column}, fmt::format("not TOML: {}", parsed.error().description()));
+    return report.error();
+  }
+  RobotConfig robot;
+  robot.path = path;
+  File(parsed.table(), robot, report).read();
+  if (!report.empty()) return report.error();
+  if (!robot.law.empty()) {
+    const std::filesystem::path base = std::filesystem::absolute(path).parent_path();
+    robot.law = (base / robot.law).lexically_normal().string();
+  }
+  note_costs(robot, host.cores != 0 ? host.cores : std::max(1U, std::thread::hardware_concurrency()));
+  return robot;
+}
+
+Result<RobotConfig> load_robot(const std::string& path, Host host) {
+  std::error_code failure;
+  if (std::filesystem::is_directory(path, failure)) {
+    return Error{path + ": this is a folder; give the robot's .toml file"};
+  }
+  std::ifstream file(path, std::ios::binary);
+  if (!file) {
+    return Error{fmt::format("{}: cannot be read: {}; check the path, `ls robots/` shows the robots at hand", path,
+                             std::strerror(errno))};
+  }
+  std::string text(kLargestFile + 1, '\0');
+  file.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(file.gcount()));
+  if (text.size() > kLargestFile) return Error{path + ": larger than 1 MiB; this is no robot file"};
+  return parse_robot(text, path, host);
+}
+
+}  // namespace lithe::robot
