@@ -101,6 +101,30 @@ struct Param {
 // The type of a State field, as a number in the descriptor.
 enum class FieldKind : std::uint32_t { none = 0, boolean, i8, u8, i16, u16, i32, u32, i64, u64, f32, f64 };
 
+// Bytes of one element; 0 for a kind that does not exist.
+constexpr std::uint32_t kind_bytes(FieldKind kind) {
+  switch (kind) {
+    case FieldKind::boolean:
+    case FieldKind::i8:
+    case FieldKind::u8:
+      return 1;
+    case FieldKind::i16:
+    case FieldKind::u16:
+      return 2;
+    case FieldKind::i32:
+    case FieldKind::u32:
+    case FieldKind::f32:
+      return 4;
+    case FieldKind::i64:
+    case FieldKind::u64:
+    case FieldKind::f64:
+      return 8;
+    case FieldKind::none:
+      break;
+  }
+  return 0;
+}
+
 }  // namespace lithe
 
 // The C side of a law: the one symbol its object exports. Text is zero-terminated inside its array.

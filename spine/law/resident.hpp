@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: Apache-2.0
+// A law that lives in the Spine: its code's entry, and the host's own memory for its state and params.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+
+#include "lithe/law.hpp"
+#include "spine/core/rt.hpp"
+#include "spine/law/migrate.hpp"
+
+namespace lithe::law {
+
+// How many laws are in memory at once: active, previous, pending, and those on their way out.
+inline constexpr std::uint32_t kResidents = 8;
+
+// The way between this law and one law it may follow, both ways, planned before the swap.
+struct Bridge {
+  std::uint32_t peer_id = 0;  // 0 = unused
+  Migration in;               // the peer's state into this law's, at commit
+  Migration out;              // this law's state into the peer's, at rollback
+};
+
+// Contract: RT once offered · owned by exactly one thread at a time: the Loader until Slot::offer and from
+// Slot::collect_retired on, the tick in between.
+struct Resident {
+  const LitheLaw* descriptor = nullptr;
+  std::uint32_t index = 0;   // 0..kResidents-1, which place of the house it fills
+  std::uint32_t law_id = 0;  // counts up from 1 for the life of the Spine
+  std::uint64_t request_id = 0;
+  std::uint64_t source_hash = 0;
+  std::array<Param, kMaxParams> params{};
+  std::array<Bridge, 2> bridges{};  // from the law that was active, and from the one before (a rollback may intervene)
+  alignas(64) std::array<std::byte, kMaxStateBytes> state{};
+
+  std::uint32_t joints() const LITHE_RT { return descriptor->joints; }
+
+  // Clears `effort`, then runs the law once.
+  void step(const Tick& tick, Effort& effort, std::array<double, kMaxProbes>& probes) LITHE_RT {
+    effort.clear(tick.joints);
+    descriptor->step(&tick, params.data(), state.data(), &effort, probes.data());
+  }
+
+  // False, and nothing changed, when there is no such param or the value is outside its range.
+  bool set_param(std::uint32_t i, double value) LITHE_RT {
+    if (i >= descriptor->param_count || i >= kMaxParams) return false;
+    if (!(params[i].min <= value && value <= params[i].max)) return false;  // NaN is refused here
+    params[i].value = value;
+    return true;
+  }
+
+  const Bridge* bridge_from(std::uint32_t peer_id) const LITHE_RT {
+    for (const Bridge& bridge : bridges) {
+      if (peer_id != 0 && bridge.peer_id == peer_id) return &bridge;
+    }
+    return nullptr;
+  }
+};
+
+// Makes `resident` a fresh copy of its law: default state, default params, no bridges.
+// Contract: off the tick · allocates nothing · `descriptor` must have passed check_law.
+void reset_resident(Resident& resident, const LitheLaw& descriptor);
+
+// Fills bridges[which] for the law `peer`. Contract: off the tick.
+void build_bridge(Resident& resident, std::uint32_t which, const LitheLaw& peer, std::uint32_t peer_id);
+
+// Why a descriptor read from an object cannot be trusted, nullptr when it can. Static text for the general case; use
+// describe_mismatch for the numbers. Contract: reads `law` only, any bytes are safe.
+const char* check_law(const LitheLaw& law);
+
+// Writes one line that names what was expected and found. Returns `text`.
+const char* describe_mismatch(const LitheLaw& law, char* text, std::size_t size);
+
+}  // namespace lithe::law
