@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/control/process.hpp"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <poll.h>
+#include <sched.h>
+#include <signal.h>
+#include <sys/pidfd.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <system_error>
+
+namespace lithe::control {
+namespace {
+
+cpu_set_t cpu_set_of(const std::vector<int>& cpus) {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  for (const int cpu : cpus) {
+    if (cpu >= 0 && cpu < CPU_SETSIZE) {
+      CPU_SET(static_cast<unsigned>(cpu), &set);
+    }
+  }
+  return set;
+}
+
+// Runs in the child between fork and exec: only async-signal-safe calls.
+[[noreturn]] void become(const Launch& launch, char* const* argv, pid_t parent, int failure_fd) {
+  if (launch.own_session) {
+    ::setsid();
+  }
+  if (launch.dies_with_parent) {
+    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+    if (::getppid() != parent) {
+      ::_exit(127);
+    }
+  }
+  if (launch.idle_priority) {
+    ::setpriority(PRIO_PROCESS, 0, 19);
+    const sched_param none{};
+    ::sched_setscheduler(0, SCHED_IDLE, &none);
+  }
+  if (!launch.cpus.empty()) {
+    const cpu_set_t set = cpu_set_of(launch.cpus);
+    ::sched_setaffinity(0, sizeof(set), &set);
+  }
+  sigset_t none;
+  sigemptyset(&none);
+  ::sigprocmask(SIG_SETMASK, &none, nullptr);
+  ::signal(SIGPIPE, SIG_IGN);  // whoever reads its output may die first
+  const int null_fd = ::open("/dev/null", O_RDWR | O_CLOEXEC);
+  ::dup2(launch.stdin_fd >= 0 ? launch.stdin_fd : null_fd, STDIN_FILENO);
+  ::dup2(launch.stdout_fd >= 0 ? launch.stdout_fd : null_fd, STDOUT_FILENO);
+  if (launch.stderr_fd >= 0) {
+    ::dup2(launch.stderr_fd, STDERR_FILENO);
+  }
+  ::execv(argv[0], argv);
+  const int reason = errno;
+  (void)!::write(failure_fd, &reason, sizeof(reason));
+  ::_exit(127);
+}
+
+}  // namespace
+
+Result<Process> Process::start(const Launch& launch) {
+  std::vector<char*> argv;
+  for (const std::string& word : launch.argv) {
+    argv.push_back(const_cast<char*>(word.c_str()));
+  }
+  argv.push_back(nullptr);
+  int pipe_fds[2];
+  if (::pipe2(pipe_fds, O_CLOEXEC) != 0) {
+    return Error{fmt::format("cannot start {}: {}", launch.argv[0], std::strerror(errno))};
+  }
+  Fd read_end(pipe_fds[0]);
+  Fd write_end(pipe_fds[1]);
+  const pid_t parent = ::getpid();
+  const pid_t pid = ::fork();
+  if (pid == 0) {
+    become(launch, argv.data(), parent, write_end.get());
+  }
+  write_end.reset();
+  if (pid < 0) {
+    return Error{fmt::format("cannot start {}: {}", launch.argv[0], std::strerror(errno))};
+  }
+  int reason = 0;
+  if (::read(read_end.get(), &reason, sizeof(reason)) == sizeof(reason)) {
+    ::waitpid(pid, nullptr, 0);
+    return Error{fmt::format("cannot start {}: {}; is the build complete (make)?", launch.argv[0],
+                             std::strerror(reason))};
+  }
+  return Process(pid, Fd(::pidfd_open(pid, 0)), true);
+}
+
+Result<Process> Process::adopt(pid_t pid) {
+  Fd pidfd(::pidfd_open(pid, 0));
+  if (!pidfd) {
+    return Error{fmt::format("process {} cannot be watched: {}", pid, std::strerror(errno))};
+  }
+  return Process(pid, std::move(pidfd), false);
+}
+
+bool Process::ended() { return wait(0); }
+
+bool Process::wait(int timeout_ms) {
+  if (ended_) {
+    return true;
+  }
+  pollfd wait{pidfd_.get(), POLLIN, 0};
+  if (::poll(&wait, 1, timeout_ms) <= 0) {
+    return false;
+  }
+  ended_ = true;
+  verdict_ = "ended (not our child, so its exit code is unknown)";
+  siginfo_t info{};
+  if (child_ && ::waitid(P_PIDFD, static_cast<id_t>(pidfd_.get()), &info, WEXITED) == 0) {
+    if (info.si_code == CLD_EXITED) {
+      exit_code_ = info.si_status;
+      verdict_ = fmt::format("exit code {}", info.si_status);
+    } else {
+      verdict_ = fmt::format("killed by signal {} ({})", info.si_status, ::strsignal(info.si_status));
+    }
+  }
+  return true;
+}
+
+void Process::signal(int number) const {
+  if (!ended_) {
+    ::pidfd_send_signal(pidfd_.get(), number, nullptr, 0);
+  }
+}
+
+std::string program_dir() {
+  std::error_code failure;
+  const auto path = std::filesystem::read_symlink("/proc/self/exe", failure);
+  return failure ? "." : path.parent_path().string();
+}
+
+Result<> set_affinity(pid_t pid, const std::vector<int>& cpus) {
+  if (cpus.empty()) {
+    return done();
+  }
+  const cpu_set_t set = cpu_set_of(cpus);
+  if (::sched_setaffinity(pid, sizeof(set), &set) != 0) {
+    return Error{fmt::format("cannot pin process {}: {}", pid, std::strerror(errno))};
+  }
+  return done();
+}
+
+}  // namespace lithe::control

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+// Swaps one after the other: requests wait their turn, the head of the queue is driven to its verdict.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <string>
+
+#include "supervisor/swap/transaction.hpp"
+
+namespace lithe::swap {
+
+// What the queue needs from the world. Each starts work and returns at once; the answer comes back as an event.
+struct Ports {
+  std::function<void(const Transaction&)> compile;
+  std::function<void(const Transaction&)> stage;
+  std::function<std::uint64_t()> missed_releases;
+  std::function<void(const Transaction&)> finished;  // called once per transaction, committed or refused
+};
+
+struct Timeouts {
+  std::int64_t compile_ns = 60'000'000'000;
+  std::int64_t stage_ns = 10'000'000'000;
+  std::int64_t commit_ns = 5'000'000'000;
+};
+
+// Contract: one thread · the clock is an argument · events about any request but the head are ignored.
+class Queue {
+ public:
+  static constexpr std::size_t kMaxWaiting = 64;
+
+  Queue(Ports ports, std::uint64_t first_request_id, Timeouts timeouts = {});
+
+  // Returns the request id, or 0 when kMaxWaiting requests wait already.
+  std::uint64_t submit(Request request, std::int64_t now_ns);
+
+  void on_compiled(std::uint64_t request_id, Compiled compiled, std::int64_t now_ns);
+  void on_staged(std::uint64_t request_id, std::int64_t now_ns);
+  void on_committed(std::uint64_t request_id, std::uint64_t tick, std::uint32_t law_id, std::int64_t now_ns);
+  void on_refused(std::uint64_t request_id, Refusal reason, std::int64_t now_ns);
+
+  // Ends a step that takes too long; starts the next request when the head is done.
+  void step(std::int64_t now_ns);
+  // Refuses everything that waits (the robot stops, the Spine is gone).
+  void refuse_all(const Refusal& reason, std::int64_t now_ns);
+
+  bool idle() const { return waiting_.empty(); }
+  std::size_t size() const { return waiting_.size(); }
+  const Transaction* head() const { return waiting_.empty() ? nullptr : &waiting_.front(); }
+
+ private:
+  Transaction* current(std::uint64_t request_id);
+  void settle();
+
+  Ports ports_;
+  Timeouts timeouts_;
+  std::uint64_t next_id_;
+  std::deque<Transaction> waiting_;
+  bool running_ = false;
+};
+
+}  // namespace lithe::swap

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/swap/record.hpp"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <fstream>
+
+namespace lithe::swap {
+namespace {
+
+namespace fs = std::filesystem;
+
+class RecordTest : public testing::Test {
+ protected:
+  RecordTest() : dir_(fs::temp_directory_path() / ("lithe-record-" + std::to_string(::getpid()) + "-" +
+                                                   testing::UnitTest::GetInstance()->current_test_info()->name())) {}
+  ~RecordTest() override { fs::remove_all(dir_); }
+  fs::path dir_;
+};
+
+TEST_F(RecordTest, NumbersFilesAndGoesOnWhereAnEarlierRunStopped) {
+  {
+    RecordBook book(dir_ / "swaps");
+    EXPECT_EQ(book.write({{"law", "pd"}})->filename(), "0001.json");
+    EXPECT_EQ(book.write({{"law", "pd"}})->filename(), "0002.json");
+  }
+  RecordBook again(dir_ / "swaps");
+  const auto path = again.write({{"law", "hold"}});
+  ASSERT_TRUE(path);
+  EXPECT_EQ(path->filename(), "0003.json");
+  std::ifstream file(*path);
+  EXPECT_EQ(Json::parse(file)["law"], "hold");
+}
+
+TEST_F(RecordTest, AFullDiskIsAnErrorAndLeavesNoFile) {
+  fs::create_directories(dir_);
+  fs::create_symlink("/dev/full", dir_ / "0001.json.draft");
+  RecordBook book(dir_);
+  const auto path = book.write({{"law", "pd"}});
+  ASSERT_FALSE(path);
+  EXPECT_NE(path.message().find("disk full"), std::string::npos);
+  EXPECT_FALSE(fs::exists(dir_ / "0001.json"));
+}
+
+TEST_F(RecordTest, AnUnusableDirectoryIsAnError) {
+  fs::create_directories(dir_);
+  std::ofstream(dir_ / "file") << "x";
+  RecordBook book(dir_ / "file" / "swaps");
+  EXPECT_FALSE(book.write(Json::object()));
+}
+
+}  // namespace
+}  // namespace lithe::swap
