@@ -1,0 +1,192 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/ipc/segment.hpp"
+
+#include <fcntl.h>
+#include <grp.h>
+#include <sys/file.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <set>
+
+#include "spine/core/time.hpp"
+
+namespace lithe::ipc {
+namespace {
+
+Error system_error(const std::string& path, const std::string& what, const std::string& next) {
+  return Error{path + ": " + what + " (" + std::strerror(errno) + "); " + next};
+}
+
+// Shared with the group `lithe` where the administrator has made one; else with the owner's own group.
+void share_with_group(int fd) {
+  fchmod(fd, 0660);
+  if (const group* lithe = getgrnam("lithe"); lithe != nullptr) {
+    if (fchown(fd, static_cast<uid_t>(-1), lithe->gr_gid) != 0) errno = 0;  // not a member: owner only
+  }
+}
+
+void fill_header(wire::SegmentHeader& header, std::size_t bytes) {
+  header.magic = wire::kMagic;
+  header.abi_major = wire::kAbiMajor;
+  header.header_bytes = sizeof(Header);
+  header.segment_bytes = bytes;
+  header.layout_hash = wire::kLayoutHash;
+  header.schema_offset = bytes;
+  header.schema_bytes = wire::kCanonicalSchema.size();
+  header.joint_capacity = kMaxJoints;
+  header.created_ns = monotonic_ns();
+}
+
+std::size_t total_bytes(std::size_t bytes) { return bytes + wire::kCanonicalSchema.size(); }
+
+Result<> check(const std::string& path, const unsigned char* data, std::size_t size, std::size_t expected) {
+  const auto& header = *reinterpret_cast<const wire::SegmentHeader*>(data);
+  if (header.magic != wire::kMagic) return Error{path + ": not a LITHE segment; remove the file and start the robot again"};
+  if (header.layout_hash == wire::kLayoutHash && header.segment_bytes == expected) return done();
+  const std::uint64_t offset = header.schema_offset;
+  const std::uint64_t bytes = header.schema_bytes;
+  if (offset > size || bytes > size - offset) {
+    return Error{path + ": its schema text lies outside the segment; remove the file and start the robot again"};
+  }
+  const std::string_view theirs(reinterpret_cast<const char*>(data) + offset, bytes);
+  const std::string difference = schema_difference(wire::kCanonicalSchema, theirs);
+  if (difference.empty() && header.segment_bytes >= expected) return done();
+  return Error{path + ": made by a build with another layout:\n" + difference +
+               "build both sides from the same schema/wire.toml, then start the robot again"};
+}
+
+}  // namespace
+
+Lease::~Lease() {
+  if (fd_ >= 0) close(fd_);
+}
+
+Lease& Lease::operator=(Lease&& other) noexcept {
+  std::swap(fd_, other.fd_);
+  return *this;
+}
+
+Result<std::optional<Lease>> Lease::try_take(const std::string& segment_path) {
+  const std::string path = segment_path + ".lock";
+  const int fd = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0660);
+  if (fd < 0) return system_error(path, "cannot open the lock file", "check the rights of /dev/shm");
+  share_with_group(fd);
+  if (flock(fd, LOCK_EX | LOCK_NB) != 0) {
+    close(fd);
+    return std::optional<Lease>();
+  }
+  return std::optional<Lease>(Lease(fd));
+}
+
+bool Lease::is_held(const std::string& segment_path) {
+  const int fd = open((segment_path + ".lock").c_str(), O_RDWR | O_CLOEXEC);
+  if (fd < 0) return false;
+  const bool held = flock(fd, LOCK_EX | LOCK_NB) != 0;
+  close(fd);
+  return held;
+}
+
+Mapping::~Mapping() {
+  if (data_ != nullptr) munmap(data_, size_);
+}
+
+Mapping::Mapping(Mapping&& other) noexcept
+    : data_(std::exchange(other.data_, nullptr)), size_(std::exchange(other.size_, 0)) {}
+
+Mapping& Mapping::operator=(Mapping&& other) noexcept {
+  std::swap(data_, other.data_);
+  std::swap(size_, other.size_);
+  return *this;
+}
+
+Result<Mapping> Mapping::create(const std::string& path, std::size_t bytes) {
+  const std::string making = path + "." + std::to_string(getpid());
+  const int fd = open(making.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0660);
+  if (fd < 0) return system_error(making, "cannot create shared memory", "check the rights and the space of /dev/shm");
+  share_with_group(fd);
+  const std::size_t size = total_bytes(bytes);
+  // posix_fallocate and not ftruncate: a full /dev/shm must fail here and not as a SIGBUS in the tick.
+  errno = posix_fallocate(fd, 0, static_cast<off_t>(size));
+  void* data = errno == 0 ? mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, fd, 0) : MAP_FAILED;
+  close(fd);
+  if (data == MAP_FAILED) {
+    Error error = system_error(making, "cannot get " + std::to_string(size) + " bytes of shared memory",
+                               "free some space in /dev/shm");
+    unlink(making.c_str());
+    return error;
+  }
+  auto* text = static_cast<unsigned char*>(data) + bytes;
+  std::memcpy(text, wire::kCanonicalSchema.data(), wire::kCanonicalSchema.size());
+  fill_header(*static_cast<wire::SegmentHeader*>(data), bytes);
+  if (rename(making.c_str(), path.c_str()) != 0) {
+    Error error = system_error(path, "cannot put the segment in place", "check the rights of /dev/shm");
+    munmap(data, size);
+    unlink(making.c_str());
+    return error;
+  }
+  return Mapping(data, size);
+}
+
+Result<Mapping> Mapping::attach(const std::string& path, std::size_t bytes, Access access) {
+  const bool write = access == Access::write;
+  const int fd = open(path.c_str(), (write ? O_RDWR : O_RDONLY) | O_CLOEXEC);
+  if (fd < 0) {
+    return system_error(path, "cannot open shared memory",
+                        errno == ENOENT ? "start the robot first: lithe run ROBOT.toml" : "are you in group 'lithe'?");
+  }
+  struct stat status {};
+  if (fstat(fd, &status) != 0 || static_cast<std::size_t>(status.st_size) < sizeof(Header)) {
+    close(fd);
+    return Error{path + ": too short for a LITHE segment; remove the file and start the robot again"};
+  }
+  const auto size = static_cast<std::size_t>(status.st_size);
+  void* data = mmap(nullptr, size, write ? PROT_READ | PROT_WRITE : PROT_READ, MAP_SHARED | MAP_POPULATE, fd, 0);
+  close(fd);
+  if (data == MAP_FAILED) return system_error(path, "cannot map shared memory", "check `ulimit -v`");
+  Mapping mapping(data, size);
+  if (size < bytes) {
+    return Error{path + ": shorter than its layout says; remove the file and start the robot again"};
+  }
+  if (Result<> checked = check(path, static_cast<const unsigned char*>(data), size, bytes); !checked) {
+    return checked.error();
+  }
+  return mapping;
+}
+
+std::string schema_difference(std::string_view ours, std::string_view theirs) {
+  const auto lines = [](std::string_view text) {
+    std::set<std::string_view> result;
+    while (!text.empty()) {
+      const std::size_t end = std::min(text.find('\n'), text.size());
+      result.insert(text.substr(0, end));
+      text.remove_prefix(std::min(end + 1, text.size()));
+    }
+    return result;
+  };
+  const std::set<std::string_view> mine = lines(ours);
+  const std::set<std::string_view> other = lines(theirs);
+  std::string difference;
+  for (const std::string_view line : mine) {
+    if (other.contains(line)) continue;
+    const std::string_view name = line.substr(0, line.find(':') + 1);
+    const auto same_name = other.lower_bound(name);
+    const bool renamed = same_name == other.end() || !same_name->starts_with(name);
+    difference += "  here  " + std::string(line) + "\n  there " + (renamed ? "(absent)" : std::string(*same_name)) + "\n";
+  }
+  return difference;
+}
+
+void sign_in(wire::SegmentHeader& header, std::int64_t now_ns) {
+  store_word(header.writer_pid, static_cast<std::uint64_t>(getpid()), std::memory_order_relaxed);
+  store_word(header.epoch, load_word(header.epoch, std::memory_order_relaxed) + 1, std::memory_order_relaxed);
+  std::atomic_ref<std::int64_t>(header.heartbeat_ns).store(now_ns, std::memory_order_release);
+}
+
+void remove_segment(const std::string& path) { unlink(path.c_str()); }
+
+}  // namespace lithe::ipc

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+// Shared memory by name: who made it, whether its layout is ours, and who may write it.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "spine/core/paths.hpp"
+#include "spine/core/result.hpp"
+#include "spine/ipc/layout.hpp"
+
+namespace lithe::ipc {
+
+// The right to write a segment: a flock on `<segment>.lock`, which the kernel takes back the moment its holder dies.
+// The lock file outlives every run, so that two starters cannot each lock a file of their own.
+// Contract: movable · never in the tick
+class Lease {
+ public:
+  Lease() = default;
+  ~Lease();
+  Lease(Lease&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
+  Lease& operator=(Lease&& other) noexcept;
+
+  // Nothing if somebody holds it; an error if the lock file cannot be made.
+  static Result<std::optional<Lease>> try_take(const std::string& segment_path);
+  // True while some process holds it.
+  static bool is_held(const std::string& segment_path);
+
+ private:
+  explicit Lease(int fd) : fd_(fd) {}
+  int fd_ = -1;
+};
+
+enum class Access { read, write };
+
+// The untyped half of Segment.
+// Contract: owns the mapping · movable · never in the tick
+class Mapping {
+ public:
+  Mapping() = default;
+  ~Mapping();
+  Mapping(Mapping&& other) noexcept;
+  Mapping& operator=(Mapping&& other) noexcept;
+
+  // A fresh object of `bytes` zeros and a filled header, built under a temporary name and renamed, so that nobody ever
+  // sees half of it. Mode 0660, group `lithe` where there is one.
+  static Result<Mapping> create(const std::string& path, std::size_t bytes);
+  // Maps what is there after checking magic, size and layout. A different layout is refused with the fields that differ.
+  static Result<Mapping> attach(const std::string& path, std::size_t bytes, Access access);
+
+  void* data() const { return data_; }
+  std::size_t size() const { return size_; }
+
+ private:
+  Mapping(void* data, std::size_t size) : data_(data), size_(size) {}
+  void* data_ = nullptr;
+  std::size_t size_ = 0;
+};
+
+// Lines of the schema that `theirs` lacks or has otherwise, as text for a person; empty if every field of ours is where
+// we think it is. A schema that only grew at its end passes.
+std::string schema_difference(std::string_view ours, std::string_view theirs);
+
+// One of SpineMemory, ControlMemory, BrainMemory, mapped.
+template <class Memory>
+class Segment {
+ public:
+  static std::string path(std::string_view robot) { return shm_path(robot, Memory::kName); }
+
+  static Result<Segment> create(std::string_view robot) { return wrap(Mapping::create(path(robot), sizeof(Memory))); }
+  static Result<Segment> attach(std::string_view robot, Access access) {
+    return wrap(Mapping::attach(path(robot), sizeof(Memory), access));
+  }
+
+  Memory& operator*() const { return *static_cast<Memory*>(mapping_.data()); }
+  Memory* operator->() const { return static_cast<Memory*>(mapping_.data()); }
+  const Mapping& mapping() const { return mapping_; }
+
+ private:
+  explicit Segment(Mapping mapping) : mapping_(std::move(mapping)) {}
+  static Result<Segment> wrap(Result<Mapping> mapping) {
+    if (!mapping) return mapping.error();
+    return Segment(std::move(*mapping));
+  }
+  Mapping mapping_;
+};
+
+// Marks this process as the segment's writer: its pid, one more epoch, a heartbeat. Call with the lease in hand.
+void sign_in(wire::SegmentHeader& header, std::int64_t now_ns);
+
+// Removes the segment's name; who has it mapped keeps it. The lock file stays.
+void remove_segment(const std::string& path);
+
+}  // namespace lithe::ipc
