@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// One memory map over all hardware: the only thing the loop knows of motors.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+
+#include "spine/core/joints.hpp"
+#include "spine/core/result.hpp"
+#include "spine/core/rt.hpp"
+#include "spine/robot/config.hpp"
+
+namespace lithe::hal {
+
+// What the drives shall do; the joint values of a command mean something in `torque` only.
+enum class DriveAction : std::uint8_t { off, torque, damp, brake };
+
+// One command for the whole robot, in joint coordinates (after sign, zero and ratio). The first `joints` entries count.
+struct ActuatorCommand {
+  std::uint64_t tick = 0;
+  DriveAction action = DriveAction::off;
+  std::uint32_t joints = 0;
+  JointArray torque_nm{};     // feed-forward
+  JointArray position_rad{};  // of the drive's own PD loop; NaN = none
+  JointArray velocity_rad_s{};
+  JointArray kp_nm_rad{};
+  JointArray kd_nm_s_rad{};
+  JointArray max_torque_nm{};
+};
+
+// What came back. A joint that did not answer keeps its last values and loses its `fresh` bit.
+struct ActuatorState {
+  std::uint64_t tick = 0;      // of the command that was answered
+  std::int64_t sample_ns = 0;  // CLOCK_MONOTONIC when the exchange began
+  std::uint32_t joints = 0;
+  std::uint32_t missed_replies = 0;  // since the start
+  std::int64_t bus_ns = 0;           // length of the exchange
+  JointArray position_rad{};
+  JointArray velocity_rad_s{};
+  JointArray torque_nm{};
+  std::array<std::uint32_t, kMaxJoints> status{};  // wire::joint_status bits, drive fault << 8, drive mode << 16
+};
+
+// Contract: RT as far as the bus is · called by one thread, once per tick · bounded
+class Actuators {
+ public:
+  virtual ~Actuators() = default;
+  // Sends `command`, collects the replies into `state`. `now_ns` is CLOCK_MONOTONIC: simulated devices live by it.
+  virtual void cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT = 0;
+};
+
+// Opens every bus and device of the robot. Contract: never in the tick
+Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config);
+
+}  // namespace lithe::hal

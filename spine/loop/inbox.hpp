@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the tick hears from outside: commands, the e-stop, plans, and whether the Brain still lives.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+#include "spine/core/rt.hpp"
+#include "spine/ipc/layout.hpp"
+#include "spine/wire/wire.hpp"
+
+namespace lithe::loop {
+
+enum class Sender : std::uint8_t { control, brain };
+
+struct Letter {
+  Sender sender = Sender::control;
+  std::uint64_t ticket = 0;
+};
+
+// Every byte it reads may be hostile; what it hands on is bounded but not yet checked for sense.
+// Contract: RT · owned by the tick thread · every call bounded
+class Inbox {
+ public:
+  Inbox(ipc::SpineMemory& spine, const ipc::ControlMemory& control, const ipc::BrainMemory& brain);
+
+  // The next command, at most one per call; command() holds it until the next call.
+  std::optional<Letter> next_command() LITHE_RT;
+  const wire::Command& command() const LITHE_RT { return command_; }
+  void answer(const Letter& letter, wire::CommandResult result) LITHE_RT;
+
+  // True while somebody's sticky e-stop word is set.
+  bool estop_pressed() const LITHE_RT;
+
+  // True if a new plan has come; plan() holds it.
+  bool new_plan() LITHE_RT { return plan_reader_.read(plan_); }
+  const wire::Plan& plan() const LITHE_RT { return plan_; }
+
+  // Age of the Brain's last sign of life [ns]; -1 before its first. A sign from the future counts as none at all.
+  std::int64_t brain_age_ns(std::int64_t now_ns) const LITHE_RT;
+
+ private:
+  using Receiver = ipc::MailboxReceiver<wire::Command, wire::control_segment::kCommandsDepth>;
+  const ipc::ControlMemory* control_memory_;
+  const ipc::BrainMemory* brain_memory_;
+  Receiver control_;
+  Receiver brain_;
+  ipc::ChannelReader<wire::Plan> plan_reader_;
+  wire::Command command_{};
+  wire::Plan plan_{};
+};
+
+}  // namespace lithe::loop

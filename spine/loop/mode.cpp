@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/loop/mode.hpp"
+
+namespace lithe::loop {
+
+using wire::CommandKind;
+using wire::CommandResult;
+using wire::Fault;
+using wire::Mode;
+
+CommandResult ModeMachine::apply(CommandKind kind, const Conditions& conditions) LITHE_RT {
+  switch (kind) {
+    case CommandKind::arm:
+      return arm(conditions);
+    case CommandKind::reset:
+      return reset(conditions);
+    case CommandKind::disarm:
+      // An e-stop is not undone by the back door: only a reset leaves it.
+      if (mode_ == Mode::estop) return CommandResult::refused_estop;
+      mode_ = Mode::disarmed;  // a fault stays latched: it takes a reset before the next arming
+      return CommandResult::done;
+    case CommandKind::hold:
+      if (!law_runs()) return CommandResult::refused_mode;
+      mode_ = Mode::hold;
+      return CommandResult::done;
+    case CommandKind::estop:
+      press_estop();
+      return CommandResult::done;
+    default:
+      return CommandResult::refused_unknown;
+  }
+}
+
+CommandResult ModeMachine::arm(const Conditions& conditions) LITHE_RT {
+  if (conditions.estop_pressed || mode_ == Mode::estop) return CommandResult::refused_estop;
+  if (fault_ != Fault::none) return CommandResult::refused_fault;
+  if (!conditions.has_law) return CommandResult::refused_law;
+  if (!conditions.sample_fresh) return CommandResult::refused_not_ready;
+  mode_ = Mode::active;
+  return CommandResult::done;
+}
+
+CommandResult ModeMachine::reset(const Conditions& conditions) LITHE_RT {
+  if (conditions.estop_pressed) return CommandResult::refused_estop;
+  if (fault_ == Fault::none) return CommandResult::refused_mode;
+  mode_ = Mode::disarmed;
+  fault_ = Fault::none;
+  return CommandResult::done;
+}
+
+bool ModeMachine::fail(Fault fault) LITHE_RT {
+  if (!law_runs()) return false;
+  mode_ = Mode::safe_stop;
+  fault_ = fault;
+  return true;
+}
+
+bool ModeMachine::press_estop() LITHE_RT {
+  if (mode_ == Mode::estop) return false;
+  mode_ = Mode::estop;
+  fault_ = Fault::estop_pressed;
+  return true;
+}
+
+}  // namespace lithe::loop

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+// Who may do what when: the modes of the Spine and the commands that move between them.
+#pragma once
+
+#include <cstdint>
+
+#include "spine/core/rt.hpp"
+#include "spine/wire/wire.hpp"
+
+namespace lithe::loop {
+
+// What a command's answer depends on besides the mode.
+struct Conditions {
+  bool has_law = false;         // a law is resident and may step
+  bool sample_fresh = false;    // every joint has answered in this tick
+  bool estop_pressed = false;   // one of the sticky words is set
+};
+
+// disarmed --arm--> active <--arm/hold--> hold;  disarm: from active, hold and safe_stop;
+// fault: active, hold --> safe_stop;  e-stop: from anywhere --> estop;  reset: safe_stop, estop --> disarmed.
+// safe_stop and estop are latched: only a person's reset leaves them, and never straight into motion.
+// Contract: RT · owned by the tick thread
+class ModeMachine {
+ public:
+  wire::Mode mode() const LITHE_RT { return mode_; }
+  wire::Fault fault() const LITHE_RT { return fault_; }
+  bool energised() const LITHE_RT { return mode_ != wire::Mode::disarmed && mode_ != wire::Mode::estop; }
+  bool law_runs() const LITHE_RT { return mode_ == wire::Mode::active || mode_ == wire::Mode::hold; }
+
+  // Applies one of arm, disarm, hold, reset, estop; anything else is refused_unknown.
+  wire::CommandResult apply(wire::CommandKind kind, const Conditions& conditions) LITHE_RT;
+
+  // A fault of the running robot: into the latched safe stop. Ignored where nothing is driven. True if the mode changed.
+  bool fail(wire::Fault fault) LITHE_RT;
+
+  // The e-stop wins over everything. True if the mode changed.
+  bool press_estop() LITHE_RT;
+
+ private:
+  wire::CommandResult arm(const Conditions& conditions) LITHE_RT;
+  wire::CommandResult reset(const Conditions& conditions) LITHE_RT;
+
+  wire::Mode mode_ = wire::Mode::disarmed;
+  wire::Fault fault_ = wire::Fault::none;
+};
+
+}  // namespace lithe::loop

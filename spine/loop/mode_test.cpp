@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/loop/mode.hpp"
+
+#include <gtest/gtest.h>
+
+namespace lithe::loop {
+namespace {
+
+using wire::CommandKind;
+using wire::CommandResult;
+using wire::Fault;
+using wire::Mode;
+
+constexpr Conditions kReady{.has_law = true, .sample_fresh = true, .estop_pressed = false};
+
+ModeMachine armed() {
+  ModeMachine machine;
+  EXPECT_EQ(machine.apply(CommandKind::arm, kReady), CommandResult::done);
+  return machine;
+}
+
+TEST(ModeMachine, StartsWithNothingDriven) {
+  const ModeMachine machine;
+  EXPECT_EQ(machine.mode(), Mode::disarmed);
+  EXPECT_FALSE(machine.energised());
+}
+
+TEST(ModeMachine, ArmingNeedsALawASampleAndAReleasedEstop) {
+  ModeMachine machine;
+  Conditions conditions = kReady;
+  conditions.has_law = false;
+  EXPECT_EQ(machine.apply(CommandKind::arm, conditions), CommandResult::refused_law);
+  conditions = kReady;
+  conditions.sample_fresh = false;
+  EXPECT_EQ(machine.apply(CommandKind::arm, conditions), CommandResult::refused_not_ready);
+  conditions = kReady;
+  conditions.estop_pressed = true;
+  EXPECT_EQ(machine.apply(CommandKind::arm, conditions), CommandResult::refused_estop);
+  EXPECT_EQ(machine.mode(), Mode::disarmed);
+}
+
+TEST(ModeMachine, HoldKeepsTheLawAndArmResumes) {
+  ModeMachine machine = armed();
+  EXPECT_EQ(machine.apply(CommandKind::hold, kReady), CommandResult::done);
+  EXPECT_EQ(machine.mode(), Mode::hold);
+  EXPECT_TRUE(machine.law_runs());
+  EXPECT_EQ(machine.apply(CommandKind::arm, kReady), CommandResult::done);
+  EXPECT_EQ(machine.mode(), Mode::active);
+}
+
+TEST(ModeMachine, AFaultIsLatchedUntilAReset) {
+  ModeMachine machine = armed();
+  EXPECT_TRUE(machine.fail(Fault::law_not_finite));
+  EXPECT_FALSE(machine.fail(Fault::velocity_limit)) << "the first cause stays";
+  EXPECT_EQ(machine.mode(), Mode::safe_stop);
+  EXPECT_EQ(machine.apply(CommandKind::arm, kReady), CommandResult::refused_fault);
+  EXPECT_EQ(machine.apply(CommandKind::hold, kReady), CommandResult::refused_mode);
+  EXPECT_EQ(machine.apply(CommandKind::disarm, kReady), CommandResult::done);
+  EXPECT_EQ(machine.apply(CommandKind::arm, kReady), CommandResult::refused_fault) << "disarming is not a reset";
+  EXPECT_EQ(machine.fault(), Fault::law_not_finite);
+  EXPECT_EQ(machine.apply(CommandKind::reset, kReady), CommandResult::done);
+  EXPECT_EQ(machine.apply(CommandKind::arm, kReady), CommandResult::done);
+}
+
+TEST(ModeMachine, TheEstopWinsFromEveryModeAndNeedsAResetToLeave) {
+  for (const CommandKind before : {CommandKind::none, CommandKind::hold, CommandKind::disarm}) {
+    ModeMachine machine = armed();
+    machine.apply(before, kReady);
+    EXPECT_TRUE(machine.press_estop());
+    EXPECT_FALSE(machine.energised());
+    EXPECT_EQ(machine.apply(CommandKind::arm, kReady), CommandResult::refused_estop);
+    EXPECT_EQ(machine.apply(CommandKind::disarm, kReady), CommandResult::refused_estop);
+    Conditions pressed = kReady;
+    pressed.estop_pressed = true;
+    EXPECT_EQ(machine.apply(CommandKind::reset, pressed), CommandResult::refused_estop);
+    EXPECT_EQ(machine.apply(CommandKind::reset, kReady), CommandResult::done);
+    EXPECT_EQ(machine.mode(), Mode::disarmed) << "a reset never leads straight into motion";
+  }
+}
+
+TEST(ModeMachine, NothingIsFaultyWhileNothingIsDriven) {
+  ModeMachine machine;
+  EXPECT_FALSE(machine.fail(Fault::sample_stale));
+  EXPECT_EQ(machine.fault(), Fault::none);
+  EXPECT_EQ(machine.apply(CommandKind::reset, kReady), CommandResult::refused_mode);
+}
+
+TEST(ModeMachine, RefusesWhatItDoesNotKnow) {
+  ModeMachine machine;
+  EXPECT_EQ(machine.apply(static_cast<CommandKind>(4711), kReady), CommandResult::refused_unknown);
+}
+
+}  // namespace
+}  // namespace lithe::loop
