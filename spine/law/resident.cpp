@@ -55,8 +55,9 @@ const char* check_law(const LitheLaw& law) {
 
 const char* describe_mismatch(const LitheLaw& law, char* text, std::size_t size) {
   if (law.magic == kLawMagic && !is_current(law)) {
-    std::snprintf(text, size, "contract mismatch: expected abi %u, %zu joints, Tick %zu B; found abi %u, %u joints, %u B",
-                  kLawAbi, kMaxJoints, sizeof(Tick), law.abi, law.joints, law.tick_size);
+    std::snprintf(text, size,
+                  "contract mismatch: expected abi %u, %zu joints, Tick %zu B; found abi %u, %u joints, %u B", kLawAbi,
+                  kMaxJoints, sizeof(Tick), law.abi, law.joints, law.tick_size);
   } else {
     const char* reason = check_law(law);
     std::snprintf(text, size, "%s", reason == nullptr ? "" : reason);

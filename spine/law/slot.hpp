@@ -15,11 +15,13 @@ namespace lithe::law {
 // What a commit did, for the event ring.
 struct Commit {
   std::uint32_t law_id = 0;
-  std::uint32_t previous_id = 0;    // 0 = none
+  std::uint32_t previous_id = 0;  // 0 = none
   std::uint64_t request_id = 0;
   std::uint32_t fields_carried = 0;
   std::uint32_t bytes_carried = 0;
 };
+
+enum class Carry : std::uint8_t { named, none };
 
 // Hands a Resident from the Loader to the tick and back. A Resident has one owner at a time; these three edges move it:
 //   offer      pending_ CAS   release  -> try_commit exchange acquire   (the tick sees the finished Resident)
@@ -84,11 +86,12 @@ class Slot {
     return commit;
   }
 
-  // Back to the previous law, which keeps its own state but for the fields both have: those come from the law that
-  // leaves. False when there is no previous law. Safe in the middle of a tick, between two steps.
-  bool rollback() LITHE_RT {
+  // Back to the previous law. `named`: fields both laws have come from the law that leaves, the rest is as it was when
+  // it was replaced. `none`: the law that leaves is not trusted (it put out NaN, it crashed), nothing of it is kept.
+  // False when there is no previous law. Safe in the middle of a tick, between two steps.
+  bool rollback(Carry carry = Carry::named) LITHE_RT {
     if (previous_ == nullptr) return false;
-    if (const Bridge* bridge = active_->bridge_from(previous_->law_id)) {
+    if (const Bridge* bridge = active_->bridge_from(previous_->law_id); bridge != nullptr && carry == Carry::named) {
       apply_migration(bridge->out, active_->state.data(), previous_->state.data());
     }
     retire(active_);

@@ -186,21 +186,25 @@ consteval FieldKind kind_of() {
 }
 
 template <class T>
-concept PlainStruct = std::is_class_v<T> && std::is_aggregate_v<T> && std::is_trivially_copyable_v<T> &&
-                      std::is_standard_layout_v<T>;
+concept PlainStruct =
+    std::is_class_v<T> && std::is_aggregate_v<T> && std::is_trivially_copyable_v<T> && std::is_standard_layout_v<T>;
 
 // What every nested struct must be, so that its fields can be named and copied.
 template <class T>
 consteval void check_struct() {
-  static_assert(PlainStruct<T>, "LITHE: Params, State and Probes must be plain structs: public data fields only, no "
-                                "constructors, no base classes, no virtual functions, nothing that owns memory");
+  static_assert(PlainStruct<T>,
+                "LITHE: Params, State and Probes must be plain structs: public data fields only, no "
+                "constructors, no base classes, no virtual functions, nothing that owns memory");
   if constexpr (PlainStruct<T>) {
-    static_assert(!reflect::has_c_array<T>(), "LITHE: a C array (double x[3]) has no name the swap could carry: "
-                                              "write std::array<double, 3> x{}; instead");
-    static_assert(reflect::field_count<T>() <= reflect::kMaxFields, "LITHE: more than 32 fields: group the joints of "
-                                                                    "one quantity in a lithe::JointArray");
-    static_assert(reflect::has_plain_layout<T>(), "LITHE: alignas on a field of Params, State or Probes is not "
-                                                  "supported: remove it");
+    static_assert(!reflect::has_c_array<T>(),
+                  "LITHE: a C array (double x[3]) has no name the swap could carry: "
+                  "write std::array<double, 3> x{}; instead");
+    static_assert(reflect::field_count<T>() <= reflect::kMaxFields,
+                  "LITHE: more than 32 fields: group the joints of "
+                  "one quantity in a lithe::JointArray");
+    static_assert(reflect::has_plain_layout<T>(),
+                  "LITHE: alignas on a field of Params, State or Probes is not "
+                  "supported: remove it");
   }
 }
 
@@ -258,24 +262,26 @@ concept Steps = requires(const Tick& t, const typename L::Params& p, typename L:
   { L::step(t, p, s, u) } -> std::same_as<void>;
 };
 template <class L>
-concept StepsWithProbes = requires(const Tick& t, const typename L::Params& p, typename L::State& s, Effort& u,
-                                   Probes<L>& probes) {
-  { L::step(t, p, s, u, probes) } -> std::same_as<void>;
-};
+concept StepsWithProbes =
+    requires(const Tick& t, const typename L::Params& p, typename L::State& s, Effort& u, Probes<L>& probes) {
+      { L::step(t, p, s, u, probes) } -> std::same_as<void>;
+    };
 
 template <class L>
 consteval bool check() {
-  static_assert(Complete<L>, "LITHE: a law needs both nested structs, even when they are empty: "
-                             "struct Params { lithe::Param kp_nm_rad{4, 0, 40}; };  struct State {};");
+  static_assert(Complete<L>,
+                "LITHE: a law needs both nested structs, even when they are empty: "
+                "struct Params { lithe::Param kp_nm_rad{4, 0, 40}; };  struct State {};");
   if constexpr (Complete<L>) {
     check_struct<typename L::Params>();
     check_struct<typename L::State>();
     check_struct<Probes<L>>();
     static_assert(sizeof(typename L::State) <= kMaxStateBytes, "LITHE: State is larger than 4096 bytes");
     static_assert(alignof(typename L::State) <= 64, "LITHE: State asks for more than 64-byte alignment");
-    static_assert(Steps<L> != StepsWithProbes<L>,
-                  "LITHE: a law needs exactly one step, static and returning void: static void step(const lithe::Tick&, "
-                  "const Params&, State&, lithe::Effort&), with a fifth argument Probes& when it has a struct Probes");
+    static_assert(
+        Steps<L> != StepsWithProbes<L>,
+        "LITHE: a law needs exactly one step, static and returning void: static void step(const lithe::Tick&, "
+        "const Params&, State&, lithe::Effort&), with a fifth argument Probes& when it has a struct Probes");
   }
   return true;
 }
@@ -311,7 +317,7 @@ consteval void describe_state(LitheLaw& law, std::index_sequence<I...>) {
 template <class Params, std::size_t... I>
 consteval void describe_params(LitheLaw& law, std::index_sequence<I...>) {
   (check_param<Params, I>(), ...);
-  constexpr auto fields = reflect::field_addresses(reflect::kDefaults<Params>);
+  [[maybe_unused]] constexpr auto fields = reflect::field_addresses(reflect::kDefaults<Params>);
   ((copy_text(law.params[I].name, reflect::field_name<Params, I>()), law.params[I].value = std::get<I>(fields)->value,
     law.params[I].min = std::get<I>(fields)->min, law.params[I].max = std::get<I>(fields)->max),
    ...);
@@ -366,9 +372,9 @@ consteval LitheLaw describe(std::string_view name) {
 }  // namespace lithe
 
 // Ends every law file: LITHE_LAW(Type, "name"). The name is what people see in `lithe status` and in telemetry.
-#define LITHE_LAW(Type, law_name)                                                                                    \
-  static_assert(sizeof(law_name) > 1 && sizeof(law_name) <= 64, "LITHE: a law's name has 1 to 63 characters");       \
-  extern "C" __attribute__((visibility("default"))) const LitheLaw lithe_law;                                        \
-  constinit const LitheLaw lithe_law = ::lithe::describe<Type>(law_name);                                            \
-  static_assert(::lithe::contract::ranges_hold(::lithe::describe<Type>(law_name)),                                   \
+#define LITHE_LAW(Type, law_name)                                                                              \
+  static_assert(sizeof(law_name) > 1 && sizeof(law_name) <= 64, "LITHE: a law's name has 1 to 63 characters"); \
+  extern "C" __attribute__((visibility("default"))) const LitheLaw lithe_law;                                  \
+  constinit const LitheLaw lithe_law = ::lithe::describe<Type>(law_name);                                      \
+  static_assert(::lithe::contract::ranges_hold(::lithe::describe<Type>(law_name)),                             \
                 "LITHE: a Param is {value, min, max} with min <= value <= max, all finite: lithe::Param kp{4, 0, 40}")
