@@ -2,16 +2,13 @@
 // Typed access to one TOML table. Whatever is asked for is a known key; whatever is left over is a mistake.
 #pragma once
 
-#define TOML_EXCEPTIONS 0
-#define TOML_HEADER_ONLY 1
-#include <toml++/toml.h>
-
 #include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
 
 #include "spine/robot/report.hpp"
+#include "spine/robot/toml.hpp"
 
 namespace lithe::robot {
 

@@ -13,6 +13,7 @@
 #include "spine/core/joints.hpp"
 #include "spine/robot/reader.hpp"
 #include "spine/robot/sections.hpp"
+#include "spine/robot/utf8.hpp"
 
 namespace lithe::robot {
 namespace {
@@ -221,11 +222,25 @@ void note_costs(RobotConfig& robot, unsigned cores) {
   }
 }
 
+Place place_in(std::string_view text, std::size_t offset) {
+  Place place;
+  for (const char c : text.substr(0, offset)) {
+    place.column = c == '\n' ? 1 : place.column + 1;
+    place.line += c == '\n' ? 1 : 0;
+  }
+  return place;
+}
+
 }  // namespace
 
 Result<RobotConfig> parse_robot(std::string_view text, const std::string& path, Host host) {
-  const toml::parse_result parsed = toml::parse(text, path);
   Report report(path);
+  if (const std::size_t bad = first_non_text(text); bad != std::string_view::npos) {
+    report.add(place_in(text, bad), fmt::format("byte 0x{:02X} is no text; save the file as plain UTF-8",
+                                                static_cast<unsigned char>(text[bad])));
+    return report.error();
+  }
+  const toml::parse_result parsed = toml::parse(text, path);
   if (!parsed) {
     const auto& at = parsed.error().source().begin;
     report.add({at.line, at.column}, fmt::format("not TOML: {}", parsed.error().description()));
