@@ -2,6 +2,7 @@
 // The latest value: one writer, many readers, nobody waits, and a writer may die in the middle.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 
@@ -26,9 +27,11 @@ class ChannelWriter {
  public:
   explicit ChannelWriter(ChannelMemory<T>& memory) : memory_(&memory) {}
 
-  // A restarted writer goes on from `latest`: a slot its predecessor left odd is simply written over in its turn.
+  // A restarted writer goes on from `latest`: a slot its predecessor left odd is simply written over in its turn, and
+  // the number of a value that was finished but not announced is passed over, because a reader may already have it.
   void write(const T& value) LITHE_RT {
-    const std::uint64_t count = load_word(memory_->latest, std::memory_order_relaxed) + 1;
+    std::uint64_t count = load_word(memory_->latest, std::memory_order_relaxed) + 1;
+    if (load_word(memory_->slots[count & 3].record.sequence, std::memory_order_relaxed) == 2 * count) ++count;
     memory_->slots[count & 3].record.write(count, value, kAll);
     // release, with the acquire load in read(): the record's even sequence is visible before its number.
     store_word(memory_->latest, count, std::memory_order_release);
@@ -51,8 +54,8 @@ class ChannelReader {
   // a torn try, so read into a scratch copy what must survive.
   bool read(T& value) LITHE_RT {
     for (int attempt = 0; attempt < kTries; ++attempt) {
-      const std::uint64_t count = load_word(memory_->latest, std::memory_order_acquire);
-      if (count == 0 || count == seen_) return false;
+      const std::uint64_t count = newest();
+      if (count == seen_) return false;
       if (memory_->slots[count & 3].record.read(count, value)) {
         seen_ = count;
         return true;
@@ -68,6 +71,21 @@ class ChannelReader {
   std::uint64_t failures() const LITHE_RT { return failures_; }
 
  private:
+  // Count of the newest value. A reader that keeps up finds it in the record it will read next, so one cache line
+  // crosses from core to core instead of two; `latest` tells only one that has fallen behind.
+  std::uint64_t newest() const LITHE_RT {
+    const std::uint64_t next = seen_ + 1;
+    const std::uint64_t there = sequence_of(next);
+    if (there < 2 * next || there == (2 * next | 1)) return seen_;
+    if (there == 2 * next && sequence_of(next + 1) < 2 * (next + 1)) return next;
+    // max: the announcement of a value this reader already has may arrive after the value.
+    return std::max(seen_, load_word(memory_->latest, std::memory_order_acquire));
+  }
+  // acquire, with the release store that ends Record::write().
+  std::uint64_t sequence_of(std::uint64_t count) const LITHE_RT {
+    return load_word(memory_->slots[count & 3].record.sequence, std::memory_order_acquire);
+  }
+
   const ChannelMemory<T>* memory_;
   std::uint64_t seen_ = 0;
   std::uint64_t failures_ = 0;
