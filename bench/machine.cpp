@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "bench/machine.hpp"
+
+#include <sys/resource.h>
+#include <time.h>
+
+#include <cstdio>
+#include <cstdlib>
+#include <utility>
+#include <vector>
+
+#include "spine/core/host.hpp"
+#include "spine/core/time.hpp"
+
+namespace lithe::bench {
+
+Cores pick_cores() {
+  const std::vector<int> cpus = allowed_cpus();
+  if (cpus.size() < 2) {
+    std::fprintf(stderr, "bench: needs two cores, this process may use %zu\n", cpus.size());
+    std::exit(2);
+  }
+  const CpuPlan plan = fold_cpus(cpus);
+  for (const int partner : {plan.transport, plan.brain, plan.housekeeping}) {
+    if (partner != plan.spine) return {plan.spine, partner};
+  }
+  return {cpus[1], cpus[0]};
+}
+
+void pin_or_exit(int cpu) {
+  if (const auto pinned = pin_this_thread(cpu); !pinned) {
+    std::fprintf(stderr, "bench: %s\n", pinned.message().c_str());
+    std::exit(2);
+  }
+}
+
+std::thread on_core(int cpu, std::function<void()> body) {
+  return std::thread([cpu, body = std::move(body)] {
+    pin_or_exit(cpu);
+    body();
+  });
+}
+
+ThreadToll thread_toll() {
+  rusage usage{};
+  getrusage(RUSAGE_THREAD, &usage);
+  timespec cpu{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &cpu);
+  return {monotonic_ns(), cpu.tv_sec * kNsPerS + cpu.tv_nsec, usage.ru_nivcsw, usage.ru_minflt};
+}
+
+}  // namespace lithe::bench

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// Threads on the cores a bench names, and what the kernel did to the calling thread meanwhile.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <thread>
+
+namespace lithe::bench {
+
+// The two cores a bench uses: where the Spine would tick, and its partner (Transport or Brain).
+struct Cores {
+  int spine = 0;
+  int partner = 0;
+};
+
+// Ends the program with a message when this machine does not allow two cores.
+Cores pick_cores();
+
+// Starts a thread already pinned to `cpu`.
+std::thread on_core(int cpu, std::function<void()> body);
+
+// Pins the calling thread; ends the program when that is refused.
+void pin_or_exit(int cpu);
+
+// What the kernel has done to the calling thread since it started.
+struct ThreadToll {
+  std::int64_t wall_ns = 0;
+  std::int64_t cpu_ns = 0;
+  std::int64_t involuntary_switches = 0;
+  std::int64_t minor_faults = 0;
+};
+ThreadToll thread_toll();
+
+}  // namespace lithe::bench
