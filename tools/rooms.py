@@ -22,7 +22,7 @@ ALLOWED = {
         "spine/guard": "spine/core spine/wire spine/robot",
         "spine/hal/bus": "spine/core spine/wire",
         "spine/hal/device": "spine/core spine/wire spine/hal spine/hal/bus",
-        "spine/hal/sim": "spine/core spine/wire spine/hal spine/hal/bus spine/hal/device",
+        "spine/hal/sim": "spine/core spine/wire spine/robot spine/hal spine/hal/bus spine/hal/device",
         "spine/hal": "spine/core spine/wire spine/robot spine/hal/bus spine/hal/device spine/hal/sim",
         "spine/load": "spine/core spine/wire spine/ipc spine/law",
         "spine/loop": "spine/core spine/wire spine/ipc spine/law spine/plan spine/guard spine/robot spine/hal",
