@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// Runs a piece of work in a child process that cannot outlive or outgrow its limits.
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace lithe::lawd {
+
+struct Limits {
+  int wall_ms = 20'000;
+  int cpu_s = 20;
+  std::size_t memory_bytes = std::size_t{3} << 30;
+  std::size_t file_bytes = std::size_t{256} << 20;
+};
+
+struct Outcome {
+  bool timed_out = false;
+  int exit_code = -1;  // meaningful when signal == 0
+  int signal = 0;      // that ended it, 0 = none
+  std::string output;  // what it wrote to `out`, at most 4 MiB
+
+  bool clean() const { return !timed_out && signal == 0 && exit_code == 0; }
+};
+
+// Forks, and runs `body(out_fd)` in the child; its return value is the exit code. stdin, stdout and stderr of the child
+// are /dev/null. The child is killed with its whole process group after `wall_ms`, and when lawd dies.
+Outcome run_child(const std::function<int(int out_fd)>& body, const Limits& limits);
+
+// Runs a program with its stderr captured in Outcome::output.
+Outcome run_program(const std::vector<std::string>& argv, const Limits& limits);
+
+// "SIGSEGV (invalid memory access)".
+std::string signal_text(int signal);
+
+}  // namespace lithe::lawd

@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "lawd/diagnostics.hpp"
+
+#include <array>
+#include <sstream>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace lithe::lawd {
+namespace {
+
+using nlohmann::json;
+
+std::vector<std::string> lines_of(const std::string& text) {
+  std::vector<std::string> lines;
+  std::istringstream in(text);
+  for (std::string line; std::getline(in, line);) lines.push_back(line);
+  return lines;
+}
+
+// The first line that holds `what`, from 1; 0 = none.
+int line_with(const std::vector<std::string>& lines, std::string_view what) {
+  for (std::size_t i = 0; i < lines.size(); ++i) {
+    if (lines[i].find(what) != std::string::npos) return static_cast<int>(i) + 1;
+  }
+  return 0;
+}
+
+// The line of the law that a message of the contract is about.
+int line_about(const std::string& message, const std::vector<std::string>& lines) {
+  constexpr std::array<std::pair<std::string_view, std::string_view>, 6> kAbout = {{
+      {"State field", "struct State"},
+      {"State is", "struct State"},
+      {"of Params", "struct Params"},
+      {"Param is", "struct Params"},
+      {"of Probes", "struct Probes"},
+      {"exactly one step", " step("},
+  }};
+  for (const auto& [part, where] : kAbout) {
+    if (message.find(part) == std::string::npos) continue;
+    if (const int line = line_with(lines, where)) return line;
+  }
+  return line_with(lines, "LITHE_LAW(");
+}
+
+json entry(const json& raw, const std::string& path, const std::string& name, const std::vector<std::string>& lines) {
+  json out = {{"file", name}, {"line", 0}, {"column", 0}};
+  out["severity"] = raw.value("kind", "error");
+  std::string message = raw.value("message", "");
+  if (const auto at = message.find("LITHE: "); at != std::string::npos) {
+    out["message"] = message.substr(at + 7);
+    out["contract"] = true;
+    out["line"] = line_about(message, lines);
+  } else {
+    out["message"] = message;
+    if (raw.contains("locations") && !raw["locations"].empty()) {
+      const json caret = raw["locations"][0].value("caret", json::object());
+      const std::string file = caret.value("file", "");
+      if (file != path) out["file"] = file;
+      out["line"] = caret.value("line", 0);
+      out["column"] = caret.value("column", 0);
+    }
+  }
+  const int line = out["line"];
+  const bool own = out["file"] == name && line >= 1 && line <= static_cast<int>(lines.size());
+  out["text"] = own ? lines[static_cast<std::size_t>(line) - 1] : "";
+  return out;
+}
+
+// The readable form of one entry: where, what, the line, a caret under the column.
+std::string render(const json& d) {
+  const int line = d["line"], column = d["column"];
+  std::string where = d["file"].get<std::string>();
+  if (line > 0) where += ":" + std::to_string(line);
+  if (column > 0) where += ":" + std::to_string(column);
+  std::string out = where + ": " + d["severity"].get<std::string>() + ": " + d["message"].get<std::string>() + "\n";
+  const std::string text = d["text"];
+  if (text.empty()) return out;
+  out += "  " + text + "\n";
+  if (column > 0) out += "  " + std::string(static_cast<std::size_t>(column) - 1, ' ') + "^\n";
+  return out;
+}
+
+}  // namespace
+
+Diagnostics read_diagnostics(const std::string& output, const std::string& path, const std::string& name,
+                             const std::string& source) {
+  const std::vector<std::string> lines = lines_of(source);
+  std::vector<json> all;
+  std::string rest;
+  bool contract = false;
+  for (const std::string& line : lines_of(output)) {
+    const json parsed = line.starts_with("[") ? json::parse(line, nullptr, false) : json();
+    if (!parsed.is_array()) {
+      if (!line.empty()) rest += line + "\n";
+      continue;
+    }
+    for (const json& raw : parsed) {
+      if (!raw.is_object()) continue;
+      all.push_back(entry(raw, path, name, lines));
+      contract = contract || all.back().contains("contract");
+    }
+  }
+  Diagnostics result;
+  result.list = json::array();
+  for (json& d : all) {
+    if (contract && !d.contains("contract") &&
+        (d["file"] != name || d["text"].get<std::string>().find("LITHE_LAW") == 0)) {
+      continue;
+    }
+    d.erase("contract");
+    bool known = false;
+    for (const json& other : result.list) known = known || other == d;
+    if (known) continue;
+    result.text += render(d);
+    result.list.push_back(std::move(d));
+  }
+  if (result.list.empty()) result.text = rest;
+  return result;
+}
+
+}  // namespace lithe::lawd

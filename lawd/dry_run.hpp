@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// Opens a compiled law in a throw-away process, reads its descriptor and lets it step on harmless inputs.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+
+namespace lithe::lawd {
+
+struct DryRun {
+  bool ok = false;
+  std::string stage;   // load | dry_run: where it failed
+  std::string reason;  // one sentence: what happened and what to change
+  nlohmann::json law;  // name, state[], params[], probes[], sizes
+  double step_ns = 0;  // mean over the dry steps
+};
+
+// A crash, an endless loop, NaN or Inf in an output: ok = false with the reason. `joints`: of the robot, 1..kMaxJoints.
+DryRun dry_run(const std::string& object_path, std::uint32_t joints);
+
+}  // namespace lithe::lawd

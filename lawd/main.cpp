@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// lawd: one JSON request per line on stdin, one JSON answer per line on stdout, until stdin ends.
+#include <sched.h>
+#include <signal.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <iostream>
+#include <string>
+
+#include "lawd/service.hpp"
+#include "spine/core/paths.hpp"
+
+int main(int argc, char** argv) {
+  if (argc > 1) {
+    std::cerr << "usage: " << argv[0] << "   (no arguments: JSON lines on stdin and stdout; see lawd/README.md)\n";
+    return 2;
+  }
+  signal(SIGPIPE, SIG_IGN);
+  signal(SIGINT, SIG_IGN);  // Ctrl-C is the supervisor's business: it closes our stdin
+  setpriority(PRIO_PROCESS, 0, 19);
+  const sched_param none{};
+  sched_setscheduler(0, SCHED_BATCH, &none);
+
+  lithe::lawd::Service service(lithe::cache_dir());
+  bool quit = false;
+  for (std::string line; !quit && std::getline(std::cin, line);) {
+    if (line.empty()) continue;
+    const auto reply = service.answer(line, quit);
+    // Invalid UTF-8 in a source must not end the service: it is replaced.
+    std::cout << reply.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) << std::endl;
+    if (!std::cout) break;
+  }
+  return 0;
+}

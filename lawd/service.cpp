@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "lawd/service.hpp"
+
+#include <chrono>
+#include <filesystem>
+
+#include "lawd/diagnostics.hpp"
+#include "lawd/dry_run.hpp"
+#include "lawd/files.hpp"
+#include "lawd/sha256.hpp"
+#include "spine/core/joints.hpp"
+
+namespace lithe::lawd {
+namespace {
+
+using nlohmann::json;
+constexpr std::size_t kMaxSourceBytes = std::size_t{1} << 20;
+
+json refuse(const std::string& stage, const std::string& text, json diagnostics = json::array()) {
+  return {{"ok", false}, {"stage", stage}, {"text", text}, {"diagnostics", std::move(diagnostics)}};
+}
+
+// A refusal that is about the law as a whole, not about one line.
+json refuse_whole(const std::string& stage, const std::string& name, const std::string& reason) {
+  const json entry = {{"file", name},        {"line", 0},         {"column", 0},
+                      {"severity", "error"}, {"message", reason}, {"text", ""}};
+  return refuse(stage, name + ": error: " + reason + "\n", json::array({entry}));
+}
+
+bool disk_is_full(const std::string& text) {
+  return text.find("No space left") != std::string::npos || text.find("Disk quota exceeded") != std::string::npos;
+}
+
+// Only what may be a file name: letters, digits, dot, dash, underscore; ends in .cpp.
+std::string safe_name(const std::string& wanted) {
+  std::string name;
+  for (const char c : wanted.substr(wanted.find_last_of('/') + 1)) {
+    const bool plain = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9');
+    name += plain || c == '_' || c == '-' || (c == '.' && !name.empty()) ? c : '_';
+  }
+  if (name.size() > 100) name = name.substr(name.size() - 100);
+  if (name.empty()) name = "law";
+  if (!name.ends_with(".cpp")) name += ".cpp";
+  return name;
+}
+
+double since_ms(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
+
+}  // namespace
+
+Service::Service(std::string cache) : cache_(std::move(cache)), toolchain_(find_contract_dir(), cache_) {}
+
+json Service::answer(const std::string& line, bool& quit) {
+  const json request = json::parse(line, nullptr, false);
+  json reply;
+  if (!request.is_object() || !request.contains("verb") || !request["verb"].is_string()) {
+    reply = refuse("request", "not a request: send one JSON object per line with \"id\" and \"verb\"");
+  } else if (request["verb"] == "ping") {
+    reply = {{"ok", toolchain_.error().empty()},
+             {"text", toolchain_.error()},
+             {"precompiled", toolchain_.precompiled()},
+             {"precompile_ms", toolchain_.precompile_ms()}};
+  } else if (request["verb"] == "quit") {
+    quit = true;
+    reply = {{"ok", true}};
+  } else if (request["verb"] == "compile") {
+    reply = compile(request);
+  } else {
+    reply = refuse("request", "unknown verb; there are: compile, ping, quit");
+  }
+  if (request.is_object() && request.contains("id")) reply["id"] = request["id"];
+  return reply;
+}
+
+json Service::compile(const json& request) {
+  if (!toolchain_.error().empty()) return refuse("compile", toolchain_.error());
+  if (!request.contains("source") || !request["source"].is_string()) {
+    return refuse("request", "compile needs \"source\": the text of the law");
+  }
+  const json name = request.value("name", json("law.cpp"));
+  const json joints = request.value("joints", json(6));
+  Job job{request["source"], safe_name(name.is_string() ? name.get<std::string>() : ""), "", 6};
+  if (joints.is_number_unsigned() && joints >= 1 && joints <= kMaxJoints) job.joints = joints;
+  if (job.source.size() > kMaxSourceBytes) return refuse_whole("compile", job.name, "the source is larger than 1 MiB");
+  job.hash = sha256_hex(toolchain_.fingerprint() + job.source);
+  const auto start = std::chrono::steady_clock::now();
+  json reply = from_cache(job);
+  const bool cached = !reply.is_null();
+  if (!cached) reply = build(job);
+  reply["hash"] = job.hash;
+  reply["cached"] = cached;
+  reply["compile_ms"] = since_ms(start);
+  return reply;
+}
+
+// Compiler and linker, in a folder of their own under the cache.
+json Service::build(const Job& job) {
+  const ScratchDir scratch(cache_ + "/laws");
+  if (scratch.path().empty()) {
+    return refuse("cache", disk_is_full(scratch.error()) ? full_disk_text(cache_)
+                                                         : "cannot write the law cache " + cache_ + ": " +
+                                                               scratch.error() + "; set LITHE_CACHE_DIR");
+  }
+  const std::string file = scratch.path() + "/" + job.name, object = scratch.path() + "/law.o";
+  const std::string library = scratch.path() + "/law.so";
+  if (const std::string failed = write_file_whole(file, job.source); !failed.empty()) {
+    return refuse("cache", disk_is_full(failed) ? full_disk_text(cache_) : "cannot write " + file + ": " + failed);
+  }
+  std::string warnings;
+  if (json refused = run_compiler(job, file, object, warnings); !refused.is_null()) return refused;
+  const Outcome link = run_program(toolchain_.link_command(object, library), Limits{});
+  if (!link.clean()) {
+    if (disk_is_full(link.output)) return refuse("cache", full_disk_text(cache_));
+    return refuse_whole("compile", job.name, "the link failed: " + link.output);
+  }
+  return try_and_store(job, library, warnings);
+}
+
+// null when the object is there.
+json Service::run_compiler(const Job& job, const std::string& file, const std::string& object, std::string& warnings) {
+  Outcome outcome = run_program(toolchain_.compile_command(file, object), Limits{});
+  const bool broke = outcome.signal != 0 || outcome.output.find("internal compiler error") != std::string::npos ||
+                     outcome.output.find("compilation terminated by signal") != std::string::npos;
+  if (toolchain_.precompiled() && broke && !outcome.timed_out) {
+    toolchain_.discard_precompiled();  // it may be damaged: try once without
+    outcome = run_program(toolchain_.compile_command(file, object), Limits{});
+  }
+  if (outcome.timed_out) {
+    return refuse_whole("compile", job.name, "the compiler took longer than 20 s: make the law smaller");
+  }
+  const Diagnostics diagnostics = read_diagnostics(outcome.output, file, job.name, job.source);
+  warnings = diagnostics.text;
+  if (outcome.clean()) return nullptr;
+  if (disk_is_full(outcome.output)) return refuse("cache", full_disk_text(cache_));
+  if (diagnostics.list.empty()) {
+    const std::string why = outcome.output.empty() ? "the compiler ended without a word" : outcome.output;
+    return refuse_whole("compile", job.name, why);
+  }
+  return refuse("compile", diagnostics.text, diagnostics.list);
+}
+
+json Service::try_and_store(const Job& job, const std::string& library, const std::string& warnings) {
+  const DryRun tried = dry_run(library, job.joints);
+  if (!tried.ok) return refuse_whole(tried.stage, job.name, tried.reason);
+  const auto bytes = read_file(library);
+  if (!bytes) return refuse("cache", "cannot read back " + library);
+  const std::string base = cache_ + "/laws/" + job.hash;
+  json entry = {{"ok", true},
+                {"object", base + ".so"},
+                {"object_sha256", sha256_hex(*bytes)},
+                {"law", tried.law},
+                {"warnings", warnings},
+                {"dry_step_ns", tried.step_ns},
+                {"joints", job.joints},
+                {"contract", toolchain_.fingerprint()}};
+  std::string failed = write_file_whole(base + ".so", *bytes);
+  if (failed.empty()) failed = write_file_whole(base + ".json", entry.dump());
+  if (failed.empty()) return entry;
+  return refuse("cache", disk_is_full(failed) ? full_disk_text(cache_) : "cannot write the law cache: " + failed);
+}
+
+// The entry of an earlier compile, if its object still is what was stored; null otherwise, and it is built anew.
+json Service::from_cache(const Job& job) const {
+  const std::string base = cache_ + "/laws/" + job.hash;
+  const auto text = read_file(base + ".json");
+  if (!text) return nullptr;
+  const json entry = json::parse(*text, nullptr, false);
+  if (!entry.is_object() || entry.value("joints", 0u) != job.joints || !entry.contains("law")) return nullptr;
+  const auto bytes = read_file(base + ".so");
+  if (!bytes || entry.value("object_sha256", "") != sha256_hex(*bytes)) return nullptr;
+  json moved = entry;
+  moved["object"] = base + ".so";  // the cache may have moved since
+  return moved;
+}
+
+}  // namespace lithe::lawd

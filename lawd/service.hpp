@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+// The compile service: source text in, an object that has run a dry thousand steps out.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "lawd/toolchain.hpp"
+
+namespace lithe::lawd {
+
+// Contract: one thread · never throws for bad input: every answer is JSON with "ok".
+class Service {
+ public:
+  explicit Service(std::string cache);
+
+  // One request line, one answer. `quit` is set by the verb quit.
+  nlohmann::json answer(const std::string& line, bool& quit);
+
+ private:
+  struct Job {
+    std::string source, name, hash;
+    std::uint32_t joints;
+  };
+  nlohmann::json compile(const nlohmann::json& request);
+  nlohmann::json build(const Job& job);
+  nlohmann::json run_compiler(const Job& job, const std::string& file, const std::string& object,
+                              std::string& warnings);
+  nlohmann::json from_cache(const Job& job) const;
+  nlohmann::json try_and_store(const Job& job, const std::string& library, const std::string& warnings);
+
+  std::string cache_;
+  Toolchain toolchain_;
+};
+
+}  // namespace lithe::lawd
