@@ -13,12 +13,14 @@ void serve_once(Handover& handover, hal::Actuators& actuators, const RawClock& c
   handover.finish();
 }
 
-void run_transport(Handover& handover, hal::Actuators& actuators, const RawClock& clock, bool core_is_shared,
+void run_transport(Handover& handover, hal::Actuators& actuators, const ClockMemory& clock_memory, bool core_is_shared,
                    const std::atomic<bool>& stop) noexcept {
+  SteeredClock clock(clock_memory);
   constexpr timespec kNap{0, 50'000};
   for (;;) {
     if (handover.pending()) {
-      serve_once(handover, actuators, clock);
+      serve_once(handover, actuators, clock.raw());
+      clock.follow();
     } else if (stop.load(std::memory_order_acquire)) {
       return;
     } else if (core_is_shared) {

@@ -8,6 +8,7 @@
 #include "spine/core/rt.hpp"
 #include "spine/core/time.hpp"
 #include "spine/hal/actuators.hpp"
+#include "spine/loop/clock.hpp"
 #include "spine/loop/handover.hpp"
 
 namespace lithe::loop {
@@ -19,7 +20,7 @@ void serve_once(Handover& handover, hal::Actuators& actuators, const RawClock& c
 
 // The Transport thread's body: serves every dispatched command until `stop`, then once more what is still pending.
 // `core_is_shared`: sleep 50 us between looks instead of spinning, because others need this core too.
-void run_transport(Handover& handover, hal::Actuators& actuators, const RawClock& clock, bool core_is_shared,
+void run_transport(Handover& handover, hal::Actuators& actuators, const ClockMemory& clock, bool core_is_shared,
                    const std::atomic<bool>& stop) noexcept;
 
 }  // namespace lithe::loop

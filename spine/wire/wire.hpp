@@ -417,7 +417,7 @@ struct Telemetry {
   std::array<double, 32> torque_nm{};  // [N m] measured
   std::array<double, 32> setpoint_position_rad{};  // [rad] what the law tracks
   std::array<double, 32> setpoint_velocity_rad_s{};  // [rad/s] what the law tracks
-  std::array<double, 32> command_torque_nm{};  // [N m] feed-forward torque after the guard, sent at the next release
+  std::array<double, 32> command_torque_nm{};  // [N m] torque at the joint that the guard let through for the next release
   std::array<std::uint32_t, 32> joint_status{};  // JointStatus
 };
 static_assert(std::is_trivially_copyable_v<Telemetry>);

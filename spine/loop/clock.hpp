@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// A raw clock that follows CLOCK_MONOTONIC although NTP steers the one and not the other.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+
+#include "spine/core/rt.hpp"
+#include "spine/core/time.hpp"
+#include "spine/ipc/channel.hpp"
+
+namespace lithe::loop {
+
+using ClockMemory = ipc::ChannelMemory<RawClock>;
+
+// One thread's view. follow() adopts the keeper's newest fit, between two ticks; it moves the time by well below 1 us.
+// Contract: RT · one instance per thread
+class SteeredClock {
+ public:
+  // `memory` must hold a fit already: start_clock() comes first.
+  explicit SteeredClock(const ClockMemory& memory) : reader_(memory) { follow(); }
+
+  std::int64_t now_ns() const LITHE_RT { return clock_.now_ns(); }
+  const RawClock& raw() const LITHE_RT { return clock_; }
+  void follow() LITHE_RT {
+    RawClock fresh;
+    if (reader_.read(fresh)) clock_ = fresh;
+  }
+
+ private:
+  ipc::ChannelReader<RawClock> reader_;
+  RawClock clock_;
+};
+
+// Publishes a first fit. Call once before any SteeredClock is made.
+void start_clock(ClockMemory& memory);
+
+// The keeper's body, on the housekeeping core: a new fit five times a second until `stop`.
+void keep_clock(ClockMemory& memory, const std::atomic<bool>& stop);
+
+}  // namespace lithe::loop

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/loop/publish.hpp"
+
+#include <algorithm>
+#include <limits>
+
+namespace lithe::loop {
+namespace {
+
+std::uint32_t clamp_ns(std::int64_t duration_ns) LITHE_RT {
+  constexpr std::int64_t kMost = std::numeric_limits<std::uint32_t>::max();
+  return static_cast<std::uint32_t>(std::clamp<std::int64_t>(duration_ns, 0, kMost));
+}
+
+}  // namespace
+
+Publisher::Publisher(ipc::SpineMemory& memory, std::uint32_t joints)
+    : header_(&memory.header),
+      telemetry_(memory.telemetry),
+      events_(memory.events_tick),
+      params_(memory.params),
+      release_jitter_(memory.release_jitter),
+      handoff_(memory.handoff),
+      law_(memory.law),
+      guard_(memory.guard),
+      tick_(memory.tick),
+      bus_(memory.bus),
+      used_(wire::active_ranges<wire::Telemetry>(joints)) {
+  record_.joint_count = joints;
+}
+
+void Publisher::publish(const Durations& durations, bool fresh_sample) LITHE_RT {
+  record_.release_jitter_ns = clamp_ns(durations.release_jitter_ns);
+  record_.handoff_ns = clamp_ns(durations.handoff_ns);
+  record_.law_ns = clamp_ns(durations.law_ns);
+  record_.guard_ns = clamp_ns(durations.guard_ns);
+  record_.tick_ns = clamp_ns(durations.tick_ns);
+  record_.bus_ns = clamp_ns(durations.bus_ns);
+  telemetry_.push(record_, used_);
+  release_jitter_.add(durations.release_jitter_ns);
+  handoff_.add(durations.handoff_ns);
+  law_.add(durations.law_ns);
+  guard_.add(durations.guard_ns);
+  tick_.add(durations.tick_ns);
+  if (fresh_sample) bus_.add(durations.bus_ns);
+}
+
+void Publisher::event(wire::EventKind kind, std::int64_t now_ns, std::uint32_t code, std::uint64_t request_id,
+                      double value, std::string_view text) LITHE_RT {
+  event_.t_ns = now_ns;
+  event_.tick = record_.tick;
+  event_.request_id = request_id;
+  event_.kind = static_cast<std::uint32_t>(kind);
+  event_.code = code;
+  event_.value = value;
+  event_.text.fill('\0');
+  std::copy_n(text.data(), std::min(text.size(), event_.text.size() - 1), event_.text.data());
+  events_.push(event_);
+}
+
+void Publisher::params(const law::Resident& law) LITHE_RT {
+  param_values_.law_id = law.law_id;
+  param_values_.count = std::min<std::uint32_t>(law.descriptor->param_count, wire::kNparam);
+  param_values_.tick = record_.tick;
+  for (std::uint32_t i = 0; i < param_values_.count; ++i) param_values_.value[i] = law.params[i].value;
+  params_.write(param_values_);
+}
+
+void Publisher::beat(std::int64_t now_ns) LITHE_RT {
+  std::atomic_ref<std::int64_t>(header_->heartbeat_ns).store(now_ns, std::memory_order_release);
+}
+
+}  // namespace lithe::loop

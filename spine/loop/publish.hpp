@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the tick says: one telemetry record, a few histogram counts, and an event when something happens.
+#pragma once
+
+#include <cstdint>
+#include <string_view>
+
+#include "spine/core/histogram.hpp"
+#include "spine/core/rt.hpp"
+#include "spine/ipc/layout.hpp"
+#include "spine/law/resident.hpp"
+#include "spine/wire/wire.hpp"
+
+namespace lithe::loop {
+
+// The durations of one tick [ns], as the design defines them.
+struct Durations {
+  std::int64_t release_jitter_ns = 0;  // woken minus due
+  std::int64_t handoff_ns = 0;         // woken to u_k handed over
+  std::int64_t law_ns = 0;
+  std::int64_t guard_ns = 0;
+  std::int64_t tick_ns = 0;  // of the previous tick: this one is not over when it is published
+  std::int64_t bus_ns = 0;
+};
+
+// Contract: RT · owned by the tick thread · never looks at who reads
+class Publisher {
+ public:
+  Publisher(ipc::SpineMemory& memory, std::uint32_t joints);
+
+  // The record of this tick, to be filled in place; joint_count is set, and entries beyond it stay zero.
+  wire::Telemetry& record() LITHE_RT { return record_; }
+
+  // Publishes record() and counts the durations.
+  void publish(const Durations& durations, bool fresh_sample) LITHE_RT;
+
+  void event(wire::EventKind kind, std::int64_t now_ns, std::uint32_t code, std::uint64_t request_id, double value,
+             std::string_view text) LITHE_RT;
+
+  void params(const law::Resident& law) LITHE_RT;
+
+  void beat(std::int64_t now_ns) LITHE_RT;
+
+ private:
+  using Histogram = HistogramWriter<wire::Histogram>;
+  wire::SegmentHeader* header_;
+  ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth> telemetry_;
+  ipc::RingWriter<wire::Event, wire::spine_segment::kEventsTickDepth> events_;
+  ipc::ChannelWriter<wire::Params> params_;
+  Histogram release_jitter_, handoff_, law_, guard_, tick_, bus_;
+  wire::WordRanges used_;  // of a telemetry record, for this many joints
+  wire::Telemetry record_{};
+  wire::Event event_{};
+  wire::Params param_values_{};
+};
+
+}  // namespace lithe::loop

@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: Apache-2.0
+// Around the tick: the run from the first release to the last, and what the Spine does with what it hears.
+#include "spine/loop/spine.hpp"
+
+#include "spine/loop/transport.hpp"
+
+namespace lithe::loop {
+
+using wire::CommandKind;
+using wire::CommandResult;
+using wire::EventKind;
+namespace flag = wire::telemetry_flag;
+
+namespace {
+
+// A hybrid wait stops sleeping this long before the release: the wake-up latency of a common kernel and some more.
+constexpr std::int64_t kHybridWindowNs = 100'000;
+
+constexpr EventKind event_of(CommandKind kind) LITHE_RT {
+  switch (kind) {
+    case CommandKind::arm:
+      return EventKind::armed;
+    case CommandKind::disarm:
+      return EventKind::disarmed;
+    case CommandKind::hold:
+      return EventKind::held;
+    case CommandKind::reset:
+      return EventKind::reset;
+    default:
+      return EventKind::estop;
+  }
+}
+
+}  // namespace
+
+Spine::Spine(const Wiring& wiring)
+    : robot_(wiring.robot),
+      slot_(wiring.slot),
+      handover_(wiring.handover),
+      inline_actuators_(wiring.inline_actuators),
+      clock_(wiring.clock),
+      grid_(static_cast<std::int64_t>(1e9 / wiring.robot.rate_hz + 0.5), wiring.robot.spine.phase_ns),
+      inbox_(wiring.spine, wiring.control, wiring.brain),
+      out_(wiring.spine, static_cast<std::uint32_t>(wiring.robot.joints.size())),
+      joints_(static_cast<std::uint32_t>(wiring.robot.joints.size())),
+      period_ns_(grid_.period_ns()),
+      sample_(&wiring.handover.latest_sample()) {
+  plan_.configure(robot_);
+  guard_.configure(robot_);
+  in_.joints = joints_;
+  in_.dt_s = static_cast<double>(period_ns_) * 1e-9;
+  hal::ActuatorCommand& first = handover_.next_command();
+  first.joints = joints_;
+  first.action = hal::DriveAction::off;
+}
+
+void Spine::run(const std::atomic<bool>& stop) noexcept {
+  grid_.start(clock_.now_ns());
+  std::uint32_t skipped = 0;
+  while (!stop.load(std::memory_order_relaxed)) {
+    const std::int64_t woke_ns = wait_for_release(robot_.spine.release, clock_.raw(), grid_.release_ns(), kHybridWindowNs);
+    tick(grid_.release_ns(), woke_ns, skipped);
+    serve_inline();
+    clock_.follow();
+    skipped = grid_.advance(clock_.now_ns());
+  }
+  stop_drives();
+}
+
+// The last command is off, twice over: the first may still find the Transport busy with the one before.
+void Spine::stop_drives() noexcept {
+  const std::int64_t give_up_ns = clock_.now_ns() + 200 * kNsPerMs;
+  for (int sent = 0; sent < 2 && clock_.now_ns() < give_up_ns;) {
+    serve_inline();
+    if (!handover_.idle()) {
+      spin_pause();
+      continue;
+    }
+    handover_.next_command().action = hal::DriveAction::off;
+    handover_.next_command().joints = joints_;
+    handover_.dispatch();
+    ++sent;
+  }
+  serve_inline();
+}
+
+void Spine::listen(std::int64_t now_ns) LITHE_RT {
+  out_.beat(now_ns);
+  estop_pressed_ = inbox_.estop_pressed();
+  if (estop_pressed_ && mode_.press_estop()) out_.event(EventKind::estop, now_ns, 0, 0, 0, "the e-stop was pressed");
+  if (const std::optional<Letter> letter = inbox_.next_command()) obey(*letter, now_ns);
+  watch_brain(now_ns);
+  if (inbox_.new_plan()) take_plan(now_ns);
+}
+
+void Spine::obey(const Letter& letter, std::int64_t now_ns) LITHE_RT {
+  const wire::Command& command = inbox_.command();
+  const CommandResult result = execute(command, now_ns);
+  inbox_.answer(letter, result);
+  if (result != CommandResult::done) {
+    out_.event(EventKind::command_refused, now_ns, static_cast<std::uint32_t>(result), command.request_id,
+               static_cast<double>(command.kind), wire::to_string(result));
+  }
+}
+
+CommandResult Spine::execute(const wire::Command& command, std::int64_t now_ns) LITHE_RT {
+  const auto kind = static_cast<CommandKind>(command.kind);
+  switch (kind) {
+    case CommandKind::set_params:
+      return set_params(command, now_ns);
+    case CommandKind::rollback:
+      return roll_back(command.request_id, now_ns);
+    default:
+      return change_mode(kind, command.request_id, now_ns);
+  }
+}
+
+CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std::int64_t now_ns) LITHE_RT {
+  bool all_fresh = fresh_;
+  for (std::uint32_t j = 0; j < joints_; ++j) all_fresh = all_fresh && (sample_->status[j] & wire::joint_status::kFresh) != 0;
+  const wire::Mode before = mode_.mode();
+  const CommandResult result = mode_.apply(kind, {slot_.active() != nullptr, all_fresh, estop_pressed_});
+  if (result != CommandResult::done) return result;
+  // From drives that are off the first torque is bounded from zero; the setpoint starts where the joint is.
+  if (before == wire::Mode::disarmed) guard_.reset_output();
+  if (mode_.mode() == wire::Mode::hold) plan_.stop(now_ns);
+  out_.event(event_of(kind), now_ns, 0, request_id, 0, "");
+  return result;
+}
+
+// All or nothing, and all on this tick.
+CommandResult Spine::set_params(const wire::Command& command, std::int64_t now_ns) LITHE_RT {
+  law::Resident* law = slot_.active();
+  if (law == nullptr || (command.law_id != 0 && command.law_id != law->law_id)) return CommandResult::refused_law;
+  if (command.count == 0 || command.count > wire::kNparam) return CommandResult::refused_range;
+  for (std::uint32_t i = 0; i < command.count; ++i) {
+    const std::uint32_t index = command.index[i];
+    if (index >= law->descriptor->param_count || index >= kMaxParams) return CommandResult::refused_range;
+    const Param& param = law->params[index];
+    if (!(param.min <= command.value[i] && command.value[i] <= param.max)) return CommandResult::refused_range;
+  }
+  for (std::uint32_t i = 0; i < command.count; ++i) law->set_param(command.index[i], command.value[i]);
+  out_.params(*law);
+  out_.event(EventKind::params_applied, now_ns, law->law_id, command.request_id, command.count, "");
+  return CommandResult::done;
+}
+
+CommandResult Spine::roll_back(std::uint64_t request_id, std::int64_t now_ns) LITHE_RT {
+  if (!slot_.rollback()) return CommandResult::refused_law;
+  flags_ |= flag::kRolledBack;
+  law_since_ns_ = now_ns;
+  out_.event(EventKind::law_rolled_back, now_ns, slot_.active()->law_id, request_id, 0, "the previous law runs again");
+  out_.params(*slot_.active());
+  return CommandResult::done;
+}
+
+void Spine::watch_brain(std::int64_t now_ns) LITHE_RT {
+  const std::int64_t age_ns = inbox_.brain_age_ns(now_ns);
+  out_.record().brain_age_ns = age_ns;
+  const bool stale = age_ns < 0 || static_cast<double>(age_ns) > robot_.brain.stale_after_s * 1e9;
+  if (stale == brain_stale_) return;
+  brain_stale_ = stale;
+  out_.event(stale ? EventKind::brain_stale : EventKind::brain_fresh, now_ns, 0, 0, static_cast<double>(age_ns) * 1e-9,
+             stale ? "no sign of life: the setpoint coasts and holds" : "the Brain is back");
+}
+
+void Spine::take_plan(std::int64_t now_ns) LITHE_RT {
+  if (mode_.mode() != wire::Mode::active) return;  // a plan from before arming is nobody's wish any more
+  const wire::PlanReject reject = plan_.accept(inbox_.plan(), now_ns);
+  flags_ |= reject == wire::PlanReject::none ? flag::kPlanNew : flag::kPlanRefused;
+  if (reject == wire::PlanReject::none) return;
+  out_.event(EventKind::plan_refused, now_ns, static_cast<std::uint32_t>(reject), inbox_.plan().plan_id, 0,
+             wire::to_string(reject));
+}
+
+}  // namespace lithe::loop

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+// The Spine: everything one tick needs, held in one place. The tick itself is in tick.cpp.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+
+#include "lithe/law.hpp"
+#include "spine/core/rt.hpp"
+#include "spine/guard/guard.hpp"
+#include "spine/hal/actuators.hpp"
+#include "spine/ipc/layout.hpp"
+#include "spine/law/slot.hpp"
+#include "spine/loop/clock.hpp"
+#include "spine/loop/handover.hpp"
+#include "spine/loop/inbox.hpp"
+#include "spine/loop/mode.hpp"
+#include "spine/loop/publish.hpp"
+#include "spine/loop/release.hpp"
+#include "spine/plan/interpolator.hpp"
+#include "spine/robot/config.hpp"
+
+namespace lithe::loop {
+
+// What the Spine works with; all of it outlives the Spine.
+struct Wiring {
+  const robot::RobotConfig& robot;
+  ipc::SpineMemory& spine;
+  const ipc::ControlMemory& control;
+  const ipc::BrainMemory& brain;
+  law::Slot& slot;
+  Handover& handover;
+  const ClockMemory& clock;
+  hal::Actuators* inline_actuators;  // set when the tick thread serves the buses itself, else null
+};
+
+// Contract: constructed off the tick · run() and tick() on the tick thread only
+class Spine {
+ public:
+  explicit Spine(const Wiring& wiring);
+
+  // Ticks at the robot's rate until `stop`, then leaves the drives off.
+  void run(const std::atomic<bool>& stop) noexcept;
+
+  // One tick: woken at `woke_ns` for the release at `release_ns`, `skipped` releases after the one before.
+  void tick(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped) LITHE_RT;
+
+  // With no Transport thread: serves the bus now. A no-op otherwise.
+  void serve_inline() LITHE_RT;
+
+  wire::Mode mode() const LITHE_RT { return mode_.mode(); }
+
+ private:
+  void exchange(std::int64_t woke_ns) LITHE_RT;
+  void listen(std::int64_t now_ns) LITHE_RT;
+  void obey(const Letter& letter, std::int64_t now_ns) LITHE_RT;
+  wire::CommandResult execute(const wire::Command& command, std::int64_t now_ns) LITHE_RT;
+  wire::CommandResult change_mode(wire::CommandKind kind, std::uint64_t request_id, std::int64_t now_ns) LITHE_RT;
+  wire::CommandResult set_params(const wire::Command& command, std::int64_t now_ns) LITHE_RT;
+  wire::CommandResult roll_back(std::uint64_t request_id, std::int64_t now_ns) LITHE_RT;
+  void watch_brain(std::int64_t now_ns) LITHE_RT;
+  void take_plan(std::int64_t now_ns) LITHE_RT;
+  void look(std::int64_t now_ns) LITHE_RT;
+  void step_law() LITHE_RT;
+  guard::Verdict check() LITHE_RT;
+  void react(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_RT;
+  void compose() LITHE_RT;
+  void publish(const guard::Verdict& verdict, std::int64_t release_ns) LITHE_RT;
+  void swap(std::int64_t now_ns) LITHE_RT;
+  void count_release(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped) LITHE_RT;
+  void stop_drives() noexcept;
+
+  const robot::RobotConfig& robot_;
+  law::Slot& slot_;
+  Handover& handover_;
+  hal::Actuators* inline_actuators_;
+  SteeredClock clock_;
+  ReleaseGrid grid_;
+  Inbox inbox_;
+  Publisher out_;
+  plan::Interpolator plan_;
+  guard::Guard guard_;
+  ModeMachine mode_;
+
+  std::uint32_t joints_;
+  std::int64_t period_ns_;
+  std::uint64_t tick_ = 0;
+  const hal::ActuatorState* sample_;  // x_k: the newest sample, fresh or not
+  bool fresh_ = false;                // it came for this tick
+  std::uint32_t stale_ticks_ = 0;     // ticks in a row without a fresh one
+  bool estop_pressed_ = false;
+  bool brain_stale_ = true;
+  std::int64_t law_since_ns_ = 0;  // when the running law was committed
+  std::uint32_t flags_ = 0;        // of this tick's record
+  bool overran_ = false;           // the previous tick ended after its deadline
+  Durations durations_;
+  Tick in_;
+  Effort effort_;
+  std::array<double, kMaxProbes> probes_{};
+  plan::Setpoint setpoint_;
+  guard::Output output_;
+};
+
+}  // namespace lithe::loop

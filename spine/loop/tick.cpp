@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: Apache-2.0
+// The tick. It reads like the timing figure: hand over, listen, step, guard, publish, swap.
+#include <algorithm>
+
+#include "spine/loop/spine.hpp"
+#include "spine/loop/transport.hpp"
+
+namespace lithe::loop {
+
+using wire::CommandResult;
+using wire::EventKind;
+namespace flag = wire::telemetry_flag;
+
+void Spine::tick(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped) LITHE_RT {
+  ++tick_;
+  count_release(release_ns, woke_ns, skipped);
+  exchange(woke_ns);  // u_k leaves, x_k is here
+  const std::int64_t handed_ns = clock_.now_ns();
+
+  listen(woke_ns);  // e-stop, commands, plan
+  look(woke_ns);    // what the law will see
+
+  const std::int64_t law_from_ns = clock_.now_ns();
+  step_law();
+  const std::int64_t guard_from_ns = clock_.now_ns();
+  const guard::Verdict verdict = check();
+  const std::int64_t guard_to_ns = clock_.now_ns();
+
+  react(verdict, woke_ns);
+  compose();  // u_{k+1}, for the next release
+  durations_.handoff_ns = handed_ns - woke_ns;
+  durations_.law_ns = guard_from_ns - law_from_ns;
+  durations_.guard_ns = guard_to_ns - guard_from_ns;
+  swap(woke_ns);  // at the end of the tick: the next one runs the new law
+  publish(verdict, release_ns);
+
+  const std::int64_t end_ns = clock_.now_ns();
+  durations_.tick_ns = end_ns - woke_ns;
+  overran_ = end_ns > release_ns + period_ns_;
+}
+
+// Skipped releases and overrun deadlines are counted here and nowhere else.
+void Spine::count_release(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped) LITHE_RT {
+  durations_.release_jitter_ns = woke_ns - release_ns;
+  flags_ = 0;
+  if (skipped == 0 && !overran_) return;
+  flags_ |= flag::kDeadlineMissed;
+  out_.record().missed_releases += skipped;
+  out_.event(EventKind::deadline_missed, woke_ns, skipped, 0, static_cast<double>(durations_.tick_ns),
+             skipped > 0 ? "releases were skipped" : "the tick ended after its deadline");
+  if (robot_.spine.miss_policy == robot::MissPolicy::stop && mode_.fail(wire::Fault::deadline_missed)) {
+    out_.event(EventKind::safe_stop, woke_ns, static_cast<std::uint32_t>(wire::Fault::deadline_missed), 0, 0, "");
+  }
+}
+
+// Hands u_k over and takes x_k. A Transport that is still busy costs this tick its dispatch and its sample.
+void Spine::exchange(std::int64_t woke_ns) LITHE_RT {
+  fresh_ = handover_.idle();
+  if (fresh_) {
+    sample_ = &handover_.latest_sample();
+    fresh_ = sample_->sample_ns != 0;  // before the first exchange there is nothing yet
+    durations_.bus_ns = sample_->bus_ns;
+    handover_.dispatch();
+    stale_ticks_ = 0;
+    return;
+  }
+  flags_ |= flag::kSampleStale;
+  ++out_.record().late_samples;
+  if (++stale_ticks_ == 1) out_.event(EventKind::sample_late, woke_ns, 0, 0, 0, "the bus exchange took over one period");
+}
+
+void Spine::look(std::int64_t now_ns) LITHE_RT {
+  if (!mode_.law_runs()) plan_.hold_at(sample_->position_rad);  // so that arming starts where the joint is
+  plan_.sample(now_ns, setpoint_);
+  in_.tick = tick_;
+  in_.t_ns = now_ns;
+  in_.t_s = static_cast<double>(now_ns - law_since_ns_) * 1e-9;
+  in_.flags = (fresh_ ? 0 : kSampleStale) | (brain_stale_ ? kBrainStale : 0);
+  in_.sample_age_s = static_cast<double>(now_ns - sample_->sample_ns) * 1e-9;
+  in_.brain_age_s = static_cast<double>(out_.record().brain_age_ns) * 1e-9;
+  for (std::uint32_t j = 0; j < joints_; ++j) {
+    in_.position_rad[j] = sample_->position_rad[j];
+    in_.velocity_rad_s[j] = sample_->velocity_rad_s[j];
+    in_.torque_nm[j] = sample_->torque_nm[j];
+    in_.setpoint_position_rad[j] = setpoint_.position_rad[j];
+    in_.setpoint_velocity_rad_s[j] = setpoint_.velocity_rad_s[j];
+    in_.setpoint_acceleration_rad_s2[j] = setpoint_.acceleration_rad_s2[j];
+  }
+}
+
+void Spine::step_law() LITHE_RT {
+  law::Resident* law = slot_.active();
+  if (law == nullptr || !mode_.law_runs()) {
+    effort_.clear(joints_);
+    probes_.fill(0.0);
+    return;
+  }
+  law->step(in_, effort_, probes_);
+}
+
+guard::Verdict Spine::check() LITHE_RT {
+  const guard::Proposal proposal{effort_.torque_nm, effort_.position_rad, effort_.velocity_rad_s, effort_.kp_nm_rad,
+                                 effort_.kd_nm_s_rad};
+  return guard_.check({mode_.mode(), stale_ticks_, out_.record().brain_age_ns, sample_->position_rad,
+                       sample_->velocity_rad_s, sample_->status, proposal},
+                      output_);
+}
+
+void Spine::react(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_RT {
+  flags_ |= verdict.flags;
+  if (verdict.fault == wire::Fault::none || !mode_.fail(verdict.fault)) return;
+  out_.event(EventKind::safe_stop, now_ns, static_cast<std::uint32_t>(verdict.fault), 0, 0,
+             wire::to_string(verdict.fault));
+}
+
+void Spine::compose() LITHE_RT {
+  hal::ActuatorCommand& command = handover_.next_command();
+  command.tick = tick_ + 1;
+  command.joints = joints_;
+  command.action = mode_.mode() == wire::Mode::estop  ? hal::DriveAction::damp
+                   : mode_.energised()                ? hal::DriveAction::torque
+                                                      : hal::DriveAction::off;
+  for (std::uint32_t j = 0; j < joints_; ++j) {
+    command.torque_nm[j] = output_.torque_nm[j];
+    command.position_rad[j] = output_.position_rad[j];
+    command.velocity_rad_s[j] = output_.velocity_rad_s[j];
+    command.kp_nm_rad[j] = output_.kp_nm_rad[j];
+    command.kd_nm_s_rad[j] = output_.kd_nm_s_rad[j];
+    command.max_torque_nm[j] = output_.max_torque_nm[j];
+  }
+}
+
+// One atomic exchange: the law that the Loader staged runs from the next tick on.
+void Spine::swap(std::int64_t now_ns) LITHE_RT {
+  const std::uint32_t ran = slot_.active() == nullptr ? 0 : slot_.active()->law_id;
+  out_.record().law_id = ran;
+  const std::optional<law::Commit> commit = slot_.try_commit();
+  if (!commit) return;
+  law_since_ns_ = now_ns + period_ns_;
+  flags_ |= flag::kSwapCommitted;
+  out_.event(EventKind::law_committed, now_ns, commit->law_id, commit->request_id,
+             static_cast<double>(commit->fields_carried), "runs from the next tick");
+  out_.params(*slot_.active());
+}
+
+void Spine::publish(const guard::Verdict& verdict, std::int64_t release_ns) LITHE_RT {
+  wire::Telemetry& record = out_.record();
+  record.tick = tick_;
+  record.release_ns = release_ns;
+  record.sample_ns = sample_->sample_ns;
+  record.mode = static_cast<std::uint32_t>(mode_.mode());
+  record.fault = static_cast<std::uint32_t>(mode_.fault());
+  record.flags = flags_ | (brain_stale_ ? flag::kBrainStale : 0) | verdict.flags;
+  record.plan_state = static_cast<std::uint32_t>(setpoint_.state);
+  record.plan_id = plan_.plan_id();
+  std::copy(probes_.begin(), probes_.end(), record.probe.begin());
+  const JointArray& torque_nm = guard_.expected_torque_nm();
+  for (std::uint32_t j = 0; j < joints_; ++j) {
+    record.position_rad[j] = sample_->position_rad[j];
+    record.velocity_rad_s[j] = sample_->velocity_rad_s[j];
+    record.torque_nm[j] = sample_->torque_nm[j];
+    record.setpoint_position_rad[j] = setpoint_.position_rad[j];
+    record.setpoint_velocity_rad_s[j] = setpoint_.velocity_rad_s[j];
+    record.command_torque_nm[j] = torque_nm[j];
+    record.joint_status[j] = sample_->status[j];
+  }
+  out_.publish(durations_, fresh_);
+}
+
+void Spine::serve_inline() LITHE_RT {
+  if (inline_actuators_ != nullptr && handover_.pending()) serve_once(handover_, *inline_actuators_, clock_.raw());
+}
+
+}  // namespace lithe::loop
