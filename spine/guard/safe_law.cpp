@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/guard/safe_law.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace lithe::guard {
+
+void SafeLaw::configure(const robot::RobotConfig& robot) {
+  joints_ = std::min(robot.joints.size(), kMaxJoints);
+  dt_s_ = 1.0 / robot.rate_hz;
+  hold_ = robot.guard.safe_end == robot::SafeEnd::hold;
+  started_ = false;
+  for (std::size_t j = 0; j < joints_; ++j) {
+    const robot::JointConfig& from = robot.joints[j];
+    joint_[j] = Joint{.position_min_rad = from.position_min_rad,
+                      .position_max_rad = from.position_max_rad,
+                      .velocity_max_rad_s = from.velocity_max_rad_s,
+                      .slowing_rad_s = from.deceleration_rad_s2 * dt_s_,
+                      .kp_nm_rad = from.safe_kp_nm_rad,
+                      .kd_nm_s_rad = from.safe_kd_nm_s_rad};
+  }
+}
+
+void SafeLaw::step(const JointArray& position_rad, const JointArray& velocity_rad_s,
+                   const std::array<bool, kMaxJoints>& usable, JointArray& torque_nm) LITHE_RT {
+  for (std::size_t j = 0; j < joints_; ++j) {
+    Joint& joint = joint_[j];
+    if (!started_) joint.tracking = false;
+    torque_nm[j] = usable[j] ? torque(joint, position_rad[j], velocity_rad_s[j]) : 0.0;
+    if (!usable[j]) joint.tracking = false;  // what it meant to follow is too old to resume
+  }
+  started_ = true;
+}
+
+double SafeLaw::torque(Joint& joint, double position_rad, double velocity_rad_s) const LITHE_RT {
+  if (!joint.tracking) {
+    joint.tracking = true;
+    joint.reference_rad = position_rad;
+    joint.reference_rad_s = std::clamp(velocity_rad_s, -joint.velocity_max_rad_s, joint.velocity_max_rad_s);
+  }
+  const double speed = std::max(0.0, std::abs(joint.reference_rad_s) - joint.slowing_rad_s);
+  joint.reference_rad_s = std::copysign(speed, joint.reference_rad_s);
+  const double next = joint.reference_rad + joint.reference_rad_s * dt_s_;
+  joint.reference_rad = std::clamp(next, joint.position_min_rad, joint.position_max_rad);
+  if (joint.reference_rad != next) joint.reference_rad_s = 0;
+
+  const bool at_rest = joint.reference_rad_s == 0;
+  const double stiffness = at_rest && !hold_ ? 0.0 : joint.kp_nm_rad;
+  return stiffness * (joint.reference_rad - position_rad) +
+         joint.kd_nm_s_rad * (joint.reference_rad_s - velocity_rad_s);
+}
+
+}  // namespace lithe::guard

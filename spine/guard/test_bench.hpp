@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the guard's tests share: a robot, and everything a guard is asked about.
+#pragma once
+
+#include <limits>
+
+#include "spine/guard/guard.hpp"
+
+namespace lithe::guard {
+
+inline constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+inline constexpr double kSlewPerTick = 0.1;  // 100 Nm/s at 1 kHz
+
+inline robot::RobotConfig robot_with(std::size_t joints) {
+  robot::RobotConfig robot;
+  robot.rate_hz = 1000;
+  robot.joints.resize(joints);
+  for (robot::JointConfig& joint : robot.joints) {
+    joint.position_min_rad = -2;
+    joint.position_max_rad = 3;
+    joint.velocity_max_rad_s = 10;
+    joint.torque_max_nm = 1;
+    joint.torque_slew_nm_s = 100;
+    joint.kp_max_nm_rad = 50;
+    joint.kd_max_nm_s_rad = 2;
+    joint.safe_kp_nm_rad = 5;
+    joint.safe_kd_nm_s_rad = 0.5;
+  }
+  return robot;
+}
+
+// Everything a guard is asked about, with quiet values; a test changes what it is about.
+struct Bench {
+  explicit Bench(const robot::RobotConfig& robot = robot_with(1)) {
+    guard.configure(robot);
+    position_target.fill(kNan);
+  }
+
+  Verdict check() {
+    return guard.check({mode,
+                        stale_ticks,
+                        brain_age_ns,
+                        position,
+                        velocity,
+                        status,
+                        {torque, position_target, velocity_target, kp, kd}},
+                       out);
+  }
+  // The torque joint j feels: feed-forward and the drive's own PD at the measured state.
+  double felt_nm(std::size_t j = 0) const {
+    const double spring = out.kp_nm_rad[j] > 0 ? out.kp_nm_rad[j] * (out.position_rad[j] - position[j]) : 0.0;
+    return out.torque_nm[j] + spring + out.kd_nm_s_rad[j] * (out.velocity_rad_s[j] - velocity[j]);
+  }
+  Verdict settle(int ticks = 50) {
+    Verdict verdict;
+    for (int i = 0; i < ticks; ++i) verdict = check();
+    return verdict;
+  }
+
+  Guard guard;
+  Output out;
+  wire::Mode mode = wire::Mode::active;
+  std::uint32_t stale_ticks = 0;
+  std::int64_t brain_age_ns = 1'000'000;
+  JointArray position{}, velocity{}, torque{}, position_target{}, velocity_target{}, kp{}, kd{};
+  std::array<std::uint32_t, kMaxJoints> status{};
+};
+
+}  // namespace lithe::guard
