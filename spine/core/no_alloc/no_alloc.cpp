@@ -4,10 +4,24 @@
 #include <cstddef>
 #include <cstdlib>
 
+// A sanitizer brings its own allocator; taking its place as well crashes the program before main.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define LITHE_FOREIGN_ALLOCATOR 1
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) || __has_feature(realtime_sanitizer)
+#define LITHE_FOREIGN_ALLOCATOR 1
+#endif
+#endif
+
 namespace {
 
 thread_local int g_depth = 0;
 thread_local std::uint64_t g_calls = 0;
+
+}  // namespace
+
+#ifndef LITHE_FOREIGN_ALLOCATOR
+namespace {
 
 void count() {
   if (g_depth > 0) ++g_calls;
@@ -39,6 +53,7 @@ void free(void* old) noexcept {
   __libc_free(old);
 }
 }
+#endif
 
 namespace lithe {
 
