@@ -14,8 +14,8 @@ PYTHON = ".venv/bin/python"
 JOBS = str(len(os.sched_getaffinity(0)))
 CPP_FILES = "git ls-files -co --exclude-standard '*.cpp' '*.hpp' '*.c' '*.h' | grep -v -e ^spine/wire/ -e /_shm/"
 # What must be free of data races, and what runs in the tick (cmake/rooms.cmake labels every test with its room).
-RACE_ROOMS = "ipc law load"
-RACE_TESTS = r"\b(ipc|law|load)$"
+RACE_ROOMS = "ipc law load loop"
+RACE_TESTS = f"(^|[.])({RACE_ROOMS.replace(' ', '|')})$"
 
 
 @dataclass(frozen=True)
