@@ -34,7 +34,9 @@ void limit(__rlimit_resource resource, std::size_t amount) {
   const int null = open("/dev/null", O_RDWR);
   for (const int fd : {0, 1, 2}) dup2(null, fd);
   limit(RLIMIT_CORE, 0);
-  limit(RLIMIT_CPU, static_cast<std::size_t>(limits.cpu_s));
+  const auto cpu_s = static_cast<rlim_t>(limits.cpu_s);
+  const rlimit cpu{cpu_s, cpu_s + 1};  // SIGXCPU first: it tells a loop from a lack of memory
+  setrlimit(RLIMIT_CPU, &cpu);
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // their shadow memory needs the address space
   limit(RLIMIT_AS, limits.memory_bytes);
 #endif

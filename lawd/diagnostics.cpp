@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lawd/diagnostics.hpp"
 
+#include <algorithm>
 #include <array>
 #include <sstream>
 #include <string_view>
@@ -11,6 +12,7 @@ namespace lithe::lawd {
 namespace {
 
 using nlohmann::json;
+constexpr std::size_t kMaxEntries = 20;
 
 std::vector<std::string> lines_of(const std::string& text) {
   std::vector<std::string> lines;
@@ -29,9 +31,10 @@ int line_with(const std::vector<std::string>& lines, std::string_view what) {
 
 // The line of the law that a message of the contract is about.
 int line_about(const std::string& message, const std::vector<std::string>& lines) {
-  constexpr std::array<std::pair<std::string_view, std::string_view>, 6> kAbout = {{
+  constexpr std::array<std::pair<std::string_view, std::string_view>, 7> kAbout = {{
       {"State field", "struct State"},
       {"State is", "struct State"},
+      {"field is longer", "struct"},
       {"of Params", "struct Params"},
       {"Param is", "struct Params"},
       {"of Probes", "struct Probes"},
@@ -102,17 +105,16 @@ Diagnostics read_diagnostics(const std::string& output, const std::string& path,
       contract = contract || all.back().contains("contract");
     }
   }
+  // Errors first: the first line is what a person reads and an agent acts on.
+  std::stable_partition(all.begin(), all.end(), [](const json& d) { return d["severity"] != "warning"; });
   Diagnostics result;
   result.list = json::array();
   for (json& d : all) {
-    if (contract && !d.contains("contract") &&
-        (d["file"] != name || d["text"].get<std::string>().find("LITHE_LAW") == 0)) {
-      continue;
-    }
+    const bool consequence = contract && !d.contains("contract") && d["severity"] != "warning" &&
+                             (d["file"] != name || d["text"].get<std::string>().starts_with("LITHE_LAW"));
     d.erase("contract");
-    bool known = false;
-    for (const json& other : result.list) known = known || other == d;
-    if (known) continue;
+    const bool known = std::find(result.list.begin(), result.list.end(), d) != result.list.end();
+    if (consequence || known || d["severity"] == "note" || result.list.size() >= kMaxEntries) continue;
     result.text += render(d);
     result.list.push_back(std::move(d));
   }

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lawd/dry_run.hpp"
 
+#include <cxxabi.h>
 #include <dlfcn.h>
 #include <unistd.h>
 
 #include <cmath>
+#include <cstdlib>
 #include <ctime>
 #include <memory>
 
@@ -105,10 +107,23 @@ int dry_steps(int fd, const LitheLaw& law, std::uint32_t joints) {
   return 0;
 }
 
+// dlopen's words, without our scratch path; an unknown name is the one mistake a law can make here.
+std::string load_failure(const std::string& words) {
+  constexpr std::string_view kUndefined = "undefined symbol: ";
+  const auto at = words.find(kUndefined);
+  if (at == std::string::npos) return "cannot load the law: " + words;
+  const std::string symbol = words.substr(at + kUndefined.size());
+  int status = 0;
+  char* readable = abi::__cxa_demangle(symbol.c_str(), nullptr, nullptr, &status);
+  const std::string name = status == 0 ? readable : symbol;
+  std::free(readable);
+  return "the law uses " + name + ", which it does not define: a law may use itself, the contract and <cmath> only";
+}
+
 int child(int fd, const std::string& path, std::uint32_t joints) {
   void* handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
   if (handle == nullptr) {
-    tell(fd, {{"refused", std::string("cannot load the law: ") + dlerror()}});
+    tell(fd, {{"refused", load_failure(dlerror())}});
     return 1;
   }
   const auto* law = static_cast<const LitheLaw*>(dlsym(handle, "lithe_law"));

@@ -27,7 +27,7 @@ const std::vector<std::string>& flags() {
                                                "-fno-threadsafe-statics",
                                                "-Wall",
                                                "-Wextra",
-                                               "-fmax-errors=10",
+                                               "-Wno-unused-parameter",  // a law need not use all it is given
                                                "-ftemplate-depth=200",
                                                "-fdiagnostics-format=json",
                                                "-DLITHE_NJ=" + std::to_string(kMaxJoints)};
@@ -105,7 +105,8 @@ void Toolchain::precompile(const std::string& cache) {
   if (scratch.path().empty()) return;
   const std::string part = scratch.path() + "/law.hpp.gch";
   std::vector<std::string> command = base_command();
-  command.insert(command.end(), {"-x", "c++-header", contract_dir_ + "/lithe/law.hpp", "-o", part});
+  command.insert(command.end(),
+                 {"-I", contract_dir_, "-x", "c++-header", contract_dir_ + "/lithe/law.hpp", "-o", part});
   Limits limits;
   limits.wall_ms = 60'000;
   limits.cpu_s = 60;

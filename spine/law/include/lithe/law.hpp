@@ -189,22 +189,26 @@ template <class T>
 concept PlainStruct =
     std::is_class_v<T> && std::is_aggregate_v<T> && std::is_trivially_copyable_v<T> && std::is_standard_layout_v<T>;
 
-// What every nested struct must be, so that its fields can be named and copied.
+// What every nested struct must be, so that its fields can be named and copied. False stops all further analysis.
 template <class T>
-consteval void check_struct() {
+consteval bool check_struct() {
   static_assert(PlainStruct<T>,
-                "LITHE: Params, State and Probes must be plain structs: public data fields only, no "
-                "constructors, no base classes, no virtual functions, nothing that owns memory");
-  if constexpr (PlainStruct<T>) {
+                "LITHE: Params, State and Probes must be plain structs: public data fields only, no constructors, no "
+                "base classes, no virtual functions, nothing that owns memory");
+  if constexpr (!PlainStruct<T>) {
+    return false;
+  } else if constexpr (reflect::has_c_array<T>()) {
     static_assert(!reflect::has_c_array<T>(),
-                  "LITHE: a C array (double x[3]) has no name the swap could carry: "
-                  "write std::array<double, 3> x{}; instead");
+                  "LITHE: a State field is a C array (double x[3]): write std::array<double, 3> x{}; instead");
+    return false;
+  } else if constexpr (reflect::field_count<T>() > reflect::kMaxFields) {
     static_assert(reflect::field_count<T>() <= reflect::kMaxFields,
-                  "LITHE: more than 32 fields: group the joints of "
-                  "one quantity in a lithe::JointArray");
+                  "LITHE: a struct has more than 32 fields: group the joints of one quantity in a lithe::JointArray");
+    return false;
+  } else {
     static_assert(reflect::has_plain_layout<T>(),
-                  "LITHE: alignas on a field of Params, State or Probes is not "
-                  "supported: remove it");
+                  "LITHE: alignas on a field of Params, State or Probes is not supported: remove it");
+    return true;
   }
 }
 
@@ -272,18 +276,18 @@ consteval bool check() {
   static_assert(Complete<L>,
                 "LITHE: a law needs both nested structs, even when they are empty: "
                 "struct Params { lithe::Param kp_nm_rad{4, 0, 40}; };  struct State {};");
-  if constexpr (Complete<L>) {
-    check_struct<typename L::Params>();
-    check_struct<typename L::State>();
-    check_struct<Probes<L>>();
+  if constexpr (!Complete<L>) {
+    return false;
+  } else {
     static_assert(sizeof(typename L::State) <= kMaxStateBytes, "LITHE: State is larger than 4096 bytes");
     static_assert(alignof(typename L::State) <= 64, "LITHE: State asks for more than 64-byte alignment");
     static_assert(
         Steps<L> != StepsWithProbes<L>,
         "LITHE: a law needs exactly one step, static and returning void: static void step(const lithe::Tick&, "
         "const Params&, State&, lithe::Effort&), with a fifth argument Probes& when it has a struct Probes");
+    return check_struct<typename L::Params>() && check_struct<typename L::State>() && check_struct<Probes<L>>() &&
+           Steps<L> != StepsWithProbes<L>;
   }
-  return true;
 }
 
 template <std::size_t N>
@@ -331,7 +335,7 @@ consteval void describe_probes(LitheLaw& law, std::index_sequence<I...>) {
 
 consteval bool ranges_hold(const LitheLaw& law) {
   constexpr double largest = std::numeric_limits<double>::max();
-  for (std::uint32_t i = 0; i < law.param_count; ++i) {
+  for (std::uint32_t i = 0; i < law.param_count && i < kMaxParams; ++i) {
     const LitheParam& p = law.params[i];
     if (!(-largest <= p.min && p.min <= p.value && p.value <= p.max && p.max <= largest)) return false;
   }
@@ -344,7 +348,7 @@ consteval bool ranges_hold(const LitheLaw& law) {
 template <class L>
 consteval LitheLaw describe(std::string_view name) {
   LitheLaw law{};
-  if constexpr (contract::check<L>(); contract::Complete<L>) {
+  if constexpr (contract::check<L>()) {
     using State = typename L::State;
     using Params = typename L::Params;
     law.magic = kLawMagic;
