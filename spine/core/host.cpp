@@ -58,20 +58,21 @@ int raise_priority() {
   return getpriority(PRIO_PROCESS, 0);
 }
 
-Result<> lock_memory(std::size_t stack_bytes) {
+void touch_stack(std::size_t bytes) {
+  // volatile: the writes are the point.
+  volatile auto* stack = static_cast<volatile char*>(__builtin_alloca(bytes));
+  for (std::size_t at = 0; at < bytes; at += 4096) stack[at] = 0;
+}
+
+Result<> lock_memory() {
   // A soft limit below the hard one is the user's to raise.
   rlimit limit{};
   if (getrlimit(RLIMIT_MEMLOCK, &limit) == 0 && limit.rlim_cur < limit.rlim_max) {
     limit.rlim_cur = limit.rlim_max;
     setrlimit(RLIMIT_MEMLOCK, &limit);
   }
-  const bool locked = mlockall(MCL_CURRENT | MCL_FUTURE) == 0;
-  const int error = errno;
-  // volatile: the writes are the point.
-  volatile auto* stack = static_cast<volatile char*>(__builtin_alloca(stack_bytes));
-  for (std::size_t at = 0; at < stack_bytes; at += 4096) stack[at] = 0;
-  if (locked) return done();
-  return Error{std::string("memory is not locked (") + std::strerror(error) +
+  if (mlockall(MCL_CURRENT | MCL_FUTURE) == 0) return done();
+  return Error{std::string("memory is not locked (") + std::strerror(errno) +
                "): raise the memlock limit (`ulimit -l unlimited`, or LimitMEMLOCK=infinity)"};
 }
 

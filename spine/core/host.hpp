@@ -33,8 +33,11 @@ Result<> pin_this_thread(int cpu);
 // Asks for nice -20 for the calling thread; returns the nice value now in force.
 int raise_priority();
 
-// Locks all present and future memory and touches `stack_bytes` of the caller's stack, so that the tick never faults.
-Result<> lock_memory(std::size_t stack_bytes = 512 * 1024);
+// Locks all present and future memory, so that the tick never faults.
+Result<> lock_memory();
+
+// Touches that much of the calling thread's stack: without the right to lock memory, the next best thing.
+void touch_stack(std::size_t bytes = 256 * 1024);
 
 // Keeps malloc from growing or shrinking the address space behind the tick's back (no trimming, no mmap, one arena).
 void freeze_malloc();

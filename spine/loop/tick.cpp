@@ -12,7 +12,7 @@ using wire::EventKind;
 namespace flag = wire::telemetry_flag;
 
 void Spine::tick(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped) LITHE_RT {
-  ++tick_;
+  out_.record().tick = ++tick_;
   count_release(release_ns, woke_ns, skipped);
   exchange(woke_ns);  // u_k leaves, x_k is here
   const std::int64_t handed_ns = clock_.now_ns();
@@ -145,7 +145,6 @@ void Spine::swap(std::int64_t now_ns) LITHE_RT {
 
 void Spine::publish(const guard::Verdict& verdict, std::int64_t release_ns) LITHE_RT {
   wire::Telemetry& record = out_.record();
-  record.tick = tick_;
   record.release_ns = release_ns;
   record.sample_ns = sample_->sample_ns;
   record.mode = static_cast<std::uint32_t>(mode_.mode());

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/info.hpp"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+namespace lithe {
+namespace {
+
+template <std::size_t N>
+void put_text(std::array<char, N>& to, const std::string& text, std::size_t at = 0, std::size_t room = N) {
+  const std::size_t length = std::min({text.size(), room - 1, N - at - 1});
+  std::copy_n(text.data(), length, to.data() + at);
+}
+
+}  // namespace
+
+Result<CpuPlan> choose_cpus(const robot::RobotConfig& robot, const std::vector<int>& allowed) {
+  CpuPlan plan = fold_cpus(allowed);
+  const robot::SpineConfig& wanted = robot.spine;
+  const std::pair<int, int*> roles[] = {{wanted.cpu_spine, &plan.spine},
+                                        {wanted.cpu_transport, &plan.transport},
+                                        {wanted.cpu_brain, &plan.brain},
+                                        {wanted.cpu_housekeeping, &plan.housekeeping}};
+  for (const auto& [cpu, role] : roles) {
+    if (cpu == robot::kAutoCpu) continue;
+    if (std::find(allowed.begin(), allowed.end(), cpu) == allowed.end()) {
+      return Error{"[spine] asks for core " + std::to_string(cpu) + ", which this process may not use; leave it out to let " +
+                   "the program choose"};
+    }
+    *role = cpu;
+  }
+  if (wanted.transport != robot::TransportPlace::automatic) {
+    plan.transport_inline = wanted.transport == robot::TransportPlace::inlined;
+    if (!plan.transport_inline && plan.transport == plan.spine) plan.transport = plan.housekeeping;
+  }
+  plan.spine_shares = plan.spine == plan.housekeeping || plan.spine == plan.brain ||
+                      (!plan.transport_inline && plan.transport == plan.spine);
+  return plan;
+}
+
+std::string describe_host(const robot::RobotConfig& robot, const CpuPlan& cpus) {
+  std::string notes;
+  const auto add = [&notes](const std::string& sentence) { notes += (notes.empty() ? "" : "; ") + sentence; };
+  for (const std::string& note : robot.notes) add(note);
+  if (const Result<> locked = lock_memory(); !locked) add(locked.message());
+  if (const int nice_value = raise_priority(); nice_value > -20) {
+    add("priority stays at nice " + std::to_string(nice_value) + ": run as root, or set LimitNICE=-20");
+  }
+  if (cpus.spine_shares) add("one core for everything: the Spine sleeps between ticks instead of spinning");
+  if (cpus.transport_inline) add("fewer than three cores, or asked for: the tick thread serves the buses itself");
+  return notes;
+}
+
+void write_robot_info(ipc::ChannelMemory<wire::RobotInfo>& memory, const robot::RobotConfig& robot, const CpuPlan& cpus,
+                      const std::string& notes) {
+  auto info = std::make_unique<wire::RobotInfo>();
+  put_text(info->robot, robot.name);
+  put_text(info->config_path, robot.path);
+  put_text(info->notes, notes);
+  info->rate_hz = robot.rate_hz;
+  info->joint_count = static_cast<std::uint32_t>(robot.joints.size());
+  info->cpu_spine = static_cast<std::uint32_t>(cpus.spine);
+  info->cpu_transport = static_cast<std::uint32_t>(cpus.transport);
+  info->cpu_brain = static_cast<std::uint32_t>(cpus.brain);
+  info->cpu_housekeeping = static_cast<std::uint32_t>(cpus.housekeeping);
+  info->transport_inline = cpus.transport_inline ? 1 : 0;
+  for (std::size_t j = 0; j < robot.joints.size(); ++j) {
+    const robot::JointConfig& joint = robot.joints[j];
+    put_text(info->joint_name, joint.name, 32 * j, 32);
+    info->position_min_rad[j] = joint.position_min_rad;
+    info->position_max_rad[j] = joint.position_max_rad;
+    info->velocity_max_rad_s[j] = joint.velocity_max_rad_s;
+    info->torque_max_nm[j] = joint.torque_max_nm;
+    info->torque_slew_nm_s[j] = joint.torque_slew_nm_s;
+    info->deceleration_rad_s2[j] = joint.deceleration_rad_s2;
+  }
+  ipc::ChannelWriter<wire::RobotInfo>(memory).write(*info);
+}
+
+std::string ready_line(const robot::RobotConfig& robot, const CpuPlan& cpus, const std::string& notes) {
+  const nlohmann::json line = {{"event", "ready"},
+                               {"robot", robot.name},
+                               {"pid", getpid()},
+                               {"rate_hz", robot.rate_hz},
+                               {"joints", robot.joints.size()},
+                               {"cpus",
+                                {{"spine", cpus.spine},
+                                 {"transport", cpus.transport},
+                                 {"brain", cpus.brain},
+                                 {"housekeeping", cpus.housekeeping},
+                                 {"transport_inline", cpus.transport_inline}}},
+                               {"notes", notes}};
+  return line.dump();
+}
+
+}  // namespace lithe

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// What main tells the others of itself before the first tick: which core does what, and what this machine cannot give.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "spine/core/host.hpp"
+#include "spine/core/result.hpp"
+#include "spine/ipc/layout.hpp"
+#include "spine/robot/config.hpp"
+
+namespace lithe {
+
+// The fold of core/host.hpp, with what the robot file says instead where it says something.
+Result<CpuPlan> choose_cpus(const robot::RobotConfig& robot, const std::vector<int>& allowed);
+
+// Locks memory, tries for priority, and says in sentences what was lost. Empty: nothing was.
+std::string describe_host(const robot::RobotConfig& robot, const CpuPlan& cpus);
+
+void write_robot_info(ipc::ChannelMemory<wire::RobotInfo>& memory, const robot::RobotConfig& robot, const CpuPlan& cpus,
+                      const std::string& notes);
+
+// One JSON line for whoever started us.
+std::string ready_line(const robot::RobotConfig& robot, const CpuPlan& cpus, const std::string& notes);
+
+}  // namespace lithe
