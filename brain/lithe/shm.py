@@ -1,0 +1,345 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Shared memory as Python sees it: private numpy copies of what the Spine publishes, and the Brain's own segment.
+
+Every shared word is touched by the C shim alone (`_shm/lithe_shm.c`): pure Python cannot order its stores on ARM, and a
+reader would accept torn values. Nothing here hands out a view of live memory.
+
+Threads: one object per thread. Errors: `ShmError` with what, where and what to do next.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import fcntl
+import hashlib
+import mmap
+import os
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _wire
+
+_TORN = 2**64 - 1
+_SOURCE = Path(__file__).parent / "_shm" / "lithe_shm.c"
+
+
+class ShmError(Exception):
+    """Shared memory cannot be used; the text says what, where and what to do next."""
+
+
+def dtype(message: str) -> np.dtype[Any]:
+    """numpy dtype of a message of the schema, with the exact offsets and size of the C++ struct."""
+    fields = _wire.DTYPES[message]
+    return np.dtype(
+        {
+            "names": [name for name, _, _, _ in fields],
+            "formats": [(fmt, shape) for _, fmt, shape, _ in fields],
+            "offsets": [offset for _, _, _, offset in fields],
+            "itemsize": _wire.SIZES[message],
+        }
+    )
+
+
+def shm_path(robot: str, segment: str) -> Path:
+    """/dev/shm/<prefix>.<robot>.<segment>; prefix $LITHE_SHM_PREFIX or "lithe"."""
+    prefix = os.environ.get("LITHE_SHM_PREFIX") or "lithe"
+    return Path(f"/dev/shm/{prefix}.{robot}.{segment}")
+
+
+def _cache_dir() -> Path:
+    if value := os.environ.get("LITHE_CACHE_DIR"):
+        return Path(value)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "lithe"
+
+
+def _build_shim() -> Path:
+    """Compiles the shim into the cache, once per source text."""
+    digest = hashlib.sha256(_SOURCE.read_bytes()).hexdigest()[:16]
+    target = _cache_dir() / f"liblithe_shm-{digest}.so"
+    if target.exists():
+        return target
+    target.parent.mkdir(parents=True, exist_ok=True)
+    making = target.with_suffix(f".{os.getpid()}")
+    command = ["cc", "-std=c11", "-O2", "-shared", "-fPIC", "-o", str(making), str(_SOURCE)]
+    try:
+        subprocess.run(command, check=True, capture_output=True, text=True)
+    except (OSError, subprocess.CalledProcessError) as error:
+        detail = getattr(error, "stderr", "") or str(error)
+        raise ShmError(f"cannot build the shared-memory shim: {detail}\n  try: {' '.join(command)}") from None
+    os.replace(making, target)
+    return target
+
+
+def _load_shim() -> ctypes.PyDLL:
+    path = os.environ.get("LITHE_SHM_LIB") or str(_build_shim())
+    try:
+        lib = ctypes.PyDLL(path)
+    except OSError as error:
+        raise ShmError(f"cannot load the shared-memory shim {path}: {error}; unset LITHE_SHM_LIB to rebuild it") from None
+    pointer, size, u64 = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint64
+    signatures: dict[str, tuple[Any, list[Any]]] = {
+        "lithe_layout_hash": (u64, []),
+        "lithe_load": (u64, [pointer]),
+        "lithe_store": (None, [pointer, u64]),
+        "lithe_copy": (None, [pointer, pointer, size]),
+        "lithe_channel_read": (u64, [pointer, pointer, size]),
+        "lithe_channel_write": (None, [pointer, pointer, size]),
+        "lithe_ring_head": (u64, [pointer]),
+        "lithe_ring_drain": (size, [pointer, size, size, pointer, pointer, size, pointer]),
+        "lithe_ring_latest": (u64, [pointer, size, size, pointer]),
+        "lithe_mailbox_send": (u64, [pointer, pointer, size, pointer, size]),
+        "lithe_mailbox_poll": (ctypes.c_uint32, [pointer, size, u64]),
+    }
+    for name, (result, arguments) in signatures.items():
+        function = getattr(lib, name)
+        function.restype, function.argtypes = result, arguments
+    if lib.lithe_layout_hash() != _wire.LAYOUT_HASH:
+        raise ShmError(f"the shim {path} was built from another schema: run `python3 tools/gen.py --write` and rebuild")
+    return lib
+
+
+_lib: ctypes.PyDLL | None = None
+
+
+def shim() -> ctypes.PyDLL:
+    """The C shim, built and loaded on first use."""
+    global _lib
+    if _lib is None:
+        _lib = _load_shim()
+    return _lib
+
+
+def schema_difference(ours: str, theirs: str) -> str:
+    """Fields of ours that theirs lacks or has elsewhere, one pair of lines each; empty if every field is in place."""
+    other = {line.split(":", 1)[0]: line for line in theirs.splitlines()}
+    lines = []
+    for line in ours.splitlines():
+        name = line.split(":", 1)[0]
+        if other.get(name) != line:
+            lines.append(f"  here  {line}\n  there {other.get(name, '(absent)')}")
+    return "\n".join(lines)
+
+
+class Mapping:
+    """One segment, mapped and checked."""
+
+    def __init__(self, robot: str, segment: str, writable: bool) -> None:
+        self.path = shm_path(robot, segment)
+        self.segment = segment
+        try:
+            fd = os.open(self.path, os.O_RDWR if writable else os.O_RDONLY)
+        except FileNotFoundError:
+            raise ShmError(f"robot '{robot}' is not running ({self.path} is absent): lithe run ROBOT.toml") from None
+        except PermissionError:
+            raise ShmError(f"no right to open {self.path}: join the group of that file, or run as its owner") from None
+        try:
+            length = os.fstat(fd).st_size
+            if length < _wire.SEGMENT_BYTES[segment]:
+                raise ShmError(f"{self.path} is too short for this build ({length} bytes): restart the robot")
+            protection = mmap.PROT_READ | (mmap.PROT_WRITE if writable else 0)
+            self._map = mmap.mmap(fd, length, flags=mmap.MAP_SHARED, prot=protection)
+        finally:
+            os.close(fd)
+        self.base = self._address()
+        self._check(length)
+
+    def _address(self) -> int:
+        # numpy tells the address of a read-only buffer; ctypes' from_buffer refuses one.
+        view = np.frombuffer(self._map, dtype=np.uint8)
+        return int(view.__array_interface__["data"][0])
+
+    def _check(self, length: int) -> None:
+        header = self.header()
+        if header.magic != _wire.MAGIC:
+            raise ShmError(f"{self.path} is not a LITHE segment: remove it and restart the robot")
+        if header.layout_hash == _wire.LAYOUT_HASH:
+            return
+        start, count = header.schema_offset, header.schema_bytes
+        theirs = bytes(self._map[start : start + count]).decode(errors="replace") if start + count <= length else ""
+        difference = schema_difference(_wire.CANONICAL_SCHEMA, theirs)
+        if difference:
+            raise ShmError(f"{self.path} was made by a build with another layout:\n{difference}\nbuild both from one schema")
+
+    def header(self) -> _wire.SegmentHeader:
+        """A copy of the segment's header."""
+        copy = _wire.SegmentHeader()
+        shim().lithe_copy(ctypes.addressof(copy), self.base, ctypes.sizeof(copy))
+        return copy
+
+    def item(self, name: str, index: int = 0) -> tuple[_wire.Item, int]:
+        """An item of the segment and its address."""
+        item = _wire.SEGMENTS[self.segment][name]
+        return item, self.base + item.offset + index * item.stride
+
+    def load(self, name: str) -> int:
+        """A sticky word."""
+        return int(shim().lithe_load(self.item(name)[1]))
+
+    def channel(self, name: str, index: int = 0) -> tuple[int, npt.NDArray[Any]] | None:
+        """The latest value of a channel as (count, structured scalar array), None when there is none yet."""
+        item, address = self.item(name, index)
+        copy = np.zeros((), dtype(item.message))
+        count = int(shim().lithe_channel_read(address, copy.ctypes.data, copy.dtype.itemsize))
+        return None if count in (0, _TORN) else (count, copy)
+
+
+class RingCursor:
+    """A private cursor on a ring. `lost` counts records overwritten before they were read."""
+
+    def __init__(self, mapping: Mapping, name: str, from_oldest: bool = False) -> None:
+        self._mapping = mapping  # keeps the memory mapped
+        self._item, self._address = mapping.item(name)
+        self._dtype = dtype(self._item.message)
+        head = int(shim().lithe_ring_head(self._address))
+        self._cursor = ctypes.c_uint64(max(0, head - self._item.depth) if from_oldest else head)
+        self._lost = ctypes.c_uint64(0)
+
+    @property
+    def lost(self) -> int:
+        return self._lost.value
+
+    def drain(self, most: int | None = None) -> npt.NDArray[Any]:
+        """All records since the last call, oldest first: one call into the shim, one private array of shape (n,)."""
+        count = self._item.depth if most is None else most
+        records = np.empty(count, self._dtype)
+        got = shim().lithe_ring_drain(
+            self._address,
+            self._item.depth,
+            self._dtype.itemsize,
+            ctypes.byref(self._cursor),
+            records.ctypes.data,
+            count,
+            ctypes.byref(self._lost),
+        )
+        return records[:got].copy() if got < count // 2 else records[:got]
+
+    def latest(self) -> npt.NDArray[Any] | None:
+        """The newest record as a structured scalar array, None when there is none."""
+        record = np.zeros((), self._dtype)
+        count = shim().lithe_ring_latest(self._address, self._item.depth, self._dtype.itemsize, record.ctypes.data)
+        return None if count in (0, _TORN) else record
+
+
+class SpineView:
+    """All that the Spine publishes, read-only."""
+
+    def __init__(self, robot: str) -> None:
+        self.robot = robot
+        self.mapping = Mapping(robot, "spine", writable=False)
+        info = self.mapping.channel("robot_info")
+        if info is None:
+            raise ShmError(f"robot '{robot}' has not finished starting: try again")
+        self.info = info[1]
+        self.joint_count = int(self.info["joint_count"])
+        self._telemetry = RingCursor(self.mapping, "telemetry")
+        self._names = np.array(self.info["joint_name"]).reshape(-1)
+
+    @property
+    def joint_names(self) -> list[str]:
+        return [bytes(name).decode() for name in self._names[: self.joint_count]]
+
+    def latest(self) -> npt.NDArray[Any] | None:
+        """The newest telemetry record."""
+        return self._telemetry.latest()
+
+    def telemetry(self, from_oldest: bool = False) -> RingCursor:
+        """A new cursor on the telemetry ring."""
+        return RingCursor(self.mapping, "telemetry", from_oldest)
+
+    def events(self, source: str = "tick", from_oldest: bool = True) -> RingCursor:
+        """A new cursor on the events of the `tick` or the `loader`."""
+        return RingCursor(self.mapping, f"events_{source}", from_oldest)
+
+    def laws(self) -> list[npt.NDArray[Any]]:
+        """The resident laws (LawInfo records)."""
+        infos = [self.mapping.channel("law_info", i) for i in range(_wire.NLAW)]
+        return [value for entry in infos if entry is not None and (value := entry[1])["law_id"] != 0]
+
+    def params(self) -> npt.NDArray[Any] | None:
+        """Live parameter values of the running law (Params record)."""
+        entry = self.mapping.channel("params")
+        return None if entry is None else entry[1]
+
+    def histogram(self, name: str) -> npt.NDArray[np.uint64]:
+        """Bin counts of release_jitter, handoff, law, guard, tick or bus (bins: spine/core/histogram.hpp)."""
+        _, address = self.mapping.item(name)
+        bins = np.empty(_wire.NBIN, np.uint64)
+        shim().lithe_copy(bins.ctypes.data, address, bins.nbytes)
+        return bins
+
+    def is_alive(self, within_s: float = 1.0) -> bool:
+        """True while the Spine's heartbeat is younger than that."""
+        return time.monotonic_ns() - self.mapping.header().heartbeat_ns < within_s * 1e9
+
+
+class BrainWriter:
+    """The Brain's own segment: plans, the sticky e-stop, the heartbeat. One process at a time (lease)."""
+
+    def __init__(self, robot: str) -> None:
+        self.mapping = Mapping(robot, "brain", writable=True)
+        lock = f"{self.mapping.path}.lock"
+        self._lock = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o660)
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(self._lock)
+            pid = self.mapping.header().writer_pid
+            raise ShmError(f"robot '{robot}' already has a Brain (pid {pid}): stop it first") from None
+        self._header = self.mapping.base
+        epoch = self._field("epoch")
+        self._store("writer_pid", os.getpid())
+        self._store("epoch", epoch + 1)
+        self._plan = np.zeros((), dtype("Plan"))
+        self.beat()
+
+    def _field(self, name: str) -> int:
+        return int(shim().lithe_load(self._header + getattr(_wire.SegmentHeader, name).offset))
+
+    def _store(self, name: str, value: int) -> None:
+        shim().lithe_store(self._header + getattr(_wire.SegmentHeader, name).offset, value)
+
+    def beat(self) -> None:
+        """A sign of life. publish() gives one too."""
+        self._store("heartbeat_ns", time.monotonic_ns())
+
+    def publish(
+        self,
+        plan_id: int,
+        t_ns: npt.ArrayLike,
+        position_rad: npt.ArrayLike,
+        velocity_rad_s: npt.ArrayLike | None = None,
+        streaming: bool = True,
+    ) -> None:
+        """Publishes a horizon: t_ns (n,) CLOCK_MONOTONIC, position_rad (n, joints), velocity likewise or None."""
+        times = np.asarray(t_ns, dtype=np.int64)
+        positions = np.asarray(position_rad, dtype=np.float64)
+        if times.ndim != 1 or positions.ndim != 2 or len(times) != len(positions):
+            raise ShmError(f"a plan needs times (n,) and positions (n, joints), not {times.shape} and {positions.shape}")
+        if not 1 <= len(times) <= _wire.NW or positions.shape[1] > _wire.NJ:
+            raise ShmError(f"a plan has 1 to {_wire.NW} waypoints of at most {_wire.NJ} joints, not {positions.shape}")
+        plan = self._plan
+        plan["plan_id"], plan["waypoint_count"], plan["joint_count"] = plan_id, len(times), positions.shape[1]
+        plan["streaming"] = int(streaming)
+        plan["t_ns"][: len(times)] = times
+        by_waypoint = plan["position_rad"].reshape(_wire.NW, _wire.NJ)
+        by_waypoint[: len(times), : positions.shape[1]] = positions
+        velocities = plan["velocity_rad_s"].reshape(_wire.NW, _wire.NJ)
+        velocities[...] = np.nan
+        if velocity_rad_s is not None:
+            velocities[: len(times), : positions.shape[1]] = np.asarray(velocity_rad_s, dtype=np.float64)
+        _, address = self.mapping.item("plan")
+        shim().lithe_channel_write(address, plan.ctypes.data, plan.dtype.itemsize)
+        self.beat()
+
+    def press_estop(self, pressed: bool = True) -> None:
+        """Sets (or releases) the Brain's sticky e-stop word."""
+        shim().lithe_store(self.mapping.item("estop")[1], int(pressed))
+
+    def close(self) -> None:
+        """Gives the lease back."""
+        os.close(self._lock)
