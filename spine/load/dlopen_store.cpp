@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/load/dlopen_store.hpp"
+
+#include <dlfcn.h>
+#include <elf.h>
+#include <fcntl.h>
+#include <link.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <bit>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+
+namespace lithe::load {
+namespace {
+
+constexpr off_t kMaxObjectBytes = off_t{64} << 20;
+constexpr std::size_t kMaxSegments = 32;
+#if defined(__x86_64__)
+constexpr Elf64_Half kMachine = EM_X86_64;
+#elif defined(__aarch64__)
+constexpr Elf64_Half kMachine = EM_AARCH64;
+#endif
+
+class Fd {
+ public:
+  explicit Fd(int fd) : fd_(fd) {}
+  ~Fd() {
+    if (fd_ >= 0) close(fd_);
+  }
+  Fd(const Fd&) = delete;
+  Fd& operator=(const Fd&) = delete;
+  int get() const { return fd_; }
+
+ private:
+  int fd_;
+};
+
+bool fits(std::uint64_t offset, std::uint64_t bytes, std::uint64_t size) {
+  return offset <= size && bytes <= size - offset;
+}
+
+const char* check_segments(int fd, const Elf64_Ehdr& head, std::uint64_t size) {
+  std::array<Elf64_Phdr, kMaxSegments> segments;
+  const std::size_t bytes = sizeof(Elf64_Phdr) * head.e_phnum;
+  if (head.e_phentsize != sizeof(Elf64_Phdr) || head.e_phnum == 0 || head.e_phnum > kMaxSegments ||
+      !fits(head.e_phoff, bytes, size)) {
+    return "damaged object: its program headers are not where it says";
+  }
+  if (pread(fd, segments.data(), bytes, static_cast<off_t>(head.e_phoff)) != static_cast<ssize_t>(bytes)) {
+    return "damaged object: cannot read its program headers";
+  }
+  for (std::size_t i = 0; i < head.e_phnum; ++i) {
+    const Elf64_Phdr& segment = segments[i];
+    if (!fits(segment.p_offset, segment.p_filesz, size)) return "damaged object: the file is cut short";
+    if (segment.p_type == PT_LOAD && segment.p_memsz > static_cast<std::uint64_t>(kMaxObjectBytes)) {
+      return "damaged object: a segment is larger than 64 MiB";
+    }
+  }
+  return nullptr;
+}
+
+// Reads one byte of every page the object has in memory, so that no tick is the first to touch it.
+void touch_pages(const void* inside) {
+  Dl_info info{};
+  if (dladdr(inside, &info) == 0 || info.dli_fbase == nullptr) return;
+  const auto* base = static_cast<const char*>(info.dli_fbase);
+  const auto* head = reinterpret_cast<const Elf64_Ehdr*>(base);
+  const auto* segment = reinterpret_cast<const Elf64_Phdr*>(base + head->e_phoff);
+  const std::size_t page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
+  for (std::size_t i = 0; i < head->e_phnum; ++i) {
+    if (segment[i].p_type != PT_LOAD) continue;
+    for (std::size_t at = 0; at < segment[i].p_memsz; at += page) {
+      static_cast<void>(*static_cast<const volatile char*>(base + segment[i].p_vaddr + at));
+    }
+  }
+}
+
+}  // namespace
+
+const char* check_object(const char* path) {
+  // O_NONBLOCK: a named pipe must not hold the Loader until somebody writes to it.
+  const Fd fd(open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  if (fd.get() < 0) return errno == ENOENT ? "there is no such file" : "the file cannot be opened";
+  struct stat status{};
+  if (fstat(fd.get(), &status) != 0 || !S_ISREG(status.st_mode)) return "it is not a regular file";
+  if (status.st_size > kMaxObjectBytes) return "the object is larger than 64 MiB";
+  Elf64_Ehdr head{};
+  if (pread(fd.get(), &head, sizeof head, 0) != sizeof head || std::memcmp(head.e_ident, ELFMAG, SELFMAG) != 0) {
+    return "it is not an ELF object: give the file lawd made, not the source";
+  }
+  constexpr unsigned char kData = std::endian::native == std::endian::little ? ELFDATA2LSB : ELFDATA2MSB;
+  if (head.e_ident[EI_CLASS] != ELFCLASS64 || head.e_ident[EI_DATA] != kData || head.e_machine != kMachine) {
+    return "the object was made for another kind of machine";
+  }
+  if (head.e_type != ET_DYN) return "it is not a shared object";
+  return check_segments(fd.get(), head, static_cast<std::uint64_t>(status.st_size));
+}
+
+DlopenStore::~DlopenStore() {
+  for (std::uint32_t place = 0; place < handles_.size(); ++place) unload(place);
+}
+
+const LitheLaw* DlopenStore::load(std::uint32_t place, const char* path, std::span<char> why) {
+  if (place >= handles_.size() || handles_[place] != nullptr) {
+    std::snprintf(why.data(), why.size(), "no free place for another law");
+    return nullptr;
+  }
+  if (const char* reason = check_object(path)) {
+    std::snprintf(why.data(), why.size(), "%s: %s", reason, path);
+    return nullptr;
+  }
+  void* handle = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+  if (handle == nullptr) {
+    const char* words = dlerror();
+    std::snprintf(why.data(), why.size(), "cannot load: %s", words == nullptr ? path : words);
+    return nullptr;
+  }
+  const auto* law = static_cast<const LitheLaw*>(dlsym(handle, "lithe_law"));
+  if (law == nullptr) {
+    std::snprintf(why.data(), why.size(), "it exports no symbol lithe_law: end the law with LITHE_LAW(Type, \"name\")");
+    dlclose(handle);
+    return nullptr;
+  }
+  touch_pages(law);
+  handles_[place] = handle;
+  return law;
+}
+
+void DlopenStore::unload(std::uint32_t place) {
+  if (place >= handles_.size() || handles_[place] == nullptr) return;
+  dlclose(handles_[place]);
+  handles_[place] = nullptr;
+}
+
+}  // namespace lithe::load

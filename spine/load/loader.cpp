@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/load/loader.hpp"
+
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <ctime>
+
+namespace lithe::load {
+namespace {
+
+template <std::size_t N>
+bool is_text(const std::array<char, N>& text) {
+  return text[0] != '\0' && std::memchr(text.data(), '\0', N) != nullptr;
+}
+
+template <std::size_t N>
+void copy_text(char* to, const char (&from)[N]) {
+  std::memcpy(to, from, N);
+  to[N - 1] = '\0';
+}
+
+std::int64_t monotonic_ns() {
+  timespec now{};
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec * 1'000'000'000ll + now.tv_nsec;
+}
+
+}  // namespace
+
+Loader::Loader(law::Slot& slot, LawStore& store, ipc::SpineMemory& spine, const ipc::ControlMemory& control,
+               std::uint32_t joints)
+    : slot_(slot),
+      store_(store),
+      spine_(spine),
+      requests_(control.stage, spine.stage_ack),
+      events_(spine.events_loader),
+      joints_(joints) {
+  for (std::uint32_t i = 0; i < residents_.size(); ++i) residents_[i].index = i;
+}
+
+void Loader::run(const std::atomic<bool>& stop) {
+  const timespec pause{0, 1'000'000};
+  while (!stop.load(std::memory_order_relaxed)) {  // relaxed: nothing but the wish to stop is passed
+    if (!poll(monotonic_ns())) nanosleep(&pause, nullptr);
+  }
+}
+
+bool Loader::poll(std::int64_t now_ns) {
+  if (retire_one(now_ns)) return true;
+  if (candidate_waits(now_ns)) return false;  // the next request waits in the mailbox
+  std::uint64_t ticket = 0;
+  if (!requests_.receive(request_, ticket)) return false;
+  requests_.answer(ticket, static_cast<std::uint32_t>(stage(request_, now_ns)));
+  return true;
+}
+
+// One at a time: each costs a dlclose.
+bool Loader::retire_one(std::int64_t now_ns) {
+  law::Resident* gone = slot_.collect_retired();
+  if (gone == nullptr) return false;
+  if (gone == waiting_) waiting_ = nullptr;  // committed and rolled back between two polls
+  tell(wire::EventKind::law_retired, gone->request_id, gone->law_id, 0, gone->descriptor->name, now_ns);
+  release(*gone);
+  return true;
+}
+
+// A candidate is planned against the law that is active: the next one must not be planned before this one has its
+// tick. One that gets none is taken back.
+bool Loader::candidate_waits(std::int64_t now_ns) {
+  if (waiting_ == nullptr) return false;
+  if (slot_.seen().active_id == waiting_->law_id) {
+    waiting_ = nullptr;
+    return false;
+  }
+  if (now_ns - offered_ns_ < kCommitTimeoutNs) return true;
+  law::Resident* back = slot_.withdraw();
+  if (back == nullptr) return true;  // the tick has it after all; its id shows in a moment
+  waiting_ = nullptr;
+  tell(wire::EventKind::law_refused, back->request_id, static_cast<std::uint32_t>(wire::StageResult::busy), 0,
+       "no tick committed the law: is the Spine ticking?", now_ns);
+  release(*back);
+  return false;
+}
+
+wire::StageResult Loader::stage(const wire::StageRequest& request, std::int64_t now_ns) {
+  Text why{};
+  law::Resident* place = free_place();
+  wire::StageResult result = wire::StageResult::slots_full;
+  if (waiting_ != nullptr) {
+    result = wire::StageResult::busy;
+    std::snprintf(why.data(), why.size(), "another law is waiting for its tick");
+  } else if (place == nullptr) {
+    std::snprintf(why.data(), why.size(), "all %u places for laws are taken", law::kResidents);
+  } else {
+    result = prepare(*place, request, why);
+  }
+  if (result != wire::StageResult::staged) {
+    tell(wire::EventKind::law_refused, request.request_id, static_cast<std::uint32_t>(result), 0, why.data(), now_ns);
+    return result;
+  }
+  const double load_ms = static_cast<double>(monotonic_ns() - now_ns) * 1e-6;
+  publish_info(*place);
+  tell(wire::EventKind::law_staged, request.request_id, place->law_id, load_ms, place->descriptor->name, now_ns);
+  waiting_ = place;
+  offered_ns_ = now_ns;
+  slot_.offer(place);  // cannot fail: nothing else waits
+  return result;
+}
+
+law::Resident* Loader::free_place() {
+  for (std::uint32_t i = 0; i < residents_.size(); ++i) {
+    if (!used_[i]) return &residents_[i];
+  }
+  return nullptr;
+}
+
+wire::StageResult Loader::prepare(law::Resident& place, const wire::StageRequest& request, Text& why) {
+  if (!is_text(request.path) || request.path[0] != '/') {
+    std::snprintf(why.data(), why.size(), "the path in the request is not an absolute, zero-terminated path");
+    return wire::StageResult::hostile;
+  }
+  const LitheLaw* law = store_.load(place.index, request.path.data(), why);
+  if (law == nullptr) return wire::StageResult::load_failed;
+  if (*law::describe_mismatch(*law, why.data(), why.size()) != '\0') {
+    store_.unload(place.index);
+    return wire::StageResult::abi_mismatch;
+  }
+  law::reset_resident(place, *law);
+  place.request_id = request.request_id;
+  place.source_hash = request.source_hash;
+  if (!dry_call(place, why)) {
+    store_.unload(place.index);
+    return wire::StageResult::dry_run_failed;
+  }
+  place.law_id = next_id_++;
+  used_[place.index] = true;
+  build_bridges(place);
+  return wire::StageResult::staged;
+}
+
+// The first call of new code, on copies, so that the tick's own first call finds its pages and lines warm.
+bool Loader::dry_call(const law::Resident& candidate, Text& why) {
+  scratch_ = candidate;
+  Tick tick;
+  tick.joints = joints_;
+  tick.dt_s = 1e-3;
+  Effort effort;
+  std::array<double, kMaxProbes> probes{};
+  for (std::uint64_t k = 0; k < 3; ++k) {
+    tick.tick = k;
+    tick.t_s = static_cast<double>(k) * tick.dt_s;
+    scratch_.step(tick, effort, probes);
+    for (std::uint32_t j = 0; j < joints_; ++j) {
+      if (std::isfinite(effort.torque_nm[j])) continue;
+      std::snprintf(why.data(), why.size(), "torque_nm[%u] is not finite in the dry call (all inputs zero)", j);
+      return false;
+    }
+  }
+  return true;
+}
+
+// From the law that is active and from the one a rollback would bring back: the tick may choose between them at any
+// moment, and no third one can become active before this candidate.
+void Loader::build_bridges(law::Resident& candidate) {
+  const law::Slot::Seen seen = slot_.seen();
+  std::uint32_t which = 0;
+  for (const law::Resident& peer : residents_) {
+    const bool may_precede = peer.law_id == seen.active_id || peer.law_id == seen.previous_id;
+    if (!used_[peer.index] || &peer == &candidate || !may_precede || which >= candidate.bridges.size()) continue;
+    law::build_bridge(candidate, which++, *peer.descriptor, peer.law_id);
+  }
+}
+
+void Loader::release(law::Resident& place) {
+  store_.unload(place.index);
+  used_[place.index] = false;
+  place.law_id = 0;
+  place.descriptor = nullptr;
+  publish_info(place);
+}
+
+void Loader::publish_info(const law::Resident& place) {
+  info_ = {};
+  if (place.descriptor != nullptr) {
+    const LitheLaw& law = *place.descriptor;
+    info_.law_id = place.law_id;
+    info_.param_count = law.param_count;
+    info_.probe_count = law.probe_count;
+    info_.state_bytes = law.state_size;
+    info_.source_hash = place.source_hash;
+    info_.request_id = place.request_id;
+    copy_text(info_.name.data(), law.name);
+    for (std::uint32_t i = 0; i < law.param_count; ++i) {
+      copy_text(info_.param_name.data() + 32 * i, law.params[i].name);
+      info_.param_value[i] = law.params[i].value;
+      info_.param_min[i] = law.params[i].min;
+      info_.param_max[i] = law.params[i].max;
+    }
+    for (std::uint32_t i = 0; i < law.probe_count; ++i) {
+      copy_text(info_.probe_name.data() + 32 * i, law.probes[i]);
+    }
+  }
+  ipc::ChannelWriter<wire::LawInfo>(spine_.law_info[place.index]).write(info_);
+}
+
+void Loader::tell(wire::EventKind kind, std::uint64_t request_id, std::uint32_t code, double value, const char* text,
+                  std::int64_t now_ns) {
+  wire::Event event;
+  event.t_ns = now_ns;
+  event.request_id = request_id;
+  event.kind = static_cast<std::uint32_t>(kind);
+  event.code = code;
+  event.value = value;
+  std::snprintf(event.text.data(), event.text.size(), "%s", text);
+  events_.push(event);
+}
+
+}  // namespace lithe::load

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+// The thread that prepares a swap: it loads a law, checks it, runs it once off the tick, and offers it to the Slot.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+
+#include "spine/ipc/layout.hpp"
+#include "spine/law/slot.hpp"
+#include "spine/load/law_store.hpp"
+
+namespace lithe::load {
+
+// A candidate that no tick has committed after this long is taken back.
+inline constexpr std::int64_t kCommitTimeoutNs = 2'000'000'000;
+
+// Every byte of a StageRequest may be hostile. What it does is told in the event ring events_loader, the answer to a
+// request is a wire::StageResult, and each law in memory has its LawInfo (index = Resident::index; law_id 0 = empty).
+// Contract: owned by one housekeeping thread · allocates nothing beyond dlopen · logs through shared memory only
+class Loader {
+ public:
+  // `joints`: of the robot, for the dry call.
+  Loader(law::Slot& slot, LawStore& store, ipc::SpineMemory& spine, const ipc::ControlMemory& control,
+         std::uint32_t joints);
+
+  // Body of the Loader thread: polls every millisecond until `stop`.
+  void run(const std::atomic<bool>& stop);
+
+  // One round: retires what the tick let go, then takes at most one request. True if it did anything.
+  bool poll(std::int64_t now_ns);
+
+  // Loads a law without a request, as main does with the first one. Events and LawInfo as usual.
+  wire::StageResult stage(const wire::StageRequest& request, std::int64_t now_ns);
+
+ private:
+  using Receiver = ipc::MailboxReceiver<wire::StageRequest, wire::control_segment::kStageDepth>;
+  using EventWriter = ipc::RingWriter<wire::Event, wire::spine_segment::kEventsLoaderDepth>;
+  using Text = std::array<char, 256>;
+
+  bool retire_one(std::int64_t now_ns);
+  bool candidate_waits(std::int64_t now_ns);
+  law::Resident* free_place();
+  wire::StageResult prepare(law::Resident& place, const wire::StageRequest& request, Text& why);
+  bool dry_call(const law::Resident& candidate, Text& why);
+  void build_bridges(law::Resident& candidate);
+  void release(law::Resident& place);
+  void publish_info(const law::Resident& place);
+  void tell(wire::EventKind kind, std::uint64_t request_id, std::uint32_t code, double value, const char* text,
+            std::int64_t now_ns);
+
+  law::Slot& slot_;
+  LawStore& store_;
+  ipc::SpineMemory& spine_;
+  Receiver requests_;
+  EventWriter events_;
+  std::uint32_t joints_;
+  std::uint32_t next_id_ = 1;
+  law::Resident* waiting_ = nullptr;  // offered, not yet seen active
+  std::int64_t offered_ns_ = 0;
+  std::array<bool, law::kResidents> used_{};
+  std::array<law::Resident, law::kResidents> residents_{};
+  law::Resident scratch_{};  // the dry call's copy
+  wire::StageRequest request_{};
+  wire::LawInfo info_{};
+};
+
+}  // namespace lithe::load
