@@ -2,62 +2,82 @@
 // What happened to every release of a block, and how much of it the hypervisor did.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
 #include "bench/machine.hpp"
 #include "spine/core/time.hpp"
+#include "spine/loop/clock.hpp"
 #include "spine/loop/release.hpp"
 
 namespace lithe::bench {
 
+inline constexpr std::int64_t kUnknownNs = -1;
+
 struct Cycle {
-  std::int64_t late_ns = 0;    // from the release to the first instruction of the tick
-  std::int64_t stolen_ns = 0;  // wall time that passed without this thread having the core
-  std::int64_t switches = 0;   // involuntary context switches
-  std::int64_t faults = 0;     // minor page faults
+  std::int64_t late_ns = 0;              // from the release to the first instruction of the tick
+  std::int64_t stolen_ns = 0;            // wall time that passed without this thread having the core
+  std::int64_t switches = 0;             // involuntary context switches
+  std::int64_t faults = 0;               // minor page faults
+  std::int64_t handoff_ns = kUnknownNs;  // woken to command handed over; bare and skipped cycles have none
+  std::int64_t cost_ns = kUnknownNs;     // the whole tick without its law; likewise
 
   // The hypervisor had the core: time is gone, and no other thread of this machine ran instead.
-  bool stolen() const { return switches == 0 && stolen_ns > (late_ns / 2 > 5000 ? late_ns / 2 : 5000); }
+  bool stolen() const { return switches == 0 && stolen_ns > std::max<std::int64_t>(5000, late_ns / 2); }
 };
 
-// Runs `body(release_ns, now_ns)` at every release of one block and appends what happened to each of them. A release
-// that was skipped is a cycle too, late by all the time until the tick that ran instead.
+inline std::int64_t spine_period_ns(double rate_hz) { return static_cast<std::int64_t>(1e9 / rate_hz + 0.5); }
+
+// Runs `body(release_ns, woke_ns, skipped, cycle, cycle_before)` at every release of one block and appends what
+// happened to each of them. A release that was skipped is a cycle too, late by all the time until the tick that ran
+// instead.
 template <class Body>
-void run_block(const RawClock& clock, std::int64_t period_ns, std::int64_t phase_ns, std::int64_t block_ns, Body&& body,
-               std::vector<Cycle>& cycles) {
+void run_block(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t phase_ns, std::int64_t block_ns,
+               std::vector<Cycle>& cycles, Body&& body) {
   loop::ReleaseGrid grid(period_ns, phase_ns);
   grid.start(clock.now_ns());
   const std::int64_t end_ns = grid.release_ns() + block_ns;
+  const std::size_t first = cycles.size();
   ThreadToll before = thread_toll();
-  while (grid.release_ns() < end_ns) {
+  for (std::uint32_t skipped = 0; grid.release_ns() < end_ns;) {
     const std::int64_t release_ns = grid.release_ns();
-    const std::int64_t now_ns = loop::wait_spinning(clock, release_ns);
-    body(release_ns, now_ns);
-    const ThreadToll after = thread_toll();
+    const std::int64_t woke_ns = loop::wait_spinning(clock.raw(), release_ns);
     Cycle cycle;
-    cycle.late_ns = now_ns - release_ns;
+    body(release_ns, woke_ns, skipped, cycle, cycles.size() == first ? nullptr : &cycles.back());
+    const ThreadToll after = thread_toll();
+    cycle.late_ns = woke_ns - release_ns;
     cycle.stolen_ns = (after.wall_ns - before.wall_ns) - (after.cpu_ns - before.cpu_ns);
     cycle.switches = after.involuntary_switches - before.involuntary_switches;
     cycle.faults = after.minor_faults - before.minor_faults;
-    cycles.push_back(cycle);
     before = after;
-    const std::int64_t at_ns = clock.now_ns();
-    for (std::uint32_t skipped = grid.advance(at_ns); skipped > 0; --skipped) {
-      cycle.late_ns = at_ns - (grid.release_ns() - skipped * period_ns);
-      cycles.push_back(cycle);
+    clock.follow();
+    const std::int64_t now_ns = clock.now_ns();
+    skipped = grid.advance(now_ns);
+    Cycle missed = cycle;
+    missed.handoff_ns = missed.cost_ns = kUnknownNs;
+    for (std::uint32_t i = skipped; i > 0; --i) {
+      missed.late_ns = now_ns - (grid.release_ns() - i * period_ns);
+      cycles.push_back(missed);
     }
+    cycles.push_back(cycle);  // last, so that the next tick can add what it learns about this one
   }
 }
 
-// Lateness of all cycles, or of those that the hypervisor did not touch.
-inline std::vector<std::int64_t> lateness_ns(const std::vector<Cycle>& cycles, bool steal_aware) {
-  std::vector<std::int64_t> late_ns;
-  late_ns.reserve(cycles.size());
+// One figure of all cycles that have it, or of those among them that the hypervisor did not touch.
+inline std::vector<std::int64_t> figure_ns(const std::vector<Cycle>& cycles, std::int64_t Cycle::* figure,
+                                           bool steal_aware) {
+  std::vector<std::int64_t> values_ns;
+  values_ns.reserve(cycles.size());
   for (const Cycle& cycle : cycles) {
-    if (!steal_aware || !cycle.stolen()) late_ns.push_back(cycle.late_ns);
+    if (cycle.*figure != kUnknownNs && !(steal_aware && cycle.stolen())) values_ns.push_back(cycle.*figure);
   }
-  return late_ns;
+  return values_ns;
+}
+
+inline double share(const std::vector<Cycle>& cycles, bool (*holds)(const Cycle&)) {
+  const auto count = std::count_if(cycles.begin(), cycles.end(), holds);
+  return cycles.empty() ? 0.0 : static_cast<double>(count) / static_cast<double>(cycles.size());
 }
 
 }  // namespace lithe::bench

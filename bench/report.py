@@ -114,8 +114,9 @@ def print_jitter(figures: Figures) -> None:
         ("LITHE, raw", "lithe_raw"),
         ("cyclictest, raw", "cyclictest"),
         ("control: a competitor on the core", "control"),
+        ("hand-off: woken to command out", "handoff"),
     ]
-    rows = [quantile_row(name, figures, key, []) for name, key in kinds if f"{key}_p50_us" in figures]
+    rows = [quantile_row(name, figures, key, []) for name, key in kinds]
     table("release jitter at 1 kHz [us]", ["", "p50", "p99", "p99.9", "max"], rows)
     print(f"  p99.9 over floor: {figures['release_jitter_p999_over_floor']:.2f}", end="")
     print(
@@ -131,8 +132,6 @@ def print_cost(figures: Figures) -> None:
     """What a tick costs without its law."""
     rows = [quantile_row(f"{joints} joints", figures, f"tick_cost_{joints}j", []) for joints in (1, 8, 32)]
     table("the tick's own cost, without the law [us]", ["", "p50", "p99", "p99.9", "max"], rows)
-    handoff = quantile_row("hand-off, release to dispatched", figures, "handoff", [])
-    table("hand-off [us]", ["", "p50", "p99", "p99.9", "max"], [handoff])
 
 
 def main() -> int:

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a tick costs beside its law: everything from waking to done, the law's own time taken off.
+//
+// The robots take turns in blocks of 500 ms. The control holds the robot with 32 joints to the cost of the one with a
+// single joint: a bench that sees no difference there measures nothing.
+#include <cstdio>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "bench/cycles.hpp"
+#include "bench/machine.hpp"
+#include "bench/samples.hpp"
+#include "bench/spine_rig.hpp"
+#include "spine/core/host.hpp"
+
+namespace lithe::bench {
+namespace {
+
+constexpr int kRounds = 8;
+constexpr std::int64_t kBlockNs = 500 * kNsPerMs;
+constexpr double kControlAtLeast = 1.3;
+
+struct Subject {
+  const char* key;
+  const char* robot_file;
+  std::vector<Cycle> cycles;
+};
+
+void measure(Cores cores, std::vector<Subject>& subjects) {
+  for (int round = 0; round < kRounds; ++round) {
+    for (Subject& subject : subjects) {
+      SpineRig rig(subject.robot_file, cores);  // alone: another rig's Transport would share the partner core
+      rig.run_block(kBlockNs, subject.cycles);
+    }
+  }
+}
+
+void report(const std::vector<Subject>& subjects) {
+  JsonLine line;
+  std::vector<double> median_ns;
+  for (const Subject& subject : subjects) {
+    const auto cost_ns = figure_ns(subject.cycles, &Cycle::cost_ns, true);
+    median_ns.push_back(static_cast<double>(quantile_ns(cost_ns, 0.5)));
+    line.quantiles(std::string("tick_cost_") + subject.key, cost_ns);
+    line.number(std::string("tick_cost_p50_us_") + subject.key, median_ns.back() / 1e3);
+    line.number(std::string("tick_cost_stolen_share_") + subject.key,
+                share(subject.cycles, [](const Cycle& c) { return c.stolen(); }));
+  }
+  const double control = median_ns.back() / median_ns.front();
+  line.number("cost_control_32j_over_1j", control);
+  line.flag("cost_control_failed_as_it_must", control >= kControlAtLeast);
+  line.print();
+}
+
+}  // namespace
+}  // namespace lithe::bench
+
+int main() {
+  using namespace lithe::bench;
+  const Cores cores = pick_cores();
+  pin_or_exit(cores.spine);
+  lithe::raise_priority();
+  if (const auto locked = lithe::lock_memory(); !locked) std::fprintf(stderr, "bench: %s\n", locked.message().c_str());
+  std::vector<Subject> subjects{{"1j", LITHE_ROBOTS "/arm.toml", {}},
+                                {"8j", LITHE_ROBOTS "/arm8.toml", {}},
+                                {"32j", LITHE_ROBOTS "/arm32.toml", {}}};
+  measure(cores, subjects);
+  report(subjects);
+  return 0;
+}

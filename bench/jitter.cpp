@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+// Release jitter of LITHE beside the best this machine can do and beside cyclictest.
+//
+// Blocks of 500 ms of a bare spin (floor) and of LITHE alternate on one core and in one phase, so that whatever the
+// machine does happens to both; cyclictest takes its turn on the same core after each round. The control is LITHE with
+// a competitor on its core: a bench that calls that good is blind.
+#include <algorithm>
+#include <atomic>
+#include <cstdio>
+#include <string>
+#include <vector>
+
+#include "bench/cycles.hpp"
+#include "bench/cyclictest.hpp"
+#include "bench/machine.hpp"
+#include "bench/samples.hpp"
+#include "bench/spine_rig.hpp"
+#include "spine/core/host.hpp"
+
+namespace lithe::bench {
+namespace {
+
+constexpr int kRounds = 6;
+constexpr int kPairsPerRound = 10;  // 500 ms of floor and 500 ms of LITHE each
+constexpr int kCyclictestSeconds = 4;
+constexpr std::int64_t kBlockNs = 500 * kNsPerMs;
+constexpr std::int64_t kLeastNs = 1000;  // below this a difference means nothing
+constexpr double kControlAtLeast = 20;   // the control's ratio must be at least this bad
+
+struct Runs {
+  std::vector<Cycle> floor, lithe, control;
+  std::vector<std::int64_t> cyclictest_ns;
+};
+
+Runs measure(Cores cores) {
+  Runs runs;
+  SpineRig rig(LITHE_ROBOTS "/arm.toml", cores);
+  for (int round = 0; round < kRounds; ++round) {
+    for (int pair = 0; pair < kPairsPerRound; ++pair) {
+      rig.run_bare_block(kBlockNs, runs.floor);
+      rig.run_block(kBlockNs, runs.lithe);
+    }
+    run_cyclictest(cores.spine, kCyclictestSeconds, runs.cyclictest_ns);
+  }
+  std::atomic<bool> stop{false};
+  std::thread competitor = on_core(cores.spine, [&] {
+    while (!stop.load(std::memory_order_relaxed)) spin_pause();
+  });
+  for (int block = 0; block < 6; ++block) rig.run_block(kBlockNs, runs.control);
+  stop.store(true);
+  competitor.join();
+  return runs;
+}
+
+double ratio(const std::vector<std::int64_t>& over_ns, const std::vector<std::int64_t>& under_ns, double q) {
+  return static_cast<double>(std::max(quantile_ns(over_ns, q), kLeastNs)) /
+         static_cast<double>(std::max(quantile_ns(under_ns, q), kLeastNs));
+}
+
+void report(const Runs& runs) {
+  const auto floor_ns = figure_ns(runs.floor, &Cycle::late_ns, true);
+  const auto lithe_ns = figure_ns(runs.lithe, &Cycle::late_ns, true);
+  const auto control_ns = figure_ns(runs.control, &Cycle::late_ns, true);
+  const auto floor_raw_ns = figure_ns(runs.floor, &Cycle::late_ns, false);
+  const auto lithe_raw_ns = figure_ns(runs.lithe, &Cycle::late_ns, false);
+  std::vector<Cycle> all = runs.floor;
+  all.insert(all.end(), runs.lithe.begin(), runs.lithe.end());
+  const double control = ratio(control_ns, floor_ns, 0.999);
+  JsonLine line;
+  line.number("release_jitter_p999_over_floor", ratio(lithe_ns, floor_ns, 0.999))
+      .number("release_jitter_p99_over_floor", ratio(lithe_ns, floor_ns, 0.99))
+      .number("release_jitter_p999_over_floor_raw", ratio(lithe_raw_ns, floor_raw_ns, 0.999))
+      // Raw over raw: nobody can tell from outside what the hypervisor stole from cyclictest.
+      .number("release_jitter_p999_over_cyclictest", ratio(lithe_raw_ns, runs.cyclictest_ns, 0.999))
+      .number("release_jitter_p50_over_cyclictest", ratio(lithe_raw_ns, runs.cyclictest_ns, 0.5))
+      .quantiles("floor", floor_ns)
+      .quantiles("lithe", lithe_ns)
+      .quantiles("floor_raw", floor_raw_ns)
+      .quantiles("lithe_raw", lithe_raw_ns)
+      .quantiles("cyclictest", runs.cyclictest_ns)
+      .quantiles("control", control_ns)
+      .quantiles("handoff", figure_ns(runs.lithe, &Cycle::handoff_ns, true))
+      .quantiles("handoff_raw", figure_ns(runs.lithe, &Cycle::handoff_ns, false))
+      .number("jitter_cycles", static_cast<double>(all.size()))
+      .number("jitter_stolen_share", share(all, [](const Cycle& c) { return c.stolen(); }))
+      .number("jitter_preempted_share", share(runs.lithe, [](const Cycle& c) { return c.switches > 0; }))
+      .number("jitter_faulting_share", share(runs.lithe, [](const Cycle& c) { return c.faults > 0; }))
+      .number("control_over_floor", control)
+      .flag("jitter_control_failed_as_it_must", control >= kControlAtLeast)
+      .print();
+}
+
+}  // namespace
+}  // namespace lithe::bench
+
+int main() {
+  using namespace lithe::bench;
+  const Cores cores = pick_cores();
+  pin_or_exit(cores.spine);
+  // Neither is a condition: without the right to them the figures say what this machine gives.
+  lithe::raise_priority();
+  if (const auto locked = lithe::lock_memory(); !locked) std::fprintf(stderr, "bench: %s\n", locked.message().c_str());
+  report(measure(cores));
+  return 0;
+}

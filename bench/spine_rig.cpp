@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "bench/spine_rig.hpp"
+
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <ctime>
+#include <utility>
+
+#include "spine/core/host.hpp"
+#include "spine/loop/transport.hpp"
+#include "spine/robot/robot.hpp"
+
+namespace lithe::bench {
+namespace {
+
+constexpr std::int64_t kPlanIntervalNs = 20 * kNsPerMs;
+
+template <class T>
+T or_exit(Result<T> result) {
+  if (!result) {
+    std::fprintf(stderr, "bench: %s\n", result.message().c_str());
+    std::exit(2);
+  }
+  return std::move(*result);
+}
+
+// The next 320 ms of a 0.5 Hz sine on every joint.
+void fill_plan(wire::Plan& plan, std::uint32_t joints, std::int64_t now_ns) {
+  ++plan.plan_id;
+  plan.waypoint_count = wire::kNw;
+  plan.joint_count = joints;
+  plan.streaming = 1;
+  for (std::size_t w = 0; w < wire::kNw; ++w) {
+    plan.t_ns[w] = now_ns + static_cast<std::int64_t>(w) * kPlanIntervalNs;
+    const double angle_rad = 0.3 * std::sin(3.14159 * static_cast<double>(plan.t_ns[w]) * 1e-9);
+    for (std::size_t j = 0; j < joints; ++j) {
+      plan.position_rad[w * kMaxJoints + j] = angle_rad;
+      plan.velocity_rad_s[w * kMaxJoints + j] = std::nan("");
+    }
+  }
+}
+
+}  // namespace
+
+SpineRig::SpineRig(const std::string& robot_file, Cores cores) : config_(or_exit(robot::load_robot(robot_file))) {
+  actuators_ = or_exit(hal::open_actuators(config_));
+  loop::start_clock(*clock_);
+  law::reset_resident(*law_, lithe_law);
+  law_->law_id = 1;
+  slot_.offer(law_.get());
+  const loop::Wiring wiring{config_, *memory_, *control_, *brain_, slot_, handover_, *clock_, nullptr};
+  spine_ = std::make_unique<loop::Spine>(wiring);
+  clock_keeper_ = on_core(cores.partner, [this] { loop::keep_clock(*clock_, stop_); });
+  transport_ = on_core(cores.partner, [this] { serve_buses(); });
+  brain_thread_ = on_core(cores.partner, [this] { publish_plans(); });
+  arm();
+}
+
+SpineRig::~SpineRig() {
+  stop_.store(true);
+  for (std::thread* thread : {&clock_keeper_, &transport_, &brain_thread_}) thread->join();
+}
+
+void SpineRig::serve_buses() {
+  const loop::SteeredClock clock(*clock_);
+  loop::run_transport(handover_, *actuators_, clock.raw(), false, stop_);
+}
+
+void SpineRig::publish_plans() {
+  ipc::ChannelWriter<wire::Plan> writer(brain_->plan);
+  auto plan = std::make_unique<wire::Plan>();
+  constexpr timespec kInterval{0, kPlanIntervalNs};
+  while (!stop_.load(std::memory_order_relaxed)) {
+    const std::int64_t now_ns = monotonic_ns();
+    fill_plan(*plan, static_cast<std::uint32_t>(config_.joints.size()), now_ns);
+    writer.write(*plan);
+    std::atomic_ref<std::int64_t>(brain_->header.heartbeat_ns).store(now_ns, std::memory_order_release);
+    nanosleep(&kInterval, nullptr);
+  }
+}
+
+void SpineRig::arm() {
+  ipc::MailboxSender commands(control_->commands, memory_->control_ack);
+  std::vector<Cycle> cycles;
+  run_block(100 * kNsPerMs, cycles);  // the law is committed, the first samples come in
+  wire::Command command{};
+  command.kind = static_cast<std::uint32_t>(wire::CommandKind::arm);
+  commands.send(command);
+  run_block(300 * kNsPerMs, cycles);
+  if (armed()) return;
+  std::fprintf(stderr, "bench: the rig of %s did not arm\n", config_.path.c_str());
+  std::exit(2);
+}
+
+void SpineRig::run_block(std::int64_t block_ns, std::vector<Cycle>& cycles) {
+  loop::SteeredClock clock(*clock_);
+  ipc::RingReader telemetry(memory_->telemetry);
+  wire::Telemetry record{};
+  const std::int64_t period_ns = spine_period_ns(config_.rate_hz);
+  bench::run_block(
+      clock, period_ns, config_.spine.phase_ns, block_ns, cycles,
+      [&](std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped, Cycle& cycle, Cycle* before) {
+        spine_->tick(release_ns, woke_ns, skipped);
+        spine_->serve_inline();
+        const std::uint32_t law_before_ns = record.law_ns;
+        telemetry.latest(record);
+        cycle.handoff_ns = record.handoff_ns;
+        // tick_ns is that of the tick before: the record is written before its own tick ends.
+        if (before != nullptr) before->cost_ns = std::int64_t{record.tick_ns} - law_before_ns;
+      });
+}
+
+void SpineRig::run_bare_block(std::int64_t block_ns, std::vector<Cycle>& cycles) {
+  loop::SteeredClock clock(*clock_);
+  bench::run_block(clock, spine_period_ns(config_.rate_hz), config_.spine.phase_ns, block_ns, cycles,
+                   [](std::int64_t, std::int64_t, std::uint32_t, Cycle&, Cycle*) {});
+}
+
+}  // namespace lithe::bench

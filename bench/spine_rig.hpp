@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+// A whole Spine without its process: real loop, guard, law and simulated drives, ticked by the bench.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <thread>
+
+#include "bench/cycles.hpp"
+#include "bench/machine.hpp"
+#include "spine/hal/actuators.hpp"
+#include "spine/ipc/layout.hpp"
+#include "spine/law/resident.hpp"
+#include "spine/law/slot.hpp"
+#include "spine/loop/clock.hpp"
+#include "spine/loop/handover.hpp"
+#include "spine/loop/spine.hpp"
+#include "spine/robot/config.hpp"
+
+namespace lithe::bench {
+
+// Runs laws/pd.cpp on a robot file. The Transport and a Brain that publishes a plan every 20 ms have threads on the
+// partner core; the calling thread ticks.
+// Contract: made, ticked and destroyed on one thread, pinned to the Spine's core
+class SpineRig {
+ public:
+  SpineRig(const std::string& robot_file, Cores cores);
+  ~SpineRig();
+  SpineRig(const SpineRig&) = delete;
+  SpineRig& operator=(const SpineRig&) = delete;
+
+  // Ticks at the robot's rate for `block_ns`, and appends what happened at each release, costs included.
+  void run_block(std::int64_t block_ns, std::vector<Cycle>& cycles);
+
+  // Waits as the Spine does, and does nothing: the floor.
+  void run_bare_block(std::int64_t block_ns, std::vector<Cycle>& cycles);
+
+  bool armed() const { return spine_->mode() == wire::Mode::active; }
+
+ private:
+  void serve_buses();
+  void publish_plans();
+  void arm();
+
+  robot::RobotConfig config_;
+  std::unique_ptr<ipc::SpineMemory> memory_ = std::make_unique<ipc::SpineMemory>();
+  std::unique_ptr<ipc::ControlMemory> control_ = std::make_unique<ipc::ControlMemory>();
+  std::unique_ptr<ipc::BrainMemory> brain_ = std::make_unique<ipc::BrainMemory>();
+  std::unique_ptr<loop::ClockMemory> clock_ = std::make_unique<loop::ClockMemory>();
+  std::unique_ptr<law::Resident> law_ = std::make_unique<law::Resident>();
+  law::Slot slot_;
+  loop::Handover handover_;
+  std::unique_ptr<hal::Actuators> actuators_;
+  std::unique_ptr<loop::Spine> spine_;
+  std::atomic<bool> stop_{false};
+  std::thread clock_keeper_, transport_, brain_thread_;
+};
+
+}  // namespace lithe::bench
