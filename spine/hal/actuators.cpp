@@ -1,112 +1,92 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/actuators.hpp"
 
+#include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "spine/hal/bus/loop_bus.hpp"
-#include "spine/hal/device/moteus.hpp"
+#include "spine/hal/bus_actuators.hpp"
 #include "spine/hal/sim/sim_moteus.hpp"
-#include "spine/wire/wire.hpp"
 
 namespace lithe::hal {
 namespace {
 
-// Replies missed in a row until a joint counts as lost.
-constexpr std::uint32_t kMissesToLose = 3;
-
-struct Joint {
-  MoteusDriver driver;
-  std::size_t bus;
-  std::uint32_t misses = 0;
-};
-
-JointCommand joint_command(const ActuatorCommand& command, std::size_t j) LITHE_RT {
-  return {command.action,          command.torque_nm[j], command.position_rad[j], command.velocity_rad_s[j],
-          command.kp_nm_rad[j], command.kd_nm_s_rad[j],  command.max_torque_nm[j]};
-}
-
-// Contract: see Actuators
-class Robot final : public Actuators {
+// Keeps the simulated devices alive as long as the buses that reach them.
+// Contract: as BusActuators
+class SimulatedRobot final : public Actuators {
  public:
-  explicit Robot(const robot::RobotConfig& config);
+  void cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT override {
+    actuators_.cycle(command, state, now_ns);
+  }
 
-  void cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT override;
+  void add_bus() {
+    auto bus = std::make_unique<LoopBus>();
+    wires_.push_back(bus.get());
+    actuators_.add_bus(std::move(bus));
+  }
+
+  void add_joint(const robot::DeviceConfig& device, const robot::JointConfig& joint) {
+    const JointTransform transform{joint.sign, joint.zero_rad, joint.ratio};
+    sim::SimMoteusParams params;
+    params.id = device.id;
+    params.joint = transform;
+    params.servo.encoder_counts = joint.sim.encoder_counts;
+    params.plant = {joint.sim.inertia_kg_m2,        joint.sim.mgl_nm,
+                    joint.sim.viscous_nm_s_rad,     joint.sim.coulomb_nm,
+                    joint.sim.cogging_nm,           joint.sim.cogging_per_rev,
+                    joint.sim.torque_lag_s,         params.servo.motor_torque_max_nm * joint.ratio,
+                    joint.sim.initial_position_rad, joint.sim.seed};
+    drives_.push_back(std::make_unique<sim::SimMoteus>(params));
+    wires_[device.bus]->attach(*drives_.back());
+    actuators_.add_joint(device.bus, {device.id, device.watchdog_s, transform});
+  }
 
  private:
-  void collect(Bus& bus, std::size_t bus_index, ActuatorState& state) LITHE_RT;
-  void count_silence(ActuatorState& state) LITHE_RT;
-
-  std::vector<std::unique_ptr<LoopBus>> buses_;
-  std::vector<std::unique_ptr<SimMoteus>> devices_;
-  std::vector<Joint> joints_;
-  ActuatorState last_;  // what every joint said last; the two buffers of the pipeline alternate
+  std::vector<std::unique_ptr<sim::SimMoteus>> drives_;
+  std::vector<LoopBus*> wires_;
+  BusActuators actuators_;
 };
 
-Robot::Robot(const robot::RobotConfig& config) {
-  for (std::size_t i = 0; i < config.buses.size(); ++i) buses_.push_back(std::make_unique<LoopBus>());
+// load_robot has checked all this; a config built by hand has not been checked by anyone.
+Result<> check(const robot::RobotConfig& config) {
+  if (config.joints.empty()) return Error{config.path + ": no joint to drive; add a [[joint]]"};
+  if (config.joints.size() > kMaxJoints) {
+    return Error{config.path + ": " + std::to_string(config.joints.size()) + " joints, built for " +
+                 std::to_string(kMaxJoints) + "; build with -DLITHE_NJ=" + std::to_string(config.joints.size())};
+  }
+  std::set<std::pair<std::size_t, std::uint32_t>> taken;
   for (const robot::JointConfig& joint : config.joints) {
+    const std::string where = config.path + ": joint '" + joint.name + "': ";
+    if (joint.device >= config.devices.size()) return Error{where + "has no device; name one of the [[device]] tables"};
     const robot::DeviceConfig& device = config.devices[joint.device];
-    MoteusSettings settings;
-    settings.id = static_cast<std::uint8_t>(device.id);
-    settings.watchdog_s = device.watchdog_s;
-    settings.map = {joint.sign, joint.zero_rad, joint.ratio};
-    devices_.push_back(std::make_unique<SimMoteus>(settings, joint.sim));
-    buses_[device.bus]->attach(*devices_.back());
-    joints_.push_back({MoteusDriver(settings), device.bus});
-  }
-  last_.joints = static_cast<std::uint32_t>(joints_.size());
-}
-
-void Robot::cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT {
-  Frame frame;
-  for (std::size_t j = 0; j < joints_.size(); ++j) {
-    last_.status[j] &= ~wire::joint_status::kFresh;
-    joints_[j].driver.encode(joint_command(command, j), frame);
-    buses_[joints_[j].bus]->send(frame, now_ns);
-  }
-  last_.tick = command.tick;
-  last_.sample_ns = now_ns;
-  for (std::size_t b = 0; b < buses_.size(); ++b) collect(*buses_[b], b, last_);
-  count_silence(last_);
-  state = last_;
-}
-
-// Replies may come in any order, twice, or from nobody we know: each is offered to the joints of its bus.
-void Robot::collect(Bus& bus, std::size_t bus_index, ActuatorState& state) LITHE_RT {
-  Frame frame;
-  for (std::size_t taken = 0; taken < 4 * kMaxJoints && bus.receive(frame); ++taken) {
-    JointReading reading;
-    for (std::size_t j = 0; j < joints_.size(); ++j) {
-      if (joints_[j].bus != bus_index || !joints_[j].driver.decode(frame, reading)) continue;
-      state.position_rad[j] = reading.position_rad;
-      state.velocity_rad_s[j] = reading.velocity_rad_s;
-      state.torque_nm[j] = reading.torque_nm;
-      state.status[j] = reading.status;
-      break;
+    if (device.bus >= config.buses.size()) {
+      return Error{where + "device '" + device.name + "' has no bus; name one of the [[bus]] tables"};
     }
-  }
-}
-
-void Robot::count_silence(ActuatorState& state) LITHE_RT {
-  for (std::size_t j = 0; j < joints_.size(); ++j) {
-    if ((state.status[j] & wire::joint_status::kFresh) != 0) {
-      joints_[j].misses = 0;
-      continue;
+    if (device.id < 1 || device.id > 126) {
+      return Error{where + "device '" + device.name + "' has id " + std::to_string(device.id) + "; use 1 to 126"};
     }
-    ++state.missed_replies;
-    if (++joints_[j].misses >= kMissesToLose) state.status[j] |= wire::joint_status::kLost;
+    if (!taken.insert({device.bus, device.id}).second) {
+      return Error{where + "id " + std::to_string(device.id) + " is already taken on bus '" +
+                   config.buses[device.bus].name + "'; give each device its own"};
+    }
+    if (!(joint.ratio > 0) || (joint.sign != 1 && joint.sign != -1)) {
+      return Error{where + "needs a ratio above 0 and a sign of 1 or -1"};
+    }
+    if (!(joint.sim.inertia_kg_m2 > 0)) return Error{where + "needs an inertia above 0 to be simulated"};
   }
+  return done();
 }
 
 }  // namespace
 
 Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config) {
-  if (config.joints.size() > kMaxJoints) {
-    return Error{config.path + ": " + std::to_string(config.joints.size()) + " joints are more than this build's " +
-                 std::to_string(kMaxJoints) + "; build with -DLITHE_NJ=64"};
-  }
-  return std::unique_ptr<Actuators>(std::make_unique<Robot>(config));
+  if (const Result<> sound = check(config); !sound) return sound.error();
+  auto simulated = std::make_unique<SimulatedRobot>();
+  for (std::size_t i = 0; i < config.buses.size(); ++i) simulated->add_bus();
+  for (const robot::JointConfig& joint : config.joints) simulated->add_joint(config.devices[joint.device], joint);
+  return std::unique_ptr<Actuators>(std::move(simulated));
 }
 
 }  // namespace lithe::hal

@@ -9,12 +9,10 @@
 #include "spine/core/joints.hpp"
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
+#include "spine/hal/device/drive.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe::hal {
-
-// What the drives shall do; the joint values of a command mean something in `torque` only.
-enum class DriveAction : std::uint8_t { off, torque, damp, brake };
 
 // One command for the whole robot, in joint coordinates (after sign, zero and ratio). The first `joints` entries count.
 struct ActuatorCommand {

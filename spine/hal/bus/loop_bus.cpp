@@ -3,31 +3,37 @@
 
 namespace lithe::hal {
 
-bool LoopBus::send(const Frame& frame, std::int64_t now_ns) LITHE_RT {
-  ++statistics_.sent;
-  bool room = true;
-  for (FarEnd* device : devices_) {
-    Frame& reply = replies_[(first_ + count_) % kDepth];
-    if (count_ == kDepth) {
-      Frame lost;
-      if (device->serve(frame, lost, now_ns)) {
-        ++statistics_.dropped;
-        room = false;
-      }
-    } else if (device->serve(frame, reply, now_ns)) {
-      ++count_;
-    }
+void LoopBus::begin(std::int64_t now_ns) LITHE_RT {
+  deliver();  // what nobody collected was still on the wire: it arrived in the old exchange's time
+  statistics_.late += inbound_.size();
+  inbound_.clear();
+  now_ns_ = now_ns;
+}
+
+bool LoopBus::send(const Frame& frame) LITHE_RT {
+  if (!outbound_.push(frame)) {
+    ++statistics_.refused;
+    return false;
   }
-  return room;
+  ++statistics_.sent;
+  return true;
 }
 
 bool LoopBus::receive(Frame& frame) LITHE_RT {
-  if (count_ == 0) return false;
-  frame = replies_[first_];
-  first_ = (first_ + 1) % kDepth;
-  --count_;
+  deliver();
+  const Frame* next = inbound_.front();
+  if (next == nullptr) return false;
+  frame = *next;
+  inbound_.pop();
   ++statistics_.received;
   return true;
+}
+
+void LoopBus::deliver() LITHE_RT {
+  while (const Frame* frame = outbound_.front()) {
+    for (BusNode* node : nodes_) node->on_frame(*frame, now_ns_, inbound_);
+    outbound_.pop();
+  }
 }
 
 }  // namespace lithe::hal

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A bus in memory: what is sent reaches the simulated devices at its far end at once, and their replies wait here.
+// A bus in memory: what is sent reaches the nodes at its far end, and what they answer comes back.
 #pragma once
 
 #include <array>
@@ -7,37 +7,64 @@
 #include <cstdint>
 #include <vector>
 
-#include "spine/core/joints.hpp"
+#include "spine/core/rt.hpp"
 #include "spine/hal/bus/bus.hpp"
+#include "spine/hal/bus/frame.hpp"
 
 namespace lithe::hal {
 
-// A device at the far end of a LoopBus.
-class FarEnd {
+// First in, first out, of fixed capacity.
+// Contract: RT · one thread
+class FrameQueue {
  public:
-  virtual ~FarEnd() = default;
-  // Acts on `frame` if it is the device's; true if `reply` now holds an answer.
-  virtual bool serve(const Frame& frame, Frame& reply, std::int64_t now_ns) LITHE_RT = 0;
-};
+  static constexpr std::size_t kCapacity = 256;  // a power of two
 
-// Contract: RT · one thread · attach() before the first frame
-class LoopBus final : public Bus {
- public:
-  // `device` must outlive the bus.
-  void attach(FarEnd& device) { devices_.push_back(&device); }
-
-  bool send(const Frame& frame, std::int64_t now_ns) LITHE_RT override;
-  bool receive(Frame& frame) LITHE_RT override;
-  const BusStatistics& statistics() const LITHE_RT override { return statistics_; }
+  // False when full; the queue is unchanged.
+  bool push(const Frame& frame) LITHE_RT {
+    if (size() == kCapacity) return false;
+    frames_[head_++ % kCapacity] = frame;
+    return true;
+  }
+  // Null when empty; valid until the next push.
+  const Frame* front() const LITHE_RT { return size() == 0 ? nullptr : &frames_[tail_ % kCapacity]; }
+  void pop() LITHE_RT { ++tail_; }
+  std::size_t size() const LITHE_RT { return head_ - tail_; }
+  void clear() LITHE_RT { tail_ = head_; }
 
  private:
-  // Every device may answer twice before anyone listens.
-  static constexpr std::size_t kDepth = 2 * kMaxJoints;
-  std::vector<FarEnd*> devices_;
-  std::array<Frame, kDepth> replies_{};
-  std::size_t first_ = 0;
-  std::size_t count_ = 0;
-  BusStatistics statistics_;
+  std::size_t head_ = 0;
+  std::size_t tail_ = 0;
+  std::array<Frame, kCapacity> frames_{};
+};
+
+// Something at the far end of a LoopBus. It sees every frame and picks its own, as on a real CAN bus.
+class BusNode {
+ public:
+  BusNode() = default;
+  BusNode(const BusNode&) = delete;
+  BusNode& operator=(const BusNode&) = delete;
+  virtual ~BusNode() = default;
+  virtual void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT = 0;
+};
+
+// Lossless and in order up to FrameQueue::kCapacity frames each way; beyond that it refuses and counts.
+// Contract: RT · one thread · nodes are attached before the first exchange and outlive the bus's last
+class LoopBus final : public Bus {
+ public:
+  // Contract: never in the tick
+  void attach(BusNode& node) { nodes_.push_back(&node); }
+
+  void begin(std::int64_t now_ns) LITHE_RT override;
+  bool send(const Frame& frame) LITHE_RT override;
+  bool receive(Frame& frame) LITHE_RT override;
+
+ private:
+  void deliver() LITHE_RT;
+
+  std::int64_t now_ns_ = 0;
+  FrameQueue outbound_;
+  FrameQueue inbound_;
+  std::vector<BusNode*> nodes_;
 };
 
 }  // namespace lithe::hal

@@ -5,125 +5,155 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <numbers>
 
 #include "spine/wire/wire.hpp"
 
-namespace lithe::hal {
+namespace lithe::hal::moteus {
 namespace {
 
-using moteus::Resolution;
+constexpr std::uint32_t kReplyRequested = 0x8000;
 
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-// A reply beyond these is noise or a lie, whatever the motor: the int32 scaling itself ends at 21474 rev.
-constexpr double kMostRev = 20000, kMostRevPerS = 20000, kMostNm = 1000;
+// Beyond these an answer is noise, not a measurement: the drive counts +-32768 turns, and no motor does the others.
+constexpr double kMaxRev = 32768;
+constexpr double kMaxRevPerS = 3000;
+constexpr double kMaxTorqueNm = 1000;
 
-moteus::Mode mode_for(DriveAction action) LITHE_RT {
+bool finite(const JointCommand& c) LITHE_RT {
+  return std::isfinite(c.torque_nm) && std::isfinite(c.velocity_rad_s) && std::isfinite(c.kp_nm_rad) &&
+         std::isfinite(c.kd_nm_s_rad) && std::isfinite(c.max_torque_nm) && !std::isinf(c.position_rad);
+}
+
+Mode mode_for(DriveAction action) LITHE_RT {
   switch (action) {
     case DriveAction::torque:
-      return moteus::kPositionMode;
+      return Mode::position;  // with a watchdog, which the current mode lacks
     case DriveAction::damp:
-      return moteus::kZeroVelocity;
+      return Mode::zero_velocity;
     case DriveAction::brake:
-      return moteus::kBrakeMode;
+      return Mode::brake;
     case DriveAction::off:
       break;
   }
-  return moteus::kStopped;
+  return Mode::stopped;
 }
 
-bool within(double value, double most) LITHE_RT { return std::abs(value) <= most; }  // false for NaN
+// What the registers of an answer add up to; NaN until seen.
+struct Answer {
+  static constexpr double kUnseen = std::numeric_limits<double>::quiet_NaN();
+  double mode = kUnseen, position_rev = kUnseen, velocity_rev_s = kUnseen, torque_nm = kUnseen;
+  double home = kUnseen, voltage_v = kUnseen, temperature_c = kUnseen, fault = kUnseen;
+
+  void take(std::uint32_t number, double value) LITHE_RT {
+    switch (number) {
+      case reg::kMode:
+        mode = value;
+        break;
+      case reg::kPosition:
+        position_rev = value;
+        break;
+      case reg::kVelocity:
+        velocity_rev_s = value;
+        break;
+      case reg::kTorque:
+        torque_nm = value;
+        break;
+      case reg::kHomeState:
+        home = value;
+        break;
+      case reg::kVoltage:
+        voltage_v = value;
+        break;
+      case reg::kTemperature:
+        temperature_c = value;
+        break;
+      case reg::kFault:
+        fault = value;
+        break;
+      default:
+        break;
+    }
+  }
+  // NaN compares false: a register that did not come makes the answer invalid.
+  bool whole() const LITHE_RT { return mode >= 0 && mode <= 15 && fault >= 0; }
+  bool measured() const LITHE_RT {
+    return std::abs(position_rev) <= kMaxRev && std::abs(velocity_rev_s) <= kMaxRevPerS &&
+           std::abs(torque_nm) <= kMaxTorqueNm;
+  }
+};
 
 }  // namespace
 
-double JointMap::motor_rev(double position) const LITHE_RT { return sign * (position - zero_rad) * ratio / kTwoPi; }
-double JointMap::motor_rev_s(double velocity) const LITHE_RT { return sign * velocity * ratio / kTwoPi; }
-double JointMap::position_rad(double rev) const LITHE_RT { return sign * rev * kTwoPi / ratio + zero_rad; }
-double JointMap::velocity_rad_s(double rev_s) const LITHE_RT { return sign * rev_s * kTwoPi / ratio; }
+std::uint32_t status_of(const JointSample& sample) LITHE_RT {
+  std::uint32_t status = std::uint32_t{sample.fault} << 8 | std::uint32_t{sample.mode} << 16;
+  // A fault code alone is no fault: while a limit is at work the code says which, and the drive goes on.
+  if (sample.mode == static_cast<std::uint8_t>(Mode::fault)) status |= wire::joint_status::kFault;
+  if (sample.mode == static_cast<std::uint8_t>(Mode::timeout)) status |= wire::joint_status::kWatchdog;
+  if (!sample.homed) status |= wire::joint_status::kNotHomed;
+  return status;
+}
 
-void MoteusDriver::encode(const JointCommand& command, Frame& frame) const LITHE_RT {
-  moteus::Writer writer(frame.data);
-  const std::array<double, 1> mode{static_cast<double>(mode_for(command.action))};
-  writer.write(moteus::kMode, Resolution::int8, mode);
-  if (command.action == DriveAction::torque) encode_torque(command, writer);
-  writer.read(moteus::kMode, Resolution::int8, 1);
-  writer.read(moteus::kPosition, Resolution::f32, 3);
-  writer.read(moteus::kVoltage, Resolution::int8, 3);
-  frame.size = static_cast<std::uint8_t>(writer.finish());
-  frame.id = moteus::arbitration_id(0, settings_.id, true);
-  frame.extended = true;  // the reply bit does not fit an 11-bit id
+bool Driver::encode(const JointCommand& command, Frame& frame) const LITHE_RT {
+  const bool sound = command.action != DriveAction::torque || finite(command);
+  const DriveAction action = sound ? command.action : DriveAction::damp;
+  frame.id = kReplyRequested | params_.id;
+  frame.extended = true;
   frame.fd = true;
-  frame.bit_rate_switch = true;
+  frame.brs = true;
+  SubframeWriter writer(frame);
+  const std::array<double, 1> mode{static_cast<double>(mode_for(action))};
+  writer.write(Format::int8, reg::kMode, mode);
+  if (action == DriveAction::torque) write_torque(command, writer);
+  // The home state costs nothing: with it the answer fills its 24 bytes exactly.
+  writer.read(Format::int8, reg::kMode, 1);
+  writer.read(Format::float32, reg::kPosition, 3);
+  writer.read(Format::int8, reg::kHomeState, 4);
+  writer.pad();
+  return sound;
 }
 
-void MoteusDriver::encode_torque(const JointCommand& command, moteus::Writer& writer) const LITHE_RT {
-  const JointMap& map = settings_.map;
+void Driver::write_torque(const JointCommand& command, SubframeWriter& writer) const LITHE_RT {
+  const JointTransform& joint = params_.joint;
   const bool has_position = !std::isnan(command.position_rad);
-  // Joint gains seen from the motor: both angle and torque shrink by the ratio.
-  const double to_rev = kTwoPi / (map.ratio * map.ratio);
-  const double kp_scale = has_position ? command.kp_nm_rad * to_rev / settings_.servo_kp_nm_rev : 0.0;
-  const double kd_scale = command.kd_nm_s_rad * to_rev / settings_.servo_kd_nm_s_rev;
-  const std::array<double, 6> target{has_position ? map.motor_rev(command.position_rad) : kNaN,
-                                     map.motor_rev_s(command.velocity_rad_s),
-                                     map.motor_nm(command.torque_nm),
-                                     kp_scale,
-                                     kd_scale,
-                                     command.max_torque_nm / map.ratio};
-  writer.write(moteus::kCommandPosition, Resolution::f32, target);
-  // -1: no planner inside the drive, the Spine streams its setpoints; without it the drive re-plans every command.
-  const std::array<double, 3> watchdog_and_limits{settings_.watchdog_s, -1.0, -1.0};
-  writer.write(moteus::kWatchdogTimeout, Resolution::f32, watchdog_and_limits);
-  const std::array<double, 1> no_integrator{0.0};
-  writer.write(moteus::kIlimitScale, Resolution::int8, no_integrator);
+  // Torque at the motor per revolution of the motor, from torque at the joint per radian of the joint.
+  const double to_motor_gain = 1 / (joint.ratio * joint.ratio) / (1 / (2 * std::numbers::pi));
+  const double kp = has_position ? std::max(command.kp_nm_rad, 0.0) : 0.0;
+  const double kd = std::max(command.kd_nm_s_rad, 0.0);
+  const std::array<double, 6> values{
+      joint.motor_rev(command.position_rad),    command.velocity_rad_s * joint.rev_per_rad(),
+      command.torque_nm / joint.gear(),         kp * to_motor_gain / params_.kp_nm_rev,
+      kd * to_motor_gain / params_.kd_nm_s_rev, std::max(command.max_torque_nm, 0.0) / joint.ratio};
+  writer.write(Format::float32, reg::kCommandPosition, values);
+  const std::array<double, 1> watchdog{params_.watchdog_s};
+  writer.write(Format::int16, reg::kWatchdog, watchdog);
+  // The drive's own planner would smooth what is already planned here: negative means no limit, hence no planner.
+  constexpr std::array<double, 2> kNoLimits{-1, -1};
+  writer.write(Format::int8, reg::kVelocityLimit, kNoLimits);
+  constexpr std::array<double, 1> kNoIntegral{0};
+  writer.write(Format::int8, reg::kIntegralScale, kNoIntegral);
 }
 
-bool MoteusDriver::decode(const Frame& frame, JointReading& reading) const LITHE_RT {
-  if ((frame.id & 0x7f00U) >> 8 != settings_.id || (frame.id & 0x807fU) != 0 || frame.size > frame.data.size()) {
-    return false;
+bool Driver::decode(const Frame& frame, JointSample& sample) const LITHE_RT {
+  if (frame.id != params_.id << 8) return false;
+  Answer answer;
+  SubframeReader reader(frame.payload());
+  Subframe subframe;
+  while (reader.next(subframe)) {
+    if (subframe.kind != Kind::reply) continue;
+    for (std::uint32_t i = 0; i < subframe.count; ++i) answer.take(subframe.start + i, subframe.value(i));
   }
-  double mode = kNaN, position = kNaN, velocity = kNaN, torque = kNaN, fault = kNaN;
-  moteus::Reader reader({frame.data.data(), frame.size});
-  moteus::Subframe subframe;
-  // A reply of ours has three subframes; the bound holds whatever arrives.
-  for (int i = 0; i < 16 && reader.next(subframe); ++i) {
-    if (subframe.type != moteus::Subframe::Type::reply) continue;
-    for (std::uint32_t k = 0; k < subframe.count; ++k) {
-      const double value = subframe.values[k];
-      switch (subframe.start + k) {
-        case moteus::kMode:
-          mode = value;
-          break;
-        case moteus::kPosition:
-          position = value;
-          break;
-        case moteus::kVelocity:
-          velocity = value;
-          break;
-        case moteus::kTorque:
-          torque = value;
-          break;
-        case moteus::kFault:
-          fault = value;
-          break;
-        default:
-          break;
-      }
-    }
-  }
-  if (reader.malformed() || !within(position, kMostRev) || !within(velocity, kMostRevPerS) ||
-      !within(torque, kMostNm) || !(mode >= 0 && mode <= 255) || !(fault >= 0 && fault <= 255)) {
-    return false;
-  }
-  const auto mode_code = static_cast<std::uint32_t>(mode);
-  const auto fault_code = static_cast<std::uint32_t>(fault);
-  reading.position_rad = settings_.map.position_rad(position);
-  reading.velocity_rad_s = settings_.map.velocity_rad_s(velocity);
-  reading.torque_nm = settings_.map.torque_nm(torque);
-  reading.status = wire::joint_status::kFresh | fault_code << 8 | mode_code << 16;
-  if (mode_code == moteus::kFaulted) reading.status |= wire::joint_status::kFault;
-  if (mode_code == moteus::kTimeout) reading.status |= wire::joint_status::kWatchdog;
+  if (!reader.well_formed() || !answer.whole()) return false;
+  sample.mode = static_cast<std::uint8_t>(answer.mode);
+  sample.fault = static_cast<std::uint8_t>(std::min(answer.fault, 255.0));
+  sample.voltage_v = answer.voltage_v;
+  sample.temperature_c = answer.temperature_c;
+  // Behind a gear, a rotor's absolute encoder (1) does not tell the turn; an output encoder or a homing (2) does.
+  sample.homed = answer.home >= (params_.joint.ratio == 1.0 ? 1 : 2);
+  sample.measured = answer.measured();
+  if (!sample.measured) return true;
+  sample.position_rad = params_.joint.position_rad(answer.position_rev);
+  sample.velocity_rad_s = answer.velocity_rev_s / params_.joint.rev_per_rad();
+  sample.torque_nm = answer.torque_nm * params_.joint.gear();
   return true;
 }
 
-}  // namespace lithe::hal
+}  // namespace lithe::hal::moteus

@@ -3,110 +3,210 @@
 
 #include <bit>
 #include <cmath>
-#include <cstring>
 #include <limits>
 
 namespace lithe::hal::moteus {
 namespace {
 
-constexpr std::uint8_t kWriteCode = 0x00, kReadCode = 0x10, kReplyCode = 0x20;
-constexpr std::uint8_t kWriteErrorCode = 0x30, kReadErrorCode = 0x31;
-constexpr std::uint32_t kMaxRegisters = 32;
+constexpr std::uint8_t kWrite = 0x00;
+constexpr std::uint8_t kRead = 0x10;
+constexpr std::uint8_t kReply = 0x20;
+constexpr std::uint8_t kWriteError = 0x30;
+constexpr std::uint8_t kReadError = 0x31;
+constexpr std::uint8_t kClientData = 0x40;
+constexpr std::uint8_t kServerData = 0x41;
+constexpr std::uint8_t kPoll = 0x42;
+constexpr std::uint8_t kNop = 0x50;
 
-// Rows: Kind; columns: int8, int16, int32.
-constexpr double kLsb[11][3] = {
-    {0.01, 0.0001, 0.00001},                          // position [rev]
-    {0.1, 0.00025, 0.00001},                          // velocity [rev/s]
-    {0.05, 0.001, 0.00001},                           // acceleration [rev/s^2]
-    {0.5, 0.01, 0.001},                               // torque [N m]
-    {1.0 / 127.0, 1.0 / 32767.0, 1.0 / 2147483647.0},  // pwm, gain scales
-    {0.5, 0.1, 0.001},                                // voltage [V]
-    {1.0, 0.1, 0.001},                                // temperature [degC]
-    {1.0, 0.1, 0.001},                                // current [A]
-    {0.01, 0.001, 0.000001},                          // time [s]
-    {10.0, 0.05, 0.0001},                             // power [W]
-    {1.0, 1.0, 1.0},                                  // integer
+// One count of int8, int16, int32, by Quantity.
+constexpr double kWorth[][3] = {
+    {1, 1, 1},                                   // integer
+    {0.01, 0.0001, 0.00001},                     // position
+    {0.1, 0.00025, 0.00001},                     // velocity
+    {0.05, 0.001, 0.00001},                      // acceleration
+    {0.5, 0.01, 0.001},                          // torque
+    {1.0 / 127, 1.0 / 32767, 1.0 / 2147483647},  // fraction
+    {0.5, 0.1, 0.001},                           // voltage
+    {1, 0.1, 0.001},                             // temperature
+    {1, 0.1, 0.001},                             // current
+    {0.01, 0.001, 0.000001},                     // time
+    {10, 0.05, 0.0001},                          // power
 };
 
-constexpr std::size_t bytes_of(Resolution resolution) LITHE_RT {
-  constexpr std::size_t kBytes[] = {1, 2, 4, 4};
-  return kBytes[static_cast<std::size_t>(resolution)];
+std::int32_t to_counts(double value, double worth, std::int32_t largest) LITHE_RT {
+  if (std::isnan(value)) return -largest - 1;
+  const double counts = value / worth;
+  if (counts >= largest) return largest;
+  if (counts <= -largest) return -largest;
+  return static_cast<std::int32_t>(counts);
 }
 
-constexpr std::int32_t largest(Resolution resolution) LITHE_RT {
-  return resolution == Resolution::int8 ? 127 : resolution == Resolution::int16 ? 32767 : 2147483647;
+void put_little_endian(std::uint32_t bits, std::size_t bytes, std::uint8_t* out) LITHE_RT {
+  for (std::size_t i = 0; i < bytes; ++i) out[i] = static_cast<std::uint8_t>(bits >> (8 * i));
 }
 
-constexpr std::size_t varuint_bytes(std::uint32_t value) LITHE_RT {
+std::uint32_t get_little_endian(const std::uint8_t* in, std::size_t bytes) LITHE_RT {
+  std::uint32_t bits = 0;
+  for (std::size_t i = 0; i < bytes; ++i) bits |= std::uint32_t{in[i]} << (8 * i);
+  return bits;
+}
+
+std::size_t varuint_size(std::uint32_t value) LITHE_RT {
   std::size_t bytes = 1;
-  while (value >>= 7) ++bytes;
+  while (value >= 0x80) {
+    value >>= 7;
+    ++bytes;
+  }
   return bytes;
+}
+
+Quantity control_quantity(std::uint32_t number) LITHE_RT {  // 020 to 02d
+  using enum Quantity;
+  constexpr Quantity kTable[] = {position_rev, velocity_rev_s, torque_nm, fraction,       fraction,
+                                 torque_nm,    position_rev,   time_s,    velocity_rev_s, acceleration_rev_s2,
+                                 voltage_v,    fraction,       current_a, integer};
+  return kTable[number - reg::kCommandPosition];
 }
 
 }  // namespace
 
-Kind kind_of(std::uint32_t address) LITHE_RT {
-  switch (address) {
-    case 0x001: case 0x006: case 0x020: case 0x026: case 0x038: case 0x03b: case 0x040: case 0x041:
-    case 0x050: case 0x052: case 0x054: case 0x130: case 0x131:
-      return Kind::position;
-    case 0x002: case 0x021: case 0x028: case 0x039: case 0x03c: case 0x051: case 0x053: case 0x055:
-      return Kind::velocity;
-    case 0x029:
-      return Kind::acceleration;
-    case 0x003: case 0x022: case 0x025: case 0x030: case 0x031: case 0x032: case 0x033: case 0x034: case 0x03a:
-    case 0x03d: case 0x042: case 0x045:
-      return Kind::torque;
-    case 0x023: case 0x024: case 0x02b: case 0x043: case 0x044: case 0x047:
-      return Kind::scale;
-    case 0x004: case 0x005: case 0x01c: case 0x01d: case 0x02c:
-      return Kind::current;
-    case 0x007:
-      return Kind::power;
-    case 0x00a: case 0x00e:
-      return Kind::temperature;
-    case 0x00d: case 0x02a:
-      return Kind::voltage;
-    case 0x027: case 0x046:
-      return Kind::time;
+Quantity quantity_of(std::uint32_t number) LITHE_RT {
+  using enum Quantity;
+  if (number >= reg::kCommandPosition && number <= reg::kIgnoreBounds) return control_quantity(number);
+  switch (number) {
+    case reg::kPosition:
+    case reg::kAbsPosition:
+    case reg::kControlPosition:
+    case reg::kLowerBound:
+    case reg::kUpperBound:
+      return position_rev;
+    case reg::kVelocity:
+    case reg::kControlVelocity:
+      return velocity_rev_s;
+    case reg::kTorque:
+    case reg::kControlTorque:
+    case 0x042:
+    case 0x045:
+      return torque_nm;
+    case reg::kQCurrent:
+    case reg::kDCurrent:
+    case reg::kCommandQCurrent:
+    case reg::kCommandDCurrent:
+      return current_a;
+    case reg::kPower:
+      return power_w;
+    case reg::kVoltage:
+      return voltage_v;
+    case reg::kTemperature:
+    case reg::kMotorTemperature:
+      return temperature_c;
+    case 0x043:
+    case 0x044:
+    case 0x047:
+      return fraction;
+    case 0x046:
+      return time_s;
     default:
-      return Kind::integer;
+      return integer;
   }
 }
 
-double lsb(Kind kind, Resolution resolution) LITHE_RT {
-  return resolution == Resolution::f32 ? 1.0 : kLsb[static_cast<std::size_t>(kind)][static_cast<std::size_t>(resolution)];
+double count_worth(Quantity quantity, Format format) LITHE_RT {
+  if (format == Format::float32) return 1;
+  return kWorth[static_cast<std::size_t>(quantity)][static_cast<std::size_t>(format)];
 }
 
-std::int32_t to_raw(double value, Kind kind, Resolution resolution) LITHE_RT {
-  const std::int32_t top = largest(resolution);
-  if (std::isnan(value)) return -top - 1;
-  const double scaled = value / lsb(kind, resolution);
-  if (scaled >= static_cast<double>(top)) return top;
-  if (scaled <= -static_cast<double>(top)) return -top;
-  return static_cast<std::int32_t>(scaled);
-}
-
-double from_raw(std::int32_t raw, Kind kind, Resolution resolution) LITHE_RT {
-  if (raw == -largest(resolution) - 1) return std::numeric_limits<double>::quiet_NaN();
-  return raw * lsb(kind, resolution);
-}
-
-std::size_t padded_size(std::size_t size) LITHE_RT {
-  constexpr std::size_t kSteps[] = {12, 16, 20, 24, 32, 48, 64};
-  if (size <= 8) return size;
-  for (const std::size_t step : kSteps) {
-    if (size <= step) return step;
+void encode_value(double value, Quantity quantity, Format format, std::uint8_t* out) LITHE_RT {
+  const double worth = count_worth(quantity, format);
+  std::uint32_t bits = 0;
+  switch (format) {
+    case Format::int8:
+      bits = static_cast<std::uint32_t>(to_counts(value, worth, std::numeric_limits<std::int8_t>::max()));
+      break;
+    case Format::int16:
+      bits = static_cast<std::uint32_t>(to_counts(value, worth, std::numeric_limits<std::int16_t>::max()));
+      break;
+    case Format::int32:
+      bits = static_cast<std::uint32_t>(to_counts(value, worth, std::numeric_limits<std::int32_t>::max()));
+      break;
+    case Format::float32:
+      bits = std::bit_cast<std::uint32_t>(static_cast<float>(value));
+      break;
   }
-  return kMaxPayload;
+  put_little_endian(bits, bytes_of(format), out);
 }
 
-bool Writer::room(std::size_t bytes) LITHE_RT {
-  ok_ = ok_ && size_ + bytes <= kMaxPayload;
-  return ok_;
+double decode_value(const std::uint8_t* in, Quantity quantity, Format format) LITHE_RT {
+  const std::uint32_t bits = get_little_endian(in, bytes_of(format));
+  if (format == Format::float32) return std::bit_cast<float>(bits);
+  const unsigned unused_bits = 32 - 8 * static_cast<unsigned>(bytes_of(format));
+  const std::int32_t counts = static_cast<std::int32_t>(bits << unused_bits) >> unused_bits;
+  const std::int32_t smallest = std::numeric_limits<std::int32_t>::min() >> unused_bits;
+  if (counts == smallest) return std::numeric_limits<double>::quiet_NaN();
+  return counts * count_worth(quantity, format);
 }
 
-void Writer::varuint(std::uint32_t value) LITHE_RT {
+void SubframeWriter::write(Format format, std::uint32_t start, std::span<const double> list) LITHE_RT {
+  values(kWrite, format, start, list, false);
+}
+
+void SubframeWriter::reply(Format format, std::uint32_t start, std::span<const double> list, bool long_form) LITHE_RT {
+  values(kReply, format, start, list, long_form);
+}
+
+void SubframeWriter::values(std::uint8_t base, Format format, std::uint32_t start, std::span<const double> list,
+                            bool long_form) LITHE_RT {
+  const std::size_t width = bytes_of(format);
+  const auto count = static_cast<std::uint32_t>(list.size());
+  const bool in_head = count >= 1 && count <= 3 && !long_form;
+  if (list.size() > kMaxPayload) {
+    ok_ = false;
+    return;
+  }
+  if (!fits(1 + (in_head ? 0 : varuint_size(count)) + varuint_size(start) + count * width)) return;
+  byte(static_cast<std::uint8_t>(base | static_cast<unsigned>(format) << 2 | (in_head ? count : 0)));
+  if (!in_head) varuint(count);
+  varuint(start);
+  for (std::uint32_t i = 0; i < count; ++i) {
+    encode_value(list[i], quantity_of(start + i), format, frame_->data.data() + frame_->size);
+    frame_->size = static_cast<std::uint8_t>(frame_->size + width);
+  }
+}
+
+void SubframeWriter::read(Format format, std::uint32_t start, std::uint32_t count) LITHE_RT {
+  const bool in_head = count >= 1 && count <= 3;
+  if (!fits(1 + (in_head ? 0 : varuint_size(count)) + varuint_size(start))) return;
+  byte(static_cast<std::uint8_t>(kRead | static_cast<unsigned>(format) << 2 | (in_head ? count : 0)));
+  if (!in_head) varuint(count);
+  varuint(start);
+}
+
+void SubframeWriter::error(Kind kind, std::uint32_t number, std::uint32_t error) LITHE_RT {
+  if (!fits(1 + varuint_size(number) + varuint_size(error))) return;
+  byte(kind == Kind::read_error ? kReadError : kWriteError);
+  varuint(number);
+  varuint(error);
+}
+
+void SubframeWriter::empty_server_data(std::uint32_t channel) LITHE_RT {
+  if (!fits(2 + varuint_size(channel))) return;
+  byte(kServerData);
+  varuint(channel);
+  varuint(0);
+}
+
+void SubframeWriter::pad() LITHE_RT {
+  const std::size_t size = fd_size(frame_->size);
+  while (frame_->size < size) byte(kNop);
+}
+
+bool SubframeWriter::fits(std::size_t bytes) LITHE_RT {
+  if (frame_->size + bytes <= kMaxPayload) return true;
+  ok_ = false;
+  return false;
+}
+
+void SubframeWriter::varuint(std::uint32_t value) LITHE_RT {
   while (value >= 0x80) {
     byte(static_cast<std::uint8_t>(value | 0x80));
     value >>= 7;
@@ -114,120 +214,65 @@ void Writer::varuint(std::uint32_t value) LITHE_RT {
   byte(static_cast<std::uint8_t>(value));
 }
 
-void Writer::value(double data, std::uint32_t address, Resolution resolution) LITHE_RT {
-  const std::uint32_t bits = resolution == Resolution::f32
-                                 ? std::bit_cast<std::uint32_t>(static_cast<float>(data))
-                                 : static_cast<std::uint32_t>(to_raw(data, kind_of(address), resolution));
-  for (std::size_t i = 0; i < bytes_of(resolution); ++i) byte(static_cast<std::uint8_t>(bits >> (8 * i)));
+bool SubframeReader::next(Subframe& out) LITHE_RT {
+  while (!rest_.empty() && rest_[0] == kNop) rest_ = rest_.subspan(1);
+  if (rest_.empty()) return false;
+  const std::uint8_t head = rest_[0];
+  rest_ = rest_.subspan(1);
+  out = Subframe{};
+  if (parse(head, out)) return true;
+  well_formed_ = false;
+  rest_ = {};
+  return false;
 }
 
-void Writer::values(std::uint8_t code, std::uint32_t start, Resolution resolution,
-                    std::span<const double> data) LITHE_RT {
-  const auto count = static_cast<std::uint32_t>(data.size());
-  const std::size_t extra = count > 3 ? varuint_bytes(count) : 0;
-  if (count == 0 || !room(1 + extra + varuint_bytes(start) + count * bytes_of(resolution))) return;
-  byte(static_cast<std::uint8_t>(code | static_cast<std::uint32_t>(resolution) << 2 | (count > 3 ? 0 : count)));
-  if (count > 3) varuint(count);
-  varuint(start);
-  for (std::uint32_t i = 0; i < count; ++i) value(data[i], start + i, resolution);
-}
-
-void Writer::write(std::uint32_t start, Resolution resolution, std::span<const double> data) LITHE_RT {
-  values(kWriteCode, start, resolution, data);
-}
-
-void Writer::reply(std::uint32_t start, Resolution resolution, std::span<const double> data) LITHE_RT {
-  values(kReplyCode, start, resolution, data);
-}
-
-void Writer::read(std::uint32_t start, Resolution resolution, std::uint32_t count) LITHE_RT {
-  const std::size_t extra = count > 3 ? varuint_bytes(count) : 0;
-  if (count == 0 || !room(1 + extra + varuint_bytes(start))) return;
-  byte(static_cast<std::uint8_t>(kReadCode | static_cast<std::uint32_t>(resolution) << 2 | (count > 3 ? 0 : count)));
-  if (count > 3) varuint(count);
-  varuint(start);
-}
-
-void Writer::error(bool writing, std::uint32_t address, std::uint32_t code) LITHE_RT {
-  if (!room(1 + varuint_bytes(address) + varuint_bytes(code))) return;
-  byte(writing ? kWriteErrorCode : kReadErrorCode);
-  varuint(address);
-  varuint(code);
-}
-
-std::size_t Writer::finish() LITHE_RT {
-  const std::size_t target = padded_size(size_);
-  while (size_ < target) byte(kNop);
-  return size_;
-}
-
-bool Reader::varuint(std::uint32_t& value) LITHE_RT {
-  value = 0;
-  for (unsigned shift = 0; shift < 35; shift += 7) {
-    if (at_ >= payload_.size()) return fail();
-    const std::uint8_t byte = payload_[at_++];
-    value |= static_cast<std::uint32_t>(byte & 0x7f) << shift;
-    if ((byte & 0x80) == 0) return true;
+bool SubframeReader::parse(std::uint8_t head, Subframe& out) LITHE_RT {
+  if (head < kWriteError) return registers(head, out);
+  switch (head) {
+    case kWriteError:
+    case kReadError:
+      out.kind = head == kReadError ? Kind::read_error : Kind::write_error;
+      return varuint(out.start) && varuint(out.error);
+    case kClientData:
+    case kServerData:
+      out.kind = head == kClientData ? Kind::client_data : Kind::server_data;
+      return varuint(out.start) && varuint(out.count) && take(out.count, out);
+    case kPoll:
+      out.kind = Kind::poll;
+      return varuint(out.start) && varuint(out.count);
+    default:
+      return false;
   }
-  return fail();
 }
 
-bool Reader::value(std::uint32_t address, Resolution resolution, double& out) LITHE_RT {
-  const std::size_t bytes = bytes_of(resolution);
-  if (payload_.size() - at_ < bytes) return fail();
-  std::uint32_t bits = 0;
-  for (std::size_t i = 0; i < bytes; ++i) bits |= static_cast<std::uint32_t>(payload_[at_ + i]) << (8 * i);
-  at_ += bytes;
-  if (resolution == Resolution::f32) {
-    out = static_cast<double>(std::bit_cast<float>(bits));
-    return true;
+bool SubframeReader::registers(std::uint8_t head, Subframe& out) LITHE_RT {
+  out.kind = head < kRead ? Kind::write : head < kReply ? Kind::read : Kind::reply;
+  out.format = static_cast<Format>((head >> 2) & 3);
+  out.count = head & 3;
+  out.long_form = out.count == 0;
+  if (out.long_form && !varuint(out.count)) return false;
+  if (!varuint(out.start)) return false;
+  // A count beyond a frame can hold no values: refuse it before the multiplication can wrap.
+  return out.kind == Kind::read || (out.count <= kMaxPayload && take(out.count * bytes_of(out.format), out));
+}
+
+bool SubframeReader::varuint(std::uint32_t& value) LITHE_RT {
+  std::uint64_t sum = 0;
+  for (std::size_t i = 0; i < 5 && i < rest_.size(); ++i) {
+    sum |= std::uint64_t{rest_[i] & 0x7fU} << (7 * i);
+    if (rest_[i] & 0x80) continue;
+    rest_ = rest_.subspan(i + 1);
+    value = static_cast<std::uint32_t>(sum);
+    return sum <= std::numeric_limits<std::uint32_t>::max();
   }
-  const unsigned unused = static_cast<unsigned>(32 - 8 * bytes);
-  const std::int32_t raw = static_cast<std::int32_t>(bits << unused) >> unused;  // sign extension
-  out = from_raw(raw, kind_of(address), resolution);
+  return false;
+}
+
+bool SubframeReader::take(std::size_t bytes, Subframe& out) LITHE_RT {
+  if (bytes > rest_.size()) return false;
+  out.data = rest_.data();
+  rest_ = rest_.subspan(bytes);
   return true;
-}
-
-bool Reader::next(Subframe& subframe) LITHE_RT {
-  while (at_ < payload_.size() && payload_[at_] == kNop) ++at_;
-  if (at_ >= payload_.size()) return false;
-  const std::uint8_t code = payload_[at_++];
-  if (code == kWriteErrorCode || code == kReadErrorCode) {
-    subframe.type = code == kWriteErrorCode ? Subframe::Type::write_error : Subframe::Type::read_error;
-    return varuint(subframe.start) && varuint(subframe.count);
-  }
-  if (code >= 0x30) {
-    subframe.type = Subframe::Type::unknown;
-    at_ = payload_.size();  // its length is unknown too: the rest of the frame cannot be read
-    return true;
-  }
-  subframe.type = code < kReadCode ? Subframe::Type::write : code < kReplyCode ? Subframe::Type::read
-                                                                               : Subframe::Type::reply;
-  subframe.resolution = static_cast<Resolution>((code >> 2) & 3);
-  subframe.count = code & 3U;
-  if (subframe.count == 0 && !varuint(subframe.count)) return false;
-  if (!varuint(subframe.start)) return false;
-  if (subframe.count == 0 || subframe.count > kMaxRegisters) return fail();
-  if (subframe.type == Subframe::Type::read) return true;
-  for (std::uint32_t i = 0; i < subframe.count; ++i) {
-    if (!value(subframe.start + i, subframe.resolution, subframe.values[i])) return false;
-  }
-  return true;
-}
-
-const char* fault_name(std::uint32_t code) LITHE_RT {
-  constexpr const char* kFaults[] = {
-      "calibration", "motor driver", "over voltage", "encoder", "not configured", "pwm cycle overrun",
-      "over temperature", "start outside limit", "under voltage", "configuration changed", "theta invalid",
-      "position invalid", "driver enable", "stop position deprecated", "timing", "back-emf feed-forward without limit",
-      "invalid limits", "position error", "velocity error"};
-  constexpr const char* kLimits[] = {"velocity limit", "power limit", "voltage limit", "current limit",
-                                     "drive temperature limit", "motor temperature limit", "torque limit",
-                                     "position bounds", "flux braking", "field weakening"};
-  if (code == 0) return "none";
-  if (code >= 32 && code < 32 + std::size(kFaults)) return kFaults[code - 32];
-  if (is_limit_code(code)) return kLimits[code - 96];
-  return "unknown";
 }
 
 }  // namespace lithe::hal::moteus

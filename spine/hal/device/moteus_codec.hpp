@@ -1,128 +1,189 @@
 // SPDX-License-Identifier: Apache-2.0
-// The moteus register protocol as bytes: no I/O, no state, no units but the device's own (revolutions).
-// Source: the register protocol of mjbots moteus, firmware 1.0, register map 5.
+// The register protocol of mjbots moteus drives: subframes of register reads, writes and replies in a CAN-FD payload.
+// Pure: bytes in, values out; no I/O, no state, no joint.
+//
+//   byte         meaning                                    followed by
+//   00 04 08 0c  write int8, int16, int32, float; + n (1-3) [varuint count if n is 0] varuint register, count values
+//   10 14 18 1c  read, same coding                          [varuint count if n is 0] varuint register
+//   20 24 28 2c  reply, same coding                         as write
+//   30 31        write error, read error                    varuint register, varuint error
+//   40 41        data of a stream, to and from the drive    varuint channel, varuint length, bytes
+//   42           poll a stream                              varuint channel, varuint longest answer
+//   50           nothing (padding)
+// Little-endian; a varuint has 7 bits a byte, lowest first, the top bit says that more follow, 5 bytes at most.
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
 
 #include "spine/core/rt.hpp"
+#include "spine/hal/bus/frame.hpp"
 
 namespace lithe::hal::moteus {
 
-enum class Resolution : std::uint8_t { int8 = 0, int16 = 1, int32 = 2, f32 = 3 };
+enum class Format : std::uint8_t { int8, int16, int32, float32 };
 
-// What a register holds decides how its integers are scaled.
-enum class Kind : std::uint8_t {
-  position, velocity, acceleration, torque, scale, voltage, temperature, current, time, power, integer
+// Decides what one count of an integer format is worth. Angles in revolutions, as the drive has them.
+enum class Quantity : std::uint8_t {
+  integer,
+  position_rev,
+  velocity_rev_s,
+  acceleration_rev_s2,
+  torque_nm,
+  fraction,  // PWM duty and gain scales: 1 is the largest integer
+  voltage_v,
+  temperature_c,
+  current_a,
+  time_s,
+  power_w,
 };
 
-enum Register : std::uint32_t {
-  kMode = 0x000, kPosition = 0x001, kVelocity = 0x002, kTorque = 0x003, kQCurrent = 0x004, kDCurrent = 0x005,
-  kAbsPosition = 0x006, kPower = 0x007, kMotorTemperature = 0x00a, kTrajectoryComplete = 0x00b, kHomeState = 0x00c,
-  kVoltage = 0x00d, kTemperature = 0x00e, kFault = 0x00f,
-  kCommandPosition = 0x020, kCommandVelocity = 0x021, kFeedforwardTorque = 0x022, kKpScale = 0x023, kKdScale = 0x024,
-  kMaxTorque = 0x025, kStopPosition = 0x026, kWatchdogTimeout = 0x027, kVelocityLimit = 0x028, kAccelLimit = 0x029,
-  kIlimitScale = 0x02b, kModel = 0x100, kFirmware = 0x101, kRegisterMap = 0x102,
+// Registers by number; those this house uses.
+namespace reg {
+inline constexpr std::uint32_t kMode = 0x000;
+inline constexpr std::uint32_t kPosition = 0x001;
+inline constexpr std::uint32_t kVelocity = 0x002;
+inline constexpr std::uint32_t kTorque = 0x003;
+inline constexpr std::uint32_t kQCurrent = 0x004;
+inline constexpr std::uint32_t kDCurrent = 0x005;
+inline constexpr std::uint32_t kAbsPosition = 0x006;
+inline constexpr std::uint32_t kPower = 0x007;
+inline constexpr std::uint32_t kMotorTemperature = 0x00a;
+inline constexpr std::uint32_t kTrajectoryComplete = 0x00b;
+inline constexpr std::uint32_t kHomeState = 0x00c;
+inline constexpr std::uint32_t kVoltage = 0x00d;
+inline constexpr std::uint32_t kTemperature = 0x00e;
+inline constexpr std::uint32_t kFault = 0x00f;
+inline constexpr std::uint32_t kCommandQCurrent = 0x01c;
+inline constexpr std::uint32_t kCommandDCurrent = 0x01d;
+inline constexpr std::uint32_t kCommandPosition = 0x020;
+inline constexpr std::uint32_t kCommandVelocity = 0x021;
+inline constexpr std::uint32_t kCommandTorque = 0x022;
+inline constexpr std::uint32_t kKpScale = 0x023;
+inline constexpr std::uint32_t kKdScale = 0x024;
+inline constexpr std::uint32_t kMaxTorque = 0x025;
+inline constexpr std::uint32_t kStopPosition = 0x026;
+inline constexpr std::uint32_t kWatchdog = 0x027;
+inline constexpr std::uint32_t kVelocityLimit = 0x028;
+inline constexpr std::uint32_t kAccelerationLimit = 0x029;
+inline constexpr std::uint32_t kFixedVoltage = 0x02a;
+inline constexpr std::uint32_t kIntegralScale = 0x02b;
+inline constexpr std::uint32_t kFixedCurrent = 0x02c;
+inline constexpr std::uint32_t kIgnoreBounds = 0x02d;
+inline constexpr std::uint32_t kControlPosition = 0x038;
+inline constexpr std::uint32_t kControlVelocity = 0x039;
+inline constexpr std::uint32_t kControlTorque = 0x03a;
+inline constexpr std::uint32_t kLowerBound = 0x040;  // 042-048 repeat 022 023 024 025 027 02b 02d
+inline constexpr std::uint32_t kUpperBound = 0x041;
+inline constexpr std::uint32_t kMillisecondCounter = 0x070;
+inline constexpr std::uint32_t kModel = 0x100;
+inline constexpr std::uint32_t kFirmware = 0x101;
+inline constexpr std::uint32_t kRegisterMap = 0x102;
+inline constexpr std::uint32_t kId = 0x110;
+inline constexpr std::uint32_t kSerial = 0x120;  // and 121, 122
+}  // namespace reg
+
+enum class Mode : std::uint8_t {
+  stopped = 0,
+  fault = 1,
+  enabling = 2,
+  calibrating = 3,
+  calibration_complete = 4,
+  pwm = 5,
+  voltage = 6,
+  voltage_foc = 7,
+  voltage_dq = 8,
+  current = 9,
+  position = 10,
+  timeout = 11,  // its watchdog ran out; latched until stopped
+  zero_velocity = 12,
+  stay_within = 13,
+  measure_inductance = 14,
+  brake = 15,
 };
 
-enum Mode : std::uint8_t {
-  kStopped = 0, kFaulted = 1, kEnabling = 2, kCalibrating = 3, kCalibrationComplete = 4, kPositionMode = 10,
-  kTimeout = 11, kZeroVelocity = 12, kStayWithin = 13, kBrakeMode = 15,
-};
+// Codes 96 to 105 say which limit is at work while the drive goes on; the others come with Mode::fault.
+constexpr bool is_limit_code(std::uint32_t fault) LITHE_RT { return fault >= 96 && fault <= 105; }
 
-inline constexpr std::uint8_t kNop = 0x50;
-inline constexpr std::size_t kMaxPayload = 64;
+Quantity quantity_of(std::uint32_t number) LITHE_RT;
 
-Kind kind_of(std::uint32_t address) LITHE_RT;
+// What one count is worth; 1 for float.
+double count_worth(Quantity quantity, Format format) LITHE_RT;
 
-// Value of the least significant bit of a `kind` at an integer resolution.
-double lsb(Kind kind, Resolution resolution) LITHE_RT;
+constexpr std::size_t bytes_of(Format format) LITHE_RT {
+  return format == Format::int8 ? 1 : format == Format::int16 ? 2 : 4;
+}
 
-// Scaled integer of `value`: truncated toward zero, saturated; NaN becomes the smallest integer.
-std::int32_t to_raw(double value, Kind kind, Resolution resolution) LITHE_RT;
-double from_raw(std::int32_t raw, Kind kind, Resolution resolution) LITHE_RT;
+// Integers: towards zero, saturated, NaN as the smallest integer. Writes bytes_of(format) bytes.
+void encode_value(double value, Quantity quantity, Format format, std::uint8_t* out) LITHE_RT;
+double decode_value(const std::uint8_t* in, Quantity quantity, Format format) LITHE_RT;
 
-// Bytes the frame grows to: FD knows 0-8, 12, 16, 20, 24, 32, 48 and 64.
-std::size_t padded_size(std::size_t size) LITHE_RT;
+enum class Kind : std::uint8_t { write, read, reply, write_error, read_error, client_data, server_data, poll };
 
-// Writes subframes into a caller's buffer. What does not fit is dropped whole and noted in ok().
-// Contract: RT · a value, one thread
-class Writer {
+// Appends subframes to a payload. A subframe that does not fit is left out whole and makes ok() false.
+// Contract: RT · pure
+class SubframeWriter {
  public:
-  explicit Writer(std::span<std::uint8_t, kMaxPayload> buffer) : buffer_(buffer) {}
+  explicit SubframeWriter(Frame& frame) LITHE_RT : frame_(&frame) { frame.size = 0; }
 
-  // Writes `values` to consecutive registers from `start`.
-  void write(std::uint32_t start, Resolution resolution, std::span<const double> values) LITHE_RT;
-  // Answers a read: the same with the reply code.
-  void reply(std::uint32_t start, Resolution resolution, std::span<const double> values) LITHE_RT;
-  // Asks for `count` consecutive registers from `start`.
-  void read(std::uint32_t start, Resolution resolution, std::uint32_t count) LITHE_RT;
-  // Answers what cannot be done: 1 unknown register or bad value, 2 not writable.
-  void error(bool writing, std::uint32_t address, std::uint32_t code) LITHE_RT;
-  // Pads with NOPs to a length FD knows and returns it.
-  std::size_t finish() LITHE_RT;
+  void write(Format format, std::uint32_t start, std::span<const double> values) LITHE_RT;
+  void read(Format format, std::uint32_t start, std::uint32_t count) LITHE_RT;
 
-  std::size_t size() const LITHE_RT { return size_; }
+  // For the drive's side. `long_form`: say the count in a byte of its own also where three bits would do.
+  void reply(Format format, std::uint32_t start, std::span<const double> values, bool long_form) LITHE_RT;
+  void error(Kind kind, std::uint32_t number, std::uint32_t error) LITHE_RT;
+  void empty_server_data(std::uint32_t channel) LITHE_RT;
+
+  // Fills up to a length that CAN-FD can carry.
+  void pad() LITHE_RT;
+
   bool ok() const LITHE_RT { return ok_; }
 
  private:
-  void values(std::uint8_t code, std::uint32_t start, Resolution resolution, std::span<const double> data) LITHE_RT;
-  bool room(std::size_t bytes) LITHE_RT;
-  void byte(std::uint8_t value) LITHE_RT { buffer_[size_++] = value; }
+  void values(std::uint8_t base, Format format, std::uint32_t start, std::span<const double> values, bool long_form)
+      LITHE_RT;
+  bool fits(std::size_t bytes) LITHE_RT;
+  void byte(std::uint8_t value) LITHE_RT { frame_->data[frame_->size++] = value; }
   void varuint(std::uint32_t value) LITHE_RT;
-  void value(double data, std::uint32_t address, Resolution resolution) LITHE_RT;
 
-  std::span<std::uint8_t, kMaxPayload> buffer_;
-  std::size_t size_ = 0;
+  Frame* frame_;
   bool ok_ = true;
 };
 
-// One thing a frame says.
 struct Subframe {
-  enum class Type : std::uint8_t { write, read, reply, write_error, read_error, unknown };
-  Type type = Type::unknown;
-  Resolution resolution = Resolution::int8;
-  std::uint32_t start = 0;               // first register
-  std::uint32_t count = 0;               // registers; the error code of an error
-  std::array<double, 32> values{};       // of a write or reply, the first `count`
+  Kind kind = Kind::read;
+  Format format = Format::int8;
+  bool long_form = false;
+  std::uint32_t start = 0;  // register; channel of a stream
+  std::uint32_t count = 0;  // values; bytes of a stream. A read may ask for more than any frame holds
+  std::uint32_t error = 0;
+  const std::uint8_t* data = nullptr;
+
+  // Of a write or reply, index < count.
+  double value(std::uint32_t index) const LITHE_RT {
+    return decode_value(data + index * bytes_of(format), quantity_of(start + index), format);
+  }
 };
 
-// Takes a payload apart, subframe by subframe. Malformed bytes end it; nothing is ever read past the end.
-// Contract: RT · a value, one thread
-class Reader {
+// Walks the subframes of any bytes whatever; what it yields lies inside them.
+// Contract: RT · pure · at most one subframe per byte
+class SubframeReader {
  public:
-  explicit Reader(std::span<const std::uint8_t> payload) : payload_(payload) {}
+  explicit SubframeReader(std::span<const std::uint8_t> payload) LITHE_RT : rest_(payload) {}
 
-  // The next subframe; false at the end or where the bytes make no sense (then malformed() is set).
-  bool next(Subframe& subframe) LITHE_RT;
-  bool malformed() const LITHE_RT { return malformed_; }
+  // False at the end, or where the bytes stop making sense: then well_formed() is false.
+  bool next(Subframe& out) LITHE_RT;
+  bool well_formed() const LITHE_RT { return well_formed_; }
 
  private:
+  bool parse(std::uint8_t head, Subframe& out) LITHE_RT;
+  bool registers(std::uint8_t head, Subframe& out) LITHE_RT;
   bool varuint(std::uint32_t& value) LITHE_RT;
-  bool value(std::uint32_t address, Resolution resolution, double& out) LITHE_RT;
-  bool fail() LITHE_RT {
-    malformed_ = true;
-    at_ = payload_.size();
-    return false;
-  }
+  bool take(std::size_t bytes, Subframe& out) LITHE_RT;
 
-  std::span<const std::uint8_t> payload_;
-  std::size_t at_ = 0;
-  bool malformed_ = false;
+  std::span<const std::uint8_t> rest_;
+  bool well_formed_ = true;
 };
-
-// Arbitration id of a frame from `source` to `destination`; bit 15 asks for a reply.
-constexpr std::uint32_t arbitration_id(std::uint32_t source, std::uint32_t destination, bool wants_reply) LITHE_RT {
-  return (wants_reply ? 0x8000U : 0U) | (source & 0x7fU) << 8 | (destination & 0x7fU);
-}
-
-// True for fault codes that only report a limit at work (96-105): the drive goes on in position mode.
-constexpr bool is_limit_code(std::uint32_t code) LITHE_RT { return code >= 96 && code <= 105; }
-
-// The fault's name for people, "unknown" for a code this build does not know.
-const char* fault_name(std::uint32_t code) LITHE_RT;
 
 }  // namespace lithe::hal::moteus

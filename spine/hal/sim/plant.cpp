@@ -1,38 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/sim/plant.hpp"
 
-#include <cmath>
+#include <numbers>
 
-#include "spine/core/time.hpp"
-
-namespace lithe::hal {
+namespace lithe::hal::sim {
 namespace {
 
-constexpr double kStepS = static_cast<double>(Plant::kStepNs) / static_cast<double>(kNsPerS);
+// An angle that looks drawn by lot (SplitMix64) and is the same for the same seed.
+double phase_of(std::uint64_t seed) {
+  std::uint64_t z = seed + 0x9e3779b97f4a7c15;
+  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9;
+  z = (z ^ (z >> 27)) * 0x94d049bb133111eb;
+  return 2 * std::numbers::pi * static_cast<double>((z ^ (z >> 31)) >> 11) * 0x1p-53;
+}
 
 }  // namespace
 
-Plant::Plant(const robot::PlantConfig& config)
-    : config_(config),
-      lag_gain_(config.torque_lag_s > 0 ? 1.0 - std::exp(-kStepS / config.torque_lag_s) : 1.0),
-      position_rad_(config.initial_position_rad) {}
+Plant::Plant(const PlantParams& params)
+    : params_(params),
+      lag_gain_(params.torque_lag_s > 0 ? 1 - std::exp(-kStepS / params.torque_lag_s) : 1),
+      step_per_inertia_(kStepS / params.inertia_kg_m2),
+      cogging_per_rad_(params.cogging_per_rev),
+      phase_rad_(phase_of(params.seed)),
+      position_rad_(params.initial_position_rad) {}
 
-void Plant::step(double torque_nm) LITHE_RT {
-  torque_nm_ += (torque_nm - torque_nm_) * lag_gain_;
-  const double driven_nm =
-      torque_nm_ - config_.mgl_nm * std::sin(position_rad_) -
-      (config_.cogging_nm != 0 ? config_.cogging_nm * std::cos(config_.cogging_per_rev * position_rad_) : 0.0);
-  // The viscous part implicitly: stable however large b is.
-  const double free_rad_s = (velocity_rad_s_ + kStepS * driven_nm / config_.inertia_kg_m2) /
-                            (1.0 + kStepS * config_.viscous_nm_s_rad / config_.inertia_kg_m2);
-  const double friction_rad_s = kStepS * config_.coulomb_nm / config_.inertia_kg_m2;
-  velocity_rad_s_ = std::abs(free_rad_s) <= friction_rad_s ? 0.0 : free_rad_s - std::copysign(friction_rad_s, free_rad_s);
-  position_rad_ += kStepS * velocity_rad_s_;
-}
-
-double Plant::energy_j() const LITHE_RT {
-  return 0.5 * config_.inertia_kg_m2 * velocity_rad_s_ * velocity_rad_s_ +
-         config_.mgl_nm * (1.0 - std::cos(position_rad_));
-}
-
-}  // namespace lithe::hal
+}  // namespace lithe::hal::sim

@@ -1,40 +1,80 @@
 // SPDX-License-Identifier: Apache-2.0
-// One joint of a simulated robot: a pendulum with the friction, lag and sensors of a real one.
+// One joint of a robot, as physics: inertia, gravity, friction that sticks, a motor that lags.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
 
 #include "spine/core/rt.hpp"
-#include "spine/robot/config.hpp"
 
-namespace lithe::hal {
+namespace lithe::hal::sim {
 
-// J th'' = tau - mgl sin(th) - b w - A cos(N th) - friction, tau following the drive with a first-order lag.
-// Friction is Coulomb's: it opposes motion, and holds the joint while the other torques stay below it.
-// Integration: semi-implicit Euler in fixed inner steps of 50 us, friction applied as an impulse that may stop the
-// joint but never turn it round, so sticking is exact and not a steep tanh.
-// Contract: RT · deterministic: the same calls give the same bits
+// Joint coordinates: angle 0 hangs straight down, gravity pulls with -mgl_nm * sin(angle).
+struct PlantParams {
+  double inertia_kg_m2 = 2.5e-3;
+  double mgl_nm = 0.0;
+  double viscous_nm_s_rad = 0.0;
+  double coulomb_nm = 0.0;  // dry friction, also what holds the joint at rest
+  double cogging_nm = 0.0;  // amplitude
+  std::uint32_t cogging_per_rev = 84;
+  double torque_lag_s = 0.0;
+  double torque_max_nm = 1e9;  // of the motor, at the joint
+  double initial_position_rad = 0.0;
+  std::uint64_t seed = 1;  // of the cogging's phase
+};
+
+//   inertia * angle'' = torque - mgl sin(angle) - viscous * velocity - friction - cogging,  torque' = (wanted - torque)
+//   / lag
+//
+// Semi-implicit Euler in steps of 50 us: energy neither grows nor drains by itself. Friction is Coulomb's law, not a
+// smooth stand-in: within a step a joint that would change its direction stops, and one that stands stays until the
+// other torques exceed coulomb_nm. Same inputs, same motion, to the bit.
+// Contract: RT · one thread · no clock of its own
 class Plant {
  public:
   static constexpr std::int64_t kStepNs = 50'000;
 
-  explicit Plant(const robot::PlantConfig& config);
+  explicit Plant(const PlantParams& params);
 
-  // One inner step with `torque_nm` asked of the drive (joint side).
-  void step(double torque_nm) LITHE_RT;
+  // Moves on by kStepNs with this torque asked of the motor. The torque is finite.
+  void step(double wanted_nm) LITHE_RT {
+    const double limited_nm = std::clamp(wanted_nm, -params_.torque_max_nm, params_.torque_max_nm);
+    torque_nm_ += lag_gain_ * (limited_nm - torque_nm_);
+    if (std::abs(torque_nm_) < kNothing) torque_nm_ = 0;  // the tail of the lag would end in slow denormal numbers
+    double load_nm = torque_nm_ - params_.mgl_nm * std::sin(position_rad_) - params_.viscous_nm_s_rad * velocity_rad_s_;
+    if (params_.cogging_nm != 0)
+      load_nm -= params_.cogging_nm * std::sin(cogging_per_rad_ * position_rad_ + phase_rad_);
+    const double moved_by_nm = velocity_rad_s_ != 0 ? velocity_rad_s_ : load_nm;  // only its sign counts
+    if (velocity_rad_s_ == 0 && std::abs(load_nm) <= params_.coulomb_nm) return;
+    const double before_rad_s = velocity_rad_s_;
+    velocity_rad_s_ += step_per_inertia_ * (load_nm - std::copysign(params_.coulomb_nm, moved_by_nm));
+    if (params_.coulomb_nm > 0 && before_rad_s * velocity_rad_s_ < 0) velocity_rad_s_ = 0;
+    position_rad_ += kStepS * velocity_rad_s_;
+  }
 
   double position_rad() const LITHE_RT { return position_rad_; }
   double velocity_rad_s() const LITHE_RT { return velocity_rad_s_; }
-  double torque_nm() const LITHE_RT { return torque_nm_; }  // what the drive really applies, after its lag
-  // Kinetic and potential energy [J], zero hanging at rest.
-  double energy_j() const LITHE_RT;
+  double torque_nm() const LITHE_RT { return torque_nm_; }
+
+  // Puts the joint there, at rest, as a hand would. Contract: tests and set-up
+  void place(double position_rad) LITHE_RT {
+    position_rad_ = position_rad;
+    velocity_rad_s_ = 0;
+  }
 
  private:
-  robot::PlantConfig config_;
-  double lag_gain_;  // share of the way to the asked torque made in one step
+  static constexpr double kStepS = 1e-9 * static_cast<double>(kStepNs);
+  static constexpr double kNothing = 1e-15;
+
+  PlantParams params_;
+  double lag_gain_;
+  double step_per_inertia_;
+  double cogging_per_rad_;
+  double phase_rad_;
   double position_rad_;
   double velocity_rad_s_ = 0;
   double torque_nm_ = 0;
 };
 
-}  // namespace lithe::hal
+}  // namespace lithe::hal::sim

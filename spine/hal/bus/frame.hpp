@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// One CAN or CAN-FD frame, the only thing a bus carries.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "spine/core/rt.hpp"
+
+namespace lithe::hal {
+
+inline constexpr std::size_t kMaxPayload = 64;
+
+struct Frame {
+  std::uint32_t id = 0;   // 11 bits, or 29 when extended
+  std::uint8_t size = 0;  // bytes of data: 0 to 8, 12, 16, 20, 24, 32, 48 or 64
+  bool extended = false;
+  bool fd = false;
+  bool brs = false;  // data phase at the higher bit rate
+  std::array<std::uint8_t, kMaxPayload> data{};
+
+  // The bytes that count, whatever `size` claims.
+  std::span<const std::uint8_t> payload() const LITHE_RT {
+    return {data.data(), size < kMaxPayload ? size : kMaxPayload};
+  }
+};
+
+// The smallest length CAN-FD can carry that holds `size` bytes (size <= 64).
+constexpr std::size_t fd_size(std::size_t size) LITHE_RT {
+  if (size <= 8) return size;
+  if (size <= 24) return (size + 3) / 4 * 4;
+  if (size <= 32) return 32;
+  return size <= 48 ? 48 : 64;
+}
+
+}  // namespace lithe::hal

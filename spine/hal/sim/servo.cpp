@@ -1,0 +1,260 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/hal/sim/servo.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace lithe::hal::sim {
+
+using moteus::Mode;
+
+namespace {
+
+constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
+constexpr std::int64_t kEnablingNs = 1'000'000;
+constexpr std::int64_t kCalibratingNs = 4'000'000;
+
+constexpr std::uint32_t kFaultStartOutsideLimit = 39;
+constexpr std::uint32_t kFaultStopPosition = 45;
+constexpr std::uint32_t kLimitMaxTorque = 102;
+constexpr std::uint32_t kLimitBounds = 103;
+
+// A limit register: NaN is what the drive is configured with, negative is none.
+double effective_limit(double commanded, double configured) LITHE_RT {
+  const double limit = std::isnan(commanded) ? configured : commanded;
+  return limit >= 0 ? limit : ServoParams::kNone;
+}
+
+bool has_watchdog(Mode mode) LITHE_RT { return mode == Mode::position || mode == Mode::stay_within; }
+
+}  // namespace
+
+Servo::Servo(const ServoParams& params, const JointTransform& joint, const PlantParams& plant)
+    : params_(params), joint_(joint), plant_(plant) {
+  tracked_rev_ = joint_.motor_rev(plant_.position_rad());
+  measure();
+  tracked_rev_ = encoder_rev_;
+  velocity_rev_s_ = 0;
+}
+
+void Servo::advance(std::int64_t now_ns) LITHE_RT {
+  if (time_ns_ == kNever) time_ns_ = now_ns;
+  const std::int64_t lag_ns = now_ns - time_ns_;
+  if (lag_ns <= 0) return;
+  const std::int64_t steps = std::min(lag_ns, kMaxCatchUpNs) / Plant::kStepNs;
+  for (std::int64_t i = 0; i < steps; ++i) step();
+  if (lag_ns <= kMaxCatchUpNs) return;
+  const std::int64_t skip_ns = (now_ns - time_ns_) / Plant::kStepNs * Plant::kStepNs;
+  skipped_ns_ += skip_ns;
+  time_ns_ += skip_ns;
+  check_watchdog();
+}
+
+void Servo::step() LITHE_RT {
+  check_watchdog();
+  if (mode_ == Mode::enabling && time_ns_ >= phase_end_ns_) {
+    mode_ = Mode::calibrating;
+    phase_end_ns_ = time_ns_ + kCalibratingNs;
+  } else if (mode_ == Mode::calibrating && time_ns_ >= phase_end_ns_) {
+    mode_ = Mode::calibration_complete;
+  } else if (mode_ == Mode::calibration_complete) {
+    enter(target_);
+  }
+  wanted_nm_ = motor_torque();
+  // Nonsense in a register must not end in a plant that is nowhere for ever.
+  if (!std::isfinite(wanted_nm_)) wanted_nm_ = 0;
+  wanted_nm_ = std::clamp(wanted_nm_, -params_.motor_torque_max_nm, params_.motor_torque_max_nm);
+  plant_.step(wanted_nm_ * joint_.gear());
+  measure();
+  time_ns_ += Plant::kStepNs;
+}
+
+// The encoder tells whole counts; a tracking loop behind it (two poles) makes the velocity.
+void Servo::measure() LITHE_RT {
+  constexpr double kNothing = 1e-12;
+  const double rev = joint_.motor_rev(plant_.position_rad());
+  encoder_rev_ = std::floor(rev * params_.encoder_counts) / params_.encoder_counts;
+  const double pole = 2 * std::numbers::pi * params_.velocity_filter_hz;
+  const double error_rev = encoder_rev_ - tracked_rev_;
+  velocity_rev_s_ += kStepS * pole * pole * error_rev;
+  tracked_rev_ += kStepS * (velocity_rev_s_ + 2 * pole * error_rev);
+  if (std::abs(velocity_rev_s_) < kNothing) velocity_rev_s_ = 0;
+}
+
+void Servo::check_watchdog() LITHE_RT {
+  if (has_watchdog(mode_) && time_ns_ >= watchdog_end_ns_) mode_ = Mode::timeout;
+}
+
+void Servo::apply(Mode mode, const ServoCommand& command) LITHE_RT {
+  if (mode == Mode::stopped) {
+    mode_ = Mode::stopped;
+    fault_ = 0;
+    command_ = command;
+    return;
+  }
+  if (mode_ == Mode::fault || mode_ == Mode::timeout) return;
+  command_ = command;
+  switch (mode_) {
+    case Mode::stopped:
+      mode_ = Mode::enabling;
+      phase_end_ns_ = (time_ns_ == kNever ? 0 : time_ns_) + kEnablingNs;
+      target_ = mode;
+      return;
+    case Mode::enabling:
+    case Mode::calibrating:
+    case Mode::calibration_complete:
+      target_ = mode;
+      return;
+    default:
+      enter(mode);
+  }
+}
+
+void Servo::enter(Mode mode) LITHE_RT {
+  const bool starts = has_watchdog(mode) && !has_watchdog(mode_);
+  if (starts && command_.ignore_bounds == 0 && outside_bounds()) return fail(kFaultStartOutsideLimit);
+  if (starts) {
+    control_position_rev_ = encoder_rev_;
+    control_velocity_rev_s_ = velocity_rev_s_;
+  }
+  mode_ = mode;
+  fault_ = 0;
+  start_command();
+}
+
+void Servo::start_command() LITHE_RT {
+  if (!has_watchdog(mode_)) return;
+  const double watchdog_s = command_.watchdog_s == 0 ? params_.default_watchdog_s : command_.watchdog_s;
+  constexpr double kLongestS = 1e6;
+  watchdog_end_ns_ = std::isnan(watchdog_s)
+                         ? kNever
+                         : time_ns_ + static_cast<std::int64_t>(1e9 * std::clamp(watchdog_s, 0.0, kLongestS));
+  velocity_limit_ = effective_limit(command_.velocity_limit_rev_s, params_.default_velocity_limit_rev_s);
+  acceleration_limit_ = effective_limit(command_.acceleration_limit_rev_s2, params_.default_acceleration_limit_rev_s2);
+  const bool planned = !std::isnan(velocity_limit_) || !std::isnan(acceleration_limit_);
+  if (planned && !std::isnan(command_.stop_position_rev)) return fail(kFaultStopPosition);
+  if (std::isnan(command_.velocity_rev_s)) command_.velocity_rev_s = 0;
+  goal_rev_ = std::isnan(command_.position_rev) ? encoder_rev_ : command_.position_rev;
+  trajectory_complete_ = !planned;
+  if (planned) return;
+  control_position_rev_ = goal_rev_;
+  control_velocity_rev_s_ = command_.velocity_rev_s;
+}
+
+void Servo::fail(std::uint32_t fault) LITHE_RT {
+  mode_ = Mode::fault;
+  fault_ = fault;
+}
+
+double Servo::torque_nm() const LITHE_RT { return driving(mode_) ? plant_.torque_nm() / joint_.gear() : 0; }
+
+bool Servo::driving(Mode mode) const LITHE_RT {
+  return mode >= Mode::pwm && mode != Mode::brake && mode != Mode::measure_inductance;
+}
+
+bool Servo::outside_bounds() const LITHE_RT {
+  return encoder_rev_ < params_.position_min_rev || encoder_rev_ > params_.position_max_rev;
+}
+
+double Servo::motor_torque() LITHE_RT {
+  switch (mode_) {
+    case Mode::current:
+      return params_.torque_constant_nm_a * command_.q_current_a;
+    case Mode::position:
+      return position_torque();
+    case Mode::stay_within:
+      return within_torque();
+    case Mode::timeout: {
+      const double damping_nm = -params_.kd_nm_s_rev * velocity_rev_s_;
+      return std::clamp(damping_nm, -params_.timeout_max_torque_nm, params_.timeout_max_torque_nm);
+    }
+    case Mode::zero_velocity:
+      return -params_.kd_nm_s_rev * velocity_rev_s_;
+    case Mode::brake: {
+      // Windings shorted: the motor's own voltage drives a current against the motion.
+      const double drag_nm_s_rad = params_.torque_constant_nm_a * params_.torque_constant_nm_a / params_.resistance_ohm;
+      return -drag_nm_s_rad * 2 * std::numbers::pi * joint_.rev_per_rad() * plant_.velocity_rad_s();
+    }
+    default:
+      return 0;
+  }
+}
+
+double Servo::pd(double position_rev, double velocity_rev_s) LITHE_RT {
+  const double stiffness = params_.kp_nm_rev * command_.kp_scale * (position_rev - encoder_rev_);
+  const double damping = params_.kd_nm_s_rev * command_.kd_scale * (velocity_rev_s - velocity_rev_s_);
+  // The integral is left out: the factory's limit for it is 0.
+  const double wanted = stiffness + damping + command_.torque_nm;
+  const double limit = std::isnan(command_.max_torque_nm) ? params_.motor_torque_max_nm : command_.max_torque_nm;
+  if (!(std::abs(wanted) > std::abs(limit))) return wanted;
+  fault_ = kLimitMaxTorque;
+  return std::copysign(limit, wanted);
+}
+
+double Servo::position_torque() LITHE_RT {
+  fault_ = 0;
+  move_set_point();
+  return pd(control_position_rev_, control_velocity_rev_s_);
+}
+
+double Servo::within_torque() LITHE_RT {
+  fault_ = 0;
+  const double lower = command_.lower_bound_rev;
+  const double upper = command_.upper_bound_rev;
+  if (encoder_rev_ < lower) return pd(lower, 0);
+  if (encoder_rev_ > upper) return pd(upper, 0);
+  const double limit = std::isnan(command_.max_torque_nm) ? params_.motor_torque_max_nm : command_.max_torque_nm;
+  return std::clamp(command_.torque_nm, -std::abs(limit), std::abs(limit));
+}
+
+void Servo::move_set_point() LITHE_RT {
+  if (!trajectory_complete_) plan_velocity();
+  control_position_rev_ += control_velocity_rev_s_ * kStepS;
+  const double stop = command_.stop_position_rev;
+  const double velocity = control_velocity_rev_s_;
+  if (velocity != 0 && velocity * (control_position_rev_ - stop) > 0) {  // false while there is no stop position
+    control_position_rev_ = stop;
+    control_velocity_rev_s_ = 0;
+  }
+  if (command_.ignore_bounds != 0) return;
+  if (control_position_rev_ < params_.position_min_rev) {
+    control_position_rev_ = params_.position_min_rev;
+    control_velocity_rev_s_ = 0;
+    fault_ = kLimitBounds;
+  } else if (control_position_rev_ > params_.position_max_rev) {
+    control_position_rev_ = params_.position_max_rev;
+    control_velocity_rev_s_ = 0;
+    fault_ = kLimitBounds;
+  }
+}
+
+// One step of a trapezoid towards a goal that moves with the commanded velocity. Without a position to reach, only the
+// velocity is brought there.
+void Servo::plan_velocity() LITHE_RT {
+  goal_rev_ += command_.velocity_rev_s * kStepS;
+  const bool free = std::isnan(command_.position_rev);
+  const double gap = free ? 0 : goal_rev_ - control_position_rev_;
+  double wanted = command_.velocity_rev_s;
+  const double most = acceleration_limit_ * kStepS;  // NaN: any change at once
+  if (gap != 0) {
+    // The fastest from which it can still brake, measured one step ahead.
+    const double reach = std::isnan(acceleration_limit_)
+                             ? std::abs(gap) / kStepS
+                             : std::sqrt(acceleration_limit_ * acceleration_limit_ * kStepS * kStepS / 4 +
+                                         2 * acceleration_limit_ * std::abs(gap)) -
+                                   most / 2;
+    wanted += std::copysign(std::min(reach, std::abs(gap) / kStepS), gap);
+  }
+  if (!std::isnan(velocity_limit_)) wanted = std::clamp(wanted, -velocity_limit_, velocity_limit_);
+  const double change = wanted - control_velocity_rev_s_;
+  control_velocity_rev_s_ += std::isnan(most) ? change : std::clamp(change, -most, most);
+  const double left = std::abs(gap - (control_velocity_rev_s_ - command_.velocity_rev_s) * kStepS);
+  if (left > 1e-9 || control_velocity_rev_s_ != wanted) return;
+  if (std::abs(wanted - command_.velocity_rev_s) * kStepS > 1e-7) return;
+  if (!free) control_position_rev_ = goal_rev_ - command_.velocity_rev_s * kStepS;
+  control_velocity_rev_s_ = command_.velocity_rev_s;
+  trajectory_complete_ = true;
+}
+
+}  // namespace lithe::hal::sim

@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: Apache-2.0
+// The inside of a simulated moteus: its modes, its watchdog, its control law, on a plant.
+#pragma once
+
+#include <cstdint>
+#include <limits>
+
+#include "spine/core/rt.hpp"
+#include "spine/hal/device/drive.hpp"
+#include "spine/hal/device/moteus_codec.hpp"
+#include "spine/hal/sim/plant.hpp"
+
+namespace lithe::hal::sim {
+
+// How the drive is configured, in its own words: revolutions of the motor, torque at the motor.
+struct ServoParams {
+  double kp_nm_rev = 4.0;
+  double kd_nm_s_rev = 0.05;
+  double default_watchdog_s = 0.1;
+  double default_velocity_limit_rev_s = kNone;
+  double default_acceleration_limit_rev_s2 = 50.0;
+  double position_min_rev = kNone;
+  double position_max_rev = kNone;
+  double timeout_max_torque_nm = 5.0;
+  double motor_torque_max_nm = 1.65;  // an mj5208 at 100 A
+  double torque_constant_nm_a = 0.0273;
+  double resistance_ohm = 0.047;
+  std::uint32_t encoder_counts = 16384;  // per revolution
+  double velocity_filter_hz = 200;       // bandwidth of the tracking loop behind the encoder
+  double supply_v = 24.0;
+  double temperature_c = 25.0;
+  static constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+};
+
+// The command registers with the values that writing the mode gives them.
+struct ServoCommand {
+  static constexpr double kAbsent = std::numeric_limits<double>::quiet_NaN();
+  double q_current_a = 0;
+  double d_current_a = 0;
+  double position_rev = 0;  // NaN: where it is now
+  double velocity_rev_s = 0;
+  double torque_nm = 0;
+  double kp_scale = 1;
+  double kd_scale = 1;
+  double max_torque_nm = kAbsent;
+  double stop_position_rev = kAbsent;
+  double watchdog_s = 0;                  // 0: as configured; NaN: none
+  double velocity_limit_rev_s = kAbsent;  // NaN: as configured; negative: none
+  double acceleration_limit_rev_s2 = kAbsent;
+  double fixed_voltage_v = kAbsent;
+  double integral_scale = 1;
+  double fixed_current_a = kAbsent;
+  double ignore_bounds = 0;
+  double lower_bound_rev = kAbsent;  // of stay_within
+  double upper_bound_rev = kAbsent;
+};
+
+// Contract: RT · one thread · time is an argument · same commands at the same times, same motion
+class Servo {
+ public:
+  // The most time one advance() works through; what lies beyond is skipped for the plant, not for the watchdog.
+  static constexpr std::int64_t kMaxCatchUpNs = 50'000'000;
+
+  Servo(const ServoParams& params, const JointTransform& joint, const PlantParams& plant);
+
+  // Lives up to `now_ns` on the 50 us grid that the first call starts. Time that goes backwards is ignored.
+  void advance(std::int64_t now_ns) LITHE_RT;
+
+  // Takes effect at once, as far as the present mode allows: a fault or a timeout listens to `stopped` only.
+  void apply(moteus::Mode mode, const ServoCommand& command) LITHE_RT;
+
+  moteus::Mode mode() const LITHE_RT { return mode_; }
+  std::uint32_t fault() const LITHE_RT { return fault_; }
+  double position_rev() const LITHE_RT { return encoder_rev_; }
+  double velocity_rev_s() const LITHE_RT { return velocity_rev_s_; }
+  double torque_nm() const LITHE_RT;  // 0 unless driving
+  double control_position_rev() const LITHE_RT { return control_position_rev_; }
+  double control_velocity_rev_s() const LITHE_RT { return control_velocity_rev_s_; }
+  double control_torque_nm() const LITHE_RT { return wanted_nm_; }
+  bool trajectory_complete() const LITHE_RT { return trajectory_complete_; }
+  std::int64_t skipped_ns() const LITHE_RT { return skipped_ns_; }
+  std::int64_t time_ns() const LITHE_RT { return time_ns_; }
+  const ServoParams& params() const LITHE_RT { return params_; }
+  Plant& plant() LITHE_RT { return plant_; }
+
+ private:
+  void step() LITHE_RT;
+  void measure() LITHE_RT;
+  void check_watchdog() LITHE_RT;
+  void enter(moteus::Mode mode) LITHE_RT;
+  void start_command() LITHE_RT;
+  void fail(std::uint32_t fault) LITHE_RT;
+  void move_set_point() LITHE_RT;
+  void plan_velocity() LITHE_RT;
+  double motor_torque() LITHE_RT;
+  double position_torque() LITHE_RT;
+  double within_torque() LITHE_RT;
+  double pd(double position_rev, double velocity_rev_s) LITHE_RT;
+  bool outside_bounds() const LITHE_RT;
+  bool driving(moteus::Mode mode) const LITHE_RT;
+
+  ServoParams params_;
+  JointTransform joint_;
+  Plant plant_;
+
+  moteus::Mode mode_ = moteus::Mode::stopped;
+  moteus::Mode target_ = moteus::Mode::stopped;  // what follows the calibration
+  std::uint32_t fault_ = 0;
+  ServoCommand command_;
+  std::int64_t time_ns_ = kNever;
+  std::int64_t phase_end_ns_ = 0;
+  std::int64_t watchdog_end_ns_ = kNever;
+  std::int64_t skipped_ns_ = 0;
+
+  double encoder_rev_ = 0;
+  double tracked_rev_ = 0;
+  double velocity_rev_s_ = 0;
+
+  double control_position_rev_ = 0;
+  double control_velocity_rev_s_ = 0;
+  double goal_rev_ = 0;            // where the planner goes; moves with the commanded velocity
+  double velocity_limit_ = 0;      // NaN: none
+  double acceleration_limit_ = 0;  // NaN: none
+  double wanted_nm_ = 0;
+  bool trajectory_complete_ = false;
+
+  static constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
+};
+
+}  // namespace lithe::hal::sim
