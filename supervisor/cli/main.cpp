@@ -1,2 +1,121 @@
 // SPDX-License-Identifier: Apache-2.0
-int main() { return 2; }
+// The `lithe` command: words in, one function of act.hpp out.
+#include <CLI/CLI.hpp>
+#include <cstdint>
+#include <iostream>
+#include <string>
+#include <vector>
+
+#include "supervisor/cli/act.hpp"
+#include "supervisor/control/supervisor.hpp"
+
+namespace {
+
+using lithe::cli::Context;
+
+struct Words {
+  Context context;
+  lithe::control::RunOptions run;
+  bool no_arm = false;
+  std::string law;
+  std::string name;
+  std::vector<std::string> params;
+  std::uint64_t since = 0;
+  bool follow = false;
+  int turns = 0;
+  int code = 0;
+};
+
+void add_run(CLI::App& app, Words& words) {
+  CLI::App* run = app.add_subcommand("run", "start a robot and look after it until Ctrl-C");
+  run->add_option("ROBOT", words.run.config_path, "robot file")->required();
+  run->add_option("--law", words.run.law, "law to start with, instead of the file's")->type_name("FILE");
+  run->add_flag("--no-arm", words.no_arm, "leave the drives off until lithe arm");
+  run->callback([&words] {
+    words.run.arm = !words.no_arm;
+    words.run.json = words.context.json;
+    words.code = lithe::control::run_robot(words.run);
+  });
+}
+
+void add_commands(CLI::App& app, Words& words) {
+  app.add_subcommand("status", "mode, law, timing, joints")->callback([&words] {
+    words.code = lithe::cli::status(words.context);
+  });
+  const std::pair<const char*, const char*> plain[] = {{"arm", "switch the drives on; the law tracks the plan"},
+                                                       {"disarm", "switch the drives off"},
+                                                       {"hold", "stay where the robot is"},
+                                                       {"reset", "leave a latched fault or e-stop, drives off"},
+                                                       {"rollback", "back to the law before this one"}};
+  for (const auto& [verb, about] : plain) {
+    app.add_subcommand(verb, about)->callback([&words, verb = verb] {
+      words.code = lithe::cli::command(words.context, verb);
+    });
+  }
+  app.add_subcommand("estop", "stop now, with or without a supervisor; latched")->callback([&words] {
+    words.code = lithe::cli::estop(words.context);
+  });
+  app.add_subcommand("stop", "end `lithe run` as Ctrl-C would")->callback([&words] {
+    words.code = lithe::cli::command(words.context, "shutdown");
+  });
+}
+
+void add_laws(CLI::App& app, Words& words) {
+  CLI::App* swap = app.add_subcommand("swap", "replace the running law");
+  swap->add_option("LAW", words.law, "C++ file, or the name of a law that comes with LITHE")->required();
+  swap->add_option("--param", words.params, "NAME=VALUE, set right after the commit")->type_name("NAME=VALUE");
+  swap->callback([&words] { words.code = lithe::cli::swap_law(words.context, words.law, words.params); });
+
+  CLI::App* law = app.add_subcommand("law", "laws as files")->require_subcommand(1)->fallthrough();
+  CLI::App* check = law->add_subcommand("check", "compile and try a law without loading it")->fallthrough();
+  check->add_option("LAW", words.law, "C++ file")->required();
+  check->callback([&words] { words.code = lithe::cli::law_check(words.context, words.law); });
+  law->add_subcommand("list", "laws that come with LITHE, and laws in the Spine")->fallthrough()->callback([&words] {
+    words.code = lithe::cli::law_list(words.context);
+  });
+
+  CLI::App* param = app.add_subcommand("param", "parameters of the running law")->require_subcommand(1)->fallthrough();
+  CLI::App* get = param->add_subcommand("get", "values and ranges")->fallthrough();
+  get->add_option("NAME", words.name, "one of them");
+  get->callback([&words] { words.code = lithe::cli::param_get(words.context, words.name); });
+  CLI::App* set = param->add_subcommand("set", "change one or more")->fallthrough();
+  set->add_option("PARAM", words.params, "NAME VALUE, or NAME=VALUE ...")->required();
+  set->callback([&words] { words.code = lithe::cli::param_set(words.context, words.params); });
+}
+
+void add_looks(CLI::App& app, Words& words) {
+  CLI::App* events = app.add_subcommand("events", "what happened");
+  events->add_option("--since", words.since, "only events after this cursor");
+  events->add_flag("--follow,-f", words.follow, "go on until Ctrl-C");
+  events->callback([&words] { words.code = lithe::cli::events(words.context, words.since, words.follow); });
+  CLI::App* top = app.add_subcommand("top", "status, live");
+  top->add_option("--turns", words.turns, "leave after so many pictures");
+  top->callback([&words] { words.code = lithe::cli::top(words.context, words.turns); });
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  Words words;
+  CLI::App app{"LITHE: a robot whose law can be replaced while it moves", "lithe"};
+  app.require_subcommand(1);
+  app.add_flag("--json", words.context.json, "print one JSON document");
+  app.add_option("--robot", words.context.robot, "which robot, when several run")->type_name("NAME");
+  app.footer("exit code: 0 done, 1 refused, 2 usage, 3 robot fault");
+  add_run(app, words);
+  add_commands(app, words);
+  add_laws(app, words);
+  add_looks(app, words);
+  for (CLI::App* each : app.get_subcommands({})) {
+    each->fallthrough();
+  }
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& wrong) {
+    return app.exit(wrong) == 0 ? 0 : 2;
+  } catch (const std::exception& wrong) {
+    std::cerr << "lithe: " << wrong.what() << '\n';
+    return 1;
+  }
+  return words.code;
+}

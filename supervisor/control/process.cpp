@@ -6,9 +6,9 @@
 #include <poll.h>
 #include <sched.h>
 #include <signal.h>
-#include <sys/pidfd.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 
 #include <cerrno>
@@ -18,6 +18,9 @@
 
 namespace lithe::control {
 namespace {
+
+// Direct system calls: the C library's header for these has no C linkage in C++ before glibc 2.37.
+int open_pidfd(pid_t pid) { return static_cast<int>(::syscall(SYS_pidfd_open, pid, 0)); }
 
 cpu_set_t cpu_set_of(const std::vector<int>& cpus) {
   cpu_set_t set;
@@ -95,11 +98,11 @@ Result<Process> Process::start(const Launch& launch) {
     return Error{fmt::format("cannot start {}: {}; is the build complete (make)?", launch.argv[0],
                              std::strerror(reason))};
   }
-  return Process(pid, Fd(::pidfd_open(pid, 0)), true);
+  return Process(pid, Fd(open_pidfd(pid)), true);
 }
 
 Result<Process> Process::adopt(pid_t pid) {
-  Fd pidfd(::pidfd_open(pid, 0));
+  Fd pidfd(open_pidfd(pid));
   if (!pidfd) {
     return Error{fmt::format("process {} cannot be watched: {}", pid, std::strerror(errno))};
   }
@@ -132,7 +135,7 @@ bool Process::wait(int timeout_ms) {
 
 void Process::signal(int number) const {
   if (!ended_) {
-    ::pidfd_send_signal(pidfd_.get(), number, nullptr, 0);
+    ::syscall(SYS_pidfd_send_signal, pidfd_.get(), number, nullptr, 0);
   }
 }
 

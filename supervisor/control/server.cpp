@@ -63,8 +63,8 @@ Server::~Server() {
 void Server::add_poll_fds(std::vector<pollfd>& fds) const {
   fds.push_back({listener_.get(), POLLIN, 0});
   for (const auto& [key, client] : clients_) {
-    const short events = client.out.empty() ? POLLIN : POLLIN | POLLOUT;
-    fds.push_back({client.fd.get(), events, 0});
+    const int events = (client.ended ? 0 : POLLIN) | (client.out.empty() ? 0 : POLLOUT);
+    fds.push_back({client.fd.get(), static_cast<short>(events), 0});
   }
 }
 
@@ -86,19 +86,30 @@ void Server::serve() {
     Client& client = it->second;
     read_from(it->first, client);
     write_to(client);
-    const bool finished = client.closing && client.out.empty();
-    it = finished || client.out.size() > kMaxUnreadBytes ? clients_.erase(it) : std::next(it);
+    it = finished(client) ? clients_.erase(it) : std::next(it);
   }
+}
+
+bool Server::finished(const Client& client) {
+  if (client.out.size() > kMaxUnreadBytes) {
+    return true;
+  }
+  if (client.ended) {
+    // Half closed (`nc -N`) still waits for its answers; hung up is gone.
+    pollfd state{client.fd.get(), 0, 0};
+    ::poll(&state, 1, 0);
+    return (state.revents & (POLLHUP | POLLERR)) != 0 || (client.owed == 0 && client.out.empty());
+  }
+  return client.closing && client.out.empty();
 }
 
 void Server::read_from(std::uint64_t key, Client& client) {
   char chunk[65536];
   // A bounded number of reads per turn, so that one busy client does not starve the others.
-  for (int turn = 0; turn < 16 && !client.closing; ++turn) {
+  for (int turn = 0; turn < 16 && !client.closing && !client.ended; ++turn) {
     const ssize_t got = ::recv(client.fd.get(), chunk, sizeof(chunk), 0);
     if (got == 0 || (got < 0 && errno != EAGAIN && errno != EINTR)) {
-      client.closing = true;
-      client.out.clear();
+      client.ended = true;
       return;
     }
     if (got < 0) {
@@ -136,6 +147,7 @@ void Server::handle(std::uint64_t key, Client& client, const std::string& line) 
     reply(to, Refusal{"bad_request", "args is a JSON object", "send {\"verb\":...,\"args\":{...}}"});
     return;
   }
+  ++client.owed;
   try {
     handler_(to, request["verb"].get<std::string>(), args);
   } catch (const Json::exception& wrong) {
@@ -147,7 +159,9 @@ void Server::handle(std::uint64_t key, Client& client, const std::string& line) 
 void Server::reply(const ReplyTo& to, const Answer& answer) {
   const auto found = clients_.find(to.client);
   if (found != clients_.end()) {
-    found->second.out += answer_line(to.id, answer);
+    Client& client = found->second;
+    client.out += answer_line(to.id, answer);
+    client.owed -= client.owed > 0 ? 1 : 0;
   }
 }
 

@@ -54,6 +54,8 @@ class Server {
     Fd fd;
     LineBuffer in;
     std::string out;
+    std::size_t owed = 0;  // requests not answered yet
+    bool ended = false;    // has sent all it will send; may still wait for answers
     bool closing = false;  // close once `out` has left
   };
 
@@ -62,6 +64,7 @@ class Server {
   void read_from(std::uint64_t key, Client& client);
   void handle(std::uint64_t key, Client& client, const std::string& line);
   static void write_to(Client& client);
+  static bool finished(const Client& client);
 
   Fd listener_;
   std::string path_;

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// What each command does. All print their own answer and return the exit code:
+// 0 done, 1 refused, 2 usage, 3 robot fault.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "supervisor/swap/answer.hpp"
+
+namespace lithe::cli {
+
+struct Context {
+  bool json = false;
+  std::string robot;  // empty: the only one that runs
+};
+
+int exit_code(const swap::Refusal& refusal);
+
+int status(const Context& context);
+int command(const Context& context, const std::string& verb);  // arm, disarm, hold, reset, rollback, shutdown
+int estop(const Context& context);
+int swap_law(const Context& context, const std::string& law, const std::vector<std::string>& params);
+int law_check(const Context& context, const std::string& law);
+int law_list(const Context& context);
+int param_get(const Context& context, const std::string& name);
+int param_set(const Context& context, const std::vector<std::string>& words);
+int events(const Context& context, std::uint64_t since, bool follow);
+int top(const Context& context, int turns);
+
+}  // namespace lithe::cli

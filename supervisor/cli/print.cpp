@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/cli/print.hpp"
+
+#include <fmt/format.h>
+
+#include <numbers>
+
+#include "supervisor/control/event_log.hpp"
+
+namespace lithe::cli {
+namespace {
+
+constexpr double kDegPerRad = 180.0 / std::numbers::pi;
+
+// A number that may be null, because JSON has no NaN.
+double number(const Json& object, const char* key) {
+  const auto found = object.find(key);
+  return found != object.end() && found->is_number() ? found->get<double>() : 0.0;
+}
+
+std::string word(const Json& object, const char* key) {
+  const auto found = object.find(key);
+  return found != object.end() && found->is_string() ? found->get<std::string>() : "-";
+}
+
+void print_quantiles(const char* name, const Json& q) {
+  fmt::print("  {:<15} p50 {:8.2f}  p99 {:8.2f}  p99.9 {:8.2f}  max {:8.2f} us\n", name, number(q, "p50"),
+             number(q, "p99"), number(q, "p999"), number(q, "max"));
+}
+
+}  // namespace
+
+void print_status(const Json& s) {
+  fmt::print("robot {}: {}{}\n", word(s, "robot"), word(s, "mode"),
+             word(s, "fault") == "none" ? "" : fmt::format(", fault {}", word(s, "fault")));
+  fmt::print("  law {} ({}) at {:g} Hz, tick {}, plan {}\n", word(s, "law"), s.value("law_id", 0), number(s, "rate_hz"),
+             s.value("tick", std::uint64_t{0}), word(s, "plan"));
+  fmt::print("  missed releases {}, late samples {}, Brain {}\n", s.value("missed_releases", 0),
+             s.value("late_samples", 0),
+             s["brain_age_ms"].is_null() ? "never seen" : fmt::format("{:.1f} ms ago", number(s, "brain_age_ms")));
+  print_quantiles("release jitter", s["release_jitter_us"]);
+  print_quantiles("hand-off", s["handoff_us"]);
+  print_quantiles("law", s["law_us"]);
+  print_quantiles("whole tick", s["tick_us"]);
+  for (const Json& joint : s["joints"]) {
+    std::string problems;
+    for (const Json& each : joint["problems"]) {
+      problems += " " + each.get<std::string>();
+    }
+    fmt::print("  {:<12} {:9.2f} deg  (setpoint {:9.2f})  {:8.1f} deg/s  {:7.3f} Nm{}\n", word(joint, "name"),
+               number(joint, "position_rad") * kDegPerRad, number(joint, "setpoint_position_rad") * kDegPerRad,
+               number(joint, "velocity_rad_s") * kDegPerRad, number(joint, "torque_nm"), problems);
+  }
+  if (const std::string lost = s.value("lost", ""); !lost.empty()) {
+    fmt::print("  this machine could not give: {}\n", lost);
+  }
+  fmt::print("  Spine pid {}, supervisor pid {}, compile service pid {}\n", s.value("spine_pid", 0),
+             s.value("supervisor_pid", 0), s.value("lawd_pid", 0));
+}
+
+void print_command(const std::string& verb, const Json& result) {
+  fmt::print("{}: mode {} at tick {}{}\n", verb, word(result, "mode"), result.value("tick", std::uint64_t{0}),
+             result.contains("law") ? fmt::format(", law {}", word(result, "law")) : "");
+}
+
+void print_swap(const Json& c) {
+  fmt::print("law {} committed at tick {}: compiled in {:.0f} ms{}, loaded in {:.1f} ms, {:.0f} ms from request to commit, "
+             "{} releases missed\n",
+             word(c, "law"), c.value("commit_tick", std::uint64_t{0}), number(c, "compile_ms"),
+             c.value("cached", false) ? " (cached)" : "", number(c, "load_ms"), number(c, "requested_to_committed_ms"),
+             c.value("missed_releases", std::uint64_t{0}));
+}
+
+void print_params(const Json& params) {
+  fmt::print("law {}\n", word(params, "law"));
+  for (const Json& each : params["params"]) {
+    fmt::print("  {:<24} {:12.6g}   [{:g}, {:g}]\n", word(each, "name"), number(each, "value"), number(each, "min"),
+               number(each, "max"));
+  }
+}
+
+void print_check(const Json& result) {
+  const Json law = result.value("law", Json::object());
+  fmt::print("law {} is fine: compiled in {:.0f} ms{}, dry run passed\n", word(law, "name"), number(result, "compile_ms"),
+             result.value("cached", false) ? " (cached)" : "");
+  for (const Json& each : law.value("params", Json::array())) {
+    fmt::print("  {:<24} {:12.6g}   [{:g}, {:g}]\n", word(each, "name"), number(each, "value"), number(each, "min"),
+               number(each, "max"));
+  }
+}
+
+void print_laws(const Json& laws) {
+  for (const Json& each : laws["files"]) {
+    fmt::print("  {:<20} {}\n", word(each, "name"), word(each, "about"));
+  }
+  for (const Json& each : laws["resident"]) {
+    fmt::print("in the Spine: {} ({}){}\n", word(each, "law"), each.value("law_id", 0),
+               each.value("active", false) ? ", running" : "");
+  }
+}
+
+void print_events(const Json& events) {
+  if (const auto lost = events.value("lost", std::uint64_t{0}); lost != 0) {
+    fmt::print("({} older events are gone)\n", lost);
+  }
+  for (const Json& each : events["events"]) {
+    fmt::print("{:>6}  {:14.6f} s  {}\n", each.value("cursor", std::uint64_t{0}),
+               static_cast<double>(each.value("t_ns", std::int64_t{0})) * 1e-9, control::event_line(each));
+  }
+}
+
+}  // namespace lithe::cli

@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/cli/talk.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <iostream>
+#include <set>
+#include <vector>
+
+#include "spine/core/paths.hpp"
+
+namespace lithe::cli {
+
+int exit_code(const Refusal& refusal) {
+  static const std::set<std::string> usage = {"usage", "bad_request", "unknown_verb", "several_robots", "no_source"};
+  static const std::set<std::string> fault = {"robot_fault", "refused_fault"};
+  return usage.count(refusal.code) != 0 ? 2 : fault.count(refusal.code) != 0 ? 3 : 1;
+}
+
+std::variant<control::Client, Refusal> connect(const Context& context) {
+  std::string robot = context.robot;
+  if (robot.empty()) {
+    const std::vector<std::string> running = control::running_robots();
+    if (running.empty()) {
+      return Refusal{"no_robot", fmt::format("no robot is running here (looked in {})", run_dir()),
+                     "start one: lithe run robots/arm.toml"};
+    }
+    if (running.size() > 1) {
+      return Refusal{"several_robots", fmt::format("several robots are running: {}", fmt::join(running, ", ")),
+                     "say which: --robot NAME"};
+    }
+    robot = running.front();
+  }
+  auto client = control::Client::connect(control_socket_path(robot));
+  if (!client) {
+    return Refusal{"no_robot", client.message(), "start it: lithe run ROBOT.toml; a Spine without one keeps running"};
+  }
+  return std::move(*client);
+}
+
+Answer ask(const Context& context, const std::string& verb, const Json& args, int timeout_ms) {
+  auto client = connect(context);
+  if (const auto* refusal = std::get_if<Refusal>(&client)) {
+    return *refusal;
+  }
+  return std::get<control::Client>(client).call(verb, args, timeout_ms);
+}
+
+int refuse(const Context& context, const Refusal& refusal) {
+  if (context.json) {
+    std::cout << Json{{"ok", false}, {"error", refusal.to_json()}}.dump(2, ' ', false, Json::error_handler_t::replace)
+              << std::endl;
+  } else {
+    std::cerr << refusal.message << '\n';
+    if (refusal.detail.is_object()) {
+      const std::string text = refusal.detail.value("text", "");
+      if (!text.empty() && text != refusal.message) {
+        std::cerr << text << (text.back() == '\n' ? "" : "\n");
+      }
+    }
+    if (!refusal.next.empty()) {
+      std::cerr << "next: " << refusal.next << '\n';
+    }
+  }
+  return exit_code(refusal);
+}
+
+int finish(const Context& context, const Answer& answer, const std::function<void(const Json&)>& print) {
+  if (const auto* refusal = std::get_if<Refusal>(&answer)) {
+    return refuse(context, *refusal);
+  }
+  const Json& result = std::get<Json>(answer);
+  if (context.json) {
+    std::cout << result.dump(2, ' ', false, Json::error_handler_t::replace) << std::endl;
+  } else {
+    print(result);
+    std::fflush(stdout);
+  }
+  return 0;
+}
+
+}  // namespace lithe::cli

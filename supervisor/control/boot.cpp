@@ -1,0 +1,305 @@
+// SPDX-License-Identifier: Apache-2.0
+// The supervisor's morning: from a robot file to a robot that runs its first law.
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <signal.h>
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+#include <sys/signalfd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <utility>
+
+#include "spine/core/host.hpp"
+#include "spine/core/paths.hpp"
+#include "spine/core/time.hpp"
+#include "spine/robot/robot.hpp"
+#include "supervisor/control/cores.hpp"
+#include "supervisor/control/supervisor.hpp"
+
+namespace lithe::control {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::int64_t kReadyTimeoutNs = 30 * kNsPerS;
+constexpr std::int64_t kArmTimeoutNs = 5 * kNsPerS;
+
+std::string out_dir() {
+  const char* chosen = std::getenv("LITHE_OUT_DIR");
+  return fs::absolute(chosen != nullptr ? chosen : "out").string();
+}
+
+std::string pid_path(const std::string& robot) { return fmt::format("{}/{}.pid", run_dir(), robot); }
+
+// Who holds the lease: its own note, else what it wrote into the segment.
+std::string holder_of(const std::string& robot) {
+  std::string pid = "unknown";
+  if (std::ifstream file(pid_path(robot)); file >> pid) {
+    return pid;
+  }
+  const auto control = ipc::Segment<ipc::ControlMemory>::attach(robot, ipc::Access::read);
+  return control ? std::to_string((*control)->header.writer_pid) : pid;
+}
+
+std::string words_of(const Refusal& refusal) {
+  std::string words = refusal.message;
+  if (refusal.detail.is_object() && !refusal.detail.value("text", "").empty()) {
+    words += "\n" + refusal.detail["text"].get<std::string>();
+  }
+  return words;
+}
+
+}  // namespace
+
+int run_robot(const RunOptions& options) {
+  spdlog::set_default_logger(spdlog::stderr_color_mt("lithe"));
+  spdlog::set_pattern("%H:%M:%S.%e %^%l%$ %v");
+  auto config = robot::load_robot(options.config_path);
+  if (!config) {
+    std::cerr << config.message() << '\n';
+    if (options.json) {
+      std::cout << Json{{"ok", false}, {"error", Refusal{"bad_config", config.message(), "correct the file"}.to_json()}}
+                << '\n';
+    }
+    return 2;
+  }
+  for (const std::string& note : config->notes) {
+    spdlog::warn("{}", note);
+  }
+  return Supervisor(options, std::move(*config)).run();
+}
+
+void Supervisor::take_lease() {
+  std::error_code failure;
+  fs::create_directories(run_dir(), failure);
+  if (failure) {
+    throw Halt{1, fmt::format("cannot create {}: {}; set LITHE_RUN_DIR", run_dir(), failure.message())};
+  }
+  auto lease = ipc::Lease::try_take(ipc::Segment<ipc::ControlMemory>::path(config_.name));
+  if (!lease) {
+    throw Halt{1, lease.message()};
+  }
+  if (!*lease) {
+    throw Halt{1, fmt::format("robot '{}' already has a supervisor (pid {}); use lithe status, or stop it first",
+                              config_.name, holder_of(config_.name))};
+  }
+  lease_ = std::move(**lease);
+  owns_files_ = true;
+  std::ofstream(pid_path(config_.name)) << ::getpid() << '\n';
+  if (const auto pinned = set_affinity(0, cores_beside(all_cpus_, config_.spine)); !pinned) {
+    spdlog::warn("{}", pinned.message());
+  }
+}
+
+void Supervisor::catch_signals() {
+  sigset_t set;
+  sigemptyset(&set);
+  for (const int number : {SIGINT, SIGTERM}) {
+    // A shell starts background jobs with SIGINT ignored; whoever sends it to a robot means it.
+    ::signal(number, SIG_DFL);
+    sigaddset(&set, number);
+  }
+  struct sigaction hangup {};
+  if (::sigaction(SIGHUP, nullptr, &hangup) == 0 && hangup.sa_handler != SIG_IGN) {
+    sigaddset(&set, SIGHUP);
+  }
+  ::signal(SIGPIPE, SIG_IGN);
+  ::sigprocmask(SIG_BLOCK, &set, nullptr);
+  signals_.reset(::signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK));
+}
+
+void Supervisor::start_lawd() {
+  if (const auto started = lawd_.start(monotonic_ns()); !started) {
+    throw Halt{1, started.message()};
+  }
+}
+
+void Supervisor::compile_first_law() {
+  const std::string path = options_.law.empty() ? config_.law : options_.law;
+  if (path.empty()) {
+    return;
+  }
+  std::ifstream file(path, std::ios::binary);
+  first_source_.assign(std::istreambuf_iterator<char>(file), {});
+  if (first_source_.empty()) {
+    throw Halt{1, fmt::format("cannot read the law {}; give another with --law FILE", path)};
+  }
+  spdlog::info("compiling {}", path);
+  std::optional<Answer> answer;
+  lawd_.compile(fs::path(path).filename().string(), first_source_, [&answer](const Answer& got) { answer = got; },
+                monotonic_ns());
+  turn_until([&answer] { return answer.has_value(); }, LawdLink::kCompileTimeoutNs + kNsPerS);
+  if (!answer) {
+    throw Halt{1, "the compile service does not answer"};
+  }
+  if (const auto* refusal = std::get_if<Refusal>(&*answer)) {
+    throw Halt{1, fmt::format("the law {} cannot run: {}", path, words_of(*refusal))};
+  }
+}
+
+void Supervisor::start_spine() {
+  int out[2];
+  const Fd log(::open(log_path_.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_APPEND | O_CLOEXEC, 0640));
+  if (!log || ::pipe2(out, O_CLOEXEC) != 0) {
+    throw Halt{1, fmt::format("cannot prepare {}: {}", log_path_, std::strerror(errno))};
+  }
+  spine_out_.reset(out[0]);
+  ::fcntl(out[0], F_SETFL, O_NONBLOCK);
+  const Fd theirs(out[1]);
+  Launch launch;
+  launch.argv = {program_dir() + "/lithe-spine", fs::absolute(options_.config_path).string()};
+  launch.stdout_fd = theirs.get();
+  launch.stderr_fd = log.get();  // a file and not a pipe: the Spine may outlive us
+  launch.own_session = true;
+  launch.cpus = all_cpus_;
+  auto process = Process::start(launch);
+  if (!process) {
+    throw Halt{1, process.message()};
+  }
+  spine_.emplace(std::move(*process));
+  const auto ready = [this] { return spine_said_.find("\"ready\"") != std::string::npos; };
+  if (!turn_until(ready, kReadyTimeoutNs)) {
+    throw Halt{3, fmt::format("the Spine was not ready within 30 s; see {}", log_path_)};
+  }
+  spine_out_.reset();
+}
+
+void Supervisor::adopt_spine(pid_t pid) {
+  auto process = Process::adopt(pid);
+  if (!process) {
+    throw Halt{1, process.message()};
+  }
+  spine_.emplace(std::move(*process));
+  adopted_ = true;
+  spdlog::info("robot '{}' is already ticking (Spine pid {}): adopted as it is", config_.name, pid);
+}
+
+void Supervisor::attach() {
+  auto link = SpineLink::attach(config_.name);
+  if (!link) {
+    throw Halt{1, link.message()};
+  }
+  link_.emplace(std::move(*link));
+  // Counted in microseconds of the monotonic clock: no two supervisors of one boot give the same number.
+  const auto first_id = static_cast<std::uint64_t>(monotonic_ns() / kNsPerUs);
+  commands_.emplace(*link_, first_id);
+  swaps_.emplace(*link_, lawd_, *commands_, events_, swap::RecordBook(fs::path(out_dir()) / config_.name / "swaps"),
+                 first_id);
+  const wire::RobotInfo& info = link_->info();
+  const int transport = info.transport_inline != 0 ? -1 : static_cast<int>(info.cpu_transport);
+  const std::vector<int> ours = cores_beside(all_cpus_, static_cast<int>(info.cpu_spine), transport);
+  for (const pid_t pid : {pid_t{0}, lawd_.pid()}) {
+    if (const auto pinned = set_affinity(pid, ours); !pinned) {
+      spdlog::warn("{}", pinned.message());
+    }
+  }
+  if (adopted_) {
+    read_events(true);
+  }
+}
+
+void Supervisor::swap_first_law() {
+  if (first_source_.empty()) {
+    return;
+  }
+  const std::string path = options_.law.empty() ? config_.law : options_.law;
+  std::optional<Answer> answer;
+  swaps_->submit({fs::path(path).filename().string(), first_source_, Json::object()},
+                 [&answer](const Answer& got) { answer = got; }, monotonic_ns());
+  turn_until([&answer] { return answer.has_value(); }, 4 * LawdLink::kCompileTimeoutNs);
+  if (!answer) {
+    throw Halt{1, "the first law was not committed"};
+  }
+  if (const auto* refusal = std::get_if<Refusal>(&*answer)) {
+    throw Halt{1, fmt::format("the law {} cannot run: {}", path, words_of(*refusal))};
+  }
+}
+
+void Supervisor::swap_adopted_law() {
+  if (options_.law.empty()) {
+    return;
+  }
+  try {
+    compile_first_law();
+    swap_first_law();
+  } catch (const Halt& halt) {
+    if (stop_asked_ || halt.code == 3) {
+      throw;
+    }
+    spdlog::error("{}; the adopted robot keeps the law it has", halt.message);
+  }
+}
+
+void Supervisor::arm() {
+  if (!options_.arm) {
+    return;
+  }
+  if (first_source_.empty()) {
+    spdlog::warn("not armed: {} names no law; swap one in, then: lithe arm", options_.config_path);
+    return;
+  }
+  const std::int64_t deadline_ns = monotonic_ns() + kArmTimeoutNs;
+  std::optional<Answer> answer;
+  do {
+    answer.reset();
+    wire::Command command;
+    command.kind = static_cast<std::uint32_t>(wire::CommandKind::arm);
+    commands_->send(command, [&answer](const Answer& got) { answer = got; }, monotonic_ns());
+    turn_until([&answer] { return answer.has_value(); }, kArmTimeoutNs);
+    const auto* refusal = answer ? std::get_if<Refusal>(&*answer) : nullptr;
+    if (answer && refusal == nullptr) {
+      return;
+    }
+    if (refusal != nullptr && refusal->code != "refused_not_ready") {
+      throw Halt{3, fmt::format("the robot cannot be armed: {}; {}", refusal->message, refusal->next)};
+    }
+    turn(10);
+  } while (monotonic_ns() < deadline_ns);
+  throw Halt{3, "the robot cannot be armed: not every drive answers; check power, bus and ids in the robot file"};
+}
+
+void Supervisor::open_socket() {
+  auto server = Server::listen(control_socket_path(config_.name),
+                               [this](const ReplyTo& to, const std::string& verb, const Json& args) {
+                                 verbs_->handle(to, verb, args);
+                               });
+  if (!server) {
+    throw Halt{1, server.message()};
+  }
+  server_.emplace(std::move(*server));
+  verbs_.emplace(Parts{*link_, lawd_, *commands_, *swaps_, events_, adopted_},
+                 [this](const ReplyTo& to, const Answer& answer) {
+                   if (server_) {
+                     server_->reply(to, answer);
+                   }
+                 },
+                 [this] { stop_asked_ = true; });
+}
+
+void Supervisor::announce() const {
+  wire::Telemetry now{};
+  (void)link_->latest(now);
+  const auto law = link_->law(now.law_id);
+  const std::string law_name = law ? text_of(law->name) : "none";
+  const std::string mode(to_string(static_cast<wire::Mode>(now.mode)));
+  if (options_.json) {
+    std::cout << Json{{"event", "running"},   {"robot", config_.name}, {"law", law_name},
+                      {"mode", mode},         {"rate_hz", link_->info().rate_hz},
+                      {"adopted", adopted_},  {"supervisor_pid", ::getpid()},
+                      {"spine_pid", spine_->pid()}, {"socket", control_socket_path(config_.name)}}
+              << std::endl;
+  } else {
+    std::cout << fmt::format("robot '{}' runs: law {}, {:g} Hz, {}. Ctrl-C stops it.", config_.name, law_name,
+                             link_->info().rate_hz, mode)
+              << std::endl;
+  }
+}
+
+}  // namespace lithe::control

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+// The compile service as the supervisor sees it: a child that may crash, and is then started again.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "spine/core/result.hpp"
+#include "supervisor/control/fd.hpp"
+#include "supervisor/control/lines.hpp"
+#include "supervisor/control/process.hpp"
+#include "supervisor/swap/answer.hpp"
+
+namespace lithe::control {
+
+// Contract: one thread · never blocks after start() · every compile is answered once, also when lawd dies.
+class LawdLink {
+ public:
+  using Callback = std::function<void(const swap::Answer&)>;
+  static constexpr std::int64_t kCompileTimeoutNs = 60'000'000'000;
+  static constexpr std::int64_t kRestartPauseNs = 500'000'000;
+
+  // `program`: path of lawd; `cpus`: cores it and its compilers may use.
+  LawdLink(std::string program, std::vector<int> cpus) : program_(std::move(program)), cpus_(std::move(cpus)) {}
+  ~LawdLink() { stop(); }
+
+  Result<> start(std::int64_t now_ns);
+  // The answer is lawd's own on success; a Refusal carries the diagnostics in `detail`.
+  void compile(const std::string& name, const std::string& source, Callback callback, std::int64_t now_ns);
+  // Reads answers, notices a death, starts it again. Call after poll() and at least ten times a second.
+  void serve(std::int64_t now_ns);
+  void stop();
+
+  int poll_fd() const { return socket_.get(); }  // -1 while it is down
+  pid_t pid() const { return process_ ? process_->pid() : 0; }
+  unsigned restarts() const { return restarts_; }
+
+ private:
+  struct Pending {
+    Callback callback;
+    std::string request;
+    std::int64_t deadline_ns;
+    bool sent;
+  };
+
+  void read_answers();
+  void write_requests();
+  void take(const std::string& line);
+  void buried(const std::string& why, std::int64_t now_ns);
+
+  std::string program_;
+  std::vector<int> cpus_;
+  std::optional<Process> process_;
+  Fd socket_;
+  LineBuffer in_{std::size_t{64} << 20};
+  std::string out_;
+  std::map<std::uint64_t, Pending> pending_;
+  std::uint64_t next_id_ = 1;
+  std::int64_t restart_at_ns_ = 0;
+  unsigned restarts_ = 0;
+};
+
+}  // namespace lithe::control

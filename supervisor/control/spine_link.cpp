@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/control/spine_link.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <atomic>
+
+#include "spine/core/histogram.hpp"
+#include "spine/core/time.hpp"
+
+namespace lithe::control {
+
+using Spine = ipc::Segment<ipc::SpineMemory>;
+using Control = ipc::Segment<ipc::ControlMemory>;
+
+pid_t live_spine(const std::string& robot) {
+  if (!ipc::Lease::is_held(Spine::path(robot))) {
+    return 0;
+  }
+  const Result<Spine> spine = Spine::attach(robot, ipc::Access::read);
+  return spine ? static_cast<pid_t>(ipc::load_word((*spine)->header.writer_pid, std::memory_order_relaxed)) : 0;
+}
+
+Result<> press_estop(const std::string& robot) {
+  const Result<Control> control = Control::attach(robot, ipc::Access::write);
+  if (!control) {
+    return control.error();
+  }
+  // release: partner of the tick's acquire load; the word is sticky, so a second writer can only press it too.
+  ipc::store_word((*control)->estop.value, 1, std::memory_order_release);
+  return done();
+}
+
+Result<SpineLink> SpineLink::attach(const std::string& robot) {
+  Result<Spine> spine = Spine::attach(robot, ipc::Access::read);
+  if (!spine) {
+    return spine.error();
+  }
+  Result<Control> control = Control::attach(robot, ipc::Access::write);
+  if (!control) {
+    return control.error();
+  }
+  ipc::sign_in((*control)->header, monotonic_ns());
+  SpineLink link(std::move(*spine), std::move(*control));
+  if (!ipc::ChannelReader<wire::RobotInfo>(link.spine_->robot_info).read(link.info_)) {
+    return Error{fmt::format("the Spine of '{}' has not published what it runs; is it still starting?", robot)};
+  }
+  return link;
+}
+
+SpineLink::SpineLink(Spine spine, Control control)
+    : spine_(std::move(spine)),
+      control_(std::move(control)),
+      telemetry_(spine_->telemetry),
+      events_tick_(spine_->events_tick),
+      events_loader_(spine_->events_loader),
+      commands_(control_->commands, spine_->control_ack),
+      stage_(control_->stage, spine_->stage_ack) {
+  events_tick_.rewind();
+  events_loader_.rewind();
+}
+
+pid_t SpineLink::spine_pid() const {
+  return static_cast<pid_t>(ipc::load_word(spine_->header.writer_pid, std::memory_order_relaxed));
+}
+
+std::vector<wire::LawInfo> SpineLink::laws() const {
+  std::vector<wire::LawInfo> found;
+  for (const auto& channel : spine_->law_info) {
+    wire::LawInfo info;
+    if (ipc::ChannelReader<wire::LawInfo>(channel).read(info) && info.law_id != 0) {
+      info.param_count = std::min<std::uint32_t>(info.param_count, wire::kNparam);
+      found.push_back(info);
+    }
+  }
+  std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.law_id < b.law_id; });
+  return found;
+}
+
+std::optional<wire::LawInfo> SpineLink::law(std::uint32_t law_id) const {
+  for (const wire::LawInfo& info : laws()) {
+    if (info.law_id == law_id) {
+      return info;
+    }
+  }
+  return std::nullopt;
+}
+
+std::optional<wire::Params> SpineLink::params() const {
+  wire::Params params;
+  if (!ipc::ChannelReader<wire::Params>(spine_->params).read(params)) {
+    return std::nullopt;
+  }
+  return params;
+}
+
+Quantiles SpineLink::quantiles(const ipc::HistogramMemory& histogram) const {
+  std::array<std::uint64_t, wire::kNbin> bins;
+  for (std::size_t i = 0; i < bins.size(); ++i) {
+    bins[i] = ipc::load_word(histogram.bin[i], std::memory_order_relaxed);
+  }
+  const double max_us = static_cast<double>(ipc::load_word(histogram.max_ns, std::memory_order_relaxed)) * 1e-3;
+  const auto at = [&](double q) { return std::min(static_cast<double>(histogram_quantile_ns(bins, q)) * 1e-3, max_us); };
+  return {at(0.5), at(0.99), at(0.999), max_us, ipc::load_word(histogram.count, std::memory_order_relaxed)};
+}
+
+std::vector<wire::Event> SpineLink::drain_events() {
+  std::vector<wire::Event> events;
+  wire::Event event;
+  // empty() decides, not next(): a record overwritten under our eyes is lost, and the next one may be there.
+  for (std::size_t i = 0; i < wire::spine_segment::kEventsTickDepth && !events_tick_.empty(); ++i) {
+    if (events_tick_.next(event)) {
+      events.push_back(event);
+    }
+  }
+  for (std::size_t i = 0; i < wire::spine_segment::kEventsLoaderDepth && !events_loader_.empty(); ++i) {
+    if (events_loader_.next(event)) {
+      events.push_back(event);
+    }
+  }
+  std::stable_sort(events.begin(), events.end(), [](const auto& a, const auto& b) { return a.t_ns < b.t_ns; });
+  return events;
+}
+
+void SpineLink::heartbeat(std::int64_t now_ns) {
+  std::atomic_ref<std::int64_t>(control_->header.heartbeat_ns).store(now_ns, std::memory_order_release);
+}
+
+void SpineLink::release_estop() {
+  ipc::store_word(control_->estop.value, 0, std::memory_order_release);
+  // A Brain that died with the word pressed cannot lift it; its free lease lets us do so for it.
+  using Brain = ipc::Segment<ipc::BrainMemory>;
+  const std::string robot = text_of(info_.robot);
+  const auto lease = ipc::Lease::try_take(Brain::path(robot));
+  if (lease && *lease) {
+    if (const auto brain = Brain::attach(robot, ipc::Access::write)) {
+      ipc::store_word((*brain)->estop.value, 0, std::memory_order_release);
+    }
+  }
+}
+
+}  // namespace lithe::control

@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/control/status.hpp"
+
+#include <algorithm>
+#include <string>
+#include <utility>
+
+namespace lithe::control {
+
+using swap::Answer;
+using swap::Json;
+using swap::Refusal;
+
+namespace {
+
+constexpr std::size_t kNameWidth = 32;
+
+Json quantiles_json(const Quantiles& q) {
+  return {{"p50", q.p50_us}, {"p99", q.p99_us}, {"p999", q.p999_us}, {"max", q.max_us}};
+}
+
+Json joint_status_json(std::uint32_t status) {
+  Json words = Json::array();
+  const std::pair<std::uint32_t, const char*> bits[] = {{wire::joint_status::kFault, "fault"},
+                                                        {wire::joint_status::kWatchdog, "watchdog"},
+                                                        {wire::joint_status::kLost, "lost"},
+                                                        {wire::joint_status::kNotHomed, "not_homed"}};
+  for (const auto& [bit, word] : bits) {
+    if ((status & bit) != 0) {
+      words.push_back(word);
+    }
+  }
+  if ((status & wire::joint_status::kFresh) == 0) {
+    words.push_back("stale");
+  }
+  return words;
+}
+
+Json joints_json(const wire::RobotInfo& info, const wire::Telemetry& now) {
+  Json joints = Json::array();
+  const std::size_t count = std::min<std::size_t>(now.joint_count, wire::kNj);
+  for (std::size_t j = 0; j < count; ++j) {
+    joints.push_back({{"name", text_of(info.joint_name, j * kNameWidth, kNameWidth)},
+                      {"position_rad", now.position_rad[j]},
+                      {"velocity_rad_s", now.velocity_rad_s[j]},
+                      {"torque_nm", now.torque_nm[j]},
+                      {"setpoint_position_rad", now.setpoint_position_rad[j]},
+                      {"command_torque_nm", now.command_torque_nm[j]},
+                      {"problems", joint_status_json(now.joint_status[j])}});
+  }
+  return joints;
+}
+
+Json params_of(const wire::LawInfo& law, const wire::Params* live) {
+  Json list = Json::array();
+  for (std::uint32_t i = 0; i < law.param_count; ++i) {
+    const bool is_live = live != nullptr && live->law_id == law.law_id && i < live->count;
+    list.push_back({{"name", text_of(law.param_name, i * kNameWidth, kNameWidth)},
+                    {"value", is_live ? live->value[i] : law.param_value[i]},
+                    {"min", law.param_min[i]},
+                    {"max", law.param_max[i]}});
+  }
+  return list;
+}
+
+}  // namespace
+
+Json status_json(const SpineLink& spine) {
+  wire::Telemetry now{};
+  (void)spine.latest(now);
+  const wire::RobotInfo& info = spine.info();
+  const auto law = spine.law(now.law_id);
+  const ipc::SpineMemory& memory = spine.memory();
+  return {{"robot", text_of(info.robot)},
+          {"mode", std::string(to_string(static_cast<wire::Mode>(now.mode)))},
+          {"fault", std::string(to_string(static_cast<wire::Fault>(now.fault)))},
+          {"law", law ? Json(text_of(law->name)) : Json(nullptr)},
+          {"law_id", now.law_id},
+          {"rate_hz", info.rate_hz},
+          {"tick", now.tick},
+          {"missed_releases", now.missed_releases},
+          {"late_samples", now.late_samples},
+          {"plan", std::string(to_string(static_cast<wire::PlanState>(now.plan_state)))},
+          {"brain_age_ms", now.brain_age_ns < 0 ? Json(nullptr) : Json(static_cast<double>(now.brain_age_ns) * 1e-6)},
+          {"release_jitter_us", quantiles_json(spine.quantiles(memory.release_jitter))},
+          {"handoff_us", quantiles_json(spine.quantiles(memory.handoff))},
+          {"law_us", quantiles_json(spine.quantiles(memory.law))},
+          {"guard_us", quantiles_json(spine.quantiles(memory.guard))},
+          {"tick_us", quantiles_json(spine.quantiles(memory.tick))},
+          {"bus_us", quantiles_json(spine.quantiles(memory.bus))},
+          {"joints", joints_json(info, now)},
+          {"cpus",
+           {{"spine", info.cpu_spine},
+            {"transport", info.cpu_transport},
+            {"brain", info.cpu_brain},
+            {"housekeeping", info.cpu_housekeeping},
+            {"transport_inline", info.transport_inline != 0}}},
+          {"lost", text_of(info.notes)},
+          {"config", text_of(info.config_path)},
+          {"spine_pid", spine.spine_pid()}};
+}
+
+Answer params_json(const SpineLink& spine) {
+  wire::Telemetry now{};
+  const auto law = spine.latest(now) ? spine.law(now.law_id) : std::nullopt;
+  if (!law) {
+    return Refusal{"refused_law", "no law is running, so there are no parameters", "swap a law in first"};
+  }
+  const auto live = spine.params();
+  return Json{{"law", text_of(law->name)}, {"law_id", law->law_id}, {"params", params_of(*law, live ? &*live : nullptr)}};
+}
+
+Json resident_json(const SpineLink& spine) {
+  wire::Telemetry now{};
+  (void)spine.latest(now);
+  Json list = Json::array();
+  for (const wire::LawInfo& law : spine.laws()) {
+    Json probes = Json::array();
+    for (std::uint32_t i = 0; i < std::min<std::uint32_t>(law.probe_count, wire::kNp); ++i) {
+      probes.push_back(text_of(law.probe_name, i * kNameWidth, kNameWidth));
+    }
+    list.push_back({{"law", text_of(law.name)},
+                    {"law_id", law.law_id},
+                    {"active", law.law_id == now.law_id},
+                    {"params", params_of(law, nullptr)},
+                    {"probes", std::move(probes)}});
+  }
+  return list;
+}
+
+}  // namespace lithe::control

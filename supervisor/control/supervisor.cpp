@@ -1,0 +1,241 @@
+// SPDX-License-Identifier: Apache-2.0
+// The supervisor's day: one turn after the other, and the end.
+#include "supervisor/control/supervisor.hpp"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <signal.h>
+#include <spdlog/spdlog.h>
+#include <sys/signalfd.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <utility>
+
+#include "spine/core/host.hpp"
+#include "spine/core/paths.hpp"
+#include "spine/core/time.hpp"
+#include "supervisor/control/cores.hpp"
+
+namespace lithe::control {
+namespace {
+
+constexpr int kIdleTurnMs = 20;
+constexpr int kEventLinesPerSecond = 20;
+
+}  // namespace
+
+Supervisor::Supervisor(RunOptions options, robot::RobotConfig config)
+    : options_(std::move(options)),
+      config_(std::move(config)),
+      all_cpus_(allowed_cpus()),
+      lawd_(program_dir() + "/lawd", cores_beside(all_cpus_, config_.spine)),
+      log_path_(fmt::format("{}/{}.spine.log", run_dir(), config_.name)) {}
+
+Supervisor::~Supervisor() = default;
+
+int Supervisor::run() {
+  int code = 0;
+  try {
+    take_lease();
+    catch_signals();
+    start_lawd();
+    if (const pid_t pid = live_spine(config_.name); pid != 0) {
+      adopt_spine(pid);
+      attach();
+      swap_adopted_law();
+    } else {
+      compile_first_law();
+      start_spine();
+      attach();
+      swap_first_law();
+      arm();
+    }
+    open_socket();
+    announce();
+    while (!stop_asked_) {
+      turn(kIdleTurnMs);
+    }
+  } catch (const Halt& halt) {
+    code = halt.code;
+    if (!halt.message.empty()) {
+      spdlog::error("{}", halt.message);
+    }
+  }
+  stop();
+  return code;
+}
+
+void Supervisor::turn(int timeout_ms) {
+  std::vector<pollfd> fds;
+  fds.push_back({signals_.get(), POLLIN, 0});
+  fds.push_back({lawd_.poll_fd(), POLLIN, 0});  // poll() passes over -1
+  fds.push_back({spine_ ? spine_->poll_fd() : -1, POLLIN, 0});
+  fds.push_back({spine_out_.get(), POLLIN, 0});
+  if (server_) {
+    server_->add_poll_fds(fds);
+  }
+  const bool hurry = (commands_ && commands_->waiting()) || (swaps_ && swaps_->waiting());
+  ::poll(fds.data(), fds.size(), hurry ? 1 : timeout_ms);
+  const std::int64_t now_ns = monotonic_ns();
+  read_signals();
+  lawd_.serve(now_ns);
+  read_spine();
+  if (link_) {
+    link_->heartbeat(now_ns);
+    read_events();
+    commands_->serve(now_ns);
+    swaps_->serve(now_ns);
+  }
+  if (server_) {
+    server_->serve();
+  }
+  if (spine_ && !stopping_ && spine_->ended()) {
+    spine_died();
+  }
+}
+
+bool Supervisor::turn_until(const std::function<bool()>& done, std::int64_t timeout_ns) {
+  const std::int64_t deadline_ns = monotonic_ns() + timeout_ns;
+  while (!done()) {
+    if (monotonic_ns() > deadline_ns) {
+      return false;
+    }
+    turn(5);
+    if (stop_asked_ && !stopping_) {
+      throw Halt{0, ""};
+    }
+  }
+  return true;
+}
+
+void Supervisor::read_signals() {
+  signalfd_siginfo info;
+  while (::read(signals_.get(), &info, sizeof(info)) == sizeof(info)) {
+    if (!stop_asked_) {
+      spdlog::info("stopping: {}", ::strsignal(static_cast<int>(info.ssi_signo)));
+    }
+    stop_asked_ = true;
+  }
+}
+
+void Supervisor::read_spine() {
+  forward_spine_log();
+  if (!spine_out_) {
+    return;
+  }
+  char chunk[4096];
+  const ssize_t got = ::read(spine_out_.get(), chunk, sizeof(chunk));
+  if (got > 0) {
+    spine_said_.append(chunk, static_cast<std::size_t>(got));
+  } else if (got == 0) {
+    spine_out_.reset();
+  }
+}
+
+void Supervisor::forward_spine_log() {
+  const Fd file(::open(log_path_.c_str(), O_RDONLY | O_CLOEXEC));
+  if (!file || !spine_) {
+    return;
+  }
+  char chunk[4096];
+  ssize_t got = 0;
+  while ((got = ::pread(file.get(), chunk, sizeof(chunk), log_read_)) > 0) {
+    log_read_ += got;
+    log_tail_.append(chunk, static_cast<std::size_t>(got));
+  }
+  std::size_t end = 0;
+  while ((end = log_tail_.find('\n')) != std::string::npos) {
+    spdlog::info("spine: {}", log_tail_.substr(0, end));
+    log_tail_.erase(0, end + 1);
+  }
+}
+
+void Supervisor::read_events(bool quiet) {
+  const std::int64_t now_ns = monotonic_ns();
+  if (now_ns - quiet_since_ns_ > kNsPerS) {
+    if (quiet_budget_ < 0) {
+      spdlog::info("... and {} more events (lithe events)", -quiet_budget_);
+    }
+    quiet_since_ns_ = now_ns;
+    quiet_budget_ = kEventLinesPerSecond;
+  }
+  for (const wire::Event& event : link_->drain_events()) {
+    const Json json = event_json(event);
+    events_.add(json);
+    if (swaps_) {
+      swaps_->on_event(event, now_ns);
+    }
+    if (!quiet && quiet_budget_-- > 0) {
+      spdlog::info("{}", event_line(json));
+    }
+  }
+  events_.set_lost(link_->lost_events());
+}
+
+void Supervisor::spine_died() {
+  forward_spine_log();
+  std::string why = fmt::format("the Spine (pid {}) is gone: {}", spine_->pid(), spine_->verdict());
+  wire::Telemetry last{};
+  if (link_) {
+    read_events();
+    if (link_->latest(last)) {
+      why += fmt::format("; last tick {} in mode {}, fault {}", last.tick, to_string(static_cast<wire::Mode>(last.mode)),
+                         to_string(static_cast<wire::Fault>(last.fault)));
+    }
+    const Refusal reason{"robot_fault", why, "the drives' own watchdogs stop the robot; start again: lithe run"};
+    swaps_->refuse_all(reason, monotonic_ns());
+    commands_->refuse_all(reason);
+  }
+  why += fmt::format("; the drives' own watchdogs stop the robot; its last words are in {}", log_path_);
+  const bool wrong_file = !link_ && spine_->exit_code() == 2;
+  throw Halt{wrong_file ? 2 : 3, why};
+}
+
+void Supervisor::stop() {
+  stopping_ = true;
+  // A Spine we could not adopt goes on as we found it.
+  if (spine_ && !spine_->ended() && (link_ || !adopted_)) {
+    stop_spine();
+  }
+  if (server_) {
+    server_->flush(200);
+    server_.reset();
+  }
+  lawd_.stop();
+  if (owns_files_) {
+    std::error_code ignored;
+    std::filesystem::remove(fmt::format("{}/{}.pid", run_dir(), config_.name), ignored);
+    if (!spine_ || spine_->ended()) {
+      ipc::remove_segment(ipc::Segment<ipc::SpineMemory>::path(config_.name));
+      ipc::remove_segment(ipc::Segment<ipc::ControlMemory>::path(config_.name));
+      ipc::remove_segment(ipc::Segment<ipc::BrainMemory>::path(config_.name));
+    }
+  }
+}
+
+void Supervisor::stop_spine() {
+  if (link_) {
+    swaps_->refuse_all({"stopping", "the robot is being stopped", "start it again: lithe run"}, monotonic_ns());
+    bool answered = false;
+    wire::Command disarm;
+    disarm.kind = static_cast<std::uint32_t>(wire::CommandKind::disarm);
+    commands_->send(disarm, [&answered](const Answer&) { answered = true; }, monotonic_ns());
+    turn_until([&] { return answered || spine_->ended(); }, kNsPerS);
+    commands_->refuse_all({"stopping", "the robot is being stopped", "start it again: lithe run"});
+  }
+  spine_->signal(SIGTERM);
+  const std::int64_t deadline_ns = monotonic_ns() + 5 * kNsPerS;
+  while (!spine_->wait(20) && monotonic_ns() < deadline_ns) {
+    forward_spine_log();
+  }
+  if (!spine_->ended()) {
+    spdlog::error("the Spine did not stop within 5 s: killed; the drives' watchdogs switch off");
+    spine_->signal(SIGKILL);
+    spine_->wait(2000);
+  }
+  forward_spine_log();
+  spdlog::info("robot '{}' stopped; Spine: {}", config_.name, spine_->verdict());
+}
+
+}  // namespace lithe::control

@@ -1,0 +1,226 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/control/swaps.hpp"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <cstdlib>
+#include <cstring>
+#include <utility>
+
+#include "spine/core/time.hpp"
+
+namespace lithe::control {
+namespace {
+
+using swap::Answer;
+using swap::Json;
+using swap::Refusal;
+
+constexpr std::int64_t kWordsGraceNs = 50'000'000;
+
+// Bounded copy into a zero-terminated field; false when the text does not fit.
+template <std::size_t N>
+bool put(std::array<char, N>& field, const std::string& text) {
+  if (text.size() >= N) {
+    return false;
+  }
+  std::memcpy(field.data(), text.c_str(), text.size() + 1);
+  return true;
+}
+
+// The first parameter that the compiled law does not have or does not allow.
+std::optional<Refusal> wrong_param(const Json& params, const Json& law) {
+  for (const auto& [name, value] : params.items()) {
+    const Json known = law.value("params", Json::array());
+    const auto found = std::find_if(known.begin(), known.end(),
+                                    [&name = name](const Json& each) { return each.value("name", "") == name; });
+    if (found == known.end()) {
+      return Refusal{"unknown_param", fmt::format("the new law has no parameter '{}'", name), "leave it out"};
+    }
+    if (!value.is_number() || !(value >= (*found)["min"]) || !(value <= (*found)["max"])) {
+      return Refusal{"refused_range",
+                     fmt::format("{} = {} is outside [{}, {}]", name, value.dump(), (*found)["min"].dump(),
+                                 (*found)["max"].dump()),
+                     "the running law is unchanged; choose a value inside the range"};
+    }
+  }
+  return std::nullopt;
+}
+
+Refusal stage_refusal(wire::StageResult result, const std::string& words) {
+  const std::string code(to_string(result));
+  const char* next = result == wire::StageResult::busy || result == wire::StageResult::slots_full
+                         ? "another swap is under way in the Spine; try again"
+                         : "the running law is unchanged; lithe law check tells more";
+  return {code, words.empty() ? fmt::format("the Loader refused the law: {}", code) : words, next};
+}
+
+}  // namespace
+
+Swaps::Swaps(SpineLink& spine, LawdLink& lawd, Commands& commands, EventLog& log, swap::RecordBook book,
+             std::uint64_t first_request_id)
+    : spine_(spine),
+      lawd_(lawd),
+      commands_(commands),
+      log_(log),
+      book_(std::move(book)),
+      queue_({[this](const swap::Transaction& each) { compile(each); },
+              [this](const swap::Transaction& each) { stage(each); }, [this] { return missed_releases(); },
+              [this](const swap::Transaction& each) { finish(each); }},
+             first_request_id, {2 * LawdLink::kCompileTimeoutNs}) {}
+
+void Swaps::submit(swap::Request request, Callback callback, std::int64_t now_ns) {
+  const std::uint64_t id = queue_.submit(std::move(request), now_ns);
+  if (id == 0) {
+    callback(Refusal{"busy", fmt::format("{} swaps wait already", swap::Queue::kMaxWaiting), "try again later"});
+    return;
+  }
+  callbacks_[id] = std::move(callback);
+  queue_.step(now_ns);
+}
+
+std::uint64_t Swaps::missed_releases() const {
+  wire::Telemetry now{};
+  (void)spine_.latest(now);
+  return now.missed_releases;
+}
+
+void Swaps::note(const swap::Transaction& swap, const char* kind, const std::string& text) {
+  log_.add({{"t_ns", monotonic_ns()}, {"tick", 0}, {"kind", kind}, {"request_id", swap.request_id()}, {"text", text}});
+  spdlog::info("{}: {}", kind, text);
+}
+
+void Swaps::compile(const swap::Transaction& swap) {
+  note(swap, "swap_submitted", swap.request().name);
+  const std::uint64_t id = swap.request_id();
+  lawd_.compile(swap.request().name, swap.request().source, [this, id](const Answer& answer) { compiled(id, answer); },
+                monotonic_ns());
+}
+
+void Swaps::compiled(std::uint64_t request_id, const Answer& answer) {
+  const std::int64_t now_ns = monotonic_ns();
+  const swap::Transaction* head = queue_.head();
+  if (head == nullptr || head->request_id() != request_id) {
+    return;
+  }
+  if (const auto* refusal = std::get_if<Refusal>(&answer)) {
+    queue_.on_refused(request_id, *refusal, now_ns);
+    return;
+  }
+  const Json& result = std::get<Json>(answer);
+  const Json law = result.value("law", Json::object());
+  if (const auto wrong = wrong_param(head->request().params, law)) {
+    queue_.on_refused(request_id, *wrong, now_ns);
+    return;
+  }
+  swap::Compiled compiled{result.value("object", ""), result.value("hash", ""),        law.value("name", ""),
+                          result.value("cached", false), result.value("compile_ms", 0.0), law};
+  note(*head, "swap_compiled", fmt::format("{} in {:.0f} ms{}", compiled.law, compiled.compile_ms,
+                                           compiled.cached ? " (cached)" : ""));
+  queue_.on_compiled(request_id, std::move(compiled), now_ns);
+}
+
+void Swaps::stage(const swap::Transaction& swap) {
+  wire::StageRequest request;
+  request.request_id = swap.request_id();
+  request.source_hash = std::strtoull(swap.compiled().hash.substr(0, 16).c_str(), nullptr, 16);
+  ticket_.reset();
+  stage_refused_ns_ = 0;
+  const std::string& object = swap.compiled().object;
+  if (!put(request.path, object) || !put(request.name, swap.compiled().law)) {
+    queue_.on_refused(swap.request_id(),
+                      {"path_too_long", fmt::format("{} does not fit the Spine's field", object),
+                       "set LITHE_CACHE_DIR to a shorter path"},
+                      monotonic_ns());
+    return;
+  }
+  ticket_ = spine_.stage(request);
+  if (!ticket_) {
+    queue_.on_refused(swap.request_id(), stage_refusal(wire::StageResult::busy, "the Loader does not take requests"),
+                      monotonic_ns());
+  }
+}
+
+void Swaps::on_event(const wire::Event& event, std::int64_t now_ns) {
+  const swap::Transaction* head = queue_.head();
+  if (head == nullptr || event.request_id != head->request_id()) {
+    return;
+  }
+  const auto kind = static_cast<wire::EventKind>(event.kind);
+  if (kind == wire::EventKind::law_committed) {
+    queue_.on_committed(event.request_id, event.tick, event.code, now_ns);
+  } else if (kind == wire::EventKind::law_staged) {
+    queue_.on_staged(event.request_id, now_ns);
+  } else if (kind == wire::EventKind::law_refused) {
+    queue_.on_refused(event.request_id, stage_refusal(static_cast<wire::StageResult>(event.code), text_of(event.text)),
+                      now_ns);
+  }
+}
+
+void Swaps::poll_stage(std::int64_t now_ns) {
+  const swap::Transaction* head = queue_.head();
+  if (head == nullptr || !ticket_) {
+    return;
+  }
+  if (head->stage() == swap::Stage::compiled) {
+    const wire::StageResult result = spine_.poll_stage(*ticket_);
+    if (result == wire::StageResult::staged) {
+      queue_.on_staged(head->request_id(), now_ns);
+    } else if (result != wire::StageResult::pending) {
+      stage_refused_ns_ = stage_refused_ns_ == 0 ? now_ns : stage_refused_ns_;
+      if (now_ns - stage_refused_ns_ > kWordsGraceNs) {
+        queue_.on_refused(head->request_id(), stage_refusal(result, ""), now_ns);
+      }
+    }
+  } else if (head->stage() == swap::Stage::staged) {
+    // The event says it first; should the ring have lost it, the running law itself tells.
+    wire::Telemetry now{};
+    const auto law = spine_.latest(now) ? spine_.law(now.law_id) : std::nullopt;
+    if (law && law->request_id == head->request_id() && now_ns - head->stage_since_ns() > kWordsGraceNs) {
+      queue_.on_committed(head->request_id(), now.tick, now.law_id, now_ns);
+    }
+  }
+}
+
+void Swaps::serve(std::int64_t now_ns) {
+  poll_stage(now_ns);
+  queue_.step(now_ns);
+}
+
+void Swaps::finish(const swap::Transaction& swap) {
+  ticket_.reset();
+  const Json certificate = swap.certificate();
+  if (const auto path = book_.write(certificate); !path) {
+    spdlog::warn("{}", path.message());
+  }
+  const auto found = callbacks_.find(swap.request_id());
+  const Callback callback = found == callbacks_.end() ? [](const Answer&) {} : std::move(found->second);
+  callbacks_.erase(swap.request_id());
+  if (swap.refusal()) {
+    note(swap, "swap_refused", fmt::format("{}: {}", swap.request().name, swap.refusal()->message));
+    Refusal refusal = *swap.refusal();
+    if (refusal.detail.is_null()) {
+      refusal.detail = Json::object();
+    }
+    refusal.detail["swap"] = certificate;
+    refusal.detail["swap"].erase("error");
+    callback(refusal);
+  } else if (swap.request().params.empty()) {
+    callback(certificate);
+  } else {
+    commands_.set_params(
+        swap.request().params,
+        [certificate, callback](const Answer& answer) {
+          if (const auto* refusal = std::get_if<Refusal>(&answer)) {
+            callback(Refusal{refusal->code, "the law runs, its parameters do not: " + refusal->message, refusal->next,
+                             {{"swap", certificate}}});
+          } else {
+            callback(certificate);
+          }
+        },
+        monotonic_ns());
+  }
+}
+
+}  // namespace lithe::control

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+// Drives the swap queue: compile service, Spine, event log and records on one side, clients on the other.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <optional>
+
+#include "supervisor/control/commands.hpp"
+#include "supervisor/control/event_log.hpp"
+#include "supervisor/control/lawd_link.hpp"
+#include "supervisor/control/spine_link.hpp"
+#include "supervisor/swap/queue.hpp"
+#include "supervisor/swap/record.hpp"
+
+namespace lithe::control {
+
+// Contract: one thread · never blocks · every submit is answered once and leaves one record, client or no client.
+class Swaps {
+ public:
+  using Callback = std::function<void(const swap::Answer&)>;
+
+  Swaps(SpineLink& spine, LawdLink& lawd, Commands& commands, EventLog& log, swap::RecordBook book,
+        std::uint64_t first_request_id);
+
+  void submit(swap::Request request, Callback callback, std::int64_t now_ns);
+  void on_event(const wire::Event& event, std::int64_t now_ns);
+  void serve(std::int64_t now_ns);
+  void refuse_all(const swap::Refusal& reason, std::int64_t now_ns) { queue_.refuse_all(reason, now_ns); }
+  // True while the Spine has something to say that no descriptor announces: serve() every millisecond then.
+  bool waiting() const { return queue_.head() != nullptr && queue_.head()->stage() != swap::Stage::submitted; }
+
+ private:
+  void compile(const swap::Transaction& swap);
+  void compiled(std::uint64_t request_id, const swap::Answer& answer);
+  void stage(const swap::Transaction& swap);
+  void poll_stage(std::int64_t now_ns);
+  void finish(const swap::Transaction& swap);
+  void note(const swap::Transaction& swap, const char* kind, const std::string& text);
+  std::uint64_t missed_releases() const;
+
+  SpineLink& spine_;
+  LawdLink& lawd_;
+  Commands& commands_;
+  EventLog& log_;
+  swap::RecordBook book_;
+  swap::Queue queue_;
+  std::map<std::uint64_t, Callback> callbacks_;
+  std::optional<std::uint64_t> ticket_;     // of the stage request under way
+  std::int64_t stage_refused_ns_ = 0;       // the Loader said no; its event may still bring the words
+};
+
+}  // namespace lithe::control

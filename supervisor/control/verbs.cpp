@@ -1,0 +1,173 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/control/verbs.hpp"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <utility>
+#include <variant>
+
+#include "spine/core/time.hpp"
+#include "supervisor/control/status.hpp"
+
+namespace lithe::control {
+namespace {
+
+// The source of a request, given as text or as a path that this process can read.
+std::variant<swap::Request, Refusal> read_request(const Json& args) {
+  swap::Request request{args.value("name", ""), args.value("source", ""), args.value("params", Json::object())};
+  const std::string path = args.value("path", "");
+  if (!path.empty()) {
+    std::error_code failure;
+    if (std::filesystem::file_size(path, failure) > kMaxRequestBytes || failure) {
+      return Refusal{"no_source", fmt::format("cannot read {}: {}", path, failure ? failure.message() : "over 1 MiB"),
+                     "give the path of one C++ file"};
+    }
+    std::ifstream file(path, std::ios::binary);
+    request.source.assign(std::istreambuf_iterator<char>(file), {});
+    request.name = request.name.empty() ? std::filesystem::path(path).filename().string() : request.name;
+  }
+  if (request.source.empty()) {
+    return Refusal{"usage", "no law was given: source and path are empty", "send args {\"source\":\"...\",\"name\":\"pd.cpp\"}"};
+  }
+  if (!request.params.is_object()) {
+    return Refusal{"usage", "params is an object: {\"kp\":1.0}", "send args {\"params\":{\"NAME\":VALUE}}"};
+  }
+  request.name = request.name.empty() ? "law.cpp" : request.name;
+  return request;
+}
+
+}  // namespace
+
+Verbs::Verbs(Parts parts, Reply reply, std::function<void()> shutdown)
+    : parts_(parts), reply_(std::move(reply)), shutdown_(std::move(shutdown)) {
+  add_looks();
+  add_commands();
+  add_swaps();
+}
+
+std::function<void(const Answer&)> Verbs::later(const ReplyTo& to) const {
+  return [this, to](const Answer& answer) { reply_(to, answer); };
+}
+
+void Verbs::add_looks() {
+  verbs_["ping"] = [this](const ReplyTo& to, const Json&) { reply_(to, Json{{"pid", ::getpid()}}); };
+  verbs_["status"] = [this](const ReplyTo& to, const Json&) {
+    Json status = status_json(parts_.spine);
+    status["supervisor_pid"] = ::getpid();
+    status["lawd_pid"] = parts_.lawd.pid();
+    status["lawd_restarts"] = parts_.lawd.restarts();
+    status["adopted"] = parts_.adopted;
+    reply_(to, status);
+  };
+  verbs_["events"] = [this](const ReplyTo& to, const Json& args) {
+    const auto limit = std::min<std::uint64_t>(args.value("limit", std::uint64_t{1000}), EventLog::kDepth);
+    reply_(to, parts_.log.since(args.value("since", std::uint64_t{0}), limit));
+  };
+  verbs_["params"] = [this](const ReplyTo& to, const Json&) { reply_(to, params_json(parts_.spine)); };
+  verbs_["law_list"] = [this](const ReplyTo& to, const Json&) {
+    reply_(to, Json{{"resident", resident_json(parts_.spine)}});
+  };
+}
+
+void Verbs::add_commands() {
+  const std::pair<const char*, wire::CommandKind> plain[] = {
+      {"arm", wire::CommandKind::arm},           {"disarm", wire::CommandKind::disarm},
+      {"hold", wire::CommandKind::hold},         {"estop", wire::CommandKind::estop},
+      {"rollback", wire::CommandKind::rollback}, {"reset", wire::CommandKind::reset}};
+  for (const auto& [name, kind] : plain) {
+    verbs_[name] = [this, kind = kind](const ReplyTo& to, const Json&) { command(kind, to); };
+  }
+  verbs_["set_params"] = [this](const ReplyTo& to, const Json& args) { set_params(to, args); };
+  verbs_["shutdown"] = [this](const ReplyTo& to, const Json&) {
+    reply_(to, Json{{"stopping", true}, {"pid", ::getpid()}});
+    shutdown_();
+  };
+}
+
+void Verbs::add_swaps() {
+  verbs_["swap"] = [this](const ReplyTo& to, const Json& args) { swap_law(to, args); };
+  verbs_["law_check"] = [this](const ReplyTo& to, const Json& args) { check_law(to, args); };
+}
+
+void Verbs::handle(const ReplyTo& to, const std::string& verb, const Json& args) {
+  const auto found = verbs_.find(verb);
+  if (found != verbs_.end()) {
+    found->second(to, args);
+    return;
+  }
+  std::string known;
+  for (const auto& [name, function] : verbs_) {
+    known += (known.empty() ? "" : ", ") + name;
+  }
+  reply_(to, Refusal{"unknown_verb", fmt::format("there is no verb '{}'", verb), fmt::format("one of: {}", known)});
+}
+
+void Verbs::command(wire::CommandKind kind, const ReplyTo& to) {
+  if (kind == wire::CommandKind::reset) {
+    parts_.spine.release_estop();
+  }
+  wire::Command command;
+  command.kind = static_cast<std::uint32_t>(kind);
+  auto answer = later(to);
+  if (kind == wire::CommandKind::rollback) {
+    answer = [this, to](const Answer& result) {
+      Answer out = result;
+      if (Json* json = std::get_if<Json>(&out)) {
+        const Json status = status_json(parts_.spine);
+        (*json)["law"] = status["law"];
+        (*json)["law_id"] = status["law_id"];
+      }
+      reply_(to, out);
+    };
+  }
+  parts_.commands.send(command, std::move(answer), monotonic_ns());
+}
+
+void Verbs::set_params(const ReplyTo& to, const Json& args) {
+  Json values = args.value("values", Json::object());
+  if (args.contains("name")) {
+    values[args["name"].get<std::string>()] = args.value("value", Json(nullptr));
+  }
+  parts_.commands.set_params(
+      values,
+      [this, to](const Answer& answer) {
+        reply_(to, std::holds_alternative<Json>(answer) ? params_json(parts_.spine) : answer);
+      },
+      monotonic_ns());
+}
+
+void Verbs::swap_law(const ReplyTo& to, const Json& args) {
+  auto request = read_request(args);
+  if (const auto* refusal = std::get_if<Refusal>(&request)) {
+    reply_(to, *refusal);
+    return;
+  }
+  parts_.swaps.submit(std::move(std::get<swap::Request>(request)), later(to), monotonic_ns());
+}
+
+void Verbs::check_law(const ReplyTo& to, const Json& args) {
+  const auto request = read_request(args);
+  if (const auto* refusal = std::get_if<Refusal>(&request)) {
+    reply_(to, *refusal);
+    return;
+  }
+  const auto& [name, source, params] = std::get<swap::Request>(request);
+  parts_.lawd.compile(
+      name, source,
+      [this, to](const Answer& answer) {
+        Answer out = answer;
+        if (Json* json = std::get_if<Json>(&out)) {
+          json->erase("id");
+          json->erase("ok");
+        }
+        reply_(to, out);
+      },
+      monotonic_ns());
+}
+
+}  // namespace lithe::control
