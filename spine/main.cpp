@@ -17,6 +17,7 @@
 #include "spine/info.hpp"
 #include "spine/ipc/segment.hpp"
 #include "spine/law/slot.hpp"
+#include "spine/load/dlopen_store.hpp"
 #include "spine/load/loader.hpp"
 #include "spine/loop/spine.hpp"
 #include "spine/loop/transport.hpp"
@@ -71,7 +72,11 @@ void remove_memory(const std::string& robot) {
 class Threads {
  public:
   Threads(const robot::RobotConfig& robot, const CpuPlan& cpus, Memory& memory, hal::Actuators& actuators)
-      : robot_(robot), cpus_(cpus), memory_(memory), actuators_(actuators), loader_(make_loader()) {
+      : robot_(robot),
+        cpus_(cpus),
+        memory_(memory),
+        actuators_(actuators),
+        loader_(slot_, store_, *memory.spine, *memory.control, static_cast<std::uint32_t>(robot.joints.size())) {
     loop::start_clock(clock_);
   }
 
@@ -110,11 +115,6 @@ class Threads {
   }
 
  private:
-  load::Loader make_loader() {
-    ipc::SpineMemory& spine = *memory_.spine;
-    return load::Loader({slot_, memory_.control->stage, spine.stage_ack, spine.events_loader, spine.law_info});
-  }
-
   static void enter(int cpu, bool urgent) {
     if (const Result<> pinned = pin_this_thread(cpu); !pinned) fmt::print(stderr, "lithe-spine: {}\n", pinned.message());
     if (urgent) raise_priority();
@@ -128,6 +128,7 @@ class Threads {
   loop::ClockMemory clock_{};
   loop::Handover handover_;
   law::Slot slot_;
+  load::DlopenStore store_;
   load::Loader loader_;
   std::atomic<bool> stop_tick_{false}, stop_transport_{false}, stop_helpers_{false};
   std::thread keeper_, loading_, transport_, ticking_;
@@ -164,7 +165,7 @@ int run(const std::string& path) {
   freeze_malloc();
   const std::string notes = describe_host(*robot, *cpus);
   write_robot_info(memory->spine->robot_info, *robot, *cpus, notes);
-  pin_this_thread(cpus->housekeeping);
+  if (const Result<> pinned = pin_this_thread(cpus->housekeeping); !pinned) fmt::print(stderr, "{}\n", pinned.message());
 
   auto threads = std::make_unique<Threads>(*robot, *cpus, *memory, **actuators);
   threads->start();
