@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// Is a plan fit to be followed? The Brain's bytes are hostile until this says so.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "spine/core/joints.hpp"
+#include "spine/core/rt.hpp"
+#include "spine/wire/wire.hpp"
+
+namespace lithe::plan {
+
+inline constexpr std::int64_t kHorizonNs = 10'000'000'000;  // no waypoint further away than this, before or behind
+
+struct Limits {
+  JointArray position_min_rad{};
+  JointArray position_max_rad{};
+  JointArray velocity_max_rad_s{};
+  std::size_t joints = 0;
+};
+
+// The first reason not to follow `plan`, or none. Waypoints in the past are fine as long as one is in the future.
+// A waypoint outside the position limits, a given velocity above the limit, or two waypoints that no motion within
+// the velocity limit connects are refused, not bent: the Brain would otherwise believe in a motion that never happens.
+// Contract: RT · pure · looks only at the waypoints and joints in use
+wire::PlanReject check(const wire::Plan& plan, const Limits& limits, std::int64_t now_ns) LITHE_RT;
+
+}  // namespace lithe::plan

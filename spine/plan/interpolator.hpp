@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+// From a plan's few waypoints to a setpoint every tick, without ever a jump.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "spine/core/joints.hpp"
+#include "spine/core/rt.hpp"
+#include "spine/plan/check.hpp"
+#include "spine/robot/config.hpp"
+#include "spine/wire/wire.hpp"
+
+namespace lithe::plan {
+
+struct Setpoint {
+  JointArray position_rad{};
+  JointArray velocity_rad_s{};
+  JointArray acceleration_rad_s2{};
+  wire::PlanState state = wire::PlanState::none;
+};
+
+// Position and velocity are continuous through everything: knots, a new plan in flight, the end of a plan.
+//   track  a cubic per segment through the waypoints (tangent.hpp); velocities the plan gives are used exactly.
+//   coast  the plan ran out while moving: each joint slows down by its deceleration, harder only where its limit is
+//   near. hold   everything has come to rest.
+// A new plan takes over at once. Starts it more than 50 ms ahead, one cubic leads from the present motion to its first
+// waypoint; otherwise what separates the two motions decays over 50 ms, longer (up to 500 ms) where it is large.
+// Contract: RT after configure() · owned by the tick thread · bounded: at most one segment's coefficients per tick
+class Interpolator {
+ public:
+  void configure(const robot::RobotConfig& robot);
+
+  // Follows `plan` from now on, or says why not and goes on as before. The plan is copied.
+  wire::PlanReject accept(const wire::Plan& plan, std::int64_t now_ns) LITHE_RT;
+
+  // The setpoint for `now_ns`, which never goes back between calls.
+  void sample(std::int64_t now_ns, Setpoint& out) LITHE_RT;
+
+  // Stand still at `position_rad`, clamped to the limits, from now on. A joint given NaN stays where it was.
+  void hold_at(const JointArray& position_rad) LITHE_RT;
+
+  // Gives the plan up: coast to rest from the present motion, then hold.
+  void stop(std::int64_t now_ns) LITHE_RT;
+
+  std::uint64_t plan_id() const LITHE_RT { return plan_id_; }  // of the plan last accepted; 0 = none yet
+
+ private:
+  static constexpr std::size_t kKnots = wire::kNw + 1;  // the waypoints, and the present motion before them
+
+  // position = c0 + u (c1 + u (c2 + u c3)), u in seconds since since_ns, standing still after last_s.
+  struct Piece {
+    std::int64_t since_ns = 0;
+    JointArray c0{}, c1{}, c2{}, c3{};
+    JointArray last_s{};
+  };
+  // What is left of the motion before a new plan: s^2 (a + b s), s falling from 1 to 0 at per_s.
+  struct Blend {
+    std::int64_t since_ns = 0;
+    std::int64_t until_ns = 0;
+    JointArray a{}, b{}, per_s{};
+  };
+
+  void evaluate(std::int64_t now_ns, JointArray& position, JointArray& velocity, JointArray& acceleration) const
+      LITHE_RT;
+  void advance(std::int64_t now_ns) LITHE_RT;
+  void lead_to_first() LITHE_RT;
+  void enter_segment(std::size_t knot) LITHE_RT;
+  void enter_coast(std::int64_t from_ns, const JointArray& position, const JointArray& velocity) LITHE_RT;
+  void start_blend(std::int64_t now_ns, const JointArray& position, const JointArray& velocity) LITHE_RT;
+  void copy(const wire::Plan& plan, std::size_t first_knot) LITHE_RT;
+  double tangent(std::size_t knot, std::size_t j) const LITHE_RT;
+  double gap_s(std::size_t knot) const LITHE_RT;                // from this knot to the next
+  double rise(std::size_t knot, std::size_t j) const LITHE_RT;  // mean velocity over that gap
+  bool reachable(std::int64_t now_ns, const wire::Plan& plan, const JointArray& position) const LITHE_RT;
+
+  Limits limits_;
+  JointArray deceleration_rad_s2_{};
+  std::array<bool, kMaxJoints> monotone_{};
+
+  std::array<std::int64_t, kKnots> t_ns_{};
+  std::array<JointArray, kKnots> knot_rad_{};
+  std::array<JointArray, kKnots> knot_rad_s_{};  // NaN = tangent()
+  std::size_t knots_ = 0;
+  std::size_t segment_ = 0;
+  bool streaming_ = false;
+  std::uint64_t plan_id_ = 0;
+
+  wire::PlanState state_ = wire::PlanState::none;
+  std::int64_t coast_until_ns_ = 0;
+  Piece piece_;
+  Blend blend_;
+};
+
+}  // namespace lithe::plan
