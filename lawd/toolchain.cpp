@@ -62,14 +62,17 @@ std::string full_disk_text(const std::string& dir) {
 
 Toolchain::Toolchain(std::string contract_dir, std::string cache) : contract_dir_(std::move(contract_dir)) {
   find_programs();
-  const auto law = read_file(contract_dir_ + "/lithe/law.hpp");
-  const auto reflect = read_file(contract_dir_ + "/lithe/reflect.hpp");
-  if (!law || !reflect) {
-    error_ = "cannot read the law contract " + contract_dir_ +
-             "/lithe/law.hpp: set LITHE_CONTRACT_DIR to the folder that holds lithe/law.hpp";
+  std::string all = version_;
+  for (const char* header : {"law.hpp", "describe.hpp", "reflect.hpp"}) {
+    const auto text = read_file(contract_dir_ + "/lithe/" + header);
+    if (!text) {
+      error_ = "cannot read the law contract " + contract_dir_ + "/lithe/" + header +
+               ": set LITHE_CONTRACT_DIR to the folder that holds lithe/law.hpp";
+    } else {
+      all += *text;
+    }
   }
   if (!error_.empty()) return;
-  std::string all = version_ + *law + *reflect;
   for (const std::string& flag : flags()) all += '\n' + flag;
   fingerprint_ = sha256_hex(all);
   precompile(cache);

@@ -1,0 +1,198 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "lawd/service.hpp"
+
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/stat.h>
+
+#include <fstream>
+
+#include "lawd/files.hpp"
+#include "lawd/sha256.hpp"
+#include "lawd/test_bench.hpp"
+
+namespace lithe::lawd {
+namespace {
+
+using nlohmann::json;
+
+class ServiceTest : public ::testing::Test {
+ protected:
+  json refused(const LawText& law, const std::string& stage) {
+    const json reply = compile(service_, law.source());
+    EXPECT_FALSE(reply["ok"]) << reply;
+    EXPECT_EQ(reply.value("stage", ""), stage) << reply;
+    EXPECT_FALSE(reply["diagnostics"].empty());
+    return reply;
+  }
+  static std::string first(const json& reply) { return reply["diagnostics"][0]["message"]; }
+  static int line(const json& reply) { return reply["diagnostics"][0]["line"]; }
+
+  TestCache cache_;
+  Service service_{cache_.path()};
+};
+
+TEST_F(ServiceTest, LawIsCompiledDescribedAndCached) {
+  const std::string source = LawText{}.source();
+  const json made = compile(service_, source);
+  ASSERT_TRUE(made["ok"]) << made;
+  EXPECT_EQ(made["id"], 7);
+  EXPECT_FALSE(made["cached"]);
+  EXPECT_EQ(made["law"]["name"], "test");
+  EXPECT_EQ(made["law"]["params"][0]["name"], "kp_nm_rad");
+  EXPECT_EQ(made["law"]["params"][0]["max"], 2.0);
+  EXPECT_EQ(made["law"]["state"][0], (json{{"name", "sum_rad"}, {"type", "float64"}, {"count", 1}}));
+  const json again = compile(service_, source);
+  EXPECT_TRUE(again["cached"]);
+  EXPECT_EQ(again["object"], made["object"]);
+  EXPECT_EQ(again["hash"], made["hash"]);
+}
+
+TEST_F(ServiceTest, DamagedCacheEntryIsNoticedAndBuiltAnew) {
+  const std::string source = LawText{}.source();
+  const json made = compile(service_, source);
+  ASSERT_TRUE(made["ok"]);
+  const std::string object = made["object"];
+  const std::string whole = *read_file(object);
+  std::string flipped = whole;
+  flipped[flipped.size() / 2] = static_cast<char>(flipped[flipped.size() / 2] ^ 1);
+  for (const std::string& damaged : {flipped, whole.substr(0, 100), std::string()}) {
+    std::ofstream(object, std::ios::binary) << damaged;
+    const json again = compile(service_, source);
+    EXPECT_TRUE(again["ok"]);
+    EXPECT_FALSE(again["cached"]);
+    EXPECT_EQ(read_file(object), whole);
+  }
+  std::ofstream(object.substr(0, object.size() - 3) + ".json") << "{\"ok\":tr";
+  EXPECT_FALSE(compile(service_, source)["cached"]);
+  std::filesystem::remove(object);
+  EXPECT_FALSE(compile(service_, source)["cached"]);
+  EXPECT_TRUE(compile(service_, source)["cached"]);
+}
+
+TEST_F(ServiceTest, CompilerErrorNamesTheLineOfTheLaw) {
+  const json reply = refused({.body = "u.torque_nm[0] = unknown_gain;"}, "compile");
+  EXPECT_EQ(line(reply), 6);
+  EXPECT_EQ(reply["diagnostics"][0]["file"], "law.cpp");
+  EXPECT_NE(first(reply).find("unknown_gain"), std::string::npos);
+  EXPECT_NE(reply["text"].get<std::string>().find("law.cpp:6:"), std::string::npos);
+}
+
+TEST_F(ServiceTest, ContractSaysWhatIsWrongWithState) {
+  for (const char* state : {"const char* text = nullptr;", "struct { int a; } inner;", "enum { a } e = a;"}) {
+    const json reply = refused({.state = state}, "compile");
+    EXPECT_EQ(first(reply).find("a State field must be"), 0u) << reply["text"];
+    EXPECT_EQ(line(reply), 4);
+    EXPECT_EQ(reply["diagnostics"].size(), 1u) << "what follows from it is noise: " << reply["text"];
+  }
+  EXPECT_NE(first(refused({.state = "double x[3];"}, "compile")).find("C array"), std::string::npos);
+  EXPECT_NE(first(refused({.state = "std::array<double, 600> x{};"}, "compile")).find("4096"), std::string::npos);
+}
+
+TEST_F(ServiceTest, ContractSaysWhatIsWrongWithParamsAndStep) {
+  EXPECT_EQ(first(refused({.params = "double kp = 1;", .body = ""}, "compile")).find("every field of Params"), 0u);
+  EXPECT_EQ(line(refused({.params = "lithe::Param kp{3, 0, 2};", .body = ""}, "compile")), 3);
+  const std::string no_state = "#include <lithe/law.hpp>\nstruct L { struct Params {}; };\nLITHE_LAW(L, \"l\");\n";
+  const std::string no_step =
+      "#include <lithe/law.hpp>\nstruct L { struct Params {}; struct State {}; };\nLITHE_LAW(L, \"l\");\n";
+  EXPECT_EQ(first(compile(service_, no_state)).find("a law needs both nested structs"), 0u);
+  EXPECT_EQ(first(compile(service_, no_step)).find("a law needs exactly one step"), 0u);
+}
+
+TEST_F(ServiceTest, FileWithoutALawIsRefused) {
+  const json reply = compile(service_, "int x;\n");
+  EXPECT_EQ(reply["stage"], "load");
+  EXPECT_NE(first(reply).find("LITHE_LAW"), std::string::npos);
+}
+
+TEST_F(ServiceTest, UnknownFunctionIsNamed) {
+  const json reply = refused({.body = "extern void helper(int); helper(3);"}, "load");
+  EXPECT_NE(first(reply).find("helper(int)"), std::string::npos) << reply["text"];
+}
+
+TEST_F(ServiceTest, CrashHangExitAndNanAreRefusedWithTheReason) {
+  EXPECT_NE(first(refused({.body = "*(volatile int*)nullptr = 1;"}, "dry_run")).find("SIGSEGV"), std::string::npos);
+  EXPECT_NE(
+      first(refused({.body = "for (;;) s.sum_rad = *(volatile double*)&s.sum_rad;"}, "dry_run")).find("did not return"),
+      std::string::npos);
+  EXPECT_NE(first(refused({.body = "extern \"C\" void exit(int); exit(0);"}, "compile")).size(), 0u);
+  EXPECT_NE(first(refused({.body = "__builtin_exit(0);"}, "dry_run")).find("ended its process"), std::string::npos);
+  const json nan = refused({.body = "u.torque_nm[1] = std::sqrt(-1 - t.t_s);"}, "dry_run");
+  EXPECT_NE(first(nan).find("torque_nm[1] is not finite"), std::string::npos) << nan["text"];
+}
+
+TEST_F(ServiceTest, RefusedLawLeavesNothingInTheCache) {
+  refused({.body = "u.torque_nm[0] = 1 / 0.0;"}, "dry_run");
+  std::size_t entries = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(cache_.path() + "/laws")) entries += entry.exists();
+  EXPECT_EQ(entries, 0u);
+}
+
+TEST_F(ServiceTest, NonsenseIsAnsweredAndTheServiceGoesOn) {
+  bool quit = false;
+  for (const char* line : {"{", "[]", "{\"id\":1}", "{\"verb\":3}", "{\"verb\":\"compile\"}",
+                           "{\"verb\":\"compile\",\"source\":[1]}", "{\"verb\":\"dance\"}", "\xff\xfe"}) {
+    EXPECT_FALSE(service_.answer(line, quit)["ok"]) << line;
+  }
+  EXPECT_FALSE(quit);
+  EXPECT_FALSE(compile(service_, std::string(2 << 20, ' '))["ok"]);
+  EXPECT_TRUE(compile(service_, LawText{}.source(), "../../etc/passwd")["ok"]);
+  EXPECT_TRUE(service_.answer("{\"verb\":\"ping\",\"id\":9}", quit)["ok"]);
+  EXPECT_TRUE(service_.answer("{\"verb\":\"quit\"}", quit)["ok"]);
+  EXPECT_TRUE(quit);
+}
+
+TEST(Service, CacheThatCannotBeWrittenIsOneClearMessage) {
+  TestCache cache;
+  std::ofstream(cache.path() + "/laws") << "a file where a folder should be";
+  Service service(cache.path());
+  const json reply = compile(service, LawText{}.source());
+  EXPECT_EQ(reply["stage"], "cache");
+  EXPECT_NE(reply["text"].get<std::string>().find("LITHE_CACHE_DIR"), std::string::npos) << reply;
+}
+
+// A compiler that does what the real one does when its disk is full.
+TEST(Service, FullDiskIsOneClearMessage) {
+  TestCache cache;
+  const std::string fake = cache.path() + "/fake-compiler";
+  std::ofstream(fake) << "#!/bin/sh\ncase \"$1\" in --version) echo fake 1;; -print-prog-name=ld) echo ld;;\n"
+                      << "*) echo 'fatal error: error writing to law.o: No space left on device' >&2; exit 1;; esac\n";
+  ASSERT_EQ(chmod(fake.c_str(), 0700), 0);
+  setenv("LITHE_CXX", fake.c_str(), 1);
+  Service service(cache.path());
+  unsetenv("LITHE_CXX");
+  const json reply = compile(service, LawText{}.source());
+  EXPECT_EQ(reply["stage"], "cache");
+  EXPECT_NE(reply["text"].get<std::string>().find("is full"), std::string::npos) << reply;
+}
+
+TEST(Service, MissingCompilerSaysWhatToInstall) {
+  TestCache cache;
+  setenv("LITHE_CXX", "no-such-compiler", 1);
+  Service service(cache.path());
+  unsetenv("LITHE_CXX");
+  EXPECT_NE(compile(service, LawText{}.source())["text"].get<std::string>().find("apt install"), std::string::npos);
+}
+
+TEST(Child, EndlessWorkIsKilledWithAllItStarted) {
+  Limits limits;
+  limits.wall_ms = 100;
+  const Outcome outcome = run_child(
+      [](int) {
+        if (fork() == 0) signal(SIGTERM, SIG_IGN);
+        for (;;) pause();
+        return 0;
+      },
+      limits);
+  EXPECT_TRUE(outcome.timed_out);
+}
+
+TEST(Sha256, KnownAnswers) {
+  EXPECT_EQ(sha256_hex(""), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
+  EXPECT_EQ(sha256_hex("abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+  EXPECT_EQ(sha256_hex(std::string(1'000'000, 'a')),
+            "cdc76e5c9914fb9281a1c7e284d73e67f1809a48a497200e046d39ccc7112cd0");
+}
+
+}  // namespace
+}  // namespace lithe::lawd

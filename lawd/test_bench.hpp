@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the tests of this room share: a service on a cache of its own, and a law to spoil.
+#pragma once
+
+#include <stdlib.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <string>
+
+#include "lawd/service.hpp"
+
+namespace lithe::lawd {
+
+// A cache that is gone afterwards. The precompiled contract is shared by all tests of a build: it takes a second.
+class TestCache {
+ public:
+  TestCache() {
+    namespace fs = std::filesystem;
+    char name[] = "/tmp/lithe_lawd_XXXXXX";
+    path_ = mkdtemp(name);
+    fs::create_directories(LITHE_TEST_CONTRACT_CACHE);
+    fs::create_directory_symlink(LITHE_TEST_CONTRACT_CACHE, path_ + "/contract");
+  }
+  ~TestCache() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  TestCache(const TestCache&) = delete;
+  TestCache& operator=(const TestCache&) = delete;
+  const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
+};
+
+struct LawText {
+  std::string params = "lithe::Param kp_nm_rad{1, 0, 2};";
+  std::string state = "double sum_rad = 0;";
+  std::string body = "u.torque_nm[0] = p.kp_nm_rad * t.position_rad[0];";
+  std::string name = "test";
+
+  std::string source() const {
+    return "#include <lithe/law.hpp>\nstruct Law {\n  struct Params { " + params + " };\n  struct State { " + state +
+           " };\n  static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& u) {\n    " + body +
+           "\n  }\n};\nLITHE_LAW(Law, \"" + name + "\");\n";
+  }
+};
+
+inline nlohmann::json compile(Service& service, const std::string& source, const std::string& name = "law.cpp") {
+  bool quit = false;
+  const nlohmann::json request = {{"id", 7}, {"verb", "compile"}, {"source", source}, {"name", name}, {"joints", 2}};
+  return service.answer(request.dump(), quit);
+}
+
+}  // namespace lithe::lawd

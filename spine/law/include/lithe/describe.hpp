@@ -1,0 +1,286 @@
+// SPDX-License-Identifier: Apache-2.0
+// How a law becomes the one symbol its object exports: the C descriptor, and the checks that explain a wrong law.
+// Included by lithe/law.hpp; a law's author never needs it.
+#pragma once
+
+#include "lithe/law.hpp"
+#include "lithe/reflect.hpp"
+
+namespace lithe {
+
+// The type of a State field, as a number in the descriptor.
+enum class FieldKind : std::uint32_t { none = 0, boolean, i8, u8, i16, u16, i32, u32, i64, u64, f32, f64 };
+
+// Bytes of one element; 0 for a kind that does not exist.
+constexpr std::uint32_t kind_bytes(FieldKind kind) {
+  switch (kind) {
+    case FieldKind::boolean:
+    case FieldKind::i8:
+    case FieldKind::u8:
+      return 1;
+    case FieldKind::i16:
+    case FieldKind::u16:
+      return 2;
+    case FieldKind::i32:
+    case FieldKind::u32:
+    case FieldKind::f32:
+      return 4;
+    case FieldKind::i64:
+    case FieldKind::u64:
+    case FieldKind::f64:
+      return 8;
+    case FieldKind::none:
+      break;
+  }
+  return 0;
+}
+
+}  // namespace lithe
+
+// The C side of a law: the one symbol its object exports. Text is zero-terminated inside its array.
+extern "C" {
+struct LitheStateField {
+  char name[32];
+  std::uint32_t kind, offset, count;  // kind: lithe::FieldKind; count: elements, 1 = scalar
+};
+struct LitheParam {
+  char name[32];
+  double value, min, max;
+};
+struct LitheLaw {
+  std::uint32_t magic, abi;                                       // "LLAW"; kLawAbi
+  std::uint32_t descriptor_size, tick_size, effort_size, joints;  // the layouts it was compiled against
+  std::uint32_t state_size, state_align, state_count, param_count, probe_count, reserved;
+  char name[64];
+  LitheStateField state[lithe::kMaxStateFields];
+  LitheParam params[lithe::kMaxParams];
+  char probes[lithe::kMaxProbes][32];
+  const void* state_defaults;  // state_size bytes
+  // params: param_count lithe::Param in order; state: state_size bytes; probes: probe_count doubles.
+  void (*step)(const lithe::Tick*, const void* params, void* state, lithe::Effort*, double* probes) LITHE_RT;
+};
+}
+
+namespace lithe {
+
+inline constexpr std::uint32_t kLawMagic = 0x57414C4C;  // "LLAW"
+inline constexpr std::uint32_t kLawAbi = 1;
+
+namespace contract {
+
+template <class T>
+struct Element {
+  using type = T;
+  static constexpr std::uint32_t count = 1;
+};
+template <class T, std::size_t N>
+struct Element<std::array<T, N>> {
+  using type = T;
+  static constexpr std::uint32_t count = N;
+};
+
+template <class T>
+consteval FieldKind kind_of() {
+  if constexpr (std::is_same_v<T, bool>) {
+    return FieldKind::boolean;
+  } else if constexpr (std::is_integral_v<T>) {
+    constexpr std::uint32_t log2 = sizeof(T) == 1 ? 0 : sizeof(T) == 2 ? 1 : sizeof(T) == 4 ? 2 : 3;
+    return FieldKind{static_cast<std::uint32_t>(FieldKind::i8) + 2 * log2 + (std::is_unsigned_v<T> ? 1 : 0)};
+  } else if constexpr (std::is_same_v<T, float>) {
+    return FieldKind::f32;
+  } else if constexpr (std::is_same_v<T, double>) {
+    return FieldKind::f64;
+  } else {
+    return FieldKind::none;
+  }
+}
+
+template <class T>
+concept PlainStruct =
+    std::is_class_v<T> && std::is_aggregate_v<T> && std::is_trivially_copyable_v<T> && std::is_standard_layout_v<T>;
+
+// What every nested struct must be, so that its fields can be named and copied. False stops all further analysis.
+template <class T>
+consteval bool check_struct() {
+  static_assert(PlainStruct<T>,
+                "LITHE: Params, State and Probes must be plain structs: public data fields only, no constructors, no "
+                "base classes, no virtual functions, nothing that owns memory");
+  if constexpr (!PlainStruct<T>) {
+    return false;
+  } else if constexpr (reflect::has_c_array<T>()) {
+    static_assert(!reflect::has_c_array<T>(),
+                  "LITHE: a State field is a C array (double x[3]): write std::array<double, 3> x{}; instead");
+    return false;
+  } else if constexpr (reflect::field_count<T>() > reflect::kMaxFields) {
+    static_assert(reflect::field_count<T>() <= reflect::kMaxFields,
+                  "LITHE: a struct has more than 32 fields: group the joints of one quantity in a lithe::JointArray");
+    return false;
+  } else {
+    static_assert(reflect::has_plain_layout<T>(),
+                  "LITHE: alignas on a field of Params, State or Probes is not supported: remove it");
+    return true;
+  }
+}
+
+template <class Struct, std::size_t I>
+consteval void check_name() {
+  static_assert(reflect::field_name<Struct, I>().size() <= kMaxNameChars,
+                "LITHE: this field's name is longer than 31 characters: shorten it, but keep its unit");
+}
+
+template <class State, std::size_t I>
+consteval void check_state_field() {
+  using Field = reflect::FieldType<State, I>;
+  static_assert(kind_of<typename Element<Field>::type>() != FieldKind::none,
+                "LITHE: a State field must be bool, an integer, float, double, or a std::array of one of them (see "
+                "'Field' in the lines around this one): pointers, nested structs, enums and containers cannot be "
+                "carried to the next law");
+  check_name<State, I>();
+}
+
+template <class Params, std::size_t I>
+consteval void check_param() {
+  static_assert(std::is_same_v<reflect::FieldType<Params, I>, Param>,
+                "LITHE: every field of Params must be a lithe::Param with its range: lithe::Param kp_nm_rad{4, 0, 40}; "
+                "is {value, min, max}. A number that is never tuned can be a `static constexpr double` of the law");
+  check_name<Params, I>();
+}
+
+template <class Probes, std::size_t I>
+consteval void check_probe() {
+  static_assert(std::is_same_v<reflect::FieldType<Probes, I>, double>,
+                "LITHE: every field of Probes must be a double: probes show up in telemetry and plots");
+  check_name<Probes, I>();
+}
+
+struct NoProbes {};
+template <class L>
+struct ProbesOf {
+  using type = NoProbes;
+};
+template <class L>
+  requires requires { typename L::Probes; }
+struct ProbesOf<L> {
+  using type = typename L::Probes;
+};
+template <class L>
+using Probes = typename ProbesOf<L>::type;
+
+template <class L>
+concept Complete = requires {
+  typename L::Params;
+  typename L::State;
+};
+template <class L>
+concept Steps = requires(const Tick& t, const typename L::Params& p, typename L::State& s, Effort& u) {
+  { L::step(t, p, s, u) } -> std::same_as<void>;
+};
+template <class L>
+concept StepsWithProbes =
+    requires(const Tick& t, const typename L::Params& p, typename L::State& s, Effort& u, Probes<L>& probes) {
+      { L::step(t, p, s, u, probes) } -> std::same_as<void>;
+    };
+
+template <class L>
+consteval bool check() {
+  static_assert(Complete<L>,
+                "LITHE: a law needs both nested structs, even when they are empty: "
+                "struct Params { lithe::Param kp_nm_rad{4, 0, 40}; };  struct State {};");
+  if constexpr (!Complete<L>) {
+    return false;
+  } else {
+    static_assert(sizeof(typename L::State) <= kMaxStateBytes, "LITHE: State is larger than 4096 bytes");
+    static_assert(alignof(typename L::State) <= 64, "LITHE: State asks for more than 64-byte alignment");
+    static_assert(
+        Steps<L> != StepsWithProbes<L>,
+        "LITHE: a law needs exactly one step, static and returning void: static void step(const lithe::Tick&, "
+        "const Params&, State&, lithe::Effort&), with a fifth argument Probes& when it has a struct Probes");
+    return check_struct<typename L::Params>() && check_struct<typename L::State>() && check_struct<Probes<L>>() &&
+           Steps<L> != StepsWithProbes<L>;
+  }
+}
+
+template <std::size_t N>
+consteval void copy_text(char (&to)[N], std::string_view from) {
+  for (std::size_t i = 0; i < N; ++i) to[i] = i < from.size() && i < N - 1 ? from[i] : '\0';
+}
+
+template <class L>
+void step(const Tick* tick, const void* params, void* state, Effort* effort, double* probes) LITHE_RT {
+  const auto& p = *static_cast<const typename L::Params*>(params);
+  auto& s = *static_cast<typename L::State*>(state);
+  if constexpr (StepsWithProbes<L>) {
+    Probes<L> values{};
+    L::step(*tick, p, s, *effort, values);
+    std::memcpy(probes, &values, sizeof(double) * reflect::field_count<Probes<L>>());
+  } else {
+    L::step(*tick, p, s, *effort);
+  }
+}
+
+template <class State, std::size_t... I>
+consteval void describe_state(LitheLaw& law, std::index_sequence<I...>) {
+  (check_state_field<State, I>(), ...);
+  ((copy_text(law.state[I].name, reflect::field_name<State, I>()),
+    law.state[I].kind = static_cast<std::uint32_t>(kind_of<typename Element<reflect::FieldType<State, I>>::type>()),
+    law.state[I].offset = static_cast<std::uint32_t>(reflect::field_offset<State, I>()),
+    law.state[I].count = Element<reflect::FieldType<State, I>>::count),
+   ...);
+}
+
+template <class Params, std::size_t... I>
+consteval void describe_params(LitheLaw& law, std::index_sequence<I...>) {
+  (check_param<Params, I>(), ...);
+  [[maybe_unused]] constexpr auto fields = reflect::field_addresses(reflect::kDefaults<Params>);
+  ((copy_text(law.params[I].name, reflect::field_name<Params, I>()), law.params[I].value = std::get<I>(fields)->value,
+    law.params[I].min = std::get<I>(fields)->min, law.params[I].max = std::get<I>(fields)->max),
+   ...);
+}
+
+template <class P, std::size_t... I>
+consteval void describe_probes(LitheLaw& law, std::index_sequence<I...>) {
+  (check_probe<P, I>(), ...);
+  (copy_text(law.probes[I], reflect::field_name<P, I>()), ...);
+}
+
+consteval bool ranges_hold(const LitheLaw& law) {
+  constexpr double largest = std::numeric_limits<double>::max();
+  for (std::uint32_t i = 0; i < law.param_count && i < kMaxParams; ++i) {
+    const LitheParam& p = law.params[i];
+    if (!(-largest <= p.min && p.min <= p.value && p.value <= p.max && p.max <= largest)) return false;
+  }
+  return true;
+}
+
+}  // namespace contract
+
+// The descriptor of law L. LITHE_LAW exports it; tests use it without compiling an object.
+template <class L>
+consteval LitheLaw describe(std::string_view name) {
+  LitheLaw law{};
+  if constexpr (contract::check<L>()) {
+    using State = typename L::State;
+    using Params = typename L::Params;
+    law.magic = kLawMagic;
+    law.abi = kLawAbi;
+    law.descriptor_size = sizeof(LitheLaw);
+    law.tick_size = sizeof(Tick);
+    law.effort_size = sizeof(Effort);
+    law.joints = kMaxJoints;
+    law.state_size = std::is_empty_v<State> ? 0 : sizeof(State);
+    law.state_align = alignof(State);
+    law.state_count = reflect::field_count<State>();
+    law.param_count = reflect::field_count<Params>();
+    law.probe_count = reflect::field_count<contract::Probes<L>>();
+    contract::copy_text(law.name, name);
+    contract::describe_state<State>(law, std::make_index_sequence<reflect::field_count<State>()>{});
+    contract::describe_params<Params>(law, std::make_index_sequence<reflect::field_count<Params>()>{});
+    contract::describe_probes<contract::Probes<L>>(
+        law, std::make_index_sequence<reflect::field_count<contract::Probes<L>>()>{});
+    law.state_defaults = &reflect::kDefaults<State>;
+    law.step = &contract::step<L>;
+  }
+  return law;
+}
+
+}  // namespace lithe
