@@ -23,12 +23,13 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _wire
+from .errors import LitheError
 
 _TORN = 2**64 - 1
 _SOURCE = Path(__file__).parent / "_shm" / "lithe_shm.c"
 
 
-class ShmError(Exception):
+class ShmError(LitheError):
     """Shared memory cannot be used; the text says what, where and what to do next."""
 
 

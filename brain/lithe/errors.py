@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The one family of errors: what went wrong, where, and what to do next."""
+
+from __future__ import annotations
+
+
+class LitheError(Exception):
+    """Base of all errors of this package."""
+
+
+class NotRunning(LitheError):
+    """There is no robot of that name, or its supervisor does not answer."""
+
+
+class Refused(LitheError):
+    """The robot understood and said no.
+
+    `code` is a word for programs (e.g. "refused_estop"), `next` what to do; `detail` all that came with the refusal,
+    such as a compiler's diagnostics.
+    """
+
+    def __init__(self, code: str, message: str, next_step: str = "", detail: dict[str, object] | None = None) -> None:
+        super().__init__(f"{message}" + (f"\n  next: {next_step}" if next_step else ""))
+        self.code = code
+        self.message = message
+        self.next = next_step
+        self.detail = detail or {}
