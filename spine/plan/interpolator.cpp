@@ -14,8 +14,8 @@ using wire::PlanReject;
 using wire::PlanState;
 
 constexpr std::int64_t kBlendNs = 50'000'000;
-constexpr double kShortestBlend_s = 0.05;
-constexpr double kLongestBlend_s = 0.5;
+constexpr double kShortestBlendS = 0.05;
+constexpr double kLongestBlendS = 0.5;
 constexpr double kForever = std::numeric_limits<double>::infinity();
 
 double seconds(std::int64_t ns) LITHE_RT { return static_cast<double>(ns) * 1e-9; }
@@ -199,7 +199,7 @@ void Interpolator::start_blend(std::int64_t now_ns, const JointArray& position, 
     const double gentle = std::max(std::sqrt(6 * std::abs(gap_rad) / deceleration_rad_s2_[j]),
                                    4 * std::abs(gap_rad_s) / deceleration_rad_s2_[j]);
     const double slow = 3 * std::abs(gap_rad) / limits_.velocity_max_rad_s[j];
-    const double lasts_s = std::clamp(std::max(gentle, slow), kShortestBlend_s, kLongestBlend_s);
+    const double lasts_s = std::clamp(std::max(gentle, slow), kShortestBlendS, kLongestBlendS);
     blend_.a[j] = 3 * gap_rad + lasts_s * gap_rad_s;
     blend_.b[j] = -2 * gap_rad - lasts_s * gap_rad_s;
     blend_.per_s[j] = 1 / lasts_s;
