@@ -200,9 +200,6 @@ void Supervisor::attach() {
       spdlog::warn("{}", pinned.message());
     }
   }
-  if (adopted_) {
-    read_events(true);
-  }
 }
 
 void Supervisor::swap_first_law() {

@@ -21,7 +21,6 @@ namespace lithe::control {
 namespace {
 
 constexpr int kIdleTurnMs = 20;
-constexpr int kEventLinesPerSecond = 20;
 
 }  // namespace
 
@@ -29,6 +28,7 @@ Supervisor::Supervisor(RunOptions options, robot::RobotConfig config)
     : options_(std::move(options)),
       config_(std::move(config)),
       all_cpus_(allowed_cpus()),
+      born_ns_(monotonic_ns()),
       lawd_(program_dir() + "/lawd", cores_beside(all_cpus_, config_.spine)),
       log_path_(fmt::format("{}/{}.spine.log", run_dir(), config_.name)) {}
 
@@ -151,24 +151,27 @@ void Supervisor::forward_spine_log() {
   }
 }
 
-void Supervisor::read_events(bool quiet) {
-  const std::int64_t now_ns = monotonic_ns();
-  if (now_ns - quiet_since_ns_ > kNsPerS) {
-    if (quiet_budget_ < 0) {
-      spdlog::info("... and {} more events (lithe events)", -quiet_budget_);
-    }
-    quiet_since_ns_ = now_ns;
-    quiet_budget_ = kEventLinesPerSecond;
+void Supervisor::note(const Json& event) {
+  events_.add(event);
+  // What an adopted Spine went through before us is history, not news.
+  if (event["t_ns"].get<std::int64_t>() >= born_ns_) {
+    spdlog::info("{}", event_line(event));
   }
+}
+
+void Supervisor::read_events() {
+  const std::int64_t now_ns = monotonic_ns();
   for (const wire::Event& event : link_->drain_events()) {
-    const Json json = event_json(event);
-    events_.add(json);
-    if (swaps_) {
-      swaps_->on_event(event, now_ns);
+    swaps_->on_event(event, now_ns);
+    if (noise_.passes(event, now_ns)) {
+      note(event_json(event));
     }
-    if (!quiet && quiet_budget_-- > 0) {
-      spdlog::info("{}", event_line(json));
-    }
+  }
+  for (const NoiseFilter::Summary& more : noise_.summaries(now_ns)) {
+    Json json = event_json(more.last);
+    json["count"] = more.count;
+    json["text"] = fmt::format("{} more within a second", more.count);
+    note(json);
   }
   events_.set_lost(link_->lost_events());
 }

@@ -15,6 +15,7 @@
 #include "supervisor/control/commands.hpp"
 #include "supervisor/control/event_log.hpp"
 #include "supervisor/control/lawd_link.hpp"
+#include "supervisor/control/noise.hpp"
 #include "supervisor/control/process.hpp"
 #include "supervisor/control/server.hpp"
 #include "supervisor/control/spine_link.hpp"
@@ -68,7 +69,8 @@ class Supervisor {
   bool turn_until(const std::function<bool()>& done, std::int64_t timeout_ns);
   void read_signals();
   void read_spine();
-  void read_events(bool quiet = false);
+  void read_events();
+  void note(const Json& event);
   void forward_spine_log();
   [[noreturn]] void spine_died();
 
@@ -78,6 +80,7 @@ class Supervisor {
   RunOptions options_;
   robot::RobotConfig config_;
   std::vector<int> all_cpus_;
+  std::int64_t born_ns_;
   ipc::Lease lease_;
   bool owns_files_ = false;
   Fd signals_;
@@ -93,8 +96,7 @@ class Supervisor {
   bool stopping_ = false;
   bool stop_asked_ = false;
   EventLog events_;
-  int quiet_budget_ = 0;
-  std::int64_t quiet_since_ns_ = 0;
+  NoiseFilter noise_;
   std::optional<SpineLink> link_;
   std::optional<Commands> commands_;
   std::optional<Swaps> swaps_;

@@ -65,7 +65,7 @@ void Verbs::add_looks() {
     reply_(to, status);
   };
   verbs_["events"] = [this](const ReplyTo& to, const Json& args) {
-    const auto limit = std::min<std::uint64_t>(args.value("limit", std::uint64_t{1000}), EventLog::kDepth);
+    const auto limit = std::min<std::uint64_t>(args.value("limit", std::uint64_t{EventLog::kDepth}), EventLog::kDepth);
     reply_(to, parts_.log.since(args.value("since", std::uint64_t{0}), limit));
   };
   verbs_["params"] = [this](const ReplyTo& to, const Json&) { reply_(to, params_json(parts_.spine)); };

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+// Against the real compile service.
+#include "supervisor/control/lawd_link.hpp"
+
+#include <gtest/gtest.h>
+#include <poll.h>
+#include <signal.h>
+
+#include <optional>
+
+#include "spine/core/time.hpp"
+
+namespace lithe::control {
+namespace {
+
+using swap::Answer;
+using swap::Json;
+using swap::Refusal;
+
+constexpr const char* kLaw =
+    "#include <lithe/law.hpp>\n"
+    "struct Rest {\n"
+    "  struct Params { lithe::Param gain{1.0, 0.0, 2.0}; };\n"
+    "  struct State { double last_rad = 0.0; };\n"
+    "  static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& e) {\n"
+    "    s.last_rad = t.position_rad[0]; e.torque_nm[0] = -p.gain * t.velocity_rad_s[0];\n"
+    "  }\n"
+    "};\n"
+    "LITHE_LAW(Rest, \"rest\");\n";
+
+class LawdLinkTest : public testing::Test {
+ protected:
+  LawdLinkTest() { EXPECT_TRUE(lawd_.start(monotonic_ns())); }
+
+  template <class Done>
+  void serve_until(Done done) {
+    const std::int64_t deadline_ns = monotonic_ns() + 60 * kNsPerS;
+    while (!done() && monotonic_ns() < deadline_ns) {
+      pollfd wait{lawd_.poll_fd(), POLLIN, 0};
+      ::poll(&wait, 1, 10);
+      lawd_.serve(monotonic_ns());
+    }
+  }
+  Answer compile(const std::string& source) {
+    std::optional<Answer> answer;
+    lawd_.compile("rest.cpp", source, [&answer](const Answer& got) { answer = got; }, monotonic_ns());
+    serve_until([&answer] { return answer.has_value(); });
+    return answer.value_or(Refusal{"test_timeout", "", ""});
+  }
+
+  LawdLink lawd_{LITHE_LAWD, {}};
+};
+
+TEST_F(LawdLinkTest, CompilesALawAndDescribesIt) {
+  const Answer answer = compile(kLaw);
+  ASSERT_TRUE(std::holds_alternative<Json>(answer)) << std::get<Refusal>(answer).message;
+  EXPECT_EQ(std::get<Json>(answer)["law"]["name"], "rest");
+  EXPECT_EQ(std::get<Json>(answer)["law"]["params"][0]["name"], "gain");
+}
+
+TEST_F(LawdLinkTest, AWrongLawIsRefusedWithFileAndLine) {
+  const Answer answer = compile("#include <lithe/law.hpp>\nint x = undefined_name;\n");
+  ASSERT_TRUE(std::holds_alternative<Refusal>(answer));
+  const Refusal& refusal = std::get<Refusal>(answer);
+  EXPECT_EQ(refusal.code, "compile_failed");
+  EXPECT_NE(refusal.message.find("rest.cpp:2"), std::string::npos) << refusal.message;
+  EXPECT_FALSE(refusal.detail["diagnostics"].empty());
+}
+
+TEST_F(LawdLinkTest, ADeathRefusesWhatItHadInHandsAndANewOneServesTheNext) {
+  const pid_t first = lawd_.pid();
+  std::optional<Answer> answer;
+  ::kill(first, SIGSTOP);  // so that the request is certainly in its hands
+  lawd_.compile("rest.cpp", kLaw, [&answer](const Answer& got) { answer = got; }, monotonic_ns());
+  ::kill(first, SIGKILL);
+  serve_until([&answer] { return answer.has_value(); });
+  ASSERT_TRUE(answer && std::holds_alternative<Refusal>(*answer));
+  EXPECT_EQ(std::get<Refusal>(*answer).code, "lawd_died");
+  EXPECT_TRUE(std::holds_alternative<Json>(compile(kLaw)));
+  EXPECT_NE(lawd_.pid(), first);
+  EXPECT_EQ(lawd_.restarts(), 1U);
+}
+
+}  // namespace
+}  // namespace lithe::control

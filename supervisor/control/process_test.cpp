@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/control/process.hpp"
+
+#include <gtest/gtest.h>
+#include <sched.h>
+#include <signal.h>
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <fstream>
+
+#include "supervisor/control/cores.hpp"
+
+namespace lithe::control {
+namespace {
+
+Launch shell(const std::string& script) {
+  Launch launch;
+  launch.argv = {"/bin/sh", "-c", script};
+  return launch;
+}
+
+TEST(Process, TellsAnExitCodeFromASignal) {
+  auto three = Process::start(shell("exit 3"));
+  ASSERT_TRUE(three && three->wait(5000));
+  EXPECT_EQ(three->exit_code(), 3);
+  auto killed = Process::start(shell("sleep 60"));
+  ASSERT_TRUE(killed);
+  EXPECT_FALSE(killed->ended());
+  killed->signal(SIGKILL);
+  ASSERT_TRUE(killed->wait(5000));
+  EXPECT_FALSE(killed->exit_code());
+  EXPECT_NE(killed->verdict().find("signal 9"), std::string::npos);
+}
+
+TEST(Process, AMissingProgramIsAnErrorAndLeavesNoChild) {
+  Launch launch;
+  launch.argv = {"/nowhere/lithe-spine"};
+  const auto process = Process::start(launch);
+  ASSERT_FALSE(process);
+  EXPECT_NE(process.message().find("No such file"), std::string::npos);
+  EXPECT_EQ(::waitpid(-1, nullptr, WNOHANG), -1);
+}
+
+TEST(Process, SignalsThatTheParentBlocksReachTheChild) {
+  sigset_t set, before;
+  sigemptyset(&set);
+  sigaddset(&set, SIGTERM);
+  ::sigprocmask(SIG_BLOCK, &set, &before);
+  auto process = Process::start(shell("exec sleep 60"));
+  ::sigprocmask(SIG_SETMASK, &before, nullptr);
+  ASSERT_TRUE(process);
+  process->signal(SIGTERM);
+  EXPECT_TRUE(process->wait(5000));
+}
+
+TEST(Process, AnIdleChildYieldsToEverybody) {
+  Launch launch = shell("exec sleep 60");
+  launch.idle_priority = true;
+  auto process = Process::start(launch);
+  ASSERT_TRUE(process);
+  EXPECT_EQ(::sched_getscheduler(process->pid()), SCHED_IDLE);
+  process->signal(SIGKILL);
+  process->wait(5000);
+}
+
+TEST(Cores, KeepOffTheSpineAndTheTransportWhereThereIsRoom) {
+  EXPECT_EQ(cores_beside({0, 1, 2, 3}, 1, 3), (std::vector<int>{0, 2}));
+  EXPECT_EQ(cores_beside({0, 1}, 1, -1), (std::vector<int>{0}));
+  EXPECT_EQ(cores_beside({0, 1}, 1, 0), (std::vector<int>{0}));
+  EXPECT_EQ(cores_beside({5}, 5, 5), (std::vector<int>{5}));
+}
+
+TEST(Cores, FollowTheFileWhereItsCoresExist) {
+  robot::SpineConfig wanted;
+  wanted.cpu_spine = 2;
+  wanted.cpu_transport = 99;
+  EXPECT_EQ(cores_beside({0, 1, 2, 3}, wanted), (std::vector<int>{0, 1}));
+}
+
+}  // namespace
+}  // namespace lithe::control
