@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+// The Loader beside a ticking Spine: it may not allocate; only what dlopen does inside a LawStore is excused.
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <cstring>
+#include <memory>
+
+#include "spine/core/no_alloc/no_alloc.hpp"
+#include "spine/load/loader.hpp"
+
+namespace lithe::load {
+namespace {
+
+struct Wave {
+  struct Params {
+    Param gain_nm{1, 0, 2};
+  };
+  struct State {
+    double phase_rad = 0;
+  };
+  static void step(const Tick&, const Params& p, State& s, Effort& u) {
+    s.phase_rad += 0.1;
+    u.torque_nm[0] = p.gain_nm * std::sin(s.phase_rad);
+  }
+};
+constexpr LitheLaw kWave = describe<Wave>("wave");
+
+// A store whose only law is part of this program.
+class BuiltInStore final : public LawStore {
+ public:
+  const LitheLaw* load(std::uint32_t, const char* path, std::span<char> why) override {
+    if (std::strcmp(path, "/wave") == 0) return &kWave;
+    std::snprintf(why.data(), why.size(), "there is no %s", path);
+    return nullptr;
+  }
+  void unload(std::uint32_t) override {}
+};
+
+TEST(LoaderNoAlloc, StagingRefusingAndRetiringNeverAllocate) {
+  const auto spine = std::make_unique<ipc::SpineMemory>();
+  const auto control = std::make_unique<ipc::ControlMemory>();
+  ipc::MailboxSender<wire::StageRequest, wire::control_segment::kStageDepth> sender(control->stage, spine->stage_ack);
+  law::Slot slot;
+  BuiltInStore store;
+  const auto loader = std::make_unique<Loader>(slot, store, *spine, *control, 1);
+  std::uint64_t calls = 0;
+  std::uint32_t commits = 0;
+  for (std::uint64_t i = 0; i < 100; ++i) {
+    wire::StageRequest request;
+    request.request_id = i;
+    std::strcpy(request.path.data(), i % 5 == 0 ? "/nothing" : "/wave");
+    sender.send(request);
+    const NoAllocScope scope;
+    while (loader->poll(1)) {
+    }
+    if (slot.try_commit()) ++commits;
+    if (i % 7 == 0) slot.rollback();
+    calls += scope.calls();
+  }
+  EXPECT_EQ(calls, 0u);
+  EXPECT_EQ(commits, 80u);
+}
+
+}  // namespace
+}  // namespace lithe::load
