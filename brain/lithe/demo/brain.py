@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The demo's Brain process: streams a reference to the Spine and opens the gateway to the agent.
+
+It publishes every 20 ms what the next 240 ms shall be. `reference` chooses what: rest where the arm is, or a sine. Every change
+of reference fades in from the measured position, so that nothing jumps.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import lithe
+from lithe.gateway import Gateway, write_token
+
+PERIOD_NS = 20_000_000
+POINTS = 12
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Angle [rad] over time [ns]: centre + amplitude sin(2 pi f (t - since)), faded in over ramp from `start_rad`."""
+
+    since_ns: int
+    start_rad: float
+    centre_rad: float
+    amplitude_rad: float = 0.0
+    frequency_hz: float = 0.0
+    ramp_s: float = 1.0
+
+    def at(self, t_ns: int) -> float:
+        t = (t_ns - self.since_ns) * 1e-9
+        goal = self.centre_rad + self.amplitude_rad * math.sin(2 * math.pi * self.frequency_hz * t)
+        x = min(1.0, max(0.0, t / self.ramp_s))
+        blend = x**3 * (10 - 15 * x + 6 * x * x)  # minimum jerk
+        return self.start_rad + blend * (goal - self.start_rad)
+
+
+class ReferenceKeeper:
+    """Holds the reference; the gateway's thread changes it, the main thread publishes it."""
+
+    def __init__(self, robot: lithe.Robot) -> None:
+        self._robot = robot
+        self._lock = threading.Lock()
+        self._reference = self._rest()
+
+    def _measured_rad(self) -> float:
+        record = self._robot.spine.latest()
+        return 0.0 if record is None else float(record["position_rad"][0])
+
+    def _rest(self) -> Reference:
+        angle = self._measured_rad()
+        return Reference(time.monotonic_ns(), angle, angle)
+
+    def set(self, args: dict[str, Any]) -> dict[str, Any]:
+        """Gateway verb `reference`: {} rests; centre_rad, amplitude_rad, frequency_hz, ramp_s make a sine."""
+        reference = self._rest()
+        if "centre_rad" in args:
+            reference = Reference(
+                time.monotonic_ns(),
+                self._measured_rad(),
+                float(args["centre_rad"]),
+                float(args.get("amplitude_rad", 0.0)),
+                float(args.get("frequency_hz", 0.0)),
+                float(args.get("ramp_s", 1.0)),
+            )
+        with self._lock:
+            self._reference = reference
+        return {"since_ns": reference.since_ns}
+
+    def publish(self) -> None:
+        with self._lock:
+            reference = self._reference
+        first = (time.monotonic_ns() // PERIOD_NS + 1) * PERIOD_NS
+        times = [first + i * PERIOD_NS for i in range(POINTS)]
+        self._robot.publish(times, [reference.at(t) for t in times])
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m lithe.demo.brain")
+    parser.add_argument("--token-file", type=Path, required=True)
+    parser.add_argument("--reference", default="{}", help="JSON, as the gateway's verb `reference` takes it")
+    args = parser.parse_args()
+    robot = lithe.connect()
+    keeper = ReferenceKeeper(robot)
+    keeper.set(json.loads(args.reference))
+    gateway = Gateway(robot, {"reference": keeper.set}, token=write_token(args.token_file))
+    gateway.start()
+    print(json.dumps({"port": gateway.port}), flush=True)
+    while True:
+        keeper.publish()
+        time.sleep(PERIOD_NS * 1e-9)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Records every tick of the experiment from shared memory, whoever dies meanwhile."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lithe.shm import SpineView
+
+CSV_FIELDS = (
+    "tick", "release_ns", "mode", "law_id", "plan_state", "missed_releases", "release_jitter_ns", "handoff_ns", "tick_ns",
+    "position_rad", "velocity_rad_s", "torque_nm", "setpoint_position_rad", "command_torque_nm",
+)  # fmt: skip
+
+
+class Recorder:
+    """Drains the telemetry ring twenty times a second into memory. `lost` should stay 0: the ring holds four seconds."""
+
+    def __init__(self, robot: str) -> None:
+        self._cursor = SpineView(robot).telemetry()
+        self._pieces: list[npt.NDArray[Any]] = []
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._stop.wait(0.05):
+            self._pieces.append(self._cursor.drain())
+
+    @property
+    def lost(self) -> int:
+        return self._cursor.lost
+
+    def finish(self) -> npt.NDArray[Any]:
+        """Stops and returns all records, oldest first."""
+        self._stop.set()
+        self._thread.join()
+        self._pieces.append(self._cursor.drain())
+        return np.concatenate(self._pieces)
+
+
+def joint_columns(records: npt.NDArray[Any]) -> dict[str, npt.NDArray[Any]]:
+    """Field name -> (n,) or (n, joints), without the unused tails of the joint arrays."""
+    joints = int(records["joint_count"][0])
+    columns = {}
+    for name in records.dtype.names or ():
+        values = records[name]
+        columns[name] = values[:, :joints] if values.ndim == 2 and name != "probe" else values
+    return columns
+
+
+def save(records: npt.NDArray[Any], folder: Path) -> None:
+    """telemetry.npz with every field, telemetry.csv with those people plot."""
+    columns = joint_columns(records)
+    np.savez_compressed(folder / "telemetry.npz", **columns)  # type: ignore[arg-type]
+    names, blocks = [], []
+    for name in CSV_FIELDS:
+        values = columns[name]
+        if values.ndim == 1:
+            names.append(name)
+            blocks.append(values[:, None])
+        else:
+            names += [f"{name}[{j}]" for j in range(values.shape[1])]
+            blocks.append(values)
+    # One format a column keeps 64-bit times exact, which a common float array would not.
+    formats = ["%d" if block.dtype.kind in "iu" else "%.6g" for block in blocks for _ in range(block.shape[1])]
+    rows = zip(*(column for block in blocks for column in block.T), strict=True)
+    with (folder / "telemetry.csv").open("w", encoding="utf-8") as file:
+        file.write(",".join(names) + "\n")
+        line = ",".join(formats) + "\n"
+        file.writelines(line % row for row in rows)
