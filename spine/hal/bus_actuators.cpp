@@ -32,6 +32,7 @@ void BusActuators::add_joint(std::size_t bus, const moteus::DriverParams& params
 }
 
 void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT {
+  source_ = (source_ + 1) % kSources;
   for (Line& line : lines_) line.bus->begin(now_ns);
   send_all(command);  // to every bus first: their replies travel at the same time
   for (Line& line : lines_) receive_all(line);
@@ -54,7 +55,7 @@ void BusActuators::send_all(const ActuatorCommand& command) LITHE_RT {
   for (std::size_t i = 0; i < joints_.size(); ++i) {
     Joint& joint = joints_[i];
     joint.answered = false;
-    if (!joint.driver.encode(joint_command(command, i), frame)) ++counters_.unsound;
+    if (!joint.driver.encode(joint_command(command, i), source_, frame)) ++counters_.unsound;
     lines_[joint.line].bus->send(frame);  // a refusal shows as a missed reply, and in the bus's statistics
   }
 }
@@ -67,10 +68,14 @@ void BusActuators::receive_all(Line& line) LITHE_RT {
 }
 
 void BusActuators::accept(const Line& line, const Frame& frame) LITHE_RT {
-  const std::uint32_t source = frame.id >> 8;
-  const std::uint8_t index = source < line.joint_at.size() ? line.joint_at[source] : kNobody;
+  const std::uint32_t device = moteus::device_of(frame);
+  const std::uint8_t index = device < line.joint_at.size() ? line.joint_at[device] : kNobody;
   if (index == kNobody) {
     ++counters_.stray;
+    return;
+  }
+  if (moteus::source_of(frame) != source_) {
+    ++late_answers_;
     return;
   }
   Joint& joint = joints_[index];
@@ -108,7 +113,7 @@ void BusActuators::settle() LITHE_RT {
     last_.status[i] &= ~wire::joint_status::kFresh;
     if (joint.misses_in_a_row == kMissesToLost) last_.status[i] |= wire::joint_status::kLost;
   }
-  counters_.late = 0;
+  counters_.late = late_answers_;
   for (const Line& line : lines_) counters_.late += line.bus->statistics().late;
 }
 

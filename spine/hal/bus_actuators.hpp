@@ -18,7 +18,7 @@ namespace lithe::hal {
 // Everything that went otherwise than one command, one answer; since the start.
 struct ReplyCounters {
   std::uint64_t missed = 0;     // a joint was asked and did not answer in its exchange
-  std::uint64_t late = 0;       // frames that came after their exchange was over
+  std::uint64_t late = 0;       // answers that came after their exchange was over; never used
   std::uint64_t duplicate = 0;  // a second answer in one exchange; the first one counts
   std::uint64_t stray = 0;      // from no device of ours
   std::uint64_t malformed = 0;  // not a whole answer, or no possible measurement
@@ -55,6 +55,9 @@ class BusActuators final : public Actuators {
     bool answered = false;
   };
 
+  // Our address changes with every exchange, and the drives answer to it: so a late answer is known as such.
+  static constexpr std::uint32_t kSources = 16;
+
   void send_all(const ActuatorCommand& command) LITHE_RT;
   void receive_all(Line& line) LITHE_RT;
   void accept(const Line& line, const Frame& frame) LITHE_RT;
@@ -63,6 +66,8 @@ class BusActuators final : public Actuators {
   std::vector<Line> lines_;
   std::vector<Joint> joints_;
   ActuatorState last_;
+  std::uint32_t source_ = 0;
+  std::uint64_t late_answers_ = 0;
   ReplyCounters counters_;
 };
 

@@ -92,10 +92,10 @@ std::uint32_t status_of(const JointSample& sample) LITHE_RT {
   return status;
 }
 
-bool Driver::encode(const JointCommand& command, Frame& frame) const LITHE_RT {
+bool Driver::encode(const JointCommand& command, std::uint32_t source, Frame& frame) const LITHE_RT {
   const bool sound = command.action != DriveAction::torque || finite(command);
   const DriveAction action = sound ? command.action : DriveAction::damp;
-  frame.id = kReplyRequested | params_.id;
+  frame.id = kReplyRequested | (source & 0x7f) << 8 | params_.id;
   frame.extended = true;
   frame.fd = true;
   frame.brs = true;
@@ -133,7 +133,7 @@ void Driver::write_torque(const JointCommand& command, SubframeWriter& writer) c
 }
 
 bool Driver::decode(const Frame& frame, JointSample& sample) const LITHE_RT {
-  if (frame.id != params_.id << 8) return false;
+  if (device_of(frame) != params_.id) return false;
   Answer answer;
   SubframeReader reader(frame.payload());
   Subframe subframe;

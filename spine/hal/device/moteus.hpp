@@ -36,6 +36,10 @@ struct JointSample {
 // wire::joint_status bits of an answer: fault, watchdog, not_homed, the fault code and the mode.
 std::uint32_t status_of(const JointSample& sample) LITHE_RT;
 
+// The device that sent an answer, and the source address of the command it answers.
+constexpr std::uint32_t device_of(const Frame& answer) LITHE_RT { return answer.id >> 8; }
+constexpr std::uint32_t source_of(const Frame& answer) LITHE_RT { return answer.id & 0xff; }
+
 // Every frame is a complete command (writing the mode resets all that was commanded before), carries its own watchdog
 // and asks for the same answer, so that a lost frame loses nothing but itself. 48 bytes there, 24 back.
 // Contract: RT · pure · any thread
@@ -46,9 +50,11 @@ class Driver {
   std::uint32_t id() const LITHE_RT { return params_.id; }
 
   // A number that is not finite never leaves here: the joint is damped instead, and false is returned.
-  bool encode(const JointCommand& command, Frame& frame) const LITHE_RT;
+  // `source` is our own address (0 to 127). The drive answers to it, so whoever changes it with every exchange knows an
+  // answer that is late: nothing else in an answer tells which command it belongs to.
+  bool encode(const JointCommand& command, std::uint32_t source, Frame& frame) const LITHE_RT;
 
-  // False: not a whole answer of this drive; `sample` is unchanged.
+  // False: not a whole answer of this drive; `sample` is unchanged. Whom it answers is left to the caller (source_of).
   bool decode(const Frame& frame, JointSample& sample) const LITHE_RT;
 
  private:

@@ -193,7 +193,7 @@ double Servo::pd(double position_rev, double velocity_rev_s) LITHE_RT {
 }
 
 double Servo::position_torque() LITHE_RT {
-  fault_ = 0;
+  if (fault_ != kLimitBounds) fault_ = 0;  // a clipped set-point stays clipped until the next command
   move_set_point();
   return pd(control_position_rev_, control_velocity_rev_s_);
 }
