@@ -10,6 +10,7 @@
 
 #include <atomic>
 #include <cerrno>
+#include <cstdio>
 #include <cstring>
 
 namespace lithe {
@@ -53,7 +54,14 @@ Result<> pin_this_thread(int cpu) {
 
 int raise_priority() {
   // In Linux a nice value belongs to a thread: PRIO_PROCESS with 0 is the caller alone.
-  if (setpriority(PRIO_PROCESS, 0, -20) != 0) errno = 0;
+  if (setpriority(PRIO_PROCESS, 0, -20) == 0) {
+    // With autogroup scheduling a nice value counts only among the processes of one session; the session has its own.
+    // Without it the file does not exist.
+    if (std::FILE* session = std::fopen("/proc/self/autogroup", "w")) {
+      std::fputs("-20", session);
+      std::fclose(session);
+    }
+  }
   errno = 0;
   return getpriority(PRIO_PROCESS, 0);
 }
