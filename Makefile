@@ -24,7 +24,7 @@ check:  ## what CI asks: format, tidy, rooms, schema, limits, types, ASan+UBSan,
 
 bench:  ## jitter, tick cost, Channel latency, each against a peer and a control that must fail -> out/bench/
 	@tools/setup build bench
-	@cmake --preset bench --log-level=WARNING
+	@cmake --preset bench --log-level=WARNING >/dev/null
 	@cmake --build --preset bench -j $(JOBS)
 	@$(PYTHON) bench/report.py
 
@@ -34,7 +34,7 @@ format:  ## rewrite every file the way `make check` wants it
 
 release:
 	@tools/setup build
-	@cmake --preset release --log-level=WARNING
+	@cmake --preset release --log-level=WARNING >/dev/null
 	@cmake --build --preset release -j $(JOBS)
 
 clean:  ## remove build/, out/ and .venv/

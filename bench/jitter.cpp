@@ -83,6 +83,7 @@ void report(const Runs& runs) {
       .quantiles("handoff_raw", figure_ns(runs.lithe, &Cycle::handoff_ns, false))
       .number("jitter_cycles", static_cast<double>(all.size()))
       .number("jitter_stolen_share", share(all, [](const Cycle& c) { return c.stolen(); }))
+      .number("floor_preempted_share", share(runs.floor, [](const Cycle& c) { return c.switches > 0; }))
       .number("jitter_preempted_share", share(runs.lithe, [](const Cycle& c) { return c.switches > 0; }))
       .number("jitter_faulting_share", share(runs.lithe, [](const Cycle& c) { return c.faults > 0; }))
       .number("control_over_floor", control)

@@ -20,6 +20,13 @@ Cores pick_cores() {
     std::fprintf(stderr, "bench: needs two cores, this process may use %zu\n", cpus.size());
     std::exit(2);
   }
+  Cores wanted;
+  if (const char* named = std::getenv("LITHE_BENCH_CORES")) {
+    if (std::sscanf(named, "%d,%d", &wanted.spine, &wanted.partner) == 2 && wanted.spine != wanted.partner)
+      return wanted;
+    std::fprintf(stderr, "bench: LITHE_BENCH_CORES names two different cores, as in 1,3; it says '%s'\n", named);
+    std::exit(2);
+  }
   const CpuPlan plan = fold_cpus(cpus);
   for (const int partner : {plan.transport, plan.brain, plan.housekeeping}) {
     if (partner != plan.spine) return {plan.spine, partner};

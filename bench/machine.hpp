@@ -14,7 +14,8 @@ struct Cores {
   int partner = 0;
 };
 
-// Ends the program with a message when this machine does not allow two cores.
+// LITHE_BENCH_CORES=spine,partner, else those `lithe run` would take. Ends the program with a message when this machine
+// does not allow two cores.
 Cores pick_cores();
 
 // Starts a thread already pinned to `cpu`.

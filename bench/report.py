@@ -13,7 +13,7 @@ from typing import Any
 ROOT = Path(__file__).parent.parent
 OUT = ROOT / "out/bench"
 TRIES = 3
-MOST_STOLEN = 0.05  # above this share of stolen cycles a run proves nothing
+MOST_DISTURBED = 0.05  # above this share of stolen or preempted cycles of the floor a run proves nothing
 Figures = dict[str, Any]
 
 
@@ -47,7 +47,8 @@ def measure(program: str) -> Figures:
     """The figures one program prints, or the end of this one with its message."""
     print(f"bench: {program} ...", file=sys.stderr, flush=True)
     path = ROOT / "build/release/bin" / f"bench_{program}"
-    done = subprocess.run([path], stdout=subprocess.PIPE, text=True, check=False)
+    # A session of its own, as the Spine has: its priority must count against all others.
+    done = subprocess.run([path], stdout=subprocess.PIPE, text=True, check=False, start_new_session=True)
     if done.returncode != 0:
         sys.exit(f"bench: {program} ended with {done.returncode}; run {path} to see why")
     figures: Figures = json.loads(done.stdout.splitlines()[-1])
@@ -55,14 +56,15 @@ def measure(program: str) -> Figures:
 
 
 def measure_jitter() -> Figures:
-    """Release jitter, again when the hypervisor took too much; INCONCLUSIVE when it always does, never a pass."""
+    """Release jitter, again when the core was not ours; INCONCLUSIVE when it never is, and never a pass."""
     for attempt in range(1, TRIES + 1):
         figures = measure("jitter")
         figures["jitter_attempts"] = attempt
-        if figures["jitter_stolen_share"] <= MOST_STOLEN:
+        stolen, preempted = figures["jitter_stolen_share"], figures["floor_preempted_share"]
+        if max(stolen, preempted) <= MOST_DISTURBED:
             figures["jitter_verdict"] = "measured"
             return figures
-        print(f"bench: {figures['jitter_stolen_share']:.1%} of the cycles stolen: again", file=sys.stderr)
+        print(f"bench: {stolen:.1%} of the cycles stolen, {preempted:.1%} of the floor's preempted", file=sys.stderr)
     figures["jitter_verdict"] = "INCONCLUSIVE"
     return figures
 

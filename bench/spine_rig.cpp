@@ -11,6 +11,8 @@
 #include "spine/loop/transport.hpp"
 #include "spine/robot/robot.hpp"
 
+extern "C" const LitheLaw lithe_law;  // laws/pd.cpp, compiled in
+
 namespace lithe::bench {
 namespace {
 
@@ -45,27 +47,22 @@ void fill_plan(wire::Plan& plan, std::uint32_t joints, std::int64_t now_ns) {
 
 SpineRig::SpineRig(const std::string& robot_file, Cores cores) : config_(or_exit(robot::load_robot(robot_file))) {
   actuators_ = or_exit(hal::open_actuators(config_));
-  loop::start_clock(*clock_);
+  loop::start_clock(*clock_);  // and no keeper: the tick and the bench must read one and the same fit
   law::reset_resident(*law_, lithe_law);
   law_->law_id = 1;
   slot_.offer(law_.get());
   const loop::Wiring wiring{config_, *memory_, *control_, *brain_, slot_, handover_, *clock_, nullptr};
   spine_ = std::make_unique<loop::Spine>(wiring);
-  clock_keeper_ = on_core(cores.partner, [this] { loop::keep_clock(*clock_, stop_); });
   transport_ = on_core(cores.partner, [this] { serve_buses(); });
   brain_thread_ = on_core(cores.partner, [this] { publish_plans(); });
-  arm();
 }
 
 SpineRig::~SpineRig() {
   stop_.store(true);
-  for (std::thread* thread : {&clock_keeper_, &transport_, &brain_thread_}) thread->join();
+  for (std::thread* thread : {&transport_, &brain_thread_}) thread->join();
 }
 
-void SpineRig::serve_buses() {
-  const loop::SteeredClock clock(*clock_);
-  loop::run_transport(handover_, *actuators_, clock.raw(), false, stop_);
-}
+void SpineRig::serve_buses() { loop::run_transport(handover_, *actuators_, *clock_, false, stop_); }
 
 void SpineRig::publish_plans() {
   ipc::ChannelWriter<wire::Plan> writer(brain_->plan);
@@ -80,20 +77,31 @@ void SpineRig::publish_plans() {
   }
 }
 
-void SpineRig::arm() {
-  ipc::MailboxSender commands(control_->commands, memory_->control_ack);
-  std::vector<Cycle> cycles;
-  run_block(100 * kNsPerMs, cycles);  // the law is committed, the first samples come in
+void SpineRig::order(wire::CommandKind kind) {
   wire::Command command{};
-  command.kind = static_cast<std::uint32_t>(wire::CommandKind::arm);
-  commands.send(command);
-  run_block(300 * kNsPerMs, cycles);
-  if (armed()) return;
-  std::fprintf(stderr, "bench: the rig of %s did not arm\n", config_.path.c_str());
+  command.kind = static_cast<std::uint32_t>(kind);
+  commands_.send(command);
+  std::vector<Cycle> not_counted;
+  tick_block(100 * kNsPerMs, not_counted);
+}
+
+// A stall of the machine may make the guard stop the robot at any time, so this is done before every block.
+void SpineRig::arm() {
+  for (int attempt = 0; attempt < 20 && spine_->mode() != wire::Mode::active; ++attempt) {
+    order(wire::CommandKind::reset);
+    order(wire::CommandKind::arm);
+  }
+  if (spine_->mode() == wire::Mode::active) return;
+  std::fprintf(stderr, "bench: the rig of %s cannot be armed\n", config_.path.c_str());
   std::exit(2);
 }
 
 void SpineRig::run_block(std::int64_t block_ns, std::vector<Cycle>& cycles) {
+  arm();
+  tick_block(block_ns, cycles);
+}
+
+void SpineRig::tick_block(std::int64_t block_ns, std::vector<Cycle>& cycles) {
   loop::SteeredClock clock(*clock_);
   ipc::RingReader telemetry(memory_->telemetry);
   wire::Telemetry record{};

@@ -31,18 +31,18 @@ class SpineRig {
   SpineRig(const SpineRig&) = delete;
   SpineRig& operator=(const SpineRig&) = delete;
 
-  // Ticks at the robot's rate for `block_ns`, and appends what happened at each release, costs included.
+  // Ticks the armed robot at its rate for `block_ns`, and appends what happened at each release, costs included.
   void run_block(std::int64_t block_ns, std::vector<Cycle>& cycles);
 
   // Waits as the Spine does, and does nothing: the floor.
   void run_bare_block(std::int64_t block_ns, std::vector<Cycle>& cycles);
 
-  bool armed() const { return spine_->mode() == wire::Mode::active; }
-
  private:
   void serve_buses();
   void publish_plans();
   void arm();
+  void order(wire::CommandKind kind);
+  void tick_block(std::int64_t block_ns, std::vector<Cycle>& cycles);
 
   robot::RobotConfig config_;
   std::unique_ptr<ipc::SpineMemory> memory_ = std::make_unique<ipc::SpineMemory>();
@@ -50,12 +50,14 @@ class SpineRig {
   std::unique_ptr<ipc::BrainMemory> brain_ = std::make_unique<ipc::BrainMemory>();
   std::unique_ptr<loop::ClockMemory> clock_ = std::make_unique<loop::ClockMemory>();
   std::unique_ptr<law::Resident> law_ = std::make_unique<law::Resident>();
+  ipc::MailboxSender<wire::Command, wire::control_segment::kCommandsDepth> commands_{control_->commands,
+                                                                                     memory_->control_ack};
   law::Slot slot_;
   loop::Handover handover_;
   std::unique_ptr<hal::Actuators> actuators_;
   std::unique_ptr<loop::Spine> spine_;
   std::atomic<bool> stop_{false};
-  std::thread clock_keeper_, transport_, brain_thread_;
+  std::thread transport_, brain_thread_;
 };
 
 }  // namespace lithe::bench
