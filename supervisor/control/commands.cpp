@@ -55,9 +55,9 @@ void Commands::send(wire::Command command, Callback callback, std::int64_t now_n
   pending_.push_back({kind, *ticket, now_ns + kTimeoutNs, 0, std::move(callback)});
 }
 
-void Commands::set_params(const Json& values, Callback callback, std::int64_t now_ns) {
+void Commands::set_params(const Json& values, Callback callback, std::int64_t now_ns, std::uint32_t law_id) {
   wire::Telemetry now;
-  const auto law = spine_.latest(now) ? spine_.law(now.law_id) : std::nullopt;
+  const auto law = spine_.latest(now) ? spine_.law(law_id != 0 ? law_id : now.law_id) : std::nullopt;
   if (!law) {
     callback(Refusal{"refused_law", "no law is running, so there is no parameter to set", "swap a law in first"});
     return;

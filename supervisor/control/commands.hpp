@@ -25,7 +25,8 @@ class Commands {
 
   void send(wire::Command command, Callback callback, std::int64_t now_ns);
   // Checks names and ranges against the running law first, so that a refusal names the parameter.
-  void set_params(const swap::Json& values, Callback callback, std::int64_t now_ns);
+  // `law_id` 0: whichever law runs. Right after a commit the telemetry still names the law before.
+  void set_params(const swap::Json& values, Callback callback, std::int64_t now_ns, std::uint32_t law_id = 0);
   void serve(std::int64_t now_ns);
   void refuse_all(const swap::Refusal& reason);
   bool waiting() const { return !pending_.empty(); }

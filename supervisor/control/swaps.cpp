@@ -126,6 +126,7 @@ void Swaps::stage(const swap::Transaction& swap) {
   request.request_id = swap.request_id();
   request.source_hash = std::strtoull(swap.compiled().hash.substr(0, 16).c_str(), nullptr, 16);
   ticket_.reset();
+  commit_.reset();
   stage_refused_ns_ = 0;
   const std::string& object = swap.compiled().object;
   if (!put(request.path, object) || !put(request.name, swap.compiled().law)) {
@@ -149,9 +150,9 @@ void Swaps::on_event(const wire::Event& event, std::int64_t now_ns) {
   }
   const auto kind = static_cast<wire::EventKind>(event.kind);
   if (kind == wire::EventKind::law_committed) {
-    queue_.on_committed(event.request_id, event.tick, event.code, now_ns);
+    commit_ = event;  // answered once telemetry shows the new law, so that the client's next look does too
   } else if (kind == wire::EventKind::law_staged) {
-    queue_.on_staged(event.request_id, now_ns);
+    queue_.on_staged(event.request_id, event.t_ns);
   } else if (kind == wire::EventKind::law_refused) {
     queue_.on_refused(event.request_id, stage_refusal(static_cast<wire::StageResult>(event.code), text_of(event.text)),
                       now_ns);
@@ -163,11 +164,19 @@ void Swaps::poll_stage(std::int64_t now_ns) {
   if (head == nullptr || !ticket_) {
     return;
   }
+  wire::Telemetry now{};
+  const bool known = spine_.latest(now);
+  if (commit_) {
+    if (now.tick > commit_->tick || now_ns - commit_->t_ns > kWordsGraceNs) {
+      queue_.on_committed(commit_->request_id, commit_->tick, commit_->code, commit_->t_ns);
+    }
+    return;
+  }
   if (head->stage() == swap::Stage::compiled) {
     const wire::StageResult result = spine_.poll_stage(*ticket_);
-    if (result == wire::StageResult::staged) {
+    if (result == wire::StageResult::staged && now_ns - head->stage_since_ns() > kWordsGraceNs) {
       queue_.on_staged(head->request_id(), now_ns);
-    } else if (result != wire::StageResult::pending) {
+    } else if (result != wire::StageResult::pending && result != wire::StageResult::staged) {
       stage_refused_ns_ = stage_refused_ns_ == 0 ? now_ns : stage_refused_ns_;
       if (now_ns - stage_refused_ns_ > kWordsGraceNs) {
         queue_.on_refused(head->request_id(), stage_refusal(result, ""), now_ns);
@@ -175,8 +184,7 @@ void Swaps::poll_stage(std::int64_t now_ns) {
     }
   } else if (head->stage() == swap::Stage::staged) {
     // The event says it first; should the ring have lost it, the running law itself tells.
-    wire::Telemetry now{};
-    const auto law = spine_.latest(now) ? spine_.law(now.law_id) : std::nullopt;
+    const auto law = known ? spine_.law(now.law_id) : std::nullopt;
     if (law && law->request_id == head->request_id() && now_ns - head->stage_since_ns() > kWordsGraceNs) {
       queue_.on_committed(head->request_id(), now.tick, now.law_id, now_ns);
     }
@@ -219,7 +227,7 @@ void Swaps::finish(const swap::Transaction& swap) {
             callback(certificate);
           }
         },
-        monotonic_ns());
+        monotonic_ns(), certificate.value("law_id", std::uint32_t{0}));
   }
 }
 
