@@ -105,18 +105,20 @@ Diagnostics read_diagnostics(const std::string& output, const std::string& path,
       contract = contract || all.back().contains("contract");
     }
   }
-  // Errors first: the first line is what a person reads and an agent acts on.
-  std::stable_partition(all.begin(), all.end(), [](const json& d) { return d["severity"] != "warning"; });
   Diagnostics result;
   result.list = json::array();
-  for (json& d : all) {
-    const bool consequence = contract && !d.contains("contract") && d["severity"] != "warning" &&
-                             (d["file"] != name || d["text"].get<std::string>().starts_with("LITHE_LAW"));
-    d.erase("contract");
-    const bool known = std::find(result.list.begin(), result.list.end(), d) != result.list.end();
-    if (consequence || known || d["severity"] == "note" || result.list.size() >= kMaxEntries) continue;
-    result.text += render(d);
-    result.list.push_back(std::move(d));
+  for (const bool warnings : {false, true}) {  // errors first: the first line is what a person reads
+    for (json d : all) {
+      const bool is_warning = d["severity"] == "warning";
+      const bool consequence = contract && !d.contains("contract") && !is_warning &&
+                               (d["file"] != name || d["text"].get<std::string>().starts_with("LITHE_LAW"));
+      d.erase("contract");
+      const bool known = std::find(result.list.begin(), result.list.end(), d) != result.list.end();
+      if (is_warning != warnings || consequence || known || d["severity"] == "note") continue;
+      if (result.list.size() >= kMaxEntries) break;
+      result.text += render(d);
+      result.list.push_back(std::move(d));
+    }
   }
   if (result.list.empty()) result.text = rest;
   return result;

@@ -208,8 +208,20 @@ TEST(Slot, EveryCandidateHasOneOwnerUnderFullSpeedSwaps) {
 
 // --- Broken twins: the harness must see what they do wrong. They race on purpose, so not under ThreadSanitizer. ---
 
+// What both twins leave as it is.
+class TwinOfSlot {
+ public:
+  Resident* active() LITHE_RT { return slot_.active(); }
+  bool rollback() LITHE_RT { return slot_.rollback(); }
+  Resident* collect_retired() LITHE_RT { return slot_.collect_retired(); }
+  Slot::Seen seen() const LITHE_RT { return slot_.seen(); }
+
+ protected:
+  Slot slot_;
+};
+
 // Loads and stores where Slot exchanges: the Loader can withdraw what the tick is committing.
-class LoadThenStoreSlot : public Slot {
+class LoadThenStoreSlot : public TwinOfSlot {
  public:
   bool offer(Resident* r) LITHE_RT {
     Resident* none = nullptr;
@@ -221,8 +233,8 @@ class LoadThenStoreSlot : public Slot {
     if (candidate == nullptr) return std::nullopt;
     std::this_thread::yield();
     twin_.store(nullptr, std::memory_order_relaxed);
-    Slot::offer(candidate);
-    return Slot::try_commit();
+    slot_.offer(candidate);
+    return slot_.try_commit();
   }
 
  private:
@@ -230,16 +242,18 @@ class LoadThenStoreSlot : public Slot {
 };
 
 // Publishes before the params are written: what a relaxed store in offer() allows a weakly ordered CPU to do.
-class EarlyPublishSlot : public Slot {
+class EarlyPublishSlot : public TwinOfSlot {
  public:
   bool offer(Resident* r) {
     const double value = r->params[0].value;
     r->params[0].value = -1;
-    const bool offered = Slot::offer(r);
+    const bool offered = slot_.offer(r);
     std::this_thread::yield();
     r->params[0].value = value;
     return offered;
   }
+  Resident* withdraw() LITHE_RT { return slot_.withdraw(); }
+  std::optional<Commit> try_commit() LITHE_RT { return slot_.try_commit(); }
 };
 
 template <class Twin>
