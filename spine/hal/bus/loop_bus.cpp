@@ -32,7 +32,7 @@ bool LoopBus::receive(Frame& frame) LITHE_RT {
 void LoopBus::deliver() LITHE_RT {
   while (const Frame* frame = outbound_.front()) {
     for (BusNode* node : nodes_) node->on_frame(*frame, now_ns_, inbound_);
-    outbound_.pop();
+    outbound_.pop();  // after the nodes have read it in place
   }
 }
 

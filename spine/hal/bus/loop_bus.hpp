@@ -17,7 +17,7 @@ namespace lithe::hal {
 // Contract: RT · one thread
 class FrameQueue {
  public:
-  static constexpr std::size_t kCapacity = 256;  // a power of two
+  static constexpr std::size_t kCapacity = 256;
 
   // False when full; the queue is unchanged.
   bool push(const Frame& frame) LITHE_RT {
@@ -25,11 +25,14 @@ class FrameQueue {
     frames_[head_++ % kCapacity] = frame;
     return true;
   }
-  // Null when empty; valid until the next push.
+  // Null when empty; valid until the next push or pop.
   const Frame* front() const LITHE_RT { return size() == 0 ? nullptr : &frames_[tail_ % kCapacity]; }
-  void pop() LITHE_RT { ++tail_; }
+  void pop() LITHE_RT {
+    if (++tail_ == head_) clear();
+  }
   std::size_t size() const LITHE_RT { return head_ - tail_; }
-  void clear() LITHE_RT { tail_ = head_; }
+  // An empty queue starts over, so that few frames use little cache.
+  void clear() LITHE_RT { head_ = tail_ = 0; }
 
  private:
   std::size_t head_ = 0;

@@ -73,10 +73,10 @@ double* field(ServoCommand& c, std::uint32_t number) LITHE_RT {
 }  // namespace
 
 void SimMoteus::on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
-  servo_.advance(now_ns);
   const std::uint32_t destination = frame.id & 0xff;
   const bool prefixed = (frame.id >> 16) != 0;
   if (prefixed || (destination != id_ && destination != kBroadcast)) return;
+  servo_.advance(now_ns);
   Frame answer;
   commanded_ = false;
   serve(frame, answer);
