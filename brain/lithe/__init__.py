@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """LITHE for the Brain: see what the Spine sees, publish plans, replace its control law while the robot moves.
 
-    import lithe
-    robot = lithe.connect()
-    robot.swap("laws/gravity_pd.cpp", params={"mgl_nm": 0.165})
-    robot.go_to([1.0], in_s=0.5)
+import lithe
+robot = lithe.connect()
+robot.swap("laws/gravity_pd.cpp", params={"mgl_nm": 0.165})
+robot.go_to([1.0], in_s=0.5)
 """
 
 from __future__ import annotations

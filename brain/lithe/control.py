@@ -62,9 +62,12 @@ class LineSocket:
         answer = json.loads(line)
         if answer.get("ok"):
             return answer.get("result")
-        error = answer.get("error") or {}
+        refusal = answer.get("error") or {}
         raise Refused(
-            error.get("code", "error"), error.get("message", "refused"), error.get("next", ""), error.get("detail") or error
+            refusal.get("code", "error"),
+            refusal.get("message", "refused"),
+            refusal.get("next", ""),
+            refusal.get("detail") or refusal,
         )
 
     def read_line(self) -> bytes:
@@ -85,5 +88,7 @@ def connect_control(robot: str, timeout_s: float = 60.0) -> LineSocket:
         sock.connect(str(path))
     except OSError as error:
         sock.close()
-        raise NotRunning(f"robot '{robot}' does not answer at {path} ({error.strerror})\n  next: lithe run ROBOT.toml") from None
+        raise NotRunning(
+            f"robot '{robot}' does not answer at {path} ({error.strerror})\n  next: lithe run ROBOT.toml"
+        ) from None
     return LineSocket(sock)

@@ -50,7 +50,12 @@ class Gateway:
     """Serves one Robot. `verbs` are the application's own, added to or in place of the gateway's."""
 
     def __init__(
-        self, robot: Robot, verbs: dict[str, Verb] | None = None, host: str = "127.0.0.1", port: int = 0, token: str = ""
+        self,
+        robot: Robot,
+        verbs: dict[str, Verb] | None = None,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        token: str = "",
     ) -> None:
         self.robot = robot
         self.token = token
@@ -94,7 +99,10 @@ class Gateway:
         except (ValueError, AttributeError):
             given = ""
         if not hmac.compare_digest(given.encode(), self.token.encode()):
-            answer = {"ok": False, "error": {"code": "token", "message": "wrong token", "next": "read it from the token file"}}
+            answer = {
+                "ok": False,
+                "error": {"code": "token", "message": "wrong token", "next": "read it from the token file"},
+            }
             handler.wfile.write(json.dumps(answer).encode() + b"\n")
             return
         handler.wfile.write(b'{"ok": true}\n')
@@ -136,7 +144,8 @@ class Gateway:
             "robot": self.robot.name,
             "rate_hz": float(info["rate_hz"]),
             "joints": [
-                {"name": self.robot.spine.joint_names[j], **{key: float(info[key][j]) for key in limits}} for j in joints
+                {"name": self.robot.spine.joint_names[j], **{key: float(info[key][j]) for key in limits}}
+                for j in joints
             ],
             "now_ns": time.monotonic_ns(),
         }
@@ -146,7 +155,9 @@ class Gateway:
         out: dict[str, Any] = {}
         for name in fields:
             if name not in records.dtype.names:
-                raise Refused("unknown_field", f"telemetry has no field '{name}'", f"one of {', '.join(records.dtype.names)}")
+                raise Refused(
+                    "unknown_field", f"telemetry has no field '{name}'", f"one of {', '.join(records.dtype.names)}"
+                )
             column = records[name]
             out[name] = (column[..., :joints] if column.ndim > records.ndim and name != "probe" else column).tolist()
         return out
@@ -156,7 +167,7 @@ class Gateway:
             record = self.robot.telemetry.latest()
         if record is None:
             raise Refused("not_ready", "no tick yet", "ask again")
-        return self._records(record, args.get("fields") or list(record.dtype.names))
+        return self._records(record, args.get("fields") or list(record.dtype.names or ()))
 
     def _history(self, args: dict[str, Any]) -> Any:
         """The last `seconds` (at most 4096 ticks), or all records after tick `since_tick`; every `every`-th one."""
@@ -184,7 +195,9 @@ class Gateway:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m lithe.gateway", description="Opens a running robot to agents over TCP.")
+    parser = argparse.ArgumentParser(
+        prog="python -m lithe.gateway", description="Opens a running robot to agents over TCP."
+    )
     parser.add_argument("--robot", help="name; the only one running if left out")
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
     parser.add_argument("--port", type=int, default=7423)

@@ -5,9 +5,10 @@ Integrated over short windows (momentum form) the equation needs no acceleration
 
     integral of tau dt = J [q'] + mgl * integral of sin q dt + b * [q] + tau_c * integral of sgn q' dt
 
-Linear in (J, mgl, b, tau_c), so least squares gives estimates and their standard errors. Windows in which the joint (nearly)
-rests are left out: there friction may be anything between -tau_c and +tau_c, and an estimate from rest alone is off by up to
-tau_c / (mgl sin q).
+Linear in (J, mgl, b, tau_c), so least squares gives estimates and their standard errors. Windows in which the joint
+(nearly) rests are left out: there friction may be anything between -tau_c and +tau_c, and an estimate from rest alone
+is off by up to tau_c / (mgl sin q). Windows overlap, which uses each sample better; the standard errors count them as
+if only those that do not overlap told anything, so they are on the safe side.
 """
 
 from __future__ import annotations
@@ -44,41 +45,73 @@ class Arm:
     windows: int
 
 
-def _trapezoid(values: Vector, t_s: Vector) -> float:
-    return float(np.sum((values[1:] + values[:-1]) * np.diff(t_s)) / 2)
+def _running_integral(values: Vector, t_s: Vector) -> Vector:
+    return np.concatenate(([0.0], np.cumsum((values[1:] + values[:-1]) / 2 * np.diff(t_s))))
 
 
-def _rows(motion: Motion, window_s: float, moving_rad_s: float) -> tuple[list[list[float]], list[float]]:
+def _velocity(motion: Motion, half: int) -> Vector:
+    """Slope of the angle over 2 half + 1 samples, without the delay of the drive's own filter; NaN at both ends."""
+    lever = np.arange(half, -half - 1, -1, dtype=np.float64)
     step_s = float(np.median(np.diff(motion.t_s)))
-    length = max(4, round(window_s / step_s))
+    slope = np.full(len(motion.t_s), np.nan)
+    slope[half:-half] = np.convolve(motion.position_rad, lever, "valid") / (step_s * float(lever @ lever))
+    return slope
+
+
+def _rows(motion: Motion, length: int, stride: int, moving_rad_s: float) -> tuple[list[list[float]], list[float]]:
+    t, q = motion.t_s, motion.position_rad
+    half = 8
+    if len(t) < length + 2 * half + 2:
+        return [], []
+    v = _velocity(motion, half)
+    sine = _running_integral(np.sin(q), t)
+    impulse = _running_integral(motion.torque_nm, t)
+    longest_step_s = 3 * float(np.median(np.diff(t)))
     rows, impulses = [], []
-    for start in range(0, len(motion.t_s) - length, length):
-        part = slice(start, start + length + 1)
-        t, q, v = motion.t_s[part], motion.position_rad[part], motion.velocity_rad_s[part]
-        if np.any(np.diff(t) > 3 * step_s) or np.min(np.abs(v)) < moving_rad_s:
-            continue  # a gap in the record, or friction without a known sign
-        rows.append([v[-1] - v[0], _trapezoid(np.sin(q), t), q[-1] - q[0], _trapezoid(np.sign(v), t)])
-        impulses.append(_trapezoid(motion.torque_nm[part], t))
+    for a in range(half, len(t) - length - half, stride):
+        b = a + length
+        sign = np.sign(v[a])
+        if np.min(sign * v[a : b + 1]) < moving_rad_s or np.max(np.diff(t[a - half : b + half + 1])) > longest_step_s:
+            continue  # friction without a known sign, or a gap in the record
+        rows.append([v[b] - v[a], sine[b] - sine[a], q[b] - q[a], sign * (t[b] - t[a])])
+        impulses.append(impulse[b] - impulse[a])
     return rows, impulses
 
 
-def identify_arm(motions: list[Motion], window_s: float = 0.03, moving_rad_s: float = 0.15) -> Arm:
-    """Least squares over all windows of all motions. ValueError if the arm hardly moved."""
-    rows: list[list[float]] = []
-    impulses: list[float] = []
-    for motion in motions:
-        more_rows, more_impulses = _rows(motion, window_s, moving_rad_s)
-        rows += more_rows
-        impulses += more_impulses
-    if len(rows) < 12:
-        raise ValueError(f"only {len(rows)} windows with motion: excite the arm more, or record longer")
-    a, y = np.array(rows), np.array(impulses)
+def _least_squares(a: npt.NDArray[np.float64], y: Vector, overlap: int) -> tuple[Vector, Vector]:
+    """Estimates and standard errors; windows that overlap `overlap`-fold count as that many fewer."""
     solution, _, rank, _ = np.linalg.lstsq(a, y, rcond=None)
     if rank < a.shape[1]:
         raise ValueError("the motion does not tell the parameters apart: excite the arm more")
     residual = y - a @ solution
-    variance = float(residual @ residual) / (len(y) - a.shape[1])
-    errors = np.sqrt(np.diag(np.linalg.inv(a.T @ a)) * variance)
+    independent = max(1.0, len(y) / overlap - a.shape[1])
+    variance = float(residual @ residual) / overlap / independent
+    errors: Vector = np.sqrt(np.diag(np.linalg.inv(a.T @ a)) * variance * overlap)
+    return np.asarray(solution, dtype=np.float64), errors
+
+
+def identify_arm(motions: list[Motion], window_s: float = 0.05, moving_rad_s: float = 0.15) -> Arm:
+    """Least squares over all windows of all motions. ValueError if the arm moved too little to tell."""
+    overlap = 5
+    rows: list[list[float]] = []
+    impulses: list[float] = []
+    for motion in motions:
+        length = max(2 * overlap, round(window_s / float(np.median(np.diff(motion.t_s)))))
+        more_rows, more_impulses = _rows(motion, length, length // overlap, moving_rad_s)
+        rows += more_rows
+        impulses += more_impulses
+    if len(rows) < 8 * overlap:
+        raise ValueError(f"only {len(rows)} windows with motion: excite the arm more, or record longer")
+    a, y = np.array(rows), np.array(impulses)
+    solution, errors = _least_squares(a, y, overlap)
+    if solution[2] < 0:  # no arm is driven by its own friction: within the noise there is no viscous part
+        rest, rest_errors = _least_squares(a[:, [0, 1, 3]], y, overlap)
+        solution, errors = np.insert(rest, 2, 0.0), np.insert(rest_errors, 2, 0.0)
+    if not 0 < 4 * errors[1] < solution[1] or not solution[0] > 0:
+        raise ValueError(
+            f"mgl = {solution[1]:.4f} +- {errors[1]:.4f} N m, J = {solution[0]:.2e} kg m2 says nothing: "
+            "excite the arm more"
+        )
     return Arm(
         mgl_nm=float(solution[1]),
         mgl_se_nm=float(errors[1]),
@@ -92,7 +125,7 @@ def identify_arm(motions: list[Motion], window_s: float = 0.03, moving_rad_s: fl
 
 
 def mgl_at_rest(torques_nm: Vector, angles_rad: Vector, coulomb_nm: float) -> tuple[float, float]:
-    """mgl [N m] and its standard error from steady deflections alone: tau = mgl sin q, friction unknown within its band.
+    """mgl [N m] and its standard error from steady deflections alone: tau = mgl sin q, friction anywhere in its band.
 
     The error counts friction as uniform in [-coulomb, coulomb]: it, and not noise, limits what rest can tell.
     """

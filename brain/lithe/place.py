@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Keeps the Brain off the Spine's core.
 
-A BLAS that starts one thread a core beside a spinning Spine makes both slow: the Brain 12 to 20 times, the Spine late. So the
-affinity and the thread counts must be set before numpy is imported; `import lithe` does both when LITHE_BRAIN_CPU is set,
-and `lithe.connect()` pins the process in any case.
+A BLAS that starts one thread a core beside a spinning Spine makes both slow: the Brain 12 to 20 times, the Spine
+late. So the affinity and the thread counts must be set before numpy is imported; `import lithe` does both when
+LITHE_BRAIN_CPU is set, and `lithe.connect()` pins the process in any case.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def pin(cpu: int) -> bool:
 
 
 def prepare(cpu: int | None = None) -> None:
-    """Sets affinity and thread counts before numpy comes; `cpu` None reads LITHE_BRAIN_CPU and does nothing without it."""
+    """Sets affinity and thread counts before numpy comes; without `cpu` and LITHE_BRAIN_CPU it does nothing."""
     text = os.environ.get("LITHE_BRAIN_CPU", "") if cpu is None else str(cpu)
     if not text.isdigit():
         return
@@ -36,7 +36,11 @@ def prepare(cpu: int | None = None) -> None:
 
 def warn_if_late() -> None:
     """Says so when numpy was imported before anything limited its threads."""
-    if "numpy" in sys.modules and not any(os.environ.get(name) for name in THREAD_VARIABLES) and (os.cpu_count() or 1) > 1:
+    if (
+        "numpy" in sys.modules
+        and not any(os.environ.get(name) for name in THREAD_VARIABLES)
+        and (os.cpu_count() or 1) > 1
+    ):
         warnings.warn(
             "numpy was imported before lithe: its thread pool may use the Spine's core; import lithe first with "
             "LITHE_BRAIN_CPU set, or set OPENBLAS_NUM_THREADS=1",

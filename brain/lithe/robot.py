@@ -112,7 +112,9 @@ class Robot:
 
     def go_to(self, position_rad: npt.ArrayLike, in_s: float) -> int:
         """Moves to a position, arriving `in_s` from now and resting there."""
-        return self.publish([time.monotonic_ns() + int(in_s * 1e9)], np.atleast_2d(np.asarray(position_rad)), streaming=False)
+        return self.publish(
+            [time.monotonic_ns() + int(in_s * 1e9)], np.atleast_2d(np.asarray(position_rad)), streaming=False
+        )
 
     def beat(self) -> None:
         """A sign of life without a plan."""

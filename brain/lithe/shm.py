@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ctypes
 import fcntl
+import functools
 import hashlib
 import mmap
 import os
@@ -81,7 +82,9 @@ def _load_shim() -> ctypes.PyDLL:
     try:
         lib = ctypes.PyDLL(path)
     except OSError as error:
-        raise ShmError(f"cannot load the shared-memory shim {path}: {error}; unset LITHE_SHM_LIB to rebuild it") from None
+        raise ShmError(
+            f"cannot load the shared-memory shim {path}: {error}; unset LITHE_SHM_LIB to rebuild it"
+        ) from None
     pointer, size, u64 = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint64
     signatures: dict[str, tuple[Any, list[Any]]] = {
         "lithe_layout_hash": (u64, []),
@@ -104,15 +107,10 @@ def _load_shim() -> ctypes.PyDLL:
     return lib
 
 
-_lib: ctypes.PyDLL | None = None
-
-
+@functools.cache
 def shim() -> ctypes.PyDLL:
     """The C shim, built and loaded on first use."""
-    global _lib
-    if _lib is None:
-        _lib = _load_shim()
-    return _lib
+    return _load_shim()
 
 
 def schema_difference(ours: str, theirs: str) -> str:
@@ -164,7 +162,9 @@ class Mapping:
         theirs = bytes(self._map[start : start + count]).decode(errors="replace") if start + count <= length else ""
         difference = schema_difference(_wire.CANONICAL_SCHEMA, theirs)
         if difference:
-            raise ShmError(f"{self.path} was made by a build with another layout:\n{difference}\nbuild both from one schema")
+            raise ShmError(
+                f"{self.path} was made by a build with another layout:\n{difference}\nbuild both from one schema"
+            )
 
     def header(self) -> _wire.SegmentHeader:
         """A copy of the segment's header."""
@@ -275,7 +275,7 @@ class SpineView:
 
     def is_alive(self, within_s: float = 1.0) -> bool:
         """True while the Spine's heartbeat is younger than that."""
-        return time.monotonic_ns() - self.mapping.header().heartbeat_ns < within_s * 1e9
+        return time.monotonic_ns() - int(self.mapping.header().heartbeat_ns) < int(within_s * 1e9)
 
 
 class BrainWriter:
@@ -320,7 +320,9 @@ class BrainWriter:
         times = np.asarray(t_ns, dtype=np.int64)
         positions = np.asarray(position_rad, dtype=np.float64)
         if times.ndim != 1 or positions.ndim != 2 or len(times) != len(positions):
-            raise ShmError(f"a plan needs times (n,) and positions (n, joints), not {times.shape} and {positions.shape}")
+            raise ShmError(
+                f"a plan needs times (n,) and positions (n, joints), not {times.shape} and {positions.shape}"
+            )
         if not 1 <= len(times) <= _wire.NW or positions.shape[1] > _wire.NJ:
             raise ShmError(f"a plan has 1 to {_wire.NW} waypoints of at most {_wire.NJ} joints, not {positions.shape}")
         plan = self._plan

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A one-joint arm and its drive in plain Python, as an independent plant for tests: gravity, friction that sticks, a lagging
-torque, whole encoder counts, a velocity filter. Written from the equations, not from the C++ plant, so that both must be right."""
+"""A one-joint arm and its drive in plain Python.
+
+A plant for tests: gravity, friction that sticks, a lagging torque, whole encoder counts, a velocity filter. Written from
+the equations and not from the C++ plant, so that both must be right.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-
 from lithe.identify import Motion
 
 Law = Callable[[float, float, float], float]  # torque [N m] of time [s], angle [rad], velocity [rad/s]
@@ -17,7 +19,7 @@ Law = Callable[[float, float, float], float]  # torque [N m] of time [s], angle 
 
 @dataclass
 class SimArm:
-    """State and parameters; `run` moves it on under a law that ticks every millisecond, one tick late as in the Spine."""
+    """State and parameters; `run` moves it on under a law that ticks each millisecond, one tick late as the Spine."""
 
     mgl_nm: float = 0.2
     inertia_kg_m2: float = 3.0e-3

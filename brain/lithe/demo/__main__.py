@@ -31,7 +31,7 @@ TRIES = 3
 
 
 class Disturbed(LitheError):
-    """The robot left its mode for a reason that is not the experiment's: the machine took the core away for too long."""
+    """The robot left its mode, and not by the experiment's doing: the machine took its core away for too long."""
 
 
 class Experiment:
@@ -89,7 +89,9 @@ class Experiment:
             self.say(f"phase: {phase}")
         elif swap := line.get("swap"):
             self.story.swaps.append(swap)
-            self.say(f"law '{swap['law']}' compiled in {swap['compile_ms']:.0f} ms, runs from tick {swap['commit_tick'] + 1}")
+            self.say(
+                f"law '{swap['law']}' compiled in {swap['compile_ms']:.0f} ms, runs from tick {swap['commit_tick'] + 1}"
+            )
         elif estimate := line.get("estimate"):
             self.story.estimate = estimate
             self.say(f"estimate: mgl = {estimate['mgl_hat_nm']:.4f} +- {estimate['mgl_se_nm']:.4f} N m")
@@ -158,7 +160,10 @@ def report(summary: dict[str, Any], out: Path) -> None:
     print()
     for phase in summary["phases"]:
         print(f"  {phase['name']:<11} RMSE {phase['rmse_deg']:7.2f} deg   ({phase['seconds']:.1f} s)")
-    print(f"  mgl         {summary['mgl_hat_nm']:.4f} N m estimated, {summary['mgl_true_nm']:.4f} true: off by {summary['mgl_error']:.1%}")
+    print(
+        f"  mgl         {summary['mgl_hat_nm']:.4f} N m estimated, {summary['mgl_true_nm']:.4f} true: "
+        f"off by {summary['mgl_error']:.1%}"
+    )
     for swap in summary["swaps"]:
         print(
             f"  swap        {swap['law']:<12} compiled in {swap['compile_ms']:4.0f} ms, tick {swap['commit_tick']}, "
@@ -167,11 +172,17 @@ def report(summary: dict[str, Any], out: Path) -> None:
     other = summary["no_swap_windows"]
     print(f"  elsewhere   {other['lost_ticks']} lost ticks in {other['windows']} windows without a swap")
     freeze = summary["freeze"]
-    print(f"  freeze      {freeze['duration_s']:.2f} s at {freeze['angle_deg']:.0f} deg, largest excursion {freeze['max_excursion_deg']:.2f} deg")
+    print(
+        f"  freeze      {freeze['duration_s']:.2f} s at {freeze['angle_deg']:.0f} deg, "
+        f"largest excursion {freeze['max_excursion_deg']:.2f} deg"
+    )
     for name, key in (("hand-off", "handoff_us"), ("jitter", "release_jitter_us")):
         q = summary[key]
         print(f"  {name:<11} p50 {q['p50']:.2f}  p99 {q['p99']:.2f}  p99.9 {q['p999']:.2f}  max {q['max']:.2f} us")
-    print(f"  ticks       {summary['ticks']}, lost {summary['lost_ticks']}, missed deadlines {summary['missed_deadlines']}")
+    print(
+        f"  ticks       {summary['ticks']}, lost {summary['lost_ticks']}, "
+        f"missed deadlines {summary['missed_deadlines']}"
+    )
     machine = summary["machine"]
     print(f"  machine     {machine['cpu']}, {machine['cores']} cores, Linux {machine['kernel']}, {machine['user']}")
     if machine["lost"]:
@@ -194,7 +205,9 @@ def main() -> int:
             except Disturbed as error:
                 print(f"  {error}: the run is repeated ({number} of {TRIES})", flush=True)
         else:
-            raise LitheError("the machine is too busy: the robot stopped itself in every try; free a core and run again")
+            raise LitheError(
+                "the machine is too busy: the robot stopped itself in every try; free a core and run again"
+            )
         wrong = judge.verdict(summary)
         summary["verdict"] = "holds" if not wrong else "falls short"
         summary["falls_short"] = wrong

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The supervisory agent: a process that knows the robot only through TCP, and improves its control law.
 
-Deterministic and offline: it measures, estimates, writes C++ and asks for swaps. Nothing about the plant is built in; it knows
-that there is one joint under gravity, and what the gateway tells (rate, limits). What it does goes to stdout as JSON lines.
+Deterministic and offline: it measures, estimates, writes C++ and asks for swaps. Nothing about the plant is built in;
+it knows that there is one joint under gravity, and what the gateway tells (rate, limits). What it does goes to stdout
+as JSON lines.
 """
 
 from __future__ import annotations
@@ -101,7 +102,9 @@ class Agent:
                 pieces.append(piece)
 
         def column(name: str) -> Any:
-            return np.concatenate([np.asarray(piece[name], dtype=float).reshape(len(piece["tick"]), -1)[:, 0] for piece in pieces])
+            return np.concatenate(
+                [np.asarray(piece[name], dtype=float).reshape(len(piece["tick"]), -1)[:, 0] for piece in pieces]
+            )
 
         t_s = column("sample_ns") * 1e-9
         return Motion(t_s - t_s[0], column("position_rad"), column("velocity_rad_s"), column("torque_nm"))
@@ -118,13 +121,14 @@ class Agent:
         return self.record(6.0)
 
     def probe(self, rough: Arm) -> Arm:
-        """Two constant torques, at 0.35 and 0.65 of what gravity seems to be; both swings and both rests are used."""
+        """Two constant torques, half of what gravity seems to be and a third of it the other way: a wide swing that
+        cannot go over the top. Both swings and both rests are used."""
         self.phase("probing")
         motions, torques, angles = [], [], []
-        for number, share in enumerate((0.35, 0.65), start=1):
-            torque_nm = min(share * rough.mgl_nm, 0.5 * self.torque_max_nm)
+        for number, share in enumerate((0.5, -0.35), start=1):
+            torque_nm = share * min(rough.mgl_nm, self.torque_max_nm)
             self.swap(f"probe_{number}", PROBE_SOURCE.format(number=number, torque_nm=torque_nm, ramp_s=0.05))
-            motion = self.record(4.0)
+            motion = self.record(3.0)
             motions.append(motion)
             resting = motion.t_s > motion.t_s[-1] - 0.3
             torques.append(float(np.mean(motion.torque_nm[resting])))

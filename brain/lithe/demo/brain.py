@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demo's Brain process: streams a reference to the Spine and opens the gateway to the agent.
 
-It publishes every 20 ms what the next 240 ms shall be. `reference` chooses what: rest where the arm is, or a sine. Every change
-of reference fades in from the measured position, so that nothing jumps.
+It publishes every 20 ms what the next 240 ms shall be. `reference` chooses what: rest where the arm is, or a sine.
+Every change of reference fades in from the measured position, so that nothing jumps.
 """
 
 from __future__ import annotations

@@ -10,11 +10,11 @@ import matplotlib
 
 matplotlib.use("Agg")  # no display needed
 
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-import numpy.typing as npt  # noqa: E402
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
 
-from .judge import Story  # noqa: E402
+from .judge import Story
 
 INK, BLUE, ORANGE, GREY, RED = "#222222", "#2b6cb0", "#dd8a1a", "#b8bec7", "#c0392b"
 PHASE_COLOURS = {
@@ -51,7 +51,9 @@ def distributions(records: npt.NDArray[Any], summary: dict[str, Any], path: Path
         axes.set_ylabel("ticks", fontsize=8)
         _bare(axes)
     machine = summary["machine"]
-    figure.suptitle(f"{summary['ticks']} ticks on {machine['cpu']}, Linux {machine['kernel']}", fontsize=8, color="#666666")
+    figure.suptitle(
+        f"{summary['ticks']} ticks on {machine['cpu']}, Linux {machine['kernel']}", fontsize=8, color="#666666"
+    )
     figure.savefig(path, dpi=160)
     plt.close(figure)
 
@@ -81,7 +83,10 @@ def timeline(records: npt.NDArray[Any], story: Story, summary: dict[str, Any], p
         4, 1, figsize=(10, 7), sharex=True, layout="constrained", gridspec_kw={"height_ratios": [0.8, 1, 1, 2.2]}
     )
     _phases(rows[0], story, zero_ns)
-    for axes, field, label in ((rows[1], "handoff_ns", "hand-off\n[us]"), (rows[2], "release_jitter_ns", "jitter\n[us]")):
+    for axes, field, label in (
+        (rows[1], "handoff_ns", "hand-off\n[us]"),
+        (rows[2], "release_jitter_ns", "jitter\n[us]"),
+    ):
         axes.plot(t, np.maximum(records[field] / 1e3, 1e-3), ".", markersize=1.2, color=BLUE, rasterized=True)
         axes.set_yscale("log")
         axes.set_ylabel(label, fontsize=8)
@@ -105,7 +110,11 @@ def timeline(records: npt.NDArray[Any], story: Story, summary: dict[str, Any], p
         axes.axvspan(*((when - zero_ns) * 1e-9 for when in story.freeze_ns), color="#b9cfe8", alpha=0.6, lw=0)
         _bare(axes)
     tracking.text(
-        (story.freeze_ns[0] - zero_ns) * 1e-9, 0.02, " Brain frozen", transform=tracking.get_xaxis_transform(), fontsize=8
+        (story.freeze_ns[0] - zero_ns) * 1e-9,
+        0.02,
+        " Brain frozen",
+        transform=tracking.get_xaxis_transform(),
+        fontsize=8,
     )
     figure.savefig(path, dpi=160)
     plt.close(figure)

@@ -47,7 +47,8 @@ def between(records: npt.NDArray[Any], from_ns: int, to_ns: int) -> npt.NDArray[
 
 def error_deg(records: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     """Setpoint minus position of the first joint [deg]."""
-    return np.degrees(records["setpoint_position_rad"][:, 0] - records["position_rad"][:, 0])
+    error: npt.NDArray[np.float64] = np.degrees(records["setpoint_position_rad"][:, 0] - records["position_rad"][:, 0])
+    return error
 
 
 def quantiles_us(values_ns: npt.NDArray[Any]) -> dict[str, float]:
@@ -93,12 +94,16 @@ def machine(robot_info: Any) -> dict[str, Any]:
         "hypervisor": "hypervisor" in Path("/proc/cpuinfo").read_text(encoding="utf-8"),
         "user": "root" if os.geteuid() == 0 else "ordinary user",
         "spine_cpu": int(robot_info["cpu_spine"]),
-        "transport": "in the tick thread" if robot_info["transport_inline"] else f"core {int(robot_info['cpu_transport'])}",
+        "transport": "in the tick thread"
+        if robot_info["transport_inline"]
+        else f"core {int(robot_info['cpu_transport'])}",
         "lost": bytes(robot_info["notes"]).decode(),
     }
 
 
-def summarise(records: npt.NDArray[Any], story: Story, mgl_true_nm: float, robot_info: Any, lost_records: int) -> dict[str, Any]:
+def summarise(
+    records: npt.NDArray[Any], story: Story, mgl_true_nm: float, robot_info: Any, lost_records: int
+) -> dict[str, Any]:
     phases = []
     for phase in story.phases:
         part = between(records, phase["from_ns"], phase["to_ns"])
@@ -152,12 +157,18 @@ def summarise(records: npt.NDArray[Any], story: Story, mgl_true_nm: float, robot
 def verdict(summary: dict[str, Any]) -> list[str]:
     """What falls short, one sentence each; empty when the claim holds."""
     rmse = {phase["name"]: phase["rmse_deg"] for phase in summary["phases"]}
-    wrong = [f"phase '{name}' is missing" for name in ("baseline", "probing", "evolved", "frozen", "resumed", "reattached") if name not in rmse]
+    wrong = [
+        f"phase '{name}' is missing"
+        for name in ("baseline", "probing", "evolved", "frozen", "resumed", "reattached")
+        if name not in rmse
+    ]
     if summary["mgl_error"] > MOST_MGL_ERROR:
         wrong.append(f"mgl is off by {summary['mgl_error']:.1%}, more than {MOST_MGL_ERROR:.0%}")
     for name in ("evolved", "resumed", "reattached"):
         if not rmse.get(name, np.inf) <= min(MOST_EVOLVED_DEG, rmse.get("baseline", 0.0) / LEAST_IMPROVEMENT):
-            wrong.append(f"RMSE {name} {rmse.get(name, np.nan):.2f} deg, baseline {rmse.get('baseline', np.nan):.1f} deg")
+            wrong.append(
+                f"RMSE {name} {rmse.get(name, np.nan):.2f} deg, baseline {rmse.get('baseline', np.nan):.1f} deg"
+            )
     if summary["freeze"]["max_excursion_deg"] > MOST_EXCURSION_DEG:
         wrong.append(f"the frozen arm moved {summary['freeze']['max_excursion_deg']:.1f} deg off its setpoint")
     return wrong

@@ -72,7 +72,11 @@ class Stage:
         environment = {**os.environ, "LITHE_BRAIN_CPU": str(int(self.spine.info["cpu_brain"])), "PYTHONUNBUFFERED": "1"}
         environment.update(dict.fromkeys(THREAD_VARIABLES, "1"))
         child = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments], stdout=subprocess.PIPE, stderr=self._log, text=True, env=environment
+            [sys.executable, "-m", module, *arguments],
+            stdout=subprocess.PIPE,
+            stderr=self._log,
+            text=True,
+            env=environment,
         )
         self._children.append(child)
         return child

@@ -13,13 +13,14 @@ import numpy.typing as npt
 from lithe.shm import SpineView
 
 CSV_FIELDS = (
-    "tick", "release_ns", "mode", "law_id", "plan_state", "missed_releases", "release_jitter_ns", "handoff_ns", "tick_ns",
+    "tick", "release_ns", "mode", "law_id", "plan_state", "missed_releases",
+    "release_jitter_ns", "handoff_ns", "tick_ns",
     "position_rad", "velocity_rad_s", "torque_nm", "setpoint_position_rad", "command_torque_nm",
 )  # fmt: skip
 
 
 class Recorder:
-    """Drains the telemetry ring twenty times a second into memory. `lost` should stay 0: the ring holds four seconds."""
+    """Drains the telemetry ring twenty times a second into memory. `lost` stays 0: the ring holds four seconds."""
 
     def __init__(self, robot: str) -> None:
         self._cursor = SpineView(robot).telemetry()
