@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <thread>
 #include <vector>
 
@@ -154,7 +155,7 @@ void run_loader(AnySlot& slot, std::array<Resident, kResidents>& house, std::uin
     ++law_id;
     ++tally.offered;
     if (law_id % 3 != 0) continue;
-    if (law_id % 6 == 0) std::this_thread::yield();  // on one core, only this lets the tick in between
+    if (law_id % 30 == 0) std::this_thread::sleep_for(std::chrono::microseconds(1));  // the tick comes in between
     if (Resident* back = slot.withdraw()) {
       ++tally.withdrawn;
       free.push_back(back);
@@ -232,7 +233,7 @@ class LoadThenStoreSlot : public TwinOfSlot {
   std::optional<Commit> try_commit() {
     Resident* candidate = twin_.load(std::memory_order_acquire);
     if (candidate == nullptr) return std::nullopt;
-    std::this_thread::yield();
+    std::this_thread::sleep_for(std::chrono::microseconds(300));  // longer than the Loader's pause: also on one core
     twin_.store(nullptr, std::memory_order_relaxed);
     slot_.offer(candidate);
     return slot_.try_commit();
@@ -249,7 +250,7 @@ class EarlyPublishSlot : public TwinOfSlot {
     const double value = r->params[0].value;
     r->params[0].value = -1;
     const bool offered = slot_.offer(r);
-    std::this_thread::yield();
+    std::this_thread::sleep_for(std::chrono::microseconds(1));
     r->params[0].value = value;
     return offered;
   }
@@ -260,7 +261,7 @@ class EarlyPublishSlot : public TwinOfSlot {
 template <class Twin>
 bool twin_is_caught() {
   for (int attempt = 0; attempt < 50; ++attempt) {
-    if (!race<Twin>(2'000).sound()) return true;
+    if (!race<Twin>(300).sound()) return true;
   }
   return false;
 }
