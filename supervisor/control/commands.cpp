@@ -46,13 +46,12 @@ swap::Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Tel
 
 void Commands::send(wire::Command command, Callback callback, std::int64_t now_ns) {
   command.request_id = next_id_++;
-  const auto kind = static_cast<CommandKind>(command.kind);
   const auto ticket = spine_.send(command);
   if (!ticket) {
     callback(Refusal{"busy", "the Spine has sixteen unread commands", "try again; if it stays so, lithe status"});
     return;
   }
-  pending_.push_back({kind, *ticket, now_ns + kTimeoutNs, 0, std::move(callback)});
+  pending_.push_back({command, *ticket, now_ns, 0, std::move(callback)});
 }
 
 void Commands::set_params(const Json& values, Callback callback, std::int64_t now_ns, std::uint32_t law_id) {
@@ -114,18 +113,25 @@ void Commands::serve(std::int64_t now_ns) {
   for (std::size_t left = pending_.size(); left > 0; --left) {
     Pending each = std::move(pending_.front());
     pending_.pop_front();
+    const auto kind = static_cast<CommandKind>(each.command.kind);
     const CommandResult result = spine_.poll(each.ticket);
-    if (result == CommandResult::pending && now_ns < each.deadline_ns) {
+    const bool in_time = now_ns - each.sent_ns < kTimeoutNs;
+    const bool again = kind == CommandKind::arm && result == CommandResult::refused_not_ready &&
+                       now_ns - each.sent_ns < kArmAgainNs;
+    if (const auto ticket = again ? spine_.send(each.command) : std::nullopt) {
+      each.ticket = *ticket;
+      pending_.push_back(std::move(each));
+    } else if (result == CommandResult::pending && in_time) {
       pending_.push_back(std::move(each));
     } else if (result == CommandResult::pending) {
-      each.callback(Refusal{"timeout", fmt::format("the Spine did not answer {} within 2 s", to_string(each.kind)),
+      each.callback(Refusal{"timeout", fmt::format("the Spine did not answer {} within 2 s", to_string(kind)),
                             "is it alive? lithe status"});
     } else if (result != CommandResult::done) {
-      each.callback(refusal_of(each.kind, result, now));
+      each.callback(refusal_of(kind, result, now));
     } else if (each.seen_at_tick == 0) {
       each.seen_at_tick = now.tick + 1;  // the tick that obeyed publishes its record after its answer
       pending_.push_back(std::move(each));
-    } else if (now.tick < each.seen_at_tick && now_ns < each.deadline_ns) {
+    } else if (now.tick < each.seen_at_tick && in_time) {
       pending_.push_back(std::move(each));
     } else {
       each.callback(result_json(now));

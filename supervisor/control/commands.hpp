@@ -20,6 +20,9 @@ class Commands {
  public:
   using Callback = std::function<void(const swap::Answer&)>;
   static constexpr std::int64_t kTimeoutNs = 2'000'000'000;
+  // An arm that meets one late sample is sent again for so long: on a busy machine a command tends to arrive in the
+  // very tick that was late, tick after tick.
+  static constexpr std::int64_t kArmAgainNs = 200'000'000;
 
   Commands(SpineLink& spine, std::uint64_t first_request_id) : spine_(spine), next_id_(first_request_id) {}
 
@@ -33,9 +36,9 @@ class Commands {
 
  private:
   struct Pending {
-    wire::CommandKind kind;
+    wire::Command command;
     std::uint64_t ticket;
-    std::int64_t deadline_ns;
+    std::int64_t sent_ns;
     std::uint64_t seen_at_tick;  // tick after which telemetry shows the effect; 0 = not answered yet
     Callback callback;
   };

@@ -24,7 +24,7 @@ class NoiseFilter {
 
   bool passes(const wire::Event& event, std::int64_t now_ns) {
     const auto kind = static_cast<wire::EventKind>(event.kind);
-    if (!is_frequent(kind)) {
+    if (!is_frequent(kind, event.code)) {
       return true;
     }
     Window& window = windows_[kind];
@@ -59,9 +59,10 @@ class NoiseFilter {
     wire::Event last{};
   };
 
-  static bool is_frequent(wire::EventKind kind) {
+  static bool is_frequent(wire::EventKind kind, std::uint32_t code) {
+    const bool not_ready = code == static_cast<std::uint32_t>(wire::CommandResult::refused_not_ready);
     return kind == wire::EventKind::deadline_missed || kind == wire::EventKind::sample_late ||
-           kind == wire::EventKind::plan_refused;
+           kind == wire::EventKind::plan_refused || (kind == wire::EventKind::command_refused && not_ready);
   }
 
   std::map<wire::EventKind, Window> windows_;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "supervisor/swap/transaction.hpp"
 
+#include <algorithm>
 #include <utility>
 
 namespace lithe::swap {
@@ -52,8 +53,8 @@ bool Transaction::mark_staged(std::int64_t now_ns) {
   if (stage_ != Stage::compiled) {
     return false;
   }
-  staged_ns_ = now_ns;
-  enter(Stage::staged, now_ns);
+  staged_ns_ = std::max(compiled_ns_, now_ns);
+  enter(Stage::staged, staged_ns_);
   return true;
 }
 
@@ -63,8 +64,8 @@ bool Transaction::mark_committed(std::uint64_t tick, std::uint32_t law_id, std::
   }
   commit_tick_ = tick;
   law_id_ = law_id;
-  finished_ns_ = now_ns;
-  enter(Stage::committed, now_ns);
+  finished_ns_ = std::max(staged_ns_, now_ns);
+  enter(Stage::committed, finished_ns_);
   return true;
 }
 

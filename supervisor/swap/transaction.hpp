@@ -32,7 +32,8 @@ struct Compiled {
   Json descriptor = Json::object();  // params, state fields and probes of the law
 };
 
-// Contract: one thread · every transition checks the order and returns false, changing nothing, when it is not legal.
+// Contract: one thread · every transition checks the order and returns false, changing nothing, when it is not legal ·
+// times are read by several processes; one that lies before its predecessor counts as equal to it.
 class Transaction {
  public:
   Transaction(std::uint64_t request_id, Request request, std::int64_t now_ns);
@@ -50,6 +51,7 @@ class Transaction {
   std::uint64_t request_id() const { return request_id_; }
   const Request& request() const { return request_; }
   const Compiled& compiled() const { return compiled_; }
+  std::uint32_t law_id() const { return law_id_; }  // 0 before the commit
   Stage stage() const { return stage_; }
   bool finished() const { return stage_ == Stage::committed || stage_ == Stage::refused; }
   const std::optional<Refusal>& refusal() const { return refusal_; }

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One robot per test: the real binaries, with a run directory and a shared-memory prefix of its own."""
+
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+BIN = Path(os.environ.get("LITHE_BIN_DIR", ROOT / "build" / "release" / "bin"))
+START_S = 90.0
+
+
+class House:
+    """Where one robot lives: its directories, its environment, the processes started for it."""
+
+    def __init__(self) -> None:
+        """Make empty directories; nothing runs yet."""
+        self.dir = Path(tempfile.mkdtemp(prefix="lithe-"))
+        self.prefix = f"t{self.dir.name[6:]}"
+        self.env = os.environ | {
+            "LITHE_RUN_DIR": str(self.dir / "run"),
+            "LITHE_SHM_PREFIX": self.prefix,
+            "LITHE_OUT_DIR": str(self.dir / "out"),
+        }
+        self.started: list[subprocess.Popen[str]] = []
+        self.config = ROOT / "robots" / "arm.toml"
+
+    def run(self, *words: str, wait: bool = True) -> subprocess.Popen[str]:
+        """`lithe run` on the arm; waits until its socket is there."""
+        log = (self.dir / f"run{len(self.started)}.log").open("w")
+        process = subprocess.Popen(
+            [BIN / "lithe", "run", self.config, *words], env=self.env, stdout=log, stderr=log, text=True
+        )
+        log.close()
+        self.started.append(process)
+        if wait:
+            self.wait_for(lambda: self.socket.exists() or process.poll() is not None, START_S)
+            assert process.poll() is None, self.log()
+        return process
+
+    @property
+    def socket(self) -> Path:
+        """The control socket of the arm."""
+        return self.dir / "run" / "arm.sock"
+
+    def log(self, number: int = -1) -> str:
+        """What a `lithe run` has said so far."""
+        return (self.dir / f"run{number % len(self.started)}.log").read_text()
+
+    def lithe(self, *words: str | Path) -> subprocess.CompletedProcess[str]:
+        """One `lithe` command to its end."""
+        return subprocess.run([BIN / "lithe", *words], env=self.env, capture_output=True, text=True, timeout=120)
+
+    def ask(self, *words: str | Path, code: int = 0) -> Any:
+        """One `lithe --json` command; its document."""
+        done = self.lithe("--json", *words)
+        assert done.returncode == code, f"{words}: exit {done.returncode}\n{done.stdout}{done.stderr}"
+        return json.loads(done.stdout)
+
+    def raw(self, payload: bytes) -> dict[str, Any]:
+        """Bytes to the control socket, one line back."""
+        with socket.socket(socket.AF_UNIX) as link:
+            link.connect(str(self.socket))
+            link.settimeout(60)
+            try:
+                link.sendall(payload)
+            except OSError:
+                pass  # cut off while sending: the reason can still be read
+            with link.makefile("rb") as lines:
+                answer: dict[str, Any] = json.loads(lines.readline())
+                return answer
+
+    @staticmethod
+    def wait_for(condition: Any, timeout_s: float = 30.0) -> None:
+        """Poll until the condition holds."""
+        end = time.monotonic() + timeout_s
+        while not condition():
+            assert time.monotonic() < end, "waited in vain"
+            time.sleep(0.02)
+
+    def segments(self) -> list[Path]:
+        """What is left in shared memory, lock files aside."""
+        return [each for each in Path("/dev/shm").glob(f"{self.prefix}.*") if each.suffix != ".lock"]
+
+    def close(self) -> None:
+        """End whatever still runs and remove everything."""
+        spine = self.spine_pid()
+        for process in self.started:
+            if process.poll() is None:
+                process.terminate()
+                try:
+                    process.wait(20)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+        if spine and alive(spine):
+            os.kill(spine, signal.SIGKILL)
+        for each in Path("/dev/shm").glob(f"{self.prefix}.*"):
+            each.unlink(missing_ok=True)
+        shutil.rmtree(self.dir, ignore_errors=True)
+
+    def spine_pid(self) -> int:
+        """Pid of the Spine, 0 when none has run; from the segment's header, as a last resort."""
+        segment = Path(f"/dev/shm/{self.prefix}.arm.spine")
+        if not segment.exists():
+            return 0
+        with segment.open("rb") as file:
+            file.seek(56)
+            return int.from_bytes(file.read(8), "little")
+
+
+def alive(pid: int) -> bool:
+    """Whether a process is there and not a zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
