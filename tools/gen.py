@@ -32,8 +32,10 @@ def outputs(root: Path, schema_path: Path) -> dict[Path, str]:
     return files
 
 
-def stale(files: dict[Path, str]) -> list[Path]:
-    return [path for path, text in files.items() if not path.exists() or path.read_text(encoding="utf-8") != text]
+def stale(files: dict[Path, str], root: Path) -> list[Path]:
+    """Files that are absent, old, or left over from a message that is gone."""
+    old = [path for path, text in files.items() if not path.exists() or path.read_text(encoding="utf-8") != text]
+    return old + [path for path in sorted((root / "schema/msg").glob("*.msg")) if path not in files]
 
 
 def main(argv: list[str]) -> int:
@@ -49,9 +51,13 @@ def main(argv: list[str]) -> int:
     except (SchemaError, OSError) as error:
         print(f"gen.py: {error}", file=sys.stderr)
         return 1
-    old = stale(files)
+    old = stale(files, args.root)
     if args.write:
         for path in old:
+            if path not in files:
+                path.unlink()
+                print(f"removed {path.relative_to(args.root)}")
+                continue
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(files[path], encoding="utf-8")
             print(f"wrote {path.relative_to(args.root)}")

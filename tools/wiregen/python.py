@@ -47,7 +47,6 @@ def emit(schema: Schema) -> str:
     out += [f"LAYOUT_HASH = 0x{schema.layout_hash():016X}", ""]
     for kind, group in (("IntEnum", schema.enums), ("IntFlag", schema.flags)):
         for name, values in group.items():
-            # a trailing underscore where the word is Python's own
             out += ["", f"class {name}({kind}):"]
             out += [f"    {key} = {value}" for key, value in values.items()]
             out += [""]

@@ -6,6 +6,7 @@ from __future__ import annotations
 import hashlib
 import re
 import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -133,10 +134,27 @@ class Reader:
         except tomllib.TOMLDecodeError as error:
             raise SchemaError(f"{path}: not valid TOML: {error}") from None
         self.consts: dict[str, int] = self.data.get("const", {})
+        self.start = 0  # index of the line being read
 
     def fail(self, needle: str, what: str, fix: str) -> SchemaError:
-        line = next((n for n, text in enumerate(self.text.splitlines(), 1) if needle in text), 0)
+        lines = self.text.splitlines()
+        after = self.start
+        if not (after < len(lines) and needle in lines[after]):
+            after = 0
+        line = next((n for n, text in enumerate(lines[after:], after + 1) if needle in text), 0)
         return SchemaError(f"{self.path}:{line}: {what}\n  in: {needle.strip()}\n  fix: {fix}")
+
+    def body(self, table: str, key: str, text: str) -> Iterator[str]:
+        """The lines of a table's text, with `start` on each: the same line may stand in several tables."""
+        lines = self.text.splitlines()
+        opening = f'{key} = """'
+        head = next((n for n, line in enumerate(lines) if line.strip() == f"[{table}]"), 0)
+        first = next((n + 1 for n, line in enumerate(lines) if n > head and line.strip() == opening), 0)
+        for number, line in enumerate(text.splitlines()):
+            self.start = first + number
+            if line.strip():
+                yield line
+        self.start = head
 
     def read(self) -> Schema:
         known = {"abi_major", "const", "enum", "flags", "message", "segment"}
@@ -165,9 +183,7 @@ class Reader:
     def message(self, name: str, body: dict[str, str]) -> Message:
         message = Message(name, body.get("text", ""), [])
         offset = 0
-        for line in body.get("fields", "").splitlines():
-            if not line.strip():
-                continue
+        for line in self.body(f"message.{name}", "fields", body.get("fields", "")):
             f = self.field(name, line)
             if any(f.name == other.name for other in message.fields):
                 raise self.fail(line, f"{name}.{f.name} is there twice", "rename one of them")
@@ -211,7 +227,7 @@ class Reader:
                 raise self.fail(line, f"unknown unit [{unit}]", f"use one of {', '.join(UNITS)}, or [1]")
             if longest != UNITS[unit]:
                 raise self.fail(
-                    line, f"'{name}' is in [{unit}] but does not end in '{UNITS[unit]}'", f"name it so, or mend the unit"
+                    line, f"'{name}' is in [{unit}] but does not end in '{UNITS[unit]}'", "name it so, or mend the unit"
                 )
         elif longest:
             unit_of = next(u for u, s in UNITS.items() if s == longest)
@@ -237,9 +253,7 @@ class Reader:
         if not segment.writer:
             raise self.fail(f"segment.{name}", f"segment {name} has no writer", 'say `writer = "..."`: exactly one process')
         offset = header
-        for line in body.get("items", "").splitlines():
-            if not line.strip():
-                continue
+        for line in self.body(f"segment.{name}", "items", body.get("items", "")):
             match = ITEM.match(line.strip())
             if not match or match["kind"] not in ITEM_KINDS:
                 raise self.fail(line, f"not an item of segment {name}", f"write `kind Message name [depth]`, kind one of {', '.join(ITEM_KINDS)}")
@@ -247,6 +261,8 @@ class Reader:
             if kind != "word" and message not in messages:
                 raise self.fail(line, f"unknown message '{message}'", f"use one of {', '.join(messages)}")
             depth = int(match["depth"] or 0)
+            if any(match["name"] == other.name for other in segment.items):
+                raise self.fail(line, f"{name}/{match['name']} is there twice", "rename one of them")
             if kind in ("ring", "mailbox", "ack") and (depth < 2 or depth & (depth - 1)):
                 raise self.fail(line, f"depth {depth} is not a power of two", f"write e.g. `{line.strip().rsplit(' ', 1)[0]} 16`")
             item = Item(kind, message, match["name"], depth, self.count(line, match["times"] or ""))
