@@ -59,7 +59,12 @@ class LineSocket:
                 raise NotRunning(f"the connection broke while asking '{verb}': {error}") from None
         if not line:
             raise NotRunning(f"the other side closed the connection while asking '{verb}'")
-        answer = json.loads(line)
+        try:
+            answer = json.loads(line)
+        except ValueError:
+            answer = None
+        if not isinstance(answer, dict):
+            raise LitheError(f"the answer to '{verb}' is not a JSON object: is that a LITHE socket?")
         if answer.get("ok"):
             return answer.get("result")
         refusal = answer.get("error") or {}

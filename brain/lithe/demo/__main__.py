@@ -69,10 +69,7 @@ class Experiment:
         return self.recorder.finish(), self.recorder.lost
 
     def follow_agent(self, port: int) -> None:
-        law = ROOT / "laws/pd.cpp"
-        agent = self.stage.start(
-            "lithe.demo.agent", "--port", str(port), "--token-file", str(self.token_file), "--baseline-law", str(law)
-        )
+        agent = self.stage.start("lithe.demo.agent", "--port", str(port), "--token-file", str(self.token_file))
         lines = Lines(agent)
         while (line := lines.next(0.2)) is not None:
             self.check()

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from lithe.identify import Arm, Motion, identify_arm, mgl_at_rest
 from lithe.remote import Remote
@@ -22,6 +23,27 @@ from lithe.remote import Remote
 SINE = {"centre_rad": np.pi / 2, "amplitude_rad": np.pi / 4, "frequency_hz": 0.5, "ramp_s": 1.5}
 BASELINE_GAINS = {"kp_nm_rad": 0.05, "kd_nm_s_rad": 0.004}  # detuned on purpose: the experiment starts from a bad law
 FIELDS = ["tick", "sample_ns", "position_rad", "velocity_rad_s", "torque_nm"]
+
+REST_S = 0.3  # a probe has ended when the arm has rested so long
+PROBE_SHARES = (0.5, -0.35)  # of the rough gravity torque: a wide swing both ways that cannot go over the top
+
+BASELINE_SOURCE = """\
+// The law the experiment starts from, written {when}: a PD far too weak for the arm's weight.
+#include <lithe/law.hpp>
+
+struct DetunedPd {{
+  struct Params {{
+    lithe::Param kp_nm_rad{{{kp_nm_rad}, 0.0, 10.0}};
+    lithe::Param kd_nm_s_rad{{{kd_nm_s_rad}, 0.0, 1.0}};
+  }};
+  struct State {{}};
+  static void step(const lithe::Tick& in, const Params& p, State&, lithe::Effort& out) {{
+    out.torque_nm[0] = p.kp_nm_rad * (in.setpoint_position_rad[0] - in.position_rad[0]) +
+                       p.kd_nm_s_rad * (in.setpoint_velocity_rad_s[0] - in.velocity_rad_s[0]);
+  }}
+}};
+LITHE_LAW(DetunedPd, "detuned_pd");
+"""
 
 PROBE_SOURCE = """\
 // Probing law: a constant torque of {torque_nm:.6f} N m, reached over {ramp_s} s.
@@ -76,61 +98,81 @@ def tell(**what: Any) -> None:
     print(json.dumps(what), flush=True)
 
 
+def as_motion(pieces: list[dict[str, Any]]) -> Motion:
+    """Answers of the gateway's verb `history`, one after the other, as the first joint's motion."""
+
+    def column(name: str) -> Any:
+        return np.concatenate(
+            [np.asarray(piece[name], dtype=float).reshape(len(piece["tick"]), -1)[:, 0] for piece in pieces]
+        )
+
+    t_s = column("sample_ns") * 1e-9
+    return Motion(t_s - t_s[0], column("position_rad"), column("velocity_rad_s"), column("torque_nm"))
+
+
+def last(motion: Motion, seconds: float) -> npt.NDArray[np.bool_]:
+    """Which samples belong to the last `seconds`."""
+    chosen: npt.NDArray[np.bool_] = motion.t_s > motion.t_s[-1] - seconds
+    return chosen
+
+
+def rests(motion: Motion) -> bool:
+    """True when the arm has moved less than a tenth of a degree in the last 0.3 s."""
+    return bool(np.ptp(motion.position_rad[last(motion, REST_S)]) < np.radians(0.1))
+
+
 class Agent:
-    def __init__(self, remote: Remote, baseline_law: str) -> None:
+    def __init__(self, remote: Remote) -> None:
         self.remote = remote
-        self.baseline_law = baseline_law
         about = remote.call("describe")
         self.rate_hz = float(about["rate_hz"])
         self.torque_max_nm = float(about["joints"][0]["torque_max_nm"])
 
-    def swap(self, name: str, source: str, params: dict[str, float] | None = None) -> None:
+    def swap(self, name: str, source: str) -> None:
         tell(doing=f"asks for a swap to {name}", sent_ns=time.monotonic_ns())
-        record = self.remote.call("swap", source=source, name=f"{name}.cpp", params=params or {})
+        record = self.remote.call("swap", source=source, name=f"{name}.cpp")
         tell(swap={"law": name, **record})
 
-    def record(self, seconds: float) -> Motion:
-        """Telemetry of the next `seconds`, gathered piece by piece: the Brain keeps four seconds."""
+    def record(self, seconds: float, rest_by_s: float = 0.0) -> Motion:
+        """Telemetry of the next `seconds`, and on until the arm rests or `rest_by_s` have passed.
+
+        Gathered piece by piece: the Brain keeps four seconds.
+        """
         pieces: list[dict[str, Any]] = []
         since = int(self.remote.call("latest", fields=["tick"])["tick"])
-        until = time.monotonic() + seconds
-        while (left := until - time.monotonic()) > 0:
-            time.sleep(min(1.0, left))
+        start = time.monotonic()
+        while (left := start + seconds - time.monotonic()) > 0 or not pieces:
+            time.sleep(min(1.0, max(left, 0.1)))
             piece = self.remote.call("history", seconds=4.0, since_tick=since, fields=FIELDS)
             if piece["tick"]:
                 since = piece["tick"][-1]
                 pieces.append(piece)
-
-        def column(name: str) -> Any:
-            return np.concatenate(
-                [np.asarray(piece[name], dtype=float).reshape(len(piece["tick"]), -1)[:, 0] for piece in pieces]
-            )
-
-        t_s = column("sample_ns") * 1e-9
-        return Motion(t_s - t_s[0], column("position_rad"), column("velocity_rad_s"), column("torque_nm"))
+                if left <= 1.0 and time.monotonic() < start + rest_by_s and not rests(as_motion(pieces)):
+                    seconds += 0.5
+        return as_motion(pieces)
 
     def phase(self, name: str) -> None:
         tell(phase=name, from_ns=time.monotonic_ns())
 
     # ---- the protocol
     def baseline(self) -> Motion:
-        self.swap("baseline_pd", self.baseline_law, BASELINE_GAINS)
+        when = time.strftime("%Y-%m-%d %H:%M:%S")
+        self.swap("detuned_pd", BASELINE_SOURCE.format(when=when, **BASELINE_GAINS))
         self.remote.call("reference", **SINE)
         time.sleep(float(SINE["ramp_s"]))
         self.phase("baseline")
         return self.record(6.0)
 
     def probe(self, rough: Arm) -> Arm:
-        """Two constant torques, half of what gravity seems to be and a third of it the other way: a wide swing that
-        cannot go over the top. Both swings and both rests are used."""
+        """Two constant torques; the swings into both rests are used, and the rests alone for comparison."""
         self.phase("probing")
         motions, torques, angles = [], [], []
-        for number, share in enumerate((0.5, -0.35), start=1):
+        for number, share in enumerate(PROBE_SHARES, start=1):
             torque_nm = share * min(rough.mgl_nm, self.torque_max_nm)
             self.swap(f"probe_{number}", PROBE_SOURCE.format(number=number, torque_nm=torque_nm, ramp_s=0.05))
-            motion = self.record(3.0)
+            motion = self.record(2.5, rest_by_s=8.0)
             motions.append(motion)
-            resting = motion.t_s > motion.t_s[-1] - 0.3
+            resting = last(motion, REST_S)
             torques.append(float(np.mean(motion.torque_nm[resting])))
             angles.append(float(np.mean(motion.position_rad[resting])))
             tell(doing=f"{torques[-1]:.4f} N m holds the arm at {np.degrees(angles[-1]):.1f} deg")
@@ -181,10 +223,9 @@ def main() -> int:
     parser.add_argument("--host", default="127.0.0.1")
     parser.add_argument("--port", type=int, required=True)
     parser.add_argument("--token-file", type=Path, required=True)
-    parser.add_argument("--baseline-law", type=Path, required=True, help="the law the experiment starts from")
     args = parser.parse_args()
     remote = Remote(args.host, args.port, args.token_file.read_text().strip())
-    agent = Agent(remote, args.baseline_law.read_text())
+    agent = Agent(remote)
     rough = identify_arm([agent.baseline()])
     tell(doing=f"reads gravity from the baseline: about {rough.mgl_nm:.2f} N m")
     agent.evolve(agent.probe(rough))

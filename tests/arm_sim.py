@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A one-joint arm and its drive in plain Python.
 
-A plant for tests: gravity, friction that sticks, a lagging torque, whole encoder counts, a velocity filter. Written from
-the equations and not from the C++ plant, so that both must be right.
+A plant for tests: gravity, friction that sticks, a lagging torque, whole encoder counts, a velocity filter. Written
+from the equations and not from the C++ plant, so that both must be right.
 """
 
 from __future__ import annotations

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the Brain's tests stand on: one real robot per test file, and a connection of its own for each test."""
+
+import os
+import warnings
+from collections.abc import Iterator
+
+import calm
+import lithe
+import pytest
+from system.house import BIN, House
+
+
+@pytest.fixture(scope="module")
+def house() -> Iterator[House]:
+    """A running robot."""
+    if not (BIN / "lithe-spine").exists():
+        pytest.skip(f"no binaries in {BIN}: make, or set LITHE_BIN_DIR")
+    with calm.calm_robot() as running:
+        yield running
+
+
+@pytest.fixture
+def robot(house: House) -> Iterator[lithe.Robot]:
+    """A connection; armed again if the test before left it otherwise. pytest itself keeps its cores."""
+    cores = os.sched_getaffinity(0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # pytest has imported numpy long ago
+        connection = lithe.connect("arm")
+    os.sched_setaffinity(0, cores)
+    if connection.status()["mode"] in ("estop", "safe_stop"):
+        connection.reset()
+    if connection.status()["mode"] != "active":
+        connection.arm()
+    yield connection
+    connection.close()

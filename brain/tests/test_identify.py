@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The estimate, on simulated arms that the estimator has never seen, through the agent's own two probes."""
+
+import numpy as np
+import pytest
+from arm_sim import Law, SimArm
+from lithe.demo.agent import PROBE_SHARES
+from lithe.identify import Motion, identify_arm, mgl_at_rest
+
+
+def constant(torque_nm: float) -> Law:
+    return lambda t_s, _q, _v: torque_nm * min(1.0, t_s / 0.05)
+
+
+def some_arm(seed: int) -> SimArm:
+    rng = np.random.default_rng(seed)
+    mgl_nm = rng.uniform(0.08, 0.3)
+    return SimArm(
+        mgl_nm=mgl_nm,
+        inertia_kg_m2=mgl_nm * rng.uniform(0.012, 0.02),
+        viscous_nm_s_rad=rng.uniform(0.0, 6e-4),
+        coulomb_nm=mgl_nm * rng.uniform(0.04, 0.12),
+        torque_lag_s=rng.uniform(0.0008, 0.0016),
+        angle_rad=rng.uniform(-0.05, 0.6),
+    )
+
+
+def probe(arm: SimArm, seed: int) -> list[Motion]:
+    """The agent knows mgl only roughly when it chooses the torques."""
+    rough_nm = arm.mgl_nm * np.random.default_rng(seed + 1000).uniform(0.85, 1.15)
+    return [arm.run(constant(share * rough_nm), 3.0, torque_noise_nm=5e-4, seed=seed) for share in PROBE_SHARES]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_two_probes_tell_mgl_within_one_percent_whatever_the_arm(seed: int) -> None:
+    arm = some_arm(seed)
+    found = identify_arm(probe(arm, seed))
+    assert abs(found.mgl_nm / arm.mgl_nm - 1) < 0.01
+    assert abs(found.mgl_nm - arm.mgl_nm) < 3 * found.mgl_se_nm
+    assert found.mgl_se_nm < 0.02 * arm.mgl_nm
+    assert found.inertia_kg_m2 == pytest.approx(arm.inertia_kg_m2, rel=0.02)
+    assert found.coulomb_nm == pytest.approx(arm.coulomb_nm, rel=0.05)
+    assert found.viscous_nm_s_rad >= 0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_probes_never_go_over_the_top(seed: int) -> None:
+    arm = some_arm(seed)
+    assert max(float(np.max(np.abs(motion.position_rad))) for motion in probe(arm, seed)) < np.radians(120)
+
+
+def test_rest_alone_misses_by_the_friction_and_says_so() -> None:
+    worst = 0.0
+    for seed in range(8):
+        arm = some_arm(seed)
+        ends = [arm.run(constant(share * arm.mgl_nm), 9.0) for share in PROBE_SHARES]
+        torques = np.array([motion.torque_nm[-300:].mean() for motion in ends])
+        angles = np.array([motion.position_rad[-300:].mean() for motion in ends])
+        rest_nm, rest_se_nm = mgl_at_rest(torques, angles, arm.coulomb_nm)
+        worst = max(worst, abs(rest_nm / arm.mgl_nm - 1))
+        assert abs(rest_nm - arm.mgl_nm) < 3 * rest_se_nm
+    assert worst > 0.02  # why the swing is used: here rest alone is off by more
+
+
+def test_an_arm_that_rests_is_refused() -> None:
+    still = SimArm().run(lambda *_: 0.0, 2.0)
+    with pytest.raises(ValueError, match="excite the arm more"):
+        identify_arm([still])
+
+
+def test_a_gap_in_the_record_is_left_out() -> None:
+    arm = some_arm(3)
+    whole = probe(arm, 3)
+    keep = np.r_[0:400, 700 : len(whole[0].t_s)]
+    holed = Motion(*(getattr(whole[0], name)[keep] for name in ("t_s", "position_rad", "velocity_rad_s", "torque_nm")))
+    assert identify_arm([holed, whole[1]]).mgl_nm == pytest.approx(arm.mgl_nm, rel=0.02)

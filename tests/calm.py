@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A robot for tests of the Brain: the desk arm, patient enough for a machine that is busy with other tests."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from system.house import ROOT, House
+
+PATIENCE = {
+    'release = "spin"': 'release = "sleep"',
+    "late_ticks_to_stop = 20 ": "late_ticks_to_stop = 10000 ",
+    "watchdog_s = 0.2 ": "watchdog_s = 10.0 ",
+    "stale_after_s = 0.25 ": "stale_after_s = 2.0 ",
+    'law = "../laws/pd.cpp"': f'law = "{ROOT}/laws/pd.cpp"',
+}
+
+
+def calm_text() -> str:
+    """robots/arm.toml with what a busy machine would trip over made patient."""
+    text = (ROOT / "robots/arm.toml").read_text(encoding="utf-8")
+    for strict, patient in PATIENCE.items():
+        assert strict in text, f"robots/arm.toml no longer says: {strict}"
+        text = text.replace(strict, patient)
+    return text
+
+
+@contextmanager
+def calm_robot() -> Iterator[House]:
+    """The running, armed robot; this process sees it as `lithe.connect()` would."""
+    house = House()
+    house.config = house.dir / "arm.toml"
+    house.config.write_text(calm_text(), encoding="utf-8")
+    before = dict(os.environ)
+    os.environ.update({key: value for key, value in house.env.items() if key.startswith("LITHE_")})
+    try:
+        house.run()
+        house.wait_for(lambda: house.ask("status")["mode"] == "active")
+        yield house
+    finally:
+        house.close()
+        os.environ.clear()
+        os.environ.update(before)
