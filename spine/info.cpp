@@ -27,8 +27,8 @@ Result<CpuPlan> choose_cpus(const robot::RobotConfig& robot, const std::vector<i
   for (const auto& [cpu, role] : roles) {
     if (cpu == robot::kAutoCpu) continue;
     if (std::find(allowed.begin(), allowed.end(), cpu) == allowed.end()) {
-      return Error{"[spine] asks for core " + std::to_string(cpu) + ", which this process may not use; leave it out to let " +
-                   "the program choose"};
+      return Error{"[spine] asks for core " + std::to_string(cpu) +
+                   ", which this process may not use; leave it out to let " + "the program choose"};
     }
     *role = cpu;
   }

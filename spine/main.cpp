@@ -116,7 +116,8 @@ class Threads {
 
  private:
   static void enter(int cpu, bool urgent) {
-    if (const Result<> pinned = pin_this_thread(cpu); !pinned) fmt::print(stderr, "lithe-spine: {}\n", pinned.message());
+    if (const Result<> pinned = pin_this_thread(cpu); !pinned)
+      fmt::print(stderr, "lithe-spine: {}\n", pinned.message());
     if (urgent) raise_priority();
     touch_stack();
   }
@@ -165,7 +166,8 @@ int run(const std::string& path) {
   freeze_malloc();
   const std::string notes = describe_host(*robot, *cpus);
   write_robot_info(memory->spine->robot_info, *robot, *cpus, notes);
-  if (const Result<> pinned = pin_this_thread(cpus->housekeeping); !pinned) fmt::print(stderr, "{}\n", pinned.message());
+  if (const Result<> pinned = pin_this_thread(cpus->housekeeping); !pinned)
+    fmt::print(stderr, "{}\n", pinned.message());
 
   auto threads = std::make_unique<Threads>(*robot, *cpus, *memory, **actuators);
   threads->start();
@@ -182,7 +184,8 @@ int run(const std::string& path) {
 
 int main(int argc, char** argv) {
   if (argc != 2) {
-    std::fputs("usage: lithe-spine ROBOT.toml\n  `lithe run ROBOT.toml` starts it together with all it needs\n", stderr);
+    std::fputs("usage: lithe-spine ROBOT.toml\n  `lithe run ROBOT.toml` starts it together with all it needs\n",
+               stderr);
     return lithe::kExitUsage;
   }
   return lithe::run(argv[1]);

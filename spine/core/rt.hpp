@@ -14,9 +14,9 @@
 // Opens a scope in which the effect analysis is off. The reason is part of the source: `make check` lists them.
 // Use it as   LITHE_RT_EXEMPT("why this call is bounded", { call(); });
 #if defined(__clang__) && __clang_major__ >= 20
-#define LITHE_RT_EXEMPT(reason, ...)                                                                       \
-  _Pragma("clang diagnostic push") _Pragma("clang diagnostic ignored \"-Wfunction-effects\"") __VA_ARGS__ \
-      _Pragma("clang diagnostic pop")
+#define LITHE_RT_EXEMPT(reason, ...)                                                          \
+  _Pragma("clang diagnostic push") _Pragma("clang diagnostic ignored \"-Wfunction-effects\"") \
+      __VA_ARGS__ _Pragma("clang diagnostic pop")
 #else
 #define LITHE_RT_EXEMPT(reason, ...) __VA_ARGS__
 #endif

@@ -47,6 +47,7 @@ template <Payload T>
 class ChannelReader {
  public:
   static constexpr int kTries = 4;
+  static constexpr std::uint32_t kIdle = 64;  // reads in a row without news before `latest` is asked
 
   explicit ChannelReader(const ChannelMemory<T>& memory) : memory_(&memory) {}
 
@@ -55,9 +56,13 @@ class ChannelReader {
   bool read(T& value) LITHE_RT {
     for (int attempt = 0; attempt < kTries; ++attempt) {
       const std::uint64_t count = newest();
-      if (count == seen_) return false;
+      if (count == seen_) {
+        if (++idle_ % kIdle == 0) resume();
+        return false;
+      }
       if (memory_->slots[count & 3].record.read(count, value)) {
         seen_ = count;
+        idle_ = 0;
         return true;
       }
     }
@@ -81,6 +86,12 @@ class ChannelReader {
     // max: the announcement of a value this reader already has may arrive after the value.
     return std::max(seen_, load_word(memory_->latest, std::memory_order_acquire));
   }
+  // A live writer's `latest` is what this reader has seen, or one less on its way. After a long silence anything else
+  // means that the memory was wiped or scribbled over: go on from there, or a good new writer would never be heard.
+  void resume() LITHE_RT {
+    const std::uint64_t latest = load_word(memory_->latest, std::memory_order_acquire);
+    if (latest != seen_ && latest + 1 != seen_) seen_ = latest == 0 ? 0 : latest - 1;
+  }
   // acquire, with the release store that ends Record::write().
   std::uint64_t sequence_of(std::uint64_t count) const LITHE_RT {
     return load_word(memory_->slots[count & 3].record.sequence, std::memory_order_acquire);
@@ -89,6 +100,7 @@ class ChannelReader {
   const ChannelMemory<T>* memory_;
   std::uint64_t seen_ = 0;
   std::uint64_t failures_ = 0;
+  std::uint32_t idle_ = 0;
 };
 
 }  // namespace lithe::ipc

@@ -25,7 +25,7 @@ struct MailboxMemory {
 // The receiver's half, in the receiver's segment.
 template <std::size_t N>
 struct AckMemory {
-  alignas(kLine) std::uint64_t tail;  // letters ever taken
+  alignas(kLine) std::uint64_t tail;                    // letters ever taken
   alignas(kLine) std::array<std::uint64_t, N> results;  // low half of the ticket << 32 | answer
 };
 

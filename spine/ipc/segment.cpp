@@ -46,7 +46,8 @@ std::size_t total_bytes(std::size_t bytes) { return bytes + wire::kCanonicalSche
 
 Result<> check(const std::string& path, const unsigned char* data, std::size_t size, std::size_t expected) {
   const auto& header = *reinterpret_cast<const wire::SegmentHeader*>(data);
-  if (header.magic != wire::kMagic) return Error{path + ": not a LITHE segment; remove the file and start the robot again"};
+  if (header.magic != wire::kMagic)
+    return Error{path + ": not a LITHE segment; remove the file and start the robot again"};
   if (header.layout_hash == wire::kLayoutHash && header.segment_bytes == expected) return done();
   const std::uint64_t offset = header.schema_offset;
   const std::uint64_t bytes = header.schema_bytes;
@@ -106,6 +107,7 @@ Mapping& Mapping::operator=(Mapping&& other) noexcept {
 
 Result<Mapping> Mapping::create(const std::string& path, std::size_t bytes) {
   const std::string making = path + "." + std::to_string(getpid());
+  unlink(making.c_str());  // left by a process that died while making it, and had our pid
   const int fd = open(making.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0660);
   if (fd < 0) return system_error(making, "cannot create shared memory", "check the rights and the space of /dev/shm");
   share_with_group(fd);
@@ -139,7 +141,7 @@ Result<Mapping> Mapping::attach(const std::string& path, std::size_t bytes, Acce
     return system_error(path, "cannot open shared memory",
                         errno == ENOENT ? "start the robot first: lithe run ROBOT.toml" : "are you in group 'lithe'?");
   }
-  struct stat status {};
+  struct stat status{};
   if (fstat(fd, &status) != 0 || static_cast<std::size_t>(status.st_size) < sizeof(Header)) {
     close(fd);
     return Error{path + ": too short for a LITHE segment; remove the file and start the robot again"};
@@ -176,7 +178,8 @@ std::string schema_difference(std::string_view ours, std::string_view theirs) {
     const std::string_view name = line.substr(0, line.find(':') + 1);
     const auto same_name = other.lower_bound(name);
     const bool renamed = same_name == other.end() || !same_name->starts_with(name);
-    difference += "  here  " + std::string(line) + "\n  there " + (renamed ? "(absent)" : std::string(*same_name)) + "\n";
+    difference +=
+        "  here  " + std::string(line) + "\n  there " + (renamed ? "(absent)" : std::string(*same_name)) + "\n";
   }
   return difference;
 }

@@ -49,7 +49,8 @@ class Mapping {
   // A fresh object of `bytes` zeros and a filled header, built under a temporary name and renamed, so that nobody ever
   // sees half of it. Mode 0660, group `lithe` where there is one.
   static Result<Mapping> create(const std::string& path, std::size_t bytes);
-  // Maps what is there after checking magic, size and layout. A different layout is refused with the fields that differ.
+  // Maps what is there after checking magic, size and layout. A different layout is refused with the fields that
+  // differ.
   static Result<Mapping> attach(const std::string& path, std::size_t bytes, Access access);
 
   void* data() const { return data_; }

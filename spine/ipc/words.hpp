@@ -28,8 +28,8 @@ inline void store_word(std::uint64_t& word, std::uint64_t value, std::memory_ord
   std::atomic_ref<std::uint64_t>(word).store(value, order);
 }
 
-// One record: a sequence word, 2c while it holds value c (c counts from 1), odd while it is being written; and the value.
-// The orders are the ones the C++ model proves (facts of the README of this room); each names its partner.
+// One record: a sequence word, 2c while it holds value c (c counts from 1), odd while it is being written; and the
+// value. The orders are the ones the C++ model proves (facts of the README of this room); each names its partner.
 template <Payload T>
 struct Record {
   std::uint64_t sequence;

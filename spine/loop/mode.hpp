@@ -11,9 +11,9 @@ namespace lithe::loop {
 
 // What a command's answer depends on besides the mode.
 struct Conditions {
-  bool has_law = false;         // a law is resident and may step
-  bool sample_fresh = false;    // every joint has answered in this tick
-  bool estop_pressed = false;   // one of the sticky words is set
+  bool has_law = false;        // a law is resident and may step
+  bool sample_fresh = false;   // every joint has answered in this tick
+  bool estop_pressed = false;  // one of the sticky words is set
 };
 
 // disarmed --arm--> active <--arm/hold--> hold;  disarm: from active, hold and safe_stop;
@@ -30,7 +30,8 @@ class ModeMachine {
   // Applies one of arm, disarm, hold, reset, estop; anything else is refused_unknown.
   wire::CommandResult apply(wire::CommandKind kind, const Conditions& conditions) LITHE_RT;
 
-  // A fault of the running robot: into the latched safe stop. Ignored where nothing is driven. True if the mode changed.
+  // A fault of the running robot: into the latched safe stop. Ignored where nothing is driven. True if the mode
+  // changed.
   bool fail(wire::Fault fault) LITHE_RT;
 
   // The e-stop wins over everything. True if the mode changed.

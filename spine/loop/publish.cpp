@@ -54,7 +54,8 @@ void Publisher::event(wire::EventKind kind, std::int64_t now_ns, std::uint32_t c
   event_.code = code;
   event_.value = value;
   event_.text.fill('\0');
-  std::copy_n(text.data(), std::min(text.size(), event_.text.size() - 1), event_.text.data());
+  const std::string_view fits = text.substr(0, event_.text.size() - 1);
+  std::copy(fits.begin(), fits.end(), event_.text.begin());
   events_.push(event_);
 }
 

@@ -2,6 +2,8 @@
 // Around the tick: the run from the first release to the last, and what the Spine does with what it hears.
 #include "spine/loop/spine.hpp"
 
+#include <cmath>
+
 #include "spine/loop/transport.hpp"
 
 namespace lithe::loop {
@@ -39,7 +41,7 @@ Spine::Spine(const Wiring& wiring)
       handover_(wiring.handover),
       inline_actuators_(wiring.inline_actuators),
       clock_(wiring.clock),
-      grid_(static_cast<std::int64_t>(1e9 / wiring.robot.rate_hz + 0.5), wiring.robot.spine.phase_ns),
+      grid_(std::llround(1e9 / wiring.robot.rate_hz), wiring.robot.spine.phase_ns),
       inbox_(wiring.spine, wiring.control, wiring.brain),
       out_(wiring.spine, static_cast<std::uint32_t>(wiring.robot.joints.size())),
       joints_(static_cast<std::uint32_t>(wiring.robot.joints.size())),
@@ -58,7 +60,8 @@ void Spine::run(const std::atomic<bool>& stop) noexcept {
   grid_.start(clock_.now_ns());
   std::uint32_t skipped = 0;
   while (!stop.load(std::memory_order_relaxed)) {
-    const std::int64_t woke_ns = wait_for_release(robot_.spine.release, clock_.raw(), grid_.release_ns(), kHybridWindowNs);
+    const std::int64_t woke_ns =
+        wait_for_release(robot_.spine.release, clock_.raw(), grid_.release_ns(), kHybridWindowNs);
     tick(grid_.release_ns(), woke_ns, skipped);
     serve_inline();
     clock_.follow();
@@ -117,7 +120,8 @@ CommandResult Spine::execute(const wire::Command& command, std::int64_t now_ns) 
 
 CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std::int64_t now_ns) LITHE_RT {
   bool all_fresh = fresh_;
-  for (std::uint32_t j = 0; j < joints_; ++j) all_fresh = all_fresh && (sample_->status[j] & wire::joint_status::kFresh) != 0;
+  for (std::uint32_t j = 0; j < joints_; ++j)
+    all_fresh = all_fresh && (sample_->status[j] & wire::joint_status::kFresh) != 0;
   const wire::Mode before = mode_.mode();
   const CommandResult result = mode_.apply(kind, {slot_.active() != nullptr, all_fresh, estop_pressed_});
   if (result != CommandResult::done) return result;

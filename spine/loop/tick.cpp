@@ -7,7 +7,6 @@
 
 namespace lithe::loop {
 
-using wire::CommandResult;
 using wire::EventKind;
 namespace flag = wire::telemetry_flag;
 
@@ -67,7 +66,8 @@ void Spine::exchange(std::int64_t woke_ns) LITHE_RT {
   }
   flags_ |= flag::kSampleStale;
   ++out_.record().late_samples;
-  if (++stale_ticks_ == 1) out_.event(EventKind::sample_late, woke_ns, 0, 0, 0, "the bus exchange took over one period");
+  if (++stale_ticks_ == 1)
+    out_.event(EventKind::sample_late, woke_ns, 0, 0, 0, "the bus exchange took over one period");
 }
 
 void Spine::look(std::int64_t now_ns) LITHE_RT {
@@ -118,9 +118,9 @@ void Spine::compose() LITHE_RT {
   hal::ActuatorCommand& command = handover_.next_command();
   command.tick = tick_ + 1;
   command.joints = joints_;
-  command.action = mode_.mode() == wire::Mode::estop  ? hal::DriveAction::damp
-                   : mode_.energised()                ? hal::DriveAction::torque
-                                                      : hal::DriveAction::off;
+  command.action = mode_.mode() == wire::Mode::estop ? hal::DriveAction::damp
+                   : mode_.energised()               ? hal::DriveAction::torque
+                                                     : hal::DriveAction::off;
   for (std::uint32_t j = 0; j < joints_; ++j) {
     command.torque_nm[j] = output_.torque_nm[j];
     command.position_rad[j] = output_.position_rad[j];

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tick with every real part around it: robot file, guard, plan, slot, moteus frames, simulated joint. The test plays the
-// Transport, and time is virtual: no test here depends on how fast the machine is.
+// The tick with every real part around it: robot file, guard, plan, slot, moteus frames, simulated joint. The test
+// plays the Transport, and time is virtual: no test here depends on how fast the machine is.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -329,7 +329,8 @@ TEST_F(TickTest, HostileBytesNeverLeaveTheLimits) {
   std::mt19937_64 random(7);
   for (int i = 0; i < 3000; ++i) {
     auto* bytes = reinterpret_cast<unsigned char*>(brain_memory_.get());
-    for (int k = 0; k < 64; ++k) bytes[random() % (sizeof(ipc::BrainMemory) - sizeof(ipc::StickyWord))] = random() & 0xff;
+    for (int k = 0; k < 64; ++k)
+      bytes[random() % (sizeof(ipc::BrainMemory) - sizeof(ipc::StickyWord))] = random() & 0xff;
     tick();
     ASSERT_TRUE(std::isfinite(sent_.torque_nm[0]));
     ASSERT_LE(std::abs(sent_.torque_nm[0]), 0.6);
