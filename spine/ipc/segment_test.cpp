@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/ipc/segment.hpp"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include "spine/ipc/halfway.hpp"
+
+namespace lithe::ipc {
+namespace {
+
+using Brain = Segment<BrainMemory>;
+
+class SegmentTest : public ::testing::Test {
+ protected:
+  void SetUp() override { setenv("LITHE_SHM_PREFIX", ("segment-test-" + std::to_string(getpid())).c_str(), 1); }
+  void TearDown() override {
+    for (const char* end : {"", ".lock"}) unlink((path_() + end).c_str());
+  }
+  static std::string path_() { return Brain::path("arm"); }
+  static std::string refusal() {
+    const auto attached = Brain::attach("arm", Access::read);
+    return attached ? "" : attached.message();
+  }
+};
+
+// Replaces one line of the schema text in a mapped segment, and the hash with it.
+void change_schema(BrainMemory& memory, std::string_view from, std::string_view to) {
+  auto* text = reinterpret_cast<char*>(&memory) + memory.header.schema_offset;
+  const std::string_view schema(text, memory.header.schema_bytes);
+  ASSERT_EQ(from.size(), to.size());
+  const std::size_t at = schema.find(from);
+  ASSERT_NE(at, std::string_view::npos);
+  std::memcpy(text + at, to.data(), to.size());
+  memory.header.layout_hash ^= 1;
+}
+
+TEST_F(SegmentTest, WhatOneWritesTheOtherReads) {
+  auto writer = Brain::create("arm");
+  ASSERT_TRUE(writer) << writer.message();
+  auto reader = Brain::attach("arm", Access::read);
+  ASSERT_TRUE(reader) << reader.message();
+  wire::Plan plan;
+  plan.plan_id = 42;
+  ChannelWriter<wire::Plan>((*writer)->plan).write(plan);
+  wire::Plan seen;
+  ASSERT_TRUE(ChannelReader<wire::Plan>((*reader)->plan).read(seen));
+  EXPECT_EQ(seen.plan_id, 42u);
+}
+
+TEST_F(SegmentTest, FreshSegmentIsZeroPrivateToItsGroupAndLeavesNoTemporaryFile) {
+  auto segment = Brain::create("arm");
+  ASSERT_TRUE(segment) << segment.message();
+  struct stat status{};
+  ASSERT_EQ(stat(path_().c_str(), &status), 0);
+  EXPECT_EQ(status.st_mode & 0777u, 0660u);
+  EXPECT_EQ((*segment)->plan.latest, 0u);
+  EXPECT_EQ((*segment)->estop.value, 0u);
+  EXPECT_EQ((*segment)->header.layout_hash, wire::kLayoutHash);
+  EXPECT_FALSE(std::filesystem::exists(path_() + "." + std::to_string(getpid())));
+}
+
+TEST_F(SegmentTest, StaleSegmentOfACrashedRunIsReplaced) {
+  test::in_child([] {
+    auto lease = Lease::try_take(Brain::path("arm"));
+    auto segment = Brain::create("arm");
+    sign_in((*segment)->header, 1);
+    (*segment)->estop.value = 1;
+    test::kill_self();
+  });
+  ASSERT_TRUE(std::filesystem::exists(path_()));
+  auto lease = Lease::try_take(path_());
+  ASSERT_TRUE(lease) << lease.message();
+  EXPECT_TRUE(lease->has_value()) << "the kernel gives the lease back when its holder is killed";
+  auto segment = Brain::create("arm");
+  ASSERT_TRUE(segment) << segment.message();
+  EXPECT_EQ((*segment)->estop.value, 0u);
+}
+
+TEST_F(SegmentTest, OnlyOneMayHoldTheLease) {
+  EXPECT_FALSE(Lease::is_held(path_()));
+  {
+    auto first = Lease::try_take(path_());
+    ASSERT_TRUE(first && first->has_value());
+    EXPECT_TRUE(Lease::is_held(path_()));
+    auto second = Lease::try_take(path_());
+    ASSERT_TRUE(second) << second.message();
+    EXPECT_FALSE(second->has_value());
+  }
+  EXPECT_FALSE(Lease::is_held(path_()));
+}
+
+TEST_F(SegmentTest, SigningInSaysWhoWritesAndCountsTheWriters) {
+  auto segment = Brain::create("arm");
+  ASSERT_TRUE(segment) << segment.message();
+  sign_in((*segment)->header, 7);
+  sign_in((*segment)->header, 8);
+  EXPECT_EQ((*segment)->header.epoch, 2u);
+  EXPECT_EQ((*segment)->header.writer_pid, static_cast<std::uint64_t>(getpid()));
+  EXPECT_EQ((*segment)->header.heartbeat_ns, 8);
+}
+
+TEST_F(SegmentTest, AbsentSegmentIsRefusedWithWhatToDo) {
+  EXPECT_NE(refusal().find("lithe run ROBOT.toml"), std::string::npos) << refusal();
+}
+
+TEST_F(SegmentTest, ForeignOrShortFileIsRefused) {
+  std::ofstream(path_()) << "short";
+  EXPECT_NE(refusal().find("too short"), std::string::npos) << refusal();
+  std::ofstream(path_()) << std::string(sizeof(BrainMemory) + 4096, 'x');
+  EXPECT_NE(refusal().find("not a LITHE segment"), std::string::npos) << refusal();
+  auto segment = Brain::create("arm");
+  ASSERT_TRUE(segment) << segment.message();
+  ASSERT_EQ(truncate(path_().c_str(), 4096), 0);
+  EXPECT_NE(refusal().find("shorter than its layout"), std::string::npos) << refusal();
+}
+
+TEST_F(SegmentTest, AnotherLayoutIsRefusedFieldByField) {
+  auto segment = Brain::create("arm");
+  ASSERT_TRUE(segment) << segment.message();
+  change_schema(**segment, "Plan.t_ns:int64[16]:24:128:ns", "Plan.t_ns:int64[16]:24:128:us");
+  const std::string text = refusal();
+  EXPECT_NE(text.find("here  Plan.t_ns:int64[16]:24:128:ns"), std::string::npos) << text;
+  EXPECT_NE(text.find("there Plan.t_ns:int64[16]:24:128:us"), std::string::npos) << text;
+  EXPECT_EQ(text.find("Plan.plan_id"), std::string::npos) << "fields that agree are not listed";
+}
+
+TEST_F(SegmentTest, SchemaTextOutsideTheSegmentIsRefused) {
+  auto segment = Brain::create("arm");
+  ASSERT_TRUE(segment) << segment.message();
+  (*segment)->header.layout_hash ^= 1;
+  for (const std::uint64_t offset : {std::uint64_t{1} << 40, ~std::uint64_t{0} - 4}) {
+    (*segment)->header.schema_offset = offset;
+    EXPECT_NE(refusal().find("outside the segment"), std::string::npos) << refusal();
+  }
+}
+
+TEST(SchemaDifference, GrowthAtTheEndPasses) {
+  EXPECT_EQ(schema_difference("abi:1\nA.x:uint64[1]:0:8:-\n", "abi:1\nA.x:uint64[1]:0:8:-\nB.y:uint64[1]:0:8:-\n"), "");
+}
+
+TEST(SchemaDifference, MissingFieldAndOtherAbiAreTold) {
+  EXPECT_EQ(schema_difference("abi:1\nA.x:uint64[1]:0:8:-\n", "abi:1\n"),
+            "  here  A.x:uint64[1]:0:8:-\n  there (absent)\n");
+  EXPECT_EQ(schema_difference("abi:1\n", "abi:2\n"), "  here  abi:1\n  there abi:2\n");
+}
+
+}  // namespace
+}  // namespace lithe::ipc
