@@ -9,6 +9,7 @@ Threads: one object per thread. Errors: `ShmError` with what, where and what to 
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import fcntl
 import functools
@@ -159,7 +160,9 @@ class Mapping:
         if header.layout_hash == _wire.LAYOUT_HASH:
             return
         start, count = header.schema_offset, header.schema_bytes
-        theirs = bytes(self._map[start : start + count]).decode(errors="replace") if start + count <= length else ""
+        if start + count > length:
+            raise ShmError(f"{self.path}: its schema text lies outside the segment: remove it and restart the robot")
+        theirs = bytes(self._map[start : start + count]).decode(errors="replace")
         difference = schema_difference(_wire.CANONICAL_SCHEMA, theirs)
         if difference:
             raise ShmError(
@@ -284,7 +287,13 @@ class BrainWriter:
     def __init__(self, robot: str) -> None:
         self.mapping = Mapping(robot, "brain", writable=True)
         lock = f"{self.mapping.path}.lock"
-        self._lock = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o660)
+        try:
+            self._lock = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o660)
+        except PermissionError:
+            raise ShmError(f"no right to open {lock}: join the group of that file, or run as its owner") from None
+        with contextlib.suppress(PermissionError):  # not ours: then it is as its maker wanted it
+            os.fchown(self._lock, -1, self.mapping.path.stat().st_gid)
+            os.fchmod(self._lock, 0o660)  # the umask took the group's right away
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -325,6 +334,9 @@ class BrainWriter:
             )
         if not 1 <= len(times) <= _wire.NW or positions.shape[1] > _wire.NJ:
             raise ShmError(f"a plan has 1 to {_wire.NW} waypoints of at most {_wire.NJ} joints, not {positions.shape}")
+        speeds = np.full(positions.shape, np.nan) if velocity_rad_s is None else np.asarray(velocity_rad_s, np.float64)
+        if speeds.shape != positions.shape:
+            raise ShmError(f"a plan needs as many velocities as positions {positions.shape}, not {speeds.shape}")
         plan = self._plan
         plan["plan_id"], plan["waypoint_count"], plan["joint_count"] = plan_id, len(times), positions.shape[1]
         plan["streaming"] = int(streaming)
@@ -333,8 +345,7 @@ class BrainWriter:
         by_waypoint[: len(times), : positions.shape[1]] = positions
         velocities = plan["velocity_rad_s"].reshape(_wire.NW, _wire.NJ)
         velocities[...] = np.nan
-        if velocity_rad_s is not None:
-            velocities[: len(times), : positions.shape[1]] = np.asarray(velocity_rad_s, dtype=np.float64)
+        velocities[: len(times), : positions.shape[1]] = speeds
         _, address = self.mapping.item("plan")
         shim().lithe_channel_write(address, plan.ctypes.data, plan.dtype.itemsize)
         self.beat()
