@@ -10,7 +10,9 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import signal
+import subprocess
 import sys
 import time
 import tomllib
@@ -19,26 +21,39 @@ from typing import Any
 
 import numpy as np
 
+from lithe._wire import Fault, Mode
 from lithe.errors import LitheError
 
-from . import figures, judge, recorder
+from . import brain, figures, judge, recorder
 from .agent import SINE
 from .processes import ROOT, Lines, Stage, start_brain
 
 FREEZE_S = 1.5
-ACTIVE = 1
 TRIES = 3
+NEEDED_BYTES = 32 << 20
 
 
 class Disturbed(LitheError):
     """The robot left its mode, and not by the experiment's doing: the machine took its core away for too long."""
 
 
+def freeze_angle_rad(deceleration_rad_s2: float) -> float:
+    """Where on its way down the sine's setpoint is when a Brain stopped now lets it end at the centre.
+
+    What has been published lasts about `ahead_s`; then the setpoint slows down at the joint's deceleration.
+    """
+    omega = 2 * np.pi * SINE["frequency_hz"]
+    speed_rad_s = SINE["amplitude_rad"] * omega
+    coast_rad = speed_rad_s**2 / (2 * deceleration_rad_s2)
+    ahead_s = (brain.POINTS - 1) * brain.PERIOD_NS * 1e-9
+    phase_rad = np.pi - np.arcsin(min(1.0, coast_rad / SINE["amplitude_rad"])) - omega * ahead_s
+    return float(SINE["centre_rad"] + SINE["amplitude_rad"] * np.sin(max(phase_rad, np.pi / 2)))
+
+
 class Experiment:
-    def __init__(self, robot_file: Path, out: Path) -> None:
-        self.robot_file = robot_file
-        self.stage = Stage(robot_file, out / "log.txt")
-        self.token_file = self.stage.folder / "token"
+    def __init__(self, stage: Stage) -> None:
+        self.stage = stage
+        self.token_file = stage.folder / "token"
         self.story = judge.Story()
         self.began = time.monotonic()
         self.recorder = recorder.Recorder(self.stage.robot)
@@ -49,9 +64,10 @@ class Experiment:
         print(f"  {time.monotonic() - self.began:5.1f} s  {text:<66} lost ticks {missed}", flush=True)
 
     def check(self) -> None:
-        if self.stage.mode() != ACTIVE:
-            record = self.stage.spine.latest()
-            raise Disturbed(f"the robot stopped itself (fault {0 if record is None else int(record['fault'])})")
+        record = self.stage.spine.latest()
+        if record is not None and int(record["mode"]) != Mode.active:
+            fault = Fault(int(record["fault"])).name
+            raise Disturbed(f"safe stop ({fault}): the machine took the robot's core away for too long")
 
     def wait(self, seconds: float) -> None:
         until = time.monotonic() + seconds
@@ -61,10 +77,10 @@ class Experiment:
 
     def run(self) -> tuple[Any, int]:
         """All phases; the records and how many were lost."""
-        brain, port = start_brain(self.stage, self.token_file, {})
+        mind, port = start_brain(self.stage, self.token_file, {})
         self.follow_agent(port)
-        self.freeze(brain.pid)
-        self.kill(brain)
+        self.freeze(mind.pid)
+        self.kill(mind)
         self.story.end(time.monotonic_ns())
         return self.recorder.finish(), self.recorder.lost
 
@@ -100,14 +116,18 @@ class Experiment:
             self.say(f"agent {doing}")
 
     def freeze(self, pid: int) -> None:
-        """Stops the Brain with the arm horizontal, where gravity pulls hardest."""
+        """Stops the Brain so that the arm comes to rest horizontal, where gravity pulls hardest."""
+        angle_rad = freeze_angle_rad(float(self.stage.spine.info["deceleration_rad_s2"][0]))
+        before = -np.inf
         deadline = time.monotonic() + 10
         while time.monotonic() < deadline:
             self.check()
             record = self.stage.spine.latest()
-            if record is not None and abs(float(record["position_rad"][0]) - np.pi / 2) < 0.05:
+            now = before if record is None else float(record["setpoint_position_rad"][0])
+            if before >= angle_rad > now:  # on its way down
                 break
-            time.sleep(0.002)
+            before = now
+            time.sleep(0.001)
         os.kill(pid, signal.SIGSTOP)
         start = time.monotonic_ns()
         self.story.begin("frozen", start)
@@ -117,18 +137,20 @@ class Experiment:
         finally:
             os.kill(pid, signal.SIGCONT)
         self.story.freeze_ns = (start, time.monotonic_ns())
+        self.story.end(self.story.freeze_ns[1])
         self.say("the Brain goes on")
         self.wait(1.0)
         self.story.begin("resumed", time.monotonic_ns())
         self.wait(3.0)
 
-    def kill(self, brain: Any) -> None:
-        brain.kill()
-        brain.wait()
+    def kill(self, mind: subprocess.Popen[str]) -> None:
+        mind.kill()
+        mind.wait()
         start = time.monotonic_ns()
         self.story.begin("killed", start)
         self.say("the Brain is killed; the arm holds")
         self.wait(1.0)
+        self.story.end(time.monotonic_ns())
         start_brain(self.stage, self.token_file, SINE)
         self.story.kill_ns = (start, time.monotonic_ns())
         self.say("a new Brain has attached")
@@ -138,19 +160,35 @@ class Experiment:
 
 
 def attempt(robot_file: Path, out: Path) -> dict[str, Any]:
-    experiment = Experiment(robot_file, out)
-    try:
+    with Stage(robot_file, out / "log.txt") as stage:
+        experiment = Experiment(stage)
         records, lost = experiment.run()
-        info = experiment.stage.spine.info
         config = tomllib.loads(robot_file.read_text(encoding="utf-8"))
         mgl_true = float(config["joint"][0]["sim"]["mgl_nm"])  # the judge may know it; the agent does not
-        summary = judge.summarise(records, experiment.story, mgl_true, info, lost)
-        (out / "evolved.cpp").write_text(experiment.story.source, encoding="utf-8")
-        recorder.save(records, out)
-        figures.draw(records, experiment.story, summary, out)
-    finally:
-        experiment.stage.close()
+        summary = judge.summarise(records, experiment.story, mgl_true, stage.spine.info, lost)
+    (out / "evolved.cpp").write_text(experiment.story.source, encoding="utf-8")
+    recorder.save(records, out)
+    figures.draw(records, experiment.story, summary, out)
     return summary
+
+
+def attempts(robot_file: Path, out: Path) -> dict[str, Any]:
+    """The first run that the machine did not disturb."""
+    for number in range(1, TRIES + 1):
+        print(f"supervised evolution on {robot_file.name}", flush=True)
+        try:
+            return attempt(robot_file, out)
+        except Disturbed as error:
+            print(f"  {error}; the robot is stopped and the run repeated ({number} of {TRIES})", flush=True)
+    raise LitheError(f"the machine is too busy: the robot stopped itself in {TRIES} runs; free a core and run again")
+
+
+def check_space(out: Path) -> None:
+    """Better now than after the run."""
+    out.mkdir(parents=True, exist_ok=True)
+    free = shutil.disk_usage(out).free
+    if free < NEEDED_BYTES:
+        raise LitheError(f"{out} has {free >> 20} MiB left, {NEEDED_BYTES >> 20} are needed: free some, or --out DIR")
 
 
 def report(summary: dict[str, Any], out: Path) -> None:
@@ -170,7 +208,7 @@ def report(summary: dict[str, Any], out: Path) -> None:
     print(f"  elsewhere   {other['lost_ticks']} lost ticks in {other['windows']} windows without a swap")
     freeze = summary["freeze"]
     print(
-        f"  freeze      {freeze['duration_s']:.2f} s at {freeze['angle_deg']:.0f} deg, "
+        f"  freeze      {freeze['duration_s']:.2f} s, at rest at {freeze['rest_angle_deg']:.0f} deg; "
         f"largest excursion {freeze['max_excursion_deg']:.2f} deg"
     )
     for name, key in (("hand-off", "handoff_us"), ("jitter", "release_jitter_us")):
@@ -192,26 +230,27 @@ def main() -> int:
     parser.add_argument("--robot", type=Path, default=ROOT / "robots/arm.toml")
     parser.add_argument("--out", type=Path, default=ROOT / "out/demo")
     args = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # through the `with` blocks: the robot is stopped
     try:
-        args.out.mkdir(parents=True, exist_ok=True)
-        for number in range(1, TRIES + 1):
-            print(f"supervised evolution on {args.robot.name}", flush=True)
-            try:
-                summary = attempt(args.robot.resolve(), args.out)
-                break
-            except Disturbed as error:
-                print(f"  {error}: the run is repeated ({number} of {TRIES})", flush=True)
-        else:
-            raise LitheError(
-                "the machine is too busy: the robot stopped itself in every try; free a core and run again"
-            )
+        check_space(args.out)
+        summary = attempts(args.robot.resolve(), args.out)
         wrong = judge.verdict(summary)
         summary["verdict"] = "holds" if not wrong else "falls short"
         summary["falls_short"] = wrong
         (args.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    except (LitheError, OSError) as error:
+    except LitheError as error:
         print(f"lithe demo: {error}", file=sys.stderr)
         return 1
+    except OSError as error:
+        print(
+            f"lithe demo: cannot write to {args.out}: {error.strerror}; the robot is stopped\n"
+            "  next: free some space or rights, or choose another --out DIR",
+            file=sys.stderr,
+        )
+        return 1
+    except KeyboardInterrupt:
+        print("lithe demo: interrupted; the robot is stopped", file=sys.stderr)
+        return 130
     report(summary, args.out)
     for sentence in wrong:
         print(f"  FALLS SHORT: {sentence}")

@@ -196,6 +196,7 @@ class Agent:
 
     def evolve(self, arm: Arm) -> None:
         """Bandwidth: a twentieth of the tick rate in rad/s leaves room for one tick of delay and the drive's lag."""
+        self.phase("evolving")
         omega = self.rate_hz / 20.0
         kp, kd = arm.inertia_kg_m2 * omega**2, 2 * 0.9 * omega * arm.inertia_kg_m2
         source = EVOLVED_SOURCE.format(

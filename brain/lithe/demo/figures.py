@@ -13,113 +13,186 @@ matplotlib.use("Agg")  # no display needed
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
+from matplotlib.ticker import FuncFormatter
 
 from .judge import Story
 
-INK, BLUE, ORANGE, GREY, RED = "#222222", "#2b6cb0", "#dd8a1a", "#b8bec7", "#c0392b"
+INK, GREY, PALE = "#24292f", "#6e7781", "#d0d7de"
+BLUE, ORANGE, GREEN, RED = "#2f6fb7", "#d9822b", "#3f8f5f", "#b3382c"
+FREEZE = "#a9c4e6"
 PHASE_COLOURS = {
-    "baseline": "#e8c9c4", "probing": "#f1dfb5", "evolved": "#cfe3cf",
-    "frozen": "#b9cfe8", "resumed": "#cfe3cf", "killed": "#b9cfe8", "reattached": "#cfe3cf",
+    "baseline": "#eccfca", "probing": "#f4e3bd", "evolving": "#e4dcf0", "evolved": "#cfe6d4",
+    "frozen": FREEZE, "resumed": "#cfe6d4", "killed": FREEZE, "reattached": "#cfe6d4",
+}  # fmt: skip
+PHASE_WORDS = {
+    "frozen": "Brain\nfrozen", "killed": "Brain\nkilled", "resumed": "evolved", "reattached": "evolved,\nnew Brain",
+}  # fmt: skip
+STYLE = {
+    "font.size": 9, "axes.spines.top": False, "axes.spines.right": False,
+    "axes.edgecolor": GREY, "axes.labelcolor": INK,
+    "xtick.color": GREY, "ytick.color": GREY, "text.color": INK, "axes.titlesize": 10, "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
 }  # fmt: skip
 
 
-def _bare(axes: Any) -> None:
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(labelsize=8)
+def _us(value: float) -> str:
+    """Microseconds for people: three figures, no exponent."""
+    return f"{value:,.0f} µs" if value >= 100 else f"{value:.3g} µs"
+
+
+def _plain(axis: Any) -> None:
+    """0.01, 0.1, 1, 10 on a logarithmic axis."""
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,g}"))
+
+
+def _counts_by_nanosecond(values_ns: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    """Log-spaced bins with borders between whole nanoseconds, so that no bin is empty for want of resolution."""
+    top = max(float(values_ns.max()), 100.0)
+    edges = np.unique(np.floor(np.logspace(0, np.log10(top) + 0.05, 90))) - 0.5
+    counts, _ = np.histogram(np.maximum(values_ns, 1), edges)
+    return counts, edges / 1e3
 
 
 def distributions(records: npt.NDArray[Any], summary: dict[str, Any], path: Path) -> None:
     """Histograms of hand-off time and release jitter, with the quantiles that matter marked."""
-    figure, rows = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
-    for axes, key, field, title in (
-        (rows[0], "handoff_us", "handoff_ns", "Hand-off: woken to command dispatched"),
-        (rows[1], "release_jitter_us", "release_jitter_ns", "Release jitter: woken minus due"),
+    figure, panels = plt.subplots(1, 2, figsize=(9.6, 3.6), layout="constrained", sharey=True)
+    for axes, key, field, title, colour in (
+        (panels[0], "handoff_us", "handoff_ns", "(a) Hand-off time", BLUE),
+        (panels[1], "release_jitter_us", "release_jitter_ns", "(b) Release jitter", GREEN),
     ):
-        values = np.maximum(records[field] / 1e3, 1e-3)
-        edges = np.logspace(np.log10(values.min()), np.log10(max(values.max(), 2 * values.min())), 80)
-        axes.hist(values, edges, color=BLUE, alpha=0.85)
+        counts, edges = _counts_by_nanosecond(records[field])
+        axes.stairs(counts, edges, fill=True, color=colour, alpha=0.75)
         axes.set_xscale("log")
         axes.set_yscale("log")
-        top = axes.get_ylim()[1]
-        for label, colour in (("p50", INK), ("p99", ORANGE), ("p999", ORANGE), ("max", RED)):
-            value = max(summary[key][label], 1e-3)
-            name = "p99.9" if label == "p999" else label
-            axes.axvline(value, color=colour, linewidth=1, linestyle="--")
-            axes.text(value, top, f" {name} {value:.2f}", rotation=90, va="top", ha="right", fontsize=7, color=colour)
-        axes.set_title(title, fontsize=9)
-        axes.set_xlabel("us", fontsize=8)
-        axes.set_ylabel("ticks", fontsize=8)
-        _bare(axes)
+        axes.set_ylim(0.7, None)
+        for label, name, style in (
+            ("p50", "p50", "-"),
+            ("p99", "p99", "--"),
+            ("p999", "p99.9", "-."),
+            ("max", "max", ":"),
+        ):
+            value = float(summary[key][label])
+            line_colour = RED if label == "max" else INK
+            axes.axvline(max(value, edges[0]), color=line_colour, lw=1.1, ls=style, label=f"{name}  {_us(value)}")
+        axes.axvline(1e6 / summary["rate_hz"], color=PALE, lw=4, zorder=0)
+        axes.annotate(
+            "one tick", (1e6 / summary["rate_hz"], 1.0), xytext=(-3, 4), textcoords="offset points",
+            ha="right", fontsize=7, color=GREY, rotation=90,
+        )  # fmt: skip
+        axes.legend(facecolor="white", edgecolor="none", framealpha=0.9, fontsize=8, loc="upper right")
+        _plain(axes.xaxis)
+        _plain(axes.yaxis)
+        axes.set_title(title)
+        axes.set_xlabel("µs")
+    panels[0].set_ylabel("ticks")
     machine = summary["machine"]
-    figure.suptitle(
-        f"{summary['ticks']} ticks on {machine['cpu']}, Linux {machine['kernel']}", fontsize=8, color="#666666"
-    )
+    words = f"{summary['ticks']:,} ticks · {machine['cpu']} · Linux {machine['kernel']}"
+    figure.suptitle(words + (" · virtual machine" if machine["hypervisor"] else ""), fontsize=8, color=GREY)
     figure.savefig(path, dpi=160)
     plt.close(figure)
 
 
-def _phases(axes: Any, story: Story, zero_ns: int) -> None:
-    for phase in story.phases:
-        left, right = (phase["from_ns"] - zero_ns) * 1e-9, (phase["to_ns"] - zero_ns) * 1e-9
-        axes.axvspan(left, right, color=PHASE_COLOURS.get(phase["name"], GREY), lw=0)
-        if right - left > 1.2:
-            axes.text((left + right) / 2, 0.72, phase["name"], ha="center", va="center", fontsize=8, color=INK)
-    for sent_ns, swap in zip(story.sent_ns, story.swaps, strict=False):
-        t = (sent_ns - zero_ns) * 1e-9
-        axes.annotate(
-            swap["law"], xy=(t, 0.45), xytext=(t, 0.18), ha="center", fontsize=7, color=BLUE,
-            arrowprops={"arrowstyle": "-|>", "color": BLUE, "lw": 1},
+class _Timeline:
+    """Four rows that share one time axis; second 0 is the first record."""
+
+    def __init__(self, records: npt.NDArray[Any], story: Story, summary: dict[str, Any]) -> None:
+        self.records, self.story, self.summary = records, story, summary
+        self.zero_ns = int(records["release_ns"][0])
+        self.t_s = (records["release_ns"] - self.zero_ns) * 1e-9
+        self.figure, rows = plt.subplots(
+            4,
+            1,
+            figsize=(10.5, 7.6),
+            sharex=True,
+            layout="constrained",
+            gridspec_kw={"height_ratios": [0.9, 1, 1, 2.3]},
+        )
+        self.rows = list(rows)
+
+    def second(self, t_ns: float) -> float:
+        return (t_ns - self.zero_ns) * 1e-9
+
+    def commit_s(self, swap: dict[str, Any]) -> float:
+        return float(np.interp(swap["commit_tick"], self.records["tick"].astype(float), self.t_s))
+
+    def phases(self) -> None:
+        axes = self.rows[0]
+        for phase in self.story.phases:
+            left, right = self.second(phase["from_ns"]), self.second(phase["to_ns"])
+            axes.axvspan(left, right, ymin=0.5, color=PHASE_COLOURS.get(phase["name"], PALE), lw=0)
+            word = PHASE_WORDS.get(phase["name"], phase["name"])
+            axes.text((left + right) / 2, 0.75, word, ha="center", va="center", fontsize=8, linespacing=0.95)
+        for sent_ns, swap in zip(self.story.sent_ns, self.summary["swaps"], strict=False):
+            left, right = self.second(sent_ns), self.commit_s(swap)
+            axes.barh(0.28, right - left, left=left, height=0.2, color=RED, alpha=0.8, lw=0)
+            axes.text(left, 0.06, swap["law"], ha="left", va="center", fontsize=7.5, color=BLUE,
+                      bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8})  # fmt: skip
+        axes.text(0, 0.28, "compile and load ", ha="right", va="center", fontsize=7.5, color=RED,
+                  transform=axes.get_yaxis_transform())  # fmt: skip
+        axes.set_ylim(0, 1)
+        axes.set_yticks([])
+        axes.spines["left"].set_visible(False)
+        axes.set_title("(a) What the agent does")
+
+    def timing(self, axes: Any, field: str, key: str, title: str, colour: str) -> None:
+        values_us = np.maximum(self.records[field], 1) / 1e3
+        axes.plot(self.t_s, values_us, ".", ms=1.6, mew=0, color=colour, rasterized=True)
+        axes.set_yscale("log")
+        axes.set_ylabel("µs")
+        axes.set_ylim(min(0.5 * float(values_us.min()), 0.01), max(3 * float(values_us.max()), 10.0))
+        q = self.summary[key]
+        axes.set_title(f"{title}: p50 {_us(q['p50'])}, p99.9 {_us(q['p999'])}, max {_us(q['max'])}")
+        _plain(axes.yaxis)
+
+    def tracking(self) -> None:
+        axes = self.rows[3]
+        setpoint, arm = (np.degrees(self.records[name][:, 0]) for name in ("setpoint_position_rad", "position_rad"))
+        axes.plot(self.t_s, setpoint, color="#aeb6bf", lw=3.2, label="setpoint", solid_capstyle="round")
+        axes.plot(self.t_s, arm, color=ORANGE, lw=1.2, label="arm")
+        axes.set_ylim(
+            min(float(arm.min()), float(setpoint.min())) - 12, max(float(arm.max()), float(setpoint.max())) + 34
+        )
+        rmse = {phase["name"]: phase["rmse_deg"] for phase in self.summary["phases"]}
+        for phase in self.story.phases:
+            if phase["name"] in ("baseline", "evolved", "resumed", "reattached"):
+                middle = self.second((phase["from_ns"] + phase["to_ns"]) / 2)
+                axes.text(middle, 0.985, f"RMSE\n{rmse[phase['name']]:.2f}°", transform=axes.get_xaxis_transform(),
+                          ha="center", va="top", fontsize=8)  # fmt: skip
+        freeze = self.summary["freeze"]
+        axes.text(
+            self.second(self.story.freeze_ns[0]) + 0.1, 0.03,
+            f"holds at {freeze['rest_angle_deg']:.0f}°,\n{freeze['gravity_share']:.0%} of the\nlargest load",
+            transform=axes.get_xaxis_transform(), va="bottom", fontsize=7.5,
         )  # fmt: skip
-    axes.set_ylim(0, 1)
-    axes.set_yticks([])
-    axes.set_ylabel("agent", fontsize=8)
+        axes.set_ylabel("degrees")
+        axes.set_xlabel("seconds")
+        axes.legend(loc="lower left", fontsize=8, frameon=False, ncols=2)
+        axes.set_title("(d) Tracking; hanging down is 0°, horizontal 90°")
+
+    def marks(self) -> None:
+        for axes in self.rows:
+            for swap in self.summary["swaps"]:
+                axes.axvline(self.commit_s(swap), color=BLUE, lw=1, ls=(0, (2, 2)), zorder=0.5)
+            if axes is not self.rows[0]:
+                axes.axvspan(*map(self.second, self.story.freeze_ns), color=FREEZE, alpha=0.45, lw=0, zorder=0)
+                axes.axvspan(*map(self.second, self.story.kill_ns), color=FREEZE, alpha=0.45, lw=0, zorder=0)
+            axes.set_xlim(0, self.t_s[-1])
 
 
 def timeline(records: npt.NDArray[Any], story: Story, summary: dict[str, Any], path: Path) -> None:
     """Agent phases, hand-off time, release jitter, tracking: one row each, with the swaps and the freeze marked."""
-    zero_ns = int(records["release_ns"][0])
-    t = (records["release_ns"] - zero_ns) * 1e-9
-    figure, rows = plt.subplots(
-        4, 1, figsize=(10, 7), sharex=True, layout="constrained", gridspec_kw={"height_ratios": [0.8, 1, 1, 2.2]}
-    )
-    _phases(rows[0], story, zero_ns)
-    for axes, field, label in (
-        (rows[1], "handoff_ns", "hand-off\n[us]"),
-        (rows[2], "release_jitter_ns", "jitter\n[us]"),
-    ):
-        axes.plot(t, np.maximum(records[field] / 1e3, 1e-3), ".", markersize=1.2, color=BLUE, rasterized=True)
-        axes.set_yscale("log")
-        axes.set_ylabel(label, fontsize=8)
-    tracking = rows[3]
-    tracking.plot(t, np.degrees(records["setpoint_position_rad"][:, 0]), color=GREY, linewidth=2.2, label="setpoint")
-    tracking.plot(t, np.degrees(records["position_rad"][:, 0]), color=ORANGE, linewidth=1.1, label="arm")
-    for phase in summary["phases"]:
-        if phase["name"] in ("baseline", "evolved", "resumed", "reattached"):
-            place = next(p for p in story.phases if p["name"] == phase["name"])
-            middle = ((place["from_ns"] + place["to_ns"]) / 2 - zero_ns) * 1e-9
-            tracking.text(middle, 1.01, f"RMSE {phase['rmse_deg']:.2f} deg", transform=tracking.get_xaxis_transform(),
-                          ha="center", va="bottom", fontsize=8)  # fmt: skip
-    tracking.set_ylabel("angle [deg]", fontsize=8)
-    tracking.set_xlabel("time [s]", fontsize=8)
-    tracking.legend(loc="lower right", fontsize=8, frameon=False, ncols=2)
-    ticks = {int(tick): when for tick, when in zip(records["tick"], t, strict=True)}
-    for axes in rows:
-        for swap in summary["swaps"]:
-            if swap["commit_tick"] in ticks:
-                axes.axvline(ticks[swap["commit_tick"]], color=BLUE, linewidth=0.9, linestyle=":")
-        axes.axvspan(*((when - zero_ns) * 1e-9 for when in story.freeze_ns), color="#b9cfe8", alpha=0.6, lw=0)
-        _bare(axes)
-    tracking.text(
-        (story.freeze_ns[0] - zero_ns) * 1e-9,
-        0.02,
-        " Brain frozen",
-        transform=tracking.get_xaxis_transform(),
-        fontsize=8,
-    )
-    figure.savefig(path, dpi=160)
-    plt.close(figure)
+    picture = _Timeline(records, story, summary)
+    picture.phases()
+    picture.timing(picture.rows[1], "handoff_ns", "handoff_us", "(b) Hand-off time", BLUE)
+    picture.timing(picture.rows[2], "release_jitter_ns", "release_jitter_us", "(c) Release jitter", GREEN)
+    picture.tracking()
+    picture.marks()
+    picture.figure.savefig(path, dpi=160)
+    plt.close(picture.figure)
 
 
 def draw(records: npt.NDArray[Any], story: Story, summary: dict[str, Any], out: Path) -> None:
-    distributions(records, summary, out / "timing.png")
-    timeline(records, story, summary, out / "timeline.png")
+    """timing.png and timeline.png."""
+    with plt.rc_context(STYLE):
+        distributions(records, summary, out / "timing.png")
+        timeline(records, story, summary, out / "timeline.png")

@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 SWAP_WINDOW_TICKS = 50
+CORES = len(os.sched_getaffinity(0))  # before the experiment keeps off the Spine's
+REST_TICKS = 700
 MOST_MGL_ERROR = 0.05
 MOST_EVOLVED_DEG = 3.0
 LEAST_IMPROVEMENT = 8.0
@@ -89,7 +91,7 @@ def machine(robot_info: Any) -> dict[str, Any]:
             break
     return {
         "cpu": model,
-        "cores": len(os.sched_getaffinity(0)),
+        "cores": CORES,
         "kernel": platform.release(),
         "hypervisor": "hypervisor" in Path("/proc/cpuinfo").read_text(encoding="utf-8"),
         "user": "root" if os.geteuid() == 0 else "ordinary user",
@@ -97,7 +99,7 @@ def machine(robot_info: Any) -> dict[str, Any]:
         "transport": "in the tick thread"
         if robot_info["transport_inline"]
         else f"core {int(robot_info['cpu_transport'])}",
-        "lost": bytes(robot_info["notes"]).decode(),
+        "lost": bytes(robot_info["notes"]).split(b"\0", 1)[0].decode(errors="replace"),
     }
 
 
@@ -124,9 +126,11 @@ def summarise(
             }
         )
     frozen = between(records, *story.freeze_ns)
+    rest = frozen["position_rad"][-REST_TICKS:, 0]  # the plan has run out and the setpoint has coasted to a stop
     mgl_hat = float(story.estimate["mgl_hat_nm"])
     deadline_flag = 512
     return {
+        "rate_hz": float(robot_info["rate_hz"]),
         "phases": phases,
         "mgl_true_nm": mgl_true_nm,
         "mgl_hat_nm": mgl_hat,
@@ -146,8 +150,9 @@ def summarise(
         "freeze": {
             "duration_s": (story.freeze_ns[1] - story.freeze_ns[0]) * 1e-9,
             "max_excursion_deg": float(np.max(np.abs(error_deg(frozen)))),
-            "angle_deg": float(np.degrees(frozen["position_rad"][0, 0])),
-            "gravity_share": float(abs(np.sin(frozen["position_rad"][-1, 0]))),
+            "rest_angle_deg": float(np.degrees(rest[-1])),
+            "rest_sag_deg": float(np.degrees(np.ptp(rest))),
+            "gravity_share": float(abs(np.sin(rest[-1]))),
         },
         "kill": {"seconds_without_brain": (story.kill_ns[1] - story.kill_ns[0]) * 1e-9},
         "machine": machine(robot_info),

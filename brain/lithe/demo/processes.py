@@ -27,7 +27,7 @@ def binary(name: str) -> Path:
     """$LITHE_BIN_DIR, else build/release/bin of this tree."""
     path = Path(os.environ.get("LITHE_BIN_DIR") or ROOT / "build/release/bin") / name
     if not path.exists():
-        raise LitheError(f"{path} is not built\n  next: make build")
+        raise LitheError(f"{path} is not built\n  next: make release")
     return path
 
 
@@ -39,14 +39,32 @@ class Stage:
         self.folder = Path(self._folder.name)
         os.environ["LITHE_RUN_DIR"] = str(self.folder)
         os.environ["LITHE_SHM_PREFIX"] = f"lithe-demo-{os.getpid()}"
+        os.environ["LITHE_OUT_DIR"] = str(log.parent)
         self._log = log.open("w", encoding="utf-8")
         self._children: list[subprocess.Popen[str]] = []
         self.robot = ""
         self._run = subprocess.Popen(
             [str(binary("lithe")), "run", str(robot_file)], stdout=self._log, stderr=subprocess.STDOUT, text=True
         )
-        self._wait_until_active(log)
-        self.spine = SpineView(self.robot)
+        try:
+            self._wait_until_active(log)
+            self.spine = SpineView(self.robot)
+        except BaseException:
+            self.close()
+            raise
+        self._leave_room()
+
+    def _leave_room(self) -> None:
+        """Keeps this process and its children off the Spine's and the Transport's cores, if there are others."""
+        cores = os.sched_getaffinity(0)
+        mine = cores - {int(self.spine.info["cpu_spine"]), int(self.spine.info["cpu_transport"])}
+        os.sched_setaffinity(0, mine or cores - {int(self.spine.info["cpu_spine"])} or cores)
+
+    def __enter__(self) -> Stage:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def _wait_until_active(self, log: Path) -> None:
         deadline = time.monotonic() + 60
@@ -81,10 +99,6 @@ class Stage:
         self._children.append(child)
         return child
 
-    def mode(self) -> int:
-        record = self.spine.latest()
-        return 0 if record is None else int(record["mode"])
-
     def close(self) -> None:
         """Ends everything this stage started, the robot last and gently."""
         for child in self._children:
@@ -97,8 +111,10 @@ class Stage:
             try:
                 self._run.wait(15)
             except subprocess.TimeoutExpired:
+                spine_pid = int(self.spine.mapping.header().writer_pid)
                 self._run.kill()
                 self._run.wait()
+                os.kill(spine_pid, signal.SIGTERM)  # drives off; it outlives its supervisor otherwise
         self._log.close()
         for path in Path("/dev/shm").glob(os.environ["LITHE_SHM_PREFIX"] + ".*"):
             path.unlink(missing_ok=True)
