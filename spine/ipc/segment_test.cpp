@@ -24,9 +24,9 @@ class SegmentTest : public ::testing::Test {
  protected:
   void SetUp() override { setenv("LITHE_SHM_PREFIX", ("segment-test-" + std::to_string(getpid())).c_str(), 1); }
   void TearDown() override {
-    for (const char* end : {"", ".lock"}) unlink((path_() + end).c_str());
+    for (const char* end : {"", ".lock"}) unlink((segment_path() + end).c_str());
   }
-  static std::string path_() { return Brain::path("arm"); }
+  static std::string segment_path() { return Brain::path("arm"); }
   static std::string refusal() {
     const auto attached = Brain::attach("arm", Access::read);
     return attached ? "" : attached.message();
@@ -61,12 +61,12 @@ TEST_F(SegmentTest, FreshSegmentIsZeroPrivateToItsGroupAndLeavesNoTemporaryFile)
   auto segment = Brain::create("arm");
   ASSERT_TRUE(segment) << segment.message();
   struct stat status{};
-  ASSERT_EQ(stat(path_().c_str(), &status), 0);
+  ASSERT_EQ(stat(segment_path().c_str(), &status), 0);
   EXPECT_EQ(status.st_mode & 0777u, 0660u);
   EXPECT_EQ((*segment)->plan.latest, 0u);
   EXPECT_EQ((*segment)->estop.value, 0u);
   EXPECT_EQ((*segment)->header.layout_hash, wire::kLayoutHash);
-  EXPECT_FALSE(std::filesystem::exists(path_() + "." + std::to_string(getpid())));
+  EXPECT_FALSE(std::filesystem::exists(segment_path() + "." + std::to_string(getpid())));
 }
 
 TEST_F(SegmentTest, StaleSegmentOfACrashedRunIsReplaced) {
@@ -77,8 +77,8 @@ TEST_F(SegmentTest, StaleSegmentOfACrashedRunIsReplaced) {
     (*segment)->estop.value = 1;
     test::kill_self();
   });
-  ASSERT_TRUE(std::filesystem::exists(path_()));
-  auto lease = Lease::try_take(path_());
+  ASSERT_TRUE(std::filesystem::exists(segment_path()));
+  auto lease = Lease::try_take(segment_path());
   ASSERT_TRUE(lease) << lease.message();
   EXPECT_TRUE(lease->has_value()) << "the kernel gives the lease back when its holder is killed";
   auto segment = Brain::create("arm");
@@ -87,16 +87,16 @@ TEST_F(SegmentTest, StaleSegmentOfACrashedRunIsReplaced) {
 }
 
 TEST_F(SegmentTest, OnlyOneMayHoldTheLease) {
-  EXPECT_FALSE(Lease::is_held(path_()));
+  EXPECT_FALSE(Lease::is_held(segment_path()));
   {
-    auto first = Lease::try_take(path_());
+    auto first = Lease::try_take(segment_path());
     ASSERT_TRUE(first && first->has_value());
-    EXPECT_TRUE(Lease::is_held(path_()));
-    auto second = Lease::try_take(path_());
+    EXPECT_TRUE(Lease::is_held(segment_path()));
+    auto second = Lease::try_take(segment_path());
     ASSERT_TRUE(second) << second.message();
     EXPECT_FALSE(second->has_value());
   }
-  EXPECT_FALSE(Lease::is_held(path_()));
+  EXPECT_FALSE(Lease::is_held(segment_path()));
 }
 
 TEST_F(SegmentTest, SigningInSaysWhoWritesAndCountsTheWriters) {
@@ -114,13 +114,13 @@ TEST_F(SegmentTest, AbsentSegmentIsRefusedWithWhatToDo) {
 }
 
 TEST_F(SegmentTest, ForeignOrShortFileIsRefused) {
-  std::ofstream(path_()) << "short";
+  std::ofstream(segment_path()) << "short";
   EXPECT_NE(refusal().find("too short"), std::string::npos) << refusal();
-  std::ofstream(path_()) << std::string(sizeof(BrainMemory) + 4096, 'x');
+  std::ofstream(segment_path()) << std::string(sizeof(BrainMemory) + 4096, 'x');
   EXPECT_NE(refusal().find("not a LITHE segment"), std::string::npos) << refusal();
   auto segment = Brain::create("arm");
   ASSERT_TRUE(segment) << segment.message();
-  ASSERT_EQ(truncate(path_().c_str(), 4096), 0);
+  ASSERT_EQ(truncate(segment_path().c_str(), 4096), 0);
   EXPECT_NE(refusal().find("shorter than its layout"), std::string::npos) << refusal();
 }
 
