@@ -23,6 +23,7 @@ def outputs(root: Path, schema_path: Path) -> dict[Path, str]:
     schema = load(schema_path)
     files = {
         root / "spine/wire/wire.hpp": cpp.emit(schema),
+        root / "spine/wire/fields.hpp": cpp.emit_fields(schema),
         root / "brain/lithe/_wire.py": python.emit(schema),
         root / "brain/lithe/_shm/lithe_shm.c": shim.emit(schema),
         root / "docs/reference/wire.md": docs.reference(schema),
