@@ -45,7 +45,9 @@ std::variant<Source, Refusal> read_law(const std::string& law) {
   if (failure || size == 0 || size > control::kMaxRequestBytes) {
     return Refusal{"no_source",
                    fmt::format("cannot read the law {}: {}", law,
-                               failure ? failure.message() : size == 0 ? "it is empty" : "it is over 1 MiB"),
+                               failure     ? failure.message()
+                               : size == 0 ? "it is empty"
+                                           : "it is over 1 MiB"),
                    "give the path of one C++ file, or a name that lithe law list shows"};
   }
   std::ifstream file(path, std::ios::binary);
@@ -97,7 +99,8 @@ int swap_law(const Context& context, const std::string& law, const std::vector<s
     char* end = nullptr;
     const double value = at == std::string::npos ? NAN : std::strtod(word.c_str() + at + 1, &end);
     if (at == std::string::npos || at == 0 || end == nullptr || *end != '\0' || !std::isfinite(value)) {
-      return refuse(context, {"usage", fmt::format("'{}' is not NAME=VALUE", word), "lithe swap LAW.cpp --param kp=2.5"});
+      return refuse(context,
+                    {"usage", fmt::format("'{}' is not NAME=VALUE", word), "lithe swap LAW.cpp --param kp=2.5"});
     }
     values[word.substr(0, at)] = value;
   }
@@ -116,10 +119,10 @@ int law_check(const Context& context, const std::string& law) {
   if (const auto* refusal = std::get_if<Refusal>(&client); refusal != nullptr && refusal->code != "no_robot") {
     return refuse(context, *refusal);
   }
-  const Answer answer =
-      std::holds_alternative<Refusal>(client)
-          ? check_alone(file)
-          : std::get<control::Client>(client).call("law_check", {{"name", file.name}, {"source", file.text}}, kCompileMs);
+  const Answer answer = std::holds_alternative<Refusal>(client)
+                            ? check_alone(file)
+                            : std::get<control::Client>(client).call(
+                                  "law_check", {{"name", file.name}, {"source", file.text}}, kCompileMs);
   return finish(context, answer, print_check);
 }
 
@@ -135,7 +138,8 @@ int law_list(const Context& context) {
   }
   std::sort(paths.begin(), paths.end());
   for (const fs::path& path : paths) {
-    files.push_back({{"name", path.stem().string()}, {"path", path.lexically_normal().string()}, {"about", about(path)}});
+    files.push_back(
+        {{"name", path.stem().string()}, {"path", path.lexically_normal().string()}, {"about", about(path)}});
   }
   Json laws = {{"files", files}, {"resident", Json::array()}};
   const Answer resident = ask(context, "law_list", Json::object());

@@ -64,11 +64,12 @@ void print_command(const std::string& verb, const Json& result) {
 }
 
 void print_swap(const Json& c) {
-  fmt::print("law {} committed at tick {}: compiled in {:.0f} ms{}, loaded in {:.1f} ms, {:.0f} ms from request to commit, "
-             "{} releases missed\n",
-             word(c, "law"), c.value("commit_tick", std::uint64_t{0}), number(c, "compile_ms"),
-             c.value("cached", false) ? " (cached)" : "", number(c, "load_ms"), number(c, "requested_to_committed_ms"),
-             c.value("missed_releases", std::uint64_t{0}));
+  fmt::print(
+      "law {} committed at tick {}: compiled in {:.0f} ms{}, loaded in {:.1f} ms, {:.0f} ms from request to commit, "
+      "{} releases missed\n",
+      word(c, "law"), c.value("commit_tick", std::uint64_t{0}), number(c, "compile_ms"),
+      c.value("cached", false) ? " (cached)" : "", number(c, "load_ms"), number(c, "requested_to_committed_ms"),
+      c.value("missed_releases", std::uint64_t{0}));
 }
 
 void print_params(const Json& params) {
@@ -81,8 +82,8 @@ void print_params(const Json& params) {
 
 void print_check(const Json& result) {
   const Json law = result.value("law", Json::object());
-  fmt::print("law {} is fine: compiled in {:.0f} ms{}, dry run passed\n", word(law, "name"), number(result, "compile_ms"),
-             result.value("cached", false) ? " (cached)" : "");
+  fmt::print("law {} is fine: compiled in {:.0f} ms{}, dry run passed\n", word(law, "name"),
+             number(result, "compile_ms"), result.value("cached", false) ? " (cached)" : "");
   for (const Json& each : law.value("params", Json::array())) {
     fmt::print("  {:<24} {:12.6g}   [{:g}, {:g}]\n", word(each, "name"), number(each, "value"), number(each, "min"),
                number(each, "max"));

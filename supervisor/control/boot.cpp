@@ -106,7 +106,7 @@ void Supervisor::catch_signals() {
     ::signal(number, SIG_DFL);
     sigaddset(&set, number);
   }
-  struct sigaction hangup {};
+  struct sigaction hangup{};
   if (::sigaction(SIGHUP, nullptr, &hangup) == 0 && hangup.sa_handler != SIG_IGN) {
     sigaddset(&set, SIGHUP);
   }
@@ -133,8 +133,9 @@ void Supervisor::compile_first_law() {
   }
   spdlog::info("compiling {}", path);
   std::optional<Answer> answer;
-  lawd_.compile(fs::path(path).filename().string(), first_source_, [&answer](const Answer& got) { answer = got; },
-                monotonic_ns());
+  lawd_.compile(
+      fs::path(path).filename().string(), first_source_, [&answer](const Answer& got) { answer = got; },
+      monotonic_ns());
   turn_until([&answer] { return answer.has_value(); }, LawdLink::kCompileTimeoutNs + kNsPerS);
   if (!answer) {
     throw Halt{1, "the compile service does not answer"};
@@ -208,8 +209,9 @@ void Supervisor::swap_first_law() {
   }
   const std::string path = options_.law.empty() ? config_.law : options_.law;
   std::optional<Answer> answer;
-  swaps_->submit({fs::path(path).filename().string(), first_source_, Json::object()},
-                 [&answer](const Answer& got) { answer = got; }, monotonic_ns());
+  swaps_->submit(
+      {fs::path(path).filename().string(), first_source_, Json::object()},
+      [&answer](const Answer& got) { answer = got; }, monotonic_ns());
   turn_until([&answer] { return answer.has_value(); }, 4 * LawdLink::kCompileTimeoutNs);
   if (!answer) {
     throw Halt{1, "the first law was not committed"};
@@ -263,21 +265,21 @@ void Supervisor::arm() {
 }
 
 void Supervisor::open_socket() {
-  auto server = Server::listen(control_socket_path(config_.name),
-                               [this](const ReplyTo& to, const std::string& verb, const Json& args) {
-                                 verbs_->handle(to, verb, args);
-                               });
+  auto server = Server::listen(
+      control_socket_path(config_.name),
+      [this](const ReplyTo& to, const std::string& verb, const Json& args) { verbs_->handle(to, verb, args); });
   if (!server) {
     throw Halt{1, server.message()};
   }
   server_.emplace(std::move(*server));
-  verbs_.emplace(Parts{*link_, lawd_, *commands_, *swaps_, events_, adopted_},
-                 [this](const ReplyTo& to, const Answer& answer) {
-                   if (server_) {
-                     server_->reply(to, answer);
-                   }
-                 },
-                 [this] { stop_asked_ = true; });
+  verbs_.emplace(
+      Parts{*link_, lawd_, *commands_, *swaps_, events_, adopted_},
+      [this](const ReplyTo& to, const Answer& answer) {
+        if (server_) {
+          server_->reply(to, answer);
+        }
+      },
+      [this] { stop_asked_ = true; });
 }
 
 void Supervisor::announce() const {
@@ -287,10 +289,15 @@ void Supervisor::announce() const {
   const std::string law_name = law ? text_of(law->name) : "none";
   const std::string mode(to_string(static_cast<wire::Mode>(now.mode)));
   if (options_.json) {
-    std::cout << Json{{"event", "running"},   {"robot", config_.name}, {"law", law_name},
-                      {"mode", mode},         {"rate_hz", link_->info().rate_hz},
-                      {"adopted", adopted_},  {"supervisor_pid", ::getpid()},
-                      {"spine_pid", spine_->pid()}, {"socket", control_socket_path(config_.name)}}
+    std::cout << Json{{"event", "running"},
+                      {"robot", config_.name},
+                      {"law", law_name},
+                      {"mode", mode},
+                      {"rate_hz", link_->info().rate_hz},
+                      {"adopted", adopted_},
+                      {"supervisor_pid", ::getpid()},
+                      {"spine_pid", spine_->pid()},
+                      {"socket", control_socket_path(config_.name)}}
               << std::endl;
   } else {
     std::cout << fmt::format("robot '{}' runs: law {}, {:g} Hz, {}. Ctrl-C stops it.", config_.name, law_name,

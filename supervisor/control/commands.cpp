@@ -32,13 +32,15 @@ swap::Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Tel
     case CommandResult::refused_fault:
       return {code, fmt::format("cannot {}: fault {} is latched", verb, fault), "find the cause, then: lithe reset"};
     case CommandResult::refused_law:
-      return {code, kind == CommandKind::rollback ? "there is no previous law to go back to"
-                                                  : fmt::format("cannot {}: no such law is running", verb),
+      return {code,
+              kind == CommandKind::rollback ? "there is no previous law to go back to"
+                                            : fmt::format("cannot {}: no such law is running", verb),
               kind == CommandKind::rollback ? "swap a law in instead" : "swap a law in: lithe swap laws/hold.cpp"};
     case CommandResult::refused_range:
       return {code, "a parameter is outside its range or does not exist", "see the ranges: lithe param get"};
     case CommandResult::refused_not_ready:
-      return {code, fmt::format("cannot {}: not every drive answers yet", verb), "try again; lithe status names joints"};
+      return {code, fmt::format("cannot {}: not every drive answers yet", verb),
+              "try again; lithe status names joints"};
     default:
       return {code, fmt::format("the Spine does not know the command {}", verb), "build both from the same source"};
   }
@@ -77,10 +79,10 @@ void Commands::set_params(const Json& values, Callback callback, std::int64_t no
       return;
     }
     if (!value.is_number() || !(value >= law->param_min[index]) || !(value <= law->param_max[index])) {
-      callback(Refusal{"refused_range",
-                       fmt::format("{} = {} is outside [{}, {}]", name, value.dump(), law->param_min[index],
-                                   law->param_max[index]),
-                       "nothing was changed; choose a value inside the range"});
+      callback(Refusal{
+          "refused_range",
+          fmt::format("{} = {} is outside [{}, {}]", name, value.dump(), law->param_min[index], law->param_max[index]),
+          "nothing was changed; choose a value inside the range"});
       return;
     }
     command.index[command.count] = index;
@@ -116,8 +118,8 @@ void Commands::serve(std::int64_t now_ns) {
     const auto kind = static_cast<CommandKind>(each.command.kind);
     const CommandResult result = spine_.poll(each.ticket);
     const bool in_time = now_ns - each.sent_ns < kTimeoutNs;
-    const bool again = kind == CommandKind::arm && result == CommandResult::refused_not_ready &&
-                       now_ns - each.sent_ns < kArmAgainNs;
+    const bool again =
+        kind == CommandKind::arm && result == CommandResult::refused_not_ready && now_ns - each.sent_ns < kArmAgainNs;
     if (const auto ticket = again ? spine_.send(each.command) : std::nullopt) {
       each.ticket = *ticket;
       pending_.push_back(std::move(each));

@@ -14,12 +14,17 @@ namespace {
 std::string code_word(wire::EventKind kind, std::uint32_t code) {
   switch (kind) {
     case wire::EventKind::fault:
-    case wire::EventKind::safe_stop: return std::string(to_string(static_cast<wire::Fault>(code)));
+    case wire::EventKind::safe_stop:
+      return std::string(to_string(static_cast<wire::Fault>(code)));
     case wire::EventKind::command_refused:
-    case wire::EventKind::params_refused: return std::string(to_string(static_cast<wire::CommandResult>(code)));
-    case wire::EventKind::law_refused: return std::string(to_string(static_cast<wire::StageResult>(code)));
-    case wire::EventKind::plan_refused: return std::string(to_string(static_cast<wire::PlanReject>(code)));
-    default: return {};
+    case wire::EventKind::params_refused:
+      return std::string(to_string(static_cast<wire::CommandResult>(code)));
+    case wire::EventKind::law_refused:
+      return std::string(to_string(static_cast<wire::StageResult>(code)));
+    case wire::EventKind::plan_refused:
+      return std::string(to_string(static_cast<wire::PlanReject>(code)));
+    default:
+      return {};
   }
 }
 

@@ -34,7 +34,9 @@ Refusal refusal_of(const Json& answer) {
   if (message.empty()) {
     message = "the compile service gave no reason";
   }
-  return {stage + "_failed", message, "the running law is unchanged; correct the source and swap again",
+  return {stage + "_failed",
+          message,
+          "the running law is unchanged; correct the source and swap again",
           {{"stage", stage}, {"diagnostics", diagnostics}, {"text", text}}};
 }
 

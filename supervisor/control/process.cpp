@@ -95,8 +95,8 @@ Result<Process> Process::start(const Launch& launch) {
   int reason = 0;
   if (::read(read_end.get(), &reason, sizeof(reason)) == sizeof(reason)) {
     ::waitpid(pid, nullptr, 0);
-    return Error{fmt::format("cannot start {}: {}; is the build complete (make)?", launch.argv[0],
-                             std::strerror(reason))};
+    return Error{
+        fmt::format("cannot start {}: {}; is the build complete (make)?", launch.argv[0], std::strerror(reason))};
   }
   return Process(pid, Fd(open_pidfd(pid)), true);
 }

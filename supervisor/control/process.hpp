@@ -17,11 +17,11 @@ struct Launch {
   std::vector<std::string> argv;  // argv[0] is the path of the program
   int stdin_fd = -1;              // -1: /dev/null
   int stdout_fd = -1;
-  int stderr_fd = -1;             // -1: inherited
-  bool own_session = false;       // outlives this process and does not hear the terminal's Ctrl-C
+  int stderr_fd = -1;        // -1: inherited
+  bool own_session = false;  // outlives this process and does not hear the terminal's Ctrl-C
   bool dies_with_parent = false;
-  bool idle_priority = false;     // SCHED_IDLE and nice 19: never in the way of anything
-  std::vector<int> cpus;          // empty: inherited
+  bool idle_priority = false;  // SCHED_IDLE and nice 19: never in the way of anything
+  std::vector<int> cpus;       // empty: inherited
 };
 
 // A process known by a pidfd, so that a reused pid is never signalled.

@@ -99,7 +99,8 @@ TEST_F(ServerTest, AnswersARequestWithItsId) {
 
 TEST_F(ServerTest, AnswersGarbageWithAnErrorAndGoesOn) {
   const Fd fd = raw();
-  for (const char* garbage : {"}{\n", "\n", "[1,2]\n", "{\"verb\":7}\n", "\xff\xfe\n", "{\"verb\":\"echo\",\"args\":3}\n"}) {
+  for (const char* garbage :
+       {"}{\n", "\n", "[1,2]\n", "{\"verb\":7}\n", "\xff\xfe\n", "{\"verb\":\"echo\",\"args\":3}\n"}) {
     send(fd, garbage);
     const Json answer = line_from(fd);
     EXPECT_EQ(answer["ok"], false) << garbage;
@@ -147,7 +148,7 @@ TEST_F(ServerTest, AClientThatSendsNoMoreStillGetsItsAnswer) {
 }
 
 TEST_F(ServerTest, TheSocketIsForOwnerAndGroupAlone) {
-  struct stat status {};
+  struct stat status{};
   ASSERT_EQ(::stat(path_.c_str(), &status), 0);
   EXPECT_EQ(status.st_mode & 0777U, 0660U);
 }

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <iterator>
 
 #include "spine/core/histogram.hpp"
 #include "spine/core/time.hpp"
@@ -101,26 +102,30 @@ Quantiles SpineLink::quantiles(const ipc::HistogramMemory& histogram) const {
     bins[i] = ipc::load_word(histogram.bin[i], std::memory_order_relaxed);
   }
   const double max_us = static_cast<double>(ipc::load_word(histogram.max_ns, std::memory_order_relaxed)) * 1e-3;
-  const auto at = [&](double q) { return std::min(static_cast<double>(histogram_quantile_ns(bins, q)) * 1e-3, max_us); };
+  const auto at = [&](double q) {
+    return std::min(static_cast<double>(histogram_quantile_ns(bins, q)) * 1e-3, max_us);
+  };
   return {at(0.5), at(0.99), at(0.999), max_us, ipc::load_word(histogram.count, std::memory_order_relaxed)};
 }
 
 std::vector<wire::Event> SpineLink::drain_events() {
-  std::vector<wire::Event> events;
-  wire::Event event;
-  // empty() decides, not next(): a record overwritten under our eyes is lost, and the next one may be there.
-  for (std::size_t i = 0; i < wire::spine_segment::kEventsTickDepth && !events_tick_.empty(); ++i) {
-    if (events_tick_.next(event)) {
-      events.push_back(event);
+  const auto drain = [](auto& ring, std::size_t depth) {
+    std::vector<wire::Event> events;
+    wire::Event event;
+    // empty() decides, not next(): a record overwritten under our eyes is lost, and the next one may be there.
+    for (std::size_t i = 0; i < depth && !ring.empty(); ++i) {
+      if (ring.next(event)) {
+        events.push_back(event);
+      }
     }
-  }
-  for (std::size_t i = 0; i < wire::spine_segment::kEventsLoaderDepth && !events_loader_.empty(); ++i) {
-    if (events_loader_.next(event)) {
-      events.push_back(event);
-    }
-  }
-  std::stable_sort(events.begin(), events.end(), [](const auto& a, const auto& b) { return a.t_ns < b.t_ns; });
-  return events;
+    return events;
+  };
+  const std::vector<wire::Event> tick = drain(events_tick_, wire::spine_segment::kEventsTickDepth);
+  const std::vector<wire::Event> loader = drain(events_loader_, wire::spine_segment::kEventsLoaderDepth);
+  std::vector<wire::Event> merged;
+  std::merge(loader.begin(), loader.end(), tick.begin(), tick.end(), std::back_inserter(merged),
+             [](const wire::Event& a, const wire::Event& b) { return a.t_ns < b.t_ns; });
+  return merged;
 }
 
 void SpineLink::heartbeat(std::int64_t now_ns) {

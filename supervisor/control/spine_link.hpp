@@ -55,9 +55,13 @@ class SpineLink {
 
   // A ticket, or nothing while the mailbox is full.
   std::optional<std::uint64_t> send(const wire::Command& command) { return commands_.send(command); }
-  wire::CommandResult poll(std::uint64_t ticket) const { return static_cast<wire::CommandResult>(commands_.poll(ticket)); }
+  wire::CommandResult poll(std::uint64_t ticket) const {
+    return static_cast<wire::CommandResult>(commands_.poll(ticket));
+  }
   std::optional<std::uint64_t> stage(const wire::StageRequest& request) { return stage_.send(request); }
-  wire::StageResult poll_stage(std::uint64_t ticket) const { return static_cast<wire::StageResult>(stage_.poll(ticket)); }
+  wire::StageResult poll_stage(std::uint64_t ticket) const {
+    return static_cast<wire::StageResult>(stage_.poll(ticket));
+  }
 
   void heartbeat(std::int64_t now_ns);
   void release_estop();

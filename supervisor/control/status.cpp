@@ -107,7 +107,8 @@ Answer params_json(const SpineLink& spine) {
     return Refusal{"refused_law", "no law is running, so there are no parameters", "swap a law in first"};
   }
   const auto live = spine.params();
-  return Json{{"law", text_of(law->name)}, {"law_id", law->law_id}, {"params", params_of(*law, live ? &*live : nullptr)}};
+  return Json{
+      {"law", text_of(law->name)}, {"law_id", law->law_id}, {"params", params_of(*law, live ? &*live : nullptr)}};
 }
 
 Json resident_json(const SpineLink& spine) {

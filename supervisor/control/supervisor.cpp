@@ -183,8 +183,9 @@ void Supervisor::spine_died() {
   if (link_) {
     read_events();
     if (link_->latest(last)) {
-      why += fmt::format("; last tick {} in mode {}, fault {}", last.tick, to_string(static_cast<wire::Mode>(last.mode)),
-                         to_string(static_cast<wire::Fault>(last.fault)));
+      why +=
+          fmt::format("; last tick {} in mode {}, fault {}", last.tick, to_string(static_cast<wire::Mode>(last.mode)),
+                      to_string(static_cast<wire::Fault>(last.fault)));
     }
     const Refusal reason{"robot_fault", why, "the drives' own watchdogs stop the robot; start again: lithe run"};
     swaps_->refuse_all(reason, monotonic_ns());

@@ -26,8 +26,8 @@ namespace lithe::control {
 
 struct RunOptions {
   std::string config_path;
-  std::string law;   // overrides the file's; empty: the file's
-  bool arm = true;   // arm once the law runs
+  std::string law;    // overrides the file's; empty: the file's
+  bool arm = true;    // arm once the law runs
   bool json = false;  // announce in JSON on stdout
 };
 

@@ -94,8 +94,9 @@ void Swaps::note(const swap::Transaction& swap, const char* kind, const std::str
 void Swaps::compile(const swap::Transaction& swap) {
   note(swap, "swap_submitted", swap.request().name);
   const std::uint64_t id = swap.request_id();
-  lawd_.compile(swap.request().name, swap.request().source, [this, id](const Answer& answer) { compiled(id, answer); },
-                monotonic_ns());
+  lawd_.compile(
+      swap.request().name, swap.request().source, [this, id](const Answer& answer) { compiled(id, answer); },
+      monotonic_ns());
 }
 
 void Swaps::compiled(std::uint64_t request_id, const Answer& answer) {
@@ -114,10 +115,10 @@ void Swaps::compiled(std::uint64_t request_id, const Answer& answer) {
     queue_.on_refused(request_id, *wrong, now_ns);
     return;
   }
-  swap::Compiled compiled{result.value("object", ""), result.value("hash", ""),        law.value("name", ""),
+  swap::Compiled compiled{result.value("object", ""),    result.value("hash", ""),        law.value("name", ""),
                           result.value("cached", false), result.value("compile_ms", 0.0), law};
-  note(*head, "swap_compiled", fmt::format("{} in {:.0f} ms{}", compiled.law, compiled.compile_ms,
-                                           compiled.cached ? " (cached)" : ""));
+  note(*head, "swap_compiled",
+       fmt::format("{} in {:.0f} ms{}", compiled.law, compiled.compile_ms, compiled.cached ? " (cached)" : ""));
   queue_.on_compiled(request_id, std::move(compiled), now_ns);
 }
 
@@ -221,7 +222,9 @@ void Swaps::finish(const swap::Transaction& swap) {
         swap.request().params,
         [certificate, callback](const Answer& answer) {
           if (const auto* refusal = std::get_if<Refusal>(&answer)) {
-            callback(Refusal{refusal->code, "the law runs, its parameters do not: " + refusal->message, refusal->next,
+            callback(Refusal{refusal->code,
+                             "the law runs, its parameters do not: " + refusal->message,
+                             refusal->next,
                              {{"swap", certificate}}});
           } else {
             callback(certificate);

@@ -47,9 +47,9 @@ class Swaps {
   swap::RecordBook book_;
   swap::Queue queue_;
   std::map<std::uint64_t, Callback> callbacks_;
-  std::optional<std::uint64_t> ticket_;     // of the stage request under way
-  std::optional<wire::Event> commit_;       // seen, not yet answered
-  std::int64_t stage_refused_ns_ = 0;       // the Loader said no; its event may still bring the words
+  std::optional<std::uint64_t> ticket_;  // of the stage request under way
+  std::optional<wire::Event> commit_;    // seen, not yet answered
+  std::int64_t stage_refused_ns_ = 0;    // the Loader said no; its event may still bring the words
 };
 
 }  // namespace lithe::control

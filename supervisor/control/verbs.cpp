@@ -32,7 +32,8 @@ std::variant<swap::Request, Refusal> read_request(const Json& args) {
     request.name = request.name.empty() ? std::filesystem::path(path).filename().string() : request.name;
   }
   if (request.source.empty()) {
-    return Refusal{"usage", "no law was given: source and path are empty", "send args {\"source\":\"...\",\"name\":\"pd.cpp\"}"};
+    return Refusal{"usage", "no law was given: source and path are empty",
+                   "send args {\"source\":\"...\",\"name\":\"pd.cpp\"}"};
   }
   if (!request.params.is_object()) {
     return Refusal{"usage", "params is an object: {\"kp\":1.0}", "send args {\"params\":{\"NAME\":VALUE}}"};

@@ -13,9 +13,9 @@ namespace lithe::swap {
 using Json = nlohmann::ordered_json;
 
 struct Refusal {
-  std::string code;     // one snake_case word: "compile_failed", "refused_mode", "usage" ...
-  std::string message;  // what is wrong and where
-  std::string next;     // what to do about it
+  std::string code;       // one snake_case word: "compile_failed", "refused_mode", "usage" ...
+  std::string message;    // what is wrong and where
+  std::string next;       // what to do about it
   Json detail = nullptr;  // diagnostics of a compiler, the record of a refused swap
 
   Json to_json() const {
@@ -30,8 +30,6 @@ struct Refusal {
 using Answer = std::variant<Json, Refusal>;
 
 // Text that may hold any byte (a compiler's output, a client's source) as one line of valid JSON.
-inline std::string dump_line(const Json& json) {
-  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
-}
+inline std::string dump_line(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
 
 }  // namespace lithe::swap

@@ -71,15 +71,14 @@ void Queue::step(std::int64_t now_ns) {
     Transaction& swap = waiting_.front();
     const bool compiling = swap.stage() == Stage::submitted;
     const bool staging = swap.stage() == Stage::compiled;
-    const std::int64_t limit_ns =
-        compiling ? timeouts_.compile_ns : staging ? timeouts_.stage_ns : timeouts_.commit_ns;
+    const std::int64_t limit_ns = compiling ? timeouts_.compile_ns : staging ? timeouts_.stage_ns : timeouts_.commit_ns;
     if (now_ns - swap.stage_since_ns() > limit_ns) {
       const char* step = compiling ? "compiling" : staging ? "loading" : "committing";
-      on_refused(swap.request_id(),
-                 {"timeout", fmt::format("{} '{}' took longer than {} s", step, swap.request().name,
-                                         limit_ns / 1'000'000'000),
-                  "the running law is unchanged; try again, or look at the log of `lithe run`"},
-                 now_ns);
+      on_refused(
+          swap.request_id(),
+          {"timeout", fmt::format("{} '{}' took longer than {} s", step, swap.request().name, limit_ns / 1'000'000'000),
+           "the running law is unchanged; try again, or look at the log of `lithe run`"},
+          now_ns);
     }
   }
   if (!running_ && !waiting_.empty()) {

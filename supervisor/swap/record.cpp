@@ -25,8 +25,8 @@ Result<std::filesystem::path> RecordBook::write(const Json& certificate) {
   std::error_code failure;
   std::filesystem::create_directories(dir_, failure);
   if (failure) {
-    return Error{fmt::format("cannot create {}: {}; free space there or set LITHE_OUT_DIR", dir_.string(),
-                             failure.message())};
+    return Error{
+        fmt::format("cannot create {}: {}; free space there or set LITHE_OUT_DIR", dir_.string(), failure.message())};
   }
   if (next_ == 0) {
     next_ = next_number();

@@ -13,8 +13,9 @@ namespace fs = std::filesystem;
 
 class RecordTest : public testing::Test {
  protected:
-  RecordTest() : dir_(fs::temp_directory_path() / ("lithe-record-" + std::to_string(::getpid()) + "-" +
-                                                   testing::UnitTest::GetInstance()->current_test_info()->name())) {}
+  RecordTest()
+      : dir_(fs::temp_directory_path() / ("lithe-record-" + std::to_string(::getpid()) + "-" +
+                                          testing::UnitTest::GetInstance()->current_test_info()->name())) {}
   ~RecordTest() override { fs::remove_all(dir_); }
   fs::path dir_;
 };

@@ -13,11 +13,16 @@ double ms_between(std::int64_t from_ns, std::int64_t to_ns) { return static_cast
 
 const char* to_string(Stage stage) {
   switch (stage) {
-    case Stage::submitted: return "submitted";
-    case Stage::compiled: return "compiled";
-    case Stage::staged: return "staged";
-    case Stage::committed: return "committed";
-    case Stage::refused: return "refused";
+    case Stage::submitted:
+      return "submitted";
+    case Stage::compiled:
+      return "compiled";
+    case Stage::staged:
+      return "staged";
+    case Stage::committed:
+      return "committed";
+    case Stage::refused:
+      return "refused";
   }
   return "unknown";
 }

@@ -17,8 +17,8 @@ const char* to_string(Stage stage);
 
 // What a client asked for.
 struct Request {
-  std::string name;    // file name shown in diagnostics
-  std::string source;  // C++ text of one law
+  std::string name;              // file name shown in diagnostics
+  std::string source;            // C++ text of one law
   Json params = Json::object();  // name -> value, set right after the commit
 };
 

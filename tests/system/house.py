@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One robot per test: the real binaries, with a run directory and a shared-memory prefix of its own."""
 
+import contextlib
 import json
 import os
 import shutil
@@ -56,7 +57,8 @@ class House:
 
     def lithe(self, *words: str | Path) -> subprocess.CompletedProcess[str]:
         """One `lithe` command to its end."""
-        return subprocess.run([BIN / "lithe", *words], env=self.env, capture_output=True, text=True, timeout=120)
+        command = [BIN / "lithe", *words]
+        return subprocess.run(command, check=False, env=self.env, capture_output=True, text=True, timeout=120)
 
     def ask(self, *words: str | Path, code: int = 0) -> Any:
         """One `lithe --json` command; its document."""
@@ -69,10 +71,8 @@ class House:
         with socket.socket(socket.AF_UNIX) as link:
             link.connect(str(self.socket))
             link.settimeout(60)
-            try:
+            with contextlib.suppress(OSError):  # cut off while sending: the reason can still be read
                 link.sendall(payload)
-            except OSError:
-                pass  # cut off while sending: the reason can still be read
             with link.makefile("rb") as lines:
                 answer: dict[str, Any] = json.loads(lines.readline())
                 return answer
