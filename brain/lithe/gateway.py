@@ -1,8 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Brain's TCP gateway: an agent in another process, or on another machine, does all that the Brain can.
 
-JSON lines. The first line is {"token": "..."}; then requests {"id", "verb", "args"}, answered as on the control socket.
-Verbs of its own: describe, latest, history, publish, reference verbs the application adds; every other verb goes to the
+JSON lines. The first line is {"token": "..."}; then requests {"id", "verb", "args"}, answered as on the control socket:
+{"id", "ok": true, "result"} or {"id", "ok": false, "error": {"code", "message", "next"}}. The gateway's own verbs:
+
+    describe  {}                                        robot, rate, joints with their limits, time now
+    latest    {fields?}                                 the newest telemetry record
+    history   {seconds?, since_tick?, every?, fields?}  columns of records, at most the last 4096 ticks
+    publish   {t_ns, position_rad, velocity_rad_s?, streaming?}   a plan of up to 16 waypoints
+    estop     {}                                        at once, through shared memory
+
+An application may add verbs. Every other verb (status, swap, rollback, params, set_params, arm, ...) goes to the
 supervisor. Loopback by default; the token lies in a file of mode 0600.
 
 Threads: one per client; plans and telemetry are serialised by a lock.
@@ -14,6 +22,7 @@ import argparse
 import contextlib
 import hmac
 import json
+import math
 import os
 import secrets
 import socketserver
@@ -44,6 +53,22 @@ def write_token(path: Path) -> str:
     with os.fdopen(fd, "w") as file:
         file.write(token + "\n")
     return token
+
+
+def encode(answer: dict[str, Any]) -> bytes:
+    """One line of JSON; NaN and infinity, which JSON has no words for, become null."""
+    try:
+        return json.dumps(answer, allow_nan=False).encode() + b"\n"
+    except ValueError:
+        return json.dumps(_with_nulls(answer)).encode() + b"\n"
+
+
+def _with_nulls(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _with_nulls(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_with_nulls(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 class Gateway:
@@ -109,7 +134,7 @@ class Gateway:
         while line := handler.rfile.readline(MOST_REQUEST_BYTES + 1):
             answer = self._answer(line)
             with contextlib.suppress(OSError):  # the client left: nothing to answer
-                handler.wfile.write(json.dumps(answer).encode() + b"\n")
+                handler.wfile.write(encode(answer))
             if len(line) > MOST_REQUEST_BYTES:
                 return  # the rest of an oversized line cannot be told from a new request
 
@@ -127,8 +152,12 @@ class Gateway:
             body = {"code": error.code, "message": error.message, "next": error.next, "detail": error.detail}
         except LitheError as error:
             body = {"code": "error", "message": str(error), "next": ""}
-        except (ValueError, TypeError, KeyError) as error:
-            body = {"code": "usage", "message": f"bad request: {error}", "next": "see docs/reference/gateway.md"}
+        except (ValueError, TypeError, KeyError, ArithmeticError, RecursionError) as error:
+            body = {
+                "code": "usage",
+                "message": f"bad request: {error}",
+                "next": "verbs and arguments: brain/lithe/gateway.py, top",
+            }
         return {"id": request.get("id") if isinstance(request, dict) else None, "ok": False, "error": body}
 
     def _call(self, verb: str, args: dict[str, Any]) -> Any:

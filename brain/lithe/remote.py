@@ -25,11 +25,11 @@ class Remote:
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         sock.sendall(json.dumps({"token": token}).encode() + b"\n")
         self._lines = LineSocket(sock)
-        answer = json.loads(self._lines.read_line() or b"{}")
-        if not answer.get("ok"):
+        if b"true" not in self._lines.read_line():
+            self.close()
             raise Refused("token", "the gateway does not accept this token", "read it from the token file")
 
-    def call(self, verb: str, **args: Any) -> Any:
+    def call(self, verb: str, /, **args: Any) -> Any:
         return self._lines.call(verb, args)
 
     def close(self) -> None:

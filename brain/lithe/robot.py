@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from . import place
 from .control import connect_control, find_robot
+from .errors import LitheError
 from .shm import BrainWriter, SpineView
 
 
@@ -64,7 +65,10 @@ class Params:
         return self._robot.call("set_params", values=values)
 
     def __getitem__(self, name: str) -> float:
-        return self.get()[name]["value"]
+        params = self.get()
+        if name not in params:
+            raise LitheError(f"the running law has no parameter '{name}'\n  next: one of {', '.join(params)}")
+        return params[name]["value"]
 
     def __setitem__(self, name: str, value: float) -> None:
         self.set(**{name: value})
@@ -76,8 +80,12 @@ class Robot:
     def __init__(self, name: str, writes_plans: bool = True) -> None:
         self.name = name
         self._control = connect_control(name)
-        self.spine = SpineView(name)
-        self._writer = BrainWriter(name) if writes_plans else None
+        try:
+            self.spine = SpineView(name)
+            self._writer = BrainWriter(name) if writes_plans else None
+        except LitheError:
+            self._control.close()
+            raise
         self._plan_id = time.monotonic_ns()  # grows from run to run too
         self.telemetry = Telemetry(self.spine)
         self.params = Params(self)
@@ -100,7 +108,7 @@ class Robot:
         Spine chooses. streaming: more will follow, so the last waypoint is passed and not stopped at.
         """
         if self._writer is None:
-            raise ValueError("this connection only looks: connect with writes_plans=True")
+            raise LitheError("this connection only looks\n  next: lithe.connect(writes_plans=True)")
         self._plan_id += 1
         position = np.asarray(position_rad, dtype=np.float64)
         velocity = None if velocity_rad_s is None else np.asarray(velocity_rad_s, dtype=np.float64)
@@ -130,7 +138,10 @@ class Robot:
         text = str(law)
         if isinstance(law, Path) or (text.endswith(".cpp") and "\n" not in text):
             name = name or Path(text).name
-            text = Path(text).read_text(encoding="utf-8")
+            try:
+                text = Path(text).read_text(encoding="utf-8")
+            except OSError as error:
+                raise LitheError(f"cannot read the law {text}: {error.strerror}") from None
         args: dict[str, Any] = {"source": text, "name": name or "law.cpp", "params": params or {}}
         result: dict[str, Any] = self.call("swap", **args)
         return result
@@ -140,7 +151,7 @@ class Robot:
         return self.call("rollback")
 
     # ---- verbs
-    def call(self, verb: str, **args: Any) -> Any:
+    def call(self, verb: str, /, **args: Any) -> Any:
         """Any verb of the control socket."""
         return self._control.call(verb, args)
 

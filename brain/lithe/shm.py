@@ -355,5 +355,7 @@ class BrainWriter:
         shim().lithe_store(self.mapping.item("estop")[1], int(pressed))
 
     def close(self) -> None:
-        """Gives the lease back."""
-        os.close(self._lock)
+        """Gives the lease back; once is enough, twice does no harm."""
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The TCP gateway: who gets in, what a bad request gets, and that an agent can do all that the Brain can."""
+
+import json
+import socket
+import stat
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import lithe
+import pytest
+from lithe.gateway import MOST_REQUEST_BYTES, Gateway, encode, write_token
+from lithe.remote import Remote
+from system.house import ROOT
+
+
+@pytest.fixture
+def gateway(robot: lithe.Robot) -> Iterator[Gateway]:
+    server = Gateway(robot, {"add": lambda args: args["a"] + args["b"]}, token="sesame")
+    server.start()
+    yield server
+    server.close()
+
+
+@pytest.fixture
+def remote(gateway: Gateway) -> Iterator[Remote]:
+    client = Remote("127.0.0.1", gateway.port, "sesame")
+    yield client
+    client.close()
+
+
+def lines(gateway: Gateway, *sent: bytes) -> list[dict[str, Any]]:
+    """Raw lines in, raw answers out, until the gateway hangs up."""
+    with socket.create_connection(("127.0.0.1", gateway.port), 30) as link:
+        try:
+            link.sendall(b"".join(sent))
+            link.shutdown(socket.SHUT_WR)
+        except OSError:
+            pass  # it hung up on us, as it should: the answer is there to read
+        with link.makefile("rb") as file:
+            return [json.loads(line) for line in file]
+
+
+def ask(gateway: Gateway, request: bytes) -> dict[str, Any]:
+    return lines(gateway, b'{"token": "sesame"}\n', request + b"\n")[1]
+
+
+def test_the_token_file_is_for_its_owner_alone(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "token"
+    first, second = write_token(path), write_token(path)
+    assert first != second and path.read_text().strip() == second
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+
+
+@pytest.mark.parametrize(
+    "hello", [b'{"token": "guess"}\n', b"{}\n", b"[1]\n", b"\xff\xfe\n", b"\n", b'{"token": "\xc3\xa9"}\n']
+)
+def test_without_the_token_nothing_is_answered_but_no(gateway: Gateway, hello: bytes) -> None:
+    answers = lines(gateway, hello, b'{"id": 1, "verb": "estop"}\n')
+    assert [answer["ok"] for answer in answers] == [False]
+    assert gateway.robot.status()["mode"] == "active"
+
+
+def test_a_wrong_token_is_one_of_our_errors(gateway: Gateway) -> None:
+    with pytest.raises(lithe.Refused, match="token"):
+        Remote("127.0.0.1", gateway.port, "guess")
+
+
+def test_no_gateway_says_how_to_start_one() -> None:
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        with pytest.raises(lithe.NotRunning, match=r"python -m lithe\.gateway"):
+            Remote("127.0.0.1", unused.getsockname()[1], "sesame", timeout_s=5)
+
+
+@pytest.mark.parametrize(
+    ("request_line", "code"),
+    [
+        (b"not json", "usage"),
+        (b"[]", "usage"),
+        (b'{"id": 1, "verb": "history", "args": 3}', "usage"),
+        (b'{"id": 1, "verb": "history", "args": {"seconds": "long"}}', "usage"),
+        (b'{"id": 1, "verb": "publish", "args": {}}', "usage"),
+        (b'{"id": 1, "verb": "publish", "args": {"t_ns": [1e400], "position_rad": [0]}}', "usage"),
+        (b'{"id": 1, "verb": "latest", "args": {"fields": ["nonsense"]}}', "unknown_field"),
+        (b'{"id": 1, "verb": "fly"}', "unknown_verb"),
+        (b'{"id": 1, "verb": "call", "args": {"verb": "x"}}', "unknown_verb"),
+        (b'{"id": 1, "verb": "set_params", "args": {"verb": "estop", "self": 1}}', "usage"),
+        (b"[" * 100_000, "usage"),
+        (b"\xff\xfe", "usage"),
+    ],
+    ids=lambda value: value[:60].decode(errors="replace") if isinstance(value, bytes) else value,
+)
+def test_a_bad_request_gets_a_reason_and_the_robot_runs_on(gateway: Gateway, request_line: bytes, code: str) -> None:
+    answer = ask(gateway, request_line)
+    assert answer["ok"] is False and answer["error"]["code"] == code, answer
+    assert answer["error"]["message"]
+    assert gateway.robot.status()["mode"] == "active"
+
+
+def test_what_json_cannot_say_becomes_null() -> None:
+    assert encode({"result": [1.0, float("nan"), {"x": float("inf")}]}) == b'{"result": [1.0, null, {"x": null}]}\n'
+
+
+def test_an_endless_line_is_cut_off(gateway: Gateway) -> None:
+    answer = ask(gateway, b'{"id": 1, "verb": "' + b"x" * (MOST_REQUEST_BYTES + 100))
+    assert answer["error"]["code"] == "too_large"
+
+
+def test_every_request_is_answered_in_turn_with_its_id(gateway: Gateway) -> None:
+    requests = [json.dumps({"id": i, "verb": "add", "args": {"a": i, "b": 1}}).encode() + b"\n" for i in range(20)]
+    answers = lines(gateway, b'{"token": "sesame"}\n', *requests)[1:]
+    assert [(answer["id"], answer["result"]) for answer in answers] == [(i, i + 1) for i in range(20)]
+
+
+def test_describe_tells_what_an_agent_must_know(remote: Remote) -> None:
+    about = remote.call("describe")
+    assert about["robot"] == "arm" and about["rate_hz"] == 1000.0
+    assert about["joints"][0]["name"] == "shoulder" and about["joints"][0]["torque_max_nm"] == 0.6
+
+
+def test_history_goes_on_where_the_last_answer_ended(remote: Remote) -> None:
+    first = remote.call("history", seconds=1.0, fields=["tick", "position_rad"])
+    time.sleep(0.3)
+    more = remote.call("history", seconds=4.0, since_tick=first["tick"][-1], fields=["tick"])
+    assert more["tick"][0] == first["tick"][-1] + 1
+    assert len(first["position_rad"][0]) == 1
+    thin = remote.call("history", seconds=1.0, every=10, fields=["tick"])
+    assert thin["tick"][1] - thin["tick"][0] == 10
+
+
+def test_an_agent_publishes_swaps_and_tunes(remote: Remote) -> None:
+    assert remote.call("swap", source=(ROOT / "laws/pd.cpp").read_text(), name="pd.cpp")["law"] == "pd"
+    remote.call("set_params", values={"kp_nm_rad": 2.5})
+    assert {entry["name"]: entry["value"] for entry in remote.call("params")["params"]}["kp_nm_rad"] == 2.5
+    plan_id = remote.call("publish", t_ns=[time.monotonic_ns() + 500_000_000], position_rad=[0.1])["plan_id"]
+    until = time.monotonic() + 10
+    while remote.call("latest", fields=["plan_id"])["plan_id"] != plan_id and time.monotonic() < until:
+        time.sleep(0.02)
+    assert remote.call("latest", fields=["plan_id"])["plan_id"] == plan_id
+
+
+def test_a_compile_error_reaches_the_agent_with_its_line(remote: Remote) -> None:
+    with pytest.raises(lithe.Refused) as caught:
+        remote.call("swap", source="#include <lithe/law.hpp>\nint broken(\n", name="broken.cpp")
+    assert "broken.cpp" in str(caught.value.detail)
+
+
+def test_many_agents_at_once_are_all_served(gateway: Gateway) -> None:
+    def work(number: int) -> int:
+        client = Remote("127.0.0.1", gateway.port, "sesame")
+        for _ in range(10):
+            client.call("latest", fields=["tick", "position_rad"])
+            client.call("history", seconds=0.05)
+        client.close()
+        return number
+
+    with ThreadPoolExecutor(8) as pool:
+        assert sorted(pool.map(work, range(8))) == list(range(8))

@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""lithe.connect() against a real Spine: telemetry, plans, laws, parameters, verbs."""
+
+import os
+import time
+import warnings
+from pathlib import Path
+
+import lithe
+import numpy as np
+import pytest
+from lithe._wire import PlanState
+from system.house import ROOT, House
+
+LAWS = ROOT / "laws"
+
+
+def follow(robot: lithe.Robot, angle_rad: float, seconds: float = 1.5) -> float:
+    """Goes there and tells where the arm is then."""
+    robot.go_to([angle_rad], in_s=0.7)
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        robot.beat()
+        time.sleep(0.05)
+    record = robot.telemetry.latest()
+    assert record is not None
+    return float(record["position_rad"][0])
+
+
+def test_connect_pins_the_brain_to_its_core(robot: lithe.Robot, house: House) -> None:
+    cores = os.sched_getaffinity(0)
+    robot.close()
+    try:
+        with pytest.warns() if not os.environ.get("OPENBLAS_NUM_THREADS") else pytest.MonkeyPatch.context():
+            again = lithe.connect()
+        info = again.spine.info
+        if int(info["cpu_brain"]) != int(info["cpu_spine"]):
+            assert os.sched_getaffinity(0) == {int(info["cpu_brain"])}
+        again.close()
+    finally:
+        os.sched_setaffinity(0, cores)
+
+
+def test_a_second_brain_is_refused_and_a_third_after_the_first_has_left(robot: lithe.Robot) -> None:
+    with pytest.raises(lithe.ShmError, match="already has a Brain"):
+        lithe.Robot("arm")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # numpy came before lithe in this process
+        looker = lithe.Robot("arm", writes_plans=False)
+    assert looker.status()["robot"] == "arm"
+    with pytest.raises(lithe.LitheError, match="only looks"):
+        looker.publish([time.monotonic_ns()], [0.0])
+    looker.close()
+
+
+def test_drain_gives_every_tick_once_and_in_order(robot: lithe.Robot) -> None:
+    robot.telemetry.drain()
+    time.sleep(0.3)
+    first = robot.telemetry.drain()
+    time.sleep(0.3)
+    ticks = np.concatenate([first["tick"], robot.telemetry.drain()["tick"]]).astype(np.int64)
+    assert len(ticks) > 50 and robot.telemetry.lost == 0
+    assert np.array_equal(ticks, np.arange(ticks[0], ticks[0] + len(ticks)))
+
+
+def test_history_reaches_back_and_repeats(robot: lithe.Robot) -> None:
+    time.sleep(0.5)
+    half = robot.telemetry.history(0.5)
+    assert 0.3e9 < half["release_ns"][-1] - half["release_ns"][0] < 0.6e9
+    assert len(robot.telemetry.history(0.5)) > 100
+    assert len(robot.telemetry.history(0.0)) == 0
+
+
+def test_a_plan_moves_the_arm(robot: lithe.Robot) -> None:
+    robot.swap(LAWS / "gravity_pd.cpp", params={"mgl_nm": 0.165})
+    assert follow(robot, 0.6) == pytest.approx(0.6, abs=0.05)
+    assert follow(robot, 0.0) == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_horizon_of_waypoints_is_tracked_and_then_coasts_to_a_hold(robot: lithe.Robot) -> None:
+    now_ns = time.monotonic_ns()
+    times_ns = now_ns + np.arange(1, 11, dtype=np.int64) * 50_000_000
+    plan_id = robot.publish(times_ns, 0.3 * np.sin(np.linspace(0.1, 1.0, 10)))
+    time.sleep(0.25)
+    record = robot.telemetry.latest()
+    assert record is not None
+    assert int(record["plan_id"]) == plan_id and int(record["plan_state"]) == PlanState.track
+    until = time.monotonic() + 20
+    while int(record["plan_state"]) != PlanState.hold and time.monotonic() < until:
+        time.sleep(0.05)
+        record = robot.telemetry.latest()
+        assert record is not None
+    assert int(record["plan_state"]) == PlanState.hold
+
+
+@pytest.mark.parametrize(
+    ("times_s", "angles"),
+    [([0.1, 0.05], [0.0, 0.1]), ([0.1, 0.2], [0.0, float("nan")]), ([0.1], [99.0]), ([3600.0], [0.0])],
+    ids=["time goes backwards", "NaN", "beyond the limits", "too far ahead"],
+)
+def test_a_bad_plan_is_refused_and_the_old_one_kept(
+    robot: lithe.Robot, times_s: list[float], angles: list[float]
+) -> None:
+    good = robot.go_to([0.2], in_s=1.0)
+    time.sleep(0.2)
+    cursor = int(robot.events()["cursor"])
+    robot.publish(time.monotonic_ns() + np.array(times_s) * 1e9, angles)
+    kinds: list[str] = []
+    until = time.monotonic() + 5
+    while "plan_refused" not in kinds and time.monotonic() < until:
+        time.sleep(0.02)
+        kinds = [event["kind"] for event in robot.events(cursor)["events"]]
+    assert "plan_refused" in kinds
+    record = robot.telemetry.latest()
+    assert record is not None and int(record["plan_id"]) == good
+
+
+@pytest.mark.parametrize(
+    ("times", "angles", "words"),
+    [([], [], "1 to 16 waypoints"), (range(17), range(17), "1 to 16 waypoints"), ([1, 2], [0.0], "times")],
+)
+def test_a_plan_of_the_wrong_shape_never_leaves_the_brain(
+    robot: lithe.Robot, times: list[int], angles: list[float], words: str
+) -> None:
+    with pytest.raises(lithe.LitheError, match=words):
+        robot.publish(np.array(list(times), dtype=np.int64), np.array(list(angles), dtype=float))
+
+
+def test_swap_takes_text_or_file_and_tells_what_happened(robot: lithe.Robot) -> None:
+    record = robot.swap((LAWS / "hold.cpp").read_text(), name="held.cpp")
+    assert record["law"] == "hold" and record["commit_tick"] > 0
+    assert robot.status()["law"] == "hold"
+    assert robot.swap(str(LAWS / "pd.cpp"))["law"] == "pd"
+    robot.rollback()
+    assert robot.status()["law"] == "hold"
+
+
+def test_a_law_that_does_not_compile_is_refused_with_its_line(robot: lithe.Robot) -> None:
+    before = robot.status()["law_id"]
+    with pytest.raises(lithe.Refused) as caught:
+        robot.swap('#include <lithe/law.hpp>\nstruct X { int y = "no"; };\n', name="x.cpp")
+    assert "2" in str(caught.value.detail) and "x.cpp" in str(caught.value.detail)
+    assert robot.status()["law_id"] == before
+
+
+def test_a_missing_law_file_is_one_of_our_errors(robot: lithe.Robot, tmp_path: Path) -> None:
+    with pytest.raises(lithe.LitheError, match=r"none\.cpp"):
+        robot.swap(tmp_path / "none.cpp")
+
+
+def test_parameters_are_read_set_and_kept_in_range(robot: lithe.Robot) -> None:
+    robot.swap(LAWS / "pd.cpp")
+    robot.params["kp_nm_rad"] = 3.0
+    assert robot.params["kp_nm_rad"] == 3.0
+    robot.params.set(kp_nm_rad=4.0, kd_nm_s_rad=0.2)
+    assert robot.params["kd_nm_s_rad"] == 0.2
+    with pytest.raises(lithe.Refused):
+        robot.params["kp_nm_rad"] = -1.0
+    with pytest.raises(lithe.Refused):
+        robot.params["no_such_thing"] = 1.0
+    with pytest.raises(lithe.LitheError, match="kp_nm_rad"):
+        robot.params["kp"]
+    assert robot.params["kp_nm_rad"] == 4.0
+
+
+def test_the_verbs_change_the_mode(robot: lithe.Robot) -> None:
+    robot.hold()
+    assert robot.status()["mode"] == "hold"
+    robot.disarm()
+    assert robot.status()["mode"] == "disarmed"
+    robot.arm()
+    assert robot.status()["mode"] == "active"
+
+
+def test_estop_acts_through_shared_memory_and_reset_lifts_it(robot: lithe.Robot) -> None:
+    robot.estop()
+    until = time.monotonic() + 10
+    while robot.status()["mode"] != "estop" and time.monotonic() < until:
+        time.sleep(0.02)
+    with pytest.raises(lithe.Refused) as caught:
+        robot.arm()
+    assert caught.value.code == "refused_estop"
+    robot.reset()
+    assert robot.status()["mode"] == "disarmed"
+    robot.arm()
+
+
+def test_an_unknown_robot_is_named(house: House) -> None:
+    with pytest.raises(lithe.NotRunning, match="leg"):
+        lithe.connect("leg")
