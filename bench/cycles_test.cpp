@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+// The bench must not flatter: a release at which nothing ran counts, and only the hypervisor is excused.
+#include "bench/cycles.hpp"
+
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <vector>
+
+#include "bench/samples.hpp"
+
+namespace lithe::bench {
+namespace {
+
+TEST(Cycles, SkippedReleasesCountAsLateByAllTheTimeUntilTheNextTick) {
+  auto memory = std::make_unique<loop::ClockMemory>();
+  loop::start_clock(*memory);
+  loop::SteeredClock clock(*memory);
+  constexpr std::int64_t kPeriodNs = kNsPerMs;
+  std::vector<Cycle> cycles;
+  int bodies = 0;
+  run_block(clock, kPeriodNs, 500'000, 20 * kPeriodNs, cycles,
+            [&](std::int64_t release_ns, std::int64_t, std::uint32_t, Cycle&, Cycle*) {
+              if (++bodies == 3) loop::wait_spinning(clock.raw(), release_ns + 5 * kPeriodNs + kPeriodNs / 2);
+            });
+  EXPECT_GE(cycles.size(), 20u) << "every release of the block has a cycle, whether a tick ran or not";
+  EXPECT_LE(bodies + 4, static_cast<int>(cycles.size())) << "the stall of 5.5 periods swallows at least four releases";
+  int late_by_periods = 0;
+  for (const Cycle& cycle : cycles) late_by_periods += cycle.late_ns >= kPeriodNs ? 1 : 0;
+  EXPECT_GE(late_by_periods, 4);
+}
+
+TEST(Cycles, OnlyTimeTakenWithoutASwitchIsTheHypervisors) {
+  Cycle cycle;
+  cycle.late_ns = 50'000;
+  cycle.stolen_ns = 40'000;
+  EXPECT_TRUE(cycle.stolen());
+  cycle.switches = 1;
+  EXPECT_FALSE(cycle.stolen()) << "another thread of this machine ran: that is ours to answer for";
+  cycle.switches = 0;
+  cycle.stolen_ns = 20'000;
+  EXPECT_FALSE(cycle.stolen()) << "less than half of the lateness is explained";
+  cycle.late_ns = 0;
+  cycle.stolen_ns = 4'000;
+  EXPECT_FALSE(cycle.stolen()) << "within the noise of the clocks";
+}
+
+TEST(Cycles, StealAwareFiguresLeaveOutWhatWasStolenAndRawOnesDoNot) {
+  Cycle clean;
+  clean.late_ns = 10;
+  Cycle stolen;
+  stolen.late_ns = 1'000'000;
+  stolen.stolen_ns = 1'000'000;
+  const std::vector<Cycle> cycles{clean, stolen};
+  EXPECT_EQ(figure_ns(cycles, &Cycle::late_ns, true), std::vector<std::int64_t>{10});
+  EXPECT_EQ(figure_ns(cycles, &Cycle::late_ns, false).size(), 2u);
+  EXPECT_TRUE(figure_ns(cycles, &Cycle::cost_ns, false).empty()) << "a cycle without the figure is not a zero";
+}
+
+TEST(Samples, QuantilesAreValuesThatWereMeasured) {
+  std::vector<std::int64_t> samples_ns;
+  for (std::int64_t i = 1; i <= 1000; ++i) samples_ns.push_back(1001 - i);
+  EXPECT_EQ(quantile_ns(samples_ns, 0.5), 500);
+  EXPECT_EQ(quantile_ns(samples_ns, 0.999), 999);
+  EXPECT_EQ(quantile_ns(samples_ns, 1.0), 1000);
+  EXPECT_EQ(quantile_ns({}, 0.5), 0);
+}
+
+}  // namespace
+}  // namespace lithe::bench
