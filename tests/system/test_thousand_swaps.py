@@ -28,10 +28,11 @@ def losses(records: np.ndarray, commits: np.ndarray) -> tuple[int, int, int, int
     return int(skipped[near].sum()), int(near.sum()), int(skipped[~near].sum()), int((~near).sum())
 
 
-def test_a_thousand_swaps_lose_no_tick_and_bound_every_step() -> None:
+def test_a_thousand_swaps_lose_no_tick_and_bound_every_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """All commit; losses near a swap are no more frequent than elsewhere; no torque step beats the slew bound."""
     if not (BIN / "lithe-spine").exists():
         pytest.skip(f"no binaries in {BIN}: make, or set LITHE_BIN_DIR")
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")  # numpy is here already; connect() would warn of its threads
     with calm_robot(), lithe.connect("arm") as robot:
         sources = [(ROOT / f"laws/{name}.cpp").read_text() for name in LAWS]
         for name, source in zip(LAWS, sources, strict=True):  # compiled once; from here on the cache answers
