@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The figures are drawn, whatever the recording holds."""
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import synthetic
+from lithe.demo import figures, judge
+
+
+def still(records: npt.NDArray[np.void]) -> None:
+    records["release_jitter_ns"] = 0
+    records["handoff_ns"] = 0
+
+
+def terrible(records: npt.NDArray[np.void]) -> None:
+    records["release_jitter_ns"][::100] = 4_000_000_000
+
+
+@pytest.mark.parametrize("change", [lambda _: None, still, terrible], ids=["plain", "no spread", "seconds late"])
+def test_both_figures_are_drawn(tmp_path: Path, change: object) -> None:
+    made, told = synthetic.records(), synthetic.story()
+    assert callable(change)
+    change(made)
+    figures.draw(made, told, judge.summarise(made, told, 0.165, synthetic.robot_info(), 0), tmp_path)
+    for name in ("timing.png", "timeline.png"):
+        data = (tmp_path / name).read_bytes()
+        assert data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) > 10_000
