@@ -52,7 +52,7 @@ def test_a_thousand_swaps_lose_no_tick_and_bound_every_step(monkeypatch: pytest.
     lost_in, ticks_in, lost_out, ticks_out = losses(records, np.array(commits, dtype=np.int64))
     expected = lost_out / ticks_out * ticks_in
     print(f"\n{len(set(commits))} swaps committed, {len(np.unique(records['law_id']))} laws ran")
-    print(f"lost ticks within {WINDOW_TICKS} ticks of a swap: {lost_in} of {ticks_in}; elsewhere: {lost_out} of {ticks_out}")
+    print(f"lost ticks within {WINDOW_TICKS} ticks of a swap: {lost_in} of {ticks_in}; else {lost_out} of {ticks_out}")
     print(f"largest torque step {steps_nm.max():.4f} N m, slew bound {bound_nm:.4f} N m")
 
     assert len(set(commits)) == SWAPS
