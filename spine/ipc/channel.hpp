@@ -28,10 +28,14 @@ class ChannelWriter {
   explicit ChannelWriter(ChannelMemory<T>& memory) : memory_(&memory) {}
 
   // A restarted writer goes on from `latest`: a slot its predecessor left odd is simply written over in its turn, and
-  // the number of a value that was finished but not announced is passed over, because a reader may already have it.
+  // a value that was finished but not announced, which a reader may already have, is announced first. So no record is
+  // ever more than one ahead of `latest`, however many writers die (resume() below counts on it).
   void write(const T& value) LITHE_RT {
     std::uint64_t count = load_word(memory_->latest, std::memory_order_relaxed) + 1;
-    if (load_word(memory_->slots[count & 3].record.sequence, std::memory_order_relaxed) == 2 * count) ++count;
+    // acquire: the predecessor's value comes before our announcement of it.
+    if (load_word(memory_->slots[count & 3].record.sequence, std::memory_order_acquire) == 2 * count) {
+      store_word(memory_->latest, count++, std::memory_order_release);
+    }
     memory_->slots[count & 3].record.write(count, value, kAll);
     // release, with the acquire load in read(): the record's even sequence is visible before its number.
     store_word(memory_->latest, count, std::memory_order_release);

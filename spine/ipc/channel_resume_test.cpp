@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "spine/ipc/channel.hpp"
+#include "spine/ipc/halfway.hpp"
 
 namespace lithe::ipc {
 namespace {
@@ -36,6 +37,28 @@ TEST(ChannelResume, NewWriterPassesOverANumberThatAReaderMayHave) {
   ChannelWriter<Pair>(*memory).write({2, 2});
   ASSERT_TRUE(reader.read(value)) << "the first value of the new writer was taken for the last of the old one";
   EXPECT_EQ(value.a, 2u);
+}
+
+TEST(ChannelResume, NewWriterAnnouncesItsPredecessorsValueBeforeItWritesItsOwn) {
+  auto memory = std::make_unique<Memory>();
+  ChannelReader<Pair> reader(*memory);
+  ChannelWriter<Pair>(*memory).write({1, 1});
+  ChannelWriter<Pair>(*memory).write({2, 2});
+  memory->latest = 1;
+  Pair value{};
+  ASSERT_TRUE(reader.read(value));
+  ASSERT_TRUE(reader.read(value));
+  EXPECT_EQ(value.a, 2u);
+  test::Halfway<Pair> third(Pair{3, 3});
+  std::uint64_t announced = 0;
+  third.arm([&] { announced = memory->latest; });
+  ChannelWriter<Pair>(*memory).write(*third);
+  ASSERT_TRUE(third.fired());
+  EXPECT_EQ(announced, 2u) << "a reader of value 3 would be two ahead of `latest` and taken back to value 1";
+  ASSERT_TRUE(reader.read(value));
+  EXPECT_EQ(value.a, 3u);
+  memory->latest = 2;  // and this one dies before announcing
+  for (int i = 0; i < 1000; ++i) ASSERT_FALSE(reader.read(value)) << "went back to " << value.a;
 }
 
 TEST(ChannelResume, ReaderThatFellBehindGetsTheNewest) {

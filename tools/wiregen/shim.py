@@ -77,9 +77,12 @@ void lithe_channel_write(void *channel, const void *from, size_t bytes) {
   Word *latest = channel;
   const size_t stride = round_up(8 + bytes, LITHE_LINE);
   uint64_t count = atomic_load_explicit(latest, memory_order_relaxed) + 1;
-  // A predecessor that died between its value and the announcement: a reader may have that value already.
-  const Word *next = (Word *)((char *)channel + LITHE_LINE + (count & 3) * stride);
-  if (atomic_load_explicit(next, memory_order_relaxed) == 2 * count) ++count;
+  // A predecessor died between its value and the announcement: announce it, because a reader may have it already.
+  Word *next = (Word *)((char *)channel + LITHE_LINE + (count & 3) * stride);
+  // acquire: the predecessor's value comes before our announcement of it.
+  if (atomic_load_explicit(next, memory_order_acquire) == 2 * count) {
+    atomic_store_explicit(latest, count++, memory_order_release);
+  }
   write_record((Word *)((char *)channel + LITHE_LINE + (count & 3) * stride), count, from, bytes);
   atomic_store_explicit(latest, count, memory_order_release);
 }
