@@ -54,8 +54,8 @@ void Publisher::event(wire::EventKind kind, std::int64_t now_ns, std::uint32_t c
   event_.code = code;
   event_.value = value;
   event_.text.fill('\0');
-  const std::string_view fits = text.substr(0, event_.text.size() - 1);
-  std::copy(fits.begin(), fits.end(), event_.text.begin());
+  const std::size_t fits = std::min(text.size(), event_.text.size() - 1);  // substr() could throw
+  std::copy_n(text.begin(), fits, event_.text.begin());
   events_.push(event_);
 }
 
