@@ -41,9 +41,9 @@ def constant(name: str) -> str:
 def enum(name: str, values: dict[str, int]) -> list[str]:
     out = [f"enum class {name} : std::uint32_t {{"]
     out += [f"  {key} = {value}," for key, value in values.items()]
-    out += ["};", "", f"// The name of `value`, or \"?\" for a number that is not one of {name}."]
+    out += ["};", "", f'// The name of `value`, or "?" for a number that is not one of {name}.']
     out += [f"constexpr std::string_view to_string({name} value) LITHE_RT {{", "  switch (value) {"]
-    out += [f"    case {name}::{key}:\n      return \"{key}\";" for key in values]
+    out += [f'    case {name}::{key}:\n      return "{key}";' for key in values]
     return out + ["  }", '  return "?";', "}", ""]
 
 
@@ -116,7 +116,7 @@ constexpr WordRanges active_ranges(std::size_t joints);
 def emit(schema: Schema) -> str:
     out = [HEADER]
     out += [f"inline constexpr std::uint32_t kAbiMajor = {schema.abi_major};"]
-    out += [f"inline constexpr std::uint64_t kMagic = 0x{int.from_bytes(b'LITHESHM', 'little'):016x};  // \"LITHESHM\""]
+    out += [f'inline constexpr std::uint64_t kMagic = 0x{int.from_bytes(b"LITHESHM", "little"):016x};  // "LITHESHM"']
     out += [f"inline constexpr std::size_t k{name.capitalize()} = {value};" for name, value in schema.consts.items()]
     out += ['static_assert(kNj == kMaxJoints, "schema/wire.toml NJ and the build option LITHE_NJ must agree");']
     out += ["static_assert(kNbin == kHistogramBins);", ""]
@@ -172,6 +172,10 @@ def emit_fields(schema: Schema) -> str:
         out += ["template <class Visit>", f"void for_each_field({message.name}& message, Visit&& visit) {{"]
         out += [f'  visit("{f.name}", message.{f.name});' for f in message.fields]
         out += ["}", ""]
-    out += ["// visit(\"Telemetry\", Telemetry{}), and so on.", "template <class Visit>", "void for_each_message(Visit&& visit) {"]
+    out += [
+        '// visit("Telemetry", Telemetry{}), and so on.',
+        "template <class Visit>",
+        "void for_each_message(Visit&& visit) {",
+    ]
     out += [f'  visit("{name}", {name}{{}});' for name in schema.messages]
     return FIELDS_HEADER + "\n".join(out) + "\n}\n\n}  // namespace lithe::wire\n"

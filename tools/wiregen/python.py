@@ -25,7 +25,15 @@ CTYPES = {
     "int64": "ctypes.c_int64",
     "float64": "ctypes.c_double",
 }
-FORMATS = {"uint8": "u1", "char": "S", "uint32": "<u4", "int32": "<i4", "uint64": "<u8", "int64": "<i8", "float64": "<f8"}
+FORMATS = {
+    "uint8": "u1",
+    "char": "S",
+    "uint32": "<u4",
+    "int32": "<i4",
+    "uint64": "<u8",
+    "int64": "<i8",
+    "float64": "<f8",
+}
 
 
 def shape(dims: str, consts: dict[str, int]) -> tuple[int, ...]:
@@ -56,7 +64,10 @@ def emit(schema: Schema) -> str:
             kind = CTYPES[f.type] + (f" * {f.count}" if f.dims else "")
             out += [f'        ("{f.name}", {kind}),']
         out += ["    ]", ""]
-    out += ["", "# numpy dtypes as data, so that importing this module needs no numpy: name -> (format, shape), offset."]
+    out += [
+        "",
+        "# numpy dtypes as data, so that importing this module needs no numpy: name -> (format, shape), offset.",
+    ]
     out += ["DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {"]
     for m in schema.messages.values():
         out += [f'    "{m.name}": [']
@@ -69,11 +80,22 @@ def emit(schema: Schema) -> str:
     out += [f'    "{m.name}.{f.name}": "{f.unit}",' for m in schema.messages.values() for f in m.fields if f.unit]
     out += ["}", ""]
     out += ["", "class Item(NamedTuple):", '    """One item of a segment."""', ""]
-    out += ["    kind: str", "    message: str", "    depth: int", "    times: int", "    offset: int", "    stride: int", ""]
+    out += [
+        "    kind: str",
+        "    message: str",
+        "    depth: int",
+        "    times: int",
+        "    offset: int",
+        "    stride: int",
+        "",
+    ]
     out += ["", "SEGMENTS: dict[str, dict[str, Item]] = {"]
     for s in schema.segments.values():
         out += [f'    "{s.name}": {{']
-        out += [f'        "{i.name}": Item("{i.kind}", "{i.message}", {i.depth}, {i.times}, {i.offset}, {i.stride}),' for i in s.items]
+        out += [
+            f'        "{i.name}": Item("{i.kind}", "{i.message}", {i.depth}, {i.times}, {i.offset}, {i.stride}),'
+            for i in s.items
+        ]
         out += ["    },"]
     out += ["}", "SEGMENT_BYTES = {"] + [f'    "{s.name}": {s.size},' for s in schema.segments.values()] + ["}", ""]
     out += ["CANONICAL_SCHEMA = (", *[f'    "{line}\\n"' for line in schema.canonical().splitlines()], ")", ""]

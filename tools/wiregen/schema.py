@@ -31,8 +31,12 @@ UNITS = {
 }
 LINE = 128  # items start on pairs of cache lines: adjacent-line prefetch couples two
 RECORD_ALIGN = 64
-FIELD = re.compile(r"^(?P<type>\w+)(?:\[(?P<count>[\w*]+)\])?\s+(?P<name>\w+)\s*(?:#\s*(?:\[(?P<unit>[^\]]+)\])?\s*(?P<text>.*))?$")
-ITEM = re.compile(r"^(?P<kind>\w+)(?:\s+(?P<message>[A-Z]\w*))?\s+(?P<name>[a-z]\w*)(?:\[(?P<times>\w+)\])?(?:\s+(?P<depth>\d+))?$")
+FIELD = re.compile(
+    r"^(?P<type>\w+)(?:\[(?P<count>[\w*]+)\])?\s+(?P<name>\w+)\s*(?:#\s*(?:\[(?P<unit>[^\]]+)\])?\s*(?P<text>.*))?$"
+)
+ITEM = re.compile(
+    r"^(?P<kind>\w+)(?:\s+(?P<message>[A-Z]\w*))?\s+(?P<name>[a-z]\w*)(?:\[(?P<times>\w+)\])?(?:\s+(?P<depth>\d+))?$"
+)
 ITEM_KINDS = ("channel", "ring", "mailbox", "ack", "word", "plain")
 
 
@@ -231,9 +235,13 @@ class Reader:
                 )
         elif longest:
             unit_of = next(u for u, s in UNITS.items() if s == longest)
-            raise self.fail(line, f"'{name}' ends in '{longest}' but says no unit", f"write `# [{unit_of}] ...`, or rename it")
+            raise self.fail(
+                line, f"'{name}' ends in '{longest}' but says no unit", f"write `# [{unit_of}] ...`, or rename it"
+            )
         elif kind == "float64" and not unit:
-            raise self.fail(line, f"'{name}' is a float64 without a unit", "write `# [unit] ...`, [1] for a pure number")
+            raise self.fail(
+                line, f"'{name}' is a float64 without a unit", "write `# [unit] ...`, [1] for a pure number"
+            )
 
     def count(self, line: str, dims: str) -> int:
         product = 1
@@ -251,12 +259,18 @@ class Reader:
     def segment(self, name: str, body: dict[str, str], messages: dict[str, Message], header: int) -> Segment:
         segment = Segment(name, body.get("writer", ""))
         if not segment.writer:
-            raise self.fail(f"segment.{name}", f"segment {name} has no writer", 'say `writer = "..."`: exactly one process')
+            raise self.fail(
+                f"segment.{name}", f"segment {name} has no writer", 'say `writer = "..."`: exactly one process'
+            )
         offset = header
         for line in self.body(f"segment.{name}", "items", body.get("items", "")):
             match = ITEM.match(line.strip())
             if not match or match["kind"] not in ITEM_KINDS:
-                raise self.fail(line, f"not an item of segment {name}", f"write `kind Message name [depth]`, kind one of {', '.join(ITEM_KINDS)}")
+                raise self.fail(
+                    line,
+                    f"not an item of segment {name}",
+                    f"write `kind Message name [depth]`, kind one of {', '.join(ITEM_KINDS)}",
+                )
             kind, message = match["kind"], match["message"] or ""
             if kind != "word" and message not in messages:
                 raise self.fail(line, f"unknown message '{message}'", f"use one of {', '.join(messages)}")
@@ -264,7 +278,9 @@ class Reader:
             if any(match["name"] == other.name for other in segment.items):
                 raise self.fail(line, f"{name}/{match['name']} is there twice", "rename one of them")
             if kind in ("ring", "mailbox", "ack") and (depth < 2 or depth & (depth - 1)):
-                raise self.fail(line, f"depth {depth} is not a power of two", f"write e.g. `{line.strip().rsplit(' ', 1)[0]} 16`")
+                raise self.fail(
+                    line, f"depth {depth} is not a power of two", f"write e.g. `{line.strip().rsplit(' ', 1)[0]} 16`"
+                )
             item = Item(kind, message, match["name"], depth, self.count(line, match["times"] or ""))
             item.offset = offset
             item.stride = align(item_bytes(kind, messages[message].size if message else 8, depth), LINE)
