@@ -61,8 +61,10 @@ def peer(monkeypatch: pytest.MonkeyPatch) -> Iterator[Peer]:
     monkeypatch.setenv("LITHE_SHM_PREFIX", own_prefix())
     process = Peer()
     yield process
-    process.close()
-    remove(ROBOT)
+    try:
+        process.close()
+    finally:
+        remove(ROBOT)
 
 
 def noise(message: str, seed: int) -> bytes:
