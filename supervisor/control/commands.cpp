@@ -27,8 +27,9 @@ swap::Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Tel
       return {code, fmt::format("cannot {} in mode {}", verb, mode), "arm first: lithe arm"};
     case CommandResult::refused_estop:
       return {code, fmt::format("cannot {}: the e-stop is pressed", verb),
-              kind == CommandKind::reset ? "release the Brain's e-stop (Robot.release_estop), then reset again"
-                                         : "when it is safe: lithe reset, then lithe arm"};
+              kind == CommandKind::reset
+                  ? "a Brain holds it: reset from there (robot.reset()), or end that Brain and reset again"
+                  : "when it is safe: lithe reset, then lithe arm"};
     case CommandResult::refused_fault:
       return {code, fmt::format("cannot {}: fault {} is latched", verb, fault), "find the cause, then: lithe reset"};
     case CommandResult::refused_law:

@@ -150,7 +150,7 @@ void LawdLink::take(const std::string& line) {
   }
 }
 
-void LawdLink::buried(const std::string& why, std::int64_t now_ns) {
+void LawdLink::buried(std::string why, std::int64_t now_ns) {
   spdlog::error("compile service is gone: {}", why);
   process_.reset();
   socket_.reset();

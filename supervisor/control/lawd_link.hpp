@@ -50,7 +50,7 @@ class LawdLink {
   void read_answers();
   void write_requests();
   void take(const std::string& line);
-  void buried(const std::string& why, std::int64_t now_ns);
+  void buried(std::string why, std::int64_t now_ns);  // by value: it may be the dead process's own verdict
 
   std::string program_;
   std::vector<int> cpus_;
