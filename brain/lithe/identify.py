@@ -20,6 +20,10 @@ import numpy.typing as npt
 
 Vector = npt.NDArray[np.float64]
 
+OVERLAP = 5  # windows that share a moment
+SLOPE_S = 0.008
+LONGEST_GAP_S = 0.02  # ticks that a busy machine skips; the arm moves smoothly through such a gap
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -29,6 +33,11 @@ class Motion:
     position_rad: Vector
     velocity_rad_s: Vector
     torque_nm: Vector
+
+    def without_repeats(self) -> Motion:
+        """Without the samples that a late bus left as they were a tick before."""
+        new = np.concatenate(([True], np.diff(self.t_s) > 0))
+        return Motion(self.t_s[new], self.position_rad[new], self.velocity_rad_s[new], self.torque_nm[new])
 
 
 @dataclass(frozen=True)
@@ -49,63 +58,68 @@ def _running_integral(values: Vector, t_s: Vector) -> Vector:
     return np.concatenate(([0.0], np.cumsum((values[1:] + values[:-1]) / 2 * np.diff(t_s))))
 
 
-def _velocity(motion: Motion, half: int) -> Vector:
-    """Slope of the angle over 2 half + 1 samples, without the delay of the drive's own filter; NaN at both ends."""
-    lever = np.arange(half, -half - 1, -1, dtype=np.float64)
-    step_s = float(np.median(np.diff(motion.t_s)))
-    slope = np.full(len(motion.t_s), np.nan)
-    slope[half:-half] = np.convolve(motion.position_rad, lever, "valid") / (step_s * float(lever @ lever))
+def _velocity(motion: Motion) -> Vector:
+    """Slope of the angle over the samples within SLOPE_S of each one, so without the delay of the drive's own filter.
+
+    NaN where there are too few of them: at both ends, and beside gaps.
+    """
+    t, q = motion.t_s, motion.position_rad
+    first = np.searchsorted(t, t - SLOPE_S)
+    after = np.searchsorted(t, t + SLOPE_S, side="right")
+    count = after - first
+
+    def total(values: Vector) -> Vector:
+        sums: Vector = np.concatenate(([0.0], np.cumsum(values)))
+        return np.asarray(sums[after] - sums[first])
+
+    spread = count * total(t * t) - total(t) ** 2
+    enough = (count >= 7) & (t - SLOPE_S >= t[0]) & (t + SLOPE_S <= t[-1]) & (spread > 0)
+    slope = np.full(len(t), np.nan)
+    slope[enough] = ((count * total(t * q) - total(t) * total(q))[enough]) / spread[enough]
     return slope
 
 
-def _rows(motion: Motion, length: int, stride: int, moving_rad_s: float) -> tuple[list[list[float]], list[float]]:
+def _rows(motion: Motion, window_s: float, moving_rad_s: float) -> tuple[list[list[float]], list[float]]:
     t, q = motion.t_s, motion.position_rad
-    half = 8
-    if len(t) < length + 2 * half + 2:
-        return [], []
-    v = _velocity(motion, half)
+    v = _velocity(motion)
     sine = _running_integral(np.sin(q), t)
     impulse = _running_integral(motion.torque_nm, t)
-    longest_step_s = 3 * float(np.median(np.diff(t)))
     rows, impulses = [], []
-    for a in range(half, len(t) - length - half, stride):
-        b = a + length
+    for start_s in np.arange(t[0], t[-1] - window_s, window_s / OVERLAP):
+        a, b = np.searchsorted(t, [start_s, start_s + window_s])
         sign = np.sign(v[a])
-        if np.min(sign * v[a : b + 1]) < moving_rad_s or np.max(np.diff(t[a - half : b + half + 1])) > longest_step_s:
+        if not np.min(sign * v[a : b + 1]) > moving_rad_s or np.max(np.diff(t[a : b + 1])) > LONGEST_GAP_S:
             continue  # friction without a known sign, or a gap in the record
         rows.append([v[b] - v[a], sine[b] - sine[a], q[b] - q[a], sign * (t[b] - t[a])])
         impulses.append(impulse[b] - impulse[a])
     return rows, impulses
 
 
-def _least_squares(a: npt.NDArray[np.float64], y: Vector, overlap: int) -> tuple[Vector, Vector]:
-    """Estimates and standard errors; windows that overlap `overlap`-fold count as that many fewer."""
+def _least_squares(a: npt.NDArray[np.float64], y: Vector) -> tuple[Vector, Vector]:
+    """Estimates and standard errors; windows that overlap n-fold count as n times fewer."""
     solution, _, rank, _ = np.linalg.lstsq(a, y, rcond=None)
     if rank < a.shape[1]:
         raise ValueError("the motion does not tell the parameters apart: excite the arm more")
     residual = y - a @ solution
-    independent = max(1.0, len(y) / overlap - a.shape[1])
-    variance = float(residual @ residual) / overlap / independent
-    errors: Vector = np.sqrt(np.diag(np.linalg.inv(a.T @ a)) * variance * overlap)
+    variance = float(residual @ residual) / max(1.0, len(y) / OVERLAP - a.shape[1])
+    errors: Vector = np.sqrt(np.diag(np.linalg.inv(a.T @ a)) * variance)
     return np.asarray(solution, dtype=np.float64), errors
 
 
 def identify_arm(motions: list[Motion], window_s: float = 0.05, moving_rad_s: float = 0.15) -> Arm:
     """Least squares over all windows of all motions. ValueError if the arm moved too little to tell."""
-    overlap = 5
     rows: list[list[float]] = []
     impulses: list[float] = []
     for motion in motions:
-        length = max(2 * overlap, round(window_s / float(np.median(np.diff(motion.t_s)))))
-        more_rows, more_impulses = _rows(motion, length, length // overlap, moving_rad_s)
+        more_rows, more_impulses = _rows(motion.without_repeats(), window_s, moving_rad_s)
         rows += more_rows
         impulses += more_impulses
-    if len(rows) < 8 * overlap:
+    if len(rows) < 8 * OVERLAP:
         raise ValueError(f"only {len(rows)} windows with motion: excite the arm more, or record longer")
     a, y = np.array(rows), np.array(impulses)
-    solution, errors = _least_squares(a, y, overlap)
+    solution, errors = _least_squares(a, y)
     if solution[2] < 0:  # no arm is driven by its own friction: within the noise there is no viscous part
-        rest, rest_errors = _least_squares(a[:, [0, 1, 3]], y, overlap)
+        rest, rest_errors = _least_squares(a[:, [0, 1, 3]], y)
         solution, errors = np.insert(rest, 2, 0.0), np.insert(rest_errors, 2, 0.0)
     if not 0 < 4 * errors[1] < solution[1] or not solution[0] > 0:
         raise ValueError(

@@ -68,6 +68,23 @@ def test_an_arm_that_rests_is_refused() -> None:
         identify_arm([still])
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_machine_that_skips_ticks_and_repeats_samples_costs_little(seed: int) -> None:
+    arm = some_arm(seed)
+    rng = np.random.default_rng(seed)
+    spoilt = []
+    for motion in probe(arm, seed):
+        late = np.flatnonzero(rng.random(len(motion.t_s)) < 0.02)  # here 1 to 10 ticks are skipped
+        keep = np.ones(len(motion.t_s), bool)
+        for start in late:
+            keep[start : start + rng.integers(1, 11)] = False
+        taken = np.repeat(np.flatnonzero(keep), np.where(rng.random(np.count_nonzero(keep)) < 0.1, 2, 1))
+        spoilt.append(Motion(*(np.asarray(column)[taken] for column in vars(motion).values())))
+    found = identify_arm(spoilt)
+    assert abs(found.mgl_nm / arm.mgl_nm - 1) < 0.02
+    assert found.inertia_kg_m2 == pytest.approx(arm.inertia_kg_m2, rel=0.04)
+
+
 def test_a_gap_in_the_record_is_left_out() -> None:
     arm = some_arm(3)
     whole = probe(arm, 3)

@@ -25,7 +25,7 @@ from lithe._wire import Fault, Mode
 from lithe.errors import LitheError
 
 from . import brain, figures, judge, recorder
-from .agent import SINE
+from .agent import SINE, UNCLEAR
 from .processes import ROOT, Lines, Stage, start_brain
 
 FREEZE_S = 1.5
@@ -90,7 +90,9 @@ class Experiment:
         while (line := lines.next(0.2)) is not None:
             self.check()
             self.hear(line)
-        if agent.wait() != 0:
+        if agent.wait() == UNCLEAR:
+            raise Disturbed("the agent could make nothing of its measurements: too many ticks were lost")
+        if agent.returncode != 0:
             raise LitheError(f"the agent ended with code {agent.returncode}; see the log")
 
     def hear(self, line: dict[str, Any]) -> None:

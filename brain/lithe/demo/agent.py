@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ SINE = {"centre_rad": np.pi / 2, "amplitude_rad": np.pi / 4, "frequency_hz": 0.5
 BASELINE_GAINS = {"kp_nm_rad": 0.05, "kd_nm_s_rad": 0.004}  # detuned on purpose: the experiment starts from a bad law
 FIELDS = ["tick", "sample_ns", "position_rad", "velocity_rad_s", "torque_nm"]
 
+UNCLEAR = 3  # exit code: the measurements do not tell enough
 REST_S = 0.3  # a probe has ended when the arm has rested so long
 PROBE_SHARES = (0.5, -0.35)  # of the rough gravity torque: a wide swing both ways that cannot go over the top
 
@@ -151,6 +153,15 @@ class Agent:
                     seconds += 0.5
         return as_motion(pieces)
 
+    def wait_for_setpoint(self, most_s: float = 3.0) -> None:
+        """Until the setpoint has come to the arm, within half a degree."""
+        until = time.monotonic() + most_s
+        while time.monotonic() < until:
+            now = self.remote.call("latest", fields=["setpoint_position_rad", "position_rad"])
+            if abs(now["setpoint_position_rad"][0] - now["position_rad"][0]) < np.radians(0.5):
+                return
+            time.sleep(0.05)
+
     def phase(self, name: str) -> None:
         tell(phase=name, from_ns=time.monotonic_ns())
 
@@ -211,7 +222,7 @@ class Agent:
         )
         tell(source=source)
         self.remote.call("reference")  # rest where the arm is, so that the new law starts without an error
-        time.sleep(0.3)
+        self.wait_for_setpoint()
         self.swap("evolved", source)
         self.remote.call("reference", **SINE)
         time.sleep(float(SINE["ramp_s"]) + 0.5)
@@ -227,9 +238,13 @@ def main() -> int:
     args = parser.parse_args()
     remote = Remote(args.host, args.port, args.token_file.read_text().strip())
     agent = Agent(remote)
-    rough = identify_arm([agent.baseline()])
-    tell(doing=f"reads gravity from the baseline: about {rough.mgl_nm:.2f} N m")
-    agent.evolve(agent.probe(rough))
+    try:
+        rough = identify_arm([agent.baseline()])
+        tell(doing=f"reads gravity from the baseline: about {rough.mgl_nm:.2f} N m")
+        agent.evolve(agent.probe(rough))
+    except ValueError as error:
+        print(f"agent: {error}", file=sys.stderr)
+        return UNCLEAR
     tell(phase="done", from_ns=time.monotonic_ns())
     return 0
 
