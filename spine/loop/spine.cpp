@@ -18,6 +18,9 @@ namespace {
 // A hybrid wait stops sleeping this long before the release: the wake-up latency of a common kernel and some more.
 constexpr std::int64_t kHybridWindowNs = 100'000;
 
+// Arming accepts a sample this many ticks old.
+constexpr std::uint32_t kStaleTicksToArm = 3;
+
 constexpr EventKind event_of(CommandKind kind) LITHE_RT {
   switch (kind) {
     case CommandKind::arm:
@@ -119,7 +122,8 @@ CommandResult Spine::execute(const wire::Command& command, std::int64_t now_ns) 
 }
 
 CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std::int64_t now_ns) LITHE_RT {
-  bool all_fresh = fresh_;
+  // One late exchange is no reason to refuse: the sample before it is a few milliseconds old.
+  bool all_fresh = sample_->sample_ns != 0 && stale_ticks_ <= kStaleTicksToArm;
   for (std::uint32_t j = 0; j < joints_; ++j)
     all_fresh = all_fresh && (sample_->status[j] & wire::joint_status::kFresh) != 0;
   const wire::Mode before = mode_.mode();
