@@ -48,7 +48,7 @@ def test_the_names_that_scripts_read_are_there(summary: dict[str, Any]) -> None:
         assert set(summary[key]) == {"p50", "p99", "p999", "max"}
     for swap in summary["swaps"]:
         assert {"law", "compile_ms", "commit_tick", "lost_ticks"} <= set(swap)
-    assert {"cpu", "kernel", "cores", "user", "lost"} <= set(summary["machine"])
+    assert {"cpu", "kernel", "cores", "privileges", "lost"} <= set(summary["machine"])
 
 
 def test_the_claim_holds_only_when_every_part_of_it_does(summary: dict[str, Any]) -> None:

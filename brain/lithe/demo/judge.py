@@ -94,7 +94,7 @@ def machine(robot_info: Any) -> dict[str, Any]:
         "cores": CORES,
         "kernel": platform.release(),
         "hypervisor": "hypervisor" in Path("/proc/cpuinfo").read_text(encoding="utf-8"),
-        "user": "root" if os.geteuid() == 0 else "ordinary user",
+        "privileges": "root" if os.geteuid() == 0 else "ordinary user",
         "spine_cpu": int(robot_info["cpu_spine"]),
         "transport": "in the tick thread"
         if robot_info["transport_inline"]
