@@ -221,7 +221,9 @@ def report(summary: dict[str, Any], out: Path) -> None:
         f"missed deadlines {summary['missed_deadlines']}"
     )
     machine = summary["machine"]
-    print(f"  machine     {machine['cpu']}, {machine['cores']} cores, Linux {machine['kernel']}, {machine['privileges']}")
+    print(
+        f"  machine     {machine['cpu']}, {machine['cores']} cores, Linux {machine['kernel']}, {machine['privileges']}"
+    )
     if machine["lost"]:
         print(f"  this machine cannot give: {machine['lost']}")
     print(f"  figures and telemetry in {out}/")
