@@ -11,6 +11,7 @@ help:  ## this list
 	@echo "LITHE: a real-time Spine whose control law can be replaced while the robot moves"
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' Makefile
 
+demo: TARGETS := --target lithe lithe-spine lawd
 demo: release  ## the experiment on a simulated arm: probe, learn, swap laws live, survive a dead Brain -> out/demo/
 	@$(PYTHON) -m lithe.demo
 
@@ -35,7 +36,7 @@ format:  ## rewrite every file the way `make check` wants it
 release:
 	@tools/setup build
 	@cmake --preset release --log-level=WARNING >/dev/null
-	@cmake --build --preset release -j $(JOBS)
+	@cmake --build --preset release -j $(JOBS) $(TARGETS)
 
 clean:  ## remove build/, out/ and .venv/
 	rm -rf build out .venv
