@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // lawd: one JSON request per line on stdin, one JSON answer per line on stdout, until stdin ends.
-#include <sched.h>
 #include <signal.h>
-#include <sys/resource.h>
-#include <unistd.h>
 
 #include <iostream>
 #include <string>
@@ -18,9 +15,6 @@ int main(int argc, char** argv) {
   }
   signal(SIGPIPE, SIG_IGN);
   signal(SIGINT, SIG_IGN);  // Ctrl-C is the supervisor's business: it closes our stdin
-  setpriority(PRIO_PROCESS, 0, 19);
-  const sched_param none{};
-  sched_setscheduler(0, SCHED_BATCH, &none);
 
   lithe::lawd::Service service(lithe::cache_dir());
   bool quit = false;

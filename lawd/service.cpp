@@ -80,9 +80,11 @@ json Service::compile(const json& request) {
     return refuse("request", "compile needs \"source\": the text of the law");
   }
   const json name = request.value("name", json("law.cpp"));
-  const json joints = request.value("joints", json(6));
-  Job job{request["source"], safe_name(name.is_string() ? name.get<std::string>() : ""), "", 6};
-  if (joints.is_number_unsigned() && joints >= 1 && joints <= kMaxJoints) job.joints = joints;
+  const json joints = request.value("joints", json());
+  if (!joints.is_number_unsigned() || joints < 1 || joints > kMaxJoints) {
+    return refuse("request", "compile needs \"joints\": how many the robot has, 1 to " + std::to_string(kMaxJoints));
+  }
+  Job job{request["source"], safe_name(name.is_string() ? name.get<std::string>() : ""), "", joints};
   if (job.source.size() > kMaxSourceBytes) return refuse_whole("compile", job.name, "the source is larger than 1 MiB");
   job.hash = sha256_hex(toolchain_.fingerprint() + job.source);
   const auto start = std::chrono::steady_clock::now();

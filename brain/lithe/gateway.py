@@ -142,10 +142,10 @@ class Gateway:
         request: Any = None
         try:
             if len(line) > MOST_REQUEST_BYTES:
-                raise Refused("too_large", f"a request has at most {MOST_REQUEST_BYTES} bytes")
+                raise Refused("too_long", f"a request has at most {MOST_REQUEST_BYTES} bytes")
             request = json.loads(line)
             if not isinstance(request, dict) or not isinstance(request.get("args", {}), dict):
-                raise Refused("usage", "a request is an object with id, verb and args")
+                raise Refused("bad_request", "a request is an object with id, verb and args")
             result = self._call(str(request.get("verb", "")), request.get("args", {}))
             return {"id": request.get("id"), "ok": True, "result": result}
         except Refused as error:
@@ -154,9 +154,9 @@ class Gateway:
             body = {"code": "error", "message": str(error), "next": ""}
         except (ValueError, TypeError, KeyError, ArithmeticError, RecursionError) as error:
             body = {
-                "code": "usage",
+                "code": "bad_request",
                 "message": f"bad request: {error}",
-                "next": "verbs and arguments: brain/lithe/gateway.py, top",
+                "next": "verbs and arguments: docs/reference/verbs.md",
             }
         return {"id": request.get("id") if isinstance(request, dict) else None, "ok": False, "error": body}
 

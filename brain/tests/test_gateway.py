@@ -79,18 +79,18 @@ def test_no_gateway_says_how_to_start_one() -> None:
 @pytest.mark.parametrize(
     ("request_line", "code"),
     [
-        (b"not json", "usage"),
-        (b"[]", "usage"),
-        (b'{"id": 1, "verb": "history", "args": 3}', "usage"),
-        (b'{"id": 1, "verb": "history", "args": {"seconds": "long"}}', "usage"),
-        (b'{"id": 1, "verb": "publish", "args": {}}', "usage"),
-        (b'{"id": 1, "verb": "publish", "args": {"t_ns": [1e400], "position_rad": [0]}}', "usage"),
+        (b"not json", "bad_request"),
+        (b"[]", "bad_request"),
+        (b'{"id": 1, "verb": "history", "args": 3}', "bad_request"),
+        (b'{"id": 1, "verb": "history", "args": {"seconds": "long"}}', "bad_request"),
+        (b'{"id": 1, "verb": "publish", "args": {}}', "bad_request"),
+        (b'{"id": 1, "verb": "publish", "args": {"t_ns": [1e400], "position_rad": [0]}}', "bad_request"),
         (b'{"id": 1, "verb": "latest", "args": {"fields": ["nonsense"]}}', "unknown_field"),
         (b'{"id": 1, "verb": "fly"}', "unknown_verb"),
         (b'{"id": 1, "verb": "call", "args": {"verb": "x"}}', "unknown_verb"),
-        (b'{"id": 1, "verb": "set_params", "args": {"verb": "estop", "self": 1}}', "usage"),
-        (b"[" * 100_000, "usage"),
-        (b"\xff\xfe", "usage"),
+        (b'{"id": 1, "verb": "set_params", "args": {"verb": "estop", "self": 1}}', "bad_request"),
+        (b"[" * 100_000, "bad_request"),
+        (b"\xff\xfe", "bad_request"),
     ],
     ids=lambda value: value[:60].decode(errors="replace") if isinstance(value, bytes) else value,
 )
@@ -107,7 +107,7 @@ def test_what_json_cannot_say_becomes_null() -> None:
 
 def test_an_endless_line_is_cut_off(gateway: Gateway) -> None:
     answer = ask(gateway, b'{"id": 1, "verb": "' + b"x" * (MOST_REQUEST_BYTES + 100))
-    assert answer["error"]["code"] == "too_large"
+    assert answer["error"]["code"] == "too_long"
 
 
 def test_every_request_is_answered_in_turn_with_its_id(gateway: Gateway) -> None:

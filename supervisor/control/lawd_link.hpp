@@ -24,8 +24,9 @@ class LawdLink {
   static constexpr std::int64_t kCompileTimeoutNs = 60'000'000'000;
   static constexpr std::int64_t kRestartPauseNs = 500'000'000;
 
-  // `program`: path of lawd; `cpus`: cores it and its compilers may use.
-  LawdLink(std::string program, std::vector<int> cpus) : program_(std::move(program)), cpus_(std::move(cpus)) {}
+  // `program`: path of lawd; `cpus`: cores it and its compilers may use; `joints`: of the robot its laws are tried for.
+  LawdLink(std::string program, std::vector<int> cpus, std::size_t joints)
+      : program_(std::move(program)), cpus_(std::move(cpus)), joints_(joints) {}
   ~LawdLink() { stop(); }
 
   Result<> start(std::int64_t now_ns);
@@ -54,6 +55,7 @@ class LawdLink {
 
   std::string program_;
   std::vector<int> cpus_;
+  std::size_t joints_;
   std::optional<Process> process_;
   Fd socket_;
   LineBuffer in_{std::size_t{64} << 20};

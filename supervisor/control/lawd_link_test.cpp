@@ -48,7 +48,7 @@ class LawdLinkTest : public testing::Test {
     return answer.value_or(Refusal{"test_timeout", "", ""});
   }
 
-  LawdLink lawd_{LITHE_LAWD, {}};
+  LawdLink lawd_{LITHE_LAWD, {}, 1};
 };
 
 TEST_F(LawdLinkTest, CompilesALawAndDescribesIt) {

@@ -138,7 +138,7 @@ void Server::handle(std::uint64_t key, Client& client, const std::string& line) 
   if (!request.is_object() || !request.contains("verb") || !request["verb"].is_string()) {
     reply({key, request.is_object() ? request.value("id", Json(nullptr)) : Json(nullptr)},
           Refusal{"bad_request", "a request is one line of JSON: {\"id\":1,\"verb\":\"status\",\"args\":{}}",
-                  "see docs for the verbs, or use the lithe command"});
+                  "docs/reference/verbs.md lists the verbs"});
     return;
   }
   const ReplyTo to{key, request.value("id", Json(nullptr))};

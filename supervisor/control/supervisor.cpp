@@ -29,7 +29,7 @@ Supervisor::Supervisor(RunOptions options, robot::RobotConfig config)
       config_(std::move(config)),
       all_cpus_(allowed_cpus()),
       born_ns_(monotonic_ns()),
-      lawd_(program_dir() + "/lawd", cores_beside(all_cpus_, config_.spine)),
+      lawd_(program_dir() + "/lawd", cores_beside(all_cpus_, config_.spine), config_.joints.size()),
       log_path_(fmt::format("{}/{}.spine.log", run_dir(), config_.name)) {}
 
 Supervisor::~Supervisor() = default;

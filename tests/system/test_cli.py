@@ -273,7 +273,7 @@ def test_nobody_but_the_spine_uses_its_core(house: House) -> None:
     taken = status["cpus"]["spine"]
     if len(os.sched_getaffinity(0)) > 1:
         assert taken not in cpus_of(process.pid) and taken not in cpus_of(status["lawd_pid"])
-    assert os.sched_getscheduler(status["lawd_pid"]) in {os.SCHED_IDLE, os.SCHED_BATCH}
+    assert os.sched_getscheduler(status["lawd_pid"]) == os.SCHED_IDLE
     assert os.getpriority(os.PRIO_PROCESS, status["lawd_pid"]) == 19
 
 
