@@ -21,6 +21,9 @@ from lithe.place import THREAD_VARIABLES
 from lithe.shm import SpineView
 
 ROOT = Path(__file__).resolve().parents[3]
+# Should the demo itself be killed, nothing of it stays behind: the robot stops in order, a frozen Brain goes too.
+LEAVE_WITH_US = ("setpriv", "--pdeathsig", "TERM")
+DIE_WITH_US = ("setpriv", "--pdeathsig", "KILL")
 
 
 def binary(name: str) -> Path:
@@ -44,7 +47,10 @@ class Stage:
         self._children: list[subprocess.Popen[str]] = []
         self.robot = ""
         self._run = subprocess.Popen(
-            [str(binary("lithe")), "run", str(robot_file)], stdout=self._log, stderr=subprocess.STDOUT, text=True
+            [*LEAVE_WITH_US, str(binary("lithe")), "run", str(robot_file)],
+            stdout=self._log,
+            stderr=subprocess.STDOUT,
+            text=True,
         )
         try:
             self._wait_until_active(log)
@@ -90,7 +96,7 @@ class Stage:
         environment = {**os.environ, "LITHE_BRAIN_CPU": str(int(self.spine.info["cpu_brain"])), "PYTHONUNBUFFERED": "1"}
         environment.update(dict.fromkeys(THREAD_VARIABLES, "1"))
         child = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments],
+            [*DIE_WITH_US, sys.executable, "-m", module, *arguments],
             stdout=subprocess.PIPE,
             stderr=self._log,
             text=True,
