@@ -118,7 +118,7 @@ class Threads {
   static void enter(int cpu, bool urgent) {
     if (const Result<> pinned = pin_this_thread(cpu); !pinned)
       fmt::print(stderr, "lithe-spine: {}\n", pinned.message());
-    if (urgent) raise_priority();
+    urgent ? (void)raise_priority() : ordinary_priority();
     touch_stack();
   }
 
@@ -164,6 +164,7 @@ int run(const std::string& path) {
   }
   if (cpus->spine_shares) robot->spine.release = robot::Release::sleep;
   freeze_malloc();
+  use_small_stacks();
   const std::string notes = describe_host(*robot, *cpus);
   write_robot_info(memory->spine->robot_info, *robot, *cpus, notes);
   if (const Result<> pinned = pin_this_thread(cpus->housekeeping); !pinned)

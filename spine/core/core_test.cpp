@@ -29,6 +29,26 @@ TEST(RawClock, FollowsTheKernelsClock) {
   EXPECT_LT(std::abs(clock.resample().error_ns()), 20'000);
 }
 
+TEST(RawClock, FollowsASlewWithinOneFit) {
+  // A counter of 1 GHz; from 10 s on NTP slews CLOCK_MONOTONIC by 500 ppm.
+  const auto pair_at = [](std::int64_t count) {
+    return ClockPair{static_cast<std::uint64_t>(count), count + std::max<std::int64_t>(0, count - 10 * kNsPerS) / 2000};
+  };
+  constexpr std::int64_t kIntervalNs = 50 * kNsPerMs;
+  RawClock clock(pair_at(0), pair_at(10 * kNsPerS));
+  for (std::int64_t count = 10 * kNsPerS + kIntervalNs; count < 11 * kNsPerS; count += kIntervalNs) {
+    clock = clock.resample(pair_at(count));
+    const ClockPair next = pair_at(count + kIntervalNs);
+    ASSERT_LT(std::abs(clock.to_ns(next.counter) - next.ns), 100) << "at " << count;
+  }
+}
+
+TEST(RawClock, KeepsItsFitWhenAClockDidNotGoForward) {
+  const RawClock clock({1000, 1000}, {2000, 2000});
+  EXPECT_EQ(clock.resample({1500, 3000}).to_ns(4000), 4000);
+  EXPECT_EQ(clock.resample({3000, 1500}).to_ns(4000), 4000);
+}
+
 TEST(RawClock, NeverRunsBackwardsWithinAThread) {
   const RawClock clock = RawClock::calibrate(kNsPerMs);
   std::int64_t last = clock.now_ns();
@@ -78,12 +98,6 @@ TEST(Host, PinningToACoreThatIsNotThereSaysWhichAre) {
   const Result<> result = pin_this_thread(1000);
   ASSERT_FALSE(result);
   EXPECT_NE(result.message().find("may use cores"), std::string::npos) << result.message();
-}
-
-TEST(Host, PrefaultLeavesMemoryAsItWas) {
-  std::vector<char> memory(64 * 1024, 'x');
-  prefault(memory.data(), memory.size());
-  EXPECT_EQ(memory, std::vector<char>(64 * 1024, 'x'));
 }
 
 TEST(Paths, TheEnvironmentMovesEverything) {

@@ -8,7 +8,6 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
-#include <atomic>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
@@ -66,6 +65,16 @@ int raise_priority() {
   return getpriority(PRIO_PROCESS, 0);
 }
 
+void ordinary_priority() { setpriority(PRIO_PROCESS, 0, 0); }
+
+void use_small_stacks() {
+  pthread_attr_t attributes;
+  pthread_attr_init(&attributes);
+  pthread_attr_setstacksize(&attributes, std::size_t{512} << 10);
+  pthread_setattr_default_np(&attributes);
+  pthread_attr_destroy(&attributes);
+}
+
 void touch_stack(std::size_t bytes) {
   // volatile: the writes are the point.
   volatile auto* stack = static_cast<volatile char*>(__builtin_alloca(bytes));
@@ -73,13 +82,23 @@ void touch_stack(std::size_t bytes) {
 }
 
 Result<> lock_memory() {
+  constexpr std::size_t kStillToCome = std::size_t{16} << 20;
   // A soft limit below the hard one is the user's to raise.
   rlimit limit{};
   if (getrlimit(RLIMIT_MEMLOCK, &limit) == 0 && limit.rlim_cur < limit.rlim_max) {
     limit.rlim_cur = limit.rlim_max;
     setrlimit(RLIMIT_MEMLOCK, &limit);
   }
-  if (mlockall(MCL_CURRENT | MCL_FUTURE) == 0) return done();
+  // Whether there is room for more is found out by asking: a limit does not bind those who hold CAP_IPC_LOCK.
+  if (mlockall(MCL_CURRENT | MCL_FUTURE) == 0) {
+    void* room = mmap(nullptr, kStillToCome, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (room != MAP_FAILED) {
+      munmap(room, kStillToCome);
+      return done();
+    }
+    errno = ENOMEM;
+    munlockall();
+  }
   return Error{std::string("memory is not locked (") + std::strerror(errno) +
                "): raise the memlock limit (`ulimit -l unlimited`, or LimitMEMLOCK=infinity)"};
 }
@@ -88,15 +107,6 @@ void freeze_malloc() {
   mallopt(M_TRIM_THRESHOLD, -1);
   mallopt(M_MMAP_MAX, 0);
   mallopt(M_ARENA_MAX, 1);
-}
-
-void prefault(void* address, std::size_t bytes) {
-  const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
-  auto* at = static_cast<char*>(address);
-  for (std::size_t offset = 0; offset < bytes; offset += page) {
-    // An atomic add of zero faults the page in for writing even while somebody else is using it.
-    std::atomic_ref<char>(at[offset]).fetch_add(0, std::memory_order_relaxed);
-  }
 }
 
 }  // namespace lithe

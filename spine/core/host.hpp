@@ -33,7 +33,14 @@ Result<> pin_this_thread(int cpu);
 // Asks for nice -20 for the calling thread; returns the nice value now in force.
 int raise_priority();
 
-// Locks all present and future memory, so that the tick never faults.
+// Back to nice 0: a thread inherits its starter's, and a helper must not stand in the way of the tick.
+void ordinary_priority();
+
+// Threads started from now on get 512 KiB of stack instead of 8 MiB: locked memory counts whole stacks.
+void use_small_stacks();
+
+// Locks all present and future memory, so that the tick never faults. Refused when the limit would leave less than
+// 16 MiB for what is still to come: a later thread or mapping would fail.
 Result<> lock_memory();
 
 // Touches that much of the calling thread's stack: without the right to lock memory, the next best thing.
@@ -41,8 +48,5 @@ void touch_stack(std::size_t bytes = 256 * 1024);
 
 // Keeps malloc from growing or shrinking the address space behind the tick's back (no trimming, no mmap, one arena).
 void freeze_malloc();
-
-// Touches every page for writing without changing it.
-void prefault(void* address, std::size_t bytes);
 
 }  // namespace lithe

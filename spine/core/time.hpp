@@ -47,8 +47,19 @@ inline void spin_pause() LITHE_RT {
 // The scale is fitted once and then steered: CLOCK_MONOTONIC is disciplined by NTP and the counter is not, so an
 // outside thread calls `resample` every now and then and the tick adopts the new fit between two ticks.
 // Contract: now_ns() RT · one instance per thread · calibrate() and resample() outside the tick.
+
+// Both clocks, read as one.
+struct ClockPair {
+  std::uint64_t counter = 0;
+  std::int64_t ns = 0;
+};
+
 class RawClock {
  public:
+  RawClock() = default;
+  // Through both pairs; agrees with CLOCK_MONOTONIC at `to`.
+  RawClock(ClockPair from, ClockPair to);
+
   // Fits the scale over `window_ns` of waiting (20 ms gives better than 1 ppm with the paired reads used).
   static RawClock calibrate(std::int64_t window_ns = 20 * kNsPerMs);
 
@@ -59,18 +70,16 @@ class RawClock {
     return base_ns_ + static_cast<std::int64_t>((static_cast<__int128>(delta) * scale_) >> 32);
   }
 
-  // A new fit from the old base to now: the longer the baseline, the better the scale. The returned clock agrees with
-  // CLOCK_MONOTONIC at this instant.
+  // Follows to `now`, or to this instant. The scale is that of the time since the last fit and not since the first one:
+  // while NTP slews CLOCK_MONOTONIC (by 500 ppm, or by much more after a step) an average over the past is wrong by the
+  // whole slew. A pair that does not come after the last one changes nothing.
+  RawClock resample(ClockPair now) const;
   RawClock resample() const;
 
   // now_ns() minus CLOCK_MONOTONIC at this instant [ns].
   std::int64_t error_ns() const;
 
-  double counter_hz() const { return 4294967296.0 * 1e9 / static_cast<double>(scale_); }
-
  private:
-  std::uint64_t origin_counter_ = 0;  // first pair ever taken: the far end of every later fit
-  std::int64_t origin_ns_ = 0;
   std::uint64_t base_counter_ = 0;
   std::int64_t base_ns_ = 0;
   std::int64_t scale_ = std::int64_t{1} << 32;  // nanoseconds per count, Q32

@@ -8,7 +8,7 @@ namespace lithe::loop {
 void start_clock(ClockMemory& memory) { ipc::ChannelWriter<RawClock>(memory).write(RawClock::calibrate()); }
 
 void keep_clock(ClockMemory& memory, const std::atomic<bool>& stop) {
-  constexpr timespec kInterval{0, 200 * kNsPerMs};
+  constexpr timespec kInterval{0, 50 * kNsPerMs};
   ipc::ChannelWriter<RawClock> writer(memory);
   RawClock clock;
   ipc::ChannelReader<RawClock>(memory).read(clock);
