@@ -29,6 +29,13 @@ Publisher::Publisher(ipc::SpineMemory& memory, std::uint32_t joints)
   record_.joint_count = joints;
 }
 
+void Publisher::skipped(std::uint32_t count, std::int64_t release_jitter_ns, std::int64_t period_ns) LITHE_RT {
+  record_.missed_releases += count;
+  constexpr std::uint32_t kMostCounted = 1000;  // of one stall: a bound for this tick, and enough for any quantile
+  for (std::uint32_t i = 1; i <= std::min(count, kMostCounted); ++i)
+    release_jitter_.add(release_jitter_ns + i * period_ns);
+}
+
 void Publisher::publish(const Durations& durations, bool fresh_sample) LITHE_RT {
   record_.release_jitter_ns = clamp_ns(durations.release_jitter_ns);
   record_.handoff_ns = clamp_ns(durations.handoff_ns);

@@ -31,6 +31,9 @@ class Publisher {
   // The record of this tick, to be filled in place; joint_count is set, and entries beyond it stay zero.
   wire::Telemetry& record() LITHE_RT { return record_; }
 
+  // Releases that nobody served, before the one at hand: each was late by the time until this tick began.
+  void skipped(std::uint32_t count, std::int64_t release_jitter_ns, std::int64_t period_ns) LITHE_RT;
+
   // Publishes record() and counts the durations.
   void publish(const Durations& durations, bool fresh_sample) LITHE_RT;
 

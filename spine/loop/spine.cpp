@@ -156,7 +156,7 @@ CommandResult Spine::set_params(const wire::Command& command, std::int64_t now_n
 CommandResult Spine::roll_back(std::uint64_t request_id, std::int64_t now_ns) LITHE_RT {
   if (!slot_.rollback()) return CommandResult::refused_law;
   flags_ |= flag::kRolledBack;
-  law_since_ns_ = now_ns;
+  greet_law();
   out_.event(EventKind::law_rolled_back, now_ns, slot_.active()->law_id, request_id, 0, "the previous law runs again");
   out_.params(*slot_.active());
   return CommandResult::done;
@@ -168,8 +168,13 @@ void Spine::watch_brain(std::int64_t now_ns) LITHE_RT {
   const bool stale = age_ns < 0 || static_cast<double>(age_ns) > robot_.brain.stale_after_s * 1e9;
   if (stale == brain_stale_) return;
   brain_stale_ = stale;
+  // What it still wanted is nobody's wish any more; with on_stale = "safe_stop" the guard ends the run instead.
+  const bool stops = stale && mode_.mode() == wire::Mode::active && robot_.brain.on_stale == robot::StaleAction::hold;
+  if (stops) plan_.stop(now_ns);
   out_.event(stale ? EventKind::brain_stale : EventKind::brain_fresh, now_ns, 0, 0, static_cast<double>(age_ns) * 1e-9,
-             stale ? "no sign of life: the setpoint coasts and holds" : "the Brain is back");
+             !stale  ? "the Brain is back"
+             : stops ? "no sign of life: the setpoint slows down and holds"
+                     : "no sign of life");
 }
 
 void Spine::take_plan(std::int64_t now_ns) LITHE_RT {

@@ -68,6 +68,7 @@ class Spine {
   void compose() LITHE_RT;
   void publish(const guard::Verdict& verdict, std::int64_t release_ns) LITHE_RT;
   void swap(std::int64_t now_ns) LITHE_RT;
+  void greet_law() LITHE_RT;
   void count_release(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped) LITHE_RT;
   void stop_drives() noexcept;
 
@@ -91,7 +92,8 @@ class Spine {
   std::uint32_t stale_ticks_ = 0;     // ticks in a row without a fresh one
   bool estop_pressed_ = false;
   bool brain_stale_ = true;
-  std::int64_t law_since_ns_ = 0;  // when the running law was committed
+  std::int64_t law_since_ns_ = 0;  // the running law's first tick
+  bool law_is_new_ = true;         // which is still to come
   std::uint32_t flags_ = 0;        // of this tick's record
   bool overran_ = false;           // the previous tick ended after its deadline
   Durations durations_;

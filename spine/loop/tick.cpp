@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The tick. It reads like the timing figure: hand over, listen, step, guard, publish, swap.
 #include <algorithm>
+#include <limits>
 
 #include "spine/loop/spine.hpp"
 #include "spine/loop/transport.hpp"
@@ -45,7 +46,7 @@ void Spine::count_release(std::int64_t release_ns, std::int64_t woke_ns, std::ui
   flags_ = 0;
   if (skipped == 0 && !overran_) return;
   flags_ |= flag::kDeadlineMissed;
-  out_.record().missed_releases += skipped;
+  out_.skipped(skipped, durations_.release_jitter_ns, period_ns_);
   out_.event(EventKind::deadline_missed, woke_ns, skipped, 0, static_cast<double>(durations_.tick_ns),
              skipped > 0 ? "releases were skipped" : "the tick ended after its deadline");
   if (robot_.spine.miss_policy == robot::MissPolicy::stop && mode_.fail(wire::Fault::deadline_missed)) {
@@ -75,10 +76,14 @@ void Spine::look(std::int64_t now_ns) LITHE_RT {
   plan_.sample(now_ns, setpoint_);
   in_.tick = tick_;
   in_.t_ns = now_ns;
+  if (law_is_new_) law_since_ns_ = now_ns;
+  law_is_new_ = false;
   in_.t_s = static_cast<double>(now_ns - law_since_ns_) * 1e-9;
   in_.flags = (fresh_ ? 0 : kSampleStale) | (brain_stale_ ? kBrainStale : 0);
   in_.sample_age_s = static_cast<double>(now_ns - sample_->sample_ns) * 1e-9;
-  in_.brain_age_s = static_cast<double>(out_.record().brain_age_ns) * 1e-9;
+  const std::int64_t brain_age_ns = out_.record().brain_age_ns;
+  in_.brain_age_s =
+      brain_age_ns < 0 ? std::numeric_limits<double>::infinity() : static_cast<double>(brain_age_ns) * 1e-9;
   for (std::uint32_t j = 0; j < joints_; ++j) {
     in_.position_rad[j] = sample_->position_rad[j];
     in_.velocity_rad_s[j] = sample_->velocity_rad_s[j];
@@ -137,11 +142,17 @@ void Spine::swap(std::int64_t now_ns) LITHE_RT {
   out_.record().law_id = ran;
   const std::optional<law::Commit> commit = slot_.try_commit();
   if (!commit) return;
-  law_since_ns_ = now_ns + period_ns_;
+  greet_law();
   flags_ |= flag::kSwapCommitted;
   out_.event(EventKind::law_committed, now_ns, commit->law_id, commit->request_id,
              static_cast<double>(commit->fields_carried), "runs from the next tick");
   out_.params(*slot_.active());
+}
+
+// Its time begins with its first tick, and its probes are its own.
+void Spine::greet_law() LITHE_RT {
+  law_is_new_ = true;
+  probes_.fill(0.0);
 }
 
 void Spine::publish(const guard::Verdict& verdict, std::int64_t release_ns) LITHE_RT {

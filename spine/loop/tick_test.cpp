@@ -1,182 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tick with every real part around it: robot file, guard, plan, slot, moteus frames, simulated joint. The test
-// plays the Transport, and time is virtual: no test here depends on how fast the machine is.
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <limits>
-#include <memory>
 #include <random>
 
 #include "spine/core/no_alloc/no_alloc.hpp"
-#include "spine/loop/spine.hpp"
-#include "spine/robot/robot.hpp"
+#include "spine/loop/tick_bench.hpp"
 
 namespace lithe::loop {
 namespace {
-
-using wire::CommandKind;
-using wire::CommandResult;
-using wire::Mode;
-
-constexpr char kRobot[] = R"(
-name = "probe"
-rate_hz = 1000
-[spine]
-late_ticks_to_stop = 5
-[brain]
-stale_after_s = 0.1
-[[bus]]
-name = "can0"
-kind = "loop"
-[[device]]
-name = "drive"
-kind = "moteus"
-bus = "can0"
-id = 1
-watchdog_s = 0.1
-[[joint]]
-name = "shoulder"
-device = "drive"
-position_min_rad = -3.0
-position_max_rad = 3.0
-velocity_max_rad_s = 30.0
-torque_max_nm = 0.6
-torque_slew_nm_s = 120.0
-deceleration_rad_s2 = 20.0
-safe_kd_nm_s_rad = 0.05
-[joint.sim]
-inertia_kg_m2 = 2.5e-3
-mgl_nm = 0.165
-coulomb_nm = 0.01
-torque_lag_s = 0.001
-)";
-constexpr double kSlewPerTickNm = 120.0 / 1000.0;
-
-struct Pd {
-  struct Params {
-    Param kp_nm_rad{4.0, 0.0, 40.0};
-    Param kd_nm_s_rad{0.1, 0.0, 4.0};
-  };
-  struct State {
-    double integral_rad_s = 0;
-  };
-  static void step(const Tick& t, const Params& p, State& s, Effort& u) {
-    const double error_rad = t.setpoint_position_rad[0] - t.position_rad[0];
-    s.integral_rad_s += error_rad * t.dt_s;
-    u.torque_nm[0] = p.kp_nm_rad * error_rad - p.kd_nm_s_rad * t.velocity_rad_s[0];
-  }
-};
-struct Push {  // as far from Pd as it gets
-  struct Params {};
-  struct State {
-    double integral_rad_s = 1.0;
-  };
-  static void step(const Tick&, const Params&, State&, Effort& u) { u.torque_nm[0] = -1000.0; }
-};
-struct NotFinite {
-  struct Params {};
-  struct State {};
-  static void step(const Tick&, const Params&, State&, Effort& u) {
-    u.torque_nm[0] = std::numeric_limits<double>::quiet_NaN();
-  }
-};
-
-constexpr LitheLaw kPd = describe<Pd>("pd");
-constexpr LitheLaw kPush = describe<Push>("push");
-constexpr LitheLaw kNotFinite = describe<NotFinite>("not_finite");
-
-class TickTest : public testing::Test {
- protected:
-  TickTest() : robot_(*robot::parse_robot(kRobot, "probe.toml")) {
-    start_clock(clock_);
-    actuators_ = std::move(*hal::open_actuators(robot_));
-    spine_ = std::make_unique<Spine>(
-        Wiring{robot_, *memory_, *control_memory_, *brain_memory_, slot_, handover_, clock_, nullptr});
-    command_ = std::make_unique<ipc::MailboxSender<wire::Command, 16>>(control_memory_->commands, memory_->control_ack);
-  }
-
-  // One period: the tick, then the Transport, unless it is to be late.
-  void tick(bool transport_in_time = true, std::uint32_t skipped = 0) {
-    now_ns_ += kNsPerMs * (1 + skipped);
-    spine_->tick(now_ns_, now_ns_ + 100, skipped);
-    if (transport_in_time) serve();
-    reader_.latest(record_);
-  }
-  void serve() {
-    if (!handover_.pending()) return;
-    sent_ = handover_.command();
-    actuators_->cycle(sent_, handover_.sample(), now_ns_);
-    handover_.finish();
-  }
-  void ticks(int count) {
-    for (int i = 0; i < count; ++i) tick();
-  }
-
-  law::Resident& stage(const LitheLaw& law) {
-    law::Resident& resident = residents_[next_++ % residents_.size()];
-    law::reset_resident(resident, law);
-    resident.index = (next_ - 1) % law::kResidents;
-    resident.law_id = next_;
-    if (slot_.active() != nullptr) law::build_bridge(resident, 0, *slot_.active()->descriptor, slot_.active()->law_id);
-    EXPECT_TRUE(slot_.offer(&resident));
-    while (slot_.collect_retired() != nullptr) {
-    }
-    return resident;
-  }
-
-  CommandResult send(wire::Command command) {
-    const auto ticket = command_->send(command);
-    EXPECT_TRUE(ticket);
-    tick();
-    return static_cast<CommandResult>(command_->poll(*ticket));
-  }
-  CommandResult send(CommandKind kind) {
-    wire::Command command;
-    command.kind = static_cast<std::uint32_t>(kind);
-    return send(command);
-  }
-
-  void arm_with(const LitheLaw& law) {
-    stage(law);
-    ticks(3);
-    ASSERT_EQ(send(CommandKind::arm), CommandResult::done);
-    ticks(10);  // the drive enables
-  }
-
-  // A plan to `goal_rad` in 300 ms, resting there, and a sign of life.
-  void publish(double goal_rad) {
-    wire::Plan plan;
-    plan.plan_id = ++plan_id_;
-    plan.waypoint_count = 1;
-    plan.joint_count = 1;
-    plan.t_ns[0] = now_ns_ + 300 * kNsPerMs;
-    plan.position_rad[0] = goal_rad;
-    plan.velocity_rad_s[0] = std::numeric_limits<double>::quiet_NaN();
-    ipc::ChannelWriter<wire::Plan>(brain_memory_->plan).write(plan);
-    brain_memory_->header.heartbeat_ns = now_ns_;
-  }
-
-  Mode mode() const { return static_cast<Mode>(record_.mode); }
-
-  robot::RobotConfig robot_;
-  std::unique_ptr<ipc::SpineMemory> memory_ = std::make_unique<ipc::SpineMemory>();
-  std::unique_ptr<ipc::ControlMemory> control_memory_ = std::make_unique<ipc::ControlMemory>();
-  std::unique_ptr<ipc::BrainMemory> brain_memory_ = std::make_unique<ipc::BrainMemory>();
-  ClockMemory clock_{};
-  Handover handover_;
-  law::Slot slot_;
-  std::unique_ptr<hal::Actuators> actuators_;
-  std::unique_ptr<Spine> spine_;
-  std::unique_ptr<ipc::MailboxSender<wire::Command, 16>> command_;
-  ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> reader_{memory_->telemetry};
-  std::array<law::Resident, law::kResidents> residents_{};
-  std::uint32_t next_ = 0;
-  std::uint64_t plan_id_ = 0;
-  std::int64_t now_ns_ = 1000 * kNsPerS;
-  hal::ActuatorCommand sent_;
-  wire::Telemetry record_;
-};
 
 TEST_F(TickTest, DrivesAreOffUntilSomebodyArms) {
   stage(kPd);
@@ -316,27 +148,54 @@ TEST_F(TickTest, EitherEstopWordStopsTheDrivesAndStaysUntilReleasedAndReset) {
 
 TEST_F(TickTest, ASilentBrainLeavesTheJointAtRestWhereItIs) {
   arm_with(kPd);
-  publish(0.5);
-  ticks(150);  // in full flight; nothing more ever comes from the Brain
+  publish(1.5, 5000);
+  ticks(300);  // in full flight; nothing more ever comes from the Brain
+  EXPECT_NE(record_.flags & wire::telemetry_flag::kBrainStale, 0u);
+  ticks(200);
+  const double rest_rad = record_.setpoint_position_rad[0];
+  EXPECT_EQ(record_.setpoint_velocity_rad_s[0], 0.0);
+  EXPECT_LT(rest_rad, 0.5) << "the plan goes on for seconds: it is not followed to its end";
   ticks(1000);
   EXPECT_EQ(mode(), Mode::active);
-  EXPECT_NE(record_.flags & wire::telemetry_flag::kBrainStale, 0u);
-  EXPECT_EQ(record_.setpoint_velocity_rad_s[0], 0.0);
+  EXPECT_EQ(record_.setpoint_position_rad[0], rest_rad);
 }
 
-TEST_F(TickTest, HostileBytesNeverLeaveTheLimits) {
-  arm_with(kPd);
-  std::mt19937_64 random(7);
-  for (int i = 0; i < 3000; ++i) {
-    auto* bytes = reinterpret_cast<unsigned char*>(brain_memory_.get());
-    for (int k = 0; k < 64; ++k)
-      bytes[random() % (sizeof(ipc::BrainMemory) - sizeof(ipc::StickyWord))] = random() & 0xff;
-    tick();
-    ASSERT_TRUE(std::isfinite(sent_.torque_nm[0]));
-    ASSERT_LE(std::abs(sent_.torque_nm[0]), 0.6);
-    ASSERT_TRUE(std::isfinite(record_.setpoint_position_rad[0]));
-    ASSERT_LE(std::abs(record_.setpoint_position_rad[0]), 3.0);
+// What a law is told on its first ticks, whatever the release jitter was.
+struct Watch {
+  struct Params {};
+  struct State {};
+  struct Probes {
+    double t_s = 0, brain_age_s = 0;
+  };
+  static void step(const Tick& t, const Params&, State&, Effort&, Probes& p) {
+    p.t_s = t.t_s;
+    p.brain_age_s = t.brain_age_s;
   }
+};
+constexpr LitheLaw kWatch = describe<Watch>("watch");
+
+TEST_F(TickTest, ALawsTimeBeginsAtZeroAndItsProbesLeaveWithIt) {
+  arm_with(kPd);
+  stage(kWatch);
+  spine_->tick(now_ns_ + kNsPerMs, now_ns_ + kNsPerMs + 900'000, 0);  // commits late in its period
+  now_ns_ += kNsPerMs;
+  serve();
+  tick();
+  EXPECT_EQ(record_.probe[0], 0.0);
+  EXPECT_TRUE(std::isinf(record_.probe[1])) << "no Brain was ever there";
+  tick();
+  EXPECT_NEAR(record_.probe[0], 1e-3, 1e-9);
+  stage(kPd);
+  ticks(2);
+  EXPECT_EQ(record_.probe[1], 0.0);
+}
+
+TEST_F(TickTest, AReleaseNobodyServedCountsAsLate) {
+  arm_with(kPd);
+  const std::uint64_t before = memory_->release_jitter.count;
+  tick(true, 3);
+  EXPECT_EQ(memory_->release_jitter.count, before + 4);
+  EXPECT_EQ(memory_->release_jitter.max_ns, 3 * kNsPerMs + 100u);
 }
 
 TEST_F(TickTest, NothingIsAllocatedWhateverHappens) {

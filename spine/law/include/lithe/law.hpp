@@ -62,12 +62,12 @@ inline constexpr std::uint32_t kBrainStale = 2;   // no fresh plan: the setpoint
 struct Tick {
   std::uint64_t tick = 0;
   std::int64_t t_ns = 0;  // CLOCK_MONOTONIC
-  double t_s = 0;         // time this law has been running
+  double t_s = 0;         // since this law's first tick
   double dt_s = 0;        // one tick
   std::uint32_t joints = 0;
   std::uint32_t flags = 0;
   double sample_age_s = 0;
-  double brain_age_s = 0;
+  double brain_age_s = 0;  // infinity: no Brain was ever heard
   JointArray position_rad{}, velocity_rad_s{}, torque_nm{};
   JointArray setpoint_position_rad{}, setpoint_velocity_rad_s{}, setpoint_acceleration_rad_s2{};
   std::array<double, kMaxSensors> sensor{};
