@@ -519,7 +519,7 @@ static_assert(offsetof(Command, value) == 152);
 // Brings a compiled law into the Spine.
 struct StageRequest {
   std::uint64_t request_id = {};  // comes back in the events
-  std::uint64_t source_hash = {};  // first 8 bytes of SHA-256 of the source
+  std::uint64_t source_hash = {};  // first 8 bytes of the SHA-256 of compiler, contract and source
   std::array<char, 256> path{};  // compiled object, zero-terminated
   std::array<char, 64> name{};  // for events and reports
 };
