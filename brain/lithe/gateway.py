@@ -8,7 +8,8 @@ JSON lines. The first line is {"token": "..."}; then requests {"id", "verb", "ar
     latest    {fields?}                                 the newest telemetry record
     history   {seconds?, since_tick?, every?, fields?}  columns of records, at most the last 4096 ticks
     publish   {t_ns, position_rad, velocity_rad_s?, streaming?}   a plan of up to 16 waypoints
-    estop     {}                                        at once, through shared memory
+    estop     {}                                        at once, through shared memory; answered when a tick has obeyed
+    reset     {}                                        lifts that e-stop too, which the supervisor cannot
 
 An application may add verbs. Every other verb (status, swap, rollback, params, set_params, arm, ...) goes to the
 supervisor. Loopback by default; the token lies in a file of mode 0600.
@@ -90,7 +91,8 @@ class Gateway:
             "latest": self._latest,
             "history": self._history,
             "publish": self._publish,
-            "estop": self._estop,
+            "estop": lambda _: robot.estop(),
+            "reset": lambda _: robot.reset(),
             **(verbs or {}),
         }
         gateway = self
@@ -217,10 +219,6 @@ class Gateway:
                 bool(args.get("streaming", True)),
             )
         return {"plan_id": plan_id}
-
-    def _estop(self, _: dict[str, Any]) -> Any:
-        self.robot.estop()
-        return {"mode": "estop"}
 
 
 def main() -> int:

@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from . import place
+from ._wire import Mode
 from .control import connect_control, find_robot
-from .errors import LitheError
+from .errors import LitheError, Refused
 from .shm import BrainWriter, SpineView
 
 
@@ -172,17 +173,31 @@ class Robot:
         return self.call("hold")
 
     def reset(self) -> Any:
-        """After a fault or an e-stop; releases the Brain's own e-stop word first."""
+        """After a fault or an e-stop; releases the Brain's own e-stop word first, which nobody else can."""
         if self._writer is not None:
             self._writer.press_estop(False)
         return self.call("reset")
 
-    def estop(self) -> None:
-        """At once, through shared memory: needs no supervisor."""
-        if self._writer is not None:
-            self._writer.press_estop()
-        else:
-            self.call("estop")
+    def estop(self, within_s: float = 0.5) -> dict[str, Any]:
+        """At once, through shared memory: needs no supervisor. Returns when a tick has obeyed.
+
+        Refused with code "robot_fault" when none has within `within_s`; the word stays pressed.
+        """
+        if self._writer is None:
+            result: dict[str, Any] = self.call("estop")
+            return result
+        self._writer.press_estop()
+        until = time.monotonic() + within_s
+        while time.monotonic() < until:
+            record = self.spine.latest()
+            if record is not None and int(record["mode"]) == Mode.estop:
+                return {"mode": "estop", "tick": int(record["tick"])}
+            time.sleep(0.001)
+        raise Refused(
+            "robot_fault",
+            f"the Spine of '{self.name}' has not obeyed the e-stop within {within_s:g} s",
+            "its drives' watchdogs stop the robot; if it moves, cut its power",
+        )
 
     def close(self) -> None:
         self._control.close()

@@ -2,6 +2,8 @@
 """The TCP gateway: who gets in, what a bad request gets, and that an agent can do all that the Brain can."""
 
 import json
+import os
+import signal
 import socket
 import stat
 import time
@@ -14,7 +16,7 @@ import lithe
 import pytest
 from lithe.gateway import MOST_REQUEST_BYTES, Gateway, encode, write_token
 from lithe.remote import Remote
-from system.house import ROOT
+from system.house import ROOT, House
 
 
 @pytest.fixture
@@ -88,7 +90,7 @@ def test_no_gateway_says_how_to_start_one() -> None:
         (b'{"id": 1, "verb": "latest", "args": {"fields": ["nonsense"]}}', "unknown_field"),
         (b'{"id": 1, "verb": "fly"}', "unknown_verb"),
         (b'{"id": 1, "verb": "call", "args": {"verb": "x"}}', "unknown_verb"),
-        (b'{"id": 1, "verb": "set_params", "args": {"verb": "estop", "self": 1}}', "bad_request"),
+        (b'{"id": 1, "verb": "set_params", "args": {"verb": "estop", "self": 1}}', "usage"),
         (b"[" * 100_000, "bad_request"),
         (b"\xff\xfe", "bad_request"),
     ],
@@ -141,6 +143,29 @@ def test_an_agent_publishes_swaps_and_tunes(remote: Remote) -> None:
     while remote.call("latest", fields=["plan_id"])["plan_id"] != plan_id and time.monotonic() < until:
         time.sleep(0.02)
     assert remote.call("latest", fields=["plan_id"])["plan_id"] == plan_id
+
+
+def test_an_agent_that_pressed_the_estop_can_reset_and_arm_again(remote: Remote) -> None:
+    pressed = remote.call("estop")
+    assert pressed["mode"] == "estop" and remote.call("status")["mode"] == "estop"
+    with pytest.raises(lithe.Refused) as caught:
+        remote.call("arm")
+    assert caught.value.code == "refused_estop"
+    assert remote.call("reset")["mode"] == "disarmed"
+    assert remote.call("arm")["mode"] == "active"
+
+
+def test_a_spine_that_does_not_obey_the_estop_is_reported(remote: Remote, house: House) -> None:
+    spine = house.spine_pid()
+    os.kill(spine, signal.SIGSTOP)
+    try:
+        with pytest.raises(lithe.Refused, match=r"has not obeyed[\s\S]*cut its power") as caught:
+            remote.call("estop")
+    finally:
+        os.kill(spine, signal.SIGCONT)
+    assert caught.value.code == "robot_fault"
+    house.wait_for(lambda: remote.call("status")["mode"] == "estop")
+    remote.call("reset")
 
 
 def test_a_compile_error_reaches_the_agent_with_its_line(remote: Remote) -> None:
