@@ -16,7 +16,8 @@ namespace lithe::loop {
 // The durations of one tick [ns], as the design defines them.
 struct Durations {
   std::int64_t release_jitter_ns = 0;  // woken minus due
-  std::int64_t handoff_ns = 0;         // woken to u_k handed over
+  std::int64_t handoff_ns =
+      0;  // woken to u_k handed over; inline Transport: of the previous tick, until the bus was served
   std::int64_t law_ns = 0;
   std::int64_t guard_ns = 0;
   std::int64_t tick_ns = 0;  // of the previous tick: this one is not over when it is published

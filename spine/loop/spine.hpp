@@ -97,6 +97,7 @@ class Spine {
   std::uint32_t flags_ = 0;        // of this tick's record
   bool overran_ = false;           // the previous tick ended after its deadline
   Durations durations_;
+  std::int64_t last_from_ns_ = 0, served_ns_ = 0;  // inline Transport: when the last tick began, and got to the bus
   Tick in_;
   Effort effort_;
   std::array<double, kMaxProbes> probes_{};

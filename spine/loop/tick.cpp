@@ -30,7 +30,8 @@ void Spine::tick(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t sk
 
   react(verdict, woke_ns);
   compose();  // u_{k+1}, for the next release
-  durations_.handoff_ns = handed_ns - from_ns;
+  durations_.handoff_ns = inline_actuators_ == nullptr ? handed_ns - from_ns : served_ns_ - last_from_ns_;
+  last_from_ns_ = from_ns;
   durations_.law_ns = guard_from_ns - law_from_ns;
   durations_.guard_ns = guard_to_ns - guard_from_ns;
   swap(woke_ns);  // at the end of the tick: the next one runs the new law
@@ -179,7 +180,9 @@ void Spine::publish(const guard::Verdict& verdict, std::int64_t release_ns) LITH
 }
 
 void Spine::serve_inline() LITHE_RT {
-  if (inline_actuators_ != nullptr && handover_.pending()) serve_once(handover_, *inline_actuators_, clock_.raw());
+  if (inline_actuators_ == nullptr || !handover_.pending()) return;
+  served_ns_ = clock_.now_ns();
+  serve_once(handover_, *inline_actuators_, clock_.raw());
 }
 
 }  // namespace lithe::loop

@@ -405,7 +405,7 @@ struct Telemetry {
   std::uint32_t late_samples = {};  // ticks without a fresh sample since the start
   std::uint32_t joint_count = {};  // entries of the joint arrays that mean something
   std::uint32_t release_jitter_ns = {};  // [ns] woken minus due
-  std::uint32_t handoff_ns = {};  // [ns] woken to the command u_k handed to the Transport
+  std::uint32_t handoff_ns = {};  // [ns] woken to u_k handed to the Transport; inline: previous tick, to the bus
   std::uint32_t law_ns = {};  // [ns] the law's step
   std::uint32_t guard_ns = {};  // [ns] the guard's check
   std::uint32_t tick_ns = {};  // [ns] the whole previous tick, woken to done
