@@ -2,8 +2,9 @@
 """Keeps the Brain off the Spine's core.
 
 A BLAS that starts one thread a core beside a spinning Spine makes both slow: the Brain 12 to 20 times, the Spine
-late. So the affinity and the thread counts must be set before numpy is imported; `import lithe` does both when
-LITHE_BRAIN_CPU is set, and `lithe.connect()` pins the process in any case.
+late. Its thread count is read once, when numpy is imported; so `import lithe` sets it first, to one unless the
+environment says otherwise. `lithe.connect()` pins the calling thread, and those it starts later, to the Brain's core;
+with LITHE_BRAIN_CPU set, `import lithe` does that already.
 """
 
 from __future__ import annotations
@@ -14,35 +15,32 @@ import warnings
 
 THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 
+# Read when `import lithe` begins: did numpy come first, and start its threads as it liked?
+CAME_LATE = "numpy" in sys.modules and not any(os.environ.get(name) for name in THREAD_VARIABLES)
+
 
 def pin(cpu: int) -> bool:
-    """Pins this process (its present and future threads' parent) to one core; False if the kernel refuses."""
+    """Pins this thread, and those it starts from now on, to one core; False if the kernel refuses."""
     try:
         os.sched_setaffinity(0, {cpu})
-    except OSError:
+    except (OSError, ValueError, OverflowError):
         return False
     return True
 
 
-def prepare(cpu: int | None = None) -> None:
-    """Sets affinity and thread counts before numpy comes; without `cpu` and LITHE_BRAIN_CPU it does nothing."""
-    text = os.environ.get("LITHE_BRAIN_CPU", "") if cpu is None else str(cpu)
-    if not text.isdigit():
-        return
+def prepare() -> None:
+    """Before numpy comes: one thread for its libraries, and the core of LITHE_BRAIN_CPU if there is such a variable."""
     for name in THREAD_VARIABLES:
         os.environ.setdefault(name, "1")
-    pin(int(text))
+    if (text := os.environ.get("LITHE_BRAIN_CPU", "")).isdecimal():
+        pin(int(text))
 
 
 def warn_if_late() -> None:
-    """Says so when numpy was imported before anything limited its threads."""
-    if (
-        "numpy" in sys.modules
-        and not any(os.environ.get(name) for name in THREAD_VARIABLES)
-        and (os.cpu_count() or 1) > 1
-    ):
+    """Says so when numpy had started its threads before lithe could limit them."""
+    if CAME_LATE and (os.cpu_count() or 1) > 1:
         warnings.warn(
-            "numpy was imported before lithe: its thread pool may use the Spine's core; import lithe first with "
-            "LITHE_BRAIN_CPU set, or set OPENBLAS_NUM_THREADS=1",
+            "numpy was imported before lithe: its threads may use the Spine's core; "
+            "import lithe first, or set OPENBLAS_NUM_THREADS=1",
             stacklevel=3,
         )
