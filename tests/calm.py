@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import lithe
 from system.house import ROOT, House
 
 PATIENCE = {
@@ -43,3 +45,17 @@ def calm_robot() -> Iterator[House]:
         house.close()
         os.environ.clear()
         os.environ.update(before)
+
+
+@contextmanager
+def connected() -> Iterator[lithe.Robot]:
+    """`lithe.connect()` for a test: it gets its cores back, and numpy was there before lithe."""
+    cores = os.sched_getaffinity(0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        robot = lithe.connect()
+    try:
+        yield robot
+    finally:
+        robot.close()
+        os.sched_setaffinity(0, cores)
