@@ -129,10 +129,10 @@ TEST_F(ServiceTest, RefusedLawLeavesNothingInTheCache) {
 
 TEST_F(ServiceTest, NonsenseIsAnsweredAndTheServiceGoesOn) {
   bool quit = false;
-  for (const char* line : {"{", "[]", "{\"id\":1}", "{\"verb\":3}", "{\"verb\":\"compile\"}",
-                           "{\"verb\":\"compile\",\"source\":[1]}",
-                           "{\"verb\":\"compile\",\"source\":\"int x;\"}",
-                           "{\"verb\":\"compile\",\"source\":\"int x;\",\"joints\":33}", "{\"verb\":\"dance\"}", "\xff\xfe"}) {
+  for (const char* line :
+       {"{", "[]", "{\"id\":1}", "{\"verb\":3}", "{\"verb\":\"compile\"}", "{\"verb\":\"compile\",\"source\":[1]}",
+        "{\"verb\":\"compile\",\"source\":\"int x;\"}", "{\"verb\":\"compile\",\"source\":\"int x;\",\"joints\":33}",
+        "{\"verb\":\"dance\"}", "\xff\xfe"}) {
     EXPECT_FALSE(service_.answer(line, quit)["ok"]) << line;
   }
   EXPECT_FALSE(quit);

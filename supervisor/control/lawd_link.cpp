@@ -71,8 +71,7 @@ Result<> LawdLink::start(std::int64_t now_ns) {
 
 void LawdLink::compile(const std::string& name, const std::string& source, Callback callback, std::int64_t now_ns) {
   const std::uint64_t id = next_id_++;
-  const Json request = {
-      {"id", id}, {"verb", "compile"}, {"name", name}, {"source", source}, {"joints", joints_}};
+  const Json request = {{"id", id}, {"verb", "compile"}, {"name", name}, {"source", source}, {"joints", joints_}};
   pending_[id] = {std::move(callback), swap::dump_line(request) + '\n', now_ns + kCompileTimeoutNs, false};
   write_requests();
 }
