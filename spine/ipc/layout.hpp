@@ -37,6 +37,8 @@ struct SpineMemory {
   EventRing events_loader;
   ChannelMemory<wire::Params> params;
   std::array<ChannelMemory<wire::LawInfo>, wire::kNlaw> law_info;
+  RingMemory<wire::LawFault, wire::spine_segment::kLawFaultsDepth> law_faults;
+  ChannelMemory<wire::ShadowReport> shadow;
   HistogramMemory release_jitter, handoff, law, guard, tick, bus;
   CommandAck control_ack;
   CommandAck brain_ack;
