@@ -23,7 +23,6 @@ inline constexpr std::size_t kNw = 16;
 inline constexpr std::size_t kNparam = 32;
 inline constexpr std::size_t kNbin = 976;
 inline constexpr std::size_t kNlaw = 8;
-inline constexpr std::size_t kNo_slot = 4294967295;
 static_assert(kNj == kMaxJoints, "schema/wire.toml NJ and the build option LITHE_NJ must agree");
 static_assert(kNbin == kHistogramBins);
 
@@ -597,7 +596,7 @@ struct StageRequest {
   std::uint64_t source_hash = {};  // first 8 bytes of the SHA-256 of compiler, contract and source
   std::array<char, 256> path{};  // compiled object, zero-terminated; unused when slot says where the code is
   std::array<char, 64> name{};  // for events and reports
-  std::uint32_t slot = {};  // arena slot that holds the code; NO_SLOT = load `path`
+  std::uint32_t slot = {};  // arena slot that holds the code; counted from 1; 0 = load `path`
   std::uint32_t code_bytes = {};  // of the image in the slot
   std::uint64_t entry = {};  // address of the law's descriptor in the arena
   std::uint64_t image_hash = {};  // FNV-1a of the image
@@ -637,7 +636,7 @@ struct LawFault {
   std::uint32_t took_ns = {};  // [ns] from the law's start to the end of the fallback's step
   std::uint64_t pc = {};  // where it happened; 0 = unknown
   std::uint64_t address = {};  // what it touched; 0 = unknown
-  std::uint32_t slot = {};  // arena slot of the law; NO_SLOT = none
+  std::uint32_t slot = {};  // arena slot of the law, counted from 1; 0 = none
   std::uint32_t pc_offset = {};  // from the start of the slot; 0 = outside
 };
 static_assert(std::is_trivially_copyable_v<LawFault>);
@@ -696,7 +695,7 @@ struct LawInfo {
   std::array<double, 32> param_min{};  // [1] 
   std::array<double, 32> param_max{};  // [1] 
   std::array<char, 256> probe_name{};  // 32 characters each, zero-terminated
-  std::uint32_t slot = {};  // arena slot of its code; NO_SLOT = none
+  std::uint32_t slot = {};  // arena slot of its code, counted from 1; 0 = none
   std::uint32_t code_bytes = {};
 };
 static_assert(std::is_trivially_copyable_v<LawInfo>);
