@@ -45,6 +45,14 @@ struct BrainConfig {
   StaleAction on_stale = StaleAction::hold;
 };
 
+// How a new law is brought in. A request may say otherwise.
+struct SwapConfig {
+  double budget_share = 0.3;           // of a tick that a law may take before another one takes over
+  double blend_s = 0.02;               // from the old law's torque to the new one's
+  double probation_s = 1.0;            // for so long a law that does worse than the one before it is replaced
+  double probation_error_ratio = 3.0;  // worse: an error this many times the largest before; 0 = not judged
+};
+
 struct BusConfig {
   std::string name;
   BusKind kind = BusKind::loop;
@@ -103,6 +111,7 @@ struct RobotConfig {
   SpineConfig spine;
   GuardConfig guard;
   BrainConfig brain;
+  SwapConfig swap;
   std::vector<BusConfig> buses;
   std::vector<DeviceConfig> devices;
   std::vector<JointConfig> joints;

@@ -40,6 +40,14 @@ void read_brain(Reader& in, BrainConfig& brain) {
   in.finish();
 }
 
+void read_swap(Reader& in, SwapConfig& swap) {
+  in.number("budget_share", swap.budget_share, {0.01, 0.9});
+  in.number("blend_s", swap.blend_s, {0.0, 10.0});
+  in.number("probation_s", swap.probation_s, {0.0, 3600.0});
+  in.number("probation_error_ratio", swap.probation_error_ratio, {0.0, kBig});
+  in.finish();
+}
+
 void read_device(Reader& in, DeviceConfig& device, const std::vector<std::string_view>& buses, Need need) {
   in.choice<DeviceKind>("kind", device.kind, {{"moteus", DeviceKind::moteus}}, need);
   in.reference("bus", device.bus, "bus", buses, need);
