@@ -10,11 +10,6 @@ namespace lithe::load {
 namespace {
 
 template <std::size_t N>
-bool is_text(const std::array<char, N>& text) {
-  return text[0] != '\0' && std::memchr(text.data(), '\0', N) != nullptr;
-}
-
-template <std::size_t N>
 void copy_text(char* to, const char (&from)[N]) {
   std::memcpy(to, from, N);
   to[N - 1] = '\0';
@@ -29,9 +24,10 @@ std::int64_t monotonic_ns() {
 }  // namespace
 
 Loader::Loader(law::Slot& slot, LawStore& store, ipc::SpineMemory& spine, const ipc::ControlMemory& control,
-               std::uint32_t joints)
+               std::uint32_t joints, LawStore* arena)
     : slot_(slot),
       store_(store),
+      arena_(arena),
       spine_(spine),
       requests_(control.stage, spine.stage_ack),
       events_(spine.events_loader),
@@ -69,7 +65,7 @@ bool Loader::retire_one(std::int64_t now_ns) {
 // tick. One that gets none is taken back.
 bool Loader::candidate_waits(std::int64_t now_ns) {
   if (waiting_ == nullptr) return false;
-  if (slot_.seen().active_id == waiting_->law_id) {
+  if (slot_.active_id() == waiting_->law_id) {
     waiting_ = nullptr;
     return false;
   }
@@ -116,21 +112,26 @@ law::Resident* Loader::free_place() {
 }
 
 wire::StageResult Loader::prepare(law::Resident& place, const wire::StageRequest& request, Text& why) {
-  if (!is_text(request.path) || request.path[0] != '/') {
-    std::snprintf(why.data(), why.size(), "the path in the request is not an absolute, zero-terminated path");
-    return wire::StageResult::hostile;
+  if (request.slot != 0 && arena_ == nullptr) {
+    std::snprintf(why.data(), why.size(), "this Spine has no code arena: it loads laws with dlopen");
+    return wire::StageResult::load_failed;
   }
-  const LitheLaw* law = store_.load(place.index, request.path.data(), why);
-  if (law == nullptr) return wire::StageResult::load_failed;
+  const LitheLaw* law = nullptr;
+  LawStore& store = request.slot != 0 ? *arena_ : store_;
+  const wire::StageResult loaded = store.load(place.index, request, law, why);
+  if (loaded != wire::StageResult::staged) return loaded;
+  place.slot = request.slot;
   if (*law::describe_mismatch(*law, why.data(), why.size()) != '\0') {
-    store_.unload(place.index);
+    unload(place);
     return wire::StageResult::abi_mismatch;
   }
   law::reset_resident(place, *law);
+  place.slot = request.slot;
+  code_bytes_[place.index] = request.slot != 0 ? request.code_bytes : 0;
   place.request_id = request.request_id;
   place.source_hash = request.source_hash;
   if (!dry_call(place, why)) {
-    store_.unload(place.index);
+    unload(place);
     return wire::StageResult::dry_run_failed;
   }
   place.law_id = next_id_++;
@@ -160,20 +161,17 @@ bool Loader::dry_call(const law::Resident& candidate, Text& why) {
   return true;
 }
 
-// From the law that is active and from the one a rollback would bring back: the tick may choose between them at any
-// moment, and no third one can become active before this candidate.
+// From every law in memory: whichever of them is active when the candidate's tick comes (a rollback may intervene).
 void Loader::build_bridges(law::Resident& candidate) {
-  const law::Slot::Seen seen = slot_.seen();
-  std::uint32_t which = 0;
   for (const law::Resident& peer : residents_) {
-    const bool may_precede = peer.law_id == seen.active_id || peer.law_id == seen.previous_id;
-    if (!used_[peer.index] || &peer == &candidate || !may_precede || which >= candidate.bridges.size()) continue;
-    law::build_bridge(candidate, which++, *peer.descriptor, peer.law_id);
+    if (used_[peer.index] && &peer != &candidate) law::build_bridge(candidate, peer);
   }
 }
 
+void Loader::unload(const law::Resident& place) { (place.slot != 0 ? *arena_ : store_).unload(place.index); }
+
 void Loader::release(law::Resident& place) {
-  store_.unload(place.index);
+  unload(place);
   used_[place.index] = false;
   place.law_id = 0;
   place.descriptor = nullptr;
@@ -190,6 +188,8 @@ void Loader::publish_info(const law::Resident& place) {
     info_.state_bytes = law.state_size;
     info_.source_hash = place.source_hash;
     info_.request_id = place.request_id;
+    info_.slot = place.slot;
+    info_.code_bytes = code_bytes_[place.index];
     copy_text(info_.name.data(), law.name);
     for (std::uint32_t i = 0; i < law.param_count; ++i) {
       copy_text(info_.param_name.data() + 32 * i, law.params[i].name);

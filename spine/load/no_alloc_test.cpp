@@ -29,10 +29,12 @@ constexpr LitheLaw kWave = describe<Wave>("wave");
 // A store whose only law is part of this program.
 class BuiltInStore final : public LawStore {
  public:
-  const LitheLaw* load(std::uint32_t, const char* path, std::span<char> why) override {
-    if (std::strcmp(path, "/wave") == 0) return &kWave;
-    std::snprintf(why.data(), why.size(), "there is no %s", path);
-    return nullptr;
+  wire::StageResult load(std::uint32_t, const wire::StageRequest& request, const LitheLaw*& law,
+                         std::span<char> why) override {
+    law = &kWave;
+    if (std::strcmp(request.path.data(), "/wave") == 0) return wire::StageResult::staged;
+    std::snprintf(why.data(), why.size(), "there is no %s", request.path.data());
+    return wire::StageResult::load_failed;
   }
   void unload(std::uint32_t) override {}
 };
