@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/contain/watchdog.hpp"
+
+#include <sys/prctl.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <ctime>
+#include <string>
+
+#include "spine/contain/core.hpp"
+#include "spine/core/time.hpp"
+
+namespace lithe::contain {
+namespace {
+
+// A signal that could not be queued, or came before the handler's thread could take it, is sent again after this long.
+constexpr std::int64_t kAgainAfterNs = kNsPerMs;
+
+}  // namespace
+
+// To one thread and with a number: neither kill() nor pthread_kill() can do both.
+void send_watch_signal(pid_t thread, std::uint64_t serial, bool& sent) noexcept {
+  siginfo_t info{};
+  info.si_signo = watch_signal();
+  info.si_code = SI_QUEUE;
+  info.si_pid = getpid();
+  info.si_uid = getuid();
+  info.si_value.sival_ptr = reinterpret_cast<void*>(static_cast<std::uintptr_t>(serial));
+  sent = syscall(SYS_rt_tgsigqueueinfo, getpid(), thread, watch_signal(), &info) == 0;
+}
+
+Result<> Watchdog::watch(Cell& cell) {
+  const std::lock_guard lock(mutex_);
+  for (Watched& place : watched_) {
+    if (place.core != nullptr) continue;
+    place = {cell.core_.get(), 0, 0, 0};
+    cell.core_->watchdog = this;
+    return done();
+  }
+  return Error{"the watchdog watches " + std::to_string(watched_.size()) + " threads already (kMaxWatched)"};
+}
+
+void Watchdog::forget(const Core& core) {
+  const std::lock_guard lock(mutex_);
+  for (Watched& place : watched_) {
+    if (place.core == &core) place = {};
+  }
+}
+
+void Watchdog::run(const std::atomic<bool>& stop) noexcept {
+  prctl(PR_SET_TIMERSLACK, 1ul);  // else the kernel adds 50 us to every sleep
+  last_call_ns_ = monotonic_ns();
+  while (!stop.load(std::memory_order_relaxed)) {  // relaxed: nothing but the wish to stop is passed
+    const std::int64_t wait_ns = look(monotonic_ns());
+    if (wait_ns <= 0) {
+      spin_pause();
+      continue;
+    }
+    const timespec wait{wait_ns / kNsPerS, wait_ns % kNsPerS};
+    nanosleep(&wait, nullptr);
+  }
+}
+
+std::int64_t Watchdog::look(std::int64_t now_ns) noexcept {
+  const std::lock_guard lock(mutex_);
+  std::int64_t wait_ns = config_.look_every_ns;
+  for (Watched& watched : watched_) {
+    if (watched.core != nullptr) wait_ns = std::min(wait_ns, look_at(watched, now_ns));
+  }
+  const bool idle = wait_ns == config_.look_every_ns && now_ns - last_call_ns_ > config_.idle_after_ns;
+  return idle ? config_.idle_look_every_ns : wait_ns;
+}
+
+// The time until this call's deadline, at most the usual wait.
+std::int64_t Watchdog::look_at(Watched& watched, std::int64_t now_ns) noexcept {
+  Core& core = *watched.core;
+  // acquire: partner of the release in Cell::run(). A later call's deadline lies later, so mixing the two only delays.
+  const std::uint64_t call = core.call.load(std::memory_order_acquire);
+  const std::int64_t deadline_ns = core.deadline_ns.load(std::memory_order_relaxed);
+  if (deadline_ns != watched.deadline_ns) {  // not `call`: a law is hardly ever met while it runs
+    watched.deadline_ns = deadline_ns;
+    last_call_ns_ = now_ns;
+  }
+  if (call == 0) return config_.look_every_ns;
+  const std::int64_t left_ns = deadline_ns - now_ns;
+  if (left_ns > 0) return std::min(left_ns, config_.look_every_ns);
+  if (call == watched.signalled && now_ns < watched.again_ns) return config_.look_every_ns;
+  bool sent = false;
+  send_watch_signal(core.thread, call, sent);
+  if (sent) {
+    watched.signalled = call;
+    watched.again_ns = now_ns + kAgainAfterNs;
+    sent_.fetch_add(1, std::memory_order_relaxed);
+  }
+  return config_.look_every_ns;
+}
+
+}  // namespace lithe::contain

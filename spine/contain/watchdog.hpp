@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+// Breaks off a law that does not come back.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <mutex>
+
+#include "spine/contain/cell.hpp"
+#include "spine/core/result.hpp"
+
+namespace lithe::contain {
+
+// How closely a Watchdog looks: a law is broken off between its deadline and one look later.
+struct WatchdogConfig {
+  std::int64_t look_every_ns = 50'000;  // 0 = spin: a core of its own, and the tick's line in its cache all the time
+  std::int64_t idle_after_ns = 100'000'000;     // no call for so long: nobody ticks a law ...
+  std::int64_t idle_look_every_ns = 1'000'000;  // ... and this is often enough, also for the first call
+};
+
+inline constexpr std::size_t kMaxWatched = 4;
+
+// The body of a thread on another core than the Cells', as urgent as they are: while it does not run, nothing ends an
+// endless law. Time is wall-clock time: a call whose thread was preempted past its deadline is broken off, too.
+// Contract: off the tick · watch() and forget() from any thread · outlives the Cells it watches
+class Watchdog {
+ public:
+  explicit Watchdog(const WatchdogConfig& config = {}) : config_(config) {}
+  Watchdog(const Watchdog&) = delete;
+  Watchdog& operator=(const Watchdog&) = delete;
+
+  // Until the Cell is destroyed.
+  Result<> watch(Cell& cell);
+
+  void run(const std::atomic<bool>& stop) noexcept;
+
+  // One look. Returns how long the next one may wait [ns].
+  std::int64_t look(std::int64_t now_ns) noexcept;
+
+  std::uint64_t signals_sent() const { return sent_.load(std::memory_order_relaxed); }
+
+ private:
+  friend class Cell;
+  void forget(const Core& core);
+
+  struct Watched {
+    Core* core = nullptr;
+    std::int64_t deadline_ns = 0;  // at the last look
+    std::uint64_t signalled = 0;   // the call that was told to end
+    std::int64_t again_ns = 0;     // it is told again from then on
+  };
+  std::int64_t look_at(Watched& watched, std::int64_t now_ns) noexcept;
+
+  WatchdogConfig config_;
+  std::mutex mutex_;  // never the tick's
+  std::array<Watched, kMaxWatched> watched_{};
+  std::int64_t last_call_ns_ = 0;
+  std::atomic<std::uint64_t> sent_{0};
+};
+
+}  // namespace lithe::contain

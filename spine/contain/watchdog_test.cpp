@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/contain/watchdog.hpp"
+
+#include <signal.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <chrono>
+#include <thread>
+#include <vector>
+
+#include "spine/contain/bad_laws.hpp"
+#include "spine/contain/core.hpp"
+#include "spine/contain/test_bench.hpp"
+#include "spine/core/time.hpp"
+
+namespace lithe::contain {
+namespace {
+
+using wire::LawFaultKind;
+
+constexpr std::int64_t kBudgetNs = 200'000;
+
+// A Watchdog that runs.
+class Guarded {
+ public:
+  explicit Guarded(const WatchdogConfig& config = {}) : dog(config) {
+    thread_ = std::thread([this] { dog.run(stop_); });
+  }
+  ~Guarded() {
+    stop_.store(true);
+    thread_.join();
+  }
+  Watchdog dog;
+
+ private:
+  std::atomic<bool> stop_{false};
+  std::thread thread_;
+};
+
+class WatchdogTest : public WithCell {
+ protected:
+  void SetUp() override {
+    if (kHoldsSignals) GTEST_SKIP() << "ThreadSanitizer delivers no asynchronous signal to a busy thread";
+  }
+  static void watch(Watchdog& dog, Cell& cell) {
+    const Result<> watched = dog.watch(cell);
+    ASSERT_TRUE(watched) << watched.message();
+  }
+  static std::int64_t deadline() { return monotonic_ns() + kBudgetNs; }
+};
+
+TEST_F(WatchdogTest, AnEndlessLoopIsBrokenOffAgainAndAgain) {
+  Guarded guarded;
+  Cell cell = open_cell();
+  watch(guarded.dog, cell);
+  int runs = 0;
+  for (int i = 0; i < 200; ++i) {
+    const std::int64_t from_ns = monotonic_ns();
+    ASSERT_EQ(cell.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran) << i;
+    ASSERT_GE(monotonic_ns() - from_ns, kBudgetNs) << "broken off before its deadline";
+    ASSERT_FALSE(cell.run(kNoDeadline, bad::count, &runs));
+  }
+  EXPECT_EQ(runs, 200);
+}
+
+TEST_F(WatchdogTest, ASpinningWatchdogDoesTheSame) {
+  WatchdogConfig spinning;
+  spinning.look_every_ns = 0;
+  Guarded guarded(spinning);
+  Cell cell = open_cell();
+  watch(guarded.dog, cell);
+  for (int i = 0; i < 20; ++i) {
+    ASSERT_EQ(cell.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran) << i;
+  }
+}
+
+TEST_F(WatchdogTest, TheFirstCallAfterALongPauseIsWatchedToo) {
+  WatchdogConfig config;
+  config.idle_after_ns = 1'000'000;
+  Guarded guarded(config);
+  Cell cell = open_cell();
+  watch(guarded.dog, cell);
+  for (int i = 0; i < 3; ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    ASSERT_EQ(cell.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran);
+  }
+}
+
+TEST_F(WatchdogTest, TheTroubleNamesTheLoop) {
+  Guarded guarded;
+  Cell cell = open_cell();
+  watch(guarded.dog, cell);
+  const Trouble trouble = cell.run(deadline(), bad::loop_forever, nullptr);
+  const auto loop = reinterpret_cast<std::uintptr_t>(&bad::loop_forever);
+  EXPECT_GE(trouble.pc, loop);
+  EXPECT_LT(trouble.pc, loop + 256);
+}
+
+TEST_F(WatchdogTest, SeveralThreadsAreWatchedAndNoMoreThanItHasPlacesFor) {
+  Guarded guarded;
+  std::atomic<int> watched{0}, refused{0}, broken{0};
+  std::vector<std::thread> threads;
+  for (std::size_t i = 0; i <= kMaxWatched; ++i) {
+    threads.emplace_back([&] {
+      Cell cell = open_cell();
+      const bool has_place = static_cast<bool>(guarded.dog.watch(cell));
+      ++(has_place ? watched : refused);
+      while (watched + refused <= static_cast<int>(kMaxWatched)) std::this_thread::yield();
+      if (has_place && cell.run(deadline(), bad::loop_forever, nullptr).kind == LawFaultKind::overran) ++broken;
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(watched, static_cast<int>(kMaxWatched));
+  EXPECT_EQ(refused, 1);
+  EXPECT_EQ(broken, static_cast<int>(kMaxWatched));
+  Cell cell = open_cell();
+  EXPECT_TRUE(guarded.dog.watch(cell)) << "places of threads that are gone are free again";
+}
+
+// --- a signal that comes too late ---
+
+// Sends, from inside a call, the signal that was meant for the call before: what a Watchdog does that was preempted
+// between its look and its signal.
+void meet_late_signal(void* serial) {
+  bool sent = false;
+  send_watch_signal(static_cast<pid_t>(syscall(SYS_gettid)), *static_cast<std::uint64_t*>(serial), sent);
+  EXPECT_TRUE(sent);
+}
+
+TEST_F(WatchdogTest, ASignalForAnotherCallBreaksNothingOff) {
+  Cell cell = open_cell();
+  for (std::uint64_t call = 1; call <= 100; ++call) {
+    std::uint64_t before = call - 1;
+    ASSERT_FALSE(cell.run(kNoDeadline, meet_late_signal, &before)) << call;
+    meet_late_signal(&call);  // its own, but it is over
+  }
+  EXPECT_EQ(cell.late_signals(), 200u);
+  std::uint64_t own = 101;
+  EXPECT_EQ(cell.run(kNoDeadline, meet_late_signal, &own).kind, LawFaultKind::overran);
+}
+
+// The broken twin: without the comparison the innocent call is cut off.
+struct AnyCall {
+  static bool is_meant(std::uint64_t, std::uint64_t running) { return running != 0; }
+};
+
+TEST_F(WatchdogTest, WithoutTheSerialNumberAnInnocentCallIsBrokenOff) {
+  Cell cell = open_cell();
+  struct sigaction action{}, proper{};
+  action.sa_sigaction = on_watch_signal<AnyCall>;
+  action.sa_flags = SA_ONSTACK | SA_SIGINFO;
+  ASSERT_EQ(sigaction(watch_signal(), &action, &proper), 0);
+  std::uint64_t before = 0;
+  EXPECT_EQ(cell.run(kNoDeadline, meet_late_signal, &before).kind, LawFaultKind::overran);
+  sigaction(watch_signal(), &proper, nullptr);
+  before = 1;
+  EXPECT_FALSE(cell.run(kNoDeadline, meet_late_signal, &before));
+}
+
+TEST_F(WatchdogTest, SomebodyElsesSignalBreaksNothingOff) {
+  Cell cell = open_cell();
+  EXPECT_FALSE(cell.run(kNoDeadline, [](void*) { raise(watch_signal()); }, nullptr));
+}
+
+// --- two troubles at once ---
+
+// Dies at its deadline, when the Watchdog's signal comes, too.
+void die_at(void* at_ns) {
+  while (monotonic_ns() < *static_cast<std::int64_t*>(at_ns)) {
+  }
+  bad::overflow_stack(nullptr);
+}
+
+TEST_F(WatchdogTest, AFaultAtTheDeadlineIsOneTrouble) {
+  WatchdogConfig spinning;
+  spinning.look_every_ns = 0;
+  Guarded guarded(spinning);
+  Cell cell = open_cell();
+  watch(guarded.dog, cell);
+  int faults = 0, overruns = 0, runs = 0;
+  for (int i = 0; i < 1000; ++i) {
+    std::int64_t at_ns = monotonic_ns() + 20'000;
+    const Trouble trouble = cell.run(at_ns - 2'000 + i % 20 * 400, die_at, &at_ns);
+    faults += trouble.kind == LawFaultKind::bad_access ? 1 : 0;
+    overruns += trouble.kind == LawFaultKind::overran ? 1 : 0;
+    ASSERT_FALSE(cell.run(kNoDeadline, bad::count, &runs));
+  }
+  EXPECT_EQ(faults + overruns, 1000);
+  EXPECT_EQ(runs, 1000);
+}
+
+TEST_F(WatchdogTest, CrashesUnderAHailOfLateSignalsAreContained) {
+  Cell cell = open_cell();
+  std::atomic<bool> stop{false};
+  const auto target = static_cast<pid_t>(syscall(SYS_gettid));
+  std::thread hail([&] {
+    bool sent = false;
+    while (!stop.load()) {
+      send_watch_signal(target, UINT64_MAX, sent);
+      std::this_thread::sleep_for(std::chrono::microseconds(1));
+    }
+  });
+  int runs = 0;
+  for (std::size_t i = 0; i < 2000; ++i) {
+    const bad::Case& each = bad::kCrashes[i % bad::kCrashes.size()];
+    ASSERT_EQ(cell.run(kNoDeadline, each.call, nullptr).kind, each.kind) << each.name;
+    ASSERT_FALSE(cell.run(kNoDeadline, bad::count, &runs));
+  }
+  stop.store(true);
+  hail.join();
+  EXPECT_EQ(runs, 2000);
+  EXPECT_GT(cell.late_signals(), 0u);
+}
+
+}  // namespace
+}  // namespace lithe::contain
