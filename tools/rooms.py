@@ -29,7 +29,7 @@ ALLOWED = {
         "spine/hal": "spine/core spine/wire spine/robot spine/hal/bus spine/hal/device spine/hal/sim",
         "spine/contain": "spine/core spine/wire",
         "spine/arena": "spine/core",
-        "spine/load": "spine/core spine/wire spine/ipc spine/law spine/arena",
+        "spine/load": "spine/core spine/wire spine/ipc spine/law spine/arena spine/contain",
         "spine/loop": "spine/core spine/wire spine/ipc spine/law spine/plan spine/guard spine/robot spine/hal spine/contain",
         "spine": SPINE,
         "lawd": "spine/core spine/wire spine/ipc spine/law spine/arena",

@@ -30,6 +30,8 @@ struct Range {
 const char* check_pointers(const LitheLaw& law, const Range& image) {
   const auto step = std::bit_cast<std::uint64_t>(law.step);
   if (!image.holds(step, kCodeAlign) || step % kCodeAlign != 0) return "its step lies outside its slot";
+  const auto init = std::bit_cast<std::uint64_t>(law.init);
+  if (init != 0 && (!image.holds(init, kCodeAlign) || init % kCodeAlign != 0)) return "its init lies outside its slot";
   const auto defaults = std::bit_cast<std::uint64_t>(law.state_defaults);
   if (law.state_size > 0 && !image.holds(defaults, law.state_size)) return "its State's defaults lie outside its slot";
   return nullptr;

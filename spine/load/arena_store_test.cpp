@@ -53,7 +53,7 @@ class ArenaStoreTest : public testing::Test {
     Result<arena::Arena> mapped = arena::Arena::attach_exec(fd_);
     if (!mapped) GTEST_SKIP() << mapped.message();
     store_ = std::make_unique<ArenaStore>(std::move(*mapped));
-    loader_ = std::make_unique<Loader>(slot_, dlopen_, *spine_, *control_, 1, store_.get());
+    loader_ = std::make_unique<Loader>(slot_, dlopen_, *spine_, *control_, rehearsal_, store_.get());
   }
   void TearDown() override { close(fd_); }
 
@@ -98,6 +98,8 @@ class ArenaStoreTest : public testing::Test {
   std::unique_ptr<ipc::ControlMemory> control_ = std::make_unique<ipc::ControlMemory>();
   law::Slot slot_;
   DlopenStore dlopen_;
+  std::unique_ptr<law::Sandbox> sandbox_ = std::make_unique<law::Sandbox>();
+  Rehearsal rehearsal_{*spine_, 1, 1e-3, *sandbox_};
   std::unique_ptr<ArenaStore> store_;
   std::unique_ptr<Loader> loader_;
 };
@@ -196,7 +198,7 @@ TEST_F(ArenaStoreTest, WrongContractIsToldBeforeAnyPointerCounts) {
 
 TEST_F(ArenaStoreTest, WithoutAnArenaARequestForASlotIsRefused) {
   const auto spine = std::make_unique<ipc::SpineMemory>();
-  Loader plain(slot_, dlopen_, *spine, *control_, 1);
+  Loader plain(slot_, dlopen_, *spine, *control_, rehearsal_);
   EXPECT_EQ(plain.stage(place(1), 1), StageResult::load_failed);
 }
 

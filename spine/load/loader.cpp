@@ -21,17 +21,28 @@ std::int64_t monotonic_ns() {
   return now.tv_sec * 1'000'000'000ll + now.tv_nsec;
 }
 
+// NaN and negative numbers ask for nothing.
+law::Terms terms_of(const wire::StageRequest& request) {
+  const auto positive = [](double value) { return value > 0 && std::isfinite(value) ? value : 0.0; };
+  return {request.budget_ns,
+          request.shadow_ticks,
+          request.blend_ticks,
+          request.probation_ticks,
+          positive(request.shadow_tolerance_nm),
+          positive(request.probation_error_ratio)};
+}
+
 }  // namespace
 
 Loader::Loader(law::Slot& slot, LawStore& store, ipc::SpineMemory& spine, const ipc::ControlMemory& control,
-               std::uint32_t joints, LawStore* arena)
+               Rehearsal& rehearsal, LawStore* arena)
     : slot_(slot),
       store_(store),
       arena_(arena),
       spine_(spine),
       requests_(control.stage, spine.stage_ack),
       events_(spine.events_loader),
-      joints_(joints) {
+      rehearsal_(rehearsal) {
   for (std::uint32_t i = 0; i < residents_.size(); ++i) residents_[i].index = i;
 }
 
@@ -89,7 +100,7 @@ wire::StageResult Loader::stage(const wire::StageRequest& request, std::int64_t 
   } else if (place == nullptr) {
     std::snprintf(why.data(), why.size(), "all %u places for laws are taken", law::kResidents);
   } else {
-    result = prepare(*place, request, why);
+    result = prepare(*place, request, now_ns, why);
   }
   if (result != wire::StageResult::staged) {
     tell(wire::EventKind::law_refused, request.request_id, static_cast<std::uint32_t>(result), 0, why.data(), now_ns);
@@ -111,7 +122,8 @@ law::Resident* Loader::free_place() {
   return nullptr;
 }
 
-wire::StageResult Loader::prepare(law::Resident& place, const wire::StageRequest& request, Text& why) {
+wire::StageResult Loader::prepare(law::Resident& place, const wire::StageRequest& request, std::int64_t now_ns,
+                                  Text& why) {
   if (request.slot != 0 && arena_ == nullptr) {
     std::snprintf(why.data(), why.size(), "this Spine has no code arena: it loads laws with dlopen");
     return wire::StageResult::load_failed;
@@ -130,7 +142,8 @@ wire::StageResult Loader::prepare(law::Resident& place, const wire::StageRequest
   code_bytes_[place.index] = request.slot != 0 ? request.code_bytes : 0;
   place.request_id = request.request_id;
   place.source_hash = request.source_hash;
-  if (!dry_call(place, why)) {
+  place.terms = terms_of(request);
+  if (!rehearsal_.prepare(place, now_ns, why)) {
     unload(place);
     return wire::StageResult::dry_run_failed;
   }
@@ -138,27 +151,6 @@ wire::StageResult Loader::prepare(law::Resident& place, const wire::StageRequest
   used_[place.index] = true;
   build_bridges(place);
   return wire::StageResult::staged;
-}
-
-// The first call of new code, on copies, so that the tick's own first call finds its pages and lines warm.
-bool Loader::dry_call(const law::Resident& candidate, Text& why) {
-  scratch_ = candidate;
-  Tick tick;
-  tick.joints = joints_;
-  tick.dt_s = 1e-3;
-  Effort effort;
-  std::array<double, kMaxProbes> probes{};
-  for (std::uint64_t k = 0; k < 3; ++k) {
-    tick.tick = k;
-    tick.t_s = static_cast<double>(k) * tick.dt_s;
-    scratch_.step(tick, effort, probes);
-    for (std::uint32_t j = 0; j < joints_; ++j) {
-      if (std::isfinite(effort.torque_nm[j])) continue;
-      std::snprintf(why.data(), why.size(), "torque_nm[%u] is not finite in the dry call (all inputs zero)", j);
-      return false;
-    }
-  }
-  return true;
 }
 
 // From every law in memory: whichever of them is active when the candidate's tick comes (a rollback may intervene).

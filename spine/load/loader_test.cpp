@@ -86,7 +86,9 @@ class LoaderTest : public ::testing::Test {
   ipc::RingReader<wire::Event, wire::spine_segment::kEventsLoaderDepth> events_{spine_->events_loader};
   law::Slot slot_;
   DlopenStore store_;
-  Loader loader_{slot_, store_, *spine_, *control_, 1};
+  std::unique_ptr<law::Sandbox> sandbox_ = std::make_unique<law::Sandbox>();
+  Rehearsal rehearsal_{*spine_, 1, 1e-3, *sandbox_};
+  Loader loader_{slot_, store_, *spine_, *control_, rehearsal_};
   std::array<double, kMaxProbes> probes_{};
 };
 
