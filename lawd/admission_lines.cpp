@@ -5,6 +5,7 @@
 
 #include <charconv>
 
+#include "lawd/admission_tokens.hpp"
 #include "lawd/child.hpp"
 #include "lawd/files.hpp"
 
@@ -70,12 +71,8 @@ int SourceLines::mentions(std::string_view name) const {
   const std::string_view word = last_word(name);
   const auto text = read_file(compiled_.source_path);
   if (word.empty() || !text) return 0;
-  int line = 1;
-  for (std::size_t i = 0; i < text->size(); ++i) {
-    if ((*text)[i] == '\n') ++line;
-    const bool begins = i == 0 || !is_word((*text)[i - 1]);
-    if (!begins || text->compare(i, word.size(), word) != 0) continue;
-    if (i + word.size() >= text->size() || !is_word((*text)[i + word.size()])) return line;
+  for (const Token& token : tokenise(*text).list) {
+    if (token.kind == TokenKind::word && token.text == word) return token.line;
   }
   return 0;
 }

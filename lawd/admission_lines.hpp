@@ -22,7 +22,7 @@ class SourceLines {
   // The law's line that the code at `offset` of a section comes from, looking through what was inlined; 0 = not known.
   int of(std::string_view section, std::uint64_t offset) const;
 
-  // The first line that has the last word of a (demangled) name; 0 = none.
+  // The first line that has the last word of a (demangled) name, outside comments; 0 = none.
   int mentions(std::string_view name) const;
 
   // "path:line:column" as the compiler writes it: the line when the path is the law's, else 0.

@@ -144,7 +144,9 @@ class Object {
       const std::string name = demangle(symbol.name);
       if (name.starts_with("guard variable for ")) continue;  // its variable is named itself
       const int line = lines_.mentions(name);
-      refuse(name + " " + why, line != 0 ? line : line_of_use(k));
+      const std::size_t local = name.rfind(")::");  // a variable inside a function: its own name is enough
+      const std::string shown = local == std::string::npos ? name : name.substr(local + 3);
+      refuse(shown + " " + why, line != 0 ? line : line_of_use(k));
     }
     if (!named) refuse("something in " + std::string(elf_.sections[section].name) + " " + why);
   }

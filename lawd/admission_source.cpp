@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <map>
 
 #include "lawd/admission.hpp"
 #include "lawd/admission_tokens.hpp"
@@ -13,6 +14,7 @@ namespace lithe::lawd {
 namespace {
 
 constexpr std::size_t kMaxSourceBytes = std::size_t{256} << 10;
+constexpr std::size_t kMaxWords = 200'000;  // after the macros
 
 template <std::size_t N>
 bool holds(const std::array<std::string_view, N>& list, std::string_view word) {
@@ -97,6 +99,29 @@ class Source {
         refuse(token, "## glues words together that cannot be checked: write them out");
       }
     }
+    check_growth();
+  }
+
+  // How many words the macros make of the text: a few lines of them can fill a machine's memory.
+  void check_growth() {
+    std::map<std::string_view, std::size_t> sizes;
+    std::size_t total = 0;
+    for (std::size_t i = 0; i < tokens_.list.size() && total < kMaxWords; ++i) {
+      if (at(i).first && is_mark(i, "#") && at(i + 1).text == "define") {
+        const std::string_view name = at(i + 2).text;
+        std::size_t size = 1;
+        for (i += 3; i < tokens_.list.size() && same_directive(i); ++i) size += grown(sizes, i);
+        sizes[name] = std::min(size, kMaxWords);
+        --i;
+      } else if (!at(i).directive && (total += grown(sizes, i)) >= kMaxWords) {
+        refuse(at(i), "the macros of this law grow to more than " + std::to_string(kMaxWords) +
+                          " words: write a loop or a function");
+      }
+    }
+  }
+  std::size_t grown(const std::map<std::string_view, std::size_t>& sizes, std::size_t i) const {
+    const auto found = sizes.find(at(i).text);
+    return found == sizes.end() ? 1 : found->second;
   }
 
   void check_directive(std::size_t name) {

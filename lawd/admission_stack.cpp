@@ -78,15 +78,24 @@ class Graph {
       const std::string_view text = label.substr(0, end);
       label.remove_prefix(std::min(end + 2, label.size()));
       if (part == 0) {
-        node.name = text;
+        read_name(node, text);
       } else if (part == 1) {
-        node.line = lines_.own_line(text);
+        if (const int own = lines_.own_line(text)) node.line = own;
       } else if (text.find(" bytes (") != std::string_view::npos) {
         node.known = true;
         node.dynamic = text.find("dynamic)") != std::string_view::npos;
         std::from_chars(text.data(), text.data() + text.size(), node.frame_bytes);
       }
     }
+  }
+
+  // The contract's own wrapper stands for the step that was inlined into it.
+  void read_name(Node& node, std::string_view name) {
+    node.name = name;
+    if (name.find("lithe::contract::") == std::string_view::npos) return;
+    const bool init = name.find("::init(") != std::string_view::npos;
+    node.name = init ? "init()" : "step()";
+    node.line = lines_.mentions(init ? "init" : "step");
   }
 
   const SourceLines& lines_;

@@ -101,9 +101,9 @@ constexpr std::array<std::string_view, 81> kKeywords = {"alignas",
                                                         "and",
                                                         "or"};
 
-constexpr std::array<std::string_view, 9> kHarmlessReserved = {"__restrict",  "__restrict__",     "__cplusplus",
-                                                               "__LINE__",    "__FILE__",         "__func__",
-                                                               "__COUNTER__", "__builtin_expect", "__GNUC__"};
+constexpr std::array<std::string_view, 11> kHarmlessReserved = {
+    "__x86_64__", "__aarch64__", "__restrict",  "__restrict__",     "__cplusplus", "__LINE__",
+    "__FILE__",   "__func__",    "__COUNTER__", "__builtin_expect", "__GNUC__"};
 
 struct Word {
   std::string_view word, why;
@@ -254,8 +254,9 @@ bool is_allowed_symbol(std::string_view symbol) {
 }
 
 std::string why_symbol_is_refused(std::string_view symbol, std::string_view readable) {
+  const std::string_view bare = readable.substr(0, readable.find('('));
   for (const Group& group : kGroups) {
-    if (!symbol.empty() && holds(group.names, symbol)) return std::string(group.why);
+    if (!bare.empty() && (holds(group.names, symbol) || holds(group.names, bare))) return std::string(group.why);
   }
   for (const Word& entry : kAdvice) {
     if (readable.starts_with(entry.word)) return std::string(entry.why);
