@@ -15,6 +15,7 @@ inline constexpr int kAutoCpu = -1;
 
 enum class Release { spin, hybrid, sleep };                // how the Spine waits for its next release
 enum class TransportPlace { automatic, thread, inlined };  // where the buses are served
+enum class LawLoader { arena, dlopen };                    // where the code of laws lives in the Spine
 enum class MissPolicy { skip, stop };                      // what a missed deadline does
 enum class StaleAction { hold, safe_stop };                // what a silent Brain does
 enum class SafeEnd { damp, hold };                         // how the safe law ends, once the joint has slowed down
@@ -28,6 +29,7 @@ struct SpineConfig {
   int cpu_transport = kAutoCpu;
   int cpu_brain = kAutoCpu;
   int cpu_housekeeping = kAutoCpu;
+  LawLoader loader = LawLoader::arena;
   std::uint32_t late_ticks_to_stop = 20;
   MissPolicy miss_policy = MissPolicy::skip;
   std::int64_t phase_ns = 500'000;  // of the release grid against whole milliseconds of CLOCK_MONOTONIC

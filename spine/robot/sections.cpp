@@ -15,6 +15,7 @@ void read_spine(Reader& in, SpineConfig& spine) {
   in.choice<TransportPlace>(
       "transport", spine.transport,
       {{"auto", TransportPlace::automatic}, {"thread", TransportPlace::thread}, {"inline", TransportPlace::inlined}});
+  in.choice<LawLoader>("loader", spine.loader, {{"arena", LawLoader::arena}, {"dlopen", LawLoader::dlopen}});
   in.core("cpu_spine", spine.cpu_spine);
   in.core("cpu_transport", spine.cpu_transport);
   in.core("cpu_brain", spine.cpu_brain);
