@@ -5,6 +5,7 @@
 #include <dlfcn.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <ctime>
@@ -18,7 +19,6 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::uint64_t kDrySteps = 1000;
 constexpr const char* kKindNames[] = {"none",  "bool",   "int8",  "uint8",  "int16",   "uint16",
                                       "int32", "uint32", "int64", "uint64", "float32", "float64"};
 
@@ -84,14 +84,14 @@ void tell(int fd, const json& line) {
   if (write(fd, text.data(), text.size()) < 0) _exit(3);
 }
 
-int dry_steps(int fd, const LitheLaw& law, std::uint32_t joints) {
+int dry_steps(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t steps) {
   auto resident = std::make_unique<law::Resident>();
   law::reset_resident(*resident, law);
   Tick tick;
   Effort effort;
   std::array<double, kMaxProbes> probes{};
   std::int64_t total_ns = 0;
-  for (std::uint64_t k = 0; k < kDrySteps; ++k) {
+  for (std::uint64_t k = 0; k < steps; ++k) {
     benign_input(tick, k, joints);
     const std::int64_t start = now_ns();
     resident->step(tick, effort, probes);
@@ -103,7 +103,8 @@ int dry_steps(int fd, const LitheLaw& law, std::uint32_t joints) {
                               "or a gain that diverges"}});
     return 1;
   }
-  tell(fd, {{"done", true}, {"step_ns", static_cast<double>(total_ns) / kDrySteps}});
+  tell(fd, {{"done", true},
+            {"step_ns", static_cast<double>(total_ns) / static_cast<double>(std::max<std::uint64_t>(steps, 1))}});
   return 0;
 }
 
@@ -120,7 +121,17 @@ std::string load_failure(const std::string& words) {
   return "the law uses " + name + ", which it does not define: a law may use itself, the contract and <cmath> only";
 }
 
-int child(int fd, const std::string& path, std::uint32_t joints) {
+int try_law(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t steps) {
+  char text[192];
+  if (*law::describe_mismatch(law, text, sizeof text) != '\0') {
+    tell(fd, {{"refused", text}});
+    return 1;
+  }
+  tell(fd, {{"law", describe_json(law)}});
+  return dry_steps(fd, law, joints, steps);
+}
+
+int child(int fd, const std::string& path, std::uint32_t joints, std::uint64_t steps) {
   void* handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
   if (handle == nullptr) {
     tell(fd, {{"refused", load_failure(dlerror())}});
@@ -131,13 +142,7 @@ int child(int fd, const std::string& path, std::uint32_t joints) {
     tell(fd, {{"refused", "the file exports no law: end it with LITHE_LAW(Type, \"name\");"}});
     return 1;
   }
-  char text[192];
-  if (*law::describe_mismatch(*law, text, sizeof text) != '\0') {
-    tell(fd, {{"refused", text}});
-    return 1;
-  }
-  tell(fd, {{"law", describe_json(*law)}});
-  return dry_steps(fd, *law, joints);
+  return try_law(fd, *law, joints, steps);
 }
 
 std::string death(const Outcome& outcome, const std::string& stage) {
@@ -148,11 +153,9 @@ std::string death(const Outcome& outcome, const std::string& stage) {
          "): a law may not call exit";
 }
 
-}  // namespace
+const Limits kLimits{3'000, 2, std::size_t{1} << 30, 0};
 
-DryRun dry_run(const std::string& object_path, std::uint32_t joints) {
-  const Limits limits{3'000, 2, std::size_t{1} << 30, 0};
-  const Outcome outcome = run_child([&](int fd) { return child(fd, object_path, joints); }, limits);
+DryRun read_outcome(const Outcome& outcome) {
   DryRun result;
   result.stage = "load";
   std::size_t start = 0;
@@ -170,6 +173,17 @@ DryRun dry_run(const std::string& object_path, std::uint32_t joints) {
   result.ok = done && outcome.clean() && result.reason.empty();
   if (!result.ok && result.reason.empty()) result.reason = death(outcome, result.stage);
   return result;
+}
+
+}  // namespace
+
+DryRun dry_run(const std::string& object_path, std::uint32_t joints, std::uint64_t steps) {
+  return read_outcome(run_child([&](int fd) { return child(fd, object_path, joints, steps); }, kLimits));
+}
+
+DryRun dry_run_placed(std::uint64_t entry, std::uint32_t joints, std::uint64_t steps) {
+  const auto* law = reinterpret_cast<const LitheLaw*>(entry);
+  return read_outcome(run_child([&](int fd) { return try_law(fd, *law, joints, steps); }, kLimits));
 }
 
 }  // namespace lithe::lawd

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <filesystem>
 
+#include "lawd/admission.hpp"
 #include "lawd/diagnostics.hpp"
 #include "lawd/dry_run.hpp"
 #include "lawd/files.hpp"
@@ -25,6 +26,19 @@ json refuse_whole(const std::string& stage, const std::string& name, const std::
   const json entry = {{"file", name},        {"line", 0},         {"column", 0},
                       {"severity", "error"}, {"message", reason}, {"text", ""}};
   return refuse(stage, name + ": error: " + reason + "\n", json::array({entry}));
+}
+
+json refuse_admission(const Admission& admission, const std::string& name, const std::string& source) {
+  json list = findings_json(admission, name, source);
+  json refused = refuse("admission", findings_text(list), list);
+  refused["gates"] = admission.gates_json();
+  return refused;
+}
+
+// A switch of a request: `wanted` unless it says otherwise.
+bool is_on(const json& request, const char* key, bool wanted) {
+  const auto found = request.find(key);
+  return found != request.end() && found->is_boolean() ? found->get<bool>() : wanted;
 }
 
 bool disk_is_full(const std::string& text) {
@@ -50,7 +64,10 @@ double since_ms(std::chrono::steady_clock::time_point start) {
 
 }  // namespace
 
-Service::Service(std::string cache) : cache_(std::move(cache)), toolchain_(find_contract_dir(), cache_) {}
+Service::Service(std::string cache, int arena_fd)
+    : cache_(std::move(cache)),
+      toolchain_(find_contract_dir(), cache_),
+      placer_(toolchain_, cache_ + "/laws", arena_fd) {}
 
 json Service::answer(const std::string& line, bool& quit) {
   const json request = json::parse(line, nullptr, false);
@@ -58,17 +75,18 @@ json Service::answer(const std::string& line, bool& quit) {
   if (!request.is_object() || !request.contains("verb") || !request["verb"].is_string()) {
     reply = refuse("request", "not a request: send one JSON object per line with \"id\" and \"verb\"");
   } else if (request["verb"] == "ping") {
-    reply = {{"ok", toolchain_.error().empty()},
-             {"text", toolchain_.error()},
-             {"precompiled", toolchain_.precompiled()},
-             {"precompile_ms", toolchain_.precompile_ms()}};
+    reply = {{"ok", toolchain_.error().empty()},        {"text", toolchain_.error()},
+             {"precompiled", toolchain_.precompiled()}, {"precompile_ms", toolchain_.precompile_ms()},
+             {"arena", placer_.error().empty()},        {"arena_text", placer_.error()}};
   } else if (request["verb"] == "quit") {
     quit = true;
     reply = {{"ok", true}};
   } else if (request["verb"] == "compile") {
     reply = compile(request);
+  } else if (request["verb"] == "place") {
+    reply = place(request);
   } else {
-    reply = refuse("request", "unknown verb; there are: compile, ping, quit");
+    reply = refuse("request", "unknown verb; there are: compile, place, ping, quit");
   }
   if (request.is_object() && request.contains("id")) reply["id"] = request["id"];
   return reply;
@@ -86,7 +104,10 @@ json Service::compile(const json& request) {
   }
   Job job{request["source"], safe_name(name.is_string() ? name.get<std::string>() : ""), "", joints};
   if (job.source.size() > kMaxSourceBytes) return refuse_whole("compile", job.name, "the source is larger than 1 MiB");
-  job.hash = sha256_hex(toolchain_.fingerprint() + job.source);
+  job.admit = is_on(request, "admit", true);
+  job.dry_run = is_on(request, "dry_run", true);
+  const std::string rules = job.admit ? std::string(kAdmissionRules) : "not admitted";
+  job.hash = sha256_hex(toolchain_.fingerprint() + rules + (job.dry_run ? "" : "not run") + job.source);
   const auto start = std::chrono::steady_clock::now();
   json reply = from_cache(job);
   const bool cached = !reply.is_null();
@@ -97,8 +118,31 @@ json Service::compile(const json& request) {
   return reply;
 }
 
+// A law that was compiled before, by its hash.
+json Service::place(const json& request) {
+  const json hash = request.value("hash", json()), slot = request.value("slot", json());
+  const bool named = hash.is_string() &&
+                     hash.get<std::string>().find_first_not_of("0123456789abcdef") == std::string::npos &&
+                     hash.get<std::string>().size() == 64;
+  if (!named || !slot.is_number_unsigned() || slot > arena::kSlots) {
+    return refuse("request",
+                  "place needs \"hash\", as compile answered it, and \"slot\": 1 to " + std::to_string(arena::kSlots));
+  }
+  const auto start = std::chrono::steady_clock::now();
+  const std::string base = cache_ + "/laws/" + hash.get<std::string>();
+  const json entry = json::parse(read_file(base + ".json").value_or(""), nullptr, false);
+  if (!entry.is_object()) return refuse("cache", "there is no law of this hash in the cache: compile it again");
+  const std::uint64_t dry_steps = is_on(request, "dry_run", true) ? kDrySteps / 10 : 0;
+  json reply = placer_.place(hash, base + ".o", slot, entry.value("joints", 1u), dry_steps);
+  reply["place_ms"] = since_ms(start);
+  return reply;
+}
+
 // Compiler and linker, in a folder of their own under the cache.
 json Service::build(const Job& job) {
+  Admission admission;
+  if (job.admit) admit_source(job.source, admission);  // before the compiler reads what the source names
+  if (!admission.ok()) return refuse_admission(admission, job.name, job.source);
   const ScratchDir scratch(cache_ + "/laws");
   if (scratch.path().empty()) {
     return refuse("cache", disk_is_full(scratch.error()) ? full_disk_text(cache_)
@@ -112,12 +156,14 @@ json Service::build(const Job& job) {
   }
   std::string warnings;
   if (json refused = run_compiler(job, file, object, warnings); !refused.is_null()) return refused;
+  if (job.admit) admit_object({object, file}, admission);
+  if (!admission.ok()) return refuse_admission(admission, job.name, job.source);
   const Outcome link = run_program(toolchain_.link_command(object, library), Limits{});
   if (!link.clean()) {
     if (disk_is_full(link.output)) return refuse("cache", full_disk_text(cache_));
     return refuse_whole("compile", job.name, "the link failed: " + link.output);
   }
-  return try_and_store(job, library, warnings);
+  return try_and_store(job, object, library, warnings, admission.gates_json());
 }
 
 // null when the object is there.
@@ -143,21 +189,26 @@ json Service::run_compiler(const Job& job, const std::string& file, const std::s
   return refuse("compile", diagnostics.text, diagnostics.list);
 }
 
-json Service::try_and_store(const Job& job, const std::string& library, const std::string& warnings) {
-  const DryRun tried = dry_run(library, job.joints);
+json Service::try_and_store(const Job& job, const std::string& object, const std::string& library,
+                            const std::string& warnings, const json& gates) {
+  const DryRun tried = dry_run(library, job.joints, job.dry_run ? kDrySteps : 0);
   if (!tried.ok) return refuse_whole(tried.stage, job.name, tried.reason);
-  const auto bytes = read_file(library);
-  if (!bytes) return refuse("cache", "cannot read back " + library);
+  const auto bytes = read_file(library), placeable = read_file(object);
+  if (!bytes || !placeable) return refuse("cache", "cannot read back " + library);
   const std::string base = cache_ + "/laws/" + job.hash;
   json entry = {{"ok", true},
                 {"object", base + ".so"},
                 {"object_sha256", sha256_hex(*bytes)},
+                {"placeable_sha256", sha256_hex(*placeable)},
                 {"law", tried.law},
                 {"warnings", warnings},
                 {"dry_step_ns", tried.step_ns},
                 {"joints", job.joints},
+                {"admitted", job.admit},
+                {"gates", gates},
                 {"contract", toolchain_.fingerprint()}};
   std::string failed = write_file_whole(base + ".so", *bytes);
+  if (failed.empty()) failed = write_file_whole(base + ".o", *placeable);
   if (failed.empty()) failed = write_file_whole(base + ".json", entry.dump());
   if (failed.empty()) return entry;
   return refuse("cache", disk_is_full(failed) ? full_disk_text(cache_) : "cannot write the law cache: " + failed);
@@ -170,8 +221,10 @@ json Service::from_cache(const Job& job) const {
   if (!text) return nullptr;
   const json entry = json::parse(*text, nullptr, false);
   if (!entry.is_object() || entry.value("joints", 0u) != job.joints || !entry.contains("law")) return nullptr;
-  const auto bytes = read_file(base + ".so");
-  if (!bytes || entry.value("object_sha256", "") != sha256_hex(*bytes)) return nullptr;
+  for (const auto& [end, key] : {std::pair(".so", "object_sha256"), std::pair(".o", "placeable_sha256")}) {
+    const auto bytes = read_file(base + end);
+    if (!bytes || entry.value(key, "") != sha256_hex(*bytes)) return nullptr;
+  }
   json moved = entry;
   moved["object"] = base + ".so";  // the cache may have moved since
   return moved;

@@ -101,12 +101,12 @@ TEST_F(ServiceTest, ContractSaysWhatIsWrongWithParamsAndStep) {
 
 TEST_F(ServiceTest, FileWithoutALawIsRefused) {
   const json reply = compile(service_, "int x;\n");
-  EXPECT_EQ(reply["stage"], "load");
-  EXPECT_NE(first(reply).find("LITHE_LAW"), std::string::npos);
+  EXPECT_EQ(reply["stage"], "admission");
+  EXPECT_NE(reply["text"].get<std::string>().find("LITHE_LAW"), std::string::npos);
 }
 
 TEST_F(ServiceTest, UnknownFunctionIsNamed) {
-  const json reply = refused({.body = "extern void helper(int); helper(3);"}, "load");
+  const json reply = refused({.body = "void helper(int); helper(3);"}, "admission");
   EXPECT_NE(first(reply).find("helper(int)"), std::string::npos) << reply["text"];
 }
 
@@ -115,7 +115,9 @@ TEST_F(ServiceTest, CrashHangExitAndNanAreRefusedWithTheReason) {
   EXPECT_NE(
       first(refused({.body = "for (;;) s.sum_rad = *(volatile double*)&s.sum_rad;"}, "dry_run")).find("did not return"),
       std::string::npos);
-  EXPECT_NE(first(refused({.body = "__builtin_exit(0);"}, "dry_run")).find("ended its process"), std::string::npos);
+  const json ended = compile(service_, LawText{.body = "__builtin_exit(0);"}.source(), "law.cpp", false);
+  EXPECT_EQ(ended["stage"], "dry_run");
+  EXPECT_NE(first(ended).find("ended its process"), std::string::npos);
   const json nan = refused({.body = "u.torque_nm[1] = std::sqrt(-1 - t.t_s);"}, "dry_run");
   EXPECT_NE(first(nan).find("torque_nm[1] is not finite"), std::string::npos) << nan["text"];
 }

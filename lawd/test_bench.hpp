@@ -47,9 +47,11 @@ struct LawText {
   }
 };
 
-inline nlohmann::json compile(Service& service, const std::string& source, const std::string& name = "law.cpp") {
+inline nlohmann::json compile(Service& service, const std::string& source, const std::string& name = "law.cpp",
+                              bool admit = true) {
   bool quit = false;
-  const nlohmann::json request = {{"id", 7}, {"verb", "compile"}, {"source", source}, {"name", name}, {"joints", 2}};
+  const nlohmann::json request = {{"id", 7},      {"verb", "compile"}, {"source", source},
+                                  {"name", name}, {"joints", 2},       {"admit", admit}};
   return service.answer(request.dump(), quit);
 }
 

@@ -8,6 +8,7 @@
 #include "lawd/files.hpp"
 #include "lawd/sha256.hpp"
 #include "lithe/law.hpp"
+#include "spine/arena/veneers.hpp"
 
 namespace lithe::lawd {
 namespace {
@@ -25,6 +26,10 @@ const std::vector<std::string>& flags() {
                                                "-fno-math-errno",
                                                "-fno-asynchronous-unwind-tables",
                                                "-fno-threadsafe-statics",
+                                               "-g1",                     // a crash is reported with its line
+                                               "-fcallgraph-info=su,da",  // admission bounds the stack with it
+                                               "-isystem/usr/include/eigen3",
+                                               "-DEIGEN_NO_DEBUG",  // a failed assertion would print and abort
                                                "-Wall",
                                                "-Wextra",
                                                "-Wno-unused-parameter",  // a law need not use all it is given
@@ -74,6 +79,7 @@ Toolchain::Toolchain(std::string contract_dir, std::string cache) : contract_dir
   }
   if (!error_.empty()) return;
   for (const std::string& flag : flags()) all += '\n' + flag;
+  all += '\n' + std::to_string(arena::veneers_hash());  // what a law may call
   fingerprint_ = sha256_hex(all);
   precompile(cache);
 }
@@ -137,6 +143,9 @@ std::vector<std::string> Toolchain::base_command() const {
 std::vector<std::string> Toolchain::compile_command(const std::string& source, const std::string& object) const {
   std::vector<std::string> command = base_command();
   if (!pch_dir_.empty()) command.insert(command.end(), {"-I", pch_dir_});  // before the contract: lithe/law.hpp.gch
+  // Debug information without the scratch folder: the same law gives the same object.
+  const std::string folder = fs::path(source).parent_path().string();
+  command.push_back("-ffile-prefix-map=" + folder + "/=");
   command.insert(command.end(), {"-I", contract_dir_, "-x", "c++", "-c", source, "-o", object});
   return command;
 }
@@ -146,6 +155,13 @@ std::vector<std::string> Toolchain::compile_command(const std::string& source, c
 std::vector<std::string> Toolchain::link_command(const std::string& object, const std::string& library) const {
   return {linker_,           "-shared", "-z", "now",  "-z", "relro", "-z", "noexecstack", "--hash-style=gnu",
           "--build-id=none", object,    "-o", library};
+}
+
+// -N: code and constants follow each other without page boundaries. -S: no debug information in the slot.
+std::vector<std::string> Toolchain::place_command(const std::string& object, const std::string& script,
+                                                  const std::string& program) const {
+  return {linker_,           "-static",       "-nostdlib", "-N",   "-S",   "-z", "noexecstack",
+          "--build-id=none", "--no-demangle", "-T",        script, object, "-o", program};
 }
 
 }  // namespace lithe::lawd

@@ -32,6 +32,9 @@ class Toolchain {
 
   std::vector<std::string> compile_command(const std::string& source, const std::string& object) const;
   std::vector<std::string> link_command(const std::string& object, const std::string& library) const;
+  // For a slot of the arena, as `script` (a linker script) says.
+  std::vector<std::string> place_command(const std::string& object, const std::string& script,
+                                         const std::string& program) const;
 
  private:
   void find_programs();
