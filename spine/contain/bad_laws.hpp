@@ -73,7 +73,8 @@ LITHE_BAD void hit_breakpoint(void*) {
 LITHE_BAD void give_up(void*) { std::abort(); }
 
 LITHE_BAD int recurse(int depth) {
-  volatile char frame[512];
+  volatile char frame[2048];                   // less than the guard page: it must not be jumped over
+  asm volatile("" : : "r"(frame) : "memory");  // all of it
   frame[0] = static_cast<char>(depth);
   const int below = depth == 0 ? 0 : recurse(depth + 1);
   return below + frame[0];  // read after the call: no tail call
@@ -84,16 +85,24 @@ LITHE_BAD void loop_forever(void*) {
   for (;;) asm volatile("");
 }
 
-LITHE_BAD void call_kernel(void*) {
+// By hand: what the library offers, RealtimeSanitizer watches.
+LITHE_BAD long call_kernel(long number, long a = 0, long b = 0, long c = 0, long d = 0) {
 #if defined(__x86_64__)
-  long number = SYS_getppid;
-  asm volatile("syscall" : "+a"(number) : : "rcx", "r11", "memory");
+  register long fourth asm("r10") = d;
+  asm volatile("syscall" : "+a"(number) : "D"(a), "S"(b), "d"(c), "r"(fourth) : "rcx", "r11", "memory");
+  return number;
 #else
-  register long number asm("x8") = SYS_getppid;
-  register long answer asm("x0") = 0;
-  asm volatile("svc #0" : "+r"(answer) : "r"(number) : "memory");
+  register long which asm("x8") = number;
+  register long x0 asm("x0") = a;
+  register long x1 asm("x1") = b;
+  register long x2 asm("x2") = c;
+  register long x3 asm("x3") = d;
+  asm volatile("svc #0" : "+r"(x0) : "r"(which), "r"(x1), "r"(x2), "r"(x3) : "memory");
+  return x0;
 #endif
 }
+
+LITHE_BAD void ask_for_parent(void*) { call_kernel(SYS_getppid); }
 
 struct Case {
   const char* name;

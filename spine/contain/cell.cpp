@@ -65,6 +65,7 @@ Result<Cell> Cell::open(Vault* vault) {
   core->mapping = base;
   core->mapping_bytes = bytes;
   core->stack_before = before;
+  pthread_sigmask(SIG_SETMASK, nullptr, &core->mask);
   entrance() = {core, core->key};
   return Cell(core);
 }

@@ -39,7 +39,8 @@ enum class CallGate : std::uint8_t {
 };
 
 // One per contained thread. A call is a plain function: the analysis of effects ends where a law begins.
-// Contract: made, used and destroyed on one thread, which keeps every other signal with a handler blocked · run() RT
+// Contract: made, used and destroyed on one thread, which blocks every other signal that has a handler before it opens
+// its Cell, and changes its mask no more · run() RT
 class Cell {
  public:
   using Call = void (*)(void* context);

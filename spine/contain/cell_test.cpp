@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <cfenv>
+#include <chrono>
 #include <cstring>
 #include <limits>
 #include <string>
@@ -106,6 +107,22 @@ TEST_F(CellTest, HandlersRunOnAStackBehindAGuardPage) {
       kNoDeadline, [](void* at) { bad::store_at(*static_cast<std::uintptr_t*>(at) & ~std::uintptr_t{15}); },
       const_cast<std::uintptr_t*>(&below));
   EXPECT_EQ(trouble.kind, LawFaultKind::bad_access);
+}
+
+TEST_F(CellTest, AMaskALawDiesWithIsPutRight) {
+  Cell cell = open_cell();
+  sigset_t before, after;
+  pthread_sigmask(SIG_SETMASK, nullptr, &before);
+  const auto block_and_die = [](void*) {
+    static constexpr std::uint64_t kUsers = std::uint64_t{1} << (SIGUSR1 - 1);
+    bad::call_kernel(SYS_rt_sigprocmask, SIG_BLOCK, reinterpret_cast<long>(&kUsers), 0, sizeof kUsers);
+    bad::write_null(nullptr);
+  };
+  EXPECT_EQ(cell.run(kNoDeadline, block_and_die, nullptr).kind, LawFaultKind::bad_access);
+  pthread_sigmask(SIG_SETMASK, nullptr, &after);
+  for (int signal = 1; signal < SIGRTMAX; ++signal) {
+    EXPECT_EQ(sigismember(&before, signal), sigismember(&after, signal)) << signal;
+  }
 }
 
 // The environment of floating-point arithmetic, as far as a program can see it.
@@ -240,19 +257,17 @@ TEST_P(OwnFault, EndsTheProcessWithItsOwnSignal) {
 
 // Somebody's kill() while a law happens to run is no law's fault.
 TEST_P(OwnFault, OfAnotherProcessEndsThisOne) {
-  int signal = GetParam();
+  const int signal = GetParam();
   const auto ended = [signal](int status) { return ended_by(status, signal); };
-  const auto shot = [](void* what) {
-    if (const pid_t other = fork(); other == 0) {
-      kill(getppid(), *static_cast<int*>(what));
-      _exit(0);
-    }
-    for (;;) pause();
-  };
   EXPECT_EXIT(
       {
         Cell cell = open_cell();
-        cell.run(kNoDeadline, shot, &signal);
+        if (fork() == 0) {
+          std::this_thread::sleep_for(std::chrono::milliseconds(20));
+          kill(getppid(), signal);
+          _exit(0);
+        }
+        cell.run(kNoDeadline, bad::loop_forever, nullptr);
       },
       ended, "");
 }

@@ -39,6 +39,7 @@ struct Core {
   void* mapping = nullptr;  // [guard page][alternate stack][this, unless in the vault]
   std::size_t mapping_bytes = 0;
   stack_t stack_before{};
+  sigset_t mask{};  // signals that the thread blocks itself
 };
 
 // What a handler finds before it may touch a vault: a thread's own, in ordinary memory.
@@ -50,7 +51,8 @@ Entrance& entrance() noexcept;
 
 // The signal that breaks a call off, with the call's serial number as its value.
 int watch_signal() noexcept;
-void send_watch_signal(pid_t thread, std::uint64_t serial, bool& sent) noexcept;
+siginfo_t watch_message(std::uint64_t serial) noexcept;
+bool send_watch_signal(pid_t thread, std::uint64_t serial) noexcept;
 
 // A signal is sent from another core: when it arrives, the call it is for may be over, and the next one running.
 struct SameCall {
@@ -66,7 +68,14 @@ void on_watch_signal(int signal, siginfo_t* info, void* context) noexcept;
 // Gives the thread's system calls back for good, before the word the kernel looks at goes away.
 void stop_dispatch() noexcept;
 
-// Ends the running call: run() returns with this trouble.
+// Whoever clears `call` has the call. What was pending behind this handler finds none running.
+inline void claim(Core& core) noexcept {
+  core.system_calls = 0;
+  core.call.store(0, std::memory_order_relaxed);
+  std::atomic_signal_fence(std::memory_order_seq_cst);
+}
+
+// Ends the claimed call: run() returns with this trouble.
 [[noreturn]] void break_off(Core& core, const Trouble& trouble) noexcept;
 std::uint64_t program_counter(const void* context) noexcept;
 
@@ -79,6 +88,7 @@ void on_watch_signal(int, siginfo_t* info, void* context) noexcept {
   Core& core = *here.core;
   const auto wanted = reinterpret_cast<std::uintptr_t>(info->si_value.sival_ptr);
   if (info->si_code == SI_QUEUE && Rule::is_meant(wanted, core.call.load(std::memory_order_relaxed))) {
+    claim(core);
     break_off(core, {wire::LawFaultKind::overran, program_counter(context), 0});
   }
   core.late_signals.fetch_add(1, std::memory_order_relaxed);

@@ -82,36 +82,28 @@ void on_fault(int signal, siginfo_t* info, void* context) noexcept {
   const bool inside = here.core != nullptr && here.core->call.load(std::memory_order_relaxed) != 0;
   if (inside) {
     here.core->system_calls = 0;
-    if (comes_from_here(*info)) break_off(*here.core, describe(which, *info, context));
+    if (comes_from_here(*info)) {
+      claim(*here.core);
+      break_off(*here.core, describe(which, *info, context));
+    }
   }
   pass_on(which, *info);
 }
 
-// Blocked while its handler runs, and this handler does not return.
-void unblock_watch_signal() {
-  sigset_t set;
-  sigemptyset(&set);
-  sigaddset(&set, watch_signal());
-  pthread_sigmask(SIG_UNBLOCK, &set, nullptr);
-}
-
-Result<> install(int signal, int more_flags, void (*handler)(int, siginfo_t*, void*), struct sigaction* before) {
+Result<> install(int signal, void (*handler)(int, siginfo_t*, void*), struct sigaction* before) {
   struct sigaction action{};
   action.sa_sigaction = handler;
-  action.sa_flags = SA_ONSTACK | SA_SIGINFO | more_flags;
-  sigemptyset(&action.sa_mask);
+  action.sa_flags = SA_ONSTACK | SA_SIGINFO;
+  sigfillset(&action.sa_mask);  // one at a time: a handler that fails itself ends the process
   if (sigaction(signal, &action, before) == 0) return done();
   return Error{"no handler for signal " + std::to_string(signal) + ": " + std::strerror(errno)};
 }
 
 Result<> install_all() {
   for (std::size_t i = 0; i < kFaults.size(); ++i) {
-    // NODEFER and an empty mask: the jump out of the handler has no mask to put back, so it needs no system call.
-    if (Result<> installed = install(kFaults[i].signal, SA_NODEFER, on_fault, &g_before[i]); !installed)
-      return installed;
+    if (Result<> installed = install(kFaults[i].signal, on_fault, &g_before[i]); !installed) return installed;
   }
-  // Not this one: many at once would lie on the small stack one upon the other.
-  return install(watch_signal(), 0, on_watch_signal<SameCall>, nullptr);
+  return install(watch_signal(), on_watch_signal<SameCall>, nullptr);
 }
 
 }  // namespace
@@ -129,14 +121,10 @@ std::uint64_t program_counter(const void* context) noexcept {
 #endif
 }
 
-// Whoever clears `call` has the call: a second signal that comes before the jump finds none running and returns here,
-// one that comes before the store takes the jump itself.
 void break_off(Core& core, const Trouble& trouble) noexcept {
-  core.system_calls = 0;
-  core.call.store(0, std::memory_order_relaxed);
-  std::atomic_signal_fence(std::memory_order_seq_cst);
   core.trouble = trouble;
-  if (trouble.kind == LawFaultKind::overran) unblock_watch_signal();
+  pthread_sigmask(SIG_SETMASK, &core.mask,
+                  nullptr);  // here and not by siglongjmp: then sigsetjmp would cost a call, too
   siglongjmp(core.back, 1);
 }
 

@@ -57,9 +57,8 @@ int play(CallGate gate, Story story, Vault* vault, Watchdog& dog, std::atomic<pi
   std::atomic<pid_t> target{0};
   std::thread watching([&] { dog.run(stop); });
   std::thread hailing([&] {
-    bool sent = false;
     while (!stop.load()) {
-      if (hail.load()) send_watch_signal(target.load(), UINT64_MAX, sent);
+      if (hail.load()) send_watch_signal(target.load(), UINT64_MAX);
       std::this_thread::sleep_for(std::chrono::microseconds(1));
     }
   });
@@ -85,7 +84,7 @@ class Gate : public testing::TestWithParam<CallGate> {
 
 bool law_is_caught(Scene& scene) {
   for (int i = 0; i < 100; ++i) {
-    const Trouble trouble = scene.cell.run(kNoDeadline, bad::call_kernel, nullptr);
+    const Trouble trouble = scene.cell.run(kNoDeadline, bad::ask_for_parent, nullptr);
     if (trouble.kind != LawFaultKind::system_call || trouble.address != SYS_getppid) return false;
     const auto call = reinterpret_cast<std::uintptr_t>(&bad::call_kernel);
     if (trouble.pc < call || trouble.pc > call + 256) return false;
@@ -147,7 +146,7 @@ bool late_signals_change_nothing(Scene& scene) {
     const auto* own = static_cast<Cell*>(cell);
     const std::uint64_t from = own->late_signals();
     while (own->late_signals() < from + 3) spin_pause();
-    bad::call_kernel(nullptr);
+    bad::ask_for_parent(nullptr);
   };
   scene.hail.store(true);
   for (int i = 0; i < 20; ++i) {
@@ -162,8 +161,8 @@ TEST_P(Gate, LateSignalsNeitherEndALawNorOpenTheGate) {
 }
 
 bool thread_breaks_the_rule(Scene& scene) {
-  const Trouble fault = scene.cell.run(kNoDeadline, bad::call_kernel, nullptr);
-  bad::call_kernel(nullptr);
+  const Trouble fault = scene.cell.run(kNoDeadline, bad::ask_for_parent, nullptr);
+  bad::ask_for_parent(nullptr);
   return static_cast<bool>(fault);
 }
 

@@ -12,6 +12,7 @@
 #include "spine/contain/bad_laws.hpp"
 #include "spine/contain/core.hpp"
 #include "spine/contain/test_bench.hpp"
+#include "spine/core/time.hpp"
 
 namespace lithe::contain {
 namespace {
@@ -105,7 +106,7 @@ TEST_P(VaultTest, AnotherThreadMayWriteWhileALawRuns) {
   const auto wait_for_more = [](void* word) {
     const auto* value = static_cast<std::atomic<std::uint64_t>*>(word);
     const std::uint64_t from = value->load();
-    while (value->load() < from + 10) std::this_thread::yield();
+    while (value->load() < from + 10) spin_pause();
   };
   for (int i = 0; i < 10; ++i) EXPECT_FALSE(cell.run(kNoDeadline, wait_for_more, shared));
   stop.store(true);
@@ -116,12 +117,19 @@ TEST_P(VaultTest, AnotherThreadMayWriteWhileALawRuns) {
 TEST_P(VaultTest, ALateSignalDoesNotOpenIt) {
   if (kHoldsSignals) GTEST_SKIP() << "ThreadSanitizer delivers no asynchronous signal to a busy thread";
   Cell cell = open_cell(vault.get());
-  const auto late_then_write = [](void* word) {
-    bool sent = false;
-    send_watch_signal(static_cast<pid_t>(syscall(SYS_gettid)), UINT64_MAX, sent);
-    write_word(word);
+  struct Law {
+    siginfo_t message = watch_message(UINT64_MAX);
+    long thread = syscall(SYS_gettid);
+    void* word = nullptr;
+  } law;
+  law.word = &critical->word[0];
+  const auto late_then_write = [](void* context) {
+    auto* own = static_cast<Law*>(context);
+    bad::call_kernel(SYS_rt_tgsigqueueinfo, own->message.si_pid, own->thread, own->message.si_signo,
+                     reinterpret_cast<long>(&own->message));
+    write_word(own->word);
   };
-  EXPECT_EQ(cell.run(kNoDeadline, late_then_write, &critical->word[0]).kind, LawFaultKind::state_broken);
+  EXPECT_EQ(cell.run(kNoDeadline, late_then_write, &law).kind, LawFaultKind::state_broken);
   EXPECT_EQ(cell.late_signals(), 1u);
   EXPECT_TRUE(is_whole());
 }

@@ -20,15 +20,20 @@ constexpr std::int64_t kAgainAfterNs = kNsPerMs;
 
 }  // namespace
 
+siginfo_t watch_message(std::uint64_t serial) noexcept {
+  siginfo_t message{};
+  message.si_signo = watch_signal();
+  message.si_code = SI_QUEUE;
+  message.si_pid = getpid();
+  message.si_uid = getuid();
+  message.si_value.sival_ptr = reinterpret_cast<void*>(static_cast<std::uintptr_t>(serial));
+  return message;
+}
+
 // To one thread and with a number: neither kill() nor pthread_kill() can do both.
-void send_watch_signal(pid_t thread, std::uint64_t serial, bool& sent) noexcept {
-  siginfo_t info{};
-  info.si_signo = watch_signal();
-  info.si_code = SI_QUEUE;
-  info.si_pid = getpid();
-  info.si_uid = getuid();
-  info.si_value.sival_ptr = reinterpret_cast<void*>(static_cast<std::uintptr_t>(serial));
-  sent = syscall(SYS_rt_tgsigqueueinfo, getpid(), thread, watch_signal(), &info) == 0;
+bool send_watch_signal(pid_t thread, std::uint64_t serial) noexcept {
+  siginfo_t message = watch_message(serial);
+  return syscall(SYS_rt_tgsigqueueinfo, message.si_pid, thread, message.si_signo, &message) == 0;
 }
 
 Result<> Watchdog::watch(Cell& cell) {
@@ -87,9 +92,7 @@ std::int64_t Watchdog::look_at(Watched& watched, std::int64_t now_ns) noexcept {
   const std::int64_t left_ns = deadline_ns - now_ns;
   if (left_ns > 0) return std::min(left_ns, config_.look_every_ns);
   if (call == watched.signalled && now_ns < watched.again_ns) return config_.look_every_ns;
-  bool sent = false;
-  send_watch_signal(core.thread, call, sent);
-  if (sent) {
+  if (send_watch_signal(core.thread, call)) {
     watched.signalled = call;
     watched.again_ns = now_ns + kAgainAfterNs;
     sent_.fetch_add(1, std::memory_order_relaxed);

@@ -121,24 +121,31 @@ TEST_F(WatchdogTest, SeveralThreadsAreWatchedAndNoMoreThanItHasPlacesFor) {
 
 // --- a signal that comes too late ---
 
-// Sends, from inside a call, the signal that was meant for the call before: what a Watchdog does that was preempted
-// between its look and its signal.
-void meet_late_signal(void* serial) {
-  bool sent = false;
-  send_watch_signal(static_cast<pid_t>(syscall(SYS_gettid)), *static_cast<std::uint64_t*>(serial), sent);
-  EXPECT_TRUE(sent);
+// A law that meets, while it runs, the signal for some call: what happens when a Watchdog was preempted between its
+// look and its signal.
+struct Meeting {
+  explicit Meeting(std::uint64_t serial) : message(watch_message(serial)) {}
+  siginfo_t message;
+  pid_t thread = static_cast<pid_t>(syscall(SYS_gettid));
+  long result = -1;
+};
+void meet(void* context) {
+  auto* meeting = static_cast<Meeting*>(context);
+  meeting->result = bad::call_kernel(SYS_rt_tgsigqueueinfo, meeting->message.si_pid, meeting->thread,
+                                     meeting->message.si_signo, reinterpret_cast<long>(&meeting->message));
 }
 
 TEST_F(WatchdogTest, ASignalForAnotherCallBreaksNothingOff) {
   Cell cell = open_cell();
   for (std::uint64_t call = 1; call <= 100; ++call) {
-    std::uint64_t before = call - 1;
-    ASSERT_FALSE(cell.run(kNoDeadline, meet_late_signal, &before)) << call;
-    meet_late_signal(&call);  // its own, but it is over
+    Meeting before(call - 1), after(call);
+    ASSERT_FALSE(cell.run(kNoDeadline, meet, &before)) << call;
+    ASSERT_EQ(before.result, 0);
+    meet(&after);  // its own, but it is over
   }
   EXPECT_EQ(cell.late_signals(), 200u);
-  std::uint64_t own = 101;
-  EXPECT_EQ(cell.run(kNoDeadline, meet_late_signal, &own).kind, LawFaultKind::overran);
+  Meeting own(101);
+  EXPECT_EQ(cell.run(kNoDeadline, meet, &own).kind, LawFaultKind::overran);
 }
 
 // The broken twin: without the comparison the innocent call is cut off.
@@ -151,17 +158,21 @@ TEST_F(WatchdogTest, WithoutTheSerialNumberAnInnocentCallIsBrokenOff) {
   struct sigaction action{}, proper{};
   action.sa_sigaction = on_watch_signal<AnyCall>;
   action.sa_flags = SA_ONSTACK | SA_SIGINFO;
+  sigfillset(&action.sa_mask);
   ASSERT_EQ(sigaction(watch_signal(), &action, &proper), 0);
-  std::uint64_t before = 0;
-  EXPECT_EQ(cell.run(kNoDeadline, meet_late_signal, &before).kind, LawFaultKind::overran);
+  Meeting before(0);
+  EXPECT_EQ(cell.run(kNoDeadline, meet, &before).kind, LawFaultKind::overran);
   sigaction(watch_signal(), &proper, nullptr);
-  before = 1;
-  EXPECT_FALSE(cell.run(kNoDeadline, meet_late_signal, &before));
+  EXPECT_FALSE(cell.run(kNoDeadline, meet, &before));
 }
 
 TEST_F(WatchdogTest, SomebodyElsesSignalBreaksNothingOff) {
   Cell cell = open_cell();
-  EXPECT_FALSE(cell.run(kNoDeadline, [](void*) { raise(watch_signal()); }, nullptr));
+  Meeting own(1);
+  own.message.si_code = SI_TKILL;  // the right number, but not queued by a Watchdog
+  EXPECT_FALSE(cell.run(kNoDeadline, meet, &own));
+  EXPECT_EQ(own.result, 0);
+  EXPECT_EQ(cell.late_signals(), 1u);
 }
 
 // --- two troubles at once ---
@@ -196,9 +207,8 @@ TEST_F(WatchdogTest, CrashesUnderAHailOfLateSignalsAreContained) {
   std::atomic<bool> stop{false};
   const auto target = static_cast<pid_t>(syscall(SYS_gettid));
   std::thread hail([&] {
-    bool sent = false;
     while (!stop.load()) {
-      send_watch_signal(target, UINT64_MAX, sent);
+      send_watch_signal(target, UINT64_MAX);
       std::this_thread::sleep_for(std::chrono::microseconds(1));
     }
   });
