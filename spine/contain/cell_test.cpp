@@ -206,6 +206,7 @@ TEST_F(CellTest, DirectionAndAlignmentFlagsArePutRight) {
   };
   EXPECT_FALSE(cell.run(kNoDeadline, set_flags, nullptr));
   EXPECT_EQ(__builtin_ia32_readeflags_u64() & (kDirection | kAlignment), 0u);
+  if (kHoldsSignals) GTEST_SKIP() << "ThreadSanitizer's own handler runs before ours, and trips over the flag";
   EXPECT_TRUE(cell.run(kNoDeadline, set_and_die, nullptr));
   EXPECT_EQ(__builtin_ia32_readeflags_u64() & (kDirection | kAlignment), 0u);
 }
@@ -262,9 +263,10 @@ TEST_P(OwnFault, OfAnotherProcessEndsThisOne) {
   EXPECT_EXIT(
       {
         Cell cell = open_cell();
+        const pid_t target = getpid();
         if (fork() == 0) {
           std::this_thread::sleep_for(std::chrono::milliseconds(20));
-          kill(getppid(), signal);
+          if (getppid() == target) kill(target, signal);
           _exit(0);
         }
         cell.run(kNoDeadline, bad::loop_forever, nullptr);

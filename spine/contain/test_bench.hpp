@@ -23,8 +23,8 @@
 
 namespace lithe::contain {
 
-#ifdef LITHE_ASAN
-inline constexpr bool kReportsFaults = true;  // AddressSanitizer's own handler ends the process with a report
+#if defined(LITHE_ASAN) || defined(LITHE_THREAD_SANITIZER)
+inline constexpr bool kReportsFaults = true;  // the sanitizer's own handler ends the process, with a report
 #else
 inline constexpr bool kReportsFaults = false;
 #endif
