@@ -132,6 +132,8 @@ void SpineLink::heartbeat(std::int64_t now_ns) {
   std::atomic_ref<std::int64_t>(control_->header.heartbeat_ns).store(now_ns, std::memory_order_release);
 }
 
+void SpineLink::press_estop() { ipc::store_word(control_->estop.value, 1, std::memory_order_release); }
+
 void SpineLink::release_estop() {
   ipc::store_word(control_->estop.value, 0, std::memory_order_release);
   // A Brain that died with the word pressed cannot lift it; its free lease lets us do so for it.

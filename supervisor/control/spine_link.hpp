@@ -64,6 +64,7 @@ class SpineLink {
   }
 
   void heartbeat(std::int64_t now_ns);
+  void press_estop();
   void release_estop();
 
  private:

@@ -109,7 +109,9 @@ void Verbs::handle(const ReplyTo& to, const std::string& verb, const Json& args)
 }
 
 void Verbs::command(wire::CommandKind kind, const ReplyTo& to) {
-  if (kind == wire::CommandKind::reset) {
+  if (kind == wire::CommandKind::estop) {
+    parts_.spine.press_estop();  // holds even if the command after it is lost or refused
+  } else if (kind == wire::CommandKind::reset) {
     parts_.spine.release_estop();
   }
   wire::Command command;
