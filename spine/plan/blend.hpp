@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 
@@ -21,6 +22,8 @@ struct Decay {
   double left(double since_s) const LITHE_RT { return std::max(0.0, 1.0 - since_s * per_s); }
   double position(double s) const LITHE_RT { return s * s * (a + s * b); }
   double velocity(double s) const LITHE_RT { return -per_s * s * (2 * a + 3 * s * b); }
+  // Never faster than this: as in Knots::bound_speed(), the corner and the end that is not 0.
+  double bound_speed() const LITHE_RT { return per_s * std::max(std::abs(a), std::abs(2 * a + 3 * b)); }
   double acceleration(double s) const LITHE_RT { return s > 0 ? per_s * per_s * (2 * a + 6 * s * b) : 0.0; }
 };
 

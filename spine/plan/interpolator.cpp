@@ -48,13 +48,14 @@ PlanReject Interpolator::accept(const wire::Plan& plan, std::int64_t now_ns) LIT
   if (starts_ahead) next.add(now_ns, position, velocity);
   next.add(plan, limits_.joints);
   next.choose_velocities(limits_, monotone_, plan.streaming != 0, next.segment_at(now_ns));
-  JointArray most_rad_s{};
+  JointArray bound_rad_s{}, most_rad_s{};
+  next.bound_speed(now_ns, limits_.joints, bound_rad_s);
   for (std::size_t j = 0; j < limits_.joints; ++j) {
     most_rad_s[j] = std::max(limits_.velocity_max_rad_s[j] * (1 + kRounding), std::abs(velocity[j]));
+    if (bound_rad_s[j] > most_rad_s[j] && next.fastest(now_ns, j) > most_rad_s[j]) return PlanReject::velocity_limit;
   }
   Blend blend;
-  if (!next.slow_enough(now_ns, limits_.joints, most_rad_s)) return PlanReject::velocity_limit;
-  if (moving_on && !starts_ahead && !join(next, now_ns, position, velocity, most_rad_s, blend)) {
+  if (moving_on && !starts_ahead && !join(next, now_ns, position, velocity, bound_rad_s, most_rad_s, blend)) {
     return PlanReject::velocity_limit;
   }
 
@@ -193,7 +194,7 @@ void Interpolator::enter_coast(std::int64_t from_ns, const JointArray& position,
 }
 
 bool Interpolator::join(const Knots& next, std::int64_t now_ns, const JointArray& position, const JointArray& velocity,
-                        const JointArray& most_rad_s, Blend& blend) const LITHE_RT {
+                        const JointArray& bound_rad_s, const JointArray& most_rad_s, Blend& blend) const LITHE_RT {
   const std::size_t last = next.count - 1;
   double longest_s = 0;
   for (std::size_t j = 0; j < limits_.joints; ++j) {
@@ -201,16 +202,19 @@ bool Interpolator::join(const Knots& next, std::int64_t now_ns, const JointArray
     const Arc start = course.start();
     const double gap_rad = position[j] - start.c0;
     const double gap_rad_s = velocity[j] - start.c1;
+    const auto too_fast = [&](const Decay& decay) LITHE_RT {
+      return bound_rad_s[j] + decay.bound_speed() > most_rad_s[j] && course.fastest_under(decay) > most_rad_s[j];
+    };
     // Long enough to stay near the joint's own deceleration and well below its velocity limit.
     const double gentle = std::max(std::sqrt(6 * std::abs(gap_rad) / deceleration_rad_s2_[j]),
                                    4 * std::abs(gap_rad_s) / deceleration_rad_s2_[j]);
     const double slow = 3 * std::abs(gap_rad) / limits_.velocity_max_rad_s[j];
     double lasts_s = std::clamp(std::max(gentle, slow), kShortestBlendS, kLongestBlendS);
     Decay decay = Decay::over(gap_rad, gap_rad_s, lasts_s);
-    if (course.fastest_under(decay) > most_rad_s[j]) {
+    if (too_fast(decay)) {
       lasts_s = kLongestBlendS;
       decay = Decay::over(gap_rad, gap_rad_s, lasts_s);
-      if (course.fastest_under(decay) > most_rad_s[j]) return false;
+      if (too_fast(decay)) return false;
     }
     blend.joint[j] = decay;
     longest_s = std::max(longest_s, lasts_s);

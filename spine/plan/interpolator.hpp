@@ -71,9 +71,10 @@ class Interpolator {
   void enter_segment(std::size_t knot) LITHE_RT;
   void enter_coast(std::int64_t from_ns, const JointArray& position, const JointArray& velocity) LITHE_RT;
   double slowing(std::size_t j, double position_rad, double velocity_rad_s) const LITHE_RT;
-  // The gentlest way from the present motion onto `next`; false when each one breaks a limit of `most_rad_s`.
+  // The gentlest way from the present motion onto `next`; false when each one breaks a limit of `most_rad_s`. What
+  // stays below `bound_rad_s` without any blend needs no closer look.
   bool join(const Knots& next, std::int64_t now_ns, const JointArray& position, const JointArray& velocity,
-            const JointArray& most_rad_s, Blend& blend) const LITHE_RT;
+            const JointArray& bound_rad_s, const JointArray& most_rad_s, Blend& blend) const LITHE_RT;
   const Knots& knots() const LITHE_RT { return knots_[used_]; }
 
   Limits limits_;
