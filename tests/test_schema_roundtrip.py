@@ -2,7 +2,6 @@
 """C++ and Python mean the same by every field of every message, and speak the same protocols over shared memory."""
 
 import ctypes
-import os
 import random
 import subprocess
 from collections.abc import Iterator
@@ -14,9 +13,9 @@ import pytest
 from lithe import _wire, shm
 from lithe.shm import BrainWriter, SpineView
 from segments import own_prefix, remove
+from system.house import BIN, need
 
 ROOT = Path(__file__).resolve().parents[1]
-PEER = Path(os.environ.get("LITHE_BIN_DIR", ROOT / "build/release/bin")) / "wire_peer"
 ROBOT = "arm"
 ROUNDS = 5
 
@@ -26,9 +25,8 @@ class Peer:
 
     def __init__(self) -> None:
         """Start it."""
-        if not PEER.exists():
-            pytest.skip(f"{PEER} is absent: make, or set LITHE_BIN_DIR")
-        self.process = subprocess.Popen([PEER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        need("wire_peer")
+        self.process = subprocess.Popen([BIN / "wire_peer"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     def send(self, *words: object) -> None:
         """Ask without waiting."""

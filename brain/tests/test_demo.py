@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from lithe.demo import __main__ as demo
 from lithe.demo import agent
-from system.house import BIN, ROOT
+from system.house import BIN, ROOT, need
 
 
 def run(out: Path, robot: Path, *words: str, **environment: str) -> subprocess.Popen[str]:
@@ -29,8 +29,7 @@ def run(out: Path, robot: Path, *words: str, **environment: str) -> subprocess.P
 
 @pytest.fixture
 def robot_file(tmp_path: Path) -> Path:
-    if not (BIN / "lithe-spine").exists():
-        pytest.skip(f"no binaries in {BIN}: make, or set LITHE_BIN_DIR")
+    need("lithe", "lithe-spine", "lawd")
     path = tmp_path / "arm.toml"
     path.write_text(calm.calm_text(), encoding="utf-8")
     return path

@@ -4,10 +4,9 @@
 import contextlib
 import json
 import os
-import shutil
-import signal
 import socket
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -18,13 +17,22 @@ BIN = Path(os.environ.get("LITHE_BIN_DIR", ROOT / "build" / "release" / "bin"))
 START_S = 90.0
 
 
+def need(*names: str) -> None:
+    """A test without its programs has failed: one that is skipped has shown nothing, and nobody reads that."""
+    for name in names:
+        assert (BIN / name).exists(), f"no {name} in {BIN}: run `make`, or set LITHE_BIN_DIR"
+
+
 class House:
     """Where one robot lives: its directories, its environment, the processes started for it."""
 
     def __init__(self) -> None:
-        """Make empty directories; nothing runs yet."""
+        """Make empty directories; nothing runs yet but who clears up when the test run dies."""
+        need("lithe", "lithe-spine", "lawd")
         self.dir = Path(tempfile.mkdtemp(prefix="lithe-"))
         self.prefix = f"t{self.dir.name[6:]}"
+        janitor = [sys.executable, "-IS", Path(__file__).with_name("janitor.py"), self.prefix, self.dir]
+        self.janitor = subprocess.Popen(janitor, stdin=subprocess.PIPE, start_new_session=True)
         self.env = os.environ | {
             "LITHE_RUN_DIR": str(self.dir / "run"),
             "LITHE_SHM_PREFIX": self.prefix,
@@ -91,28 +99,15 @@ class House:
 
     def close(self) -> None:
         """End whatever still runs and remove everything."""
-        spine = self.spine_pid()
         for process in self.started:
             if process.poll() is None:
                 process.terminate()
-                try:
-                    process.wait(20)
-                except subprocess.TimeoutExpired:
-                    process.kill()
-        if spine and alive(spine):
-            os.kill(spine, signal.SIGKILL)
-        for each in Path("/dev/shm").glob(f"{self.prefix}.*"):
-            each.unlink(missing_ok=True)
-        shutil.rmtree(self.dir, ignore_errors=True)
-
-    def spine_pid(self) -> int:
-        """Pid of the Spine, 0 when none has run; from the segment's header, as a last resort."""
-        segment = Path(f"/dev/shm/{self.prefix}.arm.spine")
-        if not segment.exists():
-            return 0
-        with segment.open("rb") as file:
-            file.seek(56)
-            return int.from_bytes(file.read(8), "little")
+        for process in self.started:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(20)
+        self.janitor.communicate()
+        for process in self.started:
+            process.wait()
 
 
 def alive(pid: int) -> bool:
