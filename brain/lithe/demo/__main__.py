@@ -96,10 +96,9 @@ class Experiment:
             raise LitheError(f"the agent ended with code {agent.returncode}; see the log")
 
     def hear(self, line: dict[str, Any]) -> None:
-        if phase := line.get("phase"):
-            if phase == "done":
-                self.story.end(line["from_ns"])
-                return
+        if line.get("phase") == "":
+            self.story.end(line["from_ns"])
+        elif phase := line.get("phase"):
             self.story.begin(phase, line["from_ns"])
             self.say(f"phase: {phase}")
         elif swap := line.get("swap"):
@@ -113,8 +112,6 @@ class Experiment:
         elif "source" in line:
             self.story.source = line["source"]
         elif doing := line.get("doing"):
-            if "sent_ns" in line:
-                self.story.sent_ns.append(line["sent_ns"])
             self.say(f"agent {doing}")
 
     def freeze(self, pid: int) -> None:
@@ -196,7 +193,7 @@ def check_space(out: Path) -> None:
 def report(summary: dict[str, Any], out: Path) -> None:
     print()
     for phase in summary["phases"]:
-        print(f"  {phase['name']:<11} RMSE {phase['rmse_deg']:7.2f} deg   ({phase['seconds']:.1f} s)")
+        print(f"  {phase['name']:<12} RMSE {phase['rmse_deg']:7.2f} deg   ({phase['seconds']:.1f} s)")
     print(
         f"  mgl         {summary['mgl_hat_nm']:.4f} N m estimated, {summary['mgl_true_nm']:.4f} true: "
         f"off by {summary['mgl_error']:.1%}"
@@ -204,10 +201,22 @@ def report(summary: dict[str, Any], out: Path) -> None:
     for swap in summary["swaps"]:
         print(
             f"  swap        {swap['law']:<12} compiled in {swap['compile_ms']:4.0f} ms, tick {swap['commit_tick']}, "
-            f"lost ticks {swap['lost_ticks']}, torque step {swap['output_step_nm']:.4f} N m"
+            f"torque step {swap['output_step_nm']:.4f} N m, "
+            f"lost ticks {swap['lost_ticks_prepare']} preparing, {swap['lost_ticks_commit']} around the commit"
         )
-    other = summary["no_swap_windows"]
-    print(f"  elsewhere   {other['lost_ticks']} lost ticks in {other['windows']} windows without a swap")
+    for name, key in (
+        ("swaps", "swap_windows"), ("commits", "commit_windows"), ("elsewhere", "no_swap_windows")
+    ):  # fmt: skip
+        tally = summary[key]
+        print(
+            f"  {name:<11} {tally['lost_per_s']:.2f} lost ticks a second: "
+            f"{tally['lost_ticks']} in {tally['seconds']:.1f} s, "
+            f"in {tally['windows_with_loss']} of {tally['windows']} windows"
+        )
+    print(
+        f"  by accident commits lose as much with probability {summary['swap_loss_chance']:.2g} "
+        f"(below {judge.LEAST_CHANCE} they are guilty)"
+    )
     freeze = summary["freeze"]
     print(
         f"  freeze      {freeze['duration_s']:.2f} s, at rest at {freeze['rest_angle_deg']:.0f} deg; "
