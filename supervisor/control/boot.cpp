@@ -139,13 +139,26 @@ void Supervisor::start_spine() {
   spine_out_.reset();
 }
 
+// A Spine that we cannot watch and talk to is left as it is: it moves a robot.
 void Supervisor::adopt_spine(pid_t pid) {
-  auto process = Process::adopt(pid);
+  const auto refuse = [this, pid](const std::string& why) {
+    const std::string who = pid > 0 ? fmt::format("pid {}", pid) : "pid unknown, perhaps in another container";
+    const std::string how = pid > 0 ? fmt::format("kill {}", pid) : "end its process";
+    return Halt{1, fmt::format("robot '{}' already has a Spine ({}), and it cannot be adopted: {}; it was left as it "
+                               "is. End it in order ({}: its drives are switched off), then start again",
+                               config_.name, who, why, how)};
+  };
+  auto process = pid > 0 ? Process::adopt(pid) : Result<Process>(Error{"its memory does not tell its process"});
   if (!process) {
-    throw Halt{1, process.message()};
+    throw refuse(process.message());
   }
-  spine_.emplace(std::move(*process));
   adopted_ = true;
+  spine_.emplace(std::move(*process));
+  auto link = SpineLink::attach(config_.name);
+  if (!link) {
+    throw refuse(link.message());
+  }
+  serve_spine(std::move(*link));
   spdlog::info("robot '{}' is already ticking (Spine pid {}): adopted as it is", config_.name, pid);
 }
 
@@ -154,7 +167,11 @@ void Supervisor::attach() {
   if (!link) {
     throw Halt{1, link.message()};
   }
-  link_.emplace(std::move(*link));
+  serve_spine(std::move(*link));
+}
+
+void Supervisor::serve_spine(SpineLink link) {
+  link_.emplace(std::move(link));
   // Counted in microseconds of the monotonic clock: no two supervisors of one boot give the same number.
   const auto first_id = static_cast<std::uint64_t>(monotonic_ns() / kNsPerUs);
   commands_.emplace(*link_, first_id);
