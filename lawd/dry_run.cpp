@@ -5,12 +5,12 @@
 #include <dlfcn.h>
 #include <unistd.h>
 
-#include <cmath>
 #include <cstdlib>
 #include <ctime>
 #include <memory>
 
 #include "lawd/child.hpp"
+#include "spine/law/dry_inputs.hpp"
 #include "spine/law/resident.hpp"
 
 namespace lithe::lawd {
@@ -37,41 +37,6 @@ json describe_json(const LitheLaw& law) {
   return out;
 }
 
-// A slow sine that the joints follow with a small lag, as on a healthy robot.
-void benign_input(Tick& t, std::uint64_t k, std::uint32_t joints) {
-  t.tick = k;
-  t.dt_s = 1e-3;
-  t.t_s = static_cast<double>(k) * t.dt_s;
-  t.t_ns = static_cast<std::int64_t>(k) * 1'000'000;
-  t.joints = joints;
-  for (std::uint32_t j = 0; j < joints; ++j) {
-    const double w = std::numbers::pi, phase = w * t.t_s + 0.1 * j;
-    t.setpoint_position_rad[j] = 0.5 * std::sin(phase);
-    t.setpoint_velocity_rad_s[j] = 0.5 * w * std::cos(phase);
-    t.setpoint_acceleration_rad_s2[j] = -0.5 * w * w * std::sin(phase);
-    t.position_rad[j] = 0.48 * std::sin(phase - 0.05);
-    t.velocity_rad_s[j] = 0.48 * w * std::cos(phase - 0.05);
-    t.torque_nm[j] = 0.05 * std::sin(phase);
-  }
-}
-
-// The first output that is not a number, by name; empty when all are finite.
-std::string bad_output(const Effort& u, const std::array<double, kMaxProbes>& probes, const LitheLaw& law,
-                       std::uint32_t joints) {
-  for (std::uint32_t j = 0; j < joints; ++j) {
-    const std::string at = "[" + std::to_string(j) + "]";
-    if (!std::isfinite(u.torque_nm[j])) return "torque_nm" + at;
-    if (std::isinf(u.position_rad[j])) return "position_rad" + at;
-    if (!std::isfinite(u.velocity_rad_s[j])) return "velocity_rad_s" + at;
-    if (!std::isfinite(u.kp_nm_rad[j])) return "kp_nm_rad" + at;
-    if (!std::isfinite(u.kd_nm_s_rad[j])) return "kd_nm_s_rad" + at;
-  }
-  for (std::uint32_t i = 0; i < law.probe_count; ++i) {
-    if (!std::isfinite(probes[i])) return std::string("probe ") + law.probes[i];
-  }
-  return "";
-}
-
 std::int64_t now_ns() {
   timespec now{};
   clock_gettime(CLOCK_MONOTONIC, &now);
@@ -92,13 +57,13 @@ int dry_steps(int fd, const LitheLaw& law, std::uint32_t joints) {
   std::array<double, kMaxProbes> probes{};
   std::int64_t total_ns = 0;
   for (std::uint64_t k = 0; k < kDrySteps; ++k) {
-    benign_input(tick, k, joints);
+    law::dry_input(tick, k, joints);
     const std::int64_t start = now_ns();
     resident->step(tick, effort, probes);
     total_ns += now_ns() - start;
-    const std::string bad = bad_output(effort, probes, law, joints);
-    if (bad.empty()) continue;
-    tell(fd, {{"refused", bad + " is not finite in dry step " + std::to_string(k) +
+    char bad[64];
+    if (law::outputs_are_finite(effort, probes, law, joints, bad, sizeof bad)) continue;
+    tell(fd, {{"refused", std::string(bad) + " is not finite in dry step " + std::to_string(k) +
                               ", on harmless inputs: look for a division by zero, sqrt or log of a negative number, "
                               "or a gain that diverges"}});
     return 1;

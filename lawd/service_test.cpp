@@ -118,6 +118,8 @@ TEST_F(ServiceTest, CrashHangExitAndNanAreRefusedWithTheReason) {
   EXPECT_NE(first(refused({.body = "__builtin_exit(0);"}, "dry_run")).find("ended its process"), std::string::npos);
   const json nan = refused({.body = "u.torque_nm[1] = std::sqrt(-1 - t.t_s);"}, "dry_run");
   EXPECT_NE(first(nan).find("torque_nm[1] is not finite"), std::string::npos) << nan["text"];
+  const json pole = refused({.body = "u.torque_nm[0] = t.position_rad[0] / t.velocity_rad_s[0];"}, "dry_run");
+  EXPECT_NE(first(pole).find("in dry step 0"), std::string::npos) << "at rest it is 0 / 0: " << pole["text"];
 }
 
 TEST_F(ServiceTest, RefusedLawLeavesNothingInTheCache) {

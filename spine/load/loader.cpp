@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/load/loader.hpp"
 
-#include <cmath>
 #include <cstdio>
 #include <cstring>
 #include <ctime>
+
+#include "spine/law/dry_inputs.hpp"
 
 namespace lithe::load {
 namespace {
@@ -139,23 +140,19 @@ wire::StageResult Loader::prepare(law::Resident& place, const wire::StageRequest
   return wire::StageResult::staged;
 }
 
-// The first call of new code, on copies, so that the tick's own first call finds its pages and lines warm.
+// The first calls of new code, on copies, so that the tick's own first call finds its pages and lines warm.
 bool Loader::dry_call(const law::Resident& candidate, Text& why) {
   scratch_ = candidate;
   Tick tick;
-  tick.joints = joints_;
-  tick.dt_s = 1e-3;
   Effort effort;
   std::array<double, kMaxProbes> probes{};
-  for (std::uint64_t k = 0; k < 3; ++k) {
-    tick.tick = k;
-    tick.t_s = static_cast<double>(k) * tick.dt_s;
+  for (std::uint64_t k = 0; k < 2 * law::kDryStepsAtRest; ++k) {
+    law::dry_input(tick, k, joints_);
     scratch_.step(tick, effort, probes);
-    for (std::uint32_t j = 0; j < joints_; ++j) {
-      if (std::isfinite(effort.torque_nm[j])) continue;
-      std::snprintf(why.data(), why.size(), "torque_nm[%u] is not finite in the dry call (all inputs zero)", j);
-      return false;
-    }
+    char bad[64];
+    if (law::outputs_are_finite(effort, probes, *candidate.descriptor, joints_, bad, sizeof bad)) continue;
+    std::snprintf(why.data(), why.size(), "%s is not finite in dry step %u", bad, static_cast<unsigned>(k));
+    return false;
   }
   return true;
 }
