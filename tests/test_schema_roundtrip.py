@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from lithe import _wire, shm
+from lithe.shim import load_shim
 from lithe.shm import BrainWriter, SpineView
 from segments import own_prefix, remove
 from system.house import BIN, need
@@ -217,7 +218,7 @@ def test_a_shim_without_the_second_look_at_the_sequence_is_caught(
     command = ["cc", "-std=c11", "-O2", "-shared", "-fPIC", "-o", tmp_path / "twin.so", tmp_path / "twin.c"]
     subprocess.run(command, check=True)
     monkeypatch.setenv("LITHE_SHM_LIB", str(tmp_path / "twin.so"))
-    twin = shm._load_shim()
+    twin = load_shim()
     monkeypatch.setattr(shm, "shim", lambda: twin)
     for _ in range(100):
         peer.ask("spine", ROBOT)

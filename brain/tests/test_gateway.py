@@ -155,8 +155,8 @@ def test_an_agent_that_pressed_the_estop_can_reset_and_arm_again(remote: Remote)
     assert remote.call("arm")["mode"] == "active"
 
 
-def test_a_spine_that_does_not_obey_the_estop_is_reported(remote: Remote, house: House) -> None:
-    spine = house.spine_pid()
+def test_a_spine_that_does_not_obey_the_estop_is_reported(remote: Remote, robot: lithe.Robot, house: House) -> None:
+    spine = int(robot.spine.mapping.header().writer_pid)
     os.kill(spine, signal.SIGSTOP)
     try:
         with pytest.raises(lithe.Refused, match=r"has not obeyed[\s\S]*cut its power") as caught:

@@ -6,12 +6,14 @@ import random
 import signal
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from lithe import _wire, shm
+from lithe import _wire, shim, shm
 from lithe.shm import BrainWriter, RingCursor, ShmError, SpineView
 from segments import Writer, make_file, own_prefix, remove
 
@@ -228,10 +230,47 @@ def test_a_shim_of_another_schema_is_refused(tmp_path: Path, monkeypatch: pytest
     subprocess.run(["cc", "-std=c11", "-shared", "-fPIC", "-o", library, source], check=True)
     monkeypatch.setenv("LITHE_SHM_LIB", str(library))
     with pytest.raises(ShmError, match="was built from another schema"):
-        shm._load_shim()
+        shim.load_shim()
     monkeypatch.setenv("LITHE_SHM_LIB", str(tmp_path / "absent.so"))
     with pytest.raises(ShmError, match="cannot load the shared-memory shim"):
-        shm._load_shim()
+        shim.load_shim()
+
+
+def test_the_shim_is_built_anew_for_another_machine_compiler_or_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    keys = {shim._shim_key()}
+    assert keys == {shim._shim_key()}
+    monkeypatch.setattr("platform.machine", lambda: "riscv64")
+    keys.add(shim._shim_key())
+    monkeypatch.setattr("sysconfig.get_config_var", lambda _: "cpython-399")
+    keys.add(shim._shim_key())
+    monkeypatch.setattr("shutil.which", lambda _: sys.executable)
+    keys.add(shim._shim_key())
+    monkeypatch.setattr("shutil.which", lambda _: None)
+    keys.add(shim._shim_key())
+    assert len(keys) == 5
+
+
+def test_the_shim_is_built_once_and_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv("LITHE_SHM_LIB", raising=False)
+    monkeypatch.setenv("LITHE_CACHE_DIR", str(tmp_path / "cache"))
+    shim.load_shim()
+    built = list((tmp_path / "cache").iterdir())
+    assert len(built) == 1 and built[0].suffix == ".so"
+    before = built[0].stat().st_mtime_ns
+    shim.load_shim()
+    assert built[0].stat().st_mtime_ns == before
+
+
+def test_without_a_compiler_or_a_cache_the_reason_is_given(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv("LITHE_SHM_LIB", raising=False)
+    monkeypatch.setenv("LITHE_CACHE_DIR", str(tmp_path))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(ShmError, match=r"cannot build the shared-memory shim: .*cc[\s\S]*try: cc"):
+        shim.load_shim()
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("LITHE_CACHE_DIR", str(tmp_path / "file" / "below"))
+    with pytest.raises(ShmError, match="cannot build the shared-memory shim"):
+        shim.load_shim()
 
 
 # ---- writing
@@ -321,6 +360,58 @@ def test_the_lock_file_is_for_the_group_whatever_the_umask(brain: Path) -> None:
     finally:
         os.umask(before)
     assert Path(f"{brain}.lock").stat().st_mode & 0o777 == 0o660
+
+
+def test_a_brain_that_has_left_writes_nothing_any_more(brain: Path) -> None:
+    writer = BrainWriter(ROBOT)
+    writer.publish(1, [1], [[0.0]])
+    writer.close()
+    writer.close()
+    for late in (lambda: writer.publish(2, [1], [[0.0]]), writer.beat, writer.press_estop):
+        with pytest.raises(ShmError, match="has left"):
+            late()
+    assert plan()["plan_id"] == 1
+    assert writer.mapping.load("estop") == 0
+
+
+def test_threads_publish_one_after_the_other(brain: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer = BrainWriter(ROBOT)
+    torn: list[int] = []
+
+    class SlowShim:
+        """Lets the other threads run in the middle of a plan's way to memory."""
+
+        def lithe_channel_write(self, address: int, plan_address: int, size: int) -> None:
+            time.sleep(0.002)
+            if not (writer._plan["position_rad"] == writer._plan["plan_id"]).all():
+                torn.append(int(writer._plan["plan_id"]))
+            real.lithe_channel_write(address, plan_address, size)
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(real, name)
+
+    def publish(first: int) -> None:
+        for number in range(first, first + 10):
+            writer.publish(number, [number] * 16, np.full((16, 32), float(number)))
+
+    real, slow = shm.shim(), SlowShim()
+    monkeypatch.setattr(shm, "shim", lambda: slow)
+    threads = [threading.Thread(target=publish, args=(i * 1000,)) for i in range(1, 5)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert torn == []
+    writer.close()
+
+
+def test_a_mapping_knows_when_its_robot_was_started_anew(brain: Path) -> None:
+    mapping = shm.Mapping(ROBOT, "brain", writable=False)
+    assert mapping.is_current()
+    brain.unlink()
+    assert not mapping.is_current()
+    make_file(ROBOT, "brain")
+    assert not mapping.is_current()
 
 
 def test_a_brain_that_was_killed_leaves_its_place(brain: Path) -> None:
