@@ -160,7 +160,7 @@ void Verbs::check_law(const ReplyTo& to, const Json& args) {
     return;
   }
   const auto& [name, source, params] = std::get<swap::Request>(request);
-  parts_.lawd.compile(
+  parts_.lawd.check(
       name, source,
       [this, to](const Answer& answer) {
         Answer out = answer;
