@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from lithe.errors import LitheError
 from lithe.identify import Arm, Motion, identify_arm, mgl_at_rest
 from lithe.remote import Remote
 
@@ -26,7 +27,7 @@ SINE = {"centre_rad": np.pi / 2, "amplitude_rad": np.pi / 4, "frequency_hz": 0.5
 BASELINE_GAINS = {"kp_nm_rad": 0.05, "kd_nm_s_rad": 0.004}  # detuned on purpose: the experiment starts from a bad law
 FIELDS = ["tick", "sample_ns", "position_rad", "velocity_rad_s", "torque_nm"]
 
-UNCLEAR = 3  # exit code: the measurements do not tell enough
+KEPT_TICKS = 4096  # of telemetry, by the gateway's `history`
 REST_S = 0.3  # a probe has ended when the arm has rested so long
 MOST_BANDWIDTH_RAD_S = 60.0  # beyond, a drive's own lag of about a millisecond eats the phase margin at any tick rate
 PROBE_SHARES = (0.5, -0.35)  # of the rough gravity torque: a wide swing both ways that cannot go over the top
@@ -160,18 +161,19 @@ class Agent:
     def record(self, seconds: float, rest_by_s: float = 0.0) -> Motion:
         """Telemetry of the next `seconds`, and on until the arm rests or `rest_by_s` have passed.
 
-        Gathered piece by piece: the Brain keeps four seconds.
+        Gathered piece by piece, four times in what the Brain keeps.
         """
+        pause_s = min(1.0, KEPT_TICKS / self.rate_hz / 4)
         pieces: list[dict[str, Any]] = []
         since = int(self.remote.call("latest", fields=["tick"])["tick"])
         start = time.monotonic()
         while (left := start + seconds - time.monotonic()) > 0 or not pieces:
-            time.sleep(min(1.0, max(left, 0.1)))
+            time.sleep(min(pause_s, max(left, 0.1)))
             piece = self.remote.call("history", seconds=4.0, since_tick=since, fields=FIELDS)
             if piece["tick"]:
                 since = piece["tick"][-1]
                 pieces.append(piece)
-                if left <= 1.0 and time.monotonic() < start + rest_by_s and not rests(as_motion(pieces)):
+                if left <= pause_s and time.monotonic() < start + rest_by_s and not rests(as_motion(pieces)):
                     seconds += 0.5
         return as_motion(pieces)
 
@@ -270,17 +272,16 @@ def main() -> int:
     parser.add_argument("--port", type=int, required=True)
     parser.add_argument("--token-file", type=Path, required=True)
     args = parser.parse_args()
-    remote = Remote(args.host, args.port, args.token_file.read_text().strip())
-    agent = Agent(remote)
     try:
+        agent = Agent(Remote(args.host, args.port, args.token_file.read_text().strip()))
         rough = identify_arm([agent.baseline()])
         tell(doing=f"reads gravity from the baseline: about {rough.mgl_nm:.2f} N m")
         arm = agent.probe(rough)
         agent.gravity_only(arm)
         agent.evolve(arm)
-    except ValueError as error:
+    except (ValueError, LitheError) as error:
         print(f"agent: {error}", file=sys.stderr)
-        return UNCLEAR
+        return 1
     tell(phase="", from_ns=time.monotonic_ns())
     return 0
 

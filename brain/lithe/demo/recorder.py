@@ -41,6 +41,13 @@ class Recorder:
     def lost(self) -> int:
         return self._cursor.lost
 
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+
     def finish(self) -> npt.NDArray[Any]:
         """Stops and returns all records, oldest first."""
         self._stop.set()
