@@ -48,14 +48,9 @@ void Guard::configure(const robot::RobotConfig& robot) {
   reset_output();
 }
 
-void Guard::reset_output() LITHE_RT { reset_output(JointArray{}); }
-
-void Guard::reset_output(const JointArray& torque_nm) LITHE_RT {
-  for (std::size_t j = 0; j < joints_; ++j) {
-    const double limit = limits_[j].torque_max_nm;
-    last_nm_[j] = std::isfinite(torque_nm[j]) ? std::clamp(torque_nm[j], -limit, limit) : 0.0;
-    blind_kd_nm_s_rad_[j] = 0.0;
-  }
+void Guard::reset_output() LITHE_RT {
+  last_nm_.fill(0.0);
+  blind_kd_nm_s_rad_.fill(0.0);
   dispatched();
   safe_law_.rearm();
 }

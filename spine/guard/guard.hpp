@@ -60,9 +60,8 @@ class Guard {
  public:
   void configure(const robot::RobotConfig& robot);
 
-  // At arming: the torque the drives now apply, from which the first step is bounded. Also rearms the safe law.
-  void reset_output(const JointArray& torque_nm) LITHE_RT;
-  void reset_output() LITHE_RT;  // the drives are off: 0 everywhere
+  // At arming, when the drives are off: the first step is bounded from 0. Also rearms the safe law.
+  void reset_output() LITHE_RT;
 
   // The last output left for the drives: the next one is bounded from it. An output that never left bounds nothing.
   void dispatched() LITHE_RT;

@@ -35,8 +35,6 @@ struct Resident {
   std::array<Bridge, 2> bridges{};  // from the law that was active, and from the one before (a rollback may intervene)
   alignas(64) std::array<std::byte, kMaxStateBytes> state{};
 
-  std::uint32_t joints() const LITHE_RT { return descriptor->joints; }
-
   // Clears `effort`, then runs the law once.
   void step(const Tick& tick, Effort& effort, std::array<double, kMaxProbes>& probes) LITHE_RT {
     effort.clear(tick.joints);
