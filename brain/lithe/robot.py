@@ -116,7 +116,7 @@ class Robot:
             except LitheError:
                 self.spine = old
                 raise
-            self.telemetry.attach(spine)
+            self.telemetry._attach(spine)
 
     def _check(self) -> BrainWriter:
         if self._writer is None:

@@ -175,7 +175,7 @@ class RingCursor:
 
 
 class SpineView:
-    """All that the Spine publishes, read-only."""
+    """All that the Spine publishes, read-only. `info` is its record RobotInfo, `joint_count` how many joints it has."""
 
     def __init__(self, robot: str) -> None:
         self.robot = robot
@@ -190,6 +190,7 @@ class SpineView:
 
     @property
     def joint_names(self) -> list[str]:
+        """Of the joints the robot has, in the order of every joint array."""
         return [bytes(name).decode() for name in self._names[: self.joint_count]]
 
     def latest(self) -> npt.NDArray[Any] | None:
@@ -197,7 +198,7 @@ class SpineView:
         return self._telemetry.latest()
 
     def telemetry(self, from_oldest: bool = False) -> RingCursor:
-        """A new cursor on the telemetry ring."""
+        """A new cursor on the telemetry ring, with drain() and lost of its own."""
         return RingCursor(self.mapping, "telemetry", from_oldest)
 
     def events(self, source: str = "tick", from_oldest: bool = True) -> RingCursor:

@@ -27,8 +27,8 @@ class Telemetry:
         self._spine = spine
         self._cursor = spine.telemetry()
 
-    def attach(self, spine: SpineView) -> None:
-        """Goes on with another run of the robot; Robot.reconnect() does this."""
+    def _attach(self, spine: SpineView) -> None:
+        """Goes on with another run of the robot; for Robot.reconnect()."""
         with self._lock:
             self._lost += self._cursor.lost
             self._spine = spine
