@@ -31,6 +31,7 @@ def records(ticks: int = 14_000) -> npt.NDArray[Any]:
     made["release_jitter_ns"] = 10 + tick % 7
     made["handoff_ns"] = 100 + tick % 50
     made["tick_ns"] = 5_000
+    made["brain_age_ns"] = np.where((tick >= 8_000) & (tick < 9_500), (tick - 8_000) * 1_000_000, 10_000_000)
     made["setpoint_position_rad"][:, 0] = np.pi / 2
     made["position_rad"][:, 0] = np.pi / 2 - np.radians(np.where(tick < SWAP_TICKS[1], 10.0, 1.0))
     made["command_torque_nm"][:, 0] = np.where(tick < SWAP_TICKS[0], 0.0, 0.12)

@@ -49,6 +49,7 @@ def test_the_torque_step_at_a_swap_stands_beside_the_guards_bound(summary: dict[
 def test_the_freeze_tells_how_long_how_far_and_under_what_load(summary: dict[str, Any]) -> None:
     freeze = summary["freeze"]
     assert freeze["duration_s"] == pytest.approx(1.5)
+    assert freeze["brain_silent_s"] == pytest.approx(1.5, abs=0.02)
     assert freeze["max_excursion_deg"] == pytest.approx(1.0)
     assert freeze["rest_angle_deg"] == pytest.approx(89.0)
     assert freeze["gravity_share"] > 0.99
@@ -96,6 +97,8 @@ NAN = float("nan")
         (lambda s: s["freeze"].update(gravity_share=NAN), "bore nan%"),
         (lambda s: s["freeze"].update(duration_s=1.0), "frozen for 1.00 s"),
         (lambda s: s["freeze"].update(duration_s=NAN), "frozen for nan s"),
+        (lambda s: s["freeze"].update(brain_silent_s=0.1), "silent for 0.10 s only"),
+        (lambda s: s["freeze"].update(brain_silent_s=NAN), "silent for nan s"),
         (lambda s: s["swaps"][1].update(output_step_nm=0.121), "'evolved' stepped the torque by 0.1210 N m"),
         (lambda s: s["swaps"][0].update(output_step_nm=NAN), "'probe' stepped the torque by nan"),
         (lambda s: s.update(swaps=[]), "no law was swapped"),

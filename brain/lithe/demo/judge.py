@@ -31,6 +31,7 @@ MOST_EVOLVED_DEG = 3.0
 LEAST_IMPROVEMENT = 8.0
 MOST_EXCURSION_DEG = 5.0
 LEAST_FREEZE_S = 1.5
+LEAST_SILENT_S = 1.4  # as the Spine saw it; the last sign of life came just before the freeze
 LEAST_GRAVITY_SHARE = 0.9
 # How likely commits must be to have lost so many ticks by accident. With five of them, three must have had a loss where
 # there is hardly any elsewhere; one stall of the machine, or two, that fall into their windows are no proof.
@@ -155,6 +156,7 @@ def judge_freeze(records: npt.NDArray[Any], freeze_ns: tuple[int, int]) -> dict[
     last_rad = float(rest[-1]) if len(rest) else float("nan")
     return {
         "duration_s": (freeze_ns[1] - freeze_ns[0]) * 1e-9,
+        "brain_silent_s": float(np.max(frozen["brain_age_ns"])) * 1e-9 if len(frozen) else float("nan"),
         "max_excursion_deg": float(np.max(np.abs(error_deg(frozen)))) if len(frozen) else float("nan"),
         "rest_angle_deg": float(np.degrees(last_rad)),
         "rest_sag_deg": float(np.degrees(np.ptp(rest))) if len(rest) else float("nan"),
@@ -214,6 +216,8 @@ def verdict(summary: dict[str, Any]) -> list[str]:
     freeze = summary["freeze"]
     if not freeze["duration_s"] >= LEAST_FREEZE_S:
         wrong.append(f"the Brain was frozen for {freeze['duration_s']:.2f} s, less than {LEAST_FREEZE_S} s")
+    if not freeze["brain_silent_s"] >= LEAST_SILENT_S:
+        wrong.append(f"the frozen Brain was silent for {freeze['brain_silent_s']:.2f} s only")
     if not freeze["max_excursion_deg"] <= MOST_EXCURSION_DEG:
         wrong.append(f"the frozen arm moved {freeze['max_excursion_deg']:.1f} deg off its setpoint")
     if not freeze["gravity_share"] > LEAST_GRAVITY_SHARE:
