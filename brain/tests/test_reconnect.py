@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A Brain that outlives its robot's supervisor, or its robot: what goes on by itself, and what asks first."""
 
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import calm
 import lithe
@@ -109,3 +113,40 @@ def test_a_place_taken_by_another_brain_is_not_taken_back(house: House, brain: l
         other.go_to([0.0], in_s=0.5)
     brain.reconnect()
     assert brain.attached and np.isfinite(setpoint_rad(brain))
+
+
+def test_the_gateways_own_process_goes_on_with_the_new_robot(house: House) -> None:
+    token_file = house.dir / "token"
+    command = [sys.executable, "-m", "lithe.gateway", "--port", "0", "--token-file", str(token_file)]
+    env = house.env | {"PYTHONPATH": str(Path(lithe.__file__).parents[1])}
+    with subprocess.Popen(command, stdout=-1, env=env, text=True) as gateway:
+        try:
+            assert gateway.stdout is not None
+            said = gateway.stdout.readline()
+            assert said.startswith("robot arm at 127.0.0.1:") and said.endswith(f"token in {token_file}\n")
+            port = int(said.split(",")[0].rsplit(":", 1)[1])
+            with lithe.Remote("127.0.0.1", port, token_file) as remote:
+                assert remote.call("describe")["robot"] == "arm"
+                remote.call("shutdown")
+                house.started[-1].wait(60)
+                with pytest.raises(lithe.Refused) as caught:
+                    remote.call("describe")
+                assert caught.value.code == "disconnected"
+                with pytest.raises(lithe.Refused) as caught:
+                    remote.call("status")
+                assert caught.value.code == "disconnected"
+                run_again(house)
+
+                def plan_taken() -> bool:
+                    try:
+                        remote.call("publish", t_ns=[time.monotonic_ns() + 10**9], position_rad=[0.1])
+                    except lithe.Refused:
+                        return False
+                    return True
+
+                house.wait_for(plan_taken)
+                time.sleep(2.5)  # longer than the calm robot waits for a sign of life
+                assert 0 <= remote.call("latest", fields=["brain_age_ns"])["brain_age_ns"] < 2e9
+        finally:
+            gateway.send_signal(signal.SIGINT)
+            assert gateway.wait(30) == 0
