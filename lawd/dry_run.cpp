@@ -5,8 +5,11 @@
 #include <dlfcn.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
 #include <cstdlib>
 #include <ctime>
+#include <limits>
 #include <memory>
 
 #include "lawd/child.hpp"
@@ -19,6 +22,8 @@ namespace {
 using nlohmann::json;
 
 constexpr std::uint64_t kDrySteps = 1000;
+constexpr int kRepetitions = 5;
+constexpr std::int64_t kPatienceNs = 500'000'000;
 constexpr const char* kKindNames[] = {"none",  "bool",   "int8",  "uint8",  "int16",   "uint16",
                                       "int32", "uint32", "int64", "uint64", "float32", "float64"};
 
@@ -49,26 +54,42 @@ void tell(int fd, const json& line) {
   if (write(fd, text.data(), text.size()) < 0) _exit(3);
 }
 
-int dry_steps(int fd, const LitheLaw& law, std::uint32_t joints) {
-  auto resident = std::make_unique<law::Resident>();
-  law::reset_resident(*resident, law);
+// The law's State from its defaults, through all dry steps. quickest_ns: of each step, over all repetitions.
+// The first output that is not a number ends it: its name goes to `bad`, and the step it came from is returned.
+std::uint64_t dry_steps(const LitheLaw& law, std::uint32_t joints, law::Resident& resident,
+                        std::array<std::int64_t, kDrySteps>& quickest_ns, std::array<char, 64>& bad) {
+  law::reset_resident(resident, law);
   Tick tick;
   Effort effort;
   std::array<double, kMaxProbes> probes{};
-  std::int64_t total_ns = 0;
   for (std::uint64_t k = 0; k < kDrySteps; ++k) {
     law::dry_input(tick, k, joints);
     const std::int64_t start = now_ns();
-    resident->step(tick, effort, probes);
-    total_ns += now_ns() - start;
-    char bad[64];
-    if (law::outputs_are_finite(effort, probes, law, joints, bad, sizeof bad)) continue;
-    tell(fd, {{"refused", std::string(bad) + " is not finite in dry step " + std::to_string(k) +
-                              ", on harmless inputs: look for a division by zero, sqrt or log of a negative number, "
-                              "or a gain that diverges"}});
-    return 1;
+    resident.step(tick, effort, probes);
+    quickest_ns[k] = std::min(quickest_ns[k], now_ns() - start);
+    if (!law::outputs_are_finite(effort, probes, law, joints, bad.data(), bad.size())) return k;
   }
-  tell(fd, {{"done", true}, {"step_ns", static_cast<double>(total_ns) / kDrySteps}});
+  return kDrySteps;
+}
+
+// A law does the same in every repetition, a busy machine does not: what is slow each time is the law.
+int try_steps(int fd, const LitheLaw& law, std::uint32_t joints) {
+  auto resident = std::make_unique<law::Resident>();
+  std::array<std::int64_t, kDrySteps> quickest_ns;
+  quickest_ns.fill(std::numeric_limits<std::int64_t>::max());
+  const std::int64_t start = now_ns();
+  for (int repetition = 0; repetition < kRepetitions; ++repetition) {
+    std::array<char, 64> bad{};
+    const std::uint64_t done = dry_steps(law, joints, *resident, quickest_ns, bad);
+    if (done < kDrySteps) {
+      tell(fd, {{"refused", std::string(bad.data()) + " is not finite in dry step " + std::to_string(done) +
+                                ", on harmless inputs: look for a division by zero, sqrt or log of a negative number, "
+                                "or a gain that diverges"}});
+      return 1;
+    }
+    if (now_ns() - start > kPatienceNs) break;  // slow enough that noise is small beside it
+  }
+  tell(fd, {{"done", true}, {"step_ns", *std::max_element(quickest_ns.begin(), quickest_ns.end())}});
   return 0;
 }
 
@@ -102,7 +123,7 @@ int child(int fd, const std::string& path, std::uint32_t joints) {
     return 1;
   }
   tell(fd, {{"law", describe_json(*law)}});
-  return dry_steps(fd, *law, joints);
+  return try_steps(fd, *law, joints);
 }
 
 std::string death(const Outcome& outcome, const std::string& stage) {
