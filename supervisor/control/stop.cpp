@@ -78,13 +78,18 @@ Drives Supervisor::switch_off() {
       monotonic_ns());
   turn_until([&] { return answered || spine_->ended(); }, Commands::kTimeoutNs + kNsPerS);
   wire::Telemetry now{};
+  Drives seen = Drives::driven;
   if (obeyed) {
     const bool pressed = link_->latest(now) && now.mode == static_cast<std::uint32_t>(wire::Mode::estop);
     const Drives wanted = pressed ? Drives::damped : Drives::off;
-    turn_until([&] { return spine_->ended() || (link_->latest(now) && drives_of(now) >= wanted); }, 2 * kNsPerS);
+    const auto wait_over = [&] {
+      seen = link_->latest(now) ? drives_of(now) : Drives::driven;
+      return seen >= wanted || spine_->ended();
+    };
+    turn_until(wait_over, 2 * kNsPerS);
   }
   commands_->refuse_all({"stopping", "the robot is being stopped", "start it again: lithe run"});
-  return obeyed && link_->latest(now) ? drives_of(now) : Drives::driven;
+  return seen;  // once off is enough: the record after it may lack a sample that came late
 }
 
 }  // namespace lithe::control

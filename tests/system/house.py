@@ -4,6 +4,7 @@
 import contextlib
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -96,6 +97,18 @@ class House:
     def segments(self) -> list[Path]:
         """What is left in shared memory, lock files aside."""
         return [each for each in Path("/dev/shm").glob(f"{self.prefix}.*") if each.suffix != ".lock"]
+
+    def freeze(self, spine: int, robot: str = "arm") -> None:
+        """Stop a Spine's process and wait until its tick stands still: on a busy machine it goes on for a while."""
+        os.kill(spine, signal.SIGSTOP)
+        ticks = [-1, -2]
+
+        def still() -> bool:
+            time.sleep(0.1)
+            ticks[:] = ticks[1], int(self.ask("--robot", robot, "status")["tick"])
+            return ticks[0] == ticks[1]
+
+        self.wait_for(still)
 
     def close(self) -> None:
         """End whatever still runs and remove everything."""
