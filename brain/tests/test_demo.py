@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,14 +26,30 @@ from system.house import BIN, ROOT, need
 LAWS = ["detuned_pd", "probe_1", "probe_2", "gravity_only", "evolved"]
 
 
+STARTED: list[subprocess.Popen[str]] = []
+
+
+@pytest.fixture(autouse=True)
+def end_what_was_started() -> Iterator[None]:
+    yield
+    while STARTED:
+        process = STARTED.pop()
+        if process.poll() is None:
+            process.terminate()
+        if process.stdout is not None and not process.stdout.closed:
+            process.communicate(timeout=60)
+
+
 def run(out: Path, robot: Path, *words: str, **environment: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
+    process = subprocess.Popen(
         [sys.executable, "-m", "lithe.demo", "--out", str(out), "--robot", str(robot), *words],
         env=os.environ | {"PYTHONPATH": str(ROOT / "brain"), "LITHE_BIN_DIR": str(BIN)} | environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
     )
+    STARTED.append(process)
+    return process
 
 
 @pytest.fixture
@@ -85,8 +102,10 @@ def test_the_experiment_holds_on_an_arm_the_agent_has_never_seen(tmp_path: Path,
 
 def run_until(process: subprocess.Popen[str], words: str) -> None:
     assert process.stdout is not None
+    said = []
     while words not in (line := process.stdout.readline()):
-        assert line, "it ended early"
+        said.append(line)
+        assert line, f"it ended early: {''.join(said)}"
 
 
 def spine_of(demo_pid: int) -> int:
@@ -96,15 +115,17 @@ def spine_of(demo_pid: int) -> int:
         return int.from_bytes(file.read(8), "little")
 
 
-def test_a_run_the_machine_disturbed_is_repeated_and_stays_in_the_log(tmp_path: Path) -> None:
-    need("lithe", "lithe-spine", "lawd")
-    process = run(tmp_path / "out", ROOT / "robots/arm.toml")  # the strict one
+def test_a_run_the_machine_disturbed_is_repeated_and_stays_in_the_log(tmp_path: Path, robot_file: Path) -> None:
+    text = robot_file.read_text(encoding="utf-8")
+    assert "watchdog_s = 10.0 " in text
+    robot_file.write_text(text.replace("watchdog_s = 10.0 ", "watchdog_s = 0.5 "), encoding="utf-8")
+    process = run(tmp_path / "out", robot_file)
     run_until(process, "phase: baseline")
     spine = spine_of(process.pid)
     os.kill(spine, signal.SIGSTOP)
     time.sleep(1.0)  # longer than a drive waits for commands
     os.kill(spine, signal.SIGCONT)
-    run_until(process, "the robot is stopped (run 1 of at most 3)")
+    run_until(process, "safe stop (drive_watchdog)")
     run_until(process, "supervised evolution")
     process.send_signal(signal.SIGTERM)
     process.communicate(timeout=60)
@@ -124,8 +145,6 @@ def test_a_stop_that_is_not_the_machines_doing_ends_the_demo(tmp_path: Path, rob
         subprocess.run([BIN / "lithe", "estop"], env=env, check=True, capture_output=True)
         words, _ = process.communicate(timeout=60)
     finally:
-        process.terminate()
-        process.communicate(timeout=60)
         shutil.rmtree(short)
     assert process.returncode == 1 and "'estop', fault 'estop_pressed'" in words and "Traceback" not in words
     assert leftovers(process.pid) == []
@@ -142,6 +161,7 @@ def test_only_the_machines_faults_are_worth_another_run(
         raise error
 
     monkeypatch.setattr(demo, "Stage", stage)
+    monkeypatch.setattr(demo, "PAUSE_S", 0.0)
     with pytest.raises(demo.LitheError) as told:
         demo.attempts(tmp_path / "arm.toml", tmp_path)
     assert len(begun) == runs == (tmp_path / "log.txt").read_text().count("---- run")

@@ -27,6 +27,7 @@ from .processes import ROOT, Disturbed, Stage
 from .report import report
 
 TRIES = 3
+PAUSE_S = 3.0  # before another try: what kept the machine busy may be over by then
 NEEDED_BYTES = 32 << 20
 PRODUCTS = (
     "summary.json", "telemetry.npz", "telemetry.csv", "timing.png", "timeline.png", "evolved.cpp", "log.txt",
@@ -106,6 +107,7 @@ def attempts(robot_file: Path, out: Path) -> dict[str, Any]:
             return {**attempt(robot_file, out, past), "attempts": past}
         except Disturbed as error:
             print(f"  {error}; the robot is stopped (run {number} of at most {TRIES})", flush=True)
+            time.sleep(PAUSE_S if number < TRIES else 0)
     reasons = ", ".join(f"{one['reason']} in '{one['phase']}'" for one in past)
     raise LitheError(
         f"the machine is too busy: the robot stopped itself in {TRIES} runs ({reasons})\n  next: free a core, run again"
