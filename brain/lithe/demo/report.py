@@ -18,8 +18,9 @@ def report(summary: dict[str, Any], out: Path) -> None:
         f"off by {summary['mgl_error']:.1%}"
     )
     for swap in summary["swaps"]:
+        made = "taken from the cache" if swap["cached"] else f"compiled in {swap['compile_ms']:4.0f} ms"
         print(
-            f"  swap        {swap['law']:<12} compiled in {swap['compile_ms']:4.0f} ms, tick {swap['commit_tick']}, "
+            f"  swap        {swap['law']:<12} {made}, tick {swap['commit_tick']}, "
             f"torque step {swap['output_step_nm']:.4f} N m, "
             f"lost ticks {swap['lost_ticks_prepare']} preparing, {swap['lost_ticks_commit']} around the commit"
         )
