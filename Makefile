@@ -27,7 +27,7 @@ bench:  ## jitter, tick cost, Channel latency, each against a peer and a control
 	@tools/setup build bench
 	@cmake --preset bench --log-level=WARNING >/dev/null
 	@cmake --build --preset bench -j $(JOBS)
-	@$(PYTHON) bench/report.py
+	@$(PYTHON) -m bench.report
 
 format:  ## rewrite every file the way `make check` wants it
 	@tools/setup build check

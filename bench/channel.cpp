@@ -6,6 +6,7 @@
 // before the scheduler has changed threads: a bench that calls that fast is blind.
 #include <algorithm>
 #include <atomic>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -13,6 +14,7 @@
 #include "bench/machine.hpp"
 #include "bench/samples.hpp"
 #include "spine/core/time.hpp"
+#include "spine/wire/wire.hpp"
 
 namespace lithe::bench {
 namespace {
@@ -52,44 +54,80 @@ void run_block(Link& link, Cores cores, std::int64_t block_ns, int warm_up, std:
   answering.join();
 }
 
+struct Subject {
+  std::unique_ptr<Link> link;
+  std::vector<std::int64_t> latency_ns;
+  std::vector<std::int64_t> median_ns;  // of each round
+};
+
+std::vector<Subject> all_links() {
+  std::vector<Subject> subjects;
+  for (const auto make : {make_cache_line_link, make_one_word_link, make_channel_56_link, make_channel_256_link,
+                          make_raw_plan_link, make_channel_plan_link, make_unix_datagram_link, make_zeromq_link}) {
+    subjects.push_back({make(), {}, {}});
+  }
+  return subjects;
+}
+
+const Subject& named(const std::vector<Subject>& subjects, const std::string& name) {
+  return *std::find_if(subjects.begin(), subjects.end(),
+                       [&](const Subject& each) { return each.link->name() == name; });
+}
+
+// What `over` takes compared with `under` in the same round, per mille, round by round.
+std::vector<std::int64_t> ratios_pm(const Subject& over, const Subject& under) {
+  std::vector<std::int64_t> ratios;
+  for (std::size_t round = 0; round < over.median_ns.size(); ++round) {
+    ratios.push_back(1000 * over.median_ns[round] / std::max<std::int64_t>(under.median_ns[round], 1));
+  }
+  return ratios;
+}
+
+double ratio(const Subject& over, const Subject& under) {
+  return static_cast<double>(quantile_ns(ratios_pm(over, under), 0.5)) / 1e3;
+}
+
+// How far apart the middle half of the rounds is, as a share of the median: above a quarter nobody should quote it.
+double spread(const std::vector<std::int64_t>& ratios_pm) {
+  return static_cast<double>(quantile_ns(ratios_pm, 0.75) - quantile_ns(ratios_pm, 0.25)) /
+         static_cast<double>(std::max<std::int64_t>(quantile_ns(ratios_pm, 0.5), 1));
+}
+
+void report(const std::vector<Subject>& subjects, const std::vector<std::int64_t>& control_ns, Cores cores) {
+  const Subject& floor = named(subjects, "cache_line");
+  const Subject& channel = named(subjects, "channel_56");
+  JsonLine line;
+  for (const Subject& subject : subjects) {
+    const std::string name = subject.link->name();
+    line.quantiles(name, subject.latency_ns).number(name + "_over_pingpong", ratio(subject, floor));
+  }
+  const double floor_ns = static_cast<double>(std::max<std::int64_t>(quantile_ns(floor.latency_ns, 0.5), 1));
+  const double control = static_cast<double>(quantile_ns(control_ns, 0.5)) / floor_ns;
+  line.number("channel_56_over_one_word", ratio(channel, named(subjects, "one_word")))
+      .number("channel_plan_over_raw", ratio(named(subjects, "channel_plan"), named(subjects, "raw_plan")))
+      .number("channel_round_spread", spread(ratios_pm(channel, floor)))
+      .number("plan_bytes", static_cast<double>(sizeof(wire::Plan)))
+      .number("control_same_core_over_pingpong", control)
+      .flag("channel_control_failed_as_it_must", control >= kControlAtLeast)
+      .number("spine_cpu", cores.spine)
+      .number("partner_cpu", cores.partner)
+      .print();
+}
+
 int run() {
   const Cores cores = pick_cores();
-  std::vector<std::unique_ptr<Link>> links;
-  links.push_back(make_cache_line_link());
-  links.push_back(make_channel_56_link());
-  links.push_back(make_channel_256_link());
-  links.push_back(make_one_word_link());
-  links.push_back(make_unix_datagram_link());
-  links.push_back(make_zeromq_link());
-  std::vector<std::vector<std::int64_t>> latency_ns(links.size());
-  std::vector<std::vector<std::int64_t>> ratio_pm(
-      links.size());  // of each round's medians, per mille of the cache line
+  std::vector<Subject> subjects = all_links();
   for (int round = 0; round < kRounds; ++round) {
-    std::int64_t floor_ns = 1;
-    for (std::size_t kind = 0; kind < links.size(); ++kind) {
+    for (Subject& subject : subjects) {
       std::vector<std::int64_t> block_ns;
-      run_block(*links[kind], cores, kBlockNs, kWarmUp, block_ns);
-      const std::int64_t median_ns = quantile_ns(block_ns, 0.5);
-      if (kind == 0) floor_ns = std::max<std::int64_t>(median_ns, 1);
-      ratio_pm[kind].push_back(1000 * median_ns / floor_ns);
-      latency_ns[kind].insert(latency_ns[kind].end(), block_ns.begin(), block_ns.end());
+      run_block(*subject.link, cores, kBlockNs, kWarmUp, block_ns);
+      subject.median_ns.push_back(quantile_ns(block_ns, 0.5));
+      subject.latency_ns.insert(subject.latency_ns.end(), block_ns.begin(), block_ns.end());
     }
   }
   std::vector<std::int64_t> control_ns;
-  run_block(*links[1], {cores.spine, cores.spine}, 500 * kNsPerMs, 0, control_ns);
-
-  JsonLine line;
-  for (std::size_t kind = 0; kind < links.size(); ++kind) {
-    const std::string name = links[kind]->name();
-    line.quantiles(name, latency_ns[kind]);
-    line.number(name + "_over_pingpong", static_cast<double>(quantile_ns(ratio_pm[kind], 0.5)) / 1e3);
-  }
-  const double floor_ns = static_cast<double>(std::max<std::int64_t>(quantile_ns(latency_ns[0], 0.5), 1));
-  const double control = static_cast<double>(quantile_ns(control_ns, 0.5)) / floor_ns;
-  line.number("control_same_core_over_pingpong", control);
-  line.flag("control_failed_as_it_must", control >= kControlAtLeast);
-  line.number("spine_cpu", cores.spine).number("partner_cpu", cores.partner);
-  line.print();
+  run_block(*named(subjects, "channel_56").link, {cores.spine, cores.spine}, 500 * kNsPerMs, 0, control_ns);
+  report(subjects, control_ns, cores);
   return 0;
 }
 

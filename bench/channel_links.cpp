@@ -13,6 +13,7 @@
 #include <string>
 
 #include "spine/ipc/channel.hpp"
+#include "spine/wire/wire.hpp"
 
 namespace lithe::bench {
 namespace {
@@ -23,13 +24,14 @@ struct Message {
   std::uint64_t body[kWords - 1];
 };
 constexpr std::size_t kPeerWords = 32;  // 256 bytes, as the peers send
+constexpr std::size_t kPlanWords = sizeof(wire::Plan) / sizeof(std::uint64_t);
 
 [[noreturn]] void give_up(const char* what) {
   std::perror(what);
   std::exit(2);
 }
 
-// One cache line that carries its sequence number and as much payload as fits: nothing protects it, so this is what the
+// A cache line, or several, that carry a sequence number and payload: nothing protects them, so this is what the
 // hardware can do at best. With kWords = 1 only the number crosses.
 template <std::size_t kWords>
 class CacheLineLink final : public Link {
@@ -149,6 +151,8 @@ std::unique_ptr<Link> make_cache_line_link() { return std::make_unique<CacheLine
 std::unique_ptr<Link> make_one_word_link() { return std::make_unique<CacheLineLink<1>>("one_word"); }
 std::unique_ptr<Link> make_channel_56_link() { return std::make_unique<ChannelLink<7>>("channel_56"); }
 std::unique_ptr<Link> make_channel_256_link() { return std::make_unique<ChannelLink<kPeerWords>>("channel_256"); }
+std::unique_ptr<Link> make_raw_plan_link() { return std::make_unique<CacheLineLink<kPlanWords>>("raw_plan"); }
+std::unique_ptr<Link> make_channel_plan_link() { return std::make_unique<ChannelLink<kPlanWords>>("channel_plan"); }
 std::unique_ptr<Link> make_unix_datagram_link() { return std::make_unique<UnixDatagramLink>(); }
 std::unique_ptr<Link> make_zeromq_link() { return std::make_unique<ZeroMqLink>(); }
 

@@ -21,8 +21,10 @@ class Link {
 
 std::unique_ptr<Link> make_cache_line_link();     // a raw cache line, 56 bytes and a number: what the hardware can do
 std::unique_ptr<Link> make_one_word_link();       // a raw atomic word
+std::unique_ptr<Link> make_raw_plan_link();       // raw words, as many as a plan has
 std::unique_ptr<Link> make_channel_56_link();     // lithe Channel, the same 56 bytes
 std::unique_ptr<Link> make_channel_256_link();    // lithe Channel, 256 bytes
+std::unique_ptr<Link> make_channel_plan_link();   // lithe Channel, a plan
 std::unique_ptr<Link> make_unix_datagram_link();  // socketpair, 256 bytes
 std::unique_ptr<Link> make_zeromq_link();         // PAIR over ipc://, 256 bytes
 

@@ -46,6 +46,8 @@ void report(const std::vector<Subject>& subjects) {
     line.number(std::string("tick_cost_p50_us_") + subject.key, median_ns.back() / 1e3);
     line.number(std::string("tick_cost_stolen_share_") + subject.key,
                 share(subject.cycles, [](const Cycle& c) { return c.stolen(); }));
+    line.number(std::string("tick_cost_preempted_share_") + subject.key,
+                share(subject.cycles, [](const Cycle& c) { return c.switches > 0; }));
   }
   const double control = median_ns.back() / median_ns.front();
   line.number("cost_control_32j_over_1j", control);

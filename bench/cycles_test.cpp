@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <memory>
 #include <vector>
 
@@ -64,6 +65,17 @@ TEST(Samples, QuantilesAreValuesThatWereMeasured) {
   EXPECT_EQ(quantile_ns(samples_ns, 0.999), 999);
   EXPECT_EQ(quantile_ns(samples_ns, 1.0), 1000);
   EXPECT_EQ(quantile_ns({}, 0.5), 0);
+}
+
+TEST(Samples, WhatWasNotMeasuredIsNullAndNotZero) {
+  JsonLine line;
+  line.quantiles("peer", {}).quantiles("floor", {1500}).number("ratio", std::nan(""));
+  testing::internal::CaptureStdout();
+  line.print();
+  EXPECT_EQ(testing::internal::GetCapturedStdout(),
+            "{\"peer_p50_us\": null, \"peer_p99_us\": null, \"peer_p999_us\": null, \"peer_max_us\": null, "
+            "\"floor_p50_us\": 1.5, \"floor_p99_us\": 1.5, \"floor_p999_us\": 1.5, \"floor_max_us\": 1.5, "
+            "\"ratio\": null}\n");
 }
 
 }  // namespace

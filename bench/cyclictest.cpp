@@ -5,7 +5,6 @@
 
 #include <array>
 #include <cstdio>
-#include <cstdlib>
 #include <string>
 
 namespace lithe::bench {
@@ -22,14 +21,14 @@ bool may_use_fifo() {
 
 }  // namespace
 
-void run_cyclictest(int cpu, int seconds, std::vector<std::int64_t>& latency_ns) {
+bool run_cyclictest(int cpu, int seconds, std::vector<std::int64_t>& latency_ns) {
   const std::string command =
       "cyclictest --quiet --mlockall --threads=1 --interval=1000 --histogram=200000 --affinity=" + std::to_string(cpu) +
       " --duration=" + std::to_string(seconds) + (may_use_fifo() ? " --priority=80" : "") + " 2>&1";
   std::FILE* output = popen(command.c_str(), "r");
   if (output == nullptr) {
     std::perror("bench: cyclictest");
-    std::exit(2);
+    return false;
   }
   const std::size_t before = latency_ns.size();
   std::string text;
@@ -41,9 +40,10 @@ void run_cyclictest(int cpu, int seconds, std::vector<std::int64_t>& latency_ns)
     if (std::sscanf(line.data(), "%ld %ld", &latency_us, &count) != 2) continue;  // "000012 000345"
     latency_ns.insert(latency_ns.end(), static_cast<std::size_t>(count), latency_us * 1000);
   }
-  if (pclose(output) == 0 && latency_ns.size() > before) return;
+  if (pclose(output) == 0 && latency_ns.size() > before) return true;
   std::fprintf(stderr, "bench: cyclictest failed; it said:\n%s", text.substr(0, 2000).c_str());
-  std::exit(2);
+  latency_ns.resize(before);  // half a measurement is none
+  return false;
 }
 
 }  // namespace lithe::bench

@@ -7,8 +7,8 @@
 
 namespace lithe::bench {
 
-// Runs cyclictest at 1 kHz on `cpu`, with SCHED_FIFO where that is allowed, and appends its latencies (1 us steps).
-// Ends the program with a message when cyclictest cannot run.
-void run_cyclictest(int cpu, int seconds, std::vector<std::int64_t>& latency_ns);
+// Appends the wake-up latencies (whole microseconds) that cyclictest finds on `cpu` in `seconds` at 1 kHz, with
+// SCHED_FIFO where this process may. False, with its own words on stderr, when it is missing or fails.
+bool run_cyclictest(int cpu, int seconds, std::vector<std::int64_t>& latency_ns);
 
 }  // namespace lithe::bench

@@ -6,6 +6,7 @@
 // a competitor on its core: a bench that calls that good is blind.
 #include <algorithm>
 #include <atomic>
+#include <cmath>
 #include <cstdio>
 #include <string>
 #include <vector>
@@ -35,13 +36,15 @@ struct Runs {
 Runs measure(Cores cores) {
   Runs runs;
   SpineRig rig(LITHE_ROBOTS "/arm.toml", cores);
+  bool cyclictest = true;
   for (int round = 0; round < kRounds; ++round) {
     for (int pair = 0; pair < kPairsPerRound; ++pair) {
       rig.run_bare_block(kBlockNs, runs.floor);
       rig.run_block(kBlockNs, runs.lithe);
     }
-    run_cyclictest(cores.spine, kCyclictestSeconds, runs.cyclictest_ns);
+    cyclictest = cyclictest && run_cyclictest(cores.spine, kCyclictestSeconds, runs.cyclictest_ns);
   }
+  if (!cyclictest) runs.cyclictest_ns.clear();  // without it the rest still holds
   std::atomic<bool> stop{false};
   std::thread competitor = on_core(cores.spine, [&] {
     while (!stop.load(std::memory_order_relaxed)) spin_pause();
@@ -52,7 +55,9 @@ Runs measure(Cores cores) {
   return runs;
 }
 
+// NaN, which becomes null, when one side was not measured.
 double ratio(const std::vector<std::int64_t>& over_ns, const std::vector<std::int64_t>& under_ns, double q) {
+  if (over_ns.empty() || under_ns.empty()) return std::nan("");
   return static_cast<double>(std::max(quantile_ns(over_ns, q), kLeastNs)) /
          static_cast<double>(std::max(quantile_ns(under_ns, q), kLeastNs));
 }

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the bench programs, merges what they measured into out/bench/summary.json, and prints it as tables."""
+"""Runs benches, merges what they measured into out/bench/summary.json, and prints it.
+
+`python -m bench.report [NAME ...]`. Exit 0: measured. 1: something asked for is INCONCLUSIVE, and null. 2: usage.
+Figures of benches that did not run this time stay, if they come from this machine.
+"""
 
 import json
 import os
@@ -7,14 +11,76 @@ import platform
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).parent.parent
+from bench import tables
+
+ROOT = Path(__file__).resolve().parent.parent
 OUT = ROOT / "out/bench"
 TRIES = 3
-MOST_DISTURBED = 0.05  # above this share of stolen or preempted cycles of the floor a run proves nothing
+DISTURBED = 0.05  # above this share of stolen or preempted cycles a run proves nothing
+UNSTEADY = 0.25  # nor one whose rounds differ by more
 Figures = dict[str, Any]
+
+
+class Unmeasured(Exception):
+    """A program gave no figures; the text says why."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """How a thing is measured and shown, what is claimed from it, and what must hold for that."""
+
+    command: tuple[str, ...]  # prints one line of JSON
+    show: Callable[[Figures], None]
+    claims: tuple[str, ...]  # null unless measured well
+    most: dict[str, float] = field(default_factory=dict)  # a figure above this is a reason to measure again
+    names: dict[str, str] = field(default_factory=dict)  # a claim that is another figure by its published name
+
+
+def program(name: str) -> tuple[str, ...]:
+    """One of ours in C++."""
+    return (str(Path(os.environ.get("LITHE_BIN_DIR") or ROOT / "build/release/bin") / f"bench_{name}"),)
+
+
+COST_SHARES = [f"tick_cost_{kind}_share_{joints}j" for kind in ("stolen", "preempted") for joints in (1, 8, 32)]
+BENCHES = {
+    "channel": Bench(
+        program("channel"),
+        tables.show_channel,
+        ("channel_latency_over_pingpong", "channel_56_over_one_word", "channel_plan_over_raw"),
+        {"channel_round_spread": UNSTEADY},
+        {"channel_latency_over_pingpong": "channel_56_over_pingpong"},
+    ),
+    "jitter": Bench(
+        program("jitter"),
+        tables.show_jitter,
+        (
+            "release_jitter_p999_over_floor",
+            "release_jitter_p99_over_floor",
+            "release_jitter_p999_over_cyclictest",
+            "release_jitter_p50_over_cyclictest",
+            "handoff_p50_us",
+            "handoff_p999_us",
+        ),
+        {"jitter_stolen_share": DISTURBED, "floor_preempted_share": DISTURBED},
+    ),
+    "cost": Bench(
+        program("cost"),
+        tables.show_cost,
+        ("tick_cost_p50_us_1j", "tick_cost_p50_us_8j", "tick_cost_p50_us_32j"),
+        dict.fromkeys(COST_SHARES, DISTURBED),
+    ),
+    "run": Bench(
+        (sys.executable, "-m", "bench.live"),
+        tables.show_run,
+        ("run_release_jitter_p50_us", "run_release_jitter_p99_us", "run_release_jitter_p999_us", "run_handoff_p50_us"),
+        {"run_stolen_share": DISTURBED, "run_preempted_share": DISTURBED, "run_inactive_share": 0.0},
+    ),
+}
 
 
 def first_line(path: str, key: str = "") -> str:
@@ -28,142 +94,112 @@ def first_line(path: str, key: str = "") -> str:
 
 def machine() -> Figures:
     """What the figures were measured on: without it they mean nothing."""
-    virtual = "hypervisor" in first_line("/proc/cpuinfo", "flags")
     return {
         "machine_cpu": first_line("/proc/cpuinfo", "model name") or platform.machine(),
         "machine_cores": os.cpu_count(),
         "machine_kernel": platform.release(),
-        "machine_virtual": virtual,
+        "machine_virtual": "hypervisor" in first_line("/proc/cpuinfo", "flags"),
         "machine_isolated_cores": first_line("/sys/devices/system/cpu/isolated"),
         "machine_governor": first_line("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor") or "unknown",
         "machine_clock_source": first_line("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
-        "machine_load_at_start": os.getloadavg()[0],
         "measured_as_root": os.geteuid() == 0,
-        "measured_at": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
     }
 
 
-def measure(program: str) -> Figures:
-    """The figures one program prints, or the end of this one with its message."""
-    print(f"bench: {program} ...", file=sys.stderr, flush=True)
-    path = ROOT / "build/release/bin" / f"bench_{program}"
-    # A session of its own, as the Spine has: its priority must count against all others.
-    done = subprocess.run([path], stdout=subprocess.PIPE, text=True, check=False, start_new_session=True)
+def measure(command: tuple[str, ...]) -> Figures:
+    """The figures one program prints."""
+    try:
+        # A session of its own, as the Spine has: its priority must count against all others.
+        done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False, start_new_session=True, cwd=ROOT)
+    except OSError as error:
+        raise Unmeasured(f"{command[0]}: {error.strerror}; `make bench` builds it") from None
     if done.returncode != 0:
-        sys.exit(f"bench: {program} ended with {done.returncode}; run {path} to see why")
+        raise Unmeasured(f"{' '.join(command)} ended with {done.returncode}")
     figures: Figures = json.loads(done.stdout.splitlines()[-1])
     return figures
 
 
-def measure_jitter() -> Figures:
-    """Release jitter, again when the core was not ours; INCONCLUSIVE when it never is, and never a pass."""
-    for attempt in range(1, TRIES + 1):
-        figures = measure("jitter")
-        figures["jitter_attempts"] = attempt
-        stolen, preempted = figures["jitter_stolen_share"], figures["floor_preempted_share"]
-        if max(stolen, preempted) <= MOST_DISTURBED:
-            figures["jitter_verdict"] = "measured"
-            return figures
-        print(f"bench: {stolen:.1%} of the cycles stolen, {preempted:.1%} of the floor's preempted", file=sys.stderr)
-    figures["jitter_verdict"] = "INCONCLUSIVE"
-    return figures
-
-
-def table(title: str, head: list[str], rows: list[list[str]]) -> None:
-    """Prints aligned columns, the first to the left and the others to the right."""
-    widths = [max(len(row[column]) for row in [head, *rows]) for column in range(len(head))]
-    print(f"\n{title}")
-    for row in [head, *rows]:
-        print(
-            "  "
-            + "  ".join(
-                f"{cell:<{w}}" if i == 0 else f"{cell:>{w}}"
-                for i, (cell, w) in enumerate(zip(row, widths, strict=True))
-            )
-        )
-
-
-def quantile_row(name: str, figures: Figures, key: str, more: list[str]) -> list[str]:
-    """One row of p50, p99, p99.9 and max in microseconds."""
-    return [name, *(f"{figures[f'{key}_{q}_us']:.2f}" for q in ("p50", "p99", "p999", "max")), *more]
-
-
-def print_channel(figures: Figures) -> None:
-    """The Channel among its peers."""
-    kinds = [
-        ("raw cache line, 56 bytes (floor)", "cache_line"),
-        ("raw atomic word", "one_word"),
-        ("Channel, 56 bytes", "channel_56"),
-        ("Channel, 256 bytes", "channel_256"),
-        ("Unix datagram, 256 bytes", "unix_datagram"),
-        ("ZeroMQ ipc PAIR, 256 bytes", "zeromq"),
-    ]
-    rows = [quantile_row(name, figures, key, [f"{figures[key + '_over_pingpong']:.2f}"]) for name, key in kinds]
-    table(
-        "one-way latency between two cores, both sides polling [us]",
-        ["", "p50", "p99", "p99.9", "max", "x floor"],
-        rows,
-    )
-    print(f"  control: both sides on one core: {figures['control_same_core_over_pingpong']:.0f} x floor, as it must")
-
-
-def print_jitter(figures: Figures) -> None:
-    """Release jitter beside its floor and cyclictest."""
-    kinds = [
-        ("bare spin, steal-aware (floor)", "floor"),
-        ("LITHE, steal-aware", "lithe"),
-        ("bare spin, raw", "floor_raw"),
-        ("LITHE, raw", "lithe_raw"),
-        ("cyclictest, raw", "cyclictest"),
-        ("control: a competitor on the core", "control"),
-        ("hand-off: woken to command out", "handoff"),
-    ]
-    rows = [quantile_row(name, figures, key, []) for name, key in kinds]
-    table("release jitter at 1 kHz [us]", ["", "p50", "p99", "p99.9", "max"], rows)
-    print(f"  p99.9 over floor: {figures['release_jitter_p999_over_floor']:.2f}", end="")
-    print(
-        f" (raw {figures['release_jitter_p999_over_floor_raw']:.2f}, control {figures['control_over_floor']:.0f});",
-        end=" ",
-    )
-    print(f"over cyclictest, raw: {figures['release_jitter_p999_over_cyclictest']:.3f}")
-    print(f"  {figures['jitter_cycles']:.0f} cycles, stolen {figures['jitter_stolen_share']:.2%}, ", end="")
-    print(f"preempted {figures['jitter_preempted_share']:.2%}: {figures['jitter_verdict']}")
-
-
-def print_cost(figures: Figures) -> None:
-    """What a tick costs without its law."""
-    rows = [quantile_row(f"{joints} joints", figures, f"tick_cost_{joints}j", []) for joints in (1, 8, 32)]
-    table("the tick's own cost, without the law [us]", ["", "p50", "p99", "p99.9", "max"], rows)
-
-
-def main() -> int:
-    """Measure everything, or the programs named on the command line."""
-    wanted = sys.argv[1:] or ["channel", "jitter", "cost"]
-    figures = machine()
-    if "channel" in wanted:
-        figures |= measure("channel")
-        figures["channel_latency_over_pingpong"] = figures["channel_56_over_pingpong"]
-    if "jitter" in wanted:
-        figures |= measure_jitter()
-    if "cost" in wanted:
-        figures |= measure("cost")
-    OUT.mkdir(parents=True, exist_ok=True)
-    (OUT / "summary.json").write_text(json.dumps(figures, indent=2) + "\n")
-
-    kind = "virtual machine" if figures["machine_virtual"] else "bare metal"
-    print(f"{figures['machine_cpu']}, {figures['machine_cores']} cores, {kind}, Linux {figures['machine_kernel']}")
-    for name, show in (("channel", print_channel), ("jitter", print_jitter), ("cost", print_cost)):
-        if name in wanted:
-            show(figures)
-    print(f"\nall figures: {(OUT / 'summary.json').relative_to(ROOT)}")
+def disturbances(bench: Bench, figures: Figures) -> list[str]:
+    """What makes this run worth nothing."""
+    found = []
+    for key, most in bench.most.items():
+        value = figures.get(key)
+        if value is None or value > most:
+            found.append(f"{key} is {tables.cell(figures, key, '.1%')}, above {most:.0%}")
     blind = [key for key, value in figures.items() if key.endswith("failed_as_it_must") and not value]
-    if blind:
+    return found + [f"a control that must fail did not ({key})" for key in blind]
+
+
+def examine(name: str, bench: Bench) -> Figures:
+    """Measures, again while the machine disturbs it; then INCONCLUSIVE, and what it would claim is null."""
+    load, began = os.getloadavg()[0], time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+    figures: Figures = {}
+    attempt, reasons = 0, ["not measured"]
+    while reasons and attempt < TRIES:
+        attempt += 1
+        print(f"bench: {name} ...", file=sys.stderr, flush=True)
+        try:
+            figures = measure(bench.command)
+        except Unmeasured as error:
+            figures, reasons = {}, [str(error)]
+            break
+        reasons = disturbances(bench, figures)
+        for reason in reasons:
+            print(f"bench: {name}: {reason}", file=sys.stderr)
+    figures |= {claim: figures.get(key) for claim, key in bench.names.items()}
+    if reasons:
+        figures |= dict.fromkeys(bench.claims)
+    else:
+        reasons = [f"{claim} has no value" for claim in bench.claims if figures.get(claim) is None]
+        figures |= dict.fromkeys(claim for claim in bench.claims if figures.get(claim) is None)
+    return figures | {
+        f"{name}_verdict": "INCONCLUSIVE" if reasons else "measured",
+        f"{name}_reason": "; ".join(reasons),
+        f"{name}_attempts": attempt,
+        f"{name}_measured_at": began,
+        f"{name}_load_before": load,
+        f"{name}_load_after": os.getloadavg()[0],
+    }
+
+
+def earlier(name: str, here: Figures) -> Figures:
+    """What a bench that does not run now has left, if it is of this machine."""
+    try:
+        old: Figures = json.loads((OUT / f"{name}.json").read_text())
+    except (OSError, ValueError):
+        return {}
+    return old if all(old.get(key) == value for key, value in here.items()) else {}
+
+
+def main(words: list[str]) -> int:
+    """Measure everything, or the benches named."""
+    if unknown := [word for word in words if word not in BENCHES]:
+        print(f"bench: no bench '{unknown[0]}'; there are {', '.join(BENCHES)}", file=sys.stderr)
+        return 2
+    wanted = words or list(BENCHES)
+    OUT.mkdir(parents=True, exist_ok=True)
+    figures = here = machine()
+    for name, bench in BENCHES.items():
+        if name in wanted:
+            own = examine(name, bench)
+            (OUT / f"{name}.json").write_text(json.dumps(here | own, indent=2) + "\n")
+            figures = figures | own
+        else:
+            figures = figures | earlier(name, here)
+    path = OUT / "summary.json"
+    path.write_text(json.dumps(figures, indent=2) + "\n")
+
+    tables.show_machine(figures)
+    for name in wanted:
+        BENCHES[name].show(figures)
+        why = f" ({figures[f'{name}_reason']})" if figures[f"{name}_reason"] else ""
         print(
-            f"bench: a control that must fail did not ({', '.join(blind)}): these figures prove nothing",
-            file=sys.stderr,
+            f"  {name}: {figures[f'{name}_verdict']}{why}; load {figures[f'{name}_load_before']:.1f} before, ", end=""
         )
-    return 1 if blind else 0
+        print(f"{figures[f'{name}_load_after']:.1f} after")
+    print(f"\nall figures: {path}")
+    return 1 if any(figures[f"{name}_verdict"] != "measured" for name in wanted) else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

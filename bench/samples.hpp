@@ -32,9 +32,11 @@ class JsonLine {
   JsonLine& word(const std::string& key, const std::string& value) { return add(key, '"' + value + '"'); }
   JsonLine& flag(const std::string& key, bool value) { return add(key, value ? "true" : "false"); }
 
-  // p50, p99, p99.9 and max of a set of durations [us], as <key>_p50_us and so on.
+  // p50, p99, p99.9 and max of a set of durations [us], as <key>_p50_us and so on; null where nothing was measured.
   JsonLine& quantiles(const std::string& key, const std::vector<std::int64_t>& samples_ns) {
-    const auto us = [&](double q) { return static_cast<double>(quantile_ns(samples_ns, q)) / 1e3; };
+    const auto us = [&](double q) {
+      return samples_ns.empty() ? std::nan("") : static_cast<double>(quantile_ns(samples_ns, q)) / 1e3;
+    };
     return number(key + "_p50_us", us(0.5))
         .number(key + "_p99_us", us(0.99))
         .number(key + "_p999_us", us(0.999))

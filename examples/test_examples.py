@@ -8,7 +8,7 @@ from pathlib import Path
 
 import calm
 import pytest
-from system.house import BIN, ROOT, House
+from system.house import ROOT, House
 
 EXAMPLES = sorted(path for path in Path(__file__).parent.iterdir() if (path / "main.py").exists())
 
@@ -16,8 +16,6 @@ EXAMPLES = sorted(path for path in Path(__file__).parent.iterdir() if (path / "m
 @pytest.fixture(scope="module")
 def house() -> Iterator[House]:
     """One robot for all of them, one after the other."""
-    if not (BIN / "lithe-spine").exists():
-        pytest.skip(f"no binaries in {BIN}: make, or set LITHE_BIN_DIR")
     with calm.calm_robot() as running:
         yield running
 

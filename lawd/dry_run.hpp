@@ -12,7 +12,7 @@ struct DryRun {
   std::string stage;   // load | dry_run: where it failed
   std::string reason;  // one sentence: what happened and what to change
   nlohmann::json law;  // name, state[], params[], probes[], sizes
-  double step_ns = 0;  // mean over the dry steps
+  double step_ns = 0;  // of the slowest dry step; each counts as the quickest of its repetitions
 };
 
 inline constexpr std::uint64_t kDrySteps = 1000;

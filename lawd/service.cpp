@@ -2,6 +2,7 @@
 #include "lawd/service.hpp"
 
 #include <chrono>
+#include <cstdio>
 #include <filesystem>
 
 #include "lawd/admission.hpp"
@@ -43,6 +44,18 @@ bool is_on(const json& request, const char* key, bool wanted) {
 
 bool disk_is_full(const std::string& text) {
   return text.find("No space left") != std::string::npos || text.find("Disk quota exceeded") != std::string::npos;
+}
+
+// Whether a law fits is a matter of the robot that asks, not of the cache. Null when it does, or nobody asked.
+json over_budget(const json& entry, const std::string& name, const json& budget_ns) {
+  if (budget_ns.is_null() || !entry.value("ok", false)) return nullptr;
+  const double step_ns = entry["dry_step_max_ns"], budget = budget_ns;
+  if (step_ns <= budget) return nullptr;
+  char reason[160];
+  std::snprintf(reason, sizeof reason,
+                "a step takes up to %.1f us here and the robot leaves it %.1f us: do less in step(), or less often",
+                step_ns * 1e-3, budget * 1e-3);
+  return refuse_whole("dry_run", name, reason);
 }
 
 // Only what may be a file name: letters, digits, dot, dash, underscore; ends in .cpp.
@@ -102,6 +115,10 @@ json Service::compile(const json& request) {
   if (!joints.is_number_unsigned() || joints < 1 || joints > kMaxJoints) {
     return refuse("request", "compile needs \"joints\": how many the robot has, 1 to " + std::to_string(kMaxJoints));
   }
+  const json budget_ns = request.value("budget_ns", json());
+  if (!budget_ns.is_null() && !(budget_ns.is_number() && budget_ns > 0)) {
+    return refuse("request", "\"budget_ns\" is how long one step may take: a number above 0, or left out");
+  }
   Job job{request["source"], safe_name(name.is_string() ? name.get<std::string>() : ""), "", joints};
   if (job.source.size() > kMaxSourceBytes) return refuse_whole("compile", job.name, "the source is larger than 1 MiB");
   job.admit = is_on(request, "admit", true);
@@ -112,6 +129,7 @@ json Service::compile(const json& request) {
   json reply = from_cache(job);
   const bool cached = !reply.is_null();
   if (!cached) reply = build(job);
+  if (json refused = over_budget(reply, job.name, budget_ns); !refused.is_null()) reply = std::move(refused);
   reply["hash"] = job.hash;
   reply["cached"] = cached;
   reply["compile_ms"] = since_ms(start);
@@ -202,7 +220,7 @@ json Service::try_and_store(const Job& job, const std::string& object, const std
                 {"placeable_sha256", sha256_hex(*placeable)},
                 {"law", tried.law},
                 {"warnings", warnings},
-                {"dry_step_ns", tried.step_ns},
+                {"dry_step_max_ns", tried.step_ns},
                 {"joints", job.joints},
                 {"admitted", job.admit},
                 {"gates", gates},
@@ -220,7 +238,10 @@ json Service::from_cache(const Job& job) const {
   const auto text = read_file(base + ".json");
   if (!text) return nullptr;
   const json entry = json::parse(*text, nullptr, false);
-  if (!entry.is_object() || entry.value("joints", 0u) != job.joints || !entry.contains("law")) return nullptr;
+  if (!entry.is_object() || entry.value("joints", 0u) != job.joints || !entry.contains("law") ||
+      !entry.contains("dry_step_max_ns")) {
+    return nullptr;
+  }
   for (const auto& [end, key] : {std::pair(".so", "object_sha256"), std::pair(".o", "placeable_sha256")}) {
     const auto bytes = read_file(base + end);
     if (!bytes || entry.value(key, "") != sha256_hex(*bytes)) return nullptr;

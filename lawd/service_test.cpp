@@ -120,6 +120,31 @@ TEST_F(ServiceTest, CrashHangExitAndNanAreRefusedWithTheReason) {
   EXPECT_NE(first(ended).find("ended its process"), std::string::npos);
   const json nan = refused({.body = "u.torque_nm[1] = std::sqrt(-1 - t.t_s);"}, "dry_run");
   EXPECT_NE(first(nan).find("torque_nm[1] is not finite"), std::string::npos) << nan["text"];
+  const json pole = refused({.body = "u.torque_nm[0] = t.position_rad[0] / t.velocity_rad_s[0];"}, "dry_run");
+  EXPECT_NE(first(pole).find("in dry step 0"), std::string::npos) << "at rest it is 0 / 0: " << pole["text"];
+}
+
+TEST_F(ServiceTest, LawThatIsNowAndThenTooSlowForTheRobotIsRefused) {
+  const std::string slow = LawText{.body =
+                                       "if (t.tick % 500 == 7) for (int i = 0; i < 200'000; ++i) "
+                                       "s.sum_rad = *(volatile double*)&s.sum_rad + 1;"}
+                               .source();
+  const json reply = compile(service_, slow, "law.cpp", true, 20'000);
+  EXPECT_FALSE(reply["ok"]);
+  EXPECT_EQ(reply["stage"], "dry_run");
+  EXPECT_NE(first(reply).find("the robot leaves it 20.0 us"), std::string::npos) << reply["text"];
+  const json patient = compile(service_, slow, "law.cpp", true, 1'000'000'000);
+  EXPECT_TRUE(patient["ok"]) << "another robot has the time: " << patient;
+  EXPECT_TRUE(patient["cached"]);
+  EXPECT_GT(patient["dry_step_max_ns"], 20'000);
+  EXPECT_FALSE(compile(service_, slow, "law.cpp", true, 20'000)["ok"]) << "from the cache too";
+  EXPECT_TRUE(compile(service_, slow)["ok"]) << "no budget, no judgement";
+}
+
+TEST_F(ServiceTest, BudgetThatIsNoneIsRefused) {
+  for (const json& budget : {json(0), json(-5), json("300"), json(false)}) {
+    EXPECT_EQ(compile(service_, LawText{}.source(), "law.cpp", true, budget)["stage"], "request") << budget;
+  }
 }
 
 TEST_F(ServiceTest, RefusedLawLeavesNothingInTheCache) {

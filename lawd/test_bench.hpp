@@ -48,10 +48,11 @@ struct LawText {
 };
 
 inline nlohmann::json compile(Service& service, const std::string& source, const std::string& name = "law.cpp",
-                              bool admit = true) {
+                              bool admit = true, const nlohmann::json& budget_ns = nullptr) {
   bool quit = false;
-  const nlohmann::json request = {{"id", 7},      {"verb", "compile"}, {"source", source},
-                                  {"name", name}, {"joints", 2},       {"admit", admit}};
+  nlohmann::json request = {{"id", 7},      {"verb", "compile"}, {"source", source},
+                            {"name", name}, {"joints", 2},       {"admit", admit}};
+  if (!budget_ns.is_null()) request["budget_ns"] = budget_ns;
   return service.answer(request.dump(), quit);
 }
 

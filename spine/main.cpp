@@ -208,6 +208,15 @@ class Threads {
   std::thread keeper_, watching_, loading_, transport_, ticking_;
 };
 
+// What the buses did otherwise than asked: only a robot with trouble has anything to say.
+void tell_replies(const hal::ReplyCounters& n) {
+  if (n.missed + n.late + n.duplicate + n.stray + n.malformed + n.unsound + n.refused == 0) return;
+  fmt::print(stderr,
+             "lithe-spine: answers of drives: {} missed, {} late, {} doubled, {} stray, {} malformed; "
+             "commands: {} not finite, {} refused by a full bus\n",
+             n.missed, n.late, n.duplicate, n.stray, n.malformed, n.unsound, n.refused);
+}
+
 // Waits for SIGINT or SIGTERM. The parent's death is no reason to stop: the robot goes on and is adopted.
 void wait_for_signal(const sigset_t& signals) {
   int signal = 0;
@@ -259,6 +268,7 @@ int run(const std::string& path) {
   wait_for_signal(signals);
   threads->stop();
   std::destroy_at(threads);
+  tell_replies((*actuators)->counters());
   remove_memory(robot->name);
   return 0;
 }

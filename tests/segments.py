@@ -86,6 +86,13 @@ class Writer:
         return record
 
 
+def channel_slots(mapping: shm.Mapping, name: str) -> list[int]:
+    """Addresses of the four slots of a channel: each a sequence word, odd while it is written, and the value."""
+    item, address = mapping.item(name)
+    size = item.stride // 4 // 128 * 128  # the first line holds the index
+    return [address + 128 + slot * size for slot in range(4)]
+
+
 def own_prefix() -> str:
     """A shared-memory prefix nobody else has."""
     return f"t{os.getpid()}-{time.monotonic_ns()}"

@@ -7,25 +7,31 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from lithe.demo.judge import Story
+from lithe.demo.judge import PHASES, Story
 from lithe.shm import dtype
 
 SECOND_NS = 1_000_000_000
-SWAP_TICKS = (2_000, 5_000)
+PHASE_NS = 2 * SECOND_NS
+SWAP_TICKS = (2_000, 6_000)
+LOST = {1_800: 1, 2_010: 2, 11_000: 3}  # before which ticks how many releases were skipped
 
 
-def records(ticks: int = 12_000) -> npt.NDArray[Any]:
-    """Errors of 10 degrees before the second swap and of 1 degree after it; 2 ticks lost near the first, 3 far off."""
+def records(ticks: int = 14_000) -> npt.NDArray[Any]:
+    """Errors of 10 degrees before the second swap and of 1 degree after it; 6 ticks lost.
+
+    Namely 1 while the first law compiles, 2 shortly after its commit, 3 far from any swap.
+    """
     made = np.zeros(ticks, dtype("Telemetry"))
     tick = np.arange(ticks)
     made["tick"] = tick
-    made["release_ns"] = 10**12 + tick * 1_000_000
+    made["missed_releases"] = sum(count * (tick >= at) for at, count in LOST.items())
+    made["release_ns"] = 10**12 + (tick + made["missed_releases"].astype(np.int64)) * 1_000_000
     made["joint_count"] = 1
     made["mode"] = 1
     made["release_jitter_ns"] = 10 + tick % 7
     made["handoff_ns"] = 100 + tick % 50
     made["tick_ns"] = 5_000
-    made["missed_releases"] = 2 * (tick >= 2_010) + 3 * (tick >= 9_000)
+    made["brain_age_ns"] = np.where((tick >= 8_000) & (tick < 9_500), (tick - 8_000) * 1_000_000, 10_000_000)
     made["setpoint_position_rad"][:, 0] = np.pi / 2
     made["position_rad"][:, 0] = np.pi / 2 - np.radians(np.where(tick < SWAP_TICKS[1], 10.0, 1.0))
     made["command_torque_nm"][:, 0] = np.where(tick < SWAP_TICKS[0], 0.0, 0.12)
@@ -33,25 +39,26 @@ def records(ticks: int = 12_000) -> npt.NDArray[Any]:
 
 
 def story() -> Story:
-    """Phases of two seconds each, two swaps, a freeze in the fourth phase."""
+    """Phases of two seconds each, two swaps, a freeze and a killed Brain."""
     told = Story(estimate={"mgl_hat_nm": 0.16, "mgl_se_nm": 0.001}, source="// law")
     start_ns = 10**12
-    for number, name in enumerate(("baseline", "probing", "evolved", "frozen", "resumed", "reattached")):
-        told.begin(name, start_ns + 2 * number * SECOND_NS)
-    told.end(start_ns + 12 * SECOND_NS)
-    told.freeze_ns = (start_ns + 6 * SECOND_NS, start_ns + 15 * SECOND_NS // 2)
-    told.kill_ns = (start_ns + 10 * SECOND_NS, start_ns + 11 * SECOND_NS)
+    for number, name in enumerate(PHASES):
+        told.begin(name, start_ns + PHASE_NS * number)
+    told.end(start_ns + PHASE_NS * len(PHASES))
+    told.freeze_ns = (start_ns + 8 * SECOND_NS, start_ns + 19 * SECOND_NS // 2)
+    told.kill_ns = (start_ns + 12 * SECOND_NS, start_ns + 13 * SECOND_NS)
     for law, commit in zip(("probe", "evolved"), SWAP_TICKS, strict=True):
         told.swaps.append(
             {
                 "law": law,
                 "commit_tick": commit,
                 "compile_ms": 300.0,
+                "load_ms": 5.0,
                 "cached": False,
                 "requested_to_committed_ms": 310.0,
+                "sent_ns": start_ns + commit * 1_000_000 - 310_000_000,
             }
         )
-        told.sent_ns.append(start_ns + commit * 1_000_000 - 310_000_000)
     return told
 
 

@@ -2,7 +2,6 @@
 """C++ and Python mean the same by every field of every message, and speak the same protocols over shared memory."""
 
 import ctypes
-import os
 import random
 import subprocess
 from collections.abc import Iterator
@@ -12,11 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 from lithe import _wire, shm
+from lithe.shim import load_shim
 from lithe.shm import BrainWriter, SpineView
 from segments import own_prefix, remove
+from system.house import BIN, need
 
 ROOT = Path(__file__).resolve().parents[1]
-PEER = Path(os.environ.get("LITHE_BIN_DIR", ROOT / "build/release/bin")) / "wire_peer"
 ROBOT = "arm"
 ROUNDS = 5
 
@@ -26,9 +26,8 @@ class Peer:
 
     def __init__(self) -> None:
         """Start it."""
-        if not PEER.exists():
-            pytest.skip(f"{PEER} is absent: make, or set LITHE_BIN_DIR")
-        self.process = subprocess.Popen([PEER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        need("wire_peer")
+        self.process = subprocess.Popen([BIN / "wire_peer"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     def send(self, *words: object) -> None:
         """Ask without waiting."""
@@ -219,7 +218,7 @@ def test_a_shim_without_the_second_look_at_the_sequence_is_caught(
     command = ["cc", "-std=c11", "-O2", "-shared", "-fPIC", "-o", tmp_path / "twin.so", tmp_path / "twin.c"]
     subprocess.run(command, check=True)
     monkeypatch.setenv("LITHE_SHM_LIB", str(tmp_path / "twin.so"))
-    twin = shm._load_shim()
+    twin = load_shim()
     monkeypatch.setattr(shm, "shim", lambda: twin)
     for _ in range(100):
         peer.ask("spine", ROBOT)

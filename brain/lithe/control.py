@@ -1,19 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """The supervisor's control socket: one JSON document a line, both ways.
 
-Threads: a Control may be shared, its calls are serialised. Errors: NotRunning, Refused.
+Threads: a Client may be shared, each call has a connection to itself. Errors: NotRunning, Refused.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import select
 import socket
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from .errors import LitheError, NotRunning, Refused
+
+MOST_ANSWER_BYTES = 64 << 20
+MOST_IDLE = 4  # connections kept for the next calls; the supervisor serves 64 in all
+LOOK_S = 1.0
 
 
 def run_dir() -> Path:
@@ -27,73 +34,177 @@ def run_dir() -> Path:
     return Path(f"/tmp/lithe-{os.geteuid()}")
 
 
+def _answers(path: Path) -> bool:
+    """Does anybody listen there? A socket file outlives a supervisor that was killed."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as sock:
+        sock.settimeout(LOOK_S)
+        try:
+            sock.connect(str(path))
+        except (ConnectionRefusedError, FileNotFoundError):
+            return False
+        except OSError:
+            return True  # busy, or not ours to open: connecting for good will say which
+        return True
+
+
 def find_robot() -> str:
-    """The one robot that runs here; NotRunning if there is none, LitheError if there are several."""
-    names = sorted(path.stem for path in run_dir().glob("*.sock"))
+    """The one robot whose supervisor answers here; NotRunning if there is none, LitheError if there are several."""
+    names = sorted(path.stem for path in run_dir().glob("*.sock") if _answers(path))
     if not names:
-        raise NotRunning(f"no robot runs here (no socket in {run_dir()})\n  next: lithe run ROBOT.toml")
+        raise NotRunning(f"no robot runs here (nobody answers in {run_dir()})\n  next: lithe run ROBOT.toml")
     if len(names) > 1:
         raise LitheError(f"several robots run here: {', '.join(names)}\n  next: lithe.connect('{names[0]}')")
     return names[0]
 
 
+def plain(value: Any) -> Any:
+    """For json.dumps: numpy's arrays and numbers as Python's own, paths as text."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    raise TypeError(f"{type(value).__name__} has no JSON form")
+
+
 class LineSocket:
-    """Requests and answers as JSON lines over a connected stream socket."""
+    """Requests and answers as JSON lines over a connected stream socket. One call at a time."""
 
     def __init__(self, sock: socket.socket) -> None:
         self._socket = sock
         self._file = sock.makefile("rwb")
-        self._lock = threading.Lock()
         self._id = 0
 
+    def is_idle(self) -> bool:
+        """Open, and nothing has come that nobody asked for: fit for the next call."""
+        look = select.poll()
+        look.register(self._socket, select.POLLIN)
+        return not look.poll(0)
+
     def call(self, verb: str, args: dict[str, Any]) -> Any:
-        """Sends one request and returns its result."""
-        with self._lock:
-            self._id += 1
-            request = {"id": self._id, "verb": verb, "args": args}
-            try:
-                self._file.write(json.dumps(request).encode() + b"\n")
-                self._file.flush()
-                line = self._file.readline()
-            except OSError as error:
-                raise NotRunning(f"the connection broke while asking '{verb}': {error}") from None
-        if not line:
-            raise NotRunning(f"the other side closed the connection while asking '{verb}'")
+        """Sends one request and returns its result. After any error but Refused this connection is of no more use."""
+        self._id += 1
         try:
-            answer = json.loads(line)
-        except ValueError:
-            answer = None
-        if not isinstance(answer, dict):
-            raise LitheError(f"the answer to '{verb}' is not a JSON object: is that a LITHE socket?")
+            request = json.dumps({"id": self._id, "verb": verb, "args": args}, default=plain, allow_nan=False)
+        except (TypeError, ValueError, RecursionError) as error:
+            raise Refused("bad_request", f"the arguments of '{verb}' have no JSON form: {error}") from None
+        answer = self.exchange(request.encode(), verb)
+        if answer.get("id") != self._id and not (answer.get("id") is None and answer.get("ok") is False):
+            raise LitheError(f"the answer to '{verb}' belongs to another request ({answer.get('id')!r})")
         if answer.get("ok"):
             return answer.get("result")
-        refusal = answer.get("error") or {}
-        raise Refused(
-            refusal.get("code", "error"),
-            refusal.get("message", "refused"),
-            refusal.get("next", ""),
-            refusal.get("detail") or refusal,
-        )
+        raise refusal_in(answer)
 
-    def read_line(self) -> bytes:
-        """One line as it comes; empty at the end."""
-        return self._file.readline()
+    def exchange(self, request: bytes, what: str) -> dict[str, Any]:
+        """One line out, one object back."""
+        unsure = f"whether '{what}' was done is not known; the next call connects anew"
+        try:
+            self._file.write(request + b"\n")
+            self._file.flush()
+            line = self._file.readline(MOST_ANSWER_BYTES)
+        except OSError as error:
+            raise NotRunning(f"the connection broke while asking '{what}' ({error})\n  next: {unsure}") from None
+        if not line:
+            raise NotRunning(f"the other side closed the connection while asking '{what}'\n  next: {unsure}")
+        try:
+            answer = json.loads(line)
+        except (ValueError, RecursionError):
+            answer = None
+        if not isinstance(answer, dict):
+            raise LitheError(f"the answer to '{what}' is not a JSON object: is that a LITHE socket?")
+        return answer
 
     def close(self) -> None:
-        self._file.close()
+        """Hangs up; twice does no harm."""
+        with contextlib.suppress(OSError):  # what was left to send has nobody to read it
+            self._file.close()
         self._socket.close()
 
 
-def connect_control(robot: str, timeout_s: float = 60.0) -> LineSocket:
-    """Connects to the supervisor of `robot`."""
+def refusal_in(answer: dict[str, Any]) -> Refused:
+    """The error of an answer that is not ok, whatever the other side has put there."""
+    refusal = answer.get("error")
+    if not isinstance(refusal, dict):
+        refusal = {}
+    return Refused(
+        str(refusal.get("code", "error")),
+        str(refusal.get("message", "refused")),
+        str(refusal.get("next", "")),
+        refusal.get("detail") or refusal,
+    )
+
+
+class Client:
+    """Calls over connections that `connect` opens: each call has one to itself, and leaves it to the next.
+
+    So a swap that compiles does not hold up another thread's status. A connection whose other side went away is noticed
+    before anything is sent over it, and replaced: after a restart the next call simply works. No request is sent twice.
+    """
+
+    def __init__(self, connect: Callable[[], LineSocket]) -> None:
+        self._connect = connect
+        self._lock = threading.Lock()
+        self._idle = [connect()]
+        self._closed = False
+
+    def call(self, verb: str, args: dict[str, Any]) -> Any:
+        """Sends one request and returns its result."""
+        link = self._take()
+        try:
+            result = link.call(verb, args)
+        except Refused:
+            self._give_back(link)
+            raise
+        except BaseException:  # a late answer must not be taken for the next one's
+            link.close()
+            raise
+        self._give_back(link)
+        return result
+
+    def _take(self) -> LineSocket:
+        while True:
+            with self._lock:
+                if self._closed:
+                    raise LitheError("this connection was closed\n  next: connect again")
+                link = self._idle.pop() if self._idle else None
+            if link is None:
+                return self._connect()
+            if link.is_idle():
+                return link
+            link.close()
+
+    def _give_back(self, link: LineSocket) -> None:
+        with self._lock:
+            if not self._closed and len(self._idle) < MOST_IDLE:
+                self._idle.append(link)
+                return
+        link.close()
+
+    def close(self) -> None:
+        """Hangs up; calls that wait for their answer still get it."""
+        with self._lock:
+            self._closed = True
+            idle, self._idle = self._idle, []
+        for link in idle:
+            link.close()
+
+
+def _open(robot: str, timeout_s: float) -> LineSocket:
     path = run_dir() / f"{robot}.sock"
     sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     sock.settimeout(timeout_s)
     try:
         sock.connect(str(path))
+    except PermissionError:
+        sock.close()
+        raise NotRunning(f"no right to open {path}\n  next: join the group of that file, or run as its owner") from None
     except OSError as error:
         sock.close()
         raise NotRunning(
-            f"robot '{robot}' does not answer at {path} ({error.strerror})\n  next: lithe run ROBOT.toml"
+            f"robot '{robot}' does not answer at {path} ({error.strerror or error})\n  next: lithe run ROBOT.toml"
         ) from None
     return LineSocket(sock)
+
+
+def connect_control(robot: str, timeout_s: float = 60.0) -> Client:
+    """Connects to the supervisor of `robot`; an answer may take up to `timeout_s`."""
+    return Client(lambda: _open(robot, timeout_s))

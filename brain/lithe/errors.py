@@ -25,3 +25,11 @@ class Refused(LitheError):
         self.message = message
         self.next = next_step
         self.detail = detail or {}
+
+
+class ShmError(LitheError):
+    """Shared memory cannot be used; the text says what, where and what to do next."""
+
+
+class BadPlan(ShmError, ValueError):
+    """A plan whose arrays do not fit together; nothing was published."""

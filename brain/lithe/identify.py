@@ -21,7 +21,7 @@ import numpy.typing as npt
 Vector = npt.NDArray[np.float64]
 
 OVERLAP = 5  # windows that share a moment
-SLOPE_S = 0.008
+SLOPE_S, SLOPE_TICKS = 0.008, 7
 LONGEST_GAP_S = 0.02  # ticks that a busy machine skips; the arm moves smoothly through such a gap
 
 
@@ -59,13 +59,15 @@ def _running_integral(values: Vector, t_s: Vector) -> Vector:
 
 
 def _velocity(motion: Motion) -> Vector:
-    """Slope of the angle over the samples within SLOPE_S of each one, so without the delay of the drive's own filter.
+    """Slope of the angle over the samples near each one, so without the delay of the drive's own filter.
 
+    Near is within SLOPE_S, or the time of SLOPE_TICKS where ticks are slow: some may be missing on a busy machine.
     NaN where there are too few of them: at both ends, and beside gaps.
     """
     t, q = motion.t_s, motion.position_rad
-    first = np.searchsorted(t, t - SLOPE_S)
-    after = np.searchsorted(t, t + SLOPE_S, side="right")
+    near_s = max(SLOPE_S, SLOPE_TICKS * float(np.median(np.diff(t))) if len(t) > 1 else 0.0)
+    first = np.searchsorted(t, t - near_s)
+    after = np.searchsorted(t, t + near_s, side="right")
     count = after - first
 
     def total(values: Vector) -> Vector:
@@ -73,7 +75,7 @@ def _velocity(motion: Motion) -> Vector:
         return np.asarray(sums[after] - sums[first])
 
     spread = count * total(t * t) - total(t) ** 2
-    enough = (count >= 7) & (t - SLOPE_S >= t[0]) & (t + SLOPE_S <= t[-1]) & (spread > 0)
+    enough = (count >= 7) & (t - near_s >= t[0]) & (t + near_s <= t[-1]) & (spread > 0)
     slope = np.full(len(t), np.nan)
     slope[enough] = ((count * total(t * q) - total(t) * total(q))[enough]) / spread[enough]
     return slope
@@ -87,6 +89,8 @@ def _rows(motion: Motion, window_s: float, moving_rad_s: float) -> tuple[list[li
     rows, impulses = [], []
     for start_s in np.arange(t[0], t[-1] - window_s, window_s / OVERLAP):
         a, b = np.searchsorted(t, [start_s, start_s + window_s])
+        if a == b:
+            continue  # all of it lies in a gap
         sign = np.sign(v[a])
         if not np.min(sign * v[a : b + 1]) > moving_rad_s or np.max(np.diff(t[a : b + 1])) > LONGEST_GAP_S:
             continue  # friction without a known sign, or a gap in the record

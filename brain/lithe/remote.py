@@ -8,29 +8,66 @@ from __future__ import annotations
 
 import json
 import socket
+from pathlib import Path
 from typing import Any
 
-from .control import LineSocket
-from .errors import NotRunning, Refused
+from .control import Client, LineSocket, refusal_in
+from .errors import LitheError, NotRunning
+
+
+def _token(given: str | Path) -> str:
+    """The token itself, or the first line of its file. An empty one is refused here: nothing can be proved with it."""
+    token, place = given, "the given token"
+    if isinstance(given, Path):
+        place = str(given)
+        try:
+            token = given.read_text(encoding="utf-8")
+        except (OSError, ValueError) as error:
+            raise LitheError(f"cannot read the token file {given} ({error})\n  next: python -m lithe.gateway") from None
+    token = str(token).strip()
+    if not token:
+        raise LitheError(f"{place} is empty\n  next: take the token that `python -m lithe.gateway` wrote to its file")
+    return token
 
 
 class Remote:
-    """A robot across TCP: `remote.call("swap", source=...)`, `remote.call("history", seconds=2.0, fields=[...])`."""
+    """A robot across TCP: `remote.call("swap", source=...)`, `remote.call("history", seconds=2.0, fields=[...])`.
 
-    def __init__(self, host: str, port: int, token: str, timeout_s: float = 60.0) -> None:
-        try:
-            sock = socket.create_connection((host, port), timeout_s)
-        except OSError as error:
-            raise NotRunning(f"no gateway at {host}:{port} ({error}): python -m lithe.gateway") from None
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        sock.sendall(json.dumps({"token": token}).encode() + b"\n")
-        self._lines = LineSocket(sock)
-        if b"true" not in self._lines.read_line():
-            self.close()
-            raise Refused("token", "the gateway does not accept this token", "read it from the token file")
+    `token` is the token or, as a Path, the file the gateway wrote it to. `timeout_s` bounds connecting and each answer.
+    After the gateway was restarted the next call connects anew (with the same token: a Path is read again).
+    """
+
+    def __init__(self, host: str, port: int, token: str | Path, timeout_s: float = 60.0) -> None:
+        def connect() -> LineSocket:
+            hello = json.dumps({"token": _token(token)}).encode()
+            try:
+                sock = socket.create_connection((host, port), timeout_s)
+            except OSError as error:
+                raise NotRunning(f"no gateway at {host}:{port} ({error}): python -m lithe.gateway") from None
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            lines = LineSocket(sock)
+            try:
+                answer = lines.exchange(hello, "hello")
+            except LitheError:
+                lines.close()
+                raise
+            if not answer.get("ok"):
+                lines.close()
+                raise refusal_in(answer)
+            return lines
+
+        self._client = Client(connect)
 
     def call(self, verb: str, /, **args: Any) -> Any:
-        return self._lines.call(verb, args)
+        """Any verb of docs/reference/verbs.md; returns its result, raises Refused with its code."""
+        return self._client.call(verb, args)
 
     def close(self) -> None:
-        self._lines.close()
+        """Hangs up; twice does no harm."""
+        self._client.close()
+
+    def __enter__(self) -> Remote:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

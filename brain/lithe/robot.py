@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A running robot as the Brain sees it: telemetry and plans through shared memory, verbs through the supervisor.
 
-Threads: one Robot per thread, but for `call` and the verbs, which may be shared. Times are CLOCK_MONOTONIC nanoseconds
-(`time.monotonic_ns()`) or seconds from now where a name ends in `_s`; angles are radians in joint order.
+Threads: a Robot may be shared. Times are CLOCK_MONOTONIC nanoseconds (`time.monotonic_ns()`), or seconds from now where
+a name ends in `_s`; angles are radians in joint order.
 """
 
 from __future__ import annotations
 
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -17,37 +18,10 @@ import numpy.typing as npt
 from . import place
 from ._wire import Mode
 from .control import connect_control, find_robot
-from .errors import LitheError, Refused
+from .errors import LitheError, NotRunning, Refused
+from .heartbeat import Heartbeat, period_s
 from .shm import BrainWriter, SpineView
-
-
-class Telemetry:
-    """What the Spine measured, as private numpy copies. One record has the fields of message Telemetry."""
-
-    def __init__(self, spine: SpineView) -> None:
-        self._spine = spine
-        self._cursor = spine.telemetry()
-
-    def latest(self) -> npt.NDArray[Any] | None:
-        """The newest record, None before the first tick."""
-        return self._cursor.latest()
-
-    def drain(self) -> npt.NDArray[Any]:
-        """All records since the last drain, oldest first."""
-        return self._cursor.drain()
-
-    @property
-    def lost(self) -> int:
-        """Records that drain() came too late for (the ring holds 4096)."""
-        return self._cursor.lost
-
-    def history(self, seconds: float) -> npt.NDArray[Any]:
-        """The last `seconds` of records, as far as the ring reaches back (4096 ticks)."""
-        records = self._spine.telemetry(from_oldest=True).drain()
-        if len(records) == 0:
-            return records
-        recent: npt.NDArray[Any] = records[records["release_ns"] > records["release_ns"][-1] - int(seconds * 1e9)]
-        return recent
+from .telemetry import Telemetry
 
 
 class Params:
@@ -76,24 +50,83 @@ class Params:
 
 
 class Robot:
-    """Made by lithe.connect()."""
+    """Made by lithe.connect(). `name` is the robot's, `spine` all that its Spine publishes (lithe.shm.SpineView)."""
 
-    def __init__(self, name: str, writes_plans: bool = True) -> None:
+    def __init__(self, name: str, writes_plans: bool = True, heartbeat: bool = True) -> None:
         self.name = name
+        self._lock = threading.RLock()  # plans leave in the order of their ids; one reconnect at a time
+        self._beats_itself = heartbeat
+        self._heartbeat: Heartbeat | None = None
+        self._writer: BrainWriter | None = None
+        self._closed = False
+        self._plan_id = time.monotonic_ns()  # grows from run to run too
         self._control = connect_control(name)
         try:
             self.spine = SpineView(name)
-            self._writer = BrainWriter(name) if writes_plans else None
+            info = self.spine.info
+            if int(info["cpu_brain"]) != int(info["cpu_spine"]):
+                place.pin(int(info["cpu_brain"]))
+            if writes_plans:
+                self._take_the_brain()
         except LitheError:
             self._control.close()
             raise
-        self._plan_id = time.monotonic_ns()  # grows from run to run too
         self.telemetry = Telemetry(self.spine)
         self.params = Params(self)
-        info = self.spine.info
-        if int(info["cpu_brain"]) != int(info["cpu_spine"]):
-            place.pin(int(info["cpu_brain"]))
         place.warn_if_late()
+
+    def _take_the_brain(self) -> None:
+        self._writer = BrainWriter(self.name)
+        if self._beats_itself:
+            robot_file = Path(bytes(self.spine.info["config_path"]).decode(errors="replace"))
+            self._heartbeat = Heartbeat(self._writer.beat, period_s(robot_file))
+
+    def _leave_the_brain(self) -> None:
+        if self._heartbeat is not None:
+            self._heartbeat.stop()
+            self._heartbeat = None
+        if self._writer is not None:
+            self._writer.close()
+
+    # ---- the robot at the other end
+    @property
+    def attached(self) -> bool:
+        """False once the robot has ended or was started anew, or after close(): then reconnect()."""
+        return not self._closed and self.spine.mapping.is_current()
+
+    def reconnect(self) -> None:
+        """Attaches to the robot that runs now, after it was started anew; changes nothing if it is the same one.
+
+        Verbs need no reconnect(): they find a new supervisor by themselves. Plans and telemetry do, because the new
+        robot counts its ticks from zero, is not where the old one was, may have other joints: look before you publish.
+        Raises LitheError while no robot of that name runs: try again later.
+        """
+        with self._lock:
+            if self._closed:
+                raise LitheError("this connection was closed\n  next: lithe.connect()")
+            if self.attached:
+                return
+            spine = SpineView(self.name)
+            writes_plans = self._writer is not None
+            self._leave_the_brain()
+            self.spine, old = spine, self.spine
+            try:
+                if writes_plans:
+                    self._take_the_brain()
+            except LitheError:
+                self.spine = old
+                raise
+            self.telemetry._attach(spine)
+
+    def _check(self) -> BrainWriter:
+        if self._writer is None:
+            raise LitheError("this connection only looks\n  next: lithe.connect(writes_plans=True)")
+        if not self.attached:
+            raise NotRunning(
+                f"robot '{self.name}' has ended, or was started anew, or this connection was closed\n"
+                "  next: robot.reconnect(), once it runs"
+            )
+        return self._writer
 
     # ---- motion
     def publish(
@@ -105,29 +138,31 @@ class Robot:
     ) -> int:
         """Publishes a horizon of up to 16 waypoints at absolute times, and a sign of life; returns the plan's id.
 
-        t_ns (n,) strictly ascending; position_rad (n, joints) or (n,) for one joint; velocity likewise, None = the
-        Spine chooses. streaming: more will follow, so the last waypoint is passed and not stopped at.
+        t_ns (n,) in CLOCK_MONOTONIC ns, strictly ascending; position_rad (n, joints), or (n,) for one joint;
+        velocity_rad_s likewise, None = the Spine chooses. streaming: more will follow, so the last waypoint is passed
+        and not stopped at. Arrays that do not fit together raise BadPlan. What the Spine refuses (a limit, a time long
+        past) it says in an event `plan_refused`, and goes on with the plan before.
         """
-        if self._writer is None:
-            raise LitheError("this connection only looks\n  next: lithe.connect(writes_plans=True)")
-        self._plan_id += 1
         position = np.asarray(position_rad, dtype=np.float64)
         velocity = None if velocity_rad_s is None else np.asarray(velocity_rad_s, dtype=np.float64)
         if position.ndim == 1:
             position = position[:, None]
-            velocity = None if velocity is None else velocity.reshape(position.shape)
-        self._writer.publish(self._plan_id, t_ns, position, velocity, streaming)
-        return self._plan_id
+            velocity = velocity[:, None] if velocity is not None and velocity.ndim == 1 else velocity
+        with self._lock:
+            writer = self._check()
+            writer.publish(self._plan_id + 1, t_ns, position, velocity, streaming)
+            self._plan_id += 1
+            return self._plan_id
 
     def go_to(self, position_rad: npt.ArrayLike, in_s: float) -> int:
-        """Moves to a position, arriving `in_s` from now and resting there."""
+        """Moves to a position (joints,), arriving `in_s` seconds from now and resting there; returns the plan's id."""
         return self.publish(
             [time.monotonic_ns() + int(in_s * 1e9)], np.atleast_2d(np.asarray(position_rad)), streaming=False
         )
 
     def beat(self) -> None:
-        """A sign of life without a plan."""
-        if self._writer is not None:
+        """A sign of life without a plan, for a Brain that was connected with heartbeat=False. Does not block."""
+        if self._writer is not None and self.attached:
             self._writer.beat()
 
     # ---- laws
@@ -157,36 +192,44 @@ class Robot:
         return self._control.call(verb, args)
 
     def status(self) -> dict[str, Any]:
+        """Mode, fault, law, lost ticks, time quantiles, joints with their problems: what `lithe --json status` has."""
         result: dict[str, Any] = self.call("status")
         return result
 
     def events(self, since: int = 0) -> Any:
+        """{"events": [...], "cursor": n, "lost": n}: what happened after the cursor `since`, the newest last."""
         return self.call("events", since=since)
 
     def arm(self) -> Any:
+        """Torque on: the law runs from the next tick."""
         return self.call("arm")
 
     def disarm(self) -> Any:
+        """Torque off."""
         return self.call("disarm")
 
     def hold(self) -> Any:
+        """The setpoint slows down and stays, and the running law goes on tracking it, until arm()."""
         return self.call("hold")
 
     def reset(self) -> Any:
         """After a fault or an e-stop; releases the Brain's own e-stop word first, which nobody else can."""
-        if self._writer is not None:
+        if self._writer is not None and self.attached:
             self._writer.press_estop(False)
         return self.call("reset")
 
     def estop(self, within_s: float = 0.5) -> dict[str, Any]:
         """At once, through shared memory: needs no supervisor. Returns when a tick has obeyed.
 
-        Refused with code "robot_fault" when none has within `within_s`; the word stays pressed.
+        Refused with code "robot_fault" when none has within `within_s`; the word stays pressed. If the robot was
+        started anew, it is the new one that is stopped.
         """
         if self._writer is None:
             result: dict[str, Any] = self.call("estop")
             return result
-        self._writer.press_estop()
+        with self._lock:
+            self.reconnect()
+            self._check().press_estop()
         until = time.monotonic() + within_s
         while time.monotonic() < until:
             record = self.spine.latest()
@@ -200,9 +243,11 @@ class Robot:
         )
 
     def close(self) -> None:
+        """Ends the heartbeat and gives the robot to the next Brain; twice does no harm."""
+        with self._lock:
+            self._closed = True
+            self._leave_the_brain()
         self._control.close()
-        if self._writer is not None:
-            self._writer.close()
 
     def __enter__(self) -> Robot:
         return self
@@ -211,6 +256,14 @@ class Robot:
         self.close()
 
 
-def connect(robot: str | None = None, writes_plans: bool = True) -> Robot:
-    """Connects to a running robot (the only one, if no name is given) and pins this process to the Brain's core."""
-    return Robot(robot or find_robot(), writes_plans)
+def connect(robot: str | None = None, writes_plans: bool = True, heartbeat: bool = True) -> Robot:
+    """Connects to a running robot (the only one, if no name is given) and pins this thread to the Brain's core.
+
+    writes_plans: be the robot's Brain, of which there can be one; False only looks and asks.
+
+    heartbeat: a thread tells the Spine that this Brain lives, five times within the robot's `stale_after_s`. A Brain
+    that is killed, stopped or closed falls silent, and the Spine ends its plan as `on_stale` says. But a thread proves
+    that the process lives, not that its main loop does: a loop that hangs is not noticed. A Brain that publishes from a
+    loop anyway says False; then only publish() and beat() count, and a pause longer than `stale_after_s` ends the plan.
+    """
+    return Robot(robot or find_robot(), writes_plans, heartbeat)

@@ -4,7 +4,8 @@
 Every shared word is touched by the C shim alone (`_shm/lithe_shm.c`): pure Python cannot order its stores on ARM, and a
 reader would accept torn values. Nothing here hands out a view of live memory.
 
-Threads: one object per thread. Errors: `ShmError` with what, where and what to do next.
+Threads: one object per thread, but for BrainWriter, which may be shared. Errors: `ShmError` with what, where and what
+to do next.
 """
 
 from __future__ import annotations
@@ -12,11 +13,9 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import fcntl
-import functools
-import hashlib
 import mmap
 import os
-import subprocess
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -25,14 +24,10 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _wire
-from .errors import LitheError
+from .errors import BadPlan, ShmError
+from .shim import shim
 
 _TORN = 2**64 - 1
-_SOURCE = Path(__file__).parent / "_shm" / "lithe_shm.c"
-
-
-class ShmError(LitheError):
-    """Shared memory cannot be used; the text says what, where and what to do next."""
 
 
 def dtype(message: str) -> np.dtype[Any]:
@@ -52,66 +47,6 @@ def shm_path(robot: str, segment: str) -> Path:
     """/dev/shm/<prefix>.<robot>.<segment>; prefix $LITHE_SHM_PREFIX or "lithe"."""
     prefix = os.environ.get("LITHE_SHM_PREFIX") or "lithe"
     return Path(f"/dev/shm/{prefix}.{robot}.{segment}")
-
-
-def _cache_dir() -> Path:
-    if value := os.environ.get("LITHE_CACHE_DIR"):
-        return Path(value)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "lithe"
-
-
-def _build_shim() -> Path:
-    """Compiles the shim into the cache, once per source text."""
-    digest = hashlib.sha256(_SOURCE.read_bytes()).hexdigest()[:16]
-    target = _cache_dir() / f"liblithe_shm-{digest}.so"
-    if target.exists():
-        return target
-    target.parent.mkdir(parents=True, exist_ok=True)
-    making = target.with_suffix(f".{os.getpid()}")
-    command = ["cc", "-std=c11", "-O2", "-shared", "-fPIC", "-o", str(making), str(_SOURCE)]
-    try:
-        subprocess.run(command, check=True, capture_output=True, text=True)
-    except (OSError, subprocess.CalledProcessError) as error:
-        detail = getattr(error, "stderr", "") or str(error)
-        raise ShmError(f"cannot build the shared-memory shim: {detail}\n  try: {' '.join(command)}") from None
-    os.replace(making, target)
-    return target
-
-
-def _load_shim() -> ctypes.PyDLL:
-    path = os.environ.get("LITHE_SHM_LIB") or str(_build_shim())
-    try:
-        lib = ctypes.PyDLL(path)
-    except OSError as error:
-        raise ShmError(
-            f"cannot load the shared-memory shim {path}: {error}; unset LITHE_SHM_LIB to rebuild it"
-        ) from None
-    pointer, size, u64 = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint64
-    signatures: dict[str, tuple[Any, list[Any]]] = {
-        "lithe_layout_hash": (u64, []),
-        "lithe_load": (u64, [pointer]),
-        "lithe_store": (None, [pointer, u64]),
-        "lithe_copy": (None, [pointer, pointer, size]),
-        "lithe_channel_read": (u64, [pointer, pointer, size]),
-        "lithe_channel_write": (None, [pointer, pointer, size]),
-        "lithe_ring_head": (u64, [pointer]),
-        "lithe_ring_drain": (size, [pointer, size, size, pointer, pointer, size, pointer]),
-        "lithe_ring_latest": (u64, [pointer, size, size, pointer]),
-        "lithe_mailbox_send": (u64, [pointer, pointer, size, pointer, size]),
-        "lithe_mailbox_poll": (ctypes.c_uint32, [pointer, size, u64]),
-    }
-    for name, (result, arguments) in signatures.items():
-        function = getattr(lib, name)
-        function.restype, function.argtypes = result, arguments
-    if lib.lithe_layout_hash() != _wire.LAYOUT_HASH:
-        raise ShmError(f"the shim {path} was built from another schema: run `python3 tools/gen.py --write` and rebuild")
-    return lib
-
-
-@functools.cache
-def shim() -> ctypes.PyDLL:
-    """The C shim, built and loaded on first use."""
-    return _load_shim()
 
 
 def schema_difference(ours: str, theirs: str) -> str:
@@ -138,7 +73,9 @@ class Mapping:
         except PermissionError:
             raise ShmError(f"no right to open {self.path}: join the group of that file, or run as its owner") from None
         try:
-            length = os.fstat(fd).st_size
+            status = os.fstat(fd)
+            length = status.st_size
+            self._file = (status.st_dev, status.st_ino)
             if length < _wire.SEGMENT_BYTES[segment]:
                 raise ShmError(f"{self.path} is too short for this build ({length} bytes): restart the robot")
             protection = mmap.PROT_READ | (mmap.PROT_WRITE if writable else 0)
@@ -168,6 +105,14 @@ class Mapping:
             raise ShmError(
                 f"{self.path} was made by a build with another layout:\n{difference}\nbuild both from one schema"
             )
+
+    def is_current(self) -> bool:
+        """False once the robot has ended or was started anew: then nobody looks at this memory any more."""
+        try:
+            status = os.stat(self.path)
+        except OSError:
+            return False
+        return (status.st_dev, status.st_ino) == self._file
 
     def header(self) -> _wire.SegmentHeader:
         """A copy of the segment's header."""
@@ -230,7 +175,7 @@ class RingCursor:
 
 
 class SpineView:
-    """All that the Spine publishes, read-only."""
+    """All that the Spine publishes, read-only. `info` is its record RobotInfo, `joint_count` how many joints it has."""
 
     def __init__(self, robot: str) -> None:
         self.robot = robot
@@ -245,6 +190,7 @@ class SpineView:
 
     @property
     def joint_names(self) -> list[str]:
+        """Of the joints the robot has, in the order of every joint array."""
         return [bytes(name).decode() for name in self._names[: self.joint_count]]
 
     def latest(self) -> npt.NDArray[Any] | None:
@@ -252,7 +198,7 @@ class SpineView:
         return self._telemetry.latest()
 
     def telemetry(self, from_oldest: bool = False) -> RingCursor:
-        """A new cursor on the telemetry ring."""
+        """A new cursor on the telemetry ring, with drain() and lost of its own."""
         return RingCursor(self.mapping, "telemetry", from_oldest)
 
     def events(self, source: str = "tick", from_oldest: bool = True) -> RingCursor:
@@ -305,6 +251,7 @@ class BrainWriter:
         self._store("writer_pid", os.getpid())
         self._store("epoch", epoch + 1)
         self._plan = np.zeros((), dtype("Plan"))
+        self._publishing = threading.Lock()
         self.beat()
 
     def _field(self, name: str) -> int:
@@ -313,8 +260,13 @@ class BrainWriter:
     def _store(self, name: str, value: int) -> None:
         shim().lithe_store(self._header + getattr(_wire.SegmentHeader, name).offset, value)
 
+    def _check_lease(self) -> None:
+        if self._lock < 0:
+            raise ShmError("this Brain has left: what it writes now could be another Brain's\n  next: connect again")
+
     def beat(self) -> None:
         """A sign of life. publish() gives one too."""
+        self._check_lease()
         self._store("heartbeat_ns", time.monotonic_ns())
 
     def publish(
@@ -329,14 +281,25 @@ class BrainWriter:
         times = np.asarray(t_ns, dtype=np.int64)
         positions = np.asarray(position_rad, dtype=np.float64)
         if times.ndim != 1 or positions.ndim != 2 or len(times) != len(positions):
-            raise ShmError(
-                f"a plan needs times (n,) and positions (n, joints), not {times.shape} and {positions.shape}"
-            )
+            raise BadPlan(f"a plan needs times (n,) and positions (n, joints), not {times.shape} and {positions.shape}")
         if not 1 <= len(times) <= _wire.NW or positions.shape[1] > _wire.NJ:
-            raise ShmError(f"a plan has 1 to {_wire.NW} waypoints of at most {_wire.NJ} joints, not {positions.shape}")
+            raise BadPlan(f"a plan has 1 to {_wire.NW} waypoints of at most {_wire.NJ} joints, not {positions.shape}")
         speeds = np.full(positions.shape, np.nan) if velocity_rad_s is None else np.asarray(velocity_rad_s, np.float64)
         if speeds.shape != positions.shape:
-            raise ShmError(f"a plan needs as many velocities as positions {positions.shape}, not {speeds.shape}")
+            raise BadPlan(f"a plan needs as many velocities as positions {positions.shape}, not {speeds.shape}")
+        with self._publishing:
+            self._check_lease()
+            self._write(plan_id, times, positions, speeds, streaming)
+            self.beat()
+
+    def _write(
+        self,
+        plan_id: int,
+        times: npt.NDArray[np.int64],
+        positions: npt.NDArray[np.float64],
+        speeds: npt.NDArray[np.float64],
+        streaming: bool,
+    ) -> None:
         plan = self._plan
         plan["plan_id"], plan["waypoint_count"], plan["joint_count"] = plan_id, len(times), positions.shape[1]
         plan["streaming"] = int(streaming)
@@ -348,14 +311,15 @@ class BrainWriter:
         velocities[: len(times), : positions.shape[1]] = speeds
         _, address = self.mapping.item("plan")
         shim().lithe_channel_write(address, plan.ctypes.data, plan.dtype.itemsize)
-        self.beat()
 
     def press_estop(self, pressed: bool = True) -> None:
         """Sets (or releases) the Brain's sticky e-stop word."""
+        self._check_lease()
         shim().lithe_store(self.mapping.item("estop")[1], int(pressed))
 
     def close(self) -> None:
         """Gives the lease back; once is enough, twice does no harm."""
-        if self._lock >= 0:
-            os.close(self._lock)
-            self._lock = -1
+        with self._publishing:
+            if self._lock >= 0:
+                os.close(self._lock)
+                self._lock = -1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The figures are drawn, whatever the recording holds."""
+"""The figures are drawn, and the report is printed, whatever the recording holds."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import synthetic
-from lithe.demo import figures, judge
+from lithe.demo import figures, judge, report
 
 
 def still(records: npt.NDArray[np.void]) -> None:
@@ -28,3 +28,19 @@ def test_both_figures_are_drawn(tmp_path: Path, change: object) -> None:
     for name in ("timing.png", "timeline.png"):
         data = (tmp_path / name).read_bytes()
         assert data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) > 10_000
+
+
+def test_the_report_names_every_phase_swap_and_shortcoming(capsys: pytest.CaptureFixture[str]) -> None:
+    told = synthetic.story()
+    told.swaps[0]["cached"] = True
+    summary = judge.summarise(synthetic.records(), told, 0.165, synthetic.robot_info(), 0)
+    summary["attempts"] = [
+        {"reason": "sample_stale", "phase": "probing", "seconds": 12.0},
+        {"reason": "completed", "phase": "reattached", "seconds": 42.0},
+    ]
+    summary |= {"verdict": "falls short", "falls_short": ["the arm fell off"]}
+    report.report(summary, Path("out"))
+    said = capsys.readouterr().out
+    for words in (*judge.PHASES, "probe        taken from the cache", "evolved      compiled in  300 ms",
+                  "after 12 s, safe stop (sample_stale) in 'probing'", "FALLS SHORT: the arm fell off"):  # fmt: skip
+        assert words in said

@@ -3,9 +3,11 @@
 
 import json
 import os
+import random
 import signal
 import socket
 import stat
+import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -13,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import lithe
+import numpy as np
 import pytest
 from lithe.gateway import MOST_REQUEST_BYTES, Gateway, encode, write_token
 from lithe.remote import Remote
@@ -21,7 +24,13 @@ from system.house import ROOT, House
 
 @pytest.fixture
 def gateway(robot: lithe.Robot) -> Iterator[Gateway]:
-    server = Gateway(robot, {"add": lambda args: args["a"] + args["b"]}, token="sesame")
+    verbs = {
+        "add": lambda args: args["a"] + args["b"],
+        "stumble": lambda args: args.nothing,
+        "mumble": lambda args: object(),
+        "measure": lambda args: {"angles": np.array([0.5, np.nan]), "n": np.int64(3), "pair": (1, 2)},
+    }
+    server = Gateway(robot, verbs, token="sesame")
     server.start()
     yield server
     server.close()
@@ -57,6 +66,66 @@ def test_the_token_file_is_for_its_owner_alone(tmp_path: Path) -> None:
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
 
 
+@pytest.mark.parametrize("token", ["", " \n"])
+def test_an_empty_token_is_no_token(robot: lithe.Robot, tmp_path: Path, token: str) -> None:
+    with pytest.raises(lithe.LitheError, match="token is empty"):
+        Gateway(robot, token=token)
+    (tmp_path / "token").write_text(token)
+    for given in (token, tmp_path / "token"):
+        with pytest.raises(lithe.LitheError, match="empty"):
+            lithe.Remote("127.0.0.1", 1, given)
+    with pytest.raises(lithe.LitheError, match="cannot read the token file"):
+        lithe.Remote("127.0.0.1", 1, tmp_path / "none")
+
+
+def test_a_client_outlives_its_gateway(robot: lithe.Robot, tmp_path: Path) -> None:
+    first = Gateway(robot, token=write_token(tmp_path / "token"))
+    first.start()
+    with lithe.Remote("127.0.0.1", first.port, tmp_path / "token") as remote:
+        assert remote.call("describe")["robot"] == "arm"
+        first.close()
+        link = remote._client._idle[0]._socket
+        link.shutdown(socket.SHUT_RDWR)  # as when the gateway's process ends
+        with pytest.raises(lithe.NotRunning, match="no gateway"):
+            remote.call("describe")
+        second = Gateway(robot, port=first.port, token=write_token(tmp_path / "token"))
+        second.start()
+        assert remote.call("describe")["robot"] == "arm", "with the new token of the file"
+        second.close()
+
+
+def test_one_client_too_many_is_told_so_and_finds_a_place_later(
+    robot: lithe.Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lithe.gateway.MOST_CLIENTS", 2)
+    gateway = Gateway(robot, token="sesame")
+    gateway.start()
+    clients = [Remote("127.0.0.1", gateway.port, "sesame") for _ in range(2)]
+    with pytest.raises(lithe.Refused) as caught:
+        Remote("127.0.0.1", gateway.port, "sesame")
+    assert caught.value.code == "busy"
+    assert clients[0].call("latest", fields=["tick"])
+    clients.pop().close()
+
+    def there_is_a_place() -> bool:
+        try:
+            clients.append(Remote("127.0.0.1", gateway.port, "sesame"))
+        except lithe.Refused:
+            return False
+        return True
+
+    House.wait_for(there_is_a_place)
+    for client in clients:
+        client.close()
+    gateway.close()
+
+
+def test_who_never_shows_a_token_is_shown_the_door(gateway: Gateway, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lithe.gateway.HELLO_S", 0.2)
+    with socket.create_connection(("127.0.0.1", gateway.port), 30) as link:
+        assert link.recv(100) == b""
+
+
 @pytest.mark.parametrize(
     "hello", [b'{"token": "guess"}\n', b"{}\n", b"[1]\n", b"\xff\xfe\n", b"\n", b'{"token": "\xc3\xa9"}\n']
 )
@@ -86,6 +155,16 @@ def test_no_gateway_says_how_to_start_one() -> None:
         (b'{"id": 1, "verb": "history", "args": 3}', "bad_request"),
         (b'{"id": 1, "verb": "history", "args": {"seconds": "long"}}', "bad_request"),
         (b'{"id": 1, "verb": "publish", "args": {}}', "bad_request"),
+        (b'{"id": 1, "verb": "publish", "args": {"t_ns": [1, 2], "position_rad": [0]}}', "bad_request"),
+        (b'{"id": 1, "verb": "publish", "args": {"t_ns": [], "position_rad": []}}', "bad_request"),
+        (b'{"id": 1, "verb": "publish", "args": {"t_ns": ["soon"], "position_rad": [0]}}', "bad_request"),
+        (b'{"id": 1, "verb": "history", "args": {"seconds": 1e999}}', "bad_request"),
+        (b'{"id": 1, "verb": "history", "args": {"since_tick": [1]}}', "bad_request"),
+        (b'{"id": 1, "verb": "latest", "args": {"fields": 3}}', "bad_request"),
+        (b'{"id": 1, "verb": "add", "args": {"a": 1}}', "bad_request"),
+        (b'{"id": ' + b"[" * 900 + b"]" * 900 + b', "verb": "fly"}', "unknown_verb"),
+        (b'{"id": 1, "verb": "stumble"}', "error"),
+        (b'{"id": 1, "verb": "mumble"}', "bad_request"),
         (b'{"id": 1, "verb": "publish", "args": {"t_ns": [1e400], "position_rad": [0]}}', "bad_request"),
         (b'{"id": 1, "verb": "latest", "args": {"fields": ["nonsense"]}}', "unknown_field"),
         (b'{"id": 1, "verb": "fly"}', "unknown_verb"),
@@ -105,6 +184,38 @@ def test_a_bad_request_gets_a_reason_and_the_robot_runs_on(gateway: Gateway, req
 
 def test_what_json_cannot_say_becomes_null() -> None:
     assert encode({"result": [1.0, float("nan"), {"x": float("inf")}]}) == b'{"result": [1.0, null, {"x": null}]}\n'
+
+
+def test_an_applications_verb_may_answer_with_numpy(gateway: Gateway) -> None:
+    answer = ask(gateway, b'{"id": 1, "verb": "measure"}')
+    assert answer["result"] == {"angles": [0.5, None], "n": 3, "pair": [1, 2]}
+
+
+def test_garbage_between_requests_harms_neither_them_nor_others(gateway: Gateway, remote: Remote) -> None:
+    noise = random.Random(1)
+    garbage = [noise.randbytes(noise.randrange(1, 2000)).replace(b"\n", b" ") + b"\n" for _ in range(300)]
+    good = [b'{"id": %d, "verb": "add", "args": {"a": 1, "b": 1}}\n' % number for number in range(300)]
+    mixed = [line for pair in zip(garbage, good, strict=True) for line in pair]
+    answers = lines(gateway, b'{"token": "sesame"}\n', *mixed)[1:]
+    assert [answer["error"]["code"] for answer in answers[::2]] == ["bad_request"] * 300
+    assert [(answer["id"], answer["result"]) for answer in answers[1::2]] == [(number, 2) for number in range(300)]
+    assert remote.call("add", a=1, b=2) == 3
+
+
+def test_a_swap_holds_nobody_elses_request_up(gateway: Gateway) -> None:
+    compiling, done = threading.Event(), threading.Event()
+
+    def swap(_: dict[str, Any]) -> str:
+        compiling.set()
+        return "swapped" if done.wait(60) else "nobody else was served"
+
+    gateway.verbs["swap"] = swap
+    with Remote("127.0.0.1", gateway.port, "sesame") as remote, ThreadPoolExecutor(1) as pool:
+        slow = pool.submit(remote.call, "swap")
+        assert compiling.wait(30)
+        assert remote.call("status")["robot"] == "arm"
+        done.set()
+        assert slow.result() == "swapped"
 
 
 def test_an_endless_line_is_cut_off(gateway: Gateway) -> None:
@@ -129,7 +240,8 @@ def test_history_goes_on_where_the_last_answer_ended(remote: Remote) -> None:
     time.sleep(0.3)
     more = remote.call("history", seconds=4.0, since_tick=first["tick"][-1], fields=["tick"])
     assert more["tick"][0] == first["tick"][-1] + 1
-    assert len(first["position_rad"][0]) == 1
+    assert len(first["position_rad"][0]) == 1 and more["lost"] == 0
+    assert remote.call("history", since_tick=0, fields=["tick"])["tick"][-1] > more["tick"][-1]
     thin = remote.call("history", seconds=1.0, every=10, fields=["tick"])
     assert thin["tick"][1] - thin["tick"][0] == 10
 
@@ -155,8 +267,8 @@ def test_an_agent_that_pressed_the_estop_can_reset_and_arm_again(remote: Remote)
     assert remote.call("arm")["mode"] == "active"
 
 
-def test_a_spine_that_does_not_obey_the_estop_is_reported(remote: Remote, house: House) -> None:
-    spine = house.spine_pid()
+def test_a_spine_that_does_not_obey_the_estop_is_reported(remote: Remote, robot: lithe.Robot, house: House) -> None:
+    spine = int(robot.spine.mapping.header().writer_pid)
     os.kill(spine, signal.SIGSTOP)
     try:
         with pytest.raises(lithe.Refused, match=r"has not obeyed[\s\S]*cut its power") as caught:

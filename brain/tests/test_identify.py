@@ -91,3 +91,23 @@ def test_a_gap_in_the_record_is_left_out() -> None:
     keep = np.r_[0:400, 700 : len(whole[0].t_s)]
     holed = Motion(*(getattr(whole[0], name)[keep] for name in ("t_s", "position_rad", "velocity_rad_s", "torque_nm")))
     assert identify_arm([holed, whole[1]]).mgl_nm == pytest.approx(arm.mgl_nm, rel=0.02)
+
+
+def test_gaps_longer_than_a_window_are_left_out_wherever_they_are() -> None:
+    arm = some_arm(3)
+    whole = probe(arm, 3)
+    for first in range(50, 900, 50):
+        keep = np.r_[0:first, first + 70 : len(whole[0].t_s)]
+        holed = Motion(*(np.asarray(column)[keep] for column in vars(whole[0]).values()))
+        assert identify_arm([holed, whole[1]]).mgl_nm == pytest.approx(arm.mgl_nm, rel=0.02)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_slow_ticks_of_which_a_third_are_missing_still_tell(seed: int) -> None:
+    arm = some_arm(seed)
+    chance = np.random.default_rng(seed)
+    slow = []
+    for motion in probe(arm, seed):
+        kept = np.flatnonzero((np.arange(len(motion.t_s)) % 2 == 0) & (chance.random(len(motion.t_s)) > 0.33))
+        slow.append(Motion(*(np.asarray(column)[kept] for column in vars(motion).values())))
+    assert identify_arm(slow).mgl_nm == pytest.approx(arm.mgl_nm, rel=0.02)

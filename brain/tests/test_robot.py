@@ -2,6 +2,7 @@
 """lithe.connect() against a real Spine: telemetry, plans, laws, parameters, verbs."""
 
 import os
+import threading
 import time
 import warnings
 from pathlib import Path
@@ -70,6 +71,35 @@ def test_history_reaches_back_and_repeats(robot: lithe.Robot) -> None:
     assert 0.3e9 < half["release_ns"][-1] - half["release_ns"][0] < 0.6e9
     assert len(robot.telemetry.history(0.5)) > 100
     assert len(robot.telemetry.history(0.0)) == 0
+
+
+def test_since_gives_all_that_came_after_a_tick_and_counts_what_is_gone(robot: lithe.Robot) -> None:
+    newest = robot.telemetry.latest()
+    assert newest is not None
+    time.sleep(0.2)
+    records, lost = robot.telemetry.since(int(newest["tick"]))
+    assert records["tick"][0] == newest["tick"] + 1 and lost == 0
+    assert np.array_equal(np.diff(records["tick"].astype(np.int64)), np.ones(len(records) - 1))
+    House.wait_for(lambda: int(robot.status()["tick"]) > 4096 + 100)
+    records, lost = robot.telemetry.since(50)
+    assert lost > 0 and 50 + lost + len(records) == int(records["tick"][-1])
+    all_of_it, lost = robot.telemetry.since(-5)
+    assert lost + len(all_of_it) == int(all_of_it["tick"][-1]), "ticks count from 1"
+
+
+def test_threads_may_publish_at_once_and_ids_tell_the_order(robot: lithe.Robot) -> None:
+    ids: list[int] = []
+
+    def publish() -> None:
+        ids.extend(robot.go_to([0.0], in_s=1.0) for _ in range(50))
+
+    threads = [threading.Thread(target=publish) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(set(ids)) == 200
+    House.wait_for(lambda: int(robot.telemetry.history(0.1)["plan_id"][-1]) == max(ids))
 
 
 def test_a_plan_moves_the_arm(robot: lithe.Robot) -> None:

@@ -6,6 +6,8 @@ import random
 import signal
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -219,21 +221,6 @@ def test_a_header_whose_schema_text_lies_elsewhere_is_refused() -> None:
         BrainWriter(ROBOT)
 
 
-def test_a_shim_of_another_schema_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    source = tmp_path / "old.c"
-    text = (Path(shm.__file__).parent / "_shm/lithe_shm.c").read_text()
-    assert f"0x{_wire.LAYOUT_HASH:016x}" in text
-    source.write_text(text.replace(f"0x{_wire.LAYOUT_HASH:016x}", "0x1"))
-    library = tmp_path / "old.so"
-    subprocess.run(["cc", "-std=c11", "-shared", "-fPIC", "-o", library, source], check=True)
-    monkeypatch.setenv("LITHE_SHM_LIB", str(library))
-    with pytest.raises(ShmError, match="was built from another schema"):
-        shm._load_shim()
-    monkeypatch.setenv("LITHE_SHM_LIB", str(tmp_path / "absent.so"))
-    with pytest.raises(ShmError, match="cannot load the shared-memory shim"):
-        shm._load_shim()
-
-
 # ---- writing
 
 
@@ -321,6 +308,58 @@ def test_the_lock_file_is_for_the_group_whatever_the_umask(brain: Path) -> None:
     finally:
         os.umask(before)
     assert Path(f"{brain}.lock").stat().st_mode & 0o777 == 0o660
+
+
+def test_a_brain_that_has_left_writes_nothing_any_more(brain: Path) -> None:
+    writer = BrainWriter(ROBOT)
+    writer.publish(1, [1], [[0.0]])
+    writer.close()
+    writer.close()
+    for late in (lambda: writer.publish(2, [1], [[0.0]]), writer.beat, writer.press_estop):
+        with pytest.raises(ShmError, match="has left"):
+            late()
+    assert plan()["plan_id"] == 1
+    assert writer.mapping.load("estop") == 0
+
+
+def test_threads_publish_one_after_the_other(brain: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer = BrainWriter(ROBOT)
+    torn: list[int] = []
+
+    class SlowShim:
+        """Lets the other threads run in the middle of a plan's way to memory."""
+
+        def lithe_channel_write(self, address: int, plan_address: int, size: int) -> None:
+            time.sleep(0.002)
+            if not (writer._plan["position_rad"] == writer._plan["plan_id"]).all():
+                torn.append(int(writer._plan["plan_id"]))
+            real.lithe_channel_write(address, plan_address, size)
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(real, name)
+
+    def publish(first: int) -> None:
+        for number in range(first, first + 10):
+            writer.publish(number, [number] * 16, np.full((16, 32), float(number)))
+
+    real, slow = shm.shim(), SlowShim()
+    monkeypatch.setattr(shm, "shim", lambda: slow)
+    threads = [threading.Thread(target=publish, args=(i * 1000,)) for i in range(1, 5)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert torn == []
+    writer.close()
+
+
+def test_a_mapping_knows_when_its_robot_was_started_anew(brain: Path) -> None:
+    mapping = shm.Mapping(ROBOT, "brain", writable=False)
+    assert mapping.is_current()
+    brain.unlink()
+    assert not mapping.is_current()
+    make_file(ROBOT, "brain")
+    assert not mapping.is_current()
 
 
 def test_a_brain_that_was_killed_leaves_its_place(brain: Path) -> None:

@@ -40,23 +40,26 @@ void Guard::configure(const robot::RobotConfig& robot) {
                         .torque_max_nm = joint.torque_max_nm,
                         .slew_nm = joint.torque_slew_nm_s / robot.rate_hz,
                         .kp_max_nm_rad = joint.kp_max_nm_rad,
-                        .kd_max_nm_s_rad = joint.kd_max_nm_s_rad};
+                        .kd_max_nm_s_rad = joint.kd_max_nm_s_rad,
+                        .blind_kd_nm_s_rad = joint.safe_kd_nm_s_rad,
+                        .blind_kd_step_nm_s_rad = joint.torque_slew_nm_s / robot.rate_hz / fault_rad_s};
   }
   safe_law_.configure(robot);
-  last_nm_.fill(0.0);
+  reset_output();
 }
 
 void Guard::reset_output() LITHE_RT {
   last_nm_.fill(0.0);
+  blind_kd_nm_s_rad_.fill(0.0);
+  dispatched();
   safe_law_.rearm();
 }
 
-void Guard::reset_output(const JointArray& torque_nm) LITHE_RT {
+void Guard::dispatched() LITHE_RT {
   for (std::size_t j = 0; j < joints_; ++j) {
-    const double limit = limits_[j].torque_max_nm;
-    last_nm_[j] = std::isfinite(torque_nm[j]) ? std::clamp(torque_nm[j], -limit, limit) : 0.0;
+    sent_nm_[j] = last_nm_[j];
+    sent_blind_kd_nm_s_rad_[j] = blind_kd_nm_s_rad_[j];
   }
-  safe_law_.rearm();
 }
 
 Verdict Guard::check(const Input& in, Output& out) LITHE_RT {
@@ -144,14 +147,18 @@ double Guard::bound(std::size_t j, double wanted_nm, double position_rad, double
   const double velocity_room = room(speed_left, limit.velocity_fade_s_rad);
   const double clamped = std::clamp(wanted_nm, -limit.torque_max_nm, limit.torque_max_nm);
   const double faded = clamped * position_room * velocity_room;
-  const double step = std::clamp(faded - last_nm_[j], -limit.slew_nm, limit.slew_nm);
-  const double bounded = std::clamp(last_nm_[j] + step, -limit.torque_max_nm, limit.torque_max_nm);
+  // What the joint feels now. After blindness that is the drive's own damping, at the speed known again.
+  const double now_nm =
+      std::clamp(sent_nm_[j] - sent_blind_kd_nm_s_rad_[j] * velocity_rad_s, -limit.torque_max_nm, limit.torque_max_nm);
+  const double step = std::clamp(faded - now_nm, -limit.slew_nm, limit.slew_nm);
+  const double bounded = std::clamp(now_nm + step, -limit.torque_max_nm, limit.torque_max_nm);
 
   if (clamped != wanted_nm) flags |= wire::telemetry_flag::kTorqueClamped;
   if (wanted_nm != 0 && position_room < 1) flags |= wire::telemetry_flag::kPositionClamped;
   if (wanted_nm != 0 && velocity_room < 1) flags |= wire::telemetry_flag::kVelocityClamped;
-  if (step != faded - last_nm_[j]) flags |= wire::telemetry_flag::kSlewClamped;
+  if (step != faded - now_nm) flags |= wire::telemetry_flag::kSlewClamped;
   last_nm_[j] = bounded;
+  blind_kd_nm_s_rad_[j] = 0.0;
   return bounded;
 }
 
@@ -190,15 +197,26 @@ void Guard::apply_law(const Input& in, Output& out, std::uint32_t& flags) LITHE_
 void Guard::apply_safe_law(const Input& in, Output& out, std::uint32_t& flags) LITHE_RT {
   safe_law_.step(in.position_rad, in.velocity_rad_s, usable_, out.torque_nm);
   for (std::size_t j = 0; j < joints_; ++j) {
-    const double position_rad = usable_[j] ? in.position_rad[j] : 0.0;
-    const double velocity_rad_s = usable_[j] ? in.velocity_rad_s[j] : 0.0;
-    out.torque_nm[j] = bound(j, out.torque_nm[j], position_rad, velocity_rad_s, flags);
     out.position_rad[j] = kNone;
     out.velocity_rad_s[j] = 0.0;
     out.kp_nm_rad[j] = 0.0;
     out.kd_nm_s_rad[j] = 0.0;
     out.max_torque_nm[j] = limits_[j].torque_max_nm;
+    if (usable_[j]) {
+      out.torque_nm[j] = bound(j, out.torque_nm[j], in.position_rad[j], in.velocity_rad_s[j], flags);
+    } else {
+      brake_blindly(j, out, flags);
+    }
   }
+}
+
+// Without a sample only the drive can brake the joint; with no torque at all it would fall.
+void Guard::brake_blindly(std::size_t j, Output& out, std::uint32_t& flags) LITHE_RT {
+  const double grown =
+      std::min(sent_blind_kd_nm_s_rad_[j] + limits_[j].blind_kd_step_nm_s_rad, limits_[j].blind_kd_nm_s_rad);
+  const double kd = sent_nm_[j] == 0.0 ? grown : sent_blind_kd_nm_s_rad_[j];
+  out.torque_nm[j] = bound(j, 0.0, 0.0, 0.0, flags);
+  out.kd_nm_s_rad[j] = blind_kd_nm_s_rad_[j] = kd;
 }
 
 void Guard::switch_off(Output& out) LITHE_RT {
@@ -206,7 +224,7 @@ void Guard::switch_off(Output& out) LITHE_RT {
   for (std::size_t j = 0; j < joints_; ++j) {
     out.torque_nm[j] = out.velocity_rad_s[j] = out.kp_nm_rad[j] = out.kd_nm_s_rad[j] = out.max_torque_nm[j] = 0.0;
     out.position_rad[j] = kNone;
-    last_nm_[j] = 0.0;
+    last_nm_[j] = blind_kd_nm_s_rad_[j] = 0.0;
   }
 }
 

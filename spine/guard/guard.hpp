@@ -52,15 +52,19 @@ struct Verdict {
 // In the order of authority: not finite, drives, freshness and overrun -> safe law, in the same tick; then per joint
 // soft stops, velocity, torque and last of all slew. Between two ticks the torque at the joint (feed-forward plus the
 // drive's own PD at the measured state) never changes by more than torque_slew_nm_s / rate_hz, whoever proposes it:
-// a law, its successor in a swap, or the safe law. Disarming and e-stop are at once.
+// a law, its successor in a swap, or the safe law. Disarming and e-stop are at once. A joint whose sample is no basis
+// for anything is braked by its drive, which still knows its own speed: the feed-forward fades, then damping grows to
+// safe_kd_nm_s_rad, both within the slew bound up to the speed that is a fault.
 // Contract: RT after configure() · owned by the tick thread · bounded work per joint
 class Guard {
  public:
   void configure(const robot::RobotConfig& robot);
 
-  // At arming: the torque the drives now apply, from which the first step is bounded. Also rearms the safe law.
-  void reset_output(const JointArray& torque_nm) LITHE_RT;
-  void reset_output() LITHE_RT;  // the drives are off: 0 everywhere
+  // At arming, when the drives are off: the first step is bounded from 0. Also rearms the safe law.
+  void reset_output() LITHE_RT;
+
+  // The last output left for the drives: the next one is bounded from it. An output that never left bounds nothing.
+  void dispatched() LITHE_RT;
 
   Verdict check(const Input& in, Output& out) LITHE_RT;
 
@@ -75,6 +79,7 @@ class Guard {
     double velocity_max_rad_s, velocity_fault_rad_s, velocity_fade_s_rad;
     double torque_max_nm, slew_nm;  // slew per tick
     double kp_max_nm_rad, kd_max_nm_s_rad;
+    double blind_kd_nm_s_rad, blind_kd_step_nm_s_rad;  // damping of an unusable joint, and its growth per tick
   };
 
   wire::Fault judge(const Input& in, std::uint32_t& flags) LITHE_RT;
@@ -83,6 +88,7 @@ class Guard {
   bool proposal_is_finite(const Proposal& proposal) const LITHE_RT;
   void apply_law(const Input& in, Output& out, std::uint32_t& flags) LITHE_RT;
   void apply_safe_law(const Input& in, Output& out, std::uint32_t& flags) LITHE_RT;
+  void brake_blindly(std::size_t j, Output& out, std::uint32_t& flags) LITHE_RT;
   void switch_off(Output& out) LITHE_RT;
   // The nearest torque to `wanted_nm` that limits and slew allow; remembers it as the joint's last.
   double bound(std::size_t j, double wanted_nm, double position_rad, double velocity_rad_s, std::uint32_t& flags)
@@ -94,7 +100,10 @@ class Guard {
   std::int64_t brain_stale_ns_ = 0;
   bool stop_when_brain_stale_ = false;
   SafeLaw safe_law_;
-  JointArray last_nm_{};
+  // By the last output, and by the last one that was dispatched: the torque, and the damping of an unusable joint,
+  // whose torque nobody here knows.
+  JointArray last_nm_{}, sent_nm_{};
+  JointArray blind_kd_nm_s_rad_{}, sent_blind_kd_nm_s_rad_{};
   std::array<bool, kMaxJoints> usable_{};
 };
 

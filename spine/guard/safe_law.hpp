@@ -21,8 +21,8 @@ class SafeLaw {
   // The next step() starts from the then measured state.
   void rearm() LITHE_RT { started_ = false; }
 
-  // One tick. `usable[j]` false means joint j's sample is no basis for anything: its torque is 0 and its drive's own
-  // watchdog and damping remain. The torque is finite but not yet limited; the guard does that.
+  // One tick. `usable[j]` false means joint j's sample is no basis for anything: its torque is 0, and the guard lets
+  // the drive damp it. The torque is finite but not yet limited; the guard does that.
   void step(const JointArray& position_rad, const JointArray& velocity_rad_s,
             const std::array<bool, kMaxJoints>& usable, JointArray& torque_nm) LITHE_RT;
 

@@ -20,6 +20,7 @@ class SimulatedRobot final : public Actuators {
   void cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT override {
     actuators_.cycle(command, state, now_ns);
   }
+  const ReplyCounters& counters() const LITHE_RT override { return actuators_.counters(); }
 
   void add_bus() {
     auto bus = std::make_unique<LoopBus>();

@@ -32,12 +32,22 @@ struct ActuatorState {
   std::uint64_t tick = 0;      // of the command that was answered
   std::int64_t sample_ns = 0;  // CLOCK_MONOTONIC when the exchange began
   std::uint32_t joints = 0;
-  std::uint32_t missed_replies = 0;  // since the start
-  std::int64_t bus_ns = 0;           // length of the exchange
+  std::int64_t bus_ns = 0;  // length of the exchange
   JointArray position_rad{};
   JointArray velocity_rad_s{};
   JointArray torque_nm{};
   std::array<std::uint32_t, kMaxJoints> status{};  // wire::joint_status bits, drive fault << 8, drive mode << 16
+};
+
+// Everything that went otherwise than one command, one answer; since the start.
+struct ReplyCounters {
+  std::uint64_t missed = 0;     // a joint was asked and did not answer in its exchange
+  std::uint64_t late = 0;       // answers that came after their exchange was over; never used
+  std::uint64_t duplicate = 0;  // a second answer in one exchange; the first one counts
+  std::uint64_t stray = 0;      // from no device of ours
+  std::uint64_t malformed = 0;  // not a whole answer, or no possible measurement
+  std::uint64_t unsound = 0;    // commands that were not finite: the joint was damped instead
+  std::uint64_t refused = 0;    // commands a bus had no room for
 };
 
 // Contract: RT as far as the bus is · called by one thread, once per tick · bounded
@@ -46,6 +56,8 @@ class Actuators {
   virtual ~Actuators() = default;
   // Sends `command`, collects the replies into `state`. `now_ns` is CLOCK_MONOTONIC: simulated devices live by it.
   virtual void cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT = 0;
+  // For the thread that cycles, or after its end.
+  virtual const ReplyCounters& counters() const LITHE_RT = 0;
 };
 
 // Opens every bus and device of the robot. Contract: never in the tick

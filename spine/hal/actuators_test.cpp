@@ -49,6 +49,8 @@ class Robot {
     }
   }
 
+  const ReplyCounters& counters() const { return actuators_->counters(); }
+
   // Off, then torque until the drives have calibrated.
   void arm() {
     command.action = DriveAction::off;
@@ -76,7 +78,7 @@ TEST(Actuators, TheFirstCycleTellsWhereTheArmIs) {
   EXPECT_EQ(robot.state.sample_ns, 5'000'000'000);
   EXPECT_NEAR(robot.state.position_rad[0], 0.05, 4e-4);
   EXPECT_EQ(robot.state.status[0], wire::joint_status::kFresh);
-  EXPECT_EQ(robot.state.missed_replies, 0U);
+  EXPECT_EQ(robot.counters().missed, 0U);
 }
 
 TEST(Actuators, EveryActionPutsTheDriveIntoItsMode) {
@@ -134,7 +136,7 @@ TEST(Actuators, APdLawTracksASineThroughRealFrames) {
   Robot robot(desk_arm());
   robot.arm();
   EXPECT_LT(tracking_rmse_rad(robot, false), 0.04);
-  EXPECT_EQ(robot.state.missed_replies, 0U);
+  EXPECT_EQ(robot.counters().missed, 0U);
 }
 
 TEST(Actuators, TheDrivesOwnPdTracksASineThroughRealFrames) {
@@ -207,7 +209,7 @@ TEST(Actuators, AsManyJointsAsFitAreServedOnOneBusEachByItsOwnDrive) {
   }
   Robot robot(config);
   robot.cycle(3);
-  EXPECT_EQ(robot.state.missed_replies, 0U);
+  EXPECT_EQ(robot.counters().missed, 0U);
   for (std::size_t i = 0; i < kMaxJoints; ++i) {
     EXPECT_NEAR(robot.state.position_rad[i], 0.01 * static_cast<double>(i), 4e-4);
     EXPECT_EQ(robot.state.status[i], wire::joint_status::kFresh);

@@ -42,7 +42,6 @@ void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, s
   state.tick = last_.tick;
   state.sample_ns = last_.sample_ns;
   state.joints = last_.joints;
-  state.missed_replies = last_.missed_replies;
   state.bus_ns = 0;  // whoever owns the clock measures it
   std::copy_n(last_.position_rad.begin(), last_.joints, state.position_rad.begin());
   std::copy_n(last_.velocity_rad_s.begin(), last_.joints, state.velocity_rad_s.begin());
@@ -56,7 +55,7 @@ void BusActuators::send_all(const ActuatorCommand& command) LITHE_RT {
     Joint& joint = joints_[i];
     joint.answered = false;
     if (!joint.driver.encode(joint_command(command, i), source_, frame)) ++counters_.unsound;
-    lines_[joint.line].bus->send(frame);  // a refusal shows as a missed reply, and in the bus's statistics
+    lines_[joint.line].bus->send(frame);  // a refusal shows as a missed reply, and is counted
   }
 }
 
@@ -108,13 +107,16 @@ void BusActuators::settle() LITHE_RT {
       continue;
     }
     ++counters_.missed;
-    ++last_.missed_replies;
     joint.misses_in_a_row = std::min(joint.misses_in_a_row + 1, kMissesToLost);
     last_.status[i] &= ~wire::joint_status::kFresh;
     if (joint.misses_in_a_row == kMissesToLost) last_.status[i] |= wire::joint_status::kLost;
   }
   counters_.late = late_answers_;
-  for (const Line& line : lines_) counters_.late += line.bus->statistics().late;
+  counters_.refused = 0;
+  for (const Line& line : lines_) {
+    counters_.late += line.bus->statistics().late;
+    counters_.refused += line.bus->statistics().refused;
+  }
 }
 
 }  // namespace lithe::hal

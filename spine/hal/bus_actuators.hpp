@@ -15,16 +15,6 @@
 
 namespace lithe::hal {
 
-// Everything that went otherwise than one command, one answer; since the start.
-struct ReplyCounters {
-  std::uint64_t missed = 0;     // a joint was asked and did not answer in its exchange
-  std::uint64_t late = 0;       // answers that came after their exchange was over; never used
-  std::uint64_t duplicate = 0;  // a second answer in one exchange; the first one counts
-  std::uint64_t stray = 0;      // from no device of ours
-  std::uint64_t malformed = 0;  // not a whole answer, or no possible measurement
-  std::uint64_t unsound = 0;    // commands that were not finite: the joint was damped instead
-};
-
 // Contract: cycle() RT, bounded, one thread · add_bus and add_joint before the first cycle, never in the tick
 class BusActuators final : public Actuators {
  public:
@@ -37,7 +27,7 @@ class BusActuators final : public Actuators {
 
   void cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT override;
 
-  const ReplyCounters& counters() const LITHE_RT { return counters_; }
+  const ReplyCounters& counters() const LITHE_RT override { return counters_; }
 
  private:
   static constexpr std::uint8_t kNobody = 0xff;

@@ -49,8 +49,6 @@ struct Resident {
   std::array<Bridge, kResidents> bridges{};        // by the peer's index: whichever of them is active at the commit
   alignas(64) std::array<std::byte, kMaxStateBytes> state{};
 
-  std::uint32_t joints() const LITHE_RT { return descriptor->joints; }
-
   // Clears `effort`, then runs the law once.
   void step(const Tick& tick, Effort& effort, std::array<double, kMaxProbes>& probes) LITHE_RT {
     effort.clear(tick.joints);

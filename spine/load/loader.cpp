@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/load/loader.hpp"
 
-#include <cmath>
 #include <cstdio>
 #include <cstring>
 #include <ctime>

@@ -65,6 +65,7 @@ void Spine::exchange(std::int64_t woke_ns) LITHE_RT {
     fresh_ = sample_->sample_ns != 0;  // before the first exchange there is nothing yet
     durations_.bus_ns = sample_->bus_ns;
     handover_.dispatch();
+    guard_.dispatched();
     stale_ticks_ = 0;
     return;
   }

@@ -105,6 +105,40 @@ TEST_F(TickTest, ALateTransportIsCountedAndStopsTheRobotWhenItStaysLate) {
   EXPECT_EQ(static_cast<wire::Fault>(record_.fault), wire::Fault::sample_stale);
 }
 
+TEST_F(TickTest, ALateBusNeverMakesTheTorqueStepBeyondTheSlewBound) {
+  arm_with(kPd);
+  double left_nm = sent_.torque_nm[0];
+  for (int i = 0; i < 300; ++i) {
+    if (i % 20 == 0) stage(i % 40 == 0 ? kPush : kPd);
+    tick(i % 4 != 0);  // a bus that is late for one tick in four
+    ASSERT_EQ(mode(), Mode::active);
+    ASSERT_LE(std::abs(sent_.torque_nm[0] - left_nm), kSlewPerTickNm + 1e-9) << "tick " << i;
+    left_nm = sent_.torque_nm[0];
+  }
+}
+
+TEST_F(TickTest, AJointWhoseSampleIsLostIsDampedByItsDrive) {
+  arm_with(kPd);
+  publish(1.3);
+  for (int i = 0; i < 400; ++i) {
+    brain_memory_->header.heartbeat_ns = now_ns_;
+    tick();
+  }
+  double speed_rad_s = 0;
+  for (int i = 0; i < 150; ++i) {  // its answers come, but none that the guard may act upon
+    tick(false);
+    sent_ = handover_.command();
+    actuators_->cycle(sent_, handover_.sample(), now_ns_);
+    speed_rad_s = handover_.sample().velocity_rad_s[0];
+    handover_.sample().status[0] |= wire::joint_status::kLost;
+    handover_.finish();
+  }
+  EXPECT_EQ(mode(), Mode::safe_stop);
+  EXPECT_EQ(sent_.torque_nm[0], 0.0);
+  EXPECT_EQ(sent_.kd_nm_s_rad[0], 0.05);
+  EXPECT_LT(std::abs(speed_rad_s), 4.0) << "falling free it would do 8 rad/s";
+}
+
 TEST_F(TickTest, SkippedReleasesAreCounted) {
   arm_with(kPd);
   tick(true, 3);

@@ -89,7 +89,7 @@ TEST(Check, WaypointsOutsideThePositionLimitsAreRefused) {
 TEST(Check, VelocitiesBeyondTheLimitAreRefusedGivenOrImplied) {
   EXPECT_EQ(verdict(make_plan({{100, 0.1, 30.1}, {200, 0.1}}, false, 2)), PlanReject::velocity_limit);
   EXPECT_EQ(verdict(make_plan({{200, 0.0}, {210, 0.31}}, false, 2)), PlanReject::velocity_limit);
-  EXPECT_EQ(verdict(make_plan({{200, 0.0}, {210, 0.29}}, false, 2)), PlanReject::none);
+  EXPECT_EQ(verdict(make_plan({{200, 0.0}, {210, 0.29}}, true, 2)), PlanReject::none);
   EXPECT_EQ(verdict(make_plan({{60, 2.9}}, false, 2)), PlanReject::velocity_limit);
 }
 

@@ -5,8 +5,6 @@
 #include <cmath>
 #include <limits>
 
-#include "spine/plan/tangent.hpp"
-
 namespace lithe::plan {
 namespace {
 
@@ -16,6 +14,7 @@ using wire::PlanState;
 constexpr std::int64_t kBlendNs = 50'000'000;
 constexpr double kShortestBlendS = 0.05;
 constexpr double kLongestBlendS = 0.5;
+constexpr double kRounding = 0.5e-9;  // relative, of a speed at its limit
 constexpr double kForever = std::numeric_limits<double>::infinity();
 
 double seconds(std::int64_t ns) LITHE_RT { return static_cast<double>(ns) * 1e-9; }
@@ -44,24 +43,32 @@ PlanReject Interpolator::accept(const wire::Plan& plan, std::int64_t now_ns) LIT
     evaluate(now_ns, position, velocity, acceleration);
   }
   const bool starts_ahead = moving_on && plan.t_ns[0] - now_ns > kBlendNs;
-  if (starts_ahead && !reachable(now_ns, plan, position)) return PlanReject::velocity_limit;
-
-  copy(plan, starts_ahead ? 1 : 0);
-  if (starts_ahead) {
-    t_ns_[0] = now_ns;
-    knot_rad_[0] = position;
-    knot_rad_s_[0] = velocity;
+  Knots& next = knots_[1 - used_];
+  next.count = 0;
+  if (starts_ahead) next.add(now_ns, position, velocity);
+  next.add(plan, limits_.joints);
+  next.choose_velocities(limits_, monotone_, plan.streaming != 0, next.segment_at(now_ns));
+  JointArray bound_rad_s{}, most_rad_s{};
+  next.bound_speed(now_ns, limits_.joints, bound_rad_s);
+  for (std::size_t j = 0; j < limits_.joints; ++j) {
+    most_rad_s[j] = std::max(limits_.velocity_max_rad_s[j] * (1 + kRounding), std::abs(velocity[j]));
+    if (bound_rad_s[j] > most_rad_s[j] && next.fastest(now_ns, j) > most_rad_s[j]) return PlanReject::velocity_limit;
   }
-  blend_.until_ns = 0;
+  Blend blend;
+  if (moving_on && !starts_ahead && !join(next, now_ns, position, velocity, bound_rad_s, most_rad_s, blend)) {
+    return PlanReject::velocity_limit;
+  }
+
+  used_ = 1 - used_;
+  plan_id_ = plan.plan_id;
+  blend_ = blend;
   state_ = PlanState::track;
-  segment_ = 0;
-  if (t_ns_[0] > now_ns) {
+  if (next.t_ns[0] > now_ns) {
+    segment_ = 0;
     lead_to_first();
   } else {
-    enter_segment(0);
-    advance(now_ns);
+    enter_segment(next.segment_at(now_ns));
   }
-  if (moving_on && !starts_ahead) start_blend(now_ns, position, velocity);
   return PlanReject::none;
 }
 
@@ -94,16 +101,14 @@ void Interpolator::stop(std::int64_t now_ns) LITHE_RT {
 // Moves on to the segment or state that holds at `now_ns`.
 void Interpolator::advance(std::int64_t now_ns) LITHE_RT {
   if (state_ == PlanState::track) {
-    const std::size_t last = knots_ - 1;
-    if (now_ns >= t_ns_[last]) {
-      JointArray velocity{};
-      for (std::size_t j = 0; j < limits_.joints; ++j) velocity[j] = tangent(last, j);
-      const JointArray position = knot_rad_[last];
-      enter_coast(t_ns_[last], position, velocity);
-    } else if (now_ns >= t_ns_[0]) {
+    const Knots& k = knots();
+    const std::size_t last = k.count - 1;
+    if (now_ns >= k.t_ns[last]) {
+      enter_coast(k.t_ns[last], k.rad[last], k.rad_s[last]);
+    } else if (now_ns >= k.t_ns[0]) {
       std::size_t knot = segment_;
-      while (knot + 1 < last && now_ns >= t_ns_[knot + 1]) ++knot;
-      if (knot != segment_ || piece_.since_ns != t_ns_[knot] || piece_.last_s[0] != kForever) enter_segment(knot);
+      while (knot + 1 < last && now_ns >= k.t_ns[knot + 1]) ++knot;
+      if (knot != segment_ || piece_.since_ns != k.t_ns[knot] || piece_.last_s[0] != kForever) enter_segment(knot);
     }
   }
   if (state_ == PlanState::coast && now_ns >= coast_until_ns_) state_ = PlanState::hold;
@@ -122,11 +127,11 @@ void Interpolator::evaluate(std::int64_t now_ns, JointArray& position, JointArra
   if (now_ns < blend_.until_ns) {
     const double blend_s = seconds(now_ns - blend_.since_ns);
     for (std::size_t j = 0; j < limits_.joints; ++j) {
-      const double rate = blend_.per_s[j];
-      const double s = std::max(0.0, 1.0 - blend_s * rate);
-      position[j] += s * s * (blend_.a[j] + s * blend_.b[j]);
-      velocity[j] -= rate * s * (2 * blend_.a[j] + 3 * s * blend_.b[j]);
-      acceleration[j] += s > 0 ? rate * rate * (2 * blend_.a[j] + 6 * s * blend_.b[j]) : 0.0;
+      const Decay& decay = blend_.joint[j];
+      const double s = decay.left(blend_s);
+      position[j] += decay.position(s);
+      velocity[j] += decay.velocity(s);
+      acceleration[j] += decay.acceleration(s);
     }
   }
   for (std::size_t j = 0; j < limits_.joints; ++j) {
@@ -143,10 +148,10 @@ void Interpolator::evaluate(std::int64_t now_ns, JointArray& position, JointArra
 
 // Before a first waypoint that is near: its own velocity, backwards. The blend does the rest.
 void Interpolator::lead_to_first() LITHE_RT {
-  piece_.since_ns = t_ns_[0];
+  piece_.since_ns = knots().t_ns[0];
   for (std::size_t j = 0; j < limits_.joints; ++j) {
-    piece_.c0[j] = knot_rad_[0][j];
-    piece_.c1[j] = tangent(0, j);
+    piece_.c0[j] = knots().rad[0][j];
+    piece_.c1[j] = knots().rad_s[0][j];
     piece_.c2[j] = piece_.c3[j] = 0;
     piece_.last_s[j] = 0;  // only negative times are asked for; marks the piece as no segment
   }
@@ -154,105 +159,69 @@ void Interpolator::lead_to_first() LITHE_RT {
 
 void Interpolator::enter_segment(std::size_t knot) LITHE_RT {
   segment_ = knot;
-  piece_.since_ns = t_ns_[knot];
-  const double per_s = 1.0 / gap_s(knot);
+  piece_.since_ns = knots().t_ns[knot];
   for (std::size_t j = 0; j < limits_.joints; ++j) {
-    const double mean = rise(knot, j);
-    const double from = tangent(knot, j);
-    const double to = tangent(knot + 1, j);
-    piece_.c0[j] = knot_rad_[knot][j];
-    piece_.c1[j] = from;
-    piece_.c2[j] = (3 * mean - 2 * from - to) * per_s;
-    piece_.c3[j] = (from + to - 2 * mean) * per_s * per_s;
+    const Arc arc = knots().arc(knot, j);
+    piece_.c0[j] = arc.c0;
+    piece_.c1[j] = arc.c1;
+    piece_.c2[j] = arc.c2;
+    piece_.c3[j] = arc.c3;
     piece_.last_s[j] = kForever;
   }
+}
+
+// How hard joint j brakes when it is left alone: by its own deceleration, harder only to stop before its limit.
+double Interpolator::slowing(std::size_t j, double position_rad, double velocity_rad_s) const LITHE_RT {
+  const double way_rad =
+      velocity_rad_s > 0 ? limits_.position_max_rad[j] - position_rad : position_rad - limits_.position_min_rad[j];
+  return std::max(deceleration_rad_s2_[j], velocity_rad_s * velocity_rad_s / (2 * std::max(way_rad, 1e-9)));
 }
 
 void Interpolator::enter_coast(std::int64_t from_ns, const JointArray& position, const JointArray& velocity) LITHE_RT {
   double longest_s = 0;
   piece_.since_ns = from_ns;
   for (std::size_t j = 0; j < limits_.joints; ++j) {
-    const double speed = std::abs(velocity[j]);
-    const double way_rad =
-        velocity[j] > 0 ? limits_.position_max_rad[j] - position[j] : position[j] - limits_.position_min_rad[j];
-    const double needed = speed * speed / (2 * std::max(way_rad, 1e-9));  // to stop before the limit
-    const double slowing = std::max(deceleration_rad_s2_[j], needed);
+    const double brake = slowing(j, position[j], velocity[j]);
     piece_.c0[j] = position[j];
     piece_.c1[j] = velocity[j];
-    piece_.c2[j] = -0.5 * std::copysign(slowing, velocity[j]);
+    piece_.c2[j] = -0.5 * std::copysign(brake, velocity[j]);
     piece_.c3[j] = 0;
-    piece_.last_s[j] = speed / slowing;
+    piece_.last_s[j] = std::abs(velocity[j]) / brake;
     longest_s = std::max(longest_s, piece_.last_s[j]);
   }
   coast_until_ns_ = std::max(from_ns + static_cast<std::int64_t>(longest_s * 1e9), blend_.until_ns);
   state_ = PlanState::coast;
 }
 
-void Interpolator::start_blend(std::int64_t now_ns, const JointArray& position, const JointArray& velocity) LITHE_RT {
-  JointArray new_position{}, new_velocity{}, acceleration{};
-  evaluate(now_ns, new_position, new_velocity, acceleration);
+bool Interpolator::join(const Knots& next, std::int64_t now_ns, const JointArray& position, const JointArray& velocity,
+                        const JointArray& bound_rad_s, const JointArray& most_rad_s, Blend& blend) const LITHE_RT {
+  const std::size_t last = next.count - 1;
   double longest_s = 0;
   for (std::size_t j = 0; j < limits_.joints; ++j) {
-    const double gap_rad = position[j] - new_position[j];
-    const double gap_rad_s = velocity[j] - new_velocity[j];
+    const Course course{next, now_ns, j, slowing(j, next.rad[last][j], next.rad_s[last][j])};
+    const Arc start = course.start();
+    const double gap_rad = position[j] - start.c0;
+    const double gap_rad_s = velocity[j] - start.c1;
+    const auto too_fast = [&](const Decay& decay) LITHE_RT {
+      return bound_rad_s[j] + decay.bound_speed() > most_rad_s[j] && course.fastest_under(decay) > most_rad_s[j];
+    };
     // Long enough to stay near the joint's own deceleration and well below its velocity limit.
     const double gentle = std::max(std::sqrt(6 * std::abs(gap_rad) / deceleration_rad_s2_[j]),
                                    4 * std::abs(gap_rad_s) / deceleration_rad_s2_[j]);
     const double slow = 3 * std::abs(gap_rad) / limits_.velocity_max_rad_s[j];
-    const double lasts_s = std::clamp(std::max(gentle, slow), kShortestBlendS, kLongestBlendS);
-    blend_.a[j] = 3 * gap_rad + lasts_s * gap_rad_s;
-    blend_.b[j] = -2 * gap_rad - lasts_s * gap_rad_s;
-    blend_.per_s[j] = 1 / lasts_s;
+    double lasts_s = std::clamp(std::max(gentle, slow), kShortestBlendS, kLongestBlendS);
+    Decay decay = Decay::over(gap_rad, gap_rad_s, lasts_s);
+    if (too_fast(decay)) {
+      lasts_s = kLongestBlendS;
+      decay = Decay::over(gap_rad, gap_rad_s, lasts_s);
+      if (too_fast(decay)) return false;
+    }
+    blend.joint[j] = decay;
     longest_s = std::max(longest_s, lasts_s);
   }
-  blend_.since_ns = now_ns;
-  blend_.until_ns = now_ns + static_cast<std::int64_t>(longest_s * 1e9);
-  if (state_ == PlanState::coast) coast_until_ns_ = std::max(coast_until_ns_, blend_.until_ns);
-}
-
-void Interpolator::copy(const wire::Plan& plan, std::size_t first_knot) LITHE_RT {
-  for (std::size_t w = 0; w < plan.waypoint_count; ++w) {
-    t_ns_[first_knot + w] = plan.t_ns[w];
-    for (std::size_t j = 0; j < limits_.joints; ++j) {
-      knot_rad_[first_knot + w][j] = plan.position_rad[w * wire::kNj + j];
-      knot_rad_s_[first_knot + w][j] = plan.velocity_rad_s[w * wire::kNj + j];
-    }
-  }
-  knots_ = first_knot + plan.waypoint_count;
-  streaming_ = plan.streaming != 0;
-  plan_id_ = plan.plan_id;
-}
-
-bool Interpolator::reachable(std::int64_t now_ns, const wire::Plan& plan, const JointArray& position) const LITHE_RT {
-  const double time_s = seconds(plan.t_ns[0] - now_ns);
-  bool slow_enough = true;
-  for (std::size_t j = 0; j < limits_.joints; ++j) {
-    slow_enough &= std::abs(plan.position_rad[j] - position[j]) <= limits_.velocity_max_rad_s[j] * time_s;
-  }
-  return slow_enough;
-}
-
-double Interpolator::gap_s(std::size_t knot) const LITHE_RT { return seconds(t_ns_[knot + 1] - t_ns_[knot]); }
-
-double Interpolator::rise(std::size_t knot, std::size_t j) const LITHE_RT {
-  return (knot_rad_[knot + 1][j] - knot_rad_[knot][j]) / gap_s(knot);
-}
-
-// The velocity at a knot: given by the plan, or 0 at the end of a plan that is not continued, or from the neighbours.
-double Interpolator::tangent(std::size_t knot, std::size_t j) const LITHE_RT {
-  if (!std::isnan(knot_rad_s_[knot][j])) return knot_rad_s_[knot][j];
-  const std::size_t last = knots_ - 1;
-  if (last == 0 || (knot == last && !streaming_)) return 0;
-  if (last == 1) return rise(0, j);
-  const bool at_end = knot == 0 || knot == last;
-  const std::size_t near = knot == last ? last - 1 : (knot == 0 ? 0 : knot - 1);
-  const std::size_t far = knot == last ? last - 2 : (knot == 0 ? 1 : knot);
-  if (monotone_[j]) {
-    return at_end ? end_tangent_monotone(gap_s(near), rise(near, j), gap_s(far), rise(far, j))
-                  : inner_tangent_monotone(gap_s(near), rise(near, j), gap_s(far), rise(far, j));
-  }
-  return at_end ? end_tangent(gap_s(near), rise(near, j), gap_s(far), rise(far, j))
-                : inner_tangent(gap_s(near), rise(near, j), gap_s(far), rise(far, j));
+  blend.since_ns = now_ns;
+  blend.until_ns = now_ns + static_cast<std::int64_t>(longest_s * 1e9);
+  return true;
 }
 
 }  // namespace lithe::plan

@@ -8,7 +8,9 @@
 
 #include "spine/core/joints.hpp"
 #include "spine/core/rt.hpp"
+#include "spine/plan/blend.hpp"
 #include "spine/plan/check.hpp"
+#include "spine/plan/knots.hpp"
 #include "spine/robot/config.hpp"
 #include "spine/wire/wire.hpp"
 
@@ -21,7 +23,9 @@ struct Setpoint {
   wire::PlanState state = wire::PlanState::none;
 };
 
-// Position and velocity are continuous through everything: knots, a new plan in flight, the end of a plan.
+// Position and velocity are continuous through everything: knots, a new plan in flight, the end of a plan. And the
+// setpoint never moves faster than velocity_max_rad_s: a plan that it could only follow so, on the curve itself or on
+// the way to it, is refused.
 //   track  a cubic per segment through the waypoints (tangent.hpp); velocities the plan gives are used exactly.
 //   coast  the plan ran out while moving: each joint slows down by its deceleration, harder only where its limit is
 //   near. hold   everything has come to rest.
@@ -47,19 +51,17 @@ class Interpolator {
   std::uint64_t plan_id() const LITHE_RT { return plan_id_; }  // of the plan last accepted; 0 = none yet
 
  private:
-  static constexpr std::size_t kKnots = wire::kNw + 1;  // the waypoints, and the present motion before them
-
   // position = c0 + u (c1 + u (c2 + u c3)), u in seconds since since_ns, standing still after last_s.
   struct Piece {
     std::int64_t since_ns = 0;
     JointArray c0{}, c1{}, c2{}, c3{};
     JointArray last_s{};
   };
-  // What is left of the motion before a new plan: s^2 (a + b s), s falling from 1 to 0 at per_s.
+  // What is left of the motion before a new plan.
   struct Blend {
     std::int64_t since_ns = 0;
     std::int64_t until_ns = 0;
-    JointArray a{}, b{}, per_s{};
+    std::array<Decay, kMaxJoints> joint{};
   };
 
   void evaluate(std::int64_t now_ns, JointArray& position, JointArray& velocity, JointArray& acceleration) const
@@ -68,23 +70,20 @@ class Interpolator {
   void lead_to_first() LITHE_RT;
   void enter_segment(std::size_t knot) LITHE_RT;
   void enter_coast(std::int64_t from_ns, const JointArray& position, const JointArray& velocity) LITHE_RT;
-  void start_blend(std::int64_t now_ns, const JointArray& position, const JointArray& velocity) LITHE_RT;
-  void copy(const wire::Plan& plan, std::size_t first_knot) LITHE_RT;
-  double tangent(std::size_t knot, std::size_t j) const LITHE_RT;
-  double gap_s(std::size_t knot) const LITHE_RT;                // from this knot to the next
-  double rise(std::size_t knot, std::size_t j) const LITHE_RT;  // mean velocity over that gap
-  bool reachable(std::int64_t now_ns, const wire::Plan& plan, const JointArray& position) const LITHE_RT;
+  double slowing(std::size_t j, double position_rad, double velocity_rad_s) const LITHE_RT;
+  // The gentlest way from the present motion onto `next`; false when each one breaks a limit of `most_rad_s`. What
+  // stays below `bound_rad_s` without any blend needs no closer look.
+  bool join(const Knots& next, std::int64_t now_ns, const JointArray& position, const JointArray& velocity,
+            const JointArray& bound_rad_s, const JointArray& most_rad_s, Blend& blend) const LITHE_RT;
+  const Knots& knots() const LITHE_RT { return knots_[used_]; }
 
   Limits limits_;
   JointArray deceleration_rad_s2_{};
   std::array<bool, kMaxJoints> monotone_{};
 
-  std::array<std::int64_t, kKnots> t_ns_{};
-  std::array<JointArray, kKnots> knot_rad_{};
-  std::array<JointArray, kKnots> knot_rad_s_{};  // NaN = tangent()
-  std::size_t knots_ = 0;
+  std::array<Knots, 2> knots_{};  // the ones in use, and where the next plan is tried
+  std::size_t used_ = 0;
   std::size_t segment_ = 0;
-  bool streaming_ = false;
   std::uint64_t plan_id_ = 0;
 
   wire::PlanState state_ = wire::PlanState::none;

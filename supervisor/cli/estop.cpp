@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // The e-stop goes straight to shared memory: it needs no supervisor, and no supervisor can be too busy for it.
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
+#include <algorithm>
 #include <chrono>
+#include <exception>
 #include <filesystem>
+#include <iostream>
+#include <set>
 #include <system_error>
 #include <thread>
 
@@ -23,80 +26,160 @@ namespace fs = std::filesystem;
 using Spine = ipc::Segment<ipc::SpineMemory>;
 
 constexpr std::int64_t kSeenWithinNs = 500 * kNsPerMs;
+constexpr int kAskMs = 1000;
 
-// Robots whose Spine is alive, found by their segments.
-std::vector<std::string> ticking_robots() {
-  const fs::path pattern = shm_path("*", "spine");
+// Robots that have a control segment, alive or not.
+std::set<std::string> robots_with_memory() {
+  const fs::path pattern = shm_path("*", "control");
   const std::string file = pattern.filename().string();
   const std::string before = file.substr(0, file.find('*'));
   const std::string after = file.substr(file.find('*') + 1);
-  std::vector<std::string> robots;
-  std::error_code ignored;
-  for (const auto& entry : fs::directory_iterator(pattern.parent_path(), ignored)) {
-    const std::string name = entry.path().filename().string();
+  std::set<std::string> robots;
+  std::error_code failure;
+  for (fs::directory_iterator at(pattern.parent_path(), failure), end; !failure && at != end; at.increment(failure)) {
+    const std::string name = at->path().filename().string();
     if (name.size() > before.size() + after.size() && name.starts_with(before) && name.ends_with(after)) {
-      const std::string robot = name.substr(before.size(), name.size() - before.size() - after.size());
-      if (control::live_spine(robot) != 0) {
-        robots.push_back(robot);
-      }
+      robots.insert(name.substr(before.size(), name.size() - before.size() - after.size()));
     }
   }
   return robots;
 }
 
-// Presses the word and waits until a tick says that it has seen it.
-Answer press(const std::string& robot) {
-  if (const auto pressed = control::press_estop(robot); !pressed) {
-    return Refusal{"no_robot", pressed.message(), "if the robot moves, cut its power"};
-  }
+// Waits until a tick says that it has seen the word.
+Answer confirm(const std::string& robot, std::int64_t deadline_ns) {
   const auto spine = Spine::attach(robot, ipc::Access::read);
-  if (!spine || control::live_spine(robot) == 0) {
+  if (!spine || !ipc::Lease::is_held(Spine::path(robot))) {
     return Refusal{"robot_fault", fmt::format("the Spine of '{}' is not alive", robot),
                    "its drives' watchdogs stop the robot; if it moves, cut its power"};
   }
   const ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> telemetry((*spine)->telemetry);
   wire::Telemetry now{};
-  const std::int64_t deadline_ns = monotonic_ns() + kSeenWithinNs;
-  while (monotonic_ns() < deadline_ns) {
+  do {
     if (telemetry.latest(now) && now.mode == static_cast<std::uint32_t>(wire::Mode::estop)) {
       return Json{{"robot", robot}, {"mode", "estop"}, {"tick", now.tick}};
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  }
+  } while (monotonic_ns() < deadline_ns);
   return Refusal{"robot_fault", fmt::format("the Spine of '{}' has not obeyed the e-stop", robot), "cut its power"};
+}
+
+// No right to write its memory, or another layout: its supervisor has both.
+Answer ask_supervisor(Context context, const std::string& robot, const std::string& why) {
+  context.robot = robot;
+  const Answer answer = ask(context, "estop", Json::object(), kAskMs);
+  if (const auto* refusal = std::get_if<Refusal>(&answer)) {
+    const bool ticks = ipc::Lease::is_held(Spine::path(robot));
+    return Refusal{ticks ? "robot_fault" : refusal->code, fmt::format("{}; {}", why, refusal->message),
+                   "if the robot moves, cut its power"};
+  }
+  Json stopped = std::get<Json>(answer);
+  stopped["robot"] = robot;
+  return stopped;
+}
+
+// One robot's trouble is no reason to leave the next one running.
+template <class Step>
+Answer whatever_happens(const std::string& robot, Step step) {
+  try {
+    return step();
+  } catch (const std::exception& wrong) {
+    return Refusal{"robot_fault", fmt::format("the e-stop of '{}' went wrong: {}", robot, wrong.what()),
+                   "cut its power"};
+  }
+}
+
+struct Target {
+  std::string robot;
+  Answer pressed;
+};
+
+// The words first, all of them; nothing is looked up, asked or waited for before that.
+std::vector<Target> press_all(const Context& context) {
+  const std::set<std::string> robots =
+      context.robot.empty() ? robots_with_memory() : std::set<std::string>{context.robot};
+  std::vector<Target> targets;
+  for (const std::string& robot : robots) {
+    targets.push_back({robot, whatever_happens(robot, [&robot]() -> Answer {
+                         const auto pressed = control::press_estop(robot);
+                         return pressed ? Answer(Json::object()) : Answer(Refusal{"no_robot", pressed.message(), ""});
+                       })});
+  }
+  if (!context.robot.empty()) {
+    return targets;
+  }
+  // Files that a crashed run left behind are no robots; a supervisor whose segments are gone is one.
+  const std::vector<std::string> served = control::running_robots();
+  std::erase_if(targets, [&served](const Target& each) {
+    return !ipc::Lease::is_held(Spine::path(each.robot)) &&
+           std::find(served.begin(), served.end(), each.robot) == served.end();
+  });
+  for (const std::string& robot : served) {
+    if (robots.count(robot) == 0) {
+      targets.push_back({robot, Refusal{"no_robot", fmt::format("'{}' has no shared memory", robot), ""}});
+    }
+  }
+  return targets;
+}
+
+int report(const Context& context, const std::vector<std::pair<std::string, Answer>>& answers) {
+  Json robots = Json::array();
+  std::vector<std::pair<std::string, Refusal>> failed;
+  for (const auto& [robot, answer] : answers) {
+    if (const auto* refusal = std::get_if<Refusal>(&answer)) {
+      failed.emplace_back(robot, *refusal);
+      robots.push_back({{"robot", robot}, {"error", refusal->to_json()}});
+    } else {
+      robots.push_back(std::get<Json>(answer));
+    }
+  }
+  if (answers.size() == 1) {
+    return finish(context, answers.front().second, [](const Json& result) { print_command("estop", result); });
+  }
+  if (!context.json) {
+    for (const auto& [robot, answer] : answers) {
+      if (const Json* result = std::get_if<Json>(&answer)) {
+        fmt::print("{}: ", robot);
+        print_command("estop", *result);
+      } else {
+        std::cerr << robot << ": " << std::get<Refusal>(answer).message << '\n';
+      }
+    }
+    std::fflush(stdout);
+  }
+  if (!failed.empty()) {
+    std::string names;
+    for (const auto& [robot, refusal] : failed) {
+      names += (names.empty() ? "" : ", ") + robot;
+    }
+    return refuse(context, {"robot_fault",
+                            fmt::format("{} of {} robots have not confirmed the e-stop: {}", failed.size(),
+                                        answers.size(), names),
+                            "cut their power",
+                            {{"robots", robots}}});
+  }
+  Json result = std::get<Json>(answers.front().second);
+  result["robots"] = robots;
+  return finish(context, result, [](const Json&) {});
 }
 
 }  // namespace
 
 int estop(const Context& context) {
-  const std::vector<std::string> robots =
-      context.robot.empty() ? ticking_robots() : std::vector<std::string>{context.robot};
-  if (robots.empty()) {
+  // Nobody is asked which one was meant while robots move: all stop.
+  const std::vector<Target> targets = press_all(context);
+  const std::int64_t deadline_ns = monotonic_ns() + kSeenWithinNs;
+  if (targets.empty()) {
     return refuse(context, {"no_robot", "no robot is ticking here", "if a robot moves, cut its power"});
   }
-  // Nobody is asked which one was meant while robots move: all stop.
-  Json stopped = Json::array();
-  for (const std::string& robot : robots) {
-    Answer answer = press(robot);
-    if (std::holds_alternative<Refusal>(answer) && std::get<Refusal>(answer).code == "no_robot") {
-      Context named = context;
-      named.robot = robot;
-      answer = ask(named, "estop", Json::object(), 1000);  // no right to write there: the supervisor has it
-    }
-    if (const auto* refusal = std::get_if<Refusal>(&answer)) {
-      return refuse(context, *refusal);
-    }
-    stopped.push_back(std::get<Json>(answer));
+  std::vector<std::pair<std::string, Answer>> answers;
+  for (const Target& each : targets) {
+    answers.emplace_back(each.robot, whatever_happens(each.robot, [&]() -> Answer {
+                           const auto* refusal = std::get_if<Refusal>(&each.pressed);
+                           return refusal == nullptr ? confirm(each.robot, deadline_ns)
+                                                     : ask_supervisor(context, each.robot, refusal->message);
+                         }));
   }
-  Json result = stopped.front();
-  if (stopped.size() > 1) {
-    result["robots"] = stopped;
-  }
-  return finish(context, result, [&stopped](const Json&) {
-    for (const Json& each : stopped) {
-      print_command("estop", each);
-    }
-  });
+  return report(context, answers);
 }
 
 }  // namespace lithe::cli

@@ -2,11 +2,13 @@
 // The `lithe` command: words in, one function of act.hpp out.
 #include <CLI/CLI.hpp>
 #include <cstdint>
-#include <iostream>
+#include <cstdio>
+#include <exception>
 #include <string>
 #include <vector>
 
 #include "supervisor/cli/act.hpp"
+#include "supervisor/cli/talk.hpp"
 #include "supervisor/control/supervisor.hpp"
 
 namespace {
@@ -93,10 +95,7 @@ void add_looks(CLI::App& app, Words& words) {
   top->callback([&words] { words.code = lithe::cli::top(words.context, words.turns); });
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
-  Words words;
+int run(int argc, char** argv, Words& words) {
   CLI::App app{"LITHE: a robot whose law can be replaced while it moves", "lithe"};
   app.require_subcommand(1);
   app.add_flag("--json", words.context.json, "print one JSON document");
@@ -113,9 +112,23 @@ int main(int argc, char** argv) {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& wrong) {
     return app.exit(wrong) == 0 ? 0 : 2;
-  } catch (const std::exception& wrong) {
-    std::cerr << "lithe: " << wrong.what() << '\n';
-    return 1;
   }
   return words.code;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    Words words;
+    try {
+      return run(argc, argv, words);
+    } catch (const std::exception& wrong) {
+      return lithe::cli::refuse(words.context, {"internal", std::string("lithe itself went wrong: ") + wrong.what(),
+                                                "see how the robot is: lithe status"});
+    }
+  } catch (...) {
+    std::fputs("lithe: went wrong, and cannot even say how\n", stderr);
+  }
+  return 3;
 }

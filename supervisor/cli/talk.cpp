@@ -14,7 +14,7 @@ namespace lithe::cli {
 
 int exit_code(const Refusal& refusal) {
   static const std::set<std::string> usage = {"usage", "bad_request", "unknown_verb", "several_robots", "no_source"};
-  static const std::set<std::string> fault = {"robot_fault", "refused_fault"};
+  static const std::set<std::string> fault = {"robot_fault", "refused_fault", "internal"};
   return usage.count(refusal.code) != 0 ? 2 : fault.count(refusal.code) != 0 ? 3 : 1;
 }
 

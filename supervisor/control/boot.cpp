@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The supervisor's morning: from a robot file to a robot that runs its first law.
+// The supervisor's morning: from a robot file to a Spine that ticks and a socket that answers.
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <signal.h>
@@ -29,7 +29,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::int64_t kReadyTimeoutNs = 30 * kNsPerS;
-constexpr std::int64_t kArmTimeoutNs = 5 * kNsPerS;
 
 std::string out_dir() {
   const char* chosen = std::getenv("LITHE_OUT_DIR");
@@ -46,14 +45,6 @@ std::string holder_of(const std::string& robot) {
   }
   const auto control = ipc::Segment<ipc::ControlMemory>::attach(robot, ipc::Access::read);
   return control ? std::to_string((*control)->header.writer_pid) : pid;
-}
-
-std::string words_of(const Refusal& refusal) {
-  std::string words = refusal.message;
-  if (refusal.detail.is_object() && !refusal.detail.value("text", "").empty()) {
-    words += "\n" + refusal.detail["text"].get<std::string>();
-  }
-  return words;
 }
 
 }  // namespace
@@ -121,30 +112,6 @@ void Supervisor::start_lawd() {
   }
 }
 
-void Supervisor::compile_first_law() {
-  const std::string path = options_.law.empty() ? config_.law : options_.law;
-  if (path.empty()) {
-    return;
-  }
-  std::ifstream file(path, std::ios::binary);
-  first_source_.assign(std::istreambuf_iterator<char>(file), {});
-  if (first_source_.empty()) {
-    throw Halt{1, fmt::format("cannot read the law {}; give another with --law FILE", path)};
-  }
-  spdlog::info("compiling {}", path);
-  std::optional<Answer> answer;
-  lawd_.compile(
-      fs::path(path).filename().string(), first_source_, [&answer](const Answer& got) { answer = got; },
-      monotonic_ns());
-  turn_until([&answer] { return answer.has_value(); }, LawdLink::kCompileTimeoutNs + kNsPerS);
-  if (!answer) {
-    throw Halt{1, "the compile service does not answer"};
-  }
-  if (const auto* refusal = std::get_if<Refusal>(&*answer)) {
-    throw Halt{1, fmt::format("the law {} cannot run: {}", path, words_of(*refusal))};
-  }
-}
-
 void Supervisor::start_spine() {
   int out[2];
   const Fd log(::open(log_path_.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_APPEND | O_CLOEXEC, 0640));
@@ -172,13 +139,26 @@ void Supervisor::start_spine() {
   spine_out_.reset();
 }
 
+// A Spine that we cannot watch and talk to is left as it is: it moves a robot.
 void Supervisor::adopt_spine(pid_t pid) {
-  auto process = Process::adopt(pid);
+  const auto refuse = [this, pid](const std::string& why) {
+    const std::string who = pid > 0 ? fmt::format("pid {}", pid) : "pid unknown, perhaps in another container";
+    const std::string how = pid > 0 ? fmt::format("kill {}", pid) : "end its process";
+    return Halt{1, fmt::format("robot '{}' already has a Spine ({}), and it cannot be adopted: {}; it was left as it "
+                               "is. End it in order ({}: its drives are switched off), then start again",
+                               config_.name, who, why, how)};
+  };
+  auto process = pid > 0 ? Process::adopt(pid) : Result<Process>(Error{"its memory does not tell its process"});
   if (!process) {
-    throw Halt{1, process.message()};
+    throw refuse(process.message());
   }
-  spine_.emplace(std::move(*process));
   adopted_ = true;
+  spine_.emplace(std::move(*process));
+  auto link = SpineLink::attach(config_.name);
+  if (!link) {
+    throw refuse(link.message());
+  }
+  serve_spine(std::move(*link));
   spdlog::info("robot '{}' is already ticking (Spine pid {}): adopted as it is", config_.name, pid);
 }
 
@@ -187,7 +167,11 @@ void Supervisor::attach() {
   if (!link) {
     throw Halt{1, link.message()};
   }
-  link_.emplace(std::move(*link));
+  serve_spine(std::move(*link));
+}
+
+void Supervisor::serve_spine(SpineLink link) {
+  link_.emplace(std::move(link));
   // Counted in microseconds of the monotonic clock: no two supervisors of one boot give the same number.
   const auto first_id = static_cast<std::uint64_t>(monotonic_ns() / kNsPerUs);
   commands_.emplace(*link_, first_id);
@@ -201,67 +185,6 @@ void Supervisor::attach() {
       spdlog::warn("{}", pinned.message());
     }
   }
-}
-
-void Supervisor::swap_first_law() {
-  if (first_source_.empty()) {
-    return;
-  }
-  const std::string path = options_.law.empty() ? config_.law : options_.law;
-  std::optional<Answer> answer;
-  swaps_->submit(
-      {fs::path(path).filename().string(), first_source_, Json::object()},
-      [&answer](const Answer& got) { answer = got; }, monotonic_ns());
-  turn_until([&answer] { return answer.has_value(); }, 4 * LawdLink::kCompileTimeoutNs);
-  if (!answer) {
-    throw Halt{1, "the first law was not committed"};
-  }
-  if (const auto* refusal = std::get_if<Refusal>(&*answer)) {
-    throw Halt{1, fmt::format("the law {} cannot run: {}", path, words_of(*refusal))};
-  }
-}
-
-void Supervisor::swap_adopted_law() {
-  if (options_.law.empty()) {
-    return;
-  }
-  try {
-    compile_first_law();
-    swap_first_law();
-  } catch (const Halt& halt) {
-    if (stop_asked_ || halt.code == 3) {
-      throw;
-    }
-    spdlog::error("{}; the adopted robot keeps the law it has", halt.message);
-  }
-}
-
-void Supervisor::arm() {
-  if (!options_.arm) {
-    return;
-  }
-  if (first_source_.empty()) {
-    spdlog::warn("not armed: {} names no law; swap one in, then: lithe arm", options_.config_path);
-    return;
-  }
-  const std::int64_t deadline_ns = monotonic_ns() + kArmTimeoutNs;
-  std::optional<Answer> answer;
-  do {
-    answer.reset();
-    wire::Command command;
-    command.kind = static_cast<std::uint32_t>(wire::CommandKind::arm);
-    commands_->send(command, [&answer](const Answer& got) { answer = got; }, monotonic_ns());
-    turn_until([&answer] { return answer.has_value(); }, kArmTimeoutNs);
-    const auto* refusal = answer ? std::get_if<Refusal>(&*answer) : nullptr;
-    if (answer && refusal == nullptr) {
-      return;
-    }
-    if (refusal != nullptr && refusal->code != "refused_not_ready") {
-      throw Halt{3, fmt::format("the robot cannot be armed: {}; {}", refusal->message, refusal->next)};
-    }
-    turn(10);
-  } while (monotonic_ns() < deadline_ns);
-  throw Halt{3, "the robot cannot be armed: not every drive answers; check power, bus and ids in the robot file"};
 }
 
 void Supervisor::open_socket() {

@@ -94,8 +94,10 @@ Answer Client::call(const std::string& verb, const Json& args, int timeout_ms) {
       }
     }
     if (!wait_for(fd_.get(), POLLIN, deadline_ns)) {
-      return Refusal{"timeout", fmt::format("no answer to '{}' within {} ms", verb, timeout_ms),
-                     "look at the log of `lithe run`"};
+      return Refusal{
+          "timeout",
+          fmt::format("{} is not confirmed: no answer within {} ms; it may still take effect", verb, timeout_ms),
+          "see what the robot does: lithe status, or the log of `lithe run`"};
     }
     char chunk[65536];
     const ssize_t got = ::recv(fd_.get(), chunk, sizeof(chunk), 0);

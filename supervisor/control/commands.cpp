@@ -14,36 +14,83 @@ using swap::Refusal;
 using wire::CommandKind;
 using wire::CommandResult;
 
-swap::Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry& now) {
-  const std::string verb(to_string(kind));
+namespace {
+
+// How a robot in this mode, with this fault latched, comes to run its law.
+std::string way_to_active(wire::Mode mode, wire::Fault fault) {
+  switch (mode) {
+    case wire::Mode::estop:
+      return "when it is safe: lithe reset, then lithe arm";
+    case wire::Mode::safe_stop:
+      return fmt::format("find the cause of {} (lithe events), then: lithe reset, then lithe arm", to_string(fault));
+    case wire::Mode::disarmed:
+      return fault == wire::Fault::none
+                 ? "arm first: lithe arm"
+                 : fmt::format("find the cause of {} (lithe events), then: lithe reset, then lithe arm",
+                               to_string(fault));
+    default:
+      return "the robot is running again by now: try once more";
+  }
+}
+
+Refusal refused_by_mode(CommandKind kind, wire::Mode mode, wire::Fault fault) {
+  const std::string code(to_string(CommandResult::refused_mode));
+  if (kind != CommandKind::reset) {
+    return {code, fmt::format("cannot {} in mode {}", to_string(kind), to_string(mode)), way_to_active(mode, fault)};
+  }
+  const bool off = mode == wire::Mode::disarmed;
+  return {code, fmt::format("there is nothing to reset: no fault is latched in mode {}", to_string(mode)),
+          off ? "arm the robot: lithe arm" : "nothing is in its way; lithe disarm switches the drives off"};
+}
+
+Refusal refused_by_estop(CommandKind kind) {
+  const std::string code(to_string(CommandResult::refused_estop));
+  const std::string message = fmt::format("cannot {}: the e-stop is pressed", to_string(kind));
+  if (kind == CommandKind::reset) {
+    return {code, message, "a Brain holds it: reset from there (robot.reset()), or end that Brain and reset again"};
+  }
+  return {code, message,
+          kind == CommandKind::disarm ? "the law is off already; lithe reset leaves the e-stop with the drives off"
+                                      : "when it is safe: lithe reset, then lithe arm"};
+}
+
+Refusal refused_by_law(CommandKind kind) {
+  const std::string code(to_string(CommandResult::refused_law));
+  switch (kind) {
+    case CommandKind::rollback:
+      return {code, "there is no previous law to go back to", "swap a law in instead: lithe swap LAW.cpp"};
+    case CommandKind::set_params:
+      return {code, "another law runs by now, or none; no parameter was changed", "see what runs: lithe param get"};
+    default:
+      return {code, fmt::format("cannot {}: no law is loaded", to_string(kind)),
+              "swap a law in (lithe swap hold), then: lithe arm"};
+  }
+}
+
+}  // namespace
+
+Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry& now) {
   const std::string code(to_string(result));
-  const std::string mode(to_string(static_cast<wire::Mode>(now.mode)));
-  const std::string fault(to_string(static_cast<wire::Fault>(now.fault)));
+  const auto mode = static_cast<wire::Mode>(now.mode);
+  const auto fault = static_cast<wire::Fault>(now.fault);
   switch (result) {
     case CommandResult::refused_mode:
-      if (kind == CommandKind::reset) {
-        return {code, "there is nothing to reset: no fault is latched", "arm the robot"};
-      }
-      return {code, fmt::format("cannot {} in mode {}", verb, mode), "arm first: lithe arm"};
+      return refused_by_mode(kind, mode, fault);
     case CommandResult::refused_estop:
-      return {code, fmt::format("cannot {}: the e-stop is pressed", verb),
-              kind == CommandKind::reset
-                  ? "a Brain holds it: reset from there (robot.reset()), or end that Brain and reset again"
-                  : "when it is safe: lithe reset, then lithe arm"};
+      return refused_by_estop(kind);
     case CommandResult::refused_fault:
-      return {code, fmt::format("cannot {}: fault {} is latched", verb, fault), "find the cause, then: lithe reset"};
+      return {code, fmt::format("cannot {}: fault {} is latched", to_string(kind), to_string(fault)),
+              way_to_active(mode, fault)};
     case CommandResult::refused_law:
-      return {code,
-              kind == CommandKind::rollback ? "there is no previous law to go back to"
-                                            : fmt::format("cannot {}: no such law is running", verb),
-              kind == CommandKind::rollback ? "swap a law in instead" : "swap a law in: lithe swap laws/hold.cpp"};
+      return refused_by_law(kind);
     case CommandResult::refused_range:
       return {code, "a parameter is outside its range or does not exist", "see the ranges: lithe param get"};
     case CommandResult::refused_not_ready:
-      return {code, fmt::format("cannot {}: not every drive answers yet", verb),
-              "try again; lithe status names joints"};
+      return {code, fmt::format("cannot {}: not every drive answers yet", to_string(kind)),
+              "try again; lithe status names the joints that are stale"};
     default:
-      return {code, fmt::format("the Spine does not know the command {}", verb), "build both from the same source"};
+      return {code, fmt::format("the Spine does not know the command {}", to_string(kind)),
+              "build both from the same source"};
   }
 }
 
@@ -127,8 +174,10 @@ void Commands::serve(std::int64_t now_ns) {
     } else if (result == CommandResult::pending && in_time) {
       pending_.push_back(std::move(each));
     } else if (result == CommandResult::pending) {
-      each.callback(Refusal{"timeout", fmt::format("the Spine did not answer {} within 2 s", to_string(kind)),
-                            "is it alive? lithe status"});
+      each.callback(
+          Refusal{"timeout",
+                  fmt::format("{} is not confirmed: no answer within 2 s; it may still take effect", to_string(kind)),
+                  "see what the robot does: lithe status"});
     } else if (result != CommandResult::done) {
       each.callback(refusal_of(kind, result, now));
     } else if (each.seen_at_tick == 0) {

@@ -6,7 +6,6 @@
 #include <spdlog/spdlog.h>
 #include <sys/socket.h>
 
-#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <utility>
@@ -69,20 +68,32 @@ Result<> LawdLink::start(std::int64_t now_ns) {
   return done();
 }
 
-void LawdLink::compile(const std::string& name, const std::string& source, Callback callback, std::int64_t now_ns) {
+LawdLink::Job LawdLink::job(const std::string& name, const std::string& source, Callback callback) {
   const std::uint64_t id = next_id_++;
   const Json request = {{"id", id}, {"verb", "compile"}, {"name", name}, {"source", source}, {"joints", joints_}};
-  pending_[id] = {std::move(callback), swap::dump_line(request) + '\n', now_ns + kCompileTimeoutNs, false};
-  write_requests();
+  return {id, swap::dump_line(request) + '\n', std::move(callback)};
+}
+
+void LawdLink::compile(const std::string& name, const std::string& source, Callback callback, std::int64_t now_ns) {
+  swaps_.push_back(job(name, source, std::move(callback)));
+  write_requests(now_ns);
+}
+
+void LawdLink::check(const std::string& name, const std::string& source, Callback callback, std::int64_t now_ns) {
+  if (checks_.size() >= kMaxChecks) {
+    callback(Refusal{"busy", fmt::format("{} laws wait already to be checked", checks_.size()),
+                     "try again when one of them is answered"});
+    return;
+  }
+  checks_.push_back(job(name, source, std::move(callback)));
+  write_requests(now_ns);
 }
 
 void LawdLink::serve(std::int64_t now_ns) {
   if (process_) {
-    write_requests();
     read_answers();
-    const bool late = std::any_of(pending_.begin(), pending_.end(),
-                                  [now_ns](const auto& each) { return now_ns > each.second.deadline_ns; });
-    if (late) {
+    write_requests(now_ns);
+    if (active_ && now_ns > active_->deadline_ns) {
       process_->signal(SIGKILL);
       process_->wait(1000);
       buried("it took too long and was stopped", now_ns);
@@ -95,21 +106,23 @@ void LawdLink::serve(std::int64_t now_ns) {
     const Result<> started = start(now_ns);
     if (!started) {
       buried(started.message(), now_ns);
+      refuse_waiting(started.message());
     } else {
       spdlog::warn("compile service started again (pid {})", pid());
+      write_requests(now_ns);
     }
   }
 }
 
-void LawdLink::write_requests() {
+void LawdLink::write_requests(std::int64_t now_ns) {
   if (!process_) {
     return;
   }
-  for (auto& [id, each] : pending_) {
-    if (!each.sent) {
-      out_ += each.request;
-      each.sent = true;
-    }
+  if (!active_ && !(swaps_.empty() && checks_.empty())) {
+    std::deque<Job>& from = swaps_.empty() ? checks_ : swaps_;
+    out_ += from.front().request;
+    active_ = Active{from.front().id, std::move(from.front().callback), now_ns + kCompileTimeoutNs};
+    from.pop_front();
   }
   while (!out_.empty()) {
     const ssize_t sent = ::send(socket_.get(), out_.data(), out_.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
@@ -136,12 +149,11 @@ void LawdLink::take(const std::string& line) {
   if (!answer.is_object() || !answer.contains("id") || !answer["id"].is_number_unsigned()) {
     return;  // its greeting, or a line somebody's tool printed
   }
-  const auto found = pending_.find(answer["id"].get<std::uint64_t>());
-  if (found == pending_.end()) {
+  if (!active_ || active_->id != answer["id"].get<std::uint64_t>()) {
     return;
   }
-  const Callback callback = std::move(found->second.callback);
-  pending_.erase(found);
+  const Callback callback = std::move(active_->callback);
+  active_.reset();
   try {
     callback(answer.value("ok", false) ? Answer(answer) : Answer(refusal_of(answer)));
   } catch (const Json::exception& wrong) {
@@ -155,19 +167,23 @@ void LawdLink::buried(std::string why, std::int64_t now_ns) {
   process_.reset();
   socket_.reset();
   restart_at_ns_ = now_ns + kRestartPauseNs;
-  // What it had in its hands is refused; what it never saw waits for its successor.
-  std::vector<Callback> victims;
-  for (auto it = pending_.begin(); it != pending_.end();) {
-    if (it->second.sent || now_ns > it->second.deadline_ns) {
-      victims.push_back(std::move(it->second.callback));
-      it = pending_.erase(it);
-    } else {
-      ++it;
-    }
+  if (!active_) {
+    return;
   }
-  for (const Callback& callback : victims) {
-    callback(Refusal{"lawd_died", fmt::format("the compile service died over this law: {}", why),
-                     "the running law is unchanged; the service is started again, try once more"});
+  // What it had in its hands is refused; what it never saw waits for its successor.
+  const Callback callback = std::move(active_->callback);
+  active_.reset();
+  callback(Refusal{"lawd_died", fmt::format("the compile service died over this law: {}", why),
+                   "the running law is unchanged; the service is started again, try once more"});
+}
+
+// No successor either: nobody waits for one that may never come.
+void LawdLink::refuse_waiting(const std::string& why) {
+  for (std::deque<Job>* jobs : {&swaps_, &checks_}) {
+    for (const Job& each : std::exchange(*jobs, {})) {
+      each.callback(Refusal{"lawd_failed", fmt::format("the compile service cannot be started: {}", why),
+                            "the running law is unchanged; is the build complete (make)?"});
+    }
   }
 }
 

@@ -3,8 +3,8 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <functional>
-#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -17,11 +17,13 @@
 
 namespace lithe::control {
 
+// Hands over one law at a time, so that a law that takes too long, or kills the service, costs only itself.
 // Contract: one thread · never blocks after start() · every compile is answered once, also when lawd dies.
 class LawdLink {
  public:
   using Callback = std::function<void(const swap::Answer&)>;
-  static constexpr std::int64_t kCompileTimeoutNs = 60'000'000'000;
+  static constexpr std::int64_t kCompileTimeoutNs = 60'000'000'000;  // from the moment that lawd has it
+  static constexpr std::size_t kMaxChecks = 8;
   static constexpr std::int64_t kRestartPauseNs = 500'000'000;
 
   // `program`: path of lawd; `cpus`: cores it and its compilers may use; `joints`: of the robot its laws are tried for.
@@ -32,6 +34,8 @@ class LawdLink {
   Result<> start(std::int64_t now_ns);
   // The answer is lawd's own on success; a Refusal carries the diagnostics in `detail`.
   void compile(const std::string& name, const std::string& source, Callback callback, std::int64_t now_ns);
+  // The same for a law that is only tried: every compile() goes before it, and kMaxChecks at most wait.
+  void check(const std::string& name, const std::string& source, Callback callback, std::int64_t now_ns);
   // Reads answers, notices a death, starts it again. Call after poll() and at least ten times a second.
   void serve(std::int64_t now_ns);
   void stop();
@@ -41,17 +45,23 @@ class LawdLink {
   unsigned restarts() const { return restarts_; }
 
  private:
-  struct Pending {
-    Callback callback;
+  struct Job {
+    std::uint64_t id;
     std::string request;
+    Callback callback;
+  };
+  struct Active {
+    std::uint64_t id;
+    Callback callback;
     std::int64_t deadline_ns;
-    bool sent;
   };
 
+  Job job(const std::string& name, const std::string& source, Callback callback);
   void read_answers();
-  void write_requests();
+  void write_requests(std::int64_t now_ns);
   void take(const std::string& line);
   void buried(std::string why, std::int64_t now_ns);  // by value: it may be the dead process's own verdict
+  void refuse_waiting(const std::string& why);
 
   std::string program_;
   std::vector<int> cpus_;
@@ -60,7 +70,9 @@ class LawdLink {
   Fd socket_;
   LineBuffer in_{std::size_t{64} << 20};
   std::string out_;
-  std::map<std::uint64_t, Pending> pending_;
+  std::deque<Job> swaps_;
+  std::deque<Job> checks_;
+  std::optional<Active> active_;  // what lawd has in its hands
   std::uint64_t next_id_ = 1;
   std::int64_t restart_at_ns_ = 0;
   unsigned restarts_ = 0;

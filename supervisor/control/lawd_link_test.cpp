@@ -7,6 +7,8 @@
 #include <signal.h>
 
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "spine/core/time.hpp"
 
@@ -38,8 +40,17 @@ class LawdLinkTest : public testing::Test {
     while (!done() && monotonic_ns() < deadline_ns) {
       pollfd wait{lawd_.poll_fd(), POLLIN, 0};
       ::poll(&wait, 1, 10);
-      lawd_.serve(monotonic_ns());
+      lawd_.serve(monotonic_ns() + ahead_ns_);
     }
+  }
+  // The service does not get to see anything before this ends.
+  void freeze() { ::kill(lawd_.pid(), SIGSTOP); }
+  LawdLink::Callback into(std::optional<Answer>& answer) {
+    return [&answer](const Answer& got) { answer = got; };
+  }
+  static std::string code_of(const std::optional<Answer>& answer) {
+    const auto* refusal = answer ? std::get_if<Refusal>(&*answer) : nullptr;
+    return !answer ? "none" : refusal == nullptr ? "done" : refusal->code;
   }
   Answer compile(const std::string& source) {
     std::optional<Answer> answer;
@@ -49,6 +60,7 @@ class LawdLinkTest : public testing::Test {
   }
 
   LawdLink lawd_{LITHE_LAWD, {}, 1};
+  std::int64_t ahead_ns_ = 0;  // of the clock
 };
 
 TEST_F(LawdLinkTest, CompilesALawAndDescribesIt) {
@@ -79,6 +91,62 @@ TEST_F(LawdLinkTest, ADeathRefusesWhatItHadInHandsAndANewOneServesTheNext) {
   EXPECT_TRUE(std::holds_alternative<Json>(compile(kLaw)));
   EXPECT_NE(lawd_.pid(), first);
   EXPECT_EQ(lawd_.restarts(), 1U);
+}
+
+TEST_F(LawdLinkTest, EightChecksWaitAndTheNinthIsRefusedAtOnce) {
+  freeze();
+  const std::int64_t now_ns = monotonic_ns();
+  std::vector<std::optional<Answer>> answers(LawdLink::kMaxChecks + 2);  // one is in its hands, eight wait
+  for (auto& each : answers) {
+    lawd_.check("rest.cpp", kLaw, into(each), now_ns);
+  }
+  EXPECT_EQ(code_of(answers.back()), "busy");
+  EXPECT_EQ(code_of(answers.front()), "none");
+  ::kill(lawd_.pid(), SIGCONT);
+  serve_until([&] { return answers[LawdLink::kMaxChecks].has_value(); });
+  for (std::size_t i = 0; i <= LawdLink::kMaxChecks; ++i) {
+    EXPECT_EQ(code_of(answers[i]), "done") << i;
+  }
+  std::optional<Answer> again;
+  lawd_.check("rest.cpp", kLaw, into(again), monotonic_ns());
+  serve_until([&] { return again.has_value(); });
+  EXPECT_EQ(code_of(again), "done");
+}
+
+TEST_F(LawdLinkTest, OnlyTheOldestRunsOutOfTimeAndTheOthersGetTheirs) {
+  freeze();
+  const std::int64_t now_ns = monotonic_ns();
+  std::optional<Answer> first, second;
+  lawd_.check("rest.cpp", kLaw, into(first), now_ns);
+  lawd_.check("rest.cpp", kLaw, into(second), now_ns);
+  ahead_ns_ = LawdLink::kCompileTimeoutNs + kNsPerS;
+  serve_until([&] { return first.has_value(); });
+  EXPECT_EQ(code_of(first), "lawd_died");
+  EXPECT_EQ(code_of(second), "none");
+  serve_until([&] { return second.has_value(); });
+  EXPECT_EQ(code_of(second), "done");
+}
+
+TEST_F(LawdLinkTest, ASwapGoesBeforeEveryCheckThatWaits) {
+  freeze();
+  std::vector<std::string> order;
+  const auto as = [&order](const char* who) { return [&order, who](const Answer&) { order.push_back(who); }; };
+  lawd_.check("rest.cpp", kLaw, as("in its hands"), monotonic_ns());
+  lawd_.check("rest.cpp", kLaw, as("check"), monotonic_ns());
+  lawd_.compile("rest.cpp", kLaw, as("swap"), monotonic_ns());
+  ::kill(lawd_.pid(), SIGCONT);
+  serve_until([&] { return order.size() == 3; });
+  EXPECT_EQ(order, (std::vector<std::string>{"in its hands", "swap", "check"}));
+}
+
+TEST(LawdLinkWithoutAService, RefusesWhatWaitsWhenItCannotBeStarted) {
+  LawdLink lawd("/nowhere/lawd", {}, 1);
+  ASSERT_FALSE(lawd.start(0));
+  std::optional<Answer> answer;
+  lawd.compile("rest.cpp", kLaw, [&answer](const Answer& got) { answer = got; }, 0);
+  lawd.serve(LawdLink::kRestartPauseNs);
+  ASSERT_TRUE(answer && std::holds_alternative<Refusal>(*answer));
+  EXPECT_EQ(std::get<Refusal>(*answer).code, "lawd_failed");
 }
 
 }  // namespace

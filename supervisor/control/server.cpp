@@ -8,6 +8,7 @@
 
 #include <cerrno>
 #include <cstring>
+#include <exception>
 #include <utility>
 
 namespace lithe::control {
@@ -153,6 +154,9 @@ void Server::handle(std::uint64_t key, Client& client, const std::string& line) 
   } catch (const Json::exception& wrong) {
     reply(to, Refusal{"usage", fmt::format("an argument has the wrong type: {}", wrong.what()),
                       "compare with the verb's arguments in docs"});
+  } catch (const std::exception& wrong) {
+    reply(to, Refusal{"internal", fmt::format("the supervisor went wrong over this request: {}", wrong.what()),
+                      "the robot goes on; lithe status shows whether the request took effect"});
   }
 }
 

@@ -10,6 +10,7 @@
 #include <atomic>
 #include <cstring>
 #include <filesystem>
+#include <stdexcept>
 #include <thread>
 
 #include "supervisor/control/client.hpp"
@@ -26,6 +27,8 @@ class ServerTest : public testing::Test {
     auto server = Server::listen(path_, [this](const ReplyTo& to, const std::string& verb, const Json& args) {
       if (verb == "later") {
         waiting_.push_back(to);
+      } else if (verb == "throws") {
+        throw std::runtime_error("no such luck");
       } else if (verb == "typed") {
         server_->reply(to, Json{{"n", args.value("n", 1)}});
       } else {
@@ -114,6 +117,15 @@ TEST_F(ServerTest, AnArgumentOfTheWrongTypeIsAUsageError) {
   const Fd fd = raw();
   send(fd, "{\"id\":1,\"verb\":\"typed\",\"args\":{\"n\":\"three\"}}\n");
   EXPECT_EQ(line_from(fd)["error"]["code"], "usage");
+}
+
+TEST_F(ServerTest, AnExceptionInAVerbIsAnsweredAndTheOthersGoOn) {
+  auto client = Client::connect(path_);
+  const Answer answer = client->call("throws", Json::object(), 5000);
+  ASSERT_TRUE(std::holds_alternative<Refusal>(answer));
+  EXPECT_EQ(std::get<Refusal>(answer).code, "internal");
+  EXPECT_NE(std::get<Refusal>(answer).message.find("no such luck"), std::string::npos);
+  EXPECT_TRUE(std::holds_alternative<Json>(client->call("echo", Json::object(), 5000)));
 }
 
 TEST_F(ServerTest, RefusesARequestOverOneMebibyteAndOnlyItsSenderIsCutOff) {

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <fstream>
 #include <iterator>
 
 #include "spine/core/histogram.hpp"
@@ -15,12 +16,28 @@ namespace lithe::control {
 using Spine = ipc::Segment<ipc::SpineMemory>;
 using Control = ipc::Segment<ipc::ControlMemory>;
 
-pid_t live_spine(const std::string& robot) {
+std::optional<pid_t> live_spine(const std::string& robot) {
   if (!ipc::Lease::is_held(Spine::path(robot))) {
-    return 0;
+    return std::nullopt;
   }
-  const Result<Spine> spine = Spine::attach(robot, ipc::Access::read);
-  return spine ? static_cast<pid_t>(ipc::load_word((*spine)->header.writer_pid, std::memory_order_relaxed)) : 0;
+  // Read as bytes: a Spine of another build has another layout, but its header is ours.
+  wire::SegmentHeader header{};
+  std::ifstream file(Spine::path(robot), std::ios::binary);
+  file.read(reinterpret_cast<char*>(&header), sizeof(header));
+  const bool known = file.gcount() == sizeof(header) && header.magic == wire::kMagic;
+  return known ? static_cast<pid_t>(header.writer_pid) : 0;
+}
+
+bool remove_segments(const std::string& robot) {
+  const auto lease = ipc::Lease::try_take(Spine::path(robot));
+  if (!lease || !*lease) {
+    return false;
+  }
+  for (const std::string& path :
+       {Spine::path(robot), Control::path(robot), ipc::Segment<ipc::BrainMemory>::path(robot)}) {
+    ipc::remove_segment(path);
+  }
+  return true;
 }
 
 Result<> press_estop(const std::string& robot) {
@@ -131,6 +148,8 @@ std::vector<wire::Event> SpineLink::drain_events() {
 void SpineLink::heartbeat(std::int64_t now_ns) {
   std::atomic_ref<std::int64_t>(control_->header.heartbeat_ns).store(now_ns, std::memory_order_release);
 }
+
+void SpineLink::press_estop() { ipc::store_word(control_->estop.value, 1, std::memory_order_release); }
 
 void SpineLink::release_estop() {
   ipc::store_word(control_->estop.value, 0, std::memory_order_release);

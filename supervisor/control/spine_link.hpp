@@ -28,8 +28,12 @@ struct Quantiles {
   std::uint64_t count;
 };
 
-// The pid of the live Spine of this robot, 0 when there is none: its lease is held.
-pid_t live_spine(const std::string& robot);
+// The live Spine of this robot: whoever holds its lease. Its pid comes from the segment's header, which is the same in
+// every layout; 0 where that cannot be read. Nothing when no Spine lives.
+std::optional<pid_t> live_spine(const std::string& robot);
+
+// Removes the three segments, but never those of a live Spine, whoever started it: false when one holds them.
+bool remove_segments(const std::string& robot);
 
 // Sets the sticky e-stop word whoever holds the lease: an e-stop asks nobody. For use with and without a supervisor.
 Result<> press_estop(const std::string& robot);
@@ -64,6 +68,7 @@ class SpineLink {
   }
 
   void heartbeat(std::int64_t now_ns);
+  void press_estop();
   void release_estop();
 
  private:

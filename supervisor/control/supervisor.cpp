@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The supervisor's day: one turn after the other, and the end.
+// The supervisor's day: one turn after the other.
 #include "supervisor/control/supervisor.hpp"
 
 #include <fcntl.h>
@@ -9,7 +9,7 @@
 #include <sys/signalfd.h>
 
 #include <algorithm>
-#include <filesystem>
+#include <exception>
 #include <utility>
 
 #include "spine/core/host.hpp"
@@ -35,35 +35,45 @@ Supervisor::Supervisor(RunOptions options, robot::RobotConfig config)
 Supervisor::~Supervisor() = default;
 
 int Supervisor::run() {
-  int code = 0;
+  const int lived = code_of([this] { live(); });
+  const int ended = code_of([this] { stop(); });  // whatever went wrong before, the drives are switched off
+  return std::max(lived, ended);
+}
+
+int Supervisor::code_of(const std::function<void()>& part) {
   try {
-    take_lease();
-    catch_signals();
-    start_lawd();
-    if (const pid_t pid = live_spine(config_.name); pid != 0) {
-      adopt_spine(pid);
-      attach();
-      swap_adopted_law();
-    } else {
-      compile_first_law();
-      start_spine();
-      attach();
-      swap_first_law();
-      arm();
-    }
-    open_socket();
-    announce();
-    while (!stop_asked_) {
-      turn(kIdleTurnMs);
-    }
+    part();
+    return 0;
   } catch (const Halt& halt) {
-    code = halt.code;
     if (!halt.message.empty()) {
       spdlog::error("{}", halt.message);
     }
+    return halt.code;
+  } catch (const std::exception& wrong) {
+    spdlog::error("the supervisor itself went wrong: {}", wrong.what());
+    return 3;
   }
-  stop();
-  return code;
+}
+
+void Supervisor::live() {
+  take_lease();
+  catch_signals();
+  start_lawd();
+  if (const auto pid = live_spine(config_.name)) {
+    adopt_spine(*pid);
+    swap_adopted_law();
+  } else {
+    compile_first_law();
+    start_spine();
+    attach();
+    swap_first_law();
+    arm();
+  }
+  open_socket();
+  announce();
+  while (!stop_asked_) {
+    turn(kIdleTurnMs);
+  }
 }
 
 void Supervisor::turn(int timeout_ms) {
@@ -192,54 +202,9 @@ void Supervisor::spine_died() {
     commands_->refuse_all(reason);
   }
   why += fmt::format("; the drives' own watchdogs stop the robot; its last words are in {}", log_path_);
-  const bool wrong_file = !link_ && spine_->exit_code() == 2;
-  throw Halt{wrong_file ? 2 : 3, why};
-}
-
-void Supervisor::stop() {
-  stopping_ = true;
-  // A Spine we could not adopt goes on as we found it.
-  if (spine_ && !spine_->ended() && (link_ || !adopted_)) {
-    stop_spine();
-  }
-  if (server_) {
-    server_->flush(200);
-    server_.reset();
-  }
-  lawd_.stop();
-  if (owns_files_) {
-    std::error_code ignored;
-    std::filesystem::remove(fmt::format("{}/{}.pid", run_dir(), config_.name), ignored);
-    if (!spine_ || spine_->ended()) {
-      ipc::remove_segment(ipc::Segment<ipc::SpineMemory>::path(config_.name));
-      ipc::remove_segment(ipc::Segment<ipc::ControlMemory>::path(config_.name));
-      ipc::remove_segment(ipc::Segment<ipc::BrainMemory>::path(config_.name));
-    }
-  }
-}
-
-void Supervisor::stop_spine() {
-  if (link_) {
-    swaps_->refuse_all({"stopping", "the robot is being stopped", "start it again: lithe run"}, monotonic_ns());
-    bool answered = false;
-    wire::Command disarm;
-    disarm.kind = static_cast<std::uint32_t>(wire::CommandKind::disarm);
-    commands_->send(disarm, [&answered](const Answer&) { answered = true; }, monotonic_ns());
-    turn_until([&] { return answered || spine_->ended(); }, kNsPerS);
-    commands_->refuse_all({"stopping", "the robot is being stopped", "start it again: lithe run"});
-  }
-  spine_->signal(SIGTERM);
-  const std::int64_t deadline_ns = monotonic_ns() + 5 * kNsPerS;
-  while (!spine_->wait(20) && monotonic_ns() < deadline_ns) {
-    forward_spine_log();
-  }
-  if (!spine_->ended()) {
-    spdlog::error("the Spine did not stop within 5 s: killed; the drives' watchdogs switch off");
-    spine_->signal(SIGKILL);
-    spine_->wait(2000);
-  }
-  forward_spine_log();
-  spdlog::info("robot '{}' stopped; Spine: {}", config_.name, spine_->verdict());
+  // Before it was ready it drove nothing, and its own code says whether it refused (1) or its file is wrong (2).
+  const int said = link_ ? 0 : spine_->exit_code().value_or(0);
+  throw Halt{said == 1 || said == 2 ? said : 3, why};
 }
 
 }  // namespace lithe::control

@@ -13,6 +13,7 @@
 #include "spine/ipc/segment.hpp"
 #include "spine/robot/config.hpp"
 #include "supervisor/control/commands.hpp"
+#include "supervisor/control/drives.hpp"
 #include "supervisor/control/event_log.hpp"
 #include "supervisor/control/lawd_link.hpp"
 #include "supervisor/control/noise.hpp"
@@ -32,7 +33,8 @@ struct RunOptions {
 };
 
 // Checks, starts, serves until SIGINT, SIGTERM or a shutdown request, stops. Returns the exit code of `lithe run`:
-// 0 stopped as asked, 1 refused, 2 wrong robot file, 3 the Spine died.
+// 0 stopped as asked, 1 refused, 2 wrong robot file, 3 the Spine died, the supervisor itself went wrong, or it could
+// not confirm that every drive is off.
 int run_robot(const RunOptions& options);
 
 // Contract: one thread; blocks SIGINT, SIGTERM and SIGHUP for the process.
@@ -49,6 +51,10 @@ class Supervisor {
     std::string message;
   };
 
+  // Runs a part of the run to its end, says what went wrong, returns the exit code. Lets nothing escape.
+  static int code_of(const std::function<void()>& part);
+  void live();
+
   // Boot, in this order; each throws Halt when the robot cannot run.
   void take_lease();
   void catch_signals();
@@ -57,6 +63,7 @@ class Supervisor {
   void start_spine();
   void adopt_spine(pid_t pid);
   void attach();
+  void serve_spine(SpineLink link);
   void swap_first_law();
   void swap_adopted_law();
   void arm();
@@ -74,8 +81,12 @@ class Supervisor {
   void forward_spine_log();
   [[noreturn]] void spine_died();
 
+  // Halts with 3 when not every drive is known to be off.
   void stop();
-  void stop_spine();
+  // True when the drives are known to be off.
+  bool stop_spine();
+  // Asks for drives off and waits for the drives themselves to say so; what they said last.
+  Drives switch_off();
 
   RunOptions options_;
   robot::RobotConfig config_;

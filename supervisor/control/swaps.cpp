@@ -76,8 +76,23 @@ void Swaps::submit(swap::Request request, Callback callback, std::int64_t now_ns
     callback(Refusal{"busy", fmt::format("{} swaps wait already", swap::Queue::kMaxWaiting), "try again later"});
     return;
   }
-  callbacks_[id] = std::move(callback);
+  waiting_[id] = {std::move(callback), {}};
+  keep_record(*queue_.newest());
   queue_.step(now_ns);
+}
+
+void Swaps::keep_record(const swap::Transaction& swap) {
+  std::filesystem::path& record = waiting_[swap.request_id()].record;
+  const Json certificate = swap.certificate();
+  if (!record.empty()) {
+    if (const auto written = swap::RecordBook::rewrite(record, certificate); !written) {
+      spdlog::warn("{}", written.message());
+    }
+  } else if (const auto path = book_.write(certificate)) {
+    record = *path;
+  } else {
+    spdlog::warn("{}", path.message());
+  }
 }
 
 std::uint64_t Swaps::missed_releases() const {
@@ -199,15 +214,13 @@ void Swaps::serve(std::int64_t now_ns) {
 
 void Swaps::finish(const swap::Transaction& swap) {
   ticket_.reset();
+  keep_record(swap);
   const Json certificate = swap.certificate();
-  if (const auto path = book_.write(certificate); !path) {
-    spdlog::warn("{}", path.message());
-  }
-  const auto found = callbacks_.find(swap.request_id());
-  const Callback callback = found == callbacks_.end() ? [](const Answer&) {} : std::move(found->second);
-  callbacks_.erase(swap.request_id());
+  const Callback callback = std::move(waiting_[swap.request_id()].callback);
+  waiting_.erase(swap.request_id());
   if (swap.refusal()) {
-    note(swap, "swap_refused", fmt::format("{}: {}", swap.request().name, swap.refusal()->message));
+    note(swap, swap.confirmed() ? "swap_refused" : "swap_not_confirmed",
+         fmt::format("{}: {}", swap.request().name, swap.refusal()->message));
     Refusal refusal = *swap.refusal();
     if (refusal.detail.is_null()) {
       refusal.detail = Json::object();
@@ -223,7 +236,9 @@ void Swaps::finish(const swap::Transaction& swap) {
         [certificate, callback](const Answer& answer) {
           if (const auto* refusal = std::get_if<Refusal>(&answer)) {
             callback(Refusal{refusal->code,
-                             "the law runs, its parameters do not: " + refusal->message,
+                             (refusal->code == "timeout" ? "the law runs; its parameters: "
+                                                         : "the law runs, its parameters do not: ") +
+                                 refusal->message,
                              refusal->next,
                              {{"swap", certificate}}});
           } else {

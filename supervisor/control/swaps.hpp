@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <map>
 #include <optional>
@@ -16,7 +17,8 @@
 
 namespace lithe::control {
 
-// Contract: one thread · never blocks · every submit is answered once and leaves one record, client or no client.
+// Contract: one thread · never blocks · every submit is answered once, and leaves one record from the moment it
+// is queued: a client that goes away, or a supervisor that dies, does not take it along.
 class Swaps {
  public:
   using Callback = std::function<void(const swap::Answer&)>;
@@ -37,6 +39,7 @@ class Swaps {
   void stage(const swap::Transaction& swap);
   void poll_stage(std::int64_t now_ns);
   void finish(const swap::Transaction& swap);
+  void keep_record(const swap::Transaction& swap);
   void note(const swap::Transaction& swap, const char* kind, const std::string& text);
   std::uint64_t missed_releases() const;
 
@@ -46,7 +49,11 @@ class Swaps {
   EventLog& log_;
   swap::RecordBook book_;
   swap::Queue queue_;
-  std::map<std::uint64_t, Callback> callbacks_;
+  struct Waiting {
+    Callback callback;
+    std::filesystem::path record;  // empty: it could not be written
+  };
+  std::map<std::uint64_t, Waiting> waiting_;
   std::optional<std::uint64_t> ticket_;  // of the stage request under way
   std::optional<wire::Event> commit_;    // seen, not yet answered
   std::int64_t stage_refused_ns_ = 0;    // the Loader said no; its event may still bring the words

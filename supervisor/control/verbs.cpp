@@ -109,7 +109,9 @@ void Verbs::handle(const ReplyTo& to, const std::string& verb, const Json& args)
 }
 
 void Verbs::command(wire::CommandKind kind, const ReplyTo& to) {
-  if (kind == wire::CommandKind::reset) {
+  if (kind == wire::CommandKind::estop) {
+    parts_.spine.press_estop();  // holds even if the command after it is lost or refused
+  } else if (kind == wire::CommandKind::reset) {
     parts_.spine.release_estop();
   }
   wire::Command command;
@@ -158,7 +160,7 @@ void Verbs::check_law(const ReplyTo& to, const Json& args) {
     return;
   }
   const auto& [name, source, params] = std::get<swap::Request>(request);
-  parts_.lawd.compile(
+  parts_.lawd.check(
       name, source,
       [this, to](const Answer& answer) {
         Answer out = answer;

@@ -6,6 +6,21 @@
 #include <utility>
 
 namespace lithe::swap {
+namespace {
+
+// Once the Loader has the law, nobody here can call it back: it may still be committed.
+Refusal too_late(const Transaction& swap, std::int64_t limit_ns) {
+  const bool compiling = swap.stage() == Stage::submitted;
+  const char* step = compiling ? "compiling" : swap.stage() == Stage::compiled ? "loading" : "committing";
+  const std::string what =
+      fmt::format("{} '{}' took longer than {} s", step, swap.request().name, limit_ns / 1'000'000'000);
+  return compiling
+             ? Refusal{"timeout", what, "the running law is unchanged; try again, or look at the log of `lithe run`"}
+             : Refusal{"timeout", "the swap is not confirmed: " + what + "; it may still take effect",
+                       "see which law runs: lithe status"};
+}
+
+}  // namespace
 
 Queue::Queue(Ports ports, std::uint64_t first_request_id, Timeouts timeouts)
     : ports_(std::move(ports)), timeouts_(timeouts), next_id_(first_request_id) {}
@@ -73,12 +88,7 @@ void Queue::step(std::int64_t now_ns) {
     const bool staging = swap.stage() == Stage::compiled;
     const std::int64_t limit_ns = compiling ? timeouts_.compile_ns : staging ? timeouts_.stage_ns : timeouts_.commit_ns;
     if (now_ns - swap.stage_since_ns() > limit_ns) {
-      const char* step = compiling ? "compiling" : staging ? "loading" : "committing";
-      on_refused(
-          swap.request_id(),
-          {"timeout", fmt::format("{} '{}' took longer than {} s", step, swap.request().name, limit_ns / 1'000'000'000),
-           "the running law is unchanged; try again, or look at the log of `lithe run`"},
-          now_ns);
+      on_refused(swap.request_id(), too_late(swap, limit_ns), now_ns);
     }
   }
   if (!running_ && !waiting_.empty()) {

@@ -47,6 +47,7 @@ class Queue {
 
   bool idle() const { return waiting_.empty(); }
   std::size_t size() const { return waiting_.size(); }
+  const Transaction* newest() const { return waiting_.empty() ? nullptr : &waiting_.back(); }
   const Transaction* head() const { return waiting_.empty() ? nullptr : &waiting_.front(); }
 
  private:

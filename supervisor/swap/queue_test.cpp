@@ -88,7 +88,20 @@ TEST_F(QueueTest, AStepThatTakesTooLongIsRefusedAndTheNextOneStarts) {
   queue.step(61'000'000'000);
   ASSERT_EQ(verdicts.size(), 1U);
   EXPECT_EQ(verdicts[0]["error"]["code"], "timeout");
+  EXPECT_EQ(verdicts[0]["verdict"], "refused");
   EXPECT_EQ(compiling.size(), 2U);
+}
+
+TEST_F(QueueTest, WhatTheSpineMayStillCommitIsNotCalledRefused) {
+  Queue queue = make();
+  queue.submit(named("slow"), 1);
+  queue.step(1);
+  queue.on_compiled(100, law("slow"), 2);
+  queue.step(11'000'000'000);
+  ASSERT_EQ(verdicts.size(), 1U);
+  EXPECT_EQ(verdicts[0]["verdict"], "not_confirmed");
+  EXPECT_EQ(verdicts[0]["error"]["code"], "timeout");
+  EXPECT_NE(verdicts[0]["error"]["message"].get<std::string>().find("may still take effect"), std::string::npos);
 }
 
 TEST_F(QueueTest, TakesAtMostSixtyFourWaitingRequests) {

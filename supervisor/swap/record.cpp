@@ -32,6 +32,15 @@ Result<std::filesystem::path> RecordBook::write(const Json& certificate) {
     next_ = next_number();
   }
   const std::filesystem::path path = dir_ / fmt::format("{:04}.json", next_);
+  if (const auto written = rewrite(path, certificate); !written) {
+    return written.error();
+  }
+  ++next_;
+  return path;
+}
+
+Result<> RecordBook::rewrite(const std::filesystem::path& path, const Json& certificate) {
+  std::error_code failure;
   const std::filesystem::path draft = path.string() + ".draft";
   {
     std::ofstream file(draft, std::ios::binary | std::ios::trunc);
@@ -48,8 +57,7 @@ Result<std::filesystem::path> RecordBook::write(const Json& certificate) {
   if (failure) {
     return Error{fmt::format("cannot rename {}: {}", draft.string(), failure.message())};
   }
-  ++next_;
-  return path;
+  return done();
 }
 
 }  // namespace lithe::swap

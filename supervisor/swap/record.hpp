@@ -14,8 +14,10 @@ class RecordBook {
  public:
   explicit RecordBook(std::filesystem::path dir) : dir_(std::move(dir)) {}
 
-  // Path of the file written. A full disk is an Error the robot survives: the caller warns and goes on.
+  // Path of the new file. A full disk is an Error the robot survives: the caller warns and goes on.
   Result<std::filesystem::path> write(const Json& certificate);
+  // Replaces what write() made there, in one step.
+  static Result<> rewrite(const std::filesystem::path& path, const Json& certificate);
 
  private:
   int next_number() const;

@@ -34,6 +34,15 @@ TEST_F(RecordTest, NumbersFilesAndGoesOnWhereAnEarlierRunStopped) {
   EXPECT_EQ(Json::parse(file)["law"], "hold");
 }
 
+TEST_F(RecordTest, RewritesTheRecordItHasAndUsesNoNewNumber) {
+  RecordBook book(dir_);
+  const auto path = book.write({{"verdict", "submitted"}});
+  ASSERT_TRUE(path && RecordBook::rewrite(*path, {{"verdict", "committed"}}));
+  std::ifstream file(*path);
+  EXPECT_EQ(Json::parse(file)["verdict"], "committed");
+  EXPECT_EQ(book.write({{"verdict", "submitted"}})->filename(), "0002.json");
+}
+
 TEST_F(RecordTest, AFullDiskIsAnErrorAndLeavesNoFile) {
   fs::create_directories(dir_);
   fs::create_symlink("/dev/full", dir_ / "0001.json.draft");

@@ -85,10 +85,15 @@ bool Transaction::mark_refused(Refusal reason, std::int64_t now_ns) {
   return true;
 }
 
+bool Transaction::confirmed() const {
+  return !refusal_ || refusal_->code != "timeout" || refused_in_ == Stage::submitted;
+}
+
 Json Transaction::certificate() const {
+  const char* verdict = confirmed() ? to_string(stage_) : "not_confirmed";
   Json out;
   out["request_id"] = request_id_;
-  out["verdict"] = to_string(stage_);
+  out["verdict"] = verdict;
   out["law"] = compiled_.law;
   out["source"] = request_.name;
   out["hash"] = compiled_.hash;
@@ -103,7 +108,7 @@ Json Transaction::certificate() const {
   }
   Json times = {{"submitted", submitted_ns_}};
   const std::pair<const char*, std::int64_t> steps[] = {
-      {"started", started_ns_}, {"compiled", compiled_ns_}, {"staged", staged_ns_}, {to_string(stage_), finished_ns_}};
+      {"started", started_ns_}, {"compiled", compiled_ns_}, {"staged", staged_ns_}, {verdict, finished_ns_}};
   for (const auto& [word, t_ns] : steps) {
     if (t_ns != 0) {
       times[word] = t_ns;

@@ -55,6 +55,8 @@ class Transaction {
   Stage stage() const { return stage_; }
   bool finished() const { return stage_ == Stage::committed || stage_ == Stage::refused; }
   const std::optional<Refusal>& refusal() const { return refusal_; }
+  // False for a swap that ran out of time with the Spine: the law may still be committed.
+  bool confirmed() const;
   std::int64_t stage_since_ns() const { return stage_since_ns_; }
 
   // The first-form certificate: who, what, when, verdict. Times are CLOCK_MONOTONIC nanoseconds.

@@ -4,14 +4,12 @@
 from collections.abc import Iterator
 
 import pytest
-from system.house import BIN, House
+from system.house import House
 
 
 @pytest.fixture
 def house() -> Iterator[House]:
     """A place for one robot."""
-    if not (BIN / "lithe-spine").exists():
-        pytest.skip(f"no binaries in {BIN}: make, or set LITHE_BIN_DIR")
     place = House()
     yield place
     place.close()

@@ -4,10 +4,10 @@
 import contextlib
 import json
 import os
-import shutil
 import signal
 import socket
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -18,13 +18,22 @@ BIN = Path(os.environ.get("LITHE_BIN_DIR", ROOT / "build" / "release" / "bin"))
 START_S = 90.0
 
 
+def need(*names: str) -> None:
+    """A test without its programs has failed: one that is skipped has shown nothing, and nobody reads that."""
+    for name in names:
+        assert (BIN / name).exists(), f"no {name} in {BIN}: run `make`, or set LITHE_BIN_DIR"
+
+
 class House:
     """Where one robot lives: its directories, its environment, the processes started for it."""
 
     def __init__(self) -> None:
-        """Make empty directories; nothing runs yet."""
+        """Make empty directories; nothing runs yet but who clears up when the test run dies."""
+        need("lithe", "lithe-spine", "lawd")
         self.dir = Path(tempfile.mkdtemp(prefix="lithe-"))
         self.prefix = f"t{self.dir.name[6:]}"
+        janitor = [sys.executable, "-IS", Path(__file__).with_name("janitor.py"), self.prefix, self.dir]
+        self.janitor = subprocess.Popen(janitor, stdin=subprocess.PIPE, start_new_session=True)
         self.env = os.environ | {
             "LITHE_RUN_DIR": str(self.dir / "run"),
             "LITHE_SHM_PREFIX": self.prefix,
@@ -89,30 +98,29 @@ class House:
         """What is left in shared memory, lock files aside."""
         return [each for each in Path("/dev/shm").glob(f"{self.prefix}.*") if each.suffix != ".lock"]
 
+    def freeze(self, spine: int, robot: str = "arm") -> None:
+        """Stop a Spine's process and wait until its tick stands still: on a busy machine it goes on for a while."""
+        os.kill(spine, signal.SIGSTOP)
+        ticks = [-1, -2]
+
+        def still() -> bool:
+            time.sleep(0.1)
+            ticks[:] = ticks[1], int(self.ask("--robot", robot, "status")["tick"])
+            return ticks[0] == ticks[1]
+
+        self.wait_for(still)
+
     def close(self) -> None:
         """End whatever still runs and remove everything."""
-        spine = self.spine_pid()
         for process in self.started:
             if process.poll() is None:
                 process.terminate()
-                try:
-                    process.wait(20)
-                except subprocess.TimeoutExpired:
-                    process.kill()
-        if spine and alive(spine):
-            os.kill(spine, signal.SIGKILL)
-        for each in Path("/dev/shm").glob(f"{self.prefix}.*"):
-            each.unlink(missing_ok=True)
-        shutil.rmtree(self.dir, ignore_errors=True)
-
-    def spine_pid(self) -> int:
-        """Pid of the Spine, 0 when none has run; from the segment's header, as a last resort."""
-        segment = Path(f"/dev/shm/{self.prefix}.arm.spine")
-        if not segment.exists():
-            return 0
-        with segment.open("rb") as file:
-            file.seek(56)
-            return int.from_bytes(file.read(8), "little")
+        for process in self.started:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(20)
+        self.janitor.communicate()
+        for process in self.started:
+            process.wait()
 
 
 def alive(pid: int) -> bool:

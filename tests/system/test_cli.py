@@ -224,6 +224,55 @@ def test_the_socket_survives_what_clients_do(house: House) -> None:
     house.wait_for(lambda: house.ask("status")["law"] == "hold")
 
 
+def test_a_swap_leaves_a_record_from_the_moment_it_is_queued(house: House) -> None:
+    """Its client is gone before the compiler has begun; what becomes of it is written down all the same."""
+    process = house.run()
+    lawd = house.ask("status")["lawd_pid"]
+    record = house.dir / "out" / "arm" / "swaps" / "0002.json"  # the first record is the first law's
+
+    def verdict(path: Path) -> str:
+        return str(json.loads(path.read_text())["verdict"]) if path.exists() else "none"
+
+    source = (LAWS / "hold.cpp").read_text()
+    request = json.dumps({"verb": "swap", "args": {"source": source, "name": "hold.cpp"}}).encode() + b"\n"
+    os.kill(lawd, signal.SIGSTOP)
+    try:
+        for _ in range(2):
+            with socket.socket(socket.AF_UNIX) as link:
+                link.connect(str(house.socket))
+                link.sendall(request)
+        second = record.with_name("0003.json")
+        house.wait_for(lambda: second.exists())
+        assert (verdict(record), verdict(second)) == ("submitted", "submitted")
+    finally:
+        os.kill(lawd, signal.SIGCONT)
+    house.wait_for(lambda: (verdict(record), verdict(second)) == ("committed", "committed"))
+    os.kill(lawd, signal.SIGSTOP)
+    with socket.socket(socket.AF_UNIX) as link:
+        link.connect(str(house.socket))
+        link.sendall(request)
+        house.wait_for(lambda: record.with_name("0004.json").exists())
+        process.kill()
+    assert verdict(record.with_name("0004.json")) == "submitted", "nobody knows what became of it, and it says so"
+
+
+def test_nine_checks_at_once_are_one_too_many(house: House) -> None:
+    """Beside the one in the compiler's hands eight may wait; the next is refused at once and says why."""
+    house.run()
+    lawd = house.ask("status")["lawd_pid"]
+    request = json.dumps({"verb": "law_check", "args": {"path": str(LAWS / "pd.cpp")}}).encode() + b"\n"
+    os.kill(lawd, signal.SIGSTOP)
+    with socket.socket(socket.AF_UNIX) as link:
+        link.connect(str(house.socket))
+        link.settimeout(60)
+        link.sendall(request * 10)
+        with link.makefile("rb") as lines:
+            first = json.loads(lines.readline())
+            assert first["error"]["code"] == "busy"
+            os.kill(lawd, signal.SIGCONT)
+            assert all(json.loads(lines.readline())["ok"] for _ in range(9))
+
+
 def test_a_full_disk_loses_the_record_and_nothing_else(house: House) -> None:
     """The place of the records is a file: no directory can be made there."""
     (house.dir / "out").write_text("in the way")

@@ -1,54 +1,168 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bench never passes what it could not measure."""
+"""The bench never passes what it could not measure, and never shows a number for it."""
 
-import importlib.util
+import importlib
+import json
+import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
+ROOT = Path(__file__).parents[2]
+GOOD = {
+    "jitter_stolen_share": 0.0,
+    "floor_preempted_share": 0.0,
+    "release_jitter_p999_over_floor": 1.02,
+    "release_jitter_p99_over_floor": 1.0,
+    "release_jitter_p999_over_cyclictest": 0.1,
+    "release_jitter_p50_over_cyclictest": 0.2,
+    "handoff_p50_us": 0.02,
+    "handoff_p999_us": 0.9,
+    "floor_p50_us": 0.03,
+    "jitter_control_failed_as_it_must": True,
+}
+
 
 @pytest.fixture
-def report() -> ModuleType:
-    path = Path(__file__).parents[2] / "bench/report.py"
-    spec = importlib.util.spec_from_file_location("report", path)
-    assert spec
-    assert spec.loader
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+def report(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
+    monkeypatch.syspath_prepend(str(ROOT))
+    module = importlib.import_module("bench.report")
+    monkeypatch.setattr(module, "OUT", tmp_path)
     return module
 
 
-def test_a_disturbed_run_is_repeated_and_then_inconclusive(report: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(report, "measure", lambda _: {"jitter_stolen_share": 0.06, "floor_preempted_share": 0.0})
-    figures = report.measure_jitter()
-    assert (figures["jitter_verdict"], figures["jitter_attempts"]) == ("INCONCLUSIVE", 3)
+def runs(report: ModuleType, monkeypatch: pytest.MonkeyPatch, *figures: dict[str, Any]) -> None:
+    """What the programs will say, one after the other; the last one again and again."""
+    left = list(figures)
+    monkeypatch.setattr(report, "measure", lambda _: dict(left.pop(0) if len(left) > 1 else left[0]))
 
 
-def test_a_core_that_others_use_is_a_disturbed_run(report: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(report, "measure", lambda _: {"jitter_stolen_share": 0.0, "floor_preempted_share": 0.46})
-    assert report.measure_jitter()["jitter_verdict"] == "INCONCLUSIVE"
+def summary(tmp_path: Path) -> dict[str, Any]:
+    told: dict[str, Any] = json.loads((tmp_path / "summary.json").read_text())
+    return told
 
 
-def test_the_first_quiet_run_counts(report: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    shares = iter([0.2, 0.01])
-    monkeypatch.setattr(
-        report, "measure", lambda _: {"jitter_stolen_share": next(shares), "floor_preempted_share": 0.0}
-    )
-    figures = report.measure_jitter()
-    assert (figures["jitter_verdict"], figures["jitter_attempts"]) == ("measured", 2)
-
-
-def test_a_control_that_does_not_fail_fails_the_bench(
+def test_what_was_measured_is_told_with_its_machine(
     report: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    good = {"cost_control_failed_as_it_must": True}
-    good |= {f"tick_cost_{n}j_{q}_us": 1.0 for n in (1, 8, 32) for q in ("p50", "p99", "p999", "max")}
-    monkeypatch.setattr(report, "OUT", tmp_path)
-    monkeypatch.setattr(report, "ROOT", tmp_path)
-    monkeypatch.setattr(report.sys, "argv", ["report.py", "cost"])
-    monkeypatch.setattr(report, "measure", lambda _: good)
-    assert report.main() == 0
-    monkeypatch.setattr(report, "measure", lambda _: good | {"cost_control_failed_as_it_must": False})
-    assert report.main() == 1
-    assert "prove nothing" in capsys.readouterr().err
+    runs(report, monkeypatch, GOOD)
+    assert report.main(["jitter"]) == 0
+    told = summary(tmp_path)
+    assert told["jitter_verdict"] == "measured"
+    assert told["release_jitter_p999_over_floor"] == 1.02
+    for key in ("cpu", "cores", "kernel", "governor", "isolated_cores", "virtual", "clock_source"):
+        assert f"machine_{key}" in told
+    assert {"jitter_load_before", "jitter_load_after", "jitter_measured_at"} <= told.keys()
+    printed = capsys.readouterr().out
+    assert f"{told['machine_cpu']}, {told['machine_cores']} cores" in printed
+    assert "governor" in printed and "isolated cores" in printed and "load" in printed
+    assert not any(isinstance(value, dict | list) for value in told.values()), "flat"
+
+
+@pytest.mark.parametrize(
+    "disturbance",
+    [
+        {"jitter_stolen_share": 0.06},
+        {"floor_preempted_share": 0.46},
+        {"jitter_stolen_share": None},
+        {"jitter_control_failed_as_it_must": False},
+    ],
+    ids=str,
+)
+def test_a_disturbed_run_is_repeated_and_then_null(
+    report: ModuleType,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    disturbance: dict[str, Any],
+) -> None:
+    runs(report, monkeypatch, GOOD | disturbance)
+    assert report.main(["jitter"]) == 1
+    told = summary(tmp_path)
+    assert (told["jitter_verdict"], told["jitter_attempts"]) == ("INCONCLUSIVE", 3)
+    assert [told[claim] for claim in report.BENCHES["jitter"].claims] == [None] * 6
+    assert next(iter(disturbance)) in told["jitter_reason"]
+    assert "INCONCLUSIVE" in capsys.readouterr().out
+
+
+def test_the_first_quiet_run_counts(report: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    runs(report, monkeypatch, GOOD | {"jitter_stolen_share": 0.2}, GOOD)
+    assert report.main(["jitter"]) == 0
+    assert (summary(tmp_path)["jitter_verdict"], summary(tmp_path)["jitter_attempts"]) == ("measured", 2)
+
+
+def test_a_missing_peer_makes_only_its_own_figure_null(
+    report: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    runs(report, monkeypatch, GOOD | {"release_jitter_p999_over_cyclictest": None})
+    assert report.main(["jitter"]) == 1
+    told = summary(tmp_path)
+    assert told["release_jitter_p999_over_cyclictest"] is None
+    assert told["release_jitter_p999_over_floor"] == 1.02
+    assert told["jitter_verdict"] == "INCONCLUSIVE"
+    assert told["jitter_reason"] == "release_jitter_p999_over_cyclictest has no value"
+    assert told["jitter_attempts"] == 1, "a second run would not find it either"
+
+
+def test_a_program_that_is_not_there_or_fails_is_no_number_and_no_end(
+    report: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    lost = report.Bench(("/nowhere/bench_jitter",), print, ("handoff_p50_us",))
+    fails = report.Bench((sys.executable, "-c", "raise SystemExit(2)"), print, ("channel_latency_over_pingpong",))
+    works = report.Bench((sys.executable, "-c", """print('{"x": 1.5}')"""), print, ("x",))
+    monkeypatch.setattr(report, "BENCHES", {"jitter": lost, "channel": fails, "cost": works})
+    assert report.main([]) == 1
+    told = summary(tmp_path)
+    assert (told["handoff_p50_us"], told["channel_latency_over_pingpong"], told["x"]) == (None, None, 1.5)
+    assert "/nowhere/bench_jitter: No such file" in told["jitter_reason"]
+    assert "ended with 2" in told["channel_reason"]
+
+
+def test_an_unknown_bench_is_a_usage_error(
+    report: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert report.main(["jitters"]) == 2
+    assert "no bench 'jitters'; there are channel, jitter, cost, run" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_partial_run_keeps_the_others_of_this_machine_only(
+    report: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    cost = {f"tick_cost_p50_us_{n}j": 0.5 for n in (1, 8, 32)} | dict.fromkeys(report.COST_SHARES, 0.0)
+    runs(report, monkeypatch, GOOD)
+    report.main(["jitter"])
+    runs(report, monkeypatch, cost)
+    assert report.main(["cost"]) == 0
+    assert summary(tmp_path)["floor_p50_us"] == 0.03
+    assert summary(tmp_path)["tick_cost_p50_us_8j"] == 0.5
+    here = report.machine()
+    monkeypatch.setattr(report, "machine", lambda: here | {"machine_kernel": "another"})
+    assert report.main(["cost"]) == 0
+    assert "floor_p50_us" not in summary(tmp_path)
+
+
+def test_every_figure_that_scripts_read_is_claimed(report: ModuleType) -> None:
+    claimed = {claim for bench in report.BENCHES.values() for claim in bench.claims}
+    published = {
+        "release_jitter_p999_over_floor",
+        "release_jitter_p999_over_cyclictest",
+        "channel_latency_over_pingpong",
+        "tick_cost_p50_us_1j",
+        "tick_cost_p50_us_8j",
+        "tick_cost_p50_us_32j",
+        "handoff_p50_us",
+        "handoff_p999_us",
+    }
+    assert published - claimed == set()
+
+
+def test_the_live_bench_reads_histograms_as_the_spine_fills_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT))
+    live = importlib.import_module("bench.live")
+    np = importlib.import_module("numpy")
+    bins = np.zeros(976, np.uint64)
+    bins[31], bins[32], bins[64] = 500, 499, 1  # 31 ns, 32 ns, 64 and 65 ns
+    assert [live.quantile_us(bins, q) for q in (0.5, 0.999, 1.0)] == [0.031, 0.032, 0.065]

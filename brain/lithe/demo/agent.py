@@ -12,12 +12,14 @@ import argparse
 import json
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from lithe.errors import LitheError
 from lithe.identify import Arm, Motion, identify_arm, mgl_at_rest
 from lithe.remote import Remote
 
@@ -25,8 +27,9 @@ SINE = {"centre_rad": np.pi / 2, "amplitude_rad": np.pi / 4, "frequency_hz": 0.5
 BASELINE_GAINS = {"kp_nm_rad": 0.05, "kd_nm_s_rad": 0.004}  # detuned on purpose: the experiment starts from a bad law
 FIELDS = ["tick", "sample_ns", "position_rad", "velocity_rad_s", "torque_nm"]
 
-UNCLEAR = 3  # exit code: the measurements do not tell enough
+KEPT_TICKS = 4096  # of telemetry, by the gateway's `history`
 REST_S = 0.3  # a probe has ended when the arm has rested so long
+MOST_BANDWIDTH_RAD_S = 60.0  # beyond, a drive's own lag of about a millisecond eats the phase margin at any tick rate
 PROBE_SHARES = (0.5, -0.35)  # of the rough gravity torque: a wide swing both ways that cannot go over the top
 
 BASELINE_SOURCE = """\
@@ -64,11 +67,11 @@ struct Probe{number} {{
 LITHE_LAW(Probe{number}, "probe_{number}");
 """
 
-EVOLVED_SOURCE = """\
-// Written by the agent from its own measurements: gravity, inertia and friction feed-forward plus PD.
+MODEL_SOURCE = """\
+// {what}
 #include <lithe/law.hpp>
 
-struct Evolved {{
+struct {struct} {{
   struct Params {{
     lithe::Param mgl_nm{{{mgl_nm:.6f}, 0.0, {most_mgl_nm:.6f}}};
     lithe::Param kp_nm_rad{{{kp_nm_rad:.6f}, 0.0, {most_kp_nm_rad:.6f}}};
@@ -91,8 +94,27 @@ struct Evolved {{
                        p.kd_nm_s_rad * (in.setpoint_velocity_rad_s[0] - in.velocity_rad_s[0]);
   }}
 }};
-LITHE_LAW(Evolved, "evolved");
+LITHE_LAW({struct}, "{name}");
 """
+GRAVITY_ONLY = "The detuned law and the estimated gravity, nothing else: how much of the improvement is gravity's?"
+EVOLVED = "Written by the agent from its own measurements: gravity, inertia and friction feed-forward plus PD."
+
+
+def model_law(name: str, what: str, arm: Arm, kp_nm_rad: float, kd_nm_s_rad: float) -> str:
+    """C++ of a law built on the estimate."""
+    return MODEL_SOURCE.format(
+        what=what,
+        name=name,
+        struct=name.title().replace("_", ""),
+        mgl_nm=arm.mgl_nm,
+        most_mgl_nm=3 * arm.mgl_nm,
+        kp_nm_rad=kp_nm_rad,
+        most_kp_nm_rad=4 * kp_nm_rad,
+        kd_nm_s_rad=kd_nm_s_rad,
+        most_kd_nm_s_rad=4 * kd_nm_s_rad,
+        inertia_kg_m2=arm.inertia_kg_m2,
+        coulomb_nm=max(arm.coulomb_nm, 0.0),
+    )
 
 
 def tell(**what: Any) -> None:
@@ -131,29 +153,43 @@ class Agent:
         self.torque_max_nm = float(about["joints"][0]["torque_max_nm"])
 
     def swap(self, name: str, source: str) -> None:
-        tell(doing=f"asks for a swap to {name}", sent_ns=time.monotonic_ns())
+        tell(doing=f"asks for a swap to {name}")
+        sent_ns = time.monotonic_ns()
         record = self.remote.call("swap", source=source, name=f"{name}.cpp")
-        tell(swap={"law": name, **record})
+        tell(swap={"law": name, "sent_ns": sent_ns, **record})
 
     def record(self, seconds: float, rest_by_s: float = 0.0) -> Motion:
         """Telemetry of the next `seconds`, and on until the arm rests or `rest_by_s` have passed.
 
-        Gathered piece by piece: the Brain keeps four seconds.
+        Gathered piece by piece, four times in what the Brain keeps.
         """
+        pause_s = min(1.0, KEPT_TICKS / self.rate_hz / 4)
         pieces: list[dict[str, Any]] = []
         since = int(self.remote.call("latest", fields=["tick"])["tick"])
         start = time.monotonic()
         while (left := start + seconds - time.monotonic()) > 0 or not pieces:
-            time.sleep(min(1.0, max(left, 0.1)))
+            time.sleep(min(pause_s, max(left, 0.1)))
             piece = self.remote.call("history", seconds=4.0, since_tick=since, fields=FIELDS)
             if piece["tick"]:
                 since = piece["tick"][-1]
                 pieces.append(piece)
-                if left <= 1.0 and time.monotonic() < start + rest_by_s and not rests(as_motion(pieces)):
+                if left <= pause_s and time.monotonic() < start + rest_by_s and not rests(as_motion(pieces)):
                     seconds += 0.5
         return as_motion(pieces)
 
-    def wait_for_setpoint(self, most_s: float = 3.0) -> None:
+    def rest(self, most_s: float = 2.0) -> None:
+        """Until the setpoint rests where the arm does."""
+        self.remote.call("reference")  # from now on the setpoint waits for the arm
+        until = time.monotonic() + most_s
+        while time.monotonic() < until:
+            time.sleep(0.1)
+            motion = as_motion([self.remote.call("history", seconds=REST_S + 0.1, fields=FIELDS)])
+            if motion.t_s[-1] > REST_S and rests(motion):
+                break
+        self.remote.call("reference")
+        self.wait_for_setpoint(most_s)
+
+    def wait_for_setpoint(self, most_s: float) -> None:
         """Until the setpoint has come to the arm, within half a degree."""
         until = time.monotonic() + most_s
         while time.monotonic() < until:
@@ -205,29 +241,29 @@ class Agent:
         )
         return arm
 
+    def gravity_only(self, arm: Arm) -> None:
+        """An ablation: one period of the sine with the gravity term added to the gains of the baseline."""
+        tell(phase="", from_ns=time.monotonic_ns())
+        gravity = replace(arm, inertia_kg_m2=0.0, coulomb_nm=0.0)
+        self.rest()
+        self.swap("gravity_only", model_law("gravity_only", GRAVITY_ONLY, gravity, **BASELINE_GAINS))
+        self.remote.call("reference", **SINE)
+        time.sleep(float(SINE["ramp_s"]))
+        self.phase("gravity_only")
+        time.sleep(1 / float(SINE["frequency_hz"]))
+
     def evolve(self, arm: Arm) -> None:
         """Bandwidth: a twentieth of the tick rate in rad/s leaves room for one tick of delay and the drive's lag."""
         self.phase("evolving")
-        omega = self.rate_hz / 20.0
-        kp, kd = arm.inertia_kg_m2 * omega**2, 2 * 0.9 * omega * arm.inertia_kg_m2
-        source = EVOLVED_SOURCE.format(
-            mgl_nm=arm.mgl_nm,
-            most_mgl_nm=3 * arm.mgl_nm,
-            kp_nm_rad=kp,
-            most_kp_nm_rad=4 * kp,
-            kd_nm_s_rad=kd,
-            most_kd_nm_s_rad=4 * kd,
-            inertia_kg_m2=arm.inertia_kg_m2,
-            coulomb_nm=max(arm.coulomb_nm, 0.0),
-        )
+        omega = min(self.rate_hz / 20.0, MOST_BANDWIDTH_RAD_S)
+        source = model_law("evolved", EVOLVED, arm, arm.inertia_kg_m2 * omega**2, 1.8 * omega * arm.inertia_kg_m2)
         tell(source=source)
-        self.remote.call("reference")  # rest where the arm is, so that the new law starts without an error
-        self.wait_for_setpoint()
+        self.rest()  # so that the new law starts without an error
         self.swap("evolved", source)
         self.remote.call("reference", **SINE)
         time.sleep(float(SINE["ramp_s"]) + 0.5)
         self.phase("evolved")
-        self.record(6.0)
+        time.sleep(6.0)
 
 
 def main() -> int:
@@ -236,16 +272,17 @@ def main() -> int:
     parser.add_argument("--port", type=int, required=True)
     parser.add_argument("--token-file", type=Path, required=True)
     args = parser.parse_args()
-    remote = Remote(args.host, args.port, args.token_file.read_text().strip())
-    agent = Agent(remote)
     try:
+        agent = Agent(Remote(args.host, args.port, args.token_file.read_text().strip()))
         rough = identify_arm([agent.baseline()])
         tell(doing=f"reads gravity from the baseline: about {rough.mgl_nm:.2f} N m")
-        agent.evolve(agent.probe(rough))
-    except ValueError as error:
+        arm = agent.probe(rough)
+        agent.gravity_only(arm)
+        agent.evolve(arm)
+    except (ValueError, LitheError) as error:
         print(f"agent: {error}", file=sys.stderr)
-        return UNCLEAR
-    tell(phase="done", from_ns=time.monotonic_ns())
+        return 1
+    tell(phase="", from_ns=time.monotonic_ns())
     return 0
 
 

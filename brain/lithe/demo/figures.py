@@ -15,16 +15,18 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.ticker import FuncFormatter
 
+from . import losses
 from .judge import Story
 
 INK, GREY, PALE = "#24292f", "#6e7781", "#d0d7de"
 BLUE, ORANGE, GREEN, RED = "#2f6fb7", "#d9822b", "#3f8f5f", "#b3382c"
 FREEZE = "#a9c4e6"
 PHASE_COLOURS = {
-    "baseline": "#eccfca", "probing": "#f4e3bd", "evolving": "#e4dcf0", "evolved": "#cfe6d4",
+    "baseline": "#eccfca", "probing": "#f4e3bd", "gravity_only": "#dfe8c9", "evolving": "#e4dcf0", "evolved": "#cfe6d4",
     "frozen": FREEZE, "resumed": "#cfe6d4", "killed": FREEZE, "reattached": "#cfe6d4",
 }  # fmt: skip
 PHASE_WORDS = {
+    "gravity_only": "gravity\nonly",
     "frozen": "Brain\nfrozen", "killed": "Brain\nkilled", "resumed": "evolved", "reattached": "evolved,\nnew Brain",
 }  # fmt: skip
 STYLE = {
@@ -53,14 +55,14 @@ def _counts_by_nanosecond(values_ns: npt.NDArray[Any]) -> tuple[npt.NDArray[Any]
     return counts, edges / 1e3
 
 
-def distributions(records: npt.NDArray[Any], summary: dict[str, Any], path: Path) -> None:
+def distributions(records: npt.NDArray[Any], late_ns: npt.NDArray[Any], summary: dict[str, Any], path: Path) -> None:
     """Histograms of hand-off time and release jitter, with the quantiles that matter marked."""
     figure, panels = plt.subplots(1, 2, figsize=(9.6, 3.6), layout="constrained", sharey=True)
-    for axes, key, field, title, colour in (
-        (panels[0], "handoff_us", "handoff_ns", "(a) Hand-off time", BLUE),
-        (panels[1], "release_jitter_us", "release_jitter_ns", "(b) Release jitter", GREEN),
+    for axes, key, values_ns, title, colour in (
+        (panels[0], "handoff_us", records["handoff_ns"], "(a) Hand-off time", BLUE),
+        (panels[1], "release_jitter_us", late_ns, "(b) Release jitter, skipped releases too", GREEN),
     ):
-        counts, edges = _counts_by_nanosecond(records[field])
+        counts, edges = _counts_by_nanosecond(values_ns)
         axes.stairs(counts, edges, fill=True, color=colour, alpha=0.75)
         axes.set_xscale("log")
         axes.set_yscale("log")
@@ -122,8 +124,8 @@ class _Timeline:
             axes.axvspan(left, right, ymin=0.5, color=PHASE_COLOURS.get(phase["name"], PALE), lw=0)
             word = PHASE_WORDS.get(phase["name"], phase["name"])
             axes.text((left + right) / 2, 0.75, word, ha="center", va="center", fontsize=8, linespacing=0.95)
-        for sent_ns, swap in zip(self.story.sent_ns, self.summary["swaps"], strict=False):
-            left, right = self.second(sent_ns), self.commit_s(swap)
+        for swap in self.story.swaps:
+            left, right = self.second(swap["sent_ns"]), self.commit_s(swap)
             axes.barh(0.28, right - left, left=left, height=0.2, color=RED, alpha=0.8, lw=0)
             axes.text(left, 0.06, swap["law"], ha="left", va="center", fontsize=7.5, color=BLUE,
                       bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8})  # fmt: skip
@@ -134,9 +136,9 @@ class _Timeline:
         axes.spines["left"].set_visible(False)
         axes.set_title("(a) What the agent does")
 
-    def timing(self, axes: Any, field: str, key: str, title: str, colour: str) -> None:
-        values_us = np.maximum(self.records[field], 1) / 1e3
-        axes.plot(self.t_s, values_us, ".", ms=1.6, mew=0, color=colour, rasterized=True)
+    def timing(self, axes: Any, at_ns: Any, values_ns: Any, key: str, title: str, colour: str) -> None:
+        values_us = np.maximum(values_ns, 1) / 1e3
+        axes.plot((at_ns - self.zero_ns) * 1e-9, values_us, ".", ms=1.6, mew=0, color=colour, rasterized=True)
         axes.set_yscale("log")
         axes.set_ylabel("µs")
         axes.set_ylim(min(0.5 * float(values_us.min()), 0.01), max(3 * float(values_us.max()), 10.0))
@@ -154,7 +156,7 @@ class _Timeline:
         )
         rmse = {phase["name"]: phase["rmse_deg"] for phase in self.summary["phases"]}
         for phase in self.story.phases:
-            if phase["name"] in ("baseline", "evolved", "resumed", "reattached"):
+            if phase["name"] in ("baseline", "gravity_only", "evolved", "resumed", "reattached"):
                 middle = self.second((phase["from_ns"] + phase["to_ns"]) / 2)
                 axes.text(middle, 0.985, f"RMSE\n{rmse[phase['name']]:.2f}°", transform=axes.get_xaxis_transform(),
                           ha="center", va="top", fontsize=8)  # fmt: skip
@@ -179,12 +181,15 @@ class _Timeline:
             axes.set_xlim(0, self.t_s[-1])
 
 
-def timeline(records: npt.NDArray[Any], story: Story, summary: dict[str, Any], path: Path) -> None:
+def timeline(
+    records: npt.NDArray[Any], made: losses.Releases, story: Story, summary: dict[str, Any], path: Path
+) -> None:
     """Agent phases, hand-off time, release jitter, tracking: one row each, with the swaps and the freeze marked."""
     picture = _Timeline(records, story, summary)
     picture.phases()
-    picture.timing(picture.rows[1], "handoff_ns", "handoff_us", "(b) Hand-off time", BLUE)
-    picture.timing(picture.rows[2], "release_jitter_ns", "release_jitter_us", "(c) Release jitter", GREEN)
+    due_ns = records["release_ns"].astype(np.int64)
+    picture.timing(picture.rows[1], due_ns, records["handoff_ns"], "handoff_us", "(b) Hand-off time", BLUE)
+    picture.timing(picture.rows[2], made.due_ns, made.late_ns, "release_jitter_us", "(c) Release jitter", GREEN)
     picture.tracking()
     picture.marks()
     picture.figure.savefig(path, dpi=160)
@@ -193,6 +198,7 @@ def timeline(records: npt.NDArray[Any], story: Story, summary: dict[str, Any], p
 
 def draw(records: npt.NDArray[Any], story: Story, summary: dict[str, Any], out: Path) -> None:
     """timing.png and timeline.png."""
+    made = losses.releases(records, round(1e9 / summary["rate_hz"]))
     with plt.rc_context(STYLE):
-        distributions(records, summary, out / "timing.png")
-        timeline(records, story, summary, out / "timeline.png")
+        distributions(records, made.late_ns, summary, out / "timing.png")
+        timeline(records, made, story, summary, out / "timeline.png")

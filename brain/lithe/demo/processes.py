@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import queue
@@ -12,6 +13,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -34,31 +36,67 @@ def binary(name: str) -> Path:
     return path
 
 
+class Disturbed(LitheError):
+    """The robot stopped itself, and neither the experiment nor a law did it: the machine took its core away."""
+
+    def __init__(self, fault: str) -> None:
+        super().__init__(f"safe stop ({fault}): the machine took the robot's core away for too long")
+        self.fault = fault
+
+
+DISTURBANCES = ("sample_stale", "deadline_missed", "drive_watchdog")  # faults of the machine; others are the robot's
+
+
+def raise_unless_active(mode: str, fault: str) -> None:
+    """Tells what the machine did to the robot from what must not happen."""
+    if mode == "safe_stop" and fault in DISTURBANCES:
+        raise Disturbed(fault)
+    if mode != "active":
+        raise LitheError(f"the robot left mode 'active': it is in '{mode}', fault '{fault}'")
+
+
+@contextlib.contextmanager
+def undisturbed() -> Iterator[None]:
+    """Stopping a robot is not broken off: neither by a second Ctrl-C nor by SIGTERM."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 class Stage:
     """A robot under `lithe run`, with sockets and shared memory of its own so that nothing else is in the way."""
 
     def __init__(self, robot_file: Path, log: Path) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="lithe-demo-")
-        self.folder = Path(self._folder.name)
-        os.environ["LITHE_RUN_DIR"] = str(self.folder)
-        os.environ["LITHE_SHM_PREFIX"] = f"lithe-demo-{os.getpid()}"
-        os.environ["LITHE_OUT_DIR"] = str(log.parent)
-        self._log = log.open("w", encoding="utf-8")
-        self._children: list[subprocess.Popen[str]] = []
+        self.log_path = log
         self.robot = ""
-        self._run = subprocess.Popen(
-            [*LEAVE_WITH_US, str(binary("lithe")), "run", str(robot_file)],
-            stdout=self._log,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        try:
-            self._wait_until_active(log)
+        self._children: list[subprocess.Popen[str]] = []
+        with contextlib.ExitStack() as ends:  # whatever fails below, all that came before it is taken back
+            self._log = ends.enter_context(log.open("a", encoding="utf-8"))
+            self.folder = Path(ends.enter_context(tempfile.TemporaryDirectory(prefix="lithe-demo-")))
+            self.prefix = f"lithe-demo-{os.getpid()}"
+            os.environ["LITHE_RUN_DIR"] = str(self.folder)
+            os.environ["LITHE_SHM_PREFIX"] = self.prefix
+            os.environ["LITHE_OUT_DIR"] = str(log.parent.resolve())
+            ends.callback(self._remove_segments)
+            self._run = subprocess.Popen(
+                [*LEAVE_WITH_US, str(binary("lithe")), "run", str(robot_file)],
+                stdout=self._log,
+                stderr=subprocess.STDOUT,
+                text=True,
+            )
+            ends.callback(self._end_robot)
+            self._wait_until_active()
             self.spine = SpineView(self.robot)
-        except BaseException:
-            self.close()
-            raise
-        self._leave_room()
+            ends.callback(os.sched_setaffinity, 0, os.sched_getaffinity(0))  # the next robot shall find all cores
+            self._leave_room()
+            ends.callback(self._end_children)
+            self._ends = ends.pop_all()
 
     def _leave_room(self) -> None:
         """Keeps this process and its children off the Spine's and the Transport's cores, if there are others."""
@@ -72,24 +110,33 @@ class Stage:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _wait_until_active(self, log: Path) -> None:
+    def check(self) -> None:
+        """Raises when the robot has ended."""
+        if self._run.poll() is not None:
+            raise LitheError(f"`lithe run` ended with code {self._run.returncode}:{self.tail()}")
+
+    def tail(self) -> str:
+        """The end of the log, for an error message."""
+        lines = self.log_path.read_text(encoding="utf-8", errors="replace").strip().splitlines()[-8:]
+        return "\n  ".join(["", *lines, f"next: all of it is in {self.log_path}"])
+
+    def _wait_until_active(self) -> None:
         deadline = time.monotonic() + 60
         while time.monotonic() < deadline:
-            if self._run.poll() is not None:
-                tail = log.read_text(encoding="utf-8").strip().splitlines()[-8:]
-                raise LitheError(f"`lithe run` ended with code {self._run.returncode}:\n  " + "\n  ".join(tail))
+            self.check()
             for path in self.folder.glob("*.sock"):
                 try:
                     control = connect_control(path.stem, timeout_s=10)
-                    mode = control.call("status", {})["mode"]
+                    status = control.call("status", {})
                     control.close()
                 except LitheError:
                     continue
-                if mode == "active":
+                if status["mode"] not in ("disarmed", "hold"):
+                    raise_unless_active(status["mode"], status["fault"])
                     self.robot = path.stem
                     return
             time.sleep(0.1)
-        raise LitheError("the robot did not get ready within 60 s; see " + str(log))
+        raise LitheError(f"the robot did not get ready within 60 s:{self.tail()}")
 
     def start(self, module: str, *arguments: str) -> subprocess.Popen[str]:
         """Starts `python -m module` on the Brain's core, its stdout as lines for us."""
@@ -107,33 +154,42 @@ class Stage:
 
     def close(self) -> None:
         """Ends everything this stage started, the robot last and gently."""
+        with undisturbed():
+            self._ends.close()
+
+    def _end_children(self) -> None:
         for child in self._children:
             if child.poll() is None:
                 child.send_signal(signal.SIGCONT)
                 child.kill()
             child.wait()
-        if self._run.poll() is None:
-            self._run.send_signal(signal.SIGINT)
-            try:
-                self._run.wait(15)
-            except subprocess.TimeoutExpired:
-                spine_pid = int(self.spine.mapping.header().writer_pid)
-                self._run.kill()
-                self._run.wait()
-                os.kill(spine_pid, signal.SIGTERM)  # drives off; it outlives its supervisor otherwise
-        self._log.close()
-        for path in Path("/dev/shm").glob(os.environ["LITHE_SHM_PREFIX"] + ".*"):
+
+    def _end_robot(self) -> None:
+        if self._run.poll() is not None:
+            return
+        self._run.send_signal(signal.SIGINT)
+        try:
+            self._run.wait(15)
+        except subprocess.TimeoutExpired:
+            self._run.kill()
+            self._run.wait()
+            for path in Path("/dev/shm").glob(f"{self.prefix}.*.spine"):
+                spine = SpineView(path.name.removeprefix(f"{self.prefix}.").removesuffix(".spine"))
+                os.kill(int(spine.mapping.header().writer_pid), signal.SIGTERM)  # drives off; it outlives its parent
+
+    def _remove_segments(self) -> None:
+        for path in Path("/dev/shm").glob(f"{self.prefix}.*"):
             path.unlink(missing_ok=True)
-        self._folder.cleanup()
 
 
 def start_brain(stage: Stage, token_file: Path, reference: dict[str, Any]) -> tuple[subprocess.Popen[str], int]:
     """The Brain process and the port of its gateway."""
     brain = stage.start("lithe.demo.brain", "--token-file", str(token_file), "--reference", json.dumps(reference))
     assert brain.stdout is not None
-    line = brain.stdout.readline()
+    with brain.stdout:
+        line = brain.stdout.readline()
     if not line:
-        raise LitheError(f"the Brain ended with code {brain.wait()} before it was ready; see the log")
+        raise LitheError(f"the Brain ended with code {brain.wait()} before it was ready:{stage.tail()}")
     return brain, int(json.loads(line)["port"])
 
 
@@ -146,9 +202,12 @@ class Lines:
 
     def _pump(self, child: subprocess.Popen[str]) -> None:
         assert child.stdout is not None
-        for line in child.stdout:
-            self._queue.put(json.loads(line))
-        self._queue.put(None)
+        try:
+            with child.stdout:
+                for line in child.stdout:
+                    self._queue.put(json.loads(line))
+        finally:
+            self._queue.put(None)
 
     def next(self, timeout_s: float) -> dict[str, Any] | None:
         """The next line; {} when none came in time; None at the end."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from lithe._wire import SEGMENTS
 from lithe.shm import SpineView
 
 CSV_FIELDS = (
@@ -20,22 +21,32 @@ CSV_FIELDS = (
 
 
 class Recorder:
-    """Drains the telemetry ring twenty times a second into memory. `lost` stays 0: the ring holds four seconds."""
+    """Drains the telemetry ring into memory, eight times and more before it is full; so `lost` stays 0."""
 
     def __init__(self, robot: str) -> None:
-        self._cursor = SpineView(robot).telemetry()
+        spine = SpineView(robot)
+        self._cursor = spine.telemetry()
+        ring_s = SEGMENTS["spine"]["telemetry"].depth / float(spine.info["rate_hz"])
+        self._pause_s = min(0.05, ring_s / 8)
         self._pieces: list[npt.NDArray[Any]] = []
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
-        while not self._stop.wait(0.05):
+        while not self._stop.wait(self._pause_s):
             self._pieces.append(self._cursor.drain())
 
     @property
     def lost(self) -> int:
         return self._cursor.lost
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
 
     def finish(self) -> npt.NDArray[Any]:
         """Stops and returns all records, oldest first."""

@@ -41,7 +41,7 @@ Mode mode_for(DriveAction action) LITHE_RT {
 struct Answer {
   static constexpr double kUnseen = std::numeric_limits<double>::quiet_NaN();
   double mode = kUnseen, position_rev = kUnseen, velocity_rev_s = kUnseen, torque_nm = kUnseen;
-  double home = kUnseen, voltage_v = kUnseen, temperature_c = kUnseen, fault = kUnseen;
+  double home = kUnseen, fault = kUnseen;
 
   void take(std::uint32_t number, double value) LITHE_RT {
     switch (number) {
@@ -59,12 +59,6 @@ struct Answer {
         break;
       case reg::kHomeState:
         home = value;
-        break;
-      case reg::kVoltage:
-        voltage_v = value;
-        break;
-      case reg::kTemperature:
-        temperature_c = value;
         break;
       case reg::kFault:
         fault = value;
@@ -103,7 +97,7 @@ bool Driver::encode(const JointCommand& command, std::uint32_t source, Frame& fr
   const std::array<double, 1> mode{static_cast<double>(mode_for(action))};
   writer.write(Format::int8, reg::kMode, mode);
   if (action == DriveAction::torque) write_torque(command, writer);
-  // The home state costs nothing: with it the answer fills its 24 bytes exactly.
+  // Four registers to the fault: the home state costs nothing, with it the answer fills its 24 bytes exactly.
   writer.read(Format::int8, reg::kMode, 1);
   writer.read(Format::float32, reg::kPosition, 3);
   writer.read(Format::int8, reg::kHomeState, 4);
@@ -144,8 +138,6 @@ bool Driver::decode(const Frame& frame, JointSample& sample) const LITHE_RT {
   if (!reader.well_formed() || !answer.whole()) return false;
   sample.mode = static_cast<std::uint8_t>(answer.mode);
   sample.fault = static_cast<std::uint8_t>(std::min(answer.fault, 255.0));
-  sample.voltage_v = answer.voltage_v;
-  sample.temperature_c = answer.temperature_c;
   // Behind a gear, a rotor's absolute encoder (1) does not tell the turn; an output encoder or a homing (2) does.
   sample.homed = answer.home >= (params_.joint.ratio == 1.0 ? 1 : 2);
   sample.measured = answer.measured();

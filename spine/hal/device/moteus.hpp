@@ -25,8 +25,6 @@ struct JointSample {
   double position_rad = 0;
   double velocity_rad_s = 0;
   double torque_nm = 0;
-  double voltage_v = 0;
-  double temperature_c = 0;
   std::uint8_t mode = 0;
   std::uint8_t fault = 0;
   bool measured = false;  // the three above are finite and possible; a drive without an encoder answers NaN

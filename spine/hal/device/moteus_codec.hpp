@@ -103,9 +103,6 @@ enum class Mode : std::uint8_t {
   brake = 15,
 };
 
-// Codes 96 to 105 say which limit is at work while the drive goes on; the others come with Mode::fault.
-constexpr bool is_limit_code(std::uint32_t fault) LITHE_RT { return fault >= 96 && fault <= 105; }
-
 Quantity quantity_of(std::uint32_t number) LITHE_RT;
 
 // What one count is worth; 1 for float.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// For loader_test: divides by the velocity, which is zero in the dry call.
+// For loader_test: divides by the velocity, which is zero in the first dry steps.
 #include <lithe/law.hpp>
 
 struct NotFinite {

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The jitter of the real process: `lithe run robots/arm.toml` with the demo's Brain, from the Spine's own histograms.
+
+Nothing can be interleaved with it and nobody can tell from outside what the hypervisor stole from a single release, so
+these figures are raw. The control runs a competitor on the Spine's core. Prints one JSON line.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from lithe._wire import Mode
+from lithe.demo.processes import DIE_WITH_US, ROOT, Stage, start_brain
+
+SETTLE_S = 2.0
+RUN_S = 30.0
+CONTROL_S = 5.0
+CONTROL_AT_LEAST = 3.0
+LEAST_US = 1.0  # below this a difference means nothing
+SINE = {"centre_rad": 0.0, "amplitude_rad": 0.5, "frequency_hz": 0.5}
+Bins = npt.NDArray[np.uint64]
+
+
+def bin_top_us(number: int) -> float:
+    """Longest duration in a bin; the bins are those of spine/core/histogram.hpp."""
+    if number < 32:
+        return number / 1e3
+    octave, within = divmod(number + 1 - 32, 32)
+    return (((32 + within) << octave) - 1) / 1e3
+
+
+def quantile_us(bins: Bins, q: float) -> float:
+    """The duration that the fraction q of all releases did not exceed, to the upper edge of its bin."""
+    wanted = int(q * (int(bins.sum()) - 1)) + 1
+    return bin_top_us(int(np.searchsorted(np.cumsum(bins), wanted)))
+
+
+def quantiles(key: str, bins: Bins) -> dict[str, float]:
+    """p50, p99, p99.9 and max."""
+    named = {"p50": 0.5, "p99": 0.99, "p999": 0.999, "max": 1.0}
+    return {f"{key}_{name}_us": quantile_us(bins, q) for name, q in named.items()}
+
+
+def steal(cpu: int) -> tuple[int, int]:
+    """Clock ticks stolen from a core, and all of them, since boot."""
+    lines = Path("/proc/stat").read_text().splitlines()
+    ticks = next([int(word) for word in line.split()[1:9]] for line in lines if line.split()[0] == f"cpu{cpu}")
+    return ticks[7], sum(ticks)
+
+
+def preemptions(pid: int, cpu: int) -> int:
+    """How often a thread that may run nowhere but on this core had to make room there."""
+    counts = [0]
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        if os.sched_getaffinity(int(task.name)) == {cpu}:
+            status = (task / "status").read_text().splitlines()
+            counts += [int(line.split()[1]) for line in status if line.startswith("nonvoluntary_ctxt_switches")]
+    return max(counts)
+
+
+class Probe:
+    """What has happened since the last look, to the Spine and to its core."""
+
+    def __init__(self, stage: Stage) -> None:
+        """Start counting."""
+        self.stage = stage
+        self.cpu = int(stage.spine.info["cpu_spine"])
+        self.pid = int(stage.spine.mapping.header().writer_pid)
+        self.start()
+
+    def start(self) -> None:
+        """Forget all before now."""
+        spine = self.stage.spine
+        self.jitter, self.handoff = spine.histogram("release_jitter"), spine.histogram("handoff")
+        self.stolen, self.total = steal(self.cpu)
+        self.switches = preemptions(self.pid, self.cpu)
+        self.looks = self.inactive = 0
+
+    def wait(self, seconds: float) -> None:
+        """Let it run, and see that it does."""
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            time.sleep(0.1)
+            record = self.stage.spine.latest()
+            self.looks += 1
+            self.inactive += record is None or int(record["mode"]) != Mode.active
+
+    def figures(self) -> dict[str, Any]:
+        """The distributions and what disturbed them."""
+        spine = self.stage.spine
+        jitter = spine.histogram("release_jitter") - self.jitter
+        handoff = spine.histogram("handoff") - self.handoff
+        stolen, total = steal(self.cpu)
+        releases, ticks = int(jitter.sum()), int(handoff.sum())
+        return {
+            **quantiles("run_release_jitter", jitter),
+            **quantiles("run_handoff", handoff),
+            "run_releases": releases,
+            "run_skipped_releases": releases - ticks,
+            "run_stolen_share": (stolen - self.stolen) / max(total - self.total, 1),
+            "run_preempted_share": (preemptions(self.pid, self.cpu) - self.switches) / max(ticks, 1),
+            "run_inactive_share": self.inactive / max(self.looks, 1),
+        }
+
+
+def control(probe: Probe) -> dict[str, float]:
+    """The same with a competitor on the Spine's core."""
+    command = [*DIE_WITH_US, "taskset", "-c", str(probe.cpu), sys.executable, "-c", "while True: pass"]
+    competitor = subprocess.Popen(command, start_new_session=True)
+    try:
+        time.sleep(0.5)
+        probe.start()
+        probe.wait(CONTROL_S)
+        return quantiles("run_control", probe.stage.spine.histogram("release_jitter") - probe.jitter)
+    finally:
+        competitor.kill()
+        competitor.wait()
+
+
+def main() -> None:
+    """Run it, print the line."""
+    with tempfile.TemporaryDirectory() as name, Stage(ROOT / "robots/arm.toml", Path(name) / "run.log") as stage:
+        start_brain(stage, Path(name) / "token", SINE)
+        time.sleep(SETTLE_S)
+        probe = Probe(stage)
+        probe.wait(RUN_S)
+        told = probe.figures()
+        told |= control(probe)
+    ratio = max(told["run_control_p999_us"], LEAST_US) / max(told["run_release_jitter_p999_us"], LEAST_US)
+    told |= {"run_control_over_run": ratio, "run_control_failed_as_it_must": ratio >= CONTROL_AT_LEAST}
+    print(json.dumps(told))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The figures as people read them. What was not measured is a dash, never a number."""
+
+from typing import Any
+
+Figures = dict[str, Any]
+QUANTILES = ("p50", "p99", "p999", "max")
+HEAD = ["", "p50", "p99", "p99.9", "max"]
+
+
+def cell(figures: Figures, key: str, form: str = ".2f") -> str:
+    """One figure, or a dash."""
+    value = figures.get(key)
+    return "-" if value is None else format(value, form)
+
+
+def table(title: str, head: list[str], rows: list[list[str]]) -> None:
+    """Prints aligned columns, the first to the left and the others to the right."""
+    widths = [max(len(row[column]) for row in [head, *rows]) for column in range(len(head))]
+    print(f"\n{title}")
+    for first, *others in [head, *rows]:
+        cells = [f"{first:<{widths[0]}}", *(f"{text:>{w}}" for text, w in zip(others, widths[1:], strict=True))]
+        print("  " + "  ".join(cells).rstrip())
+
+
+def quantile_row(name: str, figures: Figures, key: str) -> list[str]:
+    """One row of p50, p99, p99.9 and max in microseconds."""
+    return [name, *(cell(figures, f"{key}_{q}_us") for q in QUANTILES)]
+
+
+def show_channel(figures: Figures) -> None:
+    """The Channel among its peers."""
+    plan = f"{cell(figures, 'plan_bytes', '.0f')} bytes"
+    kinds = [
+        ("raw cache line, 56 bytes (floor)", "cache_line"),
+        ("raw atomic word", "one_word"),
+        ("Channel, 56 bytes", "channel_56"),
+        ("Channel, 256 bytes", "channel_256"),
+        (f"raw words of a plan, {plan}", "raw_plan"),
+        (f"Channel, a plan, {plan}", "channel_plan"),
+        ("Unix datagram, 256 bytes", "unix_datagram"),
+        ("ZeroMQ ipc PAIR, 256 bytes", "zeromq"),
+    ]
+    rows = [[*quantile_row(name, figures, key), cell(figures, f"{key}_over_pingpong")] for name, key in kinds]
+    table("one-way latency between two cores, both sides polling [us]", [*HEAD, "x floor"], rows)
+    print(f"  Channel of 56 bytes: {cell(figures, 'channel_latency_over_pingpong')} x a raw line of 56 bytes, ", end="")
+    print(f"{cell(figures, 'channel_56_over_one_word')} x a raw word; ", end="")
+    print(f"of a plan: {cell(figures, 'channel_plan_over_raw')} x its raw words")
+    print(
+        f"  control: both sides on one core: {cell(figures, 'control_same_core_over_pingpong', '.0f')} x floor; ",
+        end="",
+    )
+    print(f"middle half of the rounds within {cell(figures, 'channel_round_spread', '.0%')}")
+
+
+def show_jitter(figures: Figures) -> None:
+    """Release jitter beside its floor and cyclictest."""
+    kinds = [
+        ("bare spin, steal-aware (floor)", "floor"),
+        ("LITHE, steal-aware", "lithe"),
+        ("bare spin, raw", "floor_raw"),
+        ("LITHE, raw", "lithe_raw"),
+        ("cyclictest, raw", "cyclictest"),
+        ("control: a competitor on the core", "control"),
+        ("hand-off: woken to command out", "handoff"),
+        ("hand-off, raw", "handoff_raw"),
+    ]
+    table(
+        "release jitter at 1 kHz, in blocks that alternate [us]", HEAD, [quantile_row(n, figures, k) for n, k in kinds]
+    )
+    print(f"  p99.9 over floor: {cell(figures, 'release_jitter_p999_over_floor')} (raw ", end="")
+    print(f"{cell(figures, 'release_jitter_p999_over_floor_raw')}, control ", end="")
+    print(f"{cell(figures, 'control_over_floor', '.0f')}); over cyclictest, raw: ", end="")
+    print(cell(figures, "release_jitter_p999_over_cyclictest", ".3f"))
+    print(
+        f"  {cell(figures, 'jitter_cycles', '.0f')} cycles, stolen {cell(figures, 'jitter_stolen_share', '.2%')}, ",
+        end="",
+    )
+    print(f"preempted {cell(figures, 'jitter_preempted_share', '.2%')}")
+
+
+def show_cost(figures: Figures) -> None:
+    """What a tick costs without its law."""
+    rows = [quantile_row(f"{joints} joints", figures, f"tick_cost_{joints}j") for joints in (1, 8, 32)]
+    table("the tick's own cost, without the law [us]", HEAD, rows)
+    print(f"  control: 32 joints over 1 joint: {cell(figures, 'cost_control_32j_over_1j')}")
+
+
+def show_run(figures: Figures) -> None:
+    """The process people run."""
+    kinds = [
+        ("release jitter, raw", "run_release_jitter"),
+        ("hand-off, raw", "run_handoff"),
+        ("control: a competitor on the core", "run_control"),
+    ]
+    table(
+        "lithe run robots/arm.toml, from its own histograms [us]", HEAD, [quantile_row(n, figures, k) for n, k in kinds]
+    )
+    print(
+        f"  {cell(figures, 'run_releases', '.0f')} releases, {cell(figures, 'run_skipped_releases', '.0f')} skipped, ",
+        end="",
+    )
+    print(f"stolen {cell(figures, 'run_stolen_share', '.2%')}, preempted {cell(figures, 'run_preempted_share', '.2%')}")
+
+
+def show_machine(figures: Figures) -> None:
+    """Where all this was measured: without it no figure means anything."""
+    kind = "virtual machine" if figures["machine_virtual"] else "bare metal"
+    print(f"{figures['machine_cpu']}, {figures['machine_cores']} cores, {kind}, Linux {figures['machine_kernel']}")
+    isolated = figures["machine_isolated_cores"] or "none"
+    print(f"  isolated cores: {isolated}; governor: {figures['machine_governor']}; ", end="")
+    print(f"clock: {figures['machine_clock_source']}; {'root' if figures['measured_as_root'] else 'no root'}")

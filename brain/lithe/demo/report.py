@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Prints the summary for people."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from . import judge
+
+
+def report(summary: dict[str, Any], out: Path) -> None:
+    print()
+    for phase in summary["phases"]:
+        print(f"  {phase['name']:<12} RMSE {phase['rmse_deg']:7.2f} deg   ({phase['seconds']:.1f} s)")
+    print(
+        f"  mgl         {summary['mgl_hat_nm']:.4f} N m estimated, {summary['mgl_true_nm']:.4f} true: "
+        f"off by {summary['mgl_error']:.1%}"
+    )
+    for swap in summary["swaps"]:
+        made = "taken from the cache" if swap["cached"] else f"compiled in {swap['compile_ms']:4.0f} ms"
+        print(
+            f"  swap        {swap['law']:<12} {made}, tick {swap['commit_tick']}, "
+            f"torque step {swap['output_step_nm']:.4f} N m, "
+            f"lost ticks {swap['lost_ticks_prepare']} preparing, {swap['lost_ticks_commit']} around the commit"
+        )
+    for name, key in (
+        ("swaps", "swap_windows"), ("commits", "commit_windows"), ("elsewhere", "no_swap_windows")
+    ):  # fmt: skip
+        tally = summary[key]
+        print(
+            f"  {name:<11} {tally['lost_per_s']:.2f} lost ticks a second: "
+            f"{tally['lost_ticks']} in {tally['seconds']:.1f} s, "
+            f"in {tally['windows_with_loss']} of {tally['windows']} windows"
+        )
+    print(
+        f"  by accident commits lose as much with probability {summary['swap_loss_chance']:.2g} "
+        f"(below {judge.LEAST_CHANCE} they are guilty)"
+    )
+    freeze = summary["freeze"]
+    print(
+        f"  freeze      {freeze['duration_s']:.2f} s, at rest at {freeze['rest_angle_deg']:.0f} deg; "
+        f"largest excursion {freeze['max_excursion_deg']:.2f} deg"
+    )
+    for name, key in (("hand-off", "handoff_us"), ("jitter", "release_jitter_us")):
+        q = summary[key]
+        print(f"  {name:<11} p50 {q['p50']:.2f}  p99 {q['p99']:.2f}  p99.9 {q['p999']:.2f}  max {q['max']:.2f} us")
+    print(
+        f"  ticks       {summary['ticks']}, lost {summary['lost_ticks']}, "
+        f"missed deadlines {summary['missed_deadlines']}"
+    )
+    machine = summary["machine"]
+    print(
+        f"  machine     {machine['cpu']}, {machine['cores']} cores, Linux {machine['kernel']}, {machine['privileges']}"
+    )
+    if machine["lost"]:
+        print(f"  this machine cannot give: {machine['lost']}")
+    for past in summary["attempts"][:-1]:
+        print(f"  repeated    after {past['seconds']:.0f} s, safe stop ({past['reason']}) in '{past['phase']}'")
+    print(f"  figures and telemetry in {out}/")
+    for sentence in summary["falls_short"]:
+        print(f"  FALLS SHORT: {sentence}")
+    print(f"  verdict     the claim {summary['verdict']}")

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The Brain's sign of life, given by a thread: it ends with the process, and stands still when the process does."""
+
+from __future__ import annotations
+
+import threading
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+LONGEST_S, SHORTEST_S = 0.05, 0.002
+UNKNOWN_LIMIT_S = 0.1  # should the robot file be out of our reach: safe for all but the most impatient robots
+BEATS_PER_LIMIT = 5
+
+
+def period_s(robot_file: Path) -> float:
+    """How often to beat: five times within the `[brain] stale_after_s` of the robot's file, at least every 50 ms."""
+    try:
+        limit_s = float(tomllib.loads(robot_file.read_text(encoding="utf-8"))["brain"]["stale_after_s"])
+    except (OSError, ValueError, KeyError, TypeError):
+        limit_s = UNKNOWN_LIMIT_S
+    return min(LONGEST_S, max(SHORTEST_S, limit_s / BEATS_PER_LIMIT))
+
+
+class Heartbeat:
+    """Calls `beat` every `every_s` from a daemon thread until stop(). Beating is one store to shared memory."""
+
+    def __init__(self, beat: Callable[[], None], every_s: float) -> None:
+        self._beat, self._every_s = beat, every_s
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="lithe-heartbeat", daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            self._beat()
+            self._stop.wait(self._every_s)
+
+    def stop(self) -> None:
+        """Returns when the last beat is over."""
+        self._stop.set()
+        self._thread.join()

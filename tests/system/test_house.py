@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the system tests stand on: they fail without programs, and leave nothing behind, whatever ends them."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from system import house as houses
+from system.house import ROOT, House
+from system.janitor import inhabitants
+
+TESTS = [path for folder in ("tests", "brain/tests", "examples") for path in (ROOT / folder).rglob("*.py")]
+RUNNER = """
+import sys, time
+from system.house import House
+house = House()
+house.run()
+print(house.prefix, house.dir, flush=True)
+time.sleep(600)
+"""
+
+
+def test_missing_programs_fail_a_test(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And do not skip it."""
+    monkeypatch.setattr(houses, "BIN", tmp_path)
+    with pytest.raises(AssertionError, match="no lithe in .*run `make`, or set LITHE_BIN_DIR"):
+        House()
+
+
+def test_a_killed_test_run_leaves_no_robot() -> None:
+    """Neither the supervisor nor the Spine, which outlives its parents on purpose, nor a file."""
+    paths = f"{ROOT / 'tests'}:{ROOT / 'brain'}"
+    command = ["env", f"PYTHONPATH={paths}", f"LITHE_BIN_DIR={houses.BIN}", sys.executable, "-c", RUNNER]
+    runner = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert runner.stdout is not None
+    prefix, directory = runner.stdout.readline().split()
+    assert len(inhabitants(prefix)) >= 3, "supervisor, compile service, Spine"
+    runner.kill()
+    runner.communicate()
+    House.wait_for(lambda: not Path(directory).exists())
+    assert inhabitants(prefix) == []
+    assert list(Path("/dev/shm").glob(f"{prefix}.*")) == []
+
+
+def skips(path: Path) -> list[str]:
+    """The reasons for which tests in a file may be skipped, as they stand in its text."""
+    calls = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
+    return [
+        ast.unparse(call)
+        for call in calls
+        if ast.unparse(call.func).split(".")[-1] in ("skip", "skipif", "importorskip")
+    ]
+
+
+def test_only_privileges_and_cores_may_skip_a_test() -> None:
+    """Everything else that is missing is a failure."""
+    reasons = [reason for path in TESTS for reason in skips(path)]
+    assert [reason for reason in reasons if not any(word in reason for word in ("privilege", "root", "core"))] == []
+
+
+def test_a_skip_for_another_reason_would_be_found(tmp_path: Path) -> None:
+    """The control of the test above."""
+    path = tmp_path / "test_x.py"
+    path.write_text('import pytest\npytest.skip("no binaries")\n')
+    assert skips(path) == ["pytest.skip('no binaries')"]

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a robot ends: what was confirmed, what was not, and what a supervisor never takes away from a living Spine."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import threading
+from pathlib import Path
+
+import pytest
+from system.house import BIN, House, alive
+
+LAYOUT_HASH_OFFSET_BYTES = 24  # docs/reference/wire.md: SegmentHeader
+
+
+def test_drives_that_cannot_be_confirmed_off_exit_3(house: House) -> None:
+    """A Spine that hangs answers nothing: it is killed, and nobody says that all went well."""
+    process = house.run()
+    spine = house.ask("status")["spine_pid"]
+    house.freeze(spine)
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(30) == 3
+    assert "not confirmed that every drive" in house.log()
+    assert not alive(spine) and house.segments() == []
+
+
+def test_a_robot_on_its_estop_still_ends_in_order(house: House) -> None:
+    """The e-stop has the drives damp; that they do, and that the Spine's last word is off, is confirmation enough."""
+    process = house.run()
+    assert house.ask("estop")["mode"] == "estop"
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(30) == 0, house.log()
+
+
+def test_an_error_of_the_supervisor_itself_stops_the_robot_and_exits_3(house: House) -> None:
+    """Its working directory is gone, so that the place of the records has no name: found out with a Spine running."""
+    gone = house.dir / "gone"
+    gone.mkdir()
+    env = {key: value for key, value in house.env.items() if key != "LITHE_OUT_DIR"}
+    command = f"rmdir {gone} && exec {BIN / 'lithe'} run {house.config}"
+    done = subprocess.run(
+        ["/bin/sh", "-c", command], check=False, cwd=gone, env=env, capture_output=True, text=True, timeout=90
+    )
+    assert done.returncode == 3, done.stderr
+    assert "went wrong" in done.stderr and "exit code 0" in done.stderr, "the Spine was stopped in order"
+    assert house.segments() == []
+
+
+def test_an_answer_that_makes_no_sense_exits_3_with_a_message(house: House) -> None:
+    """A supervisor of another build, say: no verb of the command line ends in an abort."""
+    house.socket.parent.mkdir(parents=True, exist_ok=True)
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(house.socket))
+        listener.listen()
+
+        def answer() -> None:
+            while True:
+                try:
+                    link, _ = listener.accept()
+                except OSError:
+                    return
+                with link:
+                    if link.recv(4096):
+                        link.sendall(json.dumps({"id": 1, "ok": True, "result": {"tick": "never"}}).encode() + b"\n")
+
+        thread = threading.Thread(target=answer, daemon=True)
+        thread.start()
+        done = house.lithe("arm")
+        listener.shutdown(socket.SHUT_RDWR)
+        thread.join(10)
+    assert done.returncode == 3 and "went wrong" in done.stderr
+
+
+@pytest.mark.parametrize("damage", ["layout", "memory"])
+def test_a_living_spine_keeps_its_memory(house: House, damage: str) -> None:
+    """Its supervisor was killed and the next one cannot read it: refused with the pid, nothing removed or replaced."""
+    process = house.run()
+    spine = house.ask("status")["spine_pid"]
+    process.kill()
+    process.wait()
+    segment = Path(f"/dev/shm/{house.prefix}.arm.spine")
+    with segment.open("r+b") as file:
+        if damage == "layout":  # as of another build
+            file.seek(LAYOUT_HASH_OFFSET_BYTES)
+            file.write(b"otherwise")
+        else:
+            file.write(b"garbage!")
+    before = {each: each.stat().st_ino for each in house.segments()}
+    assert len(before) == 3
+    second = house.run(wait=False)
+    assert second.wait(60) == 1, house.log()
+    assert "already has a Spine" in house.log() and "was left as it is" in house.log()
+    assert damage == "memory" or f"pid {spine}" in house.log()
+    assert alive(spine) and {each: each.stat().st_ino for each in house.segments()} == before
+    os.kill(spine, signal.SIGTERM)
+    house.wait_for(lambda: not alive(spine))
