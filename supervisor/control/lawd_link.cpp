@@ -53,6 +53,7 @@ Result<> LawdLink::start(std::int64_t now_ns) {
   launch.argv = {program_};
   launch.stdin_fd = theirs.get();
   launch.stdout_fd = theirs.get();
+  launch.extra_fd = arena_fd_;
   launch.own_session = true;
   launch.dies_with_parent = true;
   launch.idle_priority = true;
@@ -72,6 +73,13 @@ Result<> LawdLink::start(std::int64_t now_ns) {
 void LawdLink::compile(const std::string& name, const std::string& source, Callback callback, std::int64_t now_ns) {
   const std::uint64_t id = next_id_++;
   const Json request = {{"id", id}, {"verb", "compile"}, {"name", name}, {"source", source}, {"joints", joints_}};
+  pending_[id] = {std::move(callback), swap::dump_line(request) + '\n', now_ns + kCompileTimeoutNs, false};
+  write_requests();
+}
+
+void LawdLink::place(const std::string& hash, std::uint32_t slot, Callback callback, std::int64_t now_ns) {
+  const std::uint64_t id = next_id_++;
+  const Json request = {{"id", id}, {"verb", "place"}, {"hash", hash}, {"slot", slot}};
   pending_[id] = {std::move(callback), swap::dump_line(request) + '\n', now_ns + kCompileTimeoutNs, false};
   write_requests();
 }
