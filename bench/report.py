@@ -136,9 +136,36 @@ def print_cost(figures: Figures) -> None:
     table("the tick's own cost, without the law [us]", ["", "p50", "p99", "p99.9", "max"], rows)
 
 
+def print_contain(figures: Figures) -> None:
+    """What containment costs, and what it takes to come back."""
+    ways = [
+        ("plain", "plain"),
+        ("contained", "contained"),
+        ("contained, vault by keys", "contained_keys"),
+        ("contained, 4 KiB copied", "contained_copies_4k"),
+        ("contained, no system calls", "contained_gated"),
+        ("control: signal mask saved", "control"),
+    ]
+    rows = [[name, f"{figures['contain_call_ns_' + key]:.1f}"] for name, key in ways]
+    table("one call of a law that does next to nothing [ns]", ["", "p50"], rows)
+    kinds = [
+        ("SIGSEGV", "write_null"),
+        ("SIGFPE", "divide_by_zero"),
+        ("SIGILL", "execute_garbage"),
+        ("SIGTRAP", "hit_breakpoint"),
+        ("SIGABRT", "give_up"),
+        ("stack overflow", "overflow_stack"),
+        ("endless, past its deadline", "loop_past_deadline_polled"),
+        ("the same, spinning watchdog", "loop_past_deadline_spun"),
+    ]
+    rows = [quantile_row(name, figures, f"contain_{key}", []) for name, key in kinds]
+    table("a law's fault until its stand-in is done [us]", ["", "p50", "p99", "p99.9", "max"], rows)
+    print(f"  the watchdog takes {figures['contain_watchdog_core_share']:.1%} of its core")
+
+
 def main() -> int:
     """Measure everything, or the programs named on the command line."""
-    wanted = sys.argv[1:] or ["channel", "jitter", "cost"]
+    wanted = sys.argv[1:] or ["channel", "jitter", "cost", "contain"]
     figures = machine()
     if "channel" in wanted:
         figures |= measure("channel")
@@ -147,12 +174,15 @@ def main() -> int:
         figures |= measure_jitter()
     if "cost" in wanted:
         figures |= measure("cost")
+    if "contain" in wanted:
+        figures |= measure("contain")
     OUT.mkdir(parents=True, exist_ok=True)
     (OUT / "summary.json").write_text(json.dumps(figures, indent=2) + "\n")
 
     kind = "virtual machine" if figures["machine_virtual"] else "bare metal"
     print(f"{figures['machine_cpu']}, {figures['machine_cores']} cores, {kind}, Linux {figures['machine_kernel']}")
-    for name, show in (("channel", print_channel), ("jitter", print_jitter), ("cost", print_cost)):
+    shows = {"channel": print_channel, "jitter": print_jitter, "cost": print_cost, "contain": print_contain}
+    for name, show in shows.items():
         if name in wanted:
             show(figures)
     print(f"\nall figures: {(OUT / 'summary.json').relative_to(ROOT)}")
