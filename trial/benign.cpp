@@ -15,9 +15,9 @@ namespace {
 constexpr std::uint64_t kSteps = 200, kResetAt = 100;
 
 // Fills the stack that the next call will use: a law that reads what it never wrote finds something else each time.
-[[gnu::noinline]] void scribble(int value) {
-  std::array<volatile unsigned char, 8192> junk;
-  for (auto& byte : junk) byte = static_cast<unsigned char>(value);
+[[gnu::noinline]] void scribble(std::uint64_t value) {
+  std::array<volatile std::uint64_t, 1024> junk;
+  for (auto& word : junk) word = value;
 }
 
 bool same_bits(Stand& one, Stand& other, const LitheLaw& law, std::uint32_t joints) {
@@ -91,10 +91,10 @@ bool run_benign(Bench& bench) {
     bench.doing("harmless input %u", static_cast<unsigned>(k));
     law::dry_input(tick, k, bench.joints());
     if (k == kResetAt) bench.other.reset();  // from here on the two differ by what the state remembers
-    scribble(0x00);
+    scribble(0);
     const double first_ns = bench.one.step(tick);
     if (k == 0) bench.report.first_ns = first_ns;
-    scribble(0x41);
+    scribble(0x4141'4141'4141'4141);
     bench.other.step(tick);
     ++bench.progress().steps;
     if (!bench.sound(bench.one) || !bench.sound(bench.other)) return false;

@@ -99,6 +99,10 @@ Outcome run_sandboxed(const std::function<int(int)>& body, const Limits& limits,
   if (pid > 0) {
     const auto deadline = start + std::chrono::milliseconds(limits.wall_ms);
     outcome.timed_out = !drain(ends[0], deadline, expected, outcome.output);
+    if (outcome.timed_out) {  // it may still say where it is
+      kill(pid, SIGPROF);
+      drain(ends[0], Clock::now() + std::chrono::milliseconds(50), expected, outcome.output);
+    }
     reap(pid, deadline, outcome);
   }
   close(ends[0]);
@@ -116,8 +120,8 @@ Result<> shed_rights(int pipe_fd, const Limits& limits) {
   if (syscall(SYS_close_range, 4u, ~0u, 0u) != 0) return system_error("cannot close what was inherited");
   const auto cpu_s = static_cast<rlim_t>(limits.cpu_ms / 1000 + 1);
   bool ok = limit(RLIMIT_CORE, 0, 0) && limit(RLIMIT_CPU, cpu_s, cpu_s + 1) && limit(RLIMIT_NPROC, 0, 0) &&
-            limit(RLIMIT_FSIZE, 16u << 20, 16u << 20) && limit(RLIMIT_STACK, 1u << 20, 1u << 20) && limit(RLIMIT_MEMLOCK, 0, 0) &&
-            limit(RLIMIT_NOFILE, 64, 64);
+            limit(RLIMIT_FSIZE, 16u << 20, 16u << 20) && limit(RLIMIT_STACK, 1u << 20, 1u << 20) &&
+            limit(RLIMIT_MEMLOCK, 0, 0) && limit(RLIMIT_NOFILE, 64, 64);
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // their shadow memory needs the address space
   const rlim_t memory = mapped_bytes() + limits.memory_bytes;
   ok = ok && limit(RLIMIT_AS, memory, memory);

@@ -60,7 +60,7 @@ std::string line_of(const std::string& object, std::uint64_t address) {
 
 std::string crash_text(const Report& report, const std::string& where) {
   const Crash& crash = report.crash;
-  char words[128];
+  char words[160];
   switch (crash.signal) {
     case SIGSEGV:
       std::snprintf(words, sizeof words, "it touched memory that is not its own (SIGSEGV at 0x%llx)",
@@ -86,8 +86,9 @@ std::string crash_text(const Report& report, const std::string& where) {
       std::snprintf(words, sizeof words, "it made system call %d: a law may only compute", crash.system_call);
       break;
     case SIGPROF:
-      std::snprintf(words, sizeof words,
-                    "it did not come to an end in the trial's time: look for a loop without a bound");
+      std::snprintf(
+          words, sizeof words,
+          "it did not come to an end in the trial's time: look for a loop without a bound, or far too much work");
       break;
     default:
       std::snprintf(words, sizeof words, "it was ended by signal %d", crash.signal);
@@ -114,14 +115,17 @@ std::string death_text(const Outcome& outcome, const Limits& limits) {
 
 Verdict judge(const Outcome& outcome, const Limits& limits, const std::string& object, bool pc_is_absolute) {
   Verdict verdict;
-  if (!is_report(outcome.output, verdict.report)) {
-    verdict.report = {};
-    verdict.starved = outcome.timed_out && outcome.cpu_ms < 0.5 * limits.cpu_ms;
-    verdict.reason = verdict.starved
-                         ? "the board is too busy: the trial got " + std::to_string(static_cast<int>(outcome.cpu_ms)) +
-                               " ms of the processor in " + std::to_string(static_cast<int>(outcome.wall_ms)) +
-                               " ms; try again"
-                         : death_text(outcome, limits);
+  const bool whole = is_report(outcome.output, verdict.report);
+  if (!whole) verdict.report = {};
+  // Broken off before it had half of the processor time it was promised: that says nothing about the law.
+  verdict.starved = outcome.timed_out && outcome.cpu_ms < 0.5 * limits.cpu_ms;
+  if (verdict.starved) {
+    verdict.reason = "the board is too busy: the trial got " + std::to_string(static_cast<int>(outcome.cpu_ms)) +
+                     " ms of the processor in " + std::to_string(static_cast<int>(outcome.wall_ms)) + " ms; try again";
+    return verdict;
+  }
+  if (!whole) {
+    verdict.reason = death_text(outcome, limits);
     return verdict;
   }
   const Report& report = verdict.report;

@@ -2,10 +2,13 @@
 #include "trial/zygote.hpp"
 
 #include <gtest/gtest.h>
+#include <signal.h>
 #include <sys/mman.h>
+#include <unistd.h>
 
 #include <cstring>
 
+#include "spine/arena/arena.hpp"
 #include "trial/guarded.hpp"
 #include "trial/verdict.hpp"
 
@@ -19,6 +22,22 @@ constexpr bool kSanitized = true;  // its run time needs the system calls that a
 #else
 constexpr bool kSanitized = false;
 #endif
+
+// A law that asks for nothing, made by hand for a slot: its descriptor, then one instruction that returns.
+struct HandMade {
+  LitheLaw law{};
+#if defined(__x86_64__)
+  std::array<unsigned char, 8> code{0xC3};  // ret
+#else
+  std::array<unsigned char, 8> code{0xC0, 0x03, 0x5F, 0xD6};  // ret
+#endif
+};
+
+struct Nothing {
+  struct Params {};
+  struct State {};
+  static void step(const Tick&, const Params&, State&, Effort&) {}
+};
 
 class ZygoteTest : public ::testing::Test {
  protected:
@@ -102,6 +121,35 @@ TEST_F(ZygoteTest, BudgetIsHeld) {
   EXPECT_NE(slow.value("reason", "").find("budget"), std::string::npos) << slow.dump();
 }
 
+TEST_F(ZygoteTest, PlacedLawIsTriedWhereItLies) {
+  const auto memory = arena::make_memory();
+  ASSERT_TRUE(memory);
+  HandMade made;
+  made.law = describe<Nothing>("nothing");
+  made.law.step = reinterpret_cast<decltype(made.law.step)>(arena::slot_address(2) + offsetof(HandMade, code));
+  const std::span<const std::byte> image{reinterpret_cast<const std::byte*>(&made), sizeof made};
+  {
+    auto writer = arena::Writer::attach(*memory);
+    ASSERT_TRUE(writer) << writer.message();
+    ASSERT_TRUE(writer->place(2, image));
+  }
+  auto with_arena = Zygote::make(LITHE_ROBOTS "/arm.toml", *memory);
+  ASSERT_TRUE(with_arena) << with_arena.message();
+  bool quit = false;
+  json request = {{"verb", "try"},
+                  {"slot", 2},
+                  {"entry", arena::slot_address(2)},
+                  {"code_bytes", sizeof made},
+                  {"image_hash", arena::image_hash(image)}};
+  const json reply = with_arena->answer(request.dump(), quit);
+  EXPECT_TRUE(reply["ok"].get<bool>()) << reply.dump();
+  request["image_hash"] = "12ab";
+  EXPECT_FALSE(with_arena->answer(request.dump(), quit)["ok"].get<bool>()) << "another image than announced";
+  request["slot"] = 77;
+  EXPECT_FALSE(with_arena->answer(request.dump(), quit)["ok"].get<bool>());
+  close(*memory);
+}
+
 TEST_F(ZygoteTest, NonsenseIsAnsweredAndTheZygoteLives) {
   bool quit = false;
   for (const char* line :
@@ -157,6 +205,7 @@ TEST(Sandbox, ChildThatDoesNotEndIsKilled) {
   limits.wall_ms = 50;
   const Outcome outcome = run_sandboxed(
       [](int) {
+        signal(SIGPROF, SIG_IGN);  // the question where it is
         for (volatile int x = 1; x != 0;) x = 1;
         return 0;
       },
