@@ -169,8 +169,8 @@ Linked* Placer::remembered(const std::string& name, std::uint32_t slot) {
 
 json Placer::place(const std::string& name, const std::string& object, std::uint32_t slot, std::uint32_t joints,
                    std::uint64_t dry_steps) {
-  if (!writer_) return refuse("arena", error_);
-  if (!arena::is_slot(slot)) return refuse("request", fmt::format("place needs \"slot\": 1 to {}", arena::kSlots));
+  if (!writer_ || !arena::is_slot(slot))
+    return refuse("request", fmt::format("place needs \"slot\": 1 to {}", arena::kSlots));
   const Linked* linked = remembered(name, slot);
   const bool known = linked != nullptr;
   if (!known) {

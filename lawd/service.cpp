@@ -138,6 +138,7 @@ json Service::compile(const json& request) {
 
 // A law that was compiled before, by its hash.
 json Service::place(const json& request) {
+  if (!placer_.error().empty()) return refuse("arena", placer_.error());
   const json hash = request.value("hash", json()), slot = request.value("slot", json());
   const bool named = hash.is_string() &&
                      hash.get<std::string>().find_first_not_of("0123456789abcdef") == std::string::npos &&

@@ -24,7 +24,10 @@ LITHE_BAD void nothing(void*) {}
 
 LITHE_BAD void count(void* counter) { *static_cast<volatile int*>(counter) = *static_cast<volatile int*>(counter) + 1; }
 
-LITHE_BAD void store_at(std::uintptr_t address) { *reinterpret_cast<volatile int*>(address) = 1; }
+LITHE_BAD void store_at(std::uintptr_t address) {
+  asm volatile("" : "+r"(address));  // the compiler must not see what is wrong with it
+  *reinterpret_cast<volatile int*>(address) = 1;
+}
 
 LITHE_BAD void write_null(void*) { store_at(0x10); }
 

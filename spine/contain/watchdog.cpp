@@ -40,7 +40,8 @@ Result<> Watchdog::watch(Cell& cell) {
   const std::lock_guard lock(mutex_);
   for (Watched& place : watched_) {
     if (place.core != nullptr) continue;
-    place = {cell.core_.get(), 0, 0, 0};
+    place.core = cell.core_.get();
+    place.vault = place.core->vault;
     cell.core_->watchdog = this;
     return done();
   }
@@ -80,6 +81,7 @@ std::int64_t Watchdog::look(std::int64_t now_ns) noexcept {
 
 // The time until this call's deadline, at most the usual wait.
 std::int64_t Watchdog::look_at(Watched& watched, std::int64_t now_ns) noexcept {
+  if (watched.vault != nullptr) watched.vault->open_for_this_thread();  // it may be younger than this thread
   Core& core = *watched.core;
   // acquire: partner of the release in Cell::run(). A later call's deadline lies later, so mixing the two only delays.
   const std::uint64_t call = core.call.load(std::memory_order_acquire);

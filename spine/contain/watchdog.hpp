@@ -13,9 +13,10 @@
 
 namespace lithe::contain {
 
-// How closely a Watchdog looks: a law is broken off between its deadline and one look later.
+// How closely a Watchdog looks. A call that it meets before its deadline is waited for exactly, so a look per budget is
+// as good as many; one that is met later was up to a look too long.
 struct WatchdogConfig {
-  std::int64_t look_every_ns = 50'000;  // 0 = spin: a core of its own, and the tick's line in its cache all the time
+  std::int64_t look_every_ns = 100'000;  // 0 = spin: a core of its own, and the tick's line in its cache all the time
   std::int64_t idle_after_ns = 100'000'000;     // no call for so long: nobody ticks a law ...
   std::int64_t idle_look_every_ns = 1'000'000;  // ... and this is often enough, also for the first call
 };
@@ -47,6 +48,7 @@ class Watchdog {
 
   struct Watched {
     Core* core = nullptr;
+    const Vault* vault = nullptr;  // where the core lies
     std::int64_t deadline_ns = 0;  // at the last look
     std::uint64_t signalled = 0;   // the call that was told to end
     std::int64_t again_ns = 0;     // it is told again from then on

@@ -7,6 +7,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <memory>
 #include <thread>
 #include <vector>
 
@@ -117,6 +118,17 @@ TEST_F(WatchdogTest, SeveralThreadsAreWatchedAndNoMoreThanItHasPlacesFor) {
   EXPECT_EQ(broken, static_cast<int>(kMaxWatched));
   Cell cell = open_cell();
   EXPECT_TRUE(guarded.dog.watch(cell)) << "places of threads that are gone are free again";
+}
+
+TEST_F(WatchdogTest, AVaultYoungerThanTheWatchdogsThreadIsOpenToIt) {
+  Guarded guarded;
+  const Result<std::unique_ptr<Vault>> vault = Vault::make(1 << 14);
+  ASSERT_TRUE(vault) << vault.message();
+  Cell cell = open_cell(vault->get());
+  watch(guarded.dog, cell);
+  for (int i = 0; i < 20; ++i) {
+    ASSERT_EQ(cell.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran);
+  }
 }
 
 // --- a signal that comes too late ---

@@ -107,6 +107,8 @@ void Supervisor::catch_signals() {
 }
 
 void Supervisor::start_lawd() {
+  arena_ = open_arena(config_);
+  lawd_.give_arena(arena_.get());
   if (const auto started = lawd_.start(monotonic_ns()); !started) {
     throw Halt{1, started.message()};
   }
@@ -125,6 +127,7 @@ void Supervisor::start_spine() {
   launch.argv = {program_dir() + "/lithe-spine", fs::absolute(options_.config_path).string()};
   launch.stdout_fd = theirs.get();
   launch.stderr_fd = log.get();  // a file and not a pipe: the Spine may outlive us
+  launch.extra_fd = arena_.get();
   launch.own_session = true;
   launch.cpus = all_cpus_;
   auto process = Process::start(launch);

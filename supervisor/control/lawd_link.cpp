@@ -52,6 +52,7 @@ Result<> LawdLink::start(std::int64_t now_ns) {
   launch.argv = {program_};
   launch.stdin_fd = theirs.get();
   launch.stdout_fd = theirs.get();
+  launch.extra_fd = arena_fd_;
   launch.own_session = true;
   launch.dies_with_parent = true;
   launch.idle_priority = true;
@@ -86,6 +87,13 @@ void LawdLink::check(const std::string& name, const std::string& source, Callbac
     return;
   }
   checks_.push_back(job(name, source, std::move(callback)));
+  write_requests(now_ns);
+}
+
+void LawdLink::place(const std::string& hash, std::uint32_t slot, Callback callback, std::int64_t now_ns) {
+  const std::uint64_t id = next_id_++;
+  const Json request = {{"id", id}, {"verb", "place"}, {"hash", hash}, {"slot", slot}};
+  swaps_.push_front({id, swap::dump_line(request) + '\n', std::move(callback)});  // its law is the next one's turn
   write_requests(now_ns);
 }
 

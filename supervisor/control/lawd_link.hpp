@@ -31,11 +31,16 @@ class LawdLink {
       : program_(std::move(program)), cpus_(std::move(cpus)), joints_(joints) {}
   ~LawdLink() { stop(); }
 
+  // The code arena, for lawd and those that follow it; before start(). -1: none.
+  void give_arena(int fd) { arena_fd_ = fd; }
+
   Result<> start(std::int64_t now_ns);
   // The answer is lawd's own on success; a Refusal carries the diagnostics in `detail`.
   void compile(const std::string& name, const std::string& source, Callback callback, std::int64_t now_ns);
   // The same for a law that is only tried: every compile() goes before it, and kMaxChecks at most wait.
   void check(const std::string& name, const std::string& source, Callback callback, std::int64_t now_ns);
+  // Has a compiled law linked for a slot of the arena and written there; `hash`: as the answer to compile() gave it.
+  void place(const std::string& hash, std::uint32_t slot, Callback callback, std::int64_t now_ns);
   // Reads answers, notices a death, starts it again. Call after poll() and at least ten times a second.
   void serve(std::int64_t now_ns);
   void stop();
@@ -66,6 +71,7 @@ class LawdLink {
   std::string program_;
   std::vector<int> cpus_;
   std::size_t joints_;
+  int arena_fd_ = -1;
   std::optional<Process> process_;
   Fd socket_;
   LineBuffer in_{std::size_t{64} << 20};

@@ -95,6 +95,7 @@ Json status_json(const SpineLink& spine) {
             {"brain", info.cpu_brain},
             {"housekeeping", info.cpu_housekeeping},
             {"transport_inline", info.transport_inline != 0}}},
+          {"loader", info.arena_base != 0 ? "arena" : "dlopen"},
           {"lost", text_of(info.notes)},
           {"config", text_of(info.config_path)},
           {"spine_pid", spine.spine_pid()}};
@@ -123,6 +124,7 @@ Json resident_json(const SpineLink& spine) {
     list.push_back({{"law", text_of(law.name)},
                     {"law_id", law.law_id},
                     {"active", law.law_id == now.law_id},
+                    {"slot", law.slot == 0 ? Json(nullptr) : Json(law.slot)},
                     {"params", params_of(law, nullptr)},
                     {"probes", std::move(probes)}});
   }

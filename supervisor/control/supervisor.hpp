@@ -95,6 +95,7 @@ class Supervisor {
   ipc::Lease lease_;
   bool owns_files_ = false;
   Fd signals_;
+  Fd arena_;  // the code arena, handed to lawd and to the Spine
   LawdLink lawd_;
   std::string first_source_;
   std::optional<Process> spine_;

@@ -62,6 +62,7 @@ Swaps::Swaps(SpineLink& spine, LawdLink& lawd, Commands& commands, EventLog& log
              std::uint64_t first_request_id)
     : spine_(spine),
       lawd_(lawd),
+      placement_(spine, lawd),
       commands_(commands),
       log_(log),
       book_(std::move(book)),
@@ -134,18 +135,43 @@ void Swaps::compiled(std::uint64_t request_id, const Answer& answer) {
                           result.value("cached", false), result.value("compile_ms", 0.0), law};
   note(*head, "swap_compiled",
        fmt::format("{} in {:.0f} ms{}", compiled.law, compiled.compile_ms, compiled.cached ? " (cached)" : ""));
-  queue_.on_compiled(request_id, std::move(compiled), now_ns);
+  const std::string hash = compiled.hash;
+  placement_.place(
+      hash,
+      [this, request_id, compiled = std::move(compiled)](const std::variant<Placed, Refusal>& where) {
+        if (const auto* refusal = std::get_if<Refusal>(&where)) {
+          queue_.on_refused(request_id, *refusal, monotonic_ns());
+        } else {
+          placed(request_id, compiled, std::get<Placed>(where));
+        }
+      },
+      now_ns);
+}
+
+void Swaps::placed(std::uint64_t request_id, swap::Compiled compiled, const Placed& where) {
+  const swap::Transaction* head = queue_.head();
+  if (head == nullptr || head->request_id() != request_id) {
+    placement_.forget(where.slot);  // it was given up meanwhile
+    return;
+  }
+  placed_ = where;
+  queue_.on_compiled(request_id, std::move(compiled), monotonic_ns());
 }
 
 void Swaps::stage(const swap::Transaction& swap) {
   wire::StageRequest request;
   request.request_id = swap.request_id();
   request.source_hash = std::strtoull(swap.compiled().hash.substr(0, 16).c_str(), nullptr, 16);
+  request.slot = placed_.slot;
+  request.code_bytes = placed_.code_bytes;
+  request.entry = placed_.entry;
+  request.image_hash = placed_.image_hash;
   ticket_.reset();
   commit_.reset();
   stage_refused_ns_ = 0;
   const std::string& object = swap.compiled().object;
   if (!put(request.path, object) || !put(request.name, swap.compiled().law)) {
+    placement_.forget(placed_.slot);
     queue_.on_refused(swap.request_id(),
                       {"path_too_long", fmt::format("{} does not fit the Spine's field", object),
                        "set LITHE_CACHE_DIR to a shorter path"},
@@ -153,7 +179,10 @@ void Swaps::stage(const swap::Transaction& swap) {
     return;
   }
   ticket_ = spine_.stage(request);
-  if (!ticket_) {
+  if (ticket_) {
+    placement_.asked(placed_.slot, *ticket_);
+  } else {
+    placement_.forget(placed_.slot);
     queue_.on_refused(swap.request_id(), stage_refusal(wire::StageResult::busy, "the Loader does not take requests"),
                       monotonic_ns());
   }

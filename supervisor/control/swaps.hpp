@@ -11,6 +11,7 @@
 #include "supervisor/control/commands.hpp"
 #include "supervisor/control/event_log.hpp"
 #include "supervisor/control/lawd_link.hpp"
+#include "supervisor/control/placement.hpp"
 #include "supervisor/control/spine_link.hpp"
 #include "supervisor/swap/queue.hpp"
 #include "supervisor/swap/record.hpp"
@@ -36,6 +37,7 @@ class Swaps {
  private:
   void compile(const swap::Transaction& swap);
   void compiled(std::uint64_t request_id, const swap::Answer& answer);
+  void placed(std::uint64_t request_id, swap::Compiled compiled, const Placed& where);
   void stage(const swap::Transaction& swap);
   void poll_stage(std::int64_t now_ns);
   void finish(const swap::Transaction& swap);
@@ -45,6 +47,7 @@ class Swaps {
 
   SpineLink& spine_;
   LawdLink& lawd_;
+  Placement placement_;
   Commands& commands_;
   EventLog& log_;
   swap::RecordBook book_;
@@ -54,6 +57,7 @@ class Swaps {
     std::filesystem::path record;  // empty: it could not be written
   };
   std::map<std::uint64_t, Waiting> waiting_;
+  Placed placed_;                        // where the head of the queue lies
   std::optional<std::uint64_t> ticket_;  // of the stage request under way
   std::optional<wire::Event> commit_;    // seen, not yet answered
   std::int64_t stage_refused_ns_ = 0;    // the Loader said no; its event may still bring the words

@@ -12,7 +12,7 @@ struct Hostile {
     for (std::uint32_t j = 0; j < t.joints; ++j) {
       u.torque_nm[j] = 4 * (t.setpoint_position_rad[j] - t.position_rad[j]) - 0.1 * t.velocity_rad_s[j];
     }
-    u.torque_nm[static_cast<std::size_t>(static_cast<long>(t.position_rad[0] * 0) * 4096)] += 0.01;
+    u.torque_nm[static_cast<std::size_t>(static_cast<long>(t.position_rad[0] * 0) / 4096)] += 0.01;
   }
 };
 LITHE_LAW(Hostile, "index_from_nan");

@@ -10,7 +10,7 @@ struct Hostile {
 
   static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& u) {
     volatile double x = t.position_rad[0];
-    for (int i = 0; i < 3000; ++i) x = x * 0.999999;
+    for (int i = 0; i < 20'000; ++i) x = x * 0.999999;
     u.torque_nm[0] = 1e-3 * x;
   }
 };

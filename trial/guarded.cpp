@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trial/guarded.hpp"
+
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdlib>
+
+namespace lithe::trial {
+namespace {
+
+constexpr std::byte kPattern{0xA5};
+
+// `inside` bytes of an address range of their own, a page without access on either side.
+std::byte* reserve(std::size_t inside, std::size_t page) {
+  void* at = mmap(nullptr, inside + 2 * page, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+  if (at == MAP_FAILED) std::abort();
+  return static_cast<std::byte*>(at) + page;
+}
+
+void map_over(std::byte* at, std::size_t inside, int protection, int fd) {
+  const int flags = MAP_FIXED | MAP_POPULATE | (fd < 0 ? MAP_PRIVATE | MAP_ANONYMOUS : MAP_SHARED);
+  if (mmap(at, inside, protection, flags, fd, 0) == MAP_FAILED) std::abort();
+}
+
+}  // namespace
+
+Guarded::Guarded(std::size_t bytes, Kind kind) : size_(bytes) {
+  const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
+  const std::size_t inside = std::max<std::size_t>(1, (bytes + page - 1) / page) * page;
+  int fd = -1;
+  if (kind == Kind::with_read_only_view) {
+    fd = memfd_create("lithe-trial", MFD_CLOEXEC);
+    if (fd < 0 || ftruncate(fd, static_cast<off_t>(inside)) != 0) std::abort();
+  }
+  std::byte* ours = reserve(inside, page);
+  map_over(ours, inside, PROT_READ | PROT_WRITE, fd);
+  std::byte* theirs = ours;
+  if (fd >= 0) {
+    theirs = reserve(inside, page);
+    map_over(theirs, inside, PROT_READ, fd);
+    close(fd);
+  }
+  data_ = ours + inside - bytes;
+  law_view_ = theirs + inside - bytes;
+  fence_ = {ours, inside - bytes};
+  std::fill(fence_.begin(), fence_.end(), kPattern);
+}
+
+bool Guarded::fence_intact() const {
+  return std::all_of(fence_.begin(), fence_.end(), [](std::byte b) { return b == kPattern; });
+}
+
+}  // namespace lithe::trial

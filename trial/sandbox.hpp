@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// A child process that can do nothing but compute, and does not live long.
+#pragma once
+
+#include <sys/types.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <string>
+
+#include "spine/core/result.hpp"
+
+namespace lithe::trial {
+
+struct Limits {
+  int cpu_ms = 150;                                   // then the child says where it is and ends
+  int wall_ms = 600;                                  // then it is killed, however little it got of the processor
+  std::size_t memory_bytes = std::size_t{512} << 20;  // beyond what the parent has
+};
+
+struct Outcome {
+  bool timed_out = false;  // killed at wall_ms
+  int signal = 0;          // that ended it, 0 = none
+  int exit_code = -1;
+  double cpu_ms = 0, wall_ms = 0;
+  std::string output;  // what it wrote into its pipe, at most `expected` bytes
+};
+
+// Forks; the child runs `body` with the writing end of a pipe, its only way out, and ends with what it returns. It
+// dies with this process. Contract: one child at a time
+Outcome run_sandboxed(const std::function<int(int pipe_fd)>& body, const Limits& limits, std::size_t expected);
+
+// In the child, in this order, each for good:
+// Resource limits, no descriptor but the pipe, no core file, no other process.
+Result<> shed_rights(int pipe_fd, const Limits& limits);
+// From now on: read files, map memory, write to the pipe, end. What loading a law needs.
+Result<> allow_loading_only(int pipe_fd);
+// From now on: write to the pipe, read the clock, end. What a law needs not even once.
+Result<> allow_computing_only(int pipe_fd);
+
+}  // namespace lithe::trial

@@ -1,0 +1,233 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trial/zygote.hpp"
+
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <cstring>
+
+#include "spine/arena/arena.hpp"
+#include "trial/guarded.hpp"
+#include "trial/verdict.hpp"
+
+namespace lithe::trial {
+namespace {
+
+using nlohmann::json;
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr bool kSanitized = true;  // its run time needs the system calls that a trial may not make
+#else
+constexpr bool kSanitized = false;
+#endif
+
+// A law that asks for nothing, made by hand for a slot: its descriptor, then one instruction that returns.
+struct HandMade {
+  LitheLaw law{};
+#if defined(__x86_64__)
+  std::array<unsigned char, 8> code{0xC3};  // ret
+#else
+  std::array<unsigned char, 8> code{0xC0, 0x03, 0x5F, 0xD6};  // ret
+#endif
+};
+
+struct Nothing {
+  struct Params {};
+  struct State {};
+  static void step(const Tick&, const Params&, State&, Effort&) {}
+};
+
+class ZygoteTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (kSanitized) GTEST_SKIP() << "a sanitizer cannot live in the sandbox";
+  }
+
+  static Zygote& zygote() {
+    static auto made = Zygote::make(LITHE_ROBOTS "/arm.toml", -1);
+    EXPECT_TRUE(made) << made.message();
+    return *made;
+  }
+
+  static json attempt(const std::string& object, json more = json::object()) {
+    more.update({{"id", 3}, {"verb", "try"}, {"object", object}, {"budget_ns", 300'000}});
+    bool quit = false;
+    return zygote().answer(more.dump(), quit);
+  }
+
+  // The reason, which must speak of `part`.
+  static void expect_refused(const std::string& object, const std::string& section, const std::string& part) {
+    const json reply = attempt(object);
+    EXPECT_FALSE(reply["ok"].get<bool>()) << object;
+    EXPECT_EQ(reply["section"], section) << reply.dump();
+    EXPECT_NE(reply.value("reason", "").find(part), std::string::npos) << reply.dump();
+  }
+};
+
+TEST_F(ZygoteTest, GoodLawsPassAndAllSectionsReport) {
+  for (const char* object : {LAW_pd, LAW_hold}) {
+    const json reply = attempt(object);
+    EXPECT_TRUE(reply["ok"].get<bool>()) << reply.dump();
+    EXPECT_EQ(reply["id"], 3);
+    for (const char* section : {"benign", "loop", "hostile", "timing"}) {
+      EXPECT_TRUE(reply["report"][section]["done"].get<bool>()) << section << reply.dump();
+    }
+    EXPECT_TRUE(reply["report"]["benign"]["same_bits"].get<bool>());
+    EXPECT_GT(reply["report"]["timing"]["p999_ns"].get<double>(), 0);
+    EXPECT_GE(reply["report"]["loop"]["ticks"].get<int>(), 100);
+  }
+}
+
+TEST_F(ZygoteTest, CrashIsNamedWithItsLine) {
+  const json reply = attempt(LAW_writes_null);
+  EXPECT_NE(reply.value("reason", "").find("SIGSEGV at 0x0"), std::string::npos) << reply.dump();
+  EXPECT_EQ(reply.value("where", "").substr(0, 16), "writes_null.cpp:");
+  expect_refused(LAW_deep_recursion, "benign", "SIGSEGV");
+}
+
+TEST_F(ZygoteTest, EndlessLoopAndEndlessWorkAreBrokenOff) {
+  expect_refused(LAW_loops_for_ever, "benign", "did not come to an end");
+  expect_refused(LAW_takes_ten_milliseconds, "benign", "did not come to an end");
+}
+
+TEST_F(ZygoteTest, OutputThatIsNoNumberIsNamed) { expect_refused(LAW_nan_when_at_rest, "benign", "torque_nm[0]"); }
+
+TEST_F(ZygoteTest, EveryWriteOutsideItsOwnMemoryIsSeen) {
+  expect_refused(LAW_writes_past_its_state, "benign", "SIGSEGV");
+  expect_refused(LAW_writes_before_its_state, "benign", "before the beginning of its State");
+  expect_refused(LAW_writes_its_input, "benign", "SIGSEGV");
+  expect_refused(LAW_init_reads_past_the_history, "benign", "its init");
+}
+
+TEST_F(ZygoteTest, LawThatFightsTheRobotIsRefusedByTheSimulation) {
+  expect_refused(LAW_positive_feedback, "loop", "simulated robot");
+  expect_refused(LAW_torque_chatter, "loop", "simulated robot");
+}
+
+TEST_F(ZygoteTest, LawThatIsNotAFunctionOfItsInputIsRefused) {
+  expect_refused(LAW_depends_on_addresses, "benign", "another output the second time");
+}
+
+TEST_F(ZygoteTest, SystemCallEndsTheTrial) { expect_refused(LAW_asm_syscall, "benign", "system call"); }
+
+TEST_F(ZygoteTest, BudgetIsHeld) {
+  const json reply = attempt(LAW_pd, {{"budget_ns", 300'000}, {"params", {{"kp_nm_rad", 2.0}}}});
+  EXPECT_TRUE(reply["ok"].get<bool>()) << reply.dump();
+  bool quit = false;
+  const json slow = zygote().answer(json{{"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 1}}.dump(), quit);
+  EXPECT_FALSE(slow["ok"].get<bool>());
+  EXPECT_NE(slow.value("reason", "").find("budget"), std::string::npos) << slow.dump();
+}
+
+TEST_F(ZygoteTest, PlacedLawIsTriedWhereItLies) {
+  const auto memory = arena::make_memory();
+  ASSERT_TRUE(memory);
+  HandMade made;
+  made.law = describe<Nothing>("nothing");
+  made.law.step = reinterpret_cast<decltype(made.law.step)>(arena::slot_address(2) + offsetof(HandMade, code));
+  const std::span<const std::byte> image{reinterpret_cast<const std::byte*>(&made), sizeof made};
+  {
+    auto writer = arena::Writer::attach(*memory);
+    ASSERT_TRUE(writer) << writer.message();
+    ASSERT_TRUE(writer->place(2, image));
+  }
+  auto with_arena = Zygote::make(LITHE_ROBOTS "/arm.toml", *memory);
+  ASSERT_TRUE(with_arena) << with_arena.message();
+  bool quit = false;
+  json request = {{"verb", "try"},
+                  {"slot", 2},
+                  {"entry", arena::slot_address(2)},
+                  {"code_bytes", sizeof made},
+                  {"image_hash", arena::image_hash(image)}};
+  const json reply = with_arena->answer(request.dump(), quit);
+  EXPECT_TRUE(reply["ok"].get<bool>()) << reply.dump();
+  request["image_hash"] = "12ab";
+  EXPECT_FALSE(with_arena->answer(request.dump(), quit)["ok"].get<bool>()) << "another image than announced";
+  request["slot"] = 77;
+  EXPECT_FALSE(with_arena->answer(request.dump(), quit)["ok"].get<bool>());
+  close(*memory);
+}
+
+TEST_F(ZygoteTest, NonsenseIsAnsweredAndTheZygoteLives) {
+  bool quit = false;
+  for (const char* line :
+       {"{", "[]", "{\"verb\":3}", "{\"verb\":\"try\"}", "{\"verb\":\"try\",\"object\":\"/nowhere\"}",
+        "{\"verb\":\"try\",\"slot\":3,\"entry\":\"0x10\"}", "\xff\xfe", "{\"verb\":\"try\",\"object\":\"/dev/zero\"}",
+        "{\"verb\":\"dance\"}", "{\"verb\":\"try\",\"object\":\"x\",\"params\":[1]}"}) {
+    EXPECT_FALSE(zygote().answer(line, quit)["ok"].get<bool>()) << line;
+  }
+  EXPECT_FALSE(attempt(LAW_pd, {{"params", {{"kp_nm_rad", 1e9}}}})["ok"].get<bool>());
+  EXPECT_FALSE(attempt(LAW_pd, {{"params", {{"no_such", 1}}}})["ok"].get<bool>());
+  EXPECT_TRUE(zygote().answer("{\"verb\":\"ping\"}", quit)["ok"].get<bool>());
+  EXPECT_FALSE(quit);
+  EXPECT_TRUE(zygote().answer("{\"verb\":\"quit\"}", quit)["ok"].get<bool>());
+  EXPECT_TRUE(quit);
+}
+
+TEST(Verdict, LiesOfAChildAreNotBelieved) {
+  Report report;
+  report.ended = 1;
+  const auto bytes = [&] { return std::string(reinterpret_cast<const char*>(&report), sizeof report); };
+  Outcome outcome;
+  outcome.exit_code = 0;
+  outcome.output = bytes();
+  EXPECT_TRUE(judge(outcome, {}, "", false).ok);
+  outcome.exit_code = 1;
+  EXPECT_FALSE(judge(outcome, {}, "", false).ok) << "it did not end well";
+  outcome.exit_code = 0;
+  outcome.output = bytes().substr(1);
+  EXPECT_FALSE(judge(outcome, {}, "", false).ok) << "half a report";
+  outcome.output = "";
+  EXPECT_FALSE(judge(outcome, {}, "", false).ok) << "no report";
+  report.section = 77;
+  outcome.output = bytes();
+  EXPECT_FALSE(judge(outcome, {}, "", false).ok) << "no such section";
+  report.section = 0;
+  report.ended = 0;
+  outcome.output = bytes();
+  EXPECT_FALSE(judge(outcome, {}, "", false).ok) << "not at its end";
+}
+
+TEST(Verdict, StarvedTrialIsNotTheLawsFault) {
+  Outcome outcome;
+  outcome.timed_out = true;
+  outcome.signal = 9;
+  outcome.cpu_ms = 5;
+  EXPECT_TRUE(judge(outcome, {}, "", false).starved);
+  outcome.cpu_ms = 149;
+  EXPECT_FALSE(judge(outcome, {}, "", false).starved);
+}
+
+TEST(Sandbox, ChildThatDoesNotEndIsKilled) {
+  Limits limits;
+  limits.wall_ms = 50;
+  const Outcome outcome = run_sandboxed(
+      [](int) {
+        signal(SIGPROF, SIG_IGN);  // the question where it is
+        for (volatile int x = 1; x != 0;) x = 1;
+        return 0;
+      },
+      limits, 10);
+  EXPECT_TRUE(outcome.timed_out);
+  EXPECT_EQ(outcome.signal, 9);
+}
+
+TEST(GuardedTest, FenceRemembersWhatWasWrittenBeforeTheBytes) {
+  const Guarded memory(24, Guarded::Kind::with_read_only_view);
+  std::memset(memory.data(), 7, 24);
+  EXPECT_EQ(memory.law_view()[23], std::byte{7}) << "both views show the same bytes";
+  EXPECT_TRUE(memory.fence_intact());
+  memory.data()[-1] = std::byte{0};
+  EXPECT_FALSE(memory.fence_intact());
+}
+
+TEST(GuardedDeathTest, WritingPastTheEndOrIntoTheLawsViewIsAnAccessViolation) {
+  const Guarded memory(24, Guarded::Kind::with_read_only_view);
+  EXPECT_DEATH(*const_cast<volatile std::byte*>(memory.data() + 24) = std::byte{1}, "");
+  EXPECT_DEATH(*const_cast<volatile std::byte*>(memory.law_view()) = std::byte{1}, "");
+}
+
+}  // namespace
+}  // namespace lithe::trial
