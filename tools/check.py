@@ -39,6 +39,7 @@ STEPS = [
     Step("schema", f"{PYTHON} tools/gen.py --check", f"{PYTHON} tools/gen.py --write"),
     Step("ruff", f"{PYTHON} -m ruff check --quiet . && {PYTHON} -m ruff format --check --quiet .", "make format"),
     Step("types", f"{PYTHON} -m mypy --no-error-summary", f"{PYTHON} -m mypy"),
+    Step("models", f"{PYTHON} tools/models.py", f"{PYTHON} tools/models.py --trace RUN models/FILE.pml tells how"),
     Step("format", f"{CPP_FILES} | xargs clang-format-22 --dry-run -Werror", "make format"),
     Step(
         "tidy",

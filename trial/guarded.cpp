@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <cstring>
 
 namespace lithe::trial {
 namespace {
@@ -49,7 +50,9 @@ Guarded::Guarded(std::size_t bytes, Kind kind) : size_(bytes) {
 }
 
 bool Guarded::fence_intact() const {
-  return std::all_of(fence_.begin(), fence_.end(), [](std::byte b) { return b == kPattern; });
+  if (fence_.empty()) return true;
+  // Each byte is the same as the one before it: as fast as memcmp, which matters after every step.
+  return fence_[0] == kPattern && std::memcmp(fence_.data(), fence_.data() + 1, fence_.size() - 1) == 0;
 }
 
 }  // namespace lithe::trial

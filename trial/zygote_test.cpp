@@ -219,8 +219,13 @@ TEST(GuardedTest, FenceRemembersWhatWasWrittenBeforeTheBytes) {
   std::memset(memory.data(), 7, 24);
   EXPECT_EQ(memory.law_view()[23], std::byte{7}) << "both views show the same bytes";
   EXPECT_TRUE(memory.fence_intact());
-  memory.data()[-1] = std::byte{0};
-  EXPECT_FALSE(memory.fence_intact());
+  for (const std::ptrdiff_t before : {1, 2, 1000, 4072}) {
+    const std::byte was = memory.data()[-before];
+    memory.data()[-before] = std::byte{0};
+    EXPECT_FALSE(memory.fence_intact()) << before;
+    memory.data()[-before] = was;
+  }
+  EXPECT_TRUE(memory.fence_intact());
 }
 
 TEST(GuardedDeathTest, WritingPastTheEndOrIntoTheLawsViewIsAnAccessViolation) {

@@ -167,8 +167,9 @@ TEST_F(ArenaStoreTest, EveryPointerOfTheDescriptorMustStayInItsSlot) {
   for (const std::uint64_t step : {end, arena::slot_address(2) - 16, arena::slot_address(3), arena::kStubs}) {
     expect_refused(place(2, [&](Placed& p, auto&) { p.law.step = at<Step>(step); }), StageResult::hostile, "its step");
   }
-  expect_refused(place(2, [](Placed& p, auto&) { p.law.step = [](auto...) noexcept {}; }), StageResult::hostile,
-                 "its step");
+  expect_refused(place(2, [](Placed& p, auto&) { p.law.step = kIdle.step; }), StageResult::hostile, "its step");
+  expect_refused(place(2, [&](Placed& p, auto&) { p.law.init = at<decltype(LitheLaw::init)>(end); }),
+                 StageResult::hostile, "its init");
   for (const std::uint64_t defaults : {end - 4, std::uint64_t{16}, arena::slot_address(1), ~std::uint64_t{0}}) {
     expect_refused(place(2, [&](Placed& p, auto&) { p.law.state_defaults = at<const void*>(defaults); }),
                    StageResult::hostile, "State's defaults");

@@ -154,6 +154,10 @@ void Swaps::placed(std::uint64_t request_id, swap::Compiled compiled, const Plac
     placement_.forget(where.slot);  // it was given up meanwhile
     return;
   }
+  if (where.slot != 0) {
+    note(*head, "swap_placed",
+         fmt::format("slot {}, {} bytes in {:.1f} ms", where.slot, where.code_bytes, where.place_ms));
+  }
   placed_ = where;
   queue_.on_compiled(request_id, std::move(compiled), monotonic_ns());
 }
