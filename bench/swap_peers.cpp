@@ -210,40 +210,41 @@ void Peer::ask(const std::string& way) {
 }
 
 void Peer::run(const Order& order, std::vector<Window>& windows, std::vector<TickRecord>& ticks) {
-  const std::int64_t length = kSettleTicks + std::int64_t{order.swaps} * order.gap_ticks + order.pause_ticks;
+  const std::size_t most = kSettleTicks + std::size_t{order.swaps} * order.gap_ticks + order.pause_ticks + 100'000;
   std::vector<Cycle> cycles;
-  cycles.reserve(static_cast<std::size_t>(length) + 100'000);  // nothing is allocated between the ticks
-  ticks.reserve(static_cast<std::size_t>(length) + 16);
+  cycles.reserve(most);  // nothing is allocated between the ticks
+  ticks.reserve(most);
   windows.reserve(order.swaps);
-  std::uint32_t tick = 0, due = kSettleTicks;
   loop::SteeredClock clock(*clock_memory_);
-  run_block(clock, kPeriodNs, kPhaseNs, length * kPeriodNs, cycles,
-            [&](std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped, Cycle& cycle, Cycle*) {
-              tick += 1 + skipped;
-              if (!windows.empty() && windows.back().done_ns == 0) windows.back().done_ns = done_ns_.load();
-              const bool idle = windows.empty() || windows.back().done_ns != 0;
-              if (idle && windows.size() < order.swaps && tick >= due) {
-                due = tick + order.gap_ticks;
-                windows.push_back({monotonic_ns(), 0});
-                ask(order.way);
-              }
-              std::unique_lock lock(mutex_, std::defer_lock);
-              if (order.way == "mutex" || order.way == "brief") lock.lock();
-              const double torque_nm = arm_.tick(active_, release_ns);
-              if (lock.owns_lock()) lock.unlock();
-              const std::int64_t output_ns = clock.now_ns();
-              arm_.move();
-              cycle.handoff_ns = output_ns - woke_ns;
-              ticks.push_back({release_ns, woke_ns, output_ns, skipped, 0, 0, 0, torque_nm});
-            });
+  std::uint32_t due = kSettleTicks;
+  const auto more = [&](std::int64_t release_ns) {
+    if (!windows.empty() && windows.back().done_ns == 0) windows.back().done_ns = done_ns_.load();
+    const bool busy = windows.size() < order.swaps || windows.back().done_ns == 0;
+    return ticks.size() < most && (busy || release_ns < windows.back().done_ns + order.pause_ticks * kPeriodNs);
+  };
+  const auto tick = [&](std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped, Cycle& cycle, Cycle*) {
+    const bool idle = windows.empty() || windows.back().done_ns != 0;
+    if (idle && windows.size() < order.swaps && ticks.size() >= due) {
+      due = static_cast<std::uint32_t>(ticks.size()) + order.gap_ticks;
+      windows.push_back({monotonic_ns(), 0});
+      ask(order.way);
+    }
+    std::unique_lock lock(mutex_, std::defer_lock);
+    if (order.way == "mutex" || order.way == "brief") lock.lock();
+    const double torque_nm = arm_.tick(active_, release_ns);
+    if (lock.owns_lock()) lock.unlock();
+    const std::int64_t output_ns = clock.now_ns();
+    arm_.move();
+    cycle.handoff_ns = output_ns - woke_ns;
+    ticks.push_back({release_ns, woke_ns, output_ns, skipped, 0, 0, 0, torque_nm});
+  };
+  run_while(clock, kPeriodNs, kPhaseNs, more, cycles, tick);
   std::size_t at = 0;
   for (const Cycle& cycle : cycles) {  // those that were skipped have no hand-off
     if (cycle.handoff_ns == kUnknownNs) continue;
     ticks[at].switches = static_cast<std::uint32_t>(cycle.switches);
     ticks[at++].faults = static_cast<std::uint32_t>(cycle.faults);
   }
-  while (done_ns_.load() == 0) std::this_thread::yield();
-  if (!windows.empty() && windows.back().done_ns == 0) windows.back().done_ns = done_ns_.load();
 }
 
 void answer(const std::vector<Peer::Window>& windows) {
@@ -256,14 +257,14 @@ void answer(const std::vector<Peer::Window>& windows) {
   std::fflush(stdout);
 }
 
-int serve_orders(int core, const char* ticks_file, Peer& peer) {
+int serve_orders(int core, bool shared, const char* ticks_file, Peer& peer) {
   std::FILE* file = std::fopen(ticks_file, "wb");
   if (file == nullptr) give_up(ticks_file, "cannot be written");
   pin_or_exit(core);
-  raise_priority();
+  if (!shared) raise_priority();  // a spinning loop would starve whoever gives the orders
   if (const auto locked = lock_memory(); !locked) std::fprintf(stderr, "bench: %s\n", locked.message().c_str());
   Peer::Order order;
-  while (std::cin >> order.way >> order.swaps >> order.gap_ticks >> order.pause_ticks) {
+  while (std::cin >> order.way >> order.swaps >> order.gap_ticks >> order.pause_ticks && order.swaps > 0) {
     std::vector<Peer::Window> windows;
     std::vector<TickRecord> ticks;
     peer.run(order, windows, ticks);
@@ -281,6 +282,7 @@ int serve_orders(int core, const char* ticks_file, Peer& peer) {
 int main(int argc, char** argv) {
   using namespace lithe::bench;
   if (argc < 7) give_up("usage", "bench_swap_peers CORE LOADER_CORE TICKS_FILE COMPILE_COMMAND LAW.so LAW.so ...");
-  Peer peer(argv[4], {argv + 5, argv + argc}, std::atoi(argv[2]));
-  return serve_orders(std::atoi(argv[1]), argv[3], peer);
+  const int core = std::atoi(argv[1]), loader_core = std::atoi(argv[2]);
+  Peer peer(argv[4], {argv + 5, argv + argc}, loader_core);
+  return serve_orders(core, core == loader_core, argv[3], peer);
 }
