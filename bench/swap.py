@@ -31,7 +31,7 @@ from bench.swap_peers import Peers, Way, shaped
 from bench.swap_robot import Subject, robot_file
 from bench.swap_stats import Figures, Sides, largest_step_nm
 
-LAWS = [ROOT / "bench/laws/pi_lowpass.cpp", ROOT / "bench/laws/pi_tracker.cpp", ROOT / "laws/pd.cpp"]
+LAWS = [ROOT / "bench/laws/pi_lowpass.cpp", ROOT / "bench/laws/pi_two_pole.cpp", ROOT / "laws/pd.cpp"]
 MOST_IN_GROUP, LEAST_IN_GROUP = 50, 8
 PAUSE_S, LEAST_PAUSE_S = 0.4, 0.15
 PEERS = ("dlopen", "mutex", "brief")
@@ -151,6 +151,7 @@ def take_turns(subject: Subject, peers: Peers, swaps: int) -> None:
             else:
                 subject.group(group, pause_s)
                 left[name] -= group
+                subject.note_memory("middle" if left[name] >= swaps // 2 else "end")
         print(f"\rbench: swap {swaps - left['']} of {swaps}", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
 

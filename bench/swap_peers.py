@@ -18,7 +18,7 @@ from lithe.demo.processes import DIE_WITH_US, ROOT, binary
 from bench.swap_stats import AFTER_NS, Round
 
 PERIOD_NS = 1_000_000
-GAP_TICKS = 8
+GAP_TICKS = 5
 # TickRecord of bench/swap_peers.cpp
 RECORD = np.dtype(
     [("release_ns", "<i8"), ("woke_ns", "<i8"), ("output_ns", "<i8"), ("skipped", "<u4"), ("switches", "<u4"),

@@ -138,7 +138,7 @@ class Subject:
         for _ in self.laws:  # compiled now; from here on the cache answers
             self._swap()
         self.asked_before, self.records = self._asked, []
-        self.memory_before = {name: memory_kb(pid) for name, pid in self.processes.items()}
+        self.memory_seen = {"start": self._memory()}
         self.waits_before = made_to_wait(self.pid, self.tid)
 
     def _plan(self) -> None:
@@ -193,12 +193,17 @@ class Subject:
         told = {f"{name}_per_swap": float(value) for name, value in zip(names, excess, strict=True)}
         return told | {f"{name}_per_swap_raw": float(value) for name, value in zip(names, raw, strict=True)}
 
+    def _memory(self) -> dict[str, int]:
+        sizes = {name: memory_kb(pid) for name, pid in self.processes.items()}
+        return {f"{name}_{kind}": size for name, kinds in sizes.items() for kind, size in kinds.items()}
+
+    def note_memory(self, when: str) -> None:
+        """Of all three processes; the first note was taken when the laws were compiled."""
+        self.memory_seen[when] = self._memory()
+
     def memory(self) -> Figures:
-        """Of all three processes, when the laws were compiled and now."""
-        told: Figures = {}
-        for name, pid in self.processes.items():
-            for kind, now in memory_kb(pid).items():
-                told |= {f"{name}_{kind}_start": self.memory_before[name][kind], f"{name}_{kind}_end": now}
+        """All that was noted, and the arena."""
+        told: Figures = {f"{key}_{when}": kb for when, seen in self.memory_seen.items() for key, kb in seen.items()}
         info = self.robot.spine.info
         told["arena_kb"] = int(info["arena_slots"]) * int(info["arena_slot_bytes"]) // 1024
         told["arena_slots_in_use"] = sum(int(law["slot"]) != 0 for law in self.robot.spine.laws())

@@ -82,7 +82,7 @@ def show_core(told: Figures) -> None:
     head = ["", "swaps", "TLB", "CAL", "RES", "LOC", "page faults"]
     table("interrupts on the Spine's core and faults of its thread, per swap, less those at rest", head, rows)
     grown = ", ".join(
-        f"{name} {cell(told, f'{name}_rss_kb_start', '.0f')} -> {cell(told, f'{name}_rss_kb_end', '.0f')} kB"
+        f"{name} {' -> '.join(cell(told, f'{name}_rss_kb_{when}', '.0f') for when in ('start', 'middle', 'end'))} kB"
         for name in ("spine", "supervisor", "lawd")
     )
     print(f"  resident memory: {grown}; arena {cell(told, 'arena_kb', '.0f')} kB, ", end="")

@@ -49,8 +49,8 @@ class Source {
   }
 
   const Token& at(std::size_t i) const {
-    static const Token kNothing;
-    return i < tokens_.list.size() ? tokens_.list[i] : kNothing;
+    static const Token nothing;
+    return i < tokens_.list.size() ? tokens_.list[i] : nothing;
   }
   bool is_mark(std::size_t i, std::string_view mark) const {
     return at(i).kind == TokenKind::mark && at(i).text == mark;
@@ -113,7 +113,10 @@ class Source {
         for (i += 3; i < tokens_.list.size() && same_directive(i); ++i) size += grown(sizes, i);
         sizes[name] = std::min(size, kMaxWords);
         --i;
-      } else if (!at(i).directive && (total += grown(sizes, i)) >= kMaxWords) {
+        continue;
+      }
+      if (!at(i).directive) total += grown(sizes, i);
+      if (total >= kMaxWords) {
         refuse(at(i), "the macros of this law grow to more than " + std::to_string(kMaxWords) +
                           " words: write a loop or a function");
       }

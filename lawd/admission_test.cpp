@@ -40,7 +40,8 @@ TEST(AdmissionSource, EveryWayToIncludeSomethingElseIsRefused) {
   for (const char* text :
        {"\n#include <thread>", "\n#include \"/etc/passwd\"", "\n # /* x */ include <unistd.h>", "\n%:include <vector>",
         "\n#inc\\\nlude <vector>", "\n#define H <vector>\n#include H", "\n#include_next <cmath>", "\n#import <cmath>",
-        "\n#include <lithe/../../secret.hpp>", "\n#if 0\n#include <new>\n#endif", "\n/*\n*/ #include <new>"}) {
+        "\n#include <lithe/../../secret.hpp>", "\n#include <Eigen/../../../etc/passwd>",
+        "\n#if 0\n#include <new>\n#endif", "\n/*\n*/ #include <new>"}) {
     EXPECT_EQ(verdict(source(text)).substr(0, 9), "includes:") << text;
   }
   EXPECT_EQ(verdict(source("\n\n#include <thread>\n")), "includes:3");
@@ -94,7 +95,8 @@ TEST(AdmissionSource, TextThatTwoReadersUnderstandDifferentlyIsRefused) {
 
 TEST(AdmissionSource, AnyBytesAreSafe) {
   std::mt19937 random(7);
-  const std::string alphabet = "#%:<>[]\\\n\"'/*?R(u8)Lx0.e+ \r\t\0\xE2\x80\xAAincludeasm";
+  using namespace std::string_literals;
+  const std::string alphabet = "#%:<>[]\\\n\"'/*?R(u8)Lx0.e+ \r\t\0\xE2\x80\xAAincludeasm"s;
   for (int i = 0; i < 3000; ++i) {
     std::string text(random() % 60, ' ');
     for (char& c : text) c = alphabet[random() % alphabet.size()];

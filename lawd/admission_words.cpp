@@ -217,7 +217,10 @@ constexpr std::array kGroups = std::to_array<Group>({
 
 }  // namespace
 
-bool is_allowed_header(std::string_view header) { return holds(kHeaders, header) || header.starts_with("<Eigen/"); }
+bool is_allowed_header(std::string_view header) {
+  const bool eigen = header.starts_with("<Eigen/") && header.find("..") == std::string_view::npos;
+  return holds(kHeaders, header) || eigen;
+}
 
 std::string allowed_headers_text() {
   std::string text;

@@ -118,14 +118,12 @@ Result<> shed_rights(int pipe_fd, const Limits& limits) {
   // Number 3 is the pipe now, and nothing else is open.
   if (pipe_fd != 3 && dup2(pipe_fd, 3) < 0) return system_error("cannot move the pipe");
   if (syscall(SYS_close_range, 4u, ~0u, 0u) != 0) return system_error("cannot close what was inherited");
-  const auto cpu_s = static_cast<rlim_t>(limits.cpu_ms / 1000 + 1);
+  const auto cpu_s = static_cast<rlim_t>(limits.cpu_ms) / 1000 + 1;
   bool ok = limit(RLIMIT_CORE, 0, 0) && limit(RLIMIT_CPU, cpu_s, cpu_s + 1) && limit(RLIMIT_NPROC, 0, 0) &&
             limit(RLIMIT_FSIZE, 16u << 20, 16u << 20) && limit(RLIMIT_STACK, 1u << 20, 1u << 20) &&
             limit(RLIMIT_MEMLOCK, 0, 0) && limit(RLIMIT_NOFILE, 64, 64);
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // their shadow memory needs the address space
   const rlim_t memory = mapped_bytes() + limits.memory_bytes;
-  ok = ok && limit(RLIMIT_AS, memory, memory);
-#endif
+  ok = ok && (kSanitized || limit(RLIMIT_AS, memory, memory));
   if (!ok) return system_error("cannot set the limits of the trial");
   if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) return system_error("cannot give up new privileges");
   prctl(PR_SET_DUMPABLE, 0);

@@ -13,6 +13,20 @@
 
 namespace lithe::trial {
 
+// A sanitizer's run time needs address space and system calls that a trial does not grant.
+#if defined(__has_feature)
+#define LITHE_TRIAL_HAS(feature) __has_feature(feature)
+#else
+#define LITHE_TRIAL_HAS(feature) 0
+#endif
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || LITHE_TRIAL_HAS(address_sanitizer) || \
+    LITHE_TRIAL_HAS(thread_sanitizer) || LITHE_TRIAL_HAS(realtime_sanitizer)
+inline constexpr bool kSanitized = true;
+#else
+inline constexpr bool kSanitized = false;
+#endif
+#undef LITHE_TRIAL_HAS
+
 struct Limits {
   int cpu_ms = 150;                                   // then the child says where it is and ends
   int wall_ms = 600;                                  // then it is killed, however little it got of the processor

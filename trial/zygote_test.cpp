@@ -17,12 +17,6 @@ namespace {
 
 using nlohmann::json;
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr bool kSanitized = true;  // its run time needs the system calls that a trial may not make
-#else
-constexpr bool kSanitized = false;
-#endif
-
 // A law that asks for nothing, made by hand for a slot: its descriptor, then one instruction that returns.
 struct HandMade {
   LitheLaw law{};
@@ -229,6 +223,7 @@ TEST(GuardedTest, FenceRemembersWhatWasWrittenBeforeTheBytes) {
 }
 
 TEST(GuardedDeathTest, WritingPastTheEndOrIntoTheLawsViewIsAnAccessViolation) {
+  if (kSanitized) GTEST_SKIP() << "a sanitizer answers with words of its own";
   const Guarded memory(24, Guarded::Kind::with_read_only_view);
   EXPECT_DEATH(*const_cast<volatile std::byte*>(memory.data() + 24) = std::byte{1}, "");
   EXPECT_DEATH(*const_cast<volatile std::byte*>(memory.law_view()) = std::byte{1}, "");
