@@ -18,7 +18,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from report import OUT, ROOT, Figures, machine, table
+from bench.report import OUT, ROOT, Figures, machine
+from bench.tables import table
 
 BIN = Path(os.environ.get("LITHE_BIN_DIR", ROOT / "build/release/bin"))
 LAWS = ("pd", "hold")

@@ -30,7 +30,8 @@ ALLOWED = {
         "spine/contain": "spine/core spine/wire",
         "spine/arena": "spine/core",
         "spine/load": "spine/core spine/wire spine/ipc spine/law spine/arena spine/contain",
-        "spine/loop": "spine/core spine/wire spine/ipc spine/law spine/plan spine/guard spine/robot spine/hal spine/contain",
+        "spine/loop": "spine/core spine/wire spine/ipc spine/law spine/plan spine/guard spine/robot spine/hal "
+        "spine/contain",
         "spine": SPINE,
         "lawd": "spine/core spine/wire spine/ipc spine/law spine/arena",
         "trial": "spine/core spine/wire spine/ipc spine/law spine/arena spine/load spine/robot spine/plan spine/guard "
