@@ -16,17 +16,17 @@ import numpy as np
 import numpy.typing as npt
 from lithe.demo.processes import DIE_WITH_US
 
-# Flushed address translations, calls from another core, a push to reschedule, the core's own timer.
-INTERRUPTS = ("TLB", "CAL", "RES", "LOC")
+# x86 calls them TLB, CAL, RES and LOC, ARM IPI0, IPI1 ...; the words behind the counts are the same.
+INTERRUPTS = ("TLB shootdowns", "Function call interrupts", "Rescheduling interrupts", "Local timer interrupts")
 MOST_COMPILE_S = 60
 
 
-def interrupts(cpu: int) -> npt.NDArray[np.int64]:
-    """How many of each of INTERRUPTS this core has taken since boot."""
+def interrupts(cpu: int) -> npt.NDArray[np.float64]:
+    """How many of each of INTERRUPTS this core has taken since boot; NaN for those that this machine does not have."""
     lines = Path("/proc/interrupts").read_text().splitlines()
     column = lines[0].split().index(f"CPU{cpu}") + 1
-    rows = {words[0].rstrip(":"): words for words in map(str.split, lines[1:])}
-    return np.array([int(rows[name][column]) if name in rows else 0 for name in INTERRUPTS], dtype=np.int64)
+    rows = {name: line.split()[column] for line in lines for name in INTERRUPTS if line.endswith(name)}
+    return np.array([float(rows.get(name, "nan")) for name in INTERRUPTS])
 
 
 def stolen_ticks(cpu: int) -> tuple[int, int]:

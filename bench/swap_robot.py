@@ -107,7 +107,7 @@ class TickLog:
 class Tally:
     """Interrupts and page faults while swapping, and while not."""
 
-    counts: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(5, np.int64))  # INTERRUPTS, minor faults
+    counts: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(5))  # INTERRUPTS, minor faults
     seconds: float = 0.0
 
 
@@ -161,7 +161,7 @@ class Subject:
             return
         self.records.append({**record, "asked_ns": asked_ns, "answered_ns": time.monotonic_ns()})
 
-    def _counts(self) -> npt.NDArray[np.int64]:
+    def _counts(self) -> npt.NDArray[np.float64]:
         return np.append(interrupts(self.cpu), minor_faults(self.pid, self.tid))
 
     def group(self, swaps: int, pause_s: float) -> None:
