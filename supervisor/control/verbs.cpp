@@ -159,9 +159,9 @@ void Verbs::check_law(const ReplyTo& to, const Json& args) {
     reply_(to, *refusal);
     return;
   }
-  const auto& [name, source, params] = std::get<swap::Request>(request);
+  const swap::Request& law = std::get<swap::Request>(request);
   parts_.lawd.check(
-      name, source,
+      {law.name, law.source},
       [this, to](const Answer& answer) {
         Answer out = answer;
         if (Json* json = std::get_if<Json>(&out)) {
@@ -174,3 +174,9 @@ void Verbs::check_law(const ReplyTo& to, const Json& args) {
 }
 
 }  // namespace lithe::control
+  auto terms = parts_.swaps.read_terms(args);
+  if (const auto* refusal = std::get_if<Refusal>(&terms)) {
+    reply_(to, *refusal);
+    return;
+  }
+  std::get<swap::Request>(request).terms = std::get<swap::Terms>(terms);
