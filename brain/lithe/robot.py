@@ -172,14 +172,14 @@ class Robot:
         """Replaces the running law by C++ source text or a file; returns the transaction's record.
 
         Raises Refused, with the compiler's diagnostics in `detail`, and the old law runs on.
-        """
-        text = str(law)
-        if isinstance(law, Path) or (text.endswith(".cpp") and "\n" not in text):
-            name = name or Path(text).name
 
         terms, where the robot's file shall not decide: blend_s (from the old torque to the new one's), probation_s
         (automatic rollback for so long; 0 = keep it, however it tracks), error_ratio (how much worse tracking may get),
         shadow_s (run beside the active law first) with shadow_tolerance_nm, budget_us (of a step), box_ms (of the trial).
+        """
+        text = str(law)
+        if isinstance(law, Path) or (text.endswith(".cpp") and "\n" not in text):
+            name = name or Path(text).name
             try:
                 text = Path(text).read_text(encoding="utf-8")
             except OSError as error:

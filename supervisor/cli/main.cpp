@@ -64,9 +64,6 @@ void add_commands(CLI::App& app, Words& words) {
   });
 }
 
-void add_laws(CLI::App& app, Words& words) {
-  CLI::App* swap = app.add_subcommand("swap", "replace the running law");
-  swap->add_option("LAW", words.law, "C++ file, or the name of a law that comes with LITHE")->required();
 // "20ms", "2s", or a plain number of seconds.
 void add_terms(CLI::App& swap, std::map<std::string, double>& terms) {
   const CLI::AsNumberWithUnit seconds(std::map<std::string, double>{{"s", 1.0}, {"ms", 1e-3}, {"us", 1e-6}});
@@ -88,9 +85,12 @@ void add_terms(CLI::App& swap, std::map<std::string, double>& terms) {
   add("--box", "box_ms", "MS", "processor time of the trial");
 }
 
+void add_laws(CLI::App& app, Words& words) {
+  CLI::App* swap = app.add_subcommand("swap", "replace the running law");
+  add_terms(*swap, words.terms);
+  swap->add_option("LAW", words.law, "C++ file, or the name of a law that comes with LITHE")->required();
   swap->add_option("--param", words.params, "NAME=VALUE, set right after the commit")->type_name("NAME=VALUE");
   swap->callback([&words] { words.code = lithe::cli::swap_law(words.context, words.law, words.params, words.terms); });
-  add_terms(*swap, words.terms);
 
   CLI::App* law = app.add_subcommand("law", "laws as files")->require_subcommand(1)->fallthrough();
   CLI::App* check = law->add_subcommand("check", "compile and try a law without loading it")->fallthrough();

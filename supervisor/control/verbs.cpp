@@ -150,6 +150,12 @@ void Verbs::swap_law(const ReplyTo& to, const Json& args) {
     reply_(to, *refusal);
     return;
   }
+  auto terms = parts_.swaps.read_terms(args);
+  if (const auto* refusal = std::get_if<Refusal>(&terms)) {
+    reply_(to, *refusal);
+    return;
+  }
+  std::get<swap::Request>(request).terms = std::get<swap::Terms>(terms);
   parts_.swaps.submit(std::move(std::get<swap::Request>(request)), later(to), monotonic_ns());
 }
 
@@ -174,9 +180,3 @@ void Verbs::check_law(const ReplyTo& to, const Json& args) {
 }
 
 }  // namespace lithe::control
-  auto terms = parts_.swaps.read_terms(args);
-  if (const auto* refusal = std::get_if<Refusal>(&terms)) {
-    reply_(to, *refusal);
-    return;
-  }
-  std::get<swap::Request>(request).terms = std::get<swap::Terms>(terms);
