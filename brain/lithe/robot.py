@@ -166,10 +166,16 @@ class Robot:
             self._writer.beat()
 
     # ---- laws
-    def swap(self, law: str | Path, name: str | None = None, params: dict[str, float] | None = None) -> dict[str, Any]:
+    def swap(
+        self, law: str | Path, name: str | None = None, params: dict[str, float] | None = None, **terms: float
+    ) -> dict[str, Any]:
         """Replaces the running law by C++ source text or a file; returns the transaction's record.
 
         Raises Refused, with the compiler's diagnostics in `detail`, and the old law runs on.
+
+        terms, where the robot's file shall not decide: blend_s (from the old torque to the new one's), probation_s
+        (automatic rollback for so long; 0 = keep it, however it tracks), error_ratio (how much worse tracking may get),
+        shadow_s (run beside the active law first) with shadow_tolerance_nm, budget_us (of a step), box_ms (of the trial).
         """
         text = str(law)
         if isinstance(law, Path) or (text.endswith(".cpp") and "\n" not in text):
@@ -178,7 +184,7 @@ class Robot:
                 text = Path(text).read_text(encoding="utf-8")
             except OSError as error:
                 raise LitheError(f"cannot read the law {text}: {error.strerror}") from None
-        args: dict[str, Any] = {"source": text, "name": name or "law.cpp", "params": params or {}}
+        args: dict[str, Any] = {"source": text, "name": name or "law.cpp", "params": params or {}, **terms}
         result: dict[str, Any] = self.call("swap", **args)
         return result
 

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -21,7 +22,10 @@ int exit_code(const swap::Refusal& refusal);
 int status(const Context& context);
 int command(const Context& context, const std::string& verb);  // arm, disarm, hold, reset, rollback, shutdown
 int estop(const Context& context);
-int swap_law(const Context& context, const std::string& law, const std::vector<std::string>& params);
+int rollback(const Context& context, int steps);
+// `terms`: arguments of the verb swap that are numbers (docs/reference/verbs.md).
+int swap_law(const Context& context, const std::string& law, const std::vector<std::string>& params,
+             const std::map<std::string, double>& terms);
 int law_check(const Context& context, const std::string& law);
 int law_list(const Context& context);
 int param_get(const Context& context, const std::string& name);

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <exception>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -22,6 +23,7 @@ struct Words {
   std::string law;
   std::string name;
   std::vector<std::string> params;
+  std::map<std::string, double> terms;  // of a swap, by the names of the verb's arguments
   std::uint64_t since = 0;
   bool follow = false;
   int turns = 0;
@@ -62,11 +64,33 @@ void add_commands(CLI::App& app, Words& words) {
   });
 }
 
+// "20ms", "2s", or a plain number of seconds.
+void add_terms(CLI::App& swap, std::map<std::string, double>& terms) {
+  const CLI::AsNumberWithUnit seconds(std::map<std::string, double>{{"s", 1.0}, {"ms", 1e-3}, {"us", 1e-6}});
+  const auto add = [&](const char* flag, const char* name, const char* type, const char* about) {
+    return swap.add_option_function<double>(
+                   flag, [&terms, name](double value) { terms[name] = value; }, about)
+        ->type_name(type);
+  };
+  add("--shadow", "shadow_s", "TIME", "run it beside the active law for so long first")->transform(seconds);
+  add("--tolerance", "shadow_tolerance_nm", "NM", "largest difference that is agreement in the shadow");
+  add("--blend", "blend_s", "TIME", "from the old law's torque to the new one's")->transform(seconds);
+  CLI::Option* probation =
+      add("--probation", "probation_s", "TIME", "roll back by itself for so long")->transform(seconds);
+  swap.add_flag_callback(
+          "--no-probation", [&terms] { terms["probation_s"] = 0; }, "keep it, however it tracks")
+      ->excludes(probation);
+  add("--error-ratio", "error_ratio", "X", "roll back when tracking gets so many times worse; 0 = never");
+  add("--budget", "budget_us", "US", "microseconds that a step may take");
+  add("--box", "box_ms", "MS", "processor time of the trial");
+}
+
 void add_laws(CLI::App& app, Words& words) {
   CLI::App* swap = app.add_subcommand("swap", "replace the running law");
+  add_terms(*swap, words.terms);
   swap->add_option("LAW", words.law, "C++ file, or the name of a law that comes with LITHE")->required();
   swap->add_option("--param", words.params, "NAME=VALUE, set right after the commit")->type_name("NAME=VALUE");
-  swap->callback([&words] { words.code = lithe::cli::swap_law(words.context, words.law, words.params); });
+  swap->callback([&words] { words.code = lithe::cli::swap_law(words.context, words.law, words.params, words.terms); });
 
   CLI::App* law = app.add_subcommand("law", "laws as files")->require_subcommand(1)->fallthrough();
   CLI::App* check = law->add_subcommand("check", "compile and try a law without loading it")->fallthrough();

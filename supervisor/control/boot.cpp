@@ -179,7 +179,7 @@ void Supervisor::serve_spine(SpineLink link) {
   const auto first_id = static_cast<std::uint64_t>(monotonic_ns() / kNsPerUs);
   commands_.emplace(*link_, first_id);
   swaps_.emplace(*link_, lawd_, *commands_, events_, swap::RecordBook(fs::path(out_dir()) / config_.name / "swaps"),
-                 first_id);
+                 first_id, config_);
   const wire::RobotInfo& info = link_->info();
   const int transport = info.transport_inline != 0 ? -1 : static_cast<int>(info.cpu_transport);
   const std::vector<int> ours = cores_beside(all_cpus_, static_cast<int>(info.cpu_spine), transport);

@@ -136,7 +136,7 @@ TEST_F(PlacementTest, LawdWritesIntoOneSlotAfterTheOther) {
   lawd_.give_arena(arena.get());
   ASSERT_TRUE(lawd_.start(monotonic_ns()));
   const Answer compiled =
-      wait_for([&](const LawdLink::Callback& then) { lawd_.compile("rest.cpp", kLaw, then, monotonic_ns()); });
+      wait_for([&](const LawdLink::Callback& then) { lawd_.compile({"rest.cpp", kLaw}, then, monotonic_ns()); });
   ASSERT_TRUE(std::holds_alternative<Json>(compiled));
   const std::string hash = std::get<Json>(compiled)["hash"];
   for (std::uint32_t slot = 1; slot <= 3; ++slot) {

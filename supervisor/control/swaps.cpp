@@ -59,19 +59,24 @@ Refusal stage_refusal(wire::StageResult result, const std::string& words) {
 }  // namespace
 
 Swaps::Swaps(SpineLink& spine, LawdLink& lawd, Commands& commands, EventLog& log, swap::RecordBook book,
-             std::uint64_t first_request_id)
+             std::uint64_t first_request_id, const robot::RobotConfig& robot)
     : spine_(spine),
       lawd_(lawd),
       placement_(spine, lawd),
       commands_(commands),
       log_(log),
       book_(std::move(book)),
+      robots_terms_(swap::terms_of(robot, spine.info().rate_hz)),
       queue_({[this](const swap::Transaction& each) { compile(each); },
               [this](const swap::Transaction& each) { stage(each); }, [this] { return missed_releases(); },
               [this](const swap::Transaction& each) { finish(each); }},
              first_request_id, {2 * LawdLink::kCompileTimeoutNs}) {}
 
 void Swaps::submit(swap::Request request, Callback callback, std::int64_t now_ns) {
+  if (const auto refusal = no_shadow(request.terms)) {
+    callback(*refusal);
+    return;
+  }
   const std::uint64_t id = queue_.submit(std::move(request), now_ns);
   if (id == 0) {
     callback(Refusal{"busy", fmt::format("{} swaps wait already", swap::Queue::kMaxWaiting), "try again later"});
@@ -80,6 +85,28 @@ void Swaps::submit(swap::Request request, Callback callback, std::int64_t now_ns
   waiting_[id] = {std::move(callback), {}};
   keep_record(*queue_.newest());
   queue_.step(now_ns);
+}
+
+std::variant<swap::Terms, Refusal> Swaps::read_terms(const Json& args) const {
+  for (const auto& [name, value] : args.items()) {
+    if (!swap::is_term(name) && name != "path" && name != "source" && name != "name" && name != "params") {
+      return Refusal{"usage", fmt::format("swap has no argument '{}'", name), "see docs/reference/verbs.md"};
+    }
+  }
+  return swap::read_terms(args, robots_terms_, spine_.info().rate_hz);
+}
+
+// A shadow needs a law to run beside.
+std::optional<Refusal> Swaps::no_shadow(const swap::Terms& terms) const {
+  wire::Telemetry now{};
+  (void)spine_.latest(now);
+  const auto mode = static_cast<wire::Mode>(now.mode);
+  if (terms.shadow_s == 0 || (now.law_id != 0 && (mode == wire::Mode::active || mode == wire::Mode::hold))) {
+    return std::nullopt;
+  }
+  return Refusal{"refused_mode",
+                 fmt::format("a shadow runs beside the active law, and in mode {} none runs", to_string(mode)),
+                 "arm first: lithe arm; or swap without a shadow"};
 }
 
 void Swaps::keep_record(const swap::Transaction& swap) {
@@ -111,8 +138,8 @@ void Swaps::compile(const swap::Transaction& swap) {
   note(swap, "swap_submitted", swap.request().name);
   const std::uint64_t id = swap.request_id();
   lawd_.compile(
-      swap.request().name, swap.request().source, [this, id](const Answer& answer) { compiled(id, answer); },
-      monotonic_ns());
+      {swap.request().name, swap.request().source, swap.request().terms.budget_ns()},
+      [this, id](const Answer& answer) { compiled(id, answer); }, monotonic_ns());
 }
 
 void Swaps::compiled(std::uint64_t request_id, const Answer& answer) {
@@ -170,6 +197,7 @@ void Swaps::stage(const swap::Transaction& swap) {
   request.code_bytes = placed_.code_bytes;
   request.entry = placed_.entry;
   request.image_hash = placed_.image_hash;
+  swap::put_terms(swap.request().terms, spine_.info().rate_hz, request);
   ticket_.reset();
   commit_.reset();
   stage_refused_ns_ = 0;

@@ -7,6 +7,7 @@
 #include <functional>
 #include <map>
 #include <optional>
+#include <variant>
 
 #include "supervisor/control/commands.hpp"
 #include "supervisor/control/event_log.hpp"
@@ -15,6 +16,7 @@
 #include "supervisor/control/spine_link.hpp"
 #include "supervisor/swap/queue.hpp"
 #include "supervisor/swap/record.hpp"
+#include "supervisor/swap/terms.hpp"
 
 namespace lithe::control {
 
@@ -25,7 +27,10 @@ class Swaps {
   using Callback = std::function<void(const swap::Answer&)>;
 
   Swaps(SpineLink& spine, LawdLink& lawd, Commands& commands, EventLog& log, swap::RecordBook book,
-        std::uint64_t first_request_id);
+        std::uint64_t first_request_id, const robot::RobotConfig& robot);
+
+  // The terms that the arguments of a request ask for, on top of the robot's own.
+  std::variant<swap::Terms, swap::Refusal> read_terms(const swap::Json& args) const;
 
   void submit(swap::Request request, Callback callback, std::int64_t now_ns);
   void on_event(const wire::Event& event, std::int64_t now_ns);
@@ -44,6 +49,7 @@ class Swaps {
   void keep_record(const swap::Transaction& swap);
   void note(const swap::Transaction& swap, const char* kind, const std::string& text);
   std::uint64_t missed_releases() const;
+  std::optional<swap::Refusal> no_shadow(const swap::Terms& terms) const;
 
   SpineLink& spine_;
   LawdLink& lawd_;
@@ -51,6 +57,7 @@ class Swaps {
   Commands& commands_;
   EventLog& log_;
   swap::RecordBook book_;
+  swap::Terms robots_terms_;
   swap::Queue queue_;
   struct Waiting {
     Callback callback;

@@ -150,6 +150,12 @@ void Verbs::swap_law(const ReplyTo& to, const Json& args) {
     reply_(to, *refusal);
     return;
   }
+  auto terms = parts_.swaps.read_terms(args);
+  if (const auto* refusal = std::get_if<Refusal>(&terms)) {
+    reply_(to, *refusal);
+    return;
+  }
+  std::get<swap::Request>(request).terms = std::get<swap::Terms>(terms);
   parts_.swaps.submit(std::move(std::get<swap::Request>(request)), later(to), monotonic_ns());
 }
 
@@ -159,9 +165,9 @@ void Verbs::check_law(const ReplyTo& to, const Json& args) {
     reply_(to, *refusal);
     return;
   }
-  const auto& [name, source, params] = std::get<swap::Request>(request);
+  const swap::Request& law = std::get<swap::Request>(request);
   parts_.lawd.check(
-      name, source,
+      {law.name, law.source},
       [this, to](const Answer& answer) {
         Answer out = answer;
         if (Json* json = std::get_if<Json>(&out)) {

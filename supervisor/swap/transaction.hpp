@@ -7,6 +7,7 @@
 #include <string>
 
 #include "supervisor/swap/answer.hpp"
+#include "supervisor/swap/terms.hpp"
 
 namespace lithe::swap {
 
@@ -20,6 +21,7 @@ struct Request {
   std::string name;              // file name shown in diagnostics
   std::string source;            // C++ text of one law
   Json params = Json::object();  // name -> value, set right after the commit
+  Terms terms = {};
 };
 
 // What the compile service made of it.
