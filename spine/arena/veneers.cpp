@@ -104,7 +104,7 @@ void write_stubs(std::span<std::byte> page) {
   for (std::size_t i = 0; i < std::size(kVeneers); ++i) {
     std::byte* stub = page.data() + i * kVeneerBytes;
     std::memcpy(stub, kJump.data(), kJump.size());
-    std::memcpy(stub + kJump.size(), &kVeneers[i].function, sizeof kVeneers[i].function);
+    std::memcpy(stub + kJump.size(), static_cast<const void*>(&kVeneers[i].function), sizeof kVeneers[i].function);
   }
 }
 

@@ -54,7 +54,7 @@ T read(const std::byte* at) LITHE_RT {
 
 template <class To, class From>
 void write_as(const std::byte* from, std::byte* to) LITHE_RT {
-  const To value = static_cast<To>(read<From>(from));
+  const To value = static_cast<To>(read<From>(from));  // NOLINT(bugprone-signed-char-misuse): it widens a number
   std::memcpy(to, &value, sizeof value);
 }
 

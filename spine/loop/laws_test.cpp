@@ -278,7 +278,7 @@ TEST_F(LawsTest, AShadowEndsWhenNothingRunsBesideIt) {
 TEST_F(LawsTest, ALawThatLosesTrackOnProbationIsReplacedWithinTwoTicks) {
   arm_with(kPd);
   publish(0.4);
-  double largest_rad = Probation::kLeastError_rad;  // of the second before, roughly
+  double largest_rad = Probation::kLeastErrorRad;  // of the second before, roughly
   for (int i = 0; i < 3000; ++i) {
     brain_memory_->header.heartbeat_ns = now_ns_;
     tick();

@@ -7,8 +7,8 @@
 namespace lithe::loop {
 namespace {
 
-constexpr double kErrorMemory_s = 1.0;
-constexpr double kGuardMemory_s = 0.05;
+constexpr double kErrorMemoryS = 1.0;
+constexpr double kGuardMemoryS = 0.05;
 constexpr double kBusy = 0.8, kCalm = 0.4;
 constexpr std::uint32_t kClamped = wire::telemetry_flag::kTorqueClamped | wire::telemetry_flag::kVelocityClamped |
                                    wire::telemetry_flag::kPositionClamped;
@@ -20,8 +20,8 @@ double error_rad(const Tick& in, std::uint32_t j) LITHE_RT {
 }  // namespace
 
 void Probation::configure(double rate_hz) {
-  forget_error_ = std::exp(-1.0 / (kErrorMemory_s * rate_hz));
-  forget_guard_ = std::exp(-1.0 / (kGuardMemory_s * rate_hz));
+  forget_error_ = std::exp(-1.0 / (kErrorMemoryS * rate_hz));
+  forget_guard_ = std::exp(-1.0 / (kGuardMemoryS * rate_hz));
 }
 
 void Probation::start(const law::Terms& terms) LITHE_RT {
@@ -47,7 +47,7 @@ bool Probation::tracking_is_lost(const Tick& in) const LITHE_RT {
   if (!(terms_.probation_error_ratio > 0)) return false;
   bool lost = false;
   for (std::uint32_t j = 0; j < in.joints; ++j) {
-    lost |= error_rad(in, j) > terms_.probation_error_ratio * std::max(error_before_rad_[j], kLeastError_rad);
+    lost |= error_rad(in, j) > terms_.probation_error_ratio * std::max(error_before_rad_[j], kLeastErrorRad);
   }
   return lost;
 }

@@ -14,13 +14,13 @@ namespace lithe::loop {
 
 // Three criteria besides a fault, which ends any law at any time:
 //   tracking  a joint's error grows beyond error_ratio times the largest of the time before the commit; a joint that
-//             tracked better than kLeastError_rad counts as having been that far off
+//             tracked better than kLeastErrorRad counts as having been that far off
 //   guard     it had to clamp torque, velocity or position in most ticks of the last while, and did not before
 //   budget    the step took longer than allowed kMostLong times in a row: once may be the machine's fault
 // Contract: RT · owned by the tick thread · bounded work per joint
 class Probation {
  public:
-  static constexpr double kLeastError_rad = 0.05;
+  static constexpr double kLeastErrorRad = 0.05;
   static constexpr std::uint32_t kMostLong = 3;
 
   void configure(double rate_hz);
