@@ -20,7 +20,7 @@ SLOTS = 16
 def calm_house() -> Iterator[House]:
     """A house whose robot does not mind a busy machine; nothing runs yet."""
     if not (BIN / "lithe-spine").exists():
-        pytest.skip(f"no binaries in {BIN}: make, or set LITHE_BIN_DIR")
+        pytest.fail(f"no binaries in {BIN}: make, or set LITHE_BIN_DIR")
     house = House()
     house.config = house.dir / "arm.toml"
     house.config.write_text(calm_text())
@@ -32,7 +32,7 @@ def need_arena(house: House) -> dict[str, Any]:
     """The status of a robot whose laws are placed, or the test is skipped with the reason."""
     status: dict[str, Any] = house.ask("status")
     if status["loader"] != "arena":
-        pytest.skip(f"this system refuses the arena: {status['lost']}")
+        pytest.skip(f"no privilege to map code from memory here: {status['lost']}")
     return status
 
 
@@ -121,7 +121,7 @@ def test_without_memfd_laws_are_loaded_with_dlopen_and_the_notes_say_so(calm_hou
     calm_house.run(wait=False)
     calm_house.wait_for(lambda: calm_house.socket.exists() or calm_house.started[0].poll() is not None, 90)
     if "no seccomp filters" in calm_house.log():
-        pytest.skip(calm_house.log())
+        pytest.skip(f"no privilege to install a filter: {calm_house.log()}")
     status = calm_house.ask("status")
     assert status["loader"] == "dlopen"
     assert "laws are loaded with dlopen" in status["lost"]

@@ -69,7 +69,7 @@ def bring(law: Path, lawd: Talk, trial: Talk) -> dict[str, Any]:
 def answers() -> Iterator[dict[str, dict[str, Any]]]:
     """What became of each law of the corpus, two at a time."""
     if not (BIN / "lithe-trial").exists():
-        pytest.skip(f"no binaries in {BIN}: make, or set LITHE_BIN_DIR")
+        pytest.fail(f"no binaries in {BIN}: make, or set LITHE_BIN_DIR")
     house = House()
     env = house.env | {"LITHE_CACHE_DIR": str(house.dir / "cache")}
     pairs: queue.Queue[tuple[Talk, Talk]] = queue.Queue()
