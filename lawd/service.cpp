@@ -9,8 +9,8 @@
 #include "lawd/diagnostics.hpp"
 #include "lawd/dry_run.hpp"
 #include "lawd/files.hpp"
-#include "lawd/sha256.hpp"
 #include "spine/core/joints.hpp"
+#include "spine/core/sha256.hpp"
 
 namespace lithe::lawd {
 namespace {

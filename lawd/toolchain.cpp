@@ -6,9 +6,9 @@
 #include <filesystem>
 
 #include "lawd/files.hpp"
-#include "lawd/sha256.hpp"
 #include "lithe/law.hpp"
 #include "spine/arena/veneers.hpp"
+#include "spine/core/sha256.hpp"
 
 namespace lithe::lawd {
 namespace {

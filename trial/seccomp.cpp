@@ -26,9 +26,9 @@ constexpr std::uint32_t kMachine = AUDIT_ARCH_AARCH64;
 
 constexpr int kComputing[] = {SYS_exit, SYS_exit_group, SYS_rt_sigreturn, SYS_clock_gettime};
 constexpr int kLoading[] = {
-    SYS_read,   SYS_pread64,        SYS_fstat,   SYS_newfstatat, SYS_lseek,        SYS_close,     SYS_mmap,
-    SYS_munmap, SYS_mprotect,       SYS_madvise, SYS_brk,        SYS_memfd_create, SYS_ftruncate, SYS_getrandom,
-    SYS_futex,  SYS_rt_sigprocmask, SYS_getpid,  SYS_gettid,     SYS_faccessat,
+    SYS_read,      SYS_pread64, SYS_fstat,          SYS_newfstatat, SYS_lseek,  SYS_close,
+    SYS_mmap,      SYS_munmap,  SYS_mprotect,       SYS_madvise,    SYS_brk,    SYS_mremap,
+    SYS_getrandom, SYS_futex,   SYS_rt_sigprocmask, SYS_getpid,     SYS_gettid, SYS_faccessat,
 #if defined(__x86_64__)
     SYS_access,
 #endif

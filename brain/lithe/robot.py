@@ -179,7 +179,7 @@ class Robot:
 
         terms, where the robot's file shall not decide: blend_s (from the old torque to the new one's), probation_s
         (automatic rollback for so long; 0 = keep it, however it tracks), error_ratio (how much worse tracking may get),
-        shadow_s (run beside the active law first) with shadow_tolerance_nm, budget_us (of a step), box_ms (of the trial).
+        shadow_s (run beside the active law first) with shadow_tolerance_nm, budget_us (of a step), box_ms (of a trial).
         """
         text = str(law)
         if isinstance(law, Path) or (text.endswith(".cpp") and "\n" not in text):

@@ -51,6 +51,9 @@ void print_status(const Json& s) {
                number(joint, "position_rad") * kDegPerRad, number(joint, "setpoint_position_rad") * kDegPerRad,
                number(joint, "velocity_rad_s") * kDegPerRad, number(joint, "torque_nm"), problems);
   }
+  if (word(s, "gates") == "open") {
+    fmt::print("  THE GATES ARE OPEN: laws are neither admitted nor tried\n");
+  }
   if (const std::string lost = s.value("lost", ""); !lost.empty()) {
     fmt::print("  this machine could not give: {}\n", lost);
   }

@@ -24,6 +24,7 @@ void Supervisor::stop() {
     server_.reset();
   }
   lawd_.stop();
+  trial_.stop();
   if (owns_files_) {
     std::error_code ignored;
     std::filesystem::remove(fmt::format("{}/{}.pid", run_dir(), config_.name), ignored);

@@ -10,6 +10,7 @@
 
 #include <algorithm>
 #include <exception>
+#include <filesystem>
 #include <utility>
 
 #include "spine/core/host.hpp"
@@ -30,6 +31,8 @@ Supervisor::Supervisor(RunOptions options, robot::RobotConfig config)
       all_cpus_(allowed_cpus()),
       born_ns_(monotonic_ns()),
       lawd_(program_dir() + "/lawd", cores_beside(all_cpus_, config_.spine), config_.joints.size()),
+      trial_(program_dir() + "/lithe-trial", std::filesystem::absolute(options_.config_path).string(),
+             cores_beside(all_cpus_, config_.spine)),
       log_path_(fmt::format("{}/{}.spine.log", run_dir(), config_.name)) {}
 
 Supervisor::~Supervisor() = default;
@@ -59,6 +62,7 @@ void Supervisor::live() {
   take_lease();
   catch_signals();
   start_lawd();
+  start_trial();
   if (const auto pid = live_spine(config_.name)) {
     adopt_spine(*pid);
     swap_adopted_law();
@@ -80,6 +84,7 @@ void Supervisor::turn(int timeout_ms) {
   std::vector<pollfd> fds;
   fds.push_back({signals_.get(), POLLIN, 0});
   fds.push_back({lawd_.poll_fd(), POLLIN, 0});  // poll() passes over -1
+  fds.push_back({trial_.poll_fd(), POLLIN, 0});
   fds.push_back({spine_ ? spine_->poll_fd() : -1, POLLIN, 0});
   fds.push_back({spine_out_.get(), POLLIN, 0});
   if (server_) {
@@ -90,6 +95,9 @@ void Supervisor::turn(int timeout_ms) {
   const std::int64_t now_ns = monotonic_ns();
   read_signals();
   lawd_.serve(now_ns);
+  if (options_.gates) {
+    trial_.serve(now_ns);
+  }
   read_spine();
   if (link_) {
     link_->heartbeat(now_ns);

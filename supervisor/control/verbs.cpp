@@ -64,6 +64,9 @@ void Verbs::add_looks() {
     status["supervisor_pid"] = ::getpid();
     status["lawd_pid"] = parts_.lawd.pid();
     status["lawd_restarts"] = parts_.lawd.restarts();
+    status["trial_pid"] = parts_.trial.pid();
+    status["trial_restarts"] = parts_.trial.restarts();
+    status["gates"] = parts_.swaps.gates_are_open() ? "open" : "closed";
     status["adopted"] = parts_.adopted;
     reply_(to, status);
   };
@@ -183,7 +186,10 @@ void Verbs::swap_law(const ReplyTo& to, const Json& args) {
     reply_(to, *refusal);
     return;
   }
-  std::get<swap::Request>(request).terms = std::get<swap::Terms>(terms);
+  auto& wanted = std::get<swap::Request>(request);
+  wanted.terms = std::get<swap::Terms>(terms);
+  wanted.client = to.client;
+  wanted.supersede = args.value("supersede", false);
   parts_.swaps.submit(std::move(std::get<swap::Request>(request)), later(to), monotonic_ns());
 }
 

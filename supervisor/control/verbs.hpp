@@ -13,6 +13,7 @@
 #include "supervisor/control/server.hpp"
 #include "supervisor/control/spine_link.hpp"
 #include "supervisor/control/swaps.hpp"
+#include "supervisor/control/trial_link.hpp"
 
 namespace lithe::control {
 
@@ -20,6 +21,7 @@ namespace lithe::control {
 struct Parts {
   SpineLink& spine;
   LawdLink& lawd;
+  TrialLink& trial;
   Commands& commands;
   Swaps& swaps;
   EventLog& log;

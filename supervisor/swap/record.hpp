@@ -17,7 +17,7 @@ class RecordBook {
   // Path of the new file. A full disk is an Error the robot survives: the caller warns and goes on.
   Result<std::filesystem::path> write(const Json& certificate);
   // Replaces what write() made there, in one step.
-  static Result<> rewrite(const std::filesystem::path& path, const Json& certificate);
+  Result<> rewrite(const std::filesystem::path& path, const Json& certificate);
 
  private:
   int next_number() const;

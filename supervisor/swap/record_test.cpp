@@ -37,7 +37,7 @@ TEST_F(RecordTest, NumbersFilesAndGoesOnWhereAnEarlierRunStopped) {
 TEST_F(RecordTest, RewritesTheRecordItHasAndUsesNoNewNumber) {
   RecordBook book(dir_);
   const auto path = book.write({{"verdict", "submitted"}});
-  ASSERT_TRUE(path && RecordBook::rewrite(*path, {{"verdict", "committed"}}));
+  ASSERT_TRUE(path && book.rewrite(*path, {{"verdict", "committed"}}));
   std::ifstream file(*path);
   EXPECT_EQ(Json::parse(file)["verdict"], "committed");
   EXPECT_EQ(book.write({{"verdict", "submitted"}})->filename(), "0002.json");

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/control/aftermath.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <utility>
+
+namespace lithe::control {
+
+using swap::Json;
+using swap::Stage;
+
+Aftermath::Aftermath(const SpineLink& spine, Keep keep) : keep_(std::move(keep)), faults_(spine.memory().law_faults) {}
+
+void Aftermath::follow(swap::Transaction swap, std::filesystem::path record) {
+  running_.push_back(swap.law_id());
+  lives_.push_back({std::move(swap), std::move(record), ""});
+}
+
+Aftermath::Life* Aftermath::of_request(std::uint64_t request_id) {
+  const auto found = std::find_if(lives_.begin(), lives_.end(),
+                                  [&](const Life& each) { return each.swap.request_id() == request_id; });
+  return found == lives_.end() ? nullptr : &*found;
+}
+
+Aftermath::Life* Aftermath::of_law(std::uint32_t law_id) {
+  const auto found =
+      std::find_if(lives_.begin(), lives_.end(), [&](const Life& each) { return each.swap.law_id() == law_id; });
+  return found == lives_.end() ? nullptr : &*found;
+}
+
+void Aftermath::on_event(const wire::Event& event) {
+  switch (static_cast<wire::EventKind>(event.kind)) {
+    case wire::EventKind::law_faulted:
+      return faulted(event);
+    case wire::EventKind::law_rolled_back:
+      return rolled_back(event);
+    case wire::EventKind::law_confirmed:
+      if (Life* life = of_request(event.request_id); life && life->swap.mark(Stage::confirmed, "", event.t_ns)) {
+        keep_(life->swap, life->record);
+      }
+      return;
+    case wire::EventKind::law_retired:
+      std::erase(running_, event.code);
+      if (Life* life = of_request(event.request_id); life && life->swap.mark(Stage::retired, "", event.t_ns)) {
+        keep_(life->swap, life->record);
+        std::erase_if(lives_, [&](const Life& each) { return each.swap.request_id() == event.request_id; });
+      }
+      return;
+    default:
+      return;
+  }
+}
+
+// What the law did is in a ring of its own, written before the event.
+void Aftermath::faulted(const wire::Event& event) {
+  Life* life = of_request(event.request_id);
+  const std::string kind(to_string(static_cast<wire::LawFaultKind>(event.code)));
+  wire::LawFault fault{};
+  while (faults_.next(fault)) {
+    if (life == nullptr || fault.request_id != event.request_id) {
+      continue;
+    }
+    life->swap.note("fault", {{"kind", kind},
+                              {"tick", fault.tick},
+                              {"to_law_id", fault.to_law_id},
+                              {"took_us", fault.took_ns * 1e-3},
+                              {"pc_offset", fault.pc_offset},
+                              {"address", fmt::format("{:#x}", fault.address)}});
+    if (fault.to_law_id == 0) {
+      leave(*life, kind + "; no law before it: the safe law", event);
+      return;
+    }
+  }
+  if (life != nullptr) {
+    life->fault = kind;
+  }
+}
+
+// The event names the law that runs now: all that were committed after it are out.
+void Aftermath::rolled_back(const wire::Event& event) {
+  const auto to = std::find(running_.begin(), running_.end(), event.code);
+  const auto first_out = to == running_.end() ? (running_.empty() ? to : running_.end() - 1) : to + 1;
+  for (auto each = first_out; each != running_.end(); ++each) {
+    if (Life* life = of_law(*each)) {
+      leave(*life, life->fault.empty() ? "asked for" : life->fault, event);
+    }
+  }
+  running_.erase(first_out, running_.end());
+}
+
+void Aftermath::leave(Life& life, const std::string& why, const wire::Event& event) {
+  if (life.swap.mark(Stage::rolled_back, why, event.t_ns)) {
+    life.swap.note("rolled_back", {{"tick", event.tick},
+                                   {"ticks_after_commit", event.tick - std::min(event.tick, life.swap.commit_tick())},
+                                   {"why", why}});
+    keep_(life.swap, life.record);
+  }
+}
+
+void Aftermath::end(const std::string& why, std::int64_t now_ns) {
+  for (Life& each : lives_) {
+    if (each.swap.mark(Stage::retired, why, now_ns)) {
+      keep_(each.swap, each.record);
+    }
+  }
+  lives_.clear();
+  running_.clear();
+}
+
+}  // namespace lithe::control

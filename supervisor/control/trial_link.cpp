@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/control/trial_link.hpp"
+
+#include <fmt/format.h>
+
+#include <utility>
+
+#include "spine/core/time.hpp"
+
+namespace lithe::control {
+
+using swap::Answer;
+using swap::Json;
+using swap::Refusal;
+
+namespace {
+
+Launch launch_of(std::string program, std::string robot_file, std::vector<int> cpus) {
+  Launch launch;
+  launch.argv = {std::move(program), std::move(robot_file)};
+  launch.cpus = std::move(cpus);
+  return launch;
+}
+
+Json request_of(const TrialOrder& order) {
+  Json request = {{"verb", "try"},
+                  {"robot", order.recording},
+                  {"budget_ns", order.budget_ns},
+                  {"box_ms", order.box_ms},
+                  {"params", order.params}};
+  if (order.slot == 0) {
+    request["object"] = order.object;
+  } else {
+    request["slot"] = order.slot;
+    request["code_bytes"] = order.code_bytes;
+    request["entry"] = order.entry;
+    request["image_hash"] = order.image_hash;
+  }
+  return request;
+}
+
+Refusal refusal_of(const Json& answer) {
+  const std::string where = answer.value("where", "");
+  const bool starved = answer.value("starved", false);
+  const std::string reason = answer.value("reason", "the trial gave no reason");
+  return {starved ? "trial_starved" : "trial_failed",
+          fmt::format("{}{}: {}", where.empty() ? "" : where + ": ", answer.value("section", "?"), reason),
+          starved ? "the running law is unchanged; try again when the machine is less busy"
+                  : "the running law is unchanged; correct the source and swap again",
+          {{"stage", "trial"}, {"trial", answer}}};
+}
+
+}  // namespace
+
+TrialLink::TrialLink(std::string program, std::string robot_file, std::vector<int> cpus)
+    : service_("trial", "trial", launch_of(std::move(program), std::move(robot_file), std::move(cpus))) {}
+
+void TrialLink::attempt(const TrialOrder& order, Callback callback, std::int64_t now_ns) {
+  ask(order, 0, std::move(callback), now_ns);
+}
+
+void TrialLink::ask(const TrialOrder& order, int starved, Callback callback, std::int64_t now_ns) {
+  const std::int64_t limit_ns = 4 * order.box_ms * kNsPerMs + 10 * kNsPerS;
+  service_.ask(
+      request_of(order), ServiceLink::Turn::in_line, limit_ns,
+      [this, order, starved, callback = std::move(callback)](const Answer& answer) {
+        const Json* json = std::get_if<Json>(&answer);
+        if (json == nullptr || json->value("ok", false)) {
+          callback(answer);
+        } else if (json->value("starved", false) && starved + 1 < kMostStarved) {
+          ask(order, starved + 1, callback, monotonic_ns());
+        } else if (order.slot != 0 && !json->value("starved", false)) {
+          find_line(order, refusal_of(*json), callback);
+        } else {
+          callback(refusal_of(*json));
+        }
+      },
+      now_ns);
+}
+
+// A slot holds no debug information: the same law from its object fails with the line, if it fails there too.
+void TrialLink::find_line(const TrialOrder& order, Refusal refusal, Callback callback) {
+  TrialOrder again = order;
+  again.slot = 0;
+  const std::int64_t limit_ns = 4 * order.box_ms * kNsPerMs + 10 * kNsPerS;
+  service_.ask(
+      request_of(again), ServiceLink::Turn::next, limit_ns,
+      [refusal = std::move(refusal), callback = std::move(callback)](const Answer& answer) {
+        const Json* json = std::get_if<Json>(&answer);
+        callback(json != nullptr && json->contains("where") ? refusal_of(*json) : refusal);
+      },
+      monotonic_ns());
+}
+
+}  // namespace lithe::control
