@@ -24,7 +24,7 @@ from lithe._wire import TelemetryFlags
 from lithe.demo.processes import ROOT, Stage
 
 from bench import report
-from bench.swap_robot import HORIZON_NS, POINTS, Background, TickLog, robot_file, sine_rad
+from bench.swap_robot import HORIZON_NS, POINTS, Background, TickLog, robot_file, sine_rad, wake
 from bench.tables import cell, table
 
 Figures = dict[str, Any]
@@ -112,6 +112,7 @@ class Experiment:
 
     def cross(self, old: str, new: str) -> Crossing | None:
         """From one law to the other at full speed; None when the machine took ticks or samples away meanwhile."""
+        wake(self.robot)
         self.robot.swap(old, name="old.cpp")
         time.sleep(SETTLE_S)
         self._wait_for_full_speed()
@@ -122,8 +123,11 @@ class Experiment:
         ticks = self.log.ticks()
         at = int(np.searchsorted(ticks["tick"], int(record["commit_tick"])))
         around = ticks[at - PERIOD_TICKS : at + ERROR_TICKS]
-        disturbed = np.any(around["flags"] & TelemetryFlags.sample_stale) or np.ptp(around["missed_releases"]) > 0
-        return None if disturbed or len(around) < PERIOD_TICKS + ERROR_TICKS else Crossing(around, PERIOD_TICKS)
+        if len(around) < PERIOD_TICKS + ERROR_TICKS:
+            return None
+        near = around[PERIOD_TICKS - STEP_TICKS : PERIOD_TICKS + STEP_TICKS]
+        disturbed = np.any(near["flags"] & TelemetryFlags.sample_stale) or np.ptp(near["missed_releases"]) > 0
+        return None if disturbed or not around["active"].all() else Crossing(around, PERIOD_TICKS)
 
     def stop(self) -> None:
         """Ends the threads."""

@@ -54,6 +54,15 @@ def sine_rad(t_ns: int, centre_rad: float, amplitude_rad: float, frequency_hz: f
     return centre_rad + amplitude_rad * math.sin(2 * math.pi * frequency_hz * t_ns * 1e-9)
 
 
+def wake(robot: lithe.Robot) -> bool:
+    """Arms a robot that has stopped, because the machine stalled for longer than even a patient one bears."""
+    if robot.status()["mode"] == "active":
+        return False
+    robot.reset()
+    robot.arm()
+    return True
+
+
 class Background:
     """A thread that calls something again and again until stop()."""
 
@@ -166,10 +175,7 @@ class Subject:
 
     def group(self, swaps: int, pause_s: float) -> None:
         """So many swaps one right after the other, then none for a while."""
-        if self.robot.status()["mode"] != "active":  # the machine stalled for longer than even a patient robot bears
-            self.stops += 1
-            self.robot.reset()
-            self.robot.arm()
+        self.stops += wake(self.robot)
         from_ns, before = time.monotonic_ns(), self._counts()
         done = len(self.records)
         for _ in range(swaps):
