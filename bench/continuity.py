@@ -32,6 +32,7 @@ OLD, NEW = ROOT / "bench/laws/pi_lowpass.cpp", ROOT / "bench/laws/pi_two_pole.cp
 SINE = {"centre_rad": 1.2, "amplitude_rad": 0.8, "frequency_hz": 1.0}
 BLEND_S = 0.02
 WIDE_NM_S = "10000.0"
+LEAST_SPEED_RAD_S = 4.5  # the sine's own is 5
 SETTLE_S = 1.5
 LOOK_S = 0.1
 STEP_TICKS = 50  # after the commit: the blend and what a filter that starts cold does
@@ -111,7 +112,7 @@ class Experiment:
         time.sleep(period_s - (time.monotonic() + self._commit_after_s) % period_s)
 
     def cross(self, old: str, new: str) -> Crossing | None:
-        """From one law to the other at full speed; None when the machine took ticks or samples away meanwhile."""
+        """From one law to the other at full speed; None when the machine disturbed that, or came too late."""
         wake(self.robot)
         self.robot.swap(old, name="old.cpp")
         time.sleep(SETTLE_S)
@@ -125,9 +126,11 @@ class Experiment:
         around = ticks[at - PERIOD_TICKS : at + ERROR_TICKS]
         if len(around) < PERIOD_TICKS + ERROR_TICKS:
             return None
-        near = around[PERIOD_TICKS - STEP_TICKS : PERIOD_TICKS + STEP_TICKS]
+        near = around[PERIOD_TICKS - STEP_TICKS :]
         disturbed = np.any(near["flags"] & TelemetryFlags.sample_stale) or np.ptp(near["missed_releases"]) > 0
-        return None if disturbed or not around["active"].all() else Crossing(around, PERIOD_TICKS)
+        crossing = Crossing(around, PERIOD_TICKS)
+        slow = crossing.speed_rad_s() < LEAST_SPEED_RAD_S  # the commit came late
+        return None if disturbed or slow or not around["active"].all() else crossing
 
     def stop(self) -> None:
         """Ends the threads."""

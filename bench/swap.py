@@ -35,6 +35,7 @@ LAWS = [ROOT / "bench/laws/pi_lowpass.cpp", ROOT / "bench/laws/pi_two_pole.cpp",
 MOST_IN_GROUP, LEAST_IN_GROUP = 50, 8
 PAUSE_S, LEAST_PAUSE_S = 0.4, 0.15
 PEERS = ("dlopen", "mutex", "brief")
+PEERS_PAUSE = 0.6  # of LITHE's: their groups are shorter too
 LEAST_DLOPEN = 100
 CONTROL_SWAPS = 10  # one in each round
 CONTROL_TICKS = 200
@@ -147,7 +148,7 @@ def take_turns(subject: Subject, peers: Peers, swaps: int) -> None:
             if group == 0:
                 continue
             if name:
-                left[name] -= peers.run(name, group, int(pause_s * 1000))
+                left[name] -= peers.run(name, group, int(PEERS_PAUSE * pause_s * 1000))
             else:
                 subject.group(group, pause_s)
                 left[name] -= group
