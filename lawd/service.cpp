@@ -75,6 +75,20 @@ double since_ms(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
 }
 
+// What each step of a build took.
+class Laps {
+ public:
+  void lap(const char* step) {
+    ms_[step] = since_ms(from_);
+    from_ = std::chrono::steady_clock::now();
+  }
+  const json& ms() const { return ms_; }
+
+ private:
+  json ms_ = json::object();
+  std::chrono::steady_clock::time_point from_ = std::chrono::steady_clock::now();
+};
+
 }  // namespace
 
 Service::Service(std::string cache, int arena_fd)
@@ -130,6 +144,7 @@ json Service::compile(const json& request) {
   const bool cached = !reply.is_null();
   if (!cached) reply = build(job);
   if (json refused = over_budget(reply, job.name, budget_ns); !refused.is_null()) reply = std::move(refused);
+  if (reply.value("ok", false)) reply["toolchain"] = toolchain_.to_json();
   reply["hash"] = job.hash;
   reply["cached"] = cached;
   reply["compile_ms"] = since_ms(start);
@@ -160,8 +175,10 @@ json Service::place(const json& request) {
 // Compiler and linker, in a folder of their own under the cache.
 json Service::build(const Job& job) {
   Admission admission;
+  Laps laps;
   if (job.admit) admit_source(job.source, admission);  // before the compiler reads what the source names
   if (!admission.ok()) return refuse_admission(admission, job.name, job.source);
+  laps.lap("admit_source");
   const ScratchDir scratch(cache_ + "/laws");
   if (scratch.path().empty()) {
     return refuse("cache", disk_is_full(scratch.error()) ? full_disk_text(cache_)
@@ -175,14 +192,20 @@ json Service::build(const Job& job) {
   }
   std::string warnings;
   if (json refused = run_compiler(job, file, object, warnings); !refused.is_null()) return refused;
+  laps.lap("compile");
   if (job.admit) admit_object({object, file}, admission);
+  laps.lap("admit_object");
   if (!admission.ok()) return refuse_admission(admission, job.name, job.source);
   const Outcome link = run_program(toolchain_.link_command(object, library), Limits{});
   if (!link.clean()) {
     if (disk_is_full(link.output)) return refuse("cache", full_disk_text(cache_));
     return refuse_whole("compile", job.name, "the link failed: " + link.output);
   }
-  return try_and_store(job, object, library, warnings, admission.gates_json());
+  laps.lap("link");
+  json stored = try_and_store(job, object, library, warnings, admission.gates_json());
+  laps.lap("dry_run_and_store");
+  if (stored.value("ok", false)) stored["steps_ms"] = laps.ms();
+  return stored;
 }
 
 // null when the object is there.

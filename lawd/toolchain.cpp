@@ -95,6 +95,7 @@ void Toolchain::find_programs() {
   }
   linker_ = ask(quoted + " -print-prog-name=ld");
   if (linker_.empty()) linker_ = "ld";
+  linker_version_ = ask("'" + linker_ + "' --version");
 }
 
 // The name of the folder is the fingerprint, so a precompiled header of another compiler is never used. A note of its
@@ -132,6 +133,12 @@ void Toolchain::discard_precompiled() {
   std::error_code ignored;
   if (!pch_dir_.empty()) fs::remove_all(pch_dir_, ignored);
   pch_dir_.clear();
+}
+
+nlohmann::json Toolchain::to_json() const {
+  std::string line;
+  for (const std::string& flag : flags()) line += (line.empty() ? "" : " ") + flag;
+  return {{"compiler", version_}, {"linker", linker_version_}, {"flags", line}, {"contract", fingerprint_}};
 }
 
 std::vector<std::string> Toolchain::base_command() const {

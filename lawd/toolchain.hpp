@@ -2,6 +2,7 @@
 // The compiler of this machine, the contract it compiles laws against, and the contract precompiled.
 #pragma once
 
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -24,6 +25,8 @@ class Toolchain {
   const std::string& error() const { return error_; }
   // Everything but the source that decides what comes out: compiler, flags, contract. SHA-256 hex.
   const std::string& fingerprint() const { return fingerprint_; }
+  // For a certificate: {"compiler", "linker", "flags", "contract"}; the flags as one line, contract = the fingerprint.
+  nlohmann::json to_json() const;
   bool precompiled() const { return !pch_dir_.empty(); }
   double precompile_ms() const { return precompile_ms_; }
 
@@ -44,7 +47,7 @@ class Toolchain {
   std::string contract_dir_;
   std::string compiler_;
   std::string linker_;
-  std::string version_;
+  std::string version_, linker_version_;
   std::string fingerprint_;
   std::string pch_dir_;
   std::string error_;

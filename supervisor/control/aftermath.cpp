@@ -11,11 +11,37 @@ namespace lithe::control {
 using swap::Json;
 using swap::Stage;
 
-Aftermath::Aftermath(const SpineLink& spine, Keep keep) : keep_(std::move(keep)), faults_(spine.memory().law_faults) {}
+Aftermath::Aftermath(const SpineLink& spine, Keep keep)
+    : spine_(spine), keep_(std::move(keep)), faults_(spine.memory().law_faults) {}
 
-void Aftermath::follow(swap::Transaction swap, std::filesystem::path record) {
+void Aftermath::follow(swap::Transaction swap, swap::RecordBook::Page record, const CoreCounts& before,
+                       std::int64_t now_ns) {
+  // What this one did to the Spine is not to be counted with the one before it.
+  for (Life& each : lives_) {
+    measure(each);
+  }
   running_.push_back(swap.law_id());
-  lives_.push_back({std::move(swap), std::move(record), ""});
+  lives_.push_back({std::move(swap), std::move(record), before, now_ns + kMeasureAfterNs, ""});
+}
+
+void Aftermath::serve(std::int64_t now_ns) {
+  for (Life& each : lives_) {
+    if (each.measure_at_ns <= now_ns) {
+      measure(each);
+    }
+  }
+}
+
+void Aftermath::measure(Life& life) {
+  if (std::exchange(life.measure_at_ns, 0) == 0) {
+    return;
+  }
+  Json measured = look_around(spine_, life.swap.commit_tick());
+  if (measured.is_object()) {
+    measured["core"] = counts_json(life.before, count_core(spine_.spine_pid(), spine_.info()));
+    life.swap.note("measured", std::move(measured));
+    keep_(life.swap, life.record);
+  }
 }
 
 Aftermath::Life* Aftermath::of_request(std::uint64_t request_id) {
@@ -43,6 +69,9 @@ void Aftermath::on_event(const wire::Event& event) {
       return;
     case wire::EventKind::law_retired:
       std::erase(running_, event.code);
+      if (Life* life = of_request(event.request_id)) {
+        measure(*life);
+      }
       if (Life* life = of_request(event.request_id); life && life->swap.mark(Stage::retired, "", event.t_ns)) {
         keep_(life->swap, life->record);
         std::erase_if(lives_, [&](const Life& each) { return each.swap.request_id() == event.request_id; });
@@ -101,6 +130,7 @@ void Aftermath::leave(Life& life, const std::string& why, const wire::Event& eve
 
 void Aftermath::end(const std::string& why, std::int64_t now_ns) {
   for (Life& each : lives_) {
+    measure(each);
     if (each.swap.mark(Stage::retired, why, now_ns)) {
       keep_(each.swap, each.record);
     }

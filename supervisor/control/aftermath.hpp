@@ -4,13 +4,14 @@
 
 #include <cstdint>
 #include <deque>
-#include <filesystem>
 #include <functional>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "supervisor/control/spine_link.hpp"
+#include "supervisor/control/witness.hpp"
+#include "supervisor/swap/record.hpp"
 #include "supervisor/swap/transaction.hpp"
 
 namespace lithe::control {
@@ -19,12 +20,15 @@ namespace lithe::control {
 class Aftermath {
  public:
   // Called when a certificate has changed.
-  using Keep = std::function<void(const swap::Transaction&, const std::filesystem::path&)>;
+  using Keep = std::function<void(const swap::Transaction&, const swap::RecordBook::Page&)>;
+  static constexpr std::int64_t kMeasureAfterNs = 60'000'000;  // a little more than the window
 
   Aftermath(const SpineLink& spine, Keep keep);
 
-  // `record`: its certificate's file; empty = there is none.
-  void follow(swap::Transaction swap, std::filesystem::path record);
+  // `before`: counted when the Loader was asked.
+  void follow(swap::Transaction swap, swap::RecordBook::Page record, const CoreCounts& before, std::int64_t now_ns);
+  // Measures what is due.
+  void serve(std::int64_t now_ns);
   void on_event(const wire::Event& event);
   // The robot stops, or its Spine is gone: no law comes to a better end.
   void end(const std::string& why, std::int64_t now_ns);
@@ -32,16 +36,20 @@ class Aftermath {
  private:
   struct Life {
     swap::Transaction swap;
-    std::filesystem::path record;
-    std::string fault;  // why it is about to be replaced; empty = nothing is wrong
+    swap::RecordBook::Page record;
+    CoreCounts before;
+    std::int64_t measure_at_ns;  // 0 = it was done
+    std::string fault;           // why it is about to be replaced; empty = nothing is wrong
   };
 
+  void measure(Life& life);
   Life* of_request(std::uint64_t request_id);
   Life* of_law(std::uint32_t law_id);
   void faulted(const wire::Event& event);
   void rolled_back(const wire::Event& event);
   void leave(Life& life, const std::string& why, const wire::Event& event);
 
+  const SpineLink& spine_;
   Keep keep_;
   ipc::RingReader<wire::LawFault, wire::spine_segment::kLawFaultsDepth> faults_;
   std::deque<Life> lives_;              // oldest commit first

@@ -219,6 +219,7 @@ void Swaps::stage(const swap::Transaction& swap) {
                       monotonic_ns());
     return;
   }
+  before_ = count_core(help_.spine.spine_pid(), help_.spine.info());
   ticket_ = help_.spine.stage(request);
   if (!ticket_) {
     queue_.on_refused(swap.request_id(), stage_refusal(wire::StageResult::busy, "the Loader does not take requests"),

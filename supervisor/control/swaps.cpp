@@ -27,7 +27,7 @@ Swaps::Swaps(const Helpers& helpers, swap::RecordBook book, std::uint64_t first_
               [this](const swap::Transaction& each) { stage(each); }, [this] { return missed_releases(); },
               [this](swap::Transaction&& each) { finish(std::move(each)); }},
              first_request_id, {2 * LawdLink::kCompileTimeoutNs, 2 * LawdLink::kCompileTimeoutNs}),
-      aftermath_(helpers.spine, [this](const swap::Transaction& each, const std::filesystem::path& record) {
+      aftermath_(helpers.spine, [this](const swap::Transaction& each, const swap::RecordBook::Page& record) {
         rewrite(each, record);
       }) {}
 
@@ -72,6 +72,7 @@ void Swaps::submit(swap::Request request, Callback callback, std::int64_t now_ns
 void Swaps::serve(std::int64_t now_ns) {
   poll_stage(now_ns);
   queue_.step(now_ns);
+  aftermath_.serve(now_ns);
 }
 
 void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
@@ -80,18 +81,18 @@ void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
 }
 
 void Swaps::keep_record(const swap::Transaction& swap) {
-  std::filesystem::path& record = waiting_[swap.request_id()].record;
-  if (!record.empty()) {
+  swap::RecordBook::Page& record = waiting_[swap.request_id()].record;
+  if (!record.path.empty()) {
     rewrite(swap, record);
-  } else if (const auto path = book_.write(swap.certificate())) {
-    record = *path;
+  } else if (const auto page = book_.write(swap.certificate())) {
+    record = *page;
   } else {
-    spdlog::warn("{}", path.message());
+    spdlog::warn("{}", page.message());
   }
 }
 
-void Swaps::rewrite(const swap::Transaction& swap, const std::filesystem::path& record) {
-  if (record.empty()) {
+void Swaps::rewrite(const swap::Transaction& swap, const swap::RecordBook::Page& record) {
+  if (record.path.empty()) {
     return;  // it was said when it could not be made
   }
   if (const auto written = book_.rewrite(record, swap.certificate()); !written) {
@@ -123,7 +124,7 @@ void Swaps::finish(swap::Transaction&& swap) {
   waiting_.erase(swap.request_id());
   if (!swap.refusal()) {
     answer_committed(swap, waiting.callback);
-    aftermath_.follow(std::move(swap), waiting.record);
+    aftermath_.follow(std::move(swap), waiting.record, before_, monotonic_ns());
     return;
   }
   note(swap, swap.outcome_is_known() ? "swap_refused" : "swap_not_confirmed",

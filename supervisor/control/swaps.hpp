@@ -3,7 +3,6 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <functional>
 #include <map>
 #include <optional>
@@ -66,7 +65,7 @@ class Swaps {
   bool is_head(std::uint64_t request_id) const;
   void give_slot_back();
   void keep_record(const swap::Transaction& swap);
-  void rewrite(const swap::Transaction& swap, const std::filesystem::path& record);
+  void rewrite(const swap::Transaction& swap, const swap::RecordBook::Page& record);
   void note(const swap::Transaction& swap, const char* kind, const std::string& text);
   void answer_committed(const swap::Transaction& swap, const Callback& callback);
   std::uint64_t missed_releases() const;
@@ -80,12 +79,13 @@ class Swaps {
   Aftermath aftermath_;
   struct Waiting {
     Callback callback;
-    std::filesystem::path record;  // empty: it could not be written
+    swap::RecordBook::Page record;
   };
   std::map<std::uint64_t, Waiting> waiting_;
   std::optional<Placed> placed_;         // where the head of the queue lies, until the Loader is asked
   std::optional<std::uint64_t> ticket_;  // of the stage request under way
   std::optional<wire::Event> commit_;    // seen, not yet answered
+  CoreCounts before_;                    // counted when the Loader was asked
   std::int64_t stage_refused_ns_ = 0;    // the Loader said no; its event may still bring the words
 };
 

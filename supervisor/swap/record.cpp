@@ -6,58 +6,191 @@
 #include <algorithm>
 #include <cstdlib>
 #include <fstream>
+#include <iterator>
+#include <map>
 #include <system_error>
+#include <utility>
+
+#include "spine/core/sha256.hpp"
 
 namespace lithe::swap {
+namespace {
 
-int RecordBook::next_number() const {
-  int highest = 0;
-  std::error_code ignored;
-  for (const auto& entry : std::filesystem::directory_iterator(dir_, ignored)) {
-    if (entry.path().extension() == ".json") {
-      highest = std::max(highest, std::atoi(entry.path().stem().c_str()));
-    }
-  }
-  return highest + 1;
+namespace fs = std::filesystem;
+
+constexpr const char* kChain = "chain.jsonl";
+
+Error cannot_write(const fs::path& path) {
+  return Error{fmt::format("cannot write {}: disk full or read-only? The robot keeps running, this record is lost",
+                           path.string())};
 }
 
-Result<std::filesystem::path> RecordBook::write(const Json& certificate) {
+std::string read(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return std::string(std::istreambuf_iterator<char>(file), {});
+}
+
+}  // namespace
+
+// Where an earlier run stopped.
+Result<> RecordBook::open() {
   std::error_code failure;
-  std::filesystem::create_directories(dir_, failure);
+  fs::create_directories(dir_, failure);
   if (failure) {
     return Error{
         fmt::format("cannot create {}: {}; free space there or set LITHE_OUT_DIR", dir_.string(), failure.message())};
   }
-  if (next_ == 0) {
-    next_ = next_number();
+  int highest = 0;
+  for (const auto& entry : fs::directory_iterator(dir_, failure)) {
+    if (entry.path().extension() == ".json") {
+      highest = std::max(highest, std::atoi(entry.path().stem().c_str()));
+    }
   }
-  const std::filesystem::path path = dir_ / fmt::format("{:04}.json", next_);
-  if (const auto written = rewrite(path, certificate); !written) {
+  next_ = highest + 1;
+  find_end();
+  return done();
+}
+
+void RecordBook::find_end() {
+  std::ifstream file(dir_ / kChain, std::ios::binary);
+  std::string last;
+  for (std::string line; std::getline(file, line);) {
+    last = line;
+    line_is_cut_ = file.eof();
+  }
+  last_line_ = file.is_open() && !last.empty() ? sha256_hex(last) : last_line_;
+  // A line whose file never came (the run ended in between): what is there instead is what the chain goes on with.
+  const Json entry = Json::parse(last, nullptr, false);
+  if (entry.is_object() && entry.contains("file") && entry["file"].is_string()) {
+    const Page page{dir_ / entry["file"].get<std::string>(), ""};
+    const std::string text = read(page.path);
+    if (!text.empty() && entry.value("sha256", Json()) != sha256_hex(text)) {
+      (void)add_line(page, text);
+    }
+  }
+}
+
+Result<RecordBook::Page> RecordBook::write(const Json& certificate) {
+  if (next_ == 0) {
+    if (const auto opened = open(); !opened) {
+      return opened.error();
+    }
+  }
+  Page page{dir_ / fmt::format("{:04}.json", next_), last_line_};
+  if (const auto written = put(page, certificate); !written) {
     return written.error();
   }
   ++next_;
-  return path;
+  return page;
 }
 
-Result<> RecordBook::rewrite(const std::filesystem::path& path, const Json& certificate) {
+// The line comes before the file: of a crash in between, verify_chain sees a file that is as its last line but one
+// says.
+Result<> RecordBook::put(const Page& page, Json certificate) {
+  certificate["previous"] = page.previous;
+  const std::string text = certificate.dump(2, ' ', false, Json::error_handler_t::replace) + '\n';
   std::error_code failure;
-  const std::filesystem::path draft = path.string() + ".draft";
+  const fs::path draft = page.path.string() + ".draft";
   {
     std::ofstream file(draft, std::ios::binary | std::ios::trunc);
-    file << certificate.dump(2, ' ', false, Json::error_handler_t::replace) << '\n';
+    file << text;
     file.flush();
     if (!file) {
       file.close();
-      std::filesystem::remove(draft, failure);
-      return Error{fmt::format("cannot write {}: disk full or read-only? The robot keeps running, this record is lost",
-                               path.string())};
+      fs::remove(draft, failure);
+      return cannot_write(page.path);
     }
   }
-  std::filesystem::rename(draft, path, failure);
+  if (const auto added = add_line(page, text); !added) {
+    fs::remove(draft, failure);
+    return added;
+  }
+  fs::rename(draft, page.path, failure);
   if (failure) {
     return Error{fmt::format("cannot rename {}: {}", draft.string(), failure.message())};
   }
   return done();
+}
+
+Result<> RecordBook::add_line(const Page& page, const std::string& text) {
+  const Json entry = {{"file", page.path.filename().string()}, {"sha256", sha256_hex(text)}, {"previous", last_line_}};
+  const std::string line = entry.dump();
+  std::ofstream chain(dir_ / kChain, std::ios::binary | std::ios::app);
+  chain << (line_is_cut_ ? "\n" : "") << line << '\n';
+  chain.flush();
+  if (!chain) {
+    next_ = 0;  // how much of it has arrived? The next write looks
+    return cannot_write(dir_ / kChain);
+  }
+  line_is_cut_ = false;
+  last_line_ = sha256_hex(line);
+  return done();
+}
+
+namespace {
+
+struct Written {
+  std::vector<Json> previous;  // one of them is what its certificate must carry
+  std::string last, last_but_one;
+  std::size_t last_line = 0;
+};
+
+std::map<std::string, Written> read_lines(const fs::path& path, Chain& chain) {
+  std::map<std::string, Written> files;
+  std::string previous;
+  std::ifstream file(path, std::ios::binary);
+  for (std::string line; std::getline(file, line);) {
+    const std::size_t number = ++chain.writings;
+    const Json entry = Json::parse(line, nullptr, false);
+    const bool whole = entry.is_object() && entry.contains("file") && entry["file"].is_string() &&
+                       entry.contains("sha256") && entry["sha256"].is_string() && entry.contains("previous");
+    if (!whole) {
+      ++chain.cut;
+    } else {
+      if (entry["previous"] != previous) {
+        chain.problems.push_back(fmt::format("{} line {} does not follow the line before it", kChain, number));
+      }
+      Written& each = files[entry["file"].get<std::string>()];
+      each.previous.push_back(entry["previous"]);
+      each.last_but_one = std::exchange(each.last, entry["sha256"].get<std::string>());
+      each.last_line = number;
+    }
+    previous = sha256_hex(line);
+  }
+  return files;
+}
+
+}  // namespace
+
+Chain verify_chain(const fs::path& dir) {
+  Chain chain;
+  const auto files = read_lines(dir / kChain, chain);
+  std::error_code failure;
+  for (const auto& entry : fs::directory_iterator(dir, failure)) {
+    const std::string name = entry.path().filename().string();
+    if (entry.path().extension() == ".json" && !files.contains(name)) {
+      chain.problems.push_back(name + " is not in the chain");
+    }
+  }
+  for (const auto& [name, written] : files) {
+    ++chain.certificates;
+    const std::string text = read(dir / name);
+    const std::string hash = sha256_hex(text);
+    const std::string before = text.empty() ? "" : hash;  // the run ended between the last line and its file
+    const bool cut_off = written.last_line == chain.writings && before == written.last_but_one;
+    const Json certificate = Json::parse(text, nullptr, false);
+    const Json previous = certificate.is_object() ? certificate.value("previous", Json()) : Json();
+    if (cut_off) {
+      ++chain.cut;
+    } else if (text.empty()) {
+      chain.problems.push_back(name + " is missing");
+    } else if (hash != written.last) {
+      chain.problems.push_back(name + " is not what was written last");
+    } else if (std::find(written.previous.begin(), written.previous.end(), previous) == written.previous.end()) {
+      chain.problems.push_back(name + " does not carry the hash of what came before it");
+    }
+  }
+  return chain;
 }
 
 }  // namespace lithe::swap
