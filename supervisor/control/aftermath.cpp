@@ -20,6 +20,11 @@ void Aftermath::follow(swap::Transaction swap, swap::RecordBook::Page record, co
   for (Life& each : lives_) {
     measure(each);
   }
+  Life* last = running_.empty() ? nullptr : of_law(running_.back());
+  if (last != nullptr && last->swap.request().terms.probation_s > 0 && !last->swap.reached(Stage::confirmed)) {
+    last->swap.note("probation", fmt::format("cut short by request {}", swap.request_id()));
+    keep_(last->swap, last->record);
+  }
   running_.push_back(swap.law_id());
   lives_.push_back({std::move(swap), std::move(record), before, now_ns + kMeasureAfterNs, ""});
 }
