@@ -27,6 +27,7 @@ import json
 import math
 import os
 import secrets
+import signal
 import socket
 import socketserver
 import struct
@@ -273,6 +274,8 @@ def main() -> int:
     parser.add_argument("--port", type=int, default=7423)
     parser.add_argument("--token-file", type=Path, default=run_dir() / "gateway.token")
     args = parser.parse_args()
+    # A shell starts background jobs with SIGINT ignored; whoever sends it to a gateway means it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         robot = connect(args.robot)
         gateway = Gateway(robot, host=args.host, port=args.port, token=write_token(args.token_file))
