@@ -300,10 +300,10 @@ def test_a_robot_without_its_trial_does_not_start_unless_the_gates_are_opened(pa
     command = [other / "lithe", "run", patient.config]
     refused = subprocess.run(command, check=False, env=patient.env, capture_output=True, text=True, timeout=60)
     assert refused.returncode == 1 and "lithe-trial" in refused.stderr
-    log = (patient.dir / "ungated.log").open("w")
-    patient.started.append(
-        subprocess.Popen([*command, "--ungated"], env=patient.env, stdout=log, stderr=log, text=True)
-    )
+    with (patient.dir / "ungated.log").open("w") as log:
+        patient.started.append(
+            subprocess.Popen([*command, "--ungated"], env=patient.env, stdout=log, stderr=log, text=True)
+        )
     patient.wait_for(lambda: patient.socket.exists() or patient.started[-1].poll() is not None, 60)
     assert patient.ask("status")["gates"] == "open"
     assert "THE GATES ARE OPEN" in (patient.dir / "ungated.log").read_text()
