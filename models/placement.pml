@@ -8,9 +8,6 @@
  *             and unload (spine/load/arena_store.cpp). Letters may wait, a law may be refused or let go, whenever they
  *             like; how the tick lets go is in slot.pml.
  *
- * Here a new supervisor waits until the Loader has answered its predecessor's letters. placement.cpp does not wait yet:
- * the twin ADOPT_AT_ONCE is what it does. Delete these two lines with the mend.
- *
  * Memory. Mailbox and Channel order what lies on both sides of them; channel.pml is about how.
  *
  * Constants: SLOTS instead of 16, PLACES instead of 8, LETTERS instead of 4. An image has 2 words.

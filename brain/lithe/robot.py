@@ -39,6 +39,10 @@ class Params:
         """Sets all of them on one tick, or none."""
         return self._robot.call("set_params", values=values)
 
+    def revert(self) -> Any:
+        """The values before the last change; a second time, that change again."""
+        return self._robot.call("revert_params")
+
     def __getitem__(self, name: str) -> float:
         params = self.get()
         if name not in params:
@@ -188,9 +192,9 @@ class Robot:
         result: dict[str, Any] = self.call("swap", **args)
         return result
 
-    def rollback(self) -> Any:
-        """Back to the previous law."""
-        return self.call("rollback")
+    def rollback(self, steps: int = 1) -> Any:
+        """Back by 1 to 4 laws, to one that is still in the Spine, with the state it was left with."""
+        return self.call("rollback", steps=steps)
 
     # ---- verbs
     def call(self, verb: str, /, **args: Any) -> Any:

@@ -20,7 +20,7 @@ struct Context {
 int exit_code(const swap::Refusal& refusal);
 
 int status(const Context& context);
-int command(const Context& context, const std::string& verb);  // arm, disarm, hold, reset, rollback, shutdown
+int command(const Context& context, const std::string& verb);  // arm, disarm, hold, reset, shutdown
 int estop(const Context& context);
 int rollback(const Context& context, int steps);
 // `terms`: arguments of the verb swap that are numbers (docs/reference/verbs.md).
@@ -30,6 +30,8 @@ int law_check(const Context& context, const std::string& law);
 int law_list(const Context& context);
 int param_get(const Context& context, const std::string& name);
 int param_set(const Context& context, const std::vector<std::string>& words);
+int param_revert(const Context& context);
+int param_save(const Context& context, const std::string& path);
 int events(const Context& context, std::uint64_t since, bool follow);
 int top(const Context& context, int turns);
 

@@ -28,6 +28,7 @@ struct Words {
   std::uint64_t since = 0;
   bool follow = false;
   int turns = 0;
+  int steps = 1;
   int code = 0;
 };
 
@@ -52,13 +53,15 @@ void add_commands(CLI::App& app, Words& words) {
   const std::pair<const char*, const char*> plain[] = {{"arm", "switch the drives on; the law tracks the plan"},
                                                        {"disarm", "switch the drives off"},
                                                        {"hold", "stay where the robot is"},
-                                                       {"reset", "leave a latched fault or e-stop, drives off"},
-                                                       {"rollback", "back to the law before this one"}};
+                                                       {"reset", "leave a latched fault or e-stop, drives off"}};
   for (const auto& [verb, about] : plain) {
     app.add_subcommand(verb, about)->callback([&words, verb = verb] {
       words.code = lithe::cli::command(words.context, verb);
     });
   }
+  CLI::App* rollback = app.add_subcommand("rollback", "back to the law before this one, with its state");
+  rollback->add_option("STEPS", words.steps, "how many laws back")->check(CLI::Range(1, 4));
+  rollback->callback([&words] { words.code = lithe::cli::rollback(words.context, words.steps); });
   app.add_subcommand("estop", "stop now, with or without a supervisor; latched")->callback([&words] {
     words.code = lithe::cli::estop(words.context);
   });
@@ -110,6 +113,12 @@ void add_laws(CLI::App& app, Words& words) {
   CLI::App* set = param->add_subcommand("set", "change one or more")->fallthrough();
   set->add_option("PARAM", words.params, "NAME VALUE, or NAME=VALUE ...")->required();
   set->callback([&words] { words.code = lithe::cli::param_set(words.context, words.params); });
+  param->add_subcommand("revert", "the values before the last change")->fallthrough()->callback([&words] {
+    words.code = lithe::cli::param_revert(words.context);
+  });
+  CLI::App* save = param->add_subcommand("save", "write the values of now into the law's file")->fallthrough();
+  save->add_option("LAW", words.law, "C++ file of the running law")->required();
+  save->callback([&words] { words.code = lithe::cli::param_save(words.context, words.law); });
 }
 
 void add_looks(CLI::App& app, Words& words) {

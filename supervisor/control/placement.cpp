@@ -18,7 +18,7 @@ Fd open_arena(const robot::RobotConfig& robot) {
   if (robot.spine.loader == robot::LawLoader::dlopen) {
     return Fd();
   }
-  const pid_t pid = live_spine(robot.name);
+  const pid_t pid = live_spine(robot.name).value_or(0);
   const Result<int> memory = pid != 0 ? arena::memory_of(pid) : arena::make_memory();
   if (!memory) {
     spdlog::warn("{}; laws are loaded with dlopen", memory.message());
@@ -33,7 +33,22 @@ bool Placement::has_arena() const {
          info.arena_slot_bytes == arena::kSlotBytes;
 }
 
+// A letter that waits, or that the Loader is at, names a slot that no LawInfo shows yet (models/placement.pml).
+bool Placement::predecessors_requests_are_answered() {
+  constexpr std::uint64_t kDepth = wire::control_segment::kStageDepth;
+  for (std::uint64_t ticket = inherited_ > kDepth ? inherited_ - kDepth + 1 : 1; ticket <= inherited_; ++ticket) {
+    if (spine_.poll_stage(ticket) == wire::StageResult::pending) {
+      return false;
+    }
+  }
+  inherited_ = 0;
+  return true;
+}
+
 std::uint32_t Placement::free_slot() {
+  if (!predecessors_requests_are_answered()) {
+    return 0;
+  }
   // Answers first: what the Loader has taken in is published before it answers.
   for (Use& use : uses_) {
     if (use.state == Use::asked && spine_.poll_stage(use.ticket) != wire::StageResult::pending) {

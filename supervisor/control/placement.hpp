@@ -30,13 +30,13 @@ struct Placed {
 };
 
 // A slot is free when no law in the Spine has it, lawd is not writing to it, and the Loader has answered every request
-// that names it.
+// that names it; also the requests of a supervisor that died, of whose slots nobody knows any more.
 // Contract: one thread · never blocks · every place() is answered once
 class Placement {
  public:
   using Callback = std::function<void(const std::variant<Placed, swap::Refusal>&)>;
 
-  Placement(SpineLink& spine, LawdLink& lawd) : spine_(spine), lawd_(lawd) {}
+  Placement(SpineLink& spine, LawdLink& lawd) : spine_(spine), lawd_(lawd), inherited_(spine.last_stage_ticket()) {}
 
   // Has lawd link the law of this hash for a free slot and write it there. The slot is the caller's until he says
   // asked() or forget().
@@ -54,9 +54,11 @@ class Placement {
   };
 
   bool has_arena() const;
+  bool predecessors_requests_are_answered();
 
   SpineLink& spine_;
   LawdLink& lawd_;
+  std::uint64_t inherited_;  // the last request of a supervisor before this one, until all of them are answered
   bool lawd_can_place_ = true;
   std::array<Use, arena::kSlots + 1> uses_{};  // by slot; [0] is nobody's
   std::uint32_t last_ = 0;                     // slots are used in turn: what was replaced last lies longest

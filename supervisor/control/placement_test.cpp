@@ -109,6 +109,20 @@ TEST_F(PlacementTest, ASlotInARequestIsTakenUntilTheLoaderHasAnswered) {
   EXPECT_EQ(placement_->free_slot(), 1U);
 }
 
+TEST_F(PlacementTest, ASupervisorThatAdoptsWaitsForTheAnswersToItsPredecessorsRequests) {
+  for (int i = 0; i < 3; ++i) {
+    ASSERT_TRUE(link_->stage({}));
+  }
+  Placement successor(*link_, lawd_);
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_EQ(successor.free_slot(), 0U) << "nobody knows which slot request " << i << " names";
+    answer(wire::StageResult::load_failed);
+  }
+  EXPECT_EQ(successor.free_slot(), 1U);
+  ASSERT_TRUE(link_->stage({}));
+  EXPECT_EQ(successor.free_slot(), 1U) << "its own requests it knows";
+}
+
 TEST_F(PlacementTest, AHostileSlotInTheSpinesMemoryHarmsNobody) {
   publish(0, 5, 0xffffffff);
   publish(1, 6, arena::kSlots + 1);

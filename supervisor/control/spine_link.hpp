@@ -63,6 +63,8 @@ class SpineLink {
     return static_cast<wire::CommandResult>(commands_.poll(ticket));
   }
   std::optional<std::uint64_t> stage(const wire::StageRequest& request) { return stage_.send(request); }
+  // Of the newest request that this supervisor or one before it has sent; 0 = none.
+  std::uint64_t last_stage_ticket() const { return stage_.last_ticket(); }
   wire::StageResult poll_stage(std::uint64_t ticket) const {
     return static_cast<wire::StageResult>(stage_.poll(ticket));
   }

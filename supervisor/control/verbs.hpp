@@ -47,6 +47,8 @@ class Verbs {
   void command(wire::CommandKind kind, const ReplyTo& to);
   void swap_law(const ReplyTo& to, const Json& args);
   void check_law(const ReplyTo& to, const Json& args);
+  void roll_back(const ReplyTo& to, const Json& args);
+  void revert_params(const ReplyTo& to);
   void set_params(const ReplyTo& to, const Json& args);
 
   Parts parts_;
