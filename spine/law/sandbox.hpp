@@ -27,7 +27,7 @@ struct Sandbox {
   // Copies in what `law` is given in this tick.
   void enter(const Resident& law, const Tick& in) LITHE_RT;
   // The law itself, on the copies.
-  void call() LITHE_RT { step(&tick, params.data(), state.data(), &effort, probes.data()); }
+  LITHE_LEFT_BY_A_JUMP void call() LITHE_RT { step(&tick, params.data(), state.data(), &effort, probes.data()); }
   // Its state back, once it has returned and its output is accepted.
   void keep_state(Resident& law) const LITHE_RT {
     std::memcpy(law.state.data(), state.data(), std::min<std::size_t>(law.descriptor->state_size, kMaxStateBytes));

@@ -16,7 +16,7 @@ namespace flag = wire::telemetry_flag;
 
 namespace {
 
-void call_law(void* sandbox) LITHE_RT { static_cast<law::Sandbox*>(sandbox)->call(); }
+LITHE_LEFT_BY_A_JUMP void call_law(void* sandbox) LITHE_RT { static_cast<law::Sandbox*>(sandbox)->call(); }
 
 // x - x is 0 for every finite x, NaN for all others.
 bool output_is_finite(const Effort& effort, std::uint32_t joints) LITHE_RT {

@@ -216,7 +216,8 @@ consteval void copy_text(char (&to)[N], std::string_view from) {
 }
 
 template <class L>
-void step(const Tick* tick, const void* params, void* state, Effort* effort, double* probes) LITHE_RT {
+LITHE_LEFT_BY_A_JUMP void step(const Tick* tick, const void* params, void* state, Effort* effort, double* probes)
+    LITHE_RT {
   const auto& p = *static_cast<const typename L::Params*>(params);
   auto& s = *static_cast<typename L::State*>(state);
   if constexpr (StepsWithProbes<L>) {

@@ -34,8 +34,11 @@
 #endif
 #if defined(__clang__) && __clang_major__ >= 20
 #define LITHE_RT noexcept [[clang::nonblocking]]
+// A fault leaves these by a jump: RealtimeSanitizer counts how deep a thread is in LITHE_RT, and must not count them.
+#define LITHE_LEFT_BY_A_JUMP [[clang::no_sanitize("realtime")]]
 #else
 #define LITHE_RT noexcept
+#define LITHE_LEFT_BY_A_JUMP
 #endif
 
 namespace lithe {
