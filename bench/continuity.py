@@ -21,7 +21,8 @@ import lithe
 import numpy as np
 import numpy.typing as npt
 from lithe._wire import TelemetryFlags
-from lithe.demo.processes import ROOT, Stage
+from lithe.demo.processes import Stage
+from lithe.programs import ROOT
 
 from bench import report
 from bench.swap_robot import HORIZON_NS, POINTS, Background, TickLog, robot_file, sine_rad, wake

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from lithe.demo.losses import Releases, releases
-from lithe.demo.processes import DIE_WITH_US, ROOT, binary
+from lithe.demo.processes import DIE_WITH_US
+from lithe.programs import ROOT, binary
 
 from bench.swap_stats import AFTER_NS, Round
 

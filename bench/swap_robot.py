@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 from lithe._wire import Mode
 from lithe.demo.losses import Releases, releases
-from lithe.demo.processes import ROOT
 from lithe.errors import Refused
+from lithe.programs import ROOT
 from lithe.shm import SpineView
 
 from bench.swap_host import interrupts, made_to_wait, memory_kb, minor_faults

@@ -28,6 +28,9 @@ int swap_law(const Context& context, const std::string& law, const std::vector<s
              const std::map<std::string, double>& terms);
 int law_check(const Context& context, const std::string& law);
 int law_list(const Context& context);
+// Certificates; `folder`: where, or empty: those of the robot the context means, running or not.
+int law_show(const Context& context, const std::string& which, const std::string& folder);
+int law_verify(const Context& context, const std::string& folder);
 int param_get(const Context& context, const std::string& name);
 int param_set(const Context& context, const std::vector<std::string>& words);
 int param_revert(const Context& context);

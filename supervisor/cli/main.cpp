@@ -23,6 +23,8 @@ struct Words {
   bool ungated = false;
   std::string law;
   std::string name;
+  std::string folder;
+  std::string which = "last";
   std::vector<std::string> params;
   std::map<std::string, double> terms;  // of a swap, by the names of the verb's arguments
   std::uint64_t since = 0;
@@ -105,6 +107,14 @@ void add_laws(CLI::App& app, Words& words) {
   law->add_subcommand("list", "laws that come with LITHE, and laws in the Spine")->fallthrough()->callback([&words] {
     words.code = lithe::cli::law_list(words.context);
   });
+  CLI::App* show = law->add_subcommand("show", "the certificate that a swap has left")->fallthrough();
+  show->add_option("WHICH", words.which, "last (as without it), a number, or a law: its newest");
+  show->callback([&words] { words.code = lithe::cli::law_show(words.context, words.which, words.folder); });
+  CLI::App* verify = law->add_subcommand("verify", "hold all certificates against their chain")->fallthrough();
+  verify->callback([&words] { words.code = lithe::cli::law_verify(words.context, words.folder); });
+  for (CLI::App* each : {show, verify}) {
+    each->add_option("--folder", words.folder, "where they are, instead of those of the robot")->type_name("DIR");
+  }
 
   CLI::App* param = app.add_subcommand("param", "parameters of the running law")->require_subcommand(1)->fallthrough();
   CLI::App* get = param->add_subcommand("get", "values and ranges")->fallthrough();

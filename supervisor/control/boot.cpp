@@ -30,11 +30,6 @@ namespace fs = std::filesystem;
 
 constexpr std::int64_t kReadyTimeoutNs = 30 * kNsPerS;
 
-std::string out_dir() {
-  const char* chosen = std::getenv("LITHE_OUT_DIR");
-  return fs::absolute(chosen != nullptr ? chosen : "out").string();
-}
-
 std::string pid_path(const std::string& robot) { return fmt::format("{}/{}.pid", run_dir(), robot); }
 
 // Who holds the lease: its own note, else what it wrote into the segment.
@@ -194,7 +189,7 @@ void Supervisor::serve_spine(SpineLink link) {
   const auto first_id = static_cast<std::uint64_t>(monotonic_ns() / kNsPerUs);
   commands_.emplace(*link_, first_id);
   swaps_.emplace(Swaps::Helpers{*link_, lawd_, options_.gates ? &trial_ : nullptr, *commands_, events_},
-                 swap::RecordBook(fs::path(out_dir()) / config_.name / "swaps"), first_id, config_);
+                 swap::RecordBook(swap::records_of(config_.name)), first_id, config_);
   const wire::RobotInfo& info = link_->info();
   const int transport = info.transport_inline != 0 ? -1 : static_cast<int>(info.cpu_transport);
   const std::vector<int> ours = cores_beside(all_cpus_, static_cast<int>(info.cpu_spine), transport);

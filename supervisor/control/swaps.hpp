@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <map>
 #include <optional>
@@ -48,6 +49,8 @@ class Swaps {
   // True while the Spine has something to say that no descriptor announces: serve() every millisecond then.
   bool waiting() const { return queue_.head() != nullptr && queue_.head()->reached(swap::Stage::tried); }
   bool gates_are_open() const { return help_.trial == nullptr; }
+  // Where the certificates go.
+  const std::filesystem::path& records() const { return book_.folder(); }
 
  private:
   // The steps of the head of the queue, in this order; each but the last ends in an answer.

@@ -7,7 +7,6 @@
 #include <cstdlib>
 #include <fstream>
 #include <iterator>
-#include <map>
 #include <system_error>
 #include <utility>
 
@@ -17,8 +16,6 @@ namespace lithe::swap {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr const char* kChain = "chain.jsonl";
 
 Error cannot_write(const fs::path& path) {
   return Error{fmt::format("cannot write {}: disk full or read-only? The robot keeps running, this record is lost",
@@ -31,6 +28,11 @@ std::string read(const fs::path& path) {
 }
 
 }  // namespace
+
+fs::path records_of(const std::string& robot) {
+  const char* chosen = std::getenv("LITHE_OUT_DIR");
+  return fs::absolute(chosen != nullptr ? chosen : "out") / robot / "swaps";
+}
 
 // Where an earlier run stopped.
 Result<> RecordBook::open() {
@@ -125,72 +127,6 @@ Result<> RecordBook::add_line(const Page& page, const std::string& text) {
   line_is_cut_ = false;
   last_line_ = sha256_hex(line);
   return done();
-}
-
-namespace {
-
-struct Written {
-  std::vector<Json> previous;  // one of them is what its certificate must carry
-  std::string last, last_but_one;
-  std::size_t last_line = 0;
-};
-
-std::map<std::string, Written> read_lines(const fs::path& path, Chain& chain) {
-  std::map<std::string, Written> files;
-  std::string previous;
-  std::ifstream file(path, std::ios::binary);
-  for (std::string line; std::getline(file, line);) {
-    const std::size_t number = ++chain.writings;
-    const Json entry = Json::parse(line, nullptr, false);
-    const bool whole = entry.is_object() && entry.contains("file") && entry["file"].is_string() &&
-                       entry.contains("sha256") && entry["sha256"].is_string() && entry.contains("previous");
-    if (!whole) {
-      ++chain.cut;
-    } else {
-      if (entry["previous"] != previous) {
-        chain.problems.push_back(fmt::format("{} line {} does not follow the line before it", kChain, number));
-      }
-      Written& each = files[entry["file"].get<std::string>()];
-      each.previous.push_back(entry["previous"]);
-      each.last_but_one = std::exchange(each.last, entry["sha256"].get<std::string>());
-      each.last_line = number;
-    }
-    previous = sha256_hex(line);
-  }
-  return files;
-}
-
-}  // namespace
-
-Chain verify_chain(const fs::path& dir) {
-  Chain chain;
-  const auto files = read_lines(dir / kChain, chain);
-  std::error_code failure;
-  for (const auto& entry : fs::directory_iterator(dir, failure)) {
-    const std::string name = entry.path().filename().string();
-    if (entry.path().extension() == ".json" && !files.contains(name)) {
-      chain.problems.push_back(name + " is not in the chain");
-    }
-  }
-  for (const auto& [name, written] : files) {
-    ++chain.certificates;
-    const std::string text = read(dir / name);
-    const std::string hash = sha256_hex(text);
-    const std::string before = text.empty() ? "" : hash;  // the run ended between the last line and its file
-    const bool cut_off = written.last_line == chain.writings && before == written.last_but_one;
-    const Json certificate = Json::parse(text, nullptr, false);
-    const Json previous = certificate.is_object() ? certificate.value("previous", Json()) : Json();
-    if (cut_off) {
-      ++chain.cut;
-    } else if (text.empty()) {
-      chain.problems.push_back(name + " is missing");
-    } else if (hash != written.last) {
-      chain.problems.push_back(name + " is not what was written last");
-    } else if (std::find(written.previous.begin(), written.previous.end(), previous) == written.previous.end()) {
-      chain.problems.push_back(name + " does not carry the hash of what came before it");
-    }
-  }
-  return chain;
 }
 
 }  // namespace lithe::swap
