@@ -212,10 +212,12 @@ json Service::build(const Job& job) {
 json Service::run_compiler(const Job& job, const std::string& file, const std::string& object, std::string& warnings) {
   Outcome outcome = run_program(toolchain_.compile_command(file, object), Limits{});
   const bool broke = outcome.signal != 0 || outcome.output.find("internal compiler error") != std::string::npos ||
-                     outcome.output.find("compilation terminated by signal") != std::string::npos;
+                     outcome.output.find("signal terminated program") != std::string::npos;
   if (toolchain_.precompiled() && broke && !outcome.timed_out) {
-    toolchain_.discard_precompiled();  // it may be damaged: try once without
-    outcome = run_program(toolchain_.compile_command(file, object), Limits{});
+    // It may be damaged, or the compiler was killed: try once without. Only success tells that the law was not to
+    // blame.
+    outcome = run_program(toolchain_.compile_command(file, object, Toolchain::Contract::as_text), Limits{});
+    if (outcome.clean()) toolchain_.precompile_again();
   }
   if (outcome.timed_out) {
     return refuse_whole("compile", job.name, "the compiler took longer than 20 s: make the law smaller");

@@ -65,7 +65,8 @@ std::string full_disk_text(const std::string& dir) {
   return "the disk under the law cache " + dir + " is full: free some space, or set LITHE_CACHE_DIR to another disk";
 }
 
-Toolchain::Toolchain(std::string contract_dir, std::string cache) : contract_dir_(std::move(contract_dir)) {
+Toolchain::Toolchain(std::string contract_dir, std::string cache)
+    : contract_dir_(std::move(contract_dir)), cache_(std::move(cache)) {
   find_programs();
   std::string all = version_;
   for (const char* header : {"law.hpp", "describe.hpp", "reflect.hpp"}) {
@@ -81,7 +82,7 @@ Toolchain::Toolchain(std::string contract_dir, std::string cache) : contract_dir
   for (const std::string& flag : flags()) all += '\n' + flag;
   all += '\n' + std::to_string(arena::veneers_hash());  // what a law may call
   fingerprint_ = sha256_hex(all);
-  precompile(cache);
+  precompile();
 }
 
 void Toolchain::find_programs() {
@@ -100,8 +101,8 @@ void Toolchain::find_programs() {
 
 // The name of the folder is the fingerprint, so a precompiled header of another compiler is never used. A note of its
 // size beside it tells a whole one from one that a full disk or a crash cut short.
-void Toolchain::precompile(const std::string& cache) {
-  const std::string dir = cache + "/contract/" + fingerprint_.substr(0, 32);
+void Toolchain::precompile() {
+  const std::string dir = cache_ + "/contract/" + fingerprint_.substr(0, 32);
   const std::string header = dir + "/lithe/law.hpp.gch", note = dir + "/size";
   std::error_code failed;
   const auto size = fs::file_size(header, failed);
@@ -129,10 +130,11 @@ void Toolchain::precompile(const std::string& cache) {
   pch_dir_ = dir;
 }
 
-void Toolchain::discard_precompiled() {
+void Toolchain::precompile_again() {
   std::error_code ignored;
   if (!pch_dir_.empty()) fs::remove_all(pch_dir_, ignored);
   pch_dir_.clear();
+  precompile();
 }
 
 nlohmann::json Toolchain::to_json() const {
@@ -147,9 +149,12 @@ std::vector<std::string> Toolchain::base_command() const {
   return command;
 }
 
-std::vector<std::string> Toolchain::compile_command(const std::string& source, const std::string& object) const {
+std::vector<std::string> Toolchain::compile_command(const std::string& source, const std::string& object,
+                                                    Contract contract) const {
   std::vector<std::string> command = base_command();
-  if (!pch_dir_.empty()) command.insert(command.end(), {"-I", pch_dir_});  // before the contract: lithe/law.hpp.gch
+  if (contract == Contract::precompiled && precompiled()) {
+    command.insert(command.end(), {"-I", pch_dir_});  // before the contract: lithe/law.hpp.gch
+  }
   // Debug information without the scratch folder: the same law gives the same object.
   const std::string folder = fs::path(source).parent_path().string();
   command.push_back("-ffile-prefix-map=" + folder + "/=");

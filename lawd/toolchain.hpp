@@ -30,10 +30,12 @@ class Toolchain {
   bool precompiled() const { return !pch_dir_.empty(); }
   double precompile_ms() const { return precompile_ms_; }
 
-  // Drops a precompiled header the compiler choked on.
-  void discard_precompiled();
+  // In place of a precompiled header that the compiler choked on.
+  void precompile_again();
 
-  std::vector<std::string> compile_command(const std::string& source, const std::string& object) const;
+  enum class Contract { precompiled, as_text };
+  std::vector<std::string> compile_command(const std::string& source, const std::string& object,
+                                           Contract contract = Contract::precompiled) const;
   std::vector<std::string> link_command(const std::string& object, const std::string& library) const;
   // For a slot of the arena, as `script` (a linker script) says.
   std::vector<std::string> place_command(const std::string& object, const std::string& script,
@@ -41,10 +43,10 @@ class Toolchain {
 
  private:
   void find_programs();
-  void precompile(const std::string& cache);
+  void precompile();
   std::vector<std::string> base_command() const;
 
-  std::string contract_dir_;
+  std::string contract_dir_, cache_;
   std::string compiler_;
   std::string linker_;
   std::string version_, linker_version_;

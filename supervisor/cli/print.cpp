@@ -73,6 +73,9 @@ void print_swap(const Json& c) {
       word(c, "law"), c.value("commit_tick", std::uint64_t{0}), number(c, "compile_ms"),
       c.value("cached", false) ? " (cached)" : "", number(c, "load_ms"), number(c, "requested_to_committed_ms"),
       c.value("missed_releases", std::uint64_t{0}));
+  if (c.contains("record_lost")) {
+    fmt::print("its certificate is not on disk yet: {}\n", word(c, "record_lost"));
+  }
 }
 
 void print_params(const Json& params) {

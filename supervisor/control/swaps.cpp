@@ -64,7 +64,7 @@ void Swaps::submit(swap::Request request, Callback callback, std::int64_t now_ns
     callback(Refusal{"busy", fmt::format("{} swaps wait already", swap::Queue::kMaxWaiting), "try again later"});
     return;
   }
-  waiting_[id] = {std::move(callback), {}};
+  waiting_[id].callback = std::move(callback);
   keep_record(*queue_.newest());
   queue_.step(now_ns);
 }
@@ -73,6 +73,7 @@ void Swaps::serve(std::int64_t now_ns) {
   poll_stage(now_ns);
   queue_.step(now_ns);
   aftermath_.serve(now_ns);
+  late_.retry(book_, now_ns);
 }
 
 void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
@@ -81,21 +82,22 @@ void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
 }
 
 void Swaps::keep_record(const swap::Transaction& swap) {
-  swap::RecordBook::Page& record = waiting_[swap.request_id()].record;
-  if (!record.path.empty()) {
-    rewrite(swap, record);
+  Waiting& waiting = waiting_[swap.request_id()];
+  if (!waiting.record.path.empty()) {
+    rewrite(swap, waiting.record);
   } else if (const auto page = book_.write(swap.certificate())) {
-    record = *page;
+    waiting.record = *page;
+    waiting.record_lost.clear();
   } else {
+    waiting.record_lost = page.message();
     spdlog::warn("{}", page.message());
   }
 }
 
 void Swaps::rewrite(const swap::Transaction& swap, const swap::RecordBook::Page& record) {
   if (record.path.empty()) {
-    return;  // it was said when it could not be made
-  }
-  if (const auto written = book_.rewrite(record, swap.certificate()); !written) {
+    late_.hold(swap.request_id(), swap.certificate());
+  } else if (const auto written = book_.rewrite(record, swap.certificate()); !written) {
     spdlog::warn("{}", written.message());
   }
 }
@@ -122,8 +124,13 @@ void Swaps::finish(swap::Transaction&& swap) {
   keep_record(swap);
   const Waiting waiting = std::move(waiting_[swap.request_id()]);
   waiting_.erase(swap.request_id());
+  Json certificate = swap.certificate();
+  if (!waiting.record_lost.empty()) {
+    late_.hold(swap.request_id(), certificate);
+    certificate["record_lost"] = waiting.record_lost;
+  }
   if (!swap.refusal()) {
-    answer_committed(swap, waiting.callback);
+    answer_committed(swap, certificate, waiting.callback);
     aftermath_.follow(std::move(swap), waiting.record, before_, monotonic_ns());
     return;
   }
@@ -133,13 +140,12 @@ void Swaps::finish(swap::Transaction&& swap) {
   if (refusal.detail.is_null()) {
     refusal.detail = Json::object();
   }
-  refusal.detail["swap"] = swap.certificate();
-  refusal.detail["swap"].erase("error");
+  certificate.erase("error");
+  refusal.detail["swap"] = std::move(certificate);
   waiting.callback(refusal);
 }
 
-void Swaps::answer_committed(const swap::Transaction& swap, const Callback& callback) {
-  const Json certificate = swap.certificate();
+void Swaps::answer_committed(const swap::Transaction& swap, const Json& certificate, const Callback& callback) {
   if (swap.request().params.empty()) {
     callback(certificate);
     return;

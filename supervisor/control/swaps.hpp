@@ -7,6 +7,7 @@
 #include <functional>
 #include <map>
 #include <optional>
+#include <string>
 #include <variant>
 
 #include "supervisor/control/aftermath.hpp"
@@ -16,6 +17,7 @@
 #include "supervisor/control/placement.hpp"
 #include "supervisor/control/spine_link.hpp"
 #include "supervisor/control/trial_link.hpp"
+#include "supervisor/swap/late.hpp"
 #include "supervisor/swap/queue.hpp"
 #include "supervisor/swap/record.hpp"
 #include "supervisor/swap/terms.hpp"
@@ -70,19 +72,21 @@ class Swaps {
   void keep_record(const swap::Transaction& swap);
   void rewrite(const swap::Transaction& swap, const swap::RecordBook::Page& record);
   void note(const swap::Transaction& swap, const char* kind, const std::string& text);
-  void answer_committed(const swap::Transaction& swap, const Callback& callback);
+  void answer_committed(const swap::Transaction& swap, const swap::Json& certificate, const Callback& callback);
   std::uint64_t missed_releases() const;
   std::optional<swap::Refusal> no_shadow(const swap::Terms& terms) const;
 
   Helpers help_;
   Placement placement_;
   swap::RecordBook book_;
+  swap::LateRecords late_;
   swap::Terms robots_terms_;
   swap::Queue queue_;
   Aftermath aftermath_;
   struct Waiting {
     Callback callback;
     swap::RecordBook::Page record;
+    std::string record_lost;  // why there is no file; empty: there is
   };
   std::map<std::uint64_t, Waiting> waiting_;
   std::optional<Placed> placed_;         // where the head of the queue lies, until the Loader is asked

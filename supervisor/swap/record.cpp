@@ -18,7 +18,7 @@ namespace {
 namespace fs = std::filesystem;
 
 Error cannot_write(const fs::path& path) {
-  return Error{fmt::format("cannot write {}: disk full or read-only? The robot keeps running, this record is lost",
+  return Error{fmt::format("cannot write {}: disk full or read-only? The robot keeps running; this certificate waits for room",
                            path.string())};
 }
 

@@ -6,18 +6,16 @@ import json
 import os
 import shutil
 import signal
-import socket
 import subprocess
-import threading
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from calm import calm_text, connected
+from calm import connected
 from system.house import BIN, ROOT, House, alive
+from system.swapping import Asks, assert_chained, becomes, certificate, certificates, law, swap_request
 
 HOSTILE = ROOT / "tests/laws_hostile"
 MOODY = """
@@ -38,99 +36,12 @@ LITHE_LAW(Moody, "moody");
 """
 
 
-@pytest.fixture
-def patient() -> Iterator[House]:
-    """A house whose robot does not mind a busy machine; nothing runs yet."""
-    house = House()
-    house.config = house.dir / "arm.toml"
-    house.config.write_text(calm_text())
-    yield house
-    house.close()
-
-
-@pytest.fixture
-def arm(patient: House) -> House:
-    """The same, armed."""
-    patient.run()
-    patient.wait_for(lambda: patient.ask("status")["mode"] == "active")
-    return patient
-
-
-def folder(house: House) -> Path:
-    """Where the certificates are."""
-    return house.dir / "out" / "arm" / "swaps"
-
-
-def certificates(house: House) -> list[dict[str, Any]]:
-    """All of them, oldest first."""
-    return [json.loads(path.read_text()) for path in sorted(folder(house).glob("*.json"))]
-
-
-def certificate(house: House, request_id: int) -> dict[str, Any]:
-    """One of them."""
-    return next(each for each in certificates(house) if each["request_id"] == request_id)
-
-
-def becomes(house: House, request_id: int, done: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    """Waits until a certificate says so; the certificate."""
-    house.wait_for(lambda: done(certificate(house, request_id)))
-    return certificate(house, request_id)
-
-
-def law(house: House) -> str:
-    """What runs."""
-    return str(house.ask("status")["law"])
-
-
 def moody(house: House, *words: str) -> dict[str, Any]:
     """The moody law, running, and its certificate so far."""
     path = house.dir / "moody.cpp"
     path.write_text(MOODY)
     done: dict[str, Any] = house.ask("swap", path, *words)
     return done
-
-
-def assert_chained(house: House) -> None:
-    """The chain, read by other eyes than the ones that wrote it."""
-    lines = (folder(house) / "chain.jsonl").read_bytes().splitlines()
-    before, last = "", {}
-    for line in lines:
-        entry = json.loads(line)
-        assert entry["previous"] == before
-        before = hashlib.sha256(line).hexdigest()
-        last[entry["file"]] = entry["sha256"]
-    files = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder(house).glob("*.json")}
-    assert files == last
-
-
-class Asks:
-    """Requests in a thread of their own; their answers later."""
-
-    def __init__(self, house: House, requests: list[dict[str, Any]]) -> None:
-        """Send them all at once, over one connection."""
-        self.answers: list[dict[str, Any]] = []
-        self.link = socket.socket(socket.AF_UNIX)
-        self.link.connect(str(house.socket))
-        self.link.settimeout(300)
-        self.link.sendall(b"".join(json.dumps({"id": i, **each}).encode() + b"\n" for i, each in enumerate(requests)))
-        self.thread = threading.Thread(target=self._read, args=(len(requests),))
-        self.thread.start()
-
-    def _read(self, count: int) -> None:
-        with self.link.makefile("rb") as lines:
-            for _ in range(count):
-                self.answers.append(json.loads(lines.readline()))
-
-    def wait(self) -> list[dict[str, Any]]:
-        """All answers."""
-        self.thread.join(300)
-        self.link.close()
-        return self.answers
-
-
-def swap_request(name: str, **args: Any) -> dict[str, Any]:
-    """One of the laws that come with LITHE."""
-    return {"verb": "swap", "args": {"source": (ROOT / f"laws/{name}.cpp").read_text(), "name": f"{name}.cpp", **args}}
 
 
 def test_a_law_is_refused_at_admission_and_at_its_trial_and_the_old_one_runs_on(arm: House) -> None:
