@@ -257,9 +257,11 @@ int run(const std::string& path) {
     fmt::print(stderr, "{}\n", pinned.message());
 
   Result<Containment> containment = contain_laws();
-  if (!containment) return refuse(kExitRefused, containment.message());
+  if (!containment) {
+    remove_memory(robot->name);
+    return refuse(kExitRefused, containment.message());
+  }
   auto* threads = containment->vault->create<Threads>(*robot, *cpus, *memory, *containment, code, **actuators);
-  if (threads == nullptr) return refuse(kExitRefused, "the vault is too small for this build's LITHE_NJ");
   Own own{threads->start(), containment->vault->protection() == contain::Protection::keys, code != nullptr};
   write_robot_info(memory->spine->robot_info, *robot, *cpus, notes, own);
   threads->go();

@@ -140,6 +140,7 @@ class LawFaultKind(IntEnum):
     state_broken = 10
     tracking_lost = 11
     guard_busy = 12
+    guard_stopped = 13
 
 
 class TelemetryFlags(IntFlag):

@@ -51,9 +51,10 @@ class Environment {
     asm volatile("fnstsw %0" : "=a"(word));
     return word;
   }
-  static constexpr std::uint32_t kSticky = 0x3f;                   // exceptions that happened: anybody's
-  static constexpr std::uint16_t kX87Top = 0x3800;                 // not 0: values were left on the x87 stack
-  static constexpr std::uint64_t kBadFlags = 1u << 10 | 1u << 18;  // direction down, trap on unaligned access
+  static constexpr std::uint32_t kSticky = 0x3f;    // exceptions that happened: anybody's
+  static constexpr std::uint16_t kX87Top = 0x3800;  // not 0: values were left on the x87 stack
+  // Direction down; nested task, with which iretq faults (spine/core/serialise.hpp); trap on unaligned access.
+  static constexpr std::uint64_t kBadFlags = 1u << 10 | 1u << 14 | 1u << 18;
   std::uint32_t mxcsr_ = 0;
   std::uint16_t x87_ = 0;
 #else

@@ -70,6 +70,7 @@ void reset_resident(Resident& resident, const LitheLaw& descriptor) {
   resident.bridges = {};
   resident.params = {};
   resident.terms = {};
+  resident.since_ns = 0;
   resident.slot = 0;
   resident.state = {};
   for (std::uint32_t i = 0; i < descriptor.param_count; ++i) {

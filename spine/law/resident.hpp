@@ -26,7 +26,7 @@ struct Bridge {
 
 // How a law is to be brought in, in ticks of this robot; all 0 = at once and for good.
 struct Terms {
-  std::uint32_t budget_ns = 0;        // of one step; 0 = unbounded
+  std::uint32_t budget_ns = 0;        // of one step; 0 = the robot's own
   std::uint32_t shadow_ticks = 0;     // beside the active law first
   std::uint32_t blend_ticks = 0;      // from the old output to the new one
   std::uint32_t probation_ticks = 0;  // automatic rollback for so long
@@ -42,7 +42,8 @@ struct Resident {
   std::uint32_t law_id = 0;  // counts up from 1 for the life of the Spine
   std::uint64_t request_id = 0;
   std::uint64_t source_hash = 0;
-  std::uint32_t slot = 0;  // arena slot of the code, counted from 1; 0 = none
+  std::int64_t since_ns = 0;  // its first tick, in the shadow too [CLOCK_MONOTONIC]; 0 = still to come
+  std::uint32_t slot = 0;     // arena slot of the code, counted from 1; 0 = none
   Terms terms;
   std::array<Param, kMaxParams> params{};
   std::array<double, kMaxParams> params_before{};  // the last set but one, for a revert

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/load/loader.hpp"
 
+#include <algorithm>
 #include <cstdio>
 #include <cstring>
 #include <ctime>
+
+#include "spine/core/time.hpp"
 
 namespace lithe::load {
 namespace {
@@ -14,19 +17,16 @@ void copy_text(char* to, const char (&from)[N]) {
   to[N - 1] = '\0';
 }
 
-std::int64_t monotonic_ns() {
-  timespec now{};
-  clock_gettime(CLOCK_MONOTONIC, &now);
-  return now.tv_sec * 1'000'000'000ll + now.tv_nsec;
-}
+// Of a shadow, a blend or a probation: ten minutes at 1 kHz.
+constexpr std::uint32_t kMostTicks = 600'000;
 
-// NaN and negative numbers ask for nothing.
+// NaN and negative numbers ask for nothing. A budget is held to the period by the tick.
 law::Terms terms_of(const wire::StageRequest& request) {
   const auto positive = [](double value) { return value > 0 && std::isfinite(value) ? value : 0.0; };
   return {request.budget_ns,
-          request.shadow_ticks,
-          request.blend_ticks,
-          request.probation_ticks,
+          std::min(request.shadow_ticks, kMostTicks),
+          std::min(request.blend_ticks, kMostTicks),
+          std::min(request.probation_ticks, kMostTicks),
           positive(request.shadow_tolerance_nm),
           positive(request.probation_error_ratio)};
 }
@@ -61,7 +61,7 @@ bool Loader::poll(std::int64_t now_ns) {
   return true;
 }
 
-// One at a time: each costs a dlclose.
+// One at a time: with dlopen each costs a dlclose.
 bool Loader::retire_one(std::int64_t now_ns) {
   law::Resident* gone = slot_.collect_retired();
   if (gone == nullptr) return false;
@@ -99,15 +99,16 @@ wire::StageResult Loader::stage(const wire::StageRequest& request, std::int64_t 
   } else if (place == nullptr) {
     std::snprintf(why.data(), why.size(), "all %u places for laws are taken", law::kResidents);
   } else {
-    result = prepare(*place, request, now_ns, why);
+    result = prepare(*place, request, why);
   }
   if (result != wire::StageResult::staged) {
     tell(wire::EventKind::law_refused, request.request_id, static_cast<std::uint32_t>(result), 0, why.data(), now_ns);
     return result;
   }
-  const double load_ms = static_cast<double>(monotonic_ns() - now_ns) * 1e-6;
+  const std::int64_t staged_ns = monotonic_ns();
+  const double load_ms = static_cast<double>(staged_ns - now_ns) * 1e-6;
   publish_info(*place);
-  tell(wire::EventKind::law_staged, request.request_id, place->law_id, load_ms, place->descriptor->name, now_ns);
+  tell(wire::EventKind::law_staged, request.request_id, place->law_id, load_ms, place->descriptor->name, staged_ns);
   waiting_ = place;
   offered_ns_ = now_ns;
   slot_.offer(place);  // cannot fail: nothing else waits
@@ -121,8 +122,7 @@ law::Resident* Loader::free_place() {
   return nullptr;
 }
 
-wire::StageResult Loader::prepare(law::Resident& place, const wire::StageRequest& request, std::int64_t now_ns,
-                                  Text& why) {
+wire::StageResult Loader::prepare(law::Resident& place, const wire::StageRequest& request, Text& why) {
   if (request.slot != 0 && arena_ == nullptr) {
     std::snprintf(why.data(), why.size(), "this Spine has no code arena: it loads laws with dlopen");
     return wire::StageResult::load_failed;
@@ -142,7 +142,7 @@ wire::StageResult Loader::prepare(law::Resident& place, const wire::StageRequest
   place.request_id = request.request_id;
   place.source_hash = request.source_hash;
   place.terms = terms_of(request);
-  if (!rehearsal_.prepare(place, now_ns, why)) {
+  if (!rehearsal_.prepare(place, monotonic_ns(), why)) {
     unload(place);
     return wire::StageResult::dry_run_failed;
   }

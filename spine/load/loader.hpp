@@ -42,7 +42,7 @@ class Loader {
   bool retire_one(std::int64_t now_ns);
   bool candidate_waits(std::int64_t now_ns);
   law::Resident* free_place();
-  wire::StageResult prepare(law::Resident& place, const wire::StageRequest& request, std::int64_t now_ns, Text& why);
+  wire::StageResult prepare(law::Resident& place, const wire::StageRequest& request, Text& why);
   void build_bridges(law::Resident& candidate);
   void unload(const law::Resident& place);
   void release(law::Resident& place);

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <cstdio>
 #include <cstring>
-#include <ctime>
 #include <string_view>
 
+#include "spine/core/time.hpp"
 #include "spine/law/dry_inputs.hpp"
 
 namespace lithe::load {
@@ -26,12 +26,6 @@ void call_init(void* context) {
 }
 
 void call_step(void* context) { static_cast<law::Sandbox*>(context)->call(); }
-
-std::int64_t monotonic_ns() {
-  timespec now{};
-  clock_gettime(CLOCK_MONOTONIC, &now);
-  return now.tv_sec * 1'000'000'000ll + now.tv_nsec;
-}
 
 void copy(const wire::Telemetry& record, std::int64_t now_ns, std::uint32_t joints, PastTick& tick) {
   const std::size_t bytes = joints * sizeof(double);
@@ -71,7 +65,7 @@ bool Rehearsal::start(law::Resident& law, std::int64_t now_ns, std::span<char> w
 // The newest first. Records that are overwritten while they are read are left out.
 const History& Rehearsal::look_back(std::int64_t now_ns) {
   ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> reader(spine_.telemetry);
-  reader.rewind();
+  reader.rewind(kMostPast);  // while these are read, more may come
   std::uint32_t seen = 0;
   while (!reader.empty()) {
     if (!reader.next(record_)) continue;

@@ -52,26 +52,21 @@ std::uint32_t clamp_ns(std::int64_t duration_ns) LITHE_RT {
   return static_cast<std::uint32_t>(std::clamp<std::int64_t>(duration_ns, 0, UINT32_MAX));
 }
 
+bool is_runaway(wire::Fault fault) LITHE_RT {
+  return fault == wire::Fault::position_limit || fault == wire::Fault::velocity_limit;
+}
+
 }  // namespace
 
 // The active law. One that fails is replaced in this same tick: by the law before it, else by the safe law.
 void Spine::step_law(std::int64_t now_ns) LITHE_RT {
   probes_.fill(0.0);
-  if (slot_.active() == nullptr || !mode_.law_runs()) return effort_.clear(joints_);
-  law_from_ns_ = clock_.now_ns();
-  Trouble trouble = run_law(*slot_.active(), effort_);
-  if (trouble.kind != LawFaultKind::none) {
-    effort_.clear(joints_);
-    if (!replace_law(trouble, now_ns)) return;
-    start_law_time(now_ns);
-    trouble = run_law(*slot_.active(), effort_);
-    if (trouble.kind != LawFaultKind::none) {
-      effort_.clear(joints_);
-      // Two in a row: the third would cost a third budget, and a person should look.
-      if (replace_law(trouble, now_ns)) stop_for_law(trouble.kind, now_ns);
-      return;
-    }
+  if (slot_.active() == nullptr || !mode_.law_runs()) {
+    bumpless_.start(0);  // what was left of a blend belongs to a motion that is over
+    return effort_.clear(joints_);
   }
+  const Trouble trouble = run_law(*slot_.active(), effort_);
+  if (trouble && !fall_back(trouble, now_ns)) return effort_.clear(joints_);
   std::copy(sandbox_.probes.begin(), sandbox_.probes.end(), probes_.begin());
   if (bumpless_.fading()) flags_ |= flag::kBlending;
   bumpless_.apply(in_, guard_.expected_torque_nm(), effort_);
@@ -79,38 +74,69 @@ void Spine::step_law(std::int64_t now_ns) LITHE_RT {
 
 // Runs `law` on copies of all it is given. Its state and its output count only if nothing was wrong with it.
 Trouble Spine::run_law(law::Resident& law, Effort& effort) LITHE_RT {
+  if (law.since_ns == 0) law.since_ns = in_.t_ns;
+  in_.t_s = static_cast<double>(in_.t_ns - law.since_ns) * 1e-9;
   sandbox_.enter(law, in_);
+  law_from_ns_ = clock_.now_ns();
   Trouble trouble{};
   if (cell_ != nullptr) {
     const std::int64_t budget_ns = law.terms.budget_ns > 0 ? law.terms.budget_ns : budget_ns_;
-    trouble = cell_->run(clock_.now_ns() + budget_ns, &call_law, &sandbox_);
+    trouble = cell_->run(law_from_ns_ + std::min(budget_ns, period_ns_), &call_law, &sandbox_);
   } else {
     sandbox_.call();
   }
-  if (trouble.kind != LawFaultKind::none) return trouble;
-  // A law is not to blame for what a broken sensor made of it: the guard deals with that.
-  if (!output_is_finite(sandbox_.effort, joints_) && input_is_finite(in_)) return {LawFaultKind::not_finite, 0, 0};
-  sandbox_.keep_state(law);
+  if (trouble) return trouble;
+  const bool sound_input = input_is_finite(in_);
+  // A law is not to blame for what a broken sensor made of it: the guard deals with that. Nor shall it remember it.
+  if (sound_input && !output_is_finite(sandbox_.effort, joints_)) return {LawFaultKind::not_finite, 0, 0};
+  if (sound_input) sandbox_.keep_state(law);
   copy_effort(sandbox_.effort, effort, joints_);
   return trouble;
 }
 
-// True when a law before the failed one takes over. Nothing of the failed one's state is kept.
-bool Spine::replace_law(const Trouble& trouble, std::int64_t now_ns) LITHE_RT {
-  const law::Resident* next = slot_.before(1);
-  report_fault(trouble, next == nullptr ? 0 : next->law_id, now_ns);
-  probation_.end();
-  if (next == nullptr) {
-    stop_for_law(trouble.kind, now_ns);
+// The law before the failed one steps in this same tick. False: there is none or it fails too, and the safe law has to.
+bool Spine::fall_back(const Trouble& first, std::int64_t now_ns) LITHE_RT {
+  wire::LawFault fault = fault_of(first, now_ns);
+  const std::int64_t from_ns = law_from_ns_;
+  if (!resume_previous()) {
+    report(fault, 0, clock_.now_ns() - from_ns);
+    stop_for_law(first.kind, now_ns);
     return false;
   }
+  const Trouble second = run_law(*slot_.active(), effort_);
+  report(fault, slot_.active()->law_id, clock_.now_ns() - from_ns);
+  tell_rollback(first.kind, now_ns);
+  if (!second) return true;
+  // Two in a row: the third would cost a third budget, and a person should look.
+  fault = fault_of(second, now_ns);
+  report(fault, 0, clock_.now_ns() - law_from_ns_);
+  if (resume_previous()) tell_rollback(second.kind, now_ns);  // what runs after a reset
+  stop_for_law(second.kind, now_ns);
+  return false;
+}
+
+// For a reason other than a fault of its own: from the next tick on the law before the active one runs again.
+void Spine::replace_law(LawFaultKind why, std::int64_t now_ns) LITHE_RT {
+  wire::LawFault fault = fault_of({why, 0, 0}, now_ns);
+  const bool resumed = resume_previous();
+  report(fault, resumed ? slot_.active()->law_id : 0, 0);
+  resumed ? tell_rollback(why, now_ns) : stop_for_law(why, now_ns);
+}
+
+// Makes the law before the active one the active one. Nothing of the other's state is kept. False: there is none.
+bool Spine::resume_previous() LITHE_RT {
+  probation_.end();
+  if (slot_.before(1) == nullptr) return false;
   slot_.rollback(law::Carry::none);
   flags_ |= flag::kRolledBack;
   greet_law(0);
-  out_.event(EventKind::law_rolled_back, now_ns, slot_.active()->law_id, slot_.active()->request_id, 1,
-             wire::to_string(trouble.kind));
   out_.params(*slot_.active());
   return true;
+}
+
+void Spine::tell_rollback(LawFaultKind why, std::int64_t now_ns) LITHE_RT {
+  out_.event(EventKind::law_rolled_back, now_ns, slot_.active()->law_id, slot_.active()->request_id, 1,
+             wire::to_string(why));
 }
 
 void Spine::stop_for_law(LawFaultKind kind, std::int64_t now_ns) LITHE_RT {
@@ -121,7 +147,8 @@ void Spine::stop_for_law(LawFaultKind kind, std::int64_t now_ns) LITHE_RT {
   }
 }
 
-void Spine::report_fault(const Trouble& trouble, std::uint32_t to_law_id, std::int64_t now_ns) LITHE_RT {
+// Of the active law, which the Loader may take away as soon as another one is active.
+wire::LawFault Spine::fault_of(const Trouble& trouble, std::int64_t now_ns) const LITHE_RT {
   const law::Resident& law = *slot_.active();
   wire::LawFault fault{};
   fault.tick = tick_;
@@ -129,21 +156,28 @@ void Spine::report_fault(const Trouble& trouble, std::uint32_t to_law_id, std::i
   fault.request_id = law.request_id;
   fault.kind = static_cast<std::uint32_t>(trouble.kind);
   fault.law_id = law.law_id;
-  fault.to_law_id = to_law_id;
-  fault.took_ns = clamp_ns(clock_.now_ns() - law_from_ns_);
   fault.pc = trouble.pc;
   fault.address = trouble.address;
   fault.slot = law.slot;
+  return fault;
+}
+
+void Spine::report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t took_ns) LITHE_RT {
+  fault.to_law_id = to_law_id;
+  fault.took_ns = clamp_ns(took_ns);
   out_.law_fault(fault);
   flags_ |= flag::kLawFaulted;
-  out_.event(EventKind::law_faulted, now_ns, fault.kind, law.request_id, static_cast<double>(fault.took_ns) * 1e-3,
-             wire::to_string(trouble.kind));
+  out_.event(EventKind::law_faulted, fault.t_ns, fault.kind, fault.request_id,
+             static_cast<double>(fault.took_ns) * 1e-3, wire::to_string(static_cast<LawFaultKind>(fault.kind)));
 }
 
 // A law on probation that does worse than the one before it has to go; from the next tick on that one runs again.
 void Spine::judge_law(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_RT {
   out_.record().law_id = slot_.active() == nullptr ? 0 : slot_.active()->law_id;  // the one that ran
-  if (slot_.active() == nullptr || !mode_.law_runs()) return;
+  if (slot_.active() == nullptr) return;
+  // The guard has stopped the robot: after the reset it shall not be this law that runs.
+  if (probation_.on() && is_runaway(verdict.fault)) return replace_law(LawFaultKind::guard_stopped, now_ns);
+  if (!mode_.law_runs()) return;
   if (probation_.on()) flags_ |= flag::kOnProbation;
   bool confirmed = false;
   const LawFaultKind kind = probation_.watch({in_, durations_.law_ns, verdict.flags}, confirmed);
@@ -151,7 +185,7 @@ void Spine::judge_law(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_
     const law::Resident& law = *slot_.active();
     out_.event(EventKind::law_confirmed, now_ns, law.law_id, law.request_id, 0, "its probation is over");
   }
-  if (kind != LawFaultKind::none) replace_law({kind, 0, 0}, now_ns);
+  if (kind != LawFaultKind::none) replace_law(kind, now_ns);
 }
 
 // One atomic exchange: the law that the Loader staged runs from the next tick on.
@@ -192,7 +226,7 @@ void Spine::step_shadow(std::int64_t now_ns) LITHE_RT {
   flags_ |= flag::kShadowing;
   const std::int64_t from_ns = clock_.now_ns();
   const Trouble trouble = run_law(*shadow_.law(), shadow_effort_);
-  if (trouble.kind != LawFaultKind::none) {
+  if (trouble) {
     shadow_.fail();
     return end_shadow(false, wire::to_string(trouble.kind), now_ns);
   }
@@ -216,17 +250,10 @@ void Spine::end_shadow(bool promoted, std::string_view why, std::int64_t now_ns)
   slot_.refuse(candidate);
 }
 
-// Its time begins with its first tick, and its code may lie where another law's was.
+// Its code may lie where another law's was.
 void Spine::greet_law(std::uint32_t blend_ticks) LITHE_RT {
   serialise_core();
-  law_is_new_ = true;
   bumpless_.start(blend_ticks);
-}
-
-void Spine::start_law_time(std::int64_t now_ns) LITHE_RT {
-  law_since_ns_ = now_ns;
-  law_is_new_ = false;
-  in_.t_s = 0;
 }
 
 }  // namespace lithe::loop

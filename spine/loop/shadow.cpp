@@ -8,6 +8,11 @@
 #include "spine/loop/bumpless.hpp"
 
 namespace lithe::loop {
+namespace {
+
+constexpr double kInfinite = std::numeric_limits<double>::infinity();
+
+}  // namespace
 
 void Shadow::start(law::Resident& candidate, std::uint64_t tick, std::uint32_t joints) LITHE_RT {
   law_ = &candidate;
@@ -32,12 +37,13 @@ Shadow::Opinion Shadow::compare(const Tick& in, const Effort& active, const Effo
     const double difference_nm = torque_at_joint(candidate, j, in.position_rad[j], in.velocity_rad_s[j]) -
                                  torque_at_joint(active, j, in.position_rad[j], in.velocity_rad_s[j]);
     square_nm2_[j] += difference_nm * difference_nm;
-    report_.most_nm[j] = std::max(report_.most_nm[j], std::abs(difference_nm));
+    // Torques may be infinite here, and their difference not a number: that is as far apart as it gets.
+    const double apart_nm = std::isfinite(difference_nm) ? std::abs(difference_nm) : kInfinite;
+    report_.most_nm[j] = std::max(report_.most_nm[j], apart_nm);
     report_.rms_nm[j] = std::sqrt(square_nm2_[j] / report_.ticks);
   }
-  // Written so that a NaN difference refuses.
   const double tolerance_nm = law_->terms.shadow_tolerance_nm;
-  if (report_.faults != 0 || (tolerance_nm > 0 && !(largest_difference_nm() <= tolerance_nm))) return Opinion::refuse;
+  if (report_.faults != 0 || (tolerance_nm > 0 && largest_difference_nm() > tolerance_nm)) return Opinion::refuse;
   return report_.ticks >= law_->terms.shadow_ticks ? Opinion::promote : Opinion::go_on;
 }
 

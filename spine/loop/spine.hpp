@@ -78,16 +78,19 @@ class Spine {
   void publish(const guard::Verdict& verdict, std::int64_t release_ns) LITHE_RT;
   void step_law(std::int64_t now_ns) LITHE_RT;
   contain::Trouble run_law(law::Resident& law, Effort& effort) LITHE_RT;
-  bool replace_law(const contain::Trouble& trouble, std::int64_t now_ns) LITHE_RT;
+  bool fall_back(const contain::Trouble& first, std::int64_t now_ns) LITHE_RT;
+  void replace_law(wire::LawFaultKind why, std::int64_t now_ns) LITHE_RT;
+  bool resume_previous() LITHE_RT;
+  void tell_rollback(wire::LawFaultKind why, std::int64_t now_ns) LITHE_RT;
   void stop_for_law(wire::LawFaultKind kind, std::int64_t now_ns) LITHE_RT;
-  void report_fault(const contain::Trouble& trouble, std::uint32_t to_law_id, std::int64_t now_ns) LITHE_RT;
+  wire::LawFault fault_of(const contain::Trouble& trouble, std::int64_t now_ns) const LITHE_RT;
+  void report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t took_ns) LITHE_RT;
   void judge_law(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_RT;
   void swap(std::int64_t now_ns) LITHE_RT;
   void commit(law::Resident& candidate, law::Carry carry, std::int64_t now_ns) LITHE_RT;
   void start_shadow(law::Resident& candidate, std::int64_t now_ns) LITHE_RT;
   void step_shadow(std::int64_t now_ns) LITHE_RT;
   void end_shadow(bool promoted, std::string_view why, std::int64_t now_ns) LITHE_RT;
-  void start_law_time(std::int64_t now_ns) LITHE_RT;
   void greet_law(std::uint32_t blend_ticks) LITHE_RT;
   void count_release(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped) LITHE_RT;
   void stop_drives() noexcept;
@@ -118,11 +121,9 @@ class Spine {
   std::uint32_t stale_ticks_ = 0;     // ticks in a row without a fresh one
   bool estop_pressed_ = false;
   bool brain_stale_ = true;
-  std::int64_t law_since_ns_ = 0;  // the running law's first tick
-  bool law_is_new_ = true;         // which is still to come
-  std::int64_t law_from_ns_ = 0;   // when it began to step in this tick
-  std::uint32_t flags_ = 0;        // of this tick's record
-  bool overran_ = false;           // the previous tick ended after its deadline
+  std::int64_t law_from_ns_ = 0;  // when the last law began to step
+  std::uint32_t flags_ = 0;       // of this tick's record
+  bool overran_ = false;          // the previous tick ended after its deadline
   Durations durations_;
   std::int64_t last_from_ns_ = 0, served_ns_ = 0;  // inline Transport: when the last tick began, and got to the bus
   Tick in_;

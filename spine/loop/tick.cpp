@@ -80,8 +80,6 @@ void Spine::look(std::int64_t now_ns) LITHE_RT {
   plan_.sample(now_ns, setpoint_);
   in_.tick = tick_;
   in_.t_ns = now_ns;
-  if (law_is_new_) start_law_time(now_ns);
-  in_.t_s = static_cast<double>(now_ns - law_since_ns_) * 1e-9;
   in_.flags = (fresh_ ? 0 : kSampleStale) | (brain_stale_ ? kBrainStale : 0);
   in_.sample_age_s = static_cast<double>(now_ns - sample_->sample_ns) * 1e-9;
   const std::int64_t brain_age_ns = out_.record().brain_age_ns;

@@ -369,6 +369,7 @@ enum class LawFaultKind : std::uint32_t {
   state_broken = 10,
   tracking_lost = 11,
   guard_busy = 12,
+  guard_stopped = 13,
 };
 
 // The name of `value`, or "?" for a number that is not one of LawFaultKind.
@@ -400,6 +401,8 @@ constexpr std::string_view to_string(LawFaultKind value) LITHE_RT {
       return "tracking_lost";
     case LawFaultKind::guard_busy:
       return "guard_busy";
+    case LawFaultKind::guard_stopped:
+      return "guard_stopped";
   }
   return "?";
 }
@@ -633,7 +636,7 @@ struct LawFault {
   std::uint32_t kind = {};  // LawFaultKind
   std::uint32_t law_id = {};  // the law that failed
   std::uint32_t to_law_id = {};  // the law that took over; 0 = the safe law
-  std::uint32_t took_ns = {};  // [ns] from the law's start to the end of the fallback's step
+  std::uint32_t took_ns = {};  // [ns] from the law's start to the end of the fallback's step; 0 = that one runs from the next tick on
   std::uint64_t pc = {};  // where it happened; 0 = unknown
   std::uint64_t address = {};  // what it touched; 0 = unknown
   std::uint32_t slot = {};  // arena slot of the law, counted from 1; 0 = none
