@@ -5,7 +5,7 @@
 //
 // Reads lines `WAY SWAPS GAP_TICKS PAUSE_TICKS` and runs a block for each: that many swaps, GAP_TICKS apart, and a
 // pause. Every tick goes to TICKS_FILE as a TickRecord; the answer is {"windows":[[asked_ns, done_ns], ...]}. Ways:
-//   dlopen   in the loop's own thread, between two ticks, as plugin systems do
+//   dlopen   in the loop's own thread, between two ticks, as plugin systems do: once a tick's command has left
 //   mutex    a second thread loads, swaps and closes behind a mutex that the loop takes every tick
 //   brief    likewise, but it loads before and closes after: the lock covers the exchange alone
 //   compile  as dlopen, after the compiler has run, in the loop's thread too: the control, which must lose ticks
@@ -223,12 +223,6 @@ void Peer::run(const Order& order, std::vector<Window>& windows, std::vector<Tic
     return ticks.size() < most && (busy || release_ns < windows.back().done_ns + order.pause_ticks * kPeriodNs);
   };
   const auto tick = [&](std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped, Cycle& cycle, Cycle*) {
-    const bool idle = windows.empty() || windows.back().done_ns != 0;
-    if (idle && windows.size() < order.swaps && ticks.size() >= due) {
-      due = static_cast<std::uint32_t>(ticks.size()) + order.gap_ticks;
-      windows.push_back({monotonic_ns(), 0});
-      ask(order.way);
-    }
     std::unique_lock lock(mutex_, std::defer_lock);
     if (order.way == "mutex" || order.way == "brief") lock.lock();
     const double torque_nm = arm_.tick(active_, release_ns);
@@ -237,6 +231,12 @@ void Peer::run(const Order& order, std::vector<Window>& windows, std::vector<Tic
     arm_.move();
     cycle.handoff_ns = output_ns - woke_ns;
     ticks.push_back({release_ns, woke_ns, output_ns, skipped, 0, 0, 0, torque_nm});
+    const bool idle = windows.empty() || windows.back().done_ns != 0;
+    if (idle && windows.size() < order.swaps && ticks.size() > due) {
+      due = static_cast<std::uint32_t>(ticks.size()) - 1 + order.gap_ticks;
+      windows.push_back({monotonic_ns(), 0});
+      ask(order.way);  // now and not before the law: what is late then is the next tick, if anything
+    }
   };
   run_while(clock, kPeriodNs, kPhaseNs, more, cycles, tick);
   std::size_t at = 0;

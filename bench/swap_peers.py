@@ -93,11 +93,6 @@ class Peers:
         self._read = 0
         self.ways: dict[str, Way] = {}
 
-    @property
-    def pid(self) -> int:
-        """Of the process."""
-        return self._process.pid
-
     def run(self, name: str, swaps: int, pause_ticks: int, gap_ticks: int = GAP_TICKS) -> int:
         """One group of swaps and the pause after it; how many swaps there were time for."""
         assert self._process.stdin is not None and self._process.stdout is not None

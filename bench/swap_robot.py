@@ -54,13 +54,11 @@ def sine_rad(t_ns: int, centre_rad: float, amplitude_rad: float, frequency_hz: f
     return centre_rad + amplitude_rad * math.sin(2 * math.pi * frequency_hz * t_ns * 1e-9)
 
 
-def wake(robot: lithe.Robot) -> bool:
+def wake(robot: lithe.Robot) -> None:
     """Arms a robot that has stopped, because the machine stalled for longer than even a patient one bears."""
-    if robot.status()["mode"] == "active":
-        return False
-    robot.reset()
-    robot.arm()
-    return True
+    if robot.status()["mode"] != "active":
+        robot.reset()
+        robot.arm()
 
 
 class Background:
@@ -130,6 +128,7 @@ class Subject:
         self.cpu, self.tid = int(info["cpu_spine"]), int(info["tid_spine"])
         self.pid = int(robot.spine.mapping.header().writer_pid)
         status = robot.status()
+        self.loader = status["loader"]
         self.processes = {"spine": self.pid, "supervisor": status["supervisor_pid"], "lawd": status["lawd_pid"]}
         self.bound_nm = float(info["torque_slew_nm_s"][0]) / float(info["rate_hz"])
         texts = [(source.name, source.read_text(encoding="utf-8")) for source in sources]
@@ -137,7 +136,6 @@ class Subject:
         self.rounds: list[Round] = []
         self.records: list[dict[str, Any]] = []
         self.refused: Counter[str] = Counter()
-        self.stops = 0
         self.swapping, self.resting = Tally(), Tally()
         self.log = TickLog(robot.name)
         self._asked = 0
@@ -146,7 +144,7 @@ class Subject:
         keep_off(robot)
         for _ in self.laws:  # compiled now; from here on the cache answers
             self._swap()
-        self.asked_before, self.records = self._asked, []
+        self.records = []
         self.memory_seen = {"start": self._memory()}
         self.waits_before = made_to_wait(self.pid, self.tid)
 
@@ -175,7 +173,7 @@ class Subject:
 
     def group(self, swaps: int, pause_s: float) -> None:
         """So many swaps one right after the other, then none for a while."""
-        self.stops += wake(self.robot)
+        wake(self.robot)
         from_ns, before = time.monotonic_ns(), self._counts()
         done = len(self.records)
         for _ in range(swaps):

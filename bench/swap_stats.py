@@ -116,7 +116,8 @@ class Sides:
         """Both counts, the interval of their difference, and what of it swaps have to answer for."""
         counts = [counts_in(self.lost_ns, spans) for spans in (self.swapping, self.resting)]
         seconds = [len(spans) * WINDOW_NS * 1e-9 for spans in (self.swapping, self.resting)]
-        low, high = permutation_interval(self.differences_per_s())
+        differences = self.differences_per_s()
+        low, high = permutation_interval(differences)
         if not self.rounds or not any(count.any() for count in counts):
             low, high = (-NONE_SEEN / max(seconds[1], 1e-9), NONE_SEEN / max(seconds[0], 1e-9))
         told = Comparison(
@@ -136,6 +137,7 @@ class Sides:
             "lossy_windows_in": told.at_events,
             "lossy_windows_out": told.between,
             "lossy_windows_chance": told.chance,
+            "rounds_compared": len(differences),
             "seconds_in": seconds[0],
             "seconds_out": seconds[1],
         }
@@ -150,6 +152,18 @@ class Sides:
             told |= {f"{name}_{q}_{side}_us": v / 1e3 for q, v in zip(("p50", "p99", "p999"), quantiles, strict=True)}
             p999.append(max(quantiles[2], LEAST_NS))
         return told | {f"{name}_p999_in_over_out": float(p999[0] / p999[1])}
+
+
+def on_the_move(rounds: list[Round], ticks: npt.NDArray[Any]) -> list[Round]:
+    """Those in which the law ran in every tick: a robot that has stopped says nothing about a swap."""
+    still_ns = np.sort(ticks["release_ns"][~ticks["active"]])
+    spans = np.array([(each.swapping[0], each.resting[1]) for each in rounds], dtype=np.int64).reshape(-1, 2)
+    return [each for each, still in zip(rounds, counts_in(still_ns, spans), strict=True) if not still]
+
+
+def stops_in(ticks: npt.NDArray[Any]) -> int:
+    """How often the robot left its law."""
+    return int(np.count_nonzero(ticks["active"][:-1] & ~ticks["active"][1:]))
 
 
 def largest_step_nm(ticks: npt.NDArray[Any]) -> float:

@@ -99,31 +99,89 @@ def test_the_largest_step_is_not_taken_over_a_tick_that_is_missing(stats: Module
     assert stats.largest_step_nm(ticks) == pytest.approx(0.1)
 
 
+def test_a_round_in_which_the_robot_stopped_is_not_compared(stats: ModuleType) -> None:
+    ticks = np.zeros(3 * ROUND_MS, [("release_ns", "<i8"), ("active", "?")])
+    ticks["release_ns"], ticks["active"] = np.arange(len(ticks)) * MS, True
+    rounds = sides(stats, np.array([], dtype=np.int64), 3).rounds
+    assert stats.stops_in(ticks) == 0 and stats.on_the_move(rounds, ticks) == rounds
+    ticks["active"][ROUND_MS + 100 : 2 * ROUND_MS] = False  # in mid-group, until somebody arms it again
+    assert stats.stops_in(ticks) == 1 and stats.on_the_move(rounds, ticks) == [rounds[0], rounds[2]]
+    ticks["active"][-1] = False
+    assert stats.stops_in(ticks) == 2, "the last group's too"
+
+
+def test_too_few_rounds_are_known_as_such(stats: ModuleType) -> None:
+    assert sides(stats, np.array([5]), 7).lost()["rounds_compared"] == 7
+    assert sides(stats, np.array([5]), 40).lost()["rounds_compared"] == 40
+
+
 def test_a_disturbed_run_claims_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    swap = module("swap", monkeypatch)
+    verdict = module("swap_verdict", monkeypatch)
+    nan = float("nan")
     good = {
         "stolen_share": 0.0, "preempted_share": 0.0, "control_failed_as_it_must": True, "ticks_not_recorded": 0,
         "lost_rate_difference_low_per_s": -0.1, "jitter_p999_in_over_out": 1.0, "max_output_step_nm": 0.1,
-        "slew_bound_nm": 0.12, "certificates": 10, "swaps": 10, "swaps_asked": 10, "continuity_step_ratio": 50.0,
+        "slew_bound_nm": 0.12, "certificates": 10, "swaps": 10, "swaps_asked": 10, "swaps_wanted": 10,
+        "peer_dlopen_swaps": 10, "peer_mutex_swaps": 10, "peer_brief_swaps": 10, "continuity_step_ratio": 50.0,
+        "safe_stops": 0, "loader_dlopen_safe_stops": 0, "rounds_compared": 8, "loader": "arena",
+        "loader_dlopen_loader": "dlopen",
     }  # fmt: skip
-    assert swap.reasons_to_doubt(good) == [] and swap.shortcomings(good) == []
+    assert verdict.reasons_to_doubt(good) == [] and verdict.shortcomings(good) == []
     for bad in (
         {"stolen_share": 0.06},
+        {"stolen_share": nan},
         {"preempted_share": 0.06},
         {"control_failed_as_it_must": False},
         {"ticks_not_recorded": 1},
+        {"rounds_compared": 7},
+        {"loader": "dlopen"},
+        {"loader_dlopen_loader": "arena"},
     ):
-        assert len(swap.reasons_to_doubt(good | bad)) == 1
+        assert len(verdict.reasons_to_doubt(good | bad)) == 1, bad
     for bad in (
         {"lost_rate_difference_low_per_s": 0.1},
+        {"lost_rate_difference_low_per_s": nan},
         {"jitter_p999_in_over_out": 1.2},
+        {"jitter_p999_in_over_out": nan},
         {"max_output_step_nm": 0.13},
+        {"max_output_step_nm": nan},
         {"certificates": 9},
         {"swaps": 9, "certificates": 9},
+        {"swaps": 9, "certificates": 9, "swaps_asked": 9},  # time was up
+        {"peer_mutex_swaps": 9},
+        {"safe_stops": 1},
+        {"loader_dlopen_safe_stops": 1},
         {"continuity_step_ratio": 9.0},
         {"continuity_step_ratio": None},
     ):
-        assert len(swap.shortcomings(good | bad)) == 1
+        assert len(verdict.shortcomings(good | bad)) == 1, bad
+
+
+def test_ten_thousand_swaps_have_the_time_they_need_even_where_each_trial_is_slow(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    swap, peers = module("swap", monkeypatch), module("swap_peers", monkeypatch)
+    group, pause_s = swap.turns(10_000)
+    groups = 10_000 / group
+    ours_s = 10_000 * 0.120 + groups * (pause_s + 0.05)
+    theirs_s = 3 * groups * (group * (1 + peers.GAP_TICKS) * 1e-3 + swap.PEERS_PAUSE * pause_s + 0.05)
+    assert ours_s + theirs_s < swap.most_s(10_000)
+
+
+def test_a_peer_is_not_asked_to_swap_before_the_ticks_command_has_left(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    need("bench_swap_peers")
+    peers, swap = module("swap_peers", monkeypatch), module("swap", monkeypatch)
+    core = sorted(os.sched_getaffinity(0))[0]
+    with peers.Peers(core, core, swap.LAWS, tmp_path) as program:
+        for _ in range(10):
+            assert program.run("dlopen", 1, 5) == 1
+    way = program.ways["dlopen"]
+    for made, ticks in zip(way.rounds, way.ticks, strict=True):
+        asked_ns = made.swapping[0]
+        at = np.searchsorted(ticks["release_ns"], asked_ns, side="right") - 1
+        assert asked_ns >= ticks["output_ns"][at]
 
 
 def test_the_time_of_a_swap_is_split_by_stage(monkeypatch: pytest.MonkeyPatch) -> None:
