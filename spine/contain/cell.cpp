@@ -12,6 +12,7 @@
 #include <memory>
 #include <new>
 #include <string>
+#include <utility>
 
 #include "spine/contain/core.hpp"
 #include "spine/contain/watchdog.hpp"
@@ -37,6 +38,8 @@ void touch(void* from, std::size_t bytes, std::size_t page) {
 
 Result<Cell> Cell::open(Vault* vault) {
   if (entrance().core != nullptr) return Error{"this thread has a Cell already: one is enough for all its laws"};
+  Result<LawStack> law_stack = LawStack::make();
+  if (!law_stack) return law_stack.error();
   const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
   const std::size_t stack_bytes = handler_stack_bytes(page);
   const std::size_t core_bytes = (sizeof(Core) + page - 1) / page * page;
@@ -58,6 +61,7 @@ Result<Cell> Cell::open(Vault* vault) {
   touch(stack, stack_bytes + core_bytes, page);
 
   Core* core = ::new (place) Core;
+  core->law_stack = std::move(*law_stack);
   core->vault = vault;
   if (vault != nullptr && vault->key() >= 0) core->key = MemoryKey::of(vault->key());
   core->environment = Environment::now();
@@ -94,8 +98,7 @@ void Cell::Close::operator()(Core* core) const {
       core.system_calls = core.gated ? 1 : 0;
       // release: partner of the acquire in Watchdog::look(), which then sees this call's deadline.
       core.call.store(++core.serial, std::memory_order_release);
-      core.key.forbid_writes();
-      call(context);
+      core.law_stack.run(call, context);
       core.environment.restore();
       core.key.allow_writes();
       std::atomic_signal_fence(std::memory_order_seq_cst);  // what the law did, it did inside
@@ -103,6 +106,7 @@ void Cell::Close::operator()(Core* core) const {
       core.system_calls = 0;
     } else {
       core.environment.restore();  // break_off() did the rest
+      core.law_stack.forget_frames();
     }
   });
   if (core.vault == nullptr) return core.trouble;

@@ -12,6 +12,7 @@
 
 #include "spine/contain/cell.hpp"
 #include "spine/contain/environment.hpp"
+#include "spine/contain/law_stack.hpp"
 #include "spine/contain/memory_key.hpp"
 #include "spine/contain/vault.hpp"
 
@@ -32,6 +33,7 @@ struct Core {
   Environment environment;
   Trouble trouble;
   sigjmp_buf back;
+  LawStack law_stack;
 
   // Set once.
   pid_t thread = 0;
