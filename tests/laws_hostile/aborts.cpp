@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // stopped-by: admission
-// without-gates: aborted
+// without-gates: illegal_instruction
 // gate: calls
 // Aborts.
 #include <lithe/law.hpp>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // stopped-by: admission
-// without-gates: aborted
+// without-gates: illegal_instruction
 // gate: calls
 // std::array::at throws when the index is wrong.
 #include <lithe/law.hpp>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // stopped-by: admission
-// without-gates: harmless
+// without-gates: unplaceable
 // gate: attributes
 // A constructor function, in the standard's spelling.
 #include <lithe/law.hpp>

@@ -18,7 +18,7 @@ struct Hostile {
       return;
     }
     volatile int zero = 0;
-    u.torque_nm[0] = 1 / zero;
+    u.torque_nm[0] = 7 / zero;  // 1 / zero would be no division: the compiler knows its only two results
   }
 };
 LITHE_LAW(Hostile, "divides_in_the_evening");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // stopped-by: admission
-// without-gates: bad_access
+// without-gates: unplaceable
 // gate: memory
 // Counts in a global variable.
 #include <lithe/law.hpp>

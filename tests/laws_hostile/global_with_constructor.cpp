@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // stopped-by: admission
-// without-gates: bad_access
+// without-gates: unplaceable
 // gate: memory
 // A global that is computed when the law is loaded.
 #include <lithe/law.hpp>

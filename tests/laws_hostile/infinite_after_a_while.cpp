@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // stopped-by: trial
-// without-gates: not_finite
+// without-gates: clamp
 // A gain that doubles at every step.
 #include <lithe/law.hpp>
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // stopped-by: admission
-// without-gates: harmless
+// without-gates: unplaceable
 // gate: size
 // A table of 800 KB.
 #include <lithe/law.hpp>

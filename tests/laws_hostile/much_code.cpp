@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // stopped-by: admission
-// without-gates: harmless
+// without-gates: uncompilable
 // gate: preprocessor
 // A million steps written out.
 #include <lithe/law.hpp>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // stopped-by: admission
-// without-gates: harmless
+// without-gates: unloadable
 // gate: preprocessor
 // Redefines the macro that exports the law.
 #include <lithe/law.hpp>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // stopped-by: admission
-// without-gates: harmless
+// without-gates: unplaceable
 // gate: words
 // A constructor function.
 #include <lithe/law.hpp>
