@@ -5,15 +5,16 @@
 find_package(GTest REQUIRED)
 include(GoogleTest)
 
-# lithe_room(<name> [TICK] [LINKS <target>...])
+# lithe_room(<name> [TICK] [LINKS <target>...] [PLAIN <x_test>...])
 #   Every *.cpp beside this CMakeLists.txt but *_test.cpp and main.cpp becomes the library lithe_<name>;
 #   every x_test.cpp becomes the test program <name>_x_test.
 #   TICK: runs in the tick, so built without exceptions and RTTI.
+#   PLAIN: tests that a sanitizer build leaves out, because what they test cannot live with one.
 #   The target <name>_tests builds a room's tests, tick_tests those of all TICK rooms; its label in ctest is
 #   <name>, or tick.<name>.
 add_custom_target(tick_tests)
 function(lithe_room name)
-  cmake_parse_arguments(ROOM "TICK" "" "LINKS" ${ARGN})
+  cmake_parse_arguments(ROOM "TICK" "" "LINKS;PLAIN" ${ARGN})
   file(GLOB sources CONFIGURE_DEPENDS *.cpp)
   file(GLOB tests CONFIGURE_DEPENDS *_test.cpp)
   file(GLOB mains CONFIGURE_DEPENDS main.cpp)
@@ -36,6 +37,9 @@ function(lithe_room name)
   endif()
   foreach(test IN LISTS tests)
     get_filename_component(stem ${test} NAME_WE)
+    if(LITHE_SANITIZE AND stem IN_LIST ROOM_PLAIN)
+      continue()
+    endif()
     lithe_test(${name}_${stem} SOURCES ${test} LINKS lithe_${name} LABEL ${label})
     if(TARGET ${name}_${stem})
       add_dependencies(${name}_tests ${name}_${stem})

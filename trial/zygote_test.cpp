@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// Laws on trial. No sanitizer build makes this: none can live in the sandbox.
 #include "trial/zygote.hpp"
 
 #include <gtest/gtest.h>
@@ -35,10 +36,6 @@ struct Nothing {
 
 class ZygoteTest : public ::testing::Test {
  protected:
-  void SetUp() override {
-    if (kSanitized) GTEST_SKIP() << "a sanitizer cannot live in the sandbox";
-  }
-
   static Zygote& zygote() {
     static auto made = Zygote::make(LITHE_ROBOTS "/arm.toml", -1);
     EXPECT_TRUE(made) << made.message();
@@ -158,75 +155,6 @@ TEST_F(ZygoteTest, NonsenseIsAnsweredAndTheZygoteLives) {
   EXPECT_FALSE(quit);
   EXPECT_TRUE(zygote().answer("{\"verb\":\"quit\"}", quit)["ok"].get<bool>());
   EXPECT_TRUE(quit);
-}
-
-TEST(Verdict, LiesOfAChildAreNotBelieved) {
-  Report report;
-  report.ended = 1;
-  const auto bytes = [&] { return std::string(reinterpret_cast<const char*>(&report), sizeof report); };
-  Outcome outcome;
-  outcome.exit_code = 0;
-  outcome.output = bytes();
-  EXPECT_TRUE(judge(outcome, {}, "", false).ok);
-  outcome.exit_code = 1;
-  EXPECT_FALSE(judge(outcome, {}, "", false).ok) << "it did not end well";
-  outcome.exit_code = 0;
-  outcome.output = bytes().substr(1);
-  EXPECT_FALSE(judge(outcome, {}, "", false).ok) << "half a report";
-  outcome.output = "";
-  EXPECT_FALSE(judge(outcome, {}, "", false).ok) << "no report";
-  report.section = 77;
-  outcome.output = bytes();
-  EXPECT_FALSE(judge(outcome, {}, "", false).ok) << "no such section";
-  report.section = 0;
-  report.ended = 0;
-  outcome.output = bytes();
-  EXPECT_FALSE(judge(outcome, {}, "", false).ok) << "not at its end";
-}
-
-TEST(Verdict, StarvedTrialIsNotTheLawsFault) {
-  Outcome outcome;
-  outcome.timed_out = true;
-  outcome.signal = 9;
-  outcome.cpu_ms = 5;
-  EXPECT_TRUE(judge(outcome, {}, "", false).starved);
-  outcome.cpu_ms = 149;
-  EXPECT_FALSE(judge(outcome, {}, "", false).starved);
-}
-
-TEST(Sandbox, ChildThatDoesNotEndIsKilled) {
-  Limits limits;
-  limits.wall_ms = 50;
-  const Outcome outcome = run_sandboxed(
-      [](int) {
-        signal(SIGPROF, SIG_IGN);  // the question where it is
-        for (volatile int x = 1; x != 0;) x = 1;
-        return 0;
-      },
-      limits, 10);
-  EXPECT_TRUE(outcome.timed_out);
-  EXPECT_EQ(outcome.signal, 9);
-}
-
-TEST(GuardedTest, FenceRemembersWhatWasWrittenBeforeTheBytes) {
-  const Guarded memory(24, Guarded::Kind::with_read_only_view);
-  std::memset(memory.data(), 7, 24);
-  EXPECT_EQ(memory.law_view()[23], std::byte{7}) << "both views show the same bytes";
-  EXPECT_TRUE(memory.fence_intact());
-  for (const std::ptrdiff_t before : {1, 2, 1000, 4072}) {
-    const std::byte was = memory.data()[-before];
-    memory.data()[-before] = std::byte{0};
-    EXPECT_FALSE(memory.fence_intact()) << before;
-    memory.data()[-before] = was;
-  }
-  EXPECT_TRUE(memory.fence_intact());
-}
-
-TEST(GuardedDeathTest, WritingPastTheEndOrIntoTheLawsViewIsAnAccessViolation) {
-  if (kSanitized) GTEST_SKIP() << "a sanitizer answers with words of its own";
-  const Guarded memory(24, Guarded::Kind::with_read_only_view);
-  EXPECT_DEATH(*const_cast<volatile std::byte*>(memory.data() + 24) = std::byte{1}, "");
-  EXPECT_DEATH(*const_cast<volatile std::byte*>(memory.law_view()) = std::byte{1}, "");
 }
 
 }  // namespace
