@@ -186,9 +186,8 @@ void Swaps::stage(const swap::Transaction& swap) {
 
 void Swaps::on_event(const wire::Event& event, std::int64_t now_ns) {
   const auto kind = static_cast<wire::EventKind>(event.kind);
-  if (commit_ && kind != wire::EventKind::law_committed) {
-    // What comes after the commit may be about its law.
-    queue_.on_committed(commit_->request_id, commit_->tick, commit_->code, commit_->t_ns);
+  if (kind != wire::EventKind::law_committed) {
+    take_commit();  // what comes after the commit may be about its law
   }
   aftermath_.on_event(event);
   if (!is_head(event.request_id)) {
@@ -225,16 +224,37 @@ void Swaps::shadow_ended(const wire::Event& event, std::int64_t now_ns) {
   }
 }
 
+void Swaps::take_commit() {
+  if (commit_) {
+    queue_.on_committed(commit_->request_id, commit_->tick, commit_->code, commit_->t_ns);
+  }
+}
+
+// The event says it first; should the ring have lost it, the running law itself tells. The tick is then the one in
+// which it was seen.
+void Swaps::guess_commit(std::int64_t now_ns) {
+  const swap::Transaction* head = queue_.head();
+  wire::Telemetry now{};
+  if (head == nullptr || !head->reached(swap::Stage::tried) || !help_.spine.latest(now)) {
+    return;
+  }
+  const auto law = help_.spine.law(now.law_id);
+  if (law && law->request_id == head->request_id()) {
+    queue_.note(head->request_id(), "commit_tick_is_estimate", true);
+    queue_.on_committed(head->request_id(), now.tick, now.law_id, now_ns);
+  }
+}
+
 void Swaps::poll_stage(std::int64_t now_ns) {
   const swap::Transaction* head = queue_.head();
   if (head == nullptr || !ticket_) {
     return;
   }
-  wire::Telemetry now{};
-  const bool known = help_.spine.latest(now);
   if (commit_) {
+    wire::Telemetry now{};
+    (void)help_.spine.latest(now);
     if (now.tick > commit_->tick || now_ns - commit_->t_ns > kWordsGraceNs) {
-      queue_.on_committed(commit_->request_id, commit_->tick, commit_->code, commit_->t_ns);
+      take_commit();
     }
     return;
   }
@@ -248,12 +268,8 @@ void Swaps::poll_stage(std::int64_t now_ns) {
         queue_.on_refused(head->request_id(), stage_refusal(result, ""), now_ns);
       }
     }
-  } else if (head->reached(swap::Stage::staged)) {
-    // The event says it first; should the ring have lost it, the running law itself tells.
-    const auto law = known ? help_.spine.law(now.law_id) : std::nullopt;
-    if (law && law->request_id == head->request_id() && now_ns - head->stage_since_ns() > kWordsGraceNs) {
-      queue_.on_committed(head->request_id(), now.tick, now.law_id, now_ns);
-    }
+  } else if (head->reached(swap::Stage::staged) && now_ns - head->stage_since_ns() > kWordsGraceNs) {
+    guess_commit(now_ns);
   }
 }
 

@@ -77,6 +77,8 @@ void Swaps::serve(std::int64_t now_ns) {
 }
 
 void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
+  take_commit();
+  guess_commit(now_ns);
   queue_.refuse_all(reason, now_ns);
   aftermath_.end(reason.message, now_ns);
 }

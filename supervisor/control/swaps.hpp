@@ -46,7 +46,7 @@ class Swaps {
   void submit(swap::Request request, Callback callback, std::int64_t now_ns);
   void on_event(const wire::Event& event, std::int64_t now_ns);
   void serve(std::int64_t now_ns);
-  // The robot stops, or the Spine is gone.
+  // The robot stops, or the Spine is gone. What it has committed by then is answered as committed.
   void refuse_all(const swap::Refusal& reason, std::int64_t now_ns);
   // True while the Spine has something to say that no descriptor announces: serve() every millisecond then.
   bool waiting() const { return queue_.head() != nullptr && queue_.head()->reached(swap::Stage::tried); }
@@ -64,6 +64,8 @@ class Swaps {
   void tried(std::uint64_t request_id, const swap::Answer& answer);
   void stage(const swap::Transaction& swap);
   void poll_stage(std::int64_t now_ns);
+  void take_commit();
+  void guess_commit(std::int64_t now_ns);
   void shadow_ended(const wire::Event& event, std::int64_t now_ns);
   void finish(swap::Transaction&& swap);
 

@@ -132,6 +132,11 @@ void Queue::on_refused(std::uint64_t request_id, Refusal reason, std::int64_t no
   }
 }
 
+void Queue::give_up(Refusal reason, std::int64_t now_ns) {
+  waiting_.front().mark_given_up(std::move(reason), now_ns);
+  settle();
+}
+
 void Queue::settle() {
   Transaction swap = std::move(waiting_.front());
   waiting_.pop_front();
@@ -161,7 +166,7 @@ void Queue::step(std::int64_t now_ns) {
     Transaction& swap = waiting_.front();
     const std::int64_t limit = limit_ns(swap);
     if (now_ns - swap.stage_since_ns() > limit) {
-      on_refused(swap.request_id(), too_late(swap, limit), now_ns);
+      give_up(too_late(swap, limit), now_ns);
     }
   }
   if (!running_ && !waiting_.empty()) {
@@ -173,8 +178,7 @@ void Queue::step(std::int64_t now_ns) {
 
 void Queue::refuse_all(const Refusal& reason, std::int64_t now_ns) {
   while (!waiting_.empty()) {
-    waiting_.front().mark_refused(reason, now_ns);
-    settle();
+    give_up(reason, now_ns);
   }
 }
 

@@ -52,7 +52,7 @@ class Queue {
 
   // Ends a step that takes too long; starts the next request when the head is done.
   void step(std::int64_t now_ns);
-  // Refuses everything that waits (the robot stops, the Spine is gone).
+  // Gives up everything that waits (the robot stops, the Spine is gone).
   void refuse_all(const Refusal& reason, std::int64_t now_ns);
 
   bool idle() const { return waiting_.empty(); }
@@ -64,6 +64,7 @@ class Queue {
   Transaction* current(std::uint64_t request_id);
   std::int64_t limit_ns(const Transaction& swap) const;
   void supersede(const Request& newer, std::int64_t now_ns);
+  void give_up(Refusal reason, std::int64_t now_ns);
   void settle();
 
   Ports ports_;

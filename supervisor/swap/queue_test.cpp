@@ -210,5 +210,17 @@ TEST_F(QueueTest, RefusesEverythingThatWaitsWhenTheSpineIsGone) {
   EXPECT_EQ(verdicts.size(), 2U);
 }
 
+TEST_F(QueueTest, WhatTheSpineHadWhenItDiedIsNotCalledRefused) {
+  Queue queue = make();
+  queue.submit(named("a"), 1);
+  queue.submit(named("b"), 1);
+  queue.step(2);
+  prepare(queue, 100, 2);
+  queue.refuse_all({"robot_fault", "the Spine died", "restart"}, 3);
+  ASSERT_EQ(verdicts.size(), 2U);
+  EXPECT_EQ(verdicts[0]["verdict"], "not_confirmed");
+  EXPECT_EQ(verdicts[1]["verdict"], "refused");
+}
+
 }  // namespace
 }  // namespace lithe::swap

@@ -70,6 +70,10 @@ bool Transaction::mark(Stage stage, const std::string& reason, std::int64_t now_
 }
 
 bool Transaction::mark_committed(std::uint64_t tick, std::uint32_t law_id, std::int64_t now_ns) {
+  if (!outcome_is_known()) {
+    reopen();
+    enter(Stage::staged, "", now_ns);  // unless it was told before
+  }
   if (!enter(Stage::committed, "", now_ns)) {
     return false;
   }
@@ -79,6 +83,9 @@ bool Transaction::mark_committed(std::uint64_t tick, std::uint32_t law_id, std::
 }
 
 bool Transaction::mark_refused(Refusal reason, std::int64_t now_ns) {
+  if (!outcome_is_known()) {
+    reopen();
+  }
   if (!enter(Stage::refused, reason.code, now_ns)) {
     return false;
   }
@@ -86,9 +93,25 @@ bool Transaction::mark_refused(Refusal reason, std::int64_t now_ns) {
   return true;
 }
 
-bool Transaction::outcome_is_known() const {
-  return !refusal_ || refusal_->code != "timeout" || !reached(Stage::tried);
+bool Transaction::mark_given_up(Refusal reason, std::int64_t now_ns) {
+  if (refusal_ || !mark_refused(std::move(reason), now_ns)) {
+    return false;
+  }
+  given_up_ = true;
+  return true;
 }
+
+// The Spine tells after all. What the client was told until then is kept.
+void Transaction::reopen() {
+  note("answered", {{"verdict", verdict()}, {"t_ns", steps_.back().t_ns}, {"error", refusal_->to_json()}});
+  steps_.pop_back();
+  stage_since_ns_ = steps_.back().t_ns;
+  refusal_.reset();
+  given_up_ = false;
+}
+
+// From `tried` on the Loader has been asked.
+bool Transaction::outcome_is_known() const { return !given_up_ || !reached(Stage::tried); }
 
 std::int64_t Transaction::time_of(Stage stage) const {
   const auto found = std::find_if(steps_.begin(), steps_.end(), [&](const Step& each) { return each.stage == stage; });

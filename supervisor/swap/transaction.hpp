@@ -70,7 +70,11 @@ class Transaction {
   // Stages that bring nothing but their time and a reason: all but compiled, committed and refused.
   bool mark(Stage stage, const std::string& reason, std::int64_t now_ns);
   bool mark_committed(std::uint64_t tick, std::uint32_t law_id, std::int64_t now_ns);
+  // Who had to decide said no.
   bool mark_refused(Refusal reason, std::int64_t now_ns);
+  // Nobody waits any longer: it took too long, the robot stops, or its Spine is gone. A law that the Spine was asked
+  // for may be committed all the same; mark_committed() and mark_refused() are legal until one of them has told.
+  bool mark_given_up(Refusal reason, std::int64_t now_ns);
 
   // Releases the Spine had missed when the swap began and when it ended: what the swap may have cost.
   void note_missed_before(std::uint64_t missed) { missed_before_ = missed; }
@@ -87,7 +91,7 @@ class Transaction {
   bool finished() const { return stage() >= Stage::committed; }
   bool reached(Stage stage) const { return time_of(stage) != 0; }
   const std::optional<Refusal>& refusal() const { return refusal_; }
-  // False for a swap that ran out of time with the Spine: the law may still be committed.
+  // False for a swap that was given up while the Spine had it: the law may still be committed.
   bool outcome_is_known() const;
   std::int64_t stage_since_ns() const { return stage_since_ns_; }
 
@@ -98,6 +102,7 @@ class Transaction {
 
  private:
   bool enter(Stage stage, const std::string& reason, std::int64_t now_ns);
+  void reopen();
   std::int64_t time_of(Stage stage) const;  // 0 = not reached
   double ms_between(Stage from, Stage to) const;
   Json split_ms() const;
@@ -114,6 +119,7 @@ class Transaction {
   std::uint64_t missed_before_ = 0;
   std::uint64_t missed_after_ = 0;
   std::optional<Refusal> refusal_;
+  bool given_up_ = false;
   Json sections_ = Json::object();
 };
 

@@ -112,14 +112,44 @@ TEST(Transaction, ARefusedOneSaysAfterWhatAndWhy) {
   EXPECT_FALSE(record.contains("commit_tick"));
 }
 
-TEST(Transaction, ATimeoutIsARefusalOnlyWhileTheSpineHasNotBeenAsked) {
-  Transaction early = at(Stage::placed);
-  early.mark_refused({"timeout", "", ""}, 9'000'000);
-  EXPECT_STREQ(early.verdict(), "refused");
-  Transaction late = at(Stage::tried);
-  late.mark_refused({"timeout", "", ""}, 9'000'000);
-  EXPECT_STREQ(late.verdict(), "not_confirmed");
-  EXPECT_TRUE(late.certificate()["times_ns"].contains("not_confirmed"));
+TEST(Transaction, GivingUpIsARefusalOnlyWhileTheSpineHasNotBeenAsked) {
+  for (const char* why : {"timeout", "robot_fault", "stopping"}) {
+    Transaction early = at(Stage::placed);
+    EXPECT_TRUE(early.mark_given_up({why, "", ""}, 9'000'000));
+    EXPECT_STREQ(early.verdict(), "refused");
+    EXPECT_FALSE(go(early, Stage::committed, 9'500'000)) << "nobody was asked";
+    for (const Stage with_the_spine : {Stage::tried, Stage::staged, Stage::shadow}) {
+      Transaction late = at(with_the_spine);
+      EXPECT_TRUE(late.mark_given_up({why, "", ""}, 9'000'000));
+      EXPECT_STREQ(late.verdict(), "not_confirmed") << why;
+      EXPECT_TRUE(late.certificate()["times_ns"].contains("not_confirmed"));
+      EXPECT_FALSE(late.mark_given_up({why, "", ""}, 9'500'000)) << "once is enough";
+    }
+  }
+  Transaction refused = at(Stage::staged);
+  refused.mark_refused({"shadow_failed", "", ""}, 9'000'000);
+  EXPECT_STREQ(refused.verdict(), "refused") << "the Spine itself said so";
+}
+
+TEST(Transaction, WhatTheSpineTellsLateIsWhatCounts) {
+  for (const Stage with_the_spine : {Stage::tried, Stage::shadow}) {
+    Transaction swap = at(with_the_spine);
+    swap.mark_given_up({"timeout", "", ""}, 90'000'000);
+    ASSERT_TRUE(go(swap, Stage::committed, 80'000'000)) << "when it was, not when it was read";
+    const Json record = swap.certificate();
+    EXPECT_EQ(record["verdict"], "committed");
+    EXPECT_EQ(record["times_ns"]["committed"], 80'000'000);
+    EXPECT_EQ(record["answered"]["verdict"], "not_confirmed");
+    EXPECT_EQ(record["answered"]["t_ns"], 90'000'000);
+    EXPECT_EQ(record["answered"]["error"]["code"], "timeout");
+    EXPECT_FALSE(record.contains("error"));
+    EXPECT_TRUE(go(swap, Stage::rolled_back, 99'000'000));
+  }
+  Transaction refused = at(Stage::staged);
+  refused.mark_given_up({"timeout", "", ""}, 90'000'000);
+  ASSERT_TRUE(refused.mark_refused({"dry_run_failed", "", ""}, 95'000'000));
+  EXPECT_STREQ(refused.verdict(), "refused");
+  EXPECT_FALSE(go(refused, Stage::committed, 99'000'000));
 }
 
 TEST(Transaction, ATimeBeforeItsPredecessorCountsAsEqualToIt) {
