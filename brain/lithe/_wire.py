@@ -16,7 +16,7 @@ NW = 16
 NPARAM = 32
 NBIN = 976
 NLAW = 8
-LAYOUT_HASH = 0xD57B0EF5360DF49D
+LAYOUT_HASH = 0xC69364DA117B3759
 
 
 class Mode(IntEnum):
@@ -396,6 +396,17 @@ class Histogram(ctypes.Structure):
     ]
 
 
+class Health(ctypes.Structure):
+    """What came to the Spine broken since it started; each word is written only when it changes."""
+
+    _fields_ = [
+        ("plans_torn", ctypes.c_uint64),
+        ("brain_violations", ctypes.c_uint64),
+        ("control_violations", ctypes.c_uint64),
+        ("stage_violations", ctypes.c_uint64),
+    ]
+
+
 # numpy dtypes as data, so that importing this module needs no numpy: name -> (format, shape), offset.
 DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
     "SegmentHeader": [
@@ -564,6 +575,12 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("sum_ns", "<u8", (), 7824),
         ("pad0", "u1", (8,), 7832),
     ],
+    "Health": [
+        ("plans_torn", "<u8", (), 0),
+        ("brain_violations", "<u8", (), 8),
+        ("control_violations", "<u8", (), 16),
+        ("stage_violations", "<u8", (), 24),
+    ],
 }
 SIZES = {
     "SegmentHeader": 88,
@@ -578,6 +595,7 @@ SIZES = {
     "Params": 272,
     "RobotInfo": 3448,
     "Histogram": 7840,
+    "Health": 32,
 }
 
 UNITS = {
@@ -660,6 +678,7 @@ SEGMENTS: dict[str, dict[str, Item]] = {
         "control_ack": Item("ack", "Command", 16, 1, 7845888, 256),
         "brain_ack": Item("ack", "Command", 16, 1, 7846144, 256),
         "stage_ack": Item("ack", "StageRequest", 4, 1, 7846400, 256),
+        "health": Item("plain", "Health", 0, 1, 7846656, 128),
     },
     "control": {
         "commands": Item("mailbox", "Command", 16, 1, 128, 7296),
@@ -673,7 +692,7 @@ SEGMENTS: dict[str, dict[str, Item]] = {
     },
 }
 SEGMENT_BYTES = {
-    "spine": 7846656,
+    "spine": 7846784,
     "control": 9472,
     "brain": 41472,
 }
@@ -822,6 +841,10 @@ CANONICAL_SCHEMA = (
     "Histogram.max_ns:uint64[1]:7816:8:ns\n"
     "Histogram.sum_ns:uint64[1]:7824:8:ns\n"
     "Histogram.pad0:uint8[8]:7832:8:-\n"
+    "Health.plans_torn:uint64[1]:0:8:-\n"
+    "Health.brain_violations:uint64[1]:8:8:-\n"
+    "Health.control_violations:uint64[1]:16:8:-\n"
+    "Health.stage_violations:uint64[1]:24:8:-\n"
     "spine/robot_info:channel:RobotInfo:0x1:128\n"
     "spine/telemetry:ring:Telemetry:4096x1:14080\n"
     "spine/events_tick:ring:Event:256x1:7616384\n"
@@ -839,6 +862,7 @@ CANONICAL_SCHEMA = (
     "spine/control_ack:ack:Command:16x1:7845888\n"
     "spine/brain_ack:ack:Command:16x1:7846144\n"
     "spine/stage_ack:ack:StageRequest:4x1:7846400\n"
+    "spine/health:plain:Health:0x1:7846656\n"
     "control/commands:mailbox:Command:16x1:128\n"
     "control/stage:mailbox:StageRequest:4x1:7424\n"
     "control/estop:word:-:0x1:9344\n"
@@ -847,7 +871,7 @@ CANONICAL_SCHEMA = (
     "brain/estop:word:-:0x1:41344\n"
 )
 
-for _type in (SegmentHeader, Telemetry, Event, Plan, Command, StageRequest, LawFault, ShadowReport, LawInfo, Params, RobotInfo, Histogram):
+for _type in (SegmentHeader, Telemetry, Event, Plan, Command, StageRequest, LawFault, ShadowReport, LawInfo, Params, RobotInfo, Histogram, Health):
     assert ctypes.sizeof(_type) == SIZES[_type.__name__], _type
     for _name, _format, _shape, _offset in DTYPES[_type.__name__]:
         assert getattr(_type, _name).offset == _offset, (_type, _name)

@@ -56,7 +56,11 @@ bool Loader::poll(std::int64_t now_ns) {
   if (retire_one(now_ns)) return true;
   if (candidate_waits(now_ns)) return false;  // the next request waits in the mailbox
   std::uint64_t ticket = 0;
-  if (!requests_.receive(request_, ticket)) return false;
+  if (!requests_.receive(request_, ticket)) {
+    std::uint64_t& told = spine_.health.stage_violations;
+    if (told != requests_.violations()) ipc::store_word(told, requests_.violations(), std::memory_order_relaxed);
+    return false;
+  }
   requests_.answer(ticket, static_cast<std::uint32_t>(stage(request_, now_ns)));
   return true;
 }

@@ -124,6 +124,14 @@ TEST_F(LoaderTest, SameObjectAgainIsANewLawWithTheOldState) {
   EXPECT_EQ(probes_[0], 3);
 }
 
+TEST_F(LoaderTest, AnImpossibleHeadOfItsMailboxIsCountedWhereAUserCanSeeIt) {
+  EXPECT_FALSE(loader_.poll(now_ns_));
+  EXPECT_EQ(spine_->health.stage_violations, 0U);
+  control_->stage.head += 100;
+  EXPECT_FALSE(loader_.poll(now_ns_));
+  EXPECT_EQ(spine_->health.stage_violations, 1U);
+}
+
 TEST_F(LoaderTest, ThousandSwapsNeverRunOutOfPlaces) {
   for (std::uint32_t swap = 1; swap <= 1000; ++swap) {
     ASSERT_EQ(stage(OBJECT_counter), StageResult::staged) << swap;

@@ -199,6 +199,14 @@ void for_each_field(Histogram& message, Visit&& visit) {
   visit("pad0", message.pad0);
 }
 
+template <class Visit>
+void for_each_field(Health& message, Visit&& visit) {
+  visit("plans_torn", message.plans_torn);
+  visit("brain_violations", message.brain_violations);
+  visit("control_violations", message.control_violations);
+  visit("stage_violations", message.stage_violations);
+}
+
 // visit("Telemetry", Telemetry{}), and so on.
 template <class Visit>
 void for_each_message(Visit&& visit) {
@@ -214,6 +222,7 @@ void for_each_message(Visit&& visit) {
   visit("Params", Params{});
   visit("RobotInfo", RobotInfo{});
   visit("Histogram", Histogram{});
+  visit("Health", Health{});
 }
 
 }  // namespace lithe::wire

@@ -802,6 +802,21 @@ static_assert(offsetof(Histogram, max_ns) == 7816);
 static_assert(offsetof(Histogram, sum_ns) == 7824);
 static_assert(offsetof(Histogram, pad0) == 7832);
 
+// What came to the Spine broken since it started; each word is written only when it changes.
+struct Health {
+  std::uint64_t plans_torn = {};  // times that four tries brought no whole plan: the Brain wrote into it all the while
+  std::uint64_t brain_violations = {};  // impossible heads and broken letters in the Brain's mailbox of commands
+  std::uint64_t control_violations = {};  // the same of the supervisor's
+  std::uint64_t stage_violations = {};  // the same of its requests to the Loader
+};
+static_assert(std::is_trivially_copyable_v<Health>);
+static_assert(std::is_standard_layout_v<Health>);
+static_assert(sizeof(Health) == 32);
+static_assert(offsetof(Health, plans_torn) == 0);
+static_assert(offsetof(Health, brain_violations) == 8);
+static_assert(offsetof(Health, control_violations) == 16);
+static_assert(offsetof(Health, stage_violations) == 24);
+
 // Runs of 64-bit words inside a message.
 struct WordRanges {
   struct Range {
@@ -890,7 +905,8 @@ inline constexpr std::size_t kBrainAckOffset = 7846144;  // ack Command
 inline constexpr std::size_t kBrainAckDepth = 16;
 inline constexpr std::size_t kStageAckOffset = 7846400;  // ack StageRequest
 inline constexpr std::size_t kStageAckDepth = 4;
-inline constexpr std::size_t kBytes = 7846656;  // the schema text follows
+inline constexpr std::size_t kHealthOffset = 7846656;  // plain Health
+inline constexpr std::size_t kBytes = 7846784;  // the schema text follows
 }
 
 // Segment `control`, written by the supervisor: byte offsets of its items.
@@ -912,7 +928,7 @@ inline constexpr std::size_t kEstopOffset = 41344;  // word
 inline constexpr std::size_t kBytes = 41472;  // the schema text follows
 }
 
-inline constexpr std::uint64_t kLayoutHash = 0xd57b0ef5360df49d;
+inline constexpr std::uint64_t kLayoutHash = 0xc69364da117b3759;
 // What the hash covers; every segment carries it, so that two builds can tell where they differ.
 inline constexpr std::string_view kCanonicalSchema =
     "abi:1\n"
@@ -1058,6 +1074,10 @@ inline constexpr std::string_view kCanonicalSchema =
     "Histogram.max_ns:uint64[1]:7816:8:ns\n"
     "Histogram.sum_ns:uint64[1]:7824:8:ns\n"
     "Histogram.pad0:uint8[8]:7832:8:-\n"
+    "Health.plans_torn:uint64[1]:0:8:-\n"
+    "Health.brain_violations:uint64[1]:8:8:-\n"
+    "Health.control_violations:uint64[1]:16:8:-\n"
+    "Health.stage_violations:uint64[1]:24:8:-\n"
     "spine/robot_info:channel:RobotInfo:0x1:128\n"
     "spine/telemetry:ring:Telemetry:4096x1:14080\n"
     "spine/events_tick:ring:Event:256x1:7616384\n"
@@ -1075,6 +1095,7 @@ inline constexpr std::string_view kCanonicalSchema =
     "spine/control_ack:ack:Command:16x1:7845888\n"
     "spine/brain_ack:ack:Command:16x1:7846144\n"
     "spine/stage_ack:ack:StageRequest:4x1:7846400\n"
+    "spine/health:plain:Health:0x1:7846656\n"
     "control/commands:mailbox:Command:16x1:128\n"
     "control/stage:mailbox:StageRequest:4x1:7424\n"
     "control/estop:word:-:0x1:9344\n"

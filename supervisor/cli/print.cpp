@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <numbers>
+#include <utility>
 
 #include "supervisor/control/event_log.hpp"
 
@@ -23,6 +24,23 @@ std::string word(const Json& object, const char* key) {
   return found != object.end() && found->is_string() ? found->get<std::string>() : "-";
 }
 
+// Nothing while all is well.
+void print_health(const Json& health) {
+  const std::pair<const char*, const char*> words[] = {{"plans_torn", "plans that never came whole"},
+                                                       {"brain_violations", "broken commands of the Brain"},
+                                                       {"control_violations", "broken commands of the supervisor"},
+                                                       {"stage_violations", "broken requests to the Loader"}};
+  std::string found;
+  for (const auto& [key, text] : words) {
+    if (const auto count = health.value(key, std::uint64_t{0}); count != 0) {
+      found += fmt::format("{}{}: {}", found.empty() ? "" : ", ", text, count);
+    }
+  }
+  if (!found.empty()) {
+    fmt::print("  BROKEN MESSAGES since the start: {}\n", found);
+  }
+}
+
 void print_quantiles(const char* name, const Json& q) {
   fmt::print("  {:<15} p50 {:8.2f}  p99 {:8.2f}  p99.9 {:8.2f}  max {:8.2f} us\n", name, number(q, "p50"),
              number(q, "p99"), number(q, "p999"), number(q, "max"));
@@ -38,6 +56,7 @@ void print_status(const Json& s) {
   fmt::print("  missed releases {}, late samples {}, Brain {}\n", s.value("missed_releases", 0),
              s.value("late_samples", 0),
              s["brain_age_ms"].is_null() ? "never seen" : fmt::format("{:.1f} ms ago", number(s, "brain_age_ms")));
+  print_health(s.value("health", Json::object()));
   print_quantiles("release jitter", s["release_jitter_us"]);
   print_quantiles("hand-off", s["handoff_us"]);
   print_quantiles("law", s["law_us"]);
