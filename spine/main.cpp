@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <atomic>
+#include <cmath>
 #include <cstdio>
 #include <ctime>
 #include <future>
@@ -103,7 +104,8 @@ class Threads {
         actuators_(actuators),
         rehearsal_(*memory.spine, static_cast<std::uint32_t>(robot.joints.size()), 1.0 / robot.rate_hz,
                    *containment.loading),
-        loader_(slot_, store_, *memory.spine, *memory.control, rehearsal_, arena) {
+        loader_(slot_, store_, *memory.spine, *memory.control, rehearsal_, arena),
+        watchdog_({.grace_ns = std::llround(1e9 / robot.rate_hz * robot.swap.budget_share)}) {
     loop::start_clock(clock_);
   }
 

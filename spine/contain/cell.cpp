@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/contain/cell.hpp"
 
+#include <pthread.h>
 #include <sys/auxv.h>
 #include <sys/mman.h>
 #include <sys/syscall.h>
@@ -66,6 +67,7 @@ Result<Cell> Cell::open(Vault* vault) {
   if (vault != nullptr && vault->key() >= 0) core->key = MemoryKey::of(vault->key());
   core->environment = Environment::now();
   core->thread = static_cast<pid_t>(syscall(SYS_gettid));
+  pthread_getcpuclockid(pthread_self(), &core->cpu_clock);
   core->mapping = base;
   core->mapping_bytes = bytes;
   core->stack_before = before;

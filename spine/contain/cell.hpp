@@ -54,8 +54,8 @@ class Cell {
   // thread makes them, beside waiting, futexes and ending. There is no way back for a filter.
   Result<CallGate> forbid_system_calls(std::span<const int> also = {}, CallGate wanted = CallGate::dispatch);
 
-  // Runs call(context). Trouble::kind is none when it came back by itself; else the call was cut off where it was, at
-  // the latest a Watchdog's look after `deadline_ns` [CLOCK_MONOTONIC]. Not reentrant. No system call on the good path.
+  // Runs call(context). Trouble::kind is none when it came back by itself; else the call was cut off where it was, after
+  // `deadline_ns` [CLOCK_MONOTONIC] by a Watchdog that charges CPU time. Not reentrant. No system call on the good path.
   Trouble run(std::int64_t deadline_ns, Call call, void* context) LITHE_RT;
 
   // How often a Watchdog's signal came for a call that was over, and did nothing.

@@ -5,6 +5,7 @@
 #include <setjmp.h>
 #include <signal.h>
 #include <sys/types.h>
+#include <time.h>
 
 #include <atomic>
 #include <cstddef>
@@ -37,6 +38,7 @@ struct Core {
 
   // Set once.
   pid_t thread = 0;
+  clockid_t cpu_clock = CLOCK_THREAD_CPUTIME_ID;  // the thread's, for others to read
   Watchdog* watchdog = nullptr;
   void* mapping = nullptr;  // [guard page][alternate stack][this, unless in the vault]
   std::size_t mapping_bytes = 0;

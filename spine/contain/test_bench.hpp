@@ -4,10 +4,13 @@
 
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <cstdint>
 #include <thread>
 
 #include "spine/contain/cell.hpp"
+#include "spine/contain/watchdog.hpp"
+#include "spine/core/time.hpp"
 
 #if defined(__has_feature)
 #if __has_feature(address_sanitizer)
@@ -46,6 +49,37 @@ class WithCell : public testing::Test {
     if (!cell) ADD_FAILURE() << cell.message();
     return std::move(*cell);
   }
+};
+
+inline constexpr std::int64_t kBudgetNs = 200'000;
+
+// A Watchdog that runs.
+class Guarded {
+ public:
+  explicit Guarded(const WatchdogConfig& config = {}) : dog(config) {
+    thread_ = std::thread([this] { dog.run(stop_); });
+  }
+  ~Guarded() {
+    stop_.store(true);
+    thread_.join();
+  }
+  Watchdog dog;
+
+ private:
+  std::atomic<bool> stop_{false};
+  std::thread thread_;
+};
+
+class WatchdogTest : public WithCell {
+ protected:
+  void SetUp() override {
+    if (kHoldsSignals) GTEST_SKIP() << "ThreadSanitizer delivers no asynchronous signal to a busy thread";
+  }
+  static void watch(Watchdog& dog, Cell& cell) {
+    const Result<> watched = dog.watch(cell);
+    ASSERT_TRUE(watched) << watched.message();
+  }
+  static std::int64_t deadline() { return monotonic_ns() + kBudgetNs; }
 };
 
 }  // namespace lithe::contain

@@ -20,6 +20,11 @@ constexpr std::int64_t kAgainAfterNs = kNsPerMs;
 
 }  // namespace
 
+std::int64_t cpu_time_ns(clockid_t thread) noexcept {
+  timespec spent{};
+  return clock_gettime(thread, &spent) == 0 ? spent.tv_sec * kNsPerS + spent.tv_nsec : -1;
+}
+
 siginfo_t watch_message(std::uint64_t serial) noexcept {
   siginfo_t message{};
   message.si_signo = watch_signal();
@@ -79,7 +84,26 @@ std::int64_t Watchdog::look(std::int64_t now_ns) noexcept {
   return idle ? config_.idle_look_every_ns : wait_ns;
 }
 
-// The time until this call's deadline, at most the usual wait.
+// What the call may still use [ns]. Its thread's clock is read when it is met, and again past its deadline.
+std::int64_t Watchdog::left_of(Watched& watched, std::uint64_t call, std::int64_t deadline_ns,
+                               std::int64_t now_ns) noexcept {
+  const std::int64_t wall_ns = deadline_ns - now_ns;
+  if (call != watched.met) {
+    watched.met = call;
+    watched.met_ns = now_ns;
+    watched.met_cpu_ns = config_.cpu_ns(watched.core->cpu_clock);
+    // Met past its deadline: one of the two threads was not running, and nobody knows which.
+    watched.left_ns = wall_ns > 0 ? wall_ns : config_.grace_ns;
+    return watched.left_ns;
+  }
+  if (wall_ns > 0) return wall_ns;
+  const std::int64_t cpu_ns = config_.cpu_ns(watched.core->cpu_clock);
+  const bool known = cpu_ns >= 0 && watched.met_cpu_ns >= 0;
+  const std::int64_t spent_ns = known ? cpu_ns - watched.met_cpu_ns : now_ns - watched.met_ns;
+  return std::min(watched.left_ns - spent_ns, wall_ns + config_.most_wall_ns);
+}
+
+// The time until this call should be looked at again.
 std::int64_t Watchdog::look_at(Watched& watched, std::int64_t now_ns) noexcept {
   if (watched.vault != nullptr) watched.vault->open_for_this_thread();  // it may be younger than this thread
   Core& core = *watched.core;
@@ -91,7 +115,7 @@ std::int64_t Watchdog::look_at(Watched& watched, std::int64_t now_ns) noexcept {
     last_call_ns_ = now_ns;
   }
   if (call == 0) return config_.look_every_ns;
-  const std::int64_t left_ns = deadline_ns - now_ns;
+  const std::int64_t left_ns = left_of(watched, call, deadline_ns, now_ns);
   if (left_ns > 0) return std::min(left_ns, config_.look_every_ns);
   if (call == watched.signalled && now_ns < watched.again_ns) return config_.look_every_ns;
   if (send_watch_signal(core.thread, call)) {

@@ -6,6 +6,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <ctime>
 #include <mutex>
 
 #include "spine/contain/cell.hpp"
@@ -13,19 +14,28 @@
 
 namespace lithe::contain {
 
+// The CPU time of a thread [ns], as its clock says it; -1 = not known.
+std::int64_t cpu_time_ns(clockid_t thread) noexcept;
+
 // How closely a Watchdog looks. A call that it meets before its deadline is waited for exactly, so a look per budget is
-// as good as many; one that is met later was up to a look too long.
+// as good as many; one that is met later was up to a look and `grace_ns` too long.
 struct WatchdogConfig {
   std::int64_t look_every_ns = 100'000;  // 0 = spin: a core of its own, and the tick's line in its cache all the time
   std::int64_t idle_after_ns = 100'000'000;     // no call for so long: nobody ticks a law ...
   std::int64_t idle_look_every_ns = 1'000'000;  // ... and this is often enough, also for the first call
+  std::int64_t grace_ns = 300'000;              // of CPU time for a call that is met past its deadline: about a budget
+  std::int64_t most_wall_ns = 100'000'000;      // past its deadline a call ends, whatever CPU time it had
+  std::int64_t (*cpu_ns)(clockid_t thread) noexcept = &cpu_time_ns;  // a test puts the wall clock here
 };
 
 inline constexpr std::size_t kMaxWatched = 4;
 
 // The body of a thread on another core than the Cells', as urgent as they are: while it does not run, nothing ends an
-// endless law. Time is wall-clock time: a call whose thread was preempted past its deadline is broken off, too.
-// Contract: off the tick · watch() and forget() from any thread · outlives the Cells it watches
+// endless law. A call is charged from the look that meets it on with the CPU time of its thread: one whose thread the
+// machine took away past the deadline may go on, one that waits in the kernel ends after `most_wall_ns`. What a call
+// did before that look counts as CPU time. So does what a hypervisor takes, unless the kernel knows of it (Linux as a
+// guest of KVM or Xen with CONFIG_PARAVIRT_TIME_ACCOUNTING does). Contract: off the tick · watch() and forget() from
+// any thread · outlives the Cells it watches
 class Watchdog {
  public:
   explicit Watchdog(const WatchdogConfig& config = {}) : config_(config) {}
@@ -50,10 +60,15 @@ class Watchdog {
     Core* core = nullptr;
     const Vault* vault = nullptr;  // where the core lies
     std::int64_t deadline_ns = 0;  // at the last look
+    std::uint64_t met = 0;         // the call the next three are about
+    std::int64_t met_ns = 0;       // the look that met it
+    std::int64_t met_cpu_ns = -1;  // its thread's CPU time then
+    std::int64_t left_ns = 0;      // of CPU time, from then on
     std::uint64_t signalled = 0;   // the call that was told to end
     std::int64_t again_ns = 0;     // it is told again from then on
   };
   std::int64_t look_at(Watched& watched, std::int64_t now_ns) noexcept;
+  std::int64_t left_of(Watched& watched, std::uint64_t call, std::int64_t deadline_ns, std::int64_t now_ns) noexcept;
 
   WatchdogConfig config_;
   std::mutex mutex_;  // never the tick's

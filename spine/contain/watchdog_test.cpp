@@ -21,37 +21,6 @@ namespace {
 
 using wire::LawFaultKind;
 
-constexpr std::int64_t kBudgetNs = 200'000;
-
-// A Watchdog that runs.
-class Guarded {
- public:
-  explicit Guarded(const WatchdogConfig& config = {}) : dog(config) {
-    thread_ = std::thread([this] { dog.run(stop_); });
-  }
-  ~Guarded() {
-    stop_.store(true);
-    thread_.join();
-  }
-  Watchdog dog;
-
- private:
-  std::atomic<bool> stop_{false};
-  std::thread thread_;
-};
-
-class WatchdogTest : public WithCell {
- protected:
-  void SetUp() override {
-    if (kHoldsSignals) GTEST_SKIP() << "ThreadSanitizer delivers no asynchronous signal to a busy thread";
-  }
-  static void watch(Watchdog& dog, Cell& cell) {
-    const Result<> watched = dog.watch(cell);
-    ASSERT_TRUE(watched) << watched.message();
-  }
-  static std::int64_t deadline() { return monotonic_ns() + kBudgetNs; }
-};
-
 TEST_F(WatchdogTest, AnEndlessLoopIsBrokenOffAgainAndAgain) {
   Guarded guarded;
   Cell cell = open_cell();

@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+// Whose time a call is charged for: its own, not what the machine gave to others.
+#include <sched.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <ctime>
+#include <thread>
+#include <vector>
+
+#include "spine/contain/bad_laws.hpp"
+#include "spine/contain/test_bench.hpp"
+#include "spine/contain/watchdog.hpp"
+#include "spine/core/time.hpp"
+
+namespace lithe::contain {
+namespace {
+
+using wire::LawFaultKind;
+
+// A law that is away for a while, as one whose thread the machine took away; then it works.
+struct Away {
+  timespec away;
+  std::int64_t work_ns;
+};
+void be_away_then_work(void* context) {
+  const auto* law = static_cast<const Away*>(context);
+  bad::call_kernel(SYS_nanosleep, reinterpret_cast<long>(&law->away));
+  const std::int64_t from_ns = cpu_time_ns(CLOCK_THREAD_CPUTIME_ID);
+  while (cpu_time_ns(CLOCK_THREAD_CPUTIME_ID) - from_ns < law->work_ns) {
+  }
+}
+constexpr std::int64_t kForEver = INT64_MAX / 2;
+
+TEST_F(WatchdogTest, ACallIsNotChargedForTheTimeItsThreadWasAway) {
+  Guarded guarded;
+  Cell cell = open_cell();
+  watch(guarded.dog, cell);
+  Away away{{0, 10 * kNsPerMs}, 0};
+  for (int i = 0; i < 20; ++i) ASSERT_FALSE(cell.run(deadline(), be_away_then_work, &away)) << i;
+  EXPECT_FALSE(cell.run(monotonic_ns() - 1, be_away_then_work, &away)) << "met past its deadline only";
+  EXPECT_EQ(guarded.dog.signals_sent(), 0u);
+  away.work_ns = kForEver;
+  const std::int64_t from_ns = monotonic_ns();
+  EXPECT_EQ(cell.run(deadline(), be_away_then_work, &away).kind, LawFaultKind::overran);
+  EXPECT_GE(monotonic_ns() - from_ns, away.away.tv_nsec);
+}
+
+// The broken twin charges by the wall clock: what is innocent above is broken off.
+TEST_F(WatchdogTest, ByTheWallClockAnInnocentCallIsBrokenOff) {
+  WatchdogConfig wall;
+  wall.cpu_ns = [](clockid_t) noexcept { return monotonic_ns(); };
+  Guarded guarded(wall);
+  Cell cell = open_cell();
+  watch(guarded.dog, cell);
+  Away away{{0, 10 * kNsPerMs}, 0};
+  EXPECT_EQ(cell.run(deadline(), be_away_then_work, &away).kind, LawFaultKind::overran);
+}
+
+TEST_F(WatchdogTest, WithoutAThreadsClockTheWallClockCounts) {
+  WatchdogConfig blind;
+  blind.cpu_ns = [](clockid_t) noexcept { return std::int64_t{-1}; };
+  Guarded guarded(blind);
+  Cell cell = open_cell();
+  watch(guarded.dog, cell);
+  EXPECT_EQ(cell.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran);
+}
+
+TEST_F(WatchdogTest, ACallThatNeverComesBackFromTheKernelEndsAtTheHardLimit) {
+  WatchdogConfig config;
+  config.most_wall_ns = 20 * kNsPerMs;
+  Guarded guarded(config);
+  Cell cell = open_cell();
+  watch(guarded.dog, cell);
+  Away away{{3600, 0}, 0};
+  const std::int64_t from_ns = monotonic_ns();
+  EXPECT_EQ(cell.run(deadline(), be_away_then_work, &away).kind, LawFaultKind::overran);
+  EXPECT_GE(monotonic_ns() - from_ns, config.most_wall_ns);
+}
+
+// The real thing: twelve threads that want the same core. Each call works for a fifth of its budget.
+TEST_F(WatchdogTest, ACallWhoseThreadIsPreemptedAllTheTimeIsNotBrokenOff) {
+  cpu_set_t allowed, one;
+  ASSERT_EQ(sched_getaffinity(0, sizeof allowed, &allowed), 0);
+  if (CPU_COUNT(&allowed) < 2) GTEST_SKIP() << "one core: the Watchdog would stand in the same queue";
+  int last = CPU_SETSIZE - 1;
+  while (!CPU_ISSET(last, &allowed)) --last;
+  CPU_ZERO(&one);
+  CPU_SET(last, &one);
+  WatchdogConfig config;
+  config.grace_ns = 20 * kNsPerMs;  // should it come too late itself
+  Guarded guarded(config);          // on the other cores, too
+  std::atomic<bool> stop{false};
+  std::vector<std::thread> crowd;
+  std::int64_t longest_ns = 0;
+  std::thread victim([&] {
+    sched_setaffinity(0, sizeof one, &one);
+    Cell cell = open_cell();
+    watch(guarded.dog, cell);
+    Away law{{0, 0}, 5 * kNsPerMs};
+    for (int i = 0; i < 20; ++i) {
+      const std::int64_t from_ns = monotonic_ns();
+      EXPECT_FALSE(cell.run(from_ns + 5 * law.work_ns, be_away_then_work, &law)) << i;
+      longest_ns = std::max(longest_ns, monotonic_ns() - from_ns);
+    }
+  });
+  for (int i = 0; i < 12; ++i) {
+    crowd.emplace_back([&] {
+      sched_setaffinity(0, sizeof one, &one);
+      while (!stop.load()) {
+      }
+    });
+  }
+  victim.join();
+  stop.store(true);
+  for (std::thread& each : crowd) each.join();
+  if (longest_ns < 25 * kNsPerMs) GTEST_SKIP() << "nothing was preempted past its deadline";
+}
+
+}  // namespace
+}  // namespace lithe::contain
