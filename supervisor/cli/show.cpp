@@ -37,6 +37,11 @@ std::string text(const Json& value) {
   return value.is_null() ? "-" : swap::dump_line(value);
 }
 
+// What was not seen is not 0.
+std::string decimals(const Json& value, int count) {
+  return value.is_number() ? fmt::format("{:.{}f}", value.get<double>(), count) : "-";
+}
+
 double number(const Json& value) { return value.is_number() ? value.get<double>() : 0.0; }
 
 // A reason that a stage gave; empty where it gave none.
@@ -117,7 +122,7 @@ void print_trial(const Json& c) {
 void print_window(const char* name, const Json& measured, const char* key) {
   const auto side = [&](const char* which) {
     const Json& found = at(measured, {which, key});
-    return fmt::format("p50 {:.2f} max {:.2f} us", number(at(found, {"p50_us"})), number(at(found, {"max_us"})));
+    return fmt::format("p50 {} max {} us", decimals(at(found, {"p50_us"}), 2), decimals(at(found, {"max_us"}), 2));
   };
   row(name, fmt::format("before {}, after {}", side("before"), side("after")));
 }
@@ -141,9 +146,10 @@ void print_commit(const Json& c) {
   print_window("jitter", measured, "release_jitter");
   print_window("hand-off", measured, "handoff");
   const Json& after = at(measured, {"after"});
-  row("largest step", fmt::format("{:.4f} N m in a tick, at most {:.4f} allowed (before the commit {:.4f})",
-                                  number(at(after, {"largest_step_nm"})), number(at(after, {"slew_bound_nm"})),
-                                  number(at(measured, {"before", "largest_step_nm"}))));
+  row("largest step",
+      fmt::format("{} N m in a tick, at most {} allowed (before the commit {})",
+                  decimals(at(after, {"largest_step_nm"}), 4), decimals(at(after, {"slew_bound_nm"}), 4),
+                  decimals(at(measured, {"before", "largest_step_nm"}), 4)));
 }
 
 std::string probation(const Json& c, double lasts_s) {

@@ -16,10 +16,7 @@ Aftermath::Aftermath(const SpineLink& spine, Keep keep)
 
 void Aftermath::follow(swap::Transaction swap, swap::RecordBook::Page record, const CoreCounts& before,
                        std::int64_t now_ns) {
-  // What this one did to the Spine is not to be counted with the one before it.
-  for (Life& each : lives_) {
-    measure(each);
-  }
+  measure_all();
   Life* last = running_.empty() ? nullptr : of_law(running_.back());
   if (last != nullptr && last->swap.request().terms.probation_s > 0 && !last->swap.reached(Stage::confirmed)) {
     last->swap.note("probation", fmt::format("cut short by request {}", swap.request_id()));
@@ -34,6 +31,12 @@ void Aftermath::serve(std::int64_t now_ns) {
     if (each.measure_at_ns <= now_ns) {
       measure(each);
     }
+  }
+}
+
+void Aftermath::measure_all() {
+  for (Life& each : lives_) {
+    measure(each);
   }
 }
 
@@ -87,28 +90,50 @@ void Aftermath::on_event(const wire::Event& event) {
   }
 }
 
-// What the law did is in a ring of its own, written before the event.
-void Aftermath::faulted(const wire::Event& event) {
-  Life* life = of_request(event.request_id);
-  const std::string kind(to_string(static_cast<wire::LawFaultKind>(event.code)));
+// What the law did is in a ring of its own, written before the event. Records of events that are still to come wait.
+std::optional<wire::LawFault> Aftermath::record_of(const wire::Event& event) {
   wire::LawFault fault{};
-  while (faults_.next(fault)) {
-    if (life == nullptr || fault.request_id != event.request_id) {
-      continue;
-    }
-    life->swap.note("fault", {{"kind", kind},
-                              {"tick", fault.tick},
-                              {"to_law_id", fault.to_law_id},
-                              {"took_us", fault.took_ns * 1e-3},
-                              {"pc_offset", fault.pc_offset},
-                              {"address", fmt::format("{:#x}", fault.address)}});
-    if (fault.to_law_id == 0) {
-      leave(*life, kind + "; no law before it: the safe law", event);
-      return;
+  while (!faults_.empty()) {
+    if (faults_.next(fault)) {
+      untold_.push_back(fault);
     }
   }
-  if (life != nullptr) {
-    life->fault = kind;
+  const auto is_it = [&](const wire::LawFault& each) {
+    return each.request_id == event.request_id && each.tick == event.tick;
+  };
+  const auto found = std::find_if(untold_.begin(), untold_.end(), is_it);
+  std::optional<wire::LawFault> record;
+  if (found != untold_.end()) {
+    record = *found;
+    untold_.erase(found);
+  }
+  while (untold_.size() > wire::spine_segment::kLawFaultsDepth) {
+    untold_.pop_front();  // its event was lost
+  }
+  return record;
+}
+
+void Aftermath::faulted(const wire::Event& event) {
+  const std::optional<wire::LawFault> fault = record_of(event);
+  Life* life = of_request(event.request_id);
+  if (life == nullptr) {
+    return;
+  }
+  const std::string kind(to_string(static_cast<wire::LawFaultKind>(event.code)));
+  life->fault = kind;
+  if (!fault) {
+    life->swap.note("fault", {{"kind", kind}, {"tick", event.tick}, {"record_lost", true}});
+    keep_(life->swap, life->record);
+    return;
+  }
+  life->swap.note("fault", {{"kind", kind},
+                            {"tick", fault->tick},
+                            {"to_law_id", fault->to_law_id},
+                            {"took_us", fault->took_ns * 1e-3},
+                            {"pc_offset", fault->pc_offset},
+                            {"address", fmt::format("{:#x}", fault->address)}});
+  if (fault->to_law_id == 0) {
+    leave(*life, kind + "; no law took over: the safe law", event);
   }
 }
 

@@ -29,6 +29,8 @@ class Aftermath {
   void follow(swap::Transaction swap, swap::RecordBook::Page record, const CoreCounts& before, std::int64_t now_ns);
   // Measures what is due.
   void serve(std::int64_t now_ns);
+  // Measures all that was not: what comes now is not theirs.
+  void measure_all();
   void on_event(const wire::Event& event);
   // The robot stops, or its Spine is gone: no law comes to a better end.
   void end(const std::string& why, std::int64_t now_ns);
@@ -45,6 +47,7 @@ class Aftermath {
   void measure(Life& life);
   Life* of_request(std::uint64_t request_id);
   Life* of_law(std::uint32_t law_id);
+  std::optional<wire::LawFault> record_of(const wire::Event& event);
   void faulted(const wire::Event& event);
   void rolled_back(const wire::Event& event);
   void leave(Life& life, const std::string& why, const wire::Event& event);
@@ -52,6 +55,7 @@ class Aftermath {
   const SpineLink& spine_;
   Keep keep_;
   ipc::RingReader<wire::LawFault, wire::spine_segment::kLawFaultsDepth> faults_;
+  std::deque<wire::LawFault> untold_;   // read from the ring, their events not seen yet
   std::deque<Life> lives_;              // oldest commit first
   std::vector<std::uint32_t> running_;  // law ids in the order of their commits; a rollback takes off the end
 };

@@ -57,6 +57,10 @@ class AftermathTest : public testing::Test {
     aftermath_->on_event(event);
   }
   void fault(std::uint32_t law_id, std::uint32_t to_law_id, wire::LawFaultKind kind, std::uint64_t tick) {
+    write_fault(law_id, to_law_id, kind, tick);
+    tell(EventKind::law_faulted, 100 + law_id, static_cast<std::uint32_t>(kind), tick);
+  }
+  void write_fault(std::uint32_t law_id, std::uint32_t to_law_id, wire::LawFaultKind kind, std::uint64_t tick) {
     wire::LawFault record{};
     record.tick = tick;
     record.request_id = 100 + law_id;
@@ -65,7 +69,6 @@ class AftermathTest : public testing::Test {
     record.took_ns = 4200;
     record.kind = static_cast<std::uint32_t>(kind);
     ipc::RingWriter<wire::LawFault, wire::spine_segment::kLawFaultsDepth>((*spine_)->law_faults).push(record);
-    tell(EventKind::law_faulted, 100 + law_id, record.kind, tick);
   }
   std::string verdict(std::uint32_t law_id) { return kept_[100 + law_id].value("verdict", "none"); }
 
@@ -100,6 +103,38 @@ TEST_F(AftermathTest, AFaultIsNamedWhenTheLawBeforeTakesOver) {
   EXPECT_EQ(kept_[102]["rolled_back"]["ticks_after_commit"], 5);
   EXPECT_EQ(kept_[102]["rolled_back"]["why"], "bad_access");
   EXPECT_NE(verdict(1), "rolled_back");
+}
+
+TEST_F(AftermathTest, TwoFaultsInOneTickAreBothNamedBeforeEitherEventIsRead) {
+  commit(1);
+  commit(2);
+  write_fault(2, 1, wire::LawFaultKind::bad_access, 25);
+  write_fault(1, 0, wire::LawFaultKind::overran, 25);
+  tell(EventKind::law_faulted, 777, 1, 24);  // of a law of an earlier supervisor: takes nothing along
+  tell(EventKind::law_faulted, 102, static_cast<std::uint32_t>(wire::LawFaultKind::bad_access), 25);
+  tell(EventKind::law_rolled_back, 101, 1, 25);
+  tell(EventKind::law_faulted, 101, static_cast<std::uint32_t>(wire::LawFaultKind::overran), 25);
+  EXPECT_EQ(kept_[102]["fault"]["kind"], "bad_access");
+  EXPECT_EQ(kept_[101]["fault"]["kind"], "overran");
+  EXPECT_EQ(kept_[101]["fault"]["to_law_id"], 0);
+  EXPECT_EQ(verdict(2), "rolled_back");
+  EXPECT_EQ(verdict(1), "rolled_back") << "nobody tells more of the safe law";
+}
+
+TEST_F(AftermathTest, ARecordWhoseEventWasLostIsNotTakenForALaterFault) {
+  commit(1);
+  commit(2);
+  write_fault(2, 1, wire::LawFaultKind::overran, 25);
+  fault(2, 1, wire::LawFaultKind::bad_access, 99);
+  tell(EventKind::law_rolled_back, 101, 1, 99);
+  EXPECT_EQ(kept_[102]["fault"]["tick"], 99);
+}
+
+TEST_F(AftermathTest, AFaultWhoseRecordWasLostIsStillNamed) {
+  commit(1);
+  tell(EventKind::law_faulted, 101, static_cast<std::uint32_t>(wire::LawFaultKind::overran), 25);
+  EXPECT_EQ(kept_[101]["fault"]["kind"], "overran");
+  EXPECT_EQ(kept_[101]["fault"]["record_lost"], true);
 }
 
 TEST_F(AftermathTest, WithoutALawBeforeItTheSafeLawTakesOver) {
@@ -138,7 +173,7 @@ TEST_F(AftermathTest, AnotherCommitEndsAProbation) {
   EXPECT_EQ(verdict(1), "committed");
 }
 
-TEST_F(AftermathTest, MeasuresOnceWhenItIsTimeOrWhenAnotherCommitComes) {
+TEST_F(AftermathTest, MeasuresOnceWhenItIsTimeOrWhenAnotherLawIsOnItsWay) {
   ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth> ring((*spine_)->telemetry);
   auto record = std::make_unique<wire::Telemetry>();
   for (record->tick = 1; record->tick < 100; ++record->tick) {
@@ -147,8 +182,10 @@ TEST_F(AftermathTest, MeasuresOnceWhenItIsTimeOrWhenAnotherCommitComes) {
   commit(1, 0);
   aftermath_->serve(5);
   EXPECT_TRUE(kept_.empty());
+  aftermath_->measure_all();
+  EXPECT_TRUE(kept_[101].contains("measured")) << "another law comes";
+  EXPECT_EQ(kept_[101]["measured"]["core"]["seconds"], nullptr) << "this one was not counted before";
   commit(2, 0);
-  EXPECT_TRUE(kept_[101].contains("measured"));
   aftermath_->serve(4 + Aftermath::kMeasureAfterNs);
   EXPECT_TRUE(kept_[102].contains("measured"));
   kept_.clear();

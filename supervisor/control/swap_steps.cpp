@@ -171,6 +171,7 @@ void Swaps::stage(const swap::Transaction& swap) {
                       monotonic_ns());
     return;
   }
+  aftermath_.measure_all();  // what this law does to the core is not to be counted with those before it
   before_ = count_core(help_.spine.spine_pid(), help_.spine.info());
   ticket_ = help_.spine.stage(request);
   if (!ticket_) {

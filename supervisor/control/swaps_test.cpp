@@ -138,6 +138,20 @@ TEST_F(SwapsTest, OneWhoseCommitEventWasLostIsSeenByItsTelemetryAndTheTickIsMark
   EXPECT_EQ(certificate()["commit_tick_is_estimate"], true);
 }
 
+TEST_F(SwapsTest, ALawIsMeasuredBeforeTheNextOneComesNearTheSpine) {
+  ask();
+  publish(499, 1);
+  tell(EventKind::law_staged, 7, 0);
+  tell(EventKind::law_committed, 7, 500);
+  publish(501, 7);
+  swaps_->serve(monotonic_ns());
+  ASSERT_EQ(answers_.size(), 1U);
+  EXPECT_FALSE(certificate().contains("measured"));
+  ask();
+  ASSERT_TRUE(certificate().contains("measured"));
+  EXPECT_GT(certificate()["measured"]["core"]["seconds"], 0.0);
+}
+
 TEST_F(SwapsTest, WhatTheSpineHadWhenItWentIsNotCalledRefused) {
   ask();
   tell(EventKind::law_staged, 7, 0);

@@ -12,6 +12,8 @@
 #include <string>
 #include <vector>
 
+#include "spine/core/time.hpp"
+
 namespace lithe::control {
 namespace {
 
@@ -72,10 +74,15 @@ struct Side {
     std::sort(times_ns.begin(), times_ns.end());
     return {{"p50_us", times_ns[times_ns.size() / 2] * 1e-3}, {"max_us", times_ns.back() * 1e-3}};
   }
+  // Null where there were no two ticks in a row to compare.
   Json to_json() {
-    return {{"ticks", jitter_ns.size()},        {"release_jitter", quantiles(jitter_ns)},
-            {"handoff", quantiles(handoff_ns)}, {"largest_step_nm", step_nm},
-            {"slew_bound_nm", bound_nm},        {"step_joint", joint}};
+    const bool stepped = step_share >= 0;
+    return {{"ticks", jitter_ns.size()},
+            {"release_jitter", quantiles(jitter_ns)},
+            {"handoff", quantiles(handoff_ns)},
+            {"largest_step_nm", stepped ? Json(step_nm) : Json(nullptr)},
+            {"slew_bound_nm", stepped ? Json(bound_nm) : Json(nullptr)},
+            {"step_joint", stepped ? Json(joint) : Json(nullptr)}};
   }
 };
 
@@ -125,6 +132,7 @@ void read_faults(std::string_view stat, CoreCounts& counts) {
 
 CoreCounts count_core(pid_t spine, const wire::RobotInfo& info) {
   CoreCounts counts;
+  counts.t_ns = monotonic_ns();
   read_interrupts(read("/proc/interrupts"), info.cpu_spine, counts);
   if (info.tid_spine != 0) {
     read_faults(read(fmt::format("/proc/{}/task/{}/stat", spine, info.tid_spine)), counts);
@@ -133,7 +141,9 @@ CoreCounts count_core(pid_t spine, const wire::RobotInfo& info) {
 }
 
 Json counts_json(const CoreCounts& before, const CoreCounts& after) {
-  return {{"minor_faults", difference(before.minor_faults, after.minor_faults)},
+  const bool both = before.t_ns != 0 && after.t_ns != 0;
+  return {{"seconds", both ? Json(static_cast<double>(after.t_ns - before.t_ns) * 1e-9) : Json(nullptr)},
+          {"minor_faults", difference(before.minor_faults, after.minor_faults)},
           {"major_faults", difference(before.major_faults, after.major_faults)},
           {"tlb", difference(before.interrupts[0], after.interrupts[0])},
           {"cal", difference(before.interrupts[1], after.interrupts[1])},
@@ -155,9 +165,13 @@ Json look_around(const SpineLink& spine, std::uint64_t commit_tick) {
   Json first_call_ns = nullptr;
   std::optional<std::uint32_t> missed_before;
   std::uint32_t missed_after = 0;
-  while (ring.next(*now) && now->tick <= commit_tick + window) {
-    if (now->tick < from) {
+  // empty() decides: of a record that was overwritten under our eyes next() is false as well.
+  while (!ring.empty()) {
+    if (!ring.next(*now) || now->tick < from) {
       continue;
+    }
+    if (now->tick > commit_tick + window) {
+      break;
     }
     Side& side = now->tick <= commit_tick ? before : after;
     side.add(*now);
@@ -172,7 +186,7 @@ Json look_around(const SpineLink& spine, std::uint64_t commit_tick) {
     std::swap(last, now);
   }
   return {{"first_call_ns", first_call_ns},
-          {"lost_ticks", missed_after - missed_before.value_or(missed_after)},
+          {"lost_ticks", missed_before ? Json(missed_after - *missed_before) : Json(nullptr)},
           {"before", before.to_json()},
           {"after", after.to_json()}};
 }

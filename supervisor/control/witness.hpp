@@ -16,6 +16,7 @@ namespace lithe::control {
 
 // Since boot, or since the thread began. What this system does not tell is empty.
 struct CoreCounts {
+  std::int64_t t_ns = 0;  // when; 0 = nobody counted
   std::optional<std::uint64_t> minor_faults, major_faults;
   std::array<std::optional<std::uint64_t>, 3> interrupts;  // kInterrupts
 };
@@ -27,7 +28,8 @@ CoreCounts count_core(pid_t spine, const wire::RobotInfo& info);
 void read_interrupts(std::string_view text, std::uint32_t cpu, CoreCounts& counts);
 void read_faults(std::string_view stat, CoreCounts& counts);
 
-// {"minor_faults", "major_faults", "tlb", "cal", "res"}: what came between; null where the system does not tell.
+// {"seconds", "minor_faults", "major_faults", "tlb", "cal", "res"}: how long it was and what came between; null where
+// the system does not tell or nobody counted.
 swap::Json counts_json(const CoreCounts& before, const CoreCounts& after);
 
 inline constexpr double kWindowS = 0.05;  // looked at before and after a commit

@@ -52,6 +52,15 @@ TEST(Witness, CountsWhatCameBetween) {
   EXPECT_EQ(json["tlb"], 3);
   EXPECT_EQ(json["cal"], 0);
   EXPECT_TRUE(json["minor_faults"].is_null());
+  EXPECT_TRUE(json["seconds"].is_null()) << "nobody looked at the clock";
+}
+
+TEST(Witness, TellsHowLongItCounted) {
+  CoreCounts before = count_core(::getpid(), {});
+  CoreCounts after = before;
+  EXPECT_NE(before.t_ns, 0);
+  after.t_ns += 250'000'000;
+  EXPECT_DOUBLE_EQ(counts_json(before, after)["seconds"].get<double>(), 0.25);
 }
 
 // A Spine of 1 kHz with one joint, tick by tick.
@@ -119,6 +128,20 @@ TEST_F(LookAround, OneThatIsLongPastHasNothingLeftToSee) {
   const swap::Json seen = look_around(*link_, 500);
   EXPECT_EQ(seen["after"]["ticks"], 0);
   EXPECT_TRUE(seen["first_call_ns"].is_null());
+  EXPECT_TRUE(seen["lost_ticks"].is_null()) << "not 0: nobody knows";
+  for (const char* side : {"before", "after"}) {
+    for (const char* what : {"release_jitter", "handoff", "largest_step_nm", "slew_bound_nm", "step_joint"}) {
+      EXPECT_TRUE(seen[side][what].is_null()) << side << " " << what;
+    }
+  }
+}
+
+TEST_F(LookAround, ARecordThatIsTornDoesNotHideWhatComesAfterIt) {
+  run(700);
+  (*spine_)->telemetry.slots[(490 - 1) % wire::spine_segment::kTelemetryDepth].record = {};
+  const swap::Json seen = look_around(*link_, 500);
+  EXPECT_EQ(seen["before"]["ticks"], 50);
+  EXPECT_EQ(seen["after"]["ticks"], 50);
 }
 
 TEST_F(LookAround, WithoutATickThereIsNothing) { EXPECT_TRUE(look_around(*link_, 500).is_null()); }
