@@ -10,7 +10,7 @@
 namespace lithe::lawd {
 
 // Changes whenever a rule does: an object admitted under other rules is looked at again.
-inline constexpr std::string_view kAdmissionRules = "admission 1";
+inline constexpr std::string_view kAdmissionRules = "admission 2";
 
 // Why a law is refused: what to change, and where. Line 0 = the law as a whole.
 struct Finding {
@@ -31,14 +31,15 @@ struct Gate {
 struct Admission {
   std::vector<Gate> gates;
   std::vector<Finding> findings;  // at most kMaxFindings
+  std::string not_applied;        // why a rule could not be applied: nothing against the law, and nothing for it
 
   static constexpr std::size_t kMaxFindings = 20;
-  bool ok() const { return findings.empty(); }
+  bool ok() const { return findings.empty() && not_applied.empty(); }
   void refuse(std::string_view gate, std::string message, int line = 0, int column = 0);
   nlohmann::json gates_json() const;  // [{gate, ok, ms, detail}]
 };
 
-// What the compiler left behind: the object, and the call graph beside it (same name, ".ci"; it may be missing).
+// What the compiler left behind: the object, and the call graph beside it (same name, ".ci").
 struct Compiled {
   std::string object_path;
   std::string source_path;  // as the compiler saw it: that is how lines of the law are told from lines of headers

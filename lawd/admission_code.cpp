@@ -10,6 +10,7 @@ namespace lithe::lawd {
 namespace {
 
 constexpr const char* kGate = "instructions";
+constexpr int kListingMs = 20'000;  // lawd works when nobody else does
 
 struct Rule {
   std::string_view mnemonic;
@@ -97,6 +98,14 @@ std::size_t scan(std::string_view listing, const SourceLines& lines, Admission& 
   return count;
 }
 
+// "" when the whole listing is there.
+std::string why_not_listed(const Outcome& listed) {
+  if (listed.clean()) return "";
+  if (listed.exit_code == 127) return "objdump cannot be run (apt install binutils)";
+  if (listed.timed_out) return "objdump had no time to list the law's instructions";
+  return "objdump failed to list the law's instructions";
+}
+
 }  // namespace
 
 std::string_view why_instruction_is_refused(std::string_view mnemonic) {
@@ -111,12 +120,19 @@ std::string_view why_instruction_is_refused(std::string_view mnemonic) {
 void check_code(const Compiled& compiled, const SourceLines& lines, Admission& out) {
   const auto start = std::chrono::steady_clock::now();
   const std::size_t before = out.findings.size();
-  bool failed = false;
-  const std::string listing = output_of({"objdump", "-d", "--no-show-raw-insn", compiled.object_path}, &failed);
-  std::string detail = "not looked at: objdump cannot be run (apt install binutils)";
-  if (!failed) detail = std::to_string(scan(listing, lines, out)) + " instructions";
+  const Outcome listed = output_of({"objdump", "-d", "--no-show-raw-insn", compiled.object_path}, kListingMs);
+  std::string not_applied = why_not_listed(listed);
+  std::size_t count = 0;
+  if (listed.cut) {
+    out.refuse(kGate, "the list of the law's instructions is longer than 4 MiB: shorten the law, or its names");
+  } else if (not_applied.empty()) {
+    count = scan(listed.output, lines, out);
+    if (count == 0) not_applied = "objdump names no instruction";
+  }
+  if (!not_applied.empty()) out.not_applied = not_applied;
   const double ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-  out.gates.push_back({kGate, out.findings.size() == before, ms, detail});
+  const bool ok = out.findings.size() == before && not_applied.empty();
+  out.gates.push_back({kGate, ok, ms, not_applied.empty() ? std::to_string(count) + " instructions" : not_applied});
 }
 
 }  // namespace lithe::lawd

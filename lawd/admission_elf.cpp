@@ -40,8 +40,8 @@ class Parser {
   Parser(std::string_view bytes, ElfObject& out) : bytes_(bytes), out_(out) {}
 
   // "" or what is wrong.
-  std::string parse() {
-    if (std::string why = header(); !why.empty()) return why;
+  std::string_view parse() {
+    if (const std::string_view why = header(); !why.empty()) return why;
     if (!read_sections()) return "its section table points outside the file";
     if (!read_symbols()) return "its symbol table is damaged";
     if (!read_relocations()) return "its relocations are damaged";
@@ -49,7 +49,7 @@ class Parser {
   }
 
  private:
-  std::string header() {
+  std::string_view header() {
     if (!read_at(bytes_, 0, header_) || std::memcmp(header_.e_ident, ELFMAG, SELFMAG) != 0)
       return "it is not an ELF file";
     const bool ours = header_.e_ident[EI_CLASS] == ELFCLASS64 && header_.e_ident[EI_DATA] == ELFDATA2LSB &&

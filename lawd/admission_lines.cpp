@@ -6,7 +6,6 @@
 #include <charconv>
 
 #include "lawd/admission_tokens.hpp"
-#include "lawd/child.hpp"
 #include "lawd/files.hpp"
 
 namespace lithe::lawd {
@@ -25,28 +24,27 @@ std::string_view last_word(std::string_view name) {
 
 }  // namespace
 
-std::string output_of(const std::vector<std::string>& argv, bool* failed) {
+Outcome output_of(const std::vector<std::string>& argv, int wall_ms) {
   std::vector<char*> raw;
   for (const std::string& word : argv) raw.push_back(const_cast<char*>(word.c_str()));
   raw.push_back(nullptr);
   Limits limits;
-  limits.wall_ms = 5'000;
-  const Outcome outcome = run_child(
+  limits.wall_ms = wall_ms;
+  return run_child(
       [&raw](int out_fd) {
         dup2(out_fd, 1);
         execvp(raw[0], raw.data());
         return 127;
       },
       limits);
-  if (failed != nullptr) *failed = !outcome.clean();
-  return outcome.clean() ? outcome.output : "";
 }
 
 int SourceLines::of(std::string_view section, std::uint64_t offset) const {
   char address[24];
   const auto end = std::to_chars(address, address + sizeof address, offset, 16).ptr;
-  const std::string text = output_of(
+  const Outcome asked = output_of(
       {"addr2line", "-i", "-e", compiled_.object_path, "-j", std::string(section), "0x" + std::string(address, end)});
+  const std::string text = asked.clean() ? asked.output : "";
   for (std::size_t from = 0; from < text.size();) {
     std::size_t to = text.find('\n', from);
     if (to == std::string::npos) to = text.size();

@@ -8,11 +8,12 @@
 #include <vector>
 
 #include "lawd/admission.hpp"
+#include "lawd/child.hpp"
 
 namespace lithe::lawd {
 
-// Runs a program with its stdout captured; "" when it fails. `stopped` (optional) is set when it could not be run.
-std::string output_of(const std::vector<std::string>& argv, bool* failed = nullptr);
+// Runs a program with its stdout captured. All of it, or not clean().
+Outcome output_of(const std::vector<std::string>& argv, int wall_ms = 5'000);
 
 // Contract: costs nothing until it is asked; then a few milliseconds (addr2line) per question
 class SourceLines {

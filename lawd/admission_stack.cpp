@@ -196,9 +196,11 @@ void check_stack(const Compiled& compiled, const SourceLines& lines, Admission& 
   const auto start = std::chrono::steady_clock::now();
   const std::size_t before = out.findings.size();
   const auto text = read_file(compiled.object_path.substr(0, compiled.object_path.rfind('.')) + ".ci");
-  std::string detail = "unknown: the compiler wrote no call graph";
-  if (text) {
-    const Graph graph(*text, lines);
+  const Graph graph(text.value_or(""), lines);
+  std::string detail;
+  if (graph.nodes().empty()) {
+    detail = out.not_applied = "the compiler wrote no call graph: how deep the stack gets is not known";
+  } else {
     check_frames(graph, out);
     const std::uint64_t bytes = Depth(graph, out).deepest();
     if (out.findings.size() == before && bytes > kMaxStackBytes) {
@@ -208,7 +210,7 @@ void check_stack(const Compiled& compiled, const SourceLines& lines, Admission& 
     detail = std::to_string(bytes) + " bytes";
   }
   const double ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-  out.gates.push_back({kGate, out.findings.size() == before, ms, detail});
+  out.gates.push_back({kGate, out.findings.size() == before && !graph.nodes().empty(), ms, detail});
 }
 
 }  // namespace lithe::lawd

@@ -2,7 +2,10 @@
 #include "lawd/admission.hpp"
 
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
+#include <cstdlib>
+#include <filesystem>
 #include <random>
 
 #include "lawd/admission_code.hpp"
@@ -203,6 +206,45 @@ TEST_F(AdmissionObject, WrongDescriptorAndTooMuchOfEverythingAreRefused) {
       verdict(object("const double table[20000] = {1};\n" +
                      LawText{.body = "u.torque_nm[0] = ((const volatile double*)table)[t.tick % 20000];"}.source())),
       "size:0");
+}
+
+// Programs of that name, first in the PATH.
+class FakeProgram {
+ public:
+  FakeProgram(const std::string& folder, const std::string& name, const std::string& script)
+      : before_(getenv("PATH")), file_(folder + "/" + name) {
+    EXPECT_EQ(write_file_whole(file_, "#!/bin/sh\n" + script), "");
+    EXPECT_EQ(chmod(file_.c_str(), 0700), 0);
+    setenv("PATH", (folder + ":" + before_).c_str(), 1);
+  }
+  ~FakeProgram() {
+    setenv("PATH", before_.c_str(), 1);
+    std::filesystem::remove(file_);
+  }
+
+ private:
+  std::string before_, file_;
+};
+
+TEST_F(AdmissionObject, GateThatCannotBeAppliedAdmitsNothing) {
+  for (const char* script : {"exit 1", "exit 127", "echo ' 0:'; kill -9 $$", "echo 'file format: unknown'"}) {
+    const FakeProgram objdump(scratch_.path(), "objdump", script);
+    const Admission admission = object(LawText{}.source());
+    EXPECT_FALSE(admission.ok()) << script;
+    EXPECT_TRUE(admission.findings.empty()) << "nothing is known against the law: " << script;
+    EXPECT_FALSE(admission.gates.back().ok) << script;
+  }
+  EXPECT_TRUE(object(LawText{}.source()).ok());
+  std::filesystem::remove(scratch_.path() + "/law.ci");
+  Admission without_graph;
+  admit_object({scratch_.path() + "/law.o", scratch_.path() + "/law.cpp"}, without_graph);
+  EXPECT_FALSE(without_graph.ok());
+  EXPECT_NE(without_graph.not_applied.find("call graph"), std::string::npos);
+}
+
+TEST_F(AdmissionObject, InstructionsBeyondTheEndOfTheListingAreNotAdmitted) {
+  const FakeProgram objdump(scratch_.path(), "objdump", "head -c 5000000 /dev/zero | tr '\\0' '\\n'; exit 0");
+  EXPECT_EQ(verdict(object(LawText{}.source())), "instructions:0");
 }
 
 TEST_F(AdmissionObject, DamagedObjectNeverCrashesTheReader) {

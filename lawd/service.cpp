@@ -29,9 +29,14 @@ json refuse_whole(const std::string& stage, const std::string& name, const std::
   return refuse(stage, name + ": error: " + reason + "\n", json::array({entry}));
 }
 
+// What could not be looked at is refused too, but it is not the law's fault, and nobody remembers it.
 json refuse_admission(const Admission& admission, const std::string& name, const std::string& source) {
   json list = findings_json(admission, name, source);
   json refused = refuse("admission", findings_text(list), list);
+  if (admission.findings.empty()) {
+    refused = refuse("tools", "the law could not be examined: " + admission.not_applied);
+    refused["next"] = "the running law is unchanged; nothing is known against the law: swap again";
+  }
   refused["gates"] = admission.gates_json();
   return refused;
 }

@@ -153,6 +153,21 @@ TEST_F(ServiceTest, RefusedLawLeavesNothingInTheCache) {
   EXPECT_EQ(entries, 0u);
 }
 
+TEST_F(ServiceTest, WhatAToolWasMissingForIsRefusedAndForgotten) {
+  const std::string path = getenv("PATH"), source = LawText{}.source();
+  std::ofstream(cache_.path() + "/objdump") << "#!/bin/sh\nexit 1\n";
+  ASSERT_EQ(chmod((cache_.path() + "/objdump").c_str(), 0700), 0);
+  setenv("PATH", (cache_.path() + ":" + path).c_str(), 1);
+  const json reply = compile(service_, source);
+  setenv("PATH", path.c_str(), 1);
+  EXPECT_FALSE(reply["ok"]) << reply;
+  EXPECT_EQ(reply["stage"], "tools");
+  EXPECT_NE(reply["next"].get<std::string>().find("swap again"), std::string::npos);
+  const json again = compile(service_, source);
+  EXPECT_TRUE(again["ok"]) << again;
+  EXPECT_FALSE(again["cached"]);
+}
+
 TEST_F(ServiceTest, NonsenseIsAnsweredAndTheServiceGoesOn) {
   bool quit = false;
   for (const char* line :

@@ -40,7 +40,8 @@ Refusal refusal_of(const Json& answer) {
   if (answer.contains("gates")) {
     detail["gates"] = answer["gates"];
   }
-  return {stage + "_failed", message, "the running law is unchanged; correct the source and swap again", detail};
+  const std::string next = answer.value("next", "the running law is unchanged; correct the source and swap again");
+  return {stage + "_failed", message, next, detail};
 }
 
 ServiceLink::Callback judged(LawdLink::Callback callback) {
