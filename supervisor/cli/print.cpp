@@ -41,6 +41,22 @@ void print_health(const Json& health) {
   }
 }
 
+// "last swap: gravity_pd confirmed, 31.8 ms from request to commit", or why not.
+void print_last_swap(const Json& swap) {
+  if (!swap.is_object()) {
+    return;
+  }
+  const std::string law = word(swap, "law");
+  std::string said = fmt::format("{} {}", law.empty() ? word(swap, "source") : law, word(swap, "verdict"));
+  if (swap.contains("requested_to_committed_ms")) {
+    said += fmt::format(", {:.1f} ms from request to commit", number(swap, "requested_to_committed_ms"));
+  }
+  if (swap.contains("reason")) {
+    said += fmt::format(": {}", word(swap, "reason"));
+  }
+  fmt::print("  last swap: {}\n", said);
+}
+
 void print_quantiles(const char* name, const Json& q) {
   fmt::print("  {:<15} p50 {:8.2f}  p99 {:8.2f}  p99.9 {:8.2f}  max {:8.2f} us\n", name, number(q, "p50"),
              number(q, "p99"), number(q, "p999"), number(q, "max"));
@@ -53,6 +69,7 @@ void print_status(const Json& s) {
              word(s, "fault") == "none" ? "" : fmt::format(", fault {}", word(s, "fault")));
   fmt::print("  law {} ({}) at {:g} Hz, tick {}, plan {}\n", word(s, "law"), s.value("law_id", 0), number(s, "rate_hz"),
              s.value("tick", std::uint64_t{0}), word(s, "plan"));
+  print_last_swap(s.value("last_swap", Json()));
   fmt::print("  missed releases {}, late samples {}, Brain {}\n", s.value("missed_releases", 0),
              s.value("late_samples", 0),
              s["brain_age_ms"].is_null() ? "never seen" : fmt::format("{:.1f} ms ago", number(s, "brain_age_ms")));

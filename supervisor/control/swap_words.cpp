@@ -58,4 +58,21 @@ Json shadow_json(const wire::ShadowReport& report) {
           {"rms_nm", std::vector<double>(report.rms_nm.begin(), report.rms_nm.begin() + joints)}};
 }
 
+Json summary_of(const Json& certificate) {
+  Json out = Json::object();
+  for (const char* key :
+       {"request_id", "law", "source", "verdict", "commit_tick", "requested_to_committed_ms", "refused_after"}) {
+    if (certificate.contains(key)) {
+      out[key] = certificate[key];
+    }
+  }
+  const Json reasons = certificate.value("reasons", Json::object());
+  if (certificate.contains("error")) {
+    out["reason"] = certificate["error"].value("message", "");
+  } else if (reasons.contains("rolled_back")) {
+    out["reason"] = reasons["rolled_back"];
+  }
+  return out;
+}
+
 }  // namespace lithe::control

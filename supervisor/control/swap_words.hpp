@@ -21,4 +21,7 @@ swap::Json facts_of(const swap::Json& compiled);
 
 swap::Json shadow_json(const wire::ShadowReport& report);
 
+// A certificate in a few words, for lithe status: whose, its verdict, and the reason if it is not a good one.
+swap::Json summary_of(const swap::Json& certificate);
+
 }  // namespace lithe::control

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "spine/core/time.hpp"
+#include "supervisor/control/swap_words.hpp"
 
 namespace lithe::control {
 
@@ -83,7 +84,16 @@ void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
   aftermath_.end(reason.message, now_ns);
 }
 
+// Of the newest: an older law that is let go says nothing about the last swap.
+void Swaps::remember(const swap::Transaction& swap) {
+  const bool begun = swap.stage() != swap::Stage::submitted;
+  if (begun && (last_.is_null() || last_["request_id"] <= swap.request_id())) {
+    last_ = summary_of(swap.certificate());
+  }
+}
+
 void Swaps::keep_record(const swap::Transaction& swap) {
+  remember(swap);
   Waiting& waiting = waiting_[swap.request_id()];
   if (!waiting.record.path.empty()) {
     rewrite(swap, waiting.record);
@@ -97,6 +107,7 @@ void Swaps::keep_record(const swap::Transaction& swap) {
 }
 
 void Swaps::rewrite(const swap::Transaction& swap, const swap::RecordBook::Page& record) {
+  remember(swap);
   if (record.path.empty()) {
     late_.hold(swap.request_id(), swap.certificate());
   } else if (const auto written = book_.rewrite(record, swap.certificate()); !written) {

@@ -51,6 +51,8 @@ class Swaps {
   // True while the Spine has something to say that no descriptor announces: serve() every millisecond then.
   bool waiting() const { return queue_.head() != nullptr && queue_.head()->reached(swap::Stage::tried); }
   bool gates_are_open() const { return help_.trial == nullptr; }
+  // summary_of() the newest swap that has begun, with what became of it since; null before the first.
+  const swap::Json& last() const { return last_; }
   // Where the certificates go.
   const std::filesystem::path& records() const { return book_.folder(); }
 
@@ -71,6 +73,7 @@ class Swaps {
 
   bool is_head(std::uint64_t request_id) const;
   void give_slot_back();
+  void remember(const swap::Transaction& swap);
   void keep_record(const swap::Transaction& swap);
   void rewrite(const swap::Transaction& swap, const swap::RecordBook::Page& record);
   void note(const swap::Transaction& swap, const char* kind, const std::string& text);
@@ -82,6 +85,7 @@ class Swaps {
   Placement placement_;
   swap::RecordBook book_;
   swap::LateRecords late_;
+  swap::Json last_ = nullptr;
   swap::Terms robots_terms_;
   swap::Queue queue_;
   Aftermath aftermath_;

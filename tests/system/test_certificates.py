@@ -156,3 +156,24 @@ def test_the_bench_counts_no_certificate_that_was_tampered_with(copy: Path, monk
     path = copy / "0002.json"
     path.write_text(path.read_text().replace('"cached"', '"cash"'))
     assert count(copy, records) == 1
+
+
+def test_status_says_in_one_line_what_became_of_the_last_swap(arm: House) -> None:
+    """Also what happens to it later; who looks at status or top need not look for the certificate."""
+
+    def line() -> str:
+        (found,) = [each.strip() for each in arm.lithe("status").stdout.splitlines() if "last swap" in each]
+        return found
+
+    assert line().startswith("last swap: pd co")  # mmitted or nfirmed
+    arm.ask("swap", "gravity_pd", "--probation", "100ms")
+    arm.wait_for(lambda: line().startswith("last swap: gravity_pd confirmed, "))
+    error = arm.ask("swap", HOSTILE / "global_counter.cpp", code=1)["error"]
+    assert line() == f"last swap: global_counter.cpp refused: {error['message']}"
+    told = arm.ask("status")["last_swap"]
+    assert told["request_id"] == error["detail"]["swap"]["request_id"] and told["refused_after"] == "submitted"
+    arm.ask("swap", "gravity_pd", "--no-probation")
+    arm.ask("rollback")
+    arm.wait_for(lambda: line().startswith("last swap: gravity_pd rolled_back, "))
+    assert line().endswith(": asked for")
+    assert "last swap: gravity_pd rolled_back" in arm.lithe("top", "--turns", "1").stdout
