@@ -2,6 +2,8 @@
 #include "supervisor/swap/chain.hpp"
 
 #include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <atomic>
@@ -200,6 +202,39 @@ TEST_F(ChainTest, ALineThatIsCutShortBreaksNothing) {
   ASSERT_TRUE(book.write({{"law", "d"}}));
   EXPECT_EQ(problems(), "");
   EXPECT_EQ(verify_chain(dir_).cut, 1U);
+}
+
+TEST_F(ChainTest, TheNextRunDoesNotTakeAChangedNewestCertificateForItsOwn) {
+  change("0003.json", "\"c\"", "\"x\"");
+  EXPECT_EQ(problems(), "changed 0003.json");
+  RecordBook book(dir_);
+  ASSERT_TRUE(book.write({{"law", "d"}}));
+  EXPECT_EQ(problems(), "changed 0003.json");
+  change("0004.json", "\"d\"", "\"x\"");
+  RecordBook next(dir_);
+  ASSERT_TRUE(next.write({{"law", "e"}}));
+  EXPECT_EQ(problems(), "changed 0003.json, changed 0004.json");
+}
+
+// The disk is full for a moment, in the middle of a line; the next writing is a rewriting.
+TEST_F(ChainTest, ALineThatADiskCutIsFollowedByAWholeOne) {
+  RecordBook book(dir_);
+  const auto page = book.write({{"law", "d"}});
+  ASSERT_TRUE(page);
+  for (const rlim_t room : {30, 0}) {
+    rlimit whole{};
+    ::getrlimit(RLIMIT_FSIZE, &whole);
+    rlimit full = whole;
+    full.rlim_cur = fs::file_size(dir_ / kChain) + room;
+    const auto before = ::signal(SIGXFSZ, SIG_IGN);
+    ::setrlimit(RLIMIT_FSIZE, &full);
+    EXPECT_FALSE(book.rewrite(*page, {{"law", "d"}, {"verdict", "lost"}}));
+    ::setrlimit(RLIMIT_FSIZE, &whole);
+    ::signal(SIGXFSZ, before);
+    ASSERT_TRUE(book.rewrite(*page, {{"law", "d"}, {"verdict", "committed"}}));
+    EXPECT_EQ(problems(), "");
+    EXPECT_EQ(verify_chain(dir_).cut, 1U);
+  }
 }
 
 TEST_F(ChainTest, AnEmptyFolderIsAnEmptyChain) {

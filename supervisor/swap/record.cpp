@@ -18,13 +18,33 @@ namespace {
 namespace fs = std::filesystem;
 
 Error cannot_write(const fs::path& path) {
-  return Error{fmt::format("cannot write {}: disk full or read-only? The robot keeps running; this certificate waits for room",
-                           path.string())};
+  return Error{
+      fmt::format("cannot write {}: disk full or read-only? The robot keeps running; this certificate waits for room",
+                  path.string())};
 }
 
 std::string read(const fs::path& path) {
   std::ifstream file(path, std::ios::binary);
   return std::string(std::istreambuf_iterator<char>(file), {});
+}
+
+// One value of a line of the chain; empty when the line is cut or has no such text.
+std::string string_of(const std::string& line, const char* key) {
+  const Json entry = Json::parse(line, nullptr, false);
+  const auto found = entry.is_object() ? entry.find(key) : entry.end();
+  return found != entry.end() && found->is_string() ? found->get<std::string>() : "";
+}
+
+// Of the last writing but one of a certificate; empty: there is none.
+std::string hash_before_last(const fs::path& chain, const std::string& name) {
+  std::string last, before;
+  std::ifstream file(chain, std::ios::binary);
+  for (std::string line; std::getline(file, line);) {
+    if (string_of(line, "file") == name) {
+      before = std::exchange(last, string_of(line, "sha256"));
+    }
+  }
+  return before;
 }
 
 }  // namespace
@@ -49,11 +69,10 @@ Result<> RecordBook::open() {
     }
   }
   next_ = highest + 1;
-  find_end();
-  return done();
+  return find_end();
 }
 
-void RecordBook::find_end() {
+Result<> RecordBook::find_end() {
   std::ifstream file(dir_ / kChain, std::ios::binary);
   std::string last;
   for (std::string line; std::getline(file, line);) {
@@ -61,15 +80,15 @@ void RecordBook::find_end() {
     line_is_cut_ = file.eof();
   }
   last_line_ = file.is_open() && !last.empty() ? sha256_hex(last) : last_line_;
-  // A line whose file never came (the run ended in between): what is there instead is what the chain goes on with.
-  const Json entry = Json::parse(last, nullptr, false);
-  if (entry.is_object() && entry.contains("file") && entry["file"].is_string()) {
-    const Page page{dir_ / entry["file"].get<std::string>(), ""};
-    const std::string text = read(page.path);
-    if (!text.empty() && entry.value("sha256", Json()) != sha256_hex(text)) {
-      (void)add_line(page, text);
-    }
+  const std::string name = string_of(last, "file");
+  const std::string text = name.empty() ? "" : read(dir_ / name);
+  // The last line's file never came when the run ended in between: then the writing before it is there, and the chain
+  // goes on with that one. Any other text is none of ours.
+  const std::string hash = sha256_hex(text);
+  if (text.empty() || string_of(last, "sha256") == hash || hash_before_last(dir_ / kChain, name) != hash) {
+    return done();
   }
+  return add_line({dir_ / name, ""}, text);
 }
 
 Result<RecordBook::Page> RecordBook::write(const Json& certificate) {
@@ -89,6 +108,11 @@ Result<RecordBook::Page> RecordBook::write(const Json& certificate) {
 // The line comes before the file: of a crash in between, verify_chain sees a file that is as its last line but one
 // says.
 Result<> RecordBook::put(const Page& page, Json certificate) {
+  if (next_ == 0) {
+    if (const auto opened = open(); !opened) {
+      return opened;
+    }
+  }
   certificate["previous"] = page.previous;
   const std::string text = certificate.dump(2, ' ', false, Json::error_handler_t::replace) + '\n';
   std::error_code failure;

@@ -41,7 +41,7 @@ class RecordBook {
 
  private:
   Result<> open();
-  void find_end();
+  Result<> find_end();
   Result<> put(const Page& page, Json certificate);
   Result<> add_line(const Page& page, const std::string& text);
 
