@@ -71,6 +71,7 @@ void Swaps::compiled(std::uint64_t request_id, const Answer& answer) {
                           law.value("name", ""),
                           result.value("cached", false),
                           result.value("compile_ms", 0.0),
+                          admission_ns(result),
                           law,
                           facts_of(result)};
   note(*queue_.head(), "swap_compiled",

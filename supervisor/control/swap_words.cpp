@@ -39,12 +39,23 @@ Refusal stage_refusal(wire::StageResult result, const std::string& words) {
 
 Json facts_of(const Json& result) {
   Json facts = Json::object();
-  for (const char* key : {"object_sha256", "toolchain", "gates", "steps_ms", "dry_step_max_ns", "warnings"}) {
+  for (const char* key :
+       {"object_sha256", "placeable_sha256", "toolchain", "gates", "steps_ms", "dry_step_max_ns", "warnings"}) {
     if (result.contains(key)) {
       facts[key] = result[key];
     }
   }
   return facts;
+}
+
+std::int64_t admission_ns(const Json& compiled) {
+  double ms = 0.0;
+  if (!compiled.value("cached", false)) {
+    for (const Json& gate : compiled.value("gates", Json::array())) {
+      ms += gate.value("ms", 0.0);
+    }
+  }
+  return static_cast<std::int64_t>(ms * 1e6);
 }
 
 Json shadow_json(const wire::ShadowReport& report) {

@@ -2,6 +2,7 @@
 // What the steps of a swap say, in the words of a refusal or of a certificate.
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
 
@@ -18,6 +19,9 @@ swap::Refusal stage_refusal(wire::StageResult result, const std::string& words);
 
 // What the certificate keeps of the compile service's answer.
 swap::Json facts_of(const swap::Json& compiled);
+
+// What the gates took, of the compile service's answer; 0 for a law that was admitted when it was first compiled.
+std::int64_t admission_ns(const swap::Json& compiled);
 
 swap::Json shadow_json(const wire::ShadowReport& report);
 

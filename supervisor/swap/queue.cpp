@@ -79,7 +79,8 @@ void Queue::note(std::uint64_t request_id, const std::string& section, Json what
 
 void Queue::on_compiled(std::uint64_t request_id, Compiled compiled, const std::string& admitted, std::int64_t now_ns) {
   Transaction* swap = current(request_id);
-  if (swap != nullptr && swap->mark_compiled(std::move(compiled), now_ns)) {
+  const std::int64_t compiled_ns = now_ns - compiled.admission_ns;
+  if (swap != nullptr && swap->mark_compiled(std::move(compiled), compiled_ns)) {
     swap->mark(Stage::admitted, admitted, now_ns);
     ports_.place(*swap);
   }

@@ -107,6 +107,18 @@ TEST_F(QueueTest, EachAnswerStartsTheNextStepOnce) {
   EXPECT_EQ(queue.head()->stage(), Stage::tried);
 }
 
+TEST_F(QueueTest, WhatTheGatesTookIsToldApartFromCompiling) {
+  Queue queue = make();
+  queue.submit(named("a"), 1'000'000);
+  queue.step(1'000'000);
+  Compiled slow = law("a");
+  slow.admission_ns = 3'000'000;
+  queue.on_compiled(100, slow, "13 gates", 101'000'000);
+  const Json split = queue.head()->certificate()["split_ms"];
+  EXPECT_DOUBLE_EQ(split["compiled"], 97.0);
+  EXPECT_DOUBLE_EQ(split["admitted"], 3.0);
+}
+
 TEST_F(QueueTest, ALawThatFailsItsTrialNeverComesNearTheSpine) {
   Queue queue = make();
   queue.submit(named("a"), 1);

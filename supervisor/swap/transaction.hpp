@@ -49,6 +49,7 @@ struct Compiled {
   std::string law;     // the name the law gave itself
   bool cached = false;
   double compile_ms = 0.0;
+  std::int64_t admission_ns = 0;     // of the time it took: what the gates needed
   Json descriptor = Json::object();  // params, state fields and probes of the law
   Json facts = Json::object();       // for the certificate: hash of the object, toolchain, gates
 };
