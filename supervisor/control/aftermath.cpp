@@ -64,6 +64,13 @@ Aftermath::Life* Aftermath::of_law(std::uint32_t law_id) {
   return found == lives_.end() ? nullptr : &*found;
 }
 
+void Aftermath::note(std::uint64_t request_id, const std::string& section, Json what) {
+  if (Life* life = of_request(request_id)) {
+    life->swap.note(section, std::move(what));
+    keep_(life->swap, life->record);
+  }
+}
+
 void Aftermath::on_event(const wire::Event& event) {
   switch (static_cast<wire::EventKind>(event.kind)) {
     case wire::EventKind::law_faulted:

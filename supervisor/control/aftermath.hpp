@@ -32,6 +32,8 @@ class Aftermath {
   // Measures all that was not: what comes now is not theirs.
   void measure_all();
   void on_event(const wire::Event& event);
+  // A section of the certificate of a law that still lives.
+  void note(std::uint64_t request_id, const std::string& section, swap::Json what);
   // The robot stops, or its Spine is gone: no law comes to a better end.
   void end(const std::string& why, std::int64_t now_ns);
 

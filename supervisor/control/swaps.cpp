@@ -143,8 +143,10 @@ void Swaps::finish(swap::Transaction&& swap) {
     certificate["record_lost"] = waiting.record_lost;
   }
   if (!swap.refusal()) {
-    answer_committed(swap, certificate, waiting.callback);
+    const std::uint64_t id = swap.request_id();
+    const std::uint32_t law_id = swap.law_id();
     aftermath_.follow(std::move(swap), waiting.record, before_, monotonic_ns());
+    set_params(id, law_id, std::move(certificate), waiting.callback);
     return;
   }
   note(swap, swap.outcome_is_known() ? "swap_refused" : "swap_not_confirmed",
@@ -158,26 +160,34 @@ void Swaps::finish(swap::Transaction&& swap) {
   waiting.callback(refusal);
 }
 
-void Swaps::answer_committed(const swap::Transaction& swap, const Json& certificate, const Callback& callback) {
-  if (swap.request().params.empty()) {
+// The answer to a committed swap comes when its parameters are set, or cannot be.
+void Swaps::set_params(std::uint64_t request_id, std::uint32_t law_id, Json certificate, const Callback& callback) {
+  if (!certificate.contains("params")) {
     callback(certificate);
     return;
   }
+  const Json values = certificate["params"]["values"];
   help_.commands.set_params(
-      swap.request().params,
-      [certificate, callback](const Answer& answer) {
-        if (const auto* refusal = std::get_if<Refusal>(&answer)) {
-          callback(Refusal{refusal->code,
-                           (refusal->code == "timeout" ? "the law runs; its parameters: "
-                                                       : "the law runs, its parameters do not: ") +
-                               refusal->message,
-                           refusal->next,
-                           {{"swap", certificate}}});
+      values,
+      [this, request_id, certificate, callback](const Answer& answer) {
+        Json told = certificate;
+        Json& params = told["params"];
+        const auto* refusal = std::get_if<Refusal>(&answer);
+        const bool known = refusal == nullptr || (refusal->code != "timeout" && refusal->code != "stopping" &&
+                                                  refusal->code != "robot_fault");
+        params["taken"] = known ? Json(refusal == nullptr) : Json(nullptr);
+        if (refusal != nullptr) {
+          params["error"] = refusal->to_json();
+        }
+        aftermath_.note(request_id, "params", params);
+        if (refusal == nullptr) {
+          callback(told);
         } else {
-          callback(certificate);
+          const char* what = known ? "the law runs, its parameters do not: " : "the law runs; its parameters: ";
+          callback(Refusal{refusal->code, what + refusal->message, refusal->next, {{"swap", told}}});
         }
       },
-      monotonic_ns(), swap.law_id());
+      monotonic_ns(), law_id);
 }
 
 }  // namespace lithe::control

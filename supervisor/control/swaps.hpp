@@ -77,7 +77,7 @@ class Swaps {
   void keep_record(const swap::Transaction& swap);
   void rewrite(const swap::Transaction& swap, const swap::RecordBook::Page& record);
   void note(const swap::Transaction& swap, const char* kind, const std::string& text);
-  void answer_committed(const swap::Transaction& swap, const swap::Json& certificate, const Callback& callback);
+  void set_params(std::uint64_t request_id, std::uint32_t law_id, swap::Json certificate, const Callback& callback);
   std::uint64_t missed_releases() const;
   std::optional<swap::Refusal> no_shadow(const swap::Terms& terms) const;
 

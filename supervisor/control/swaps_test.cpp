@@ -46,6 +46,7 @@ class SwapsTest : public testing::Test {
     info->rate_hz = 1000;
     ipc::ChannelWriter<wire::RobotInfo>((*spine_)->robot_info).write(*info);
     loader_.emplace((*control_)->stage, (*spine_)->stage_ack);
+    tick_.emplace((*control_)->commands, (*spine_)->control_ack);
     auto link = SpineLink::attach(robot_);
     ASSERT_TRUE(link) << link.message();
     link_.emplace(std::move(*link));
@@ -93,7 +94,22 @@ class SwapsTest : public testing::Test {
     wire::LawInfo info;
     info.law_id = law_id;
     info.request_id = request_id_;
+    info.param_count = 1;
+    info.param_name = {'g', 'a', 'i', 'n'};
+    info.param_max[0] = 2;
     ipc::ChannelWriter<wire::LawInfo>((*spine_)->law_info[0]).write(info);
+  }
+  // The Spine's answer to the parameters, and the tick that shows them.
+  void answer_params(wire::CommandResult result, std::uint64_t tick) {
+    wire::Command command;
+    std::uint64_t ticket = 0;
+    ASSERT_TRUE(tick_->receive(command, ticket));
+    EXPECT_EQ(command.kind, static_cast<std::uint32_t>(wire::CommandKind::set_params));
+    tick_->answer(ticket, static_cast<std::uint32_t>(result));
+    commands_->serve(monotonic_ns());
+    publish(tick, 7);
+    publish(tick + 1, 7);
+    commands_->serve(monotonic_ns());
   }
   Json certificate() const {
     std::ifstream file(dir_ / "0001.json");
@@ -105,6 +121,7 @@ class SwapsTest : public testing::Test {
   std::optional<ipc::Segment<ipc::SpineMemory>> spine_;
   std::optional<ipc::Segment<ipc::ControlMemory>> control_;
   std::optional<ipc::MailboxReceiver<wire::StageRequest, wire::control_segment::kStageDepth>> loader_;
+  std::optional<ipc::MailboxReceiver<wire::Command, wire::control_segment::kCommandsDepth>> tick_;
   std::optional<SpineLink> link_;
   LawdLink lawd_{LITHE_LAWD, {}, 1};
   std::optional<Commands> commands_;
@@ -136,6 +153,35 @@ TEST_F(SwapsTest, OneWhoseCommitEventWasLostIsSeenByItsTelemetryAndTheTickIsMark
   EXPECT_EQ(certificate()["verdict"], "committed");
   EXPECT_EQ(certificate()["commit_tick"], 800);
   EXPECT_EQ(certificate()["commit_tick_is_estimate"], true);
+}
+
+TEST_F(SwapsTest, TheCertificateTellsWhichParametersWereTaken) {
+  ask({{"gain", 1.5}});
+  publish(499, 7);
+  tell(EventKind::law_committed, 7, 500);
+  publish(501, 7);
+  swaps_->serve(monotonic_ns());
+  EXPECT_TRUE(answers_.empty()) << "it comes when they are set";
+  EXPECT_TRUE(certificate()["params"]["taken"].is_null());
+  answer_params(wire::CommandResult::done, 502);
+  ASSERT_EQ(answers_.size(), 1U);
+  EXPECT_EQ(std::get<Json>(answers_[0])["params"]["taken"], true);
+  EXPECT_EQ(certificate()["params"]["taken"], true);
+  EXPECT_EQ(certificate()["params"]["values"]["gain"], 1.5);
+}
+
+TEST_F(SwapsTest, ParametersThatTheSpineRefusesAreInTheCertificateOfTheLawThatRunsWithoutThem) {
+  ask({{"gain", 1.5}});
+  publish(499, 7);
+  tell(EventKind::law_committed, 7, 500);
+  publish(501, 7);
+  swaps_->serve(monotonic_ns());
+  answer_params(wire::CommandResult::refused_law, 502);
+  ASSERT_EQ(answers_.size(), 1U);
+  EXPECT_EQ(std::get<Refusal>(answers_[0]).code, "refused_law");
+  EXPECT_EQ(certificate()["verdict"], "committed");
+  EXPECT_EQ(certificate()["params"]["taken"], false);
+  EXPECT_EQ(certificate()["params"]["error"]["code"], "refused_law");
 }
 
 TEST_F(SwapsTest, ALawIsMeasuredBeforeTheNextOneComesNearTheSpine) {

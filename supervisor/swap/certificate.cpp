@@ -84,6 +84,9 @@ Json Transaction::certificate() const {
   }
   out["reasons"] = std::move(reasons);
   out["terms"] = request_.terms.to_json();
+  if (!request_.params.empty()) {
+    out["params"] = {{"values", request_.params}, {"taken", nullptr}};  // until the Spine has answered
+  }
   out.update(compiled_.facts);
   out.update(sections_);
   if (refusal_) {

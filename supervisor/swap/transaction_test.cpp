@@ -71,6 +71,17 @@ TEST(Transaction, TheSplitAddsUpToTheWhole) {
   }
   EXPECT_DOUBLE_EQ(sum_ms, record["requested_to_committed_ms"].get<double>());
   EXPECT_TRUE(record["split_ms"].contains("tried"));
+  EXPECT_DOUBLE_EQ(record["load_ms"].get<double>(),
+                   record["split_ms"]["placed"].get<double>() + record["split_ms"]["staged"].get<double>());
+}
+
+TEST(Transaction, TellsTheParametersItWasAskedFor) {
+  EXPECT_FALSE(at(Stage::committed).certificate().contains("params"));
+  Transaction swap(7, {"pd.cpp", "text", {{"kp", 2.0}}}, 1);
+  EXPECT_EQ(swap.certificate()["params"]["values"]["kp"], 2.0);
+  EXPECT_TRUE(swap.certificate()["params"]["taken"].is_null()) << "not known yet";
+  swap.note("params", {{"values", {{"kp", 2.0}}}, {"taken", true}});
+  EXPECT_EQ(swap.certificate()["params"]["taken"], true);
 }
 
 TEST(Transaction, EveryStageFollowsOnlyWhatItMay) {
