@@ -75,7 +75,8 @@ void remove_memory(const std::string& robot) {
   ipc::remove_segment(ipc::Segment<ipc::BrainMemory>::path(robot));
 }
 
-// What a law may write, and what it may not: its own two sandboxes, and the Vault that holds everything of the Spine's.
+// What a law may write, and what it may not: its own two sandboxes, and the Vault, which holds Spine, Slot and
+// Residents.
 struct Containment {
   std::unique_ptr<contain::Vault> vault;
   law::SandboxMemory ticking, loading;
@@ -124,7 +125,7 @@ class Threads {
       enter(cpus_.spine, true);
       thread.set_value(gettid());
       go_.get_future().wait();
-      Result<contain::Cell> cell = open_cell();
+      Result<contain::Cell> cell = open_cell(!cpus_.transport_inline);
       const loop::Wiring wiring{robot_,
                                 *memory_.spine,
                                 *memory_.control,
@@ -173,14 +174,15 @@ class Threads {
     });
     loading_ = std::thread([this] {
       enter(cpus_.housekeeping, false);
-      Result<contain::Cell> cell = open_cell();
+      Result<contain::Cell> cell = open_cell(false);
       rehearsal_.use(cell ? &*cell : nullptr);
       loader_.run(stop_helpers_);
     });
   }
 
-  // This thread's own. Without one a law that crashes takes the process with it, which is said once.
-  Result<contain::Cell> open_cell() {
+  // This thread's own. Without one a law that crashes takes the process with it, which is said once. A filter would
+  // stay for the thread's own calls, too: it is for one that only waits.
+  Result<contain::Cell> open_cell(bool only_waits) {
     Result<contain::Cell> cell = contain::Cell::open(containment_.vault.get());
     if (!cell) {
       fmt::print(stderr, "lithe-spine: a law that crashes will end this process: {}\n", cell.message());
@@ -188,8 +190,11 @@ class Threads {
     }
     if (const Result<> watched = watchdog_.watch(*cell); !watched)
       fmt::print(stderr, "lithe-spine: an endless law will not be stopped: {}\n", watched.message());
-    if (const auto gate = cell->forbid_system_calls(); !gate)
+    if (!only_waits) {
+      cell->dispatch_system_calls();
+    } else if (const auto gate = cell->forbid_system_calls(); !gate) {
       fmt::print(stderr, "lithe-spine: a law can make system calls: {}\n", gate.message());
+    }
     return cell;
   }
 

@@ -89,11 +89,17 @@ void Cell::Close::operator()(Core* core) const {
   munmap(mapping, bytes);
 }
 
+Result<> Cell::guard(void* block, std::size_t bytes) {
+  if (core_->vault == nullptr) return done();
+  core_->guards = true;
+  return core_->vault->guard(block, bytes);
+}
+
 // A function of its own, so that nothing it keeps in registers must survive the jump.
 [[gnu::noinline]] Trouble Cell::run(std::int64_t deadline_ns, Call call, void* context) LITHE_RT {
   Core& core = *core_;
   core.trouble = {};
-  if (core.vault != nullptr) core.vault->remember();
+  if (core.guards) core.vault->remember();
   core.deadline_ns.store(deadline_ns, std::memory_order_relaxed);
   LITHE_RT_EXEMPT("sigsetjmp(env, 0) saves registers only; how long a law takes is the Watchdog's business", {
     if (sigsetjmp(core.back, 0) == 0) {
@@ -111,7 +117,7 @@ void Cell::Close::operator()(Core* core) const {
       core.law_stack.forget_frames();
     }
   });
-  if (core.vault == nullptr) return core.trouble;
+  if (!core.guards) return core.trouble;
   const void* broken = core.vault->check();
   if (broken != nullptr && !core.trouble) {
     core.trouble = {wire::LawFaultKind::state_broken, 0, reinterpret_cast<std::uintptr_t>(broken)};

@@ -54,8 +54,16 @@ class Cell {
   // thread makes them, beside waiting, futexes and ending. There is no way back for a filter.
   Result<CallGate> forbid_system_calls(std::span<const int> also = {}, CallGate wanted = CallGate::dispatch);
 
-  // Runs call(context). Trouble::kind is none when it came back by itself; else the call was cut off where it was, after
-  // `deadline_ns` [CLOCK_MONOTONIC] by a Watchdog that charges CPU time. Not reentrant. No system call on the good path.
+  // The same without a filter, for a thread that makes calls of its own. none: this machine has no dispatch.
+  CallGate dispatch_system_calls();
+
+  // What this thread alone writes, and nobody while a law runs: compared around every call where the vault has no keys
+  // (see Vault::guard). Without a vault nothing is done.
+  Result<> guard(void* block, std::size_t bytes);
+
+  // Runs call(context). Trouble::kind is none when it came back by itself; else the call was cut off where it was,
+  // after `deadline_ns` [CLOCK_MONOTONIC] by a Watchdog that charges CPU time. Not reentrant. No system call on the
+  // good path.
   Trouble run(std::int64_t deadline_ns, Call call, void* context) LITHE_RT;
 
   // How often a Watchdog's signal came for a call that was over, and did nothing.

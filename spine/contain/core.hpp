@@ -30,6 +30,7 @@ struct Core {
   bool gated = false;
   std::atomic<std::uint64_t> late_signals{0};
   Vault* vault = nullptr;
+  bool guards = false;  // the vault's guarded blocks are this thread's
   MemoryKey key;
   Environment environment;
   Trouble trouble;

@@ -109,18 +109,15 @@ void stop_dispatch() noexcept {
 
 Result<CallGate> Cell::forbid_system_calls(std::span<const int> also, CallGate wanted) {
   if (wanted == CallGate::none) return CallGate::none;
-  std::string refused;
-  if (wanted == CallGate::dispatch) {
-    const Result<> dispatch = dispatch_here(*core_);
-    if (dispatch) {
-      core_->gated = true;
-      return CallGate::dispatch;
-    }
-    refused = dispatch.message() + "; ";
-  }
+  if (wanted == CallGate::dispatch && dispatch_system_calls() == CallGate::dispatch) return CallGate::dispatch;
   const Result<> filter = filter_here(also);
   if (filter) return CallGate::filter;
-  return Error{refused + filter.message() + "; laws are kept from the kernel by admission alone"};
+  return Error{filter.message() + "; laws are kept from the kernel by admission alone"};
+}
+
+CallGate Cell::dispatch_system_calls() {
+  core_->gated = dispatch_here(*core_).operator bool();
+  return core_->gated ? CallGate::dispatch : CallGate::none;
 }
 
 }  // namespace lithe::contain

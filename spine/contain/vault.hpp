@@ -45,8 +45,8 @@ class Vault {
     return place == nullptr ? nullptr : ::new (place) T(std::forward<Args>(args)...);
   }
 
-  // Without keys: these bytes are copied around every call (8 bytes cost about 1/2 ns). Only for blocks that no other
-  // thread touches while a law runs. With keys they must lie in the Vault, and nothing more is done.
+  // Without keys: these bytes are copied around every call (8 bytes cost about 1/2 ns). Only for blocks of one thread,
+  // which says so (Cell::guard). With keys they must lie in the Vault, and nothing more is done.
   Result<> guard(void* block, std::size_t bytes);
 
   // Gives the calling thread, started before the Vault was made, the right to write.

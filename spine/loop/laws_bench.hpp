@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstring>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "spine/loop/tick_bench.hpp"
@@ -74,6 +75,18 @@ struct Clock {  // puts out its own time
   struct State {};
   static void step(const Tick& t, const Params&, State&, Effort& u) { u.torque_nm[0] = 0.1 * t.t_s; }
 };
+inline std::span<std::byte> kPrey;  // whatever a test lays out for it
+struct Raise {                      // every 0.6 it finds there, and one of them is the largest torque
+  struct Params {};
+  struct State {};
+  static void step(const Tick&, const Params&, State&, Effort&) {
+    for (std::size_t at = 0; at + sizeof(double) <= kPrey.size(); at += sizeof(double)) {
+      double value = 0;
+      std::memcpy(&value, &kPrey[at], sizeof value);
+      if (value == 0.6) std::memcpy(&kPrey[at], "\0\0\0\0\0\0\xf0\x7f", sizeof value);  // infinite
+    }
+  }
+};
 struct Huge {  // torque that no double holds, by way of the drive's own spring
   struct Params {};
   struct State {};
@@ -89,6 +102,7 @@ inline constexpr LitheLaw kCrash = describe<Crash>("crash");
 inline constexpr LitheLaw kScribble = describe<Scribble>("scribble");
 inline constexpr LitheLaw kIntegrate = describe<Integrate>("integrate");
 inline constexpr LitheLaw kClock = describe<Clock>("clock");
+inline constexpr LitheLaw kRaise = describe<Raise>("raise");
 inline constexpr LitheLaw kHuge = describe<Huge>("huge");
 
 class LawsTest : public TickTest {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the tick does with laws that fail, with every real part around it.
 #include "spine/contain/cell.hpp"
+#include "spine/contain/vault.hpp"
 #include "spine/loop/laws_bench.hpp"
 
 namespace lithe::loop {
@@ -144,6 +145,29 @@ TEST_F(LawsTest, ALawThatCrashesIsReplacedInTheSameTick) {
     ASSERT_EQ(fault->kind, static_cast<std::uint32_t>(LawFaultKind::bad_access));
     ASSERT_EQ(fault->address, 8u);
     ASSERT_NE(fault->pc, 0u);
+    ASSERT_EQ(fault->pc_offset, 0u) << "it lies in no slot";
+  }
+}
+
+TEST_F(LawsTest, AFaultInASlotSaysHowFarFromItsStart) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  GTEST_SKIP() << "the sanitizer wants SIGSEGV for itself";
+#endif
+  ASSERT_TRUE(contain::install_handlers());
+  auto cell = contain::Cell::open();
+  ASSERT_TRUE(cell) << cell.message();
+  use_cell(&*cell);
+  arm_with(kPd);
+  std::uint64_t pc = 0;
+  for (const std::uint32_t before : {0u, 64u, 128u}) {
+    law::Resident& crash = stage(kCrash);
+    crash.code_address = pc == 0 ? 0 : pc - before;
+    crash.code_bytes = 65;
+    ticks(2);
+    const auto fault = next_fault();
+    ASSERT_TRUE(fault);
+    EXPECT_EQ(fault->pc_offset, before == 64 ? 64u : 0u);
+    pc = fault->pc;
   }
 }
 
@@ -156,6 +180,29 @@ TEST_F(LawsTest, ALawsTimeGoesOnAfterItsReturn) {
   ticks(2);
   ASSERT_EQ(record_.law_id, 1u);
   EXPECT_NEAR(record_.command_torque_nm[0] * 10, before_s + 0.002, 1e-9) << "no second soft start in mid-motion";
+}
+
+// Where the processor has no keys for it.
+TEST_F(LawsTest, ALawThatRaisesTheGuardsLimitsIsFoundOutAndTheyArePutBack) {
+  auto vault = contain::Vault::make(1 << 16, contain::Protection::copies);
+  ASSERT_TRUE(vault) << vault.message();
+  ASSERT_TRUE(contain::install_handlers());
+  auto cell = contain::Cell::open(vault->get());
+  ASSERT_TRUE(cell) << cell.message();
+  use_cell(&*cell);
+  arm_with(kPd);
+  publish(0.5);
+  kPrey = std::as_writable_bytes(std::span(spine_.get(), 1));
+  stage(kRaise);
+  ticks(2);
+  EXPECT_EQ(record_.law_id, 1u);
+  const auto fault = next_fault();
+  ASSERT_TRUE(fault);
+  EXPECT_EQ(fault->kind, static_cast<std::uint32_t>(LawFaultKind::state_broken));
+  kPrey = {};
+  stage(kPush);
+  ticks(40);
+  EXPECT_NEAR(sent_.torque_nm[0], -0.6, 1e-9) << "as much as ever";
 }
 
 }  // namespace

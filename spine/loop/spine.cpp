@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <utility>
 
 #include "spine/loop/transport.hpp"
 
@@ -62,6 +64,11 @@ Spine::Spine(const Wiring& wiring)
   hal::ActuatorCommand& first = handover_.next_command();
   first.joints = joints_;
   first.action = hal::DriveAction::off;
+  if (cell_ == nullptr) return;
+  for (const auto& [block, bytes] : {std::pair<void*, std::size_t>{&guard_, sizeof guard_}, {&mode_, sizeof mode_}}) {
+    if (const Result<> guarded = cell_->guard(block, bytes); !guarded)
+      std::fprintf(stderr, "lithe-spine: a law can reach the guard's limits: %s\n", guarded.message().c_str());
+  }
 }
 
 void Spine::run(const std::atomic<bool>& stop) noexcept {
