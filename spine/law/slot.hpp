@@ -39,7 +39,7 @@ class Slot {
   // Stages `candidate`. False when another one is still waiting for its tick.
   bool offer(Resident* candidate) LITHE_RT {
     Resident* none = nullptr;
-    // release: partner of the acquire in try_commit; everything written to *candidate is visible there.
+    // release: partner of the acquire in take(); everything written to *candidate is visible there.
     return pending_.compare_exchange_strong(none, candidate, std::memory_order_release, std::memory_order_relaxed);
   }
 

@@ -72,6 +72,8 @@ class ArenaStoreTest : public testing::Test {
     request.image_hash = arena::image_hash(std::as_bytes(std::span(&placed, 1)));
     EXPECT_EQ(pwrite(fd_, &placed, sizeof placed, static_cast<off_t>(base - arena::kBase)),
               static_cast<ssize_t>(sizeof placed));
+    auto* code = reinterpret_cast<char*>(base);
+    __builtin___clear_cache(code, code + sizeof placed);  // AArch64: what arena::Writer does for lawd
     return request;
   }
   StageResult stage(const wire::StageRequest& request) { return loader_->stage(request, 1); }
