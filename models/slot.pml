@@ -17,7 +17,7 @@
  * the code. Here a law's id is its place, and once the place is free an `active_id` that still says so is made NO_MORE:
  * it equals no id, as in the code.
  *
-* claim one_ownerwho reads, writes or hands over a Resident owns it; so it has one owner at a time
+* claim one_owner  who reads, writes or hands over a Resident owns it; so it has one owner at a time
  * claim whole      a law that runs was filled to its end, and its code is there
  * claim offered    an offer finds the slot empty (the Loader drops the result)
  * claim room       there is a free place for each request

@@ -36,7 +36,11 @@ Result<std::unique_ptr<Vault>> Vault::make(std::size_t bytes, Protection wanted)
   const std::size_t size = whole_pages(bytes);
   void* base = mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_POPULATE, -1, 0);
   if (base == MAP_FAILED) {
-    return Error{"no " + std::to_string(size) + " bytes for the vault: " + std::strerror(errno)};
+    const int error = errno;
+#if defined(__x86_64__)
+    if (key >= 0) pkey_free(key);
+#endif
+    return Error{"no " + std::to_string(size) + " bytes for the vault: " + std::strerror(error)};
   }
   mlock(base, size);  // without the right to lock it is at least resident now
 #if defined(__x86_64__)
