@@ -16,11 +16,11 @@ void row(const char* name, const std::string& text) {
 
 // The value at the end of a path of names; null where it breaks off.
 const Json& at(const Json& from, std::initializer_list<const char*> path) {
-  static const Json kNothing = nullptr;
+  static const Json nothing = nullptr;
   const Json* found = &from;
   for (const char* name : path) {
     if (!found->is_object() || !found->contains(name)) {
-      return kNothing;
+      return nothing;
     }
     found = &(*found)[name];
   }
@@ -175,6 +175,7 @@ void print_terms(const Json& c) {
 }
 
 void print_end(const Json& c) {
+  row("params", all_of(at(c, {"params"})));
   row("fault", all_of(at(c, {"fault"})));
   row("rolled back", all_of(at(c, {"rolled_back"})));
   if (const Json& error = at(c, {"error"}); error.is_object()) {
@@ -188,8 +189,8 @@ void print_end(const Json& c) {
 }  // namespace
 
 void print_certificate(const std::string& file, const Json& c) {
-  const Json& law = at(c, {"law"});
-  fmt::print("{}: {}, {}\n", file, law == "" ? text(at(c, {"source"})) : "law " + text(law), text(at(c, {"verdict"})));
+  const std::string law = text(at(c, {"law"}));
+  fmt::print("{}: {}, {}\n", file, law.empty() ? text(at(c, {"source"})) : "law " + law, text(at(c, {"verdict"})));
   row("request", text(at(c, {"request_id"})));
   print_origin(c);
   print_split(c);

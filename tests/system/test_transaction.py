@@ -110,6 +110,8 @@ def test_a_law_that_crashes_after_its_commit_is_replaced_and_its_certificate_nam
     told = becomes(arm, done["request_id"], lambda each: each["verdict"] == "rolled_back")
     assert told["fault"]["kind"] == told["rolled_back"]["why"] == "bad_access"
     assert told["fault"]["to_law_id"] != 0 and told["fault"]["took_us"] > 0
+    shown = arm.lithe("law", "show", "moody").stdout
+    assert "  fault         kind bad_access" in shown and "why bad_access" in shown and ": not passed" in shown
     assert law(arm) == "pd" and arm.ask("status")["mode"] == "active"
 
 
