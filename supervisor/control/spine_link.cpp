@@ -137,8 +137,10 @@ std::vector<wire::Event> SpineLink::drain_events() {
     }
     return events;
   };
-  const std::vector<wire::Event> tick = drain(events_tick_, wire::spine_segment::kEventsTickDepth);
+  // The Loader's ring first: it retires what the tick has let go, and by then the tick has said so. The other way round
+  // a law would be gone before anyone had read why.
   const std::vector<wire::Event> loader = drain(events_loader_, wire::spine_segment::kEventsLoaderDepth);
+  const std::vector<wire::Event> tick = drain(events_tick_, wire::spine_segment::kEventsTickDepth);
   std::vector<wire::Event> merged;
   std::merge(loader.begin(), loader.end(), tick.begin(), tick.end(), std::back_inserter(merged),
              [](const wire::Event& a, const wire::Event& b) { return a.t_ns < b.t_ns; });

@@ -64,7 +64,8 @@ bool Supervisor::stop_spine() {
 }
 
 Drives Supervisor::switch_off() {
-  swaps_->refuse_all({"stopping", "the robot is being stopped", "start it again: lithe run"}, monotonic_ns());
+  const Refusal stopping{"stopping", "the robot is being stopped", "start it again: lithe run"};
+  swaps_->refuse_all(stopping, monotonic_ns());
   bool answered = false;
   bool obeyed = false;
   wire::Command disarm;
@@ -89,7 +90,8 @@ Drives Supervisor::switch_off() {
     };
     turn_until(wait_over, 2 * kNsPerS);
   }
-  commands_->refuse_all({"stopping", "the robot is being stopped", "start it again: lithe run"});
+  swaps_->refuse_all(stopping, monotonic_ns());  // the socket was served meanwhile
+  commands_->refuse_all(stopping);
   return seen;  // once off is enough: the record after it may lack a sample that came late
 }
 

@@ -193,6 +193,7 @@ void Swaps::on_event(const wire::Event& event, std::int64_t now_ns) {
   }
   aftermath_.on_event(event);
   if (!is_head(event.request_id)) {
+    come_late(event);
     return;
   }
   if (kind == wire::EventKind::law_committed) {

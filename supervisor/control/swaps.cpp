@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <utility>
 
 #include "spine/core/time.hpp"
@@ -158,6 +159,40 @@ void Swaps::finish(swap::Transaction&& swap) {
   certificate.erase("error");
   refusal.detail["swap"] = std::move(certificate);
   waiting.callback(refusal);
+  if (!swap.outcome_is_known()) {
+    unconfirmed_.push_back({std::move(swap), waiting.record});
+    if (unconfirmed_.size() > kMostUnconfirmed) {
+      unconfirmed_.pop_front();
+    }
+  }
+}
+
+// A swap that was given up, and of which the Spine tells after all.
+void Swaps::come_late(const wire::Event& event) {
+  const auto found = std::find_if(unconfirmed_.begin(), unconfirmed_.end(),
+                                  [&](const Unconfirmed& each) { return each.swap.request_id() == event.request_id; });
+  const auto kind = static_cast<wire::EventKind>(event.kind);
+  const bool committed = kind == wire::EventKind::law_committed;
+  if (found == unconfirmed_.end() || (!committed && kind != wire::EventKind::law_refused)) {
+    return;
+  }
+  auto [swap, record] = std::move(*found);
+  unconfirmed_.erase(found);
+  if (!committed) {
+    swap.mark_refused(stage_refusal(static_cast<wire::StageResult>(event.code), text_of(event.text)), event.t_ns);
+    note(swap, "swap_refused", fmt::format("{}: after it was given up", swap.request().name));
+    rewrite(swap, record);
+    return;
+  }
+  swap.mark_committed(event.tick, event.code, event.t_ns);
+  swap.note_missed_after(missed_releases());
+  if (!swap.request().params.empty()) {
+    const Refusal why{"timeout", "the swap was given up before its law ran, so nobody set them", "lithe param set"};
+    swap.note("params", {{"values", swap.request().params}, {"taken", false}, {"error", why.to_json()}});
+  }
+  note(swap, "swap_committed_late", fmt::format("{}: it was given up, and runs now", swap.request().name));
+  rewrite(swap, record);
+  aftermath_.follow(std::move(swap), record, {}, monotonic_ns());  // uncounted: others came in between
 }
 
 // The answer to a committed swap comes when its parameters are set, or cannot be.

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <filesystem>
 #include <functional>
 #include <map>
@@ -69,6 +70,7 @@ class Swaps {
   void take_commit();
   void guess_commit(std::int64_t now_ns);
   void shadow_ended(const wire::Event& event, std::int64_t now_ns);
+  void come_late(const wire::Event& event);
   void finish(swap::Transaction&& swap);
 
   bool is_head(std::uint64_t request_id) const;
@@ -95,6 +97,12 @@ class Swaps {
     std::string record_lost;  // why there is no file; empty: there is
   };
   std::map<std::uint64_t, Waiting> waiting_;
+  struct Unconfirmed {
+    swap::Transaction swap;
+    swap::RecordBook::Page record;
+  };
+  static constexpr std::size_t kMostUnconfirmed = 8;
+  std::deque<Unconfirmed> unconfirmed_;  // given up while the Spine had them, oldest first
   std::optional<Placed> placed_;         // where the head of the queue lies, until the Loader is asked
   std::optional<std::uint64_t> ticket_;  // of the stage request under way
   std::optional<wire::Event> commit_;    // seen, not yet answered

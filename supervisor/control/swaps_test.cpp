@@ -155,6 +155,30 @@ TEST_F(SwapsTest, OneWhoseCommitEventWasLostIsSeenByItsTelemetryAndTheTickIsMark
   EXPECT_EQ(certificate()["commit_tick_is_estimate"], true);
 }
 
+TEST_F(SwapsTest, ALawThatIsCommittedAfterItsSwapWasGivenUpIsFollowedToItsEnd) {
+  ask({{"gain", 1.5}});
+  swaps_->serve(monotonic_ns() + 60 * kNsPerS);
+  ASSERT_EQ(answers_.size(), 1U);
+  EXPECT_EQ(std::get<Refusal>(answers_[0]).code, "timeout");
+  EXPECT_EQ(certificate()["verdict"], "not_confirmed");
+  tell(EventKind::law_committed, 7, 500);
+  EXPECT_EQ(answers_.size(), 1U) << "one answer";
+  EXPECT_EQ(certificate()["verdict"], "committed");
+  EXPECT_EQ(certificate()["commit_tick"], 500);
+  EXPECT_EQ(certificate()["answered"]["verdict"], "not_confirmed");
+  EXPECT_EQ(certificate()["params"]["taken"], false) << "nobody set them";
+  tell(EventKind::law_confirmed, 7, 900);
+  EXPECT_EQ(certificate()["verdict"], "confirmed");
+}
+
+TEST_F(SwapsTest, ALawThatTheLoaderRefusesAfterItsSwapWasGivenUpIsRefused) {
+  ask();
+  swaps_->serve(monotonic_ns() + 60 * kNsPerS);
+  tell(EventKind::law_refused, static_cast<std::uint32_t>(wire::StageResult::dry_run_failed), 0);
+  EXPECT_EQ(certificate()["verdict"], "refused");
+  EXPECT_EQ(certificate()["error"]["code"], "dry_run_failed");
+}
+
 TEST_F(SwapsTest, TheCertificateTellsWhichParametersWereTaken) {
   ask({{"gain", 1.5}});
   publish(499, 7);
