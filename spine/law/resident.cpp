@@ -72,6 +72,8 @@ void reset_resident(Resident& resident, const LitheLaw& descriptor) {
   resident.terms = {};
   resident.since_ns = 0;
   resident.slot = 0;
+  resident.code_bytes = 0;
+  resident.code_address = 0;
   resident.state = {};
   for (std::uint32_t i = 0; i < descriptor.param_count; ++i) {
     const LitheParam& p = descriptor.params[i];

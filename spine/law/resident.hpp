@@ -42,8 +42,10 @@ struct Resident {
   std::uint32_t law_id = 0;  // counts up from 1 for the life of the Spine
   std::uint64_t request_id = 0;
   std::uint64_t source_hash = 0;
-  std::int64_t since_ns = 0;  // its first tick, in the shadow too [CLOCK_MONOTONIC]; 0 = still to come
-  std::uint32_t slot = 0;     // arena slot of the code, counted from 1; 0 = none
+  std::int64_t since_ns = 0;       // its first tick, in the shadow too [CLOCK_MONOTONIC]; 0 = still to come
+  std::uint32_t slot = 0;          // arena slot of the code, counted from 1; 0 = none
+  std::uint32_t code_bytes = 0;    // of the code and constants in it
+  std::uint64_t code_address = 0;  // where the slot begins; 0 = no slot
   Terms terms;
   std::array<Param, kMaxParams> params{};
   std::array<double, kMaxParams> params_before{};  // the last set but one, for a revert

@@ -6,6 +6,8 @@
 #include <cstring>
 #include <ctime>
 
+#include "spine/arena/layout.hpp"
+
 #include "spine/core/time.hpp"
 
 namespace lithe::load {
@@ -142,7 +144,8 @@ wire::StageResult Loader::prepare(law::Resident& place, const wire::StageRequest
   }
   law::reset_resident(place, *law);
   place.slot = request.slot;
-  code_bytes_[place.index] = request.slot != 0 ? request.code_bytes : 0;
+  place.code_bytes = request.slot != 0 ? request.code_bytes : 0;
+  place.code_address = request.slot != 0 ? arena::slot_address(request.slot) : 0;
   place.request_id = request.request_id;
   place.source_hash = request.source_hash;
   place.terms = terms_of(request);
@@ -184,7 +187,7 @@ void Loader::publish_info(const law::Resident& place) {
     info_.source_hash = place.source_hash;
     info_.request_id = place.request_id;
     info_.slot = place.slot;
-    info_.code_bytes = code_bytes_[place.index];
+    info_.code_bytes = place.code_bytes;
     copy_text(info_.name.data(), law.name);
     for (std::uint32_t i = 0; i < law.param_count; ++i) {
       copy_text(info_.param_name.data() + 32 * i, law.params[i].name);

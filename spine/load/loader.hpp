@@ -61,7 +61,6 @@ class Loader {
   law::Resident* waiting_ = nullptr;  // offered, not yet seen active
   std::int64_t offered_ns_ = 0;
   std::array<bool, law::kResidents> used_{};
-  std::array<std::uint32_t, law::kResidents> code_bytes_{};  // of those in the arena
   std::array<law::Resident, law::kResidents> residents_{};
   wire::StageRequest request_{};
   wire::LawInfo info_{};

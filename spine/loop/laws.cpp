@@ -159,6 +159,8 @@ wire::LawFault Spine::fault_of(const Trouble& trouble, std::int64_t now_ns) cons
   fault.pc = trouble.pc;
   fault.address = trouble.address;
   fault.slot = law.slot;
+  const std::uint64_t offset = trouble.pc - law.code_address;
+  fault.pc_offset = law.code_address != 0 && offset < law.code_bytes ? static_cast<std::uint32_t>(offset) : 0;
   return fault;
 }
 
