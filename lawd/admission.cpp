@@ -54,11 +54,12 @@ std::string findings_text(const json& diagnostics) {
   for (const json& entry : diagnostics) {
     const int line = entry["line"], column = entry["column"];
     text += entry["file"].get<std::string>();
-    if (line > 0) text += ":" + std::to_string(line);
-    if (column > 0) text += ":" + std::to_string(column);
-    text += ": error: " + entry["message"].get<std::string>() + " [" + entry["gate"].get<std::string>() + "]\n";
+    if (line > 0) text.append(":").append(std::to_string(line));
+    if (column > 0) text.append(":").append(std::to_string(column));
+    text.append(": error: ").append(entry["message"].get<std::string>());
+    text.append(" [").append(entry["gate"].get<std::string>()).append("]\n");
     const std::string own = entry["text"];
-    if (!own.empty()) text += "    " + own + "\n";
+    if (!own.empty()) text.append("    ").append(own).append("\n");
   }
   return text;
 }

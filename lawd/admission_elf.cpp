@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lawd/admission_elf.hpp"
 
+#include <cxxabi.h>
 #include <elf.h>
 
+#include <cstdlib>
 #include <cstring>
 
 namespace lithe::lawd {
@@ -130,6 +132,14 @@ class Parser {
 };
 
 }  // namespace
+
+std::string readable(std::string_view symbol) {
+  int status = 0;
+  char* text = abi::__cxa_demangle(std::string(symbol).c_str(), nullptr, nullptr, &status);
+  std::string name = status == 0 ? text : std::string(symbol);
+  std::free(text);
+  return name;
+}
 
 std::optional<ElfObject> ElfObject::parse(std::string_view bytes, std::string& why) {
   ElfObject object;

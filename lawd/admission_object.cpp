@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The rules on a law's object: what it holds, what it asks for, what it exports.
-#include <cxxabi.h>
 #include <elf.h>
 
 #include <algorithm>
 #include <array>
 #include <chrono>
-#include <cstdlib>
 #include <cstring>
 
 #include "lawd/admission.hpp"
@@ -21,14 +19,6 @@ namespace lithe::lawd {
 namespace {
 
 constexpr std::uint64_t kMaxTextBytes = 128u << 10, kMaxConstantBytes = 64u << 10;
-
-std::string demangle(std::string_view symbol) {
-  int status = 0;
-  char* readable = abi::__cxa_demangle(std::string(symbol).c_str(), nullptr, nullptr, &status);
-  std::string name = status == 0 ? readable : std::string(symbol);
-  std::free(readable);
-  return name;
-}
 
 bool in_memory(const ElfSection& section) { return (section.flags & SHF_ALLOC) != 0 && section.size > 0; }
 bool is_code(const ElfSection& section) { return in_memory(section) && (section.flags & SHF_EXECINSTR) != 0; }
@@ -126,11 +116,11 @@ class Object {
     }
     for (const ElfSymbol& symbol : elf_.symbols) {
       if (symbol.section == SHN_COMMON)
-        refuse(demangle(symbol.name) + " is a variable outside State: move it to State");
+        refuse(readable(symbol.name) + " is a variable outside State: move it to State");
       if (symbol.type == STT_GNU_IFUNC)
-        refuse(demangle(symbol.name) + " is chosen when the law is loaded: call it directly");
+        refuse(readable(symbol.name) + " is chosen when the law is loaded: call it directly");
       if (symbol.name.starts_with("_ZTV") || symbol.name.starts_with("_ZTI")) {
-        refuse(demangle(symbol.name) + ": virtual functions and type information are not for laws: use a template");
+        refuse(readable(symbol.name) + ": virtual functions and type information are not for laws: use a template");
       }
     }
   }
@@ -141,7 +131,7 @@ class Object {
       const ElfSymbol& symbol = elf_.symbols[k];
       if (symbol.section != section || symbol.name.empty() || symbol.type == STT_SECTION) continue;
       named = true;
-      const std::string name = demangle(symbol.name);
+      const std::string name = readable(symbol.name);
       if (name.starts_with("guard variable for ")) continue;  // its variable is named itself
       const int line = lines_.mentions(name);
       const std::size_t local = name.rfind(")::");  // a variable inside a function: its own name is enough
@@ -158,7 +148,7 @@ class Object {
       if (symbol.section != SHN_UNDEF || symbol.name.empty()) continue;
       ++count;
       if (is_allowed_symbol(symbol.name)) continue;
-      const std::string name = demangle(symbol.name);
+      const std::string name = readable(symbol.name);
       refuse("the law uses " + name + ": " + why_symbol_is_refused(symbol.name, name), line_of_use(k));
     }
     detail_ = std::to_string(count) + " names used";
@@ -169,7 +159,7 @@ class Object {
       const bool defined = symbol.section != SHN_UNDEF && symbol.section != SHN_ABS;
       const bool strong = symbol.binding != STB_LOCAL && symbol.binding != STB_WEAK && symbol.visibility == STV_DEFAULT;
       if (!defined || !strong || symbol.name == "lithe_law") continue;
-      refuse(demangle(symbol.name) +
+      refuse(readable(symbol.name) +
              " is visible outside the law: a law exports its descriptor only, remove the attribute");
     }
   }

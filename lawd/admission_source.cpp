@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
-#include <map>
 
 #include "lawd/admission.hpp"
+#include "lawd/admission_growth.hpp"
 #include "lawd/admission_tokens.hpp"
 #include "lawd/admission_words.hpp"
 
@@ -99,32 +99,7 @@ class Source {
         refuse(token, "## glues words together that cannot be checked: write them out");
       }
     }
-    check_growth();
-  }
-
-  // How many words the macros make of the text: a few lines of them can fill a machine's memory.
-  void check_growth() {
-    std::map<std::string_view, std::size_t> sizes;
-    std::size_t total = 0;
-    for (std::size_t i = 0; i < tokens_.list.size() && total < kMaxWords; ++i) {
-      if (at(i).first && is_mark(i, "#") && at(i + 1).text == "define") {
-        const std::string_view name = at(i + 2).text;
-        std::size_t size = 1;
-        for (i += 3; i < tokens_.list.size() && same_directive(i); ++i) size += grown(sizes, i);
-        sizes[name] = std::min(size, kMaxWords);
-        --i;
-        continue;
-      }
-      if (!at(i).directive) total += grown(sizes, i);
-      if (total >= kMaxWords) {
-        refuse(at(i), "the macros of this law grow to more than " + std::to_string(kMaxWords) +
-                          " words: write a loop or a function");
-      }
-    }
-  }
-  std::size_t grown(const std::map<std::string_view, std::size_t>& sizes, std::size_t i) const {
-    const auto found = sizes.find(at(i).text);
-    return found == sizes.end() ? 1 : found->second;
+    check_growth(tokens_, kMaxWords, gate_, out_);
   }
 
   void check_directive(std::size_t name) {

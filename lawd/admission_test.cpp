@@ -77,16 +77,6 @@ TEST(AdmissionSource, PreprocessorAndAttributeTricksAreRefused) {
   EXPECT_EQ(verdict(source("#pragma once\n#pragma GCC unroll 4\n[[gnu::always_inline, nodiscard]] int f();")), "");
 }
 
-TEST(AdmissionSource, MacrosThatGrowWithoutBoundAreRefused) {
-  std::string bomb = "#define A0 x\n";
-  for (int i = 1; i < 40; ++i) {
-    const std::string last = " A" + std::to_string(i - 1);
-    bomb += "#define A" + std::to_string(i) + last + last + "\n";
-  }
-  EXPECT_EQ(verdict(source(bomb + "int a = A3;\n")), "");
-  EXPECT_EQ(verdict(source(bomb + "int a = A39;\n")), "preprocessor:41");
-}
-
 TEST(AdmissionSource, TextThatTwoReadersUnderstandDifferentlyIsRefused) {
   using namespace std::string_literals;
   for (const std::string& text : {"int a;\0"s, "/* no end"s, "char* c = \"no end\n;"s, "int b = 'x\n;"s, "R\"(raw)\""s,

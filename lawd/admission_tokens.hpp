@@ -18,6 +18,7 @@ struct Token {
   int column = 0;
   bool first = false;      // of its line: a mark "#" there begins a directive
   bool directive = false;  // belongs to a directive (also the "#")
+  bool glued = false;      // nothing stands between it and the token before
 };
 
 struct Trouble {

@@ -1,17 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lawd/place.hpp"
 
-#include <cxxabi.h>
 #include <elf.h>
 #include <fmt/format.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <cstdlib>
 #include <cstring>
 #include <fstream>
 
 #include "lawd/admission_elf.hpp"
+#include "lawd/answers.hpp"
 #include "lawd/dry_run.hpp"
 #include "lawd/files.hpp"
 #include "spine/arena/veneers.hpp"
@@ -22,14 +21,6 @@ namespace {
 using nlohmann::json;
 
 constexpr std::size_t kMaxLinks = 64;  // two laws in turn, in every slot, and some
-
-std::string readable(std::string_view symbol) {
-  int status = 0;
-  char* text = abi::__cxa_demangle(std::string(symbol).c_str(), nullptr, nullptr, &status);
-  const std::string name = status == 0 ? text : std::string(symbol);
-  std::free(text);
-  return name;
-}
 
 // The variable that made a section, as its author wrote it; the section's own name when no symbol tells.
 std::string owner_of(const ElfObject& object, std::uint32_t section) {
@@ -101,10 +92,6 @@ std::string read_linked(std::string_view elf, std::uint32_t slot, Linked& linked
   linked.entry = head.e_entry;
   linked.hash = arena::image_hash(linked.bytes);
   return "";
-}
-
-json refuse(const std::string& stage, const std::string& text) {
-  return {{"ok", false}, {"stage", stage}, {"text", text}, {"diagnostics", json::array()}};
 }
 
 }  // namespace

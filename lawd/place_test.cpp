@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
+#include <fstream>
 #include <memory>
 #include <set>
 
@@ -169,6 +170,19 @@ TEST_F(PlaceTest, RequestsThatMakeNoSenseAreRefused) {
   EXPECT_EQ(place("../../etc/passwd", 1)["stage"], "request");
   EXPECT_EQ(place(std::string(64, 'a'), 1)["stage"], "cache");
   EXPECT_EQ(ask({{"verb", "place"}})["stage"], "request");
+}
+
+TEST_F(PlaceTest, ObjectThatIsNotWhatWasAdmittedIsNotLinked) {
+  const std::string hash = compiled(LawText{}.source()), file = cache_.path() + "/laws/" + hash + ".o";
+  const std::string whole = *read_file(file);
+  std::string flipped = whole;
+  flipped[flipped.size() / 2] = static_cast<char>(flipped[flipped.size() / 2] ^ 1);
+  for (const std::string& damaged : {flipped, whole.substr(0, 100), std::string()}) {
+    std::ofstream(file, std::ios::binary) << damaged;
+    EXPECT_EQ(place(hash, 1)["stage"], "cache");
+  }
+  std::ofstream(file, std::ios::binary) << whole;
+  EXPECT_TRUE(place(hash, 1)["ok"]);
 }
 
 TEST_F(PlaceTest, SameLawInTheSameSlotIsTheSameImage) {

@@ -6,6 +6,7 @@
 #include <filesystem>
 
 #include "lawd/admission.hpp"
+#include "lawd/answers.hpp"
 #include "lawd/diagnostics.hpp"
 #include "lawd/dry_run.hpp"
 #include "lawd/files.hpp"
@@ -17,38 +18,12 @@ namespace {
 
 using nlohmann::json;
 constexpr std::size_t kMaxSourceBytes = std::size_t{1} << 20;
-
-json refuse(const std::string& stage, const std::string& text, json diagnostics = json::array()) {
-  return {{"ok", false}, {"stage", stage}, {"text", text}, {"diagnostics", std::move(diagnostics)}};
-}
-
-// A refusal that is about the law as a whole, not about one line.
-json refuse_whole(const std::string& stage, const std::string& name, const std::string& reason) {
-  const json entry = {{"file", name},        {"line", 0},         {"column", 0},
-                      {"severity", "error"}, {"message", reason}, {"text", ""}};
-  return refuse(stage, name + ": error: " + reason + "\n", json::array({entry}));
-}
-
-// What could not be looked at is refused too, but it is not the law's fault, and nobody remembers it.
-json refuse_admission(const Admission& admission, const std::string& name, const std::string& source) {
-  json list = findings_json(admission, name, source);
-  json refused = refuse("admission", findings_text(list), list);
-  if (admission.findings.empty()) {
-    refused = refuse("tools", "the law could not be examined: " + admission.not_applied);
-    refused["next"] = "the running law is unchanged; nothing is known against the law: swap again";
-  }
-  refused["gates"] = admission.gates_json();
-  return refused;
-}
+constexpr std::size_t kMaxCompilerBytes = std::size_t{1} << 30;  // five decompositions of 12 x 12 need 700 MiB
 
 // A switch of a request: `wanted` unless it says otherwise.
 bool is_on(const json& request, const char* key, bool wanted) {
   const auto found = request.find(key);
   return found != request.end() && found->is_boolean() ? found->get<bool>() : wanted;
-}
-
-bool disk_is_full(const std::string& text) {
-  return text.find("No space left") != std::string::npos || text.find("Disk quota exceeded") != std::string::npos;
 }
 
 // Whether a law fits is a matter of the robot that asks, not of the cache. Null when it does, or nobody asked.
@@ -171,6 +146,10 @@ json Service::place(const json& request) {
   const std::string base = cache_ + "/laws/" + hash.get<std::string>();
   const json entry = json::parse(read_file(base + ".json").value_or(""), nullptr, false);
   if (!entry.is_object()) return refuse("cache", "there is no law of this hash in the cache: compile it again");
+  const auto object = read_file(base + ".o");
+  if (!object || entry.value("placeable_sha256", "") != sha256_hex(*object)) {
+    return refuse("cache", "the law's object in the cache is not what was admitted: compile it again");
+  }
   const std::uint64_t dry_steps = is_on(request, "dry_run", true) ? kDrySteps / 10 : 0;
   json reply = placer_.place(hash, base + ".o", slot, entry.value("joints", 1u), dry_steps);
   reply["place_ms"] = since_ms(start);
@@ -215,17 +194,23 @@ json Service::build(const Job& job) {
 
 // null when the object is there.
 json Service::run_compiler(const Job& job, const std::string& file, const std::string& object, std::string& warnings) {
-  Outcome outcome = run_program(toolchain_.compile_command(file, object), Limits{});
+  Limits limits;
+  limits.memory_bytes = kMaxCompilerBytes;
+  Outcome outcome = run_program(toolchain_.compile_command(file, object), limits);
   const bool broke = outcome.signal != 0 || outcome.output.find("internal compiler error") != std::string::npos ||
                      outcome.output.find("signal terminated program") != std::string::npos;
   if (toolchain_.precompiled() && broke && !outcome.timed_out) {
     // It may be damaged, or the compiler was killed: try once without. Only success tells that the law was not to
     // blame.
-    outcome = run_program(toolchain_.compile_command(file, object, Toolchain::Contract::as_text), Limits{});
+    outcome = run_program(toolchain_.compile_command(file, object, Toolchain::Contract::as_text), limits);
     if (outcome.clean()) toolchain_.precompile_again();
   }
   if (outcome.timed_out) {
     return refuse_whole("compile", job.name, "the compiler took longer than 20 s: make the law smaller");
+  }
+  if (!outcome.clean() && memory_is_full(outcome.output)) {
+    return refuse_whole("compile", job.name,
+                        "the compiler needs more than 1 GiB of memory: fewer macros and templates, smaller matrices");
   }
   const Diagnostics diagnostics = read_diagnostics(outcome.output, file, job.name, job.source);
   warnings = diagnostics.text;

@@ -104,6 +104,19 @@ TEST_F(ServiceTest, FileWithoutALawIsRefused) {
   EXPECT_NE(reply["text"].get<std::string>().find("LITHE_LAW"), std::string::npos);
 }
 
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // there the compiler's memory is not limited
+TEST_F(ServiceTest, CompilerThatNeedsAllMemoryIsStoppedWithTheReason) {
+  std::string bomb = "#define A0 x\n";
+  for (int i = 1; i < 40; ++i) {
+    const std::string last = " A" + std::to_string(i - 1);
+    bomb += "#define A" + std::to_string(i) + last + last + "\n";
+  }
+  const json reply = compile(service_, bomb + "int a = A39;\n", "law.cpp", false);  // past admission, which counts
+  EXPECT_EQ(reply["stage"], "compile");
+  EXPECT_NE(first(reply).find("1 GiB of memory"), std::string::npos) << reply["text"];
+}
+#endif
+
 TEST_F(ServiceTest, UnknownFunctionIsNamed) {
   const json reply = refused({.body = "void helper(int); helper(3);"}, "admission");
   EXPECT_NE(first(reply).find("helper(int)"), std::string::npos) << reply["text"];
