@@ -13,6 +13,7 @@
 #include "lawd/answers.hpp"
 #include "lawd/dry_run.hpp"
 #include "lawd/files.hpp"
+#include "lawd/locate.hpp"
 #include "spine/arena/veneers.hpp"
 
 namespace lithe::lawd {
@@ -179,6 +180,19 @@ json Placer::place(const std::string& name, const std::string& object, std::uint
           {"entry", linked->entry},
           {"code_bytes", linked->bytes.size()},
           {"image_hash", linked->hash}};
+}
+
+json Placer::locate(const std::string& object, std::uint32_t offset) const {
+  const ScratchDir scratch(scratch_);
+  const std::string script = scratch.path() + "/slot.ld", program = scratch.path() + "/law";
+  if (!(std::ofstream(script) << script_for(1)).flush()) {
+    return refuse("cache", "cannot write into " + scratch_ + ": " + scratch.error());
+  }
+  const auto command = toolchain_.place_command(object, script, program, Toolchain::Lines::kept);
+  if (const Outcome linked = run_program(command, Limits{}); !linked.clean()) {
+    return refuse("locate", "the link failed: " + linked.output);
+  }
+  return own_place(program, arena::slot_address(1) + offset);
 }
 
 }  // namespace lithe::lawd

@@ -39,6 +39,10 @@ class Placer {
   nlohmann::json place(const std::string& name, const std::string& object, std::uint32_t slot, std::uint32_t joints,
                        std::uint64_t dry_steps);
 
+  // {"ok", "line", "function"} of what lies so many bytes from the start of any slot with the law in `object`: the
+  // innermost line that its author wrote, looking through what was inlined. Costs a link.
+  nlohmann::json locate(const std::string& object, std::uint32_t offset) const;
+
  private:
   struct Failure {
     std::string stage, text;

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
@@ -112,6 +113,44 @@ TEST_F(PlaceTest, MathsOfAPlacedLawHasTheBitsOfADirectCall) {
                                         static_cast<double>(std::lround(10 * x)) +
                                         static_cast<double>(std::sin(static_cast<float>(x))));
   }
+}
+
+// Where a placed law's instructions come from, as a fault at each of them would be reported.
+TEST_F(PlaceTest, EachLineOfALawIsFoundAgainFromItsPlaceInTheSlot) {
+  LawText text;
+  text.body =
+      "\nu.torque_nm[0] = std::clamp(t.position_rad[0], -1.0, 1.0);\nif (t.joints > 20)\n*(volatile int*)8 = 1;\n";
+  const std::string source = text.source(), hash = compiled(source);
+  const auto line_of = [&](const std::string& words) {
+    return 1 + std::count(source.begin(), source.begin() + static_cast<std::ptrdiff_t>(source.find(words)), '\n');
+  };
+  const json placed = place(hash, 3);
+  ASSERT_TRUE(placed["ok"]) << placed;
+  std::set<std::int64_t> lines;
+  std::string function;
+  for (std::uint32_t offset = 0; offset < 128; offset += 4) {
+    const json told = ask({{"verb", "locate"}, {"hash", hash}, {"offset", offset}});
+    if (told["ok"]) lines.insert(told["line"].get<std::int64_t>());
+    if (told["ok"] && told["line"] == line_of("volatile")) function = told["function"];
+  }
+  EXPECT_TRUE(lines.contains(line_of("volatile")));
+  EXPECT_EQ(function, "Law::step");
+  EXPECT_TRUE(lines.contains(line_of("clamp"))) << "what is inlined belongs to the line that calls it";
+  for (const std::int64_t line : lines) EXPECT_LE(line, 1 + std::count(source.begin(), source.end(), '\n'));
+  const json far = ask({{"verb", "locate"}, {"hash", hash}, {"offset", 100'000}});
+  EXPECT_EQ(far["stage"], "locate") << far;
+}
+
+TEST_F(PlaceTest, NonsenseIsNotLocated) {
+  for (const json& request : {json{{"hash", "../../etc/passwd"}, {"offset", 0}}, json{{"hash", std::string(64, 'a')}},
+                              json{{"hash", std::string(64, 'a')}, {"offset", -1}},
+                              json{{"hash", std::string(64, 'a')}, {"offset", arena::kSlotBytes}}}) {
+    json asked = request;
+    asked["verb"] = "locate";
+    EXPECT_EQ(ask(asked)["stage"], "request") << request;
+  }
+  const json unknown = ask({{"verb", "locate"}, {"hash", std::string(64, 'a')}, {"offset", 1}});
+  EXPECT_FALSE(unknown["ok"]);
 }
 
 TEST_F(PlaceTest, WhatCanBeWrittenIsRefusedByItsName) {

@@ -20,6 +20,13 @@ using nlohmann::json;
 constexpr std::size_t kMaxSourceBytes = std::size_t{1} << 20;
 constexpr std::size_t kMaxCompilerBytes = std::size_t{1} << 30;  // five decompositions of 12 x 12 need 700 MiB
 
+// The hash of a law that was compiled before; empty when it is none.
+std::string hash_in(const json& request) {
+  const json hash = request.value("hash", json());
+  const std::string text = hash.is_string() ? hash.get<std::string>() : "";
+  return text.size() == 64 && text.find_first_not_of("0123456789abcdef") == std::string::npos ? text : "";
+}
+
 // A switch of a request: `wanted` unless it says otherwise.
 bool is_on(const json& request, const char* key, bool wanted) {
   const auto found = request.find(key);
@@ -92,8 +99,10 @@ json Service::answer(const std::string& line, bool& quit) {
     reply = compile(request);
   } else if (request["verb"] == "place") {
     reply = place(request);
+  } else if (request["verb"] == "locate") {
+    reply = locate(request);
   } else {
-    reply = refuse("request", "unknown verb; there are: compile, place, ping, quit");
+    reply = refuse("request", "unknown verb; there are: compile, place, locate, ping, quit");
   }
   if (request.is_object() && request.contains("id")) reply["id"] = request["id"];
   return reply;
@@ -154,6 +163,17 @@ json Service::place(const json& request) {
   json reply = placer_.place(hash, base + ".o", slot, entry.value("joints", 1u), dry_steps);
   reply["place_ms"] = since_ms(start);
   return reply;
+}
+
+// A place in the code of such a law.
+json Service::locate(const json& request) const {
+  const std::string hash = hash_in(request);
+  const json offset = request.value("offset", json());
+  if (hash.empty() || !offset.is_number_unsigned() || offset >= arena::kSlotBytes) {
+    return refuse("request",
+                  "locate needs \"hash\", as compile answered it, and \"offset\": bytes from its slot's start");
+  }
+  return placer_.locate(cache_ + "/laws/" + hash + ".o", offset);
 }
 
 // Compiler and linker, in a folder of their own under the cache.

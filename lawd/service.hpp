@@ -28,6 +28,7 @@ class Service {
   };
   nlohmann::json compile(const nlohmann::json& request);
   nlohmann::json place(const nlohmann::json& request);
+  nlohmann::json locate(const nlohmann::json& request) const;
   nlohmann::json build(const Job& job);
   nlohmann::json run_compiler(const Job& job, const std::string& file, const std::string& object,
                               std::string& warnings);

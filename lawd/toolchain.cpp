@@ -171,9 +171,11 @@ std::vector<std::string> Toolchain::link_command(const std::string& object, cons
 
 // -N: code and constants follow each other without page boundaries. -S: no debug information in the slot.
 std::vector<std::string> Toolchain::place_command(const std::string& object, const std::string& script,
-                                                  const std::string& program) const {
-  return {linker_,           "-static",       "-nostdlib", "-N",   "-S",   "-z", "noexecstack",
-          "--build-id=none", "--no-demangle", "-T",        script, object, "-o", program};
+                                                  const std::string& program, Lines lines) const {
+  std::vector<std::string> command = {linker_, "-static", "-nostdlib", "-N", "-z", "noexecstack", "--build-id=none"};
+  if (lines == Lines::none) command.push_back("-S");
+  command.insert(command.end(), {"--no-demangle", "-T", script, object, "-o", program});
+  return command;
 }
 
 }  // namespace lithe::lawd

@@ -37,9 +37,10 @@ class Toolchain {
   std::vector<std::string> compile_command(const std::string& source, const std::string& object,
                                            Contract contract = Contract::precompiled) const;
   std::vector<std::string> link_command(const std::string& object, const std::string& library) const;
-  // For a slot of the arena, as `script` (a linker script) says.
+  // For a slot of the arena, as `script` (a linker script) says. With its lines it is for reading, not for running.
+  enum class Lines { none, kept };
   std::vector<std::string> place_command(const std::string& object, const std::string& script,
-                                         const std::string& program) const;
+                                         const std::string& program, Lines lines = Lines::none) const;
 
  private:
   void find_programs();

@@ -101,7 +101,8 @@ void add_laws(CLI::App& app, Words& words) {
   swap->callback([&words] { words.code = lithe::cli::swap_law(words.context, words.law, words.params, words.terms); });
 
   CLI::App* law = app.add_subcommand("law", "laws as files")->require_subcommand(1)->fallthrough();
-  CLI::App* check = law->add_subcommand("check", "compile and try a law without loading it")->fallthrough();
+  CLI::App* check =
+      law->add_subcommand("check", "compile a law, hold it to the rules, run it dry; loads nothing")->fallthrough();
   check->add_option("LAW", words.law, "C++ file")->required();
   check->callback([&words] { words.code = lithe::cli::law_check(words.context, words.law); });
   law->add_subcommand("list", "laws that come with LITHE, and laws in the Spine")->fallthrough()->callback([&words] {

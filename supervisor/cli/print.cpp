@@ -57,6 +57,17 @@ void print_last_swap(const Json& swap) {
   fmt::print("  last swap: {}\n", said);
 }
 
+// "last law fault: pid bad_access at pid.cpp:21, tick 4711".
+void print_last_fault(const Json& faults) {
+  if (!faults.is_array() || faults.empty()) {
+    return;
+  }
+  const Json& last = faults.back();
+  const std::string where = last.contains("where") ? fmt::format(" at {}", word(last, "where")) : "";
+  fmt::print("  last law fault: {} {}{}, tick {}\n", word(last, "law"), word(last, "kind"), where,
+             last.value("tick", std::uint64_t{0}));
+}
+
 void print_quantiles(const char* name, const Json& q) {
   fmt::print("  {:<15} p50 {:8.2f}  p99 {:8.2f}  p99.9 {:8.2f}  max {:8.2f} us\n", name, number(q, "p50"),
              number(q, "p99"), number(q, "p999"), number(q, "max"));
@@ -70,6 +81,7 @@ void print_status(const Json& s) {
   fmt::print("  law {} ({}) at {:g} Hz, tick {}, plan {}\n", word(s, "law"), s.value("law_id", 0), number(s, "rate_hz"),
              s.value("tick", std::uint64_t{0}), word(s, "plan"));
   print_last_swap(s.value("last_swap", Json()));
+  print_last_fault(s.value("law_faults", Json()));
   fmt::print("  missed releases {}, late samples {}, Brain {}\n", s.value("missed_releases", 0),
              s.value("late_samples", 0),
              s["brain_age_ms"].is_null() ? "never seen" : fmt::format("{:.1f} ms ago", number(s, "brain_age_ms")));

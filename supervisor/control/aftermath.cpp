@@ -11,8 +11,8 @@ namespace lithe::control {
 using swap::Json;
 using swap::Stage;
 
-Aftermath::Aftermath(const SpineLink& spine, Keep keep)
-    : spine_(spine), keep_(std::move(keep)), faults_(spine.memory().law_faults) {}
+Aftermath::Aftermath(const SpineLink& spine, Keep keep, Locate locate)
+    : spine_(spine), keep_(std::move(keep)), locate_(std::move(locate)), faults_(spine.memory().law_faults) {}
 
 void Aftermath::follow(swap::Transaction swap, swap::RecordBook::Page record, const CoreCounts& before,
                        std::int64_t now_ns) {
@@ -83,15 +83,7 @@ void Aftermath::on_event(const wire::Event& event) {
       }
       return;
     case wire::EventKind::law_retired:
-      std::erase(running_, event.code);
-      if (Life* life = of_request(event.request_id)) {
-        measure(*life);
-      }
-      if (Life* life = of_request(event.request_id); life && life->swap.mark(Stage::retired, "", event.t_ns)) {
-        keep_(life->swap, life->record);
-        std::erase_if(lives_, [&](const Life& each) { return each.swap.request_id() == event.request_id; });
-      }
-      return;
+      return retired(event);
     default:
       return;
   }
@@ -133,15 +125,74 @@ void Aftermath::faulted(const wire::Event& event) {
     keep_(life->swap, life->record);
     return;
   }
-  life->swap.note("fault", {{"kind", kind},
-                            {"tick", fault->tick},
-                            {"to_law_id", fault->to_law_id},
-                            {"took_us", fault->took_ns * 1e-3},
-                            {"pc_offset", fault->pc_offset},
-                            {"address", fmt::format("{:#x}", fault->address)}});
+  tell_fault(*life, {{"kind", kind},
+                     {"tick", fault->tick},
+                     {"to_law_id", fault->to_law_id},
+                     {"took_us", fault->took_ns * 1e-3},
+                     {"pc", fmt::format("{:#x}", fault->pc)},
+                     {"pc_offset", fault->pc_offset},
+                     {"address", fmt::format("{:#x}", fault->address)}});
   if (fault->to_law_id == 0) {
     leave(*life, kind + "; no law took over: the safe law", event);
   }
+  locate(*life, *fault);
+}
+
+// In its certificate, and among the last ones; again when more is known.
+void Aftermath::tell_fault(Life& life, Json fault) {
+  life.swap.note("fault", fault);
+  fault["law"] = life.swap.compiled().law;
+  fault["request_id"] = life.swap.request_id();
+  const auto known = std::find_if(told_.begin(), told_.end(), [&](const Json& each) {
+    return each["request_id"] == fault["request_id"] && each["tick"] == fault["tick"];
+  });
+  if (known != told_.end()) {
+    *known = std::move(fault);
+    return;
+  }
+  told_.push_back(std::move(fault));
+  if (told_.size() > kFaultsKept) {
+    told_.erase(told_.begin());
+  }
+}
+
+void Aftermath::locate(Life& life, const wire::LawFault& fault) {
+  if (!locate_ || fault.pc_offset == 0) {
+    return;  // not in the law's own code
+  }
+  life.asked = true;
+  const std::uint64_t id = life.swap.request_id();
+  locate_(life.swap, fault.pc_offset, [this, id](const Json& place) {
+    Life* found = of_request(id);
+    if (found == nullptr) {
+      return;
+    }
+    found->asked = false;
+    if (place.is_object()) {
+      Json known = found->swap.certificate().value("fault", Json::object());
+      known.update(place);
+      tell_fault(*found, std::move(known));
+      keep_(found->swap, found->record);
+    }
+    if (found->retired) {
+      std::erase_if(lives_, [&](const Life& each) { return each.swap.request_id() == id; });
+    }
+  });
+}
+
+void Aftermath::retired(const wire::Event& event) {
+  std::erase(running_, event.code);
+  Life* life = of_request(event.request_id);
+  if (life == nullptr) {
+    return;
+  }
+  measure(*life);
+  if (!life->swap.mark(Stage::retired, "", event.t_ns)) {
+    return;
+  }
+  keep_(life->swap, life->record);
+  life->retired = true;
+  std::erase_if(lives_, [](const Life& each) { return each.retired && !each.asked; });
 }
 
 // The event names the law that runs now: all that were committed after it are out.

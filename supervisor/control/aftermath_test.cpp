@@ -24,9 +24,15 @@ class AftermathTest : public testing::Test {
     auto link = SpineLink::attach(robot_);
     ASSERT_TRUE(link) << link.message();
     link_.emplace(std::move(*link));
-    aftermath_.emplace(*link_, [this](const swap::Transaction& each, const swap::RecordBook::Page&) {
-      kept_[each.request_id()] = each.certificate();
-    });
+    aftermath_.emplace(
+        *link_,
+        [this](const swap::Transaction& each, const swap::RecordBook::Page&) {
+          kept_[each.request_id()] = each.certificate();
+        },
+        [this](const swap::Transaction&, std::uint32_t offset, Aftermath::Found found) {
+          asked_.push_back(offset);
+          answers_.push_back(std::move(found));
+        });
   }
   void TearDown() override {
     ipc::remove_segment(ipc::Segment<ipc::SpineMemory>::path(robot_));
@@ -67,6 +73,7 @@ class AftermathTest : public testing::Test {
     record.law_id = law_id;
     record.to_law_id = to_law_id;
     record.took_ns = 4200;
+    record.pc_offset = pc_offset_;
     record.kind = static_cast<std::uint32_t>(kind);
     ipc::RingWriter<wire::LawFault, wire::spine_segment::kLawFaultsDepth>((*spine_)->law_faults).push(record);
   }
@@ -77,6 +84,9 @@ class AftermathTest : public testing::Test {
   std::optional<ipc::Segment<ipc::ControlMemory>> control_;
   std::optional<SpineLink> link_;
   std::map<std::uint64_t, Json> kept_;  // by request
+  std::uint32_t pc_offset_ = 0;         // of the next faults
+  std::vector<std::uint32_t> asked_;    // where these offsets are
+  std::vector<Aftermath::Found> answers_;
   std::optional<Aftermath> aftermath_;
 };
 
@@ -199,6 +209,44 @@ TEST_F(AftermathTest, WhenTheRobotStopsEveryLawIsRetiredWithTheReason) {
   aftermath_->end("the robot is being stopped", 60);
   EXPECT_EQ(kept_[101]["stage"], "retired");
   EXPECT_EQ(kept_[102]["reasons"]["retired"], "the robot is being stopped");
+}
+
+TEST_F(AftermathTest, TheLineOfAFaultIsToldWhenItIsKnownAlsoOfALawThatIsGoneByThen) {
+  commit(1);
+  commit(2);
+  pc_offset_ = 77;
+  fault(2, 1, wire::LawFaultKind::bad_access, 25);
+  tell(EventKind::law_rolled_back, 101, 1, 25);
+  tell(EventKind::law_retired, 102, 2);
+  ASSERT_EQ(asked_, std::vector<std::uint32_t>{77});
+  EXPECT_FALSE(kept_[102]["fault"].contains("where"));
+  answers_.front()({{"where", "x.cpp:12"}, {"function", "Law::step"}});
+  EXPECT_EQ(kept_[102]["fault"]["where"], "x.cpp:12");
+  EXPECT_EQ(kept_[102]["fault"]["kind"], "bad_access");
+  EXPECT_EQ(kept_[102]["stage"], "retired");
+  ASSERT_EQ(aftermath_->faults().size(), 1u);
+  EXPECT_EQ(aftermath_->faults()[0]["where"], "x.cpp:12");
+  EXPECT_EQ(aftermath_->faults()[0]["request_id"], 102);
+  kept_.clear();
+  answers_.front()({{"where", "x.cpp:13"}});
+  EXPECT_TRUE(kept_.empty()) << "it is gone";
+}
+
+TEST_F(AftermathTest, AFaultOutsideTheLawsCodeOrWithoutAnAnswerKeepsWhatIsKnown) {
+  commit(1);
+  fault(1, 7, wire::LawFaultKind::not_finite, 25);
+  EXPECT_TRUE(asked_.empty());
+  pc_offset_ = 5;
+  fault(1, 7, wire::LawFaultKind::overran, 26);
+  answers_.at(0)(nullptr);
+  EXPECT_EQ(aftermath_->faults().size(), 2u);
+  for (std::uint64_t tick = 100; tick < 120; ++tick) {
+    fault(1, 7, wire::LawFaultKind::overran, tick);
+  }
+  EXPECT_EQ(aftermath_->faults().size(), Aftermath::kFaultsKept);
+  EXPECT_EQ(aftermath_->faults().back()["tick"], 119);
+  aftermath_->end("the robot is being stopped", 60);
+  answers_.at(5)({{"where", "x.cpp:1"}});  // too late: nobody minds
 }
 
 }  // namespace

@@ -29,9 +29,12 @@ Swaps::Swaps(const Helpers& helpers, swap::RecordBook book, std::uint64_t first_
               [this](const swap::Transaction& each) { stage(each); }, [this] { return missed_releases(); },
               [this](swap::Transaction&& each) { finish(std::move(each)); }},
              first_request_id, {2 * LawdLink::kCompileTimeoutNs, 2 * LawdLink::kCompileTimeoutNs}),
-      aftermath_(helpers.spine, [this](const swap::Transaction& each, const swap::RecordBook::Page& record) {
-        rewrite(each, record);
-      }) {}
+      aftermath_(
+          helpers.spine,
+          [this](const swap::Transaction& each, const swap::RecordBook::Page& record) { rewrite(each, record); },
+          [this](const swap::Transaction& each, std::uint32_t offset, Aftermath::Found found) {
+            locate(each, offset, std::move(found));
+          }) {}
 
 std::variant<swap::Terms, Refusal> Swaps::read_terms(const Json& args) const {
   for (const auto& [name, value] : args.items()) {
@@ -123,9 +126,28 @@ std::uint64_t Swaps::missed_releases() const {
 }
 
 void Swaps::note(const swap::Transaction& swap, const char* kind, const std::string& text) {
-  help_.log.add(
-      {{"t_ns", monotonic_ns()}, {"tick", 0}, {"kind", kind}, {"request_id", swap.request_id()}, {"text", text}});
+  log(swap.request_id(), kind, text);
+}
+
+void Swaps::log(std::uint64_t request_id, const char* kind, const std::string& text) {
+  help_.log.add({{"t_ns", monotonic_ns()}, {"tick", 0}, {"kind", kind}, {"request_id", request_id}, {"text", text}});
   spdlog::info("{}: {}", kind, text);
+}
+
+// The compile service has the law with its lines. The event comes after the one of the fault.
+void Swaps::locate(const swap::Transaction& swap, std::uint32_t offset, Aftermath::Found found) {
+  const auto located = [this, id = swap.request_id(), file = swap.request().name, law = swap.compiled().law,
+                        found = std::move(found)](const Answer& answer) {
+    const Json* place = std::get_if<Json>(&answer);
+    if (place == nullptr) {
+      found(nullptr);
+      return;
+    }
+    const std::string where = fmt::format("{}:{}", file, place->value("line", 0));
+    log(id, "law_fault_located", fmt::format("{} at {}, in {}", law, where, place->value("function", "?")));
+    found({{"where", where}, {"function", place->value("function", "?")}});
+  };
+  help_.lawd.locate(swap.compiled().hash, offset, located, monotonic_ns());
 }
 
 void Swaps::finish(swap::Transaction&& swap) {

@@ -54,6 +54,8 @@ class Swaps {
   bool gates_are_open() const { return help_.trial == nullptr; }
   // summary_of() the newest swap that has begun, with what became of it since; null before the first.
   const swap::Json& last() const { return last_; }
+  // The last faults of laws: [{law, kind, tick, where, function, ...}].
+  const swap::Json& law_faults() const { return aftermath_.faults(); }
   // Where the certificates go.
   const std::filesystem::path& records() const { return book_.folder(); }
 
@@ -69,6 +71,7 @@ class Swaps {
   void poll_stage(std::int64_t now_ns);
   void take_commit();
   void guess_commit(std::int64_t now_ns);
+  void locate(const swap::Transaction& swap, std::uint32_t offset, Aftermath::Found found);
   void shadow_ended(const wire::Event& event, std::int64_t now_ns);
   void come_late(const wire::Event& event);
   void finish(swap::Transaction&& swap);
@@ -79,6 +82,7 @@ class Swaps {
   void keep_record(const swap::Transaction& swap);
   void rewrite(const swap::Transaction& swap, const swap::RecordBook::Page& record);
   void note(const swap::Transaction& swap, const char* kind, const std::string& text);
+  void log(std::uint64_t request_id, const char* kind, const std::string& text);
   void set_params(std::uint64_t request_id, std::uint32_t law_id, swap::Json certificate, const Callback& callback);
   std::uint64_t missed_releases() const;
   std::optional<swap::Refusal> no_shadow(const swap::Terms& terms) const;

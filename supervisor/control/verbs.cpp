@@ -68,6 +68,7 @@ void Verbs::add_looks() {
     status["trial_restarts"] = parts_.trial.restarts();
     status["gates"] = parts_.swaps.gates_are_open() ? "open" : "closed";
     status["adopted"] = parts_.adopted;
+    status["law_faults"] = parts_.swaps.law_faults();
     status["last_swap"] = parts_.swaps.last();
     status["records"] = parts_.swaps.records().string();
     reply_(to, status);

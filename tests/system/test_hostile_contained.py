@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Admission and trial are off: every hostile law runs in one robot that moves, and the tick's own containment holds."""
 
+import json
 import math
 import threading
 import time
@@ -20,7 +21,7 @@ from lithe.demo import losses
 from lithe.demo.recorder import Recorder
 from lithe.errors import Refused
 from lithe.shm import RingCursor
-from system.house import alive
+from system.house import ROOT, alive
 from system.test_hostile_admission import CORPUS, header
 
 # A law goes bad this long after its first tick, not before: else the Loader's dry steps would meet it, not the tick.
@@ -42,10 +43,18 @@ HEAVY = {"torque_max_nm = 0.6 ": "torque_max_nm = 0.3 ", "viscous_nm_s_rad = 3.0
 LOOK_S = {"clamp": 1.0, "harmless": GOOD_S + 0.05}  # how long one is looked at that need not fault
 FAULT_S = 10.0  # by then the others have
 AGAIN = 3  # times more, from the compile cache: to count ticks
-PROBATION = {"tracking_lost", "guard_busy"}
+PROBATION = {"tracking_lost", "guard_busy", "guard_stopped"}
 NEVER_THERE = {"unloadable", "unplaceable"}
 CASES = [law for law in CORPUS if header(law, "without-gates") != "uncompilable"]
 
+FAULTY_LINE = {  # what stands in the line a fault is said to be in
+    "crashes_in_the_evening": "*(volatile int*)8 = 1",
+    "divides_in_the_evening": "7 / zero",
+    "hangs_in_the_evening": "for (volatile int x = 1",
+    "reads_kernel_in_the_evening": "*(volatile long*)",
+    "slow_in_the_evening": "x = x + 1e-9",
+    "writes_everywhere_in_the_evening": "((volatile double*)&s)[i]",
+}
 QUIET_S = 0.015  # after a fault, so that the next compile has nothing to do with it
 BEFORE_NS, AFTER_NS = 2_000_000, 10_000_000
 SURE = 1e-4  # a difference this unlikely by chance is none
@@ -97,6 +106,10 @@ class Robot:
         self.amplitude_rad = amplitude_rad
         time.sleep(1.0)
 
+    def wait_for_lines(self) -> None:
+        """Until the compile service, which answers in turn, has said where the last law failed."""
+        self.robot.call("law_check", source=(ROOT / "laws/pd.cpp").read_text(), name="pd.cpp")
+
     def bring(self, text: str, name: str, look_s: float) -> Fate:
         """Swap a law in, wait for what happens, and put the robot back to the good one."""
         fate = Fate()
@@ -146,6 +159,7 @@ class Day:
     step_max_nm: float
     status: dict[str, Any]
     alive: bool
+    certificates: list[dict[str, Any]]
 
 
 def expected(law: Path) -> str:
@@ -183,6 +197,7 @@ def day() -> Iterator[Day]:
                     robot.move(0.0)  # what it does, it does to an arm at rest
                     fates[law.stem].append(robot.bring(later(text), law.name, FAULT_S))
                     robot.move(0.5)
+            robot.wait_for_lines()
             status = house.ask("status")
         finally:
             robot.close()
@@ -191,6 +206,7 @@ def day() -> Iterator[Day]:
             fates, as_written, records, recorder.lost, round(1e9 / float(info["rate_hz"])),
             float(info["torque_max_nm"][0]), float(info["torque_slew_nm_s"][0]) / float(info["rate_hz"]),
             status, alive(status["spine_pid"]),
+            [json.loads(path.read_text()) for path in sorted(Path(status["records"]).glob("*.json"))],
         )  # fmt: skip
 
 
@@ -223,6 +239,18 @@ def test_the_loader_survives_it_too(law: Path, day: Day) -> None:
         assert fate.refused.startswith("dry_run_failed") and named in fate.refused
     else:
         assert fate.kinds in ([], [want])
+
+
+@pytest.mark.parametrize("name", FAULTY_LINE)
+def test_a_fault_is_told_with_its_line(name: str, day: Day) -> None:
+    """In the certificate, which is written again when the law is long gone."""
+    faults = [each["fault"] for each in day.certificates if each["source"] == f"{name}.cpp" and "fault" in each]
+    source = later((ROOT / f"tests/laws_hostile/{name}.cpp").read_text()).splitlines()
+    assert len(faults) > AGAIN
+    for fault in faults:
+        file, line = fault["where"].split(":")
+        assert file == f"{name}.cpp"
+        assert FAULTY_LINE[name] in source[int(line) - 1], fault
 
 
 def test_the_spine_lives_on_and_the_robot_works(day: Day) -> None:
