@@ -143,16 +143,14 @@ json Service::compile(const json& request) {
 // A law that was compiled before, by its hash.
 json Service::place(const json& request) {
   if (!placer_.error().empty()) return refuse("arena", placer_.error());
-  const json hash = request.value("hash", json()), slot = request.value("slot", json());
-  const bool named = hash.is_string() &&
-                     hash.get<std::string>().find_first_not_of("0123456789abcdef") == std::string::npos &&
-                     hash.get<std::string>().size() == 64;
-  if (!named || !slot.is_number_unsigned() || slot > arena::kSlots) {
+  const std::string hash = hash_in(request);
+  const json slot = request.value("slot", json());
+  if (hash.empty() || !slot.is_number_unsigned() || slot > arena::kSlots) {
     return refuse("request",
                   "place needs \"hash\", as compile answered it, and \"slot\": 1 to " + std::to_string(arena::kSlots));
   }
   const auto start = std::chrono::steady_clock::now();
-  const std::string base = cache_ + "/laws/" + hash.get<std::string>();
+  const std::string base = cache_ + "/laws/" + hash;
   const json entry = json::parse(read_file(base + ".json").value_or(""), nullptr, false);
   if (!entry.is_object()) return refuse("cache", "there is no law of this hash in the cache: compile it again");
   const auto object = read_file(base + ".o");
