@@ -75,10 +75,17 @@ int fail(const char* words) {
   return 1;
 }
 
+// What the law has nothing to do with.
+int give_up(const char* words) {
+  g_report.unable = 1;
+  return fail(words);
+}
+
 const LitheLaw* load(const Setting& setting, const Order& order, std::span<char> why) {
   const LitheLaw* law = nullptr;
   if (order.stage.slot != 0) {
     if (!setting.arena) {
+      g_report.unable = 1;
       std::snprintf(why.data(), why.size(), "there is no arena here: send \"object\" instead of \"slot\"");
       return nullptr;
     }
@@ -139,9 +146,9 @@ void run_parts(Bench& bench, int box_ms) {
 
 int stand_trial(const Setting& setting, const Order& order, const Limits& limits, int pipe_fd) {
   const Recording recording(order.recording, setting.joints(), setting.dt_s(), kRecordedSeconds);
-  if (const auto shed = shed_rights(pipe_fd, limits); !shed) return fail(shed.message().c_str());
-  if (!listen_for_signals()) return fail("cannot catch the signals of a law");
-  if (const auto shut = allow_loading_only(kPipe); !shut) return fail(shut.message().c_str());
+  if (const auto shed = shed_rights(pipe_fd, limits); !shed) return give_up(shed.message().c_str());
+  if (!listen_for_signals()) return give_up("cannot catch the signals of a law");
+  if (const auto shut = allow_loading_only(kPipe); !shut) return give_up(shut.message().c_str());
   std::snprintf(g_report.doing.data(), g_report.doing.size(), "being loaded");
   char why[256] = "";
   const LitheLaw* law = load(setting, order, why);
@@ -155,7 +162,7 @@ int stand_trial(const Setting& setting, const Order& order, const Limits& limits
   Stand one(*law, params, history, setting.clock), other(*law, params, history, setting.clock);
   Bench bench{setting, *law, recording, one, other, order.budget_ns, 0, g_report, {}};
   bench.times_ns.reserve(kTimingInputs);
-  if (const auto shut = allow_computing_only(kPipe); !shut) return fail(shut.message().c_str());
+  if (const auto shut = allow_computing_only(kPipe); !shut) return give_up(shut.message().c_str());
   run_parts(bench, limits.cpu_ms);
   g_report.ended = 1;
   tell();

@@ -53,6 +53,7 @@ json to_json(const Report& report, const LoopStats& baseline, std::int64_t budge
                         {"first_ns", report.first_ns},
                         {"p50_ns", report.p50_ns},
                         {"p999_ns", report.p999_ns},
+                        {"worst_best_of_3_ns", report.worst_best_of_3_ns},
                         {"worst_ns", report.worst_ns},
                         {"budget_ns", budget_ns}});
   return out;

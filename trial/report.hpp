@@ -42,6 +42,7 @@ struct Report {
   std::uint32_t ended = 0;    // 1: the child came to its end, whatever the verdict
   std::uint32_t section = 0;  // where it was, or ended
   std::array<Progress, kSections> progress{};
+  std::uint32_t unable = 0;  // 1: the sandbox does not work here; `refused` says why, and nothing is known of the law
   std::array<char, 400> refused{};  // why; empty = nothing against it
   std::array<char, 96> doing{};     // what was being tried, for the words of a crash
   Crash crash;
@@ -56,7 +57,9 @@ struct Report {
   double takeover_step_nm = 0;       // |new law - what the drives have now|, from a fresh state, the largest joint
   double takeover_warm_step_nm = 0;  // the same after it has seen the recording
   std::uint32_t timing_inputs = 0;
-  double first_ns = 0, p50_ns = 0, p999_ns = 0, worst_ns = 0;
+  double first_ns = 0, p50_ns = 0, p999_ns = 0;  // the quantiles: of each input's best of three
+  double worst_best_of_3_ns = 0;                 // likewise
+  double worst_ns = 0;                           // the longest of all steps that were measured
   std::uint32_t same_bits = 0;
   double reset_difference_nm = 0;  // between a state that has run 100 steps and a fresh one, same input
 };

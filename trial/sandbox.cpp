@@ -96,7 +96,8 @@ Outcome run_sandboxed(const std::function<int(int)>& body, const Limits& limits,
     _exit(body(ends[1]));
   }
   close(ends[1]);
-  if (pid > 0) {
+  outcome.started = pid > 0;
+  if (outcome.started) {
     const auto deadline = start + std::chrono::milliseconds(limits.wall_ms);
     outcome.timed_out = !drain(ends[0], deadline, expected, outcome.output);
     if (outcome.timed_out) {  // it may still say where it is

@@ -34,6 +34,7 @@ struct Limits {
 };
 
 struct Outcome {
+  bool started = false;    // there was a child
   bool timed_out = false;  // killed at wall_ms
   int signal = 0;          // that ended it, 0 = none
   int exit_code = -1;

@@ -20,7 +20,8 @@ double quantile(const std::vector<double>& sorted, double q) {
 }  // namespace
 
 // Each input several times from the same state, and the best of them counts: a hypervisor that takes the processor away
-// does not come at the same place each time. What the law itself does at each of them stays.
+// does not come at the same place each time. What the law itself does at each of them stays. The longest of all is told
+// too, whoever it was that took so long.
 bool run_timing(Bench& bench) {
   Tick tick;
   bench.one.reset();
@@ -39,9 +40,12 @@ bool run_timing(Bench& bench) {
     }
     std::memcpy(before.data(), state.data(), state.size());
     double best_ns = bench.one.step(tick);
+    bench.report.worst_ns = std::max(bench.report.worst_ns, best_ns);
     for (int again = 1; again < kRepeats; ++again) {
       std::memcpy(state.data(), before.data(), state.size());
-      best_ns = std::min(best_ns, bench.one.step(tick));
+      const double step_ns = bench.one.step(tick);
+      bench.report.worst_ns = std::max(bench.report.worst_ns, step_ns);
+      best_ns = std::min(best_ns, step_ns);
     }
     times.push_back(best_ns);
     bench.progress().steps += kRepeats;
@@ -50,7 +54,7 @@ bool run_timing(Bench& bench) {
   bench.report.timing_inputs = static_cast<std::uint32_t>(times.size());
   bench.report.p50_ns = quantile(times, 0.5);
   bench.report.p999_ns = quantile(times, 0.999);
-  bench.report.worst_ns = times.back();
+  bench.report.worst_best_of_3_ns = times.back();
   if (bench.report.p999_ns <= static_cast<double>(bench.budget_ns)) return true;
   return bench.refuse(
       "a step takes %.0f us on this board (99.9 %% of %u inputs; half of them %.0f us); its budget is "

@@ -117,6 +117,11 @@ Verdict judge(const Outcome& outcome, const Limits& limits, const std::string& o
   Verdict verdict;
   const bool whole = is_report(outcome.output, verdict.report);
   if (!whole) verdict.report = {};
+  if (!outcome.started) {
+    verdict.unable = true;
+    verdict.reason = "this system gives the trial no process";
+    return verdict;
+  }
   // Broken off before it had half of the processor time it was promised: that says nothing about the law.
   verdict.starved = outcome.timed_out && outcome.cpu_ms < 0.5 * limits.cpu_ms;
   if (verdict.starved) {
@@ -133,6 +138,7 @@ Verdict judge(const Outcome& outcome, const Limits& limits, const std::string& o
     verdict.where = line_of(object, report.crash.pc - (pc_is_absolute ? 0 : report.object_base));
     verdict.reason = crash_text(report, verdict.where);
   } else if (report.refused[0] != '\0') {
+    verdict.unable = report.unable != 0;
     verdict.reason = text_of(report.refused);
   } else if (report.ended == 0 || outcome.signal != 0 || outcome.exit_code != 0) {
     verdict.reason = death_text(outcome, limits);

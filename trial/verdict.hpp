@@ -12,6 +12,7 @@ namespace lithe::trial {
 struct Verdict {
   bool ok = false;
   bool starved = false;  // the board gave the trial no time: nothing is known about the law
+  bool unable = false;   // the sandbox does not work here: likewise
   std::string reason;    // empty when ok
   std::string where;     // "pd.cpp:12" when the place of a crash could be found
   Report report;

@@ -18,6 +18,7 @@ TEST(Verdict, LiesOfAChildAreNotBelieved) {
   report.ended = 1;
   const auto bytes = [&] { return std::string(reinterpret_cast<const char*>(&report), sizeof report); };
   Outcome outcome;
+  outcome.started = true;
   outcome.exit_code = 0;
   outcome.output = bytes();
   EXPECT_TRUE(judge(outcome, {}, "", false).ok);
@@ -39,12 +40,28 @@ TEST(Verdict, LiesOfAChildAreNotBelieved) {
 
 TEST(Verdict, StarvedTrialIsNotTheLawsFault) {
   Outcome outcome;
-  outcome.timed_out = true;
+  outcome.started = outcome.timed_out = true;
   outcome.signal = 9;
   outcome.cpu_ms = 5;
   EXPECT_TRUE(judge(outcome, {}, "", false).starved);
   outcome.cpu_ms = 149;
   EXPECT_FALSE(judge(outcome, {}, "", false).starved);
+}
+
+TEST(Verdict, SandboxThatDoesNotWorkIsNotTheLawsFault) {
+  EXPECT_TRUE(judge({}, {}, "", false).unable) << "there was no child";
+  Report report;
+  report.ended = report.unable = 1;
+  report.refused = {"no filter"};
+  Outcome outcome;
+  outcome.started = true;
+  outcome.exit_code = 1;
+  outcome.output = std::string(reinterpret_cast<const char*>(&report), sizeof report);
+  EXPECT_TRUE(judge(outcome, {}, "", false).unable);
+  EXPECT_FALSE(judge(outcome, {}, "", false).ok) << "but it is not tried";
+  report.unable = 0;
+  outcome.output = std::string(reinterpret_cast<const char*>(&report), sizeof report);
+  EXPECT_FALSE(judge(outcome, {}, "", false).unable);
 }
 
 TEST(Sandbox, ChildThatDoesNotEndIsKilled) {

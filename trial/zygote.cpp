@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "trial/zygote.hpp"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <charconv>
 #include <cstring>
@@ -91,6 +93,7 @@ Result<Zygote> Zygote::make(const std::string& robot_path, int arena_fd) {
     auto arena = arena::Arena::attach_exec(arena_fd);
     arena_text = arena ? "" : arena.message();
     if (arena) setting.arena = std::make_unique<load::ArenaStore>(std::move(*arena));
+    close(arena_fd);  // it could be written through; the mapping stays
   }
   return Zygote(std::move(setting), std::move(arena_text));
 }
@@ -136,6 +139,7 @@ json Zygote::attempt(const json& request) {
                 {"stage", "trial"},
                 {"section", name_of(static_cast<Section>(verdict.report.section))},
                 {"starved", verdict.starved},
+                {"unavailable", verdict.unable},
                 {"ms", outcome.wall_ms},
                 {"cpu_ms", outcome.cpu_ms},
                 {"report", to_json(verdict.report, setting_.baseline, order.budget_ns)}};

@@ -15,7 +15,7 @@ namespace lithe::trial {
 class Zygote {
  public:
   // Reads the robot, calibrates the clock, drives the simulated robot once without a law. `arena_fd`: the code arena,
-  // as the supervisor hands it over; -1 or no arena = laws come as objects only.
+  // as the supervisor hands it over, closed here; -1 or no arena = laws come as objects only.
   static Result<Zygote> make(const std::string& robot_path, int arena_fd);
 
   // One request line, one answer. `quit` is set by the verb quit. See trial/README.md.

@@ -2,6 +2,7 @@
 // Laws on trial. No sanitizer build makes this: none can live in the sandbox.
 #include "trial/zygote.hpp"
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <sys/mman.h>
@@ -126,6 +127,7 @@ TEST_F(ZygoteTest, PlacedLawIsTriedWhereItLies) {
   }
   auto with_arena = Zygote::make(LITHE_ROBOTS "/arm.toml", *memory);
   ASSERT_TRUE(with_arena) << with_arena.message();
+  EXPECT_EQ(fcntl(*memory, F_GETFD), -1) << "whoever can write the arena can write the running law";
   bool quit = false;
   json request = {{"verb", "try"},
                   {"slot", 2},
@@ -138,7 +140,22 @@ TEST_F(ZygoteTest, PlacedLawIsTriedWhereItLies) {
   EXPECT_FALSE(with_arena->answer(request.dump(), quit)["ok"].get<bool>()) << "another image than announced";
   request["slot"] = 77;
   EXPECT_FALSE(with_arena->answer(request.dump(), quit)["ok"].get<bool>());
-  close(*memory);
+}
+
+TEST_F(ZygoteTest, WhatTheSandboxLacksIsNotTheLawsFault) {
+  bool quit = false;
+  const json reply = zygote().answer(json{{"verb", "try"}, {"slot", 1}}.dump(), quit);
+  EXPECT_FALSE(reply["ok"].get<bool>());
+  EXPECT_TRUE(reply["unavailable"].get<bool>()) << reply.dump();
+  EXPECT_FALSE(attempt("/nowhere")["unavailable"].get<bool>());
+  EXPECT_FALSE(attempt(LAW_asm_syscall)["unavailable"].get<bool>());
+}
+
+TEST_F(ZygoteTest, LongestStepIsToldBesideTheOneThatIsJudged) {
+  const json timing = attempt(LAW_pd)["report"]["timing"];
+  EXPECT_GE(timing["worst_best_of_3_ns"].get<double>(), timing["p999_ns"].get<double>());
+  EXPECT_GT(timing["worst_ns"].get<double>(), timing["worst_best_of_3_ns"].get<double>())
+      << "of hundreds of steps in threes, the longest is never the shortest of its three";
 }
 
 TEST_F(ZygoteTest, NonsenseIsAnsweredAndTheZygoteLives) {

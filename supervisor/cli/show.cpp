@@ -112,9 +112,9 @@ void print_trial(const Json& c) {
   std::string words =
       fmt::format("{} in {:.0f} ms", at(trial, {"ok"}) == true ? "passed" : "refused", number(at(trial, {"ms"})));
   if (const Json& timing = at(trial, {"report", "timing"}); at(timing, {"done"}) == true) {
-    words += fmt::format("; a step takes at most {:.0f} ns (p99.9 {:.0f}) of {:.0f} allowed",
-                         number(at(timing, {"worst_ns"})), number(at(timing, {"p999_ns"})),
-                         number(at(timing, {"budget_ns"})));
+    words += fmt::format("; a step takes {:.0f} ns of {:.0f} allowed (p99.9, best of 3), measured at most {:.0f} ns",
+                         number(at(timing, {"p999_ns"})), number(at(timing, {"budget_ns"})),
+                         number(at(timing, {"worst_ns"})));
   }
   row("trial", words);
 }

@@ -2,6 +2,7 @@
 #include "supervisor/control/trial_link.hpp"
 
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
 #include <utility>
 
@@ -41,12 +42,17 @@ Json request_of(const TrialOrder& order) {
 
 Refusal refusal_of(const Json& answer) {
   const std::string where = answer.value("where", "");
-  const bool starved = answer.value("starved", false);
+  const bool starved = answer.value("starved", false), unavailable = answer.value("unavailable", false);
   const std::string reason = answer.value("reason", "the trial gave no reason");
-  return {starved ? "trial_starved" : "trial_failed",
+  return {starved       ? "trial_starved"
+          : unavailable ? "trial_unavailable"
+                        : "trial_failed",
           fmt::format("{}{}: {}", where.empty() ? "" : where + ": ", answer.value("section", "?"), reason),
           starved ? "the running law is unchanged; try again when the machine is less busy"
-                  : "the running law is unchanged; correct the source and swap again",
+          : unavailable
+              ? "the running law is unchanged, and nothing is known against the new one: a trial needs seccomp, "
+                "resource limits and, with [spine] loader = arena, the arena: see docs/swap.md"
+              : "the running law is unchanged; correct the source and swap again",
           {{"stage", "trial"}, {"trial", answer}}};
 }
 
@@ -54,6 +60,24 @@ Refusal refusal_of(const Json& answer) {
 
 TrialLink::TrialLink(std::string program, std::string robot_file, std::vector<int> cpus)
     : service_("trial", "trial", launch_of(std::move(program), std::move(robot_file), std::move(cpus))) {}
+
+Result<> TrialLink::start(std::int64_t now_ns) {
+  const auto started = service_.start(now_ns);
+  if (!started || !arena_) {
+    return started;
+  }
+  service_.ask(
+      {{"verb", "ping"}}, ServiceLink::Turn::next, 10 * kNsPerS,
+      [](const Answer& answer) {
+        const Json* json = std::get_if<Json>(&answer);
+        if (json != nullptr && !json->value("arena", false)) {
+          spdlog::error("the trial cannot have the arena ({}): every placed law will be refused as trial_unavailable",
+                        json->value("arena_text", ""));
+        }
+      },
+      now_ns);
+  return started;
+}
 
 void TrialLink::attempt(const TrialOrder& order, Callback callback, std::int64_t now_ns) {
   ask(order, 0, std::move(callback), now_ns);
@@ -69,7 +93,7 @@ void TrialLink::ask(const TrialOrder& order, int starved, Callback callback, std
           callback(answer);
         } else if (json->value("starved", false) && starved + 1 < kMostStarved) {
           ask(order, starved + 1, callback, monotonic_ns());
-        } else if (order.slot != 0 && !json->value("starved", false)) {
+        } else if (order.slot != 0 && !json->value("starved", false) && !json->value("unavailable", false)) {
           find_line(order, refusal_of(*json), callback);
         } else {
           callback(refusal_of(*json));

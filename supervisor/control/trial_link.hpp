@@ -32,9 +32,14 @@ class TrialLink {
   // `program`: path of lithe-trial; `robot_file`: absolute.
   TrialLink(std::string program, std::string robot_file, std::vector<int> cpus);
 
-  void give_arena(int fd) { service_.give(fd); }
-  Result<> start(std::int64_t now_ns) { return service_.start(now_ns); }
-  // Json: the trial's own answer, passed. Refusal: trial_failed with its report in `detail`, trial_starved, trial_died.
+  void give_arena(int fd) {
+    service_.give(fd);
+    arena_ = fd >= 0;
+  }
+  // Says in the log when the trial cannot have the arena that it was given.
+  Result<> start(std::int64_t now_ns);
+  // Json: the trial's own answer, passed. Refusal: trial_failed with its report in `detail`, trial_starved, trial_died,
+  // trial_unavailable: its sandbox does not work here.
   void attempt(const TrialOrder& order, Callback callback, std::int64_t now_ns);
   void serve(std::int64_t now_ns) { service_.serve(now_ns); }
   void stop() { service_.stop(); }
@@ -48,6 +53,7 @@ class TrialLink {
   void find_line(const TrialOrder& order, swap::Refusal refusal, Callback callback);
 
   ServiceLink service_;
+  bool arena_ = false;
 };
 
 }  // namespace lithe::control

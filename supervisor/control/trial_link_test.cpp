@@ -92,6 +92,15 @@ TEST_F(TrialLinkTest, ALawThatCrashesIsRefusedWithItsLineAndTheReport) {
   EXPECT_TRUE(refusal.detail["trial"].contains("report"));
 }
 
+TEST_F(TrialLinkTest, ATrialThatLacksTheArenaDoesNotBlameTheLaw) {
+  TrialOrder order = order_of(kGood);
+  order.slot = 1;
+  const Answer answer = attempt(order);
+  ASSERT_TRUE(std::holds_alternative<Refusal>(answer));
+  EXPECT_EQ(std::get<Refusal>(answer).code, "trial_unavailable") << std::get<Refusal>(answer).message;
+  EXPECT_EQ(std::get<Refusal>(answer).next.find("correct the source"), std::string::npos);
+}
+
 TEST_F(TrialLinkTest, ATrialThatDiesRefusesTheLawItHadAndTheNextOneIsServed) {
   const TrialOrder order = order_of(kGood);
   const pid_t first = trial_.pid();
