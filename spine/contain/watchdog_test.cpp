@@ -100,6 +100,21 @@ TEST_F(WatchdogTest, AVaultYoungerThanTheWatchdogsThreadIsOpenToIt) {
   }
 }
 
+// What the two threads share without a signal: for ThreadSanitizer too, which holds signals back.
+TEST_F(WithCell, AWatchdogLooksOnWhileCallsBeginAndEndAndCellsComeAndGo) {
+  WatchdogConfig spinning;
+  spinning.look_every_ns = 0;
+  Guarded guarded(spinning);
+  int runs = 0;
+  for (int cells = 0; cells < 20; ++cells) {
+    Cell cell = open_cell();
+    ASSERT_TRUE(guarded.dog.watch(cell));
+    for (int i = 0; i < 1000; ++i) ASSERT_FALSE(cell.run(monotonic_ns() + kNsPerS, bad::count, &runs));
+  }
+  EXPECT_EQ(runs, 20'000);
+  EXPECT_EQ(guarded.dog.signals_sent(), 0u);
+}
+
 // --- a signal that comes too late ---
 
 // A law that meets, while it runs, the signal for some call: what happens when a Watchdog was preempted between its
