@@ -65,7 +65,12 @@ bool Supervisor::stop_spine() {
 
 Drives Supervisor::switch_off() {
   const Refusal stopping{"stopping", "the robot is being stopped", "start it again: lithe run"};
-  swaps_->refuse_all(stopping, monotonic_ns());
+  const auto refuse_swaps = [&] {
+    if (swaps_) {
+      swaps_->refuse_all(stopping, monotonic_ns());
+    }
+  };
+  refuse_swaps();
   bool answered = false;
   bool obeyed = false;
   wire::Command disarm;
@@ -90,7 +95,7 @@ Drives Supervisor::switch_off() {
     };
     turn_until(wait_over, 2 * kNsPerS);
   }
-  swaps_->refuse_all(stopping, monotonic_ns());  // the socket was served meanwhile
+  refuse_swaps();  // the socket was served meanwhile
   commands_->refuse_all(stopping);
   return seen;  // once off is enough: the record after it may lack a sample that came late
 }

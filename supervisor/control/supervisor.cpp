@@ -103,7 +103,9 @@ void Supervisor::turn(int timeout_ms) {
     link_->heartbeat(now_ns);
     read_events();
     commands_->serve(now_ns);
-    swaps_->serve(now_ns);
+    if (swaps_) {
+      swaps_->serve(now_ns);
+    }
   }
   if (server_) {
     server_->serve();
@@ -180,7 +182,9 @@ void Supervisor::note(const Json& event) {
 void Supervisor::read_events() {
   const std::int64_t now_ns = monotonic_ns();
   for (const wire::Event& event : link_->drain_events()) {
-    swaps_->on_event(event, now_ns);
+    if (swaps_) {  // not when the supervisor went wrong on the way to them; the drives are switched off all the same
+      swaps_->on_event(event, now_ns);
+    }
     if (noise_.passes(event, now_ns)) {
       note(event_json(event));
     }
@@ -206,7 +210,9 @@ void Supervisor::spine_died() {
                       to_string(static_cast<wire::Fault>(last.fault)));
     }
     const Refusal reason{"robot_fault", why, "the drives' own watchdogs stop the robot; start again: lithe run"};
-    swaps_->refuse_all(reason, monotonic_ns());
+    if (swaps_) {
+      swaps_->refuse_all(reason, monotonic_ns());
+    }
     commands_->refuse_all(reason);
   }
   why += fmt::format("; the drives' own watchdogs stop the robot; its last words are in {}", log_path_);
