@@ -53,7 +53,8 @@ def show_lost(told: Figures) -> None:
     head = ["", "swaps", "lost, swapping", "lost, at rest", "difference/s, 95 %", "swaps' own", "largest step [Nm]"]
     table("lost ticks at 1 kHz, while swapping and at rest in the same run", head, rows)
     print(f"  slew bound: {cell(told, 'slew_bound_nm', '.4f')} Nm a tick; certificates: ", end="")
-    print(f"{cell(told, 'certificates', '.0f')} of {cell(told, 'swaps_wanted', '.0f')}; safe stops: ", end="")
+    print(f"{cell(told, 'certificates', '.0f')} of {cell(told, 'swaps_wanted', '.0f')}; rolled back: ", end="")
+    print(f"{cell(told, 'swaps_rolled_back', '.0f')}; safe stops: ", end="")
     print(f"{cell(told, 'safe_stops', '.0f')}; windows with a loss: ", end="")
     print(f"{told['lossy_windows_in']} of {told['windows_in']}, at rest {told['lossy_windows_out']} of ", end="")
     print(f"{told['windows_out']} (p = {cell(told, 'lossy_windows_chance', '.2g')})")

@@ -48,6 +48,8 @@ def shortcomings(told: Figures) -> list[str]:
     for name in PEERS:
         if told[f"peer_{name}_swaps"] != wanted:
             found.append(f"peer {name} did {told[f'peer_{name}_swaps']} of {wanted} swaps")
+    if told["swaps_rolled_back"] != 0:
+        found.append(f"{told['swaps_rolled_back']} swaps were rolled back by their probation")
     for key in ("safe_stops", "loader_dlopen_safe_stops"):
         if told[key] != 0:
             found.append(f"{key} is {told[key]}: swaps that follow a stop cost a robot that stands still nothing")

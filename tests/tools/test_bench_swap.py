@@ -124,7 +124,7 @@ def test_a_disturbed_run_claims_nothing(monkeypatch: pytest.MonkeyPatch) -> None
         "slew_bound_nm": 0.12, "certificates": 10, "swaps": 10, "swaps_asked": 10, "swaps_wanted": 10,
         "peer_dlopen_swaps": 10, "peer_mutex_swaps": 10, "peer_brief_swaps": 10, "continuity_step_ratio": 50.0,
         "safe_stops": 0, "loader_dlopen_safe_stops": 0, "rounds_compared": 8, "loader": "arena",
-        "loader_dlopen_loader": "dlopen",
+        "loader_dlopen_loader": "dlopen", "swaps_rolled_back": 0,
     }  # fmt: skip
     assert verdict.reasons_to_doubt(good) == [] and verdict.shortcomings(good) == []
     for bad in (
@@ -150,6 +150,7 @@ def test_a_disturbed_run_claims_nothing(monkeypatch: pytest.MonkeyPatch) -> None
         {"swaps": 9, "certificates": 9, "swaps_asked": 9},  # time was up
         {"peer_mutex_swaps": 9},
         {"safe_stops": 1},
+        {"swaps_rolled_back": 1},
         {"loader_dlopen_safe_stops": 1},
         {"continuity_step_ratio": 9.0},
         {"continuity_step_ratio": None},
