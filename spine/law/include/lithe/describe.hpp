@@ -156,14 +156,10 @@ consteval void check_probe() {
 
 struct NoProbes {};
 template <class L>
-struct ProbesOf {
-  using type = NoProbes;
-};
+struct ProbesOf : std::type_identity<NoProbes> {};
 template <class L>
   requires requires { typename L::Probes; }
-struct ProbesOf<L> {
-  using type = typename L::Probes;
-};
+struct ProbesOf<L> : std::type_identity<typename L::Probes> {};
 template <class L>
 using Probes = typename ProbesOf<L>::type;
 
