@@ -29,7 +29,8 @@ struct Quantiles {
 };
 
 // The live Spine of this robot: whoever holds its lease. Its pid comes from the segment's header, which is the same in
-// every layout; 0 where that cannot be read. Nothing when no Spine lives.
+// every layout; 0 where that cannot be read. Nothing when no Spine lives. One that was just killed gets up to 5 s to
+// end.
 std::optional<pid_t> live_spine(const std::string& robot);
 
 // Removes the three segments, but never those of a live Spine, whoever started it: false when one holds them.
