@@ -145,7 +145,7 @@ void LawStack::forget_frames() const LITHE_RT {
 #endif
 }
 
-void LawStack::run(Cell::Call call, void* context) LITHE_RT {
+LITHE_LEFT_BY_A_JUMP void LawStack::run(Cell::Call call, void* context) LITHE_RT {
   lithe_contain_run_on(base_ + kLawGuardBytes + kLawStackBytes, call, context, &way_back_);
 }
 

@@ -28,7 +28,7 @@
 #include <span>
 #include <type_traits>
 
-// These two are the same as in spine/core, repeated so that a law needs this folder only.
+// These are the same as in spine/core, repeated so that a law needs this folder only.
 #ifndef LITHE_NJ
 #define LITHE_NJ 32
 #endif
