@@ -8,7 +8,7 @@ namespace lithe::loop {
 namespace {
 
 constexpr double kErrorMemoryS = 1.0;
-constexpr double kGuardMemoryS = 0.05;
+constexpr double kGuardMemoryS = 0.2;  // a step of the setpoint may saturate a good law for a tenth of a second
 constexpr double kBusy = 0.8, kCalm = 0.4;
 constexpr std::uint32_t kClamped = wire::telemetry_flag::kTorqueClamped | wire::telemetry_flag::kVelocityClamped |
                                    wire::telemetry_flag::kPositionClamped;

@@ -152,7 +152,7 @@ class SmallDisk:
         house.wrapper = [*words, "sh", "-c", mount, str(self.dir)]
         may = subprocess.run([*house.wrapper, "true"], check=False, capture_output=True, text=True)
         if may.returncode != 0:
-            pytest.skip(f"this user cannot mount a small disk: {may.stderr.strip()}")
+            pytest.skip(f"no privilege to mount a small disk: {may.stderr.strip()}")
 
     @property
     def seen(self) -> Path:

@@ -202,6 +202,7 @@ def test_two_hundred_swaps_from_end_to_end(tmp_path: Path) -> None:
     env = os.environ | {"PYTHONPATH": f"{ROOT}/brain"}
     done = subprocess.run(words, check=False, cwd=ROOT, env=env, capture_output=True, text=True, timeout=500)
     assert done.returncode in (0, 1), done.stdout + done.stderr
+    assert (tmp_path / "swap.json").exists(), done.stdout + done.stderr
     told = json.loads((tmp_path / "swap.json").read_text())
     assert not any(isinstance(value, dict | list) for value in told.values()), "flat"
     assert told["swaps"] + sum(int(each.split(":")[1]) for each in told["swaps_refused"].split()) == 200
