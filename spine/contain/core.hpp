@@ -23,6 +23,7 @@ struct Core {
   // Read by the Watchdog. A call's serial number tells it from every other: one tick may run several laws.
   alignas(64) std::atomic<std::uint64_t> call{0};  // 0 = none runs
   std::atomic<std::int64_t> deadline_ns{0};
+  std::atomic<std::uint64_t> noticed{0};  // the last call that took a notice: its thread runs, and so does the call
 
   // The thread's own, and its handlers'.
   alignas(64) std::uint64_t serial = 0;
@@ -54,10 +55,11 @@ struct Entrance {
 };
 Entrance& entrance() noexcept;
 
-// The signal that breaks a call off, with the call's serial number as its value.
+// The Watchdog's signal. Its value is what it asks for and the serial number of the call it asks.
+enum class Ask : std::uint8_t { notice, end };
 int watch_signal() noexcept;
-siginfo_t watch_message(std::uint64_t serial) noexcept;
-bool send_watch_signal(pid_t thread, std::uint64_t serial) noexcept;
+siginfo_t watch_message(std::uint64_t serial, Ask ask) noexcept;
+bool send_watch_signal(pid_t thread, std::uint64_t serial, Ask ask) noexcept;
 
 // A signal is sent from another core: when it arrives, the call it is for may be over, and the next one running.
 struct SameCall {
@@ -91,12 +93,18 @@ void on_watch_signal(int, siginfo_t* info, void* context) noexcept {
   here.key.allow_writes();
   if (here.core == nullptr) return;
   Core& core = *here.core;
-  const auto wanted = reinterpret_cast<std::uintptr_t>(info->si_value.sival_ptr);
-  if (info->si_code == SI_QUEUE && Rule::is_meant(wanted, core.call.load(std::memory_order_relaxed))) {
-    claim(core);
-    break_off(core, {wire::LawFaultKind::overran, program_counter(context), 0});
+  const auto value = reinterpret_cast<std::uintptr_t>(info->si_value.sival_ptr);
+  const std::uint64_t wanted = value >> 1;
+  if (info->si_code != SI_QUEUE || !Rule::is_meant(wanted, core.call.load(std::memory_order_relaxed))) {
+    core.late_signals.fetch_add(1, std::memory_order_relaxed);
+    return;
   }
-  core.late_signals.fetch_add(1, std::memory_order_relaxed);
+  if (static_cast<Ask>(value & 1) == Ask::notice) {
+    core.noticed.store(wanted, std::memory_order_relaxed);
+    return;
+  }
+  claim(core);
+  break_off(core, {wire::LawFaultKind::overran, program_counter(context), 0});
 }
 
 }  // namespace lithe::contain

@@ -59,7 +59,7 @@ int play(CallGate gate, Story story, Vault* vault, Watchdog& dog, std::atomic<pi
   std::thread watching([&] { dog.run(stop); });
   std::thread hailing([&] {
     while (!stop.load()) {
-      if (hail.load()) send_watch_signal(target.load(), UINT64_MAX);
+      if (hail.load()) send_watch_signal(target.load(), UINT64_MAX, Ask::end);
       std::this_thread::sleep_for(std::chrono::microseconds(1));
     }
   });

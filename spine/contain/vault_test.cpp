@@ -122,7 +122,7 @@ TEST_P(VaultTest, ALateSignalDoesNotOpenIt) {
   if (kHoldsSignals) GTEST_SKIP() << "ThreadSanitizer delivers no asynchronous signal to a busy thread";
   Cell cell = guarding_cell();
   struct Law {
-    siginfo_t message = watch_message(UINT64_MAX);
+    siginfo_t message = watch_message(UINT64_MAX, Ask::end);
     long thread = syscall(SYS_gettid);
     void* word = nullptr;
   } law;

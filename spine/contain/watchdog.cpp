@@ -17,6 +17,9 @@ namespace {
 
 // A signal that could not be queued, or came before the handler's thread could take it, is sent again after this long.
 constexpr std::int64_t kAgainAfterNs = kNsPerMs;
+// A look that comes after so many would have been due is late: what it meets may have been held up as the look was.
+constexpr std::int64_t kLooksMissed = 3;
+constexpr std::int64_t kShortestLookNs = 100'000;
 
 }  // namespace
 
@@ -25,19 +28,19 @@ std::int64_t cpu_time_ns(clockid_t thread) noexcept {
   return clock_gettime(thread, &spent) == 0 ? spent.tv_sec * kNsPerS + spent.tv_nsec : -1;
 }
 
-siginfo_t watch_message(std::uint64_t serial) noexcept {
+siginfo_t watch_message(std::uint64_t serial, Ask ask) noexcept {
   siginfo_t message{};
   message.si_signo = watch_signal();
   message.si_code = SI_QUEUE;
   message.si_pid = getpid();
   message.si_uid = getuid();
-  message.si_value.sival_ptr = reinterpret_cast<void*>(static_cast<std::uintptr_t>(serial));
+  message.si_value.sival_ptr = reinterpret_cast<void*>(static_cast<std::uintptr_t>(serial << 1 | (ask == Ask::end)));
   return message;
 }
 
 // To one thread and with a number: neither kill() nor pthread_kill() can do both.
-bool send_watch_signal(pid_t thread, std::uint64_t serial) noexcept {
-  siginfo_t message = watch_message(serial);
+bool send_watch_signal(pid_t thread, std::uint64_t serial, Ask ask) noexcept {
+  siginfo_t message = watch_message(serial, ask);
   return syscall(SYS_rt_tgsigqueueinfo, message.si_pid, thread, message.si_signo, &message) == 0;
 }
 
@@ -76,26 +79,26 @@ void Watchdog::run(const std::atomic<bool>& stop) noexcept {
 
 std::int64_t Watchdog::look(std::int64_t now_ns) noexcept {
   const std::lock_guard lock(mutex_);
+  const bool on_time = now_ns - last_look_ns_ <= kLooksMissed * std::max(config_.look_every_ns, kShortestLookNs);
+  last_look_ns_ = now_ns;
   std::int64_t wait_ns = config_.look_every_ns;
   for (Watched& watched : watched_) {
-    if (watched.core != nullptr) wait_ns = std::min(wait_ns, look_at(watched, now_ns));
+    if (watched.core != nullptr) wait_ns = std::min(wait_ns, look_at(watched, now_ns, on_time));
   }
   const bool idle = wait_ns == config_.look_every_ns && now_ns - last_call_ns_ > config_.idle_after_ns;
   return idle ? config_.idle_look_every_ns : wait_ns;
 }
 
-// What the call may still use [ns]. Its thread's clock is read when it is met, and again past its deadline.
-std::int64_t Watchdog::left_of(Watched& watched, std::uint64_t call, std::int64_t deadline_ns,
-                               std::int64_t now_ns) noexcept {
-  const std::int64_t wall_ns = deadline_ns - now_ns;
-  if (call != watched.met) {
-    watched.met = call;
-    watched.met_ns = now_ns;
-    watched.met_cpu_ns = config_.cpu_ns(watched.core->cpu_clock);
-    // Met past its deadline: one of the two threads was not running, and nobody knows which.
-    watched.left_ns = wall_ns > 0 ? wall_ns : config_.grace_ns;
-    return watched.left_ns;
-  }
+// From now on the call may use `left_ns` more.
+void Watchdog::open_account(Watched& watched, std::int64_t now_ns, std::int64_t left_ns) const noexcept {
+  watched.met_ns = now_ns;
+  watched.met_cpu_ns = config_.cpu_ns(watched.core->cpu_clock);
+  watched.left_ns = left_ns;
+}
+
+// What the call may still use [ns]. Its thread's clock was read when the account was opened, and is again past its
+// deadline, `wall_ns` from now.
+std::int64_t Watchdog::left_of(const Watched& watched, std::int64_t wall_ns, std::int64_t now_ns) const noexcept {
   if (wall_ns > 0) return wall_ns;
   const std::int64_t cpu_ns = config_.cpu_ns(watched.core->cpu_clock);
   const bool known = cpu_ns >= 0 && watched.met_cpu_ns >= 0;
@@ -103,8 +106,17 @@ std::int64_t Watchdog::left_of(Watched& watched, std::uint64_t call, std::int64_
   return std::min(watched.left_ns - spent_ns, wall_ns + config_.most_wall_ns);
 }
 
+void Watchdog::tell(Watched& watched, std::uint64_t call, Ask ask, std::int64_t now_ns) noexcept {
+  if (call == watched.told && ask == watched.asked && now_ns < watched.again_ns) return;
+  if (!send_watch_signal(watched.core->thread, call, ask)) return;
+  watched.told = call;
+  watched.asked = ask;
+  watched.again_ns = now_ns + kAgainAfterNs;
+  sent_.fetch_add(1, std::memory_order_relaxed);
+}
+
 // The time until this call should be looked at again.
-std::int64_t Watchdog::look_at(Watched& watched, std::int64_t now_ns) noexcept {
+std::int64_t Watchdog::look_at(Watched& watched, std::int64_t now_ns, bool on_time) noexcept {
   if (watched.vault != nullptr) watched.vault->open_for_this_thread();  // it may be younger than this thread
   Core& core = *watched.core;
   // acquire: partner of the release in Cell::run(). A later call's deadline lies later, so mixing the two only delays.
@@ -115,15 +127,26 @@ std::int64_t Watchdog::look_at(Watched& watched, std::int64_t now_ns) noexcept {
     last_call_ns_ = now_ns;
   }
   if (call == 0) return config_.look_every_ns;
-  const std::int64_t left_ns = left_of(watched, call, deadline_ns, now_ns);
-  if (left_ns > 0) return std::min(left_ns, config_.look_every_ns);
-  if (call == watched.signalled && now_ns < watched.again_ns) return config_.look_every_ns;
-  if (send_watch_signal(core.thread, call)) {
-    watched.signalled = call;
-    watched.again_ns = now_ns + kAgainAfterNs;
-    sent_.fetch_add(1, std::memory_order_relaxed);
+  const std::int64_t wall_ns = deadline_ns - now_ns;
+  if (call != watched.met) {
+    watched.met = call;
+    watched.noticed = false;
+    // Met late: one of the two threads was not running, and nobody knows which.
+    open_account(watched, now_ns, on_time && wall_ns > 0 ? wall_ns : std::max(wall_ns, config_.grace_ns));
   }
-  return config_.look_every_ns;
+  const std::int64_t left_ns = left_of(watched, wall_ns, now_ns);
+  if (left_ns > 0) return std::min(left_ns, config_.look_every_ns);
+  if (watched.noticed || wall_ns + config_.most_wall_ns <= 0) {
+    tell(watched, call, Ask::end, now_ns);
+    return config_.look_every_ns;
+  }
+  watched.noticed = core.noticed.load(std::memory_order_relaxed) == call;
+  if (watched.noticed) {
+    open_account(watched, now_ns, config_.notice_ns);
+  } else {
+    tell(watched, call, Ask::notice, now_ns);
+  }
+  return std::min(config_.notice_ns, config_.look_every_ns);
 }
 
 }  // namespace lithe::contain

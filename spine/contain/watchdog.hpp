@@ -23,19 +23,22 @@ struct WatchdogConfig {
   std::int64_t look_every_ns = 100'000;  // 0 = spin: a core of its own, and the tick's line in its cache all the time
   std::int64_t idle_after_ns = 100'000'000;     // no call for so long: nobody ticks a law ...
   std::int64_t idle_look_every_ns = 1'000'000;  // ... and this is often enough, also for the first call
-  std::int64_t grace_ns = 300'000;              // of CPU time for a call that is met past its deadline: about a budget
+  std::int64_t grace_ns = 300'000;              // of CPU time for a call that is met too late: about a budget
+  std::int64_t notice_ns = 25'000;              // of CPU time once a call has taken its notice
   std::int64_t most_wall_ns = 100'000'000;      // past its deadline a call ends, whatever CPU time it had
   std::int64_t (*cpu_ns)(clockid_t thread) noexcept = &cpu_time_ns;  // a test puts the wall clock here
 };
 
 inline constexpr std::size_t kMaxWatched = 4;
+enum class Ask : std::uint8_t;  // core.hpp
 
 // The body of a thread on another core than the Cells', as urgent as they are: while it does not run, nothing ends an
 // endless law. A call is charged from the look that meets it on with the CPU time of its thread: one whose thread the
 // machine took away past the deadline may go on, one that waits in the kernel ends after `most_wall_ns`. What a call
-// did before that look counts as CPU time. So does what a hypervisor takes, unless the kernel knows of it (Linux as a
-// guest of KVM or Xen with CONFIG_PARAVIRT_TIME_ACCOUNTING does). Contract: off the tick · watch() and forget() from
-// any thread · outlives the Cells it watches
+// did before that look counts as CPU time, unless the Watchdog was late itself. A hypervisor takes the processor
+// without a word, and the thread's clock runs on; so a call that has used up its budget is given notice first: a signal
+// that returns, which shows that the thread runs. A law that was only held up is over long before `notice_ns` more.
+// Contract: off the tick · watch() and forget() from any thread · outlives the Cells it watches
 class Watchdog {
  public:
   explicit Watchdog(const WatchdogConfig& config = {}) : config_(config) {}
@@ -64,16 +67,21 @@ class Watchdog {
     std::int64_t met_ns = 0;       // the look that met it
     std::int64_t met_cpu_ns = -1;  // its thread's CPU time then
     std::int64_t left_ns = 0;      // of CPU time, from then on
-    std::uint64_t signalled = 0;   // the call that was told to end
-    std::int64_t again_ns = 0;     // it is told again from then on
+    bool noticed = false;          // it took its notice: what is left is the last
+    std::uint64_t told = 0;        // the call that was sent the last signal, ...
+    Ask asked{};                   // ... for what, ...
+    std::int64_t again_ns = 0;     // ... and when it is sent again
   };
-  std::int64_t look_at(Watched& watched, std::int64_t now_ns) noexcept;
-  std::int64_t left_of(Watched& watched, std::uint64_t call, std::int64_t deadline_ns, std::int64_t now_ns) noexcept;
+  std::int64_t look_at(Watched& watched, std::int64_t now_ns, bool on_time) noexcept;
+  void open_account(Watched& watched, std::int64_t now_ns, std::int64_t left_ns) const noexcept;
+  std::int64_t left_of(const Watched& watched, std::int64_t wall_ns, std::int64_t now_ns) const noexcept;
+  void tell(Watched& watched, std::uint64_t call, Ask ask, std::int64_t now_ns) noexcept;
 
   WatchdogConfig config_;
   std::mutex mutex_;  // never the tick's
   std::array<Watched, kMaxWatched> watched_{};
   std::int64_t last_call_ns_ = 0;
+  std::int64_t last_look_ns_ = 0;
   std::atomic<std::uint64_t> sent_{0};
 };
 

@@ -120,7 +120,7 @@ TEST_F(WithCell, AWatchdogLooksOnWhileCallsBeginAndEndAndCellsComeAndGo) {
 // A law that meets, while it runs, the signal for some call: what happens when a Watchdog was preempted between its
 // look and its signal.
 struct Meeting {
-  explicit Meeting(std::uint64_t serial) : message(watch_message(serial)) {}
+  explicit Meeting(std::uint64_t serial, Ask ask = Ask::end) : message(watch_message(serial, ask)) {}
   siginfo_t message;
   pid_t thread = static_cast<pid_t>(syscall(SYS_gettid));
   long result = -1;
@@ -142,6 +142,16 @@ TEST_F(WatchdogTest, ASignalForAnotherCallBreaksNothingOff) {
   EXPECT_EQ(cell.late_signals(), 200u);
   Meeting own(101);
   EXPECT_EQ(cell.run(kNoDeadline, meet, &own).kind, LawFaultKind::overran);
+}
+
+TEST_F(WatchdogTest, ANoticeIsTakenAndBreaksNothingOff) {
+  Cell cell = open_cell();
+  for (std::uint64_t call = 1; call <= 100; ++call) {
+    Meeting notice(call, Ask::notice);
+    ASSERT_FALSE(cell.run(kNoDeadline, meet, &notice)) << call;
+    ASSERT_EQ(notice.result, 0);
+  }
+  EXPECT_EQ(cell.late_signals(), 0u);
 }
 
 // The broken twin: without the comparison the innocent call is cut off.
@@ -204,7 +214,7 @@ TEST_F(WatchdogTest, CrashesUnderAHailOfLateSignalsAreContained) {
   const auto target = static_cast<pid_t>(syscall(SYS_gettid));
   std::thread hail([&] {
     while (!stop.load()) {
-      send_watch_signal(target, UINT64_MAX);
+      send_watch_signal(target, UINT64_MAX, Ask::end);
       std::this_thread::sleep_for(std::chrono::microseconds(1));
     }
   });

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Whose time a call is charged for: its own, not what the machine gave to others.
 #include <sched.h>
+#include <signal.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
@@ -34,6 +35,21 @@ void be_away_then_work(void* context) {
 }
 constexpr std::int64_t kForEver = INT64_MAX / 2;
 
+// A law whose thread takes no signal for 5 ms: as nothing reaches a processor that a hypervisor has taken.
+struct HeldUp {
+  std::uint64_t all = ~std::uint64_t{0};
+  std::uint64_t before = 0;
+  timespec away{0, 5 * kNsPerMs};
+};
+void be_held_up(void* context) {
+  auto* law = static_cast<HeldUp*>(context);
+  constexpr long kBytes = sizeof law->all;
+  bad::call_kernel(SYS_rt_sigprocmask, SIG_BLOCK, reinterpret_cast<long>(&law->all),
+                   reinterpret_cast<long>(&law->before), kBytes);
+  bad::call_kernel(SYS_nanosleep, reinterpret_cast<long>(&law->away));
+  bad::call_kernel(SYS_rt_sigprocmask, SIG_SETMASK, reinterpret_cast<long>(&law->before), 0, kBytes);
+}
+
 TEST_F(WatchdogTest, ACallIsNotChargedForTheTimeItsThreadWasAway) {
   Guarded guarded;
   Cell cell = open_cell();
@@ -50,17 +66,46 @@ TEST_F(WatchdogTest, ACallIsNotChargedForTheTimeItsThreadWasAway) {
   EXPECT_GE(monotonic_ns() - from_ns, away.away.tv_nsec);
 }
 
-// The broken twin charges by the wall clock: what is innocent above is broken off.
-TEST_F(WatchdogTest, ByTheWallClockAnInnocentCallIsBrokenOff) {
+// A thread's clock that runs on while the thread is away: so it is, read from outside, when a hypervisor has taken the
+// processor.
+WatchdogConfig by_the_wall_clock() {
   WatchdogConfig wall;
   wall.cpu_ns = [](clockid_t) noexcept { return monotonic_ns(); };
-  Guarded guarded(wall);
+  return wall;
+}
+
+// The broken twin of the one before: what has work left when it comes back is broken off.
+TEST_F(WatchdogTest, ByTheWallClockACallWithWorkLeftIsBrokenOff) {
+  Guarded guarded(by_the_wall_clock());
   Cell cell = open_cell();
   watch(guarded.dog, cell);
-  Away away{{0, 10 * kNsPerMs}, 0};
-  for (int i = 0; i < 20; ++i) {
+  Away away{{0, 10 * kNsPerMs}, 10 * kNsPerMs};
+  for (int i = 0; i < 5; ++i) {
     EXPECT_EQ(cell.run(deadline(), be_away_then_work, &away).kind, LawFaultKind::overran) << i;
   }
+}
+
+// Held up with hardly any work left, as a law is that a hypervisor stopped half-way through its 100 ns.
+int broken_off_when_held_up(const WatchdogConfig& config) {
+  Guarded guarded(config);
+  const Result<> installed = install_handlers();
+  Result<Cell> cell = Cell::open();
+  if (!installed || !cell || !guarded.dog.watch(*cell)) return -1;
+  HeldUp law;
+  int broken_off = 0;
+  for (int i = 0; i < 20; ++i) broken_off += cell->run(monotonic_ns() + kBudgetNs, be_held_up, &law) ? 1 : 0;
+  return broken_off;
+}
+
+TEST_F(WatchdogTest, ACallThatWasHeldUpTakesItsNoticeAndEndsByItself) {
+  EXPECT_LT(broken_off_when_held_up(by_the_wall_clock()), 5) << "some, where a notice was all that ran for a while";
+}
+
+// The broken twin gives none: its hard limit is the deadline.
+TEST_F(WatchdogTest, WithoutNoticeACallThatWasHeldUpIsBrokenOff) {
+  WatchdogConfig hasty = by_the_wall_clock();
+  hasty.most_wall_ns = 0;
+  EXPECT_GT(broken_off_when_held_up(hasty), 5) << "all, where the dog itself is not held up";
 }
 
 TEST_F(WatchdogTest, WithoutAThreadsClockTheWallClockCounts) {
