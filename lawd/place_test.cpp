@@ -150,6 +150,7 @@ TEST_F(PlaceTest, NonsenseIsNotLocated) {
     EXPECT_EQ(ask(asked)["stage"], "request") << request;
   }
   const json unknown = ask({{"verb", "locate"}, {"hash", std::string(64, 'a')}, {"offset", 1}});
+  EXPECT_FALSE(ask({{"verb", "locate"}, {"hash", std::string(64, 'a')}, {"offset", 1}, {"placed", false}})["ok"]);
   EXPECT_FALSE(unknown["ok"]);
 }
 

@@ -10,6 +10,7 @@
 #include "lawd/diagnostics.hpp"
 #include "lawd/dry_run.hpp"
 #include "lawd/files.hpp"
+#include "lawd/locate.hpp"
 #include "spine/core/joints.hpp"
 #include "spine/core/sha256.hpp"
 
@@ -171,6 +172,7 @@ json Service::locate(const json& request) const {
     return refuse("request",
                   "locate needs \"hash\", as compile answered it, and \"offset\": bytes from its slot's start");
   }
+  if (!is_on(request, "placed", true)) return own_place(cache_ + "/laws/" + hash + ".so", offset);
   return placer_.locate(cache_ + "/laws/" + hash + ".o", offset);
 }
 

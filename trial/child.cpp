@@ -4,15 +4,17 @@
 #include <dlfcn.h>
 #include <signal.h>
 #include <sys/mman.h>
+#include <sys/syscall.h>
 #include <ucontext.h>
-#include <unistd.h>
 
 #include <array>
 #include <cstdio>
 #include <memory>
 
+#include "spine/arena/layout.hpp"
 #include "spine/law/resident.hpp"
 #include "spine/load/dlopen_store.hpp"
+#include "trial/gate.hpp"
 #include "trial/sections.hpp"
 
 namespace lithe::trial {
@@ -24,8 +26,13 @@ constexpr std::size_t kPastTicks = 1000;
 
 Report g_report;
 
+[[noreturn]] void end(int code) {
+  for (;;) ask_kernel(SYS_exit_group, code);
+}
+
 void tell() {
-  if (write(kPipe, &g_report, sizeof g_report) != static_cast<ssize_t>(sizeof g_report)) _exit(3);
+  const auto bytes = static_cast<long>(sizeof g_report);
+  if (ask_kernel(SYS_write, kPipe, reinterpret_cast<long>(&g_report), bytes) != bytes) end(3);
 }
 
 std::uint64_t pc_of(const void* context) {
@@ -47,7 +54,7 @@ void on_signal(int signal, siginfo_t* info, void* context) {
     g_report.crash.address = reinterpret_cast<std::uint64_t>(info->si_addr);
   }
   tell();
-  _exit(7);
+  end(7);
 }
 
 // On a stack of its own, for a law that has used up the other one.
@@ -89,13 +96,22 @@ const LitheLaw* load(const Setting& setting, const Order& order, std::span<char>
       std::snprintf(why.data(), why.size(), "there is no arena here: send \"object\" instead of \"slot\"");
       return nullptr;
     }
+    g_report.image_base = arena::slot_address(order.stage.slot);
     return setting.arena->load(0, order.stage, law, why) == wire::StageResult::staged ? law : nullptr;
   }
   auto store = new load::DlopenStore;  // lives as long as the process
   if (store->load(0, order.stage, law, why) != wire::StageResult::staged) return nullptr;
   Dl_info info{};
-  if (dladdr(law, &info) != 0) g_report.object_base = reinterpret_cast<std::uint64_t>(info.dli_fbase);
+  if (dladdr(law, &info) != 0) g_report.image_base = reinterpret_cast<std::uint64_t>(info.dli_fbase);
   return law;
+}
+
+// A placed law runs none of its code while it is loaded.
+Result<> guard_loading(const Order& order) { return order.stage.slot != 0 ? done() : allow_loading_only(kPipe); }
+
+Result<> guard_computing(const Setting& setting) {
+  if (setting.walled && shut_all_but_the_gate()) return done();
+  return allow_computing_only(kPipe);
 }
 
 // The law's own values, and those the request wants; values outside their range are refused here already.
@@ -148,7 +164,7 @@ int stand_trial(const Setting& setting, const Order& order, const Limits& limits
   const Recording recording(order.recording, setting.joints(), setting.dt_s(), kRecordedSeconds);
   if (const auto shed = shed_rights(pipe_fd, limits); !shed) return give_up(shed.message().c_str());
   if (!listen_for_signals()) return give_up("cannot catch the signals of a law");
-  if (const auto shut = allow_loading_only(kPipe); !shut) return give_up(shut.message().c_str());
+  if (const auto shut = guard_loading(order); !shut) return give_up(shut.message().c_str());
   std::snprintf(g_report.doing.data(), g_report.doing.size(), "being loaded");
   char why[256] = "";
   const LitheLaw* law = load(setting, order, why);
@@ -162,11 +178,11 @@ int stand_trial(const Setting& setting, const Order& order, const Limits& limits
   Stand one(*law, params, history, setting.clock), other(*law, params, history, setting.clock);
   Bench bench{setting, *law, recording, one, other, order.budget_ns, 0, g_report, {}};
   bench.times_ns.reserve(kTimingInputs);
-  if (const auto shut = allow_computing_only(kPipe); !shut) return give_up(shut.message().c_str());
+  if (const auto shut = guard_computing(setting); !shut) return give_up(shut.message().c_str());
   run_parts(bench, limits.cpu_ms);
   g_report.ended = 1;
   tell();
-  _exit(0);  // no destructor may want a system call now
+  end(0);  // no destructor may want a system call now
 }
 
 }  // namespace lithe::trial

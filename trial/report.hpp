@@ -46,7 +46,7 @@ struct Report {
   std::array<char, 400> refused{};  // why; empty = nothing against it
   std::array<char, 96> doing{};     // what was being tried, for the words of a crash
   Crash crash;
-  std::uint64_t object_base = 0;
+  std::uint64_t image_base = 0;  // where the law lies: its slot's start, or where dlopen put it
 
   LoopStats loop;
   std::uint32_t hostile_cases = 0, hostile_not_finite = 0, hostile_not_recovered = 0;

@@ -112,7 +112,7 @@ Outcome run_sandboxed(const std::function<int(int)>& body, const Limits& limits,
 }
 
 Result<> shed_rights(int pipe_fd, const Limits& limits) {
-  const int null = open("/dev/null", O_RDWR | O_CLOEXEC);
+  const int null = open("/dev/null", O_RDONLY | O_CLOEXEC);
   for (int fd = 0; fd < 3; ++fd) {
     if (null < 0 || dup2(null, fd) < 0) return system_error("cannot close the standard streams");
   }

@@ -49,9 +49,14 @@ Outcome run_sandboxed(const std::function<int(int pipe_fd)>& body, const Limits&
 // In the child, in this order, each for good:
 // Resource limits, no descriptor but the pipe, no core file, no other process.
 Result<> shed_rights(int pipe_fd, const Limits& limits);
-// From now on: read files, map memory, write to the pipe, end. What loading a law needs.
+// From now on: read files, map memory, write to the pipe, end. What loading a law with dlopen needs, which runs code of
+// it.
 Result<> allow_loading_only(int pipe_fd);
 // From now on: write to the pipe, read the clock, end. What a law needs not even once.
 Result<> allow_computing_only(int pipe_fd);
+
+// In the parent, once, before the first child: from now on it and its children can fork, limit themselves, read files,
+// write to what is open, map memory and signal. No network, no other program, no file written.
+Result<> allow_trials_only();
 
 }  // namespace lithe::trial

@@ -24,6 +24,7 @@ struct Setting {
   RawClock clock;
   LoopStats baseline;                       // the same ride without a law
   std::unique_ptr<load::ArenaStore> arena;  // null = there is none
+  bool walled = false;                      // allow_trials_only() holds for the zygote, and so for its children
 
   std::uint32_t joints() const { return static_cast<std::uint32_t>(robot.joints.size()); }
   std::int64_t period_ns() const { return static_cast<std::int64_t>(1e9 / robot.rate_hz); }

@@ -1,64 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "trial/verdict.hpp"
 
-#include <fcntl.h>
-#include <poll.h>
 #include <signal.h>
-#include <spawn.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
-#include <array>
 #include <cstdio>
 #include <cstring>
-
-extern char** environ;
 
 namespace lithe::trial {
 namespace {
 
-// The first "file.cpp:line" that addr2line knows for an address, looking through what was inlined; "" = none. Headers
-// of the contract are not what the author wants to hear of.
-std::string line_of(const std::string& object, std::uint64_t address) {
-  int ends[2];
-  if (object.empty() || pipe2(ends, O_CLOEXEC) != 0) return "";
-  char place[32];
-  std::snprintf(place, sizeof place, "0x%llx", static_cast<unsigned long long>(address));
-  const std::array<const char*, 6> words = {"addr2line", "-i", "-e", object.c_str(), place, nullptr};
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
-  posix_spawn_file_actions_adddup2(&actions, ends[1], 1);
-  posix_spawn_file_actions_addopen(&actions, 2, "/dev/null", O_WRONLY, 0);
-  pid_t pid = 0;
-  const int failed = posix_spawnp(&pid, words[0], &actions, nullptr, const_cast<char**>(words.data()), environ);
-  posix_spawn_file_actions_destroy(&actions);
-  close(ends[1]);
-  std::string text;
-  std::array<char, 1024> buffer;
-  for (pollfd wait{ends[0], POLLIN, 0}; failed == 0 && poll(&wait, 1, 2000) > 0;) {
-    const ssize_t got = read(ends[0], buffer.data(), buffer.size());
-    if (got <= 0 || text.size() > 65536) break;
-    text.append(buffer.data(), static_cast<std::size_t>(got));
-  }
-  close(ends[0]);
-  if (failed == 0) {
-    kill(pid, SIGKILL);
-    waitpid(pid, nullptr, 0);
-  }
-  for (std::size_t from = 0; from < text.size();) {
-    const std::size_t to = std::min(text.find('\n', from), text.size());
-    const std::string line = text.substr(from, to - from);
-    const std::size_t name = line.find_last_of('/') + 1, number = line.find(".cpp:");
-    if (number != std::string::npos && line.find(":?") == std::string::npos) {
-      return line.substr(name, line.find(' ') == std::string::npos ? std::string::npos : line.find(' ') - name);
-    }
-    from = to + 1;
-  }
-  return "";
-}
-
-std::string crash_text(const Report& report, const std::string& where) {
+std::string crash_text(const Report& report) {
   const Crash& crash = report.crash;
   char words[160];
   switch (crash.signal) {
@@ -93,7 +44,7 @@ std::string crash_text(const Report& report, const std::string& where) {
     default:
       std::snprintf(words, sizeof words, "it was ended by signal %d", crash.signal);
   }
-  return std::string(words) + " (" + text_of(report.doing) + (where.empty() ? "" : ", " + where) + ")";
+  return std::string(words) + " (" + text_of(report.doing) + ")";
 }
 
 bool is_report(const std::string& bytes, Report& report) {
@@ -113,7 +64,7 @@ std::string death_text(const Outcome& outcome, const Limits& limits) {
 
 }  // namespace
 
-Verdict judge(const Outcome& outcome, const Limits& limits, const std::string& object, bool pc_is_absolute) {
+Verdict judge(const Outcome& outcome, const Limits& limits) {
   Verdict verdict;
   const bool whole = is_report(outcome.output, verdict.report);
   if (!whole) verdict.report = {};
@@ -130,13 +81,15 @@ Verdict judge(const Outcome& outcome, const Limits& limits, const std::string& o
     return verdict;
   }
   if (!whole) {
+    verdict.out_of_time = outcome.timed_out;
     verdict.reason = death_text(outcome, limits);
     return verdict;
   }
   const Report& report = verdict.report;
   if (report.crash.signal != 0) {
-    verdict.where = line_of(object, report.crash.pc - (pc_is_absolute ? 0 : report.object_base));
-    verdict.reason = crash_text(report, verdict.where);
+    if (report.crash.pc > report.image_base) verdict.pc_offset = report.crash.pc - report.image_base;
+    verdict.out_of_time = report.crash.signal == SIGPROF;
+    verdict.reason = crash_text(report);
   } else if (report.refused[0] != '\0') {
     verdict.unable = report.unable != 0;
     verdict.reason = text_of(report.refused);

@@ -2,6 +2,7 @@
 // From what a child left behind to a sentence for an agent.
 #pragma once
 
+#include <cstdint>
 #include <string>
 
 #include "trial/report.hpp"
@@ -11,15 +12,14 @@ namespace lithe::trial {
 
 struct Verdict {
   bool ok = false;
-  bool starved = false;  // the board gave the trial no time: nothing is known about the law
-  bool unable = false;   // the sandbox does not work here: likewise
-  std::string reason;    // empty when ok
-  std::string where;     // "pd.cpp:12" when the place of a crash could be found
+  bool starved = false;         // the board gave the trial no time: nothing is known about the law
+  bool unable = false;          // the sandbox does not work here: likewise
+  bool out_of_time = false;     // it did not come to an end, or so it seems
+  std::string reason;           // empty when ok
+  std::uint64_t pc_offset = 0;  // of a crash: bytes from the law's start, if it lies behind that; 0 = unknown
   Report report;
 };
 
-// `object`: with debug information, for the line of a crash; may be empty. `pc_is_absolute`: it was linked for the
-// address it ran at.
-Verdict judge(const Outcome& outcome, const Limits& limits, const std::string& object, bool pc_is_absolute);
+Verdict judge(const Outcome& outcome, const Limits& limits);
 
 }  // namespace lithe::trial

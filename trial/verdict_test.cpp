@@ -21,21 +21,21 @@ TEST(Verdict, LiesOfAChildAreNotBelieved) {
   outcome.started = true;
   outcome.exit_code = 0;
   outcome.output = bytes();
-  EXPECT_TRUE(judge(outcome, {}, "", false).ok);
+  EXPECT_TRUE(judge(outcome, {}).ok);
   outcome.exit_code = 1;
-  EXPECT_FALSE(judge(outcome, {}, "", false).ok) << "it did not end well";
+  EXPECT_FALSE(judge(outcome, {}).ok) << "it did not end well";
   outcome.exit_code = 0;
   outcome.output = bytes().substr(1);
-  EXPECT_FALSE(judge(outcome, {}, "", false).ok) << "half a report";
+  EXPECT_FALSE(judge(outcome, {}).ok) << "half a report";
   outcome.output = "";
-  EXPECT_FALSE(judge(outcome, {}, "", false).ok) << "no report";
+  EXPECT_FALSE(judge(outcome, {}).ok) << "no report";
   report.section = 77;
   outcome.output = bytes();
-  EXPECT_FALSE(judge(outcome, {}, "", false).ok) << "no such section";
+  EXPECT_FALSE(judge(outcome, {}).ok) << "no such section";
   report.section = 0;
   report.ended = 0;
   outcome.output = bytes();
-  EXPECT_FALSE(judge(outcome, {}, "", false).ok) << "not at its end";
+  EXPECT_FALSE(judge(outcome, {}).ok) << "not at its end";
 }
 
 TEST(Verdict, StarvedTrialIsNotTheLawsFault) {
@@ -43,13 +43,15 @@ TEST(Verdict, StarvedTrialIsNotTheLawsFault) {
   outcome.started = outcome.timed_out = true;
   outcome.signal = 9;
   outcome.cpu_ms = 5;
-  EXPECT_TRUE(judge(outcome, {}, "", false).starved);
+  EXPECT_TRUE(judge(outcome, {}).starved);
+  EXPECT_FALSE(judge(outcome, {}).out_of_time);
   outcome.cpu_ms = 149;
-  EXPECT_FALSE(judge(outcome, {}, "", false).starved);
+  EXPECT_TRUE(judge(outcome, {}).out_of_time);
+  EXPECT_FALSE(judge(outcome, {}).starved);
 }
 
 TEST(Verdict, SandboxThatDoesNotWorkIsNotTheLawsFault) {
-  EXPECT_TRUE(judge({}, {}, "", false).unable) << "there was no child";
+  EXPECT_TRUE(judge({}, {}).unable) << "there was no child";
   Report report;
   report.ended = report.unable = 1;
   report.refused = {"no filter"};
@@ -57,11 +59,11 @@ TEST(Verdict, SandboxThatDoesNotWorkIsNotTheLawsFault) {
   outcome.started = true;
   outcome.exit_code = 1;
   outcome.output = std::string(reinterpret_cast<const char*>(&report), sizeof report);
-  EXPECT_TRUE(judge(outcome, {}, "", false).unable);
-  EXPECT_FALSE(judge(outcome, {}, "", false).ok) << "but it is not tried";
+  EXPECT_TRUE(judge(outcome, {}).unable);
+  EXPECT_FALSE(judge(outcome, {}).ok) << "but it is not tried";
   report.unable = 0;
   outcome.output = std::string(reinterpret_cast<const char*>(&report), sizeof report);
-  EXPECT_FALSE(judge(outcome, {}, "", false).unable);
+  EXPECT_FALSE(judge(outcome, {}).unable);
 }
 
 TEST(Sandbox, ChildThatDoesNotEndIsKilled) {

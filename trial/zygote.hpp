@@ -18,6 +18,10 @@ class Zygote {
   // as the supervisor hands it over, closed here; -1 or no arena = laws come as objects only.
   static Result<Zygote> make(const std::string& robot_path, int arena_fd);
 
+  // Gives up, for this whole process and its children, what no trial needs (allow_trials_only). A child then needs no
+  // filter of its own. Contract: once, in a process that does nothing else
+  Result<> wall_in();
+
   // One request line, one answer. `quit` is set by the verb quit. See trial/README.md.
   nlohmann::json answer(const std::string& line, bool& quit);
 
@@ -27,6 +31,7 @@ class Zygote {
 
   nlohmann::json ping() const;
   nlohmann::json attempt(const nlohmann::json& request);
+  Outcome run(const Order& order, const Limits& limits) const;
 
   Setting setting_;
   std::string arena_text_;  // why there is no arena; empty = there is

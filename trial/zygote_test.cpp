@@ -6,9 +6,13 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <sys/mman.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <cstdio>
 #include <cstring>
+#include <vector>
 
 #include "spine/arena/arena.hpp"
 #include "trial/guarded.hpp"
@@ -22,12 +26,16 @@ using nlohmann::json;
 // A law that asks for nothing, made by hand for a slot: its descriptor, then one instruction that returns.
 struct HandMade {
   LitheLaw law{};
-#if defined(__x86_64__)
-  std::array<unsigned char, 8> code{0xC3};  // ret
-#else
-  std::array<unsigned char, 8> code{0xC0, 0x03, 0x5F, 0xD6};  // ret
-#endif
+  std::array<unsigned char, 12> code{};
 };
+#if defined(__x86_64__)
+const std::vector<unsigned char> kReturn = {0xC3};
+const std::vector<unsigned char> kAskForParent = {0xB8, 110, 0, 0, 0, 0x0F, 0x05, 0xC3};  // getppid
+#else
+const std::vector<unsigned char> kReturn = {0xC0, 0x03, 0x5F, 0xD6};
+const std::vector<unsigned char> kAskForParent = {0xA8, 0x15, 0x80, 0xD2, 0x01, 0x00,
+                                                  0x00, 0xD4, 0xC0, 0x03, 0x5F, 0xD6};  // mov x8, 173; svc 0
+#endif
 
 struct Nothing {
   struct Params {};
@@ -72,10 +80,11 @@ TEST_F(ZygoteTest, GoodLawsPassAndAllSectionsReport) {
   }
 }
 
-TEST_F(ZygoteTest, CrashIsNamedWithItsLine) {
+TEST_F(ZygoteTest, CrashIsNamedWithItsPlace) {
   const json reply = attempt(LAW_writes_null);
   EXPECT_NE(reply.value("reason", "").find("SIGSEGV at 0x0"), std::string::npos) << reply.dump();
-  EXPECT_EQ(reply.value("where", "").substr(0, 16), "writes_null.cpp:");
+  EXPECT_GT(reply["pc_offset"], 0) << reply.dump();
+  EXPECT_LT(reply["pc_offset"], 1 << 20) << "within the object";
   expect_refused(LAW_deep_recursion, "benign", "SIGSEGV");
 }
 
@@ -113,33 +122,71 @@ TEST_F(ZygoteTest, BudgetIsHeld) {
   EXPECT_NE(slow.value("reason", "").find("budget"), std::string::npos) << slow.dump();
 }
 
-TEST_F(ZygoteTest, PlacedLawIsTriedWhereItLies) {
+// An arena of its own with this code in slot 2, and the request that tries it.
+json place(const std::vector<unsigned char>& code, int& memory_fd) {
   const auto memory = arena::make_memory();
-  ASSERT_TRUE(memory);
+  EXPECT_TRUE(memory);
   HandMade made;
   made.law = describe<Nothing>("nothing");
   made.law.step = reinterpret_cast<decltype(made.law.step)>(arena::slot_address(2) + offsetof(HandMade, code));
+  std::copy(code.begin(), code.end(), made.code.begin());
   const std::span<const std::byte> image{reinterpret_cast<const std::byte*>(&made), sizeof made};
-  {
-    auto writer = arena::Writer::attach(*memory);
-    ASSERT_TRUE(writer) << writer.message();
-    ASSERT_TRUE(writer->place(2, image));
-  }
-  auto with_arena = Zygote::make(LITHE_ROBOTS "/arm.toml", *memory);
+  auto writer = arena::Writer::attach(*memory);
+  EXPECT_TRUE(writer && writer->place(2, image));
+  memory_fd = *memory;
+  return {{"verb", "try"},
+          {"slot", 2},
+          {"entry", arena::slot_address(2)},
+          {"code_bytes", sizeof made},
+          {"image_hash", arena::image_hash(image)}};
+}
+
+TEST_F(ZygoteTest, PlacedLawIsTriedWhereItLies) {
+  int memory = -1;
+  json request = place(kReturn, memory);
+  auto with_arena = Zygote::make(LITHE_ROBOTS "/arm.toml", memory);
   ASSERT_TRUE(with_arena) << with_arena.message();
-  EXPECT_EQ(fcntl(*memory, F_GETFD), -1) << "whoever can write the arena can write the running law";
+  EXPECT_EQ(fcntl(memory, F_GETFD), -1) << "whoever can write the arena can write the running law";
   bool quit = false;
-  json request = {{"verb", "try"},
-                  {"slot", 2},
-                  {"entry", arena::slot_address(2)},
-                  {"code_bytes", sizeof made},
-                  {"image_hash", arena::image_hash(image)}};
   const json reply = with_arena->answer(request.dump(), quit);
   EXPECT_TRUE(reply["ok"].get<bool>()) << reply.dump();
   request["image_hash"] = "12ab";
   EXPECT_FALSE(with_arena->answer(request.dump(), quit)["ok"].get<bool>()) << "another image than announced";
   request["slot"] = 77;
   EXPECT_FALSE(with_arena->answer(request.dump(), quit)["ok"].get<bool>());
+}
+
+// --- behind its wall, as lithe-trial is ---
+
+// Ends the process that it runs in, with the answer to `request` on stderr.
+[[noreturn]] void answer_walled(json request, int memory_fd) {
+  auto zygote = Zygote::make(LITHE_ROBOTS "/arm.toml", memory_fd);
+  if (!zygote || !zygote->wall_in()) _exit(77);
+  if (open("/tmp/lithe-must-not-be", O_WRONLY | O_CREAT, 0600) >= 0 || socket(AF_UNIX, SOCK_STREAM, 0) >= 0) _exit(78);
+  execl("/bin/true", "true", nullptr);  // returns: there is no other program
+  request["box_ms"] = 1000;
+  bool quit = false;
+  const json reply = zygote->answer(request.dump(), quit);
+  std::fprintf(stderr, "%s\n", reply.value("reason", reply.dump()).c_str());
+  _exit(reply["ok"].get<bool>() ? 0 : 1);
+}
+
+TEST_F(ZygoteTest, BehindItsWallItTriesPlacedLawsAndObjects) {
+  int memory = -1;
+  const json placed = place(kReturn, memory);
+  EXPECT_EXIT(answer_walled(placed, memory), testing::ExitedWithCode(0), "");
+  const json object = {{"verb", "try"}, {"object", LAW_pd}};
+  EXPECT_EXIT(answer_walled(object, -1), testing::ExitedWithCode(0), "");
+  const json crash = {{"verb", "try"}, {"object", LAW_writes_null}};
+  EXPECT_EXIT(answer_walled(crash, -1), testing::ExitedWithCode(1), "SIGSEGV at 0x0");
+  const json asks = {{"verb", "try"}, {"object", LAW_asm_syscall}};
+  EXPECT_EXIT(answer_walled(asks, -1), testing::ExitedWithCode(1), "it made system call");
+}
+
+TEST_F(ZygoteTest, BehindItsWallTheSystemCallOfAPlacedLawIsNamed) {
+  int memory = -1;
+  const json placed = place(kAskForParent, memory);
+  EXPECT_EXIT(answer_walled(placed, memory), testing::ExitedWithCode(1), "it made system call 1[17][03]");
 }
 
 TEST_F(ZygoteTest, WhatTheSandboxLacksIsNotTheLawsFault) {

@@ -90,9 +90,10 @@ void LawdLink::place(const std::string& hash, std::uint32_t slot, Callback callb
   service_.ask(std::move(request), ServiceLink::Turn::next, kCompileTimeoutNs, judged(std::move(callback)), now_ns);
 }
 
-void LawdLink::locate(const std::string& hash, std::uint32_t offset, Callback callback, std::int64_t now_ns) {
-  service_.ask({{"verb", "locate"}, {"hash", hash}, {"offset", offset}}, ServiceLink::Turn::in_line, kCompileTimeoutNs,
-               judged(std::move(callback)), now_ns);
+void LawdLink::locate(const std::string& hash, std::uint64_t offset, bool placed, Callback callback,
+                      std::int64_t now_ns) {
+  service_.ask({{"verb", "locate"}, {"hash", hash}, {"offset", offset}, {"placed", placed}}, ServiceLink::Turn::in_line,
+               kCompileTimeoutNs, judged(std::move(callback)), now_ns);
 }
 
 }  // namespace lithe::control

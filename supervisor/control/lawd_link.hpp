@@ -39,8 +39,8 @@ class LawdLink {
   void check(const LawText& law, Callback callback, std::int64_t now_ns);
   // Has a compiled law linked for a slot of the arena and written there; `hash`: as the answer to compile() gave it.
   void place(const std::string& hash, std::uint32_t slot, Callback callback, std::int64_t now_ns);
-  // {"line", "function"} of a place in a compiled law, so many bytes from the start of its slot.
-  void locate(const std::string& hash, std::uint32_t offset, Callback callback, std::int64_t now_ns);
+  // {"line", "function"} of a place in a compiled law, so many bytes from the start of its slot, or of its object.
+  void locate(const std::string& hash, std::uint64_t offset, bool placed, Callback callback, std::int64_t now_ns);
   // Reads answers, notices a death, starts it again. Call after poll() and at least ten times a second.
   void serve(std::int64_t now_ns) { service_.serve(now_ns); }
   void stop() { service_.stop(); }

@@ -144,7 +144,7 @@ void Swaps::tried(std::uint64_t request_id, const Answer& answer) {
     queue_.note(request_id, "trial", report);
   }
   if (refusal != nullptr) {
-    queue_.on_refused(request_id, *refusal, monotonic_ns());
+    refuse_with_line(*queue_.head(), *refusal);
     return;
   }
   const Json timing = report.value("report", Json::object()).value("timing", Json::object());
@@ -153,6 +153,25 @@ void Swaps::tried(std::uint64_t request_id, const Answer& answer) {
                   report.value("ms", 0.0), timing.value("p999_ns", 0.0), timing.value("worst_ns", 0.0));
   note(*queue_.head(), "swap_tried", words);
   queue_.on_tried(request_id, words, monotonic_ns());
+}
+
+// A law that crashed on trial is told its line, as one that does so later.
+void Swaps::refuse_with_line(const swap::Transaction& swap, const Refusal& refusal) {
+  const Json trial = refusal.detail.is_object() ? refusal.detail.value("trial", Json::object()) : Json::object();
+  const auto offset = trial.value("pc_offset", std::uint64_t{0});
+  const auto refuse = [this, id = swap.request_id(), refusal](const Json& place) {
+    Refusal told = refusal;
+    if (place.is_object()) {
+      told.message = fmt::format("{}: {}", place.value("where", ""), refusal.message);
+      told.detail["where"] = place["where"];
+    }
+    queue_.on_refused(id, std::move(told), monotonic_ns());
+  };
+  if (offset == 0) {
+    refuse(nullptr);
+  } else {
+    find_line(swap, offset, placed_->slot != 0, refuse);
+  }
 }
 
 void Swaps::stage(const swap::Transaction& swap) {

@@ -134,20 +134,32 @@ void Swaps::log(std::uint64_t request_id, const char* kind, const std::string& t
   spdlog::info("{}: {}", kind, text);
 }
 
-// The compile service has the law with its lines. The event comes after the one of the fault.
-void Swaps::locate(const swap::Transaction& swap, std::uint32_t offset, Aftermath::Found found) {
-  const auto located = [this, id = swap.request_id(), file = swap.request().name, law = swap.compiled().law,
-                        found = std::move(found)](const Answer& answer) {
+// The compile service has the law with its lines. `offset`: from the start of its slot, or of its object when not
+// `placed`.
+void Swaps::find_line(const swap::Transaction& swap, std::uint64_t offset, bool placed, Aftermath::Found found) {
+  const auto located = [file = swap.request().name, found = std::move(found)](const Answer& answer) {
     const Json* place = std::get_if<Json>(&answer);
     if (place == nullptr) {
       found(nullptr);
       return;
     }
-    const std::string where = fmt::format("{}:{}", file, place->value("line", 0));
-    log(id, "law_fault_located", fmt::format("{} at {}, in {}", law, where, place->value("function", "?")));
-    found({{"where", where}, {"function", place->value("function", "?")}});
+    found(
+        {{"where", fmt::format("{}:{}", file, place->value("line", 0))}, {"function", place->value("function", "?")}});
   };
-  help_.lawd.locate(swap.compiled().hash, offset, located, monotonic_ns());
+  help_.lawd.locate(swap.compiled().hash, offset, placed, located, monotonic_ns());
+}
+
+// Of a law that failed in the Spine. The event comes after the one of the fault.
+void Swaps::locate(const swap::Transaction& swap, std::uint32_t offset, Aftermath::Found found) {
+  const auto tell = [this, id = swap.request_id(), law = swap.compiled().law,
+                     found = std::move(found)](const Json& place) {
+    if (place.is_object()) {
+      log(id, "law_fault_located",
+          fmt::format("{} at {}, in {}", law, place.value("where", "?"), place.value("function", "?")));
+    }
+    found(place);
+  };
+  find_line(swap, offset, true, tell);
 }
 
 void Swaps::finish(swap::Transaction&& swap) {

@@ -71,6 +71,8 @@ class Swaps {
   void poll_stage(std::int64_t now_ns);
   void take_commit();
   void guess_commit(std::int64_t now_ns);
+  void refuse_with_line(const swap::Transaction& swap, const swap::Refusal& refusal);
+  void find_line(const swap::Transaction& swap, std::uint64_t offset, bool placed, Aftermath::Found found);
   void locate(const swap::Transaction& swap, std::uint32_t offset, Aftermath::Found found);
   void shadow_ended(const wire::Event& event, std::int64_t now_ns);
   void come_late(const wire::Event& event);

@@ -41,13 +41,12 @@ Json request_of(const TrialOrder& order) {
 }
 
 Refusal refusal_of(const Json& answer) {
-  const std::string where = answer.value("where", "");
   const bool starved = answer.value("starved", false), unavailable = answer.value("unavailable", false);
   const std::string reason = answer.value("reason", "the trial gave no reason");
   return {starved       ? "trial_starved"
           : unavailable ? "trial_unavailable"
                         : "trial_failed",
-          fmt::format("{}{}: {}", where.empty() ? "" : where + ": ", answer.value("section", "?"), reason),
+          fmt::format("{}: {}", answer.value("section", "?"), reason),
           starved ? "the running law is unchanged; try again when the machine is less busy"
           : unavailable
               ? "the running law is unchanged, and nothing is known against the new one: a trial needs seccomp, "
@@ -93,27 +92,11 @@ void TrialLink::ask(const TrialOrder& order, int starved, Callback callback, std
           callback(answer);
         } else if (json->value("starved", false) && starved + 1 < kMostStarved) {
           ask(order, starved + 1, callback, monotonic_ns());
-        } else if (order.slot != 0 && !json->value("starved", false) && !json->value("unavailable", false)) {
-          find_line(order, refusal_of(*json), callback);
         } else {
           callback(refusal_of(*json));
         }
       },
       now_ns);
-}
-
-// A slot holds no debug information: the same law from its object fails with the line, if it fails there too.
-void TrialLink::find_line(const TrialOrder& order, Refusal refusal, Callback callback) {
-  TrialOrder again = order;
-  again.slot = 0;
-  const std::int64_t limit_ns = 4 * order.box_ms * kNsPerMs + 10 * kNsPerS;
-  service_.ask(
-      request_of(again), ServiceLink::Turn::next, limit_ns,
-      [refusal = std::move(refusal), callback = std::move(callback)](const Answer& answer) {
-        const Json* json = std::get_if<Json>(&answer);
-        callback(json != nullptr && json->contains("where") ? refusal_of(*json) : refusal);
-      },
-      monotonic_ns());
 }
 
 }  // namespace lithe::control

@@ -12,8 +12,8 @@ namespace lithe::control {
 
 // What is tried, and how.
 struct TrialOrder {
-  std::string object;      // shared object; also of a placed law: a crash is told with its source line from there
-  std::uint32_t slot = 0;  // in the arena; 0 = not placed
+  std::string object;      // shared object
+  std::uint32_t slot = 0;  // in the arena; 0 = not placed: the object is tried
   std::uint32_t code_bytes = 0;
   std::uint64_t entry = 0;
   std::uint64_t image_hash = 0;
@@ -38,8 +38,8 @@ class TrialLink {
   }
   // Says in the log when the trial cannot have the arena that it was given.
   Result<> start(std::int64_t now_ns);
-  // Json: the trial's own answer, passed. Refusal: trial_failed with its report in `detail`, trial_starved, trial_died,
-  // trial_unavailable: its sandbox does not work here.
+  // Json: the trial's own answer, passed. Refusal: trial_failed with its answer in `detail.trial`, "pc_offset" of a
+  // crash in it; trial_starved, trial_died, trial_unavailable: its sandbox does not work here.
   void attempt(const TrialOrder& order, Callback callback, std::int64_t now_ns);
   void serve(std::int64_t now_ns) { service_.serve(now_ns); }
   void stop() { service_.stop(); }
@@ -50,7 +50,6 @@ class TrialLink {
 
  private:
   void ask(const TrialOrder& order, int starved, Callback callback, std::int64_t now_ns);
-  void find_line(const TrialOrder& order, swap::Refusal refusal, Callback callback);
 
   ServiceLink service_;
   bool arena_ = false;

@@ -61,6 +61,17 @@ def test_a_law_is_refused_at_admission_and_at_its_trial_and_the_old_one_runs_on(
     assert kinds.count("swap_refused") == 2 and kinds.count("law_staged") == 1
 
 
+def test_a_law_that_crashes_on_trial_is_told_its_line(arm: House) -> None:
+    """From its slot, which holds no lines: the compile service has them."""
+    path = arm.dir / "moody.cpp"
+    path.write_text(MOODY)
+    error = arm.ask("swap", path, "--param", "crash=1", code=1)["error"]
+    line = 1 + MOODY[: MOODY.index("volatile")].count("\n")
+    assert error["code"] == "trial_failed" and error["message"].startswith(f"moody.cpp:{line}: benign: ")
+    assert "SIGSEGV at 0x8" in error["message"]
+    assert law(arm) == "pd"
+
+
 def test_a_good_law_is_committed_confirmed_and_certified(arm: House, tell: Callable[[str], None]) -> None:
     """The answer comes at the commit; the certificate goes on."""
     done = arm.ask("swap", "gravity_pd", "--probation", "200ms", "--blend", "10ms")
