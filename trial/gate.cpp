@@ -25,7 +25,7 @@ lithe_trial_gate_end:
 )");
 extern "C" {
 [[gnu::visibility("hidden")]] long lithe_trial_gate(long number, long first, long second, long third);
-[[gnu::visibility("hidden")]] extern const char lithe_trial_gate_end[];
+[[gnu::visibility("hidden")]] void lithe_trial_gate_end();  // its address only
 }
 #endif
 
@@ -41,7 +41,7 @@ Result<> shut_all_but_the_gate() {
   constexpr int kDispatch = 59;  // PR_SET_SYSCALL_USER_DISPATCH, which older headers lack
   constexpr unsigned long kOn = 1;
   const auto from = reinterpret_cast<std::uintptr_t>(&lithe_trial_gate);
-  const std::uintptr_t bytes = reinterpret_cast<std::uintptr_t>(lithe_trial_gate_end) - from;
+  const std::uintptr_t bytes = reinterpret_cast<std::uintptr_t>(&lithe_trial_gate_end) - from;
   if (prctl(kDispatch, kOn, from, bytes, nullptr) == 0) return done();
   return Error{std::string("syscall user dispatch was refused: ") + std::strerror(errno)};
 }
