@@ -8,6 +8,7 @@
 
 #include "spine/hal/bus/loop_bus.hpp"
 #include "spine/hal/bus_actuators.hpp"
+#include "spine/hal/device/moteus_drive.hpp"
 #include "spine/hal/sim/sim_moteus.hpp"
 
 namespace lithe::hal {
@@ -25,7 +26,7 @@ class SimulatedRobot final : public Actuators {
   void add_bus() {
     auto bus = std::make_unique<LoopBus>();
     wires_.push_back(bus.get());
-    actuators_.add_bus(std::move(bus));
+    actuators_.add_bus(std::move(bus), Addressing::moteus);
   }
 
   void add_joint(const robot::DeviceConfig& device, const robot::JointConfig& joint) {
@@ -41,7 +42,9 @@ class SimulatedRobot final : public Actuators {
                     joint.sim.initial_position_rad, joint.sim.seed};
     drives_.push_back(std::make_unique<sim::SimMoteus>(params));
     wires_[device.bus]->attach(*drives_.back());
-    actuators_.add_joint(device.bus, {device.id, device.watchdog_s, transform});
+    actuators_.add_joint(
+        device.bus, device.id,
+        std::make_unique<moteus::MoteusDrive>(moteus::DriverParams{device.id, device.watchdog_s, transform}));
   }
 
  private:

@@ -15,27 +15,41 @@ JointCommand joint_command(const ActuatorCommand& all, std::size_t joint) LITHE_
           all.kp_nm_rad[joint], all.kd_nm_s_rad[joint], all.max_torque_nm[joint]};
 }
 
+std::uint32_t address_of(Addressing addressing, const Frame& frame) LITHE_RT {
+  return addressing == Addressing::moteus ? frame.id >> 8 : frame.id & 0x7f;
+}
+
 }  // namespace
 
-std::size_t BusActuators::add_bus(std::unique_ptr<Bus> bus) {
-  Line line{std::move(bus), 0, {}};
+std::size_t BusActuators::add_bus(std::unique_ptr<Bus> bus, Addressing addressing, std::unique_ptr<BusMaster> master) {
+  Line line{std::move(bus), std::move(master), addressing, 0, 0, 0, {}};
   line.joint_at.fill(kNobody);
   lines_.push_back(std::move(line));
   return lines_.size() - 1;
 }
 
-void BusActuators::add_joint(std::size_t bus, const moteus::DriverParams& params) {
-  lines_[bus].joint_at[params.id & 0x7f] = static_cast<std::uint8_t>(joints_.size());
-  ++lines_[bus].joints;
-  joints_.push_back({bus, moteus::Driver(params)});
+void BusActuators::add_joint(std::size_t bus, std::uint32_t address, std::unique_ptr<Drive> drive,
+                             std::uint32_t divider) {
+  lines_[bus].joint_at[address & 0x7f] = static_cast<std::uint8_t>(joints_.size());
+  const std::uint32_t turn = lines_[bus].joints++ % divider;
+  joints_.push_back({bus, std::move(drive), divider, turn});
   last_.joints = static_cast<std::uint32_t>(joints_.size());
 }
 
 void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT {
-  source_ = (source_ + 1) % kSources;
-  for (Line& line : lines_) line.bus->begin(now_ns);
-  send_all(command);  // to every bus first: their replies travel at the same time
-  for (Line& line : lines_) receive_all(line);
+  ++exchange_.number;
+  exchange_.now_ns = now_ns;
+  exchange_.source = static_cast<std::uint32_t>(exchange_.number % kSources);
+  exchange_.asked = false;
+  for (Line& line : lines_) {
+    line.bus->begin(now_ns);
+    // A node that babbles must not keep the tick: so many frames, then the rest is for the next exchange.
+    line.patience = 4 * line.joints + 16;
+    drain(line);  // what came since the last one: news, and answers that are late
+  }
+  send_all(command);  // to every bus first: their answers travel at the same time
+  exchange_.asked = true;
+  collect();
   settle();
   last_.tick = command.tick;
   last_.sample_ns = now_ns;
@@ -50,55 +64,83 @@ void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, s
 }
 
 void BusActuators::send_all(const ActuatorCommand& command) LITHE_RT {
-  Frame frame;
+  for (Line& line : lines_) {
+    line.unanswered = 0;
+    if (line.master != nullptr) line.master->before_commands(exchange_, *line.bus);
+  }
   for (std::size_t i = 0; i < joints_.size(); ++i) {
     Joint& joint = joints_[i];
     joint.answered = false;
-    if (!joint.driver.encode(joint_command(command, i), source_, frame)) ++counters_.unsound;
-    lines_[joint.line].bus->send(frame);  // a refusal shows as a missed reply, and is counted
+    joint.asked = exchange_.number % joint.divider == joint.turn;
+    if (!joint.asked) continue;
+    Line& line = lines_[joint.line];
+    ++line.unanswered;
+    if (!joint.drive->command(joint_command(command, i), exchange_, *line.bus)) ++counters_.unsound;
+  }
+  for (Line& line : lines_) {
+    if (line.master != nullptr) line.master->after_commands(exchange_, *line.bus);
+    line.bus->flush();
   }
 }
 
-void BusActuators::receive_all(Line& line) LITHE_RT {
-  // A node that babbles must not keep the tick: twice what is due, then the rest is late.
-  std::size_t patience = 2 * line.joints + 8;
-  Frame frame;
-  while (patience-- > 0 && line.bus->receive(frame)) accept(line, frame);
+// Until every joint that was asked has answered, or its bus's time is over. Buses are waited for together.
+void BusActuators::collect() LITHE_RT {
+  const std::int64_t from_ns = clock_.now_ns();
+  for (bool waiting = true; waiting;) {
+    waiting = false;
+    for (Line& line : lines_) {
+      drain(line);
+      const bool may_come = line.unanswered > 0 && line.patience > 0 && line.bus->reply_wait_ns() > 0;
+      waiting |= may_come && clock_.now_ns() - from_ns < line.bus->reply_wait_ns();
+    }
+    if (waiting) spin_pause();
+  }
 }
 
-void BusActuators::accept(const Line& line, const Frame& frame) LITHE_RT {
-  const std::uint32_t device = moteus::device_of(frame);
-  const std::uint8_t index = device < line.joint_at.size() ? line.joint_at[device] : kNobody;
+void BusActuators::drain(Line& line) LITHE_RT {
+  Frame frame;
+  for (; line.patience > 0 && line.bus->receive(frame); --line.patience) accept(line, frame);
+}
+
+void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
+  const std::uint32_t address = address_of(line.addressing, frame);
+  const std::uint8_t index = address < line.joint_at.size() ? line.joint_at[address] : kNobody;
   if (index == kNobody) {
     ++counters_.stray;
     return;
   }
-  if (moteus::source_of(frame) != source_) {
-    ++late_answers_;
-    return;
-  }
   Joint& joint = joints_[index];
+  JointSample sample;
+  switch (joint.drive->take(frame, exchange_, sample)) {
+    case Heard::part:
+      return;
+    case Heard::late:
+      ++late_answers_;
+      return;
+    case Heard::malformed:
+      ++counters_.malformed;
+      return;
+    case Heard::answer:
+      break;
+  }
   if (joint.answered) {
     ++counters_.duplicate;
     return;
   }
-  moteus::JointSample sample;
-  if (!joint.driver.decode(frame, sample)) {
-    ++counters_.malformed;
-    return;
-  }
-  last_.status[index] = moteus::status_of(sample);
+  last_.status[index] = sample.status;
   if (!sample.measured) {  // its mode and fault count, its numbers do not
     ++counters_.malformed;
     return;
   }
   joint.answered = true;
+  if (joint.asked && line.unanswered > 0) --line.unanswered;
   last_.status[index] |= wire::joint_status::kFresh;
   last_.position_rad[index] = sample.position_rad;
   last_.velocity_rad_s[index] = sample.velocity_rad_s;
   last_.torque_nm[index] = sample.torque_nm;
 }
 
+// A joint whose turn it was not keeps what it had, fresh as it was.
 void BusActuators::settle() LITHE_RT {
   for (std::size_t i = 0; i < joints_.size(); ++i) {
     Joint& joint = joints_[i];
@@ -106,6 +148,7 @@ void BusActuators::settle() LITHE_RT {
       joint.misses_in_a_row = 0;
       continue;
     }
+    if (!joint.asked) continue;
     ++counters_.missed;
     joint.misses_in_a_row = std::min(joint.misses_in_a_row + 1, kMissesToLost);
     last_.status[i] &= ~wire::joint_status::kFresh;

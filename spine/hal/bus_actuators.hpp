@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Actuators over any buses: one exchange per tick and bus, replies matched to joints by address.
+// Actuators over any buses: one exchange per tick with all of them, answers matched to joints by address.
 #pragma once
 
 #include <array>
@@ -9,21 +9,32 @@
 #include <vector>
 
 #include "spine/core/rt.hpp"
+#include "spine/core/time.hpp"
 #include "spine/hal/actuators.hpp"
 #include "spine/hal/bus/bus.hpp"
-#include "spine/hal/device/moteus.hpp"
+#include "spine/hal/device/drive.hpp"
 
 namespace lithe::hal {
 
-// Contract: cycle() RT, bounded, one thread · add_bus and add_joint before the first cycle, never in the tick
+// Where a frame carries the address of the device that sent it.
+enum class Addressing : std::uint8_t {
+  moteus,   // bits 8 to 14 of its id
+  canopen,  // bits 0 to 6
+};
+
+// Contract: cycle() RT, bounded, one thread · add_bus, add_joint before the first cycle, never in the tick
 class BusActuators final : public Actuators {
  public:
-  // A joint is lost after this many exchanges without an answer.
+  // A joint is lost after so many exchanges in a row in which it was asked and did not answer.
   static constexpr std::uint32_t kMissesToLost = 3;
 
-  std::size_t add_bus(std::unique_ptr<Bus> bus);
-  // Joints in the order of the robot's joints, at most kMaxJoints; addresses differ on each bus.
-  void add_joint(std::size_t bus, const moteus::DriverParams& params);
+  // `clock` bounds the wait for answers of buses that need one (Bus::reply_wait_ns).
+  explicit BusActuators(const RawClock& clock = {}) : clock_(clock) {}
+
+  std::size_t add_bus(std::unique_ptr<Bus> bus, Addressing addressing, std::unique_ptr<BusMaster> master = nullptr);
+  // Joints in the order of the robot's joints, at most kMaxJoints; addresses (1 to 126) differ on each bus. Asked in
+  // one of `divider` exchanges, those of a bus in turn.
+  void add_joint(std::size_t bus, std::uint32_t address, std::unique_ptr<Drive> drive, std::uint32_t divider = 1);
 
   void cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT override;
 
@@ -35,28 +46,37 @@ class BusActuators final : public Actuators {
 
   struct Line {
     std::unique_ptr<Bus> bus;
-    std::size_t joints = 0;
+    std::unique_ptr<BusMaster> master;
+    Addressing addressing;
+    std::uint32_t joints = 0;
+    std::uint32_t unanswered = 0;            // of those asked in this exchange
+    std::uint32_t patience = 0;              // frames that it may still bring in this exchange
     std::array<std::uint8_t, 128> joint_at;  // by device address
   };
   struct Joint {
     std::size_t line;
-    moteus::Driver driver;
+    std::unique_ptr<Drive> drive;
+    std::uint32_t divider;
+    std::uint32_t turn;  // it is asked when the exchange's number leaves this remainder
     std::uint32_t misses_in_a_row = 0;
+    bool asked = false;
     bool answered = false;
   };
 
-  // Our address changes with every exchange, and the drives answer to it: so a late answer is known as such.
+  // Our address changes with every exchange, and moteus drives answer to it: so a late answer is known as such.
   static constexpr std::uint32_t kSources = 16;
 
   void send_all(const ActuatorCommand& command) LITHE_RT;
-  void receive_all(Line& line) LITHE_RT;
-  void accept(const Line& line, const Frame& frame) LITHE_RT;
+  void collect() LITHE_RT;
+  void drain(Line& line) LITHE_RT;
+  void accept(Line& line, const Frame& frame) LITHE_RT;
   void settle() LITHE_RT;
 
+  RawClock clock_;
   std::vector<Line> lines_;
   std::vector<Joint> joints_;
   ActuatorState last_;
-  std::uint32_t source_ = 0;
+  Exchange exchange_;
   std::uint64_t late_answers_ = 0;
   ReplyCounters counters_;
 };

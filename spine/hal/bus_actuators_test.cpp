@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "spine/hal/bus/loop_bus.hpp"
+#include "spine/hal/device/moteus_drive.hpp"
 #include "spine/hal/sim/sim_moteus.hpp"
 #include "spine/wire/wire.hpp"
 
@@ -87,9 +88,10 @@ class TwoJoints : public testing::Test {
       cables_.push_back(std::make_unique<BadCable>(params));
       bus_->attach(*cables_.back());
     }
-    actuators_.add_bus(std::move(bus));
-    actuators_.add_joint(0, {.id = 1, .joint = {}});
-    actuators_.add_joint(0, {.id = 2, .joint = {}});
+    actuators_.add_bus(std::move(bus), Addressing::moteus);
+    for (std::uint32_t id : {1U, 2U}) {
+      actuators_.add_joint(0, id, std::make_unique<moteus::MoteusDrive>(moteus::DriverParams{.id = id, .joint = {}}));
+    }
     command_.joints = 2;
   }
 

@@ -4,22 +4,26 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <string>
 
 #include "spine/core/rt.hpp"
 #include "spine/hal/bus/frame.hpp"
 
 namespace lithe::hal {
 
-// Frames since the bus was opened.
+// Since the bus was opened. Frames, unless it says otherwise.
 struct BusStatistics {
   std::uint64_t sent = 0;
   std::uint64_t received = 0;
-  std::uint64_t refused = 0;  // the queue was full: not sent, not kept
-  std::uint64_t late = 0;     // arrived after the exchange they belonged to, thrown away
+  std::uint64_t refused = 0;    // no room: not sent, not kept
+  std::uint64_t late = 0;       // arrived after the exchange they belonged to, thrown away by the bus
+  std::uint64_t malformed = 0;  // lines or frames that make no sense
+  std::uint64_t errors = 0;     // error frames, and answers of an adapter that say no
+  std::uint64_t reopened = 0;   // times that the hardware came back
 };
 
-// An exchange is begin(), send() for every command, then receive() until it says that nothing more comes.
-// Contract: RT as far as the hardware is · one thread · never blocks longer than the bus's own bound
+// An exchange is begin(), send() for every command, flush(), then receive() again and again.
+// Contract: RT as far as the hardware is · one thread, but for service() and why_down() · nothing ever waits
 class Bus {
  public:
   Bus() = default;
@@ -27,14 +31,27 @@ class Bus {
   Bus& operator=(const Bus&) = delete;
   virtual ~Bus() = default;
 
-  // Opens an exchange and throws away what came since the last one: a reply is never taken for the next one.
+  // Opens an exchange. A bus that can tell throws away what came since the last one.
   virtual void begin(std::int64_t now_ns) LITHE_RT = 0;
 
-  // False: refused and counted, because the queue is full.
+  // False: refused and counted, because there is no room or no hardware.
   virtual bool send(const Frame& frame) LITHE_RT = 0;
 
-  // The next frame in order of arrival. False: nothing more comes in this exchange.
+  // The last command is in: they leave now.
+  virtual void flush() LITHE_RT {}
+
+  // The next frame in order of arrival. False: nothing more has arrived so far.
   virtual bool receive(Frame& frame) LITHE_RT = 0;
+
+  // For so long after flush() an answer may still come [ns]. 0: what is not there already never comes.
+  virtual std::int64_t reply_wait_ns() const LITHE_RT { return 0; }
+
+  // Brings back hardware that went away. May open files, and take long.
+  // Contract: never in an exchange's thread · about once a second
+  virtual void service() {}
+
+  // Why nothing can be sent; empty when all is well. Contract: as service()
+  virtual std::string why_down() const { return ""; }
 
   const BusStatistics& statistics() const LITHE_RT { return statistics_; }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What every drive understands, whoever made it.
+// What every drive understands, whoever made it; and what every driver does.
 #pragma once
 
 #include <cstdint>
@@ -7,6 +7,8 @@
 #include <numbers>
 
 #include "spine/core/rt.hpp"
+#include "spine/hal/bus/bus.hpp"
+#include "spine/hal/bus/frame.hpp"
 
 namespace lithe::hal {
 
@@ -34,6 +36,61 @@ struct JointTransform {
   double motor_rev(double position_rad) const LITHE_RT { return (position_rad - zero_rad) * rev_per_rad(); }
   double position_rad(double motor_rev) const LITHE_RT { return motor_rev / rev_per_rad() + zero_rad; }
   double rev_per_rad() const LITHE_RT { return gear() / (2 * std::numbers::pi); }
+};
+
+// One exchange with all buses.
+struct Exchange {
+  std::uint64_t number = 0;  // counts from 1
+  std::int64_t now_ns = 0;   // CLOCK_MONOTONIC when it began
+  // Our own address changes with every exchange, and drives that answer to it show which command they answer.
+  std::uint32_t source = 0;
+  bool asked = false;  // the commands have left: what came before answers none of them
+};
+
+// What a drive said about its joint, in joint coordinates.
+struct JointSample {
+  double position_rad = 0;
+  double velocity_rad_s = 0;
+  double torque_nm = 0;
+  std::uint32_t status = 0;  // wire::joint_status fault, watchdog, not_homed; drive fault << 8, drive mode << 16
+  bool measured = false;     // the first three are finite and possible
+};
+
+enum class Heard : std::uint8_t {
+  answer,     // whole: the sample is filled in
+  part,       // of an answer, or news that is none; kept by the driver
+  late,       // the answer to an exchange that is over
+  malformed,  // not a whole answer of this drive
+};
+
+// Turns a joint's command into frames, and frames into what the joint does.
+// Contract: RT · no I/O but through the bus it is handed · one thread
+class Drive {
+ public:
+  Drive() = default;
+  Drive(const Drive&) = delete;
+  Drive& operator=(const Drive&) = delete;
+  virtual ~Drive() = default;
+
+  // Sends what this exchange needs. A number that is not finite never leaves: the joint is damped instead, and false is
+  // returned.
+  virtual bool command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT = 0;
+
+  // A frame from this drive's address. `sample` is changed by an answer only.
+  virtual Heard take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT = 0;
+};
+
+// What a bus needs beside commands to its drives: SYNC, heartbeats, the network's state.
+// Contract: as Drive
+class BusMaster {
+ public:
+  BusMaster() = default;
+  BusMaster(const BusMaster&) = delete;
+  BusMaster& operator=(const BusMaster&) = delete;
+  virtual ~BusMaster() = default;
+
+  virtual void before_commands(const Exchange& exchange, Bus& bus) LITHE_RT = 0;
+  virtual void after_commands(const Exchange& exchange, Bus& bus) LITHE_RT = 0;
 };
 
 }  // namespace lithe::hal

@@ -38,7 +38,7 @@ Mode mode_for(DriveAction action) LITHE_RT {
 }
 
 // What the registers of an answer add up to; NaN until seen.
-struct Answer {
+struct Registers {
   static constexpr double kUnseen = std::numeric_limits<double>::quiet_NaN();
   double mode = kUnseen, position_rev = kUnseen, velocity_rev_s = kUnseen, torque_nm = kUnseen;
   double home = kUnseen, fault = kUnseen;
@@ -77,7 +77,7 @@ struct Answer {
 
 }  // namespace
 
-std::uint32_t status_of(const JointSample& sample) LITHE_RT {
+std::uint32_t status_of(const Answer& sample) LITHE_RT {
   std::uint32_t status = std::uint32_t{sample.fault} << 8 | std::uint32_t{sample.mode} << 16;
   // A fault code alone is no fault: while a limit is at work the code says which, and the drive goes on.
   if (sample.mode == static_cast<std::uint8_t>(Mode::fault)) status |= wire::joint_status::kFault;
@@ -126,9 +126,9 @@ void Driver::write_torque(const JointCommand& command, SubframeWriter& writer) c
   writer.write(Format::int8, reg::kIntegralScale, kNoIntegral);
 }
 
-bool Driver::decode(const Frame& frame, JointSample& sample) const LITHE_RT {
+bool Driver::decode(const Frame& frame, Answer& sample) const LITHE_RT {
   if (device_of(frame) != params_.id) return false;
-  Answer answer;
+  Registers answer;
   SubframeReader reader(frame.payload());
   Subframe subframe;
   while (reader.next(subframe)) {

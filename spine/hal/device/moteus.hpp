@@ -21,7 +21,7 @@ struct DriverParams {
 };
 
 // What a drive said about its joint, in joint coordinates.
-struct JointSample {
+struct Answer {
   double position_rad = 0;
   double velocity_rad_s = 0;
   double torque_nm = 0;
@@ -32,7 +32,7 @@ struct JointSample {
 };
 
 // wire::joint_status bits of an answer: fault, watchdog, not_homed, the fault code and the mode.
-std::uint32_t status_of(const JointSample& sample) LITHE_RT;
+std::uint32_t status_of(const Answer& sample) LITHE_RT;
 
 // The device that sent an answer, and the source address of the command it answers.
 constexpr std::uint32_t device_of(const Frame& answer) LITHE_RT { return answer.id >> 8; }
@@ -53,7 +53,7 @@ class Driver {
   bool encode(const JointCommand& command, std::uint32_t source, Frame& frame) const LITHE_RT;
 
   // False: not a whole answer of this drive; `sample` is unchanged. Whom it answers is left to the caller (source_of).
-  bool decode(const Frame& frame, JointSample& sample) const LITHE_RT;
+  bool decode(const Frame& frame, Answer& sample) const LITHE_RT;
 
  private:
   void write_torque(const JointCommand& command, SubframeWriter& writer) const LITHE_RT;

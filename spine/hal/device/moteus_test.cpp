@@ -119,7 +119,7 @@ TEST(MoteusDriver, SignZeroAndRatioApplyToCommandAndSample) {
   EXPECT_NEAR(r.at(reg::kKpScale), 1, 1e-6) << "4 Nm per motor turn, as the drive is configured";
   EXPECT_NEAR(r.at(reg::kKdScale), 1, 1e-6);
 
-  JointSample sample;
+  Answer sample;
   ASSERT_TRUE(driver.decode(reply(1, 10, -0.5, -6, -0.2, 2, 0), sample));
   EXPECT_TRUE(sample.measured);
   EXPECT_NEAR(sample.position_rad, command.position_rad, 1e-6);
@@ -158,7 +158,7 @@ TEST(MoteusDriver, NegativeGainsAndLimitsNeverReachTheDrive) {
 
 TEST(MoteusDriver, ModeOneIsAFaultAndModeElevenAWatchdogAndALimitIsNeither) {
   const Driver driver({.id = 1, .joint = {}});
-  JointSample sample;
+  Answer sample;
   ASSERT_TRUE(driver.decode(reply(1, 1, 0, 0, 0, 2, 39), sample));
   EXPECT_EQ(status_of(sample), wire::joint_status::kFault | 39U << 8 | 1U << 16);
   ASSERT_TRUE(driver.decode(reply(1, 11, 0, 0, 0, 2, 0), sample));
@@ -172,7 +172,7 @@ TEST(MoteusDriver, ModeOneIsAFaultAndModeElevenAWatchdogAndALimitIsNeither) {
 TEST(MoteusDriver, ARotorEncoderHomesADirectDriveOnly) {
   const Driver direct({.id = 1, .joint = {}});
   const Driver geared({.id = 1, .joint = {.sign = 1, .zero_rad = 0, .ratio = 6}});
-  JointSample sample;
+  Answer sample;
   for (const double home : {0.0, 1.0, 2.0}) {
     const Frame frame = reply(1, 0, 0, 0, 0, home, 0);
     ASSERT_TRUE(direct.decode(frame, sample));
@@ -187,7 +187,7 @@ TEST(MoteusDriver, AMeasurementThatCannotBeIsNotOne) {
   const double inf = std::numeric_limits<double>::infinity();
   for (const double bad : {kNan, inf, -inf, 1e9, -1e9}) {
     for (int at = 0; at < 3; ++at) {
-      JointSample sample;
+      Answer sample;
       sample.position_rad = 7;
       ASSERT_TRUE(driver.decode(reply(1, 1, at == 0 ? bad : 0, at == 1 ? bad : 0, at == 2 ? bad : 0, 2, 43), sample));
       EXPECT_FALSE(sample.measured);
@@ -206,13 +206,13 @@ TEST(MoteusDriver, TheAnswerNamesTheSourceOfItsCommand) {
   frame.id |= 9;
   EXPECT_EQ(device_of(frame), 5U);
   EXPECT_EQ(source_of(frame), 9U);
-  JointSample sample;
+  Answer sample;
   EXPECT_TRUE(driver.decode(frame, sample));
 }
 
 TEST(MoteusDriver, AnotherDevicesOrHalfAnAnswerIsRefused) {
   const Driver driver({.id = 1, .joint = {}});
-  JointSample sample;
+  Answer sample;
   EXPECT_FALSE(driver.decode(reply(2, 10, 0, 0, 0, 2, 0), sample));
   for (std::uint8_t size = 0; size < 24; ++size) {
     Frame frame = reply(1, 10, 0, 0, 0, 2, 0);
@@ -235,7 +235,7 @@ TEST(MoteusDriver, RandomBytesNeverPutAnImpossibleValueIntoASample) {
       for (std::uint8_t& byte : frame.data) byte = static_cast<std::uint8_t>(random());
       frame.size = static_cast<std::uint8_t>(random());
     }
-    JointSample sample;
+    Answer sample;
     if (!driver.decode(frame, sample)) continue;
     ++accepted;
     ASSERT_TRUE(std::isfinite(sample.position_rad) && std::abs(sample.position_rad) < 1e6);
