@@ -19,8 +19,11 @@ enum class LawLoader { arena, dlopen };                    // where the code of 
 enum class MissPolicy { skip, stop };                      // what a missed deadline does
 enum class StaleAction { hold, safe_stop };                // what a silent Brain does
 enum class SafeEnd { damp, hold };                         // how the safe law ends, once the joint has slowed down
-enum class BusKind { loop };
-enum class DeviceKind { moteus };
+enum class BusKind { loop, fdcanusb, slcan, socketcan, pi3hat };
+enum class DeviceKind { moteus, cia402, gateway };
+enum class DriveMode { torque, position, velocity };  // what a CiA 402 drive is given: CST, CSP or CSV
+enum class SensorKind { analog, digital };
+inline constexpr std::size_t kMaxSensors = 32;
 
 struct SpineConfig {
   Release release = Release::spin;
@@ -58,14 +61,37 @@ struct SwapConfig {
 struct BusConfig {
   std::string name;
   BusKind kind = BusKind::loop;
+  std::string path;                        // of the serial device behind fdcanusb and slcan
+  std::string interface;                   // of socketcan, as `ip link` names it
+  std::uint32_t connector = 1;             // of a pi3hat, 1 to 5: JC1 to JC5
+  std::uint32_t bitrate = 1'000'000;       // of the arbitration phase
+  std::uint32_t data_bitrate = 5'000'000;  // of CAN FD's data phase; 0 = classic CAN only
+  double reply_wait_s = 0.002;             // for so long after the commands an answer is waited for; a loop never waits
 };
+
+// Whether frames of 64 bytes and of the faster data phase can pass.
+constexpr bool is_fd(const BusConfig& bus) { return bus.data_bitrate > 0; }
 
 struct DeviceConfig {
   std::string name;
   DeviceKind kind = DeviceKind::moteus;
   std::size_t bus = 0;  // index into RobotConfig::buses
   std::uint32_t id = 1;
-  double watchdog_s = 0.1;
+  double watchdog_s = 0.1;             // no command for this long, and the device stops by itself
+  std::uint32_t rate_divider = 1;      // asked in one of so many ticks
+  DriveMode mode = DriveMode::torque;  // these three: cia402
+  double counts_per_rev = 4096;        // of the motor's position
+  double rated_torque_nm = 1.0;        // of the motor: object 6076h, of which torques are thousandths
+};
+
+// One channel of a gateway: value = scale * raw + offset.
+struct SensorConfig {
+  std::string name;
+  std::size_t device = 0;  // index into RobotConfig::devices
+  SensorKind kind = SensorKind::analog;
+  std::uint32_t channel = 0;
+  double scale = 1.0;
+  double offset = 0.0;
 };
 
 // The simulated plant at the far end of a joint's drive, in joint coordinates: angle 0 hangs straight down,
@@ -117,6 +143,7 @@ struct RobotConfig {
   std::vector<BusConfig> buses;
   std::vector<DeviceConfig> devices;
   std::vector<JointConfig> joints;
+  std::vector<SensorConfig> sensors;
   std::vector<std::string> notes;  // things that work but cost something, one sentence each
 };
 

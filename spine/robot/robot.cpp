@@ -11,6 +11,7 @@
 #include <thread>
 
 #include "spine/core/joints.hpp"
+#include "spine/robot/hardware.hpp"
 #include "spine/robot/reader.hpp"
 #include "spine/robot/sections.hpp"
 #include "spine/robot/utf8.hpp"
@@ -38,6 +39,7 @@ class File {
     read_buses();
     read_devices();
     read_joints();
+    read_sensors();
     top_.finish();
   }
 
@@ -62,8 +64,7 @@ class File {
       BusConfig& bus = robot_.buses.emplace_back();
       Reader in(*table, where("bus", *table), report_);
       in.identifier("name", bus.name);
-      in.choice<BusKind>("kind", bus.kind, {{"loop", BusKind::loop}}, Need::required);
-      in.finish();
+      read_bus(in, bus);
       refuse_twin(in, "bus", robot_.buses);
     }
   }
@@ -84,17 +85,24 @@ class File {
       read_device(in, device, buses, Need::required);
       in.finish();
       refuse_twin(in, "device", robot_.devices);
-      for (std::size_t i = 0; i + 1 < robot_.devices.size(); ++i) {
-        const DeviceConfig& other = robot_.devices[i];
-        if (table->get("id") != nullptr && other.bus == device.bus && other.id == device.id) {
-          in.complain("id", fmt::format("{} is already taken on this bus by \"{}\"", device.id, other.name));
-        }
-      }
-      if (device.watchdog_s * robot_.rate_hz < 4.0) {
-        in.complain("watchdog_s", fmt::format("{} s is less than 4 ticks at {} Hz, the drive would stop by itself; "
-                                              "give at least {}",
-                                              device.watchdog_s, robot_.rate_hz, 4.0 / robot_.rate_hz));
-      }
+      check_neighbours(in, robot_, table->get("id") != nullptr);
+      check_device(in, robot_, device);
+    }
+  }
+
+  void read_sensors() {
+    const std::vector<std::string_view> devices = names(robot_.devices);
+    for (const toml::table* table : top_.tables("sensor")) {
+      SensorConfig& sensor = robot_.sensors.emplace_back();
+      sensor.device = devices.size();
+      Reader in(*table, where("sensor", *table), report_);
+      in.identifier("name", sensor.name);
+      read_sensor(in, sensor, devices);
+      refuse_twin(in, "sensor", robot_.sensors);
+      check_sensor(in, robot_);
+    }
+    if (robot_.sensors.size() > kMaxSensors) {
+      report_.add({}, fmt::format("{} sensors, LITHE carries {}; remove some", robot_.sensors.size(), kMaxSensors));
     }
   }
 
@@ -121,7 +129,7 @@ class File {
     std::vector<const toml::table*> owners(robot_.devices.size(), nullptr);
     for (const toml::table* table : tables) read_one_joint(*table, prototype, owners);
     for (std::size_t i = 0; i < owners.size(); ++i) {
-      if (owners[i] == nullptr && report_.empty()) {
+      if (owners[i] == nullptr && report_.empty() && robot_.devices[i].kind != DeviceKind::gateway) {
         robot_.notes.push_back(fmt::format("device \"{}\" moves no joint; it is left alone", robot_.devices[i].name));
       }
     }
@@ -145,6 +153,10 @@ class File {
                                                   joint.position_max_rad, joint.position_min_rad));
     }
     if (joint.device >= owners.size()) return;
+    if (robot_.devices[joint.device].kind == DeviceKind::gateway) {
+      in.complain("device", fmt::format("\"{}\" is a gateway and moves nothing; name a drive",
+                                        robot_.devices[joint.device].name));
+    }
     if (owners[joint.device] != nullptr) {
       in.complain("device", fmt::format("\"{}\" already moves another joint (line {}); one device moves one joint",
                                         robot_.devices[joint.device].name, place_of(*owners[joint.device]).line));

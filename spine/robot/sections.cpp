@@ -49,10 +49,49 @@ void read_swap(Reader& in, SwapConfig& swap) {
   in.finish();
 }
 
+void read_bus(Reader& in, BusConfig& bus) {
+  in.choice<BusKind>("kind", bus.kind,
+                     {{"loop", BusKind::loop},
+                      {"fdcanusb", BusKind::fdcanusb},
+                      {"slcan", BusKind::slcan},
+                      {"socketcan", BusKind::socketcan},
+                      {"pi3hat", BusKind::pi3hat}},
+                     Need::required);
+  if (bus.kind == BusKind::slcan) bus.data_bitrate = 0;  // most adapters are classic
+  in.integer("bitrate", bus.bitrate, {10'000, 1'000'000});
+  in.integer("data_bitrate", bus.data_bitrate, {0, 8'000'000});
+  if (bus.kind == BusKind::fdcanusb || bus.kind == BusKind::slcan) in.text("path", bus.path, Need::required);
+  if (bus.kind == BusKind::socketcan) in.text("interface", bus.interface, Need::required);
+  if (bus.kind == BusKind::pi3hat) in.integer("connector", bus.connector, {1, 5}, Need::required);
+  if (bus.kind != BusKind::loop) in.number("reply_wait_s", bus.reply_wait_s, {0.0, 0.1});
+  if (bus.kind == BusKind::fdcanusb && !is_fd(bus))
+    in.complain("data_bitrate", "an fdcanusb speaks CAN FD; leave it out");
+  in.finish();
+}
+
 void read_device(Reader& in, DeviceConfig& device, const std::vector<std::string_view>& buses, Need need) {
-  in.choice<DeviceKind>("kind", device.kind, {{"moteus", DeviceKind::moteus}}, need);
+  in.choice<DeviceKind>(
+      "kind", device.kind,
+      {{"moteus", DeviceKind::moteus}, {"cia402", DeviceKind::cia402}, {"gateway", DeviceKind::gateway}}, need);
   in.reference("bus", device.bus, "bus", buses, need);
   in.number("watchdog_s", device.watchdog_s, {0.005, 10.0});
+  in.integer("rate_divider", device.rate_divider, {1, 1000});
+  if (device.kind != DeviceKind::cia402) return;
+  in.choice<DriveMode>(
+      "mode", device.mode,
+      {{"torque", DriveMode::torque}, {"position", DriveMode::position}, {"velocity", DriveMode::velocity}});
+  in.number("counts_per_rev", device.counts_per_rev, {1.0, 1.0e9});
+  in.number("rated_torque_nm", device.rated_torque_nm, {kSmall, kBig}, need);
+}
+
+void read_sensor(Reader& in, SensorConfig& sensor, const std::vector<std::string_view>& devices) {
+  in.reference("device", sensor.device, "device", devices);
+  in.choice<SensorKind>("kind", sensor.kind, {{"analog", SensorKind::analog}, {"digital", SensorKind::digital}},
+                        Need::required);
+  in.integer("channel", sensor.channel, {0, 15}, Need::required);
+  in.number("scale", sensor.scale, {-kBig, kBig});
+  in.number("offset", sensor.offset, {-kBig, kBig});
+  in.finish();
 }
 
 void read_plant(Reader& in, PlantConfig& sim) {

@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: Apache-2.0
+// Buses, devices and sensors that do not go together are refused with what to do.
+#include "spine/robot/hardware.hpp"
+
+#include <gtest/gtest.h>
+
+#include <string>
+#include <vector>
+
+#include "spine/robot/robot.hpp"
+
+namespace lithe::robot {
+namespace {
+
+const std::string kTop = "name = \"r\"\n";
+const std::string kFd = "[[bus]]\nname = \"fd\"\nkind = \"socketcan\"\ninterface = \"can0\"\n";
+const std::string kClassic = "[[bus]]\nname = \"classic\"\nkind = \"slcan\"\npath = \"/dev/ttyACM0\"\n";
+
+std::string device(const std::string& name, const std::string& kind, const std::string& bus, int id,
+                   const std::string& more = "") {
+  return "[[device]]\nname = \"" + name + "\"\nkind = \"" + kind + "\"\nbus = \"" + bus +
+         "\"\nid = " + std::to_string(id) + "\n" + more;
+}
+const std::string kRated = "rated_torque_nm = 0.5\n";
+
+std::string joint(const std::string& name, const std::string& device) {
+  return "[[joint]]\nname = \"" + name + "\"\ndevice = \"" + device +
+         "\"\nposition_min_rad = -1\nposition_max_rad = 1\nvelocity_max_rad_s = 9\ntorque_max_nm = 1\n"
+         "torque_slew_nm_s = 100\nsafe_kd_nm_s_rad = 0.1\n";
+}
+std::string sensor(const std::string& name, const std::string& device, int channel) {
+  return "[[sensor]]\nname = \"" + name + "\"\ndevice = \"" + device +
+         "\"\nkind = \"analog\"\nchannel = " + std::to_string(channel) + "\nscale = 0.001\n";
+}
+const std::string kMixed = kTop + kFd + kClassic + device("m", "moteus", "fd", 1) +
+                           device("g", "gateway", "classic", 9) +
+                           device("c", "cia402", "classic", 2, kRated + "mode = \"position\"\nrate_divider = 2\n") +
+                           joint("a", "m") + joint("b", "c") + sensor("pressure", "g", 3);
+
+void expect_refused(const std::string& text, const std::vector<std::string>& phrases) {
+  const Result<RobotConfig> robot = parse_robot(text, "r.toml", {4});
+  ASSERT_FALSE(robot) << "accepted, but should say: " << phrases.front();
+  for (const std::string& phrase : phrases) {
+    EXPECT_NE(robot.message().find(phrase), std::string::npos) << robot.message() << "\nlacks: " << phrase;
+  }
+}
+
+TEST(Hardware, ARobotMixesBusesDevicesAndSensors) {
+  const Result<RobotConfig> robot = parse_robot(kMixed, "r.toml", {4});
+  ASSERT_TRUE(robot) << robot.message();
+  EXPECT_EQ(robot->buses[0].interface, "can0");
+  EXPECT_EQ(robot->buses[0].data_bitrate, 5'000'000U);
+  EXPECT_EQ(robot->buses[1].data_bitrate, 0U) << "an slcan adapter is classic unless it says otherwise";
+  EXPECT_EQ(robot->devices[2].mode, DriveMode::position);
+  EXPECT_EQ(robot->devices[2].rate_divider, 2U);
+  ASSERT_EQ(robot->sensors.size(), 1U);
+  EXPECT_EQ(robot->sensors[0].channel, 3U);
+  EXPECT_EQ(robot->sensors[0].scale, 0.001);
+  EXPECT_TRUE(robot->notes.empty()) << robot->notes.front();
+}
+
+TEST(Hardware, WhatABusNeedsToBeFoundIsAskedFor) {
+  expect_refused(kTop + "[[bus]]\nname = \"b\"\nkind = \"fdcanusb\"\n", {"path"});
+  expect_refused(kTop + "[[bus]]\nname = \"b\"\nkind = \"socketcan\"\n", {"interface"});
+  expect_refused(kTop + "[[bus]]\nname = \"b\"\nkind = \"pi3hat\"\n", {"connector"});
+  expect_refused(kTop + "[[bus]]\nname = \"b\"\nkind = \"loop\"\npath = \"/dev/x\"\n", {"path"});
+  expect_refused(kTop + "[[bus]]\nname = \"b\"\nkind = \"can\"\n", {"socketcan"});
+}
+
+TEST(Hardware, ADeviceMustFitItsBus) {
+  expect_refused(kTop + kClassic + device("m", "moteus", "classic", 1), {"classic CAN only", "data_bitrate"});
+  expect_refused(
+      kTop + "[[bus]]\nname = \"u\"\nkind = \"fdcanusb\"\npath = \"/dev/u\"\n" + device("c", "cia402", "u", 1, kRated),
+      {"fdcanusb", "slcan or socketcan"});
+  expect_refused(kTop + kFd + device("m", "moteus", "fd", 1) + device("c", "cia402", "fd", 2, kRated),
+                 {"\"m\" on it is a moteus, this is a cia402", "a bus each"});
+  expect_refused(kTop + kFd + device("c", "cia402", "fd", 2), {"rated_torque_nm"});
+  expect_refused(kTop + kFd + device("m", "moteus", "fd", 1, "rate_divider = 100\nwatchdog_s = 0.1\n"),
+                 {"4 commands at 10 Hz", "0.4"});
+}
+
+TEST(Hardware, ASensorNeedsAChannelOfItsOwnOnAGateway) {
+  const std::string base =
+      kTop + kFd + device("m", "moteus", "fd", 1) + device("g", "gateway", "fd", 9) + joint("a", "m");
+  EXPECT_TRUE(parse_robot(base + sensor("s", "g", 0), "r.toml", {4}));
+  expect_refused(base + sensor("s", "m", 0), {"\"m\" is a moteus", "gateway"});
+  expect_refused(base + sensor("s", "g", 4) + sensor("t", "g", 4), {"4 is \"s\" already"});
+  expect_refused(base + sensor("s", "g", 16), {"channel"});
+  expect_refused(base + joint("b", "g"), {"\"g\" is a gateway and moves nothing"});
+  std::string many = base;
+  for (int i = 0; i < 2; ++i) many += device("g" + std::to_string(i), "gateway", "fd", 20 + i);
+  for (int i = 0; i < 33; ++i) many += sensor("s" + std::to_string(i), i < 16 ? "g" : i < 32 ? "g0" : "g1", i % 16);
+  expect_refused(many, {"33 sensors, LITHE carries 32"});
+}
+
+}  // namespace
+}  // namespace lithe::robot
