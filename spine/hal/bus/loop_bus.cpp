@@ -8,6 +8,7 @@ void LoopBus::begin(std::int64_t now_ns) LITHE_RT {
   statistics_.late += inbound_.size();
   inbound_.clear();
   now_ns_ = now_ns;
+  for (BusNode* node : nodes_) node->on_time(now_ns, inbound_);
 }
 
 bool LoopBus::send(const Frame& frame) LITHE_RT {

@@ -48,6 +48,8 @@ class BusNode {
   BusNode& operator=(const BusNode&) = delete;
   virtual ~BusNode() = default;
   virtual void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT = 0;
+  // What it says by itself by now: heartbeats, timed messages. Called about once a millisecond.
+  virtual void on_time(std::int64_t /*now_ns*/, FrameQueue& /*answers*/) LITHE_RT {}
 };
 
 // Lossless and in order up to FrameQueue::kCapacity frames each way; beyond that it refuses and counts.

@@ -18,12 +18,34 @@ class Echo final : public BusNode {
   std::int64_t last_ns = 0;
 };
 
+// Says something by itself each time it is told the time.
+class Clock final : public BusNode {
+ public:
+  void on_frame(const Frame&, std::int64_t, FrameQueue&) LITHE_RT override {}
+  void on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT override {
+    Frame tick;
+    tick.id = static_cast<std::uint32_t>(now_ns);
+    answers.push(tick);
+  }
+};
+
 Frame frame_with_id(std::uint32_t id) {
   Frame frame;
   frame.id = id;
   frame.size = 4;
   frame.data[3] = static_cast<std::uint8_t>(id);
   return frame;
+}
+
+TEST(LoopBus, WhatANodeSaysByItselfArrivesInTheExchangeThatItWasSaidIn) {
+  LoopBus bus;
+  Clock clock;
+  bus.attach(clock);
+  bus.begin(7);
+  Frame frame;
+  ASSERT_TRUE(bus.receive(frame));
+  EXPECT_EQ(frame.id, 7U);
+  EXPECT_FALSE(bus.receive(frame));
 }
 
 TEST(LoopBus, FramesComeBackWholeAndInOrder) {
