@@ -35,4 +35,14 @@ constexpr std::size_t fd_size(std::size_t size) LITHE_RT {
   return size <= 48 ? 48 : 64;
 }
 
+inline constexpr std::uint32_t kLargestStandardId = 0x7ff;
+inline constexpr std::uint32_t kLargestId = 0x1fff'ffff;
+
+// Whether CAN has such a frame: an id that fits, a length that exists, more than 8 bytes and a faster phase in FD only.
+constexpr bool is_can(const Frame& frame) LITHE_RT {
+  if (frame.id > (frame.extended ? kLargestId : kLargestStandardId)) return false;
+  if (!frame.fd && (frame.brs || frame.size > 8)) return false;
+  return frame.size <= kMaxPayload && fd_size(frame.size) == frame.size;
+}
+
 }  // namespace lithe::hal

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+// Hexadecimal digits, as adapters that speak in lines of text write them.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string_view>
+
+#include "spine/core/rt.hpp"
+
+namespace lithe::hal {
+
+inline constexpr char kHexDigits[] = "0123456789ABCDEF";
+
+// 0 to 15; -1 when it is no digit. Capital letters or not.
+constexpr int hex_digit(char c) LITHE_RT {
+  if (c >= '0' && c <= '9') return c - '0';
+  if (c >= 'a' && c <= 'f') return c - 'a' + 10;
+  if (c >= 'A' && c <= 'F') return c - 'A' + 10;
+  return -1;
+}
+
+// The number that `text` (1 to 8 digits and nothing else) says. False: it says none, and `value` is unchanged.
+constexpr bool hex_number(std::string_view text, std::uint32_t& value) LITHE_RT {
+  if (text.empty() || text.size() > 8) return false;
+  std::uint32_t number = 0;
+  for (const char c : text) {
+    const int digit = hex_digit(c);
+    if (digit < 0) return false;
+    number = number << 4 | static_cast<std::uint32_t>(digit);
+  }
+  value = number;
+  return true;
+}
+
+}  // namespace lithe::hal
