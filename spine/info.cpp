@@ -86,6 +86,8 @@ void write_robot_info(ipc::ChannelMemory<wire::RobotInfo>& memory, const robot::
     info->torque_slew_nm_s[j] = joint.torque_slew_nm_s;
     info->deceleration_rad_s2[j] = joint.deceleration_rad_s2;
   }
+  info->sensor_count = static_cast<std::uint32_t>(robot.sensors.size());
+  for (std::size_t i = 0; i < robot.sensors.size(); ++i) put_text(info->sensor_name, robot.sensors[i].name, 32 * i, 32);
   ipc::ChannelWriter<wire::RobotInfo>(memory).write(*info);
 }
 

@@ -16,7 +16,8 @@ NW = 16
 NPARAM = 32
 NBIN = 976
 NLAW = 8
-LAYOUT_HASH = 0xC69364DA117B3759
+NS = 16
+LAYOUT_HASH = 0xB424772AFEAD851F
 
 
 class Mode(IntEnum):
@@ -221,6 +222,7 @@ class Telemetry(ctypes.Structure):
         ("setpoint_velocity_rad_s", ctypes.c_double * 32),
         ("command_torque_nm", ctypes.c_double * 32),
         ("joint_status", ctypes.c_uint32 * 32),
+        ("sensor", ctypes.c_double * 16),
     ]
 
 
@@ -381,6 +383,9 @@ class RobotInfo(ctypes.Structure):
         ("arena_base", ctypes.c_uint64),
         ("arena_slots", ctypes.c_uint32),
         ("arena_slot_bytes", ctypes.c_uint32),
+        ("sensor_count", ctypes.c_uint32),
+        ("pad0", ctypes.c_uint8 * 4),
+        ("sensor_name", ctypes.c_char * 512),
     ]
 
 
@@ -452,6 +457,7 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("setpoint_velocity_rad_s", "<f8", (32,), 1184),
         ("command_torque_nm", "<f8", (32,), 1440),
         ("joint_status", "<u4", (32,), 1696),
+        ("sensor", "<f8", (16,), 1824),
     ],
     "Event": [
         ("t_ns", "<i8", (), 0),
@@ -567,6 +573,9 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("arena_base", "<u8", (), 3432),
         ("arena_slots", "<u4", (), 3440),
         ("arena_slot_bytes", "<u4", (), 3444),
+        ("sensor_count", "<u4", (), 3448),
+        ("pad0", "u1", (4,), 3452),
+        ("sensor_name", "S32", (16,), 3456),
     ],
     "Histogram": [
         ("bin", "<u8", (976,), 0),
@@ -584,7 +593,7 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
 }
 SIZES = {
     "SegmentHeader": 88,
-    "Telemetry": 1824,
+    "Telemetry": 1952,
     "Event": 136,
     "Plan": 8344,
     "Command": 408,
@@ -593,7 +602,7 @@ SIZES = {
     "ShadowReport": 552,
     "LawInfo": 2152,
     "Params": 272,
-    "RobotInfo": 3448,
+    "RobotInfo": 3968,
     "Histogram": 7840,
     "Health": 32,
 }
@@ -617,6 +626,7 @@ UNITS = {
     "Telemetry.setpoint_position_rad": "rad",
     "Telemetry.setpoint_velocity_rad_s": "rad/s",
     "Telemetry.command_torque_nm": "N m",
+    "Telemetry.sensor": "1",
     "Event.t_ns": "ns",
     "Event.value": "1",
     "Plan.t_ns": "ns",
@@ -661,24 +671,24 @@ class Item(NamedTuple):
 
 SEGMENTS: dict[str, dict[str, Item]] = {
     "spine": {
-        "robot_info": Item("channel", "RobotInfo", 0, 1, 128, 13952),
-        "telemetry": Item("ring", "Telemetry", 4096, 1, 14080, 7602304),
-        "events_tick": Item("ring", "Event", 256, 1, 7616384, 49280),
-        "events_loader": Item("ring", "Event", 256, 1, 7665664, 49280),
-        "params": Item("channel", "Params", 0, 1, 7714944, 1664),
-        "law_info": Item("channel", "LawInfo", 0, 8, 7716608, 8832),
-        "law_faults": Item("ring", "LawFault", 64, 1, 7787264, 8320),
-        "shadow": Item("channel", "ShadowReport", 0, 1, 7795584, 2688),
-        "release_jitter": Item("plain", "Histogram", 0, 1, 7798272, 7936),
-        "handoff": Item("plain", "Histogram", 0, 1, 7806208, 7936),
-        "law": Item("plain", "Histogram", 0, 1, 7814144, 7936),
-        "guard": Item("plain", "Histogram", 0, 1, 7822080, 7936),
-        "tick": Item("plain", "Histogram", 0, 1, 7830016, 7936),
-        "bus": Item("plain", "Histogram", 0, 1, 7837952, 7936),
-        "control_ack": Item("ack", "Command", 16, 1, 7845888, 256),
-        "brain_ack": Item("ack", "Command", 16, 1, 7846144, 256),
-        "stage_ack": Item("ack", "StageRequest", 4, 1, 7846400, 256),
-        "health": Item("plain", "Health", 0, 1, 7846656, 128),
+        "robot_info": Item("channel", "RobotInfo", 0, 1, 128, 16512),
+        "telemetry": Item("ring", "Telemetry", 4096, 1, 16640, 8126592),
+        "events_tick": Item("ring", "Event", 256, 1, 8143232, 49280),
+        "events_loader": Item("ring", "Event", 256, 1, 8192512, 49280),
+        "params": Item("channel", "Params", 0, 1, 8241792, 1664),
+        "law_info": Item("channel", "LawInfo", 0, 8, 8243456, 8832),
+        "law_faults": Item("ring", "LawFault", 64, 1, 8314112, 8320),
+        "shadow": Item("channel", "ShadowReport", 0, 1, 8322432, 2688),
+        "release_jitter": Item("plain", "Histogram", 0, 1, 8325120, 7936),
+        "handoff": Item("plain", "Histogram", 0, 1, 8333056, 7936),
+        "law": Item("plain", "Histogram", 0, 1, 8340992, 7936),
+        "guard": Item("plain", "Histogram", 0, 1, 8348928, 7936),
+        "tick": Item("plain", "Histogram", 0, 1, 8356864, 7936),
+        "bus": Item("plain", "Histogram", 0, 1, 8364800, 7936),
+        "control_ack": Item("ack", "Command", 16, 1, 8372736, 256),
+        "brain_ack": Item("ack", "Command", 16, 1, 8372992, 256),
+        "stage_ack": Item("ack", "StageRequest", 4, 1, 8373248, 256),
+        "health": Item("plain", "Health", 0, 1, 8373504, 128),
     },
     "control": {
         "commands": Item("mailbox", "Command", 16, 1, 128, 7296),
@@ -692,7 +702,7 @@ SEGMENTS: dict[str, dict[str, Item]] = {
     },
 }
 SEGMENT_BYTES = {
-    "spine": 7846784,
+    "spine": 8373632,
     "control": 9472,
     "brain": 41472,
 }
@@ -739,6 +749,7 @@ CANONICAL_SCHEMA = (
     "Telemetry.setpoint_velocity_rad_s:float64[32]:1184:256:rad/s\n"
     "Telemetry.command_torque_nm:float64[32]:1440:256:N m\n"
     "Telemetry.joint_status:uint32[32]:1696:128:-\n"
+    "Telemetry.sensor:float64[16]:1824:128:1\n"
     "Event.t_ns:int64[1]:0:8:ns\n"
     "Event.tick:uint64[1]:8:8:-\n"
     "Event.request_id:uint64[1]:16:8:-\n"
@@ -836,6 +847,9 @@ CANONICAL_SCHEMA = (
     "RobotInfo.arena_base:uint64[1]:3432:8:-\n"
     "RobotInfo.arena_slots:uint32[1]:3440:4:-\n"
     "RobotInfo.arena_slot_bytes:uint32[1]:3444:4:-\n"
+    "RobotInfo.sensor_count:uint32[1]:3448:4:-\n"
+    "RobotInfo.pad0:uint8[4]:3452:4:-\n"
+    "RobotInfo.sensor_name:char[512]:3456:512:-\n"
     "Histogram.bin:uint64[976]:0:7808:-\n"
     "Histogram.count:uint64[1]:7808:8:-\n"
     "Histogram.max_ns:uint64[1]:7816:8:ns\n"
@@ -846,23 +860,23 @@ CANONICAL_SCHEMA = (
     "Health.control_violations:uint64[1]:16:8:-\n"
     "Health.stage_violations:uint64[1]:24:8:-\n"
     "spine/robot_info:channel:RobotInfo:0x1:128\n"
-    "spine/telemetry:ring:Telemetry:4096x1:14080\n"
-    "spine/events_tick:ring:Event:256x1:7616384\n"
-    "spine/events_loader:ring:Event:256x1:7665664\n"
-    "spine/params:channel:Params:0x1:7714944\n"
-    "spine/law_info:channel:LawInfo:0x8:7716608\n"
-    "spine/law_faults:ring:LawFault:64x1:7787264\n"
-    "spine/shadow:channel:ShadowReport:0x1:7795584\n"
-    "spine/release_jitter:plain:Histogram:0x1:7798272\n"
-    "spine/handoff:plain:Histogram:0x1:7806208\n"
-    "spine/law:plain:Histogram:0x1:7814144\n"
-    "spine/guard:plain:Histogram:0x1:7822080\n"
-    "spine/tick:plain:Histogram:0x1:7830016\n"
-    "spine/bus:plain:Histogram:0x1:7837952\n"
-    "spine/control_ack:ack:Command:16x1:7845888\n"
-    "spine/brain_ack:ack:Command:16x1:7846144\n"
-    "spine/stage_ack:ack:StageRequest:4x1:7846400\n"
-    "spine/health:plain:Health:0x1:7846656\n"
+    "spine/telemetry:ring:Telemetry:4096x1:16640\n"
+    "spine/events_tick:ring:Event:256x1:8143232\n"
+    "spine/events_loader:ring:Event:256x1:8192512\n"
+    "spine/params:channel:Params:0x1:8241792\n"
+    "spine/law_info:channel:LawInfo:0x8:8243456\n"
+    "spine/law_faults:ring:LawFault:64x1:8314112\n"
+    "spine/shadow:channel:ShadowReport:0x1:8322432\n"
+    "spine/release_jitter:plain:Histogram:0x1:8325120\n"
+    "spine/handoff:plain:Histogram:0x1:8333056\n"
+    "spine/law:plain:Histogram:0x1:8340992\n"
+    "spine/guard:plain:Histogram:0x1:8348928\n"
+    "spine/tick:plain:Histogram:0x1:8356864\n"
+    "spine/bus:plain:Histogram:0x1:8364800\n"
+    "spine/control_ack:ack:Command:16x1:8372736\n"
+    "spine/brain_ack:ack:Command:16x1:8372992\n"
+    "spine/stage_ack:ack:StageRequest:4x1:8373248\n"
+    "spine/health:plain:Health:0x1:8373504\n"
     "control/commands:mailbox:Command:16x1:128\n"
     "control/stage:mailbox:StageRequest:4x1:7424\n"
     "control/estop:word:-:0x1:9344\n"

@@ -220,6 +220,7 @@ class Gateway:
                 {"name": self.robot.spine.joint_names[j], **{key: float(info[key][j]) for key in limits}}
                 for j in joints
             ],
+            "sensors": self.robot.spine.sensor_names,
             "now_ns": time.monotonic_ns(),
         }
 
@@ -232,7 +233,11 @@ class Gateway:
                     "unknown_field", f"telemetry has no field '{name}'", f"one of {', '.join(records.dtype.names)}"
                 )
             column = records[name]
-            out[name] = (column[..., :joints] if column.ndim > records.ndim and name != "probe" else column).tolist()
+            if name == "sensor":  # JSON knows no NaN: what is not valid is null
+                column = column[..., : len(self.robot.spine.sensor_names)]
+                out[name] = np.where(np.isfinite(column), column.astype(object), None).tolist()
+            else:
+                out[name] = (column[..., :joints] if column.ndim > records.ndim and name != "probe" else column).tolist()
         return out
 
     def _latest(self, args: dict[str, Any]) -> Any:

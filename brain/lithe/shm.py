@@ -187,11 +187,17 @@ class SpineView:
         self.joint_count = int(self.info["joint_count"])
         self._telemetry = RingCursor(self.mapping, "telemetry")
         self._names = np.array(self.info["joint_name"]).reshape(-1)
+        self._sensors = np.array(self.info["sensor_name"]).reshape(-1)
 
     @property
     def joint_names(self) -> list[str]:
         """Of the joints the robot has, in the order of every joint array."""
         return [bytes(name).decode() for name in self._names[: self.joint_count]]
+
+    @property
+    def sensor_names(self) -> list[str]:
+        """Of the sensors the robot has, in the order of `sensor` in telemetry."""
+        return [bytes(name).decode() for name in self._sensors[: int(self.info["sensor_count"])]]
 
     def latest(self) -> npt.NDArray[Any] | None:
         """The newest telemetry record."""

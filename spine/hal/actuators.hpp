@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <memory>
 
 #include "spine/core/joints.hpp"
@@ -37,6 +38,14 @@ struct ActuatorState {
   JointArray velocity_rad_s{};
   JointArray torque_nm{};
   std::array<std::uint32_t, kMaxJoints> status{};  // wire::joint_status bits, drive fault << 8, drive mode << 16
+  std::uint32_t sensors = 0;
+  std::array<double, robot::kMaxSensors> sensor = none_valid();  // in the units of robot.toml; NaN = not valid
+
+  static constexpr std::array<double, robot::kMaxSensors> none_valid() LITHE_RT {
+    std::array<double, robot::kMaxSensors> none{};
+    none.fill(std::numeric_limits<double>::quiet_NaN());
+    return none;
+  }
 };
 
 // Everything that went otherwise than one command, one answer; since the start.

@@ -2,6 +2,7 @@
 #include "spine/hal/bus_actuators.hpp"
 
 #include <algorithm>
+#include <limits>
 #include <utility>
 
 #include "spine/wire/wire.hpp"
@@ -36,6 +37,16 @@ void BusActuators::add_joint(std::size_t bus, std::uint32_t address, std::unique
   last_.joints = static_cast<std::uint32_t>(joints_.size());
 }
 
+std::size_t BusActuators::add_gateway(std::size_t bus, std::uint32_t node, std::int64_t stale_ns) {
+  gateways_.push_back({bus, gateway::Gateway(node, stale_ns)});
+  return gateways_.size() - 1;
+}
+
+void BusActuators::add_sensor(std::size_t gateway, gateway::Block block, std::size_t channel, double scale,
+                              double offset) {
+  sensors_.push_back({gateway, block, channel, scale, offset});
+}
+
 void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT {
   ++exchange_.number;
   exchange_.now_ns = now_ns;
@@ -61,6 +72,7 @@ void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, s
   std::copy_n(last_.velocity_rad_s.begin(), last_.joints, state.velocity_rad_s.begin());
   std::copy_n(last_.torque_nm.begin(), last_.joints, state.torque_nm.begin());
   std::copy_n(last_.status.begin(), last_.joints, state.status.begin());
+  read_sensors(state);
 }
 
 void BusActuators::send_all(const ActuatorCommand& command) LITHE_RT {
@@ -102,7 +114,30 @@ void BusActuators::drain(Line& line) LITHE_RT {
   for (; line.patience > 0 && line.bus->receive(frame); --line.patience) accept(line, frame);
 }
 
+void BusActuators::accept_sensors(const Line& line, const Frame& frame) LITHE_RT {
+  for (GatewayPlace& place : gateways_) {
+    if (&lines_[place.line] != &line || place.gateway.node() != gateway::node_of(frame)) continue;
+    place.gateway.take(frame, exchange_.now_ns);
+    return;
+  }
+  ++counters_.stray;
+}
+
+void BusActuators::read_sensors(ActuatorState& state) const LITHE_RT {
+  state.sensors = static_cast<std::uint32_t>(sensors_.size());
+  for (std::size_t i = 0; i < sensors_.size(); ++i) {
+    const Sensor& sensor = sensors_[i];
+    double raw = 0;
+    const bool valid = gateways_[sensor.gateway].gateway.read(sensor.block, sensor.channel, exchange_.now_ns, raw);
+    state.sensor[i] = valid ? sensor.scale * raw + sensor.offset : std::numeric_limits<double>::quiet_NaN();
+  }
+}
+
 void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
+  if (gateway::is_gateway(frame)) {
+    accept_sensors(line, frame);
+    return;
+  }
   const std::uint32_t address = address_of(line.addressing, frame);
   const std::uint8_t index = address < line.joint_at.size() ? line.joint_at[address] : kNobody;
   if (index == kNobody) {

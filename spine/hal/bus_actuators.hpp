@@ -13,6 +13,7 @@
 #include "spine/hal/actuators.hpp"
 #include "spine/hal/bus/bus.hpp"
 #include "spine/hal/device/drive.hpp"
+#include "spine/hal/device/gateway.hpp"
 
 namespace lithe::hal {
 
@@ -35,6 +36,11 @@ class BusActuators final : public Actuators {
   // Joints in the order of the robot's joints, at most kMaxJoints; addresses (1 to 126) differ on each bus. Asked in
   // one of `divider` exchanges, those of a bus in turn.
   void add_joint(std::size_t bus, std::uint32_t address, std::unique_ptr<Drive> drive, std::uint32_t divider = 1);
+
+  // A gateway (1 to 126) beside whatever else is on the bus; its channels are not valid when older than `stale_ns`.
+  std::size_t add_gateway(std::size_t bus, std::uint32_t node, std::int64_t stale_ns);
+  // Sensors in the order of the robot's sensors: scale * raw + offset.
+  void add_sensor(std::size_t gateway, gateway::Block block, std::size_t channel, double scale, double offset);
 
   void cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT override;
 
@@ -63,6 +69,17 @@ class BusActuators final : public Actuators {
     bool answered = false;
   };
 
+  struct GatewayPlace {
+    std::size_t line;
+    gateway::Gateway gateway;
+  };
+  struct Sensor {
+    std::size_t gateway;
+    gateway::Block block;
+    std::size_t channel;
+    double scale, offset;
+  };
+
   // Our address changes with every exchange, and moteus drives answer to it: so a late answer is known as such.
   static constexpr std::uint32_t kSources = 16;
 
@@ -70,11 +87,15 @@ class BusActuators final : public Actuators {
   void collect() LITHE_RT;
   void drain(Line& line) LITHE_RT;
   void accept(Line& line, const Frame& frame) LITHE_RT;
+  void accept_sensors(const Line& line, const Frame& frame) LITHE_RT;
+  void read_sensors(ActuatorState& state) const LITHE_RT;
   void settle() LITHE_RT;
 
   RawClock clock_;
   std::vector<Line> lines_;
   std::vector<Joint> joints_;
+  std::vector<GatewayPlace> gateways_;
+  std::vector<Sensor> sensors_;
   ActuatorState last_;
   Exchange exchange_;
   std::uint64_t late_answers_ = 0;

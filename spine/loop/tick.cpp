@@ -93,6 +93,8 @@ void Spine::look(std::int64_t now_ns) LITHE_RT {
     in_.setpoint_velocity_rad_s[j] = setpoint_.velocity_rad_s[j];
     in_.setpoint_acceleration_rad_s2[j] = setpoint_.acceleration_rad_s2[j];
   }
+  static_assert(kMaxSensors == robot::kMaxSensors && kMaxSensors == wire::kNs);
+  in_.sensor = sample_->sensor;
 }
 
 guard::Verdict Spine::check() LITHE_RT {
@@ -147,6 +149,7 @@ void Spine::publish(const guard::Verdict& verdict, std::int64_t release_ns) LITH
     record.command_torque_nm[j] = torque_nm[j];
     record.joint_status[j] = sample_->status[j];
   }
+  record.sensor = sample_->sensor;
   out_.publish(durations_, fresh_);
 }
 

@@ -22,8 +22,8 @@ enum class SafeEnd { damp, hold };                         // how the safe law e
 enum class BusKind { loop, fdcanusb, slcan, socketcan, pi3hat };
 enum class DeviceKind { moteus, cia402, gateway };
 enum class DriveMode { torque, position, velocity };  // what a CiA 402 drive is given: CST, CSP or CSV
-enum class SensorKind { analog, digital };
-inline constexpr std::size_t kMaxSensors = 32;
+enum class SensorKind { analog, digital, imu };
+inline constexpr std::size_t kMaxSensors = 16;  // as many as a law is given
 
 struct SpineConfig {
   Release release = Release::spin;

@@ -90,7 +90,7 @@ TEST(Hardware, ASensorNeedsAChannelOfItsOwnOnAGateway) {
   std::string many = base;
   for (int i = 0; i < 2; ++i) many += device("g" + std::to_string(i), "gateway", "fd", 20 + i);
   for (int i = 0; i < 33; ++i) many += sensor("s" + std::to_string(i), i < 16 ? "g" : i < 32 ? "g0" : "g1", i % 16);
-  expect_refused(many, {"33 sensors, LITHE carries 32"});
+  expect_refused(many, {"33 sensors, LITHE carries 16"});
 }
 
 }  // namespace

@@ -86,7 +86,8 @@ void read_device(Reader& in, DeviceConfig& device, const std::vector<std::string
 
 void read_sensor(Reader& in, SensorConfig& sensor, const std::vector<std::string_view>& devices) {
   in.reference("device", sensor.device, "device", devices);
-  in.choice<SensorKind>("kind", sensor.kind, {{"analog", SensorKind::analog}, {"digital", SensorKind::digital}},
+  in.choice<SensorKind>("kind", sensor.kind,
+                        {{"analog", SensorKind::analog}, {"digital", SensorKind::digital}, {"imu", SensorKind::imu}},
                         Need::required);
   in.integer("channel", sensor.channel, {0, 15}, Need::required);
   in.number("scale", sensor.scale, {-kBig, kBig});

@@ -55,6 +55,7 @@ void for_each_field(Telemetry& message, Visit&& visit) {
   visit("setpoint_velocity_rad_s", message.setpoint_velocity_rad_s);
   visit("command_torque_nm", message.command_torque_nm);
   visit("joint_status", message.joint_status);
+  visit("sensor", message.sensor);
 }
 
 template <class Visit>
@@ -188,6 +189,9 @@ void for_each_field(RobotInfo& message, Visit&& visit) {
   visit("arena_base", message.arena_base);
   visit("arena_slots", message.arena_slots);
   visit("arena_slot_bytes", message.arena_slot_bytes);
+  visit("sensor_count", message.sensor_count);
+  visit("pad0", message.pad0);
+  visit("sensor_name", message.sensor_name);
 }
 
 template <class Visit>

@@ -23,6 +23,7 @@ inline constexpr std::size_t kNw = 16;
 inline constexpr std::size_t kNparam = 32;
 inline constexpr std::size_t kNbin = 976;
 inline constexpr std::size_t kNlaw = 8;
+inline constexpr std::size_t kNs = 16;
 static_assert(kNj == kMaxJoints, "schema/wire.toml NJ and the build option LITHE_NJ must agree");
 static_assert(kNbin == kHistogramBins);
 
@@ -496,10 +497,11 @@ struct Telemetry {
   std::array<double, 32> setpoint_velocity_rad_s{};  // [rad/s] what the law tracks
   std::array<double, 32> command_torque_nm{};  // [N m] torque at the joint that the guard let through for the next release
   std::array<std::uint32_t, 32> joint_status{};  // JointStatus
+  std::array<double, 16> sensor{};  // [1] in the units of robot.toml; NaN = not valid, or there is none
 };
 static_assert(std::is_trivially_copyable_v<Telemetry>);
 static_assert(std::is_standard_layout_v<Telemetry>);
-static_assert(sizeof(Telemetry) == 1824);
+static_assert(sizeof(Telemetry) == 1952);
 static_assert(offsetof(Telemetry, tick) == 0);
 static_assert(offsetof(Telemetry, release_ns) == 8);
 static_assert(offsetof(Telemetry, sample_ns) == 16);
@@ -527,6 +529,7 @@ static_assert(offsetof(Telemetry, setpoint_position_rad) == 928);
 static_assert(offsetof(Telemetry, setpoint_velocity_rad_s) == 1184);
 static_assert(offsetof(Telemetry, command_torque_nm) == 1440);
 static_assert(offsetof(Telemetry, joint_status) == 1696);
+static_assert(offsetof(Telemetry, sensor) == 1824);
 
 // Something that happened once.
 struct Event {
@@ -758,10 +761,13 @@ struct RobotInfo {
   std::uint64_t arena_base = {};  // address of the code arena; 0 = laws are loaded with dlopen
   std::uint32_t arena_slots = {};
   std::uint32_t arena_slot_bytes = {};
+  std::uint32_t sensor_count = {};
+  std::array<std::uint8_t, 4> pad0{};
+  std::array<char, 512> sensor_name{};  // 32 characters each, zero-terminated
 };
 static_assert(std::is_trivially_copyable_v<RobotInfo>);
 static_assert(std::is_standard_layout_v<RobotInfo>);
-static_assert(sizeof(RobotInfo) == 3448);
+static_assert(sizeof(RobotInfo) == 3968);
 static_assert(offsetof(RobotInfo, robot) == 0);
 static_assert(offsetof(RobotInfo, config_path) == 64);
 static_assert(offsetof(RobotInfo, rate_hz) == 320);
@@ -784,6 +790,9 @@ static_assert(offsetof(RobotInfo, protection_keys) == 3428);
 static_assert(offsetof(RobotInfo, arena_base) == 3432);
 static_assert(offsetof(RobotInfo, arena_slots) == 3440);
 static_assert(offsetof(RobotInfo, arena_slot_bytes) == 3444);
+static_assert(offsetof(RobotInfo, sensor_count) == 3448);
+static_assert(offsetof(RobotInfo, pad0) == 3452);
+static_assert(offsetof(RobotInfo, sensor_name) == 3456);
 
 // Durations, log-linear bins (spine/core/histogram.hpp).
 struct Histogram {
@@ -852,6 +861,7 @@ constexpr WordRanges active_ranges<Telemetry>(std::size_t joints) {
   used.add(1184, 1184 + 8 * joints);
   used.add(1440, 1440 + 8 * joints);
   used.add(1696, 1696 + 4 * joints);
+  used.add(1824, 1952);
   return used;
 }
 
@@ -874,39 +884,39 @@ constexpr WordRanges active_ranges<RobotInfo>(std::size_t joints) {
   used.add(2144, 2144 + 8 * joints);
   used.add(2400, 2400 + 8 * joints);
   used.add(2656, 2656 + 8 * joints);
-  used.add(2912, 3448);
+  used.add(2912, 3968);
   return used;
 }
 
 // Segment `spine`, written by the spine: byte offsets of its items.
 namespace spine_segment {
 inline constexpr std::size_t kRobotInfoOffset = 128;  // channel RobotInfo
-inline constexpr std::size_t kTelemetryOffset = 14080;  // ring Telemetry
+inline constexpr std::size_t kTelemetryOffset = 16640;  // ring Telemetry
 inline constexpr std::size_t kTelemetryDepth = 4096;
-inline constexpr std::size_t kEventsTickOffset = 7616384;  // ring Event
+inline constexpr std::size_t kEventsTickOffset = 8143232;  // ring Event
 inline constexpr std::size_t kEventsTickDepth = 256;
-inline constexpr std::size_t kEventsLoaderOffset = 7665664;  // ring Event
+inline constexpr std::size_t kEventsLoaderOffset = 8192512;  // ring Event
 inline constexpr std::size_t kEventsLoaderDepth = 256;
-inline constexpr std::size_t kParamsOffset = 7714944;  // channel Params
-inline constexpr std::size_t kLawInfoOffset = 7716608;  // channel LawInfo
+inline constexpr std::size_t kParamsOffset = 8241792;  // channel Params
+inline constexpr std::size_t kLawInfoOffset = 8243456;  // channel LawInfo
 inline constexpr std::size_t kLawInfoStride = 8832;
-inline constexpr std::size_t kLawFaultsOffset = 7787264;  // ring LawFault
+inline constexpr std::size_t kLawFaultsOffset = 8314112;  // ring LawFault
 inline constexpr std::size_t kLawFaultsDepth = 64;
-inline constexpr std::size_t kShadowOffset = 7795584;  // channel ShadowReport
-inline constexpr std::size_t kReleaseJitterOffset = 7798272;  // plain Histogram
-inline constexpr std::size_t kHandoffOffset = 7806208;  // plain Histogram
-inline constexpr std::size_t kLawOffset = 7814144;  // plain Histogram
-inline constexpr std::size_t kGuardOffset = 7822080;  // plain Histogram
-inline constexpr std::size_t kTickOffset = 7830016;  // plain Histogram
-inline constexpr std::size_t kBusOffset = 7837952;  // plain Histogram
-inline constexpr std::size_t kControlAckOffset = 7845888;  // ack Command
+inline constexpr std::size_t kShadowOffset = 8322432;  // channel ShadowReport
+inline constexpr std::size_t kReleaseJitterOffset = 8325120;  // plain Histogram
+inline constexpr std::size_t kHandoffOffset = 8333056;  // plain Histogram
+inline constexpr std::size_t kLawOffset = 8340992;  // plain Histogram
+inline constexpr std::size_t kGuardOffset = 8348928;  // plain Histogram
+inline constexpr std::size_t kTickOffset = 8356864;  // plain Histogram
+inline constexpr std::size_t kBusOffset = 8364800;  // plain Histogram
+inline constexpr std::size_t kControlAckOffset = 8372736;  // ack Command
 inline constexpr std::size_t kControlAckDepth = 16;
-inline constexpr std::size_t kBrainAckOffset = 7846144;  // ack Command
+inline constexpr std::size_t kBrainAckOffset = 8372992;  // ack Command
 inline constexpr std::size_t kBrainAckDepth = 16;
-inline constexpr std::size_t kStageAckOffset = 7846400;  // ack StageRequest
+inline constexpr std::size_t kStageAckOffset = 8373248;  // ack StageRequest
 inline constexpr std::size_t kStageAckDepth = 4;
-inline constexpr std::size_t kHealthOffset = 7846656;  // plain Health
-inline constexpr std::size_t kBytes = 7846784;  // the schema text follows
+inline constexpr std::size_t kHealthOffset = 8373504;  // plain Health
+inline constexpr std::size_t kBytes = 8373632;  // the schema text follows
 }
 
 // Segment `control`, written by the supervisor: byte offsets of its items.
@@ -928,7 +938,7 @@ inline constexpr std::size_t kEstopOffset = 41344;  // word
 inline constexpr std::size_t kBytes = 41472;  // the schema text follows
 }
 
-inline constexpr std::uint64_t kLayoutHash = 0xc69364da117b3759;
+inline constexpr std::uint64_t kLayoutHash = 0xb424772afead851f;
 // What the hash covers; every segment carries it, so that two builds can tell where they differ.
 inline constexpr std::string_view kCanonicalSchema =
     "abi:1\n"
@@ -972,6 +982,7 @@ inline constexpr std::string_view kCanonicalSchema =
     "Telemetry.setpoint_velocity_rad_s:float64[32]:1184:256:rad/s\n"
     "Telemetry.command_torque_nm:float64[32]:1440:256:N m\n"
     "Telemetry.joint_status:uint32[32]:1696:128:-\n"
+    "Telemetry.sensor:float64[16]:1824:128:1\n"
     "Event.t_ns:int64[1]:0:8:ns\n"
     "Event.tick:uint64[1]:8:8:-\n"
     "Event.request_id:uint64[1]:16:8:-\n"
@@ -1069,6 +1080,9 @@ inline constexpr std::string_view kCanonicalSchema =
     "RobotInfo.arena_base:uint64[1]:3432:8:-\n"
     "RobotInfo.arena_slots:uint32[1]:3440:4:-\n"
     "RobotInfo.arena_slot_bytes:uint32[1]:3444:4:-\n"
+    "RobotInfo.sensor_count:uint32[1]:3448:4:-\n"
+    "RobotInfo.pad0:uint8[4]:3452:4:-\n"
+    "RobotInfo.sensor_name:char[512]:3456:512:-\n"
     "Histogram.bin:uint64[976]:0:7808:-\n"
     "Histogram.count:uint64[1]:7808:8:-\n"
     "Histogram.max_ns:uint64[1]:7816:8:ns\n"
@@ -1079,23 +1093,23 @@ inline constexpr std::string_view kCanonicalSchema =
     "Health.control_violations:uint64[1]:16:8:-\n"
     "Health.stage_violations:uint64[1]:24:8:-\n"
     "spine/robot_info:channel:RobotInfo:0x1:128\n"
-    "spine/telemetry:ring:Telemetry:4096x1:14080\n"
-    "spine/events_tick:ring:Event:256x1:7616384\n"
-    "spine/events_loader:ring:Event:256x1:7665664\n"
-    "spine/params:channel:Params:0x1:7714944\n"
-    "spine/law_info:channel:LawInfo:0x8:7716608\n"
-    "spine/law_faults:ring:LawFault:64x1:7787264\n"
-    "spine/shadow:channel:ShadowReport:0x1:7795584\n"
-    "spine/release_jitter:plain:Histogram:0x1:7798272\n"
-    "spine/handoff:plain:Histogram:0x1:7806208\n"
-    "spine/law:plain:Histogram:0x1:7814144\n"
-    "spine/guard:plain:Histogram:0x1:7822080\n"
-    "spine/tick:plain:Histogram:0x1:7830016\n"
-    "spine/bus:plain:Histogram:0x1:7837952\n"
-    "spine/control_ack:ack:Command:16x1:7845888\n"
-    "spine/brain_ack:ack:Command:16x1:7846144\n"
-    "spine/stage_ack:ack:StageRequest:4x1:7846400\n"
-    "spine/health:plain:Health:0x1:7846656\n"
+    "spine/telemetry:ring:Telemetry:4096x1:16640\n"
+    "spine/events_tick:ring:Event:256x1:8143232\n"
+    "spine/events_loader:ring:Event:256x1:8192512\n"
+    "spine/params:channel:Params:0x1:8241792\n"
+    "spine/law_info:channel:LawInfo:0x8:8243456\n"
+    "spine/law_faults:ring:LawFault:64x1:8314112\n"
+    "spine/shadow:channel:ShadowReport:0x1:8322432\n"
+    "spine/release_jitter:plain:Histogram:0x1:8325120\n"
+    "spine/handoff:plain:Histogram:0x1:8333056\n"
+    "spine/law:plain:Histogram:0x1:8340992\n"
+    "spine/guard:plain:Histogram:0x1:8348928\n"
+    "spine/tick:plain:Histogram:0x1:8356864\n"
+    "spine/bus:plain:Histogram:0x1:8364800\n"
+    "spine/control_ack:ack:Command:16x1:8372736\n"
+    "spine/brain_ack:ack:Command:16x1:8372992\n"
+    "spine/stage_ack:ack:StageRequest:4x1:8373248\n"
+    "spine/health:plain:Health:0x1:8373504\n"
     "control/commands:mailbox:Command:16x1:128\n"
     "control/stage:mailbox:StageRequest:4x1:7424\n"
     "control/estop:word:-:0x1:9344\n"

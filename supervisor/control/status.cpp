@@ -2,6 +2,7 @@
 #include "supervisor/control/status.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 #include <utility>
 
@@ -51,6 +52,15 @@ Json joints_json(const wire::RobotInfo& info, const wire::Telemetry& now) {
   return joints;
 }
 
+Json sensors_json(const wire::RobotInfo& info, const wire::Telemetry& now) {
+  Json sensors = Json::object();
+  for (std::size_t i = 0; i < std::min<std::size_t>(info.sensor_count, wire::kNs); ++i) {
+    const double value = now.sensor[i];
+    sensors[text_of(info.sensor_name, i * kNameWidth, kNameWidth)] = std::isfinite(value) ? Json(value) : Json();
+  }
+  return sensors;
+}
+
 Json health_json(const ipc::HealthMemory& health) {
   const auto count = [](const std::uint64_t& word) { return ipc::load_word(word, std::memory_order_relaxed); };
   return {{"plans_torn", count(health.plans_torn)},
@@ -98,6 +108,7 @@ Json status_json(const SpineLink& spine) {
           {"bus_us", quantiles_json(spine.quantiles(memory.bus))},
           {"health", health_json(memory.health)},
           {"joints", joints_json(info, now)},
+          {"sensors", sensors_json(info, now)},
           {"cpus",
            {{"spine", info.cpu_spine},
             {"transport", info.cpu_transport},
