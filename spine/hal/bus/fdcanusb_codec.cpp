@@ -3,19 +3,11 @@
 
 #include <array>
 
+#include "spine/hal/bus/hex.hpp"
+#include "spine/hal/bus/words.hpp"
+
 namespace lithe::hal::fdcanusb {
 namespace {
-
-constexpr std::uint32_t kLargestStandardId = 0x7ff;
-constexpr std::uint32_t kLargestId = 0x1fffffff;
-constexpr char kDigits[] = "0123456789ABCDEF";
-
-int digit(char c) LITHE_RT {
-  if (c >= '0' && c <= '9') return c - '0';
-  if (c >= 'a' && c <= 'f') return c - 'a' + 10;
-  if (c >= 'A' && c <= 'F') return c - 'A' + 10;
-  return -1;
-}
 
 // Text into a buffer that may be too short for it.
 class Out {
@@ -30,8 +22,8 @@ class Out {
     for (const char c : text) put(c);
   }
   void hex(std::uint8_t byte) LITHE_RT {
-    put(kDigits[byte >> 4]);
-    put(kDigits[byte & 15]);
+    put(kHexDigits[byte >> 4]);
+    put(kHexDigits[byte & 15]);
   }
   void hex(std::span<const std::uint8_t> bytes) LITHE_RT {
     for (const std::uint8_t byte : bytes) hex(byte);
@@ -51,37 +43,13 @@ class Out {
   bool fits_ = true;
 };
 
-// Up to the next space, which is taken away as well. Two spaces in a row: an empty field.
-std::string_view next_field(std::string_view& rest) LITHE_RT {
-  const std::size_t end = rest.find(' ');
-  const std::string_view field = rest.substr(0, end);
-  rest.remove_prefix(end == std::string_view::npos ? rest.size() : end + 1);
-  return field;
-}
-
-// The same, but spaces in a row are one.
-std::string_view next_word(std::string_view& rest) LITHE_RT {
-  while (rest.starts_with(' ')) rest.remove_prefix(1);
-  return next_field(rest);
-}
-
-bool parse_id(std::string_view text, std::uint32_t& id) LITHE_RT {
-  if (text.empty() || text.size() > 8) return false;
-  std::uint32_t value = 0;
-  for (const char c : text) {
-    const int nibble = digit(c);
-    if (nibble < 0) return false;
-    value = value << 4 | static_cast<std::uint32_t>(nibble);
-  }
-  id = value;
-  return value <= kLargestId;
-}
+bool parse_id(std::string_view text, std::uint32_t& id) LITHE_RT { return hex_number(text, id) && id <= kLargestId; }
 
 bool parse_data(std::string_view text, Frame& frame) LITHE_RT {
   if (text.size() % 2 != 0 || text.size() > 2 * kMaxPayload) return false;
   for (std::size_t i = 0; i < text.size(); i += 2) {
-    const int high = digit(text[i]);
-    const int low = digit(text[i + 1]);
+    const int high = hex_digit(text[i]);
+    const int low = hex_digit(text[i + 1]);
     if (high < 0 || low < 0) return false;
     frame.data[i / 2] = static_cast<std::uint8_t>(high << 4 | low);
   }
@@ -106,8 +74,8 @@ bool parse_received(std::string_view rest, bool summed, Line& out) LITHE_RT {
     if (flag == "F" || flag == "f") frame.fd = flag == "F";
     if (flag == "R") out.kind = Line::Kind::other;
   }
-  if (fd_size(frame.size) != frame.size || (frame.size > 8 && !frame.fd)) return false;
-  return frame.extended || frame.id <= kLargestStandardId;
+  frame.brs = frame.brs && frame.fd;
+  return is_can(frame);
 }
 
 const char* parse_flags(std::string_view flags, Request& out) LITHE_RT {
@@ -168,12 +136,12 @@ std::uint8_t crc8(std::string_view text) LITHE_RT {
 Sum strip_sum(std::string_view& line) LITHE_RT {
   constexpr std::size_t kLength = 3;  // *XX
   if (line.size() < kLength || line[line.size() - kLength] != '*') return Sum::absent;
-  const int high = digit(line[line.size() - 2]);
-  const int low = digit(line[line.size() - 1]);
+  const int high = hex_digit(line[line.size() - 2]);
+  const int low = hex_digit(line[line.size() - 1]);
   if (high < 0 || low < 0) return Sum::absent;
   line.remove_suffix(kLength);
   const bool right = crc8(line) == (high << 4 | low);
-  while (line.ends_with(' ')) line.remove_suffix(1);
+  while (!line.empty() && line.back() == ' ') line.remove_suffix(1);
   return right ? Sum::right : Sum::wrong;
 }
 
@@ -189,8 +157,7 @@ std::size_t append_sum(std::span<char> out, std::size_t size) LITHE_RT {
 
 std::size_t format_send(const Frame& frame, bool checksum, std::span<char> out) LITHE_RT {
   const std::span<const std::uint8_t> data = frame.payload();
-  if (data.empty() || data.size() != fd_size(data.size()) || (!frame.fd && data.size() > 8)) return 0;
-  if (frame.id > (frame.extended ? kLargestId : kLargestStandardId)) return 0;
+  if (data.empty() || !is_can(frame)) return 0;
   Out line(out);
   line.put(frame.extended && frame.id <= kLargestStandardId ? "can ext " : "can send ");
   line.number(frame.id, 2);
@@ -210,10 +177,13 @@ bool parse_line(std::string_view line, bool want_checksum, Line& out) LITHE_RT {
   const Sum sum = strip_sum(line);
   if (sum == Sum::wrong || (sum == Sum::absent && want_checksum)) return false;
   out.text = line;
-  if (line.starts_with("rcv ")) return parse_received(line.substr(4), sum == Sum::right, out);
+  if (begins(line, "rcv ")) {
+    line.remove_prefix(4);
+    return parse_received(line, sum == Sum::right, out);
+  }
   out.kind = Line::Kind::other;
   if (line == "OK") out.kind = Line::Kind::ok;
-  if (line == "ERR" || line.starts_with("ERR ")) {
+  if (line == "ERR" || begins(line, "ERR ")) {
     out.kind = Line::Kind::error;
     out.text.remove_prefix(line.size() == 3 ? 3 : 4);
   }
