@@ -85,6 +85,7 @@ class CommandResult(IntEnum):
     refused_range = 6
     refused_unknown = 7
     refused_not_ready = 8
+    refused_not_homed = 9
 
 
 class EventKind(IntEnum):
@@ -161,6 +162,8 @@ class TelemetryFlags(IntFlag):
     blending = 8192
     shadowing = 16384
     on_probation = 32768
+    power_clamped = 65536
+    soft_starting = 131072
 
 
 class JointStatus(IntFlag):

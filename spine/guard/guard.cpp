@@ -13,6 +13,7 @@ using wire::Mode;
 
 // No joint is here and none turns this fast: such a sample is noise, and products with it could overflow.
 constexpr double kAbsurd = 1.0e6;
+constexpr double kAtRestRadS = 0.05;
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 double reciprocal(double width) { return 1.0 / std::max(width, 1.0e-9); }
@@ -27,22 +28,30 @@ void Guard::configure(const robot::RobotConfig& robot) {
   late_ticks_to_stop_ = robot.spine.late_ticks_to_stop;
   brain_stale_ns_ = static_cast<std::int64_t>(robot.brain.stale_after_s * 1.0e9);
   stop_when_brain_stale_ = robot.brain.on_stale == robot::StaleAction::safe_stop;
+  const auto ticks_of = [&robot](double time_s) {
+    return static_cast<std::uint64_t>(std::ceil(time_s * robot.rate_hz));
+  };
+  brake_after_ticks_ = ticks_of(robot.guard.brake_after_s);
+  off_after_ticks_ = ticks_of(robot.guard.off_after_s);
+  soft_start_step_ = 1.0 / std::max(robot.guard.soft_start_s * robot.rate_hz, 1.0);
   for (std::size_t j = 0; j < joints_; ++j) {
     const robot::JointConfig& joint = robot.joints[j];
     const double fault_rad_s = joint.velocity_max_rad_s * robot.guard.velocity_overrun;
-    limits_[j] = Limits{.position_min_rad = joint.position_min_rad,
-                        .position_max_rad = joint.position_max_rad,
-                        .soft_stop_per_rad = reciprocal(robot.guard.soft_stop_rad),
-                        .overrun_rad = robot.guard.position_overrun_rad,
-                        .velocity_max_rad_s = joint.velocity_max_rad_s,
-                        .velocity_fault_rad_s = fault_rad_s,
-                        .velocity_fade_s_rad = reciprocal(fault_rad_s - joint.velocity_max_rad_s),
-                        .torque_max_nm = joint.torque_max_nm,
-                        .slew_nm = joint.torque_slew_nm_s / robot.rate_hz,
-                        .kp_max_nm_rad = joint.kp_max_nm_rad,
-                        .kd_max_nm_s_rad = joint.kd_max_nm_s_rad,
-                        .blind_kd_nm_s_rad = joint.safe_kd_nm_s_rad,
-                        .blind_kd_step_nm_s_rad = joint.torque_slew_nm_s / robot.rate_hz / fault_rad_s};
+    limits_[j] =
+        Limits{.position_min_rad = joint.position_min_rad,
+               .position_max_rad = joint.position_max_rad,
+               .soft_stop_per_rad = reciprocal(robot.guard.soft_stop_rad),
+               .overrun_rad = robot.guard.position_overrun_rad,
+               .velocity_max_rad_s = joint.velocity_max_rad_s,
+               .velocity_fault_rad_s = fault_rad_s,
+               .velocity_fade_s_rad = reciprocal(fault_rad_s - joint.velocity_max_rad_s),
+               .torque_max_nm = joint.torque_max_nm,
+               .slew_nm = joint.torque_slew_nm_s / robot.rate_hz,
+               .power_max_w = joint.power_max_w > 0 ? joint.power_max_w : std::numeric_limits<double>::infinity(),
+               .kp_max_nm_rad = joint.kp_max_nm_rad,
+               .kd_max_nm_s_rad = joint.kd_max_nm_s_rad,
+               .blind_kd_nm_s_rad = joint.safe_kd_nm_s_rad,
+               .blind_kd_step_nm_s_rad = joint.torque_slew_nm_s / robot.rate_hz / fault_rad_s};
   }
   safe_law_.configure(robot);
   reset_output();
@@ -51,6 +60,8 @@ void Guard::configure(const robot::RobotConfig& robot) {
 void Guard::reset_output() LITHE_RT {
   last_nm_.fill(0.0);
   blind_kd_nm_s_rad_.fill(0.0);
+  soft_start_ = 0;
+  ticks_at_rest_ = 0;
   dispatched();
   safe_law_.rearm();
 }
@@ -72,9 +83,17 @@ Verdict Guard::check(const Input& in, Output& out) LITHE_RT {
   verdict.fault = fault;
   verdict.use_safe_law = fault != Fault::none || in.mode == Mode::safe_stop;
   if (verdict.use_safe_law) {
-    apply_safe_law(in, out, verdict.flags);
+    verdict.rung = descend(in);
+    if (verdict.rung == Rung::safe_law) {
+      apply_safe_law(in, out, verdict.flags);
+    } else {
+      switch_off(out);
+    }
   } else {
     safe_law_.rearm();
+    ticks_at_rest_ = 0;
+    soft_start_ = std::min(soft_start_ + soft_start_step_, 1.0);
+    if (soft_start_ < 1) verdict.flags |= wire::telemetry_flag::kSoftStarting;
     apply_law(in, out, verdict.flags);
   }
   return verdict;
@@ -137,16 +156,39 @@ bool Guard::proposal_is_finite(const Proposal& proposal) const LITHE_RT {
   return finite;
 }
 
-double Guard::bound(std::size_t j, double wanted_nm, double position_rad, double velocity_rad_s, std::uint32_t& flags)
-    LITHE_RT {
+// How far down the ladder. Joints whose samples are no basis for anything do not count as moving: the drive damps them,
+// and nobody will ever know that they are at rest.
+Rung Guard::descend(const Input& in) LITHE_RT {
+  if (in.mode != Mode::safe_stop) return Rung::safe_law;  // not latched yet
+  bool at_rest = true;
+  for (std::size_t j = 0; j < joints_; ++j) {
+    at_rest = at_rest && (!usable_[j] || std::abs(in.velocity_rad_s[j]) < kAtRestRadS);
+  }
+  const bool braked = brake_after_ticks_ != 0 && ticks_at_rest_ >= brake_after_ticks_;
+  const bool off = off_after_ticks_ != 0 && ticks_at_rest_ >= off_after_ticks_;
+  // Once it brakes, a push does not let it go again.
+  ticks_at_rest_ = at_rest || braked || off ? ticks_at_rest_ + 1 : 0;
+  if (off) return Rung::off;
+  return braked ? Rung::brake : Rung::safe_law;
+}
+
+// Braking a joint takes power out of it, and is not limited.
+double Guard::powered(std::size_t j, double torque_nm, double velocity_rad_s, std::uint32_t& flags) const LITHE_RT {
+  if (torque_nm * velocity_rad_s <= limits_[j].power_max_w) return torque_nm;
+  flags |= wire::telemetry_flag::kPowerClamped;
+  return limits_[j].power_max_w / velocity_rad_s;
+}
+
+double Guard::bound(std::size_t j, double wanted_nm, double position_rad, double velocity_rad_s, double torque_max_nm,
+                    std::uint32_t& flags) LITHE_RT {
   const Limits& limit = limits_[j];
   const bool up = wanted_nm > 0;
   const double way_left_rad = up ? limit.position_max_rad - position_rad : position_rad - limit.position_min_rad;
   const double speed_left = limit.velocity_fault_rad_s - (up ? velocity_rad_s : -velocity_rad_s);
   const double position_room = room(way_left_rad, limit.soft_stop_per_rad);
   const double velocity_room = room(speed_left, limit.velocity_fade_s_rad);
-  const double clamped = std::clamp(wanted_nm, -limit.torque_max_nm, limit.torque_max_nm);
-  const double faded = clamped * position_room * velocity_room;
+  const double clamped = std::clamp(wanted_nm, -torque_max_nm, torque_max_nm);
+  const double faded = powered(j, clamped, velocity_rad_s, flags) * position_room * velocity_room;
   // What the joint feels now. After blindness that is the drive's own damping, at the speed known again.
   const double now_nm =
       std::clamp(sent_nm_[j] - sent_blind_kd_nm_s_rad_[j] * velocity_rad_s, -limit.torque_max_nm, limit.torque_max_nm);
@@ -176,7 +218,8 @@ void Guard::apply_law(const Input& in, Output& out, std::uint32_t& flags) LITHE_
     const double drive_nm =
         (has_target ? kp * (target_rad - position_rad) : 0.0) + kd * (target_rad_s - velocity_rad_s);
 
-    const double total_nm = bound(j, in.proposal.torque_nm[j] + drive_nm, position_rad, velocity_rad_s, flags);
+    const double total_nm = bound(j, in.proposal.torque_nm[j] + drive_nm, position_rad, velocity_rad_s,
+                                  limit.torque_max_nm * soft_start_, flags);
     // The feed-forward makes up for what the drive's own PD does beyond the bound; where it cannot, the gains give way.
     double torque_nm = total_nm - drive_nm;
     if (std::abs(torque_nm) > limit.torque_max_nm) {
@@ -203,7 +246,8 @@ void Guard::apply_safe_law(const Input& in, Output& out, std::uint32_t& flags) L
     out.kd_nm_s_rad[j] = 0.0;
     out.max_torque_nm[j] = limits_[j].torque_max_nm;
     if (usable_[j]) {
-      out.torque_nm[j] = bound(j, out.torque_nm[j], in.position_rad[j], in.velocity_rad_s[j], flags);
+      out.torque_nm[j] =
+          bound(j, out.torque_nm[j], in.position_rad[j], in.velocity_rad_s[j], limits_[j].torque_max_nm, flags);
     } else {
       brake_blindly(j, out, flags);
     }
@@ -215,7 +259,7 @@ void Guard::brake_blindly(std::size_t j, Output& out, std::uint32_t& flags) LITH
   const double grown =
       std::min(sent_blind_kd_nm_s_rad_[j] + limits_[j].blind_kd_step_nm_s_rad, limits_[j].blind_kd_nm_s_rad);
   const double kd = sent_nm_[j] == 0.0 ? grown : sent_blind_kd_nm_s_rad_[j];
-  out.torque_nm[j] = bound(j, 0.0, 0.0, 0.0, flags);
+  out.torque_nm[j] = bound(j, 0.0, 0.0, 0.0, limits_[j].torque_max_nm, flags);
   out.kd_nm_s_rad[j] = blind_kd_nm_s_rad_[j] = kd;
 }
 

@@ -43,10 +43,15 @@ struct Output {
   JointArray max_torque_nm{};  // the drive's own last limit
 };
 
+// What keeps the robot safe, from the mildest to the last: each rung begins where the one above it has nothing more to
+// do, and there is no way up but a person's reset.
+enum class Rung : std::uint8_t { law, safe_law, brake, off };
+
 struct Verdict {
   wire::Fault fault = wire::Fault::none;  // what the loop must latch
   std::uint32_t flags = 0;                // bits of wire::telemetry_flag
   bool use_safe_law = false;              // the output is the safe law's, not the proposal
+  Rung rung = Rung::law;                  // brake and off: no output counts any more
 };
 
 // In the order of authority: not finite, drives, freshness and overrun -> safe law, in the same tick; then per joint
@@ -78,6 +83,7 @@ class Guard {
     double overrun_rad;
     double velocity_max_rad_s, velocity_fault_rad_s, velocity_fade_s_rad;
     double torque_max_nm, slew_nm;  // slew per tick
+    double power_max_w;             // infinity = no limit
     double kp_max_nm_rad, kd_max_nm_s_rad;
     double blind_kd_nm_s_rad, blind_kd_step_nm_s_rad;  // damping of an unusable joint, and its growth per tick
   };
@@ -90,15 +96,20 @@ class Guard {
   void apply_safe_law(const Input& in, Output& out, std::uint32_t& flags) LITHE_RT;
   void brake_blindly(std::size_t j, Output& out, std::uint32_t& flags) LITHE_RT;
   void switch_off(Output& out) LITHE_RT;
+  Rung descend(const Input& in) LITHE_RT;
+  double powered(std::size_t j, double torque_nm, double velocity_rad_s, std::uint32_t& flags) const LITHE_RT;
   // The nearest torque to `wanted_nm` that limits and slew allow; remembers it as the joint's last.
-  double bound(std::size_t j, double wanted_nm, double position_rad, double velocity_rad_s, std::uint32_t& flags)
-      LITHE_RT;
+  double bound(std::size_t j, double wanted_nm, double position_rad, double velocity_rad_s, double torque_max_nm,
+               std::uint32_t& flags) LITHE_RT;
 
   std::array<Limits, kMaxJoints> limits_{};
   std::size_t joints_ = 0;
   std::uint32_t late_ticks_to_stop_ = 20;
   std::int64_t brain_stale_ns_ = 0;
   bool stop_when_brain_stale_ = false;
+  double soft_start_ = 1, soft_start_step_ = 1;                // share of the torque limits that a law has
+  std::uint64_t brake_after_ticks_ = 0, off_after_ticks_ = 0;  // at rest in the safe stop; 0 = never
+  std::uint64_t ticks_at_rest_ = 0;
   SafeLaw safe_law_;
   // By the last output, and by the last one that was dispatched: the torque, and the damping of an unusable joint,
   // whose torque nobody here knows.

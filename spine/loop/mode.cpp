@@ -36,6 +36,7 @@ CommandResult ModeMachine::arm(const Conditions& conditions) LITHE_RT {
   if (fault_ != Fault::none) return CommandResult::refused_fault;
   if (!conditions.has_law) return CommandResult::refused_law;
   if (!conditions.sample_fresh) return CommandResult::refused_not_ready;
+  if (!conditions.homed) return CommandResult::refused_not_homed;
   mode_ = Mode::active;
   return CommandResult::done;
 }

@@ -13,6 +13,7 @@ namespace lithe::loop {
 struct Conditions {
   bool has_law = false;        // a law is resident and may step
   bool sample_fresh = false;   // every joint has answered in this tick
+  bool homed = true;           // every joint that must be homed is
   bool estop_pressed = false;  // one of the sticky words is set
 };
 

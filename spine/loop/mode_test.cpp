@@ -19,6 +19,15 @@ ModeMachine armed() {
   return machine;
 }
 
+TEST(ModeMachine, AJointThatMustBeHomedKeepsTheRobotFromBeingArmed) {
+  ModeMachine machine;
+  Conditions conditions = kReady;
+  conditions.homed = false;
+  EXPECT_EQ(machine.apply(CommandKind::arm, conditions), CommandResult::refused_not_homed);
+  EXPECT_EQ(machine.mode(), Mode::disarmed);
+  EXPECT_EQ(machine.apply(CommandKind::arm, kReady), CommandResult::done);
+}
+
 TEST(ModeMachine, StartsWithNothingDriven) {
   const ModeMachine machine;
   EXPECT_EQ(machine.mode(), Mode::disarmed);

@@ -138,10 +138,13 @@ CommandResult Spine::execute(const wire::Command& command, std::int64_t now_ns) 
 CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std::int64_t now_ns) LITHE_RT {
   // One late exchange is no reason to refuse: the sample before it is a few milliseconds old.
   bool all_fresh = sample_->sample_ns != 0 && stale_ticks_ <= kStaleTicksToArm;
-  for (std::uint32_t j = 0; j < joints_; ++j)
+  bool homed = true;
+  for (std::uint32_t j = 0; j < joints_; ++j) {
     all_fresh = all_fresh && (sample_->status[j] & wire::joint_status::kFresh) != 0;
+    homed = homed && (!robot_.joints[j].must_be_homed || (sample_->status[j] & wire::joint_status::kNotHomed) == 0);
+  }
   const wire::Mode before = mode_.mode();
-  const CommandResult result = mode_.apply(kind, {slot_.active() != nullptr, all_fresh, estop_pressed_});
+  const CommandResult result = mode_.apply(kind, {slot_.active() != nullptr, all_fresh, homed, estop_pressed_});
   if (result != CommandResult::done) return result;
   // From drives that are off the first torque is bounded from zero; the setpoint starts where the joint is.
   if (before == wire::Mode::disarmed) guard_.reset_output();

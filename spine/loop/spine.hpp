@@ -74,7 +74,7 @@ class Spine {
   void look(std::int64_t now_ns) LITHE_RT;
   guard::Verdict check() LITHE_RT;
   void react(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_RT;
-  void compose() LITHE_RT;
+  void compose(const guard::Verdict& verdict) LITHE_RT;
   void publish(const guard::Verdict& verdict, std::int64_t release_ns) LITHE_RT;
   void step_law(std::int64_t now_ns) LITHE_RT;
   contain::Trouble run_law(law::Resident& law, Effort& effort) LITHE_RT;

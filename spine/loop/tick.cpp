@@ -30,7 +30,7 @@ void Spine::tick(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t sk
   const std::int64_t guard_to_ns = clock_.now_ns();
 
   react(verdict, woke_ns);
-  compose();  // u_{k+1}, for the next release
+  compose(verdict);  // u_{k+1}, for the next release
   durations_.handoff_ns = inline_actuators_ == nullptr ? handed_ns - from_ns : served_ns_ - last_from_ns_;
   last_from_ns_ = from_ns;
   durations_.law_ns = guard_from_ns - law_from_ns;
@@ -112,13 +112,15 @@ void Spine::react(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_RT {
              wire::to_string(verdict.fault));
 }
 
-void Spine::compose() LITHE_RT {
+void Spine::compose(const guard::Verdict& verdict) LITHE_RT {
   hal::ActuatorCommand& command = handover_.next_command();
   command.tick = tick_ + 1;
   command.joints = joints_;
-  command.action = mode_.mode() == wire::Mode::estop ? hal::DriveAction::damp
-                   : mode_.energised()               ? hal::DriveAction::torque
-                                                     : hal::DriveAction::off;
+  command.action = mode_.mode() == wire::Mode::estop    ? hal::DriveAction::damp
+                   : !mode_.energised()                 ? hal::DriveAction::off
+                   : verdict.rung == guard::Rung::brake ? hal::DriveAction::brake
+                   : verdict.rung == guard::Rung::off   ? hal::DriveAction::off
+                                                        : hal::DriveAction::torque;
   for (std::uint32_t j = 0; j < joints_; ++j) {
     command.torque_nm[j] = output_.torque_nm[j];
     command.position_rad[j] = output_.position_rad[j];

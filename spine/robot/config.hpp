@@ -43,6 +43,11 @@ struct GuardConfig {
   double soft_stop_rad = 0.1;         // width of the zone before a position limit in which outward torque fades
   double position_overrun_rad = 0.2;  // this far beyond a position limit is a fault
   double velocity_overrun = 1.25;     // this multiple of a joint's velocity limit is a fault
+  double soft_start_s = 0.0;          // for so long after arming the torque limits grow from 0 to what they are
+  // The ladder below the safe law: once it has kept every joint at rest for so long, the drives brake, and then are
+  // off. 0 = never.
+  double brake_after_s = 0.0;
+  double off_after_s = 0.0;
 };
 
 struct BrainConfig {
@@ -121,6 +126,8 @@ struct JointConfig {
   double velocity_max_rad_s = 0.0;
   double torque_max_nm = 0.0;
   double torque_slew_nm_s = 0.0;
+  double power_max_w = 0.0;    // mechanical, into the joint; 0 = no limit
+  bool must_be_homed = false;  // not armed before the drive knows in which turn the joint is
   double deceleration_rad_s2 = 20.0;
   bool monotone = false;         // never overshoot a waypoint (grippers); costs smoothness
   double kp_max_nm_rad = 100.0;  // the stiffest device-side PD a law may ask for

@@ -31,6 +31,9 @@ void read_guard(Reader& in, GuardConfig& guard) {
   in.number("soft_stop_rad", guard.soft_stop_rad, {0.0, 10.0});
   in.number("position_overrun_rad", guard.position_overrun_rad, {0.0, kBig});
   in.number("velocity_overrun", guard.velocity_overrun, {1.0, 100.0});
+  in.number("soft_start_s", guard.soft_start_s, {0.0, 60.0});
+  in.number("brake_after_s", guard.brake_after_s, {0.0, 3600.0});
+  in.number("off_after_s", guard.off_after_s, {0.0, 3600.0});
   in.finish();
 }
 
@@ -121,6 +124,8 @@ void read_joint(Reader& in, JointConfig& joint, Need need) {
   in.number("velocity_max_rad_s", joint.velocity_max_rad_s, {kSmall, 1.0e4}, need);
   in.number("torque_max_nm", joint.torque_max_nm, {kSmall, kBig}, need);
   in.number("torque_slew_nm_s", joint.torque_slew_nm_s, {kSmall, 1.0e9}, need);
+  in.number("power_max_w", joint.power_max_w, {0.0, kBig});
+  in.boolean("must_be_homed", joint.must_be_homed);
   in.number("deceleration_rad_s2", joint.deceleration_rad_s2, {1.0e-3, kBig});
   in.boolean("monotone", joint.monotone);
   in.number("kp_max_nm_rad", joint.kp_max_nm_rad, {0.0, kBig});

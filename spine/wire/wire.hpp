@@ -207,6 +207,7 @@ enum class CommandResult : std::uint32_t {
   refused_range = 6,
   refused_unknown = 7,
   refused_not_ready = 8,
+  refused_not_homed = 9,
 };
 
 // The name of `value`, or "?" for a number that is not one of CommandResult.
@@ -230,6 +231,8 @@ constexpr std::string_view to_string(CommandResult value) LITHE_RT {
       return "refused_unknown";
     case CommandResult::refused_not_ready:
       return "refused_not_ready";
+    case CommandResult::refused_not_homed:
+      return "refused_not_homed";
   }
   return "?";
 }
@@ -425,6 +428,8 @@ inline constexpr std::uint32_t kLawFaulted = 4096;
 inline constexpr std::uint32_t kBlending = 8192;
 inline constexpr std::uint32_t kShadowing = 16384;
 inline constexpr std::uint32_t kOnProbation = 32768;
+inline constexpr std::uint32_t kPowerClamped = 65536;
+inline constexpr std::uint32_t kSoftStarting = 131072;
 }
 
 namespace joint_status {

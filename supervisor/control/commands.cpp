@@ -89,6 +89,9 @@ Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry
     case CommandResult::refused_not_ready:
       return {code, fmt::format("cannot {}: not every drive answers yet", to_string(kind)),
               "try again; lithe status names the joints that are stale"};
+    case CommandResult::refused_not_homed:
+      return {code, "cannot arm: a joint with must_be_homed does not know in which turn it is",
+              "home it (lithe status names the joints that are not_homed), then: lithe arm"};
     default:
       return {code, fmt::format("the Spine does not know the command {}", to_string(kind)),
               "build both from the same source"};
