@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/hal/bus/descriptor.hpp"
+
+#include <unistd.h>
+
+#include <cerrno>
+#include <utility>
+
+#if defined(__has_feature)
+#if __has_feature(realtime_sanitizer)
+#include <sanitizer/rtsan_interface.h>
+#define LITHE_SYSTEM_CALL __rtsan::ScopedDisabler known_to_be_one
+#endif
+#endif
+#ifndef LITHE_SYSTEM_CALL
+#define LITHE_SYSTEM_CALL
+#endif
+
+namespace lithe::hal {
+namespace {
+
+Moved outcome(ssize_t bytes, int error) LITHE_RT {
+  if (bytes >= 0) return {static_cast<std::size_t>(bytes), 0};
+  if (error == EAGAIN || error == EWOULDBLOCK || error == EINTR) return {};
+  return {0, error};
+}
+
+}  // namespace
+
+Descriptor::Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
+
+Descriptor& Descriptor::operator=(Descriptor&& other) noexcept {
+  if (this != &other) {
+    close();
+    fd_ = std::exchange(other.fd_, -1);
+  }
+  return *this;
+}
+
+Descriptor::~Descriptor() { close(); }
+
+void Descriptor::close() {
+  if (fd_ >= 0) ::close(fd_);
+  fd_ = -1;
+}
+
+Moved Descriptor::read(std::span<std::byte> to) const LITHE_RT {
+  Moved moved;
+  LITHE_RT_EXEMPT("a read that never waits: it copies what the kernel has", {
+    LITHE_SYSTEM_CALL;
+    const ssize_t bytes = ::read(fd_, to.data(), to.size());
+    moved = outcome(bytes, errno);
+    if (bytes == 0 && !to.empty()) moved.error = EIO;  // the end of a terminal or a socket: nobody is there any more
+  });
+  return moved;
+}
+
+Moved Descriptor::write(std::span<const std::byte> from) const LITHE_RT {
+  Moved moved;
+  LITHE_RT_EXEMPT("a write that never waits: it copies what the kernel has room for", {
+    LITHE_SYSTEM_CALL;
+    const ssize_t bytes = ::write(fd_, from.data(), from.size());
+    moved = outcome(bytes, errno);
+  });
+  return moved;
+}
+
+}  // namespace lithe::hal

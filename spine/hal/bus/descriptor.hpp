@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// An open file that never keeps its reader or writer waiting.
+#pragma once
+
+#include <cstddef>
+#include <span>
+
+#include "spine/core/rt.hpp"
+
+namespace lithe::hal {
+
+// What came of one read or write. No error and no bytes: nothing could be moved just now.
+struct Moved {
+  std::size_t bytes = 0;
+  int error = 0;  // errno; EIO also when the other end is gone
+};
+
+// Contract: owns its file descriptor, which is non-blocking · read, write RT: one system call each that copies what the
+// kernel holds or has room for, and returns · the rest never in the tick
+class Descriptor {
+ public:
+  explicit Descriptor(int fd = -1) : fd_(fd) {}
+  Descriptor(Descriptor&& other) noexcept;
+  Descriptor& operator=(Descriptor&& other) noexcept;
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  ~Descriptor();
+
+  int get() const LITHE_RT { return fd_; }
+  bool is_open() const LITHE_RT { return fd_ >= 0; }
+  void close();
+
+  Moved read(std::span<std::byte> to) const LITHE_RT;
+  Moved write(std::span<const std::byte> from) const LITHE_RT;
+
+ private:
+  int fd_;
+};
+
+}  // namespace lithe::hal
