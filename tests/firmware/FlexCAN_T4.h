@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+// As much of a Teensy and of its CAN library as the gateway's sketch uses: what it sends is kept for the test.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+inline std::uint32_t g_stub_micros = 0;
+inline int g_stub_analog[64] = {};
+inline bool g_stub_digital[64] = {};
+
+inline std::uint32_t micros() { return g_stub_micros; }
+inline int analogRead(std::uint8_t pin) { return g_stub_analog[pin]; }
+inline int digitalRead(std::uint8_t pin) { return g_stub_digital[pin] ? 1 : 0; }
+inline void analogReadResolution(unsigned) {}
+inline void pinMode(std::uint8_t, int) {}
+constexpr int INPUT_PULLUP = 2;
+
+enum CAN_DEV_TABLE { CAN1, CAN3 };
+enum FLEXCAN_RXQUEUE_TABLE { RX_SIZE_256 };
+enum FLEXCAN_TXQUEUE_TABLE { TX_SIZE_16 };
+enum FLEXCAN_CLOCK { CLK_40MHz };
+
+struct CAN_message_t {
+  std::uint32_t id = 0;
+  struct {
+    bool extended = false;
+  } flags;
+  std::uint8_t len = 8;
+  std::uint8_t buf[8] = {};
+};
+struct CANFD_message_t {
+  std::uint32_t id = 0;
+  struct {
+    bool extended = false;
+  } flags;
+  bool brs = true, edl = true;
+  std::uint8_t len = 8;
+  std::uint8_t buf[64] = {};
+};
+struct CANFD_timings_t {
+  FLEXCAN_CLOCK clock = CLK_40MHz;
+  double baudrate = 0, baudrateFD = 0, propdelay = 0, bus_length = 0, sample = 0;
+};
+
+inline std::vector<CANFD_message_t> g_stub_fd;
+inline std::vector<CAN_message_t> g_stub_classic;
+
+template <CAN_DEV_TABLE, FLEXCAN_RXQUEUE_TABLE, FLEXCAN_TXQUEUE_TABLE>
+struct FlexCAN_T4FD {
+  void begin() {}
+  void setBaudRate(const CANFD_timings_t&) {}
+  int write(const CANFD_message_t& frame) {
+    g_stub_fd.push_back(frame);
+    return 1;
+  }
+};
+template <CAN_DEV_TABLE, FLEXCAN_RXQUEUE_TABLE, FLEXCAN_TXQUEUE_TABLE>
+struct FlexCAN_T4 {
+  void begin() {}
+  void setBaudRate(std::uint32_t) {}
+  int write(const CAN_message_t& frame) {
+    g_stub_classic.push_back(frame);
+    return 1;
+  }
+};
