@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+// A CAN interface of Linux, classic or FD, through a raw socket.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "spine/core/result.hpp"
+#include "spine/core/rt.hpp"
+#include "spine/hal/bus/bus.hpp"
+#include "spine/hal/bus/descriptor.hpp"
+#include "spine/hal/bus/frame.hpp"
+#include "spine/hal/bus/link.hpp"
+#include "spine/hal/bus/socketcan_codec.hpp"
+
+namespace lithe::hal {
+
+struct SocketCanParams {
+  std::string interface;                   // as `ip link` names it
+  std::uint32_t bitrate = 1'000'000;       // both are set with `ip link`; here they are for advice
+  std::uint32_t data_bitrate = 5'000'000;  // 0 = classic CAN only
+  std::int64_t reply_wait_ns = 2'000'000;
+};
+
+// Each frame leaves as soon as it is sent; one for which the interface has no room is refused. While the controller is
+// bus-off commands are refused, and none waits to leave when it is restarted, which is the kernel's business
+// (`restart-ms`). An interface that goes down or away is opened again by service().
+// Contract: as Bus · nothing is allocated between open() and the end, but in service() and why_down()
+class SocketCanBus final : public Bus {
+ public:
+  using Opener = std::function<Result<Descriptor>()>;
+
+  // The error says what to do, as a command to type where there is one.
+  static Result<std::unique_ptr<SocketCanBus>> open(const SocketCanParams& params);
+  // Over whatever non-blocking socket carries the kernel's frames, one a packet.
+  static Result<std::unique_ptr<SocketCanBus>> open(const SocketCanParams& params, Opener opener);
+
+  void begin(std::int64_t now_ns) LITHE_RT override;
+  bool send(const Frame& frame) LITHE_RT override;
+  bool receive(Frame& frame) LITHE_RT override;
+  std::int64_t reply_wait_ns() const LITHE_RT override { return reply_wait_ns_; }
+  void service() override;
+  std::string why_down() const override;
+
+  // What error frames have told.
+  const socketcan::Troubles& troubles() const LITHE_RT { return troubles_; }
+
+ private:
+  SocketCanBus(const SocketCanParams& params, Opener opener, Descriptor socket);
+
+  bool refuse() LITHE_RT;
+  void note_state(const socketcan::Troubles& before) LITHE_RT;
+
+  std::string interface_;
+  Opener opener_;
+  Descriptor socket_;
+  Link link_;
+  std::int64_t reply_wait_ns_;
+  bool fd_;
+  std::string not_reopened_;  // why; the housekeeping's
+  socketcan::Troubles troubles_;
+  std::atomic<bool> bus_off_{false};  // relaxed throughout: it is the exchange's, why_down() only tells it
+};
+
+// A raw socket on a CAN interface that is up, with all error frames and without our own frames.
+// Contract: never in the tick
+Result<Descriptor> open_can_socket(const SocketCanParams& params);
+
+}  // namespace lithe::hal
