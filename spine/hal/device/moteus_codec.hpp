@@ -9,6 +9,7 @@
 //   30 31        write error, read error                    varuint register, varuint error
 //   40 41        data of a stream, to and from the drive    varuint channel, varuint length, bytes
 //   42           poll a stream                              varuint channel, varuint longest answer
+//   43 44        the same with flow control                 seen, and not understood
 //   50           nothing (padding)
 // Little-endian; a varuint has 7 bits a byte, lowest first, the top bit says that more follow, 5 bytes at most.
 #pragma once
@@ -71,17 +72,38 @@ inline constexpr std::uint32_t kFixedVoltage = 0x02a;
 inline constexpr std::uint32_t kIntegralScale = 0x02b;
 inline constexpr std::uint32_t kFixedCurrent = 0x02c;
 inline constexpr std::uint32_t kIgnoreBounds = 0x02d;
+inline constexpr std::uint32_t kTermP = 0x030;  // to 034: I, D, feed-forward, what comes of them
 inline constexpr std::uint32_t kControlPosition = 0x038;
 inline constexpr std::uint32_t kControlVelocity = 0x039;
 inline constexpr std::uint32_t kControlTorque = 0x03a;
+inline constexpr std::uint32_t kErrorPosition = 0x03b;
+inline constexpr std::uint32_t kErrorVelocity = 0x03c;
+inline constexpr std::uint32_t kErrorTorque = 0x03d;
 inline constexpr std::uint32_t kLowerBound = 0x040;  // 042-048 repeat 022 023 024 025 027 02b 02d
 inline constexpr std::uint32_t kUpperBound = 0x041;
+inline constexpr std::uint32_t kEncoder = 0x050;  // position and velocity of three encoders
+inline constexpr std::uint32_t kEncoderValidity = 0x058;
+inline constexpr std::uint32_t kAuxGpioCommand = 0x05c;  // two ports
+inline constexpr std::uint32_t kAuxGpioStatus = 0x05e;   // two ports
+inline constexpr std::uint32_t kAux1Analog = 0x060;      // five pins
+inline constexpr std::uint32_t kAux2Analog = 0x068;      // five pins
 inline constexpr std::uint32_t kMillisecondCounter = 0x070;
+inline constexpr std::uint32_t kClockTrim = 0x071;
+inline constexpr std::uint32_t kPwmInput = 0x072;  // period and duty cycle of two ports
+inline constexpr std::uint32_t kAuxPwm = 0x076;    // five pins of each of two ports
 inline constexpr std::uint32_t kModel = 0x100;
 inline constexpr std::uint32_t kFirmware = 0x101;
 inline constexpr std::uint32_t kRegisterMap = 0x102;
 inline constexpr std::uint32_t kId = 0x110;
 inline constexpr std::uint32_t kSerial = 0x120;  // and 121, 122
+inline constexpr std::uint32_t kSetOutputNearest = 0x130;
+inline constexpr std::uint32_t kSetOutputExact = 0x131;
+inline constexpr std::uint32_t kRequireReindex = 0x132;
+inline constexpr std::uint32_t kRecapture = 0x133;
+inline constexpr std::uint32_t kDriverFault = 0x140;  // and 141
+inline constexpr std::uint32_t kUuid = 0x150;         // four words
+inline constexpr std::uint32_t kUuidMask = 0x154;     // four words: who has others ignores the frame
+inline constexpr std::uint32_t kUuidMaskCapable = 0x158;
 }  // namespace reg
 
 enum class Mode : std::uint8_t {
@@ -116,7 +138,7 @@ constexpr std::size_t bytes_of(Format format) LITHE_RT {
 void encode_value(double value, Quantity quantity, Format format, std::uint8_t* out) LITHE_RT;
 double decode_value(const std::uint8_t* in, Quantity quantity, Format format) LITHE_RT;
 
-enum class Kind : std::uint8_t { write, read, reply, write_error, read_error, client_data, server_data, poll };
+enum class Kind : std::uint8_t { write, read, reply, write_error, read_error, client_data, server_data, poll, flow };
 
 // Appends subframes to a payload. A subframe that does not fit is left out whole and makes ok() false.
 // Contract: RT · pure
@@ -126,11 +148,14 @@ class SubframeWriter {
 
   void write(Format format, std::uint32_t start, std::span<const double> values) LITHE_RT;
   void read(Format format, std::uint32_t start, std::uint32_t count) LITHE_RT;
+  void client_data(std::uint32_t channel, std::span<const std::uint8_t> bytes) LITHE_RT;
+  void poll(std::uint32_t channel, std::uint32_t most) LITHE_RT;
 
   // For the drive's side. `long_form`: say the count in a byte of its own also where three bits would do.
   void reply(Format format, std::uint32_t start, std::span<const double> values, bool long_form) LITHE_RT;
   void error(Kind kind, std::uint32_t number, std::uint32_t error) LITHE_RT;
-  void empty_server_data(std::uint32_t channel) LITHE_RT;
+  void server_data(std::uint32_t channel, std::span<const std::uint8_t> bytes) LITHE_RT;
+  std::size_t room() const LITHE_RT { return kMaxPayload - frame_->size; }
 
   // Fills up to a length that CAN-FD can carry.
   void pad() LITHE_RT;
@@ -140,6 +165,7 @@ class SubframeWriter {
  private:
   void values(std::uint8_t base, Format format, std::uint32_t start, std::span<const double> values, bool long_form)
       LITHE_RT;
+  void stream(std::uint8_t head, std::uint32_t channel, std::span<const std::uint8_t> bytes) LITHE_RT;
   bool fits(std::size_t bytes) LITHE_RT;
   void byte(std::uint8_t value) LITHE_RT { frame_->data[frame_->size++] = value; }
   void varuint(std::uint32_t value) LITHE_RT;

@@ -15,11 +15,6 @@ constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
 constexpr std::int64_t kEnablingNs = 1'000'000;
 constexpr std::int64_t kCalibratingNs = 4'000'000;
 
-constexpr std::uint32_t kFaultStartOutsideLimit = 39;
-constexpr std::uint32_t kFaultStopPosition = 45;
-constexpr std::uint32_t kLimitMaxTorque = 102;
-constexpr std::uint32_t kLimitBounds = 103;
-
 // A limit register: NaN is what the drive is configured with, negative is none.
 double effective_limit(double commanded, double configured) LITHE_RT {
   const double limit = std::isnan(commanded) ? configured : commanded;
@@ -53,6 +48,7 @@ void Servo::advance(std::int64_t now_ns) LITHE_RT {
 
 void Servo::step() LITHE_RT {
   check_watchdog();
+  check_health();
   if (mode_ == Mode::enabling && time_ns_ >= phase_end_ns_) {
     mode_ = Mode::calibrating;
     phase_end_ns_ = time_ns_ + kCalibratingNs;
@@ -73,7 +69,7 @@ void Servo::step() LITHE_RT {
 // The encoder tells whole counts; a tracking loop behind it (two poles) makes the velocity.
 void Servo::measure() LITHE_RT {
   constexpr double kNothing = 1e-12;
-  const double rev = joint_.motor_rev(plant_.position_rad());
+  const double rev = joint_.motor_rev(plant_.position_rad()) + offset_rev_;
   encoder_rev_ = std::floor(rev * params_.encoder_counts) / params_.encoder_counts;
   const double pole = 2 * std::numbers::pi * params_.velocity_filter_hz;
   const double error_rev = encoder_rev_ - tracked_rev_;
@@ -84,6 +80,38 @@ void Servo::measure() LITHE_RT {
 
 void Servo::check_watchdog() LITHE_RT {
   if (has_watchdog(mode_) && time_ns_ >= watchdog_end_ns_) mode_ = Mode::timeout;
+}
+
+// A drive that is off does not look.
+void Servo::check_health() LITHE_RT {
+  if (mode_ == Mode::stopped || mode_ == Mode::fault) return;
+  if (encoder_lost_) return fail(moteus::fault::kEncoder);
+  if (params_.temperature_c > params_.fault_temperature_c) fail(moteus::fault::kOverTemperature);
+}
+
+void Servo::restart(const ServoParams& params) LITHE_RT {
+  params_ = params;
+  mode_ = target_ = Mode::stopped;
+  fault_ = 0;
+  command_ = ServoCommand{};
+  offset_rev_ = 0;
+  terms_ = Terms{};
+  trajectory_complete_ = false;
+  measure();
+  tracked_rev_ = control_position_rev_ = encoder_rev_;
+  velocity_rev_s_ = control_velocity_rev_s_ = 0;
+}
+
+void Servo::set_output(double position_rev, bool exact) LITHE_RT {
+  const double by = exact ? position_rev - encoder_rev_ : std::round(position_rev - encoder_rev_);
+  constexpr double kFarthest = 32768;  // what the drive can count
+  if (!(std::abs(offset_rev_ + by) <= kFarthest)) return;
+  for (double* moved : {&offset_rev_, &encoder_rev_, &tracked_rev_, &control_position_rev_, &goal_rev_}) *moved += by;
+}
+
+void Servo::recapture() LITHE_RT {
+  control_position_rev_ = goal_rev_ = encoder_rev_;
+  control_velocity_rev_s_ = velocity_rev_s_;
 }
 
 void Servo::apply(Mode mode, const ServoCommand& command) LITHE_RT {
@@ -113,8 +141,9 @@ void Servo::apply(Mode mode, const ServoCommand& command) LITHE_RT {
 
 void Servo::enter(Mode mode) LITHE_RT {
   const bool starts = has_watchdog(mode) && !has_watchdog(mode_);
-  if (starts && command_.ignore_bounds == 0 && outside_bounds()) return fail(kFaultStartOutsideLimit);
+  if (starts && command_.ignore_bounds == 0 && outside_bounds()) return fail(moteus::fault::kOutsideLimit);
   if (starts) {
+    terms_ = Terms{};
     control_position_rev_ = encoder_rev_;
     control_velocity_rev_s_ = velocity_rev_s_;
   }
@@ -133,7 +162,7 @@ void Servo::start_command() LITHE_RT {
   velocity_limit_ = effective_limit(command_.velocity_limit_rev_s, params_.default_velocity_limit_rev_s);
   acceleration_limit_ = effective_limit(command_.acceleration_limit_rev_s2, params_.default_acceleration_limit_rev_s2);
   const bool planned = !std::isnan(velocity_limit_) || !std::isnan(acceleration_limit_);
-  if (planned && !std::isnan(command_.stop_position_rev)) return fail(kFaultStopPosition);
+  if (planned && !std::isnan(command_.stop_position_rev)) return fail(moteus::fault::kStopPosition);
   if (std::isnan(command_.velocity_rev_s)) command_.velocity_rev_s = 0;
   goal_rev_ = std::isnan(command_.position_rev) ? encoder_rev_ : command_.position_rev;
   trajectory_complete_ = !planned;
@@ -165,35 +194,64 @@ double Servo::motor_torque() LITHE_RT {
       return position_torque();
     case Mode::stay_within:
       return within_torque();
-    case Mode::timeout: {
-      const double damping_nm = -params_.kd_nm_s_rev * velocity_rev_s_;
-      return std::clamp(damping_nm, -params_.timeout_max_torque_nm, params_.timeout_max_torque_nm);
-    }
+    case Mode::timeout:
+      return timeout_torque();
     case Mode::zero_velocity:
       return -params_.kd_nm_s_rev * velocity_rev_s_;
-    case Mode::brake: {
-      // Windings shorted: the motor's own voltage drives a current against the motion.
-      const double drag_nm_s_rad = params_.torque_constant_nm_a * params_.torque_constant_nm_a / params_.resistance_ohm;
-      return -drag_nm_s_rad * 2 * std::numbers::pi * joint_.rev_per_rad() * plant_.velocity_rad_s();
-    }
+    case Mode::brake:
+      return brake_torque();
     default:
       return 0;
   }
 }
 
+double Servo::timeout_torque() LITHE_RT {
+  const double most = std::abs(params_.timeout_max_torque_nm);
+  const double damping_nm = -params_.kd_nm_s_rev * velocity_rev_s_;
+  switch (static_cast<int>(params_.timeout_mode)) {
+    case static_cast<int>(Mode::stopped):
+      return 0;
+    case static_cast<int>(Mode::brake):
+      return brake_torque();
+    case static_cast<int>(Mode::position):
+      return std::clamp(params_.kp_nm_rev * (control_position_rev_ - encoder_rev_) + damping_nm, -most, most);
+    default:
+      return std::clamp(damping_nm, -most, most);
+  }
+}
+
+// Windings shorted: the motor's own voltage drives a current against the motion.
+double Servo::brake_torque() LITHE_RT {
+  const double drag_nm_s_rad = params_.torque_constant_nm_a * params_.torque_constant_nm_a / params_.resistance_ohm;
+  return -drag_nm_s_rad * 2 * std::numbers::pi * joint_.rev_per_rad() * plant_.velocity_rad_s();
+}
+
+// What is left of the commanded limit when the board is hot. Says so in the fault code.
+double Servo::torque_limit() LITHE_RT {
+  const double asked = std::isnan(command_.max_torque_nm) ? params_.motor_torque_max_nm : command_.max_torque_nm;
+  const double to_fault_c = params_.fault_temperature_c - params_.temperature_c;
+  if (!(to_fault_c < params_.temperature_margin_c)) return std::abs(asked);
+  fault_ = moteus::fault::kLimitTemperature;
+  return std::min(std::abs(asked), params_.motor_torque_max_nm * to_fault_c / params_.temperature_margin_c);
+}
+
 double Servo::pd(double position_rev, double velocity_rev_s) LITHE_RT {
-  const double stiffness = params_.kp_nm_rev * command_.kp_scale * (position_rev - encoder_rev_);
-  const double damping = params_.kd_nm_s_rev * command_.kd_scale * (velocity_rev_s - velocity_rev_s_);
-  // The integral is left out: the factory's limit for it is 0.
-  const double wanted = stiffness + damping + command_.torque_nm;
-  const double limit = std::isnan(command_.max_torque_nm) ? params_.motor_torque_max_nm : command_.max_torque_nm;
-  if (!(std::abs(wanted) > std::abs(limit))) return wanted;
-  fault_ = kLimitMaxTorque;
+  terms_.error_rev = position_rev - encoder_rev_;
+  terms_.error_rev_s = velocity_rev_s - velocity_rev_s_;
+  terms_.p_nm = params_.kp_nm_rev * command_.kp_scale * terms_.error_rev;
+  terms_.d_nm = params_.kd_nm_s_rev * command_.kd_scale * terms_.error_rev_s;
+  const double most_nm = std::abs(params_.integral_limit_nm * command_.integral_scale);
+  terms_.i_nm =
+      most_nm > 0 ? std::clamp(terms_.i_nm + kStepS * params_.ki_nm_rev_s * terms_.error_rev, -most_nm, most_nm) : 0;
+  const double wanted = terms_.p_nm + terms_.i_nm + terms_.d_nm + command_.torque_nm;
+  const double limit = torque_limit();
+  if (!(std::abs(wanted) > limit)) return wanted;
+  if (fault_ != moteus::fault::kLimitTemperature) fault_ = moteus::fault::kLimitTorque;
   return std::copysign(limit, wanted);
 }
 
 double Servo::position_torque() LITHE_RT {
-  if (fault_ != kLimitBounds) fault_ = 0;  // a clipped set-point stays clipped until the next command
+  if (fault_ != moteus::fault::kLimitBounds) fault_ = 0;  // a clipped set-point stays clipped until the next command
   move_set_point();
   return pd(control_position_rev_, control_velocity_rev_s_);
 }
@@ -204,57 +262,8 @@ double Servo::within_torque() LITHE_RT {
   const double upper = command_.upper_bound_rev;
   if (encoder_rev_ < lower) return pd(lower, 0);
   if (encoder_rev_ > upper) return pd(upper, 0);
-  const double limit = std::isnan(command_.max_torque_nm) ? params_.motor_torque_max_nm : command_.max_torque_nm;
-  return std::clamp(command_.torque_nm, -std::abs(limit), std::abs(limit));
-}
-
-void Servo::move_set_point() LITHE_RT {
-  if (!trajectory_complete_) plan_velocity();
-  control_position_rev_ += control_velocity_rev_s_ * kStepS;
-  const double stop = command_.stop_position_rev;
-  const double velocity = control_velocity_rev_s_;
-  if (velocity != 0 && velocity * (control_position_rev_ - stop) > 0) {  // false while there is no stop position
-    control_position_rev_ = stop;
-    control_velocity_rev_s_ = 0;
-  }
-  if (command_.ignore_bounds != 0) return;
-  if (control_position_rev_ < params_.position_min_rev) {
-    control_position_rev_ = params_.position_min_rev;
-    control_velocity_rev_s_ = 0;
-    fault_ = kLimitBounds;
-  } else if (control_position_rev_ > params_.position_max_rev) {
-    control_position_rev_ = params_.position_max_rev;
-    control_velocity_rev_s_ = 0;
-    fault_ = kLimitBounds;
-  }
-}
-
-// One step of a trapezoid towards a goal that moves with the commanded velocity. Without a position to reach, only the
-// velocity is brought there.
-void Servo::plan_velocity() LITHE_RT {
-  goal_rev_ += command_.velocity_rev_s * kStepS;
-  const bool free = std::isnan(command_.position_rev);
-  const double gap = free ? 0 : goal_rev_ - control_position_rev_;
-  double wanted = command_.velocity_rev_s;
-  const double most = acceleration_limit_ * kStepS;  // NaN: any change at once
-  if (gap != 0) {
-    // The fastest from which it can still brake, measured one step ahead.
-    const double reach = std::isnan(acceleration_limit_)
-                             ? std::abs(gap) / kStepS
-                             : std::sqrt(acceleration_limit_ * acceleration_limit_ * kStepS * kStepS / 4 +
-                                         2 * acceleration_limit_ * std::abs(gap)) -
-                                   most / 2;
-    wanted += std::copysign(std::min(reach, std::abs(gap) / kStepS), gap);
-  }
-  if (!std::isnan(velocity_limit_)) wanted = std::clamp(wanted, -velocity_limit_, velocity_limit_);
-  const double change = wanted - control_velocity_rev_s_;
-  control_velocity_rev_s_ += std::isnan(most) ? change : std::clamp(change, -most, most);
-  const double left = std::abs(gap - (control_velocity_rev_s_ - command_.velocity_rev_s) * kStepS);
-  if (left > 1e-9 || control_velocity_rev_s_ != wanted) return;
-  if (std::abs(wanted - command_.velocity_rev_s) * kStepS > 1e-7) return;
-  if (!free) control_position_rev_ = goal_rev_ - command_.velocity_rev_s * kStepS;
-  control_velocity_rev_s_ = command_.velocity_rev_s;
-  trajectory_complete_ = true;
+  const double limit = torque_limit();
+  return std::clamp(command_.torque_nm, -limit, limit);
 }
 
 }  // namespace lithe::hal::sim

@@ -8,6 +8,7 @@
 #include "spine/core/rt.hpp"
 #include "spine/hal/device/drive.hpp"
 #include "spine/hal/device/moteus_codec.hpp"
+#include "spine/hal/device/moteus_faults.hpp"
 #include "spine/hal/sim/plant.hpp"
 
 namespace lithe::hal::sim {
@@ -15,14 +16,19 @@ namespace lithe::hal::sim {
 // How the drive is configured, in its own words: revolutions of the motor, torque at the motor.
 struct ServoParams {
   double kp_nm_rev = 4.0;
+  double ki_nm_rev_s = 1.0;
   double kd_nm_s_rev = 0.05;
+  double integral_limit_nm = 0.0;  // as from the factory: no integral
   double default_watchdog_s = 0.1;
   double default_velocity_limit_rev_s = kNone;
   double default_acceleration_limit_rev_s2 = 50.0;
   double position_min_rev = kNone;
   double position_max_rev = kNone;
   double timeout_max_torque_nm = 5.0;
-  double motor_torque_max_nm = 1.65;  // an mj5208 at 100 A
+  double timeout_mode = 12;  // what the watchdog leads to: 0 free, 10 hold, 12 damp, 15 brake
+  double fault_temperature_c = 75.0;
+  double temperature_margin_c = 25.0;  // this far below, torque begins to fade
+  double motor_torque_max_nm = 1.65;   // an mj5208 at 100 A
   double torque_constant_nm_a = 0.0273;
   double resistance_ohm = 0.047;
   std::uint32_t encoder_counts = 16384;  // per revolution
@@ -66,17 +72,42 @@ class Servo {
   // Lives up to `now_ns` on the 50 us grid that the first call starts. Time that goes backwards is ignored.
   void advance(std::int64_t now_ns) LITHE_RT;
 
+  // Switched off and on again: stopped, without fault, command or limits of its own. The plant goes on.
+  void restart(const ServoParams& params) LITHE_RT;
+
+  // Changed settings act from the next step on. What the plant is made of does not change.
+  void configure(const ServoParams& params) LITHE_RT { params_ = params; }
+
+  // The position now reads as this; `exact` or as near to it as whole turns allow.
+  void set_output(double position_rev, bool exact) LITHE_RT;
+
+  // The set-point of a running position command becomes where the joint is and how it moves.
+  void recapture() LITHE_RT;
+
+  // Faults from outside, for tests and `lithe sim`: a hot board, an encoder that is gone.
+  void set_temperature_c(double temperature_c) LITHE_RT { params_.temperature_c = temperature_c; }
+  void set_encoder_lost(bool lost) LITHE_RT { encoder_lost_ = lost; }
+
   // Takes effect at once, as far as the present mode allows: a fault or a timeout listens to `stopped` only.
   void apply(moteus::Mode mode, const ServoCommand& command) LITHE_RT;
 
   moteus::Mode mode() const LITHE_RT { return mode_; }
   std::uint32_t fault() const LITHE_RT { return fault_; }
-  double position_rev() const LITHE_RT { return encoder_rev_; }
-  double velocity_rev_s() const LITHE_RT { return velocity_rev_s_; }
+  // NaN while the encoder is lost.
+  double position_rev() const LITHE_RT { return encoder_lost_ ? ServoParams::kNone : encoder_rev_; }
+  double velocity_rev_s() const LITHE_RT { return encoder_lost_ ? ServoParams::kNone : velocity_rev_s_; }
   double torque_nm() const LITHE_RT;  // 0 unless driving
   double control_position_rev() const LITHE_RT { return control_position_rev_; }
   double control_velocity_rev_s() const LITHE_RT { return control_velocity_rev_s_; }
   double control_torque_nm() const LITHE_RT { return wanted_nm_; }
+  // What the control law's terms gave in the last step, and the errors they gave it for.
+  struct Terms {
+    double p_nm = 0, i_nm = 0, d_nm = 0;
+    double error_rev = 0, error_rev_s = 0;
+  };
+  const Terms& terms() const LITHE_RT { return terms_; }
+  const ServoCommand& command() const LITHE_RT { return command_; }
+  bool encoder_lost() const LITHE_RT { return encoder_lost_; }
   bool trajectory_complete() const LITHE_RT { return trajectory_complete_; }
   std::int64_t skipped_ns() const LITHE_RT { return skipped_ns_; }
   std::int64_t time_ns() const LITHE_RT { return time_ns_; }
@@ -95,6 +126,10 @@ class Servo {
   double motor_torque() LITHE_RT;
   double position_torque() LITHE_RT;
   double within_torque() LITHE_RT;
+  double timeout_torque() LITHE_RT;
+  double brake_torque() LITHE_RT;
+  void check_health() LITHE_RT;
+  double torque_limit() LITHE_RT;
   double pd(double position_rev, double velocity_rev_s) LITHE_RT;
   bool outside_bounds() const LITHE_RT;
   bool driving(moteus::Mode mode) const LITHE_RT;
@@ -112,6 +147,8 @@ class Servo {
   std::int64_t watchdog_end_ns_ = kNever;
   std::int64_t skipped_ns_ = 0;
 
+  double offset_rev_ = 0;  // of what is read against where the motor is
+  bool encoder_lost_ = false;
   double encoder_rev_ = 0;
   double tracked_rev_ = 0;
   double velocity_rev_s_ = 0;
@@ -122,6 +159,7 @@ class Servo {
   double velocity_limit_ = 0;      // NaN: none
   double acceleration_limit_ = 0;  // NaN: none
   double wanted_nm_ = 0;
+  Terms terms_;
   bool trajectory_complete_ = false;
 
   static constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
