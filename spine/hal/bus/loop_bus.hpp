@@ -40,6 +40,13 @@ class FrameQueue {
   std::array<Frame, kCapacity> frames_{};
 };
 
+// What may befall a device, for tests and `lithe sim`.
+enum class Mishap : std::uint8_t {
+  power_loss,        // gone, and back after a moment; has no end of its own
+  over_temperature,  // as hot as it may not be
+  encoder_lost,      // it no longer knows its position
+};
+
 // Something at the far end of a LoopBus. It sees every frame and picks its own, as on a real CAN bus.
 class BusNode {
  public:
@@ -50,6 +57,8 @@ class BusNode {
   virtual void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT = 0;
   // What it says by itself by now: heartbeats, timed messages. Called about once a millisecond.
   virtual void on_time(std::int64_t /*now_ns*/, FrameQueue& /*answers*/) LITHE_RT {}
+  // The mishap begins or ends. False: such a thing cannot happen to this device.
+  virtual bool befall(Mishap /*mishap*/, bool /*begins*/, std::int64_t /*now_ns*/) LITHE_RT { return false; }
 };
 
 // Lossless and in order up to FrameQueue::kCapacity frames each way; beyond that it refuses and counts.

@@ -12,7 +12,7 @@
 
 namespace lithe::hal::sim {
 
-// Who the device says it is. Same seed and id, same device.
+// Who the device says it is. Same serial, same device.
 struct MoteusIdentity {
   static constexpr std::uint32_t kFirmware = 0x010000;
   static constexpr std::uint32_t kRegisterMap = 5;
@@ -20,15 +20,16 @@ struct MoteusIdentity {
   std::array<std::uint32_t, 3> serial{};
   std::array<std::uint8_t, 16> uuid{};
 
-  static MoteusIdentity of(std::uint64_t seed, std::uint32_t id);
+  static MoteusIdentity of(std::uint64_t serial);
   // The four bytes from 4 * `word` on, as its register tells them.
   std::int32_t uuid_word(std::size_t word) const LITHE_RT;
 };
 
 // Contract: RT · one thread
 struct MoteusInside {
-  MoteusInside(const ServoParams& params, const JointTransform& joint, const PlantParams& plant, std::uint32_t id)
-      : identity(MoteusIdentity::of(plant.seed, id)), config(params, id), servo(params, joint, plant) {}
+  MoteusInside(const ServoParams& params, const JointTransform& joint, const PlantParams& plant, std::uint32_t id,
+               std::uint64_t serial)
+      : identity(MoteusIdentity::of(serial)), config(params, id), servo(params, joint, plant) {}
 
   // Whatever the settings say now acts.
   void configure() LITHE_RT {

@@ -28,9 +28,9 @@ std::uint32_t drawn(std::uint64_t& seed) {
 
 }  // namespace
 
-MoteusIdentity MoteusIdentity::of(std::uint64_t seed, std::uint32_t id) {
+MoteusIdentity MoteusIdentity::of(std::uint64_t serial) {
   MoteusIdentity identity;
-  std::uint64_t state = seed << 8 | id;
+  std::uint64_t state = serial;
   for (std::uint32_t& word : identity.serial) word = drawn(state);
   for (std::uint8_t& byte : identity.uuid) byte = static_cast<std::uint8_t>(drawn(state));
   identity.uuid[6] = static_cast<std::uint8_t>((identity.uuid[6] & 0x0f) | 0x40);  // version 4: random
@@ -55,6 +55,24 @@ void SimMoteus::restart(std::int64_t back_ns) LITHE_RT {
   clock_trim_ = 0;
   console_.restart();
   deaf_until_ns_ = back_ns;
+}
+
+bool SimMoteus::befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT {
+  constexpr std::int64_t kBootNs = 100'000'000;
+  constexpr double kTooHotC = 20;  // above the fault's threshold
+  constexpr double kRoomC = 25;
+  switch (mishap) {
+    case Mishap::power_loss:
+      if (begins) restart(now_ns + kBootNs);
+      return true;
+    case Mishap::over_temperature:
+      inside_.servo.set_temperature_c(begins ? inside_.servo.params().fault_temperature_c + kTooHotC : kRoomC);
+      return true;
+    case Mishap::encoder_lost:
+      inside_.servo.set_encoder_lost(begins);
+      return true;
+  }
+  return false;
 }
 
 void SimMoteus::on_time(std::int64_t now_ns, FrameQueue& /*answers*/) LITHE_RT { inside_.servo.advance(now_ns); }

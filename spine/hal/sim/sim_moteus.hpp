@@ -17,7 +17,8 @@
 namespace lithe::hal::sim {
 
 struct SimMoteusParams {
-  std::uint32_t id = 1;  // 1 to 126
+  std::uint32_t id = 1;      // 1 to 126
+  std::uint64_t serial = 0;  // two devices with different ones are two: serial number and UUID come from here
   ServoParams servo;
   JointTransform joint;
   PlantParams plant;
@@ -32,10 +33,12 @@ struct SimMoteusParams {
 // Contract: RT · one thread · lives on the time of the frames it sees
 class SimMoteus final : public BusNode {
  public:
-  explicit SimMoteus(const SimMoteusParams& params) : inside_(params.servo, params.joint, params.plant, params.id) {}
+  explicit SimMoteus(const SimMoteusParams& params)
+      : inside_(params.servo, params.joint, params.plant, params.id, params.serial) {}
 
   void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
   void on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
+  bool befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT override;
 
   // Power gone and back: deaf and limp until `back_ns`, then stopped, with the settings that were stored.
   void restart(std::int64_t back_ns) LITHE_RT;

@@ -160,9 +160,25 @@ TEST(SimMoteus, AnothersUuidMaskSilencesTheFrameAndItsCommand) {
 }
 
 TEST(SimMoteus, TwoDevicesDiffer) {
-  EXPECT_NE(MoteusIdentity::of(1, 1).uuid, MoteusIdentity::of(1, 2).uuid);
-  EXPECT_NE(MoteusIdentity::of(1, 1).uuid, MoteusIdentity::of(2, 1).uuid);
-  EXPECT_EQ(MoteusIdentity::of(3, 4).uuid, MoteusIdentity::of(3, 4).uuid);
+  EXPECT_NE(MoteusIdentity::of(1).uuid, MoteusIdentity::of(2).uuid);
+  EXPECT_NE(MoteusIdentity::of(1).serial, MoteusIdentity::of(2).serial);
+  EXPECT_EQ(MoteusIdentity::of(3).uuid, MoteusIdentity::of(3).uuid);
+}
+
+TEST(SimMoteus, MishapsBeginAndEnd) {
+  Bench bench;
+  bench.stream(kTorque, 20);
+  EXPECT_TRUE(bench.drive().befall(Mishap::over_temperature, true, 0));
+  EXPECT_EQ(bench.stream(kTorque, 2).at(reg::kFault), moteus::fault::kOverTemperature);
+  bench.drive().befall(Mishap::over_temperature, false, 0);
+  bench.stream(kStop, 2);
+  EXPECT_EQ(bench.stream(kTorque, 20).at(reg::kMode), 10);
+  EXPECT_TRUE(bench.drive().befall(Mishap::encoder_lost, true, 0));
+  EXPECT_EQ(bench.stream(kTorque, 2).at(reg::kFault), moteus::fault::kEncoder);
+  bench.drive().befall(Mishap::encoder_lost, false, 0);
+  EXPECT_TRUE(bench.drive().befall(Mishap::power_loss, true, 1'000 * kMs));
+  bench.wait_ms(100);
+  EXPECT_EQ(bench.mode(), Mode::stopped);
 }
 
 TEST(SimMoteus, EveryRegisterOfTheMapIsThere) {
