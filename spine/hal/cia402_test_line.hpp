@@ -58,12 +58,12 @@ class SpoiltCable final : public BusNode {
 struct LineParams {
   cia402::Mode mode = cia402::Mode::torque;
   JointTransform joint{-1.0, 0.3, 10.0};
-  std::uint32_t device_type = 0x0002'0192;
+  std::uint32_t device_type = 0x0002'0192;  // these two: of the first drive
   double rated_torque_nm = 0.5;
   double mgl_nm = 0;
 };
 
-// Two equal joints; a test looks at the first and spoils what it likes.
+// Two joints; a test looks at the first and spoils what it likes.
 class Cia402Line : public testing::Test {
  protected:
   static constexpr std::int64_t kMs = 1'000'000;
@@ -77,7 +77,7 @@ class Cia402Line : public testing::Test {
       sim::SimCia402Params params;
       params.id = id;
       params.device_type = id == 1 ? line.device_type : 0x0002'0192;
-      params.servo.rated_torque_nm = 0.5;
+      params.servo.rated_torque_nm = id == 1 ? line.rated_torque_nm : 0.5;
       params.servo.counts_per_rev = 65536;
       params.joint = line.joint;
       params.plant.inertia_kg_m2 = 0.05;
@@ -95,7 +95,7 @@ class Cia402Line : public testing::Test {
       params.id = id;
       params.mode = line.mode;
       params.counts_per_rev = 65536;
-      params.rated_torque_nm = line.rated_torque_nm;
+      params.rated_torque_nm = 0.5;
       params.torque_max_nm = 4;
       params.joint = line.joint;
       auto drive = std::make_unique<cia402::Cia402Drive>(params);
