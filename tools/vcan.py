@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs our SocketCAN bus on a real CAN interface: a Debian kernel with `vcan`, booted under QEMU.
+
+    python tools/vcan.py            exit 0 passed, 1 failed, 77 skipped: the reason is printed
+    python tools/vcan.py --fetch    first get the kernel: 70 MB into build/vcan, nothing is installed
+
+The machine is emulated (-accel tcg): /dev/kvm may exist and hang. It shows what works, never how fast.
+"""
+
+import argparse
+import os
+import platform
+import re
+import shutil
+import stat
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+CACHE = ROOT / "build/vcan"
+PROGRAM = ROOT / "build/release/bin/hal_bus_socketcan_interface_test"
+QEMU = "qemu-system-x86_64"
+MODULES = ("can-raw", "vcan")
+APPLETS = ("sh", "mount", "insmod", "ip", "poweroff")
+TIMEOUT_S = 600  # it takes half a minute; a loaded machine may take its time
+SKIPPED = 77
+VERDICT = re.compile(r"vcan: the program ended with (\d+)")
+INIT = """#!/bin/sh
+mount -t proc none /proc
+mount -t sysfs none /sys
+for module in {modules}; do insmod /modules/$module.ko || echo "vcan: no $module"; done
+ip link add dev vcan0 type vcan && ip link set vcan0 up
+LITHE_CAN_INTERFACE=vcan0 {program} --gtest_color=no
+echo "vcan: the program ended with $?"
+poweroff -f
+"""
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """An unpacked kernel package."""
+
+    image: Path
+    modules: dict[str, Path]  # by name, as in `lsmod` but with the file's dashes
+
+    def with_needed(self, names: tuple[str, ...]) -> list[str]:
+        """These modules and those they need, in the order of loading."""
+        ordered: list[str] = []
+        for name in names:
+            for needed in [*self.with_needed(needs(self.modules[name])), name]:
+                if needed not in ordered:
+                    ordered.append(needed)
+        return ordered
+
+
+def needs(module: Path) -> tuple[str, ...]:
+    """What a module says it depends on."""
+    match = re.search(rb"\0depends=([^\0]*)\0", module.read_bytes())
+    return tuple(name for name in (match[1].decode() if match else "").split(",") if name)
+
+
+def find_kernel(cache: Path) -> Kernel | None:
+    """The newest kernel in the cache."""
+    for image in sorted(cache.glob("*/boot/vmlinuz-*"), reverse=True):
+        files = image.parent.parent.glob("lib/modules/*/kernel/**/*.ko")
+        modules = {file.stem: file for file in files}
+        # A module names another one with underscores, its file may have dashes.
+        modules.update({name.replace("-", "_"): file for name, file in modules.items()})
+        if all(name in modules for name in MODULES):
+            return Kernel(image, modules)
+    return None
+
+
+def fetch(cache: Path) -> None:
+    """Download Debian's current kernel package and unpack what is needed of it."""
+    names = subprocess.run(["apt-cache", "depends", "linux-image-amd64"], capture_output=True, text=True, check=True)
+    match = re.search(r"Depends: (linux-image-\S+)", names.stdout)
+    if not match:
+        sys.exit("vcan: apt knows no linux-image-amd64; sudo apt-get update")
+    cache.mkdir(parents=True, exist_ok=True)
+    print(f"vcan: downloading {match[1]}", flush=True)
+    subprocess.run(["apt-get", "-qq", "download", match[1]], cwd=cache, check=True)
+    for package in cache.glob("*.deb"):
+        subprocess.run(["dpkg-deb", "-x", package, cache / match[1]], check=True)
+        package.unlink()
+
+
+def why_not(cache: Path = CACHE, program: Path = PROGRAM) -> str:
+    """What is missing, and the command that brings it; empty when it can run."""
+    if platform.machine() != "x86_64":
+        return f"the emulated machine is an x86-64, this one a {platform.machine()}"
+    for tool, package in ((QEMU, "qemu-system-x86"), ("busybox", "busybox-static")):
+        if shutil.which(tool) is None:
+            return f"no {tool}: tools/setup vcan (Debian's {package})"
+    if find_kernel(cache) is None:
+        return "no kernel: python tools/vcan.py --fetch"
+    if not program.exists():
+        return f"no {program.name}: make test builds it"
+    return ""
+
+
+def libraries(program: Path) -> list[Path]:
+    """The shared libraries that a program loads, and its loader."""
+    said = subprocess.run(["ldd", program], capture_output=True, text=True, check=True).stdout
+    return [Path(path) for path in re.findall(r"(/\S+) \(0x", said)]
+
+
+def entry(name: str, content: bytes, mode: int) -> bytes:
+    """One file of an archive that the kernel unpacks (the `newc` format of cpio)."""
+    # magic, inode, mode, owner, group, links, time, size, 4 device numbers, length of the name, checksum
+    fields = (0, mode, 0, 0, 1, 0, len(content), 0, 0, 0, 0, len(name) + 1, 0)
+    head = b"070701" + b"".join(b"%08X" % field for field in fields) + name.encode() + b"\0"
+    return b"".join(part + bytes(-len(part) % 4) for part in (head, content))
+
+
+def initramfs(kernel: Kernel, program: Path) -> bytes:
+    """All that the machine knows: busybox, the modules, the program and its libraries."""
+
+    def files() -> Iterator[tuple[str, bytes, int]]:
+        executable = stat.S_IFREG | 0o755
+        loaded = kernel.with_needed(MODULES)
+        busybox = Path(shutil.which("busybox") or "busybox")
+        for applet in APPLETS:
+            yield f"bin/{applet}", b"/bin/busybox", stat.S_IFLNK | 0o777
+        yield "bin/busybox", busybox.read_bytes(), executable
+        yield f"bin/{program.name}", program.read_bytes(), executable
+        for library in libraries(program):
+            yield str(library)[1:], library.read_bytes(), executable
+        for module in loaded:
+            yield f"modules/{module}.ko", kernel.modules[module].read_bytes(), executable
+        yield "init", INIT.format(modules=" ".join(loaded), program=f"/bin/{program.name}").encode(), executable
+
+    directories = {"dev", "proc", "sys", "tmp"}
+    contents = list(files())
+    for name, _, _ in contents:
+        directories.update(str(parent) for parent in Path(name).parents if str(parent) != ".")
+    archive = b"".join(entry(name, b"", stat.S_IFDIR | 0o755) for name in sorted(directories))
+    return archive + b"".join(entry(*file) for file in contents) + entry("TRAILER!!!", b"", 0)
+
+
+def boot(kernel: Kernel, program: Path, cache: Path) -> tuple[int | None, str]:
+    """How the program ended in the machine (None: it never did), and all that the machine said."""
+    archive = cache / f"initramfs.{os.getpid()}"
+    archive.write_bytes(initramfs(kernel, program))
+    command = [QEMU, "-accel", "tcg", "-m", "512", "-nographic", "-no-reboot", "-nic", "none"]
+    command += ["-kernel", str(kernel.image), "-initrd", str(archive), "-append", "console=ttyS0 quiet panic=-1"]
+    try:
+        ended = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=TIMEOUT_S, check=False)
+        said = (ended.stdout + ended.stderr).decode(errors="replace")
+    except subprocess.TimeoutExpired as late:
+        said = (late.stdout or b"").decode(errors="replace") + f"\nvcan: not done after {TIMEOUT_S} s\n"
+    finally:
+        archive.unlink()
+    verdict = VERDICT.search(said)
+    return int(verdict[1]) if verdict else None, said
+
+
+def main() -> int:
+    """Get what is asked for, boot, tell."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--fetch", action="store_true", help="download the kernel if it is not there yet")
+    parser.add_argument("--program", type=Path, default=PROGRAM, help="what to run there")
+    args = parser.parse_args()
+    if args.fetch and find_kernel(CACHE) is None:
+        fetch(CACHE)
+    reason = why_not(CACHE, args.program)
+    kernel = find_kernel(CACHE)
+    if reason or kernel is None:
+        print(f"vcan: skipped: {reason}")
+        return SKIPPED
+    status, said = boot(kernel, args.program, CACHE)
+    print(said)
+    return 0 if status == 0 else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
