@@ -23,6 +23,7 @@ class Cia402Trouble : public Cia402Line {
       return true;
     };
   }
+  void lose_power() { EXPECT_TRUE(drive().befall(Mishap::power_loss, true, now_ns_)); }
   void expect_refused(const std::vector<std::string>& words) {
     act(DriveAction::off, 1000);
     act(DriveAction::torque, 50);
@@ -104,12 +105,12 @@ TEST_F(Cia402Trouble, ADriveThatRestartsIsSetUpAgainAndWaitsForOff) {
   enable();
   command_.torque_nm[0] = 0.1;
   cycle(20);
-  drive().power_cycle();
+  lose_power();
   cycle(4);
   EXPECT_FALSE(fresh());
   EXPECT_TRUE(fresh(1));
   EXPECT_EQ(drive_state(1), State::operation_enabled);
-  cycle(200);
+  cycle(300);
   EXPECT_TRUE(fresh());
   EXPECT_EQ(drive().dictionary().value(0x6007), 3U);
   EXPECT_EQ(drive_state(), State::switch_on_disabled);  // it does not start by itself
@@ -121,10 +122,10 @@ TEST_F(Cia402Trouble, ADriveThatRestartsIsSetUpAgainAndWaitsForOff) {
 TEST_F(Cia402Trouble, ARestartInTheMiddleOfTheSetUpStartsItAgain) {
   build();
   for (int at = 1; at < 60; at += 7) {
-    act(DriveAction::off, at);
-    drive().power_cycle();
+    act(DriveAction::off, 105 + at);
+    lose_power();
   }
-  act(DriveAction::off, 200);
+  act(DriveAction::off, 300);
   act(DriveAction::torque, 10);
   EXPECT_EQ(drive_state(), State::operation_enabled);
 }
@@ -251,7 +252,7 @@ TEST_F(Cia402Trouble, NoBytesMakeTheDriverSayNonsense) {
     ASSERT_LE(bus_->statistics().sent - sent, 2U);
   }
   now_ns_ = exchange.now_ns;
-  drive().power_cycle();
+  lose_power();
   act(DriveAction::off, 6000);  // and it recovers
   act(DriveAction::torque, 20);
   EXPECT_EQ(drive_state(), State::operation_enabled);
@@ -271,8 +272,8 @@ TEST_F(Cia402Trouble, NoBytesBreakTheSimulatedDrive) {
   }
   EXPECT_GT(drive().refused(), 1000U);
   act(DriveAction::off, 6000);
-  drive().power_cycle();
-  act(DriveAction::off, 300);
+  lose_power();
+  act(DriveAction::off, 400);
   act(DriveAction::torque, 20);
   EXPECT_EQ(drive_state(), State::operation_enabled);
 }

@@ -16,7 +16,9 @@ namespace status_bit = cia402::status_bit;
 namespace {
 
 constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
-constexpr double kStandsRevPerS = 0.02;  // slower than this for so long, and a ramp has ended
+// Slower than this for so long, and a ramp has ended. One count of the encoder already looks like a velocity.
+constexpr double kStandsRevPerS = 0.01;
+constexpr double kStandsCountsPerS = 1000;
 constexpr std::int64_t kStandsNs = 20'000'000;
 constexpr double kThousandths = 1000;
 
@@ -233,7 +235,8 @@ void Cia402Servo::ramp() LITHE_RT {
   const double change = inputs_.deceleration / params_.counts_per_rev * kStepS;
   demand_rev_s_ = std::copysign(std::max(std::abs(demand_rev_s_) - change, 0.0), demand_rev_s_);
   demand_rev_ += demand_rev_s_ * kStepS;
-  if (demand_rev_s_ != 0 || std::abs(velocity_rev_s_) > kStandsRevPerS) stands_from_ns_ = time_ns_;
+  const double stands_rev_s = std::max(kStandsRevPerS, kStandsCountsPerS / params_.counts_per_rev);
+  if (demand_rev_s_ != 0 || std::abs(velocity_rev_s_) > stands_rev_s) stands_from_ns_ = time_ns_;
   if (time_ns_ - stands_from_ns_ < kStandsNs) return;
   if (state_ == State::fault_reaction_active) return enter(State::fault);
   if (inputs_.quick_stop_option < kStaysFrom) enter(State::switch_on_disabled);

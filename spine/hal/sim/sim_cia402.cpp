@@ -76,6 +76,24 @@ void SimCia402::inject(std::uint16_t code) LITHE_RT {
   servo_.fail(code, true);
 }
 
+bool SimCia402::befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT {
+  constexpr std::int64_t kOutageNs = 100'000'000;
+  switch (mishap) {
+    case Mishap::power_loss:
+      if (!begins) return true;
+      reset(true);  // it forgets all it was told
+      boot_end_ns_ = now_ns + kOutageNs + params_.boot_ns;
+      return true;
+    case Mishap::over_temperature:
+      inject(begins ? emergency::kTooHot : emergency::kGone);
+      return true;
+    case Mishap::encoder_lost:
+      inject(begins ? emergency::kSensor : emergency::kGone);
+      return true;
+  }
+  return false;
+}
+
 void SimCia402::live(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
   now_ns_ = std::max(now_ns_, now_ns);
   if (booting_) {

@@ -66,10 +66,9 @@ class SimCia402 final : public BusNode {
   void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
   void on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT override { live(now_ns, answers); }
 
-  // A fault whose cause stays until inject(0). Takes effect with the next call that brings the time.
+  // A fault whose cause stays until inject(0).
   void inject(std::uint16_t code) LITHE_RT;
-  // Its supply goes and comes: it forgets all it was told.
-  void power_cycle() LITHE_RT { reset(true); }
+  bool befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT override;
 
   Cia402Servo& servo() LITHE_RT { return servo_; }
   const Cia402Dictionary& dictionary() const LITHE_RT { return dictionary_; }
