@@ -34,7 +34,14 @@ Result<CpuPlan> choose_cpus(const robot::RobotConfig& robot, const std::vector<i
     }
     *role = cpu;
   }
-  if (wanted.transport != robot::TransportPlace::automatic) {
+  // A loop is memory; hardware is behind the kernel, which the tick never calls.
+  const bool all_loops = std::all_of(robot.buses.begin(), robot.buses.end(),
+                                     [](const robot::BusConfig& bus) { return bus.kind == robot::BusKind::loop; });
+  if (wanted.transport == robot::TransportPlace::inlined && !all_loops) {
+    return Error{
+        "[spine] transport = \"inline\" is for simulated buses only: a tick never calls the kernel; leave it out"};
+  }
+  if (wanted.transport != robot::TransportPlace::automatic || !all_loops) {
     plan.transport_inline = wanted.transport == robot::TransportPlace::inlined;
     if (!plan.transport_inline && plan.transport == plan.spine) plan.transport = plan.housekeeping;
   }

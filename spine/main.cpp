@@ -117,6 +117,7 @@ class Threads {
       transport_ = std::thread([this] {
         enter(cpus_.transport, true);
         const bool shared = cpus_.transport == cpus_.housekeeping || cpus_.transport == cpus_.brain;
+        if (shared) actuators_.share_core();
         loop::run_transport(handover_, actuators_, clock_, shared, stop_transport_);
       });
     }
@@ -224,10 +225,16 @@ void tell_replies(const hal::ReplyCounters& n) {
              n.missed, n.late, n.duplicate, n.stray, n.malformed, n.unsound, n.refused);
 }
 
-// Waits for SIGINT or SIGTERM. The parent's death is no reason to stop: the robot goes on and is adopted.
-void wait_for_signal(const sigset_t& signals) {
-  int signal = 0;
-  while (sigwait(&signals, &signal) != 0) {
+// Until SIGINT or SIGTERM; meanwhile looks after buses whose hardware has gone. The parent's death is no reason to
+// stop: the robot goes on and is adopted.
+void look_after(hal::Actuators& actuators, const sigset_t& signals) {
+  constexpr timespec kEvery{0, 500'000'000};
+  std::string told;
+  while (sigtimedwait(&signals, nullptr, &kEvery) < 0) {
+    actuators.service();
+    const std::string trouble = actuators.trouble();
+    if (trouble != told) fmt::print(stderr, "lithe-spine: {}\n", trouble.empty() ? "all buses are back" : trouble);
+    told = trouble;
   }
 }
 
@@ -274,7 +281,7 @@ int run(const std::string& path) {
   threads->go();
   fmt::print("{}\n", ready_line(*robot, *cpus, notes));
   std::fflush(stdout);
-  wait_for_signal(signals);
+  look_after(**actuators, signals);
   threads->stop();
   std::destroy_at(threads);
   tell_replies((*actuators)->counters());

@@ -82,10 +82,10 @@ Result<Zygote> Zygote::make(const std::string& robot_path, int arena_fd) {
   Setting setting;
   setting.robot = std::move(*robot);
   setting.clock = RawClock::calibrate();
-  auto rehearsal = hal::open_actuators(setting.robot);
+  auto rehearsal = hal::simulate_actuators(setting.robot);
   if (!rehearsal) return rehearsal.error();
   setting.baseline = ride_without_a_law(setting, **rehearsal);
-  auto actuators = hal::open_actuators(setting.robot);
+  auto actuators = hal::simulate_actuators(setting.robot);
   if (!actuators) return actuators.error();
   setting.actuators = std::move(*actuators);
   std::string arena_text = "no arena was handed over";

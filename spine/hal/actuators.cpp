@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/actuators.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <set>
 #include <string>
 #include <utility>
@@ -8,48 +10,135 @@
 
 #include "spine/hal/bus/loop_bus.hpp"
 #include "spine/hal/bus_actuators.hpp"
+#include "spine/hal/device/canopen_master.hpp"
+#include "spine/hal/device/cia402_drive.hpp"
 #include "spine/hal/device/moteus_drive.hpp"
-#include "spine/hal/sim/sim_moteus.hpp"
+#include "spine/hal/open_bus.hpp"
+#include "spine/hal/sim/nodes.hpp"
 
 namespace lithe::hal {
 namespace {
 
-// Keeps the simulated devices alive as long as the buses that reach them.
+using robot::BusKind;
+using robot::DeviceKind;
+
+// All there is of one robot: its buses, the devices that are simulated, what drives and reads them.
 // Contract: as BusActuators
-class SimulatedRobot final : public Actuators {
+class Hardware final : public Actuators {
  public:
+  explicit Hardware(const robot::RobotConfig& config) : config_(config), actuators_(RawClock::calibrate()) {}
+
+  Result<> open() {
+    for (std::size_t i = 0; i < config_.buses.size(); ++i) {
+      if (Result<> opened = add_bus(i); !opened) return opened;
+    }
+    std::vector<std::size_t> gateway_of(config_.devices.size());
+    for (std::size_t i = 0; i < config_.devices.size(); ++i) {
+      const robot::DeviceConfig& device = config_.devices[i];
+      if (device.kind != DeviceKind::gateway) continue;
+      gateway_of[i] = actuators_.add_gateway(device.bus, device.id, std::llround(1e9 * device.watchdog_s));
+    }
+    for (const robot::JointConfig& joint : config_.joints) add_joint(joint);
+    for (const robot::SensorConfig& sensor : config_.sensors) {
+      actuators_.add_sensor(gateway_of[sensor.device], block_of(sensor.kind), sensor.channel, sensor.scale,
+                            sensor.offset);
+    }
+    return done();
+  }
+
   void cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT override {
     actuators_.cycle(command, state, now_ns);
   }
   const ReplyCounters& counters() const LITHE_RT override { return actuators_.counters(); }
 
-  void add_bus() {
-    auto bus = std::make_unique<LoopBus>();
-    wires_.push_back(bus.get());
-    actuators_.add_bus(std::move(bus), Addressing::moteus);
+  void share_core() override { actuators_.share_core(); }
+  void service() override {
+    for (Bus* bus : real_buses_) bus->service();
   }
-
-  void add_joint(const robot::DeviceConfig& device, const robot::JointConfig& joint) {
-    const JointTransform transform{joint.sign, joint.zero_rad, joint.ratio};
-    sim::SimMoteusParams params;
-    params.id = device.id;
-    params.joint = transform;
-    params.servo.encoder_counts = joint.sim.encoder_counts;
-    params.plant = {joint.sim.inertia_kg_m2,        joint.sim.mgl_nm,
-                    joint.sim.viscous_nm_s_rad,     joint.sim.coulomb_nm,
-                    joint.sim.cogging_nm,           joint.sim.cogging_per_rev,
-                    joint.sim.torque_lag_s,         params.servo.motor_torque_max_nm * joint.ratio,
-                    joint.sim.initial_position_rad, joint.sim.seed};
-    drives_.push_back(std::make_unique<sim::SimMoteus>(params));
-    wires_[device.bus]->attach(*drives_.back());
-    actuators_.add_joint(
-        device.bus, device.id,
-        std::make_unique<moteus::MoteusDrive>(moteus::DriverParams{device.id, device.watchdog_s, transform}));
+  std::string trouble() const override {
+    std::string words;
+    for (const auto& [name, bus] : named_buses_) {
+      const std::string why = bus->why_down();
+      if (!why.empty()) words += (words.empty() ? "bus '" : "; bus '") + name + "': " + why;
+    }
+    return words;
   }
 
  private:
-  std::vector<std::unique_ptr<sim::SimMoteus>> drives_;
-  std::vector<LoopBus*> wires_;
+  static gateway::Block block_of(robot::SensorKind kind) {
+    return kind == robot::SensorKind::analog    ? gateway::Block::analog
+           : kind == robot::SensorKind::digital ? gateway::Block::digital
+                                                : gateway::Block::imu;
+  }
+
+  cia402::DriverParams cia402_params(const robot::DeviceConfig& device, const robot::JointConfig& joint) const {
+    cia402::DriverParams params;
+    params.id = device.id;
+    params.watchdog_s = device.watchdog_s;
+    params.period_s = device.rate_divider / config_.rate_hz;
+    params.mode = device.mode == robot::DriveMode::position   ? cia402::Mode::position
+                  : device.mode == robot::DriveMode::velocity ? cia402::Mode::velocity
+                                                              : cia402::Mode::torque;
+    params.counts_per_rev = device.counts_per_rev;
+    params.rated_torque_nm = device.rated_torque_nm;
+    params.torque_max_nm = joint.torque_max_nm;
+    params.joint = {joint.sign, joint.zero_rad, joint.ratio};
+    return params;
+  }
+
+  Result<> add_bus(std::size_t index) {
+    const robot::BusConfig& config = config_.buses[index];
+    bool canopen = false;
+    double watchdog_s = 10;
+    for (const robot::DeviceConfig& device : config_.devices) {
+      if (device.bus != index || device.kind != DeviceKind::cia402) continue;
+      canopen = true;
+      watchdog_s = std::min(watchdog_s, device.watchdog_s);
+    }
+    std::unique_ptr<BusMaster> master;
+    if (canopen) {
+      master = std::make_unique<canopen::CanopenMaster>(canopen::MasterParams{.heartbeat_s = watchdog_s / 4});
+    }
+    std::unique_ptr<Bus> bus;
+    if (config.kind == BusKind::loop) {
+      bus = simulated_bus(index);
+    } else {
+      Result<std::unique_ptr<Bus>> opened = open_bus(config);
+      if (!opened) return opened.error();
+      bus = std::move(*opened);
+      real_buses_.push_back(bus.get());
+      named_buses_.emplace_back(config.name, bus.get());
+    }
+    actuators_.add_bus(std::move(bus), canopen ? Addressing::canopen : Addressing::moteus, std::move(master));
+    return done();
+  }
+
+  std::unique_ptr<Bus> simulated_bus(std::size_t index) {
+    auto bus = std::make_unique<LoopBus>();
+    for (std::size_t i = 0; i < config_.devices.size(); ++i) {
+      if (config_.devices[i].bus != index) continue;
+      nodes_.push_back(sim::make_node(config_, i));
+      bus->attach(*nodes_.back());
+    }
+    return bus;
+  }
+
+  void add_joint(const robot::JointConfig& joint) {
+    const robot::DeviceConfig& device = config_.devices[joint.device];
+    const JointTransform transform{joint.sign, joint.zero_rad, joint.ratio};
+    std::unique_ptr<Drive> drive;
+    if (device.kind == DeviceKind::cia402) {
+      drive = std::make_unique<cia402::Cia402Drive>(cia402_params(device, joint));
+    } else {
+      drive = std::make_unique<moteus::MoteusDrive>(moteus::DriverParams{device.id, device.watchdog_s, transform});
+    }
+    actuators_.add_joint(device.bus, device.id, std::move(drive), device.rate_divider);
+  }
+
+  const robot::RobotConfig config_;
+  std::vector<std::unique_ptr<BusNode>> nodes_;  // outlive the buses that reach them
+  std::vector<Bus*> real_buses_;
+  std::vector<std::pair<std::string, const Bus*>> named_buses_;
   BusActuators actuators_;
 };
 
@@ -87,10 +176,14 @@ Result<> check(const robot::RobotConfig& config) {
 
 Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config) {
   if (const Result<> sound = check(config); !sound) return sound.error();
-  auto simulated = std::make_unique<SimulatedRobot>();
-  for (std::size_t i = 0; i < config.buses.size(); ++i) simulated->add_bus();
-  for (const robot::JointConfig& joint : config.joints) simulated->add_joint(config.devices[joint.device], joint);
-  return std::unique_ptr<Actuators>(std::move(simulated));
+  auto hardware = std::make_unique<Hardware>(config);
+  if (Result<> opened = hardware->open(); !opened) return Error{config.path + ": " + opened.message()};
+  return std::unique_ptr<Actuators>(std::move(hardware));
+}
+
+Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config) {
+  for (robot::BusConfig& bus : config.buses) bus.kind = BusKind::loop;
+  return open_actuators(config);
 }
 
 }  // namespace lithe::hal

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <string>
 
 #include "spine/core/joints.hpp"
 #include "spine/core/result.hpp"
@@ -67,9 +68,21 @@ class Actuators {
   virtual void cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT = 0;
   // For the thread that cycles, or after its end.
   virtual const ReplyCounters& counters() const LITHE_RT = 0;
+
+  // Others need this thread's core, too: it sleeps while it waits for answers, instead of looking all the time.
+  // Contract: before the first cycle
+  virtual void share_core() {}
+
+  // Brings back buses whose hardware went away. Contract: not RT · one other thread, about once a second
+  virtual void service() {}
+  // Which bus is down, and why; empty when all is well. Contract: as service()
+  virtual std::string trouble() const { return ""; }
 };
 
 // Opens every bus and device of the robot. Contract: never in the tick
 Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config);
+
+// The same robot with every bus and device simulated, whatever the file says. Contract: never in the tick
+Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config);
 
 }  // namespace lithe::hal

@@ -45,6 +45,7 @@ class BusActuators final : public Actuators {
   void cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT override;
 
   const ReplyCounters& counters() const LITHE_RT override { return counters_; }
+  void share_core() override { shares_core_ = true; }
 
  private:
   static constexpr std::uint8_t kNobody = 0xff;
@@ -85,6 +86,7 @@ class BusActuators final : public Actuators {
 
   void send_all(const ActuatorCommand& command) LITHE_RT;
   void collect() LITHE_RT;
+  void pause() const LITHE_RT;
   void drain(Line& line) LITHE_RT;
   void accept(Line& line, const Frame& frame) LITHE_RT;
   void accept_sensors(const Line& line, const Frame& frame) LITHE_RT;
@@ -92,6 +94,7 @@ class BusActuators final : public Actuators {
   void settle() LITHE_RT;
 
   RawClock clock_;
+  bool shares_core_ = false;
   std::vector<Line> lines_;
   std::vector<Joint> joints_;
   std::vector<GatewayPlace> gateways_;

@@ -164,11 +164,13 @@ const toml::table* Reader::table(std::string_view key) {
   return nullptr;
 }
 
-std::vector<const toml::table*> Reader::tables(std::string_view key) {
+std::vector<const toml::table*> Reader::tables(std::string_view key, Need need) {
   std::vector<const toml::table*> found;
   const toml::node* node = find(key, Need::optional);
   if (node == nullptr) {
-    report_.add(place_of(table_), fmt::format("there is no [[{}]]; a robot needs at least one", key));
+    if (need == Need::required) {
+      report_.add(place_of(table_), fmt::format("there is no [[{}]]; a robot needs at least one", key));
+    }
     return found;
   }
   const std::string wanted = fmt::format("a list of tables: write [[{}]] before each, with two brackets", key);

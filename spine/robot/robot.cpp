@@ -92,7 +92,7 @@ class File {
 
   void read_sensors() {
     const std::vector<std::string_view> devices = names(robot_.devices);
-    for (const toml::table* table : top_.tables("sensor")) {
+    for (const toml::table* table : top_.tables("sensor", Need::optional)) {
       SensorConfig& sensor = robot_.sensors.emplace_back();
       sensor.device = devices.size();
       Reader in(*table, where("sensor", *table), report_);

@@ -32,7 +32,7 @@ class SocketCanBusTest : public ::testing::Test {
     signal(SIGPIPE, SIG_IGN);  // which the kernel's own CAN sockets never send
     open(5'000'000);
   }
-  ~SocketCanBusTest() override { close(kernel_); }
+  void TearDown() override { close(kernel_); }
 
   void open(std::uint32_t data_bitrate) {
     auto opened = SocketCanBus::open({"can7", 1'000'000, data_bitrate}, [this] { return connect(); });

@@ -55,15 +55,12 @@ void TextBus::begin(std::int64_t /*now_ns*/) LITHE_RT {
 // A command that waited for a whole exchange is older than the one that comes now. But a line once begun must be
 // finished, or its beginning and the next line together would be a third command, which nobody gave.
 void TextBus::drop_overtaken() LITHE_RT {
-  std::size_t keep_to = out_from_;
-  if (half_gone_) {
-    while (keep_to < out_to_ && !is_end(out_[keep_to++])) {
-    }
-  }
-  statistics_.refused += static_cast<std::uint64_t>(
-      std::count_if(out_.data() + keep_to, out_.data() + out_to_, [this](char c) LITHE_RT { return is_end(c); }));
-  std::copy(out_.data() + out_from_, out_.data() + keep_to, out_.data());
-  out_to_ = keep_to - out_from_;
+  const char* const unsent = out_.data() + out_from_;
+  const char* const all = out_.data() + out_to_;
+  const auto ends_a_line = [this](char c) LITHE_RT { return is_end(c); };
+  const char* keep = half_gone_ ? std::find_if(unsent, all, ends_a_line) + 1 : unsent;
+  statistics_.refused += static_cast<std::uint64_t>(std::count_if(keep, all, ends_a_line));
+  out_to_ = static_cast<std::size_t>(std::copy(unsent, keep, out_.data()) - out_.data());
   out_from_ = 0;
 }
 

@@ -24,6 +24,9 @@ struct PlantParams {
   std::uint64_t seed = 1;  // of the cogging's phase
 };
 
+// Where the cogging of a motor has its detents: drawn by lot, the same for the same seed.
+double cogging_phase_rad(std::uint64_t seed);
+
 //   inertia * angle'' = torque - mgl sin(angle) - viscous * velocity - friction - cogging,  torque' = (wanted - torque)
 //   / lag
 //

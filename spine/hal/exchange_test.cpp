@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: Apache-2.0
+// Exchanges with buses that are slower than memory, drives that are asked less often, and sensors beside them.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <memory>
+#include <vector>
+
+#include "spine/core/time.hpp"
+#include "spine/hal/bus/loop_bus.hpp"
+#include "spine/hal/bus_actuators.hpp"
+#include "spine/hal/device/moteus_drive.hpp"
+#include "spine/hal/sim/sim_gateway.hpp"
+#include "spine/hal/sim/sim_moteus.hpp"
+#include "spine/wire/wire.hpp"
+
+namespace lithe::hal {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+
+// A loop whose answers arrive a while after flush(), and which goes on saying so for `wait_ns`.
+class SlowBus final : public Bus {
+ public:
+  SlowBus(std::int64_t delay_ns, std::int64_t wait_ns) : delay_ns_(delay_ns), wait_ns_(wait_ns) {}
+
+  void attach(BusNode& node) { loop_.attach(node); }
+  void begin(std::int64_t now_ns) LITHE_RT override { loop_.begin(now_ns); }
+  bool send(const Frame& frame) LITHE_RT override {
+    ++statistics_.sent;
+    return loop_.send(frame);
+  }
+  void flush() LITHE_RT override { flushed_ns_ = clock_.now_ns(); }
+  bool receive(Frame& frame) LITHE_RT override {
+    return clock_.now_ns() - flushed_ns_ >= delay_ns_ && loop_.receive(frame);
+  }
+  std::int64_t reply_wait_ns() const LITHE_RT override { return wait_ns_; }
+
+ private:
+  LoopBus loop_;
+  RawClock clock_ = RawClock::calibrate(kMs);
+  std::int64_t delay_ns_, wait_ns_;
+  std::int64_t flushed_ns_ = 0;
+};
+
+struct Robot {
+  explicit Robot(std::int64_t delay_ns, std::int64_t wait_ns) : actuators(RawClock::calibrate(kMs)) {
+    auto own = std::make_unique<SlowBus>(delay_ns, wait_ns);
+    bus = own.get();
+    actuators.add_bus(std::move(own), Addressing::moteus);
+  }
+  void add_drive(std::uint32_t id, std::uint32_t divider = 1) {
+    sim::SimMoteusParams params;
+    params.id = id;
+    drives.push_back(std::make_unique<sim::SimMoteus>(params));
+    bus->attach(*drives.back());
+    actuators.add_joint(0, id, std::make_unique<moteus::MoteusDrive>(moteus::DriverParams{.id = id, .joint = {}}),
+                        divider);
+    command.joints = static_cast<std::uint32_t>(drives.size());
+  }
+  void cycle() {
+    now_ns += kMs;
+    actuators.cycle(command, state, now_ns);
+  }
+  bool fresh(std::size_t joint) const { return (state.status[joint] & wire::joint_status::kFresh) != 0; }
+
+  std::vector<std::unique_ptr<sim::SimMoteus>> drives;
+  BusActuators actuators;
+  SlowBus* bus;
+  ActuatorCommand command;
+  ActuatorState state;
+  std::int64_t now_ns = 1'000 * kMs;
+};
+
+TEST(Exchange, AnAnswerWithinTheBussTimeIsWaitedFor) {
+  Robot robot(300'000, 50 * kMs);
+  robot.add_drive(1);
+  robot.add_drive(2);
+  for (int i = 0; i < 20; ++i) robot.cycle();
+  EXPECT_EQ(robot.actuators.counters().missed, 0U);
+  EXPECT_TRUE(robot.fresh(0) && robot.fresh(1));
+}
+
+TEST(Exchange, OneThatComesLaterIsMissedAndTheWaitIsBounded) {
+  Robot robot(500 * kMs, kMs);
+  robot.add_drive(1);
+  const std::int64_t from_ns = monotonic_ns();
+  for (int i = 0; i < 3; ++i) robot.cycle();
+  EXPECT_GE(monotonic_ns() - from_ns, 3 * kMs);
+  EXPECT_EQ(robot.actuators.counters().missed, 3U);
+  EXPECT_NE(robot.state.status[0] & wire::joint_status::kLost, 0U);
+}
+
+TEST(Exchange, AThreadThatSharesItsCoreWaitsAllTheSame) {
+  Robot robot(300'000, 50 * kMs);
+  robot.add_drive(1);
+  robot.actuators.share_core();
+  for (int i = 0; i < 20; ++i) robot.cycle();
+  EXPECT_EQ(robot.actuators.counters().missed, 0U);
+}
+
+TEST(Exchange, DrivesWithADividerTakeTurnsAndKeepWhatTheyHad) {
+  Robot robot(0, 0);
+  for (std::uint32_t id = 1; id <= 4; ++id) robot.add_drive(id, 4);
+  for (int i = 0; i < 8; ++i) robot.cycle();
+  for (int i = 0; i < 40; ++i) {
+    const std::uint64_t before = robot.bus->statistics().sent;
+    robot.cycle();
+    EXPECT_EQ(robot.bus->statistics().sent - before, 1U) << i;
+    for (std::size_t joint = 0; joint < 4; ++joint) EXPECT_TRUE(robot.fresh(joint)) << i;
+  }
+  EXPECT_EQ(robot.actuators.counters().missed, 0U);
+}
+
+TEST(Exchange, SensorsComeBesideTheDrivesAndFallSilentAlone) {
+  Robot robot(0, 0);
+  robot.add_drive(1);
+  auto gateway = std::make_unique<sim::SimGateway>(9, kMs, true);
+  auto deaf = std::make_unique<sim::SimGateway>(8, 3600'000 * kMs, true);
+  robot.bus->attach(*gateway);
+  robot.bus->attach(*deaf);
+  const std::size_t heard = robot.actuators.add_gateway(0, 9, 50 * kMs);
+  const std::size_t silent = robot.actuators.add_gateway(0, 7, 50 * kMs);
+  robot.actuators.add_sensor(heard, gateway::Block::imu, 9, 0.01, 0.0);
+  robot.actuators.add_sensor(silent, gateway::Block::analog, 0, 1.0, 0.0);
+  robot.actuators.add_sensor(heard, gateway::Block::digital, 3, 1.0, 5.0);
+  robot.cycle();
+  EXPECT_EQ(robot.state.sensors, 3U);
+  EXPECT_TRUE(std::isnan(robot.state.sensor[0])) << "nothing came yet";
+  for (int i = 0; i < 10; ++i) robot.cycle();
+  EXPECT_NEAR(robot.state.sensor[0], 9.81, 1e-9);
+  EXPECT_TRUE(std::isnan(robot.state.sensor[1])) << "of a gateway that is not there";
+  EXPECT_TRUE(robot.state.sensor[2] == 5 || robot.state.sensor[2] == 6);
+  EXPECT_TRUE(std::isnan(robot.state.sensor[3])) << "no such sensor";
+  EXPECT_TRUE(robot.fresh(0));
+  EXPECT_GT(robot.actuators.counters().stray, 0U) << "node 8 is in no robot file";
+  gateway->unplug_input(gateway::Block::imu, 9);
+  for (int i = 0; i < 10; ++i) robot.cycle();
+  EXPECT_TRUE(std::isnan(robot.state.sensor[0]));
+}
+
+}  // namespace
+}  // namespace lithe::hal

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/hal/open_bus.hpp"
+
+#include <cmath>
+#include <string>
+#include <utility>
+
+#include "spine/hal/bus/fdcanusb_bus.hpp"
+#include "spine/hal/bus/slcan_bus.hpp"
+#include "spine/hal/bus/socketcan_bus.hpp"
+
+namespace lithe::hal {
+namespace {
+
+template <class Made>
+Result<std::unique_ptr<Bus>> as_bus(const robot::BusConfig& config, Result<std::unique_ptr<Made>> made) {
+  if (!made) return Error{"bus '" + config.name + "': " + made.message()};
+  return std::unique_ptr<Bus>(std::move(*made));
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Bus>> open_bus(const robot::BusConfig& config) {
+  const std::int64_t wait_ns = std::llround(1e9 * config.reply_wait_s);
+  switch (config.kind) {
+    case robot::BusKind::fdcanusb:
+      return as_bus(config, FdcanusbBus::open({.path = config.path, .reply_wait_ns = wait_ns}));
+    case robot::BusKind::slcan:
+      return as_bus(config, SlcanBus::open({.path = config.path,
+                                            .bitrate = config.bitrate,
+                                            .data_bitrate = config.data_bitrate,
+                                            .reply_wait_ns = wait_ns}));
+    case robot::BusKind::socketcan:
+      return as_bus(config, SocketCanBus::open({.interface = config.interface,
+                                                .bitrate = config.bitrate,
+                                                .data_bitrate = config.data_bitrate,
+                                                .reply_wait_ns = wait_ns}));
+    case robot::BusKind::pi3hat:
+      return Error{"bus '" + config.name +
+                   "': this build knows no pi3hat; on a Raspberry Pi build it with -DLITHE_PI3HAT=ON"};
+    case robot::BusKind::loop:
+      break;
+  }
+  return Error{"bus '" + config.name + "' is simulated, there is nothing to open"};
+}
+
+}  // namespace lithe::hal
