@@ -57,6 +57,7 @@ void TextBus::begin(std::int64_t /*now_ns*/) LITHE_RT {
 void TextBus::drop_overtaken() LITHE_RT {
   const char* const unsent = out_.data() + out_from_;
   const char* const all = out_.data() + out_to_;
+  // A line that is half gone ends in the buffer: format() makes whole ones.
   const auto ends_a_line = [this](char c) LITHE_RT { return is_end(c); };
   const char* keep = half_gone_ ? std::find_if(unsent, all, ends_a_line) + 1 : unsent;
   statistics_.refused += static_cast<std::uint64_t>(std::count_if(keep, all, ends_a_line));
