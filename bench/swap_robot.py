@@ -54,11 +54,21 @@ def sine_rad(t_ns: int, centre_rad: float, amplitude_rad: float, frequency_hz: f
     return centre_rad + amplitude_rad * math.sin(2 * math.pi * frequency_hz * t_ns * 1e-9)
 
 
+WAKE_S = 60.0
+
+
 def wake(robot: lithe.Robot) -> None:
     """Arms a robot that has stopped, because the machine stalled for longer than even a patient one bears."""
-    if robot.status()["mode"] != "active":
-        robot.reset()
-        robot.arm()
+    end_s = time.monotonic() + WAKE_S
+    while (mode := robot.status()["mode"]) != "active":
+        try:
+            if mode in ("safe_stop", "estop"):
+                robot.reset()
+            robot.arm()
+        except lithe.Refused:  # the stall may last: nothing is fresh yet, or it has stopped once more
+            if time.monotonic() > end_s:
+                raise
+            time.sleep(0.1)
 
 
 class Background:
