@@ -4,14 +4,14 @@ MAKEFLAGS += --no-print-directory
 PYTHON := .venv/bin/python
 JOBS ?= $(shell nproc)
 
-.PHONY: help demo test check bench format clean setup release
+.PHONY: help demo test check bench bench-swap format clean setup release
 .DEFAULT_GOAL := help
 
 help:  ## this list
 	@echo "LITHE: a real-time Spine whose control law can be replaced while the robot moves"
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
 
-demo: TARGETS := --target lithe lithe-spine lawd
+demo: TARGETS := --target lithe lithe-spine lawd lithe-trial
 demo: release  ## the experiment on a simulated arm: probe, learn, swap laws live, survive a dead Brain -> out/demo/
 	@$(PYTHON) -m lithe.demo
 
@@ -28,6 +28,10 @@ bench:  ## jitter, tick cost, Channel latency, each against a peer and a control
 	@cmake --preset bench --log-level=WARNING >/dev/null
 	@cmake --build --preset bench -j $(JOBS)
 	@$(PYTHON) -m bench.report
+
+bench-swap: TARGETS := --target lithe lithe-spine lawd lithe-trial bench_swap_peers
+bench-swap: release  ## what a swap costs, beside dlopen in the loop and behind a mutex; SWAPS=10000 -> out/bench/swap.json
+	@$(PYTHON) -m bench.swap --swaps $(or $(SWAPS),10000)
 
 format:  ## rewrite every file the way `make check` wants it
 	@tools/setup build check

@@ -29,18 +29,17 @@ struct Cycle {
 
 inline std::int64_t spine_period_ns(double rate_hz) { return static_cast<std::int64_t>(1e9 / rate_hz + 0.5); }
 
-// Runs `body(release_ns, woke_ns, skipped, cycle, cycle_before)` at every release of one block and appends what
-// happened to each of them. A release that was skipped is a cycle too, late by all the time until the tick that ran
-// instead.
-template <class Body>
-void run_block(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t phase_ns, std::int64_t block_ns,
+// Runs `body(release_ns, woke_ns, skipped, cycle, cycle_before)` at every release as long as `more(release_ns)` holds,
+// and appends what happened to each of them. A release that was skipped is a cycle too, late by all the time until the
+// tick that ran instead.
+template <class More, class Body>
+void run_while(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t phase_ns, More&& more,
                std::vector<Cycle>& cycles, Body&& body) {
   loop::ReleaseGrid grid(period_ns, phase_ns);
   grid.start(clock.now_ns());
-  const std::int64_t end_ns = grid.release_ns() + block_ns;
   const std::size_t first = cycles.size();
   ThreadToll before = thread_toll();
-  for (std::uint32_t skipped = 0; grid.release_ns() < end_ns;) {
+  for (std::uint32_t skipped = 0; more(grid.release_ns());) {
     const std::int64_t release_ns = grid.release_ns();
     const std::int64_t woke_ns = loop::wait_spinning(clock.raw(), release_ns);
     Cycle cycle;
@@ -62,6 +61,18 @@ void run_block(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t p
     }
     cycles.push_back(cycle);  // last, so that the next tick can add what it learns about this one
   }
+}
+
+// The same for one block of a given length.
+template <class Body>
+void run_block(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t phase_ns, std::int64_t block_ns,
+               std::vector<Cycle>& cycles, Body&& body) {
+  std::int64_t end_ns = INT64_MAX;
+  const auto more = [&](std::int64_t release_ns) {
+    if (end_ns == INT64_MAX) end_ns = release_ns + block_ns;  // from the first release
+    return release_ns < end_ns;
+  };
+  run_while(clock, period_ns, phase_ns, more, cycles, body);
 }
 
 // One figure of all cycles that have it, or of those among them that the hypervisor did not touch.

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from lithe._wire import Mode
-from lithe.demo.processes import DIE_WITH_US, ROOT, Stage, start_brain
+from lithe.demo.processes import DIE_WITH_US, Stage, start_brain
+from lithe.programs import ROOT
 
 SETTLE_S = 2.0
 RUN_S = 30.0

@@ -74,6 +74,11 @@ BENCHES = {
         ("tick_cost_p50_us_1j", "tick_cost_p50_us_8j", "tick_cost_p50_us_32j"),
         dict.fromkeys(COST_SHARES, DISTURBED),
     ),
+    "contain": Bench(
+        program("contain"),
+        tables.show_contain,
+        ("contain_call_ns_plain", "contain_call_ns_contained", "contain_write_null_p50_us"),
+    ),
     "run": Bench(
         (sys.executable, "-m", "bench.live"),
         tables.show_run,

@@ -51,7 +51,11 @@ SpineRig::SpineRig(const std::string& robot_file, Cores cores) : config_(or_exit
   law::reset_resident(*law_, lithe_law);
   law_->law_id = 1;
   slot_.offer(law_.get());
-  const loop::Wiring wiring{config_, *memory_, *control_, *brain_, slot_, handover_, *clock_, nullptr};
+  or_exit(contain::install_handlers());
+  cell_.emplace(or_exit(contain::Cell::open()));
+  sandbox_.emplace(or_exit(law::SandboxMemory::make()));
+  const loop::Wiring wiring{config_,    *memory_, *control_, *brain_, slot_,
+                            **sandbox_, &*cell_,  handover_, *clock_, nullptr};
   spine_ = std::make_unique<loop::Spine>(wiring);
   transport_ = on_core(cores.partner, [this] { serve_buses(); });
   brain_thread_ = on_core(cores.partner, [this] { publish_plans(); });

@@ -5,14 +5,17 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <thread>
 
 #include "bench/cycles.hpp"
 #include "bench/machine.hpp"
+#include "spine/contain/cell.hpp"
 #include "spine/hal/actuators.hpp"
 #include "spine/ipc/layout.hpp"
 #include "spine/law/resident.hpp"
+#include "spine/law/sandbox.hpp"
 #include "spine/law/slot.hpp"
 #include "spine/loop/clock.hpp"
 #include "spine/loop/handover.hpp"
@@ -53,6 +56,8 @@ class SpineRig {
   ipc::MailboxSender<wire::Command, wire::control_segment::kCommandsDepth> commands_{control_->commands,
                                                                                      memory_->control_ack};
   law::Slot slot_;
+  std::optional<contain::Cell> cell_;  // the law runs contained, as in the real process
+  std::optional<law::SandboxMemory> sandbox_;
   loop::Handover handover_;
   std::unique_ptr<hal::Actuators> actuators_;
   std::unique_ptr<loop::Spine> spine_;

@@ -86,6 +86,33 @@ def show_cost(figures: Figures) -> None:
     print(f"  control: 32 joints over 1 joint: {cell(figures, 'cost_control_32j_over_1j')}")
 
 
+def show_contain(figures: Figures) -> None:
+    """What containment costs, and what it takes to come back."""
+    ways = [
+        ("plain", "plain"),
+        ("contained", "contained"),
+        ("contained, vault by keys", "contained_keys"),
+        ("contained, 4 KiB copied", "contained_copies_4k"),
+        ("contained, no system calls", "contained_gated"),
+        ("control: signal mask saved", "control"),
+    ]
+    rows = [[name, cell(figures, f"contain_call_ns_{key}", ".1f")] for name, key in ways]
+    table("one call of a law that does next to nothing [ns]", ["", "p50"], rows)
+    kinds = [
+        ("SIGSEGV", "write_null"),
+        ("SIGFPE", "divide_by_zero"),
+        ("SIGILL", "execute_garbage"),
+        ("SIGTRAP", "hit_breakpoint"),
+        ("SIGABRT", "give_up"),
+        ("stack overflow", "overflow_stack"),
+        ("endless, past its deadline", "loop_past_deadline_polled"),
+        ("the same, spinning watchdog", "loop_past_deadline_spun"),
+    ]
+    rows = [quantile_row(name, figures, f"contain_{key}") for name, key in kinds]
+    table("a law's fault until its stand-in is done [us]", HEAD, rows)
+    print(f"  the watchdog takes {cell(figures, 'contain_watchdog_core_share', '.1%')} of its core")
+
+
 def show_run(figures: Figures) -> None:
     """The process people run."""
     kinds = [

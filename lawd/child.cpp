@@ -9,6 +9,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <chrono>
@@ -45,7 +46,7 @@ void limit(__rlimit_resource resource, std::size_t amount) {
 }
 
 // Reads until the child closes the pipe or the time is up. False when the time is up.
-bool drain(int fd, Clock::time_point deadline, std::string& output) {
+bool drain(int fd, Clock::time_point deadline, Outcome& outcome) {
   std::array<char, 16384> buffer;
   for (;;) {
     const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(deadline - Clock::now()).count();
@@ -55,7 +56,9 @@ bool drain(int fd, Clock::time_point deadline, std::string& output) {
     if (wait.revents == 0) continue;
     const ssize_t got = read(fd, buffer.data(), buffer.size());
     if (got <= 0) return true;
-    if (output.size() < kMaxOutput) output.append(buffer.data(), static_cast<std::size_t>(got));
+    const std::size_t room = kMaxOutput - outcome.output.size(), size = static_cast<std::size_t>(got);
+    outcome.output.append(buffer.data(), std::min(room, size));
+    outcome.cut = outcome.cut || size > room;
   }
 }
 
@@ -93,7 +96,7 @@ Outcome run_child(const std::function<int(int)>& body, const Limits& limits) {
   close(pipe_fd[1]);
   setpgid(pid, pid);  // both sides do it, so that it is done whoever runs first
   int status = 0;
-  outcome.timed_out = !drain(pipe_fd[0], deadline, outcome.output) || !reap(pid, deadline, status);
+  outcome.timed_out = !drain(pipe_fd[0], deadline, outcome) || !reap(pid, deadline, status);
   close(pipe_fd[0]);
   kill(-pid, SIGKILL);  // also what it may have left behind
   if (outcome.timed_out) waitpid(pid, &status, 0);

@@ -20,6 +20,7 @@ struct Outcome {
   int exit_code = -1;  // meaningful when signal == 0
   int signal = 0;      // that ended it, 0 = none
   std::string output;  // what it wrote to `out`, at most 4 MiB
+  bool cut = false;    // it wrote more
 
   bool clean() const { return !timed_out && signal == 0 && exit_code == 0; }
 };

@@ -11,6 +11,7 @@
 #include <ctime>
 #include <limits>
 #include <memory>
+#include <vector>
 
 #include "lawd/child.hpp"
 #include "spine/law/dry_inputs.hpp"
@@ -21,7 +22,6 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::uint64_t kDrySteps = 1000;
 constexpr int kRepetitions = 5;
 constexpr std::int64_t kPatienceNs = 500'000'000;
 constexpr const char* kKindNames[] = {"none",  "bool",   "int8",  "uint8",  "int16",   "uint16",
@@ -54,34 +54,33 @@ void tell(int fd, const json& line) {
   if (write(fd, text.data(), text.size()) < 0) _exit(3);
 }
 
-// The law's State from its defaults, through all dry steps. quickest_ns: of each step, over all repetitions.
+// The law's State from its defaults, through `steps` dry steps. quickest_ns: of each step, over all repetitions.
 // The first output that is not a number ends it: its name goes to `bad`, and the step it came from is returned.
-std::uint64_t dry_steps(const LitheLaw& law, std::uint32_t joints, law::Resident& resident,
-                        std::array<std::int64_t, kDrySteps>& quickest_ns, std::array<char, 64>& bad) {
+std::uint64_t dry_steps(const LitheLaw& law, std::uint32_t joints, std::uint64_t steps, law::Resident& resident,
+                        std::vector<std::int64_t>& quickest_ns, std::array<char, 64>& bad) {
   law::reset_resident(resident, law);
   Tick tick;
   Effort effort;
   std::array<double, kMaxProbes> probes{};
-  for (std::uint64_t k = 0; k < kDrySteps; ++k) {
+  for (std::uint64_t k = 0; k < steps; ++k) {
     law::dry_input(tick, k, joints);
     const std::int64_t start = now_ns();
     resident.step(tick, effort, probes);
     quickest_ns[k] = std::min(quickest_ns[k], now_ns() - start);
     if (!law::outputs_are_finite(effort, probes, law, joints, bad.data(), bad.size())) return k;
   }
-  return kDrySteps;
+  return steps;
 }
 
 // A law does the same in every repetition, a busy machine does not: what is slow each time is the law.
-int try_steps(int fd, const LitheLaw& law, std::uint32_t joints) {
+int try_steps(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t steps) {
   auto resident = std::make_unique<law::Resident>();
-  std::array<std::int64_t, kDrySteps> quickest_ns;
-  quickest_ns.fill(std::numeric_limits<std::int64_t>::max());
+  std::vector<std::int64_t> quickest_ns(steps, std::numeric_limits<std::int64_t>::max());
   const std::int64_t start = now_ns();
   for (int repetition = 0; repetition < kRepetitions; ++repetition) {
     std::array<char, 64> bad{};
-    const std::uint64_t done = dry_steps(law, joints, *resident, quickest_ns, bad);
-    if (done < kDrySteps) {
+    const std::uint64_t done = dry_steps(law, joints, steps, *resident, quickest_ns, bad);
+    if (done < steps) {
       tell(fd, {{"refused", std::string(bad.data()) + " is not finite in dry step " + std::to_string(done) +
                                 ", on harmless inputs: look for a division by zero, sqrt or log of a negative number, "
                                 "or a gain that diverges"}});
@@ -89,7 +88,7 @@ int try_steps(int fd, const LitheLaw& law, std::uint32_t joints) {
     }
     if (now_ns() - start > kPatienceNs) break;  // slow enough that noise is small beside it
   }
-  tell(fd, {{"done", true}, {"step_ns", *std::max_element(quickest_ns.begin(), quickest_ns.end())}});
+  tell(fd, {{"done", true}, {"step_ns", steps == 0 ? 0 : *std::max_element(quickest_ns.begin(), quickest_ns.end())}});
   return 0;
 }
 
@@ -106,7 +105,17 @@ std::string load_failure(const std::string& words) {
   return "the law uses " + name + ", which it does not define: a law may use itself, the contract and <cmath> only";
 }
 
-int child(int fd, const std::string& path, std::uint32_t joints) {
+int try_law(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t steps) {
+  char text[192];
+  if (*law::describe_mismatch(law, text, sizeof text) != '\0') {
+    tell(fd, {{"refused", text}});
+    return 1;
+  }
+  tell(fd, {{"law", describe_json(law)}});
+  return try_steps(fd, law, joints, steps);
+}
+
+int child(int fd, const std::string& path, std::uint32_t joints, std::uint64_t steps) {
   void* handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
   if (handle == nullptr) {
     tell(fd, {{"refused", load_failure(dlerror())}});
@@ -117,13 +126,7 @@ int child(int fd, const std::string& path, std::uint32_t joints) {
     tell(fd, {{"refused", "the file exports no law: end it with LITHE_LAW(Type, \"name\");"}});
     return 1;
   }
-  char text[192];
-  if (*law::describe_mismatch(*law, text, sizeof text) != '\0') {
-    tell(fd, {{"refused", text}});
-    return 1;
-  }
-  tell(fd, {{"law", describe_json(*law)}});
-  return try_steps(fd, *law, joints);
+  return try_law(fd, *law, joints, steps);
 }
 
 std::string death(const Outcome& outcome, const std::string& stage) {
@@ -134,11 +137,9 @@ std::string death(const Outcome& outcome, const std::string& stage) {
          "): a law may not call exit";
 }
 
-}  // namespace
+const Limits kLimits{3'000, 2, std::size_t{1} << 30, 0};
 
-DryRun dry_run(const std::string& object_path, std::uint32_t joints) {
-  const Limits limits{3'000, 2, std::size_t{1} << 30, 0};
-  const Outcome outcome = run_child([&](int fd) { return child(fd, object_path, joints); }, limits);
+DryRun read_outcome(const Outcome& outcome) {
   DryRun result;
   result.stage = "load";
   std::size_t start = 0;
@@ -156,6 +157,17 @@ DryRun dry_run(const std::string& object_path, std::uint32_t joints) {
   result.ok = done && outcome.clean() && result.reason.empty();
   if (!result.ok && result.reason.empty()) result.reason = death(outcome, result.stage);
   return result;
+}
+
+}  // namespace
+
+DryRun dry_run(const std::string& object_path, std::uint32_t joints, std::uint64_t steps) {
+  return read_outcome(run_child([&](int fd) { return child(fd, object_path, joints, steps); }, kLimits));
+}
+
+DryRun dry_run_placed(std::uint64_t entry, std::uint32_t joints, std::uint64_t steps) {
+  const auto* law = reinterpret_cast<const LitheLaw*>(entry);
+  return read_outcome(run_child([&](int fd) { return try_law(fd, *law, joints, steps); }, kLimits));
 }
 
 }  // namespace lithe::lawd

@@ -15,7 +15,13 @@ struct DryRun {
   double step_ns = 0;  // of the slowest dry step; each counts as the quickest of its repetitions
 };
 
+inline constexpr std::uint64_t kDrySteps = 1000;
+
 // A crash, an endless loop, NaN or Inf in an output: ok = false with the reason. `joints`: of the robot, 1..kMaxJoints.
-DryRun dry_run(const std::string& object_path, std::uint32_t joints);
+// `steps` = 0 reads the descriptor only.
+DryRun dry_run(const std::string& object_path, std::uint32_t joints, std::uint64_t steps = kDrySteps);
+
+// The same for a law in the arena, which this process must have attached; `entry`: where its descriptor lies.
+DryRun dry_run_placed(std::uint64_t entry, std::uint32_t joints, std::uint64_t steps);
 
 }  // namespace lithe::lawd

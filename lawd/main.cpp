@@ -16,7 +16,7 @@ int main(int argc, char** argv) {
   signal(SIGPIPE, SIG_IGN);
   signal(SIGINT, SIG_IGN);  // Ctrl-C is the supervisor's business: it closes our stdin
 
-  lithe::lawd::Service service(lithe::cache_dir());
+  lithe::lawd::Service service(lithe::cache_dir(), lithe::arena::kHandedFd);
   bool quit = false;
   for (std::string line; !quit && std::getline(std::cin, line);) {
     if (line.empty()) continue;

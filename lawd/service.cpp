@@ -5,31 +5,33 @@
 #include <cstdio>
 #include <filesystem>
 
+#include "lawd/admission.hpp"
+#include "lawd/answers.hpp"
 #include "lawd/diagnostics.hpp"
 #include "lawd/dry_run.hpp"
 #include "lawd/files.hpp"
-#include "lawd/sha256.hpp"
+#include "lawd/locate.hpp"
 #include "spine/core/joints.hpp"
+#include "spine/core/sha256.hpp"
 
 namespace lithe::lawd {
 namespace {
 
 using nlohmann::json;
 constexpr std::size_t kMaxSourceBytes = std::size_t{1} << 20;
+constexpr std::size_t kMaxCompilerBytes = std::size_t{1} << 30;  // five decompositions of 12 x 12 need 700 MiB
 
-json refuse(const std::string& stage, const std::string& text, json diagnostics = json::array()) {
-  return {{"ok", false}, {"stage", stage}, {"text", text}, {"diagnostics", std::move(diagnostics)}};
+// The hash of a law that was compiled before; empty when it is none.
+std::string hash_in(const json& request) {
+  const json hash = request.value("hash", json());
+  const std::string text = hash.is_string() ? hash.get<std::string>() : "";
+  return text.size() == 64 && text.find_first_not_of("0123456789abcdef") == std::string::npos ? text : "";
 }
 
-// A refusal that is about the law as a whole, not about one line.
-json refuse_whole(const std::string& stage, const std::string& name, const std::string& reason) {
-  const json entry = {{"file", name},        {"line", 0},         {"column", 0},
-                      {"severity", "error"}, {"message", reason}, {"text", ""}};
-  return refuse(stage, name + ": error: " + reason + "\n", json::array({entry}));
-}
-
-bool disk_is_full(const std::string& text) {
-  return text.find("No space left") != std::string::npos || text.find("Disk quota exceeded") != std::string::npos;
+// A switch of a request: `wanted` unless it says otherwise.
+bool is_on(const json& request, const char* key, bool wanted) {
+  const auto found = request.find(key);
+  return found != request.end() && found->is_boolean() ? found->get<bool>() : wanted;
 }
 
 // Whether a law fits is a matter of the robot that asks, not of the cache. Null when it does, or nobody asked.
@@ -61,9 +63,26 @@ double since_ms(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
 }
 
+// What each step of a build took.
+class Laps {
+ public:
+  void lap(const char* step) {
+    ms_[step] = since_ms(from_);
+    from_ = std::chrono::steady_clock::now();
+  }
+  const json& ms() const { return ms_; }
+
+ private:
+  json ms_ = json::object();
+  std::chrono::steady_clock::time_point from_ = std::chrono::steady_clock::now();
+};
+
 }  // namespace
 
-Service::Service(std::string cache) : cache_(std::move(cache)), toolchain_(find_contract_dir(), cache_) {}
+Service::Service(std::string cache, int arena_fd)
+    : cache_(std::move(cache)),
+      toolchain_(find_contract_dir(), cache_),
+      placer_(toolchain_, cache_ + "/laws", arena_fd) {}
 
 json Service::answer(const std::string& line, bool& quit) {
   const json request = json::parse(line, nullptr, false);
@@ -71,17 +90,20 @@ json Service::answer(const std::string& line, bool& quit) {
   if (!request.is_object() || !request.contains("verb") || !request["verb"].is_string()) {
     reply = refuse("request", "not a request: send one JSON object per line with \"id\" and \"verb\"");
   } else if (request["verb"] == "ping") {
-    reply = {{"ok", toolchain_.error().empty()},
-             {"text", toolchain_.error()},
-             {"precompiled", toolchain_.precompiled()},
-             {"precompile_ms", toolchain_.precompile_ms()}};
+    reply = {{"ok", toolchain_.error().empty()},        {"text", toolchain_.error()},
+             {"precompiled", toolchain_.precompiled()}, {"precompile_ms", toolchain_.precompile_ms()},
+             {"arena", placer_.error().empty()},        {"arena_text", placer_.error()}};
   } else if (request["verb"] == "quit") {
     quit = true;
     reply = {{"ok", true}};
   } else if (request["verb"] == "compile") {
     reply = compile(request);
+  } else if (request["verb"] == "place") {
+    reply = place(request);
+  } else if (request["verb"] == "locate") {
+    reply = locate(request);
   } else {
-    reply = refuse("request", "unknown verb; there are: compile, ping, quit");
+    reply = refuse("request", "unknown verb; there are: compile, place, locate, ping, quit");
   }
   if (request.is_object() && request.contains("id")) reply["id"] = request["id"];
   return reply;
@@ -103,20 +125,64 @@ json Service::compile(const json& request) {
   }
   Job job{request["source"], safe_name(name.is_string() ? name.get<std::string>() : ""), "", joints};
   if (job.source.size() > kMaxSourceBytes) return refuse_whole("compile", job.name, "the source is larger than 1 MiB");
-  job.hash = sha256_hex(toolchain_.fingerprint() + job.source);
+  job.admit = is_on(request, "admit", true);
+  job.dry_run = is_on(request, "dry_run", true);
+  const std::string rules = job.admit ? std::string(kAdmissionRules) : "not admitted";
+  job.hash = sha256_hex(toolchain_.fingerprint() + rules + (job.dry_run ? "" : "not run") + job.source);
   const auto start = std::chrono::steady_clock::now();
   json reply = from_cache(job);
   const bool cached = !reply.is_null();
   if (!cached) reply = build(job);
   if (json refused = over_budget(reply, job.name, budget_ns); !refused.is_null()) reply = std::move(refused);
+  if (reply.value("ok", false)) reply["toolchain"] = toolchain_.to_json();
   reply["hash"] = job.hash;
   reply["cached"] = cached;
   reply["compile_ms"] = since_ms(start);
   return reply;
 }
 
+// A law that was compiled before, by its hash.
+json Service::place(const json& request) {
+  if (!placer_.error().empty()) return refuse("arena", placer_.error());
+  const std::string hash = hash_in(request);
+  const json slot = request.value("slot", json());
+  if (hash.empty() || !slot.is_number_unsigned() || slot > arena::kSlots) {
+    return refuse("request",
+                  "place needs \"hash\", as compile answered it, and \"slot\": 1 to " + std::to_string(arena::kSlots));
+  }
+  const auto start = std::chrono::steady_clock::now();
+  const std::string base = cache_ + "/laws/" + hash;
+  const json entry = json::parse(read_file(base + ".json").value_or(""), nullptr, false);
+  if (!entry.is_object()) return refuse("cache", "there is no law of this hash in the cache: compile it again");
+  const auto object = read_file(base + ".o");
+  if (!object || entry.value("placeable_sha256", "") != sha256_hex(*object)) {
+    return refuse("cache", "the law's object in the cache is not what was admitted: compile it again");
+  }
+  const std::uint64_t dry_steps = is_on(request, "dry_run", true) ? kDrySteps / 10 : 0;
+  json reply = placer_.place(hash, base + ".o", slot, entry.value("joints", 1u), dry_steps);
+  reply["place_ms"] = since_ms(start);
+  return reply;
+}
+
+// A place in the code of such a law.
+json Service::locate(const json& request) const {
+  const std::string hash = hash_in(request);
+  const json offset = request.value("offset", json());
+  if (hash.empty() || !offset.is_number_unsigned() || offset >= arena::kSlotBytes) {
+    return refuse("request",
+                  "locate needs \"hash\", as compile answered it, and \"offset\": bytes from its slot's start");
+  }
+  if (!is_on(request, "placed", true)) return own_place(cache_ + "/laws/" + hash + ".so", offset);
+  return placer_.locate(cache_ + "/laws/" + hash + ".o", offset);
+}
+
 // Compiler and linker, in a folder of their own under the cache.
 json Service::build(const Job& job) {
+  Admission admission;
+  Laps laps;
+  if (job.admit) admit_source(job.source, admission);  // before the compiler reads what the source names
+  if (!admission.ok()) return refuse_admission(admission, job.name, job.source);
+  laps.lap("admit_source");
   const ScratchDir scratch(cache_ + "/laws");
   if (scratch.path().empty()) {
     return refuse("cache", disk_is_full(scratch.error()) ? full_disk_text(cache_)
@@ -130,25 +196,41 @@ json Service::build(const Job& job) {
   }
   std::string warnings;
   if (json refused = run_compiler(job, file, object, warnings); !refused.is_null()) return refused;
+  laps.lap("compile");
+  if (job.admit) admit_object({object, file}, admission);
+  laps.lap("admit_object");
+  if (!admission.ok()) return refuse_admission(admission, job.name, job.source);
   const Outcome link = run_program(toolchain_.link_command(object, library), Limits{});
   if (!link.clean()) {
     if (disk_is_full(link.output)) return refuse("cache", full_disk_text(cache_));
     return refuse_whole("compile", job.name, "the link failed: " + link.output);
   }
-  return try_and_store(job, library, warnings);
+  laps.lap("link");
+  json stored = try_and_store(job, object, library, warnings, admission.gates_json());
+  laps.lap("dry_run_and_store");
+  if (stored.value("ok", false)) stored["steps_ms"] = laps.ms();
+  return stored;
 }
 
 // null when the object is there.
 json Service::run_compiler(const Job& job, const std::string& file, const std::string& object, std::string& warnings) {
-  Outcome outcome = run_program(toolchain_.compile_command(file, object), Limits{});
+  Limits limits;
+  limits.memory_bytes = kMaxCompilerBytes;
+  Outcome outcome = run_program(toolchain_.compile_command(file, object), limits);
   const bool broke = outcome.signal != 0 || outcome.output.find("internal compiler error") != std::string::npos ||
-                     outcome.output.find("compilation terminated by signal") != std::string::npos;
+                     outcome.output.find("signal terminated program") != std::string::npos;
   if (toolchain_.precompiled() && broke && !outcome.timed_out) {
-    toolchain_.discard_precompiled();  // it may be damaged: try once without
-    outcome = run_program(toolchain_.compile_command(file, object), Limits{});
+    // It may be damaged, or the compiler was killed: try once without. Only success tells that the law was not to
+    // blame.
+    outcome = run_program(toolchain_.compile_command(file, object, Toolchain::Contract::as_text), limits);
+    if (outcome.clean()) toolchain_.precompile_again();
   }
   if (outcome.timed_out) {
     return refuse_whole("compile", job.name, "the compiler took longer than 20 s: make the law smaller");
+  }
+  if (!outcome.clean() && memory_is_full(outcome.output)) {
+    return refuse_whole("compile", job.name,
+                        "the compiler needs more than 1 GiB of memory: fewer macros and templates, smaller matrices");
   }
   const Diagnostics diagnostics = read_diagnostics(outcome.output, file, job.name, job.source);
   warnings = diagnostics.text;
@@ -161,21 +243,26 @@ json Service::run_compiler(const Job& job, const std::string& file, const std::s
   return refuse("compile", diagnostics.text, diagnostics.list);
 }
 
-json Service::try_and_store(const Job& job, const std::string& library, const std::string& warnings) {
-  const DryRun tried = dry_run(library, job.joints);
+json Service::try_and_store(const Job& job, const std::string& object, const std::string& library,
+                            const std::string& warnings, const json& gates) {
+  const DryRun tried = dry_run(library, job.joints, job.dry_run ? kDrySteps : 0);
   if (!tried.ok) return refuse_whole(tried.stage, job.name, tried.reason);
-  const auto bytes = read_file(library);
-  if (!bytes) return refuse("cache", "cannot read back " + library);
+  const auto bytes = read_file(library), placeable = read_file(object);
+  if (!bytes || !placeable) return refuse("cache", "cannot read back " + library);
   const std::string base = cache_ + "/laws/" + job.hash;
   json entry = {{"ok", true},
                 {"object", base + ".so"},
                 {"object_sha256", sha256_hex(*bytes)},
+                {"placeable_sha256", sha256_hex(*placeable)},
                 {"law", tried.law},
                 {"warnings", warnings},
                 {"dry_step_max_ns", tried.step_ns},
                 {"joints", job.joints},
+                {"admitted", job.admit},
+                {"gates", gates},
                 {"contract", toolchain_.fingerprint()}};
   std::string failed = write_file_whole(base + ".so", *bytes);
+  if (failed.empty()) failed = write_file_whole(base + ".o", *placeable);
   if (failed.empty()) failed = write_file_whole(base + ".json", entry.dump());
   if (failed.empty()) return entry;
   return refuse("cache", disk_is_full(failed) ? full_disk_text(cache_) : "cannot write the law cache: " + failed);
@@ -191,8 +278,10 @@ json Service::from_cache(const Job& job) const {
       !entry.contains("dry_step_max_ns")) {
     return nullptr;
   }
-  const auto bytes = read_file(base + ".so");
-  if (!bytes || entry.value("object_sha256", "") != sha256_hex(*bytes)) return nullptr;
+  for (const auto& [end, key] : {std::pair(".so", "object_sha256"), std::pair(".o", "placeable_sha256")}) {
+    const auto bytes = read_file(base + end);
+    if (!bytes || entry.value(key, "") != sha256_hex(*bytes)) return nullptr;
+  }
   json moved = entry;
   moved["object"] = base + ".so";  // the cache may have moved since
   return moved;

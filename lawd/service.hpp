@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "lawd/place.hpp"
 #include "lawd/toolchain.hpp"
 
 namespace lithe::lawd {
@@ -12,7 +13,8 @@ namespace lithe::lawd {
 // Contract: one thread · never throws for bad input: every answer is JSON with "ok".
 class Service {
  public:
-  explicit Service(std::string cache);
+  // `arena_fd`: the code arena, as the supervisor hands it over; -1 or no arena = laws cannot be placed.
+  explicit Service(std::string cache, int arena_fd = -1);
 
   // One request line, one answer. `quit` is set by the verb quit.
   nlohmann::json answer(const std::string& line, bool& quit);
@@ -21,16 +23,22 @@ class Service {
   struct Job {
     std::string source, name, hash;
     std::uint32_t joints;
+    bool admit = true;    // false only in tests of what must hold without admission
+    bool dry_run = true;  // likewise
   };
   nlohmann::json compile(const nlohmann::json& request);
+  nlohmann::json place(const nlohmann::json& request);
+  nlohmann::json locate(const nlohmann::json& request) const;
   nlohmann::json build(const Job& job);
   nlohmann::json run_compiler(const Job& job, const std::string& file, const std::string& object,
                               std::string& warnings);
   nlohmann::json from_cache(const Job& job) const;
-  nlohmann::json try_and_store(const Job& job, const std::string& library, const std::string& warnings);
+  nlohmann::json try_and_store(const Job& job, const std::string& object, const std::string& library,
+                               const std::string& warnings, const nlohmann::json& gates);
 
   std::string cache_;
   Toolchain toolchain_;
+  Placer placer_;
 };
 
 }  // namespace lithe::lawd

@@ -48,9 +48,10 @@ struct LawText {
 };
 
 inline nlohmann::json compile(Service& service, const std::string& source, const std::string& name = "law.cpp",
-                              const nlohmann::json& budget_ns = nullptr) {
+                              bool admit = true, const nlohmann::json& budget_ns = nullptr) {
   bool quit = false;
-  nlohmann::json request = {{"id", 7}, {"verb", "compile"}, {"source", source}, {"name", name}, {"joints", 2}};
+  nlohmann::json request = {{"id", 7},      {"verb", "compile"}, {"source", source},
+                            {"name", name}, {"joints", 2},       {"admit", admit}};
   if (!budget_ns.is_null()) request["budget_ns"] = budget_ns;
   return service.answer(request.dump(), quit);
 }

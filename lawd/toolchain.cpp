@@ -6,8 +6,9 @@
 #include <filesystem>
 
 #include "lawd/files.hpp"
-#include "lawd/sha256.hpp"
 #include "lithe/law.hpp"
+#include "spine/arena/veneers.hpp"
+#include "spine/core/sha256.hpp"
 
 namespace lithe::lawd {
 namespace {
@@ -25,6 +26,10 @@ const std::vector<std::string>& flags() {
                                                "-fno-math-errno",
                                                "-fno-asynchronous-unwind-tables",
                                                "-fno-threadsafe-statics",
+                                               "-g1",                     // a crash is reported with its line
+                                               "-fcallgraph-info=su,da",  // admission bounds the stack with it
+                                               "-isystem/usr/include/eigen3",
+                                               "-DEIGEN_NO_DEBUG",  // a failed assertion would print and abort
                                                "-Wall",
                                                "-Wextra",
                                                "-Wno-unused-parameter",  // a law need not use all it is given
@@ -60,7 +65,8 @@ std::string full_disk_text(const std::string& dir) {
   return "the disk under the law cache " + dir + " is full: free some space, or set LITHE_CACHE_DIR to another disk";
 }
 
-Toolchain::Toolchain(std::string contract_dir, std::string cache) : contract_dir_(std::move(contract_dir)) {
+Toolchain::Toolchain(std::string contract_dir, std::string cache)
+    : contract_dir_(std::move(contract_dir)), cache_(std::move(cache)) {
   find_programs();
   std::string all = version_;
   for (const char* header : {"law.hpp", "describe.hpp", "reflect.hpp"}) {
@@ -74,8 +80,9 @@ Toolchain::Toolchain(std::string contract_dir, std::string cache) : contract_dir
   }
   if (!error_.empty()) return;
   for (const std::string& flag : flags()) all += '\n' + flag;
+  all += '\n' + std::to_string(arena::veneers_hash());  // what a law may call
   fingerprint_ = sha256_hex(all);
-  precompile(cache);
+  precompile();
 }
 
 void Toolchain::find_programs() {
@@ -89,12 +96,13 @@ void Toolchain::find_programs() {
   }
   linker_ = ask(quoted + " -print-prog-name=ld");
   if (linker_.empty()) linker_ = "ld";
+  linker_version_ = ask("'" + linker_ + "' --version");
 }
 
 // The name of the folder is the fingerprint, so a precompiled header of another compiler is never used. A note of its
 // size beside it tells a whole one from one that a full disk or a crash cut short.
-void Toolchain::precompile(const std::string& cache) {
-  const std::string dir = cache + "/contract/" + fingerprint_.substr(0, 32);
+void Toolchain::precompile() {
+  const std::string dir = cache_ + "/contract/" + fingerprint_.substr(0, 32);
   const std::string header = dir + "/lithe/law.hpp.gch", note = dir + "/size";
   std::error_code failed;
   const auto size = fs::file_size(header, failed);
@@ -122,10 +130,17 @@ void Toolchain::precompile(const std::string& cache) {
   pch_dir_ = dir;
 }
 
-void Toolchain::discard_precompiled() {
+void Toolchain::precompile_again() {
   std::error_code ignored;
   if (!pch_dir_.empty()) fs::remove_all(pch_dir_, ignored);
   pch_dir_.clear();
+  precompile();
+}
+
+nlohmann::json Toolchain::to_json() const {
+  std::string line;
+  for (const std::string& flag : flags()) line += (line.empty() ? "" : " ") + flag;
+  return {{"compiler", version_}, {"linker", linker_version_}, {"flags", line}, {"contract", fingerprint_}};
 }
 
 std::vector<std::string> Toolchain::base_command() const {
@@ -134,9 +149,15 @@ std::vector<std::string> Toolchain::base_command() const {
   return command;
 }
 
-std::vector<std::string> Toolchain::compile_command(const std::string& source, const std::string& object) const {
+std::vector<std::string> Toolchain::compile_command(const std::string& source, const std::string& object,
+                                                    Contract contract) const {
   std::vector<std::string> command = base_command();
-  if (!pch_dir_.empty()) command.insert(command.end(), {"-I", pch_dir_});  // before the contract: lithe/law.hpp.gch
+  if (contract == Contract::precompiled && precompiled()) {
+    command.insert(command.end(), {"-I", pch_dir_});  // before the contract: lithe/law.hpp.gch
+  }
+  // Debug information without the scratch folder: the same law gives the same object.
+  const std::string folder = fs::path(source).parent_path().string();
+  command.push_back("-ffile-prefix-map=" + folder + "/=");
   command.insert(command.end(), {"-I", contract_dir_, "-x", "c++", "-c", source, "-o", object});
   return command;
 }
@@ -146,6 +167,15 @@ std::vector<std::string> Toolchain::compile_command(const std::string& source, c
 std::vector<std::string> Toolchain::link_command(const std::string& object, const std::string& library) const {
   return {linker_,           "-shared", "-z", "now",  "-z", "relro", "-z", "noexecstack", "--hash-style=gnu",
           "--build-id=none", object,    "-o", library};
+}
+
+// -N: code and constants follow each other without page boundaries. -S: no debug information in the slot.
+std::vector<std::string> Toolchain::place_command(const std::string& object, const std::string& script,
+                                                  const std::string& program, Lines lines) const {
+  std::vector<std::string> command = {linker_, "-static", "-nostdlib", "-N", "-z", "noexecstack", "--build-id=none"};
+  if (lines == Lines::none) command.push_back("-S");
+  command.insert(command.end(), {"--no-demangle", "-T", script, object, "-o", program});
+  return command;
 }
 
 }  // namespace lithe::lawd

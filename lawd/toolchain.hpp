@@ -2,6 +2,7 @@
 // The compiler of this machine, the contract it compiles laws against, and the contract precompiled.
 #pragma once
 
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -24,24 +25,32 @@ class Toolchain {
   const std::string& error() const { return error_; }
   // Everything but the source that decides what comes out: compiler, flags, contract. SHA-256 hex.
   const std::string& fingerprint() const { return fingerprint_; }
+  // For a certificate: {"compiler", "linker", "flags", "contract"}; the flags as one line, contract = the fingerprint.
+  nlohmann::json to_json() const;
   bool precompiled() const { return !pch_dir_.empty(); }
   double precompile_ms() const { return precompile_ms_; }
 
-  // Drops a precompiled header the compiler choked on.
-  void discard_precompiled();
+  // In place of a precompiled header that the compiler choked on.
+  void precompile_again();
 
-  std::vector<std::string> compile_command(const std::string& source, const std::string& object) const;
+  enum class Contract { precompiled, as_text };
+  std::vector<std::string> compile_command(const std::string& source, const std::string& object,
+                                           Contract contract = Contract::precompiled) const;
   std::vector<std::string> link_command(const std::string& object, const std::string& library) const;
+  // For a slot of the arena, as `script` (a linker script) says. With its lines it is for reading, not for running.
+  enum class Lines { none, kept };
+  std::vector<std::string> place_command(const std::string& object, const std::string& script,
+                                         const std::string& program, Lines lines = Lines::none) const;
 
  private:
   void find_programs();
-  void precompile(const std::string& cache);
+  void precompile();
   std::vector<std::string> base_command() const;
 
-  std::string contract_dir_;
+  std::string contract_dir_, cache_;
   std::string compiler_;
   std::string linker_;
-  std::string version_;
+  std::string version_, linker_version_;
   std::string fingerprint_;
   std::string pch_dir_;
   std::string error_;

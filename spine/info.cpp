@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "spine/arena/layout.hpp"
+
 namespace lithe {
 namespace {
 
@@ -55,7 +57,7 @@ std::string describe_host(const robot::RobotConfig& robot, const CpuPlan& cpus) 
 }
 
 void write_robot_info(ipc::ChannelMemory<wire::RobotInfo>& memory, const robot::RobotConfig& robot, const CpuPlan& cpus,
-                      const std::string& notes) {
+                      const std::string& notes, const Own& own) {
   auto info = std::make_unique<wire::RobotInfo>();
   put_text(info->robot, robot.name);
   put_text(info->config_path, robot.path);
@@ -66,6 +68,13 @@ void write_robot_info(ipc::ChannelMemory<wire::RobotInfo>& memory, const robot::
   info->cpu_transport = static_cast<std::uint32_t>(cpus.transport);
   info->cpu_brain = static_cast<std::uint32_t>(cpus.brain);
   info->cpu_housekeeping = static_cast<std::uint32_t>(cpus.housekeeping);
+  info->tid_spine = static_cast<std::uint32_t>(own.tid_spine);
+  info->protection_keys = own.protection_keys ? 1 : 0;
+  if (own.code_arena) {
+    info->arena_base = arena::kBase;
+    info->arena_slots = arena::kSlots;
+    info->arena_slot_bytes = arena::kSlotBytes;
+  }
   info->transport_inline = cpus.transport_inline ? 1 : 0;
   for (std::size_t j = 0; j < robot.joints.size(); ++j) {
     const robot::JointConfig& joint = robot.joints[j];

@@ -18,8 +18,15 @@ Result<CpuPlan> choose_cpus(const robot::RobotConfig& robot, const std::vector<i
 // Locks memory, tries for priority, and says in sentences what was lost. Empty: nothing was.
 std::string describe_host(const robot::RobotConfig& robot, const CpuPlan& cpus);
 
+// Of the process itself.
+struct Own {
+  int tid_spine = 0;             // the thread that ticks
+  bool protection_keys = false;  // a law cannot write the Spine's memory
+  bool code_arena = false;       // laws are placed, not loaded with dlopen
+};
+
 void write_robot_info(ipc::ChannelMemory<wire::RobotInfo>& memory, const robot::RobotConfig& robot, const CpuPlan& cpus,
-                      const std::string& notes);
+                      const std::string& notes, const Own& own);
 
 // One JSON line for whoever started us.
 std::string ready_line(const robot::RobotConfig& robot, const CpuPlan& cpus, const std::string& notes);

@@ -6,11 +6,17 @@
 #include <unistd.h>
 
 #include <atomic>
+#include <cmath>
 #include <cstdio>
 #include <ctime>
+#include <future>
 #include <memory>
 #include <thread>
 
+#include "spine/code_arena.hpp"
+#include "spine/contain/cell.hpp"
+#include "spine/contain/vault.hpp"
+#include "spine/contain/watchdog.hpp"
 #include "spine/core/host.hpp"
 #include "spine/core/time.hpp"
 #include "spine/hal/actuators.hpp"
@@ -26,6 +32,7 @@
 namespace lithe {
 namespace {
 
+constexpr std::size_t kVaultBytes = std::size_t{1} << 20;
 constexpr int kExitRefused = 1, kExitUsage = 2, kExitFault = 3;
 
 int refuse(int code, const std::string& message) {
@@ -68,27 +75,44 @@ void remove_memory(const std::string& robot) {
   ipc::remove_segment(ipc::Segment<ipc::BrainMemory>::path(robot));
 }
 
+// What a law may write, and what it may not: its own two sandboxes, and the Vault, which holds Spine, Slot and
+// Residents.
+struct Containment {
+  std::unique_ptr<contain::Vault> vault;
+  law::SandboxMemory ticking, loading;
+};
+
+Result<Containment> contain_laws() {
+  if (const Result<> handlers = contain::install_handlers(); !handlers) return handlers.error();
+  Result<std::unique_ptr<contain::Vault>> vault = contain::Vault::make(kVaultBytes);
+  if (!vault) return vault.error();
+  Result<law::SandboxMemory> ticking = law::SandboxMemory::make();
+  if (!ticking) return ticking.error();
+  Result<law::SandboxMemory> loading = law::SandboxMemory::make();
+  if (!loading) return loading.error();
+  return Containment{std::move(*vault), std::move(*ticking), std::move(*loading)};
+}
+
 // Everything that runs, and how it stops: the tick first (it switches the drives off), the Transport after it.
 class Threads {
  public:
-  Threads(const robot::RobotConfig& robot, const CpuPlan& cpus, Memory& memory, hal::Actuators& actuators)
+  Threads(const robot::RobotConfig& robot, const CpuPlan& cpus, Memory& memory, Containment& containment,
+          load::LawStore* arena, hal::Actuators& actuators)
       : robot_(robot),
         cpus_(cpus),
         memory_(memory),
+        containment_(containment),
         actuators_(actuators),
-        loader_(slot_, store_, *memory.spine, *memory.control, static_cast<std::uint32_t>(robot.joints.size())) {
+        rehearsal_(*memory.spine, static_cast<std::uint32_t>(robot.joints.size()), 1.0 / robot.rate_hz,
+                   *containment.loading),
+        loader_(slot_, store_, *memory.spine, *memory.control, rehearsal_, arena),
+        watchdog_({.grace_ns = std::llround(1e9 / robot.rate_hz * robot.swap.budget_share)}) {
     loop::start_clock(clock_);
   }
 
-  void start() {
-    keeper_ = std::thread([this] {
-      enter(cpus_.housekeeping, false);
-      loop::keep_clock(clock_, stop_helpers_);
-    });
-    loading_ = std::thread([this] {
-      enter(cpus_.housekeeping, false);
-      loader_.run(stop_helpers_);
-    });
+  // Returns the thread that will tick as soon as go() is called.
+  pid_t start() {
+    start_helpers();
     if (!cpus_.transport_inline) {
       transport_ = std::thread([this] {
         enter(cpus_.transport, true);
@@ -96,13 +120,29 @@ class Threads {
         loop::run_transport(handover_, actuators_, clock_, shared, stop_transport_);
       });
     }
-    ticking_ = std::thread([this] {
+    std::promise<pid_t> thread;
+    ticking_ = std::thread([this, &thread] {
       enter(cpus_.spine, true);
-      loop::Spine spine({robot_, *memory_.spine, *memory_.control, *memory_.brain, slot_, handover_, clock_,
-                         cpus_.transport_inline ? &actuators_ : nullptr});
-      spine.run(stop_tick_);
+      thread.set_value(gettid());
+      go_.get_future().wait();
+      Result<contain::Cell> cell = open_cell(!cpus_.transport_inline);
+      const loop::Wiring wiring{robot_,
+                                *memory_.spine,
+                                *memory_.control,
+                                *memory_.brain,
+                                slot_,
+                                *containment_.ticking,
+                                cell ? &*cell : nullptr,
+                                handover_,
+                                clock_,
+                                cpus_.transport_inline ? &actuators_ : nullptr};
+      loop::Spine* spine = containment_.vault->create<loop::Spine>(wiring);
+      spine->run(stop_tick_);
+      std::destroy_at(spine);
     });
+    return thread.get_future().get();
   }
+  void go() { go_.set_value(); }
 
   void stop() {
     stop_tick_ = true;
@@ -111,6 +151,7 @@ class Threads {
     if (transport_.joinable()) transport_.join();
     stop_helpers_ = true;
     loading_.join();
+    watching_.join();
     keeper_.join();
   }
 
@@ -122,17 +163,56 @@ class Threads {
     touch_stack();
   }
 
+  void start_helpers() {
+    keeper_ = std::thread([this] {
+      enter(cpus_.housekeeping, false);
+      loop::keep_clock(clock_, stop_helpers_);
+    });
+    watching_ = std::thread([this] {
+      enter(cpus_.housekeeping, true);  // while it does not run, nothing ends an endless law
+      watchdog_.run(stop_helpers_);
+    });
+    loading_ = std::thread([this] {
+      enter(cpus_.housekeeping, false);
+      Result<contain::Cell> cell = open_cell(false);
+      rehearsal_.use(cell ? &*cell : nullptr);
+      loader_.run(stop_helpers_);
+    });
+  }
+
+  // This thread's own. Without one a law that crashes takes the process with it, which is said once. A filter would
+  // stay for the thread's own calls, too: it is for one that only waits.
+  Result<contain::Cell> open_cell(bool only_waits) {
+    Result<contain::Cell> cell = contain::Cell::open(containment_.vault.get());
+    if (!cell) {
+      fmt::print(stderr, "lithe-spine: a law that crashes will end this process: {}\n", cell.message());
+      return cell;
+    }
+    if (const Result<> watched = watchdog_.watch(*cell); !watched)
+      fmt::print(stderr, "lithe-spine: an endless law will not be stopped: {}\n", watched.message());
+    if (!only_waits) {
+      cell->dispatch_system_calls();
+    } else if (const auto gate = cell->forbid_system_calls(); !gate) {
+      fmt::print(stderr, "lithe-spine: a law can make system calls: {}\n", gate.message());
+    }
+    return cell;
+  }
+
   const robot::RobotConfig& robot_;
   CpuPlan cpus_;
   Memory& memory_;
+  Containment& containment_;
   hal::Actuators& actuators_;
   loop::ClockMemory clock_{};
   loop::Handover handover_;
   law::Slot slot_;
   load::DlopenStore store_;
+  load::Rehearsal rehearsal_;
   load::Loader loader_;
+  contain::Watchdog watchdog_;
+  std::promise<void> go_;
   std::atomic<bool> stop_tick_{false}, stop_transport_{false}, stop_helpers_{false};
-  std::thread keeper_, loading_, transport_, ticking_;
+  std::thread keeper_, watching_, loading_, transport_, ticking_;
 };
 
 // What the buses did otherwise than asked: only a robot with trouble has anything to say.
@@ -174,17 +254,29 @@ int run(const std::string& path) {
   if (cpus->spine_shares) robot->spine.release = robot::Release::sleep;
   freeze_malloc();
   use_small_stacks();
+  const Result<std::unique_ptr<load::ArenaStore>> arena = attach_code_arena(*robot);
+  if (!arena) robot->notes.push_back(arena.message());
+  load::ArenaStore* const code = arena ? arena->get() : nullptr;
   const std::string notes = describe_host(*robot, *cpus);
-  write_robot_info(memory->spine->robot_info, *robot, *cpus, notes);
+  if (code != nullptr)
+    (void)code->arena().lock();  // if not all memory could be, perhaps this much; the notes say which
   if (const Result<> pinned = pin_this_thread(cpus->housekeeping); !pinned)
     fmt::print(stderr, "{}\n", pinned.message());
 
-  auto threads = std::make_unique<Threads>(*robot, *cpus, *memory, **actuators);
-  threads->start();
+  Result<Containment> containment = contain_laws();
+  if (!containment) {
+    remove_memory(robot->name);
+    return refuse(kExitRefused, containment.message());
+  }
+  auto* threads = containment->vault->create<Threads>(*robot, *cpus, *memory, *containment, code, **actuators);
+  Own own{threads->start(), containment->vault->protection() == contain::Protection::keys, code != nullptr};
+  write_robot_info(memory->spine->robot_info, *robot, *cpus, notes, own);
+  threads->go();
   fmt::print("{}\n", ready_line(*robot, *cpus, notes));
   std::fflush(stdout);
   wait_for_signal(signals);
   threads->stop();
+  std::destroy_at(threads);
   tell_replies((*actuators)->counters());
   remove_memory(robot->name);
   return 0;

@@ -21,12 +21,12 @@ PATIENCE = {
 }
 
 
-def calm_text() -> str:
-    """robots/arm.toml with what a busy machine would trip over made patient."""
+def calm_text(changes: dict[str, str] | None = None) -> str:
+    """robots/arm.toml with what a busy machine would trip over made patient, and with a test's own changes."""
     text = (ROOT / "robots/arm.toml").read_text(encoding="utf-8")
-    for strict, patient in PATIENCE.items():
-        assert strict in text, f"robots/arm.toml no longer says: {strict}"
-        text = text.replace(strict, patient)
+    for old, new in {**PATIENCE, **(changes or {})}.items():
+        assert old in text, f"robots/arm.toml no longer says: {old}"
+        text = text.replace(old, new)
     return text
 
 
@@ -42,15 +42,15 @@ def falls_short(summary: dict[str, Any]) -> list[str]:
 
 
 @contextmanager
-def calm_robot() -> Iterator[House]:
-    """The running, armed robot; this process sees it as `lithe.connect()` would."""
+def calm_robot(*words: str, changes: dict[str, str] | None = None) -> Iterator[House]:
+    """The running, armed robot; this process sees it as `lithe.connect()` would. `words` are for `lithe run`."""
     house = House()
     house.config = house.dir / "arm.toml"
-    house.config.write_text(calm_text(), encoding="utf-8")
+    house.config.write_text(calm_text(changes), encoding="utf-8")
     before = dict(os.environ)
     os.environ.update({key: value for key, value in house.env.items() if key.startswith("LITHE_")})
     try:
-        house.run()
+        house.run(*words)
         house.wait_for(lambda: house.ask("status")["mode"] == "active")
         yield house
     finally:

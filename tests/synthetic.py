@@ -56,6 +56,7 @@ def story() -> Story:
                 "load_ms": 5.0,
                 "cached": False,
                 "requested_to_committed_ms": 310.0,
+                "split_ms": {"queued": 0.5, "compiled": 300.0, "tried": 9.5},
                 "sent_ns": start_ns + commit * 1_000_000 - 310_000_000,
             }
         )

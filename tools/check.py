@@ -14,7 +14,9 @@ PYTHON = ".venv/bin/python"
 JOBS = str(len(os.sched_getaffinity(0)))
 CPP_FILES = "git ls-files -co --exclude-standard '*.cpp' '*.hpp' '*.c' '*.h' | grep -v -e ^spine/wire/ -e /_shm/"
 # What must be free of data races, and what runs in the tick (cmake/rooms.cmake labels every test with its room).
-RACE_ROOMS = "ipc law load loop"
+# In `contain` ThreadSanitizer sees the words that Cell and Watchdog share, and the vault; it holds asynchronous signals
+# back and wants faults for itself, so tests of those skip themselves there (test_bench.hpp).
+RACE_ROOMS = "ipc law load loop contain"
 RACE_TESTS = f"(^|[.])({RACE_ROOMS.replace(' ', '|')})$"
 
 
@@ -39,6 +41,7 @@ STEPS = [
     Step("schema", f"{PYTHON} tools/gen.py --check", f"{PYTHON} tools/gen.py --write"),
     Step("ruff", f"{PYTHON} -m ruff check --quiet . && {PYTHON} -m ruff format --check --quiet .", "make format"),
     Step("types", f"{PYTHON} -m mypy --no-error-summary", f"{PYTHON} -m mypy"),
+    Step("models", f"{PYTHON} tools/models.py", f"{PYTHON} tools/models.py --trace RUN models/FILE.pml tells how"),
     Step("format", f"{CPP_FILES} | xargs clang-format-22 --dry-run -Werror", "make format"),
     Step(
         "tidy",

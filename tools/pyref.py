@@ -74,7 +74,7 @@ def page() -> str:
     """The whole page."""
     sys.path.insert(0, str(ROOT / "brain"))
     import lithe
-    from lithe import control, gateway, place, robot, shm, telemetry
+    from lithe import certificates, control, gateway, place, robot, shm, telemetry
 
     parts = [HEAD.rstrip(), "## Connecting", f"**`lithe.{signature_of(lithe.connect, 'connect')}`**"]
     parts.append(text_of(lithe.connect, "connect"))
@@ -83,6 +83,7 @@ def page() -> str:
         ("## `robot.telemetry`", telemetry.Telemetry, "robot.telemetry"),
         ("## `robot.params`", robot.Params, "robot.params"),
         ("## `robot.spine`: all that the Spine publishes", shm.SpineView, "robot.spine"),
+        ("## `lithe.certificates.Chain`: what verify() found", certificates.Chain, "chain"),
         ("## `Remote`: the same across TCP", lithe.Remote, "remote"),
         ("## `lithe.gateway.Gateway`: the other end of it", gateway.Gateway, "gateway"),
     ):
@@ -92,6 +93,7 @@ def page() -> str:
         parts += members_of(cls, prefix)
     parts.append("## Functions")
     for function, name in (
+        (certificates.verify, "lithe.certificates.verify"),
         (control.find_robot, "lithe.control.find_robot"),
         (control.run_dir, "lithe.control.run_dir"),
         (gateway.write_token, "lithe.gateway.write_token"),

@@ -8,7 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 # room -> rooms it may include (itself is always allowed). The most specific room that holds a file wins.
-SPINE = "spine/core spine/wire spine/ipc spine/law spine/plan spine/guard spine/robot spine/hal spine/loop spine/load"
+SPINE = (
+    "spine/core spine/wire spine/ipc spine/law spine/plan spine/guard spine/robot spine/hal spine/contain spine/arena "
+    "spine/loop spine/load"
+)
 OUTSIDE = "spine/core spine/wire spine/ipc spine/law spine/robot"  # what the processes beside the Spine may know
 ALLOWED = {
     room: frozenset(allowed.split())
@@ -24,18 +27,24 @@ ALLOWED = {
         "spine/hal/device": "spine/core spine/wire spine/hal spine/hal/bus",
         "spine/hal/sim": "spine/core spine/wire spine/robot spine/hal spine/hal/bus spine/hal/device",
         "spine/hal": "spine/core spine/wire spine/robot spine/hal/bus spine/hal/device spine/hal/sim",
-        "spine/load": "spine/core spine/wire spine/ipc spine/law",
-        "spine/loop": "spine/core spine/wire spine/ipc spine/law spine/plan spine/guard spine/robot spine/hal",
+        "spine/contain": "spine/core spine/wire",
+        "spine/arena": "spine/core",
+        "spine/load": "spine/core spine/wire spine/ipc spine/law spine/arena spine/contain",
+        "spine/loop": "spine/core spine/wire spine/ipc spine/law spine/plan spine/guard spine/robot spine/hal "
+        "spine/contain",
         "spine": SPINE,
-        "lawd": "spine/core spine/wire spine/ipc spine/law",
+        "lawd": "spine/core spine/wire spine/ipc spine/law spine/arena",
+        "trial": "spine/core spine/wire spine/ipc spine/law spine/arena spine/load spine/robot spine/plan spine/guard "
+        "spine/hal spine/hal/sim",
         "laws": "spine/law",
-        "supervisor/control": OUTSIDE + " supervisor/swap supervisor/host supervisor/record",
+        "supervisor/control": OUTSIDE + " spine/arena supervisor/swap supervisor/host supervisor/record",
         "supervisor/swap": OUTSIDE,
         "supervisor/host": OUTSIDE,
         "supervisor/record": OUTSIDE,
         "supervisor/cli": OUTSIDE + " supervisor/control supervisor/swap supervisor/host supervisor/record",
         "supervisor": OUTSIDE + " supervisor/cli supervisor/control supervisor/swap supervisor/host supervisor/record",
-        "tests": SPINE + " spine/hal/bus spine/hal/device spine/hal/sim lawd laws supervisor/control supervisor/swap",
+        "tests": SPINE
+        + " spine/hal/bus spine/hal/device spine/hal/sim lawd trial laws supervisor/control supervisor/swap",
         "bench": SPINE + " spine/hal/bus spine/hal/device spine/hal/sim",
     }.items()
 }

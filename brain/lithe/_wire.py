@@ -16,7 +16,7 @@ NW = 16
 NPARAM = 32
 NBIN = 976
 NLAW = 8
-LAYOUT_HASH = 0xD1B040369788F77E
+LAYOUT_HASH = 0xC69364DA117B3759
 
 
 class Mode(IntEnum):
@@ -40,6 +40,7 @@ class Fault(IntEnum):
     estop_pressed = 9
     law_missing = 10
     brain_stale = 11
+    law_faulted = 12
 
 
 class PlanState(IntEnum):
@@ -70,6 +71,7 @@ class CommandKind(IntEnum):
     rollback = 5
     set_params = 6
     estop = 7
+    revert_params = 8
 
 
 class CommandResult(IntEnum):
@@ -106,6 +108,10 @@ class EventKind(IntEnum):
     deadline_missed = 18
     sample_late = 19
     command_refused = 20
+    law_faulted = 21
+    law_confirmed = 22
+    shadow_started = 23
+    shadow_ended = 24
 
 
 class StageResult(IntEnum):
@@ -117,6 +123,24 @@ class StageResult(IntEnum):
     dry_run_failed = 5
     busy = 6
     hostile = 7
+    image_damaged = 8
+
+
+class LawFaultKind(IntEnum):
+    none = 0
+    bad_access = 1
+    bus_error = 2
+    arithmetic = 3
+    illegal_instruction = 4
+    aborted = 5
+    trapped = 6
+    system_call = 7
+    overran = 8
+    not_finite = 9
+    state_broken = 10
+    tracking_lost = 11
+    guard_busy = 12
+    guard_stopped = 13
 
 
 class TelemetryFlags(IntFlag):
@@ -132,6 +156,10 @@ class TelemetryFlags(IntFlag):
     deadline_missed = 512
     brain_stale = 1024
     rolled_back = 2048
+    law_faulted = 4096
+    blending = 8192
+    shadowing = 16384
+    on_probation = 32768
 
 
 class JointStatus(IntFlag):
@@ -247,6 +275,51 @@ class StageRequest(ctypes.Structure):
         ("source_hash", ctypes.c_uint64),
         ("path", ctypes.c_char * 256),
         ("name", ctypes.c_char * 64),
+        ("slot", ctypes.c_uint32),
+        ("code_bytes", ctypes.c_uint32),
+        ("entry", ctypes.c_uint64),
+        ("image_hash", ctypes.c_uint64),
+        ("budget_ns", ctypes.c_uint32),
+        ("shadow_ticks", ctypes.c_uint32),
+        ("blend_ticks", ctypes.c_uint32),
+        ("probation_ticks", ctypes.c_uint32),
+        ("shadow_tolerance_nm", ctypes.c_double),
+        ("probation_error_ratio", ctypes.c_double),
+    ]
+
+
+class LawFault(ctypes.Structure):
+    """A law that failed in the tick, and what was done about it."""
+
+    _fields_ = [
+        ("tick", ctypes.c_uint64),
+        ("t_ns", ctypes.c_int64),
+        ("request_id", ctypes.c_uint64),
+        ("kind", ctypes.c_uint32),
+        ("law_id", ctypes.c_uint32),
+        ("to_law_id", ctypes.c_uint32),
+        ("took_ns", ctypes.c_uint32),
+        ("pc", ctypes.c_uint64),
+        ("address", ctypes.c_uint64),
+        ("slot", ctypes.c_uint32),
+        ("pc_offset", ctypes.c_uint32),
+    ]
+
+
+class ShadowReport(ctypes.Structure):
+    """How a candidate that runs beside the active law compares."""
+
+    _fields_ = [
+        ("law_id", ctypes.c_uint32),
+        ("joint_count", ctypes.c_uint32),
+        ("request_id", ctypes.c_uint64),
+        ("from_tick", ctypes.c_uint64),
+        ("ticks", ctypes.c_uint32),
+        ("faults", ctypes.c_uint32),
+        ("most_ns", ctypes.c_uint32),
+        ("mean_ns", ctypes.c_uint32),
+        ("most_nm", ctypes.c_double * 32),
+        ("rms_nm", ctypes.c_double * 32),
     ]
 
 
@@ -266,6 +339,8 @@ class LawInfo(ctypes.Structure):
         ("param_min", ctypes.c_double * 32),
         ("param_max", ctypes.c_double * 32),
         ("probe_name", ctypes.c_char * 256),
+        ("slot", ctypes.c_uint32),
+        ("code_bytes", ctypes.c_uint32),
     ]
 
 
@@ -301,6 +376,11 @@ class RobotInfo(ctypes.Structure):
         ("torque_slew_nm_s", ctypes.c_double * 32),
         ("deceleration_rad_s2", ctypes.c_double * 32),
         ("notes", ctypes.c_char * 512),
+        ("tid_spine", ctypes.c_uint32),
+        ("protection_keys", ctypes.c_uint32),
+        ("arena_base", ctypes.c_uint64),
+        ("arena_slots", ctypes.c_uint32),
+        ("arena_slot_bytes", ctypes.c_uint32),
     ]
 
 
@@ -313,6 +393,17 @@ class Histogram(ctypes.Structure):
         ("max_ns", ctypes.c_uint64),
         ("sum_ns", ctypes.c_uint64),
         ("pad0", ctypes.c_uint8 * 8),
+    ]
+
+
+class Health(ctypes.Structure):
+    """What came to the Spine broken since it started; each word is written only when it changes."""
+
+    _fields_ = [
+        ("plans_torn", ctypes.c_uint64),
+        ("brain_violations", ctypes.c_uint64),
+        ("control_violations", ctypes.c_uint64),
+        ("stage_violations", ctypes.c_uint64),
     ]
 
 
@@ -395,6 +486,41 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("source_hash", "<u8", (), 8),
         ("path", "S256", (), 16),
         ("name", "S64", (), 272),
+        ("slot", "<u4", (), 336),
+        ("code_bytes", "<u4", (), 340),
+        ("entry", "<u8", (), 344),
+        ("image_hash", "<u8", (), 352),
+        ("budget_ns", "<u4", (), 360),
+        ("shadow_ticks", "<u4", (), 364),
+        ("blend_ticks", "<u4", (), 368),
+        ("probation_ticks", "<u4", (), 372),
+        ("shadow_tolerance_nm", "<f8", (), 376),
+        ("probation_error_ratio", "<f8", (), 384),
+    ],
+    "LawFault": [
+        ("tick", "<u8", (), 0),
+        ("t_ns", "<i8", (), 8),
+        ("request_id", "<u8", (), 16),
+        ("kind", "<u4", (), 24),
+        ("law_id", "<u4", (), 28),
+        ("to_law_id", "<u4", (), 32),
+        ("took_ns", "<u4", (), 36),
+        ("pc", "<u8", (), 40),
+        ("address", "<u8", (), 48),
+        ("slot", "<u4", (), 56),
+        ("pc_offset", "<u4", (), 60),
+    ],
+    "ShadowReport": [
+        ("law_id", "<u4", (), 0),
+        ("joint_count", "<u4", (), 4),
+        ("request_id", "<u8", (), 8),
+        ("from_tick", "<u8", (), 16),
+        ("ticks", "<u4", (), 24),
+        ("faults", "<u4", (), 28),
+        ("most_ns", "<u4", (), 32),
+        ("mean_ns", "<u4", (), 36),
+        ("most_nm", "<f8", (32,), 40),
+        ("rms_nm", "<f8", (32,), 296),
     ],
     "LawInfo": [
         ("law_id", "<u4", (), 0),
@@ -409,6 +535,8 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("param_min", "<f8", (32,), 1376),
         ("param_max", "<f8", (32,), 1632),
         ("probe_name", "S32", (8,), 1888),
+        ("slot", "<u4", (), 2144),
+        ("code_bytes", "<u4", (), 2148),
     ],
     "Params": [
         ("law_id", "<u4", (), 0),
@@ -434,6 +562,11 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("torque_slew_nm_s", "<f8", (32,), 2400),
         ("deceleration_rad_s2", "<f8", (32,), 2656),
         ("notes", "S512", (), 2912),
+        ("tid_spine", "<u4", (), 3424),
+        ("protection_keys", "<u4", (), 3428),
+        ("arena_base", "<u8", (), 3432),
+        ("arena_slots", "<u4", (), 3440),
+        ("arena_slot_bytes", "<u4", (), 3444),
     ],
     "Histogram": [
         ("bin", "<u8", (976,), 0),
@@ -442,6 +575,12 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("sum_ns", "<u8", (), 7824),
         ("pad0", "u1", (8,), 7832),
     ],
+    "Health": [
+        ("plans_torn", "<u8", (), 0),
+        ("brain_violations", "<u8", (), 8),
+        ("control_violations", "<u8", (), 16),
+        ("stage_violations", "<u8", (), 24),
+    ],
 }
 SIZES = {
     "SegmentHeader": 88,
@@ -449,11 +588,14 @@ SIZES = {
     "Event": 136,
     "Plan": 8344,
     "Command": 408,
-    "StageRequest": 336,
-    "LawInfo": 2144,
+    "StageRequest": 392,
+    "LawFault": 64,
+    "ShadowReport": 552,
+    "LawInfo": 2152,
     "Params": 272,
-    "RobotInfo": 3424,
+    "RobotInfo": 3448,
     "Histogram": 7840,
+    "Health": 32,
 }
 
 UNITS = {
@@ -481,6 +623,15 @@ UNITS = {
     "Plan.position_rad": "rad",
     "Plan.velocity_rad_s": "rad/s",
     "Command.value": "1",
+    "StageRequest.budget_ns": "ns",
+    "StageRequest.shadow_tolerance_nm": "N m",
+    "StageRequest.probation_error_ratio": "1",
+    "LawFault.t_ns": "ns",
+    "LawFault.took_ns": "ns",
+    "ShadowReport.most_ns": "ns",
+    "ShadowReport.mean_ns": "ns",
+    "ShadowReport.most_nm": "N m",
+    "ShadowReport.rms_nm": "N m",
     "LawInfo.param_value": "1",
     "LawInfo.param_min": "1",
     "LawInfo.param_max": "1",
@@ -516,20 +667,23 @@ SEGMENTS: dict[str, dict[str, Item]] = {
         "events_loader": Item("ring", "Event", 256, 1, 7665664, 49280),
         "params": Item("channel", "Params", 0, 1, 7714944, 1664),
         "law_info": Item("channel", "LawInfo", 0, 8, 7716608, 8832),
-        "release_jitter": Item("plain", "Histogram", 0, 1, 7787264, 7936),
-        "handoff": Item("plain", "Histogram", 0, 1, 7795200, 7936),
-        "law": Item("plain", "Histogram", 0, 1, 7803136, 7936),
-        "guard": Item("plain", "Histogram", 0, 1, 7811072, 7936),
-        "tick": Item("plain", "Histogram", 0, 1, 7819008, 7936),
-        "bus": Item("plain", "Histogram", 0, 1, 7826944, 7936),
-        "control_ack": Item("ack", "Command", 16, 1, 7834880, 256),
-        "brain_ack": Item("ack", "Command", 16, 1, 7835136, 256),
-        "stage_ack": Item("ack", "StageRequest", 4, 1, 7835392, 256),
+        "law_faults": Item("ring", "LawFault", 64, 1, 7787264, 8320),
+        "shadow": Item("channel", "ShadowReport", 0, 1, 7795584, 2688),
+        "release_jitter": Item("plain", "Histogram", 0, 1, 7798272, 7936),
+        "handoff": Item("plain", "Histogram", 0, 1, 7806208, 7936),
+        "law": Item("plain", "Histogram", 0, 1, 7814144, 7936),
+        "guard": Item("plain", "Histogram", 0, 1, 7822080, 7936),
+        "tick": Item("plain", "Histogram", 0, 1, 7830016, 7936),
+        "bus": Item("plain", "Histogram", 0, 1, 7837952, 7936),
+        "control_ack": Item("ack", "Command", 16, 1, 7845888, 256),
+        "brain_ack": Item("ack", "Command", 16, 1, 7846144, 256),
+        "stage_ack": Item("ack", "StageRequest", 4, 1, 7846400, 256),
+        "health": Item("plain", "Health", 0, 1, 7846656, 128),
     },
     "control": {
         "commands": Item("mailbox", "Command", 16, 1, 128, 7296),
-        "stage": Item("mailbox", "StageRequest", 4, 1, 7424, 1664),
-        "estop": Item("word", "", 0, 1, 9088, 128),
+        "stage": Item("mailbox", "StageRequest", 4, 1, 7424, 1920),
+        "estop": Item("word", "", 0, 1, 9344, 128),
     },
     "brain": {
         "plan": Item("channel", "Plan", 0, 1, 128, 33920),
@@ -538,8 +692,8 @@ SEGMENTS: dict[str, dict[str, Item]] = {
     },
 }
 SEGMENT_BYTES = {
-    "spine": 7835648,
-    "control": 9216,
+    "spine": 7846784,
+    "control": 9472,
     "brain": 41472,
 }
 
@@ -611,6 +765,37 @@ CANONICAL_SCHEMA = (
     "StageRequest.source_hash:uint64[1]:8:8:-\n"
     "StageRequest.path:char[256]:16:256:-\n"
     "StageRequest.name:char[64]:272:64:-\n"
+    "StageRequest.slot:uint32[1]:336:4:-\n"
+    "StageRequest.code_bytes:uint32[1]:340:4:-\n"
+    "StageRequest.entry:uint64[1]:344:8:-\n"
+    "StageRequest.image_hash:uint64[1]:352:8:-\n"
+    "StageRequest.budget_ns:uint32[1]:360:4:ns\n"
+    "StageRequest.shadow_ticks:uint32[1]:364:4:-\n"
+    "StageRequest.blend_ticks:uint32[1]:368:4:-\n"
+    "StageRequest.probation_ticks:uint32[1]:372:4:-\n"
+    "StageRequest.shadow_tolerance_nm:float64[1]:376:8:N m\n"
+    "StageRequest.probation_error_ratio:float64[1]:384:8:1\n"
+    "LawFault.tick:uint64[1]:0:8:-\n"
+    "LawFault.t_ns:int64[1]:8:8:ns\n"
+    "LawFault.request_id:uint64[1]:16:8:-\n"
+    "LawFault.kind:uint32[1]:24:4:-\n"
+    "LawFault.law_id:uint32[1]:28:4:-\n"
+    "LawFault.to_law_id:uint32[1]:32:4:-\n"
+    "LawFault.took_ns:uint32[1]:36:4:ns\n"
+    "LawFault.pc:uint64[1]:40:8:-\n"
+    "LawFault.address:uint64[1]:48:8:-\n"
+    "LawFault.slot:uint32[1]:56:4:-\n"
+    "LawFault.pc_offset:uint32[1]:60:4:-\n"
+    "ShadowReport.law_id:uint32[1]:0:4:-\n"
+    "ShadowReport.joint_count:uint32[1]:4:4:-\n"
+    "ShadowReport.request_id:uint64[1]:8:8:-\n"
+    "ShadowReport.from_tick:uint64[1]:16:8:-\n"
+    "ShadowReport.ticks:uint32[1]:24:4:-\n"
+    "ShadowReport.faults:uint32[1]:28:4:-\n"
+    "ShadowReport.most_ns:uint32[1]:32:4:ns\n"
+    "ShadowReport.mean_ns:uint32[1]:36:4:ns\n"
+    "ShadowReport.most_nm:float64[32]:40:256:N m\n"
+    "ShadowReport.rms_nm:float64[32]:296:256:N m\n"
     "LawInfo.law_id:uint32[1]:0:4:-\n"
     "LawInfo.param_count:uint32[1]:4:4:-\n"
     "LawInfo.probe_count:uint32[1]:8:4:-\n"
@@ -623,6 +808,8 @@ CANONICAL_SCHEMA = (
     "LawInfo.param_min:float64[32]:1376:256:1\n"
     "LawInfo.param_max:float64[32]:1632:256:1\n"
     "LawInfo.probe_name:char[256]:1888:256:-\n"
+    "LawInfo.slot:uint32[1]:2144:4:-\n"
+    "LawInfo.code_bytes:uint32[1]:2148:4:-\n"
     "Params.law_id:uint32[1]:0:4:-\n"
     "Params.count:uint32[1]:4:4:-\n"
     "Params.tick:uint64[1]:8:8:-\n"
@@ -644,35 +831,47 @@ CANONICAL_SCHEMA = (
     "RobotInfo.torque_slew_nm_s:float64[32]:2400:256:N m/s\n"
     "RobotInfo.deceleration_rad_s2:float64[32]:2656:256:rad/s^2\n"
     "RobotInfo.notes:char[512]:2912:512:-\n"
+    "RobotInfo.tid_spine:uint32[1]:3424:4:-\n"
+    "RobotInfo.protection_keys:uint32[1]:3428:4:-\n"
+    "RobotInfo.arena_base:uint64[1]:3432:8:-\n"
+    "RobotInfo.arena_slots:uint32[1]:3440:4:-\n"
+    "RobotInfo.arena_slot_bytes:uint32[1]:3444:4:-\n"
     "Histogram.bin:uint64[976]:0:7808:-\n"
     "Histogram.count:uint64[1]:7808:8:-\n"
     "Histogram.max_ns:uint64[1]:7816:8:ns\n"
     "Histogram.sum_ns:uint64[1]:7824:8:ns\n"
     "Histogram.pad0:uint8[8]:7832:8:-\n"
+    "Health.plans_torn:uint64[1]:0:8:-\n"
+    "Health.brain_violations:uint64[1]:8:8:-\n"
+    "Health.control_violations:uint64[1]:16:8:-\n"
+    "Health.stage_violations:uint64[1]:24:8:-\n"
     "spine/robot_info:channel:RobotInfo:0x1:128\n"
     "spine/telemetry:ring:Telemetry:4096x1:14080\n"
     "spine/events_tick:ring:Event:256x1:7616384\n"
     "spine/events_loader:ring:Event:256x1:7665664\n"
     "spine/params:channel:Params:0x1:7714944\n"
     "spine/law_info:channel:LawInfo:0x8:7716608\n"
-    "spine/release_jitter:plain:Histogram:0x1:7787264\n"
-    "spine/handoff:plain:Histogram:0x1:7795200\n"
-    "spine/law:plain:Histogram:0x1:7803136\n"
-    "spine/guard:plain:Histogram:0x1:7811072\n"
-    "spine/tick:plain:Histogram:0x1:7819008\n"
-    "spine/bus:plain:Histogram:0x1:7826944\n"
-    "spine/control_ack:ack:Command:16x1:7834880\n"
-    "spine/brain_ack:ack:Command:16x1:7835136\n"
-    "spine/stage_ack:ack:StageRequest:4x1:7835392\n"
+    "spine/law_faults:ring:LawFault:64x1:7787264\n"
+    "spine/shadow:channel:ShadowReport:0x1:7795584\n"
+    "spine/release_jitter:plain:Histogram:0x1:7798272\n"
+    "spine/handoff:plain:Histogram:0x1:7806208\n"
+    "spine/law:plain:Histogram:0x1:7814144\n"
+    "spine/guard:plain:Histogram:0x1:7822080\n"
+    "spine/tick:plain:Histogram:0x1:7830016\n"
+    "spine/bus:plain:Histogram:0x1:7837952\n"
+    "spine/control_ack:ack:Command:16x1:7845888\n"
+    "spine/brain_ack:ack:Command:16x1:7846144\n"
+    "spine/stage_ack:ack:StageRequest:4x1:7846400\n"
+    "spine/health:plain:Health:0x1:7846656\n"
     "control/commands:mailbox:Command:16x1:128\n"
     "control/stage:mailbox:StageRequest:4x1:7424\n"
-    "control/estop:word:-:0x1:9088\n"
+    "control/estop:word:-:0x1:9344\n"
     "brain/plan:channel:Plan:0x1:128\n"
     "brain/commands:mailbox:Command:16x1:34048\n"
     "brain/estop:word:-:0x1:41344\n"
 )
 
-for _type in (SegmentHeader, Telemetry, Event, Plan, Command, StageRequest, LawInfo, Params, RobotInfo, Histogram):
+for _type in (SegmentHeader, Telemetry, Event, Plan, Command, StageRequest, LawFault, ShadowReport, LawInfo, Params, RobotInfo, Histogram, Health):
     assert ctypes.sizeof(_type) == SIZES[_type.__name__], _type
     for _name, _format, _shape, _offset in DTYPES[_type.__name__]:
         assert getattr(_type, _name).offset == _offset, (_type, _name)

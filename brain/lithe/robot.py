@@ -39,6 +39,10 @@ class Params:
         """Sets all of them on one tick, or none."""
         return self._robot.call("set_params", values=values)
 
+    def revert(self) -> Any:
+        """The values before the last change; a second time, that change again."""
+        return self._robot.call("revert_params")
+
     def __getitem__(self, name: str) -> float:
         params = self.get()
         if name not in params:
@@ -166,10 +170,16 @@ class Robot:
             self._writer.beat()
 
     # ---- laws
-    def swap(self, law: str | Path, name: str | None = None, params: dict[str, float] | None = None) -> dict[str, Any]:
+    def swap(
+        self, law: str | Path, name: str | None = None, params: dict[str, float] | None = None, **terms: float
+    ) -> dict[str, Any]:
         """Replaces the running law by C++ source text or a file; returns the transaction's record.
 
         Raises Refused, with the compiler's diagnostics in `detail`, and the old law runs on.
+
+        terms, where the robot's file shall not decide: blend_s (from the old torque to the new one's), probation_s
+        (automatic rollback for so long; 0 = keep it, however it tracks), error_ratio (how much worse tracking may get),
+        shadow_s (run beside the active law first) with shadow_tolerance_nm, budget_us (of a step), box_ms (of a trial).
         """
         text = str(law)
         if isinstance(law, Path) or (text.endswith(".cpp") and "\n" not in text):
@@ -178,13 +188,13 @@ class Robot:
                 text = Path(text).read_text(encoding="utf-8")
             except OSError as error:
                 raise LitheError(f"cannot read the law {text}: {error.strerror}") from None
-        args: dict[str, Any] = {"source": text, "name": name or "law.cpp", "params": params or {}}
+        args: dict[str, Any] = {"source": text, "name": name or "law.cpp", "params": params or {}, **terms}
         result: dict[str, Any] = self.call("swap", **args)
         return result
 
-    def rollback(self) -> Any:
-        """Back to the previous law."""
-        return self.call("rollback")
+    def rollback(self, steps: int = 1) -> Any:
+        """Back by 1 to 4 laws, to one that is still in the Spine, with the state it was left with."""
+        return self.call("rollback", steps=steps)
 
     # ---- verbs
     def call(self, verb: str, /, **args: Any) -> Any:

@@ -222,6 +222,13 @@ class SpineView:
         shim().lithe_copy(bins.ctypes.data, address, bins.nbytes)
         return bins
 
+    def health(self) -> dict[str, int]:
+        """How much came to the Spine broken since it started (message Health); all zero on a sound robot."""
+        layout, (_, address) = dtype("Health"), self.mapping.item("health")
+        words = np.empty(len(layout.names or ()), np.uint64)
+        shim().lithe_copy(words.ctypes.data, address, words.nbytes)
+        return dict(zip(layout.names or (), words.tolist(), strict=True))
+
     def is_alive(self, within_s: float = 1.0) -> bool:
         """True while the Spine's heartbeat is younger than that."""
         return time.monotonic_ns() - int(self.mapping.header().heartbeat_ns) < int(within_s * 1e9)

@@ -41,6 +41,9 @@ def test_the_report_names_every_phase_swap_and_shortcoming(capsys: pytest.Captur
     summary |= {"verdict": "falls short", "falls_short": ["the arm fell off"]}
     report.report(summary, Path("out"))
     said = capsys.readouterr().out
+    heads, *rows = [line.split() for line in said.splitlines() if "stages" in line or line.endswith("310.0")]
+    assert heads == ["stages", "[ms]", "queued", "compiled", "tried", "in", "all"]
+    assert rows == [[law, "0.5", "300.0", "9.5", "310.0"] for law in ("probe", "evolved")]
     for words in (*judge.PHASES, "probe        taken from the cache", "evolved      compiled in  300 ms",
                   "after 12 s, safe stop (sample_stale) in 'probing'", "FALLS SHORT: the arm fell off"):  # fmt: skip
         assert words in said

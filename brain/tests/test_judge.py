@@ -61,6 +61,7 @@ def test_the_names_that_scripts_read_are_there(summary: dict[str, Any]) -> None:
         assert set(summary[key]) == {"p50", "p99", "p999", "max"}
     for swap in summary["swaps"]:
         assert {"law", "compile_ms", "commit_tick", "lost_ticks"} <= set(swap)
+        assert sum(swap["split_ms"].values()) == pytest.approx(swap["requested_to_committed_ms"])
     assert {"cpu", "kernel", "cores", "privileges", "lost"} <= set(summary["machine"])
 
 

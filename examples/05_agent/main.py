@@ -42,7 +42,7 @@ def agent(remote: Remote) -> None:
 with lithe.connect() as robot:
     gateway = Gateway(robot, token="a secret")
     gateway.start()
-    robot.call("swap", source=DRAFT.replace("t.velocity[0]", "0.0"), name="rest.cpp")
+    robot.call("swap", source=DRAFT.replace("t.velocity[0]", "0.0"), name="rest.cpp", error_ratio=0)
     remote = Remote("127.0.0.1", gateway.port, "a secret")
     agent(remote)
     remote.close()

@@ -7,8 +7,11 @@
 // (-Wfunction-effects) and RealtimeSanitizer enforces it at run time; g++ keeps the noexcept.
 #if defined(__clang__) && __clang_major__ >= 20
 #define LITHE_RT noexcept [[clang::nonblocking]]
+// A fault leaves these by a jump: RealtimeSanitizer counts how deep a thread is in LITHE_RT, and must not count them.
+#define LITHE_LEFT_BY_A_JUMP [[clang::no_sanitize("realtime")]]
 #else
 #define LITHE_RT noexcept
+#define LITHE_LEFT_BY_A_JUMP
 #endif
 
 // Opens a scope in which the effect analysis is off. The reason is part of the source: `make check` lists them.

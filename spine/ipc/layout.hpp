@@ -20,6 +20,7 @@ struct alignas(kLine) StickyWord {
 };
 
 struct alignas(kLine) HistogramMemory : wire::Histogram {};
+struct alignas(kLine) HealthMemory : wire::Health {};
 
 using TelemetryRing = RingMemory<wire::Telemetry, wire::spine_segment::kTelemetryDepth>;
 using EventRing = RingMemory<wire::Event, wire::spine_segment::kEventsTickDepth>;
@@ -37,10 +38,13 @@ struct SpineMemory {
   EventRing events_loader;
   ChannelMemory<wire::Params> params;
   std::array<ChannelMemory<wire::LawInfo>, wire::kNlaw> law_info;
+  RingMemory<wire::LawFault, wire::spine_segment::kLawFaultsDepth> law_faults;
+  ChannelMemory<wire::ShadowReport> shadow;
   HistogramMemory release_jitter, handoff, law, guard, tick, bus;
   CommandAck control_ack;
   CommandAck brain_ack;
   StageAck stage_ack;
+  HealthMemory health;
 };
 
 struct ControlMemory {
@@ -71,6 +75,7 @@ static_assert(offsetof(SpineMemory, bus) == wire::spine_segment::kBusOffset);
 static_assert(offsetof(SpineMemory, control_ack) == wire::spine_segment::kControlAckOffset);
 static_assert(offsetof(SpineMemory, brain_ack) == wire::spine_segment::kBrainAckOffset);
 static_assert(offsetof(SpineMemory, stage_ack) == wire::spine_segment::kStageAckOffset);
+static_assert(offsetof(SpineMemory, health) == wire::spine_segment::kHealthOffset);
 static_assert(sizeof(SpineMemory) == wire::spine_segment::kBytes);
 static_assert(offsetof(ControlMemory, commands) == wire::control_segment::kCommandsOffset);
 static_assert(offsetof(ControlMemory, stage) == wire::control_segment::kStageOffset);

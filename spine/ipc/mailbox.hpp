@@ -46,6 +46,9 @@ class MailboxSender {
     return sent + 1;
   }
 
+  // The ticket of the last letter anybody has sent through this mailbox; 0 = none.
+  std::uint64_t last_ticket() const LITHE_RT { return load_word(memory_->head, std::memory_order_relaxed); }
+
   // The answer to `ticket`; 0 (pending) until it is there.
   std::uint32_t poll(std::uint64_t ticket) const LITHE_RT {
     const std::uint64_t result = load_word(ack_->results[(ticket - 1) % N], std::memory_order_acquire);

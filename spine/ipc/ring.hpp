@@ -49,10 +49,11 @@ class RingReader {
   explicit RingReader(const RingMemory<T, N>& memory)
       : memory_(&memory), next_(load_word(memory.head, std::memory_order_acquire)) {}
 
-  // Goes back to the oldest record that may still be there.
-  void rewind() LITHE_RT {
+  // Goes back to the oldest record that may still be there, or to the `count`-th newest.
+  void rewind(std::uint64_t count = N) LITHE_RT {
     const std::uint64_t head = load_word(memory_->head, std::memory_order_acquire);
-    next_ = head > N ? head - N : 0;
+    const std::uint64_t back = count < N ? count : N;
+    next_ = head > back ? head - back : 0;
   }
 
   // The next record in order; false when there is none, or when it was overwritten while being copied (then it counts

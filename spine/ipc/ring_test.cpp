@@ -78,6 +78,9 @@ TEST(Ring, NewReaderStartsAtTheEndAndMayGoBack) {
   ASSERT_TRUE(reader.next(record));
   EXPECT_EQ(record.word[0], 13u);
   EXPECT_EQ(reader.lost(), 0u);
+  reader.rewind(3);
+  ASSERT_TRUE(reader.next(record));
+  EXPECT_EQ(record.word[0], 18u);
 }
 
 TEST(Ring, LatestIsTheNewestWhateverTheCursor) {

@@ -6,22 +6,121 @@
 namespace lithe::law {
 namespace {
 
-std::uint32_t bytes_of(const LitheStateField& field) { return kind_bytes(FieldKind{field.kind}) * field.count; }
+struct Shape {
+  std::uint32_t bits;  // of values it holds exactly: a double has 53
+  bool is_signed, is_float;
+};
 
-bool same_field(const LitheStateField& a, const LitheStateField& b) {
-  return a.kind == b.kind && a.count == b.count && std::strncmp(a.name, b.name, sizeof a.name) == 0;
+Shape shape(FieldKind kind) {
+  switch (kind) {
+    case FieldKind::i8:
+      return {7, true, false};
+    case FieldKind::u8:
+      return {8, false, false};
+    case FieldKind::i16:
+      return {15, true, false};
+    case FieldKind::u16:
+      return {16, false, false};
+    case FieldKind::i32:
+      return {31, true, false};
+    case FieldKind::u32:
+      return {32, false, false};
+    case FieldKind::i64:
+      return {63, true, false};
+    case FieldKind::u64:
+      return {64, false, false};
+    case FieldKind::f32:
+      return {24, true, true};
+    case FieldKind::f64:
+      return {53, true, true};
+    case FieldKind::boolean:
+    case FieldKind::none:
+      break;
+  }
+  return {0, false, false};
+}
+
+bool carried(const LitheStateField& from, const LitheStateField& to) {
+  return from.count <= to.count && widens(FieldKind{from.kind}, FieldKind{to.kind}) &&
+         std::strncmp(from.name, to.name, sizeof from.name) == 0;
+}
+
+template <class T>
+T read(const std::byte* at) LITHE_RT {
+  T value;
+  std::memcpy(&value, at, sizeof value);
+  return value;
+}
+
+template <class To, class From>
+void write_as(const std::byte* from, std::byte* to) LITHE_RT {
+  const To value = static_cast<To>(read<From>(from));  // NOLINT(bugprone-signed-char-misuse): it widens a number
+  std::memcpy(to, &value, sizeof value);
+}
+
+template <class From>
+void convert_from(const std::byte* from, std::byte* to, FieldKind to_kind) LITHE_RT {
+  switch (to_kind) {
+    case FieldKind::i16:
+      return write_as<std::int16_t, From>(from, to);
+    case FieldKind::u16:
+      return write_as<std::uint16_t, From>(from, to);
+    case FieldKind::i32:
+      return write_as<std::int32_t, From>(from, to);
+    case FieldKind::u32:
+      return write_as<std::uint32_t, From>(from, to);
+    case FieldKind::i64:
+      return write_as<std::int64_t, From>(from, to);
+    case FieldKind::u64:
+      return write_as<std::uint64_t, From>(from, to);
+    case FieldKind::f32:
+      return write_as<float, From>(from, to);
+    case FieldKind::f64:
+      return write_as<double, From>(from, to);
+    default:  // nothing widens to the others
+      return;
+  }
+}
+
+void convert(const std::byte* from, FieldKind from_kind, std::byte* to, FieldKind to_kind) LITHE_RT {
+  switch (from_kind) {
+    case FieldKind::i8:
+      return convert_from<std::int8_t>(from, to, to_kind);
+    case FieldKind::u8:
+      return convert_from<std::uint8_t>(from, to, to_kind);
+    case FieldKind::i16:
+      return convert_from<std::int16_t>(from, to, to_kind);
+    case FieldKind::u16:
+      return convert_from<std::uint16_t>(from, to, to_kind);
+    case FieldKind::i32:
+      return convert_from<std::int32_t>(from, to, to_kind);
+    case FieldKind::u32:
+      return convert_from<std::uint32_t>(from, to, to_kind);
+    case FieldKind::f32:
+      return convert_from<float>(from, to, to_kind);
+    default:  // the widest ones are only ever copied
+      return;
+  }
 }
 
 }  // namespace
+
+bool widens(FieldKind from, FieldKind to) {
+  if (from == to) return from != FieldKind::none;
+  const Shape a = shape(from), b = shape(to);
+  if (a.bits == 0 || b.bits == 0 || (a.is_signed && !b.is_signed) || (a.is_float && !b.is_float)) return false;
+  return a.bits < b.bits || (a.bits == b.bits && a.is_signed == b.is_signed);
+}
 
 Migration plan_migration(const LitheLaw& from, const LitheLaw& to) {
   Migration plan;
   for (std::uint32_t i = 0; i < to.state_count; ++i) {
     for (std::uint32_t k = 0; k < from.state_count; ++k) {
-      if (!same_field(from.state[k], to.state[i])) continue;
-      const std::uint32_t bytes = bytes_of(to.state[i]);
-      plan.copies[plan.count++] = {from.state[k].offset, to.state[i].offset, bytes};
-      plan.bytes += bytes;
+      const LitheStateField &old = from.state[k], &now = to.state[i];
+      if (!carried(old, now)) continue;
+      plan.copies[plan.count++] = {old.offset, now.offset, old.count, static_cast<std::uint16_t>(old.kind),
+                                   static_cast<std::uint16_t>(now.kind)};
+      plan.bytes += old.count * kind_bytes(FieldKind{now.kind});
       break;
     }
   }
@@ -31,7 +130,15 @@ Migration plan_migration(const LitheLaw& from, const LitheLaw& to) {
 void apply_migration(const Migration& plan, const std::byte* from, std::byte* to) LITHE_RT {
   for (std::uint32_t i = 0; i < plan.count && i < plan.copies.size(); ++i) {
     const Copy& copy = plan.copies[i];
-    std::memcpy(to + copy.to, from + copy.from, copy.bytes);
+    const FieldKind from_kind{copy.from_kind}, to_kind{copy.to_kind};
+    const std::uint32_t from_bytes = kind_bytes(from_kind), to_bytes = kind_bytes(to_kind);
+    if (from_kind == to_kind) {
+      std::memcpy(to + copy.to, from + copy.from, std::size_t{copy.count} * from_bytes);
+      continue;
+    }
+    for (std::uint32_t k = 0; k < copy.count && k < kMaxStateBytes; ++k) {
+      convert(from + copy.from + k * from_bytes, from_kind, to + copy.to + k * to_bytes, to_kind);
+    }
   }
 }
 

@@ -69,21 +69,27 @@ void reset_resident(Resident& resident, const LitheLaw& descriptor) {
   resident.descriptor = &descriptor;
   resident.bridges = {};
   resident.params = {};
+  resident.terms = {};
+  resident.since_ns = 0;
+  resident.slot = 0;
+  resident.code_bytes = 0;
+  resident.code_address = 0;
   resident.state = {};
   for (std::uint32_t i = 0; i < descriptor.param_count; ++i) {
     const LitheParam& p = descriptor.params[i];
     resident.params[i] = Param{p.value, p.min, p.max};
+    resident.params_before[i] = p.value;
   }
   if (descriptor.state_size > 0) {
     std::memcpy(resident.state.data(), descriptor.state_defaults, descriptor.state_size);
   }
 }
 
-void build_bridge(Resident& resident, std::uint32_t which, const LitheLaw& peer, std::uint32_t peer_id) {
-  Bridge& bridge = resident.bridges[which];
-  bridge.peer_id = peer_id;
-  bridge.in = plan_migration(peer, *resident.descriptor);
-  bridge.out = plan_migration(*resident.descriptor, peer);
+void build_bridge(Resident& resident, const Resident& peer) {
+  Bridge& bridge = resident.bridges[peer.index % kResidents];
+  bridge.peer_id = peer.law_id;
+  bridge.in = plan_migration(*peer.descriptor, *resident.descriptor);
+  bridge.out = plan_migration(*resident.descriptor, *peer.descriptor);
 }
 
 }  // namespace lithe::law

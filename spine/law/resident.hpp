@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 
 #include "lithe/law.hpp"
 #include "spine/core/rt.hpp"
@@ -18,9 +19,19 @@ inline constexpr std::uint32_t kResidents = 8;
 
 // The way between this law and one law it may follow, both ways, planned before the swap.
 struct Bridge {
-  std::uint32_t peer_id = 0;  // 0 = unused
+  std::uint32_t peer_id = 0;  // 0 = none
   Migration in;               // the peer's state into this law's, at commit
   Migration out;              // this law's state into the peer's, at rollback
+};
+
+// How a law is to be brought in, in ticks of this robot; all 0 = at once and for good.
+struct Terms {
+  std::uint32_t budget_ns = 0;        // of one step; 0 = the robot's own
+  std::uint32_t shadow_ticks = 0;     // beside the active law first
+  std::uint32_t blend_ticks = 0;      // from the old output to the new one
+  std::uint32_t probation_ticks = 0;  // automatic rollback for so long
+  double shadow_tolerance_nm = 0;
+  double probation_error_ratio = 0;  // 0 = tracking is not judged
 };
 
 // Contract: RT once offered · owned by exactly one thread at a time: the Loader until Slot::offer and from
@@ -31,8 +42,14 @@ struct Resident {
   std::uint32_t law_id = 0;  // counts up from 1 for the life of the Spine
   std::uint64_t request_id = 0;
   std::uint64_t source_hash = 0;
+  std::int64_t since_ns = 0;       // its first tick, in the shadow too [CLOCK_MONOTONIC]; 0 = still to come
+  std::uint32_t slot = 0;          // arena slot of the code, counted from 1; 0 = none
+  std::uint32_t code_bytes = 0;    // of the code and constants in it
+  std::uint64_t code_address = 0;  // where the slot begins; 0 = no slot
+  Terms terms;
   std::array<Param, kMaxParams> params{};
-  std::array<Bridge, 2> bridges{};  // from the law that was active, and from the one before (a rollback may intervene)
+  std::array<double, kMaxParams> params_before{};  // the last set but one, for a revert
+  std::array<Bridge, kResidents> bridges{};        // by the peer's index: whichever of them is active at the commit
   alignas(64) std::array<std::byte, kMaxStateBytes> state{};
 
   // Clears `effort`, then runs the law once.
@@ -49,11 +66,17 @@ struct Resident {
     return true;
   }
 
-  const Bridge* bridge_from(std::uint32_t peer_id) const LITHE_RT {
-    for (const Bridge& bridge : bridges) {
-      if (peer_id != 0 && bridge.peer_id == peer_id) return &bridge;
-    }
-    return nullptr;
+  void remember_params() LITHE_RT {
+    for (std::uint32_t i = 0; i < kMaxParams; ++i) params_before[i] = params[i].value;
+  }
+  // Swaps the values of the last remember_params() with those of now.
+  void revert_params() LITHE_RT {
+    for (std::uint32_t i = 0; i < kMaxParams; ++i) std::swap(params_before[i], params[i].value);
+  }
+
+  const Bridge* bridge_from(const Resident& peer) const LITHE_RT {
+    const Bridge& bridge = bridges[peer.index % kResidents];
+    return peer.law_id != 0 && bridge.peer_id == peer.law_id ? &bridge : nullptr;
   }
 };
 
@@ -61,8 +84,8 @@ struct Resident {
 // Contract: off the tick · allocates nothing · `descriptor` must have passed check_law.
 void reset_resident(Resident& resident, const LitheLaw& descriptor);
 
-// Fills bridges[which] for the law `peer`. Contract: off the tick.
-void build_bridge(Resident& resident, std::uint32_t which, const LitheLaw& peer, std::uint32_t peer_id);
+// Plans the way from `peer` to `resident` and back. Contract: off the tick.
+void build_bridge(Resident& resident, const Resident& peer);
 
 // Why a descriptor read from an object cannot be trusted, nullptr when it can. Static text for the general case; use
 // describe_mismatch for the numbers. Contract: reads `law` only, any bytes are safe.

@@ -23,8 +23,12 @@ struct Commit {
 
 enum class Carry : std::uint8_t { named, none };
 
+// Laws that stay resident behind the active one, for a rollback.
+inline constexpr std::uint32_t kHistory = 4;
+static_assert(kHistory + 3 <= kResidents, "beside them: the active law, the candidate, one on its way out");
+
 // Hands a Resident from the Loader to the tick and back. A Resident has one owner at a time; these three edges move it:
-//   offer      pending_ CAS   release  -> try_commit exchange acquire   (the tick sees the finished Resident)
+//   offer      pending_ CAS   release  -> take exchange acquire         (the tick sees the finished Resident)
 //   withdraw   pending_ exchange acquire, on the Loader's own store     (exactly one of the two exchanges gets it)
 //   retire     retired_[i]    release  -> collect_retired exchange acquire (the Loader sees the tick's last write)
 // Contract: RT · one Loader thread, one tick thread · both sides wait-free.
@@ -35,7 +39,7 @@ class Slot {
   // Stages `candidate`. False when another one is still waiting for its tick.
   bool offer(Resident* candidate) LITHE_RT {
     Resident* none = nullptr;
-    // release: partner of the acquire in try_commit; everything written to *candidate is visible there.
+    // release: partner of the acquire in take(); everything written to *candidate is visible there.
     return pending_.compare_exchange_strong(none, candidate, std::memory_order_release, std::memory_order_relaxed);
   }
 
@@ -52,52 +56,70 @@ class Slot {
     return nullptr;
   }
 
-  // The two laws a candidate may follow, as law ids; the tick may roll back at any moment, but only between these two.
-  struct Seen {
-    std::uint32_t active_id, previous_id;
-  };
-  Seen seen() const LITHE_RT {
-    // acquire: partner of the release in publish_ids(). One word, so the pair is never torn.
-    const std::uint64_t word = ids_.load(std::memory_order_acquire);
-    return {static_cast<std::uint32_t>(word), static_cast<std::uint32_t>(word >> 32)};
-  }
+  // The law that runs, 0 = none. The tick may change it at any moment.
+  std::uint32_t active_id() const LITHE_RT { return active_id_.load(std::memory_order_acquire); }
 
   // --- Tick side ---
 
   Resident* active() LITHE_RT { return active_; }
-  Resident* previous() LITHE_RT { return previous_; }
 
-  // Makes the pending candidate active, with the named state of the law it follows. At most one per tick.
-  std::optional<Commit> try_commit() LITHE_RT {
-    if (pending_.load(std::memory_order_relaxed) == nullptr) return std::nullopt;  // a hint: keeps the line shared
+  // The n-th law before the active one, 1 = the last; nullptr when it is not resident any more.
+  Resident* before(std::uint32_t n) LITHE_RT { return n >= 1 && n <= depth_ ? history_[n - 1] : nullptr; }
+  std::uint32_t depth() const LITHE_RT { return depth_; }
+
+  // Takes the candidate from the Loader, nullptr when there is none. Next: commit() or refuse().
+  Resident* take() LITHE_RT {
+    if (pending_.load(std::memory_order_relaxed) == nullptr) return nullptr;  // a hint: keeps the line shared
     // acquire: partner of the release in offer(). Exchange, not load and store: withdraw() may run at the same time.
-    Resident* candidate = pending_.exchange(nullptr, std::memory_order_acquire);
-    if (candidate == nullptr) return std::nullopt;
-    Commit commit{candidate->law_id, active_ == nullptr ? 0 : active_->law_id, candidate->request_id, 0, 0};
-    if (const Bridge* bridge = candidate->bridge_from(commit.previous_id)) {
-      apply_migration(bridge->in, active_->state.data(), candidate->state.data());
-      commit.fields_carried = bridge->in.count;
-      commit.bytes_carried = bridge->in.bytes;
-    }
-    retire(previous_);
-    previous_ = active_;
-    active_ = candidate;
-    publish_ids();
-    return commit;
+    return pending_.exchange(nullptr, std::memory_order_acquire);
   }
 
-  // Back to the previous law. `named`: fields both laws have come from the law that leaves, the rest is as it was when
-  // it was replaced. `none`: the law that leaves is not trusted (it put out NaN, it crashed), nothing of it is kept.
-  // False when there is no previous law. Safe in the middle of a tick, between two steps.
-  bool rollback(Carry carry = Carry::named) LITHE_RT {
-    if (previous_ == nullptr) return false;
-    if (const Bridge* bridge = active_->bridge_from(previous_->law_id); bridge != nullptr && carry == Carry::named) {
-      apply_migration(bridge->out, active_->state.data(), previous_->state.data());
+  // Makes a candidate active, with the named state of the law it follows, unless it has run beside it already.
+  Commit commit(Resident& candidate, Carry carry = Carry::named) LITHE_RT {
+    Commit done{candidate.law_id, active_ == nullptr ? 0 : active_->law_id, candidate.request_id, 0, 0};
+    if (carry == Carry::named) carry_into(candidate, done);
+    if (active_ != nullptr) {
+      if (depth_ == kHistory) retire(history_[--depth_]);
+      for (std::uint32_t i = depth_; i > 0; --i) history_[i] = history_[i - 1];
+      history_[0] = active_;
+      ++depth_;
+    }
+    make_active(&candidate);
+    return done;
+  }
+
+  // The active law's state into a candidate that follows it. Without a bridge it starts from its defaults.
+  void carry_into(Resident& candidate, Commit& done) LITHE_RT {
+    const Bridge* bridge = active_ == nullptr ? nullptr : candidate.bridge_from(*active_);
+    if (bridge == nullptr) return;
+    apply_migration(bridge->in, active_->state.data(), candidate.state.data());
+    done.fields_carried = bridge->in.count;
+    done.bytes_carried = bridge->in.bytes;
+  }
+
+  // A candidate that was taken and shall not run: the Loader gets it back.
+  void refuse(Resident& candidate) LITHE_RT { retire(&candidate); }
+
+  std::optional<Commit> try_commit() LITHE_RT {
+    Resident* candidate = take();
+    if (candidate == nullptr) return std::nullopt;
+    return commit(*candidate);
+  }
+
+  // Back by `n` laws; those passed over are retired. `named`: fields both laws have come from the law that leaves, the
+  // rest is as it was when it was replaced. `none`: the law that leaves is not trusted (it put out NaN, it crashed),
+  // nothing of it is kept. False when there are not so many. Safe in the middle of a tick, between two steps.
+  bool rollback(Carry carry = Carry::named, std::uint32_t n = 1) LITHE_RT {
+    Resident* target = before(n);
+    if (target == nullptr) return false;
+    if (const Bridge* bridge = active_->bridge_from(*target); bridge != nullptr && carry == Carry::named) {
+      apply_migration(bridge->out, active_->state.data(), target->state.data());
     }
     retire(active_);
-    active_ = previous_;
-    previous_ = nullptr;
-    publish_ids();
+    for (std::uint32_t i = 0; i + 1 < n; ++i) retire(history_[i]);
+    depth_ -= n;
+    for (std::uint32_t i = 0; i < depth_; ++i) history_[i] = history_[i + n];
+    make_active(target);
     return true;
   }
 
@@ -108,16 +130,17 @@ class Slot {
     retired_[resident->index % kResidents].store(resident, std::memory_order_release);
   }
 
-  void publish_ids() LITHE_RT {
-    const std::uint64_t previous_id = previous_ == nullptr ? 0 : previous_->law_id;
-    ids_.store(previous_id << 32 | active_->law_id, std::memory_order_release);  // partner: seen()
+  void make_active(Resident* resident) LITHE_RT {
+    active_ = resident;
+    active_id_.store(resident->law_id, std::memory_order_release);  // partner: active_id()
   }
 
   alignas(64) std::atomic<Resident*> pending_{nullptr};
   alignas(64) std::array<std::atomic<Resident*>, kResidents> retired_{};
-  std::atomic<std::uint64_t> ids_{0};
-  alignas(64) Resident* active_ = nullptr;  // the tick's own
-  Resident* previous_ = nullptr;            // the tick's own
+  std::atomic<std::uint32_t> active_id_{0};
+  alignas(64) Resident* active_ = nullptr;  // the tick's own, as the two below
+  std::array<Resident*, kHistory> history_{};
+  std::uint32_t depth_ = 0;
 };
 
 }  // namespace lithe::law

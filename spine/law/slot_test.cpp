@@ -58,31 +58,78 @@ TEST(Slot, EmptySlotHasNothingToCommitAndNowhereToGoBack) {
   EXPECT_FALSE(slot.rollback());
 }
 
-TEST(Slot, CommitCarriesStateAndRetiresTheLawBeforeThePrevious) {
+TEST(Slot, CommitCarriesState) {
   Slot slot;
   Resident a = make(kCounting, 0, 1), b = make(kCounting, 1, 2), c = make(kCounting, 2, 3);
   ASSERT_TRUE(slot.offer(&a));
   EXPECT_FALSE(slot.offer(&b)) << "one candidate at a time";
   EXPECT_EQ(slot.try_commit()->previous_id, 0u);
   step(slot);
-  build_bridge(b, 0, kCounting, 1);
+  build_bridge(b, a);
   ASSERT_TRUE(slot.offer(&b));
   EXPECT_EQ(slot.try_commit()->fields_carried, 1u);
   EXPECT_EQ(state_of<Counting::State>(b).words[63], 1u);
-  EXPECT_EQ(slot.collect_retired(), nullptr) << "the previous law stays, for a rollback";
   ASSERT_TRUE(slot.offer(&c));
   EXPECT_EQ(slot.try_commit()->fields_carried, 0u) << "no bridge: the law starts from its defaults";
-  EXPECT_EQ(slot.collect_retired(), &a);
+  EXPECT_EQ(slot.active_id(), 3u);
+}
+
+TEST(Slot, TheLastLawsStayAndTheOldestIsRetired) {
+  Slot slot;
+  std::array<Resident, kHistory + 2> laws;
+  for (std::uint32_t i = 0; i < laws.size(); ++i) {
+    laws[i] = make(kCounting, i, i + 1);
+    EXPECT_EQ(slot.collect_retired(), nullptr) << "law " << i;
+    ASSERT_TRUE(slot.offer(&laws[i]));
+    slot.try_commit();
+  }
+  EXPECT_EQ(slot.collect_retired(), laws.data());
   EXPECT_EQ(slot.collect_retired(), nullptr);
-  EXPECT_EQ(slot.seen().active_id, 3u);
-  EXPECT_EQ(slot.seen().previous_id, 2u);
+  EXPECT_EQ(slot.depth(), kHistory);
+  EXPECT_EQ(slot.before(1), &laws[kHistory]);
+  EXPECT_EQ(slot.before(kHistory), &laws[1]);
+  EXPECT_EQ(slot.before(kHistory + 1), nullptr);
+  EXPECT_EQ(slot.before(0), nullptr);
+}
+
+TEST(Slot, RollbackByThreePassesOverTwoAndRetiresThem) {
+  Slot slot;
+  std::array<Resident, 4> laws;
+  for (std::uint32_t i = 0; i < laws.size(); ++i) {
+    laws[i] = make(kCounting, i, i + 1);
+    for (std::uint32_t k = 0; k < i; ++k) build_bridge(laws[i], laws[k]);
+    ASSERT_TRUE(slot.offer(&laws[i]));
+    slot.try_commit();
+    step(slot);
+  }
+  EXPECT_FALSE(slot.rollback(Carry::named, 4));
+  ASSERT_TRUE(slot.rollback(Carry::named, 3));
+  EXPECT_EQ(slot.active(), laws.data());
+  EXPECT_EQ(slot.depth(), 0u);
+  EXPECT_EQ(state_of<Counting::State>(laws[0]).words[0], 4u) << "of the law that left, not of those in between";
+  std::array<bool, 4> retired{};
+  while (Resident* gone = slot.collect_retired()) retired[gone->index] = true;
+  EXPECT_EQ(retired, (std::array<bool, 4>{false, true, true, true}));
+}
+
+TEST(Slot, ACandidateThatIsRefusedGoesBackToTheLoader) {
+  Slot slot;
+  Resident a = make(kCounting, 0, 1);
+  ASSERT_TRUE(slot.offer(&a));
+  Resident* taken = slot.take();
+  ASSERT_EQ(taken, &a);
+  EXPECT_EQ(slot.take(), nullptr);
+  EXPECT_EQ(slot.withdraw(), nullptr) << "the tick has it";
+  slot.refuse(*taken);
+  EXPECT_EQ(slot.collect_retired(), &a);
+  EXPECT_EQ(slot.active(), nullptr);
 }
 
 TEST(Slot, RollbackCarriesNamedStateBackOnlyFromATrustedLaw) {
   for (const Carry carry : {Carry::named, Carry::none}) {
     Slot slot;
     Resident a = make(kCounting, 0, 1), b = make(kCounting, 1, 2);
-    build_bridge(b, 0, kCounting, 1);
+    build_bridge(b, a);
     slot.offer(&a);
     slot.try_commit();
     step(slot);
@@ -105,8 +152,8 @@ TEST(Slot, CandidateStagedBeforeARollbackStillFindsItsBridge) {
   step(slot);
   slot.offer(&b);
   slot.try_commit();
-  build_bridge(c, 0, kStateless, 2);
-  build_bridge(c, 1, kCounting, 1);
+  build_bridge(c, b);
+  build_bridge(c, a);
   slot.offer(&c);
   ASSERT_TRUE(slot.rollback());
   EXPECT_EQ(slot.try_commit()->previous_id, 1u);
@@ -139,14 +186,14 @@ void run_loader(AnySlot& slot, std::array<Resident, kResidents>& house, std::uin
       continue;
     }
     Resident* r = free.back();
-    const auto seen = slot.seen();
     const auto index = static_cast<std::uint32_t>(r - house.data());
     reset_resident(*r, kCounting);
     r->index = index;
     r->law_id = law_id + 1;
     r->params[0].value = law_id + 1;
-    if (seen.active_id != 0) build_bridge(*r, 0, kCounting, seen.active_id);
-    if (seen.previous_id != 0) build_bridge(*r, 1, kCounting, seen.previous_id);
+    for (const Resident& peer : house) {
+      if (std::find(free.begin(), free.end(), &peer) == free.end()) build_bridge(*r, peer);
+    }
     if (!slot.offer(r)) {
       std::this_thread::yield();
       continue;
@@ -173,7 +220,7 @@ void run_tick(AnySlot& slot, const std::atomic<bool>& stop, Tally& tally) {
       active->step(Tick{}, effort, probes);
       const auto words = state_of<Counting::State>(*active).words;
       if (!std::all_of(words.begin(), words.end(), [&](std::uint64_t w) { return w == words[0]; })) ++tally.broken;
-      if (k % 7 == 0) slot.rollback();
+      if (k % 7 == 0) slot.rollback(Carry::named, 1 + static_cast<std::uint32_t>(k % 3));
     }
     // acquire: partner of the Loader's release below; a last look at the slot comes after its last offer.
     const bool last = stop.load(std::memory_order_acquire);
@@ -214,9 +261,8 @@ TEST(Slot, EveryCandidateHasOneOwnerUnderFullSpeedSwaps) {
 class TwinOfSlot {
  public:
   Resident* active() LITHE_RT { return slot_.active(); }
-  bool rollback() LITHE_RT { return slot_.rollback(); }
+  bool rollback(Carry carry, std::uint32_t n) LITHE_RT { return slot_.rollback(carry, n); }
   Resident* collect_retired() LITHE_RT { return slot_.collect_retired(); }
-  Slot::Seen seen() const LITHE_RT { return slot_.seen(); }
 
  protected:
   Slot slot_;

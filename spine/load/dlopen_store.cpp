@@ -82,7 +82,7 @@ void touch_pages(const void* inside) {
 
 const char* check_object(const char* path) {
   // O_NONBLOCK: a named pipe must not hold the Loader until somebody writes to it.
-  const Fd fd(open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  const Fd fd(::open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (fd.get() < 0) return errno == ENOENT ? "there is no such file" : "the file cannot be opened";
   struct stat status{};
   if (fstat(fd.get(), &status) != 0 || !S_ISREG(status.st_mode)) return "it is not a regular file";
@@ -103,7 +103,18 @@ DlopenStore::~DlopenStore() {
   for (std::uint32_t place = 0; place < handles_.size(); ++place) unload(place);
 }
 
-const LitheLaw* DlopenStore::load(std::uint32_t place, const char* path, std::span<char> why) {
+wire::StageResult DlopenStore::load(std::uint32_t place, const wire::StageRequest& request, const LitheLaw*& law,
+                                    std::span<char> why) {
+  const auto& path = request.path;
+  if (path[0] != '/' || std::memchr(path.data(), '\0', path.size()) == nullptr) {
+    std::snprintf(why.data(), why.size(), "the path in the request is not an absolute, zero-terminated path");
+    return wire::StageResult::hostile;
+  }
+  law = open(place, path.data(), why);
+  return law == nullptr ? wire::StageResult::load_failed : wire::StageResult::staged;
+}
+
+const LitheLaw* DlopenStore::open(std::uint32_t place, const char* path, std::span<char> why) {
   if (place >= handles_.size() || handles_[place] != nullptr) {
     std::snprintf(why.data(), why.size(), "no free place for another law");
     return nullptr;

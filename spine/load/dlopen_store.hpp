@@ -17,10 +17,13 @@ const char* check_object(const char* path);
 class DlopenStore final : public LawStore {
  public:
   ~DlopenStore() override;
-  const LitheLaw* load(std::uint32_t place, const char* path, std::span<char> why) override;
+  wire::StageResult load(std::uint32_t place, const wire::StageRequest& request, const LitheLaw*& law,
+                         std::span<char> why) override;
   void unload(std::uint32_t place) override;
 
  private:
+  const LitheLaw* open(std::uint32_t place, const char* path, std::span<char> why);
+
   std::array<void*, law::kResidents> handles_{};
 };
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the code of laws lives. dlopen is the portable back end; another one may take its place behind this interface.
+// Where the code of laws lives: in the arena, or wherever dlopen puts it.
 #pragma once
 
 #include <cstdint>
@@ -7,6 +7,7 @@
 
 #include "lithe/law.hpp"
 #include "spine/law/resident.hpp"
+#include "spine/wire/wire.hpp"
 
 namespace lithe::load {
 
@@ -18,9 +19,10 @@ class LawStore {
   LawStore& operator=(const LawStore&) = delete;
   virtual ~LawStore() = default;
 
-  // Brings the object at `path` into an empty place (0..law::kResidents-1), every symbol resolved and every page of it
-  // touched. nullptr, and one sentence in `why`, when that is not possible. The descriptor is not checked yet.
-  virtual const LitheLaw* load(std::uint32_t place, const char* path, std::span<char> why) = 0;
+  // Brings the requested code into an empty place (0..law::kResidents-1), every symbol resolved and every page of it
+  // touched. Anything but `staged` comes with one sentence in `why`. The descriptor itself is the Loader's to check.
+  virtual wire::StageResult load(std::uint32_t place, const wire::StageRequest& request, const LitheLaw*& law,
+                                 std::span<char> why) = 0;
 
   // Gives the place back. Nobody may still run its code.
   virtual void unload(std::uint32_t place) = 0;

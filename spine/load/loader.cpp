@@ -1,19 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/load/loader.hpp"
 
+#include <algorithm>
 #include <cstdio>
 #include <cstring>
 #include <ctime>
 
-#include "spine/law/dry_inputs.hpp"
+#include "spine/arena/layout.hpp"
+
+#include "spine/core/time.hpp"
 
 namespace lithe::load {
 namespace {
-
-template <std::size_t N>
-bool is_text(const std::array<char, N>& text) {
-  return text[0] != '\0' && std::memchr(text.data(), '\0', N) != nullptr;
-}
 
 template <std::size_t N>
 void copy_text(char* to, const char (&from)[N]) {
@@ -21,22 +19,31 @@ void copy_text(char* to, const char (&from)[N]) {
   to[N - 1] = '\0';
 }
 
-std::int64_t monotonic_ns() {
-  timespec now{};
-  clock_gettime(CLOCK_MONOTONIC, &now);
-  return now.tv_sec * 1'000'000'000ll + now.tv_nsec;
+// Of a shadow, a blend or a probation: ten minutes at 1 kHz.
+constexpr std::uint32_t kMostTicks = 600'000;
+
+// NaN and negative numbers ask for nothing. A budget is held to the period by the tick.
+law::Terms terms_of(const wire::StageRequest& request) {
+  const auto positive = [](double value) { return value > 0 && std::isfinite(value) ? value : 0.0; };
+  return {request.budget_ns,
+          std::min(request.shadow_ticks, kMostTicks),
+          std::min(request.blend_ticks, kMostTicks),
+          std::min(request.probation_ticks, kMostTicks),
+          positive(request.shadow_tolerance_nm),
+          positive(request.probation_error_ratio)};
 }
 
 }  // namespace
 
 Loader::Loader(law::Slot& slot, LawStore& store, ipc::SpineMemory& spine, const ipc::ControlMemory& control,
-               std::uint32_t joints)
+               Rehearsal& rehearsal, LawStore* arena)
     : slot_(slot),
       store_(store),
+      arena_(arena),
       spine_(spine),
       requests_(control.stage, spine.stage_ack),
       events_(spine.events_loader),
-      joints_(joints) {
+      rehearsal_(rehearsal) {
   for (std::uint32_t i = 0; i < residents_.size(); ++i) residents_[i].index = i;
 }
 
@@ -51,12 +58,16 @@ bool Loader::poll(std::int64_t now_ns) {
   if (retire_one(now_ns)) return true;
   if (candidate_waits(now_ns)) return false;  // the next request waits in the mailbox
   std::uint64_t ticket = 0;
-  if (!requests_.receive(request_, ticket)) return false;
+  if (!requests_.receive(request_, ticket)) {
+    std::uint64_t& told = spine_.health.stage_violations;
+    if (told != requests_.violations()) ipc::store_word(told, requests_.violations(), std::memory_order_relaxed);
+    return false;
+  }
   requests_.answer(ticket, static_cast<std::uint32_t>(stage(request_, now_ns)));
   return true;
 }
 
-// One at a time: each costs a dlclose.
+// One at a time: with dlopen each costs a dlclose.
 bool Loader::retire_one(std::int64_t now_ns) {
   law::Resident* gone = slot_.collect_retired();
   if (gone == nullptr) return false;
@@ -70,7 +81,7 @@ bool Loader::retire_one(std::int64_t now_ns) {
 // tick. One that gets none is taken back.
 bool Loader::candidate_waits(std::int64_t now_ns) {
   if (waiting_ == nullptr) return false;
-  if (slot_.seen().active_id == waiting_->law_id) {
+  if (slot_.active_id() == waiting_->law_id) {
     waiting_ = nullptr;
     return false;
   }
@@ -100,9 +111,10 @@ wire::StageResult Loader::stage(const wire::StageRequest& request, std::int64_t 
     tell(wire::EventKind::law_refused, request.request_id, static_cast<std::uint32_t>(result), 0, why.data(), now_ns);
     return result;
   }
-  const double load_ms = static_cast<double>(monotonic_ns() - now_ns) * 1e-6;
+  const std::int64_t staged_ns = monotonic_ns();
+  const double load_ms = static_cast<double>(staged_ns - now_ns) * 1e-6;
   publish_info(*place);
-  tell(wire::EventKind::law_staged, request.request_id, place->law_id, load_ms, place->descriptor->name, now_ns);
+  tell(wire::EventKind::law_staged, request.request_id, place->law_id, load_ms, place->descriptor->name, staged_ns);
   waiting_ = place;
   offered_ns_ = now_ns;
   slot_.offer(place);  // cannot fail: nothing else waits
@@ -117,21 +129,28 @@ law::Resident* Loader::free_place() {
 }
 
 wire::StageResult Loader::prepare(law::Resident& place, const wire::StageRequest& request, Text& why) {
-  if (!is_text(request.path) || request.path[0] != '/') {
-    std::snprintf(why.data(), why.size(), "the path in the request is not an absolute, zero-terminated path");
-    return wire::StageResult::hostile;
+  if (request.slot != 0 && arena_ == nullptr) {
+    std::snprintf(why.data(), why.size(), "this Spine has no code arena: it loads laws with dlopen");
+    return wire::StageResult::load_failed;
   }
-  const LitheLaw* law = store_.load(place.index, request.path.data(), why);
-  if (law == nullptr) return wire::StageResult::load_failed;
+  const LitheLaw* law = nullptr;
+  LawStore& store = request.slot != 0 ? *arena_ : store_;
+  const wire::StageResult loaded = store.load(place.index, request, law, why);
+  if (loaded != wire::StageResult::staged) return loaded;
+  place.slot = request.slot;
   if (*law::describe_mismatch(*law, why.data(), why.size()) != '\0') {
-    store_.unload(place.index);
+    unload(place);
     return wire::StageResult::abi_mismatch;
   }
   law::reset_resident(place, *law);
+  place.slot = request.slot;
+  place.code_bytes = request.slot != 0 ? request.code_bytes : 0;
+  place.code_address = request.slot != 0 ? arena::slot_address(request.slot) : 0;
   place.request_id = request.request_id;
   place.source_hash = request.source_hash;
-  if (!dry_call(place, why)) {
-    store_.unload(place.index);
+  place.terms = terms_of(request);
+  if (!rehearsal_.prepare(place, monotonic_ns(), why)) {
+    unload(place);
     return wire::StageResult::dry_run_failed;
   }
   place.law_id = next_id_++;
@@ -140,37 +159,17 @@ wire::StageResult Loader::prepare(law::Resident& place, const wire::StageRequest
   return wire::StageResult::staged;
 }
 
-// The first calls of new code, on copies, so that the tick's own first call finds its pages and lines warm.
-bool Loader::dry_call(const law::Resident& candidate, Text& why) {
-  scratch_ = candidate;
-  Tick tick;
-  Effort effort;
-  std::array<double, kMaxProbes> probes{};
-  for (std::uint64_t k = 0; k < 2 * law::kDryStepsAtRest; ++k) {
-    law::dry_input(tick, k, joints_);
-    scratch_.step(tick, effort, probes);
-    char bad[64];
-    if (law::outputs_are_finite(effort, probes, *candidate.descriptor, joints_, bad, sizeof bad)) continue;
-    std::snprintf(why.data(), why.size(), "%s is not finite in dry step %u", bad, static_cast<unsigned>(k));
-    return false;
+// From every law in memory: whichever of them is active when the candidate's tick comes (a rollback may intervene).
+void Loader::build_bridges(law::Resident& candidate) {
+  for (const law::Resident& peer : residents_) {
+    if (used_[peer.index] && &peer != &candidate) law::build_bridge(candidate, peer);
   }
-  return true;
 }
 
-// From the law that is active and from the one a rollback would bring back: the tick may choose between them at any
-// moment, and no third one can become active before this candidate.
-void Loader::build_bridges(law::Resident& candidate) {
-  const law::Slot::Seen seen = slot_.seen();
-  std::uint32_t which = 0;
-  for (const law::Resident& peer : residents_) {
-    const bool may_precede = peer.law_id == seen.active_id || peer.law_id == seen.previous_id;
-    if (!used_[peer.index] || &peer == &candidate || !may_precede || which >= candidate.bridges.size()) continue;
-    law::build_bridge(candidate, which++, *peer.descriptor, peer.law_id);
-  }
-}
+void Loader::unload(const law::Resident& place) { (place.slot != 0 ? *arena_ : store_).unload(place.index); }
 
 void Loader::release(law::Resident& place) {
-  store_.unload(place.index);
+  unload(place);
   used_[place.index] = false;
   place.law_id = 0;
   place.descriptor = nullptr;
@@ -187,6 +186,8 @@ void Loader::publish_info(const law::Resident& place) {
     info_.state_bytes = law.state_size;
     info_.source_hash = place.source_hash;
     info_.request_id = place.request_id;
+    info_.slot = place.slot;
+    info_.code_bytes = place.code_bytes;
     copy_text(info_.name.data(), law.name);
     for (std::uint32_t i = 0; i < law.param_count; ++i) {
       copy_text(info_.param_name.data() + 32 * i, law.params[i].name);

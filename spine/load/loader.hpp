@@ -9,6 +9,7 @@
 #include "spine/ipc/layout.hpp"
 #include "spine/law/slot.hpp"
 #include "spine/load/law_store.hpp"
+#include "spine/load/rehearsal.hpp"
 
 namespace lithe::load {
 
@@ -20,9 +21,9 @@ inline constexpr std::int64_t kCommitTimeoutNs = 2'000'000'000;
 // Contract: owned by one housekeeping thread · allocates nothing beyond dlopen · logs through shared memory only
 class Loader {
  public:
-  // `joints`: of the robot, for the dry call.
+  // `arena`: for requests that name a slot, nullptr = there is none; `store`: for all others.
   Loader(law::Slot& slot, LawStore& store, ipc::SpineMemory& spine, const ipc::ControlMemory& control,
-         std::uint32_t joints);
+         Rehearsal& rehearsal, LawStore* arena = nullptr);
 
   // Body of the Loader thread: polls every millisecond until `stop`.
   void run(const std::atomic<bool>& stop);
@@ -42,8 +43,8 @@ class Loader {
   bool candidate_waits(std::int64_t now_ns);
   law::Resident* free_place();
   wire::StageResult prepare(law::Resident& place, const wire::StageRequest& request, Text& why);
-  bool dry_call(const law::Resident& candidate, Text& why);
   void build_bridges(law::Resident& candidate);
+  void unload(const law::Resident& place);
   void release(law::Resident& place);
   void publish_info(const law::Resident& place);
   void tell(wire::EventKind kind, std::uint64_t request_id, std::uint32_t code, double value, const char* text,
@@ -51,16 +52,16 @@ class Loader {
 
   law::Slot& slot_;
   LawStore& store_;
+  LawStore* arena_;
   ipc::SpineMemory& spine_;
   Receiver requests_;
   EventWriter events_;
-  std::uint32_t joints_;
+  Rehearsal& rehearsal_;
   std::uint32_t next_id_ = 1;
   law::Resident* waiting_ = nullptr;  // offered, not yet seen active
   std::int64_t offered_ns_ = 0;
   std::array<bool, law::kResidents> used_{};
   std::array<law::Resident, law::kResidents> residents_{};
-  law::Resident scratch_{};  // the dry call's copy
   wire::StageRequest request_{};
   wire::LawInfo info_{};
 };

@@ -86,7 +86,9 @@ class LoaderTest : public ::testing::Test {
   ipc::RingReader<wire::Event, wire::spine_segment::kEventsLoaderDepth> events_{spine_->events_loader};
   law::Slot slot_;
   DlopenStore store_;
-  Loader loader_{slot_, store_, *spine_, *control_, 1};
+  std::unique_ptr<law::Sandbox> sandbox_ = std::make_unique<law::Sandbox>();
+  Rehearsal rehearsal_{*spine_, 1, 1e-3, *sandbox_};
+  Loader loader_{slot_, store_, *spine_, *control_, rehearsal_};
   std::array<double, kMaxProbes> probes_{};
 };
 
@@ -122,6 +124,14 @@ TEST_F(LoaderTest, SameObjectAgainIsANewLawWithTheOldState) {
   EXPECT_EQ(probes_[0], 3);
 }
 
+TEST_F(LoaderTest, AnImpossibleHeadOfItsMailboxIsCountedWhereAUserCanSeeIt) {
+  EXPECT_FALSE(loader_.poll(now_ns_));
+  EXPECT_EQ(spine_->health.stage_violations, 0U);
+  control_->stage.head += 100;
+  EXPECT_FALSE(loader_.poll(now_ns_));
+  EXPECT_EQ(spine_->health.stage_violations, 1U);
+}
+
 TEST_F(LoaderTest, ThousandSwapsNeverRunOutOfPlaces) {
   for (std::uint32_t swap = 1; swap <= 1000; ++swap) {
     ASSERT_EQ(stage(OBJECT_counter), StageResult::staged) << swap;
@@ -133,7 +143,7 @@ TEST_F(LoaderTest, ThousandSwapsNeverRunOutOfPlaces) {
 }
 
 TEST_F(LoaderTest, RetiredLawIsToldAndItsInfoCleared) {
-  for (int i = 0; i < 3; ++i) {
+  for (std::uint32_t i = 0; i < law::kHistory + 2; ++i) {
     stage(OBJECT_counter);
     commit();
   }
@@ -145,7 +155,7 @@ TEST_F(LoaderTest, RetiredLawIsToldAndItsInfoCleared) {
   EXPECT_EQ(retired, std::vector<std::uint32_t>{1});
   std::uint32_t resident = 0;
   for (std::uint32_t i = 0; i < law::kResidents; ++i) resident += info(i).law_id != 0;
-  EXPECT_EQ(resident, 2u) << "active and previous";
+  EXPECT_EQ(resident, law::kHistory + 1) << "active and those a rollback may bring back";
 }
 
 TEST_F(LoaderTest, SecondRequestWaitsForTheTickOfTheFirst) {

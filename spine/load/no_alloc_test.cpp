@@ -23,16 +23,19 @@ struct Wave {
     s.phase_rad += 0.1;
     u.torque_nm[0] = p.gain_nm * std::sin(s.phase_rad);
   }
+  static void init(const History& past, const Params&, State& s) { s.phase_rad = past.count * past.dt_s; }
 };
 constexpr LitheLaw kWave = describe<Wave>("wave");
 
 // A store whose only law is part of this program.
 class BuiltInStore final : public LawStore {
  public:
-  const LitheLaw* load(std::uint32_t, const char* path, std::span<char> why) override {
-    if (std::strcmp(path, "/wave") == 0) return &kWave;
-    std::snprintf(why.data(), why.size(), "there is no %s", path);
-    return nullptr;
+  wire::StageResult load(std::uint32_t, const wire::StageRequest& request, const LitheLaw*& law,
+                         std::span<char> why) override {
+    law = &kWave;
+    if (std::strcmp(request.path.data(), "/wave") == 0) return wire::StageResult::staged;
+    std::snprintf(why.data(), why.size(), "there is no %s", request.path.data());
+    return wire::StageResult::load_failed;
   }
   void unload(std::uint32_t) override {}
 };
@@ -43,7 +46,9 @@ TEST(LoaderNoAlloc, StagingRefusingAndRetiringNeverAllocate) {
   ipc::MailboxSender<wire::StageRequest, wire::control_segment::kStageDepth> sender(control->stage, spine->stage_ack);
   law::Slot slot;
   BuiltInStore store;
-  const auto loader = std::make_unique<Loader>(slot, store, *spine, *control, 1);
+  const auto sandbox = std::make_unique<law::Sandbox>();
+  Rehearsal rehearsal(*spine, 1, 1e-3, *sandbox);
+  const auto loader = std::make_unique<Loader>(slot, store, *spine, *control, rehearsal);
   std::uint64_t calls = 0;
   std::uint32_t commits = 0;
   for (std::uint64_t i = 0; i < 100; ++i) {

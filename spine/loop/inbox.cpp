@@ -8,7 +8,8 @@ Inbox::Inbox(ipc::SpineMemory& spine, const ipc::ControlMemory& control, const i
       brain_memory_(&brain),
       control_(control.commands, spine.control_ack),
       brain_(brain.commands, spine.brain_ack),
-      plan_reader_(brain.plan) {}
+      plan_reader_(brain.plan),
+      health_(&spine.health) {}
 
 std::optional<Letter> Inbox::next_command() LITHE_RT {
   Letter letter;
@@ -21,6 +22,23 @@ std::optional<Letter> Inbox::next_command() LITHE_RT {
     return letter;
   }
   return std::nullopt;
+}
+
+bool Inbox::new_plan() LITHE_RT {
+  const bool is_new = plan_reader_.read(plan_);
+  tell();
+  return is_new;
+}
+
+void Inbox::tell() LITHE_RT {
+  const auto tell_one = [](std::uint64_t count, std::uint64_t& told, std::uint64_t& shared) LITHE_RT {
+    if (count == told) return;
+    told = count;
+    ipc::store_word(shared, count, std::memory_order_relaxed);
+  };
+  tell_one(plan_reader_.failures(), told_.plans_torn, health_->plans_torn);
+  tell_one(brain_.violations(), told_.brain_violations, health_->brain_violations);
+  tell_one(control_.violations(), told_.control_violations, health_->control_violations);
 }
 
 void Inbox::answer(const Letter& letter, wire::CommandResult result) LITHE_RT {

@@ -33,19 +33,24 @@ class Inbox {
   bool estop_pressed() const LITHE_RT;
 
   // True if a new plan has come; plan() holds it.
-  bool new_plan() LITHE_RT { return plan_reader_.read(plan_); }
+  bool new_plan() LITHE_RT;
   const wire::Plan& plan() const LITHE_RT { return plan_; }
 
   // Age of the Brain's last sign of life [ns]; -1 before its first. A sign from the future counts as none at all.
   std::int64_t brain_age_ns(std::int64_t now_ns) const LITHE_RT;
 
  private:
+  // What came broken is counted where everybody can see it.
+  void tell() LITHE_RT;
+
   using Receiver = ipc::MailboxReceiver<wire::Command, wire::control_segment::kCommandsDepth>;
   const ipc::ControlMemory* control_memory_;
   const ipc::BrainMemory* brain_memory_;
   Receiver control_;
   Receiver brain_;
   ipc::ChannelReader<wire::Plan> plan_reader_;
+  wire::Health told_{};
+  ipc::HealthMemory* health_;
   wire::Command command_{};
   wire::Plan plan_{};
 };

@@ -19,6 +19,8 @@ Publisher::Publisher(ipc::SpineMemory& memory, std::uint32_t joints)
       telemetry_(memory.telemetry),
       events_(memory.events_tick),
       params_(memory.params),
+      law_faults_(memory.law_faults),
+      shadow_(memory.shadow),
       release_jitter_(memory.release_jitter),
       handoff_(memory.handoff),
       law_(memory.law),

@@ -42,6 +42,8 @@ class Publisher {
              std::string_view text) LITHE_RT;
 
   void params(const law::Resident& law) LITHE_RT;
+  void law_fault(const wire::LawFault& fault) LITHE_RT { law_faults_.push(fault); }
+  void shadow(const wire::ShadowReport& report) LITHE_RT { shadow_.write(report); }
 
   void beat(std::int64_t now_ns) LITHE_RT;
 
@@ -51,6 +53,8 @@ class Publisher {
   ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth> telemetry_;
   ipc::RingWriter<wire::Event, wire::spine_segment::kEventsTickDepth> events_;
   ipc::ChannelWriter<wire::Params> params_;
+  ipc::RingWriter<wire::LawFault, wire::spine_segment::kLawFaultsDepth> law_faults_;
+  ipc::ChannelWriter<wire::ShadowReport> shadow_;
   Histogram release_jitter_, handoff_, law_, guard_, tick_, bus_;
   wire::WordRanges used_;  // of a telemetry record, for this many joints
   wire::Telemetry record_{};

@@ -2,7 +2,10 @@
 // Around the tick: the run from the first release to the last, and what the Spine does with what it hears.
 #include "spine/loop/spine.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <utility>
 
 #include "spine/loop/transport.hpp"
 
@@ -41,6 +44,8 @@ constexpr EventKind event_of(CommandKind kind) LITHE_RT {
 Spine::Spine(const Wiring& wiring)
     : robot_(wiring.robot),
       slot_(wiring.slot),
+      sandbox_(wiring.sandbox),
+      cell_(wiring.cell),
       handover_(wiring.handover),
       inline_actuators_(wiring.inline_actuators),
       clock_(wiring.clock),
@@ -49,14 +54,21 @@ Spine::Spine(const Wiring& wiring)
       out_(wiring.spine, static_cast<std::uint32_t>(wiring.robot.joints.size())),
       joints_(static_cast<std::uint32_t>(wiring.robot.joints.size())),
       period_ns_(grid_.period_ns()),
+      budget_ns_(std::llround(static_cast<double>(grid_.period_ns()) * wiring.robot.swap.budget_share)),
       sample_(&wiring.handover.latest_sample()) {
   plan_.configure(robot_);
   guard_.configure(robot_);
+  probation_.configure(robot_.rate_hz);
   in_.joints = joints_;
   in_.dt_s = static_cast<double>(period_ns_) * 1e-9;
   hal::ActuatorCommand& first = handover_.next_command();
   first.joints = joints_;
   first.action = hal::DriveAction::off;
+  if (cell_ == nullptr) return;
+  for (const auto& [block, bytes] : {std::pair<void*, std::size_t>{&guard_, sizeof guard_}, {&mode_, sizeof mode_}}) {
+    if (const Result<> guarded = cell_->guard(block, bytes); !guarded)
+      std::fprintf(stderr, "lithe-spine: a law can reach the guard's limits: %s\n", guarded.message().c_str());
+  }
 }
 
 void Spine::run(const std::atomic<bool>& stop) noexcept {
@@ -115,7 +127,9 @@ CommandResult Spine::execute(const wire::Command& command, std::int64_t now_ns) 
     case CommandKind::set_params:
       return set_params(command, now_ns);
     case CommandKind::rollback:
-      return roll_back(command.request_id, now_ns);
+      return roll_back(command, now_ns);
+    case CommandKind::revert_params:
+      return revert_params(command, now_ns);
     default:
       return change_mode(kind, command.request_id, now_ns);
   }
@@ -147,17 +161,35 @@ CommandResult Spine::set_params(const wire::Command& command, std::int64_t now_n
     const Param& param = law->params[index];
     if (!(param.min <= command.value[i] && command.value[i] <= param.max)) return CommandResult::refused_range;
   }
+  law->remember_params();
   for (std::uint32_t i = 0; i < command.count; ++i) law->set_param(command.index[i], command.value[i]);
   out_.params(*law);
   out_.event(EventKind::params_applied, now_ns, law->law_id, command.request_id, command.count, "");
   return CommandResult::done;
 }
 
-CommandResult Spine::roll_back(std::uint64_t request_id, std::int64_t now_ns) LITHE_RT {
-  if (!slot_.rollback()) return CommandResult::refused_law;
+// The set before the last change; a second time, that change again.
+CommandResult Spine::revert_params(const wire::Command& command, std::int64_t now_ns) LITHE_RT {
+  law::Resident* law = slot_.active();
+  if (law == nullptr || (command.law_id != 0 && command.law_id != law->law_id)) return CommandResult::refused_law;
+  law->revert_params();
+  out_.params(*law);
+  out_.event(EventKind::params_applied, now_ns, law->law_id, command.request_id, law->descriptor->param_count,
+             "as before the last change");
+  return CommandResult::done;
+}
+
+// `count` laws back; 0 is 1.
+CommandResult Spine::roll_back(const wire::Command& command, std::int64_t now_ns) LITHE_RT {
+  const std::uint32_t steps = std::max(1u, command.count);
+  if (slot_.before(steps) == nullptr) return CommandResult::refused_law;
+  const std::uint32_t blend_ticks = slot_.active()->terms.blend_ticks;
+  slot_.rollback(law::Carry::named, steps);
   flags_ |= flag::kRolledBack;
-  greet_law();
-  out_.event(EventKind::law_rolled_back, now_ns, slot_.active()->law_id, request_id, 0, "the previous law runs again");
+  probation_.end();
+  greet_law(blend_ticks);
+  out_.event(EventKind::law_rolled_back, now_ns, slot_.active()->law_id, command.request_id, steps,
+             "an earlier law runs again");
   out_.params(*slot_.active());
   return CommandResult::done;
 }

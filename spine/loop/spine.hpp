@@ -1,23 +1,30 @@
 // SPDX-License-Identifier: Apache-2.0
-// The Spine: everything one tick needs, held in one place. The tick itself is in tick.cpp.
+// The Spine: everything one tick needs, held in one place. The tick itself is in tick.cpp, its dealings with laws are
+// in laws.cpp, what it does with commands and plans in spine.cpp.
 #pragma once
 
 #include <array>
 #include <atomic>
 #include <cstdint>
+#include <string_view>
 
 #include "lithe/law.hpp"
+#include "spine/contain/cell.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/guard/guard.hpp"
 #include "spine/hal/actuators.hpp"
 #include "spine/ipc/layout.hpp"
+#include "spine/law/sandbox.hpp"
 #include "spine/law/slot.hpp"
+#include "spine/loop/bumpless.hpp"
 #include "spine/loop/clock.hpp"
 #include "spine/loop/handover.hpp"
 #include "spine/loop/inbox.hpp"
 #include "spine/loop/mode.hpp"
+#include "spine/loop/probation.hpp"
 #include "spine/loop/publish.hpp"
 #include "spine/loop/release.hpp"
+#include "spine/loop/shadow.hpp"
 #include "spine/plan/interpolator.hpp"
 #include "spine/robot/config.hpp"
 
@@ -30,6 +37,8 @@ struct Wiring {
   const ipc::ControlMemory& control;
   const ipc::BrainMemory& brain;
   law::Slot& slot;
+  law::Sandbox& sandbox;  // all that a law may write
+  contain::Cell* cell;    // of the tick thread; null: a law that crashes takes the process with it
   Handover& handover;
   const ClockMemory& clock;
   hal::Actuators* inline_actuators;  // set when the tick thread serves the buses itself, else null
@@ -58,22 +67,38 @@ class Spine {
   wire::CommandResult execute(const wire::Command& command, std::int64_t now_ns) LITHE_RT;
   wire::CommandResult change_mode(wire::CommandKind kind, std::uint64_t request_id, std::int64_t now_ns) LITHE_RT;
   wire::CommandResult set_params(const wire::Command& command, std::int64_t now_ns) LITHE_RT;
-  wire::CommandResult roll_back(std::uint64_t request_id, std::int64_t now_ns) LITHE_RT;
+  wire::CommandResult revert_params(const wire::Command& command, std::int64_t now_ns) LITHE_RT;
+  wire::CommandResult roll_back(const wire::Command& command, std::int64_t now_ns) LITHE_RT;
   void watch_brain(std::int64_t now_ns) LITHE_RT;
   void take_plan(std::int64_t now_ns) LITHE_RT;
   void look(std::int64_t now_ns) LITHE_RT;
-  void step_law() LITHE_RT;
   guard::Verdict check() LITHE_RT;
   void react(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_RT;
   void compose() LITHE_RT;
   void publish(const guard::Verdict& verdict, std::int64_t release_ns) LITHE_RT;
+  void step_law(std::int64_t now_ns) LITHE_RT;
+  contain::Trouble run_law(law::Resident& law, Effort& effort) LITHE_RT;
+  bool fall_back(const contain::Trouble& first, std::int64_t now_ns) LITHE_RT;
+  void replace_law(wire::LawFaultKind why, std::int64_t now_ns) LITHE_RT;
+  bool resume_previous() LITHE_RT;
+  void tell_rollback(wire::LawFaultKind why, std::int64_t now_ns) LITHE_RT;
+  void stop_for_law(wire::LawFaultKind kind, std::int64_t now_ns) LITHE_RT;
+  wire::LawFault fault_of(const contain::Trouble& trouble, std::int64_t now_ns) const LITHE_RT;
+  void report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t took_ns) LITHE_RT;
+  void judge_law(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_RT;
   void swap(std::int64_t now_ns) LITHE_RT;
-  void greet_law() LITHE_RT;
+  void commit(law::Resident& candidate, law::Carry carry, std::int64_t now_ns) LITHE_RT;
+  void start_shadow(law::Resident& candidate, std::int64_t now_ns) LITHE_RT;
+  void step_shadow(std::int64_t now_ns) LITHE_RT;
+  void end_shadow(bool promoted, std::string_view why, std::int64_t now_ns) LITHE_RT;
+  void greet_law(std::uint32_t blend_ticks) LITHE_RT;
   void count_release(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped) LITHE_RT;
   void stop_drives() noexcept;
 
   const robot::RobotConfig& robot_;
   law::Slot& slot_;
+  law::Sandbox& sandbox_;
+  contain::Cell* cell_;
   Handover& handover_;
   hal::Actuators* inline_actuators_;
   SteeredClock clock_;
@@ -83,23 +108,27 @@ class Spine {
   plan::Interpolator plan_;
   guard::Guard guard_;
   ModeMachine mode_;
+  Bumpless bumpless_;
+  Probation probation_;
+  Shadow shadow_;
 
   std::uint32_t joints_;
   std::int64_t period_ns_;
+  std::int64_t budget_ns_;  // of a law that brings none of its own
   std::uint64_t tick_ = 0;
   const hal::ActuatorState* sample_;  // x_k: the newest sample, fresh or not
   bool fresh_ = false;                // it came for this tick
   std::uint32_t stale_ticks_ = 0;     // ticks in a row without a fresh one
   bool estop_pressed_ = false;
   bool brain_stale_ = true;
-  std::int64_t law_since_ns_ = 0;  // the running law's first tick
-  bool law_is_new_ = true;         // which is still to come
-  std::uint32_t flags_ = 0;        // of this tick's record
-  bool overran_ = false;           // the previous tick ended after its deadline
+  std::int64_t law_from_ns_ = 0;  // when the last law began to step
+  std::uint32_t flags_ = 0;       // of this tick's record
+  bool overran_ = false;          // the previous tick ended after its deadline
   Durations durations_;
   std::int64_t last_from_ns_ = 0, served_ns_ = 0;  // inline Transport: when the last tick began, and got to the bus
   Tick in_;
-  Effort effort_;
+  Effort effort_;         // what the law wants
+  Effort shadow_effort_;  // what a candidate beside it would want
   std::array<double, kMaxProbes> probes_{};
   plan::Setpoint setpoint_;
   guard::Output output_;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tick. It reads like the timing figure: hand over, listen, step, guard, publish, swap.
+// The tick. It reads like the timing figure: hand over, listen, step, guard, swap, publish. What it does with laws is
+// in laws.cpp.
 #include <algorithm>
 #include <limits>
 
@@ -23,7 +24,7 @@ void Spine::tick(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t sk
   look(woke_ns);    // what the law will see
 
   const std::int64_t law_from_ns = clock_.now_ns();
-  step_law();
+  step_law(woke_ns);
   const std::int64_t guard_from_ns = clock_.now_ns();
   const guard::Verdict verdict = check();
   const std::int64_t guard_to_ns = clock_.now_ns();
@@ -34,6 +35,7 @@ void Spine::tick(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t sk
   last_from_ns_ = from_ns;
   durations_.law_ns = guard_from_ns - law_from_ns;
   durations_.guard_ns = guard_to_ns - guard_from_ns;
+  judge_law(verdict, woke_ns);
   swap(woke_ns);  // at the end of the tick: the next one runs the new law
   publish(verdict, release_ns);
 
@@ -78,9 +80,6 @@ void Spine::look(std::int64_t now_ns) LITHE_RT {
   plan_.sample(now_ns, setpoint_);
   in_.tick = tick_;
   in_.t_ns = now_ns;
-  if (law_is_new_) law_since_ns_ = now_ns;
-  law_is_new_ = false;
-  in_.t_s = static_cast<double>(now_ns - law_since_ns_) * 1e-9;
   in_.flags = (fresh_ ? 0 : kSampleStale) | (brain_stale_ ? kBrainStale : 0);
   in_.sample_age_s = static_cast<double>(now_ns - sample_->sample_ns) * 1e-9;
   const std::int64_t brain_age_ns = out_.record().brain_age_ns;
@@ -94,16 +93,6 @@ void Spine::look(std::int64_t now_ns) LITHE_RT {
     in_.setpoint_velocity_rad_s[j] = setpoint_.velocity_rad_s[j];
     in_.setpoint_acceleration_rad_s2[j] = setpoint_.acceleration_rad_s2[j];
   }
-}
-
-void Spine::step_law() LITHE_RT {
-  law::Resident* law = slot_.active();
-  if (law == nullptr || !mode_.law_runs()) {
-    effort_.clear(joints_);
-    probes_.fill(0.0);
-    return;
-  }
-  law->step(in_, effort_, probes_);
 }
 
 guard::Verdict Spine::check() LITHE_RT {
@@ -136,25 +125,6 @@ void Spine::compose() LITHE_RT {
     command.kd_nm_s_rad[j] = output_.kd_nm_s_rad[j];
     command.max_torque_nm[j] = output_.max_torque_nm[j];
   }
-}
-
-// One atomic exchange: the law that the Loader staged runs from the next tick on.
-void Spine::swap(std::int64_t now_ns) LITHE_RT {
-  const std::uint32_t ran = slot_.active() == nullptr ? 0 : slot_.active()->law_id;
-  out_.record().law_id = ran;
-  const std::optional<law::Commit> commit = slot_.try_commit();
-  if (!commit) return;
-  greet_law();
-  flags_ |= flag::kSwapCommitted;
-  out_.event(EventKind::law_committed, now_ns, commit->law_id, commit->request_id,
-             static_cast<double>(commit->fields_carried), "runs from the next tick");
-  out_.params(*slot_.active());
-}
-
-// Its time begins with its first tick, and its probes are its own.
-void Spine::greet_law() LITHE_RT {
-  law_is_new_ = true;
-  probes_.fill(0.0);
 }
 
 void Spine::publish(const guard::Verdict& verdict, std::int64_t release_ns) LITHE_RT {

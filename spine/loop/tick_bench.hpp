@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
@@ -91,9 +92,14 @@ class TickTest : public testing::Test {
   TickTest() : robot_(*robot::parse_robot(kRobot, "probe.toml")) {
     start_clock(clock_);
     actuators_ = std::move(*hal::open_actuators(robot_));
-    spine_ = std::make_unique<Spine>(
-        Wiring{robot_, *memory_, *control_memory_, *brain_memory_, slot_, handover_, clock_, nullptr});
+    use_cell(nullptr);
     command_ = std::make_unique<ipc::MailboxSender<wire::Command, 16>>(control_memory_->commands, memory_->control_ack);
+  }
+
+  // A new Spine, as after a start; with a cell it survives laws that crash.
+  void use_cell(contain::Cell* cell) {
+    spine_ = std::make_unique<Spine>(Wiring{robot_, *memory_, *control_memory_, *brain_memory_, slot_, **sandbox_, cell,
+                                            handover_, clock_, nullptr});
   }
 
   // One period: the tick, then the Transport, unless it is to be late.
@@ -114,14 +120,21 @@ class TickTest : public testing::Test {
   }
 
   law::Resident& stage(const LitheLaw& law) {
-    law::Resident& resident = residents_[next_++ % residents_.size()];
-    law::reset_resident(resident, law);
-    resident.index = (next_ - 1) % law::kResidents;
-    resident.law_id = next_;
-    if (slot_.active() != nullptr) law::build_bridge(resident, 0, *slot_.active()->descriptor, slot_.active()->law_id);
-    EXPECT_TRUE(slot_.offer(&resident));
     while (slot_.collect_retired() != nullptr) {
     }
+    const auto free = std::find_if(residents_.begin(), residents_.end(), [this](law::Resident& r) {
+      bool used = &r == slot_.active();
+      for (std::uint32_t n = 1; n <= slot_.depth(); ++n) used = used || &r == slot_.before(n);
+      return !used;
+    });
+    law::Resident& resident = *free;
+    law::reset_resident(resident, law);
+    resident.index = static_cast<std::uint32_t>(free - residents_.begin());
+    resident.law_id = ++next_;
+    resident.request_id = next_;
+    resident.terms = terms_;
+    if (slot_.active() != nullptr) law::build_bridge(resident, *slot_.active());
+    EXPECT_TRUE(slot_.offer(&resident));
     return resident;
   }
 
@@ -166,6 +179,8 @@ class TickTest : public testing::Test {
   ClockMemory clock_{};
   Handover handover_;
   law::Slot slot_;
+  Result<law::SandboxMemory> sandbox_ = law::SandboxMemory::make();
+  law::Terms terms_;  // of the next law staged
   std::unique_ptr<hal::Actuators> actuators_;
   std::unique_ptr<Spine> spine_;
   std::unique_ptr<ipc::MailboxSender<wire::Command, 16>> command_;

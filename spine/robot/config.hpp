@@ -15,6 +15,7 @@ inline constexpr int kAutoCpu = -1;
 
 enum class Release { spin, hybrid, sleep };                // how the Spine waits for its next release
 enum class TransportPlace { automatic, thread, inlined };  // where the buses are served
+enum class LawLoader { arena, dlopen };                    // where the code of laws lives in the Spine
 enum class MissPolicy { skip, stop };                      // what a missed deadline does
 enum class StaleAction { hold, safe_stop };                // what a silent Brain does
 enum class SafeEnd { damp, hold };                         // how the safe law ends, once the joint has slowed down
@@ -28,6 +29,7 @@ struct SpineConfig {
   int cpu_transport = kAutoCpu;
   int cpu_brain = kAutoCpu;
   int cpu_housekeeping = kAutoCpu;
+  LawLoader loader = LawLoader::arena;
   std::uint32_t late_ticks_to_stop = 20;
   MissPolicy miss_policy = MissPolicy::skip;
   std::int64_t phase_ns = 500'000;  // of the release grid against whole milliseconds of CLOCK_MONOTONIC
@@ -43,6 +45,14 @@ struct GuardConfig {
 struct BrainConfig {
   double stale_after_s = 0.25;
   StaleAction on_stale = StaleAction::hold;
+};
+
+// How a new law is brought in. A request may say otherwise.
+struct SwapConfig {
+  double budget_share = 0.3;           // of a tick that a law may take before another one takes over
+  double blend_s = 0.02;               // from the old law's torque to the new one's
+  double probation_s = 1.0;            // for so long a law that does worse than the one before it is replaced
+  double probation_error_ratio = 3.0;  // worse: an error this many times the largest before; 0 = not judged
 };
 
 struct BusConfig {
@@ -103,6 +113,7 @@ struct RobotConfig {
   SpineConfig spine;
   GuardConfig guard;
   BrainConfig brain;
+  SwapConfig swap;
   std::vector<BusConfig> buses;
   std::vector<DeviceConfig> devices;
   std::vector<JointConfig> joints;

@@ -33,6 +33,7 @@ class File {
     section("spine", [&](Reader& in) { read_spine(in, robot_.spine); });
     section("guard", [&](Reader& in) { read_guard(in, robot_.guard); });
     section("brain", [&](Reader& in) { read_brain(in, robot_.brain); });
+    section("swap", [&](Reader& in) { read_swap(in, robot_.swap); });
     if (const toml::table* defaults = top_.table("defaults")) read_defaults(*defaults);
     read_buses();
     read_devices();

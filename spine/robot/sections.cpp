@@ -15,6 +15,7 @@ void read_spine(Reader& in, SpineConfig& spine) {
   in.choice<TransportPlace>(
       "transport", spine.transport,
       {{"auto", TransportPlace::automatic}, {"thread", TransportPlace::thread}, {"inline", TransportPlace::inlined}});
+  in.choice<LawLoader>("loader", spine.loader, {{"arena", LawLoader::arena}, {"dlopen", LawLoader::dlopen}});
   in.core("cpu_spine", spine.cpu_spine);
   in.core("cpu_transport", spine.cpu_transport);
   in.core("cpu_brain", spine.cpu_brain);
@@ -37,6 +38,14 @@ void read_brain(Reader& in, BrainConfig& brain) {
   in.number("stale_after_s", brain.stale_after_s, {0.01, 3600.0});
   in.choice<StaleAction>("on_stale", brain.on_stale,
                          {{"hold", StaleAction::hold}, {"safe_stop", StaleAction::safe_stop}});
+  in.finish();
+}
+
+void read_swap(Reader& in, SwapConfig& swap) {
+  in.number("budget_share", swap.budget_share, {0.01, 0.9});
+  in.number("blend_s", swap.blend_s, {0.0, 10.0});
+  in.number("probation_s", swap.probation_s, {0.0, 3600.0});
+  in.number("probation_error_ratio", swap.probation_error_ratio, {0.0, kBig});
   in.finish();
 }
 

@@ -13,6 +13,7 @@ namespace lithe::robot {
 void read_spine(Reader& in, SpineConfig& spine);
 void read_guard(Reader& in, GuardConfig& guard);
 void read_brain(Reader& in, BrainConfig& brain);
+void read_swap(Reader& in, SwapConfig& swap);
 void read_plant(Reader& in, PlantConfig& sim);
 
 // The keys that [defaults] may give for all; there `need` is optional. Name, id and device are each one's own.

@@ -97,6 +97,45 @@ void for_each_field(StageRequest& message, Visit&& visit) {
   visit("source_hash", message.source_hash);
   visit("path", message.path);
   visit("name", message.name);
+  visit("slot", message.slot);
+  visit("code_bytes", message.code_bytes);
+  visit("entry", message.entry);
+  visit("image_hash", message.image_hash);
+  visit("budget_ns", message.budget_ns);
+  visit("shadow_ticks", message.shadow_ticks);
+  visit("blend_ticks", message.blend_ticks);
+  visit("probation_ticks", message.probation_ticks);
+  visit("shadow_tolerance_nm", message.shadow_tolerance_nm);
+  visit("probation_error_ratio", message.probation_error_ratio);
+}
+
+template <class Visit>
+void for_each_field(LawFault& message, Visit&& visit) {
+  visit("tick", message.tick);
+  visit("t_ns", message.t_ns);
+  visit("request_id", message.request_id);
+  visit("kind", message.kind);
+  visit("law_id", message.law_id);
+  visit("to_law_id", message.to_law_id);
+  visit("took_ns", message.took_ns);
+  visit("pc", message.pc);
+  visit("address", message.address);
+  visit("slot", message.slot);
+  visit("pc_offset", message.pc_offset);
+}
+
+template <class Visit>
+void for_each_field(ShadowReport& message, Visit&& visit) {
+  visit("law_id", message.law_id);
+  visit("joint_count", message.joint_count);
+  visit("request_id", message.request_id);
+  visit("from_tick", message.from_tick);
+  visit("ticks", message.ticks);
+  visit("faults", message.faults);
+  visit("most_ns", message.most_ns);
+  visit("mean_ns", message.mean_ns);
+  visit("most_nm", message.most_nm);
+  visit("rms_nm", message.rms_nm);
 }
 
 template <class Visit>
@@ -113,6 +152,8 @@ void for_each_field(LawInfo& message, Visit&& visit) {
   visit("param_min", message.param_min);
   visit("param_max", message.param_max);
   visit("probe_name", message.probe_name);
+  visit("slot", message.slot);
+  visit("code_bytes", message.code_bytes);
 }
 
 template <class Visit>
@@ -142,6 +183,11 @@ void for_each_field(RobotInfo& message, Visit&& visit) {
   visit("torque_slew_nm_s", message.torque_slew_nm_s);
   visit("deceleration_rad_s2", message.deceleration_rad_s2);
   visit("notes", message.notes);
+  visit("tid_spine", message.tid_spine);
+  visit("protection_keys", message.protection_keys);
+  visit("arena_base", message.arena_base);
+  visit("arena_slots", message.arena_slots);
+  visit("arena_slot_bytes", message.arena_slot_bytes);
 }
 
 template <class Visit>
@@ -153,6 +199,14 @@ void for_each_field(Histogram& message, Visit&& visit) {
   visit("pad0", message.pad0);
 }
 
+template <class Visit>
+void for_each_field(Health& message, Visit&& visit) {
+  visit("plans_torn", message.plans_torn);
+  visit("brain_violations", message.brain_violations);
+  visit("control_violations", message.control_violations);
+  visit("stage_violations", message.stage_violations);
+}
+
 // visit("Telemetry", Telemetry{}), and so on.
 template <class Visit>
 void for_each_message(Visit&& visit) {
@@ -162,10 +216,13 @@ void for_each_message(Visit&& visit) {
   visit("Plan", Plan{});
   visit("Command", Command{});
   visit("StageRequest", StageRequest{});
+  visit("LawFault", LawFault{});
+  visit("ShadowReport", ShadowReport{});
   visit("LawInfo", LawInfo{});
   visit("Params", Params{});
   visit("RobotInfo", RobotInfo{});
   visit("Histogram", Histogram{});
+  visit("Health", Health{});
 }
 
 }  // namespace lithe::wire

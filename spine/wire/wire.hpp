@@ -64,6 +64,7 @@ enum class Fault : std::uint32_t {
   estop_pressed = 9,
   law_missing = 10,
   brain_stale = 11,
+  law_faulted = 12,
 };
 
 // The name of `value`, or "?" for a number that is not one of Fault.
@@ -93,6 +94,8 @@ constexpr std::string_view to_string(Fault value) LITHE_RT {
       return "law_missing";
     case Fault::brain_stale:
       return "brain_stale";
+    case Fault::law_faulted:
+      return "law_faulted";
   }
   return "?";
 }
@@ -165,6 +168,7 @@ enum class CommandKind : std::uint32_t {
   rollback = 5,
   set_params = 6,
   estop = 7,
+  revert_params = 8,
 };
 
 // The name of `value`, or "?" for a number that is not one of CommandKind.
@@ -186,6 +190,8 @@ constexpr std::string_view to_string(CommandKind value) LITHE_RT {
       return "set_params";
     case CommandKind::estop:
       return "estop";
+    case CommandKind::revert_params:
+      return "revert_params";
   }
   return "?";
 }
@@ -249,6 +255,10 @@ enum class EventKind : std::uint32_t {
   deadline_missed = 18,
   sample_late = 19,
   command_refused = 20,
+  law_faulted = 21,
+  law_confirmed = 22,
+  shadow_started = 23,
+  shadow_ended = 24,
 };
 
 // The name of `value`, or "?" for a number that is not one of EventKind.
@@ -296,6 +306,14 @@ constexpr std::string_view to_string(EventKind value) LITHE_RT {
       return "sample_late";
     case EventKind::command_refused:
       return "command_refused";
+    case EventKind::law_faulted:
+      return "law_faulted";
+    case EventKind::law_confirmed:
+      return "law_confirmed";
+    case EventKind::shadow_started:
+      return "shadow_started";
+    case EventKind::shadow_ended:
+      return "shadow_ended";
   }
   return "?";
 }
@@ -309,6 +327,7 @@ enum class StageResult : std::uint32_t {
   dry_run_failed = 5,
   busy = 6,
   hostile = 7,
+  image_damaged = 8,
 };
 
 // The name of `value`, or "?" for a number that is not one of StageResult.
@@ -330,6 +349,60 @@ constexpr std::string_view to_string(StageResult value) LITHE_RT {
       return "busy";
     case StageResult::hostile:
       return "hostile";
+    case StageResult::image_damaged:
+      return "image_damaged";
+  }
+  return "?";
+}
+
+enum class LawFaultKind : std::uint32_t {
+  none = 0,
+  bad_access = 1,
+  bus_error = 2,
+  arithmetic = 3,
+  illegal_instruction = 4,
+  aborted = 5,
+  trapped = 6,
+  system_call = 7,
+  overran = 8,
+  not_finite = 9,
+  state_broken = 10,
+  tracking_lost = 11,
+  guard_busy = 12,
+  guard_stopped = 13,
+};
+
+// The name of `value`, or "?" for a number that is not one of LawFaultKind.
+constexpr std::string_view to_string(LawFaultKind value) LITHE_RT {
+  switch (value) {
+    case LawFaultKind::none:
+      return "none";
+    case LawFaultKind::bad_access:
+      return "bad_access";
+    case LawFaultKind::bus_error:
+      return "bus_error";
+    case LawFaultKind::arithmetic:
+      return "arithmetic";
+    case LawFaultKind::illegal_instruction:
+      return "illegal_instruction";
+    case LawFaultKind::aborted:
+      return "aborted";
+    case LawFaultKind::trapped:
+      return "trapped";
+    case LawFaultKind::system_call:
+      return "system_call";
+    case LawFaultKind::overran:
+      return "overran";
+    case LawFaultKind::not_finite:
+      return "not_finite";
+    case LawFaultKind::state_broken:
+      return "state_broken";
+    case LawFaultKind::tracking_lost:
+      return "tracking_lost";
+    case LawFaultKind::guard_busy:
+      return "guard_busy";
+    case LawFaultKind::guard_stopped:
+      return "guard_stopped";
   }
   return "?";
 }
@@ -347,6 +420,10 @@ inline constexpr std::uint32_t kSwapCommitted = 256;
 inline constexpr std::uint32_t kDeadlineMissed = 512;
 inline constexpr std::uint32_t kBrainStale = 1024;
 inline constexpr std::uint32_t kRolledBack = 2048;
+inline constexpr std::uint32_t kLawFaulted = 4096;
+inline constexpr std::uint32_t kBlending = 8192;
+inline constexpr std::uint32_t kShadowing = 16384;
+inline constexpr std::uint32_t kOnProbation = 32768;
 }
 
 namespace joint_status {
@@ -520,20 +597,96 @@ static_assert(offsetof(Command, value) == 152);
 struct StageRequest {
   std::uint64_t request_id = {};  // comes back in the events
   std::uint64_t source_hash = {};  // first 8 bytes of the SHA-256 of compiler, contract and source
-  std::array<char, 256> path{};  // compiled object, zero-terminated
+  std::array<char, 256> path{};  // compiled object, zero-terminated; unused when slot says where the code is
   std::array<char, 64> name{};  // for events and reports
+  std::uint32_t slot = {};  // arena slot that holds the code; counted from 1; 0 = load `path`
+  std::uint32_t code_bytes = {};  // of the image in the slot
+  std::uint64_t entry = {};  // address of the law's descriptor in the arena
+  std::uint64_t image_hash = {};  // FNV-1a of the image
+  std::uint32_t budget_ns = {};  // [ns] of one step; 0 = the robot's
+  std::uint32_t shadow_ticks = {};  // run beside the active law for so long before the commit; 0 = no shadow
+  std::uint32_t blend_ticks = {};  // from the old output to the new one; 0 = the slew bound alone
+  std::uint32_t probation_ticks = {};  // automatic rollback for so long after the commit; 0 = none
+  double shadow_tolerance_nm = {};  // [N m] largest difference that is still agreement
+  double probation_error_ratio = {};  // [1] roll back when the tracking error grows beyond this ratio; 0 = never
 };
 static_assert(std::is_trivially_copyable_v<StageRequest>);
 static_assert(std::is_standard_layout_v<StageRequest>);
-static_assert(sizeof(StageRequest) == 336);
+static_assert(sizeof(StageRequest) == 392);
 static_assert(offsetof(StageRequest, request_id) == 0);
 static_assert(offsetof(StageRequest, source_hash) == 8);
 static_assert(offsetof(StageRequest, path) == 16);
 static_assert(offsetof(StageRequest, name) == 272);
+static_assert(offsetof(StageRequest, slot) == 336);
+static_assert(offsetof(StageRequest, code_bytes) == 340);
+static_assert(offsetof(StageRequest, entry) == 344);
+static_assert(offsetof(StageRequest, image_hash) == 352);
+static_assert(offsetof(StageRequest, budget_ns) == 360);
+static_assert(offsetof(StageRequest, shadow_ticks) == 364);
+static_assert(offsetof(StageRequest, blend_ticks) == 368);
+static_assert(offsetof(StageRequest, probation_ticks) == 372);
+static_assert(offsetof(StageRequest, shadow_tolerance_nm) == 376);
+static_assert(offsetof(StageRequest, probation_error_ratio) == 384);
+
+// A law that failed in the tick, and what was done about it.
+struct LawFault {
+  std::uint64_t tick = {};
+  std::int64_t t_ns = {};  // [ns] CLOCK_MONOTONIC
+  std::uint64_t request_id = {};  // of the swap that brought it
+  std::uint32_t kind = {};  // LawFaultKind
+  std::uint32_t law_id = {};  // the law that failed
+  std::uint32_t to_law_id = {};  // the law that took over; 0 = the safe law
+  std::uint32_t took_ns = {};  // [ns] from the law's start to the end of the fallback's step; 0 = that one runs from the next tick on
+  std::uint64_t pc = {};  // where it happened; 0 = unknown
+  std::uint64_t address = {};  // what it touched; 0 = unknown
+  std::uint32_t slot = {};  // arena slot of the law, counted from 1; 0 = none
+  std::uint32_t pc_offset = {};  // from the start of the slot; 0 = outside
+};
+static_assert(std::is_trivially_copyable_v<LawFault>);
+static_assert(std::is_standard_layout_v<LawFault>);
+static_assert(sizeof(LawFault) == 64);
+static_assert(offsetof(LawFault, tick) == 0);
+static_assert(offsetof(LawFault, t_ns) == 8);
+static_assert(offsetof(LawFault, request_id) == 16);
+static_assert(offsetof(LawFault, kind) == 24);
+static_assert(offsetof(LawFault, law_id) == 28);
+static_assert(offsetof(LawFault, to_law_id) == 32);
+static_assert(offsetof(LawFault, took_ns) == 36);
+static_assert(offsetof(LawFault, pc) == 40);
+static_assert(offsetof(LawFault, address) == 48);
+static_assert(offsetof(LawFault, slot) == 56);
+static_assert(offsetof(LawFault, pc_offset) == 60);
+
+// How a candidate that runs beside the active law compares.
+struct ShadowReport {
+  std::uint32_t law_id = {};  // the candidate
+  std::uint32_t joint_count = {};
+  std::uint64_t request_id = {};
+  std::uint64_t from_tick = {};
+  std::uint32_t ticks = {};  // compared so far
+  std::uint32_t faults = {};  // 0 or 1: it is refused at the first
+  std::uint32_t most_ns = {};  // [ns] its longest step
+  std::uint32_t mean_ns = {};  // [ns] its mean step
+  std::array<double, 32> most_nm{};  // [N m] largest difference to the active law
+  std::array<double, 32> rms_nm{};  // [N m] root mean square of the difference
+};
+static_assert(std::is_trivially_copyable_v<ShadowReport>);
+static_assert(std::is_standard_layout_v<ShadowReport>);
+static_assert(sizeof(ShadowReport) == 552);
+static_assert(offsetof(ShadowReport, law_id) == 0);
+static_assert(offsetof(ShadowReport, joint_count) == 4);
+static_assert(offsetof(ShadowReport, request_id) == 8);
+static_assert(offsetof(ShadowReport, from_tick) == 16);
+static_assert(offsetof(ShadowReport, ticks) == 24);
+static_assert(offsetof(ShadowReport, faults) == 28);
+static_assert(offsetof(ShadowReport, most_ns) == 32);
+static_assert(offsetof(ShadowReport, mean_ns) == 36);
+static_assert(offsetof(ShadowReport, most_nm) == 40);
+static_assert(offsetof(ShadowReport, rms_nm) == 296);
 
 // A resident law.
 struct LawInfo {
-  std::uint32_t law_id = {};  // 0 = slot is empty
+  std::uint32_t law_id = {};  // 0 = place is empty
   std::uint32_t param_count = {};
   std::uint32_t probe_count = {};
   std::uint32_t state_bytes = {};  // size of the law's state
@@ -545,10 +698,12 @@ struct LawInfo {
   std::array<double, 32> param_min{};  // [1] 
   std::array<double, 32> param_max{};  // [1] 
   std::array<char, 256> probe_name{};  // 32 characters each, zero-terminated
+  std::uint32_t slot = {};  // arena slot of its code, counted from 1; 0 = none
+  std::uint32_t code_bytes = {};
 };
 static_assert(std::is_trivially_copyable_v<LawInfo>);
 static_assert(std::is_standard_layout_v<LawInfo>);
-static_assert(sizeof(LawInfo) == 2144);
+static_assert(sizeof(LawInfo) == 2152);
 static_assert(offsetof(LawInfo, law_id) == 0);
 static_assert(offsetof(LawInfo, param_count) == 4);
 static_assert(offsetof(LawInfo, probe_count) == 8);
@@ -561,6 +716,8 @@ static_assert(offsetof(LawInfo, param_value) == 1120);
 static_assert(offsetof(LawInfo, param_min) == 1376);
 static_assert(offsetof(LawInfo, param_max) == 1632);
 static_assert(offsetof(LawInfo, probe_name) == 1888);
+static_assert(offsetof(LawInfo, slot) == 2144);
+static_assert(offsetof(LawInfo, code_bytes) == 2148);
 
 // Live parameter values of the running law.
 struct Params {
@@ -596,10 +753,15 @@ struct RobotInfo {
   std::array<double, 32> torque_slew_nm_s{};  // [N m/s] 
   std::array<double, 32> deceleration_rad_s2{};  // [rad/s^2] 
   std::array<char, 512> notes{};  // what this machine cannot give, zero-terminated
+  std::uint32_t tid_spine = {};  // thread that ticks; 0 = not yet
+  std::uint32_t protection_keys = {};  // 1: critical memory is out of a law's reach (x86 protection keys)
+  std::uint64_t arena_base = {};  // address of the code arena; 0 = laws are loaded with dlopen
+  std::uint32_t arena_slots = {};
+  std::uint32_t arena_slot_bytes = {};
 };
 static_assert(std::is_trivially_copyable_v<RobotInfo>);
 static_assert(std::is_standard_layout_v<RobotInfo>);
-static_assert(sizeof(RobotInfo) == 3424);
+static_assert(sizeof(RobotInfo) == 3448);
 static_assert(offsetof(RobotInfo, robot) == 0);
 static_assert(offsetof(RobotInfo, config_path) == 64);
 static_assert(offsetof(RobotInfo, rate_hz) == 320);
@@ -617,6 +779,11 @@ static_assert(offsetof(RobotInfo, torque_max_nm) == 2144);
 static_assert(offsetof(RobotInfo, torque_slew_nm_s) == 2400);
 static_assert(offsetof(RobotInfo, deceleration_rad_s2) == 2656);
 static_assert(offsetof(RobotInfo, notes) == 2912);
+static_assert(offsetof(RobotInfo, tid_spine) == 3424);
+static_assert(offsetof(RobotInfo, protection_keys) == 3428);
+static_assert(offsetof(RobotInfo, arena_base) == 3432);
+static_assert(offsetof(RobotInfo, arena_slots) == 3440);
+static_assert(offsetof(RobotInfo, arena_slot_bytes) == 3444);
 
 // Durations, log-linear bins (spine/core/histogram.hpp).
 struct Histogram {
@@ -634,6 +801,21 @@ static_assert(offsetof(Histogram, count) == 7808);
 static_assert(offsetof(Histogram, max_ns) == 7816);
 static_assert(offsetof(Histogram, sum_ns) == 7824);
 static_assert(offsetof(Histogram, pad0) == 7832);
+
+// What came to the Spine broken since it started; each word is written only when it changes.
+struct Health {
+  std::uint64_t plans_torn = {};  // times that four tries brought no whole plan: the Brain wrote into it all the while
+  std::uint64_t brain_violations = {};  // impossible heads and broken letters in the Brain's mailbox of commands
+  std::uint64_t control_violations = {};  // the same of the supervisor's
+  std::uint64_t stage_violations = {};  // the same of its requests to the Loader
+};
+static_assert(std::is_trivially_copyable_v<Health>);
+static_assert(std::is_standard_layout_v<Health>);
+static_assert(sizeof(Health) == 32);
+static_assert(offsetof(Health, plans_torn) == 0);
+static_assert(offsetof(Health, brain_violations) == 8);
+static_assert(offsetof(Health, control_violations) == 16);
+static_assert(offsetof(Health, stage_violations) == 24);
 
 // Runs of 64-bit words inside a message.
 struct WordRanges {
@@ -674,6 +856,15 @@ constexpr WordRanges active_ranges<Telemetry>(std::size_t joints) {
 }
 
 template <>
+constexpr WordRanges active_ranges<ShadowReport>(std::size_t joints) {
+  WordRanges used;
+  used.add(0, 40);
+  used.add(40, 40 + 8 * joints);
+  used.add(296, 296 + 8 * joints);
+  return used;
+}
+
+template <>
 constexpr WordRanges active_ranges<RobotInfo>(std::size_t joints) {
   WordRanges used;
   used.add(0, 1376);
@@ -683,7 +874,7 @@ constexpr WordRanges active_ranges<RobotInfo>(std::size_t joints) {
   used.add(2144, 2144 + 8 * joints);
   used.add(2400, 2400 + 8 * joints);
   used.add(2656, 2656 + 8 * joints);
-  used.add(2912, 3424);
+  used.add(2912, 3448);
   return used;
 }
 
@@ -699,19 +890,23 @@ inline constexpr std::size_t kEventsLoaderDepth = 256;
 inline constexpr std::size_t kParamsOffset = 7714944;  // channel Params
 inline constexpr std::size_t kLawInfoOffset = 7716608;  // channel LawInfo
 inline constexpr std::size_t kLawInfoStride = 8832;
-inline constexpr std::size_t kReleaseJitterOffset = 7787264;  // plain Histogram
-inline constexpr std::size_t kHandoffOffset = 7795200;  // plain Histogram
-inline constexpr std::size_t kLawOffset = 7803136;  // plain Histogram
-inline constexpr std::size_t kGuardOffset = 7811072;  // plain Histogram
-inline constexpr std::size_t kTickOffset = 7819008;  // plain Histogram
-inline constexpr std::size_t kBusOffset = 7826944;  // plain Histogram
-inline constexpr std::size_t kControlAckOffset = 7834880;  // ack Command
+inline constexpr std::size_t kLawFaultsOffset = 7787264;  // ring LawFault
+inline constexpr std::size_t kLawFaultsDepth = 64;
+inline constexpr std::size_t kShadowOffset = 7795584;  // channel ShadowReport
+inline constexpr std::size_t kReleaseJitterOffset = 7798272;  // plain Histogram
+inline constexpr std::size_t kHandoffOffset = 7806208;  // plain Histogram
+inline constexpr std::size_t kLawOffset = 7814144;  // plain Histogram
+inline constexpr std::size_t kGuardOffset = 7822080;  // plain Histogram
+inline constexpr std::size_t kTickOffset = 7830016;  // plain Histogram
+inline constexpr std::size_t kBusOffset = 7837952;  // plain Histogram
+inline constexpr std::size_t kControlAckOffset = 7845888;  // ack Command
 inline constexpr std::size_t kControlAckDepth = 16;
-inline constexpr std::size_t kBrainAckOffset = 7835136;  // ack Command
+inline constexpr std::size_t kBrainAckOffset = 7846144;  // ack Command
 inline constexpr std::size_t kBrainAckDepth = 16;
-inline constexpr std::size_t kStageAckOffset = 7835392;  // ack StageRequest
+inline constexpr std::size_t kStageAckOffset = 7846400;  // ack StageRequest
 inline constexpr std::size_t kStageAckDepth = 4;
-inline constexpr std::size_t kBytes = 7835648;  // the schema text follows
+inline constexpr std::size_t kHealthOffset = 7846656;  // plain Health
+inline constexpr std::size_t kBytes = 7846784;  // the schema text follows
 }
 
 // Segment `control`, written by the supervisor: byte offsets of its items.
@@ -720,8 +915,8 @@ inline constexpr std::size_t kCommandsOffset = 128;  // mailbox Command
 inline constexpr std::size_t kCommandsDepth = 16;
 inline constexpr std::size_t kStageOffset = 7424;  // mailbox StageRequest
 inline constexpr std::size_t kStageDepth = 4;
-inline constexpr std::size_t kEstopOffset = 9088;  // word 
-inline constexpr std::size_t kBytes = 9216;  // the schema text follows
+inline constexpr std::size_t kEstopOffset = 9344;  // word 
+inline constexpr std::size_t kBytes = 9472;  // the schema text follows
 }
 
 // Segment `brain`, written by the brain: byte offsets of its items.
@@ -733,7 +928,7 @@ inline constexpr std::size_t kEstopOffset = 41344;  // word
 inline constexpr std::size_t kBytes = 41472;  // the schema text follows
 }
 
-inline constexpr std::uint64_t kLayoutHash = 0xd1b040369788f77e;
+inline constexpr std::uint64_t kLayoutHash = 0xc69364da117b3759;
 // What the hash covers; every segment carries it, so that two builds can tell where they differ.
 inline constexpr std::string_view kCanonicalSchema =
     "abi:1\n"
@@ -803,6 +998,37 @@ inline constexpr std::string_view kCanonicalSchema =
     "StageRequest.source_hash:uint64[1]:8:8:-\n"
     "StageRequest.path:char[256]:16:256:-\n"
     "StageRequest.name:char[64]:272:64:-\n"
+    "StageRequest.slot:uint32[1]:336:4:-\n"
+    "StageRequest.code_bytes:uint32[1]:340:4:-\n"
+    "StageRequest.entry:uint64[1]:344:8:-\n"
+    "StageRequest.image_hash:uint64[1]:352:8:-\n"
+    "StageRequest.budget_ns:uint32[1]:360:4:ns\n"
+    "StageRequest.shadow_ticks:uint32[1]:364:4:-\n"
+    "StageRequest.blend_ticks:uint32[1]:368:4:-\n"
+    "StageRequest.probation_ticks:uint32[1]:372:4:-\n"
+    "StageRequest.shadow_tolerance_nm:float64[1]:376:8:N m\n"
+    "StageRequest.probation_error_ratio:float64[1]:384:8:1\n"
+    "LawFault.tick:uint64[1]:0:8:-\n"
+    "LawFault.t_ns:int64[1]:8:8:ns\n"
+    "LawFault.request_id:uint64[1]:16:8:-\n"
+    "LawFault.kind:uint32[1]:24:4:-\n"
+    "LawFault.law_id:uint32[1]:28:4:-\n"
+    "LawFault.to_law_id:uint32[1]:32:4:-\n"
+    "LawFault.took_ns:uint32[1]:36:4:ns\n"
+    "LawFault.pc:uint64[1]:40:8:-\n"
+    "LawFault.address:uint64[1]:48:8:-\n"
+    "LawFault.slot:uint32[1]:56:4:-\n"
+    "LawFault.pc_offset:uint32[1]:60:4:-\n"
+    "ShadowReport.law_id:uint32[1]:0:4:-\n"
+    "ShadowReport.joint_count:uint32[1]:4:4:-\n"
+    "ShadowReport.request_id:uint64[1]:8:8:-\n"
+    "ShadowReport.from_tick:uint64[1]:16:8:-\n"
+    "ShadowReport.ticks:uint32[1]:24:4:-\n"
+    "ShadowReport.faults:uint32[1]:28:4:-\n"
+    "ShadowReport.most_ns:uint32[1]:32:4:ns\n"
+    "ShadowReport.mean_ns:uint32[1]:36:4:ns\n"
+    "ShadowReport.most_nm:float64[32]:40:256:N m\n"
+    "ShadowReport.rms_nm:float64[32]:296:256:N m\n"
     "LawInfo.law_id:uint32[1]:0:4:-\n"
     "LawInfo.param_count:uint32[1]:4:4:-\n"
     "LawInfo.probe_count:uint32[1]:8:4:-\n"
@@ -815,6 +1041,8 @@ inline constexpr std::string_view kCanonicalSchema =
     "LawInfo.param_min:float64[32]:1376:256:1\n"
     "LawInfo.param_max:float64[32]:1632:256:1\n"
     "LawInfo.probe_name:char[256]:1888:256:-\n"
+    "LawInfo.slot:uint32[1]:2144:4:-\n"
+    "LawInfo.code_bytes:uint32[1]:2148:4:-\n"
     "Params.law_id:uint32[1]:0:4:-\n"
     "Params.count:uint32[1]:4:4:-\n"
     "Params.tick:uint64[1]:8:8:-\n"
@@ -836,29 +1064,41 @@ inline constexpr std::string_view kCanonicalSchema =
     "RobotInfo.torque_slew_nm_s:float64[32]:2400:256:N m/s\n"
     "RobotInfo.deceleration_rad_s2:float64[32]:2656:256:rad/s^2\n"
     "RobotInfo.notes:char[512]:2912:512:-\n"
+    "RobotInfo.tid_spine:uint32[1]:3424:4:-\n"
+    "RobotInfo.protection_keys:uint32[1]:3428:4:-\n"
+    "RobotInfo.arena_base:uint64[1]:3432:8:-\n"
+    "RobotInfo.arena_slots:uint32[1]:3440:4:-\n"
+    "RobotInfo.arena_slot_bytes:uint32[1]:3444:4:-\n"
     "Histogram.bin:uint64[976]:0:7808:-\n"
     "Histogram.count:uint64[1]:7808:8:-\n"
     "Histogram.max_ns:uint64[1]:7816:8:ns\n"
     "Histogram.sum_ns:uint64[1]:7824:8:ns\n"
     "Histogram.pad0:uint8[8]:7832:8:-\n"
+    "Health.plans_torn:uint64[1]:0:8:-\n"
+    "Health.brain_violations:uint64[1]:8:8:-\n"
+    "Health.control_violations:uint64[1]:16:8:-\n"
+    "Health.stage_violations:uint64[1]:24:8:-\n"
     "spine/robot_info:channel:RobotInfo:0x1:128\n"
     "spine/telemetry:ring:Telemetry:4096x1:14080\n"
     "spine/events_tick:ring:Event:256x1:7616384\n"
     "spine/events_loader:ring:Event:256x1:7665664\n"
     "spine/params:channel:Params:0x1:7714944\n"
     "spine/law_info:channel:LawInfo:0x8:7716608\n"
-    "spine/release_jitter:plain:Histogram:0x1:7787264\n"
-    "spine/handoff:plain:Histogram:0x1:7795200\n"
-    "spine/law:plain:Histogram:0x1:7803136\n"
-    "spine/guard:plain:Histogram:0x1:7811072\n"
-    "spine/tick:plain:Histogram:0x1:7819008\n"
-    "spine/bus:plain:Histogram:0x1:7826944\n"
-    "spine/control_ack:ack:Command:16x1:7834880\n"
-    "spine/brain_ack:ack:Command:16x1:7835136\n"
-    "spine/stage_ack:ack:StageRequest:4x1:7835392\n"
+    "spine/law_faults:ring:LawFault:64x1:7787264\n"
+    "spine/shadow:channel:ShadowReport:0x1:7795584\n"
+    "spine/release_jitter:plain:Histogram:0x1:7798272\n"
+    "spine/handoff:plain:Histogram:0x1:7806208\n"
+    "spine/law:plain:Histogram:0x1:7814144\n"
+    "spine/guard:plain:Histogram:0x1:7822080\n"
+    "spine/tick:plain:Histogram:0x1:7830016\n"
+    "spine/bus:plain:Histogram:0x1:7837952\n"
+    "spine/control_ack:ack:Command:16x1:7845888\n"
+    "spine/brain_ack:ack:Command:16x1:7846144\n"
+    "spine/stage_ack:ack:StageRequest:4x1:7846400\n"
+    "spine/health:plain:Health:0x1:7846656\n"
     "control/commands:mailbox:Command:16x1:128\n"
     "control/stage:mailbox:StageRequest:4x1:7424\n"
-    "control/estop:word:-:0x1:9088\n"
+    "control/estop:word:-:0x1:9344\n"
     "brain/plan:channel:Plan:0x1:128\n"
     "brain/commands:mailbox:Command:16x1:34048\n"
     "brain/estop:word:-:0x1:41344\n";

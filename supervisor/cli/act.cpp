@@ -60,6 +60,11 @@ int command(const Context& context, const std::string& verb) {
   });
 }
 
+int rollback(const Context& context, int steps) {
+  return finish(context, ask(context, "rollback", {{"steps", steps}}),
+                [](const Json& result) { print_command("rollback", result); });
+}
+
 int param_get(const Context& context, const std::string& name) {
   Answer answer = ask(context, "params", Json::object());
   if (Json* result = std::get_if<Json>(&answer); result != nullptr && !name.empty()) {
@@ -84,6 +89,10 @@ int param_set(const Context& context, const std::vector<std::string>& words) {
     return refuse(context, wrong_pairs());
   }
   return finish(context, ask(context, "set_params", {{"values", *values}}), print_params);
+}
+
+int param_revert(const Context& context) {
+  return finish(context, ask(context, "revert_params", Json::object()), print_params);
 }
 
 int events(const Context& context, std::uint64_t since, bool follow) {

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -19,13 +20,21 @@ struct Context {
 int exit_code(const swap::Refusal& refusal);
 
 int status(const Context& context);
-int command(const Context& context, const std::string& verb);  // arm, disarm, hold, reset, rollback, shutdown
+int command(const Context& context, const std::string& verb);  // arm, disarm, hold, reset, shutdown
 int estop(const Context& context);
-int swap_law(const Context& context, const std::string& law, const std::vector<std::string>& params);
+int rollback(const Context& context, int steps);
+// `terms`: arguments of the verb swap that are numbers (docs/reference/verbs.md).
+int swap_law(const Context& context, const std::string& law, const std::vector<std::string>& params,
+             const std::map<std::string, double>& terms);
 int law_check(const Context& context, const std::string& law);
 int law_list(const Context& context);
+// Certificates; `folder`: where, or empty: those of the robot the context means, running or not.
+int law_show(const Context& context, const std::string& which, const std::string& folder);
+int law_verify(const Context& context, const std::string& folder);
 int param_get(const Context& context, const std::string& name);
 int param_set(const Context& context, const std::vector<std::string>& words);
+int param_revert(const Context& context);
+int param_save(const Context& context, const std::string& path);
 int events(const Context& context, std::uint64_t since, bool follow);
 int top(const Context& context, int turns);
 

@@ -75,7 +75,7 @@ Answer check_alone(const Source& source) {
     return Refusal{"lawd_failed", started.message(), "is the build complete (make)?"};
   }
   std::optional<Answer> answer;
-  lawd.compile(source.name, source.text, [&answer](const Answer& got) { answer = got; }, monotonic_ns());
+  lawd.compile({source.name, source.text}, [&answer](const Answer& got) { answer = got; }, monotonic_ns());
   while (!answer) {
     pollfd wait{lawd.poll_fd(), POLLIN, 0};
     ::poll(&wait, 1, 50);
@@ -90,7 +90,8 @@ Answer check_alone(const Source& source) {
 
 }  // namespace
 
-int swap_law(const Context& context, const std::string& law, const std::vector<std::string>& params) {
+int swap_law(const Context& context, const std::string& law, const std::vector<std::string>& params,
+             const std::map<std::string, double>& terms) {
   const auto source = read_law(law);
   if (const auto* refusal = std::get_if<Refusal>(&source)) {
     return refuse(context, *refusal);
@@ -107,7 +108,10 @@ int swap_law(const Context& context, const std::string& law, const std::vector<s
     values[word.substr(0, at)] = value;
   }
   const Source& file = std::get<Source>(source);
-  const Json args = {{"name", file.name}, {"source", file.text}, {"params", values}};
+  Json args = {{"name", file.name}, {"source", file.text}, {"params", values}};
+  for (const auto& [name, value] : terms) {
+    args[name] = value;
+  }
   return finish(context, ask(context, "swap", args, kCompileMs), print_swap);
 }
 

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <exception>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -19,12 +20,17 @@ struct Words {
   Context context;
   lithe::control::RunOptions run;
   bool no_arm = false;
+  bool ungated = false;
   std::string law;
   std::string name;
+  std::string folder;
+  std::string which = "last";
   std::vector<std::string> params;
+  std::map<std::string, double> terms;  // of a swap, by the names of the verb's arguments
   std::uint64_t since = 0;
   bool follow = false;
   int turns = 0;
+  int steps = 1;
   int code = 0;
 };
 
@@ -33,8 +39,10 @@ void add_run(CLI::App& app, Words& words) {
   run->add_option("ROBOT", words.run.config_path, "robot file")->required();
   run->add_option("--law", words.run.law, "law to start with, instead of the file's")->type_name("FILE");
   run->add_flag("--no-arm", words.no_arm, "leave the drives off until lithe arm");
+  run->add_flag("--ungated", words.ungated, "for tests: no admission, no dry run, no trial of laws");
   run->callback([&words] {
     words.run.arm = !words.no_arm;
+    words.run.gates = !words.ungated;
     words.run.json = words.context.json;
     words.code = lithe::control::run_robot(words.run);
   });
@@ -47,13 +55,15 @@ void add_commands(CLI::App& app, Words& words) {
   const std::pair<const char*, const char*> plain[] = {{"arm", "switch the drives on; the law tracks the plan"},
                                                        {"disarm", "switch the drives off"},
                                                        {"hold", "stay where the robot is"},
-                                                       {"reset", "leave a latched fault or e-stop, drives off"},
-                                                       {"rollback", "back to the law before this one"}};
+                                                       {"reset", "leave a latched fault or e-stop, drives off"}};
   for (const auto& [verb, about] : plain) {
     app.add_subcommand(verb, about)->callback([&words, verb = verb] {
       words.code = lithe::cli::command(words.context, verb);
     });
   }
+  CLI::App* rollback = app.add_subcommand("rollback", "back to the law before this one, with its state");
+  rollback->add_option("STEPS", words.steps, "how many laws back")->check(CLI::Range(1, 4));
+  rollback->callback([&words] { words.code = lithe::cli::rollback(words.context, words.steps); });
   app.add_subcommand("estop", "stop now, with or without a supervisor; latched")->callback([&words] {
     words.code = lithe::cli::estop(words.context);
   });
@@ -62,19 +72,50 @@ void add_commands(CLI::App& app, Words& words) {
   });
 }
 
+// "20ms", "2s", or a plain number of seconds.
+void add_terms(CLI::App& swap, std::map<std::string, double>& terms) {
+  const CLI::AsNumberWithUnit seconds(std::map<std::string, double>{{"s", 1.0}, {"ms", 1e-3}, {"us", 1e-6}});
+  const auto add = [&](const char* flag, const char* name, const char* type, const char* about) {
+    return swap.add_option_function<double>(
+                   flag, [&terms, name](double value) { terms[name] = value; }, about)
+        ->type_name(type);
+  };
+  add("--shadow", "shadow_s", "TIME", "run it beside the active law for so long first")->transform(seconds);
+  add("--tolerance", "shadow_tolerance_nm", "NM", "largest difference that is agreement in the shadow");
+  add("--blend", "blend_s", "TIME", "from the old law's torque to the new one's")->transform(seconds);
+  CLI::Option* probation =
+      add("--probation", "probation_s", "TIME", "roll back by itself for so long")->transform(seconds);
+  swap.add_flag_callback(
+          "--no-probation", [&terms] { terms["probation_s"] = 0; }, "keep it, however it tracks")
+      ->excludes(probation);
+  add("--error-ratio", "error_ratio", "X", "roll back when tracking gets so many times worse; 0 = never");
+  add("--budget", "budget_us", "US", "microseconds that a step may take");
+  add("--box", "box_ms", "MS", "processor time of the trial");
+}
+
 void add_laws(CLI::App& app, Words& words) {
   CLI::App* swap = app.add_subcommand("swap", "replace the running law");
+  add_terms(*swap, words.terms);
   swap->add_option("LAW", words.law, "C++ file, or the name of a law that comes with LITHE")->required();
   swap->add_option("--param", words.params, "NAME=VALUE, set right after the commit")->type_name("NAME=VALUE");
-  swap->callback([&words] { words.code = lithe::cli::swap_law(words.context, words.law, words.params); });
+  swap->callback([&words] { words.code = lithe::cli::swap_law(words.context, words.law, words.params, words.terms); });
 
   CLI::App* law = app.add_subcommand("law", "laws as files")->require_subcommand(1)->fallthrough();
-  CLI::App* check = law->add_subcommand("check", "compile and try a law without loading it")->fallthrough();
+  CLI::App* check =
+      law->add_subcommand("check", "compile a law, hold it to the rules, run it dry; loads nothing")->fallthrough();
   check->add_option("LAW", words.law, "C++ file")->required();
   check->callback([&words] { words.code = lithe::cli::law_check(words.context, words.law); });
   law->add_subcommand("list", "laws that come with LITHE, and laws in the Spine")->fallthrough()->callback([&words] {
     words.code = lithe::cli::law_list(words.context);
   });
+  CLI::App* show = law->add_subcommand("show", "the certificate that a swap has left")->fallthrough();
+  show->add_option("WHICH", words.which, "last (as without it), a number, or a law: its newest");
+  show->callback([&words] { words.code = lithe::cli::law_show(words.context, words.which, words.folder); });
+  CLI::App* verify = law->add_subcommand("verify", "hold all certificates against their chain")->fallthrough();
+  verify->callback([&words] { words.code = lithe::cli::law_verify(words.context, words.folder); });
+  for (CLI::App* each : {show, verify}) {
+    each->add_option("--folder", words.folder, "where they are, instead of those of the robot")->type_name("DIR");
+  }
 
   CLI::App* param = app.add_subcommand("param", "parameters of the running law")->require_subcommand(1)->fallthrough();
   CLI::App* get = param->add_subcommand("get", "values and ranges")->fallthrough();
@@ -83,6 +124,12 @@ void add_laws(CLI::App& app, Words& words) {
   CLI::App* set = param->add_subcommand("set", "change one or more")->fallthrough();
   set->add_option("PARAM", words.params, "NAME VALUE, or NAME=VALUE ...")->required();
   set->callback([&words] { words.code = lithe::cli::param_set(words.context, words.params); });
+  param->add_subcommand("revert", "the values before the last change")->fallthrough()->callback([&words] {
+    words.code = lithe::cli::param_revert(words.context);
+  });
+  CLI::App* save = param->add_subcommand("save", "write the values of now into the law's file")->fallthrough();
+  save->add_option("LAW", words.law, "C++ file of the running law")->required();
+  save->callback([&words] { words.code = lithe::cli::param_save(words.context, words.law); });
 }
 
 void add_looks(CLI::App& app, Words& words) {

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <numbers>
+#include <utility>
 
 #include "supervisor/control/event_log.hpp"
 
@@ -23,6 +24,50 @@ std::string word(const Json& object, const char* key) {
   return found != object.end() && found->is_string() ? found->get<std::string>() : "-";
 }
 
+// Nothing while all is well.
+void print_health(const Json& health) {
+  const std::pair<const char*, const char*> words[] = {{"plans_torn", "plans that never came whole"},
+                                                       {"brain_violations", "broken commands of the Brain"},
+                                                       {"control_violations", "broken commands of the supervisor"},
+                                                       {"stage_violations", "broken requests to the Loader"}};
+  std::string found;
+  for (const auto& [key, text] : words) {
+    if (const auto count = health.value(key, std::uint64_t{0}); count != 0) {
+      found += fmt::format("{}{}: {}", found.empty() ? "" : ", ", text, count);
+    }
+  }
+  if (!found.empty()) {
+    fmt::print("  BROKEN MESSAGES since the start: {}\n", found);
+  }
+}
+
+// "last swap: gravity_pd confirmed, 31.8 ms from request to commit", or why not.
+void print_last_swap(const Json& swap) {
+  if (!swap.is_object()) {
+    return;
+  }
+  const std::string law = word(swap, "law");
+  std::string said = fmt::format("{} {}", law.empty() ? word(swap, "source") : law, word(swap, "verdict"));
+  if (swap.contains("requested_to_committed_ms")) {
+    said += fmt::format(", {:.1f} ms from request to commit", number(swap, "requested_to_committed_ms"));
+  }
+  if (swap.contains("reason")) {
+    said += fmt::format(": {}", word(swap, "reason"));
+  }
+  fmt::print("  last swap: {}\n", said);
+}
+
+// "last law fault: pid bad_access at pid.cpp:21, tick 4711".
+void print_last_fault(const Json& faults) {
+  if (!faults.is_array() || faults.empty()) {
+    return;
+  }
+  const Json& last = faults.back();
+  const std::string where = last.contains("where") ? fmt::format(" at {}", word(last, "where")) : "";
+  fmt::print("  last law fault: {} {}{}, tick {}\n", word(last, "law"), word(last, "kind"), where,
+             last.value("tick", std::uint64_t{0}));
+}
+
 void print_quantiles(const char* name, const Json& q) {
   fmt::print("  {:<15} p50 {:8.2f}  p99 {:8.2f}  p99.9 {:8.2f}  max {:8.2f} us\n", name, number(q, "p50"),
              number(q, "p99"), number(q, "p999"), number(q, "max"));
@@ -35,9 +80,12 @@ void print_status(const Json& s) {
              word(s, "fault") == "none" ? "" : fmt::format(", fault {}", word(s, "fault")));
   fmt::print("  law {} ({}) at {:g} Hz, tick {}, plan {}\n", word(s, "law"), s.value("law_id", 0), number(s, "rate_hz"),
              s.value("tick", std::uint64_t{0}), word(s, "plan"));
+  print_last_swap(s.value("last_swap", Json()));
+  print_last_fault(s.value("law_faults", Json()));
   fmt::print("  missed releases {}, late samples {}, Brain {}\n", s.value("missed_releases", 0),
              s.value("late_samples", 0),
              s["brain_age_ms"].is_null() ? "never seen" : fmt::format("{:.1f} ms ago", number(s, "brain_age_ms")));
+  print_health(s.value("health", Json::object()));
   print_quantiles("release jitter", s["release_jitter_us"]);
   print_quantiles("hand-off", s["handoff_us"]);
   print_quantiles("law", s["law_us"]);
@@ -50,6 +98,9 @@ void print_status(const Json& s) {
     fmt::print("  {:<12} {:9.2f} deg  (setpoint {:9.2f})  {:8.1f} deg/s  {:7.3f} Nm{}\n", word(joint, "name"),
                number(joint, "position_rad") * kDegPerRad, number(joint, "setpoint_position_rad") * kDegPerRad,
                number(joint, "velocity_rad_s") * kDegPerRad, number(joint, "torque_nm"), problems);
+  }
+  if (word(s, "gates") == "open") {
+    fmt::print("  THE GATES ARE OPEN: laws are neither admitted nor tried\n");
   }
   if (const std::string lost = s.value("lost", ""); !lost.empty()) {
     fmt::print("  this machine could not give: {}\n", lost);
@@ -70,6 +121,9 @@ void print_swap(const Json& c) {
       word(c, "law"), c.value("commit_tick", std::uint64_t{0}), number(c, "compile_ms"),
       c.value("cached", false) ? " (cached)" : "", number(c, "load_ms"), number(c, "requested_to_committed_ms"),
       c.value("missed_releases", std::uint64_t{0}));
+  if (c.contains("record_lost")) {
+    fmt::print("its certificate is not on disk yet: {}\n", word(c, "record_lost"));
+  }
 }
 
 void print_params(const Json& params) {

@@ -30,11 +30,6 @@ namespace fs = std::filesystem;
 
 constexpr std::int64_t kReadyTimeoutNs = 30 * kNsPerS;
 
-std::string out_dir() {
-  const char* chosen = std::getenv("LITHE_OUT_DIR");
-  return fs::absolute(chosen != nullptr ? chosen : "out").string();
-}
-
 std::string pid_path(const std::string& robot) { return fmt::format("{}/{}.pid", run_dir(), robot); }
 
 // Who holds the lease: its own note, else what it wrote into the segment.
@@ -107,7 +102,24 @@ void Supervisor::catch_signals() {
 }
 
 void Supervisor::start_lawd() {
+  arena_ = open_arena(config_);
+  lawd_.give_arena(arena_.get());
   if (const auto started = lawd_.start(monotonic_ns()); !started) {
+    throw Halt{1, started.message()};
+  }
+}
+
+// Before the Spine, like lawd: it forks.
+void Supervisor::start_trial() {
+  if (!options_.gates) {
+    spdlog::warn(
+        "THE GATES ARE OPEN: laws are neither admitted nor run dry nor tried; only the Spine's own containment "
+        "is left. Never with a robot that can hurt somebody");
+    lawd_.open_gates();
+    return;
+  }
+  trial_.give_arena(arena_.get());
+  if (const auto started = trial_.start(monotonic_ns()); !started) {
     throw Halt{1, started.message()};
   }
 }
@@ -125,6 +137,7 @@ void Supervisor::start_spine() {
   launch.argv = {program_dir() + "/lithe-spine", fs::absolute(options_.config_path).string()};
   launch.stdout_fd = theirs.get();
   launch.stderr_fd = log.get();  // a file and not a pipe: the Spine may outlive us
+  launch.extra_fd = arena_.get();
   launch.own_session = true;
   launch.cpus = all_cpus_;
   auto process = Process::start(launch);
@@ -175,13 +188,13 @@ void Supervisor::serve_spine(SpineLink link) {
   // Counted in microseconds of the monotonic clock: no two supervisors of one boot give the same number.
   const auto first_id = static_cast<std::uint64_t>(monotonic_ns() / kNsPerUs);
   commands_.emplace(*link_, first_id);
-  swaps_.emplace(*link_, lawd_, *commands_, events_, swap::RecordBook(fs::path(out_dir()) / config_.name / "swaps"),
-                 first_id);
+  swaps_.emplace(Swaps::Helpers{*link_, lawd_, options_.gates ? &trial_ : nullptr, *commands_, events_},
+                 swap::RecordBook(swap::records_of(config_.name)), first_id, config_);
   const wire::RobotInfo& info = link_->info();
   const int transport = info.transport_inline != 0 ? -1 : static_cast<int>(info.cpu_transport);
   const std::vector<int> ours = cores_beside(all_cpus_, static_cast<int>(info.cpu_spine), transport);
-  for (const pid_t pid : {pid_t{0}, lawd_.pid()}) {
-    if (const auto pinned = set_affinity(pid, ours); !pinned) {
+  for (const pid_t pid : {::getpid(), lawd_.pid(), trial_.pid()}) {
+    if (const auto pinned = pid != 0 ? set_affinity(pid, ours) : done(); !pinned) {
       spdlog::warn("{}", pinned.message());
     }
   }
@@ -196,7 +209,7 @@ void Supervisor::open_socket() {
   }
   server_.emplace(std::move(*server));
   verbs_.emplace(
-      Parts{*link_, lawd_, *commands_, *swaps_, events_, adopted_},
+      Parts{*link_, lawd_, trial_, *commands_, *swaps_, events_, adopted_},
       [this](const ReplyTo& to, const Answer& answer) {
         if (server_) {
           server_->reply(to, answer);
@@ -218,6 +231,7 @@ void Supervisor::announce() const {
                       {"mode", mode},
                       {"rate_hz", link_->info().rate_hz},
                       {"adopted", adopted_},
+                      {"gates", options_.gates},
                       {"supervisor_pid", ::getpid()},
                       {"spine_pid", spine_->pid()},
                       {"socket", control_socket_path(config_.name)}}

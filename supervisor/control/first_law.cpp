@@ -40,7 +40,7 @@ void Supervisor::compile_first_law() {
   spdlog::info("compiling {}", path);
   std::optional<Answer> answer;
   lawd_.compile(
-      fs::path(path).filename().string(), first_source_, [&answer](const Answer& got) { answer = got; },
+      {fs::path(path).filename().string(), first_source_}, [&answer](const Answer& got) { answer = got; },
       monotonic_ns());
   turn_until([&answer] { return answer.has_value(); }, LawdLink::kCompileTimeoutNs + kNsPerS);
   if (!answer) {
@@ -58,7 +58,8 @@ void Supervisor::swap_first_law() {
   const std::string path = options_.law.empty() ? config_.law : options_.law;
   std::optional<Answer> answer;
   swaps_->submit(
-      {fs::path(path).filename().string(), first_source_, Json::object()},
+      {fs::path(path).filename().string(), first_source_, Json::object(),
+       std::get<swap::Terms>(swaps_->read_terms(Json::object()))},
       [&answer](const Answer& got) { answer = got; }, monotonic_ns());
   turn_until([&answer] { return answer.has_value(); }, 4 * LawdLink::kCompileTimeoutNs);
   if (!answer) {

@@ -54,7 +54,7 @@ class LawdLinkTest : public testing::Test {
   }
   Answer compile(const std::string& source) {
     std::optional<Answer> answer;
-    lawd_.compile("rest.cpp", source, [&answer](const Answer& got) { answer = got; }, monotonic_ns());
+    lawd_.compile({"rest.cpp", source}, [&answer](const Answer& got) { answer = got; }, monotonic_ns());
     serve_until([&answer] { return answer.has_value(); });
     return answer.value_or(Refusal{"test_timeout", "", ""});
   }
@@ -83,7 +83,7 @@ TEST_F(LawdLinkTest, ADeathRefusesWhatItHadInHandsAndANewOneServesTheNext) {
   const pid_t first = lawd_.pid();
   std::optional<Answer> answer;
   ::kill(first, SIGSTOP);  // so that the request is certainly in its hands
-  lawd_.compile("rest.cpp", kLaw, [&answer](const Answer& got) { answer = got; }, monotonic_ns());
+  lawd_.compile({"rest.cpp", kLaw}, [&answer](const Answer& got) { answer = got; }, monotonic_ns());
   ::kill(first, SIGKILL);
   serve_until([&answer] { return answer.has_value(); });
   ASSERT_TRUE(answer && std::holds_alternative<Refusal>(*answer));
@@ -98,7 +98,7 @@ TEST_F(LawdLinkTest, EightChecksWaitAndTheNinthIsRefusedAtOnce) {
   const std::int64_t now_ns = monotonic_ns();
   std::vector<std::optional<Answer>> answers(LawdLink::kMaxChecks + 2);  // one is in its hands, eight wait
   for (auto& each : answers) {
-    lawd_.check("rest.cpp", kLaw, into(each), now_ns);
+    lawd_.check({"rest.cpp", kLaw}, into(each), now_ns);
   }
   EXPECT_EQ(code_of(answers.back()), "busy");
   EXPECT_EQ(code_of(answers.front()), "none");
@@ -108,7 +108,7 @@ TEST_F(LawdLinkTest, EightChecksWaitAndTheNinthIsRefusedAtOnce) {
     EXPECT_EQ(code_of(answers[i]), "done") << i;
   }
   std::optional<Answer> again;
-  lawd_.check("rest.cpp", kLaw, into(again), monotonic_ns());
+  lawd_.check({"rest.cpp", kLaw}, into(again), monotonic_ns());
   serve_until([&] { return again.has_value(); });
   EXPECT_EQ(code_of(again), "done");
 }
@@ -117,8 +117,8 @@ TEST_F(LawdLinkTest, OnlyTheOldestRunsOutOfTimeAndTheOthersGetTheirs) {
   freeze();
   const std::int64_t now_ns = monotonic_ns();
   std::optional<Answer> first, second;
-  lawd_.check("rest.cpp", kLaw, into(first), now_ns);
-  lawd_.check("rest.cpp", kLaw, into(second), now_ns);
+  lawd_.check({"rest.cpp", kLaw}, into(first), now_ns);
+  lawd_.check({"rest.cpp", kLaw}, into(second), now_ns);
   ahead_ns_ = LawdLink::kCompileTimeoutNs + kNsPerS;
   serve_until([&] { return first.has_value(); });
   EXPECT_EQ(code_of(first), "lawd_died");
@@ -131,9 +131,9 @@ TEST_F(LawdLinkTest, ASwapGoesBeforeEveryCheckThatWaits) {
   freeze();
   std::vector<std::string> order;
   const auto as = [&order](const char* who) { return [&order, who](const Answer&) { order.push_back(who); }; };
-  lawd_.check("rest.cpp", kLaw, as("in its hands"), monotonic_ns());
-  lawd_.check("rest.cpp", kLaw, as("check"), monotonic_ns());
-  lawd_.compile("rest.cpp", kLaw, as("swap"), monotonic_ns());
+  lawd_.check({"rest.cpp", kLaw}, as("in its hands"), monotonic_ns());
+  lawd_.check({"rest.cpp", kLaw}, as("check"), monotonic_ns());
+  lawd_.compile({"rest.cpp", kLaw}, as("swap"), monotonic_ns());
   ::kill(lawd_.pid(), SIGCONT);
   serve_until([&] { return order.size() == 3; });
   EXPECT_EQ(order, (std::vector<std::string>{"in its hands", "swap", "check"}));
@@ -143,7 +143,7 @@ TEST(LawdLinkWithoutAService, RefusesWhatWaitsWhenItCannotBeStarted) {
   LawdLink lawd("/nowhere/lawd", {}, 1);
   ASSERT_FALSE(lawd.start(0));
   std::optional<Answer> answer;
-  lawd.compile("rest.cpp", kLaw, [&answer](const Answer& got) { answer = got; }, 0);
+  lawd.compile({"rest.cpp", kLaw}, [&answer](const Answer& got) { answer = got; }, 0);
   lawd.serve(LawdLink::kRestartPauseNs);
   ASSERT_TRUE(answer && std::holds_alternative<Refusal>(*answer));
   EXPECT_EQ(std::get<Refusal>(*answer).code, "lawd_failed");

@@ -19,6 +19,8 @@
 namespace lithe::control {
 namespace {
 
+constexpr int kExtraFd = 3;
+
 // Direct system calls: the C library's header for these has no C linkage in C++ before glibc 2.37.
 int open_pidfd(pid_t pid) { return static_cast<int>(::syscall(SYS_pidfd_open, pid, 0)); }
 
@@ -62,6 +64,15 @@ cpu_set_t cpu_set_of(const std::vector<int>& cpus) {
   ::dup2(launch.stdout_fd >= 0 ? launch.stdout_fd : null_fd, STDOUT_FILENO);
   if (launch.stderr_fd >= 0) {
     ::dup2(launch.stderr_fd, STDERR_FILENO);
+  }
+  if (launch.extra_fd >= 0) {
+    // The pipe that tells of a failed start may have that number itself.
+    failure_fd = ::fcntl(failure_fd, F_DUPFD_CLOEXEC, kExtraFd + 1);
+    if (launch.extra_fd != kExtraFd) {
+      ::dup2(launch.extra_fd, kExtraFd);
+    } else {
+      ::fcntl(kExtraFd, F_SETFD, 0);
+    }
   }
   ::execv(argv[0], argv);
   const int reason = errno;

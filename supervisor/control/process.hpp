@@ -18,6 +18,7 @@ struct Launch {
   int stdin_fd = -1;              // -1: /dev/null
   int stdout_fd = -1;
   int stderr_fd = -1;        // -1: inherited
+  int extra_fd = -1;         // becomes descriptor 3 of the program
   bool own_session = false;  // outlives this process and does not hear the terminal's Ctrl-C
   bool dies_with_parent = false;
   bool idle_priority = false;  // SCHED_IDLE and nice 19: never in the way of anything

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "supervisor/control/process.hpp"
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
 #include <sched.h>
 #include <signal.h>
 #include <sys/wait.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <fstream>
@@ -31,6 +33,36 @@ TEST(Process, TellsAnExitCodeFromASignal) {
   ASSERT_TRUE(killed->wait(5000));
   EXPECT_FALSE(killed->exit_code());
   EXPECT_NE(killed->verdict().find("signal 9"), std::string::npos);
+}
+
+// Whether a program finds what it was handed as descriptor 3. Runs in a process of its own: it takes that number.
+bool hands_over(bool has_the_number_already) {
+  const pid_t pid = ::fork();
+  if (pid == 0) {
+    int pair[2];
+    if (::pipe2(pair, O_CLOEXEC) != 0) {
+      ::_exit(1);
+    }
+    const int from = ::fcntl(pair[0], F_DUPFD_CLOEXEC, 20);
+    const int to = ::fcntl(pair[1], F_DUPFD_CLOEXEC, 20);
+    Launch launch = shell("echo handed >&3");
+    launch.extra_fd = has_the_number_already ? ::dup3(to, 3, O_CLOEXEC) : to;
+    if (!has_the_number_already) {
+      ::close(3);  // the next descriptor that Process opens for itself gets the number
+    }
+    auto child = Process::start(launch);
+    char text[8] = "";
+    const bool handed = child && child->wait(5000) && ::read(from, text, 7) == 7;
+    ::_exit(handed && std::string(text) == "handed\n" ? 0 : 1);
+  }
+  int status = 1;
+  ::waitpid(pid, &status, 0);
+  return status == 0;
+}
+
+TEST(Process, HandsOverADescriptorAsNumberThree) {
+  EXPECT_TRUE(hands_over(false));
+  EXPECT_TRUE(hands_over(true));
 }
 
 TEST(Process, AMissingProgramIsAnErrorAndLeavesNoChild) {

@@ -2,6 +2,7 @@
 #include "supervisor/control/spine_link.hpp"
 
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
@@ -16,7 +17,19 @@ namespace lithe::control {
 using Spine = ipc::Segment<ipc::SpineMemory>;
 using Control = ipc::Segment<ipc::ControlMemory>;
 
-std::optional<pid_t> live_spine(const std::string& robot) {
+namespace {
+
+constexpr std::int64_t kMostDyingNs = 5 * kNsPerS;
+
+// Killed, while some of its threads still end: the kernel keeps its lease until the last has gone.
+bool is_dying(pid_t pid) {
+  std::ifstream file(fmt::format("/proc/{}/stat", pid));
+  const std::string stat(std::istreambuf_iterator<char>(file), {});
+  const std::size_t name_end = stat.rfind(") ");
+  return name_end != std::string::npos && (stat[name_end + 2] == 'Z' || stat[name_end + 2] == 'X');
+}
+
+std::optional<pid_t> holder_of_spine(const std::string& robot) {
   if (!ipc::Lease::is_held(Spine::path(robot))) {
     return std::nullopt;
   }
@@ -26,6 +39,18 @@ std::optional<pid_t> live_spine(const std::string& robot) {
   file.read(reinterpret_cast<char*>(&header), sizeof(header));
   const bool known = file.gcount() == sizeof(header) && header.magic == wire::kMagic;
   return known ? static_cast<pid_t>(header.writer_pid) : 0;
+}
+
+}  // namespace
+
+std::optional<pid_t> live_spine(const std::string& robot) {
+  const std::int64_t until_ns = monotonic_ns() + kMostDyingNs;
+  std::optional<pid_t> pid = holder_of_spine(robot);
+  while (pid && *pid > 0 && is_dying(*pid) && monotonic_ns() < until_ns) {
+    ::usleep(10'000);
+    pid = holder_of_spine(robot);
+  }
+  return pid;
 }
 
 bool remove_segments(const std::string& robot) {
@@ -137,8 +162,10 @@ std::vector<wire::Event> SpineLink::drain_events() {
     }
     return events;
   };
-  const std::vector<wire::Event> tick = drain(events_tick_, wire::spine_segment::kEventsTickDepth);
+  // The Loader's ring first: it retires what the tick has let go, and by then the tick has said so. The other way round
+  // a law would be gone before anyone had read why.
   const std::vector<wire::Event> loader = drain(events_loader_, wire::spine_segment::kEventsLoaderDepth);
+  const std::vector<wire::Event> tick = drain(events_tick_, wire::spine_segment::kEventsTickDepth);
   std::vector<wire::Event> merged;
   std::merge(loader.begin(), loader.end(), tick.begin(), tick.end(), std::back_inserter(merged),
              [](const wire::Event& a, const wire::Event& b) { return a.t_ns < b.t_ns; });

@@ -29,7 +29,8 @@ struct Quantiles {
 };
 
 // The live Spine of this robot: whoever holds its lease. Its pid comes from the segment's header, which is the same in
-// every layout; 0 where that cannot be read. Nothing when no Spine lives.
+// every layout; 0 where that cannot be read. Nothing when no Spine lives. One that was just killed gets up to 5 s to
+// end.
 std::optional<pid_t> live_spine(const std::string& robot);
 
 // Removes the three segments, but never those of a live Spine, whoever started it: false when one holds them.
@@ -63,6 +64,8 @@ class SpineLink {
     return static_cast<wire::CommandResult>(commands_.poll(ticket));
   }
   std::optional<std::uint64_t> stage(const wire::StageRequest& request) { return stage_.send(request); }
+  // Of the newest request that this supervisor or one before it has sent; 0 = none.
+  std::uint64_t last_stage_ticket() const { return stage_.last_ticket(); }
   wire::StageResult poll_stage(std::uint64_t ticket) const {
     return static_cast<wire::StageResult>(stage_.poll(ticket));
   }

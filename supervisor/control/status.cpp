@@ -51,6 +51,14 @@ Json joints_json(const wire::RobotInfo& info, const wire::Telemetry& now) {
   return joints;
 }
 
+Json health_json(const ipc::HealthMemory& health) {
+  const auto count = [](const std::uint64_t& word) { return ipc::load_word(word, std::memory_order_relaxed); };
+  return {{"plans_torn", count(health.plans_torn)},
+          {"brain_violations", count(health.brain_violations)},
+          {"control_violations", count(health.control_violations)},
+          {"stage_violations", count(health.stage_violations)}};
+}
+
 Json params_of(const wire::LawInfo& law, const wire::Params* live) {
   Json list = Json::array();
   for (std::uint32_t i = 0; i < law.param_count; ++i) {
@@ -88,6 +96,7 @@ Json status_json(const SpineLink& spine) {
           {"guard_us", quantiles_json(spine.quantiles(memory.guard))},
           {"tick_us", quantiles_json(spine.quantiles(memory.tick))},
           {"bus_us", quantiles_json(spine.quantiles(memory.bus))},
+          {"health", health_json(memory.health)},
           {"joints", joints_json(info, now)},
           {"cpus",
            {{"spine", info.cpu_spine},
@@ -95,6 +104,7 @@ Json status_json(const SpineLink& spine) {
             {"brain", info.cpu_brain},
             {"housekeeping", info.cpu_housekeeping},
             {"transport_inline", info.transport_inline != 0}}},
+          {"loader", info.arena_base != 0 ? "arena" : "dlopen"},
           {"lost", text_of(info.notes)},
           {"config", text_of(info.config_path)},
           {"spine_pid", spine.spine_pid()}};
@@ -123,6 +133,7 @@ Json resident_json(const SpineLink& spine) {
     list.push_back({{"law", text_of(law.name)},
                     {"law_id", law.law_id},
                     {"active", law.law_id == now.law_id},
+                    {"slot", law.slot == 0 ? Json(nullptr) : Json(law.slot)},
                     {"params", params_of(law, nullptr)},
                     {"probes", std::move(probes)}});
   }

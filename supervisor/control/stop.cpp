@@ -24,6 +24,7 @@ void Supervisor::stop() {
     server_.reset();
   }
   lawd_.stop();
+  trial_.stop();
   if (owns_files_) {
     std::error_code ignored;
     std::filesystem::remove(fmt::format("{}/{}.pid", run_dir(), config_.name), ignored);
@@ -63,7 +64,13 @@ bool Supervisor::stop_spine() {
 }
 
 Drives Supervisor::switch_off() {
-  swaps_->refuse_all({"stopping", "the robot is being stopped", "start it again: lithe run"}, monotonic_ns());
+  const Refusal stopping{"stopping", "the robot is being stopped", "start it again: lithe run"};
+  const auto refuse_swaps = [&] {
+    if (swaps_) {
+      swaps_->refuse_all(stopping, monotonic_ns());
+    }
+  };
+  refuse_swaps();
   bool answered = false;
   bool obeyed = false;
   wire::Command disarm;
@@ -88,7 +95,8 @@ Drives Supervisor::switch_off() {
     };
     turn_until(wait_over, 2 * kNsPerS);
   }
-  commands_->refuse_all({"stopping", "the robot is being stopped", "start it again: lithe run"});
+  refuse_swaps();  // the socket was served meanwhile
+  commands_->refuse_all(stopping);
   return seen;  // once off is enough: the record after it may lack a sample that came late
 }
 

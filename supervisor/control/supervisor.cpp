@@ -10,6 +10,7 @@
 
 #include <algorithm>
 #include <exception>
+#include <filesystem>
 #include <utility>
 
 #include "spine/core/host.hpp"
@@ -30,6 +31,8 @@ Supervisor::Supervisor(RunOptions options, robot::RobotConfig config)
       all_cpus_(allowed_cpus()),
       born_ns_(monotonic_ns()),
       lawd_(program_dir() + "/lawd", cores_beside(all_cpus_, config_.spine), config_.joints.size()),
+      trial_(program_dir() + "/lithe-trial", std::filesystem::absolute(options_.config_path).string(),
+             cores_beside(all_cpus_, config_.spine)),
       log_path_(fmt::format("{}/{}.spine.log", run_dir(), config_.name)) {}
 
 Supervisor::~Supervisor() = default;
@@ -59,6 +62,7 @@ void Supervisor::live() {
   take_lease();
   catch_signals();
   start_lawd();
+  start_trial();
   if (const auto pid = live_spine(config_.name)) {
     adopt_spine(*pid);
     swap_adopted_law();
@@ -80,6 +84,7 @@ void Supervisor::turn(int timeout_ms) {
   std::vector<pollfd> fds;
   fds.push_back({signals_.get(), POLLIN, 0});
   fds.push_back({lawd_.poll_fd(), POLLIN, 0});  // poll() passes over -1
+  fds.push_back({trial_.poll_fd(), POLLIN, 0});
   fds.push_back({spine_ ? spine_->poll_fd() : -1, POLLIN, 0});
   fds.push_back({spine_out_.get(), POLLIN, 0});
   if (server_) {
@@ -90,12 +95,17 @@ void Supervisor::turn(int timeout_ms) {
   const std::int64_t now_ns = monotonic_ns();
   read_signals();
   lawd_.serve(now_ns);
+  if (options_.gates) {
+    trial_.serve(now_ns);
+  }
   read_spine();
   if (link_) {
     link_->heartbeat(now_ns);
     read_events();
     commands_->serve(now_ns);
-    swaps_->serve(now_ns);
+    if (swaps_) {
+      swaps_->serve(now_ns);
+    }
   }
   if (server_) {
     server_->serve();
@@ -172,7 +182,9 @@ void Supervisor::note(const Json& event) {
 void Supervisor::read_events() {
   const std::int64_t now_ns = monotonic_ns();
   for (const wire::Event& event : link_->drain_events()) {
-    swaps_->on_event(event, now_ns);
+    if (swaps_) {  // not when the supervisor went wrong on the way to them; the drives are switched off all the same
+      swaps_->on_event(event, now_ns);
+    }
     if (noise_.passes(event, now_ns)) {
       note(event_json(event));
     }
@@ -198,7 +210,9 @@ void Supervisor::spine_died() {
                       to_string(static_cast<wire::Fault>(last.fault)));
     }
     const Refusal reason{"robot_fault", why, "the drives' own watchdogs stop the robot; start again: lithe run"};
-    swaps_->refuse_all(reason, monotonic_ns());
+    if (swaps_) {
+      swaps_->refuse_all(reason, monotonic_ns());
+    }
     commands_->refuse_all(reason);
   }
   why += fmt::format("; the drives' own watchdogs stop the robot; its last words are in {}", log_path_);

@@ -21,6 +21,7 @@
 #include "supervisor/control/server.hpp"
 #include "supervisor/control/spine_link.hpp"
 #include "supervisor/control/swaps.hpp"
+#include "supervisor/control/trial_link.hpp"
 #include "supervisor/control/verbs.hpp"
 
 namespace lithe::control {
@@ -30,6 +31,7 @@ struct RunOptions {
   std::string law;    // overrides the file's; empty: the file's
   bool arm = true;    // arm once the law runs
   bool json = false;  // announce in JSON on stdout
+  bool gates = true;  // false: no admission, no dry run, no trial; for tests of containment only
 };
 
 // Checks, starts, serves until SIGINT, SIGTERM or a shutdown request, stops. Returns the exit code of `lithe run`:
@@ -59,6 +61,7 @@ class Supervisor {
   void take_lease();
   void catch_signals();
   void start_lawd();
+  void start_trial();
   void compile_first_law();
   void start_spine();
   void adopt_spine(pid_t pid);
@@ -95,7 +98,9 @@ class Supervisor {
   ipc::Lease lease_;
   bool owns_files_ = false;
   Fd signals_;
+  Fd arena_;  // the code arena, handed to lawd, to the trial and to the Spine
   LawdLink lawd_;
+  TrialLink trial_;
   std::string first_source_;
   std::optional<Process> spine_;
   Fd spine_out_;  // its stdout, until it has said that it is ready

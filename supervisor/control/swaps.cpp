@@ -1,252 +1,262 @@
 // SPDX-License-Identifier: Apache-2.0
+// Who asks for a swap, what is kept of it, and what is answered. The steps themselves: swap_steps.cpp.
 #include "supervisor/control/swaps.hpp"
 
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
-#include <cstdlib>
-#include <cstring>
+#include <algorithm>
 #include <utility>
 
 #include "spine/core/time.hpp"
+#include "supervisor/control/swap_words.hpp"
 
 namespace lithe::control {
-namespace {
 
 using swap::Answer;
 using swap::Json;
 using swap::Refusal;
 
-constexpr std::int64_t kWordsGraceNs = 50'000'000;
-
-// Bounded copy into a zero-terminated field; false when the text does not fit.
-template <std::size_t N>
-bool put(std::array<char, N>& field, const std::string& text) {
-  if (text.size() >= N) {
-    return false;
-  }
-  std::memcpy(field.data(), text.c_str(), text.size() + 1);
-  return true;
-}
-
-// The first parameter that the compiled law does not have or does not allow.
-std::optional<Refusal> wrong_param(const Json& params, const Json& law) {
-  for (const auto& [name, value] : params.items()) {
-    const Json known = law.value("params", Json::array());
-    const auto found = std::find_if(known.begin(), known.end(),
-                                    [&name = name](const Json& each) { return each.value("name", "") == name; });
-    if (found == known.end()) {
-      return Refusal{"unknown_param", fmt::format("the new law has no parameter '{}'", name), "leave it out"};
-    }
-    if (!value.is_number() || !(value >= (*found)["min"]) || !(value <= (*found)["max"])) {
-      return Refusal{"refused_range",
-                     fmt::format("{} = {} is outside [{}, {}]", name, value.dump(), (*found)["min"].dump(),
-                                 (*found)["max"].dump()),
-                     "the running law is unchanged; choose a value inside the range"};
-    }
-  }
-  return std::nullopt;
-}
-
-Refusal stage_refusal(wire::StageResult result, const std::string& words) {
-  const std::string code(to_string(result));
-  const char* next = result == wire::StageResult::busy || result == wire::StageResult::slots_full
-                         ? "another swap is under way in the Spine; try again"
-                         : "the running law is unchanged; lithe law check tells more";
-  return {code, words.empty() ? fmt::format("the Loader refused the law: {}", code) : words, next};
-}
-
-}  // namespace
-
-Swaps::Swaps(SpineLink& spine, LawdLink& lawd, Commands& commands, EventLog& log, swap::RecordBook book,
-             std::uint64_t first_request_id)
-    : spine_(spine),
-      lawd_(lawd),
-      commands_(commands),
-      log_(log),
+Swaps::Swaps(const Helpers& helpers, swap::RecordBook book, std::uint64_t first_request_id,
+             const robot::RobotConfig& robot)
+    : help_(helpers),
+      placement_(helpers.spine, helpers.lawd),
       book_(std::move(book)),
+      robots_terms_(swap::terms_of(robot, helpers.spine.info().rate_hz)),
       queue_({[this](const swap::Transaction& each) { compile(each); },
+              [this](const swap::Transaction& each) { place(each); },
+              [this](const swap::Transaction& each) { attempt(each); },
               [this](const swap::Transaction& each) { stage(each); }, [this] { return missed_releases(); },
-              [this](const swap::Transaction& each) { finish(each); }},
-             first_request_id, {2 * LawdLink::kCompileTimeoutNs}) {}
+              [this](swap::Transaction&& each) { finish(std::move(each)); }},
+             first_request_id, {2 * LawdLink::kCompileTimeoutNs, 2 * LawdLink::kCompileTimeoutNs}),
+      aftermath_(
+          helpers.spine,
+          [this](const swap::Transaction& each, const swap::RecordBook::Page& record) { rewrite(each, record); },
+          [this](const swap::Transaction& each, std::uint32_t offset, Aftermath::Found found) {
+            locate(each, offset, std::move(found));
+          }) {}
+
+std::variant<swap::Terms, Refusal> Swaps::read_terms(const Json& args) const {
+  for (const auto& [name, value] : args.items()) {
+    if (!swap::is_term(name) && name != "path" && name != "source" && name != "name" && name != "params" &&
+        name != "supersede") {
+      return Refusal{"usage", fmt::format("swap has no argument '{}'", name), "see docs/reference/verbs.md"};
+    }
+  }
+  return swap::read_terms(args, robots_terms_, help_.spine.info().rate_hz);
+}
+
+// A shadow needs a law to run beside.
+std::optional<Refusal> Swaps::no_shadow(const swap::Terms& terms) const {
+  wire::Telemetry now{};
+  (void)help_.spine.latest(now);
+  const auto mode = static_cast<wire::Mode>(now.mode);
+  if (terms.shadow_s == 0 || (now.law_id != 0 && (mode == wire::Mode::active || mode == wire::Mode::hold))) {
+    return std::nullopt;
+  }
+  return Refusal{"refused_mode",
+                 fmt::format("a shadow runs beside the active law, and in mode {} none runs", to_string(mode)),
+                 "arm first: lithe arm; or swap without a shadow"};
+}
 
 void Swaps::submit(swap::Request request, Callback callback, std::int64_t now_ns) {
+  if (const auto refusal = no_shadow(request.terms)) {
+    callback(*refusal);
+    return;
+  }
   const std::uint64_t id = queue_.submit(std::move(request), now_ns);
   if (id == 0) {
     callback(Refusal{"busy", fmt::format("{} swaps wait already", swap::Queue::kMaxWaiting), "try again later"});
     return;
   }
-  waiting_[id] = {std::move(callback), {}};
+  waiting_[id].callback = std::move(callback);
   keep_record(*queue_.newest());
   queue_.step(now_ns);
-}
-
-void Swaps::keep_record(const swap::Transaction& swap) {
-  std::filesystem::path& record = waiting_[swap.request_id()].record;
-  const Json certificate = swap.certificate();
-  if (!record.empty()) {
-    if (const auto written = swap::RecordBook::rewrite(record, certificate); !written) {
-      spdlog::warn("{}", written.message());
-    }
-  } else if (const auto path = book_.write(certificate)) {
-    record = *path;
-  } else {
-    spdlog::warn("{}", path.message());
-  }
-}
-
-std::uint64_t Swaps::missed_releases() const {
-  wire::Telemetry now{};
-  (void)spine_.latest(now);
-  return now.missed_releases;
-}
-
-void Swaps::note(const swap::Transaction& swap, const char* kind, const std::string& text) {
-  log_.add({{"t_ns", monotonic_ns()}, {"tick", 0}, {"kind", kind}, {"request_id", swap.request_id()}, {"text", text}});
-  spdlog::info("{}: {}", kind, text);
-}
-
-void Swaps::compile(const swap::Transaction& swap) {
-  note(swap, "swap_submitted", swap.request().name);
-  const std::uint64_t id = swap.request_id();
-  lawd_.compile(
-      swap.request().name, swap.request().source, [this, id](const Answer& answer) { compiled(id, answer); },
-      monotonic_ns());
-}
-
-void Swaps::compiled(std::uint64_t request_id, const Answer& answer) {
-  const std::int64_t now_ns = monotonic_ns();
-  const swap::Transaction* head = queue_.head();
-  if (head == nullptr || head->request_id() != request_id) {
-    return;
-  }
-  if (const auto* refusal = std::get_if<Refusal>(&answer)) {
-    queue_.on_refused(request_id, *refusal, now_ns);
-    return;
-  }
-  const Json& result = std::get<Json>(answer);
-  const Json law = result.value("law", Json::object());
-  if (const auto wrong = wrong_param(head->request().params, law)) {
-    queue_.on_refused(request_id, *wrong, now_ns);
-    return;
-  }
-  swap::Compiled compiled{result.value("object", ""),    result.value("hash", ""),        law.value("name", ""),
-                          result.value("cached", false), result.value("compile_ms", 0.0), law};
-  note(*head, "swap_compiled",
-       fmt::format("{} in {:.0f} ms{}", compiled.law, compiled.compile_ms, compiled.cached ? " (cached)" : ""));
-  queue_.on_compiled(request_id, std::move(compiled), now_ns);
-}
-
-void Swaps::stage(const swap::Transaction& swap) {
-  wire::StageRequest request;
-  request.request_id = swap.request_id();
-  request.source_hash = std::strtoull(swap.compiled().hash.substr(0, 16).c_str(), nullptr, 16);
-  ticket_.reset();
-  commit_.reset();
-  stage_refused_ns_ = 0;
-  const std::string& object = swap.compiled().object;
-  if (!put(request.path, object) || !put(request.name, swap.compiled().law)) {
-    queue_.on_refused(swap.request_id(),
-                      {"path_too_long", fmt::format("{} does not fit the Spine's field", object),
-                       "set LITHE_CACHE_DIR to a shorter path"},
-                      monotonic_ns());
-    return;
-  }
-  ticket_ = spine_.stage(request);
-  if (!ticket_) {
-    queue_.on_refused(swap.request_id(), stage_refusal(wire::StageResult::busy, "the Loader does not take requests"),
-                      monotonic_ns());
-  }
-}
-
-void Swaps::on_event(const wire::Event& event, std::int64_t now_ns) {
-  const swap::Transaction* head = queue_.head();
-  if (head == nullptr || event.request_id != head->request_id()) {
-    return;
-  }
-  const auto kind = static_cast<wire::EventKind>(event.kind);
-  if (kind == wire::EventKind::law_committed) {
-    commit_ = event;  // answered once telemetry shows the new law, so that the client's next look does too
-  } else if (kind == wire::EventKind::law_staged) {
-    queue_.on_staged(event.request_id, event.t_ns);
-  } else if (kind == wire::EventKind::law_refused) {
-    queue_.on_refused(event.request_id, stage_refusal(static_cast<wire::StageResult>(event.code), text_of(event.text)),
-                      now_ns);
-  }
-}
-
-void Swaps::poll_stage(std::int64_t now_ns) {
-  const swap::Transaction* head = queue_.head();
-  if (head == nullptr || !ticket_) {
-    return;
-  }
-  wire::Telemetry now{};
-  const bool known = spine_.latest(now);
-  if (commit_) {
-    if (now.tick > commit_->tick || now_ns - commit_->t_ns > kWordsGraceNs) {
-      queue_.on_committed(commit_->request_id, commit_->tick, commit_->code, commit_->t_ns);
-    }
-    return;
-  }
-  if (head->stage() == swap::Stage::compiled) {
-    const wire::StageResult result = spine_.poll_stage(*ticket_);
-    if (result == wire::StageResult::staged && now_ns - head->stage_since_ns() > kWordsGraceNs) {
-      queue_.on_staged(head->request_id(), now_ns);
-    } else if (result != wire::StageResult::pending && result != wire::StageResult::staged) {
-      stage_refused_ns_ = stage_refused_ns_ == 0 ? now_ns : stage_refused_ns_;
-      if (now_ns - stage_refused_ns_ > kWordsGraceNs) {
-        queue_.on_refused(head->request_id(), stage_refusal(result, ""), now_ns);
-      }
-    }
-  } else if (head->stage() == swap::Stage::staged) {
-    // The event says it first; should the ring have lost it, the running law itself tells.
-    const auto law = known ? spine_.law(now.law_id) : std::nullopt;
-    if (law && law->request_id == head->request_id() && now_ns - head->stage_since_ns() > kWordsGraceNs) {
-      queue_.on_committed(head->request_id(), now.tick, now.law_id, now_ns);
-    }
-  }
 }
 
 void Swaps::serve(std::int64_t now_ns) {
   poll_stage(now_ns);
   queue_.step(now_ns);
+  aftermath_.serve(now_ns);
+  late_.retry(book_, now_ns);
 }
 
-void Swaps::finish(const swap::Transaction& swap) {
-  ticket_.reset();
-  keep_record(swap);
-  const Json certificate = swap.certificate();
-  const Callback callback = std::move(waiting_[swap.request_id()].callback);
-  waiting_.erase(swap.request_id());
-  if (swap.refusal()) {
-    note(swap, swap.confirmed() ? "swap_refused" : "swap_not_confirmed",
-         fmt::format("{}: {}", swap.request().name, swap.refusal()->message));
-    Refusal refusal = *swap.refusal();
-    if (refusal.detail.is_null()) {
-      refusal.detail = Json::object();
-    }
-    refusal.detail["swap"] = certificate;
-    refusal.detail["swap"].erase("error");
-    callback(refusal);
-  } else if (swap.request().params.empty()) {
-    callback(certificate);
-  } else {
-    commands_.set_params(
-        swap.request().params,
-        [certificate, callback](const Answer& answer) {
-          if (const auto* refusal = std::get_if<Refusal>(&answer)) {
-            callback(Refusal{refusal->code,
-                             (refusal->code == "timeout" ? "the law runs; its parameters: "
-                                                         : "the law runs, its parameters do not: ") +
-                                 refusal->message,
-                             refusal->next,
-                             {{"swap", certificate}}});
-          } else {
-            callback(certificate);
-          }
-        },
-        monotonic_ns(), certificate.value("law_id", std::uint32_t{0}));
+void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
+  take_commit();
+  guess_commit(now_ns);
+  queue_.refuse_all(reason, now_ns);
+  aftermath_.end(reason.message, now_ns);
+}
+
+// Of the newest: an older law that is let go says nothing about the last swap.
+void Swaps::remember(const swap::Transaction& swap) {
+  const bool begun = swap.stage() != swap::Stage::submitted;
+  if (begun && (last_.is_null() || last_["request_id"] <= swap.request_id())) {
+    last_ = summary_of(swap.certificate());
   }
+}
+
+void Swaps::keep_record(const swap::Transaction& swap) {
+  remember(swap);
+  Waiting& waiting = waiting_[swap.request_id()];
+  if (!waiting.record.path.empty()) {
+    rewrite(swap, waiting.record);
+  } else if (const auto page = book_.write(swap.certificate())) {
+    waiting.record = *page;
+    waiting.record_lost.clear();
+  } else {
+    waiting.record_lost = page.message();
+    spdlog::warn("{}", page.message());
+  }
+}
+
+void Swaps::rewrite(const swap::Transaction& swap, const swap::RecordBook::Page& record) {
+  remember(swap);
+  if (record.path.empty()) {
+    late_.hold(swap.request_id(), swap.certificate());
+  } else if (const auto written = book_.rewrite(record, swap.certificate()); !written) {
+    spdlog::warn("{}", written.message());
+  }
+}
+
+std::uint64_t Swaps::missed_releases() const {
+  wire::Telemetry now{};
+  (void)help_.spine.latest(now);
+  return now.missed_releases;
+}
+
+void Swaps::note(const swap::Transaction& swap, const char* kind, const std::string& text) {
+  log(swap.request_id(), kind, text);
+}
+
+void Swaps::log(std::uint64_t request_id, const char* kind, const std::string& text) {
+  help_.log.add({{"t_ns", monotonic_ns()}, {"tick", 0}, {"kind", kind}, {"request_id", request_id}, {"text", text}});
+  spdlog::info("{}: {}", kind, text);
+}
+
+// The compile service has the law with its lines. `offset`: from the start of its slot, or of its object when not
+// `placed`.
+void Swaps::find_line(const swap::Transaction& swap, std::uint64_t offset, bool placed, Aftermath::Found found) {
+  const auto located = [file = swap.request().name, found = std::move(found)](const Answer& answer) {
+    const Json* place = std::get_if<Json>(&answer);
+    if (place == nullptr) {
+      found(nullptr);
+      return;
+    }
+    found(
+        {{"where", fmt::format("{}:{}", file, place->value("line", 0))}, {"function", place->value("function", "?")}});
+  };
+  help_.lawd.locate(swap.compiled().hash, offset, placed, located, monotonic_ns());
+}
+
+// Of a law that failed in the Spine. The event comes after the one of the fault.
+void Swaps::locate(const swap::Transaction& swap, std::uint32_t offset, Aftermath::Found found) {
+  const auto tell = [this, id = swap.request_id(), law = swap.compiled().law,
+                     found = std::move(found)](const Json& place) {
+    if (place.is_object()) {
+      log(id, "law_fault_located",
+          fmt::format("{} at {}, in {}", law, place.value("where", "?"), place.value("function", "?")));
+    }
+    found(place);
+  };
+  find_line(swap, offset, true, tell);
+}
+
+void Swaps::finish(swap::Transaction&& swap) {
+  const bool was_head = waiting_.contains(swap.request_id()) && swap.reached(swap::Stage::compiled);
+  if (was_head) {
+    give_slot_back();
+    ticket_.reset();
+    commit_.reset();
+  }
+  keep_record(swap);
+  const Waiting waiting = std::move(waiting_[swap.request_id()]);
+  waiting_.erase(swap.request_id());
+  Json certificate = swap.certificate();
+  if (!waiting.record_lost.empty()) {
+    late_.hold(swap.request_id(), certificate);
+    certificate["record_lost"] = waiting.record_lost;
+  }
+  if (!swap.refusal()) {
+    const std::uint64_t id = swap.request_id();
+    const std::uint32_t law_id = swap.law_id();
+    aftermath_.follow(std::move(swap), waiting.record, before_, monotonic_ns());
+    set_params(id, law_id, std::move(certificate), waiting.callback);
+    return;
+  }
+  note(swap, swap.outcome_is_known() ? "swap_refused" : "swap_not_confirmed",
+       fmt::format("{}: {}", swap.request().name, swap.refusal()->message));
+  Refusal refusal = *swap.refusal();
+  if (refusal.detail.is_null()) {
+    refusal.detail = Json::object();
+  }
+  certificate.erase("error");
+  refusal.detail["swap"] = std::move(certificate);
+  waiting.callback(refusal);
+  if (!swap.outcome_is_known()) {
+    unconfirmed_.push_back({std::move(swap), waiting.record});
+    if (unconfirmed_.size() > kMostUnconfirmed) {
+      unconfirmed_.pop_front();
+    }
+  }
+}
+
+// A swap that was given up, and of which the Spine tells after all.
+void Swaps::come_late(const wire::Event& event) {
+  const auto found = std::find_if(unconfirmed_.begin(), unconfirmed_.end(),
+                                  [&](const Unconfirmed& each) { return each.swap.request_id() == event.request_id; });
+  const auto kind = static_cast<wire::EventKind>(event.kind);
+  const bool committed = kind == wire::EventKind::law_committed;
+  if (found == unconfirmed_.end() || (!committed && kind != wire::EventKind::law_refused)) {
+    return;
+  }
+  auto [swap, record] = std::move(*found);
+  unconfirmed_.erase(found);
+  if (!committed) {
+    swap.mark_refused(stage_refusal(static_cast<wire::StageResult>(event.code), text_of(event.text)), event.t_ns);
+    note(swap, "swap_refused", fmt::format("{}: after it was given up", swap.request().name));
+    rewrite(swap, record);
+    return;
+  }
+  swap.mark_committed(event.tick, event.code, event.t_ns);
+  swap.note_missed_after(missed_releases());
+  if (!swap.request().params.empty()) {
+    const Refusal why{"timeout", "the swap was given up before its law ran, so nobody set them", "lithe param set"};
+    swap.note("params", {{"values", swap.request().params}, {"taken", false}, {"error", why.to_json()}});
+  }
+  note(swap, "swap_committed_late", fmt::format("{}: it was given up, and runs now", swap.request().name));
+  rewrite(swap, record);
+  aftermath_.follow(std::move(swap), record, {}, monotonic_ns());  // uncounted: others came in between
+}
+
+// The answer to a committed swap comes when its parameters are set, or cannot be.
+void Swaps::set_params(std::uint64_t request_id, std::uint32_t law_id, Json certificate, const Callback& callback) {
+  if (!certificate.contains("params")) {
+    callback(certificate);
+    return;
+  }
+  const Json values = certificate["params"]["values"];
+  help_.commands.set_params(
+      values,
+      [this, request_id, certificate, callback](const Answer& answer) {
+        Json told = certificate;
+        Json& params = told["params"];
+        const auto* refusal = std::get_if<Refusal>(&answer);
+        const bool known = refusal == nullptr || (refusal->code != "timeout" && refusal->code != "stopping" &&
+                                                  refusal->code != "robot_fault");
+        params["taken"] = known ? Json(refusal == nullptr) : Json(nullptr);
+        if (refusal != nullptr) {
+          params["error"] = refusal->to_json();
+        }
+        aftermath_.note(request_id, "params", params);
+        if (refusal == nullptr) {
+          callback(told);
+        } else {
+          const char* what = known ? "the law runs, its parameters do not: " : "the law runs; its parameters: ";
+          callback(Refusal{refusal->code, what + refusal->message, refusal->next, {{"swap", told}}});
+        }
+      },
+      monotonic_ns(), law_id);
 }
 
 }  // namespace lithe::control

@@ -1,19 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
-// Drives the swap queue: compile service, Spine, event log and records on one side, clients on the other.
+// Drives the swap queue: compile service, trial, Spine, event log and records on one side, clients on the other.
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <filesystem>
 #include <functional>
 #include <map>
 #include <optional>
+#include <string>
+#include <variant>
 
+#include "supervisor/control/aftermath.hpp"
 #include "supervisor/control/commands.hpp"
 #include "supervisor/control/event_log.hpp"
 #include "supervisor/control/lawd_link.hpp"
+#include "supervisor/control/placement.hpp"
 #include "supervisor/control/spine_link.hpp"
+#include "supervisor/control/trial_link.hpp"
+#include "supervisor/swap/late.hpp"
 #include "supervisor/swap/queue.hpp"
 #include "supervisor/swap/record.hpp"
+#include "supervisor/swap/terms.hpp"
 
 namespace lithe::control {
 
@@ -23,39 +31,88 @@ class Swaps {
  public:
   using Callback = std::function<void(const swap::Answer&)>;
 
-  Swaps(SpineLink& spine, LawdLink& lawd, Commands& commands, EventLog& log, swap::RecordBook book,
-        std::uint64_t first_request_id);
+  // All outlive Swaps.
+  struct Helpers {
+    SpineLink& spine;
+    LawdLink& lawd;
+    TrialLink* trial;  // nullptr: the gates are open, laws are not tried
+    Commands& commands;
+    EventLog& log;
+  };
 
+  Swaps(const Helpers& helpers, swap::RecordBook book, std::uint64_t first_request_id, const robot::RobotConfig& robot);
+
+  // The terms that the arguments of a request ask for, on top of the robot's own.
+  std::variant<swap::Terms, swap::Refusal> read_terms(const swap::Json& args) const;
   void submit(swap::Request request, Callback callback, std::int64_t now_ns);
   void on_event(const wire::Event& event, std::int64_t now_ns);
   void serve(std::int64_t now_ns);
-  void refuse_all(const swap::Refusal& reason, std::int64_t now_ns) { queue_.refuse_all(reason, now_ns); }
+  // The robot stops, or the Spine is gone. What it has committed by then is answered as committed.
+  void refuse_all(const swap::Refusal& reason, std::int64_t now_ns);
   // True while the Spine has something to say that no descriptor announces: serve() every millisecond then.
-  bool waiting() const { return queue_.head() != nullptr && queue_.head()->stage() != swap::Stage::submitted; }
+  bool waiting() const { return queue_.head() != nullptr && queue_.head()->reached(swap::Stage::tried); }
+  bool gates_are_open() const { return help_.trial == nullptr; }
+  // summary_of() the newest swap that has begun, with what became of it since; null before the first.
+  const swap::Json& last() const { return last_; }
+  // The last faults of laws: [{law, kind, tick, where, function, ...}].
+  const swap::Json& law_faults() const { return aftermath_.faults(); }
+  // Where the certificates go.
+  const std::filesystem::path& records() const { return book_.folder(); }
 
  private:
+  // The steps of the head of the queue, in this order; each but the last ends in an answer.
   void compile(const swap::Transaction& swap);
   void compiled(std::uint64_t request_id, const swap::Answer& answer);
+  void place(const swap::Transaction& swap);
+  void placed(std::uint64_t request_id, const std::variant<Placed, swap::Refusal>& where);
+  void attempt(const swap::Transaction& swap);
+  void tried(std::uint64_t request_id, const swap::Answer& answer);
   void stage(const swap::Transaction& swap);
   void poll_stage(std::int64_t now_ns);
-  void finish(const swap::Transaction& swap);
-  void keep_record(const swap::Transaction& swap);
-  void note(const swap::Transaction& swap, const char* kind, const std::string& text);
-  std::uint64_t missed_releases() const;
+  void take_commit();
+  void guess_commit(std::int64_t now_ns);
+  void refuse_with_line(const swap::Transaction& swap, const swap::Refusal& refusal);
+  void find_line(const swap::Transaction& swap, std::uint64_t offset, bool placed, Aftermath::Found found);
+  void locate(const swap::Transaction& swap, std::uint32_t offset, Aftermath::Found found);
+  void shadow_ended(const wire::Event& event, std::int64_t now_ns);
+  void come_late(const wire::Event& event);
+  void finish(swap::Transaction&& swap);
 
-  SpineLink& spine_;
-  LawdLink& lawd_;
-  Commands& commands_;
-  EventLog& log_;
+  bool is_head(std::uint64_t request_id) const;
+  void give_slot_back();
+  void remember(const swap::Transaction& swap);
+  void keep_record(const swap::Transaction& swap);
+  void rewrite(const swap::Transaction& swap, const swap::RecordBook::Page& record);
+  void note(const swap::Transaction& swap, const char* kind, const std::string& text);
+  void log(std::uint64_t request_id, const char* kind, const std::string& text);
+  void set_params(std::uint64_t request_id, std::uint32_t law_id, swap::Json certificate, const Callback& callback);
+  std::uint64_t missed_releases() const;
+  std::optional<swap::Refusal> no_shadow(const swap::Terms& terms) const;
+
+  Helpers help_;
+  Placement placement_;
   swap::RecordBook book_;
+  swap::LateRecords late_;
+  swap::Json last_ = nullptr;
+  swap::Terms robots_terms_;
   swap::Queue queue_;
+  Aftermath aftermath_;
   struct Waiting {
     Callback callback;
-    std::filesystem::path record;  // empty: it could not be written
+    swap::RecordBook::Page record;
+    std::string record_lost;  // why there is no file; empty: there is
   };
   std::map<std::uint64_t, Waiting> waiting_;
+  struct Unconfirmed {
+    swap::Transaction swap;
+    swap::RecordBook::Page record;
+  };
+  static constexpr std::size_t kMostUnconfirmed = 8;
+  std::deque<Unconfirmed> unconfirmed_;  // given up while the Spine had them, oldest first
+  std::optional<Placed> placed_;         // where the head of the queue lies, until the Loader is asked
   std::optional<std::uint64_t> ticket_;  // of the stage request under way
   std::optional<wire::Event> commit_;    // seen, not yet answered
+  CoreCounts before_;                    // counted when the Loader was asked
   std::int64_t stage_refused_ns_ = 0;    // the Loader said no; its event may still bring the words
 };
 

@@ -17,6 +17,8 @@
 namespace lithe::control {
 namespace {
 
+constexpr int kMostSteps = 4;  // laws that stay in the Spine behind the running one
+
 // The source of a request, given as text or as a path that this process can read.
 std::variant<swap::Request, Refusal> read_request(const Json& args) {
   swap::Request request{args.value("name", ""), args.value("source", ""), args.value("params", Json::object())};
@@ -62,7 +64,13 @@ void Verbs::add_looks() {
     status["supervisor_pid"] = ::getpid();
     status["lawd_pid"] = parts_.lawd.pid();
     status["lawd_restarts"] = parts_.lawd.restarts();
+    status["trial_pid"] = parts_.trial.pid();
+    status["trial_restarts"] = parts_.trial.restarts();
+    status["gates"] = parts_.swaps.gates_are_open() ? "open" : "closed";
     status["adopted"] = parts_.adopted;
+    status["law_faults"] = parts_.swaps.law_faults();
+    status["last_swap"] = parts_.swaps.last();
+    status["records"] = parts_.swaps.records().string();
     reply_(to, status);
   };
   verbs_["events"] = [this](const ReplyTo& to, const Json& args) {
@@ -76,13 +84,16 @@ void Verbs::add_looks() {
 }
 
 void Verbs::add_commands() {
-  const std::pair<const char*, wire::CommandKind> plain[] = {
-      {"arm", wire::CommandKind::arm},           {"disarm", wire::CommandKind::disarm},
-      {"hold", wire::CommandKind::hold},         {"estop", wire::CommandKind::estop},
-      {"rollback", wire::CommandKind::rollback}, {"reset", wire::CommandKind::reset}};
+  const std::pair<const char*, wire::CommandKind> plain[] = {{"arm", wire::CommandKind::arm},
+                                                             {"disarm", wire::CommandKind::disarm},
+                                                             {"hold", wire::CommandKind::hold},
+                                                             {"estop", wire::CommandKind::estop},
+                                                             {"reset", wire::CommandKind::reset}};
   for (const auto& [name, kind] : plain) {
     verbs_[name] = [this, kind = kind](const ReplyTo& to, const Json&) { command(kind, to); };
   }
+  verbs_["rollback"] = [this](const ReplyTo& to, const Json& args) { roll_back(to, args); };
+  verbs_["revert_params"] = [this](const ReplyTo& to, const Json&) { revert_params(to); };
   verbs_["set_params"] = [this](const ReplyTo& to, const Json& args) { set_params(to, args); };
   verbs_["shutdown"] = [this](const ReplyTo& to, const Json&) {
     reply_(to, Json{{"stopping", true}, {"pid", ::getpid()}});
@@ -116,19 +127,42 @@ void Verbs::command(wire::CommandKind kind, const ReplyTo& to) {
   }
   wire::Command command;
   command.kind = static_cast<std::uint32_t>(kind);
-  auto answer = later(to);
-  if (kind == wire::CommandKind::rollback) {
-    answer = [this, to](const Answer& result) {
-      Answer out = result;
-      if (Json* json = std::get_if<Json>(&out)) {
-        const Json status = status_json(parts_.spine);
-        (*json)["law"] = status["law"];
-        (*json)["law_id"] = status["law_id"];
-      }
-      reply_(to, out);
-    };
+  parts_.commands.send(command, later(to), monotonic_ns());
+}
+
+void Verbs::roll_back(const ReplyTo& to, const Json& args) {
+  const Json steps = args.value("steps", Json(1));
+  if (!steps.is_number_integer() || steps < 1 || steps > kMostSteps) {
+    reply_(to, Refusal{"usage", fmt::format("steps = {}: how many laws back, 1 to {}", steps.dump(), kMostSteps),
+                       "see which are still there: lithe law list"});
+    return;
   }
-  parts_.commands.send(command, std::move(answer), monotonic_ns());
+  wire::Command command;
+  command.kind = static_cast<std::uint32_t>(wire::CommandKind::rollback);
+  command.count = steps.get<std::uint32_t>();
+  parts_.commands.send(
+      command,
+      [this, to](const Answer& result) {
+        Answer out = result;
+        if (Json* json = std::get_if<Json>(&out)) {
+          const Json status = status_json(parts_.spine);
+          (*json)["law"] = status["law"];
+          (*json)["law_id"] = status["law_id"];
+        }
+        reply_(to, out);
+      },
+      monotonic_ns());
+}
+
+void Verbs::revert_params(const ReplyTo& to) {
+  wire::Command command;
+  command.kind = static_cast<std::uint32_t>(wire::CommandKind::revert_params);
+  parts_.commands.send(
+      command,
+      [this, to](const Answer& answer) {
+        reply_(to, std::holds_alternative<Json>(answer) ? params_json(parts_.spine) : answer);
+      },
+      monotonic_ns());
 }
 
 void Verbs::set_params(const ReplyTo& to, const Json& args) {
@@ -150,6 +184,15 @@ void Verbs::swap_law(const ReplyTo& to, const Json& args) {
     reply_(to, *refusal);
     return;
   }
+  auto terms = parts_.swaps.read_terms(args);
+  if (const auto* refusal = std::get_if<Refusal>(&terms)) {
+    reply_(to, *refusal);
+    return;
+  }
+  auto& wanted = std::get<swap::Request>(request);
+  wanted.terms = std::get<swap::Terms>(terms);
+  wanted.client = to.client;
+  wanted.supersede = args.value("supersede", false);
   parts_.swaps.submit(std::move(std::get<swap::Request>(request)), later(to), monotonic_ns());
 }
 
@@ -159,9 +202,9 @@ void Verbs::check_law(const ReplyTo& to, const Json& args) {
     reply_(to, *refusal);
     return;
   }
-  const auto& [name, source, params] = std::get<swap::Request>(request);
+  const swap::Request& law = std::get<swap::Request>(request);
   parts_.lawd.check(
-      name, source,
+      {law.name, law.source},
       [this, to](const Answer& answer) {
         Answer out = answer;
         if (Json* json = std::get_if<Json>(&out)) {

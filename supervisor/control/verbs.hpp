@@ -13,6 +13,7 @@
 #include "supervisor/control/server.hpp"
 #include "supervisor/control/spine_link.hpp"
 #include "supervisor/control/swaps.hpp"
+#include "supervisor/control/trial_link.hpp"
 
 namespace lithe::control {
 
@@ -20,6 +21,7 @@ namespace lithe::control {
 struct Parts {
   SpineLink& spine;
   LawdLink& lawd;
+  TrialLink& trial;
   Commands& commands;
   Swaps& swaps;
   EventLog& log;
@@ -45,6 +47,8 @@ class Verbs {
   void command(wire::CommandKind kind, const ReplyTo& to);
   void swap_law(const ReplyTo& to, const Json& args);
   void check_law(const ReplyTo& to, const Json& args);
+  void roll_back(const ReplyTo& to, const Json& args);
+  void revert_params(const ReplyTo& to);
   void set_params(const ReplyTo& to, const Json& args);
 
   Parts parts_;

@@ -14,15 +14,19 @@ namespace lithe::swap {
 // What the queue needs from the world. Each starts work and returns at once; the answer comes back as an event.
 struct Ports {
   std::function<void(const Transaction&)> compile;
+  std::function<void(const Transaction&)> place;
+  std::function<void(const Transaction&)> attempt;  // the trial
   std::function<void(const Transaction&)> stage;
   std::function<std::uint64_t()> missed_releases;
-  std::function<void(const Transaction&)> finished;  // called once per transaction, committed or refused
+  std::function<void(Transaction&&)> finished;  // called once per transaction, committed or refused
 };
 
 struct Timeouts {
   std::int64_t compile_ns = 60'000'000'000;
+  std::int64_t place_ns = 60'000'000'000;
+  std::int64_t trial_ns = 60'000'000'000;
   std::int64_t stage_ns = 10'000'000'000;
-  std::int64_t commit_ns = 5'000'000'000;
+  std::int64_t commit_ns = 5'000'000'000;  // and the time in the shadow
 };
 
 // Contract: one thread · the clock is an argument · events about any request but the head are ignored.
@@ -35,14 +39,20 @@ class Queue {
   // Returns the request id, or 0 when kMaxWaiting requests wait already.
   std::uint64_t submit(Request request, std::int64_t now_ns);
 
-  void on_compiled(std::uint64_t request_id, Compiled compiled, std::int64_t now_ns);
+  // Compiled and admitted: the compile service does both.
+  void on_compiled(std::uint64_t request_id, Compiled compiled, const std::string& admitted, std::int64_t now_ns);
+  void on_placed(std::uint64_t request_id, const std::string& where, std::int64_t now_ns);
+  void on_tried(std::uint64_t request_id, const std::string& how, std::int64_t now_ns);
   void on_staged(std::uint64_t request_id, std::int64_t now_ns);
+  void on_shadow(std::uint64_t request_id, std::int64_t now_ns);
   void on_committed(std::uint64_t request_id, std::uint64_t tick, std::uint32_t law_id, std::int64_t now_ns);
   void on_refused(std::uint64_t request_id, Refusal reason, std::int64_t now_ns);
+  // A section of the head's certificate.
+  void note(std::uint64_t request_id, const std::string& section, Json what);
 
   // Ends a step that takes too long; starts the next request when the head is done.
   void step(std::int64_t now_ns);
-  // Refuses everything that waits (the robot stops, the Spine is gone).
+  // Gives up everything that waits (the robot stops, the Spine is gone).
   void refuse_all(const Refusal& reason, std::int64_t now_ns);
 
   bool idle() const { return waiting_.empty(); }
@@ -52,6 +62,9 @@ class Queue {
 
  private:
   Transaction* current(std::uint64_t request_id);
+  std::int64_t limit_ns(const Transaction& swap) const;
+  void supersede(const Request& newer, std::int64_t now_ns);
+  void give_up(Refusal reason, std::int64_t now_ns);
   void settle();
 
   Ports ports_;

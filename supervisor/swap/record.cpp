@@ -6,57 +6,150 @@
 #include <algorithm>
 #include <cstdlib>
 #include <fstream>
+#include <iterator>
 #include <system_error>
+#include <utility>
+
+#include "spine/core/sha256.hpp"
 
 namespace lithe::swap {
+namespace {
 
-int RecordBook::next_number() const {
-  int highest = 0;
-  std::error_code ignored;
-  for (const auto& entry : std::filesystem::directory_iterator(dir_, ignored)) {
-    if (entry.path().extension() == ".json") {
-      highest = std::max(highest, std::atoi(entry.path().stem().c_str()));
-    }
-  }
-  return highest + 1;
+namespace fs = std::filesystem;
+
+Error cannot_write(const fs::path& path) {
+  return Error{
+      fmt::format("cannot write {}: disk full or read-only? The robot keeps running; this certificate waits for room",
+                  path.string())};
 }
 
-Result<std::filesystem::path> RecordBook::write(const Json& certificate) {
+std::string read(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return std::string(std::istreambuf_iterator<char>(file), {});
+}
+
+// One value of a line of the chain; empty when the line is cut or has no such text.
+std::string string_of(const std::string& line, const char* key) {
+  const Json entry = Json::parse(line, nullptr, false);
+  const auto found = entry.is_object() ? entry.find(key) : entry.end();
+  return found != entry.end() && found->is_string() ? found->get<std::string>() : "";
+}
+
+// Of the last writing but one of a certificate; empty: there is none.
+std::string hash_before_last(const fs::path& chain, const std::string& name) {
+  std::string last, before;
+  std::ifstream file(chain, std::ios::binary);
+  for (std::string line; std::getline(file, line);) {
+    if (string_of(line, "file") == name) {
+      before = std::exchange(last, string_of(line, "sha256"));
+    }
+  }
+  return before;
+}
+
+}  // namespace
+
+fs::path records_of(const std::string& robot) {
+  const char* chosen = std::getenv("LITHE_OUT_DIR");
+  return fs::absolute(chosen != nullptr ? chosen : "out") / robot / "swaps";
+}
+
+// Where an earlier run stopped.
+Result<> RecordBook::open() {
   std::error_code failure;
-  std::filesystem::create_directories(dir_, failure);
+  fs::create_directories(dir_, failure);
   if (failure) {
     return Error{
         fmt::format("cannot create {}: {}; free space there or set LITHE_OUT_DIR", dir_.string(), failure.message())};
   }
-  if (next_ == 0) {
-    next_ = next_number();
+  int highest = 0;
+  for (const auto& entry : fs::directory_iterator(dir_, failure)) {
+    if (entry.path().extension() == ".json") {
+      highest = std::max(highest, std::atoi(entry.path().stem().c_str()));
+    }
   }
-  const std::filesystem::path path = dir_ / fmt::format("{:04}.json", next_);
-  if (const auto written = rewrite(path, certificate); !written) {
+  next_ = highest + 1;
+  return find_end();
+}
+
+Result<> RecordBook::find_end() {
+  std::ifstream file(dir_ / kChain, std::ios::binary);
+  std::string last;
+  for (std::string line; std::getline(file, line);) {
+    last = line;
+    line_is_cut_ = file.eof();
+  }
+  last_line_ = file.is_open() && !last.empty() ? sha256_hex(last) : last_line_;
+  const std::string name = string_of(last, "file");
+  const std::string text = name.empty() ? "" : read(dir_ / name);
+  // The last line's file never came when the run ended in between: then the writing before it is there, and the chain
+  // goes on with that one. Any other text is none of ours.
+  const std::string hash = sha256_hex(text);
+  if (text.empty() || string_of(last, "sha256") == hash || hash_before_last(dir_ / kChain, name) != hash) {
+    return done();
+  }
+  return add_line({dir_ / name, ""}, text);
+}
+
+Result<RecordBook::Page> RecordBook::write(const Json& certificate) {
+  if (next_ == 0) {
+    if (const auto opened = open(); !opened) {
+      return opened.error();
+    }
+  }
+  Page page{dir_ / fmt::format("{:04}.json", next_), last_line_};
+  if (const auto written = put(page, certificate); !written) {
     return written.error();
   }
   ++next_;
-  return path;
+  return page;
 }
 
-Result<> RecordBook::rewrite(const std::filesystem::path& path, const Json& certificate) {
+// The line comes before the file: of a crash in between, verify_chain sees a file that is as its last line but one
+// says.
+Result<> RecordBook::put(const Page& page, Json certificate) {
+  if (next_ == 0) {
+    if (const auto opened = open(); !opened) {
+      return opened;
+    }
+  }
+  certificate["previous"] = page.previous;
+  const std::string text = certificate.dump(2, ' ', false, Json::error_handler_t::replace) + '\n';
   std::error_code failure;
-  const std::filesystem::path draft = path.string() + ".draft";
+  const fs::path draft = page.path.string() + ".draft";
   {
     std::ofstream file(draft, std::ios::binary | std::ios::trunc);
-    file << certificate.dump(2, ' ', false, Json::error_handler_t::replace) << '\n';
+    file << text;
     file.flush();
     if (!file) {
       file.close();
-      std::filesystem::remove(draft, failure);
-      return Error{fmt::format("cannot write {}: disk full or read-only? The robot keeps running, this record is lost",
-                               path.string())};
+      fs::remove(draft, failure);
+      return cannot_write(page.path);
     }
   }
-  std::filesystem::rename(draft, path, failure);
+  if (const auto added = add_line(page, text); !added) {
+    fs::remove(draft, failure);
+    return added;
+  }
+  fs::rename(draft, page.path, failure);
   if (failure) {
     return Error{fmt::format("cannot rename {}: {}", draft.string(), failure.message())};
   }
+  return done();
+}
+
+Result<> RecordBook::add_line(const Page& page, const std::string& text) {
+  const Json entry = {{"file", page.path.filename().string()}, {"sha256", sha256_hex(text)}, {"previous", last_line_}};
+  const std::string line = entry.dump();
+  std::ofstream chain(dir_ / kChain, std::ios::binary | std::ios::app);
+  chain << (line_is_cut_ ? "\n" : "") << line << '\n';
+  chain.flush();
+  if (!chain) {
+    next_ = 0;  // how much of it has arrived? The next write looks
+    return cannot_write(dir_ / kChain);
+  }
+  line_is_cut_ = false;
+  last_line_ = sha256_hex(line);
   return done();
 }
 

@@ -1,29 +1,54 @@
 // SPDX-License-Identifier: Apache-2.0
-// The certificates a robot's swaps leave on disk: <dir>/0001.json, 0002.json ...
+// The certificates a robot's swaps leave on disk: <dir>/0001.json, 0002.json ... and <dir>/chain.jsonl, which binds
+// them (chain.hpp checks it).
+//
+// A certificate goes on changing while its law lives (committed, measured, confirmed, rolled back, retired), so what is
+// chained is not files but writings. Each writing adds a line to chain.jsonl:
+//   {"file":"0007.json","sha256":<of the text as written>,"previous":<sha256 of the line before, without its newline>}
+// and every certificate carries, as "previous", the hash of the line before its own first one. Who changes a
+// certificate, a line, or their order later, breaks a hash.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
+#include <string>
 
 #include "spine/core/result.hpp"
 #include "supervisor/swap/answer.hpp"
 
 namespace lithe::swap {
 
+inline constexpr const char* kChain = "chain.jsonl";
+
+// Where the records of a robot are: below $LITHE_OUT_DIR, else below out/ of the working directory. Absolute.
+std::filesystem::path records_of(const std::string& robot);
+
 // Contract: one thread · a file appears complete or not at all · numbers go on where an earlier run stopped.
 class RecordBook {
  public:
   explicit RecordBook(std::filesystem::path dir) : dir_(std::move(dir)) {}
 
-  // Path of the new file. A full disk is an Error the robot survives: the caller warns and goes on.
-  Result<std::filesystem::path> write(const Json& certificate);
+  struct Page {
+    std::filesystem::path path;  // empty: it could not be written
+    std::string previous;        // the hash its certificate carries
+  };
+
+  // A new file. A full disk is an Error the robot survives: the caller warns and goes on.
+  Result<Page> write(const Json& certificate);
   // Replaces what write() made there, in one step.
-  static Result<> rewrite(const std::filesystem::path& path, const Json& certificate);
+  Result<> rewrite(const Page& page, const Json& certificate) { return put(page, certificate); }
+  const std::filesystem::path& folder() const { return dir_; }
 
  private:
-  int next_number() const;
+  Result<> open();
+  Result<> find_end();
+  Result<> put(const Page& page, Json certificate);
+  Result<> add_line(const Page& page, const std::string& text);
 
   std::filesystem::path dir_;
-  int next_ = 0;
+  int next_ = 0;              // 0 = not opened yet
+  std::string last_line_;     // hash of the last line of the chain; empty = there is none
+  bool line_is_cut_ = false;  // its newline is missing: the disk was full, or the machine went down
 };
 
 }  // namespace lithe::swap

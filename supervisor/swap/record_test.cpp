@@ -20,36 +20,39 @@ class RecordTest : public testing::Test {
   fs::path dir_;
 };
 
+Json at(const fs::path& path) {
+  std::ifstream file(path);
+  return Json::parse(file, nullptr, false);
+}
+
 TEST_F(RecordTest, NumbersFilesAndGoesOnWhereAnEarlierRunStopped) {
   {
     RecordBook book(dir_ / "swaps");
-    EXPECT_EQ(book.write({{"law", "pd"}})->filename(), "0001.json");
-    EXPECT_EQ(book.write({{"law", "pd"}})->filename(), "0002.json");
+    EXPECT_EQ(book.write({{"law", "pd"}})->path.filename(), "0001.json");
+    EXPECT_EQ(book.write({{"law", "pd"}})->path.filename(), "0002.json");
   }
   RecordBook again(dir_ / "swaps");
-  const auto path = again.write({{"law", "hold"}});
-  ASSERT_TRUE(path);
-  EXPECT_EQ(path->filename(), "0003.json");
-  std::ifstream file(*path);
-  EXPECT_EQ(Json::parse(file)["law"], "hold");
+  const auto page = again.write({{"law", "hold"}});
+  ASSERT_TRUE(page);
+  EXPECT_EQ(page->path.filename(), "0003.json");
+  EXPECT_EQ(at(page->path)["law"], "hold");
 }
 
 TEST_F(RecordTest, RewritesTheRecordItHasAndUsesNoNewNumber) {
   RecordBook book(dir_);
-  const auto path = book.write({{"verdict", "submitted"}});
-  ASSERT_TRUE(path && RecordBook::rewrite(*path, {{"verdict", "committed"}}));
-  std::ifstream file(*path);
-  EXPECT_EQ(Json::parse(file)["verdict"], "committed");
-  EXPECT_EQ(book.write({{"verdict", "submitted"}})->filename(), "0002.json");
+  const auto page = book.write({{"verdict", "submitted"}});
+  ASSERT_TRUE(page && book.rewrite(*page, {{"verdict", "committed"}}));
+  EXPECT_EQ(at(page->path)["verdict"], "committed");
+  EXPECT_EQ(book.write({{"verdict", "submitted"}})->path.filename(), "0002.json");
 }
 
 TEST_F(RecordTest, AFullDiskIsAnErrorAndLeavesNoFile) {
   fs::create_directories(dir_);
   fs::create_symlink("/dev/full", dir_ / "0001.json.draft");
   RecordBook book(dir_);
-  const auto path = book.write({{"law", "pd"}});
-  ASSERT_FALSE(path);
-  EXPECT_NE(path.message().find("disk full"), std::string::npos);
+  const auto page = book.write({{"law", "pd"}});
+  ASSERT_FALSE(page);
+  EXPECT_NE(page.message().find("disk full"), std::string::npos);
   EXPECT_FALSE(fs::exists(dir_ / "0001.json"));
 }
 

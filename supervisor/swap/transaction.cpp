@@ -7,119 +7,115 @@
 namespace lithe::swap {
 namespace {
 
-double ms_between(std::int64_t from_ns, std::int64_t to_ns) { return static_cast<double>(to_ns - from_ns) * 1e-6; }
+bool may_follow(Stage from, Stage to) {
+  switch (to) {
+    case Stage::submitted:
+      return false;
+    case Stage::refused:
+      return from < Stage::committed;
+    case Stage::committed:
+      return from == Stage::staged || from == Stage::shadow;
+    case Stage::rolled_back:
+      return from == Stage::committed || from == Stage::confirmed;
+    case Stage::retired:
+      return from >= Stage::committed && from <= Stage::rolled_back;
+    default:  // each after the one before it
+      return static_cast<int>(to) == static_cast<int>(from) + 1;
+  }
+}
 
 }  // namespace
 
 const char* to_string(Stage stage) {
-  switch (stage) {
-    case Stage::submitted:
-      return "submitted";
-    case Stage::compiled:
-      return "compiled";
-    case Stage::staged:
-      return "staged";
-    case Stage::committed:
-      return "committed";
-    case Stage::refused:
-      return "refused";
-  }
-  return "unknown";
+  static constexpr const char* kWords[] = {"submitted", "compiled",  "admitted",  "placed",      "tried",   "staged",
+                                           "shadow",    "committed", "confirmed", "rolled_back", "retired", "refused"};
+  return kWords[static_cast<std::size_t>(stage)];
 }
 
 Transaction::Transaction(std::uint64_t request_id, Request request, std::int64_t now_ns)
-    : request_id_(request_id), request_(std::move(request)), submitted_ns_(now_ns), stage_since_ns_(now_ns) {}
+    : request_id_(request_id),
+      request_(std::move(request)),
+      steps_{{Stage::submitted, now_ns, ""}},
+      stage_since_ns_(now_ns) {}
 
-void Transaction::enter(Stage stage, std::int64_t now_ns) {
-  stage_ = stage;
-  stage_since_ns_ = now_ns;
+bool Transaction::enter(Stage stage, const std::string& reason, std::int64_t now_ns) {
+  if (started_ns_ == 0 ? stage != Stage::refused || finished() : !may_follow(this->stage(), stage)) {
+    return false;
+  }
+  stage_since_ns_ = std::max(now_ns, stage_since_ns_);
+  steps_.push_back({stage, stage_since_ns_, reason});
+  return true;
 }
 
 bool Transaction::mark_started(std::int64_t now_ns) {
-  if (stage_ != Stage::submitted || started_ns_ != 0) {
+  if (stage() != Stage::submitted || started_ns_ != 0) {
     return false;
   }
-  started_ns_ = now_ns;
-  stage_since_ns_ = now_ns;
+  started_ns_ = std::max(now_ns, stage_since_ns_);
+  stage_since_ns_ = started_ns_;
   return true;
 }
 
 bool Transaction::mark_compiled(Compiled compiled, std::int64_t now_ns) {
-  if (stage_ != Stage::submitted || started_ns_ == 0) {
+  if (!enter(Stage::compiled, compiled.cached ? "cached" : "", now_ns)) {
     return false;
   }
   compiled_ = std::move(compiled);
-  compiled_ns_ = now_ns;
-  enter(Stage::compiled, now_ns);
   return true;
 }
 
-bool Transaction::mark_staged(std::int64_t now_ns) {
-  if (stage_ != Stage::compiled) {
-    return false;
-  }
-  staged_ns_ = std::max(compiled_ns_, now_ns);
-  enter(Stage::staged, staged_ns_);
-  return true;
+bool Transaction::mark(Stage stage, const std::string& reason, std::int64_t now_ns) {
+  const bool brings_more = stage == Stage::compiled || stage == Stage::committed || stage == Stage::refused;
+  return !brings_more && enter(stage, reason, now_ns);
 }
 
 bool Transaction::mark_committed(std::uint64_t tick, std::uint32_t law_id, std::int64_t now_ns) {
-  if (stage_ != Stage::staged) {
+  if (!outcome_is_known()) {
+    reopen();
+    enter(Stage::staged, "", now_ns);  // unless it was told before
+  }
+  if (!enter(Stage::committed, "", now_ns)) {
     return false;
   }
   commit_tick_ = tick;
   law_id_ = law_id;
-  finished_ns_ = std::max(staged_ns_, now_ns);
-  enter(Stage::committed, finished_ns_);
   return true;
 }
 
 bool Transaction::mark_refused(Refusal reason, std::int64_t now_ns) {
-  if (finished()) {
+  if (!outcome_is_known()) {
+    reopen();
+  }
+  if (!enter(Stage::refused, reason.code, now_ns)) {
     return false;
   }
   refusal_ = std::move(reason);
-  refused_in_ = stage_;
-  finished_ns_ = now_ns;
-  enter(Stage::refused, now_ns);
   return true;
 }
 
-bool Transaction::confirmed() const {
-  return !refusal_ || refusal_->code != "timeout" || refused_in_ == Stage::submitted;
+bool Transaction::mark_given_up(Refusal reason, std::int64_t now_ns) {
+  if (refusal_ || !mark_refused(std::move(reason), now_ns)) {
+    return false;
+  }
+  given_up_ = true;
+  return true;
 }
 
-Json Transaction::certificate() const {
-  const char* verdict = confirmed() ? to_string(stage_) : "not_confirmed";
-  Json out;
-  out["request_id"] = request_id_;
-  out["verdict"] = verdict;
-  out["law"] = compiled_.law;
-  out["source"] = request_.name;
-  out["hash"] = compiled_.hash;
-  out["cached"] = compiled_.cached;
-  out["compile_ms"] = compiled_.compile_ms;
-  if (stage_ == Stage::committed) {
-    out["law_id"] = law_id_;
-    out["commit_tick"] = commit_tick_;
-    out["load_ms"] = ms_between(compiled_ns_, staged_ns_);
-    out["requested_to_committed_ms"] = ms_between(submitted_ns_, finished_ns_);
-    out["missed_releases"] = missed_after_ - missed_before_;
-  }
-  Json times = {{"submitted", submitted_ns_}};
-  const std::pair<const char*, std::int64_t> steps[] = {
-      {"started", started_ns_}, {"compiled", compiled_ns_}, {"staged", staged_ns_}, {verdict, finished_ns_}};
-  for (const auto& [word, t_ns] : steps) {
-    if (t_ns != 0) {
-      times[word] = t_ns;
-    }
-  }
-  out["times_ns"] = std::move(times);
-  if (refusal_) {
-    out["refused_after"] = to_string(refused_in_);
-    out["error"] = refusal_->to_json();
-  }
-  return out;
+// The Spine tells after all. What the client was told until then is kept.
+void Transaction::reopen() {
+  note("answered", {{"verdict", verdict()}, {"t_ns", steps_.back().t_ns}, {"error", refusal_->to_json()}});
+  steps_.pop_back();
+  stage_since_ns_ = steps_.back().t_ns;
+  refusal_.reset();
+  given_up_ = false;
+}
+
+// From `tried` on the Loader has been asked.
+bool Transaction::outcome_is_known() const { return !given_up_ || !reached(Stage::tried); }
+
+std::int64_t Transaction::time_of(Stage stage) const {
+  const auto found = std::find_if(steps_.begin(), steps_.end(), [&](const Step& each) { return each.stage == stage; });
+  return found == steps_.end() ? 0 : found->t_ns;
 }
 
 }  // namespace lithe::swap

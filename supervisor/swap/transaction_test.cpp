@@ -6,65 +6,185 @@
 namespace lithe::swap {
 namespace {
 
-Transaction fresh() { return Transaction(7, {"pd.cpp", "text", Json::object()}, 1'000'000); }
+Transaction fresh() { return Transaction(7, {"pd.cpp", "text"}, 1'000'000); }
 
-Compiled pd() { return {"/x/pd.so", "abc", "pd", false, 12.5, Json::object()}; }
+Compiled pd() { return {"/x/pd.so", "abc", "pd", false, 12.5}; }
 
-TEST(Transaction, WalksFromSubmittedToCommittedAndKeepsEachTime) {
+constexpr Stage kWay[] = {Stage::submitted, Stage::compiled,    Stage::admitted, Stage::placed,
+                          Stage::tried,     Stage::staged,      Stage::shadow,   Stage::committed,
+                          Stage::confirmed, Stage::rolled_back, Stage::retired};
+constexpr Stage kAll[] = {Stage::submitted, Stage::compiled,    Stage::admitted, Stage::placed,
+                          Stage::tried,     Stage::staged,      Stage::shadow,   Stage::committed,
+                          Stage::confirmed, Stage::rolled_back, Stage::retired,  Stage::refused};
+
+bool go(Transaction& swap, Stage stage, std::int64_t now_ns) {
+  switch (stage) {
+    case Stage::compiled:
+      return swap.mark_compiled(pd(), now_ns);
+    case Stage::committed:
+      return swap.mark_committed(42, 3, now_ns);
+    case Stage::refused:
+      return swap.mark_refused({"x", "", ""}, now_ns);
+    default:
+      return swap.mark(stage, "why", now_ns);
+  }
+}
+
+// A transaction that has come to this stage the long way.
+Transaction at(Stage stage) {
   Transaction swap = fresh();
-  EXPECT_TRUE(swap.mark_started(2'000'000));
-  EXPECT_TRUE(swap.mark_compiled(pd(), 3'000'000));
-  EXPECT_TRUE(swap.mark_staged(4'000'000));
-  EXPECT_TRUE(swap.mark_committed(42, 3, 5'000'000));
+  swap.mark_started(2'000'000);
+  std::int64_t now_ns = 2'000'000;
+  for (const Stage each : kWay) {
+    if (each != Stage::submitted) {
+      EXPECT_TRUE(go(swap, each, now_ns += 1'000'000)) << to_string(each);
+    }
+    if (each == stage) {
+      break;
+    }
+  }
+  return swap;
+}
+
+TEST(Transaction, WalksTheWholeWayAndKeepsEachTimeAndReason) {
+  const Transaction swap = at(Stage::retired);
   const Json record = swap.certificate();
-  EXPECT_EQ(record["verdict"], "committed");
+  EXPECT_EQ(record["verdict"], "rolled_back") << "what became of it, not that it is gone";
+  EXPECT_EQ(record["stage"], "retired");
   EXPECT_EQ(record["commit_tick"], 42);
   EXPECT_EQ(record["law_id"], 3);
   EXPECT_EQ(record["hash"], "abc");
-  EXPECT_DOUBLE_EQ(record["requested_to_committed_ms"].get<double>(), 4.0);
-  EXPECT_EQ(record["times_ns"]["submitted"], 1'000'000);
+  EXPECT_DOUBLE_EQ(record["requested_to_committed_ms"].get<double>(), 8.0);
   EXPECT_EQ(record["times_ns"]["started"], 2'000'000);
-  EXPECT_EQ(record["times_ns"]["compiled"], 3'000'000);
-  EXPECT_EQ(record["times_ns"]["staged"], 4'000'000);
-  EXPECT_EQ(record["times_ns"]["committed"], 5'000'000);
+  for (std::size_t i = 0; i < std::size(kWay); ++i) {
+    const std::int64_t expected_ns = i == 0 ? 1'000'000 : 2'000'000 + static_cast<std::int64_t>(i) * 1'000'000;
+    EXPECT_EQ(record["times_ns"][to_string(kWay[i])], expected_ns) << to_string(kWay[i]);
+  }
+  EXPECT_EQ(record["reasons"]["rolled_back"], "why");
 }
 
-TEST(Transaction, RefusesToSkipAStage) {
-  Transaction swap = fresh();
-  EXPECT_FALSE(swap.mark_compiled(pd(), 2));
-  EXPECT_FALSE(swap.mark_staged(2));
-  EXPECT_FALSE(swap.mark_committed(1, 1, 2));
-  EXPECT_EQ(swap.stage(), Stage::submitted);
+TEST(Transaction, TheSplitAddsUpToTheWhole) {
+  const Json record = at(Stage::committed).certificate();
+  double sum_ms = 0;
+  for (const auto& [stage, part_ms] : record["split_ms"].items()) {
+    sum_ms += part_ms.get<double>();
+  }
+  EXPECT_DOUBLE_EQ(sum_ms, record["requested_to_committed_ms"].get<double>());
+  EXPECT_TRUE(record["split_ms"].contains("tried"));
+  EXPECT_DOUBLE_EQ(record["load_ms"].get<double>(),
+                   record["split_ms"]["placed"].get<double>() + record["split_ms"]["staged"].get<double>());
 }
 
-TEST(Transaction, CanBeRefusedFromAnyStageButNotAfterTheCommit) {
-  Transaction early = fresh();
-  EXPECT_TRUE(early.mark_refused({"compile_failed", "no", "fix"}, 2));
-  EXPECT_FALSE(early.mark_started(3));
-  const Json record = early.certificate();
+TEST(Transaction, TellsTheParametersItWasAskedFor) {
+  EXPECT_FALSE(at(Stage::committed).certificate().contains("params"));
+  Transaction swap(7, {"pd.cpp", "text", {{"kp", 2.0}}}, 1);
+  EXPECT_EQ(swap.certificate()["params"]["values"]["kp"], 2.0);
+  EXPECT_TRUE(swap.certificate()["params"]["taken"].is_null()) << "not known yet";
+  swap.note("params", {{"values", {{"kp", 2.0}}}, {"taken", true}});
+  EXPECT_EQ(swap.certificate()["params"]["taken"], true);
+}
+
+TEST(Transaction, EveryStageFollowsOnlyWhatItMay) {
+  const std::pair<Stage, Stage> allowed[] = {
+      {Stage::submitted, Stage::compiled},  {Stage::compiled, Stage::admitted},
+      {Stage::admitted, Stage::placed},     {Stage::placed, Stage::tried},
+      {Stage::tried, Stage::staged},        {Stage::staged, Stage::shadow},
+      {Stage::staged, Stage::committed},    {Stage::shadow, Stage::committed},
+      {Stage::committed, Stage::confirmed}, {Stage::committed, Stage::rolled_back},
+      {Stage::committed, Stage::retired},   {Stage::confirmed, Stage::rolled_back},
+      {Stage::confirmed, Stage::retired},   {Stage::rolled_back, Stage::retired}};
+  for (const Stage from : kWay) {
+    for (const Stage to : kAll) {
+      Transaction swap = at(from);
+      const bool expected = (to == Stage::refused && from < Stage::committed) ||
+                            std::find(std::begin(allowed), std::end(allowed), std::pair(from, to)) != std::end(allowed);
+      EXPECT_EQ(go(swap, to, 99'000'000), expected) << to_string(from) << " -> " << to_string(to);
+      EXPECT_EQ(swap.stage(), expected ? to : from);
+    }
+  }
+}
+
+TEST(Transaction, NothingButARefusalBeforeItsTurnHasCome) {
+  for (const Stage to : kAll) {
+    Transaction swap = fresh();
+    EXPECT_EQ(go(swap, to, 2), to == Stage::refused) << to_string(to);
+  }
+}
+
+TEST(Transaction, ARefusedOneSaysAfterWhatAndWhy) {
+  Transaction swap = at(Stage::placed);
+  ASSERT_TRUE(swap.mark_refused({"trial_failed", "no", "fix"}, 9'000'000));
+  const Json record = swap.certificate();
   EXPECT_EQ(record["verdict"], "refused");
-  EXPECT_EQ(record["refused_after"], "submitted");
-  EXPECT_EQ(record["error"]["code"], "compile_failed");
+  EXPECT_EQ(record["refused_after"], "placed");
+  EXPECT_EQ(record["error"]["code"], "trial_failed");
+  EXPECT_EQ(record["reasons"]["refused"], "trial_failed");
+  EXPECT_EQ(record["times_ns"]["refused"], 9'000'000);
   EXPECT_FALSE(record.contains("commit_tick"));
+}
 
-  Transaction late = fresh();
-  late.mark_started(2);
-  late.mark_compiled(pd(), 3);
-  late.mark_staged(4);
-  late.mark_committed(9, 1, 5);
-  EXPECT_FALSE(late.mark_refused({"timeout", "", ""}, 6));
-  EXPECT_EQ(late.stage(), Stage::committed);
+TEST(Transaction, GivingUpIsARefusalOnlyWhileTheSpineHasNotBeenAsked) {
+  for (const char* why : {"timeout", "robot_fault", "stopping"}) {
+    Transaction early = at(Stage::placed);
+    EXPECT_TRUE(early.mark_given_up({why, "", ""}, 9'000'000));
+    EXPECT_STREQ(early.verdict(), "refused");
+    EXPECT_FALSE(go(early, Stage::committed, 9'500'000)) << "nobody was asked";
+    for (const Stage with_the_spine : {Stage::tried, Stage::staged, Stage::shadow}) {
+      Transaction late = at(with_the_spine);
+      EXPECT_TRUE(late.mark_given_up({why, "", ""}, 9'000'000));
+      EXPECT_STREQ(late.verdict(), "not_confirmed") << why;
+      EXPECT_TRUE(late.certificate()["times_ns"].contains("not_confirmed"));
+      EXPECT_FALSE(late.mark_given_up({why, "", ""}, 9'500'000)) << "once is enough";
+    }
+  }
+  Transaction refused = at(Stage::staged);
+  refused.mark_refused({"shadow_failed", "", ""}, 9'000'000);
+  EXPECT_STREQ(refused.verdict(), "refused") << "the Spine itself said so";
+}
+
+TEST(Transaction, WhatTheSpineTellsLateIsWhatCounts) {
+  for (const Stage with_the_spine : {Stage::tried, Stage::shadow}) {
+    Transaction swap = at(with_the_spine);
+    swap.mark_given_up({"timeout", "", ""}, 90'000'000);
+    ASSERT_TRUE(go(swap, Stage::committed, 80'000'000)) << "when it was, not when it was read";
+    const Json record = swap.certificate();
+    EXPECT_EQ(record["verdict"], "committed");
+    EXPECT_EQ(record["times_ns"]["committed"], 80'000'000);
+    EXPECT_EQ(record["answered"]["verdict"], "not_confirmed");
+    EXPECT_EQ(record["answered"]["t_ns"], 90'000'000);
+    EXPECT_EQ(record["answered"]["error"]["code"], "timeout");
+    EXPECT_FALSE(record.contains("error"));
+    EXPECT_TRUE(go(swap, Stage::rolled_back, 99'000'000));
+  }
+  Transaction refused = at(Stage::staged);
+  refused.mark_given_up({"timeout", "", ""}, 90'000'000);
+  ASSERT_TRUE(refused.mark_refused({"dry_run_failed", "", ""}, 95'000'000));
+  EXPECT_STREQ(refused.verdict(), "refused");
+  EXPECT_FALSE(go(refused, Stage::committed, 99'000'000));
+}
+
+TEST(Transaction, ATimeBeforeItsPredecessorCountsAsEqualToIt) {
+  Transaction swap = at(Stage::tried);
+  swap.mark(Stage::staged, "", 5);
+  EXPECT_EQ(swap.certificate()["split_ms"]["staged"], 0.0);
 }
 
 TEST(Transaction, CountsOnlyTheReleasesMissedWhileItWasUnderWay) {
-  Transaction swap = fresh();
-  swap.mark_started(2);
-  swap.mark_compiled(pd(), 3);
+  Transaction swap = at(Stage::tried);
   swap.note_missed_before(10);
-  swap.mark_staged(4);
-  swap.mark_committed(9, 1, 5);
+  swap.mark(Stage::staged, "", 9'000'000);
+  swap.mark_committed(9, 1, 9'000'000);
   swap.note_missed_after(12);
   EXPECT_EQ(swap.certificate()["missed_releases"], 2);
+}
+
+TEST(Transaction, NamesItsSourceByContentAndKeepsWhatStagesFound) {
+  Transaction swap = at(Stage::compiled);
+  swap.note("trial", {{"ok", true}});
+  const Json record = swap.certificate();
+  EXPECT_EQ(record["source_sha256"], "982d9e3eb996f559e633f4d194def3761d909f5a3b647d1a851fead67c32c9d1");
+  EXPECT_EQ(record["trial"]["ok"], true);
+  EXPECT_TRUE(record["terms"].contains("blend_s"));
 }
 
 }  // namespace

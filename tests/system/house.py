@@ -40,13 +40,14 @@ class House:
             "LITHE_OUT_DIR": str(self.dir / "out"),
         }
         self.started: list[subprocess.Popen[str]] = []
+        self.wrapper: list[str] = []  # what `lithe run` is started through
         self.config = ROOT / "robots" / "arm.toml"
 
     def run(self, *words: str, wait: bool = True) -> subprocess.Popen[str]:
         """`lithe run` on the arm; waits until its socket is there."""
         log = (self.dir / f"run{len(self.started)}.log").open("w")
         process = subprocess.Popen(
-            [BIN / "lithe", "run", self.config, *words], env=self.env, stdout=log, stderr=log, text=True
+            [*self.wrapper, BIN / "lithe", "run", self.config, *words], env=self.env, stdout=log, stderr=log, text=True
         )
         log.close()
         self.started.append(process)

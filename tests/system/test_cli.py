@@ -50,7 +50,11 @@ def test_each_law_swaps_in_and_rollback_returns(house: House) -> None:
         order = [swap["times_ns"][word] for word in ("submitted", "started", "compiled", "staged", "committed")]
         assert order == sorted(order)
         record = json.loads((house.dir / "out" / "arm" / "swaps" / f"{number:04}.json").read_text())
-        assert record == swap
+        later = {"verdict", "stage", "times_ns"}  # the record goes on when the answer has left
+        assert {key: record[key] for key in swap if key not in later} == {
+            key: value for key, value in swap.items() if key not in later
+        }
+        assert record["times_ns"] | swap["times_ns"] == record["times_ns"]
         assert house.ask("status")["law"] == swap["law"]
     before = house.ask("status")["law_id"]
     house.ask("swap", LAWS / "hold.cpp")

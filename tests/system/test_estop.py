@@ -5,15 +5,14 @@ import os
 import signal
 from pathlib import Path
 
+from lithe._wire import SEGMENTS
 from system.house import House
-
-CONTROL_ESTOP_OFFSET_BYTES = 9088  # docs/reference/wire.md: control/estop
 
 
 def estop_word(house: House, robot: str) -> int:
     """The sticky word in a robot's control segment."""
     with Path(f"/dev/shm/{house.prefix}.{robot}.control").open("rb") as file:
-        file.seek(CONTROL_ESTOP_OFFSET_BYTES)
+        file.seek(SEGMENTS["control"]["estop"].offset)
         return int.from_bytes(file.read(8), "little")
 
 

@@ -10,7 +10,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from system.house import BIN, House, alive
+from system.house import BIN, ROOT, House, alive
 
 LAYOUT_HASH_OFFSET_BYTES = 24  # docs/reference/wire.md: SegmentHeader
 
@@ -32,6 +32,23 @@ def test_a_robot_on_its_estop_still_ends_in_order(house: House) -> None:
     assert house.ask("estop")["mode"] == "estop"
     process.send_signal(signal.SIGTERM)
     assert process.wait(30) == 0, house.log()
+
+
+def test_a_swap_that_comes_while_the_robot_stops_is_refused_and_not_left_without_an_answer(house: House) -> None:
+    """The Spine hangs, so that the stop takes its time; the law is one that no cache knows."""
+    process = house.run()
+    house.freeze(house.ask("status")["spine_pid"])
+    source = (ROOT / "laws/pd.cpp").read_text() + f"// {os.urandom(8).hex()}\n"
+    with socket.socket(socket.AF_UNIX) as link, link.makefile("rb") as answers:
+        link.connect(str(house.socket))
+        link.settimeout(30)
+        link.sendall(b'{"id": 1, "verb": "shutdown"}\n')
+        assert json.loads(answers.readline())["result"]["stopping"]
+        link.sendall(json.dumps({"id": 2, "verb": "swap", "args": {"source": source}}).encode() + b"\n")
+        answer = answers.readline()
+    assert answer, "it hung up"
+    assert json.loads(answer)["error"]["code"] == "stopping"
+    assert process.wait(30) == 3
 
 
 def test_an_error_of_the_supervisor_itself_stops_the_robot_and_exits_3(house: House) -> None:

@@ -10,7 +10,7 @@
 
 #define LITHE_LINE 128
 #define LITHE_RECORD_ALIGN 64
-#define LITHE_LAYOUT_HASH UINT64_C(0xd1b040369788f77e)
+#define LITHE_LAYOUT_HASH UINT64_C(0xc69364da117b3759)
 
 typedef _Atomic uint64_t Word;
 

@@ -21,9 +21,10 @@ from typing import Any, NoReturn
 
 from lithe.errors import LitheError
 
+from ..programs import ROOT
 from . import figures, judge, recorder
 from .experiment import Experiment
-from .processes import ROOT, Disturbed, Stage
+from .processes import Disturbed, Stage
 from .report import report
 
 TRIES = 3

@@ -24,6 +24,7 @@ from lithe.identify import Arm, Motion, identify_arm, mgl_at_rest
 from lithe.remote import Remote
 
 SINE = {"centre_rad": np.pi / 2, "amplitude_rad": np.pi / 4, "frequency_hz": 0.5, "ramp_s": 1.5}
+BAD_ON_PURPOSE = {"probation_s": 0.0}  # no law before it tracked worse, and it shall run all the same
 BASELINE_GAINS = {"kp_nm_rad": 0.05, "kd_nm_s_rad": 0.004}  # detuned on purpose: the experiment starts from a bad law
 FIELDS = ["tick", "sample_ns", "position_rad", "velocity_rad_s", "torque_nm"]
 
@@ -152,10 +153,10 @@ class Agent:
         self.rate_hz = float(about["rate_hz"])
         self.torque_max_nm = float(about["joints"][0]["torque_max_nm"])
 
-    def swap(self, name: str, source: str) -> None:
+    def swap(self, name: str, source: str, **terms: float) -> None:
         tell(doing=f"asks for a swap to {name}")
         sent_ns = time.monotonic_ns()
-        record = self.remote.call("swap", source=source, name=f"{name}.cpp")
+        record = self.remote.call("swap", source=source, name=f"{name}.cpp", **terms)
         tell(swap={"law": name, "sent_ns": sent_ns, **record})
 
     def record(self, seconds: float, rest_by_s: float = 0.0) -> Motion:
@@ -204,7 +205,7 @@ class Agent:
     # ---- the protocol
     def baseline(self) -> Motion:
         when = time.strftime("%Y-%m-%d %H:%M:%S")
-        self.swap("detuned_pd", BASELINE_SOURCE.format(when=when, **BASELINE_GAINS))
+        self.swap("detuned_pd", BASELINE_SOURCE.format(when=when, **BASELINE_GAINS), **BAD_ON_PURPOSE)
         self.remote.call("reference", **SINE)
         time.sleep(float(SINE["ramp_s"]))
         self.phase("baseline")
@@ -216,7 +217,8 @@ class Agent:
         motions, torques, angles = [], [], []
         for number, share in enumerate(PROBE_SHARES, start=1):
             torque_nm = share * min(rough.mgl_nm, self.torque_max_nm)
-            self.swap(f"probe_{number}", PROBE_SOURCE.format(number=number, torque_nm=torque_nm, ramp_s=0.05))
+            source = PROBE_SOURCE.format(number=number, torque_nm=torque_nm, ramp_s=0.05)
+            self.swap(f"probe_{number}", source, **BAD_ON_PURPOSE)
             motion = self.record(2.5, rest_by_s=8.0)
             motions.append(motion)
             resting = last(motion, REST_S)
@@ -246,7 +248,8 @@ class Agent:
         tell(phase="", from_ns=time.monotonic_ns())
         gravity = replace(arm, inertia_kg_m2=0.0, coulomb_nm=0.0)
         self.rest()
-        self.swap("gravity_only", model_law("gravity_only", GRAVITY_ONLY, gravity, **BASELINE_GAINS))
+        source = model_law("gravity_only", GRAVITY_ONLY, gravity, **BASELINE_GAINS)
+        self.swap("gravity_only", source, **BAD_ON_PURPOSE)
         self.remote.call("reference", **SINE)
         time.sleep(float(SINE["ramp_s"]))
         self.phase("gravity_only")

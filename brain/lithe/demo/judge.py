@@ -128,6 +128,7 @@ def judge_swaps(records: npt.NDArray[Any], story: Story, made: losses.Releases) 
                 "load_ms": float(swap["load_ms"]),
                 "cached": bool(swap["cached"]),
                 "requested_to_committed_ms": float(swap["requested_to_committed_ms"]),
+                "split_ms": {stage: float(ms) for stage, ms in swap["split_ms"].items()},
                 "commit_tick": tick,
                 "window_ms": (window[1] - window[0]) * 1e-6,
                 "lost_ticks": made.lost_in(window),

@@ -20,20 +20,12 @@ from typing import Any
 from lithe.control import connect_control
 from lithe.errors import LitheError
 from lithe.place import THREAD_VARIABLES
+from lithe.programs import binary
 from lithe.shm import SpineView
 
-ROOT = Path(__file__).resolve().parents[3]
 # Should the demo itself be killed, nothing of it stays behind: the robot stops in order, a frozen Brain goes too.
 LEAVE_WITH_US = ("setpriv", "--pdeathsig", "TERM")
 DIE_WITH_US = ("setpriv", "--pdeathsig", "KILL")
-
-
-def binary(name: str) -> Path:
-    """$LITHE_BIN_DIR, else build/release/bin of this tree."""
-    path = Path(os.environ.get("LITHE_BIN_DIR") or ROOT / "build/release/bin") / name
-    if not path.exists():
-        raise LitheError(f"{path} is not built\n  next: make release")
-    return path
 
 
 class Disturbed(LitheError):

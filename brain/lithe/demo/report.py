@@ -9,6 +9,15 @@ from typing import Any
 from . import judge
 
 
+def stages(swaps: list[dict[str, Any]]) -> None:
+    """From request to commit: what each stage of each swap took, as their certificates say."""
+    names = list(dict.fromkeys(stage for swap in swaps for stage in swap["split_ms"]))
+    print(f"  {'stages [ms]':<24}" + "".join(f"{name:>10}" for name in names) + f"{'in all':>10}")
+    for swap in swaps:
+        cells = "".join(f"{swap['split_ms'].get(name, 0.0):>10.1f}" for name in names)
+        print(f"  {'':<12}{swap['law']:<12}{cells}{swap['requested_to_committed_ms']:>10.1f}")
+
+
 def report(summary: dict[str, Any], out: Path) -> None:
     print()
     for phase in summary["phases"]:
@@ -24,6 +33,7 @@ def report(summary: dict[str, Any], out: Path) -> None:
             f"torque step {swap['output_step_nm']:.4f} N m, "
             f"lost ticks {swap['lost_ticks_prepare']} preparing, {swap['lost_ticks_commit']} around the commit"
         )
+    stages(summary["swaps"])
     for name, key in (
         ("swaps", "swap_windows"), ("commits", "commit_windows"), ("elsewhere", "no_swap_windows")
     ):  # fmt: skip

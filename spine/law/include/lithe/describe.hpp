@@ -12,7 +12,7 @@ namespace lithe {
 enum class FieldKind : std::uint32_t { none = 0, boolean, i8, u8, i16, u16, i32, u32, i64, u64, f32, f64 };
 
 // Bytes of one element; 0 for a kind that does not exist.
-constexpr std::uint32_t kind_bytes(FieldKind kind) {
+constexpr std::uint32_t kind_bytes(FieldKind kind) LITHE_RT {
   switch (kind) {
     case FieldKind::boolean:
     case FieldKind::i8:
@@ -58,13 +58,14 @@ struct LitheLaw {
   const void* state_defaults;  // state_size bytes
   // params: param_count lithe::Param in order; state: state_size bytes; probes: probe_count doubles.
   void (*step)(const lithe::Tick*, const void* params, void* state, lithe::Effort*, double* probes) LITHE_RT;
+  void (*init)(const lithe::History*, const void* params, void* state) LITHE_RT;  // null: the defaults will do
 };
 }
 
 namespace lithe {
 
 inline constexpr std::uint32_t kLawMagic = 0x57414C4C;  // "LLAW"
-inline constexpr std::uint32_t kLawAbi = 1;
+inline constexpr std::uint32_t kLawAbi = 2;
 
 namespace contract {
 
@@ -155,14 +156,10 @@ consteval void check_probe() {
 
 struct NoProbes {};
 template <class L>
-struct ProbesOf {
-  using type = NoProbes;
-};
+struct ProbesOf : std::type_identity<NoProbes> {};
 template <class L>
   requires requires { typename L::Probes; }
-struct ProbesOf<L> {
-  using type = typename L::Probes;
-};
+struct ProbesOf<L> : std::type_identity<typename L::Probes> {};
 template <class L>
 using Probes = typename ProbesOf<L>::type;
 
@@ -182,6 +179,13 @@ concept StepsWithProbes =
     };
 
 template <class L>
+concept HasInit = requires { &L::init; };
+template <class L>
+concept Inits = requires(const History& past, const typename L::Params& p, typename L::State& s) {
+  { L::init(past, p, s) } -> std::same_as<void>;
+};
+
+template <class L>
 consteval bool check() {
   static_assert(Complete<L>,
                 "LITHE: a law needs both nested structs, even when they are empty: "
@@ -195,6 +199,8 @@ consteval bool check() {
         Steps<L> != StepsWithProbes<L>,
         "LITHE: a law needs exactly one step, static and returning void: static void step(const lithe::Tick&, "
         "const Params&, State&, lithe::Effort&), with a fifth argument Probes& when it has a struct Probes");
+    static_assert(Inits<L> || !HasInit<L>,
+                  "LITHE: init must be static void init(const lithe::History&, const Params&, State&)");
     return check_struct<typename L::Params>() && check_struct<typename L::State>() && check_struct<Probes<L>>() &&
            Steps<L> != StepsWithProbes<L>;
   }
@@ -206,7 +212,8 @@ consteval void copy_text(char (&to)[N], std::string_view from) {
 }
 
 template <class L>
-void step(const Tick* tick, const void* params, void* state, Effort* effort, double* probes) LITHE_RT {
+LITHE_LEFT_BY_A_JUMP void step(const Tick* tick, const void* params, void* state, Effort* effort, double* probes)
+    LITHE_RT {
   const auto& p = *static_cast<const typename L::Params*>(params);
   auto& s = *static_cast<typename L::State*>(state);
   if constexpr (StepsWithProbes<L>) {
@@ -216,6 +223,11 @@ void step(const Tick* tick, const void* params, void* state, Effort* effort, dou
   } else {
     L::step(*tick, p, s, *effort);
   }
+}
+
+template <class L>
+void init(const History* past, const void* params, void* state) LITHE_RT {
+  L::init(*past, *static_cast<const typename L::Params*>(params), *static_cast<typename L::State*>(state));
 }
 
 template <class State, std::size_t... I>
@@ -279,6 +291,7 @@ consteval LitheLaw describe(std::string_view name) {
         law, std::make_index_sequence<reflect::field_count<contract::Probes<L>>()>{});
     law.state_defaults = &reflect::kDefaults<State>;
     law.step = &contract::step<L>;
+    if constexpr (contract::Inits<L>) law.init = &contract::init<L>;
   }
   return law;
 }

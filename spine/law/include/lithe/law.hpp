@@ -28,14 +28,17 @@
 #include <span>
 #include <type_traits>
 
-// These two are the same as in spine/core, repeated so that a law needs this folder only.
+// These are the same as in spine/core, repeated so that a law needs this folder only.
 #ifndef LITHE_NJ
 #define LITHE_NJ 32
 #endif
 #if defined(__clang__) && __clang_major__ >= 20
 #define LITHE_RT noexcept [[clang::nonblocking]]
+// A fault leaves these by a jump: RealtimeSanitizer counts how deep a thread is in LITHE_RT, and must not count them.
+#define LITHE_LEFT_BY_A_JUMP [[clang::no_sanitize("realtime")]]
 #else
 #define LITHE_RT noexcept
+#define LITHE_LEFT_BY_A_JUMP
 #endif
 
 namespace lithe {
@@ -86,6 +89,29 @@ struct Effort {
       position_rad[j] = kAbsent;
     }
   }
+};
+
+// One tick of the past.
+struct PastTick {
+  double age_s = 0;                                          // before now
+  JointArray position_rad{}, velocity_rad_s{}, torque_nm{};  // measured
+  JointArray setpoint_position_rad{}, setpoint_velocity_rad_s{};
+  JointArray command_torque_nm{};  // what the guard let through
+};
+
+// What the robot did in the last second and more, for a law whose filters or integrators should not start cold:
+//   static void init(const lithe::History& past, const Params& p, State& s);
+// It runs once, off the tick, after the defaults and before fields of the same name are carried over from the law that
+// is being replaced. The newest tick comes first. `count` may be 0: the robot has just started.
+struct History {
+  const PastTick* ticks = nullptr;
+  std::uint32_t count = 0;
+  std::uint32_t joints = 0;
+  double dt_s = 0;  // between two of them; ticks that were missed are left out
+
+  const PastTick& operator[](std::uint32_t i) const LITHE_RT { return ticks[i]; }
+  const PastTick* begin() const LITHE_RT { return ticks; }
+  const PastTick* end() const LITHE_RT { return ticks + count; }
 };
 
 // One tunable number. The Spine never lets `value` leave [min, max].

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "lawd/sha256.hpp"
+#include "spine/core/sha256.hpp"
 
 #include <array>
 #include <bit>
 #include <cstdint>
 
-namespace lithe::lawd {
+namespace lithe {
 namespace {
 
 constexpr std::array<std::uint32_t, 64> kRound = {
@@ -63,4 +63,4 @@ std::string sha256_hex(std::string_view bytes) {
   return hex;
 }
 
-}  // namespace lithe::lawd
+}  // namespace lithe

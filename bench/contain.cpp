@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: Apache-2.0
+// What containment costs a law that behaves, and how long the thread is away when one does not.
+//
+// The ways of calling take turns in blocks of calls on one core, under a Watchdog on the partner core. The control
+// saves the signal mask in every call, as a plain sigsetjmp would: a bench that sees no difference there measures
+// nothing.
+#include <setjmp.h>
+
+#include <array>
+#include <atomic>
+#include <cstdio>
+#include <cstdlib>
+#include <ctime>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "bench/machine.hpp"
+#include "bench/samples.hpp"
+#include "spine/contain/bad_laws.hpp"
+#include "spine/contain/cell.hpp"
+#include "spine/contain/vault.hpp"
+#include "spine/contain/watchdog.hpp"
+#include "spine/core/host.hpp"
+#include "spine/core/time.hpp"
+
+namespace lithe::bench {
+namespace {
+
+constexpr int kBlocks = 400, kCallsPerBlock = 2000, kFaults = 300;
+constexpr std::int64_t kBudgetNs = 200 * kNsPerUs;
+constexpr std::int64_t kNoDeadline = INT64_MAX;
+constexpr std::size_t kCopiedBytes = 4096;
+constexpr double kControlAtLeast = 2.0;
+
+// One way of calling a law.
+struct Way {
+  const char* key;
+  void (*calls)(contain::Cell* cell);  // kCallsPerBlock of them
+  bool in_cell = true, in_vault = false, gated = false;
+  std::size_t copied_bytes = 0;
+  std::vector<std::int64_t> block_ns = {};
+
+  double per_call_ns() const { return static_cast<double>(quantile_ns(block_ns, 0.5)) / kCallsPerBlock; }
+};
+
+template <class T>
+T or_exit(Result<T> result) {
+  if (!result) {
+    std::fprintf(stderr, "bench: %s\n", result.message().c_str());
+    std::exit(2);
+  }
+  return std::move(*result);
+}
+
+// A Watchdog at work on the partner core, and what it takes of it.
+class Guarded {
+ public:
+  Guarded(int cpu, const contain::WatchdogConfig& config) : dog(config) {
+    thread_ = on_core(cpu, [this] {
+      raise_priority();
+      const ThreadToll from = thread_toll();
+      dog.run(stop_);
+      const ThreadToll to = thread_toll();
+      share_ = static_cast<double>(to.cpu_ns - from.cpu_ns) / static_cast<double>(to.wall_ns - from.wall_ns);
+    });
+  }
+  ~Guarded() { stop(); }
+  // Returns its share of the core.
+  double stop() {
+    stop_.store(true);
+    if (thread_.joinable()) thread_.join();
+    return share_;
+  }
+  contain::Watchdog dog;
+
+ private:
+  double share_ = 0;
+  std::atomic<bool> stop_{false};
+  std::thread thread_;
+};
+
+int g_runs = 0;
+
+void call_plain(contain::Cell*) {
+  void (*volatile law)(void*) = contain::bad::count;  // nobody knows at compile time which law it is
+  for (int i = 0; i < kCallsPerBlock; ++i) law(&g_runs);
+}
+
+void call_contained(contain::Cell* cell) {
+  for (int i = 0; i < kCallsPerBlock; ++i) cell->run(kNoDeadline, contain::bad::count, &g_runs);
+}
+
+void call_saving_mask(contain::Cell*) {
+  static sigjmp_buf back;
+  static int i = 0;  // setjmp may forget a local
+  for (i = 0; i < kCallsPerBlock; ++i) {
+    if (sigsetjmp(back, 1) == 0) contain::bad::count(&g_runs);
+  }
+}
+
+// A thread for each block, because a thread has one Cell; all on one core, one after the other.
+void measure_block(Way& way, int cpu, contain::Watchdog& dog) {
+  on_core(cpu, [&] {
+    raise_priority();
+    const bool copies = way.copied_bytes > 0;
+    auto vault =
+        or_exit(contain::Vault::make(1 << 16, copies ? contain::Protection::copies : contain::Protection::best));
+    if (copies) or_exit(vault->guard(vault->allocate(way.copied_bytes), way.copied_bytes));
+    contain::Cell cell = or_exit(contain::Cell::open(way.in_vault ? vault.get() : nullptr));
+    or_exit(dog.watch(cell));
+    if (way.gated) or_exit(cell.forbid_system_calls());
+    way.calls(&cell);
+    const std::int64_t from_ns = monotonic_ns();
+    way.calls(&cell);
+    way.block_ns.push_back(monotonic_ns() - from_ns);
+  }).join();
+}
+
+void report_calls(Cores cores, JsonLine& line) {
+  std::vector<Way> ways{{"plain", call_plain, false},
+                        {"contained", call_contained},
+                        {"contained_keys", call_contained, true, true},
+                        {"contained_copies_4k", call_contained, true, true, false, kCopiedBytes},
+                        {"contained_gated", call_contained, true, false, true},
+                        {"control", call_saving_mask, false}};
+  Guarded guarded(cores.partner, {});
+  for (int block = 0; block < kBlocks; ++block) {
+    for (Way& way : ways) measure_block(way, cores.spine, guarded.dog);
+  }
+  for (const Way& way : ways) line.number(std::string("contain_call_ns_") + way.key, way.per_call_ns());
+  const double cost_ns = ways[1].per_call_ns() - ways[0].per_call_ns();
+  const double control_ns = ways.back().per_call_ns() - ways[0].per_call_ns();
+  line.number("contain_cost_ns", cost_ns);
+  line.number("contain_control_over_cost", control_ns / cost_ns);
+  line.flag("contain_control_failed_as_it_must", control_ns >= kControlAtLeast * cost_ns);
+}
+
+// From the start of a law that fails to the end of the step that stands in for it.
+std::int64_t away_ns(contain::Cell& cell, const contain::bad::Case& bad, std::int64_t deadline_ns) {
+  const std::int64_t from_ns = monotonic_ns();
+  const contain::Trouble trouble = cell.run(deadline_ns, bad.call, nullptr);
+  cell.run(kNoDeadline, contain::bad::count, &g_runs);
+  const std::int64_t to_ns = monotonic_ns();
+  if (trouble.kind != bad.kind) {
+    std::fprintf(stderr, "bench: %s ended as %u\n", bad.name, static_cast<unsigned>(trouble.kind));
+    std::exit(2);
+  }
+  return to_ns - from_ns;
+}
+
+void report_crashes(Cores cores, JsonLine& line) {
+  std::array<std::vector<std::int64_t>, contain::bad::kCrashes.size()> taken_ns;
+  use_small_stacks();  // as the Spine does
+  on_core(cores.spine, [&] {
+    raise_priority();
+    contain::Cell cell = or_exit(contain::Cell::open());
+    for (int round = 0; round < kFaults; ++round) {
+      for (std::size_t i = 0; i < taken_ns.size(); ++i)
+        taken_ns[i].push_back(away_ns(cell, contain::bad::kCrashes[i], kNoDeadline));
+    }
+  }).join();
+  for (std::size_t i = 0; i < taken_ns.size(); ++i)
+    line.quantiles(std::string("contain_") + contain::bad::kCrashes[i].name, taken_ns[i]);
+}
+
+// How long after its deadline an endless law is gone.
+void report_loops(Cores cores, const char* key, const contain::WatchdogConfig& config, JsonLine& line) {
+  constexpr contain::bad::Case kLoop{"loop_forever", contain::bad::loop_forever, wire::LawFaultKind::overran};
+  std::vector<std::int64_t> late_ns;
+  Guarded guarded(cores.partner, config);
+  on_core(cores.spine, [&] {
+    raise_priority();
+    contain::Cell cell = or_exit(contain::Cell::open());
+    or_exit(guarded.dog.watch(cell));
+    for (int i = 0; i < kFaults; ++i) {
+      late_ns.push_back(away_ns(cell, kLoop, monotonic_ns() + kBudgetNs) - kBudgetNs);
+      const timespec rest{0, 300'000 + i * 1'000};  // not in step with the Watchdog
+      nanosleep(&rest, nullptr);
+    }
+  }).join();
+  line.quantiles(std::string("contain_loop_past_deadline_") + key, late_ns);
+}
+
+// What the Watchdog takes of its core while a law of a microsecond runs every millisecond.
+void report_watchdog(Cores cores, JsonLine& line) {
+  Guarded guarded(cores.partner, {});
+  on_core(cores.spine, [&] {
+    contain::Cell cell = or_exit(contain::Cell::open());
+    or_exit(guarded.dog.watch(cell));
+    for (int i = 0; i < 2000; ++i) {
+      cell.run(monotonic_ns() + kBudgetNs, contain::bad::count, &g_runs);
+      const timespec rest{0, 1'000'000};
+      nanosleep(&rest, nullptr);
+    }
+  }).join();
+  line.number("contain_watchdog_core_share", guarded.stop());
+}
+
+}  // namespace
+}  // namespace lithe::bench
+
+int main() {
+  using namespace lithe::bench;
+  const Cores cores = pick_cores();
+  pin_or_exit(cores.partner);
+  or_exit(lithe::contain::install_handlers());
+  JsonLine line;
+  report_calls(cores, line);
+  report_crashes(cores, line);
+  report_loops(cores, "polled", {}, line);
+  lithe::contain::WatchdogConfig spinning;
+  spinning.look_every_ns = 0;
+  report_loops(cores, "spun", spinning, line);
+  report_watchdog(cores, line);
+  line.print();
+  return 0;
+}

@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a swap costs: thousands of them in one run at 1 kHz, beside the same laws replaced the usual ways.
+
+`python -m bench.swap [--swaps N]` -> out/bench/swap.json and a table. Rounds take turns: a group of swaps of LITHE and
+a pause, then the same of each peer. What is lost while swapping is compared with what is lost in the pauses of the same
+run, in windows of equal length. Compilers work on the housekeeping core all the time. Exit 0: measured, and it holds.
+1: INCONCLUSIVE, or it does not hold. 2: usage.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import lithe
+import numpy as np
+from lithe.certificates import verify
+from lithe.demo.processes import Stage
+from lithe.programs import ROOT
+
+from bench import continuity, report, swap_table
+from bench.swap_host import StealWatch, compiling
+from bench.swap_peers import Peers, Way, shaped
+from bench.swap_robot import Subject, robot_file
+from bench.swap_stats import Figures, Sides, largest_step_nm, on_the_move, stops_in
+from bench.swap_verdict import CLAIMS, PEERS, reasons_to_doubt, shortcomings
+
+LAWS = [ROOT / "bench/laws/pi_lowpass.cpp", ROOT / "bench/laws/pi_two_pole.cpp", ROOT / "laws/pd.cpp"]
+MOST_IN_GROUP, LEAST_IN_GROUP = 50, 8
+PAUSE_S, LEAST_PAUSE_S = 0.4, 0.15
+PEERS_PAUSE = 0.6  # of LITHE's: their groups are shorter too
+LEAST_DLOPEN = 100
+CONTROL_SWAPS = 10  # one in each round
+CONTROL_TICKS = 200
+CONTROL_S = 60.0
+VARIANTS = 4  # of each law: of one that is resident still, dlopen would only count a user more
+# Expected are 0.08 s a swap: LITHE's 30 ms, the trial among them, 10 ms of pause, and three peers' 12 ms each. Where
+# the trial waits long for the compilers, 0.15 s.
+MOST_S, MOST_PER_SWAP_S = 120.0, 0.3
+FOUND = ("committed", "confirmed", "rolled_back")  # verdicts of a swap that was done; the last was undone again
+
+
+@contextmanager
+def running(folder: Path, **changes: str) -> Iterator[lithe.Robot]:
+    """`lithe run` of a patient desk arm, and a Brain that is connected to it."""
+    with Stage(robot_file(folder, **changes), folder / "run.log"):
+        robot = lithe.connect("arm")
+        try:
+            yield robot
+        finally:
+            robot.close()
+
+
+def stages_ms(records: list[dict[str, Any]]) -> Figures:
+    """Requested to committed, split by stage: p50 and p99."""
+    spent: dict[str, list[float]] = {}
+    for record in records:
+        steps = sorted(record["times_ns"].items(), key=lambda step: step[1])
+        steps = [step for step in steps if step[1] <= record["times_ns"]["committed"]]
+        for (_, since), (name, until) in pairwise(steps):
+            spent.setdefault(f"stage_{name}", []).append((until - since) * 1e-6)
+        spent.setdefault("requested_to_committed", []).append((steps[-1][1] - record["asked_ns"]) * 1e-6)
+    told: Figures = {}
+    for name, values in spent.items():
+        p50, p99 = np.percentile(values, [50, 99])
+        told |= {f"{name}_p50_ms": float(p50), f"{name}_p99_ms": float(p99)}
+    return told
+
+
+def certificates(folder: Path, records: list[dict[str, Any]]) -> Figures:
+    """Swaps that have left a file which says the same, and which is what was written: the chain proves it."""
+    found, undone = {}, set()
+    paths = sorted(folder.glob("*.json"))
+    broken = verify(folder).broken if paths else frozenset()
+    for path in (each for each in paths if each.name not in broken):
+        certificate = json.loads(path.read_text(encoding="utf-8"))
+        if certificate.get("verdict") in FOUND:
+            found[certificate["request_id"]] = certificate["commit_tick"]
+        if certificate.get("verdict") == "rolled_back":
+            undone.add(certificate["request_id"])
+    return {
+        "certificates": sum(found.get(record["request_id"]) == record["commit_tick"] for record in records),
+        "swaps_rolled_back": sum(record["request_id"] in undone for record in records),
+    }
+
+
+def both_sides(sides: Sides, calm: Sides, ticks: Any) -> Figures:
+    """Lost ticks, release jitter and lateness of the output; steal-aware, and raw beside it."""
+    told = sides.lost()
+    told |= {f"{key}_steal_aware": value for key, value in calm.lost().items() if key.startswith("lost")}
+    due_ns, output_ns = np.sort(ticks["release_ns"]), ticks["output_late_ns"]
+    for each, suffix in ((calm, ""), (sides, "_raw")):
+        figures = each.late_us(each.made.late_ns, each.made.due_ns, "jitter")
+        figures |= each.late_us(output_ns, due_ns, "output")
+        told |= {key + suffix: value for key, value in figures.items()}
+    return told
+
+
+def lithe_figures(subject: Subject, steal: StealWatch) -> Figures:
+    """All of LITHE's own."""
+    ticks, made = subject.log.ticks(), subject.releases()
+    stolen = steal.stolen_spans(subject.cpu)
+    rounds = on_the_move(subject.rounds, ticks)
+    told = both_sides(Sides(rounds, made), Sides(rounds, made, stolen), ticks)
+    seconds = sum(b - a for each in subject.rounds for a, b in [each.swapping]) * 1e-9
+    return told | {
+        "swaps": len(subject.records),
+        "swaps_asked": len(subject.records) + sum(subject.refused.values()),
+        "swaps_refused": " ".join(f"{code}:{count}" for code, count in sorted(subject.refused.items())),
+        "swaps_per_s": len(subject.records) / max(seconds, 1e-9),
+        "ticks": len(ticks),
+        "ticks_not_recorded": subject.log.lost,
+        "safe_stops": stops_in(ticks),
+        "rounds_with_a_stop": len(subject.rounds) - len(rounds),
+        "loader": subject.loader,
+        "max_output_step_nm": largest_step_nm(ticks),
+        "slew_bound_nm": subject.bound_nm,
+        **stages_ms(subject.records),
+    }
+
+
+def peer_figures(name: str, way: Way, steal: StealWatch, core: int) -> Figures:
+    """The same of one peer."""
+    ticks, made = np.concatenate([shaped(part) for part in way.ticks]), way.releases()
+    told = both_sides(Sides(way.rounds, made), Sides(way.rounds, made, steal.stolen_spans(core)), ticks)
+    p50, p999 = np.percentile(way.swap_ns, [50, 99.9])
+    told |= {
+        "swaps": len(way.swap_ns),
+        "lost_ticks": told["lost_ticks_in"],
+        "swap_p50_us": p50 / 1e3,
+        "swap_p999_us": p999 / 1e3,
+        "max_output_step_nm": max(largest_step_nm(shaped(part)) for part in way.ticks),
+    }
+    return {f"peer_{name}_{key}": value for key, value in told.items()}
+
+
+def turns(swaps: int) -> tuple[int, float]:
+    """Swaps in a group and the pause after it: twenty rounds and more, because they are what is compared."""
+    group = min(MOST_IN_GROUP, max(LEAST_IN_GROUP, swaps // 20))
+    return group, max(LEAST_PAUSE_S, PAUSE_S * group / MOST_IN_GROUP)
+
+
+def most_s(swaps: int) -> float:
+    """When a run of so many swaps ends, done or not."""
+    return MOST_S + MOST_PER_SWAP_S * swaps
+
+
+def take_turns(subject: Subject, peers: Peers, swaps: int) -> None:
+    """Group by group, until everyone has had as many swaps, or time is up."""
+    began = time.monotonic()
+    until = began + most_s(swaps)
+    most, pause_s = turns(swaps)
+    left = dict.fromkeys(("", *PEERS), swaps)
+    while any(left.values()) and time.monotonic() < until:
+        for name in left:
+            group = min(most, left[name])
+            if group == 0:
+                continue
+            if name:
+                left[name] -= peers.run(name, group, int(PEERS_PAUSE * pause_s * 1000))
+            else:
+                subject.group(group, pause_s)
+                left[name] -= group
+                subject.note_memory("middle" if left[name] >= swaps // 2 else "end")
+        print(f"\rbench: swap {swaps - left['']} of {swaps}", end="", file=sys.stderr, flush=True)
+    took_s = time.monotonic() - began
+    print(f" asked in {took_s:.0f} s; left undone: {sum(left.values())}, the peers' among them", file=sys.stderr)
+
+
+def main_run(folder: Path, swaps: int, load: list[list[str]]) -> Figures:
+    """The arena and the peers, in turns; then the control."""
+    with running(folder) as robot:
+        info = robot.spine.info
+        housekeeping = int(info["cpu_housekeeping"])
+        steal = StealWatch((int(info["cpu_spine"]), int(info["cpu_brain"])))
+        subject = Subject(robot, LAWS, steal.look)
+        try:
+            with (
+                Peers(int(info["cpu_brain"]), housekeeping, LAWS, folder) as peers,
+                compiling(housekeeping, load, most_s(swaps) + CONTROL_S),
+            ):
+                take_turns(subject, peers, swaps)
+                for _ in range(CONTROL_SWAPS):
+                    peers.run("compile", 1, CONTROL_TICKS, gap_ticks=CONTROL_TICKS)
+        finally:
+            subject.stop()
+        told = lithe_figures(subject, steal) | subject.memory() | subject.per_swap()
+        told |= certificates(folder / "arm/swaps", subject.records)
+        for name, way in peers.ways.items():
+            told |= peer_figures(name, way, steal, peers.core)
+        told["stolen_share"] = steal.share(subject.cpu)
+        told["preempted_share"] = subject.preempted_share()
+        told["peers_share_a_core"] = len({int(info[f"cpu_{role}"]) for role in ("brain", "housekeeping")}) == 1
+        told["control_failed_as_it_must"] = told["peer_compile_lost_ticks_attributable"] > 0
+        return told
+
+
+def dlopen_run(folder: Path, swaps: int, load: list[list[str]]) -> Figures:
+    """LITHE with the portable loader: what it costs the Spine's core."""
+    folder.mkdir()
+    with running(folder, loader='"dlopen"') as robot:
+        subject = Subject(robot, LAWS, variants=VARIANTS)
+        try:
+            with compiling(int(robot.spine.info["cpu_housekeeping"]), load, most_s(swaps)):
+                for _ in range(max(1, swaps // LEAST_IN_GROUP)):
+                    subject.group(LEAST_IN_GROUP, LEAST_PAUSE_S)
+        finally:
+            subject.stop()
+        told = {
+            "swaps": len(subject.records),
+            "loader": subject.loader,
+            "safe_stops": stops_in(subject.log.ticks()),
+            **Sides(subject.rounds, subject.releases()).lost(),
+            **subject.per_swap(),
+        }
+        return {f"loader_dlopen_{key}": value for key, value in told.items()}
+
+
+def measure(swaps: int, out: Path) -> Figures:
+    """One run of everything; what it leaves (log, certificates) stays in `out`."""
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir(parents=True)
+    began, load = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), os.getloadavg()[0]
+    contract = ROOT / "spine/law/include"
+    compilers = [["g++", "-std=c++20", "-O2", f"-I{contract}", "-c", str(law), "-o", "/dev/null"] for law in LAWS]
+    told = main_run(out, swaps, compilers)
+    told |= dlopen_run(out / "dlopen", max(LEAST_DLOPEN, swaps // 20), compilers)
+    told["swaps_wanted"] = swaps
+    told |= continuity.measure(out, max(2, min(continuity.REPEATS, swaps // 100)))
+    doubts, short = reasons_to_doubt(told), shortcomings(told)
+    if doubts:
+        told |= dict.fromkeys(CLAIMS)
+    return told | {
+        "swap_verdict": "INCONCLUSIVE" if doubts else "falls short" if short else "measured",
+        "swap_reason": "; ".join(doubts + short),
+        "swap_measured_at": began,
+        "swap_load_before": load,
+        "swap_load_after": os.getloadavg()[0],
+    }
+
+
+def plain(value: Any) -> Any:
+    """What JSON has no word for is null."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def main(words: list[str]) -> int:
+    """Measure, write, print."""
+    parser = argparse.ArgumentParser(prog="python -m bench.swap", description=__doc__)
+    parser.add_argument("--swaps", type=int, default=10_000, help="of LITHE, and of each peer (default 10000)")
+    parser.add_argument("--out", type=Path, default=report.OUT, help="folder for swap.json (default out/bench)")
+    asked = parser.parse_args(words)
+    if asked.swaps < 1:
+        parser.error("--swaps is at least 1")
+    told = report.machine() | {key: plain(value) for key, value in measure(asked.swaps, asked.out / "swap").items()}
+    path = asked.out / "swap.json"
+    path.write_text(json.dumps(told, indent=2) + "\n")
+    swap_table.show(told)
+    continuity.show(told)
+    swap_table.show_verdict(told)
+    print(f"\nall figures: {path}")
+    return 0 if told["swap_verdict"] == "measured" else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

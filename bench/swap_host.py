@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the kernel says about a process and about a core, as `make bench-swap` needs it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from lithe.demo.processes import DIE_WITH_US
+
+# x86 calls them TLB, CAL, RES and LOC, ARM IPI0, IPI1 ...; the words behind the counts are the same.
+INTERRUPTS = ("TLB shootdowns", "Function call interrupts", "Rescheduling interrupts", "Local timer interrupts")
+MOST_COMPILE_S = 60
+
+
+def interrupts(cpu: int) -> npt.NDArray[np.float64]:
+    """How many of each of INTERRUPTS this core has taken since boot; NaN for those that this machine does not have."""
+    lines = Path("/proc/interrupts").read_text().splitlines()
+    column = lines[0].split().index(f"CPU{cpu}") + 1
+    rows = {name: line.split()[column] for line in lines for name in INTERRUPTS if line.endswith(name)}
+    return np.array([float(rows.get(name, "nan")) for name in INTERRUPTS])
+
+
+def stolen_ticks(cpu: int) -> tuple[int, int]:
+    """Clock ticks that the hypervisor took from a core, and all of them, since boot."""
+    lines = Path("/proc/stat").read_text().splitlines()
+    ticks = next([int(word) for word in line.split()[1:9]] for line in lines if line.split()[0] == f"cpu{cpu}")
+    return ticks[7], sum(ticks)
+
+
+def minor_faults(pid: int, tid: int) -> int:
+    """Page faults of one thread that needed no disk."""
+    return int(Path(f"/proc/{pid}/task/{tid}/stat").read_text().rsplit(")", 1)[1].split()[7])
+
+
+def made_to_wait(pid: int, tid: int) -> int:
+    """How often a thread had to leave its core to another one."""
+    status = Path(f"/proc/{pid}/task/{tid}/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in status if line.startswith("nonvoluntary_ctxt_switches"))
+
+
+def memory_kb(pid: int) -> dict[str, int]:
+    """Resident and virtual memory of a process."""
+    words = [line.split() for line in Path(f"/proc/{pid}/status").read_text().splitlines()]
+    sizes = {word[0].rstrip(":"): int(word[1]) for word in words if word[0] in ("VmRSS:", "VmSize:")}
+    return {"rss_kb": sizes["VmRSS"], "size_kb": sizes["VmSize"]}
+
+
+@dataclass
+class StealWatch:
+    """When the hypervisor's share of some cores grew; look() is called every few milliseconds by whoever has time."""
+
+    cpus: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        self.times_ns: list[int] = []
+        self.counts: list[list[int]] = []
+        self.first = {cpu: stolen_ticks(cpu) for cpu in self.cpus}
+        self.look()
+
+    def look(self) -> None:
+        """Takes a sample."""
+        self.counts.append([stolen_ticks(cpu)[0] for cpu in self.cpus])
+        self.times_ns.append(time.monotonic_ns())
+
+    def share(self, cpu: int) -> float:
+        """Of the core's time since the start."""
+        (stolen, total), (stolen_before, total_before) = stolen_ticks(cpu), self.first[cpu]
+        return (stolen - stolen_before) / max(total - total_before, 1)
+
+    def stolen_spans(self, cpu: int) -> list[tuple[int, int]]:
+        """Between two looks, wherever the count grew."""
+        grew = np.flatnonzero(np.diff([row[self.cpus.index(cpu)] for row in self.counts]))
+        return [(self.times_ns[i], self.times_ns[i + 1]) for i in grew]
+
+
+@contextlib.contextmanager
+def compiling(cpu: int, commands: list[list[str]], most_s: float) -> Iterator[None]:
+    """Real compiles, one after the other, with the lowest priority on one core; they end with us or after `most_s`."""
+    lines = [" ".join(f"'{word}'" for word in ["timeout", str(MOST_COMPILE_S), *command]) for command in commands]
+    script = f"while [ $SECONDS -lt {int(most_s)} ]; do {'; '.join(lines)}; done"
+    words = [*DIE_WITH_US, "taskset", "-c", str(cpu), "nice", "-n", "19", "bash", "-c", script]
+    load = subprocess.Popen(words, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(load.pid, signal.SIGKILL)  # the compiler that is at work too
+        load.wait()

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Do swaps cost ticks? Windows of equal length in which there are swaps, beside such in which there are none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from lithe.demo.losses import Comparison, Releases, Window, elsewhere
+
+WINDOW_NS = 50_000_000
+AFTER_NS = 50_000_000  # a swap's window reaches from its request to so long after its commit
+LEAST_NS = 1000.0  # below this a difference of lateness means nothing
+SIGNS = 4000
+SURE = 0.95
+LEAST_ROUNDS = 8  # with fewer, no difference at all could be refuted
+NONE_SEEN = 3.69  # events that may have been expected where none was seen (Poisson, both sides 2.5 %)
+Figures = dict[str, Any]
+Spans = npt.NDArray[np.int64]  # (n, 2): from, to [ns]
+
+
+@dataclass
+class Round:
+    """One group of swaps, and the pause after it."""
+
+    swapping: Window  # from the first request to AFTER_NS after the last commit
+    resting: Window
+    swaps: int
+
+
+def windows(spans: list[Window]) -> Spans:
+    """As many of WINDOW_NS as fit into each span."""
+    cut = [window for span in spans for window in elsewhere(span, [], WINDOW_NS)]
+    return np.array(cut, dtype=np.int64).reshape(-1, 2)
+
+
+def counts_in(at_ns: npt.NDArray[np.int64], spans: Spans) -> npt.NDArray[np.int64]:
+    """How many of some sorted instants lie in each span."""
+    counts: npt.NDArray[np.int64] = np.searchsorted(at_ns, spans[:, 1]) - np.searchsorted(at_ns, spans[:, 0])
+    return counts
+
+
+def untouched(spans: Spans, by: list[Window]) -> Spans:
+    """Those that share no instant with any of `by`."""
+    keep = np.ones(len(spans), dtype=bool)
+    for left, right in by:
+        keep &= (spans[:, 1] <= left) | (spans[:, 0] >= right)
+    kept: Spans = spans[keep]
+    return kept
+
+
+def inside(at_ns: npt.NDArray[np.int64], spans: Spans) -> npt.NDArray[np.bool_]:
+    """Which of some instants lie in any of some spans, which do not overlap."""
+    if not len(spans):
+        return np.zeros(len(at_ns), dtype=bool)
+    ordered = spans[np.argsort(spans[:, 0])]
+    before = np.searchsorted(ordered[:, 0], at_ns, side="right") - 1
+    found: npt.NDArray[np.bool_] = (before >= 0) & (at_ns < ordered[np.maximum(before, 0), 1])
+    return found
+
+
+def permutation_interval(differences: npt.NDArray[np.float64], sure: float = SURE) -> tuple[float, float]:
+    """Of the mean difference: every value that is not refuted by exchanging swaps and rest within rounds at random.
+
+    If a swap costs x, then what is left of a round's difference after x is as likely of either sign.
+    """
+    n = len(differences)
+    if n < LEAST_ROUNDS:
+        return float("-inf"), float("inf")
+    signs = np.random.default_rng(1).choice(np.array([-1.0, 1.0]), size=(SIGNS, n))
+    shuffled, drift, mean = signs @ differences / n, signs.mean(axis=1), differences.mean()
+
+    def refuted(x: float) -> bool:
+        at_least = np.abs(shuffled - x * drift) >= abs(mean - x) - 1e-12
+        return (1 + np.count_nonzero(at_least)) / (1 + SIGNS) < 1 - sure
+
+    def edge(direction: float) -> float:
+        inner, step = 0.0, max(float(np.abs(differences).max()), 1e-9) / n
+        while not refuted(mean + direction * (inner + step)):
+            inner += step
+            step *= 2
+        for _ in range(40):
+            step /= 2
+            inner += 0.0 if refuted(mean + direction * (inner + step)) else step
+        return float(mean + direction * inner)
+
+    return edge(-1.0), edge(1.0)
+
+
+@dataclass
+class Sides:
+    """Windows of both kinds, and what was lost in each."""
+
+    rounds: list[Round]
+    made: Releases
+    without: list[Window] = field(default_factory=list)  # windows that touch these are left out
+
+    def __post_init__(self) -> None:
+        self.lost_ns = self.made.due_ns[self.made.skipped]
+        self.swapping = untouched(windows([each.swapping for each in self.rounds]), self.without)
+        self.resting = untouched(windows([each.resting for each in self.rounds]), self.without)
+
+    def differences_per_s(self) -> npt.NDArray[np.float64]:
+        """Lost ticks per second while swapping, less those at rest, round by round."""
+        found = []
+        for each in self.rounds:
+            both = [untouched(windows([span]), self.without) for span in (each.swapping, each.resting)]
+            if all(len(spans) for spans in both):
+                a, b = (counts_in(self.lost_ns, spans).sum() / (len(spans) * WINDOW_NS * 1e-9) for spans in both)
+                found.append(a - b)
+        return np.array(found, dtype=np.float64)
+
+    def lost(self) -> Figures:
+        """Both counts, the interval of their difference, and what of it swaps have to answer for."""
+        counts = [counts_in(self.lost_ns, spans) for spans in (self.swapping, self.resting)]
+        seconds = [len(spans) * WINDOW_NS * 1e-9 for spans in (self.swapping, self.resting)]
+        differences = self.differences_per_s()
+        low, high = permutation_interval(differences)
+        if not self.rounds or not any(count.any() for count in counts):
+            low, high = (-NONE_SEEN / max(seconds[1], 1e-9), NONE_SEEN / max(seconds[0], 1e-9))
+        told = Comparison(
+            int(np.count_nonzero(counts[0])), len(counts[0]), int(np.count_nonzero(counts[1])), len(counts[1])
+        )
+        expected = counts[1].sum() * seconds[0] / seconds[1] if seconds[1] > 0 else float("nan")
+        excess = float(counts[0].sum() - expected)
+        return {
+            "lost_ticks_in": int(counts[0].sum()),
+            "lost_ticks_out": int(counts[1].sum()),
+            "lost_ticks_excess": excess,
+            "lost_ticks_attributable": max(0, round(excess)) if low > 0 else 0,  # else the interval holds zero
+            "lost_rate_difference_low_per_s": low,
+            "lost_rate_difference_high_per_s": high,
+            "windows_in": len(counts[0]),
+            "windows_out": len(counts[1]),
+            "lossy_windows_in": told.at_events,
+            "lossy_windows_out": told.between,
+            "lossy_windows_chance": told.chance,
+            "rounds_compared": len(differences),
+            "seconds_in": seconds[0],
+            "seconds_out": seconds[1],
+        }
+
+    def late_us(self, late_ns: npt.NDArray[np.int64], at_ns: npt.NDArray[np.int64], name: str) -> Figures:
+        """p50, p99 and p99.9 of some lateness on both sides, and the ratio of the last."""
+        told: Figures = {}
+        p999 = []
+        for side, spans in (("in", self.swapping), ("out", self.resting)):
+            values = late_ns[inside(at_ns, spans)]
+            quantiles = np.percentile(values, [50, 99, 99.9]) if len(values) else np.full(3, np.nan)
+            told |= {f"{name}_{q}_{side}_us": v / 1e3 for q, v in zip(("p50", "p99", "p999"), quantiles, strict=True)}
+            p999.append(max(quantiles[2], LEAST_NS))
+        return told | {f"{name}_p999_in_over_out": float(p999[0] / p999[1])}
+
+
+def on_the_move(rounds: list[Round], ticks: npt.NDArray[Any]) -> list[Round]:
+    """Those in which the law ran in every tick: a robot that has stopped says nothing about a swap."""
+    still_ns = np.sort(ticks["release_ns"][~ticks["active"]])
+    spans = np.array([(each.swapping[0], each.resting[1]) for each in rounds], dtype=np.int64).reshape(-1, 2)
+    return [each for each, still in zip(rounds, counts_in(still_ns, spans), strict=True) if not still]
+
+
+def stops_in(ticks: npt.NDArray[Any]) -> int:
+    """How often the robot left its law."""
+    return int(np.count_nonzero(ticks["active"][:-1] & ~ticks["active"][1:]))
+
+
+def largest_step_nm(ticks: npt.NDArray[Any]) -> float:
+    """Of the torque, from one tick to the next, wherever the law ran in both."""
+    ran = (ticks["active"][1:] & ticks["active"][:-1]) & (np.diff(ticks["tick"]) == 1)
+    steps = np.abs(np.diff(ticks["torque_nm"]))[ran]
+    return float(steps.max()) if len(steps) else float("nan")

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The figures of `make bench-swap` as people read them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bench.tables import cell, show_machine, table
+
+Figures = dict[str, Any]
+WAYS = (
+    ("LITHE", ""),
+    ("dlopen in the loop", "peer_dlopen_"),
+    ("behind a mutex", "peer_mutex_"),
+    ("behind a brief mutex", "peer_brief_"),
+    ("control: compiles in the loop", "peer_compile_"),
+)
+STAGES = ("started", "compiled", "admitted", "placed", "tried", "staged", "shadow", "committed")
+
+
+def show(told: Figures) -> None:
+    """Everything."""
+    show_machine(told)
+    show_lost(told)
+    show_late(told)
+    show_core(told)
+    show_stages(told)
+
+
+def show_verdict(told: Figures) -> None:
+    """Whether it is worth anything, and whether it holds."""
+    why = f" ({told['swap_reason']})" if told["swap_reason"] else ""
+    print(f"\n  swap: {told['swap_verdict']}{why}; load {cell(told, 'swap_load_before', '.1f')} before, ", end="")
+    print(f"{cell(told, 'swap_load_after', '.1f')} after")
+
+
+def show_lost(told: Figures) -> None:
+    """Lost ticks, both counts, and the interval of the difference."""
+    rows = []
+    for name, key in WAYS:
+        low, high = (cell(told, f"{key}lost_rate_difference_{end}_per_s", "+.3f") for end in ("low", "high"))
+        rows.append(
+            [
+                name,
+                cell(told, f"{key}swaps", ".0f"),
+                f"{cell(told, f'{key}lost_ticks_in', '.0f')} in {cell(told, f'{key}seconds_in', '.1f')} s",
+                f"{cell(told, f'{key}lost_ticks_out', '.0f')} in {cell(told, f'{key}seconds_out', '.1f')} s",
+                f"{low} .. {high}",
+                cell(told, f"{key}lost_ticks_attributable", ".0f"),
+                cell(told, f"{key}max_output_step_nm", ".4f"),
+            ]
+        )
+    head = ["", "swaps", "lost, swapping", "lost, at rest", "difference/s, 95 %", "swaps' own", "largest step [Nm]"]
+    table("lost ticks at 1 kHz, while swapping and at rest in the same run", head, rows)
+    print(f"  slew bound: {cell(told, 'slew_bound_nm', '.4f')} Nm a tick; certificates: ", end="")
+    print(f"{cell(told, 'certificates', '.0f')} of {cell(told, 'swaps_wanted', '.0f')}; rolled back: ", end="")
+    print(f"{cell(told, 'swaps_rolled_back', '.0f')}; safe stops: ", end="")
+    print(f"{cell(told, 'safe_stops', '.0f')}; windows with a loss: ", end="")
+    print(f"{told['lossy_windows_in']} of {told['windows_in']}, at rest {told['lossy_windows_out']} of ", end="")
+    print(f"{told['windows_out']} (p = {cell(told, 'lossy_windows_chance', '.2g')})")
+
+
+def show_late(told: Figures) -> None:
+    """Release jitter and lateness of the output."""
+    rows = []
+    for name, key in WAYS:
+        row = [name]
+        for what in ("jitter", "output"):
+            row += [cell(told, f"{key}{what}_p999_{side}_us", ".1f") for side in ("in", "out")]
+            row.append(cell(told, f"{key}{what}_p999_in_over_out"))
+        rows.append([*row, cell(told, f"{key}jitter_p999_in_over_out_raw")])
+    head = ["", "release, swapping", "at rest", "ratio", "output, swapping", "at rest", "ratio", "release ratio, raw"]
+    table("p99.9 of lateness, steal-aware [us]: of the release, and of the command that leaves", head, rows)
+    print(f"  the Spine's core: stolen {cell(told, 'stolen_share', '.2%')}, ", end="")
+    print(f"preempted {cell(told, 'preempted_share', '.2%')}")
+
+
+def show_core(told: Figures) -> None:
+    """What a swap does to the Spine's core, and to memory."""
+    rows = []
+    for name, key in (("arena", ""), ("[spine] loader = dlopen", "loader_dlopen_")):
+        names = ("interrupts_tlb", "interrupts_cal", "interrupts_res", "interrupts_loc", "page_faults")
+        rows.append([name, cell(told, f"{key}swaps", ".0f"), *(cell(told, f"{key}{n}_per_swap") for n in names)])
+    head = ["", "swaps", "TLB", "CAL", "RES", "LOC", "page faults"]
+    table("interrupts on the Spine's core and faults of its thread, per swap, less those at rest", head, rows)
+    grown = ", ".join(
+        f"{name} {' -> '.join(cell(told, f'{name}_rss_kb_{when}', '.0f') for when in ('start', 'middle', 'end'))} kB"
+        for name in ("spine", "supervisor", "lawd")
+    )
+    print(f"  resident memory: {grown}; arena {cell(told, 'arena_kb', '.0f')} kB, ", end="")
+    print(f"{cell(told, 'arena_slots_in_use', '.0f')} of {cell(told, 'arena_slots', '.0f')} slots in use")
+
+
+def show_stages(told: Figures) -> None:
+    """Where the time of a swap goes."""
+    known = [(stage, f"stage_{stage}") for stage in STAGES] + [("requested to committed", "requested_to_committed")]
+    known = [(name, key) for name, key in known if f"{key}_p50_ms" in told]
+    rows = [[name, cell(told, f"{key}_p50_ms"), cell(told, f"{key}_p99_ms")] for name, key in known]
+    table("requested to committed, law compiled before, by the stage that ends [ms]", ["", "p50", "p99"], rows)

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// Admission: what a law may not be, found in its source before it is compiled and in its object before it runs.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace lithe::lawd {
+
+// Changes whenever a rule does: an object admitted under other rules is looked at again.
+inline constexpr std::string_view kAdmissionRules = "admission 2";
+
+// Why a law is refused: what to change, and where. Line 0 = the law as a whole.
+struct Finding {
+  std::string gate;
+  std::string message;
+  int line = 0;
+  int column = 0;
+};
+
+// One rule, what it said and what it cost.
+struct Gate {
+  std::string name;
+  bool ok = true;
+  double ms = 0;
+  std::string detail;  // a number worth keeping in the certificate, or why the rule could not be applied
+};
+
+struct Admission {
+  std::vector<Gate> gates;
+  std::vector<Finding> findings;  // at most kMaxFindings
+  std::string not_applied;        // why a rule could not be applied: nothing against the law, and nothing for it
+
+  static constexpr std::size_t kMaxFindings = 20;
+  bool ok() const { return findings.empty() && not_applied.empty(); }
+  void refuse(std::string_view gate, std::string message, int line = 0, int column = 0);
+  nlohmann::json gates_json() const;  // [{gate, ok, ms, detail}]
+};
+
+// What the compiler left behind: the object, and the call graph beside it (same name, ".ci").
+struct Compiled {
+  std::string object_path;
+  std::string source_path;  // as the compiler saw it: that is how lines of the law are told from lines of headers
+};
+
+// Both add their gates and findings to `out`. Contract: any bytes are safe · nothing of the law runs.
+void admit_source(std::string_view source, Admission& out);
+void admit_object(const Compiled& compiled, Admission& out);
+
+// The findings as diagnostics: [{file, line, column, severity, message, text, gate}], and the same readable.
+nlohmann::json findings_json(const Admission& admission, const std::string& name, std::string_view source);
+std::string findings_text(const nlohmann::json& diagnostics);
+
+}  // namespace lithe::lawd

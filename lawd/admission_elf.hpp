@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+// Reads a relocatable ELF object that nobody vouches for.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace lithe::lawd {
+
+struct ElfSection {
+  std::string_view name;
+  std::uint32_t type = 0;
+  std::uint64_t flags = 0;
+  std::uint64_t size = 0;        // in memory
+  std::string_view bytes;        // in the file; empty for .bss
+  std::uint32_t applies_to = 0;  // of a relocation section: which section it changes
+};
+
+struct ElfSymbol {
+  std::string_view name;
+  std::uint64_t value = 0, size = 0;
+  std::uint32_t section = 0;  // index; 0 = undefined, 0xfff1 absolute, 0xfff2 common
+  std::uint8_t type = 0, binding = 0, visibility = 0;
+};
+
+struct ElfRelocation {
+  std::uint32_t section = 0;  // it changes this section, at `offset`
+  std::uint64_t offset = 0;
+  std::uint32_t type = 0;
+  std::uint32_t symbol = 0;  // index into symbols
+  std::int64_t addend = 0;
+};
+
+// As its author wrote it; the symbol itself when it is no name of C++.
+std::string readable(std::string_view symbol);
+
+// Views into `bytes`, which must outlive it. Contract: any bytes are safe
+struct ElfObject {
+  std::uint16_t machine = 0;
+  std::vector<ElfSection> sections;
+  std::vector<ElfSymbol> symbols;
+  std::vector<ElfRelocation> relocations;
+
+  // Nothing when the bytes are not a whole relocatable object of this machine; `why` says what is wrong.
+  static std::optional<ElfObject> parse(std::string_view bytes, std::string& why);
+
+  const ElfSection* section(std::uint32_t index) const {
+    return index != 0 && index < sections.size() ? &sections[index] : nullptr;
+  }
+};
+
+}  // namespace lithe::lawd

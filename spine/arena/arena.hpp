@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+// The memory of the arena, and the two ways to see it: read+execute where laws run, read+write where they are placed.
+#pragma once
+
+#include <sys/types.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <utility>
+
+#include "spine/arena/layout.hpp"
+#include "spine/core/result.hpp"
+
+namespace lithe::arena {
+
+// A new arena, all slots empty: a file descriptor that is closed on exec. Its size can never change.
+Result<int> make_memory();
+
+// Whether this descriptor is an arena that somebody made with make_memory().
+bool is_memory(int fd);
+
+// The arena of a running Spine, readable and writable: for a supervisor that adopts it. The Spine keeps its own
+// descriptor as number kHandedFd.
+Result<int> memory_of(pid_t pid);
+
+// Replaces a descriptor by one that can only read: no mapping made of it can be written, now or later.
+Result<> make_read_only(int fd);
+
+// An address range that is given back with this object.
+class Mapping {
+ public:
+  Mapping() = default;
+  Mapping(void* at, std::size_t bytes) : at_(at), bytes_(bytes) {}
+  Mapping(Mapping&& other) noexcept : at_(std::exchange(other.at_, nullptr)), bytes_(other.bytes_) {}
+  Mapping& operator=(Mapping&& other) noexcept {
+    std::swap(at_, other.at_);
+    std::swap(bytes_, other.bytes_);
+    return *this;
+  }
+  ~Mapping();
+  void* get() const { return at_; }
+
+ private:
+  void* at_ = nullptr;
+  std::size_t bytes_ = 0;
+};
+
+// All slots, read+execute at their fixed address, and the stubs of this process below them. Every page is there when
+// attach_exec() returns, and nothing about the mapping changes afterwards.
+// Contract: attach before the first tick; one per process · what it shows changes when a Writer places a law
+class Arena {
+ public:
+  // `fd` stays the caller's. The Error says what this system refuses; laws are then loaded with dlopen.
+  static Result<Arena> attach_exec(int fd);
+
+  // Keeps the pages in memory. Without effect where mlockall has done so already.
+  Result<> lock() const;
+
+  // What lies in a slot; the slot must be one (is_slot).
+  std::span<const std::byte> slot(std::uint32_t slot) const {
+    return {static_cast<const std::byte*>(code_.get()) + (slot_address(slot) - kBase), kSlotBytes};
+  }
+
+ private:
+  Arena(Mapping stubs, Mapping code) : stubs_(std::move(stubs)), code_(std::move(code)) {}
+  Mapping stubs_, code_;
+};
+
+// The only one who writes code. Its view is not inherited by child processes.
+// Contract: one thread · one Writer per arena
+class Writer {
+ public:
+  static Result<Writer> attach(int fd);
+
+  // Puts an image into a slot that no process is running, and clears the rest of it. False: no such slot, or too large.
+  bool place(std::uint32_t slot, std::span<const std::byte> image);
+
+ private:
+  Writer(Mapping view, Arena exec) : view_(std::move(view)), exec_(std::move(exec)) {}
+  Mapping view_;
+  Arena exec_;  // at the address where the code will run: caches are kept by address
+};
+
+}  // namespace lithe::arena

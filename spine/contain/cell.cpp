@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/contain/cell.hpp"
+
+#include <pthread.h>
+#include <sys/auxv.h>
+#include <sys/mman.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <memory>
+#include <new>
+#include <string>
+#include <utility>
+
+#include "spine/contain/core.hpp"
+#include "spine/contain/watchdog.hpp"
+
+namespace lithe::contain {
+namespace {
+
+// A handler's frames are small; the kernel's own frame holds every vector register of the processor.
+std::size_t handler_stack_bytes(std::size_t page) {
+#ifdef AT_MINSIGSTKSZ
+  const std::size_t frame = getauxval(AT_MINSIGSTKSZ);
+#else
+  const std::size_t frame = 0;
+#endif
+  return ((std::size_t{64} << 10) + frame + page - 1) / page * page;
+}
+
+void touch(void* from, std::size_t bytes, std::size_t page) {
+  for (std::size_t at = 0; at < bytes; at += page) static_cast<volatile char*>(from)[at] = 0;
+}
+
+}  // namespace
+
+Result<Cell> Cell::open(Vault* vault) {
+  if (entrance().core != nullptr) return Error{"this thread has a Cell already: one is enough for all its laws"};
+  Result<LawStack> law_stack = LawStack::make();
+  if (!law_stack) return law_stack.error();
+  const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
+  const std::size_t stack_bytes = handler_stack_bytes(page);
+  const std::size_t core_bytes = (sizeof(Core) + page - 1) / page * page;
+  const std::size_t bytes = page + stack_bytes + core_bytes;
+  void* base = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  if (base == MAP_FAILED) return Error{std::string("no memory for a handler's stack: ") + std::strerror(errno)};
+  auto* stack = static_cast<std::byte*>(base) + page;
+  void* place = vault == nullptr ? stack + stack_bytes : vault->allocate(sizeof(Core), alignof(Core));
+  stack_t alternate{};
+  alternate.ss_sp = stack;
+  alternate.ss_size = stack_bytes;
+  stack_t before{};
+  if (place == nullptr || mprotect(base, page, PROT_NONE) != 0 || sigaltstack(&alternate, &before) != 0) {
+    const std::string why = place == nullptr ? "the vault is full" : std::strerror(errno);
+    munmap(base, bytes);
+    return Error{"no alternate stack for this thread's signal handlers: " + why};
+  }
+  mlock(stack, stack_bytes + core_bytes);  // without the right to lock it is at least resident now
+  touch(stack, stack_bytes + core_bytes, page);
+
+  Core* core = ::new (place) Core;
+  core->law_stack = std::move(*law_stack);
+  core->vault = vault;
+  if (vault != nullptr && vault->key() >= 0) core->key = MemoryKey::of(vault->key());
+  core->environment = Environment::now();
+  core->thread = static_cast<pid_t>(syscall(SYS_gettid));
+  pthread_getcpuclockid(pthread_self(), &core->cpu_clock);
+  core->mapping = base;
+  core->mapping_bytes = bytes;
+  core->stack_before = before;
+  pthread_sigmask(SIG_SETMASK, nullptr, &core->mask);
+  entrance() = {core, core->key};
+  return Cell(core);
+}
+
+void Cell::Close::operator()(Core* core) const {
+  if (core->watchdog != nullptr) core->watchdog->forget(*core);
+  if (core->gated) stop_dispatch();
+  entrance() = {};
+  stack_t before = core->stack_before;
+  before.ss_flags &= ~SS_ONSTACK;
+  sigaltstack(&before, nullptr);
+  void* mapping = core->mapping;
+  const std::size_t bytes = core->mapping_bytes;
+  std::destroy_at(core);
+  munmap(mapping, bytes);
+}
+
+Result<> Cell::guard(void* block, std::size_t bytes) {
+  if (core_->vault == nullptr) return done();
+  core_->guards = true;
+  return core_->vault->guard(block, bytes);
+}
+
+// A function of its own, so that nothing it keeps in registers must survive the jump.
+[[gnu::noinline]] Trouble Cell::run(std::int64_t deadline_ns, Call call, void* context) LITHE_RT {
+  Core& core = *core_;
+  core.trouble = {};
+  if (core.guards) core.vault->remember();
+  core.deadline_ns.store(deadline_ns, std::memory_order_relaxed);
+  LITHE_RT_EXEMPT("sigsetjmp(env, 0) saves registers only; how long a law takes is the Watchdog's business", {
+    if (sigsetjmp(core.back, 0) == 0) {
+      core.system_calls = core.gated ? 1 : 0;
+      // release: partner of the acquire in Watchdog::look(), which then sees this call's deadline.
+      core.call.store(++core.serial, std::memory_order_release);
+      core.law_stack.run(call, context);
+      core.environment.restore();
+      core.key.allow_writes();
+      std::atomic_signal_fence(std::memory_order_seq_cst);  // what the law did, it did inside
+      core.call.store(0, std::memory_order_relaxed);
+      core.system_calls = 0;
+    } else {
+      core.environment.restore();  // break_off() did the rest
+      core.law_stack.forget_frames();
+    }
+  });
+  if (!core.guards) return core.trouble;
+  const void* broken = core.vault->check();
+  if (broken != nullptr && !core.trouble) {
+    core.trouble = {wire::LawFaultKind::state_broken, 0, reinterpret_cast<std::uintptr_t>(broken)};
+  }
+  return core.trouble;
+}
+
+std::uint64_t Cell::late_signals() const LITHE_RT { return core_->late_signals.load(std::memory_order_relaxed); }
+
+}  // namespace lithe::contain

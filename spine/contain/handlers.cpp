@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: Apache-2.0
+// The signal handlers: tell a law's fault from ours, and jump back into run().
+#undef _FORTIFY_SOURCE  // its siglongjmp refuses to leave the alternate stack without asking the kernel
+#include <setjmp.h>
+#include <signal.h>
+#include <sys/syscall.h>
+#include <ucontext.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <mutex>
+#include <string>
+
+#include "spine/contain/cell.hpp"
+#include "spine/contain/core.hpp"
+
+namespace lithe::contain {
+
+using wire::LawFaultKind;
+
+namespace {
+
+struct Kind {
+  int signal;
+  LawFaultKind kind;
+};
+constexpr std::array<Kind, 7> kFaults{{{SIGSEGV, LawFaultKind::bad_access},
+                                       {SIGBUS, LawFaultKind::bus_error},
+                                       {SIGFPE, LawFaultKind::arithmetic},
+                                       {SIGILL, LawFaultKind::illegal_instruction},
+                                       {SIGABRT, LawFaultKind::aborted},
+                                       {SIGTRAP, LawFaultKind::trapped},
+                                       {SIGSYS, LawFaultKind::system_call}}};
+constexpr int kKeyFault = 4;  // SEGV_PKUERR, which older headers lack
+
+std::array<struct sigaction, kFaults.size()> g_before{};
+
+// initial-exec: reaching it must not call the dynamic loader, which may be where the law was when it failed.
+[[gnu::tls_model("initial-exec")]] constinit thread_local Entrance t_entrance;
+
+// The kernel's own signals, and abort() and raise() of this very process; not what someone sends from outside.
+bool comes_from_here(const siginfo_t& info) {
+  return info.si_code > 0 || (info.si_code == SI_TKILL && info.si_pid == getpid());
+}
+
+Trouble describe(std::size_t which, const siginfo_t& info, const void* context) {
+  Trouble trouble{kFaults[which].kind, program_counter(context), 0};
+  switch (kFaults[which].signal) {
+    case SIGSEGV:
+      if (info.si_code == kKeyFault) trouble.kind = LawFaultKind::state_broken;
+      [[fallthrough]];
+    case SIGBUS:
+      trouble.address = reinterpret_cast<std::uintptr_t>(info.si_addr);
+      break;
+    case SIGSYS:
+      trouble.pc = reinterpret_cast<std::uintptr_t>(info.si_call_addr);
+      trouble.address = static_cast<std::uint32_t>(info.si_syscall);
+      break;
+    default:
+      break;
+  }
+  return trouble;
+}
+
+// To whoever handled it before. An instruction that faulted is executed again, and meets the old disposition with all
+// registers as they were; what will not come back by itself is sent again.
+void pass_on(std::size_t which, const siginfo_t& info) {
+  const int signal = kFaults[which].signal;
+  sigaction(signal, &g_before[which], nullptr);
+  const bool comes_back = info.si_code > 0 && signal != SIGTRAP && signal != SIGSYS && signal != SIGABRT;
+  if (!comes_back) raise(signal);
+}
+
+void on_fault(int signal, siginfo_t* info, void* context) noexcept {
+  Environment::allow_unaligned();
+  std::size_t which = 0;
+  while (kFaults[which].signal != signal) ++which;
+  const Entrance& here = t_entrance;
+  here.key.allow_writes();  // the kernel starts a handler with every key but the first shut
+  const bool inside = here.core != nullptr && here.core->call.load(std::memory_order_relaxed) != 0;
+  if (inside) {
+    here.core->system_calls = 0;
+    if (comes_from_here(*info)) {
+      claim(*here.core);
+      break_off(*here.core, describe(which, *info, context));
+    }
+  }
+  pass_on(which, *info);
+}
+
+Result<> install(int signal, void (*handler)(int, siginfo_t*, void*), struct sigaction* before) {
+  struct sigaction action{};
+  action.sa_sigaction = handler;
+  action.sa_flags = SA_ONSTACK | SA_SIGINFO;
+  sigfillset(&action.sa_mask);  // one at a time: a handler that fails itself ends the process
+  if (sigaction(signal, &action, before) == 0) return done();
+  return Error{"no handler for signal " + std::to_string(signal) + ": " + std::strerror(errno)};
+}
+
+Result<> install_all() {
+  for (std::size_t i = 0; i < kFaults.size(); ++i) {
+    if (Result<> installed = install(kFaults[i].signal, on_fault, &g_before[i]); !installed) return installed;
+  }
+  return install(watch_signal(), on_watch_signal<SameCall>, nullptr);
+}
+
+}  // namespace
+
+Entrance& entrance() noexcept { return t_entrance; }
+
+int watch_signal() noexcept { return SIGRTMIN + 3; }
+
+std::uint64_t program_counter(const void* context) noexcept {
+  const auto& machine = static_cast<const ucontext_t*>(context)->uc_mcontext;
+#if defined(__x86_64__)
+  return static_cast<std::uint64_t>(machine.gregs[REG_RIP]);
+#else
+  return machine.pc;
+#endif
+}
+
+void break_off(Core& core, const Trouble& trouble) noexcept {
+  core.trouble = trouble;
+  pthread_sigmask(SIG_SETMASK, &core.mask,
+                  nullptr);  // here and not by siglongjmp: then sigsetjmp would cost a call, too
+  siglongjmp(core.back, 1);
+}
+
+Result<> install_handlers() {
+  static std::mutex once;
+  static bool installed = false;
+  const std::lock_guard lock(once);
+  if (installed) return done();
+  Result<> result = install_all();
+  installed = static_cast<bool>(result);
+  return result;
+}
+
+}  // namespace lithe::contain

@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/contain/law_stack.hpp"
+
+#include <sys/mman.h>
+
+#include <cerrno>
+#include <cstring>
+#include <string>
+#include <utility>
+
+#include "spine/contain/core.hpp"
+
+#if defined(__SANITIZE_ADDRESS__)
+#define LITHE_ASAN 1
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer)
+#define LITHE_ASAN 1
+#endif
+#endif
+#ifdef LITHE_ASAN
+#include <sanitizer/asan_interface.h>
+#endif
+
+extern "C" [[gnu::visibility("hidden")]] void lithe_contain_run_on(std::byte* top, lithe::contain::Cell::Call call,
+                                                                   void* context, void** way_back) LITHE_RT;
+
+// Keeps what a call must keep on the thread's stack, and where that is in `way_back`; then runs the law on its own. As
+// many returns as calls: the processor predicts them.
+#if defined(__x86_64__)
+asm(R"(
+  .text
+  .p2align 4
+  .hidden lithe_contain_run_on
+  .globl lithe_contain_run_on
+  .type lithe_contain_run_on, @function
+lithe_contain_run_on:
+  pushq %rbp
+  pushq %rbx
+  pushq %r12
+  pushq %r13
+  pushq %r14
+  pushq %r15
+  movq %rsp, (%rcx)
+  movq %rdi, %rsp
+  movq %rsi, %rbx
+  movq %rdx, %r12
+  xorl %ebp, %ebp
+  call lithe_contain_shut
+  movq %r12, %rdi
+  call *%rbx
+  cld
+  call lithe_contain_way_back
+  movq %rax, %rsp
+  popq %r15
+  popq %r14
+  popq %r13
+  popq %r12
+  popq %rbx
+  popq %rbp
+  ret
+  .size lithe_contain_run_on, .-lithe_contain_run_on
+)");
+#else
+asm(R"(
+  .text
+  .p2align 4
+  .hidden lithe_contain_run_on
+  .globl lithe_contain_run_on
+  .type lithe_contain_run_on, %function
+lithe_contain_run_on:
+  stp x29, x30, [sp, #-160]!
+  stp x19, x20, [sp, #16]
+  stp x21, x22, [sp, #32]
+  stp x23, x24, [sp, #48]
+  stp x25, x26, [sp, #64]
+  stp x27, x28, [sp, #80]
+  stp d8, d9, [sp, #96]
+  stp d10, d11, [sp, #112]
+  stp d12, d13, [sp, #128]
+  stp d14, d15, [sp, #144]
+  mov x9, sp
+  str x9, [x3]
+  mov sp, x0
+  mov x19, x1
+  mov x20, x2
+  mov x29, xzr
+  bl lithe_contain_shut
+  mov x0, x20
+  blr x19
+  bl lithe_contain_way_back
+  mov sp, x0
+  ldp x19, x20, [sp, #16]
+  ldp x21, x22, [sp, #32]
+  ldp x23, x24, [sp, #48]
+  ldp x25, x26, [sp, #64]
+  ldp x27, x28, [sp, #80]
+  ldp d8, d9, [sp, #96]
+  ldp d10, d11, [sp, #112]
+  ldp d12, d13, [sp, #128]
+  ldp d14, d15, [sp, #144]
+  ldp x29, x30, [sp], #160
+  ret
+  .size lithe_contain_run_on, .-lithe_contain_run_on
+)");
+#endif
+
+namespace lithe::contain {
+namespace {
+
+constexpr std::size_t kMappingBytes = kLawStackBytes + 2 * kLawGuardBytes;
+
+}  // namespace
+
+Result<LawStack> LawStack::make() {
+  void* base = mmap(nullptr, kMappingBytes, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+  if (base == MAP_FAILED) return Error{std::string("no memory for a law's stack: ") + std::strerror(errno)};
+  LawStack stack;
+  stack.base_ = static_cast<std::byte*>(base);
+  std::byte* bottom = stack.base_ + kLawGuardBytes;
+  if (mprotect(bottom, kLawStackBytes, PROT_READ | PROT_WRITE) != 0) {
+    return Error{std::string("no memory for a law's stack: ") + std::strerror(errno)};
+  }
+  mlock(bottom, kLawStackBytes);  // without the right to lock it is at least resident now
+  std::memset(bottom, 0, kLawStackBytes);
+  return stack;
+}
+
+LawStack::LawStack(LawStack&& other) noexcept : base_(std::exchange(other.base_, nullptr)) {}
+
+LawStack& LawStack::operator=(LawStack&& other) noexcept {
+  std::swap(base_, other.base_);
+  return *this;
+}
+
+LawStack::~LawStack() {
+  if (base_ == nullptr) return;
+  forget_frames();
+  munmap(base_, kMappingBytes);
+}
+
+void LawStack::forget_frames() const LITHE_RT {
+#ifdef LITHE_ASAN
+  LITHE_RT_EXEMPT("AddressSanitizer's own, in its builds only",
+                  { __asan_unpoison_memory_region(base_ + kLawGuardBytes, kLawStackBytes); });
+#endif
+}
+
+LITHE_LEFT_BY_A_JUMP void LawStack::run(Cell::Call call, void* context) LITHE_RT {
+  lithe_contain_run_on(base_ + kLawGuardBytes + kLawStackBytes, call, context, &way_back_);
+}
+
+}  // namespace lithe::contain
+
+void lithe_contain_shut() noexcept { lithe::contain::entrance().core->key.forbid_writes(); }
+
+void* lithe_contain_way_back() noexcept { return lithe::contain::entrance().core->law_stack.way_back_; }

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/contain/law_stack.hpp"
+
+#include <array>
+#include <cstdint>
+
+#include "spine/contain/bad_laws.hpp"
+#include "spine/contain/test_bench.hpp"
+
+namespace lithe::contain {
+namespace {
+
+using wire::LawFaultKind;
+
+class LawStackTest : public WithCell {
+ protected:
+  void SetUp() override {
+    if (kReportsFaults) GTEST_SKIP() << "the sanitizer's own handler ends the process";
+  }
+  static void expect_goes_on(Cell& cell) {
+    int runs = 0;
+    EXPECT_FALSE(cell.run(kNoDeadline, bad::count, &runs));
+    EXPECT_EQ(runs, 1);
+  }
+};
+
+// Where a call's frame is.
+LITHE_BAD void tell_frame(void* out) {
+  *static_cast<std::uintptr_t*>(out) = reinterpret_cast<std::uintptr_t>(__builtin_frame_address(0));
+}
+
+std::uintptr_t frame_in(Cell& cell) {
+  std::uintptr_t frame = 0;
+  EXPECT_FALSE(cell.run(kNoDeadline, tell_frame, &frame));
+  return frame;
+}
+
+// An array that is too short, filled as if it were not: what lies above it is saved registers and return addresses.
+struct Slip {
+  std::size_t words;
+};
+LITHE_BAD void write_past_a_local(void* slip) {
+  auto* word = static_cast<volatile std::uint64_t*>(__builtin_frame_address(0));
+  for (std::size_t left = static_cast<Slip*>(slip)->words; left > 0; --left) *word++ = 0x3ff0'0000'0000'0000;
+}
+
+TEST_F(LawStackTest, ASlipPastALocalReachesNoFrameOfTheThread) {
+  Cell cell = open_cell();
+  std::array<volatile std::uint64_t, 64> ours{};
+  int faults = 0;
+  for (std::size_t words = 1; words <= 2000; ++words) {
+    Slip slip{words};
+    faults += cell.run(kNoDeadline, write_past_a_local, &slip) ? 1 : 0;
+    for (const volatile std::uint64_t& word : ours) ASSERT_EQ(word, 0u) << words;
+  }
+  EXPECT_GE(faults, 1998);  // the first words may be ones that nobody misses
+  expect_goes_on(cell);
+}
+
+TEST_F(LawStackTest, BothEndsAreGuardedFurtherThanAFrameReaches) {
+  Cell cell = open_cell();
+  const std::uintptr_t frame = frame_in(cell);
+  const auto ours = reinterpret_cast<std::uintptr_t>(__builtin_frame_address(0));
+  EXPECT_GT(frame > ours ? frame - ours : ours - frame, kLawStackBytes);
+  const std::uintptr_t top = (frame + 4095) / 4096 * 4096;
+  const auto store = [](void* at) { bad::store_at(*static_cast<std::uintptr_t*>(at)); };
+  std::uintptr_t inside = top - kLawStackBytes, below = inside - 4, above = top, far_below = inside - kLawGuardBytes;
+  EXPECT_FALSE(cell.run(kNoDeadline, store, &inside));
+  for (std::uintptr_t* at : {&below, &above, &far_below}) {
+    EXPECT_EQ(cell.run(kNoDeadline, store, at).kind, LawFaultKind::bad_access);
+  }
+  expect_goes_on(cell);
+}
+
+TEST_F(LawStackTest, EachCallBeginsAtItsTopWhateverTheOneBeforeDid) {
+  Cell cell = open_cell();
+  const std::uintptr_t frame = frame_in(cell);
+  EXPECT_EQ(cell.run(kNoDeadline, bad::overflow_stack, nullptr).kind, LawFaultKind::bad_access);
+  EXPECT_EQ(frame_in(cell), frame);
+}
+
+#if defined(__x86_64__)
+[[gnu::naked]] void keep_no_promise(void*) {
+  asm("xorl %ebx, %ebx\n\txorl %ebp, %ebp\n\txorl %r12d, %r12d\n\txorl %r13d, %r13d\n\txorl %r14d, %r14d\n\t"
+      "xorl %r15d, %r15d\n\tret");
+}
+
+TEST_F(LawStackTest, RegistersThatALawPromisedToKeepArePutRight) {
+  Cell cell = open_cell();
+  std::uint64_t a = 1, b = 2, c = 3, d = 4, e = 5;
+  asm volatile("" : "+r"(a), "+r"(b), "+r"(c), "+r"(d), "+r"(e));
+  EXPECT_FALSE(cell.run(kNoDeadline, keep_no_promise, nullptr));
+  asm volatile("" : "+r"(a), "+r"(b), "+r"(c), "+r"(d), "+r"(e));
+  EXPECT_EQ(a + b + c + d + e, 15u);
+  expect_goes_on(cell);
+}
+#endif
+
+}  // namespace
+}  // namespace lithe::contain

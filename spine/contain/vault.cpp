@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/contain/vault.hpp"
+
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <string>
+
+namespace lithe::contain {
+namespace {
+
+std::size_t whole_pages(std::size_t bytes) {
+  const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
+  return (bytes + page - 1) / page * page;
+}
+
+int new_key() {
+#if defined(__x86_64__)
+  return pkey_alloc(0, 0);
+#else
+  errno = ENOSYS;  // AArch64 has something like it since 2024, and no board of ours
+  return -1;
+#endif
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Vault>> Vault::make(std::size_t bytes, Protection wanted) {
+  const int key = wanted == Protection::copies ? -1 : new_key();
+  if (key < 0 && wanted == Protection::keys) {
+    return Error{std::string("memory protection keys were refused (") + std::strerror(errno) +
+                 "): this machine has none, or all are in use; take Protection::best"};
+  }
+  const std::size_t size = whole_pages(bytes);
+  void* base = mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_POPULATE, -1, 0);
+  if (base == MAP_FAILED) {
+    const int error = errno;
+#if defined(__x86_64__)
+    if (key >= 0) pkey_free(key);
+#endif
+    return Error{"no " + std::to_string(size) + " bytes for the vault: " + std::strerror(error)};
+  }
+  mlock(base, size);  // without the right to lock it is at least resident now
+#if defined(__x86_64__)
+  if (key >= 0 && pkey_mprotect(base, size, PROT_READ | PROT_WRITE, key) != 0) {
+    const int error = errno;
+    munmap(base, size);
+    pkey_free(key);
+    return Error{std::string("the vault's pages take no protection key: ") + std::strerror(error)};
+  }
+#endif
+  return std::unique_ptr<Vault>(new Vault(base, size, key));
+}
+
+Vault::~Vault() {
+  munmap(base_, bytes_);
+#if defined(__x86_64__)
+  if (key_ >= 0) pkey_free(key_);
+#endif
+}
+
+void* Vault::allocate(std::size_t bytes, std::size_t alignment) {
+  const std::size_t from = (used_ + alignment - 1) / alignment * alignment;
+  if (from > bytes_ || bytes > bytes_ - from) return nullptr;
+  used_ = from + bytes;
+  return base_ + from;
+}
+
+Result<> Vault::guard(void* block, std::size_t bytes) {
+  auto* from = static_cast<std::byte*>(block);
+  if (key_ >= 0) {
+    if (from >= base_ && from + bytes <= base_ + bytes_) return done();
+    return Error{"a guarded block lies outside the vault, where its key does not reach: allocate it there"};
+  }
+  if (blocks_used_ == blocks_.size()) {
+    return Error{"the vault guards " + std::to_string(blocks_.size()) + " blocks already: join some of them"};
+  }
+  Block guarded{from, static_cast<std::byte*>(allocate(bytes)), static_cast<std::byte*>(allocate(bytes)), bytes};
+  if (guarded.copy == nullptr || guarded.second == nullptr) {
+    return Error{"the vault is too small for two copies of a block of " + std::to_string(bytes) + " bytes"};
+  }
+  blocks_[blocks_used_++] = guarded;
+  return done();
+}
+
+void Vault::open_for_this_thread() const {
+#if defined(__x86_64__)
+  if (key_ >= 0) pkey_set(key_, 0);
+#endif
+}
+
+void Vault::remember(const Block& block) LITHE_RT {
+  std::memcpy(block.copy, block.original, block.bytes);
+  std::memcpy(block.second, block.original, block.bytes);
+}
+
+const void* Vault::check(const Block& block) LITHE_RT {
+  if (std::memcmp(block.original, block.copy, block.bytes) == 0 &&
+      std::memcmp(block.copy, block.second, block.bytes) == 0) {
+    return nullptr;
+  }
+  // Two of three agree: nothing but a law that hits two of them at the same place escapes.
+  const std::byte* good = std::memcmp(block.copy, block.second, block.bytes) == 0 ? block.copy : block.original;
+  const void* where = nullptr;
+  for (std::size_t i = 0; i < block.bytes && where == nullptr; ++i) {
+    if (block.original[i] != good[i]) where = block.original + i;
+    if (block.copy[i] != good[i]) where = block.copy + i;
+    if (block.second[i] != good[i]) where = block.second + i;
+  }
+  if (good != block.original) std::memcpy(block.original, good, block.bytes);
+  return where;
+}
+
+}  // namespace lithe::contain

@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+// Memory of this process that no law may write.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <new>
+#include <utility>
+
+#include "spine/contain/memory_key.hpp"
+#include "spine/core/result.hpp"
+#include "spine/core/rt.hpp"
+
+namespace lithe::contain {
+
+enum class Protection : std::uint8_t {
+  best,    // keys where the machine has them, else copies
+  keys,    // pages a law cannot write: the attempt is a fault with its address
+  copies,  // guarded blocks are copied before each call, compared and put back after it
+};
+
+inline constexpr std::size_t kMaxGuardedBlocks = 8;
+
+// What a law needs writable (its state, effort, probes) stays outside; what it reads may lie inside. A thread's stack
+// and thread-local variables, and the C library's data, cannot be inside: a law's wild write there is not noticed.
+// Contract: made once, before the threads that use it (they inherit the right to write) · lives as long as they do ·
+// allocate() and guard() off the tick, one thread at a time · the rest RT
+class Vault {
+ public:
+  // `bytes` of prefaulted memory, locked where the limit allows it.
+  static Result<std::unique_ptr<Vault>> make(std::size_t bytes, Protection wanted = Protection::best);
+  ~Vault();
+  Vault(const Vault&) = delete;
+  Vault& operator=(const Vault&) = delete;
+
+  // Zeroed memory for the life of the Vault; nullptr when it is full.
+  void* allocate(std::size_t bytes, std::size_t alignment = 64);
+
+  // An object in the Vault; nullptr when it is full. Its destructor is the caller's (std::destroy_at).
+  template <class T, class... Args>
+  T* create(Args&&... args) {
+    void* place = allocate(sizeof(T), alignof(T) < 64 ? 64 : alignof(T));
+    return place == nullptr ? nullptr : ::new (place) T(std::forward<Args>(args)...);
+  }
+
+  // Without keys: these bytes are copied around every call (8 bytes cost about 1/2 ns). Only for blocks of one thread,
+  // which says so (Cell::guard). With keys they must lie in the Vault, and nothing more is done.
+  Result<> guard(void* block, std::size_t bytes);
+
+  // Gives the calling thread, started before the Vault was made, the right to write.
+  void open_for_this_thread() const;
+
+  Protection protection() const LITHE_RT { return key_ < 0 ? Protection::copies : Protection::keys; }
+  int key() const LITHE_RT { return key_; }  // -1 = none
+
+  // Around a call. `check` puts back what changed, and returns where (nullptr = nothing did).
+  void remember() LITHE_RT {
+    for (std::size_t i = 0; i < blocks_used_; ++i) remember(blocks_[i]);
+  }
+  const void* check() LITHE_RT {
+    const void* broken = nullptr;
+    for (std::size_t i = 0; i < blocks_used_; ++i) {
+      if (const void* at = check(blocks_[i])) broken = at;
+    }
+    return broken;
+  }
+
+ private:
+  // Two copies, so that a wild write into one of them is told from one into the block.
+  struct Block {
+    std::byte *original, *copy, *second;
+    std::size_t bytes;
+  };
+  Vault(void* base, std::size_t bytes, int key) : base_(static_cast<std::byte*>(base)), bytes_(bytes), key_(key) {}
+  static void remember(const Block& block) LITHE_RT;
+  static const void* check(const Block& block) LITHE_RT;
+
+  std::byte* base_;
+  std::size_t bytes_;
+  int key_;
+  std::size_t used_ = 0;
+  std::array<Block, kMaxGuardedBlocks> blocks_{};
+  std::size_t blocks_used_ = 0;
+};
+
+}  // namespace lithe::contain

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+// All the memory a law may write while it runs in the tick. It gets copies: whatever it does to its inputs, its params
+// or its state goes no further until the host has looked at the result.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstring>
+
+#include "lithe/law.hpp"
+#include "spine/core/result.hpp"
+#include "spine/core/rt.hpp"
+#include "spine/law/resident.hpp"
+
+namespace lithe::law {
+
+// Contract: RT · owned by the tick thread
+struct Sandbox {
+  Tick tick;
+  std::array<Param, kMaxParams> params{};
+  alignas(64) std::array<std::byte, kMaxStateBytes> state{};
+  alignas(64) Effort effort;
+  std::array<double, kMaxProbes> probes{};
+  void (*step)(const lithe::Tick*, const void*, void*, lithe::Effort*, double*) LITHE_RT = nullptr;
+
+  // Copies in what `law` is given in this tick.
+  void enter(const Resident& law, const Tick& in) LITHE_RT;
+  // The law itself, on the copies.
+  LITHE_LEFT_BY_A_JUMP void call() LITHE_RT { step(&tick, params.data(), state.data(), &effort, probes.data()); }
+  // Its state back, once it has returned and its output is accepted.
+  void keep_state(Resident& law) const LITHE_RT {
+    std::memcpy(law.state.data(), state.data(), std::min<std::size_t>(law.descriptor->state_size, kMaxStateBytes));
+  }
+};
+
+// A Sandbox on pages of its own, touched, with a page that nobody may touch on either side.
+// Contract: off the tick
+class SandboxMemory {
+ public:
+  static Result<SandboxMemory> make();
+  SandboxMemory(SandboxMemory&& other) noexcept;
+  SandboxMemory& operator=(SandboxMemory&&) = delete;
+  ~SandboxMemory();
+
+  Sandbox& operator*() const { return *sandbox_; }
+
+ private:
+  SandboxMemory(void* pages, std::size_t bytes, Sandbox* sandbox) : pages_(pages), bytes_(bytes), sandbox_(sandbox) {}
+  void* pages_;
+  std::size_t bytes_;
+  Sandbox* sandbox_;
+};
+
+}  // namespace lithe::law

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/load/rehearsal.hpp"
+
+#include <algorithm>
+#include <cstdio>
+#include <cstring>
+#include <string_view>
+
+#include "spine/core/time.hpp"
+#include "spine/law/dry_inputs.hpp"
+
+namespace lithe::load {
+namespace {
+
+constexpr std::int64_t kMostNs = 20'000'000;  // of one call, on a core that others use, too
+
+struct Start {
+  decltype(LitheLaw::init) init;
+  const History* history;
+  law::Sandbox* sandbox;
+};
+
+void call_init(void* context) {
+  const Start& start = *static_cast<const Start*>(context);
+  start.init(start.history, start.sandbox->params.data(), start.sandbox->state.data());
+}
+
+void call_step(void* context) { static_cast<law::Sandbox*>(context)->call(); }
+
+void copy(const wire::Telemetry& record, std::int64_t now_ns, std::uint32_t joints, PastTick& tick) {
+  const std::size_t bytes = joints * sizeof(double);
+  tick.age_s = static_cast<double>(now_ns - record.release_ns) * 1e-9;
+  std::memcpy(tick.position_rad.data(), record.position_rad.data(), bytes);
+  std::memcpy(tick.velocity_rad_s.data(), record.velocity_rad_s.data(), bytes);
+  std::memcpy(tick.torque_nm.data(), record.torque_nm.data(), bytes);
+  std::memcpy(tick.setpoint_position_rad.data(), record.setpoint_position_rad.data(), bytes);
+  std::memcpy(tick.setpoint_velocity_rad_s.data(), record.setpoint_velocity_rad_s.data(), bytes);
+  std::memcpy(tick.command_torque_nm.data(), record.command_torque_nm.data(), bytes);
+}
+
+}  // namespace
+
+Rehearsal::Rehearsal(const ipc::SpineMemory& spine, std::uint32_t joints, double dt_s, law::Sandbox& sandbox)
+    : spine_(spine),
+      joints_(joints),
+      dt_s_(dt_s),
+      sandbox_(sandbox),
+      past_(std::make_unique<std::array<PastTick, kMostPast>>()) {}
+
+bool Rehearsal::prepare(law::Resident& law, std::int64_t now_ns, std::span<char> why) {
+  return start(law, now_ns, why) && dry_steps(law, why);
+}
+
+bool Rehearsal::start(law::Resident& law, std::int64_t now_ns, std::span<char> why) {
+  if (law.descriptor->init == nullptr) return true;
+  Tick tick;
+  tick.joints = joints_;
+  sandbox_.enter(law, tick);
+  Start start{law.descriptor->init, &look_back(now_ns), &sandbox_};
+  if (!contained(&call_init, &start, "init", why)) return false;
+  sandbox_.keep_state(law);
+  return true;
+}
+
+// The newest first. Records that are overwritten while they are read are left out.
+const History& Rehearsal::look_back(std::int64_t now_ns) {
+  ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> reader(spine_.telemetry);
+  reader.rewind(kMostPast);  // while these are read, more may come
+  std::uint32_t seen = 0;
+  while (!reader.empty()) {
+    if (!reader.next(record_)) continue;
+    copy(record_, now_ns, joints_, (*past_)[seen++ % kMostPast]);
+  }
+  const std::uint32_t count = std::min(seen, kMostPast);
+  if (seen > kMostPast) std::rotate(past_->begin(), past_->begin() + seen % kMostPast, past_->end());
+  std::reverse(past_->begin(), past_->begin() + count);
+  history_ = {past_->data(), count, joints_, dt_s_};
+  return history_;
+}
+
+bool Rehearsal::dry_steps(const law::Resident& law, std::span<char> why) {
+  scratch_ = law;
+  Tick tick;
+  for (std::uint64_t k = 0; k < 2 * law::kDryStepsAtRest; ++k) {
+    law::dry_input(tick, k, joints_);
+    sandbox_.enter(scratch_, tick);
+    if (!contained(&call_step, &sandbox_, "step", why)) return false;
+    sandbox_.keep_state(scratch_);
+    char bad[64];
+    if (law::outputs_are_finite(sandbox_.effort, sandbox_.probes, *law.descriptor, joints_, bad, sizeof bad)) continue;
+    std::snprintf(why.data(), why.size(), "%s is not finite in dry step %u", bad, static_cast<unsigned>(k));
+    return false;
+  }
+  return true;
+}
+
+bool Rehearsal::contained(contain::Cell::Call call, void* context, const char* what, std::span<char> why) {
+  if (cell_ == nullptr) {
+    call(context);
+    return true;
+  }
+  const contain::Trouble trouble = cell_->run(monotonic_ns() + kMostNs, call, context);
+  if (!trouble) return true;
+  const std::string_view kind = wire::to_string(trouble.kind);
+  std::snprintf(why.data(), why.size(), "%s failed before its first tick: %.*s", what, static_cast<int>(kind.size()),
+                kind.data());
+  return false;
+}
+
+}  // namespace lithe::load

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// The first calls of new code, off the tick and on copies: its own start, and a few harmless steps.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "lithe/law.hpp"
+#include "spine/contain/cell.hpp"
+#include "spine/ipc/layout.hpp"
+#include "spine/law/resident.hpp"
+#include "spine/law/sandbox.hpp"
+
+namespace lithe::load {
+
+// Ticks a law may look back on: two seconds at 1 kHz.
+inline constexpr std::uint32_t kMostPast = 2048;
+
+// Contract: Loader thread only · allocates when made, never after · without a Cell, a law that crashes here takes the
+// process with it
+class Rehearsal {
+ public:
+  // `joints` and `dt_s` are the robot's; `sandbox` is the Loader's own.
+  Rehearsal(const ipc::SpineMemory& spine, std::uint32_t joints, double dt_s, law::Sandbox& sandbox);
+
+  void use(contain::Cell* cell) { cell_ = cell; }
+
+  // Brings a fresh law to the point from which it may be committed: its init() has seen the past, and its pages and
+  // lines are warm. False, and one sentence in `why`, when it fails or an output is not finite.
+  bool prepare(law::Resident& law, std::int64_t now_ns, std::span<char> why);
+
+ private:
+  bool start(law::Resident& law, std::int64_t now_ns, std::span<char> why);
+  bool dry_steps(const law::Resident& law, std::span<char> why);
+  bool contained(contain::Cell::Call call, void* context, const char* what, std::span<char> why);
+  const History& look_back(std::int64_t now_ns);
+
+  const ipc::SpineMemory& spine_;
+  std::uint32_t joints_;
+  double dt_s_;
+  law::Sandbox& sandbox_;
+  contain::Cell* cell_ = nullptr;
+  law::Resident scratch_{};  // the dry steps' copy
+  std::unique_ptr<std::array<PastTick, kMostPast>> past_;
+  History history_;
+  wire::Telemetry record_{};
+};
+
+}  // namespace lithe::load

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+// Bumpless transfer: the new law's first output is the old one's last, and what they differ by fades away.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+
+#include "lithe/law.hpp"
+#include "spine/core/joints.hpp"
+#include "spine/core/rt.hpp"
+
+namespace lithe::loop {
+
+// Torque that a proposal puts on joint j: its feed-forward and the drive's own PD at the measured state [N m].
+inline double torque_at_joint(const Effort& effort, std::size_t j, double position_rad, double velocity_rad_s)
+    LITHE_RT {
+  const double spring_nm =
+      std::isnan(effort.position_rad[j]) ? 0.0 : effort.kp_nm_rad[j] * (effort.position_rad[j] - position_rad);
+  return effort.torque_nm[j] + spring_nm + effort.kd_nm_s_rad[j] * (effort.velocity_rad_s[j] - velocity_rad_s);
+}
+
+// The guard's slew bound holds on top of it: per joint, the slower of the two decides.
+// Contract: RT · owned by the tick thread
+class Bumpless {
+ public:
+  // The law that steps next is a new one. 0 ticks: nothing fades.
+  void start(std::uint32_t ticks) LITHE_RT {
+    ticks_ = left_ = ticks;
+    fresh_ = true;
+  }
+  bool fading() const LITHE_RT { return left_ > 0; }
+
+  // Once per tick, after the law: adds to its feed-forward what is left of the difference. `last_nm` is the torque at
+  // each joint by the last output.
+  void apply(const Tick& in, const JointArray& last_nm, Effort& effort) LITHE_RT {
+    if (left_ == 0) return;
+    if (fresh_) {
+      for (std::uint32_t j = 0; j < in.joints; ++j) {
+        const double now_nm = torque_at_joint(effort, j, in.position_rad[j], in.velocity_rad_s[j]);
+        const double difference_nm = last_nm[j] - now_nm;
+        offset_nm_[j] = std::isfinite(difference_nm) ? difference_nm : 0.0;
+      }
+      fresh_ = false;
+    }
+    const double x = static_cast<double>(left_) / ticks_;
+    const double share = x * x * (3 - 2 * x);  // smoothstep: no corner at either end
+    for (std::uint32_t j = 0; j < in.joints; ++j) effort.torque_nm[j] += share * offset_nm_[j];
+    --left_;
+  }
+
+ private:
+  std::uint32_t ticks_ = 0, left_ = 0;
+  bool fresh_ = false;
+  JointArray offset_nm_{};
+};
+
+}  // namespace lithe::loop

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+// stopped-by: compile
+// without-gates: uncompilable
+// A C array in State: its fields cannot be named.
+#include <lithe/law.hpp>
+
+struct Hostile {
+  struct Params {};
+  struct State {
+    double sum[3];
+  };
+
+  static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& u) {
+    for (std::uint32_t j = 0; j < t.joints; ++j) {
+      u.torque_nm[j] = 4 * (t.setpoint_position_rad[j] - t.position_rad[j]) - 0.1 * t.velocity_rad_s[j];
+    }
+  }
+};
+LITHE_LAW(Hostile, "c_array_in_state");

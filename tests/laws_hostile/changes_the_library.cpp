@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+// stopped-by: admission
+// without-gates: harmless
+// gate: words
+// Adds an overload to namespace std.
+#include <lithe/law.hpp>
+
+namespace std {
+inline int sin(int x) { return x * 1000; }
+}  // namespace std
+
+struct Hostile {
+  struct Params {};
+  struct State {};
+
+  static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& u) {
+    for (std::uint32_t j = 0; j < t.joints; ++j) {
+      u.torque_nm[j] = 4 * (t.setpoint_position_rad[j] - t.position_rad[j]) - 0.1 * t.velocity_rad_s[j];
+    }
+  }
+};
+LITHE_LAW(Hostile, "changes_the_library");

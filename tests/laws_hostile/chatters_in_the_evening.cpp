@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// stopped-by: guard
+// without-gates: clamp
+// Works for twenty seconds, then full torque, another way at each tick.
+#include <lithe/law.hpp>
+
+struct Hostile {
+  struct Params {};
+  struct State {
+    std::uint32_t steps = 0;
+  };
+
+  static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& u) {
+    if (++s.steps < 20'000) {
+      for (std::uint32_t j = 0; j < t.joints; ++j) {
+        u.torque_nm[j] = 4 * (t.setpoint_position_rad[j] - t.position_rad[j]) - 0.1 * t.velocity_rad_s[j];
+      }
+      return;
+    }
+    for (std::uint32_t j = 0; j < t.joints; ++j) u.torque_nm[j] = t.tick % 2 == 0 ? 100 : -100;
+  }
+};
+LITHE_LAW(Hostile, "chatters_in_the_evening");

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+// stopped-by: admission
+// without-gates: harmless
+// gate: preprocessor
+// Moves its own lines into another file's.
+#include <lithe/law.hpp>
+#line 1000 "law.hpp"
+
+struct Hostile {
+  struct Params {};
+  struct State {};
+
+  static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& u) {
+    for (std::uint32_t j = 0; j < t.joints; ++j) {
+      u.torque_nm[j] = 4 * (t.setpoint_position_rad[j] - t.position_rad[j]) - 0.1 * t.velocity_rad_s[j];
+    }
+  }
+};
+LITHE_LAW(Hostile, "pretends_to_be_another_file");

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// stopped-by: containment
+// without-gates: bad_access
+// Works for twenty seconds, then fills memory from its state upwards.
+#include <lithe/law.hpp>
+
+struct Hostile {
+  struct Params {};
+  struct State {
+    std::uint32_t steps = 0;
+  };
+
+  static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& u) {
+    if (++s.steps < 20'000) {
+      for (std::uint32_t j = 0; j < t.joints; ++j) {
+        u.torque_nm[j] = 4 * (t.setpoint_position_rad[j] - t.position_rad[j]) - 0.1 * t.velocity_rad_s[j];
+      }
+      return;
+    }
+    for (std::size_t i = 0;; ++i) ((volatile double*)&s)[i] = 1e9;
+  }
+};
+LITHE_LAW(Hostile, "writes_everywhere_in_the_evening");

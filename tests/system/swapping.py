@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Swaps as the tests ask for them, and the certificates that they leave."""
+
+import hashlib
+import json
+import socket
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from system.house import ROOT, House
+
+
+def folder(house: House) -> Path:
+    """Where the certificates are."""
+    return house.dir / "out" / "arm" / "swaps"
+
+
+def certificates(house: House) -> list[dict[str, Any]]:
+    """All of them, oldest first."""
+    return [json.loads(path.read_text()) for path in sorted(folder(house).glob("*.json"))]
+
+
+def certificate(house: House, request_id: int) -> dict[str, Any]:
+    """One of them."""
+    return next(each for each in certificates(house) if each["request_id"] == request_id)
+
+
+def becomes(house: House, request_id: int, done: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """Waits until a certificate says so; the certificate."""
+    house.wait_for(lambda: done(certificate(house, request_id)))
+    return certificate(house, request_id)
+
+
+def law(house: House) -> str:
+    """What runs."""
+    return str(house.ask("status")["law"])
+
+
+def assert_chained(house: House) -> None:
+    """The chain, read by other eyes than the ones that wrote it."""
+    lines = (folder(house) / "chain.jsonl").read_bytes().splitlines()
+    before, last = "", {}
+    for line in lines:
+        entry = json.loads(line)
+        assert entry["previous"] == before
+        before = hashlib.sha256(line).hexdigest()
+        last[entry["file"]] = entry["sha256"]
+    files = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder(house).glob("*.json")}
+    assert files == last
+
+
+class Asks:
+    """Requests in a thread of their own; their answers later."""
+
+    def __init__(self, house: House, requests: list[dict[str, Any]]) -> None:
+        """Send them all at once, over one connection."""
+        self.answers: list[dict[str, Any]] = []
+        self.link = socket.socket(socket.AF_UNIX)
+        self.link.connect(str(house.socket))
+        self.link.settimeout(300)
+        self.link.sendall(b"".join(json.dumps({"id": i, **each}).encode() + b"\n" for i, each in enumerate(requests)))
+        self.thread = threading.Thread(target=self._read, args=(len(requests),))
+        self.thread.start()
+
+    def _read(self, count: int) -> None:
+        with self.link.makefile("rb") as lines:
+            for _ in range(count):
+                if line := lines.readline():
+                    self.answers.append(json.loads(line))
+
+    def leave(self) -> None:
+        """Hangs up without waiting for any answer."""
+        self.link.shutdown(socket.SHUT_RDWR)
+        self.link.close()
+
+    def wait(self) -> list[dict[str, Any]]:
+        """All answers."""
+        self.thread.join(300)
+        self.link.close()
+        return self.answers
+
+
+def swap_request(name: str, **args: Any) -> dict[str, Any]:
+    """One of the laws that come with LITHE."""
+    return {"verb": "swap", "args": {"source": (ROOT / f"laws/{name}.cpp").read_text(), "name": f"{name}.cpp", **args}}

@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A swap as a transaction: every way it can end, and the certificate that it leaves."""
+
+import hashlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from calm import connected
+from system.house import BIN, ROOT, House, alive
+from system.swapping import Asks, assert_chained, becomes, certificate, certificates, law, swap_request
+
+HOSTILE = ROOT / "tests/laws_hostile"
+MOODY = """
+#include <lithe/law.hpp>
+// Good until a parameter tells it otherwise: no trial can see that.
+struct Moody {
+  struct Params {
+    lithe::Param crash{0, 0, 1};
+    lithe::Param lean_nm{0, -0.5, 0.5};
+  };
+  struct State {};
+  static void step(const lithe::Tick& in, const Params& p, State&, lithe::Effort& out) {
+    if (p.crash > 0.5) *(volatile int*)8 = 1;
+    out.torque_nm[0] = p.lean_nm != 0.0 ? double(p.lean_nm) : -0.5 * in.position_rad[0] - 0.02 * in.velocity_rad_s[0];
+  }
+};
+LITHE_LAW(Moody, "moody");
+"""
+
+
+def moody(house: House, *words: str) -> dict[str, Any]:
+    """The moody law, running, and its certificate so far."""
+    path = house.dir / "moody.cpp"
+    path.write_text(MOODY)
+    done: dict[str, Any] = house.ask("swap", path, *words)
+    return done
+
+
+def test_a_law_is_refused_at_admission_and_at_its_trial_and_the_old_one_runs_on(arm: House) -> None:
+    """Each with its stage, its reason and a certificate; the Spine never hears of it."""
+    for name, code, after in (
+        ("global_counter", "admission_failed", "submitted"),
+        ("negative_damping", "trial_failed", "placed"),
+    ):
+        error = arm.ask("swap", HOSTILE / f"{name}.cpp", code=1)["error"]
+        assert error["code"] == code and len(error["message"]) > 20
+        told = certificate(arm, error["detail"]["swap"]["request_id"])
+        assert (told["verdict"], told["refused_after"], told["error"]["code"]) == ("refused", after, code)
+        assert "staged" not in told["times_ns"]
+    assert told["trial"]["ok"] is False and told["trial"]["report"]["loop"]["ticks"] > 0
+    assert law(arm) == "pd" and arm.ask("status")["mode"] == "active"
+    kinds = [each["kind"] for each in arm.ask("events")["events"]]
+    assert kinds.count("swap_refused") == 2 and kinds.count("law_staged") == 1
+
+
+def test_a_law_that_crashes_on_trial_is_told_its_line(arm: House) -> None:
+    """From its slot, which holds no lines: the compile service has them."""
+    path = arm.dir / "moody.cpp"
+    path.write_text(MOODY)
+    error = arm.ask("swap", path, "--param", "crash=1", code=1)["error"]
+    line = 1 + MOODY[: MOODY.index("volatile")].count("\n")
+    assert error["code"] == "trial_failed" and error["message"].startswith(f"moody.cpp:{line}: benign: ")
+    assert "SIGSEGV at 0x8" in error["message"]
+    assert law(arm) == "pd"
+
+
+def test_a_good_law_is_committed_confirmed_and_certified(arm: House, tell: Callable[[str], None]) -> None:
+    """The answer comes at the commit; the certificate goes on."""
+    done = arm.ask("swap", "gravity_pd", "--probation", "200ms", "--blend", "10ms")
+    assert done["verdict"] == "committed" and done["terms"]["blend_s"] == pytest.approx(0.01)
+    told = becomes(arm, done["request_id"], lambda each: "measured" in each and each["verdict"] == "confirmed")
+    source = (ROOT / "laws/gravity_pd.cpp").read_bytes()
+    assert told["source_sha256"] == hashlib.sha256(source).hexdigest()
+    assert len(told["object_sha256"]) == 64 and "g++" in told["toolchain"]["compiler"]
+    assert "-O2" in told["toolchain"]["flags"].split()
+    assert len(told["gates"]) == 13 and all(gate["ok"] for gate in told["gates"])
+    assert told["trial"]["report"]["timing"]["worst_ns"] > 0
+    assert told["measured"]["first_call_ns"] > 0
+    assert told["measured"]["core"]["minor_faults"] is not None
+    after = told["measured"]["after"]
+    assert after["largest_step_nm"] <= after["slew_bound_nm"] + 1e-9
+    order = [stage for stage in told["times_ns"] if stage != "started"]
+    assert order[:7] == ["submitted", "compiled", "admitted", "placed", "tried", "staged", "committed"]
+    assert sum(told["split_ms"].values()) == pytest.approx(told["requested_to_committed_ms"])
+    tell(f"from request to commit, in ms: {json.dumps({k: round(v, 1) for k, v in told['split_ms'].items()})}")
+    assert_chained(arm)
+
+
+def test_a_law_that_drives_away_is_rolled_back_within_two_ticks(arm: House, tell: Callable[[str], None]) -> None:
+    """Its probation sees the tracking error grow; the law before it runs again, and the certificate says why."""
+    os.environ.update({key: value for key, value in arm.env.items() if key.startswith("LITHE_")})
+    with connected() as robot:
+        done = moody(arm, "--probation", "30s")
+        arm.ask("param", "set", "lean_nm", "0.12")
+        told = becomes(arm, done["request_id"], lambda each: each["verdict"] == "rolled_back")
+        records = robot.telemetry.history(3.0)
+    assert told["rolled_back"]["why"] == told["reasons"]["rolled_back"] == told["fault"]["kind"] == "tracking_lost"
+    bound_rad = 3.0 * 0.05  # of the error before, which was less than 0.05 rad
+    error_rad = np.abs(records["setpoint_position_rad"][:, 0] - records["position_rad"][:, 0])
+    ours = records["law_id"] == done["law_id"]
+    breach = records["tick"][ours & (error_rad > bound_rad)].min()
+    tell(f"rolled back {int(told['rolled_back']['tick']) - int(breach)} ticks after the breach")
+    assert told["rolled_back"]["tick"] - breach <= 2
+    assert records["law_id"][records["tick"] == told["rolled_back"]["tick"] + 1] != done["law_id"]
+    assert law(arm) == "pd"
+
+
+def test_a_law_that_crashes_after_its_commit_is_replaced_and_its_certificate_names_the_fault(arm: House) -> None:
+    """The law before it takes over in the same tick."""
+    done = moody(arm)
+    assert done["verdict"] == "committed"
+    arm.ask("param", "set", "crash", "1")
+    told = becomes(arm, done["request_id"], lambda each: each["verdict"] == "rolled_back")
+    assert told["fault"]["kind"] == told["rolled_back"]["why"] == "bad_access"
+    assert told["fault"]["to_law_id"] != 0 and told["fault"]["took_us"] > 0
+    shown = arm.lithe("law", "show", "moody").stdout
+    assert "  fault         kind bad_access" in shown and "why bad_access" in shown and ": not passed" in shown
+    assert law(arm) == "pd" and arm.ask("status")["mode"] == "active"
+
+
+def test_without_a_law_before_it_a_crash_ends_in_the_safe_law(patient: House) -> None:
+    """There is nothing to go back to; the certificate says that too."""
+    path = patient.dir / "moody.cpp"
+    path.write_text(MOODY)
+    patient.run("--law", str(path))
+    patient.wait_for(lambda: patient.ask("status")["mode"] == "active")
+    patient.ask("param", "set", "crash", "1")
+    patient.wait_for(lambda: certificates(patient)[0]["verdict"] == "rolled_back")
+    assert "safe law" in certificates(patient)[0]["rolled_back"]["why"]
+    assert patient.ask("status")["mode"] == "safe_stop"
+
+
+def test_a_shadow_that_agrees_is_promoted_and_one_that_does_not_is_refused(arm: House) -> None:
+    """Same inputs, output thrown away; the answer comes after the shadow."""
+    done = arm.ask("swap", "pd", "--shadow", "300ms", "--tolerance", "0.05")
+    assert done["verdict"] == "committed" and done["shadow"]["ticks"] >= 300
+    assert done["split_ms"]["committed"] > 200 and "shadow" in done["times_ns"]
+    leans = arm.dir / "leans.cpp"
+    leans.write_text(MOODY.replace("lean_nm{0,", "lean_nm{0.05,").replace('"moody"', '"leans"'))
+    error = arm.ask("swap", leans, "--shadow", "300ms", "--tolerance", "0.01", code=1)["error"]
+    assert error["code"] == "shadow_failed" and "tolerance" in error["message"]
+    told = certificate(arm, error["detail"]["swap"]["request_id"])
+    assert told["shadow"]["most_nm"][0] == pytest.approx(0.05, abs=0.02)
+    assert told["refused_after"] == "shadow"
+    assert law(arm) == "pd"
+
+
+def test_a_trial_or_a_compile_service_that_dies_costs_the_law_it_had(arm: House) -> None:
+    """The client gets the reason, the robot keeps its law, and a new one serves the next request."""
+    for pid_key, code, after in (("trial_pid", "trial_died", "placed"), ("lawd_pid", "lawd_died", "submitted")):
+        pid = arm.ask("status")[pid_key]
+        os.kill(pid, signal.SIGSTOP)
+        asked = Asks(arm, [swap_request("hold")])
+        time.sleep(1.0 if pid_key == "lawd_pid" else 3.0)  # until it has the law in its hands
+        os.kill(pid, signal.SIGKILL)
+        (answer,) = asked.wait()
+        assert answer["error"]["code"] == code, answer
+        told = certificate(arm, answer["error"]["detail"]["swap"]["request_id"])
+        assert (told["verdict"], told["refused_after"]) == ("refused", after)
+        assert law(arm) == "pd"
+        arm.wait_for(lambda key=pid_key, old=pid: arm.ask("status")[key] not in (0, old))
+        assert arm.ask("swap", "pd")["verdict"] == "committed"
+
+
+def test_two_hundred_requests_in_a_second_are_all_answered(arm: House) -> None:
+    """Done or busy, from four clients at once; every one that was taken in has its certificate, and the chain holds."""
+    requests = [swap_request(("pd", "gravity_pd")[i % 2], box_ms=20) for i in range(50)]
+    clients = [Asks(arm, requests) for _ in range(4)]
+    answers = [answer for client in clients for answer in client.wait()]
+    assert len(answers) == 200
+    done = [each for each in answers if each["ok"]]
+    codes = {each["error"]["code"] for each in answers if not each["ok"]}
+    assert codes <= {"busy", "trial_starved"}, codes
+    assert len(done) >= 32
+    ours = {each["request_id"]: each["verdict"] for each in certificates(arm)}
+    assert all(ours[each["result"]["request_id"]] in ("committed", "confirmed") for each in done)
+    assert_chained(arm)
+
+
+def test_a_newer_request_takes_the_place_of_an_older_one_if_it_says_so(arm: House) -> None:
+    """Of the same client, for the same file name, and only while it waits."""
+    os.kill(arm.ask("status")["lawd_pid"], signal.SIGSTOP)  # so that the first is under way, and the others wait
+    asked = Asks(arm, [swap_request("pd"), swap_request("hold"), swap_request("hold", supersede=True)])
+    arm.wait_for(lambda: len(asked.answers) == 1)
+    assert asked.answers[0]["id"] == 1 and asked.answers[0]["error"]["code"] == "superseded"
+    os.kill(arm.ask("status")["lawd_pid"], signal.SIGCONT)
+    assert [each["ok"] for each in sorted(asked.wait(), key=lambda each: each["id"])] == [True, False, True]
+
+
+def test_a_disarmed_or_stopped_robot_takes_a_law_but_no_shadow(arm: House) -> None:
+    """The law lies ready for the next arming; a shadow needs a law that runs."""
+    for command in ("disarm", "estop"):
+        arm.ask(command)
+        assert arm.ask("swap", "gravity_pd")["verdict"] == "committed"
+        error = arm.ask("swap", "pd", "--shadow", "1s", code=1)["error"]
+        assert error["code"] == "refused_mode" and "arm" in error["next"]
+    assert arm.ask("status")["mode"] == "estop"
+
+
+def test_terms_out_of_range_are_refused_by_name(arm: House) -> None:
+    """Before anything is compiled or recorded."""
+    before = len(certificates(arm))
+    for args, name in (({"blend_s": -1}, "blend_s"), ({"shadow": 2}, "shadow"), ({"budget_us": 1e9}, "budget_us")):
+        request = {"id": 1, **swap_request("pd", **args)}
+        error = arm.raw(json.dumps(request).encode() + b"\n")["error"]
+        assert error["code"] == "usage" and name in error["message"]
+    assert len(certificates(arm)) == before
+
+
+def test_a_robot_without_its_trial_does_not_start_unless_the_gates_are_opened(patient: House) -> None:
+    """A missing program is no reason to load laws untried."""
+    other = patient.dir / "bin"
+    other.mkdir()
+    for program in ("lithe", "lawd", "lithe-spine"):
+        shutil.copy(BIN / program, other)
+    command = [other / "lithe", "run", patient.config]
+    refused = subprocess.run(command, check=False, env=patient.env, capture_output=True, text=True, timeout=60)
+    assert refused.returncode == 1 and "lithe-trial" in refused.stderr
+    with (patient.dir / "ungated.log").open("w") as log:
+        patient.started.append(
+            subprocess.Popen([*command, "--ungated"], env=patient.env, stdout=log, stderr=log, text=True)
+        )
+    patient.wait_for(lambda: patient.socket.exists() or patient.started[-1].poll() is not None, 60)
+    assert patient.ask("status")["gates"] == "open"
+    assert "THE GATES ARE OPEN" in (patient.dir / "ungated.log").read_text()
+    assert "THE GATES ARE OPEN" in patient.lithe("status").stdout
+    told = certificates(patient)[0]
+    assert told["reasons"]["admitted"].startswith("skipped") and told["reasons"]["tried"].startswith("skipped")
+
+
+def test_a_supervisor_that_is_killed_leaves_a_chain_that_the_next_one_goes_on_with(arm: House) -> None:
+    """The numbers go on, the hashes fit."""
+    arm.ask("swap", "gravity_pd")
+    pid = arm.ask("status")["spine_pid"]
+    arm.started[0].kill()
+    arm.started[0].wait()
+    assert alive(pid)
+    arm.socket.unlink(missing_ok=True)
+    arm.run()
+    arm.ask("swap", "pd")
+    assert [each["law"] for each in certificates(arm)] == ["pd", "gravity_pd", "pd"]
+    assert_chained(arm)

@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trial/child.hpp"
+
+#include <dlfcn.h>
+#include <signal.h>
+#include <sys/mman.h>
+#include <sys/syscall.h>
+#include <ucontext.h>
+
+#include <array>
+#include <cstdio>
+#include <memory>
+
+#include "spine/arena/layout.hpp"
+#include "spine/law/resident.hpp"
+#include "spine/load/dlopen_store.hpp"
+#include "trial/gate.hpp"
+#include "trial/sections.hpp"
+
+namespace lithe::trial {
+namespace {
+
+constexpr int kPipe = 3;  // where shed_rights() puts it
+constexpr double kRecordedSeconds = 4;
+constexpr std::size_t kPastTicks = 1000;
+
+Report g_report;
+
+[[noreturn]] void end(int code) {
+  for (;;) ask_kernel(SYS_exit_group, code);
+}
+
+void tell() {
+  const auto bytes = static_cast<long>(sizeof g_report);
+  if (ask_kernel(SYS_write, kPipe, reinterpret_cast<long>(&g_report), bytes) != bytes) end(3);
+}
+
+std::uint64_t pc_of(const void* context) {
+  const auto& machine = static_cast<const ucontext_t*>(context)->uc_mcontext;
+#if defined(__x86_64__)
+  return static_cast<std::uint64_t>(machine.gregs[REG_RIP]);
+#else
+  return machine.pc;
+#endif
+}
+
+void on_signal(int signal, siginfo_t* info, void* context) {
+  g_report.crash.signal = signal;
+  g_report.crash.pc = pc_of(context);
+  if (signal == SIGSYS) {
+    g_report.crash.system_call = info->si_syscall;
+    g_report.crash.pc = reinterpret_cast<std::uint64_t>(info->si_call_addr);
+  } else if (signal == SIGSEGV || signal == SIGBUS) {
+    g_report.crash.address = reinterpret_cast<std::uint64_t>(info->si_addr);
+  }
+  tell();
+  end(7);
+}
+
+// On a stack of its own, for a law that has used up the other one.
+bool listen_for_signals() {
+  constexpr std::size_t kStack = 64 << 10;
+  void* memory = mmap(nullptr, kStack, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  const stack_t stack{memory, 0, kStack};
+  if (memory == MAP_FAILED || sigaltstack(&stack, nullptr) != 0) return false;
+  struct sigaction action{};
+  action.sa_sigaction = &on_signal;
+  action.sa_flags = SA_SIGINFO | SA_ONSTACK | SA_RESETHAND;
+  sigfillset(&action.sa_mask);
+  for (const int signal : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGTRAP, SIGSYS, SIGPROF}) {
+    if (sigaction(signal, &action, nullptr) != 0) return false;
+  }
+  sigset_t none;
+  sigemptyset(&none);
+  return sigprocmask(SIG_SETMASK, &none, nullptr) == 0;
+}
+
+int fail(const char* words) {
+  std::snprintf(g_report.refused.data(), g_report.refused.size(), "%s", words);
+  g_report.ended = 1;
+  tell();
+  return 1;
+}
+
+// What the law has nothing to do with.
+int give_up(const char* words) {
+  g_report.unable = 1;
+  return fail(words);
+}
+
+const LitheLaw* load(const Setting& setting, const Order& order, std::span<char> why) {
+  const LitheLaw* law = nullptr;
+  if (order.stage.slot != 0) {
+    if (!setting.arena) {
+      g_report.unable = 1;
+      std::snprintf(why.data(), why.size(), "there is no arena here: send \"object\" instead of \"slot\"");
+      return nullptr;
+    }
+    g_report.image_base = arena::slot_address(order.stage.slot);
+    return setting.arena->load(0, order.stage, law, why) == wire::StageResult::staged ? law : nullptr;
+  }
+  auto store = new load::DlopenStore;  // lives as long as the process
+  if (store->load(0, order.stage, law, why) != wire::StageResult::staged) return nullptr;
+  Dl_info info{};
+  if (dladdr(law, &info) != 0) g_report.image_base = reinterpret_cast<std::uint64_t>(info.dli_fbase);
+  return law;
+}
+
+// A placed law runs none of its code while it is loaded.
+Result<> guard_loading(const Order& order) { return order.stage.slot != 0 ? done() : allow_loading_only(kPipe); }
+
+Result<> guard_computing(const Setting& setting) {
+  if (setting.walled && shut_all_but_the_gate()) return done();
+  return allow_computing_only(kPipe);
+}
+
+// The law's own values, and those the request wants; values outside their range are refused here already.
+bool fill_params(const LitheLaw& law, const Order& order, std::vector<Param>& params) {
+  for (std::uint32_t i = 0; i < law.param_count; ++i) {
+    params.push_back({law.params[i].value, law.params[i].min, law.params[i].max});
+  }
+  for (const auto& [name, value] : order.params) {
+    std::size_t i = 0;
+    while (i < params.size() && name != law.params[i].name) ++i;
+    const bool known = i < params.size();
+    if (known && params[i].min <= value && value <= params[i].max) {
+      params[i].value = value;
+      continue;
+    }
+    std::snprintf(g_report.refused.data(), g_report.refused.size(),
+                  known ? "the value %g of param %s is outside its range" : "there is no param to be set to %g: %s",
+                  value, name.c_str());
+    return false;
+  }
+  return true;
+}
+
+struct Part {
+  Section section;
+  bool (*run)(Bench&);
+  double share;  // of the box
+};
+constexpr Part kParts[] = {{Section::benign, &run_benign, 0.1},
+                           {Section::loop, &run_loop, 0.4},
+                           {Section::replay, &run_replay, 0.15},
+                           {Section::hostile, &run_hostile, 0.2},
+                           {Section::timing, &run_timing, 0.15}};
+
+void run_parts(Bench& bench, int box_ms) {
+  for (const Part& part : kParts) {
+    bench.report.section = static_cast<std::uint32_t>(part.section);
+    const std::int64_t from_ns = bench.setting.clock.now_ns();
+    bench.deadline_ns = from_ns + static_cast<std::int64_t>(part.share * box_ms * 1e6);
+    const bool passed = part.run(bench);
+    bench.progress().ms = static_cast<double>(bench.setting.clock.now_ns() - from_ns) / 1e6;
+    if (!passed) return;
+    bench.progress().done = 1;
+  }
+}
+
+}  // namespace
+
+int stand_trial(const Setting& setting, const Order& order, const Limits& limits, int pipe_fd) {
+  const Recording recording(order.recording, setting.joints(), setting.dt_s(), kRecordedSeconds);
+  if (const auto shed = shed_rights(pipe_fd, limits); !shed) return give_up(shed.message().c_str());
+  if (!listen_for_signals()) return give_up("cannot catch the signals of a law");
+  if (const auto shut = guard_loading(order); !shut) return give_up(shut.message().c_str());
+  std::snprintf(g_report.doing.data(), g_report.doing.size(), "being loaded");
+  char why[256] = "";
+  const LitheLaw* law = load(setting, order, why);
+  if (law == nullptr) return fail(why);
+  if (*law::describe_mismatch(*law, why, sizeof why) != '\0') return fail(why);
+  std::vector<Param> params;
+  if (!fill_params(*law, order, params)) return fail(std::string(text_of(g_report.refused)).c_str());
+  const auto past =
+      law->init == nullptr ? std::vector<PastTick>{} : recording.past(kPastTicks, setting.joints(), setting.dt_s());
+  const History history{past.data(), static_cast<std::uint32_t>(past.size()), setting.joints(), setting.dt_s()};
+  Stand one(*law, params, history, setting.clock), other(*law, params, history, setting.clock);
+  Bench bench{setting, *law, recording, one, other, order.budget_ns, 0, g_report, {}};
+  bench.times_ns.reserve(kTimingInputs);
+  if (const auto shut = guard_computing(setting); !shut) return give_up(shut.message().c_str());
+  run_parts(bench, limits.cpu_ms);
+  g_report.ended = 1;
+  tell();
+  end(0);  // no destructor may want a system call now
+}
+
+}  // namespace lithe::trial

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+// The last seconds of a running robot, copied out of its telemetry.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "lithe/law.hpp"
+
+namespace lithe::trial {
+
+// Contract: allocates when made, never after
+class Recording {
+ public:
+  Recording() = default;
+  // The newest records of a robot that runs, at most `seconds`; empty when none runs, or one with other joints.
+  Recording(const std::string& robot, std::uint32_t joints, double dt_s, double seconds);
+
+  std::size_t size() const { return records_.size(); }
+
+  // Record i (0 = the oldest) as a law would have seen it.
+  void fill(Tick& tick, std::size_t i) const;
+  double command_torque_nm(std::size_t i, std::uint32_t joint) const;
+
+  // The newest ticks first, at most `most`. Without a recording: a robot that follows a slow sine.
+  std::vector<PastTick> past(std::size_t most, std::uint32_t joints, double dt_s) const;
+
+ private:
+  struct Record {
+    std::uint64_t tick = 0;
+    std::int64_t t_ns = 0;
+    std::uint32_t flags = 0;
+  };
+  enum Quantity { position, velocity, torque, setpoint_position, setpoint_velocity, command, kQuantities };
+  double at(std::size_t i, Quantity quantity, std::uint32_t joint) const {
+    return values_[(i * kQuantities + quantity) * joints_ + joint];
+  }
+
+  std::uint32_t joints_ = 0;
+  double dt_s_ = 1e-3;
+  std::vector<Record> records_;
+  std::vector<double> values_;
+};
+
+}  // namespace lithe::trial

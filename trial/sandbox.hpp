@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+// A child process that can do nothing but compute, and does not live long.
+#pragma once
+
+#include <sys/types.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <string>
+
+#include "spine/core/result.hpp"
+
+namespace lithe::trial {
+
+// A sanitizer's run time needs address space and system calls that a trial does not grant.
+#if defined(__has_feature)
+#define LITHE_TRIAL_HAS(feature) __has_feature(feature)
+#else
+#define LITHE_TRIAL_HAS(feature) 0
+#endif
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || LITHE_TRIAL_HAS(address_sanitizer) || \
+    LITHE_TRIAL_HAS(thread_sanitizer) || LITHE_TRIAL_HAS(realtime_sanitizer)
+inline constexpr bool kSanitized = true;
+#else
+inline constexpr bool kSanitized = false;
+#endif
+#undef LITHE_TRIAL_HAS
+
+struct Limits {
+  int cpu_ms = 150;                                   // then the child says where it is and ends
+  int wall_ms = 600;                                  // then it is killed, however little it got of the processor
+  std::size_t memory_bytes = std::size_t{512} << 20;  // beyond what the parent has
+};
+
+struct Outcome {
+  bool started = false;    // there was a child
+  bool timed_out = false;  // killed at wall_ms
+  int signal = 0;          // that ended it, 0 = none
+  int exit_code = -1;
+  double cpu_ms = 0, wall_ms = 0;
+  std::string output;  // what it wrote into its pipe, at most `expected` bytes
+};
+
+// Forks; the child runs `body` with the writing end of a pipe, its only way out, and ends with what it returns. It
+// dies with this process. Contract: one child at a time
+Outcome run_sandboxed(const std::function<int(int pipe_fd)>& body, const Limits& limits, std::size_t expected);
+
+// In the child, in this order, each for good:
+// Resource limits, no descriptor but the pipe, no core file, no other process.
+Result<> shed_rights(int pipe_fd, const Limits& limits);
+// From now on: read files, map memory, write to the pipe, end. What loading a law with dlopen needs, which runs code of
+// it.
+Result<> allow_loading_only(int pipe_fd);
+// From now on: write to the pipe, read the clock, end. What a law needs not even once.
+Result<> allow_computing_only(int pipe_fd);
+
+// In the parent, once, before the first child: from now on it and its children can fork, limit themselves, read files,
+// write to what is open, map memory and signal. No network, no other program, no file written.
+Result<> allow_trials_only();
+
+}  // namespace lithe::trial

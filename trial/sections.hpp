@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+// The parts of a trial. Each stops at its deadline once its mandatory part is done, and says false when the law is
+// refused.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "lithe/law.hpp"
+#include "trial/recording.hpp"
+#include "trial/report.hpp"
+#include "trial/setting.hpp"
+#include "trial/stand.hpp"
+
+namespace lithe::trial {
+
+// Contract: nothing in it allocates any more
+struct Bench {
+  const Setting& setting;
+  const LitheLaw& law;
+  const Recording& recording;
+  Stand& one;
+  Stand& other;  // the same law at other addresses
+  std::int64_t budget_ns;
+  std::int64_t deadline_ns = 0;  // of the section that runs
+  Report& report;
+  std::vector<double> times_ns;  // room for kTimingInputs
+
+  std::uint32_t joints() const { return setting.joints(); }
+  bool out_of_time() const { return setting.clock.now_ns() > deadline_ns; }
+  Progress& progress() { return report.progress[report.section]; }
+
+  // Says what is being done, for the words of a crash.
+  __attribute__((format(printf, 2, 3))) void doing(const char* format, ...);
+  // Always false.
+  __attribute__((format(printf, 2, 3))) bool refuse(const char* format, ...);
+  // Refuses when an output of `stand` is not a number, or it wrote where it must not.
+  bool sound(Stand& stand);
+};
+
+inline constexpr std::size_t kTimingInputs = 1000;
+
+bool run_benign(Bench& bench);   // finite, the same twice, how much a lost state changes
+bool run_loop(Bench& bench);     // with the simulated robot and the guard
+bool run_replay(Bench& bench);   // on what this robot did in the last seconds
+bool run_hostile(Bench& bench);  // NaN, infinities, jumps, wrong times
+bool run_timing(Bench& bench);   // how long a step takes on this board
+
+// The ride of run_loop with nobody at the wheel.
+LoopStats ride_without_a_law(const Setting& setting, hal::Actuators& actuators);
+
+}  // namespace lithe::trial

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a trial stands on: how its end is judged, the child's walls, the memory a law is given.
+#include "trial/verdict.hpp"
+
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <cstring>
+
+#include "trial/guarded.hpp"
+#include "trial/sandbox.hpp"
+
+namespace lithe::trial {
+namespace {
+
+TEST(Verdict, LiesOfAChildAreNotBelieved) {
+  Report report;
+  report.ended = 1;
+  const auto bytes = [&] { return std::string(reinterpret_cast<const char*>(&report), sizeof report); };
+  Outcome outcome;
+  outcome.started = true;
+  outcome.exit_code = 0;
+  outcome.output = bytes();
+  EXPECT_TRUE(judge(outcome, {}).ok);
+  outcome.exit_code = 1;
+  EXPECT_FALSE(judge(outcome, {}).ok) << "it did not end well";
+  outcome.exit_code = 0;
+  outcome.output = bytes().substr(1);
+  EXPECT_FALSE(judge(outcome, {}).ok) << "half a report";
+  outcome.output = "";
+  EXPECT_FALSE(judge(outcome, {}).ok) << "no report";
+  report.section = 77;
+  outcome.output = bytes();
+  EXPECT_FALSE(judge(outcome, {}).ok) << "no such section";
+  report.section = 0;
+  report.ended = 0;
+  outcome.output = bytes();
+  EXPECT_FALSE(judge(outcome, {}).ok) << "not at its end";
+}
+
+TEST(Verdict, StarvedTrialIsNotTheLawsFault) {
+  Outcome outcome;
+  outcome.started = outcome.timed_out = true;
+  outcome.signal = 9;
+  outcome.cpu_ms = 5;
+  EXPECT_TRUE(judge(outcome, {}).starved);
+  EXPECT_FALSE(judge(outcome, {}).out_of_time);
+  outcome.cpu_ms = 149;
+  EXPECT_TRUE(judge(outcome, {}).out_of_time);
+  EXPECT_FALSE(judge(outcome, {}).starved);
+}
+
+TEST(Verdict, SandboxThatDoesNotWorkIsNotTheLawsFault) {
+  EXPECT_TRUE(judge({}, {}).unable) << "there was no child";
+  Report report;
+  report.ended = report.unable = 1;
+  report.refused = {"no filter"};
+  Outcome outcome;
+  outcome.started = true;
+  outcome.exit_code = 1;
+  outcome.output = std::string(reinterpret_cast<const char*>(&report), sizeof report);
+  EXPECT_TRUE(judge(outcome, {}).unable);
+  EXPECT_FALSE(judge(outcome, {}).ok) << "but it is not tried";
+  report.unable = 0;
+  outcome.output = std::string(reinterpret_cast<const char*>(&report), sizeof report);
+  EXPECT_FALSE(judge(outcome, {}).unable);
+}
+
+TEST(Sandbox, ChildThatDoesNotEndIsKilled) {
+  Limits limits;
+  limits.wall_ms = 50;
+  const Outcome outcome = run_sandboxed(
+      [](int) {
+        signal(SIGPROF, SIG_IGN);  // the question where it is
+        for (volatile int x = 1; x != 0;) x = 1;
+        return 0;
+      },
+      limits, 10);
+  EXPECT_TRUE(outcome.timed_out);
+  EXPECT_EQ(outcome.signal, 9);
+}
+
+TEST(GuardedTest, FenceRemembersWhatWasWrittenBeforeTheBytes) {
+  const Guarded memory(24, Guarded::Kind::with_read_only_view);
+  std::memset(memory.data(), 7, 24);
+  EXPECT_EQ(memory.law_view()[23], std::byte{7}) << "both views show the same bytes";
+  EXPECT_TRUE(memory.fence_intact());
+  for (const std::ptrdiff_t before : {1, 2, 1000, 4072}) {
+    const std::byte was = memory.data()[-before];
+    memory.data()[-before] = std::byte{0};
+    EXPECT_FALSE(memory.fence_intact()) << before;
+    memory.data()[-before] = was;
+  }
+  EXPECT_TRUE(memory.fence_intact());
+}
+
+TEST(GuardedDeathTest, WritingPastTheEndOrIntoTheLawsViewIsAnAccessViolation) {
+  if (kSanitized) GTEST_SKIP() << "a sanitizer answers with words of its own";
+  const Guarded memory(24, Guarded::Kind::with_read_only_view);
+  EXPECT_DEATH(*const_cast<volatile std::byte*>(memory.data() + 24) = std::byte{1}, "");
+  EXPECT_DEATH(*const_cast<volatile std::byte*>(memory.law_view()) = std::byte{1}, "");
+}
+
+}  // namespace
+}  // namespace lithe::trial

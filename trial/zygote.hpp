@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// The process that is ready for a trial before anybody asks: it has read the robot, and forks a child per law.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "spine/core/result.hpp"
+#include "trial/sandbox.hpp"
+#include "trial/setting.hpp"
+
+namespace lithe::trial {
+
+// Contract: one thread · never throws for bad input: every answer is JSON with "ok"
+class Zygote {
+ public:
+  // Reads the robot, calibrates the clock, drives the simulated robot once without a law. `arena_fd`: the code arena,
+  // as the supervisor hands it over, closed here; -1 or no arena = laws come as objects only.
+  static Result<Zygote> make(const std::string& robot_path, int arena_fd);
+
+  // Gives up, for this whole process and its children, what no trial needs (allow_trials_only). A child then needs no
+  // filter of its own. Contract: once, in a process that does nothing else
+  Result<> wall_in();
+
+  // One request line, one answer. `quit` is set by the verb quit. See trial/README.md.
+  nlohmann::json answer(const std::string& line, bool& quit);
+
+ private:
+  explicit Zygote(Setting setting, std::string arena_text)
+      : setting_(std::move(setting)), arena_text_(std::move(arena_text)) {}
+
+  nlohmann::json ping() const;
+  nlohmann::json attempt(const nlohmann::json& request);
+  Outcome run(const Order& order, const Limits& limits) const;
+
+  Setting setting_;
+  std::string arena_text_;  // why there is no arena; empty = there is
+};
+
+}  // namespace lithe::trial

@@ -1,0 +1,225 @@
+// SPDX-License-Identifier: Apache-2.0
+// Laws on trial. No sanitizer build makes this: none can live in the sandbox.
+#include "trial/zygote.hpp"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/mman.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <cstring>
+#include <vector>
+
+#include "spine/arena/arena.hpp"
+#include "trial/guarded.hpp"
+#include "trial/verdict.hpp"
+
+namespace lithe::trial {
+namespace {
+
+using nlohmann::json;
+
+// A law that asks for nothing, made by hand for a slot: its descriptor, then one instruction that returns.
+struct HandMade {
+  LitheLaw law{};
+  std::array<unsigned char, 12> code{};
+};
+#if defined(__x86_64__)
+const std::vector<unsigned char> kReturn = {0xC3};
+const std::vector<unsigned char> kAskForParent = {0xB8, 110, 0, 0, 0, 0x0F, 0x05, 0xC3};  // getppid
+#else
+const std::vector<unsigned char> kReturn = {0xC0, 0x03, 0x5F, 0xD6};
+const std::vector<unsigned char> kAskForParent = {0xA8, 0x15, 0x80, 0xD2, 0x01, 0x00,
+                                                  0x00, 0xD4, 0xC0, 0x03, 0x5F, 0xD6};  // mov x8, 173; svc 0
+#endif
+
+struct Nothing {
+  struct Params {};
+  struct State {};
+  static void step(const Tick&, const Params&, State&, Effort&) {}
+};
+
+class ZygoteTest : public ::testing::Test {
+ protected:
+  static Zygote& zygote() {
+    static auto made = Zygote::make(LITHE_ROBOTS "/arm.toml", -1);
+    EXPECT_TRUE(made) << made.message();
+    return *made;
+  }
+
+  static json attempt(const std::string& object, json more = json::object()) {
+    more.update({{"id", 3}, {"verb", "try"}, {"object", object}, {"budget_ns", 300'000}});
+    bool quit = false;
+    return zygote().answer(more.dump(), quit);
+  }
+
+  // The reason, which must speak of `part`.
+  static void expect_refused(const std::string& object, const std::string& section, const std::string& part) {
+    const json reply = attempt(object);
+    EXPECT_FALSE(reply["ok"].get<bool>()) << object;
+    EXPECT_EQ(reply["section"], section) << reply.dump();
+    EXPECT_NE(reply.value("reason", "").find(part), std::string::npos) << reply.dump();
+  }
+};
+
+TEST_F(ZygoteTest, GoodLawsPassAndAllSectionsReport) {
+  for (const char* object : {LAW_pd, LAW_hold}) {
+    const json reply = attempt(object);
+    EXPECT_TRUE(reply["ok"].get<bool>()) << reply.dump();
+    EXPECT_EQ(reply["id"], 3);
+    for (const char* section : {"benign", "loop", "hostile", "timing"}) {
+      EXPECT_TRUE(reply["report"][section]["done"].get<bool>()) << section << reply.dump();
+    }
+    EXPECT_TRUE(reply["report"]["benign"]["same_bits"].get<bool>());
+    EXPECT_GT(reply["report"]["timing"]["p999_ns"].get<double>(), 0);
+    EXPECT_GE(reply["report"]["loop"]["ticks"].get<int>(), 100);
+  }
+}
+
+TEST_F(ZygoteTest, CrashIsNamedWithItsPlace) {
+  const json reply = attempt(LAW_writes_null);
+  EXPECT_NE(reply.value("reason", "").find("SIGSEGV at 0x0"), std::string::npos) << reply.dump();
+  EXPECT_GT(reply["pc_offset"], 0) << reply.dump();
+  EXPECT_LT(reply["pc_offset"], 1 << 20) << "within the object";
+  expect_refused(LAW_deep_recursion, "benign", "SIGSEGV");
+}
+
+TEST_F(ZygoteTest, EndlessLoopAndEndlessWorkAreBrokenOff) {
+  expect_refused(LAW_loops_for_ever, "benign", "did not come to an end");
+  expect_refused(LAW_takes_ten_milliseconds, "benign", "did not come to an end");
+}
+
+TEST_F(ZygoteTest, OutputThatIsNoNumberIsNamed) { expect_refused(LAW_nan_when_at_rest, "benign", "torque_nm[0]"); }
+
+TEST_F(ZygoteTest, EveryWriteOutsideItsOwnMemoryIsSeen) {
+  expect_refused(LAW_writes_past_its_state, "benign", "SIGSEGV");
+  expect_refused(LAW_writes_before_its_state, "benign", "before the beginning of its State");
+  expect_refused(LAW_writes_its_input, "benign", "SIGSEGV");
+  expect_refused(LAW_init_reads_past_the_history, "benign", "its init");
+}
+
+TEST_F(ZygoteTest, LawThatFightsTheRobotIsRefusedByTheSimulation) {
+  expect_refused(LAW_positive_feedback, "loop", "simulated robot");
+  expect_refused(LAW_torque_chatter, "loop", "simulated robot");
+}
+
+TEST_F(ZygoteTest, LawThatIsNotAFunctionOfItsInputIsRefused) {
+  expect_refused(LAW_depends_on_addresses, "benign", "another output the second time");
+}
+
+TEST_F(ZygoteTest, SystemCallEndsTheTrial) { expect_refused(LAW_asm_syscall, "benign", "system call"); }
+
+TEST_F(ZygoteTest, BudgetIsHeld) {
+  const json reply = attempt(LAW_pd, {{"budget_ns", 300'000}, {"params", {{"kp_nm_rad", 2.0}}}});
+  EXPECT_TRUE(reply["ok"].get<bool>()) << reply.dump();
+  bool quit = false;
+  const json slow = zygote().answer(json{{"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 1}}.dump(), quit);
+  EXPECT_FALSE(slow["ok"].get<bool>());
+  EXPECT_NE(slow.value("reason", "").find("budget"), std::string::npos) << slow.dump();
+}
+
+// An arena of its own with this code in slot 2, and the request that tries it.
+json place(const std::vector<unsigned char>& code, int& memory_fd) {
+  const auto memory = arena::make_memory();
+  EXPECT_TRUE(memory);
+  HandMade made;
+  made.law = describe<Nothing>("nothing");
+  made.law.step = reinterpret_cast<decltype(made.law.step)>(arena::slot_address(2) + offsetof(HandMade, code));
+  std::copy(code.begin(), code.end(), made.code.begin());
+  const std::span<const std::byte> image{reinterpret_cast<const std::byte*>(&made), sizeof made};
+  auto writer = arena::Writer::attach(*memory);
+  EXPECT_TRUE(writer && writer->place(2, image));
+  memory_fd = *memory;
+  return {{"verb", "try"},
+          {"slot", 2},
+          {"entry", arena::slot_address(2)},
+          {"code_bytes", sizeof made},
+          {"image_hash", arena::image_hash(image)}};
+}
+
+TEST_F(ZygoteTest, PlacedLawIsTriedWhereItLies) {
+  int memory = -1;
+  json request = place(kReturn, memory);
+  auto with_arena = Zygote::make(LITHE_ROBOTS "/arm.toml", memory);
+  ASSERT_TRUE(with_arena) << with_arena.message();
+  EXPECT_EQ(fcntl(memory, F_GETFD), -1) << "whoever can write the arena can write the running law";
+  bool quit = false;
+  const json reply = with_arena->answer(request.dump(), quit);
+  EXPECT_TRUE(reply["ok"].get<bool>()) << reply.dump();
+  request["image_hash"] = "12ab";
+  EXPECT_FALSE(with_arena->answer(request.dump(), quit)["ok"].get<bool>()) << "another image than announced";
+  request["slot"] = 77;
+  EXPECT_FALSE(with_arena->answer(request.dump(), quit)["ok"].get<bool>());
+}
+
+// --- behind its wall, as lithe-trial is ---
+
+// Ends the process that it runs in, with the answer to `request` on stderr.
+[[noreturn]] void answer_walled(json request, int memory_fd) {
+  auto zygote = Zygote::make(LITHE_ROBOTS "/arm.toml", memory_fd);
+  if (!zygote || !zygote->wall_in()) _exit(77);
+  if (open("/tmp/lithe-must-not-be", O_WRONLY | O_CREAT, 0600) >= 0 || socket(AF_UNIX, SOCK_STREAM, 0) >= 0) _exit(78);
+  execl("/bin/true", "true", nullptr);  // returns: there is no other program
+  request["box_ms"] = 1000;
+  bool quit = false;
+  const json reply = zygote->answer(request.dump(), quit);
+  std::fprintf(stderr, "%s\n", reply.value("reason", reply.dump()).c_str());
+  _exit(reply["ok"].get<bool>() ? 0 : 1);
+}
+
+TEST_F(ZygoteTest, BehindItsWallItTriesPlacedLawsAndObjects) {
+  int memory = -1;
+  const json placed = place(kReturn, memory);
+  EXPECT_EXIT(answer_walled(placed, memory), testing::ExitedWithCode(0), "");
+  const json object = {{"verb", "try"}, {"object", LAW_pd}};
+  EXPECT_EXIT(answer_walled(object, -1), testing::ExitedWithCode(0), "");
+  const json crash = {{"verb", "try"}, {"object", LAW_writes_null}};
+  EXPECT_EXIT(answer_walled(crash, -1), testing::ExitedWithCode(1), "SIGSEGV at 0x0");
+  const json asks = {{"verb", "try"}, {"object", LAW_asm_syscall}};
+  EXPECT_EXIT(answer_walled(asks, -1), testing::ExitedWithCode(1), "it made system call");
+}
+
+TEST_F(ZygoteTest, BehindItsWallTheSystemCallOfAPlacedLawIsNamed) {
+  int memory = -1;
+  const json placed = place(kAskForParent, memory);
+  EXPECT_EXIT(answer_walled(placed, memory), testing::ExitedWithCode(1), "it made system call 1[17][03]");
+}
+
+TEST_F(ZygoteTest, WhatTheSandboxLacksIsNotTheLawsFault) {
+  bool quit = false;
+  const json reply = zygote().answer(json{{"verb", "try"}, {"slot", 1}}.dump(), quit);
+  EXPECT_FALSE(reply["ok"].get<bool>());
+  EXPECT_TRUE(reply["unavailable"].get<bool>()) << reply.dump();
+  EXPECT_FALSE(attempt("/nowhere")["unavailable"].get<bool>());
+  EXPECT_FALSE(attempt(LAW_asm_syscall)["unavailable"].get<bool>());
+}
+
+TEST_F(ZygoteTest, LongestStepIsToldBesideTheOneThatIsJudged) {
+  const json timing = attempt(LAW_pd)["report"]["timing"];
+  EXPECT_GE(timing["worst_best_of_3_ns"].get<double>(), timing["p999_ns"].get<double>());
+  EXPECT_GT(timing["worst_ns"].get<double>(), timing["worst_best_of_3_ns"].get<double>())
+      << "of hundreds of steps in threes, the longest is never the shortest of its three";
+}
+
+TEST_F(ZygoteTest, NonsenseIsAnsweredAndTheZygoteLives) {
+  bool quit = false;
+  for (const char* line :
+       {"{", "[]", "{\"verb\":3}", "{\"verb\":\"try\"}", "{\"verb\":\"try\",\"object\":\"/nowhere\"}",
+        "{\"verb\":\"try\",\"slot\":3,\"entry\":\"0x10\"}", "\xff\xfe", "{\"verb\":\"try\",\"object\":\"/dev/zero\"}",
+        "{\"verb\":\"dance\"}", "{\"verb\":\"try\",\"object\":\"x\",\"params\":[1]}"}) {
+    EXPECT_FALSE(zygote().answer(line, quit)["ok"].get<bool>()) << line;
+  }
+  EXPECT_FALSE(attempt(LAW_pd, {{"params", {{"kp_nm_rad", 1e9}}}})["ok"].get<bool>());
+  EXPECT_FALSE(attempt(LAW_pd, {{"params", {{"no_such", 1}}}})["ok"].get<bool>());
+  EXPECT_TRUE(zygote().answer("{\"verb\":\"ping\"}", quit)["ok"].get<bool>());
+  EXPECT_FALSE(quit);
+  EXPECT_TRUE(zygote().answer("{\"verb\":\"quit\"}", quit)["ok"].get<bool>());
+  EXPECT_TRUE(quit);
+}
+
+}  // namespace
+}  // namespace lithe::trial
