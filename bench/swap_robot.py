@@ -54,7 +54,7 @@ def sine_rad(t_ns: int, centre_rad: float, amplitude_rad: float, frequency_hz: f
     return centre_rad + amplitude_rad * math.sin(2 * math.pi * frequency_hz * t_ns * 1e-9)
 
 
-WAKE_S = 60.0
+WAKE_S = 600.0
 
 
 def wake(robot: lithe.Robot) -> None:
