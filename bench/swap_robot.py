@@ -36,7 +36,14 @@ TICK = np.dtype(
 
 def robot_file(folder: Path, **changes: str) -> Path:
     """robots/arm.toml with some of its values replaced, and patient with a machine that stalls."""
-    patience = {"late_ticks_to_stop": "300", "watchdog_s": "1.0", "stale_after_s": "1.0"}
+    # An arm that a stall has sent past its limit could never be armed again: nobody is there to bring it back.
+    patience = {
+        "late_ticks_to_stop": "300",
+        "watchdog_s": "1.0",
+        "stale_after_s": "1.0",
+        "position_overrun_rad": "1000.0",
+        "velocity_overrun": "10.0",
+    }
     law = {"law": f'"{ROOT}/laws/pd.cpp"'}
     lines = (ROOT / "robots/arm.toml").read_text(encoding="utf-8").splitlines()
     for key, value in {**patience, **law, **changes}.items():
