@@ -36,7 +36,14 @@ TICK = np.dtype(
 
 def robot_file(folder: Path, **changes: str) -> Path:
     """robots/arm.toml with some of its values replaced, and patient with a machine that stalls."""
-    patience = {"late_ticks_to_stop": "300", "watchdog_s": "1.0", "stale_after_s": "1.0"}
+    # An arm that a stall has sent past its limit could never be armed again: nobody is there to bring it back.
+    patience = {
+        "late_ticks_to_stop": "300",
+        "watchdog_s": "1.0",
+        "stale_after_s": "1.0",
+        "position_overrun_rad": "1000.0",
+        "velocity_overrun": "10.0",
+    }
     law = {"law": f'"{ROOT}/laws/pd.cpp"'}
     lines = (ROOT / "robots/arm.toml").read_text(encoding="utf-8").splitlines()
     for key, value in {**patience, **law, **changes}.items():
@@ -54,11 +61,21 @@ def sine_rad(t_ns: int, centre_rad: float, amplitude_rad: float, frequency_hz: f
     return centre_rad + amplitude_rad * math.sin(2 * math.pi * frequency_hz * t_ns * 1e-9)
 
 
+WAKE_S = 600.0
+
+
 def wake(robot: lithe.Robot) -> None:
     """Arms a robot that has stopped, because the machine stalled for longer than even a patient one bears."""
-    if robot.status()["mode"] != "active":
-        robot.reset()
-        robot.arm()
+    end_s = time.monotonic() + WAKE_S
+    while (mode := robot.status()["mode"]) != "active":
+        try:
+            if mode in ("safe_stop", "estop"):
+                robot.reset()
+            robot.arm()
+        except lithe.Refused:  # the stall may last: nothing is fresh yet, or it has stopped once more
+            if time.monotonic() > end_s:
+                raise
+            time.sleep(0.1)
 
 
 class Background:

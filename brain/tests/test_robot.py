@@ -44,11 +44,13 @@ def test_connect_pins_the_brain_to_its_core(robot: lithe.Robot, house: House) ->
 
 
 def test_a_second_brain_is_refused_and_a_third_after_the_first_has_left(robot: lithe.Robot) -> None:
+    cores = os.sched_getaffinity(0)
     with pytest.raises(lithe.ShmError, match="already has a Brain"):
         lithe.Robot("arm")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # numpy came before lithe in this process
         looker = lithe.Robot("arm", writes_plans=False)
+    os.sched_setaffinity(0, cores)
     assert looker.status()["robot"] == "arm"
     with pytest.raises(lithe.LitheError, match="only looks"):
         looker.publish([time.monotonic_ns()], [0.0])
