@@ -125,12 +125,15 @@ class Hardware final : public Actuators {
 
   void add_joint(const robot::JointConfig& joint) {
     const robot::DeviceConfig& device = config_.devices[joint.device];
-    const JointTransform transform{joint.sign, joint.zero_rad, joint.ratio};
     std::unique_ptr<Drive> drive;
     if (device.kind == DeviceKind::cia402) {
       drive = std::make_unique<cia402::Cia402Drive>(cia402_params(device, joint));
     } else {
-      drive = std::make_unique<moteus::MoteusDrive>(moteus::DriverParams{device.id, device.watchdog_s, transform});
+      moteus::DriverParams params;
+      params.id = device.id;
+      params.watchdog_s = device.watchdog_s;
+      params.joint = {joint.sign, joint.zero_rad, joint.ratio};
+      drive = std::make_unique<moteus::MoteusDrive>(params);
     }
     actuators_.add_joint(device.bus, device.id, std::move(drive), device.rate_divider);
   }

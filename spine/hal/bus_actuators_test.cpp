@@ -90,7 +90,9 @@ class TwoJoints : public testing::Test {
     }
     actuators_.add_bus(std::move(bus), Addressing::moteus);
     for (std::uint32_t id : {1U, 2U}) {
-      actuators_.add_joint(0, id, std::make_unique<moteus::MoteusDrive>(moteus::DriverParams{.id = id, .joint = {}}));
+      moteus::DriverParams params;
+      params.id = id;
+      actuators_.add_joint(0, id, std::make_unique<moteus::MoteusDrive>(params));
     }
     command_.joints = 2;
   }

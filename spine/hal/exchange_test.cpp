@@ -54,8 +54,9 @@ struct Robot {
     params.id = id;
     drives.push_back(std::make_unique<sim::SimMoteus>(params));
     bus->attach(*drives.back());
-    actuators.add_joint(0, id, std::make_unique<moteus::MoteusDrive>(moteus::DriverParams{.id = id, .joint = {}}),
-                        divider);
+    moteus::DriverParams driver;
+    driver.id = id;
+    actuators.add_joint(0, id, std::make_unique<moteus::MoteusDrive>(driver), divider);
     command.joints = static_cast<std::uint32_t>(drives.size());
   }
   void cycle() {
