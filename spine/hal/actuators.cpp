@@ -26,7 +26,8 @@ using robot::DeviceKind;
 // Contract: as BusActuators
 class Hardware final : public Actuators {
  public:
-  explicit Hardware(const robot::RobotConfig& config) : config_(config), actuators_(RawClock::calibrate()) {}
+  explicit Hardware(const robot::RobotConfig& config)
+      : config_(config), actuators_(RawClock::calibrate(), config.guard.lost_after_misses) {}
 
   Result<> open() {
     for (std::size_t i = 0; i < config_.buses.size(); ++i) {

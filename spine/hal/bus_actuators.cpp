@@ -197,9 +197,9 @@ void BusActuators::settle() LITHE_RT {
     }
     if (!joint.asked) continue;
     ++counters_.missed;
-    joint.misses_in_a_row = std::min(joint.misses_in_a_row + 1, kMissesToLost);
+    joint.misses_in_a_row = std::min(joint.misses_in_a_row + 1, misses_to_lost_);
     last_.status[i] &= ~wire::joint_status::kFresh;
-    if (joint.misses_in_a_row == kMissesToLost) last_.status[i] |= wire::joint_status::kLost;
+    if (joint.misses_in_a_row == misses_to_lost_) last_.status[i] |= wire::joint_status::kLost;
   }
   counters_.late = late_answers_;
   counters_.refused = 0;

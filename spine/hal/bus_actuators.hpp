@@ -26,11 +26,10 @@ enum class Addressing : std::uint8_t {
 // Contract: cycle() RT, bounded, one thread · add_bus, add_joint before the first cycle, never in the tick
 class BusActuators final : public Actuators {
  public:
-  // A joint is lost after so many exchanges in a row in which it was asked and did not answer.
-  static constexpr std::uint32_t kMissesToLost = 3;
-
-  // `clock` bounds the wait for answers of buses that need one (Bus::reply_wait_ns).
-  explicit BusActuators(const RawClock& clock = {}) : clock_(clock) {}
+  // `clock` bounds the wait for answers of buses that need one (Bus::reply_wait_ns). A joint is lost after so many
+  // exchanges in a row in which it was asked and did not answer.
+  explicit BusActuators(const RawClock& clock = {}, std::uint32_t misses_to_lost = 3)
+      : clock_(clock), misses_to_lost_(misses_to_lost) {}
 
   std::size_t add_bus(std::unique_ptr<Bus> bus, Addressing addressing, std::unique_ptr<BusMaster> master = nullptr);
   // Joints in the order of the robot's joints, at most kMaxJoints; addresses (1 to 126) differ on each bus. Asked in
@@ -94,6 +93,7 @@ class BusActuators final : public Actuators {
   void settle() LITHE_RT;
 
   RawClock clock_;
+  std::uint32_t misses_to_lost_;
   bool shares_core_ = false;
   std::vector<Line> lines_;
   std::vector<Joint> joints_;

@@ -40,10 +40,11 @@ struct SpineConfig {
 
 struct GuardConfig {
   SafeEnd safe_end = SafeEnd::damp;
-  double soft_stop_rad = 0.1;         // width of the zone before a position limit in which outward torque fades
-  double position_overrun_rad = 0.2;  // this far beyond a position limit is a fault
-  double velocity_overrun = 1.25;     // this multiple of a joint's velocity limit is a fault
-  double soft_start_s = 0.0;          // for so long after arming the torque limits grow from 0 to what they are
+  double soft_stop_rad = 0.1;           // width of the zone before a position limit in which outward torque fades
+  double position_overrun_rad = 0.2;    // this far beyond a position limit is a fault
+  double velocity_overrun = 1.25;       // this multiple of a joint's velocity limit is a fault
+  std::uint32_t lost_after_misses = 3;  // answers in a row: then the drive is lost, which is a fault
+  double soft_start_s = 0.0;            // for so long after arming the torque limits grow from 0 to what they are
   // The ladder below the safe law: once it has kept every joint at rest for so long, the drives brake, and then are
   // off. 0 = never.
   double brake_after_s = 0.0;

@@ -53,9 +53,9 @@ class Reader {
   void reference(std::string_view key, std::size_t& out, std::string_view kind,
                  const std::vector<std::string_view>& names, Need need = Need::required);
 
-  const toml::table* table(std::string_view key);                // null when absent
+  const toml::table* table(std::string_view key);                                            // null when absent
   std::vector<const toml::table*> tables(std::string_view key, Need need = Need::required);  // of [[key]]
-  void finish();                                                 // complains about every key not asked for
+  void finish();  // complains about every key not asked for
 
   void complain(std::string_view key, const std::string& what);  // at the key's value, or at the table
   std::string name(std::string_view key) const;

@@ -31,6 +31,7 @@ void read_guard(Reader& in, GuardConfig& guard) {
   in.number("soft_stop_rad", guard.soft_stop_rad, {0.0, 10.0});
   in.number("position_overrun_rad", guard.position_overrun_rad, {0.0, kBig});
   in.number("velocity_overrun", guard.velocity_overrun, {1.0, 100.0});
+  in.integer("lost_after_misses", guard.lost_after_misses, {1, 100'000});
   in.number("soft_start_s", guard.soft_start_s, {0.0, 60.0});
   in.number("brake_after_s", guard.brake_after_s, {0.0, 3600.0});
   in.number("off_after_s", guard.off_after_s, {0.0, 3600.0});
