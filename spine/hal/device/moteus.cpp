@@ -86,44 +86,86 @@ std::uint32_t status_of(const Answer& sample) LITHE_RT {
   return status;
 }
 
+bool Driver::can_say(double position_rad) const LITHE_RT {
+  return std::isnan(position_rad) ||
+         std::abs(params_.joint.motor_rev(position_rad)) <= largest(Quantity::position_rev, params_.command.position);
+}
+
+Driver::MotorCommand Driver::to_motor(const JointCommand& command, bool stiff) const LITHE_RT {
+  const JointTransform& joint = params_.joint;
+  // Torque at the motor per revolution of the motor, from torque at the joint per radian of the joint.
+  const double to_motor_gain = 1 / (joint.ratio * joint.ratio) / (1 / (2 * std::numbers::pi));
+  const double kp = stiff ? std::max(command.kp_nm_rad, 0.0) : 0.0;
+  const double kd = std::max(command.kd_nm_s_rad, 0.0);
+  return {joint.motor_rev(command.position_rad),    command.velocity_rad_s * joint.rev_per_rad(),
+          command.torque_nm / joint.gear(),         kp * to_motor_gain / params_.kp_nm_rev,
+          kd * to_motor_gain / params_.kd_nm_s_rev, std::max(command.max_torque_nm, 0.0) / joint.ratio};
+}
+
 bool Driver::encode(const JointCommand& command, std::uint32_t source, Frame& frame) const LITHE_RT {
-  const bool sound = command.action != DriveAction::torque || finite(command);
+  const bool sound = command.action != DriveAction::torque || (finite(command) && can_say(command.position_rad));
   const DriveAction action = sound ? command.action : DriveAction::damp;
-  frame.id = kReplyRequested | (source & 0x7f) << 8 | params_.id;
-  frame.extended = true;
-  frame.fd = true;
-  frame.brs = true;
   SubframeWriter writer(frame);
   const std::array<double, 1> mode{static_cast<double>(mode_for(action))};
   writer.write(Format::int8, reg::kMode, mode);
   if (action == DriveAction::torque) write_torque(command, writer);
-  // Four registers to the fault: the home state costs nothing, with it the answer fills its 24 bytes exactly.
-  writer.read(Format::int8, reg::kMode, 1);
-  writer.read(Format::float32, reg::kPosition, 3);
-  writer.read(Format::int8, reg::kHomeState, 4);
-  writer.pad();
+  ask(source, writer, frame);
   return sound;
 }
 
+// Address and query: what every frame has.
+void Driver::ask(std::uint32_t source, SubframeWriter& writer, Frame& frame) const LITHE_RT {
+  frame.id = kReplyRequested | (source & 0x7f) << 8 | params_.id;
+  frame.extended = true;
+  frame.fd = true;
+  frame.brs = true;
+  const std::array<SubframeWriter::Choice, 4> motion{Format::int8, params_.answer.position, params_.answer.velocity,
+                                                     params_.answer.torque};
+  writer.read_each(reg::kMode, motion);
+  // Four registers to the fault: the home state costs nothing, with it the answer fills its 24 bytes exactly.
+  writer.read(Format::int8, reg::kHomeState, 4);
+  writer.pad();
+}
+
 void Driver::write_torque(const JointCommand& command, SubframeWriter& writer) const LITHE_RT {
-  const JointTransform& joint = params_.joint;
-  const bool has_position = !std::isnan(command.position_rad);
-  // Torque at the motor per revolution of the motor, from torque at the joint per radian of the joint.
-  const double to_motor_gain = 1 / (joint.ratio * joint.ratio) / (1 / (2 * std::numbers::pi));
-  const double kp = has_position ? std::max(command.kp_nm_rad, 0.0) : 0.0;
-  const double kd = std::max(command.kd_nm_s_rad, 0.0);
-  const std::array<double, 6> values{
-      joint.motor_rev(command.position_rad),    command.velocity_rad_s * joint.rev_per_rad(),
-      command.torque_nm / joint.gear(),         kp * to_motor_gain / params_.kp_nm_rev,
-      kd * to_motor_gain / params_.kd_nm_s_rev, std::max(command.max_torque_nm, 0.0) / joint.ratio};
-  writer.write(Format::float32, reg::kCommandPosition, values);
-  const std::array<double, 1> watchdog{params_.watchdog_s};
-  writer.write(Format::int16, reg::kWatchdog, watchdog);
+  const MotorCommand motor = to_motor(command, !std::isnan(command.position_rad));
+  const CommandFormats& as = params_.command;
+  const std::array<SubframeWriter::Choice, 6> formats{as.position, as.velocity, as.torque,
+                                                      as.kp_scale, as.kd_scale, as.max_torque};
+  const std::array<double, 6> values{motor.position_rev, motor.velocity_rev_s, motor.torque_nm,
+                                     motor.kp_scale,     motor.kd_scale,       motor.max_torque_nm};
+  writer.write_each(reg::kCommandPosition, formats, values);
   // The drive's own planner would smooth what is already planned here: negative means no limit, hence no planner.
-  constexpr std::array<double, 2> kNoLimits{-1, -1};
-  writer.write(Format::int8, reg::kVelocityLimit, kNoLimits);
-  constexpr std::array<double, 1> kNoIntegral{0};
-  writer.write(Format::int8, reg::kIntegralScale, kNoIntegral);
+  // Watchdog, limits of velocity and acceleration, a fixed voltage that is not meant, integral.
+  const std::array<SubframeWriter::Choice, 5> how{as.watchdog, Format::int8, Format::int8, std::nullopt, Format::int8};
+  const std::array<double, 5> rest{params_.watchdog_s, -1, -1, 0, 0};
+  writer.write_each(reg::kWatchdog, how, rest);
+}
+
+bool Driver::encode_within(const JointCommand& command, double lower_rad, double upper_rad, std::uint32_t source,
+                           Frame& frame) const LITHE_RT {
+  const bool sound = finite(command) && can_say(lower_rad) && can_say(upper_rad) && !(lower_rad > upper_rad);
+  if (!sound) {
+    JointCommand damped;
+    damped.action = DriveAction::damp;
+    encode(damped, source, frame);
+    return false;
+  }
+  SubframeWriter writer(frame);
+  constexpr std::array<double, 1> kMode{static_cast<double>(Mode::stay_within)};
+  writer.write(Format::int8, reg::kMode, kMode);
+  const MotorCommand motor = to_motor(command, true);
+  const double a_rev = params_.joint.motor_rev(lower_rad);
+  const double b_rev = params_.joint.motor_rev(upper_rad);
+  const bool turned = params_.joint.gear() < 0;  // the motor's lower end is the joint's upper one
+  const CommandFormats& as = params_.command;
+  const std::array<SubframeWriter::Choice, 8> formats{as.position, as.position,   as.torque,   as.kp_scale,
+                                                      as.kd_scale, as.max_torque, as.watchdog, Format::int8};
+  const std::array<double, 8> values{turned ? b_rev : a_rev, turned ? a_rev : b_rev, motor.torque_nm,    motor.kp_scale,
+                                     motor.kd_scale,         motor.max_torque_nm,    params_.watchdog_s, 0};
+  writer.write_each(reg::kLowerBound, formats, values);
+  ask(source, writer, frame);
+  return true;
 }
 
 bool Driver::decode(const Frame& frame, Answer& sample) const LITHE_RT {
@@ -140,7 +182,9 @@ bool Driver::decode(const Frame& frame, Answer& sample) const LITHE_RT {
   sample.fault = static_cast<std::uint8_t>(std::min(answer.fault, 255.0));
   // Behind a gear, a rotor's absolute encoder (1) does not tell the turn; an output encoder or a homing (2) does.
   sample.homed = answer.home >= (params_.joint.ratio == 1.0 ? 1 : 2);
-  sample.measured = answer.measured();
+  // An integer at its end tells no position any more.
+  sample.measured =
+      answer.measured() && std::abs(answer.position_rev) < largest(Quantity::position_rev, params_.answer.position);
   if (!sample.measured) return true;
   sample.position_rad = params_.joint.position_rad(answer.position_rev);
   sample.velocity_rad_s = answer.velocity_rev_s / params_.joint.rev_per_rad();

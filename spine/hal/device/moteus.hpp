@@ -11,6 +11,23 @@
 
 namespace lithe::hal::moteus {
 
+// How each number travels. Fewer bytes make shorter frames and coarser numbers: int16 tells positions to 1e-4 turns and
+// only up to 3.27 of them, int8 to 0.01 and 1.27; torque to 0.01 and 0.5 Nm. As here: 48 bytes there, 24 back.
+struct CommandFormats {
+  Format position = Format::float32;
+  Format velocity = Format::float32;
+  Format torque = Format::float32;
+  Format kp_scale = Format::float32;  // integers end at 1: no more than the gains that the drive is configured with
+  Format kd_scale = Format::float32;
+  Format max_torque = Format::float32;
+  Format watchdog = Format::int16;
+};
+struct AnswerFormats {
+  Format position = Format::float32;
+  Format velocity = Format::float32;
+  Format torque = Format::float32;
+};
+
 struct DriverParams {
   std::uint32_t id = 1;     // 1 to 126
   double watchdog_s = 0.1;  // no command for this long, and the drive damps by itself
@@ -18,6 +35,8 @@ struct DriverParams {
   // Gains the drive itself is configured with: a command scales them.
   double kp_nm_rev = 4.0;
   double kd_nm_s_rev = 0.05;
+  CommandFormats command{};
+  AnswerFormats answer{};
 };
 
 // What a drive said about its joint, in joint coordinates.
@@ -39,7 +58,7 @@ constexpr std::uint32_t device_of(const Frame& answer) LITHE_RT { return answer.
 constexpr std::uint32_t source_of(const Frame& answer) LITHE_RT { return answer.id & 0xff; }
 
 // Every frame is a complete command (writing the mode resets all that was commanded before), carries its own watchdog
-// and asks for the same answer, so that a lost frame loses nothing but itself. 48 bytes there, 24 back.
+// and asks for the same answer, so that a lost frame loses nothing but itself.
 // Contract: RT · pure · any thread
 class Driver {
  public:
@@ -50,13 +69,26 @@ class Driver {
   // A number that is not finite never leaves here: the joint is damped instead, and false is returned.
   // `source` is our own address (0 to 127). The drive answers to it, so whoever changes it with every exchange knows an
   // answer that is late: nothing else in an answer tells which command it belongs to.
+  // A position that its format cannot say is treated alike; other numbers are cut to what theirs can.
   bool encode(const JointCommand& command, std::uint32_t source, Frame& frame) const LITHE_RT;
+
+  // The joint moves freely between two positions, and is driven back from beyond them with the command's gains and
+  // limits. Its position and velocity mean nothing here. NaN: no bound on that side.
+  bool encode_within(const JointCommand& command, double lower_rad, double upper_rad, std::uint32_t source,
+                     Frame& frame) const LITHE_RT;
 
   // False: not a whole answer of this drive; `sample` is unchanged. Whom it answers is left to the caller (source_of).
   bool decode(const Frame& frame, Answer& sample) const LITHE_RT;
 
  private:
+  // In revolutions and torque of the motor, as the registers want them.
+  struct MotorCommand {
+    double position_rev, velocity_rev_s, torque_nm, kp_scale, kd_scale, max_torque_nm;
+  };
+  MotorCommand to_motor(const JointCommand& command, bool stiff) const LITHE_RT;
   void write_torque(const JointCommand& command, SubframeWriter& writer) const LITHE_RT;
+  void ask(std::uint32_t source, SubframeWriter& writer, Frame& frame) const LITHE_RT;
+  bool can_say(double position_rad) const LITHE_RT;
 
   DriverParams params_;
 };

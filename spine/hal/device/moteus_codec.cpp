@@ -66,6 +66,34 @@ void SubframeWriter::read(Format format, std::uint32_t start, std::uint32_t coun
   varuint(start);
 }
 
+namespace {
+
+// How many from the first on have its format.
+std::size_t run_of(std::span<const SubframeWriter::Choice> formats) LITHE_RT {
+  std::size_t count = 1;
+  while (count < formats.size() && formats[count] == formats[0]) ++count;
+  return count;
+}
+
+}  // namespace
+
+void SubframeWriter::write_each(std::uint32_t start, std::span<const Choice> formats, std::span<const double> values)
+    LITHE_RT {
+  for (std::size_t at = 0; at < formats.size();) {
+    const std::size_t count = run_of(formats.subspan(at));
+    if (formats[at]) write(*formats[at], start + static_cast<std::uint32_t>(at), values.subspan(at, count));
+    at += count;
+  }
+}
+
+void SubframeWriter::read_each(std::uint32_t start, std::span<const Choice> formats) LITHE_RT {
+  for (std::size_t at = 0; at < formats.size();) {
+    const std::size_t count = run_of(formats.subspan(at));
+    if (formats[at]) read(*formats[at], start + static_cast<std::uint32_t>(at), static_cast<std::uint32_t>(count));
+    at += count;
+  }
+}
+
 void SubframeWriter::error(Kind kind, std::uint32_t number, std::uint32_t error) LITHE_RT {
   if (!fits(1 + varuint_size(number) + varuint_size(error))) return;
   byte(kind == Kind::read_error ? kReadError : kWriteError);

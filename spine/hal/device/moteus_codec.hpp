@@ -16,6 +16,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 
 #include "spine/core/rt.hpp"
@@ -81,6 +82,7 @@ inline constexpr std::uint32_t kErrorVelocity = 0x03c;
 inline constexpr std::uint32_t kErrorTorque = 0x03d;
 inline constexpr std::uint32_t kLowerBound = 0x040;  // 042-048 repeat 022 023 024 025 027 02b 02d
 inline constexpr std::uint32_t kUpperBound = 0x041;
+inline constexpr std::uint32_t kWithinIntegralScale = 0x047;
 inline constexpr std::uint32_t kEncoder = 0x050;  // position and velocity of three encoders
 inline constexpr std::uint32_t kEncoderValidity = 0x058;
 inline constexpr std::uint32_t kAuxGpioCommand = 0x05c;  // two ports
@@ -134,7 +136,11 @@ constexpr std::size_t bytes_of(Format format) LITHE_RT {
   return format == Format::int8 ? 1 : format == Format::int16 ? 2 : 4;
 }
 
-// Integers: towards zero, saturated, NaN as the smallest integer. Writes bytes_of(format) bytes.
+// The largest magnitude that can be said; infinite for float.
+double largest(Quantity quantity, Format format) LITHE_RT;
+
+// Integers: towards zero, saturated; what is not finite as the smallest integer, which reads as NaN. Writes
+// bytes_of(format) bytes.
 void encode_value(double value, Quantity quantity, Format format, std::uint8_t* out) LITHE_RT;
 double decode_value(const std::uint8_t* in, Quantity quantity, Format format) LITHE_RT;
 
@@ -148,6 +154,11 @@ class SubframeWriter {
 
   void write(Format format, std::uint32_t start, std::span<const double> values) LITHE_RT;
   void read(Format format, std::uint32_t start, std::uint32_t count) LITHE_RT;
+  // Registers from `start` on, each in a format of its own or none: one subframe for each run of the same format.
+  // Lists of the same length; of `values` those without a format are not looked at.
+  using Choice = std::optional<Format>;
+  void write_each(std::uint32_t start, std::span<const Choice> formats, std::span<const double> values) LITHE_RT;
+  void read_each(std::uint32_t start, std::span<const Choice> formats) LITHE_RT;
   void client_data(std::uint32_t channel, std::span<const std::uint8_t> bytes) LITHE_RT;
   void poll(std::uint32_t channel, std::uint32_t most) LITHE_RT;
 

@@ -11,6 +11,7 @@
 #include <random>
 #include <vector>
 
+#include "spine/hal/device/moteus_faults.hpp"
 #include "spine/wire/wire.hpp"
 
 namespace lithe::hal::moteus {
@@ -244,6 +245,98 @@ TEST(MoteusDriver, RandomBytesNeverPutAnImpossibleValueIntoASample) {
     ASSERT_LE(sample.mode, 15);
   }
   EXPECT_GT(accepted, 0);
+}
+
+TEST(MoteusDriver, FormatsMakeFramesShorter) {
+  DriverParams params{.id = 1, .joint = {}};
+  params.command = {Format::int16, Format::int16, Format::int16, Format::int8,
+                    Format::int8,  Format::int8,  Format::int8};
+  params.answer = {Format::int16, Format::int16, Format::int16};
+  const Driver driver(params);
+  JointCommand command = torque_command(0.125);
+  command.position_rad = 0.5 * kTurn;
+  command.velocity_rad_s = -kTurn;
+  command.kp_nm_rad = 2 / kTurn;
+  Frame frame;
+  EXPECT_TRUE(driver.encode(command, 0, frame));
+  EXPECT_EQ(frame.size, 32);
+  const auto r = written(frame);
+  EXPECT_NEAR(r.at(reg::kCommandPosition), 0.5, 1e-4);
+  EXPECT_NEAR(r.at(reg::kCommandVelocity), -1, 3e-4);
+  EXPECT_NEAR(r.at(reg::kCommandTorque), 0.12, 1e-9);
+  EXPECT_NEAR(r.at(reg::kKpScale), 0.5, 1.0 / 127);
+  EXPECT_NEAR(r.at(reg::kWatchdog), 0.1, 1e-9);
+}
+
+TEST(MoteusDriver, APositionItsFormatCannotSayIsNotSent) {
+  DriverParams params{.id = 1, .joint = {}};
+  params.command.position = Format::int16;
+  const Driver driver(params);
+  JointCommand command = torque_command(0.1);
+  Frame frame;
+  command.position_rad = 3.2 * kTurn;
+  EXPECT_TRUE(driver.encode(command, 0, frame));
+  command.position_rad = -3.3 * kTurn;
+  EXPECT_FALSE(driver.encode(command, 0, frame));
+  EXPECT_EQ(written(frame).at(reg::kMode), 12);
+  EXPECT_FALSE(driver.encode_within(command, -3.3 * kTurn, 0, 0, frame));
+  EXPECT_EQ(written(frame).at(reg::kMode), 12);
+}
+
+TEST(MoteusDriver, AnIntegerAtItsEndIsNoMeasurement) {
+  DriverParams params{.id = 1, .joint = {}};
+  params.answer.position = Format::int16;
+  const Driver driver(params);
+  for (const double rev : {3.0, 4.0}) {
+    Frame frame;
+    frame.id = 0x100;
+    SubframeWriter writer(frame);
+    writer.reply(Format::int8, reg::kMode, std::array{10.0}, false);
+    writer.reply(Format::int16, reg::kPosition, std::array{rev, 0.0, 0.0}, false);
+    writer.reply(Format::int8, reg::kFault, std::array{0.0}, false);
+    Answer sample;
+    EXPECT_TRUE(driver.decode(frame, sample));
+    EXPECT_EQ(sample.measured, rev < 3.2);
+  }
+}
+
+TEST(MoteusDriver, StaysWithinBoundsWhicheverWayTheMotorTurns) {
+  for (const double sign : {1.0, -1.0}) {
+    const Driver driver({.id = 1, .watchdog_s = 0.2, .joint = {.sign = sign, .zero_rad = 0, .ratio = 2}});
+    JointCommand command = torque_command(0);
+    command.kp_nm_rad = 1;
+    Frame frame;
+    EXPECT_TRUE(driver.encode_within(command, -kTurn / 4, kTurn / 8, 3, frame));
+    EXPECT_EQ(frame.id, 0x8301U);
+    const auto r = written(frame);
+    EXPECT_EQ(r.at(reg::kMode), 13);
+    EXPECT_FLOAT_EQ(static_cast<float>(r.at(reg::kLowerBound)), sign > 0 ? -0.5F : -0.25F);
+    EXPECT_FLOAT_EQ(static_cast<float>(r.at(reg::kUpperBound)), sign > 0 ? 0.25F : 0.5F);
+    EXPECT_GT(r.at(0x043), 0);            // gain scale
+    EXPECT_NEAR(r.at(0x046), 0.2, 1e-9);  // watchdog
+    EXPECT_EQ(r.at(reg::kWithinIntegralScale), 0);
+  }
+  const Driver driver({.id = 1, .joint = {}});
+  Frame frame;
+  EXPECT_TRUE(driver.encode_within(torque_command(0), -1, NAN, 0, frame));
+  EXPECT_FALSE(driver.encode_within(torque_command(0), 1, -1, 0, frame));
+  EXPECT_FALSE(driver.encode_within(torque_command(NAN), -1, 1, 0, frame));
+  EXPECT_EQ(written(frame).at(reg::kMode), 12);
+}
+
+TEST(MoteusFaults, HaveNames) {
+  EXPECT_STREQ(fault_name(0), "none");
+  EXPECT_STREQ(fault_name(32), "calibration failed");
+  EXPECT_STREQ(fault_name(50), "velocity error too large");
+  EXPECT_STREQ(fault_name(38), "over-temperature");
+  EXPECT_STREQ(fault_name(96), "velocity limit");
+  EXPECT_STREQ(fault_name(105), "field weakening");
+  for (const std::uint32_t code : {1U, 31U, 51U, 95U, 106U, 4'000'000'000U}) EXPECT_STREQ(fault_name(code), "unknown");
+  EXPECT_TRUE(is_limit(102));
+  EXPECT_FALSE(is_limit(50));
+  EXPECT_STREQ(mode_name(Mode::timeout), "timeout");
+  EXPECT_STREQ(mode_name(Mode::brake), "brake");
+  EXPECT_STREQ(mode_name(static_cast<Mode>(16)), "unknown");
 }
 
 }  // namespace

@@ -24,11 +24,11 @@ constexpr double kWorth[][3] = {
     {10, 0.05, 0.0001},                          // power
 };
 
-std::int32_t to_counts(double value, double worth, std::int32_t largest) LITHE_RT {
-  if (std::isnan(value)) return -largest - 1;
+std::int32_t to_counts(double value, double worth, std::int32_t most) LITHE_RT {
+  if (!std::isfinite(value)) return -most - 1;
   const double counts = value / worth;
-  if (counts >= largest) return largest;
-  if (counts <= -largest) return -largest;
+  if (counts >= most) return most;
+  if (counts <= -most) return -most;
   return static_cast<std::int32_t>(counts);
 }
 
@@ -110,6 +110,11 @@ Quantity quantity_of(std::uint32_t number) LITHE_RT {
 double count_worth(Quantity quantity, Format format) LITHE_RT {
   if (format == Format::float32) return 1;
   return kWorth[static_cast<std::size_t>(quantity)][static_cast<std::size_t>(format)];
+}
+
+double largest(Quantity quantity, Format format) LITHE_RT {
+  constexpr double kCounts[] = {127, 32767, 2147483647, std::numeric_limits<double>::infinity()};
+  return kCounts[static_cast<std::size_t>(format)] * count_worth(quantity, format);
 }
 
 void encode_value(double value, Quantity quantity, Format format, std::uint8_t* out) LITHE_RT {
