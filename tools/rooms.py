@@ -36,6 +36,7 @@ ALLOWED = {
         "lawd": "spine/core spine/wire spine/ipc spine/law spine/arena",
         "trial": "spine/core spine/wire spine/ipc spine/law spine/arena spine/load spine/robot spine/plan spine/guard "
         "spine/hal spine/hal/sim",
+        "sim": "spine/core spine/robot spine/hal spine/hal/bus spine/hal/sim",
         "laws": "spine/law",
         "supervisor/control": OUTSIDE + " spine/arena supervisor/swap supervisor/host supervisor/record",
         "supervisor/swap": OUTSIDE,

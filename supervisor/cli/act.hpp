@@ -37,5 +37,7 @@ int param_revert(const Context& context);
 int param_save(const Context& context, const std::string& path);
 int events(const Context& context, std::uint64_t since, bool follow);
 int top(const Context& context, int turns);
+// Becomes `lithe-sim` with these arguments; returns only when that cannot be.
+int simulate(const Context& context, const std::vector<std::string>& words);
 
 }  // namespace lithe::cli

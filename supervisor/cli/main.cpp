@@ -142,6 +142,12 @@ void add_looks(CLI::App& app, Words& words) {
   top->callback([&words] { words.code = lithe::cli::top(words.context, words.turns); });
 }
 
+void add_sim(CLI::App& app, Words& words) {
+  CLI::App* sim = app.add_subcommand("sim", "simulated devices on terminals, for other programs: lithe sim --help");
+  sim->prefix_command()->set_help_flag();  // all that follows is for lithe-sim
+  sim->callback([&words, sim] { words.code = lithe::cli::simulate(words.context, sim->remaining()); });
+}
+
 int run(int argc, char** argv, Words& words) {
   CLI::App app{"LITHE: a robot whose law can be replaced while it moves", "lithe"};
   app.require_subcommand(1);
@@ -152,8 +158,9 @@ int run(int argc, char** argv, Words& words) {
   add_commands(app, words);
   add_laws(app, words);
   add_looks(app, words);
+  add_sim(app, words);
   for (CLI::App* each : app.get_subcommands({})) {
-    each->fallthrough();
+    each->fallthrough(each->get_name() != "sim");
   }
   try {
     app.parse(argc, argv);

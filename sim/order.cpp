@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "sim/order.hpp"
+
+#include <array>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+namespace lithe::simulator {
+namespace {
+
+using Json = nlohmann::json;
+using Kind = Order::Kind;
+
+constexpr std::array<std::pair<std::string_view, Kind>, 10> kKinds{{{"drop", Kind::drop},
+                                                                    {"corrupt", Kind::corrupt},
+                                                                    {"duplicate", Kind::duplicate},
+                                                                    {"delay", Kind::delay},
+                                                                    {"bus_off", Kind::bus_off},
+                                                                    {"unplug", Kind::unplug},
+                                                                    {"reset", Kind::reset},
+                                                                    {"over_temperature", Kind::over_temperature},
+                                                                    {"encoder", Kind::encoder},
+                                                                    {"clear", Kind::clear}}};
+constexpr double kLongestS = 1e6;
+
+bool is_share(Kind kind) { return kind == Kind::drop || kind == Kind::corrupt || kind == Kind::duplicate; }
+
+// A number between 0 and `most` into `value`, when the key is there.
+Result<> number(const Json& json, const char* key, double most, double& value) {
+  const auto found = json.find(key);
+  if (found == json.end()) return done();
+  if (!found->is_number() || !(found->get<double>() >= 0 && found->get<double>() <= most)) {
+    return Error{std::string("\"") + key + "\" must be a number from 0 to " + Json(most).dump()};
+  }
+  value = found->get<double>();
+  return done();
+}
+
+Result<> name(const Json& json, const char* key, std::string& value) {
+  const auto found = json.find(key);
+  if (found == json.end()) return done();
+  if (!found->is_string()) return Error{std::string("\"") + key + "\" must be a name from the robot file"};
+  value = found->get<std::string>();
+  return done();
+}
+
+Result<> fill(const Json& json, Order& order) {
+  for (const auto& item : json.items()) {
+    constexpr std::array kKnown{"fault", "bus", "device", "share", "ms", "on", "after_s", "for_s"};
+    bool known = false;
+    for (const char* word : kKnown) known = known || item.key() == word;
+    if (!known)
+      return Error{"there is no \"" + item.key() + "\"; there are bus, device, share, ms, on, after_s, for_s"};
+  }
+  double ms = 0;
+  for (const Result<>& step :
+       {name(json, "bus", order.bus), name(json, "device", order.device), number(json, "share", 1, order.amount),
+        number(json, "ms", 1e3 * kLongestS, ms), number(json, "after_s", kLongestS, order.after_s),
+        number(json, "for_s", kLongestS, order.for_s)}) {
+    if (!step) return step.error();
+  }
+  if (const auto on = json.find("on"); on != json.end()) {
+    if (!on->is_boolean()) return Error{"\"on\" must be true or false"};
+    order.on = on->get<bool>();
+  }
+  if (is_share(order.kind) && !json.contains("share")) return Error{"say how many: \"share\", from 0 to 1"};
+  if (order.kind == Kind::delay && !json.contains("ms")) return Error{"say how long: \"ms\""};
+  if (order.kind == Kind::delay) order.amount = 1e-3 * ms;
+  return done();
+}
+
+}  // namespace
+
+Result<Order> parse_order(std::string_view line) {
+  const Json json = Json::parse(line, nullptr, false);
+  if (!json.is_object()) return Error{"not a JSON object; for example {\"fault\": \"drop\", \"share\": 0.1}"};
+  const auto fault = json.find("fault");
+  Order order;
+  std::string words;
+  bool known = false;
+  for (const auto& [word, kind] : kKinds) {
+    words += (words.empty() ? "" : ", ") + std::string(word);
+    if (fault == json.end() || !fault->is_string() || fault->get<std::string>() != word) continue;
+    order.kind = kind;
+    known = true;
+  }
+  if (!known) return Error{"\"fault\" must be one of " + words};
+  if (Result<> filled = fill(json, order); !filled) return filled.error();
+  return order;
+}
+
+Order undone(const Order& order) {
+  Order end = order;
+  end.amount = end.after_s = end.for_s = 0;
+  end.on = false;
+  return end;
+}
+
+}  // namespace lithe::simulator

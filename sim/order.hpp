@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a person or a test may do to simulated hardware, one JSON object a line.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "spine/core/result.hpp"
+
+namespace lithe::simulator {
+
+//   {"fault": "drop", "bus": "can0", "share": 0.1}          also corrupt, duplicate; share of the frames, each way
+//   {"fault": "delay", "bus": "can0", "ms": 5}              of what the devices say
+//   {"fault": "bus_off", "bus": "can0", "on": true}         nothing passes
+//   {"fault": "unplug", "bus": "can0", "for_s": 1}          the adapter goes, and comes back
+//   {"fault": "reset", "device": "shoulder_drive"}          its power goes and comes
+//   {"fault": "over_temperature", "device": "...", "on": true}     also encoder
+//   {"fault": "clear"}                                      all faults end
+// Without "bus" or "device": all of them. "after_s" puts it off; "for_s" ends it by itself (but reset and clear).
+struct Order {
+  enum class Kind { drop, corrupt, duplicate, delay, bus_off, unplug, reset, over_temperature, encoder, clear };
+  Kind kind = Kind::clear;
+  std::string bus;
+  std::string device;
+  double amount = 0;  // share, or seconds of delay; 0 ends the fault
+  bool on = true;
+  double after_s = 0;
+  double for_s = 0;  // 0: until told
+};
+
+// The error says what is wrong with the line, and what would be right. Contract: any bytes · never in the tick
+Result<Order> parse_order(std::string_view line);
+
+// The order that ends this one.
+Order undone(const Order& order);
+
+}  // namespace lithe::simulator

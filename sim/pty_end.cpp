@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fcntl.h>
+#include <poll.h>
+#include <stdlib.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <span>
+
+#include "sim/end.hpp"
+
+namespace lithe::simulator {
+namespace {
+
+constexpr std::size_t kMostPending = 1 << 16;  // beyond it nobody reads: what is said is lost, as on a full USB pipe
+
+Error failure(const std::string& what) { return Error{what + ": " + std::strerror(errno)}; }
+
+// Bytes as they are, in both directions, and no echo of what the adapter says.
+Result<> make_raw(const std::string& path) {
+  const hal::Descriptor slave(::open(path.c_str(), O_RDWR | O_NOCTTY | O_CLOEXEC));
+  if (!slave.is_open()) return failure("cannot open " + path);
+  termios modes{};
+  if (::tcgetattr(slave.get(), &modes) != 0) return failure("cannot read the modes of " + path);
+  ::cfmakeraw(&modes);
+  if (::tcsetattr(slave.get(), TCSANOW, &modes) != 0) return failure("cannot set the modes of " + path);
+  return done();
+}
+
+// Atomic: whoever opens the link gets the old terminal or the new one.
+Result<> point(const std::string& link, const std::string& at) {
+  std::error_code wrong;
+  const std::filesystem::path fresh = link + ".new";
+  std::filesystem::remove(fresh, wrong);
+  std::filesystem::create_symlink(at, fresh, wrong);
+  if (!wrong) std::filesystem::rename(fresh, link, wrong);
+  if (wrong) return Error{"cannot make the link " + link + ": " + wrong.message() + "; name another folder"};
+  return done();
+}
+
+}  // namespace
+
+Result<std::unique_ptr<PtyEnd>> PtyEnd::open(std::unique_ptr<hal::sim::SimAdapter> adapter, std::string link) {
+  std::unique_ptr<PtyEnd> end(new PtyEnd(std::move(adapter), std::move(link)));
+  if (Result<> plugged = end->plug(); !plugged) return plugged.error();
+  return end;
+}
+
+PtyEnd::~PtyEnd() {
+  std::error_code ignored;
+  if (!link_.empty()) std::filesystem::remove(link_, ignored);
+}
+
+Result<> PtyEnd::plug() {
+  master_ = hal::Descriptor(::posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
+  std::array<char, 128> path{};
+  if (!master_.is_open() || ::grantpt(master_.get()) != 0 || ::unlockpt(master_.get()) != 0 ||
+      ::ptsname_r(master_.get(), path.data(), path.size()) != 0) {
+    return failure("cannot make a pseudo terminal");
+  }
+  if (Result<> raw = make_raw(path.data()); !raw) return raw;
+  slave_path_ = path.data();
+  adapter_->reset();
+  return link_.empty() ? done() : point(link_, slave_path_);
+}
+
+bool PtyEnd::unplug(std::int64_t until_ns) {
+  leave();
+  master_.close();
+  slave_path_.clear();
+  plug_at_ns_ = until_ns;
+  return true;
+}
+
+void PtyEnd::leave() {
+  somebody_ = false;
+  out_.clear();
+}
+
+// A terminal that nobody has open reports a hang-up for ever; so it is looked at only now and then.
+void PtyEnd::look_for_somebody() {
+  pollfd ask{master_.get(), 0, 0};
+  if (::poll(&ask, 1, 0) < 0 || (ask.revents & POLLHUP) != 0) return;
+  somebody_ = true;
+  adapter_->reset();
+}
+
+void PtyEnd::serve(std::int64_t now_ns) {
+  constexpr int kMostReads = 16;  // then others have their turn
+  std::array<char, 4096> bytes{};
+  for (int i = 0; i < kMostReads; ++i) {
+    const hal::Moved moved = master_.read(std::as_writable_bytes(std::span(bytes)));
+    if (moved.bytes > 0) {
+      adapter_->feed(std::span(bytes).first(moved.bytes), now_ns, out_);
+      write_out();
+      continue;
+    }
+    if (moved.error != 0) leave();
+    break;
+  }
+  write_out();
+}
+
+void PtyEnd::tick(std::int64_t now_ns) {
+  // What went wrong with plugging in is tried again with the next tick: terminals may be short for a while.
+  if (!master_.is_open() && (now_ns < plug_at_ns_ || !plug())) return;
+  if (!somebody_) look_for_somebody();
+  adapter_->idle(now_ns, out_);
+  somebody_ ? write_out() : out_.clear();
+}
+
+void PtyEnd::write_out() {
+  while (!out_.empty()) {
+    const hal::Moved moved = master_.write(std::as_bytes(std::span(out_)));
+    if (moved.bytes == 0) break;
+    out_.erase(0, moved.bytes);
+  }
+  if (out_.size() > kMostPending) out_.clear();
+}
+
+}  // namespace lithe::simulator

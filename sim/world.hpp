@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+// The simulated hardware of one robot: its buses, each with its devices and its end.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "sim/end.hpp"
+#include "sim/order.hpp"
+#include "spine/core/result.hpp"
+#include "spine/hal/bus/loop_bus.hpp"
+#include "spine/hal/sim/sim_wire.hpp"
+#include "spine/robot/config.hpp"
+
+namespace lithe::simulator {
+
+struct Options {
+  std::string link_folder;  // links BUS -> terminal; empty = none
+  std::uint64_t seed = 1;   // of everything that befalls frames by chance
+};
+
+// Contract: not RT · one thread · times are CLOCK_MONOTONIC [ns]
+class World {
+ public:
+  // `say` gets one line for each bus, now and whenever it has a new place: "NAME KIND PLACE".
+  using Say = std::function<void(const std::string&)>;
+  static Result<std::unique_ptr<World>> open(const robot::RobotConfig& config, const Options& options, Say say);
+
+  // Does it now, or puts it down for later. The error: no such bus or device, or it cannot suffer that.
+  Result<> obey(const Order& order, std::int64_t now_ns);
+
+  // Time passes: devices speak by themselves, orders come due. About once a millisecond.
+  void tick(std::int64_t now_ns);
+
+  const std::vector<std::unique_ptr<End>>& ends() const { return ends_; }
+
+ private:
+  struct Line {
+    std::string name;
+    std::string kind;
+    std::unique_ptr<hal::sim::SimWire> wire;
+    std::string place;  // as last told
+  };
+  struct Device {
+    std::string name;
+    std::unique_ptr<hal::BusNode> node;
+  };
+  struct Due {
+    std::int64_t at_ns;
+    Order order;
+  };
+
+  Result<> add_bus(const robot::RobotConfig& config, std::size_t index, const Options& options);
+  Result<> check(const Order& order) const;
+  void act(const Order& order, std::int64_t now_ns);
+  void act_on_bus(const Order& order, std::size_t bus, std::int64_t now_ns);
+  void clear(std::int64_t now_ns);
+  void tell_places();
+
+  Say say_;
+  std::vector<Device> devices_;
+  std::vector<Line> lines_;
+  std::vector<std::unique_ptr<End>> ends_;  // as lines_
+  std::vector<Due> due_;
+};
+
+}  // namespace lithe::simulator

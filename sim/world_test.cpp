@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: Apache-2.0
+// The world as another program meets it: through its terminals, on a clock that the test turns.
+#include "sim/world.hpp"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <poll.h>
+#include <unistd.h>
+
+#include <array>
+#include <filesystem>
+
+#include "spine/robot/robot.hpp"
+
+namespace lithe::simulator {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::string_view kQuery = "can send 8001 11001F01130D BF\n";
+
+robot::RobotConfig arm() {
+  robot::RobotConfig config;
+  config.buses.resize(1);
+  config.buses[0].name = "can0";
+  config.devices.resize(1);
+  config.devices[0].name = "drive";
+  return config;
+}
+
+// A host with one terminal open, and the world it talks to.
+class Scene {
+ public:
+  explicit Scene(const Options& options = {}) {
+    auto world = World::open(arm(), options, [this](const std::string& line) { told.push_back(line); });
+    EXPECT_TRUE(world) << world.message();
+    world_ = std::move(*world);
+  }
+  ~Scene() { hang_up(); }
+
+  void dial() {
+    fd_ = ::open(world_->ends()[0]->place().c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK);
+    ASSERT_GE(fd_, 0);
+    pass(2);
+  }
+  void hang_up() {
+    if (fd_ >= 0) ::close(fd_);
+    fd_ = -1;
+  }
+  // What comes back within so many milliseconds of the world's time.
+  std::string say(std::string_view text, int ms = 2) {
+    EXPECT_EQ(::write(fd_, text.data(), text.size()), static_cast<ssize_t>(text.size()));
+    pass(ms);
+    std::string all;
+    std::array<char, 4096> bytes{};
+    for (ssize_t n = ::read(fd_, bytes.data(), bytes.size()); n > 0; n = ::read(fd_, bytes.data(), bytes.size())) {
+      all.append(bytes.data(), static_cast<std::size_t>(n));
+    }
+    return all;
+  }
+  void pass(int ms) {
+    for (int i = 0; i < ms; ++i) {
+      for (const auto& end : world_->ends()) {
+        pollfd wait{end->poll_fd(), POLLIN, 0};
+        if (end->poll_fd() >= 0 && ::poll(&wait, 1, 5) > 0) end->serve(now_ns_);
+      }
+      now_ns_ += kMs;
+      world_->tick(now_ns_);
+    }
+  }
+  Result<> order(std::string_view line) { return world_->obey(*parse_order(line), now_ns_); }
+
+  std::vector<std::string> told;
+
+ private:
+  std::unique_ptr<World> world_;
+  int fd_ = -1;
+  std::int64_t now_ns_ = 1'000 * kMs;
+};
+
+TEST(World, TellsWhereEachBusIsAndAnswersThere) {
+  Scene scene;
+  ASSERT_EQ(scene.told.size(), 1U);
+  EXPECT_EQ(scene.told[0].substr(0, 19), "can0 fdcanusb /dev/");
+  scene.dial();
+  const std::string answer = scene.say(kQuery);
+  EXPECT_EQ(answer.substr(0, 13), "OK\r\nrcv 0100 ") << answer;
+}
+
+TEST(World, WhoeverComesNextMeetsAFreshAdapter) {
+  Scene scene;
+  scene.dial();
+  EXPECT_EQ(scene.say("can off\n"), "OK\r\n");
+  EXPECT_EQ(scene.say("can off\n"), "ERR already in BusOff\r\n");
+  scene.hang_up();
+  scene.pass(3);
+  scene.dial();
+  EXPECT_EQ(scene.say("can off\n"), "OK\r\n");
+}
+
+TEST(World, FaultsBeginAndEnd) {
+  Scene scene;
+  scene.dial();
+  EXPECT_TRUE(scene.order(R"({"fault": "drop", "share": 1})"));
+  EXPECT_EQ(scene.say(kQuery), "OK\r\n");
+  EXPECT_TRUE(scene.order(R"({"fault": "drop", "share": 0})"));
+  EXPECT_NE(scene.say(kQuery).find("rcv"), std::string::npos);
+  EXPECT_TRUE(scene.order(R"({"fault": "bus_off", "for_s": 0.02})"));
+  EXPECT_EQ(scene.say(kQuery).find("rcv"), std::string::npos);
+  scene.pass(20);
+  EXPECT_NE(scene.say(kQuery).find("rcv"), std::string::npos);
+  EXPECT_TRUE(scene.order(R"({"fault": "delay", "ms": 10, "after_s": 0.01})"));
+  scene.pass(11);
+  EXPECT_EQ(scene.say(kQuery, 5).find("rcv"), std::string::npos);
+  EXPECT_NE(scene.say("", 12).find("rcv"), std::string::npos);
+  EXPECT_TRUE(scene.order(R"({"fault": "clear"})"));
+  EXPECT_NE(scene.say(kQuery).find("rcv"), std::string::npos);
+}
+
+TEST(World, AnUnpluggedTerminalComesBackAsAnotherAndTheLinkFollows) {
+  const std::string folder = testing::TempDir() + "lithe-sim-" + std::to_string(::getpid());
+  {
+    Scene scene({.link_folder = folder});
+    scene.dial();
+    const std::string before = std::filesystem::read_symlink(folder + "/can0");
+    EXPECT_TRUE(scene.order(R"({"fault": "unplug", "for_s": 0.05})"));
+    EXPECT_EQ(scene.told.back(), "can0 fdcanusb unplugged");
+    scene.pass(60);
+    EXPECT_NE(scene.told.back().find("/dev/"), std::string::npos);
+    EXPECT_EQ(scene.told.size(), 3U);
+    scene.hang_up();
+    scene.dial();
+    EXPECT_NE(scene.say(kQuery).find("rcv"), std::string::npos);
+    EXPECT_EQ("can0 fdcanusb " + std::filesystem::read_symlink(folder + "/can0").string(), scene.told.back());
+  }
+  EXPECT_FALSE(std::filesystem::exists(folder + "/can0"));
+  std::filesystem::remove(folder);
+}
+
+TEST(World, RefusesWhatIsNotThere) {
+  Scene scene;
+  EXPECT_NE(scene.order(R"({"fault": "unplug", "bus": "can9"})").message().find("no bus 'can9'"), std::string::npos);
+  EXPECT_NE(scene.order(R"({"fault": "reset", "device": "x"})").message().find("no device 'x'"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace lithe::simulator
