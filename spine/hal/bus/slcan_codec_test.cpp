@@ -143,9 +143,10 @@ TEST(SlcanCodec, RefusesEveryLineThatIsNotWhole) {
     Frame frame;
     frame.id = 77;
     for (std::size_t size = 2; size + 1 < golden.text.size(); ++size) {
-      const std::string cut = std::string(golden.text.substr(0, size)) + "\r";
-      EXPECT_EQ(parse_answer(cut, frame), Answer::malformed) << cut;
-      EXPECT_EQ(parse_request(golden.text.substr(0, size), frame), Request::malformed) << cut;
+      std::vector<char> cut(golden.text.begin(), golden.text.begin() + size);  // what lies behind it is not ours
+      EXPECT_EQ(parse_request({cut.data(), cut.size()}, frame), Request::malformed) << golden.text << size;
+      cut.push_back(kDone);
+      EXPECT_EQ(parse_answer({cut.data(), cut.size()}, frame), Answer::malformed) << golden.text << size;
     }
     EXPECT_EQ(frame.id, 77U) << "what is refused changes nothing";
   }

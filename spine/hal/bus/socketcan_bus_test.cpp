@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 #include <linux/can/error.h>
 #include <sys/socket.h>
+#include <sys/timerfd.h>
 #include <unistd.h>
 
 #include <array>
@@ -134,6 +135,16 @@ TEST_F(SocketCanBusTest, AFullInterfaceRefusesAndCounts) {
   while (heard(raw) > 0) --taken;
   EXPECT_EQ(taken, 0U);
   EXPECT_TRUE(bus->send(command(1, 8)));
+}
+
+// A timer takes no frames, and says so with the same error as an interface that lost its FD.
+TEST_F(SocketCanBusTest, AFrameThatTheInterfaceDoesNotCarryIsNoReasonToGiveItUp) {
+  const auto other = SocketCanBus::open(
+      {"can7"}, [] { return Result<Descriptor>(Descriptor(timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK))); });
+  ASSERT_TRUE(other);
+  EXPECT_FALSE((*other)->send(fd_command(1, 12)));
+  EXPECT_EQ((*other)->statistics().refused, 1U);
+  EXPECT_EQ((*other)->why_down(), "");
 }
 
 TEST_F(SocketCanBusTest, BusOffRefusesCommandsUntilTheControllerIsRestarted) {

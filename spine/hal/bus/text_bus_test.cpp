@@ -195,6 +195,20 @@ TEST_F(TextBusTest, AnAdapterPulledOutInMidLineIsCountedNamedAndTakenBack) {
   EXPECT_EQ(pty.heard_until("\r"), "t001101\r");
 }
 
+TEST_F(TextBusTest, AnAdapterPulledOutInALineWithoutEndIsForgottenAsWell) {
+  pty.say("t10120102\r" + std::string(1000, '#'));
+  ASSERT_TRUE(next());
+  pty.unplug();
+  ASSERT_TRUE(test::await([&] { return !bus->receive(frame) && !bus->why_down().empty(); }));
+  pty.plug_in();
+  bus->service();
+  bus->begin(0);
+  pty.say("t2000\r");
+  ASSERT_TRUE(next());
+  EXPECT_EQ(frame.id, 0x200U);
+  EXPECT_EQ(bus->statistics().malformed, 0U);
+}
+
 TEST_F(TextBusTest, AnExchangeAllocatesNothingWhateverHappens) {
   const auto exchange = [this] {
     bus->begin(0);
