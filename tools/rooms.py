@@ -38,12 +38,15 @@ ALLOWED = {
         "spine/hal spine/hal/sim",
         "sim": "spine/core spine/robot spine/hal spine/hal/bus spine/hal/sim",
         "laws": "spine/law",
-        "supervisor/control": OUTSIDE + " spine/arena supervisor/swap supervisor/host supervisor/record",
+        "supervisor/bus": "spine/core spine/wire spine/robot spine/hal/bus spine/hal/device",
+        "supervisor/control": OUTSIDE + " spine/arena supervisor/swap supervisor/bus supervisor/host supervisor/record",
         "supervisor/swap": OUTSIDE,
         "supervisor/host": OUTSIDE,
         "supervisor/record": OUTSIDE,
-        "supervisor/cli": OUTSIDE + " supervisor/control supervisor/swap supervisor/host supervisor/record",
-        "supervisor": OUTSIDE + " supervisor/cli supervisor/control supervisor/swap supervisor/host supervisor/record",
+        "supervisor/cli": OUTSIDE
+        + " supervisor/control supervisor/swap supervisor/bus supervisor/host supervisor/record",
+        "supervisor": OUTSIDE
+        + " supervisor/cli supervisor/control supervisor/swap supervisor/bus supervisor/host supervisor/record",
         "tests": SPINE
         + " spine/hal/bus spine/hal/device spine/hal/sim lawd trial laws supervisor/control supervisor/swap",
         "bench": SPINE + " spine/hal/bus spine/hal/device spine/hal/sim",

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "supervisor/bus/plan.hpp"
 #include "supervisor/swap/answer.hpp"
 
 namespace lithe::cli {
@@ -39,5 +40,7 @@ int events(const Context& context, std::uint64_t since, bool follow);
 int top(const Context& context, int turns);
 // Becomes `lithe-sim` with these arguments; returns only when that cannot be.
 int simulate(const Context& context, const std::vector<std::string>& words);
+// Of a robot file. 0 fits, 1 does not fit, 2 no robot file.
+int bus_plan(const Context& context, const std::string& file, const bus::PlanOptions& options);
 
 }  // namespace lithe::cli

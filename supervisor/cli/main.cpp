@@ -29,6 +29,8 @@ struct Words {
   std::map<std::string, double> terms;  // of a swap, by the names of the verb's arguments
   std::uint64_t since = 0;
   bool follow = false;
+  std::string file;
+  lithe::bus::PlanOptions plan;
   int turns = 0;
   int steps = 1;
   int code = 0;
@@ -142,6 +144,19 @@ void add_looks(CLI::App& app, Words& words) {
   top->callback([&words] { words.code = lithe::cli::top(words.context, words.turns); });
 }
 
+void add_bus(CLI::App& app, Words& words) {
+  CLI::App* bus = app.add_subcommand("bus", "the robot's buses")->require_subcommand(1)->fallthrough();
+  CLI::App* plan = bus->add_subcommand("plan", "whether a robot's buses can carry its traffic")->fallthrough();
+  plan->add_option("ROBOT", words.file, "robot file")->required();
+  plan->add_option("--rate", words.plan.rate_hz, "ticks per second, instead of the file's")
+      ->type_name("HZ")
+      ->check(CLI::Range(1.0, 100'000.0));
+  plan->add_option("--baud", words.plan.baud, "of serial adapters; without it: 921600 of a UART, USB has none")
+      ->type_name("BAUD")
+      ->check(CLI::Range(1'200, 100'000'000));
+  plan->callback([&words] { words.code = lithe::cli::bus_plan(words.context, words.file, words.plan); });
+}
+
 void add_sim(CLI::App& app, Words& words) {
   CLI::App* sim = app.add_subcommand("sim", "simulated devices on terminals, for other programs: lithe sim --help");
   sim->prefix_command()->set_help_flag();  // all that follows is for lithe-sim
@@ -159,6 +174,7 @@ int run(int argc, char** argv, Words& words) {
   add_laws(app, words);
   add_looks(app, words);
   add_sim(app, words);
+  add_bus(app, words);
   for (CLI::App* each : app.get_subcommands({})) {
     each->fallthrough(each->get_name() != "sim");
   }

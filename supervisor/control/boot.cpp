@@ -20,6 +20,7 @@
 #include "spine/core/paths.hpp"
 #include "spine/core/time.hpp"
 #include "spine/robot/robot.hpp"
+#include "supervisor/bus/advice.hpp"
 #include "supervisor/control/cores.hpp"
 #include "supervisor/control/supervisor.hpp"
 
@@ -42,6 +43,21 @@ std::string holder_of(const std::string& robot) {
   return control ? std::to_string((*control)->header.writer_pid) : pid;
 }
 
+bool buses_can_carry(const robot::RobotConfig& config, bool json) {
+  const bus::Verdict verdict = bus::judge_for_run(config);
+  if (!verdict.refuse) {
+    if (!verdict.text.empty()) {
+      spdlog::warn("{}; {}", verdict.text, verdict.next);
+    }
+    return true;
+  }
+  std::cerr << verdict.text << "\nnext: " << verdict.next << '\n';
+  if (json) {
+    std::cout << Json{{"ok", false}, {"error", Refusal{"bus_overload", verdict.text, verdict.next}.to_json()}} << '\n';
+  }
+  return false;
+}
+
 }  // namespace
 
 int run_robot(const RunOptions& options) {
@@ -58,6 +74,9 @@ int run_robot(const RunOptions& options) {
   }
   for (const std::string& note : config->notes) {
     spdlog::warn("{}", note);
+  }
+  if (!buses_can_carry(*config, options.json)) {
+    return 1;
   }
   return Supervisor(options, std::move(*config)).run();
 }

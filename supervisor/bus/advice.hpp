@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// What to change on a robot whose buses cannot carry what they must.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "spine/robot/config.hpp"
+#include "supervisor/bus/plan.hpp"
+
+namespace lithe::bus {
+
+// Sentences, in the order in which they help: devices that move to a bus with room, rate dividers, a lower rate.
+// Everything that is said is planned again first: who follows it has a robot that fits. Empty for one that fits and
+// waits for its answers.
+// Contract: pure · never in the tick
+std::vector<std::string> advise(const robot::RobotConfig& robot, const PlanOptions& options);
+
+// What `lithe run` makes of a robot.
+struct Verdict {
+  bool refuse = false;
+  std::string text;  // one sentence with the numbers; empty: nothing to say
+  std::string next;  // what to do
+};
+
+// Refuses where a real bus is asked for more than all its time; warns where one is too busy to repeat a frame, or too
+// slow for the tick. A loop bus has no time to run out of.
+Verdict judge_for_run(const robot::RobotConfig& robot);
+
+}  // namespace lithe::bus

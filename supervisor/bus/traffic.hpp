@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// The frames that a device causes on its bus, and what each of them costs there.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "spine/robot/config.hpp"
+
+namespace lithe::bus {
+
+// Frames of one kind. Average: with their real identifiers, over payloads as random as those of a moving robot.
+// Worst: no frame of this shape is longer.
+struct Traffic {
+  std::string what;  // "command", "answer", "SYNC" ...
+  std::size_t size = 0;
+  bool extended = false;
+  bool fd = false;
+  bool outbound = false;      // from the robot's computer to a device
+  bool unasked = false;       // sent at its device's own pace
+  double per_tick = 0;        // frames, with the device's rate divider
+  double per_s = 0;           // those that go by the clock instead
+  double average_us = 0;      // each, on the bus
+  double worst_us = 0;        //
+  double text_out_bytes = 0;  // each, on the line to a serial adapter, and back
+  double text_in_bytes = 0;   //
+  double spi_us = 0;          // each, between a Raspberry Pi and the pi3hat's processor
+};
+
+enum class Detail { all, worst_only };  // averages take a hundred times as long as all the rest
+
+// Contract: pure · never in the tick
+// What a device asks and answers. A moteus: the driver's own command, and the answer to it.
+std::vector<Traffic> traffic_of(const robot::DeviceConfig& device, const robot::BusConfig& bus, Detail detail);
+
+// What a CANopen bus needs beside, whatever drives are on it: SYNC and our heartbeat. Empty without such drives.
+std::vector<Traffic> shared_traffic(const robot::RobotConfig& robot, std::size_t bus, Detail detail);
+
+}  // namespace lithe::bus
