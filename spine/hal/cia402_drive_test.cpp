@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <string>
 
+#include "spine/core/no_alloc/no_alloc.hpp"
 #include "spine/hal/cia402_test_line.hpp"
 
 namespace lithe::hal {
@@ -160,6 +161,15 @@ TEST_F(Cia402Drives, OffAndBrakeTakeThePowerAtOnce) {
   }
 }
 
+TEST_F(Cia402Drives, NothingAllocatesFromTheFirstExchangeOn) {
+  build();
+  const NoAllocScope scope;
+  enable();
+  command_.torque_nm[0] = 0.5;
+  cycle(20);
+  act(DriveAction::damp, 20);
+}
+
 TEST_F(Cia402Drives, AnUnsoundCommandStopsItsJointAndIsCounted) {
   build();
   enable();
@@ -192,7 +202,17 @@ TEST_F(Cia402Drives, WhenTheHostDiesTheDriveStopsByItselfAndStaysOff) {
   EXPECT_FALSE(has(wire::joint_status::kWatchdog));
 }
 
-// The broken twin of the test above: the same, but the drive is told to watch nobody.
+TEST_F(Cia402Drives, AHostThatDiesBeforeItsSecondHeartbeatStopsTheDriveToo) {
+  build({.mode = Mode::velocity, .heartbeat_s = 3600});
+  act(DriveAction::off, 60);
+  command_.velocity_rad_s[0] = 5;
+  act(DriveAction::torque, 30);
+  ASSERT_EQ(drive_state(), State::operation_enabled);
+  silence(700);
+  EXPECT_EQ(drive().servo().state(), State::switch_on_disabled);
+}
+
+// The broken twin of the tests above: the same, but the drive is told to watch nobody.
 TEST_F(Cia402Drives, ADriveThatWatchesNobodyGoesOnWhenTheHostDies) {
   build({.mode = Mode::velocity});
   cables_[0]->there = [](Frame& frame) {

@@ -61,6 +61,7 @@ struct LineParams {
   std::uint32_t device_type = 0x0002'0192;  // these two: of the first drive
   double rated_torque_nm = 0.5;
   double mgl_nm = 0;
+  double heartbeat_s = 0.025;
 };
 
 // Two joints; a test looks at the first and spoils what it likes.
@@ -88,8 +89,9 @@ class Cia402Line : public testing::Test {
       cables_.push_back(std::make_unique<SpoiltCable>(params));
       bus->attach(*cables_.back());
     }
-    actuators_.add_bus(std::move(bus), Addressing::canopen,
-                       std::make_unique<canopen::CanopenMaster>(canopen::MasterParams{}));
+    actuators_.add_bus(
+        std::move(bus), Addressing::canopen,
+        std::make_unique<canopen::CanopenMaster>(canopen::MasterParams{.heartbeat_s = line.heartbeat_s}));
     for (std::uint32_t id = 1; id <= kIds; ++id) {
       cia402::DriverParams params;
       params.id = id;

@@ -50,7 +50,7 @@ std::uint32_t milliseconds(double seconds) {
 }  // namespace
 
 Setup::Setup(const DriverParams& params)
-    : node_(params.id), mode_(params.mode), rated_mnm_(1000 * params.rated_torque_nm) {
+    : node_(params.id), host_(params.host_id), mode_(params.mode), rated_mnm_(1000 * params.rated_torque_nm) {
   add(Kind::require_profile, common::kDeviceType);
   add(Kind::require_mode, object::kSupportedModes);
   add(Kind::require_rating, object::kRatedTorque);
@@ -63,6 +63,7 @@ Setup::Setup(const DriverParams& params)
   for (std::uint16_t number = 2; number < 4; ++number) {
     add(Kind::write_if_there, common::kTpdo1 + number, 1, canopen::cob::kOff | pdo::transmit_id(number, node_), 4);
   }
+  add(Kind::beat, 0);  // a watch begins with the first beat: the drive must not move before
   add(Kind::start, 0);
   add(Kind::write, object::kMode, 0, static_cast<std::uint8_t>(mode_), 1);
   add(Kind::await_mode, object::kModeDisplay);
@@ -119,9 +120,10 @@ void Setup::begin(SdoClient& client) LITHE_RT {
 bool Setup::next(std::int64_t now_ns, SdoClient& client, Frame& frame) LITHE_RT {
   if (at_ >= count_) return false;
   const Step& step = steps_[at_];
-  if (step.kind == Kind::start) {
+  if (step.kind == Kind::beat || step.kind == Kind::start) {
     ++at_;
-    frame = canopen::nmt_frame(canopen::NmtCommand::start, node_);
+    frame = step.kind == Kind::beat ? canopen::heartbeat_frame(host_, canopen::NmtState::operational)
+                                    : canopen::nmt_frame(canopen::NmtCommand::start, node_);
     return true;
   }
   if (client.outcome() == SdoClient::Outcome::idle) {
@@ -180,6 +182,7 @@ bool Setup::judge(const Step& step, std::uint32_t value) LITHE_RT {
       return false;
     case Kind::write:
     case Kind::write_if_there:
+    case Kind::beat:
     case Kind::start:
       break;
   }

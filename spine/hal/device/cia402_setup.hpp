@@ -93,6 +93,7 @@ class Setup {
     require_profile,
     require_mode,
     require_rating,
+    beat,   // our heartbeat, not SDO
     start,  // NMT, not SDO
     await_mode,
   };
@@ -113,6 +114,7 @@ class Setup {
   bool refuse(TroubleKind kind, const Step& step, std::uint32_t value) LITHE_RT;
 
   std::uint32_t node_;
+  std::uint32_t host_;
   Mode mode_;
   double rated_mnm_;
   std::array<Step, kMostSteps> steps_{};
