@@ -47,7 +47,7 @@ bool SocketCanBus::refuse() LITHE_RT {
 }
 
 bool SocketCanBus::send(const Frame& frame) LITHE_RT {
-  if (!link_.up() || bus_off_.load(std::memory_order_relaxed) || (frame.fd && !fd_)) return refuse();
+  if (!works() || (frame.fd && !fd_)) return refuse();
   canfd_frame raw;
   const std::size_t size = socketcan::encode(frame, raw);
   if (size == 0) return refuse();

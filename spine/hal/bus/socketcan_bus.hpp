@@ -41,7 +41,8 @@ class SocketCanBus final : public Bus {
   void begin(std::int64_t now_ns) LITHE_RT override;
   bool send(const Frame& frame) LITHE_RT override;
   bool receive(Frame& frame) LITHE_RT override;
-  std::int64_t reply_wait_ns() const LITHE_RT override { return reply_wait_ns_; }
+  // 0 while it is down or bus-off: nothing is worth waiting for.
+  std::int64_t reply_wait_ns() const LITHE_RT override { return works() ? reply_wait_ns_ : 0; }
   void service() override;
   std::string why_down() const override;
 
@@ -51,6 +52,7 @@ class SocketCanBus final : public Bus {
  private:
   SocketCanBus(const SocketCanParams& params, Opener opener, Descriptor socket);
 
+  bool works() const LITHE_RT { return link_.up() && !bus_off_.load(std::memory_order_relaxed); }
   bool refuse() LITHE_RT;
   void note_state(const socketcan::Troubles& before) LITHE_RT;
 

@@ -151,6 +151,7 @@ TEST_F(SocketCanBusTest, BusOffRefusesCommandsUntilTheControllerIsRestarted) {
   say_trouble(CAN_ERR_BUSOFF);
   EXPECT_FALSE(bus->receive(frame));
   EXPECT_FALSE(bus->send(command(1, 1))) << "it would wait, and leave when nobody wants it any more";
+  EXPECT_EQ(bus->reply_wait_ns(), 0) << "no answer will come";
   EXPECT_NE(bus->why_down().find("sudo ip link set can7 type can restart"), std::string::npos) << bus->why_down();
   say_trouble(CAN_ERR_RESTARTED);
   EXPECT_FALSE(bus->receive(frame));
@@ -180,6 +181,7 @@ TEST_F(SocketCanBusTest, AnInterfaceThatGoesAwayIsNamedAndTakenBack) {
   gone = true;
   bus->service();
   EXPECT_EQ(bus->why_down(), "can7: no such interface");
+  EXPECT_EQ(bus->reply_wait_ns(), 0);
   gone = false;
   bus->service();
   EXPECT_EQ(bus->why_down(), "");
@@ -187,6 +189,7 @@ TEST_F(SocketCanBusTest, AnInterfaceThatGoesAwayIsNamedAndTakenBack) {
   bus->begin(0);
   EXPECT_TRUE(bus->send(command(1, 1)));
   EXPECT_EQ(bus->statistics().reopened, 1U);
+  EXPECT_GT(bus->reply_wait_ns(), 0);
   say(command(2, 2));
   EXPECT_TRUE(bus->receive(frame));
 }

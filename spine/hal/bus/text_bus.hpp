@@ -33,7 +33,8 @@ class TextBus : public Bus {
   bool send(const Frame& frame) LITHE_RT override;
   void flush() LITHE_RT override;
   bool receive(Frame& frame) LITHE_RT override;
-  std::int64_t reply_wait_ns() const LITHE_RT override { return reply_wait_ns_; }
+  // 0 while it is down: nothing is worth waiting for.
+  std::int64_t reply_wait_ns() const LITHE_RT override { return link_.up() ? reply_wait_ns_ : 0; }
   void service() override;
   std::string why_down() const override;
 

@@ -173,6 +173,7 @@ TEST_F(TextBusTest, AnAdapterPulledOutInMidLineIsCountedNamedAndTakenBack) {
   EXPECT_NE(bus->why_down().find(pty.path()), std::string::npos);
   bus->begin(0);
   EXPECT_FALSE(bus->send(command(1, 1))) << "refused, not kept for later";
+  EXPECT_EQ(bus->reply_wait_ns(), 0) << "no answer will come";
   bus->flush();
   EXPECT_EQ(bus->statistics().refused, 1U);
   bus->service();
