@@ -147,7 +147,12 @@ int main(int argc, char** argv) {
     app.footer(
         "Prints a line for each bus: name, kind, path. Faults also come as JSON lines on the standard input,\n"
         "each answered by a line: {\"fault\": \"drop\", \"share\": 0.1}; docs/reference/sim.md has them all.");
-    CLI11_PARSE(app, argc, argv);
+    constexpr int kUsage = 2;
+    try {
+      app.parse(argc, argv);
+    } catch (const CLI::ParseError& wrong) {
+      return app.exit(wrong) == 0 ? 0 : kUsage;
+    }
     return run(path, options, faults);
   } catch (const std::exception& wrong) {
     return refuse(wrong.what());

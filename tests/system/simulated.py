@@ -13,13 +13,13 @@ from system.house import BIN, need
 class Simulated:
     """The devices of a robot file, served until close()."""
 
-    def __init__(self, robot: Path, folder: Path, *words: str) -> None:
-        """Starts `lithe sim`; `folder` gets a link for each bus."""
+    def __init__(self, robot: Path, folder: Path, *words: str, orders: bool = True) -> None:
+        """Starts `lithe sim`; `folder` gets a link for each bus. Without `orders` its standard input has ended."""
         need("lithe", "lithe-sim")
         self.folder = folder
         self.process = subprocess.Popen(
             [BIN / "lithe", "sim", robot, "--link", folder, *words],
-            stdin=subprocess.PIPE,
+            stdin=subprocess.PIPE if orders else subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

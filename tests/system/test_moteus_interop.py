@@ -115,3 +115,15 @@ def test_the_library_sees_the_faults_that_are_ordered(moteus: Package, arm: Simu
     seen = json.loads(ran.stdout)
     assert seen["modes"] == [0, 1, 0]
     assert seen["faults"] == [0, 38, 0]
+
+
+def test_a_wire_that_carries_nothing_is_not_taken_for_success(moteus: Package, arm: Simulated) -> None:
+    path = arm.path()
+    assert arm.order(fault="drop", share=1) == {"ok": True}
+    transport = ["--force-transport", "fdcanusb", "--fdcanusb", str(path)]
+    command = moteus.command("-m", "moteus.moteus_tool", *transport, "-t", "1", "--info")
+    try:
+        ran = subprocess.run(command, check=False, env=moteus.env, capture_output=True, timeout=6)
+    except subprocess.TimeoutExpired:
+        return  # it waits for ever
+    assert ran.returncode != 0

@@ -9,8 +9,6 @@
 namespace lithe::hal::sim::telemetry {
 namespace {
 
-using moteus::Mode;
-
 // Numbers of the schema's types.
 constexpr std::uint8_t kBoolean = 2;
 constexpr std::uint8_t kUnsigned = 4;  // followed by its size in bytes
