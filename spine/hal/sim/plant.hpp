@@ -42,6 +42,8 @@ class Plant {
 
   // Moves on by kStepNs with this torque asked of the motor. The torque is finite.
   void step(double wanted_nm) LITHE_RT {
+    wanted_nm_ = wanted_nm;
+    if (coupled_) return;
     const double limited_nm = std::clamp(wanted_nm, -params_.torque_max_nm, params_.torque_max_nm);
     torque_nm_ += lag_gain_ * (limited_nm - torque_nm_);
     if (std::abs(torque_nm_) < kNothing) torque_nm_ = 0;  // the tail of the lag would end in slow denormal numbers
@@ -59,6 +61,15 @@ class Plant {
   double position_rad() const LITHE_RT { return position_rad_; }
   double velocity_rad_s() const LITHE_RT { return velocity_rad_s_; }
   double torque_nm() const LITHE_RT { return torque_nm_; }
+
+  // From then on step() keeps what is wanted, and somebody else moves the joint: a Coupling.
+  void couple() { coupled_ = true; }
+  double wanted_nm() const LITHE_RT { return wanted_nm_; }
+  void follow(double position_rad, double velocity_rad_s, double torque_nm) LITHE_RT {
+    position_rad_ = position_rad;
+    velocity_rad_s_ = velocity_rad_s;
+    torque_nm_ = torque_nm;
+  }
 
   // Puts the joint there, at rest, as a hand would. Contract: tests and set-up
   void place(double position_rad) LITHE_RT {
@@ -78,6 +89,8 @@ class Plant {
   double position_rad_;
   double velocity_rad_s_ = 0;
   double torque_nm_ = 0;
+  double wanted_nm_ = 0;
+  bool coupled_ = false;
 };
 
 }  // namespace lithe::hal::sim

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+// Simulated drives whose joints hang on each other: what one does moves the others.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "spine/core/rt.hpp"
+#include "spine/hal/sim/chain.hpp"
+#include "spine/hal/sim/plant.hpp"
+
+namespace lithe::hal::sim {
+
+// Steps all its drives and the chain they move together, 50 us at a time: each drive decides on its torque, then all
+// joints move. A drive measures what its joint did one such step later than one with a plant of its own.
+// Contract: RT · one thread · drives outlive it, and are advanced by nobody else to times that it has not reached
+class Coupling {
+ public:
+  // The most time one advance() works through; what lies beyond is skipped.
+  static constexpr std::int64_t kMaxCatchUpNs = 50'000'000;
+
+  explicit Coupling(const ChainParams& params) : chain_(params) {}
+
+  // The next joint from the base outwards. Any drive that has advance(now_ns) and plant(); its plant moves with the
+  // chain from now on. False: the chain has no such joint. Contract: never in the tick
+  template <class AnyServo>
+  bool add(AnyServo& servo) {
+    if (drives_.size() == chain_.joints()) return false;
+    drives_.push_back(std::make_unique<DriveOf<AnyServo>>(servo));
+    servo.plant().couple();
+    follow(drives_.size() - 1);
+    return true;
+  }
+
+  // Brings every drive to `now_ns`, before frames of that time reach any. Time that goes backwards is ignored.
+  void advance(std::int64_t now_ns) LITHE_RT;
+
+  const Chain& chain() const LITHE_RT { return chain_; }
+
+ private:
+  struct Drive {
+    Drive() = default;
+    Drive(const Drive&) = delete;
+    Drive& operator=(const Drive&) = delete;
+    virtual ~Drive() = default;
+    virtual void advance(std::int64_t now_ns) LITHE_RT = 0;
+    virtual Plant& plant() LITHE_RT = 0;
+  };
+  template <class AnyServo>
+  struct DriveOf final : Drive {
+    explicit DriveOf(AnyServo& which) : servo(which) {}
+    void advance(std::int64_t now_ns) LITHE_RT override { servo.advance(now_ns); }
+    Plant& plant() LITHE_RT override { return servo.plant(); }
+    AnyServo& servo;
+  };
+
+  void step() LITHE_RT;
+  void follow(std::size_t joint) LITHE_RT;
+
+  Chain chain_;
+  std::vector<std::unique_ptr<Drive>> drives_;
+  bool started_ = false;
+  std::int64_t time_ns_ = 0;
+};
+
+}  // namespace lithe::hal::sim
