@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the numbers in the registers mean, and how they are written.
+#include <array>
 #include <bit>
 #include <cmath>
+#include <initializer_list>
 #include <limits>
 
 #include "spine/hal/device/moteus_codec.hpp"
@@ -42,69 +44,39 @@ std::uint32_t get_little_endian(const std::uint8_t* in, std::size_t bytes) LITHE
   return bits;
 }
 
-Quantity control_quantity(std::uint32_t number) LITHE_RT {  // 020 to 02d
+constexpr std::size_t kLow = 0x080;  // from here on nothing but whole numbers, but for two
+
+constexpr std::array<Quantity, kLow> table() {
   using enum Quantity;
-  constexpr Quantity kTable[] = {position_rev, velocity_rev_s, torque_nm, fraction,       fraction,
-                                 torque_nm,    position_rev,   time_s,    velocity_rev_s, acceleration_rev_s2,
-                                 voltage_v,    fraction,       current_a, integer};
-  return kTable[number - reg::kCommandPosition];
+  std::array<Quantity, kLow> of{};  // integer, unless it is said otherwise
+  const auto row = [&of](std::uint32_t first, std::initializer_list<Quantity> quantities) {
+    for (const Quantity quantity : quantities) of[first++] = quantity;
+  };
+  row(reg::kPosition, {position_rev, velocity_rev_s, torque_nm, current_a, current_a, position_rev, power_w});
+  row(reg::kMotorTemperature, {temperature_c});
+  row(reg::kVoltage, {voltage_v, temperature_c});
+  row(reg::kCommandQCurrent, {current_a, current_a});
+  row(reg::kCommandPosition, {position_rev, velocity_rev_s, torque_nm, fraction, fraction, torque_nm, position_rev,
+                              time_s, velocity_rev_s, acceleration_rev_s2, voltage_v, fraction, current_a});
+  row(reg::kTermP, {torque_nm, torque_nm, torque_nm, torque_nm, torque_nm});
+  row(reg::kControlPosition, {position_rev, velocity_rev_s, torque_nm, position_rev, velocity_rev_s, torque_nm});
+  row(reg::kLowerBound, {position_rev, position_rev, torque_nm, fraction, fraction, torque_nm, time_s, fraction});
+  row(reg::kEncoder, {position_rev, velocity_rev_s, position_rev, velocity_rev_s, position_rev, velocity_rev_s});
+  for (const std::uint32_t port : {reg::kAux1Analog, reg::kAux2Analog, reg::kAuxPwm, reg::kAuxPwm + 5}) {
+    row(port, {fraction, fraction, fraction, fraction, fraction});
+  }
+  of[reg::kPwmInput + 1] = of[reg::kPwmInput + 3] = fraction;
+  return of;
 }
+
+constexpr std::array<Quantity, kLow> kTable = table();
 
 }  // namespace
 
 Quantity quantity_of(std::uint32_t number) LITHE_RT {
-  using enum Quantity;
-  if (number >= reg::kCommandPosition && number <= reg::kIgnoreBounds) return control_quantity(number);
-  if (number >= reg::kTermP && number < reg::kTermP + 5) return torque_nm;
-  if (number >= reg::kEncoder && number < reg::kEncoder + 6) {
-    return (number - reg::kEncoder) % 2 == 0 ? position_rev : velocity_rev_s;
-  }
-  const bool analog = (number >= reg::kAux1Analog && number < reg::kAux1Analog + 5) ||
-                      (number >= reg::kAux2Analog && number < reg::kAux2Analog + 5);
-  if (analog || (number >= reg::kAuxPwm && number < reg::kAuxPwm + 10)) return fraction;
-  switch (number) {
-    case reg::kPosition:
-    case reg::kAbsPosition:
-    case reg::kControlPosition:
-    case reg::kLowerBound:
-    case reg::kUpperBound:
-    case reg::kErrorPosition:
-    case reg::kSetOutputNearest:
-    case reg::kSetOutputExact:
-      return position_rev;
-    case reg::kVelocity:
-    case reg::kControlVelocity:
-    case reg::kErrorVelocity:
-      return velocity_rev_s;
-    case reg::kTorque:
-    case reg::kControlTorque:
-    case reg::kErrorTorque:
-    case 0x042:
-    case 0x045:
-      return torque_nm;
-    case reg::kQCurrent:
-    case reg::kDCurrent:
-    case reg::kCommandQCurrent:
-    case reg::kCommandDCurrent:
-      return current_a;
-    case reg::kPower:
-      return power_w;
-    case reg::kVoltage:
-      return voltage_v;
-    case reg::kTemperature:
-    case reg::kMotorTemperature:
-      return temperature_c;
-    case 0x043:
-    case 0x044:
-    case 0x047:
-    case reg::kPwmInput + 1:
-    case reg::kPwmInput + 3:
-      return fraction;
-    case 0x046:
-      return time_s;
-    default:
-      return integer;
-  }
+  if (number < kLow) return kTable[number];
+  const bool output = number == reg::kSetOutputNearest || number == reg::kSetOutputExact;
+  return output ? Quantity::position_rev : Quantity::integer;
 }
 
 double count_worth(Quantity quantity, Format format) LITHE_RT {

@@ -48,7 +48,8 @@ void Servo::advance(std::int64_t now_ns) LITHE_RT {
 
 void Servo::step() LITHE_RT {
   check_watchdog();
-  check_health();
+  // A drive that is off does not look.
+  if (ailment_ != 0 && mode_ != Mode::stopped && mode_ != Mode::fault) fail(ailment_);
   if (mode_ == Mode::enabling && time_ns_ >= phase_end_ns_) {
     mode_ = Mode::calibrating;
     phase_end_ns_ = time_ns_ + kCalibratingNs;
@@ -82,15 +83,16 @@ void Servo::check_watchdog() LITHE_RT {
   if (has_watchdog(mode_) && time_ns_ >= watchdog_end_ns_) mode_ = Mode::timeout;
 }
 
-// A drive that is off does not look.
-void Servo::check_health() LITHE_RT {
-  if (mode_ == Mode::stopped || mode_ == Mode::fault) return;
-  if (encoder_lost_) return fail(moteus::fault::kEncoder);
-  if (params_.temperature_c > params_.fault_temperature_c) fail(moteus::fault::kOverTemperature);
+void Servo::judge_health() LITHE_RT {
+  const double to_fault_c = params_.fault_temperature_c - params_.temperature_c;
+  ailment_ = to_fault_c < 0 ? moteus::fault::kOverTemperature : 0;
+  if (encoder_lost_) ailment_ = moteus::fault::kEncoder;
+  const bool hot = to_fault_c >= 0 && to_fault_c < params_.temperature_margin_c;
+  hot_torque_max_nm_ = hot ? params_.motor_torque_max_nm * to_fault_c / params_.temperature_margin_c : kNoEnd;
 }
 
 void Servo::restart(const ServoParams& params) LITHE_RT {
-  params_ = params;
+  configure(params);
   mode_ = target_ = Mode::stopped;
   fault_ = 0;
   command_ = ServoCommand{};
@@ -228,11 +230,11 @@ double Servo::brake_torque() LITHE_RT {
 
 // What is left of the commanded limit when the board is hot. Says so in the fault code.
 double Servo::torque_limit() LITHE_RT {
-  const double asked = std::isnan(command_.max_torque_nm) ? params_.motor_torque_max_nm : command_.max_torque_nm;
-  const double to_fault_c = params_.fault_temperature_c - params_.temperature_c;
-  if (!(to_fault_c < params_.temperature_margin_c)) return std::abs(asked);
+  const double asked =
+      std::isnan(command_.max_torque_nm) ? params_.motor_torque_max_nm : std::abs(command_.max_torque_nm);
+  if (hot_torque_max_nm_ == kNoEnd) return asked;
   fault_ = moteus::fault::kLimitTemperature;
-  return std::min(std::abs(asked), params_.motor_torque_max_nm * to_fault_c / params_.temperature_margin_c);
+  return std::min(asked, hot_torque_max_nm_);
 }
 
 double Servo::pd(double position_rev, double velocity_rev_s) LITHE_RT {

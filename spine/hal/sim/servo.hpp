@@ -76,7 +76,10 @@ class Servo {
   void restart(const ServoParams& params) LITHE_RT;
 
   // Changed settings act from the next step on. What the plant is made of does not change.
-  void configure(const ServoParams& params) LITHE_RT { params_ = params; }
+  void configure(const ServoParams& params) LITHE_RT {
+    params_ = params;
+    judge_health();
+  }
 
   // The position now reads as this; `exact` or as near to it as whole turns allow.
   void set_output(double position_rev, bool exact) LITHE_RT;
@@ -85,8 +88,14 @@ class Servo {
   void recapture() LITHE_RT;
 
   // Faults from outside, for tests and `lithe sim`: a hot board, an encoder that is gone.
-  void set_temperature_c(double temperature_c) LITHE_RT { params_.temperature_c = temperature_c; }
-  void set_encoder_lost(bool lost) LITHE_RT { encoder_lost_ = lost; }
+  void set_temperature_c(double temperature_c) LITHE_RT {
+    params_.temperature_c = temperature_c;
+    judge_health();
+  }
+  void set_encoder_lost(bool lost) LITHE_RT {
+    encoder_lost_ = lost;
+    judge_health();
+  }
 
   // Takes effect at once, as far as the present mode allows: a fault or a timeout listens to `stopped` only.
   void apply(moteus::Mode mode, const ServoCommand& command) LITHE_RT;
@@ -128,7 +137,7 @@ class Servo {
   double within_torque() LITHE_RT;
   double timeout_torque() LITHE_RT;
   double brake_torque() LITHE_RT;
-  void check_health() LITHE_RT;
+  void judge_health() LITHE_RT;
   double torque_limit() LITHE_RT;
   double pd(double position_rev, double velocity_rev_s) LITHE_RT;
   bool outside_bounds() const LITHE_RT;
@@ -149,6 +158,8 @@ class Servo {
 
   double offset_rev_ = 0;  // of what is read against where the motor is
   bool encoder_lost_ = false;
+  std::uint32_t ailment_ = 0;          // the fault that driving leads to
+  double hot_torque_max_nm_ = kNoEnd;  // what the heat leaves; no end while it is cool
   double encoder_rev_ = 0;
   double tracked_rev_ = 0;
   double velocity_rev_s_ = 0;
@@ -162,6 +173,7 @@ class Servo {
   Terms terms_;
   bool trajectory_complete_ = false;
 
+  static constexpr double kNoEnd = std::numeric_limits<double>::infinity();
   static constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
 };
 
