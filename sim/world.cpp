@@ -106,25 +106,31 @@ Result<> World::obey(const Order& order, std::int64_t now_ns) {
     due_.back().order.after_s = 0;
     return done();
   }
-  act(order, now_ns);
+  if (Result<> acted = act(order, now_ns); !acted) return acted;
   const bool ends = order.kind != Kind::unplug && order.kind != Kind::reset && order.kind != Kind::clear;
   if (ends && order.for_s > 0) due_.push_back({now_ns + ns_of(order.for_s), undone(order)});
   return done();
 }
 
-void World::act(const Order& order, std::int64_t now_ns) {
-  if (order.kind == Kind::clear) return clear(now_ns);
+Result<> World::act(const Order& order, std::int64_t now_ns) {
+  if (order.kind == Kind::clear) {
+    clear(now_ns);
+    return done();
+  }
   if (is_of_device(order.kind)) {
+    bool any = false;
     for (const Device& device : devices_) {
-      if (order.device.empty() || order.device == device.name) {
-        device.node->befall(mishap_of(order.kind), order.on, now_ns);
-      }
+      if (!order.device.empty() && order.device != device.name) continue;
+      any = device.node->befall(mishap_of(order.kind), order.on, now_ns) || any;
     }
-    return;
+    return any ? done()
+               : Result<>(Error{"such a thing cannot happen to " +
+                                (order.device.empty() ? "any device here" : order.device)});
   }
   for (std::size_t i = 0; i < lines_.size(); ++i) {
     if (order.bus.empty() || order.bus == lines_[i].name) act_on_bus(order, i, now_ns);
   }
+  return done();
 }
 
 void World::act_on_bus(const Order& order, std::size_t bus, std::int64_t now_ns) {

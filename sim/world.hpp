@@ -57,7 +57,7 @@ class World {
 
   Result<> add_bus(const robot::RobotConfig& config, std::size_t index, const Options& options);
   Result<> check(const Order& order) const;
-  void act(const Order& order, std::int64_t now_ns);
+  Result<> act(const Order& order, std::int64_t now_ns);
   void act_on_bus(const Order& order, std::size_t bus, std::int64_t now_ns);
   void clear(std::int64_t now_ns);
   void tell_places();

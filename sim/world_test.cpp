@@ -136,6 +136,15 @@ TEST(World, AnUnpluggedTerminalComesBackAsAnotherAndTheLinkFollows) {
   std::filesystem::remove(folder);
 }
 
+TEST(World, AGatewayHasNoEncoderToLose) {
+  robot::RobotConfig config = arm();
+  config.devices[0].kind = robot::DeviceKind::gateway;
+  auto world = World::open(config, {}, [](const std::string&) {});
+  ASSERT_TRUE(world) << world.message();
+  EXPECT_EQ((*world)->obey(*parse_order(R"({"fault": "encoder", "device": "drive"})"), 0).message(),
+            "such a thing cannot happen to drive");
+}
+
 TEST(World, RefusesWhatIsNotThere) {
   Scene scene;
   EXPECT_NE(scene.order(R"({"fault": "unplug", "bus": "can9"})").message().find("no bus 'can9'"), std::string::npos);
