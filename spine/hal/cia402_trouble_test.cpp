@@ -190,22 +190,20 @@ TEST_F(Cia402Trouble, AVelocityThatIsLostTwiceMakesTheAnswerWorthless) {
 TEST_F(Cia402Trouble, AnAnswerOfBeforeTheSyncIsLate) {
   build();
   enable();
-  const std::uint64_t before = actuators_.counters().late;
   Frame held;
-  bool holding = false;
-  cables_[0]->back = [&](Frame& frame) {
-    if (frame.id != 0x281) return true;
-    held = frame;
-    holding = true;
-    return false;
+  cables_[0]->back = [&held](Frame& frame) {
+    if (frame.id == 0x281) held = frame;
+    return frame.id != 0x281;
   };
   cycle();
   EXPECT_FALSE(fresh());
-  ASSERT_TRUE(holding);
   JointSample sample;
-  EXPECT_EQ(drivers_[0]->take(held, {.number = 1, .now_ns = now_ns_, .source = 0, .asked = false}, sample),
-            Heard::late);
-  EXPECT_EQ(actuators_.counters().late, before);
+  Exchange next{.number = command_.tick + 1, .now_ns = now_ns_, .source = 0, .asked = false};
+  EXPECT_EQ(drivers_[0]->take(held, next, sample), Heard::late);
+  ++next.number;  // in the exchange before this one the joint was not asked, so nothing is late
+  EXPECT_EQ(drivers_[0]->take(held, next, sample), Heard::part);
+  next.asked = true;
+  EXPECT_EQ(drivers_[0]->take(held, next, sample), Heard::answer);
 }
 
 TEST_F(Cia402Trouble, AJointThatCannotFollowFaults) {

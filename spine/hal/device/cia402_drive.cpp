@@ -39,6 +39,7 @@ Cia402Drive::Cia402Drive(const DriverParams& params)
 bool Cia402Drive::command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT {
   const bool sound = command.action != DriveAction::torque || finite(command);
   const DriveAction action = sound ? command.action : DriveAction::damp;
+  commanded_ = exchange.number;
   if (action == DriveAction::off) {
     may_enable_ = true;
     watchdog_ = false;
@@ -246,8 +247,9 @@ Heard Cia402Drive::take_answer(const Frame& frame, const Exchange& exchange, Joi
   State state{};
   if (!answer_map_.unpack(frame, raw)) return Heard::malformed;
   if (!decode_state(static_cast<std::uint16_t>(raw[0]), state)) return Heard::malformed;
-  // Nothing in it tells which SYNC it answers: what is here before ours has left answers an older one.
-  if (!exchange.asked) return Heard::late;
+  // Nothing in it tells which SYNC it answers: what is here before ours has left answers an older one. A drive answers
+  // every SYNC, also of exchanges in which its joint was not asked and nobody waited for it.
+  if (!exchange.asked) return commanded_ + 1 == exchange.number ? Heard::late : Heard::part;
   state_ = state;
   position_raw_ = raw[1];
   if (stage_ != Stage::running) return Heard::part;

@@ -87,6 +87,7 @@ class Cia402Drive final : public Drive {
   std::uint32_t position_raw_ = 0;
   std::uint32_t target_raw_ = 0;  // of a position drive
   std::int32_t velocity_raw_ = 0;
+  std::uint64_t commanded_ = 0;          // exchange in which it was commanded last
   std::uint64_t velocity_exchange_ = 0;  // in which it came; 0: never
   JointSample last_;
 

@@ -8,7 +8,6 @@
 
 namespace lithe::hal::cia402 {
 
-using canopen::Address;
 using canopen::Mapped;
 using canopen::PdoMap;
 using canopen::SdoClient;

@@ -50,7 +50,8 @@ void Cia402Dictionary::add_communication(const Cia402Identity& identity) {
   add(common::kProducerHeartbeatMs, 0, 2, kWritable, 0);
   add(common::kIdentity, 0, 1, kReadOnly, 4);
   constexpr std::array<std::uint32_t, 3> kMade{0, 0x402, 0x00010000};  // no vendor, product, revision
-  for (std::uint8_t i = 0; i < kMade.size(); ++i) add(common::kIdentity, i + 1, 4, kReadOnly, kMade[i]);
+  std::uint8_t subindex = 0;
+  for (const std::uint32_t made : kMade) add(common::kIdentity, ++subindex, 4, kReadOnly, made);
   add(common::kIdentity, 4, 4, kReadOnly, identity.id);
   add(common::kErrorBehaviour, 0, 1, kReadOnly, 1);
   add(common::kErrorBehaviour, 1, 1, kWritable, 0);
