@@ -8,6 +8,9 @@
 #include <numeric>
 
 namespace lithe::bus {
+
+bool fits(const BusPlan& bus, const Plan& plan) { return bus.load() <= kFullLoad && bus.cycle_us <= plan.tick_us(); }
+
 namespace {
 
 using robot::BusConfig;
@@ -41,6 +44,14 @@ struct Sums {
     in_bytes += frames * each.text_in_bytes;
     spi_us += frames * each.spi_us;
   }
+  Sums& operator+=(const Sums& other) {
+    average_us += other.average_us;
+    worst_us += other.worst_us;
+    out_bytes += other.out_bytes;
+    in_bytes += other.in_bytes;
+    spi_us += other.spi_us;
+    return *this;
+  }
   void raise_to(const Sums& other) {
     worst_us = std::max(worst_us, other.worst_us);
     out_bytes = std::max(out_bytes, other.out_bytes);
@@ -66,10 +77,11 @@ void each_frame(const BusPlan& bus, Visit visit) {
   }
 }
 
-Use use_of(const BusPlan& bus, std::uint32_t ticks) {
+Use use_of(const BusPlan& bus, double rate_hz, std::uint32_t ticks) {
   Use use;
   use.ticks.resize(ticks);
-  Traffic by_clock;
+  Sums by_clock;
+  Traffic heartbeat;
   each_frame(bus, [&](const Traffic& each, std::uint32_t turn) {
     use.per_tick.add(each, each.per_tick);
     use.per_s.add(each, each.per_s);
@@ -78,16 +90,18 @@ Use use_of(const BusPlan& bus, std::uint32_t ticks) {
     double& longest_us = each.outbound ? use.longest_there_us : use.longest_back_us;
     longest_us = std::max(longest_us, each.worst_us);
     use.answers = use.answers || (!each.outbound && each.per_tick > 0);
-    if (each.per_tick == 0) {
-      if (each.worst_us > by_clock.worst_us) by_clock = each;
-      return;
+    if (each.per_tick > 0) {
+      const auto divider = static_cast<std::uint32_t>(std::lround(1 / each.per_tick));
+      for (std::uint32_t tick = turn % divider; tick < ticks; tick += divider) use.ticks[tick].add(each, 1);
+    } else if (each.unasked) {
+      by_clock.add(each, std::ceil(each.per_s / rate_hz));
+    } else if (each.worst_us > heartbeat.worst_us) {
+      heartbeat = each;
     }
-    // Whoever speaks by himself meets the busiest tick sooner or later.
-    const auto divider = each.unasked ? 1U : static_cast<std::uint32_t>(std::lround(1 / each.per_tick));
-    for (std::uint32_t tick = turn % divider; tick < ticks; tick += divider) use.ticks[tick].add(each, 1);
   });
   for (Sums& tick : use.ticks) {
-    tick.add(by_clock, 1);  // one heartbeat; two in one tick are rare
+    tick += by_clock;        // whoever speaks by himself meets the busiest tick sooner or later
+    tick.add(heartbeat, 1);  // two in one tick are rare
     use.peak.raise_to(tick);
   }
   return use;
@@ -165,7 +179,7 @@ void add_devices(const RobotConfig& robot, Detail detail, Plan& plan) {
     added.turn = static_cast<std::uint32_t>(bus.devices.size() - 1) % config.rate_divider;
     added.traffic = traffic_of(config, robot.buses[config.bus], detail);
     for (const Traffic& each : added.traffic) {
-      if (each.per_tick == 0) continue;
+      if (each.per_tick == 0 && !each.unasked) continue;
       added.average_us += each.average_us;
       added.worst_us += each.worst_us;
     }
@@ -176,11 +190,7 @@ void add_devices(const RobotConfig& robot, Detail detail, Plan& plan) {
   }
 }
 
-}  // namespace
-
-bool fits(const BusPlan& bus, const Plan& plan) { return bus.load() <= kFullLoad && bus.cycle_us <= plan.tick_us(); }
-
-Plan plan(const RobotConfig& robot, const PlanOptions& options) {
+Plan plan_at(const RobotConfig& robot, const PlanOptions& options) {
   Plan plan;
   plan.robot = robot.name;
   plan.rate_hz = options.rate_hz > 0 ? options.rate_hz : robot.rate_hz;
@@ -194,13 +204,44 @@ Plan plan(const RobotConfig& robot, const PlanOptions& options) {
   add_devices(robot, options.detail, plan);
   const std::uint32_t ticks = ticks_of(robot);
   std::vector<Use> uses;
-  for (BusPlan& bus : plan.buses) judge(bus, uses.emplace_back(use_of(bus, ticks)), plan.rate_hz);
+  for (BusPlan& bus : plan.buses) judge(bus, uses.emplace_back(use_of(bus, plan.rate_hz, ticks)), plan.rate_hz);
   share_spi(robot, uses, plan);
-  plan.highest_rate_hz = std::numeric_limits<double>::infinity();
   for (BusPlan& bus : plan.buses) {
     if (bus.cycle_us > 0) bus.highest_rate_hz = std::min(bus.highest_rate_hz, 1e6 / bus.cycle_us);
-    plan.highest_rate_hz = std::min(plan.highest_rate_hz, bus.highest_rate_hz);
     plan.fits = plan.fits && fits(bus, plan);
+  }
+  return plan;
+}
+
+bool anyone_unasked(const BusPlan& bus) {
+  bool found = false;
+  each_frame(bus, [&](const Traffic& each, std::uint32_t) { found = found || each.unasked; });
+  return found;
+}
+
+// Whoever speaks by his own clock says more within a longer tick: a lower rate is asked again whether it fits.
+void settle_highest_rate(const RobotConfig& robot, std::uint32_t baud, std::size_t bus, double& highest_hz) {
+  constexpr double kLowest = 1;
+  constexpr double kShare = 0.995;
+  constexpr double kRounding = 1 - 1e-9;
+  while (highest_hz > kLowest) {
+    const Plan then = plan_at(robot, {kRounding * highest_hz, baud, Detail::worst_only});
+    if (fits(then.buses[bus], then)) return;
+    highest_hz = std::min(then.buses[bus].highest_rate_hz, kShare * highest_hz);
+  }
+  highest_hz = 0;
+}
+
+}  // namespace
+
+Plan plan(const RobotConfig& robot, const PlanOptions& options) {
+  Plan plan = plan_at(robot, options);
+  plan.highest_rate_hz = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < plan.buses.size(); ++i) {
+    double& highest_hz = plan.buses[i].highest_rate_hz;
+    if (highest_hz < plan.rate_hz && anyone_unasked(plan.buses[i]))
+      settle_highest_rate(robot, options.baud, i, highest_hz);
+    plan.highest_rate_hz = std::min(plan.highest_rate_hz, highest_hz);
   }
   return plan;
 }

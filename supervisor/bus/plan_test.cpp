@@ -121,13 +121,20 @@ TEST(Plan, ADriveWithoutAJointIsLeftAlone) {
 TEST(Plan, AGatewayIsCountedThoughNobodyAsksIt) {
   RobotConfig robot = moteus_robot(2);
   const double before = bus::plan(robot, {}).buses[0].cycle_us;
-  add(robot, 0, DeviceKind::gateway).rate_divider = 4;
+  add(robot, 0, DeviceKind::gateway);
   const Plan plan = bus::plan(robot, {});
   ASSERT_EQ(plan.buses[0].devices.size(), 3U);
   EXPECT_EQ(plan.buses[0].devices[2].traffic[0].size, 48U);
-  EXPECT_NEAR(plan.buses[0].cycle_us - before, 162, 2) << "it may come in any tick";
+  EXPECT_NEAR(plan.buses[0].cycle_us - before, 161 + 80, 2) << "both blocks may come in any tick";
+  EXPECT_NEAR(plan.buses[0].load_worst, 0.50 + 0.24, 0.01);
+  robot.devices[2].rate_divider = 4;
+  EXPECT_NEAR(bus::plan(robot, {}).buses[0].load_worst, 0.50 + 0.24, 0.01) << "nobody asks it";
+  add(robot, 0);
+  const Plan full = bus::plan(robot, {});
+  EXPECT_FALSE(full.fits);
+  EXPECT_TRUE(bus::plan(robot, {std::floor(full.highest_rate_hz)}).fits) << full.highest_rate_hz;
   robot.buses[0].data_bitrate = 0;
-  EXPECT_EQ(bus::plan(robot, {}).buses[0].devices[2].traffic[0].size, 8U);
+  EXPECT_EQ(bus::plan(robot, {}).buses[0].devices.back().traffic[0].size, 8U);
 }
 
 TEST(Plan, SerialTextIsPlannedAtItsBaudRate) {

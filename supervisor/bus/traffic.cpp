@@ -24,6 +24,7 @@ using robot::DeviceKind;
 using robot::DriveMode;
 
 constexpr std::uint32_t kSamples = 64;
+constexpr double kGatewayFramesPerS = 2000;
 constexpr double kOurHeartbeatsPerWatchdog = 3;
 constexpr double kDriveHeartbeatS = hal::cia402::DriverParams{}.heartbeat_s;
 
@@ -155,14 +156,17 @@ std::vector<Traffic> cia402_traffic(const DeviceConfig& device, const Line& line
           cost(beat, line, 0, 1 / kDriveHeartbeatS)};
 }
 
-// One frame of its longest block per tick.
+// Nobody asks it, so no divider thins it out: it speaks at the pace of the sketch in firmware/, each block in turn.
 std::vector<Traffic> gateway_traffic(const DeviceConfig& device, const Line& line) {
-  const bool fd = is_fd(line.bus);
-  const std::size_t size = fd ? hal::fd_size(4 + 2 * hal::gateway::kChannels) : 8;
-  Traffic inputs = cost({"inputs", size, fd, false, always(hal::gateway::kIdBase | device.id << 8)}, line,
-                        1.0 / device.rate_divider);
-  inputs.unasked = true;
-  return {inputs};
+  const auto block = [&](const char* what, std::size_t size, double per_s) {
+    const bool fd = is_fd(line.bus);
+    Traffic traffic = cost({what, size, fd, false, always(hal::gateway::kIdBase | device.id << 8)}, line, 0, per_s);
+    traffic.unasked = true;
+    return traffic;
+  };
+  if (!is_fd(line.bus)) return {block("inputs", 8, kGatewayFramesPerS)};
+  return {block("analog", hal::fd_size(4 + 2 * hal::gateway::kChannels), kGatewayFramesPerS / 2),
+          block("digital", 8, kGatewayFramesPerS / 2)};
 }
 
 }  // namespace

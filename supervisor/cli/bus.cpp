@@ -26,9 +26,12 @@ std::string hertz(double rate_hz) { return std::isfinite(rate_hz) ? fmt::format(
 void print_device(const bus::DevicePlan& plan, const robot::DeviceConfig& device) {
   std::string frames;
   for (const bus::Traffic& each : plan.traffic) {
-    if (each.per_tick > 0) frames += fmt::format("{}{} {}", frames.empty() ? "" : ", ", each.what, each.size);
+    if (each.per_tick > 0 || each.unasked)
+      frames += fmt::format("{}{} {}", frames.empty() ? "" : ", ", each.what, each.size);
   }
-  const std::string often = device.rate_divider == 1 ? "" : fmt::format(", in one of {} ticks", device.rate_divider);
+  const std::string often = device.rate_divider == 1 || device.kind == robot::DeviceKind::gateway
+                                ? ""
+                                : fmt::format(", in one of {} ticks", device.rate_divider);
   fmt::print("  {:<22} {:<8} id {:<4} {:>4.0f} us, at most {:.0f}: {} bytes{}\n", device.name,
              std::string(bus::word(device.kind)), device.id, plan.average_us, plan.worst_us, frames, often);
 }
