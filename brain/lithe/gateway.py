@@ -234,10 +234,13 @@ class Gateway:
                 )
             column = records[name]
             if name == "sensor":  # JSON knows no NaN: what is not valid is null
-                column = column[..., : len(self.robot.spine.sensor_names)]
-                out[name] = np.where(np.isfinite(column), column.astype(object), None).tolist()
+                valid = column[..., : len(self.robot.spine.sensor_names)].astype(object)
+                valid[valid != valid] = None
+                out[name] = valid.tolist()
+            elif column.ndim > records.ndim and name != "probe":
+                out[name] = column[..., :joints].tolist()
             else:
-                out[name] = (column[..., :joints] if column.ndim > records.ndim and name != "probe" else column).tolist()
+                out[name] = column.tolist()
         return out
 
     def _latest(self, args: dict[str, Any]) -> Any:
