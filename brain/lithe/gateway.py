@@ -234,9 +234,8 @@ class Gateway:
                 )
             column = records[name]
             if name == "sensor":  # JSON knows no NaN: what is not valid is null
-                valid = column[..., : len(self.robot.spine.sensor_names)].astype(object)
-                valid[valid != valid] = None
-                out[name] = valid.tolist()
+                count = len(self.robot.spine.sensor_names)
+                out[name] = np.ma.masked_invalid(column[..., :count]).tolist()
             elif column.ndim > records.ndim and name != "probe":
                 out[name] = column[..., :joints].tolist()
             else:
