@@ -62,6 +62,10 @@ class Hardware final : public Actuators {
       const std::string why = bus->why_down();
       if (!why.empty()) words += (words.empty() ? "bus '" : "; bus '") + name + "': " + why;
     }
+    for (const auto& [name, drive] : slow_drives_) {
+      const std::string why = drive->why_not_ready();
+      if (!why.empty()) words += (words.empty() ? "drive '" : "; drive '") + name + "': " + why;
+    }
     return words;
   }
 
@@ -128,7 +132,9 @@ class Hardware final : public Actuators {
     const robot::DeviceConfig& device = config_.devices[joint.device];
     std::unique_ptr<Drive> drive;
     if (device.kind == DeviceKind::cia402) {
-      drive = std::make_unique<cia402::Cia402Drive>(cia402_params(device, joint));
+      auto own = std::make_unique<cia402::Cia402Drive>(cia402_params(device, joint));
+      slow_drives_.emplace_back(device.name, own.get());
+      drive = std::move(own);
     } else {
       moteus::DriverParams params;
       params.id = device.id;
@@ -143,6 +149,7 @@ class Hardware final : public Actuators {
   std::vector<std::unique_ptr<BusNode>> nodes_;  // outlive the buses that reach them
   std::vector<Bus*> real_buses_;
   std::vector<std::pair<std::string, const Bus*>> named_buses_;
+  std::vector<std::pair<std::string, const cia402::Cia402Drive*>> slow_drives_;  // they are set up before they answer
   BusActuators actuators_;
 };
 

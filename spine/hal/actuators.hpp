@@ -75,7 +75,7 @@ class Actuators {
 
   // Brings back buses whose hardware went away. Contract: not RT · one other thread, about once a second
   virtual void service() {}
-  // Which bus is down, and why; empty when all is well. Contract: as service()
+  // Which bus is down and which drive not ready, and why; empty when all is well. Contract: as service()
   virtual std::string trouble() const { return ""; }
 };
 

@@ -88,7 +88,9 @@ void BusActuators::send_all(const ActuatorCommand& command) LITHE_RT {
     joint.asked = exchange_.number % joint.divider == joint.turn;
     if (!joint.asked) continue;
     Line& line = lines_[joint.line];
-    ++line.unanswered;
+    // A lost drive is always asked, but seldom waited for: the others' samples would be late because of it.
+    joint.awaited = joint.misses_in_a_row < misses_to_lost_ || exchange_.number % kLookForLost == 0;
+    if (joint.awaited) ++line.unanswered;
     if (!joint.drive->command(joint_command(command, i), exchange_, *line.bus)) ++counters_.unsound;
   }
   for (Line& line : lines_) {
@@ -180,7 +182,7 @@ void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
     return;
   }
   joint.answered = true;
-  if (joint.asked && line.unanswered > 0) --line.unanswered;
+  if (joint.asked && joint.awaited) --line.unanswered;
   last_.status[index] |= wire::joint_status::kFresh;
   last_.position_rad[index] = sample.position_rad;
   last_.velocity_rad_s[index] = sample.velocity_rad_s;

@@ -66,6 +66,7 @@ class BusActuators final : public Actuators {
     std::uint32_t turn;  // it is asked when the exchange's number leaves this remainder
     std::uint32_t misses_in_a_row = 0;
     bool asked = false;
+    bool awaited = false;
     bool answered = false;
   };
 
@@ -82,6 +83,8 @@ class BusActuators final : public Actuators {
 
   // Our address changes with every exchange, and moteus drives answer to it: so a late answer is known as such.
   static constexpr std::uint32_t kSources = 16;
+  // A lost drive is waited for in one of so many exchanges, so that it can be found again.
+  static constexpr std::uint64_t kLookForLost = 32;
 
   void send_all(const ActuatorCommand& command) LITHE_RT;
   void collect() LITHE_RT;

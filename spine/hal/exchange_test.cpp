@@ -92,6 +92,21 @@ TEST(Exchange, OneThatComesLaterIsMissedAndTheWaitIsBounded) {
   EXPECT_NE(robot.state.status[0] & wire::joint_status::kLost, 0U);
 }
 
+TEST(Exchange, ALostDriveIsAskedButNotWaitedFor) {
+  Robot robot(0, 200 * kMs);
+  robot.add_drive(1);
+  robot.actuators.add_joint(0, 2, std::make_unique<moteus::MoteusDrive>(moteus::DriverParams{.id = 2, .joint = {}}));
+  robot.command.joints = 2;
+  for (int i = 0; i < 3; ++i) robot.cycle();  // nobody has this address
+  EXPECT_NE(robot.state.status[1] & wire::joint_status::kLost, 0U);
+  const std::uint64_t sent = robot.bus->statistics().sent;
+  const std::int64_t from_ns = monotonic_ns();
+  for (int i = 0; i < 50; ++i) robot.cycle();
+  EXPECT_LT(monotonic_ns() - from_ns, 50 * 200 * kMs / 2) << "half of what waiting would take";
+  EXPECT_EQ(robot.bus->statistics().sent - sent, 100U);
+  EXPECT_TRUE(robot.fresh(0));
+}
+
 TEST(Exchange, AThreadThatSharesItsCoreWaitsAllTheSame) {
   Robot robot(300'000, 50 * kMs);
   robot.add_drive(1);
