@@ -234,8 +234,9 @@ class Gateway:
                 )
             column = records[name]
             if name == "sensor":  # JSON knows no NaN: what is not valid is null
-                count = len(self.robot.spine.sensor_names)
-                out[name] = np.ma.masked_invalid(column[..., :count]).tolist()
+                valid = column[..., : len(self.robot.spine.sensor_names)].astype(object)
+                valid[np.isnan(column[..., : valid.shape[-1]])] = None
+                out[name] = valid.tolist()
             elif column.ndim > records.ndim and name != "probe":
                 out[name] = column[..., :joints].tolist()
             else:
