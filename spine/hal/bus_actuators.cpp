@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/bus_actuators.hpp"
 
-#include <time.h>
-
 #include <algorithm>
 #include <limits>
 #include <utility>
 
+#include "spine/hal/bus/descriptor.hpp"
 #include "spine/wire/wire.hpp"
 
 namespace lithe::hal {
@@ -109,18 +108,8 @@ void BusActuators::collect() LITHE_RT {
       const bool may_come = line.unanswered > 0 && line.patience > 0 && line.bus->reply_wait_ns() > 0;
       waiting |= may_come && clock_.now_ns() - from_ns < line.bus->reply_wait_ns();
     }
-    if (waiting) pause();
+    if (waiting) shares_core_ ? nap() : spin_pause();
   }
-}
-
-void BusActuators::pause() const LITHE_RT {
-  if (!shares_core_) {
-    spin_pause();
-    return;
-  }
-  constexpr timespec kNap{0, 20'000};
-  LITHE_RT_EXEMPT("the Transport's own thread, which has nothing to do until a device answers",
-                  { nanosleep(&kNap, nullptr); });
 }
 
 void BusActuators::drain(Line& line) LITHE_RT {

@@ -88,7 +88,6 @@ class BusActuators final : public Actuators {
 
   void send_all(const ActuatorCommand& command) LITHE_RT;
   void collect() LITHE_RT;
-  void pause() const LITHE_RT;
   void drain(Line& line) LITHE_RT;
   void accept(Line& line, const Frame& frame) LITHE_RT;
   void accept_sensors(const Line& line, const Frame& frame) LITHE_RT;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/bus/descriptor.hpp"
 
+#include <time.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -63,6 +64,14 @@ Moved Descriptor::write(std::span<const std::byte> from) const LITHE_RT {
     moved = outcome(bytes, errno);
   });
   return moved;
+}
+
+void nap() LITHE_RT {
+  constexpr timespec kNap{0, 20'000};
+  LITHE_RT_EXEMPT("the Transport's own thread, which has nothing to do until a device answers", {
+    LITHE_SYSTEM_CALL;
+    nanosleep(&kNap, nullptr);
+  });
 }
 
 }  // namespace lithe::hal
