@@ -94,9 +94,11 @@ void Cia402Drive::watch_enabling(DriveAction action, std::int64_t now_ns) LITHE_
 void Cia402Drive::progress(const Exchange& exchange, Bus& bus) LITHE_RT {
   const bool overdue = stage_ == Stage::await_boot_up && exchange.now_ns - reset_ns_ >= kBootNs;
   if (stage_ == Stage::reset || overdue) {
-    stage_ = Stage::await_boot_up;
-    return reset_node(exchange.now_ns, bus);
+    stage_ = reset_node(exchange.now_ns, bus) ? Stage::await_boot_up : Stage::reset;
+    return;
   }
+  // One that says no because its motor is on must not stay so. And once, or it would never end.
+  if (stage_ == Stage::refused && !reset_after_refusal_) reset_after_refusal_ = reset_node(exchange.now_ns, bus);
   if (stage_ != Stage::setup) return;
   if (stopped_) {
     stopped_ = false;
@@ -116,20 +118,14 @@ void Cia402Drive::progress(const Exchange& exchange, Bus& bus) LITHE_RT {
     case Setup::Progress::failed:
       set_trouble(setup_.trouble());
       // A drive that is gone may come back as another one; one that said no says it again.
-      if (setup_.trouble().kind == TroubleKind::no_answer) {
-        stage_ = Stage::reset;
-        return;
-      }
-      stage_ = Stage::refused;
-      // But for one that says no because its motor is on: it must not stay so. And once, or it would never end.
-      if (!reset_after_refusal_) reset_node(exchange.now_ns, bus);
-      reset_after_refusal_ = true;
+      stage_ = setup_.trouble().kind == TroubleKind::no_answer ? Stage::reset : Stage::refused;
   }
 }
 
-void Cia402Drive::reset_node(std::int64_t now_ns, Bus& bus) LITHE_RT {
+// False: the bus had no room for it.
+bool Cia402Drive::reset_node(std::int64_t now_ns, Bus& bus) LITHE_RT {
   reset_ns_ = now_ns;
-  bus.send(canopen::nmt_frame(NmtCommand::reset_node, params_.id));
+  return bus.send(canopen::nmt_frame(NmtCommand::reset_node, params_.id));
 }
 
 void Cia402Drive::set_trouble(const Trouble& trouble) LITHE_RT {

@@ -63,7 +63,7 @@ class Cia402Drive final : public Drive {
   void watch(const Exchange& exchange) LITHE_RT;
   void watch_enabling(DriveAction action, std::int64_t now_ns) LITHE_RT;
   void progress(const Exchange& exchange, Bus& bus) LITHE_RT;
-  void reset_node(std::int64_t now_ns, Bus& bus) LITHE_RT;
+  bool reset_node(std::int64_t now_ns, Bus& bus) LITHE_RT;
   void start_setup() LITHE_RT;
   void set_trouble(const Trouble& trouble) LITHE_RT;
   void say(const JointCommand& command, DriveAction action, Bus& bus) LITHE_RT;
