@@ -84,6 +84,21 @@ TEST_F(ZygoteTest, GoodLawsPassAndAllSectionsReport) {
   }
 }
 
+// Its CANopen drives are set up by some hundred frames each before they can be commanded.
+TEST(Zygote, ARobotWhoseDrivesAreSetUpFirstIsRiddenWhenTheyAreReady) {
+  auto zygote = Zygote::make(LITHE_ROBOTS "/frankenstein.toml", -1);
+  ASSERT_TRUE(zygote) << zygote.message();
+  const json order = {{"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 300'000}};
+  bool quit = false;
+  const json reply = zygote->answer(order.dump(), quit);
+  EXPECT_TRUE(reply["ok"].get<bool>()) << reply.dump();
+  const json& loop = reply["report"]["loop"];
+  EXPECT_GE(loop["ticks"].get<int>(), 100) << reply.dump();
+  EXPECT_EQ(loop["fault"], "none");
+  EXPECT_EQ(loop["without_a_law"]["fault"], "none");
+  EXPECT_EQ(loop["without_a_law"]["ticks"].get<int>(), 1000);
+}
+
 TEST_F(ZygoteTest, CrashIsNamedWithItsPlace) {
   const json reply = attempt(LAW_writes_null);
   EXPECT_NE(reply.value("reason", "").find("SIGSEGV at 0x0"), std::string::npos) << reply.dump();
