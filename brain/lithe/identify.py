@@ -170,18 +170,19 @@ def identify_joint(motions: list[Motion], window_s: float = 0.05, moving_rad_s: 
     return arm
 
 
-def torque_lag_s(t_s: Vector, command_nm: Vector, torque_nm: Vector, most_s: float = 0.03) -> float:
+def torque_lag_s(records: list[tuple[Vector, Vector, Vector]], most_s: float = 0.03) -> float:
     """How long after a torque was commanded it is measured: bus, drive and their ticks, all in all.
 
-    It is the shift that makes both alike. Resolution: a quarter of a millisecond. 0 when the command stood still.
+    It is the shift that makes both alike. A record is time [s], commanded and measured torque [N m]; one in which more
+    happens counts for more. Resolution: a quarter of a millisecond. 0 when nothing but constants was commanded.
     """
-    new = np.concatenate(([True], np.diff(t_s) > 0))
-    t, command, torque = t_s[new], command_nm[new], torque_nm[new]
-    seen = t >= t[0] + most_s  # of what was commanded before the record nothing is known
-    if not np.any(seen) or np.ptp(command) == 0:
-        return 0.0
     lags = np.arange(0.0, most_s, 0.00025)
-    apart = [float(np.mean((torque[seen] - np.interp(t[seen] - lag, t, command)) ** 2)) for lag in lags]
+    apart = np.zeros(len(lags))
+    for t_s, command_nm, torque_nm in records:
+        new = np.concatenate(([True], np.diff(t_s) > 0))
+        t, command, torque = t_s[new], command_nm[new], torque_nm[new]
+        seen = t >= t[0] + most_s  # of what was commanded before the record nothing is known
+        apart += [float(np.sum((torque[seen] - np.interp(t[seen] - lag, t, command)) ** 2)) for lag in lags]
     return float(lags[int(np.argmin(apart))])
 
 

@@ -190,7 +190,7 @@ class Agent:
         motions = [as_motions(run) for run in runs]
         arms = []
         for joint, name in enumerate(self.names):
-            self.lag_s[joint] = self.lag_of(joint, runs)
+            self.lag_s[joint] = self.lag_of(joint, [baseline, *runs])
             of_joint = [motion[joint] for motion in motions]
             try:
                 more = [] if joint in probed else [as_motions(baseline)[joint]]
@@ -202,13 +202,13 @@ class Agent:
             tell(estimate={"name": name, **self.estimate(joint, arm), **resting})
         return arms
 
-    def lag_of(self, joint: int, runs: list[list[dict[str, Any]]]) -> float:
-        """The longest that the joint's torque took to arrive, in any of these records."""
-        lags = []
+    @staticmethod
+    def lag_of(joint: int, runs: list[list[dict[str, Any]]]) -> float:
+        records = []
         for columns in map(joined, runs):
             t_s = (columns["sample_ns"][:, 0] - columns["sample_ns"][0, 0]) * 1e-9
-            lags.append(torque_lag_s(t_s, columns["command_torque_nm"][:, joint], columns["torque_nm"][:, joint]))
-        return max(lags)
+            records.append((t_s, columns["command_torque_nm"][:, joint], columns["torque_nm"][:, joint]))
+        return torque_lag_s(records)
 
     def estimate(self, joint: int, arm: Arm) -> dict[str, Any]:
         return {

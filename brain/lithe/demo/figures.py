@@ -160,10 +160,10 @@ class _Timeline:
                 axes.text(middle, 0.985, f"RMSE\n{rmse[phase['name']]:.2f}°", transform=axes.get_xaxis_transform(),
                           ha="center", va="top", fontsize=8)  # fmt: skip
         freeze = self.summary["freeze"]
-        at_least = "" if len(heavy) == 1 else "≥ "
+        alone = f"holds at {freeze['rest_angle_deg']:.0f}°,\n{freeze['gravity_share']:.0%} of the\nlargest load"
         axes.text(
             self.second(self.story.freeze_ns[0]) + 0.1, 0.03,
-            f"holds at {freeze['rest_angle_deg']:.0f}°,\n{at_least}{freeze['gravity_share']:.0%} of the\nlargest load",
+            alone if len(heavy) == 1 else f"each holds\n≥ {freeze['gravity_share']:.0%} of its\nlargest load",
             transform=axes.get_xaxis_transform(), va="bottom", fontsize=7.5,
         )  # fmt: skip
         axes.set_xlabel("seconds")
@@ -180,10 +180,11 @@ class _Timeline:
             name = self.summary["joints"][joint]["name"]
             axes.plot(self.t_s[starts], np.maximum(error, LEAST_DEG), color=colour, lw=1.1, label=name)
         axes.set_yscale("log")
-        axes.set_ylim(LEAST_DEG / 10, 2000)  # room for the words below and above the lines
+        columns = 5 if len(joints) <= 15 else 8
+        axes.set_ylim(LEAST_DEG / 10 ** -(-len(joints) // columns), 2000)  # room for words below and above the lines
         _plain(axes.yaxis)
         axes.set_ylabel("degrees off the setpoint")
-        axes.legend(loc="lower left", fontsize=7.5, frameon=False, ncols=max(1, min(8, len(joints))))
+        axes.legend(loc="lower left", fontsize=7.5, frameon=False, ncols=columns)
         axes.set_title("(d) Tracking of each joint that bears gravity")
 
     def angles(self, joint: int) -> None:

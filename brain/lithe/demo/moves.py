@@ -60,6 +60,8 @@ def _stays(arm: Arm, share: float, starts: list[tuple[float, float]], least_rad:
     friction = 0.5 * max(arm.coulomb_nm, 0.0) / arm.mgl_nm
     for q_rad, v_rad_s in starts:
         energy = 1 - np.cos(q_rad) - share * q_rad + 0.5 * arm.inertia_kg_m2 / arm.mgl_nm * v_rad_s**2
+        if not least_rad < q_rad < most_rad:
+            return False
         for end_rad in (least_rad, most_rad):
             if not 1 - np.cos(end_rad) - share * end_rad + friction * abs(end_rad - q_rad) > energy:
                 return False
