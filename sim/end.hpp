@@ -34,7 +34,7 @@ class End {
 // An adapter at a pseudo terminal. Who opens it meets an adapter that was just plugged in.
 class PtyEnd final : public End {
  public:
-  // `link`: path of a symbolic link to the terminal; empty = none.
+  // `link`: path of a symbolic link to the terminal, there while the terminal can be opened; empty = none.
   static Result<std::unique_ptr<PtyEnd>> open(std::unique_ptr<hal::sim::SimAdapter> adapter, std::string link);
   ~PtyEnd() override;
 
@@ -50,6 +50,9 @@ class PtyEnd final : public End {
       : adapter_(std::move(adapter)), link_(std::move(link)) {}
 
   Result<> plug();
+  Result<> make_terminal();
+  void pull();
+  void remove_link() const;
   void look_for_somebody();
   void leave();
   void write_out();

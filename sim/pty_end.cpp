@@ -50,28 +50,47 @@ Result<std::unique_ptr<PtyEnd>> PtyEnd::open(std::unique_ptr<hal::sim::SimAdapte
   return end;
 }
 
-PtyEnd::~PtyEnd() {
+PtyEnd::~PtyEnd() { remove_link(); }
+
+void PtyEnd::remove_link() const {
   std::error_code ignored;
   if (!link_.empty()) std::filesystem::remove(link_, ignored);
 }
 
+// The kernel gives the number of a terminal that is gone to the next one, at once. An old link would lead to it before
+// it may be opened (EIO) or knows its modes, so the link goes first and comes last.
 Result<> PtyEnd::plug() {
+  remove_link();
+  Result<> ready = make_terminal();
+  if (ready && !link_.empty()) ready = point(link_, slave_path_);
+  if (ready) {
+    adapter_->reset();
+  } else {
+    pull();
+  }
+  return ready;
+}
+
+Result<> PtyEnd::make_terminal() {
   master_ = hal::Descriptor(::posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
   std::array<char, 128> path{};
   if (!master_.is_open() || ::grantpt(master_.get()) != 0 || ::unlockpt(master_.get()) != 0 ||
       ::ptsname_r(master_.get(), path.data(), path.size()) != 0) {
     return failure("cannot make a pseudo terminal");
   }
-  if (Result<> raw = make_raw(path.data()); !raw) return raw;
   slave_path_ = path.data();
-  adapter_->reset();
-  return link_.empty() ? done() : point(link_, slave_path_);
+  return make_raw(slave_path_);
+}
+
+void PtyEnd::pull() {
+  remove_link();
+  master_.close();
+  slave_path_.clear();
 }
 
 bool PtyEnd::unplug(std::int64_t until_ns) {
   leave();
-  master_.close();
-  slave_path_.clear();
+  pull();
   plug_at_ns_ = until_ns;
   return true;
 }

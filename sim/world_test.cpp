@@ -124,6 +124,8 @@ TEST(World, AnUnpluggedTerminalComesBackAsAnotherAndTheLinkFollows) {
     const std::string before = std::filesystem::read_symlink(folder + "/can0");
     EXPECT_TRUE(scene.order(R"({"fault": "unplug", "for_s": 0.05})"));
     EXPECT_EQ(scene.told.back(), "can0 fdcanusb unplugged");
+    // The kernel soon has another terminal of that number, and one that is still locked says EIO to whoever opens it.
+    EXPECT_FALSE(std::filesystem::is_symlink(folder + "/can0"));
     scene.pass(60);
     EXPECT_NE(scene.told.back().find("/dev/"), std::string::npos);
     EXPECT_EQ(scene.told.size(), 3U);
@@ -134,6 +136,21 @@ TEST(World, AnUnpluggedTerminalComesBackAsAnotherAndTheLinkFollows) {
   }
   EXPECT_FALSE(std::filesystem::exists(folder + "/can0"));
   std::filesystem::remove(folder);
+}
+
+TEST(World, ATerminalThatCouldNotBeLinkedIsTriedAgain) {
+  const std::string folder = testing::TempDir() + "lithe-sim-again-" + std::to_string(::getpid());
+  Scene scene({.link_folder = folder});
+  EXPECT_TRUE(scene.order(R"({"fault": "unplug", "for_s": 0.01})"));
+  std::filesystem::remove_all(folder);
+  scene.pass(20);
+  EXPECT_EQ(scene.told.back(), "can0 fdcanusb unplugged");
+  std::filesystem::create_directory(folder);
+  scene.pass(2);
+  EXPECT_EQ("can0 fdcanusb " + std::filesystem::read_symlink(folder + "/can0").string(), scene.told.back());
+  scene.dial();
+  EXPECT_NE(scene.say(kQuery).find("rcv"), std::string::npos);
+  std::filesystem::remove_all(folder);
 }
 
 TEST(World, AGatewayHasNoEncoderToLose) {
