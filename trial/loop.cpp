@@ -18,6 +18,7 @@ namespace flag = wire::telemetry_flag;
 constexpr std::uint32_t kMandatoryTicks = 100;
 constexpr double kSeconds = 1.0;
 constexpr std::int64_t kStartNs = 1'000'000'000;
+constexpr int kMostToReady = 50;  // exchanges in which drives are asked how they are set, before they are commanded
 
 // From where the joint stands to a small distance and back, smoothly, well within its limits.
 wire::Plan gentle_plan(const robot::RobotConfig& robot, const JointArray& from_rad, std::int64_t now_ns) {
@@ -49,7 +50,7 @@ class Ride {
     guard_.configure(setting.robot);
     command_.joints = tick_.joints = setting.joints();
     tick_.dt_s = setting.dt_s();
-    for (int k = 0; k < 3; ++k) exchange();  // until the drives have answered
+    for (int k = 0; k < kMostToReady && !ready(); ++k) exchange();
     plan_.hold_at(state_.position_rad);
     guard_.reset_output();
     plan_.accept(gentle_plan(setting.robot, state_.position_rad, now_ns_), now_ns_);
@@ -97,6 +98,15 @@ class Ride {
   LoopStats stats;
 
  private:
+  bool ready() const {
+    bool all = state_.joints > 0;
+    for (std::uint32_t j = 0; j < state_.joints; ++j) {
+      constexpr std::uint32_t kFresh = wire::joint_status::kFresh;
+      all = all && (state_.status[j] & (kFresh | wire::joint_status::kNotReady)) == kFresh;
+    }
+    return all;
+  }
+
   void exchange() {
     actuators_.cycle(command_, state_, now_ns_);
     now_ns_ += setting_.period_ns();
