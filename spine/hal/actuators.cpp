@@ -62,7 +62,7 @@ class Hardware final : public Actuators {
       const std::string why = bus->why_down();
       if (!why.empty()) words += (words.empty() ? "bus '" : "; bus '") + name + "': " + why;
     }
-    for (const auto& [name, drive] : slow_drives_) {
+    for (const auto& [name, drive] : drives_) {
       const std::string why = drive->why_not_ready();
       if (!why.empty()) words += (words.empty() ? "drive '" : "; drive '") + name + "': " + why;
     }
@@ -74,6 +74,18 @@ class Hardware final : public Actuators {
     return kind == robot::SensorKind::analog    ? gateway::Block::analog
            : kind == robot::SensorKind::digital ? gateway::Block::digital
                                                 : gateway::Block::imu;
+  }
+
+  moteus::DriverParams moteus_params(const robot::DeviceConfig& device, const robot::JointConfig& joint) const {
+    moteus::DriverParams params;
+    params.id = device.id;
+    params.watchdog_s = device.watchdog_s;
+    params.joint = {joint.sign, joint.zero_rad, joint.ratio};
+    params.damp_kd_nm_s_rad = joint.safe_kd_nm_s_rad;
+    params.velocity_max_rad_s = joint.velocity_max_rad_s;
+    params.torque_step_nm = joint.torque_slew_nm_s * device.rate_divider / config_.rate_hz;
+    params.ask_settings = true;
+    return params;
   }
 
   cia402::DriverParams cia402_params(const robot::DeviceConfig& device, const robot::JointConfig& joint) const {
@@ -144,16 +156,11 @@ class Hardware final : public Actuators {
     const robot::DeviceConfig& device = config_.devices[joint.device];
     std::unique_ptr<Drive> drive;
     if (device.kind == DeviceKind::cia402) {
-      auto own = std::make_unique<cia402::Cia402Drive>(cia402_params(device, joint));
-      slow_drives_.emplace_back(device.name, own.get());
-      drive = std::move(own);
+      drive = std::make_unique<cia402::Cia402Drive>(cia402_params(device, joint));
     } else {
-      moteus::DriverParams params;
-      params.id = device.id;
-      params.watchdog_s = device.watchdog_s;
-      params.joint = {joint.sign, joint.zero_rad, joint.ratio};
-      drive = std::make_unique<moteus::MoteusDrive>(params);
+      drive = std::make_unique<moteus::MoteusDrive>(moteus_params(device, joint));
     }
+    drives_.emplace_back(device.name, drive.get());
     actuators_.add_joint(device.bus, device.id, std::move(drive), device.rate_divider);
   }
 
@@ -161,28 +168,30 @@ class Hardware final : public Actuators {
   std::vector<std::unique_ptr<BusNode>> nodes_;  // outlive the buses that reach them
   std::vector<Bus*> real_buses_;
   std::vector<std::pair<std::string, const Bus*>> named_buses_;
-  std::vector<std::pair<std::string, const cia402::Cia402Drive*>> slow_drives_;  // they are set up before they answer
+  std::vector<std::pair<std::string, const Drive*>> drives_;
   BusActuators actuators_;
 };
 
 // load_robot has checked all this; a config built by hand has not been checked by anyone.
-Result<> check(const robot::RobotConfig& config) {
-  if (config.joints.empty()) return Error{config.path + ": no joint to drive; add a [[joint]]"};
-  if (config.joints.size() > kMaxJoints) {
-    return Error{config.path + ": " + std::to_string(config.joints.size()) + " joints, built for " +
-                 std::to_string(kMaxJoints) + "; build with -DLITHE_NJ=" + std::to_string(config.joints.size())};
+Result<> check_device(const robot::RobotConfig& config, const robot::DeviceConfig& device, const std::string& where) {
+  if (device.bus >= config.buses.size()) {
+    return Error{where + "device '" + device.name + "' has no bus; name one of the [[bus]] tables"};
   }
+  if (device.id < 1 || device.id > 126) {
+    return Error{where + "device '" + device.name + "' has id " + std::to_string(device.id) + "; use 1 to 126"};
+  }
+  if (device.rate_divider < 1) return Error{where + "device '" + device.name + "' needs a rate_divider of 1 or more"};
+  return done();
+}
+
+Result<> check_joints(const robot::RobotConfig& config) {
   std::set<std::pair<std::size_t, std::uint32_t>> taken;
   for (const robot::JointConfig& joint : config.joints) {
     const std::string where = config.path + ": joint '" + joint.name + "': ";
     if (joint.device >= config.devices.size()) return Error{where + "has no device; name one of the [[device]] tables"};
     const robot::DeviceConfig& device = config.devices[joint.device];
-    if (device.bus >= config.buses.size()) {
-      return Error{where + "device '" + device.name + "' has no bus; name one of the [[bus]] tables"};
-    }
-    if (device.id < 1 || device.id > 126) {
-      return Error{where + "device '" + device.name + "' has id " + std::to_string(device.id) + "; use 1 to 126"};
-    }
+    if (Result<> sound = check_device(config, device, where); !sound) return sound;
+    if (device.kind == DeviceKind::gateway) return Error{where + "a gateway drives nothing; name a drive"};
     if (!taken.insert({device.bus, device.id}).second) {
       return Error{where + "id " + std::to_string(device.id) + " is already taken on bus '" +
                    config.buses[device.bus].name + "'; give each device its own"};
@@ -193,6 +202,37 @@ Result<> check(const robot::RobotConfig& config) {
     if (!(joint.sim.inertia_kg_m2 > 0)) return Error{where + "needs an inertia above 0 to be simulated"};
   }
   return done();
+}
+
+Result<> check_sensors(const robot::RobotConfig& config) {
+  for (const robot::DeviceConfig& device : config.devices) {
+    if (device.kind != DeviceKind::gateway) continue;
+    if (Result<> sound = check_device(config, device, config.path + ": "); !sound) return sound;
+  }
+  if (config.sensors.size() > robot::kMaxSensors) {
+    return Error{config.path + ": " + std::to_string(config.sensors.size()) + " sensors; a law is given " +
+                 std::to_string(robot::kMaxSensors)};
+  }
+  for (const robot::SensorConfig& sensor : config.sensors) {
+    const std::string where = config.path + ": sensor '" + sensor.name + "': ";
+    if (sensor.device >= config.devices.size() || config.devices[sensor.device].kind != DeviceKind::gateway) {
+      return Error{where + "is on no gateway; name a [[device]] of kind \"gateway\""};
+    }
+    if (sensor.channel >= gateway::kChannels) {
+      return Error{where + "a gateway has channels 0 to " + std::to_string(gateway::kChannels - 1)};
+    }
+  }
+  return done();
+}
+
+Result<> check(const robot::RobotConfig& config) {
+  if (config.joints.empty()) return Error{config.path + ": no joint to drive; add a [[joint]]"};
+  if (config.joints.size() > kMaxJoints) {
+    return Error{config.path + ": " + std::to_string(config.joints.size()) + " joints, built for " +
+                 std::to_string(kMaxJoints) + "; build with -DLITHE_NJ=" + std::to_string(config.joints.size())};
+  }
+  if (Result<> sound = check_joints(config); !sound) return sound;
+  return check_sensors(config);
 }
 
 }  // namespace

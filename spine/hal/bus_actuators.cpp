@@ -24,7 +24,7 @@ std::uint32_t address_of(Addressing addressing, const Frame& frame) LITHE_RT {
 }  // namespace
 
 std::size_t BusActuators::add_bus(std::unique_ptr<Bus> bus, Addressing addressing, std::unique_ptr<BusMaster> master) {
-  Line line{std::move(bus), std::move(master), addressing, 0, 0, 0, {}};
+  Line line{std::move(bus), std::move(master), addressing, 0, 0, 0, 0, {}};
   line.joint_at.fill(kNobody);
   lines_.push_back(std::move(line));
   return lines_.size() - 1;
@@ -42,6 +42,7 @@ void BusActuators::add_joint(std::size_t bus, std::uint32_t address, std::unique
 
 std::size_t BusActuators::add_gateway(std::size_t bus, std::uint32_t node, std::int64_t stale_ns) {
   gateways_.push_back({bus, gateway::Gateway(node, stale_ns)});
+  ++lines_[bus].gateways;
   return gateways_.size() - 1;
 }
 
@@ -57,8 +58,7 @@ void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, s
   exchange_.asked = false;
   for (Line& line : lines_) {
     line.bus->begin(now_ns);
-    // A node that babbles must not keep the tick: so many frames, then the rest is for the next exchange.
-    line.patience = 4 * line.joints + 16;
+    line.patience = kMostWaiting;
     drain(line);  // what came since the last one: news, and answers that are late
   }
   send_all(command);  // to every bus first: their answers travel at the same time
@@ -81,16 +81,17 @@ void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, s
 void BusActuators::send_all(const ActuatorCommand& command) LITHE_RT {
   for (Line& line : lines_) {
     line.unanswered = 0;
+    line.patience = 4 * line.joints + 16 * line.gateways + 16;
     if (line.master != nullptr) line.master->before_commands(exchange_, *line.bus);
   }
   for (std::size_t i = 0; i < joints_.size(); ++i) {
     Joint& joint = joints_[i];
-    joint.answered = false;
+    joint.heard = joint.answered = false;
     joint.asked = exchange_.number % joint.divider == joint.turn;
     if (!joint.asked) continue;
     Line& line = lines_[joint.line];
     // A lost drive is always asked, but seldom waited for: the others' samples would be late because of it.
-    joint.awaited = joint.misses_in_a_row < misses_to_lost_ || exchange_.number % kLookForLost == 0;
+    joint.awaited = joint.misses_in_a_row < misses_to_lost_ || exchange_.number / joint.divider % kLookForLost == 0;
     if (joint.awaited) ++line.unanswered;
     if (!joint.drive->command(joint_command(command, i), exchange_, *line.bus)) ++counters_.unsound;
   }
@@ -163,6 +164,9 @@ void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
     case Heard::answer:
       break;
   }
+  // Also one without a measurement was all that there is to wait for.
+  if (!joint.heard && joint.asked && joint.awaited) --line.unanswered;
+  joint.heard = true;
   if (joint.answered) {
     ++counters_.duplicate;
     return;
@@ -173,7 +177,6 @@ void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
     return;
   }
   joint.answered = true;
-  if (joint.asked && joint.awaited) --line.unanswered;
   last_.status[index] |= wire::joint_status::kFresh;
   last_.position_rad[index] = sample.position_rad;
   last_.velocity_rad_s[index] = sample.velocity_rad_s;

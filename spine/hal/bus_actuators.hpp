@@ -55,8 +55,9 @@ class BusActuators final : public Actuators {
     std::unique_ptr<BusMaster> master;
     Addressing addressing;
     std::uint32_t joints = 0;
+    std::uint32_t gateways = 0;
     std::uint32_t unanswered = 0;            // of those asked in this exchange
-    std::uint32_t patience = 0;              // frames that it may still bring in this exchange
+    std::uint32_t patience = 0;              // frames that it may still bring, before the commands or after them
     std::array<std::uint8_t, 128> joint_at;  // by device address
   };
   struct Joint {
@@ -67,7 +68,8 @@ class BusActuators final : public Actuators {
     std::uint32_t misses_in_a_row = 0;
     bool asked = false;
     bool awaited = false;
-    bool answered = false;
+    bool heard = false;     // something whole came from it
+    bool answered = false;  // with a measurement
   };
 
   struct GatewayPlace {
@@ -82,8 +84,12 @@ class BusActuators final : public Actuators {
   };
 
   // Our address changes with every exchange, and moteus drives answer to it: so a late answer is known as such.
-  static constexpr std::uint32_t kSources = 16;
-  // A lost drive is waited for in one of so many exchanges, so that it can be found again.
+  // As many as there are, without the broadcast's: one that is stuck somewhere for long is still known.
+  static constexpr std::uint32_t kSources = 126;
+  // A node that babbles must not keep the tick, so what a bus may bring is bounded. What waits from before the commands
+  // never costs them their answers: a stall of the machine, or a gateway at a low rate, may leave that much.
+  static constexpr std::uint32_t kMostWaiting = 256;
+  // A lost drive is waited for in one of so many of its exchanges, so that it can be found again.
   static constexpr std::uint64_t kLookForLost = 32;
 
   void send_all(const ActuatorCommand& command) LITHE_RT;

@@ -25,7 +25,8 @@ Json joint_status_json(std::uint32_t status) {
   const std::pair<std::uint32_t, const char*> bits[] = {{wire::joint_status::kFault, "fault"},
                                                         {wire::joint_status::kWatchdog, "watchdog"},
                                                         {wire::joint_status::kLost, "lost"},
-                                                        {wire::joint_status::kNotHomed, "not_homed"}};
+                                                        {wire::joint_status::kNotHomed, "not_homed"},
+                                                        {wire::joint_status::kNotReady, "not_ready"}};
   for (const auto& [bit, word] : bits) {
     if ((status & bit) != 0) {
       words.push_back(word);

@@ -124,18 +124,15 @@ Result<std::string> Terminal::ask(std::uint32_t id, std::string_view line, bool 
     if (i == kMostOld) return Error{"drive " + std::to_string(id) + " does not stop talking; send it 'tel stop'"};
   }
   std::string text = std::string(line) + "\n";
-  for (std::size_t at = 0; at < text.size(); at += kPiece) {
-    if (const Result<std::string> sent = exchange(id, std::string_view(text).substr(at, kPiece)); !sent) return sent;
-  }
   std::string come;
+  for (std::size_t at = 0; at < text.size(); at += kPiece) {
+    const Result<std::string> sent = exchange(id, std::string_view(text).substr(at, kPiece));
+    if (!sent) return sent;
+    come += *sent;  // a drive may have its answer ready at once
+  }
   std::string said;
   std::int64_t quiet_until_ns = time_.now_ns() + kSilenceNs;
   while (time_.now_ns() < quiet_until_ns) {
-    const Result<std::string> more = exchange(id, "");
-    if (!more) return more;
-    if (more->empty()) time_.pause();
-    if (!more->empty()) quiet_until_ns = time_.now_ns() + kSilenceNs;
-    come += *more;
     for (std::string each; take_line(come, each);) {
       if (each.empty()) continue;
       if (begins(each, "ERR"))
@@ -143,6 +140,11 @@ Result<std::string> Terminal::ask(std::uint32_t id, std::string_view line, bool 
       if (each == "OK" || one_line) return each == "OK" ? said : each;
       said += each + "\n";
     }
+    const Result<std::string> more = exchange(id, "");
+    if (!more) return more;
+    if (more->empty()) time_.pause();
+    if (!more->empty()) quiet_until_ns = time_.now_ns() + kSilenceNs;
+    come += *more;
   }
   return Error{"drive " + std::to_string(id) + " does not finish its answer to '" + std::string(line) + "'"};
 }
