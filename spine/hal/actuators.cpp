@@ -102,7 +102,8 @@ class Hardware final : public Actuators {
     }
     std::unique_ptr<BusMaster> master;
     if (canopen) {
-      master = std::make_unique<canopen::CanopenMaster>(canopen::MasterParams{.heartbeat_s = watchdog_s / 4});
+      master = std::make_unique<canopen::CanopenMaster>(
+          canopen::MasterParams{.heartbeat_s = watchdog_s / canopen::kHeartbeatsPerWatchdog});
     }
     std::unique_ptr<Bus> bus;
     if (config.kind == BusKind::loop) {
@@ -160,14 +161,16 @@ Result<> check(const robot::RobotConfig& config) {
     return Error{config.path + ": " + std::to_string(config.joints.size()) + " joints, built for " +
                  std::to_string(kMaxJoints) + "; build with -DLITHE_NJ=" + std::to_string(config.joints.size())};
   }
+  for (const robot::DeviceConfig& device : config.devices) {
+    if (device.bus >= config.buses.size()) {
+      return Error{config.path + ": device '" + device.name + "' has no bus; name one of the [[bus]] tables"};
+    }
+  }
   std::set<std::pair<std::size_t, std::uint32_t>> taken;
   for (const robot::JointConfig& joint : config.joints) {
     const std::string where = config.path + ": joint '" + joint.name + "': ";
     if (joint.device >= config.devices.size()) return Error{where + "has no device; name one of the [[device]] tables"};
     const robot::DeviceConfig& device = config.devices[joint.device];
-    if (device.bus >= config.buses.size()) {
-      return Error{where + "device '" + device.name + "' has no bus; name one of the [[bus]] tables"};
-    }
     if (device.id < 1 || device.id > 126) {
       return Error{where + "device '" + device.name + "' has id " + std::to_string(device.id) + "; use 1 to 126"};
     }
@@ -179,6 +182,17 @@ Result<> check(const robot::RobotConfig& config) {
       return Error{where + "needs a ratio above 0 and a sign of 1 or -1"};
     }
     if (!(joint.sim.inertia_kg_m2 > 0)) return Error{where + "needs an inertia above 0 to be simulated"};
+  }
+  if (config.sensors.size() > robot::kMaxSensors) {
+    return Error{config.path + ": " + std::to_string(config.sensors.size()) + " sensors, LITHE carries " +
+                 std::to_string(robot::kMaxSensors) + "; remove some"};
+  }
+  for (const robot::SensorConfig& sensor : config.sensors) {
+    const bool on_gateway =
+        sensor.device < config.devices.size() && config.devices[sensor.device].kind == DeviceKind::gateway;
+    if (!on_gateway || sensor.channel >= gateway::kChannels) {
+      return Error{config.path + ": sensor '" + sensor.name + "' needs a gateway and one of its channels, 0 to 15"};
+    }
   }
   return done();
 }

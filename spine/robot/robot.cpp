@@ -64,8 +64,9 @@ class File {
       BusConfig& bus = robot_.buses.emplace_back();
       Reader in(*table, where("bus", *table), report_);
       in.identifier("name", bus.name);
-      read_bus(in, bus);
+      read_bus(in, bus, robot_.rate_hz);
       refuse_twin(in, "bus", robot_.buses);
+      check_bus(in, robot_);
     }
   }
 
@@ -162,6 +163,7 @@ class File {
                                         robot_.devices[joint.device].name, place_of(*owners[joint.device]).line));
     }
     owners[joint.device] = &table;
+    check_joint(in, robot_.devices[joint.device], joint);
   }
 
   bool has_limits(const toml::table& table) const {

@@ -10,9 +10,12 @@
 
 namespace lithe::hal::canopen {
 
+// Of our own heartbeat, in the shortest watchdog of the line: a drive stops when it misses all of them.
+inline constexpr double kHeartbeatsPerWatchdog = 4;
+
 struct MasterParams {
   std::uint32_t node = 127;    // our own address
-  double heartbeat_s = 0.025;  // a third of the shortest watchdog of the line, or less
+  double heartbeat_s = 0.025;  // the shortest watchdog / kHeartbeatsPerWatchdog
 };
 
 // Our heartbeat, by which the drives know that somebody commands them: from the thread that commands, so that it stops
