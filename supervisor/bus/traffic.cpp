@@ -8,7 +8,7 @@
 
 #include "spine/hal/bus/fdcanusb_codec.hpp"
 #include "spine/hal/bus/frame_time.hpp"
-#include "spine/hal/device/canopen.hpp"
+#include "spine/hal/device/canopen_master.hpp"
 #include "spine/hal/device/cia402_setup.hpp"
 #include "spine/hal/device/gateway.hpp"
 #include "spine/hal/device/moteus.hpp"
@@ -25,7 +25,6 @@ using robot::DriveMode;
 
 constexpr std::uint32_t kSamples = 64;
 constexpr double kGatewayFramesPerS = 2000;
-constexpr double kOurHeartbeatsPerWatchdog = 3;
 constexpr double kDriveHeartbeatS = hal::cia402::DriverParams{}.heartbeat_s;
 
 // A pi3hat's SPI transaction: holds and bytes, with what comes before the data. Of its host library, and within a tenth
@@ -195,7 +194,7 @@ std::vector<Traffic> shared_traffic(const robot::RobotConfig& robot, std::size_t
   const Line line{robot.buses[bus], detail};
   return {cost({"SYNC", 0, false, true, always(cob::kSync)}, line, 1),
           cost({"heartbeat", 1, false, true, always(cob::kHeartbeat + cob::kNode)}, line, 0,
-               kOurHeartbeatsPerWatchdog / watchdog_s)};
+               hal::canopen::kHeartbeatsPerWatchdog / watchdog_s)};
 }
 
 }  // namespace lithe::bus
