@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <limits>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace lithe::robot {
@@ -24,6 +25,35 @@ enum class Checksums { automatic, on, off };  // of the lines to an fdcanusb
 enum class DeviceKind { moteus, cia402, gateway };
 enum class DriveMode { torque, position, velocity };  // what a CiA 402 drive is given: CST, CSP or CSV
 enum class SensorKind { analog, digital, imu };
+
+// As robot.toml says it.
+constexpr std::string_view word(BusKind kind) {
+  switch (kind) {
+    case BusKind::loop:
+      return "loop";
+    case BusKind::fdcanusb:
+      return "fdcanusb";
+    case BusKind::slcan:
+      return "slcan";
+    case BusKind::socketcan:
+      return "socketcan";
+    case BusKind::pi3hat:
+      break;
+  }
+  return "pi3hat";
+}
+constexpr std::string_view word(DeviceKind kind) {
+  switch (kind) {
+    case DeviceKind::moteus:
+      return "moteus";
+    case DeviceKind::cia402:
+      return "cia402";
+    case DeviceKind::gateway:
+      break;
+  }
+  return "gateway";
+}
+
 inline constexpr std::size_t kMaxSensors = 16;  // as many as a law is given
 
 struct SpineConfig {

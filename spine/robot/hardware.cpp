@@ -11,18 +11,6 @@
 namespace lithe::robot {
 namespace {
 
-std::string_view word(DeviceKind kind) {
-  switch (kind) {
-    case DeviceKind::moteus:
-      return "moteus";
-    case DeviceKind::cia402:
-      return "cia402";
-    case DeviceKind::gateway:
-      break;
-  }
-  return "gateway";
-}
-
 // The hardware by its name: two of one name are one. Empty: each has its own.
 std::string hardware_of(const BusConfig& bus) {
   if (bus.kind == BusKind::socketcan) return bus.interface;

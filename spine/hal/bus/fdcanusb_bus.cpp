@@ -12,6 +12,7 @@ namespace lithe::hal {
 namespace {
 
 constexpr std::int64_t kSilenceNs = 500'000'000;
+constexpr std::uint64_t kSilenceFrames = 256;  // a search for devices asks fewer, and most of them are not there
 // In it the adapter gets rid of all that nobody acknowledges: three frames in 50 ms.
 constexpr std::int64_t kAskEveryNs = 600'000'000;
 
@@ -63,11 +64,12 @@ bool FdcanusbBus::exchange_is_due(std::int64_t now_ns) LITHE_RT {
   if (!begun_ || statistics_.received != heard_) {
     begun_ = true;
     heard_ = statistics_.received;
+    sent_ = statistics_.sent;
     heard_ns_ = now_ns;
     bus_off_.store(false, std::memory_order_relaxed);
     return true;
   }
-  if (now_ns - heard_ns_ < kSilenceNs) return true;
+  if (now_ns - heard_ns_ < kSilenceNs || statistics_.sent - sent_ < kSilenceFrames) return true;
   if (now_ns - asked_ns_ < kAskEveryNs) return false;
   asked_ns_ = now_ns;
   std::array<char, fdcanusb::kLongestLine> line;

@@ -29,10 +29,12 @@ struct FdcanusbParams {
 };
 
 // The bit rates are the adapter's own, kept in its memory. When it is opened it is told to be on the bus, and to come
-// back after a bus-off, which its firmware otherwise does not. When nothing has been received for half a second,
-// because the drives have no power or the bus no wires, only one exchange in 0.6 s is sent, with a question for the
-// adapter's state: it keeps up to 35 frames that nobody acknowledges, and would send them, old as they are, when the
-// drives return. While it says that it is bus-off nothing is sent at all. Contract: as TextBus
+// back after a bus-off, which its firmware otherwise does not.
+// When half a second and 256 frames have brought no answer, because the drives have no power or the bus no wires, only
+// one exchange in 0.6 s is sent, with a question for the adapter's state: it keeps up to 35 frames that nobody
+// acknowledges, and would send them, old as they are, when the drives return. While it says that it is bus-off nothing
+// is sent at all.
+// Contract: as TextBus
 class FdcanusbBus final : public TextBus {
  public:
   // The error says what to do.
@@ -58,6 +60,7 @@ class FdcanusbBus final : public TextBus {
   bool with_sums_ = false;
   bool begun_ = false;
   std::uint64_t heard_ = 0;           // frames, when the last one came
+  std::uint64_t sent_ = 0;            // frames until then
   std::int64_t heard_ns_ = 0;         // in which exchange that was
   std::int64_t asked_ns_ = 0;         // the last one that was sent into silence
   std::atomic<bool> bus_off_{false};  // relaxed throughout: it is the exchange's, why_down() only tells it
