@@ -80,7 +80,6 @@ def test_an_unplugged_terminal_hangs_up_and_comes_back(arm: Simulated) -> None:
     assert b"rcv" in wire.say(QUERY, b"rcv")
     assert arm.order(fault="unplug", bus="can0", for_s=0.2) == {"ok": True}
     assert arm.lines == ["can0 fdcanusb unplugged"]
-    assert not arm.path().is_symlink(), "the terminal's name may be another program's by now"
     while os.read(wire.fd, 4096):  # what was said before; then nothing, which is how a hang-up reads
         pass
     with pytest.raises(OSError, match="Input/output error"):
