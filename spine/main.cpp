@@ -216,15 +216,6 @@ class Threads {
   std::thread keeper_, watching_, loading_, transport_, ticking_;
 };
 
-// What the buses did otherwise than asked: only a robot with trouble has anything to say.
-void tell_replies(const hal::ReplyCounters& n) {
-  if (n.missed + n.late + n.duplicate + n.stray + n.malformed + n.unsound + n.refused == 0) return;
-  fmt::print(stderr,
-             "lithe-spine: answers of drives: {} missed, {} late, {} doubled, {} stray, {} malformed; "
-             "commands: {} not finite, {} refused by a full bus\n",
-             n.missed, n.late, n.duplicate, n.stray, n.malformed, n.unsound, n.refused);
-}
-
 // Until SIGINT or SIGTERM; meanwhile looks after buses whose hardware has gone. The parent's death is no reason to
 // stop: the robot goes on and is adopted.
 void look_after(hal::Actuators& actuators, const sigset_t& signals) {
@@ -284,7 +275,7 @@ int run(const std::string& path) {
   look_after(**actuators, signals);
   threads->stop();
   std::destroy_at(threads);
-  tell_replies((*actuators)->counters());
+  if (const std::string odd = describe_replies(**actuators); !odd.empty()) fmt::print(stderr, "lithe-spine: {}\n", odd);
   remove_memory(robot->name);
   return 0;
 }

@@ -68,6 +68,18 @@ class Hardware final : public Actuators {
     }
     return words;
   }
+  std::string tell_buses() const override {
+    std::string words;
+    for (const auto& [name, bus] : named_buses_) {
+      const BusStatistics& n = bus->statistics();
+      if (n.refused + n.late + n.malformed + n.errors + n.reopened == 0) continue;
+      words += (words.empty() ? "bus '" : "; bus '") + name + "': " + std::to_string(n.sent) + " sent, " +
+               std::to_string(n.received) + " received, " + std::to_string(n.refused) + " refused, " +
+               std::to_string(n.late) + " late, " + std::to_string(n.malformed) + " malformed, " +
+               std::to_string(n.errors) + " errors, " + std::to_string(n.reopened) + " times opened again";
+    }
+    return words;
+  }
 
  private:
   static gateway::Block block_of(robot::SensorKind kind) {

@@ -77,6 +77,8 @@ class Actuators {
   virtual void service() {}
   // Which bus is down and which drive not ready, and why; empty when all is well. Contract: as service()
   virtual std::string trouble() const { return ""; }
+  // What real buses carried otherwise than asked, a clause each; empty when nothing. Contract: after the last cycle
+  virtual std::string tell_buses() const { return ""; }
 };
 
 // Opens every bus and device of the robot. Contract: never in the tick

@@ -9,6 +9,7 @@
 #include <numbers>
 
 #include "spine/core/no_alloc/no_alloc.hpp"
+#include "spine/hal/bus/test_pty.hpp"
 #include "spine/robot/robot.hpp"
 #include "spine/wire/wire.hpp"
 
@@ -50,6 +51,7 @@ class Robot {
   }
 
   const ReplyCounters& counters() const { return actuators_->counters(); }
+  const Actuators& hardware() const { return *actuators_; }
 
   // Off until the drives have said how they are set, then torque until they have calibrated.
   void arm() {
@@ -302,6 +304,41 @@ TEST(Actuators, SensorsThatCannotBeReadSayWhyAndWhatToDo) {
   bad = good;
   bad.joints[0].device = 1;
   EXPECT_TRUE(refused(bad, "drives nothing"));
+}
+
+TEST(Actuators, ASensorOfNoGatewayIsRefusedAndNotRead) {
+  robot::RobotConfig config = desk_arm();
+  config.sensors.resize(1);
+  EXPECT_NE(open_actuators(config).message().find("needs a gateway"), std::string::npos) << "it hangs on a drive";
+  config.sensors[0].device = 7;
+  EXPECT_NE(open_actuators(config).message().find("needs a gateway"), std::string::npos);
+  config.devices.resize(2, config.devices[0]);
+  config.devices[1].kind = robot::DeviceKind::gateway;
+  config.devices[1].id = 20;
+  config.sensors[0].device = 1;
+  EXPECT_TRUE(open_actuators(config));
+  config.sensors[0].channel = 16;
+  EXPECT_NE(open_actuators(config).message().find("needs a gateway"), std::string::npos);
+  config.sensors[0].channel = 0;
+  config.sensors.resize(robot::kMaxSensors + 1, config.sensors[0]);
+  EXPECT_NE(open_actuators(config).message().find("17 sensors, LITHE carries 16"), std::string::npos);
+}
+
+TEST(Actuators, WhatARealBusSaidOtherwiseThanAskedIsTold) {
+  test::TestPty pty;
+  robot::RobotConfig config = desk_arm();
+  config.buses[0].kind = robot::BusKind::fdcanusb;
+  config.buses[0].path = pty.path();
+  config.buses[0].checksums = robot::Checksums::off;
+  config.buses[0].reply_wait_s = 0;
+  Robot robot(config);
+  EXPECT_EQ(robot.hardware().tell_buses(), "");
+  pty.say("rcv 0100 012 E B F r x00\r\nERR bad id\r\n");
+  ASSERT_TRUE(test::await([&] {
+    robot.cycle(1);
+    return robot.hardware().tell_buses().find("1 malformed, 1 errors") != std::string::npos;
+  }));
+  EXPECT_TRUE(robot.hardware().tell_buses().starts_with("bus '" + config.buses[0].name + "': "));
 }
 
 }  // namespace

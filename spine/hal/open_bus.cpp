@@ -18,18 +18,28 @@ Result<std::unique_ptr<Bus>> as_bus(const robot::BusConfig& config, Result<std::
   return std::unique_ptr<Bus>(std::move(*made));
 }
 
+Checksums checksums_of(robot::Checksums wanted) {
+  if (wanted == robot::Checksums::automatic) return Checksums::by_device;
+  return wanted == robot::Checksums::on ? Checksums::on : Checksums::off;
+}
+
 }  // namespace
 
 Result<std::unique_ptr<Bus>> open_bus(const robot::BusConfig& config) {
   const std::int64_t wait_ns = std::llround(1e9 * config.reply_wait_s);
+  const std::uint32_t baud = config.baud == 0 ? kUsualBaud : config.baud;
   switch (config.kind) {
     case robot::BusKind::fdcanusb:
-      return as_bus(config, FdcanusbBus::open({.path = config.path, .reply_wait_ns = wait_ns}));
+      return as_bus(config, FdcanusbBus::open({.path = config.path,
+                                               .checksums = checksums_of(config.checksums),
+                                               .reply_wait_ns = wait_ns,
+                                               .baud = baud}));
     case robot::BusKind::slcan:
       return as_bus(config, SlcanBus::open({.path = config.path,
                                             .bitrate = config.bitrate,
                                             .data_bitrate = config.data_bitrate,
-                                            .reply_wait_ns = wait_ns}));
+                                            .reply_wait_ns = wait_ns,
+                                            .baud = baud}));
     case robot::BusKind::socketcan:
       return as_bus(config, SocketCanBus::open({.interface = config.interface,
                                                 .bitrate = config.bitrate,

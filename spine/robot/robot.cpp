@@ -64,8 +64,9 @@ class File {
       BusConfig& bus = robot_.buses.emplace_back();
       Reader in(*table, where("bus", *table), report_);
       in.identifier("name", bus.name);
-      read_bus(in, bus);
+      read_bus(in, bus, robot_.rate_hz);
       refuse_twin(in, "bus", robot_.buses);
+      check_bus(in, robot_);
     }
   }
 

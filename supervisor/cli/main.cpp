@@ -151,7 +151,8 @@ void add_bus(CLI::App& app, Words& words) {
   plan->add_option("--rate", words.plan.rate_hz, "ticks per second, instead of the file's")
       ->type_name("HZ")
       ->check(CLI::Range(1.0, 100'000.0));
-  plan->add_option("--baud", words.plan.baud, "of serial adapters; without it: 921600 of a UART, USB has none")
+  plan->add_option("--baud", words.plan.baud,
+                   "of serial adapters; without it: the file's, or 921600 of a UART; USB has none")
       ->type_name("BAUD")
       ->check(CLI::Range(1'200, 100'000'000));
   plan->callback([&words] { words.code = lithe::cli::bus_plan(words.context, words.file, words.plan); });
