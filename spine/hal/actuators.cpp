@@ -22,28 +22,34 @@ namespace {
 using robot::BusKind;
 using robot::DeviceKind;
 
+// In place of a board that is not there: it lies level and still.
+class LevelImu final : public ImuSource {
+ public:
+  const ImuReading& imu(std::int64_t now_ns) LITHE_RT override {
+    reading_.taken_ns = now_ns;
+    return reading_;
+  }
+
+ private:
+  static constexpr double kGravityMps2 = 9.80665;  // what holds the board up accelerates it upwards
+  ImuReading reading_{{1, 0, 0, 0, 0, 0, 0, 0, 0, kGravityMps2}, 0, true};
+};
+
 // All there is of one robot: its buses, the devices that are simulated, what drives and reads them.
 // Contract: as BusActuators
 class Hardware final : public Actuators {
  public:
-  explicit Hardware(const robot::RobotConfig& config)
-      : config_(config), actuators_(RawClock::calibrate(), config.guard.lost_after_misses) {}
+  Hardware(const robot::RobotConfig& config, std::unique_ptr<Pi3hatPort> pi3hat)
+      : config_(config),
+        pi3hat_(std::move(pi3hat)),
+        actuators_(RawClock::calibrate(), config.guard.lost_after_misses) {}
 
   Result<> open() {
     for (std::size_t i = 0; i < config_.buses.size(); ++i) {
       if (Result<> opened = add_bus(i); !opened) return opened;
     }
-    std::vector<std::size_t> gateway_of(config_.devices.size());
-    for (std::size_t i = 0; i < config_.devices.size(); ++i) {
-      const robot::DeviceConfig& device = config_.devices[i];
-      if (device.kind != DeviceKind::gateway) continue;
-      gateway_of[i] = actuators_.add_gateway(device.bus, device.id, std::llround(1e9 * device.watchdog_s));
-    }
     for (const robot::JointConfig& joint : config_.joints) add_joint(joint);
-    for (const robot::SensorConfig& sensor : config_.sensors) {
-      actuators_.add_sensor(gateway_of[sensor.device], block_of(sensor.kind), sensor.channel, sensor.scale,
-                            sensor.offset);
-    }
+    add_sensors();
     return done();
   }
 
@@ -108,7 +114,7 @@ class Hardware final : public Actuators {
     if (config.kind == BusKind::loop) {
       bus = simulated_bus(index);
     } else {
-      Result<std::unique_ptr<Bus>> opened = open_bus(config);
+      Result<std::unique_ptr<Bus>> opened = open_one(config);
       if (!opened) return opened.error();
       bus = std::move(*opened);
       real_buses_.push_back(bus.get());
@@ -116,6 +122,41 @@ class Hardware final : public Actuators {
     }
     actuators_.add_bus(std::move(bus), canopen ? Addressing::canopen : Addressing::moteus, std::move(master));
     return done();
+  }
+
+  // One board for all connectors, opened with the first of them.
+  Result<std::unique_ptr<Bus>> open_one(const robot::BusConfig& config) {
+    if (config.kind != BusKind::pi3hat) return open_bus(config);
+    if (board_ == nullptr) {
+      Result<std::shared_ptr<Pi3hatBoard>> opened = open_pi3hat(config_.buses, false, std::move(pi3hat_));
+      if (!opened) return opened.error();
+      board_ = std::move(*opened);
+    }
+    return std::unique_ptr<Bus>(std::make_unique<Pi3hatBus>(board_, config.connector));
+  }
+
+  void add_sensors() {
+    std::vector<std::size_t> source_of(config_.devices.size());
+    for (std::size_t i = 0; i < config_.devices.size(); ++i) {
+      const robot::DeviceConfig& device = config_.devices[i];
+      const std::int64_t stale_ns = std::llround(1e9 * device.watchdog_s);
+      if (device.kind == DeviceKind::gateway) source_of[i] = actuators_.add_gateway(device.bus, device.id, stale_ns);
+      if (device.kind == DeviceKind::imu) source_of[i] = actuators_.add_imu(imu_of(device), stale_ns);
+    }
+    for (const robot::SensorConfig& sensor : config_.sensors) {
+      const std::size_t source = source_of[sensor.device];
+      if (config_.devices[sensor.device].kind == DeviceKind::imu) {
+        actuators_.add_imu_sensor(source, sensor.channel, sensor.scale, sensor.offset);
+      } else {
+        actuators_.add_sensor(source, block_of(sensor.kind), sensor.channel, sensor.scale, sensor.offset);
+      }
+    }
+  }
+
+  ImuSource& imu_of(const robot::DeviceConfig& device) {
+    if (config_.buses[device.bus].kind != BusKind::pi3hat) return level_;
+    board_->want_imu();
+    return *board_;
   }
 
   std::unique_ptr<Bus> simulated_bus(std::size_t index) {
@@ -146,6 +187,9 @@ class Hardware final : public Actuators {
   }
 
   const robot::RobotConfig config_;
+  std::unique_ptr<Pi3hatPort> pi3hat_;  // until the board has it
+  std::shared_ptr<Pi3hatBoard> board_;
+  LevelImu level_;
   std::vector<std::unique_ptr<BusNode>> nodes_;  // outlive the buses that reach them
   std::vector<Bus*> real_buses_;
   std::vector<std::pair<std::string, const Bus*>> named_buses_;
@@ -185,9 +229,10 @@ Result<> check(const robot::RobotConfig& config) {
 
 }  // namespace
 
-Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config) {
+Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config,
+                                                  std::unique_ptr<Pi3hatPort> pi3hat) {
   if (const Result<> sound = check(config); !sound) return sound.error();
-  auto hardware = std::make_unique<Hardware>(config);
+  auto hardware = std::make_unique<Hardware>(config, std::move(pi3hat));
   if (Result<> opened = hardware->open(); !opened) return Error{config.path + ": " + opened.message()};
   return std::unique_ptr<Actuators>(std::move(hardware));
 }

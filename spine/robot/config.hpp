@@ -20,7 +20,7 @@ enum class MissPolicy { skip, stop };                      // what a missed dead
 enum class StaleAction { hold, safe_stop };                // what a silent Brain does
 enum class SafeEnd { damp, hold };                         // how the safe law ends, once the joint has slowed down
 enum class BusKind { loop, fdcanusb, slcan, socketcan, pi3hat };
-enum class DeviceKind { moteus, cia402, gateway };
+enum class DeviceKind { moteus, cia402, gateway, imu };
 enum class DriveMode { torque, position, velocity };  // what a CiA 402 drive is given: CST, CSP or CSV
 enum class SensorKind { analog, digital, imu };
 inline constexpr std::size_t kMaxSensors = 16;  // as many as a law is given
@@ -78,11 +78,14 @@ struct BusConfig {
 // Whether frames of 64 bytes and of the faster data phase can pass.
 constexpr bool is_fd(const BusConfig& bus) { return bus.data_bitrate > 0; }
 
+// What moves a joint; the others only measure.
+constexpr bool is_drive(DeviceKind kind) { return kind == DeviceKind::moteus || kind == DeviceKind::cia402; }
+
 struct DeviceConfig {
   std::string name;
   DeviceKind kind = DeviceKind::moteus;
-  std::size_t bus = 0;  // index into RobotConfig::buses
-  std::uint32_t id = 1;
+  std::size_t bus = 0;                 // index into RobotConfig::buses
+  std::uint32_t id = 1;                // 0 of an imu, which is of the board and on none of its buses
   double watchdog_s = 0.1;             // no command for this long, and the device stops by itself
   std::uint32_t rate_divider = 1;      // asked in one of so many ticks
   DriveMode mode = DriveMode::torque;  // these three: cia402

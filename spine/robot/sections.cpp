@@ -74,9 +74,12 @@ void read_bus(Reader& in, BusConfig& bus) {
 }
 
 void read_device(Reader& in, DeviceConfig& device, const std::vector<std::string_view>& buses, Need need) {
-  in.choice<DeviceKind>(
-      "kind", device.kind,
-      {{"moteus", DeviceKind::moteus}, {"cia402", DeviceKind::cia402}, {"gateway", DeviceKind::gateway}}, need);
+  in.choice<DeviceKind>("kind", device.kind,
+                        {{"moteus", DeviceKind::moteus},
+                         {"cia402", DeviceKind::cia402},
+                         {"gateway", DeviceKind::gateway},
+                         {"imu", DeviceKind::imu}},
+                        need);
   in.reference("bus", device.bus, "bus", buses, need);
   in.number("watchdog_s", device.watchdog_s, {0.005, 10.0});
   in.integer("rate_divider", device.rate_divider, {1, 1000});

@@ -67,9 +67,11 @@ std::string_view word(robot::DeviceKind kind) {
     case robot::DeviceKind::cia402:
       return "cia402";
     case robot::DeviceKind::gateway:
+      return "gateway";
+    case robot::DeviceKind::imu:
       break;
   }
-  return "gateway";
+  return "imu";
 }
 
 Json to_json(const Plan& plan, const robot::RobotConfig& robot) {

@@ -26,6 +26,19 @@ Moved outcome(ssize_t bytes, int error) LITHE_RT {
   return {0, error};
 }
 
+// `at_none`: the error that no bytes mean.
+template <class Call>
+Moved without_waiting(Call call, int at_none) LITHE_RT {
+  Moved moved;
+  LITHE_RT_EXEMPT("a read or write that never waits: it copies what the kernel has, or has room for", {
+    LITHE_SYSTEM_CALL;
+    const ssize_t bytes = call();
+    moved = outcome(bytes, errno);
+    if (bytes == 0) moved.error = at_none;
+  });
+  return moved;
+}
+
 }  // namespace
 
 Descriptor::Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
@@ -46,24 +59,12 @@ void Descriptor::close() {
 }
 
 Moved Descriptor::read(std::span<std::byte> to) const LITHE_RT {
-  Moved moved;
-  LITHE_RT_EXEMPT("a read that never waits: it copies what the kernel has", {
-    LITHE_SYSTEM_CALL;
-    const ssize_t bytes = ::read(fd_, to.data(), to.size());
-    moved = outcome(bytes, errno);
-    if (bytes == 0 && !to.empty()) moved.error = EIO;  // the end of a terminal or a socket: nobody is there any more
-  });
-  return moved;
+  // The end of a terminal or a socket: nobody is there any more.
+  return without_waiting([&] { return ::read(fd_, to.data(), to.size()); }, to.empty() ? 0 : EIO);
 }
 
 Moved Descriptor::write(std::span<const std::byte> from) const LITHE_RT {
-  Moved moved;
-  LITHE_RT_EXEMPT("a write that never waits: it copies what the kernel has room for", {
-    LITHE_SYSTEM_CALL;
-    const ssize_t bytes = ::write(fd_, from.data(), from.size());
-    moved = outcome(bytes, errno);
-  });
-  return moved;
+  return without_waiting([&] { return ::write(fd_, from.data(), from.size()); }, 0);
 }
 
 void nap() LITHE_RT {

@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// What devices say in numbers, in words.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "spine/hal/device/canopen.hpp"
+
+namespace lithe::field {
+
+std::string_view word(hal::canopen::NmtState state);
+std::string_view word(hal::canopen::NmtCommand command);
+
+// Bytes that a device calls text: what no terminal should be sent becomes a question mark.
+std::string printable(std::string_view bytes);
+
+}  // namespace lithe::field
