@@ -39,9 +39,10 @@ class LevelImu final : public ImuSource {
 // Contract: as BusActuators
 class Hardware final : public Actuators {
  public:
-  Hardware(const robot::RobotConfig& config, std::unique_ptr<Pi3hatPort> pi3hat)
+  Hardware(const robot::RobotConfig& config, std::unique_ptr<Pi3hatPort> pi3hat, FrameTap* tap)
       : config_(config),
-        pi3hat_(std::move(pi3hat)),
+        tap_(tap),
+        opener_(config.buses, false, std::move(pi3hat)),
         actuators_(RawClock::calibrate(), config.guard.lost_after_misses) {}
 
   Result<> open() {
@@ -114,25 +115,15 @@ class Hardware final : public Actuators {
     if (config.kind == BusKind::loop) {
       bus = simulated_bus(index);
     } else {
-      Result<std::unique_ptr<Bus>> opened = open_one(config);
+      Result<std::unique_ptr<Bus>> opened = opener_.open(config);
       if (!opened) return opened.error();
       bus = std::move(*opened);
       real_buses_.push_back(bus.get());
       named_buses_.emplace_back(config.name, bus.get());
     }
+    if (tap_ != nullptr) bus = std::make_unique<TappedBus>(std::move(bus), static_cast<std::uint32_t>(index), *tap_);
     actuators_.add_bus(std::move(bus), canopen ? Addressing::canopen : Addressing::moteus, std::move(master));
     return done();
-  }
-
-  // One board for all connectors, opened with the first of them.
-  Result<std::unique_ptr<Bus>> open_one(const robot::BusConfig& config) {
-    if (config.kind != BusKind::pi3hat) return open_bus(config);
-    if (board_ == nullptr) {
-      Result<std::shared_ptr<Pi3hatBoard>> opened = open_pi3hat(config_.buses, false, std::move(pi3hat_));
-      if (!opened) return opened.error();
-      board_ = std::move(*opened);
-    }
-    return std::unique_ptr<Bus>(std::make_unique<Pi3hatBus>(board_, config.connector));
   }
 
   void add_sensors() {
@@ -155,8 +146,8 @@ class Hardware final : public Actuators {
 
   ImuSource& imu_of(const robot::DeviceConfig& device) {
     if (config_.buses[device.bus].kind != BusKind::pi3hat) return level_;
-    board_->want_imu();
-    return *board_;
+    opener_.board()->want_imu();
+    return *opener_.board();
   }
 
   std::unique_ptr<Bus> simulated_bus(std::size_t index) {
@@ -187,8 +178,8 @@ class Hardware final : public Actuators {
   }
 
   const robot::RobotConfig config_;
-  std::unique_ptr<Pi3hatPort> pi3hat_;  // until the board has it
-  std::shared_ptr<Pi3hatBoard> board_;
+  FrameTap* tap_;
+  BusOpener opener_;
   LevelImu level_;
   std::vector<std::unique_ptr<BusNode>> nodes_;  // outlive the buses that reach them
   std::vector<Bus*> real_buses_;
@@ -229,10 +220,10 @@ Result<> check(const robot::RobotConfig& config) {
 
 }  // namespace
 
-Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config,
-                                                  std::unique_ptr<Pi3hatPort> pi3hat) {
+Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config, std::unique_ptr<Pi3hatPort> pi3hat,
+                                                  FrameTap* tap) {
   if (const Result<> sound = check(config); !sound) return sound.error();
-  auto hardware = std::make_unique<Hardware>(config, std::move(pi3hat));
+  auto hardware = std::make_unique<Hardware>(config, std::move(pi3hat), tap);
   if (Result<> opened = hardware->open(); !opened) return Error{config.path + ": " + opened.message()};
   return std::unique_ptr<Actuators>(std::move(hardware));
 }

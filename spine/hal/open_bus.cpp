@@ -21,7 +21,7 @@ Result<std::unique_ptr<Bus>> as_bus(const robot::BusConfig& config, Result<std::
 
 }  // namespace
 
-Result<std::unique_ptr<Bus>> open_bus(const robot::BusConfig& config) {
+Result<std::unique_ptr<Bus>> BusOpener::open(const robot::BusConfig& config) {
   const std::int64_t wait_ns = std::llround(1e9 * config.reply_wait_s);
   switch (config.kind) {
     case robot::BusKind::fdcanusb:
@@ -36,35 +36,32 @@ Result<std::unique_ptr<Bus>> open_bus(const robot::BusConfig& config) {
                                                 .bitrate = config.bitrate,
                                                 .data_bitrate = config.data_bitrate,
                                                 .reply_wait_ns = wait_ns}));
-    case robot::BusKind::pi3hat: {
-      Result<std::shared_ptr<Pi3hatBoard>> board = open_pi3hat({config}, true);
-      if (!board) return board.error();
-      return std::unique_ptr<Bus>(std::make_unique<Pi3hatBus>(std::move(*board), config.connector));
-    }
+    case robot::BusKind::pi3hat:
+      return open_on_board(config);
     case robot::BusKind::loop:
       break;
   }
   return Error{"bus '" + config.name + "' is simulated, there is nothing to open"};
 }
 
-Result<std::shared_ptr<Pi3hatBoard>> open_pi3hat(const std::vector<robot::BusConfig>& buses, bool polled,
-                                                 std::unique_ptr<Pi3hatPort> port) {
-  Pi3hatBoardParams params;
-  params.polled = polled;
-  params.reply_wait_ns = 0;
-  std::string first;
-  for (const robot::BusConfig& bus : buses) {
-    if (bus.kind != robot::BusKind::pi3hat) continue;
-    if (first.empty()) first = bus.name;
-    params.port.lines[(bus.connector - 1) % kPi3hatConnectors] = {bus.bitrate, bus.data_bitrate};
-    params.reply_wait_ns = std::max<std::int64_t>(params.reply_wait_ns, std::llround(1e9 * bus.reply_wait_s));
+Result<std::unique_ptr<Bus>> BusOpener::open_on_board(const robot::BusConfig& config) {
+  if (board_ == nullptr) {
+    Pi3hatBoardParams params;
+    params.polled = polled_;
+    params.reply_wait_ns = 0;
+    for (const robot::BusConfig& bus : buses_) {
+      if (bus.kind != robot::BusKind::pi3hat) continue;
+      params.port.lines[(bus.connector - 1) % kPi3hatConnectors] = {bus.bitrate, bus.data_bitrate};
+      params.reply_wait_ns = std::max<std::int64_t>(params.reply_wait_ns, std::llround(1e9 * bus.reply_wait_s));
+    }
+    if (port_ == nullptr) {
+      Result<std::unique_ptr<Pi3hatPort>> opened = open_pi3hat_port(params.port);
+      if (!opened) return Error{"bus '" + config.name + "': " + opened.message()};
+      port_ = std::move(*opened);
+    }
+    board_ = std::make_shared<Pi3hatBoard>(std::move(port_), params);
   }
-  if (port == nullptr) {
-    Result<std::unique_ptr<Pi3hatPort>> opened = open_pi3hat_port(params.port);
-    if (!opened) return Error{"bus '" + first + "': " + opened.message()};
-    port = std::move(*opened);
-  }
-  return std::make_shared<Pi3hatBoard>(std::move(port), params);
+  return std::unique_ptr<Bus>(std::make_unique<Pi3hatBus>(board_, config.connector));
 }
 
 }  // namespace lithe::hal

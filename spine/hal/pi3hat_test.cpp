@@ -237,7 +237,7 @@ class Pi3hatLines : public testing::Test {
     std::vector<robot::BusConfig> buses(1);
     buses[0].kind = robot::BusKind::pi3hat;
     buses[0].data_bitrate = data_bitrate;
-    line_ = std::make_unique<Pi3hatBus>(*open_pi3hat(buses, polled, std::make_unique<BoardPort>(board_)), 1);
+    line_ = std::move(*BusOpener(buses, polled, std::make_unique<BoardPort>(board_)).open(buses[0]));
   }
   static Frame frame(std::uint32_t id, bool extended, bool fd, std::uint8_t size) {
     Frame made;
@@ -248,7 +248,7 @@ class Pi3hatLines : public testing::Test {
     return made;
   }
   Board board_;
-  std::unique_ptr<Pi3hatBus> line_;
+  std::unique_ptr<Bus> line_;
 };
 
 TEST_F(Pi3hatLines, WhatTheBoardCannotSayIsRefusedAndCounted) {
@@ -293,7 +293,7 @@ TEST(Pi3hatHere, ABuildWithoutTheMakersLibrarySaysHowToGetIt) {
   robot::BusConfig bus;
   bus.name = "jc1";
   bus.kind = robot::BusKind::pi3hat;
-  const auto opened = open_bus(bus);
+  const auto opened = BusOpener({bus}, true).open(bus);
   if (opened) GTEST_SKIP() << "this machine has a pi3hat";
   EXPECT_EQ(opened.message().substr(0, 11), "bus 'jc1': ");
   EXPECT_NE(opened.message().find("pi3hat"), std::string::npos);

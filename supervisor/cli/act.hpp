@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "supervisor/bus/plan.hpp"
+#include "supervisor/field/monitor.hpp"
 #include "supervisor/field/place.hpp"
 #include "supervisor/field/scan_report.hpp"
 #include "supervisor/swap/answer.hpp"
@@ -46,5 +47,7 @@ int simulate(const Context& context, const std::vector<std::string>& words);
 int bus_plan(const Context& context, const std::string& file, const bus::PlanOptions& options);
 // What is on the buses. 0 as the file says, 1 otherwise or refused, 2 no such bus or file.
 int bus_scan(const Context& context, const field::Words& words, const field::ScanOptions& options);
+// Frames of the buses until it is told to end. 0, 1 nothing was heard or no such bus, 2 no such file or device.
+int bus_monitor(const Context& context, const field::Words& words, field::MonitorOptions options);
 
 }  // namespace lithe::cli

@@ -5,6 +5,8 @@
 
 #include <cstdio>
 #include <iostream>
+#include <string>
+#include <vector>
 
 #include "supervisor/cli/act.hpp"
 #include "supervisor/cli/spines.hpp"
@@ -24,7 +26,12 @@ int bus_scan(const Context& context, const field::Words& words, const field::Sca
     refuse(context, {"bad_config", choice.message(), "name a robot file or a bus: lithe bus scan --help"});
     return kUsage;
   }
-  if (const auto spines = spines_on(*choice); !spines.empty()) {
+  std::vector<std::string> spines;
+  for (const Occupied& each : spines_on(*choice)) {
+    const bool real = each.config.buses[each.theirs].kind != robot::BusKind::loop;
+    if (real) spines.push_back(each.words());
+  }
+  if (!spines.empty()) {
     return refuse(context, {"robot_running", fmt::format("a Spine works on this hardware: {}", fmt::join(spines, ", ")),
                             "stop it first: lithe stop; or watch its bus: lithe bus monitor"});
   }

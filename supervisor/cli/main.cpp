@@ -33,6 +33,7 @@ struct Words {
   lithe::bus::PlanOptions plan;
   lithe::field::Words bus;
   lithe::field::ScanOptions scan;
+  lithe::field::MonitorOptions monitor;
   int turns = 0;
   int steps = 1;
   int code = 0;
@@ -165,6 +166,20 @@ void add_scan(CLI::App& bus, Words& words) {
   scan->callback([&words] { words.code = lithe::cli::bus_scan(words.context, words.bus, words.scan); });
 }
 
+void add_monitor(CLI::App& bus, Words& words) {
+  CLI::App* monitor = bus.add_subcommand("monitor", "frames as they pass, in words; then statistics")->fallthrough();
+  add_place(*monitor, words.bus);
+  monitor->add_flag("--raw", words.monitor.raw, "with the bytes");
+  monitor->add_option("--count", words.monitor.count, "end after so many frames")->type_name("N");
+  monitor->add_option("--seconds", words.monitor.seconds, "end after so long")
+      ->type_name("S")
+      ->check(CLI::Range(0.0, 1e9));
+  monitor->add_option("--device", words.monitor.devices, "show this one only, by name or id; as often as you like")
+      ->type_name("NAME")
+      ->allow_extra_args(false);
+  monitor->callback([&words] { words.code = lithe::cli::bus_monitor(words.context, words.bus, words.monitor); });
+}
+
 void add_bus(CLI::App& app, Words& words) {
   CLI::App* bus = app.add_subcommand("bus", "the robot's buses")->require_subcommand(1)->fallthrough();
   CLI::App* plan = bus->add_subcommand("plan", "whether a robot's buses can carry its traffic")->fallthrough();
@@ -177,6 +192,7 @@ void add_bus(CLI::App& app, Words& words) {
       ->check(CLI::Range(1'200, 100'000'000));
   plan->callback([&words] { words.code = lithe::cli::bus_plan(words.context, words.file, words.plan); });
   add_scan(*bus, words);
+  add_monitor(*bus, words);
 }
 
 void add_sim(CLI::App& app, Words& words) {

@@ -18,8 +18,8 @@ constexpr const char* kSimulated =
 
 bool found_something(const BusFindings& findings) { return !findings.devices.empty(); }
 
-std::unique_ptr<hal::Bus> open_line(const robot::BusConfig& config, BusFindings& findings) {
-  Result<std::unique_ptr<hal::Bus>> bus = hal::open_bus(config);
+std::unique_ptr<hal::Bus> open_line(hal::BusOpener& opener, const robot::BusConfig& config, BusFindings& findings) {
+  Result<std::unique_ptr<hal::Bus>> bus = opener.open(config);
   if (bus) return std::move(*bus);
   findings.trouble = bus.message();
   return nullptr;
@@ -39,13 +39,14 @@ void note_errors(const hal::BusStatistics& n, BusFindings& findings) {
 }  // namespace
 
 Scan scan(const Choice& choice, const ScanOptions& options) {
+  hal::BusOpener opener(choice.robot.buses, true);
   std::vector<std::unique_ptr<hal::Bus>> open;
   std::vector<Line> lines;
   Scan done;
   for (const std::size_t index : choice.buses) {
     const robot::BusConfig& config = choice.robot.buses[index];
     done.buses.push_back({index, {}, "", ""});
-    open.push_back(config.kind == robot::BusKind::loop ? nullptr : open_line(config, done.buses.back()));
+    open.push_back(config.kind == robot::BusKind::loop ? nullptr : open_line(opener, config, done.buses.back()));
     if (config.kind == robot::BusKind::loop) done.buses.back().note = kSimulated;
     lines.push_back({open.back().get(), protocol_of(choice.robot, index), {}});
   }

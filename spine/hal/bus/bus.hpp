@@ -56,7 +56,7 @@ class Bus {
   // Why nothing can be sent; empty when all is well. Contract: as service()
   virtual std::string why_down() const { return ""; }
 
-  const BusStatistics& statistics() const LITHE_RT { return statistics_; }
+  virtual const BusStatistics& statistics() const LITHE_RT { return statistics_; }
 
  protected:
   BusStatistics statistics_;
