@@ -22,28 +22,35 @@ namespace {
 using robot::BusKind;
 using robot::DeviceKind;
 
+// In place of a board that is not there: it lies level and still.
+class LevelImu final : public ImuSource {
+ public:
+  const ImuReading& imu(std::int64_t now_ns) LITHE_RT override {
+    reading_.taken_ns = now_ns;
+    return reading_;
+  }
+
+ private:
+  static constexpr double kGravityMps2 = 9.80665;  // what holds the board up accelerates it upwards
+  ImuReading reading_{{1, 0, 0, 0, 0, 0, 0, 0, 0, kGravityMps2}, 0, true};
+};
+
 // All there is of one robot: its buses, the devices that are simulated, what drives and reads them.
 // Contract: as BusActuators
 class Hardware final : public Actuators {
  public:
-  explicit Hardware(const robot::RobotConfig& config)
-      : config_(config), actuators_(RawClock::calibrate(), config.guard.lost_after_misses) {}
+  Hardware(const robot::RobotConfig& config, std::unique_ptr<Pi3hatPort> pi3hat, FrameTap* tap)
+      : config_(config),
+        tap_(tap),
+        opener_(config.buses, false, std::move(pi3hat)),
+        actuators_(RawClock::calibrate(), config.guard.lost_after_misses) {}
 
   Result<> open() {
     for (std::size_t i = 0; i < config_.buses.size(); ++i) {
       if (Result<> opened = add_bus(i); !opened) return opened;
     }
-    std::vector<std::size_t> gateway_of(config_.devices.size());
-    for (std::size_t i = 0; i < config_.devices.size(); ++i) {
-      const robot::DeviceConfig& device = config_.devices[i];
-      if (device.kind != DeviceKind::gateway) continue;
-      gateway_of[i] = actuators_.add_gateway(device.bus, device.id, std::llround(1e9 * device.watchdog_s));
-    }
     for (const robot::JointConfig& joint : config_.joints) add_joint(joint);
-    for (const robot::SensorConfig& sensor : config_.sensors) {
-      actuators_.add_sensor(gateway_of[sensor.device], block_of(sensor.kind), sensor.channel, sensor.scale,
-                            sensor.offset);
-    }
+    add_sensors();
     return done();
   }
 
@@ -144,14 +151,39 @@ class Hardware final : public Actuators {
     if (config.kind == BusKind::loop) {
       bus = simulated_bus(index);
     } else {
-      Result<std::unique_ptr<Bus>> opened = open_bus(config);
+      Result<std::unique_ptr<Bus>> opened = opener_.open(config);
       if (!opened) return opened.error();
       bus = std::move(*opened);
       real_buses_.push_back(bus.get());
       named_buses_.emplace_back(config.name, bus.get());
     }
+    if (tap_ != nullptr) bus = std::make_unique<TappedBus>(std::move(bus), static_cast<std::uint32_t>(index), *tap_);
     actuators_.add_bus(std::move(bus), canopen ? Addressing::canopen : Addressing::moteus, std::move(master));
     return done();
+  }
+
+  void add_sensors() {
+    std::vector<std::size_t> source_of(config_.devices.size());
+    for (std::size_t i = 0; i < config_.devices.size(); ++i) {
+      const robot::DeviceConfig& device = config_.devices[i];
+      const std::int64_t stale_ns = std::llround(1e9 * device.watchdog_s);
+      if (device.kind == DeviceKind::gateway) source_of[i] = actuators_.add_gateway(device.bus, device.id, stale_ns);
+      if (device.kind == DeviceKind::imu) source_of[i] = actuators_.add_imu(imu_of(device), stale_ns);
+    }
+    for (const robot::SensorConfig& sensor : config_.sensors) {
+      const std::size_t source = source_of[sensor.device];
+      if (config_.devices[sensor.device].kind == DeviceKind::imu) {
+        actuators_.add_imu_sensor(source, sensor.channel, sensor.scale, sensor.offset);
+      } else {
+        actuators_.add_sensor(source, block_of(sensor.kind), sensor.channel, sensor.scale, sensor.offset);
+      }
+    }
+  }
+
+  ImuSource& imu_of(const robot::DeviceConfig& device) {
+    if (config_.buses[device.bus].kind != BusKind::pi3hat) return level_;
+    opener_.board()->want_imu();
+    return *opener_.board();
   }
 
   std::unique_ptr<Bus> simulated_bus(std::size_t index) {
@@ -177,6 +209,9 @@ class Hardware final : public Actuators {
   }
 
   const robot::RobotConfig config_;
+  FrameTap* tap_;
+  BusOpener opener_;
+  LevelImu level_;
   std::vector<std::unique_ptr<BusNode>> nodes_;  // outlive the buses that reach them
   std::vector<Bus*> real_buses_;
   std::vector<std::pair<std::string, const Bus*>> named_buses_;
@@ -249,9 +284,10 @@ Result<> check(const robot::RobotConfig& config) {
 
 }  // namespace
 
-Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config) {
+Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config, std::unique_ptr<Pi3hatPort> pi3hat,
+                                                  FrameTap* tap) {
   if (const Result<> sound = check(config); !sound) return sound.error();
-  auto hardware = std::make_unique<Hardware>(config);
+  auto hardware = std::make_unique<Hardware>(config, std::move(pi3hat), tap);
   if (Result<> opened = hardware->open(); !opened) return Error{config.path + ": " + opened.message()};
   return std::unique_ptr<Actuators>(std::move(hardware));
 }

@@ -11,6 +11,8 @@
 #include "spine/core/joints.hpp"
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
+#include "spine/hal/bus/pi3hat_port.hpp"
+#include "spine/hal/bus/tap.hpp"
 #include "spine/hal/device/drive.hpp"
 #include "spine/robot/config.hpp"
 
@@ -81,8 +83,12 @@ class Actuators {
   virtual std::string tell_buses() const { return ""; }
 };
 
-// Opens every bus and device of the robot. Contract: never in the tick
-Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config);
+// Opens every bus and device of the robot. `pi3hat`: what stands in for the board; null = the one of this machine.
+// `tap` sees the frames of all buses by their number in the file; null = nobody.
+// Contract: never in the tick
+Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config,
+                                                  std::unique_ptr<Pi3hatPort> pi3hat = nullptr,
+                                                  FrameTap* tap = nullptr);
 
 // The same robot with every bus and device simulated, whatever the file says. Contract: never in the tick
 Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config);

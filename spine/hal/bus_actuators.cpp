@@ -48,7 +48,16 @@ std::size_t BusActuators::add_gateway(std::size_t bus, std::uint32_t node, std::
 
 void BusActuators::add_sensor(std::size_t gateway, gateway::Block block, std::size_t channel, double scale,
                               double offset) {
-  sensors_.push_back({gateway, block, channel, scale, offset});
+  sensors_.push_back({false, gateway, block, channel, scale, offset});
+}
+
+std::size_t BusActuators::add_imu(ImuSource& source, std::int64_t stale_ns) {
+  imus_.push_back({&source, stale_ns});
+  return imus_.size() - 1;
+}
+
+void BusActuators::add_imu_sensor(std::size_t imu, std::size_t channel, double scale, double offset) {
+  sensors_.push_back({true, imu, gateway::Block::imu, channel, scale, offset});
 }
 
 void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT {
@@ -92,7 +101,10 @@ void BusActuators::send_all(const ActuatorCommand& command) LITHE_RT {
     Line& line = lines_[joint.line];
     // A lost drive is always asked, but seldom waited for: the others' samples would be late because of it.
     joint.awaited = joint.misses_in_a_row < misses_to_lost_ || exchange_.number / joint.divider % kLookForLost == 0;
-    if (joint.awaited) ++line.unanswered;
+    if (joint.awaited) {
+      ++line.unanswered;
+      line.bus->expect_answer();
+    }
     if (!joint.drive->command(joint_command(command, i), exchange_, *line.bus)) ++counters_.unsound;
   }
   for (Line& line : lines_) {
@@ -134,9 +146,18 @@ void BusActuators::read_sensors(ActuatorState& state) const LITHE_RT {
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
     const Sensor& sensor = sensors_[i];
     double raw = 0;
-    const bool valid = gateways_[sensor.gateway].gateway.read(sensor.block, sensor.channel, exchange_.now_ns, raw);
-    state.sensor[i] = valid ? sensor.scale * raw + sensor.offset : std::numeric_limits<double>::quiet_NaN();
+    state.sensor[i] = read(sensor, raw) ? sensor.scale * raw + sensor.offset : std::numeric_limits<double>::quiet_NaN();
   }
+}
+
+bool BusActuators::read(const Sensor& sensor, double& raw) const LITHE_RT {
+  const std::int64_t now_ns = exchange_.now_ns;
+  if (!sensor.of_imu) return gateways_[sensor.source].gateway.read(sensor.block, sensor.channel, now_ns, raw);
+  const Imu& imu = imus_[sensor.source];
+  const ImuReading& reading = imu.source->imu(now_ns);
+  if (!reading.valid || sensor.channel >= kImuChannels || now_ns - reading.taken_ns > imu.stale_ns) return false;
+  raw = reading.value[sensor.channel];
+  return true;
 }
 
 void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {

@@ -12,6 +12,7 @@
 #include "spine/core/time.hpp"
 #include "spine/hal/actuators.hpp"
 #include "spine/hal/bus/bus.hpp"
+#include "spine/hal/bus/imu.hpp"
 #include "spine/hal/device/drive.hpp"
 #include "spine/hal/device/gateway.hpp"
 
@@ -40,6 +41,9 @@ class BusActuators final : public Actuators {
   std::size_t add_gateway(std::size_t bus, std::uint32_t node, std::int64_t stale_ns);
   // Sensors in the order of the robot's sensors: scale * raw + offset.
   void add_sensor(std::size_t gateway, gateway::Block block, std::size_t channel, double scale, double offset);
+  // The IMU of a board, which outlives us; older readings than `stale_ns` are not valid. Its sensors as those above.
+  std::size_t add_imu(ImuSource& source, std::int64_t stale_ns);
+  void add_imu_sensor(std::size_t imu, std::size_t channel, double scale, double offset);
 
   void cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT override;
 
@@ -76,8 +80,13 @@ class BusActuators final : public Actuators {
     std::size_t line;
     gateway::Gateway gateway;
   };
+  struct Imu {
+    ImuSource* source;
+    std::int64_t stale_ns;
+  };
   struct Sensor {
-    std::size_t gateway;
+    bool of_imu;
+    std::size_t source;  // of gateways_ or imus_
     gateway::Block block;
     std::size_t channel;
     double scale, offset;
@@ -98,6 +107,7 @@ class BusActuators final : public Actuators {
   void accept(Line& line, const Frame& frame) LITHE_RT;
   void accept_sensors(const Line& line, const Frame& frame) LITHE_RT;
   void read_sensors(ActuatorState& state) const LITHE_RT;
+  bool read(const Sensor& sensor, double& raw) const LITHE_RT;
   void settle() LITHE_RT;
 
   RawClock clock_;
@@ -106,6 +116,7 @@ class BusActuators final : public Actuators {
   std::vector<Line> lines_;
   std::vector<Joint> joints_;
   std::vector<GatewayPlace> gateways_;
+  std::vector<Imu> imus_;
   std::vector<Sensor> sensors_;
   ActuatorState last_;
   Exchange exchange_;

@@ -22,7 +22,7 @@ enum class StaleAction { hold, safe_stop };                // what a silent Brai
 enum class SafeEnd { damp, hold };                         // how the safe law ends, once the joint has slowed down
 enum class BusKind { loop, fdcanusb, slcan, socketcan, pi3hat };
 enum class Checksums { automatic, on, off };  // of the lines to an fdcanusb
-enum class DeviceKind { moteus, cia402, gateway };
+enum class DeviceKind { moteus, cia402, gateway, imu };
 enum class DriveMode { torque, position, velocity };  // what a CiA 402 drive is given: CST, CSP or CSV
 enum class SensorKind { analog, digital, imu };
 
@@ -49,9 +49,11 @@ constexpr std::string_view word(DeviceKind kind) {
     case DeviceKind::cia402:
       return "cia402";
     case DeviceKind::gateway:
+      return "gateway";
+    case DeviceKind::imu:
       break;
   }
-  return "gateway";
+  return "imu";
 }
 
 inline constexpr std::size_t kMaxSensors = 16;  // as many as a law is given
@@ -114,11 +116,14 @@ constexpr bool is_serial(const BusConfig& bus) { return bus.kind == BusKind::fdc
 // Whether frames of 64 bytes and of the faster data phase can pass.
 constexpr bool is_fd(const BusConfig& bus) { return bus.data_bitrate > 0; }
 
+// What moves a joint; the others only measure.
+constexpr bool is_drive(DeviceKind kind) { return kind == DeviceKind::moteus || kind == DeviceKind::cia402; }
+
 struct DeviceConfig {
   std::string name;
   DeviceKind kind = DeviceKind::moteus;
-  std::size_t bus = 0;  // index into RobotConfig::buses
-  std::uint32_t id = 1;
+  std::size_t bus = 0;                 // index into RobotConfig::buses
+  std::uint32_t id = 1;                // 0 of an imu, which is of the board and on none of its buses
   double watchdog_s = 0.1;             // no command for this long, and the device stops by itself
   std::uint32_t rate_divider = 1;      // asked in one of so many ticks
   DriveMode mode = DriveMode::torque;  // these three: cia402

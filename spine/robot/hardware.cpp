@@ -62,7 +62,7 @@ void check_neighbours(Reader& in, const RobotConfig& robot, bool has_id) {
     if (has_id && other.id == device.id) {
       in.complain("id", fmt::format("{} is already taken on this bus by \"{}\"", device.id, other.name));
     }
-    if (other.kind != device.kind && other.kind != DeviceKind::gateway && device.kind != DeviceKind::gateway) {
+    if (other.kind != device.kind && is_drive(other.kind) && is_drive(device.kind)) {
       in.complain("bus", fmt::format("\"{}\" on it is a {}, this is a {}: their frames carry the same ids; give them "
                                      "a bus each",
                                      other.name, word(other.kind), word(device.kind)));
@@ -106,6 +106,9 @@ void check_device(Reader& in, const RobotConfig& robot, const DeviceConfig& devi
                                    "slcan or socketcan",
                                    bus.name));
   }
+  if (device.kind == DeviceKind::imu && bus.kind != BusKind::pi3hat && bus.kind != BusKind::loop) {
+    in.complain("bus", fmt::format("\"{}\" is of a kind that has no imu; name a bus of the pi3hat", bus.name));
+  }
 }
 
 void check_joint(Reader& in, const JointConfig& joint, const DeviceConfig& device) {
@@ -135,10 +138,14 @@ void check_sensor(Reader& in, const RobotConfig& robot) {
   const SensorConfig& sensor = robot.sensors.back();
   if (sensor.device >= robot.devices.size()) return;
   const DeviceConfig& device = robot.devices[sensor.device];
-  if (device.kind != DeviceKind::gateway) {
-    in.complain("device", fmt::format("\"{}\" is a {}; sensors hang on a gateway", device.name, word(device.kind)));
+  if (is_drive(device.kind)) {
+    in.complain("device",
+                fmt::format("\"{}\" is a {}; sensors hang on a gateway or an imu", device.name, word(device.kind)));
   }
-  constexpr std::uint32_t kImuChannels = 10;
+  constexpr std::uint32_t kImuChannels = 10;  // attitude w x y z, angular rate x y z, acceleration x y z
+  if (device.kind == DeviceKind::imu && sensor.kind != SensorKind::imu) {
+    in.complain("kind", "what hangs on an imu has kind = \"imu\": attitude w x y z, angular rate, acceleration");
+  }
   if (sensor.kind == SensorKind::imu && sensor.channel >= kImuChannels) {
     in.complain("channel", fmt::format("{} is more than an IMU has: 0 to 9", sensor.channel));
   }

@@ -187,5 +187,28 @@ TEST(Hardware, ASensorNeedsAChannelOfItsOwnOnAGateway) {
   expect_refused(many, {"33 sensors, LITHE carries 16"});
 }
 
+const std::string kHat = "[[bus]]\nname = \"jc1\"\nkind = \"pi3hat\"\nconnector = 1\n";
+const std::string kImu = "[[device]]\nname = \"body\"\nkind = \"imu\"\nbus = \"jc1\"\n";
+
+std::string imu_sensor(const std::string& kind, int channel) {
+  return "[[sensor]]\nname = \"s\"\ndevice = \"body\"\nkind = \"" + kind + "\"\nchannel = " + std::to_string(channel) +
+         "\n";
+}
+
+TEST(Hardware, AnImuIsOfTheBoardAndHasNoId) {
+  const std::string drive = device("m", "moteus", "jc1", 1) + joint("a", "m");
+  const Result<RobotConfig> robot = parse_robot(kTop + kHat + kImu + drive + imu_sensor("imu", 9), "r.toml", {4});
+  ASSERT_TRUE(robot) << robot.message();
+  EXPECT_EQ(robot->devices[0].kind, DeviceKind::imu);
+  EXPECT_TRUE(robot->notes.empty()) << robot->notes.front();
+  expect_refused(kTop + kHat + kImu + drive + imu_sensor("imu", 10), {"channels 0 to 9"});
+  expect_refused(kTop + kHat + kImu + drive + imu_sensor("analog", 0), {"channels 0 to 9"});
+  expect_refused(kTop + kHat + kImu + drive + joint("b", "body"), {"is an imu and moves nothing"});
+  expect_refused(kTop + kHat + kImu + "id = 3\n" + drive, {"id"});
+  expect_refused(kTop + kFd + device("m", "moteus", "fd", 1) + joint("a", "m") +
+                     "[[device]]\nname = \"body\"\nkind = \"imu\"\nbus = \"fd\"\n",
+                 {"name a bus of the pi3hat"});
+}
+
 }  // namespace
 }  // namespace lithe::robot

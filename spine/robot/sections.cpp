@@ -97,9 +97,12 @@ void read_bus(Reader& in, BusConfig& bus, double rate_hz) {
 }
 
 void read_device(Reader& in, DeviceConfig& device, const std::vector<std::string_view>& buses, Need need) {
-  in.choice<DeviceKind>(
-      "kind", device.kind,
-      {{"moteus", DeviceKind::moteus}, {"cia402", DeviceKind::cia402}, {"gateway", DeviceKind::gateway}}, need);
+  in.choice<DeviceKind>("kind", device.kind,
+                        {{"moteus", DeviceKind::moteus},
+                         {"cia402", DeviceKind::cia402},
+                         {"gateway", DeviceKind::gateway},
+                         {"imu", DeviceKind::imu}},
+                        need);
   in.reference("bus", device.bus, "bus", buses, need);
   in.number("watchdog_s", device.watchdog_s, {0.005, 10.0});
   const std::uint32_t inherited = device.rate_divider;

@@ -37,8 +37,8 @@ bool may_live_on(const RobotConfig& robot, const DeviceConfig& device, std::size
   if (device.kind == DeviceKind::moteus && !is_fd(bus)) return false;
   if (device.kind == DeviceKind::cia402 && bus.kind == BusKind::fdcanusb) return false;
   return std::all_of(robot.devices.begin(), robot.devices.end(), [&](const DeviceConfig& other) {
-    return other.bus != target || other.kind == device.kind || other.kind == DeviceKind::gateway ||
-           device.kind == DeviceKind::gateway;
+    return other.bus != target || other.kind == device.kind || !robot::is_drive(other.kind) ||
+           !robot::is_drive(device.kind);
   });
 }
 
@@ -158,7 +158,7 @@ class Adviser {
     return false;
   }
 
-  bool is_drive(const DevicePlan& plan) const { return robot_.devices[plan.device].kind != DeviceKind::gateway; }
+  bool is_drive(const DevicePlan& plan) const { return robot::is_drive(robot_.devices[plan.device].kind); }
 
   void accept(const RobotConfig& changed, std::string sentence) {
     Plan then = plan(changed, options_);

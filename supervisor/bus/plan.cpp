@@ -200,7 +200,7 @@ void add_devices(const RobotConfig& robot, Detail detail, Plan& plan) {
   };
   for (const robot::JointConfig& joint : robot.joints) add(joint.device);
   for (std::size_t i = 0; i < robot.devices.size(); ++i) {
-    if (robot.devices[i].kind == robot::DeviceKind::gateway) add(i);
+    if (!robot::is_drive(robot.devices[i].kind)) add(i);
   }
 }
 

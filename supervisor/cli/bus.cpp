@@ -29,7 +29,7 @@ void print_device(const bus::DevicePlan& plan, const robot::DeviceConfig& device
     if (each.per_tick > 0 || each.unasked)
       frames += fmt::format("{}{} {}", frames.empty() ? "" : ", ", each.what, each.size);
   }
-  const std::string often = device.rate_divider == 1 || device.kind == robot::DeviceKind::gateway
+  const std::string often = device.rate_divider == 1 || !robot::is_drive(device.kind)
                                 ? ""
                                 : fmt::format(", in one of {} ticks", device.rate_divider);
   fmt::print("  {:<22} {:<8} id {:<4} {:>4.0f} us, at most {:.0f}: {} bytes{}\n", device.name,

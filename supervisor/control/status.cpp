@@ -3,8 +3,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <string>
 #include <utility>
+
+#include "spine/ipc/frames.hpp"
+#include "spine/ipc/segment.hpp"
 
 namespace lithe::control {
 
@@ -62,6 +66,31 @@ Json sensors_json(const wire::RobotInfo& info, const wire::Telemetry& now) {
   return sensors;
 }
 
+// Of each bus since the Spine began; an older Spine, or one whose memory we may not see, says nothing of them.
+Json buses_json(const std::string& robot) {
+  Json buses = Json::array();
+  const auto frames = ipc::Segment<ipc::FramesMemory>::attach(robot, ipc::Access::read);
+  if (!frames) {
+    return buses;
+  }
+  const auto count = [](const std::uint64_t& word) { return ipc::load_word(word, std::memory_order_relaxed); };
+  for (const ipc::BusCounts& bus : (*frames)->buses) {
+    const std::string name(bus.name.data(), ::strnlen(bus.name.data(), bus.name.size()));
+    if (name.empty()) {
+      break;
+    }
+    buses.push_back({{"name", name},
+                     {"sent", count(bus.sent)},
+                     {"received", count(bus.received)},
+                     {"refused", count(bus.refused)},
+                     {"late", count(bus.late)},
+                     {"malformed", count(bus.malformed)},
+                     {"errors", count(bus.errors)},
+                     {"reopened", count(bus.reopened)}});
+  }
+  return buses;
+}
+
 Json health_json(const ipc::HealthMemory& health) {
   const auto count = [](const std::uint64_t& word) { return ipc::load_word(word, std::memory_order_relaxed); };
   return {{"plans_torn", count(health.plans_torn)},
@@ -110,6 +139,7 @@ Json status_json(const SpineLink& spine) {
           {"health", health_json(memory.health)},
           {"joints", joints_json(info, now)},
           {"sensors", sensors_json(info, now)},
+          {"buses", buses_json(text_of(info.robot))},
           {"cpus",
            {{"spine", info.cpu_spine},
             {"transport", info.cpu_transport},
