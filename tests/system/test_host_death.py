@@ -17,7 +17,7 @@ from system.house import ROOT, House
 from system.simulated import Simulated
 from system.test_sim import QUERY, Wire
 
-PATIENT = "lost_after_misses = 2000\n"  # the simulated drive is a process among others here
+PATIENT = "lost_after_misses = 2000 "  # the simulated drive is a process among others here
 WATCHDOG_S = 1.0
 SAFE_KD, MGL_NM, INERTIA = 0.04, 0.165, 2.55e-3  # robots/arm.toml
 CARRIES_RAD_S = MGL_NM / SAFE_KD  # how fast it sinks when damping carries all of its weight
@@ -67,8 +67,8 @@ def sim(tmp_path: Path) -> Iterator[Simulated]:
 def held_level(house: House, sim: Simulated, monkeypatch: pytest.MonkeyPatch) -> None:
     """The arm, level, held up by its law."""
     changes = {
-        'kind = "loop" ': f'kind = "fdcanusb"\npath = "{sim.path()}" ',
-        "[guard]  ": f"[guard]\n{PATIENT}# ",
+        'kind = "loop" ': f'kind = "fdcanusb"\nchecksums = "off"\npath = "{sim.path()}" ',
+        "lost_after_misses = 3 ": PATIENT,
         "watchdog_s = 0.2 ": f"watchdog_s = {WATCHDOG_S} ",
     }
     house.config = house.dir / "arm.toml"
@@ -123,7 +123,7 @@ def test_a_drive_that_would_let_go_is_not_armed(house: House, sim: Simulated) ->
     wire = Wire(sim.path())
     assert b"rcv" in wire.say(b"can send 8001 %s BF\n" % frame.hex().upper().encode(), b"rcv")
     wire.close()
-    changes = {'kind = "loop" ': f'kind = "fdcanusb"\npath = "{sim.path()}" ', "[guard]  ": f"[guard]\n{PATIENT}# "}
+    changes = {'kind = "loop" ': f'kind = "fdcanusb"\nchecksums = "off"\npath = "{sim.path()}" ', "lost_after_misses = 3 ": PATIENT}
     house.config = house.dir / "arm.toml"
     house.config.write_text(calm.calm_text(changes), encoding="utf-8")
     house.run("--no-arm")
