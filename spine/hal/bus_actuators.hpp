@@ -81,8 +81,9 @@ class BusActuators final : public Actuators {
     double scale, offset;
   };
 
-  // Our address changes with every exchange, and moteus drives answer to it: so a late answer is known as such.
-  static constexpr std::uint32_t kSources = 16;
+  // Our address changes with every exchange, and moteus drives answer to it: so a late answer is known as such. As many
+  // as there are beside 126 and 127, which is everybody's.
+  static constexpr std::uint32_t kSources = 126;
   // A lost drive is waited for in one of so many exchanges, so that it can be found again.
   static constexpr std::uint64_t kLookForLost = 32;
 
@@ -104,6 +105,8 @@ class BusActuators final : public Actuators {
   ActuatorState last_;
   Exchange exchange_;
   std::uint64_t late_answers_ = 0;
+  std::uint64_t repeated_answers_ = 0;
+  std::uint64_t spoilt_answers_ = 0;
   ReplyCounters counters_;
 };
 

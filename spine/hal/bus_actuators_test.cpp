@@ -18,7 +18,7 @@
 namespace lithe::hal {
 namespace {
 
-enum class Trick { none, drop, twice, stray, garble, hold_back, babble };
+enum class Trick { none, drop, twice, stray, garble, hold_back, babble, remember, again };
 
 // Stands between a drive and the bus and does to the answers what cables and firmware do.
 class BadCable final : public BusNode {
@@ -62,6 +62,12 @@ class BadCable final : public BusNode {
         return;
       case Trick::babble:
         for (int i = 0; i < 100; ++i) answers.push(answer);
+        return;
+      case Trick::remember:
+        late_ = answer;
+        break;
+      case Trick::again:
+        answers.push(late_);
         return;
       case Trick::none:
         break;
@@ -161,6 +167,16 @@ TEST_F(TwoJoints, ALateAnswerIsNeverTakenForTheNextOne) {
   EXPECT_EQ(actuators_.counters().duplicate, 0U);
   EXPECT_NE(state_.position_rad[1], still);
   EXPECT_NEAR(state_.position_rad[1], 0.7, 4e-4);
+}
+
+TEST_F(TwoJoints, AnAnswerSaidAgainUpTo125ExchangesLaterIsNotTakenForANewOne) {
+  cycle(Trick::remember);
+  EXPECT_TRUE(fresh(1));
+  for (std::uint64_t age = 1; age <= 125; ++age) {
+    cycle(Trick::again);
+    EXPECT_FALSE(fresh(1)) << age;
+    EXPECT_EQ(actuators_.counters().late, age);
+  }
 }
 
 TEST_F(TwoJoints, WhatArrivesBetweenTwoExchangesIsLate) {

@@ -45,8 +45,9 @@ class TextBus : public Bus {
   enum class Said : std::uint8_t {
     frame,
     acknowledged,
-    refused,  // a command, or trouble on the bus
-    nothing,  // that anybody waits for
+    refused,        // a command, or trouble on the bus
+    nothing,        // that anybody waits for
+    between_lines,  // not even a line: the second half of a line end
     malformed,
   };
 

@@ -16,6 +16,7 @@ namespace {
 
 constexpr std::int64_t kNsPerS = 1'000'000'000;
 constexpr int kBeatsToLost = 3;
+constexpr double kMaxRatedTorques = 10;  // no motor has more, not even for a moment: beyond it an answer is noise
 
 bool finite(const JointCommand& c) LITHE_RT {
   return std::isfinite(c.torque_nm) && std::isfinite(c.velocity_rad_s) && std::isfinite(c.kp_nm_rad) &&
@@ -160,6 +161,7 @@ double Cia402Drive::closed_loop_nm(const JointCommand& command) const LITHE_RT {
 // Thousandths of the motor's rated torque, as two's complement.
 std::uint32_t Cia402Drive::torque_raw(double joint_nm, double limit_nm) const LITHE_RT {
   constexpr double kMost = 32767;
+  if (std::isnan(joint_nm)) return 0;  // of terms that are infinite against each other
   const double motor_nm = std::clamp(joint_nm, -limit_nm, limit_nm) / params_.joint.gear();
   const double thousandths = std::round(std::clamp(1000 * motor_nm / params_.rated_torque_nm, -kMost, kMost));
   return static_cast<std::uint16_t>(static_cast<std::int16_t>(thousandths));
@@ -199,6 +201,7 @@ Heard Cia402Drive::take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE
   if (!canopen::parse_heartbeat(frame, state)) return Heard::malformed;
   heartbeat_.beat(now_ns);
   if (state == NmtState::boot_up) {
+    if (stage_ == Stage::running) set_trouble({TroubleKind::left_operational, {}, static_cast<std::uint8_t>(state)});
     start_setup();  // whatever it was told before is forgotten
     stopped_ = false;
     error_code_ = 0;
@@ -253,15 +256,25 @@ Heard Cia402Drive::take_answer(const Frame& frame, const Exchange& exchange, Joi
   state_ = state;
   position_raw_ = raw[1];
   if (stage_ != Stage::running) return Heard::part;
-  const double motor_rev = canopen::signed_of(raw[1], 4) / params_.counts_per_rev;
-  const double motor_nm = canopen::signed_of(raw[2], 2) * params_.rated_torque_nm / 1000;
-  last_.position_rad = params_.joint.position_rad(motor_rev);
-  last_.velocity_rad_s = velocity_raw_ / params_.counts_per_rev / params_.joint.rev_per_rad();
-  last_.torque_nm = motor_nm * params_.joint.gear();
   last_.status = status();
   last_.measured = velocity_exchange_ > 0 && exchange.number - velocity_exchange_ <= kVelocityAge;
+  measure(canopen::signed_of(raw[1], 4), canopen::signed_of(raw[2], 2));
   sample = last_;
   return Heard::answer;
+}
+
+// What no motor does is not measured: neither the map nor our own control loop may believe it.
+void Cia402Drive::measure(std::int32_t position_raw, std::int32_t torque_raw) LITHE_RT {
+  const double motor_rev = position_raw / params_.counts_per_rev;
+  const double motor_rev_s = velocity_raw_ / params_.counts_per_rev;
+  const double rated_torques = torque_raw / 1000.0;
+  if (std::abs(motor_rev_s) > kMaxMotorRevPerS || std::abs(rated_torques) > kMaxRatedTorques) {
+    last_.measured = false;
+    return;
+  }
+  last_.position_rad = params_.joint.position_rad(motor_rev);
+  last_.velocity_rad_s = motor_rev_s / params_.joint.rev_per_rad();
+  last_.torque_nm = rated_torques * params_.rated_torque_nm * params_.joint.gear();
 }
 
 std::uint32_t Cia402Drive::status() const LITHE_RT {

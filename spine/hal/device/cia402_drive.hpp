@@ -63,6 +63,7 @@ class Cia402Drive final : public Drive {
   Heard take_sdo(const Frame& frame) LITHE_RT;
   Heard take_velocity(const Frame& frame, const Exchange& exchange) LITHE_RT;
   Heard take_answer(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT;
+  void measure(std::int32_t position_raw, std::int32_t torque_raw) LITHE_RT;
   std::uint32_t status() const LITHE_RT;
 
   DriverParams params_;

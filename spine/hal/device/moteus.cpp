@@ -13,15 +13,17 @@ namespace {
 
 constexpr std::uint32_t kReplyRequested = 0x8000;
 
-// Beyond these an answer is noise, not a measurement: the drive counts +-32768 turns, and no motor does the others.
+// Beyond these an answer is noise, not a measurement: the drive counts +-32768 turns, and no motor has that torque.
 constexpr double kMaxRev = 32768;
-constexpr double kMaxRevPerS = 3000;
 constexpr double kMaxTorqueNm = 1000;
 
 bool finite(const JointCommand& c) LITHE_RT {
   return std::isfinite(c.torque_nm) && std::isfinite(c.velocity_rad_s) && std::isfinite(c.kp_nm_rad) &&
          std::isfinite(c.kd_nm_s_rad) && std::isfinite(c.max_torque_nm) && !std::isinf(c.position_rad);
 }
+
+// On the wire the largest numbers are those of float32; what is larger would leave as infinite.
+bool fits(double value) LITHE_RT { return std::abs(value) <= std::numeric_limits<float>::max(); }
 
 Mode mode_for(DriveAction action) LITHE_RT {
   switch (action) {
@@ -70,7 +72,7 @@ struct Registers {
   // NaN compares false: a register that did not come makes the answer invalid.
   bool whole() const LITHE_RT { return mode >= 0 && mode <= 15 && fault >= 0; }
   bool measured() const LITHE_RT {
-    return std::abs(position_rev) <= kMaxRev && std::abs(velocity_rev_s) <= kMaxRevPerS &&
+    return std::abs(position_rev) <= kMaxRev && std::abs(velocity_rev_s) <= kMaxMotorRevPerS &&
            std::abs(torque_nm) <= kMaxTorqueNm;
   }
 };
@@ -87,8 +89,15 @@ std::uint32_t status_of(const Answer& sample) LITHE_RT {
 }
 
 bool Driver::can_say(double position_rad) const LITHE_RT {
+  const double position_rev = params_.joint.motor_rev(position_rad);
   return std::isnan(position_rad) ||
-         std::abs(params_.joint.motor_rev(position_rad)) <= largest(Quantity::position_rev, params_.command.position);
+         (fits(position_rev) && std::abs(position_rev) <= largest(Quantity::position_rev, params_.command.position));
+}
+
+bool Driver::can_say(const JointCommand& command) const LITHE_RT {
+  const MotorCommand motor = to_motor(command, true);
+  return finite(command) && fits(motor.velocity_rev_s) && fits(motor.torque_nm) && fits(motor.kp_scale) &&
+         fits(motor.kd_scale) && fits(motor.max_torque_nm);
 }
 
 Driver::MotorCommand Driver::to_motor(const JointCommand& command, bool stiff) const LITHE_RT {
@@ -103,7 +112,7 @@ Driver::MotorCommand Driver::to_motor(const JointCommand& command, bool stiff) c
 }
 
 bool Driver::encode(const JointCommand& command, std::uint32_t source, Frame& frame) const LITHE_RT {
-  const bool sound = command.action != DriveAction::torque || (finite(command) && can_say(command.position_rad));
+  const bool sound = command.action != DriveAction::torque || (can_say(command) && can_say(command.position_rad));
   const DriveAction action = sound ? command.action : DriveAction::damp;
   SubframeWriter writer(frame);
   const std::array<double, 1> mode{static_cast<double>(mode_for(action))};
@@ -144,7 +153,7 @@ void Driver::write_torque(const JointCommand& command, SubframeWriter& writer) c
 
 bool Driver::encode_within(const JointCommand& command, double lower_rad, double upper_rad, std::uint32_t source,
                            Frame& frame) const LITHE_RT {
-  const bool sound = finite(command) && can_say(lower_rad) && can_say(upper_rad) && !(lower_rad > upper_rad);
+  const bool sound = can_say(command) && can_say(lower_rad) && can_say(upper_rad) && !(lower_rad > upper_rad);
   if (!sound) {
     JointCommand damped;
     damped.action = DriveAction::damp;

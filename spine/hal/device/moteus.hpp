@@ -66,10 +66,10 @@ class Driver {
 
   std::uint32_t id() const LITHE_RT { return params_.id; }
 
-  // A number that is not finite never leaves here: the joint is damped instead, and false is returned.
-  // `source` is our own address (0 to 127). The drive answers to it, so whoever changes it with every exchange knows an
-  // answer that is late: nothing else in an answer tells which command it belongs to.
-  // A position that its format cannot say is treated alike; other numbers are cut to what theirs can.
+  // A number that is not finite, also as a float, never leaves here: the joint is damped instead, and false is
+  // returned. `source` is our own address (0 to 127). The drive answers to it, so whoever changes it with every
+  // exchange knows an answer that is late: nothing else in an answer tells which command it belongs to. A position that
+  // its format cannot say is treated alike; other numbers are cut to what theirs can.
   bool encode(const JointCommand& command, std::uint32_t source, Frame& frame) const LITHE_RT;
 
   // The joint moves freely between two positions, and is driven back from beyond them with the command's gains and
@@ -89,6 +89,7 @@ class Driver {
   void write_torque(const JointCommand& command, SubframeWriter& writer) const LITHE_RT;
   void ask(std::uint32_t source, SubframeWriter& writer, Frame& frame) const LITHE_RT;
   bool can_say(double position_rad) const LITHE_RT;
+  bool can_say(const JointCommand& command) const LITHE_RT;  // all but its position
 
   DriverParams params_;
 };

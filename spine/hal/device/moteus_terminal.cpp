@@ -16,6 +16,8 @@ constexpr std::uint32_t kChannel = 1;
 constexpr std::size_t kPiece = 48;  // bytes of a stream in one frame, as the makers' own tools have it
 constexpr std::int64_t kAnswerNs = 200'000'000;
 constexpr std::int64_t kSilenceNs = 1'000'000'000;
+constexpr std::int64_t kLongestNs = 30'000'000'000;  // of an answer; whole configurations take less than a second
+constexpr std::uint32_t kSources = 125;
 
 void address(std::uint32_t destination, Frame& frame) {
   frame = Frame{};
@@ -62,23 +64,28 @@ bool take_discovery(const Frame& answer, Found& found) {
   return true;
 }
 
+// A bus on which somebody always talks must not keep us: after the end only what has arrived already, and not much.
+bool Terminal::next(Wait& wait, Frame& frame) {
+  while (true) {
+    const bool over = time_.now_ns() >= wait.end_ns;
+    if (over && wait.frames_after-- == 0) return false;
+    if (bus_.receive(frame)) return true;
+    if (over) return false;
+    time_.pause();
+  }
+}
+
 std::vector<Found> Terminal::discover(std::int64_t wait_ns) {
   std::vector<Found> all;
   Frame frame;
   make_discovery(frame);
-  const std::int64_t end_ns = time_.now_ns() + wait_ns;
+  Wait wait{time_.now_ns() + wait_ns};
   bus_.begin(time_.now_ns());
   bus_.send(frame);
   bus_.flush();
-  while (true) {
-    Found found;
-    if (bus_.receive(frame)) {
-      if (take_discovery(frame, found)) all.push_back(found);
-    } else if (time_.now_ns() >= end_ns) {
-      break;
-    } else {
-      time_.pause();
-    }
+  Found found;
+  while (next(wait, frame)) {
+    if (take_discovery(frame, found)) all.push_back(found);
   }
   std::stable_sort(all.begin(), all.end(), [](const Found& a, const Found& b) { return a.id < b.id; });
   return all;
@@ -87,6 +94,8 @@ std::vector<Found> Terminal::discover(std::int64_t wait_ns) {
 Result<std::string> Terminal::exchange(std::uint32_t id, std::string_view piece) {
   Frame frame;
   address(id, frame);
+  source_ = source_ % kSources + 1;
+  frame.id |= source_ << 8;
   SubframeWriter writer(frame);
   if (piece.empty()) {
     writer.poll(kChannel, kPiece);
@@ -94,17 +103,12 @@ Result<std::string> Terminal::exchange(std::uint32_t id, std::string_view piece)
     writer.client_data(kChannel, {reinterpret_cast<const std::uint8_t*>(piece.data()), piece.size()});
   }
   writer.pad();
-  const std::int64_t end_ns = time_.now_ns() + kAnswerNs;
+  Wait wait{time_.now_ns() + kAnswerNs};
   bus_.begin(time_.now_ns());
   bus_.send(frame);
   bus_.flush();
-  while (true) {
-    if (!bus_.receive(frame)) {
-      if (time_.now_ns() >= end_ns) return Error{"drive " + std::to_string(id) + " does not answer"};
-      time_.pause();
-      continue;
-    }
-    if (device_of(frame) != id) continue;
+  while (next(wait, frame)) {
+    if (device_of(frame) != id || source_of(frame) != source_) continue;  // also what answers an earlier question
     SubframeReader reader(frame.payload());
     Subframe s;
     while (reader.next(s)) {
@@ -112,6 +116,7 @@ Result<std::string> Terminal::exchange(std::uint32_t id, std::string_view piece)
       return std::string(reinterpret_cast<const char*>(s.data), s.count);
     }
   }
+  return Error{"drive " + std::to_string(id) + " does not answer"};
 }
 
 Result<std::string> Terminal::ask(std::uint32_t id, std::string_view line, bool one_line) {
@@ -124,13 +129,16 @@ Result<std::string> Terminal::ask(std::uint32_t id, std::string_view line, bool 
     if (i == kMostOld) return Error{"drive " + std::to_string(id) + " does not stop talking; send it 'tel stop'"};
   }
   std::string text = std::string(line) + "\n";
-  for (std::size_t at = 0; at < text.size(); at += kPiece) {
-    if (const Result<std::string> sent = exchange(id, std::string_view(text).substr(at, kPiece)); !sent) return sent;
-  }
   std::string come;
+  for (std::size_t at = 0; at < text.size(); at += kPiece) {
+    const Result<std::string> sent = exchange(id, std::string_view(text).substr(at, kPiece));
+    if (!sent) return sent;
+    come += *sent;  // a drive may say something already
+  }
   std::string said;
+  const std::int64_t end_ns = time_.now_ns() + kLongestNs;
   std::int64_t quiet_until_ns = time_.now_ns() + kSilenceNs;
-  while (time_.now_ns() < quiet_until_ns) {
+  while (time_.now_ns() < std::min(quiet_until_ns, end_ns)) {
     const Result<std::string> more = exchange(id, "");
     if (!more) return more;
     if (more->empty()) time_.pause();

@@ -26,7 +26,7 @@ void make_discovery(Frame& frame);                       // to all, all answer
 bool take_discovery(const Frame& answer, Found& found);  // false: no answer to it
 
 // Drives answer to the console one at a time, and so does this.
-// Contract: not RT, it waits · one thread, which alone uses the bus
+// Contract: not RT, it waits, but comes back whatever the bus says · one thread, which alone uses the bus
 class Terminal {
  public:
   struct Time {
@@ -48,12 +48,18 @@ class Terminal {
   Result<> set(std::uint32_t id, std::string_view name, std::string_view value);
 
  private:
+  struct Wait {
+    std::int64_t end_ns;
+    int frames_after = 256;
+  };
+  bool next(Wait& wait, Frame& frame);
   Result<std::string> ask(std::uint32_t id, std::string_view line, bool one_line);
   // The bytes that one exchange with the drive's console brought. `piece` empty: a poll.
   Result<std::string> exchange(std::uint32_t id, std::string_view piece);
 
   Bus& bus_;
   Time time_;
+  std::uint32_t source_ = 0;  // our address, another one with each exchange: a late answer is known as such
 };
 
 }  // namespace lithe::hal::moteus

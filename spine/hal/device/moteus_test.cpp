@@ -144,6 +144,26 @@ TEST(MoteusDriver, ANumberThatIsNotFiniteBecomesDamping) {
   }
 }
 
+TEST(MoteusDriver, AFiniteNumberThatNoFloatHoldsBecomesDampingToo) {
+  const Driver driver({.id = 1, .joint = {.ratio = 1e-3}});
+  for (const double beyond : {1e300, -1e300, 3.5e38}) {
+    for (double JointCommand::* field :
+         {&JointCommand::torque_nm, &JointCommand::velocity_rad_s, &JointCommand::position_rad,
+          &JointCommand::kp_nm_rad, &JointCommand::kd_nm_s_rad, &JointCommand::max_torque_nm}) {
+      JointCommand command = torque_command(0.1);
+      command.position_rad = 0;
+      command.*field = beyond;
+      Frame frame;
+      const bool sound = driver.encode(command, 0, frame);
+      for (const auto& [number, value] : written(frame)) EXPECT_TRUE(std::isfinite(value)) << number << ' ' << beyond;
+      EXPECT_EQ(written(frame).at(reg::kMode), sound ? 10 : 12);
+      EXPECT_FALSE(sound && beyond == 1e300);
+      driver.encode_within(command, -1, beyond, 0, frame);
+      for (const auto& [number, value] : written(frame)) EXPECT_TRUE(std::isfinite(value)) << number << ' ' << beyond;
+    }
+  }
+}
+
 TEST(MoteusDriver, NegativeGainsAndLimitsNeverReachTheDrive) {
   const Driver driver({.id = 1, .joint = {}});
   JointCommand command = torque_command(0.1);
