@@ -81,12 +81,21 @@ class Hardware final : public Actuators {
     params.id = device.id;
     params.watchdog_s = device.watchdog_s;
     params.period_s = device.rate_divider / config_.rate_hz;
+    params.divider = device.rate_divider;
+    params.lost_after_misses = config_.guard.lost_after_misses;
     params.mode = device.mode == robot::DriveMode::position   ? cia402::Mode::position
                   : device.mode == robot::DriveMode::velocity ? cia402::Mode::velocity
                                                               : cia402::Mode::torque;
     params.counts_per_rev = device.counts_per_rev;
     params.rated_torque_nm = device.rated_torque_nm;
     params.torque_max_nm = joint.torque_max_nm;
+    params.torque_slew_nm_s = joint.torque_slew_nm_s;
+    params.velocity_max_rad_s = joint.velocity_max_rad_s;
+    params.velocity_fault_rad_s = joint.velocity_max_rad_s * config_.guard.velocity_overrun;
+    params.deceleration_rad_s2 = joint.deceleration_rad_s2;
+    params.position_min_rad = joint.position_min_rad - config_.guard.position_overrun_rad;
+    params.position_max_rad = joint.position_max_rad + config_.guard.position_overrun_rad;
+    params.soft_start_s = config_.guard.soft_start_s;
     params.joint = {joint.sign, joint.zero_rad, joint.ratio};
     return params;
   }
@@ -95,14 +104,17 @@ class Hardware final : public Actuators {
     const robot::BusConfig& config = config_.buses[index];
     bool canopen = false;
     double watchdog_s = 10;
+    std::uint32_t divider = 1;
     for (const robot::DeviceConfig& device : config_.devices) {
       if (device.bus != index || device.kind != DeviceKind::cia402) continue;
       canopen = true;
       watchdog_s = std::min(watchdog_s, device.watchdog_s);
+      divider = device.rate_divider;
     }
     std::unique_ptr<BusMaster> master;
     if (canopen) {
-      master = std::make_unique<canopen::CanopenMaster>(canopen::MasterParams{.heartbeat_s = watchdog_s / 4});
+      master = std::make_unique<canopen::CanopenMaster>(
+          canopen::MasterParams{.heartbeat_s = watchdog_s / canopen::kHeartbeatsPerWatchdog, .divider = divider});
     }
     std::unique_ptr<Bus> bus;
     if (config.kind == BusKind::loop) {

@@ -33,7 +33,9 @@ std::size_t BusActuators::add_bus(std::unique_ptr<Bus> bus, Addressing addressin
 void BusActuators::add_joint(std::size_t bus, std::uint32_t address, std::unique_ptr<Drive> drive,
                              std::uint32_t divider) {
   lines_[bus].joint_at[address & 0x7f] = static_cast<std::uint8_t>(joints_.size());
-  const std::uint32_t turn = lines_[bus].joints++ % divider;
+  // A bus with a master has one SYNC for all its drives: they are asked together.
+  const std::uint32_t turn = lines_[bus].master != nullptr ? 0 : lines_[bus].joints % divider;
+  ++lines_[bus].joints;
   joints_.push_back({bus, std::move(drive), divider, turn});
   last_.joints = static_cast<std::uint32_t>(joints_.size());
 }

@@ -33,7 +33,7 @@ class BusActuators final : public Actuators {
 
   std::size_t add_bus(std::unique_ptr<Bus> bus, Addressing addressing, std::unique_ptr<BusMaster> master = nullptr);
   // Joints in the order of the robot's joints, at most kMaxJoints; addresses (1 to 126) differ on each bus. Asked in
-  // one of `divider` exchanges, those of a bus in turn.
+  // one of `divider` exchanges, those of a bus in turn, or together where the bus has a master.
   void add_joint(std::size_t bus, std::uint32_t address, std::unique_ptr<Drive> drive, std::uint32_t divider = 1);
 
   // A gateway (1 to 126) beside whatever else is on the bus; its channels are not valid when older than `stale_ns`.

@@ -108,7 +108,7 @@ class Babble final : public Bus {
     return true;
   }
   Terminal terminal() {
-    return Terminal(*this, {[this] { return now_ns_ += 100'000; }, [] {}});
+    return Terminal(*this, {[this] { return now_ns_ += 5'000'000; }, [] {}});
   }
 
  private:

@@ -34,6 +34,13 @@ void check_neighbours(Reader& in, const RobotConfig& robot, bool has_id) {
                                      other.name, word(other.kind), word(device.kind)));
       return;
     }
+    const bool together = device.kind == DeviceKind::cia402 && other.kind == DeviceKind::cia402;
+    if (together && other.rate_divider != device.rate_divider) {
+      in.complain("rate_divider", fmt::format("{} is not {} as of \"{}\": one SYNC is for all CANopen drives of a bus; "
+                                              "give them the same, or a bus each",
+                                              device.rate_divider, other.rate_divider, other.name));
+      return;
+    }
   }
 }
 
@@ -56,6 +63,20 @@ void check_device(Reader& in, const RobotConfig& robot, const DeviceConfig& devi
     in.complain("bus", fmt::format("\"{}\" is an fdcanusb, which sends CAN FD; CANopen drives speak classic CAN: use "
                                    "slcan or socketcan",
                                    bus.name));
+  }
+}
+
+void check_joint(Reader& in, const JointConfig& joint, const DeviceConfig& device) {
+  if (device.kind != DeviceKind::cia402) return;
+  if (joint.must_be_homed) {
+    in.complain("must_be_homed", fmt::format("\"{}\" is a cia402 drive, which does not tell whether it is homed: say "
+                                             "false, and home the drive before the robot is armed",
+                                             device.name));
+  }
+  if (joint.power_max_w > 0 && device.mode != DriveMode::torque) {
+    in.complain("power_max_w", fmt::format("\"{}\" closes its own loop (mode), so nobody here bounds its power: say 0, "
+                                           "or use mode = \"torque\"",
+                                           device.name));
   }
 }
 

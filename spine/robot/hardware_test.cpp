@@ -79,6 +79,26 @@ TEST(Hardware, ADeviceMustFitItsBus) {
                  {"4 commands at 10 Hz", "0.4"});
 }
 
+TEST(Hardware, CanopenDrivesOfABusAreAskedTogether) {
+  const std::string two = kTop + kClassic + device("c", "cia402", "classic", 1, kRated + "rate_divider = 2\n");
+  EXPECT_TRUE(parse_robot(
+      two + device("d", "cia402", "classic", 2, kRated + "rate_divider = 2\n") + joint("a", "c") + joint("b", "d"),
+      "r.toml", {4}));
+  expect_refused(two + device("d", "cia402", "classic", 2, kRated), {"1 is not 2 as of \"c\"", "one SYNC"});
+  EXPECT_TRUE(parse_robot(two + device("g", "gateway", "classic", 9) + joint("a", "c"), "r.toml", {4}));
+}
+
+TEST(Hardware, WhatACanopenDriveCannotDoIsNotPromised) {
+  const std::string torque = kTop + kClassic + device("c", "cia402", "classic", 1, kRated);
+  const std::string position = kTop + kClassic + device("c", "cia402", "classic", 1, kRated + "mode = \"position\"\n");
+  expect_refused(torque + joint("a", "c") + "must_be_homed = true\n", {"must_be_homed", "does not tell", "false"});
+  EXPECT_TRUE(parse_robot(torque + joint("a", "c") + "must_be_homed = false\n", "r.toml", {4}));
+  EXPECT_TRUE(parse_robot(torque + joint("a", "c") + "power_max_w = 5\n", "r.toml", {4}));
+  expect_refused(position + joint("a", "c") + "power_max_w = 5\n", {"power_max_w", "mode = \"torque\""});
+  EXPECT_TRUE(parse_robot(kTop + kFd + device("m", "moteus", "fd", 1) + joint("a", "m") + "must_be_homed = true\n",
+                          "r.toml", {4}));
+}
+
 TEST(Hardware, ASensorNeedsAChannelOfItsOwnOnAGateway) {
   const std::string base =
       kTop + kFd + device("m", "moteus", "fd", 1) + device("g", "gateway", "fd", 9) + joint("a", "m");

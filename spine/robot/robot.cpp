@@ -153,6 +153,7 @@ class File {
                                                   joint.position_max_rad, joint.position_min_rad));
     }
     if (joint.device >= owners.size()) return;
+    check_joint(in, joint, robot_.devices[joint.device]);
     if (robot_.devices[joint.device].kind == DeviceKind::gateway) {
       in.complain("device", fmt::format("\"{}\" is a gateway and moves nothing; name a drive",
                                         robot_.devices[joint.device].name));

@@ -176,7 +176,8 @@ void add_devices(const RobotConfig& robot, Detail detail, Plan& plan) {
     DevicePlan& added = bus.devices.emplace_back();
     added.device = device;
     added.name = config.name;
-    added.turn = static_cast<std::uint32_t>(bus.devices.size() - 1) % config.rate_divider;
+    const bool together = config.kind == robot::DeviceKind::cia402;  // one SYNC for all of them
+    added.turn = together ? 0 : static_cast<std::uint32_t>(bus.devices.size() - 1) % config.rate_divider;
     added.traffic = traffic_of(config, robot.buses[config.bus], detail);
     for (const Traffic& each : added.traffic) {
       if (each.per_tick == 0 && !each.unasked) continue;

@@ -112,6 +112,16 @@ TEST(Plan, ARateDividerThinsOutTheLoadAndDrivesTakeTurns) {
   EXPECT_TRUE(plan.fits);
 }
 
+// One SYNC is for all of them: they speak seldom, but all in the same tick.
+TEST(Plan, CanopenDrivesOfABusAreAskedTogether) {
+  RobotConfig robot = canopen_robot(2, 900);
+  const Plan often = bus::plan(robot, {});
+  for (auto& device : robot.devices) device.rate_divider = 2;
+  const Plan seldom = bus::plan(robot, {});
+  EXPECT_NEAR(seldom.buses[0].load_worst, often.buses[0].load_worst / 2, 0.01);
+  EXPECT_NEAR(seldom.buses[0].cycle_us, often.buses[0].cycle_us, 1);
+}
+
 TEST(Plan, ADriveWithoutAJointIsLeftAlone) {
   RobotConfig robot = moteus_robot(3);
   robot.joints.pop_back();

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The CiA 402 driver fed with any frames between commands of any numbers, at any moment of its setup.
+#include "spine/hal/device/cia402_demand.hpp"
 #include "spine/hal/device/cia402_drive.hpp"
 #include "spine/wire/wire.hpp"
 #include "tests/fuzz/hal_input.hpp"
@@ -126,11 +127,41 @@ class Bench {
   Outbox outbox_;
 };
 
+// Whatever is commanded one after the other: what the drive is told keeps to the joint's velocity, and to the torque.
+void demands(const DriverParams& params, Input& input) {
+  Demand demand_of(params);
+  const auto start = input.number<std::uint32_t>();
+  demand_of.rest(start);
+  const double per_rad = std::abs(params.joint.rev_per_rad()) * params.counts_per_rev;
+  const double most_counts_s = per_rad * params.velocity_max_rad_s;
+  double at = static_cast<std::int32_t>(start);
+  JointSample last;
+  for (int i = 0; i < 96 && !input.empty(); ++i) {
+    JointCommand command = command_of(input);
+    command.action = DriveAction::torque;
+    last.position_rad = input.real();
+    last.velocity_rad_s = input.real();
+    if (!is_sound(command) || !std::isfinite(last.position_rad) || !std::isfinite(last.velocity_rad_s)) continue;
+    const RawDemand raw = demand_of.next(command, last);
+    const double target = static_cast<std::int32_t>(raw.target);
+    const double limit_nm = std::clamp(command.max_torque_nm, 0.0, params.torque_max_nm);
+    const double limit = 1000 * limit_nm / params.joint.ratio / params.rated_torque_nm + 0.5;
+    const std::uint32_t torque = params.mode == Mode::torque ? raw.target : raw.torque;
+    demand(std::abs(canopen::signed_of(torque, 2)) <= limit, "no torque beyond the joint's, and the command's");
+    if (params.mode == Mode::velocity) demand(std::abs(target) <= most_counts_s + 1, "no speed beyond the joint's");
+    if (params.mode != Mode::position) continue;
+    demand(std::abs(target - at) <= most_counts_s * params.period_s + 2, "no step beyond the joint's speed");
+    at = target;
+  }
+}
+
 }  // namespace
 
 void run(Bytes bytes) {
   Input input(bytes);
-  Bench bench(params_of(input));
+  const DriverParams params = params_of(input);
+  if (input.byte() % 2 != 0) return demands(params, input);
+  Bench bench(params);
   JointCommand command;
   for (int i = 0; i < 96 && !input.empty(); ++i) {
     const std::uint8_t what = input.byte();
@@ -168,7 +199,7 @@ std::vector<Seed> seeds() {
   };
   for (unsigned kind = 0; kind < 27; ++kind) {
     Script script;
-    script.byte(kind).byte(kind).byte(1 + 6 * 40).byte(0 + 6 * 1);
+    script.byte(kind).byte(kind).byte(0).byte(1 + 6 * 40).byte(0 + 6 * 1);
     write(script, {DriveAction::torque, 0.5, 0.25, 1, 10, 1, 2});
     for (const std::uint16_t word : List<std::uint16_t>{0x0240, 0x0221, 0x0223, 0x0227, 0x0227, 0x0208}) {
       script.byte(4).frame(tpdo1(1000)).byte(5).frame(tpdo2(word, 4096, 100)).byte(0 + 6 * 1);
@@ -180,6 +211,14 @@ std::vector<Seed> seeds() {
     script.byte(4).frame(canopen::heartbeat_frame(kNode, NmtState::pre_operational)).byte(1 + 6 * 40);
     script.byte(2).byte(5).frame(tpdo2(0x0227, 1, 1));
     all.push_back(script);
+    Script path;
+    path.byte(kind).byte(kind).byte(1).number(1000U);
+    for (int i = 0; i < 48; ++i) {
+      const double sharp = kSharp[static_cast<std::size_t>(i) / 3 % kSharp.size()];
+      write(path, {DriveAction::torque, 0.5, i % 2 == 0 ? sharp : 0.25, sharp, 10, 1, 2});
+      path.real(0.1).real(0.2);
+    }
+    all.push_back(path);
   }
   return all;
 }

@@ -16,8 +16,8 @@ using namespace hal::moteus;
 constexpr std::uint32_t kId = 3;
 constexpr std::array<std::uint32_t, 4> kLikely{kId << 8, 4 << 8, kId << 8 | 1, 0};
 constexpr std::size_t kMostFrames = 48;
-// Of a clock that goes on by a millisecond with each look at it. No command takes longer than this, whatever it hears.
-constexpr std::int64_t kMostLooks = 300'000;
+// Of a clock that goes on by 10 ms with each look at it. No command takes longer than this, whatever it hears.
+constexpr std::int64_t kMostLooks = 40'000;
 
 enum Way : std::uint8_t { kForEver = 1, kOnlyWhenAsked = 2, kToWhoeverAsks = 4 };
 
@@ -68,7 +68,7 @@ void run(Bytes bytes) {
   std::int64_t looks = 0;
   const Terminal::Time time{[&] {
                               demand(++looks < kMostLooks, "a terminal comes back");
-                              return looks * 1'000'000;
+                              return looks * 10'000'000;
                             },
                             [] {}};
   Terminal terminal(mouth, time);

@@ -29,7 +29,7 @@ lithe_mutant(believes_wrong_sums fdcanusb ${hal}/bus/fdcanusb_codec.cpp
 lithe_mutant(takes_any_frame fdcanusb ${hal}/bus/fdcanusb_codec.cpp "return is_can(frame);" "return true;")
 lithe_mutant(begins_a_line_anew fdcanusb ${hal}/bus/text_bus.cpp
   "if (line_size_ == kLongestLine) too_long_ = true;" "if (line_size_ == kLongestLine) line_size_ = 0;")
-lithe_mutant(forgets_to_count_lines slcan ${hal}/bus/text_bus.cpp "++statistics_.malformed;" ";")
+lithe_mutant(takes_refusals_for_nonsense slcan ${hal}/bus/text_bus.cpp "++statistics_.errors;" "++statistics_.malformed;")
 lithe_mutant(takes_any_id slcan ${hal}/bus/slcan_codec.cpp
   "return frame.id <= (frame.extended ? kLargestId : kLargestStandardId);" "return true;")
 lithe_mutant(forgets_to_count_remotes socketcan ${hal}/bus/socketcan_bus.cpp "++statistics_.ignored;" ";")
@@ -51,11 +51,14 @@ lithe_mutant(asks_for_ever canopen ${hal}/device/canopen_sdo.cpp
   "attempts_ < kAttempts ? Phase::start : Phase::failed" "Phase::start")
 lithe_mutant(says_another_number canopen ${hal}/sim/sim_cia402_objects.cpp
   "dictionary_.raw(*slot), dictionary_.bytes(*slot)" "dictionary_.raw(*slot) + 1, dictionary_.bytes(*slot)")
-lithe_mutant(believes_any_speed cia402 ${hal}/device/cia402_drive.cpp
+lithe_mutant(believes_any_speed cia402 ${hal}/device/cia402_answers.cpp
   "if (std::abs(motor_rev_s) > kMaxMotorRevPerS ||" "if (")
-lithe_mutant(forgets_the_torque_limit cia402 ${hal}/device/cia402_drive.cpp
+lithe_mutant(forgets_the_torque_limit cia402 ${hal}/device/cia402_demand.cpp
   "std::clamp(joint_nm, -limit_nm, limit_nm)" "joint_nm")
-lithe_mutant(takes_what_came_before cia402 ${hal}/device/cia402_drive.cpp "if (!exchange.asked) return" "if (false) return")
+lithe_mutant(steps_as_it_likes cia402 ${hal}/device/cia402_demand.cpp
+  "catches_up_ = std::abs(gap) > (catches_up_ ? std::min(slow_counts_, reach) : reach);" "catches_up_ = false;")
+lithe_mutant(takes_what_came_before cia402 ${hal}/device/cia402_answers.cpp
+  "if (!exchange.asked || commanded_" "if (commanded_")
 lithe_mutant(takes_older_frames gateway ${hal}/device/gateway.cpp "ahead == 0 || ahead > 128" "ahead == 0")
 lithe_mutant(takes_invalid_channels gateway ${hal}/device/gateway.cpp "raw != kInvalid}" "true}")
 lithe_mutant(turns_into_nothing sim_moteus ${hal}/sim/servo.cpp "if (!std::isfinite(wanted_nm_)) wanted_nm_ = 0;" "")

@@ -46,6 +46,11 @@ void one_packet(std::span<const std::byte> packet, Told& told) {
          "only an error frame tells of trouble");
   demand(kind == Kind::malformed || packet.size() == CAN_MTU || packet.size() == CANFD_MTU, "a packet is whole");
   if (kind == Kind::frame) {
+    std::uint32_t id = 0;
+    std::memcpy(&id, packet.data(), sizeof(id));
+    const auto data = std::as_bytes(frame.payload());
+    demand(frame.id == (id & kLargestId) && std::equal(data.begin(), data.end(), packet.begin() + 8),
+           "it is all there");
     there_and_back(frame);
     told.frames.push_back(frame);
   }

@@ -69,10 +69,11 @@ void SimCia402::boot(FrameQueue& answers) LITHE_RT {
   booting_ = false;
   network_state_ = NmtState::pre_operational;
   answers.push(canopen::heartbeat_frame(params_.id, NmtState::boot_up));
+  servo_.find_causes();
 }
 
 void SimCia402::inject(std::uint16_t code) LITHE_RT {
-  if (code == emergency::kGone) return servo_.cause_gone();
+  if (code == emergency::kGone) return servo_.cause_gone(0);
   servo_.fail(code, true);
 }
 
@@ -85,10 +86,10 @@ bool SimCia402::befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT
       boot_end_ns_ = now_ns + kOutageNs + params_.boot_ns;
       return true;
     case Mishap::over_temperature:
-      inject(begins ? emergency::kTooHot : emergency::kGone);
+      begins ? servo_.fail(emergency::kTooHot, true) : servo_.cause_gone(emergency::kTooHot);
       return true;
     case Mishap::encoder_lost:
-      inject(begins ? emergency::kSensor : emergency::kGone);
+      begins ? servo_.fail(emergency::kSensor, true) : servo_.cause_gone(emergency::kSensor);
       return true;
   }
   return false;
