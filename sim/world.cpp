@@ -35,7 +35,8 @@ Result<std::unique_ptr<World>> World::open(const robot::RobotConfig& config, con
     if (wrong) return Error{"cannot make the folder " + options.link_folder + ": " + wrong.message()};
   }
   for (std::size_t i = 0; i < config.devices.size(); ++i) {
-    world->devices_.push_back({config.devices[i].name, hal::sim::make_node(config, i)});
+    const bool suffers = config.devices[i].kind != robot::DeviceKind::gateway;
+    world->devices_.push_back({config.devices[i].name, hal::sim::make_node(config, i), suffers});
   }
   for (std::size_t i = 0; i < config.buses.size(); ++i) {
     if (Result<> added = world->add_bus(config, i, options); !added) return added.error();
@@ -90,6 +91,12 @@ Result<> World::check(const Order& order) const {
   };
   if (!named(lines_, order.bus)) return Error{"there is no bus '" + order.bus + "' in the robot file"};
   if (!named(devices_, order.device)) return Error{"there is no device '" + order.device + "' in the robot file"};
+  const auto suffers = [&](const Device& each) {
+    return each.suffers && (order.device.empty() || order.device == each.name);
+  };
+  if (is_of_device(order.kind) && std::none_of(devices_.begin(), devices_.end(), suffers)) {
+    return Error{"such a thing cannot happen to " + (order.device.empty() ? "any device here" : order.device)};
+  }
   if (order.kind != Kind::unplug) return done();
   for (const Line& line : lines_) {
     if (line.kind == "socketcan" && (order.bus.empty() || order.bus == line.name)) {
@@ -106,31 +113,28 @@ Result<> World::obey(const Order& order, std::int64_t now_ns) {
     due_.back().order.after_s = 0;
     return done();
   }
-  if (Result<> acted = act(order, now_ns); !acted) return acted;
+  act(order, now_ns);
   const bool ends = order.kind != Kind::unplug && order.kind != Kind::reset && order.kind != Kind::clear;
   if (ends && order.for_s > 0) due_.push_back({now_ns + ns_of(order.for_s), undone(order)});
   return done();
 }
 
-Result<> World::act(const Order& order, std::int64_t now_ns) {
+void World::act(const Order& order, std::int64_t now_ns) {
   if (order.kind == Kind::clear) {
     clear(now_ns);
-    return done();
+    return;
   }
   if (is_of_device(order.kind)) {
-    bool any = false;
     for (const Device& device : devices_) {
-      if (!order.device.empty() && order.device != device.name) continue;
-      any = device.node->befall(mishap_of(order.kind), order.on, now_ns) || any;
+      if (order.device.empty() || order.device == device.name) {
+        device.node->befall(mishap_of(order.kind), order.on, now_ns);
+      }
     }
-    return any ? done()
-               : Result<>(Error{"such a thing cannot happen to " +
-                                (order.device.empty() ? "any device here" : order.device)});
+    return;
   }
   for (std::size_t i = 0; i < lines_.size(); ++i) {
     if (order.bus.empty() || order.bus == lines_[i].name) act_on_bus(order, i, now_ns);
   }
-  return done();
 }
 
 void World::act_on_bus(const Order& order, std::size_t bus, std::int64_t now_ns) {
@@ -150,6 +154,7 @@ void World::act_on_bus(const Order& order, std::size_t bus, std::int64_t now_ns)
       break;
     case Kind::bus_off:
       faults.bus_off = order.on;
+      ends_[bus]->spoil_wires(order.on);
       break;
     default: {
       constexpr double kMomentS = 1;
@@ -163,6 +168,7 @@ void World::act_on_bus(const Order& order, std::size_t bus, std::int64_t now_ns)
 void World::clear(std::int64_t now_ns) {
   due_.clear();
   for (const Line& line : lines_) line.wire->set_faults({});
+  for (const std::unique_ptr<End>& end : ends_) end->spoil_wires(false);
   for (const Device& device : devices_) {
     for (const hal::Mishap mishap : {hal::Mishap::over_temperature, hal::Mishap::encoder_lost}) {
       device.node->befall(mishap, false, now_ns);

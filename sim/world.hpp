@@ -49,6 +49,7 @@ class World {
   struct Device {
     std::string name;
     std::unique_ptr<hal::BusNode> node;
+    bool suffers;  // from what befalls devices: a gateway is too simple for that
   };
   struct Due {
     std::int64_t at_ns;
@@ -57,7 +58,7 @@ class World {
 
   Result<> add_bus(const robot::RobotConfig& config, std::size_t index, const Options& options);
   Result<> check(const Order& order) const;
-  Result<> act(const Order& order, std::int64_t now_ns);
+  void act(const Order& order, std::int64_t now_ns);
   void act_on_bus(const Order& order, std::size_t bus, std::int64_t now_ns);
   void clear(std::int64_t now_ns);
   void tell_places();

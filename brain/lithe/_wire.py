@@ -172,6 +172,7 @@ class JointStatus(IntFlag):
     watchdog = 4
     lost = 8
     not_homed = 16
+    not_ready = 128
 
 
 class SegmentHeader(ctypes.Structure):

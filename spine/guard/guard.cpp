@@ -61,7 +61,7 @@ void Guard::reset_output() LITHE_RT {
   last_nm_.fill(0.0);
   blind_kd_nm_s_rad_.fill(0.0);
   soft_start_ = 0;
-  ticks_at_rest_ = 0;
+  ticks_at_rest_ = ticks_seen_at_rest_ = 0;
   dispatched();
   safe_law_.rearm();
 }
@@ -91,7 +91,7 @@ Verdict Guard::check(const Input& in, Output& out) LITHE_RT {
     }
   } else {
     safe_law_.rearm();
-    ticks_at_rest_ = 0;
+    ticks_at_rest_ = ticks_seen_at_rest_ = 0;
     soft_start_ = std::min(soft_start_ + soft_start_step_, 1.0);
     if (soft_start_ < 1) verdict.flags |= wire::telemetry_flag::kSoftStarting;
     apply_law(in, out, verdict.flags);
@@ -156,18 +156,23 @@ bool Guard::proposal_is_finite(const Proposal& proposal) const LITHE_RT {
   return finite;
 }
 
-// How far down the ladder. Joints whose samples are no basis for anything do not count as moving: the drive damps them,
-// and nobody will ever know that they are at rest.
+// How far down the ladder. For braking, joints whose samples are no basis for anything do not count as moving: the
+// drive damps them, and nobody may ever know that they are at rest. Letting go is another matter: only what was seen at
+// rest for so long, every joint of it, does not fall then.
 Rung Guard::descend(const Input& in) LITHE_RT {
   if (in.mode != Mode::safe_stop) return Rung::safe_law;  // not latched yet
   bool at_rest = true;
+  bool seen_at_rest = true;
   for (std::size_t j = 0; j < joints_; ++j) {
-    at_rest = at_rest && (!usable_[j] || std::abs(in.velocity_rad_s[j]) < kAtRestRadS);
+    const bool slow = std::abs(in.velocity_rad_s[j]) < kAtRestRadS;
+    at_rest = at_rest && (!usable_[j] || slow);
+    seen_at_rest = seen_at_rest && usable_[j] && slow;
   }
   const bool braked = brake_after_ticks_ != 0 && ticks_at_rest_ >= brake_after_ticks_;
-  const bool off = off_after_ticks_ != 0 && ticks_at_rest_ >= off_after_ticks_;
+  const bool off = off_after_ticks_ != 0 && ticks_seen_at_rest_ >= off_after_ticks_;
   // Once it brakes, a push does not let it go again.
-  ticks_at_rest_ = at_rest || braked || off ? ticks_at_rest_ + 1 : 0;
+  ticks_at_rest_ = at_rest || braked ? ticks_at_rest_ + 1 : 0;
+  ticks_seen_at_rest_ = seen_at_rest || off ? ticks_seen_at_rest_ + 1 : 0;
   if (off) return Rung::off;
   return braked ? Rung::brake : Rung::safe_law;
 }
@@ -233,7 +238,7 @@ void Guard::apply_law(const Input& in, Output& out, std::uint32_t& flags) LITHE_
     out.velocity_rad_s[j] = target_rad_s;
     out.kp_nm_rad[j] = kp;
     out.kd_nm_s_rad[j] = kd;
-    out.max_torque_nm[j] = limit.torque_max_nm;
+    out.max_torque_nm[j] = limit.torque_max_nm * soft_start_;  // also if no other command follows
   }
 }
 

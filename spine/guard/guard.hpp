@@ -109,7 +109,7 @@ class Guard {
   bool stop_when_brain_stale_ = false;
   double soft_start_ = 1, soft_start_step_ = 1;                // share of the torque limits that a law has
   std::uint64_t brake_after_ticks_ = 0, off_after_ticks_ = 0;  // at rest in the safe stop; 0 = never
-  std::uint64_t ticks_at_rest_ = 0;
+  std::uint64_t ticks_at_rest_ = 0, ticks_seen_at_rest_ = 0;
   SafeLaw safe_law_;
   // By the last output, and by the last one that was dispatched: the torque, and the damping of an unusable joint,
   // whose torque nobody here knows.

@@ -11,6 +11,8 @@
 #include "spine/core/joints.hpp"
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
+#include "spine/hal/bus/pi3hat_port.hpp"
+#include "spine/hal/bus/tap.hpp"
 #include "spine/hal/device/drive.hpp"
 #include "spine/robot/config.hpp"
 
@@ -77,10 +79,16 @@ class Actuators {
   virtual void service() {}
   // Which bus is down and which drive not ready, and why; empty when all is well. Contract: as service()
   virtual std::string trouble() const { return ""; }
+  // What real buses carried otherwise than asked, a clause each; empty when nothing. Contract: after the last cycle
+  virtual std::string tell_buses() const { return ""; }
 };
 
-// Opens every bus and device of the robot. Contract: never in the tick
-Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config);
+// Opens every bus and device of the robot. `pi3hat`: what stands in for the board; null = the one of this machine.
+// `tap` sees the frames of all buses by their number in the file; null = nobody.
+// Contract: never in the tick
+Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config,
+                                                  std::unique_ptr<Pi3hatPort> pi3hat = nullptr,
+                                                  FrameTap* tap = nullptr);
 
 // The same robot with every bus and device simulated, whatever the file says. Contract: never in the tick
 Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config);

@@ -24,7 +24,7 @@ std::uint32_t address_of(Addressing addressing, const Frame& frame) LITHE_RT {
 }  // namespace
 
 std::size_t BusActuators::add_bus(std::unique_ptr<Bus> bus, Addressing addressing, std::unique_ptr<BusMaster> master) {
-  Line line{std::move(bus), std::move(master), addressing, 0, 0, 0, {}};
+  Line line{std::move(bus), std::move(master), addressing, 0, 0, 0, 0, {}};
   line.joint_at.fill(kNobody);
   lines_.push_back(std::move(line));
   return lines_.size() - 1;
@@ -42,12 +42,22 @@ void BusActuators::add_joint(std::size_t bus, std::uint32_t address, std::unique
 
 std::size_t BusActuators::add_gateway(std::size_t bus, std::uint32_t node, std::int64_t stale_ns) {
   gateways_.push_back({bus, gateway::Gateway(node, stale_ns)});
+  ++lines_[bus].gateways;
   return gateways_.size() - 1;
 }
 
 void BusActuators::add_sensor(std::size_t gateway, gateway::Block block, std::size_t channel, double scale,
                               double offset) {
-  sensors_.push_back({gateway, block, channel, scale, offset});
+  sensors_.push_back({false, gateway, block, channel, scale, offset});
+}
+
+std::size_t BusActuators::add_imu(ImuSource& source, std::int64_t stale_ns) {
+  imus_.push_back({&source, stale_ns});
+  return imus_.size() - 1;
+}
+
+void BusActuators::add_imu_sensor(std::size_t imu, std::size_t channel, double scale, double offset) {
+  sensors_.push_back({true, imu, gateway::Block::imu, channel, scale, offset});
 }
 
 void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT {
@@ -57,8 +67,7 @@ void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, s
   exchange_.asked = false;
   for (Line& line : lines_) {
     line.bus->begin(now_ns);
-    // A node that babbles must not keep the tick: so many frames, then the rest is for the next exchange.
-    line.patience = 4 * line.joints + 16;
+    line.patience = kMostWaiting;
     drain(line);  // what came since the last one: news, and answers that are late
   }
   send_all(command);  // to every bus first: their answers travel at the same time
@@ -81,17 +90,21 @@ void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, s
 void BusActuators::send_all(const ActuatorCommand& command) LITHE_RT {
   for (Line& line : lines_) {
     line.unanswered = 0;
+    line.patience = 4 * line.joints + 16 * line.gateways + 16;
     if (line.master != nullptr) line.master->before_commands(exchange_, *line.bus);
   }
   for (std::size_t i = 0; i < joints_.size(); ++i) {
     Joint& joint = joints_[i];
-    joint.answered = false;
+    joint.heard = joint.answered = false;
     joint.asked = exchange_.number % joint.divider == joint.turn;
     if (!joint.asked) continue;
     Line& line = lines_[joint.line];
     // A lost drive is always asked, but seldom waited for: the others' samples would be late because of it.
-    joint.awaited = joint.misses_in_a_row < misses_to_lost_ || exchange_.number % kLookForLost == 0;
-    if (joint.awaited) ++line.unanswered;
+    joint.awaited = joint.misses_in_a_row < misses_to_lost_ || exchange_.number / joint.divider % kLookForLost == 0;
+    if (joint.awaited) {
+      ++line.unanswered;
+      line.bus->expect_answer();
+    }
     if (!joint.drive->command(joint_command(command, i), exchange_, *line.bus)) ++counters_.unsound;
   }
   for (Line& line : lines_) {
@@ -133,9 +146,18 @@ void BusActuators::read_sensors(ActuatorState& state) const LITHE_RT {
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
     const Sensor& sensor = sensors_[i];
     double raw = 0;
-    const bool valid = gateways_[sensor.gateway].gateway.read(sensor.block, sensor.channel, exchange_.now_ns, raw);
-    state.sensor[i] = valid ? sensor.scale * raw + sensor.offset : std::numeric_limits<double>::quiet_NaN();
+    state.sensor[i] = read(sensor, raw) ? sensor.scale * raw + sensor.offset : std::numeric_limits<double>::quiet_NaN();
   }
+}
+
+bool BusActuators::read(const Sensor& sensor, double& raw) const LITHE_RT {
+  const std::int64_t now_ns = exchange_.now_ns;
+  if (!sensor.of_imu) return gateways_[sensor.source].gateway.read(sensor.block, sensor.channel, now_ns, raw);
+  const Imu& imu = imus_[sensor.source];
+  const ImuReading& reading = imu.source->imu(now_ns);
+  if (!reading.valid || sensor.channel >= kImuChannels || now_ns - reading.taken_ns > imu.stale_ns) return false;
+  raw = reading.value[sensor.channel];
+  return true;
 }
 
 void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
@@ -163,6 +185,9 @@ void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
     case Heard::answer:
       break;
   }
+  // Also one without a measurement was all that there is to wait for.
+  if (!joint.heard && joint.asked && joint.awaited) --line.unanswered;
+  joint.heard = true;
   if (joint.answered) {
     ++repeated_answers_;
     return;
@@ -173,7 +198,6 @@ void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
     return;
   }
   joint.answered = true;
-  if (joint.asked && joint.awaited) --line.unanswered;
   last_.status[index] |= wire::joint_status::kFresh;
   last_.position_rad[index] = sample.position_rad;
   last_.velocity_rad_s[index] = sample.velocity_rad_s;

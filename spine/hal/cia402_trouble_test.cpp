@@ -287,8 +287,11 @@ TEST_F(Cia402Trouble, WhatNoMotorDoesIsNotMeasured) {
 TEST_F(Cia402Trouble, AJointThatCannotFollowFaults) {
   build({.mode = Mode::position, .velocity_max_rad_s = 1000});
   enable();
-  command_.position_rad[0] = state_.position_rad[0] + 40;  // far beyond what torque can do in the time
-  cycle(200);
+  command_.position_rad[0] = state_.position_rad[0];
+  for (int i = 0; i < 200; ++i) {
+    command_.position_rad[0] += 0.1;  // faster by far than its torque can make it
+    cycle();
+  }
   EXPECT_TRUE(has(wire::joint_status::kFault));
   EXPECT_EQ(fault_class(), 0x86U);
 }

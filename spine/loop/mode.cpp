@@ -58,6 +58,7 @@ bool ModeMachine::fail(Fault fault) LITHE_RT {
 
 bool ModeMachine::press_estop() LITHE_RT {
   if (mode_ == Mode::estop) return false;
+  was_energised_ = energised();
   mode_ = Mode::estop;
   fault_ = Fault::estop_pressed;
   return true;

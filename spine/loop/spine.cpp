@@ -140,7 +140,8 @@ CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std
   bool all_fresh = sample_->sample_ns != 0 && stale_ticks_ <= kStaleTicksToArm;
   bool homed = true;
   for (std::uint32_t j = 0; j < joints_; ++j) {
-    all_fresh = all_fresh && (sample_->status[j] & wire::joint_status::kFresh) != 0;
+    constexpr std::uint32_t kReady = wire::joint_status::kFresh;
+    all_fresh = all_fresh && (sample_->status[j] & (kReady | wire::joint_status::kNotReady)) == kReady;
     homed = homed && (!robot_.joints[j].must_be_homed || (sample_->status[j] & wire::joint_status::kNotHomed) == 0);
   }
   const wire::Mode before = mode_.mode();

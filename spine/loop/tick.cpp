@@ -116,7 +116,7 @@ void Spine::compose(const guard::Verdict& verdict) LITHE_RT {
   hal::ActuatorCommand& command = handover_.next_command();
   command.tick = tick_ + 1;
   command.joints = joints_;
-  command.action = mode_.mode() == wire::Mode::estop    ? hal::DriveAction::damp
+  command.action = mode_.damps()                        ? hal::DriveAction::damp
                    : !mode_.energised()                 ? hal::DriveAction::off
                    : verdict.rung == guard::Rung::brake ? hal::DriveAction::brake
                    : verdict.rung == guard::Rung::off   ? hal::DriveAction::off

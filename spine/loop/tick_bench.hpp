@@ -92,6 +92,8 @@ class TickTest : public testing::Test {
   TickTest() : robot_(*robot::parse_robot(kRobot, "probe.toml")) {
     start_clock(clock_);
     actuators_ = std::move(*hal::open_actuators(robot_));
+    hal::ActuatorState unseen;  // while the drive says how it is set
+    for (int i = 0; i < 20; ++i) actuators_->cycle({}, unseen, now_ns_ += kNsPerMs);
     use_cell(nullptr);
     command_ = std::make_unique<ipc::MailboxSender<wire::Command, 16>>(control_memory_->commands, memory_->control_ack);
   }

@@ -7,6 +7,8 @@
 
 namespace lithe::robot {
 
+// Complains where the last bus of `robot` is another one's hardware, or waits longer for answers than the robot may.
+void check_bus(Reader& in, const RobotConfig& robot);
 // Complains where the last device of `robot` cannot live beside those before it on its bus. `has_id`: its table says
 // one.
 void check_neighbours(Reader& in, const RobotConfig& robot, bool has_id);

@@ -64,8 +64,9 @@ class File {
       BusConfig& bus = robot_.buses.emplace_back();
       Reader in(*table, where("bus", *table), report_);
       in.identifier("name", bus.name);
-      read_bus(in, bus);
+      read_bus(in, bus, robot_.rate_hz);
       refuse_twin(in, "bus", robot_.buses);
+      check_bus(in, robot_);
     }
   }
 
@@ -81,8 +82,12 @@ class File {
       DeviceConfig& device = robot_.devices.emplace_back(prototype);
       Reader in(*table, where("device", *table), report_, device_defaults_);
       in.identifier("name", device.name);
-      in.integer("id", device.id, {1, 126}, Need::required);
       read_device(in, device, buses, Need::required);
+      if (device.kind == DeviceKind::imu) {
+        device.id = 0;
+      } else {
+        in.integer("id", device.id, {1, 126}, Need::required);
+      }
       in.finish();
       refuse_twin(in, "device", robot_.devices);
       check_neighbours(in, robot_, table->get("id") != nullptr);
@@ -129,7 +134,7 @@ class File {
     std::vector<const toml::table*> owners(robot_.devices.size(), nullptr);
     for (const toml::table* table : tables) read_one_joint(*table, prototype, owners);
     for (std::size_t i = 0; i < owners.size(); ++i) {
-      if (owners[i] == nullptr && report_.empty() && robot_.devices[i].kind != DeviceKind::gateway) {
+      if (owners[i] == nullptr && report_.empty() && is_drive(robot_.devices[i].kind)) {
         robot_.notes.push_back(fmt::format("device \"{}\" moves no joint; it is left alone", robot_.devices[i].name));
       }
     }
@@ -154,9 +159,9 @@ class File {
     }
     if (joint.device >= owners.size()) return;
     check_joint(in, joint, robot_.devices[joint.device]);
-    if (robot_.devices[joint.device].kind == DeviceKind::gateway) {
-      in.complain("device", fmt::format("\"{}\" is a gateway and moves nothing; name a drive",
-                                        robot_.devices[joint.device].name));
+    if (const DeviceConfig& device = robot_.devices[joint.device]; !is_drive(device.kind)) {
+      in.complain("device", fmt::format("\"{}\" is {} and moves nothing; name a drive", device.name,
+                                        device.kind == DeviceKind::imu ? "an imu" : "a gateway"));
     }
     if (owners[joint.device] != nullptr) {
       in.complain("device", fmt::format("\"{}\" already moves another joint (line {}); one device moves one joint",

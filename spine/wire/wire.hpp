@@ -438,6 +438,7 @@ inline constexpr std::uint32_t kFault = 2;
 inline constexpr std::uint32_t kWatchdog = 4;
 inline constexpr std::uint32_t kLost = 8;
 inline constexpr std::uint32_t kNotHomed = 16;
+inline constexpr std::uint32_t kNotReady = 128;
 }
 
 // First bytes of every segment.

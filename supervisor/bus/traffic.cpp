@@ -8,6 +8,7 @@
 
 #include "spine/hal/bus/fdcanusb_codec.hpp"
 #include "spine/hal/bus/frame_time.hpp"
+#include "spine/hal/bus/imu.hpp"
 #include "spine/hal/device/canopen_master.hpp"
 #include "spine/hal/device/cia402_setup.hpp"
 #include "spine/hal/device/gateway.hpp"
@@ -169,6 +170,18 @@ std::vector<Traffic> gateway_traffic(const DeviceConfig& device, const Line& lin
           block("digital", 8, kGatewayFramesPerS / 2)};
 }
 
+// It is on the board: no bus carries it, SPI does.
+std::vector<Traffic> imu_traffic(const Line& line) {
+  Traffic traffic;
+  traffic.what = "attitude";
+  traffic.size = 4 * hal::kImuChannels + 2;
+  traffic.per_tick = 1;
+  if (line.bus.kind == BusKind::pi3hat) {
+    traffic.spi_us = kSpiHoldUs + kSpiByteUs * (static_cast<double>(traffic.size) + kSpiReadHead);
+  }
+  return {traffic};
+}
+
 }  // namespace
 
 std::vector<Traffic> traffic_of(const DeviceConfig& device, const BusConfig& bus, Detail detail) {
@@ -179,9 +192,11 @@ std::vector<Traffic> traffic_of(const DeviceConfig& device, const BusConfig& bus
     case DeviceKind::cia402:
       return cia402_traffic(device, line);
     case DeviceKind::gateway:
+      return gateway_traffic(device, line);
+    case DeviceKind::imu:
       break;
   }
-  return gateway_traffic(device, line);
+  return imu_traffic(line);
 }
 
 std::vector<Traffic> shared_traffic(const robot::RobotConfig& robot, std::size_t bus, Detail detail) {

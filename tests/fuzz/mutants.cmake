@@ -38,11 +38,11 @@ lithe_mutant(loses_the_last_byte socketcan ${hal}/bus/socketcan_codec.cpp
 lithe_mutant(takes_a_number_that_is_none moteus ${hal}/device/moteus.cpp
   "std::abs(torque_nm) <= kMaxTorqueNm" "!(std::abs(torque_nm) > kMaxTorqueNm)")
 lithe_mutant(sends_what_no_float_holds moteus ${hal}/device/moteus.cpp
-  "return std::abs(value) <= std::numeric_limits<float>::max();" "return std::isfinite(value);")
+  "return std::abs(value) <= kMaxCommand;" "return std::isfinite(value);")
 lithe_mutant(reads_beyond_the_frame moteus ${hal}/device/moteus_codec.cpp
   "if (bytes > rest_.size()) return false;" "if (bytes > rest_.size() + 4) return false;")
 lithe_mutant(listens_for_ever moteus_terminal ${hal}/device/moteus_terminal.cpp
-  "if (over && wait.frames_after-- == 0) return false;" "")
+  "if (time_.now_ns() >= end_ns) return Error" "if (!heard && time_.now_ns() >= end_ns) return Error")
 lithe_mutant(waits_for_ever moteus_terminal ${hal}/device/moteus_terminal.cpp
   "std::min(quiet_until_ns, end_ns)" "quiet_until_ns")
 lithe_mutant(takes_any_objects_answer canopen ${hal}/device/canopen_sdo.cpp

@@ -48,11 +48,13 @@ void one_line(std::string_view line) {
 Told expected_of(std::string_view text) {
   Told told;
   each_line(text, kEnds, [&](std::string_view line) {
+    if (told.bus_off) return;
     Frame frame;
     const Answer answer = line.size() > kLongestBusLine ? Answer::malformed : slcan::parse_answer(line, frame);
     if (answer == Answer::frame) told.frames.push_back(frame);
     told.acknowledged += answer == Answer::done || answer == Answer::sent ? 1 : 0;
-    told.errors += answer == Answer::refused || answer == Answer::trouble ? 1 : 0;
+    told.bus_off = answer == Answer::bus_off;
+    told.errors += answer == Answer::refused || answer == Answer::trouble || told.bus_off ? 1 : 0;
     told.malformed += answer == Answer::malformed ? 1 : 0;
     told.ignored += answer == Answer::other ? 1 : 0;
   });
@@ -64,7 +66,10 @@ void terminal(std::string_view text, Input& cuts) {
   auto bus = SlcanBus::open({pty().path(), 1'000'000, 5'000'000, 0});
   demand(bool(bus), "a terminal opens");
   const std::string whole = std::string(text.substr(0, kMostText)) + "\r";
-  through_terminal(**bus, whole, cuts, expected_of(whole));
+  const Told expected = expected_of(whole);
+  through_terminal(**bus, whole, cuts, expected);
+  bus->reset();
+  if (expected.bus_off) pty(true);
 }
 
 void adapter(std::string_view text, bool silent, Input& cuts) {
@@ -99,7 +104,8 @@ std::vector<Seed> seeds() {
   const std::string commands =
       "C\rS8\rY5\rZ1\rO\rt1232AABB\rd7FF9000102030405060708090A0B\rT1FFFFFFF81122334455667788\rr1231\rV\rN\rF\rS6\rC\r"
       "Z0\rS9\rs0123\rX1\rQ0\rm1\rM00000000\rL\rt1230\rO\rC\rO\rB0000000112\rt1230\r\r";
-  for (const std::string& text : {heard, commands, commands + heard, std::string(300, '0') + "\rt1230\r"}) {
+  for (const std::string& text :
+       {heard, commands, commands + heard, heard + "sb255000\r" + heard, std::string(300, '0') + "\rt1230\r"}) {
     for (const unsigned way : List<unsigned>{0, kTerminal, kAdapter, kAdapter | kSilent}) {
       all.push_back(Script().byte(way).text(cuts).text(text));
     }

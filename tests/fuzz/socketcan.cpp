@@ -64,7 +64,8 @@ void one_packet(std::span<const std::byte> packet, Told& told) {
 void run(Bytes bytes) {
   std::array<int, 2> ends{};
   demand(socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_NONBLOCK, 0, ends.data()) == 0, "a socket opens");
-  auto bus = SocketCanBus::open({"can0"}, [&]() -> Result<Descriptor> { return Descriptor(ends[0]); });
+  auto bus = SocketCanBus::open(
+      {"can0"}, [&]() -> Result<Descriptor> { return Descriptor(ends[0]); }, [] { return SocketCanBus::Carrier::on; });
   Told told;
   Input input(bytes);
   for (std::size_t i = 0; i < kMostPackets && !input.empty(); ++i) {
@@ -75,7 +76,7 @@ void run(Bytes bytes) {
   }
   std::vector<Frame> frames;
   Frame frame;
-  for (std::size_t looks = 0; looks <= kMostPackets / 32; ++looks) {  // one look passes over so many at most
+  for (std::size_t looks = 0; looks < 2; ++looks) {
     (*bus)->begin(0);
     while ((*bus)->receive(frame)) frames.push_back(frame);
   }

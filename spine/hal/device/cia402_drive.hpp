@@ -47,7 +47,7 @@ class Cia402Drive final : public Drive {
   Heard take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT override;
 
   // Empty when the drive can be commanded.
-  std::string why_not_ready() const;
+  std::string why_not_ready() const override;
   bool running() const LITHE_RT { return stage_ == Stage::running; }
 
  private:
