@@ -106,15 +106,16 @@ class Tail:
     def p999_ns(self, drawn: npt.NDArray[np.int64]) -> float:
         """When each round counts as often as it was drawn."""
         later = np.cumsum(drawn[self.rounds])
-        at = np.searchsorted(later, 1e-3 * float(drawn @ self.ticks))
+        at = int(np.searchsorted(later, 1e-3 * float(drawn @ self.ticks)))
         return max(float(self.late_ns[min(at, len(self.late_ns) - 1)]), LEAST_NS)
 
 
-def ratio_interval(swapping: Tail, resting: Tail, rounds: int, sure: float = SURE) -> tuple[float, float]:
+def ratio_interval(swapping: Tail, resting: Tail, sure: float = SURE) -> tuple[float, float]:
     """Of the ratio of two p99.9: what it is when the rounds are drawn anew, with replacement (bootstrap).
 
     One in a thousand ticks comes so late in bursts, a few of which make all of a p99.9: ticks tell little alone.
     """
+    rounds = len(swapping.ticks)
     if rounds < LEAST_ROUNDS or not len(swapping.late_ns) or not len(resting.late_ns):
         return float("-inf"), float("inf")
     draw = np.random.default_rng(1)
@@ -188,7 +189,8 @@ class Sides:
     def late_us(self, late_ns: npt.NDArray[np.int64], at_ns: npt.NDArray[np.int64], name: str) -> Figures:
         """p50, p99 and p99.9 of some lateness on both sides; the ratio of the last, and its interval."""
         told: Figures = {}
-        p999, tails = [], []
+        p999: list[float] = []
+        tails: list[Tail] = []
         for side, spans in (("in", self.swapping), ("out", self.resting)):
             chosen = inside(at_ns, spans)
             values = late_ns[chosen]
@@ -196,7 +198,7 @@ class Sides:
             quantiles = np.percentile(values, [50, 99, 99.9]) if len(values) else np.full(3, np.nan)
             told |= {f"{name}_{q}_{side}_us": v / 1e3 for q, v in zip(("p50", "p99", "p999"), quantiles, strict=True)}
             p999.append(max(quantiles[2], LEAST_NS))
-        low, high = ratio_interval(*tails, len(self.rounds))
+        low, high = ratio_interval(tails[0], tails[1])
         return told | {
             f"{name}_p999_in_over_out": float(p999[0] / p999[1]),
             f"{name}_p999_in_over_out_low": low,

@@ -134,7 +134,9 @@ void PtyEnd::write_out() {
   if (out_.size() <= kMostPending) return;
   // Adapters lose whole lines: the rest of one that has partly left is still told.
   std::size_t rest = 0;
-  while (half_told_ && rest < out_.size() && !is_end(out_[rest++])) {
+  if (half_told_) {
+    while (rest < out_.size() && !is_end(out_[rest])) ++rest;
+    if (rest < out_.size()) ++rest;
   }
   while (rest < out_.size() && out_[rest] == '\n') ++rest;  // which belongs to the end before it
   out_.resize(rest);

@@ -240,8 +240,8 @@ def test_an_ended_experiment_leaves_nothing_behind(tmp_path: Path, robot_file: P
     process = run(tmp_path / "out", robot_file)
     run_until(process, "phase: baseline")
     process.send_signal(number)
-    process.communicate(timeout=60)
-    assert process.returncode == code
+    told, _ = process.communicate(timeout=60)
+    assert process.returncode == code, told
     deadline = time.monotonic() + 30  # a killed demo's robot stops by itself, a little later
     while leftovers(process.pid) and time.monotonic() < deadline:
         time.sleep(0.05)

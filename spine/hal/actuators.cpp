@@ -253,7 +253,7 @@ Result<> check_joints(const robot::RobotConfig& config) {
 
 Result<> check_sensors(const robot::RobotConfig& config) {
   for (const robot::DeviceConfig& device : config.devices) {
-    if (device.kind != DeviceKind::gateway) continue;
+    if (robot::is_drive(device.kind) || device.kind == DeviceKind::imu) continue;
     if (Result<> sound = check_device(config, device, config.path + ": "); !sound) return sound;
   }
   if (config.sensors.size() > robot::kMaxSensors) {
@@ -262,11 +262,13 @@ Result<> check_sensors(const robot::RobotConfig& config) {
   }
   for (const robot::SensorConfig& sensor : config.sensors) {
     const std::string where = config.path + ": sensor '" + sensor.name + "': ";
-    if (sensor.device >= config.devices.size() || config.devices[sensor.device].kind != DeviceKind::gateway) {
-      return Error{where + "is on no gateway; name a [[device]] of kind \"gateway\""};
+    if (sensor.device >= config.devices.size() || robot::is_drive(config.devices[sensor.device].kind)) {
+      return Error{where + "is on no gateway; name a [[device]] of kind \"gateway\" or \"imu\""};
     }
-    if (sensor.channel >= gateway::kChannels) {
-      return Error{where + "a gateway has channels 0 to " + std::to_string(gateway::kChannels - 1)};
+    const bool imu = config.devices[sensor.device].kind == DeviceKind::imu;
+    const std::size_t channels = imu ? kImuChannels : gateway::kChannels;
+    if (sensor.channel >= channels) {
+      return Error{where + (imu ? "an imu" : "a gateway") + " has channels 0 to " + std::to_string(channels - 1)};
     }
   }
   return done();

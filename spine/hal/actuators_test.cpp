@@ -306,24 +306,6 @@ TEST(Actuators, SensorsThatCannotBeReadSayWhyAndWhatToDo) {
   EXPECT_TRUE(refused(bad, "drives nothing"));
 }
 
-TEST(Actuators, ASensorOfNoGatewayIsRefusedAndNotRead) {
-  robot::RobotConfig config = desk_arm();
-  config.sensors.resize(1);
-  EXPECT_NE(open_actuators(config).message().find("needs a gateway"), std::string::npos) << "it hangs on a drive";
-  config.sensors[0].device = 7;
-  EXPECT_NE(open_actuators(config).message().find("needs a gateway"), std::string::npos);
-  config.devices.resize(2, config.devices[0]);
-  config.devices[1].kind = robot::DeviceKind::gateway;
-  config.devices[1].id = 20;
-  config.sensors[0].device = 1;
-  EXPECT_TRUE(open_actuators(config));
-  config.sensors[0].channel = 16;
-  EXPECT_NE(open_actuators(config).message().find("needs a gateway"), std::string::npos);
-  config.sensors[0].channel = 0;
-  config.sensors.resize(robot::kMaxSensors + 1, config.sensors[0]);
-  EXPECT_NE(open_actuators(config).message().find("17 sensors, LITHE carries 16"), std::string::npos);
-}
-
 TEST(Actuators, WhatARealBusSaidOtherwiseThanAskedIsTold) {
   test::TestPty pty;
   robot::RobotConfig config = desk_arm();

@@ -21,7 +21,7 @@ robot::BusConfig config_of(const test::TestPty& pty, robot::BusKind kind = robot
 
 // All that is said when it is opened and one frame is sent.
 std::string said(test::TestPty& pty, const robot::BusConfig& config) {
-  const auto bus = open_bus(config);
+  const auto bus = BusOpener({}, false).open(config);
   EXPECT_TRUE(bus) << bus.message();
   if (!bus) return "";
   Frame frame = test::command(0x8001, 2);
@@ -61,7 +61,7 @@ TEST(OpenBus, ABaudRateOfTheFileIsSet) {
     for (const auto& [baud, code] : {std::pair{0U, B921600}, {115'200U, B115200}, {2'000'000U, B2000000}}) {
       robot::BusConfig config = config_of(pty, kind);
       config.baud = baud;
-      const auto bus = open_bus(config);
+      const auto bus = BusOpener({}, false).open(config);
       ASSERT_TRUE(bus) << bus.message();
       const Descriptor again(open(pty.path().c_str(), O_RDWR | O_NOCTTY | O_CLOEXEC));
       termios settings{};
@@ -70,7 +70,7 @@ TEST(OpenBus, ABaudRateOfTheFileIsSet) {
     }
     robot::BusConfig odd = config_of(pty, kind);
     odd.baud = 12'345;
-    const auto bus = open_bus(odd);
+    const auto bus = BusOpener({}, false).open(odd);
     ASSERT_FALSE(bus);
     EXPECT_NE(bus.message().find("no baud rate of 12345; use one of 115200, "), std::string::npos) << bus.message();
   }

@@ -219,6 +219,7 @@ TEST_F(Pi3hat, ARobotInMemoryHasAnImuThatLiesLevel) {
 
 TEST_F(Pi3hat, AnErrorOfTheBoardIsNamedAndAStrangeConnectorIsNobody) {
   open(quadruped());
+  tick(100);  // the drives have said how they are set
   board_.strangers = 20;
   tick();
   EXPECT_EQ(fresh(), 12);

@@ -201,8 +201,8 @@ TEST(Hardware, AnImuIsOfTheBoardAndHasNoId) {
   ASSERT_TRUE(robot) << robot.message();
   EXPECT_EQ(robot->devices[0].kind, DeviceKind::imu);
   EXPECT_TRUE(robot->notes.empty()) << robot->notes.front();
-  expect_refused(kTop + kHat + kImu + drive + imu_sensor("imu", 10), {"channels 0 to 9"});
-  expect_refused(kTop + kHat + kImu + drive + imu_sensor("analog", 0), {"channels 0 to 9"});
+  expect_refused(kTop + kHat + kImu + drive + imu_sensor("imu", 10), {"10 is more than an IMU has: 0 to 9"});
+  expect_refused(kTop + kHat + kImu + drive + imu_sensor("analog", 0), {"has kind = \"imu\""});
   expect_refused(kTop + kHat + kImu + drive + joint("b", "body"), {"is an imu and moves nothing"});
   expect_refused(kTop + kHat + kImu + "id = 3\n" + drive, {"id"});
   expect_refused(kTop + kFd + device("m", "moteus", "fd", 1) + joint("a", "m") +

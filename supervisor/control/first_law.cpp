@@ -119,8 +119,9 @@ void Supervisor::arm() {
     }
     turn(10);
   } while (monotonic_ns() < deadline_ns);
-  throw Halt{3, "the robot cannot be armed: not every drive answers or is set up as it must be; what is wrong with which "
-                "stands above, or check power, bus and ids in the robot file"};
+  throw Halt{3,
+             "the robot cannot be armed: not every drive answers or is set up as it must be; what is wrong with which "
+             "stands above, or check power, bus and ids in the robot file"};
 }
 
 }  // namespace lithe::control

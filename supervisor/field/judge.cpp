@@ -139,7 +139,7 @@ void advise(const std::string& file, std::vector<Judged>& all) {
   for (Judged& each : all) {
     if (each.standing == Standing::unknown) {
       each.advice = fmt::format("add it to {} as a [[device]] of kind \"{}\" with id = {}, or take it off the bus",
-                                file, bus::word(each.kind), each.id);
+                                file, robot::word(each.kind), each.id);
     }
     if (each.standing != Standing::missing) continue;
     const Judged* stranger = stranger_of_kind(all, each.kind);

@@ -17,7 +17,7 @@ constexpr BusKind kReal[] = {BusKind::fdcanusb, BusKind::slcan, BusKind::socketc
 // The bus that "KIND:PLACE" names; nothing when the words are no such thing, but the path of a file.
 std::optional<robot::BusConfig> bus_given(std::string_view what) {
   for (const BusKind kind : kReal) {
-    const std::string before = std::string(bus::word(kind)) + ":";
+    const std::string before = std::string(robot::word(kind)) + ":";
     if (!what.starts_with(before)) continue;
     robot::BusConfig config;
     config.kind = kind;
@@ -74,7 +74,7 @@ Result<Choice> choose(const Words& words) {
 }
 
 std::string place_of(const robot::BusConfig& bus) {
-  const std::string kind(bus::word(bus.kind));
+  const std::string kind(robot::word(bus.kind));
   switch (bus.kind) {
     case BusKind::fdcanusb:
     case BusKind::slcan:

@@ -71,7 +71,7 @@ Json to_json(const Scan& scan, const Choice& choice) {
     const robot::BusConfig& config = choice.robot.buses[each.bus];
     Json devices = Json::array();
     for (const Judged& device : each.devices) {
-      devices.push_back({{"kind", bus::word(device.kind)},
+      devices.push_back({{"kind", robot::word(device.kind)},
                          {"id", device.id},
                          {"name", or_null(device.name)},
                          {"standing", word(device.standing)},
@@ -98,7 +98,7 @@ std::string to_text(const Scan& scan, const Choice& choice) {
     const std::string place = place_of(config);
     text += config.name == place ? place + "\n" : fmt::format("{} ({})\n", config.name, place);
     for (const Judged& device : each.devices) {
-      text += fmt::format("  {:<8} id {:<4} {:<9} {:<20} {}\n", bus::word(device.kind), device.id,
+      text += fmt::format("  {:<8} id {:<4} {:<9} {:<20} {}\n", robot::word(device.kind), device.id,
                           word(device.standing), device.name, device.what);
       if (!device.advice.empty()) next += fmt::format("  {} id {}: {}\n", config.name, device.id, device.advice);
     }

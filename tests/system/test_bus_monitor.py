@@ -31,7 +31,7 @@ def test_frames_of_a_running_robot_in_memory_are_seen_both_ways(house: House, te
     back = [each for each in frames if each["direction"] == "in"]
     assert abs(len(out) - len(back)) <= 1
     assert out[0]["says"].startswith("write mode position; write position ") and "read " in out[0]["says"]
-    assert back[0]["says"].startswith("mode position, position ") and " rev" in back[0]["says"]
+    assert back[0]["says"].startswith("mode position; position ") and " rev" in back[0]["says"]
     assert len(out[0]["data"]) == 96, "48 bytes"
     assert sorted(each["time_s"] for each in frames) == [each["time_s"] for each in frames]
     assert statistics["buses"][0]["errors"] == 0 and 0 < statistics["buses"][0]["load"] < 1

@@ -131,7 +131,7 @@ def test_they_do_over_three_terminals(tmp_path: Path, monkeypatch: pytest.Monkey
     """Two adapters speak fdcanusb, and one slcan for both CANopen drives; all devices are in another process."""
     folder = tmp_path / "buses"
     terminals = {
-        f'name = "{bus}"\nkind = "loop" ': f'name = "{bus}"\npath = "{folder / bus}"\nkind = "{kind}" '
+        f'name = "{bus}"\nkind = "loop"': f'name = "{bus}"\npath = "{folder / bus}"\nkind = "{kind}"'
         for bus, kind in BUSES.items()
     }
     slower = {"rate_hz = 1000": "rate_hz = 250", "[defaults.device]": f"[guard]\n{PATIENT}\n[defaults.device]"}

@@ -98,14 +98,18 @@ class Agent:
         tell(reference={**sines, "since_ns": answer["since_ns"]})
         time.sleep(moves.RAMP_S)
 
-    def record(self, seconds: float, resting: list[int] | None = None, rest_by_s: float = 0.0) -> list[dict[str, Any]]:
-        """Telemetry of the next `seconds`, and on until the joints `resting` do so or `rest_by_s` have passed.
+    def tick(self) -> int:
+        return int(self.remote.call("latest", fields=["tick"])["tick"])
+
+    def record(
+        self, since: int, seconds: float, resting: list[int] | None = None, rest_by_s: float = 0.0
+    ) -> list[dict[str, Any]]:
+        """Telemetry from that tick to `seconds` from now, and on until all of `resting` rest or `rest_by_s` are over.
 
         Gathered piece by piece, four times in what the Brain keeps.
         """
         pause_s = min(1.0, KEPT_TICKS / self.rate_hz / 4)
         pieces: list[dict[str, Any]] = []
-        since = int(self.remote.call("latest", fields=["tick"])["tick"])
         start = time.monotonic()
         while (left := start + seconds - time.monotonic()) > 0 or not pieces:
             time.sleep(min(pause_s, max(left, 0.1)))
@@ -152,7 +156,7 @@ class Agent:
         self.swap("detuned_pd", sources.baseline(self.names, self.weak, when), **BAD_ON_PURPOSE)
         self.track()
         self.phase("baseline")
-        return self.record(6.0)
+        return self.record(self.tick(), 6.0)
 
     def choose_probes(self, baseline: list[dict[str, Any]]) -> list[tuple[float, float] | None]:
         """For each joint the two torques it is probed with, after a first look at what the bad law made of it.
@@ -176,7 +180,7 @@ class Agent:
         return chosen
 
     def probe(self, baseline: list[dict[str, Any]]) -> list[Arm]:
-        """Two constant torques; the swings into both rests are used, and the rests alone for comparison."""
+        """Two constant torques; all motion is used, the swings above all, and the rests alone for comparison."""
         chosen = self.choose_probes(baseline)
         self.phase("probing")
         probed = [joint for joint, torques in enumerate(chosen) if torques is not None]
@@ -185,16 +189,17 @@ class Agent:
         for number in (1, 2):
             torques_nm = [None if torques is None else torques[number - 1] for torques in chosen]
             source = sources.probe(number, self.names, torques_nm, following)
+            since = self.tick()  # where the machine is busy, the swing is half over before the swap has been answered
             self.swap(f"probe_{number}", source, **BAD_ON_PURPOSE)
-            runs.append(self.record(2.5, probed, rest_by_s=8.0))
-        motions = [as_motions(run) for run in runs]
+            runs.append(self.record(since, 2.5, probed, rest_by_s=8.0))
+        before, *motions = [as_motions(run) for run in (baseline, *runs)]
         arms = []
         for joint, name in enumerate(self.names):
             self.lag_s[joint] = self.lag_of(joint, [baseline, *runs])
             of_joint = [motion[joint] for motion in motions]
             try:
-                more = [] if joint in probed else [as_motions(baseline)[joint]]
-                arm = identify_arm(of_joint) if joint in probed else identify_joint([*of_joint, *more])
+                identify = identify_arm if joint in probed else identify_joint
+                arm = identify([before[joint], *of_joint])
             except ValueError as error:
                 raise ValueError(f"joint '{name}': {error}") from None
             arms.append(arm)

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/bus/fdcanusb_bus.hpp"
 
+#include <algorithm>
 #include <array>
 #include <span>
 #include <string_view>
@@ -18,7 +19,8 @@ constexpr std::int64_t kAskEveryNs = 600'000'000;
 
 // The line with its end, and with a checksum when it shall have one.
 std::size_t finish(std::string_view text, bool with_sum, std::span<char> out) LITHE_RT {
-  std::size_t size = text.copy(out.data(), out.size() - 1);
+  std::size_t size = std::min(text.size(), out.size() - 1);
+  std::copy_n(text.data(), size, out.data());
   if (with_sum) size = fdcanusb::append_sum(out.first(out.size() - 1), size);
   out[size] = '\n';
   return size + 1;

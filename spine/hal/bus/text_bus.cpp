@@ -35,7 +35,8 @@ void TextBus::say(std::string_view text) {
 
 void TextBus::add(std::string_view line) LITHE_RT {
   if (!link_.up() || line.size() > kOutbound - out_to_) return;
-  out_to_ += line.copy(out_.data() + out_to_, line.size());
+  std::copy(line.begin(), line.end(), out_.data() + out_to_);
+  out_to_ += line.size();
   ++statistics_.sent;
 }
 

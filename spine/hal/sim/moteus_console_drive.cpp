@@ -3,8 +3,8 @@
 #include <limits>
 
 #include "spine/hal/bus/words.hpp"
-#include "spine/hal/sim/moteus_console.hpp"
 #include "spine/hal/device/numbers.hpp"
+#include "spine/hal/sim/moteus_console.hpp"
 
 namespace lithe::hal::sim {
 
