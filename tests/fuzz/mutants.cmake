@@ -39,6 +39,9 @@ lithe_mutant(takes_a_number_that_is_none moteus ${hal}/device/moteus.cpp
   "std::abs(torque_nm) <= kMaxTorqueNm" "!(std::abs(torque_nm) > kMaxTorqueNm)")
 lithe_mutant(sends_what_no_float_holds moteus ${hal}/device/moteus.cpp
   "return std::abs(value) <= kMaxCommand;" "return std::isfinite(value);")
+lithe_mutant(bounds_beyond_any_float moteus ${hal}/device/moteus.cpp
+  "(possible(position_rad) && position_rev <= largest" "(position_rev <= largest")
+lithe_mutant(scales_by_any_gain moteus ${hal}/device/moteus_setup.cpp "return gain >= 1e-9 && gain <= 1e9;" "return gain > 0;")
 lithe_mutant(reads_beyond_the_frame moteus ${hal}/device/moteus_codec.cpp
   "if (bytes > rest_.size()) return false;" "if (bytes > rest_.size() + 4) return false;")
 lithe_mutant(listens_for_ever moteus_terminal ${hal}/device/moteus_terminal.cpp

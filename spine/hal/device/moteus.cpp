@@ -96,8 +96,9 @@ std::uint32_t status_of(const Answer& sample) LITHE_RT {
 }
 
 bool Driver::can_say(double position_rad) const LITHE_RT {
+  const double position_rev = std::abs(params_.joint.motor_rev(position_rad));
   return std::isnan(position_rad) ||
-         std::abs(params_.joint.motor_rev(position_rad)) <= largest(Quantity::position_rev, params_.command.position);
+         (possible(position_rad) && position_rev <= largest(Quantity::position_rev, params_.command.position));
 }
 
 Driver::MotorCommand Driver::to_motor(const JointCommand& command, bool stiff) const LITHE_RT {
