@@ -33,7 +33,7 @@ struct Quantiles {
 // end.
 std::optional<pid_t> live_spine(const std::string& robot);
 
-// Removes the three segments, but never those of a live Spine, whoever started it: false when one holds them.
+// Removes the segments, but never those of a live Spine, whoever started it: false when one holds them.
 bool remove_segments(const std::string& robot);
 
 // Sets the sticky e-stop word whoever holds the lease: an e-stop asks nobody. For use with and without a supervisor.

@@ -182,6 +182,8 @@ class _Timeline:
         axes.set_yscale("log")
         columns = 5 if len(joints) <= 15 else 8
         axes.set_ylim(LEAST_DEG / 10 ** -(-len(joints) // columns), 2000)  # room for words below and above the lines
+        axes.set_yticks(LEAST_DEG * 10.0 ** np.arange(7))
+        axes.minorticks_off()
         _plain(axes.yaxis)
         axes.set_ylabel("degrees off the setpoint")
         axes.legend(loc="lower left", fontsize=7.5, frameon=False, ncols=columns)
