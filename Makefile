@@ -19,7 +19,7 @@ test: release  ## every test: C++ (ctest), then Python and across processes (pyt
 	@ctest --preset release -j $(JOBS) --progress
 	@$(PYTHON) -m pytest
 
-check:  ## what CI asks: format, tidy, rooms, schema, limits, types, ASan+UBSan, TSan, RTSan
+check:  ## what CI asks: format, tidy, rooms, schema, limits, types, ASan+UBSan, TSan, RTSan, fuzzers
 	@tools/setup build check bench
 	@$(PYTHON) tools/check.py
 

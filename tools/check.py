@@ -61,6 +61,11 @@ STEPS = [
         "ctest --preset tsan -R NAME shows both sides of the race; no suppressions",
     ),
     Step("asan", f"{build('asan')} && ctest --preset asan -j {JOBS}", "ctest --preset asan -R NAME"),
+    Step(
+        "fuzz",
+        f"{build('fuzz')} && {PYTHON} tools/fuzz.py",
+        "the command behind `again:`; then a test of its own for what it found",
+    ),
 ]
 FIXES = [
     f"{PYTHON} -m ruff check --quiet --fix .; {PYTHON} -m ruff format --quiet .",

@@ -55,7 +55,7 @@ struct ActuatorState {
 struct ReplyCounters {
   std::uint64_t missed = 0;     // a joint was asked and did not answer in its exchange
   std::uint64_t late = 0;       // answers that came after their exchange was over; never used
-  std::uint64_t duplicate = 0;  // a second answer in one exchange; the first one counts
+  std::uint64_t duplicate = 0;  // a second answer in one exchange, a sensor frame that was there; the first one counts
   std::uint64_t stray = 0;      // from no device of ours
   std::uint64_t malformed = 0;  // not a whole answer, or no possible measurement
   std::uint64_t unsound = 0;    // commands that were not finite: the joint was damped instead

@@ -180,7 +180,7 @@ void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
       ++late_answers_;
       return;
     case Heard::malformed:
-      ++counters_.malformed;
+      ++spoilt_answers_;
       return;
     case Heard::answer:
       break;
@@ -189,12 +189,12 @@ void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
   if (!joint.heard && joint.asked && joint.awaited) --line.unanswered;
   joint.heard = true;
   if (joint.answered) {
-    ++counters_.duplicate;
+    ++repeated_answers_;
     return;
   }
   last_.status[index] = sample.status;
   if (!sample.measured) {  // its mode and fault count, its numbers do not
-    ++counters_.malformed;
+    ++spoilt_answers_;
     return;
   }
   joint.answered = true;
@@ -219,7 +219,13 @@ void BusActuators::settle() LITHE_RT {
     if (joint.misses_in_a_row == misses_to_lost_) last_.status[i] |= wire::joint_status::kLost;
   }
   counters_.late = late_answers_;
+  counters_.duplicate = repeated_answers_;
+  counters_.malformed = spoilt_answers_;
   counters_.refused = 0;
+  for (const GatewayPlace& place : gateways_) {
+    counters_.duplicate += place.gateway.counters().repeated;
+    counters_.malformed += place.gateway.counters().malformed;
+  }
   for (const Line& line : lines_) {
     counters_.late += line.bus->statistics().late;
     counters_.refused += line.bus->statistics().refused;

@@ -121,6 +121,8 @@ class BusActuators final : public Actuators {
   ActuatorState last_;
   Exchange exchange_;
   std::uint64_t late_answers_ = 0;
+  std::uint64_t repeated_answers_ = 0;
+  std::uint64_t spoilt_answers_ = 0;
   ReplyCounters counters_;
 };
 

@@ -247,6 +247,43 @@ TEST_F(Cia402Trouble, AnAnswerOfBeforeTheSyncIsLate) {
   EXPECT_EQ(drivers_[0]->take(held, next, sample), Heard::answer);
 }
 
+TEST_F(Cia402Trouble, ADriveThatStartsAnewSaysSoUntilItIsSetUp) {
+  build();
+  enable();
+  lose_power();
+  bool left = false;
+  for (int i = 0; i < 500 && !(left && drivers_[0]->running()); ++i) {
+    cycle();
+    left |= !drivers_[0]->running();
+    EXPECT_TRUE(drivers_[0]->running() || !drivers_[0]->why_not_ready().empty()) << i;
+  }
+  EXPECT_TRUE(left && drivers_[0]->running());
+}
+
+TEST_F(Cia402Trouble, WhatNoMotorDoesIsNotMeasured) {
+  build();
+  enable();
+  cycle();
+  const double position_rad = state_.position_rad[0], velocity_rad_s = state_.velocity_rad_s[0];
+  for (const std::uint32_t id : {0x181U, 0x281U}) {
+    cables_[0]->back = [id](Frame& frame) {
+      const std::size_t at = id == 0x181 ? 0 : 6;  // 2^30 counts per second; 30 times the rated torque
+      const std::size_t bytes = id == 0x181 ? 4 : 2;
+      if (frame.id == id) canopen::put(frame.data.data() + at, id == 0x181 ? 0x4000'0000 : 30'000, bytes);
+      return true;
+    };
+    const std::uint64_t malformed = actuators_.counters().malformed;
+    cycle(2);
+    EXPECT_FALSE(fresh());
+    EXPECT_GE(actuators_.counters().malformed, malformed + 1);
+    EXPECT_NEAR(state_.position_rad[0], position_rad, 0.1);
+    EXPECT_NEAR(state_.velocity_rad_s[0], velocity_rad_s, 1);
+    cables_[0]->back = [](Frame&) { return true; };
+    cycle(3);
+    EXPECT_TRUE(fresh());
+  }
+}
+
 TEST_F(Cia402Trouble, AJointThatCannotFollowFaults) {
   build({.mode = Mode::position, .velocity_max_rad_s = 1000});
   enable();

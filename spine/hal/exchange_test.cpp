@@ -253,5 +253,39 @@ TEST(Exchange, SensorsComeBesideTheDrivesAndFallSilentAlone) {
   EXPECT_TRUE(std::isnan(robot.state.sensor[0]));
 }
 
+// A gateway that says each of its frames twice, and now and then half a frame.
+class Stutter final : public BusNode {
+ public:
+  void on_frame(const Frame&, std::int64_t, FrameQueue&) LITHE_RT override {}
+  void on_time(std::int64_t, FrameQueue& answers) LITHE_RT override {
+    Frame frame;
+    frame.id = gateway::kIdBase | 9U << 8;
+    frame.extended = true;
+    frame.size = 6;
+    frame.data[0] = ++sequence_;
+    answers.push(frame);
+    answers.push(frame);
+    frame.size = 3;
+    answers.push(frame);
+  }
+
+ private:
+  std::uint8_t sequence_ = 0;
+};
+
+TEST(Exchange, AGatewaysNonsenseIsCountedWithTheDrives) {
+  Robot robot(0, 0);
+  robot.add_drive(1);
+  Stutter gateway;
+  robot.bus->attach(gateway);
+  const std::size_t place = robot.actuators.add_gateway(0, 9, 50 * kMs);
+  robot.actuators.add_sensor(place, gateway::Block::analog, 0, 1.0, 0.5);
+  for (int i = 0; i < 10; ++i) robot.cycle();
+  EXPECT_EQ(robot.state.sensor[0], 0.5);
+  EXPECT_EQ(robot.actuators.counters().duplicate, 10U);
+  EXPECT_EQ(robot.actuators.counters().malformed, 10U);
+  EXPECT_EQ(robot.actuators.counters().missed, 0U);
+}
+
 }  // namespace
 }  // namespace lithe::hal

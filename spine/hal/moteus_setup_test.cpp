@@ -66,6 +66,7 @@ TEST(MoteusSetup, ADriveThatWouldLetTheJointFallOrCannotBeScaledStaysOff) {
       {"servo.pid_position.kd is 0", [](sim::ServoParams& p) { p.kd_nm_s_rev = 0; }},
       {"servo.pid_position.kp is 0", [](sim::ServoParams& p) { p.kp_nm_rev = 0; }},
       {"servo.pid_position.kd is nan", [](sim::ServoParams& p) { p.kd_nm_s_rev = std::nan(""); }},
+      {"servo.pid_position.kp is 1e+12", [](sim::ServoParams& p) { p.kp_nm_rev = 1e12; }},
       {"servo.pid_position.kp is -4", [](sim::ServoParams& p) { p.kp_nm_rev = -4; }},
   };
   for (const Unfit& unfit : all) {

@@ -88,6 +88,55 @@ TEST(MoteusTerminal, WhatNobodyFetchedBeforeIsNotTakenForTheAnswer) {
   EXPECT_EQ(*terminal.setting(4, "servo.default_timeout_s"), "0.100000");
 }
 
+// Says the same for ever, but that it has nothing to say from before; time passes only with each look at it.
+class Babble final : public Bus {
+ public:
+  Babble(std::string_view text, bool to_whoever_asks) : to_whoever_asks_(to_whoever_asks) {
+    old_.id = said_.id = 4U << 8;
+    SubframeWriter(old_).server_data(1, {});
+    SubframeWriter(said_).server_data(1, {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
+  }
+  void begin(std::int64_t /*now_ns*/) LITHE_RT override {}
+  bool send(const Frame& frame) LITHE_RT override {
+    source_ = to_whoever_asks_ ? frame.id >> 8 & 0x7f : 0;
+    ++asked_;
+    return true;
+  }
+  bool receive(Frame& frame) LITHE_RT override {
+    frame = asked_ == 1 ? old_ : said_;
+    frame.id |= source_;
+    return true;
+  }
+  Terminal terminal() {
+    return Terminal(*this, {[this] { return now_ns_ += 5'000'000; }, [] {}});
+  }
+
+ private:
+  Frame old_, said_;
+  bool to_whoever_asks_;
+  std::uint32_t source_ = 0;
+  int asked_ = 0;
+  std::int64_t now_ns_ = 0;
+};
+
+TEST(MoteusTerminal, ABusOnWhichSomebodyAlwaysTalksIsGivenUp) {
+  Babble stranger("hello", false);
+  EXPECT_TRUE(stranger.terminal().discover().empty());
+  EXPECT_EQ(stranger.terminal().command(4, "d stop").message(), "drive 4 does not answer");
+}
+
+TEST(MoteusTerminal, ADriveThatNeverFinishesItsAnswerIsGivenUp) {
+  Babble drive("and more and ", true);
+  EXPECT_EQ(drive.terminal().command(4, "tel list").message(), "drive 4 does not finish its answer to 'tel list'");
+}
+
+TEST(MoteusTerminal, WhatAnswersAnEarlierQuestionIsPassedOver) {
+  Babble late("OK\n", false);
+  EXPECT_EQ(late.terminal().command(4, "d stop").message(), "drive 4 does not answer");
+  Babble prompt("OK\n", true);
+  EXPECT_TRUE(prompt.terminal().command(4, "d stop"));
+}
+
 TEST(MoteusTerminal, NonsenseIsNoDiscovery) {
   std::mt19937_64 random(9);
   int accepted = 0;

@@ -19,6 +19,7 @@ struct BusStatistics {
   std::uint64_t late = 0;       // arrived after the exchange they belonged to, thrown away by the bus
   std::uint64_t malformed = 0;  // lines or frames that make no sense
   std::uint64_t errors = 0;     // error frames, and answers of an adapter that say no
+  std::uint64_t ignored = 0;    // remote frames, and what an adapter says beside frames and answers
   std::uint64_t reopened = 0;   // times that the hardware came back
 };
 

@@ -105,7 +105,7 @@ std::size_t FdcanusbBus::format(const Frame& frame, std::span<char> out) LITHE_R
 
 TextBus::Said FdcanusbBus::parse(std::string_view line, Frame& frame) LITHE_RT {
   line.remove_suffix(1);
-  if (line.empty()) return Said::nothing;  // between \r and \n
+  if (line.empty()) return Said::between_lines;
   fdcanusb::Line said;
   if (!fdcanusb::parse_line(line, with_sums_, said)) return Said::malformed;
   const bool demanded =

@@ -87,6 +87,7 @@ bool SocketCanBus::receive(Frame& frame) LITHE_RT {
         ++statistics_.malformed;
         break;
       case socketcan::Kind::remote:
+        ++statistics_.ignored;
         break;
     }
   }

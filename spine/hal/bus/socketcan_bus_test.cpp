@@ -114,7 +114,7 @@ TEST_F(SocketCanBusTest, AnswersComeInOrderAndNonsenseIsCounted) {
   raw.len = 77;
   say(raw, CAN_MTU);  // nor this
   raw = {};
-  raw.can_id = 0x701 | CAN_RTR_FLAG;
+  raw.can_id = 0x701 | CAN_RTR_FLAG;  // makes sense, and nobody waits for it
   say(raw, CAN_MTU);
   say(std::array<char, 100>{});  // nor this
   say(fd_command(0x202, 64));
@@ -126,6 +126,7 @@ TEST_F(SocketCanBusTest, AnswersComeInOrderAndNonsenseIsCounted) {
   EXPECT_FALSE(bus->receive(frame));
   EXPECT_EQ(bus->statistics().received, 2U);
   EXPECT_EQ(bus->statistics().malformed, 3U);
+  EXPECT_EQ(bus->statistics().ignored, 1U);
 }
 
 TEST_F(SocketCanBusTest, AFullInterfaceRefusesAndCounts) {

@@ -159,6 +159,9 @@ bool TextBus::take(char c, Frame& frame) LITHE_RT {
       ++statistics_.malformed;
       break;
     case Said::nothing:
+      ++statistics_.ignored;
+      break;
+    case Said::between_lines:
       break;
   }
   return false;

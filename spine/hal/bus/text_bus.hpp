@@ -46,9 +46,10 @@ class TextBus : public Bus {
   enum class Said : std::uint8_t {
     frame,
     acknowledged,
-    refused,  // a command, or trouble on the bus
-    bus_off,  // the adapter's controller gave up, and starts anew when the device is opened again
-    nothing,  // that anybody waits for
+    refused,        // a command, or trouble on the bus
+    bus_off,        // the adapter's controller gave up, and starts anew when the device is opened again
+    nothing,        // that anybody waits for
+    between_lines,  // not even a line: the second half of a line end
     malformed,
   };
 

@@ -12,6 +12,12 @@ namespace lithe::hal::cia402 {
 using canopen::NmtState;
 using canopen::SdoClient;
 
+namespace {
+
+constexpr double kMaxRatedTorques = 10;  // no motor has more, not even for a moment: beyond it an answer is noise
+
+}  // namespace
+
 void Cia402Drive::start_setup() LITHE_RT {
   stage_ = Stage::setup;
   state_ = State::not_ready;
@@ -46,6 +52,7 @@ Heard Cia402Drive::take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE
   heartbeat_.beat(now_ns);
   const bool was_silent = std::exchange(silent_, false);
   if (state == NmtState::boot_up) {
+    if (stage_ == Stage::running) set_trouble({TroubleKind::left_operational, {}, static_cast<std::uint8_t>(state)});
     start_setup();  // whatever it was told before is forgotten
     stopped_ = false;
     units_wrong_ = false;
@@ -104,12 +111,8 @@ Heard Cia402Drive::take_answer(const Frame& frame, const Exchange& exchange, Joi
   note_state(state, (word & status_bit::kFollows) != 0);
   position_raw_ = raw[1];
   if (stage_ != Stage::running || !told_) return Heard::part;
-  const double motor_rev = canopen::signed_of(raw[1], 4) / params_.counts_per_rev;
-  const double motor_nm = canopen::signed_of(raw[2], 2) * params_.rated_torque_nm / 1000;
-  last_.position_rad = params_.joint.position_rad(motor_rev);
-  last_.velocity_rad_s = velocity_raw_ / params_.counts_per_rev / params_.joint.rev_per_rad();
-  last_.torque_nm = motor_nm * params_.joint.gear();
-  last_.measured = velocity_exchange_ > 0 && exchange.number - velocity_exchange_ <= kVelocityAge * params_.divider;
+  const bool heard = velocity_exchange_ > 0 && exchange.number - velocity_exchange_ <= kVelocityAge * params_.divider;
+  last_.measured = measure(canopen::signed_of(raw[1], 4), canopen::signed_of(raw[2], 2)) && heard;
   if (last_.measured) {
     unanswered_ = 0;
     check_units(exchange.now_ns);
@@ -117,6 +120,18 @@ Heard Cia402Drive::take_answer(const Frame& frame, const Exchange& exchange, Joi
   last_.status = status();
   sample = last_;
   return Heard::answer;
+}
+
+// What no motor does is not measured: neither the map nor our own control loop may believe it.
+bool Cia402Drive::measure(std::int32_t position_raw, std::int32_t torque_raw) LITHE_RT {
+  const double motor_rev = position_raw / params_.counts_per_rev;
+  const double motor_rev_s = velocity_raw_ / params_.counts_per_rev;
+  const double rated_torques = torque_raw / 1000.0;
+  if (std::abs(motor_rev_s) > kMaxMotorRevPerS || std::abs(rated_torques) > kMaxRatedTorques) return false;
+  last_.position_rad = params_.joint.position_rad(motor_rev);
+  last_.velocity_rad_s = motor_rev_s / params_.joint.rev_per_rad();
+  last_.torque_nm = rated_torques * params_.rated_torque_nm * params_.joint.gear();
+  return true;
 }
 
 void Cia402Drive::note_state(State state, bool follows) LITHE_RT {

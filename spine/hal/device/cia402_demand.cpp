@@ -60,7 +60,9 @@ void Demand::move_position(const JointCommand& command) LITHE_RT {
     last_step_ = slowed(last_step_, slow_counts_);
     last_wanted_ = at_counts_;
   } else {
-    const double wanted = joint_.motor_rev(command.position_rad) * counts_per_rev_;
+    // No further than the drive can count: between infinities there is no way.
+    constexpr double kMost = 2147483647;
+    const double wanted = std::clamp(joint_.motor_rev(command.position_rad) * counts_per_rev_, -kMost, kMost);
     last_step_ = step_to(wanted, step_counts_ * share_);
     last_wanted_ = wanted;
   }

@@ -75,6 +75,7 @@ class Cia402Drive final : public Drive {
   Heard take_sdo(const Frame& frame) LITHE_RT;
   Heard take_velocity(const Frame& frame, const Exchange& exchange) LITHE_RT;
   Heard take_answer(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT;
+  bool measure(std::int32_t position_raw, std::int32_t torque_raw) LITHE_RT;
   void note_state(State state, bool follows) LITHE_RT;
   void check_units(std::int64_t now_ns) LITHE_RT;
   std::uint32_t status() const LITHE_RT;

@@ -27,6 +27,9 @@ struct JointCommand {
   double max_torque_nm = 0;
 };
 
+// No motor turns faster: beyond it an answer is noise, not a measurement.
+inline constexpr double kMaxMotorRevPerS = 3000;
+
 // How a joint turns with its motor: position_rad = sign * motor_rad / ratio + zero_rad.
 struct JointTransform {
   double sign = 1.0;      // +1 or -1

@@ -13,9 +13,8 @@ namespace {
 
 constexpr std::uint32_t kReplyRequested = 0x8000;
 
-// Beyond these an answer is noise, not a measurement: the drive counts +-32768 turns, and no motor does the others.
+// Beyond these an answer is noise, not a measurement: the drive counts +-32768 turns, and no motor has that torque.
 constexpr double kMaxRev = 32768;
-constexpr double kMaxRevPerS = 3000;
 constexpr double kMaxTorqueNm = 1000;
 // Beyond this no number of a command means anything, and products of two would not be a float any more.
 constexpr double kMaxCommand = 1e15;
@@ -80,7 +79,7 @@ struct Registers {
   // NaN compares false: a register that did not come makes the answer invalid.
   bool whole() const LITHE_RT { return mode >= 0 && mode <= 15 && fault >= 0; }
   bool measured() const LITHE_RT {
-    return std::abs(position_rev) <= kMaxRev && std::abs(velocity_rev_s) <= kMaxRevPerS &&
+    return std::abs(position_rev) <= kMaxRev && std::abs(velocity_rev_s) <= kMaxMotorRevPerS &&
            std::abs(torque_nm) <= kMaxTorqueNm;
   }
 };
@@ -97,8 +96,9 @@ std::uint32_t status_of(const Answer& sample) LITHE_RT {
 }
 
 bool Driver::can_say(double position_rad) const LITHE_RT {
+  const double position_rev = std::abs(params_.joint.motor_rev(position_rad));
   return std::isnan(position_rad) ||
-         std::abs(params_.joint.motor_rev(position_rad)) <= largest(Quantity::position_rev, params_.command.position);
+         (possible(position_rad) && position_rev <= largest(Quantity::position_rev, params_.command.position));
 }
 
 Driver::MotorCommand Driver::to_motor(const JointCommand& command, bool stiff) const LITHE_RT {

@@ -25,7 +25,8 @@ constexpr std::array<std::string_view, 6> kLines{"",
                                                  "conf get servo.timeout_max_torque_Nm\n",
                                                  "conf get motor_position.rotor_to_output_ratio\n"};
 
-bool above_zero(double value) LITHE_RT { return value > 0 && std::isfinite(value); }
+// Commands are divided by it, and must stay numbers that a float holds.
+bool can_scale(double gain) LITHE_RT { return gain >= 1e-9 && gain <= 1e9; }
 
 // The name of the setting behind a question.
 std::string_view name_of(std::uint8_t question) {
@@ -128,10 +129,10 @@ void Setup::answered(double value) LITHE_RT {
       return value == kKnownMap ? next() : refuse(Lack::register_map, value);
     case kKp:
       settings_.kp_nm_rev = value;
-      return above_zero(value) ? next() : refuse(Lack::gain, value);
+      return can_scale(value) ? next() : refuse(Lack::gain, value);
     case kKd:
       settings_.kd_nm_s_rev = value;
-      return above_zero(value) ? next() : refuse(Lack::gain, value);
+      return can_scale(value) ? next() : refuse(Lack::gain, value);
     case kTimeoutMode: {
       const bool holds = value == static_cast<double>(Mode::position) ||
                          value == static_cast<double>(Mode::zero_velocity) || value == static_cast<double>(Mode::brake);
@@ -181,7 +182,7 @@ std::string describe_lack(std::uint64_t packed) {
     case Lack::unsaid:
       return "does not answer 'conf get " + name + "' with a number; end other programs that use its console";
     case Lack::gain:
-      return said + ", and a command can only scale it: set it above 0 (conf set, conf write)";
+      return said + ", and a command can only scale it: set it above 0, as its motor needs it (conf set, conf write)";
     case Lack::limp:
       return said +
              ": the joint would fall when this computer dies; set servo.timeout_mode to 12 and "

@@ -27,7 +27,7 @@ enum class Lack : std::uint8_t {
   silent,        // it has said nothing yet
   register_map,  // its registers mean something else
   unsaid,        // it does not answer a question with a number
-  gain,          // one of its own gains is 0: nothing can be scaled
+  gain,          // one of its own gains is 0, or no gain of any motor: nothing can be scaled
   limp,          // its watchdog would let go of the joint
 };
 

@@ -16,6 +16,8 @@ constexpr std::uint32_t kChannel = 1;
 constexpr std::size_t kPiece = 48;  // bytes of a stream in one frame, as the makers' own tools have it
 constexpr std::int64_t kAnswerNs = 200'000'000;
 constexpr std::int64_t kSilenceNs = 1'000'000'000;
+constexpr std::int64_t kLongestNs = 30'000'000'000;  // of an answer; whole configurations take less than a second
+constexpr std::uint32_t kSources = 125;
 
 void address(std::uint32_t destination, Frame& frame) {
   frame = Frame{};
@@ -124,14 +126,17 @@ std::vector<Found> Terminal::discover(std::int64_t wait_ns) {
 }
 
 Result<> Terminal::await(std::uint32_t id, const Frame& question, const std::function<bool(const Frame&)>& is_it) {
+  source_ = source_ % kSources + 1;
+  Frame frame = question;
+  frame.id |= source_ << 8;
   const std::int64_t end_ns = time_.now_ns() + kAnswerNs;
   bus_.begin(time_.now_ns());
-  bus_.send(question);
+  bus_.send(frame);
   bus_.flush();
   while (true) {
-    Frame frame;
     const bool heard = bus_.receive(frame);
-    if (heard && device_of(frame) == id && is_it(frame)) return done();
+    // What answers another source answers an earlier question.
+    if (heard && device_of(frame) == id && source_of(frame) == source_ && is_it(frame)) return done();
     if (time_.now_ns() >= end_ns) return Error{"drive " + std::to_string(id) + " does not answer"};
     if (!heard) time_.pause();
   }
@@ -194,8 +199,9 @@ Result<std::string> Terminal::ask(std::uint32_t id, std::string_view line, bool 
     come += *sent;  // a drive may have its answer ready at once
   }
   std::string said;
+  const std::int64_t end_ns = time_.now_ns() + kLongestNs;
   std::int64_t quiet_until_ns = time_.now_ns() + kSilenceNs;
-  while (time_.now_ns() < quiet_until_ns) {
+  while (time_.now_ns() < std::min(quiet_until_ns, end_ns)) {
     for (std::string each; take_line(come, each);) {
       if (each.empty()) continue;
       if (begins(each, "ERR"))

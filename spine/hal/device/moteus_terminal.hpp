@@ -39,7 +39,7 @@ void make_discovery(Frame& frame);                       // to all, all answer
 bool take_discovery(const Frame& answer, Found& found);  // false: no answer to it
 
 // Drives answer to the console one at a time, and so does this.
-// Contract: not RT, it waits · one thread, which alone uses the bus
+// Contract: not RT, it waits, but comes back whatever the bus says · one thread, which alone uses the bus
 class Terminal {
  public:
   struct Time {
@@ -72,6 +72,7 @@ class Terminal {
 
   Bus& bus_;
   Time time_;
+  std::uint32_t source_ = 0;  // our address, another one with each question: a late answer is known as such
 };
 
 }  // namespace lithe::hal::moteus

@@ -307,6 +307,7 @@ TEST(MoteusDriver, StaysWithinBoundsWhicheverWayTheMotorTurns) {
   Frame frame;
   EXPECT_TRUE(driver.encode_within(torque_command(0), -1, NAN, 0, frame));
   EXPECT_FALSE(driver.encode_within(torque_command(0), 1, -1, 0, frame));
+  EXPECT_FALSE(driver.encode_within(torque_command(0), -1, 1e300, 0, frame)) << "no float holds it";
   EXPECT_FALSE(driver.encode_within(torque_command(NAN), -1, 1, 0, frame));
   EXPECT_EQ(written(frame).at(reg::kMode), 12);
 }
