@@ -23,7 +23,8 @@ enum class BusKind { loop, fdcanusb, slcan, socketcan, pi3hat };
 enum class DeviceKind { moteus, cia402, gateway };
 enum class DriveMode { torque, position, velocity };  // what a CiA 402 drive is given: CST, CSP or CSV
 enum class SensorKind { analog, digital, imu };
-inline constexpr std::size_t kMaxSensors = 16;  // as many as a law is given
+enum class PlantKind { independent, chain, mujoco };  // what simulated joints hang on
+inline constexpr std::size_t kMaxSensors = 16;        // as many as a law is given
 
 struct SpineConfig {
   Release release = Release::spin;
@@ -100,11 +101,25 @@ struct SensorConfig {
   double offset = 0.0;
 };
 
+// What all simulated joints of the robot are to each other.
+struct MechanismConfig {
+  PlantKind kind = PlantKind::independent;  // each on its own; links in a row; whatever a model says
+  double gravity_m_s2 = 9.81;               // chain
+  std::string model;                        // mujoco: absolute path of an MJCF file
+  double step_s = 5e-5;                     // mujoco: of its physics; a multiple of 50 us
+};
+
 // The simulated plant at the far end of a joint's drive, in joint coordinates: angle 0 hangs straight down,
-// gravity pulls with -mgl_nm * sin(angle).
+// gravity pulls with -mgl_nm * sin(angle). In a chain angles are those between links, and links are joined in the order
+// of the robot's joints; what moves them is computed from the five numbers of each link.
 struct PlantConfig {
-  double inertia_kg_m2 = 2.5e-3;
-  double mgl_nm = 0.0;
+  double inertia_kg_m2 = 2.5e-3;     // independent
+  double mgl_nm = 0.0;               // independent
+  double length_m = 0.0;             // chain: from its joint to the next one
+  double mass_kg = 0.0;              // chain
+  double center_m = 0.0;             // chain: from its joint to its centre of mass
+  double link_inertia_kg_m2 = 0.0;   // chain: about its centre of mass
+  double rotor_inertia_kg_m2 = 0.0;  // chain: of the motor, behind its gear
   double viscous_nm_s_rad = 0.0;
   double coulomb_nm = 0.0;
   double cogging_nm = 0.0;  // amplitude
@@ -148,6 +163,7 @@ struct RobotConfig {
   GuardConfig guard;
   BrainConfig brain;
   SwapConfig swap;
+  MechanismConfig plant;
   std::vector<BusConfig> buses;
   std::vector<DeviceConfig> devices;
   std::vector<JointConfig> joints;
