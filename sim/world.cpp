@@ -5,7 +5,6 @@
 #include <cmath>
 #include <filesystem>
 
-#include "spine/hal/sim/nodes.hpp"
 #include "spine/hal/sim/sim_fdcanusb.hpp"
 #include "spine/hal/sim/sim_slcan.hpp"
 
@@ -34,23 +33,22 @@ Result<std::unique_ptr<World>> World::open(const robot::RobotConfig& config, con
     std::filesystem::create_directories(options.link_folder, wrong);
     if (wrong) return Error{"cannot make the folder " + options.link_folder + ": " + wrong.message()};
   }
-  for (std::size_t i = 0; i < config.devices.size(); ++i) {
-    world->devices_.push_back({config.devices[i].name, hal::sim::make_node(config, i)});
-  }
+  world->config_ = config;
+  Result<hal::sim::Nodes> made = hal::sim::make_nodes(config);
+  if (!made) return Error{config.path + ": " + made.message()};
+  world->nodes_ = std::move(*made);
   for (std::size_t i = 0; i < config.buses.size(); ++i) {
-    if (Result<> added = world->add_bus(config, i, options); !added) return added.error();
+    if (Result<> added = world->add_bus(i, options); !added) return added.error();
   }
   world->tell_places();
   return world;
 }
 
 // A bus in memory and one of a board that is not here have no far end of their own: an adapter takes their place.
-Result<> World::add_bus(const robot::RobotConfig& config, std::size_t index, const Options& options) {
-  const robot::BusConfig& bus = config.buses[index];
+Result<> World::add_bus(std::size_t index, const Options& options) {
+  const robot::BusConfig& bus = config_.buses[index];
   auto wire = std::make_unique<hal::sim::SimWire>(options.seed + index);
-  for (std::size_t i = 0; i < devices_.size(); ++i) {
-    if (config.devices[i].bus == index) wire->attach(*devices_[i].node);
-  }
+  nodes_.attach(config_, index, *wire);
   std::string kind = bus.kind == BusKind::slcan ? "slcan" : "fdcanusb";
   if (bus.kind == BusKind::socketcan) {
     kind = "socketcan";
@@ -89,7 +87,8 @@ Result<> World::check(const Order& order) const {
     return name.empty() || std::any_of(all.begin(), all.end(), [&](const auto& each) { return each.name == name; });
   };
   if (!named(lines_, order.bus)) return Error{"there is no bus '" + order.bus + "' in the robot file"};
-  if (!named(devices_, order.device)) return Error{"there is no device '" + order.device + "' in the robot file"};
+  if (!named(config_.devices, order.device))
+    return Error{"there is no device '" + order.device + "' in the robot file"};
   if (order.kind != Kind::unplug) return done();
   for (const Line& line : lines_) {
     if (line.kind == "socketcan" && (order.bus.empty() || order.bus == line.name)) {
@@ -118,19 +117,23 @@ Result<> World::act(const Order& order, std::int64_t now_ns) {
     return done();
   }
   if (is_of_device(order.kind)) {
-    bool any = false;
-    for (const Device& device : devices_) {
-      if (!order.device.empty() && order.device != device.name) continue;
-      any = device.node->befall(mishap_of(order.kind), order.on, now_ns) || any;
-    }
-    return any ? done()
-               : Result<>(Error{"such a thing cannot happen to " +
-                                (order.device.empty() ? "any device here" : order.device)});
+    return befall(order, now_ns) ? done()
+                                 : Result<>(Error{"such a thing cannot happen to " +
+                                                  (order.device.empty() ? "any device here" : order.device)});
   }
   for (std::size_t i = 0; i < lines_.size(); ++i) {
     if (order.bus.empty() || order.bus == lines_[i].name) act_on_bus(order, i, now_ns);
   }
   return done();
+}
+
+bool World::befall(const Order& order, std::int64_t now_ns) {
+  bool any = false;
+  for (std::size_t i = 0; i < nodes_.devices.size(); ++i) {
+    if (!order.device.empty() && order.device != config_.devices[i].name) continue;
+    any = nodes_.devices[i]->befall(mishap_of(order.kind), order.on, now_ns) || any;
+  }
+  return any;
 }
 
 void World::act_on_bus(const Order& order, std::size_t bus, std::int64_t now_ns) {
@@ -163,9 +166,9 @@ void World::act_on_bus(const Order& order, std::size_t bus, std::int64_t now_ns)
 void World::clear(std::int64_t now_ns) {
   due_.clear();
   for (const Line& line : lines_) line.wire->set_faults({});
-  for (const Device& device : devices_) {
+  for (const auto& device : nodes_.devices) {
     for (const hal::Mishap mishap : {hal::Mishap::over_temperature, hal::Mishap::encoder_lost}) {
-      device.node->befall(mishap, false, now_ns);
+      device->befall(mishap, false, now_ns);
     }
   }
 }

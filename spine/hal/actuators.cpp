@@ -30,6 +30,7 @@ class Hardware final : public Actuators {
       : config_(config), actuators_(RawClock::calibrate(), config.guard.lost_after_misses) {}
 
   Result<> open() {
+    if (Result<> simulated = simulate(); !simulated) return simulated;
     for (std::size_t i = 0; i < config_.buses.size(); ++i) {
       if (Result<> opened = add_bus(i); !opened) return opened;
     }
@@ -70,6 +71,23 @@ class Hardware final : public Actuators {
   }
 
  private:
+  // The devices behind simulated buses, if there are any.
+  Result<> simulate() {
+    const auto is_loop = [](const robot::BusConfig& bus) { return bus.kind == BusKind::loop; };
+    if (std::none_of(config_.buses.begin(), config_.buses.end(), is_loop)) return done();
+    if (config_.plant.kind != robot::PlantKind::independent) {
+      const auto real = std::find_if_not(config_.buses.begin(), config_.buses.end(), is_loop);
+      if (real != config_.buses.end()) {
+        return Error{"[plant] joins all joints, but bus '" + real->name +
+                     "' is real and others are simulated; make all of them a \"loop\", or none"};
+      }
+    }
+    Result<sim::Nodes> made = sim::make_nodes(config_);
+    if (!made) return made.error();
+    nodes_ = std::move(*made);
+    return done();
+  }
+
   static gateway::Block block_of(robot::SensorKind kind) {
     return kind == robot::SensorKind::analog    ? gateway::Block::analog
            : kind == robot::SensorKind::digital ? gateway::Block::digital
@@ -106,7 +124,9 @@ class Hardware final : public Actuators {
     }
     std::unique_ptr<Bus> bus;
     if (config.kind == BusKind::loop) {
-      bus = simulated_bus(index);
+      auto loop = std::make_unique<LoopBus>();
+      nodes_.attach(config_, index, *loop);
+      bus = std::move(loop);
     } else {
       Result<std::unique_ptr<Bus>> opened = open_bus(config);
       if (!opened) return opened.error();
@@ -116,16 +136,6 @@ class Hardware final : public Actuators {
     }
     actuators_.add_bus(std::move(bus), canopen ? Addressing::canopen : Addressing::moteus, std::move(master));
     return done();
-  }
-
-  std::unique_ptr<Bus> simulated_bus(std::size_t index) {
-    auto bus = std::make_unique<LoopBus>();
-    for (std::size_t i = 0; i < config_.devices.size(); ++i) {
-      if (config_.devices[i].bus != index) continue;
-      nodes_.push_back(sim::make_node(config_, i));
-      bus->attach(*nodes_.back());
-    }
-    return bus;
   }
 
   void add_joint(const robot::JointConfig& joint) {
@@ -146,7 +156,7 @@ class Hardware final : public Actuators {
   }
 
   const robot::RobotConfig config_;
-  std::vector<std::unique_ptr<BusNode>> nodes_;  // outlive the buses that reach them
+  sim::Nodes nodes_;  // outlive the buses that reach them
   std::vector<Bus*> real_buses_;
   std::vector<std::pair<std::string, const Bus*>> named_buses_;
   std::vector<std::pair<std::string, const cia402::Cia402Drive*>> slow_drives_;  // they are set up before they answer
