@@ -3,6 +3,7 @@
 
 import json
 import math
+import re
 import subprocess
 import sys
 import time
@@ -86,6 +87,61 @@ def test_two_kinds_of_drive_and_a_gateway_make_one_robot(house: House, monkeypat
         assert status["sensors"] and all(value is not None for value in status["sensors"].values()), status["sensors"]
     finally:
         house.close()
+
+
+# Of robots/chain.toml: mass, way to the centre, length, inertia; the last one is a thin rod.
+LINKS = [(0.35, 0.16, 0.25, 2.5e-3), (0.25, 0.13, 0.2, 1.2e-3), (0.08, 0.06, 0.12, 0.08 * 0.12**2 / 12)]
+
+
+def as_model(text: str, path: Path) -> str:
+    """The chain's robot file on an MJCF model of the same chain, which goes to that path."""
+    opened, above = "", 0.0
+    for name, (mass, centre, length, inertia) in zip(("shoulder", "elbow", "wrist"), LINKS, strict=True):
+        opened += f"<body pos='0 {-above} 0'><joint name='{name}' axis='0 0 1' armature='2e-3' damping='2e-2' "
+        opened += f"frictionloss='0.03'/><inertial pos='0 {-centre} 0' mass='{mass}' "
+        opened += f"diaginertia='{inertia} {inertia} {inertia}'/>"
+        above = length
+    world = f"<worldbody>{opened}{'</body>' * len(LINKS)}</worldbody>"
+    path.write_text(f"<mujoco><option gravity='0 -9.81 0'/>{world}</mujoco>", encoding="utf-8")
+    gone = "gravity|length|mass|center|link_inertia|rotor_inertia|viscous|coulomb"
+    text = re.sub(rf"(?m)^({gone})_.*\n", "", text)
+    return text.replace('kind = "chain" ', f'kind = "mujoco"\nmodel = "{path}" ', 1)
+
+
+@pytest.mark.parametrize("plant", ["chain", "mujoco"])
+def test_joints_that_hang_on_each_other_run_and_swap(
+    house: House, monkeypatch: pytest.MonkeyPatch, tell: Callable[[str], None], plant: str
+) -> None:
+    """The shoulder alone is sent away, and carries the links that hang on it, also under another law."""
+    house.config = house.dir / "arm.toml"
+    text = as_arm("chain")
+    house.config.write_text(as_model(text, house.dir / "arm.xml") if plant == "mujoco" else text, encoding="utf-8")
+    for key in ("LITHE_RUN_DIR", "LITHE_SHM_PREFIX", "LITHE_OUT_DIR"):
+        monkeypatch.setenv(key, house.env[key])
+    try:
+        process = house.run(wait=False)
+        house.wait_for(lambda: house.socket.exists() or process.poll() is not None, 90.0)
+        if process.poll() is not None and "libmujoco-dev" in house.log():
+            pytest.skip(house.log().strip().splitlines()[-1])
+        house.wait_for(lambda: house.ask("status")["mode"] == "active")
+        with connected() as robot:
+            at_rest = robot.telemetry.latest()["command_torque_nm"][0]
+            robot.go_to([1.2, 0.0, 0.0], in_s=1.5)
+            robot.swap((ROOT / "laws/gravity_pd.cpp").read_text(), name="gravity_pd.cpp", error_ratio=0)
+            time.sleep(3.0)
+            record = robot.telemetry.latest()
+            status = robot.status()
+    finally:
+        house.close()
+    assert (status["mode"], status["law"]) == ("active", "gravity_pd")
+    position, torque = record["position_rad"][:3], record["command_torque_nm"][:3]
+    reach, load_nm = 0.0, 0.0
+    for (mass, centre, length, _), angle in zip(LINKS, np.cumsum(position), strict=True):
+        load_nm += 9.81 * mass * (reach + centre * np.sin(angle))
+        reach += length * np.sin(angle)
+    tell(f"at {np.round(position, 2)} rad the shoulder gives {torque[0]:.2f} Nm, {load_nm:.2f} Nm hang on it")
+    assert position[0] > 0.4 and abs(at_rest) < 0.2
+    assert abs(torque[0] - load_nm) < 0.15
 
 
 def test_a_swap_on_twelve_joints_loses_nothing(

@@ -11,7 +11,10 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <limits>
 #include <utility>
+
+#include "spine/core/time.hpp"
 
 namespace lithe::hal::sim {
 namespace {
@@ -28,6 +31,7 @@ struct Library {
   decltype(&mj_name2id) find;
   decltype(&mj_id2name) name;
   decltype(&mj_forward) forward;
+  decltype(&mj_resetData) reset;
   // Bounded by the model, without allocation but for meshes that touch: what its own documentation and a test say.
   void (*step)(const mjModel*, mjData*) LITHE_RT;
 };
@@ -56,8 +60,8 @@ Result<Library> open_library() {
                      fill(handle, "mj_deleteModel", all.delete_model) && fill(handle, "mj_makeData", all.make_data) &&
                      fill(handle, "mj_deleteData", all.delete_data) && fill(handle, "mj_name2id", all.find) &&
                      fill(handle, "mj_id2name", all.name) && fill(handle, "mj_forward", all.forward) &&
-                     fill(handle, "mj_step", all.step) && fill(handle, "mju_user_error", on_error) &&
-                     fill(handle, "mju_user_warning", on_warning);
+                     fill(handle, "mj_resetData", all.reset) && fill(handle, "mj_step", all.step) &&
+                     fill(handle, "mju_user_error", on_error) && fill(handle, "mju_user_warning", on_warning);
   if (!whole) return Error{std::string(LITHE_MUJOCO) + " is no MuJoCo" + how};
   if (all.version() != mjVERSION_HEADER) {
     return Error{std::string(LITHE_MUJOCO) + " is version " + std::to_string(all.version()) + ", LITHE was built for " +
@@ -85,7 +89,12 @@ class MujocoPlant final : public Mechanism {
     for (const MujocoJoint& joint : params.joints) {
       if (Result<> added = add(joint); !added) return Error{params.model + ": " + added.message()};
     }
-    library_.forward(model_.get(), data_.get());
+    place();
+    if (const std::int64_t takes_ns = quickest_step_ns(); takes_ns > params.step_ns) {
+      return Error{params.model + ": a step of " + std::to_string(params.step_ns / 1000) + " us takes " +
+                   std::to_string(takes_ns / 1000) + " us here, it cannot keep up; give a longer step_s"};
+    }
+    place();
     return done();
   }
 
@@ -123,9 +132,28 @@ class MujocoPlant final : public Mechanism {
     if (model_->jnt_type[id] != mjJNT_HINGE) return Error{"joint '" + joint.name + "' is no hinge"};
     Joint own{model_->jnt_qposadr[id], model_->jnt_dofadr[id],
               joint.torque_lag_s > 0 ? 1 - std::exp(-kStepS / joint.torque_lag_s) : 1, joint.torque_max_nm};
-    own.position_rad = own.from_rad = data_->qpos[own.position] = joint.initial_position_rad;
+    own.position_rad = own.from_rad = joint.initial_position_rad;
     joints_.push_back(own);
     return done();
+  }
+
+  // Everything as at the start.
+  void place() {
+    library_.reset(model_.get(), data_.get());
+    for (const Joint& joint : joints_) data_->qpos[joint.position] = joint.position_rad;
+    library_.forward(model_.get(), data_.get());
+  }
+
+  // Of the first steps, the quickest few in a row: whoever else wants the core does not count.
+  std::int64_t quickest_step_ns() {
+    constexpr int kBatches = 10, kSteps = 10;
+    std::int64_t best_ns = std::numeric_limits<std::int64_t>::max();
+    for (int batch = 0; batch < kBatches; ++batch) {
+      const std::int64_t began_ns = monotonic_ns();
+      for (int i = 0; i < kSteps; ++i) library_.step(model_.get(), data_.get());
+      best_ns = std::min(best_ns, (monotonic_ns() - began_ns) / kSteps);
+    }
+    return best_ns;
   }
 
   std::string hinges() const {
