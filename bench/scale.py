@@ -45,7 +45,8 @@ class Peer:
         assert self.process.stdout is not None
         line = self.process.stdout.readline()
         if not line:
-            raise report.Unmeasured(f"codec of {self.name} ended with {self.process.wait()}")
+            self.close()
+            raise report.Unmeasured(f"codec of {self.name} ended with {self.process.returncode}")
         told: Figures = json.loads(line)
         return told
 
