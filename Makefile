@@ -23,7 +23,7 @@ check:  ## what CI asks: format, tidy, rooms, schema, limits, types, ASan+UBSan,
 	@tools/setup build check bench
 	@$(PYTHON) tools/check.py
 
-bench:  ## jitter, tick cost, Channel latency, each against a peer and a control that must fail -> out/bench/
+bench:  ## jitter, tick cost, scale, Channel latency, each against a peer and a control that must fail -> out/bench/
 	@tools/setup build bench
 	@cmake --preset bench --log-level=WARNING >/dev/null
 	@cmake --build --preset bench -j $(JOBS)

@@ -22,6 +22,7 @@ struct Cycle {
   std::int64_t faults = 0;               // minor page faults
   std::int64_t handoff_ns = kUnknownNs;  // woken to command handed over; bare and skipped cycles have none
   std::int64_t cost_ns = kUnknownNs;     // the whole tick without its law; likewise
+  std::int64_t bus_ns = kUnknownNs;      // the exchange that brought the tick's sample; likewise
 
   // The hypervisor had the core: time is gone, and no other thread of this machine ran instead.
   bool stolen() const { return switches == 0 && stolen_ns > std::max<std::int64_t>(5000, late_ns / 2); }
@@ -54,7 +55,7 @@ void run_while(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t p
     const std::int64_t now_ns = clock.now_ns();
     skipped = grid.advance(now_ns);
     Cycle missed = cycle;
-    missed.handoff_ns = missed.cost_ns = kUnknownNs;
+    missed.handoff_ns = missed.cost_ns = missed.bus_ns = kUnknownNs;
     for (std::uint32_t i = skipped; i > 0; --i) {
       missed.late_ns = now_ns - (grid.release_ns() - i * period_ns);
       cycles.push_back(missed);

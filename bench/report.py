@@ -79,6 +79,18 @@ BENCHES = {
         tables.show_contain,
         ("contain_call_ns_plain", "contain_call_ns_contained", "contain_write_null_p50_us"),
     ),
+    "scale": Bench(
+        (sys.executable, "-m", "bench.scale", "--figures"),
+        tables.show_scale,
+        (
+            *(f"exchange_{joints}j_{figure}" for joints in (1, 4, 12, 32) for figure in ("p50_us", "over_empty")),
+            *(f"scale_{part}_{joints}j_p50_us" for part in ("tick", "transport") for joints in (1, 4, 12, 32)),
+            *(f"codec_lithe_{part}_ns" for part in ("encode", "parse")),
+            *(f"codec_python_over_lithe_{part}" for part in ("encode", "parse")),
+        ),
+        dict.fromkeys(("scale_away_share", "scale_stolen_share", "scale_preempted_share"), DISTURBED)
+        | {"scale_unanswered_share": 0.0},
+    ),
     "run": Bench(
         (sys.executable, "-m", "bench.live"),
         tables.show_run,

@@ -45,7 +45,10 @@ void fill_plan(wire::Plan& plan, std::uint32_t joints, std::int64_t now_ns) {
 
 }  // namespace
 
-SpineRig::SpineRig(const std::string& robot_file, Cores cores) : config_(or_exit(robot::load_robot(robot_file))) {
+SpineRig::SpineRig(const std::string& robot_file, Cores cores)
+    : SpineRig(or_exit(robot::load_robot(robot_file)), cores) {}
+
+SpineRig::SpineRig(robot::RobotConfig config, Cores cores) : config_(std::move(config)) {
   actuators_ = or_exit(hal::open_actuators(config_));
   loop::start_clock(*clock_);  // and no keeper: the tick and the bench must read one and the same fit
   law::reset_resident(*law_, lithe_law);
@@ -118,6 +121,7 @@ void SpineRig::tick_block(std::int64_t block_ns, std::vector<Cycle>& cycles) {
         const std::uint32_t law_before_ns = record.law_ns;
         telemetry.latest(record);
         cycle.handoff_ns = record.handoff_ns;
+        cycle.bus_ns = record.bus_ns;
         // tick_ns is that of the tick before: the record is written before its own tick ends.
         if (before != nullptr) before->cost_ns = std::int64_t{record.tick_ns} - law_before_ns;
       });

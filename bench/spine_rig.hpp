@@ -30,6 +30,7 @@ namespace lithe::bench {
 class SpineRig {
  public:
   SpineRig(const std::string& robot_file, Cores cores);
+  SpineRig(robot::RobotConfig config, Cores cores);
   ~SpineRig();
   SpineRig(const SpineRig&) = delete;
   SpineRig& operator=(const SpineRig&) = delete;

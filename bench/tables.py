@@ -113,6 +113,32 @@ def show_contain(figures: Figures) -> None:
     print(f"  the watchdog takes {cell(figures, 'contain_watchdog_core_share', '.1%')} of its core")
 
 
+def show_scale(figures: Figures) -> None:
+    """What more joints cost, and our codec beside others."""
+    sizes = (1, 4, 12, 32)
+    rows = [[*quantile_row("no joints (floor)", figures, "exchange_empty"), "1.00"]]
+    for key, name in (("exchange", ""), ("simulated", ", 1 ms of physics each")):
+        for n in sizes:
+            row = quantile_row(f"{n} joints{name}", figures, f"{key}_{n}j")
+            rows.append([*row, cell(figures, f"{key}_{n}j_over_empty")])
+    table("one exchange with simulated moteus drives on a bus in memory, back to back [us]", [*HEAD, "x floor"], rows)
+    for key, title in (("transport", "the Transport's exchange"), ("tick", "the tick, without its law")):
+        rows = [quantile_row(f"{n} joints", figures, f"scale_{key}_{n}j") for n in sizes]
+        table(f"{title}, in a Spine at 1 kHz [us]", HEAD, rows)
+    print(f"  control: 32 joints over 1 joint: {cell(figures, 'scale_control_32j_over_1j')}")
+    rows = []
+    for key, name in (("lithe", "LITHE"), ("upstream", "the maker's C++"), ("python", "the maker's Python")):
+        row = [name, *(cell(figures, f"codec_{key}_{part}_ns", ".0f") for part in ("encode", "parse"))]
+        rows.append([*row, *(cell(figures, f"codec_{key}_over_lithe_{part}", ".1f") for part in ("encode", "parse"))])
+    head = ["", "command", "answer", "x LITHE", "x LITHE"]
+    table("a moteus command written and its answer read, the same frames [ns a frame]", head, rows)
+    for key in ("codec_absent", "codec_upstream_absent"):
+        if figures.get(key):
+            print(f"  not measured: {figures[key]}")
+    if figures.get("scale_short"):
+        print("  a short run: few rounds")
+
+
 def show_run(figures: Figures) -> None:
     """The process people run."""
     kinds = [

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <filesystem>
 
-#include "spine/hal/sim/nodes.hpp"
 #include "spine/hal/sim/sim_fdcanusb.hpp"
 #include "spine/hal/sim/sim_slcan.hpp"
 
@@ -22,6 +21,9 @@ hal::Mishap mishap_of(Kind kind) {
   return kind == Kind::encoder ? hal::Mishap::encoder_lost : hal::Mishap::over_temperature;
 }
 
+// An order names one bus or device, or none: then it is for all.
+bool is_meant(const std::string& named, const std::string& name) { return named.empty() || named == name; }
+
 std::int64_t ns_of(double seconds) { return std::llround(1e9 * seconds); }
 
 }  // namespace
@@ -34,24 +36,22 @@ Result<std::unique_ptr<World>> World::open(const robot::RobotConfig& config, con
     std::filesystem::create_directories(options.link_folder, wrong);
     if (wrong) return Error{"cannot make the folder " + options.link_folder + ": " + wrong.message()};
   }
-  for (std::size_t i = 0; i < config.devices.size(); ++i) {
-    const bool suffers = config.devices[i].kind != robot::DeviceKind::gateway;
-    world->devices_.push_back({config.devices[i].name, hal::sim::make_node(config, i), suffers});
-  }
+  world->config_ = config;
+  Result<hal::sim::Nodes> made = hal::sim::make_nodes(config);
+  if (!made) return Error{config.path + ": " + made.message()};
+  world->nodes_ = std::move(*made);
   for (std::size_t i = 0; i < config.buses.size(); ++i) {
-    if (Result<> added = world->add_bus(config, i, options); !added) return added.error();
+    if (Result<> added = world->add_bus(i, options); !added) return added.error();
   }
   world->tell_places();
   return world;
 }
 
 // A bus in memory and one of a board that is not here have no far end of their own: an adapter takes their place.
-Result<> World::add_bus(const robot::RobotConfig& config, std::size_t index, const Options& options) {
-  const robot::BusConfig& bus = config.buses[index];
+Result<> World::add_bus(std::size_t index, const Options& options) {
+  const robot::BusConfig& bus = config_.buses[index];
   auto wire = std::make_unique<hal::sim::SimWire>(options.seed + index);
-  for (std::size_t i = 0; i < devices_.size(); ++i) {
-    if (config.devices[i].bus == index) wire->attach(*devices_[i].node);
-  }
+  nodes_.attach(config_, index, *wire);
   std::string kind = bus.kind == BusKind::slcan ? "slcan" : "fdcanusb";
   if (bus.kind == BusKind::socketcan) {
     kind = "socketcan";
@@ -90,16 +90,18 @@ Result<> World::check(const Order& order) const {
     return name.empty() || std::any_of(all.begin(), all.end(), [&](const auto& each) { return each.name == name; });
   };
   if (!named(lines_, order.bus)) return Error{"there is no bus '" + order.bus + "' in the robot file"};
-  if (!named(devices_, order.device)) return Error{"there is no device '" + order.device + "' in the robot file"};
-  const auto suffers = [&](const Device& each) {
-    return each.suffers && (order.device.empty() || order.device == each.name);
+  if (!named(config_.devices, order.device)) {
+    return Error{"there is no device '" + order.device + "' in the robot file"};
+  }
+  const auto suffers = [&](const robot::DeviceConfig& each) {
+    return robot::is_drive(each.kind) && is_meant(order.device, each.name);
   };
-  if (is_of_device(order.kind) && std::none_of(devices_.begin(), devices_.end(), suffers)) {
+  if (is_of_device(order.kind) && std::none_of(config_.devices.begin(), config_.devices.end(), suffers)) {
     return Error{"such a thing cannot happen to " + (order.device.empty() ? "any device here" : order.device)};
   }
   if (order.kind != Kind::unplug) return done();
   for (const Line& line : lines_) {
-    if (line.kind == "socketcan" && (order.bus.empty() || order.bus == line.name)) {
+    if (line.kind == "socketcan" && is_meant(order.bus, line.name)) {
       return Error{"bus '" + line.name + "' is an interface of the kernel; use: ip link set " + line.name + " down"};
     }
   }
@@ -125,15 +127,14 @@ void World::act(const Order& order, std::int64_t now_ns) {
     return;
   }
   if (is_of_device(order.kind)) {
-    for (const Device& device : devices_) {
-      if (order.device.empty() || order.device == device.name) {
-        device.node->befall(mishap_of(order.kind), order.on, now_ns);
-      }
+    for (std::size_t i = 0; i < nodes_.devices.size(); ++i) {
+      if (!is_meant(order.device, config_.devices[i].name)) continue;
+      nodes_.devices[i]->befall(mishap_of(order.kind), order.on, now_ns);
     }
     return;
   }
   for (std::size_t i = 0; i < lines_.size(); ++i) {
-    if (order.bus.empty() || order.bus == lines_[i].name) act_on_bus(order, i, now_ns);
+    if (is_meant(order.bus, lines_[i].name)) act_on_bus(order, i, now_ns);
   }
 }
 
@@ -169,9 +170,9 @@ void World::clear(std::int64_t now_ns) {
   due_.clear();
   for (const Line& line : lines_) line.wire->set_faults({});
   for (const std::unique_ptr<End>& end : ends_) end->spoil_wires(false);
-  for (const Device& device : devices_) {
+  for (const auto& device : nodes_.devices) {
     for (const hal::Mishap mishap : {hal::Mishap::over_temperature, hal::Mishap::encoder_lost}) {
-      device.node->befall(mishap, false, now_ns);
+      device->befall(mishap, false, now_ns);
     }
   }
 }

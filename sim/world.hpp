@@ -13,7 +13,7 @@
 #include "sim/end.hpp"
 #include "sim/order.hpp"
 #include "spine/core/result.hpp"
-#include "spine/hal/bus/loop_bus.hpp"
+#include "spine/hal/sim/nodes.hpp"
 #include "spine/hal/sim/sim_wire.hpp"
 #include "spine/robot/config.hpp"
 
@@ -46,17 +46,12 @@ class World {
     std::unique_ptr<hal::sim::SimWire> wire;
     std::string place;  // as last told
   };
-  struct Device {
-    std::string name;
-    std::unique_ptr<hal::BusNode> node;
-    bool suffers;  // from what befalls devices: a gateway is too simple for that
-  };
   struct Due {
     std::int64_t at_ns;
     Order order;
   };
 
-  Result<> add_bus(const robot::RobotConfig& config, std::size_t index, const Options& options);
+  Result<> add_bus(std::size_t index, const Options& options);
   Result<> check(const Order& order) const;
   void act(const Order& order, std::int64_t now_ns);
   void act_on_bus(const Order& order, std::size_t bus, std::int64_t now_ns);
@@ -64,7 +59,8 @@ class World {
   void tell_places();
 
   Say say_;
-  std::vector<Device> devices_;
+  robot::RobotConfig config_;
+  hal::sim::Nodes nodes_;  // their devices as those of the robot file
   std::vector<Line> lines_;
   std::vector<std::unique_ptr<End>> ends_;  // as lines_
   std::vector<Due> due_;

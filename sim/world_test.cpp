@@ -8,6 +8,8 @@
 #include <unistd.h>
 
 #include <array>
+#include <bit>
+#include <cmath>
 #include <filesystem>
 
 #include "spine/robot/robot.hpp"
@@ -27,11 +29,41 @@ robot::RobotConfig arm() {
   return config;
 }
 
+// Two links that hang on each other; the inner one is let go from the side.
+robot::RobotConfig two_links() {
+  robot::RobotConfig config = arm();
+  config.plant.kind = robot::PlantKind::chain;
+  config.devices.push_back(config.devices[0]);
+  config.joints.resize(2);
+  for (std::size_t i = 0; i < 2; ++i) {
+    config.devices[i].id = static_cast<std::uint32_t>(i + 1);
+    config.joints[i].device = i;
+    robot::PlantConfig& link = config.joints[i].sim;
+    link.length_m = 0.2;
+    link.mass_kg = 0.3;
+    link.center_m = 0.1;
+    link.link_inertia_kg_m2 = 1e-3;
+  }
+  config.joints[0].sim.initial_position_rad = 0.5;
+  return config;
+}
+
+// The position in an answer to a query of three floats from register 1 on.
+float position_rev(const std::string& answer) {
+  const std::size_t at = answer.find("2F01");
+  if (at == std::string::npos || at + 12 > answer.size()) return std::nanf("");
+  std::uint32_t bits = 0;
+  for (std::size_t byte = 0; byte < 4; ++byte) {
+    bits |= static_cast<std::uint32_t>(std::stoul(answer.substr(at + 4 + 2 * byte, 2), nullptr, 16)) << 8 * byte;
+  }
+  return std::bit_cast<float>(bits);
+}
+
 // A host with one terminal open, and the world it talks to.
 class Scene {
  public:
-  explicit Scene(const Options& options = {}) {
-    auto world = World::open(arm(), options, [this](const std::string& line) { told.push_back(line); });
+  explicit Scene(const Options& options = {}, const robot::RobotConfig& config = arm()) {
+    auto world = World::open(config, options, [this](const std::string& line) { told.push_back(line); });
     EXPECT_TRUE(world) << world.message();
     world_ = std::move(*world);
   }
@@ -189,16 +221,37 @@ TEST(World, AnAdapterThatNobodyReadsLosesWholeLines) {
   EXPECT_LT(whole, 7'990U) << "nothing was lost, so nothing was shown";
 }
 
-TEST(World, AGatewayHasNoEncoderToLose) {
-  robot::RobotConfig config = arm();
-  config.devices[0].kind = robot::DeviceKind::gateway;
-  auto world = World::open(config, {}, [](const std::string&) {});
-  ASSERT_TRUE(world) << world.message();
-  EXPECT_EQ((*world)->obey(*parse_order(R"({"fault": "encoder", "device": "drive"})"), 0).message(),
-            "such a thing cannot happen to drive");
-  EXPECT_EQ((*world)->obey(*parse_order(R"({"fault": "encoder", "device": "drive", "after_s": 1})"), 0).message(),
-            "such a thing cannot happen to drive")
-      << "and not only when it is due";
+TEST(World, AGatewayAndAnImuHaveNoEncoderToLose) {
+  for (const robot::DeviceKind kind : {robot::DeviceKind::gateway, robot::DeviceKind::imu}) {
+    robot::RobotConfig config = arm();
+    config.devices[0].kind = kind;
+    auto world = World::open(config, {}, [](const std::string&) {});
+    ASSERT_TRUE(world) << world.message();
+    EXPECT_EQ((*world)->obey(*parse_order(R"({"fault": "encoder", "device": "drive"})"), 0).message(),
+              "such a thing cannot happen to drive");
+    EXPECT_EQ((*world)->obey(*parse_order(R"({"fault": "encoder", "device": "drive", "after_s": 1})"), 0).message(),
+              "such a thing cannot happen to drive")
+        << "and not only when it is due";
+  }
+}
+
+TEST(World, JointsHangOnEachOtherWhereTheRobotFileSaysSo) {
+  Scene scene({}, two_links());
+  scene.dial();
+  const auto ask = [&](int id) {
+    return position_rev(scene.say("can send 800" + std::to_string(id) + " 11001F01130D BF\n"));
+  };
+  EXPECT_GT(ask(1), 0.05F);
+  scene.pass(300);
+  EXPECT_GT(std::abs(ask(2)), 0.01F) << "nobody but the inner link could have moved it";
+}
+
+TEST(World, AModelThatCannotBeHadIsRefusedWithTheReason) {
+  robot::RobotConfig config = two_links();
+  config.plant.kind = robot::PlantKind::mujoco;
+  config.plant.model = "/nowhere/leg.xml";
+  const auto world = World::open(config, {}, [](const std::string&) {});
+  EXPECT_NE(world.message().find("[plant] model: "), std::string::npos) << world.message();
 }
 
 TEST(World, RefusesWhatIsNotThere) {

@@ -224,6 +224,11 @@ def test_a_robot_without_gravity_is_refused(tmp_path: Path, sim: str) -> None:
         demo.simulated_joints(tmp_path / "arm.toml")
 
 
+def test_a_robot_whose_joints_hang_on_each_other_is_refused() -> None:
+    with pytest.raises(demo.LitheError, match=r"chain\.toml has \[plant\] kind = \"chain\": .* each joint for itself"):
+        demo.simulated_joints(ROOT / "robots/chain.toml")
+
+
 def test_the_judge_finds_the_true_mgl(tmp_path: Path) -> None:
     assert demo.simulated_joints(ROOT / "robots/arm.toml") == [SimJoint("shoulder", 0.165, 1.0)]
     (tmp_path / "arm.toml").write_text("[defaults.joint.sim]\nmgl_nm = 0.3\n" + JOINT)

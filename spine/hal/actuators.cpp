@@ -46,6 +46,7 @@ class Hardware final : public Actuators {
         actuators_(RawClock::calibrate(), config.guard.lost_after_misses) {}
 
   Result<> open() {
+    if (Result<> simulated = simulate(); !simulated) return simulated;
     for (std::size_t i = 0; i < config_.buses.size(); ++i) {
       if (Result<> opened = add_bus(i); !opened) return opened;
     }
@@ -89,6 +90,23 @@ class Hardware final : public Actuators {
   }
 
  private:
+  // The devices behind simulated buses, if there are any.
+  Result<> simulate() {
+    const auto is_loop = [](const robot::BusConfig& bus) { return bus.kind == BusKind::loop; };
+    if (std::none_of(config_.buses.begin(), config_.buses.end(), is_loop)) return done();
+    if (config_.plant.kind != robot::PlantKind::independent) {
+      const auto real = std::find_if_not(config_.buses.begin(), config_.buses.end(), is_loop);
+      if (real != config_.buses.end()) {
+        return Error{"[plant] joins all joints, but bus '" + real->name +
+                     "' is real and others are simulated; make all of them a \"loop\", or none"};
+      }
+    }
+    Result<sim::Nodes> made = sim::make_nodes(config_);
+    if (!made) return made.error();
+    nodes_ = std::move(*made);
+    return done();
+  }
+
   static gateway::Block block_of(robot::SensorKind kind) {
     return kind == robot::SensorKind::analog    ? gateway::Block::analog
            : kind == robot::SensorKind::digital ? gateway::Block::digital
@@ -149,7 +167,9 @@ class Hardware final : public Actuators {
     }
     std::unique_ptr<Bus> bus;
     if (config.kind == BusKind::loop) {
-      bus = simulated_bus(index);
+      auto loop = std::make_unique<LoopBus>();
+      nodes_.attach(config_, index, *loop);
+      bus = std::move(loop);
     } else {
       Result<std::unique_ptr<Bus>> opened = opener_.open(config);
       if (!opened) return opened.error();
@@ -186,16 +206,6 @@ class Hardware final : public Actuators {
     return *opener_.board();
   }
 
-  std::unique_ptr<Bus> simulated_bus(std::size_t index) {
-    auto bus = std::make_unique<LoopBus>();
-    for (std::size_t i = 0; i < config_.devices.size(); ++i) {
-      if (config_.devices[i].bus != index) continue;
-      nodes_.push_back(sim::make_node(config_, i));
-      bus->attach(*nodes_.back());
-    }
-    return bus;
-  }
-
   void add_joint(const robot::JointConfig& joint) {
     const robot::DeviceConfig& device = config_.devices[joint.device];
     std::unique_ptr<Drive> drive;
@@ -212,7 +222,7 @@ class Hardware final : public Actuators {
   FrameTap* tap_;
   BusOpener opener_;
   LevelImu level_;
-  std::vector<std::unique_ptr<BusNode>> nodes_;  // outlive the buses that reach them
+  sim::Nodes nodes_;  // outlive the buses that reach them
   std::vector<Bus*> real_buses_;
   std::vector<std::pair<std::string, const Bus*>> named_buses_;
   std::vector<std::pair<std::string, const Drive*>> drives_;

@@ -24,7 +24,7 @@ namespace {
 // What a test sees of the board and does to it. It outlives the board.
 struct Board {
   std::array<LoopBus, kPi3hatConnectors> lines;
-  std::vector<std::unique_ptr<BusNode>> nodes;
+  sim::Nodes nodes;
   std::uint64_t cycles = 0;
   std::size_t sent = 0;      // in the last cycle
   std::size_t answered = 0;  // of those: frames to which an answer was waited for
@@ -87,9 +87,11 @@ robot::RobotConfig quadruped() {
 class Pi3hat : public testing::Test {
  protected:
   void open(const robot::RobotConfig& config) {
-    for (std::size_t i = 0; i < config.devices.size(); ++i) {
-      board_.nodes.push_back(sim::make_node(config, i));
-      board_.lines[config.buses[config.devices[i].bus].connector - 1].attach(*board_.nodes.back());
+    auto made = sim::make_nodes(config);
+    ASSERT_TRUE(made) << made.message();
+    board_.nodes = std::move(*made);
+    for (std::size_t i = 0; i < config.buses.size(); ++i) {
+      board_.nodes.attach(config, i, board_.lines[config.buses[i].connector - 1]);
     }
     auto opened = open_actuators(config, std::make_unique<BoardPort>(board_));
     ASSERT_TRUE(opened) << opened.message();
@@ -145,7 +147,7 @@ TEST_F(Pi3hat, ADriveThatIsLostIsNotWaitedForInEveryTick) {
   const robot::RobotConfig config = quadruped();
   open(config);
   tick(10);
-  board_.nodes[0]->befall(Mishap::power_loss, true, now_ns_);
+  board_.nodes.devices[0]->befall(Mishap::power_loss, true, now_ns_);
   tick(10);
   EXPECT_EQ(fresh(), 11);
   EXPECT_NE(state_.status[0] & wire::joint_status::kLost, 0U);

@@ -25,6 +25,7 @@ enum class Checksums { automatic, on, off };  // of the lines to an fdcanusb
 enum class DeviceKind { moteus, cia402, gateway, imu };
 enum class DriveMode { torque, position, velocity };  // what a CiA 402 drive is given: CST, CSP or CSV
 enum class SensorKind { analog, digital, imu };
+enum class PlantKind { independent, chain, mujoco };  // what simulated joints hang on
 
 // As robot.toml says it.
 constexpr std::string_view word(BusKind kind) {
@@ -141,11 +142,25 @@ struct SensorConfig {
   double offset = 0.0;
 };
 
+// What all simulated joints of the robot are to each other.
+struct MechanismConfig {
+  PlantKind kind = PlantKind::independent;  // each on its own; links in a row; whatever a model says
+  double gravity_m_s2 = 9.81;               // chain
+  std::string model;                        // mujoco: absolute path of an MJCF file
+  double step_s = 5e-5;                     // mujoco: of its physics; a multiple of 50 us
+};
+
 // The simulated plant at the far end of a joint's drive, in joint coordinates: angle 0 hangs straight down,
-// gravity pulls with -mgl_nm * sin(angle).
+// gravity pulls with -mgl_nm * sin(angle). In a chain angles are those between links, and links are joined in the order
+// of the robot's joints; what moves them is computed from the five numbers of each link.
 struct PlantConfig {
-  double inertia_kg_m2 = 2.5e-3;
-  double mgl_nm = 0.0;
+  double inertia_kg_m2 = 2.5e-3;     // independent
+  double mgl_nm = 0.0;               // independent
+  double length_m = 0.0;             // chain: from its joint to the next one
+  double mass_kg = 0.0;              // chain
+  double center_m = 0.0;             // chain: from its joint to its centre of mass
+  double link_inertia_kg_m2 = 0.0;   // chain: about its centre of mass
+  double rotor_inertia_kg_m2 = 0.0;  // chain: of the motor, behind its gear
   double viscous_nm_s_rad = 0.0;
   double coulomb_nm = 0.0;
   double cogging_nm = 0.0;  // amplitude
@@ -189,6 +204,7 @@ struct RobotConfig {
   GuardConfig guard;
   BrainConfig brain;
   SwapConfig swap;
+  MechanismConfig plant;
   std::vector<BusConfig> buses;
   std::vector<DeviceConfig> devices;
   std::vector<JointConfig> joints;

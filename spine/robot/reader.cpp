@@ -190,6 +190,12 @@ std::vector<const toml::table*> Reader::tables(std::string_view key, Need need) 
   return found;
 }
 
+void Reader::refuse(std::string_view key, std::string_view why) {
+  if (table_.get(key) == nullptr) return;
+  known_.push_back(key);
+  complain(key, std::string(why));
+}
+
 void Reader::finish() {
   for (const auto& [key, node] : table_) {
     if (std::find(known_.begin(), known_.end(), key.str()) != known_.end()) continue;

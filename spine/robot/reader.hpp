@@ -55,7 +55,8 @@ class Reader {
 
   const toml::table* table(std::string_view key);                                            // null when absent
   std::vector<const toml::table*> tables(std::string_view key, Need need = Need::required);  // of [[key]]
-  void finish();  // complains about every key not asked for
+  void refuse(std::string_view key, std::string_view why);  // a known key that has no place in this table
+  void finish();                                            // complains about every key not asked for
 
   void complain(std::string_view key, const std::string& what);  // at the key's value, or at the table
   std::string name(std::string_view key) const;

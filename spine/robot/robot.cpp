@@ -12,6 +12,7 @@
 
 #include "spine/core/joints.hpp"
 #include "spine/robot/hardware.hpp"
+#include "spine/robot/plants.hpp"
 #include "spine/robot/reader.hpp"
 #include "spine/robot/sections.hpp"
 #include "spine/robot/utf8.hpp"
@@ -35,6 +36,7 @@ class File {
     section("guard", [&](Reader& in) { read_guard(in, robot_.guard); });
     section("brain", [&](Reader& in) { read_brain(in, robot_.brain); });
     section("swap", [&](Reader& in) { read_swap(in, robot_.swap); });
+    section("plant", [&](Reader& in) { read_mechanism(in, robot_.plant); });
     if (const toml::table* defaults = top_.table("defaults")) read_defaults(*defaults);
     read_buses();
     read_devices();
@@ -113,6 +115,7 @@ class File {
 
   void read_joints() {
     JointConfig prototype;
+    if (robot_.plant.kind == PlantKind::chain) forget_link(prototype.sim);
     const toml::table* sim_defaults = nullptr;
     if (joint_defaults_ != nullptr) {
       Reader in(*joint_defaults_, "[defaults.joint]", report_);
@@ -122,7 +125,7 @@ class File {
     }
     if (sim_defaults != nullptr) {
       Reader in(*sim_defaults, "[defaults.joint.sim]", report_);
-      read_plant(in, prototype.sim);
+      read_plant(in, prototype.sim, robot_.plant.kind);
     }
     const std::vector<const toml::table*> tables = top_.tables("joint");
     if (tables.size() > kMaxJoints) {
@@ -149,8 +152,9 @@ class File {
     read_joint(in, joint, Need::required);
     if (const toml::table* sim = in.table("sim")) {
       Reader plant(*sim, where("joint", table) + ".sim", report_);
-      read_plant(plant, joint.sim);
+      read_plant(plant, joint.sim, robot_.plant.kind);
     }
+    if (robot_.plant.kind == PlantKind::chain) settle_link(in, joint.sim);
     in.finish();
     refuse_twin(in, "joint", robot_.joints);
     if (joint.position_min_rad >= joint.position_max_rad && has_limits(table)) {
@@ -269,9 +273,9 @@ Result<RobotConfig> parse_robot(std::string_view text, const std::string& path, 
   robot.path = path;
   File(parsed.table(), robot, report).read();
   if (!report.empty()) return report.error();
-  if (!robot.law.empty()) {
-    const std::filesystem::path base = std::filesystem::absolute(path).parent_path();
-    robot.law = (base / robot.law).lexically_normal().string();
+  const std::filesystem::path base = std::filesystem::absolute(path).parent_path();
+  for (std::string* file : {&robot.law, &robot.plant.model}) {
+    if (!file->empty()) *file = (base / *file).lexically_normal().string();
   }
   note_costs(robot, host.cores != 0 ? host.cores : std::max(1U, std::thread::hardware_concurrency()));
   return robot;

@@ -130,20 +130,6 @@ void read_sensor(Reader& in, SensorConfig& sensor, const std::vector<std::string
   in.finish();
 }
 
-void read_plant(Reader& in, PlantConfig& sim) {
-  in.number("inertia_kg_m2", sim.inertia_kg_m2, {1.0e-7, 1.0e4});
-  in.number("mgl_nm", sim.mgl_nm, {-kBig, kBig});
-  in.number("viscous_nm_s_rad", sim.viscous_nm_s_rad, {0.0, kBig});
-  in.number("coulomb_nm", sim.coulomb_nm, {0.0, kBig});
-  in.number("cogging_nm", sim.cogging_nm, {0.0, kBig});
-  in.integer("cogging_per_rev", sim.cogging_per_rev, {1, 10'000});
-  in.number("torque_lag_s", sim.torque_lag_s, {0.0, 1.0});
-  in.integer("encoder_counts", sim.encoder_counts, {16, 16'777'216});
-  in.number("initial_position_rad", sim.initial_position_rad, {-1.0e4, 1.0e4});
-  in.integer("seed", sim.seed, {0, 9.0e15});
-  in.finish();
-}
-
 void read_joint(Reader& in, JointConfig& joint, Need need) {
   int sign = joint.sign < 0 ? -1 : 1;
   in.integer("sign", sign, {-1, 1});

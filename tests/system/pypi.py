@@ -1,44 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Other people's Python packages, unmodified, each version in a folder of its own: installed once, then kept."""
+"""Other people's Python packages for a test; without a network it is skipped, and says so."""
 
-import fcntl
 import os
-import subprocess
 import sys
 from pathlib import Path
 
+import pypi
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-STORE = ROOT / "build" / "pypi" / f"python{sys.version_info[0]}.{sys.version_info[1]}"  # wheels fit one only
 
 
 class Package:
     """One version of one package, as pip installs it, and Python processes that see it."""
 
     def __init__(self, requirement: str) -> None:
-        """Installs it unless it is there; without a network the test is skipped, and says so."""
-        self.folder = STORE / requirement.replace("==", "-")
-        STORE.mkdir(parents=True, exist_ok=True)
-        with (STORE / "lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            done = self.folder / "installed"
-            if done.exists():
-                return
-            pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-input"]
-            try:
-                ran = subprocess.run(
-                    [*pip, "--upgrade", "--target", self.folder, requirement],
-                    check=False,
-                    capture_output=True,
-                    text=True,
-                    timeout=600,
-                )
-            except subprocess.TimeoutExpired:
-                pytest.skip(f"pip cannot install {requirement}: no answer within 10 minutes")
-            if ran.returncode != 0:
-                pytest.skip(f"pip cannot install {requirement}: {(ran.stderr.strip().splitlines() or ['?'])[-1]}")
-            done.touch()
+        """Installs it unless it is there."""
+        try:
+            self.folder = pypi.install(requirement)
+        except pypi.Unavailable as why:
+            pytest.skip(str(why))
 
     def command(self, *words: str | Path) -> list[str | Path]:
         """A Python command; run it with `env`."""

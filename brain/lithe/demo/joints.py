@@ -42,8 +42,16 @@ def _most_share(least_rad: float, most_rad: float) -> float:
 
 
 def simulated_joints(robot_file: Path) -> list[SimJoint]:
-    """The joints of a robot file in which `lithe run` has found no fault. LitheError when none bears gravity."""
+    """The joints of a robot file in which `lithe run` has found no fault.
+
+    LitheError when none bears gravity, or when what one of them bears depends on the others.
+    """
     config = tomllib.loads(robot_file.read_text(encoding="utf-8"))
+    if (plant := config.get("plant", {}).get("kind", "independent")) != "independent":
+        raise LitheError(
+            f'{robot_file} has [plant] kind = "{plant}": the experiment weighs each joint for itself; '
+            'give it a robot whose joints swing each on its own ("independent")'
+        )
     common = config.get("defaults", {}).get("joint", {})
     soft_rad = float(config.get("guard", {}).get("soft_stop_rad", SOFT_STOP_RAD))
     joints = []

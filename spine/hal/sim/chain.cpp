@@ -33,6 +33,17 @@ Chain::Chain(const ChainParams& params)
   }
 }
 
+double Chain::inertia_kg_m2(std::size_t joint) const {
+  double sum = joints_[joint].rotor_kg_m2;
+  double way_m = 0;
+  for (std::size_t i = joint; i < count_; ++i) {
+    const Joint& link = joints_[i];
+    sum += link.inertia_kg_m2 + way_m * (2 * link.first_moment_kg_m + link.mass_kg * way_m);
+    way_m += link.length_m;
+  }
+  return sum;
+}
+
 void Chain::place(std::size_t joint, double position_rad, double velocity_rad_s) LITHE_RT {
   joints_[joint].position_rad = position_rad;
   joints_[joint].velocity_rad_s = velocity_rad_s;

@@ -10,6 +10,7 @@
 
 #include "spine/core/joints.hpp"
 #include "spine/core/rt.hpp"
+#include "spine/hal/sim/mechanism.hpp"
 #include "spine/hal/sim/plant.hpp"
 
 namespace lithe::hal::sim {
@@ -37,18 +38,19 @@ struct ChainParams {
 // drains by itself. A joint at rest is locked until what would hold it exceeds its dry friction; one that would change
 // its direction within a step stops. Same inputs, same motion, to the bit.
 // Contract: RT · one thread · no clock of its own
-class Chain {
+class Chain final : public Mechanism {
  public:
   // Contract: never in the tick. Masses and lengths are positive or 0, and no link is without any inertia.
   explicit Chain(const ChainParams& params);
 
-  // Moves on by Plant::kStepNs. One finite torque per joint; those beyond the last joint are ignored.
-  void step(std::span<const double> wanted_nm) LITHE_RT;
+  void step(std::span<const double> wanted_nm) LITHE_RT override;
 
-  std::size_t joints() const LITHE_RT { return count_; }
-  double position_rad(std::size_t joint) const LITHE_RT { return joints_[joint].position_rad; }
-  double velocity_rad_s(std::size_t joint) const LITHE_RT { return joints_[joint].velocity_rad_s; }
-  double torque_nm(std::size_t joint) const LITHE_RT { return joints_[joint].torque_nm; }
+  std::size_t joints() const LITHE_RT override { return count_; }
+  double position_rad(std::size_t joint) const LITHE_RT override { return joints_[joint].position_rad; }
+  double velocity_rad_s(std::size_t joint) const LITHE_RT override { return joints_[joint].velocity_rad_s; }
+  double torque_nm(std::size_t joint) const LITHE_RT override { return joints_[joint].torque_nm; }
+
+  double inertia_kg_m2(std::size_t joint) const override;  // stretched
 
   // Puts a joint there, moving like that. Contract: tests and set-up
   void place(std::size_t joint, double position_rad, double velocity_rad_s = 0) LITHE_RT;

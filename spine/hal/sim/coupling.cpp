@@ -29,12 +29,13 @@ void Coupling::step() LITHE_RT {
     drives_[i]->advance(time_ns_);
     wanted_nm[i] = drives_[i]->plant().wanted_nm();
   }
-  chain_.step({wanted_nm.data(), drives_.size()});
+  mechanism_->step({wanted_nm.data(), drives_.size()});
   for (std::size_t i = 0; i < drives_.size(); ++i) follow(i);
 }
 
 void Coupling::follow(std::size_t joint) LITHE_RT {
-  drives_[joint]->plant().follow(chain_.position_rad(joint), chain_.velocity_rad_s(joint), chain_.torque_nm(joint));
+  drives_[joint]->plant().follow(mechanism_->position_rad(joint), mechanism_->velocity_rad_s(joint),
+                                 mechanism_->torque_nm(joint));
 }
 
 }  // namespace lithe::hal::sim

@@ -5,29 +5,33 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "spine/core/rt.hpp"
-#include "spine/hal/sim/chain.hpp"
+#include "spine/hal/bus/loop_bus.hpp"
+#include "spine/hal/sim/mechanism.hpp"
 #include "spine/hal/sim/plant.hpp"
 
 namespace lithe::hal::sim {
 
-// Steps all its drives and the chain they move together, 50 us at a time: each drive decides on its torque, then all
-// joints move. A drive measures what its joint did one such step later than one with a plant of its own.
-// Contract: RT · one thread · drives outlive it, and are advanced by nobody else to times that it has not reached
-class Coupling {
+// Steps all its drives and the mechanism they move together, 50 us at a time: each drive decides on its torque, then
+// all joints move. A drive measures what its joint did one such step later than one with a plant of its own. On a bus
+// it says and answers nothing: attached before the drives, it brings all of them to the time of whatever is about to
+// reach one. Contract: RT · one thread · drives outlive it, and are advanced by nobody else to times that it has not
+// reached
+class Coupling final : public BusNode {
  public:
   // The most time one advance() works through; what lies beyond is skipped.
   static constexpr std::int64_t kMaxCatchUpNs = 50'000'000;
 
-  explicit Coupling(const ChainParams& params) : chain_(params) {}
+  explicit Coupling(std::unique_ptr<Mechanism> mechanism) : mechanism_(std::move(mechanism)) {}
 
-  // The next joint from the base outwards. Any drive that has advance(now_ns) and plant(); its plant moves with the
-  // chain from now on. False: the chain has no such joint. Contract: never in the tick
+  // Of the mechanism's next joint. Any drive that has advance(now_ns) and plant(); its plant moves with the mechanism
+  // from now on. False: there is no such joint. Contract: never in the tick
   template <class AnyServo>
   bool add(AnyServo& servo) {
-    if (drives_.size() == chain_.joints()) return false;
+    if (drives_.size() == mechanism_->joints()) return false;
     drives_.push_back(std::make_unique<DriveOf<AnyServo>>(servo));
     servo.plant().couple();
     follow(drives_.size() - 1);
@@ -37,7 +41,12 @@ class Coupling {
   // Brings every drive to `now_ns`, before frames of that time reach any. Time that goes backwards is ignored.
   void advance(std::int64_t now_ns) LITHE_RT;
 
-  const Chain& chain() const LITHE_RT { return chain_; }
+  void on_frame(const Frame& /*frame*/, std::int64_t now_ns, FrameQueue& /*answers*/) LITHE_RT override {
+    advance(now_ns);
+  }
+  void on_time(std::int64_t now_ns, FrameQueue& /*answers*/) LITHE_RT override { advance(now_ns); }
+
+  const Mechanism& mechanism() const LITHE_RT { return *mechanism_; }
 
  private:
   struct Drive {
@@ -59,7 +68,7 @@ class Coupling {
   void step() LITHE_RT;
   void follow(std::size_t joint) LITHE_RT;
 
-  Chain chain_;
+  std::unique_ptr<Mechanism> mechanism_;
   std::vector<std::unique_ptr<Drive>> drives_;
   bool started_ = false;
   std::int64_t time_ns_ = 0;

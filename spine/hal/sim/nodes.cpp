@@ -2,7 +2,11 @@
 #include "spine/hal/sim/nodes.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <utility>
 
+#include "spine/hal/sim/chain.hpp"
+#include "spine/hal/sim/mujoco_plant.hpp"
 #include "spine/hal/sim/sim_cia402.hpp"
 #include "spine/hal/sim/sim_gateway.hpp"
 #include "spine/hal/sim/sim_moteus.hpp"
@@ -11,6 +15,7 @@ namespace lithe::hal::sim {
 namespace {
 
 using robot::DeviceKind;
+using robot::PlantKind;
 
 // The IMU of a board is on none of its buses.
 class Nobody final : public BusNode {
@@ -20,42 +25,70 @@ class Nobody final : public BusNode {
 
 constexpr std::int64_t kGatewayPeriodNs = 1'000'000;
 
-PlantParams plant_of(const robot::JointConfig& joint, double motor_torque_max_nm) {
+double motor_torque_max_nm(const robot::DeviceConfig& device) {
+  return device.kind == DeviceKind::cia402 ? 3 * device.rated_torque_nm : ServoParams{}.motor_torque_max_nm;
+}
+
+PlantParams plant_of(const robot::RobotConfig& config, const robot::JointConfig& joint) {
   const robot::PlantConfig& sim = joint.sim;
   return {sim.inertia_kg_m2,        sim.mgl_nm,
           sim.viscous_nm_s_rad,     sim.coulomb_nm,
           sim.cogging_nm,           sim.cogging_per_rev,
-          sim.torque_lag_s,         motor_torque_max_nm * joint.ratio,
+          sim.torque_lag_s,         motor_torque_max_nm(config.devices[joint.device]) * joint.ratio,
           sim.initial_position_rad, sim.seed};
 }
 
+std::unique_ptr<Mechanism> make_chain(const robot::RobotConfig& config) {
+  ChainParams params;
+  params.gravity_m_s2 = config.plant.gravity_m_s2;
+  for (const robot::JointConfig& joint : config.joints) {
+    const robot::PlantConfig& sim = joint.sim;
+    params.links.push_back({sim.length_m, sim.mass_kg, sim.center_m, sim.link_inertia_kg_m2, sim.rotor_inertia_kg_m2,
+                            plant_of(config, joint)});
+  }
+  return std::make_unique<Chain>(params);
+}
+
+Result<std::unique_ptr<Mechanism>> make_model(const robot::RobotConfig& config) {
+  MujocoParams params{config.plant.model, std::llround(1e9 * config.plant.step_s), {}};
+  for (const robot::JointConfig& joint : config.joints) {
+    const PlantParams plant = plant_of(config, joint);
+    params.joints.push_back({joint.name, plant.initial_position_rad, plant.torque_lag_s, plant.torque_max_nm});
+  }
+  return open_mujoco(params);
+}
+
 // A motor of its own, for a drive that moves no joint.
-robot::JointConfig free_joint() {
+robot::JointConfig free_joint(std::size_t device) {
   robot::JointConfig joint;
+  joint.device = device;
   joint.sim.inertia_kg_m2 = 1e-4;
   return joint;
 }
 
-}  // namespace
-
-std::unique_ptr<BusNode> make_node(const robot::RobotConfig& config, std::size_t index) {
+std::unique_ptr<BusNode> make_node(const robot::RobotConfig& config, std::size_t index, const Mechanism* mechanism) {
   const robot::DeviceConfig& device = config.devices[index];
   if (device.kind == DeviceKind::imu) return std::make_unique<Nobody>();
-  const auto found = std::find_if(config.joints.begin(), config.joints.end(),
-                                  [index](const robot::JointConfig& joint) { return joint.device == index; });
-  const robot::JointConfig joint = found != config.joints.end() ? *found : free_joint();
-  const JointTransform transform{joint.sign, joint.zero_rad, joint.ratio};
   if (device.kind == DeviceKind::gateway) {
     return std::make_unique<SimGateway>(device.id, kGatewayPeriodNs, robot::is_fd(config.buses[device.bus]));
+  }
+  const auto found = std::find_if(config.joints.begin(), config.joints.end(),
+                                  [index](const robot::JointConfig& joint) { return joint.device == index; });
+  const bool moves = found != config.joints.end();
+  const robot::JointConfig joint = moves ? *found : free_joint(index);
+  const JointTransform transform{joint.sign, joint.zero_rad, joint.ratio};
+  PlantParams plant = plant_of(config, joint);
+  if (moves && mechanism != nullptr) {
+    plant.inertia_kg_m2 = mechanism->inertia_kg_m2(static_cast<std::size_t>(found - config.joints.begin()));
   }
   if (device.kind == DeviceKind::cia402) {
     SimCia402Params params;
     params.id = device.id;
     params.servo.counts_per_rev = device.counts_per_rev;
     params.servo.rated_torque_nm = device.rated_torque_nm;
-    params.servo.motor_torque_max_nm = 3 * device.rated_torque_nm;
+    params.servo.motor_torque_max_nm = motor_torque_max_nm(device);
     params.joint = transform;
-    params.plant = plant_of(joint, params.servo.motor_torque_max_nm);
+    params.plant = plant;
     return std::make_unique<SimCia402>(params);
   }
   SimMoteusParams params;
@@ -63,8 +96,39 @@ std::unique_ptr<BusNode> make_node(const robot::RobotConfig& config, std::size_t
   params.serial = index + 1;
   params.joint = transform;
   params.servo.encoder_counts = joint.sim.encoder_counts;
-  params.plant = plant_of(joint, params.servo.motor_torque_max_nm);
+  params.plant = plant;
   return std::make_unique<SimMoteus>(params);
+}
+
+// `node` is what make_node made for this kind.
+void couple(Coupling& coupling, DeviceKind kind, BusNode& node) {
+  if (kind == DeviceKind::cia402) {
+    coupling.add(static_cast<SimCia402&>(node).servo());
+  } else {
+    coupling.add(static_cast<SimMoteus&>(node).servo());
+  }
+}
+
+}  // namespace
+
+Result<Nodes> make_nodes(const robot::RobotConfig& config) {
+  std::unique_ptr<Mechanism> mechanism;
+  if (config.plant.kind == PlantKind::chain) mechanism = make_chain(config);
+  if (config.plant.kind == PlantKind::mujoco) {
+    Result<std::unique_ptr<Mechanism>> opened = make_model(config);
+    if (!opened) return Error{"[plant] model: " + opened.message()};
+    mechanism = std::move(*opened);
+  }
+  Nodes nodes;
+  for (std::size_t i = 0; i < config.devices.size(); ++i) {
+    nodes.devices.push_back(make_node(config, i, mechanism.get()));
+  }
+  if (mechanism == nullptr) return nodes;
+  nodes.coupling = std::make_unique<Coupling>(std::move(mechanism));
+  for (const robot::JointConfig& joint : config.joints) {
+    couple(*nodes.coupling, config.devices[joint.device].kind, *nodes.devices[joint.device]);
+  }
+  return nodes;
 }
 
 }  // namespace lithe::hal::sim

@@ -4,14 +4,31 @@
 
 #include <cstddef>
 #include <memory>
+#include <vector>
 
+#include "spine/core/result.hpp"
 #include "spine/hal/bus/loop_bus.hpp"
+#include "spine/hal/sim/coupling.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe::hal::sim {
 
-// The device with this index, with the plant of the joint that it moves; a drive that moves none turns freely.
-// Contract: never in the tick
-std::unique_ptr<BusNode> make_node(const robot::RobotConfig& config, std::size_t device);
+// All devices of one robot, each with the plant of the joint that it moves; a drive that moves none turns freely.
+struct Nodes {
+  std::vector<std::unique_ptr<BusNode>> devices;  // as RobotConfig::devices
+  std::unique_ptr<Coupling> coupling;             // what all joints move together; null: each swings by itself
+
+  // To anything that devices can be attached to, those of one bus. Contract: never in the tick
+  template <class AnyBus>
+  void attach(const robot::RobotConfig& config, std::size_t bus, AnyBus& to) const {
+    if (coupling != nullptr) to.attach(*coupling);
+    for (std::size_t i = 0; i < devices.size(); ++i) {
+      if (config.devices[i].bus == bus) to.attach(*devices[i]);
+    }
+  }
+};
+
+// The error: what the joints are to move cannot be had. Contract: never in the tick
+Result<Nodes> make_nodes(const robot::RobotConfig& config);
 
 }  // namespace lithe::hal::sim

@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: Apache-2.0
+// What an exchange and a tick cost with 1, 4, 12 and 32 joints: moteus frames over a bus in memory, simulated drives.
+//
+// "exchange": commands out, answers matched, back to back, while time stands still for the drives: their physics is not
+// in it, but they read every command and write every answer. "simulated": the same with a millisecond of physics each.
+// The floor is an exchange of no joints. Subjects take turns in short blocks. "transport" and "tick" are a whole
+// Spine's at 1 kHz, in blocks of half a second: what its Transport thread and its tick, without the law, take of each
+// period. The control holds 32 joints to the cost of one: a bench that sees no difference there measures nothing. argv:
+// rounds of the exchanges, rounds of the Spines.
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <limits>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "bench/cycles.hpp"
+#include "bench/machine.hpp"
+#include "bench/samples.hpp"
+#include "bench/spine_rig.hpp"
+#include "spine/core/host.hpp"
+#include "spine/hal/bus/loop_bus.hpp"
+#include "spine/hal/bus_actuators.hpp"
+#include "spine/robot/robot.hpp"
+
+namespace lithe::bench {
+namespace {
+
+constexpr int kExchanges = 500;  // in a block
+constexpr int kWarmUp = 20;      // more, before those that count: another subject had the caches
+constexpr std::int64_t kBlockNs = 500 * kNsPerMs;
+constexpr double kControlAtLeast = 4;
+constexpr std::int64_t kTickNs = kNsPerMs;
+
+robot::RobotConfig robot_of(std::size_t joints) {
+  auto config = robot::load_robot(LITHE_ROBOTS "/arm32.toml");
+  if (!config || config->joints.size() < joints) {
+    std::fprintf(stderr, "bench: %s\n", config ? "robots/arm32.toml has too few joints" : config.message().c_str());
+    std::exit(2);
+  }
+  config->joints.resize(joints);
+  config->devices.resize(joints);
+  return std::move(*config);
+}
+
+std::unique_ptr<hal::Actuators> open(std::size_t joints) {
+  if (joints == 0) {
+    auto none = std::make_unique<hal::BusActuators>(RawClock::calibrate());
+    none->add_bus(std::make_unique<hal::LoopBus>(), hal::Addressing::moteus);
+    return none;
+  }
+  auto opened = hal::open_actuators(robot_of(joints));
+  if (!opened) {
+    std::fprintf(stderr, "bench: %s\n", opened.message().c_str());
+    std::exit(2);
+  }
+  return std::move(*opened);
+}
+
+// One robot's exchanges.
+class Subject {
+ public:
+  Subject(std::size_t joints, bool time_passes)
+      : key_(joints == 0 ? "exchange_empty"
+                         : (time_passes ? "simulated_" : "exchange_") + std::to_string(joints) + "j"),
+        joints_(joints),
+        step_ns_(time_passes ? kTickNs : 0),
+        actuators_(open(joints)) {
+    command_.joints = static_cast<std::uint32_t>(joints);
+    command_.position_rad.fill(std::numeric_limits<double>::quiet_NaN());
+    command_.max_torque_nm.fill(0.5);
+    command_.kd_nm_s_rad.fill(0.01);
+    command_.action = hal::DriveAction::torque;
+    for (int i = 0; i < 50; ++i) cycle(kTickNs);  // until the drives drive
+  }
+
+  void run_block(const RawClock& clock) {
+    for (int i = 0; i < kWarmUp; ++i) cycle(step_ns_);
+    std::vector<std::int64_t> block_ns(kExchanges);
+    for (std::int64_t& each_ns : block_ns) {
+      const std::int64_t began_ns = clock.now_ns();
+      cycle(step_ns_);
+      each_ns = clock.now_ns() - began_ns;
+    }
+    median_ns_.push_back(quantile_ns(block_ns, 0.5));
+    all_ns_.insert(all_ns_.end(), block_ns.begin(), block_ns.end());
+  }
+
+  const std::string& key() const { return key_; }
+  std::size_t joints() const { return joints_; }
+  const std::vector<std::int64_t>& all_ns() const { return all_ns_; }
+  const std::vector<std::int64_t>& median_ns() const { return median_ns_; }
+  bool missed() const { return actuators_->counters().missed + actuators_->counters().late > 0; }
+
+ private:
+  void cycle(std::int64_t step_ns) {
+    ++command_.tick;
+    actuators_->cycle(command_, state_, now_ns_);
+    now_ns_ += step_ns;
+  }
+
+  std::string key_;
+  std::size_t joints_;
+  std::int64_t step_ns_;
+  std::unique_ptr<hal::Actuators> actuators_;
+  hal::ActuatorCommand command_;
+  hal::ActuatorState state_;
+  std::int64_t now_ns_ = 5'000'000'000;
+  std::vector<std::int64_t> all_ns_, median_ns_;
+};
+
+// What it takes compared with the floor's block of the same round: the middle one of all rounds.
+double over(const Subject& subject, const Subject& floor) {
+  std::vector<std::int64_t> ratios_pm;
+  for (std::size_t i = 0; i < subject.median_ns().size(); ++i) {
+    ratios_pm.push_back(1000 * subject.median_ns()[i] / std::max<std::int64_t>(floor.median_ns()[i], 1));
+  }
+  return static_cast<double>(quantile_ns(ratios_pm, 0.5)) / 1e3;
+}
+
+void exchanges(int rounds, JsonLine& line) {
+  std::vector<Subject> subjects;
+  subjects.emplace_back(0, false);
+  for (const std::size_t joints : {1U, 4U, 12U, 32U}) {
+    for (const bool time_passes : {false, true}) subjects.emplace_back(joints, time_passes);
+  }
+  const RawClock clock = RawClock::calibrate();
+  const ThreadToll before = thread_toll();
+  for (int round = 0; round < rounds; ++round) {
+    for (Subject& subject : subjects) subject.run_block(clock);
+  }
+  const ThreadToll after = thread_toll();
+  const double wall_ns = static_cast<double>(after.wall_ns - before.wall_ns);
+  bool missed = false;
+  double one = 1, most = 0;
+  for (const Subject& subject : subjects) {
+    line.quantiles(subject.key(), subject.all_ns());
+    if (subject.joints() > 0) line.number(subject.key() + "_over_empty", over(subject, subjects.front()));
+    missed = missed || subject.missed();
+    const double median = static_cast<double>(quantile_ns(subject.median_ns(), 0.5));
+    if (subject.key() == "exchange_1j") one = median;
+    if (subject.key() == "exchange_32j") most = median;
+  }
+  line.number("scale_away_share", 1 - static_cast<double>(after.cpu_ns - before.cpu_ns) / wall_ns)
+      .number("scale_unanswered_share", missed ? 1 : 0)
+      .number("scale_control_32j_over_1j", most / one)
+      .flag("scale_control_failed_as_it_must", most / one >= kControlAtLeast);
+}
+
+void spines(int rounds, Cores cores, JsonLine& line) {
+  const std::vector<std::size_t> sizes{1, 4, 12, 32};
+  std::vector<std::vector<Cycle>> cycles(sizes.size());
+  for (int round = 0; round < rounds; ++round) {
+    for (std::size_t i = 0; i < sizes.size(); ++i) {
+      SpineRig rig(robot_of(sizes[i]), cores);  // alone: another rig's Transport would share the partner core
+      rig.run_block(kBlockNs, cycles[i]);
+    }
+  }
+  std::vector<Cycle> all;
+  for (std::size_t i = 0; i < sizes.size(); ++i) {
+    const std::string joints = std::to_string(sizes[i]) + "j";
+    line.quantiles("scale_tick_" + joints, figure_ns(cycles[i], &Cycle::cost_ns, true))
+        .quantiles("scale_transport_" + joints, figure_ns(cycles[i], &Cycle::bus_ns, true));
+    all.insert(all.end(), cycles[i].begin(), cycles[i].end());
+  }
+  line.number("scale_stolen_share", share(all, [](const Cycle& c) { return c.stolen(); }))
+      .number("scale_preempted_share", share(all, [](const Cycle& c) { return c.switches > 0; }));
+}
+
+}  // namespace
+}  // namespace lithe::bench
+
+int main(int argc, char** argv) {
+  using namespace lithe::bench;
+  const int exchange_rounds = argc > 1 ? std::atoi(argv[1]) : 40;
+  const int spine_rounds = argc > 2 ? std::atoi(argv[2]) : 6;
+  const Cores cores = pick_cores();
+  pin_or_exit(cores.spine);
+  lithe::raise_priority();
+  if (const auto locked = lithe::lock_memory(); !locked) std::fprintf(stderr, "bench: %s\n", locked.message().c_str());
+  JsonLine line;
+  exchanges(exchange_rounds, line);
+  spines(spine_rounds, cores, line);
+  line.print();
+  return 0;
+}

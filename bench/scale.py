@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What 1, 4, 12 and 32 joints cost, and what our moteus codec costs beside other people's.
+
+`python -m bench.scale [--short]` -> out/bench/scale.json and a table; `--short` takes few rounds (LITHE_BENCH_SHORT=1
+does the same wherever it runs). Exchanges and ticks: bench/scale.cpp. Codecs: ours in C++ and the maker's Python
+library (PyPI) write and read the same frames, checked byte for byte, in turns. A third one takes part if
+LITHE_CODEC_PEER names a program that does what bench_codec does (bench/codec_cases.py says what): around the maker's
+C++ library, for example.
+"""
+
+import contextlib
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from bench import report
+
+ROOT = report.ROOT
+CASES = 200
+TOLERANCE = 1e-5  # of what is read: some read floats, some doubles
+PEER = "LITHE_CODEC_PEER"
+Figures = dict[str, Any]
+
+
+class Peer:
+    """One codec: a program that writes and reads the cases, and is timed when asked."""
+
+    def __init__(self, name: str, command: list[str], env: dict[str, str] | None = None) -> None:
+        """Starts it; the first line it says is what it writes and reads."""
+        self.name = name
+        self.rounds: list[Figures] = []
+        self.process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=env or dict(os.environ), cwd=ROOT
+        )
+        self.told = self.answer()
+
+    def answer(self) -> Figures:
+        """One line of JSON from it."""
+        assert self.process.stdout is not None
+        line = self.process.stdout.readline()
+        if not line:
+            self.close()
+            raise report.Unmeasured(f"codec of {self.name} ended with {self.process.returncode}")
+        told: Figures = json.loads(line)
+        return told
+
+    def measure(self) -> None:
+        """One pass over all cases."""
+        assert self.process.stdin is not None
+        self.process.stdin.write("\n")
+        self.process.stdin.flush()
+        self.rounds.append(self.answer())
+
+    def median(self, key: str) -> float:
+        """The middle one of all rounds."""
+        return statistics.median(float(each[key]) for each in self.rounds)
+
+    def close(self) -> None:
+        """Ends it."""
+        with contextlib.suppress(OSError):
+            self.process.communicate(timeout=20)
+
+
+@contextlib.contextmanager
+def peers(folder: Path) -> Iterator[tuple[list[Peer], list[str]]]:
+    """All codecs that can be had here, the maker's first, ours second; and why others cannot."""
+    cases = folder / "cases.jsonl"
+    got = subprocess.run(
+        [sys.executable, "tools/pypi.py", "moteus==1.0.0"], cwd=ROOT, check=False, capture_output=True, text=True
+    )
+    if got.returncode != 0:
+        raise report.Unmeasured(got.stderr.strip())
+    env = os.environ | {"PYTHONPATH": got.stdout.strip()}
+    running: list[Peer] = []
+    absent = []
+    try:
+        running.append(Peer("python", [sys.executable, "bench/codec_cases.py", str(cases), str(CASES)], env))
+        running.append(Peer("lithe", [*report.program("codec"), str(cases)]))
+        if os.environ.get(PEER):
+            running.append(Peer("upstream", [os.environ[PEER], str(cases)]))
+        else:
+            absent.append(f"{PEER} names no program")
+        yield running, absent
+    finally:
+        for peer in running:
+            peer.close()
+
+
+def differences(theirs: Figures, ours: Figures) -> str:
+    """Where two codecs do not write the same bytes or read the same numbers; empty when they agree."""
+    if theirs["frames"] != ours["frames"]:
+        return "they write other frames"
+    for expected, read in zip(theirs["reads"], ours["reads"], strict=True):
+        if any(abs(a - b) > TOLERANCE * max(1.0, abs(a)) for a, b in zip(expected, read, strict=True)):
+            return "they read other numbers"
+    return ""
+
+
+def spread(ratios: list[float]) -> float:
+    """How far apart the middle half of the rounds is, as a share of the median."""
+    low, middle, high = statistics.quantiles(ratios, n=4)
+    return (high - low) / middle
+
+
+def compare(running: list[Peer], absent: list[str], rounds: int) -> Figures:
+    """Nanoseconds per frame of each codec, in turns, and how many times ours the others take."""
+    reference, ours = running[0], running[1]
+    for peer in running[1:]:
+        if wrong := differences(reference.told, peer.told):
+            raise report.Unmeasured(f"codec of {peer.name} against {reference.name}: {wrong}")
+    for _ in range(rounds):
+        for peer in running:
+            peer.measure()
+    figures: Figures = {"codec_frames": len(ours.told["frames"]), "codec_upstream_absent": "; ".join(absent)}
+    for key in ("encode_ns", "parse_ns"):
+        for peer in running:
+            figures[f"codec_{peer.name}_{key}"] = peer.median(key)
+            if peer is ours:
+                continue
+            ratios = [a[key] / b[key] for a, b in zip(peer.rounds, ours.rounds, strict=True)]
+            figures[f"codec_{peer.name}_over_lithe_{key.removesuffix('_ns')}"] = statistics.median(ratios)
+            figures[f"codec_{peer.name}_{key.removesuffix('_ns')}_spread"] = spread(ratios)
+    return figures
+
+
+def codecs(rounds: int) -> Figures:
+    """All that is known of codecs here; when nothing is, the reason stands in place of the figures."""
+    with tempfile.TemporaryDirectory(prefix="lithe-codec-") as folder:
+        try:
+            with peers(Path(folder)) as (running, absent):
+                return compare(running, absent, rounds)
+        except (OSError, report.Unmeasured) as why:
+            return {"codec_absent": str(why)}
+
+
+def main(words: list[str]) -> int:
+    """Measure and show, or (`--figures`, for bench.report) measure and print one line."""
+    if set(words) - {"--short", "--figures"}:
+        print(__doc__, file=sys.stderr)
+        return 2
+    short = "--short" in words or bool(os.environ.get("LITHE_BENCH_SHORT"))
+    if "--figures" not in words:
+        if short:
+            os.environ["LITHE_BENCH_SHORT"] = "1"
+        return report.main(["scale"])
+    exchange_rounds, spine_rounds, codec_rounds = (8, 1, 8) if short else (40, 6, 25)
+    try:
+        figures = report.measure((*report.program("scale"), str(exchange_rounds), str(spine_rounds)))
+    except report.Unmeasured as why:
+        print(f"bench: {why}", file=sys.stderr)
+        return 1
+    print(json.dumps({"scale_short": short} | figures | codecs(codec_rounds)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Codecs are compared on the same frames, in turns: one that writes others is no peer, an absent one is no number."""
+
+import importlib
+import json
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TOLD = {"frames": ["0a", "0b"], "reads": [[1.0, 2.0], [3.0, 0.25]]}
+CODEC = """
+import json, sys
+print(json.dumps(json.loads(sys.argv[1])), flush=True)
+for i, _ in enumerate(sys.stdin):
+    print(json.dumps({"encode_ns": float(sys.argv[2]) + i, "parse_ns": 7.0}), flush=True)
+"""
+
+
+@pytest.fixture
+def scale(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(ROOT))
+    return importlib.import_module("bench.scale")
+
+
+def peer(scale: ModuleType, name: str, encode_ns: float, told: dict[str, Any] | None = None) -> Any:
+    """A codec that says it takes so long, and a nanosecond more with each round."""
+    return scale.Peer(name, [sys.executable, "-c", CODEC, json.dumps(told or TOLD), str(encode_ns)])
+
+
+def test_each_round_asks_every_codec_and_the_middle_one_counts(scale: ModuleType) -> None:
+    running = [peer(scale, "python", 1000.0), peer(scale, "lithe", 99.0)]
+    figures = scale.compare(running, ["nobody"], 5)
+    for each in running:
+        each.close()
+    assert figures["codec_python_encode_ns"] == 1002.0 and figures["codec_lithe_encode_ns"] == 101.0
+    assert figures["codec_python_over_lithe_encode"] == pytest.approx(1002 / 101)
+    assert figures["codec_python_over_lithe_parse"] == 1.0
+    assert (figures["codec_frames"], figures["codec_upstream_absent"]) == (2, "nobody")
+    assert 0 < figures["codec_python_encode_spread"] < 0.05
+    assert all(each.process.returncode == 0 for each in running), "they are ended"
+
+
+@pytest.mark.parametrize(
+    ("twin", "why"),
+    [
+        ({"frames": ["0a", "0c"], "reads": TOLD["reads"]}, "other frames"),
+        ({"frames": TOLD["frames"], "reads": [[1.0, 2.0], [3.0, 0.2501]]}, "other numbers"),
+    ],
+)
+def test_a_codec_that_does_something_else_is_no_peer(scale: ModuleType, twin: dict[str, Any], why: str) -> None:
+    running = [peer(scale, "python", 1.0), peer(scale, "lithe", 1.0, twin)]
+    with pytest.raises(scale.report.Unmeasured, match=f"codec of lithe against python: they (write|read) {why}"):
+        scale.compare(running, [], 3)
+    for each in running:
+        each.close()
+
+
+def test_what_is_read_as_floats_is_the_same_number(scale: ModuleType) -> None:
+    near = {"frames": TOLD["frames"], "reads": [[1.0, 2.0000001], [3.0, 0.25]]}
+    assert scale.differences(TOLD, near) == ""
+
+
+def test_a_codec_that_ends_early_is_named(scale: ModuleType) -> None:
+    with pytest.raises(scale.report.Unmeasured, match="codec of lithe ended with 3"):
+        scale.Peer("lithe", [sys.executable, "-c", "raise SystemExit(3)"])
+
+
+def test_an_absent_codec_is_a_reason_and_no_number(
+    scale: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("LITHE_BIN_DIR", str(tmp_path))
+    figures = {claim: 1.0 for claim in scale.report.BENCHES["scale"].claims if not claim.startswith("codec")}
+    figures |= dict.fromkeys(("scale_away_share", "scale_stolen_share", "scale_preempted_share"), 0.0)
+    figures |= {"scale_unanswered_share": 0.0, "scale_control_failed_as_it_must": True, "codec_absent": "no network"}
+    monkeypatch.setattr(scale.report, "OUT", tmp_path)
+    monkeypatch.setattr(scale.report, "measure", lambda _: dict(figures))
+    assert scale.main([]) == 1
+    told = json.loads((tmp_path / "scale.json").read_text())
+    assert told["codec_python_over_lithe_encode"] is None and told["exchange_32j_p50_us"] == 1.0
+    assert "codec_lithe_encode_ns has no value" in told["scale_reason"] and "machine_cpu" in told
+    printed = capsys.readouterr().out
+    assert "not measured: no network" in printed and "32 joints" in printed
+
+
+def test_only_what_there_is_can_be_asked_for(scale: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+    assert scale.main(["--quick"]) == 2
+    assert "--short" in capsys.readouterr().err
+
+
+def test_a_short_run_says_so_and_takes_few_rounds(
+    scale: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[tuple[str, ...]] = []
+    monkeypatch.setattr(scale.report, "measure", lambda command: asked.append(command) or {"exchange_1j_p50_us": 1.0})
+    monkeypatch.setattr(scale, "codecs", lambda rounds: {"rounds": rounds})
+    assert scale.main(["--figures", "--short"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"scale_short": True, "exchange_1j_p50_us": 1.0, "rounds": 8}
+    assert scale.main(["--figures"]) == 0
+    assert [command[1:] for command in asked] == [("8", "1"), ("40", "6")]
