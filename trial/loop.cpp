@@ -120,7 +120,7 @@ class Ride {
   }
 
   void compose() {
-    command_.action = hal::DriveAction::torque;
+    command_.act(hal::DriveAction::torque);
     command_.torque_nm = output_.torque_nm;
     command_.position_rad = output_.position_rad;
     command_.velocity_rad_s = output_.velocity_rad_s;

@@ -26,8 +26,8 @@ using robot::DeviceKind;
 // Contract: as BusActuators
 class Hardware final : public Actuators {
  public:
-  explicit Hardware(const robot::RobotConfig& config)
-      : config_(config), actuators_(RawClock::calibrate(), config.guard.lost_after_misses) {}
+  Hardware(const robot::RobotConfig& config, const std::vector<BusNode*>& far_ends)
+      : config_(config), far_ends_(far_ends), actuators_(RawClock::calibrate(), config.guard.lost_after_misses) {}
 
   Result<> open() {
     for (std::size_t i = 0; i < config_.buses.size(); ++i) {
@@ -120,6 +120,10 @@ class Hardware final : public Actuators {
 
   std::unique_ptr<Bus> simulated_bus(std::size_t index) {
     auto bus = std::make_unique<LoopBus>();
+    if (!far_ends_.empty()) {
+      bus->attach(*far_ends_[index]);
+      return bus;
+    }
     for (std::size_t i = 0; i < config_.devices.size(); ++i) {
       if (config_.devices[i].bus != index) continue;
       nodes_.push_back(sim::make_node(config_, i));
@@ -146,6 +150,7 @@ class Hardware final : public Actuators {
   }
 
   const robot::RobotConfig config_;
+  const std::vector<BusNode*> far_ends_;
   std::vector<std::unique_ptr<BusNode>> nodes_;  // outlive the buses that reach them
   std::vector<Bus*> real_buses_;
   std::vector<std::pair<std::string, const Bus*>> named_buses_;
@@ -183,18 +188,25 @@ Result<> check(const robot::RobotConfig& config) {
   return done();
 }
 
-}  // namespace
-
-Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config) {
+Result<std::unique_ptr<Actuators>> open(const robot::RobotConfig& config, const std::vector<BusNode*>& far_ends) {
   if (const Result<> sound = check(config); !sound) return sound.error();
-  auto hardware = std::make_unique<Hardware>(config);
+  auto hardware = std::make_unique<Hardware>(config, far_ends);
   if (Result<> opened = hardware->open(); !opened) return Error{config.path + ": " + opened.message()};
   return std::unique_ptr<Actuators>(std::move(hardware));
 }
 
-Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config) {
+}  // namespace
+
+Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config) { return open(config, {}); }
+
+Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config,
+                                                      const std::vector<BusNode*>& far_ends) {
   for (robot::BusConfig& bus : config.buses) bus.kind = BusKind::loop;
-  return open_actuators(config);
+  if (!far_ends.empty() && far_ends.size() != config.buses.size()) {
+    return Error{config.path + ": " + std::to_string(config.buses.size()) + " buses, but far ends for " +
+                 std::to_string(far_ends.size())};
+  }
+  return open(config, far_ends);
 }
 
 }  // namespace lithe::hal

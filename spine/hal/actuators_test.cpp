@@ -53,9 +53,9 @@ class Robot {
 
   // Off, then torque until the drives have calibrated.
   void arm() {
-    command.action = DriveAction::off;
+    command.act(DriveAction::off);
     cycle(5);
-    command.action = DriveAction::torque;
+    command.act(DriveAction::torque);
     cycle(10);
     ASSERT_EQ(mode_of(state), 10U);
   }
@@ -84,13 +84,13 @@ TEST(Actuators, TheFirstCycleTellsWhereTheArmIs) {
 TEST(Actuators, EveryActionPutsTheDriveIntoItsMode) {
   Robot robot(desk_arm());
   robot.arm();
-  robot.command.action = DriveAction::damp;
+  robot.command.act(DriveAction::damp);
   robot.cycle(2);
   EXPECT_EQ(mode_of(robot.state), 12U);
-  robot.command.action = DriveAction::brake;
+  robot.command.act(DriveAction::brake);
   robot.cycle(2);
   EXPECT_EQ(mode_of(robot.state), 15U);
-  robot.command.action = DriveAction::off;
+  robot.command.act(DriveAction::off);
   robot.cycle(2);
   EXPECT_EQ(mode_of(robot.state), 0U);
 }
@@ -191,7 +191,7 @@ TEST(Actuators, ACycleAllocatesNothing) {
   robot.cycle();
   const NoAllocScope scope;
   for (const DriveAction action : {DriveAction::off, DriveAction::torque, DriveAction::damp, DriveAction::brake}) {
-    robot.command.action = action;
+    robot.command.act(action);
     robot.cycle(20);
   }
   EXPECT_EQ(scope.calls(), 0U);
