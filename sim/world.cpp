@@ -5,7 +5,6 @@
 #include <cmath>
 #include <filesystem>
 
-#include "spine/hal/sim/nodes.hpp"
 #include "spine/hal/sim/sim_fdcanusb.hpp"
 #include "spine/hal/sim/sim_slcan.hpp"
 
@@ -14,13 +13,6 @@ namespace {
 
 using robot::BusKind;
 using Kind = Order::Kind;
-
-bool is_of_device(Kind kind) { return kind == Kind::reset || kind == Kind::over_temperature || kind == Kind::encoder; }
-
-hal::Mishap mishap_of(Kind kind) {
-  if (kind == Kind::reset) return hal::Mishap::power_loss;
-  return kind == Kind::encoder ? hal::Mishap::encoder_lost : hal::Mishap::over_temperature;
-}
 
 std::int64_t ns_of(double seconds) { return std::llround(1e9 * seconds); }
 
@@ -34,9 +26,7 @@ Result<std::unique_ptr<World>> World::open(const robot::RobotConfig& config, con
     std::filesystem::create_directories(options.link_folder, wrong);
     if (wrong) return Error{"cannot make the folder " + options.link_folder + ": " + wrong.message()};
   }
-  for (std::size_t i = 0; i < config.devices.size(); ++i) {
-    world->devices_.push_back({config.devices[i].name, hal::sim::make_node(config, i)});
-  }
+  world->devices_ = std::make_unique<Devices>(config, options.seed);
   for (std::size_t i = 0; i < config.buses.size(); ++i) {
     if (Result<> added = world->add_bus(config, i, options); !added) return added.error();
   }
@@ -47,15 +37,12 @@ Result<std::unique_ptr<World>> World::open(const robot::RobotConfig& config, con
 // A bus in memory and one of a board that is not here have no far end of their own: an adapter takes their place.
 Result<> World::add_bus(const robot::RobotConfig& config, std::size_t index, const Options& options) {
   const robot::BusConfig& bus = config.buses[index];
-  auto wire = std::make_unique<hal::sim::SimWire>(options.seed + index);
-  for (std::size_t i = 0; i < devices_.size(); ++i) {
-    if (config.devices[i].bus == index) wire->attach(*devices_[i].node);
-  }
+  hal::sim::SimWire& wire = devices_->wire(index);
   std::string kind = bus.kind == BusKind::slcan ? "slcan" : "fdcanusb";
   if (bus.kind == BusKind::socketcan) {
     kind = "socketcan";
     auto end =
-        CanEnd::open({.interface = bus.interface, .bitrate = bus.bitrate, .data_bitrate = bus.data_bitrate}, *wire);
+        CanEnd::open({.interface = bus.interface, .bitrate = bus.bitrate, .data_bitrate = bus.data_bitrate}, wire);
     if (!end) return Error{"bus '" + bus.name + "': " + end.message()};
     ends_.push_back(std::move(*end));
   } else {
@@ -65,13 +52,13 @@ Result<> World::add_bus(const robot::RobotConfig& config, std::size_t index, con
     } else {
       adapter = std::make_unique<hal::sim::SimFdcanusb>();
     }
-    adapter->attach(*wire);
+    adapter->attach(wire);
     const std::string link = options.link_folder.empty() ? "" : options.link_folder + "/" + bus.name;
     auto end = PtyEnd::open(std::move(adapter), link);
     if (!end) return Error{"bus '" + bus.name + "': " + end.message()};
     ends_.push_back(std::move(*end));
   }
-  lines_.push_back({bus.name, kind, std::move(wire), ""});
+  lines_.push_back({bus.name, kind, ""});
   return done();
 }
 
@@ -85,11 +72,7 @@ void World::tell_places() {
 }
 
 Result<> World::check(const Order& order) const {
-  const auto named = [](const auto& all, const std::string& name) {
-    return name.empty() || std::any_of(all.begin(), all.end(), [&](const auto& each) { return each.name == name; });
-  };
-  if (!named(lines_, order.bus)) return Error{"there is no bus '" + order.bus + "' in the robot file"};
-  if (!named(devices_, order.device)) return Error{"there is no device '" + order.device + "' in the robot file"};
+  if (Result<> known = devices_->check(order); !known) return known;
   if (order.kind != Kind::unplug) return done();
   for (const Line& line : lines_) {
     if (line.kind == "socketcan" && (order.bus.empty() || order.bus == line.name)) {
@@ -107,67 +90,22 @@ Result<> World::obey(const Order& order, std::int64_t now_ns) {
     return done();
   }
   if (Result<> acted = act(order, now_ns); !acted) return acted;
-  const bool ends = order.kind != Kind::unplug && order.kind != Kind::reset && order.kind != Kind::clear;
+  const bool ends = order.kind != Kind::unplug && order.kind != Kind::reset && order.kind != Kind::watchdog &&
+                    order.kind != Kind::clear;
   if (ends && order.for_s > 0) due_.push_back({now_ns + ns_of(order.for_s), undone(order)});
   return done();
 }
 
 Result<> World::act(const Order& order, std::int64_t now_ns) {
-  if (order.kind == Kind::clear) {
-    clear(now_ns);
-    return done();
-  }
-  if (is_of_device(order.kind)) {
-    bool any = false;
-    for (const Device& device : devices_) {
-      if (!order.device.empty() && order.device != device.name) continue;
-      any = device.node->befall(mishap_of(order.kind), order.on, now_ns) || any;
-    }
-    return any ? done()
-               : Result<>(Error{"such a thing cannot happen to " +
-                                (order.device.empty() ? "any device here" : order.device)});
-  }
+  if (order.kind == Kind::clear) due_.clear();
+  if (order.kind != Kind::unplug) return devices_->act(order, now_ns);
+  constexpr double kMomentS = 1;
   for (std::size_t i = 0; i < lines_.size(); ++i) {
-    if (order.bus.empty() || order.bus == lines_[i].name) act_on_bus(order, i, now_ns);
+    if (!order.bus.empty() && order.bus != lines_[i].name) continue;
+    ends_[i]->unplug(now_ns + ns_of(order.for_s > 0 ? order.for_s : kMomentS));
   }
+  tell_places();
   return done();
-}
-
-void World::act_on_bus(const Order& order, std::size_t bus, std::int64_t now_ns) {
-  hal::sim::WireFaults faults = lines_[bus].wire->faults();
-  switch (order.kind) {
-    case Kind::drop:
-      faults.drop = order.amount;
-      break;
-    case Kind::corrupt:
-      faults.corrupt = order.amount;
-      break;
-    case Kind::duplicate:
-      faults.duplicate = order.amount;
-      break;
-    case Kind::delay:
-      faults.delay_ns = ns_of(order.amount);
-      break;
-    case Kind::bus_off:
-      faults.bus_off = order.on;
-      break;
-    default: {
-      constexpr double kMomentS = 1;
-      ends_[bus]->unplug(now_ns + ns_of(order.for_s > 0 ? order.for_s : kMomentS));
-      return tell_places();
-    }
-  }
-  lines_[bus].wire->set_faults(faults);
-}
-
-void World::clear(std::int64_t now_ns) {
-  due_.clear();
-  for (const Line& line : lines_) line.wire->set_faults({});
-  for (const Device& device : devices_) {
-    for (const hal::Mishap mishap : {hal::Mishap::over_temperature, hal::Mishap::encoder_lost}) {
-      device.node->befall(mishap, false, now_ns);
-    }
-  }
 }
 
 void World::tick(std::int64_t now_ns) {

@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "sim/devices.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <optional>
+
+#include "spine/hal/sim/nodes.hpp"
+
+namespace lithe::simulator {
+namespace {
+
+using hal::Mishap;
+using Kind = Order::Kind;
+
+std::optional<Mishap> mishap_of(Kind kind) {
+  switch (kind) {
+    case Kind::reset:
+      return Mishap::power_loss;
+    case Kind::over_temperature:
+      return Mishap::over_temperature;
+    case Kind::encoder:
+      return Mishap::encoder_lost;
+    case Kind::device_fault:
+      return Mishap::device_fault;
+    case Kind::watchdog:
+      return Mishap::watchdog_trip;
+    case Kind::homing:
+      return Mishap::homing_lost;
+    case Kind::register_map:
+      return Mishap::other_map;
+    default:
+      return std::nullopt;
+  }
+}
+
+constexpr std::uint32_t kIds = 126;
+
+}  // namespace
+
+Devices::Devices(const robot::RobotConfig& config, std::uint64_t seed) : config_(config) {
+  for (std::size_t i = 0; i < config.buses.size(); ++i) {
+    wires_.push_back(std::make_unique<hal::sim::SimWire>(seed + i));
+  }
+  for (std::size_t i = 0; i < config.devices.size(); ++i) {
+    devices_.push_back({config.devices[i], hal::sim::make_node(config, i), nullptr});
+    wire(config.devices[i].bus).attach(*devices_[i].node);
+  }
+}
+
+Result<> Devices::check(const Order& order) const {
+  const auto named = [](const auto& all, const std::string& name) {
+    return name.empty() || std::any_of(all.begin(), all.end(), [&](const auto& each) { return each.name == name; });
+  };
+  if (!named(config_.buses, order.bus)) return Error{"there is no bus '" + order.bus + "' in the robot file"};
+  if (!named(config_.devices, order.device)) {
+    return Error{"there is no device '" + order.device + "' in the robot file"};
+  }
+  return done();
+}
+
+Result<> Devices::act(const Order& order, std::int64_t now_ns) {
+  if (order.kind == Kind::clear) {
+    clear(now_ns);
+    return done();
+  }
+  if (!is_of_device(order.kind)) {
+    for (std::size_t i = 0; i < wires_.size(); ++i) {
+      if (order.bus.empty() || order.bus == config_.buses[i].name) spoil(order, i);
+    }
+    return done();
+  }
+  bool any = false;
+  for (std::size_t i = 0; i < devices_.size(); ++i) {
+    if (order.device.empty() || order.device == devices_[i].config.name) any = suffer(i, order, now_ns) || any;
+  }
+  if (any) return done();
+  return Error{"such a thing cannot happen to " + (order.device.empty() ? "any device here" : order.device)};
+}
+
+bool Devices::suffer(std::size_t device, const Order& order, std::int64_t now_ns) {
+  if (const std::optional<Mishap> mishap = mishap_of(order.kind)) {
+    return devices_[device].node->befall(*mishap, order.on, now_ns);
+  }
+  meet_stranger(device, order);
+  return true;
+}
+
+// A twin has the same id and stands elsewhere; a device with the wrong id is there in place of the right one.
+void Devices::meet_stranger(std::size_t index, const Order& order) {
+  Device& device = devices_[index];
+  hal::sim::SimWire& wire = *wires_[device.config.bus];
+  if (device.stranger != nullptr) wire.detach(*device.stranger);
+  device.stranger.reset();
+  if (!device.here) wire.attach(*device.node);
+  device.here = true;
+  if (!order.on) return;
+  robot::RobotConfig other = config_;
+  constexpr double kElsewhereRad = 0.3;
+  for (robot::JointConfig& joint : other.joints) {
+    if (joint.device == index) joint.sim.initial_position_rad += kElsewhereRad;
+  }
+  if (order.kind == Kind::wrong_id) {
+    std::uint32_t& id = other.devices[index].id;
+    id = (id + kIds / 2 - 1) % kIds + 1;
+    device.here = false;
+    wire.detach(*device.node);
+  }
+  device.stranger = hal::sim::make_node(other, index);
+  wire.attach(*device.stranger);
+}
+
+void Devices::spoil(const Order& order, std::size_t bus) {
+  hal::sim::WireFaults faults = wires_[bus]->faults();
+  switch (order.kind) {
+    case Kind::drop:
+      faults.drop = order.amount;
+      break;
+    case Kind::corrupt:
+      faults.corrupt = order.amount;
+      break;
+    case Kind::duplicate:
+      faults.duplicate = order.amount;
+      break;
+    case Kind::replay:
+      faults.replay = order.amount;
+      break;
+    case Kind::delay:
+      faults.delay_ns = std::llround(1e9 * order.amount);
+      break;
+    case Kind::bus_off:
+      faults.bus_off = order.on;
+      break;
+    default:
+      return;
+  }
+  wires_[bus]->set_faults(faults);
+}
+
+void Devices::clear(std::int64_t now_ns) {
+  Order over;
+  over.on = false;
+  for (const auto& wire : wires_) wire->set_faults({});
+  for (std::size_t i = 0; i < devices_.size(); ++i) {
+    for (const Mishap mishap : {Mishap::over_temperature, Mishap::encoder_lost, Mishap::device_fault,
+                                Mishap::homing_lost, Mishap::other_map}) {
+      devices_[i].node->befall(mishap, false, now_ns);
+    }
+    if (devices_[i].stranger != nullptr) meet_stranger(i, over);
+  }
+}
+
+}  // namespace lithe::simulator

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// The simulated devices of one robot and the wires to them, and what befalls them on order.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "sim/order.hpp"
+#include "spine/core/result.hpp"
+#include "spine/hal/bus/loop_bus.hpp"
+#include "spine/hal/sim/sim_wire.hpp"
+#include "spine/robot/config.hpp"
+
+namespace lithe::simulator {
+
+// Contract: not RT, but for what passes over a wire · one thread · times are CLOCK_MONOTONIC [ns]
+class Devices {
+ public:
+  // `seed`: of everything that befalls frames by chance.
+  Devices(const robot::RobotConfig& config, std::uint64_t seed);
+
+  hal::sim::SimWire& wire(std::size_t bus) { return *wires_[bus]; }
+
+  // The error: no such bus or device.
+  Result<> check(const Order& order) const;
+
+  // Now, whatever the order says of time; unplugging is not for devices. The error: the device cannot suffer that.
+  Result<> act(const Order& order, std::int64_t now_ns);
+
+ private:
+  struct Device {
+    robot::DeviceConfig config;
+    std::unique_ptr<hal::BusNode> node;
+    std::unique_ptr<hal::BusNode> stranger;  // another one on its wire, which has its id or stands in for it
+    bool here = true;                        // its wire reaches it
+  };
+
+  bool suffer(std::size_t device, const Order& order, std::int64_t now_ns);
+  void meet_stranger(std::size_t device, const Order& order);
+  void spoil(const Order& order, std::size_t bus);
+  void clear(std::int64_t now_ns);
+
+  robot::RobotConfig config_;
+  std::vector<Device> devices_;
+  std::vector<std::unique_ptr<hal::sim::SimWire>> wires_;  // by bus
+};
+
+}  // namespace lithe::simulator
