@@ -12,8 +12,8 @@ help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
 
 demo: TARGETS := --target lithe lithe-spine lawd lithe-trial
-demo: release  ## the experiment on a simulated arm: probe, learn, swap laws live, survive a dead Brain -> out/demo/
-	@$(PYTHON) -m lithe.demo
+demo: release  ## the experiment on a simulated arm (or ROBOT=FILE): probe, learn, swap laws live, survive a dead Brain -> out/demo/
+	@$(PYTHON) -m lithe.demo $(if $(ROBOT),--robot $(ROBOT))
 
 test: release  ## every test: C++ (ctest), then Python and across processes (pytest)
 	@ctest --preset release -j $(JOBS) --progress

@@ -4,7 +4,7 @@
 `python -m bench.swap [--swaps N]` -> out/bench/swap.json and a table. Rounds take turns: a group of swaps of LITHE and
 a pause, then the same of each peer. What is lost while swapping is compared with what is lost in the pauses of the same
 run, in windows of equal length. Compilers work on the housekeeping core all the time. Exit 0: measured, and it holds.
-1: INCONCLUSIVE, or it does not hold. 2: usage.
+1: INCONCLUSIVE, undecided, or it does not hold. 2: usage.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from bench.swap_host import StealWatch, compiling
 from bench.swap_peers import Peers, Way, shaped
 from bench.swap_robot import Subject, robot_file
 from bench.swap_stats import Figures, Sides, largest_step_nm, on_the_move, stops_in
-from bench.swap_verdict import CLAIMS, PEERS, reasons_to_doubt, shortcomings
+from bench.swap_verdict import CLAIMS, PEERS, reasons_to_doubt, shortcomings, undecided
 
 LAWS = [ROOT / "bench/laws/pi_lowpass.cpp", ROOT / "bench/laws/pi_two_pole.cpp", ROOT / "laws/pd.cpp"]
 MOST_IN_GROUP, LEAST_IN_GROUP = 50, 8
@@ -237,11 +237,13 @@ def measure(swaps: int, out: Path) -> Figures:
     told["swaps_wanted"] = swaps
     told |= continuity.measure(out, max(2, min(continuity.REPEATS, swaps // 100)))
     doubts, short = reasons_to_doubt(told), shortcomings(told)
+    open_claims = [] if short else undecided(told)
     if doubts:
         told |= dict.fromkeys(CLAIMS)
+    verdict = "falls short" if short else "undecided" if open_claims else "measured"
     return told | {
-        "swap_verdict": "INCONCLUSIVE" if doubts else "falls short" if short else "measured",
-        "swap_reason": "; ".join(doubts + short),
+        "swap_verdict": "INCONCLUSIVE" if doubts else verdict,
+        "swap_reason": "; ".join(doubts + short + open_claims),
         "swap_measured_at": began,
         "swap_load_before": load,
         "swap_load_after": os.getloadavg()[0],

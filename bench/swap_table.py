@@ -67,9 +67,10 @@ def show_late(told: Figures) -> None:
         row = [name]
         for what in ("jitter", "output"):
             row += [cell(told, f"{key}{what}_p999_{side}_us", ".1f") for side in ("in", "out")]
-            row.append(cell(told, f"{key}{what}_p999_in_over_out"))
-        rows.append([*row, cell(told, f"{key}jitter_p999_in_over_out_raw")])
-    head = ["", "release, swapping", "at rest", "ratio", "output, swapping", "at rest", "ratio", "release ratio, raw"]
+            row.append(" .. ".join(cell(told, f"{key}{what}_p999_in_over_out{end}") for end in ("_low", "_high")))
+            row[-1] = f"{cell(told, f'{key}{what}_p999_in_over_out')} ({row[-1]})"
+        rows.append([*row, cell(told, f"{key}jitter_p999_in_over_out_raw")])  # of the release, hypervisor and all
+    head = ["", "release, swapping", "at rest", "ratio (95 %)", "output, swapping", "at rest", "ratio (95 %)", "raw"]
     table("p99.9 of lateness, steal-aware [us]: of the release, and of the command that leaves", head, rows)
     print(f"  the Spine's core: stolen {cell(told, 'stolen_share', '.2%')}, ", end="")
     print(f"preempted {cell(told, 'preempted_share', '.2%')}")

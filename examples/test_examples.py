@@ -16,7 +16,7 @@ EXAMPLES = sorted(path for path in Path(__file__).parent.iterdir() if (path / "m
 @pytest.fixture(scope="module")
 def house() -> Iterator[House]:
     """One robot for all of them, one after the other."""
-    with calm.calm_robot(changes={"budget_share = 0.3 ": "budget_share = 0.9 "}) as running:
+    with calm.calm_robot() as running:
         yield running
 
 

@@ -35,6 +35,21 @@ std::optional<Mishap> mishap_of(Kind kind) {
   }
 }
 
+// What such a device is too simple for, or says nothing of, cannot happen to it.
+bool can_suffer(robot::DeviceKind device, Kind kind) {
+  switch (device) {
+    case robot::DeviceKind::moteus:
+      return true;
+    case robot::DeviceKind::cia402:
+      return kind != Kind::homing;
+    case robot::DeviceKind::gateway:
+      return kind == Kind::reset || kind == Kind::register_map || kind == Kind::twin || kind == Kind::wrong_id;
+    case robot::DeviceKind::imu:
+      return false;
+  }
+  return false;
+}
+
 constexpr std::uint32_t kIds = 126;
 
 }  // namespace
@@ -57,34 +72,37 @@ Result<> Devices::check(const Order& order) const {
   if (!named(config_.devices, order.device)) {
     return Error{"there is no device '" + order.device + "' in the robot file"};
   }
+  const auto suffers = [&](const robot::DeviceConfig& device) {
+    return (order.device.empty() || order.device == device.name) && can_suffer(device.kind, order.kind);
+  };
+  if (is_of_device(order.kind) && std::none_of(config_.devices.begin(), config_.devices.end(), suffers)) {
+    return Error{"such a thing cannot happen to " + (order.device.empty() ? "any device here" : order.device)};
+  }
   return done();
 }
 
-Result<> Devices::act(const Order& order, std::int64_t now_ns) {
-  if (order.kind == Kind::clear) {
-    clear(now_ns);
-    return done();
-  }
+void Devices::act(const Order& order, std::int64_t now_ns) {
+  if (order.kind == Kind::clear) return clear(now_ns);
   if (!is_of_device(order.kind)) {
     for (std::size_t i = 0; i < wires_.size(); ++i) {
       if (order.bus.empty() || order.bus == config_.buses[i].name) spoil(order, i);
     }
-    return done();
+    return;
   }
-  bool any = false;
   for (std::size_t i = 0; i < devices_.size(); ++i) {
-    if (order.device.empty() || order.device == devices_[i].config.name) any = suffer(i, order, now_ns) || any;
+    const robot::DeviceConfig& device = devices_[i].config;
+    if ((order.device.empty() || order.device == device.name) && can_suffer(device.kind, order.kind)) {
+      suffer(i, order, now_ns);
+    }
   }
-  if (any) return done();
-  return Error{"such a thing cannot happen to " + (order.device.empty() ? "any device here" : order.device)};
 }
 
-bool Devices::suffer(std::size_t device, const Order& order, std::int64_t now_ns) {
+void Devices::suffer(std::size_t device, const Order& order, std::int64_t now_ns) {
   if (const std::optional<Mishap> mishap = mishap_of(order.kind)) {
-    return devices_[device].node->befall(*mishap, order.on, now_ns);
+    devices_[device].node->befall(*mishap, order.on, now_ns);
+  } else {
+    meet_stranger(device, order);
   }
-  meet_stranger(device, order);
-  return true;
 }
 
 // A twin has the same id and stands elsewhere; a device with the wrong id is there in place of the right one.

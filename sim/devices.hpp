@@ -24,11 +24,11 @@ class Devices {
 
   hal::sim::SimWire& wire(std::size_t bus) { return *wires_[bus]; }
 
-  // The error: no such bus or device.
+  // The error: no such bus or device, or nothing of the kind can happen to it.
   Result<> check(const Order& order) const;
 
-  // Now, whatever the order says of time; unplugging is not for devices. The error: the device cannot suffer that.
-  Result<> act(const Order& order, std::int64_t now_ns);
+  // One that was checked; now, whatever it says of time. Unplugging is not for devices.
+  void act(const Order& order, std::int64_t now_ns);
 
  private:
   struct Device {
@@ -38,7 +38,7 @@ class Devices {
     bool here = true;                        // its wire reaches it
   };
 
-  bool suffer(std::size_t device, const Order& order, std::int64_t now_ns);
+  void suffer(std::size_t device, const Order& order, std::int64_t now_ns);
   void meet_stranger(std::size_t device, const Order& order);
   void spoil(const Order& order, std::size_t bus);
   void clear(std::int64_t now_ns);

@@ -29,12 +29,14 @@ class End {
   virtual std::string place() const = 0;        // how others reach it; empty while it is unplugged
   // Goes away until then. False: this kind cannot.
   virtual bool unplug(std::int64_t /*until_ns*/) { return false; }
+  // The wires behind an adapter drive its controller bus-off, or are good again.
+  virtual void spoil_wires(bool /*bad*/) {}
 };
 
 // An adapter at a pseudo terminal. Who opens it meets an adapter that was just plugged in.
 class PtyEnd final : public End {
  public:
-  // `link`: path of a symbolic link to the terminal; empty = none.
+  // `link`: path of a symbolic link to the terminal, there while the terminal can be opened; empty = none.
   static Result<std::unique_ptr<PtyEnd>> open(std::unique_ptr<hal::sim::SimAdapter> adapter, std::string link);
   ~PtyEnd() override;
 
@@ -44,6 +46,7 @@ class PtyEnd final : public End {
   void tick(std::int64_t now_ns) override;
   std::string place() const override { return slave_path_; }
   bool unplug(std::int64_t until_ns) override;
+  void spoil_wires(bool bad) override { adapter_->spoil_wires(bad); }
 
  private:
   PtyEnd(std::unique_ptr<hal::sim::SimAdapter> adapter, std::string link)
@@ -53,6 +56,7 @@ class PtyEnd final : public End {
   void look_for_somebody();
   void leave();
   void write_out();
+  void remove_link();
 
   std::unique_ptr<hal::sim::SimAdapter> adapter_;
   std::string link_;
@@ -60,7 +64,8 @@ class PtyEnd final : public End {
   std::string slave_path_;
   bool somebody_ = false;
   std::int64_t plug_at_ns_ = 0;
-  std::string out_;  // what the terminal had no room for yet
+  std::string out_;         // what the terminal had no room for yet
+  bool half_told_ = false;  // its first line has partly left
 };
 
 // A CAN interface of the kernel. When it is down, it is looked for again about once a second.

@@ -10,6 +10,7 @@
 #include <cstring>
 #include <filesystem>
 #include <span>
+#include <utility>
 
 #include "sim/end.hpp"
 
@@ -17,6 +18,8 @@ namespace lithe::simulator {
 namespace {
 
 constexpr std::size_t kMostPending = 1 << 16;  // beyond it nobody reads: what is said is lost, as on a full USB pipe
+
+bool is_end(char c) { return c == '\r' || c == '\n' || c == '\a'; }
 
 Error failure(const std::string& what) { return Error{what + ": " + std::strerror(errno)}; }
 
@@ -50,26 +53,34 @@ Result<std::unique_ptr<PtyEnd>> PtyEnd::open(std::unique_ptr<hal::sim::SimAdapte
   return end;
 }
 
-PtyEnd::~PtyEnd() {
-  std::error_code ignored;
-  if (!link_.empty()) std::filesystem::remove(link_, ignored);
+PtyEnd::~PtyEnd() { remove_link(); }
+
+// Only while it is ours: the kernel gives the name of a terminal that is gone to the next one who asks, a shell
+// perhaps, and a link that another program has made since is that program's.
+void PtyEnd::remove_link() {
+  std::error_code none;
+  const std::filesystem::path at = std::filesystem::read_symlink(link_, none);
+  if (!none && !slave_path_.empty() && at == slave_path_) std::filesystem::remove(link_, none);
 }
 
 Result<> PtyEnd::plug() {
-  master_ = hal::Descriptor(::posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
+  hal::Descriptor master(::posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
   std::array<char, 128> path{};
-  if (!master_.is_open() || ::grantpt(master_.get()) != 0 || ::unlockpt(master_.get()) != 0 ||
-      ::ptsname_r(master_.get(), path.data(), path.size()) != 0) {
+  if (!master.is_open() || ::grantpt(master.get()) != 0 || ::unlockpt(master.get()) != 0 ||
+      ::ptsname_r(master.get(), path.data(), path.size()) != 0) {
     return failure("cannot make a pseudo terminal");
   }
   if (Result<> raw = make_raw(path.data()); !raw) return raw;
+  if (Result<> pointed = link_.empty() ? done() : point(link_, path.data()); !pointed) return pointed;
   slave_path_ = path.data();
+  master_ = std::move(master);
   adapter_->reset();
-  return link_.empty() ? done() : point(link_, slave_path_);
+  return done();
 }
 
 bool PtyEnd::unplug(std::int64_t until_ns) {
   leave();
+  remove_link();  // before the terminal goes, and its name becomes free
   master_.close();
   slave_path_.clear();
   plug_at_ns_ = until_ns;
@@ -77,7 +88,7 @@ bool PtyEnd::unplug(std::int64_t until_ns) {
 }
 
 void PtyEnd::leave() {
-  somebody_ = false;
+  somebody_ = half_told_ = false;
   out_.clear();
 }
 
@@ -117,9 +128,18 @@ void PtyEnd::write_out() {
   while (!out_.empty()) {
     const hal::Moved moved = master_.write(std::as_bytes(std::span(out_)));
     if (moved.bytes == 0) break;
+    half_told_ = !is_end(out_[moved.bytes - 1]);
     out_.erase(0, moved.bytes);
   }
-  if (out_.size() > kMostPending) out_.clear();
+  if (out_.size() <= kMostPending) return;
+  // Adapters lose whole lines: the rest of one that has partly left is still told.
+  std::size_t rest = 0;
+  if (half_told_) {
+    while (rest < out_.size() && !is_end(out_[rest])) ++rest;
+    if (rest < out_.size()) ++rest;
+  }
+  while (rest < out_.size() && out_[rest] == '\n') ++rest;  // which belongs to the end before it
+  out_.resize(rest);
 }
 
 }  // namespace lithe::simulator

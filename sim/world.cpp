@@ -89,23 +89,24 @@ Result<> World::obey(const Order& order, std::int64_t now_ns) {
     due_.back().order.after_s = 0;
     return done();
   }
-  if (Result<> acted = act(order, now_ns); !acted) return acted;
+  act(order, now_ns);
   const bool ends = order.kind != Kind::unplug && order.kind != Kind::reset && order.kind != Kind::watchdog &&
                     order.kind != Kind::clear;
   if (ends && order.for_s > 0) due_.push_back({now_ns + ns_of(order.for_s), undone(order)});
   return done();
 }
 
-Result<> World::act(const Order& order, std::int64_t now_ns) {
+void World::act(const Order& order, std::int64_t now_ns) {
   if (order.kind == Kind::clear) due_.clear();
-  if (order.kind != Kind::unplug) return devices_->act(order, now_ns);
+  if (order.kind != Kind::unplug) devices_->act(order, now_ns);
   constexpr double kMomentS = 1;
   for (std::size_t i = 0; i < lines_.size(); ++i) {
     if (!order.bus.empty() && order.bus != lines_[i].name) continue;
-    ends_[i]->unplug(now_ns + ns_of(order.for_s > 0 ? order.for_s : kMomentS));
+    if (order.kind == Kind::bus_off) ends_[i]->spoil_wires(order.on);
+    if (order.kind == Kind::clear) ends_[i]->spoil_wires(false);
+    if (order.kind == Kind::unplug) ends_[i]->unplug(now_ns + ns_of(order.for_s > 0 ? order.for_s : kMomentS));
   }
   tell_places();
-  return done();
 }
 
 void World::tick(std::int64_t now_ns) {

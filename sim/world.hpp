@@ -51,7 +51,7 @@ class World {
 
   Result<> add_bus(const robot::RobotConfig& config, std::size_t index, const Options& options);
   Result<> check(const Order& order) const;
-  Result<> act(const Order& order, std::int64_t now_ns);
+  void act(const Order& order, std::int64_t now_ns);
   void tell_places();
 
   Say say_;

@@ -57,6 +57,10 @@ class Scene {
     }
     return all;
   }
+  void write_only(std::string_view text) {
+    EXPECT_EQ(::write(fd_, text.data(), text.size()), static_cast<ssize_t>(text.size()));
+    pass(1);
+  }
   void pass(int ms) {
     for (int i = 0; i < ms; ++i) {
       for (const auto& end : world_->ends()) {
@@ -107,6 +111,8 @@ TEST(World, FaultsBeginAndEnd) {
   EXPECT_TRUE(scene.order(R"({"fault": "bus_off", "for_s": 0.02})"));
   EXPECT_EQ(scene.say(kQuery).find("rcv"), std::string::npos);
   scene.pass(20);
+  EXPECT_EQ(scene.say(kQuery).find("rcv"), std::string::npos) << "the wires are good, the adapter has given up";
+  scene.say("can off\ncan on\n");
   EXPECT_NE(scene.say(kQuery).find("rcv"), std::string::npos);
   EXPECT_TRUE(scene.order(R"({"fault": "delay", "ms": 10, "after_s": 0.01})"));
   scene.pass(11);
@@ -124,6 +130,7 @@ TEST(World, AnUnpluggedTerminalComesBackAsAnotherAndTheLinkFollows) {
     const std::string before = std::filesystem::read_symlink(folder + "/can0");
     EXPECT_TRUE(scene.order(R"({"fault": "unplug", "for_s": 0.05})"));
     EXPECT_EQ(scene.told.back(), "can0 fdcanusb unplugged");
+    EXPECT_FALSE(std::filesystem::is_symlink(folder + "/can0")) << "its terminal may be anybody's by now";
     scene.pass(60);
     EXPECT_NE(scene.told.back().find("/dev/"), std::string::npos);
     EXPECT_EQ(scene.told.size(), 3U);
@@ -136,6 +143,52 @@ TEST(World, AnUnpluggedTerminalComesBackAsAnotherAndTheLinkFollows) {
   std::filesystem::remove(folder);
 }
 
+TEST(World, ALinkThatAnotherProgramHasMadeSinceIsLeftAlone) {
+  const std::string folder = testing::TempDir() + "lithe-sim-other-" + std::to_string(::getpid());
+  {
+    Scene scene({.link_folder = folder});
+    std::filesystem::remove(folder + "/can0");
+    std::filesystem::create_symlink("/dev/null", folder + "/can0");
+    EXPECT_TRUE(scene.order(R"({"fault": "unplug", "for_s": 1000})"));
+    EXPECT_EQ(std::filesystem::read_symlink(folder + "/can0"), "/dev/null");
+  }
+  EXPECT_EQ(std::filesystem::read_symlink(folder + "/can0"), "/dev/null");
+  std::filesystem::remove_all(folder);
+}
+
+TEST(World, APlugThatFailedIsTriedAgainAsAWhole) {
+  const std::string folder = testing::TempDir() + "lithe-sim-late-" + std::to_string(::getpid());
+  Scene scene({.link_folder = folder});
+  EXPECT_TRUE(scene.order(R"({"fault": "unplug", "for_s": 0.01})"));
+  std::filesystem::remove_all(folder);  // there is no place for the link
+  scene.pass(20);
+  EXPECT_EQ(scene.told.back(), "can0 fdcanusb unplugged");
+  std::filesystem::create_directories(folder);
+  scene.pass(2);
+  EXPECT_NE(scene.told.back().find("/dev/"), std::string::npos);
+  EXPECT_EQ("can0 fdcanusb " + std::filesystem::read_symlink(folder + "/can0").string(), scene.told.back());
+  scene.dial();
+  EXPECT_NE(scene.say(kQuery).find("rcv"), std::string::npos);
+  std::filesystem::remove_all(folder);
+}
+
+// Nobody reads what it says: lines get lost, but none is cut.
+TEST(World, AnAdapterThatNobodyReadsLosesWholeLines) {
+  Scene scene;
+  scene.dial();
+  std::string all;
+  for (int i = 0; i < 4'000; ++i) scene.write_only(kQuery);
+  for (int i = 0; i < 100; ++i) all += scene.say("");
+  std::size_t whole = 0;
+  for (std::size_t end = 0; (end = all.find("\r\n")) != std::string::npos; all.erase(0, end + 2)) {
+    const std::string line = all.substr(0, end);
+    ASSERT_TRUE(line == "OK" || (line.starts_with("rcv 0100 2100") && line.ends_with(" x-1"))) << line;
+    ++whole;
+  }
+  EXPECT_GT(whole, 100U);
+  EXPECT_LT(whole, 7'990U) << "nothing was lost, so nothing was shown";
+}
+
 TEST(World, AGatewayHasNoEncoderToLose) {
   robot::RobotConfig config = arm();
   config.devices[0].kind = robot::DeviceKind::gateway;
@@ -143,6 +196,9 @@ TEST(World, AGatewayHasNoEncoderToLose) {
   ASSERT_TRUE(world) << world.message();
   EXPECT_EQ((*world)->obey(*parse_order(R"({"fault": "encoder", "device": "drive"})"), 0).message(),
             "such a thing cannot happen to drive");
+  EXPECT_EQ((*world)->obey(*parse_order(R"({"fault": "encoder", "device": "drive", "after_s": 1})"), 0).message(),
+            "such a thing cannot happen to drive")
+      << "and not only when it is due";
 }
 
 TEST(World, RefusesWhatIsNotThere) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/info.hpp"
 
+#include <fmt/format.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -97,6 +98,20 @@ void write_robot_info(ipc::ChannelMemory<wire::RobotInfo>& memory, const robot::
   info->sensor_count = static_cast<std::uint32_t>(robot.sensors.size());
   for (std::size_t i = 0; i < robot.sensors.size(); ++i) put_text(info->sensor_name, robot.sensors[i].name, 32 * i, 32);
   ipc::ChannelWriter<wire::RobotInfo>(memory).write(*info);
+}
+
+std::string describe_replies(const hal::Actuators& actuators) {
+  std::string words;
+  const hal::ReplyCounters& n = actuators.counters();
+  if (n.missed + n.late + n.duplicate + n.stray + n.malformed + n.unsound + n.refused > 0) {
+    words = fmt::format(
+        "answers of drives: {} missed, {} late, {} doubled, {} stray, {} malformed; commands: {} not finite, {} "
+        "refused "
+        "by a full bus",
+        n.missed, n.late, n.duplicate, n.stray, n.malformed, n.unsound, n.refused);
+  }
+  const std::string buses = actuators.tell_buses();
+  return words + (words.empty() || buses.empty() ? "" : "; ") + buses;
 }
 
 std::string ready_line(const robot::RobotConfig& robot, const CpuPlan& cpus, const std::string& notes) {

@@ -7,6 +7,7 @@
 
 #include "spine/core/host.hpp"
 #include "spine/core/result.hpp"
+#include "spine/hal/actuators.hpp"
 #include "spine/ipc/layout.hpp"
 #include "spine/robot/config.hpp"
 
@@ -27,6 +28,9 @@ struct Own {
 
 void write_robot_info(ipc::ChannelMemory<wire::RobotInfo>& memory, const robot::RobotConfig& robot, const CpuPlan& cpus,
                       const std::string& notes, const Own& own);
+
+// What buses and drives did otherwise than asked; empty when nothing. After the last exchange.
+std::string describe_replies(const hal::Actuators& actuators);
 
 // One JSON line for whoever started us.
 std::string ready_line(const robot::RobotConfig& robot, const CpuPlan& cpus, const std::string& notes);

@@ -19,8 +19,10 @@
 #include "spine/contain/watchdog.hpp"
 #include "spine/core/host.hpp"
 #include "spine/core/time.hpp"
+#include "spine/frames.hpp"
 #include "spine/hal/actuators.hpp"
 #include "spine/info.hpp"
+#include "spine/ipc/frames.hpp"
 #include "spine/ipc/segment.hpp"
 #include "spine/law/slot.hpp"
 #include "spine/load/dlopen_store.hpp"
@@ -40,12 +42,13 @@ int refuse(int code, const std::string& message) {
   return code;
 }
 
-// The three segments of a running robot, and the right to be its Spine.
+// The segments of a running robot, and the right to be its Spine.
 struct Memory {
   ipc::Lease lease;
   ipc::Segment<ipc::SpineMemory> spine;
   ipc::Segment<ipc::ControlMemory> control;
   ipc::Segment<ipc::BrainMemory> brain;
+  ipc::Segment<ipc::FramesMemory> frames;
 };
 
 Result<Memory> make_memory(const std::string& robot) {
@@ -65,14 +68,17 @@ Result<Memory> make_memory(const std::string& robot) {
   if (!control) return control.error();
   auto brain = ipc::Segment<ipc::BrainMemory>::create(robot);
   if (!brain) return brain.error();
+  auto frames = ipc::Segment<ipc::FramesMemory>::create(robot);
+  if (!frames) return frames.error();
   ipc::sign_in((*spine)->header, monotonic_ns());
-  return Memory{std::move(**lease), std::move(*spine), std::move(*control), std::move(*brain)};
+  return Memory{std::move(**lease), std::move(*spine), std::move(*control), std::move(*brain), std::move(*frames)};
 }
 
 void remove_memory(const std::string& robot) {
   ipc::remove_segment(ipc::Segment<ipc::SpineMemory>::path(robot));
   ipc::remove_segment(ipc::Segment<ipc::ControlMemory>::path(robot));
   ipc::remove_segment(ipc::Segment<ipc::BrainMemory>::path(robot));
+  ipc::remove_segment(ipc::Segment<ipc::FramesMemory>::path(robot));
 }
 
 // What a law may write, and what it may not: its own two sandboxes, and the Vault, which holds Spine, Slot and
@@ -216,15 +222,6 @@ class Threads {
   std::thread keeper_, watching_, loading_, transport_, ticking_;
 };
 
-// What the buses did otherwise than asked: only a robot with trouble has anything to say.
-void tell_replies(const hal::ReplyCounters& n) {
-  if (n.missed + n.late + n.duplicate + n.stray + n.malformed + n.unsound + n.refused == 0) return;
-  fmt::print(stderr,
-             "lithe-spine: answers of drives: {} missed, {} late, {} doubled, {} stray, {} malformed; "
-             "commands: {} not finite, {} refused by a full bus\n",
-             n.missed, n.late, n.duplicate, n.stray, n.malformed, n.unsound, n.refused);
-}
-
 // Until SIGINT or SIGTERM; meanwhile looks after buses whose hardware has gone. The parent's death is no reason to
 // stop: the robot goes on and is adopted.
 void look_after(hal::Actuators& actuators, const sigset_t& signals) {
@@ -253,7 +250,8 @@ int run(const std::string& path) {
   if (!cpus) return refuse(kExitUsage, robot->path + ": " + cpus.message());
   Result<Memory> memory = make_memory(robot->name);
   if (!memory) return refuse(kExitRefused, memory.message());
-  Result<std::unique_ptr<hal::Actuators>> actuators = hal::open_actuators(*robot);
+  FrameRing tap(*memory->frames, *robot, RawClock::calibrate());
+  Result<std::unique_ptr<hal::Actuators>> actuators = hal::open_actuators(*robot, nullptr, &tap);
   if (!actuators) {
     remove_memory(robot->name);
     return refuse(kExitFault, actuators.message());
@@ -284,7 +282,7 @@ int run(const std::string& path) {
   look_after(**actuators, signals);
   threads->stop();
   std::destroy_at(threads);
-  tell_replies((*actuators)->counters());
+  if (const std::string odd = describe_replies(**actuators); !odd.empty()) fmt::print(stderr, "lithe-spine: {}\n", odd);
   remove_memory(robot->name);
   return 0;
 }

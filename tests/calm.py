@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot for tests of the Brain: the desk arm, patient enough for a machine that is busy with other tests."""
+"""Robots for tests: patient enough for a machine that is busy with other tests."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 import lithe
 from system.house import ROOT, House
 
-PATIENCE = {
+ARM = {
     'release = "spin"': 'release = "sleep"',
     "late_ticks_to_stop = 20 ": "late_ticks_to_stop = 10000 ",
     "watchdog_s = 0.2 ": "watchdog_s = 10.0 ",
@@ -21,13 +21,27 @@ PATIENCE = {
 }
 
 
-def calm_text(changes: dict[str, str] | None = None) -> str:
-    """robots/arm.toml with what a busy machine would trip over made patient, and with a test's own changes."""
-    text = (ROOT / "robots/arm.toml").read_text(encoding="utf-8")
-    for old, new in {**PATIENCE, **(changes or {})}.items():
-        assert old in text, f"robots/arm.toml no longer says: {old}"
+# Of the robots that do not say what they leave as it is. They take the name by which a House finds its robot.
+OTHERS = {
+    "watchdog_s = 0.2 ": "watchdog_s = 10.0 ",
+    'law = "../laws/pd.cpp"': f'law = "{ROOT}/laws/pd.cpp"\n\n[spine]\nlate_ticks_to_stop = 10000\n\n'
+    "[brain]\nstale_after_s = 2.0\n",
+}
+
+
+def changed(text: str, changes: dict[str, str], what: str) -> str:
+    """A robot file's text with all of these changes; each finds something to change."""
+    for old, new in changes.items():
+        assert old in text, f"{what} no longer says: {old}"
         text = text.replace(old, new)
     return text
+
+
+def calm_text(changes: dict[str, str] | None = None, robot: str = "arm") -> str:
+    """A robot file with what a busy machine would trip over made patient, and with a test's own changes."""
+    text = (ROOT / f"robots/{robot}.toml").read_text(encoding="utf-8")
+    patience = ARM if robot == "arm" else {**OTHERS, f'name = "{robot}"': 'name = "arm"'}
+    return changed(text, {**patience, **(changes or {})}, f"robots/{robot}.toml")
 
 
 def falls_short(summary: dict[str, Any]) -> list[str]:

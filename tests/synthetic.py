@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from lithe.demo import judge
+from lithe.demo.joints import SimJoint
 from lithe.demo.judge import PHASES, Story
 from lithe.shm import dtype
 
@@ -16,31 +18,39 @@ SWAP_TICKS = (2_000, 6_000)
 LOST = {1_800: 1, 2_010: 2, 11_000: 3}  # before which ticks how many releases were skipped
 
 
-def records(ticks: int = 14_000) -> npt.NDArray[Any]:
-    """Errors of 10 degrees before the second swap and of 1 degree after it; 6 ticks lost.
+SIMS = [SimJoint("shoulder", 0.165), SimJoint("boom", 1.5, 0.99), SimJoint("column", 0.0)]
 
-    Namely 1 while the first law compiles, 2 shortly after its commit, 3 far from any swap.
+
+def records(ticks: int = 14_000, joints: int = 1) -> npt.NDArray[Any]:
+    """Errors of 10 degrees before the second swap and of 1 degree after it, of the next joint twice as much, and so on.
+
+    6 ticks are lost: 1 while the first law compiles, 2 shortly after its commit, 3 far from any swap. The torque of
+    every joint steps by 0.12 N m at the first swap.
     """
     made = np.zeros(ticks, dtype("Telemetry"))
     tick = np.arange(ticks)
     made["tick"] = tick
     made["missed_releases"] = sum(count * (tick >= at) for at, count in LOST.items())
     made["release_ns"] = 10**12 + (tick + made["missed_releases"].astype(np.int64)) * 1_000_000
-    made["joint_count"] = 1
+    made["joint_count"] = joints
     made["mode"] = 1
     made["release_jitter_ns"] = 10 + tick % 7
     made["handoff_ns"] = 100 + tick % 50
     made["tick_ns"] = 5_000
     made["brain_age_ns"] = np.where((tick >= 8_000) & (tick < 9_500), (tick - 8_000) * 1_000_000, 10_000_000)
-    made["setpoint_position_rad"][:, 0] = np.pi / 2
-    made["position_rad"][:, 0] = np.pi / 2 - np.radians(np.where(tick < SWAP_TICKS[1], 10.0, 1.0))
-    made["command_torque_nm"][:, 0] = np.where(tick < SWAP_TICKS[0], 0.0, 0.12)
+    made["setpoint_position_rad"][:, :joints] = np.pi / 2
+    for joint in range(joints):
+        error_deg = (joint + 1) * np.where(tick < SWAP_TICKS[1], 10.0, 1.0)
+        made["position_rad"][:, joint] = np.pi / 2 - np.radians(error_deg)
+        made["command_torque_nm"][:, joint] = np.where(tick < SWAP_TICKS[0], 0.0, 0.12)
     return made
 
 
-def story() -> Story:
+def story(joints: int = 1) -> Story:
     """Phases of two seconds each, two swaps, a freeze and a killed Brain."""
-    told = Story(estimate={"mgl_hat_nm": 0.16, "mgl_se_nm": 0.001}, source="// law")
+    found = (0.16, 1.51, 0.0)
+    estimates = [{"name": SIMS[j].name, "mgl_hat_nm": found[j], "mgl_se_nm": 0.001} for j in range(joints)]
+    told = Story(estimates=estimates, source="// law")
     start_ns = 10**12
     for number, name in enumerate(PHASES):
         told.begin(name, start_ns + PHASE_NS * number)
@@ -63,10 +73,15 @@ def story() -> Story:
     return told
 
 
-def robot_info() -> npt.NDArray[Any]:
+def robot_info(joints: int = 1) -> npt.NDArray[Any]:
     """What the Spine would say of itself."""
     info = np.zeros((), dtype("RobotInfo"))
     info["rate_hz"] = 1000.0
-    info["joint_count"] = 1
-    info["torque_slew_nm_s"][0] = 120.0
+    info["joint_count"] = joints
+    info["torque_slew_nm_s"][:joints] = [120.0, 1500.0, 2000.0][:joints]
     return info
+
+
+def summary(joints: int = 1) -> dict[str, Any]:
+    """What the judge makes of all that."""
+    return judge.summarise(records(joints=joints), story(joints), SIMS[:joints], robot_info(joints), 0)

@@ -39,12 +39,14 @@ ALLOWED = {
         "sim": "spine/core spine/robot spine/hal spine/hal/bus spine/hal/sim",
         "laws": "spine/law",
         "supervisor/bus": "spine/core spine/wire spine/robot spine/hal/bus spine/hal/device",
+        "supervisor/field": "spine/core spine/wire spine/robot spine/hal spine/hal/bus spine/hal/device spine/hal/sim "
+        "supervisor/bus",
         "supervisor/control": OUTSIDE + " spine/arena supervisor/swap supervisor/bus supervisor/host supervisor/record",
         "supervisor/swap": OUTSIDE,
         "supervisor/host": OUTSIDE,
         "supervisor/record": OUTSIDE,
         "supervisor/cli": OUTSIDE
-        + " supervisor/control supervisor/swap supervisor/bus supervisor/host supervisor/record",
+        + " supervisor/control supervisor/swap supervisor/bus supervisor/field supervisor/host supervisor/record",
         "supervisor": OUTSIDE
         + " supervisor/cli supervisor/control supervisor/swap supervisor/bus supervisor/host supervisor/record",
         "tests": SPINE

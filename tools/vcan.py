@@ -8,6 +8,7 @@ The machine is emulated (-accel tcg): /dev/kvm may exist and hang. It shows what
 """
 
 import argparse
+import lzma
 import os
 import platform
 import re
@@ -56,17 +57,30 @@ class Kernel:
         return ordered
 
 
+def code(module: Path) -> bytes:
+    """A module as the kernel loads it: newer packages carry them compressed."""
+    stored = module.read_bytes()
+    return lzma.decompress(stored) if module.suffix == ".xz" else stored
+
+
 def needs(module: Path) -> tuple[str, ...]:
     """What a module says it depends on."""
-    match = re.search(rb"\0depends=([^\0]*)\0", module.read_bytes())
+    match = re.search(rb"\0depends=([^\0]*)\0", code(module))
     return tuple(name for name in (match[1].decode() if match else "").split(",") if name)
+
+
+def version(image: Path) -> list[int]:
+    """The numbers in a kernel's name, to tell the newer one."""
+    return [int(number) for number in re.findall(r"\d+", image.name)]
 
 
 def find_kernel(cache: Path) -> Kernel | None:
     """The newest kernel in the cache."""
-    for image in sorted(cache.glob("*/boot/vmlinuz-*"), reverse=True):
-        files = image.parent.parent.glob("lib/modules/*/kernel/**/*.ko")
-        modules = {file.stem: file for file in files}
+    for image in sorted(cache.glob("*/boot/vmlinuz-*"), key=version, reverse=True):
+        folder = image.parent.parent
+        # Debian 12 has them under lib, later ones under usr/lib.
+        files = [file for top in ("", "usr/") for file in folder.glob(f"{top}lib/modules/*/kernel/**/*.ko*")]
+        modules = {file.name.split(".")[0]: file for file in files if file.suffix in (".ko", ".xz")}
         # A module names another one with underscores, its file may have dashes.
         modules.update({name.replace("-", "_"): file for name, file in modules.items()})
         if all(name in modules for name in MODULES):
@@ -130,7 +144,7 @@ def initramfs(kernel: Kernel, program: Path) -> bytes:
         for library in libraries(program):
             yield str(library)[1:], library.read_bytes(), executable
         for module in loaded:
-            yield f"modules/{module}.ko", kernel.modules[module].read_bytes(), executable
+            yield f"modules/{module}.ko", code(kernel.modules[module]), executable
         yield "init", INIT.format(modules=" ".join(loaded), program=f"/bin/{program.name}").encode(), executable
 
     directories = {"dev", "proc", "sys", "tmp"}
@@ -166,6 +180,9 @@ def main() -> int:
     args = parser.parse_args()
     if args.fetch and find_kernel(CACHE) is None:
         fetch(CACHE)
+        if find_kernel(CACHE) is None:
+            print(f"vcan: no kernel with the modules {', '.join(MODULES)} in what came; see {CACHE}", file=sys.stderr)
+            return 1
     reason = why_not(CACHE, args.program)
     kernel = find_kernel(CACHE)
     if reason or kernel is None:

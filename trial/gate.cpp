@@ -38,11 +38,10 @@ long ask_kernel(long number, long first, long second, long third) noexcept {
 }
 
 Result<> shut_all_but_the_gate() {
-  constexpr int kDispatch = 59;  // PR_SET_SYSCALL_USER_DISPATCH, which older headers lack
   constexpr unsigned long kOn = 1;
   const auto from = reinterpret_cast<std::uintptr_t>(&lithe_trial_gate);
   const std::uintptr_t bytes = reinterpret_cast<std::uintptr_t>(&lithe_trial_gate_end) - from;
-  if (prctl(kDispatch, kOn, from, bytes, nullptr) == 0) return done();
+  if (prctl(kSyscallUserDispatch, kOn, from, bytes, nullptr) == 0) return done();
   return Error{std::string("syscall user dispatch was refused: ") + std::strerror(errno)};
 }
 

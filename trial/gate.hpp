@@ -7,6 +7,8 @@
 
 namespace lithe::trial {
 
+constexpr int kSyscallUserDispatch = 59;  // PR_SET_SYSCALL_USER_DISPATCH, which older headers lack
+
 // A system call, as the kernel answers it: a negative error number when it fails. Allowed wherever its number is, also
 // behind a shut gate. Contract: also in a signal handler
 long ask_kernel(long number, long first = 0, long second = 0, long third = 0) noexcept;

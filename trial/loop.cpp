@@ -18,6 +18,8 @@ namespace flag = wire::telemetry_flag;
 constexpr std::uint32_t kMandatoryTicks = 100;
 constexpr double kSeconds = 1.0;
 constexpr std::int64_t kStartNs = 1'000'000'000;
+constexpr double kReadySeconds = 10;
+constexpr int kTicksToSwitchOn = 10;
 
 // From where the joint stands to a small distance and back, smoothly, well within its limits.
 wire::Plan gentle_plan(const robot::RobotConfig& robot, const JointArray& from_rad, std::int64_t now_ns) {
@@ -44,12 +46,15 @@ wire::Plan gentle_plan(const robot::RobotConfig& robot, const JointArray& from_r
 // Contract: allocates nothing once made · about 40 KiB
 class Ride {
  public:
-  Ride(const Setting& setting, hal::Actuators& actuators) : setting_(setting), actuators_(actuators) {
+  Ride(const Setting& setting, hal::Actuators& actuators)
+      : setting_(setting), actuators_(actuators), now_ns_(setting.ride_from_ns) {
     plan_.configure(setting.robot);
     guard_.configure(setting.robot);
     command_.joints = tick_.joints = setting.joints();
     tick_.dt_s = setting.dt_s();
-    for (int k = 0; k < 3; ++k) exchange();  // until the drives have answered
+    command_.act(hal::DriveAction::torque);  // none yet: the drives are on already
+    command_.position_rad.fill(std::numeric_limits<double>::quiet_NaN());
+    exchange();
     plan_.hold_at(state_.position_rad);
     guard_.reset_output();
     plan_.accept(gentle_plan(setting.robot, state_.position_rad, now_ns_), now_ns_);
@@ -131,7 +136,7 @@ class Ride {
 
   const Setting& setting_;
   hal::Actuators& actuators_;
-  std::int64_t now_ns_ = kStartNs;
+  std::int64_t now_ns_;
   hal::ActuatorCommand command_;
   hal::ActuatorState state_;
   plan::Interpolator plan_;
@@ -191,6 +196,33 @@ bool run_loop(Bench& bench) {
     bench.progress().steps = ride.stats.ticks;
   }
   return judge(bench);
+}
+
+Result<std::int64_t> make_ready(const robot::RobotConfig& robot, hal::Actuators& actuators) {
+  const auto period_ns = static_cast<std::int64_t>(1e9 / robot.rate_hz);
+  hal::ActuatorCommand command;
+  hal::ActuatorState state;
+  std::int64_t now_ns = kStartNs;
+  command.joints = static_cast<std::uint32_t>(robot.joints.size());
+  command.position_rad.fill(std::numeric_limits<double>::quiet_NaN());
+  const auto cycle = [&] {
+    ++command.tick;
+    actuators.cycle(command, state, now_ns);
+    now_ns += period_ns;
+  };
+  const auto ready = [&] {
+    return std::all_of(state.status.begin(), state.status.begin() + command.joints,
+                       [](std::uint32_t status) { return (status & wire::joint_status::kFresh) != 0; });
+  };
+  while (!ready()) {
+    if (now_ns - kStartNs > static_cast<std::int64_t>(kReadySeconds * 1e9)) {
+      return Error{"the simulated robot is not ready: " + actuators.trouble()};
+    }
+    cycle();
+  }
+  command.act(hal::DriveAction::torque);
+  for (int k = 0; k < kTicksToSwitchOn; ++k) cycle();
+  return now_ns;
 }
 
 LoopStats ride_without_a_law(const Setting& setting, hal::Actuators& actuators) {

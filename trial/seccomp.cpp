@@ -16,6 +16,7 @@
 #include <span>
 #include <vector>
 
+#include "trial/gate.hpp"
 #include "trial/sandbox.hpp"
 
 namespace lithe::trial {
@@ -26,8 +27,6 @@ constexpr std::uint32_t kMachine = AUDIT_ARCH_X86_64;
 #else
 constexpr std::uint32_t kMachine = AUDIT_ARCH_AARCH64;
 #endif
-
-constexpr int kDispatch = 59;  // PR_SET_SYSCALL_USER_DISPATCH, which older headers lack
 
 constexpr int kComputing[] = {SYS_exit, SYS_exit_group, SYS_rt_sigreturn, SYS_clock_gettime};
 constexpr int kLoading[] = {
@@ -111,7 +110,7 @@ Result<> allow_loading_only(int pipe_fd) {
   filter.allow(kComputing);
   filter.allow(kLoading);
   filter.allow_on(SYS_write, {pipe_fd});
-  filter.allow_on(SYS_prctl, {PR_SET_SECCOMP, kDispatch});  // to allow less
+  filter.allow_on(SYS_prctl, {PR_SET_SECCOMP, kSyscallUserDispatch});  // to allow less
   filter.allow_open_to_read();
   return filter.install();
 }
@@ -131,7 +130,8 @@ Result<> allow_trials_only() {
   filter.allow(kForking);
   filter.allow_open_to_read();
   filter.allow_on(SYS_clone, {CLONE_CHILD_SETTID | CLONE_CHILD_CLEARTID | SIGCHLD});  // fork(), and no thread
-  filter.allow_on(SYS_prctl, {PR_SET_SECCOMP, kDispatch, PR_SET_PDEATHSIG, PR_SET_NO_NEW_PRIVS, PR_SET_DUMPABLE});
+  filter.allow_on(SYS_prctl,
+                  {PR_SET_SECCOMP, kSyscallUserDispatch, PR_SET_PDEATHSIG, PR_SET_NO_NEW_PRIVS, PR_SET_DUMPABLE});
   return filter.install();
 }
 

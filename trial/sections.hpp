@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "lithe/law.hpp"
+#include "spine/core/result.hpp"
 #include "trial/recording.hpp"
 #include "trial/report.hpp"
 #include "trial/setting.hpp"
@@ -45,6 +46,10 @@ bool run_loop(Bench& bench);     // with the simulated robot and the guard
 bool run_replay(Bench& bench);   // on what this robot did in the last seconds
 bool run_hostile(Bench& bench);  // NaN, infinities, jumps, wrong times
 bool run_timing(Bench& bench);   // how long a step takes on this board
+
+// Lives until every drive of a simulated robot can be commanded, and is on: some take a while to be set up. Where its
+// own clock is then. Errors: it never gets there.
+Result<std::int64_t> make_ready(const robot::RobotConfig& robot, hal::Actuators& actuators);
 
 // The ride of run_loop with nobody at the wheel.
 LoopStats ride_without_a_law(const Setting& setting, hal::Actuators& actuators);

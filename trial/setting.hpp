@@ -20,7 +20,8 @@ namespace lithe::trial {
 // Contract: made by the zygote before the first trial; a child has its own copy, by fork
 struct Setting {
   robot::RobotConfig robot;
-  std::unique_ptr<hal::Actuators> actuators;  // the simulated robot, at rest
+  std::unique_ptr<hal::Actuators> actuators;  // the simulated robot, at rest, its drives on
+  std::int64_t ride_from_ns = 0;              // on the clock of that robot
   RawClock clock;
   LoopStats baseline;                       // the same ride without a law
   std::unique_ptr<load::ArenaStore> arena;  // null = there is none

@@ -84,9 +84,13 @@ Result<Zygote> Zygote::make(const std::string& robot_path, int arena_fd) {
   setting.clock = RawClock::calibrate();
   auto rehearsal = hal::simulate_actuators(setting.robot);
   if (!rehearsal) return rehearsal.error();
+  auto from_ns = make_ready(setting.robot, **rehearsal);
+  if (!from_ns) return from_ns.error();
+  setting.ride_from_ns = *from_ns;
   setting.baseline = ride_without_a_law(setting, **rehearsal);
   auto actuators = hal::simulate_actuators(setting.robot);
   if (!actuators) return actuators.error();
+  if (from_ns = make_ready(setting.robot, **actuators); !from_ns) return from_ns.error();
   setting.actuators = std::move(*actuators);
   std::string arena_text = "no arena was handed over";
   if (arena_fd >= 0 && arena::is_memory(arena_fd)) {

@@ -54,7 +54,11 @@ class ZygoteTest : public ::testing::Test {
   static json attempt(const std::string& object, json more = json::object()) {
     more.update({{"id", 3}, {"verb", "try"}, {"object", object}, {"budget_ns", 300'000}});
     bool quit = false;
-    return zygote().answer(more.dump(), quit);
+    json reply = zygote().answer(more.dump(), quit);
+    for (int i = 0; i < 20 && reply.value("starved", false); ++i) {  // a busy machine gave it less than its box
+      reply = zygote().answer(more.dump(), quit);
+    }
+    return reply;
   }
 
   // The reason, which must speak of `part`.
@@ -80,6 +84,21 @@ TEST_F(ZygoteTest, GoodLawsPassAndAllSectionsReport) {
   }
 }
 
+// Its CANopen drives are set up by some hundred frames each before they can be commanded.
+TEST(Zygote, ARobotWhoseDrivesAreSetUpFirstIsRiddenWhenTheyAreReady) {
+  auto zygote = Zygote::make(LITHE_ROBOTS "/frankenstein.toml", -1);
+  ASSERT_TRUE(zygote) << zygote.message();
+  const json order = {{"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 300'000}};
+  bool quit = false;
+  const json reply = zygote->answer(order.dump(), quit);
+  EXPECT_TRUE(reply["ok"].get<bool>()) << reply.dump();
+  const json& loop = reply["report"]["loop"];
+  EXPECT_GE(loop["ticks"].get<int>(), 100) << reply.dump();
+  EXPECT_EQ(loop["fault"], "none");
+  EXPECT_EQ(loop["without_a_law"]["fault"], "none");
+  EXPECT_EQ(loop["without_a_law"]["ticks"].get<int>(), 1000);
+}
+
 TEST_F(ZygoteTest, CrashIsNamedWithItsPlace) {
   const json reply = attempt(LAW_writes_null);
   EXPECT_NE(reply.value("reason", "").find("SIGSEGV at 0x0"), std::string::npos) << reply.dump();
@@ -91,6 +110,13 @@ TEST_F(ZygoteTest, CrashIsNamedWithItsPlace) {
 TEST_F(ZygoteTest, EndlessLoopAndEndlessWorkAreBrokenOff) {
   expect_refused(LAW_loops_for_ever, "benign", "did not come to an end");
   expect_refused(LAW_takes_ten_milliseconds, "benign", "did not come to an end");
+}
+
+TEST_F(ZygoteTest, TrialThatRanOutOfTimeIsDoneOnceMoreInTwiceTheBox) {
+  constexpr double kBoxMs = 100;
+  const json reply = attempt(LAW_loops_for_ever, {{"box_ms", kBoxMs}});
+  EXPECT_FALSE(reply["ok"].get<bool>());
+  EXPECT_GE(reply["cpu_ms"].get<double>(), 1.5 * kBoxMs) << "of the second one; the first ends after its box";
 }
 
 TEST_F(ZygoteTest, OutputThatIsNoNumberIsNamed) { expect_refused(LAW_nan_when_at_rest, "benign", "torque_nm[0]"); }
@@ -163,7 +189,7 @@ TEST_F(ZygoteTest, PlacedLawIsTriedWhereItLies) {
   auto zygote = Zygote::make(LITHE_ROBOTS "/arm.toml", memory_fd);
   if (!zygote || !zygote->wall_in()) _exit(77);
   if (open("/tmp/lithe-must-not-be", O_WRONLY | O_CREAT, 0600) >= 0 || socket(AF_UNIX, SOCK_STREAM, 0) >= 0) _exit(78);
-  execl("/bin/true", "true", nullptr);  // returns: there is no other program
+  execl("/bin/sh", "sh", "-c", "exit 79", nullptr);  // returns: there is no other program
   request["box_ms"] = 1000;
   bool quit = false;
   const json reply = zygote->answer(request.dump(), quit);
@@ -199,10 +225,15 @@ TEST_F(ZygoteTest, WhatTheSandboxLacksIsNotTheLawsFault) {
 }
 
 TEST_F(ZygoteTest, LongestStepIsToldBesideTheOneThatIsJudged) {
-  const json timing = attempt(LAW_pd)["report"]["timing"];
-  EXPECT_GE(timing["worst_best_of_3_ns"].get<double>(), timing["p999_ns"].get<double>());
-  EXPECT_GT(timing["worst_ns"].get<double>(), timing["worst_best_of_3_ns"].get<double>())
-      << "of hundreds of steps in threes, the longest is never the shortest of its three";
+  int longer = 0;
+  for (int i = 0; i < 20 && longer == 0; ++i) {  // an undisturbed step takes 13 ns by this clock, each time
+    const json timing = attempt(LAW_pd)["report"]["timing"];
+    const double best_ns = timing["worst_best_of_3_ns"].get<double>(), worst_ns = timing["worst_ns"].get<double>();
+    EXPECT_GE(best_ns, timing["p999_ns"].get<double>());
+    EXPECT_GE(worst_ns, best_ns);
+    longer += worst_ns > best_ns ? 1 : 0;
+  }
+  EXPECT_GT(longer, 0) << "of thousands of steps in threes, none was longer than the shortest of its three";
 }
 
 TEST_F(ZygoteTest, NonsenseIsAnsweredAndTheZygoteLives) {

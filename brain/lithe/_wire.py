@@ -186,6 +186,7 @@ class JointStatus(IntFlag):
     not_homed = 16
     conflict = 32
     garbled = 64
+    not_ready = 128
 
 
 class SegmentHeader(ctypes.Structure):

@@ -11,6 +11,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import calm
@@ -19,7 +20,8 @@ import pytest
 import synthetic
 from lithe._wire import Fault
 from lithe.demo import __main__ as demo
-from lithe.demo import agent, experiment, recorder
+from lithe.demo import agent, experiment, moves, recorder, sources
+from lithe.demo.joints import SimJoint
 from lithe.demo.processes import Disturbed, Stage, raise_unless_active
 from system.house import BIN, ROOT, need
 
@@ -212,24 +214,25 @@ def test_a_stage_that_fails_takes_everything_back(tmp_path: Path, monkeypatch: p
     assert list(tmp_path.glob("lithe-demo-*")) == [] and leftovers(os.getpid()) == []
 
 
-@pytest.mark.parametrize(
-    ("text", "joints", "words"),
-    [
-        ("[[joint]]\n[joint.sim]\nmgl_nm = 0.2", 8, "has 8 joints"),
-        ("[[joint]]\n[joint.sim]\nmgl_nm = 0", 1, "simulates no gravity"),
-        ("[[joint]]\n", 1, "simulates no gravity"),
-    ],
-)
-def test_a_robot_that_does_not_fit_is_refused(tmp_path: Path, text: str, joints: int, words: str) -> None:
-    (tmp_path / "arm.toml").write_text(text)
-    with pytest.raises(demo.LitheError, match=words):
-        demo.true_mgl_nm(tmp_path / "arm.toml", joints)
+JOINT = '[[joint]]\nname = "a"\nposition_min_rad = -1.5\nposition_max_rad = 1.5\n'
+
+
+@pytest.mark.parametrize("sim", ["[joint.sim]\nmgl_nm = 0", ""])
+def test_a_robot_without_gravity_is_refused(tmp_path: Path, sim: str) -> None:
+    (tmp_path / "arm.toml").write_text(JOINT + sim)
+    with pytest.raises(demo.LitheError, match="simulates no gravity"):
+        demo.simulated_joints(tmp_path / "arm.toml")
 
 
 def test_the_judge_finds_the_true_mgl(tmp_path: Path) -> None:
-    assert demo.true_mgl_nm(ROOT / "robots/arm.toml", 1) == 0.165
-    (tmp_path / "arm.toml").write_text("[defaults.joint.sim]\nmgl_nm = 0.3\n[[joint]]\n")
-    assert demo.true_mgl_nm(tmp_path / "arm.toml", 1) == 0.3
+    assert demo.simulated_joints(ROOT / "robots/arm.toml") == [SimJoint("shoulder", 0.165, 1.0)]
+    (tmp_path / "arm.toml").write_text("[defaults.joint.sim]\nmgl_nm = 0.3\n" + JOINT)
+    (joint,) = demo.simulated_joints(tmp_path / "arm.toml")
+    assert joint.mgl_nm == 0.3
+    assert joint.most_share == pytest.approx(np.sin(1.4)), "beyond, the guard lets it hold no weight"
+    found = {joint.name: joint.mgl_nm for joint in demo.simulated_joints(ROOT / "robots/frankenstein.toml")}
+    assert found == {"column": 0.0, "boom": 1.5, "shoulder": 0.8, "upper_arm": 0.8, "elbow": 0.8, "wrist": 0.165,
+                     "hand": 0.0}  # fmt: skip
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGKILL, -signal.SIGKILL)])
@@ -237,8 +240,8 @@ def test_an_ended_experiment_leaves_nothing_behind(tmp_path: Path, robot_file: P
     process = run(tmp_path / "out", robot_file)
     run_until(process, "phase: baseline")
     process.send_signal(number)
-    process.communicate(timeout=60)
-    assert process.returncode == code
+    told, _ = process.communicate(timeout=60)
+    assert process.returncode == code, told
     deadline = time.monotonic() + 30  # a killed demo's robot stops by itself, a little later
     while leftovers(process.pid) and time.monotonic() < deadline:
         time.sleep(0.05)
@@ -266,12 +269,18 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("deceleration", [5.0, 20.0, 1000.0])
 def test_the_freeze_begins_where_the_setpoint_will_end_at_the_centre(deceleration: float) -> None:
-    angle = experiment.freeze_angle_rad(deceleration)
-    assert agent.SINE["centre_rad"] < angle <= agent.SINE["centre_rad"] + agent.SINE["amplitude_rad"] + 1e-12
+    sine = {"amplitude_rad": [np.pi / 4], "frequency_hz": 0.5, "since_ns": 10**9}
+    phase = experiment.freeze_phase_rad(sine, np.array([deceleration]))
+    assert np.pi / 2 <= phase < np.pi, "on its way down"
+    for after_ns in (0, 10**9, 10**10 + 7):
+        at_ns = experiment.next_at(sine, phase, after_ns)
+        assert max(after_ns, 10**9) <= at_ns <= max(after_ns, 10**9) + 2 * 10**9
+        assert np.cos(np.pi * (at_ns - 10**9) * 1e-9 - phase) == pytest.approx(1.0)
 
 
-def test_nothing_of_the_plant_is_in_the_agent() -> None:
-    text = Path(agent.__file__).read_text(encoding="utf-8")
+@pytest.mark.parametrize("module", [agent, moves, sources])
+def test_nothing_of_the_plant_is_in_the_agent(module: ModuleType) -> None:
+    text = Path(str(module.__file__)).read_text(encoding="utf-8")
     assert "toml" not in text and "0.165" not in text and "2.55" not in text and "0.0132" not in text
 
 

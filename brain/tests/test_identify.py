@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 from arm_sim import Law, SimArm
-from lithe.demo.agent import PROBE_SHARES
-from lithe.identify import Motion, identify_arm, mgl_at_rest
+from lithe.demo.moves import PROBE_SHARES
+from lithe.identify import Motion, identify_arm, identify_joint, mgl_at_rest, torque_lag_s
 
 
 def constant(torque_nm: float) -> Law:
@@ -111,3 +111,47 @@ def test_slow_ticks_of_which_a_third_are_missing_still_tell(seed: int) -> None:
         kept = np.flatnonzero((np.arange(len(motion.t_s)) % 2 == 0) & (chance.random(len(motion.t_s)) > 0.33))
         slow.append(Motion(*(np.asarray(column)[kept] for column in vars(motion).values())))
     assert identify_arm(slow).mgl_nm == pytest.approx(arm.mgl_nm, rel=0.02)
+
+
+def follow(arm: SimArm, gain_nm_rad: float, seconds: float = 4.0) -> Motion:
+    """A PD tracks a sine about a right angle."""
+
+    def law(t_s: float, q_rad: float, v_rad_s: float) -> float:
+        wanted_rad = np.pi / 2 * min(1.0, t_s) + 0.8 * np.sin(np.pi * t_s)
+        return gain_nm_rad * (wanted_rad - q_rad) - 0.1 * gain_nm_rad * v_rad_s
+
+    return arm.run(law, seconds, torque_noise_nm=5e-4)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_joint_that_only_follows_tells_as_much(seed: int) -> None:
+    arm = some_arm(seed)
+    found = identify_joint([follow(arm, arm.mgl_nm)])
+    assert found.mgl_nm == pytest.approx(arm.mgl_nm, rel=0.03)
+    assert found.inertia_kg_m2 == pytest.approx(arm.inertia_kg_m2, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_a_joint_whose_friction_bears_all_gravity_has_none(seed: int, share: float) -> None:
+    arm = some_arm(seed)
+    gain_nm_rad, arm.mgl_nm = arm.mgl_nm, share * arm.coulomb_nm
+    found = identify_joint([follow(arm, gain_nm_rad)])
+    assert (found.mgl_nm, found.mgl_se_nm) == (0.0, 0.0)
+    assert found.inertia_kg_m2 == pytest.approx(arm.inertia_kg_m2, rel=0.15)
+    assert found.coulomb_nm == pytest.approx(arm.coulomb_nm, rel=0.3)
+
+
+def test_a_joint_that_rests_is_refused_whether_it_bears_gravity_or_not() -> None:
+    with pytest.raises(ValueError, match="excite the arm more"):
+        identify_joint([SimArm(mgl_nm=0.0).run(lambda *_: 0.0, 2.0)])
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.002, 0.0055, 0.02])
+def test_the_lag_of_a_torque_is_found_among_records_that_tell_nothing(lag_s: float) -> None:
+    t_s = np.arange(0, 3, 0.001)
+    command = np.sin(2 * t_s) + 0.2 * np.sign(np.sin(7 * t_s))
+    measured = np.interp(t_s - lag_s, t_s, command) + 1e-3 * np.random.default_rng(1).standard_normal(len(t_s))
+    constant = (t_s, np.full(len(t_s), 0.3), np.full(len(t_s), 0.3))
+    assert torque_lag_s([constant, (t_s, command, measured), constant]) == pytest.approx(lag_s, abs=3e-4)
+    assert torque_lag_s([constant]) == 0.0

@@ -11,7 +11,7 @@ from lithe.demo import judge
 
 @pytest.fixture
 def summary() -> dict[str, Any]:
-    return judge.summarise(synthetic.records(), synthetic.story(), 0.165, synthetic.robot_info(), 0)
+    return synthetic.summary()
 
 
 def rmse(summary: dict[str, Any], name: str) -> float:
@@ -56,7 +56,9 @@ def test_the_freeze_tells_how_long_how_far_and_under_what_load(summary: dict[str
 
 
 def test_the_names_that_scripts_read_are_there(summary: dict[str, Any]) -> None:
-    assert {"phases", "mgl_true_nm", "mgl_hat_nm", "swaps", "ticks", "missed_deadlines"} <= set(summary)
+    assert {"phases", "mgl_true_nm", "mgl_hat_nm", "mgl_error", "estimate", "swaps", "ticks"} <= set(summary)
+    assert {"missed_deadlines", "output_step_bound_nm", "joints"} <= set(summary)
+    assert {"max_excursion_deg", "rest_angle_deg", "rest_sag_deg", "gravity_share"} <= set(summary["freeze"])
     for key in ("handoff_us", "release_jitter_us"):
         assert set(summary[key]) == {"p50", "p99", "p999", "max"}
     for swap in summary["swaps"]:
@@ -65,12 +67,17 @@ def test_the_names_that_scripts_read_are_there(summary: dict[str, Any]) -> None:
     assert {"cpu", "kernel", "cores", "privileges", "lost"} <= set(summary["machine"])
 
 
+def made_good(summary: dict[str, Any]) -> dict[str, Any]:
+    for joint in summary["joints"]:
+        for name in joint["rmse_deg"]:
+            joint["rmse_deg"][name] = 70.0 if name in ("baseline", "probing") else 1.0
+    return summary
+
+
 @pytest.fixture
 def good(summary: dict[str, Any]) -> dict[str, Any]:
     """A run that holds."""
-    for phase in summary["phases"]:
-        phase["rmse_deg"] = 70.0 if phase["name"] in ("baseline", "probing") else 1.0
-    return summary
+    return made_good(summary)
 
 
 def test_the_claim_holds_only_when_every_part_of_it_does(good: dict[str, Any]) -> None:
@@ -83,19 +90,19 @@ NAN = float("nan")
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (lambda s: s.update(mgl_error=0.06), "mgl is off by 6.0%"),
-        (lambda s: s.update(mgl_error=NAN), "mgl is off by nan%"),
+        (lambda s: s["joints"][0].update(mgl_error=0.06), "mgl is off by 6.0%"),
+        (lambda s: s["joints"][0].update(mgl_error=NAN), "mgl is off by nan%"),
         (lambda s: s["phases"].pop(3), "phase 'evolved' is missing"),
         (lambda s: s["phases"].pop(2), "phase 'gravity_only' is missing"),
-        (lambda s: s["phases"][2].update(rmse_deg=NAN), "RMSE gravity_only"),
-        (lambda s: s["phases"][3].update(rmse_deg=3.5), "RMSE evolved"),
-        (lambda s: s["phases"][0].update(rmse_deg=7.0), "RMSE evolved"),
-        (lambda s: s["phases"][0].update(rmse_deg=NAN), "RMSE evolved"),
-        (lambda s: s["phases"][6].update(rmse_deg=NAN), "RMSE reattached"),
-        (lambda s: s["freeze"].update(max_excursion_deg=8.0), "frozen arm moved"),
-        (lambda s: s["freeze"].update(max_excursion_deg=NAN), "frozen arm moved"),
-        (lambda s: s["freeze"].update(gravity_share=0.7), "bore 70% of the largest gravity torque only"),
-        (lambda s: s["freeze"].update(gravity_share=NAN), "bore nan%"),
+        (lambda s: s["joints"][0]["rmse_deg"].update(gravity_only=NAN), "RMSE gravity_only"),
+        (lambda s: s["joints"][0]["rmse_deg"].update(evolved=3.5), "RMSE evolved"),
+        (lambda s: s["joints"][0]["rmse_deg"].update(baseline=7.0), "RMSE evolved"),
+        (lambda s: s["joints"][0]["rmse_deg"].update(baseline=NAN), "RMSE evolved"),
+        (lambda s: s["joints"][0]["rmse_deg"].update(reattached=NAN), "RMSE reattached"),
+        (lambda s: s["joints"][0]["freeze"].update(max_excursion_deg=8.0), "frozen arm moved"),
+        (lambda s: s["joints"][0]["freeze"].update(max_excursion_deg=NAN), "frozen arm moved"),
+        (lambda s: s["joints"][0]["freeze"].update(gravity_share=0.7), "bore 70% of the largest gravity torque only"),
+        (lambda s: s["joints"][0]["freeze"].update(gravity_share=NAN), "bore nan%"),
         (lambda s: s["freeze"].update(duration_s=1.0), "frozen for 1.00 s"),
         (lambda s: s["freeze"].update(duration_s=NAN), "frozen for nan s"),
         (lambda s: s["freeze"].update(brain_silent_s=0.1), "silent for 0.10 s only"),
@@ -114,6 +121,54 @@ def test_each_way_to_fall_short_is_named(good: dict[str, Any], spoil: Any, words
     assert any(words in sentence for sentence in judge.verdict(good)), judge.verdict(good)
 
 
+def test_of_several_joints_each_is_judged_that_bears_gravity() -> None:
+    summary = synthetic.summary(joints=3)
+    shoulder, boom, column = summary["joints"]
+    assert [joint["name"] for joint in summary["joints"]] == ["shoulder", "boom", "column"]
+    assert (shoulder["rmse_deg"]["resumed"], boom["rmse_deg"]["resumed"]) == (pytest.approx(1.0), pytest.approx(2.0))
+    assert boom["freeze"]["rest_angle_deg"] == pytest.approx(88.0)
+    assert boom["freeze"]["gravity_share"] == pytest.approx(np.sin(np.radians(88.0)) / 0.99), "of what it can bear"
+    assert (column["bears_gravity"], column["mgl_error"]) == (False, 0.0)
+    together = np.sqrt((1.0**2 + 2.0**2) / 2)
+    assert rmse(summary, "resumed") == pytest.approx(together), "of those under gravity"
+    assert (summary["mgl_true_nm"], summary["mgl_hat_nm"]) == (0.165, 0.16), "the one that is off most"
+    assert summary["freeze"]["max_excursion_deg"] == pytest.approx(2.0)
+    assert made_good(summary) and judge.verdict(summary) == []
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda s: s["joints"][1].update(mgl_error=0.06), "mgl is off by 6.0%, more than 5% (joint 'boom')"),
+        (lambda s: s["joints"][1]["rmse_deg"].update(evolved=3.5), "RMSE evolved 3.50 deg, baseline 70.0 deg (joint"),
+        (lambda s: s["joints"][1]["freeze"].update(gravity_share=0.5), "largest gravity torque only (joint 'boom')"),
+        (lambda s: s["joints"][2].update(mgl_error=1.0), "believes that joint 'column' bears gravity"),
+        (lambda s: s["joints"][2].update(mgl_error=NAN), "believes that joint 'column' bears gravity"),
+        (lambda s: s["swaps"][0].update(output_step_nm=9.0, output_step_joint=1), "stepped the torque of joint 'boom'"),
+    ],
+)
+def test_any_joint_can_fall_short_and_is_named(spoil: Any, words: str) -> None:
+    summary = made_good(synthetic.summary(joints=3))
+    spoil(summary)
+    assert [words in sentence for sentence in judge.verdict(summary)] == [True], judge.verdict(summary)
+
+
+def test_a_joint_without_gravity_need_not_track() -> None:
+    summary = made_good(synthetic.summary(joints=3))
+    summary["joints"][2]["rmse_deg"]["evolved"] = 9.0
+    assert judge.verdict(summary) == []
+
+
+def test_the_largest_step_is_that_which_takes_most_of_its_bound() -> None:
+    made = synthetic.records(joints=3)
+    made["command_torque_nm"][synthetic.SWAP_TICKS[0] :, 1] = 1.6  # of 1.5; 0.12 of 0.12; 0.12 of 2.0
+    summary = judge.summarise(made, synthetic.story(3), synthetic.SIMS, synthetic.robot_info(3), 0)
+    step = summary["swaps"][0]
+    assert (step["output_step_joint"], step["output_step_nm"]) == (1, pytest.approx(1.6))
+    assert step["output_step_bound_nm"] == pytest.approx(1.5)
+    assert any("stepped the torque of joint 'boom' by 1.6000 N m" in sentence for sentence in judge.verdict(summary))
+
+
 def judged(lost_before: list[int]) -> list[str]:
     """What is said of six swaps when one release is skipped before each of these ticks."""
     made, told = synthetic.records(), synthetic.story()
@@ -123,7 +178,7 @@ def judged(lost_before: list[int]) -> list[str]:
     first = told.swaps[0]
     commits = range(2_000, 14_000, 2_000)
     told.swaps = [first | {"commit_tick": tick, "sent_ns": 10**12 + (tick - 300) * 1_000_000} for tick in commits]
-    sentences = judge.verdict(judge.summarise(made, told, 0.165, synthetic.robot_info(), 0))
+    sentences = judge.verdict(judge.summarise(made, told, synthetic.SIMS[:1], synthetic.robot_info(), 0))
     return [sentence for sentence in sentences if "swaps lose ticks" in sentence]
 
 
@@ -140,7 +195,9 @@ def test_a_noisy_machine_accuses_no_swap() -> None:
 
 
 def test_a_recording_that_ends_before_the_freeze_proves_nothing() -> None:
-    summary = judge.summarise(synthetic.records(7_000), synthetic.story(), 0.165, synthetic.robot_info(), 0)
+    summary = judge.summarise(
+        synthetic.records(7_000), synthetic.story(), synthetic.SIMS[:1], synthetic.robot_info(), 0
+    )
     wrong = judge.verdict(summary)
     assert any("gravity torque only" in sentence for sentence in wrong)
     assert any("RMSE resumed nan" in sentence for sentence in wrong)

@@ -9,10 +9,13 @@ constexpr uint32_t kNode = 9;             // 1 to 126, as `id` in robot.toml
 constexpr bool kFd = true;                // CAN FD on CAN3; false: classic CAN, two channels per frame
 constexpr uint32_t kFramePeriodUs = 500;  // analog and digital in turn: each block every millisecond (FD)
 
+constexpr int32_t kMostLateUs = 4 * static_cast<int32_t>(kFramePeriodUs);
+
 constexpr uint32_t kIdBase = 0x10400000;
 constexpr uint32_t kAnalog = 0, kDigital = 1;
 constexpr int kChannels = 16;
-constexpr uint8_t kAnalogPins[kChannels] = {14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 38, 39};
+// All analog inputs but 22 and 23, which are CAN1.
+constexpr uint8_t kAnalogPins[kChannels] = {14, 15, 16, 17, 18, 19, 20, 21, 24, 25, 26, 27, 38, 39, 40, 41};
 constexpr uint8_t kDigitalPins[kChannels] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 28, 29, 32};
 constexpr int kRailLow = 4, kRailHigh = 4091;  // of 12 bits: a reading at a rail is a broken wire, not a value
 constexpr int16_t kInvalid = -32768;
@@ -57,6 +60,7 @@ void send_fd() {
   frame.brs = true;
   frame.edl = true;
   const uint8_t used = fill(frame.buf, block, 0, kChannels);
+  frame.seq = true;                // one mailbox: frames leave in the order of their sequence
   frame.len = used <= 8 ? 8 : 48;  // lengths that CAN FD knows
   for (uint8_t at = used; at + 1 < frame.len; at += 2) put(frame.buf + at, static_cast<uint16_t>(kInvalid));
   g_fd.write(frame);
@@ -68,6 +72,7 @@ void send_classic() {
   const uint32_t block = turn == kChannels / 2 ? kDigital : kAnalog;
   frame.id = kIdBase | kNode << 8 | block;
   frame.flags.extended = true;
+  frame.seq = true;
   frame.len = fill(frame.buf, block, block == kDigital ? 0 : static_cast<uint8_t>(2 * turn), 2);
   g_classic.write(frame);
 }
@@ -79,6 +84,7 @@ void setup() {
   for (uint8_t pin : kDigitalPins) pinMode(pin, INPUT_PULLUP);
   if (kFd) {
     g_fd.begin();
+    g_fd.setRegions(64);  // bytes of a mailbox; it cuts what is longer, and has 8 after begin()
     CANFD_timings_t timing;
     timing.clock = CLK_40MHz;
     timing.baudrate = 1000000;
@@ -91,10 +97,14 @@ void setup() {
     g_classic.begin();
     g_classic.setBaudRate(1000000);
   }
+  g_next_us = micros();
 }
 
 void loop() {
-  if (static_cast<int32_t>(micros() - g_next_us) < 0) return;
+  kFd ? g_fd.events() : g_classic.events();  // what found the mailbox busy goes on its way
+  const int32_t late_us = static_cast<int32_t>(micros() - g_next_us);
+  if (late_us < 0) return;
+  if (late_us > kMostLateUs) g_next_us = micros();  // what was left out is not made good
   g_next_us += kFramePeriodUs;
   kFd ? send_fd() : send_classic();
 }

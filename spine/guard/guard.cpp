@@ -73,7 +73,7 @@ void Guard::reset_output() LITHE_RT {
   last_nm_.fill(0.0);
   blind_kd_nm_s_rad_.fill(0.0);
   soft_start_ = 0;
-  for (Group& group : group_) group.ticks_at_rest = 0;
+  for (Group& group : group_) group.ticks_at_rest = group.ticks_seen_at_rest = 0;
   dispatched();
   for (std::size_t j = 0; j < joints_; ++j) safe_law_.rearm(j);
 }
@@ -176,7 +176,7 @@ void Guard::apply_law(std::size_t j, const Input& in, Output& out, std::uint32_t
   out.velocity_rad_s[j] = target_rad_s;
   out.kp_nm_rad[j] = kp;
   out.kd_nm_s_rad[j] = kd;
-  out.max_torque_nm[j] = limit.torque_max_nm;
+  out.max_torque_nm[j] = limit.torque_max_nm * soft_start_;  // also if no other command follows
 }
 
 void Guard::apply_safe_law(std::size_t j, const Input& in, Output& out, std::uint32_t& flags) LITHE_RT {

@@ -62,7 +62,7 @@ struct Group {
   std::uint8_t joint = 0;                 // whose fault it was
   bool news = false;                      // it stopped in this tick
   Rung rung = Rung::law;
-  std::uint64_t ticks_at_rest = 0;
+  std::uint64_t ticks_at_rest = 0, ticks_seen_at_rest = 0;
 };
 
 // In the order of authority: not finite, drives, freshness and overrun -> safe law, in the same tick; then per joint
@@ -120,7 +120,7 @@ class Guard {
   wire::Fault judge_robot(const Input& in, bool too_late, std::uint32_t& flags) const LITHE_RT;
   void latch(std::size_t j, wire::Fault fault) LITHE_RT;
   bool proposal_is_finite(const Proposal& proposal) const LITHE_RT;
-  void descend(Group& group, bool at_rest, bool latched) LITHE_RT;
+  void descend(Group& group, bool at_rest, bool seen_at_rest) LITHE_RT;
   void descend_all(const Input& in, bool all) LITHE_RT;
 
   void apply_law(std::size_t j, const Input& in, Output& out, std::uint32_t& flags) LITHE_RT;

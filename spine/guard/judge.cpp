@@ -70,6 +70,8 @@ Fault Guard::judge_joints(const Input& in, bool too_late) LITHE_RT {
     const Fault fault = judge_joint(in, j);
     if (fault == Fault::none) continue;
     worst = worse(worst, fault);
+    const bool told = joint_fault_[j] != Fault::none;
+    if (!told && (law_runs(in.mode) || in.mode == Mode::safe_stop)) joint_fault_[j] = fault;
     if (law_runs(in.mode)) latch(j, fault);
   }
   return worst;
@@ -91,9 +93,8 @@ Fault Guard::judge_joint(const Input& in, std::size_t j) const LITHE_RT {
   return std::abs(in.velocity_rad_s[j]) > limit.velocity_fault_rad_s ? Fault::velocity_limit : Fault::none;
 }
 
-// The first fault of a joint, and of a group, is the one that stays.
+// The first fault of a group is the one that stays.
 void Guard::latch(std::size_t j, Fault fault) LITHE_RT {
-  if (joint_fault_[j] == Fault::none) joint_fault_[j] = fault;
   Group& group = group_[group_of_[j]];
   if (group.fault != Fault::none) return;
   group.fault = fault;
@@ -126,37 +127,35 @@ bool Guard::proposal_is_finite(const Proposal& proposal) const LITHE_RT {
   return finite;
 }
 
-// How far down the ladder each group is. Joints whose samples are no basis for anything do not count as moving: the
-// drive damps them, and nobody will ever know that they are at rest.
+// How far down the ladder each group is. For braking, joints whose samples are no basis for anything do not count as
+// moving: the drive damps them, and nobody may ever know that they are at rest. Letting go is another matter: only what
+// was seen at rest for so long, every joint of it, does not fall then.
 void Guard::descend_all(const Input& in, bool all) LITHE_RT {
-  std::array<bool, kMaxJoints> moves{};
+  std::array<bool, kMaxJoints> moves{}, unseen{};
   for (std::size_t j = 0; j < joints_; ++j) {
-    if (usable_[j] && std::abs(in.velocity_rad_s[j]) >= kAtRestRadS) moves[group_of_[j]] = true;
+    const std::size_t g = group_of_[j];
+    moves[g] = moves[g] || (usable_[j] && std::abs(in.velocity_rad_s[j]) >= kAtRestRadS);
+    unseen[g] = unseen[g] || !usable_[j];
   }
   for (std::size_t g = 0; g < groups_; ++g) {
     Group& group = group_[g];
-    if (all || group.fault != Fault::none) {
-      const bool latched = in.mode == Mode::safe_stop || (group.fault != Fault::none && !group.news);
-      descend(group, !moves[g], latched);
+    const bool latched = in.mode == Mode::safe_stop || (group.fault != Fault::none && !group.news);
+    if (latched) {
+      descend(group, !moves[g], !moves[g] && !unseen[g]);
     } else {
-      group.rung = Rung::law;
-      group.ticks_at_rest = 0;
+      group.rung = all || group.fault != Fault::none ? Rung::safe_law : Rung::law;
+      group.ticks_at_rest = group.ticks_seen_at_rest = 0;
     }
   }
 }
 
-void Guard::descend(Group& group, bool at_rest, bool latched) LITHE_RT {
-  group.rung = Rung::safe_law;
-  if (!latched) return;
+void Guard::descend(Group& group, bool at_rest, bool seen_at_rest) LITHE_RT {
   const bool braked = brake_after_ticks_ != 0 && group.ticks_at_rest >= brake_after_ticks_;
-  const bool off = off_after_ticks_ != 0 && group.ticks_at_rest >= off_after_ticks_;
+  const bool off = off_after_ticks_ != 0 && group.ticks_seen_at_rest >= off_after_ticks_;
   // Once it brakes, a push does not let it go again.
-  group.ticks_at_rest = at_rest || braked || off ? group.ticks_at_rest + 1 : 0;
-  if (off) {
-    group.rung = Rung::off;
-  } else if (braked) {
-    group.rung = Rung::brake;
-  }
+  group.ticks_at_rest = at_rest || braked ? group.ticks_at_rest + 1 : 0;
+  group.ticks_seen_at_rest = seen_at_rest || off ? group.ticks_seen_at_rest + 1 : 0;
+  group.rung = off ? Rung::off : braked ? Rung::brake : Rung::safe_law;
 }
 
 }  // namespace lithe::guard

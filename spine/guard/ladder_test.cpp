@@ -59,6 +59,7 @@ TEST(GuardSoftStart, TheTorqueLimitsGrowFromZeroAfterEachArming) {
     for (int tick = 1; tick <= 100; ++tick) {
       const Verdict verdict = bench.check();
       EXPECT_NEAR(bench.felt_nm(), tick / 100.0, 1e-9);
+      EXPECT_NEAR(bench.out.max_torque_nm[0], tick / 100.0, 1e-9) << "the drive's own limit, if this command stays";
       EXPECT_EQ((verdict.flags & flag::kSoftStarting) != 0, tick < 100) << tick;
       EXPECT_GT(bench.felt_nm(), before_nm);
       before_nm = bench.felt_nm();
@@ -93,9 +94,12 @@ TEST(GuardLadder, AtRestTheDrivesBrakeAndThenAreOff) {
   EXPECT_EQ(bench.rung_after(1), Rung::brake);
   EXPECT_EQ(bench.out.torque_nm[0], 0);
   bench.velocity[1] = 3;
-  EXPECT_EQ(bench.rung_after(29), Rung::brake) << "a push does not let it go again";
+  EXPECT_EQ(bench.rung_after(200), Rung::brake) << "a push does not let it go again, and nothing that moves is let go";
+  bench.velocity[1] = 0;
+  EXPECT_EQ(bench.rung_after(80), Rung::brake);
   EXPECT_EQ(bench.rung_after(1), Rung::off);
-  EXPECT_EQ(bench.rung_after(100), Rung::off);
+  bench.velocity[1] = 3;
+  EXPECT_EQ(bench.rung_after(100), Rung::off) << "nothing drives it any more";
   bench.guard.reset_output();
   bench.velocity[1] = 0;
   bench.mode = wire::Mode::active;
@@ -111,6 +115,22 @@ TEST(GuardLadder, WithoutARungTheSafeLawGoesOnForEver) {
   Bench off(robot);
   off.mode = wire::Mode::safe_stop;
   EXPECT_EQ(off.rung_after(11), Rung::off) << "and no brake in between";
+}
+
+// Its drive may be damping it on its way down: a brake that slips, or a cable that comes back and says "off".
+TEST(GuardLadder, NothingIsLetGoWhileAJointIsUnseen) {
+  robot::RobotConfig robot = robot_with(2);
+  robot.guard.brake_after_s = 0.02;
+  robot.guard.off_after_s = 0.05;
+  Bench bench(robot);
+  bench.mode = wire::Mode::safe_stop;
+  bench.status[0] = wire::joint_status::kLost;
+  EXPECT_EQ(bench.rung_after(1000), Rung::brake);
+  bench.status[0] = 0;
+  bench.velocity[0] = 4;
+  EXPECT_EQ(bench.rung_after(1000), Rung::brake) << "seen again, and falling";
+  bench.velocity[0] = 0;
+  EXPECT_EQ(bench.rung_after(51), Rung::off);
 }
 
 TEST(GuardLadder, AJointNobodyHearsOfDoesNotKeepTheOthersFromBraking) {

@@ -12,6 +12,8 @@
 #include "spine/core/joints.hpp"
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
+#include "spine/hal/bus/pi3hat_port.hpp"
+#include "spine/hal/bus/tap.hpp"
 #include "spine/hal/device/drive.hpp"
 #include "spine/robot/config.hpp"
 
@@ -22,6 +24,7 @@ struct ActuatorCommand {
   std::uint64_t tick = 0;
   std::uint32_t joints = 0;
   std::array<DriveAction, kMaxJoints> action{};
+  bool clear_faults = false;  // a person has reset the robot: drives that are off may forget theirs
   JointArray torque_nm{};     // feed-forward
   JointArray position_rad{};  // of the drive's own PD loop; NaN = none
   JointArray velocity_rad_s{};
@@ -81,10 +84,16 @@ class Actuators {
   virtual void service() {}
   // Which bus is down and which drive not ready, and why; empty when all is well. Contract: as service()
   virtual std::string trouble() const { return ""; }
+  // What real buses carried otherwise than asked, a clause each; empty when nothing. Contract: after the last cycle
+  virtual std::string tell_buses() const { return ""; }
 };
 
-// Opens every bus and device of the robot. Contract: never in the tick
-Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config);
+// Opens every bus and device of the robot. `pi3hat`: what stands in for the board; null = the one of this machine.
+// `tap` sees the frames of all buses by their number in the file; null = nobody.
+// Contract: never in the tick
+Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config,
+                                                  std::unique_ptr<Pi3hatPort> pi3hat = nullptr,
+                                                  FrameTap* tap = nullptr);
 
 class BusNode;
 

@@ -9,6 +9,7 @@
 #include <numbers>
 
 #include "spine/core/no_alloc/no_alloc.hpp"
+#include "spine/hal/bus/test_pty.hpp"
 #include "spine/robot/robot.hpp"
 #include "spine/wire/wire.hpp"
 
@@ -50,11 +51,12 @@ class Robot {
   }
 
   const ReplyCounters& counters() const { return actuators_->counters(); }
+  const Actuators& hardware() const { return *actuators_; }
 
-  // Off, then torque until the drives have calibrated.
+  // Off until the drives have said how they are set, then torque until they have calibrated.
   void arm() {
     command.act(DriveAction::off);
-    cycle(5);
+    cycle(20);
     command.act(DriveAction::torque);
     cycle(10);
     ASSERT_EQ(mode_of(state), 10U);
@@ -77,7 +79,9 @@ TEST(Actuators, TheFirstCycleTellsWhereTheArmIs) {
   EXPECT_EQ(robot.state.joints, 1U);
   EXPECT_EQ(robot.state.sample_ns, 5'000'000'000);
   EXPECT_NEAR(robot.state.position_rad[0], 0.05, 4e-4);
-  EXPECT_EQ(robot.state.status[0], wire::joint_status::kFresh);
+  EXPECT_EQ(robot.state.status[0], wire::joint_status::kFresh | wire::joint_status::kNotReady);
+  robot.cycle(20);
+  EXPECT_EQ(robot.state.status[0], wire::joint_status::kFresh) << "the drive has said how it is set";
   EXPECT_EQ(robot.counters().missed, 0U);
 }
 
@@ -93,6 +97,22 @@ TEST(Actuators, EveryActionPutsTheDriveIntoItsMode) {
   robot.command.act(DriveAction::off);
   robot.cycle(2);
   EXPECT_EQ(mode_of(robot.state), 0U);
+}
+
+// Whatever was commanded while it calibrated.
+TEST(Actuators, TheFirstTorqueOfADriveIsNoStep) {
+  const robot::RobotConfig config = desk_arm();
+  Robot robot(config);
+  robot.cycle(20);
+  robot.command.act(DriveAction::torque);
+  robot.command.torque_nm[0] = 0.5;
+  double before_nm = 0;
+  for (int i = 0; i < 30; ++i) {
+    robot.cycle();
+    ASSERT_LE(robot.state.torque_nm[0] - before_nm, config.joints[0].torque_slew_nm_s * 1e-3 + 1e-3) << i;
+    before_nm = robot.state.torque_nm[0];
+  }
+  EXPECT_NEAR(before_nm, 0.5, 0.05) << "all of it, in the end";
 }
 
 TEST(Actuators, AConstantTorqueDeflectsTheArmToTheArcSineWithinItsFriction) {
@@ -147,6 +167,8 @@ TEST(Actuators, TheDrivesOwnPdTracksASineThroughRealFrames) {
 
 TEST(Actuators, SignZeroAndRatioChangeNothingThatTheLoopSees) {
   robot::RobotConfig plain = desk_arm();
+  // The drive's own damping, between the ticks, would feel the steps of an encoder that a gear makes finer.
+  plain.joints[0].safe_kd_nm_s_rad = 1e-9;
   robot::RobotConfig geared = plain;
   geared.joints[0].sign = -1;
   geared.joints[0].zero_rad = 1.25;
@@ -208,7 +230,7 @@ TEST(Actuators, AsManyJointsAsFitAreServedOnOneBusEachByItsOwnDrive) {
     config.devices[i].id = static_cast<std::uint32_t>(i + 1);
   }
   Robot robot(config);
-  robot.cycle(3);
+  robot.cycle(20);
   EXPECT_EQ(robot.counters().missed, 0U);
   for (std::size_t i = 0; i < kMaxJoints; ++i) {
     EXPECT_NEAR(robot.state.position_rad[i], 0.01 * static_cast<double>(i), 4e-4);
@@ -247,6 +269,58 @@ TEST(Actuators, AConfigThatCannotBeOpenedSaysWhyAndWhatToDo) {
   lost = desk_arm();
   lost.devices[0].bus = 9;
   EXPECT_NE(open_actuators(lost).message().find("[[bus]]"), std::string::npos);
+
+  robot::RobotConfig never = desk_arm();
+  never.devices[0].rate_divider = 0;
+  EXPECT_NE(open_actuators(never).message().find("rate_divider"), std::string::npos);
+}
+
+TEST(Actuators, SensorsThatCannotBeReadSayWhyAndWhatToDo) {
+  robot::RobotConfig good = desk_arm();
+  good.devices.push_back({.name = "inputs", .kind = robot::DeviceKind::gateway, .bus = 0, .id = 9});
+  good.sensors.push_back({.name = "grip", .device = 1, .channel = 15});
+  EXPECT_TRUE(open_actuators(good));
+  const auto refused = [](const robot::RobotConfig& config, const char* words) {
+    const auto opened = open_actuators(config);
+    return !opened && opened.message().find(words) != std::string::npos;
+  };
+  robot::RobotConfig bad = good;
+  bad.devices[1].bus = 3;
+  EXPECT_TRUE(refused(bad, "[[bus]]"));
+  bad = good;
+  bad.devices[1].id = 0;
+  EXPECT_TRUE(refused(bad, "use 1 to 126"));
+  for (const std::size_t device : {0U, 7U}) {
+    bad = good;
+    bad.sensors[0].device = device;
+    EXPECT_TRUE(refused(bad, "on no gateway")) << device;
+  }
+  bad = good;
+  bad.sensors[0].channel = 16;
+  EXPECT_TRUE(refused(bad, "channels 0 to 15"));
+  bad = good;
+  bad.sensors.resize(17, good.sensors[0]);
+  EXPECT_TRUE(refused(bad, "17 sensors"));
+  bad = good;
+  bad.joints[0].device = 1;
+  EXPECT_TRUE(refused(bad, "drives nothing"));
+}
+
+TEST(Actuators, WhatARealBusSaidOtherwiseThanAskedIsTold) {
+  test::TestPty pty;
+  robot::RobotConfig config = desk_arm();
+  config.buses[0].kind = robot::BusKind::fdcanusb;
+  config.buses[0].path = pty.path();
+  config.buses[0].checksums = robot::Checksums::off;
+  config.buses[0].reply_wait_s = 0;
+  Robot robot(config);
+  EXPECT_EQ(robot.hardware().tell_buses(), "");
+  pty.say("rcv 0100 012 E B F r x00\r\nERR bad id\r\n");
+  ASSERT_TRUE(test::await([&] {
+    robot.cycle(1);
+    return robot.hardware().tell_buses().find("1 malformed, 1 errors") != std::string::npos;
+  }));
+  EXPECT_TRUE(robot.hardware().tell_buses().starts_with("bus '" + config.buses[0].name + "': "));
 }
 
 }  // namespace

@@ -14,8 +14,8 @@ namespace {
 
 JointCommand joint_command(const ActuatorCommand& all, std::size_t joint) LITHE_RT {
   if (joint >= all.joints) return {};  // a joint nobody commands is off
-  return {all.action[joint],    all.torque_nm[joint],   all.position_rad[joint], all.velocity_rad_s[joint],
-          all.kp_nm_rad[joint], all.kd_nm_s_rad[joint], all.max_torque_nm[joint]};
+  return {all.action[joint],    all.torque_nm[joint],   all.position_rad[joint],  all.velocity_rad_s[joint],
+          all.kp_nm_rad[joint], all.kd_nm_s_rad[joint], all.max_torque_nm[joint], all.clear_faults};
 }
 
 // What is in a frame, as one number (FNV-1a, eight bytes at a time).
@@ -38,7 +38,7 @@ std::uint32_t address_of(Addressing addressing, const Frame& frame) LITHE_RT {
 }  // namespace
 
 std::size_t BusActuators::add_bus(std::unique_ptr<Bus> bus, Addressing addressing, std::unique_ptr<BusMaster> master) {
-  Line line{std::move(bus), std::move(master), addressing, 0, 0, 0, {}};
+  Line line{std::move(bus), std::move(master), addressing, 0, 0, 0, 0, {}};
   line.joint_at.fill(kNobody);
   lines_.push_back(std::move(line));
   return lines_.size() - 1;
@@ -47,19 +47,31 @@ std::size_t BusActuators::add_bus(std::unique_ptr<Bus> bus, Addressing addressin
 void BusActuators::add_joint(std::size_t bus, std::uint32_t address, std::unique_ptr<Drive> drive,
                              std::uint32_t divider) {
   lines_[bus].joint_at[address & 0x7f] = static_cast<std::uint8_t>(joints_.size());
-  const std::uint32_t turn = lines_[bus].joints++ % divider;
+  // A bus with a master has one SYNC for all its drives: they are asked together.
+  const std::uint32_t turn = lines_[bus].master != nullptr ? 0 : lines_[bus].joints % divider;
+  ++lines_[bus].joints;
   joints_.push_back({bus, std::move(drive), divider, turn});
   last_.joints = static_cast<std::uint32_t>(joints_.size());
 }
 
 std::size_t BusActuators::add_gateway(std::size_t bus, std::uint32_t node, std::int64_t stale_ns) {
   gateways_.push_back({bus, gateway::Gateway(node, stale_ns)});
+  ++lines_[bus].gateways;
   return gateways_.size() - 1;
 }
 
 void BusActuators::add_sensor(std::size_t gateway, gateway::Block block, std::size_t channel, double scale,
                               double offset) {
-  sensors_.push_back({gateway, block, channel, scale, offset});
+  sensors_.push_back({false, gateway, block, channel, scale, offset});
+}
+
+std::size_t BusActuators::add_imu(ImuSource& source, std::int64_t stale_ns) {
+  imus_.push_back({&source, stale_ns});
+  return imus_.size() - 1;
+}
+
+void BusActuators::add_imu_sensor(std::size_t imu, std::size_t channel, double scale, double offset) {
+  sensors_.push_back({true, imu, gateway::Block::imu, channel, scale, offset});
 }
 
 void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT {
@@ -69,8 +81,7 @@ void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, s
   exchange_.asked = false;
   for (Line& line : lines_) {
     line.bus->begin(now_ns);
-    // A node that babbles must not keep the tick: so many frames, then the rest is for the next exchange.
-    line.patience = 4 * line.joints + 16;
+    line.patience = kMostWaiting;
     drain(line);  // what came since the last one: news, and answers that are late
   }
   send_all(command);  // to every bus first: their answers travel at the same time
@@ -93,17 +104,21 @@ void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, s
 void BusActuators::send_all(const ActuatorCommand& command) LITHE_RT {
   for (Line& line : lines_) {
     line.unanswered = 0;
+    line.patience = 4 * line.joints + 16 * line.gateways + 16;
     if (line.master != nullptr) line.master->before_commands(exchange_, *line.bus);
   }
   for (std::size_t i = 0; i < joints_.size(); ++i) {
     Joint& joint = joints_[i];
-    joint.answered = false;
+    joint.heard = joint.answered = false;
     joint.asked = exchange_.number % joint.divider == joint.turn;
     if (!joint.asked) continue;
     Line& line = lines_[joint.line];
     // A lost drive is always asked, but seldom waited for: the others' samples would be late because of it.
-    joint.awaited = joint.misses_in_a_row < misses_to_lost_ || exchange_.number % kLookForLost == 0;
-    if (joint.awaited) ++line.unanswered;
+    joint.awaited = joint.misses_in_a_row < misses_to_lost_ || exchange_.number / joint.divider % kLookForLost == 0;
+    if (joint.awaited) {
+      ++line.unanswered;
+      line.bus->expect_answer();
+    }
     if (!joint.drive->command(joint_command(command, i), exchange_, *line.bus)) ++counters_.unsound;
   }
   for (Line& line : lines_) {
@@ -145,9 +160,18 @@ void BusActuators::read_sensors(ActuatorState& state) const LITHE_RT {
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
     const Sensor& sensor = sensors_[i];
     double raw = 0;
-    const bool valid = gateways_[sensor.gateway].gateway.read(sensor.block, sensor.channel, exchange_.now_ns, raw);
-    state.sensor[i] = valid ? sensor.scale * raw + sensor.offset : std::numeric_limits<double>::quiet_NaN();
+    state.sensor[i] = read(sensor, raw) ? sensor.scale * raw + sensor.offset : std::numeric_limits<double>::quiet_NaN();
   }
+}
+
+bool BusActuators::read(const Sensor& sensor, double& raw) const LITHE_RT {
+  const std::int64_t now_ns = exchange_.now_ns;
+  if (!sensor.of_imu) return gateways_[sensor.source].gateway.read(sensor.block, sensor.channel, now_ns, raw);
+  const Imu& imu = imus_[sensor.source];
+  const ImuReading& reading = imu.source->imu(now_ns);
+  if (!reading.valid || sensor.channel >= kImuChannels || now_ns - reading.taken_ns > imu.stale_ns) return false;
+  raw = reading.value[sensor.channel];
+  return true;
 }
 
 void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
@@ -180,6 +204,9 @@ void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
 
 void BusActuators::answer(Line& line, Joint& joint, std::size_t index, const Frame& frame, const JointSample& sample)
     LITHE_RT {
+  // Also one without a measurement was all that there is to wait for.
+  if (!joint.heard && joint.asked && joint.awaited) --line.unanswered;
+  joint.heard = true;
   if (joint.answered) {
     ++counters_.duplicate;
     return compare(joint, frame);
@@ -191,7 +218,6 @@ void BusActuators::answer(Line& line, Joint& joint, std::size_t index, const Fra
     return;
   }
   joint.answered = true;
-  if (joint.asked && joint.awaited) --line.unanswered;
   joint.sample = sample;
   joint.said_id = frame.id;
   joint.said = digest_of(frame);
@@ -242,6 +268,7 @@ void BusActuators::settle_miss(Joint& joint, std::size_t index) LITHE_RT {
   ++counters_.missed;
   joint.misses_in_a_row = std::min(joint.misses_in_a_row + 1, misses_to_lost_);
   last_.status[index] &= ~wire::joint_status::kFresh;
+  last_.status[index] |= joint.drive->alarm();
   if (joint.misses_in_a_row < misses_to_lost_) return;
   last_.status[index] |= wire::joint_status::kLost | (joint.garbled ? wire::joint_status::kGarbled : 0);
 }

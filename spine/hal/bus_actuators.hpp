@@ -12,6 +12,7 @@
 #include "spine/core/time.hpp"
 #include "spine/hal/actuators.hpp"
 #include "spine/hal/bus/bus.hpp"
+#include "spine/hal/bus/imu.hpp"
 #include "spine/hal/device/drive.hpp"
 #include "spine/hal/device/gateway.hpp"
 
@@ -34,13 +35,16 @@ class BusActuators final : public Actuators {
 
   std::size_t add_bus(std::unique_ptr<Bus> bus, Addressing addressing, std::unique_ptr<BusMaster> master = nullptr);
   // Joints in the order of the robot's joints, at most kMaxJoints; addresses (1 to 126) differ on each bus. Asked in
-  // one of `divider` exchanges, those of a bus in turn.
+  // one of `divider` exchanges, those of a bus in turn, or together where the bus has a master.
   void add_joint(std::size_t bus, std::uint32_t address, std::unique_ptr<Drive> drive, std::uint32_t divider = 1);
 
   // A gateway (1 to 126) beside whatever else is on the bus; its channels are not valid when older than `stale_ns`.
   std::size_t add_gateway(std::size_t bus, std::uint32_t node, std::int64_t stale_ns);
   // Sensors in the order of the robot's sensors: scale * raw + offset.
   void add_sensor(std::size_t gateway, gateway::Block block, std::size_t channel, double scale, double offset);
+  // The IMU of a board, which outlives us; older readings than `stale_ns` are not valid. Its sensors as those above.
+  std::size_t add_imu(ImuSource& source, std::int64_t stale_ns);
+  void add_imu_sensor(std::size_t imu, std::size_t channel, double scale, double offset);
 
   void cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT override;
 
@@ -56,8 +60,9 @@ class BusActuators final : public Actuators {
     std::unique_ptr<BusMaster> master;
     Addressing addressing;
     std::uint32_t joints = 0;
+    std::uint32_t gateways = 0;
     std::uint32_t unanswered = 0;            // of those asked in this exchange
-    std::uint32_t patience = 0;              // frames that it may still bring in this exchange
+    std::uint32_t patience = 0;              // frames that it may still bring, before the commands or after them
     std::array<std::uint8_t, 128> joint_at;  // by device address
   };
   struct Joint {
@@ -74,23 +79,33 @@ class BusActuators final : public Actuators {
     JointSample sample{};  // counts when the exchange is over
     bool asked = false;
     bool awaited = false;
-    bool answered = false;
+    bool heard = false;     // something whole came from it
+    bool answered = false;  // with a measurement
   };
 
   struct GatewayPlace {
     std::size_t line;
     gateway::Gateway gateway;
   };
+  struct Imu {
+    ImuSource* source;
+    std::int64_t stale_ns;
+  };
   struct Sensor {
-    std::size_t gateway;
+    bool of_imu;
+    std::size_t source;  // of gateways_ or imus_
     gateway::Block block;
     std::size_t channel;
     double scale, offset;
   };
 
   // Our address changes with every exchange, and moteus drives answer to it: so a late answer is known as such.
-  static constexpr std::uint32_t kSources = 16;
-  // A lost drive is waited for in one of so many exchanges, so that it can be found again.
+  // As many as there are, without the broadcast's: one that is stuck somewhere for long is still known.
+  static constexpr std::uint32_t kSources = 126;
+  // A node that babbles must not keep the tick, so what a bus may bring is bounded. What waits from before the commands
+  // never costs them their answers: a stall of the machine, or a gateway at a low rate, may leave that much.
+  static constexpr std::uint32_t kMostWaiting = 256;
+  // A lost drive is waited for in one of so many of its exchanges, so that it can be found again.
   static constexpr std::uint64_t kLookForLost = 32;
 
   void send_all(const ActuatorCommand& command) LITHE_RT;
@@ -101,6 +116,7 @@ class BusActuators final : public Actuators {
   static void compare(Joint& joint, const Frame& frame) LITHE_RT;
   void accept_sensors(const Line& line, const Frame& frame) LITHE_RT;
   void read_sensors(ActuatorState& state) const LITHE_RT;
+  bool read(const Sensor& sensor, double& raw) const LITHE_RT;
   void settle() LITHE_RT;
   void settle_answer(Joint& joint, std::size_t index) LITHE_RT;
   void settle_miss(Joint& joint, std::size_t index) LITHE_RT;
@@ -111,6 +127,7 @@ class BusActuators final : public Actuators {
   std::vector<Line> lines_;
   std::vector<Joint> joints_;
   std::vector<GatewayPlace> gateways_;
+  std::vector<Imu> imus_;
   std::vector<Sensor> sensors_;
   ActuatorState last_;
   Exchange exchange_;

@@ -42,11 +42,15 @@ class BadCable final : public BusNode {
   }
 
   Trick trick = Trick::none;
+  Frame* keep = nullptr;  // the next answer is copied here
+  const Frame* replay = nullptr;
   std::mt19937 random{1};
   sim::SimMoteus& drive() { return drive_; }
 
  private:
   void play(Frame& answer, FrameQueue& answers) LITHE_RT {
+    if (keep != nullptr) *keep = answer;
+    if (replay != nullptr) answers.push(*replay);
     if (held_) {  // what was held back comes first: the order of a bus is never changed
       answers.push(late_);
       held_ = false;
@@ -180,6 +184,24 @@ TEST_F(TwoJoints, ALateAnswerIsNeverTakenForTheNextOne) {
   EXPECT_NEAR(state_.position_rad[1], 0.7, 4e-4);
 }
 
+// However long it was stuck somewhere.
+TEST_F(TwoJoints, NoReplayedAnswerIsTakenForANewOne) {
+  cycle(Trick::none);
+  Frame old;
+  for (int age = 1; age <= 125; ++age) {
+    cables_[1]->keep = &old;
+    cycle(Trick::none);
+    cables_[1]->keep = nullptr;
+    cycle(Trick::none, age - 1);
+    cables_[1]->replay = &old;  // before the answer of this exchange, which does not come
+    const std::uint64_t late = actuators_.counters().late;
+    cycle(Trick::drop);
+    cables_[1]->replay = nullptr;
+    ASSERT_FALSE(fresh(1)) << age;
+    ASSERT_EQ(actuators_.counters().late, late + 1) << age;
+  }
+}
+
 TEST_F(TwoJoints, WhatArrivesBetweenTwoExchangesIsLate) {
   cycle(Trick::none);
   Frame request;
@@ -236,6 +258,10 @@ TEST_F(TwoJoints, AGarbledAnswerIsMalformedAndTheJointMissed) {
 }
 
 TEST_F(TwoJoints, ABabblingNodeKeepsNobodyBusyForEver) {
+  cycle(Trick::none);
+  const std::uint64_t before = bus_->statistics().received;
+  cycle(Trick::babble);
+  EXPECT_LE(bus_->statistics().received - before, 256U + 4 * 2 + 16) << "what it may bring in one exchange";
   cycle(Trick::babble, 20);
   EXPECT_TRUE(fresh(0));
   EXPECT_TRUE(fresh(1));

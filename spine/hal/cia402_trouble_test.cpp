@@ -71,6 +71,27 @@ TEST_F(Cia402Trouble, AModeThatIsNotTakenIsRefused) {
   expect_refused({"6061h", "stays at 1"});
 }
 
+// With its makers' defaults on, it would fill the bus with frames that nobody planned with.
+TEST_F(Cia402Trouble, AProcessDataThatCannotBeSwitchedOffIsRefused) {
+  build();
+  abort_object(0x1802, canopen::abort_code::kValue);
+  expect_refused({"1802h", "06090030"});
+}
+
+TEST_F(Cia402Trouble, OneThatIsNotThereNeedNotBeSwitchedOff) {
+  build();
+  abort_object(0x1802, canopen::abort_code::kNoObject);
+  enable();
+  EXPECT_EQ(drive_state(), State::operation_enabled);
+}
+
+TEST_F(Cia402Trouble, ADriveThatKnowsNoRemoteFramesIsSetUp) {
+  build({.knows_no_remote = true});
+  enable();
+  EXPECT_EQ(drivers_[0]->why_not_ready(), "");
+  EXPECT_EQ(drive_state(), State::operation_enabled);
+}
+
 TEST_F(Cia402Trouble, AnObjectThatMayBeMissingMayBeMissing) {
   build();
   abort_object(0x60c2, canopen::abort_code::kNoObject);
@@ -146,12 +167,32 @@ TEST_F(Cia402Trouble, ADriveThatSomebodyStoppedIsSetUpAgain) {
 TEST_F(Cia402Trouble, ASilentDriveIsLostAndNeedsOffWhenItIsBack) {
   build();
   enable();
+  for (const int silent_ms : {500, 1500}) {
+    cables_[0]->there = cables_[0]->back = [](Frame&) { return false; };
+    cycle(silent_ms);
+    EXPECT_TRUE(has(wire::joint_status::kLost));
+    EXPECT_NE(drivers_[0]->why_not_ready().find("heartbeat"), std::string::npos);
+    cables_[0]->there = cables_[0]->back = [](Frame&) { return true; };
+    cycle(300);
+    EXPECT_TRUE(fresh());
+    EXPECT_EQ(drivers_[0]->why_not_ready(), "");
+    EXPECT_NE(drive_state(), State::operation_enabled);
+    act(DriveAction::off);
+    act(DriveAction::torque, 10);
+    EXPECT_EQ(drive_state(), State::operation_enabled);
+  }
+}
+
+// Its boot-up message was heard by nobody, and after that it never speaks by itself.
+TEST_F(Cia402Trouble, ADriveThatRestartedWhileNobodyHeardItIsFoundAgain) {
+  build();
+  enable();
   cables_[0]->there = cables_[0]->back = [](Frame&) { return false; };
-  cycle(500);
-  EXPECT_TRUE(has(wire::joint_status::kLost));
-  EXPECT_NE(drivers_[0]->why_not_ready().find("heartbeat"), std::string::npos);
+  cycle(100);
+  lose_power();
+  cycle(900);
   cables_[0]->there = cables_[0]->back = [](Frame&) { return true; };
-  cycle(300);
+  cycle(6000);
   EXPECT_TRUE(fresh());
   EXPECT_EQ(drivers_[0]->why_not_ready(), "");
   EXPECT_NE(drive_state(), State::operation_enabled);
@@ -161,7 +202,7 @@ TEST_F(Cia402Trouble, ASilentDriveIsLostAndNeedsOffWhenItIsBack) {
 }
 
 TEST_F(Cia402Trouble, OneFrameInTenLostDelaysTheStartAndNothingElse) {
-  build();
+  build({.lost_after_misses = 20});
   std::mt19937 random(3);
   for (auto& cable : cables_) {
     cable->there = cable->back = [&random](Frame&) { return random() % 10 != 0; };
@@ -200,17 +241,20 @@ TEST_F(Cia402Trouble, AnAnswerOfBeforeTheSyncIsLate) {
   JointSample sample;
   Exchange next{.number = command_.tick + 1, .now_ns = now_ns_, .source = 0, .asked = false};
   EXPECT_EQ(drivers_[0]->take(held, next, sample), Heard::late);
-  ++next.number;  // in the exchange before this one the joint was not asked, so nothing is late
-  EXPECT_EQ(drivers_[0]->take(held, next, sample), Heard::part);
-  next.asked = true;
+  next.asked = true;  // the others are asked, this joint is not
+  EXPECT_EQ(drivers_[0]->take(held, next, sample), Heard::late);
+  --next.number;
   EXPECT_EQ(drivers_[0]->take(held, next, sample), Heard::answer);
 }
 
 TEST_F(Cia402Trouble, AJointThatCannotFollowFaults) {
-  build({.mode = Mode::position});
+  build({.mode = Mode::position, .velocity_max_rad_s = 1000});
   enable();
-  command_.position_rad[0] = state_.position_rad[0] + 40;  // far beyond what torque can do in the time
-  cycle(200);
+  command_.position_rad[0] = state_.position_rad[0];
+  for (int i = 0; i < 200; ++i) {
+    command_.position_rad[0] += 0.1;  // faster by far than its torque can make it
+    cycle();
+  }
   EXPECT_TRUE(has(wire::joint_status::kFault));
   EXPECT_EQ(fault_class(), 0x86U);
 }

@@ -62,6 +62,7 @@ void ModeMachine::fail_in_part(Fault fault) LITHE_RT {
 
 bool ModeMachine::press_estop() LITHE_RT {
   if (mode_ == Mode::estop) return false;
+  was_energised_ = energised();
   mode_ = Mode::estop;
   fault_ = Fault::estop_pressed;
   return true;

@@ -27,6 +27,8 @@ class ModeMachine {
   wire::Mode mode() const LITHE_RT { return mode_; }
   wire::Fault fault() const LITHE_RT { return fault_; }
   bool energised() const LITHE_RT { return mode_ != wire::Mode::disarmed && mode_ != wire::Mode::estop; }
+  // In the e-stop: the drives had torque when it was pressed. Others stay off, whoever has his hands on the joints.
+  bool damps() const LITHE_RT { return mode_ == wire::Mode::estop && was_energised_; }
   bool law_runs() const LITHE_RT { return mode_ == wire::Mode::active || mode_ == wire::Mode::hold; }
 
   // Applies one of arm, disarm, hold, reset, estop; anything else is refused_unknown.
@@ -46,6 +48,7 @@ class ModeMachine {
 
   wire::Mode mode_ = wire::Mode::disarmed;
   wire::Fault fault_ = wire::Fault::none;
+  bool was_energised_ = false;  // before the e-stop
 };
 
 }  // namespace lithe::loop

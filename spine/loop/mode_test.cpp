@@ -48,6 +48,21 @@ TEST(ModeMachine, ArmingNeedsALawASampleAndAReleasedEstop) {
   EXPECT_EQ(machine.mode(), Mode::disarmed);
 }
 
+TEST(ModeMachine, TheEstopDampsWhatHadTorqueAndLeavesTheRestOff) {
+  ModeMachine limp;
+  EXPECT_TRUE(limp.press_estop());
+  EXPECT_FALSE(limp.damps());
+  ModeMachine machine = armed();
+  EXPECT_FALSE(machine.damps());
+  machine.press_estop();
+  machine.press_estop();
+  EXPECT_TRUE(machine.damps());
+  machine.apply(CommandKind::reset, kReady);
+  EXPECT_FALSE(machine.damps());
+  machine.press_estop();
+  EXPECT_FALSE(machine.damps()) << "off since the reset";
+}
+
 TEST(ModeMachine, HoldKeepsTheLawAndArmResumes) {
   ModeMachine machine = armed();
   EXPECT_EQ(machine.apply(CommandKind::hold, kReady), CommandResult::done);

@@ -21,6 +21,9 @@ namespace {
 // A hybrid wait stops sleeping this long before the release: the wake-up latency of a common kernel and some more.
 constexpr std::int64_t kHybridWindowNs = 100'000;
 
+// After a reset the drives are asked for so long to forget their faults: some need to hear it more than once.
+constexpr std::uint32_t kTicksToClear = 200;
+
 // Arming accepts a sample this many ticks old.
 constexpr std::uint32_t kStaleTicksToArm = 3;
 
@@ -140,7 +143,8 @@ CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std
   bool all_fresh = sample_->sample_ns != 0 && stale_ticks_ <= kStaleTicksToArm;
   bool homed = true;
   for (std::uint32_t j = 0; j < joints_; ++j) {
-    all_fresh = all_fresh && (sample_->status[j] & wire::joint_status::kFresh) != 0;
+    constexpr std::uint32_t kReady = wire::joint_status::kFresh;
+    all_fresh = all_fresh && (sample_->status[j] & (kReady | wire::joint_status::kNotReady)) == kReady;
     homed = homed && (!robot_.joints[j].must_be_homed || (sample_->status[j] & wire::joint_status::kNotHomed) == 0);
   }
   const wire::Mode before = mode_.mode();
@@ -148,7 +152,10 @@ CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std
   if (result != CommandResult::done) return result;
   // From drives that are off the first torque is bounded from zero; the setpoint starts where the joint is.
   if (before == wire::Mode::disarmed) guard_.reset_output();
-  if (kind == CommandKind::reset) guard_.forget_faults();
+  if (kind == CommandKind::reset) {
+    guard_.forget_faults();
+    clear_ticks_left_ = kTicksToClear;
+  }
   if (mode_.mode() == wire::Mode::hold) plan_.stop(now_ns);
   out_.event(event_of(kind), now_ns, 0, request_id, 0, "");
   return result;

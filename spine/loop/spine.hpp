@@ -120,9 +120,10 @@ class Spine {
   std::int64_t period_ns_;
   std::int64_t budget_ns_;  // of a law that brings none of its own
   std::uint64_t tick_ = 0;
-  const hal::ActuatorState* sample_;  // x_k: the newest sample, fresh or not
-  bool fresh_ = false;                // it came for this tick
-  std::uint32_t stale_ticks_ = 0;     // ticks in a row without a fresh one
+  const hal::ActuatorState* sample_;    // x_k: the newest sample, fresh or not
+  bool fresh_ = false;                  // it came for this tick
+  std::uint32_t stale_ticks_ = 0;       // ticks in a row without a fresh one
+  std::uint32_t clear_ticks_left_ = 0;  // since the last reset
   bool estop_pressed_ = false;
   bool brain_stale_ = true;
   std::int64_t law_from_ns_ = 0;  // when the last law began to step

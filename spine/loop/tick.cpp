@@ -141,7 +141,7 @@ void Spine::name(const guard::Group& group, Words& words) const LITHE_RT {
 }
 
 hal::DriveAction Spine::action_of(std::uint32_t j) const LITHE_RT {
-  if (mode_.mode() == wire::Mode::estop) return hal::DriveAction::damp;
+  if (mode_.damps()) return hal::DriveAction::damp;
   if (!mode_.energised()) return hal::DriveAction::off;
   switch (output_.rung[j]) {
     case wire::Rung::brake:
@@ -157,6 +157,8 @@ void Spine::compose() LITHE_RT {
   hal::ActuatorCommand& command = handover_.next_command();
   command.tick = tick_ + 1;
   command.joints = joints_;
+  command.clear_faults = clear_ticks_left_ > 0 && mode_.mode() == wire::Mode::disarmed;
+  if (clear_ticks_left_ > 0) --clear_ticks_left_;
   for (std::uint32_t j = 0; j < joints_; ++j) {
     command.action[j] = action_of(j);
     command.torque_nm[j] = output_.torque_nm[j];

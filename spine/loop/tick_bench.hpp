@@ -93,6 +93,8 @@ class TickBench {
   TickBench(const robot::RobotConfig& robot, std::unique_ptr<hal::Actuators> actuators)
       : robot_(robot), actuators_(std::move(actuators)) {
     start_clock(clock_);
+    hal::ActuatorState unseen;  // while the drives say how they are set
+    for (int i = 0; i < 20; ++i) actuators_->cycle({}, unseen, now_ns_ += kNsPerMs);
     use_cell(nullptr);
     command_ = std::make_unique<ipc::MailboxSender<wire::Command, 16>>(control_memory_->commands, memory_->control_ack);
   }

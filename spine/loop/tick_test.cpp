@@ -117,6 +117,50 @@ TEST_F(TickTest, ALateBusNeverMakesTheTorqueStepBeyondTheSlewBound) {
   }
 }
 
+// Of the drive's own mode: what the last rungs are is for it to know.
+TEST_F(TickTest, TheRungsBelowTheSafeLawReachTheDrive) {
+  robot_.guard.brake_after_s = 0.05;
+  robot_.guard.off_after_s = 0.2;
+  use_cell(nullptr);
+  arm_with(kPd);
+  const auto drive_mode = [this] { return record_.joint_status[0] >> 16 & 0xff; };
+  EXPECT_EQ(drive_mode(), 10U);
+  for (int i = 0; i < 8; ++i) tick(false);  // the bus is late, which is a fault
+  serve();
+  ticks(45);
+  EXPECT_EQ(mode(), Mode::safe_stop);
+  EXPECT_EQ(drive_mode(), 10U) << "the safe law";
+  ticks(50);
+  EXPECT_EQ(drive_mode(), 15U) << "braked";
+  ticks(300);
+  EXPECT_EQ(drive_mode(), 0U) << "off";
+}
+
+TEST_F(TickTest, ADriveThatHasNotSaidHowItIsSetIsNotArmed) {
+  actuators_ = std::move(*hal::open_actuators(robot_));
+  stage(kPd);
+  ticks(3);
+  EXPECT_EQ(send(CommandKind::arm), CommandResult::refused_not_ready);
+  ticks(20);
+  EXPECT_EQ(send(CommandKind::arm), CommandResult::done);
+}
+
+TEST_F(TickTest, AnEstopLeavesLimpDrivesOffAndDampsTheOthers) {
+  stage(kPd);
+  ticks(3);
+  control_memory_->estop.value = 1;
+  ticks(20);
+  EXPECT_EQ(mode(), Mode::estop);
+  EXPECT_EQ(record_.joint_status[0] >> 16 & 0xff, 0U) << "nobody gave it torque";
+  control_memory_->estop.value = 0;
+  EXPECT_EQ(send(CommandKind::reset), CommandResult::done);
+  EXPECT_EQ(send(CommandKind::arm), CommandResult::done);
+  ticks(10);
+  control_memory_->estop.value = 1;
+  ticks(6);
+  EXPECT_EQ(record_.joint_status[0] >> 16 & 0xff, 12U);
+}
+
 TEST_F(TickTest, AJointWhoseSampleIsLostIsDampedByItsDrive) {
   arm_with(kPd);
   publish(1.3);

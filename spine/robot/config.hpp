@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <limits>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace lithe::robot {
@@ -21,9 +22,41 @@ enum class StaleAction { hold, safe_stop };                // what a silent Brai
 enum class SafeEnd { damp, hold };                         // how the safe law ends, once the joint has slowed down
 enum class OtherGroups { stop, go_on };                    // what a joint's fault does to the groups it is not in
 enum class BusKind { loop, fdcanusb, slcan, socketcan, pi3hat };
-enum class DeviceKind { moteus, cia402, gateway };
+enum class Checksums { automatic, on, off };  // of the lines to an fdcanusb
+enum class DeviceKind { moteus, cia402, gateway, imu };
 enum class DriveMode { torque, position, velocity };  // what a CiA 402 drive is given: CST, CSP or CSV
 enum class SensorKind { analog, digital, imu };
+
+// As robot.toml says it.
+constexpr std::string_view word(BusKind kind) {
+  switch (kind) {
+    case BusKind::loop:
+      return "loop";
+    case BusKind::fdcanusb:
+      return "fdcanusb";
+    case BusKind::slcan:
+      return "slcan";
+    case BusKind::socketcan:
+      return "socketcan";
+    case BusKind::pi3hat:
+      break;
+  }
+  return "pi3hat";
+}
+constexpr std::string_view word(DeviceKind kind) {
+  switch (kind) {
+    case DeviceKind::moteus:
+      return "moteus";
+    case DeviceKind::cia402:
+      return "cia402";
+    case DeviceKind::gateway:
+      return "gateway";
+    case DeviceKind::imu:
+      break;
+  }
+  return "imu";
+}
+
 inline constexpr std::size_t kMaxSensors = 16;  // as many as a law is given
 
 struct SpineConfig {
@@ -74,17 +107,25 @@ struct BusConfig {
   std::uint32_t connector = 1;             // of a pi3hat, 1 to 5: JC1 to JC5
   std::uint32_t bitrate = 1'000'000;       // of the arbitration phase
   std::uint32_t data_bitrate = 5'000'000;  // of CAN FD's data phase; 0 = classic CAN only
-  double reply_wait_s = 0.002;             // for so long after the commands an answer is waited for; a loop never waits
+  std::uint32_t baud = 0;                  // of the UART behind `path`, if it is one; 0 = the usual 921600
+  Checksums checksums = Checksums::automatic;
+  double reply_wait_s = 0.002;  // for so long after the commands an answer is waited for; a loop never waits
 };
+
+// Whether there is an adapter behind a serial device.
+constexpr bool is_serial(const BusConfig& bus) { return bus.kind == BusKind::fdcanusb || bus.kind == BusKind::slcan; }
 
 // Whether frames of 64 bytes and of the faster data phase can pass.
 constexpr bool is_fd(const BusConfig& bus) { return bus.data_bitrate > 0; }
 
+// What moves a joint; the others only measure.
+constexpr bool is_drive(DeviceKind kind) { return kind == DeviceKind::moteus || kind == DeviceKind::cia402; }
+
 struct DeviceConfig {
   std::string name;
   DeviceKind kind = DeviceKind::moteus;
-  std::size_t bus = 0;  // index into RobotConfig::buses
-  std::uint32_t id = 1;
+  std::size_t bus = 0;                 // index into RobotConfig::buses
+  std::uint32_t id = 1;                // 0 of an imu, which is of the board and on none of its buses
   double watchdog_s = 0.1;             // no command for this long, and the device stops by itself
   std::uint32_t rate_divider = 1;      // asked in one of so many ticks
   DriveMode mode = DriveMode::torque;  // these three: cia402

@@ -79,6 +79,97 @@ TEST(Hardware, ADeviceMustFitItsBus) {
                  {"4 commands at 10 Hz", "0.4"});
 }
 
+TEST(Hardware, CanopenDrivesOfABusAreAskedTogether) {
+  const std::string two = kTop + kClassic + device("c", "cia402", "classic", 1, kRated + "rate_divider = 2\n");
+  EXPECT_TRUE(parse_robot(
+      two + device("d", "cia402", "classic", 2, kRated + "rate_divider = 2\n") + joint("a", "c") + joint("b", "d"),
+      "r.toml", {4}));
+  expect_refused(two + device("d", "cia402", "classic", 2, kRated), {"1 is not 2 as of \"c\"", "one SYNC"});
+  EXPECT_TRUE(parse_robot(two + device("g", "gateway", "classic", 9) + joint("a", "c"), "r.toml", {4}));
+}
+
+TEST(Hardware, WhatACanopenDriveCannotDoIsNotPromised) {
+  const std::string torque = kTop + kClassic + device("c", "cia402", "classic", 1, kRated);
+  const std::string position = kTop + kClassic + device("c", "cia402", "classic", 1, kRated + "mode = \"position\"\n");
+  expect_refused(torque + joint("a", "c") + "must_be_homed = true\n", {"must_be_homed", "does not tell", "false"});
+  EXPECT_TRUE(parse_robot(torque + joint("a", "c") + "must_be_homed = false\n", "r.toml", {4}));
+  EXPECT_TRUE(parse_robot(torque + joint("a", "c") + "power_max_w = 5\n", "r.toml", {4}));
+  expect_refused(position + joint("a", "c") + "power_max_w = 5\n", {"power_max_w", "mode = \"torque\""});
+  EXPECT_TRUE(parse_robot(kTop + kFd + device("m", "moteus", "fd", 1) + joint("a", "m") + "must_be_homed = true\n",
+                          "r.toml", {4}));
+}
+
+TEST(Hardware, TwoBusesAreNotOnePieceOfHardware) {
+  const auto bus = [](const std::string& name, const std::string& words) {
+    return "[[bus]]\nname = \"" + name + "\"\n" + words + "\n";
+  };
+  const std::string can = "kind = \"socketcan\"\ninterface = \"can0\"";
+  expect_refused(kTop + bus("a", can) + bus("b", can), {"this is \"a\" already", "interface"});
+  const std::string hat = "kind = \"pi3hat\"\nconnector = 3";
+  expect_refused(kTop + bus("a", hat) + bus("b", hat), {"this is \"a\" already", "connector"});
+  expect_refused(kTop + bus("a", "kind = \"slcan\"\npath = \"/dev/null\"") +
+                     bus("b", "kind = \"fdcanusb\"\npath = \"/dev/../dev/null\""),
+                 {"this is \"a\" already", "path"});
+  const Result<RobotConfig> two =
+      parse_robot(kTop + kFd + bus("b", "kind = \"socketcan\"\ninterface = \"can1\"") + bus("c", "kind = \"loop\"") +
+                      bus("d", "kind = \"loop\"") + bus("e", hat) + device("m", "moteus", "fd", 1) + joint("j", "m"),
+                  "r.toml", {4});
+  EXPECT_TRUE(two) << two.message();
+}
+
+TEST(Hardware, WhatAnAdapterIsNotToldIsRefused) {
+  const std::string adapter = kTop + "[[bus]]\nname = \"b\"\nkind = \"fdcanusb\"\npath = \"/dev/x\"\n";
+  expect_refused(adapter + "bitrate = 500000\n", {"its own memory"});
+  expect_refused(adapter + "data_bitrate = 8000000\n", {"its own memory"});
+  expect_refused(adapter + "data_bitrate = 0\n", {"its own memory"});
+  expect_refused(adapter + "checksums = \"maybe\"\n", {"auto", "on", "off"});
+  expect_refused(adapter + "baud = 1\n", {"baud"});
+  expect_refused(kTop + kFd + "data_bitrate = 1\n", {"slower than bitrate"});
+  expect_refused(kTop + kFd + "baud = 921600\n", {"'baud' is no key"});
+  const Result<RobotConfig> robot =
+      parse_robot(adapter + "baud = 2000000\nchecksums = \"off\"\n" + device("m", "moteus", "b", 1) + joint("j", "m"),
+                  "r.toml", {4});
+  ASSERT_TRUE(robot) << robot.message();
+  EXPECT_EQ(robot->buses[0].baud, 2'000'000U);
+  EXPECT_EQ(robot->buses[0].checksums, Checksums::off);
+}
+
+TEST(Hardware, WaitingForOneDriveMustNotStopTheOthers) {
+  const std::string ones = device("m", "moteus", "fd", 1) + joint("j", "m");
+  const Result<RobotConfig> usual = parse_robot(kTop + kFd + ones, "r.toml", {4});
+  ASSERT_TRUE(usual) << usual.message();
+  EXPECT_LT(usual->buses[0].reply_wait_s, 1e-3) << "one lost frame does not cost the next tick as well";
+  const Result<RobotConfig> slow = parse_robot(kTop + "rate_hz = 200\n" + kFd + ones, "r.toml", {4});
+  ASSERT_TRUE(slow) << slow.message();
+  EXPECT_EQ(slow->buses[0].reply_wait_s, 0.002);
+  expect_refused(kTop + kFd + "reply_wait_s = 0.03\n" + ones, {"20 late ticks", "0.02"});
+  expect_refused(kTop + kFd + "reply_wait_s = 0.01\n" +
+                     device("m", "moteus", "fd", 1, "rate_divider = 8\nwatchdog_s = 0.1\n") + joint("j", "m"),
+                 {"less than two commands", "0.16"});
+}
+
+TEST(Hardware, AJointIsNotPromisedWhatItsDriveCannotGive) {
+  const std::string drive =
+      kTop + kClassic + device("c", "cia402", "classic", 2, kRated + "counts_per_rev = 16777216\n");
+  EXPECT_TRUE(parse_robot(drive + joint("j", "c"), "r.toml", {4}));
+  expect_refused(drive + joint("j", "c") + "must_be_homed = true\n", {"does not tell whether it is homed"});
+  expect_refused(drive + joint("j", "c") + "ratio = 900\n", {"2.4e+09 counts", "608Fh"});
+  expect_refused(drive + joint("j", "c") + "ratio = 400\nzero_rad = 2\n", {"counts of \"c\""});
+  EXPECT_TRUE(parse_robot(kTop + kFd + device("m", "moteus", "fd", 1) + joint("j", "m") + "must_be_homed = true\n",
+                          "r.toml", {4}));
+}
+
+TEST(Hardware, NobodyAsksAGateway) {
+  const std::string rest = kFd + device("m", "moteus", "fd", 1) + joint("j", "m");
+  expect_refused(kTop + rest + device("g", "gateway", "fd", 9, "rate_divider = 2\n"), {"rate_divider", "nobody asks"});
+  const Result<RobotConfig> robot = parse_robot(
+      kTop + "[defaults.device]\nrate_divider = 20\n" + rest + device("g", "gateway", "fd", 9, "watchdog_s = 0.01\n"),
+      "r.toml", {4});
+  ASSERT_TRUE(robot) << robot.message();
+  EXPECT_EQ(robot->devices[0].rate_divider, 20U);
+  EXPECT_EQ(robot->devices[1].rate_divider, 1U);
+}
+
 TEST(Hardware, ASensorNeedsAChannelOfItsOwnOnAGateway) {
   const std::string base =
       kTop + kFd + device("m", "moteus", "fd", 1) + device("g", "gateway", "fd", 9) + joint("a", "m");
@@ -86,11 +177,37 @@ TEST(Hardware, ASensorNeedsAChannelOfItsOwnOnAGateway) {
   expect_refused(base + sensor("s", "m", 0), {"\"m\" is a moteus", "gateway"});
   expect_refused(base + sensor("s", "g", 4) + sensor("t", "g", 4), {"4 is \"s\" already"});
   expect_refused(base + sensor("s", "g", 16), {"channel"});
+  std::string imu = base + sensor("s", "g", 10);
+  imu.replace(imu.find("analog"), 6, "imu");
+  expect_refused(imu, {"10 is more than an IMU has: 0 to 9"});
   expect_refused(base + joint("b", "g"), {"\"g\" is a gateway and moves nothing"});
   std::string many = base;
   for (int i = 0; i < 2; ++i) many += device("g" + std::to_string(i), "gateway", "fd", 20 + i);
   for (int i = 0; i < 33; ++i) many += sensor("s" + std::to_string(i), i < 16 ? "g" : i < 32 ? "g0" : "g1", i % 16);
   expect_refused(many, {"33 sensors, LITHE carries 16"});
+}
+
+const std::string kHat = "[[bus]]\nname = \"jc1\"\nkind = \"pi3hat\"\nconnector = 1\n";
+const std::string kImu = "[[device]]\nname = \"body\"\nkind = \"imu\"\nbus = \"jc1\"\n";
+
+std::string imu_sensor(const std::string& kind, int channel) {
+  return "[[sensor]]\nname = \"s\"\ndevice = \"body\"\nkind = \"" + kind + "\"\nchannel = " + std::to_string(channel) +
+         "\n";
+}
+
+TEST(Hardware, AnImuIsOfTheBoardAndHasNoId) {
+  const std::string drive = device("m", "moteus", "jc1", 1) + joint("a", "m");
+  const Result<RobotConfig> robot = parse_robot(kTop + kHat + kImu + drive + imu_sensor("imu", 9), "r.toml", {4});
+  ASSERT_TRUE(robot) << robot.message();
+  EXPECT_EQ(robot->devices[0].kind, DeviceKind::imu);
+  EXPECT_TRUE(robot->notes.empty()) << robot->notes.front();
+  expect_refused(kTop + kHat + kImu + drive + imu_sensor("imu", 10), {"10 is more than an IMU has: 0 to 9"});
+  expect_refused(kTop + kHat + kImu + drive + imu_sensor("analog", 0), {"has kind = \"imu\""});
+  expect_refused(kTop + kHat + kImu + drive + joint("b", "body"), {"is an imu and moves nothing"});
+  expect_refused(kTop + kHat + kImu + "id = 3\n" + drive, {"id"});
+  expect_refused(kTop + kFd + device("m", "moteus", "fd", 1) + joint("a", "m") +
+                     "[[device]]\nname = \"body\"\nkind = \"imu\"\nbus = \"fd\"\n",
+                 {"name a bus of the pi3hat"});
 }
 
 }  // namespace

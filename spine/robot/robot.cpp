@@ -65,8 +65,9 @@ class File {
       BusConfig& bus = robot_.buses.emplace_back();
       Reader in(*table, where("bus", *table), report_);
       in.identifier("name", bus.name);
-      read_bus(in, bus);
+      read_bus(in, bus, robot_.rate_hz);
       refuse_twin(in, "bus", robot_.buses);
+      check_bus(in, robot_);
     }
   }
 
@@ -82,8 +83,12 @@ class File {
       DeviceConfig& device = robot_.devices.emplace_back(prototype);
       Reader in(*table, where("device", *table), report_, device_defaults_);
       in.identifier("name", device.name);
-      in.integer("id", device.id, {1, 126}, Need::required);
       read_device(in, device, buses, Need::required);
+      if (device.kind == DeviceKind::imu) {
+        device.id = 0;
+      } else {
+        in.integer("id", device.id, {1, 126}, Need::required);
+      }
       in.finish();
       refuse_twin(in, "device", robot_.devices);
       check_neighbours(in, robot_, table->get("id") != nullptr);
@@ -137,7 +142,7 @@ class File {
           "[guard] other_groups = \"continue\" changes nothing: all joints are one group; give each [[joint]] a group");
     }
     for (std::size_t i = 0; i < owners.size(); ++i) {
-      if (owners[i] == nullptr && report_.empty() && robot_.devices[i].kind != DeviceKind::gateway) {
+      if (owners[i] == nullptr && report_.empty() && is_drive(robot_.devices[i].kind)) {
         robot_.notes.push_back(fmt::format("device \"{}\" moves no joint; it is left alone", robot_.devices[i].name));
       }
     }
@@ -161,9 +166,10 @@ class File {
                                                   joint.position_max_rad, joint.position_min_rad));
     }
     if (joint.device >= owners.size()) return;
-    if (robot_.devices[joint.device].kind == DeviceKind::gateway) {
-      in.complain("device", fmt::format("\"{}\" is a gateway and moves nothing; name a drive",
-                                        robot_.devices[joint.device].name));
+    check_joint(in, joint, robot_.devices[joint.device]);
+    if (const DeviceConfig& device = robot_.devices[joint.device]; !is_drive(device.kind)) {
+      in.complain("device", fmt::format("\"{}\" is {} and moves nothing; name a drive", device.name,
+                                        device.kind == DeviceKind::imu ? "an imu" : "a gateway"));
     }
     if (owners[joint.device] != nullptr) {
       in.complain("device", fmt::format("\"{}\" already moves another joint (line {}); one device moves one joint",

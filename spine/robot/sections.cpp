@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/robot/sections.hpp"
 
+#include <algorithm>
+
 namespace lithe::robot {
 namespace {
 
@@ -55,7 +57,24 @@ void read_swap(Reader& in, SwapConfig& swap) {
   in.finish();
 }
 
-void read_bus(Reader& in, BusConfig& bus) {
+namespace {
+
+void read_serial(Reader& in, BusConfig& bus) {
+  in.text("path", bus.path, Need::required);
+  in.integer("baud", bus.baud, {9'600, 4'000'000});
+  if (bus.kind != BusKind::fdcanusb) return;
+  in.choice<Checksums>("checksums", bus.checksums,
+                       {{"auto", Checksums::automatic}, {"on", Checksums::on}, {"off", Checksums::off}});
+  if (bus.bitrate != 1'000'000 || bus.data_bitrate != 5'000'000) {
+    in.complain(bus.bitrate != 1'000'000 ? "bitrate" : "data_bitrate",
+                "an fdcanusb has its bit rates from its own memory, 1000000 and 5000000 from the factory, and is not "
+                "told others; leave it out");
+  }
+}
+
+}  // namespace
+
+void read_bus(Reader& in, BusConfig& bus, double rate_hz) {
   in.choice<BusKind>("kind", bus.kind,
                      {{"loop", BusKind::loop},
                       {"fdcanusb", BusKind::fdcanusb},
@@ -66,22 +85,34 @@ void read_bus(Reader& in, BusConfig& bus) {
   if (bus.kind == BusKind::slcan) bus.data_bitrate = 0;  // most adapters are classic
   in.integer("bitrate", bus.bitrate, {10'000, 1'000'000});
   in.integer("data_bitrate", bus.data_bitrate, {0, 8'000'000});
-  if (bus.kind == BusKind::fdcanusb || bus.kind == BusKind::slcan) in.text("path", bus.path, Need::required);
+  if (is_fd(bus) && bus.data_bitrate < bus.bitrate) {
+    in.complain("data_bitrate", "is slower than bitrate; 0 means classic CAN only");
+  }
+  if (is_serial(bus)) read_serial(in, bus);
   if (bus.kind == BusKind::socketcan) in.text("interface", bus.interface, Need::required);
   if (bus.kind == BusKind::pi3hat) in.integer("connector", bus.connector, {1, 5}, Need::required);
+  // Behind a serial line answers take longer than a fast tick; elsewhere one that is lost must not cost the next tick.
+  constexpr double kShareOfTick = 0.96;
+  if (!is_serial(bus)) bus.reply_wait_s = std::min(bus.reply_wait_s, kShareOfTick / rate_hz);
   if (bus.kind != BusKind::loop) in.number("reply_wait_s", bus.reply_wait_s, {0.0, 0.1});
-  if (bus.kind == BusKind::fdcanusb && !is_fd(bus))
-    in.complain("data_bitrate", "an fdcanusb speaks CAN FD; leave it out");
   in.finish();
 }
 
 void read_device(Reader& in, DeviceConfig& device, const std::vector<std::string_view>& buses, Need need) {
-  in.choice<DeviceKind>(
-      "kind", device.kind,
-      {{"moteus", DeviceKind::moteus}, {"cia402", DeviceKind::cia402}, {"gateway", DeviceKind::gateway}}, need);
+  in.choice<DeviceKind>("kind", device.kind,
+                        {{"moteus", DeviceKind::moteus},
+                         {"cia402", DeviceKind::cia402},
+                         {"gateway", DeviceKind::gateway},
+                         {"imu", DeviceKind::imu}},
+                        need);
   in.reference("bus", device.bus, "bus", buses, need);
   in.number("watchdog_s", device.watchdog_s, {0.005, 10.0});
+  const std::uint32_t inherited = device.rate_divider;
   in.integer("rate_divider", device.rate_divider, {1, 1000});
+  if (device.kind == DeviceKind::gateway) {
+    if (device.rate_divider != inherited) in.complain("rate_divider", "nobody asks a gateway; leave it out");
+    device.rate_divider = 1;
+  }
   if (device.kind != DeviceKind::cia402) return;
   in.choice<DriveMode>(
       "mode", device.mode,

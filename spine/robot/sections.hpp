@@ -15,7 +15,7 @@ void read_guard(Reader& in, GuardConfig& guard);
 void read_brain(Reader& in, BrainConfig& brain);
 void read_swap(Reader& in, SwapConfig& swap);
 void read_plant(Reader& in, PlantConfig& sim);
-void read_bus(Reader& in, BusConfig& bus);
+void read_bus(Reader& in, BusConfig& bus, double rate_hz);
 void read_sensor(Reader& in, SensorConfig& sensor, const std::vector<std::string_view>& devices);
 
 // The keys that [defaults] may give for all; there `need` is optional. Name, id and device are each one's own.

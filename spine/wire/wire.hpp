@@ -475,6 +475,7 @@ inline constexpr std::uint32_t kLost = 8;
 inline constexpr std::uint32_t kNotHomed = 16;
 inline constexpr std::uint32_t kConflict = 32;
 inline constexpr std::uint32_t kGarbled = 64;
+inline constexpr std::uint32_t kNotReady = 128;
 }
 
 // First bytes of every segment.

@@ -19,6 +19,7 @@ using robot::RobotConfig;
 constexpr std::uint32_t kLargestDivider = 8;
 constexpr double kCommandsPerWatchdog = 4;  // as load_robot demands
 constexpr std::uint32_t kLargestId = 126;
+constexpr double kLowestRateHz = 100;  // as load_robot demands
 
 // What is wrong with the buses, the less the better. Every bus counts, so that trouble is not moved about.
 double excess(const Plan& plan) {
@@ -31,24 +32,51 @@ double excess(const Plan& plan) {
 
 bool may_live_on(const RobotConfig& robot, const DeviceConfig& device, std::size_t target) {
   const BusConfig& bus = robot.buses[target];
+  // What is wired to real hardware does not move into a simulation, nor out of it.
+  if ((bus.kind == BusKind::loop) != (robot.buses[device.bus].kind == BusKind::loop)) return false;
   if (device.kind == DeviceKind::moteus && !is_fd(bus)) return false;
   if (device.kind == DeviceKind::cia402 && bus.kind == BusKind::fdcanusb) return false;
   return std::all_of(robot.devices.begin(), robot.devices.end(), [&](const DeviceConfig& other) {
-    return other.bus != target || other.kind == device.kind || other.kind == DeviceKind::gateway ||
-           device.kind == DeviceKind::gateway;
+    return other.bus != target || other.kind == device.kind || !robot::is_drive(other.kind) ||
+           !robot::is_drive(device.kind);
   });
 }
 
+// 0: there is none.
 std::uint32_t free_id(const RobotConfig& robot, std::size_t bus, std::uint32_t wanted) {
   std::set<std::uint32_t> taken;
   for (const DeviceConfig& other : robot.devices) {
     if (other.bus == bus) taken.insert(other.id);
   }
   if (taken.count(wanted) == 0) return wanted;
-  for (std::uint32_t id = 1; id < kLargestId; ++id) {
+  for (std::uint32_t id = 1; id <= kLargestId; ++id) {
     if (taken.count(id) == 0) return id;
   }
-  return kLargestId;
+  return 0;
+}
+
+constexpr std::string_view kNoRate = "no rate fits: take devices off the bus, or give it another one beside it";
+
+// One that fits, is easy to say, and may stand in a robot file; 0: none.
+double round_rate(const Plan& plan) {
+  const double rate_hz = std::floor(plan.highest_rate_hz / 10) * 10;
+  return rate_hz >= kLowestRateHz ? rate_hz : 0;
+}
+
+// At a lower rate drives are asked less often: their watchdogs must wait for it. Empty where they do.
+std::string watchdogs_for(const RobotConfig& robot, double rate_hz) {
+  double needed_s = 0;
+  for (const DeviceConfig& device : robot.devices) {
+    const double least_s = kCommandsPerWatchdog * device.rate_divider / rate_hz;
+    if (device.kind != DeviceKind::gateway && device.watchdog_s < least_s) needed_s = std::max(needed_s, least_s);
+  }
+  return needed_s > 0 ? fmt::format(", with watchdog_s = {:g} or more", std::ceil(1000 * needed_s) / 1000) : "";
+}
+
+std::string short_wait(const BusPlan& bus, const BusConfig& config) {
+  if (!bus.real() || bus.cycle_us <= 1e6 * config.reply_wait_s) return "";
+  return fmt::format("{}: an exchange may take {:.0f} us, which reply_wait_s = {:g} does not wait for", bus.name,
+                     bus.cycle_us, config.reply_wait_s);
 }
 
 // Tries changes on a copy of the robot, keeps those that help, and remembers how to say them.
@@ -78,6 +106,7 @@ class Adviser {
         if (bus == robot_.devices[i].bus || overloaded(bus) || !may_live_on(robot_, robot_.devices[i], bus)) continue;
         RobotConfig tried = robot_;
         tried.devices[i].id = free_id(robot_, bus, robot_.devices[i].id);
+        if (tried.devices[i].id == 0) continue;
         tried.devices[i].bus = bus;
         const Plan then = plan(tried, options_);
         if (!fits(then.buses[bus], then) || excess(then) >= best - 1e-9) continue;
@@ -129,7 +158,7 @@ class Adviser {
     return false;
   }
 
-  bool is_drive(const DevicePlan& plan) const { return robot_.devices[plan.device].kind != DeviceKind::gateway; }
+  bool is_drive(const DevicePlan& plan) const { return robot::is_drive(robot_.devices[plan.device].kind); }
 
   void accept(const RobotConfig& changed, std::string sentence) {
     Plan then = plan(changed, options_);
@@ -144,8 +173,9 @@ class Adviser {
   }
 
   void lower_rate() {
-    const double rate_hz = std::floor(now_.highest_rate_hz / 10) * 10;
-    if (rate_hz > 0) said_.push_back(fmt::format("lower rate_hz to {:g}", rate_hz));
+    const double rate_hz = round_rate(now_);
+    said_.push_back(rate_hz > 0 ? fmt::format("lower rate_hz to {:g}{}", rate_hz, watchdogs_for(robot_, rate_hz))
+                                : std::string(kNoRate));
   }
 
   RobotConfig robot_;
@@ -162,15 +192,13 @@ std::vector<std::string> advise(const RobotConfig& robot, const PlanOptions& wan
   std::vector<std::string> all = Adviser(robot, options).run();
   const Plan as_it_is = plan(robot, options);
   // The other way out, which needs no spanner.
-  const double rate_hz = std::floor(as_it_is.highest_rate_hz / 10) * 10;
+  const double rate_hz = round_rate(as_it_is);
   if (!all.empty() && all.back().rfind("lower rate_hz", 0) != 0 && rate_hz > 0) {
-    all.push_back(fmt::format("or leave all that and set rate_hz = {:g}", rate_hz));
+    all.push_back(fmt::format("or leave all that and set rate_hz = {:g}{}", rate_hz, watchdogs_for(robot, rate_hz)));
   }
   for (std::size_t i = 0; i < as_it_is.buses.size(); ++i) {
-    const BusPlan& bus = as_it_is.buses[i];
-    if (!bus.real() || bus.cycle_us <= 1e6 * robot.buses[i].reply_wait_s) continue;
-    all.push_back(fmt::format("{}: an exchange may take {:.0f} us, which reply_wait_s = {:g} does not wait for",
-                              bus.name, bus.cycle_us, robot.buses[i].reply_wait_s));
+    const std::string wait = short_wait(as_it_is.buses[i], robot.buses[i]);
+    if (!wait.empty()) all.push_back(wait);
   }
   return all;
 }
@@ -180,17 +208,23 @@ Verdict judge_for_run(const RobotConfig& robot) {
   Verdict verdict;
   for (const BusPlan& bus : now.buses) {
     if (!bus.real() || fits(bus, now)) continue;
-    const bool impossible = bus.load() > 1;
+    const bool impossible = bus.load_average > 1 || bus.text_load > 1 || bus.busy_us > now.tick_us();
     if (verdict.refuse && !impossible) continue;
     if (verdict.refuse == impossible && !verdict.text.empty()) continue;  // the first of the worse kind speaks
     verdict.refuse = impossible;
     verdict.text = fmt::format(
         "bus \"{}\" would be {:.0f} % busy at {:g} Hz (average {:.0f} %), an exchange would "
-        "take up to {:.0f} us of {:.0f}; {:.0f} Hz fit",
+        "take up to {:.0f} us of {:.0f}; {}",
         bus.name, 100 * bus.load(), now.rate_hz, 100 * bus.load_average, bus.cycle_us, now.tick_us(),
-        std::floor(bus.highest_rate_hz));
-    verdict.next = fmt::format("lithe bus plan {} tells what to move, or set rate_hz = {:g}", robot.path,
-                               std::floor(now.highest_rate_hz / 10) * 10);
+        bus.highest_rate_hz >= 1 ? fmt::format("{:.0f} Hz fit", std::floor(bus.highest_rate_hz)) : "no rate fits");
+    verdict.next = fmt::format("lithe bus plan {} tells what to move", robot.path);
+    if (const double rate_hz = round_rate(now); rate_hz > 0) {
+      verdict.next += fmt::format(", or set rate_hz = {:g}{}", rate_hz, watchdogs_for(robot, rate_hz));
+    }
+  }
+  for (std::size_t i = 0; i < now.buses.size() && verdict.text.empty(); ++i) {
+    verdict.text = short_wait(now.buses[i], robot.buses[i]);
+    if (!verdict.text.empty()) verdict.next = "give it a longer reply_wait_s, or leave that out";
   }
   return verdict;
 }

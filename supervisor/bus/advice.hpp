@@ -12,8 +12,8 @@
 namespace lithe::bus {
 
 // Sentences, in the order in which they help: devices that move to a bus with room, rate dividers, a lower rate.
-// Everything that is said is planned again first: who follows it has a robot that fits. Empty for one that fits and
-// waits for its answers.
+// Everything that is said is planned again first: who follows it has a robot that fits and can be loaded. Empty for one
+// that fits and waits for its answers.
 // Contract: pure · never in the tick
 std::vector<std::string> advise(const robot::RobotConfig& robot, const PlanOptions& options);
 
@@ -24,8 +24,9 @@ struct Verdict {
   std::string next;  // what to do
 };
 
-// Refuses where a real bus is asked for more than all its time; warns where one is too busy to repeat a frame, or too
-// slow for the tick. A loop bus has no time to run out of.
+// Refuses where a real bus, or the line to its adapter, is asked for more than all its time, with frames of average
+// length; warns where one is too busy to repeat a frame, where an exchange may be longer than a tick, and where answers
+// are not waited for. A loop bus has no time to run out of.
 Verdict judge_for_run(const robot::RobotConfig& robot);
 
 }  // namespace lithe::bus

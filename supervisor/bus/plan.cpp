@@ -4,8 +4,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <filesystem>
 #include <limits>
 #include <numeric>
+
+#include "spine/hal/bus/serial_port.hpp"
 
 namespace lithe::bus {
 
@@ -19,18 +22,26 @@ using robot::RobotConfig;
 
 constexpr double kTurnAroundUs = 200;
 constexpr double kUsbBytesPerS = 1e6;  // of the 1.2 MB/s that USB at full speed has for bulk data
-constexpr std::uint32_t kUartBaud = 921'600;
-constexpr double kBitsPerByte = 10;  // start, eight, stop
+constexpr double kBitsPerByte = 10;    // start, eight, stop
 constexpr double kSpiPollUs = 15;
 
 constexpr std::array<const char*, 3> kProcessors{"JC1+JC2", "JC3+JC4", "JC5"};
 
-double text_bytes_per_s(const BusConfig& bus, std::uint32_t baud) {
-  if (bus.kind != BusKind::fdcanusb && bus.kind != BusKind::slcan) return 0;
-  const auto named = [&](const char* part) { return bus.path.find(part) != std::string::npos; };
-  const bool uart = named("ttyS") || named("ttyAMA") || named("ttyUSB") || named("serial0");
-  if (baud == 0 && !uart) return kUsbBytesPerS;
-  return (baud != 0 ? baud : kUartBaud) / kBitsPerByte;
+// By the device that the path leads to, if it is here: links have any name.
+bool is_uart(const std::string& path) {
+  std::error_code wrong;
+  const std::filesystem::path real = std::filesystem::weakly_canonical(path, wrong);
+  const std::string name = (wrong ? std::filesystem::path(path) : real).filename().string();
+  const auto begins = [&](const char* part) { return name.rfind(part, 0) == 0; };
+  // The first of them stands for itself where it is not a link to one of the others: on another machine.
+  return begins("serial") || begins("ttyS") || begins("ttyAMA") || begins("ttyUSB");
+}
+
+double text_bytes_per_s(const BusConfig& bus, std::uint32_t asked_baud) {
+  if (!is_serial(bus)) return 0;
+  const std::uint32_t baud = asked_baud != 0 ? asked_baud : bus.baud;
+  if (baud == 0 && !is_uart(bus.path)) return kUsbBytesPerS;
+  return (baud != 0 ? baud : hal::kUsualBaud) / kBitsPerByte;
 }
 
 // Sums over frames: time on the bus, bytes on a serial line each way, time on SPI.
@@ -53,6 +64,7 @@ struct Sums {
     return *this;
   }
   void raise_to(const Sums& other) {
+    average_us = std::max(average_us, other.average_us);
     worst_us = std::max(worst_us, other.worst_us);
     out_bytes = std::max(out_bytes, other.out_bytes);
     in_bytes = std::max(in_bytes, other.in_bytes);
@@ -109,13 +121,14 @@ Use use_of(const BusPlan& bus, double rate_hz, std::uint32_t ticks) {
 
 // The rate at which a share of `per_tick` and one of `per_s` fill a resource up to kFullLoad.
 double rate_for(double per_tick, double per_s) {
-  if (per_tick <= 0) return std::numeric_limits<double>::infinity();
+  if (per_tick <= 0) return per_s > kFullLoad ? 0 : std::numeric_limits<double>::infinity();
   return std::max(kFullLoad - per_s, 0.0) / per_tick;
 }
 
 void judge(BusPlan& bus, const Use& use, double rate_hz) {
   bus.load_average = 1e-6 * (rate_hz * use.per_tick.average_us + use.per_s.average_us);
   bus.load_worst = 1e-6 * (rate_hz * use.per_tick.worst_us + use.per_s.worst_us);
+  bus.busy_us = use.peak.average_us;
   bus.cycle_us = use.peak.worst_us + (use.answers ? kTurnAroundUs : 0);
   bus.highest_rate_hz = rate_for(1e-6 * use.per_tick.worst_us, 1e-6 * use.per_s.worst_us);
   if (bus.text_bytes_s <= 0) return;
@@ -176,7 +189,8 @@ void add_devices(const RobotConfig& robot, Detail detail, Plan& plan) {
     DevicePlan& added = bus.devices.emplace_back();
     added.device = device;
     added.name = config.name;
-    added.turn = static_cast<std::uint32_t>(bus.devices.size() - 1) % config.rate_divider;
+    const bool together = config.kind == robot::DeviceKind::cia402;  // one SYNC for all of them
+    added.turn = together ? 0 : static_cast<std::uint32_t>(bus.devices.size() - 1) % config.rate_divider;
     added.traffic = traffic_of(config, robot.buses[config.bus], detail);
     for (const Traffic& each : added.traffic) {
       if (each.per_tick == 0 && !each.unasked) continue;
@@ -186,7 +200,7 @@ void add_devices(const RobotConfig& robot, Detail detail, Plan& plan) {
   };
   for (const robot::JointConfig& joint : robot.joints) add(joint.device);
   for (std::size_t i = 0; i < robot.devices.size(); ++i) {
-    if (robot.devices[i].kind == robot::DeviceKind::gateway) add(i);
+    if (!robot::is_drive(robot.devices[i].kind)) add(i);
   }
 }
 
@@ -239,7 +253,7 @@ Plan plan(const RobotConfig& robot, const PlanOptions& options) {
   plan.highest_rate_hz = std::numeric_limits<double>::infinity();
   for (std::size_t i = 0; i < plan.buses.size(); ++i) {
     double& highest_hz = plan.buses[i].highest_rate_hz;
-    if (highest_hz < plan.rate_hz && anyone_unasked(plan.buses[i]))
+    if (!fits(plan.buses[i], plan) && anyone_unasked(plan.buses[i]))
       settle_highest_rate(robot, options.baud, i, highest_hz);
     plan.highest_rate_hz = std::min(plan.highest_rate_hz, highest_hz);
   }

@@ -16,7 +16,7 @@ inline constexpr double kFullLoad = 0.8;
 
 struct PlanOptions {
   double rate_hz = 0;      // 0: the robot's own
-  std::uint32_t baud = 0;  // of every serial adapter; 0: by its path, see plan()
+  std::uint32_t baud = 0;  // of every serial adapter; 0: by the robot file and its path, see plan()
   Detail detail = Detail::all;
 };
 
@@ -37,10 +37,11 @@ struct BusPlan {
   std::vector<Traffic> shared;
   double load_average = 0;
   double load_worst = 0;
-  double text_load = 0;     // of the line to a serial adapter, in its busier direction; 0 = none
-  double text_bytes_s = 0;  // what that line can carry
-  double cycle_us = 0;      // from the first command to the last answer, in the tick that asks most; worst
-  double highest_rate_hz = 0;
+  double text_load = 0;        // of the line to a serial adapter, in its busier direction; 0 = none
+  double text_bytes_s = 0;     // what that line can carry
+  double cycle_us = 0;         // from the first command to the last answer, in the tick that asks most; worst
+  double busy_us = 0;          // of that tick its frames take so much; average
+  double highest_rate_hz = 0;  // 0: none
 
   bool real() const { return kind != robot::BusKind::loop; }
   double load() const { return load_worst > text_load ? load_worst : text_load; }
@@ -66,9 +67,9 @@ struct Plan {
 };
 
 // A loop bus is planned as the CAN bus it stands for, at its bit rates: 1 and 5 Mbit/s where the file names none. A
-// serial adapter carries what its baud rate carries when its path is that of a UART (ttyS, ttyAMA, ttyUSB, serial0),
-// else what USB at full speed carries: behind ttyACM there are no bauds. Drives answer within 200 us, counted once per
-// bus, because one prepares while another one talks. Contract: pure · never in the tick · no advice in it
+// serial adapter carries what its baud rate carries when the file names one or its path leads to a UART (ttyS, ttyAMA,
+// ttyUSB), else what USB at full speed carries: behind ttyACM there are no bauds. Drives answer within 200 us, counted
+// once per bus, because one prepares while another one talks. Contract: pure · never in the tick · no advice in it
 Plan plan(const robot::RobotConfig& robot, const PlanOptions& options);
 
 bool fits(const BusPlan& bus, const Plan& plan);

@@ -3,59 +3,22 @@
 
 #include <gtest/gtest.h>
 
+#include <unistd.h>
+
 #include <cmath>
+#include <filesystem>
+#include <fstream>
 #include <string>
 
 #include "spine/robot/robot.hpp"
 #include "supervisor/bus/advice.hpp"
 #include "supervisor/bus/report.hpp"
+#include "supervisor/bus/test_robots.hpp"
 
 namespace lithe::bus {
 namespace {
 
-using robot::BusKind;
-using robot::DeviceKind;
-using robot::RobotConfig;
-
-std::size_t add_bus(RobotConfig& robot, BusKind kind = BusKind::socketcan) {
-  robot::BusConfig bus;
-  bus.name = "can" + std::to_string(robot.buses.size());
-  bus.kind = kind;
-  bus.connector = static_cast<std::uint32_t>(robot.buses.size() + 1);
-  robot.buses.push_back(bus);
-  return robot.buses.size() - 1;
-}
-
-robot::DeviceConfig& add(RobotConfig& robot, std::size_t bus, DeviceKind kind = DeviceKind::moteus) {
-  robot::DeviceConfig device;
-  device.bus = bus;
-  device.kind = kind;
-  device.id = 1;
-  for (const auto& other : robot.devices) device.id += other.bus == bus ? 1 : 0;
-  device.name = robot.buses[bus].name + "." + std::to_string(device.id);
-  robot.devices.push_back(device);
-  robot::JointConfig joint;
-  joint.device = robot.devices.size() - 1;
-  if (kind != DeviceKind::gateway) robot.joints.push_back(joint);
-  return robot.devices.back();
-}
-
-RobotConfig moteus_robot(int drives, BusKind kind = BusKind::socketcan) {
-  RobotConfig robot;
-  robot.path = "r.toml";
-  const std::size_t bus = add_bus(robot, kind);
-  for (int i = 0; i < drives; ++i) add(robot, bus);
-  return robot;
-}
-
-RobotConfig canopen_robot(int drives, double rate_hz) {
-  RobotConfig robot;
-  robot.rate_hz = rate_hz;
-  const std::size_t bus = add_bus(robot);
-  robot.buses[bus].data_bitrate = 0;
-  for (int i = 0; i < drives; ++i) add(robot, bus, DeviceKind::cia402).mode = robot::DriveMode::position;
-  return robot;
-}
+using namespace test;
 
 TEST(Plan, AMoteusCostsWhatItsRealFramesCost) {
   const Plan plan = bus::plan(moteus_robot(1), {});
@@ -112,6 +75,16 @@ TEST(Plan, ARateDividerThinsOutTheLoadAndDrivesTakeTurns) {
   EXPECT_TRUE(plan.fits);
 }
 
+// One SYNC is for all of them: they speak seldom, but all in the same tick.
+TEST(Plan, CanopenDrivesOfABusAreAskedTogether) {
+  RobotConfig robot = canopen_robot(2, 900);
+  const Plan often = bus::plan(robot, {});
+  for (auto& device : robot.devices) device.rate_divider = 2;
+  const Plan seldom = bus::plan(robot, {});
+  EXPECT_NEAR(seldom.buses[0].load_worst, often.buses[0].load_worst / 2, 0.01);
+  EXPECT_NEAR(seldom.buses[0].cycle_us, often.buses[0].cycle_us, 1);
+}
+
 TEST(Plan, ADriveWithoutAJointIsLeftAlone) {
   RobotConfig robot = moteus_robot(3);
   robot.joints.pop_back();
@@ -146,11 +119,50 @@ TEST(Plan, SerialTextIsPlannedAtItsBaudRate) {
   EXPECT_FALSE(uart.fits) << "a command of 48 bytes is a line of more than 100 characters";
   EXPECT_NEAR(uart.buses[0].text_load, 1000 * 118 * 10 / 921'600.0, 0.05);
   EXPECT_TRUE(bus::plan(robot, {0, 4'000'000}).fits);
+  robot.buses[0].baud = 4'000'000;
+  EXPECT_TRUE(bus::plan(robot, {}).fits) << "what the file says is what the line is set to";
+  robot.buses[0].path = "/dev/serial/by-id/usb-FTDI_FT232R-if00-port0";
+  EXPECT_EQ(bus::plan(robot, {}).buses[0].text_bytes_s, 400'000) << "who names a baud rate has one, whatever the path";
+  robot.buses[0].baud = 0;
+  EXPECT_EQ(bus::plan(robot, {}).buses[0].text_bytes_s, 1e6);
   RobotConfig canopen = canopen_robot(1, 1000);
   canopen.buses[0].kind = BusKind::slcan;
   canopen.buses[0].path = "/dev/ttyUSB0";
   const Traffic& command = bus::plan(canopen, {}).buses[0].devices[0].traffic[0];
   EXPECT_EQ(command.text_out_bytes, 22) << "t, three digits, 8, sixteen digits, end";
+}
+
+// By what it leads to: links have any name.
+TEST(Plan, APathIsFollowed) {
+  const std::filesystem::path folder = testing::TempDir() + "lithe-plan-" + std::to_string(getpid());
+  std::filesystem::create_directories(folder);
+  std::ofstream(folder / "ttyUSB7").close();
+  std::ofstream(folder / "pts7").close();
+  std::filesystem::create_symlink(folder / "ttyUSB7", folder / "usb-FTDI-if00");
+  std::filesystem::create_symlink(folder / "pts7", folder / "ttySim");
+  RobotConfig robot = moteus_robot(1, BusKind::fdcanusb);
+  robot.buses[0].path = folder / "usb-FTDI-if00";
+  EXPECT_EQ(bus::plan(robot, {}).buses[0].text_bytes_s, 92'160);
+  robot.buses[0].path = folder / "ttySim";
+  EXPECT_EQ(bus::plan(robot, {}).buses[0].text_bytes_s, 1e6);
+  std::filesystem::remove_all(folder);
+}
+
+TEST(Plan, ABusFullOfWhatNobodyAsksForFitsAtNoRate) {
+  for (const int gateways : {4, 5}) {
+    RobotConfig robot;
+    const std::size_t bus = add_bus(robot);
+    for (int i = 0; i < gateways; ++i) add(robot, bus, DeviceKind::gateway);
+    add(robot, add_bus(robot));
+    const Plan full = bus::plan(robot, {});
+    EXPECT_FALSE(full.fits);
+    EXPECT_EQ(full.buses[0].highest_rate_hz, 0) << gateways;
+    for (const double rate_hz : {100.0, 1000.0, 5000.0}) EXPECT_FALSE(bus::plan(robot, {rate_hz}).fits);
+    for (const std::string& each : advise(robot, {})) EXPECT_EQ(each.find("rate_hz"), std::string::npos) << each;
+    const Verdict verdict = judge_for_run(robot);
+    EXPECT_NE(verdict.text.find("no rate fits"), std::string::npos) << verdict.text;
+    EXPECT_EQ(verdict.next.find("rate_hz"), std::string::npos) << verdict.next;
+  }
 }
 
 // Twelve servos, 24 bytes there and 16 back, took 740 us with everything on a Raspberry Pi 3B+.
@@ -171,80 +183,6 @@ TEST(Plan, APi3hatIsLimitedByItsSpi) {
   EXPECT_FALSE(plan.fits) << "not at 1 kHz with these frames, however many buses";
   EXPECT_LT(plan.buses[0].load_worst, kFullLoad);
   EXPECT_TRUE(bus::plan(robot, {std::floor(plan.highest_rate_hz)}).fits);
-}
-
-TEST(Advice, AFittingRobotNeedsNone) {
-  EXPECT_TRUE(advise(moteus_robot(3), {}).empty());
-  EXPECT_TRUE(judge_for_run(moteus_robot(3)).text.empty());
-}
-
-TEST(Advice, AFullBusGivesADriveToOneWithRoom) {
-  RobotConfig robot = moteus_robot(4);
-  add(robot, add_bus(robot));
-  const std::vector<std::string> advice = advise(robot, {});
-  ASSERT_EQ(advice.size(), 2U);
-  EXPECT_EQ(advice[0].rfind("move \"can0.", 0), 0U) << advice[0];
-  EXPECT_NE(advice[0].find("from can0 to can1"), std::string::npos) << advice[0];
-  EXPECT_EQ(advice[1].rfind("or leave all that and set rate_hz", 0), 0U) << advice[1];
-}
-
-TEST(Advice, AMovedDriveGetsAnIdThatIsFreeThere) {
-  RobotConfig robot = moteus_robot(4);
-  const std::size_t other = add_bus(robot);
-  for (auto& device : robot.devices) device.id = 3;
-  robot.devices.resize(4);
-  add(robot, other).id = 3;
-  EXPECT_NE(advise(robot, {})[0].find("there with id 1"), std::string::npos);
-}
-
-TEST(Advice, WithoutRoomElsewhereDrivesAreAskedLessOften) {
-  RobotConfig robot = moteus_robot(5);
-  const std::size_t classic = add_bus(robot);
-  robot.buses[classic].data_bitrate = 0;  // no place for a moteus
-  const std::vector<std::string> advice = advise(robot, {});
-  ASSERT_FALSE(advice.empty());
-  EXPECT_NE(advice[0].find("rate_divider = 2"), std::string::npos) << advice[0];
-}
-
-TEST(Advice, WhoDoesNotWaitForAnswersIsTold) {
-  RobotConfig robot = moteus_robot(2);
-  robot.buses[0].reply_wait_s = 0.0005;
-  const std::vector<std::string> advice = advise(robot, {});
-  ASSERT_EQ(advice.size(), 1U);
-  EXPECT_NE(advice[0].find("reply_wait_s = 0.0005"), std::string::npos) << advice[0];
-}
-
-TEST(Advice, WhatIsSaidFits) {
-  for (int drives = 4; drives <= 12; ++drives) {
-    RobotConfig robot = moteus_robot(drives);
-    ASSERT_FALSE(advise(robot, {}).empty()) << drives;
-    const double highest_hz = bus::plan(robot, {}).highest_rate_hz;
-    EXPECT_TRUE(bus::plan(robot, {std::floor(highest_hz / 10) * 10}).fits) << drives;
-    for (auto& device : robot.devices) device.rate_divider = static_cast<std::uint32_t>(drives + 2) / 3;
-    EXPECT_TRUE(bus::plan(robot, {}).fits) << drives;
-  }
-}
-
-TEST(Advice, ThirtyTwoDrivesOnAFewBusesAreNoHardship) {
-  RobotConfig robot = moteus_robot(0);
-  for (int i = 0; i < 9; ++i) add_bus(robot);
-  for (int i = 0; i < 32; ++i) add(robot, i < 20 ? 0 : static_cast<std::size_t>(1 + i % 9));
-  const std::vector<std::string> advice = advise(robot, {});
-  ASSERT_GT(advice.size(), 10U);
-  EXPECT_EQ(advice[0].rfind("move ", 0), 0U) << advice[0];
-}
-
-TEST(Advice, ARunIsRefusedAboveAllTimeAndWarnedAboveFullLoad) {
-  const Verdict refused = judge_for_run(moteus_robot(5));
-  EXPECT_TRUE(refused.refuse);
-  EXPECT_NE(refused.text.find("125 % busy at 1000 Hz"), std::string::npos) << refused.text;
-  EXPECT_NE(refused.next.find("lithe bus plan r.toml"), std::string::npos) << refused.next;
-  RobotConfig slower = moteus_robot(4);
-  slower.rate_hz = 950;
-  const Verdict warned = judge_for_run(slower);
-  EXPECT_FALSE(warned.refuse);
-  EXPECT_FALSE(warned.text.empty());
-  EXPECT_TRUE(judge_for_run(moteus_robot(32, BusKind::loop)).text.empty()) << "a loop has all the time";
 }
 
 TEST(Plan, AsJsonItSaysWhatItIs) {

@@ -44,34 +44,6 @@ Json device(const DevicePlan& plan, const robot::DeviceConfig& config) {
 
 }  // namespace
 
-std::string_view word(robot::BusKind kind) {
-  switch (kind) {
-    case robot::BusKind::loop:
-      return "loop";
-    case robot::BusKind::fdcanusb:
-      return "fdcanusb";
-    case robot::BusKind::slcan:
-      return "slcan";
-    case robot::BusKind::socketcan:
-      return "socketcan";
-    case robot::BusKind::pi3hat:
-      break;
-  }
-  return "pi3hat";
-}
-
-std::string_view word(robot::DeviceKind kind) {
-  switch (kind) {
-    case robot::DeviceKind::moteus:
-      return "moteus";
-    case robot::DeviceKind::cia402:
-      return "cia402";
-    case robot::DeviceKind::gateway:
-      break;
-  }
-  return "gateway";
-}
-
 Json to_json(const Plan& plan, const robot::RobotConfig& robot) {
   Json buses = Json::array();
   for (std::size_t i = 0; i < plan.buses.size(); ++i) {

@@ -8,7 +8,8 @@
 
 #include "spine/hal/bus/fdcanusb_codec.hpp"
 #include "spine/hal/bus/frame_time.hpp"
-#include "spine/hal/device/canopen.hpp"
+#include "spine/hal/bus/imu.hpp"
+#include "spine/hal/device/canopen_master.hpp"
 #include "spine/hal/device/cia402_setup.hpp"
 #include "spine/hal/device/gateway.hpp"
 #include "spine/hal/device/moteus.hpp"
@@ -25,7 +26,6 @@ using robot::DriveMode;
 
 constexpr std::uint32_t kSamples = 64;
 constexpr double kGatewayFramesPerS = 2000;
-constexpr double kOurHeartbeatsPerWatchdog = 3;
 constexpr double kDriveHeartbeatS = hal::cia402::DriverParams{}.heartbeat_s;
 
 // A pi3hat's SPI transaction: holds and bytes, with what comes before the data. Of its host library, and within a tenth
@@ -142,7 +142,7 @@ hal::cia402::Mode mode_of(DriveMode mode) {
   return mode == DriveMode::position ? hal::cia402::Mode::position : hal::cia402::Mode::velocity;
 }
 
-// It answers to every SYNC, and SYNC comes with every tick: its rate divider thins out what it is told, no more.
+// It answers to every SYNC, and SYNC comes when its bus's drives are asked, all of them together.
 std::vector<Traffic> cia402_traffic(const DeviceConfig& device, const Line& line) {
   namespace pdo = hal::cia402::pdo;
   const Kind command{"command", pdo::command_map(mode_of(device.mode)).bytes(), false, true,
@@ -152,7 +152,8 @@ std::vector<Traffic> cia402_traffic(const DeviceConfig& device, const Line& line
   const Kind answer{"answer", pdo::answer_map().bytes(), false, false,
                     always(pdo::transmit_id(pdo::kAnswer, device.id))};
   const Kind beat{"heartbeat", 1, false, false, always(hal::canopen::cob::kHeartbeat + device.id)};
-  return {cost(command, line, 1.0 / device.rate_divider), cost(velocity, line, 1), cost(answer, line, 1),
+  const double rate = 1.0 / device.rate_divider;
+  return {cost(command, line, rate), cost(velocity, line, rate), cost(answer, line, rate),
           cost(beat, line, 0, 1 / kDriveHeartbeatS)};
 }
 
@@ -169,6 +170,18 @@ std::vector<Traffic> gateway_traffic(const DeviceConfig& device, const Line& lin
           block("digital", 8, kGatewayFramesPerS / 2)};
 }
 
+// It is on the board: no bus carries it, SPI does.
+std::vector<Traffic> imu_traffic(const Line& line) {
+  Traffic traffic;
+  traffic.what = "attitude";
+  traffic.size = 4 * hal::kImuChannels + 2;
+  traffic.per_tick = 1;
+  if (line.bus.kind == BusKind::pi3hat) {
+    traffic.spi_us = kSpiHoldUs + kSpiByteUs * (static_cast<double>(traffic.size) + kSpiReadHead);
+  }
+  return {traffic};
+}
+
 }  // namespace
 
 std::vector<Traffic> traffic_of(const DeviceConfig& device, const BusConfig& bus, Detail detail) {
@@ -179,23 +192,27 @@ std::vector<Traffic> traffic_of(const DeviceConfig& device, const BusConfig& bus
     case DeviceKind::cia402:
       return cia402_traffic(device, line);
     case DeviceKind::gateway:
+      return gateway_traffic(device, line);
+    case DeviceKind::imu:
       break;
   }
-  return gateway_traffic(device, line);
+  return imu_traffic(line);
 }
 
 std::vector<Traffic> shared_traffic(const robot::RobotConfig& robot, std::size_t bus, Detail detail) {
   double watchdog_s = 0;
+  double rate = 1;
   for (const DeviceConfig& device : robot.devices) {
     if (device.bus != bus || device.kind != DeviceKind::cia402) continue;
     watchdog_s = watchdog_s == 0 ? device.watchdog_s : std::min(watchdog_s, device.watchdog_s);
+    rate = 1.0 / device.rate_divider;  // of all of them
   }
   if (watchdog_s == 0) return {};
   namespace cob = hal::canopen::cob;
   const Line line{robot.buses[bus], detail};
-  return {cost({"SYNC", 0, false, true, always(cob::kSync)}, line, 1),
+  return {cost({"SYNC", 0, false, true, always(cob::kSync)}, line, rate),
           cost({"heartbeat", 1, false, true, always(cob::kHeartbeat + cob::kNode)}, line, 0,
-               kOurHeartbeatsPerWatchdog / watchdog_s)};
+               hal::canopen::kHeartbeatsPerWatchdog / watchdog_s)};
 }
 
 }  // namespace lithe::bus

@@ -9,6 +9,9 @@
 #include <vector>
 
 #include "supervisor/bus/plan.hpp"
+#include "supervisor/field/monitor.hpp"
+#include "supervisor/field/place.hpp"
+#include "supervisor/field/scan_report.hpp"
 #include "supervisor/swap/answer.hpp"
 
 namespace lithe::cli {
@@ -42,5 +45,9 @@ int top(const Context& context, int turns);
 int simulate(const Context& context, const std::vector<std::string>& words);
 // Of a robot file. 0 fits, 1 does not fit, 2 no robot file.
 int bus_plan(const Context& context, const std::string& file, const bus::PlanOptions& options);
+// What is on the buses. 0 as the file says, 1 otherwise or refused, 2 no such bus or file.
+int bus_scan(const Context& context, const field::Words& words, const field::ScanOptions& options);
+// Frames of the buses until it is told to end. 0, 1 nothing was heard or no such bus, 2 no such file or device.
+int bus_monitor(const Context& context, const field::Words& words, field::MonitorOptions options);
 
 }  // namespace lithe::cli

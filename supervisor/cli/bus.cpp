@@ -29,11 +29,11 @@ void print_device(const bus::DevicePlan& plan, const robot::DeviceConfig& device
     if (each.per_tick > 0 || each.unasked)
       frames += fmt::format("{}{} {}", frames.empty() ? "" : ", ", each.what, each.size);
   }
-  const std::string often = device.rate_divider == 1 || device.kind == robot::DeviceKind::gateway
+  const std::string often = device.rate_divider == 1 || !robot::is_drive(device.kind)
                                 ? ""
                                 : fmt::format(", in one of {} ticks", device.rate_divider);
   fmt::print("  {:<22} {:<8} id {:<4} {:>4.0f} us, at most {:.0f}: {} bytes{}\n", device.name,
-             std::string(bus::word(device.kind)), device.id, plan.average_us, plan.worst_us, frames, often);
+             std::string(robot::word(device.kind)), device.id, plan.average_us, plan.worst_us, frames, often);
 }
 
 void print_plan(const bus::Plan& plan, const robot::RobotConfig& robot) {
@@ -44,7 +44,7 @@ void print_plan(const bus::Plan& plan, const robot::RobotConfig& robot) {
   for (const bus::BusPlan& each : plan.buses) {
     loops = loops || !each.real();
     fmt::print("{:<12} {:<10} {:>8} {:>8} {:>8} {:>12.0f} {:>11}{}\n", each.name,
-               std::string(bus::word(each.kind)) + (each.real() ? "" : " *"), percent(each.load_average),
+               std::string(robot::word(each.kind)) + (each.real() ? "" : " *"), percent(each.load_average),
                percent(each.load_worst), each.text_bytes_s > 0 ? percent(each.text_load) : "-", each.cycle_us,
                hertz(each.highest_rate_hz), bus::fits(each, plan) ? "" : "  DOES NOT FIT");
     for (const bus::DevicePlan& device : each.devices) print_device(device, robot.devices[device.device]);

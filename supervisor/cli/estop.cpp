@@ -5,10 +5,8 @@
 #include <algorithm>
 #include <chrono>
 #include <exception>
-#include <filesystem>
 #include <iostream>
 #include <set>
-#include <system_error>
 #include <thread>
 
 #include "spine/core/paths.hpp"
@@ -16,34 +14,17 @@
 #include "spine/ipc/segment.hpp"
 #include "supervisor/cli/act.hpp"
 #include "supervisor/cli/print.hpp"
+#include "supervisor/cli/spines.hpp"
 #include "supervisor/cli/talk.hpp"
 #include "supervisor/control/spine_link.hpp"
 
 namespace lithe::cli {
 namespace {
 
-namespace fs = std::filesystem;
 using Spine = ipc::Segment<ipc::SpineMemory>;
 
 constexpr std::int64_t kSeenWithinNs = 500 * kNsPerMs;
 constexpr int kAskMs = 1000;
-
-// Robots that have a control segment, alive or not.
-std::set<std::string> robots_with_memory() {
-  const fs::path pattern = shm_path("*", "control");
-  const std::string file = pattern.filename().string();
-  const std::string before = file.substr(0, file.find('*'));
-  const std::string after = file.substr(file.find('*') + 1);
-  std::set<std::string> robots;
-  std::error_code failure;
-  for (fs::directory_iterator at(pattern.parent_path(), failure), end; !failure && at != end; at.increment(failure)) {
-    const std::string name = at->path().filename().string();
-    if (name.size() > before.size() + after.size() && name.starts_with(before) && name.ends_with(after)) {
-      robots.insert(name.substr(before.size(), name.size() - before.size() - after.size()));
-    }
-  }
-  return robots;
-}
 
 // Waits until a tick says that it has seen the word.
 Answer confirm(const std::string& robot, std::int64_t deadline_ns) {

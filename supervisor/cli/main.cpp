@@ -31,6 +31,9 @@ struct Words {
   bool follow = false;
   std::string file;
   lithe::bus::PlanOptions plan;
+  lithe::field::Words bus;
+  lithe::field::ScanOptions scan;
+  lithe::field::MonitorOptions monitor;
   int turns = 0;
   int steps = 1;
   int code = 0;
@@ -144,6 +147,39 @@ void add_looks(CLI::App& app, Words& words) {
   top->callback([&words] { words.code = lithe::cli::top(words.context, words.turns); });
 }
 
+// Which bus, for those verbs that open one.
+void add_place(CLI::App& verb, lithe::field::Words& bus) {
+  verb.add_option("WHAT", bus.what, "robot file, or a bus: fdcanusb:PATH slcan:PATH socketcan:NAME pi3hat:N")
+      ->required();
+  verb.add_option("--bus", bus.bus, "this bus of the robot only")->type_name("NAME");
+  verb.add_option("--bitrate", bus.bitrate, "of a bus without a robot file (default 1000000)")->type_name("BIT/S");
+  verb.add_option("--data-bitrate", bus.data_bitrate, "the same, of CAN FD's data; 0 = classic CAN")
+      ->type_name("BIT/S");
+}
+
+void add_scan(CLI::App& bus, Words& words) {
+  CLI::App* scan = bus.add_subcommand("scan", "what answers on the buses, against the robot file")->fallthrough();
+  add_place(*scan, words.bus);
+  scan->add_option("--listen", words.scan.listen_s, "seconds to listen before anything is asked (default 1.1)")
+      ->type_name("S")
+      ->check(CLI::Range(0.0, 60.0));
+  scan->callback([&words] { words.code = lithe::cli::bus_scan(words.context, words.bus, words.scan); });
+}
+
+void add_monitor(CLI::App& bus, Words& words) {
+  CLI::App* monitor = bus.add_subcommand("monitor", "frames as they pass, in words; then statistics")->fallthrough();
+  add_place(*monitor, words.bus);
+  monitor->add_flag("--raw", words.monitor.raw, "with the bytes");
+  monitor->add_option("--count", words.monitor.count, "end after so many frames")->type_name("N");
+  monitor->add_option("--seconds", words.monitor.seconds, "end after so long")
+      ->type_name("S")
+      ->check(CLI::Range(0.0, 1e9));
+  monitor->add_option("--device", words.monitor.devices, "show this one only, by name or id; as often as you like")
+      ->type_name("NAME")
+      ->allow_extra_args(false);
+  monitor->callback([&words] { words.code = lithe::cli::bus_monitor(words.context, words.bus, words.monitor); });
+}
+
 void add_bus(CLI::App& app, Words& words) {
   CLI::App* bus = app.add_subcommand("bus", "the robot's buses")->require_subcommand(1)->fallthrough();
   CLI::App* plan = bus->add_subcommand("plan", "whether a robot's buses can carry its traffic")->fallthrough();
@@ -151,10 +187,13 @@ void add_bus(CLI::App& app, Words& words) {
   plan->add_option("--rate", words.plan.rate_hz, "ticks per second, instead of the file's")
       ->type_name("HZ")
       ->check(CLI::Range(1.0, 100'000.0));
-  plan->add_option("--baud", words.plan.baud, "of serial adapters; without it: 921600 of a UART, USB has none")
+  plan->add_option("--baud", words.plan.baud,
+                   "of serial adapters; without it: the file's, or 921600 of a UART; USB has none")
       ->type_name("BAUD")
       ->check(CLI::Range(1'200, 100'000'000));
   plan->callback([&words] { words.code = lithe::cli::bus_plan(words.context, words.file, words.plan); });
+  add_scan(*bus, words);
+  add_monitor(*bus, words);
 }
 
 void add_sim(CLI::App& app, Words& words) {

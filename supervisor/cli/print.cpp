@@ -41,6 +41,22 @@ void print_health(const Json& health) {
   }
 }
 
+// What each bus carried, and what went wrong there, where anything did.
+void print_buses(const Json& buses) {
+  const std::pair<const char*, const char*> troubles[] = {
+      {"refused", "refused"}, {"late", "late"},         {"malformed", "malformed"},
+      {"errors", "errors"},   {"reopened", "reopened"},
+  };
+  for (const Json& bus : buses) {
+    std::string found;
+    for (const auto& [key, text] : troubles) {
+      if (const auto count = bus.value(key, std::uint64_t{0}); count != 0) found += fmt::format(", {} {}", count, text);
+    }
+    fmt::print("  bus {:<12} {} frames out, {} in{}\n", word(bus, "name"), bus.value("sent", std::uint64_t{0}),
+               bus.value("received", std::uint64_t{0}), found);
+  }
+}
+
 // "last swap: gravity_pd confirmed, 31.8 ms from request to commit", or why not.
 void print_last_swap(const Json& swap) {
   if (!swap.is_object()) {
@@ -85,6 +101,7 @@ void print_status(const Json& s) {
   fmt::print("  missed releases {}, late samples {}, Brain {}\n", s.value("missed_releases", 0),
              s.value("late_samples", 0),
              s["brain_age_ms"].is_null() ? "never seen" : fmt::format("{:.1f} ms ago", number(s, "brain_age_ms")));
+  print_buses(s.value("buses", Json::array()));
   print_health(s.value("health", Json::object()));
   print_quantiles("release jitter", s["release_jitter_us"]);
   print_quantiles("hand-off", s["handoff_us"]);

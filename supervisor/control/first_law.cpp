@@ -16,6 +16,15 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::int64_t kArmTimeoutNs = 5 * kNsPerS;
+// A drive that was switched on a moment late is reset once more, after 5 s, and then sets itself up.
+constexpr std::int64_t kArmCanopenTimeoutNs = 15 * kNsPerS;
+
+std::int64_t arm_timeout_ns(const robot::RobotConfig& robot) {
+  for (const robot::DeviceConfig& device : robot.devices) {
+    if (device.kind == robot::DeviceKind::cia402) return kArmCanopenTimeoutNs;
+  }
+  return kArmTimeoutNs;
+}
 
 std::string words_of(const Refusal& refusal) {
   std::string words = refusal.message;
@@ -93,7 +102,7 @@ void Supervisor::arm() {
     spdlog::warn("not armed: {} names no law; swap one in, then: lithe arm", options_.config_path);
     return;
   }
-  const std::int64_t deadline_ns = monotonic_ns() + kArmTimeoutNs;
+  const std::int64_t deadline_ns = monotonic_ns() + arm_timeout_ns(config_);
   std::optional<Answer> answer;
   do {
     answer.reset();
@@ -110,7 +119,9 @@ void Supervisor::arm() {
     }
     turn(10);
   } while (monotonic_ns() < deadline_ns);
-  throw Halt{3, "the robot cannot be armed: not every drive answers; check power, bus and ids in the robot file"};
+  throw Halt{3,
+             "the robot cannot be armed: not every drive answers or is set up as it must be; what is wrong with which "
+             "stands above, or check power, bus and ids in the robot file"};
 }
 
 }  // namespace lithe::control

@@ -11,6 +11,7 @@
 
 #include "spine/core/histogram.hpp"
 #include "spine/core/time.hpp"
+#include "spine/ipc/frames.hpp"
 
 namespace lithe::control {
 
@@ -58,8 +59,8 @@ bool remove_segments(const std::string& robot) {
   if (!lease || !*lease) {
     return false;
   }
-  for (const std::string& path :
-       {Spine::path(robot), Control::path(robot), ipc::Segment<ipc::BrainMemory>::path(robot)}) {
+  for (const std::string& path : {Spine::path(robot), Control::path(robot), ipc::Segment<ipc::BrainMemory>::path(robot),
+                                  ipc::Segment<ipc::FramesMemory>::path(robot)}) {
     ipc::remove_segment(path);
   }
   return true;

@@ -3,8 +3,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <string>
 #include <utility>
+
+#include "spine/ipc/frames.hpp"
+#include "spine/ipc/segment.hpp"
 
 namespace lithe::control {
 
@@ -25,7 +29,8 @@ Json joint_status_json(std::uint32_t status) {
   const std::pair<std::uint32_t, const char*> bits[] = {
       {wire::joint_status::kFault, "fault"},       {wire::joint_status::kWatchdog, "watchdog"},
       {wire::joint_status::kLost, "lost"},         {wire::joint_status::kNotHomed, "not_homed"},
-      {wire::joint_status::kConflict, "conflict"}, {wire::joint_status::kGarbled, "garbled"}};
+      {wire::joint_status::kConflict, "conflict"}, {wire::joint_status::kGarbled, "garbled"},
+      {wire::joint_status::kNotReady, "not_ready"}};
   for (const auto& [bit, word] : bits) {
     if ((status & bit) != 0) {
       words.push_back(word);
@@ -62,6 +67,31 @@ Json sensors_json(const wire::RobotInfo& info, const wire::Telemetry& now) {
     sensors[text_of(info.sensor_name, i * kNameWidth, kNameWidth)] = std::isfinite(value) ? Json(value) : Json();
   }
   return sensors;
+}
+
+// Of each bus since the Spine began; an older Spine, or one whose memory we may not see, says nothing of them.
+Json buses_json(const std::string& robot) {
+  Json buses = Json::array();
+  const auto frames = ipc::Segment<ipc::FramesMemory>::attach(robot, ipc::Access::read);
+  if (!frames) {
+    return buses;
+  }
+  const auto count = [](const std::uint64_t& word) { return ipc::load_word(word, std::memory_order_relaxed); };
+  for (const ipc::BusCounts& bus : (*frames)->buses) {
+    const std::string name(bus.name.data(), ::strnlen(bus.name.data(), bus.name.size()));
+    if (name.empty()) {
+      break;
+    }
+    buses.push_back({{"name", name},
+                     {"sent", count(bus.sent)},
+                     {"received", count(bus.received)},
+                     {"refused", count(bus.refused)},
+                     {"late", count(bus.late)},
+                     {"malformed", count(bus.malformed)},
+                     {"errors", count(bus.errors)},
+                     {"reopened", count(bus.reopened)}});
+  }
+  return buses;
 }
 
 Json health_json(const ipc::HealthMemory& health) {
@@ -112,6 +142,7 @@ Json status_json(const SpineLink& spine) {
           {"health", health_json(memory.health)},
           {"joints", joints_json(info, now)},
           {"sensors", sensors_json(info, now)},
+          {"buses", buses_json(text_of(info.robot))},
           {"cpus",
            {{"spine", info.cpu_spine},
             {"transport", info.cpu_transport},

@@ -32,7 +32,7 @@ void Supervisor::stop() {
   }
   if (!known_off) {
     wire::Telemetry last{};
-    const std::string joints = link_ && link_->latest(last) ? joints_not_off(link_->info(), last) : "";
+    const std::string joints = link_ && link_->latest(last) ? joints_not_off(config_, last) : "";
     throw Halt{3,
                fmt::format("not confirmed that every drive of '{}' is off{}; the drives' own watchdogs stop them; if "
                            "the robot moves, cut its power",
@@ -90,7 +90,7 @@ Drives Supervisor::switch_off() {
     const bool pressed = link_->latest(now) && now.mode == static_cast<std::uint32_t>(wire::Mode::estop);
     const Drives wanted = pressed ? Drives::damped : Drives::off;
     const auto wait_over = [&] {
-      seen = link_->latest(now) ? drives_of(now) : Drives::driven;
+      seen = link_->latest(now) ? drives_of(config_, now) : Drives::driven;
       return seen >= wanted || spine_->ended();
     };
     turn_until(wait_over, 2 * kNsPerS);

@@ -101,6 +101,7 @@ int drive(const std::string& path, std::uint32_t node, const std::string& mode) 
   params.rated_torque_nm = 0.5;
   params.torque_max_nm = 5;
   params.joint = {-1.0, 0.5, 10.0};
+  params.lost_after_misses = 200;  // Python takes its time now and then
   auto driver = std::make_unique<hal::cia402::Cia402Drive>(params);
   const hal::cia402::Cia402Drive& drive = *driver;
   actuators.add_joint(0, node, std::move(driver));

@@ -123,13 +123,12 @@ class Rig : private loop::TickBench {
         simulator::is_of_device(order->kind) ? device : "bus_" + device;
     const Result<> known = devices_.check(*order);
     ASSERT_TRUE(known) << known.message();
-    const Result<> acted = devices_.act(*order, now_ns_);
-    ASSERT_TRUE(acted) << acted.message();
+    devices_.act(*order, now_ns_);
   }
   void clear() {
     Order order;
     order.kind = Order::Kind::clear;
-    static_cast<void>(devices_.act(order, now_ns_));
+    devices_.act(order, now_ns_);
   }
 
   void tell(const std::vector<Ladder>& ladders) {

@@ -2,6 +2,7 @@
 // As much of a Teensy and of its CAN library as the gateway's sketch uses: what it sends is kept for the test.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -28,6 +29,7 @@ struct CAN_message_t {
   } flags;
   std::uint8_t len = 8;
   std::uint8_t buf[8] = {};
+  bool seq = false;
 };
 struct CANFD_message_t {
   std::uint32_t id = 0;
@@ -37,6 +39,7 @@ struct CANFD_message_t {
   bool brs = true, edl = true;
   std::uint8_t len = 8;
   std::uint8_t buf[64] = {};
+  bool seq = false;
 };
 struct CANFD_timings_t {
   FLEXCAN_CLOCK clock = CLK_40MHz;
@@ -48,16 +51,28 @@ inline std::vector<CAN_message_t> g_stub_classic;
 
 template <CAN_DEV_TABLE, FLEXCAN_RXQUEUE_TABLE, FLEXCAN_TXQUEUE_TABLE>
 struct FlexCAN_T4FD {
-  void begin() {}
+  void begin() { mailbox_ = 8; }
+  // Bytes of each mailbox: 8, 16, 32 or 64.
+  std::uint8_t setRegions(std::uint8_t size) {
+    mailbox_ = size;
+    return 14;
+  }
   void setBaudRate(const CANFD_timings_t&) {}
+  std::uint64_t events() { return 0; }
+  // As the library does: what does not fit into a mailbox is cut, and nobody is told.
   int write(const CANFD_message_t& frame) {
     g_stub_fd.push_back(frame);
+    g_stub_fd.back().len = std::min(frame.len, mailbox_);
     return 1;
   }
+
+ private:
+  std::uint8_t mailbox_ = 8;
 };
 template <CAN_DEV_TABLE, FLEXCAN_RXQUEUE_TABLE, FLEXCAN_TXQUEUE_TABLE>
 struct FlexCAN_T4 {
   void begin() {}
+  std::uint64_t events() { return 0; }
   void setBaudRate(std::uint32_t) {}
   int write(const CAN_message_t& frame) {
     g_stub_classic.push_back(frame);

@@ -32,6 +32,7 @@ class Sketch : public testing::Test {
     g_stub_analog[kAnalogPins[5]] = 4095;  // a broken wire
     g_stub_fd.clear();
     g_stub_classic.clear();
+    g_stub_micros = 300'000;  // a Teensy takes its time before setup()
     setup();
   }
   void expect_all(const Gateway& gateway) {
@@ -46,15 +47,34 @@ class Sketch : public testing::Test {
   }
 };
 
+// Pins of CAN1 and CAN3 on a Teensy 4.1, transmitter and receiver.
+constexpr bool is_can(uint8_t pin) { return pin == 22 || pin == 23 || pin == 30 || pin == 31; }
+
+TEST_F(Sketch, NoInputIsAPinOfItsBus) {
+  for (const uint8_t pin : kAnalogPins) EXPECT_FALSE(is_can(pin)) << int{pin};
+  for (const uint8_t pin : kDigitalPins) EXPECT_FALSE(is_can(pin)) << int{pin};
+}
+
+TEST_F(Sketch, NothingIsMadeUpForTheTimeBeforeItStarted) {
+  EXPECT_TRUE(g_stub_fd.empty());
+  for (int i = 0; i < 10; ++i) loop();
+  EXPECT_LE(g_stub_fd.size(), 2U);
+  g_stub_micros += 1'000'000;  // it was busy with something else
+  for (int i = 0; i < 10; ++i) loop();
+  EXPECT_LE(g_stub_fd.size(), 4U);
+}
+
 TEST_F(Sketch, ItsFdFramesHoldEveryChannel) {
   Gateway gateway(kNode, 1'000'000);
-  for (g_stub_micros = 0; g_stub_micros < 10'000; g_stub_micros += 50) loop();
+  const std::uint32_t from_us = g_stub_micros;
+  for (; g_stub_micros < from_us + 10'000; g_stub_micros += 50) loop();
   ASSERT_GE(g_stub_fd.size(), 18U);
   EXPECT_LE(g_stub_fd.size(), 21U) << "one each half millisecond";
   for (const CANFD_message_t& message : g_stub_fd) {
     const Frame frame = frame_of(message, true);
     EXPECT_EQ(frame.size, fd_size(frame.size)) << "a length that CAN FD knows";
     ASSERT_TRUE(is_gateway(frame));
+    EXPECT_TRUE(message.seq) << "frames may overtake each other";
     ASSERT_EQ(node_of(frame), kNode);
     gateway.take(frame, 1);
   }
@@ -66,6 +86,7 @@ TEST_F(Sketch, ItsClassicFramesDoToo) {
   for (int i = 0; i < 18; ++i) send_classic();
   for (const CAN_message_t& message : g_stub_classic) {
     ASSERT_LE(message.len, 8);
+    EXPECT_TRUE(message.seq);
     gateway.take(frame_of(message, false), 1);
   }
   expect_all(gateway);

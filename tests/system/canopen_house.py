@@ -159,6 +159,7 @@ class ThirdPartyDrive:
         self.node.data_store.clear()
         self.state = "switch on disabled"
         self.control = 0
+        self.words: set[int] = set()  # every control word since the power came
         self.position = 100.0
         self.velocity = 0.0
         self.torque = 0
@@ -195,6 +196,7 @@ class ThirdPartyDrive:
 
     def obey(self, word: int) -> None:
         """The state machine of CiA 402, as far as a master without tricks needs it."""
+        self.words.add(word)
         rising = word & ~self.control & 0x80
         self.control = word
         if self.state == "fault":

@@ -12,7 +12,7 @@ import moteus
 
 
 async def main(path: str, device: int) -> None:
-    """Query, move to a quarter turn and back, stop."""
+    """Query, move an eighth of a turn forth and less back, stop."""
     link = moteus.Fdcanusb(path)
     controller = moteus.Controller(id=device, transport=link)
     position = moteus.Register.POSITION

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-STORE = ROOT / "build" / "pypi"
+STORE = ROOT / "build" / "pypi" / f"python{sys.version_info[0]}.{sys.version_info[1]}"  # wheels fit one only
 
 
 class Package:
@@ -26,13 +26,16 @@ class Package:
             if done.exists():
                 return
             pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-input"]
-            ran = subprocess.run(
-                [*pip, "--upgrade", "--target", self.folder, requirement],
-                check=False,
-                capture_output=True,
-                text=True,
-                timeout=600,
-            )
+            try:
+                ran = subprocess.run(
+                    [*pip, "--upgrade", "--target", self.folder, requirement],
+                    check=False,
+                    capture_output=True,
+                    text=True,
+                    timeout=600,
+                )
+            except subprocess.TimeoutExpired:
+                pytest.skip(f"pip cannot install {requirement}: no answer within 10 minutes")
             if ran.returncode != 0:
                 pytest.skip(f"pip cannot install {requirement}: {(ran.stderr.strip().splitlines() or ['?'])[-1]}")
             done.touch()

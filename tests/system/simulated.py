@@ -55,7 +55,11 @@ class Simulated:
         return answer
 
     def close(self) -> int:
-        """Ends it as Ctrl-C would; its exit code."""
+        """Ends it as Ctrl-C would; its exit code. One that does not end is ended."""
         self.process.terminate()
-        self.process.communicate(timeout=20)
+        try:
+            self.process.communicate(timeout=20)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.communicate()
         return self.process.returncode

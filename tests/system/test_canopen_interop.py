@@ -2,101 +2,17 @@
 """CANopen against a library that is not ours, both ways, over slcan on terminals: our driver and its LocalNode, its
 BaseNode402 and our simulated drive."""
 
-import json
-import subprocess
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import canopen
 import pytest
 from canopen.profiles.p402 import BaseNode402
 from system.canopen_house import JoinedTerminals, ThirdPartyDrive, dictionary, network_on, wait_for
-from system.house import BIN, need
+from system.canopen_peers import NODE, OurDrive, OurDriver
 
-NODE = 5
 OFF, ENABLED, FAULT = 1, 4, 7
-ROBOT = """
-name = "one"
-rate_hz = 200
-[[bus]]
-name = "can0"
-kind = "slcan"
-path = "/dev/null"
-data_bitrate = 0
-[[device]]
-name = "drive"
-kind = "cia402"
-bus = "can0"
-id = 5
-counts_per_rev = 4096
-rated_torque_nm = 0.5
-[[joint]]
-name = "joint"
-device = "drive"
-ratio = 10.0
-position_min_rad = -3.0
-position_max_rad = 3.0
-velocity_max_rad_s = 20.0
-torque_max_nm = 5.0
-torque_slew_nm_s = 1000.0
-safe_kd_nm_s_rad = 0.5
-[joint.sim]
-inertia_kg_m2 = 0.05
-viscous_nm_s_rad = 0.01
-"""
-
-
-class OurDriver:
-    """The program canopen_peer; the last line that it told."""
-
-    def __init__(self, path: str, mode: str = "torque") -> None:
-        """Start it."""
-        need("canopen_peer")
-        self.process = subprocess.Popen(
-            [BIN / "canopen_peer", path, str(NODE), mode], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-        self.now: dict[str, Any] = {}
-        self.listener = threading.Thread(target=self._listen, daemon=True)
-        self.listener.start()
-
-    def _listen(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            self.now = json.loads(line)
-
-    def order(self, *words: object) -> None:
-        """One line to it."""
-        assert self.process.stdin is not None
-        self.process.stdin.write(" ".join(map(str, words)) + "\n")
-        self.process.stdin.flush()
-
-    def until(self, **wanted: object) -> dict[str, Any]:
-        """Waits until it tells all this; values may be tests."""
-
-        def holds() -> dict[str, Any] | None:
-            now = self.now
-            for name, value in wanted.items():
-                if name not in now or not (value(now[name]) if callable(value) else now[name] == value):
-                    return None
-            return now
-
-        try:
-            found: dict[str, Any] = wait_for(holds)
-        except AssertionError:
-            raise AssertionError(f"never {wanted}; last: {self.now}") from None
-        return found
-
-    def close(self) -> None:
-        """End it."""
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        self.process.stdin.close()
-        self.process.wait(timeout=20)
-        self.listener.join()
-        self.process.stdout.close()
 
 
 @pytest.fixture
@@ -147,7 +63,7 @@ def test_our_driver_sets_up_and_moves_their_node(pair: Pair) -> None:
     ours.until(state=OFF, torque_nm=0)
 
 
-def test_our_driver_leads_their_node_by_position_and_by_velocity(pair: Pair) -> None:
+def test_our_driver_leads_their_node_by_position(pair: Pair) -> None:
     """A target starts where the drive is."""
     ours, theirs = pair("position")
     at_rest = ours.until(fresh=True, state=OFF)["position_rad"]
@@ -158,6 +74,19 @@ def test_our_driver_leads_their_node_by_position_and_by_velocity(pair: Pair) -> 
     assert theirs.position == pytest.approx(100 - 0.25 * 10 * 4096 / 6.283185, abs=2)
 
 
+def test_our_driver_leads_their_node_by_velocity(pair: Pair) -> None:
+    """As fast as it is told, the other way round behind the gear; then at rest."""
+    ours, theirs = pair("velocity")
+    ours.until(fresh=True, state=OFF)
+    ours.order("velocity", 0.5)
+    now = ours.until(fresh=True, state=ENABLED, velocity_rad_s=lambda rad_s: abs(rad_s - 0.5) < 1e-3)
+    assert theirs.velocity == pytest.approx(-0.5 * 10 * 4096 / 6.283185, abs=2)
+    ours.until(position_rad=lambda rad: rad > now["position_rad"] + 0.1)
+    ours.order("velocity", 0)
+    ours.until(fresh=True, velocity_rad_s=0)
+    assert theirs.velocity == 0
+
+
 def test_our_driver_reports_their_fault_and_resets_it_when_asked(pair: Pair) -> None:
     """Fault by emergency; reset only by off, then torque."""
     ours, theirs = pair()
@@ -166,9 +95,12 @@ def test_our_driver_reports_their_fault_and_resets_it_when_asked(pair: Pair) -> 
     ours.until(state=ENABLED)
     theirs.fail(0x4210)
     ours.until(fault=True, state=FAULT, fault_class=0x42)
+    theirs.words.clear()
     ours.order("torque", 0.1)
-    assert ours.until(fault=True)
+    time.sleep(0.5)
     assert theirs.state == "fault"
+    assert theirs.words
+    assert not any(word & 0x80 for word in theirs.words), "torque alone resets nothing"
     ours.order("off")
     wait_for(lambda: theirs.control == 0)
     ours.order("torque", 0)
@@ -193,41 +125,6 @@ def test_our_driver_names_what_their_node_lacks(pair: Pair) -> None:
     why = ours.until(why=lambda text: "6007h" in text)["why"]
     assert "no such object" in why
     assert ours.now["fresh"] is False
-
-
-class OurDrive:
-    """The program lithe-sim with one drive, and its bus under a fixed name."""
-
-    def __init__(self, directory: Path) -> None:
-        """Start it."""
-        need("lithe-sim")
-        (directory / "one.toml").write_text(ROBOT)
-        self.process = subprocess.Popen(
-            [BIN / "lithe-sim", directory / "one.toml", "--link", directory],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        self.path = directory / "can0"
-        wait_for(lambda: self.path.exists() or self.process.poll() is not None)
-        if self.process.poll() is not None:
-            raise AssertionError(self.process.communicate())
-        assert self.process.stdout is not None
-        self.process.stdout.readline()  # where the bus is
-
-    def order(self, order: dict[str, object]) -> None:
-        """A fault, begun or ended."""
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        self.process.stdin.write(json.dumps(order) + "\n")
-        self.process.stdin.flush()
-        assert json.loads(self.process.stdout.readline()) == {"ok": True}
-
-    def close(self) -> None:
-        """End it."""
-        self.process.terminate()
-        self.process.communicate(timeout=20)
-        assert self.process.returncode == 0
 
 
 @pytest.fixture

@@ -119,6 +119,7 @@ def test_the_library_sees_the_faults_that_are_ordered(moteus: Package, arm: Simu
 
 def test_a_wire_that_carries_nothing_is_not_taken_for_success(moteus: Package, arm: Simulated) -> None:
     path = arm.path()
+    assert tool(moteus, path, "-t", "1", "--info"), "it can be started, and there is a drive"
     assert arm.order(fault="drop", share=1) == {"ok": True}
     transport = ["--force-transport", "fdcanusb", "--fdcanusb", str(path)]
     command = moteus.command("-m", "moteus.moteus_tool", *transport, "-t", "1", "--info")

@@ -63,7 +63,10 @@ def test_orders_are_obeyed_or_refused(arm: Simulated) -> None:
     wire = Wire(arm.path())
     assert arm.order(fault="bus_off") == {"ok": True}
     assert b"rcv" not in wire.say(QUERY, b"rcv", 0.3)
+    assert b"busoff=1" in wire.say(b"can status\n", b"tdc")
     assert arm.order(fault="bus_off", on=False) == {"ok": True}
+    assert b"rcv" not in wire.say(QUERY, b"rcv", 0.3), "the wires are good again, the adapter has given up"
+    assert wire.say(b"can off\ncan on\n", b"OK\r\nOK").count(b"OK") >= 2
     assert b"rcv" in wire.say(QUERY, b"rcv")
     assert arm.order(fault="jump")["ok"] is False
     assert "no bus 'can7'" in arm.order(fault="drop", share=1, bus="can7")["error"]
@@ -86,6 +89,26 @@ def test_an_unplugged_terminal_hangs_up_and_comes_back(arm: Simulated) -> None:
     wire = Wire(arm.path())
     assert b"rcv" in wire.say(QUERY, b"rcv")
     wire.close()
+
+
+def test_buses_of_every_kind_side_by_side(tmp_path: Path) -> None:
+    text = (ROOT / "robots" / "frankenstein.toml").read_text()
+    slcan = 'name = "can2"\nkind = "slcan"\npath = "/dev/null"'
+    mixed = tmp_path / "mixed.toml"
+    assert text.count('name = "can2"\nkind = "loop"') == 1
+    mixed.write_text(text.replace('name = "can2"\nkind = "loop"', slcan).replace("../laws", str(ROOT / "laws")))
+    served = Simulated(mixed, tmp_path / "links")
+    kinds = [served.line().split(" ")[:2] for _ in range(3)]
+    assert kinds == [["can0", "fdcanusb"], ["can1", "fdcanusb"], ["can2", "slcan"]]
+    for bus in ("can0", "can1"):
+        wire = Wire(served.path(bus))
+        assert b"rcv 0100 2100002F01" in wire.say(QUERY, b"x-1\r\n")
+        wire.close()
+    wire = Wire(served.path("can2"))
+    assert b"V1013\r" in wire.say(b"V\r", b"V1013\r")
+    assert b"t701" in wire.say(b"S8\rO\rt00028200\r", b"t701"), "a drive that was reset boots up"
+    wire.close()
+    assert served.close() == 0
 
 
 def test_faults_from_the_start_and_nobody_at_the_standard_input(tmp_path: Path) -> None:

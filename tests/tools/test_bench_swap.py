@@ -92,6 +92,30 @@ def test_windows_in_which_the_hypervisor_took_the_core_are_left_out(stats: Modul
     assert calm["windows_in"] < all_of_it["windows_in"]
 
 
+def uneven(rng: np.random.Generator, rounds: int, more: float = 1.0) -> npt.NDArray[np.int64]:
+    """Lateness [ns] of each tick: here and there a burst of late ones, with `more` times the delay while swapping."""
+    late_ns = rng.integers(5, 20, rounds * ROUND_MS)
+    for at in rng.integers(0, len(late_ns) - 40, 3 * rounds):
+        late_ns[at : at + rng.integers(1, 10)] = int(2_000 * 2 ** rng.uniform(0, 8))
+    swapping = np.arange(len(late_ns)) % ROUND_MS < SWAPPING_MS
+    return np.where(swapping, (late_ns * more).astype(np.int64), late_ns)
+
+
+def test_the_interval_of_the_jitters_ratio_holds_the_truth(stats: ModuleType) -> None:
+    rng, missed = np.random.default_rng(5), {1.0: 0, 20.0: 0}
+    both = sides(stats, np.array([], dtype=np.int64), 60)
+    for more in missed:
+        for _ in range(30):
+            told = both.late_us(uneven(rng, 60, more), both.made.due_ns, "jitter")
+            low, high = told["jitter_p999_in_over_out_low"], told["jitter_p999_in_over_out_high"]
+            assert low <= told["jitter_p999_in_over_out"] <= high
+            missed[more] += not low <= more <= high
+            assert more == 1.0 or low > 1.1, "what swaps cost is found"
+    assert max(missed.values()) <= 6, "of 30; 1.5 are expected"
+    few = sides(stats, np.array([], dtype=np.int64), 7)
+    assert few.late_us(uneven(rng, 7), few.made.due_ns, "jitter")["jitter_p999_in_over_out_high"] == float("inf")
+
+
 def test_the_largest_step_is_not_taken_over_a_tick_that_is_missing(stats: ModuleType) -> None:
     ticks = np.zeros(5, [("tick", "<i8"), ("torque_nm", "<f8"), ("active", "?")])
     ticks["tick"], ticks["active"] = [1, 2, 3, 7, 8], [True, True, True, True, False]
@@ -120,7 +144,8 @@ def test_a_disturbed_run_claims_nothing(monkeypatch: pytest.MonkeyPatch) -> None
     nan = float("nan")
     good = {
         "stolen_share": 0.0, "preempted_share": 0.0, "control_failed_as_it_must": True, "ticks_not_recorded": 0,
-        "lost_rate_difference_low_per_s": -0.1, "jitter_p999_in_over_out": 1.0, "max_output_step_nm": 0.1,
+        "lost_rate_difference_low_per_s": -0.1, "jitter_p999_in_over_out": 1.0,
+        "jitter_p999_in_over_out_low": 0.8, "jitter_p999_in_over_out_high": 1.3, "max_output_step_nm": 0.1,
         "slew_bound_nm": 0.12, "certificates": 10, "swaps": 10, "swaps_asked": 10, "swaps_wanted": 10,
         "peer_dlopen_swaps": 10, "peer_mutex_swaps": 10, "peer_brief_swaps": 10, "continuity_step_ratio": 50.0,
         "safe_stops": 0, "loader_dlopen_safe_stops": 0, "rounds_compared": 8, "loader": "arena",
@@ -141,8 +166,8 @@ def test_a_disturbed_run_claims_nothing(monkeypatch: pytest.MonkeyPatch) -> None
     for bad in (
         {"lost_rate_difference_low_per_s": 0.1},
         {"lost_rate_difference_low_per_s": nan},
-        {"jitter_p999_in_over_out": 1.2},
-        {"jitter_p999_in_over_out": nan},
+        {"jitter_p999_in_over_out": 1.5, "jitter_p999_in_over_out_low": 1.2},
+        {"jitter_p999_in_over_out_low": nan},
         {"max_output_step_nm": 0.13},
         {"max_output_step_nm": nan},
         {"certificates": 9},
@@ -156,6 +181,9 @@ def test_a_disturbed_run_claims_nothing(monkeypatch: pytest.MonkeyPatch) -> None
         {"continuity_step_ratio": None},
     ):
         assert len(verdict.shortcomings(good | bad)) == 1, bad
+    assert verdict.undecided(good) == []
+    for open_claim in ({"jitter_p999_in_over_out": 1.2}, {"jitter_p999_in_over_out": nan}):
+        assert verdict.shortcomings(good | open_claim) == [] and len(verdict.undecided(good | open_claim)) == 1
 
 
 def test_ten_thousand_swaps_have_the_time_they_need_even_where_each_trial_is_slow(

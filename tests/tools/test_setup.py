@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """tools/setup on machines that lack something, played with stand-ins for dpkg-query, apt-get, sudo and id."""
 
+import fcntl
 import os
 import shutil
 import subprocess
@@ -48,6 +49,18 @@ def setup(machine: Path, *groups: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         command, capture_output=True, text=True, env=environment, check=False, stdin=subprocess.DEVNULL
     )
+
+
+def test_two_at_once_do_not_make_one_venv(machine: Path) -> None:
+    """Both would clear it and fill it: the second waits for the first."""
+    pretend_venv(machine)
+    environment = {"PATH": f"{machine}/bin:/usr/bin:/bin", "HOME": str(machine)}
+    with (machine / "tools/setup").open() as script:
+        fcntl.flock(script, fcntl.LOCK_EX)
+        second = subprocess.Popen([str(machine / "tools/setup")], env=environment, stdin=subprocess.DEVNULL)
+        with pytest.raises(subprocess.TimeoutExpired):
+            second.wait(timeout=1.0)
+    assert second.wait(timeout=60) == 0, "and then it has nothing to do"
 
 
 def pretend_venv(machine: Path) -> None:

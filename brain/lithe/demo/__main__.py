@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs the supervised-evolution experiment and judges it: `make demo`.
 
-Four phases on a simulated one-joint arm that answers real moteus frames: baseline, probing, evolution, fault tolerance.
+Four phases on a simulated robot that answers real frames of its drives: baseline, probing, evolution, fault tolerance.
 Exit code 0 when the claim holds, 1 when it does not or something broke.
 """
 
@@ -14,7 +14,6 @@ import shutil
 import signal
 import sys
 import time
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NoReturn
@@ -24,6 +23,7 @@ from lithe.errors import LitheError
 from ..programs import ROOT
 from . import figures, judge, recorder
 from .experiment import Experiment
+from .joints import simulated_joints
 from .processes import Disturbed, Stage
 from .report import report
 
@@ -59,19 +59,6 @@ def prepare(out: Path) -> None:
         raise LitheError(f"{out} has {free >> 20} MiB left, {NEEDED_BYTES >> 20} are needed: free some, or --out DIR")
 
 
-def true_mgl_nm(robot_file: Path, joints: int) -> float:
-    """What the simulation was told; the judge may know it, the agent does not."""
-    config = tomllib.loads(robot_file.read_text(encoding="utf-8"))  # `lithe run` has found no fault in it
-    if joints != 1:
-        raise LitheError(f"{robot_file} has {joints} joints; the experiment is one with a single joint under gravity")
-    own = config["joint"][0].get("sim", {})
-    common = config.get("defaults", {}).get("joint", {}).get("sim", {})
-    mgl_nm = float({**common, **own}.get("mgl_nm", 0.0))
-    if not mgl_nm > 0:
-        raise LitheError(f"{robot_file} simulates no gravity: give its [joint.sim] an mgl_nm above 0")
-    return mgl_nm
-
-
 def attempt(robot_file: Path, out: Path, past: list[dict[str, Any]]) -> dict[str, Any]:
     """One run; `past` gets a line on how it ended."""
     began = time.monotonic()
@@ -79,10 +66,10 @@ def attempt(robot_file: Path, out: Path, past: list[dict[str, Any]]) -> dict[str
     reason = "failed"
     try:
         with Stage(robot_file, out / "log.txt") as stage:
-            mgl_nm = true_mgl_nm(robot_file, stage.spine.joint_count)
+            sims = simulated_joints(robot_file)
             with recorder.Recorder(stage.robot) as recording:
                 records, lost = Experiment(stage, recording, story).run()
-            summary = judge.summarise(records, story, mgl_nm, stage.spine.info, lost)
+            summary = judge.summarise(records, story, sims, stage.spine.info, lost)
         reason = "completed"
     except Disturbed as error:
         reason = error.fault
@@ -134,7 +121,7 @@ def leave(*_: object) -> NoReturn:
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m lithe.demo", description=__doc__)
-    parser.add_argument("--robot", type=Path, default=ROOT / "robots/arm.toml")
+    parser.add_argument("--robot", type=Path, default=ROOT / "robots/arm.toml", help="any that simulates gravity")
     parser.add_argument("--out", type=Path, default=ROOT / "out/demo")
     args = parser.parse_args()
     signal.signal(signal.SIGTERM, leave)

@@ -2,8 +2,9 @@
 """The supervisory agent: a process that knows the robot only through TCP, and improves its control law.
 
 Deterministic and offline: it measures, estimates, writes C++ and asks for swaps. Nothing about the plant is built in;
-it knows that there is one joint under gravity, and what the gateway tells (rate, limits). What it does goes to stdout
-as JSON lines.
+it knows what the gateway tells (rate, joints, limits) and that an angle of 0 hangs straight down. Which joints bear
+gravity, how heavy they are and how late their drives obey it finds out by itself. What it does goes to stdout as JSON
+lines.
 """
 
 from __future__ import annotations
@@ -20,102 +21,25 @@ import numpy as np
 import numpy.typing as npt
 
 from lithe.errors import LitheError
-from lithe.identify import Arm, Motion, identify_arm, mgl_at_rest
+from lithe.identify import Arm, Motion, identify_arm, identify_joint, mgl_at_rest, torque_lag_s
 from lithe.remote import Remote
 
-SINE = {"centre_rad": np.pi / 2, "amplitude_rad": np.pi / 4, "frequency_hz": 0.5, "ramp_s": 1.5}
+from . import moves, sources
+from .sources import Gains
+
 BAD_ON_PURPOSE = {"probation_s": 0.0}  # no law before it tracked worse, and it shall run all the same
-BASELINE_GAINS = {"kp_nm_rad": 0.05, "kd_nm_s_rad": 0.004}  # detuned on purpose: the experiment starts from a bad law
-FIELDS = ["tick", "sample_ns", "position_rad", "velocity_rad_s", "torque_nm"]
+# Detuned on purpose: the experiment starts from a bad law. Per N m of a joint's largest torque.
+WEAK = Gains(1 / 12, 1 / 150)
+FOLLOWING = 4.0  # times as strong: what a joint that is not probed by torques follows the sine with meanwhile
+FIELDS = ["tick", "sample_ns", "position_rad", "velocity_rad_s", "torque_nm", "command_torque_nm"]
 
 KEPT_TICKS = 4096  # of telemetry, by the gateway's `history`
-REST_S = 0.3  # a probe has ended when the arm has rested so long
-MOST_BANDWIDTH_RAD_S = 60.0  # beyond, a drive's own lag of about a millisecond eats the phase margin at any tick rate
-PROBE_SHARES = (0.5, -0.35)  # of the rough gravity torque: a wide swing both ways that cannot go over the top
-
-BASELINE_SOURCE = """\
-// The law the experiment starts from, written {when}: a PD far too weak for the arm's weight.
-#include <lithe/law.hpp>
-
-struct DetunedPd {{
-  struct Params {{
-    lithe::Param kp_nm_rad{{{kp_nm_rad}, 0.0, 10.0}};
-    lithe::Param kd_nm_s_rad{{{kd_nm_s_rad}, 0.0, 1.0}};
-  }};
-  struct State {{}};
-  static void step(const lithe::Tick& in, const Params& p, State&, lithe::Effort& out) {{
-    out.torque_nm[0] = p.kp_nm_rad * (in.setpoint_position_rad[0] - in.position_rad[0]) +
-                       p.kd_nm_s_rad * (in.setpoint_velocity_rad_s[0] - in.velocity_rad_s[0]);
-  }}
-}};
-LITHE_LAW(DetunedPd, "detuned_pd");
-"""
-
-PROBE_SOURCE = """\
-// Probing law: a constant torque of {torque_nm:.6f} N m, reached over {ramp_s} s.
-#include <lithe/law.hpp>
-
-struct Probe{number} {{
-  struct Params {{}};
-  struct State {{
-    double ramp = 0;
-  }};
-  static void step(const lithe::Tick& in, const Params&, State& state, lithe::Effort& out) {{
-    state.ramp = std::min(1.0, state.ramp + in.dt_s / {ramp_s});
-    out.torque_nm[0] = state.ramp * {torque_nm:.6f};
-  }}
-}};
-LITHE_LAW(Probe{number}, "probe_{number}");
-"""
-
-MODEL_SOURCE = """\
-// {what}
-#include <lithe/law.hpp>
-
-struct {struct} {{
-  struct Params {{
-    lithe::Param mgl_nm{{{mgl_nm:.6f}, 0.0, {most_mgl_nm:.6f}}};
-    lithe::Param kp_nm_rad{{{kp_nm_rad:.6f}, 0.0, {most_kp_nm_rad:.6f}}};
-    lithe::Param kd_nm_s_rad{{{kd_nm_s_rad:.6f}, 0.0, {most_kd_nm_s_rad:.6f}}};
-  }};
-  struct State {{}};
-  struct Probes {{
-    double error_rad = 0;
-    double gravity_nm = 0;
-  }};
-  static void step(const lithe::Tick& in, const Params& p, State&, lithe::Effort& out, Probes& probe) {{
-    constexpr double kInertia_kg_m2 = {inertia_kg_m2:.8f};
-    constexpr double kCoulomb_nm = {coulomb_nm:.8f};
-    constexpr double kFrictionWidth_rad_s = 0.05;
-    probe.error_rad = in.setpoint_position_rad[0] - in.position_rad[0];
-    probe.gravity_nm = p.mgl_nm * std::sin(in.position_rad[0]);
-    out.torque_nm[0] = probe.gravity_nm + kInertia_kg_m2 * in.setpoint_acceleration_rad_s2[0] +
-                       kCoulomb_nm * std::tanh(in.setpoint_velocity_rad_s[0] / kFrictionWidth_rad_s) +
-                       p.kp_nm_rad * probe.error_rad +
-                       p.kd_nm_s_rad * (in.setpoint_velocity_rad_s[0] - in.velocity_rad_s[0]);
-  }}
-}};
-LITHE_LAW({struct}, "{name}");
-"""
-GRAVITY_ONLY = "The detuned law and the estimated gravity, nothing else: how much of the improvement is gravity's?"
-EVOLVED = "Written by the agent from its own measurements: gravity, inertia and friction feed-forward plus PD."
-
-
-def model_law(name: str, what: str, arm: Arm, kp_nm_rad: float, kd_nm_s_rad: float) -> str:
-    """C++ of a law built on the estimate."""
-    return MODEL_SOURCE.format(
-        what=what,
-        name=name,
-        struct=name.title().replace("_", ""),
-        mgl_nm=arm.mgl_nm,
-        most_mgl_nm=3 * arm.mgl_nm,
-        kp_nm_rad=kp_nm_rad,
-        most_kp_nm_rad=4 * kp_nm_rad,
-        kd_nm_s_rad=kd_nm_s_rad,
-        most_kd_nm_s_rad=4 * kd_nm_s_rad,
-        inertia_kg_m2=arm.inertia_kg_m2,
-        coulomb_nm=max(arm.coulomb_nm, 0.0),
-    )
+REST_S = 0.3  # a probe has ended when the joints have rested so long
+# How fast a joint may be made. The drives' own filters take their share beyond 60 rad/s at any tick rate; a twentieth
+# of the tick rate leaves room for one tick of delay, and what was measured of a slow bus or drive counts in full.
+MOST_BANDWIDTH_RAD_S = 60.0
+LAG_RAD = 0.2  # of phase, that the whole way from a torque commanded to one measured may cost at the bandwidth
+DAMPING = 1.8  # twice the damping ratio
 
 
 def tell(**what: Any) -> None:
@@ -123,16 +47,20 @@ def tell(**what: Any) -> None:
     print(json.dumps(what), flush=True)
 
 
-def as_motion(pieces: list[dict[str, Any]]) -> Motion:
-    """Answers of the gateway's verb `history`, one after the other, as the first joint's motion."""
+def joined(pieces: list[dict[str, Any]]) -> dict[str, npt.NDArray[np.float64]]:
+    """Answers of the gateway's verb `history`, one after the other: columns of shape (n, joints), times (n, 1)."""
+    return {
+        name: np.concatenate([np.asarray(one[name], dtype=float).reshape(len(one["tick"]), -1) for one in pieces])
+        for name in FIELDS
+    }
 
-    def column(name: str) -> Any:
-        return np.concatenate(
-            [np.asarray(piece[name], dtype=float).reshape(len(piece["tick"]), -1)[:, 0] for piece in pieces]
-        )
 
-    t_s = column("sample_ns") * 1e-9
-    return Motion(t_s - t_s[0], column("position_rad"), column("velocity_rad_s"), column("torque_nm"))
+def as_motions(pieces: list[dict[str, Any]]) -> list[Motion]:
+    """Those answers as the motion of each joint."""
+    columns = joined(pieces)
+    t_s = columns["sample_ns"][:, 0] * 1e-9
+    moved = (columns["position_rad"].T, columns["velocity_rad_s"].T, columns["torque_nm"].T)
+    return [Motion(t_s - t_s[0], *one) for one in zip(*moved, strict=True)]
 
 
 def last(motion: Motion, seconds: float) -> npt.NDArray[np.bool_]:
@@ -142,7 +70,7 @@ def last(motion: Motion, seconds: float) -> npt.NDArray[np.bool_]:
 
 
 def rests(motion: Motion) -> bool:
-    """True when the arm has moved less than a tenth of a degree in the last 0.3 s."""
+    """True when the joint has moved less than a tenth of a degree in the last 0.3 s."""
     return bool(np.ptp(motion.position_rad[last(motion, REST_S)]) < np.radians(0.1))
 
 
@@ -151,7 +79,11 @@ class Agent:
         self.remote = remote
         about = remote.call("describe")
         self.rate_hz = float(about["rate_hz"])
-        self.torque_max_nm = float(about["joints"][0]["torque_max_nm"])
+        self.joints: list[dict[str, Any]] = about["joints"]
+        self.names = [str(joint["name"]) for joint in self.joints]
+        self.torque_max_nm = [float(joint["torque_max_nm"]) for joint in self.joints]
+        self.weak = [WEAK.times(most_nm) for most_nm in self.torque_max_nm]
+        self.lag_s = [0.0 for _ in self.joints]
 
     def swap(self, name: str, source: str, **terms: float) -> None:
         tell(doing=f"asks for a swap to {name}")
@@ -159,14 +91,25 @@ class Agent:
         record = self.remote.call("swap", source=source, name=f"{name}.cpp", **terms)
         tell(swap={"law": name, "sent_ns": sent_ns, **record})
 
-    def record(self, seconds: float, rest_by_s: float = 0.0) -> Motion:
-        """Telemetry of the next `seconds`, and on until the arm rests or `rest_by_s` have passed.
+    def track(self) -> None:
+        """Every joint follows its sine, once it has faded in."""
+        sines = moves.sines(self.joints)
+        answer = self.remote.call("reference", **sines)
+        tell(reference={**sines, "since_ns": answer["since_ns"]})
+        time.sleep(moves.RAMP_S)
+
+    def tick(self) -> int:
+        return int(self.remote.call("latest", fields=["tick"])["tick"])
+
+    def record(
+        self, since: int, seconds: float, resting: list[int] | None = None, rest_by_s: float = 0.0
+    ) -> list[dict[str, Any]]:
+        """Telemetry from that tick to `seconds` from now, and on until all of `resting` rest or `rest_by_s` are over.
 
         Gathered piece by piece, four times in what the Brain keeps.
         """
         pause_s = min(1.0, KEPT_TICKS / self.rate_hz / 4)
         pieces: list[dict[str, Any]] = []
-        since = int(self.remote.call("latest", fields=["tick"])["tick"])
         start = time.monotonic()
         while (left := start + seconds - time.monotonic()) > 0 or not pieces:
             time.sleep(min(pause_s, max(left, 0.1)))
@@ -174,99 +117,163 @@ class Agent:
             if piece["tick"]:
                 since = piece["tick"][-1]
                 pieces.append(piece)
-                if left <= pause_s and time.monotonic() < start + rest_by_s and not rests(as_motion(pieces)):
-                    seconds += 0.5
-        return as_motion(pieces)
+                if left <= pause_s and time.monotonic() < start + rest_by_s:
+                    motions = as_motions(pieces)
+                    seconds += 0.0 if all(rests(motions[joint]) for joint in resting or []) else 0.5
+        return pieces
 
     def rest(self, most_s: float = 2.0) -> None:
-        """Until the setpoint rests where the arm does."""
-        self.remote.call("reference")  # from now on the setpoint waits for the arm
+        """Until the setpoint rests where the robot does."""
+        self.remote.call("reference")  # from now on the setpoint waits for the robot
         until = time.monotonic() + most_s
         while time.monotonic() < until:
             time.sleep(0.1)
-            motion = as_motion([self.remote.call("history", seconds=REST_S + 0.1, fields=FIELDS)])
-            if motion.t_s[-1] > REST_S and rests(motion):
+            motions = as_motions([self.remote.call("history", seconds=REST_S + 0.1, fields=FIELDS)])
+            if motions[0].t_s[-1] > REST_S and all(map(rests, motions)):
                 break
         self.remote.call("reference")
         self.wait_for_setpoint(most_s)
 
     def wait_for_setpoint(self, most_s: float) -> None:
-        """Until the setpoint has come to the arm, within half a degree."""
+        """Until the setpoint has come to the robot, within half a degree."""
         until = time.monotonic() + most_s
         while time.monotonic() < until:
             now = self.remote.call("latest", fields=["setpoint_position_rad", "position_rad"])
-            if abs(now["setpoint_position_rad"][0] - now["position_rad"][0]) < np.radians(0.5):
+            if np.max(np.abs(np.subtract(*now.values()))) < np.radians(0.5):
                 return
             time.sleep(0.05)
 
     def phase(self, name: str) -> None:
         tell(phase=name, from_ns=time.monotonic_ns())
 
+    def named(self, joint: int, values: str) -> str:
+        """With the joint's name, on a robot where that tells anything."""
+        return values if len(self.names) == 1 else f"{self.names[joint]} {values}"
+
     # ---- the protocol
-    def baseline(self) -> Motion:
+    def baseline(self) -> list[dict[str, Any]]:
         when = time.strftime("%Y-%m-%d %H:%M:%S")
-        self.swap("detuned_pd", BASELINE_SOURCE.format(when=when, **BASELINE_GAINS), **BAD_ON_PURPOSE)
-        self.remote.call("reference", **SINE)
-        time.sleep(float(SINE["ramp_s"]))
+        self.swap("detuned_pd", sources.baseline(self.names, self.weak, when), **BAD_ON_PURPOSE)
+        self.track()
         self.phase("baseline")
-        return self.record(6.0)
+        return self.record(self.tick(), 6.0)
 
-    def probe(self, rough: Arm) -> Arm:
-        """Two constant torques; the swings into both rests are used, and the rests alone for comparison."""
+    def choose_probes(self, baseline: list[dict[str, Any]]) -> list[tuple[float, float] | None]:
+        """For each joint the two torques it is probed with, after a first look at what the bad law made of it.
+
+        None where gravity is not to be seen yet, or where the limits leave no room: such a joint follows the sine.
+        """
+        chosen: list[tuple[float, float] | None] = []
+        heavy = []
+        for number, motion in enumerate(as_motions(baseline)):
+            try:
+                rough = identify_joint([motion])
+            except ValueError:  # it has hardly moved
+                rough = None
+            shares = None
+            if rough is not None and rough.mgl_nm > 0:
+                heavy.append(self.named(number, f"{rough.mgl_nm:.2f} N m"))
+                shares = moves.probe_shares(rough, motion, self.joints[number])
+            most_nm = 0.0 if rough is None else min(rough.mgl_nm, self.torque_max_nm[number])
+            chosen.append(None if shares is None else (shares[0] * most_nm, shares[1] * most_nm))
+        tell(doing=f"reads gravity from the baseline: about {', '.join(heavy)}" if heavy else "sees no gravity yet")
+        return chosen
+
+    def probe(self, baseline: list[dict[str, Any]]) -> list[Arm]:
+        """Two constant torques; all motion is used, the swings above all, and the rests alone for comparison."""
+        chosen = self.choose_probes(baseline)
         self.phase("probing")
-        motions, torques, angles = [], [], []
-        for number, share in enumerate(PROBE_SHARES, start=1):
-            torque_nm = share * min(rough.mgl_nm, self.torque_max_nm)
-            source = PROBE_SOURCE.format(number=number, torque_nm=torque_nm, ramp_s=0.05)
+        probed = [joint for joint, torques in enumerate(chosen) if torques is not None]
+        following = [gains.times(FOLLOWING) for gains in self.weak]
+        runs = []
+        for number in (1, 2):
+            torques_nm = [None if torques is None else torques[number - 1] for torques in chosen]
+            source = sources.probe(number, self.names, torques_nm, following)
+            since = self.tick()  # where the machine is busy, the swing is half over before the swap has been answered
             self.swap(f"probe_{number}", source, **BAD_ON_PURPOSE)
-            motion = self.record(2.5, rest_by_s=8.0)
-            motions.append(motion)
-            resting = last(motion, REST_S)
-            torques.append(float(np.mean(motion.torque_nm[resting])))
-            angles.append(float(np.mean(motion.position_rad[resting])))
-            tell(doing=f"{torques[-1]:.4f} N m holds the arm at {np.degrees(angles[-1]):.1f} deg")
-        arm = identify_arm(motions)
-        rest_nm, rest_se_nm = mgl_at_rest(np.array(torques), np.array(angles), arm.coulomb_nm)
-        tell(
-            estimate={
-                "mgl_hat_nm": arm.mgl_nm,
-                "mgl_se_nm": arm.mgl_se_nm,
-                "inertia_hat_kg_m2": arm.inertia_kg_m2,
-                "coulomb_hat_nm": arm.coulomb_nm,
-                "viscous_hat_nm_s_rad": arm.viscous_nm_s_rad,
-                "windows": arm.windows,
-                "mgl_at_rest_nm": rest_nm,
-                "mgl_at_rest_se_nm": rest_se_nm,
-                "torques_nm": torques,
-                "angles_rad": angles,
-            }
-        )
-        return arm
+            runs.append(self.record(since, 2.5, probed, rest_by_s=8.0))
+        before, *motions = [as_motions(run) for run in (baseline, *runs)]
+        arms = []
+        for joint, name in enumerate(self.names):
+            self.lag_s[joint] = self.lag_of(joint, [baseline, *runs])
+            of_joint = [motion[joint] for motion in motions]
+            try:
+                identify = identify_arm if joint in probed else identify_joint
+                arm = identify([before[joint], *of_joint])
+            except ValueError as error:
+                raise ValueError(f"joint '{name}': {error}") from None
+            arms.append(arm)
+            resting = at_rest(arm, of_joint, name) if joint in probed else {}
+            tell(estimate={"name": name, **self.estimate(joint, arm), **resting})
+        return arms
 
-    def gravity_only(self, arm: Arm) -> None:
+    @staticmethod
+    def lag_of(joint: int, runs: list[list[dict[str, Any]]]) -> float:
+        records = []
+        for columns in map(joined, runs):
+            t_s = (columns["sample_ns"][:, 0] - columns["sample_ns"][0, 0]) * 1e-9
+            records.append((t_s, columns["command_torque_nm"][:, joint], columns["torque_nm"][:, joint]))
+        return torque_lag_s(records)
+
+    def estimate(self, joint: int, arm: Arm) -> dict[str, Any]:
+        return {
+            "mgl_hat_nm": arm.mgl_nm,
+            "mgl_se_nm": arm.mgl_se_nm,
+            "inertia_hat_kg_m2": arm.inertia_kg_m2,
+            "coulomb_hat_nm": arm.coulomb_nm,
+            "viscous_hat_nm_s_rad": arm.viscous_nm_s_rad,
+            "windows": arm.windows,
+            "lag_s": self.lag_s[joint],
+            "bandwidth_rad_s": self.bandwidth_rad_s(joint),
+        }
+
+    def bandwidth_rad_s(self, joint: int) -> float:
+        """As fast as the ticks, the bus and the drive of this joint allow."""
+        lag_s = self.lag_s[joint]
+        slowed_rad_s = LAG_RAD / lag_s if lag_s > 0 else np.inf
+        return float(min(self.rate_hz / 20.0, MOST_BANDWIDTH_RAD_S, slowed_rad_s))
+
+    def gravity_only(self, arms: list[Arm]) -> None:
         """An ablation: one period of the sine with the gravity term added to the gains of the baseline."""
         tell(phase="", from_ns=time.monotonic_ns())
-        gravity = replace(arm, inertia_kg_m2=0.0, coulomb_nm=0.0)
+        gravity = [replace(arm, inertia_kg_m2=0.0, coulomb_nm=0.0) for arm in arms]
         self.rest()
-        source = model_law("gravity_only", GRAVITY_ONLY, gravity, **BASELINE_GAINS)
+        source = sources.model("gravity_only", sources.GRAVITY_ONLY, self.names, gravity, self.weak)
         self.swap("gravity_only", source, **BAD_ON_PURPOSE)
-        self.remote.call("reference", **SINE)
-        time.sleep(float(SINE["ramp_s"]))
+        self.track()
         self.phase("gravity_only")
-        time.sleep(1 / float(SINE["frequency_hz"]))
+        time.sleep(1 / moves.FREQUENCY_HZ)
 
-    def evolve(self, arm: Arm) -> None:
-        """Bandwidth: a twentieth of the tick rate in rad/s leaves room for one tick of delay and the drive's lag."""
+    def evolve(self, arms: list[Arm]) -> None:
         self.phase("evolving")
-        omega = min(self.rate_hz / 20.0, MOST_BANDWIDTH_RAD_S)
-        source = model_law("evolved", EVOLVED, arm, arm.inertia_kg_m2 * omega**2, 1.8 * omega * arm.inertia_kg_m2)
+        omegas = [self.bandwidth_rad_s(joint) for joint in range(len(arms))]
+        gains = [
+            Gains(arm.inertia_kg_m2 * omega**2, DAMPING * omega * arm.inertia_kg_m2)
+            for arm, omega in zip(arms, omegas, strict=True)
+        ]
+        source = sources.model("evolved", sources.EVOLVED, self.names, arms, gains)
         tell(source=source)
         self.rest()  # so that the new law starts without an error
         self.swap("evolved", source)
-        self.remote.call("reference", **SINE)
-        time.sleep(float(SINE["ramp_s"]) + 0.5)
+        self.track()
+        time.sleep(0.5)
         self.phase("evolved")
         time.sleep(6.0)
+
+
+def at_rest(arm: Arm, motions: list[Motion], name: str) -> dict[str, Any]:
+    """What the rests that the torques led to say by themselves."""
+    torques = [float(np.mean(motion.torque_nm[last(motion, REST_S)])) for motion in motions]
+    angles = [float(np.mean(motion.position_rad[last(motion, REST_S)])) for motion in motions]
+    for torque_nm, angle_rad in zip(torques, angles, strict=True):
+        tell(doing=f"{torque_nm:.4f} N m holds {name} at {np.degrees(angle_rad):.1f} deg")
+    rest_nm, rest_se_nm = mgl_at_rest(np.array(torques), np.array(angles), arm.coulomb_nm)
+    return {
+        "mgl_at_rest_nm": rest_nm,
+        "mgl_at_rest_se_nm": rest_se_nm,
+        "torques_nm": torques,
+        "angles_rad": angles,
+    }
 
 
 def main() -> int:
@@ -277,11 +284,9 @@ def main() -> int:
     args = parser.parse_args()
     try:
         agent = Agent(Remote(args.host, args.port, args.token_file.read_text().strip()))
-        rough = identify_arm([agent.baseline()])
-        tell(doing=f"reads gravity from the baseline: about {rough.mgl_nm:.2f} N m")
-        arm = agent.probe(rough)
-        agent.gravity_only(arm)
-        agent.evolve(arm)
+        arms = agent.probe(agent.baseline())
+        agent.gravity_only(arms)
+        agent.evolve(arms)
     except (ValueError, LitheError) as error:
         print(f"agent: {error}", file=sys.stderr)
         return 1

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demo's Brain process: streams a reference to the Spine and opens the gateway to the agent.
 
-It publishes every 20 ms what the next 240 ms shall be. `reference` chooses what: rest where the arm is, or a sine.
+It publishes every 20 ms what the next 240 ms shall be. `reference` chooses what: rest where the robot is, or a sine.
 Every change of reference fades in from the measured position, so that nothing jumps.
 """
 
@@ -12,34 +12,42 @@ import json
 import math
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 import lithe
 from lithe.gateway import Gateway, write_token
 
 PERIOD_NS = 20_000_000
 POINTS = 12
+Vector = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Angle [rad] over time [ns]: centre + amplitude sin(2 pi f (t - since)), faded in over ramp from `start_rad`."""
+    """Angles [rad] over time [ns]: centre + amplitude sin(2 pi f (t - since) + phase), faded in from `start_rad`."""
 
     since_ns: int
-    start_rad: float
-    centre_rad: float
-    amplitude_rad: float = 0.0
+    start_rad: Vector
+    centre_rad: Vector
+    amplitude_rad: Vector
+    phase_rad: Vector
     frequency_hz: float = 0.0
     ramp_s: float = 1.0
 
-    def at(self, t_ns: int) -> float:
-        t = (t_ns - self.since_ns) * 1e-9
-        goal = self.centre_rad + self.amplitude_rad * math.sin(2 * math.pi * self.frequency_hz * t)
-        x = min(1.0, max(0.0, t / self.ramp_s))
+    def at(self, t_ns: Sequence[int]) -> Vector:
+        """Shape (times, joints)."""
+        t = (np.asarray(t_ns, dtype=np.int64)[:, None] - self.since_ns) * 1e-9
+        goal = self.centre_rad + self.amplitude_rad * np.sin(2 * math.pi * self.frequency_hz * t + self.phase_rad)
+        x = np.clip(t / self.ramp_s, 0.0, 1.0)
         blend = x**3 * (10 - 15 * x + 6 * x * x)  # minimum jerk
-        return self.start_rad + blend * (goal - self.start_rad)
+        angles: Vector = self.start_rad + blend * (goal - self.start_rad)
+        return angles
 
 
 class ReferenceKeeper:
@@ -48,28 +56,32 @@ class ReferenceKeeper:
     def __init__(self, robot: lithe.Robot) -> None:
         self._robot = robot
         self._lock = threading.Lock()
-        self._reference = self._rest()
+        self._reference = self._made({})
 
-    def _measured_rad(self) -> float:
+    def _made(self, args: dict[str, Any]) -> Reference:
+        joints = self._robot.spine.joint_count
         record = self._robot.spine.latest()
-        return 0.0 if record is None else float(record["position_rad"][0])
+        measured = np.zeros(joints) if record is None else np.array(record["position_rad"][:joints])
 
-    def _rest(self) -> Reference:
-        angle = self._measured_rad()
-        return Reference(time.monotonic_ns(), angle, angle)
+        def each(name: str, usual: Vector | float) -> Vector:
+            return np.broadcast_to(np.asarray(args.get(name, usual), dtype=np.float64), joints)
+
+        return Reference(
+            time.monotonic_ns(),
+            measured,
+            each("centre_rad", measured),
+            each("amplitude_rad", 0.0),
+            each("phase_rad", 0.0),
+            float(args.get("frequency_hz", 0.0)),
+            float(args.get("ramp_s", 1.0)),
+        )
 
     def set(self, args: dict[str, Any]) -> dict[str, Any]:
-        """Gateway verb `reference`: {} rests; centre_rad, amplitude_rad, frequency_hz, ramp_s make a sine."""
-        reference = self._rest()
-        if "centre_rad" in args:
-            reference = Reference(
-                time.monotonic_ns(),
-                self._measured_rad(),
-                float(args["centre_rad"]),
-                float(args.get("amplitude_rad", 0.0)),
-                float(args.get("frequency_hz", 0.0)),
-                float(args.get("ramp_s", 1.0)),
-            )
+        """Gateway verb `reference`: {} rests; centre_rad, amplitude_rad, phase_rad, frequency_hz, ramp_s make a sine.
+
+        The first three are a number for all joints, or one for each.
+        """
+        reference = self._made(args)
         with self._lock:
             self._reference = reference
         return {"since_ns": reference.since_ns}
@@ -79,7 +91,7 @@ class ReferenceKeeper:
             reference = self._reference
         first = (time.monotonic_ns() // PERIOD_NS + 1) * PERIOD_NS
         times = [first + i * PERIOD_NS for i in range(POINTS)]
-        self._robot.publish(times, [reference.at(t) for t in times])
+        self._robot.publish(times, reference.at(times))
 
 
 def main() -> int:

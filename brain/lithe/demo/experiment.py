@@ -10,29 +10,36 @@ import time
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from lithe._wire import Fault, Mode
 from lithe.errors import LitheError
 
 from . import brain, judge
-from .agent import SINE
 from .processes import Disturbed, Lines, Stage, raise_unless_active, start_brain
 from .recorder import Recorder
 
 FREEZE_S = 1.5
 
 
-def freeze_angle_rad(deceleration_rad_s2: float) -> float:
-    """Where on its way down the sine's setpoint is when a Brain stopped now lets it end at the centre.
+def freeze_phase_rad(reference: dict[str, Any], decelerations_rad_s2: npt.NDArray[np.float64]) -> float:
+    """The phase at which a Brain stopped now lets the setpoints end at half a turn, where gravity pulls hardest.
 
-    What has been published lasts about `ahead_s`; then the setpoint slows down at the joint's deceleration.
+    What has been published lasts about `ahead_s`; then each setpoint slows down at its joint's deceleration. Of joints
+    that differ in that, the mean.
     """
-    omega = 2 * np.pi * SINE["frequency_hz"]
-    speed_rad_s = SINE["amplitude_rad"] * omega
-    coast_rad = speed_rad_s**2 / (2 * deceleration_rad_s2)
+    omega = 2 * np.pi * float(reference["frequency_hz"])
+    amplitudes_rad = np.asarray(reference["amplitude_rad"])
+    coast_shares = amplitudes_rad * omega**2 / (2 * decelerations_rad_s2)  # of the amplitude
     ahead_s = (brain.POINTS - 1) * brain.PERIOD_NS * 1e-9
-    phase_rad = np.pi - np.arcsin(min(1.0, coast_rad / SINE["amplitude_rad"])) - omega * ahead_s
-    return float(SINE["centre_rad"] + SINE["amplitude_rad"] * np.sin(max(phase_rad, np.pi / 2)))
+    return float(max(np.pi - np.mean(np.arcsin(np.minimum(1.0, coast_shares))) - omega * ahead_s, np.pi / 2))
+
+
+def next_at(reference: dict[str, Any], phase_rad: float, after_ns: int) -> int:
+    """When the sines come to that phase next, CLOCK_MONOTONIC ns."""
+    period_ns = 1e9 / float(reference["frequency_hz"])
+    first_ns = int(reference["since_ns"]) + phase_rad / (2 * np.pi) * period_ns
+    return int(first_ns + max(0, np.ceil((after_ns - first_ns) / period_ns)) * period_ns)
 
 
 class Experiment:
@@ -96,31 +103,30 @@ class Experiment:
                 f"law '{swap['law']}' compiled in {swap['compile_ms']:.0f} ms, runs from tick {swap['commit_tick'] + 1}"
             )
         elif estimate := line.get("estimate"):
-            self.story.estimate = estimate
-            self.say(f"estimate: mgl = {estimate['mgl_hat_nm']:.4f} +- {estimate['mgl_se_nm']:.4f} N m")
+            self.story.estimates.append(estimate)
+            self.say(self.read_aloud(estimate))
+        elif reference := line.get("reference"):
+            self.story.reference = reference
         elif "source" in line:
             self.story.source = line["source"]
         elif doing := line.get("doing"):
             self.say(f"agent {doing}")
 
+    def read_aloud(self, estimate: dict[str, Any]) -> str:
+        name = f" of {estimate['name']}" if self.stage.spine.joint_count > 1 else ""
+        if estimate["mgl_hat_nm"] == 0:
+            return f"estimate{name}: no gravity, J = {estimate['inertia_hat_kg_m2']:.2e} kg m2"
+        return f"estimate{name}: mgl = {estimate['mgl_hat_nm']:.4f} +- {estimate['mgl_se_nm']:.4f} N m"
+
     def freeze(self, pid: int) -> None:
-        """Stops the Brain so that the arm comes to rest horizontal, where gravity pulls hardest."""
-        angle_rad = freeze_angle_rad(float(self.stage.spine.info["deceleration_rad_s2"][0]))
-        before = -np.inf
-        deadline = time.monotonic() + 10
-        while time.monotonic() < deadline:
-            self.check()
-            record = self.stage.spine.latest()
-            now = before if record is None else float(record["setpoint_position_rad"][0])
-            if before >= angle_rad > now:  # on its way down
-                break
-            before = now
+        """Stops the Brain so that each joint comes to rest where gravity pulls hardest: horizontal, if it can be."""
+        joints = self.stage.spine.joint_count
+        decelerations = np.asarray(self.stage.spine.info["deceleration_rad_s2"][:joints], dtype=np.float64)
+        phase_rad = freeze_phase_rad(self.story.reference, decelerations)
+        at_ns = next_at(self.story.reference, phase_rad, time.monotonic_ns())
+        self.wait((at_ns - time.monotonic_ns()) * 1e-9 - 0.02)
+        while time.monotonic_ns() < at_ns:
             time.sleep(0.001)
-        else:
-            raise LitheError(
-                f"the setpoint did not come down through {np.degrees(angle_rad):.0f} deg within 10 s, "
-                "where the Brain is to be frozen"
-            )
         os.kill(pid, signal.SIGSTOP)
         start = time.monotonic_ns()
         self.story.begin("frozen", start)
@@ -141,12 +147,12 @@ class Experiment:
         mind.wait()
         start = time.monotonic_ns()
         self.story.begin("killed", start)
-        self.say("the Brain is killed; the arm holds")
+        self.say("the Brain is killed; the robot holds")
         self.wait(1.0)
         self.story.end(time.monotonic_ns())
-        start_brain(self.stage, self.token_file, SINE)
+        start_brain(self.stage, self.token_file, self.story.reference)
         self.story.kill_ns = (start, time.monotonic_ns())
         self.say("a new Brain has attached")
-        self.wait(float(SINE["ramp_s"]) + 0.5)
+        self.wait(float(self.story.reference["ramp_s"]) + 0.5)
         self.story.begin("reattached", time.monotonic_ns())
         self.wait(3.0)

@@ -16,11 +16,13 @@ import numpy.typing as npt
 from matplotlib.ticker import FuncFormatter
 
 from . import losses
+from .joints import error_deg
 from .judge import Story
 
 INK, GREY, PALE = "#24292f", "#6e7781", "#d0d7de"
 BLUE, ORANGE, GREEN, RED = "#2f6fb7", "#d9822b", "#3f8f5f", "#b3382c"
 FREEZE = "#a9c4e6"
+LEAST_DEG = 0.001  # of what an axis shows of an error
 PHASE_COLOURS = {
     "baseline": "#eccfca", "probing": "#f4e3bd", "gravity_only": "#dfe8c9", "evolving": "#e4dcf0", "evolved": "#cfe6d4",
     "frozen": FREEZE, "resumed": "#cfe6d4", "killed": FREEZE, "reattached": "#cfe6d4",
@@ -147,13 +149,10 @@ class _Timeline:
         _plain(axes.yaxis)
 
     def tracking(self) -> None:
+        """The setpoint and the arm; of several joints the error of each."""
+        heavy = [number for number, joint in enumerate(self.summary["joints"]) if joint["bears_gravity"]]
+        self.angles(heavy[0]) if len(heavy) == 1 else self.errors(heavy)
         axes = self.rows[3]
-        setpoint, arm = (np.degrees(self.records[name][:, 0]) for name in ("setpoint_position_rad", "position_rad"))
-        axes.plot(self.t_s, setpoint, color="#aeb6bf", lw=3.2, label="setpoint", solid_capstyle="round")
-        axes.plot(self.t_s, arm, color=ORANGE, lw=1.2, label="arm")
-        axes.set_ylim(
-            min(float(arm.min()), float(setpoint.min())) - 12, max(float(arm.max()), float(setpoint.max())) + 34
-        )
         rmse = {phase["name"]: phase["rmse_deg"] for phase in self.summary["phases"]}
         for phase in self.story.phases:
             if phase["name"] in ("baseline", "gravity_only", "evolved", "resumed", "reattached"):
@@ -161,13 +160,42 @@ class _Timeline:
                 axes.text(middle, 0.985, f"RMSE\n{rmse[phase['name']]:.2f}°", transform=axes.get_xaxis_transform(),
                           ha="center", va="top", fontsize=8)  # fmt: skip
         freeze = self.summary["freeze"]
+        alone = f"holds at {freeze['rest_angle_deg']:.0f}°,\n{freeze['gravity_share']:.0%} of the\nlargest load"
         axes.text(
             self.second(self.story.freeze_ns[0]) + 0.1, 0.03,
-            f"holds at {freeze['rest_angle_deg']:.0f}°,\n{freeze['gravity_share']:.0%} of the\nlargest load",
+            alone if len(heavy) == 1 else f"each holds\n≥ {freeze['gravity_share']:.0%} of its\nlargest load",
             transform=axes.get_xaxis_transform(), va="bottom", fontsize=7.5,
         )  # fmt: skip
-        axes.set_ylabel("degrees")
         axes.set_xlabel("seconds")
+
+    def errors(self, joints: list[int]) -> None:
+        """One line a joint, on a logarithmic axis: the root mean square of its error over a quarter of a second."""
+        axes = self.rows[3]
+        width = max(1, round(0.25 * self.summary["rate_hz"]))
+        starts = np.arange(0, len(self.t_s), width)
+        colours = plt.get_cmap("turbo")(np.linspace(0.05, 0.95, len(joints)))
+        for joint, colour in zip(joints, colours, strict=True):
+            squares = np.add.reduceat(error_deg(self.records, joint) ** 2, starts)
+            error = np.sqrt(squares / np.diff(np.append(starts, len(self.t_s))))
+            name = self.summary["joints"][joint]["name"]
+            axes.plot(self.t_s[starts], np.maximum(error, LEAST_DEG), color=colour, lw=1.1, label=name)
+        axes.set_yscale("log")
+        columns = 5 if len(joints) <= 15 else 8
+        axes.set_ylim(LEAST_DEG / 10 ** -(-len(joints) // columns), 2000)  # room for words below and above the lines
+        _plain(axes.yaxis)
+        axes.set_ylabel("degrees off the setpoint")
+        axes.legend(loc="lower left", fontsize=7.5, frameon=False, ncols=columns)
+        axes.set_title("(d) Tracking of each joint that bears gravity")
+
+    def angles(self, joint: int) -> None:
+        axes = self.rows[3]
+        setpoint, arm = (np.degrees(self.records[name][:, joint]) for name in ("setpoint_position_rad", "position_rad"))
+        axes.plot(self.t_s, setpoint, color="#aeb6bf", lw=3.2, label="setpoint", solid_capstyle="round")
+        axes.plot(self.t_s, arm, color=ORANGE, lw=1.2, label="arm")
+        axes.set_ylim(
+            min(float(arm.min()), float(setpoint.min())) - 12, max(float(arm.max()), float(setpoint.max())) + 34
+        )
+        axes.set_ylabel("degrees")
         axes.legend(loc="lower left", fontsize=8, frameon=False, ncols=2)
         axes.set_title("(d) Tracking; hanging down is 0°, horizontal 90°")
 

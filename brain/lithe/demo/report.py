@@ -18,14 +18,28 @@ def stages(swaps: list[dict[str, Any]]) -> None:
         print(f"  {'':<12}{swap['law']:<12}{cells}{swap['requested_to_committed_ms']:>10.1f}")
 
 
+def estimates(joints: list[dict[str, Any]]) -> None:
+    """What the agent found; of several joints a row for each, with what came of it."""
+    if len(joints) == 1:
+        joint = joints[0]
+        print(
+            f"  mgl         {joint['mgl_hat_nm']:.4f} N m estimated, {joint['mgl_true_nm']:.4f} true: "
+            f"off by {joint['mgl_error']:.1%}"
+        )
+        return
+    shown = ("baseline", "gravity_only", "evolved", "resumed", "reattached")
+    print(f"  {'mgl [N m]':<12}{'found':>9}{'true':>9}{'off by':>8}" + "".join(f"{name:>14}" for name in shown))
+    for joint in joints:
+        found = f"{joint['mgl_hat_nm']:>9.4f}" if joint["mgl_hat_nm"] != 0 else f"{'none':>9}"
+        rmse = "".join(f"{joint['rmse_deg'].get(name, float('nan')):>10.2f} deg" for name in shown)
+        print(f"  {joint['name']:<12}{found}{joint['mgl_true_nm']:>9.4f}{joint['mgl_error']:>8.1%}{rmse}")
+
+
 def report(summary: dict[str, Any], out: Path) -> None:
     print()
     for phase in summary["phases"]:
         print(f"  {phase['name']:<12} RMSE {phase['rmse_deg']:7.2f} deg   ({phase['seconds']:.1f} s)")
-    print(
-        f"  mgl         {summary['mgl_hat_nm']:.4f} N m estimated, {summary['mgl_true_nm']:.4f} true: "
-        f"off by {summary['mgl_error']:.1%}"
-    )
+    estimates(summary["joints"])
     for swap in summary["swaps"]:
         made = "taken from the cache" if swap["cached"] else f"compiled in {swap['compile_ms']:4.0f} ms"
         print(

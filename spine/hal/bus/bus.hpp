@@ -34,6 +34,9 @@ class Bus {
   // Opens an exchange. A bus that can tell throws away what came since the last one.
   virtual void begin(std::int64_t now_ns) LITHE_RT = 0;
 
+  // The next frame will be answered, and the answer waited for. For hardware that waits by itself and must know.
+  virtual void expect_answer() LITHE_RT {}
+
   // False: refused and counted, because there is no room or no hardware.
   virtual bool send(const Frame& frame) LITHE_RT = 0;
 
@@ -53,7 +56,7 @@ class Bus {
   // Why nothing can be sent; empty when all is well. Contract: as service()
   virtual std::string why_down() const { return ""; }
 
-  const BusStatistics& statistics() const LITHE_RT { return statistics_; }
+  virtual const BusStatistics& statistics() const LITHE_RT { return statistics_; }
 
  protected:
   BusStatistics statistics_;

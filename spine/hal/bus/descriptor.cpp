@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/bus/descriptor.hpp"
 
+#include <linux/sock_diag.h>
+#include <sys/socket.h>
 #include <time.h>
 #include <unistd.h>
 
+#include <array>
 #include <cerrno>
 #include <utility>
 
@@ -20,10 +23,27 @@
 namespace lithe::hal {
 namespace {
 
-Moved outcome(ssize_t bytes, int error) LITHE_RT {
-  if (bytes >= 0) return {static_cast<std::size_t>(bytes), 0};
-  if (error == EAGAIN || error == EWOULDBLOCK || error == EINTR) return {};
-  return {0, error};
+struct Answer {
+  ssize_t value;
+  int error;  // errno
+};
+
+// Only for calls on a descriptor that is non-blocking.
+template <class Call>
+Answer ask_kernel(Call call) LITHE_RT {
+  Answer answer{};
+  LITHE_RT_EXEMPT("a call that never waits: the kernel copies what it has, or has room for", {
+    LITHE_SYSTEM_CALL;
+    answer.value = call();
+    answer.error = errno;
+  });
+  return answer;
+}
+
+Moved outcome(const Answer& answer) LITHE_RT {
+  if (answer.value >= 0) return {static_cast<std::size_t>(answer.value), 0};
+  if (answer.error == EAGAIN || answer.error == EWOULDBLOCK || answer.error == EINTR) return {};
+  return {0, answer.error};
 }
 
 }  // namespace
@@ -46,24 +66,23 @@ void Descriptor::close() {
 }
 
 Moved Descriptor::read(std::span<std::byte> to) const LITHE_RT {
-  Moved moved;
-  LITHE_RT_EXEMPT("a read that never waits: it copies what the kernel has", {
-    LITHE_SYSTEM_CALL;
-    const ssize_t bytes = ::read(fd_, to.data(), to.size());
-    moved = outcome(bytes, errno);
-    if (bytes == 0 && !to.empty()) moved.error = EIO;  // the end of a terminal or a socket: nobody is there any more
-  });
+  const Answer answer = ask_kernel([&] { return ::read(fd_, to.data(), to.size()); });
+  Moved moved = outcome(answer);
+  if (answer.value == 0 && !to.empty())
+    moved.error = EIO;  // the end of a terminal or a socket: nobody is there any more
   return moved;
 }
 
 Moved Descriptor::write(std::span<const std::byte> from) const LITHE_RT {
-  Moved moved;
-  LITHE_RT_EXEMPT("a write that never waits: it copies what the kernel has room for", {
-    LITHE_SYSTEM_CALL;
-    const ssize_t bytes = ::write(fd_, from.data(), from.size());
-    moved = outcome(bytes, errno);
-  });
-  return moved;
+  return outcome(ask_kernel([&] { return ::write(fd_, from.data(), from.size()); }));
+}
+
+std::uint32_t Descriptor::unsent_bytes() const LITHE_RT {
+  std::array<std::uint32_t, SK_MEMINFO_VARS> memory{};
+  socklen_t size = sizeof memory;
+  const Answer answer =
+      ask_kernel([&] { return ssize_t{getsockopt(fd_, SOL_SOCKET, SO_MEMINFO, memory.data(), &size)}; });
+  return answer.value == 0 ? memory[SK_MEMINFO_WMEM_ALLOC] : 0;
 }
 
 void nap() LITHE_RT {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <span>
 
 #include "spine/core/rt.hpp"
@@ -32,6 +33,9 @@ class Descriptor {
 
   Moved read(std::span<std::byte> to) const LITHE_RT;
   Moved write(std::span<const std::byte> from) const LITHE_RT;
+
+  // Of a socket: the memory that holds what was written and has not left yet [bytes]. 0: all has, or nobody knows.
+  std::uint32_t unsent_bytes() const LITHE_RT;
 
  private:
   int fd_;

@@ -47,14 +47,8 @@ bool parse_id(std::string_view text, std::uint32_t& id) LITHE_RT { return hex_nu
 
 bool parse_data(std::string_view text, Frame& frame) LITHE_RT {
   if (text.size() % 2 != 0 || text.size() > 2 * kMaxPayload) return false;
-  for (std::size_t i = 0; i < text.size(); i += 2) {
-    const int high = hex_digit(text[i]);
-    const int low = hex_digit(text[i + 1]);
-    if (high < 0 || low < 0) return false;
-    frame.data[i / 2] = static_cast<std::uint8_t>(high << 4 | low);
-  }
   frame.size = static_cast<std::uint8_t>(text.size() / 2);
-  return true;
+  return hex_bytes(text, std::span(frame.data).first(frame.size));
 }
 
 // `summed`: a checksum says that the line is whole. It also took the spaces before it away, and with them an empty
@@ -175,6 +169,7 @@ std::size_t format_send(const Frame& frame, bool checksum, std::span<char> out) 
 bool parse_line(std::string_view line, bool want_checksum, Line& out) LITHE_RT {
   if (line.size() > kLongestLine) return false;
   const Sum sum = strip_sum(line);
+  out.sum = sum;
   if (sum == Sum::wrong || (sum == Sum::absent && want_checksum)) return false;
   out.text = line;
   if (begins(line, "rcv ")) {

@@ -48,6 +48,7 @@ struct Line {
     other,     // anything else: the answer to a question, a remote frame, a line of another program
   };
   Kind kind = Kind::other;
+  Sum sum = Sum::absent;
   Frame frame;
   std::string_view text;  // of error: what follows "ERR "; of other: all; lies in the line that was parsed
 };

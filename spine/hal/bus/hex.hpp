@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <string_view>
 
 #include "spine/core/rt.hpp"
@@ -30,6 +31,18 @@ constexpr bool hex_number(std::string_view text, std::uint32_t& value) LITHE_RT 
     number = number << 4 | static_cast<std::uint32_t>(digit);
   }
   value = number;
+  return true;
+}
+
+// The bytes that `text` says, two digits each, as many as `bytes` holds. False: it has another length, or says none.
+constexpr bool hex_bytes(std::string_view text, std::span<std::uint8_t> bytes) LITHE_RT {
+  if (text.size() != 2 * bytes.size()) return false;
+  for (std::size_t i = 0; i < bytes.size(); ++i) {
+    const int high = hex_digit(text[2 * i]);
+    const int low = hex_digit(text[2 * i + 1]);
+    if (high < 0 || low < 0) return false;
+    bytes[i] = static_cast<std::uint8_t>(high << 4 | low);
+  }
   return true;
 }
 

@@ -9,11 +9,12 @@ void LoopBus::begin(std::int64_t now_ns) LITHE_RT {
   inbound_.clear();
   now_ns_ = now_ns;
   for (BusNode* node : nodes_) node->on_time(now_ns, inbound_);
+  count_refused();
 }
 
 bool LoopBus::send(const Frame& frame) LITHE_RT {
   if (!outbound_.push(frame)) {
-    ++statistics_.refused;
+    count_refused();
     return false;
   }
   ++statistics_.sent;
@@ -35,6 +36,10 @@ void LoopBus::deliver() LITHE_RT {
     for (BusNode* node : nodes_) node->on_frame(*frame, now_ns_, inbound_);
     outbound_.pop();  // after the nodes have read it in place
   }
+  count_refused();
 }
+
+// Either way: commands, and answers that nobody collected.
+void LoopBus::count_refused() LITHE_RT { statistics_.refused = outbound_.refused() + inbound_.refused(); }
 
 }  // namespace lithe::hal

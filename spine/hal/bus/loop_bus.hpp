@@ -19,9 +19,12 @@ class FrameQueue {
  public:
   static constexpr std::size_t kCapacity = 256;
 
-  // False when full; the queue is unchanged.
+  // False when full: counted, and the queue is unchanged.
   bool push(const Frame& frame) LITHE_RT {
-    if (size() == kCapacity) return false;
+    if (size() == kCapacity) {
+      ++refused_;
+      return false;
+    }
     frames_[head_++ % kCapacity] = frame;
     return true;
   }
@@ -31,12 +34,14 @@ class FrameQueue {
     if (++tail_ == head_) clear();
   }
   std::size_t size() const LITHE_RT { return head_ - tail_; }
+  std::uint64_t refused() const LITHE_RT { return refused_; }  // ever
   // An empty queue starts over, so that few frames use little cache.
   void clear() LITHE_RT { head_ = tail_ = 0; }
 
  private:
   std::size_t head_ = 0;
   std::size_t tail_ = 0;
+  std::uint64_t refused_ = 0;
   std::array<Frame, kCapacity> frames_{};
 };
 
@@ -78,6 +83,7 @@ class LoopBus final : public Bus {
 
  private:
   void deliver() LITHE_RT;
+  void count_refused() LITHE_RT;
 
   std::int64_t now_ns_ = 0;
   FrameQueue outbound_;

@@ -85,6 +85,21 @@ TEST(LoopBus, AFullQueueRefusesAndCountsAndLosesNothingOfWhatItTook) {
   EXPECT_FALSE(bus.receive(frame));
 }
 
+TEST(LoopBus, AnswersThatFindNoRoomAreCountedAsWell) {
+  LoopBus bus;
+  Echo one, two;
+  bus.attach(one);
+  bus.attach(two);
+  bus.begin(0);
+  constexpr std::size_t kSent = 200;
+  for (std::uint32_t id = 0; id < kSent; ++id) ASSERT_TRUE(bus.send(frame_with_id(id)));
+  Frame frame;
+  std::size_t answers = 0;
+  while (bus.receive(frame)) ++answers;
+  EXPECT_EQ(answers, FrameQueue::kCapacity);
+  EXPECT_EQ(bus.statistics().refused, 2 * kSent - FrameQueue::kCapacity);
+}
+
 TEST(LoopBus, WhatIsNotCollectedInItsExchangeIsLateAndThrownAway) {
   LoopBus bus;
   Echo echo;

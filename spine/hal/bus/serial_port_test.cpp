@@ -8,6 +8,7 @@
 #include <cerrno>
 
 #include "spine/hal/bus/test_pty.hpp"
+#include "spine/hal/bus/test_sys.hpp"
 
 namespace lithe::hal {
 namespace {
@@ -69,6 +70,23 @@ TEST(SerialPort, TellsThatTheOtherEndIsGoneAndOpensTheNextOne) {
   ASSERT_TRUE(port.open());
   pty.say("back");
   EXPECT_EQ(read_until(port, 4), "back");
+}
+
+// Ids repeat on each bus: with the adapters exchanged every drive would answer, and get another one's commands.
+TEST(SerialPort, AnotherAdapterBehindTheSamePathIsRefused) {
+  TestPty pty;
+  test::FakeSys sys;
+  sys.plug(pty.path(), "0483", "5740", "SHOULDER");
+  SerialPort port(pty.path(), kUsualBaud, sys.path());
+  ASSERT_TRUE(port.open());
+  EXPECT_TRUE(port.identity().fdcanusb);
+  sys.plug(pty.path(), "0483", "5740", "HAND");
+  const Result<> other = port.open();
+  ASSERT_FALSE(other);
+  EXPECT_NE(other.message().find("0483:5740 HAND"), std::string::npos) << other.message();
+  EXPECT_NE(other.message().find("/dev/serial/by-id"), std::string::npos) << other.message();
+  sys.plug(pty.path(), "0483", "5740", "SHOULDER", "1-2");
+  EXPECT_TRUE(port.open()) << "the same again, in another socket";
 }
 
 TEST(SerialPort, RefusesWhatIsNoSerialDevice) {

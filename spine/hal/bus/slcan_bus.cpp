@@ -8,7 +8,7 @@
 namespace lithe::hal {
 
 SlcanBus::SlcanBus(const SlcanParams& params, std::string greeting)
-    : TextBus(params.path, params.reply_wait_ns, slcan::kDone, slcan::kRefused),
+    : TextBus(SerialPort(params.path, params.baud), params.reply_wait_ns, slcan::kDone, slcan::kRefused),
       greeting_(std::move(greeting)),
       fd_(params.data_bitrate > 0) {}
 
@@ -25,9 +25,10 @@ Result<std::unique_ptr<SlcanBus>> SlcanBus::open(const SlcanParams& params) {
     return Error{params.path + ": slcan has no data bit rate of " + std::to_string(params.data_bitrate) +
                  "; use 2000000, 5000000, or 0 for classic CAN"};
   }
-  // An open channel keeps its bit rate, so it is closed first. No empty line before it: there are adapters that take
-  // one for the last command again.
-  std::string greeting = std::string("C\rS") + rate + "\r";
+  // An open channel keeps its bit rate, so it is closed first. Before that comes what no half command of a program
+  // before us can become whole with: V is no hex digit, C is. No empty line: there are adapters that take one for the
+  // last command again.
+  std::string greeting = std::string("V\rC\rS") + rate + "\r";
   if (params.data_bitrate != 0) greeting += std::string("Y") + data_rate + "\r";
   std::unique_ptr<SlcanBus> bus(new SlcanBus(params, greeting + "O\r"));
   if (const Result<> opened = bus->TextBus::open(); !opened) return opened.error();
@@ -48,6 +49,8 @@ TextBus::Said SlcanBus::parse(std::string_view line, Frame& frame) LITHE_RT {
     case slcan::Answer::refused:
     case slcan::Answer::trouble:
       return Said::refused;
+    case slcan::Answer::bus_off:
+      return Said::bus_off;
     case slcan::Answer::other:
       return Said::nothing;
     case slcan::Answer::malformed:

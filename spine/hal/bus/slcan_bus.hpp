@@ -16,6 +16,7 @@ struct SlcanParams {
   std::uint32_t bitrate = 1'000'000;
   std::uint32_t data_bitrate = 0;  // 2'000'000 or 5'000'000; 0 = classic CAN only
   std::int64_t reply_wait_ns = 2'000'000;
+  std::uint32_t baud = kUsualBaud;  // where there are bauds: USB has none
 };
 
 // Adapters with LAWICEL's manners refuse to close what is closed: that is one of statistics().errors at each opening.

@@ -16,12 +16,12 @@ TEST(SlcanBus, TellsTheAdapterItsBitRates) {
   {
     const auto classic = SlcanBus::open({pty.path(), 250'000, 0, 0});
     ASSERT_TRUE(classic) << classic.message();
-    EXPECT_EQ(pty.heard_until("O\r"), "C\rS5\rO\r");
+    EXPECT_EQ(pty.heard_until("O\r"), "V\rC\rS5\rO\r");
   }
   EXPECT_EQ(pty.heard_until("C\r"), "C\r");
   const auto fd = SlcanBus::open({pty.path(), 1'000'000, 5'000'000, 0});
   ASSERT_TRUE(fd) << fd.message();
-  EXPECT_EQ(pty.heard_until("O\r"), "C\rS8\rY5\rO\r");
+  EXPECT_EQ(pty.heard_until("O\r"), "V\rC\rS8\rY5\rO\r");
 }
 
 TEST(SlcanBus, RefusesWhatNoAdapterCan) {
@@ -72,11 +72,30 @@ TEST(SlcanBus, CountsTroubleThatTheAdapterReports) {
   TestPty pty;
   const auto bus = SlcanBus::open({pty.path()});
   ASSERT_TRUE(bus);
-  pty.say("\asb256000\re1a\rV1013\rr1238\rt1230\r");
+  pty.say("\asp128000\re1a\rsa000000\rV1013\rr1238\rt1230\r");
   Frame frame;
   ASSERT_TRUE(test::next(**bus, frame));
   EXPECT_EQ((*bus)->statistics().errors, 3U);
   EXPECT_EQ((*bus)->statistics().malformed, 0U);
+}
+
+TEST(SlcanBus, ABusOffIsNamedAndTheChannelIsOpenedAnew) {
+  TestPty pty;
+  const auto bus = SlcanBus::open({pty.path()});
+  ASSERT_TRUE(bus);
+  pty.heard_until("O\r");
+  pty.say("sb255000\rt1230\r");
+  Frame frame;
+  ASSERT_TRUE(test::await([&] { return !(*bus)->receive(frame) && !(*bus)->why_down().empty(); }));
+  EXPECT_NE((*bus)->why_down().find("bus-off"), std::string::npos) << (*bus)->why_down();
+  EXPECT_EQ((*bus)->statistics().errors, 1U);
+  EXPECT_FALSE((*bus)->send(command(1, 1))) << "it would wait, and leave when nobody wants it any more";
+  (*bus)->service();
+  EXPECT_EQ(pty.heard_until("O\r"), "V\rC\rS8\rO\r");
+  EXPECT_EQ((*bus)->why_down(), "");
+  (*bus)->begin(0);
+  EXPECT_TRUE((*bus)->send(command(1, 1)));
+  EXPECT_EQ((*bus)->statistics().reopened, 1U);
 }
 
 }  // namespace

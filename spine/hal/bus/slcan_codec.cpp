@@ -64,15 +64,8 @@ bool take_head(std::string_view& line, Frame& frame) LITHE_RT {
 }
 
 bool take_data(std::string_view& line, Frame& frame) LITHE_RT {
-  if (line.size() < 2U * frame.size) return false;
-  for (std::size_t i = 0; i < frame.size; ++i) {
-    const int high = hex_digit(line[2 * i]);
-    const int low = hex_digit(line[2 * i + 1]);
-    if (high < 0 || low < 0) return false;
-    frame.data[i] = static_cast<std::uint8_t>(high << 4 | low);
-  }
-  line.remove_prefix(2U * frame.size);
-  return true;
+  const std::size_t digits = 2U * frame.size;
+  return line.size() >= digits && hex_bytes(take(line, digits), std::span(frame.data).first(frame.size));
 }
 
 // Nothing, or a time stamp where one may be.
@@ -94,6 +87,13 @@ bool is_remote_frame(std::string_view line, bool may_be_stamped) LITHE_RT {
 }
 
 constexpr Request either(bool sound, Request request) LITHE_RT { return sound ? request : Request::malformed; }
+
+// Of the adapter's controller: active, warning, passive or bus-off, and its error counts.
+Answer parse_state(std::string_view line) LITHE_RT {
+  if (line.size() < 2) return Answer::trouble;
+  if (line[1] == 'b') return Answer::bus_off;
+  return line[1] == 'a' ? Answer::other : Answer::trouble;
+}
 
 // Commands that set something: a letter, and the number that it is set to.
 Request parse_setting(char letter, std::string_view text) LITHE_RT {
@@ -181,6 +181,7 @@ Answer parse_answer(std::string_view line, Frame& frame) LITHE_RT {
     case 'Z':
       return line.size() == 1 ? Answer::sent : Answer::malformed;
     case 's':
+      return parse_state(line);
     case 'e':
       return Answer::trouble;
     case 'V':

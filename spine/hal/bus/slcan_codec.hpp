@@ -7,7 +7,7 @@
 //            V version   N serial number   F status   Z0 Z1 time stamps          each ends in \r
 //   adapter  the same letters for what it received, with four digits of time stamp [ms] behind it after Z1
 //            \r done   \a refused   z\r Z\r sent      many adapters never say any of these
-//            s.. state of its controller, e.. bus errors
+//            sa sw sp sb state of its controller: active, warning, passive, bus-off; e.. bus errors
 // I: id, L: length (one hex digit, of FD the code of a length), D: data; hex.
 #pragma once
 
@@ -39,7 +39,8 @@ enum class Answer : std::uint8_t {
   sent,       // a frame
   refused,    // a command or a frame
   trouble,    // on the bus: an error, or a controller that left its healthy state
-  other,      // remote frames, versions, numbers: nothing that a command waits for
+  bus_off,    // the controller gave up: nothing is sent or received until the channel is opened anew
+  other,      // a controller that is healthy again, remote frames, versions, numbers: nothing that a command waits for
   malformed,  // no such line
 };
 

@@ -11,34 +11,44 @@ namespace lithe::hal {
 namespace {
 
 // One receive() looks at so many frames that are none of ours: a bus full of errors must not keep the exchange.
-constexpr int kMostPassedOver = 32;
+// As many as its socket holds: they stand before answers, which are old news when they are read an exchange later.
+constexpr int kMostPassedOver = 512;
 
 // The interface works, and this frame is the trouble: no room in its queue, or longer than it carries.
 bool concerns_the_frame(int error) LITHE_RT { return error == ENOBUFS || error == EINVAL || error == EMSGSIZE; }
 
 }  // namespace
 
-SocketCanBus::SocketCanBus(const SocketCanParams& params, Opener opener, Descriptor socket)
+SocketCanBus::SocketCanBus(const SocketCanParams& params, Opener opener, Look look, Descriptor socket)
     : interface_(params.interface),
       opener_(std::move(opener)),
+      look_(std::move(look)),
       socket_(std::move(socket)),
       reply_wait_ns_(params.reply_wait_ns),
       fd_(params.data_bitrate > 0) {}
 
 Result<std::unique_ptr<SocketCanBus>> SocketCanBus::open(const SocketCanParams& params) {
-  return open(params, [params] { return open_can_socket(params); });
+  return open(
+      params, [params] { return open_can_socket(params); },
+      [name = params.interface] { return look_at_carrier(name); });
 }
 
-Result<std::unique_ptr<SocketCanBus>> SocketCanBus::open(const SocketCanParams& params, Opener opener) {
+Result<std::unique_ptr<SocketCanBus>> SocketCanBus::open(const SocketCanParams& params, Opener opener, Look look) {
   Result<Descriptor> socket = opener();
   if (!socket) return socket.error();
-  return std::unique_ptr<SocketCanBus>(new SocketCanBus(params, std::move(opener), std::move(*socket)));
+  return std::unique_ptr<SocketCanBus>(
+      new SocketCanBus(params, std::move(opener), std::move(look), std::move(*socket)));
 }
 
 void SocketCanBus::begin(std::int64_t /*now_ns*/) LITHE_RT {
-  if (!link_.regained()) return;
-  ++statistics_.reopened;
-  bus_off_.store(false, std::memory_order_relaxed);
+  if (link_.regained()) {
+    ++statistics_.reopened;
+    bus_off_.store(false, std::memory_order_relaxed);
+  }
+  if (!link_.up()) return;
+  const Carrier seen = seen_.exchange(Carrier::unknown, std::memory_order_relaxed);
+  if (seen != Carrier::unknown) bus_off_.store(seen == Carrier::off, std::memory_order_relaxed);
+  stuck_.store(socket_.unsent_bytes() > 0, std::memory_order_relaxed);
 }
 
 bool SocketCanBus::refuse() LITHE_RT {
@@ -89,7 +99,10 @@ void SocketCanBus::note_state(const socketcan::Troubles& before) LITHE_RT {
 }
 
 void SocketCanBus::service() {
-  if (link_.lost() == 0) return;
+  if (link_.lost() == 0) {
+    seen_.store(look_(), std::memory_order_relaxed);
+    return;
+  }
   socket_.close();
   Result<Descriptor> socket = opener_();
   if (!socket) {
@@ -104,9 +117,11 @@ void SocketCanBus::service() {
 std::string SocketCanBus::why_down() const {
   const int error = link_.lost();
   if (error == 0 && bus_off_.load(std::memory_order_relaxed)) {
-    return interface_ +
-           ": bus-off, the controller saw too many errors; check wires, termination and bit rates, then: " +
-           "sudo ip link set " + interface_ + " type can restart";
+    return interface_ + ": " + advice_for_bus_off(interface_);
+  }
+  if (error == 0 && stuck_.load(std::memory_order_relaxed)) {
+    return interface_ + ": commands do not leave, nobody acknowledges them or the bus is too busy; check the drives' " +
+           "power, wires, termination and bit rates";
   }
   if (error == 0) return "";
   if (!not_reopened_.empty()) return not_reopened_;

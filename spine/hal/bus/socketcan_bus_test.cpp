@@ -36,7 +36,8 @@ class SocketCanBusTest : public ::testing::Test {
   void TearDown() override { close(kernel_); }
 
   void open(std::uint32_t data_bitrate) {
-    auto opened = SocketCanBus::open({"can7", 1'000'000, data_bitrate}, [this] { return connect(); });
+    auto opened =
+        SocketCanBus::open({"can7", 1'000'000, data_bitrate}, [this] { return connect(); }, [this] { return carrier; });
     ASSERT_TRUE(opened) << opened.message();
     bus = std::move(*opened);
   }
@@ -70,6 +71,7 @@ class SocketCanBusTest : public ::testing::Test {
     raw.len = CAN_ERR_DLC;
     say(raw, CAN_MTU);
   }
+  void try_to_say(const canfd_frame& raw) { static_cast<void>(!write(kernel_, &raw, CAN_MTU)); }
   // Length of what reached it; 0: nothing.
   std::size_t heard(canfd_frame& raw) {
     const ssize_t size = read(kernel_, &raw, sizeof raw);
@@ -77,6 +79,7 @@ class SocketCanBusTest : public ::testing::Test {
   }
 
   bool gone = false;
+  SocketCanBus::Carrier carrier = SocketCanBus::Carrier::unknown;
   std::unique_ptr<SocketCanBus> bus;
   Frame frame;
 
@@ -137,10 +140,59 @@ TEST_F(SocketCanBusTest, AFullInterfaceRefusesAndCounts) {
   EXPECT_TRUE(bus->send(command(1, 8)));
 }
 
+// Drives without power: the controller repeats the first frame for ever, and what is behind it waits. When they come
+// back they must not be given what was wanted long ago.
+TEST_F(SocketCanBusTest, WhatDoesNotLeaveKeepsLaterCommandsFromPilingUp) {
+  const auto exchange = [&](std::uint32_t number) {
+    bus->begin(number);
+    bool sent = true;
+    for (std::uint32_t id = 1; id <= 4; ++id) sent = bus->send(command(16 * number + id, 8)) && sent;
+    bus->flush();
+    return sent;
+  };
+  EXPECT_TRUE(exchange(1));
+  for (std::uint32_t number = 2; number < 100; ++number) EXPECT_FALSE(exchange(number));
+  EXPECT_EQ(bus->statistics().sent, 4U);
+  EXPECT_EQ(bus->statistics().refused, 98U * 4U);
+  EXPECT_EQ(bus->reply_wait_ns(), 0) << "no answer will come";
+  EXPECT_NE(bus->why_down().find("commands do not leave"), std::string::npos) << bus->why_down();
+  canfd_frame raw;
+  for (std::uint32_t id = 1; id <= 4; ++id) {
+    ASSERT_EQ(heard(raw), CAN_MTU);
+    EXPECT_EQ(raw.can_id, 16 + id);
+  }
+  EXPECT_EQ(heard(raw), 0U) << "one exchange, and nothing of a hundred later ones";
+  EXPECT_TRUE(exchange(100));
+  EXPECT_EQ(bus->why_down(), "");
+  ASSERT_EQ(heard(raw), CAN_MTU);
+  EXPECT_EQ(raw.can_id, 1601U) << "the newest";
+}
+
+// Their error frame came before the socket was open, or found it full.
+TEST_F(SocketCanBusTest, ABusOffThatNobodyToldIsSeenAndSoIsItsEnd) {
+  carrier = SocketCanBus::Carrier::off;
+  bus->service();
+  bus->begin(0);
+  EXPECT_FALSE(bus->send(command(1, 1)));
+  EXPECT_NE(bus->why_down().find("bus-off"), std::string::npos) << bus->why_down();
+  carrier = SocketCanBus::Carrier::on;
+  bus->service();
+  bus->begin(0);
+  EXPECT_EQ(bus->why_down(), "");
+  EXPECT_TRUE(bus->send(command(1, 1)));
+  say_trouble(CAN_ERR_BUSOFF);
+  EXPECT_FALSE(bus->receive(frame));
+  carrier = SocketCanBus::Carrier::unknown;
+  bus->service();
+  bus->begin(0);
+  EXPECT_NE(bus->why_down(), "") << "who knows nothing changes nothing";
+}
+
 // A timer takes no frames, and says so with the same error as an interface that lost its FD.
 TEST_F(SocketCanBusTest, AFrameThatTheInterfaceDoesNotCarryIsNoReasonToGiveItUp) {
   const auto other = SocketCanBus::open(
-      {"can7"}, [] { return Result<Descriptor>(Descriptor(timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK))); });
+      {"can7"}, [] { return Result<Descriptor>(Descriptor(timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK))); },
+      [] { return SocketCanBus::Carrier::unknown; });
   ASSERT_TRUE(other);
   EXPECT_FALSE((*other)->send(fd_command(1, 12)));
   EXPECT_EQ((*other)->statistics().refused, 1U);
@@ -163,11 +215,24 @@ TEST_F(SocketCanBusTest, BusOffRefusesCommandsUntilTheControllerIsRestarted) {
 }
 
 TEST_F(SocketCanBusTest, ABusFullOfErrorsDoesNotKeepTheExchange) {
+  std::atomic<bool> over{false};
+  std::thread wire([&] {
+    canfd_frame raw{};
+    raw.can_id = CAN_ERR_FLAG | CAN_ERR_PROT;
+    raw.len = CAN_ERR_DLC;
+    while (!over.load(std::memory_order_relaxed)) try_to_say(raw);
+  });
+  EXPECT_TRUE(test::await([&] { return !bus->receive(frame) && bus->troubles().violations > 0; }));
+  for (int i = 0; i < 200; ++i) EXPECT_FALSE(bus->receive(frame)) << "it comes back, though errors go on and on";
+  over.store(true, std::memory_order_relaxed);
+  wire.join();
+}
+
+// Who asks drains first, and takes what comes afterwards for an answer.
+TEST_F(SocketCanBusTest, ErrorsDoNotHideTheFrameBehindThem) {
   for (int i = 0; i < 100; ++i) say_trouble(CAN_ERR_PROT);
   say(command(1, 1));
-  int calls = 1;
-  while (!bus->receive(frame)) ++calls;
-  EXPECT_EQ(calls, 4) << "32 at a time";
+  EXPECT_TRUE(bus->receive(frame)) << "in one drain";
   EXPECT_EQ(bus->troubles().violations, 100U);
 }
 

@@ -104,6 +104,17 @@ TEST_F(SocketCanInterface, ManyExchangesLoseNothing) {
   EXPECT_EQ(bus->statistics().refused, 0U);
 }
 
+TEST_F(SocketCanInterface, WhatTheInterfaceHasTakenIsNoReasonToWait) {
+  EXPECT_EQ(look_at_carrier(interface), SocketCanBus::Carrier::on);
+  EXPECT_EQ(look_at_carrier("nosuch0"), SocketCanBus::Carrier::unknown);
+  for (int exchange = 0; exchange < 10; ++exchange) {
+    bus->begin(exchange);
+    bus->service();
+    for (std::uint32_t id = 1; id <= 32; ++id) ASSERT_TRUE(bus->send(command(id, 8)));
+  }
+  EXPECT_EQ(bus->why_down(), "");
+}
+
 TEST_F(SocketCanInterface, ErrorFramesOfTheKernelAreUnderstood) {
   const Result<Descriptor> kernel = open_can_socket({interface});
   ASSERT_TRUE(kernel) << kernel.message();
@@ -128,7 +139,8 @@ TEST_F(SocketCanInterface, DownAndUpAgainIsSurvived) {
   EXPECT_NE(bus->why_down(), "");
   bus->service();
   EXPECT_EQ(bus->why_down(), interface + ": is down: sudo ip link set " + interface +
-                                 " up txqueuelen 128 type can bitrate 1000000 restart-ms 100 dbitrate 5000000 fd on");
+                                 " up txqueuelen 128 type can bitrate 1000000 restart-ms 100 dbitrate 5000000 fd on "
+                                 "sample-point 0.666 dsample-point 0.666 sjw 10 dsjw 5");
   set_up(true);
   bus->service();
   EXPECT_EQ(bus->why_down(), "");
@@ -165,7 +177,7 @@ TEST_F(SocketCanInterface, OneThatCarriesClassicCanOnlyIsRefusedWhereFdIsWanted)
   set_mtu(CAN_MTU);
   const auto fd = SocketCanBus::open({interface});
   ASSERT_FALSE(fd);
-  EXPECT_NE(fd.message().find("dbitrate 5000000 fd on; or set data_bitrate = 0"), std::string::npos) << fd.message();
+  EXPECT_NE(fd.message().find("sjw 10 dsjw 5; or set data_bitrate = 0"), std::string::npos) << fd.message();
   const auto classic = open(0);
   const auto listener = open(0);
   EXPECT_TRUE(classic->send(command(1, 8)));

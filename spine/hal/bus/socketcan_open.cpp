@@ -15,11 +15,16 @@
 namespace lithe::hal {
 namespace {
 
-// The room for frames that wait is 10 by default: less than one exchange of a large robot.
+// The room for frames that wait is 10 by default: less than one exchange of a large robot. Where the faster phase is
+// used, everybody must look at its bits at the same place, and the kernel's own choice is not what drives are built
+// for.
 std::string bring_up(const SocketCanParams& params) {
   std::string command = "sudo ip link set " + params.interface + " up txqueuelen 128 type can bitrate " +
                         std::to_string(params.bitrate) + " restart-ms 100";
-  if (params.data_bitrate > 0) command += " dbitrate " + std::to_string(params.data_bitrate) + " fd on";
+  if (params.data_bitrate > 0) {
+    command += " dbitrate " + std::to_string(params.data_bitrate) +
+               " fd on sample-point 0.666 dsample-point 0.666 sjw 10 dsjw 5";
+  }
   return command;
 }
 
@@ -42,6 +47,7 @@ Result<int> find_interface(int socket, const SocketCanParams& params) {
   if (ioctl(socket, SIOCGIFFLAGS, &request) != 0 || (request.ifr_flags & IFF_UP) == 0) {
     return wrong(params, "is down: " + bring_up(params));
   }
+  if ((request.ifr_flags & IFF_RUNNING) == 0) return wrong(params, advice_for_bus_off(params.interface));
   if (params.data_bitrate > 0 && (ioctl(socket, SIOCGIFMTU, &request) != 0 || request.ifr_mtu < int{CANFD_MTU})) {
     return wrong(params, "carries classic CAN only: sudo ip link set " + params.interface + " down && " +
                              bring_up(params) + "; or set data_bitrate = 0");
@@ -54,6 +60,22 @@ bool set(int socket, int option, unsigned int value) {
 }
 
 }  // namespace
+
+std::string advice_for_bus_off(const std::string& interface) {
+  return "bus-off, the controller saw too many errors; check wires, termination and bit rates, then: sudo ip link "
+         "set " +
+         interface + " type can restart";
+}
+
+SocketCanBus::Carrier look_at_carrier(const std::string& interface) {
+  using enum SocketCanBus::Carrier;
+  const Descriptor socket(::socket(PF_CAN, SOCK_RAW | SOCK_CLOEXEC, CAN_RAW));
+  ifreq request{};
+  if (!socket.is_open() || interface.size() >= sizeof request.ifr_name) return unknown;
+  std::memcpy(request.ifr_name, interface.c_str(), interface.size());
+  if (ioctl(socket.get(), SIOCGIFFLAGS, &request) != 0 || (request.ifr_flags & IFF_UP) == 0) return unknown;
+  return (request.ifr_flags & IFF_RUNNING) != 0 ? on : off;
+}
 
 Result<Descriptor> open_can_socket(const SocketCanParams& params) {
   Descriptor opened(::socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW));

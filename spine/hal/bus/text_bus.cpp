@@ -7,6 +7,13 @@
 #include <span>
 
 namespace lithe::hal {
+namespace {
+
+constexpr int kBusOff = ENETDOWN;  // among the reasons for which an adapter is opened again
+constexpr const char* kBusOffAdvice =
+    "bus-off, the adapter's controller saw too many errors; check wires, termination and bit rates; it is opened again";
+
+}  // namespace
 
 Result<> TextBus::open() { return connect(); }
 
@@ -21,7 +28,16 @@ Result<> TextBus::connect() {
 }
 
 void TextBus::say(std::string_view text) {
-  if (link_.up()) port_.write(text);
+  drop_overtaken();
+  flush();
+  if (link_.up() && out_from_ == out_to_) port_.write(text);
+}
+
+void TextBus::add(std::string_view line) LITHE_RT {
+  if (!link_.up() || line.size() > kOutbound - out_to_) return;
+  std::copy(line.begin(), line.end(), out_.data() + out_to_);
+  out_to_ += line.size();
+  ++statistics_.sent;
 }
 
 void TextBus::service() {
@@ -38,6 +54,7 @@ std::string TextBus::why_down() const {
   const int error = link_.lost();
   if (error == 0) return "";
   if (!not_reopened_.empty()) return not_reopened_;
+  if (error == kBusOff) return port_.path() + ": " + kBusOffAdvice;
   return port_.path() + ": the adapter went away (" + std::strerror(error) +
          "); it is opened again as soon as it is back";
 }
@@ -46,7 +63,7 @@ void TextBus::begin(std::int64_t /*now_ns*/) LITHE_RT {
   if (link_.regained()) {
     ++statistics_.reopened;
     out_from_ = out_to_ = in_from_ = in_to_ = line_size_ = 0;
-    half_gone_ = too_long_ = false;
+    half_gone_ = too_long_ = mute_ = false;
     forget();
   }
   drop_overtaken();
@@ -60,13 +77,15 @@ void TextBus::drop_overtaken() LITHE_RT {
   // A line that is half gone ends in the buffer: format() makes whole ones.
   const auto ends_a_line = [this](char c) LITHE_RT { return is_end(c); };
   const char* keep = half_gone_ ? std::find_if(unsent, all, ends_a_line) + 1 : unsent;
-  statistics_.refused += static_cast<std::uint64_t>(std::count_if(keep, all, ends_a_line));
+  const auto dropped = static_cast<std::uint64_t>(std::count_if(keep, all, ends_a_line));
+  statistics_.refused += dropped;
+  statistics_.sent -= dropped;
   out_to_ = static_cast<std::size_t>(std::copy(unsent, keep, out_.data()) - out_.data());
   out_from_ = 0;
 }
 
 bool TextBus::send(const Frame& frame) LITHE_RT {
-  const std::size_t size = link_.up() ? format(frame, std::span(out_).last(kOutbound - out_to_)) : 0;
+  const std::size_t size = link_.up() && !mute_ ? format(frame, std::span(out_).last(kOutbound - out_to_)) : 0;
   if (size == 0) {
     ++statistics_.refused;
     return false;
@@ -92,6 +111,7 @@ void TextBus::flush() LITHE_RT {
 bool TextBus::receive(Frame& frame) LITHE_RT {
   if (!link_.up()) return false;
   if (next_frame(frame)) return true;
+  if (!link_.up()) return false;
   fill();  // once: who talks for ever and says no frame must not keep the exchange
   if (next_frame(frame)) return true;
   flush();  // the device may have made room for what did not fit
@@ -106,7 +126,7 @@ void TextBus::fill() LITHE_RT {
 }
 
 bool TextBus::next_frame(Frame& frame) LITHE_RT {
-  while (in_from_ < in_to_) {
+  while (in_from_ < in_to_ && link_.up()) {
     if (!take(in_[in_from_++], frame)) continue;
     ++statistics_.received;
     return true;
@@ -130,6 +150,10 @@ bool TextBus::take(char c, Frame& frame) LITHE_RT {
       break;
     case Said::refused:
       ++statistics_.errors;
+      break;
+    case Said::bus_off:
+      ++statistics_.errors;
+      link_.lose(kBusOff);
       break;
     case Said::malformed:
       ++statistics_.malformed;

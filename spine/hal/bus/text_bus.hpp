@@ -22,7 +22,8 @@ namespace lithe::hal {
 // gone is still finished, the others are refused. Lines that come in are put together from whatever pieces arrive;
 // one that is longer than any that means something is dropped and counted.
 //
-// When the device goes away nothing is sent or received; service() opens it again.
+// When the device goes away, or says that its controller is bus-off, nothing is sent or received; service() opens it
+// again.
 // Contract: as Bus · nothing is allocated between open() and the end, but in service() and why_down()
 class TextBus : public Bus {
  public:
@@ -33,8 +34,8 @@ class TextBus : public Bus {
   bool send(const Frame& frame) LITHE_RT override;
   void flush() LITHE_RT override;
   bool receive(Frame& frame) LITHE_RT override;
-  // 0 while it is down: nothing is worth waiting for.
-  std::int64_t reply_wait_ns() const LITHE_RT override { return link_.up() ? reply_wait_ns_ : 0; }
+  // 0 while it is down or mute: nothing is worth waiting for.
+  std::int64_t reply_wait_ns() const LITHE_RT override { return link_.up() && !mute_ ? reply_wait_ns_ : 0; }
   void service() override;
   std::string why_down() const override;
 
@@ -46,13 +47,14 @@ class TextBus : public Bus {
     frame,
     acknowledged,
     refused,  // a command, or trouble on the bus
+    bus_off,  // the adapter's controller gave up, and starts anew when the device is opened again
     nothing,  // that anybody waits for
     malformed,
   };
 
   // A line ends with either of the two.
-  TextBus(std::string path, std::int64_t reply_wait_ns, char end, char other_end)
-      : port_(std::move(path)), reply_wait_ns_(reply_wait_ns), end_(end), other_end_(other_end) {}
+  TextBus(SerialPort port, std::int64_t reply_wait_ns, char end, char other_end)
+      : port_(std::move(port)), reply_wait_ns_(reply_wait_ns), end_(end), other_end_(other_end) {}
 
   // The line that sends a frame, with its end; 0: it cannot be said or does not fit.
   virtual std::size_t format(const Frame& frame, std::span<char> out) LITHE_RT = 0;
@@ -63,8 +65,16 @@ class TextBus : public Bus {
   // The adapter is new: what is known of the old one no longer holds.
   virtual void forget() LITHE_RT {}
 
-  // For a last word at the end, when there is nobody else any more. Contract: never in the tick
+  // For a last word at the end, when there is nobody else any more. Not said behind half a line: the two together would
+  // be a command. Contract: never in the tick
   void say(std::string_view text);
+
+  // In this exchange send() refuses. Contract: between begin() and the first send()
+  void mute(bool mute) LITHE_RT { mute_ = mute; }
+  // A line that is no frame, with its end; it leaves with the commands. Passed over when there is no room.
+  void add(std::string_view line) LITHE_RT;
+  const std::string& path() const { return port_.path(); }
+  const SerialIdentity& adapter() const LITHE_RT { return port_.identity(); }
 
  private:
   static constexpr std::size_t kLongestLine = 256;
@@ -89,6 +99,7 @@ class TextBus : public Bus {
   std::size_t out_from_ = 0;  // what has not left yet
   std::size_t out_to_ = 0;
   bool half_gone_ = false;  // the first line of it
+  bool mute_ = false;
   std::size_t in_from_ = 0;
   std::size_t in_to_ = 0;
   std::size_t line_size_ = 0;

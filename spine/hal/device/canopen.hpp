@@ -33,8 +33,10 @@ inline constexpr std::uint32_t kSdoRequest = 0x600;
 inline constexpr std::uint32_t kHeartbeat = 0x700;
 inline constexpr std::uint32_t kNode = 0x07f;      // the node's part of an id
 inline constexpr std::uint32_t kFunction = 0x780;  // what is left
-// In objects 1400h and 1800h, bit 31 of an id switches the PDO off.
+// In objects 1400h and 1800h, bit 31 of an id switches the PDO off. In 1800h, bit 30 says that no remote frame asks for
+// it: drives that know no remote frames refuse an id without that bit.
 inline constexpr std::uint32_t kOff = 0x8000'0000;
+inline constexpr std::uint32_t kNoRemote = 0x4000'0000;
 }  // namespace cob
 
 // Objects of the communication profile, by index.

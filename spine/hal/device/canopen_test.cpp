@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <limits>
 #include <random>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -274,10 +275,15 @@ TEST_F(SdoClientTest, SegmentsThatDoNotAlternateOrNeverEndAreGivenUp) {
 }
 
 TEST_F(SdoClientTest, EveryAbortHasAName) {
-  for (const std::uint32_t code : {abort_code::kToggle, abort_code::kTimedOut, abort_code::kCommand,
-                                   abort_code::kReadOnly, abort_code::kNoSubindex, abort_code::kLength,
-                                   abort_code::kValue, abort_code::kState, abort_code::kPdoTooLong, 0x12345678U}) {
-    EXPECT_FALSE(abort_name(code).empty());
+  const std::string_view other = abort_name(0x1234'5678);
+  EXPECT_EQ(other, "a reason of the maker's own");
+  std::set<std::string_view> names{other};
+  for (const std::uint32_t code :
+       {abort_code::kToggle, abort_code::kTimedOut, abort_code::kCommand, abort_code::kOutOfMemory,
+        abort_code::kUnsupportedAccess, abort_code::kWriteOnly, abort_code::kReadOnly, abort_code::kNoObject,
+        abort_code::kNotMappable, abort_code::kPdoTooLong, abort_code::kLength, abort_code::kNoSubindex,
+        abort_code::kValue, abort_code::kGeneral, abort_code::kState}) {
+    EXPECT_TRUE(names.insert(abort_name(code)).second) << std::hex << code << ": " << abort_name(code);
   }
 }
 

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/device/cia402.hpp"
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 
 namespace lithe::hal::cia402 {
 namespace {
@@ -53,6 +55,12 @@ std::uint16_t control_to_enable(State state) LITHE_RT {
       break;
   }
   return control::kDisableVoltage;
+}
+
+std::uint32_t raw_counts(double value) LITHE_RT {
+  constexpr double kMost = 2147483647.0;
+  if (std::isnan(value)) return 0;
+  return static_cast<std::uint32_t>(static_cast<std::int32_t>(std::round(std::clamp(value, -kMost, kMost))));
 }
 
 }  // namespace lithe::hal::cia402

@@ -36,6 +36,7 @@ inline constexpr std::uint16_t kCurrent = 0x6078;
 inline constexpr std::uint16_t kSupply = 0x6079;  // mV
 inline constexpr std::uint16_t kTargetPosition = 0x607a;
 inline constexpr std::uint16_t kPositionLimit = 0x607d;  // :1 smallest, :2 largest
+inline constexpr std::uint16_t kMaxProfileVelocity = 0x607f;
 inline constexpr std::uint16_t kQuickStopDeceleration = 0x6085;
 inline constexpr std::uint16_t kPositionOffset = 0x60b0;
 inline constexpr std::uint16_t kVelocityOffset = 0x60b1;
@@ -51,6 +52,8 @@ inline constexpr std::uint16_t kSupportedModes = 0x6502;
 inline constexpr std::uint32_t kDeviceProfile = 402;  // low half of object 1000h
 
 enum class Mode : std::int8_t { none = 0, position = 8, velocity = 9, torque = 10 };  // the cyclic synchronous ones
+
+constexpr bool is_cyclic(Mode mode) LITHE_RT { return mode >= Mode::position && mode <= Mode::torque; }
 
 // Bit of a mode in object 6502h.
 constexpr std::uint32_t supported_bit(Mode mode) LITHE_RT { return 1U << (static_cast<unsigned>(mode) - 1); }
@@ -94,5 +97,8 @@ inline constexpr std::uint16_t kFaultReset = 0x80;  // its rising edge counts
 
 // The next word on the shortest way to `operation enabled`. Out of a fault it leads nowhere: that takes a reset.
 std::uint16_t control_to_enable(State state) LITHE_RT;
+
+// The nearest whole number that fits into an object of 32 bits, as two's complement; 0 of what is no number.
+std::uint32_t raw_counts(double value) LITHE_RT;
 
 }  // namespace lithe::hal::cia402

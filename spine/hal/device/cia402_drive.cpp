@@ -1,16 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
+// What the driver says; cia402_answers.cpp has what it hears.
 #include "spine/hal/device/cia402_drive.hpp"
 
-#include <algorithm>
+#include <array>
 #include <cmath>
-
-#include "spine/wire/wire.hpp"
 
 namespace lithe::hal::cia402 {
 
 using canopen::NmtCommand;
-using canopen::NmtState;
-using canopen::SdoClient;
 
 namespace {
 
@@ -22,17 +19,17 @@ bool finite(const JointCommand& c) LITHE_RT {
          std::isfinite(c.kd_nm_s_rad) && std::isfinite(c.max_torque_nm) && !std::isinf(c.position_rad);
 }
 
-// The nearest number that fits.
-std::uint32_t counts(double value) LITHE_RT {
-  constexpr double kMost = 2147483647.0;
-  return static_cast<std::uint32_t>(static_cast<std::int32_t>(std::round(std::clamp(value, -kMost, kMost))));
-}
-
 }  // namespace
 
 Cia402Drive::Cia402Drive(const DriverParams& params)
-    : params_(params), command_map_(pdo::command_map(params.mode)), sdo_(params.id), setup_(params) {
-  heartbeat_.set_timeout(static_cast<std::int64_t>(kBeatsToLost * params.heartbeat_s * kNsPerS));
+    : params_(params),
+      command_map_(pdo::command_map(params.mode)),
+      sdo_(params.id),
+      setup_(params),
+      demand_(params),
+      units_(params.counts_per_rev, params.period_s),
+      silence_ns_(static_cast<std::int64_t>(kBeatsToLost * params.heartbeat_s * kNsPerS)) {
+  heartbeat_.set_timeout(silence_ns_);
   set_trouble({TroubleKind::not_booted, {}, 0});
 }
 
@@ -40,15 +37,10 @@ bool Cia402Drive::command(const JointCommand& command, const Exchange& exchange,
   const bool sound = command.action != DriveAction::torque || finite(command);
   const DriveAction action = sound ? command.action : DriveAction::damp;
   commanded_ = exchange.number;
-  if (action == DriveAction::off) {
-    may_enable_ = true;
-    watchdog_ = false;
-  }
-  if (heartbeat_.lost(exchange.now_ns)) {
-    may_enable_ = false;
-    if (stage_ == Stage::running) set_trouble({TroubleKind::silent, {}, 0});
-  }
+  if (action == DriveAction::off) forgive();
+  watch(exchange);
   if (stage_ == Stage::running) {
+    watch_enabling(action, exchange.now_ns);
     say(command, action, bus);
     ask_error_code(exchange.now_ns, bus);
   } else {
@@ -58,15 +50,55 @@ bool Cia402Drive::command(const JointCommand& command, const Exchange& exchange,
   return sound;
 }
 
+void Cia402Drive::forgive() LITHE_RT {
+  if (units_wrong_) return;
+  if (dropped_ && !silent_ && stage_ == Stage::running) set_trouble({});
+  may_enable_ = true;
+  dropped_ = false;
+  watchdog_ = false;
+}
+
+// It is not, or must not be, what it was told to be, and whoever commands it must know.
+void Cia402Drive::drop(const Trouble& why) LITHE_RT {
+  set_trouble(why);
+  may_enable_ = false;
+  dropped_ = true;
+}
+
+// Whether the drive is still there, and is what it last said.
+void Cia402Drive::watch(const Exchange& exchange) LITHE_RT {
+  if (stage_ == Stage::running) ++unanswered_;
+  if (heartbeat_.lost(exchange.now_ns)) {
+    silent_ = true;
+    silent_from_ns_ = exchange.now_ns;
+    may_enable_ = false;
+    if (stage_ == Stage::running) drop({TroubleKind::silent, {}, 0});
+  }
+  if (stage_ != Stage::running || unanswered_ <= params_.lost_after_misses) return;
+  const bool closes_loop = params_.mode == Mode::torque && last_action_ == DriveAction::torque;
+  if (closes_loop && !dropped_) drop({TroubleKind::unheard, {}, unanswered_});
+  // Nothing at all is heard of it, nor was it us who slept. It may have restarted and said so to nobody: then it would
+  // never speak again.
+  if (silent_ && exchange.now_ns - silent_from_ns_ >= silence_ns_) stage_ = Stage::reset;
+}
+
+void Cia402Drive::watch_enabling(DriveAction action, std::int64_t now_ns) LITHE_RT {
+  if (action != DriveAction::torque) was_enabled_ = followed_ = false;
+  if (action != DriveAction::torque || last_action_ != DriveAction::torque) enabling_from_ns_ = now_ns;
+  if (may_enable_ && !was_enabled_ && now_ns - enabling_from_ns_ > kEnableNs) {
+    drop({TroubleKind::not_enabled, {object::kStatusword, 0}, static_cast<std::uint8_t>(state_)});
+  }
+}
+
 // One step towards `running`, with one frame at most.
 void Cia402Drive::progress(const Exchange& exchange, Bus& bus) LITHE_RT {
-  const bool overdue = stage_ == Stage::await_boot_up && exchange.now_ns >= boot_deadline_ns_;
+  const bool overdue = stage_ == Stage::await_boot_up && exchange.now_ns - reset_ns_ >= kBootNs;
   if (stage_ == Stage::reset || overdue) {
-    stage_ = Stage::await_boot_up;
-    boot_deadline_ns_ = exchange.now_ns + kBootNs;
-    bus.send(canopen::nmt_frame(NmtCommand::reset_node, params_.id));
+    stage_ = reset_node(exchange.now_ns, bus) ? Stage::await_boot_up : Stage::reset;
     return;
   }
+  // One that says no because its motor is on must not stay so. And once, or it would never end.
+  if (stage_ == Stage::refused && !reset_after_refusal_) reset_after_refusal_ = reset_node(exchange.now_ns, bus);
   if (stage_ != Stage::setup) return;
   if (stopped_) {
     stopped_ = false;
@@ -80,6 +112,7 @@ void Cia402Drive::progress(const Exchange& exchange, Bus& bus) LITHE_RT {
       return;
     case Setup::Progress::done:
       stage_ = Stage::running;
+      reset_after_refusal_ = false;
       set_trouble({});
       return;
     case Setup::Progress::failed:
@@ -89,12 +122,10 @@ void Cia402Drive::progress(const Exchange& exchange, Bus& bus) LITHE_RT {
   }
 }
 
-void Cia402Drive::start_setup() LITHE_RT {
-  stage_ = Stage::setup;
-  state_ = State::not_ready;
-  velocity_exchange_ = 0;
-  may_enable_ = false;
-  setup_.begin(sdo_);
+// False: the bus had no room for it.
+bool Cia402Drive::reset_node(std::int64_t now_ns, Bus& bus) LITHE_RT {
+  reset_ns_ = now_ns;
+  return bus.send(canopen::nmt_frame(NmtCommand::reset_node, params_.id));
 }
 
 void Cia402Drive::set_trouble(const Trouble& trouble) LITHE_RT {
@@ -108,13 +139,12 @@ std::string Cia402Drive::why_not_ready() const {
 }
 
 void Cia402Drive::say(const JointCommand& command, DriveAction action, Bus& bus) LITHE_RT {
-  const std::uint16_t control = control_word(action);
-  const bool active = control == control::kEnable && state_ == State::operation_enabled;
-  const double limit_nm = std::max(command.max_torque_nm, 0.0);
-  const std::array<std::uint32_t, 3> values{control, target(command, active),
-                                            active ? torque_raw(command.torque_nm, limit_nm) : 0};
-  // A refusal shows as a missed answer, and is counted by the bus.
-  bus.send(command_map_.pack(pdo::command_id(params_.id), values));
+  last_control_ = action == DriveAction::off && command.clear_fault ? clearing_word() : control_word(action);
+  const bool active = last_control_ == control::kEnable && state_ == State::operation_enabled;
+  const RawDemand demand = active ? demand_.next(command, last_) : demand_.rest(position_raw_);
+  const std::array<std::uint32_t, 3> values{last_control_, demand.target, demand.torque};
+  // Refused, it would answer the SYNC all the same, and go on with what it was told before (take_answer).
+  told_ = bus.send(command_map_.pack(pdo::command_id(params_.id), values));
 }
 
 std::uint16_t Cia402Drive::control_word(DriveAction action) LITHE_RT {
@@ -127,42 +157,15 @@ std::uint16_t Cia402Drive::control_word(DriveAction action) LITHE_RT {
     return control::kFaultReset;  // its bit rises once: what was said before was `off`
   }
   if (state_ == State::fault || state_ == State::fault_reaction_active) may_enable_ = false;
-  return may_enable_ ? control_to_enable(state_) : control::kDisableVoltage;
+  // A ramp that the drive began by itself goes on with this word.
+  return may_enable_ ? control_to_enable(state_) : control::kQuickStop;
 }
 
-std::uint32_t Cia402Drive::target(const JointCommand& command, bool active) LITHE_RT {
-  const double counts_per_rad = params_.joint.rev_per_rad() * params_.counts_per_rev;
-  switch (params_.mode) {
-    case Mode::position:
-      if (!active) {
-        target_raw_ = position_raw_;
-      } else if (!std::isnan(command.position_rad)) {
-        target_raw_ = counts(params_.joint.motor_rev(command.position_rad) * params_.counts_per_rev);
-      }
-      return target_raw_;
-    case Mode::velocity:
-      return active ? counts(command.velocity_rad_s * counts_per_rad) : 0;
-    case Mode::torque:
-    case Mode::none:
-      break;
-  }
-  return active ? torque_raw(closed_loop_nm(command), std::max(command.max_torque_nm, 0.0)) : 0;
-}
-
-double Cia402Drive::closed_loop_nm(const JointCommand& command) const LITHE_RT {
-  const bool has_position = !std::isnan(command.position_rad);
-  const double stiff_nm =
-      has_position ? std::max(command.kp_nm_rad, 0.0) * (command.position_rad - last_.position_rad) : 0;
-  const double damping_nm = std::max(command.kd_nm_s_rad, 0.0) * (command.velocity_rad_s - last_.velocity_rad_s);
-  return command.torque_nm + stiff_nm + damping_nm;
-}
-
-// Thousandths of the motor's rated torque, as two's complement.
-std::uint32_t Cia402Drive::torque_raw(double joint_nm, double limit_nm) const LITHE_RT {
-  constexpr double kMost = 32767;
-  const double motor_nm = std::clamp(joint_nm, -limit_nm, limit_nm) / params_.joint.gear();
-  const double thousandths = std::round(std::clamp(1000 * motor_nm / params_.rated_torque_nm, -kMost, kMost));
-  return static_cast<std::uint16_t>(static_cast<std::int16_t>(thousandths));
+// Its bit must rise: down and up again, for as long as the fault is there.
+std::uint16_t Cia402Drive::clearing_word() const LITHE_RT {
+  constexpr std::uint64_t kHeldFor = 8;
+  const bool up = state_ == State::fault && commanded_ / kHeldFor % 2 == 1;
+  return up ? control::kFaultReset : control::kDisableVoltage;
 }
 
 // The emergency that named the fault may have been lost.
@@ -175,103 +178,6 @@ void Cia402Drive::ask_error_code(std::int64_t now_ns, Bus& bus) LITHE_RT {
   }
   Frame frame;
   if (sdo_.next(now_ns, frame)) bus.send(frame);
-}
-
-Heard Cia402Drive::take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT {
-  if (!canopen::is_canopen(frame) || canopen::node_of(frame) != params_.id) return Heard::malformed;
-  switch (canopen::function_of(frame)) {
-    case canopen::cob::kHeartbeat:
-      return take_heartbeat(frame, exchange.now_ns);
-    case canopen::cob::kEmergency:
-      return take_emergency(frame);
-    case canopen::cob::kSdoAnswer:
-      return take_sdo(frame);
-    default:
-      break;
-  }
-  if (frame.id == pdo::transmit_id(pdo::kVelocity, params_.id)) return take_velocity(frame, exchange);
-  if (frame.id == pdo::transmit_id(pdo::kAnswer, params_.id)) return take_answer(frame, exchange, sample);
-  return Heard::malformed;
-}
-
-Heard Cia402Drive::take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT {
-  NmtState state{};
-  if (!canopen::parse_heartbeat(frame, state)) return Heard::malformed;
-  heartbeat_.beat(now_ns);
-  if (state == NmtState::boot_up) {
-    start_setup();  // whatever it was told before is forgotten
-    stopped_ = false;
-    error_code_ = 0;
-    return Heard::part;
-  }
-  if (stage_ != Stage::running) return Heard::part;
-  if (state == NmtState::operational) {
-    set_trouble({});
-    return Heard::part;
-  }
-  start_setup();
-  watchdog_ = true;  // by itself it does this when it hears us no more, and its emergency may have found us deaf
-  stopped_ = state == NmtState::stopped;
-  set_trouble({TroubleKind::left_operational, {}, static_cast<std::uint8_t>(state)});
-  return Heard::part;
-}
-
-Heard Cia402Drive::take_emergency(const Frame& frame) LITHE_RT {
-  canopen::Emergency what;
-  if (!canopen::parse_emergency(frame, what)) return Heard::malformed;
-  if (what.code == canopen::emergency::kHeartbeatLost) {
-    watchdog_ = true;
-    may_enable_ = false;
-  }
-  error_code_ = what.code;
-  return Heard::part;
-}
-
-Heard Cia402Drive::take_sdo(const Frame& frame) LITHE_RT {
-  if (!sdo_.take(frame)) return Heard::late;
-  const bool told = stage_ == Stage::running && sdo_.outcome() == SdoClient::Outcome::done;
-  if (told) error_code_ = static_cast<std::uint16_t>(sdo_.value());
-  return Heard::part;
-}
-
-Heard Cia402Drive::take_velocity(const Frame& frame, const Exchange& exchange) LITHE_RT {
-  std::array<std::uint32_t, 1> raw{};
-  if (!velocity_map_.unpack(frame, raw)) return Heard::malformed;
-  velocity_raw_ = canopen::signed_of(raw[0], 4);
-  velocity_exchange_ = exchange.number;
-  return Heard::part;
-}
-
-Heard Cia402Drive::take_answer(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT {
-  std::array<std::uint32_t, 3> raw{};
-  State state{};
-  if (!answer_map_.unpack(frame, raw)) return Heard::malformed;
-  if (!decode_state(static_cast<std::uint16_t>(raw[0]), state)) return Heard::malformed;
-  // Nothing in it tells which SYNC it answers: what is here before ours has left answers an older one. A drive answers
-  // every SYNC, also of exchanges in which its joint was not asked and nobody waited for it.
-  if (!exchange.asked) return commanded_ + 1 == exchange.number ? Heard::late : Heard::part;
-  state_ = state;
-  position_raw_ = raw[1];
-  if (stage_ != Stage::running) return Heard::part;
-  const double motor_rev = canopen::signed_of(raw[1], 4) / params_.counts_per_rev;
-  const double motor_nm = canopen::signed_of(raw[2], 2) * params_.rated_torque_nm / 1000;
-  last_.position_rad = params_.joint.position_rad(motor_rev);
-  last_.velocity_rad_s = velocity_raw_ / params_.counts_per_rev / params_.joint.rev_per_rad();
-  last_.torque_nm = motor_nm * params_.joint.gear();
-  last_.status = status();
-  last_.measured = velocity_exchange_ > 0 && exchange.number - velocity_exchange_ <= kVelocityAge;
-  sample = last_;
-  return Heard::answer;
-}
-
-std::uint32_t Cia402Drive::status() const LITHE_RT {
-  const bool failed = state_ == State::fault || state_ == State::fault_reaction_active;
-  std::uint32_t error_class = error_code_ >> 8;
-  if (failed && error_class == 0) error_class = 0xff;
-  std::uint32_t status = error_class << 8 | std::uint32_t{static_cast<std::uint8_t>(state_)} << 16;
-  if (failed) status |= wire::joint_status::kFault;
-  if (watchdog_) status |= wire::joint_status::kWatchdog;
-  return status;
 }
 
 }  // namespace lithe::hal::cia402

@@ -51,16 +51,24 @@ std::uint32_t milliseconds(double seconds) {
 Setup::Setup(const DriverParams& params)
     : node_(params.id), host_(params.host_id), mode_(params.mode), rated_mnm_(1000 * params.rated_torque_nm) {
   add(Kind::require_profile, common::kDeviceType);
+  // It may still drive its motor by what it was told before: to fall back from `operational` stops no motor.
+  add(Kind::offer, object::kControlword, 0, control::kQuickStop, 2);
   add(Kind::require_mode, object::kSupportedModes);
   add(Kind::require_rating, object::kRatedTorque);
   add_safety(params);
+  add_limits(params);
   add_interpolation(params);
   add_pdo(common::kRpdo1, common::kRpdo1Mapping, pdo::command_id(node_), pdo::command_map(mode_));
-  add_pdo(common::kTpdo1, common::kTpdo1Mapping, pdo::transmit_id(pdo::kVelocity, node_), pdo::velocity_map());
-  add_pdo(common::kTpdo1 + 1, common::kTpdo1Mapping + 1, pdo::transmit_id(pdo::kAnswer, node_), pdo::answer_map());
+  const auto add_tpdo = [this](std::uint16_t number, const PdoMap& map) {
+    add_pdo(common::kTpdo1 + number, common::kTpdo1Mapping + number,
+            canopen::cob::kNoRemote | pdo::transmit_id(number, node_), map);
+  };
+  add_tpdo(pdo::kVelocity, pdo::velocity_map());
+  add_tpdo(pdo::kAnswer, pdo::answer_map());
   // What else a maker's defaults send would only fill the bus.
   for (std::uint16_t number = 2; number < 4; ++number) {
-    add(Kind::write_if_there, common::kTpdo1 + number, 1, canopen::cob::kOff | pdo::transmit_id(number, node_), 4);
+    const std::uint32_t id = canopen::cob::kNoRemote | pdo::transmit_id(number, node_);
+    add(Kind::write_if_there, common::kTpdo1 + number, 1, canopen::cob::kOff | id, 4);
   }
   add(Kind::beat, 0);  // a watch begins with the first beat: the drive must not move before
   add(Kind::start, 0);
@@ -84,6 +92,19 @@ void Setup::add_safety(const DriverParams& params) {
   add(Kind::write, object::kMaxTorque, 0, static_cast<std::uint32_t>(std::clamp(limit, 0.0, 65535.0)), 2);
 }
 
+// What the drive itself keeps to where the host's own limits do not bind: its position and velocity loops are its own.
+void Setup::add_limits(const DriverParams& params) {
+  if (mode_ != Mode::position && mode_ != Mode::velocity) return;
+  const double counts_per_rad = params.joint.rev_per_rad() * params.counts_per_rev;
+  const double fastest = std::abs(counts_per_rad) * params.velocity_fault_rad_s;
+  add(Kind::offer, object::kMaxProfileVelocity, 0, raw_counts(fastest), 4);
+  if (mode_ != Mode::position || params.position_min_rad >= params.position_max_rad) return;
+  const double one = params.joint.motor_rev(params.position_min_rad) * params.counts_per_rev;
+  const double other = params.joint.motor_rev(params.position_max_rad) * params.counts_per_rev;
+  add(Kind::write_if_there, object::kPositionLimit, 1, raw_counts(std::min(one, other)), 4);
+  add(Kind::write_if_there, object::kPositionLimit, 2, raw_counts(std::max(one, other)), 4);
+}
+
 // The period as one byte times a power of ten. Where targets are positions the drive must know it.
 void Setup::add_interpolation(const DriverParams& params) {
   int power = -2;
@@ -93,7 +114,7 @@ void Setup::add_interpolation(const DriverParams& params) {
     if (count >= 1 && std::abs(count - std::round(count)) < 1e-3) break;
     if (count * 10 > 255) break;  // not a round number: as exactly as a byte can say it
   }
-  const Kind kind = mode_ == Mode::position ? Kind::write : Kind::write_if_there;
+  const Kind kind = mode_ == Mode::position ? Kind::write : Kind::offer;
   const double rounded = std::clamp(std::round(count), 1.0, 255.0);
   add(kind, object::kInterpolation, 1, static_cast<std::uint32_t>(rounded), 1);
   add(kind, object::kInterpolation, 2, static_cast<std::uint8_t>(power), 1);
@@ -147,9 +168,11 @@ Setup::Progress Setup::advance(SdoClient& client) LITHE_RT {
       passed = step.bytes > 0 || judge(step, client.value());
       break;
     case SdoClient::Outcome::failed: {
-      const bool nobody = client.abort() == canopen::abort_code::kTimedOut;
-      passed = !nobody && step.kind == Kind::write_if_there;
-      if (!passed) refuse(nobody ? TroubleKind::no_answer : TroubleKind::refused, step, client.abort());
+      const std::uint32_t why = client.abort();
+      const bool nobody = why == canopen::abort_code::kTimedOut;
+      const bool lacks = why == canopen::abort_code::kNoObject || why == canopen::abort_code::kNoSubindex;
+      passed = !nobody && (step.kind == Kind::offer || (step.kind == Kind::write_if_there && lacks));
+      if (!passed) refuse(nobody ? TroubleKind::no_answer : TroubleKind::refused, step, why);
       break;
     }
   }
@@ -181,6 +204,7 @@ bool Setup::judge(const Step& step, std::uint32_t value) LITHE_RT {
       return false;
     case Kind::write:
     case Kind::write_if_there:
+    case Kind::offer:
     case Kind::beat:
     case Kind::start:
       break;

@@ -18,16 +18,25 @@
 namespace lithe::hal::cia402 {
 
 struct DriverParams {
-  std::uint32_t id = 1;         // 1 to 126
-  std::uint32_t host_id = 127;  // whose heartbeat the drive watches
-  double watchdog_s = 0.1;      // so long without that heartbeat, and the drive quick-stops by itself
-  double heartbeat_s = 0.1;     // of the drive's own
-  double period_s = 0.001;      // between two commands
+  std::uint32_t id = 1;                 // 1 to 126
+  std::uint32_t host_id = 127;          // whose heartbeat the drive watches
+  double watchdog_s = 0.1;              // so long without that heartbeat, and the drive quick-stops by itself
+  double heartbeat_s = 0.1;             // of the drive's own
+  double period_s = 0.001;              // between two commands
+  std::uint32_t divider = 1;            // of so many exchanges it is commanded in one
+  std::uint32_t lost_after_misses = 3;  // of its answers in a row
   Mode mode = Mode::torque;
   double counts_per_rev = 4096;  // of the motor; velocities are counts per second
   double rated_torque_nm = 1.0;  // of the motor, as its object 6076h must say too
-  double torque_max_nm = 1.0;    // at the joint: the drive's own limit, object 6072h
-  JointTransform joint;
+  double torque_max_nm = 1.0;    // at the joint, as all below: the drive's own limit, object 6072h
+  double torque_slew_nm_s = 1000.0;
+  double velocity_max_rad_s = 20.0;
+  double velocity_fault_rad_s = 25.0;  // beyond it the robot stops: the drive's own limit, object 607Fh
+  double deceleration_rad_s2 = 20.0;
+  double position_min_rad = 0.0;  // beyond these the robot stops: the drive's own limits, object 607Dh; equal: none
+  double position_max_rad = 0.0;
+  double soft_start_s = 0.0;
+  JointTransform joint{};
 };
 
 // Why a drive is not ready to be commanded.
@@ -42,6 +51,10 @@ enum class TroubleKind : std::uint8_t {
   mode_not_taken,    // object 6061h; value: what it says
   left_operational,  // the drive fell back by itself; value: its network state
   silent,            // no heartbeat
+  unheard,           // no process data; value: commands without an answer
+  left_enabled,      // it left `operation enabled` by itself, or ignores its target; value: its State
+  not_enabled,       // it does not get there; value: its State
+  velocity_unit,     // object 606Ch is not how fast 6064h changes; value: how much of that it is [thousandths]
 };
 
 struct Trouble {
@@ -89,7 +102,8 @@ class Setup {
  private:
   enum class Kind : std::uint8_t {
     write,
-    write_if_there,  // what the drive may lack
+    write_if_there,  // the drive may lack the object
+    offer,           // and may refuse it
     require_profile,
     require_mode,
     require_rating,
@@ -103,11 +117,12 @@ class Setup {
     std::uint32_t value;
     std::uint8_t bytes;
   };
-  static constexpr std::size_t kMostSteps = 48;
+  static constexpr std::size_t kMostSteps = 56;
   static constexpr std::uint32_t kMostLooks = 50;  // at 6061h, until it shows the mode
 
   void add(Kind kind, std::uint16_t index, std::uint8_t subindex = 0, std::uint32_t value = 0, std::uint8_t bytes = 0);
   void add_safety(const DriverParams& params);
+  void add_limits(const DriverParams& params);
   void add_interpolation(const DriverParams& params);
   void add_pdo(std::uint16_t communication, std::uint16_t mapping, std::uint32_t id, const canopen::PdoMap& map);
   bool judge(const Step& step, std::uint32_t value) LITHE_RT;

@@ -77,7 +77,7 @@ TEST(Cia402, ATroubleSurvivesItsWordAndSaysWhatToDo) {
       describe(same),
       "object 6007h:02 is refused with abort 0x06020000 (no such object); the drive lacks what LITHE needs of it");
   EXPECT_EQ(describe({}), "");
-  for (std::uint8_t kind = 1; kind <= static_cast<std::uint8_t>(TroubleKind::silent); ++kind) {
+  for (std::uint8_t kind = 1; kind <= static_cast<std::uint8_t>(TroubleKind::velocity_unit); ++kind) {
     EXPECT_FALSE(describe({static_cast<TroubleKind>(kind), {}, 0}).empty());
   }
 }
@@ -132,6 +132,38 @@ TEST(Cia402Setup, TheDriveWatchesAndHasHeardUsBeforeItIsStartedAndGetsItsModeAft
   EXPECT_LT(beat, start);
   EXPECT_LT(start, mode);
   EXPECT_LT(frames.size(), 48U);
+}
+
+TEST(Cia402Setup, AMotorThatStillTurnsIsStoppedFirst) {
+  const std::vector<Frame> frames = told({});
+  EXPECT_EQ(canopen::sdo_address(frames.at(1)), (canopen::Address{0x6040, 0}));
+  EXPECT_EQ(written(frames, 0x6040, 0), 0x02U);
+}
+
+// Bit 30: no remote frames. Where process data is received it means nothing, and must not be there.
+TEST(Cia402Setup, IdsOfSentProcessDataSayThatNobodyAsksForIt) {
+  const std::vector<Frame> frames = told({.id = 5});
+  EXPECT_EQ(written(frames, 0x1800, 1), 0x4000'0185U);
+  EXPECT_EQ(written(frames, 0x1801, 1), 0x4000'0285U);
+  EXPECT_EQ(written(frames, 0x1802, 1), 0xc000'0385U);
+  EXPECT_EQ(written(frames, 0x1400, 1), 0x205U);
+}
+
+TEST(Cia402Setup, WhereItsOwnLoopMovesTheJointTheDriveGetsItsLimits) {
+  DriverParams params{.id = 1, .mode = Mode::position, .counts_per_rev = 1000};
+  params.position_min_rad = -1;
+  params.position_max_rad = 2;
+  params.velocity_fault_rad_s = 3;
+  params.joint = {-1.0, 0.0, 10.0};
+  const double counts_per_rad = 10 * 1000 / 6.283185307;
+  std::vector<Frame> frames = told(params);
+  EXPECT_NEAR(canopen::signed_of(written(frames, 0x607d, 1), 4), -2 * counts_per_rad, 1);
+  EXPECT_NEAR(canopen::signed_of(written(frames, 0x607d, 2), 4), counts_per_rad, 1);
+  EXPECT_NEAR(written(frames, 0x607f, 0), 3 * counts_per_rad, 1);
+  params.mode = Mode::torque;
+  frames = told(params);
+  EXPECT_EQ(written(frames, 0x607d, 1), 0xdeadU);
+  EXPECT_EQ(written(frames, 0x607f, 0), 0xdeadU);
 }
 
 TEST(Cia402Setup, AProcessDataIsOffWhileItIsMapped) {

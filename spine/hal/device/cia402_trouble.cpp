@@ -13,6 +13,14 @@ std::string hex(std::uint32_t value, int digits) {
   return text.data();
 }
 
+std::string state_of(const Trouble& trouble) { return std::string(state_name(static_cast<State>(trouble.value))); }
+
+std::string per_mille(std::uint32_t value) {
+  std::array<char, 16> text{};
+  std::snprintf(text.data(), text.size(), "%.3f", static_cast<std::int32_t>(value) * 1e-3);
+  return text.data();
+}
+
 std::string object_name(const canopen::Address& address) {
   return hex(address.index, 4) + "h:" + hex(address.subindex, 2);
 }
@@ -58,6 +66,17 @@ std::string describe(const Trouble& trouble) {
       return "left the state operational by itself (now 0x" + hex(trouble.value, 2) + ") and is being set up again";
     case TroubleKind::silent:
       return "no heartbeat; check its power and cable";
+    case TroubleKind::unheard:
+      return "does not answer; stopped until it is switched off and on (reset, arm)";
+    case TroubleKind::left_enabled:
+      return "stopped by itself (now: " + state_of(trouble) +
+             "); check torque-off inputs and limit switches, then switch it off and on (reset, arm)";
+    case TroubleKind::not_enabled:
+      return "cannot be switched on (now: " + state_of(trouble) +
+             "); check its power stage, torque-off inputs and brake, then switch it off and on (reset, arm)";
+    case TroubleKind::velocity_unit:
+      return "velocity 606Ch is " + per_mille(trouble.value) +
+             " of how fast position 6064h changes; set the drive's velocity unit to counts per second";
   }
   return "";
 }

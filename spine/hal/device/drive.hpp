@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <limits>
 #include <numbers>
+#include <string>
 
 #include "spine/core/rt.hpp"
 #include "spine/hal/bus/bus.hpp"
@@ -24,6 +25,7 @@ struct JointCommand {
   double kp_nm_rad = 0;
   double kd_nm_s_rad = 0;
   double max_torque_nm = 0;
+  bool clear_fault = false;  // with `off`: a person has looked, and the drive may forget its fault
 };
 
 // How a joint turns with its motor: position_rad = sign * motor_rad / ratio + zero_rad.
@@ -52,7 +54,7 @@ struct JointSample {
   double position_rad = 0;
   double velocity_rad_s = 0;
   double torque_nm = 0;
-  std::uint32_t status = 0;  // wire::joint_status fault, watchdog, not_homed; drive fault << 8, drive mode << 16
+  std::uint32_t status = 0;  // wire::joint_status but fresh and lost; drive fault << 8, drive mode << 16
   bool measured = false;     // the first three are finite and possible
 };
 
@@ -78,6 +80,13 @@ class Drive {
 
   // A frame from this drive's address. `sample` is changed by an answer only.
   virtual Heard take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT = 0;
+
+  // Bits of wire::joint_status that it has told otherwise than by an answer: why none comes.
+  virtual std::uint32_t alarm() const LITHE_RT { return 0; }
+
+  // What keeps it from being commanded, and what to do; empty when nothing does.
+  // Contract: any thread but an exchange's
+  virtual std::string why_not_ready() const { return ""; }
 };
 
 // What a bus needs beside commands to its drives: SYNC, heartbeats, the network's state.

@@ -1,10 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/device/gateway.hpp"
 
+#include <algorithm>
+
 namespace lithe::hal::gateway {
 namespace {
 
 constexpr std::size_t kHeader = 4;
+constexpr std::int64_t kStampNs = 100'000;
+constexpr std::int64_t kLongestSilenceNs = 3'000'000'000;  // half of what a stamp can count
+constexpr std::int64_t kDriftShare = 2000;                 // of the time: no crystal is that wrong
 
 std::uint16_t word_at(const Frame& frame, std::size_t at) LITHE_RT {
   return static_cast<std::uint16_t>(frame.data[at] | frame.data[at + 1] << 8);
@@ -13,7 +18,7 @@ std::uint16_t word_at(const Frame& frame, std::size_t at) LITHE_RT {
 }  // namespace
 
 // A sequence number that is up to half a turn behind is an old frame, not a gap of more than half a turn. After a
-// restart of the gateway that can hold up its first frames: never more than 128.
+// restart of the gateway that can hold up its first frames: never more than 128. After a silence nothing is known.
 bool Gateway::follows(std::uint8_t sequence) LITHE_RT {
   const auto ahead = static_cast<std::uint8_t>(sequence - sequence_);
   if (heard_ && (ahead == 0 || ahead > 128)) {
@@ -35,13 +40,32 @@ void Gateway::take(const Frame& frame, std::int64_t now_ns) LITHE_RT {
     ++counters_.malformed;
     return;
   }
+  if (now_ns - last_ns_ > std::min(stale_ns_, kLongestSilenceNs)) heard_ = false;
+  const bool first = !heard_;
   if (!follows(frame.data[0])) return;
   ++counters_.frames;
-  if (digital) {
-    take_bits(frame, now_ns);
-  } else {
-    take_words(static_cast<Block>(block), frame, now_ns);
+  const std::uint16_t stamp = word_at(frame, 2);
+  if (first) {
+    stamp_ = stamp;
+    stamp_ns_ = 0;
+    ahead_ns_ = last_ns_ = now_ns;
   }
+  const std::int64_t taken_ns = sampled_ns(stamp, now_ns);
+  if (digital) {
+    take_bits(frame, taken_ns);
+  } else {
+    take_words(static_cast<Block>(block), frame, taken_ns);
+  }
+}
+
+// When it was sampled, on our clock: the two clocks differ by the least that any frame took, and drift apart slowly.
+std::int64_t Gateway::sampled_ns(std::uint16_t stamp, std::int64_t now_ns) LITHE_RT {
+  stamp_ns_ += kStampNs * static_cast<std::uint16_t>(stamp - stamp_);
+  ahead_ns_ += (now_ns - last_ns_) / kDriftShare;
+  ahead_ns_ = std::min(ahead_ns_, now_ns - stamp_ns_);
+  stamp_ = stamp;
+  last_ns_ = now_ns;
+  return stamp_ns_ + ahead_ns_;
 }
 
 // What lies behind the last channel is padding: CAN FD knows only some lengths.

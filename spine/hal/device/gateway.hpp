@@ -5,7 +5,8 @@
 //   id      0x10400000 | node << 8 | block       node 1 to 126
 //   byte 0  sequence: counts all frames of the node, wraps
 //   byte 1  first channel
-//   2, 3    time of the sample in 100 us, wraps (little-endian, as all below)
+//   2, 3    time of the sample in 100 us, wraps (little-endian, as all below): values that waited somewhere, or of a
+//           sampler that hangs, are as old as this says
 //   4 ...   analog, imu: one int16 per channel, -32768 = not valid
 //           digital: uint16 values, uint16 valid, one bit per channel; first channel 0
 // Classic CAN holds two channels per frame, CAN FD all sixteen. A reference sketch is in firmware/.
@@ -61,6 +62,7 @@ class Gateway {
     bool valid = false;
   };
   bool follows(std::uint8_t sequence) LITHE_RT;
+  std::int64_t sampled_ns(std::uint16_t stamp, std::int64_t now_ns) LITHE_RT;
   void take_words(Block block, const Frame& frame, std::int64_t now_ns) LITHE_RT;
   void take_bits(const Frame& frame, std::int64_t now_ns) LITHE_RT;
 
@@ -68,6 +70,11 @@ class Gateway {
   std::int64_t stale_ns_;
   bool heard_ = false;
   std::uint8_t sequence_ = 0;
+  std::uint16_t stamp_ = 0;
+  std::int64_t last_ns_ = 0;   // when the last frame came
+  std::int64_t stamp_ns_ = 0;  // of its stamp, on the gateway's own clock
+  std::int64_t ahead_ns_ =
+      0;  // our clock less the gateway's, as small as it was ever seen: the frame that waited least
   std::array<std::array<Channel, kChannels>, kBlocks> channels_{};
   Counters counters_;
 };

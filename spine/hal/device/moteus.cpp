@@ -17,10 +17,20 @@ constexpr std::uint32_t kReplyRequested = 0x8000;
 constexpr double kMaxRev = 32768;
 constexpr double kMaxRevPerS = 3000;
 constexpr double kMaxTorqueNm = 1000;
+// Beyond this no number of a command means anything, and products of two would not be a float any more.
+constexpr double kMaxCommand = 1e15;
 
-bool finite(const JointCommand& c) LITHE_RT {
-  return std::isfinite(c.torque_nm) && std::isfinite(c.velocity_rad_s) && std::isfinite(c.kp_nm_rad) &&
-         std::isfinite(c.kd_nm_s_rad) && std::isfinite(c.max_torque_nm) && !std::isinf(c.position_rad);
+// False for what is not finite as well: comparisons with NaN are.
+bool possible(double value) LITHE_RT { return std::abs(value) <= kMaxCommand; }
+
+bool possible(const JointCommand& c) LITHE_RT {
+  return possible(c.torque_nm) && possible(c.velocity_rad_s) && possible(c.kp_nm_rad) && possible(c.kd_nm_s_rad) &&
+         possible(c.max_torque_nm) && (std::isnan(c.position_rad) || possible(c.position_rad));
+}
+
+// Torque at the motor per revolution of the motor, from torque at the joint per radian of the joint.
+double to_motor_gain(const JointTransform& joint) LITHE_RT {
+  return 2 * std::numbers::pi / (joint.ratio * joint.ratio);
 }
 
 Mode mode_for(DriveAction action) LITHE_RT {
@@ -93,24 +103,56 @@ bool Driver::can_say(double position_rad) const LITHE_RT {
 
 Driver::MotorCommand Driver::to_motor(const JointCommand& command, bool stiff) const LITHE_RT {
   const JointTransform& joint = params_.joint;
-  // Torque at the motor per revolution of the motor, from torque at the joint per radian of the joint.
-  const double to_motor_gain = 1 / (joint.ratio * joint.ratio) / (1 / (2 * std::numbers::pi));
   const double kp = stiff ? std::max(command.kp_nm_rad, 0.0) : 0.0;
-  const double kd = std::max(command.kd_nm_s_rad, 0.0);
-  return {joint.motor_rev(command.position_rad),    command.velocity_rad_s * joint.rev_per_rad(),
-          command.torque_nm / joint.gear(),         kp * to_motor_gain / params_.kp_nm_rev,
-          kd * to_motor_gain / params_.kd_nm_s_rev, std::max(command.max_torque_nm, 0.0) / joint.ratio};
+  return {joint.motor_rev(command.position_rad), command.velocity_rad_s * joint.rev_per_rad(),
+          command.torque_nm / joint.gear(),      kp * to_motor_gain(joint) / params_.kp_nm_rev,
+          kd_scale(command.kd_nm_s_rad),         std::max(command.max_torque_nm, 0.0) / joint.ratio};
 }
 
-bool Driver::encode(const JointCommand& command, std::uint32_t source, Frame& frame) const LITHE_RT {
-  const bool sound = command.action != DriveAction::torque || (finite(command) && can_say(command.position_rad));
+double Driver::kd_scale(double kd_nm_s_rad) const LITHE_RT {
+  return std::max(kd_nm_s_rad, 0.0) * to_motor_gain(params_.joint) / params_.kd_nm_s_rev;
+}
+
+// The same torque at the speed that was measured, and the damping that is to survive us.
+JointCommand Driver::with_damping(const JointCommand& command, double measured_rad_s) const LITHE_RT {
+  JointCommand damped = command;
+  const double kd = std::max(command.kd_nm_s_rad, 0.0);
+  if (kd >= params_.damp_kd_nm_s_rad) return damped;
+  // A sample that is no speed of this joint must not become a torque.
+  const double at_rad_s = std::clamp(measured_rad_s, -params_.velocity_max_rad_s, params_.velocity_max_rad_s);
+  damped.kd_nm_s_rad = params_.damp_kd_nm_s_rad;
+  damped.torque_nm += (kd - damped.kd_nm_s_rad) * (command.velocity_rad_s - at_rad_s);
+  return damped;
+}
+
+void Driver::know(const Settings& settings) LITHE_RT {
+  params_.kp_nm_rev = settings.kp_nm_rev;
+  params_.kd_nm_s_rev = settings.kd_nm_s_rev;
+  params_.direct = settings.rotor_to_output_ratio == 1.0 && params_.joint.ratio == 1.0;
+}
+
+bool Driver::encode(const JointCommand& command, std::uint32_t source, Frame& frame, double measured_rad_s) const
+    LITHE_RT {
+  const bool sound = command.action != DriveAction::torque || (possible(command) && can_say(command.position_rad));
   const DriveAction action = sound ? command.action : DriveAction::damp;
   SubframeWriter writer(frame);
   const std::array<double, 1> mode{static_cast<double>(mode_for(action))};
   writer.write(Format::int8, reg::kMode, mode);
-  if (action == DriveAction::torque) write_torque(command, writer);
+  if (action == DriveAction::torque) write_torque(with_damping(command, measured_rad_s), writer);
+  if (action == DriveAction::damp && params_.damp_kd_nm_s_rad > 0) {
+    writer.write(params_.command.kd_scale, reg::kKdScale, std::array{kd_scale(params_.damp_kd_nm_s_rad)});
+  }
   ask(source, writer, frame);
-  return sound;
+  writer.pad();
+  return sound && writer.ok();
+}
+
+void Driver::encode_setup(Setup& setup, std::uint32_t source, Frame& frame) const LITHE_RT {
+  SubframeWriter writer(frame);
+  writer.write(Format::int8, reg::kMode, std::array{static_cast<double>(Mode::stopped)});
+  ask(source, writer, frame);
+  setup.ask(writer);
+  writer.pad();
 }
 
 // Address and query: what every frame has.
@@ -124,7 +166,6 @@ void Driver::ask(std::uint32_t source, SubframeWriter& writer, Frame& frame) con
   writer.read_each(reg::kMode, motion);
   // Four registers to the fault: the home state costs nothing, with it the answer fills its 24 bytes exactly.
   writer.read(Format::int8, reg::kHomeState, 4);
-  writer.pad();
 }
 
 void Driver::write_torque(const JointCommand& command, SubframeWriter& writer) const LITHE_RT {
@@ -144,7 +185,7 @@ void Driver::write_torque(const JointCommand& command, SubframeWriter& writer) c
 
 bool Driver::encode_within(const JointCommand& command, double lower_rad, double upper_rad, std::uint32_t source,
                            Frame& frame) const LITHE_RT {
-  const bool sound = finite(command) && can_say(lower_rad) && can_say(upper_rad) && !(lower_rad > upper_rad);
+  const bool sound = possible(command) && can_say(lower_rad) && can_say(upper_rad) && !(lower_rad > upper_rad);
   if (!sound) {
     JointCommand damped;
     damped.action = DriveAction::damp;
@@ -154,7 +195,9 @@ bool Driver::encode_within(const JointCommand& command, double lower_rad, double
   SubframeWriter writer(frame);
   constexpr std::array<double, 1> kMode{static_cast<double>(Mode::stay_within)};
   writer.write(Format::int8, reg::kMode, kMode);
-  const MotorCommand motor = to_motor(command, true);
+  JointCommand damped = command;  // freely is with no torque but the given one: here damping has nothing to balance
+  damped.kd_nm_s_rad = std::max(command.kd_nm_s_rad, params_.damp_kd_nm_s_rad);
+  const MotorCommand motor = to_motor(damped, true);
   const double a_rev = params_.joint.motor_rev(lower_rad);
   const double b_rev = params_.joint.motor_rev(upper_rad);
   const bool turned = params_.joint.gear() < 0;  // the motor's lower end is the joint's upper one
@@ -165,7 +208,8 @@ bool Driver::encode_within(const JointCommand& command, double lower_rad, double
                                      motor.kd_scale,         motor.max_torque_nm,    params_.watchdog_s, 0};
   writer.write_each(reg::kLowerBound, formats, values);
   ask(source, writer, frame);
-  return true;
+  writer.pad();
+  return writer.ok();
 }
 
 bool Driver::decode(const Frame& frame, Answer& sample) const LITHE_RT {
@@ -181,10 +225,12 @@ bool Driver::decode(const Frame& frame, Answer& sample) const LITHE_RT {
   sample.mode = static_cast<std::uint8_t>(answer.mode);
   sample.fault = static_cast<std::uint8_t>(std::min(answer.fault, 255.0));
   // Behind a gear, a rotor's absolute encoder (1) does not tell the turn; an output encoder or a homing (2) does.
-  sample.homed = answer.home >= (params_.joint.ratio == 1.0 ? 1 : 2);
-  // An integer at its end tells no position any more.
-  sample.measured =
-      answer.measured() && std::abs(answer.position_rev) < largest(Quantity::position_rev, params_.answer.position);
+  sample.homed = answer.home >= (params_.direct ? 1 : 2);
+  // An integer at its end tells nothing any more.
+  sample.measured = answer.measured() &&
+                    std::abs(answer.position_rev) < largest(Quantity::position_rev, params_.answer.position) &&
+                    std::abs(answer.velocity_rev_s) < largest(Quantity::velocity_rev_s, params_.answer.velocity) &&
+                    std::abs(answer.torque_nm) < largest(Quantity::torque_nm, params_.answer.torque);
   if (!sample.measured) return true;
   sample.position_rad = params_.joint.position_rad(answer.position_rev);
   sample.velocity_rad_s = answer.velocity_rev_s / params_.joint.rev_per_rad();

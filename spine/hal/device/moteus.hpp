@@ -3,11 +3,13 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 
 #include "spine/core/rt.hpp"
 #include "spine/hal/bus/frame.hpp"
 #include "spine/hal/device/drive.hpp"
 #include "spine/hal/device/moteus_codec.hpp"
+#include "spine/hal/device/moteus_setup.hpp"
 
 namespace lithe::hal::moteus {
 
@@ -32,9 +34,19 @@ struct DriverParams {
   std::uint32_t id = 1;     // 1 to 126
   double watchdog_s = 0.1;  // no command for this long, and the drive damps by itself
   JointTransform joint;
+  // Of the joint: what `damp` is, and the least that every command carries. A drive whose watchdog runs out damps with
+  // the gain scale of the last command it had (register 024), so that a torque command without one leaves the joint to
+  // fall. 0: commands are sent as they are, and `damp` is what the drive is configured with.
+  double damp_kd_nm_s_rad = 0.0;
+  double velocity_max_rad_s = std::numeric_limits<double>::infinity();  // that the damping above is balanced up to
+  // A drive calibrates before it drives, and hears commands meanwhile. From there on its torque limit grows by so much
+  // in each exchange, so that the first torque the joint feels is no step.
+  double torque_step_nm = std::numeric_limits<double>::infinity();
   // Gains the drive itself is configured with: a command scales them.
   double kp_nm_rev = 4.0;
   double kd_nm_s_rev = 0.05;
+  bool direct = false;        // nothing is geared, in the drive or behind it: the rotor's angle is the joint's
+  bool ask_settings = false;  // the drive is asked for these three, and is not commanded before it has answered
   CommandFormats command{};
   AnswerFormats answer{};
 };
@@ -65,12 +77,18 @@ class Driver {
   explicit Driver(const DriverParams& params) : params_(params) {}
 
   std::uint32_t id() const LITHE_RT { return params_.id; }
+  void know(const Settings& settings) LITHE_RT;
 
   // A number that is not finite never leaves here: the joint is damped instead, and false is returned.
   // `source` is our own address (0 to 127). The drive answers to it, so whoever changes it with every exchange knows an
   // answer that is late: nothing else in an answer tells which command it belongs to.
   // A position that its format cannot say is treated alike; other numbers are cut to what theirs can.
-  bool encode(const JointCommand& command, std::uint32_t source, Frame& frame) const LITHE_RT;
+  // `measured_rad_s` is the joint's speed as it was heard last: at that speed, damping that is added adds no torque.
+  bool encode(const JointCommand& command, std::uint32_t source, Frame& frame, double measured_rad_s = 0) const
+      LITHE_RT;
+
+  // The drive is off, and asked for what `setup` wants to know beside the usual.
+  void encode_setup(Setup& setup, std::uint32_t source, Frame& frame) const LITHE_RT;
 
   // The joint moves freely between two positions, and is driven back from beyond them with the command's gains and
   // limits. Its position and velocity mean nothing here. NaN: no bound on that side.
@@ -86,6 +104,8 @@ class Driver {
     double position_rev, velocity_rev_s, torque_nm, kp_scale, kd_scale, max_torque_nm;
   };
   MotorCommand to_motor(const JointCommand& command, bool stiff) const LITHE_RT;
+  double kd_scale(double kd_nm_s_rad) const LITHE_RT;
+  JointCommand with_damping(const JointCommand& command, double measured_rad_s) const LITHE_RT;
   void write_torque(const JointCommand& command, SubframeWriter& writer) const LITHE_RT;
   void ask(std::uint32_t source, SubframeWriter& writer, Frame& frame) const LITHE_RT;
   bool can_say(double position_rad) const LITHE_RT;

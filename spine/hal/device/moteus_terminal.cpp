@@ -2,7 +2,7 @@
 #include "spine/hal/device/moteus_terminal.hpp"
 
 #include <algorithm>
-#include <cmath>
+#include <limits>
 
 #include "spine/hal/bus/words.hpp"
 #include "spine/hal/device/moteus.hpp"
@@ -32,6 +32,47 @@ bool take_line(std::string& text, std::string& line) {
   return true;
 }
 
+std::uint32_t word_at(const std::uint8_t* bytes) {
+  std::uint32_t word = 0;
+  for (std::size_t i = 0; i < 4; ++i) word |= std::uint32_t{bytes[i]} << (8 * i);
+  return word;
+}
+
+// As numbers that a subframe takes; the one word that no number can say is that of "not a number".
+std::array<double, 4> uuid_words(const std::array<std::uint8_t, 16>& uuid) {
+  std::array<double, 4> words{};
+  for (std::size_t i = 0; i < words.size(); ++i) {
+    const auto word = static_cast<std::int32_t>(word_at(uuid.data() + 4 * i));
+    words[i] = word == std::numeric_limits<std::int32_t>::min() ? std::numeric_limits<double>::quiet_NaN() : word;
+  }
+  return words;
+}
+
+// False: no whole answer to identify().
+bool take_identity(const Frame& said, Identity& identity) {
+  Identity seen;
+  bool whole = false;
+  SubframeReader reader(said.payload());
+  Subframe s;
+  while (reader.next(s)) {
+    for (std::uint32_t i = 0; s.kind == Kind::reply && i < s.count; ++i) {
+      const std::uint32_t number = s.start + i;
+      const std::uint32_t word = s.format == Format::int32 ? word_at(s.data + 4 * i) : s.data[i];
+      whole = whole || number == reg::kRegisterMap;
+      if (number == reg::kModel) seen.model = word;
+      if (number == reg::kFirmware) seen.firmware = word;
+      if (number == reg::kRegisterMap) seen.register_map = word;
+      if (number >= reg::kSerial && number < reg::kSerial + seen.serial.size())
+        seen.serial[number - reg::kSerial] = word;
+      if (number == reg::kMode) seen.mode = word;
+      if (number == reg::kFault) seen.fault = word;
+    }
+  }
+  if (!whole) return false;
+  identity = seen;
+  return true;
+}
+
 }  // namespace
 
 void make_discovery(Frame& frame) {
@@ -43,6 +84,7 @@ void make_discovery(Frame& frame) {
 }
 
 bool take_discovery(const Frame& answer, Found& found) {
+  if ((answer.id & ~0x7f00U) != 0) return false;  // an answer to source 0 has nothing else in its id
   Found seen;
   seen.id = device_of(answer) & 0xff;
   SubframeReader reader(answer.payload());
@@ -72,16 +114,43 @@ std::vector<Found> Terminal::discover(std::int64_t wait_ns) {
   bus_.flush();
   while (true) {
     Found found;
-    if (bus_.receive(frame)) {
-      if (take_discovery(frame, found)) all.push_back(found);
-    } else if (time_.now_ns() >= end_ns) {
-      break;
-    } else {
-      time_.pause();
-    }
+    const bool heard = bus_.receive(frame);
+    if (heard && take_discovery(frame, found)) all.push_back(found);
+    if (time_.now_ns() >= end_ns) break;  // also where somebody talks without end
+    if (!heard) time_.pause();
   }
   std::stable_sort(all.begin(), all.end(), [](const Found& a, const Found& b) { return a.id < b.id; });
   return all;
+}
+
+Result<> Terminal::await(std::uint32_t id, const Frame& question, const std::function<bool(const Frame&)>& is_it) {
+  const std::int64_t end_ns = time_.now_ns() + kAnswerNs;
+  bus_.begin(time_.now_ns());
+  bus_.send(question);
+  bus_.flush();
+  while (true) {
+    Frame frame;
+    const bool heard = bus_.receive(frame);
+    if (heard && device_of(frame) == id && is_it(frame)) return done();
+    if (time_.now_ns() >= end_ns) return Error{"drive " + std::to_string(id) + " does not answer"};
+    if (!heard) time_.pause();
+  }
+}
+
+Result<Identity> Terminal::identify(const Found& who) {
+  Frame frame;
+  address(who.id, frame);
+  SubframeWriter writer(frame);
+  if (who.maskable) writer.write(Format::int32, reg::kUuidMask, uuid_words(who.uuid));
+  writer.read(Format::int32, reg::kModel, 3);
+  writer.read(Format::int32, reg::kSerial, 3);
+  writer.read(Format::int8, reg::kMode, 1);
+  writer.read(Format::int8, reg::kFault, 1);
+  writer.pad();
+  Identity identity;
+  const Result<> answered =
+      await(who.id, frame, [&identity](const Frame& said) { return take_identity(said, identity); });
+  return answered ? Result<Identity>(identity) : answered.error();
 }
 
 Result<std::string> Terminal::exchange(std::uint32_t id, std::string_view piece) {
@@ -94,24 +163,18 @@ Result<std::string> Terminal::exchange(std::uint32_t id, std::string_view piece)
     writer.client_data(kChannel, {reinterpret_cast<const std::uint8_t*>(piece.data()), piece.size()});
   }
   writer.pad();
-  const std::int64_t end_ns = time_.now_ns() + kAnswerNs;
-  bus_.begin(time_.now_ns());
-  bus_.send(frame);
-  bus_.flush();
-  while (true) {
-    if (!bus_.receive(frame)) {
-      if (time_.now_ns() >= end_ns) return Error{"drive " + std::to_string(id) + " does not answer"};
-      time_.pause();
-      continue;
-    }
-    if (device_of(frame) != id) continue;
-    SubframeReader reader(frame.payload());
+  std::string text;
+  const Result<> answered = await(id, frame, [&text](const Frame& said) {
+    SubframeReader reader(said.payload());
     Subframe s;
     while (reader.next(s)) {
       if (s.kind != Kind::server_data || s.start != kChannel) continue;
-      return std::string(reinterpret_cast<const char*>(s.data), s.count);
+      text.assign(reinterpret_cast<const char*>(s.data), s.count);
+      return true;
     }
-  }
+    return false;
+  });
+  return answered ? Result<std::string>(text) : answered.error();
 }
 
 Result<std::string> Terminal::ask(std::uint32_t id, std::string_view line, bool one_line) {
@@ -124,18 +187,15 @@ Result<std::string> Terminal::ask(std::uint32_t id, std::string_view line, bool 
     if (i == kMostOld) return Error{"drive " + std::to_string(id) + " does not stop talking; send it 'tel stop'"};
   }
   std::string text = std::string(line) + "\n";
-  for (std::size_t at = 0; at < text.size(); at += kPiece) {
-    if (const Result<std::string> sent = exchange(id, std::string_view(text).substr(at, kPiece)); !sent) return sent;
-  }
   std::string come;
+  for (std::size_t at = 0; at < text.size(); at += kPiece) {
+    const Result<std::string> sent = exchange(id, std::string_view(text).substr(at, kPiece));
+    if (!sent) return sent;
+    come += *sent;  // a drive may have its answer ready at once
+  }
   std::string said;
   std::int64_t quiet_until_ns = time_.now_ns() + kSilenceNs;
   while (time_.now_ns() < quiet_until_ns) {
-    const Result<std::string> more = exchange(id, "");
-    if (!more) return more;
-    if (more->empty()) time_.pause();
-    if (!more->empty()) quiet_until_ns = time_.now_ns() + kSilenceNs;
-    come += *more;
     for (std::string each; take_line(come, each);) {
       if (each.empty()) continue;
       if (begins(each, "ERR"))
@@ -143,6 +203,11 @@ Result<std::string> Terminal::ask(std::uint32_t id, std::string_view line, bool 
       if (each == "OK" || one_line) return each == "OK" ? said : each;
       said += each + "\n";
     }
+    const Result<std::string> more = exchange(id, "");
+    if (!more) return more;
+    if (more->empty()) time_.pause();
+    if (!more->empty()) quiet_until_ns = time_.now_ns() + kSilenceNs;
+    come += *more;
   }
   return Error{"drive " + std::to_string(id) + " does not finish its answer to '" + std::string(line) + "'"};
 }

@@ -21,6 +21,19 @@ struct Found {
   bool maskable = false;                // it can be addressed by its UUID when its id is another's as well
 };
 
+// The register map that this house speaks (register 102h); one of another number may mean something else.
+inline constexpr std::uint32_t kKnownRegisterMap = 5;
+
+// What a drive says of itself; asking changes nothing.
+struct Identity {
+  std::uint32_t model = 0;
+  std::uint32_t firmware = 0;  // 0x010203 = 1.2.3
+  std::uint32_t register_map = 0;
+  std::array<std::uint32_t, 3> serial{};
+  std::uint32_t mode = 0;
+  std::uint32_t fault = 0;
+};
+
 // What the frames are; pure.
 void make_discovery(Frame& frame);                       // to all, all answer
 bool take_discovery(const Frame& answer, Found& found);  // false: no answer to it
@@ -38,6 +51,9 @@ class Terminal {
   // Everybody who answers within the time, in order of their ids; two with the same id are both there.
   std::vector<Found> discover(std::int64_t wait_ns = 100'000'000);
 
+  // What it is. Of two with one id only this one is asked, where its firmware can be (Found::maskable).
+  Result<Identity> identify(const Found& who);
+
   // One line to a drive's console ("d stop"); what it said before "OK". The error has the drive's own words, or says
   // that none came.
   Result<std::string> command(std::uint32_t id, std::string_view line);
@@ -49,6 +65,8 @@ class Terminal {
 
  private:
   Result<std::string> ask(std::uint32_t id, std::string_view line, bool one_line);
+  // Sends it and waits for a frame of that drive which `is_it`.
+  Result<> await(std::uint32_t id, const Frame& question, const std::function<bool(const Frame&)>& is_it);
   // The bytes that one exchange with the drive's console brought. `piece` empty: a poll.
   Result<std::string> exchange(std::uint32_t id, std::string_view piece);
 

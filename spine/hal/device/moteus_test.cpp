@@ -170,19 +170,6 @@ TEST(MoteusDriver, ModeOneIsAFaultAndModeElevenAWatchdogAndALimitIsNeither) {
   }
 }
 
-TEST(MoteusDriver, ARotorEncoderHomesADirectDriveOnly) {
-  const Driver direct({.id = 1, .joint = {}});
-  const Driver geared({.id = 1, .joint = {.sign = 1, .zero_rad = 0, .ratio = 6}});
-  Answer sample;
-  for (const double home : {0.0, 1.0, 2.0}) {
-    const Frame frame = reply(1, 0, 0, 0, 0, home, 0);
-    ASSERT_TRUE(direct.decode(frame, sample));
-    EXPECT_EQ(sample.homed, home >= 1);
-    ASSERT_TRUE(geared.decode(frame, sample));
-    EXPECT_EQ(sample.homed, home >= 2);
-  }
-}
-
 TEST(MoteusDriver, AMeasurementThatCannotBeIsNotOne) {
   const Driver driver({.id = 1, .joint = {}});
   const double inf = std::numeric_limits<double>::infinity();

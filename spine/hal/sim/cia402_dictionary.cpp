@@ -133,7 +133,7 @@ void Cia402Dictionary::add_motion() {
   add(object::kPositionLimit, 1, 4, kWritable, 0);  // equal limits are none
   add(object::kPositionLimit, 2, 4, kWritable, 0);
   // Profile velocity, acceleration, deceleration and their largest values: kept, for modes that are not simulated.
-  constexpr std::array<std::uint16_t, 5> kProfile{0x607f, 0x6080, 0x6081, 0x6083, 0x6084};
+  constexpr std::array<std::uint16_t, 5> kProfile{object::kMaxProfileVelocity, 0x6080, 0x6081, 0x6083, 0x6084};
   for (const std::uint16_t index : kProfile) {
     add(index, 0, 4, kWritable, 0xffff'ffff);
   }

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// The loops of a simulated drive; cia402_servo_states.cpp has its state machine.
 #include "spine/hal/sim/cia402_servo.hpp"
 
 #include <algorithm>
@@ -21,8 +22,6 @@ constexpr double kStandsRevPerS = 0.01;
 constexpr double kStandsCountsPerS = 1000;
 constexpr std::int64_t kStandsNs = 20'000'000;
 constexpr double kThousandths = 1000;
-
-bool is_cyclic(Mode mode) LITHE_RT { return mode >= Mode::position && mode <= Mode::torque; }
 
 std::int32_t whole(double value) LITHE_RT {
   constexpr double kMost = 2147483647.0;
@@ -92,6 +91,7 @@ void Cia402Servo::enter(State state) LITHE_RT {
   state_ = state;
   limited_ = false;
   behind_since_ns_ = kNever;
+  enabling_from_ns_ = kNever;
   if (state != State::operation_enabled) return;
   hold();
   sync();
@@ -121,39 +121,6 @@ void Cia402Servo::begin_ramp() LITHE_RT {
   stands_from_ns_ = time_ns_;
 }
 
-void Cia402Servo::control(std::uint16_t word) LITHE_RT {
-  const bool reset = (word & ~last_word_ & cia402::control::kFaultReset) != 0;
-  last_word_ = word;
-  if (state_ == State::fault) {
-    if (!reset || cause_stays_) return;
-    set_error(canopen::emergency::kGone);
-    enter(State::switch_on_disabled);
-    return;
-  }
-  if (state_ != State::fault_reaction_active && state_ != State::not_ready) obey(word);
-}
-
-// The transitions of the profile, by the lowest four bits of the word.
-void Cia402Servo::obey(std::uint16_t word) LITHE_RT {
-  const bool enabled = state_ == State::operation_enabled;
-  const bool stopping = state_ == State::quick_stop_active;
-  if ((word & 0x02) == 0) return enter(State::switch_on_disabled);
-  if ((word & 0x04) == 0) {  // quick stop
-    if (stopping) return;
-    if (!enabled || inputs_.quick_stop_option == 0) return enter(State::switch_on_disabled);
-    enter(State::quick_stop_active);
-    return begin_ramp();
-  }
-  if (stopping) {
-    const bool may_go_on = inputs_.quick_stop_option >= 5 && (word & 0x0f) == cia402::control::kEnable;
-    return may_go_on ? enter(State::operation_enabled) : void();
-  }
-  if ((word & 0x01) == 0) return enter(State::ready_to_switch_on);
-  if (state_ == State::switch_on_disabled) return;
-  if (state_ == State::ready_to_switch_on || (word & 0x08) == 0) return enter(State::switched_on);
-  if (is_cyclic(inputs_.mode)) enter(State::operation_enabled);
-}
-
 void Cia402Servo::sync() LITHE_RT {
   if (state_ != State::operation_enabled || inputs_.mode != Mode::position) return;
   std::int64_t target = std::int64_t{inputs_.target_position} + inputs_.position_offset;
@@ -164,29 +131,12 @@ void Cia402Servo::sync() LITHE_RT {
   goal_ns_ = time_ns_ + inputs_.period_ns;
 }
 
-void Cia402Servo::fail(std::uint16_t code, bool stays) LITHE_RT {
-  cause_stays_ |= stays;
-  if (state_ == State::fault || state_ == State::fault_reaction_active) return;
-  set_error(code);
-  const bool ramp = powered() && inputs_.fault_reaction_option != 0;
-  enter(ramp ? State::fault_reaction_active : State::fault);
-  begin_ramp();
-}
-
-void Cia402Servo::connection_lost(std::int32_t option, std::uint16_t code) LITHE_RT {
-  constexpr std::int32_t kFault = 1;
-  constexpr std::int32_t kDisable = 2;
-  constexpr std::int32_t kQuickStop = 3;
-  if (option == kFault) return fail(code, false);
-  if (option == kDisable && state_ != State::fault) obey(cia402::control::kDisableVoltage);
-  if (option == kQuickStop && state_ == State::operation_enabled) obey(cia402::control::kQuickStop);
-}
-
 double Cia402Servo::motor_torque() LITHE_RT {
   if (state_ != State::operation_enabled) {
     ramp();
     return powered() ? limited(towards_demand()) : 0;
   }
+  if (ignores_target_) return 0;
   const double offset_nm = inputs_.torque_offset * params_.rated_torque_nm / kThousandths;
   switch (inputs_.mode) {
     case Mode::torque:
@@ -261,14 +211,17 @@ std::uint16_t Cia402Servo::statusword() const LITHE_RT {
   std::uint16_t word = cia402::encode_state(state_) | status_bit::kRemote;
   if (powered() || state_ == State::switched_on) word |= status_bit::kVoltage;
   if (limited_) word |= status_bit::kLimited;
-  if (state_ == State::operation_enabled && is_cyclic(inputs_.mode)) word |= status_bit::kFollows;
+  const bool follows = state_ == State::operation_enabled && cia402::is_cyclic(inputs_.mode) && !ignores_target_;
+  if (follows) word |= status_bit::kFollows;
   if (following_error_) word |= status_bit::kFollowingError;
   return word;
 }
 
 std::int32_t Cia402Servo::position() const LITHE_RT { return whole(encoder_rev_ * params_.counts_per_rev); }
 
-std::int32_t Cia402Servo::velocity() const LITHE_RT { return whole(velocity_rev_s_ * params_.counts_per_rev); }
+std::int32_t Cia402Servo::velocity() const LITHE_RT {
+  return whole(velocity_rev_s_ * params_.counts_per_rev * params_.velocity_unit);
+}
 
 std::int32_t Cia402Servo::torque() const LITHE_RT {
   constexpr double kMost = 32767;

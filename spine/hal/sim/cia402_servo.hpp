@@ -2,6 +2,7 @@
 // The inside of a simulated CiA 402 drive: its state machine and its loops, on a plant. It knows no bus.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <limits>
 
@@ -18,6 +19,8 @@ struct Cia402ServoParams {
   double motor_torque_max_nm = 3.0;  // whatever the limits say
   double loop_hz = 20;               // bandwidth of its position and velocity loops
   double velocity_filter_hz = 200;   // of the tracking loop behind the encoder
+  std::int64_t enable_ns = 0;        // from `switched on` to `operation enabled`: brake, commutation
+  double velocity_unit = 1;          // of what it tells: times counts per second
 };
 
 // What its objects say now, in their own units.
@@ -61,9 +64,16 @@ class Cia402Servo {
   // Targets count from now on.
   void sync() LITHE_RT;
 
-  // An error that calls for the fault reaction. It cannot be reset while `stays`.
+  // An error that calls for the fault reaction. It cannot be reset while `stays`, and is found again after a restart.
   void fail(std::uint16_t code, bool stays) LITHE_RT;
-  void cause_gone() LITHE_RT { cause_stays_ = false; }
+  void cause_gone(std::uint16_t code) LITHE_RT;  // 0: every cause
+  void find_causes() LITHE_RT;                   // after a restart
+  // Safe torque off, as most drives have it: no power, no fault, not a word; and it cannot be enabled meanwhile.
+  void take_torque(bool off) LITHE_RT;
+  // A limit switch: a quick stop of the drive's own.
+  void stop_at_limit() LITHE_RT;
+  // It stays on, but looks at no target any more: a halt of its own.
+  void ignore_target(bool ignores) LITHE_RT { ignores_target_ = ignores; }
   // What object 6007h makes of a lost connection.
   void connection_lost(std::int32_t option, std::uint16_t code) LITHE_RT;
 
@@ -91,6 +101,7 @@ class Cia402Servo {
   double limited(double torque_nm) LITHE_RT;
   void ramp() LITHE_RT;
   void watch_following() LITHE_RT;
+  void enable() LITHE_RT;
   bool powered() const LITHE_RT;
 
   Cia402ServoParams params_;
@@ -104,7 +115,10 @@ class Cia402Servo {
   std::uint16_t last_word_ = 0;
   std::uint16_t error_code_ = 0;
   std::uint32_t error_changes_ = 0;
-  bool cause_stays_ = false;
+  std::array<std::uint16_t, 4> causes_{};  // 0: none; more than these are forgotten
+  bool torque_off_ = false;
+  bool ignores_target_ = false;
+  std::int64_t enabling_from_ns_ = kNever;
   bool limited_ = false;
   bool following_error_ = false;
   bool started_ = false;

@@ -4,7 +4,7 @@
 #include <limits>
 
 #include "spine/hal/bus/words.hpp"
-#include "spine/hal/sim/numbers.hpp"
+#include "spine/hal/device/numbers.hpp"
 
 namespace lithe::hal::sim {
 

@@ -3,8 +3,8 @@
 #include <limits>
 
 #include "spine/hal/bus/words.hpp"
+#include "spine/hal/device/numbers.hpp"
 #include "spine/hal/sim/moteus_console.hpp"
-#include "spine/hal/sim/numbers.hpp"
 
 namespace lithe::hal::sim {
 
@@ -72,7 +72,10 @@ void MoteusConsole::drive(std::string_view words, MoteusInside& inside) LITHE_RT
     servo.recapture();
     return say("OK");
   }
-  if (verb == "req-reindex") return say("OK");
+  if (verb == "req-reindex") {
+    inside.servo.require_reindex();
+    return say("OK");
+  }
   if (verb == "dq") {
     ServoCommand command;
     if (!read_number(next_word(words), command.d_current_a) || !read_number(next_word(words), command.q_current_a)) {

@@ -8,7 +8,7 @@
 #include <random>
 #include <string>
 
-#include "spine/hal/sim/numbers.hpp"
+#include "spine/hal/device/numbers.hpp"
 #include "spine/hal/sim/test_bench.hpp"
 
 namespace lithe::hal::sim {

@@ -99,6 +99,7 @@ SimMoteus::Access SimMoteus::write_register(std::uint32_t number, double value) 
       inside_.servo.set_output(value, number == reg::kSetOutputExact);
       return Access::done;
     case reg::kRequireReindex:
+      inside_.servo.require_reindex();
       return Access::done;
     case reg::kRecapture:
       inside_.servo.recapture();
@@ -145,7 +146,6 @@ bool SimMoteus::read_register(std::uint32_t number, Format format, double& value
 }
 
 bool SimMoteus::read_status(std::uint32_t number, double& value) LITHE_RT {
-  constexpr double kHomedToOutput = 2;
   Servo& servo = inside_.servo;
   const ServoParams& params = servo.params();
   switch (number) {
@@ -179,7 +179,7 @@ bool SimMoteus::read_status(std::uint32_t number, double& value) LITHE_RT {
       value = servo.trajectory_complete() ? 1 : 0;
       return true;
     case reg::kHomeState:
-      value = servo.encoder_lost() || !homed_ ? 0 : kHomedToOutput;
+      value = homed_ ? servo.home() : 0;
       return true;
     case reg::kVoltage:
       value = params.supply_v;

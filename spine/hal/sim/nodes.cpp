@@ -12,6 +12,12 @@ namespace {
 
 using robot::DeviceKind;
 
+// The IMU of a board is on none of its buses.
+class Nobody final : public BusNode {
+ public:
+  void on_frame(const Frame&, std::int64_t, FrameQueue&) LITHE_RT override {}
+};
+
 constexpr std::int64_t kGatewayPeriodNs = 1'000'000;
 
 PlantParams plant_of(const robot::JointConfig& joint, double motor_torque_max_nm) {
@@ -34,6 +40,7 @@ robot::JointConfig free_joint() {
 
 std::unique_ptr<BusNode> make_node(const robot::RobotConfig& config, std::size_t index) {
   const robot::DeviceConfig& device = config.devices[index];
+  if (device.kind == DeviceKind::imu) return std::make_unique<Nobody>();
   const auto found = std::find_if(config.joints.begin(), config.joints.end(),
                                   [index](const robot::JointConfig& joint) { return joint.device == index; });
   const robot::JointConfig joint = found != config.joints.end() ? *found : free_joint();

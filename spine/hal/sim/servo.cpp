@@ -26,7 +26,7 @@ bool has_watchdog(Mode mode) LITHE_RT { return mode == Mode::position || mode ==
 }  // namespace
 
 Servo::Servo(const ServoParams& params, const JointTransform& joint, const PlantParams& plant)
-    : params_(params), joint_(joint), plant_(plant) {
+    : params_(params), joint_(joint), plant_(plant), home_(params.home_at_power_on) {
   tracked_rev_ = joint_.motor_rev(plant_.position_rad());
   measure();
   tracked_rev_ = encoder_rev_;
@@ -98,6 +98,7 @@ void Servo::restart(const ServoParams& params) LITHE_RT {
   fault_ = 0;
   command_ = ServoCommand{};
   offset_rev_ = 0;
+  home_ = params_.home_at_power_on;
   terms_ = Terms{};
   trajectory_complete_ = false;
   measure();
@@ -109,6 +110,7 @@ void Servo::set_output(double position_rev, bool exact) LITHE_RT {
   const double by = exact ? position_rev - encoder_rev_ : std::round(position_rev - encoder_rev_);
   constexpr double kFarthest = 32768;  // what the drive can count
   if (!(std::abs(offset_rev_ + by) <= kFarthest)) return;
+  home_ = 2;
   for (double* moved : {&offset_rev_, &encoder_rev_, &tracked_rev_, &control_position_rev_, &goal_rev_}) *moved += by;
 }
 
@@ -124,8 +126,8 @@ void Servo::apply(Mode mode, const ServoCommand& command) LITHE_RT {
     command_ = command;
     return;
   }
+  command_ = command;  // also of a drive that stays where it is: its damping goes by the last one's scale
   if (mode_ == Mode::fault || mode_ == Mode::timeout) return;
-  command_ = command;
   switch (mode_) {
     case Mode::stopped:
       mode_ = Mode::enabling;
@@ -200,7 +202,7 @@ double Servo::motor_torque() LITHE_RT {
     case Mode::timeout:
       return timeout_torque();
     case Mode::zero_velocity:
-      return -params_.kd_nm_s_rev * velocity_rev_s_;
+      return damping_torque();
     case Mode::brake:
       return brake_torque();
     default:
@@ -208,18 +210,22 @@ double Servo::motor_torque() LITHE_RT {
   }
 }
 
-double Servo::timeout_torque() LITHE_RT {
+// By the gain scale of the last command, whatever mode that was for: a host that commands none is not damped.
+double Servo::damping_torque() LITHE_RT {
   const double most = std::abs(params_.timeout_max_torque_nm);
-  const double damping_nm = -params_.kd_nm_s_rev * velocity_rev_s_;
+  return std::clamp(-params_.kd_nm_s_rev * command_.kd_scale * velocity_rev_s_, -most, most);
+}
+
+double Servo::timeout_torque() LITHE_RT {
   switch (static_cast<int>(params_.timeout_mode)) {
-    case static_cast<int>(Mode::stopped):
-      return 0;
+    case static_cast<int>(Mode::zero_velocity):
+      return damping_torque();
     case static_cast<int>(Mode::brake):
       return brake_torque();
-    case static_cast<int>(Mode::position):
-      return std::clamp(params_.kp_nm_rev * (control_position_rev_ - encoder_rev_) + damping_nm, -most, most);
+    case static_cast<int>(Mode::position):  // with all of its own gains
+      return params_.kp_nm_rev * (control_position_rev_ - encoder_rev_) - params_.kd_nm_s_rev * velocity_rev_s_;
     default:
-      return std::clamp(damping_nm, -most, most);
+      return 0;
   }
 }
 

@@ -25,7 +25,8 @@ struct ServoParams {
   double position_min_rev = kNone;
   double position_max_rev = kNone;
   double timeout_max_torque_nm = 5.0;
-  double timeout_mode = 12;  // what the watchdog leads to: 0 free, 10 hold, 12 damp, 15 brake
+  double timeout_mode = 12;     // what the watchdog leads to: 10 hold, 12 damp, 15 brake, any other free
+  double home_at_power_on = 2;  // the home state then: 0 relative, 1 rotor, 2 output, as with an encoder there
   double fault_temperature_c = 75.0;
   double temperature_margin_c = 25.0;  // this far below, torque begins to fade
   double motor_torque_max_nm = 1.65;   // an mj5208 at 100 A
@@ -81,8 +82,13 @@ class Servo {
     judge_health();
   }
 
-  // The position now reads as this; `exact` or as near to it as whole turns allow.
+  // The position now reads as this; `exact` or as near to it as whole turns allow. It is homed then.
   void set_output(double position_rev, bool exact) LITHE_RT;
+
+  // It no longer knows its turn.
+  void require_reindex() LITHE_RT { home_ = 0; }
+  // 0 relative, 1 rotor, 2 output.
+  double home() const LITHE_RT { return encoder_lost_ ? 0 : home_; }
 
   // The set-point of a running position command becomes where the joint is and how it moves.
   void recapture() LITHE_RT;
@@ -142,6 +148,7 @@ class Servo {
   double motor_torque() LITHE_RT;
   double position_torque() LITHE_RT;
   double within_torque() LITHE_RT;
+  double damping_torque() LITHE_RT;
   double timeout_torque() LITHE_RT;
   double brake_torque() LITHE_RT;
   void judge_health() LITHE_RT;
@@ -164,6 +171,7 @@ class Servo {
   std::int64_t skipped_ns_ = 0;
 
   double offset_rev_ = 0;  // of what is read against where the motor is
+  double home_ = 0;
   bool encoder_lost_ = false;
   bool driver_failed_ = false;
   std::uint32_t ailment_ = 0;          // the fault that driving leads to

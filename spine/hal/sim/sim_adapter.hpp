@@ -32,22 +32,37 @@ class SimAdapter {
   // As after power came back: nothing half said remains, everything is configured as it left the factory.
   virtual void reset() = 0;
 
+  // The wires are so bad that the adapter's controller gives up; or they are good again, and it stays as it is until it
+  // is started anew, which is the host's business. Nothing passes a controller that is off.
+  void spoil_wires(bool bad) {
+    wires_bad_ = bad;
+    off_ = off_ || bad;
+  }
+
  protected:
+  bool bus_off() const { return off_; }
+  // The controller is started anew; on bad wires it does not last.
+  void recover() { off_ = wires_bad_; }
+
   // One frame onto the bus; what the devices answer is in answers() until the next call.
   void to_bus(const Frame& frame, std::int64_t now_ns) {
     answers_.clear();
+    if (off_) return;
     for (BusNode* node : nodes_) node->on_frame(frame, now_ns, answers_);
   }
   // The same without a frame.
   void time_to_bus(std::int64_t now_ns) {
     answers_.clear();
     for (BusNode* node : nodes_) node->on_time(now_ns, answers_);
+    if (off_) answers_.clear();
   }
   FrameQueue& answers() { return answers_; }
 
  private:
   std::vector<BusNode*> nodes_;
   FrameQueue answers_;
+  bool wires_bad_ = false;
+  bool off_ = false;
 };
 
 }  // namespace lithe::hal::sim

@@ -69,10 +69,11 @@ void SimCia402::boot(FrameQueue& answers) LITHE_RT {
   booting_ = false;
   network_state_ = NmtState::pre_operational;
   answers.push(canopen::heartbeat_frame(params_.id, NmtState::boot_up));
+  servo_.find_causes();
 }
 
 void SimCia402::inject(std::uint16_t code) LITHE_RT {
-  if (code == emergency::kGone) return servo_.cause_gone();
+  if (code == emergency::kGone) return servo_.cause_gone(0);
   servo_.fail(code, true);
 }
 
@@ -85,18 +86,19 @@ bool SimCia402::befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT
       boot_end_ns_ = now_ns + kOutageNs + params_.boot_ns;
       return true;
     case Mishap::over_temperature:
-      inject(begins ? emergency::kTooHot : emergency::kGone);
+      begins ? servo_.fail(emergency::kTooHot, true) : servo_.cause_gone(emergency::kTooHot);
       return true;
     case Mishap::encoder_lost:
-      inject(begins ? emergency::kSensor : emergency::kGone);
+      begins ? servo_.fail(emergency::kSensor, true) : servo_.cause_gone(emergency::kSensor);
       return true;
     case Mishap::device_fault:
-      inject(begins ? emergency::kOverCurrent : emergency::kGone);
+      begins ? servo_.fail(emergency::kOverCurrent, true) : servo_.cause_gone(emergency::kOverCurrent);
       return true;
     case Mishap::watchdog_trip:
       host_silent_ = begins;
       return true;
     case Mishap::other_map:
+      if (other_map_ && !begins) befall(Mishap::power_loss, true, now_ns);  // the right device comes in its place
       other_map_ = begins;
       return true;
     case Mishap::homing_lost:

@@ -22,6 +22,10 @@ struct SimCia402Params {
   std::uint32_t id = 1;                     // 1 to 126
   std::uint32_t device_type = 0x0002'0192;  // object 1000h
   std::int64_t boot_ns = 2'000'000;         // from power or a reset to the boot-up message
+  // What some drives insist on: TPDO ids that say that no remote frame is answered; limits, options and mappings that
+  // are not touched while the motor is on.
+  bool knows_no_remote = false;
+  bool refuses_while_on = false;
   Cia402ServoParams servo;
   JointTransform joint;
   PlantParams plant;
@@ -66,7 +70,7 @@ class SimCia402 final : public BusNode {
   void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
   void on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT override { live(now_ns, answers); }
 
-  // A fault whose cause stays until inject(0).
+  // A fault whose cause stays until inject(0), which ends them all.
   void inject(std::uint16_t code) LITHE_RT;
   bool befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT override;
 
@@ -95,6 +99,7 @@ class SimCia402 final : public BusNode {
   // 0 or an abort code.
   std::uint32_t write(Cia402Dictionary::Slot slot, std::uint32_t value) LITHE_RT;
   std::uint32_t write_pdo(canopen::Address address, std::uint32_t value) LITHE_RT;
+  bool is_settled(std::uint16_t index) const LITHE_RT;
   std::uint32_t check_mapping(canopen::Address count, std::uint32_t value) const LITHE_RT;
   void written(canopen::Address address) LITHE_RT;
   void rebuild_pdos() LITHE_RT;

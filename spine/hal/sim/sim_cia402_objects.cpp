@@ -128,6 +128,9 @@ std::uint32_t SimCia402::serve_write(const Frame& frame) LITHE_RT {
 
 std::uint32_t SimCia402::write(Cia402Dictionary::Slot slot, std::uint32_t value) LITHE_RT {
   const Address address = dictionary_.address(slot);
+  if (params_.refuses_while_on && servo_.state() == cia402::State::operation_enabled && is_settled(address.index)) {
+    return abort_code::kState;
+  }
   if (is_mapping(address.index) || is_communication(address.index)) {
     const std::uint32_t why = write_pdo(address, value);
     if (why != abort_code::kNone) return why;
@@ -138,11 +141,19 @@ std::uint32_t SimCia402::write(Cia402Dictionary::Slot slot, std::uint32_t value)
   return abort_code::kNone;
 }
 
+// What is settled before the motor is switched on.
+bool SimCia402::is_settled(std::uint16_t index) const LITHE_RT {
+  return is_mapping(index) || is_communication(index) || index == object::kAbortConnection ||
+         index == object::kQuickStopOption || index == object::kMaxTorque || index == object::kPositionLimit;
+}
+
 // The order that the standard asks for: off, count 0, objects, count, on.
 std::uint32_t SimCia402::write_pdo(Address address, std::uint32_t value) LITHE_RT {
   constexpr std::uint32_t kExtended = 1U << 29;
   if (is_communication(address.index)) {
     if (address.subindex != 1) return abort_code::kNone;
+    const bool transmits = (address.index & kPdoGroup) == common::kTpdo1;
+    if (params_.knows_no_remote && transmits && (value & cob::kNoRemote) == 0) return abort_code::kValue;
     const bool bad_id = (value & kExtended) != 0 || (value & 0x1fff'ffff) > 0x7ff || (value & 0x7ff) < cob::kTpdo1;
     return bad_id ? abort_code::kValue : abort_code::kNone;
   }

@@ -71,6 +71,33 @@ TEST_F(Drive402, WhatBefallsItIsToldByItsCode) {
   EXPECT_EQ(wait(20).at(0).id, 0x705U);
 }
 
+TEST_F(Drive402, ARestartHelpsAgainstNoCauseThatStays) {
+  drive_.befall(Mishap::over_temperature, true, now_ns_);
+  drive_.befall(Mishap::encoder_lost, true, now_ns_);
+  nmt(NmtCommand::reset_node);
+  EXPECT_FALSE(wait(10).empty());
+  EXPECT_EQ(state(), State::fault);
+  EXPECT_EQ(read(0x603f), 0x4210U);
+  drive_.befall(Mishap::over_temperature, false, now_ns_);
+  control(0x80);
+  EXPECT_EQ(state(), State::fault) << "its encoder is still lost";
+  control(0x00);
+  drive_.befall(Mishap::encoder_lost, false, now_ns_);
+  control(0x80);
+  EXPECT_EQ(state(), State::switch_on_disabled);
+}
+
+TEST_F(Drive402, TakenTorqueIsNoFaultAndNotToBeEnabled) {
+  enable(10);
+  drive_.servo().take_torque(true);
+  EXPECT_EQ(state(), State::switch_on_disabled);
+  EXPECT_TRUE(said().empty());
+  for (const std::uint16_t word : std::array<std::uint16_t, 3>{0x06, 0x07, 0x0f}) control(word);
+  EXPECT_EQ(state(), State::switch_on_disabled);
+  drive_.servo().take_torque(false);
+  enable(10);
+}
+
 TEST_F(Drive402, ItsHeartbeatTellsItsState) {
   write(0x1017, 0, 20, 2);
   int beats = 0;
@@ -84,6 +111,7 @@ TEST_F(Drive402, ItsHeartbeatTellsItsState) {
   EXPECT_TRUE(wait(100).empty());
 }
 
+// What it does when nobody beats any more, by object 6007h: 0 nothing, 1 fault, 2 power off, 3 quick stop.
 TEST_F(Drive402, ALostHeartbeatDoesWhatItsOptionSays) {
   const std::array<State, 4> ends{State::operation_enabled, State::fault, State::switch_on_disabled,
                                   State::switch_on_disabled};

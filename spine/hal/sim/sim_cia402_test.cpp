@@ -83,6 +83,25 @@ TEST_F(Drive402, MappingKeepsTheOrderOfTheStandard) {
   EXPECT_EQ(second[0].size, 8);
 }
 
+TEST(Drive402Quirk, OneThatKnowsNoRemoteFramesRefusesAnIdThatAllowsThem) {
+  SimCia402Params params;
+  params.id = 5;
+  params.knows_no_remote = true;
+  SimCia402 drive(params);
+  FrameQueue answers;
+  drive.on_time(0, answers);
+  drive.on_time(5 * kMs, answers);
+  const auto outcome = [&](std::uint16_t index, std::uint32_t id) {
+    answers.clear();
+    drive.on_frame(canopen::sdo_write_request(5, {index, 1}, id, 4), 6 * kMs, answers);
+    const Frame* answer = answers.front();
+    return answer->data[0] == 0x80 ? canopen::get(answer->data.data() + 4, 4) : 0;
+  };
+  EXPECT_EQ(outcome(0x1801, 0x8000'0285), abort_code::kValue);
+  EXPECT_EQ(outcome(0x1801, 0xc000'0285), 0U);
+  EXPECT_EQ(outcome(0x1401, 0x8000'0305), 0U);
+}
+
 TEST_F(Drive402, ByDefaultTheStatusIsSentWhenItChanges) {
   EXPECT_EQ(send(canopen::nmt_frame(NmtCommand::start, 5)).size(), 1U);
   EXPECT_TRUE(wait(10).empty());
@@ -157,7 +176,6 @@ TEST_F(Drive402, PositionLimitsBindTheTarget) {
   EXPECT_NEAR(drive_.servo().plant().position_rad() / kTurn, 0.1, 2e-3);
 }
 
-// What it does when nobody beats any more, by object 6007h: 0 nothing, 1 fault, 2 power off, 3 quick stop.
 TEST_F(Drive402, ResetOfCommunicationKeepsTheDrivesOwnObjects) {
   write(0x6072, 0, 1234, 2);
   write(0x1017, 0, 20, 2);

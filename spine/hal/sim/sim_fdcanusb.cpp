@@ -35,6 +35,7 @@ constexpr std::array<Setting, SimFdcanusb::kSettings> kTable{{{"bitrate", 1e6},
 constexpr std::size_t kFdFrame = 5;
 constexpr std::size_t kBitRateSwitch = 6;
 constexpr std::size_t kAutostart = 11;
+constexpr std::size_t kAutorecover = 12;
 
 constexpr SimFdcanusb::Settings factory() {
   SimFdcanusb::Settings values{};
@@ -64,6 +65,7 @@ void SimFdcanusb::reset() {
   too_long_ = sums_ = false;
   settings_ = stored_;
   on_ = settings_[kAutostart] != 0;
+  recover();
 }
 
 void SimFdcanusb::feed(std::span<const char> bytes, std::int64_t now_ns, std::string& out) {
@@ -81,6 +83,7 @@ void SimFdcanusb::feed(std::span<const char> bytes, std::int64_t now_ns, std::st
 }
 
 void SimFdcanusb::idle(std::int64_t now_ns, std::string& out) {
+  if (settings_[kAutorecover] != 0) recover();
   time_to_bus(now_ns);
   if (on_) pass_on(out);
 }
@@ -109,7 +112,10 @@ void SimFdcanusb::obey(const Request& request, std::int64_t now_ns, std::string&
     case Request::Kind::off:
       return switch_bus(request.kind == Request::Kind::on, out);
     case Request::Kind::status:
-      return say(on_ ? "lec=0 dlec=0 err=0 warn=0 busoff=0 pexc=0 tdc=13" : "ERR not in BusOn", out);
+      if (!on_) return say("ERR not in BusOn", out);
+      return say(bus_off() ? "lec=5 dlec=0 err=1 warn=1 busoff=1 pexc=0 tdc=13"
+                           : "lec=0 dlec=0 err=0 warn=0 busoff=0 pexc=0 tdc=13",
+                 out);
     case Request::Kind::config:
       return say(on_ ? "clk=85000000 np=1 nsjw=16 nts1=56 nts2=28 dp=1 dsjw=5 dts1=11 dts2=5" : "ERR not in BusOn",
                  out);
@@ -123,6 +129,7 @@ void SimFdcanusb::obey(const Request& request, std::int64_t now_ns, std::string&
 void SimFdcanusb::switch_bus(bool on, std::string& out) {
   if (on == on_) return say(on ? "ERR already in BusOn" : "ERR already in BusOff", out);
   on_ = on;
+  if (on_) recover();
   say("OK", out);
 }
 

@@ -26,6 +26,10 @@ class Line {
     adapter_.feed({text.data(), text.size()}, now_ns_, out);
     return out;
   }
+  void idle() {
+    std::string out;
+    adapter_.idle(now_ns_, out);
+  }
   SimFdcanusb& adapter() { return adapter_; }
 
  private:
@@ -69,6 +73,29 @@ TEST(SimFdcanusb, OffIsOff) {
   EXPECT_EQ(line.say("can config\n"), "ERR not in BusOn\r\n");
   EXPECT_EQ(line.say("can on\n"), "OK\r\n");
   EXPECT_EQ(line.say("can config\n").substr(0, 13), "clk=85000000 ");
+}
+
+TEST(SimFdcanusb, ABusOffLastsUntilItIsSwitchedOffAndOnOrRecoversByItself) {
+  Line line;
+  const auto answers = [&] { return line.say(kQuery).find("rcv") != std::string::npos; };
+  line.adapter().spoil_wires(true);
+  EXPECT_EQ(line.say(kQuery), "OK\r\n") << "it takes commands, as if nothing were";
+  EXPECT_NE(line.say("can status\n").find(" busoff=1 "), std::string::npos);
+  line.say("can off\ncan on\n");
+  EXPECT_NE(line.say("can status\n").find(" busoff=1 "), std::string::npos) << "the wires are as bad as before";
+  line.adapter().spoil_wires(false);
+  line.idle();
+  EXPECT_FALSE(answers());
+  line.say("can off\ncan on\n");
+  EXPECT_TRUE(answers());
+  EXPECT_NE(line.say("can status\n").find(" busoff=0 "), std::string::npos);
+  line.say("conf set can.autorecover 1\n");
+  line.adapter().spoil_wires(true);
+  line.idle();
+  EXPECT_FALSE(answers());
+  line.adapter().spoil_wires(false);
+  line.idle();
+  EXPECT_TRUE(answers());
 }
 
 TEST(SimFdcanusb, SettingsAreReadWrittenStoredAndBroughtBack) {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/sim/sim_gateway.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -50,9 +49,9 @@ void SimGateway::on_frame(const Frame&, std::int64_t now_ns, FrameQueue& answers
 
 void SimGateway::on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
   if (start_ns_ == 0) start_ns_ = next_ns_ = now_ns;
-  // One frame at most: after a pause it goes on from now, as a timer on the real thing would.
+  // One frame at most: what a pause has left out is not made good.
   if (now_ns < next_ns_) return;
-  next_ns_ = std::max(next_ns_ + period_ns_, now_ns);
+  next_ns_ = now_ns - next_ns_ < period_ns_ ? next_ns_ + period_ns_ : now_ns + period_ns_;
   send(now_ns, answers);
 }
 

@@ -92,6 +92,75 @@ TEST(Gateway, LostRepeatedAndReorderedFramesAreCountedAndOldOnesNotUsed) {
   EXPECT_EQ(second.reader.counters().frames, 4U);
 }
 
+TEST(SimGateway, AMomentBringsOneFrameWhateverHappenedInIt) {
+  Second second(true);
+  second.run(3);
+  second.now_ns += 100 * kMs;
+  second.queue->clear();
+  for (int i = 0; i < 5; ++i) second.sim.on_frame({}, second.now_ns, *second.queue);
+  EXPECT_EQ(second.queue->size(), 1U);
+}
+
+// An analog value of 7 on every channel, of this sequence number and sampled then.
+Frame words(std::uint8_t sequence, std::int64_t sampled_ns) {
+  Frame frame;
+  frame.id = gateway::kIdBase | 7U << 8;
+  frame.extended = true;
+  frame.size = 8;
+  frame.data[0] = sequence;
+  const auto stamp = static_cast<std::uint16_t>(sampled_ns / 100'000);
+  frame.data[2] = static_cast<std::uint8_t>(stamp);
+  frame.data[3] = static_cast<std::uint8_t>(stamp >> 8);
+  frame.data[4] = frame.data[6] = 7;
+  return frame;
+}
+
+bool valid(const Gateway& reader, std::int64_t now_ns) {
+  double raw = 0;
+  return reader.read(Block::analog, 0, now_ns, raw);
+}
+
+TEST(Gateway, AfterASilenceAnySequenceIsNew) {
+  Gateway reader(7, kStale);
+  reader.take(words(200, 0), kMs);
+  for (int i = 0; i < 20; ++i) reader.take(words(static_cast<std::uint8_t>(120 + i), i * kMs), (1000 + i) * kMs);
+  EXPECT_EQ(reader.counters().repeated, 0U);
+  EXPECT_TRUE(valid(reader, 1019 * kMs));
+}
+
+TEST(Gateway, ASamplerThatHangsIsNotValidThoughFramesCome) {
+  Gateway reader(7, kStale);
+  std::uint8_t sequence = 0;
+  for (int i = 0; i < 100; ++i) reader.take(words(++sequence, i * kMs), i * kMs);
+  EXPECT_TRUE(valid(reader, 99 * kMs));
+  for (int i = 100; i < 140; ++i) reader.take(words(++sequence, 100 * kMs), i * kMs);
+  EXPECT_TRUE(valid(reader, 139 * kMs)) << "40 of 50 ms old";
+  for (int i = 140; i < 200; ++i) reader.take(words(++sequence, 100 * kMs), i * kMs);
+  EXPECT_FALSE(valid(reader, 199 * kMs));
+}
+
+TEST(Gateway, ValuesThatWaitedInAQueueAreAsOldAsTheyAre) {
+  Gateway reader(7, kStale);
+  std::uint8_t sequence = 0;
+  for (int i = 0; i < 100; ++i) reader.take(words(++sequence, i * kMs), (i + 1) * kMs);
+  for (int i = 100; i < 400; ++i) reader.take(words(++sequence, (i - i / 4) * kMs), (i + 1) * kMs);  // more and more
+  EXPECT_FALSE(valid(reader, 400 * kMs));
+  for (int i = 400; i < 500; ++i) reader.take(words(++sequence, i * kMs), (i + 1) * kMs);  // emptied
+  EXPECT_TRUE(valid(reader, 500 * kMs));
+}
+
+// For an hour, 100 millionths fast and 100 slow; its stamp wraps every 6.5 s.
+TEST(Gateway, AClockThatDriftsIsNoAge) {
+  for (const double drift : {1e-4, -1e-4}) {
+    Gateway reader(7, kStale);
+    std::uint8_t sequence = 0;
+    for (std::int64_t ms = 0; ms < 3'600'000; ms += 20) {
+      reader.take(words(++sequence, static_cast<std::int64_t>((1 + drift) * static_cast<double>(ms * kMs))), ms * kMs);
+      ASSERT_TRUE(valid(reader, ms * kMs)) << ms;
+    }
+  }
+}
+
 TEST(Gateway, NonsenseIsCountedAndChangesNothing) {
   std::mt19937 random(4);
   Gateway reader(7, kStale);

@@ -32,8 +32,9 @@ std::string_view answer_to(Request request, bool is_open) {
 
 void SimSlcan::reset() {
   channel_ = Channel::closed;
-  has_bitrate_ = fd_ = stamps_ = too_long_ = false;
+  has_bitrate_ = fd_ = stamps_ = too_long_ = told_off_ = false;
   length_ = 0;
+  recover();
 }
 
 void SimSlcan::feed(std::span<const char> bytes, std::int64_t now_ns, std::string& out) {
@@ -56,6 +57,10 @@ void SimSlcan::feed(std::span<const char> bytes, std::int64_t now_ns, std::strin
 
 void SimSlcan::idle(std::int64_t now_ns, std::string& out) {
   time_to_bus(now_ns);
+  if (bus_off() && is_open() && !told_off_) {
+    out += "sb255000\r";
+    told_off_ = true;
+  }
   pass_on(now_ns, out);
 }
 
@@ -107,6 +112,8 @@ bool SimSlcan::obey(Request request) {
 bool SimSlcan::open(Channel channel) {
   if (is_open() || !has_bitrate_) return false;
   channel_ = channel;
+  told_off_ = false;
+  recover();
   return true;
 }
 

@@ -46,6 +46,40 @@ class SimSlcanTest : public ::testing::Test {
   std::int64_t now_ns = 1'234 * kMs;
 };
 
+// Whoever comes after a program that died in the middle of a line.
+TEST_F(SimSlcanTest, TheFirstWordOfOurHostEndsNoHalfCommand) {
+  test::TestPty pty;
+  const auto bus = SlcanBus::open({pty.path()});
+  ASSERT_TRUE(bus) << bus.message();
+  const std::string greeting = pty.heard_until("O\r");
+  for (const std::string half : {"t1012010", "t101201", "t10120", "t1012", "T0000010110", "r101"}) {
+    say("C\rS8\rO\r");
+    say(half);
+    say(greeting);
+    EXPECT_EQ(node.heard, 0) << half;
+    EXPECT_TRUE(adapter.is_open());
+  }
+}
+
+TEST_F(SimSlcanTest, ABusOffIsToldOnceAndEndsWithTheChannel) {
+  say("S8\rO\r");
+  adapter.spoil_wires(true);
+  std::string out;
+  adapter.idle(now_ns, out);
+  adapter.idle(now_ns, out);
+  EXPECT_EQ(out, "sb255000\r");
+  EXPECT_EQ(say("t10021234\r"), "z\r");
+  EXPECT_EQ(node.heard, 0);
+  say("C\rO\r");
+  adapter.idle(now_ns, out);
+  EXPECT_EQ(out, "sb255000\rsb255000\r") << "the wires are as bad as before";
+  adapter.spoil_wires(false);
+  say("t10021234\r");
+  EXPECT_EQ(node.heard, 0) << "they are good, but it gave up";
+  say("C\rO\r");
+  EXPECT_EQ(say("t10021234\r"), "z\rt10121234\r");
+}
+
 TEST_F(SimSlcanTest, OpensWithABitRateAndCarriesFrames) {
   EXPECT_EQ(say("C\r"), "\a") << "it is closed";
   EXPECT_EQ(say("O\r"), "\a") << "it knows no bit rate";

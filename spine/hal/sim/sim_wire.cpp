@@ -63,6 +63,7 @@ void SimWire::come_back(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
     }
     said_.pop();
   }
+  if (faults_.bus_off) tail_ = head_;  // what was under way is lost with it
   while (next_due_ns() <= now_ns && head_ != tail_ && answers.push(late_[tail_ % late_.size()].frame)) ++tail_;
 }
 

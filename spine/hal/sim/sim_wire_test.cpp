@@ -93,5 +93,16 @@ TEST(SimWire, BusOffIsSilenceAndEnds) {
   EXPECT_EQ(line.send(5), 5);
 }
 
+TEST(SimWire, WhatWasUnderWayIsLostWithTheBus) {
+  Line line({.delay_ns = 1000});
+  EXPECT_EQ(line.send(5), 0);
+  line.wire.set_faults({.delay_ns = 1000, .bus_off = true});
+  line.wire.on_time(2000, line.answers);
+  EXPECT_EQ(line.collect(), 0);
+  line.wire.set_faults({});
+  line.wire.on_time(3000, line.answers);
+  EXPECT_EQ(line.collect(), 0);
+}
+
 }  // namespace
 }  // namespace lithe::hal::sim

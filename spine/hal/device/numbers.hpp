@@ -8,7 +8,7 @@
 
 #include "spine/core/rt.hpp"
 
-namespace lithe::hal::sim {
+namespace lithe::hal {
 
 // The whole text as a decimal number: sign, digits, point, exponent; or nan, inf. False: it is none.
 // Contract: RT · pure · as exact as a configuration value needs: 15 digits
@@ -20,4 +20,4 @@ inline constexpr std::size_t kLongestNumber = 40;
 // kLongestNumber; 0 when it does not fit.
 std::size_t write_number(double value, bool integer, std::span<char> out) LITHE_RT;
 
-}  // namespace lithe::hal::sim
+}  // namespace lithe::hal

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/hal/sim/numbers.hpp"
+#include "spine/hal/device/numbers.hpp"
 
 #include <algorithm>
 #include <array>
@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <limits>
 
-namespace lithe::hal::sim {
+namespace lithe::hal {
 namespace {
 
 constexpr int kDigits = 17;  // more of them change nothing
@@ -116,4 +116,4 @@ std::size_t write_number(double value, bool integer, std::span<char> out) LITHE_
   return length;
 }
 
-}  // namespace lithe::hal::sim
+}  // namespace lithe::hal

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where a board with an IMU of its own says how it lies and moves.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "spine/core/rt.hpp"
+
+namespace lithe::hal {
+
+inline constexpr std::size_t kImuChannels = 10;
+
+// Channels as those of a gateway's block of this name: 0 to 3 the attitude as a quaternion w x y z, 4 to 6 angular rate
+// [rad/s], 7 to 9 acceleration [m/s^2], x y z of the board.
+struct ImuReading {
+  std::array<double, kImuChannels> value{};
+  std::int64_t taken_ns = 0;  // CLOCK_MONOTONIC of the exchange that brought it
+  bool valid = false;         // there was one, and it is a possible one
+};
+
+// Contract: RT · one thread
+class ImuSource {
+ public:
+  ImuSource() = default;
+  ImuSource(const ImuSource&) = delete;
+  ImuSource& operator=(const ImuSource&) = delete;
+  virtual ~ImuSource() = default;
+  // The newest there is; how old it may be is the reader's business.
+  virtual const ImuReading& imu(std::int64_t now_ns) LITHE_RT = 0;
+};
+
+}  // namespace lithe::hal

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a robot file says reaches the wire.
+#include "spine/hal/open_bus.hpp"
+
+#include <gtest/gtest.h>
+#include <termios.h>
+
+#include "spine/hal/bus/descriptor.hpp"
+#include "spine/hal/bus/test_pty.hpp"
+
+namespace lithe::hal {
+namespace {
+
+robot::BusConfig config_of(const test::TestPty& pty, robot::BusKind kind = robot::BusKind::fdcanusb) {
+  robot::BusConfig config;
+  config.name = "b";
+  config.kind = kind;
+  config.path = pty.path();
+  return config;
+}
+
+// All that is said when it is opened and one frame is sent.
+std::string said(test::TestPty& pty, const robot::BusConfig& config) {
+  const auto bus = BusOpener({}, false).open(config);
+  EXPECT_TRUE(bus) << bus.message();
+  if (!bus) return "";
+  Frame frame = test::command(0x8001, 2);
+  frame.extended = frame.fd = frame.brs = true;
+  (*bus)->begin(0);
+  EXPECT_TRUE((*bus)->send(frame));
+  (*bus)->flush();
+  std::string all;
+  test::await([&] {
+    all += pty.heard();
+    const std::size_t at = all.find("can send");
+    return at != std::string::npos && all.find('\n', at) != std::string::npos;
+  });
+  return all;
+}
+
+// A drive there executes what is left of a damaged command; it gives and demands sums only when its host has begun.
+TEST(OpenBus, ADriveOnAUartGetsChecksumsFromTheFirstByteOn) {
+  test::TestPty pty;
+  const std::string all = said(pty, config_of(pty));
+  EXPECT_EQ(all.substr(0, 8), "can on *") << all;
+  EXPECT_NE(all.find(" BF *"), std::string::npos) << all;
+}
+
+TEST(OpenBus, TheFileHasTheLastWordOnChecksums) {
+  test::TestPty pty;
+  robot::BusConfig config = config_of(pty);
+  config.checksums = robot::Checksums::off;
+  EXPECT_EQ(said(pty, config).find('*'), std::string::npos);
+  config.checksums = robot::Checksums::on;
+  EXPECT_NE(said(pty, config).find(" BF *"), std::string::npos);
+}
+
+TEST(OpenBus, ABaudRateOfTheFileIsSet) {
+  test::TestPty pty;
+  for (const robot::BusKind kind : {robot::BusKind::fdcanusb, robot::BusKind::slcan}) {
+    for (const auto& [baud, code] : {std::pair{0U, B921600}, {115'200U, B115200}, {2'000'000U, B2000000}}) {
+      robot::BusConfig config = config_of(pty, kind);
+      config.baud = baud;
+      const auto bus = BusOpener({}, false).open(config);
+      ASSERT_TRUE(bus) << bus.message();
+      const Descriptor again(open(pty.path().c_str(), O_RDWR | O_NOCTTY | O_CLOEXEC));
+      termios settings{};
+      ASSERT_EQ(tcgetattr(again.get(), &settings), 0);
+      EXPECT_EQ(cfgetospeed(&settings), speed_t(code)) << baud;
+    }
+    robot::BusConfig odd = config_of(pty, kind);
+    odd.baud = 12'345;
+    const auto bus = BusOpener({}, false).open(odd);
+    ASSERT_FALSE(bus);
+    EXPECT_NE(bus.message().find("no baud rate of 12345; use one of 115200, "), std::string::npos) << bus.message();
+  }
+}
+
+}  // namespace
+}  // namespace lithe::hal

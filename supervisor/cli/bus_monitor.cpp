@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: Apache-2.0
+// Frames as they pass: through the Spine that owns a bus, or on a bus that nobody owns.
+#include <signal.h>
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <iostream>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "spine/core/time.hpp"
+#include "supervisor/cli/act.hpp"
+#include "supervisor/cli/spines.hpp"
+#include "supervisor/cli/talk.hpp"
+
+namespace lithe::cli {
+namespace {
+
+using robot::BusKind;
+
+constexpr int kUsage = 2;
+
+volatile sig_atomic_t ended = 0;
+
+void end_with_statistics() {
+  struct sigaction action{};
+  action.sa_handler = [](int) { ended = 1; };
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
+}
+
+// Each has its turn.
+class All final : public field::FrameSource {
+ public:
+  void add(std::unique_ptr<field::FrameSource> source) { parts_.push_back(std::move(source)); }
+  bool next(field::Sighting& sighting) override {
+    for (std::size_t i = 0; i < parts_.size(); ++i) {
+      if (parts_[turn_++ % parts_.size()]->next(sighting)) return true;
+    }
+    return false;
+  }
+  // All parts of one Spine lose the same frames.
+  std::uint64_t lost() const override {
+    std::uint64_t most = 0;
+    for (const auto& part : parts_) most = std::max(most, part->lost());
+    return most;
+  }
+  std::uint64_t errors(std::size_t bus) const override {
+    std::uint64_t all = 0;
+    for (const auto& part : parts_) all += part->errors(bus);
+    return all;
+  }
+
+ private:
+  std::vector<std::unique_ptr<field::FrameSource>> parts_;
+  std::size_t turn_ = 0;
+};
+
+// A bus given without a file, on which a robot runs, is that robot's bus: its file names the devices.
+void know_by_file(field::Choice& choice, std::vector<Occupied>& spines) {
+  if (choice.from_file || spines.empty()) return;
+  spines.resize(1);
+  spines.front().ours = spines.front().theirs;
+  choice = {spines.front().config, true, {spines.front().theirs}};
+}
+
+Result<> listen_in(const field::Choice& choice, const std::vector<Occupied>& spines, All& all) {
+  std::vector<std::size_t> free;
+  for (const std::size_t number : choice.buses) {
+    const robot::BusConfig& bus = choice.robot.buses[number];
+    const auto spine =
+        std::find_if(spines.begin(), spines.end(), [number](const Occupied& each) { return each.ours == number; });
+    if (spine == spines.end() && bus.kind == BusKind::loop) {
+      return Error{"bus '" + bus.name + "' is simulated and lives in the Spine: start the robot, then watch it"};
+    }
+    if (spine == spines.end() || bus.kind == BusKind::socketcan) {  // the kernel gives everybody everything
+      free.push_back(number);
+      continue;
+    }
+    auto source = watch_spine(*spine);
+    if (!source) return source.error();
+    all.add(std::move(*source));
+  }
+  if (free.empty()) return done();
+  auto ears = field::Ears::open(choice, free);
+  if (!ears) return ears.error();
+  all.add(std::move(*ears));
+  for (const std::size_t number : free) {
+    if (choice.robot.buses[number].kind == BusKind::socketcan) continue;
+    std::cerr << "no Spine runs on " << field::place_of(choice.robot.buses[number])
+              << ": this monitor has it to itself, and lithe run cannot use it meanwhile\n";
+  }
+  return done();
+}
+
+}  // namespace
+
+int bus_monitor(const Context& context, const field::Words& words, field::MonitorOptions options) {
+  options.json = context.json;
+  auto choice = field::choose(words);
+  if (!choice) {
+    refuse(context, {"bad_config", choice.message(), "name a robot file or a bus: lithe bus monitor --help"});
+    return kUsage;
+  }
+  std::vector<Occupied> spines = spines_on(*choice);
+  know_by_file(*choice, spines);
+  field::Monitor monitor(*choice, options, monotonic_ns());
+  if (const std::string complaint = monitor.complaint(); !complaint.empty()) {
+    refuse(context, {"usage", complaint, "see the robot file"});
+    return kUsage;
+  }
+  All all;
+  if (const Result<> open = listen_in(*choice, spines, all); !open) {
+    return refuse(context, {"no_bus", open.message(), "who uses it: lithe status, fuser -v"});
+  }
+  end_with_statistics();
+  return field::watch(
+      all, monitor, options, [] { return ended != 0; },
+      [](const std::string& line) { std::cout << line << std::endl; });
+}
+
+}  // namespace lithe::cli

@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/field/scan.hpp"
+
+#include <chrono>
+#include <thread>
+
+#include "spine/core/time.hpp"
+#include "spine/hal/device/canopen_sdo.hpp"
+
+namespace lithe::field {
+namespace {
+
+namespace canopen = hal::canopen;
+namespace moteus = hal::moteus;
+
+constexpr std::int64_t kBatchNs = 10 * kNsPerMs;  // for the answers of a few nodes
+constexpr std::int64_t kLastNs = 150 * kNsPerMs;  // for those that take their time
+constexpr std::uint32_t kBatch = 8;               // questions at once: no adapter's queue is shorter
+constexpr std::uint32_t kLastNode = 127;
+
+void ask_moteus(Line& line, const Time& time) {
+  moteus::Terminal terminal(*line.bus, {time.now_ns, time.pause});
+  for (const moteus::Found& found : terminal.discover()) {
+    MoteusSeen one{found, std::nullopt, ""};
+    const Result<moteus::Identity> identity = terminal.identify(found);
+    if (identity) {
+      one.identity = *identity;
+    } else {
+      one.why_unknown = identity.message();
+    }
+    line.seen.moteus.push_back(std::move(one));
+  }
+}
+
+// Frames of nodes for that long; `take` gets the answers to SDO requests.
+void hear_nodes(Line& line, std::int64_t for_ns, const Time& time,
+                const std::function<bool(const hal::Frame&)>& finished) {
+  const std::int64_t end_ns = time.now_ns() + for_ns;
+  while (true) {
+    hal::Frame frame;
+    const bool heard = line.bus->receive(frame);
+    if (heard && canopen::is_canopen(frame) && canopen::function_of(frame) == canopen::cob::kSdoAnswer) {
+      if (finished(frame)) return;
+    } else if (heard) {
+      hear(frame, line.protocol, line.seen);
+    }
+    if (time.now_ns() >= end_ns) return;
+    if (!heard) time.pause();
+  }
+}
+
+constexpr canopen::Address kDeviceType{canopen::object::kDeviceType, 0};
+
+// An abort is an answer, too.
+bool note_device_type(const hal::Frame& frame, Seen& seen) {
+  if (frame.size != 8 || !(canopen::sdo_address(frame) == kDeviceType)) return false;
+  NodeSeen& node = seen.nodes[canopen::node_of(frame)];
+  ++node.answers;
+  if ((frame.data[0] & 0xe0) == 0x40) node.device_type = canopen::get(frame.data.data() + 4, 4);
+  return false;  // there may be more
+}
+
+// One object of one node; nothing when it has none such, or none of up to 4 bytes where a number is wanted.
+std::optional<std::string> read_object(Line& line, std::uint32_t node, canopen::Address address, const Time& time) {
+  canopen::SdoClient client(node);
+  client.read(address);
+  while (client.outcome() == canopen::SdoClient::Outcome::busy) {
+    hal::Frame frame;
+    if (client.next(time.now_ns(), frame)) {
+      line.bus->begin(time.now_ns());
+      line.bus->send(frame);
+      line.bus->flush();
+    }
+    hear_nodes(line, kBatchNs, time,
+               [&](const hal::Frame& answer) { return canopen::node_of(answer) == node && client.take(answer); });
+  }
+  if (client.outcome() != canopen::SdoClient::Outcome::done) return std::nullopt;
+  const auto data = client.data();
+  return std::string(data.begin(), data.end());
+}
+
+std::optional<std::uint32_t> read_number(Line& line, std::uint32_t node, std::uint8_t subindex, const Time& time) {
+  const auto bytes = read_object(line, node, {canopen::object::kIdentity, subindex}, time);
+  if (!bytes || bytes->empty() || bytes->size() > 4) return std::nullopt;
+  return canopen::get(reinterpret_cast<const std::uint8_t*>(bytes->data()), bytes->size());
+}
+
+void ask_canopen(Line& line, const Time& time) {
+  for (std::uint32_t node = 1; node <= kLastNode;) {
+    line.bus->begin(time.now_ns());
+    for (std::uint32_t i = 0; i < kBatch && node <= kLastNode; ++i, ++node) {
+      line.bus->send(canopen::sdo_read_request(node, kDeviceType));
+    }
+    line.bus->flush();
+    hear_nodes(line, node <= kLastNode ? kBatchNs : kLastNs, time,
+               [&line](const hal::Frame& answer) { return note_device_type(answer, line.seen); });
+  }
+  for (auto& [id, node] : line.seen.nodes) {
+    if (node.answers == 0) continue;
+    node.vendor = read_number(line, id, 1, time);
+    node.product = read_number(line, id, 2, time);
+    node.revision = read_number(line, id, 3, time);
+    node.serial = read_number(line, id, 4, time);
+    node.name = read_object(line, id, {canopen::object::kDeviceName, 0}, time).value_or("");
+  }
+}
+
+}  // namespace
+
+Time real_time() {
+  return {[] { return monotonic_ns(); }, [] { std::this_thread::sleep_for(std::chrono::microseconds(200)); }};
+}
+
+void listen(std::vector<Line>& lines, std::int64_t for_ns, const Time& time) {
+  const std::int64_t end_ns = time.now_ns() + for_ns;
+  for (Line& line : lines) {
+    if (line.bus != nullptr) line.bus->begin(time.now_ns());
+  }
+  while (time.now_ns() < end_ns) {
+    bool heard = false;
+    for (Line& line : lines) {
+      hal::Frame frame;
+      if (line.bus == nullptr || !line.bus->receive(frame)) continue;
+      hear(frame, line.protocol, line.seen);
+      heard = true;
+    }
+    if (!heard) time.pause();
+  }
+}
+
+void ask(Line& line, const Time& time) {
+  if (line.bus == nullptr || !line.seen.commander.empty()) return;
+  if (line.protocol == Protocol::moteus) ask_moteus(line, time);
+  if (line.protocol == Protocol::canopen) ask_canopen(line, time);
+}
+
+}  // namespace lithe::field

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`lithe bus monitor`: on a bus that nobody owns, and through the Spine that owns one."""
+
+import json
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from system.house import BIN, ROOT, House, need
+from system.simulated import Simulated
+from system.test_bus_scan import FRANKENSTEIN, ROBOTS, on_wires
+
+
+def monitor(house: House, *words: object, code: int = 0) -> list[dict[str, Any]]:
+    """Its JSON lines; the last one has the statistics."""
+    done = house.lithe("--json", "bus", "monitor", *map(str, words))
+    assert done.returncode == code, done.stdout + done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def test_frames_of_a_running_robot_in_memory_are_seen_both_ways(house: House, tell: Callable[[str], None]) -> None:
+    house.run()
+    lines = monitor(house, house.config, "--count", 400, "--seconds", 20, "--raw")
+    frames, statistics = lines[:-1], lines[-1]["statistics"]
+    assert len(frames) == 400
+    assert {each["device"] for each in frames} == {"shoulder_drive"}
+    out = [each for each in frames if each["direction"] == "out"]
+    back = [each for each in frames if each["direction"] == "in"]
+    assert abs(len(out) - len(back)) <= 1
+    assert out[0]["says"].startswith("write mode position; write position ") and "read " in out[0]["says"]
+    assert back[0]["says"].startswith("mode position; position ") and " rev" in back[0]["says"]
+    assert len(out[0]["data"]) == 96, "48 bytes"
+    assert sorted(each["time_s"] for each in frames) == [each["time_s"] for each in frames]
+    assert statistics["buses"][0]["errors"] == 0 and 0 < statistics["buses"][0]["load"] < 1
+    status = house.ask("status")
+    before = status["buses"][0]
+    assert before["name"] == "can0" and before["sent"] > 100 and before["received"] > 100
+    house.wait_for(lambda: house.ask("status")["buses"][0]["sent"] > before["sent"])
+    assert "bus can0" in house.lithe("status").stdout
+    tell(
+        f"{statistics['buses'][0]['frames_per_s']:.0f} frames/s seen, load {100 * statistics['buses'][0]['load']:.1f} %"
+    )
+
+
+def test_a_serial_adapter_of_a_running_robot_is_watched_through_its_spine(house: House, tmp_path: Path) -> None:
+    folder = tmp_path / "wires"
+    house.config = on_wires("arm", folder, {"can0": "fdcanusb"})
+    served = Simulated(house.config, folder)
+    served.path()
+    try:
+        house.run("--no-arm")
+        for what in (house.config, f"fdcanusb:{served.path().resolve()}"):
+            frames = monitor(house, what, "--count", 20, "--seconds", 20)[:-1]
+            assert {each["device"] for each in frames} == {"shoulder_drive"}
+            assert {each["direction"] for each in frames} == {"in", "out"}
+        assert house.ask("status")["mode"] == "disarmed"
+    finally:
+        served.close()
+
+
+def test_a_bus_that_nobody_owns_is_the_monitors(house: House, tmp_path: Path) -> None:
+    folder = tmp_path / "wires"
+    file = on_wires("frankenstein", folder, FRANKENSTEIN)
+    served = Simulated(file, folder)
+    for bus in FRANKENSTEIN:
+        served.path(bus)
+    try:
+        lines = monitor(house, file, "--count", 20, "--seconds", 20, "--device", "hand_inputs")
+        assert {each["device"] for each in lines[:-1]} == {"hand_inputs"}
+        assert {each["says"].split(" ")[0] for each in lines[:-1]} <= {"analog", "digital", "imu"}
+        people = house.lithe("bus", "monitor", file, "--seconds", "0.3", "--bus", "can1")
+        assert people.returncode == 0 and "frames/s" in people.stdout
+        assert "has it to itself" in people.stderr
+        assert (
+            monitor(house, file, "--bus", "can2", "--seconds", "0.2", code=1)[-1]["statistics"]["buses"][0]["in"] == 0
+        )
+    finally:
+        served.close()
+
+
+def test_it_ends_with_statistics_when_it_is_told_to(house: House, tmp_path: Path) -> None:
+    folder = tmp_path / "wires"
+    served = Simulated(on_wires("frankenstein", folder, FRANKENSTEIN), folder)
+    place = f"fdcanusb:{served.path('can1')}"
+    watching = subprocess.Popen(
+        [BIN / "lithe", "--json", "bus", "monitor", place], env=house.env, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert watching.stdout is not None
+        assert watching.stdout.readline().startswith("{")
+        time.sleep(0.05)
+        watching.send_signal(signal.SIGINT)
+        rest = watching.stdout.read()
+        assert "statistics" in json.loads(rest.splitlines()[-1])
+        assert watching.wait(20) == 0
+    finally:
+        watching.kill()
+        watching.communicate()
+        served.close()
+
+
+def test_what_cannot_be_watched_is_refused_with_what_to_do(house: House) -> None:
+    need("lithe")
+    arm = ROBOTS / "arm.toml"
+    assert "start the robot" in house.ask("bus", "monitor", arm, code=1)["error"]["message"]
+    assert "shoulder_drive" in house.ask("bus", "monitor", arm, "--device", "x", code=2)["error"]["message"]
+    assert house.ask("bus", "monitor", ROOT / "absent.toml", code=2)["error"]["code"] == "bad_config"
+    assert "nocan9: " in house.ask("bus", "monitor", "socketcan:nocan9", code=1)["error"]["message"]

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The computer dies while the arm is held up: whole processes are killed, and the drive is alone."""
+
+import json
+import math
+import os
+import signal
+import struct
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import calm
+import pytest
+from calm import connected
+from system.house import ROOT, House
+from system.simulated import Simulated
+from system.test_sim import QUERY, Wire
+
+PATIENT = "lost_after_misses = 2000\n"  # the simulated drive is a process among others here
+WATCHDOG_S = 1.0
+SAFE_KD, MGL_NM, INERTIA = 0.04, 0.165, 2.55e-3  # robots/arm.toml
+CARRIES_RAD_S = MGL_NM / SAFE_KD  # how fast it sinks when damping carries all of its weight
+FALLS_RAD_S = math.sqrt(2 * MGL_NM / INERTIA)  # at the bottom, from level, if nothing brakes it
+LET_GO = b"can send 8001 01000011001F01130D BF\n"
+
+
+class Drive:
+    """The drive as a bystander sees it: by queries, which command nothing."""
+
+    def __init__(self, path: Path) -> None:
+        """Opens its terminal beside whoever else has it open."""
+        self.wire = Wire(path)
+
+    def seen(self, line: bytes = QUERY) -> tuple[int, float, float]:
+        """Its mode, angle [rad] and speed [rad/s]."""
+        end = time.monotonic() + 20
+        while time.monotonic() < end:
+            for answer in self.wire.say(line, b"\n").splitlines():
+                words = answer.split()
+                if len(words) > 2 and words[0] == b"rcv" and words[2].upper().startswith(b"2100"):
+                    data = bytes.fromhex(words[2].decode())
+                    position, velocity = struct.unpack_from("<ff", data, 5)
+                    return data[2], position * math.tau, velocity * math.tau
+        raise AssertionError("the drive does not answer")
+
+    def peak_until_rest(self, line: bytes = QUERY) -> tuple[float, list[int]]:
+        """The highest speed within three seconds, and the modes that were seen."""
+        peak, modes = 0.0, []
+        end = time.monotonic() + 3.0
+        while time.monotonic() < end:
+            mode, _, speed = self.seen(line)
+            peak = max(peak, abs(speed))
+            if mode not in modes:
+                modes.append(mode)
+        return peak, modes
+
+
+@pytest.fixture
+def sim(tmp_path: Path) -> Iterator[Simulated]:
+    """The arm's drive, in a process of its own."""
+    served = Simulated(ROOT / "robots/arm.toml", tmp_path / "buses")
+    yield served
+    served.close()
+
+
+def held_level(house: House, sim: Simulated, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The arm, level, held up by its law."""
+    changes = {
+        'kind = "loop" ': f'kind = "fdcanusb"\npath = "{sim.path()}" ',
+        "[guard]  ": f"[guard]\n{PATIENT}# ",
+        "watchdog_s = 0.2 ": f"watchdog_s = {WATCHDOG_S} ",
+    }
+    house.config = house.dir / "arm.toml"
+    house.config.write_text(calm.calm_text(changes), encoding="utf-8")
+    for key in ("LITHE_RUN_DIR", "LITHE_SHM_PREFIX", "LITHE_OUT_DIR"):
+        monkeypatch.setenv(key, house.env[key])
+    process = house.run()
+    house.wait_for(lambda: house.ask("status")["mode"] == "active")
+    with connected() as robot:
+        robot.go_to([math.pi / 2], in_s=1.0)
+        house.wait_for(lambda: abs(house.ask("status")["joints"][0]["position_rad"] - math.pi / 2) < 0.2)
+        time.sleep(0.5)
+    spine = house.ask("status")["spine_pid"]
+    os.kill(process.pid, signal.SIGKILL)  # so that nobody is left who could tidy up
+    os.kill(spine, signal.SIGKILL)
+
+
+def test_a_dead_computers_arm_sinks_damped(
+    house: House, sim: Simulated, monkeypatch: pytest.MonkeyPatch, tell: Callable[[str], None]
+) -> None:
+    held_level(house, sim, monkeypatch)
+    drive = Drive(sim.path())
+    mode, angle, _ = drive.seen()
+    assert mode in (10, 11) and angle > 1.0, "still up"
+    peak, modes = drive.peak_until_rest()
+    assert modes[-1] == 11, "its watchdog has run out, and nobody woke it"
+    tell(
+        f"peak {peak:.2f} rad/s; damping carries the weight at {CARRIES_RAD_S:.2f}, free fall ends at {FALLS_RAD_S:.2f}"
+    )
+    assert peak < CARRIES_RAD_S
+    assert abs(drive.seen()[1]) < 0.3, "it hangs"
+    drive.wire.close()
+
+
+def test_the_control_an_arm_that_is_let_go_falls(
+    house: House, sim: Simulated, monkeypatch: pytest.MonkeyPatch, tell: Callable[[str], None]
+) -> None:
+    held_level(house, sim, monkeypatch)
+    drive = Drive(sim.path())
+    drive.seen(LET_GO)
+    peak, modes = drive.peak_until_rest()
+    assert modes[-1] == 0
+    tell(f"peak {peak:.2f} rad/s")
+    assert peak > 2 * CARRIES_RAD_S
+    drive.wire.close()
+
+
+def test_a_drive_that_would_let_go_is_not_armed(house: House, sim: Simulated) -> None:
+    """And the reason is in words, with what to do."""
+    line = b"conf set servo.timeout_mode 0\n"
+    frame = (b"\x40\x01" + bytes([len(line)]) + line).ljust(48, b"\x50")
+    wire = Wire(sim.path())
+    assert b"rcv" in wire.say(b"can send 8001 %s BF\n" % frame.hex().upper().encode(), b"rcv")
+    wire.close()
+    changes = {'kind = "loop" ': f'kind = "fdcanusb"\npath = "{sim.path()}" ', "[guard]  ": f"[guard]\n{PATIENT}# "}
+    house.config = house.dir / "arm.toml"
+    house.config.write_text(calm.calm_text(changes), encoding="utf-8")
+    house.run("--no-arm")
+    house.wait_for(lambda: "not_ready" in house.ask("status")["joints"][0]["problems"])
+    error = house.ask("arm", code=1)["error"]
+    assert error["code"] == "refused_not_ready", json.dumps(error)
+    house.wait_for(lambda: "servo.timeout_mode is 0: the joint would fall" in house.log())
