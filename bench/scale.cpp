@@ -71,7 +71,7 @@ class Subject {
     command_.position_rad.fill(std::numeric_limits<double>::quiet_NaN());
     command_.max_torque_nm.fill(0.5);
     command_.kd_nm_s_rad.fill(0.01);
-    command_.action = hal::DriveAction::torque;
+    command_.action.fill(hal::DriveAction::torque);
     for (int i = 0; i < 50; ++i) cycle(kTickNs);  // until the drives drive
   }
 

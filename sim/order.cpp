@@ -11,19 +11,26 @@ namespace {
 using Json = nlohmann::json;
 using Kind = Order::Kind;
 
-constexpr std::array<std::pair<std::string_view, Kind>, 10> kKinds{{{"drop", Kind::drop},
+constexpr std::array<std::pair<std::string_view, Kind>, 17> kKinds{{{"drop", Kind::drop},
                                                                     {"corrupt", Kind::corrupt},
                                                                     {"duplicate", Kind::duplicate},
+                                                                    {"replay", Kind::replay},
                                                                     {"delay", Kind::delay},
                                                                     {"bus_off", Kind::bus_off},
                                                                     {"unplug", Kind::unplug},
                                                                     {"reset", Kind::reset},
+                                                                    {"watchdog", Kind::watchdog},
                                                                     {"over_temperature", Kind::over_temperature},
                                                                     {"encoder", Kind::encoder},
+                                                                    {"device_fault", Kind::device_fault},
+                                                                    {"homing", Kind::homing},
+                                                                    {"register_map", Kind::register_map},
+                                                                    {"twin", Kind::twin},
+                                                                    {"wrong_id", Kind::wrong_id},
                                                                     {"clear", Kind::clear}}};
 constexpr double kLongestS = 1e6;
 
-bool is_share(Kind kind) { return kind == Kind::drop || kind == Kind::corrupt || kind == Kind::duplicate; }
+bool is_share(Kind kind) { return kind <= Kind::replay; }
 
 // A number between 0 and `most` into `value`, when the key is there.
 Result<> number(const Json& json, const char* key, double most, double& value) {
@@ -88,6 +95,8 @@ Result<Order> parse_order(std::string_view line) {
   if (Result<> filled = fill(json, order); !filled) return filled.error();
   return order;
 }
+
+bool is_of_device(Kind kind) { return kind >= Kind::reset && kind <= Kind::wrong_id; }
 
 Order undone(const Order& order) {
   Order end = order;

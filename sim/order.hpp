@@ -9,16 +9,38 @@
 
 namespace lithe::simulator {
 
-//   {"fault": "drop", "bus": "can0", "share": 0.1}          also corrupt, duplicate; share of the frames, each way
+//   {"fault": "drop", "bus": "can0", "share": 0.1}          also corrupt, duplicate, replay; share of the frames, each
+//   way
 //   {"fault": "delay", "bus": "can0", "ms": 5}              of what the devices say
 //   {"fault": "bus_off", "bus": "can0", "on": true}         nothing passes
 //   {"fault": "unplug", "bus": "can0", "for_s": 1}          the adapter goes, and comes back
 //   {"fault": "reset", "device": "shoulder_drive"}          its power goes and comes
-//   {"fault": "over_temperature", "device": "...", "on": true}     also encoder
+//   {"fault": "watchdog", "device": "shoulder_drive"}       for it, its host has fallen silent
+//   {"fault": "over_temperature", "device": "...", "on": true}     also encoder, device_fault, homing, register_map
+//   {"fault": "twin", "device": "...", "on": true}          a second device with its id; wrong_id: it has another one
 //   {"fault": "clear"}                                      all faults end
-// Without "bus" or "device": all of them. "after_s" puts it off; "for_s" ends it by itself (but reset and clear).
+// Without "bus" or "device": all of them. "after_s" puts it off; "for_s" ends it by itself (but reset, watchdog and
+// clear).
 struct Order {
-  enum class Kind { drop, corrupt, duplicate, delay, bus_off, unplug, reset, over_temperature, encoder, clear };
+  enum class Kind {
+    drop,
+    corrupt,
+    duplicate,
+    replay,
+    delay,
+    bus_off,
+    unplug,
+    reset,
+    watchdog,
+    over_temperature,
+    encoder,
+    device_fault,
+    homing,
+    register_map,
+    twin,
+    wrong_id,
+    clear
+  };
   Kind kind = Kind::clear;
   std::string bus;
   std::string device;
@@ -30,6 +52,9 @@ struct Order {
 
 // The error says what is wrong with the line, and what would be right. Contract: any bytes · never in the tick
 Result<Order> parse_order(std::string_view line);
+
+// Whether it is about devices and not about buses.
+bool is_of_device(Order::Kind kind);
 
 // The order that ends this one.
 Order undone(const Order& order);

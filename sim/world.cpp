@@ -14,13 +14,6 @@ namespace {
 using robot::BusKind;
 using Kind = Order::Kind;
 
-bool is_of_device(Kind kind) { return kind == Kind::reset || kind == Kind::over_temperature || kind == Kind::encoder; }
-
-hal::Mishap mishap_of(Kind kind) {
-  if (kind == Kind::reset) return hal::Mishap::power_loss;
-  return kind == Kind::encoder ? hal::Mishap::encoder_lost : hal::Mishap::over_temperature;
-}
-
 // An order names one bus or device, or none: then it is for all.
 bool is_meant(const std::string& named, const std::string& name) { return named.empty() || named == name; }
 
@@ -36,27 +29,25 @@ Result<std::unique_ptr<World>> World::open(const robot::RobotConfig& config, con
     std::filesystem::create_directories(options.link_folder, wrong);
     if (wrong) return Error{"cannot make the folder " + options.link_folder + ": " + wrong.message()};
   }
-  world->config_ = config;
-  Result<hal::sim::Nodes> made = hal::sim::make_nodes(config);
-  if (!made) return Error{config.path + ": " + made.message()};
-  world->nodes_ = std::move(*made);
+  Result<std::unique_ptr<Devices>> devices = Devices::make(config, options.seed);
+  if (!devices) return Error{config.path + ": " + devices.message()};
+  world->devices_ = std::move(*devices);
   for (std::size_t i = 0; i < config.buses.size(); ++i) {
-    if (Result<> added = world->add_bus(i, options); !added) return added.error();
+    if (Result<> added = world->add_bus(config, i, options); !added) return added.error();
   }
   world->tell_places();
   return world;
 }
 
 // A bus in memory and one of a board that is not here have no far end of their own: an adapter takes their place.
-Result<> World::add_bus(std::size_t index, const Options& options) {
-  const robot::BusConfig& bus = config_.buses[index];
-  auto wire = std::make_unique<hal::sim::SimWire>(options.seed + index);
-  nodes_.attach(config_, index, *wire);
+Result<> World::add_bus(const robot::RobotConfig& config, std::size_t index, const Options& options) {
+  const robot::BusConfig& bus = config.buses[index];
+  hal::sim::SimWire& wire = devices_->wire(index);
   std::string kind = bus.kind == BusKind::slcan ? "slcan" : "fdcanusb";
   if (bus.kind == BusKind::socketcan) {
     kind = "socketcan";
     auto end =
-        CanEnd::open({.interface = bus.interface, .bitrate = bus.bitrate, .data_bitrate = bus.data_bitrate}, *wire);
+        CanEnd::open({.interface = bus.interface, .bitrate = bus.bitrate, .data_bitrate = bus.data_bitrate}, wire);
     if (!end) return Error{"bus '" + bus.name + "': " + end.message()};
     ends_.push_back(std::move(*end));
   } else {
@@ -66,13 +57,13 @@ Result<> World::add_bus(std::size_t index, const Options& options) {
     } else {
       adapter = std::make_unique<hal::sim::SimFdcanusb>();
     }
-    adapter->attach(*wire);
+    adapter->attach(wire);
     const std::string link = options.link_folder.empty() ? "" : options.link_folder + "/" + bus.name;
     auto end = PtyEnd::open(std::move(adapter), link);
     if (!end) return Error{"bus '" + bus.name + "': " + end.message()};
     ends_.push_back(std::move(*end));
   }
-  lines_.push_back({bus.name, kind, std::move(wire), ""});
+  lines_.push_back({bus.name, kind, ""});
   return done();
 }
 
@@ -86,19 +77,7 @@ void World::tell_places() {
 }
 
 Result<> World::check(const Order& order) const {
-  const auto named = [](const auto& all, const std::string& name) {
-    return name.empty() || std::any_of(all.begin(), all.end(), [&](const auto& each) { return each.name == name; });
-  };
-  if (!named(lines_, order.bus)) return Error{"there is no bus '" + order.bus + "' in the robot file"};
-  if (!named(config_.devices, order.device)) {
-    return Error{"there is no device '" + order.device + "' in the robot file"};
-  }
-  const auto suffers = [&](const robot::DeviceConfig& each) {
-    return robot::is_drive(each.kind) && is_meant(order.device, each.name);
-  };
-  if (is_of_device(order.kind) && std::none_of(config_.devices.begin(), config_.devices.end(), suffers)) {
-    return Error{"such a thing cannot happen to " + (order.device.empty() ? "any device here" : order.device)};
-  }
+  if (Result<> known = devices_->check(order); !known) return known;
   if (order.kind != Kind::unplug) return done();
   for (const Line& line : lines_) {
     if (line.kind == "socketcan" && is_meant(order.bus, line.name)) {
@@ -116,65 +95,23 @@ Result<> World::obey(const Order& order, std::int64_t now_ns) {
     return done();
   }
   act(order, now_ns);
-  const bool ends = order.kind != Kind::unplug && order.kind != Kind::reset && order.kind != Kind::clear;
+  const bool ends = order.kind != Kind::unplug && order.kind != Kind::reset && order.kind != Kind::watchdog &&
+                    order.kind != Kind::clear;
   if (ends && order.for_s > 0) due_.push_back({now_ns + ns_of(order.for_s), undone(order)});
   return done();
 }
 
 void World::act(const Order& order, std::int64_t now_ns) {
-  if (order.kind == Kind::clear) {
-    clear(now_ns);
-    return;
-  }
-  if (is_of_device(order.kind)) {
-    for (std::size_t i = 0; i < nodes_.devices.size(); ++i) {
-      if (!is_meant(order.device, config_.devices[i].name)) continue;
-      nodes_.devices[i]->befall(mishap_of(order.kind), order.on, now_ns);
-    }
-    return;
-  }
+  if (order.kind == Kind::clear) due_.clear();
+  if (order.kind != Kind::unplug) devices_->act(order, now_ns);
+  constexpr double kMomentS = 1;
   for (std::size_t i = 0; i < lines_.size(); ++i) {
-    if (is_meant(order.bus, lines_[i].name)) act_on_bus(order, i, now_ns);
+    if (!is_meant(order.bus, lines_[i].name)) continue;
+    if (order.kind == Kind::bus_off) ends_[i]->spoil_wires(order.on);
+    if (order.kind == Kind::clear) ends_[i]->spoil_wires(false);
+    if (order.kind == Kind::unplug) ends_[i]->unplug(now_ns + ns_of(order.for_s > 0 ? order.for_s : kMomentS));
   }
-}
-
-void World::act_on_bus(const Order& order, std::size_t bus, std::int64_t now_ns) {
-  hal::sim::WireFaults faults = lines_[bus].wire->faults();
-  switch (order.kind) {
-    case Kind::drop:
-      faults.drop = order.amount;
-      break;
-    case Kind::corrupt:
-      faults.corrupt = order.amount;
-      break;
-    case Kind::duplicate:
-      faults.duplicate = order.amount;
-      break;
-    case Kind::delay:
-      faults.delay_ns = ns_of(order.amount);
-      break;
-    case Kind::bus_off:
-      faults.bus_off = order.on;
-      ends_[bus]->spoil_wires(order.on);
-      break;
-    default: {
-      constexpr double kMomentS = 1;
-      ends_[bus]->unplug(now_ns + ns_of(order.for_s > 0 ? order.for_s : kMomentS));
-      return tell_places();
-    }
-  }
-  lines_[bus].wire->set_faults(faults);
-}
-
-void World::clear(std::int64_t now_ns) {
-  due_.clear();
-  for (const Line& line : lines_) line.wire->set_faults({});
-  for (const std::unique_ptr<End>& end : ends_) end->spoil_wires(false);
-  for (const auto& device : nodes_.devices) {
-    for (const hal::Mishap mishap : {hal::Mishap::over_temperature, hal::Mishap::encoder_lost}) {
-      device->befall(mishap, false, now_ns);
-    }
-  }
+  tell_places();
 }
 
 void World::tick(std::int64_t now_ns) {

@@ -10,11 +10,10 @@
 #include <string_view>
 #include <vector>
 
+#include "sim/devices.hpp"
 #include "sim/end.hpp"
 #include "sim/order.hpp"
 #include "spine/core/result.hpp"
-#include "spine/hal/sim/nodes.hpp"
-#include "spine/hal/sim/sim_wire.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe::simulator {
@@ -43,7 +42,6 @@ class World {
   struct Line {
     std::string name;
     std::string kind;
-    std::unique_ptr<hal::sim::SimWire> wire;
     std::string place;  // as last told
   };
   struct Due {
@@ -51,16 +49,13 @@ class World {
     Order order;
   };
 
-  Result<> add_bus(std::size_t index, const Options& options);
+  Result<> add_bus(const robot::RobotConfig& config, std::size_t index, const Options& options);
   Result<> check(const Order& order) const;
   void act(const Order& order, std::int64_t now_ns);
-  void act_on_bus(const Order& order, std::size_t bus, std::int64_t now_ns);
-  void clear(std::int64_t now_ns);
   void tell_places();
 
   Say say_;
-  robot::RobotConfig config_;
-  hal::sim::Nodes nodes_;  // their devices as those of the robot file
+  std::unique_ptr<Devices> devices_;
   std::vector<Line> lines_;
   std::vector<std::unique_ptr<End>> ends_;  // as lines_
   std::vector<Due> due_;

@@ -87,6 +87,7 @@ void write_robot_info(ipc::ChannelMemory<wire::RobotInfo>& memory, const robot::
   for (std::size_t j = 0; j < robot.joints.size(); ++j) {
     const robot::JointConfig& joint = robot.joints[j];
     put_text(info->joint_name, joint.name, 32 * j, 32);
+    put_text(info->joint_group, joint.group, 32 * j, 32);
     info->position_min_rad[j] = joint.position_min_rad;
     info->position_max_rad[j] = joint.position_max_rad;
     info->velocity_max_rad_s[j] = joint.velocity_max_rad_s;

@@ -52,7 +52,7 @@ class Ride {
     guard_.configure(setting.robot);
     command_.joints = tick_.joints = setting.joints();
     tick_.dt_s = setting.dt_s();
-    command_.action = hal::DriveAction::torque;  // none yet: the drives are on already
+    command_.act(hal::DriveAction::torque);  // none yet: the drives are on already
     command_.position_rad.fill(std::numeric_limits<double>::quiet_NaN());
     exchange();
     plan_.hold_at(state_.position_rad);
@@ -125,7 +125,7 @@ class Ride {
   }
 
   void compose() {
-    command_.action = hal::DriveAction::torque;
+    command_.act(hal::DriveAction::torque);
     command_.torque_nm = output_.torque_nm;
     command_.position_rad = output_.position_rad;
     command_.velocity_rad_s = output_.velocity_rad_s;
@@ -220,7 +220,7 @@ Result<std::int64_t> make_ready(const robot::RobotConfig& robot, hal::Actuators&
     }
     cycle();
   }
-  command.action = hal::DriveAction::torque;
+  command.act(hal::DriveAction::torque);
   for (int k = 0; k < kTicksToSwitchOn; ++k) cycle();
   return now_ns;
 }

@@ -17,7 +17,7 @@ NPARAM = 32
 NBIN = 976
 NLAW = 8
 NS = 16
-LAYOUT_HASH = 0xB424772AFEAD851F
+LAYOUT_HASH = 0xC2B3676B7E33F8E7
 
 
 class Mode(IntEnum):
@@ -42,6 +42,16 @@ class Fault(IntEnum):
     law_missing = 10
     brain_stale = 11
     law_faulted = 12
+    drive_conflict = 13
+    drive_garbled = 14
+    drive_not_homed = 15
+
+
+class Rung(IntEnum):
+    law = 0
+    safe_law = 1
+    brake = 2
+    off = 3
 
 
 class PlanState(IntEnum):
@@ -114,6 +124,7 @@ class EventKind(IntEnum):
     law_confirmed = 22
     shadow_started = 23
     shadow_ended = 24
+    group_stopped = 25
 
 
 class StageResult(IntEnum):
@@ -164,6 +175,7 @@ class TelemetryFlags(IntFlag):
     on_probation = 32768
     power_clamped = 65536
     soft_starting = 131072
+    group_stopped = 262144
 
 
 class JointStatus(IntFlag):
@@ -172,6 +184,8 @@ class JointStatus(IntFlag):
     watchdog = 4
     lost = 8
     not_homed = 16
+    conflict = 32
+    garbled = 64
     not_ready = 128
 
 
@@ -227,6 +241,8 @@ class Telemetry(ctypes.Structure):
         ("command_torque_nm", ctypes.c_double * 32),
         ("joint_status", ctypes.c_uint32 * 32),
         ("sensor", ctypes.c_double * 16),
+        ("joint_fault", ctypes.c_uint32 * 32),
+        ("joint_rung", ctypes.c_uint32 * 32),
     ]
 
 
@@ -390,6 +406,7 @@ class RobotInfo(ctypes.Structure):
         ("sensor_count", ctypes.c_uint32),
         ("pad0", ctypes.c_uint8 * 4),
         ("sensor_name", ctypes.c_char * 512),
+        ("joint_group", ctypes.c_char * 1024),
     ]
 
 
@@ -462,6 +479,8 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("command_torque_nm", "<f8", (32,), 1440),
         ("joint_status", "<u4", (32,), 1696),
         ("sensor", "<f8", (16,), 1824),
+        ("joint_fault", "<u4", (32,), 1952),
+        ("joint_rung", "<u4", (32,), 2080),
     ],
     "Event": [
         ("t_ns", "<i8", (), 0),
@@ -580,6 +599,7 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("sensor_count", "<u4", (), 3448),
         ("pad0", "u1", (4,), 3452),
         ("sensor_name", "S32", (16,), 3456),
+        ("joint_group", "S32", (32,), 3968),
     ],
     "Histogram": [
         ("bin", "<u8", (976,), 0),
@@ -597,7 +617,7 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
 }
 SIZES = {
     "SegmentHeader": 88,
-    "Telemetry": 1952,
+    "Telemetry": 2208,
     "Event": 136,
     "Plan": 8344,
     "Command": 408,
@@ -606,7 +626,7 @@ SIZES = {
     "ShadowReport": 552,
     "LawInfo": 2152,
     "Params": 272,
-    "RobotInfo": 3968,
+    "RobotInfo": 4992,
     "Histogram": 7840,
     "Health": 32,
 }
@@ -675,24 +695,24 @@ class Item(NamedTuple):
 
 SEGMENTS: dict[str, dict[str, Item]] = {
     "spine": {
-        "robot_info": Item("channel", "RobotInfo", 0, 1, 128, 16512),
-        "telemetry": Item("ring", "Telemetry", 4096, 1, 16640, 8126592),
-        "events_tick": Item("ring", "Event", 256, 1, 8143232, 49280),
-        "events_loader": Item("ring", "Event", 256, 1, 8192512, 49280),
-        "params": Item("channel", "Params", 0, 1, 8241792, 1664),
-        "law_info": Item("channel", "LawInfo", 0, 8, 8243456, 8832),
-        "law_faults": Item("ring", "LawFault", 64, 1, 8314112, 8320),
-        "shadow": Item("channel", "ShadowReport", 0, 1, 8322432, 2688),
-        "release_jitter": Item("plain", "Histogram", 0, 1, 8325120, 7936),
-        "handoff": Item("plain", "Histogram", 0, 1, 8333056, 7936),
-        "law": Item("plain", "Histogram", 0, 1, 8340992, 7936),
-        "guard": Item("plain", "Histogram", 0, 1, 8348928, 7936),
-        "tick": Item("plain", "Histogram", 0, 1, 8356864, 7936),
-        "bus": Item("plain", "Histogram", 0, 1, 8364800, 7936),
-        "control_ack": Item("ack", "Command", 16, 1, 8372736, 256),
-        "brain_ack": Item("ack", "Command", 16, 1, 8372992, 256),
-        "stage_ack": Item("ack", "StageRequest", 4, 1, 8373248, 256),
-        "health": Item("plain", "Health", 0, 1, 8373504, 128),
+        "robot_info": Item("channel", "RobotInfo", 0, 1, 128, 20608),
+        "telemetry": Item("ring", "Telemetry", 4096, 1, 20736, 9175168),
+        "events_tick": Item("ring", "Event", 256, 1, 9195904, 49280),
+        "events_loader": Item("ring", "Event", 256, 1, 9245184, 49280),
+        "params": Item("channel", "Params", 0, 1, 9294464, 1664),
+        "law_info": Item("channel", "LawInfo", 0, 8, 9296128, 8832),
+        "law_faults": Item("ring", "LawFault", 64, 1, 9366784, 8320),
+        "shadow": Item("channel", "ShadowReport", 0, 1, 9375104, 2688),
+        "release_jitter": Item("plain", "Histogram", 0, 1, 9377792, 7936),
+        "handoff": Item("plain", "Histogram", 0, 1, 9385728, 7936),
+        "law": Item("plain", "Histogram", 0, 1, 9393664, 7936),
+        "guard": Item("plain", "Histogram", 0, 1, 9401600, 7936),
+        "tick": Item("plain", "Histogram", 0, 1, 9409536, 7936),
+        "bus": Item("plain", "Histogram", 0, 1, 9417472, 7936),
+        "control_ack": Item("ack", "Command", 16, 1, 9425408, 256),
+        "brain_ack": Item("ack", "Command", 16, 1, 9425664, 256),
+        "stage_ack": Item("ack", "StageRequest", 4, 1, 9425920, 256),
+        "health": Item("plain", "Health", 0, 1, 9426176, 128),
     },
     "control": {
         "commands": Item("mailbox", "Command", 16, 1, 128, 7296),
@@ -706,7 +726,7 @@ SEGMENTS: dict[str, dict[str, Item]] = {
     },
 }
 SEGMENT_BYTES = {
-    "spine": 8373632,
+    "spine": 9426304,
     "control": 9472,
     "brain": 41472,
 }
@@ -754,6 +774,8 @@ CANONICAL_SCHEMA = (
     "Telemetry.command_torque_nm:float64[32]:1440:256:N m\n"
     "Telemetry.joint_status:uint32[32]:1696:128:-\n"
     "Telemetry.sensor:float64[16]:1824:128:1\n"
+    "Telemetry.joint_fault:uint32[32]:1952:128:-\n"
+    "Telemetry.joint_rung:uint32[32]:2080:128:-\n"
     "Event.t_ns:int64[1]:0:8:ns\n"
     "Event.tick:uint64[1]:8:8:-\n"
     "Event.request_id:uint64[1]:16:8:-\n"
@@ -854,6 +876,7 @@ CANONICAL_SCHEMA = (
     "RobotInfo.sensor_count:uint32[1]:3448:4:-\n"
     "RobotInfo.pad0:uint8[4]:3452:4:-\n"
     "RobotInfo.sensor_name:char[512]:3456:512:-\n"
+    "RobotInfo.joint_group:char[1024]:3968:1024:-\n"
     "Histogram.bin:uint64[976]:0:7808:-\n"
     "Histogram.count:uint64[1]:7808:8:-\n"
     "Histogram.max_ns:uint64[1]:7816:8:ns\n"
@@ -864,23 +887,23 @@ CANONICAL_SCHEMA = (
     "Health.control_violations:uint64[1]:16:8:-\n"
     "Health.stage_violations:uint64[1]:24:8:-\n"
     "spine/robot_info:channel:RobotInfo:0x1:128\n"
-    "spine/telemetry:ring:Telemetry:4096x1:16640\n"
-    "spine/events_tick:ring:Event:256x1:8143232\n"
-    "spine/events_loader:ring:Event:256x1:8192512\n"
-    "spine/params:channel:Params:0x1:8241792\n"
-    "spine/law_info:channel:LawInfo:0x8:8243456\n"
-    "spine/law_faults:ring:LawFault:64x1:8314112\n"
-    "spine/shadow:channel:ShadowReport:0x1:8322432\n"
-    "spine/release_jitter:plain:Histogram:0x1:8325120\n"
-    "spine/handoff:plain:Histogram:0x1:8333056\n"
-    "spine/law:plain:Histogram:0x1:8340992\n"
-    "spine/guard:plain:Histogram:0x1:8348928\n"
-    "spine/tick:plain:Histogram:0x1:8356864\n"
-    "spine/bus:plain:Histogram:0x1:8364800\n"
-    "spine/control_ack:ack:Command:16x1:8372736\n"
-    "spine/brain_ack:ack:Command:16x1:8372992\n"
-    "spine/stage_ack:ack:StageRequest:4x1:8373248\n"
-    "spine/health:plain:Health:0x1:8373504\n"
+    "spine/telemetry:ring:Telemetry:4096x1:20736\n"
+    "spine/events_tick:ring:Event:256x1:9195904\n"
+    "spine/events_loader:ring:Event:256x1:9245184\n"
+    "spine/params:channel:Params:0x1:9294464\n"
+    "spine/law_info:channel:LawInfo:0x8:9296128\n"
+    "spine/law_faults:ring:LawFault:64x1:9366784\n"
+    "spine/shadow:channel:ShadowReport:0x1:9375104\n"
+    "spine/release_jitter:plain:Histogram:0x1:9377792\n"
+    "spine/handoff:plain:Histogram:0x1:9385728\n"
+    "spine/law:plain:Histogram:0x1:9393664\n"
+    "spine/guard:plain:Histogram:0x1:9401600\n"
+    "spine/tick:plain:Histogram:0x1:9409536\n"
+    "spine/bus:plain:Histogram:0x1:9417472\n"
+    "spine/control_ack:ack:Command:16x1:9425408\n"
+    "spine/brain_ack:ack:Command:16x1:9425664\n"
+    "spine/stage_ack:ack:StageRequest:4x1:9425920\n"
+    "spine/health:plain:Health:0x1:9426176\n"
     "control/commands:mailbox:Command:16x1:128\n"
     "control/stage:mailbox:StageRequest:4x1:7424\n"
     "control/estop:word:-:0x1:9344\n"

@@ -5,6 +5,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 
 #include "spine/core/joints.hpp"
 #include "spine/core/rt.hpp"
@@ -33,6 +34,10 @@ struct Input {
   Proposal proposal;
 };
 
+// What keeps a group of joints safe, from the mildest to the last: each rung begins where the one above it has nothing
+// more to do, and there is no way up but a person's reset.
+using wire::Rung;
+
 // What may go to the drives. Always finite (position NaN = none) and within the limits, whatever came in.
 struct Output {
   JointArray torque_nm{};
@@ -40,33 +45,43 @@ struct Output {
   JointArray velocity_rad_s{};
   JointArray kp_nm_rad{};
   JointArray kd_nm_s_rad{};
-  JointArray max_torque_nm{};  // the drive's own last limit
+  JointArray max_torque_nm{};           // the drive's own last limit
+  std::array<Rung, kMaxJoints> rung{};  // brake and off: nothing above counts any more
 };
 
-// What keeps the robot safe, from the mildest to the last: each rung begins where the one above it has nothing more to
-// do, and there is no way up but a person's reset.
-enum class Rung : std::uint8_t { law, safe_law, brake, off };
-
 struct Verdict {
-  wire::Fault fault = wire::Fault::none;  // what the loop must latch
+  wire::Fault fault = wire::Fault::none;  // the worst there is to say; the loop must latch it
   std::uint32_t flags = 0;                // bits of wire::telemetry_flag
-  bool use_safe_law = false;              // the output is the safe law's, not the proposal
-  Rung rung = Rung::law;                  // brake and off: no output counts any more
+  std::uint32_t law_flags = 0;            // those among them that are about what the law wanted
+  bool use_safe_law = false;              // no joint's output is the proposal's
+};
+
+// Joints that stop together.
+struct Group {
+  wire::Fault fault = wire::Fault::none;  // latched
+  std::uint8_t joint = 0;                 // whose fault it was
+  bool news = false;                      // it stopped in this tick
+  Rung rung = Rung::law;
+  std::uint64_t ticks_at_rest = 0, ticks_seen_at_rest = 0;
 };
 
 // In the order of authority: not finite, drives, freshness and overrun -> safe law, in the same tick; then per joint
-// soft stops, velocity, torque and last of all slew. Between two ticks the torque at the joint (feed-forward plus the
-// drive's own PD at the measured state) never changes by more than torque_slew_nm_s / rate_hz, whoever proposes it:
-// a law, its successor in a swap, or the safe law. Disarming and e-stop are at once. A joint whose sample is no basis
-// for anything is braked by its drive, which still knows its own speed: the feed-forward fades, then damping grows to
-// safe_kd_nm_s_rad, both within the slew bound up to the speed that is a fault.
-// Contract: RT after configure() · owned by the tick thread · bounded work per joint
+// soft stops, velocity, torque and last of all slew. What is one joint's fault stops the joint's group; the other
+// groups go on under the law or stop with it, as the robot file says (`other_groups`). What is nobody's alone stops
+// all. Between two ticks the torque at the joint (feed-forward plus the drive's own PD at the measured state) never
+// changes by more than torque_slew_nm_s / rate_hz, whoever proposes it: a law, its successor in a swap, or the safe
+// law. Disarming and e-stop are at once. A joint whose sample is no basis for anything is braked by its drive, which
+// still knows its own speed: the feed-forward fades, then damping grows to safe_kd_nm_s_rad, both within the slew bound
+// up to the speed that is a fault. Contract: RT after configure() · owned by the tick thread · bounded work per joint
 class Guard {
  public:
   void configure(const robot::RobotConfig& robot);
 
   // At arming, when the drives are off: the first step is bounded from 0. Also rearms the safe law.
   void reset_output() LITHE_RT;
+
+  // A person's reset: what was latched is forgotten.
+  void forget_faults() LITHE_RT;
 
   // The last output left for the drives: the next one is bounded from it. An output that never left bounds nothing.
   void dispatched() LITHE_RT;
@@ -75,6 +90,13 @@ class Guard {
 
   // The torque each joint is expected to feel by the last output.
   const JointArray& expected_torque_nm() const LITHE_RT { return last_nm_; }
+
+  // In the order in which the robot file names them first.
+  std::span<const Group> groups() const LITHE_RT { return {group_.data(), groups_}; }
+  bool any_stopped() const LITHE_RT { return any_stopped_; }
+  bool stopped(std::size_t joint) const LITHE_RT { return group_[group_of_[joint]].fault != wire::Fault::none; }
+  // The first of this very joint since the last reset.
+  wire::Fault joint_fault(std::size_t joint) const LITHE_RT { return joint_fault_[joint]; }
 
  private:
   struct Limits {
@@ -86,17 +108,25 @@ class Guard {
     double power_max_w;             // infinity = no limit
     double kp_max_nm_rad, kd_max_nm_s_rad;
     double blind_kd_nm_s_rad, blind_kd_step_nm_s_rad;  // damping of an unusable joint, and its growth per tick
+    bool must_be_homed;
   };
 
-  wire::Fault judge(const Input& in, std::uint32_t& flags) LITHE_RT;
-  wire::Fault judge_drives(const Input& in) const LITHE_RT;
-  wire::Fault judge_motion(const Input& in) const LITHE_RT;
+  void configure_groups(const robot::RobotConfig& robot);
+
+  // judge.cpp
+  wire::Fault judge(const Input& in, Verdict& verdict) LITHE_RT;
+  wire::Fault judge_joints(const Input& in, bool too_late) LITHE_RT;
+  wire::Fault judge_joint(const Input& in, std::size_t j) const LITHE_RT;
+  wire::Fault judge_robot(const Input& in, bool too_late, std::uint32_t& flags) const LITHE_RT;
+  void latch(std::size_t j, wire::Fault fault) LITHE_RT;
   bool proposal_is_finite(const Proposal& proposal) const LITHE_RT;
-  void apply_law(const Input& in, Output& out, std::uint32_t& flags) LITHE_RT;
-  void apply_safe_law(const Input& in, Output& out, std::uint32_t& flags) LITHE_RT;
+  void descend(Group& group, bool at_rest, bool seen_at_rest) LITHE_RT;
+  void descend_all(const Input& in, bool all) LITHE_RT;
+
+  void apply_law(std::size_t j, const Input& in, Output& out, std::uint32_t& flags) LITHE_RT;
+  void apply_safe_law(std::size_t j, const Input& in, Output& out, std::uint32_t& flags) LITHE_RT;
   void brake_blindly(std::size_t j, Output& out, std::uint32_t& flags) LITHE_RT;
-  void switch_off(Output& out) LITHE_RT;
-  Rung descend(const Input& in) LITHE_RT;
+  void switch_off(std::size_t j, Output& out) LITHE_RT;
   double powered(std::size_t j, double torque_nm, double velocity_rad_s, std::uint32_t& flags) const LITHE_RT;
   // The nearest torque to `wanted_nm` that limits and slew allow; remembers it as the joint's last.
   double bound(std::size_t j, double wanted_nm, double position_rad, double velocity_rad_s, double torque_max_nm,
@@ -109,8 +139,13 @@ class Guard {
   bool stop_when_brain_stale_ = false;
   double soft_start_ = 1, soft_start_step_ = 1;                // share of the torque limits that a law has
   std::uint64_t brake_after_ticks_ = 0, off_after_ticks_ = 0;  // at rest in the safe stop; 0 = never
-  std::uint64_t ticks_at_rest_ = 0, ticks_seen_at_rest_ = 0;
   SafeLaw safe_law_;
+  bool others_go_on_ = false;
+  bool any_stopped_ = false;  // a group, latched
+  std::size_t groups_ = 0;
+  std::array<Group, kMaxJoints> group_{};
+  std::array<std::uint8_t, kMaxJoints> group_of_{};  // by joint
+  std::array<wire::Fault, kMaxJoints> joint_fault_{};
   // By the last output, and by the last one that was dispatched: the torque, and the damping of an unusable joint,
   // whose torque nobody here knows.
   JointArray last_nm_{}, sent_nm_{};

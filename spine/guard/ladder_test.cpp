@@ -85,36 +85,36 @@ TEST(GuardLadder, AtRestTheDrivesBrakeAndThenAreOff) {
   robot.guard.brake_after_s = 0.05;
   robot.guard.off_after_s = 0.08;
   Bench bench(robot);
-  EXPECT_EQ(bench.check().rung, Rung::law);
+  EXPECT_EQ(bench.rung_after(1), Rung::law);
   bench.mode = wire::Mode::safe_stop;
   bench.velocity[1] = 1;
-  EXPECT_EQ(bench.settle(200).rung, Rung::safe_law) << "one joint still moves";
+  EXPECT_EQ(bench.rung_after(200), Rung::safe_law) << "one joint still moves";
   bench.velocity[1] = 0;
-  EXPECT_EQ(bench.settle(50).rung, Rung::safe_law);
-  EXPECT_EQ(bench.check().rung, Rung::brake);
+  EXPECT_EQ(bench.rung_after(50), Rung::safe_law);
+  EXPECT_EQ(bench.rung_after(1), Rung::brake);
   EXPECT_EQ(bench.out.torque_nm[0], 0);
   bench.velocity[1] = 3;
-  EXPECT_EQ(bench.settle(200).rung, Rung::brake) << "a push does not let it go again, and nothing that moves is let go";
+  EXPECT_EQ(bench.rung_after(200), Rung::brake) << "a push does not let it go again, and nothing that moves is let go";
   bench.velocity[1] = 0;
-  EXPECT_EQ(bench.settle(80).rung, Rung::brake);
-  EXPECT_EQ(bench.check().rung, Rung::off);
+  EXPECT_EQ(bench.rung_after(80), Rung::brake);
+  EXPECT_EQ(bench.rung_after(1), Rung::off);
   bench.velocity[1] = 3;
-  EXPECT_EQ(bench.settle(100).rung, Rung::off) << "nothing drives it any more";
+  EXPECT_EQ(bench.rung_after(100), Rung::off) << "nothing drives it any more";
   bench.guard.reset_output();
   bench.velocity[1] = 0;
   bench.mode = wire::Mode::active;
-  EXPECT_EQ(bench.check().rung, Rung::law) << "after a person's reset";
+  EXPECT_EQ(bench.rung_after(1), Rung::law) << "after a person's reset";
 }
 
 TEST(GuardLadder, WithoutARungTheSafeLawGoesOnForEver) {
   Bench bench(robot_with(1));
   bench.mode = wire::Mode::safe_stop;
-  EXPECT_EQ(bench.settle(100'000).rung, Rung::safe_law);
+  EXPECT_EQ(bench.rung_after(100'000), Rung::safe_law);
   robot::RobotConfig robot = robot_with(1);
   robot.guard.off_after_s = 0.01;
   Bench off(robot);
   off.mode = wire::Mode::safe_stop;
-  EXPECT_EQ(off.settle(11).rung, Rung::off) << "and no brake in between";
+  EXPECT_EQ(off.rung_after(11), Rung::off) << "and no brake in between";
 }
 
 // Its drive may be damping it on its way down: a brake that slips, or a cable that comes back and says "off".
@@ -125,12 +125,12 @@ TEST(GuardLadder, NothingIsLetGoWhileAJointIsUnseen) {
   Bench bench(robot);
   bench.mode = wire::Mode::safe_stop;
   bench.status[0] = wire::joint_status::kLost;
-  EXPECT_EQ(bench.settle(1000).rung, Rung::brake);
+  EXPECT_EQ(bench.rung_after(1000), Rung::brake);
   bench.status[0] = 0;
   bench.velocity[0] = 4;
-  EXPECT_EQ(bench.settle(1000).rung, Rung::brake) << "seen again, and falling";
+  EXPECT_EQ(bench.rung_after(1000), Rung::brake) << "seen again, and falling";
   bench.velocity[0] = 0;
-  EXPECT_EQ(bench.settle(51).rung, Rung::off);
+  EXPECT_EQ(bench.rung_after(51), Rung::off);
 }
 
 TEST(GuardLadder, AJointNobodyHearsOfDoesNotKeepTheOthersFromBraking) {
@@ -140,7 +140,7 @@ TEST(GuardLadder, AJointNobodyHearsOfDoesNotKeepTheOthersFromBraking) {
   bench.mode = wire::Mode::safe_stop;
   bench.status[0] = wire::joint_status::kLost;
   bench.velocity[0] = 9;
-  EXPECT_EQ(bench.settle(60).rung, Rung::brake);
+  EXPECT_EQ(bench.rung_after(60), Rung::brake);
 }
 
 }  // namespace

@@ -7,11 +7,10 @@
 namespace lithe::guard {
 
 void SafeLaw::configure(const robot::RobotConfig& robot) {
-  joints_ = std::min(robot.joints.size(), kMaxJoints);
+  const std::size_t joints = std::min(robot.joints.size(), kMaxJoints);
   dt_s_ = 1.0 / robot.rate_hz;
   hold_ = robot.guard.safe_end == robot::SafeEnd::hold;
-  started_ = false;
-  for (std::size_t j = 0; j < joints_; ++j) {
+  for (std::size_t j = 0; j < joints; ++j) {
     const robot::JointConfig& from = robot.joints[j];
     joint_[j] = Joint{.position_min_rad = from.position_min_rad,
                       .position_max_rad = from.position_max_rad,
@@ -22,18 +21,8 @@ void SafeLaw::configure(const robot::RobotConfig& robot) {
   }
 }
 
-void SafeLaw::step(const JointArray& position_rad, const JointArray& velocity_rad_s,
-                   const std::array<bool, kMaxJoints>& usable, JointArray& torque_nm) LITHE_RT {
-  for (std::size_t j = 0; j < joints_; ++j) {
-    Joint& joint = joint_[j];
-    if (!started_) joint.tracking = false;
-    torque_nm[j] = usable[j] ? torque(joint, position_rad[j], velocity_rad_s[j]) : 0.0;
-    if (!usable[j]) joint.tracking = false;  // what it meant to follow is too old to resume
-  }
-  started_ = true;
-}
-
-double SafeLaw::torque(Joint& joint, double position_rad, double velocity_rad_s) const LITHE_RT {
+double SafeLaw::torque_nm(std::size_t index, double position_rad, double velocity_rad_s) LITHE_RT {
+  Joint& joint = joint_[index];
   if (!joint.tracking) {
     joint.tracking = true;
     joint.reference_rad = position_rad;

@@ -18,13 +18,12 @@ class SafeLaw {
  public:
   void configure(const robot::RobotConfig& robot);
 
-  // The next step() starts from the then measured state.
-  void rearm() LITHE_RT { started_ = false; }
+  // The joint's next torque() starts from the then measured state.
+  void rearm(std::size_t joint) LITHE_RT { joint_[joint].tracking = false; }
 
-  // One tick. `usable[j]` false means joint j's sample is no basis for anything: its torque is 0, and the guard lets
-  // the drive damp it. The torque is finite but not yet limited; the guard does that.
-  void step(const JointArray& position_rad, const JointArray& velocity_rad_s,
-            const std::array<bool, kMaxJoints>& usable, JointArray& torque_nm) LITHE_RT;
+  // One tick of one joint, from a sample that is a basis for something. Finite, but not yet limited; the guard does
+  // that.
+  double torque_nm(std::size_t joint, double position_rad, double velocity_rad_s) LITHE_RT;
 
  private:
   struct Joint {
@@ -32,15 +31,12 @@ class SafeLaw {
     double slowing_rad_s = 0;  // taken from the reference's speed each tick
     double kp_nm_rad = 0, kd_nm_s_rad = 0;
     double reference_rad = 0, reference_rad_s = 0;
-    bool tracking = false;  // false until a usable sample came
+    bool tracking = false;  // false until the first torque()
   };
-  double torque(Joint& joint, double position_rad, double velocity_rad_s) const LITHE_RT;
 
   std::array<Joint, kMaxJoints> joint_{};
-  std::size_t joints_ = 0;
   double dt_s_ = 0.001;
   bool hold_ = false;
-  bool started_ = false;
 };
 
 }  // namespace lithe::guard

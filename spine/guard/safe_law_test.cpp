@@ -25,21 +25,19 @@ struct Arm {
     joint.safe_kp_nm_rad = 20;
     joint.safe_kd_nm_s_rad = 0.8;
     law.configure(robot);
-    usable.fill(true);
   }
   void run(double seconds) {
     for (double t = 0; t < seconds; t += kDt) {
-      law.step(position, velocity, usable, torque);
-      velocity[0] += (torque[0] - gravity_nm) / 0.01 * kDt;
+      const double torque_nm = law.torque_nm(0, position[0], velocity[0]);
+      velocity[0] += (torque_nm - gravity_nm) / 0.01 * kDt;
       position[0] += velocity[0] * kDt;
-      largest_nm = std::max(largest_nm, std::abs(torque[0]));
+      largest_nm = std::max(largest_nm, std::abs(torque_nm));
     }
   }
   SafeLaw law;
   double gravity_nm;
   double largest_nm = 0;
-  JointArray position{}, velocity{}, torque{};
-  std::array<bool, kMaxJoints> usable{};
+  JointArray position{}, velocity{};
 };
 
 TEST(SafeLaw, HoldSlowsDownAtTheConfiguredRateAndStaysThere) {
@@ -81,25 +79,11 @@ TEST(SafeLaw, ItNeverSteersBeyondAPositionLimit) {
   EXPECT_NEAR(arm.position[0], 3.0, 0.01);
 }
 
-TEST(SafeLaw, AnUnusableSampleMeansNoTorqueAndAFreshStartAfterwards) {
-  Arm arm(robot::SafeEnd::hold, 0.0);
-  arm.run(0.01);
-  arm.usable[0] = false;
-  arm.position[0] = 2;
-  arm.velocity[0] = std::nan("");
-  arm.law.step(arm.position, arm.velocity, arm.usable, arm.torque);
-  EXPECT_EQ(arm.torque[0], 0.0);
-  arm.usable[0] = true;
-  arm.velocity[0] = 0;
-  arm.law.step(arm.position, arm.velocity, arm.usable, arm.torque);
-  EXPECT_EQ(arm.torque[0], 0.0);  // holds 2, not the old 0
-}
-
 TEST(SafeLaw, RearmingTakesTheNewState) {
   Arm arm(robot::SafeEnd::hold, 0.0);
   arm.run(0.01);
   arm.position[0] = 1;
-  arm.law.rearm();
+  arm.law.rearm(0);
   arm.run(0.01);
   EXPECT_EQ(arm.largest_nm, 0.0);
 }

@@ -58,6 +58,10 @@ struct Bench {
     for (int i = 0; i < ticks; ++i) verdict = check();
     return verdict;
   }
+  Rung rung_after(int ticks, std::size_t j = 0) {
+    settle(ticks);
+    return out.rung[j];
+  }
 
   Guard guard;
   Output out;

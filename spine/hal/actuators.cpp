@@ -39,8 +39,10 @@ class LevelImu final : public ImuSource {
 // Contract: as BusActuators
 class Hardware final : public Actuators {
  public:
-  Hardware(const robot::RobotConfig& config, std::unique_ptr<Pi3hatPort> pi3hat, FrameTap* tap)
+  Hardware(const robot::RobotConfig& config, std::unique_ptr<Pi3hatPort> pi3hat, FrameTap* tap,
+           const std::vector<BusNode*>& far_ends)
       : config_(config),
+        far_ends_(far_ends),
         tap_(tap),
         opener_(config.buses, false, std::move(pi3hat)),
         actuators_(RawClock::calibrate(), config.guard.lost_after_misses) {}
@@ -92,6 +94,7 @@ class Hardware final : public Actuators {
  private:
   // The devices behind simulated buses, if there are any.
   Result<> simulate() {
+    if (!far_ends_.empty()) return done();
     const auto is_loop = [](const robot::BusConfig& bus) { return bus.kind == BusKind::loop; };
     if (std::none_of(config_.buses.begin(), config_.buses.end(), is_loop)) return done();
     if (config_.plant.kind != robot::PlantKind::independent) {
@@ -168,7 +171,11 @@ class Hardware final : public Actuators {
     std::unique_ptr<Bus> bus;
     if (config.kind == BusKind::loop) {
       auto loop = std::make_unique<LoopBus>();
-      nodes_.attach(config_, index, *loop);
+      if (far_ends_.empty()) {
+        nodes_.attach(config_, index, *loop);
+      } else {
+        loop->attach(*far_ends_[index]);
+      }
       bus = std::move(loop);
     } else {
       Result<std::unique_ptr<Bus>> opened = opener_.open(config);
@@ -219,6 +226,7 @@ class Hardware final : public Actuators {
   }
 
   const robot::RobotConfig config_;
+  const std::vector<BusNode*> far_ends_;
   FrameTap* tap_;
   BusOpener opener_;
   LevelImu level_;
@@ -294,19 +302,29 @@ Result<> check(const robot::RobotConfig& config) {
   return check_sensors(config);
 }
 
-}  // namespace
-
-Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config, std::unique_ptr<Pi3hatPort> pi3hat,
-                                                  FrameTap* tap) {
+Result<std::unique_ptr<Actuators>> open(const robot::RobotConfig& config, std::unique_ptr<Pi3hatPort> pi3hat,
+                                        FrameTap* tap, const std::vector<BusNode*>& far_ends) {
   if (const Result<> sound = check(config); !sound) return sound.error();
-  auto hardware = std::make_unique<Hardware>(config, std::move(pi3hat), tap);
+  auto hardware = std::make_unique<Hardware>(config, std::move(pi3hat), tap, far_ends);
   if (Result<> opened = hardware->open(); !opened) return Error{config.path + ": " + opened.message()};
   return std::unique_ptr<Actuators>(std::move(hardware));
 }
 
-Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config) {
+}  // namespace
+
+Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config, std::unique_ptr<Pi3hatPort> pi3hat,
+                                                  FrameTap* tap) {
+  return open(config, std::move(pi3hat), tap, {});
+}
+
+Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config,
+                                                      const std::vector<BusNode*>& far_ends) {
   for (robot::BusConfig& bus : config.buses) bus.kind = BusKind::loop;
-  return open_actuators(config);
+  if (!far_ends.empty() && far_ends.size() != config.buses.size()) {
+    return Error{config.path + ": " + std::to_string(config.buses.size()) + " buses, but far ends for " +
+                 std::to_string(far_ends.size())};
+  }
+  return open(config, nullptr, nullptr, far_ends);
 }
 
 }  // namespace lithe::hal

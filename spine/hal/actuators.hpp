@@ -7,6 +7,7 @@
 #include <limits>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "spine/core/joints.hpp"
 #include "spine/core/result.hpp"
@@ -21,14 +22,17 @@ namespace lithe::hal {
 // One command for the whole robot, in joint coordinates (after sign, zero and ratio). The first `joints` entries count.
 struct ActuatorCommand {
   std::uint64_t tick = 0;
-  DriveAction action = DriveAction::off;
   std::uint32_t joints = 0;
+  std::array<DriveAction, kMaxJoints> action{};
+  bool clear_faults = false;  // a person has reset the robot: drives that are off may forget theirs
   JointArray torque_nm{};     // feed-forward
   JointArray position_rad{};  // of the drive's own PD loop; NaN = none
   JointArray velocity_rad_s{};
   JointArray kp_nm_rad{};
   JointArray kd_nm_s_rad{};
   JointArray max_torque_nm{};
+
+  void act(DriveAction all) LITHE_RT { action.fill(all); }
 };
 
 // What came back. A joint that did not answer keeps its last values and loses its `fresh` bit.
@@ -53,13 +57,14 @@ struct ActuatorState {
 
 // Everything that went otherwise than one command, one answer; since the start.
 struct ReplyCounters {
-  std::uint64_t missed = 0;     // a joint was asked and did not answer in its exchange
-  std::uint64_t late = 0;       // answers that came after their exchange was over; never used
-  std::uint64_t duplicate = 0;  // a second answer in one exchange, a sensor frame that was there; the first one counts
-  std::uint64_t stray = 0;      // from no device of ours
-  std::uint64_t malformed = 0;  // not a whole answer, or no possible measurement
-  std::uint64_t unsound = 0;    // commands that were not finite: the joint was damped instead
-  std::uint64_t refused = 0;    // commands a bus had no room for
+  std::uint64_t missed = 0;       // a joint was asked and did not answer in its exchange
+  std::uint64_t late = 0;         // answers that came after their exchange was over; never used
+  std::uint64_t duplicate = 0;    // a second answer in one exchange, a sensor frame that was there; the first one counts
+  std::uint64_t conflicting = 0;  // a second one that says something else; none counts
+  std::uint64_t stray = 0;        // from no device of ours
+  std::uint64_t malformed = 0;    // not a whole answer, or no possible measurement
+  std::uint64_t unsound = 0;      // commands that were not finite: the joint was damped instead
+  std::uint64_t refused = 0;      // commands a bus had no room for
 };
 
 // Contract: RT as far as the bus is · called by one thread, once per tick · bounded
@@ -90,7 +95,11 @@ Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& conf
                                                   std::unique_ptr<Pi3hatPort> pi3hat = nullptr,
                                                   FrameTap* tap = nullptr);
 
+class BusNode;
+
 // The same robot with every bus and device simulated, whatever the file says. Contract: never in the tick
-Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config);
+// `far_ends`: for each bus the devices at its other end, which outlive the actuators; empty = made to fit.
+Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config,
+                                                      const std::vector<BusNode*>& far_ends = {});
 
 }  // namespace lithe::hal

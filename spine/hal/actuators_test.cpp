@@ -55,9 +55,9 @@ class Robot {
 
   // Off until the drives have said how they are set, then torque until they have calibrated.
   void arm() {
-    command.action = DriveAction::off;
+    command.act(DriveAction::off);
     cycle(20);
-    command.action = DriveAction::torque;
+    command.act(DriveAction::torque);
     cycle(10);
     ASSERT_EQ(mode_of(state), 10U);
   }
@@ -88,13 +88,13 @@ TEST(Actuators, TheFirstCycleTellsWhereTheArmIs) {
 TEST(Actuators, EveryActionPutsTheDriveIntoItsMode) {
   Robot robot(desk_arm());
   robot.arm();
-  robot.command.action = DriveAction::damp;
+  robot.command.act(DriveAction::damp);
   robot.cycle(2);
   EXPECT_EQ(mode_of(robot.state), 12U);
-  robot.command.action = DriveAction::brake;
+  robot.command.act(DriveAction::brake);
   robot.cycle(2);
   EXPECT_EQ(mode_of(robot.state), 15U);
-  robot.command.action = DriveAction::off;
+  robot.command.act(DriveAction::off);
   robot.cycle(2);
   EXPECT_EQ(mode_of(robot.state), 0U);
 }
@@ -104,7 +104,7 @@ TEST(Actuators, TheFirstTorqueOfADriveIsNoStep) {
   const robot::RobotConfig config = desk_arm();
   Robot robot(config);
   robot.cycle(20);
-  robot.command.action = DriveAction::torque;
+  robot.command.act(DriveAction::torque);
   robot.command.torque_nm[0] = 0.5;
   double before_nm = 0;
   for (int i = 0; i < 30; ++i) {
@@ -213,7 +213,7 @@ TEST(Actuators, ACycleAllocatesNothing) {
   robot.cycle();
   const NoAllocScope scope;
   for (const DriveAction action : {DriveAction::off, DriveAction::torque, DriveAction::damp, DriveAction::brake}) {
-    robot.command.action = action;
+    robot.command.act(action);
     robot.cycle(20);
   }
   EXPECT_EQ(scope.calls(), 0U);

@@ -2,6 +2,7 @@
 #include "spine/hal/bus_actuators.hpp"
 
 #include <algorithm>
+#include <cstring>
 #include <limits>
 #include <utility>
 
@@ -13,8 +14,21 @@ namespace {
 
 JointCommand joint_command(const ActuatorCommand& all, std::size_t joint) LITHE_RT {
   if (joint >= all.joints) return {};  // a joint nobody commands is off
-  return {all.action,           all.torque_nm[joint],   all.position_rad[joint], all.velocity_rad_s[joint],
-          all.kp_nm_rad[joint], all.kd_nm_s_rad[joint], all.max_torque_nm[joint]};
+  return {all.action[joint],    all.torque_nm[joint],   all.position_rad[joint],  all.velocity_rad_s[joint],
+          all.kp_nm_rad[joint], all.kd_nm_s_rad[joint], all.max_torque_nm[joint], all.clear_faults};
+}
+
+// What is in a frame, as one number (FNV-1a, eight bytes at a time).
+std::uint64_t digest_of(const Frame& frame) LITHE_RT {
+  std::uint64_t digest = 0xcbf29ce484222325;
+  const std::size_t size = frame.payload().size();
+  for (std::size_t at = 0; at < size; at += sizeof(std::uint64_t)) {
+    std::uint64_t word = 0;
+    std::memcpy(&word, frame.data.data() + at, std::min(sizeof word, size - at));
+    digest = (digest ^ word) * 0x100000001b3;
+    digest ^= digest >> 32;
+  }
+  return digest;
 }
 
 std::uint32_t address_of(Addressing addressing, const Frame& frame) LITHE_RT {
@@ -178,45 +192,60 @@ void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
       return;
     case Heard::late:
       ++late_answers_;
-      return;
+      return compare(joint, frame);  // of two devices the slower one answers when nobody waits any more
     case Heard::malformed:
       ++spoilt_answers_;
+      joint.garbled = true;
       return;
     case Heard::answer:
-      break;
+      return answer(line, joint, index, frame, sample);
   }
+}
+
+void BusActuators::answer(Line& line, Joint& joint, std::size_t index, const Frame& frame, const JointSample& sample)
+    LITHE_RT {
   // Also one without a measurement was all that there is to wait for.
   if (!joint.heard && joint.asked && joint.awaited) --line.unanswered;
   joint.heard = true;
   if (joint.answered) {
     ++repeated_answers_;
-    return;
+    return compare(joint, frame);
   }
-  last_.status[index] = sample.status;
   if (!sample.measured) {  // its mode and fault count, its numbers do not
+    last_.status[index] = sample.status;
     ++spoilt_answers_;
+    joint.garbled = true;
     return;
   }
   joint.answered = true;
-  last_.status[index] |= wire::joint_status::kFresh;
-  last_.position_rad[index] = sample.position_rad;
-  last_.velocity_rad_s[index] = sample.velocity_rad_s;
-  last_.torque_nm[index] = sample.torque_nm;
+  joint.sample = sample;
+  joint.said_id = frame.id;
+  joint.said = digest_of(frame);
+}
+
+// Of a moteus the id tells which command is answered. A CANopen answer does not tell: a repeated old one looks like
+// another device's.
+void BusActuators::compare(Joint& joint, const Frame& frame) LITHE_RT {
+  if (joint.answered && frame.id == joint.said_id && digest_of(frame) != joint.said) joint.contradicted = true;
 }
 
 // A joint whose turn it was not keeps what it had, fresh as it was.
 void BusActuators::settle() LITHE_RT {
   for (std::size_t i = 0; i < joints_.size(); ++i) {
     Joint& joint = joints_[i];
-    if (joint.answered) {
-      joint.misses_in_a_row = 0;
-      continue;
+    if (joint.contradicted) {
+      ++counters_.conflicting;
+      joint.conflicts_in_a_row = std::min(joint.conflicts_in_a_row + 1, misses_to_lost_);
+    } else if (joint.answered) {
+      joint.conflicts_in_a_row = 0;
     }
-    if (!joint.asked) continue;
-    ++counters_.missed;
-    joint.misses_in_a_row = std::min(joint.misses_in_a_row + 1, misses_to_lost_);
-    last_.status[i] &= ~wire::joint_status::kFresh;
-    if (joint.misses_in_a_row == misses_to_lost_) last_.status[i] |= wire::joint_status::kLost;
+    if (joint.answered && !joint.contradicted) {
+      settle_answer(joint, i);
+    } else if (joint.asked) {
+      settle_miss(joint, i);
+    }
+    joint.contradicted = false;
+    if (joint.conflicts_in_a_row == misses_to_lost_) last_.status[i] |= wire::joint_status::kConflict;
   }
   counters_.late = late_answers_;
   counters_.duplicate = repeated_answers_;
@@ -230,6 +259,24 @@ void BusActuators::settle() LITHE_RT {
     counters_.late += line.bus->statistics().late;
     counters_.refused += line.bus->statistics().refused;
   }
+}
+
+void BusActuators::settle_answer(Joint& joint, std::size_t index) LITHE_RT {
+  joint.misses_in_a_row = 0;
+  joint.garbled = false;
+  last_.status[index] = joint.sample.status | wire::joint_status::kFresh;
+  last_.position_rad[index] = joint.sample.position_rad;
+  last_.velocity_rad_s[index] = joint.sample.velocity_rad_s;
+  last_.torque_nm[index] = joint.sample.torque_nm;
+}
+
+void BusActuators::settle_miss(Joint& joint, std::size_t index) LITHE_RT {
+  ++counters_.missed;
+  joint.misses_in_a_row = std::min(joint.misses_in_a_row + 1, misses_to_lost_);
+  last_.status[index] &= ~wire::joint_status::kFresh;
+  last_.status[index] |= joint.drive->alarm();
+  if (joint.misses_in_a_row < misses_to_lost_) return;
+  last_.status[index] |= wire::joint_status::kLost | (joint.garbled ? wire::joint_status::kGarbled : 0);
 }
 
 }  // namespace lithe::hal

@@ -28,7 +28,8 @@ enum class Addressing : std::uint8_t {
 class BusActuators final : public Actuators {
  public:
   // `clock` bounds the wait for answers of buses that need one (Bus::reply_wait_ns). A joint is lost after so many
-  // exchanges in a row in which it was asked and did not answer.
+  // exchanges in a row in which it was asked and did not answer. Two answers to one command that are not the same make
+  // both worthless; after as many exchanges in a row of that, two devices answer for the joint.
   explicit BusActuators(const RawClock& clock = {}, std::uint32_t misses_to_lost = 3)
       : clock_(clock), misses_to_lost_(misses_to_lost) {}
 
@@ -70,6 +71,12 @@ class BusActuators final : public Actuators {
     std::uint32_t divider;
     std::uint32_t turn;  // it is asked when the exchange's number leaves this remainder
     std::uint32_t misses_in_a_row = 0;
+    std::uint32_t conflicts_in_a_row = 0;
+    bool garbled = false;       // what came since its last answer made no sense
+    bool contradicted = false;  // two answers to one command, and not the same
+    std::uint32_t said_id = 0;  // of the answer: its frame, and what was in it
+    std::uint64_t said = 0;
+    JointSample sample{};  // counts when the exchange is over
     bool asked = false;
     bool awaited = false;
     bool heard = false;     // something whole came from it
@@ -105,10 +112,14 @@ class BusActuators final : public Actuators {
   void collect() LITHE_RT;
   void drain(Line& line) LITHE_RT;
   void accept(Line& line, const Frame& frame) LITHE_RT;
+  void answer(Line& line, Joint& joint, std::size_t index, const Frame& frame, const JointSample& sample) LITHE_RT;
+  static void compare(Joint& joint, const Frame& frame) LITHE_RT;
   void accept_sensors(const Line& line, const Frame& frame) LITHE_RT;
   void read_sensors(ActuatorState& state) const LITHE_RT;
   bool read(const Sensor& sensor, double& raw) const LITHE_RT;
   void settle() LITHE_RT;
+  void settle_answer(Joint& joint, std::size_t index) LITHE_RT;
+  void settle_miss(Joint& joint, std::size_t index) LITHE_RT;
 
   RawClock clock_;
   std::uint32_t misses_to_lost_;

@@ -18,7 +18,9 @@
 namespace lithe::hal {
 namespace {
 
-enum class Trick { none, drop, twice, stray, garble, hold_back, babble };
+constexpr std::size_t kInPosition = 5;  // the last digit of the position in an answer
+
+enum class Trick { none, drop, twice, stray, garble, hold_back, babble, contradict, contradict_later };
 
 // Stands between a drive and the bus and does to the answers what cables and firmware do.
 class BadCable final : public BusNode {
@@ -32,6 +34,11 @@ class BadCable final : public BusNode {
       fresh_.pop();
       play(copy, answers);
     }
+  }
+
+  void on_time(std::int64_t, FrameQueue& answers) LITHE_RT override {
+    if (speaks_again_) answers.push(late_);
+    speaks_again_ = false;
   }
 
   Trick trick = Trick::none;
@@ -53,6 +60,15 @@ class BadCable final : public BusNode {
         return;
       case Trick::twice:
         answers.push(answer);
+        break;
+      case Trick::contradict_later:
+        late_ = answer;
+        late_.data[kInPosition] ^= 1;
+        speaks_again_ = true;
+        break;
+      case Trick::contradict:
+        answers.push(answer);
+        answer.data[kInPosition] ^= 1;
         break;
       case Trick::stray:
         answer.id = 99U << 8;
@@ -77,6 +93,7 @@ class BadCable final : public BusNode {
   FrameQueue fresh_;
   Frame late_;
   bool held_ = false;
+  bool speaks_again_ = false;
 };
 
 // Two joints on one bus; the second one has the bad cable.
@@ -202,6 +219,27 @@ TEST_F(TwoJoints, ADoubledAnswerCountsOnce) {
   EXPECT_EQ(actuators_.counters().missed, 0U);
 }
 
+TEST_F(TwoJoints, TwoAnswersThatContradictEachOtherCountForNothingAndThreeTimesMakeAConflict) {
+  cycle(Trick::none);
+  cycle(Trick::contradict, 2);
+  EXPECT_FALSE(fresh(1));
+  EXPECT_EQ(state_.status[1] & wire::joint_status::kConflict, 0U);
+  EXPECT_EQ(actuators_.counters().conflicting, 2U);
+  cycle(Trick::none);
+  EXPECT_TRUE(fresh(1));
+  cycle(Trick::contradict, 3);
+  EXPECT_NE(state_.status[1] & wire::joint_status::kConflict, 0U);
+  EXPECT_EQ(state_.status[0] & wire::joint_status::kConflict, 0U);
+  cycle(Trick::none);
+  EXPECT_EQ(state_.status[1] & wire::joint_status::kConflict, 0U);
+}
+
+// As on a real bus, where nobody waits any more when the first has answered.
+TEST_F(TwoJoints, ASecondAnswerThatComesAfterTheExchangeIsComparedAsWell) {
+  cycle(Trick::contradict_later, 4);
+  EXPECT_NE(state_.status[1] & wire::joint_status::kConflict, 0U);
+}
+
 TEST_F(TwoJoints, AForeignAnswerIsStrayAndTheJointMissed) {
   cycle(Trick::stray);
   EXPECT_EQ(actuators_.counters().stray, 1U);
@@ -213,6 +251,10 @@ TEST_F(TwoJoints, AGarbledAnswerIsMalformedAndTheJointMissed) {
   EXPECT_EQ(actuators_.counters().malformed, 1U);
   EXPECT_EQ(actuators_.counters().missed, 1U);
   EXPECT_EQ(state_.position_rad[1], 0.0);
+  cycle(Trick::garble, 2);
+  EXPECT_NE(state_.status[1] & wire::joint_status::kGarbled, 0U) << "lost, but not silent";
+  cycle(Trick::none);
+  EXPECT_EQ(state_.status[1] & wire::joint_status::kGarbled, 0U);
 }
 
 TEST_F(TwoJoints, ABabblingNodeKeepsNobodyBusyForEver) {
@@ -227,7 +269,7 @@ TEST_F(TwoJoints, ABabblingNodeKeepsNobodyBusyForEver) {
 }
 
 TEST_F(TwoJoints, AnUnsoundCommandDampsItsJointAndIsCounted) {
-  command_.action = DriveAction::torque;
+  command_.act(DriveAction::torque);
   command_.torque_nm[1] = std::nan("");
   cycle(Trick::none, 20);
   EXPECT_EQ(actuators_.counters().unsound, 20U);
@@ -237,10 +279,10 @@ TEST_F(TwoJoints, AnUnsoundCommandDampsItsJointAndIsCounted) {
 
 TEST_F(TwoJoints, AnyMixOfTroubleLeavesTheStateFiniteAndTheCountsConsistent) {
   std::mt19937 random(9);
-  command_.action = DriveAction::torque;
+  command_.act(DriveAction::torque);
   std::uint64_t expected_missed = 0;
   for (int i = 0; i < 5000; ++i) {
-    cycle(static_cast<Trick>(random() % 7));
+    cycle(static_cast<Trick>(random() % 9));
     expected_missed += (fresh(0) ? 0U : 1U) + (fresh(1) ? 0U : 1U);
     for (int joint = 0; joint < 2; ++joint) {
       ASSERT_TRUE(std::isfinite(state_.position_rad[joint]));

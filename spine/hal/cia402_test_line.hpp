@@ -185,7 +185,7 @@ class Cia402Line : public testing::Test {
     }
   }
   void act(DriveAction action, int times = 1) {
-    command_.action = action;
+    command_.act(action);
     cycle(times);
   }
   // From power-on to `operation enabled`.

@@ -123,7 +123,7 @@ struct Robot {
   // Off until every drive is set up, then torque until all of them drive.
   void arm() {
     cycle(400);
-    command.action = DriveAction::torque;
+    command.action.fill(DriveAction::torque);
     cycle(100);
     for (std::size_t i = 0; i < command.joints; ++i) {
       EXPECT_EQ(state.status[i] & 0xff & ~wire::joint_status::kNotHomed, wire::joint_status::kFresh) << i;

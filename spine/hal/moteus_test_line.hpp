@@ -72,7 +72,7 @@ struct MoteusLine {
     }
   }
   void act(DriveAction action, int times) {
-    command.action = action;
+    command.act(action);
     cycle(times);
   }
   bool has(std::uint32_t bit) const { return (state.status[0] & bit) != 0; }

@@ -132,7 +132,7 @@ TEST_F(Pi3hat, TwelveDrivesOnFiveBusesAnswerInOneCycleATick) {
 
 TEST_F(Pi3hat, TorqueOnOneJointMovesThatJointAndNoOther) {
   open(quadruped());
-  command_.action = DriveAction::torque;
+  command_.act(DriveAction::torque);
   command_.joints = 12;
   command_.position_rad.fill(std::numeric_limits<double>::quiet_NaN());
   command_.max_torque_nm.fill(9.0);

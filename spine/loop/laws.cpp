@@ -182,7 +182,7 @@ void Spine::judge_law(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_
   if (!mode_.law_runs()) return;
   if (probation_.on()) flags_ |= flag::kOnProbation;
   bool confirmed = false;
-  const LawFaultKind kind = probation_.watch({in_, durations_.law_ns, verdict.flags}, confirmed);
+  const LawFaultKind kind = probation_.watch({in_, durations_.law_ns, verdict.law_flags}, confirmed);
   if (confirmed) {
     const law::Resident& law = *slot_.active();
     out_.event(EventKind::law_confirmed, now_ns, law.law_id, law.request_id, 0, "its probation is over");
@@ -232,13 +232,27 @@ void Spine::step_shadow(std::int64_t now_ns) LITHE_RT {
     shadow_.fail();
     return end_shadow(false, wire::to_string(trouble.kind), now_ns);
   }
-  switch (shadow_.compare(in_, effort_, shadow_effort_, clock_.now_ns() - from_ns)) {
+  const std::int64_t took_ns = clock_.now_ns() - from_ns;
+  if (guard_.any_stopped()) agree_about_stopped_joints();
+  switch (shadow_.compare(in_, effort_, shadow_effort_, took_ns)) {
     case Shadow::Opinion::go_on:
       return out_.shadow(shadow_.report());
     case Shadow::Opinion::refuse:
       return end_shadow(false, "it disagrees with the active law by more than the tolerance", now_ns);
     case Shadow::Opinion::promote:
       return end_shadow(true, "it agrees with the active law", now_ns);
+  }
+}
+
+// What either law would do with a joint that the guard has taken from them counts for nothing.
+void Spine::agree_about_stopped_joints() LITHE_RT {
+  for (std::uint32_t j = 0; j < joints_; ++j) {
+    if (!guard_.stopped(j)) continue;
+    shadow_effort_.torque_nm[j] = effort_.torque_nm[j];
+    shadow_effort_.position_rad[j] = effort_.position_rad[j];
+    shadow_effort_.velocity_rad_s[j] = effort_.velocity_rad_s[j];
+    shadow_effort_.kp_nm_rad[j] = effort_.kp_nm_rad[j];
+    shadow_effort_.kd_nm_s_rad[j] = effort_.kd_nm_s_rad[j];
   }
 }
 

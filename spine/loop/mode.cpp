@@ -33,7 +33,7 @@ CommandResult ModeMachine::apply(CommandKind kind, const Conditions& conditions)
 
 CommandResult ModeMachine::arm(const Conditions& conditions) LITHE_RT {
   if (conditions.estop_pressed || mode_ == Mode::estop) return CommandResult::refused_estop;
-  if (fault_ != Fault::none) return CommandResult::refused_fault;
+  if (fault_ != Fault::none && !law_runs()) return CommandResult::refused_fault;
   if (!conditions.has_law) return CommandResult::refused_law;
   if (!conditions.sample_fresh) return CommandResult::refused_not_ready;
   if (!conditions.homed) return CommandResult::refused_not_homed;
@@ -52,8 +52,12 @@ CommandResult ModeMachine::reset(const Conditions& conditions) LITHE_RT {
 bool ModeMachine::fail(Fault fault) LITHE_RT {
   if (!law_runs()) return false;
   mode_ = Mode::safe_stop;
-  fault_ = fault;
+  if (fault_ == Fault::none) fault_ = fault;  // the first cause stays
   return true;
+}
+
+void ModeMachine::fail_in_part(Fault fault) LITHE_RT {
+  if (law_runs() && fault_ == Fault::none) fault_ = fault;
 }
 
 bool ModeMachine::press_estop() LITHE_RT {

@@ -18,9 +18,10 @@ struct Conditions {
 };
 
 // disarmed --arm--> active <--arm/hold--> hold;  disarm: from active, hold and safe_stop;
-// fault: active, hold --> safe_stop;  e-stop: from anywhere --> estop;  reset: safe_stop, estop --> disarmed.
-// safe_stop and estop are latched: only a person's reset leaves them, and never straight into motion.
-// Contract: RT · owned by the tick thread
+// fault: active, hold --> safe_stop;  e-stop: from anywhere --> estop;  reset: wherever a fault is latched -->
+// disarmed. safe_stop and estop are latched: only a person's reset leaves them, and never straight into motion. A fault
+// of a part of the robot, without which the rest goes on, is latched as well and leaves the mode alone. Contract: RT ·
+// owned by the tick thread
 class ModeMachine {
  public:
   wire::Mode mode() const LITHE_RT { return mode_; }
@@ -36,6 +37,7 @@ class ModeMachine {
   // A fault of the running robot: into the latched safe stop. Ignored where nothing is driven. True if the mode
   // changed.
   bool fail(wire::Fault fault) LITHE_RT;
+  void fail_in_part(wire::Fault fault) LITHE_RT;
 
   // The e-stop wins over everything. True if the mode changed.
   bool press_estop() LITHE_RT;

@@ -86,6 +86,23 @@ TEST(ModeMachine, AFaultIsLatchedUntilAReset) {
   EXPECT_EQ(machine.apply(CommandKind::arm, kReady), CommandResult::done);
 }
 
+TEST(ModeMachine, AFaultOfAPartIsLatchedAndTheRestGoesOnUntilAReset) {
+  ModeMachine machine = armed();
+  machine.fail_in_part(Fault::drive_lost);
+  machine.fail_in_part(Fault::drive_fault);
+  EXPECT_EQ(machine.fault(), Fault::drive_lost) << "the first cause stays";
+  EXPECT_EQ(machine.mode(), Mode::active);
+  EXPECT_EQ(machine.apply(CommandKind::hold, kReady), CommandResult::done);
+  EXPECT_EQ(machine.apply(CommandKind::arm, kReady), CommandResult::done) << "the rest may move again";
+  EXPECT_EQ(machine.apply(CommandKind::disarm, kReady), CommandResult::done);
+  EXPECT_EQ(machine.apply(CommandKind::arm, kReady), CommandResult::refused_fault);
+  EXPECT_EQ(machine.apply(CommandKind::reset, kReady), CommandResult::done);
+  EXPECT_EQ(machine.apply(CommandKind::arm, kReady), CommandResult::done);
+  machine.fail_in_part(Fault::drive_lost);
+  EXPECT_EQ(machine.apply(CommandKind::reset, kReady), CommandResult::done);
+  EXPECT_EQ(machine.mode(), Mode::disarmed) << "a reset never leads straight into motion";
+}
+
 TEST(ModeMachine, TheEstopWinsFromEveryModeAndNeedsAResetToLeave) {
   for (const CommandKind before : {CommandKind::none, CommandKind::hold, CommandKind::disarm}) {
     ModeMachine machine = armed();

@@ -2,6 +2,9 @@
 // What the tick says: one telemetry record, a few histogram counts, and an event when something happens.
 #pragma once
 
+#include <algorithm>
+#include <array>
+#include <cstddef>
 #include <cstdint>
 #include <string_view>
 
@@ -12,6 +15,23 @@
 #include "spine/wire/wire.hpp"
 
 namespace lithe::loop {
+
+// A line for an event, put together in the tick: what finds no room is left out.
+// Contract: RT · a value
+class Words {
+ public:
+  Words& operator<<(std::string_view more) LITHE_RT {
+    const std::size_t fits = std::min(more.size(), letters_.size() - size_);
+    std::copy_n(more.begin(), fits, letters_.begin() + size_);
+    size_ += fits;
+    return *this;
+  }
+  std::string_view text() const LITHE_RT { return {letters_.data(), size_}; }
+
+ private:
+  std::array<char, sizeof(wire::Event::text)> letters_{};
+  std::size_t size_ = 0;
+};
 
 // The durations of one tick [ns], as the design defines them.
 struct Durations {

@@ -21,6 +21,9 @@ namespace {
 // A hybrid wait stops sleeping this long before the release: the wake-up latency of a common kernel and some more.
 constexpr std::int64_t kHybridWindowNs = 100'000;
 
+// After a reset the drives are asked for so long to forget their faults: some need to hear it more than once.
+constexpr std::uint32_t kTicksToClear = 200;
+
 // Arming accepts a sample this many ticks old.
 constexpr std::uint32_t kStaleTicksToArm = 3;
 
@@ -63,7 +66,7 @@ Spine::Spine(const Wiring& wiring)
   in_.dt_s = static_cast<double>(period_ns_) * 1e-9;
   hal::ActuatorCommand& first = handover_.next_command();
   first.joints = joints_;
-  first.action = hal::DriveAction::off;
+  first.act(hal::DriveAction::off);
   if (cell_ == nullptr) return;
   for (const auto& [block, bytes] : {std::pair<void*, std::size_t>{&guard_, sizeof guard_}, {&mode_, sizeof mode_}}) {
     if (const Result<> guarded = cell_->guard(block, bytes); !guarded)
@@ -94,7 +97,7 @@ void Spine::stop_drives() noexcept {
       spin_pause();
       continue;
     }
-    handover_.next_command().action = hal::DriveAction::off;
+    handover_.next_command().act(hal::DriveAction::off);
     handover_.next_command().joints = joints_;
     handover_.dispatch();
     ++sent;
@@ -149,6 +152,10 @@ CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std
   if (result != CommandResult::done) return result;
   // From drives that are off the first torque is bounded from zero; the setpoint starts where the joint is.
   if (before == wire::Mode::disarmed) guard_.reset_output();
+  if (kind == CommandKind::reset) {
+    guard_.forget_faults();
+    clear_ticks_left_ = kTicksToClear;
+  }
   if (mode_.mode() == wire::Mode::hold) plan_.stop(now_ns);
   out_.event(event_of(kind), now_ns, 0, request_id, 0, "");
   return result;

@@ -74,7 +74,10 @@ class Spine {
   void look(std::int64_t now_ns) LITHE_RT;
   guard::Verdict check() LITHE_RT;
   void react(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_RT;
-  void compose(const guard::Verdict& verdict) LITHE_RT;
+  void forget_stopped_joints() LITHE_RT;
+  void name(const guard::Group& group, Words& words) const LITHE_RT;
+  hal::DriveAction action_of(std::uint32_t joint) const LITHE_RT;
+  void compose() LITHE_RT;
   void publish(const guard::Verdict& verdict, std::int64_t release_ns) LITHE_RT;
   void step_law(std::int64_t now_ns) LITHE_RT;
   contain::Trouble run_law(law::Resident& law, Effort& effort) LITHE_RT;
@@ -90,6 +93,7 @@ class Spine {
   void commit(law::Resident& candidate, law::Carry carry, std::int64_t now_ns) LITHE_RT;
   void start_shadow(law::Resident& candidate, std::int64_t now_ns) LITHE_RT;
   void step_shadow(std::int64_t now_ns) LITHE_RT;
+  void agree_about_stopped_joints() LITHE_RT;
   void end_shadow(bool promoted, std::string_view why, std::int64_t now_ns) LITHE_RT;
   void greet_law(std::uint32_t blend_ticks) LITHE_RT;
   void count_release(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped) LITHE_RT;
@@ -116,9 +120,10 @@ class Spine {
   std::int64_t period_ns_;
   std::int64_t budget_ns_;  // of a law that brings none of its own
   std::uint64_t tick_ = 0;
-  const hal::ActuatorState* sample_;  // x_k: the newest sample, fresh or not
-  bool fresh_ = false;                // it came for this tick
-  std::uint32_t stale_ticks_ = 0;     // ticks in a row without a fresh one
+  const hal::ActuatorState* sample_;    // x_k: the newest sample, fresh or not
+  bool fresh_ = false;                  // it came for this tick
+  std::uint32_t stale_ticks_ = 0;       // ticks in a row without a fresh one
+  std::uint32_t clear_ticks_left_ = 0;  // since the last reset
   bool estop_pressed_ = false;
   bool brain_stale_ = true;
   std::int64_t law_from_ns_ = 0;  // when the last law began to step

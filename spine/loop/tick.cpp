@@ -30,7 +30,7 @@ void Spine::tick(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t sk
   const std::int64_t guard_to_ns = clock_.now_ns();
 
   react(verdict, woke_ns);
-  compose(verdict);  // u_{k+1}, for the next release
+  compose();  // u_{k+1}, for the next release
   durations_.handoff_ns = inline_actuators_ == nullptr ? handed_ns - from_ns : served_ns_ - last_from_ns_;
   last_from_ns_ = from_ns;
   durations_.law_ns = guard_from_ns - law_from_ns;
@@ -78,6 +78,7 @@ void Spine::exchange(std::int64_t woke_ns) LITHE_RT {
 void Spine::look(std::int64_t now_ns) LITHE_RT {
   if (!mode_.law_runs()) plan_.hold_at(sample_->position_rad);  // so that arming starts where the joint is
   plan_.sample(now_ns, setpoint_);
+  if (guard_.any_stopped()) forget_stopped_joints();
   in_.tick = tick_;
   in_.t_ns = now_ns;
   in_.flags = (fresh_ ? 0 : kSampleStale) | (brain_stale_ ? kBrainStale : 0);
@@ -97,6 +98,16 @@ void Spine::look(std::int64_t now_ns) LITHE_RT {
   in_.sensor = sample_->sensor;
 }
 
+// A joint that the guard has taken from the law is where it shall be: no law shall wind up against it, and none be
+// blamed for it.
+void Spine::forget_stopped_joints() LITHE_RT {
+  for (std::uint32_t j = 0; j < joints_; ++j) {
+    if (!guard_.stopped(j)) continue;
+    setpoint_.position_rad[j] = sample_->position_rad[j];
+    setpoint_.velocity_rad_s[j] = setpoint_.acceleration_rad_s2[j] = 0;
+  }
+}
+
 guard::Verdict Spine::check() LITHE_RT {
   const guard::Proposal proposal{effort_.torque_nm, effort_.position_rad, effort_.velocity_rad_s, effort_.kp_nm_rad,
                                  effort_.kd_nm_s_rad};
@@ -107,21 +118,49 @@ guard::Verdict Spine::check() LITHE_RT {
 
 void Spine::react(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_RT {
   flags_ |= verdict.flags;
-  if (verdict.fault == wire::Fault::none || !mode_.fail(verdict.fault)) return;
-  out_.event(EventKind::safe_stop, now_ns, static_cast<std::uint32_t>(verdict.fault), 0, 0,
-             wire::to_string(verdict.fault));
+  if (verdict.fault == wire::Fault::none || !mode_.law_runs()) return;
+  Words whose;
+  whose << wire::to_string(verdict.fault);
+  for (const guard::Group& group : guard_.groups()) {
+    if (!group.news) continue;
+    Words words;
+    name(group, words);
+    if (group.fault == verdict.fault) whose = words;
+    if (guard_.groups().size() == 1) continue;
+    out_.event(EventKind::group_stopped, now_ns, static_cast<std::uint32_t>(group.fault), 0, group.joint, words.text());
+  }
+  if (!verdict.use_safe_law) return mode_.fail_in_part(verdict.fault);
+  mode_.fail(verdict.fault);
+  out_.event(EventKind::safe_stop, now_ns, static_cast<std::uint32_t>(verdict.fault), 0, 0, whose.text());
 }
 
-void Spine::compose(const guard::Verdict& verdict) LITHE_RT {
+void Spine::name(const guard::Group& group, Words& words) const LITHE_RT {
+  const robot::JointConfig& joint = robot_.joints[group.joint];
+  words << wire::to_string(group.fault) << " at joint " << joint.name;
+  if (!joint.group.empty()) words << ", group " << joint.group;
+}
+
+hal::DriveAction Spine::action_of(std::uint32_t j) const LITHE_RT {
+  if (mode_.damps()) return hal::DriveAction::damp;
+  if (!mode_.energised()) return hal::DriveAction::off;
+  switch (output_.rung[j]) {
+    case wire::Rung::brake:
+      return hal::DriveAction::brake;
+    case wire::Rung::off:
+      return hal::DriveAction::off;
+    default:
+      return hal::DriveAction::torque;
+  }
+}
+
+void Spine::compose() LITHE_RT {
   hal::ActuatorCommand& command = handover_.next_command();
   command.tick = tick_ + 1;
   command.joints = joints_;
-  command.action = mode_.damps()                        ? hal::DriveAction::damp
-                   : !mode_.energised()                 ? hal::DriveAction::off
-                   : verdict.rung == guard::Rung::brake ? hal::DriveAction::brake
-                   : verdict.rung == guard::Rung::off   ? hal::DriveAction::off
-                                                        : hal::DriveAction::torque;
+  command.clear_faults = clear_ticks_left_ > 0 && mode_.mode() == wire::Mode::disarmed;
+  if (clear_ticks_left_ > 0) --clear_ticks_left_;
   for (std::uint32_t j = 0; j < joints_; ++j) {
+    command.action[j] = action_of(j);
     command.torque_nm[j] = output_.torque_nm[j];
     command.position_rad[j] = output_.position_rad[j];
     command.velocity_rad_s[j] = output_.velocity_rad_s[j];
@@ -150,6 +189,8 @@ void Spine::publish(const guard::Verdict& verdict, std::int64_t release_ns) LITH
     record.setpoint_velocity_rad_s[j] = setpoint_.velocity_rad_s[j];
     record.command_torque_nm[j] = torque_nm[j];
     record.joint_status[j] = sample_->status[j];
+    record.joint_fault[j] = static_cast<std::uint32_t>(guard_.joint_fault(j));
+    record.joint_rung[j] = static_cast<std::uint32_t>(output_.rung[j]);
   }
   record.sensor = sample_->sensor;
   out_.publish(durations_, fresh_);

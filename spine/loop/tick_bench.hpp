@@ -87,12 +87,13 @@ inline constexpr LitheLaw kPd = describe<Pd>("pd");
 inline constexpr LitheLaw kPush = describe<Push>("push");
 inline constexpr LitheLaw kNotFinite = describe<NotFinite>("not_finite");
 
-class TickTest : public testing::Test {
- protected:
-  TickTest() : robot_(*robot::parse_robot(kRobot, "probe.toml")) {
+class TickBench {
+ public:
+  explicit TickBench(const robot::RobotConfig& robot) : TickBench(robot, std::move(*hal::open_actuators(robot))) {}
+  TickBench(const robot::RobotConfig& robot, std::unique_ptr<hal::Actuators> actuators)
+      : robot_(robot), actuators_(std::move(actuators)) {
     start_clock(clock_);
-    actuators_ = std::move(*hal::open_actuators(robot_));
-    hal::ActuatorState unseen;  // while the drive says how it is set
+    hal::ActuatorState unseen;  // while the drives say how they are set
     for (int i = 0; i < 20; ++i) actuators_->cycle({}, unseen, now_ns_ += kNsPerMs);
     use_cell(nullptr);
     command_ = std::make_unique<ipc::MailboxSender<wire::Command, 16>>(control_memory_->commands, memory_->control_ack);
@@ -174,6 +175,7 @@ class TickTest : public testing::Test {
 
   Mode mode() const { return static_cast<Mode>(record_.mode); }
 
+ protected:
   robot::RobotConfig robot_;
   std::unique_ptr<ipc::SpineMemory> memory_ = std::make_unique<ipc::SpineMemory>();
   std::unique_ptr<ipc::ControlMemory> control_memory_ = std::make_unique<ipc::ControlMemory>();
@@ -193,6 +195,11 @@ class TickTest : public testing::Test {
   std::int64_t now_ns_ = 1000 * kNsPerS;
   hal::ActuatorCommand sent_;
   wire::Telemetry record_;
+};
+
+class TickTest : public testing::Test, protected TickBench {
+ protected:
+  TickTest() : TickBench(*robot::parse_robot(kRobot, "probe.toml")) {}
 };
 
 }  // namespace lithe::loop

@@ -14,7 +14,7 @@ TEST_F(TickTest, DrivesAreOffUntilSomebodyArms) {
   stage(kPd);
   ticks(20);
   EXPECT_EQ(mode(), Mode::disarmed);
-  EXPECT_EQ(sent_.action, hal::DriveAction::off);
+  EXPECT_EQ(sent_.action[0], hal::DriveAction::off);
   EXPECT_EQ(record_.joint_status[0] >> 16, 0u) << "the drive itself says: stopped";
 }
 
@@ -199,7 +199,7 @@ TEST_F(TickTest, EitherEstopWordStopsTheDrivesAndStaysUntilReleasedAndReset) {
     *word = 1;
     ticks(2);
     EXPECT_EQ(mode(), Mode::estop);
-    EXPECT_EQ(sent_.action, hal::DriveAction::damp);
+    EXPECT_EQ(sent_.action[0], hal::DriveAction::damp);
     EXPECT_EQ(send(CommandKind::reset), CommandResult::refused_estop);
     *word = 0;
     ticks(5);

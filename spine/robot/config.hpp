@@ -20,6 +20,7 @@ enum class LawLoader { arena, dlopen };                    // where the code of 
 enum class MissPolicy { skip, stop };                      // what a missed deadline does
 enum class StaleAction { hold, safe_stop };                // what a silent Brain does
 enum class SafeEnd { damp, hold };                         // how the safe law ends, once the joint has slowed down
+enum class OtherGroups { stop, go_on };                    // what a joint's fault does to the groups it is not in
 enum class BusKind { loop, fdcanusb, slcan, socketcan, pi3hat };
 enum class Checksums { automatic, on, off };  // of the lines to an fdcanusb
 enum class DeviceKind { moteus, cia402, gateway, imu };
@@ -78,9 +79,10 @@ struct GuardConfig {
   double position_overrun_rad = 0.2;    // this far beyond a position limit is a fault
   double velocity_overrun = 1.25;       // this multiple of a joint's velocity limit is a fault
   std::uint32_t lost_after_misses = 3;  // answers in a row: then the drive is lost, which is a fault
-  double soft_start_s = 0.0;            // for so long after arming the torque limits grow from 0 to what they are
-  // The ladder below the safe law: once it has kept every joint at rest for so long, the drives brake, and then are
-  // off. 0 = never.
+  OtherGroups other_groups = OtherGroups::stop;
+  double soft_start_s = 0.0;  // for so long after arming the torque limits grow from 0 to what they are
+  // The ladder below the safe law: once it has kept a group's joints at rest for so long, their drives brake, and then
+  // are off. 0 = never.
   double brake_after_s = 0.0;
   double off_after_s = 0.0;
 };
@@ -174,6 +176,7 @@ struct PlantConfig {
 // Coordinates: position_rad = sign * device_rad / ratio + zero_rad; torque_nm = sign * ratio * device_nm.
 struct JointConfig {
   std::string name;
+  std::string group;       // joints that stop together; empty = with all others that name none
   std::size_t device = 0;  // index into RobotConfig::devices; one device drives one joint
   double sign = 1.0;       // +1 or -1
   double zero_rad = 0.0;   // the joint's angle where its device reads 0

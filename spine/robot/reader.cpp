@@ -103,8 +103,8 @@ void Reader::text(std::string_view key, std::string& out, Need need) {
   out = node->value<std::string>().value_or(std::string());
 }
 
-void Reader::identifier(std::string_view key, std::string& out) {
-  text(key, out, Need::required);
+void Reader::identifier(std::string_view key, std::string& out, Need need) {
+  text(key, out, need);
   const toml::node* node = table_.get(key);
   if (node == nullptr || !node->is_string() || is_identifier(out)) return;
   complain(key, fmt::format("\"{}\" is no name; give 1 to 31 of a-z A-Z 0-9 - _, not starting with -", out));

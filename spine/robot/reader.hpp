@@ -37,8 +37,8 @@ class Reader {
   }
   void boolean(std::string_view key, bool& out);
   void text(std::string_view key, std::string& out, Need need = Need::optional);
-  void identifier(std::string_view key, std::string& out);  // required; a-z A-Z 0-9 - _, at most 31
-  void core(std::string_view key, int& out);                // a core number or "auto"
+  void identifier(std::string_view key, std::string& out, Need need = Need::required);  // a-z A-Z 0-9 - _, at most 31
+  void core(std::string_view key, int& out);                                            // a core number or "auto"
 
   template <class T>
   void choice(std::string_view key, T& out, const std::vector<std::pair<std::string_view, T>>& choices,

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
@@ -136,6 +137,13 @@ class File {
     }
     std::vector<const toml::table*> owners(robot_.devices.size(), nullptr);
     for (const toml::table* table : tables) read_one_joint(*table, prototype, owners);
+    const auto& joints = robot_.joints;
+    const bool one_group = std::all_of(joints.begin(), joints.end(),
+                                       [&](const JointConfig& joint) { return joint.group == joints.front().group; });
+    if (robot_.guard.other_groups == OtherGroups::go_on && one_group && report_.empty()) {
+      robot_.notes.emplace_back(
+          "[guard] other_groups = \"continue\" changes nothing: all joints are one group; give each [[joint]] a group");
+    }
     for (std::size_t i = 0; i < owners.size(); ++i) {
       if (owners[i] == nullptr && report_.empty() && is_drive(robot_.devices[i].kind)) {
         robot_.notes.push_back(fmt::format("device \"{}\" moves no joint; it is left alone", robot_.devices[i].name));

@@ -34,6 +34,8 @@ void read_guard(Reader& in, GuardConfig& guard) {
   in.number("position_overrun_rad", guard.position_overrun_rad, {0.0, kBig});
   in.number("velocity_overrun", guard.velocity_overrun, {1.0, 100.0});
   in.integer("lost_after_misses", guard.lost_after_misses, {1, 100'000});
+  in.choice<OtherGroups>("other_groups", guard.other_groups,
+                         {{"stop", OtherGroups::stop}, {"continue", OtherGroups::go_on}});
   in.number("soft_start_s", guard.soft_start_s, {0.0, 60.0});
   in.number("brake_after_s", guard.brake_after_s, {0.0, 3600.0});
   in.number("off_after_s", guard.off_after_s, {0.0, 3600.0});
@@ -131,6 +133,7 @@ void read_sensor(Reader& in, SensorConfig& sensor, const std::vector<std::string
 }
 
 void read_joint(Reader& in, JointConfig& joint, Need need) {
+  in.identifier("group", joint.group, Need::optional);
   int sign = joint.sign < 0 ? -1 : 1;
   in.integer("sign", sign, {-1, 1});
   if (sign == 0) in.complain("sign", "0 will not do; give 1 or -1");

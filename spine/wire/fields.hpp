@@ -56,6 +56,8 @@ void for_each_field(Telemetry& message, Visit&& visit) {
   visit("command_torque_nm", message.command_torque_nm);
   visit("joint_status", message.joint_status);
   visit("sensor", message.sensor);
+  visit("joint_fault", message.joint_fault);
+  visit("joint_rung", message.joint_rung);
 }
 
 template <class Visit>
@@ -192,6 +194,7 @@ void for_each_field(RobotInfo& message, Visit&& visit) {
   visit("sensor_count", message.sensor_count);
   visit("pad0", message.pad0);
   visit("sensor_name", message.sensor_name);
+  visit("joint_group", message.joint_group);
 }
 
 template <class Visit>

@@ -66,6 +66,9 @@ enum class Fault : std::uint32_t {
   law_missing = 10,
   brain_stale = 11,
   law_faulted = 12,
+  drive_conflict = 13,
+  drive_garbled = 14,
+  drive_not_homed = 15,
 };
 
 // The name of `value`, or "?" for a number that is not one of Fault.
@@ -97,6 +100,34 @@ constexpr std::string_view to_string(Fault value) LITHE_RT {
       return "brain_stale";
     case Fault::law_faulted:
       return "law_faulted";
+    case Fault::drive_conflict:
+      return "drive_conflict";
+    case Fault::drive_garbled:
+      return "drive_garbled";
+    case Fault::drive_not_homed:
+      return "drive_not_homed";
+  }
+  return "?";
+}
+
+enum class Rung : std::uint32_t {
+  law = 0,
+  safe_law = 1,
+  brake = 2,
+  off = 3,
+};
+
+// The name of `value`, or "?" for a number that is not one of Rung.
+constexpr std::string_view to_string(Rung value) LITHE_RT {
+  switch (value) {
+    case Rung::law:
+      return "law";
+    case Rung::safe_law:
+      return "safe_law";
+    case Rung::brake:
+      return "brake";
+    case Rung::off:
+      return "off";
   }
   return "?";
 }
@@ -263,6 +294,7 @@ enum class EventKind : std::uint32_t {
   law_confirmed = 22,
   shadow_started = 23,
   shadow_ended = 24,
+  group_stopped = 25,
 };
 
 // The name of `value`, or "?" for a number that is not one of EventKind.
@@ -318,6 +350,8 @@ constexpr std::string_view to_string(EventKind value) LITHE_RT {
       return "shadow_started";
     case EventKind::shadow_ended:
       return "shadow_ended";
+    case EventKind::group_stopped:
+      return "group_stopped";
   }
   return "?";
 }
@@ -430,6 +464,7 @@ inline constexpr std::uint32_t kShadowing = 16384;
 inline constexpr std::uint32_t kOnProbation = 32768;
 inline constexpr std::uint32_t kPowerClamped = 65536;
 inline constexpr std::uint32_t kSoftStarting = 131072;
+inline constexpr std::uint32_t kGroupStopped = 262144;
 }
 
 namespace joint_status {
@@ -438,6 +473,8 @@ inline constexpr std::uint32_t kFault = 2;
 inline constexpr std::uint32_t kWatchdog = 4;
 inline constexpr std::uint32_t kLost = 8;
 inline constexpr std::uint32_t kNotHomed = 16;
+inline constexpr std::uint32_t kConflict = 32;
+inline constexpr std::uint32_t kGarbled = 64;
 inline constexpr std::uint32_t kNotReady = 128;
 }
 
@@ -504,10 +541,12 @@ struct Telemetry {
   std::array<double, 32> command_torque_nm{};  // [N m] torque at the joint that the guard let through for the next release
   std::array<std::uint32_t, 32> joint_status{};  // JointStatus
   std::array<double, 16> sensor{};  // [1] in the units of robot.toml; NaN = not valid, or there is none
+  std::array<std::uint32_t, 32> joint_fault{};  // Fault of this very joint since the last reset, the first; 0 = none
+  std::array<std::uint32_t, 32> joint_rung{};  // Rung of its group; law while nothing is driven
 };
 static_assert(std::is_trivially_copyable_v<Telemetry>);
 static_assert(std::is_standard_layout_v<Telemetry>);
-static_assert(sizeof(Telemetry) == 1952);
+static_assert(sizeof(Telemetry) == 2208);
 static_assert(offsetof(Telemetry, tick) == 0);
 static_assert(offsetof(Telemetry, release_ns) == 8);
 static_assert(offsetof(Telemetry, sample_ns) == 16);
@@ -536,6 +575,8 @@ static_assert(offsetof(Telemetry, setpoint_velocity_rad_s) == 1184);
 static_assert(offsetof(Telemetry, command_torque_nm) == 1440);
 static_assert(offsetof(Telemetry, joint_status) == 1696);
 static_assert(offsetof(Telemetry, sensor) == 1824);
+static_assert(offsetof(Telemetry, joint_fault) == 1952);
+static_assert(offsetof(Telemetry, joint_rung) == 2080);
 
 // Something that happened once.
 struct Event {
@@ -770,10 +811,11 @@ struct RobotInfo {
   std::uint32_t sensor_count = {};
   std::array<std::uint8_t, 4> pad0{};
   std::array<char, 512> sensor_name{};  // 32 characters each, zero-terminated
+  std::array<char, 1024> joint_group{};  // likewise; empty = the group of all that name none
 };
 static_assert(std::is_trivially_copyable_v<RobotInfo>);
 static_assert(std::is_standard_layout_v<RobotInfo>);
-static_assert(sizeof(RobotInfo) == 3968);
+static_assert(sizeof(RobotInfo) == 4992);
 static_assert(offsetof(RobotInfo, robot) == 0);
 static_assert(offsetof(RobotInfo, config_path) == 64);
 static_assert(offsetof(RobotInfo, rate_hz) == 320);
@@ -799,6 +841,7 @@ static_assert(offsetof(RobotInfo, arena_slot_bytes) == 3444);
 static_assert(offsetof(RobotInfo, sensor_count) == 3448);
 static_assert(offsetof(RobotInfo, pad0) == 3452);
 static_assert(offsetof(RobotInfo, sensor_name) == 3456);
+static_assert(offsetof(RobotInfo, joint_group) == 3968);
 
 // Durations, log-linear bins (spine/core/histogram.hpp).
 struct Histogram {
@@ -868,6 +911,8 @@ constexpr WordRanges active_ranges<Telemetry>(std::size_t joints) {
   used.add(1440, 1440 + 8 * joints);
   used.add(1696, 1696 + 4 * joints);
   used.add(1824, 1952);
+  used.add(1952, 1952 + 4 * joints);
+  used.add(2080, 2080 + 4 * joints);
   return used;
 }
 
@@ -890,39 +935,39 @@ constexpr WordRanges active_ranges<RobotInfo>(std::size_t joints) {
   used.add(2144, 2144 + 8 * joints);
   used.add(2400, 2400 + 8 * joints);
   used.add(2656, 2656 + 8 * joints);
-  used.add(2912, 3968);
+  used.add(2912, 4992);
   return used;
 }
 
 // Segment `spine`, written by the spine: byte offsets of its items.
 namespace spine_segment {
 inline constexpr std::size_t kRobotInfoOffset = 128;  // channel RobotInfo
-inline constexpr std::size_t kTelemetryOffset = 16640;  // ring Telemetry
+inline constexpr std::size_t kTelemetryOffset = 20736;  // ring Telemetry
 inline constexpr std::size_t kTelemetryDepth = 4096;
-inline constexpr std::size_t kEventsTickOffset = 8143232;  // ring Event
+inline constexpr std::size_t kEventsTickOffset = 9195904;  // ring Event
 inline constexpr std::size_t kEventsTickDepth = 256;
-inline constexpr std::size_t kEventsLoaderOffset = 8192512;  // ring Event
+inline constexpr std::size_t kEventsLoaderOffset = 9245184;  // ring Event
 inline constexpr std::size_t kEventsLoaderDepth = 256;
-inline constexpr std::size_t kParamsOffset = 8241792;  // channel Params
-inline constexpr std::size_t kLawInfoOffset = 8243456;  // channel LawInfo
+inline constexpr std::size_t kParamsOffset = 9294464;  // channel Params
+inline constexpr std::size_t kLawInfoOffset = 9296128;  // channel LawInfo
 inline constexpr std::size_t kLawInfoStride = 8832;
-inline constexpr std::size_t kLawFaultsOffset = 8314112;  // ring LawFault
+inline constexpr std::size_t kLawFaultsOffset = 9366784;  // ring LawFault
 inline constexpr std::size_t kLawFaultsDepth = 64;
-inline constexpr std::size_t kShadowOffset = 8322432;  // channel ShadowReport
-inline constexpr std::size_t kReleaseJitterOffset = 8325120;  // plain Histogram
-inline constexpr std::size_t kHandoffOffset = 8333056;  // plain Histogram
-inline constexpr std::size_t kLawOffset = 8340992;  // plain Histogram
-inline constexpr std::size_t kGuardOffset = 8348928;  // plain Histogram
-inline constexpr std::size_t kTickOffset = 8356864;  // plain Histogram
-inline constexpr std::size_t kBusOffset = 8364800;  // plain Histogram
-inline constexpr std::size_t kControlAckOffset = 8372736;  // ack Command
+inline constexpr std::size_t kShadowOffset = 9375104;  // channel ShadowReport
+inline constexpr std::size_t kReleaseJitterOffset = 9377792;  // plain Histogram
+inline constexpr std::size_t kHandoffOffset = 9385728;  // plain Histogram
+inline constexpr std::size_t kLawOffset = 9393664;  // plain Histogram
+inline constexpr std::size_t kGuardOffset = 9401600;  // plain Histogram
+inline constexpr std::size_t kTickOffset = 9409536;  // plain Histogram
+inline constexpr std::size_t kBusOffset = 9417472;  // plain Histogram
+inline constexpr std::size_t kControlAckOffset = 9425408;  // ack Command
 inline constexpr std::size_t kControlAckDepth = 16;
-inline constexpr std::size_t kBrainAckOffset = 8372992;  // ack Command
+inline constexpr std::size_t kBrainAckOffset = 9425664;  // ack Command
 inline constexpr std::size_t kBrainAckDepth = 16;
-inline constexpr std::size_t kStageAckOffset = 8373248;  // ack StageRequest
+inline constexpr std::size_t kStageAckOffset = 9425920;  // ack StageRequest
 inline constexpr std::size_t kStageAckDepth = 4;
-inline constexpr std::size_t kHealthOffset = 8373504;  // plain Health
-inline constexpr std::size_t kBytes = 8373632;  // the schema text follows
+inline constexpr std::size_t kHealthOffset = 9426176;  // plain Health
+inline constexpr std::size_t kBytes = 9426304;  // the schema text follows
 }
 
 // Segment `control`, written by the supervisor: byte offsets of its items.
@@ -944,7 +989,7 @@ inline constexpr std::size_t kEstopOffset = 41344;  // word
 inline constexpr std::size_t kBytes = 41472;  // the schema text follows
 }
 
-inline constexpr std::uint64_t kLayoutHash = 0xb424772afead851f;
+inline constexpr std::uint64_t kLayoutHash = 0xc2b3676b7e33f8e7;
 // What the hash covers; every segment carries it, so that two builds can tell where they differ.
 inline constexpr std::string_view kCanonicalSchema =
     "abi:1\n"
@@ -989,6 +1034,8 @@ inline constexpr std::string_view kCanonicalSchema =
     "Telemetry.command_torque_nm:float64[32]:1440:256:N m\n"
     "Telemetry.joint_status:uint32[32]:1696:128:-\n"
     "Telemetry.sensor:float64[16]:1824:128:1\n"
+    "Telemetry.joint_fault:uint32[32]:1952:128:-\n"
+    "Telemetry.joint_rung:uint32[32]:2080:128:-\n"
     "Event.t_ns:int64[1]:0:8:ns\n"
     "Event.tick:uint64[1]:8:8:-\n"
     "Event.request_id:uint64[1]:16:8:-\n"
@@ -1089,6 +1136,7 @@ inline constexpr std::string_view kCanonicalSchema =
     "RobotInfo.sensor_count:uint32[1]:3448:4:-\n"
     "RobotInfo.pad0:uint8[4]:3452:4:-\n"
     "RobotInfo.sensor_name:char[512]:3456:512:-\n"
+    "RobotInfo.joint_group:char[1024]:3968:1024:-\n"
     "Histogram.bin:uint64[976]:0:7808:-\n"
     "Histogram.count:uint64[1]:7808:8:-\n"
     "Histogram.max_ns:uint64[1]:7816:8:ns\n"
@@ -1099,23 +1147,23 @@ inline constexpr std::string_view kCanonicalSchema =
     "Health.control_violations:uint64[1]:16:8:-\n"
     "Health.stage_violations:uint64[1]:24:8:-\n"
     "spine/robot_info:channel:RobotInfo:0x1:128\n"
-    "spine/telemetry:ring:Telemetry:4096x1:16640\n"
-    "spine/events_tick:ring:Event:256x1:8143232\n"
-    "spine/events_loader:ring:Event:256x1:8192512\n"
-    "spine/params:channel:Params:0x1:8241792\n"
-    "spine/law_info:channel:LawInfo:0x8:8243456\n"
-    "spine/law_faults:ring:LawFault:64x1:8314112\n"
-    "spine/shadow:channel:ShadowReport:0x1:8322432\n"
-    "spine/release_jitter:plain:Histogram:0x1:8325120\n"
-    "spine/handoff:plain:Histogram:0x1:8333056\n"
-    "spine/law:plain:Histogram:0x1:8340992\n"
-    "spine/guard:plain:Histogram:0x1:8348928\n"
-    "spine/tick:plain:Histogram:0x1:8356864\n"
-    "spine/bus:plain:Histogram:0x1:8364800\n"
-    "spine/control_ack:ack:Command:16x1:8372736\n"
-    "spine/brain_ack:ack:Command:16x1:8372992\n"
-    "spine/stage_ack:ack:StageRequest:4x1:8373248\n"
-    "spine/health:plain:Health:0x1:8373504\n"
+    "spine/telemetry:ring:Telemetry:4096x1:20736\n"
+    "spine/events_tick:ring:Event:256x1:9195904\n"
+    "spine/events_loader:ring:Event:256x1:9245184\n"
+    "spine/params:channel:Params:0x1:9294464\n"
+    "spine/law_info:channel:LawInfo:0x8:9296128\n"
+    "spine/law_faults:ring:LawFault:64x1:9366784\n"
+    "spine/shadow:channel:ShadowReport:0x1:9375104\n"
+    "spine/release_jitter:plain:Histogram:0x1:9377792\n"
+    "spine/handoff:plain:Histogram:0x1:9385728\n"
+    "spine/law:plain:Histogram:0x1:9393664\n"
+    "spine/guard:plain:Histogram:0x1:9401600\n"
+    "spine/tick:plain:Histogram:0x1:9409536\n"
+    "spine/bus:plain:Histogram:0x1:9417472\n"
+    "spine/control_ack:ack:Command:16x1:9425408\n"
+    "spine/brain_ack:ack:Command:16x1:9425664\n"
+    "spine/stage_ack:ack:StageRequest:4x1:9425920\n"
+    "spine/health:plain:Health:0x1:9426176\n"
     "control/commands:mailbox:Command:16x1:128\n"
     "control/stage:mailbox:StageRequest:4x1:7424\n"
     "control/estop:word:-:0x1:9344\n"

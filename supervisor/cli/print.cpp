@@ -112,6 +112,11 @@ void print_status(const Json& s) {
     for (const Json& each : joint["problems"]) {
       problems += " " + each.get<std::string>();
     }
+    if (const std::string fault = joint.value("fault", "none"); fault != "none") problems += ", " + fault;
+    if (const std::string rung = joint.value("rung", "law"); rung != "law") {
+      const std::string group = joint.value("group", "");
+      problems += fmt::format(" [{}{}]", group.empty() ? "" : group + ": ", rung);
+    }
     fmt::print("  {:<12} {:9.2f} deg  (setpoint {:9.2f})  {:8.1f} deg/s  {:7.3f} Nm{}\n", word(joint, "name"),
                number(joint, "position_rad") * kDegPerRad, number(joint, "setpoint_position_rad") * kDegPerRad,
                number(joint, "velocity_rad_s") * kDegPerRad, number(joint, "torque_nm"), problems);

@@ -15,6 +15,7 @@ std::string code_word(wire::EventKind kind, std::uint32_t code) {
   switch (kind) {
     case wire::EventKind::fault:
     case wire::EventKind::safe_stop:
+    case wire::EventKind::group_stopped:
       return std::string(to_string(static_cast<wire::Fault>(code)));
     case wire::EventKind::command_refused:
     case wire::EventKind::params_refused:

@@ -26,11 +26,11 @@ Json quantiles_json(const Quantiles& q) {
 
 Json joint_status_json(std::uint32_t status) {
   Json words = Json::array();
-  const std::pair<std::uint32_t, const char*> bits[] = {{wire::joint_status::kFault, "fault"},
-                                                        {wire::joint_status::kWatchdog, "watchdog"},
-                                                        {wire::joint_status::kLost, "lost"},
-                                                        {wire::joint_status::kNotHomed, "not_homed"},
-                                                        {wire::joint_status::kNotReady, "not_ready"}};
+  const std::pair<std::uint32_t, const char*> bits[] = {
+      {wire::joint_status::kFault, "fault"},       {wire::joint_status::kWatchdog, "watchdog"},
+      {wire::joint_status::kLost, "lost"},         {wire::joint_status::kNotHomed, "not_homed"},
+      {wire::joint_status::kConflict, "conflict"}, {wire::joint_status::kGarbled, "garbled"},
+      {wire::joint_status::kNotReady, "not_ready"}};
   for (const auto& [bit, word] : bits) {
     if ((status & bit) != 0) {
       words.push_back(word);
@@ -47,6 +47,9 @@ Json joints_json(const wire::RobotInfo& info, const wire::Telemetry& now) {
   const std::size_t count = std::min<std::size_t>(now.joint_count, wire::kNj);
   for (std::size_t j = 0; j < count; ++j) {
     joints.push_back({{"name", text_of(info.joint_name, j * kNameWidth, kNameWidth)},
+                      {"group", text_of(info.joint_group, j * kNameWidth, kNameWidth)},
+                      {"rung", std::string(to_string(static_cast<wire::Rung>(now.joint_rung[j])))},
+                      {"fault", std::string(to_string(static_cast<wire::Fault>(now.joint_fault[j])))},
                       {"position_rad", now.position_rad[j]},
                       {"velocity_rad_s", now.velocity_rad_s[j]},
                       {"torque_nm", now.torque_nm[j]},

@@ -62,9 +62,9 @@ void obey(const std::string& line, hal::ActuatorCommand& command) {
   std::string verb;
   double value = 0;
   words >> verb >> value;
-  command.action = verb == "off"    ? hal::DriveAction::off
-                   : verb == "damp" ? hal::DriveAction::damp
-                                    : hal::DriveAction::torque;
+  command.act(verb == "off"    ? hal::DriveAction::off
+              : verb == "damp" ? hal::DriveAction::damp
+                               : hal::DriveAction::torque);
   command.torque_nm[0] = verb == "torque" ? value : 0;
   command.position_rad[0] = verb == "position" ? value : std::numeric_limits<double>::quiet_NaN();
   command.velocity_rad_s[0] = verb == "velocity" ? value : 0;

@@ -61,14 +61,14 @@ class Robot {
   }
 
   void cycle(Input& input) {
-    command_.action = static_cast<DriveAction>(input.byte() % 4);
+    command_.action[input.byte() % kJoints] = static_cast<DriveAction>(input.byte() % 4);
     command_.torque_nm[input.byte() % kJoints] = input.real();
     peer_[0].plan(input, kOnFd, ++number_);
     peer_[1].plan(input, kOnClassic, number_);
     exchange();
   }
   void honest_cycle() {
-    command_.action = DriveAction::off;
+    command_.action.fill(DriveAction::off);
     for (Peer& peer : peer_) peer.behave(number_ + 1);
     ++number_;
     exchange();

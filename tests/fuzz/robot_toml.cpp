@@ -27,7 +27,8 @@ void check_config(const robot::RobotConfig& robot) {
   demand(robot.sensors.size() <= robot::kMaxSensors, "no more sensors than the map holds");
   for (const robot::DeviceConfig& device : robot.devices) {
     demand(device.bus < robot.buses.size(), "a device is on a bus that is there");
-    demand(within(device.id, 1, 126) && device.rate_divider >= 1, "a device has an address, and is asked");
+    const bool addressed = device.kind == robot::DeviceKind::imu || within(device.id, 1, 126);
+    demand(addressed && device.rate_divider >= 1, "a device has an address, and is asked");
     demand(within(device.watchdog_s, 0.005, 10) && within(device.counts_per_rev, 1, 1e9), "a device is in range");
   }
   for (const robot::JointConfig& joint : robot.joints) {
@@ -39,13 +40,14 @@ void check_config(const robot::RobotConfig& robot) {
   }
   for (const robot::SensorConfig& sensor : robot.sensors) {
     demand(sensor.device < robot.devices.size() && sensor.channel < 16, "a sensor is a channel of a device");
-    demand(robot.devices[sensor.device].kind == robot::DeviceKind::gateway, "a sensor is a gateway's");
+    demand(!robot::is_drive(robot.devices[sensor.device].kind), "a sensor is a gateway's or a board's");
   }
 }
 
 // Simulated, whatever the file says: nothing real is opened.
 void run_robot(const robot::RobotConfig& robot) {
   const auto actuators = hal::simulate_actuators(robot);
+  if (!actuators && robot.plant.kind == robot::PlantKind::mujoco) return check_refusal(actuators.message());
   demand(bool(actuators), "a robot that is taken can be opened");
   hal::ActuatorCommand command;
   command.joints = static_cast<std::uint32_t>(robot.joints.size());
@@ -53,7 +55,7 @@ void run_robot(const robot::RobotConfig& robot) {
   std::int64_t now_ns = 1'000'000'000;
   for (std::uint64_t tick = 1; tick <= 3; ++tick) {
     command.tick = tick;
-    command.action = tick == 2 ? hal::DriveAction::torque : hal::DriveAction::off;
+    command.action.fill(tick == 2 ? hal::DriveAction::torque : hal::DriveAction::off);
     (*actuators)->cycle(command, state, now_ns += 1'000'000);
     for (std::size_t i = 0; i < robot.joints.size(); ++i) {
       demand(std::isfinite(state.position_rad[i]) && std::isfinite(state.velocity_rad_s[i]) &&
@@ -91,11 +93,15 @@ std::vector<Seed> seeds() {
       "device = \"g\"\nkind = \"analog\"\nchannel = 3\nscale = 0.01\noffset = 1\n";
   const std::string real =
       "[[bus]]\nname = \"can0\"\nkind = \"slcan\"\npath = \"/dev/null\"\nbitrate = 500_000\nreply_wait_s = 0.01\n";
+  const std::string chain = "[plant]\nkind = \"chain\"\n";
+  const std::string link = "length_m = 0.3\nmass_kg = 1.5\ncenter_m = 0.1\nlink_inertia_kg_m2 = 0.01\n";
   std::vector<Seed> all;
   for (const std::string& text :
        {head + bus + drive + joint, head + bus + drive + gateway + joint, head + bus + cia402 + joint,
-        head + real + cia402 + joint, "[defaults.joint]\nratio = 1.0\nsafe_kd_nm_s_rad = 1\n" + head, head,
-        std::string("name = \"\xff\""), head + bus + bus + drive + drive + joint + joint,
+        head + chain + bus + drive + joint + link,
+        head + "[plant]\nkind = \"mujoco\"\nmodel = \"arm.xml\"\n" + bus + drive + joint, head + real + cia402 + joint,
+        "[defaults.joint]\nratio = 1.0\nsafe_kd_nm_s_rad = 1\n" + head, head, std::string("name = \"\xff\""),
+        head + bus + bus + drive + drive + joint + joint,
         std::string("x = [[[[[[{a={b=1}}]]]]]]\n[[bus]]\n[[bus.x]]\n"),
         head + bus + drive + "rate_divider = 0\n" + joint,
         head + bus + drive + joint +

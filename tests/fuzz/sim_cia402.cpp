@@ -39,10 +39,15 @@ class Bench {
     wire_.on_frame(frame, now_ns_, said_);
     check();
   }
-  void befall(std::uint8_t what) { drive_.befall(static_cast<Mishap>(what % 3), what / 3 % 2 != 0, now_ns_); }
+  void befall(std::uint8_t what) { drive_.befall(static_cast<Mishap>(what % 7), what / 7 % 2 != 0, now_ns_); }
   void spoil(std::uint8_t what) {
     const auto share = [&](unsigned bit) { return (what >> bit & 1) != 0 ? 0.5 : 0.0; };
-    wire_.set_faults({share(0), share(1), share(2), (what & 8) != 0 ? 3'000'000 : 0, what > 0xf0});
+    wire_.set_faults({.drop = share(0),
+                      .corrupt = share(1),
+                      .duplicate = share(2),
+                      .replay = share(4),
+                      .delay_ns = (what & 8) != 0 ? 3'000'000 : 0,
+                      .bus_off = what > 0xf0});
   }
 
  private:

@@ -56,7 +56,7 @@ class Bench {
     for (int i = 0; i < 4; ++i) hear(frame_to(id, {}));
   }
 
-  void befall(std::uint8_t what) { drive_.befall(static_cast<Mishap>(what % 3), what / 3 % 2 != 0, now_ns_); }
+  void befall(std::uint8_t what) { drive_.befall(static_cast<Mishap>(what % 7), what / 7 % 2 != 0, now_ns_); }
 
  private:
   static sim::SimMoteusParams params() {

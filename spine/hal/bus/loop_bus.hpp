@@ -50,6 +50,10 @@ enum class Mishap : std::uint8_t {
   power_loss,        // gone, and back after a moment; has no end of its own
   over_temperature,  // as hot as it may not be
   encoder_lost,      // it no longer knows its position
+  device_fault,      // too much current
+  watchdog_trip,     // for it, its host has fallen silent; has no end of its own
+  homing_lost,       // it no longer knows in which turn it is
+  other_map,         // it answers as another firmware would, with other registers or objects
 };
 
 // Something at the far end of a LoopBus. It sees every frame and picks its own, as on a real CAN bus.

@@ -84,6 +84,9 @@ Heard Cia402Drive::take_emergency(const Frame& frame) LITHE_RT {
   return Heard::part;
 }
 
+// It leaves the state operational when it hears us no more, and then answers nothing.
+std::uint32_t Cia402Drive::alarm() const LITHE_RT { return watchdog_ ? wire::joint_status::kWatchdog : 0; }
+
 Heard Cia402Drive::take_sdo(const Frame& frame) LITHE_RT {
   if (!sdo_.take(frame)) return Heard::late;
   const bool told = stage_ == Stage::running && sdo_.outcome() == SdoClient::Outcome::done;

@@ -139,7 +139,7 @@ std::string Cia402Drive::why_not_ready() const {
 }
 
 void Cia402Drive::say(const JointCommand& command, DriveAction action, Bus& bus) LITHE_RT {
-  last_control_ = control_word(action);
+  last_control_ = action == DriveAction::off && command.clear_fault ? clearing_word() : control_word(action);
   const bool active = last_control_ == control::kEnable && state_ == State::operation_enabled;
   const RawDemand demand = active ? demand_.next(command, last_) : demand_.rest(position_raw_);
   const std::array<std::uint32_t, 3> values{last_control_, demand.target, demand.torque};
@@ -159,6 +159,13 @@ std::uint16_t Cia402Drive::control_word(DriveAction action) LITHE_RT {
   if (state_ == State::fault || state_ == State::fault_reaction_active) may_enable_ = false;
   // A ramp that the drive began by itself goes on with this word.
   return may_enable_ ? control_to_enable(state_) : control::kQuickStop;
+}
+
+// Its bit must rise: down and up again, for as long as the fault is there.
+std::uint16_t Cia402Drive::clearing_word() const LITHE_RT {
+  constexpr std::uint64_t kHeldFor = 8;
+  const bool up = state_ == State::fault && commanded_ / kHeldFor % 2 == 1;
+  return up ? control::kFaultReset : control::kDisableVoltage;
 }
 
 // The emergency that named the fault may have been lost.

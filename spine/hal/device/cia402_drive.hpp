@@ -45,6 +45,7 @@ class Cia402Drive final : public Drive {
 
   bool command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT override;
   Heard take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT override;
+  std::uint32_t alarm() const LITHE_RT override;
 
   // Empty when the drive can be commanded.
   std::string why_not_ready() const override;
@@ -69,6 +70,7 @@ class Cia402Drive final : public Drive {
   void say(const JointCommand& command, DriveAction action, Bus& bus) LITHE_RT;
   void ask_error_code(std::int64_t now_ns, Bus& bus) LITHE_RT;
   std::uint16_t control_word(DriveAction action) LITHE_RT;
+  std::uint16_t clearing_word() const LITHE_RT;
 
   Heard take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT;
   Heard take_emergency(const Frame& frame) LITHE_RT;

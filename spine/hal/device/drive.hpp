@@ -25,6 +25,7 @@ struct JointCommand {
   double kp_nm_rad = 0;
   double kd_nm_s_rad = 0;
   double max_torque_nm = 0;
+  bool clear_fault = false;  // with `off`: a person has looked, and the drive may forget its fault
 };
 
 // No motor turns faster: beyond it an answer is noise, not a measurement.
@@ -82,6 +83,9 @@ class Drive {
 
   // A frame from this drive's address. `sample` is changed by an answer only.
   virtual Heard take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT = 0;
+
+  // Bits of wire::joint_status that it has told otherwise than by an answer: why none comes.
+  virtual std::uint32_t alarm() const LITHE_RT { return 0; }
 
   // What keeps it from being commanded, and what to do; empty when nothing does.
   // Contract: any thread but an exchange's

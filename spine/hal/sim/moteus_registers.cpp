@@ -179,7 +179,7 @@ bool SimMoteus::read_status(std::uint32_t number, double& value) LITHE_RT {
       value = servo.trajectory_complete() ? 1 : 0;
       return true;
     case reg::kHomeState:
-      value = servo.home();
+      value = homed_ ? servo.home() : 0;
       return true;
     case reg::kVoltage:
       value = params.supply_v;

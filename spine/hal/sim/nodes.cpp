@@ -131,4 +131,8 @@ Result<Nodes> make_nodes(const robot::RobotConfig& config) {
   return nodes;
 }
 
+std::unique_ptr<BusNode> make_stranger(const robot::RobotConfig& config, std::size_t device) {
+  return make_node(config, device, nullptr);
+}
+
 }  // namespace lithe::hal::sim

@@ -31,4 +31,8 @@ struct Nodes {
 // The error: what the joints are to move cannot be had. Contract: never in the tick
 Result<Nodes> make_nodes(const robot::RobotConfig& config);
 
+// One more of the devices, whose joint swings by itself whatever the others move together: what stands in another's
+// place on a bus. Contract: never in the tick
+std::unique_ptr<BusNode> make_stranger(const robot::RobotConfig& config, std::size_t device);
+
 }  // namespace lithe::hal::sim

@@ -87,6 +87,7 @@ void Servo::judge_health() LITHE_RT {
   const double to_fault_c = params_.fault_temperature_c - params_.temperature_c;
   ailment_ = to_fault_c < 0 ? moteus::fault::kOverTemperature : 0;
   if (encoder_lost_) ailment_ = moteus::fault::kEncoder;
+  if (driver_failed_) ailment_ = moteus::fault::kDriver;
   const bool hot = to_fault_c >= 0 && to_fault_c < params_.temperature_margin_c;
   hot_torque_max_nm_ = hot ? params_.motor_torque_max_nm * to_fault_c / params_.temperature_margin_c : kNoEnd;
 }

@@ -102,6 +102,13 @@ class Servo {
     encoder_lost_ = lost;
     judge_health();
   }
+  void set_driver_failed(bool failed) LITHE_RT {
+    driver_failed_ = failed;
+    judge_health();
+  }
+  void expire_watchdog() LITHE_RT {
+    if (watchdog_end_ns_ != kNever) watchdog_end_ns_ = time_ns_;
+  }
 
   // Takes effect at once, as far as the present mode allows: a fault or a timeout listens to `stopped` only.
   void apply(moteus::Mode mode, const ServoCommand& command) LITHE_RT;
@@ -166,6 +173,7 @@ class Servo {
   double offset_rev_ = 0;  // of what is read against where the motor is
   double home_ = 0;
   bool encoder_lost_ = false;
+  bool driver_failed_ = false;
   std::uint32_t ailment_ = 0;          // the fault that driving leads to
   double hot_torque_max_nm_ = kNoEnd;  // what the heat leaves; no end while it is cool
   double encoder_rev_ = 0;

@@ -91,6 +91,18 @@ bool SimCia402::befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT
     case Mishap::encoder_lost:
       begins ? servo_.fail(emergency::kSensor, true) : servo_.cause_gone(emergency::kSensor);
       return true;
+    case Mishap::device_fault:
+      begins ? servo_.fail(emergency::kOverCurrent, true) : servo_.cause_gone(emergency::kOverCurrent);
+      return true;
+    case Mishap::watchdog_trip:
+      host_silent_ = begins;
+      return true;
+    case Mishap::other_map:
+      if (other_map_ && !begins) befall(Mishap::power_loss, true, now_ns);  // the right device comes in its place
+      other_map_ = begins;
+      return true;
+    case Mishap::homing_lost:
+      break;  // it says nothing of its homing
   }
   return false;
 }
@@ -108,7 +120,10 @@ void SimCia402::live(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
     servo_.advance(deadline_ns);
     consumer_.lost(now_ns_);
     lose_connection(answers);
+  } else if (host_silent_ && network_state_ == NmtState::operational) {
+    lose_connection(answers);
   }
+  host_silent_ = false;
   servo_.advance(now_ns_);
   tell_news(now_ns_, answers);
 }
@@ -264,7 +279,9 @@ void SimCia402::transmit(SimPdo& pdo, std::int64_t now_ns, FrameQueue& answers) 
   refresh_actuals();
   std::array<std::uint32_t, canopen::PdoMap::kMost> values{};
   for (std::size_t i = 0; i < pdo.map().objects().size(); ++i) values[i] = dictionary_.raw(pdo.slot(i));
-  answers.push(pdo.map().pack(pdo.id(), values));
+  Frame frame = pdo.map().pack(pdo.id(), values);
+  if (other_map_) frame.size = static_cast<std::uint8_t>(frame.size / 2);
+  answers.push(frame);
   pdo.told = servo_.statusword();
   pdo.never_told = false;
   pdo.told_ns = now_ns;

@@ -126,6 +126,8 @@ class SimCia402 final : public BusNode {
   std::uint32_t syncs_ = 0;
   std::uint32_t errors_told_ = 0;
   bool connection_lost_ = false;
+  bool host_silent_ = false;  // as if its watch on the host had run out
+  bool other_map_ = false;    // its process data are mapped otherwise, its device type is not a drive's
   std::uint64_t refused_ = 0;
 
   std::string_view upload_;  // what is left of a text that somebody reads

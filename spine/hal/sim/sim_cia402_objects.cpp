@@ -85,8 +85,11 @@ void SimCia402::serve_read(const Frame& frame, FrameQueue& answers) LITHE_RT {
                                     known ? abort_code::kNoSubindex : abort_code::kNoObject));
     return;
   }
+  constexpr std::uint32_t kInputsAndOutputs = 0x0003'0191;
   refresh_actuals();
-  answers.push(canopen::sdo_read_answer(params_.id, address, dictionary_.raw(*slot), dictionary_.bytes(*slot)));
+  const bool foreign = other_map_ && address.index == common::kDeviceType;
+  const std::uint32_t value = foreign ? kInputsAndOutputs : dictionary_.raw(*slot);
+  answers.push(canopen::sdo_read_answer(params_.id, address, value, dictionary_.bytes(*slot)));
 }
 
 void SimCia402::serve_segment(const Frame& frame, FrameQueue& answers) LITHE_RT {

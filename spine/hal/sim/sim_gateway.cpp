@@ -55,6 +55,21 @@ void SimGateway::on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
   send(now_ns, answers);
 }
 
+bool SimGateway::befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT {
+  constexpr std::int64_t kBootNs = 100'000'000;
+  if (mishap == Mishap::other_map) {
+    other_map_ = begins;
+    return true;
+  }
+  if (mishap != Mishap::power_loss) return false;
+  if (begins) {
+    next_ns_ = now_ns + kBootNs;
+    sequence_ = 0;
+    turn_ = 0;
+  }
+  return true;
+}
+
 std::int16_t SimGateway::word(Block block, std::size_t channel, double time_s) const LITHE_RT {
   if ((unplugged_[static_cast<std::size_t>(block)] >> channel & 1) != 0) return gateway::kInvalid;
   if (block == Block::analog) {
@@ -73,7 +88,7 @@ void SimGateway::send(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
   frame.extended = true;
   frame.fd = frame.brs = fd_;
   frame.data[0] = ++sequence_;
-  frame.data[1] = turn.first;
+  frame.data[1] = other_map_ ? gateway::kChannels : turn.first;  // which is beyond the last one
   put(frame, 2, static_cast<std::uint32_t>(since_ns / 100'000));
   std::size_t size = kHeader + 2 * turn.channels;
   if (turn.block == Block::digital) {

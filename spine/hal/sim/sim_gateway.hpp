@@ -21,6 +21,7 @@ class SimGateway final : public BusNode {
 
   void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
   void on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
+  bool befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT override;
 
   void unplug_input(gateway::Block block, std::size_t channel) LITHE_RT {
     unplugged_[static_cast<std::size_t>(block)] |= 1U << channel;
@@ -36,6 +37,7 @@ class SimGateway final : public BusNode {
   std::int64_t next_ns_ = 0;
   std::int64_t start_ns_ = 0;
   std::uint8_t sequence_ = 0;
+  bool other_map_ = false;
   std::uint32_t turn_ = 0;
   std::array<std::uint32_t, gateway::kBlocks> unplugged_{};
 };

@@ -71,6 +71,18 @@ bool SimMoteus::befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT
     case Mishap::encoder_lost:
       inside_.servo.set_encoder_lost(begins);
       return true;
+    case Mishap::device_fault:
+      inside_.servo.set_driver_failed(begins);
+      return true;
+    case Mishap::watchdog_trip:
+      if (begins) inside_.servo.expire_watchdog();
+      return true;
+    case Mishap::homing_lost:
+      homed_ = !begins;
+      return true;
+    case Mishap::other_map:
+      other_map_ = begins;
+      return true;
   }
   return false;
 }
@@ -150,7 +162,9 @@ bool SimMoteus::read(const Subframe& subframe, SubframeWriter& answer) LITHE_RT 
     answer.error(Kind::read_error, number, static_cast<std::uint32_t>(Access::unknown));
     return false;
   }
-  answer.reply(subframe.format, subframe.start, {values.data(), subframe.count}, subframe.long_form);
+  constexpr std::uint32_t kMoved = 0x40;
+  const std::uint32_t start = subframe.start + (other_map_ ? kMoved : 0);
+  answer.reply(subframe.format, start, {values.data(), subframe.count}, subframe.long_form);
   return answer.ok();
 }
 

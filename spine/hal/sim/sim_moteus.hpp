@@ -70,6 +70,8 @@ class SimMoteus final : public BusNode {
   bool commanded_ = false;
   bool discarded_ = false;  // this frame is for a drive with another UUID
   moteus::Mode commanded_mode_ = moteus::Mode::stopped;
+  bool homed_ = true;
+  bool other_map_ = false;
   std::int64_t deaf_until_ns_ = std::numeric_limits<std::int64_t>::min();
   std::array<double, 2> gpio_{};
   std::array<double, 10> pwm_{};

@@ -28,11 +28,15 @@ void SimWire::on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answ
   if (!faults_.bus_off && !happens(faults_.drop)) {
     const Frame arrived = damaged(frame);
     const int times = happens(faults_.duplicate) ? 2 : 1;
-    for (int i = 0; i < times; ++i) {
-      for (BusNode* node : nodes_) node->on_frame(arrived, now_ns, said_);
-    }
+    for (int i = 0; i < times; ++i) carry(arrived, now_ns);
+    const Frame* old = told_before_.next(frame);
+    if (old != nullptr && happens(faults_.replay)) carry(*old, now_ns);
   }
   come_back(now_ns, answers);
+}
+
+void SimWire::carry(const Frame& frame, std::int64_t now_ns) LITHE_RT {
+  for (BusNode* node : nodes_) node->on_frame(frame, now_ns, said_);
 }
 
 void SimWire::on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
@@ -54,6 +58,8 @@ void SimWire::come_back(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
     if (!faults_.bus_off && !happens(faults_.drop)) {
       const int times = happens(faults_.duplicate) ? 2 : 1;
       for (int i = 0; i < times; ++i) keep({now_ns + faults_.delay_ns, damaged(*frame)});
+      const Frame* old = said_before_.next(*frame);
+      if (old != nullptr && happens(faults_.replay)) keep({now_ns + faults_.delay_ns, *old});
     }
     said_.pop();
   }

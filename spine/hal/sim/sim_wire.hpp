@@ -17,17 +17,19 @@ struct WireFaults {
   double drop = 0;
   double corrupt = 0;  // one bit of the data
   double duplicate = 0;
+  double replay = 0;          // one from a while ago follows
   std::int64_t delay_ns = 0;  // of what the devices say
   bool bus_off = false;       // nothing passes; the devices live on
 };
 
 // In place of the devices: whoever carries frames to it, carries them to all of them. Same seed, same mishaps.
-// Contract: RT but for attach · one thread · time is an argument
+// Contract: RT but for attach and detach · one thread · time is an argument
 class SimWire final : public BusNode {
  public:
   explicit SimWire(std::uint64_t seed) : state_(seed) {}
 
   void attach(BusNode& node) { nodes_.push_back(&node); }
+  void detach(BusNode& node) { std::erase(nodes_, &node); }
   void set_faults(const WireFaults& faults) LITHE_RT { faults_ = faults; }
   const WireFaults& faults() const LITHE_RT { return faults_; }
 
@@ -43,6 +45,24 @@ class SimWire final : public BusNode {
     Frame frame;
   };
 
+  // What passed in one direction, to be played again: the frame of kPast frames ago, once there is one.
+  class Past {
+   public:
+    const Frame* next(const Frame& frame) LITHE_RT {
+      Frame& place = frames_[count_++ % kPast];
+      old_ = place;
+      place = frame;
+      return count_ > kPast ? &old_ : nullptr;
+    }
+
+   private:
+    static constexpr std::size_t kPast = 8;
+    std::array<Frame, kPast> frames_{};
+    Frame old_;
+    std::size_t count_ = 0;
+  };
+
+  void carry(const Frame& frame, std::int64_t now_ns) LITHE_RT;
   std::uint64_t draw() LITHE_RT;
   bool happens(double share) LITHE_RT;
   void come_back(std::int64_t now_ns, FrameQueue& answers) LITHE_RT;
@@ -53,6 +73,8 @@ class SimWire final : public BusNode {
   WireFaults faults_;
   std::uint64_t state_;
   FrameQueue said_;
+  Past told_before_;
+  Past said_before_;
   std::array<Late, FrameQueue::kCapacity> late_{};  // what does not fit is lost, as on a wire with a full queue
   std::size_t head_ = 0;
   std::size_t tail_ = 0;

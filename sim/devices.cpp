@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "sim/devices.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <optional>
+#include <utility>
+
+namespace lithe::simulator {
+namespace {
+
+using hal::Mishap;
+using Kind = Order::Kind;
+
+std::optional<Mishap> mishap_of(Kind kind) {
+  switch (kind) {
+    case Kind::reset:
+      return Mishap::power_loss;
+    case Kind::over_temperature:
+      return Mishap::over_temperature;
+    case Kind::encoder:
+      return Mishap::encoder_lost;
+    case Kind::device_fault:
+      return Mishap::device_fault;
+    case Kind::watchdog:
+      return Mishap::watchdog_trip;
+    case Kind::homing:
+      return Mishap::homing_lost;
+    case Kind::register_map:
+      return Mishap::other_map;
+    default:
+      return std::nullopt;
+  }
+}
+
+// What such a device is too simple for, or says nothing of, cannot happen to it.
+bool can_suffer(robot::DeviceKind device, Kind kind) {
+  switch (device) {
+    case robot::DeviceKind::moteus:
+      return true;
+    case robot::DeviceKind::cia402:
+      return kind != Kind::homing;
+    case robot::DeviceKind::gateway:
+      return kind == Kind::reset || kind == Kind::register_map || kind == Kind::twin || kind == Kind::wrong_id;
+    case robot::DeviceKind::imu:
+      return false;
+  }
+  return false;
+}
+
+constexpr std::uint32_t kIds = 126;
+
+}  // namespace
+
+Result<std::unique_ptr<Devices>> Devices::make(const robot::RobotConfig& config, std::uint64_t seed) {
+  Result<hal::sim::Nodes> nodes = hal::sim::make_nodes(config);
+  if (!nodes) return nodes.error();
+  auto made = std::make_unique<Devices>();
+  made->config_ = config;
+  made->nodes_ = std::move(*nodes);
+  made->company_.resize(config.devices.size());
+  for (std::size_t i = 0; i < config.buses.size(); ++i) {
+    made->wires_.push_back(std::make_unique<hal::sim::SimWire>(seed + i));
+    made->nodes_.attach(config, i, *made->wires_.back());
+  }
+  return made;
+}
+
+Result<> Devices::check(const Order& order) const {
+  const auto named = [](const auto& all, const std::string& name) {
+    return name.empty() || std::any_of(all.begin(), all.end(), [&](const auto& each) { return each.name == name; });
+  };
+  if (!named(config_.buses, order.bus)) return Error{"there is no bus '" + order.bus + "' in the robot file"};
+  if (!named(config_.devices, order.device)) {
+    return Error{"there is no device '" + order.device + "' in the robot file"};
+  }
+  const auto suffers = [&](const robot::DeviceConfig& device) {
+    return (order.device.empty() || order.device == device.name) && can_suffer(device.kind, order.kind);
+  };
+  if (is_of_device(order.kind) && std::none_of(config_.devices.begin(), config_.devices.end(), suffers)) {
+    return Error{"such a thing cannot happen to " + (order.device.empty() ? "any device here" : order.device)};
+  }
+  return done();
+}
+
+void Devices::act(const Order& order, std::int64_t now_ns) {
+  if (order.kind == Kind::clear) return clear(now_ns);
+  if (!is_of_device(order.kind)) {
+    for (std::size_t i = 0; i < wires_.size(); ++i) {
+      if (order.bus.empty() || order.bus == config_.buses[i].name) spoil(order, i);
+    }
+    return;
+  }
+  for (std::size_t i = 0; i < config_.devices.size(); ++i) {
+    const robot::DeviceConfig& device = config_.devices[i];
+    if ((order.device.empty() || order.device == device.name) && can_suffer(device.kind, order.kind)) {
+      suffer(i, order, now_ns);
+    }
+  }
+}
+
+void Devices::suffer(std::size_t device, const Order& order, std::int64_t now_ns) {
+  if (const std::optional<Mishap> mishap = mishap_of(order.kind)) {
+    nodes_.devices[device]->befall(*mishap, order.on, now_ns);
+  } else {
+    meet_stranger(device, order);
+  }
+}
+
+// A twin has the same id and stands elsewhere; a device with the wrong id is there in place of the right one.
+void Devices::meet_stranger(std::size_t index, const Order& order) {
+  hal::BusNode& device = *nodes_.devices[index];
+  Company& company = company_[index];
+  hal::sim::SimWire& wire = *wires_[config_.devices[index].bus];
+  if (company.stranger != nullptr) wire.detach(*company.stranger);
+  company.stranger.reset();
+  if (!company.here) wire.attach(device);
+  company.here = true;
+  if (!order.on) return;
+  robot::RobotConfig other = config_;
+  constexpr double kElsewhereRad = 0.3;
+  for (robot::JointConfig& joint : other.joints) {
+    if (joint.device == index) joint.sim.initial_position_rad += kElsewhereRad;
+  }
+  if (order.kind == Kind::wrong_id) {
+    std::uint32_t& id = other.devices[index].id;
+    id = (id + kIds / 2 - 1) % kIds + 1;
+    company.here = false;
+    wire.detach(device);
+  }
+  company.stranger = hal::sim::make_stranger(other, index);
+  wire.attach(*company.stranger);
+}
+
+void Devices::spoil(const Order& order, std::size_t bus) {
+  hal::sim::WireFaults faults = wires_[bus]->faults();
+  switch (order.kind) {
+    case Kind::drop:
+      faults.drop = order.amount;
+      break;
+    case Kind::corrupt:
+      faults.corrupt = order.amount;
+      break;
+    case Kind::duplicate:
+      faults.duplicate = order.amount;
+      break;
+    case Kind::replay:
+      faults.replay = order.amount;
+      break;
+    case Kind::delay:
+      faults.delay_ns = std::llround(1e9 * order.amount);
+      break;
+    case Kind::bus_off:
+      faults.bus_off = order.on;
+      break;
+    default:
+      return;
+  }
+  wires_[bus]->set_faults(faults);
+}
+
+void Devices::clear(std::int64_t now_ns) {
+  Order over;
+  over.on = false;
+  for (const auto& wire : wires_) wire->set_faults({});
+  for (std::size_t i = 0; i < nodes_.devices.size(); ++i) {
+    for (const Mishap mishap : {Mishap::over_temperature, Mishap::encoder_lost, Mishap::device_fault,
+                                Mishap::homing_lost, Mishap::other_map}) {
+      nodes_.devices[i]->befall(mishap, false, now_ns);
+    }
+    if (company_[i].stranger != nullptr) meet_stranger(i, over);
+  }
+}
+
+}  // namespace lithe::simulator

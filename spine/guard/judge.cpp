@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is wrong in this tick, whom it stops, and how far down the ladder that has led.
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "spine/guard/guard.hpp"
+
+namespace lithe::guard {
+namespace {
+
+using wire::Fault;
+using wire::Mode;
+namespace bit = wire::joint_status;
+
+// No joint is here and none turns this fast: such a sample is noise, and products with it could overflow.
+constexpr double kAbsurd = 1.0e6;
+constexpr double kAtRestRadS = 0.05;
+
+// When several things are wrong at once, the first of these is told.
+constexpr std::array kWorstFirst{Fault::drive_fault,    Fault::drive_watchdog, Fault::drive_conflict,
+                                 Fault::drive_garbled,  Fault::drive_lost,     Fault::drive_not_homed,
+                                 Fault::sample_stale,   Fault::law_not_finite, Fault::position_limit,
+                                 Fault::velocity_limit, Fault::brain_stale};
+
+Fault worse(Fault a, Fault b) LITHE_RT {
+  for (const Fault each : kWorstFirst) {
+    if (a == each || b == each) return each;
+  }
+  return Fault::none;
+}
+
+bool law_runs(Mode mode) LITHE_RT { return mode == Mode::active || mode == Mode::hold; }
+
+bool is_sane(const Input& in, std::size_t j) LITHE_RT {
+  return std::abs(in.position_rad[j]) < kAbsurd && std::abs(in.velocity_rad_s[j]) < kAbsurd;
+}
+
+}  // namespace
+
+void Guard::forget_faults() LITHE_RT {
+  group_.fill({});
+  joint_fault_.fill(Fault::none);
+  any_stopped_ = false;
+}
+
+// The worst there is to say about this tick, unless it is an old story of groups without which the robot goes on.
+Fault Guard::judge(const Input& in, Verdict& verdict) LITHE_RT {
+  for (std::size_t g = 0; g < groups_; ++g) group_[g].news = false;
+  const bool too_late = in.stale_ticks >= late_ticks_to_stop_;
+  const Fault of_joints = judge_joints(in, too_late);
+  const Fault of_all = judge_robot(in, too_late, verdict.flags);
+  bool all_stopped = true;
+  Fault news = Fault::none;
+  for (std::size_t g = 0; g < groups_; ++g) {
+    all_stopped = all_stopped && group_[g].fault != Fault::none;
+    if (group_[g].news) news = worse(news, group_[g].fault);
+  }
+  const bool joints_stop_all = of_joints != Fault::none && (!others_go_on_ || all_stopped);
+  verdict.use_safe_law = of_all != Fault::none || joints_stop_all || in.mode == Mode::safe_stop;
+  if (any_stopped_ && !verdict.use_safe_law) verdict.flags |= wire::telemetry_flag::kGroupStopped;
+  return verdict.use_safe_law ? worse(of_all, of_joints) : news;
+}
+
+// Also finds out which samples are usable.
+Fault Guard::judge_joints(const Input& in, bool too_late) LITHE_RT {
+  Fault worst = Fault::none;
+  for (std::size_t j = 0; j < joints_; ++j) {
+    usable_[j] = !too_late && is_sane(in, j) && (in.joint_status[j] & (bit::kLost | bit::kConflict)) == 0;
+    const Fault fault = judge_joint(in, j);
+    if (fault == Fault::none) continue;
+    worst = worse(worst, fault);
+    const bool told = joint_fault_[j] != Fault::none;
+    if (!told && (law_runs(in.mode) || in.mode == Mode::safe_stop)) joint_fault_[j] = fault;
+    if (law_runs(in.mode)) latch(j, fault);
+  }
+  return worst;
+}
+
+Fault Guard::judge_joint(const Input& in, std::size_t j) const LITHE_RT {
+  const std::uint32_t status = in.joint_status[j];
+  const Limits& limit = limits_[j];
+  if ((status & bit::kFault) != 0) return Fault::drive_fault;
+  if ((status & bit::kWatchdog) != 0) return Fault::drive_watchdog;
+  if ((status & bit::kConflict) != 0) return Fault::drive_conflict;
+  if ((status & bit::kLost) != 0) return (status & bit::kGarbled) != 0 ? Fault::drive_garbled : Fault::drive_lost;
+  if (limit.must_be_homed && (status & bit::kNotHomed) != 0) return Fault::drive_not_homed;
+  if (!is_sane(in, j)) return Fault::sample_stale;
+  if (in.position_rad[j] > limit.position_max_rad + limit.overrun_rad ||
+      in.position_rad[j] < limit.position_min_rad - limit.overrun_rad) {
+    return Fault::position_limit;
+  }
+  return std::abs(in.velocity_rad_s[j]) > limit.velocity_fault_rad_s ? Fault::velocity_limit : Fault::none;
+}
+
+// The first fault of a group is the one that stays.
+void Guard::latch(std::size_t j, Fault fault) LITHE_RT {
+  Group& group = group_[group_of_[j]];
+  if (group.fault != Fault::none) return;
+  group.fault = fault;
+  group.joint = static_cast<std::uint8_t>(j);
+  group.news = any_stopped_ = true;
+}
+
+// What is nobody's alone.
+Fault Guard::judge_robot(const Input& in, bool too_late, std::uint32_t& flags) const LITHE_RT {
+  if (in.stale_ticks > 0) flags |= wire::telemetry_flag::kSampleStale;
+  const bool brain_stale = in.brain_age_ns < 0 || in.brain_age_ns > brain_stale_ns_;
+  if (brain_stale) flags |= wire::telemetry_flag::kBrainStale;
+  const bool finite = !law_runs(in.mode) || proposal_is_finite(in.proposal);
+  if (!finite) flags |= wire::telemetry_flag::kNotFinite;
+  if (too_late) return Fault::sample_stale;
+  if (!finite) return Fault::law_not_finite;
+  return brain_stale && stop_when_brain_stale_ ? Fault::brain_stale : Fault::none;
+}
+
+// What a law wants of joints that are stopped goes nowhere.
+bool Guard::proposal_is_finite(const Proposal& proposal) const LITHE_RT {
+  bool finite = true;
+  for (std::size_t j = 0; j < joints_; ++j) {
+    // x - x is 0 for every finite x and NaN for the others; a position may be absent (NaN) but not infinite.
+    const double sum =
+        (proposal.torque_nm[j] - proposal.torque_nm[j]) + (proposal.velocity_rad_s[j] - proposal.velocity_rad_s[j]) +
+        (proposal.kp_nm_rad[j] - proposal.kp_nm_rad[j]) + (proposal.kd_nm_s_rad[j] - proposal.kd_nm_s_rad[j]);
+    finite = finite && (stopped(j) || (sum == 0.0 && !std::isinf(proposal.position_rad[j])));
+  }
+  return finite;
+}
+
+// How far down the ladder each group is. For braking, joints whose samples are no basis for anything do not count as
+// moving: the drive damps them, and nobody may ever know that they are at rest. Letting go is another matter: only what
+// was seen at rest for so long, every joint of it, does not fall then.
+void Guard::descend_all(const Input& in, bool all) LITHE_RT {
+  std::array<bool, kMaxJoints> moves{}, unseen{};
+  for (std::size_t j = 0; j < joints_; ++j) {
+    const std::size_t g = group_of_[j];
+    moves[g] = moves[g] || (usable_[j] && std::abs(in.velocity_rad_s[j]) >= kAtRestRadS);
+    unseen[g] = unseen[g] || !usable_[j];
+  }
+  for (std::size_t g = 0; g < groups_; ++g) {
+    Group& group = group_[g];
+    const bool latched = in.mode == Mode::safe_stop || (group.fault != Fault::none && !group.news);
+    if (latched) {
+      descend(group, !moves[g], !moves[g] && !unseen[g]);
+    } else {
+      group.rung = all || group.fault != Fault::none ? Rung::safe_law : Rung::law;
+      group.ticks_at_rest = group.ticks_seen_at_rest = 0;
+    }
+  }
+}
+
+void Guard::descend(Group& group, bool at_rest, bool seen_at_rest) LITHE_RT {
+  const bool braked = brake_after_ticks_ != 0 && group.ticks_at_rest >= brake_after_ticks_;
+  const bool off = off_after_ticks_ != 0 && group.ticks_seen_at_rest >= off_after_ticks_;
+  // Once it brakes, a push does not let it go again.
+  group.ticks_at_rest = at_rest || braked ? group.ticks_at_rest + 1 : 0;
+  group.ticks_seen_at_rest = seen_at_rest || off ? group.ticks_seen_at_rest + 1 : 0;
+  group.rung = off ? Rung::off : braked ? Rung::brake : Rung::safe_law;
+}
+
+}  // namespace lithe::guard

@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: Apache-2.0
+// A robot of which a part has stopped: what the tick says, what leaves, and what swaps make of it.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <string>
+
+#include "spine/loop/tick_bench.hpp"
+
+namespace lithe::loop {
+namespace {
+
+constexpr std::size_t kLeg = 0, kArm = 1;
+
+robot::RobotConfig two_groups() {
+  robot::RobotConfig robot = *robot::parse_robot(kRobot, "probe.toml");
+  robot.guard.other_groups = robot::OtherGroups::go_on;
+  robot.devices.push_back(robot.devices[0]);
+  robot.devices[1].id = 2;
+  robot.joints.push_back(robot.joints[0]);
+  robot.joints[kLeg].group = "leg";
+  robot.joints[kArm].name = "elbow";
+  robot.joints[kArm].group = "arm";
+  robot.joints[kArm].device = 1;
+  return robot;
+}
+
+// PD on both joints; `lift_nm` more on the leg.
+template <int kLiftMilliNm>
+struct Both {
+  struct Params {};
+  struct State {};
+  static void step(const Tick& t, const Params&, State&, Effort& u) {
+    for (std::uint32_t j = 0; j < t.joints; ++j) {
+      u.torque_nm[j] = 4 * (t.setpoint_position_rad[j] - t.position_rad[j]) - 0.1 * t.velocity_rad_s[j];
+    }
+    u.torque_nm[kLeg] += 1e-3 * kLiftMilliNm;
+  }
+};
+constexpr LitheLaw kBoth = describe<Both<0>>("both");
+constexpr LitheLaw kLift = describe<Both<500>>("lift");
+
+class Groups : public testing::Test, protected TickBench {
+ protected:
+  Groups() : TickBench(two_groups()) {}
+
+  // The leg's drive is as the loop would hear it; whatever leaves stays within the slew bound.
+  void live(int count, std::uint32_t leg_status = 0) {
+    for (int i = 0; i < count; ++i) {
+      const hal::ActuatorCommand before = sent_;
+      tick(false);
+      if (handover_.pending()) {
+        sent_ = handover_.command();
+        actuators_->cycle(sent_, handover_.sample(), now_ns_);
+        handover_.sample().status[kLeg] |= leg_status;
+        handover_.finish();
+      }
+      for (const std::size_t j : {kLeg, kArm}) {
+        EXPECT_LE(std::abs(sent_.torque_nm[j] - before.torque_nm[j]), kSlewPerTickNm + 1e-9) << "joint " << j;
+      }
+    }
+  }
+  std::string last_event(wire::EventKind kind) {
+    wire::Event event{};
+    std::string text;
+    events_.rewind();
+    while (events_.next(event)) {
+      if (event.kind == static_cast<std::uint32_t>(kind)) text = event.text.data();
+    }
+    return text;
+  }
+  wire::Rung rung(std::size_t j) const { return static_cast<wire::Rung>(record_.joint_rung[j]); }
+
+  ipc::RingReader<wire::Event, wire::spine_segment::kEventsTickDepth> events_{memory_->events_tick};
+};
+
+TEST_F(Groups, ALegThatIsLostIsTheSafeLawsAndTheArmGoesOn) {
+  arm_with(kBoth);
+  live(50);
+  live(100, wire::joint_status::kLost);
+  EXPECT_EQ(mode(), Mode::active);
+  EXPECT_EQ(static_cast<wire::Fault>(record_.fault), wire::Fault::drive_lost);
+  EXPECT_EQ(rung(kLeg), wire::Rung::safe_law);
+  EXPECT_EQ(rung(kArm), wire::Rung::law);
+  EXPECT_EQ(static_cast<wire::Fault>(record_.joint_fault[kLeg]), wire::Fault::drive_lost);
+  EXPECT_EQ(record_.joint_fault[kArm], 0U);
+  EXPECT_NE(record_.flags & wire::telemetry_flag::kGroupStopped, 0U);
+  EXPECT_EQ(sent_.kd_nm_s_rad[kLeg], 0.05) << "its drive damps it";
+  EXPECT_EQ(last_event(wire::EventKind::group_stopped), "drive_lost at joint shoulder, group leg");
+  EXPECT_EQ(last_event(wire::EventKind::safe_stop), "");
+  live(50);  // it is heard again: that is no reason to move
+  EXPECT_EQ(rung(kLeg), wire::Rung::safe_law);
+}
+
+TEST_F(Groups, AResetSwitchesAllOffAndForgets) {
+  arm_with(kBoth);
+  live(10, wire::joint_status::kLost);
+  EXPECT_EQ(send(CommandKind::reset), CommandResult::done);
+  tick();
+  EXPECT_EQ(mode(), Mode::disarmed);
+  EXPECT_EQ(sent_.action[kArm], hal::DriveAction::off);
+  EXPECT_EQ(record_.joint_fault[kLeg], 0U);
+  ticks(10);
+  EXPECT_EQ(send(CommandKind::arm), CommandResult::done);
+  ticks(10);
+  EXPECT_EQ(rung(kLeg), wire::Rung::law);
+}
+
+TEST_F(Groups, TheLastGroupTakesTheRobotWithIt) {
+  arm_with(kBoth);
+  live(10, wire::joint_status::kLost);
+  tick(false);
+  handover_.sample().status[kArm] |= wire::joint_status::kFault;
+  handover_.finish();
+  live(2, wire::joint_status::kLost);
+  EXPECT_EQ(mode(), Mode::safe_stop);
+  EXPECT_EQ(static_cast<wire::Fault>(record_.fault), wire::Fault::drive_lost) << "the first cause stays";
+  EXPECT_EQ(static_cast<wire::Fault>(record_.joint_fault[kArm]), wire::Fault::drive_fault);
+}
+
+TEST_F(Groups, AStoppedJointIsWhereItShallBe) {
+  arm_with(kBoth);
+  live(300, wire::joint_status::kWatchdog);
+  EXPECT_EQ(record_.setpoint_position_rad[kLeg], record_.position_rad[kLeg]);
+  EXPECT_EQ(record_.setpoint_velocity_rad_s[kLeg], 0);
+}
+
+// The leg has fallen far from where it was to be: that is not the new law's doing.
+TEST_F(Groups, ALawOnProbationIsNotBlamedForAStoppedLeg) {
+  arm_with(kBoth);
+  live(100, wire::joint_status::kLost);
+  terms_.probation_ticks = 200;
+  terms_.probation_error_ratio = 1.5;
+  const std::uint32_t id = stage(kLift).law_id;
+  live(250, wire::joint_status::kLost);
+  EXPECT_EQ(record_.law_id, id);
+  EXPECT_EQ(last_event(wire::EventKind::law_rolled_back), "");
+  EXPECT_EQ(last_event(wire::EventKind::law_confirmed), "its probation is over");
+}
+
+TEST_F(Groups, ALawInTheShadowNeedNotAgreeAboutAStoppedLeg) {
+  arm_with(kBoth);
+  terms_.shadow_ticks = 50;
+  terms_.shadow_tolerance_nm = 0.1;
+  const std::uint32_t refused = stage(kLift).law_id;
+  live(60);
+  EXPECT_NE(record_.law_id, refused) << "half a Newton metre more";
+  live(10, wire::joint_status::kLost);
+  const std::uint32_t id = stage(kLift).law_id;
+  live(60, wire::joint_status::kLost);
+  EXPECT_EQ(record_.law_id, id);
+}
+
+}  // namespace
+}  // namespace lithe::loop

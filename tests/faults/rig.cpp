@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/faults/rig.hpp"
+
+#include <cmath>
+#include <map>
+#include <numbers>
+#include <utility>
+
+namespace lithe::faults {
+namespace {
+
+using simulator::Order;
+using wire::CommandKind;
+using wire::CommandResult;
+
+constexpr int kToBoot = 400;
+constexpr int kToSettle = 200;
+constexpr int kOfFault = 1500;
+constexpr int kAfterFault = 600;
+constexpr int kStallTicks = 250;
+
+// Stays where it is, and always wants more than it may have.
+struct Restless {
+  struct Params {};
+  struct State {};
+  static void step(const Tick& t, const Params&, State&, Effort& u) {
+    const double shake_nm = 5 * std::sin(2 * std::numbers::pi * 50 * t.t_s);
+    for (std::uint32_t j = 0; j < t.joints; ++j) {
+      const double error_rad = t.setpoint_position_rad[j] - t.position_rad[j];
+      u.torque_nm[j] = 8 * error_rad - 0.2 * t.velocity_rad_s[j] + shake_nm;
+    }
+  }
+};
+constexpr LitheLaw kRestless = describe<Restless>("restless");
+
+robot::RobotConfig robot_for(const Cell& cell, void (*change)(robot::RobotConfig&)) {
+  Result<robot::RobotConfig> robot = robot::load_robot(LITHE_FAULTS "/robot.toml");
+  EXPECT_TRUE(robot) << robot.message();
+  if (cell.others_stop) robot->guard.other_groups = robot::OtherGroups::stop;
+  if (change != nullptr) change(*robot);
+  return *robot;
+}
+
+std::vector<hal::BusNode*> wires_of(simulator::Devices& devices, const robot::RobotConfig& robot) {
+  std::vector<hal::BusNode*> wires;
+  for (std::size_t i = 0; i < robot.buses.size(); ++i) wires.push_back(&devices.wire(i));
+  return wires;
+}
+
+// The rungs in the order in which they were reached.
+class Ladder {
+ public:
+  void see(wire::Rung rung) {
+    if (rung == last_) return;
+    last_ = rung;
+    text_ += (text_.empty() ? "" : " ") + std::string(wire::to_string(rung));
+  }
+  std::string text() const { return text_.empty() ? "law" : text_; }
+
+ private:
+  wire::Rung last_ = wire::Rung::law;
+  std::string text_;
+};
+
+class Rig : private loop::TickBench {
+ public:
+  Rig(const Cell& cell, const robot::RobotConfig& robot, simulator::Devices& devices)
+      : TickBench(robot, std::move(*hal::simulate_actuators(robot, wires_of(devices, robot)))),
+        cell_(cell),
+        devices_(devices),
+        target_(cell.kind == "cia402" ? 2 : 0),
+        friend_(target_ + 1) {}
+
+  Outcome run() {
+    stage(kRestless);
+    if (cell_.before_arming) strike();
+    pass(kToBoot);
+    out_.armed = wire::to_string(send(CommandKind::arm));
+    if (!cell_.before_arming) suffer();
+    clear();
+    pass(kAfterFault);
+    out_.latched = robot_is_as_it_was();
+    if (record_.fault != 0) send(CommandKind::reset);
+    pass(kAfterFault);
+    if (mode() == loop::Mode::disarmed) send(CommandKind::arm);
+    pass(kToSettle);
+    out_.recovered = mode() == loop::Mode::active && record_.fault == 0 && rung(target_) == wire::Rung::law &&
+                     record_.joint_fault[target_] == 0 && std::isfinite(record_.sensor[0]);
+    return out_;
+  }
+
+ private:
+  using Counts = std::map<std::string, std::uint64_t>;
+
+  wire::Rung rung(std::size_t j) const { return static_cast<wire::Rung>(record_.joint_rung[j]); }
+  std::uint32_t joints() const { return static_cast<std::uint32_t>(robot_.joints.size()); }
+  bool is_friend(std::size_t j) const { return robot_.joints[j].group == robot_.joints[target_].group; }
+
+  void suffer() {
+    pass(kToSettle);
+    const Counts before = counts();
+    std::vector<Ladder> ladders(joints());
+    strike();
+    for (int i = 1; i <= kOfFault; ++i) {
+      pass(1);
+      for (std::uint32_t j = 0; j < joints(); ++j) ladders[j].see(rung(j));
+      if (out_.ticks == 0 && rung(target_) != wire::Rung::law) out_.ticks = i;
+    }
+    tell(ladders);
+    for (const auto& [name, count] : counts()) {
+      if (count > before.at(name)) out_.counted += (out_.counted.empty() ? "" : " ") + name;
+    }
+  }
+
+  void strike() {
+    if (cell_.order.empty()) return tick(true, kStallTicks);
+    Result<Order> order = simulator::parse_order(cell_.order);
+    ASSERT_TRUE(order) << order.message();
+    // For those behind it, an adapter that is gone is a wire that carries nothing.
+    if (order->kind == Order::Kind::unplug) order->kind = Order::Kind::bus_off;
+    const std::string device = cell_.kind == "moteus" ? "m1" : cell_.kind == "cia402" ? "c1" : "inputs";
+    (simulator::is_of_device(order->kind) ? order->device : order->bus) =
+        simulator::is_of_device(order->kind) ? device : "bus_" + device;
+    const Result<> known = devices_.check(*order);
+    ASSERT_TRUE(known) << known.message();
+    devices_.act(*order, now_ns_);
+  }
+  void clear() {
+    Order order;
+    order.kind = Order::Kind::clear;
+    devices_.act(order, now_ns_);
+  }
+
+  void tell(const std::vector<Ladder>& ladders) {
+    out_.fault = wire::to_string(static_cast<wire::Fault>(record_.fault));
+    out_.joint_fault = wire::to_string(static_cast<wire::Fault>(record_.joint_fault[target_]));
+    out_.ladder = ladders[target_].text();
+    out_.group = ladders[friend_].text();
+    for (std::uint32_t j = 0; j < joints(); ++j) {
+      if (is_friend(j)) continue;
+      const std::string text = ladders[j].text();
+      out_.others = out_.others.empty() || out_.others == text ? text : "?";
+    }
+    out_.sensor = std::isfinite(record_.sensor[0]) ? "valid" : "lost";
+    out_.named = named_;
+    then_ = record_;
+  }
+  void hear() {
+    wire::Event event;
+    while (events_.next(event)) {
+      const std::string text(event.text.data());
+      if (text.ends_with(" at joint " + robot_.joints[target_].name + ", group " + robot_.joints[target_].group)) {
+        named_ = text;
+      }
+    }
+  }
+
+  bool robot_is_as_it_was() const {
+    if (cell_.before_arming) return true;
+    bool same = record_.fault == then_.fault && record_.mode == then_.mode;
+    for (std::uint32_t j = 0; j < joints(); ++j) {
+      same = same && record_.joint_rung[j] == then_.joint_rung[j] && record_.joint_fault[j] == then_.joint_fault[j];
+    }
+    return same;
+  }
+
+  Counts counts() const {
+    const hal::ReplyCounters& c = actuators_->counters();
+    return {{"missed", c.missed},           {"late", c.late},      {"duplicate", c.duplicate},
+            {"conflicting", c.conflicting}, {"stray", c.stray},    {"malformed", c.malformed},
+            {"unsound", c.unsound},         {"refused", c.refused}};
+  }
+
+  void pass(int count) {
+    for (int i = 0; i < count; ++i) {
+      const hal::ActuatorCommand before = sent_;
+      tick();
+      hear();
+      for (std::uint32_t j = 0; j < joints(); ++j) check(before, j);
+    }
+  }
+  // Whatever leaves is within the joint's limits.
+  void check(const hal::ActuatorCommand& before, std::uint32_t j) {
+    const robot::JointConfig& limit = robot_.joints[j];
+    const double torque_nm = sent_.torque_nm[j];
+    const bool driven = sent_.action[j] == hal::DriveAction::torque;
+    std::string what;
+    if (!std::isfinite(torque_nm) || !std::isfinite(sent_.kd_nm_s_rad[j])) what = "not finite";
+    if (std::abs(torque_nm) > limit.torque_max_nm + 1e-9) what = "torque";
+    if (sent_.max_torque_nm[j] > limit.torque_max_nm) what = "the drive's own limit";
+    if (!driven && torque_nm != 0) what = "torque without a law";
+    const double step_nm = std::abs(torque_nm - before.torque_nm[j]);
+    const bool goes_on = driven && before.action[j] == hal::DriveAction::torque;
+    if (goes_on && step_nm > limit.torque_slew_nm_s / robot_.rate_hz + 1e-9) what = "slew";
+    if (!what.empty() && out_.broken.empty()) out_.broken = what + " of " + limit.name;
+  }
+
+  const Cell& cell_;
+  simulator::Devices& devices_;
+  std::size_t target_, friend_;
+  Outcome out_;
+  wire::Telemetry then_;
+  std::string named_;
+  ipc::RingReader<wire::Event, wire::spine_segment::kEventsTickDepth> events_{memory_->events_tick};
+};
+
+}  // namespace
+
+Outcome run(const Cell& cell, void (*change)(robot::RobotConfig&)) {
+  const robot::RobotConfig robot = robot_for(cell, change);
+  return Rig(cell, robot, **simulator::Devices::make(robot, 1)).run();
+}
+
+}  // namespace lithe::faults
