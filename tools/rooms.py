@@ -50,7 +50,8 @@ ALLOWED = {
         "supervisor": OUTSIDE
         + " supervisor/cli supervisor/control supervisor/swap supervisor/bus supervisor/host supervisor/record",
         "tests": SPINE
-        + " spine/hal/bus spine/hal/device spine/hal/sim lawd trial laws sim supervisor/control supervisor/swap firmware",
+        + " spine/hal/bus spine/hal/device spine/hal/sim lawd trial laws sim supervisor/control supervisor/swap"
+        + " firmware",
         "firmware": "",
         "bench": SPINE + " spine/hal/bus spine/hal/device spine/hal/sim",
     }.items()

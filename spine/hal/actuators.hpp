@@ -57,9 +57,9 @@ struct ActuatorState {
 
 // Everything that went otherwise than one command, one answer; since the start.
 struct ReplyCounters {
-  std::uint64_t missed = 0;       // a joint was asked and did not answer in its exchange
-  std::uint64_t late = 0;         // answers that came after their exchange was over; never used
-  std::uint64_t duplicate = 0;    // a second answer in one exchange, a sensor frame that was there; the first one counts
+  std::uint64_t missed = 0;     // a joint was asked and did not answer in its exchange
+  std::uint64_t late = 0;       // answers that came after their exchange was over; never used
+  std::uint64_t duplicate = 0;  // a second answer in one exchange, a sensor frame that was there; the first one counts
   std::uint64_t conflicting = 0;  // a second one that says something else; none counts
   std::uint64_t stray = 0;        // from no device of ours
   std::uint64_t malformed = 0;    // not a whole answer, or no possible measurement

@@ -79,7 +79,7 @@ class Rig : private loop::TickBench {
     if (!cell_.before_arming) suffer();
     clear();
     pass(kAfterFault);
-    out_.latched = robot_is_as_it_was();
+    out_.latched = nothing_was_undone();
     if (record_.fault != 0) send(CommandKind::reset);
     pass(kAfterFault);
     if (mode() == loop::Mode::disarmed) send(CommandKind::arm);
@@ -155,11 +155,12 @@ class Rig : private loop::TickBench {
     }
   }
 
-  bool robot_is_as_it_was() const {
+  // A joint that is heard of again may go on to the last rung, and none goes back up.
+  bool nothing_was_undone() const {
     if (cell_.before_arming) return true;
     bool same = record_.fault == then_.fault && record_.mode == then_.mode;
     for (std::uint32_t j = 0; j < joints(); ++j) {
-      same = same && record_.joint_rung[j] == then_.joint_rung[j] && record_.joint_fault[j] == then_.joint_fault[j];
+      same = same && record_.joint_rung[j] >= then_.joint_rung[j] && record_.joint_fault[j] == then_.joint_fault[j];
     }
     return same;
   }

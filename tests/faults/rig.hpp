@@ -32,7 +32,7 @@ struct Outcome {
   std::string counted;     // the reply counters that rose, in alphabetical order
   std::string named;       // the event that names fault, joint and group; empty when there was none
   std::string sensor;      // at the end of the fault
-  bool latched = true;     // nothing changed when the fault was over
+  bool latched = true;     // nothing was undone when the fault was over
   bool recovered = false;  // reset and arm brought the law back
   std::string broken;      // the first limit that a command broke; empty = none
 };

@@ -35,8 +35,7 @@ lithe_mutant(takes_any_id slcan ${hal}/bus/slcan_codec.cpp
 lithe_mutant(forgets_to_count_remotes socketcan ${hal}/bus/socketcan_bus.cpp "++statistics_.ignored;" ";")
 lithe_mutant(loses_the_last_byte socketcan ${hal}/bus/socketcan_codec.cpp
   "copy_n(raw.data, heard.size," "copy_n(raw.data, heard.size / 2,")
-lithe_mutant(takes_a_number_that_is_none moteus ${hal}/device/moteus.cpp
-  "std::abs(torque_nm) <= kMaxTorqueNm" "!(std::abs(torque_nm) > kMaxTorqueNm)")
+lithe_mutant(believes_any_torque moteus ${hal}/device/moteus.cpp "std::abs(torque_nm) <= kMaxTorqueNm" "true")
 lithe_mutant(sends_what_no_float_holds moteus ${hal}/device/moteus.cpp
   "return std::abs(value) <= kMaxCommand;" "return std::isfinite(value);")
 lithe_mutant(bounds_beyond_any_float moteus ${hal}/device/moteus.cpp
@@ -45,7 +44,7 @@ lithe_mutant(scales_by_any_gain moteus ${hal}/device/moteus_setup.cpp "return ga
 lithe_mutant(reads_beyond_the_frame moteus ${hal}/device/moteus_codec.cpp
   "if (bytes > rest_.size()) return false;" "if (bytes > rest_.size() + 4) return false;")
 lithe_mutant(listens_for_ever moteus_terminal ${hal}/device/moteus_terminal.cpp
-  "if (time_.now_ns() >= end_ns) return Error" "if (!heard && time_.now_ns() >= end_ns) return Error")
+  "if (time_.now_ns() >= end_ns) return Error" "if (time_.now_ns() >= end_ns && !heard) return Error")
 lithe_mutant(waits_for_ever moteus_terminal ${hal}/device/moteus_terminal.cpp
   "std::min(quiet_until_ns, end_ns)" "quiet_until_ns")
 lithe_mutant(takes_any_objects_answer canopen ${hal}/device/canopen_sdo.cpp
@@ -53,7 +52,7 @@ lithe_mutant(takes_any_objects_answer canopen ${hal}/device/canopen_sdo.cpp
 lithe_mutant(asks_for_ever canopen ${hal}/device/canopen_sdo.cpp
   "attempts_ < kAttempts ? Phase::start : Phase::failed" "Phase::start")
 lithe_mutant(says_another_number canopen ${hal}/sim/sim_cia402_objects.cpp
-  "dictionary_.raw(*slot), dictionary_.bytes(*slot)" "dictionary_.raw(*slot) + 1, dictionary_.bytes(*slot)")
+  "foreign ? kInputsAndOutputs : dictionary_.raw(*slot)" "dictionary_.raw(*slot) + 1")
 lithe_mutant(believes_any_speed cia402 ${hal}/device/cia402_answers.cpp
   "if (std::abs(motor_rev_s) > kMaxMotorRevPerS ||" "if (")
 lithe_mutant(forgets_the_torque_limit cia402 ${hal}/device/cia402_demand.cpp
@@ -75,7 +74,7 @@ lithe_mutant(forgets_to_count_late exchange ${hal}/bus_actuators.cpp "++late_ans
 lithe_mutant(forgets_to_count_strays exchange ${hal}/bus_actuators.cpp "++counters_.stray;" ";")
 lithe_mutant(takes_what_is_not_measured exchange ${hal}/bus_actuators.cpp "if (!sample.measured) {" "if (false) {")
 lithe_mutant(is_fresh_for_ever exchange ${hal}/bus_actuators.cpp
-  "last_.status[i] &= ~wire::joint_status::kFresh;" "")
+  "last_.status[index] &= ~wire::joint_status::kFresh;" "")
 lithe_mutant(has_no_room_to_move robot_toml spine/robot/robot.cpp
   "if (joint.position_min_rad >= joint.position_max_rad &&" "if (false &&")
 lithe_mutant(asks_never robot_toml spine/robot/sections.cpp

@@ -123,7 +123,10 @@ def test_a_drive_that_would_let_go_is_not_armed(house: House, sim: Simulated) ->
     wire = Wire(sim.path())
     assert b"rcv" in wire.say(b"can send 8001 %s BF\n" % frame.hex().upper().encode(), b"rcv")
     wire.close()
-    changes = {'kind = "loop" ': f'kind = "fdcanusb"\nchecksums = "off"\npath = "{sim.path()}" ', "lost_after_misses = 3 ": PATIENT}
+    changes = {
+        'kind = "loop" ': f'kind = "fdcanusb"\nchecksums = "off"\npath = "{sim.path()}" ',
+        "lost_after_misses = 3 ": PATIENT,
+    }
     house.config = house.dir / "arm.toml"
     house.config.write_text(calm.calm_text(changes), encoding="utf-8")
     house.run("--no-arm")

@@ -58,7 +58,10 @@ def test_the_demo_runs_unchanged_over_an_fdcanusb(tmp_path: Path, tell: Callable
     sim = Simulated(ROOT / "robots/arm.toml", tmp_path / "buses")
     try:
         path = sim.path()
-        changes = {'kind = "loop" ': f'kind = "fdcanusb"\npath = "{path}" ', "lost_after_misses = 3 ": "lost_after_misses = 2000 "}
+        changes = {
+            'kind = "loop" ': f'kind = "fdcanusb"\npath = "{path}" ',
+            "lost_after_misses = 3 ": "lost_after_misses = 2000 ",
+        }
         robot = tmp_path / "usb.toml"
         robot.write_text(calm.calm_text(changes), encoding="utf-8")
         summary = demo(robot, tmp_path / "out")
