@@ -128,7 +128,7 @@ TEST(Plan, SerialTextIsPlannedAtItsBaudRate) {
   RobotConfig canopen = canopen_robot(1, 1000);
   canopen.buses[0].kind = BusKind::slcan;
   canopen.buses[0].path = "/dev/ttyUSB0";
-  const Traffic& command = bus::plan(canopen, {}).buses[0].devices[0].traffic[0];
+  const Traffic command = bus::plan(canopen, {}).buses[0].devices[0].traffic[0];
   EXPECT_EQ(command.text_out_bytes, 22) << "t, three digits, 8, sixteen digits, end";
 }
 

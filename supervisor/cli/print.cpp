@@ -112,6 +112,8 @@ void print_status(const Json& s) {
     for (const Json& each : joint["problems"]) {
       problems += " " + each.get<std::string>();
     }
+    const Json& drive = joint["drive"];
+    if (!joint["problems"].empty() && drive.is_string()) problems += " (drive: " + drive.get<std::string>() + ")";
     if (const std::string fault = joint.value("fault", "none"); fault != "none") problems += ", " + fault;
     if (const std::string rung = joint.value("rung", "law"); rung != "law") {
       const std::string group = joint.value("group", "");

@@ -9,6 +9,7 @@
 
 #include "spine/ipc/frames.hpp"
 #include "spine/ipc/segment.hpp"
+#include "supervisor/bus/drive_words.hpp"
 
 namespace lithe::control {
 
@@ -42,7 +43,14 @@ Json joint_status_json(std::uint32_t status) {
   return words;
 }
 
-Json joints_json(const wire::RobotInfo& info, const wire::Telemetry& now) {
+// Null: it says nothing now, or is none of ours.
+Json drive_json(const robot::RobotConfig& robot, const wire::Telemetry& now, std::size_t joint) {
+  const std::uint32_t status = now.joint_status[joint];
+  if ((status & wire::joint_status::kFresh) == 0 || joint >= robot.joints.size()) return nullptr;
+  return bus::drive_words(robot.devices[robot.joints[joint].device].kind, status);
+}
+
+Json joints_json(const wire::RobotInfo& info, const robot::RobotConfig& robot, const wire::Telemetry& now) {
   Json joints = Json::array();
   const std::size_t count = std::min<std::size_t>(now.joint_count, wire::kNj);
   for (std::size_t j = 0; j < count; ++j) {
@@ -55,7 +63,8 @@ Json joints_json(const wire::RobotInfo& info, const wire::Telemetry& now) {
                       {"torque_nm", now.torque_nm[j]},
                       {"setpoint_position_rad", now.setpoint_position_rad[j]},
                       {"command_torque_nm", now.command_torque_nm[j]},
-                      {"problems", joint_status_json(now.joint_status[j])}});
+                      {"problems", joint_status_json(now.joint_status[j])},
+                      {"drive", drive_json(robot, now, j)}});
   }
   return joints;
 }
@@ -116,7 +125,7 @@ Json params_of(const wire::LawInfo& law, const wire::Params* live) {
 
 }  // namespace
 
-Json status_json(const SpineLink& spine) {
+Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
   wire::Telemetry now{};
   (void)spine.latest(now);
   const wire::RobotInfo& info = spine.info();
@@ -140,7 +149,7 @@ Json status_json(const SpineLink& spine) {
           {"tick_us", quantiles_json(spine.quantiles(memory.tick))},
           {"bus_us", quantiles_json(spine.quantiles(memory.bus))},
           {"health", health_json(memory.health)},
-          {"joints", joints_json(info, now)},
+          {"joints", joints_json(info, robot, now)},
           {"sensors", sensors_json(info, now)},
           {"buses", buses_json(text_of(info.robot))},
           {"cpus",

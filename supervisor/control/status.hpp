@@ -2,12 +2,14 @@
 // What a robot is doing right now, as one JSON document.
 #pragma once
 
+#include "spine/robot/config.hpp"
 #include "supervisor/control/spine_link.hpp"
 #include "supervisor/swap/answer.hpp"
 
 namespace lithe::control {
 
-swap::Json status_json(const SpineLink& spine);
+// `robot`: which kind of drive each joint has.
+swap::Json status_json(const SpineLink& spine, const robot::RobotConfig& robot);
 // {"law","law_id","params":[{"name","value","min","max"}]} of the running law.
 swap::Answer params_json(const SpineLink& spine);
 // Laws loaded in the Spine: [{"law","law_id","active","params":[...],"probes":[...]}]

@@ -60,7 +60,7 @@ std::function<void(const Answer&)> Verbs::later(const ReplyTo& to) const {
 void Verbs::add_looks() {
   verbs_["ping"] = [this](const ReplyTo& to, const Json&) { reply_(to, Json{{"pid", ::getpid()}}); };
   verbs_["status"] = [this](const ReplyTo& to, const Json&) {
-    Json status = status_json(parts_.spine);
+    Json status = status_json(parts_.spine, parts_.robot);
     status["supervisor_pid"] = ::getpid();
     status["lawd_pid"] = parts_.lawd.pid();
     status["lawd_restarts"] = parts_.lawd.restarts();
@@ -145,7 +145,7 @@ void Verbs::roll_back(const ReplyTo& to, const Json& args) {
       [this, to](const Answer& result) {
         Answer out = result;
         if (Json* json = std::get_if<Json>(&out)) {
-          const Json status = status_json(parts_.spine);
+          const Json status = status_json(parts_.spine, parts_.robot);
           (*json)["law"] = status["law"];
           (*json)["law_id"] = status["law_id"];
         }

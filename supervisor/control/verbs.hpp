@@ -19,6 +19,7 @@ namespace lithe::control {
 
 // The parts of a running robot that verbs act on. All outlive Verbs.
 struct Parts {
+  const robot::RobotConfig& robot;
   SpineLink& spine;
   LawdLink& lawd;
   TrialLink& trial;

@@ -11,6 +11,7 @@
 #include "spine/hal/device/canopen_pdo.hpp"
 #include "spine/hal/device/cia402_setup.hpp"
 #include "spine/hal/device/gateway.hpp"
+#include "supervisor/bus/drive_words.hpp"
 #include "supervisor/field/state_words.hpp"
 
 namespace lithe::field {
@@ -145,7 +146,7 @@ std::string emergency_text(const hal::Frame& frame) {
   canopen::Emergency what;
   if (!canopen::parse_emergency(frame, what)) return "emergency, malformed: " + bytes_text(frame);
   if (what.code == canopen::emergency::kGone) return "emergency: errors are over";
-  return fmt::format("emergency {:04x}h {}, error register {:02x}h", what.code, emergency_name(what.code),
+  return fmt::format("emergency {:04x}h {}, error register {:02x}h", what.code, bus::emergency_name(what.code),
                      what.error_register);
 }
 

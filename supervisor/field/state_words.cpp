@@ -38,50 +38,6 @@ std::string_view word(NmtCommand command) {
   return "no known command";
 }
 
-std::string_view emergency_name(std::uint16_t code) {
-  namespace emergency = hal::canopen::emergency;
-  switch (code) {
-    case emergency::kOverCurrent:
-      return "over-current";
-    case emergency::kOverVoltage:
-      return "over-voltage";
-    case emergency::kUnderVoltage:
-      return "under-voltage";
-    case emergency::kTooHot:
-      return "too hot";
-    case emergency::kSensor:
-      return "sensor";
-    case emergency::kHeartbeatLost:
-      return "heartbeat lost";
-    case emergency::kPdoTooShort:
-      return "process data too short";
-    case emergency::kFollowingError:
-      return "following error";
-    default:
-      break;
-  }
-  switch (code >> 12) {
-    case 1:
-      return "generic";
-    case 2:
-      return "current";
-    case 3:
-      return "voltage";
-    case 4:
-      return "temperature";
-    case 5:
-      return "hardware";
-    case 6:
-      return "software";
-    case 7:
-      return "additional modules";
-    case 8:
-      return "monitoring";
-    default:
-      return "of the maker's own";
-  }
-}
-
 std::string printable(std::string_view bytes) {
   std::string text(bytes);
   std::replace_if(text.begin(), text.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
