@@ -24,7 +24,6 @@ from bench import report
 ROOT = report.ROOT
 CASES = 200
 TOLERANCE = 1e-5  # of what is read: some read floats, some doubles
-PEER = "LITHE_CODEC_PEER"
 Figures = dict[str, Any]
 
 
@@ -82,10 +81,10 @@ def peers(folder: Path) -> Iterator[tuple[list[Peer], list[str]]]:
     try:
         running.append(Peer("python", [sys.executable, "bench/codec_cases.py", str(cases), str(CASES)], env))
         running.append(Peer("lithe", [*report.program("codec"), str(cases)]))
-        if os.environ.get(PEER):
-            running.append(Peer("upstream", [os.environ[PEER], str(cases)]))
+        if peer := os.environ.get("LITHE_CODEC_PEER"):
+            running.append(Peer("upstream", [peer, str(cases)]))
         else:
-            absent.append(f"{PEER} names no program")
+            absent.append("LITHE_CODEC_PEER names no program")
         yield running, absent
     finally:
         for peer in running:

@@ -70,6 +70,17 @@ Result<> fill(const Json& json, Order& order) {
     if (!on->is_boolean()) return Error{"\"on\" must be true or false"};
     order.on = on->get<bool>();
   }
+  // What would be ignored was meant otherwise.
+  const auto useless = [&](const char* key, bool used) { return json.contains(key) && !used; };
+  const bool all = order.kind == Kind::clear;
+  if (useless("bus", !is_of_device(order.kind) && !all))
+    return Error{"\"bus\" is for what befalls a bus; say \"device\""};
+  if (useless("device", is_of_device(order.kind))) return Error{"\"device\" is for what befalls a device; say \"bus\""};
+  if (useless("share", is_share(order.kind))) return Error{"\"share\" is for what befalls some frames"};
+  if (useless("ms", order.kind == Kind::delay)) return Error{"\"ms\" is for \"delay\""};
+  if (useless("on", !is_share(order.kind) && order.kind != Kind::delay && !all)) {
+    return Error{"\"on\" is not for this; \"share\": 0 or \"ms\": 0 ends it"};
+  }
   if (is_share(order.kind) && !json.contains("share")) return Error{"say how many: \"share\", from 0 to 1"};
   if (order.kind == Kind::delay && !json.contains("ms")) return Error{"say how long: \"ms\""};
   if (order.kind == Kind::delay) order.amount = 1e-3 * ms;

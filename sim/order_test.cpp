@@ -39,6 +39,11 @@ TEST(Order, RefusesWithWhatWouldBeRight) {
       {R"({"fault": "reset", "device": 3})", "must be a name"},
       {R"({"fault": "encoder", "on": 1})", "true or false"},
       {R"({"fault": "reset", "devise": "a"})", "there is no \"devise\""},
+      {R"({"fault": "twin", "bus": "can0"})", "say \"device\""},
+      {R"({"fault": "drop", "device": "m1", "share": 1})", "say \"bus\""},
+      {R"({"fault": "delay", "ms": 5, "on": false})", "\"ms\": 0 ends it"},
+      {R"({"fault": "reset", "share": 1})", "some frames"},
+      {R"({"fault": "clear", "bus": "can0"})", "befalls a bus"},
   };
   for (const auto& [line, words] : cases) {
     const auto order = parse_order(line);

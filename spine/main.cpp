@@ -144,14 +144,15 @@ class Threads {
                                 clock_,
                                 cpus_.transport_inline ? &actuators_ : nullptr};
       loop::Spine* spine = containment_.vault->create<loop::Spine>(wiring);
-      spine->run(stop_tick_);
+      told_off_ = spine->run(stop_tick_);
       std::destroy_at(spine);
     });
     return thread.get_future().get();
   }
   void go() { go_.set_value(); }
 
-  void stop() {
+  // False: not every drive has been told that it is off.
+  bool stop() {
     stop_tick_ = true;
     ticking_.join();
     stop_transport_ = true;
@@ -160,6 +161,7 @@ class Threads {
     loading_.join();
     watching_.join();
     keeper_.join();
+    return told_off_;
   }
 
  private:
@@ -219,6 +221,7 @@ class Threads {
   contain::Watchdog watchdog_;
   std::promise<void> go_;
   std::atomic<bool> stop_tick_{false}, stop_transport_{false}, stop_helpers_{false};
+  bool told_off_ = false;  // the tick thread's last word
   std::thread keeper_, watching_, loading_, transport_, ticking_;
 };
 
@@ -280,11 +283,13 @@ int run(const std::string& path) {
   fmt::print("{}\n", ready_line(*robot, *cpus, notes));
   std::fflush(stdout);
   look_after(**actuators, signals);
-  threads->stop();
+  const bool told_off = threads->stop();
   std::destroy_at(threads);
   if (const std::string odd = describe_replies(**actuators); !odd.empty()) fmt::print(stderr, "lithe-spine: {}\n", odd);
   remove_memory(robot->name);
-  return 0;
+  if (told_off) return 0;
+  fmt::print(stderr, "lithe-spine: not every drive has heard that it is off; their watchdogs have to stop them\n");
+  return kExitFault;
 }
 
 }  // namespace

@@ -67,7 +67,7 @@ TEST(GuardGroups, TheLastGroupThatStopsIsTheRobot) {
   bench.velocity[2] = 13;  // 12.5 is too fast
   const Verdict verdict = bench.check();
   EXPECT_TRUE(verdict.use_safe_law);
-  EXPECT_EQ(verdict.fault, Fault::drive_lost) << "the worst there is";
+  EXPECT_EQ(verdict.fault, Fault::velocity_limit) << "what is new, not the older story of another joint";
 }
 
 TEST(GuardGroups, WhereTheOthersShallStopTheyStop) {
@@ -109,6 +109,27 @@ TEST(GuardGroups, WhatALawWantsOfAStoppedJointIsNobodysBusiness) {
   bench.position[1] = 2.99;
   verdict = bench.settle();
   EXPECT_EQ(verdict.law_flags, 0U);
+  bench.torque[2] = kNan;
+  EXPECT_EQ(bench.check().fault, Fault::law_not_finite) << "and not the older story of another joint";
+}
+
+TEST(GuardGroups, AnEstopKeepsTheRungsAndArmingForgetsThem) {
+  robot::RobotConfig robot = with_groups();
+  robot.guard.brake_after_s = 0.01;
+  robot.guard.off_after_s = 0.02;
+  Bench bench(robot);
+  bench.status[0] = wire::joint_status::kFault;
+  bench.settle(100);
+  ASSERT_EQ(bench.out.rung[0], Rung::off);
+  bench.mode = wire::Mode::estop;
+  bench.check();
+  EXPECT_EQ(bench.out.rung[0], Rung::off);
+  EXPECT_EQ(bench.out.rung[3], Rung::law);
+  bench.status[0] = 0;
+  bench.guard.forget_faults();
+  bench.guard.reset_output();
+  bench.check();
+  EXPECT_EQ(bench.out.rung[0], Rung::law);
 }
 
 TEST(GuardGroups, EachGroupGoesDownTheLadderInItsOwnTime) {

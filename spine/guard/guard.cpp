@@ -73,7 +73,10 @@ void Guard::reset_output() LITHE_RT {
   last_nm_.fill(0.0);
   blind_kd_nm_s_rad_.fill(0.0);
   soft_start_ = 0;
-  for (Group& group : group_) group.ticks_at_rest = group.ticks_seen_at_rest = 0;
+  for (Group& group : group_) {
+    group.ticks_at_rest = group.ticks_seen_at_rest = 0;
+    group.rung = Rung::law;
+  }
   dispatched();
   for (std::size_t j = 0; j < joints_; ++j) safe_law_.rearm(j);
 }
@@ -92,7 +95,7 @@ Verdict Guard::check(const Input& in, Output& out) LITHE_RT {
   if (!driven) {
     for (std::size_t j = 0; j < joints_; ++j) {
       switch_off(j, out);
-      out.rung[j] = Rung::law;
+      out.rung[j] = in.mode == Mode::estop ? group_[group_of_[j]].rung : Rung::law;
     }
     return {.flags = verdict.flags};
   }

@@ -70,9 +70,10 @@ struct Group {
 // groups go on under the law or stop with it, as the robot file says (`other_groups`). What is nobody's alone stops
 // all. Between two ticks the torque at the joint (feed-forward plus the drive's own PD at the measured state) never
 // changes by more than torque_slew_nm_s / rate_hz, whoever proposes it: a law, its successor in a swap, or the safe
-// law. Disarming and e-stop are at once. A joint whose sample is no basis for anything is braked by its drive, which
-// still knows its own speed: the feed-forward fades, then damping grows to safe_kd_nm_s_rad, both within the slew bound
-// up to the speed that is a fault. Contract: RT after configure() · owned by the tick thread · bounded work per joint
+// law; a drive that is asked in every Nth tick only sees N such steps at once. Disarming and e-stop are at once. A
+// joint whose sample is no basis for anything is braked by its drive, which still knows its own speed: the feed-forward
+// fades, then damping grows to safe_kd_nm_s_rad, both within the slew bound up to the speed that is a fault. Contract:
+// RT after configure() · owned by the tick thread · bounded work per joint
 class Guard {
  public:
   void configure(const robot::RobotConfig& robot);

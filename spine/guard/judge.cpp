@@ -59,7 +59,8 @@ Fault Guard::judge(const Input& in, Verdict& verdict) LITHE_RT {
   const bool joints_stop_all = of_joints != Fault::none && (!others_go_on_ || all_stopped);
   verdict.use_safe_law = of_all != Fault::none || joints_stop_all || in.mode == Mode::safe_stop;
   if (any_stopped_ && !verdict.use_safe_law) verdict.flags |= wire::telemetry_flag::kGroupStopped;
-  return verdict.use_safe_law ? worse(of_all, of_joints) : news;
+  if (news == Fault::none && of_all == Fault::none && verdict.use_safe_law) news = of_joints;
+  return verdict.use_safe_law ? worse(of_all, news) : news;
 }
 
 // Also finds out which samples are usable.

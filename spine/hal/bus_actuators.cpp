@@ -109,9 +109,9 @@ void BusActuators::send_all(const ActuatorCommand& command) LITHE_RT {
   }
   for (std::size_t i = 0; i < joints_.size(); ++i) {
     Joint& joint = joints_[i];
-    joint.heard = joint.answered = false;
     joint.asked = exchange_.number % joint.divider == joint.turn;
     if (!joint.asked) continue;
+    joint.heard = joint.answered = false;
     Line& line = lines_[joint.line];
     // A lost drive is always asked, but seldom waited for: the others' samples would be late because of it.
     joint.awaited = joint.misses_in_a_row < misses_to_lost_ || exchange_.number / joint.divider % kLookForLost == 0;
@@ -198,6 +198,10 @@ void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
       joint.garbled = true;
       return;
     case Heard::answer:
+      if (!joint.asked) {  // to nothing of ours
+        ++late_answers_;
+        return compare(joint, frame);
+      }
       return answer(line, joint, index, frame, sample);
   }
 }
@@ -232,20 +236,7 @@ void BusActuators::compare(Joint& joint, const Frame& frame) LITHE_RT {
 // A joint whose turn it was not keeps what it had, fresh as it was.
 void BusActuators::settle() LITHE_RT {
   for (std::size_t i = 0; i < joints_.size(); ++i) {
-    Joint& joint = joints_[i];
-    if (joint.contradicted) {
-      ++counters_.conflicting;
-      joint.conflicts_in_a_row = std::min(joint.conflicts_in_a_row + 1, misses_to_lost_);
-    } else if (joint.answered) {
-      joint.conflicts_in_a_row = 0;
-    }
-    if (joint.answered && !joint.contradicted) {
-      settle_answer(joint, i);
-    } else if (joint.asked) {
-      settle_miss(joint, i);
-    }
-    joint.contradicted = false;
-    if (joint.conflicts_in_a_row == misses_to_lost_) last_.status[i] |= wire::joint_status::kConflict;
+    if (joints_[i].asked) settle(joints_[i], i);
   }
   counters_.late = late_answers_;
   counters_.duplicate = repeated_answers_;
@@ -259,6 +250,24 @@ void BusActuators::settle() LITHE_RT {
     counters_.late += line.bus->statistics().late;
     counters_.refused += line.bus->statistics().refused;
   }
+}
+
+// What a second device says comes in this exchange or before the joint is asked again.
+void BusActuators::settle(Joint& joint, std::size_t index) LITHE_RT {
+  if (joint.contradicted) {
+    ++counters_.conflicting;
+    joint.conflicts_in_a_row = std::min(joint.conflicts_in_a_row + 1, misses_to_lost_);
+    joint.sound_in_a_row = 0;
+  } else if (joint.answered && (joint.conflicts_in_a_row < misses_to_lost_ || ++joint.sound_in_a_row >= kSoundAgain)) {
+    joint.conflicts_in_a_row = joint.sound_in_a_row = 0;
+  }
+  if (joint.answered && !joint.contradicted) {
+    settle_answer(joint, index);
+  } else {
+    settle_miss(joint, index);
+  }
+  joint.contradicted = false;
+  if (joint.conflicts_in_a_row == misses_to_lost_) last_.status[index] |= wire::joint_status::kConflict;
 }
 
 void BusActuators::settle_answer(Joint& joint, std::size_t index) LITHE_RT {

@@ -72,9 +72,10 @@ class BusActuators final : public Actuators {
     std::uint32_t turn;  // it is asked when the exchange's number leaves this remainder
     std::uint32_t misses_in_a_row = 0;
     std::uint32_t conflicts_in_a_row = 0;
-    bool garbled = false;       // what came since its last answer made no sense
-    bool contradicted = false;  // two answers to one command, and not the same
-    std::uint32_t said_id = 0;  // of the answer: its frame, and what was in it
+    std::uint32_t sound_in_a_row = 0;  // since a conflict was told
+    bool garbled = false;              // what came since its last answer made no sense
+    bool contradicted = false;         // two answers to one command, and not the same
+    std::uint32_t said_id = 0;         // of the answer: its frame, and what was in it
     std::uint64_t said = 0;
     JointSample sample{};  // counts when the exchange is over
     bool asked = false;
@@ -107,6 +108,8 @@ class BusActuators final : public Actuators {
   static constexpr std::uint32_t kMostWaiting = 256;
   // A lost drive is waited for in one of so many of its exchanges, so that it can be found again.
   static constexpr std::uint64_t kLookForLost = 32;
+  // Two devices with one id are told until so many answers in a row had no second one.
+  static constexpr std::uint32_t kSoundAgain = 32;
 
   void send_all(const ActuatorCommand& command) LITHE_RT;
   void collect() LITHE_RT;
@@ -118,6 +121,7 @@ class BusActuators final : public Actuators {
   void read_sensors(ActuatorState& state) const LITHE_RT;
   bool read(const Sensor& sensor, double& raw) const LITHE_RT;
   void settle() LITHE_RT;
+  void settle(Joint& joint, std::size_t index) LITHE_RT;
   void settle_answer(Joint& joint, std::size_t index) LITHE_RT;
   void settle_miss(Joint& joint, std::size_t index) LITHE_RT;
 

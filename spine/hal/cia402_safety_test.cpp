@@ -219,6 +219,9 @@ TEST_F(Cia402Safety, ALostHeartbeatIsAFaultAlsoWhileAnswersCome) {
   EXPECT_TRUE(fresh());
   EXPECT_TRUE(has(kFault));
   EXPECT_NE(drivers_[0]->why_not_ready().find("heartbeat"), std::string::npos);
+  act(DriveAction::off, 20);
+  act(DriveAction::torque, 200);
+  EXPECT_NE(drive_state(), State::operation_enabled) << "off and on brings no heartbeat back";
   cables_[0]->back = [](Frame&) { return true; };
   cycle(200);
   EXPECT_NE(drive_state(), State::operation_enabled);

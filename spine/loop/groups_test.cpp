@@ -15,6 +15,8 @@ constexpr std::size_t kLeg = 0, kArm = 1;
 robot::RobotConfig two_groups() {
   robot::RobotConfig robot = *robot::parse_robot(kRobot, "probe.toml");
   robot.guard.other_groups = robot::OtherGroups::go_on;
+  robot.guard.brake_after_s = 0.2;
+  robot.guard.off_after_s = 0.4;
   robot.devices.push_back(robot.devices[0]);
   robot.devices[1].id = 2;
   robot.joints.push_back(robot.joints[0]);
@@ -39,6 +41,19 @@ struct Both {
 };
 constexpr LitheLaw kBoth = describe<Both<0>>("both");
 constexpr LitheLaw kLift = describe<Both<500>>("lift");
+
+struct NanLeg {
+  struct Params {};
+  struct State {};
+  static void step(const Tick&, const Params&, State&, Effort& u) { u.torque_nm[kLeg] = std::nan(""); }
+};
+constexpr LitheLaw kNanLeg = describe<NanLeg>("nan_leg");
+struct RunAway {
+  struct Params {};
+  struct State {};
+  static void step(const Tick&, const Params&, State&, Effort& u) { u.torque_nm[kArm] = 1000; }
+};
+constexpr LitheLaw kRunAway = describe<RunAway>("run_away");
 
 class Groups : public testing::Test, protected TickBench {
  protected:
@@ -114,8 +129,19 @@ TEST_F(Groups, TheLastGroupTakesTheRobotWithIt) {
   handover_.finish();
   live(2, wire::joint_status::kLost);
   EXPECT_EQ(mode(), Mode::safe_stop);
-  EXPECT_EQ(static_cast<wire::Fault>(record_.fault), wire::Fault::drive_lost) << "the first cause stays";
+  EXPECT_EQ(static_cast<wire::Fault>(record_.fault), wire::Fault::drive_fault) << "what stopped the whole";
   EXPECT_EQ(static_cast<wire::Fault>(record_.joint_fault[kArm]), wire::Fault::drive_fault);
+}
+
+// A law that keeps a state of the lost leg, and divides by it.
+TEST_F(Groups, WhatALawWantsOfAStoppedLegIsNoReasonToReplaceIt) {
+  arm_with(kBoth);
+  live(5, wire::joint_status::kLost);
+  const std::uint32_t id = stage(kNanLeg).law_id;
+  live(5, wire::joint_status::kLost);
+  EXPECT_EQ(record_.law_id, id);
+  EXPECT_EQ(mode(), Mode::active);
+  EXPECT_EQ(rung(kArm), wire::Rung::law);
 }
 
 TEST_F(Groups, AStoppedJointIsWhereItShallBe) {
@@ -135,20 +161,80 @@ TEST_F(Groups, ALawOnProbationIsNotBlamedForAStoppedLeg) {
   live(250, wire::joint_status::kLost);
   EXPECT_EQ(record_.law_id, id);
   EXPECT_EQ(last_event(wire::EventKind::law_rolled_back), "");
-  EXPECT_EQ(last_event(wire::EventKind::law_confirmed), "its probation is over");
+  EXPECT_EQ(last_event(wire::EventKind::law_confirmed), "its probation is over, with a part of the robot stopped");
 }
 
-TEST_F(Groups, ALawInTheShadowNeedNotAgreeAboutAStoppedLeg) {
+// What a law would do with a leg that is the safe law's cannot be compared, and after a reset it would drive it.
+TEST_F(Groups, NoLawIsPromotedFromTheShadowWhileAPartIsStopped) {
   arm_with(kBoth);
   terms_.shadow_ticks = 50;
-  terms_.shadow_tolerance_nm = 0.1;
-  const std::uint32_t refused = stage(kLift).law_id;
-  live(60);
-  EXPECT_NE(record_.law_id, refused) << "half a Newton metre more";
+  terms_.shadow_tolerance_nm = 10;
+  const std::uint32_t before = record_.law_id;
+  stage(kLift);
+  live(20);
+  live(100, wire::joint_status::kLost);
+  EXPECT_EQ(record_.law_id, before) << "it had agreed for 20 ticks";
+  EXPECT_EQ(last_event(wire::EventKind::shadow_ended), "a part of the robot is stopped: nothing can be compared there");
+  stage(kLift);
+  live(100, wire::joint_status::kLost);
+  EXPECT_EQ(record_.law_id, before);
+}
+
+// It drives the arm over its speed limit, while the leg is long lost: it must not be there after the reset.
+TEST_F(Groups, ALawOnProbationThatRunsAwayWithTheLastGroupIsRolledBack) {
+  arm_with(kBoth);
+  const std::uint32_t before = record_.law_id;
   live(10, wire::joint_status::kLost);
+  terms_.probation_ticks = 500;
+  stage(kRunAway);
+  live(400, wire::joint_status::kLost);
+  EXPECT_EQ(mode(), Mode::safe_stop);
+  EXPECT_EQ(static_cast<wire::Fault>(record_.fault), wire::Fault::position_limit);
+  EXPECT_EQ(slot_.active()->law_id, before);
+}
+
+// The converse: a joint that sags past its limit when all is stopped is no law's doing.
+TEST_F(Groups, ALawOnProbationIsNotBlamedForWhatFallsInTheSafeStop) {
+  arm_with(kBoth);
+  terms_.probation_ticks = 5000;
   const std::uint32_t id = stage(kLift).law_id;
-  live(60, wire::joint_status::kLost);
-  EXPECT_EQ(record_.law_id, id);
+  live(20);
+  const auto with = [&](std::uint32_t status, double velocity_rad_s) {
+    tick(false);
+    actuators_->cycle(handover_.command(), handover_.sample(), now_ns_);
+    for (const std::size_t j : {kLeg, kArm}) handover_.sample().status[j] |= status;
+    handover_.sample().velocity_rad_s[kArm] += velocity_rad_s;
+    handover_.finish();
+  };
+  for (int i = 0; i < 5; ++i) with(wire::joint_status::kWatchdog, 0);
+  ASSERT_EQ(mode(), Mode::safe_stop);
+  for (int i = 0; i < 5; ++i) with(0, 1000);
+  EXPECT_EQ(slot_.active()->law_id, id);
+}
+
+TEST_F(Groups, HeldItIsArmedAgainWithoutThePartThatIsStopped) {
+  arm_with(kBoth);
+  live(10, wire::joint_status::kLost);
+  EXPECT_EQ(send(CommandKind::hold), CommandResult::done);
+  wire::Command arm;
+  arm.kind = static_cast<std::uint32_t>(CommandKind::arm);
+  const auto ticket = command_->send(arm);
+  live(2, wire::joint_status::kLost);
+  EXPECT_EQ(static_cast<CommandResult>(command_->poll(*ticket)), CommandResult::done);
+  EXPECT_EQ(mode(), Mode::active);
+}
+
+// People are at the leg when somebody presses the button because of the arm.
+TEST_F(Groups, AnEstopDoesNotSwitchOnWhatTheLadderHadSwitchedOff) {
+  arm_with(kBoth);
+  live(1500, wire::joint_status::kFault);
+  ASSERT_EQ(rung(kLeg), wire::Rung::off);
+  ASSERT_EQ(rung(kArm), wire::Rung::law);
+  ASSERT_EQ(send(CommandKind::estop), CommandResult::done);
+  live(3);
+  EXPECT_EQ(sent_.action[kLeg], hal::DriveAction::off);
+  EXPECT_EQ(sent_.action[kArm], hal::DriveAction::damp);
+  EXPECT_EQ(rung(kLeg), wire::Rung::off);
 }
 
 }  // namespace

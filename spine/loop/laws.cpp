@@ -18,11 +18,12 @@ namespace {
 
 LITHE_LEFT_BY_A_JUMP void call_law(void* sandbox) LITHE_RT { static_cast<law::Sandbox*>(sandbox)->call(); }
 
-// x - x is 0 for every finite x, NaN for all others.
-bool output_is_finite(const Effort& effort, std::uint32_t joints) LITHE_RT {
+// x - x is 0 for every finite x, NaN for all others. What a law wants of joints that are stopped goes nowhere.
+bool output_is_finite(const Effort& effort, std::uint32_t joints, const guard::Guard& guard) LITHE_RT {
   double sum = 0;
   bool bounded = true;
   for (std::uint32_t j = 0; j < joints; ++j) {
+    if (guard.stopped(j)) continue;
     sum += (effort.torque_nm[j] - effort.torque_nm[j]) + (effort.velocity_rad_s[j] - effort.velocity_rad_s[j]) +
            (effort.kp_nm_rad[j] - effort.kp_nm_rad[j]) + (effort.kd_nm_s_rad[j] - effort.kd_nm_s_rad[j]);
     bounded = bounded && !std::isinf(effort.position_rad[j]);  // NaN = no position target
@@ -88,7 +89,7 @@ Trouble Spine::run_law(law::Resident& law, Effort& effort) LITHE_RT {
   if (trouble) return trouble;
   const bool sound_input = input_is_finite(in_);
   // A law is not to blame for what a broken sensor made of it: the guard deals with that. Nor shall it remember it.
-  if (sound_input && !output_is_finite(sandbox_.effort, joints_)) return {LawFaultKind::not_finite, 0, 0};
+  if (sound_input && !output_is_finite(sandbox_.effort, joints_, guard_)) return {LawFaultKind::not_finite, 0, 0};
   if (sound_input) sandbox_.keep_state(law);
   copy_effort(sandbox_.effort, effort, joints_);
   return trouble;
@@ -177,15 +178,20 @@ void Spine::report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t 
 void Spine::judge_law(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_RT {
   out_.record().law_id = slot_.active() == nullptr ? 0 : slot_.active()->law_id;  // the one that ran
   if (slot_.active() == nullptr) return;
-  // The guard has stopped the robot: after the reset it shall not be this law that runs.
-  if (probation_.on() && is_runaway(verdict.fault)) return replace_law(LawFaultKind::guard_stopped, now_ns);
+  // The guard has just taken joints from it that ran away: after the reset it shall not be this law that runs.
+  const auto ran_away = [](const guard::Group& group) { return group.news && is_runaway(group.fault); };
+  if (probation_.on() && std::ranges::any_of(guard_.groups(), ran_away)) {
+    return replace_law(LawFaultKind::guard_stopped, now_ns);
+  }
   if (!mode_.law_runs()) return;
   if (probation_.on()) flags_ |= flag::kOnProbation;
   bool confirmed = false;
   const LawFaultKind kind = probation_.watch({in_, durations_.law_ns, verdict.law_flags}, confirmed);
   if (confirmed) {
     const law::Resident& law = *slot_.active();
-    out_.event(EventKind::law_confirmed, now_ns, law.law_id, law.request_id, 0, "its probation is over");
+    out_.event(
+        EventKind::law_confirmed, now_ns, law.law_id, law.request_id, 0,
+        guard_.any_stopped() ? "its probation is over, with a part of the robot stopped" : "its probation is over");
   }
   if (kind != LawFaultKind::none) replace_law(kind, now_ns);
 }
@@ -225,6 +231,9 @@ void Spine::step_shadow(std::int64_t now_ns) LITHE_RT {
   if (!mode_.law_runs() || (flags_ & (flag::kRolledBack | flag::kLawFaulted)) != 0) {
     return end_shadow(false, "the law it ran beside does not run any more", now_ns);
   }
+  if (guard_.any_stopped()) {
+    return end_shadow(false, "a part of the robot is stopped: nothing can be compared there", now_ns);
+  }
   flags_ |= flag::kShadowing;
   const std::int64_t from_ns = clock_.now_ns();
   const Trouble trouble = run_law(*shadow_.law(), shadow_effort_);
@@ -233,7 +242,6 @@ void Spine::step_shadow(std::int64_t now_ns) LITHE_RT {
     return end_shadow(false, wire::to_string(trouble.kind), now_ns);
   }
   const std::int64_t took_ns = clock_.now_ns() - from_ns;
-  if (guard_.any_stopped()) agree_about_stopped_joints();
   switch (shadow_.compare(in_, effort_, shadow_effort_, took_ns)) {
     case Shadow::Opinion::go_on:
       return out_.shadow(shadow_.report());
@@ -241,18 +249,6 @@ void Spine::step_shadow(std::int64_t now_ns) LITHE_RT {
       return end_shadow(false, "it disagrees with the active law by more than the tolerance", now_ns);
     case Shadow::Opinion::promote:
       return end_shadow(true, "it agrees with the active law", now_ns);
-  }
-}
-
-// What either law would do with a joint that the guard has taken from them counts for nothing.
-void Spine::agree_about_stopped_joints() LITHE_RT {
-  for (std::uint32_t j = 0; j < joints_; ++j) {
-    if (!guard_.stopped(j)) continue;
-    shadow_effort_.torque_nm[j] = effort_.torque_nm[j];
-    shadow_effort_.position_rad[j] = effort_.position_rad[j];
-    shadow_effort_.velocity_rad_s[j] = effort_.velocity_rad_s[j];
-    shadow_effort_.kp_nm_rad[j] = effort_.kp_nm_rad[j];
-    shadow_effort_.kd_nm_s_rad[j] = effort_.kd_nm_s_rad[j];
   }
 }
 

@@ -52,7 +52,7 @@ CommandResult ModeMachine::reset(const Conditions& conditions) LITHE_RT {
 bool ModeMachine::fail(Fault fault) LITHE_RT {
   if (!law_runs()) return false;
   mode_ = Mode::safe_stop;
-  if (fault_ == Fault::none) fault_ = fault;  // the first cause stays
+  fault_ = fault;  // what stopped the whole; each joint's own is with the guard
   return true;
 }
 

@@ -19,7 +19,7 @@ struct Conditions {
 
 // disarmed --arm--> active <--arm/hold--> hold;  disarm: from active, hold and safe_stop;
 // fault: active, hold --> safe_stop;  e-stop: from anywhere --> estop;  reset: wherever a fault is latched -->
-// disarmed. safe_stop and estop are latched: only a person's reset leaves them, and never straight into motion. A fault
+// disarmed. safe_stop and estop are latched: only a reset leaves them, and never straight into motion. A fault
 // of a part of the robot, without which the rest goes on, is latched as well and leaves the mode alone. Contract: RT ·
 // owned by the tick thread
 class ModeMachine {

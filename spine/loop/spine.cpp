@@ -21,11 +21,18 @@ namespace {
 // A hybrid wait stops sleeping this long before the release: the wake-up latency of a common kernel and some more.
 constexpr std::int64_t kHybridWindowNs = 100'000;
 
-// After a reset the drives are asked for so long to forget their faults: some need to hear it more than once.
-constexpr std::uint32_t kTicksToClear = 200;
+// After a reset the drives are asked so often to forget their faults: some need to hear it more than once.
+constexpr std::uint32_t kTurnsToClear = 200;
 
 // Arming accepts a sample this many ticks old.
 constexpr std::uint32_t kStaleTicksToArm = 3;
+
+// A drive hears one command in so many ticks, whatever its turn.
+std::uint32_t slowest_of(const robot::RobotConfig& robot) {
+  std::uint32_t divider = 1;
+  for (const robot::DeviceConfig& device : robot.devices) divider = std::max(divider, device.rate_divider);
+  return divider;
+}
 
 constexpr EventKind event_of(CommandKind kind) LITHE_RT {
   switch (kind) {
@@ -57,6 +64,7 @@ Spine::Spine(const Wiring& wiring)
       out_(wiring.spine, static_cast<std::uint32_t>(wiring.robot.joints.size())),
       joints_(static_cast<std::uint32_t>(wiring.robot.joints.size())),
       period_ns_(grid_.period_ns()),
+      slowest_(slowest_of(wiring.robot)),
       budget_ns_(std::llround(static_cast<double>(grid_.period_ns()) * wiring.robot.swap.budget_share)),
       sample_(&wiring.handover.latest_sample()) {
   plan_.configure(robot_);
@@ -74,7 +82,7 @@ Spine::Spine(const Wiring& wiring)
   }
 }
 
-void Spine::run(const std::atomic<bool>& stop) noexcept {
+bool Spine::run(const std::atomic<bool>& stop) noexcept {
   grid_.start(clock_.now_ns());
   std::uint32_t skipped = 0;
   while (!stop.load(std::memory_order_relaxed)) {
@@ -85,13 +93,16 @@ void Spine::run(const std::atomic<bool>& stop) noexcept {
     clock_.follow();
     skipped = grid_.advance(clock_.now_ns());
   }
-  stop_drives();
+  return stop_drives();
 }
 
-// The last command is off, twice over: the first may still find the Transport busy with the one before.
-void Spine::stop_drives() noexcept {
-  const std::int64_t give_up_ns = clock_.now_ns() + 200 * kNsPerMs;
-  for (int sent = 0; sent < 2 && clock_.now_ns() < give_up_ns;) {
+// The last command is off, and every drive is asked twice: in its first turn the Transport may still be busy with the
+// command before. True: all of that left.
+bool Spine::stop_drives() noexcept {
+  const std::uint32_t rounds = 2 * slowest_;
+  const std::int64_t give_up_ns = clock_.now_ns() + 200 * kNsPerMs + rounds * period_ns_;
+  std::uint32_t sent = 0;
+  while (sent < rounds && clock_.now_ns() < give_up_ns) {
     serve_inline();
     if (!handover_.idle()) {
       spin_pause();
@@ -103,6 +114,7 @@ void Spine::stop_drives() noexcept {
     ++sent;
   }
   serve_inline();
+  return sent == rounds;
 }
 
 void Spine::listen(std::int64_t now_ns) LITHE_RT {
@@ -141,8 +153,11 @@ CommandResult Spine::execute(const wire::Command& command, std::int64_t now_ns) 
 CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std::int64_t now_ns) LITHE_RT {
   // One late exchange is no reason to refuse: the sample before it is a few milliseconds old.
   bool all_fresh = sample_->sample_ns != 0 && stale_ticks_ <= kStaleTicksToArm;
+  // The first torque is bounded from zero, so every drive must have heard that it is off.
+  if (mode_.mode() == wire::Mode::disarmed) all_fresh = all_fresh && ticks_off_ >= slowest_;
   bool homed = true;
   for (std::uint32_t j = 0; j < joints_; ++j) {
+    if (mode_.law_runs() && guard_.stopped(j)) continue;  // the rest may go on without it
     constexpr std::uint32_t kReady = wire::joint_status::kFresh;
     all_fresh = all_fresh && (sample_->status[j] & (kReady | wire::joint_status::kNotReady)) == kReady;
     homed = homed && (!robot_.joints[j].must_be_homed || (sample_->status[j] & wire::joint_status::kNotHomed) == 0);
@@ -154,7 +169,7 @@ CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std
   if (before == wire::Mode::disarmed) guard_.reset_output();
   if (kind == CommandKind::reset) {
     guard_.forget_faults();
-    clear_ticks_left_ = kTicksToClear;
+    clear_ticks_left_ = kTurnsToClear * slowest_;
   }
   if (mode_.mode() == wire::Mode::hold) plan_.stop(now_ns);
   out_.event(event_of(kind), now_ns, 0, request_id, 0, "");

@@ -49,8 +49,8 @@ class Spine {
  public:
   explicit Spine(const Wiring& wiring);
 
-  // Ticks at the robot's rate until `stop`, then leaves the drives off.
-  void run(const std::atomic<bool>& stop) noexcept;
+  // Ticks at the robot's rate until `stop`, then leaves the drives off. False: the Transport was too busy to tell all.
+  bool run(const std::atomic<bool>& stop) noexcept;
 
   // One tick: woken at `woke_ns` for the release at `release_ns`, `skipped` releases after the one before.
   void tick(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped) LITHE_RT;
@@ -93,11 +93,10 @@ class Spine {
   void commit(law::Resident& candidate, law::Carry carry, std::int64_t now_ns) LITHE_RT;
   void start_shadow(law::Resident& candidate, std::int64_t now_ns) LITHE_RT;
   void step_shadow(std::int64_t now_ns) LITHE_RT;
-  void agree_about_stopped_joints() LITHE_RT;
   void end_shadow(bool promoted, std::string_view why, std::int64_t now_ns) LITHE_RT;
   void greet_law(std::uint32_t blend_ticks) LITHE_RT;
   void count_release(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped) LITHE_RT;
-  void stop_drives() noexcept;
+  bool stop_drives() noexcept;
 
   const robot::RobotConfig& robot_;
   law::Slot& slot_;
@@ -118,12 +117,15 @@ class Spine {
 
   std::uint32_t joints_;
   std::int64_t period_ns_;
+  std::uint32_t slowest_;   // ticks until every drive has had a turn
   std::int64_t budget_ns_;  // of a law that brings none of its own
   std::uint64_t tick_ = 0;
   const hal::ActuatorState* sample_;    // x_k: the newest sample, fresh or not
   bool fresh_ = false;                  // it came for this tick
   std::uint32_t stale_ticks_ = 0;       // ticks in a row without a fresh one
   std::uint32_t clear_ticks_left_ = 0;  // since the last reset
+  bool all_off_ = true;                 // the next command is, to all drives
+  std::uint64_t ticks_off_ = 0;         // such commands in a row that left
   bool estop_pressed_ = false;
   bool brain_stale_ = true;
   std::int64_t law_from_ns_ = 0;  // when the last law began to step

@@ -66,6 +66,7 @@ void Spine::exchange(std::int64_t woke_ns) LITHE_RT {
     durations_.bus_ns = sample_->bus_ns;
     handover_.dispatch();
     guard_.dispatched();
+    ticks_off_ = all_off_ ? ticks_off_ + 1 : 0;
     stale_ticks_ = 0;
     return;
   }
@@ -103,6 +104,7 @@ void Spine::look(std::int64_t now_ns) LITHE_RT {
 void Spine::forget_stopped_joints() LITHE_RT {
   for (std::uint32_t j = 0; j < joints_; ++j) {
     if (!guard_.stopped(j)) continue;
+    plan_.hold_joint_at(j, sample_->position_rad[j]);
     setpoint_.position_rad[j] = sample_->position_rad[j];
     setpoint_.velocity_rad_s[j] = setpoint_.acceleration_rad_s2[j] = 0;
   }
@@ -141,15 +143,14 @@ void Spine::name(const guard::Group& group, Words& words) const LITHE_RT {
 }
 
 hal::DriveAction Spine::action_of(std::uint32_t j) const LITHE_RT {
-  if (mode_.damps()) return hal::DriveAction::damp;
-  if (!mode_.energised()) return hal::DriveAction::off;
-  switch (output_.rung[j]) {
+  if (!mode_.energised() && !mode_.damps()) return hal::DriveAction::off;
+  switch (output_.rung[j]) {  // an e-stop leads nowhere back up
     case wire::Rung::brake:
       return hal::DriveAction::brake;
     case wire::Rung::off:
       return hal::DriveAction::off;
     default:
-      return hal::DriveAction::torque;
+      return mode_.damps() ? hal::DriveAction::damp : hal::DriveAction::torque;
   }
 }
 
@@ -159,6 +160,7 @@ void Spine::compose() LITHE_RT {
   command.joints = joints_;
   command.clear_faults = clear_ticks_left_ > 0 && mode_.mode() == wire::Mode::disarmed;
   if (clear_ticks_left_ > 0) --clear_ticks_left_;
+  all_off_ = !mode_.energised() && !mode_.damps();
   for (std::uint32_t j = 0; j < joints_; ++j) {
     command.action[j] = action_of(j);
     command.torque_nm[j] = output_.torque_nm[j];

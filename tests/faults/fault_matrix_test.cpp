@@ -166,6 +166,31 @@ TEST(FaultMatrix, EveryFaultOfEveryDeviceEndsOnItsRungAndTheTableInTheDocsSaysSo
       << matrix.table;
 }
 
+// Drives that are asked in every Nth tick are found out N times later, and come back all the same.
+TEST(FaultMatrix, DrivesThatAreSeldomAskedEndOnTheSameRungs) {
+  const std::pair<int, void (*)(robot::RobotConfig&)> dividers[] = {{4,
+                                                                     [](robot::RobotConfig& r) {
+                                                                       for (auto& d : r.devices) d.rate_divider = 4;
+                                                                     }},
+                                                                    {16, [](robot::RobotConfig& r) {
+                                                                       for (auto& d : r.devices) d.rate_divider = 16;
+                                                                     }}};
+  std::string wrong;
+  for (Row row : specification()) {
+    constexpr std::array kThese{"drop",         "bus_off",          "reset", "watchdog",
+                                "device_fault", "over_temperature", "twin",  "wrong_id"};
+    if (row.kind == "gateway" || std::find(kThese.begin(), kThese.end(), row.name) == kThese.end()) continue;
+    const int within = row.wanted.within;
+    for (const auto& [divider, change] : dividers) {
+      row.wanted.within = within * divider;
+      if (const std::string found = compare(row, run(row.cell, change)); !found.empty()) {
+        wrong += "asked in every " + std::to_string(divider) + "th tick: " + found;
+      }
+    }
+  }
+  EXPECT_EQ(wrong, "");
+}
+
 TEST(FaultMatrix, SameFaultSameOutcome) {
   const Cell cell{R"({"fault": "corrupt", "share": 1})", "moteus"};
   const Outcome a = run(cell), b = run(cell);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/faults/rig.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 #include <numbers>
@@ -69,21 +70,23 @@ class Rig : private loop::TickBench {
         cell_(cell),
         devices_(devices),
         target_(cell.kind == "cia402" ? 2 : 0),
-        friend_(target_ + 1) {}
+        friend_(target_ + 1) {
+    for (const robot::DeviceConfig& device : robot.devices) slowest_ = std::max(slowest_, device.rate_divider);
+  }
 
   Outcome run() {
     stage(kRestless);
     if (cell_.before_arming) strike();
-    pass(kToBoot);
+    pass_turns(kToBoot);
     out_.armed = wire::to_string(send(CommandKind::arm));
     if (!cell_.before_arming) suffer();
     clear();
-    pass(kAfterFault);
+    pass_turns(kAfterFault);
     out_.latched = nothing_was_undone();
     if (record_.fault != 0) send(CommandKind::reset);
-    pass(kAfterFault);
+    pass_turns(kAfterFault);
     if (mode() == loop::Mode::disarmed) send(CommandKind::arm);
-    pass(kToSettle);
+    pass_turns(kToSettle);
     out_.recovered = mode() == loop::Mode::active && record_.fault == 0 && rung(target_) == wire::Rung::law &&
                      record_.joint_fault[target_] == 0 && std::isfinite(record_.sensor[0]);
     return out_;
@@ -97,11 +100,11 @@ class Rig : private loop::TickBench {
   bool is_friend(std::size_t j) const { return robot_.joints[j].group == robot_.joints[target_].group; }
 
   void suffer() {
-    pass(kToSettle);
+    pass_turns(kToSettle);
     const Counts before = counts();
     std::vector<Ladder> ladders(joints());
     strike();
-    for (int i = 1; i <= kOfFault; ++i) {
+    for (int i = 1; i <= kOfFault * static_cast<int>(slowest_); ++i) {
       pass(1);
       for (std::uint32_t j = 0; j < joints(); ++j) ladders[j].see(rung(j));
       if (out_.ticks == 0 && rung(target_) != wire::Rung::law) out_.ticks = i;
@@ -172,15 +175,25 @@ class Rig : private loop::TickBench {
             {"unsound", c.unsound},         {"refused", c.refused}};
   }
 
+  // So many turns of the drives that are asked least often.
+  void pass_turns(int count) { pass(count * static_cast<int>(slowest_)); }
   void pass(int count) {
     for (int i = 0; i < count; ++i) {
       const hal::ActuatorCommand before = sent_;
+      before_ = record_;
       tick();
       hear();
       for (std::uint32_t j = 0; j < joints(); ++j) check(before, j);
     }
   }
-  // Whatever leaves is within the joint's limits.
+  // What left in this tick was decided in the one before.
+  hal::DriveAction action_of(std::uint32_t j) const {
+    const auto rung = static_cast<wire::Rung>(before_.joint_rung[j]);
+    const bool off = static_cast<loop::Mode>(before_.mode) == loop::Mode::disarmed || rung == wire::Rung::off;
+    if (off) return hal::DriveAction::off;
+    return rung == wire::Rung::brake ? hal::DriveAction::brake : hal::DriveAction::torque;
+  }
+  // Whatever leaves is within the joint's limits, and what its rung says.
   void check(const hal::ActuatorCommand& before, std::uint32_t j) {
     const robot::JointConfig& limit = robot_.joints[j];
     const double torque_nm = sent_.torque_nm[j];
@@ -189,6 +202,7 @@ class Rig : private loop::TickBench {
     if (!std::isfinite(torque_nm) || !std::isfinite(sent_.kd_nm_s_rad[j])) what = "not finite";
     if (std::abs(torque_nm) > limit.torque_max_nm + 1e-9) what = "torque";
     if (sent_.max_torque_nm[j] > limit.torque_max_nm) what = "the drive's own limit";
+    if (sent_.action[j] != action_of(j)) what = "what its rung allows";
     if (!driven && torque_nm != 0) what = "torque without a law";
     const double step_nm = std::abs(torque_nm - before.torque_nm[j]);
     const bool goes_on = driven && before.action[j] == hal::DriveAction::torque;
@@ -199,8 +213,10 @@ class Rig : private loop::TickBench {
   const Cell& cell_;
   simulator::Devices& devices_;
   std::size_t target_, friend_;
+  std::uint32_t slowest_ = 1;
   Outcome out_;
-  wire::Telemetry then_;
+  wire::Telemetry then_;    // when the fault ended
+  wire::Telemetry before_;  // of the tick before
   std::string named_;
   ipc::RingReader<wire::Event, wire::spine_segment::kEventsTickDepth> events_{memory_->events_tick};
 };

@@ -202,6 +202,7 @@ class WatchedDrive final : public hal::Drive {
       : drive_(std::move(drive)), ledger_(ledger), knows_age_(knows_age) {}
 
   bool command(const hal::JointCommand& command, const hal::Exchange& exchange, hal::Bus& bus) LITHE_RT override {
+    asked_ = exchange.number;
     return drive_->command(command, exchange, bus);
   }
   hal::Heard take(const hal::Frame& frame, const hal::Exchange& exchange, hal::JointSample& sample) LITHE_RT override {
@@ -214,8 +215,12 @@ class WatchedDrive final : public hal::Drive {
   }
 
  private:
-  // The first one that measures something counts.
+  // The first one that measures something counts, where one was asked for.
   void note(std::uint64_t exchange, bool measured) LITHE_RT {
+    if (exchange != asked_) {
+      ++ledger_.late;
+      return;
+    }
     ++ledger_.answers;
     ledger_.old_was_used |= knows_age_ && ledger_.age > 0;
     if (exchange == answered_) {
@@ -230,6 +235,7 @@ class WatchedDrive final : public hal::Drive {
 
   std::unique_ptr<hal::Drive> drive_;
   Ledger& ledger_;
+  std::uint64_t asked_ = 0;     // exchange
   std::uint64_t answered_ = 0;  // exchange
   bool knows_age_;
 };

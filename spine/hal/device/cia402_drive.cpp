@@ -51,8 +51,8 @@ bool Cia402Drive::command(const JointCommand& command, const Exchange& exchange,
 }
 
 void Cia402Drive::forgive() LITHE_RT {
-  if (units_wrong_) return;
-  if (dropped_ && !silent_ && stage_ == Stage::running) set_trouble({});
+  if (units_wrong_ || silent_) return;  // nobody would watch it
+  if (dropped_ && stage_ == Stage::running) set_trouble({});
   may_enable_ = true;
   dropped_ = false;
   watchdog_ = false;
@@ -162,9 +162,9 @@ std::uint16_t Cia402Drive::control_word(DriveAction action) LITHE_RT {
 }
 
 // Its bit must rise: down and up again, for as long as the fault is there.
-std::uint16_t Cia402Drive::clearing_word() const LITHE_RT {
-  constexpr std::uint64_t kHeldFor = 8;
-  const bool up = state_ == State::fault && commanded_ / kHeldFor % 2 == 1;
+std::uint16_t Cia402Drive::clearing_word() LITHE_RT {
+  constexpr std::uint32_t kHeldFor = 8;
+  const bool up = state_ == State::fault && clearing_++ / kHeldFor % 2 == 1;
   return up ? control::kFaultReset : control::kDisableVoltage;
 }
 

@@ -70,7 +70,7 @@ class Cia402Drive final : public Drive {
   void say(const JointCommand& command, DriveAction action, Bus& bus) LITHE_RT;
   void ask_error_code(std::int64_t now_ns, Bus& bus) LITHE_RT;
   std::uint16_t control_word(DriveAction action) LITHE_RT;
-  std::uint16_t clearing_word() const LITHE_RT;
+  std::uint16_t clearing_word() LITHE_RT;
 
   Heard take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT;
   Heard take_emergency(const Frame& frame) LITHE_RT;
@@ -111,6 +111,7 @@ class Cia402Drive final : public Drive {
   std::uint32_t unanswered_ = 0;  // commands since the last whole answer
   std::int64_t enabling_from_ns_ = 0;
   std::uint32_t resets_left_ = 0;
+  std::uint32_t clearing_ = 0;  // commands that were to clear a fault
 
   State state_ = State::not_ready;
   bool was_enabled_ = false;  // since `torque` is commanded
