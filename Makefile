@@ -15,12 +15,13 @@ demo: TARGETS := --target lithe lithe-spine lawd lithe-trial
 demo: release  ## the experiment on a simulated arm (or ROBOT=FILE): probe, learn, swap laws live, survive a dead Brain -> out/demo/
 	@$(PYTHON) -m lithe.demo $(if $(ROBOT),--robot $(ROBOT))
 
+test: PACKAGES := build test
 test: release  ## every test: C++ (ctest), then Python and across processes (pytest)
 	@ctest --preset release -j $(JOBS) --progress
 	@$(PYTHON) -m pytest
 
 check:  ## what CI asks: format, tidy, rooms, schema, limits, types, ASan+UBSan, TSan, RTSan, fuzzers
-	@tools/setup build check bench
+	@tools/setup build test check bench
 	@$(PYTHON) tools/check.py
 
 bench:  ## jitter, tick cost, scale, Channel latency, each against a peer and a control that must fail -> out/bench/
@@ -38,7 +39,7 @@ format:  ## rewrite every file the way `make check` wants it
 	@$(PYTHON) tools/check.py --fix
 
 release:
-	@tools/setup build
+	@tools/setup $(or $(PACKAGES),build)
 	@cmake --preset release --log-level=WARNING >/dev/null
 	@cmake --build --preset release -j $(JOBS) $(TARGETS)
 
