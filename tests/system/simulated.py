@@ -1,13 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`lithe sim` for a test: simulated devices on terminals of its own, and orders for faults."""
+"""`lithe sim` for a test: simulated devices on terminals of its own, and orders for faults; robots that drive them."""
 
+import contextlib
 import json
 import subprocess
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from system.house import BIN, need
+import calm
+import lithe
+import pytest
+from calm import connected
+from system.house import BIN, House, need
+
+PATIENT = "lost_after_misses = 2000\n"  # a simulated device is a process among others here
+BUSES = {"can0": "fdcanusb", "can1": "fdcanusb", "can2": "slcan"}  # of frankenstein, at the ends of terminals
 
 
 class Simulated:
@@ -63,3 +72,51 @@ class Simulated:
             self.process.kill()
             self.process.communicate()
         return self.process.returncode
+
+
+@contextlib.contextmanager
+def at_terminals(folder: Path) -> Iterator[tuple[str, Simulated]]:
+    """Frankenstein's file with its buses at the terminals of a `lithe sim`, and that."""
+    terminals = {
+        f'name = "{bus}"\nkind = "loop"': f'name = "{bus}"\npath = "{folder / "buses" / bus}"\nkind = "{kind}"'
+        for bus, kind in BUSES.items()
+    }
+    slower = {  # ticks that a busy machine keeps up with, and joints that bear such ticks under the usual law
+        "rate_hz = 1000": "rate_hz = 250",
+        "inertia_kg_m2 = 6.0e-4": "inertia_kg_m2 = 1.0e-2",
+        "inertia_kg_m2 = 2.55e-3": "inertia_kg_m2 = 1.0e-2",
+        "[defaults.device]": f"[guard]\n{PATIENT}\n[defaults.device]",
+    }
+    text = calm.calm_text({**terminals, **slower}, robot="frankenstein")
+    (folder / "served.toml").write_text(text, encoding="utf-8")
+    sim = Simulated(folder / "served.toml", folder / "buses")
+    try:
+        for bus in BUSES:
+            sim.path(bus)
+        yield text, sim
+    finally:
+        sim.close()
+
+
+@contextlib.contextmanager
+def running(
+    text: str, monkeypatch: pytest.MonkeyPatch, excuse: str | None = None
+) -> Iterator[tuple[House, lithe.Robot]]:
+    """A robot of that file, armed, and this process its Brain. Skipped where it says this excuse for not starting."""
+    house = House()
+    house.config = house.dir / "arm.toml"
+    house.config.write_text(text, encoding="utf-8")
+    for key in ("LITHE_RUN_DIR", "LITHE_SHM_PREFIX", "LITHE_OUT_DIR"):
+        monkeypatch.setenv(key, house.env[key])
+    try:
+        try:
+            house.run()
+        except AssertionError:
+            if excuse is None or excuse not in house.log():
+                raise
+            pytest.skip(house.log().strip().splitlines()[-1])
+        house.wait_for(lambda: house.ask("status")["mode"] == "active")
+        with connected() as robot:
+            yield house, robot
+    finally:
+        house.close()

@@ -20,14 +20,11 @@ import lithe
 import numpy as np
 import numpy.typing as npt
 import pytest
-from calm import connected
 from lithe.demo import losses
 from lithe.demo.recorder import Recorder
-from system.house import ROOT, House
-from system.simulated import Simulated
+from system.house import ROOT
+from system.simulated import Simulated, at_terminals, running
 
-PATIENT = "lost_after_misses = 2000\n"  # a simulated device is a process among others here
-BUSES = {"can0": "fdcanusb", "can1": "fdcanusb", "can2": "slcan"}  # of frankenstein, at the ends of terminals
 SWAPS, STALLED_SWAPS = 60, 20
 BEFORE_NS, AFTER_NS = 5_000_000, 6_000_000
 STALL_S = 0.003
@@ -88,30 +85,6 @@ def test_the_demo_runs_unchanged_on_two_kinds_of_drive(tmp_path: Path, tell: Cal
             f"{joint['name']}: mgl off by {joint['mgl_error']:.1%}, RMSE {joint['rmse_deg']['baseline']:.1f} -> "
             f"{joint['rmse_deg']['evolved']:.2f} deg at {joint['estimate']['bandwidth_rad_s']:.0f} rad/s"
         )
-
-
-@contextlib.contextmanager
-def running(
-    text: str, monkeypatch: pytest.MonkeyPatch, excuse: str | None = None
-) -> Iterator[tuple[House, lithe.Robot]]:
-    """A robot of that file, armed, and this process its Brain. Skipped where it says this excuse for not starting."""
-    house = House()
-    house.config = house.dir / "arm.toml"
-    house.config.write_text(text, encoding="utf-8")
-    for key in ("LITHE_RUN_DIR", "LITHE_SHM_PREFIX", "LITHE_OUT_DIR"):
-        monkeypatch.setenv(key, house.env[key])
-    try:
-        try:
-            house.run()
-        except AssertionError:
-            if excuse is None or excuse not in house.log():
-                raise
-            pytest.skip(house.log().strip().splitlines()[-1])
-        house.wait_for(lambda: house.ask("status")["mode"] == "active")
-        with connected() as robot:
-            yield house, robot
-    finally:
-        house.close()
 
 
 # Of robots/chain.toml: mass, way to the centre, length, inertia; the last one is a thin rod.
@@ -184,26 +157,8 @@ def test_two_kinds_of_drive_and_a_gateway_make_one_robot(monkeypatch: pytest.Mon
 
 def test_they_do_over_three_terminals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two adapters speak fdcanusb, and one slcan for both CANopen drives; all devices are in another process."""
-    folder = tmp_path / "buses"
-    terminals = {
-        f'name = "{bus}"\nkind = "loop"': f'name = "{bus}"\npath = "{folder / bus}"\nkind = "{kind}"'
-        for bus, kind in BUSES.items()
-    }
-    slower = {  # ticks that a busy machine keeps up with, and joints that bear such ticks under the usual law
-        "rate_hz = 1000": "rate_hz = 250",
-        "inertia_kg_m2 = 6.0e-4": "inertia_kg_m2 = 1.0e-2",
-        "inertia_kg_m2 = 2.55e-3": "inertia_kg_m2 = 1.0e-2",
-        "[defaults.device]": f"[guard]\n{PATIENT}\n[defaults.device]",
-    }
-    text = calm.calm_text({**terminals, **slower}, robot="frankenstein")
-    (tmp_path / "served.toml").write_text(text, encoding="utf-8")
-    sim = Simulated(tmp_path / "served.toml", folder)
-    try:
-        for bus in BUSES:
-            sim.path(bus)
+    with at_terminals(tmp_path) as (text, _):
         all_of_it_moves(text, monkeypatch)
-    finally:
-        sim.close()
 
 
 def swap_often(robot: lithe.Robot, laws: list[str], swaps: int) -> tuple[npt.NDArray[Any], list[int]]:

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A drive that fails, from its own words to the operator: both kinds, at the far end of real terminals."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from system.simulated import at_terminals, running
+
+
+@pytest.mark.parametrize(
+    ("device", "joint", "fault", "says"),
+    [
+        ("wrist_drive", "wrist", "over_temperature", "fault: over-temperature (38)"),
+        ("boom_drive", "boom", "over_temperature", "fault: temperature (42xxh)"),
+        ("boom_drive", "boom", "encoder", "fault: sensor (73xxh)"),
+    ],
+)
+def test_a_drive_that_fails_is_named_and_comes_back_after_a_reset(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, device: str, joint: str, fault: str, says: str
+) -> None:
+    """The robot stops, status tells whose drive says what, and arm is refused until the fault is over and reset."""
+    with at_terminals(tmp_path) as (text, sim), running(text, monkeypatch) as (house, _):
+        assert sim.order(fault=fault, device=device) == {"ok": True}
+        house.wait_for(lambda: house.ask("status")["mode"] == "safe_stop")
+
+        def told() -> dict[str, Any]:
+            return {each["name"]: each for each in house.ask("status")["joints"]}
+
+        house.wait_for(lambda: told()[joint]["drive"] == says)  # before that its own ramp stops the joint
+        assert (house.ask("status")["fault"], told()[joint]["fault"]) == ("drive_fault", "drive_fault")
+        house.wait_for(lambda: "fault" in told()[joint]["problems"])
+        assert all(each["fault"] == "none" for name, each in told().items() if name != joint)
+        house.wait_for(lambda: f"(drive: {says})" in house.lithe("status").stdout)  # not in a tick without an answer
+        assert "drive_fault" in house.ask("arm", code=3)["error"]["message"]
+        assert sim.order(fault="clear") == {"ok": True}
+        house.ask("reset")
+        house.wait_for(lambda: "fault" not in str([each["problems"] for each in house.ask("status")["joints"]]))
+        house.ask("arm")
+        house.wait_for(lambda: house.ask("status")["mode"] == "active")
