@@ -45,7 +45,7 @@ def test_each_round_asks_every_codec_and_the_middle_one_counts(scale: ModuleType
     assert figures["codec_python_over_lithe_encode"] == pytest.approx(1005 / 104)
     assert figures["codec_python_over_lithe_parse"] == 1.0
     assert (figures["codec_frames"], figures["codec_upstream_absent"]) == (2, "nobody")
-    assert 0 < figures["codec_python_encode_spread"] < 0.05
+    assert 0 < figures["codec_python_encode_spread"] < 0.06
     assert all(each.process.returncode == 0 for each in running), "they are ended"
 
 
