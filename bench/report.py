@@ -39,6 +39,7 @@ class Bench:
     claims: tuple[str, ...]  # null unless measured well
     most: dict[str, float] = field(default_factory=dict)  # a figure above this is a reason to measure again
     names: dict[str, str] = field(default_factory=dict)  # a claim that is another figure by its published name
+    steady: dict[str, str] = field(default_factory=dict)  # a figure, and the spread of its rounds: null if UNSTEADY
 
 
 def program(name: str) -> tuple[str, ...]:
@@ -46,6 +47,12 @@ def program(name: str) -> tuple[str, ...]:
     return (str(Path(os.environ.get("LITHE_BIN_DIR") or ROOT / "build/release/bin") / f"bench_{name}"),)
 
 
+PARTS = ("encode", "parse")
+CODEC_SPREADS = {f"codec_lithe_{part}_ns": f"codec_python_{part}_spread" for part in PARTS} | {
+    f"codec_{peer}_over_lithe_{part}": f"codec_{peer}_{part}_spread"
+    for peer in ("python", "upstream")
+    for part in PARTS
+}
 COST_SHARES = [f"tick_cost_{kind}_share_{joints}j" for kind in ("stolen", "preempted") for joints in (1, 8, 32)]
 BENCHES = {
     "channel": Bench(
@@ -85,11 +92,12 @@ BENCHES = {
         (
             *(f"exchange_{joints}j_{figure}" for joints in (1, 4, 12, 32) for figure in ("p50_us", "over_empty")),
             *(f"scale_{part}_{joints}j_p50_us" for part in ("tick", "transport") for joints in (1, 4, 12, 32)),
-            *(f"codec_lithe_{part}_ns" for part in ("encode", "parse")),
-            *(f"codec_python_over_lithe_{part}" for part in ("encode", "parse")),
+            *(f"codec_lithe_{part}_ns" for part in PARTS),
+            *(f"codec_python_over_lithe_{part}" for part in PARTS),
         ),
         dict.fromkeys(("scale_away_share", "scale_stolen_share", "scale_preempted_share"), DISTURBED)
         | {"scale_unanswered_share": 0.0},
+        steady=CODEC_SPREADS,
     ),
     "run": Bench(
         (sys.executable, "-m", "bench.live"),
@@ -147,21 +155,31 @@ def disturbances(bench: Bench, figures: Figures) -> list[str]:
     return found + [f"a control that must fail did not ({key})" for key in blind]
 
 
+def unsteady(bench: Bench, figures: Figures) -> dict[str, str]:
+    """Which figures say nothing, each for itself, because the rounds they come from differ too much; and why."""
+    found = {}
+    for figure, key in bench.steady.items():
+        value = figures.get(key)
+        if figures.get(figure) is not None and (value is None or not value <= UNSTEADY):
+            found[figure] = f"{key} is {tables.cell(figures, key, '.1%')}, above {UNSTEADY:.0%}: no {figure}"
+    return found
+
+
 def examine(name: str, bench: Bench) -> Figures:
     """Measures, again while the machine disturbs it; then INCONCLUSIVE, and what it would claim is null."""
     load, began = os.getloadavg()[0], time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
     figures: Figures = {}
-    attempt, reasons = 0, ["not measured"]
-    while reasons and attempt < TRIES:
+    attempt, reasons, doubts = 0, ["not measured"], dict[str, str]()
+    while (reasons or doubts) and attempt < TRIES:
         attempt += 1
         print(f"bench: {name} ...", file=sys.stderr, flush=True)
         try:
             figures = measure(bench.command)
         except Unmeasured as error:
-            figures, reasons = {}, [str(error)]
+            figures, reasons, doubts = {}, [str(error)], {}
             break
-        reasons = disturbances(bench, figures)
-        for reason in reasons:
+        reasons, doubts = disturbances(bench, figures), unsteady(bench, figures)
+        for reason in (*reasons, *doubts.values()):
             print(f"bench: {name}: {reason}", file=sys.stderr)
     figures |= {claim: figures.get(key) for claim, key in bench.names.items()}
     if reasons:
@@ -169,6 +187,8 @@ def examine(name: str, bench: Bench) -> Figures:
     else:
         reasons = [f"{claim} has no value" for claim in bench.claims if figures.get(claim) is None]
         figures |= dict.fromkeys(claim for claim in bench.claims if figures.get(claim) is None)
+    figures |= dict.fromkeys(doubts)
+    reasons += doubts.values()
     return figures | {
         f"{name}_verdict": "INCONCLUSIVE" if reasons else "measured",
         f"{name}_reason": "; ".join(reasons),

@@ -5,7 +5,8 @@
 does the same wherever it runs). Exchanges and ticks: bench/scale.cpp. Codecs: ours in C++ and the maker's Python
 library (PyPI) write and read the same frames, checked byte for byte, in turns. A third one takes part if
 LITHE_CODEC_PEER names a program that does what bench_codec does (bench/codec_cases.py says what): around the maker's
-C++ library, for example.
+C++ library, for example. All of them live on the core where the Spine would tick, and each turn of one begins with a
+pass that nobody counts: it brings the codec back into the caches.
 """
 
 import contextlib
@@ -30,12 +31,17 @@ Figures = dict[str, Any]
 class Peer:
     """One codec: a program that writes and reads the cases, and is timed when asked."""
 
-    def __init__(self, name: str, command: list[str], env: dict[str, str] | None = None) -> None:
-        """Starts it; the first line it says is what it writes and reads."""
+    def __init__(self, name: str, core: int, command: list[str], env: dict[str, str] | None = None) -> None:
+        """Starts it on that core; the first line it says is what it writes and reads."""
         self.name = name
         self.rounds: list[Figures] = []
         self.process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=env or dict(os.environ), cwd=ROOT
+            ["taskset", "-c", str(core), *command],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=env or dict(os.environ),
+            cwd=ROOT,
         )
         self.told = self.answer()
 
@@ -49,12 +55,17 @@ class Peer:
         told: Figures = json.loads(line)
         return told
 
-    def measure(self) -> None:
-        """One pass over all cases."""
+    def ask(self) -> Figures:
+        """What one pass over all cases took."""
         assert self.process.stdin is not None
         self.process.stdin.write("\n")
         self.process.stdin.flush()
-        self.rounds.append(self.answer())
+        return self.answer()
+
+    def measure(self) -> None:
+        """One turn: a pass after the others' that does not count, and one that does."""
+        self.ask()
+        self.rounds.append(self.ask())
 
     def median(self, key: str) -> float:
         """The middle one of all rounds."""
@@ -64,6 +75,14 @@ class Peer:
         """Ends it."""
         with contextlib.suppress(OSError):
             self.process.communicate(timeout=20)
+
+
+def core_of_the_spine() -> int:
+    """As bench/machine.cpp picks it: the first of LITHE_BENCH_CORES, else the second that this process may use."""
+    if named := os.environ.get("LITHE_BENCH_CORES"):
+        return int(named.partition(",")[0])
+    allowed = sorted(os.sched_getaffinity(0))
+    return allowed[min(1, len(allowed) - 1)]
 
 
 @contextlib.contextmanager
@@ -76,13 +95,14 @@ def peers(folder: Path) -> Iterator[tuple[list[Peer], list[str]]]:
     if got.returncode != 0:
         raise report.Unmeasured(got.stderr.strip())
     env = os.environ | {"PYTHONPATH": got.stdout.strip()}
+    core = core_of_the_spine()
     running: list[Peer] = []
     absent = []
     try:
-        running.append(Peer("python", [sys.executable, "bench/codec_cases.py", str(cases), str(CASES)], env))
-        running.append(Peer("lithe", [*report.program("codec"), str(cases)]))
+        running.append(Peer("python", core, [sys.executable, "bench/codec_cases.py", str(cases), str(CASES)], env))
+        running.append(Peer("lithe", core, [*report.program("codec"), str(cases)]))
         if peer := os.environ.get("LITHE_CODEC_PEER"):
-            running.append(Peer("upstream", [peer, str(cases)]))
+            running.append(Peer("upstream", core, [peer, str(cases)]))
         else:
             absent.append("LITHE_CODEC_PEER names no program")
         yield running, absent

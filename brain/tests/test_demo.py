@@ -165,7 +165,7 @@ def test_only_the_machines_faults_are_worth_another_run(
     monkeypatch.setattr(demo, "Stage", stage)
     monkeypatch.setattr(demo, "PAUSE_S", 0.0)
     with pytest.raises(demo.LitheError) as told:
-        demo.attempts(tmp_path / "arm.toml", tmp_path)
+        demo.attempts(tmp_path / "arm.toml", [], tmp_path)
     assert len(begun) == runs == (tmp_path / "log.txt").read_text().count("---- run")
     assert ("sample_stale in 'start', sample_stale" in str(told.value)) == (runs == 3)
 
@@ -179,6 +179,10 @@ def test_every_fault_is_the_machines_or_the_robots(fault: Fault) -> None:
     with pytest.raises(demo.LitheError, match="'hold'"):
         raise_unless_active("hold", fault.name)
     raise_unless_active("active", "none")
+    if fault != Fault.none:  # with other_groups = "continue": a part of the robot has stopped
+        with pytest.raises(demo.LitheError) as told:
+            raise_unless_active("active", fault.name)
+        assert isinstance(told.value, Disturbed) == machines and fault.name in str(told.value)
 
 
 def test_an_old_success_is_never_read_as_a_new_one(tmp_path: Path) -> None:
@@ -224,6 +228,68 @@ def test_a_robot_without_gravity_is_refused(tmp_path: Path, sim: str) -> None:
         demo.simulated_joints(tmp_path / "arm.toml")
 
 
+BUSES = '[[bus]]\nname = "can0"\nkind = "loop"\n[[bus]]\nname = "can1"\n'
+
+
+@pytest.mark.parametrize("kind", ["fdcanusb", "slcan", "socketcan", "pi3hat", "of tomorrow", ""])
+def test_a_bus_on_which_motors_may_hang_is_refused_before_anything_is_started(
+    tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of everything that is wrong with such a robot, this is said first."""
+    robot = tmp_path / "arm.toml"
+    robot.write_text('[plant]\nkind = "chain"\n' + BUSES + (f'kind = "{kind}"\n' if kind else "") + JOINT)
+    started: list[Any] = []
+    monkeypatch.setattr(demo, "Stage", lambda *words: started.append(words))
+    monkeypatch.setattr(sys, "argv", ["demo", "--out", str(tmp_path / "out"), "--robot", str(robot)])
+    assert demo.main() == 1 and started == []
+    told = capsys.readouterr().err
+    assert f"arm.toml: bus 'can1' is of kind \"{kind or None}\"" in told and "Nothing was started" in told
+    assert f"--robot {robot} --over-real-buses" in told and "next:" in told
+
+
+def test_a_bus_on_which_motors_may_hang_takes_permission(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot = tmp_path / "arm.toml"
+    started: list[Any] = []
+
+    def stage(*words: Any) -> Any:
+        started.append(words)
+        raise demo.LitheError("far enough")
+
+    monkeypatch.setattr(demo, "Stage", stage)
+    allowed = ["demo", "--out", str(tmp_path / "out"), "--robot", str(robot), "--over-real-buses"]
+    monkeypatch.setattr(sys, "argv", allowed)
+    real = BUSES + 'kind = "fdcanusb"\n' + JOINT
+    robot.write_text(real)
+    assert demo.main() == 1 and "simulates no gravity" in capsys.readouterr().err and started == []
+    robot.write_text(real + "[joint.sim]\nmgl_nm = 0.1\n")
+    assert demo.main() == 1 and "far enough" in capsys.readouterr().err and len(started) == 1
+
+
+@pytest.mark.parametrize(
+    "text", ["= ", "[[joint]]\n", JOINT.replace("-1.5", '"low"'), '[bus]\nkind = "loop"\n' + JOINT, "joint = 3", "\xff"]
+)
+def test_what_is_no_robot_file_is_started_by_nobody(tmp_path: Path, text: str) -> None:
+    (tmp_path / "arm.toml").write_bytes(text.encode("latin-1"))
+    with pytest.raises(demo.LitheError, match=r"(?s)arm\.toml is not what.*next: `lithe bus plan"):
+        demo.simulated_joints(tmp_path / "arm.toml")
+
+
+@pytest.mark.parametrize("mode", ["position", "velocity"])
+def test_a_drive_that_takes_no_torques_is_refused_by_name(tmp_path: Path, mode: str) -> None:
+    text = (ROOT / "robots/frankenstein.toml").read_text(encoding="utf-8")
+    head, tail = text.split('name = "boom_drive"')
+    (tmp_path / "own.toml").write_text(f'{head}name = "boom_drive"' + tail.replace('"torque"', f'"{mode}"', 1))
+    told = rf"device 'boom_drive' of joint 'boom' has mode = \"{mode}\".*next: mode = \"torque\""
+    with pytest.raises(demo.LitheError, match="(?s)" + told):
+        demo.simulated_joints(tmp_path / "own.toml")
+    defaults = text.replace('mode = "torque"', "").replace("[defaults.device]", f'[defaults.device]\nmode = "{mode}"')
+    (tmp_path / "all.toml").write_text(defaults)
+    with pytest.raises(demo.LitheError, match=r"device 'column_drive' of joint 'column'"):
+        demo.simulated_joints(tmp_path / "all.toml")
+
+
 def test_a_robot_whose_joints_hang_on_each_other_is_refused() -> None:
     with pytest.raises(demo.LitheError, match=r"chain\.toml has \[plant\] kind = \"chain\": .* each joint for itself"):
         demo.simulated_joints(ROOT / "robots/chain.toml")
@@ -234,7 +300,10 @@ def test_the_judge_finds_the_true_mgl(tmp_path: Path) -> None:
     (tmp_path / "arm.toml").write_text("[defaults.joint.sim]\nmgl_nm = 0.3\n" + JOINT)
     (joint,) = demo.simulated_joints(tmp_path / "arm.toml")
     assert joint.mgl_nm == 0.3
-    assert joint.most_share == pytest.approx(np.sin(1.4)), "beyond, the guard lets it hold no weight"
+    assert joint.most_share == pytest.approx(np.sin(1.35)), "nearer to its limits the agent takes it nowhere"
+    (tmp_path / "arm.toml").write_text("[guard]\nsoft_stop_rad = 0.4\n[defaults.joint.sim]\nmgl_nm = 0.3\n" + JOINT)
+    (joint,) = demo.simulated_joints(tmp_path / "arm.toml")
+    assert joint.most_share == pytest.approx(np.sin(1.1)), "beyond, the guard lets it hold no weight"
     found = {joint.name: joint.mgl_nm for joint in demo.simulated_joints(ROOT / "robots/frankenstein.toml")}
     assert found == {"column": 0.0, "boom": 1.5, "shoulder": 0.8, "upper_arm": 0.8, "elbow": 0.8, "wrist": 0.165,
                      "hand": 0.0}  # fmt: skip

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import synthetic
 from lithe.demo import judge
+from lithe.demo.joints import SimJoint, mgl_error
 
 
 @pytest.fixture
@@ -151,6 +152,17 @@ def test_any_joint_can_fall_short_and_is_named(spoil: Any, words: str) -> None:
     summary = made_good(synthetic.summary(joints=3))
     spoil(summary)
     assert [words in sentence for sentence in judge.verdict(summary)] == [True], judge.verdict(summary)
+
+
+def test_a_joint_that_gravity_pushes_away_bears_it_too() -> None:
+    """A robot file that says mgl < 0 is not read as one without gravity."""
+    sims = [SimJoint("shoulder", -0.165)]
+    summary = judge.summarise(synthetic.records(), synthetic.story(), sims, synthetic.robot_info(), 0)
+    (joint,) = summary["joints"]
+    assert joint["bears_gravity"] and joint["mgl_error"] == pytest.approx((0.16 + 0.165) / 0.165)
+    joint["mgl_error"] = mgl_error(0.0, sims[0])
+    made_good(summary)
+    assert judge.verdict(summary) == ["mgl is off by 100.0%, more than 5%"]
 
 
 def test_a_joint_without_gravity_need_not_track() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from arm_sim import SimArm
 from lithe.demo import brain, moves, sources
+from lithe.demo.joints import most_share
 from lithe.demo.sources import Gains
 from lithe.gateway import MOST_REQUEST_BYTES
 from lithe.identify import Arm, Motion
@@ -53,7 +54,54 @@ def test_every_joint_stays_within_its_limits_and_comes_to_its_heaviest_place(rob
         assert np.abs(np.diff(angles[:, j])).max() / 0.005 < joint["velocity_max_rad_s"]
         steady = angles[times > 2_000_000_000, j]
         assert np.ptp(steady) > 0.4, "wide enough to tell something"
-        assert abs(heaviest[j] - np.pi / 2) == pytest.approx(np.abs(steady - np.pi / 2).min(), abs=1e-3)
+        within = np.linspace(joint["position_min_rad"] + 0.15, joint["position_max_rad"] - 0.15, 1001)
+        assert abs(np.sin(heaviest[j])) == pytest.approx(np.abs(np.sin(within)).max(), abs=1e-3), joint["name"]
+
+
+WIDE = {"velocity_max_rad_s": 15.0}
+
+
+@pytest.mark.parametrize(
+    ("least_rad", "most_rad", "loaded_rad"),
+    [
+        (-3.0, 3.0, np.pi / 2),
+        (-2.0, 0.3, -np.pi / 2),
+        (-0.3, 2.0, np.pi / 2),
+        (-1.2, 0.1, -1.05),
+        (-0.4, 0.4, 0.25),
+        (-0.4, 0.3, -0.25),
+        (-6.0, 1.0, -np.pi / 2),
+        (0.9, 1.3, 1.15),
+        (1.8, 5.0, 3 * np.pi / 2),
+    ],
+)
+def test_what_a_joint_is_asked_to_bear_is_what_it_comes_to_bear(
+    least_rad: float, most_rad: float, loaded_rad: float
+) -> None:
+    """The agent's sine, stopped as the experiment stops it, beside what the judge asks of a joint with these limits."""
+    sine = moves.sines([{"position_min_rad": least_rad, "position_max_rad": most_rad, **WIDE}])
+    centre, amplitude, phase = (sine[key][0] for key in ("centre_rad", "amplitude_rad", "phase_rad"))
+    assert least_rad + 0.149 < centre - amplitude and centre + amplitude < most_rad - 0.149
+    half_a_turn = centre + amplitude * np.sin(np.pi + phase)
+    assert half_a_turn == pytest.approx(loaded_rad)
+    speed = amplitude * np.cos(np.pi + phase)
+    assert speed * np.sin(loaded_rad) < 1e-9, "the way that gravity pulls"
+    early = np.pi - 0.1  # the setpoints of joints with other decelerations coast a little farther, or less far
+    stopped = centre + amplitude * np.sin(early + phase)
+    for soft_stop_rad in (0.0, 0.1):
+        assert abs(np.sin(stopped)) > 0.93 * most_share(least_rad, most_rad, soft_stop_rad)
+
+
+def test_limits_turned_over_turn_the_sine_over() -> None:
+    joints = joints_of("frankenstein")
+    over = [{**one, LIMITS[0]: -one[LIMITS[1]], LIMITS[1]: -one[LIMITS[0]]} for one in joints]
+    one_sided = [j for j, one in enumerate(joints) if one[LIMITS[0]] != -one[LIMITS[1]]]
+    assert len(one_sided) == 2, "elbow and hand"
+    usual, turned = moves.sines(joints), moves.sines(over)
+    for j in one_sided:
+        assert turned["centre_rad"][j] == -usual["centre_rad"][j]
+        assert np.sin(turned["phase_rad"][j]) == pytest.approx(-np.sin(usual["phase_rad"][j]))
+        assert np.cos(turned["phase_rad"][j]) == pytest.approx(-np.cos(usual["phase_rad"][j]))
 
 
 def test_a_joint_without_room_is_named() -> None:

@@ -38,10 +38,10 @@ def no_other_robot(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(key, raising=False)
 
 
-def demo(robot: Path, out: Path) -> dict[str, Any]:
+def demo(robot: Path, out: Path, *words: str) -> dict[str, Any]:
     """The summary of a whole experiment."""
     done = subprocess.run(
-        [sys.executable, "-m", "lithe.demo", "--robot", robot, "--out", out],
+        [sys.executable, "-m", "lithe.demo", "--robot", robot, "--out", out, *words],
         check=False, capture_output=True, text=True, timeout=400, cwd=ROOT,
     )  # fmt: skip
     assert (out / "summary.json").exists(), done.stdout + done.stderr
@@ -61,7 +61,7 @@ def test_the_demo_runs_unchanged_over_an_fdcanusb(tmp_path: Path, tell: Callable
         }
         robot = tmp_path / "usb.toml"
         robot.write_text(calm.calm_text(changes), encoding="utf-8")
-        summary = demo(robot, tmp_path / "out")
+        summary = demo(robot, tmp_path / "out", "--over-real-buses")
     finally:
         sim.close()
     lost = f"{summary['lost_ticks']} of {summary['ticks']} ticks lost"
@@ -85,6 +85,27 @@ def test_the_demo_runs_unchanged_on_two_kinds_of_drive(tmp_path: Path, tell: Cal
             f"{joint['name']}: mgl off by {joint['mgl_error']:.1%}, RMSE {joint['rmse_deg']['baseline']:.1f} -> "
             f"{joint['rmse_deg']['evolved']:.2f} deg at {joint['estimate']['bandwidth_rad_s']:.0f} rad/s"
         )
+
+
+MOUNTED_THE_OTHER_WAY_ROUND = {
+    "position_min_rad = -2.5\nposition_max_rad = 2.5": "sign = -1\nposition_min_rad = -2.2\nposition_max_rad = 0.3",
+    "position_min_rad = -0.2\nposition_max_rad = 2.4": "position_min_rad = -2.4\nposition_max_rad = 0.2",
+    "position_min_rad = -0.1\nposition_max_rad = 1.2": "position_min_rad = -1.2\nposition_max_rad = 0.1",
+    "position_min_rad = -1.5\nposition_max_rad = 1.5": "position_min_rad = -1.5\nposition_max_rad = 0.6",
+    'device = "upper_arm_drive"\nsign = -1': 'device = "upper_arm_drive"\nsign = 1',
+}
+
+
+def test_the_demo_holds_on_a_robot_mounted_the_other_way_round(tmp_path: Path, tell: Callable[[str], None]) -> None:
+    """As a left leg is: where a joint has one heavy place only, that is on the negative side."""
+    robot = tmp_path / "mirrored.toml"
+    robot.write_text(calm.calm_text(MOUNTED_THE_OTHER_WAY_ROUND, robot="frankenstein"), encoding="utf-8")
+    summary = demo(robot, tmp_path / "out")
+    heavy = [joint for joint in summary["joints"] if joint["bears_gravity"]]
+    assert len(heavy) == 5 and all(joint["freeze"]["rest_angle_deg"] < -60 for joint in heavy)
+    for joint in heavy:
+        share, error_deg = joint["freeze"]["gravity_share"], joint["rmse_deg"]["evolved"]
+        tell(f"{joint['name']}: at {joint['freeze']['rest_angle_deg']:.0f} deg {share:.0%}, RMSE {error_deg:.2f} deg")
 
 
 # Of robots/chain.toml: mass, way to the centre, length, inertia; the last one is a thin rod.

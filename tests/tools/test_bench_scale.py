@@ -3,6 +3,8 @@
 
 import importlib
 import json
+import os
+import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -27,8 +29,9 @@ def scale(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 def peer(scale: ModuleType, name: str, encode_ns: float, told: dict[str, Any] | None = None) -> Any:
-    """A codec that says it takes so long, and a nanosecond more with each round."""
-    return scale.Peer(name, [sys.executable, "-c", CODEC, json.dumps(told or TOLD), str(encode_ns)])
+    """A codec that says it takes so long, and a nanosecond more with each pass."""
+    core = min(os.sched_getaffinity(0))
+    return scale.Peer(name, core, [sys.executable, "-c", CODEC, json.dumps(told or TOLD), str(encode_ns)])
 
 
 def test_each_round_asks_every_codec_and_the_middle_one_counts(scale: ModuleType) -> None:
@@ -36,12 +39,33 @@ def test_each_round_asks_every_codec_and_the_middle_one_counts(scale: ModuleType
     figures = scale.compare(running, ["nobody"], 5)
     for each in running:
         each.close()
-    assert figures["codec_python_encode_ns"] == 1002.0 and figures["codec_lithe_encode_ns"] == 101.0
-    assert figures["codec_python_over_lithe_encode"] == pytest.approx(1002 / 101)
+    counted = [[turn["encode_ns"] for turn in each.rounds] for each in running]
+    assert counted == [[1001.0, 1003.0, 1005.0, 1007.0, 1009.0], [100.0, 102.0, 104.0, 106.0, 108.0]], "not the first"
+    assert figures["codec_python_encode_ns"] == 1005.0 and figures["codec_lithe_encode_ns"] == 104.0
+    assert figures["codec_python_over_lithe_encode"] == pytest.approx(1005 / 104)
     assert figures["codec_python_over_lithe_parse"] == 1.0
     assert (figures["codec_frames"], figures["codec_upstream_absent"]) == (2, "nobody")
-    assert 0 < figures["codec_python_encode_spread"] < 0.05
+    assert 0 < figures["codec_python_encode_spread"] < 0.06
     assert all(each.process.returncode == 0 for each in running), "they are ended"
+
+
+def test_every_codec_lives_on_the_core_of_the_spine(scale: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    allowed = sorted(os.sched_getaffinity(0))
+    monkeypatch.delenv("LITHE_BENCH_CORES", raising=False)
+    assert scale.core_of_the_spine() == allowed[:2][-1]
+    monkeypatch.setenv("LITHE_BENCH_CORES", f"{allowed[-1]},{allowed[0]}")
+    assert scale.core_of_the_spine() == allowed[-1]
+    asked: list[int] = []
+
+    monkeypatch.setenv(scale.PEER, "/another/codec")
+    got = subprocess.CompletedProcess([], 0, "/nowhere\n", "")
+    monkeypatch.setattr(scale.subprocess, "run", lambda *_, **__: got)
+    with monkeypatch.context() as patched:
+        one = peer(scale, "lithe", 1.0)
+        patched.setattr(scale, "Peer", lambda name, core, *_: asked.append(core) or one)
+        with scale.peers(Path("/nowhere")) as (running, _):
+            assert asked == [allowed[-1]] * 3 and len(running) == 3
+            assert os.sched_getaffinity(one.process.pid) == {allowed[0]}, "where it was told to"
 
 
 @pytest.mark.parametrize(
@@ -66,7 +90,42 @@ def test_what_is_read_as_floats_is_the_same_number(scale: ModuleType) -> None:
 
 def test_a_codec_that_ends_early_is_named(scale: ModuleType) -> None:
     with pytest.raises(scale.report.Unmeasured, match="codec of lithe ended with 3"):
-        scale.Peer("lithe", [sys.executable, "-c", "raise SystemExit(3)"])
+        scale.Peer("lithe", 0, [sys.executable, "-c", "raise SystemExit(3)"])
+
+
+def quiet(scale: ModuleType) -> dict[str, Any]:
+    """Figures of a whole run that nothing disturbed."""
+    bench = scale.report.BENCHES["scale"]
+    figures: dict[str, Any] = dict.fromkeys(bench.claims, 1.0) | dict.fromkeys(bench.most, 0.0)
+    return figures | dict.fromkeys(bench.steady.values(), 0.05) | {"scale_control_failed_as_it_must": True}
+
+
+@pytest.mark.parametrize("spread", [0.26, None, float("nan")])
+def test_a_disturbed_comparison_of_codecs_is_null_and_costs_no_other_figure(
+    scale: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, spread: float | None
+) -> None:
+    monkeypatch.setattr(scale.report, "OUT", tmp_path)
+    disturbed = quiet(scale) | {"codec_python_encode_spread": spread}
+    monkeypatch.setattr(scale.report, "measure", lambda _: dict(disturbed))
+    assert scale.main([]) == 1
+    told = json.loads((tmp_path / "scale.json").read_text())
+    assert (told["scale_verdict"], told["scale_attempts"]) == ("INCONCLUSIVE", 3)
+    assert told["codec_python_over_lithe_encode"] is None and told["codec_lithe_encode_ns"] is None
+    assert told["codec_python_over_lithe_parse"] == 1.0 and told["exchange_32j_p50_us"] == 1.0
+    assert "codec_python_encode_spread is" in told["scale_reason"]
+
+
+def test_a_steady_comparison_of_codecs_is_measured_once(
+    scale: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(scale.report, "OUT", tmp_path)
+    runs = [quiet(scale) | {"codec_upstream_over_lithe_parse": 2.0, "codec_upstream_parse_spread": 0.3}, quiet(scale)]
+    monkeypatch.setattr(scale.report, "measure", lambda _: runs.pop(0))
+    assert scale.main([]) == 0 and runs == [], "again, while another codec was disturbed"
+    told = json.loads((tmp_path / "scale.json").read_text())
+    assert (told["scale_verdict"], told["codec_python_over_lithe_encode"]) == ("measured", 1.0)
+    monkeypatch.setattr(scale.report, "measure", lambda _: quiet(scale))
+    assert scale.main([]) == 0 and json.loads((tmp_path / "scale.json").read_text())["scale_attempts"] == 1
 
 
 def test_an_absent_codec_is_a_reason_and_no_number(

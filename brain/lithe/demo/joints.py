@@ -13,6 +13,8 @@ import numpy.typing as npt
 
 from lithe.errors import LitheError
 
+from .moves import MARGIN_RAD
+
 MOST_MGL_ERROR = 0.05
 MOST_EVOLVED_DEG = 3.0
 LEAST_IMPROVEMENT = 8.0
@@ -28,38 +30,79 @@ class SimJoint:
 
     name: str
     mgl_nm: float
-    most_share: float = 1.0  # of mgl, that it can come to bear where the guard lets it hold a weight
+    most_share: float = 1.0  # of mgl, that it can come to bear where its limits leave room to hold a weight
 
     @property
     def bears_gravity(self) -> bool:
-        return self.mgl_nm > 0
+        return self.mgl_nm != 0
 
 
-def _most_share(least_rad: float, most_rad: float) -> float:
-    """The largest |sin| between two angles."""
+def most_share(position_min_rad: float, position_max_rad: float, soft_stop_rad: float) -> float:
+    """The largest |sin| that a joint with these limits is asked to come to: as far off them as the agent keeps."""
+    margin_rad = max(soft_stop_rad, MARGIN_RAD)
+    least_rad, most_rad = position_min_rad + margin_rad, position_max_rad - margin_rad
     angles = np.clip([-np.pi / 2, np.pi / 2, least_rad, most_rad], least_rad, most_rad)
     return float(np.max(np.abs(np.sin(angles))))
 
 
-def simulated_joints(robot_file: Path) -> list[SimJoint]:
-    """The joints of a robot file in which `lithe run` has found no fault.
+def _refuse_hardware(robot_file: Path, config: dict[str, Any]) -> None:
+    """LitheError when motors may hang on one of its buses. Whatever is not known to be simulated is real."""
+    for bus in config.get("bus", []):
+        if (kind := bus.get("kind")) != "loop":
+            raise LitheError(
+                f"{robot_file}: bus '{bus.get('name')}' is of kind \"{kind}\", so real motors may hang on it. The "
+                "experiment drives every joint with laws that are bad on purpose, and freezes and kills its Brain. "
+                'Nothing was started\n  next: simulate the bus (kind = "loop"); or, when devices are simulated at its '
+                "far end, or all may swing freely with nobody near:\n"
+                f"    python -m lithe.demo --robot {robot_file} --over-real-buses"
+            )
 
-    LitheError when none bears gravity, or when what one of them bears depends on the others.
-    """
-    config = tomllib.loads(robot_file.read_text(encoding="utf-8"))
-    if (plant := config.get("plant", {}).get("kind", "independent")) != "independent":
+
+def _refuse_drive(robot_file: Path, joint: str, drive: dict[str, Any]) -> None:
+    """LitheError when a drive follows targets: the agent's laws give torques."""
+    if drive.get("kind") == "cia402" and (mode := drive.get("mode", "torque")) != "torque":
         raise LitheError(
-            f'{robot_file} has [plant] kind = "{plant}": the experiment weighs each joint for itself; '
-            'give it a robot whose joints swing each on its own ("independent")'
+            f"{robot_file}: device '{drive.get('name')}' of joint '{joint}' has mode = \"{mode}\", in which a drive "
+            'ignores the torques that the experiment\'s laws give\n  next: mode = "torque"'
         )
-    common = config.get("defaults", {}).get("joint", {})
+
+
+def _joints(robot_file: Path, config: dict[str, Any]) -> list[SimJoint]:
+    defaults = config.get("defaults", {})
+    common = defaults.get("joint", {})
+    drives = {own["name"]: {**defaults.get("device", {}), **own} for own in config.get("device", [])}
     soft_rad = float(config.get("guard", {}).get("soft_stop_rad", SOFT_STOP_RAD))
     joints = []
     for own in config["joint"]:
         joint = {**common, **own}
         sim = {**common.get("sim", {}), **own.get("sim", {})}
-        share = _most_share(float(joint["position_min_rad"]) + soft_rad, float(joint["position_max_rad"]) - soft_rad)
+        _refuse_drive(robot_file, joint["name"], drives.get(joint.get("device"), {}))
+        share = most_share(float(joint["position_min_rad"]), float(joint["position_max_rad"]), soft_rad)
         joints.append(SimJoint(str(joint["name"]), float(sim.get("mgl_nm", 0.0)), share))
+    return joints
+
+
+def simulated_joints(robot_file: Path, over_real_buses: bool = False) -> list[SimJoint]:
+    """The joints of a robot file on which the experiment may and can be done; asked before anything is started.
+
+    LitheError when motors may hang on its buses and nobody allowed that, when none of its joints bears gravity, when
+    what one of them bears depends on the others, when a drive takes no torques. Mistakes are for `lithe` to name.
+    """
+    try:
+        config = tomllib.loads(robot_file.read_text(encoding="utf-8"))
+        if not over_real_buses:
+            _refuse_hardware(robot_file, config)
+        if (plant := config.get("plant", {}).get("kind", "independent")) != "independent":
+            raise LitheError(
+                f'{robot_file} has [plant] kind = "{plant}": the experiment weighs each joint for itself; '
+                'give it a robot whose joints swing each on its own ("independent")'
+            )
+        joints = _joints(robot_file, config)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise LitheError(
+            f"{robot_file} is not what a robot file is ({type(error).__name__}: {error})\n"
+            f"  next: `lithe bus plan {robot_file}` names its mistakes, and starts nothing"
+        ) from None
     if not any(joint.bears_gravity for joint in joints):
         raise LitheError(f"{robot_file} simulates no gravity: give a joint's [joint.sim] an mgl_nm above 0")
     return joints
@@ -92,7 +135,7 @@ def freeze_of(joint: int, frozen: npt.NDArray[Any], rest: npt.NDArray[Any], sim:
 def mgl_error(mgl_hat_nm: float, sim: SimJoint) -> float:
     """Relative; of a joint that bears nothing: 0, or 1 when the agent believes that it does."""
     if sim.bears_gravity:
-        return abs(mgl_hat_nm - sim.mgl_nm) / sim.mgl_nm
+        return abs(mgl_hat_nm - sim.mgl_nm) / abs(sim.mgl_nm)
     return 0.0 if mgl_hat_nm == 0 else 1.0
 
 

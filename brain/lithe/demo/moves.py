@@ -16,7 +16,6 @@ from lithe.identify import Arm, Motion
 FREQUENCY_HZ = 0.5
 RAMP_S = 1.5
 WIDEST_RAD = np.pi / 4
-LOADED_RAD = np.pi / 2
 MARGIN_RAD = 0.15  # off a position limit: close to one the guard takes away what pushes outwards, so holds no weight
 SHARE_OF_RANGE, SHARE_OF_SPEED = 0.4, 0.4  # that a sine may take
 # Of the rough gravity torque. The first pair is a wide swing both ways that cannot go over the top. Where the limits
@@ -26,10 +25,24 @@ PROBES = (PROBE_SHARES, (-0.5, 0.35), (0.5, 0.25), (-0.5, -0.25))
 OVER_THE_TOP_RAD = np.radians(120)
 
 
+def heaviest_rad(least_rad: float, most_rad: float) -> float:
+    """The angle between these two at which gravity pulls hardest; of several the one nearest to hanging."""
+    turns = np.pi / 2 + np.pi * np.arange(np.ceil(least_rad / np.pi - 0.5), np.floor(most_rad / np.pi - 0.5) + 1)
+    return float(
+        min((*turns, most_rad, least_rad), key=lambda q_rad: (-round(abs(np.sin(q_rad)), 9), abs(q_rad), -q_rad))
+    )
+
+
+def phase_rad(loaded_rad: float, centre_rad: float, amplitude_rad: float) -> float:
+    """The phase with which half a turn of the sine is at that angle, or next to it, on the way that gravity pulls."""
+    asked = float(np.arcsin(np.clip((loaded_rad - centre_rad) / amplitude_rad, -1.0, 1.0)))
+    return -asked if np.sin(loaded_rad) >= 0 else asked - float(np.pi)
+
+
 def sines(joints: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """What the verb `reference` takes: for each joint a sine about the heaviest place that its limits leave room for.
 
-    The phases are such that all joints come through their heaviest angle at once, on the first one's way down.
+    The phases are such that all joints come through their heaviest angle at once, on their way down.
     """
     centres, amplitudes, phases = [], [], []
     for joint in joints:
@@ -39,10 +52,11 @@ def sines(joints: Sequence[dict[str, Any]]) -> dict[str, Any]:
             raise ValueError(f"joint '{joint['name']}' has no room to move: its position limits are too close")
         speed_rad = float(joint["velocity_max_rad_s"]) / (2 * np.pi * FREQUENCY_HZ)
         amplitude = min(WIDEST_RAD, SHARE_OF_RANGE * (most_rad - least_rad), SHARE_OF_SPEED * speed_rad)
-        centre = float(np.clip(LOADED_RAD, least_rad + amplitude, most_rad - amplitude))
+        loaded_rad = heaviest_rad(least_rad, most_rad)
+        centre = float(np.clip(loaded_rad, least_rad + amplitude, most_rad - amplitude))
         centres.append(centre)
         amplitudes.append(amplitude)
-        phases.append(-float(np.arcsin(np.clip((LOADED_RAD - centre) / amplitude, -1.0, 1.0))))
+        phases.append(phase_rad(loaded_rad, centre, amplitude))
     return {
         "centre_rad": centres,
         "amplitude_rad": amplitudes,

@@ -29,7 +29,7 @@ DIE_WITH_US = ("setpriv", "--pdeathsig", "KILL")
 
 
 class Disturbed(LitheError):
-    """The robot stopped itself, and neither the experiment nor a law did it: the machine took its core away."""
+    """The robot stopped itself or a part of it, not by the experiment or a law: the machine took its core away."""
 
     def __init__(self, fault: str) -> None:
         super().__init__(f"safe stop ({fault}): the machine took the robot's core away for too long")
@@ -40,9 +40,14 @@ DISTURBANCES = ("sample_stale", "deadline_missed", "drive_watchdog")  # faults o
 
 
 def raise_unless_active(mode: str, fault: str) -> None:
-    """Tells what the machine did to the robot from what must not happen."""
-    if mode == "safe_stop" and fault in DISTURBANCES:
+    """Tells what the machine did to the robot from what must not happen.
+
+    A fault in mode `active` has stopped a group of joints, and the others go on: no experiment on that robot either.
+    """
+    if mode in ("active", "safe_stop") and fault in DISTURBANCES:
         raise Disturbed(fault)
+    if mode == "active" and fault != "none":
+        raise LitheError(f"a group of the robot's joints has stopped (fault '{fault}'), the others go on")
     if mode != "active":
         raise LitheError(f"the robot left mode 'active': it is in '{mode}', fault '{fault}'")
 
