@@ -61,7 +61,7 @@ Result<std::unique_ptr<Bus>> BusOpener::open_on_board(const robot::BusConfig& co
     params.reply_wait_ns = 0;
     for (const robot::BusConfig& bus : buses_) {
       if (bus.kind != robot::BusKind::pi3hat) continue;
-      params.port.lines[(bus.connector - 1) % kPi3hatConnectors] = {bus.bitrate, bus.data_bitrate};
+      params.port.lines[(bus.connector - 1) % kPi3hatConnectors] = {true, bus.bitrate, bus.data_bitrate};
       params.reply_wait_ns = std::max<std::int64_t>(params.reply_wait_ns, std::llround(1e9 * bus.reply_wait_s));
     }
     if (port_ == nullptr) {

@@ -11,66 +11,15 @@
 
 #include "spine/core/no_alloc/no_alloc.hpp"
 #include "spine/hal/actuators.hpp"
-#include "spine/hal/bus/loop_bus.hpp"
 #include "spine/hal/bus/pi3hat_bus.hpp"
 #include "spine/hal/open_bus.hpp"
 #include "spine/hal/sim/nodes.hpp"
+#include "spine/hal/test_pi3hat.hpp"
 #include "spine/robot/robot.hpp"
 #include "spine/wire/wire.hpp"
 
 namespace lithe::hal {
 namespace {
-
-// What a test sees of the board and does to it. It outlives the board.
-struct Board {
-  std::array<LoopBus, kPi3hatConnectors> lines;
-  sim::Nodes nodes;
-  std::uint64_t cycles = 0;
-  std::size_t sent = 0;      // in the last cycle
-  std::size_t answered = 0;  // of those: frames to which an answer was waited for
-  std::uint32_t listen = 0;
-  bool attitude_asked = false;
-  bool moves = true;  // there is a new attitude
-  Pi3hatAttitude attitude{{1, 0, 0, 0}, {0, 90, 0}, {0, 0, 9.8}};
-  int error = 0;
-  std::int64_t now_ns = 0;
-  std::size_t strangers = 0;  // frames that it makes up, from connectors that there are not
-};
-
-// As the real one: what came since the last cycle first, then the answers, in no order of connectors.
-class BoardPort final : public Pi3hatPort {
- public:
-  explicit BoardPort(Board& board) : board_(board) {}
-
-  Pi3hatOutcome cycle(const Pi3hatOrder& order, std::span<Pi3hatFrame> received, Pi3hatAttitude& attitude)
-      LITHE_RT override {
-    ++board_.cycles;
-    board_.sent = order.send.size();
-    board_.answered = 0;
-    board_.listen = order.listen;
-    board_.attitude_asked = order.attitude;
-    for (LoopBus& line : board_.lines) line.begin(board_.now_ns);
-    for (const Pi3hatFrame& each : order.send) {
-      board_.lines[each.connector - 1].send(each.frame);
-      board_.answered += each.answered ? 1 : 0;
-    }
-    std::size_t count = 0;
-    for (std::size_t i = 0; i < board_.strangers && count < received.size(); ++i) {
-      received[count++] = {static_cast<std::uint32_t>(i % 2 == 0 ? 0 : 77), false, {}};
-    }
-    for (std::uint32_t connector = kPi3hatConnectors; connector >= 1; --connector) {
-      Frame frame;
-      while (count < received.size() && board_.lines[connector - 1].receive(frame)) {
-        received[count++] = {connector, false, frame};
-      }
-    }
-    attitude = board_.attitude;
-    return {count, order.attitude && board_.moves, board_.error};
-  }
-
- private:
-  Board& board_;
-};
 
 // The quadruped as on the robot, with an IMU.
 robot::RobotConfig quadruped() {
@@ -279,6 +228,31 @@ TEST_F(Pi3hatLines, MoreThanOneCycleHoldsIsRefusedAndTheNextStartsEmpty) {
   EXPECT_FALSE(line_->receive(got));
   EXPECT_EQ(board_.sent, taken);
   EXPECT_TRUE(line_->send(one));
+}
+
+TEST_F(Pi3hatLines, AnAnswerIsAwaitedInThisExchangeOnly) {
+  open(false);
+  Frame got;
+  line_->expect_answer();  // and then its drive has nothing to say
+  line_->flush();
+  EXPECT_FALSE(line_->receive(got));
+  EXPECT_TRUE(line_->send(frame(0x8001, true, true, 8)));
+  line_->flush();
+  EXPECT_FALSE(line_->receive(got));
+  EXPECT_EQ(board_.sent, 1U);
+  EXPECT_EQ(board_.answered, 0U);
+}
+
+TEST_F(Pi3hatLines, AClassicOneGivesAllThatIsOldBeforeTheCommands) {
+  open(false, 0);
+  for (std::uint32_t i = 0; i < 60; ++i) board_.arrived[0].push(frame(0x100 + i, false, false, 8));
+  line_->begin(0);
+  Frame got;
+  for (std::uint32_t i = 0; i < 60; ++i) {
+    ASSERT_TRUE(line_->receive(got)) << i;
+    EXPECT_EQ(got.id, 0x100 + i);
+  }
+  EXPECT_FALSE(line_->receive(got));
 }
 
 TEST_F(Pi3hatLines, OnlyAPolledOneLooksAgain) {

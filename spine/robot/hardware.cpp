@@ -106,6 +106,11 @@ void check_device(Reader& in, const RobotConfig& robot, const DeviceConfig& devi
                                    "slcan or socketcan",
                                    bus.name));
   }
+  if (device.kind == DeviceKind::cia402 && bus.kind == BusKind::pi3hat && is_fd(bus)) {
+    in.complain("bus", fmt::format("\"{}\" is a connector with CAN FD, which sends nothing else; CANopen drives speak "
+                                   "classic CAN: say data_bitrate = 0 there",
+                                   bus.name));
+  }
   if (device.kind == DeviceKind::imu && bus.kind != BusKind::pi3hat && bus.kind != BusKind::loop) {
     in.complain("bus", fmt::format("\"{}\" is of a kind that has no imu; name a bus of the pi3hat", bus.name));
   }

@@ -72,6 +72,9 @@ TEST(Hardware, ADeviceMustFitItsBus) {
   expect_refused(
       kTop + "[[bus]]\nname = \"u\"\nkind = \"fdcanusb\"\npath = \"/dev/u\"\n" + device("c", "cia402", "u", 1, kRated),
       {"fdcanusb", "slcan or socketcan"});
+  expect_refused(
+      kTop + "[[bus]]\nname = \"h\"\nkind = \"pi3hat\"\nconnector = 3\n" + device("c", "cia402", "h", 1, kRated),
+      {"classic CAN", "data_bitrate = 0"});
   expect_refused(kTop + kFd + device("m", "moteus", "fd", 1) + device("c", "cia402", "fd", 2, kRated),
                  {"\"m\" on it is a moteus, this is a cia402", "a bus each"});
   expect_refused(kTop + kFd + device("c", "cia402", "fd", 2), {"rated_torque_nm"});

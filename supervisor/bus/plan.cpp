@@ -24,6 +24,7 @@ constexpr double kTurnAroundUs = 200;
 constexpr double kUsbBytesPerS = 1e6;  // of the 1.2 MB/s that USB at full speed has for bulk data
 constexpr double kBitsPerByte = 10;    // start, eight, stop
 constexpr double kSpiPollUs = 15;
+constexpr double kPollsInSteps = 4;  // two for what is old, two for what is new (Pi3hatBoard)
 
 constexpr std::array<const char*, 3> kProcessors{"JC1+JC2", "JC3+JC4", "JC5"};
 
@@ -148,13 +149,17 @@ void share_spi(const RobotConfig& robot, const std::vector<Use>& uses, Plan& pla
   std::array<std::vector<double>, kProcessors.size()> us;
   std::vector<double> all;
   double pair_us = 0;  // the last command and the answer to it
+  const bool in_steps = std::any_of(robot.buses.begin(), robot.buses.end(), [](const robot::BusConfig& bus) {
+    return bus.kind == BusKind::pi3hat && !is_fd(bus);
+  });
+  const double poll_us = in_steps ? kPollsInSteps * kSpiPollUs : kSpiPollUs;
   for (std::size_t i = 0; i < robot.buses.size(); ++i) {
     if (robot.buses[i].kind != BusKind::pi3hat || plan.buses[i].devices.empty()) continue;
     std::vector<double>& mine = us[std::min<std::size_t>((robot.buses[i].connector - 1) / 2, us.size() - 1)];
     all.resize(uses[i].ticks.size());
     if (mine.empty()) {
-      mine.resize(all.size(), kSpiPollUs);
-      for (double& tick : all) tick += kSpiPollUs;
+      mine.resize(all.size(), poll_us);
+      for (double& tick : all) tick += poll_us;
     }
     for (std::size_t tick = 0; tick < all.size(); ++tick) {
       mine[tick] += uses[i].ticks[tick].spi_us;

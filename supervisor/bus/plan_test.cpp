@@ -185,6 +185,15 @@ TEST(Plan, APi3hatIsLimitedByItsSpi) {
   EXPECT_TRUE(bus::plan(robot, {std::floor(plan.highest_rate_hz)}).fits);
 }
 
+TEST(Plan, AClassicConnectorMakesAPi3hatLookMoreOften) {
+  RobotConfig robot;
+  for (int i = 0; i < 5; ++i) add_bus(robot, BusKind::pi3hat);
+  for (std::size_t i = 0; i < 4; ++i) add(robot, i);
+  const double before_us = bus::plan(robot, {}).spi_us;
+  robot.buses[4].data_bitrate = 0;
+  EXPECT_NEAR(bus::plan(robot, {}).spi_us - before_us, 2 * 45, 1) << "two processors have devices";
+}
+
 TEST(Plan, AsJsonItSaysWhatItIs) {
   RobotConfig robot = moteus_robot(3, BusKind::loop);
   add_bus(robot);

@@ -40,10 +40,10 @@ struct Pi3hatOrder {
 struct Pi3hatOutcome {
   std::size_t received = 0;
   bool attitude = false;  // there was a new one
-  int error = 0;          // the board's own number; 0 = none
+  int error = 0;          // the board's own number; 0 = none. The maker's 1.0.0 knows none: a dead board is silent
 };
 
-// Contract: RT as far as the hardware is: busy, bounded, no allocation · one thread
+// Contract: RT as far as the hardware is: busy, bounded, no allocation once its lists have grown · one thread
 class Pi3hatPort {
  public:
   Pi3hatPort() = default;
@@ -52,12 +52,13 @@ class Pi3hatPort {
   virtual ~Pi3hatPort() = default;
 
   // Sends all, waits for the answers, takes what has come: at most received.size() frames, what came since the last
-  // cycle first. What does not fit stays in the board, or is lost there.
+  // cycle first. What does not fit stays in the board; without any room nothing is read.
   virtual Pi3hatOutcome cycle(const Pi3hatOrder& order, std::span<Pi3hatFrame> received, Pi3hatAttitude& attitude)
       LITHE_RT = 0;
 };
 
 struct Pi3hatLine {
+  bool used = false;  // if not, it acknowledges nothing and disturbs nobody, whatever bus is plugged in there
   std::uint32_t bitrate = 1'000'000;
   std::uint32_t data_bitrate = 5'000'000;  // 0 = this connector carries classic CAN
 };

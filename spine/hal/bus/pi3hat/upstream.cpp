@@ -7,6 +7,7 @@
 #include <array>
 #include <exception>
 #include <string>
+#include <utility>
 
 #include "spine/hal/bus/pi3hat_port.hpp"
 
@@ -20,12 +21,16 @@ maker::Pi3Hat::Configuration configuration(const Pi3hatParams& params) {
   for (std::size_t i = 0; i < params.lines.size(); ++i) {
     const Pi3hatLine& line = params.lines[i];
     maker::Pi3Hat::CanConfiguration& can = configuration.can[i];
+    can.bus_monitor = !line.used;
     can.slow_bitrate = static_cast<int>(line.bitrate);
     can.fast_bitrate = static_cast<int>(std::max(line.bitrate, line.data_bitrate));
     can.fdcan_frame = can.bitrate_switch = line.data_bitrate > 0;
   }
   return configuration;
 }
+
+// With it the maker's library reckons how long answers may be under way; that of a moteus to all we ask.
+constexpr std::uint8_t kAnswerBytes = 24;
 
 class UpstreamPort final : public Pi3hatPort {
  public:
@@ -42,6 +47,7 @@ class UpstreamPort final : public Pi3hatPort {
       to.size = from.frame.size;
       to.bus = static_cast<int>(from.connector);
       to.expect_reply = from.answered;
+      to.expected_reply_size = from.answered ? kAnswerBytes : 0;
       std::copy_n(from.frame.data.begin(), from.frame.payload().size(), to.data);
       awaits = awaits || from.answered;
     }
@@ -57,7 +63,7 @@ class UpstreamPort final : public Pi3hatPort {
     input.request_attitude = order.attitude;
     input.attitude = &measured;
     maker::Pi3Hat::Output output;
-    LITHE_RT_EXEMPT("SPI through mapped registers: busy, bounded by its own waits, no allocation",
+    LITHE_RT_EXEMPT("SPI through mapped registers: busy, bounded by its own waits; its lists grow in the first cycles",
                     { output = board_.Cycle(input); });
     const std::size_t count = std::min<std::size_t>(output.rx_can_size, received.size());
     for (std::size_t i = 0; i < count; ++i) take(in_[i], received[i]);
@@ -66,6 +72,9 @@ class UpstreamPort final : public Pi3hatPort {
     attitude.acceleration_mps2 = {measured.accel_mps2.x, measured.accel_mps2.y, measured.accel_mps2.z};
     return {count, order.attitude && output.attitude_present, output.error};
   }
+
+  // Whether it survives frames that nobody acknowledges, as when a drive is off.
+  bool sound() const { return sound_; }
 
  private:
   void take(const maker::CanFrame& from, Pi3hatFrame& to) const LITHE_RT {
@@ -81,6 +90,7 @@ class UpstreamPort final : public Pi3hatPort {
   }
 
   maker::Pi3Hat board_;
+  const bool sound_ = board_.device_info().can_unknown_address_safe;
   Pi3hatParams params_;
   std::array<maker::CanFrame, 128> out_;
   std::array<maker::CanFrame, 160> in_;
@@ -90,7 +100,13 @@ class UpstreamPort final : public Pi3hatPort {
 
 Result<std::unique_ptr<Pi3hatPort>> open_pi3hat_port(const Pi3hatParams& params) {
   try {
-    return std::unique_ptr<Pi3hatPort>(std::make_unique<UpstreamPort>(params));
+    auto port = std::make_unique<UpstreamPort>(params);
+    if (!port->sound()) {
+      return Error{
+          "the firmware of this pi3hat is too old: it freezes when nobody acknowledges a frame, as when a drive is "
+          "off; update it as its maker says (https://github.com/mjbots/pi3hat)"};
+    }
+    return std::unique_ptr<Pi3hatPort>(std::move(port));
   } catch (const std::exception& wrong) {
     return Error{std::string("the pi3hat cannot be opened: ") + wrong.what() +
                  "; it takes root (sudo) and a Raspberry Pi 3 or 4 with the board on it, used by no other program"};
