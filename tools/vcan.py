@@ -26,6 +26,7 @@ BIN = Path(os.environ.get("LITHE_BIN_DIR", ROOT / "build/release/bin"))
 PROGRAM = BIN / "hal_bus_socketcan_interface_test"
 LITHE = ("lithe", "lithe-sim", "lithe-spine", "lithe-trial", "lawd")
 ROBOT_SCRIPT = Path(__file__).with_name("vcan_robot.sh")
+REFUSED = ("scan-less", "scan-wrong", "scan-beside")  # steps of it that end with 1, all others with 0
 QEMU = "qemu-system-x86_64"
 MODULES = ("can-raw", "vcan")
 APPLETS = ("cat", "grep", "insmod", "ip", "mkdir", "mount", "poweroff", "seq", "sh", "sleep", "touch")
@@ -53,6 +54,7 @@ class Cargo:
     program: Path  # its verdict is the boot's
     beside: tuple[Path, ...] = ()  # more programs
     files: dict[str, bytes] = field(default_factory=dict)  # "robot.sh" runs after the program
+
 
 @dataclass(frozen=True)
 class Step:
@@ -144,11 +146,13 @@ def without(text: str, *names: str) -> str:
     return "".join(part for part in parts if not any(f'\nname = "{name}"\n' in part for name in names))
 
 
-def robot_files(law: str = "") -> dict[str, bytes]:
+def robot_files() -> dict[str, bytes]:
     """Frankenstein on three CAN interfaces, patient with an emulated machine; with a part less; with a wrong id."""
-    buses = {f'name = "can{i}"\nkind = "loop"': f'name = "can{i}"\nkind = "socketcan"\ninterface = "vcan{i + 1}"' for i in range(3)}
+    socketcan = 'name = "can{}"\nkind = "socketcan"\ninterface = "vcan{}"\nreply_wait_s = 0.009'
+    buses = {f'name = "can{i}"\nkind = "loop"': socketcan.format(i, i + 1) for i in range(3)}
     patience = {
-        'law = "../laws/pd.cpp"': f"{law}\n[spine]\nrelease = \"sleep\"\nlate_ticks_to_stop = 10000\n",
+        'law = "../laws/pd.cpp"': '[spine]\nrelease = "sleep"\nlate_ticks_to_stop = 10000\n'
+        "[guard]\nlost_after_misses = 100",
         "rate_hz = 1000": "rate_hz = 100",
         "watchdog_s = 0.2": "watchdog_s = 10.0",
     }
@@ -200,7 +204,9 @@ def initramfs(kernel: Kernel, cargo: Cargo) -> bytes:
         yield "bin/busybox", busybox.read_bytes(), executable
         for program in (cargo.program, *cargo.beside):
             yield f"bin/{program.name}", program.read_bytes(), executable
-        for library in sorted({library for program in (cargo.program, *cargo.beside) for library in libraries(program)}):
+        for library in sorted(
+            {library for program in (cargo.program, *cargo.beside) for library in libraries(program)}
+        ):
             yield str(library)[1:], library.read_bytes(), executable
         for name, content in cargo.files.items():
             yield name, content, executable
@@ -239,6 +245,13 @@ def steps(said: str) -> dict[str, Step]:
     return {name: Step(int(code), text) for name, text, code in found}
 
 
+def wrong_steps(said: str) -> list[str]:
+    """The robot's steps that did not end as they must, or never did."""
+    ended = steps(said)
+    names = re.findall(r"(?m)^step (\S+)", ROBOT_SCRIPT.read_text())
+    return [name for name in names if name not in ended or ended[name].code != int(name in REFUSED)]
+
+
 def main() -> int:
     """Get what is asked for, boot, tell."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -257,7 +270,9 @@ def main() -> int:
         return SKIPPED
     status, said = boot(kernel, robot_cargo(args.program), CACHE)
     print(said)
-    return 0 if status == 0 else 1
+    if wrong := wrong_steps(said):
+        print(f"vcan: not as it must be: {', '.join(wrong)}")
+    return 0 if status == 0 and not wrong else 1
 
 
 if __name__ == "__main__":
