@@ -139,7 +139,7 @@ def test_a_step_that_ended_otherwise_or_never_is_named() -> None:
     assert vcan.wrong_steps(right) == []
     assert vcan.steps(right)["scan"] == vcan.Step(0, "\nwords\n")
     assert vcan.wrong_steps(right.replace("end scan-less 1", "end scan-less 0")) == ["scan-less"]
-    assert vcan.wrong_steps(right.replace("end back 0\r\n", "")) == ["back"]
+    assert vcan.wrong_steps(right.replace("vcan: end back 0\r\n", "")) == ["back"]
 
 
 def test_what_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
