@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs our SocketCAN bus on a real CAN interface: a Debian kernel with `vcan`, booted under QEMU.
+"""Runs our SocketCAN bus, and a whole robot, on real CAN interfaces: a Debian kernel with `vcan`, booted under QEMU.
 
     python tools/vcan.py            exit 0 passed, 1 failed, 77 skipped: the reason is printed
     python tools/vcan.py --fetch    first get the kernel: 70 MB into build/vcan, nothing is installed
@@ -17,27 +17,51 @@ import stat
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 CACHE = ROOT / "build/vcan"
-PROGRAM = ROOT / "build/release/bin/hal_bus_socketcan_interface_test"
+BIN = Path(os.environ.get("LITHE_BIN_DIR", ROOT / "build/release/bin"))
+PROGRAM = BIN / "hal_bus_socketcan_interface_test"
+LITHE = ("lithe", "lithe-sim", "lithe-spine", "lithe-trial", "lawd")
+ROBOT_SCRIPT = Path(__file__).with_name("vcan_robot.sh")
+REFUSED = ("scan-less", "scan-wrong", "scan-beside")  # steps of it that end with 1, all others with 0
 QEMU = "qemu-system-x86_64"
 MODULES = ("can-raw", "vcan")
-APPLETS = ("sh", "mount", "insmod", "ip", "poweroff")
-TIMEOUT_S = 600  # it takes half a minute; a loaded machine may take its time
+APPLETS = ("cat", "grep", "insmod", "ip", "mkdir", "mount", "poweroff", "seq", "sh", "sleep", "touch")
+TIMEOUT_S = 600  # it takes a minute; a loaded machine may take its time
 SKIPPED = 77
 VERDICT = re.compile(r"vcan: the program ended with (\d+)")
 INIT = """#!/bin/sh
 mount -t proc none /proc
 mount -t sysfs none /sys
+mount -t devtmpfs none /dev
+mkdir /dev/shm
 for module in {modules}; do insmod /modules/$module.ko || echo "vcan: no $module"; done
 ip link add dev vcan0 type vcan && ip link set vcan0 up
 LITHE_CAN_INTERFACE=vcan0 {program} --gtest_color=no
 echo "vcan: the program ended with $?"
+if [ -e /robot.sh ]; then . /robot.sh; fi
 poweroff -f
 """
+
+
+@dataclass(frozen=True)
+class Cargo:
+    """What a machine is booted for."""
+
+    program: Path  # its verdict is the boot's
+    beside: tuple[Path, ...] = ()  # more programs
+    files: dict[str, bytes] = field(default_factory=dict)  # "robot.sh" runs after the program
+
+
+@dataclass(frozen=True)
+class Step:
+    """What a script in the machine did between `vcan: begin NAME` and `vcan: end NAME CODE`."""
+
+    code: int
+    text: str
 
 
 @dataclass(frozen=True)
@@ -88,6 +112,11 @@ def find_kernel(cache: Path) -> Kernel | None:
     return None
 
 
+def robot_cargo(program: Path = PROGRAM) -> Cargo:
+    """A program, and a robot beside it."""
+    return Cargo(program, tuple(BIN / name for name in LITHE), robot_files())
+
+
 def fetch(cache: Path) -> None:
     """Download Debian's current kernel package and unpack what is needed of it."""
     names = subprocess.run(["apt-cache", "depends", "linux-image-amd64"], capture_output=True, text=True, check=True)
@@ -102,6 +131,38 @@ def fetch(cache: Path) -> None:
         package.unlink()
 
 
+def changed(text: str, changes: dict[str, str]) -> str:
+    """A robot file's text with all of these changes; each finds something to change."""
+    for old, new in changes.items():
+        if old not in text:
+            sys.exit(f"vcan: the robot file no longer says: {old}")
+        text = text.replace(old, new)
+    return text
+
+
+def without(text: str, *names: str) -> str:
+    """A robot file's text without the parts of these names."""
+    parts = re.split(r"(?m)^(?=\[\[)", text)
+    return "".join(part for part in parts if not any(f'\nname = "{name}"\n' in part for name in names))
+
+
+def robot_files() -> dict[str, bytes]:
+    """Frankenstein on three CAN interfaces, patient with an emulated machine; with a part less; with a wrong id."""
+    socketcan = 'name = "can{}"\nkind = "socketcan"\ninterface = "vcan{}"\nreply_wait_s = 0.009'
+    buses = {f'name = "can{i}"\nkind = "loop"': socketcan.format(i, i + 1) for i in range(3)}
+    patience = {
+        'law = "../laws/pd.cpp"': '[spine]\nrelease = "sleep"\nlate_ticks_to_stop = 10000\n'
+        "[guard]\nlost_after_misses = 300",
+        "rate_hz = 1000": "rate_hz = 100",
+        "watchdog_s = 0.2": "watchdog_s = 10.0",
+    }
+    robot = changed((ROOT / "robots/frankenstein.toml").read_text(), buses | patience)
+    less = without(robot, "hand_drive", "hand")
+    wrong = changed(robot, {'bus = "can0"\nid = 3\n': 'bus = "can0"\nid = 9\n'})
+    files = {"robot.toml": robot, "less.toml": less, "wrong.toml": wrong}
+    return {name: text.encode() for name, text in files.items()} | {"robot.sh": ROBOT_SCRIPT.read_bytes()}
+
+
 def why_not(cache: Path = CACHE, program: Path = PROGRAM) -> str:
     """What is missing, and the command that brings it; empty when it can run."""
     if platform.machine() != "x86_64":
@@ -111,8 +172,9 @@ def why_not(cache: Path = CACHE, program: Path = PROGRAM) -> str:
             return f"no {tool}: tools/setup vcan (Debian's {package})"
     if find_kernel(cache) is None:
         return "no kernel: python tools/vcan.py --fetch"
-    if not program.exists():
-        return f"no {program.name}: make test builds it"
+    for each in (program, *(BIN / name for name in LITHE)):
+        if not each.exists():
+            return f"no {each.name}: make test builds it"
     return ""
 
 
@@ -130,8 +192,8 @@ def entry(name: str, content: bytes, mode: int) -> bytes:
     return b"".join(part + bytes(-len(part) % 4) for part in (head, content))
 
 
-def initramfs(kernel: Kernel, program: Path) -> bytes:
-    """All that the machine knows: busybox, the modules, the program and its libraries."""
+def initramfs(kernel: Kernel, cargo: Cargo) -> bytes:
+    """All that the machine knows: busybox, the modules, the programs with their libraries, the files."""
 
     def files() -> Iterator[tuple[str, bytes, int]]:
         executable = stat.S_IFREG | 0o755
@@ -140,14 +202,19 @@ def initramfs(kernel: Kernel, program: Path) -> bytes:
         for applet in APPLETS:
             yield f"bin/{applet}", b"/bin/busybox", stat.S_IFLNK | 0o777
         yield "bin/busybox", busybox.read_bytes(), executable
-        yield f"bin/{program.name}", program.read_bytes(), executable
-        for library in libraries(program):
+        for program in (cargo.program, *cargo.beside):
+            yield f"bin/{program.name}", program.read_bytes(), executable
+        for library in sorted(
+            {library for program in (cargo.program, *cargo.beside) for library in libraries(program)}
+        ):
             yield str(library)[1:], library.read_bytes(), executable
+        for name, content in cargo.files.items():
+            yield name, content, executable
         for module in loaded:
             yield f"modules/{module}.ko", code(kernel.modules[module]), executable
-        yield "init", INIT.format(modules=" ".join(loaded), program=f"/bin/{program.name}").encode(), executable
+        yield "init", INIT.format(modules=" ".join(loaded), program=f"/bin/{cargo.program.name}").encode(), executable
 
-    directories = {"dev", "proc", "sys", "tmp"}
+    directories = {"dev", "proc", "run", "sys", "tmp"}
     contents = list(files())
     for name, _, _ in contents:
         directories.update(str(parent) for parent in Path(name).parents if str(parent) != ".")
@@ -155,11 +222,11 @@ def initramfs(kernel: Kernel, program: Path) -> bytes:
     return archive + b"".join(entry(*file) for file in contents) + entry("TRAILER!!!", b"", 0)
 
 
-def boot(kernel: Kernel, program: Path, cache: Path) -> tuple[int | None, str]:
+def boot(kernel: Kernel, cargo: Cargo, cache: Path) -> tuple[int | None, str]:
     """How the program ended in the machine (None: it never did), and all that the machine said."""
     archive = cache / f"initramfs.{os.getpid()}"
-    archive.write_bytes(initramfs(kernel, program))
-    command = [QEMU, "-accel", "tcg", "-m", "512", "-nographic", "-no-reboot", "-nic", "none"]
+    archive.write_bytes(initramfs(kernel, cargo))
+    command = [QEMU, "-accel", "tcg", "-smp", "2", "-m", "1024", "-nographic", "-no-reboot", "-nic", "none"]
     command += ["-kernel", str(kernel.image), "-initrd", str(archive), "-append", "console=ttyS0 quiet panic=-1"]
     try:
         ended = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=TIMEOUT_S, check=False)
@@ -170,6 +237,19 @@ def boot(kernel: Kernel, program: Path, cache: Path) -> tuple[int | None, str]:
         archive.unlink()
     verdict = VERDICT.search(said)
     return int(verdict[1]) if verdict else None, said
+
+
+def steps(said: str) -> dict[str, Step]:
+    """What the script in the machine did, by name."""
+    found = re.findall(r"(?ms)^vcan: begin (\S+)$(.*?)^vcan: end \1 (\d+)$", said.replace("\r", ""))
+    return {name: Step(int(code), text) for name, text, code in found}
+
+
+def wrong_steps(said: str) -> list[str]:
+    """The robot's steps that did not end as they must, or never did."""
+    ended = steps(said)
+    names = re.findall(r"(?m)^step (\S+)", ROBOT_SCRIPT.read_text())
+    return [name for name in names if name not in ended or ended[name].code != int(name in REFUSED)]
 
 
 def main() -> int:
@@ -188,9 +268,11 @@ def main() -> int:
     if reason or kernel is None:
         print(f"vcan: skipped: {reason}")
         return SKIPPED
-    status, said = boot(kernel, args.program, CACHE)
+    status, said = boot(kernel, robot_cargo(args.program), CACHE)
     print(said)
-    return 0 if status == 0 else 1
+    if wrong := wrong_steps(said):
+        print(f"vcan: not as it must be: {', '.join(wrong)}")
+    return 0 if status == 0 and not wrong else 1
 
 
 if __name__ == "__main__":

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+# Run by /init of the machine that tools/vcan.py boots, after the program of its own: a robot whose buses are CAN
+# interfaces, from `lithe sim` to the Spine. Each step prints `vcan: begin NAME`, what it says, `vcan: end NAME CODE`;
+# tests/system/test_vcan.py holds them against what must be.
+step() {
+  name=$1
+  shift
+  echo "vcan: begin $name"
+  "$@" 2>&1
+  echo "vcan: end $name $?"
+}
+
+# Until a command's answer passes the test. What does not come in a minute does not come: the rest would wait in vain.
+await() {
+  passes=$1
+  shift
+  [ -e /tmp/vain ] && return 1
+  for _ in $(seq 120); do
+    "$@" >/tmp/answer 2>&1
+    $passes /tmp/answer && cat /tmp/answer && return 0
+    sleep 0.5
+  done
+  echo "waited in vain; the last answer:"
+  cat /tmp/answer
+  touch /tmp/vain
+  return 1
+}
+served() { grep -q "can2 socketcan vcan3" "$1"; }
+well() { grep -q '"sent"' "$1" && ! grep -q '"problems": \[$' "$1"; }
+lost() { [ "$(grep -c '"lost"[,]*$' "$1")" -ge 3 ]; }
+named() { grep -q "vcan1: is down" "$1"; }
+matching() { grep -q '"matches": true,$' "$1" && ! grep -q '"matches": false' "$1"; }
+
+simulate() {
+  lithe sim "$1" >/tmp/sim.log 2>&1 &
+  simulation=$!
+  await served cat /tmp/sim.log
+}
+
+ended() {
+  kill "$1"
+  wait "$1"
+}
+
+for i in 1 2 3; do ip link add dev vcan$i type vcan; done
+ip link set vcan3 mtu 16 # classic CAN only
+for i in 1 2 3; do ip link set vcan$i up; done
+
+step sim-less simulate /less.toml
+step scan-less lithe --json bus scan /robot.toml
+step sim-less-ends ended $simulation
+
+step sim simulate /robot.toml
+step scan await matching lithe --json bus scan /robot.toml
+step scan-wrong lithe --json bus scan /wrong.toml
+
+# Without a law: there is no compiler here.
+lithe run /robot.toml --no-arm >/tmp/run.log 2>&1 &
+robot=$!
+step well await well lithe --json status
+step monitor lithe --json bus monitor /robot.toml --count 120 --seconds 20
+step scan-beside lithe --json bus scan /robot.toml
+step well-still await well lithe --json status
+ip link set vcan1 down
+step lost await lost lithe --json status
+step named await named cat /tmp/run.log
+ip link set vcan1 up
+step back await well lithe --json status
+step stop lithe stop
+step run-ends wait $robot
+step run-log cat /tmp/run.log
+step sim-ends ended $simulation
+step sim-log cat /tmp/sim.log
