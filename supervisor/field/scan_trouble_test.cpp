@@ -71,6 +71,7 @@ TEST(ScanTrouble, AQuestionThatIsRefusedIsPutAgain) {
   house.add_drive(127);
   const Seen seen = house.scan(Protocol::canopen);
   EXPECT_EQ(seen.nodes.size(), 10U);
+  for (const auto& [id, node] : seen.nodes) EXPECT_EQ(node.answers, 1U) << id;
   EXPECT_EQ(seen.trouble, "");
 }
 
