@@ -101,8 +101,8 @@ def peers(folder: Path) -> Iterator[tuple[list[Peer], list[str]]]:
     try:
         running.append(Peer("python", core, [sys.executable, "bench/codec_cases.py", str(cases), str(CASES)], env))
         running.append(Peer("lithe", core, [*report.program("codec"), str(cases)]))
-        if peer := os.environ.get("LITHE_CODEC_PEER"):
-            running.append(Peer("upstream", core, [peer, str(cases)]))
+        if program := os.environ.get("LITHE_CODEC_PEER"):
+            running.append(Peer("upstream", core, [program, str(cases)]))
         else:
             absent.append("LITHE_CODEC_PEER names no program")
         yield running, absent

@@ -17,7 +17,9 @@ bool FrameRing::wanted(std::int64_t now_ns) LITHE_RT {
   // relaxed: it is a wish, and nothing else is read because of it.
   const std::uint64_t until_ns = ipc::load_word(memory_.wanted_until_ns.value, std::memory_order_relaxed);
   if (until_ns < static_cast<std::uint64_t>(now_ns)) return false;
-  offset_ns_ = now_ns - clock_.now_ns();
+  // Once an exchange: each of its buses asks, with the same time, while the clock goes on.
+  if (now_ns != begun_ns_) offset_ns_ = now_ns - clock_.now_ns();
+  begun_ns_ = now_ns;
   return true;
 }
 

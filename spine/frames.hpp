@@ -25,6 +25,7 @@ class FrameRing final : public hal::FrameTap {
   ipc::FramesMemory& memory_;
   ipc::RingWriter<ipc::FrameRecord, ipc::FramesMemory::kDepth> ring_;
   RawClock clock_;
+  std::int64_t begun_ns_ = 0;   // this exchange
   std::int64_t offset_ns_ = 0;  // of CLOCK_MONOTONIC against our clock, as of this exchange
 };
 

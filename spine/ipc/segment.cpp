@@ -30,6 +30,9 @@ void share_with_group(int fd) {
   }
 }
 
+constexpr int kMostTries = 25;
+constexpr useconds_t kTryAgainUs = 2'000;
+
 void fill_header(wire::SegmentHeader& header, std::size_t bytes) {
   header.magic = wire::kMagic;
   header.abi_major = wire::kAbiMajor;
@@ -77,17 +80,20 @@ Result<std::optional<Lease>> Lease::try_take(const std::string& segment_path) {
   const int fd = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0660);
   if (fd < 0) return system_error(path, "cannot open the lock file", "check the rights of /dev/shm");
   share_with_group(fd);
-  if (flock(fd, LOCK_EX | LOCK_NB) != 0) {
-    close(fd);
-    return std::optional<Lease>();
+  for (int tries = 1; flock(fd, LOCK_EX | LOCK_NB) != 0; ++tries) {
+    if (tries == kMostTries) {
+      close(fd);
+      return std::optional<Lease>();
+    }
+    usleep(kTryAgainUs);
   }
   return std::optional<Lease>(Lease(fd));
 }
 
 bool Lease::is_held(const std::string& segment_path) {
   const int fd = open((segment_path + ".lock").c_str(), O_RDWR | O_CLOEXEC);
-  if (fd < 0) return false;
-  const bool held = flock(fd, LOCK_EX | LOCK_NB) != 0;
+  if (fd < 0) return errno == EACCES;
+  const bool held = flock(fd, LOCK_SH | LOCK_NB) != 0;  // shared: two who look do not see each other
   close(fd);
   return held;
 }

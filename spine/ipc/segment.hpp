@@ -25,9 +25,10 @@ class Lease {
   Lease(Lease&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
   Lease& operator=(Lease&& other) noexcept;
 
-  // Nothing if somebody holds it; an error if the lock file cannot be made.
+  // Nothing if somebody holds it, and still does after a moment: who looks keeps it for an instant. An error if the
+  // lock file cannot be made.
   static Result<std::optional<Lease>> try_take(const std::string& segment_path);
-  // True while some process holds it.
+  // True while some process holds it, and when this user may not look.
   static bool is_held(const std::string& segment_path);
 
  private:

@@ -2,16 +2,21 @@
 #include "spine/ipc/segment.hpp"
 
 #include <fcntl.h>
+#include <grp.h>
 #include <gtest/gtest.h>
+#include <sys/file.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <string>
+#include <thread>
 
 #include "spine/ipc/halfway.hpp"
 
@@ -97,6 +102,50 @@ TEST_F(SegmentTest, OnlyOneMayHoldTheLease) {
     EXPECT_FALSE(second->has_value());
   }
   EXPECT_FALSE(Lease::is_held(segment_path()));
+}
+
+TEST_F(SegmentTest, WhoLooksKeepsNobodyFromTakingTheLease) {
+  ASSERT_TRUE(Lease::try_take(segment_path()));  // its file is there
+  std::atomic<bool> done{false};
+  std::thread looker([&] {
+    while (!done) Lease::is_held(segment_path());
+  });
+  int refused = 0;
+  for (int i = 0; i < 200; ++i) {
+    const auto taken = Lease::try_take(segment_path());
+    refused += taken && taken->has_value() ? 0 : 1;
+  }
+  done = true;
+  looker.join();
+  EXPECT_EQ(refused, 0);
+}
+
+TEST_F(SegmentTest, TwoWhoLookDoNotTakeEachOtherForTheHolder) {
+  ASSERT_TRUE(Lease::try_take(segment_path()));
+  const int other = open((segment_path() + ".lock").c_str(), O_RDWR | O_CLOEXEC);
+  ASSERT_EQ(flock(other, LOCK_SH | LOCK_NB), 0) << "as is_held() does";
+  EXPECT_FALSE(Lease::is_held(segment_path()));
+  close(other);
+}
+
+TEST_F(SegmentTest, WhoMayNotLookIsNotToldThatNobodyIsThere) {
+  if (geteuid() != 0) {
+    auto lease = Lease::try_take(segment_path());
+    ASSERT_TRUE(lease && lease->has_value());
+    ASSERT_EQ(chmod((segment_path() + ".lock").c_str(), 0), 0);
+    EXPECT_TRUE(Lease::is_held(segment_path()));
+    return;
+  }
+  auto lease = Lease::try_take(segment_path());
+  ASSERT_TRUE(lease && lease->has_value());
+  const pid_t somebody = fork();
+  if (somebody == 0) {
+    const bool left = setgroups(0, nullptr) == 0 && setgid(65534) == 0 && setuid(65534) == 0;
+    _exit(left && Lease::is_held(segment_path()) ? 0 : 1);
+  }
+  int status = 0;
+  ASSERT_EQ(waitpid(somebody, &status, 0), somebody);
+  EXPECT_EQ(status, 0);
 }
 
 TEST_F(SegmentTest, SigningInSaysWhoWritesAndCountsTheWriters) {

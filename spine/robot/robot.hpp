@@ -2,6 +2,7 @@
 // Reads robot.toml. Every mistake is reported with its place, the nearest right word and what to do next.
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <string_view>
 
@@ -9,6 +10,11 @@
 #include "spine/robot/config.hpp"
 
 namespace lithe::robot {
+
+// What a bus may be set to [bit/s]. Of CAN FD's data, 0 = classic CAN only; else it is no slower than the rest.
+inline constexpr std::uint32_t kLeastBitrate = 10'000;
+inline constexpr std::uint32_t kMostBitrate = 1'000'000;
+inline constexpr std::uint32_t kMostDataBitrate = 8'000'000;
 
 // What the file is judged against beside itself.
 struct Host {

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "spine/robot/robot.hpp"
+
 namespace lithe::robot {
 namespace {
 
@@ -83,8 +85,8 @@ void read_bus(Reader& in, BusConfig& bus, double rate_hz) {
                       {"pi3hat", BusKind::pi3hat}},
                      Need::required);
   if (bus.kind == BusKind::slcan) bus.data_bitrate = 0;  // most adapters are classic
-  in.integer("bitrate", bus.bitrate, {10'000, 1'000'000});
-  in.integer("data_bitrate", bus.data_bitrate, {0, 8'000'000});
+  in.integer("bitrate", bus.bitrate, {kLeastBitrate, kMostBitrate});
+  in.integer("data_bitrate", bus.data_bitrate, {0, kMostDataBitrate});
   if (is_fd(bus) && bus.data_bitrate < bus.bitrate) {
     in.complain("data_bitrate", "is slower than bitrate; 0 means classic CAN only");
   }

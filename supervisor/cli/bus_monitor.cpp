@@ -3,11 +3,13 @@
 #include <signal.h>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cstdio>
 #include <iostream>
 #include <memory>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -36,18 +38,29 @@ void end_with_statistics() {
 // Each has its turn.
 class All final : public field::FrameSource {
  public:
-  void add(std::unique_ptr<field::FrameSource> source) { parts_.push_back(std::move(source)); }
+  void add(std::unique_ptr<field::FrameSource> source, bool of_spine) {
+    (of_spine ? spine_ : others_).push_back(source.get());
+    parts_.push_back(std::move(source));
+  }
   bool next(field::Sighting& sighting) override {
     for (std::size_t i = 0; i < parts_.size(); ++i) {
       if (parts_[turn_++ % parts_.size()]->next(sighting)) return true;
     }
     return false;
   }
+  // Parts of one Spine may have the same trouble.
+  std::string trouble() override {
+    std::set<std::string> all;
+    for (const auto& part : parts_) all.insert(part->trouble());
+    all.erase("");
+    return fmt::format("{}", fmt::join(all, "; "));
+  }
   // All parts of one Spine lose the same frames.
   std::uint64_t lost() const override {
-    std::uint64_t most = 0;
-    for (const auto& part : parts_) most = std::max(most, part->lost());
-    return most;
+    std::uint64_t all = 0;
+    for (const auto* part : spine_) all = std::max(all, part->lost());
+    for (const auto* part : others_) all += part->lost();
+    return all;
   }
   std::uint64_t errors(std::size_t bus) const override {
     std::uint64_t all = 0;
@@ -57,8 +70,11 @@ class All final : public field::FrameSource {
 
  private:
   std::vector<std::unique_ptr<field::FrameSource>> parts_;
+  std::vector<const field::FrameSource*> spine_, others_;  // the same
   std::size_t turn_ = 0;
 };
+
+void warn(const std::string& words) { std::cerr << words << std::endl; }
 
 // A bus given without a file, on which a robot runs, is that robot's bus: its file names the devices.
 void know_by_file(field::Choice& choice, std::vector<Occupied>& spines) {
@@ -83,12 +99,12 @@ Result<> listen_in(const field::Choice& choice, const std::vector<Occupied>& spi
     }
     auto source = watch_spine(*spine);
     if (!source) return source.error();
-    all.add(std::move(*source));
+    all.add(std::move(*source), true);
   }
   if (free.empty()) return done();
   auto ears = field::Ears::open(choice, free);
   if (!ears) return ears.error();
-  all.add(std::move(*ears));
+  all.add(std::move(*ears), false);
   for (const std::size_t number : free) {
     if (choice.robot.buses[number].kind == BusKind::socketcan) continue;
     std::cerr << "no Spine runs on " << field::place_of(choice.robot.buses[number])
@@ -106,7 +122,7 @@ int bus_monitor(const Context& context, const field::Words& words, field::Monito
     refuse(context, {"bad_config", choice.message(), "name a robot file or a bus: lithe bus monitor --help"});
     return kUsage;
   }
-  std::vector<Occupied> spines = spines_on(*choice);
+  std::vector<Occupied> spines = spines_on(*choice, warn);
   know_by_file(*choice, spines);
   field::Monitor monitor(*choice, options, monotonic_ns());
   if (const std::string complaint = monitor.complaint(); !complaint.empty()) {
@@ -119,8 +135,8 @@ int bus_monitor(const Context& context, const field::Words& words, field::Monito
   }
   end_with_statistics();
   return field::watch(
-      all, monitor, options, [] { return ended != 0; },
-      [](const std::string& line) { std::cout << line << std::endl; });
+      all, monitor, options, [] { return ended != 0; }, [](const std::string& line) { std::cout << line << std::endl; },
+      warn);
 }
 
 }  // namespace lithe::cli

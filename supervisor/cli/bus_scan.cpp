@@ -27,7 +27,7 @@ int bus_scan(const Context& context, const field::Words& words, const field::Sca
     return kUsage;
   }
   std::vector<std::string> spines;
-  for (const Occupied& each : spines_on(*choice)) {
+  for (const Occupied& each : spines_on(*choice, [](const std::string& doubt) { std::cerr << doubt << std::endl; })) {
     const bool real = each.config.buses[each.theirs].kind != robot::BusKind::loop;
     if (real) spines.push_back(each.words());
   }

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <filesystem>
 #include <system_error>
 #include <utility>
@@ -19,14 +20,32 @@ namespace {
 
 using Spine = ipc::Segment<ipc::SpineMemory>;
 
-// The file that a living Spine was started with; empty: there is none, or it does not say.
-std::string file_of(const std::string& robot) {
-  if (!ipc::Lease::is_held(Spine::path(robot))) return "";
-  const auto spine = Spine::attach(robot, ipc::Access::read);
+template <std::size_t N>
+std::string text_of(const std::array<char, N>& zero_terminated) {
+  return {zero_terminated.begin(), std::find(zero_terminated.begin(), zero_terminated.end(), '\0')};
+}
+
+// True: the buses of the file are those that the Spine has.
+bool is_unchanged(const std::string& name, const robot::RobotConfig& robot) {
+  const auto frames = ipc::Segment<ipc::FramesMemory>::attach(name, ipc::Access::read);
+  if (!frames) return false;
+  const auto& theirs = (*frames)->buses;
+  for (std::size_t i = 0; i < theirs.size(); ++i) {
+    const std::string here = i < robot.buses.size() ? robot.buses[i].name.substr(0, theirs[i].name.size() - 1) : "";
+    if (here != text_of(theirs[i].name)) return false;
+  }
+  return true;
+}
+
+// What a living Spine was started with. The error says why nobody can tell.
+Result<robot::RobotConfig> config_of(const std::string& name) {
+  const auto spine = Spine::attach(name, ipc::Access::read);
+  if (!spine) return spine.error();
   wire::RobotInfo info{};
-  if (!spine || !ipc::ChannelReader<wire::RobotInfo>((*spine)->robot_info).read(info)) return "";
-  const auto end = std::find(info.config_path.begin(), info.config_path.end(), '\0');
-  return {info.config_path.begin(), end};
+  if (!ipc::ChannelReader<wire::RobotInfo>((*spine)->robot_info).read(info)) return Error{"it has not said so yet"};
+  Result<robot::RobotConfig> robot = robot::load_robot(text_of(info.config_path));
+  if (robot && !is_unchanged(name, *robot)) return Error{robot->path + " names other buses than it was started with"};
+  return robot;
 }
 
 bool same_path(const std::string& a, const std::string& b) {
@@ -36,8 +55,8 @@ bool same_path(const std::string& a, const std::string& b) {
 
 class SpineFrames final : public field::FrameSource {
  public:
-  SpineFrames(ipc::Segment<ipc::FramesMemory> memory, std::size_t theirs, std::size_t ours)
-      : memory_(std::move(memory)), theirs_(theirs), ours_(ours), ring_(memory_->ring) {
+  SpineFrames(std::string robot, ipc::Segment<ipc::FramesMemory> memory, std::size_t theirs, std::size_t ours)
+      : robot_(std::move(robot)), memory_(std::move(memory)), theirs_(theirs), ours_(ours), ring_(memory_->ring) {
     ask();
   }
 
@@ -60,7 +79,20 @@ class SpineFrames final : public field::FrameSource {
     }
     return false;
   }
-  std::uint64_t lost() const override { return ring_.lost(); }
+  // Another Spine has memory of its own, under the same name.
+  std::string trouble() override {
+    auto there = ipc::Segment<ipc::FramesMemory>::attach(robot_, ipc::Access::write);
+    if (!there || !ipc::Lease::is_held(Spine::path(robot_))) {
+      return fmt::format("the Spine of robot '{}' has gone; its next one is watched again (lithe run)", robot_);
+    }
+    if ((*there)->header.created_ns == memory_->header.created_ns) return "";
+    lost_before_ += ring_.lost();
+    memory_ = std::move(*there);
+    ring_ = Ring(memory_->ring);
+    renew_at_ns_ = 0;
+    return "";
+  }
+  std::uint64_t lost() const override { return lost_before_ + ring_.lost(); }
   std::uint64_t errors(std::size_t bus) const override {
     if (bus != ours_ || theirs_ >= memory_->buses.size()) return 0;
     const ipc::BusCounts& counts = memory_->buses[theirs_];
@@ -78,10 +110,14 @@ class SpineFrames final : public field::FrameSource {
                     std::memory_order_relaxed);
   }
 
+  using Ring = ipc::RingReader<ipc::FrameRecord, ipc::FramesMemory::kDepth>;
+
+  std::string robot_;
   ipc::Segment<ipc::FramesMemory> memory_;
   std::size_t theirs_;
   std::size_t ours_;
-  ipc::RingReader<ipc::FrameRecord, ipc::FramesMemory::kDepth> ring_;
+  Ring ring_;
+  std::uint64_t lost_before_ = 0;  // of Spines that have gone
   std::int64_t renew_at_ns_ = 0;
 };
 
@@ -106,13 +142,17 @@ std::set<std::string> robots_with_memory() {
 
 std::string Occupied::words() const { return fmt::format("robot '{}' (bus '{}')", robot, config.buses[theirs].name); }
 
-std::vector<Occupied> spines_on(const field::Choice& choice) {
+std::vector<Occupied> spines_on(const field::Choice& choice, const std::function<void(const std::string&)>& warn) {
   std::vector<Occupied> found;
   for (const std::string& name : robots_with_memory()) {
-    const std::string file = file_of(name);
-    const auto robot = file.empty() ? Result<robot::RobotConfig>(Error{}) : robot::load_robot(file);
-    if (!robot) continue;
-    const bool same_file = choice.from_file && same_path(choice.robot.path, file);
+    if (!ipc::Lease::is_held(Spine::path(name))) continue;
+    const Result<robot::RobotConfig> robot = config_of(name);
+    if (!robot) {
+      warn(fmt::format("robot '{}' runs, or may, and whether it is on these buses nobody can tell: {}", name,
+                       robot.message()));
+      continue;
+    }
+    const bool same_file = choice.from_file && same_path(choice.robot.path, robot->path);
     for (std::size_t theirs = 0; theirs < robot->buses.size(); ++theirs) {
       for (const std::size_t ours : choice.buses) {
         const bool one = field::same_hardware(choice.robot.buses[ours], robot->buses[theirs]);
@@ -126,7 +166,8 @@ std::vector<Occupied> spines_on(const field::Choice& choice) {
 Result<std::unique_ptr<field::FrameSource>> watch_spine(const Occupied& bus) {
   auto frames = ipc::Segment<ipc::FramesMemory>::attach(bus.robot, ipc::Access::write);
   if (!frames) return frames.error();
-  return std::unique_ptr<field::FrameSource>(std::make_unique<SpineFrames>(std::move(*frames), bus.theirs, bus.ours));
+  return std::unique_ptr<field::FrameSource>(
+      std::make_unique<SpineFrames>(bus.robot, std::move(*frames), bus.theirs, bus.ours));
 }
 
 }  // namespace lithe::cli

@@ -128,7 +128,9 @@ std::string sdo_text(const hal::Frame& frame, bool request) {
     case 0:
       return request ? "SDO segment to write: " + bytes_text(frame) : "SDO segment: " + bytes_text(frame);
     case 1:
-      return request ? fmt::format("SDO write {} = {}", object, number()) : "SDO segment written";
+      if (!request) return "SDO segment written";
+      return (command & 0x02) != 0 ? fmt::format("SDO write {} = {}", object, number())
+                                   : fmt::format("SDO write {}: {} bytes, in segments", object, value);
     case 2:
       if (request) return "SDO read " + object;
       return (command & 0x02) != 0 ? fmt::format("SDO {} = {}", object, number())

@@ -89,7 +89,21 @@ std::string value_text(std::uint32_t number, double value) {
   if (std::isnan(value)) return "none";
   if (number == reg::kMode) return moteus::mode_name(static_cast<moteus::Mode>(std::clamp(value, 0.0, 255.0)));
   if (number == reg::kFault) return moteus::fault_name(static_cast<std::uint32_t>(std::clamp(value, 0.0, 255.0)));
-  return fmt::format("{:.5g}{}", value, unit_of(moteus::quantity_of(number)));
+  const moteus::Quantity quantity = moteus::quantity_of(number);
+  if (quantity == moteus::Quantity::integer && value == std::trunc(value)) return fmt::format("{:.0f}", value);
+  return fmt::format("{:.5g}{}", value, unit_of(quantity));
+}
+
+// Serial numbers and UUIDs: patterns, of which none means "no number".
+bool is_pattern(std::uint32_t number) {
+  const auto within = [number](std::uint32_t first, std::uint32_t count) { return number - first < count; };
+  return within(reg::kSerial, 3) || within(reg::kUuid, 4) || within(reg::kUuidMask, 4);
+}
+
+std::string value_text(const moteus::Subframe& s, std::uint32_t i) {
+  const std::uint32_t number = s.start + i;
+  if (!is_pattern(number) || s.format != moteus::Format::int32) return value_text(number, s.value(i));
+  return fmt::format("{:08x}", hal::canopen::get(s.data + std::size_t{4} * i, 4));
 }
 
 // Of a read may be asked for more than any frame holds: its ends are enough.
@@ -101,7 +115,7 @@ std::string read_text(const moteus::Subframe& s) {
 std::string values_text(const moteus::Subframe& s) {
   std::string text;
   for (std::uint32_t i = 0; i < s.count; ++i) {
-    text += fmt::format("{}{} {}", i == 0 ? "" : ", ", name_of(s.start + i), value_text(s.start + i, s.value(i)));
+    text += fmt::format("{}{} {}", i == 0 ? "" : ", ", name_of(s.start + i), value_text(s, i));
   }
   return text;
 }
@@ -133,7 +147,7 @@ std::pair<std::string, bool> subframe_text(const moteus::Subframe& s) {
     case moteus::Kind::flow:
       break;
   }
-  return {"stream with flow control", true};
+  return {"stream with flow control", false};  // both ways: the reply that a host asks for tells
 }
 
 }  // namespace

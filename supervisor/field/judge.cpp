@@ -98,7 +98,7 @@ void judge_nodes(const Seen& seen, std::vector<Judged>& all) {
           "{} answers came to one question: several nodes have id {}; take one off the bus and "
           "give it another id (its switches, or its maker's tool)",
           node.answers, id);
-    } else if (node.answers == 0) {
+    } else if (node.answers == 0 && seen.trouble.empty() && seen.commander.empty()) {
       unfit(device, "it does not answer SDO requests: switch it off and on");
     } else if (node.device_type && (*node.device_type & 0xffff) != hal::cia402::kDeviceProfile) {
       unfit(device, "it is no CiA 402 drive, and cannot be driven as one");
@@ -107,7 +107,7 @@ void judge_nodes(const Seen& seen, std::vector<Judged>& all) {
   }
 }
 
-// Names what the file knows; what it does not know is unknown, what is not there missing.
+// Names what the file knows; what it does not know is unknown.
 void compare(const robot::RobotConfig& robot, std::size_t bus, std::vector<Judged>& all) {
   for (Judged& found : all) {
     for (const robot::DeviceConfig& device : robot.devices) {
@@ -118,6 +118,9 @@ void compare(const robot::RobotConfig& robot, std::size_t bus, std::vector<Judge
     if (known && found.standing == Standing::present) found.standing = Standing::expected;
     if (!known) found.standing = Standing::unknown;
   }
+}
+
+void add_missing(const robot::RobotConfig& robot, std::size_t bus, std::vector<Judged>& all) {
   for (const robot::DeviceConfig& device : robot.devices) {
     const auto is_it = [&](const Judged& found) { return found.name == device.name; };
     const bool on_it = device.bus == bus && device.kind != DeviceKind::imu;  // that one is of the board
@@ -172,8 +175,11 @@ BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_fi
     findings.trouble = "somebody else commands this bus (" + seen.commander +
                        " was heard), so nothing was asked; end that program, or watch it: lithe bus monitor";
   }
+  if (!seen.trouble.empty()) findings.trouble = seen.trouble;
   if (!from_file) return findings;
   compare(robot, bus, findings.devices);
+  // Who was not asked may be there: the trouble is the bus's own.
+  if (seen.trouble.empty()) add_missing(robot, bus, findings.devices);
   advise(robot.path, findings.devices);
   return findings;
 }

@@ -52,6 +52,22 @@ bool Ears::next(Sighting& sighting) {
   return false;
 }
 
+std::string Ears::trouble() {
+  std::string all;
+  for (const Ear& ear : ears_) {
+    ear.bus->service();
+    ear.bus->begin(monotonic_ns());  // uses again what that has brought back
+    if (const std::string why = ear.bus->why_down(); !why.empty()) all += (all.empty() ? "" : "; ") + why;
+  }
+  return all;
+}
+
+std::uint64_t Ears::lost() const {
+  std::uint64_t all = 0;
+  for (const Ear& ear : ears_) all += ear.bus->overrun();
+  return all;
+}
+
 std::uint64_t Ears::errors(std::size_t bus) const {
   for (const Ear& ear : ears_) {
     if (ear.number == bus) return ear.bus->statistics().errors + ear.bus->statistics().malformed;
@@ -158,10 +174,18 @@ std::string statistics_text(const Json& document) {
 }
 
 int watch(FrameSource& source, Monitor& monitor, const MonitorOptions& options, const std::function<bool()>& stop,
-          const std::function<void(const std::string&)>& say) {
+          const std::function<void(const std::string&)>& say, const std::function<void(const std::string&)>& warn) {
   constexpr auto kPause = std::chrono::microseconds(500);
   bool any = false;
+  std::int64_t look_at_ns = 0;
+  std::string trouble;
   while (!stop() && !monitor.finished(monotonic_ns())) {
+    if (monotonic_ns() >= look_at_ns) {
+      look_at_ns = monotonic_ns() + kNsPerS;
+      const std::string now = source.trouble();
+      if (now != trouble) warn(now.empty() ? "all is heard again" : now);
+      trouble = now;
+    }
     Sighting sighting;
     if (!source.next(sighting)) {
       std::this_thread::sleep_for(kPause);

@@ -37,6 +37,8 @@ class FrameSource {
   virtual ~FrameSource() = default;
   // The next one; false: none just now.
   virtual bool next(Sighting& sighting) = 0;
+  // Looks after the buses, about once a second: why nothing comes from one of them; empty when all is well.
+  virtual std::string trouble() { return ""; }
   // Frames that passed too fast to be seen.
   virtual std::uint64_t lost() const { return 0; }
   // Error frames, refusals of an adapter, lines and frames that made no sense, on one bus.
@@ -50,6 +52,8 @@ class Ears final : public FrameSource {
   // The error says which bus cannot be opened, and what to do.
   static Result<std::unique_ptr<Ears>> open(const Choice& choice, const std::vector<std::size_t>& buses);
   bool next(Sighting& sighting) override;
+  std::string trouble() override;
+  std::uint64_t lost() const override;
   std::uint64_t errors(std::size_t bus) const override;
 
  private:
@@ -100,9 +104,9 @@ class Monitor {
 
 std::string statistics_text(const Json& statistics);
 
-// Shows frames until it is finished or `stop` says so; then the statistics. `say` gets whole lines. 0, or 1 when
-// nothing was heard at all.
+// Shows frames until it is finished or `stop` says so; then the statistics. `say` gets whole lines, `warn` the source's
+// trouble when there is another. 0, or 1 when nothing was heard at all.
 int watch(FrameSource& source, Monitor& monitor, const MonitorOptions& options, const std::function<bool()>& stop,
-          const std::function<void(const std::string&)>& say);
+          const std::function<void(const std::string&)>& say, const std::function<void(const std::string&)>& warn);
 
 }  // namespace lithe::field

@@ -4,9 +4,12 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <random>
 #include <string>
+#include <vector>
 
+#include "spine/core/time.hpp"
 #include "spine/hal/bus/frame_time.hpp"
 #include "spine/hal/device/canopen_sdo.hpp"
 #include "spine/hal/device/cia402_setup.hpp"
@@ -64,6 +67,28 @@ TEST(Decode, MoteusRegistersHaveNamesAndUnits) {
   EXPECT_FALSE(decode_moteus(all).device) << "it is for everybody";
 }
 
+TEST(Decode, MoteusNumbersAreWholeAndPatternsAreNoNumbers) {
+  const Frame answer = moteus_frame(0x300, [](auto& writer) {
+    const double milliseconds[] = {1'234'567'890}, uuid[] = {std::nan(""), -1, 5, 0x12345678};
+    writer.reply(hal::moteus::Format::int32, hal::moteus::reg::kMillisecondCounter, milliseconds, false);
+    writer.reply(hal::moteus::Format::int32, hal::moteus::reg::kUuid, uuid, true);
+  });
+  EXPECT_EQ(decode_moteus(answer).text,
+            "milliseconds 1234567890; uuid 0 80000000, uuid 1 ffffffff, uuid 2 00000005, uuid 3 12345678");
+}
+
+TEST(Decode, AStreamWithFlowControlIsToldByWhoAsksForAReply) {
+  Frame said = moteus_frame(0x300, [](auto&) {});
+  said.size = 3;
+  said.data = {0x43, 1, 0};
+  EXPECT_FALSE(decode_moteus(said).outbound);
+  EXPECT_EQ(decode_moteus(said).device, 3U);
+  said.id = 0x8003;
+  said.data = {0x44, 1, 48};
+  EXPECT_TRUE(decode_moteus(said).outbound);
+  EXPECT_EQ(decode_moteus(said).device, 3U);
+}
+
 std::string canopen_text(const Frame& frame) { return decode_canopen(frame, frankenstein().robot, 2).text; }
 
 TEST(Decode, CanopenObjectsStatesAndReasonsHaveNames) {
@@ -75,6 +100,9 @@ TEST(Decode, CanopenObjectsStatesAndReasonsHaveNames) {
             "emergency 4210h too hot, error register 08h");
   EXPECT_EQ(canopen_text(canopen::sdo_read_request(1, {0x6041, 0})), "SDO read 6041h:0 status");
   EXPECT_EQ(canopen_text(canopen::sdo_write_request(1, {0x6060, 0}, 10, 1)), "SDO write 6060h:0 mode = 10");
+  Frame download = canopen::sdo_write_request(1, {0x1008, 0}, 12, 4);
+  download.data[0] = 0x21;
+  EXPECT_EQ(canopen_text(download), "SDO write 1008h:0 device name: 12 bytes, in segments");
   EXPECT_EQ(canopen_text(canopen::sdo_read_answer(1, {0x1018, 4}, 7, 4)), "SDO 1018h:4 identity = 7");
   EXPECT_EQ(canopen_text(canopen::sdo_abort(0x581, {0x1234, 0}, canopen::abort_code::kNoObject)),
             "SDO abort 1234h:0: no such object (06020000h)");
@@ -151,6 +179,27 @@ TEST(Monitor, LoadIsTheExactTimeOfTheFramesAtTheRatesOfTheFile) {
   EXPECT_DOUBLE_EQ(all.at("buses").at(2).at("load"), expected_s);
   EXPECT_EQ(all.at("buses").at(2).at("frames_per_s"), 100.0);
   EXPECT_EQ(all.at("buses").at(2).at("out"), 100);
+}
+
+class Broken final : public FrameSource {
+ public:
+  bool next(Sighting&) override { return false; }
+  std::string trouble() override { return ++looks_ == 1 ? "can0: gone" : ""; }
+
+ private:
+  int looks_ = 0;
+};
+
+TEST(Monitor, TroubleIsToldWhenItComesAndWhenItGoes) {
+  const Choice choice = frankenstein();
+  const MonitorOptions options{.seconds = 60};
+  Monitor monitor(choice, options, monotonic_ns());
+  Broken source;
+  std::vector<std::string> told;
+  watch(
+      source, monitor, options, [&] { return told.size() == 2; }, [](const std::string&) {},
+      [&](const std::string& words) { told.push_back(words); });
+  EXPECT_EQ(told, (std::vector<std::string>{"can0: gone", "all is heard again"}));
 }
 
 TEST(Monitor, EndsAfterSoManyFramesOrSoLong) {

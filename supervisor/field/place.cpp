@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "supervisor/field/place.hpp"
 
+#include <fmt/format.h>
+
 #include <charconv>
 #include <filesystem>
 
@@ -37,6 +39,17 @@ std::optional<robot::BusConfig> bus_given(std::string_view what) {
   return std::nullopt;
 }
 
+// What a robot file is held to; empty: all is well.
+std::string wrong_bitrates(const robot::BusConfig& bus) {
+  if (bus.bitrate < robot::kLeastBitrate || bus.bitrate > robot::kMostBitrate) {
+    return fmt::format("--bitrate {}: a CAN bus has {} to {} bit/s", bus.bitrate, robot::kLeastBitrate,
+                       robot::kMostBitrate);
+  }
+  if (!robot::is_fd(bus) || (bus.data_bitrate >= bus.bitrate && bus.data_bitrate <= robot::kMostDataBitrate)) return "";
+  return fmt::format("--data-bitrate {}: 0 means classic CAN only, else it is {} (as --bitrate) to {} bit/s",
+                     bus.data_bitrate, bus.bitrate, robot::kMostDataBitrate);
+}
+
 Result<Choice> choose_given(robot::BusConfig bus, const Words& words) {
   if (!words.bus.empty()) return Error{"--bus picks one of a robot file's buses; '" + words.what + "' is one already"};
   if (bus.kind == BusKind::pi3hat && (bus.connector < 1 || bus.connector > 5)) {
@@ -44,6 +57,7 @@ Result<Choice> choose_given(robot::BusConfig bus, const Words& words) {
   }
   bus.bitrate = words.bitrate.value_or(bus.bitrate);
   bus.data_bitrate = words.data_bitrate.value_or(bus.data_bitrate);
+  if (const std::string wrong = wrong_bitrates(bus); !wrong.empty()) return Error{wrong};
   Choice choice;
   choice.robot.buses.push_back(std::move(bus));
   choice.buses.push_back(0);

@@ -37,6 +37,20 @@ TEST(Place, WhatCannotBeIsRefusedWithWhatCan) {
   EXPECT_FALSE(choose({.what = "socketcan:can0", .bus = "can0"}));
 }
 
+// A rate of 0 is divided by, in the monitor and in a pi3hat.
+TEST(Place, BitRatesThatNoBusHasAreRefused) {
+  for (const std::uint32_t rate : {0U, 9'999U, 1'000'001U}) {
+    const auto refused = choose({.what = "socketcan:can0", .bitrate = rate});
+    ASSERT_FALSE(refused) << rate;
+    EXPECT_NE(refused.message().find("10000 to 1000000"), std::string::npos) << refused.message();
+  }
+  EXPECT_FALSE(choose({.what = "socketcan:can0", .bitrate = 500'000, .data_bitrate = 499'999}));
+  EXPECT_FALSE(choose({.what = "socketcan:can0", .data_bitrate = 8'000'001}));
+  EXPECT_TRUE(choose({.what = "socketcan:can0", .bitrate = 10'000, .data_bitrate = 0}));
+  EXPECT_TRUE(choose({.what = "socketcan:can0", .bitrate = 1'000'000, .data_bitrate = 8'000'000}));
+  EXPECT_TRUE(choose({.what = "slcan:/dev/ttyACM1", .bitrate = 50'000})) << "classic unless it is told otherwise";
+}
+
 TEST(Place, OfAFileAllBusesOrOne) {
   EXPECT_EQ(choose({.what = kFrankenstein})->buses.size(), 3U);
   const auto one = choose({.what = kFrankenstein, .bus = "can1"});

@@ -1,10 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "supervisor/field/scan.hpp"
 
+#include <algorithm>
 #include <chrono>
+#include <iterator>
 #include <thread>
+#include <utility>
 
 #include "spine/core/time.hpp"
+#include "spine/hal/bus/frame_time.hpp"
 #include "spine/hal/device/canopen_sdo.hpp"
 
 namespace lithe::field {
@@ -17,10 +21,22 @@ constexpr std::int64_t kBatchNs = 10 * kNsPerMs;  // for the answers of a few no
 constexpr std::int64_t kLastNs = 150 * kNsPerMs;  // for those that take their time
 constexpr std::uint32_t kBatch = 8;               // questions at once: no adapter's queue is shorter
 constexpr std::uint32_t kLastNode = 127;
+constexpr int kMostInVain = 20;  // times in a row that the bus takes no question at all
+
+// One lost frame must not make a drive a missing one. Of answers that are alike, as many as came to one question.
+std::vector<moteus::Found> discover_twice(moteus::Terminal& terminal) {
+  std::vector<moteus::Found> first = terminal.discover();
+  std::vector<moteus::Found> again = terminal.discover();
+  std::sort(first.begin(), first.end());
+  std::sort(again.begin(), again.end());
+  std::vector<moteus::Found> all;
+  std::set_union(first.begin(), first.end(), again.begin(), again.end(), std::back_inserter(all));
+  return all;
+}
 
 void ask_moteus(Line& line, const Time& time) {
   moteus::Terminal terminal(*line.bus, {time.now_ns, time.pause});
-  for (const moteus::Found& found : terminal.discover()) {
+  for (const moteus::Found& found : discover_twice(terminal)) {
     MoteusSeen one{found, std::nullopt, ""};
     const Result<moteus::Identity> identity = terminal.identify(found);
     if (identity) {
@@ -49,6 +65,9 @@ void hear_nodes(Line& line, std::int64_t for_ns, const Time& time,
   }
 }
 
+constexpr const char* kNotAsked =
+    "the bus takes no more questions: check wires, termination and bit rates, and whether it is too busy (lithe bus "
+    "monitor); not asked are nodes ";
 constexpr canopen::Address kDeviceType{canopen::object::kDeviceType, 0};
 
 // An abort is an answer, too.
@@ -85,16 +104,34 @@ std::optional<std::uint32_t> read_number(Line& line, std::uint32_t node, std::ui
   return canopen::get(reinterpret_cast<const std::uint8_t*>(bytes->data()), bytes->size());
 }
 
-void ask_canopen(Line& line, const Time& time) {
-  for (std::uint32_t node = 1; node <= kLastNode;) {
+// Until a batch of questions and its answers have surely passed: what waits when the next batch comes, an interface
+// refuses.
+std::int64_t batch_ns(const Line& line) {
+  const hal::FrameBits bits = hal::most_bits({.size = 8});
+  return std::max(kBatchNs, 2 * kBatch * hal::duration_ns(bits, {line.bitrate, line.bitrate}));
+}
+
+// Who is there. A question that the bus has no room for is put again.
+void ask_all_nodes(Line& line, const Time& time) {
+  const auto hear_for = [&](std::int64_t for_ns) {
+    hear_nodes(line, for_ns, time, [&line](const hal::Frame& answer) { return note_device_type(answer, line.seen); });
+  };
+  std::uint32_t node = 1;
+  for (int in_vain = 0; node <= kLastNode && in_vain < kMostInVain;) {
+    const std::uint32_t first = node;
     line.bus->begin(time.now_ns());
-    for (std::uint32_t i = 0; i < kBatch && node <= kLastNode; ++i, ++node) {
-      line.bus->send(canopen::sdo_read_request(node, kDeviceType));
-    }
+    const auto ask_next = [&] { return line.bus->send(canopen::sdo_read_request(node, kDeviceType)); };
+    while (node < first + kBatch && node <= kLastNode && ask_next()) ++node;
     line.bus->flush();
-    hear_nodes(line, node <= kLastNode ? kBatchNs : kLastNs, time,
-               [&line](const hal::Frame& answer) { return note_device_type(answer, line.seen); });
+    in_vain = node == first ? in_vain + 1 : 0;
+    hear_for(batch_ns(line));
   }
+  hear_for(kLastNs);
+  if (node <= kLastNode) line.seen.trouble = kNotAsked + std::to_string(node) + " to " + std::to_string(kLastNode);
+}
+
+void ask_canopen(Line& line, const Time& time) {
+  ask_all_nodes(line, time);
   for (auto& [id, node] : line.seen.nodes) {
     if (node.answers == 0) continue;
     node.vendor = read_number(line, id, 1, time);
@@ -129,9 +166,12 @@ void listen(std::vector<Line>& lines, std::int64_t for_ns, const Time& time) {
 }
 
 void ask(Line& line, const Time& time) {
-  if (line.bus == nullptr || !line.seen.commander.empty()) return;
-  if (line.protocol == Protocol::moteus) ask_moteus(line, time);
-  if (line.protocol == Protocol::canopen) ask_canopen(line, time);
+  if (line.bus == nullptr) return;
+  const bool ours = line.seen.commander.empty();
+  if (ours && line.protocol == Protocol::moteus) ask_moteus(line, time);
+  if (ours && line.protocol == Protocol::canopen) ask_canopen(line, time);
+  line.bus->begin(time.now_ns());  // only then some notice that nothing leaves
+  if (std::string down = line.bus->why_down(); !down.empty()) line.seen.trouble = std::move(down);
 }
 
 }  // namespace lithe::field

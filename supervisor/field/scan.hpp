@@ -24,13 +24,14 @@ struct Line {
   hal::Bus* bus = nullptr;  // null: it could not be opened, and is left out
   Protocol protocol = Protocol::none;
   Seen seen;
+  std::uint32_t bitrate = 1'000'000;
 };
 
 // To all lines at once, for that long.
 void listen(std::vector<Line>& lines, std::int64_t for_ns, const Time& time);
 
 // Asks who is there and what they are, unless somebody else commands the bus: his answers and ours would be taken for
-// each other. Takes about 0.2 s and some milliseconds per device.
+// each other. Takes about 0.3 s and some milliseconds per device; on slow buses of CANopen nodes up to 4 s.
 void ask(Line& line, const Time& time);
 
 }  // namespace lithe::field

@@ -48,7 +48,7 @@ Scan scan(const Choice& choice, const ScanOptions& options) {
     done.buses.push_back({index, {}, "", ""});
     open.push_back(config.kind == robot::BusKind::loop ? nullptr : open_line(opener, config, done.buses.back()));
     if (config.kind == robot::BusKind::loop) done.buses.back().note = kSimulated;
-    lines.push_back({open.back().get(), protocol_of(choice.robot, index), {}});
+    lines.push_back({open.back().get(), protocol_of(choice.robot, index), {}, config.bitrate});
   }
   const Time time = real_time();
   if (std::any_of(open.begin(), open.end(), [](const auto& bus) { return bus != nullptr; })) {

@@ -44,6 +44,7 @@ struct Seen {
   std::map<std::uint32_t, NodeSeen> nodes;
   std::map<std::uint32_t, GatewaySeen> gateways;
   std::string commander;  // the sign that somebody else commands this bus; empty = none
+  std::string trouble;    // why not everybody could be asked, as the bus says it; empty = all well
   std::uint64_t frames = 0;
 };
 

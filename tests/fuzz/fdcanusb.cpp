@@ -106,7 +106,7 @@ Told expected_of(std::string_view text, bool sums) {
 
 void terminal(std::string_view text, bool sums, Input& cuts) {
   pty().heard();
-  auto bus = FdcanusbBus::open({pty().path(), sums ? Checksums::on : Checksums::automatic, 0});
+  auto bus = FdcanusbBus::open({pty().device(), sums ? Checksums::on : Checksums::automatic, 0});
   demand(bool(bus), "a terminal opens");
   const std::string whole = std::string(text.substr(0, kMostText)) + "\n";
   through_terminal(**bus, whole, cuts, expected_of(whole, sums));

@@ -3,6 +3,7 @@
 // error, in the time that its contract allows.
 #include "spine/hal/device/moteus_terminal.hpp"
 
+#include <algorithm>
 #include <string>
 
 #include "tests/fuzz/fuzz.hpp"
@@ -62,7 +63,7 @@ std::vector<Frame> frames_of(Input& input) {
 
 void run(Bytes bytes) {
   Input input(bytes);
-  const std::uint8_t way = input.byte(), verb = input.byte() % 4;
+  const std::uint8_t way = input.byte(), verb = input.byte() % 5;
   const std::string words(input.text(input.byte() % 100));
   Mouth mouth(frames_of(input), way);
   std::int64_t looks = 0;
@@ -78,6 +79,11 @@ void run(Bytes bytes) {
       demand(found.id >= std::max(last, 1U) && found.id <= 126, "drives are told in order of their addresses");
       last = found.id;
     }
+  } else if (verb == 4) {
+    Found who{kId, {}, (way & kForEver) != 0};
+    std::copy_n(words.begin(), std::min(words.size(), who.uuid.size()), who.uuid.begin());
+    const Result<Identity> identity = terminal.identify(who);
+    demand(identity || !identity.message().empty(), "an error has words");
   } else if (verb == 3) {
     const Result<> done = terminal.set(kId, "servo.pid_position.kp", words);
     demand(done || !done.message().empty(), "an error has words");
@@ -104,9 +110,15 @@ std::vector<Seed> seeds() {
   writer.reply(Format::int32, reg::kUuid, std::array{1.0, 2.0, 3.0, 4.0}, true);
   writer.error(Kind::read_error, reg::kUuidMaskCapable, 1);
   writer.pad();
+  Frame identity;
+  identity.id = kId << 8;
+  SubframeWriter is(identity);
+  is.reply(Format::int32, reg::kModel, std::array{1.0, 65536.0, 5.0}, false);
+  is.reply(Format::int32, reg::kSerial, std::array{1.0, 2.0, 3.0}, true);
+  is.pad();
   std::vector<Seed> all;
   for (unsigned way = 0; way < 8; ++way) {
-    for (unsigned verb = 0; verb < 4; ++verb) {
+    for (unsigned verb = 0; verb < 5; ++verb) {
       // Nothing old, the line taken, the answer in pieces.
       all.push_back(Script()
                         .byte(way)
@@ -130,7 +142,7 @@ std::vector<Seed> seeds() {
                         .frame(says("emit servo\r\n"))
                         .frame(says("and more and more and more"))
                         .frame(says("of it")));
-      all.push_back(Script().byte(way).byte(verb).byte(3).text("tel").frame(found).frame(says("a\n")));
+      all.push_back(Script().byte(way).byte(verb).byte(3).text("tel").frame(found).frame(identity).frame(says("a\n")));
     }
   }
   return all;

@@ -63,7 +63,7 @@ Told expected_of(std::string_view text) {
 
 void terminal(std::string_view text, Input& cuts) {
   pty().heard();
-  auto bus = SlcanBus::open({pty().path(), 1'000'000, 5'000'000, 0});
+  auto bus = SlcanBus::open({pty().device(), 1'000'000, 5'000'000, 0});
   demand(bool(bus), "a terminal opens");
   const std::string whole = std::string(text.substr(0, kMostText)) + "\r";
   const Told expected = expected_of(whole);

@@ -38,12 +38,16 @@ inline void each_line(std::string_view text, std::string_view ends, const std::f
 }
 
 inline constexpr std::size_t kLongestBusLine = 256;  // with its end; what is longer is malformed
+inline constexpr std::chrono::seconds kPatience(5);  // with a line that is lost; libFuzzer takes 10 s for a hang
 inline constexpr std::size_t kMostText = 3000;       // a terminal holds 4096 bytes, and nobody reads while it is filled
 
 // A new one after a bus that did not read to the end: what it left must not reach the next.
 inline hal::test::TestPty& pty(bool anew = false) {
-  static auto one = std::make_unique<hal::test::TestPty>();
-  if (anew) one = std::make_unique<hal::test::TestPty>();
+  static std::unique_ptr<hal::test::TestPty> one;
+  if (one == nullptr || anew) {
+    one = std::make_unique<hal::test::TestPty>();
+    one->forget_path();  // a program that is refuted ends where it stands, and would leave it behind
+  }
   return *one;
 }
 
@@ -66,7 +70,7 @@ inline void through_terminal(hal::TextBus& bus, std::string_view text, Input& cu
     text.remove_prefix(size);
     take();
   }
-  const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(30);
+  const auto until = std::chrono::steady_clock::now() + kPatience;
   while (lines() < counted && std::chrono::steady_clock::now() < until) take();
   take();
   demand(lines() == counted, "every line that came over the terminal is counted once");

@@ -102,6 +102,80 @@ def test_it_ends_with_statistics_when_it_is_told_to(house: House, tmp_path: Path
         served.close()
 
 
+class Watching:
+    """A monitor that runs on, and what it says beside its frames."""
+
+    def __init__(self, house: House, *words: object) -> None:
+        """Starts it; its frames and its words go to files, so that it never waits for a reader."""
+        self.frames, self.words = house.dir / "frames", house.dir / "words"
+        with self.frames.open("w") as out, self.words.open("w") as err:
+            command = [BIN / "lithe", "--json", "bus", "monitor", *map(str, words)]
+            self.process = subprocess.Popen(command, env=house.env, stdout=out, stderr=err)
+
+    def seen(self) -> int:
+        """Frames so far."""
+        return len(self.frames.read_text().splitlines())
+
+    def more(self, house: House) -> None:
+        """Waits until frames come."""
+        before = self.seen()
+        house.wait_for(lambda: self.seen() > before + 10)
+
+    def close(self) -> None:
+        """Ends it."""
+        self.process.kill()
+        self.process.wait()
+
+
+def test_a_spine_that_goes_is_told_of_and_its_next_one_is_watched(house: House) -> None:
+    first = house.run()
+    watching = Watching(house, house.config)
+    try:
+        watching.more(house)
+        house.ask("stop")
+        first.wait(30)
+        house.wait_for(lambda: "the Spine of robot 'arm' has gone" in watching.words.read_text())
+        house.run()
+        watching.more(house)
+        assert "all is heard again" in watching.words.read_text()
+    finally:
+        watching.close()
+
+
+def test_an_adapter_that_is_pulled_out_is_told_of_and_taken_back(house: House, tmp_path: Path) -> None:
+    folder = tmp_path / "wires"
+    file = on_wires("frankenstein", folder, FRANKENSTEIN)
+    served = Simulated(file, folder)
+    watching = Watching(house, f"fdcanusb:{served.path('can1')}")
+    try:
+        watching.more(house)
+        served.close()
+        house.wait_for(lambda: str(folder / "can1") in watching.words.read_text())
+        served = Simulated(file, folder)
+        served.path("can1")
+        watching.more(house)
+    finally:
+        watching.close()
+        served.close()
+
+
+def test_a_robot_whose_file_has_changed_is_not_passed_over_in_silence(house: House, tmp_path: Path) -> None:
+    house.config = tmp_path / "arm.toml"
+    text = (ROBOTS / "arm.toml").read_text().replace('law = "../laws/pd.cpp"', "")
+    house.config.write_text(text)
+    house.run("--no-arm")
+    for changed in ("no longer a robot", text.replace('"can0"', '"canX"')):
+        house.config.write_text(changed)
+        done = house.lithe("bus", "monitor", "fdcanusb:/nowhere")
+        assert "robot 'arm' runs, or may" in done.stderr, done.stderr
+
+
+def test_bit_rates_that_no_bus_has_are_refused(house: House) -> None:
+    for words in (("--bitrate", "0"), ("--data-bitrate", "9000000"), ("--data-bitrate", "10")):
+        refused = house.ask("bus", "monitor", "socketcan:can0", *words, code=2)
+        assert words[0] in refused["error"]["message"]
+
+
 def test_what_cannot_be_watched_is_refused_with_what_to_do(house: House) -> None:
     need("lithe")
     arm = ROBOTS / "arm.toml"

@@ -57,7 +57,7 @@ def test_every_codec_lives_on_the_core_of_the_spine(scale: ModuleType, monkeypat
     assert scale.core_of_the_spine() == allowed[-1]
     asked: list[int] = []
 
-    monkeypatch.setenv(scale.PEER, "/another/codec")
+    monkeypatch.setenv("LITHE_CODEC_PEER", "/another/codec")
     got = subprocess.CompletedProcess([], 0, "/nowhere\n", "")
     monkeypatch.setattr(scale.subprocess, "run", lambda *_, **__: got)
     with monkeypatch.context() as patched:

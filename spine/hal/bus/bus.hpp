@@ -57,6 +57,10 @@ class Bus {
   // Why nothing can be sent; empty when all is well. Contract: as service()
   virtual std::string why_down() const { return ""; }
 
+  // Frames that came, and that the system threw away because nobody fetched them in time; of those below it, a tty's
+  // for one, nobody knows. Contract: as service()
+  virtual std::uint64_t overrun() const { return 0; }
+
   virtual const BusStatistics& statistics() const LITHE_RT { return statistics_; }
 
  protected:

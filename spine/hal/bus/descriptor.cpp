@@ -46,6 +46,15 @@ Moved outcome(const Answer& answer) LITHE_RT {
   return {0, answer.error};
 }
 
+// 0 where it is no socket.
+std::uint32_t socket_memory(int fd, std::size_t which) LITHE_RT {
+  std::array<std::uint32_t, SK_MEMINFO_VARS> memory{};
+  socklen_t size = sizeof memory;
+  const Answer answer =
+      ask_kernel([&] { return ssize_t{getsockopt(fd, SOL_SOCKET, SO_MEMINFO, memory.data(), &size)}; });
+  return answer.value == 0 ? memory[which] : 0;
+}
+
 }  // namespace
 
 Descriptor::Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
@@ -77,13 +86,9 @@ Moved Descriptor::write(std::span<const std::byte> from) const LITHE_RT {
   return outcome(ask_kernel([&] { return ::write(fd_, from.data(), from.size()); }));
 }
 
-std::uint32_t Descriptor::unsent_bytes() const LITHE_RT {
-  std::array<std::uint32_t, SK_MEMINFO_VARS> memory{};
-  socklen_t size = sizeof memory;
-  const Answer answer =
-      ask_kernel([&] { return ssize_t{getsockopt(fd_, SOL_SOCKET, SO_MEMINFO, memory.data(), &size)}; });
-  return answer.value == 0 ? memory[SK_MEMINFO_WMEM_ALLOC] : 0;
-}
+std::uint32_t Descriptor::unsent_bytes() const LITHE_RT { return socket_memory(fd_, SK_MEMINFO_WMEM_ALLOC); }
+
+std::uint32_t Descriptor::dropped() const LITHE_RT { return socket_memory(fd_, SK_MEMINFO_DROPS); }
 
 void nap() LITHE_RT {
   constexpr timespec kNap{0, 20'000};

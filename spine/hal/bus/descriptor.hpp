@@ -36,6 +36,8 @@ class Descriptor {
 
   // Of a socket: the memory that holds what was written and has not left yet [bytes]. 0: all has, or nobody knows.
   std::uint32_t unsent_bytes() const LITHE_RT;
+  // Of a socket: what came and found no room to wait in, since it was opened. 0: nothing, or nobody knows.
+  std::uint32_t dropped() const LITHE_RT;
 
  private:
   int fd_;

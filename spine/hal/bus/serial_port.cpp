@@ -26,7 +26,7 @@ std::string advice(int error) {
       return "not allowed; add yourself to the device's group (sudo usermod -aG dialout $USER, then log in again)";
     case EBUSY:
     case EWOULDBLOCK:
-      return "another program uses it; end that one (fuser -v names it)";
+      return "another program uses it; a robot that runs: lithe stop; any other: end it (fuser -v names it)";
     default:
       return std::string(std::strerror(error)) + "; unplug the adapter and plug it in again";
   }

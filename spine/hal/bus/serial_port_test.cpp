@@ -26,6 +26,18 @@ std::string read_until(SerialPort& port, std::size_t size) {
   return all;
 }
 
+// What the fuzzers rely on, which end where they are refuted.
+TEST(TestPty, WithoutItsPathItLeavesNothingAndOpensByItsDevice) {
+  test::TestPty pty;
+  const std::string folder = pty.path().substr(0, pty.path().rfind('/'));
+  EXPECT_EQ(access(folder.c_str(), F_OK), 0);
+  pty.forget_path();
+  EXPECT_NE(access(folder.c_str(), F_OK), 0);
+  SerialPort port(pty.device());
+  const Result<> opened = port.open();
+  EXPECT_TRUE(opened) << opened.message();
+}
+
 TEST(SerialPort, CarriesEveryByteAsItIs) {
   TestPty pty;
   SerialPort port(pty.path());

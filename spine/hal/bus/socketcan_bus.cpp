@@ -104,6 +104,7 @@ void SocketCanBus::service() {
     seen_.store(look_(), std::memory_order_relaxed);
     return;
   }
+  overrun_before_ += socket_.dropped();
   socket_.close();
   Result<Descriptor> socket = opener_();
   if (!socket) {

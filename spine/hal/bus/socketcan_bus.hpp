@@ -51,6 +51,7 @@ class SocketCanBus final : public Bus {
   std::int64_t reply_wait_ns() const LITHE_RT override { return works() ? reply_wait_ns_ : 0; }
   void service() override;
   std::string why_down() const override;
+  std::uint64_t overrun() const override { return overrun_before_ + socket_.dropped(); }
 
   // What error frames have told.
   const socketcan::Troubles& troubles() const LITHE_RT { return troubles_; }
@@ -71,7 +72,8 @@ class SocketCanBus final : public Bus {
   Link link_;
   std::int64_t reply_wait_ns_;
   bool fd_;
-  std::string not_reopened_;  // why; the housekeeping's
+  std::string not_reopened_;          // why; the housekeeping's
+  std::uint64_t overrun_before_ = 0;  // of sockets that are closed; the housekeeping's
   socketcan::Troubles troubles_;
   // Relaxed throughout: the first two are the exchange's, why_down() only tells them; service() says what it saw.
   std::atomic<bool> bus_off_{false};

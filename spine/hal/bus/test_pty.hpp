@@ -47,12 +47,20 @@ class TestPty {
   TestPty& operator=(const TestPty&) = delete;
 
   std::string path() const { return directory_ + "/adapter"; }
+  // The device of this time.
+  const std::string& device() const { return device_; }
+  // From here on device() alone leads to it, and a process that is killed leaves nothing behind.
+  void forget_path() {
+    unlink(path().c_str());
+    rmdir(directory_.c_str());
+  }
 
   void plug_in() {
     int slave = -1;
     std::array<char, 64> name{};
     if (openpty(&master_, &slave, name.data(), nullptr, nullptr) != 0) std::abort();
     fcntl(master_, F_SETFL, O_NONBLOCK);
+    device_ = name.data();
     if (symlink(name.data(), path().c_str()) != 0) std::abort();
     close(slave);
   }
@@ -88,6 +96,7 @@ class TestPty {
 
  private:
   std::string directory_;
+  std::string device_;
   int master_ = -1;
 };
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <compare>
 #include <cstdint>
 #include <functional>
 #include <string>
@@ -19,6 +20,8 @@ struct Found {
   std::uint32_t id = 0;
   std::array<std::uint8_t, 16> uuid{};  // all zero: firmware that has none
   bool maskable = false;                // it can be addressed by its UUID when its id is another's as well
+
+  auto operator<=>(const Found&) const = default;  // by id first
 };
 
 // The register map that this house speaks (register 102h); one of another number may mean something else.
