@@ -22,6 +22,7 @@ ROOT = Path(__file__).resolve().parent.parent
 OUT = ROOT / "out/bench"
 TRIES = 3
 DISTURBED = 0.05  # above this share of stolen or preempted cycles a run proves nothing
+RESTING = 0.3  # of the exchanges: a joint that turns about stands still for a moment
 UNSTEADY = 0.25  # nor one whose rounds differ by more
 Figures = dict[str, Any]
 
@@ -96,7 +97,7 @@ BENCHES = {
             *(f"codec_python_over_lithe_{part}" for part in PARTS),
         ),
         dict.fromkeys(("scale_away_share", "scale_stolen_share", "scale_preempted_share"), DISTURBED)
-        | {"scale_unanswered_share": 0.0},
+        | {"scale_unanswered_share": 0.0, "scale_resting_share": RESTING},
         steady=CODEC_SPREADS,
     ),
     "run": Bench(

@@ -2,11 +2,11 @@
 // What an exchange and a tick cost with 1, 4, 12 and 32 joints: moteus frames over a bus in memory, simulated drives.
 //
 // "exchange": commands out, answers matched, back to back, while time stands still for the drives: their physics is not
-// in it, but they read every command and write every answer. "simulated": the same with a millisecond of physics each.
-// The floor is an exchange of no joints. Subjects take turns in short blocks. "transport" and "tick" are a whole
-// Spine's at 1 kHz, in blocks of half a second: what its Transport thread and its tick, without the law, take of each
-// period. The control holds 32 joints to the cost of one: a bench that sees no difference there measures nothing. argv:
-// rounds of the exchanges, rounds of the Spines.
+// in it, but they read every command and write every answer. "simulated": the same with a millisecond of physics each,
+// of joints that swing. The floor is an exchange of no joints. Subjects take turns in short blocks. "transport" and
+// "tick" are a whole Spine's at 1 kHz, in blocks of half a second: what its Transport thread and its tick, without the
+// law, take of each period. The control holds 32 joints to the cost of one: a bench that sees no difference there
+// measures nothing. argv: rounds of the exchanges, rounds of the Spines.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -32,6 +32,7 @@ constexpr int kWarmUp = 20;      // more, before those that count: another subje
 constexpr std::int64_t kBlockNs = 500 * kNsPerMs;
 constexpr double kControlAtLeast = 4;
 constexpr std::int64_t kTickNs = kNsPerMs;
+constexpr std::uint64_t kPushTicks = 200;
 
 robot::RobotConfig robot_of(std::size_t joints) {
   auto config = robot::load_robot(LITHE_ROBOTS "/arm32.toml");
@@ -41,6 +42,7 @@ robot::RobotConfig robot_of(std::size_t joints) {
   }
   config->joints.resize(joints);
   config->devices.resize(joints);
+  for (robot::JointConfig& joint : config->joints) joint.sim.initial_position_rad = 1;
   return std::move(*config);
 }
 
@@ -79,9 +81,11 @@ class Subject {
     for (int i = 0; i < kWarmUp; ++i) cycle(step_ns_);
     std::vector<std::int64_t> block_ns(kExchanges);
     for (std::int64_t& each_ns : block_ns) {
+      push();
       const std::int64_t began_ns = clock.now_ns();
       cycle(step_ns_);
       each_ns = clock.now_ns() - began_ns;
+      resting_ += step_ns_ > 0 && state_.velocity_rad_s[0] == 0;
     }
     median_ns_.push_back(quantile_ns(block_ns, 0.5));
     all_ns_.insert(all_ns_.end(), block_ns.begin(), block_ns.end());
@@ -91,9 +95,14 @@ class Subject {
   std::size_t joints() const { return joints_; }
   const std::vector<std::int64_t>& all_ns() const { return all_ns_; }
   const std::vector<std::int64_t>& median_ns() const { return median_ns_; }
+  // Of the exchanges in which time passes. A joint that its friction holds costs no physics worth the name.
+  double resting_share() const { return resting_ / std::max(1.0, static_cast<double>(all_ns_.size())); }
   bool missed() const { return actuators_->counters().missed + actuators_->counters().late > 0; }
 
  private:
+  // To and fro, so that no joint comes to rest.
+  void push() { command_.torque_nm.fill(command_.tick / kPushTicks % 2 == 0 ? 0.1 : -0.1); }
+
   void cycle(std::int64_t step_ns) {
     ++command_.tick;
     actuators_->cycle(command_, state_, now_ns_);
@@ -108,6 +117,7 @@ class Subject {
   hal::ActuatorState state_;
   std::int64_t now_ns_ = 5'000'000'000;
   std::vector<std::int64_t> all_ns_, median_ns_;
+  double resting_ = 0;
 };
 
 // What it takes compared with the floor's block of the same round: the middle one of all rounds.
@@ -133,16 +143,18 @@ void exchanges(int rounds, JsonLine& line) {
   const ThreadToll after = thread_toll();
   const double wall_ns = static_cast<double>(after.wall_ns - before.wall_ns);
   bool missed = false;
-  double one = 1, most = 0;
+  double one = 1, most = 0, resting = 0;
   for (const Subject& subject : subjects) {
     line.quantiles(subject.key(), subject.all_ns());
     if (subject.joints() > 0) line.number(subject.key() + "_over_empty", over(subject, subjects.front()));
     missed = missed || subject.missed();
+    resting = std::max(resting, subject.resting_share());
     const double median = static_cast<double>(quantile_ns(subject.median_ns(), 0.5));
     if (subject.key() == "exchange_1j") one = median;
     if (subject.key() == "exchange_32j") most = median;
   }
   line.number("scale_away_share", 1 - static_cast<double>(after.cpu_ns - before.cpu_ns) / wall_ns)
+      .number("scale_resting_share", resting)
       .number("scale_unanswered_share", missed ? 1 : 0)
       .number("scale_control_32j_over_1j", most / one)
       .flag("scale_control_failed_as_it_must", most / one >= kControlAtLeast);

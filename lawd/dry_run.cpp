@@ -83,7 +83,7 @@ int try_steps(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t s
     if (done < steps) {
       tell(fd, {{"refused", std::string(bad.data()) + " is not finite in dry step " + std::to_string(done) +
                                 ", on harmless inputs: look for a division by zero, sqrt or log of a negative number, "
-                                "or a gain that diverges"}});
+                                "a sensor that is not valid (NaN), or a gain that diverges"}});
       return 1;
     }
     if (now_ns() - start > kPatienceNs) break;  // slow enough that noise is small beside it

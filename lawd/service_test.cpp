@@ -132,6 +132,8 @@ TEST_F(ServiceTest, CrashHangExitAndNanAreRefusedWithTheReason) {
   EXPECT_NE(first(ended).find("ended its process"), std::string::npos);
   const json nan = refused({.body = "u.torque_nm[1] = std::sqrt(-1 - t.t_s);"}, "dry_run");
   EXPECT_NE(first(nan).find("torque_nm[1] is not finite"), std::string::npos) << nan["text"];
+  const json sensor = refused({.body = "u.torque_nm[0] = 0.1 * t.sensor[0];"}, "dry_run");
+  EXPECT_NE(first(sensor).find("a sensor that is not valid"), std::string::npos) << sensor["text"];
   const json pole = refused({.body = "u.torque_nm[0] = t.position_rad[0] / t.velocity_rad_s[0];"}, "dry_run");
   EXPECT_NE(first(pole).find("in dry step 0"), std::string::npos) << "at rest it is 0 / 0: " << pole["text"];
 }

@@ -76,8 +76,8 @@ bool Bench::sound(Stand& stand) {
   char bad[64];
   if (law::outputs_are_finite(stand.effort(), stand.probes(), law, joints(), bad, sizeof bad)) return true;
   return refuse(
-      "%s is not finite (%s): look for a division by zero, sqrt or log of a negative number, or a gain that "
-      "diverges",
+      "%s is not finite (%s): look for a division by zero, sqrt or log of a negative number, a sensor that is not "
+      "valid (NaN), or a gain that diverges",
       bad, report.doing.data());
 }
 

@@ -2,6 +2,7 @@
 #include "trial/recording.hpp"
 
 #include <algorithm>
+#include <limits>
 #include <memory>
 
 #include "spine/ipc/layout.hpp"
@@ -26,7 +27,8 @@ Recording::Recording(const std::string& robot, std::uint32_t joints, double dt_s
   values_.reserve(most * kQuantities * joints);
   while (!reader.empty() && records_.size() < most) {
     if (!reader.next(*record) || record->tick + most <= newest) continue;
-    records_.push_back({record->tick, record->release_ns, record->flags});
+    records_.push_back({record->tick, record->release_ns, record->sample_ns, record->brain_age_ns, record->flags, {}});
+    std::copy(record->sensor.begin(), record->sensor.end(), records_.back().sensor.begin());
     for (const double* quantity : {record->position_rad.data(), record->velocity_rad_s.data(), record->torque_nm.data(),
                                    record->setpoint_position_rad.data(), record->setpoint_velocity_rad_s.data(),
                                    record->command_torque_nm.data()}) {
@@ -45,6 +47,10 @@ void Recording::fill(Tick& tick, std::size_t i) const {
   namespace flag = wire::telemetry_flag;
   tick.flags = ((record.flags & flag::kSampleStale) != 0 ? kSampleStale : 0) |
                ((record.flags & flag::kBrainStale) != 0 ? kBrainStale : 0);
+  tick.sample_age_s = static_cast<double>(record.t_ns - record.sample_ns) * 1e-9;
+  tick.brain_age_s = record.brain_age_ns < 0 ? std::numeric_limits<double>::infinity()
+                                             : static_cast<double>(record.brain_age_ns) * 1e-9;
+  tick.sensor = record.sensor;
   const std::size_t before = i == 0 ? 0 : i - 1;
   for (std::uint32_t j = 0; j < joints_; ++j) {
     tick.position_rad[j] = at(i, position, j);

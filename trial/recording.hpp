@@ -2,6 +2,7 @@
 // The last seconds of a running robot, copied out of its telemetry.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -30,7 +31,9 @@ class Recording {
   struct Record {
     std::uint64_t tick = 0;
     std::int64_t t_ns = 0;
+    std::int64_t sample_ns = 0, brain_age_ns = 0;
     std::uint32_t flags = 0;
+    std::array<double, kMaxSensors> sensor{};
   };
   enum Quantity { position, velocity, torque, setpoint_position, setpoint_velocity, command, kQuantities };
   double at(std::size_t i, Quantity quantity, std::uint32_t joint) const {

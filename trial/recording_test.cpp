@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <cmath>
 #include <memory>
 #include <string>
 
@@ -40,6 +41,10 @@ class RecordingTest : public ::testing::Test {
       record->position_rad[1] = static_cast<double>(tick) * 1e-3;
       record->setpoint_velocity_rad_s[1] = static_cast<double>(tick);
       record->command_torque_nm[1] = -static_cast<double>(tick);
+      record->release_ns = static_cast<std::int64_t>(tick) * 1'000'000;
+      record->sample_ns = record->release_ns - 1'000'000;
+      record->brain_age_ns = -1;
+      record->sensor[15] = static_cast<double>(tick);
       writer.push(*record);
     }
   }
@@ -61,6 +66,9 @@ TEST_F(RecordingTest, NewestSecondsComeInOrder) {
   EXPECT_DOUBLE_EQ(tick.position_rad[1], 6.0);
   EXPECT_DOUBLE_EQ(tick.setpoint_acceleration_rad_s2[1], 1000.0);
   EXPECT_DOUBLE_EQ(recording.command_torque_nm(1999, 1), -6000.0);
+  EXPECT_DOUBLE_EQ(tick.sensor[15], 6000.0);
+  EXPECT_DOUBLE_EQ(tick.sample_age_s, 1e-3);
+  EXPECT_TRUE(std::isinf(tick.brain_age_s)) << "no Brain was ever heard";
   const auto past = recording.past(10, 2, 1e-3);
   ASSERT_EQ(past.size(), 10u);
   EXPECT_DOUBLE_EQ(past[0].position_rad[1], 6.0) << "the newest first";

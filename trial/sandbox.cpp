@@ -2,6 +2,7 @@
 #include "trial/sandbox.hpp"
 
 #include <fcntl.h>
+#include <malloc.h>
 #include <poll.h>
 #include <signal.h>
 #include <sys/prctl.h>
@@ -14,6 +15,7 @@
 #include <array>
 #include <cerrno>
 #include <chrono>
+#include <cstdlib>
 #include <cstring>
 #include <thread>
 
@@ -109,6 +111,13 @@ Outcome run_sandboxed(const std::function<int(int)>& body, const Limits& limits,
   close(ends[0]);
   outcome.wall_ms = ms_since(start);
   return outcome;
+}
+
+bool keep_heap(std::size_t bytes) {
+  if (mallopt(M_MMAP_MAX, 0) != 1 || mallopt(M_TRIM_THRESHOLD, -1) != 1) return false;
+  void* volatile memory = std::malloc(bytes);  // volatile: a compiler may leave out a pair that does nothing
+  std::free(memory);
+  return memory != nullptr;
 }
 
 Result<> shed_rights(int pipe_fd, const Limits& limits) {

@@ -52,6 +52,8 @@ Result<> shed_rights(int pipe_fd, const Limits& limits);
 // From now on: read files, map memory, write to the pipe, end. What loading a law with dlopen needs, which runs code of
 // it.
 Result<> allow_loading_only(int pipe_fd);
+// So much memory lies ready for malloc, which from now on gives none back to the kernel.
+bool keep_heap(std::size_t bytes);
 // From now on: write to the pipe, read the clock, end. What a law needs not even once.
 Result<> allow_computing_only(int pipe_fd);
 

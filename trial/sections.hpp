@@ -47,11 +47,8 @@ bool run_replay(Bench& bench);   // on what this robot did in the last seconds
 bool run_hostile(Bench& bench);  // NaN, infinities, jumps, wrong times
 bool run_timing(Bench& bench);   // how long a step takes on this board
 
-// Lives until every drive of a simulated robot can be commanded, and is on: some take a while to be set up. Where its
-// own clock is then. Errors: it never gets there.
-Result<std::int64_t> make_ready(const robot::RobotConfig& robot, hal::Actuators& actuators);
-
-// The ride of run_loop with nobody at the wheel.
-LoopStats ride_without_a_law(const Setting& setting, hal::Actuators& actuators);
+// Opens the simulated robot, lives until every drive is set up and on, and lets it run with nobody at the wheel: that
+// is the baseline. Then again, for the laws to come. Errors: it cannot be simulated, or a drive never gets there.
+Result<> prepare_ride(Setting& setting);
 
 }  // namespace lithe::trial

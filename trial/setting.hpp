@@ -23,7 +23,8 @@ struct Setting {
   std::unique_ptr<hal::Actuators> actuators;  // the simulated robot, at rest, its drives on
   std::int64_t ride_from_ns = 0;              // on the clock of that robot
   RawClock clock;
-  LoopStats baseline;                       // the same ride without a law
+  LoopStats baseline;  // the same ride without a law
+  int ride_ms = 0;     // of the processor, which that takes to its end; a law's ride takes it again
   std::unique_ptr<load::ArenaStore> arena;  // null = there is none
   bool walled = false;                      // allow_trials_only() holds for the zygote, and so for its children
 

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 
+#include <cstdlib>
 #include <cstring>
 
 #include "trial/guarded.hpp"
@@ -78,6 +79,25 @@ TEST(Sandbox, ChildThatDoesNotEndIsKilled) {
       limits, 10);
   EXPECT_TRUE(outcome.timed_out);
   EXPECT_EQ(outcome.signal, 9);
+}
+
+TEST(Sandbox, MemoryThatLiesReadyIsAllocatedWithoutTheKernel) {
+  if (kSanitized) GTEST_SKIP() << "a sanitizer has an allocator of its own";
+  for (const bool ready : {true, false}) {
+    const auto allocate = [&](int pipe_fd) {
+      if (!shed_rights(pipe_fd, {}) || (ready && !keep_heap(8 << 20)) || !allow_computing_only(3)) return 2;
+      for (std::size_t kib = 1; kib <= 4096; kib *= 2) {
+        void* volatile memory = std::malloc(kib << 10);
+        if (memory == nullptr) return 3;
+        std::memset(memory, 1, kib << 10);
+        std::free(memory);
+      }
+      return 0;
+    };
+    const Outcome outcome = run_sandboxed(allocate, {}, 10);
+    EXPECT_EQ(outcome.signal, ready ? 0 : SIGSYS);
+    EXPECT_EQ(outcome.exit_code == 0, ready);
+  }
 }
 
 TEST(GuardedTest, FenceRemembersWhatWasWrittenBeforeTheBytes) {

@@ -15,15 +15,19 @@ namespace lithe::law {
 // The first steps see a robot at rest at zero, where quotients have their poles; the others one that moves.
 inline constexpr std::uint64_t kDryStepsAtRest = 3;
 
-// Step k of a healthy robot: at rest, then a slow sine that the joints follow with a small lag.
-// Contract: off the tick · pure · `tick` holds nothing but earlier dry inputs
+// Step k of a healthy robot: at rest, then a slow sine that the joints follow with a small lag. No sensor has been
+// heard at first, as after a start; then all are, whatever they measure. Contract: off the tick · pure · `tick` holds
+// nothing but earlier dry inputs
 inline void dry_input(Tick& tick, std::uint64_t k, std::uint32_t joints) {
   tick.tick = k;
   tick.dt_s = 1e-3;
   tick.t_s = static_cast<double>(k) * tick.dt_s;
   tick.t_ns = static_cast<std::int64_t>(k) * 1'000'000;
   tick.joints = joints;
+  tick.sample_age_s = tick.dt_s;
+  tick.sensor.fill(kAbsent);
   if (k < kDryStepsAtRest) return;
+  for (std::size_t i = 0; i < kMaxSensors; ++i) tick.sensor[i] = 1 + 0.5 * std::sin(tick.t_s + static_cast<double>(i));
   for (std::uint32_t j = 0; j < joints; ++j) {
     const double w = std::numbers::pi, phase = w * tick.t_s + 0.1 * j;
     tick.setpoint_position_rad[j] = 0.5 * std::sin(phase);

@@ -64,7 +64,7 @@ void read_plant(Reader& in, PlantConfig& sim, PlantKind kind) {
     read_link(in, sim);
   } else if (kind == PlantKind::independent) {
     in.number("inertia_kg_m2", sim.inertia_kg_m2, {1.0e-7, 1.0e4});
-    in.number("mgl_nm", sim.mgl_nm, {-kBig, kBig});
+    in.number("mgl_nm", sim.mgl_nm, {0.0, kBig});  // angle 0 hangs; zero_rad mounts it otherwise
     refuse_link(in, "is for [plant] kind = \"chain\" only");
   } else {
     for (const std::string_view key : {"inertia_kg_m2", "mgl_nm"}) in.refuse(key, kModelSays);

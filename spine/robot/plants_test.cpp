@@ -47,6 +47,10 @@ TEST(Plants, EveryJointIsOnItsOwnUnlessTheFileSaysOtherwise) {
   EXPECT_EQ(accepted("[plant]\nkind = \"independent\"\n" + joint(1)).plant.kind, PlantKind::independent);
 }
 
+TEST(Plants, GravityPullsDownwards) {
+  expect_refused(joint(1, "mgl_nm = -0.8\n"), {"j1.sim: mgl_nm: -0.8 will not do", "0"});
+}
+
 TEST(Plants, LinksOfAChainAreThinRodsUnlessTheySayMore) {
   const RobotConfig robot = accepted(kChain + "gravity_m_s2 = 1.62\n" + joint(1, "length_m = 0.3\nmass_kg = 0.4\n") +
                                      joint(2,

@@ -134,7 +134,12 @@ def test_an_absent_codec_is_a_reason_and_no_number(
     monkeypatch.setenv("LITHE_BIN_DIR", str(tmp_path))
     figures = {claim: 1.0 for claim in scale.report.BENCHES["scale"].claims if not claim.startswith("codec")}
     figures |= dict.fromkeys(("scale_away_share", "scale_stolen_share", "scale_preempted_share"), 0.0)
-    figures |= {"scale_unanswered_share": 0.0, "scale_control_failed_as_it_must": True, "codec_absent": "no network"}
+    figures |= {
+        "scale_unanswered_share": 0.0,
+        "scale_resting_share": 0.0,
+        "scale_control_failed_as_it_must": True,
+        "codec_absent": "no network",
+    }
     monkeypatch.setattr(scale.report, "OUT", tmp_path)
     monkeypatch.setattr(scale.report, "measure", lambda _: dict(figures))
     assert scale.main([]) == 1

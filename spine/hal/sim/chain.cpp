@@ -103,7 +103,9 @@ void Chain::accelerate() LITHE_RT {
     joint.body = {joint.inertia_kg_m2, -joint.moment_y, joint.moment_x, joint.mass_kg, 0, joint.mass_kg};
     joint.pull = {0, -joint.turn2 * joint.moment_x, -joint.turn2 * joint.moment_y};
     if (i + 1 < count_) hang_on(joint, joints_[i + 1]);
-    joint.resistance = joint.body.rr + joint.rotor_kg_m2;
+    // Viscous friction is that of the step's end, so it resists like an inertia. Of any size it slows down, never
+    // pushes.
+    joint.resistance = joint.body.rr + joint.rotor_kg_m2 + kStepS * joint.viscous_nm_s_rad;
   }
   Motion base{0, 0, gravity_m_s2_};  // gravity is a base that accelerates upwards
   for (std::size_t i = 0; i < count_; ++i) {

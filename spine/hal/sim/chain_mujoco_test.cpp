@@ -3,9 +3,11 @@
 #include <gtest/gtest.h>
 
 #include "spine/hal/sim/chain.hpp"
+#include "spine/hal/sim/mujoco_plant.hpp"
 
 #ifdef LITHE_MUJOCO
 #include <mujoco/mujoco.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -80,6 +82,23 @@ ChainParams chain_of(std::size_t count) {
     params.links.push_back(link);
   }
   return params;
+}
+
+// A tail that never ends would be of denormal numbers, with which every step is slow.
+TEST(ChainMujoco, TheTorqueOfAModelsJointEnds) {
+  const std::string path = testing::TempDir() + "lithe_tail_" + std::to_string(::getpid()) + ".xml";
+  std::ofstream(path) << "<mujoco><worldbody><body><joint name='j' type='hinge' axis='0 0 1'/>"
+                         "<geom type='sphere' size='0.1' pos='0 -0.2 0'/></body></worldbody></mujoco>";
+  MujocoParams params;
+  params.model = path;
+  params.joints = {{"j", 0, 1e-3}};
+  auto plant = open_mujoco(params);
+  std::remove(path.c_str());
+  ASSERT_TRUE(plant) << plant.message();
+  for (int i = 0; i < 100; ++i) (*plant)->step(std::vector<double>{0.5});
+  EXPECT_GT((*plant)->torque_nm(0), 0.4);
+  for (int i = 0; i < 2 * 20'000; ++i) (*plant)->step(std::vector<double>{0.0});
+  EXPECT_EQ((*plant)->torque_nm(0), 0.0);
 }
 
 TEST(ChainMujoco, AgreesInAcceleration) {

@@ -251,6 +251,27 @@ TEST(Chain, DryFrictionHoldsAWholeArmUpToItsTorqueAndNotBeyond) {
   }
 }
 
+// Friction far stiffer than a step of 50 us takes energy all the same, from links of any weight.
+TEST(Chain, ViscousFrictionOfAnySizeOnlySlowsDown) {
+  for (const double viscous : {1e2, 1e4, 1e6}) {
+    ChainParams params = chain_of(6);
+    params.gravity_m_s2 = 0;
+    for (std::size_t i = 0; i < 6; ++i) {
+      params.links[i].joint.viscous_nm_s_rad = i % 2 == 0 ? viscous : 0.01 * viscous;
+      params.links[i].mass_kg *= i < 3 ? 1 : 1e-3;
+      params.links[i].inertia_kg_m2 *= i < 3 ? 1 : 1e-3;
+      params.links[i].rotor_inertia_kg_m2 = 0;
+    }
+    Chain chain(params);
+    for (std::size_t i = 0; i < 6; ++i) chain.place(i, 0.3, i % 2 == 0 ? 1 : -2);
+    for (int i = 0; i < 20'000; ++i) {
+      chain.step(kNoTorque);
+      for (std::size_t j = 0; j < 6; ++j) ASSERT_LT(std::abs(chain.velocity_rad_s(j)), 30) << viscous << " " << i;
+    }
+    for (std::size_t j = 0; j < 6; ++j) EXPECT_NEAR(chain.velocity_rad_s(j), 0, 0.1) << viscous;
+  }
+}
+
 TEST(Chain, WithFrictionItComesToRestAndStaysThere) {
   ChainParams params = chain_of(6);
   for (ChainLink& link : params.links) link.joint.coulomb_nm = 0.2;

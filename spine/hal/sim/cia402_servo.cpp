@@ -25,6 +25,7 @@ constexpr double kThousandths = 1000;
 
 std::int32_t whole(double value) LITHE_RT {
   constexpr double kMost = 2147483647.0;
+  if (std::isnan(value)) return 0;
   return static_cast<std::int32_t>(std::clamp(std::round(value), -kMost, kMost));
 }
 
@@ -50,7 +51,11 @@ void Cia402Servo::advance(std::int64_t now_ns) LITHE_RT {
   if (lag_ns <= 0) return;
   const std::int64_t steps = std::min(lag_ns, kMaxCatchUpNs) / Plant::kStepNs;
   for (std::int64_t i = 0; i < steps; ++i) step();
-  if (lag_ns > kMaxCatchUpNs) time_ns_ += (now_ns - time_ns_) / Plant::kStepNs * Plant::kStepNs;
+  if (lag_ns > kMaxCatchUpNs) skip(now_ns);
+}
+
+void Cia402Servo::skip(std::int64_t now_ns) LITHE_RT {
+  time_ns_ += std::max<std::int64_t>(now_ns - time_ns_, 0) / Plant::kStepNs * Plant::kStepNs;
 }
 
 void Cia402Servo::restart() LITHE_RT {

@@ -18,17 +18,18 @@ namespace lithe::hal::sim {
 // Steps all its drives and the mechanism they move together, 50 us at a time: each drive decides on its torque, then
 // all joints move. A drive measures what its joint did one such step later than one with a plant of its own. On a bus
 // it says and answers nothing: attached before the drives, it brings all of them to the time of whatever is about to
-// reach one. Contract: RT · one thread · drives outlive it, and are advanced by nobody else to times that it has not
-// reached
+// reach one. A CiA 402 drive judges its host's heartbeat when it is next reached, not before: it goes on under its last
+// command until then, as one that looks at its deadline once per SYNC. Contract: RT · one thread · drives outlive it,
+// and are advanced by nobody else to times that it has not reached
 class Coupling final : public BusNode {
  public:
-  // The most time one advance() works through; what lies beyond is skipped.
+  // The most time one advance() works through; what lies beyond is skipped: only watchdogs have run when it is over.
   static constexpr std::int64_t kMaxCatchUpNs = 50'000'000;
 
   explicit Coupling(std::unique_ptr<Mechanism> mechanism) : mechanism_(std::move(mechanism)) {}
 
-  // Of the mechanism's next joint. Any drive that has advance(now_ns) and plant(); its plant moves with the mechanism
-  // from now on. False: there is no such joint. Contract: never in the tick
+  // Of the mechanism's next joint. Any drive that has advance(now_ns), skip(now_ns) and plant(); its plant moves with
+  // the mechanism from now on. False: there is no such joint. Contract: never in the tick
   template <class AnyServo>
   bool add(AnyServo& servo) {
     if (drives_.size() == mechanism_->joints()) return false;
@@ -55,12 +56,14 @@ class Coupling final : public BusNode {
     Drive& operator=(const Drive&) = delete;
     virtual ~Drive() = default;
     virtual void advance(std::int64_t now_ns) LITHE_RT = 0;
+    virtual void skip(std::int64_t now_ns) LITHE_RT = 0;
     virtual Plant& plant() LITHE_RT = 0;
   };
   template <class AnyServo>
   struct DriveOf final : Drive {
     explicit DriveOf(AnyServo& which) : servo(which) {}
     void advance(std::int64_t now_ns) LITHE_RT override { servo.advance(now_ns); }
+    void skip(std::int64_t now_ns) LITHE_RT override { servo.skip(now_ns); }
     Plant& plant() LITHE_RT override { return servo.plant(); }
     AnyServo& servo;
   };

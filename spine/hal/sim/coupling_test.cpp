@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "spine/hal/sim/chain.hpp"
+#include "spine/hal/sim/cia402_servo.hpp"
 #include "spine/hal/sim/servo.hpp"
 
 namespace lithe::hal::sim {
@@ -127,6 +128,34 @@ TEST(Coupling, AfterALongPauseItGoesOnAndWatchdogsHaveRun) {
   EXPECT_EQ(arm.servos[0]->mode(), Mode::timeout);
   EXPECT_TRUE(std::isfinite(arm.coupling.mechanism().position_rad(1)));
   arm.coupling.advance(3 * kMs);  // backwards
+}
+
+// While nothing moves, no set-point runs away from its joint.
+TEST(Coupling, WhatALongPauseSkipsIsSkippedForTheDrivesToo) {
+  Arm arm(two_links());
+  arm.servos[0]->apply(Mode::position, hold_at(10));
+  arm.run(100 * kMs);
+  const double before_rev = arm.servos[0]->control_position_rev();
+  EXPECT_GT(before_rev, 0.01) << "on its way at half a turn a second";
+  arm.coupling.advance(10'000 * kMs);
+  EXPECT_NEAR(arm.servos[0]->control_position_rev() - before_rev, 0.5 * 0.050, 1e-4) << "50 ms are made up for";
+  EXPECT_EQ(arm.servos[0]->skipped_ns(), (10'000 - 100 - 50) * kMs);
+  Cia402Servo other(Cia402ServoParams{}, JointTransform{}, PlantParams{});
+  other.advance(0);
+  other.skip(1000 * kMs);
+  other.skip(5 * kMs);  // backwards
+  EXPECT_EQ(other.position(), 0);
+}
+
+TEST(Cia402Servo, AJointThatIsNowhereReadsZero) {
+  Cia402Servo servo(Cia402ServoParams{}, JointTransform{}, PlantParams{});
+  servo.plant().couple();
+  servo.advance(0);
+  servo.plant().follow(NAN, NAN, NAN);
+  servo.advance(kMs);
+  EXPECT_EQ(servo.position(), 0);
+  EXPECT_EQ(servo.velocity(), 0);
+  EXPECT_EQ(servo.torque(), 0);
 }
 
 TEST(Coupling, AChainTakesNoMoreDrivesThanItHasJoints) {

@@ -20,6 +20,7 @@ namespace lithe::hal::sim {
 namespace {
 
 constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
+constexpr double kNothing = 1e-15;  // the tail of a lag would end in slow denormal numbers
 
 // What is used of the library. It stays loaded once it is.
 struct Library {
@@ -103,6 +104,7 @@ class MujocoPlant final : public Mechanism {
       Joint& joint = joints_[i];
       const double wanted = i < wanted_nm.size() ? wanted_nm[i] : 0;
       joint.torque_nm += joint.lag_gain * (std::clamp(wanted, -joint.most_nm, joint.most_nm) - joint.torque_nm);
+      if (std::abs(joint.torque_nm) < kNothing) joint.torque_nm = 0;
     }
     if (part_ == 0) move();
     part_ = (part_ + 1) % parts_;

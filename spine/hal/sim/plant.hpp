@@ -30,7 +30,8 @@ double cogging_phase_rad(std::uint64_t seed);
 //   inertia * angle'' = torque - mgl sin(angle) - viscous * velocity - friction - cogging,  torque' = (wanted - torque)
 //   / lag
 //
-// Semi-implicit Euler in steps of 50 us: energy neither grows nor drains by itself. Friction is Coulomb's law, not a
+// Semi-implicit Euler in steps of 50 us: energy neither grows nor drains by itself, and viscous friction of any size
+// takes some. Dry friction is Coulomb's law, not a
 // smooth stand-in: within a step a joint that would change its direction stops, and one that stands stays until the
 // other torques exceed coulomb_nm. Same inputs, same motion, to the bit.
 // Contract: RT · one thread · no clock of its own
@@ -47,13 +48,14 @@ class Plant {
     const double limited_nm = std::clamp(wanted_nm, -params_.torque_max_nm, params_.torque_max_nm);
     torque_nm_ += lag_gain_ * (limited_nm - torque_nm_);
     if (std::abs(torque_nm_) < kNothing) torque_nm_ = 0;  // the tail of the lag would end in slow denormal numbers
-    double load_nm = torque_nm_ - params_.mgl_nm * std::sin(position_rad_) - params_.viscous_nm_s_rad * velocity_rad_s_;
+    double load_nm = torque_nm_ - params_.mgl_nm * std::sin(position_rad_);
     if (params_.cogging_nm != 0)
       load_nm -= params_.cogging_nm * std::sin(cogging_per_rad_ * position_rad_ + phase_rad_);
     const double moved_by_nm = velocity_rad_s_ != 0 ? velocity_rad_s_ : load_nm;  // only its sign counts
     if (velocity_rad_s_ == 0 && std::abs(load_nm) <= params_.coulomb_nm) return;
     const double before_rad_s = velocity_rad_s_;
     velocity_rad_s_ += step_per_inertia_ * (load_nm - std::copysign(params_.coulomb_nm, moved_by_nm));
+    velocity_rad_s_ *= viscous_gain_;  // that of the step's end: whatever its size, it slows down and never pushes
     if (params_.coulomb_nm > 0 && before_rad_s * velocity_rad_s_ < 0) velocity_rad_s_ = 0;
     position_rad_ += kStepS * velocity_rad_s_;
   }
@@ -84,6 +86,7 @@ class Plant {
   PlantParams params_;
   double lag_gain_;
   double step_per_inertia_;
+  double viscous_gain_;
   double cogging_per_rad_;
   double phase_rad_;
   double position_rad_;

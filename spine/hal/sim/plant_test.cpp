@@ -82,6 +82,26 @@ TEST(Plant, ViscousFrictionTakesTheAnalyticShareOfEnergy) {
   EXPECT_NEAR(after / start, std::exp(-params.viscous_nm_s_rad / params.inertia_kg_m2), 1e-4);
 }
 
+// Far stiffer than a step of 50 us: it slows down, and never pushes.
+TEST(Plant, ViscousFrictionOfAnySizeEndsAtItsTorqueOverItself) {
+  for (const double viscous : {4e-3, 1.0, 1e3, 1e6}) {
+    for (const double coulomb : {0.0, 0.01}) {
+      PlantParams params;
+      params.inertia_kg_m2 = 1e-7;
+      params.viscous_nm_s_rad = viscous;
+      params.coulomb_nm = coulomb;
+      Plant plant(params);
+      for (int i = 0; i < 20'000; ++i) {
+        plant.step(0.1);
+        ASSERT_GE(plant.velocity_rad_s(), 0) << viscous;
+      }
+      EXPECT_NEAR(plant.velocity_rad_s() * viscous / (0.1 - coulomb), 1, 1e-9) << viscous;
+      run(plant, 1, 0);
+      EXPECT_NEAR(plant.velocity_rad_s(), 0, 1e-9);
+    }
+  }
+}
+
 TEST(Plant, CoulombFrictionStopsAFlywheelAfterTheAnalyticTimeAndHoldsItThere) {
   PlantParams params;
   params.inertia_kg_m2 = 1e-3;

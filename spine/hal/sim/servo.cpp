@@ -39,8 +39,11 @@ void Servo::advance(std::int64_t now_ns) LITHE_RT {
   if (lag_ns <= 0) return;
   const std::int64_t steps = std::min(lag_ns, kMaxCatchUpNs) / Plant::kStepNs;
   for (std::int64_t i = 0; i < steps; ++i) step();
-  if (lag_ns <= kMaxCatchUpNs) return;
-  const std::int64_t skip_ns = (now_ns - time_ns_) / Plant::kStepNs * Plant::kStepNs;
+  if (lag_ns > kMaxCatchUpNs) skip(now_ns);
+}
+
+void Servo::skip(std::int64_t now_ns) LITHE_RT {
+  const std::int64_t skip_ns = std::max<std::int64_t>(now_ns - time_ns_, 0) / Plant::kStepNs * Plant::kStepNs;
   skipped_ns_ += skip_ns;
   time_ns_ += skip_ns;
   check_watchdog();

@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: Apache-2.0
+// The simulated robot that a law is tried with. Here laws run in this process, so that they can tell what they saw.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include "spine/robot/robot.hpp"
+#include "spine/wire/wire.hpp"
+#include "trial/sections.hpp"
+
+namespace lithe::trial {
+namespace {
+
+robot::RobotConfig robot_of(const std::string& file) {
+  auto robot = robot::load_robot(LITHE_ROBOTS "/" + file);
+  EXPECT_TRUE(robot) << robot.message();
+  return *robot;
+}
+
+// An arm that starts raised, with limits that it falls out of when nothing holds it.
+robot::RobotConfig raised_arm() {
+  robot::RobotConfig robot = robot_of("arm.toml");
+  robot.joints[0].sim.initial_position_rad = 1.5;
+  robot.joints[0].position_min_rad = 0.9;
+  robot.joints[0].position_max_rad = 2.4;
+  return robot;
+}
+
+struct Rig {
+  explicit Rig(robot::RobotConfig robot) {
+    setting.robot = std::move(robot);
+    setting.clock = RawClock::calibrate();
+    const auto ready = prepare_ride(setting);
+    EXPECT_TRUE(ready) << ready.message();
+  }
+
+  // Whether this law passes.
+  bool ride(const LitheLaw& law, bool in_time = true) {
+    const Recording none;
+    Stand one(law, {}, {}, setting.clock), other(law, {}, {}, setting.clock);
+    report = {};
+    Bench bench{setting, law, none, one, other, 300'000, 0, report, {}};
+    if (in_time) bench.deadline_ns = std::numeric_limits<std::int64_t>::max();
+    return run_loop(bench);
+  }
+
+  Setting setting;
+  Report report;
+};
+
+struct NoParamsNoState {
+  struct Params {};
+  struct State {};
+};
+struct Limp : NoParamsNoState {
+  static void step(const Tick&, const Params&, State&, Effort&) {}
+};
+struct Holds : NoParamsNoState {
+  static void step(const Tick& t, const Params&, State&, Effort& u) {
+    for (std::uint32_t j = 0; j < t.joints; ++j)
+      u.torque_nm[j] = 1.5 * (t.setpoint_position_rad[j] - t.position_rad[j]) - 0.08 * t.velocity_rad_s[j];
+  }
+};
+struct PushesAway : NoParamsNoState {
+  static void step(const Tick& t, const Params&, State&, Effort& u) {
+    for (std::uint32_t j = 0; j < t.joints; ++j) u.torque_nm[j] = t.position_rad[j] < 1.6 ? -0.6 : 0.6;
+  }
+};
+constexpr LitheLaw kLimp = describe<Limp>("limp");
+constexpr LitheLaw kHolds = describe<Holds>("holds");
+constexpr LitheLaw kPushesAway = describe<PushesAway>("pushes_away");
+
+// Torque that is asked for from the first tick on acts from the first tick on.
+void expect_drives_on(const robot::RobotConfig& robot, int exchanges = 4) {
+  Rig rig(robot);
+  hal::ActuatorCommand command;
+  hal::ActuatorState state;
+  command.joints = rig.setting.joints();
+  command.act(hal::DriveAction::torque);
+  command.position_rad.fill(std::numeric_limits<double>::quiet_NaN());
+  command.torque_nm.fill(0.1);
+  command.max_torque_nm.fill(1);
+  std::int64_t now_ns = rig.setting.ride_from_ns;
+  for (int k = 0; k < exchanges; ++k, now_ns += rig.setting.period_ns()) {
+    ++command.tick;
+    rig.setting.actuators->cycle(command, state, now_ns);
+    for (std::uint32_t j = 0; j < command.joints; ++j) {
+      EXPECT_EQ(state.status[j] & wire::joint_status::kNotReady, 0u) << robot.name << " joint " << j << " tick " << k;
+    }
+  }
+  for (std::uint32_t j = 0; j < command.joints; ++j) EXPECT_GT(state.torque_nm[j], 0.003) << robot.name << " " << j;
+}
+
+TEST(Ride, BeginsWhenEveryDriveIsSetUpAndOn) {
+  for (const char* file : {"arm.toml", "frankenstein.toml", "quadruped.toml"}) expect_drives_on(robot_of(file));
+  robot::RobotConfig fast = robot_of("arm.toml");
+  fast.rate_hz = 10'000;
+  expect_drives_on(fast);
+  robot::RobotConfig divided = robot_of("frankenstein.toml");
+  for (robot::DeviceConfig& device : divided.devices) device.rate_divider = 4;
+  expect_drives_on(divided, 4 * 4);
+}
+
+TEST(Ride, ALawThatIsStoppedSoonerThanTheRobotAloneIsRefused) {
+  Rig rig(raised_arm());
+  ASSERT_NE(rig.setting.baseline.fault, 0u) << "it falls out of its limits";
+  EXPECT_FALSE(rig.ride(kPushesAway));
+  EXPECT_LT(rig.report.loop.fault_tick, rig.setting.baseline.fault_tick);
+  EXPECT_NE(text_of(rig.report.refused).find("without a law it took"), std::string::npos);
+}
+
+TEST(Ride, ALawThatDoesNoWorseThanTheRobotAlonePasses) {
+  Rig rig(raised_arm());
+  EXPECT_TRUE(rig.ride(kLimp)) << text_of(rig.report.refused);
+  EXPECT_EQ(rig.report.loop.fault_tick, rig.setting.baseline.fault_tick);
+}
+
+// What a ride that was broken off early had to bear does not excuse all of a long one.
+TEST(Ride, TheGuardsWorkIsComparedOverTheSameTime) {
+  Rig rig(robot_of("arm.toml"));
+  rig.setting.baseline.ticks = 10;
+  rig.setting.baseline.velocity_clamped = rig.setting.baseline.torque_clamped = 10;
+  rig.setting.baseline.slew_clamped = rig.setting.baseline.position_clamped = 10;
+  rig.setting.baseline.fault = 1;
+  rig.setting.baseline.fault_tick = 10;
+  EXPECT_FALSE(rig.ride(kPushesAway)) << "full torque outwards all the time";
+  EXPECT_TRUE(Rig(robot_of("arm.toml")).ride(kHolds));
+}
+
+// What a law must at least have lived through is a time, not a number of ticks.
+TEST(Ride, ItsMandatoryPartIsATenthOfASecondAtEveryRate) {
+  for (const double rate_hz : {100.0, 250.0, 1000.0, 10'000.0}) {
+    robot::RobotConfig robot = robot_of("arm.toml");
+    robot.rate_hz = rate_hz;
+    Rig rig(robot);
+    EXPECT_TRUE(rig.ride(kLimp, false)) << text_of(rig.report.refused);
+    EXPECT_EQ(rig.report.loop.ticks, static_cast<std::uint32_t>(std::lround(rate_hz / 10)));
+  }
+}
+
+Tick g_last;
+struct Remembers : NoParamsNoState {
+  static void step(const Tick& t, const Params&, State&, Effort&) { g_last = t; }
+};
+
+TEST(Ride, ALawSeesWhatTheSensorsOfTheRobotMeasure) {
+  constexpr LitheLaw kRemembers = describe<Remembers>("remembers");
+  Rig rig(robot_of("frankenstein.toml"));
+  EXPECT_TRUE(rig.ride(kRemembers)) << text_of(rig.report.refused);
+  const std::size_t sensors = rig.setting.robot.sensors.size();
+  ASSERT_GT(sensors, 0u);
+  for (std::size_t i = 0; i < kMaxSensors; ++i) EXPECT_EQ(std::isfinite(g_last.sensor[i]), i < sensors) << i;
+  EXPECT_DOUBLE_EQ(g_last.sample_age_s, rig.setting.dt_s());
+  Rig(robot_of("arm.toml")).ride(kRemembers);
+  EXPECT_TRUE(std::isnan(g_last.sensor[0])) << "there is none";
+}
+
+}  // namespace
+}  // namespace lithe::trial
