@@ -152,7 +152,7 @@ def robot_files() -> dict[str, bytes]:
     buses = {f'name = "can{i}"\nkind = "loop"': socketcan.format(i, i + 1) for i in range(3)}
     patience = {
         'law = "../laws/pd.cpp"': '[spine]\nrelease = "sleep"\nlate_ticks_to_stop = 10000\n'
-        "[guard]\nlost_after_misses = 300",
+        "[guard]\nlost_after_misses = 100",
         "rate_hz = 1000": "rate_hz = 100",
         "watchdog_s = 0.2": "watchdog_s = 10.0",
     }
