@@ -113,6 +113,7 @@ class Ride {
  private:
   void exchange() {
     actuators_.cycle(command_, state_, now_ns_);
+    guard_.dispatched();  // or it bounds every torque from the first one, which is none
     now_ns_ += setting_.period_ns();
     ++command_.tick;
   }

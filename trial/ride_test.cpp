@@ -69,6 +69,10 @@ struct PushesAway : NoParamsNoState {
     for (std::uint32_t j = 0; j < t.joints; ++j) u.torque_nm[j] = t.position_rad[j] < 1.6 ? -0.6 : 0.6;
   }
 };
+struct AsksTooMuch : NoParamsNoState {
+  static void step(const Tick& t, const Params&, State&, Effort& u) { std::fill_n(u.torque_nm.begin(), t.joints, 2.0); }
+};
+constexpr LitheLaw kAsksTooMuch = describe<AsksTooMuch>("asks_too_much");
 constexpr LitheLaw kLimp = describe<Limp>("limp");
 constexpr LitheLaw kHolds = describe<Holds>("holds");
 constexpr LitheLaw kPushesAway = describe<PushesAway>("pushes_away");
@@ -112,6 +116,15 @@ TEST(Ride, ALawThatIsStoppedSoonerThanTheRobotAloneIsRefused) {
   EXPECT_NE(text_of(rig.report.refused).find("without a law it took"), std::string::npos);
 }
 
+// Which takes more than a step of the torque's slew.
+TEST(Ride, ALawThatHoldsWhatWouldFallPasses) {
+  Rig rig(raised_arm());
+  EXPECT_TRUE(rig.ride(kHolds)) << text_of(rig.report.refused);
+  EXPECT_EQ(rig.report.loop.fault, 0u);
+  EXPECT_EQ(rig.report.loop.ticks, 1000u);
+  EXPECT_LT(rig.report.loop.slew_clamped, 50u);
+}
+
 TEST(Ride, ALawThatDoesNoWorseThanTheRobotAlonePasses) {
   Rig rig(raised_arm());
   EXPECT_TRUE(rig.ride(kLimp)) << text_of(rig.report.refused);
@@ -126,7 +139,8 @@ TEST(Ride, TheGuardsWorkIsComparedOverTheSameTime) {
   rig.setting.baseline.slew_clamped = rig.setting.baseline.position_clamped = 10;
   rig.setting.baseline.fault = 1;
   rig.setting.baseline.fault_tick = 10;
-  EXPECT_FALSE(rig.ride(kPushesAway)) << "full torque outwards all the time";
+  EXPECT_FALSE(rig.ride(kAsksTooMuch));
+  EXPECT_GT(rig.report.loop.ticks, 50u) << "the guard stops it later than the baseline, so that only the share speaks";
   EXPECT_TRUE(Rig(robot_of("arm.toml")).ride(kHolds));
 }
 
