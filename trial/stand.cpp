@@ -17,7 +17,7 @@ Stand::Stand(const LitheLaw& law, std::span<const Param> params, const History& 
       past_(past.count * sizeof(PastTick), Guarded::Kind::with_read_only_view) {
   new (tick_.data()) Tick;
   new (effort_.data()) Effort;
-  std::memcpy(params_.data(), params.data(), params.size_bytes());
+  if (!params.empty()) std::memcpy(params_.data(), params.data(), params.size_bytes());
   if (past.count > 0) std::memcpy(past_.data(), past.ticks, past.count * sizeof(PastTick));
   history_ = {reinterpret_cast<const PastTick*>(past_.law_view()), past.count, past.joints, past.dt_s};
 }
