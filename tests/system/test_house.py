@@ -58,7 +58,7 @@ EXCUSES = ("privilege", "root", "core")
 COMPUTED = (  # the reason is computed there, and only there
     "test_vcan.py: pytest.skip(reason)",  # no QEMU, no kernel
     "pypi.py: pytest.skip(str(why))",  # no network
-    "test_robots.py: pytest.skip(house.log().strip().splitlines()[-1])",  # no MuJoCo
+    "simulated.py: pytest.skip(house.log().strip().splitlines()[-1])",  # no MuJoCo
 )
 
 
