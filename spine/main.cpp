@@ -233,7 +233,8 @@ void look_after(hal::Actuators& actuators, const sigset_t& signals) {
   while (sigtimedwait(&signals, nullptr, &kEvery) < 0) {
     actuators.service();
     const std::string trouble = actuators.trouble();
-    if (trouble != told) fmt::print(stderr, "lithe-spine: {}\n", trouble.empty() ? "all buses are back" : trouble);
+    if (trouble != told)
+      fmt::print(stderr, "lithe-spine: {}\n", trouble.empty() ? "all buses and drives are well" : trouble);
     told = trouble;
   }
 }

@@ -118,7 +118,7 @@ def test_an_interface_that_goes_down_is_named_and_what_was_lost_comes_back(steps
     assert {name: bus["reopened"] for name, bus in buses(steps["back"]).items()} == {"can0": 1, "can1": 0, "can2": 0}
     log = steps["run-log"].text
     down = log.find("vcan1: is down: sudo ip link set vcan1 up")
-    assert down >= 0 and "all buses are back" in log[down:], log
+    assert down >= 0 and "all buses and drives are well" in log[down:], log
     assert "vcan2: " not in log and "vcan3: " not in log, log
     places = [f"can{i} socketcan vcan{i + 1}" for i in range(3)]
     assert steps["sim-log"].text.split("\n")[1:-1] == [*places, "can0 socketcan unplugged", places[0]]
