@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <random>
 
 #include "spine/hal/two_joints_bench.hpp"
@@ -127,6 +128,18 @@ TEST_F(TwoJoints, AnUnsoundCommandDampsItsJointAndIsCounted) {
   EXPECT_EQ(actuators_.counters().unsound, 20U);
   EXPECT_EQ((state_.status[0] >> 16) & 0xff, 10U);
   EXPECT_EQ((state_.status[1] >> 16) & 0xff, 12U);
+}
+
+// Also where the drive's own limit, which grows from nothing, would have hidden it.
+TEST(MoteusLimit, ALimitThatIsNotFiniteIsNoSoundCommand) {
+  moteus::DriverParams params;
+  params.torque_step_nm = 0.1;
+  moteus::MoteusDrive drive(params);
+  LoopBus bus;
+  JointCommand command{.action = DriveAction::torque, .max_torque_nm = std::numeric_limits<double>::infinity()};
+  EXPECT_FALSE(drive.command(command, {}, bus));
+  command.max_torque_nm = 1;
+  EXPECT_TRUE(drive.command(command, {}, bus));
 }
 
 TEST_F(TwoJoints, AnyMixOfTroubleLeavesTheStateFiniteAndTheCountsConsistent) {

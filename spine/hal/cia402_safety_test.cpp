@@ -227,6 +227,25 @@ TEST_F(Cia402Safety, ALostHeartbeatIsAFaultAlsoWhileAnswersCome) {
   EXPECT_NE(drive_state(), State::operation_enabled);
 }
 
+// It answers everything and is set up, but nobody would learn that it is gone.
+TEST_F(Cia402Safety, ADriveThatDoesNotBeatSaysSoAndIsNotSwitchedOn) {
+  build();
+  act(DriveAction::off, 2);
+  cables_[0]->back = [](Frame& frame) { return frame.id != 0x701 || frame.data[0] == 0; };  // but for its boot-up
+  drive().befall(Mishap::power_loss, true, now_ns_);
+  cycle(600);
+  EXPECT_NE(drivers_[0]->why_not_ready().find("heartbeat"), std::string::npos) << drivers_[0]->why_not_ready();
+  act(DriveAction::torque, 50);
+  EXPECT_NE(drive_state(), State::operation_enabled);
+  EXPECT_TRUE(has(kFault));
+  cables_[0]->back = [](Frame&) { return true; };
+  cycle(600);
+  act(DriveAction::off, 2);
+  act(DriveAction::torque, 20);
+  EXPECT_EQ(drive_state(), State::operation_enabled);
+  EXPECT_EQ(drivers_[0]->why_not_ready(), "");
+}
+
 TEST_F(Cia402Safety, ADriveThatTellsTurnsPerMinuteIsFoundOut) {
   build({.velocity_unit = 60.0 / 65536});
   enable();

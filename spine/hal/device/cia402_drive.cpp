@@ -79,7 +79,10 @@ void Cia402Drive::watch(const Exchange& exchange) LITHE_RT {
   if (closes_loop && !dropped_) drop({TroubleKind::unheard, {}, unanswered_});
   // Nothing at all is heard of it, nor was it us who slept. It may have restarted and said so to nobody: then it would
   // never speak again.
-  if (silent_ && exchange.now_ns - silent_from_ns_ >= silence_ns_) stage_ = Stage::reset;
+  if (silent_ && exchange.now_ns - silent_from_ns_ >= silence_ns_) {
+    drop({TroubleKind::silent, {}, 0});
+    stage_ = Stage::reset;
+  }
 }
 
 void Cia402Drive::watch_enabling(DriveAction action, std::int64_t now_ns) LITHE_RT {
@@ -113,7 +116,8 @@ void Cia402Drive::progress(const Exchange& exchange, Bus& bus) LITHE_RT {
     case Setup::Progress::done:
       stage_ = Stage::running;
       reset_after_refusal_ = false;
-      set_trouble({});
+      // Set up, and no heartbeat meanwhile: whoever waits for it must know why nothing moves.
+      silent_ ? drop({TroubleKind::silent, {}, 0}) : set_trouble({});
       return;
     case Setup::Progress::failed:
       set_trouble(setup_.trouble());

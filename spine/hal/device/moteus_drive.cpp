@@ -2,6 +2,7 @@
 #include "spine/hal/device/moteus_drive.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "spine/wire/wire.hpp"
 
@@ -27,7 +28,8 @@ bool MoteusDrive::command(const JointCommand& command, const Exchange& exchange,
   bool sound = true;
   if (ready()) {
     JointCommand eased = command;
-    eased.max_torque_nm = std::min(command.max_torque_nm, torque_allowed_nm_);
+    // What is no number stays none: the driver has to find that out.
+    if (std::isfinite(command.max_torque_nm)) eased.max_torque_nm = std::min(command.max_torque_nm, torque_allowed_nm_);
     sound = driver_.encode(eased, exchange.source, frame, velocity_rad_s_);
     asked_ = false;
   } else {
