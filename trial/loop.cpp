@@ -22,6 +22,7 @@ constexpr double kSeconds = 1.0;
 constexpr double kMandatorySeconds = 0.1;  // of the robot's time, whatever its rate
 constexpr std::int64_t kStartNs = 1'000'000'000;
 constexpr double kReadySeconds = 10;
+constexpr double kMostRideMs = 2000;  // of the processor's time, on top of the box: who asks does not wait for ever
 constexpr std::int64_t kSwitchOnNs = 10'000'000;  // a moteus is on 5 ms after it is told
 constexpr int kExchangesToSwitchOn = 10;          // a CiA 402 drive goes one state a word
 
@@ -270,8 +271,10 @@ Result<> prepare_ride(Setting& setting) {
   const std::clock_t from = std::clock();  // of this process, whoever else wants the processor
   setting.baseline = ride_without_a_law(setting);
   const double took_ms = 1e3 * static_cast<double>(std::clock() - from) / CLOCKS_PER_SEC;
-  // The guard may have broken it off: a law may keep the robot going to the end.
-  setting.ride_ms = static_cast<int>(std::ceil(took_ms * kSeconds * setting.robot.rate_hz / setting.baseline.ticks));
+  // The guard may have broken it off: a law may keep the robot going to the end. A few ticks tell little of a whole
+  // ride.
+  const double whole_ms = took_ms * kSeconds * setting.robot.rate_hz / setting.baseline.ticks;
+  setting.ride_ms = static_cast<int>(std::ceil(std::min(whole_ms, kMostRideMs)));
   return open_ready(setting);
 }
 

@@ -60,14 +60,14 @@ class Groups : public testing::Test, protected TickBench {
   Groups() : TickBench(two_groups()) {}
 
   // The leg's drive is as the loop would hear it; whatever leaves stays within the slew bound.
-  void live(int count, std::uint32_t leg_status = 0) {
+  void live(int count, std::uint32_t leg_status = 0, std::uint32_t without = 0) {
     for (int i = 0; i < count; ++i) {
       const hal::ActuatorCommand before = sent_;
       tick(false);
       if (handover_.pending()) {
         sent_ = handover_.command();
         actuators_->cycle(sent_, handover_.sample(), now_ns_);
-        handover_.sample().status[kLeg] |= leg_status;
+        handover_.sample().status[kLeg] = (handover_.sample().status[kLeg] | leg_status) & ~without;
         handover_.finish();
       }
       for (const std::size_t j : {kLeg, kArm}) {
@@ -214,12 +214,13 @@ TEST_F(Groups, ALawOnProbationIsNotBlamedForWhatFallsInTheSafeStop) {
 
 TEST_F(Groups, HeldItIsArmedAgainWithoutThePartThatIsStopped) {
   arm_with(kBoth);
-  live(10, wire::joint_status::kLost);
+  live(10, wire::joint_status::kLost, wire::joint_status::kFresh);
   EXPECT_EQ(send(CommandKind::hold), CommandResult::done);
+  live(2, wire::joint_status::kLost, wire::joint_status::kFresh);
   wire::Command arm;
   arm.kind = static_cast<std::uint32_t>(CommandKind::arm);
   const auto ticket = command_->send(arm);
-  live(2, wire::joint_status::kLost);
+  live(2, wire::joint_status::kLost, wire::joint_status::kFresh);
   EXPECT_EQ(static_cast<CommandResult>(command_->poll(*ticket)), CommandResult::done);
   EXPECT_EQ(mode(), Mode::active);
 }

@@ -104,7 +104,6 @@ void Spine::look(std::int64_t now_ns) LITHE_RT {
 void Spine::forget_stopped_joints() LITHE_RT {
   for (std::uint32_t j = 0; j < joints_; ++j) {
     if (!guard_.stopped(j)) continue;
-    plan_.hold_joint_at(j, sample_->position_rad[j]);
     setpoint_.position_rad[j] = sample_->position_rad[j];
     setpoint_.velocity_rad_s[j] = setpoint_.acceleration_rad_s2[j] = 0;
   }
@@ -159,7 +158,7 @@ void Spine::compose() LITHE_RT {
   command.tick = tick_ + 1;
   command.joints = joints_;
   command.clear_faults = clear_ticks_left_ > 0 && mode_.mode() == wire::Mode::disarmed;
-  if (clear_ticks_left_ > 0) --clear_ticks_left_;
+  clear_ticks_left_ = command.clear_faults ? clear_ticks_left_ - 1 : 0;  // what comes after it takes another reset
   all_off_ = !mode_.energised() && !mode_.damps();
   for (std::uint32_t j = 0; j < joints_; ++j) {
     command.action[j] = action_of(j);

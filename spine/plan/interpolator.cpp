@@ -89,13 +89,6 @@ void Interpolator::hold_at(const JointArray& position_rad) LITHE_RT {
   state_ = PlanState::hold;
 }
 
-void Interpolator::hold_joint_at(std::size_t j, double position_rad) LITHE_RT {
-  if (std::isnan(position_rad)) return;
-  piece_.c0[j] = std::clamp(position_rad, limits_.position_min_rad[j], limits_.position_max_rad[j]);
-  piece_.c1[j] = piece_.c2[j] = piece_.c3[j] = piece_.last_s[j] = 0;
-  blend_.joint[j] = {};
-}
-
 void Interpolator::stop(std::int64_t now_ns) LITHE_RT {
   if (state_ == PlanState::none) return;
   JointArray position{}, velocity{}, acceleration{};

@@ -45,10 +45,6 @@ class Interpolator {
   // Stand still at `position_rad`, clamped to the limits, from now on. A joint given NaN stays where it was.
   void hold_at(const JointArray& position_rad) LITHE_RT;
 
-  // Joint j alone is at `position_rad`, at rest, whatever the plan says of it: what comes next begins there. To be said
-  // anew after each sample(), for as long as it is so. NaN says nothing.
-  void hold_joint_at(std::size_t j, double position_rad) LITHE_RT;
-
   // Gives the plan up: coast to rest from the present motion, then hold.
   void stop(std::int64_t now_ns) LITHE_RT;
 

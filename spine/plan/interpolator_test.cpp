@@ -173,24 +173,6 @@ TEST(Interpolator, JointsAreIndependent) {
   EXPECT_NEAR(bench.at(400).position_rad[2], 1.0, 1e-12);
 }
 
-// A leg that fell while the arm went on: a plan that starts where it lies does not lead it there from where it was.
-TEST(Interpolator, APlanBeginsWhereAStoppedJointIsHeld) {
-  for (const bool told : {true, false}) {
-    Bench bench(robot_with(2));
-    ASSERT_EQ(bench.accept(make_plan({{100, 0.1}, {900, 0.8}}, false, 2), 0), PlanReject::none);
-    for (double t = 0; t < 300; ++t) {
-      (void)bench.at(t);
-      if (told) bench.interpolator.hold_joint_at(1, -2.0);
-    }
-    wire::Plan from_there = make_plan({{310, 0.3}, {900, 0.5}}, false, 2);
-    for (std::size_t k = 0; k < 2; ++k) from_there.position_rad[k * wire::kNj + 1] = -2.0;
-    from_there.plan_id = 2;
-    ASSERT_EQ(bench.accept(from_there, 300), PlanReject::none);
-    EXPECT_EQ(bench.at(301).position_rad[1] < -1.99, told);
-    EXPECT_GT(bench.at(301).position_rad[0], 0.2);
-  }
-}
-
 TEST(Interpolator, ARefusedPlanChangesNothing) {
   Bench bench;
   ASSERT_EQ(bench.accept(make_plan({{500, 1.0}}), 0), PlanReject::none);

@@ -55,9 +55,10 @@ bool Ears::next(Sighting& sighting) {
 std::string Ears::trouble() {
   std::string all;
   for (const Ear& ear : ears_) {
+    const std::string why = ear.bus->why_down();  // before what heals it at once
+    if (!why.empty()) all += (all.empty() ? "" : "; ") + why;
     ear.bus->service();
     ear.bus->begin(monotonic_ns());  // uses again what that has brought back
-    if (const std::string why = ear.bus->why_down(); !why.empty()) all += (all.empty() ? "" : "; ") + why;
   }
   return all;
 }

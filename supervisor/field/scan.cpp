@@ -23,14 +23,21 @@ constexpr std::uint32_t kBatch = 8;               // questions at once: no adapt
 constexpr std::uint32_t kLastNode = 127;
 constexpr int kMostInVain = 20;  // times in a row that the bus takes no question at all
 
-// One lost frame must not make a drive a missing one. Of answers that are alike, as many as came to one question.
+// One lost frame must not make a drive a missing one. Of answers that are alike, as many as came to each question: one
+// that was late came with those to the second.
 std::vector<moteus::Found> discover_twice(moteus::Terminal& terminal) {
   std::vector<moteus::Found> first = terminal.discover();
   std::vector<moteus::Found> again = terminal.discover();
   std::sort(first.begin(), first.end());
   std::sort(again.begin(), again.end());
   std::vector<moteus::Found> all;
-  std::set_union(first.begin(), first.end(), again.begin(), again.end(), std::back_inserter(all));
+  std::set_intersection(first.begin(), first.end(), again.begin(), again.end(), std::back_inserter(all));
+  for (const std::vector<moteus::Found>* heard : {&first, &again}) {
+    for (const moteus::Found& one : *heard) {
+      if (!std::binary_search(all.begin(), all.end(), one))
+        all.insert(std::upper_bound(all.begin(), all.end(), one), one);
+    }
+  }
   return all;
 }
 

@@ -62,7 +62,7 @@ void Pi3hatBoard::look(std::uint32_t connector) LITHE_RT {
 }
 
 void Pi3hatBoard::take_old() LITHE_RT {
-  for (int i = 0; i < kMostOldCycles && cycle({{}, listen_, 0, false}, inbound_) > 0; ++i) {
+  for (int i = 0; i < kMostOldCycles && cycle({{}, listen_, 0, false}, inbound_) >= kLeastTaken; ++i) {
   }
 }
 

@@ -63,6 +63,7 @@ class Pi3hatBoard final : public ImuSource {
   static constexpr std::size_t kMostSent = 128;      // four times what the longest queue of the board holds
   static constexpr std::size_t kMostReceived = 160;  // all its queues, full
   // Each takes at least six frames from every processor that has them, and none holds more than 64.
+  static constexpr std::size_t kLeastTaken = 6;  // fewer in all: nothing is left
   static constexpr int kMostOldCycles = 11;
 
   struct Line {
