@@ -18,6 +18,7 @@
 #include "sim/world.hpp"
 #include "spine/core/host.hpp"
 #include "spine/core/time.hpp"
+#include "spine/hal/sim/truth.hpp"
 #include "spine/robot/robot.hpp"
 
 namespace {
@@ -108,6 +109,25 @@ void keep_off_the_spines_cores() {
   raise_priority();
 }
 
+// What the seed of each joint has drawn, as one line of JSON.
+int tell_truth(const std::string& path) {
+  const Result<robot::RobotConfig> config = robot::load_robot(path);
+  if (!config) return refuse(config.message());
+  Json joints = Json::array();
+  for (const robot::JointConfig& joint : config->joints) {
+    const hal::sim::Truth truth = hal::sim::draw_truth(*config, joint);
+    joints.push_back({{"name", joint.name},
+                      {"torque_gain", truth.drive.torque_gain},
+                      {"encoder_offset_rad", truth.drive.encoder_offset_rad},
+                      {"payload_kg", truth.payload_kg},
+                      {"inertia_kg_m2", truth.plant.inertia_kg_m2},
+                      {"mgl_nm", truth.plant.mgl_nm},
+                      {"mgl_told_nm", truth.mgl_told_nm}});
+  }
+  say(Json{{"robot", config->name}, {"ideal", config->plant.ideal}, {"joints", joints}}.dump());
+  return 0;
+}
+
 int run(const std::string& path, const simulator::Options& options, const std::vector<std::string>& faults) {
   sigset_t ends;
   sigemptyset(&ends);
@@ -144,6 +164,11 @@ int main(int argc, char** argv) {
         ->type_name("JSON")
         ->allow_extra_args(false);
     app.add_option("--seed", options.seed, "of what befalls frames by chance")->type_name("N");
+    bool truth = false;
+    app.add_flag(
+        "--truth", truth,
+        "only print, as JSON, what each simulated joint really is: what its seed drew, and mgl_nm, the gravity "
+        "torque, also as the drive would tell it (mgl_told_nm)");
     app.footer(
         "Prints a line for each bus: name, kind, path. Faults also come as JSON lines on the standard input,\n"
         "each answered by a line: {\"fault\": \"drop\", \"share\": 0.1}; docs/reference/sim.md has them all.");
@@ -153,7 +178,7 @@ int main(int argc, char** argv) {
     } catch (const CLI::ParseError& wrong) {
       return app.exit(wrong) == 0 ? 0 : kUsage;
     }
-    return run(path, options, faults);
+    return truth ? tell_truth(path) : run(path, options, faults);
   } catch (const std::exception& wrong) {
     return refuse(wrong.what());
   }

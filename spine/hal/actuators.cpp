@@ -58,6 +58,7 @@ class Hardware final : public Actuators {
   }
 
   void cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT override {
+    if (command.reset_simulation) nodes_.to_start();
     actuators_.cycle(command, state, now_ns);
   }
   const ReplyCounters& counters() const LITHE_RT override { return actuators_.counters(); }
@@ -122,9 +123,13 @@ class Hardware final : public Actuators {
     params.watchdog_s = device.watchdog_s;
     params.joint = {joint.sign, joint.zero_rad, joint.ratio};
     params.damp_kd_nm_s_rad = joint.safe_kd_nm_s_rad;
+    params.damp_torque_max_nm = joint.torque_max_nm / joint.ratio;
     params.velocity_max_rad_s = joint.velocity_max_rad_s;
     params.torque_step_nm = joint.torque_slew_nm_s * device.rate_divider / config_.rate_hz;
     params.ask_settings = true;
+    params.kp_max_nm_rad = joint.kp_max_nm_rad;
+    params.kd_max_nm_s_rad = joint.kd_max_nm_s_rad;
+    moteus::use_frames(device.frames, params);
     return params;
   }
 

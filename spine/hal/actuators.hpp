@@ -24,9 +24,10 @@ struct ActuatorCommand {
   std::uint64_t tick = 0;
   std::uint32_t joints = 0;
   std::array<DriveAction, kMaxJoints> action{};
-  bool clear_faults = false;  // a person has reset the robot: drives that are off may forget theirs
-  JointArray torque_nm{};     // feed-forward
-  JointArray position_rad{};  // of the drive's own PD loop; NaN = none
+  bool clear_faults = false;      // a person has reset the robot: drives that are off may forget theirs
+  bool reset_simulation = false;  // simulated joints are put back to where they began; real ones know nothing of it
+  JointArray torque_nm{};         // feed-forward
+  JointArray position_rad{};      // of the drive's own PD loop; NaN = none
   JointArray velocity_rad_s{};
   JointArray kp_nm_rad{};
   JointArray kd_nm_s_rad{};
@@ -45,6 +46,7 @@ struct ActuatorState {
   JointArray velocity_rad_s{};
   JointArray torque_nm{};
   std::array<std::uint32_t, kMaxJoints> status{};  // wire::joint_status bits, drive fault << 8, drive mode << 16
+  std::array<DriveReport, kMaxJoints> drive{};
   std::uint32_t sensors = 0;
   std::array<double, robot::kMaxSensors> sensor = none_valid();  // in the units of robot.toml; NaN = not valid
 

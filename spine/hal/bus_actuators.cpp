@@ -98,6 +98,7 @@ void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, s
   std::copy_n(last_.velocity_rad_s.begin(), last_.joints, state.velocity_rad_s.begin());
   std::copy_n(last_.torque_nm.begin(), last_.joints, state.torque_nm.begin());
   std::copy_n(last_.status.begin(), last_.joints, state.status.begin());
+  std::copy_n(last_.drive.begin(), last_.joints, state.drive.begin());
   read_sensors(state);
 }
 
@@ -215,8 +216,9 @@ void BusActuators::answer(Line& line, Joint& joint, std::size_t index, const Fra
     ++repeated_answers_;
     return compare(joint, frame);
   }
-  if (!sample.measured) {  // its mode and fault count, its numbers do not
+  if (!sample.measured) {  // what it says of itself counts, what it says of its joint does not
     last_.status[index] = sample.status;
+    last_.drive[index] = sample.drive;
     ++spoilt_answers_;
     joint.garbled = true;
     return;
@@ -277,6 +279,7 @@ void BusActuators::settle_answer(Joint& joint, std::size_t index) LITHE_RT {
   last_.position_rad[index] = joint.sample.position_rad;
   last_.velocity_rad_s[index] = joint.sample.velocity_rad_s;
   last_.torque_nm[index] = joint.sample.torque_nm;
+  last_.drive[index] = joint.sample.drive;
 }
 
 void BusActuators::settle_miss(Joint& joint, std::size_t index) LITHE_RT {

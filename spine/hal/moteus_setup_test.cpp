@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <memory>
 #include <numbers>
 #include <random>
 
@@ -53,6 +54,70 @@ TEST(MoteusSetup, TheDrivesOwnGainsAreScaledAndNotTheFactorys) {
   }
 }
 
+// What commands leave to the drive must be there as the robot needs it.
+TEST(MoteusSetup, SettingsThatCommandsLeaveOutAreAskedForAndJudged) {
+  const auto line_of = [](const sim::ServoParams& servo) {
+    moteus::DriverParams driver = MoteusLine::asking();
+    driver.settings_in_drive = true;
+    driver.watchdog_s = 0.2;
+    sim::SimMoteusParams params;
+    params.servo = servo;
+    return std::make_unique<MoteusLine>(driver, params);
+  };
+  sim::ServoParams good;
+  good.default_watchdog_s = 0.2;
+  good.default_velocity_limit_rev_s = good.default_acceleration_limit_rev_s2 = std::nan("");
+  good.integral_limit_nm = 0;
+  {
+    auto line = line_of(good);
+    line->command.torque_nm[0] = 0.1;
+    line->act(DriveAction::torque, 100);
+    EXPECT_TRUE(line->ready()) << line->moteus->why_not_ready();
+    EXPECT_EQ(line->mode(), 10U);
+    EXPECT_NEAR(line->state.torque_nm[0], 0.1, 1e-3);
+    FrameQueue none;  // the host is silent: the drive's own watchdog runs out after the time that was checked
+    line->node.drive.on_time(line->now_ns + 150 * MoteusLine::kMs, none);
+    EXPECT_EQ(line->node.drive.servo().mode(), moteus::Mode::position);
+    line->node.drive.on_time(line->now_ns + 250 * MoteusLine::kMs, none);
+    EXPECT_EQ(line->node.drive.servo().mode(), moteus::Mode::timeout);
+  }
+  struct Wrong {
+    const char* says;
+    void (*set)(sim::ServoParams&);
+  };
+  const Wrong all[] = {
+      {"servo.default_timeout_s is 0.1", [](sim::ServoParams& p) { p.default_watchdog_s = 0.1; }},
+      {"servo.default_velocity_limit is 3", [](sim::ServoParams& p) { p.default_velocity_limit_rev_s = 3; }},
+      {"servo.default_accel_limit is 50", [](sim::ServoParams& p) { p.default_acceleration_limit_rev_s2 = 50; }},
+      {"servo.pid_position.ilimit is 0.5", [](sim::ServoParams& p) { p.integral_limit_nm = 0.5; }},
+  };
+  for (const Wrong& wrong : all) {
+    sim::ServoParams servo = good;
+    wrong.set(servo);
+    auto line = line_of(servo);
+    line->act(DriveAction::torque, 100);
+    EXPECT_FALSE(line->ready()) << wrong.says;
+    const std::string why = line->moteus->why_not_ready();
+    EXPECT_NE(why.find(wrong.says), std::string::npos) << why;
+    EXPECT_NE(why.find("settings = \"command\""), std::string::npos) << "what to do: " << why;
+  }
+}
+
+TEST(MoteusSetup, WholeNumbersNeedADriveWhoseOwnGainsAreLargeEnough) {
+  for (const double kd_nm_s_rev : {0.05, 1.0}) {
+    moteus::DriverParams driver = MoteusLine::asking();
+    driver.command.kd_scale = moteus::Format::int16;
+    driver.damp_kd_nm_s_rad = 0.1;  // 0.63 Nm s per turn
+    sim::SimMoteusParams params;
+    params.servo.kd_nm_s_rev = kd_nm_s_rev;
+    MoteusLine line(driver, params);
+    line.act(DriveAction::torque, 50);
+    EXPECT_EQ(line.ready(), kd_nm_s_rev == 1.0);
+    const std::string why = line.moteus->why_not_ready();
+    EXPECT_EQ(why.find("servo.pid_position.kd is 0.05, less than") != std::string::npos, kd_nm_s_rev != 1.0) << why;
+  }
+}
+
 struct Unfit {
   const char* name;
   void (*set)(sim::ServoParams&);
@@ -79,6 +144,27 @@ TEST(MoteusSetup, ADriveThatWouldLetTheJointFallOrCannotBeScaledStaysOff) {
     EXPECT_EQ(line.mode(), 0U);
     EXPECT_NE(line.moteus->why_not_ready().find(unfit.name), std::string::npos) << line.moteus->why_not_ready();
   }
+}
+
+TEST(MoteusSetup, ADriveThatIsLeftAloneDampsWithNoMoreThanTheJointsTorqueLimit) {
+  moteus::DriverParams driver = MoteusLine::asking();
+  driver.damp_torque_max_nm = 0.6;
+  MoteusLine line(driver);
+  EXPECT_EQ(line.node.drive.servo().params().timeout_max_torque_nm, 5.0) << "as from the factory";
+  line.act(DriveAction::off, 50);
+  EXPECT_TRUE(line.ready()) << line.moteus->why_not_ready();
+  EXPECT_NEAR(line.node.drive.servo().params().timeout_max_torque_nm, 0.6, 1e-9);
+}
+
+TEST(MoteusSetup, ADriveThatIsSetToLessIsLeftAtIt) {
+  moteus::DriverParams driver = MoteusLine::asking();
+  driver.damp_torque_max_nm = 0.6;
+  sim::SimMoteusParams params;
+  params.servo.timeout_max_torque_nm = 0.2;
+  MoteusLine line(driver, params);
+  line.act(DriveAction::off, 50);
+  EXPECT_TRUE(line.ready());
+  EXPECT_EQ(line.node.drive.servo().params().timeout_max_torque_nm, 0.2);
 }
 
 TEST(MoteusSetup, WhatSomebodyMendsIsNoticed) {

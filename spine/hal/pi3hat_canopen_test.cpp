@@ -22,6 +22,7 @@ robot::RobotConfig frankenstein() {
   Result<robot::RobotConfig> loaded = robot::load_robot(LITHE_ROBOTS "/frankenstein.toml", {4});
   EXPECT_TRUE(loaded) << loaded.message();
   robot::RobotConfig config = *loaded;
+  config.plant.ideal = true;
   for (std::size_t i = 0; i < config.buses.size(); ++i) {
     config.buses[i].kind = robot::BusKind::pi3hat;
     config.buses[i].connector = static_cast<std::uint32_t>(i + 1);

@@ -234,7 +234,8 @@ class Cases:
         """A frame of our own driver, as the library would send the same command."""
         turn = 2 * math.pi
         formats = [self.resolution() for _ in range(7)]
-        answer = [self.resolution() for _ in range(3)]
+        answer = [self.resolution() for _ in range(3)] + [self.lot.choice([None, 0, 1, 2, 3]) for _ in range(2)]
+        settings = self.lot.random() < 0.7  # in the command, else the drive's own
         within = self.lot.random() < 0.3
         command = {
             "action": self.lot.choice([0, 1, 1, 1, 2, 3]),
@@ -248,17 +249,22 @@ class Cases:
         if within:
             command |= {"lower_rad": -self.lot.random() * turn, "upper_rad": self.lot.random() * turn}
         watchdog = self.lot.choice([0.02, 0.1, 0.2])
-        frame = self.same(command, formats, answer, watchdog)
+        frame = self.same(command, formats, answer, watchdog if settings else None)
         texts = {key: value if key == "action" else float(value).hex() for key, value in command.items()}
-        params = {"id": 1, "watchdog_s": watchdog.hex(), "command": formats, "answer": answer}
+        params = {"id": 1, "watchdog_s": watchdog.hex(), "command": formats, "answer": answer, "settings": settings}
         expect = {"hex": frame.data.hex(), "id": 0x8001, "ok": True}
         return {"do": "drive", "params": params, "command": texts, "padded": True, "expect": expect}
 
-    def same(self, c: dict[str, Any], formats: list[int], answer: list[int], watchdog: float) -> Any:
-        """The library's frame for a joint that is its motor, and a drive with the factory's gains."""
+    def same(self, c: dict[str, Any], formats: list[int], answer: list[int | None], watchdog: float | None) -> Any:
+        """The library's frame for a joint that is its motor, and a drive with the factory's gains.
+
+        Without a watchdog time all settings are the drive's own.
+        """
         turn = 2 * math.pi
         wanted = moteus.QueryResolution()
-        wanted.position, wanted.velocity, wanted.torque = answer
+        wanted.position, wanted.velocity, wanted.torque = answer[:3]
+        wanted.q_current, wanted.power = (mp.IGNORE if each is None else each for each in answer[3:])
+        wanted.mode = mp.INT16 if answer[0] == mp.INT16 else mp.INT8
         wanted.home_state = mp.INT8
         self.controller.position_resolution = r = moteus.PositionResolution()
         r.position, r.velocity, r.feedforward_torque, r.kp_scale, r.kd_scale = formats[:5]
@@ -270,10 +276,12 @@ class Cases:
             "kp_scale": c["kp_nm_rad"] * gain / 4.0,
             "kd_scale": c["kd_nm_s_rad"] * gain / 0.05,
             "maximum_torque": c["max_torque_nm"],
-            "watchdog_timeout": watchdog,
-            "ilimit_scale": 0.0,
             "query_override": wanted,
         }
+        limits = {}
+        if watchdog is not None:
+            scales |= {"watchdog_timeout": watchdog, "ilimit_scale": 0.0}
+            limits = {"velocity_limit": -1.0, "accel_limit": -1.0}
         rev = 1 / turn
         if "lower_rad" in c:
             bounds = {"lower_bound": c["lower_rad"] * rev, "upper_bound": c["upper_rad"] * rev}
@@ -282,7 +290,7 @@ class Cases:
             if math.isnan(c["position_rad"]):
                 scales["kp_scale"] = 0.0
             motion = {"position": c["position_rad"] * rev, "velocity": c["velocity_rad_s"] * rev}
-            return self.controller.make_position(**motion, **scales, velocity_limit=-1.0, accel_limit=-1.0)
+            return self.controller.make_position(**motion, **scales, **limits)
         make = {0: self.controller.make_stop, 2: self.controller.make_zero_velocity, 3: self.controller.make_brake}
         return make[c["action"]](query_override=wanted)
 

@@ -66,6 +66,8 @@ class BusNode {
   virtual void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT = 0;
   // What it says by itself by now: heartbeats, timed messages. Called about once a millisecond.
   virtual void on_time(std::int64_t /*now_ns*/, FrameQueue& /*answers*/) LITHE_RT {}
+  // Its joint is where it began, at rest: somebody has put it there by hand. What it was commanded stays.
+  virtual void to_start() LITHE_RT {}
   // The mishap begins or ends. False: such a thing cannot happen to this device.
   virtual bool befall(Mishap /*mishap*/, bool /*begins*/, std::int64_t /*now_ns*/) LITHE_RT { return false; }
 };

@@ -7,6 +7,8 @@
 #include <filesystem>
 #include <fstream>
 
+#include "spine/core/text.hpp"
+
 namespace lithe::hal {
 namespace {
 
@@ -17,7 +19,7 @@ std::string line_of(const fs::path& file) {
   std::ifstream in(file);
   std::string line;
   std::getline(in, line);
-  return line;
+  return printable(line);  // the adapter says what it likes
 }
 
 }  // namespace

@@ -26,6 +26,7 @@ void Cia402Drive::start_setup() LITHE_RT {
   unanswered_ = 0;
   may_enable_ = false;
   units_.begin();
+  report_.restart();
   setup_.begin(sdo_);
 }
 
@@ -89,8 +90,10 @@ std::uint32_t Cia402Drive::alarm() const LITHE_RT { return watchdog_ ? wire::joi
 
 Heard Cia402Drive::take_sdo(const Frame& frame) LITHE_RT {
   if (!sdo_.take(frame)) return Heard::late;
-  const bool told = stage_ == Stage::running && sdo_.outcome() == SdoClient::Outcome::done;
-  if (told) error_code_ = static_cast<std::uint16_t>(sdo_.value());
+  const SdoClient::Outcome outcome = sdo_.outcome();
+  const bool over = outcome == SdoClient::Outcome::done || outcome == SdoClient::Outcome::failed;
+  if (stage_ != Stage::running || !over || report_.take(sdo_)) return Heard::part;
+  if (outcome == SdoClient::Outcome::done) error_code_ = static_cast<std::uint16_t>(sdo_.value());
   return Heard::part;
 }
 
@@ -121,6 +124,7 @@ Heard Cia402Drive::take_answer(const Frame& frame, const Exchange& exchange, Joi
     check_units(exchange.now_ns);
   }
   last_.status = status();
+  last_.drive = report();
   sample = last_;
   return Heard::answer;
 }
@@ -159,14 +163,31 @@ void Cia402Drive::check_units(std::int64_t now_ns) LITHE_RT {
   drop({TroubleKind::velocity_unit, {object::kVelocity, 0}, static_cast<std::uint32_t>(ratio)});
 }
 
+bool Cia402Drive::failed() const LITHE_RT {
+  return state_ == State::fault || state_ == State::fault_reaction_active || dropped_;
+}
+
 std::uint32_t Cia402Drive::status() const LITHE_RT {
-  const bool failed = state_ == State::fault || state_ == State::fault_reaction_active || dropped_;
   std::uint32_t error_class = error_code_ >> 8;
-  if (failed && error_class == 0) error_class = 0xff;
+  if (failed() && error_class == 0) error_class = 0xff;
   std::uint32_t status = error_class << 8 | std::uint32_t{static_cast<std::uint8_t>(state_)} << 16;
-  if (failed) status |= wire::joint_status::kFault;
+  if (failed()) status |= wire::joint_status::kFault;
   if (watchdog_) status |= wire::joint_status::kWatchdog;
   return status;
+}
+
+DriveReport Cia402Drive::report() const LITHE_RT {
+  wire::DriveState state = wire::DriveState::off;
+  if (state_ == State::ready_to_switch_on || state_ == State::switched_on) state = wire::DriveState::enabling;
+  if (state_ == State::operation_enabled) state = wire::DriveState::driven;
+  if (state_ == State::quick_stop_active) state = wire::DriveState::damped;
+  if (failed()) state = wire::DriveState::fault;
+  const double sign = params_.joint.gear() < 0 ? -1 : 1;
+  DriveReport report;
+  report.state = state;
+  report.current_a = sign * report_.current_a();
+  report.voltage_v = report_.voltage_v();
+  return report;
 }
 
 }  // namespace lithe::hal::cia402

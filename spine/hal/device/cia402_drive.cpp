@@ -42,7 +42,7 @@ bool Cia402Drive::command(const JointCommand& command, const Exchange& exchange,
   if (stage_ == Stage::running) {
     watch_enabling(action, exchange.now_ns);
     say(command, action, bus);
-    ask_error_code(exchange.now_ns, bus);
+    ask(exchange.now_ns, bus);
   } else {
     progress(exchange, bus);
   }
@@ -172,13 +172,14 @@ std::uint16_t Cia402Drive::clearing_word() LITHE_RT {
   return up ? control::kFaultReset : control::kDisableVoltage;
 }
 
-// The emergency that named the fault may have been lost.
-void Cia402Drive::ask_error_code(std::int64_t now_ns, Bus& bus) LITHE_RT {
-  if (state_ != State::fault) {
-    asked_why_ = false;
-  } else if (error_code_ == 0 && !asked_why_) {
+// The emergency that named the fault may have been lost. Otherwise there is time for what the drive tells of itself.
+void Cia402Drive::ask(std::int64_t now_ns, Bus& bus) LITHE_RT {
+  if (state_ != State::fault) asked_why_ = false;
+  if (state_ == State::fault && error_code_ == 0 && !asked_why_) {
     asked_why_ = true;
     sdo_.read({object::kErrorCode, 0});
+  } else {
+    report_.ask(now_ns, sdo_);
   }
   Frame frame;
   if (sdo_.next(now_ns, frame)) bus.send(frame);

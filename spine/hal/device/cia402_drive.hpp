@@ -11,6 +11,7 @@
 #include "spine/hal/device/canopen_sdo.hpp"
 #include "spine/hal/device/cia402.hpp"
 #include "spine/hal/device/cia402_demand.hpp"
+#include "spine/hal/device/cia402_report.hpp"
 #include "spine/hal/device/cia402_setup.hpp"
 #include "spine/hal/device/cia402_unit_check.hpp"
 #include "spine/hal/device/drive.hpp"
@@ -68,7 +69,7 @@ class Cia402Drive final : public Drive {
   void start_setup() LITHE_RT;
   void set_trouble(const Trouble& trouble) LITHE_RT;
   void say(const JointCommand& command, DriveAction action, Bus& bus) LITHE_RT;
-  void ask_error_code(std::int64_t now_ns, Bus& bus) LITHE_RT;
+  void ask(std::int64_t now_ns, Bus& bus) LITHE_RT;
   std::uint16_t control_word(DriveAction action) LITHE_RT;
   std::uint16_t clearing_word() LITHE_RT;
 
@@ -80,7 +81,9 @@ class Cia402Drive final : public Drive {
   bool measure(std::int32_t position_raw, std::int32_t torque_raw) LITHE_RT;
   void note_state(State state, bool follows) LITHE_RT;
   void check_units(std::int64_t now_ns) LITHE_RT;
+  bool failed() const LITHE_RT;
   std::uint32_t status() const LITHE_RT;
+  DriveReport report() const LITHE_RT;
 
   DriverParams params_;
   canopen::PdoMap command_map_;
@@ -90,6 +93,7 @@ class Cia402Drive final : public Drive {
   Setup setup_;
   Demand demand_;
   UnitCheck units_;
+  ReportClient report_;
   canopen::HeartbeatConsumer heartbeat_;
   std::int64_t silence_ns_;  // without a heartbeat
 

@@ -10,6 +10,7 @@
 #include "spine/core/rt.hpp"
 #include "spine/hal/bus/bus.hpp"
 #include "spine/hal/bus/frame.hpp"
+#include "spine/wire/wire.hpp"
 
 namespace lithe::hal {
 
@@ -52,6 +53,16 @@ struct Exchange {
   bool asked = false;  // the commands have left: what came before answers none of them
 };
 
+// What a drive tells of itself. NaN: this drive does not tell it, or has not yet.
+struct DriveReport {
+  static constexpr double kUntold = std::numeric_limits<double>::quiet_NaN();
+  wire::DriveState state = wire::DriveState::off;
+  double current_a = kUntold;         // in the motor's windings, signed like the joint's torque
+  double voltage_v = kUntold;         // of its supply
+  double power_w = kUntold;           // into its motor
+  double temperature_degc = kUntold;  // of its board
+};
+
 // What a drive said about its joint, in joint coordinates.
 struct JointSample {
   double position_rad = 0;
@@ -59,6 +70,7 @@ struct JointSample {
   double torque_nm = 0;
   std::uint32_t status = 0;  // wire::joint_status but fresh and lost; drive fault << 8, drive mode << 16
   bool measured = false;     // the first three are finite and possible
+  DriveReport drive{};
 };
 
 enum class Heard : std::uint8_t {

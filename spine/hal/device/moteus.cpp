@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 
 #include "spine/wire/wire.hpp"
@@ -51,6 +52,7 @@ struct Registers {
   static constexpr double kUnseen = std::numeric_limits<double>::quiet_NaN();
   double mode = kUnseen, position_rev = kUnseen, velocity_rev_s = kUnseen, torque_nm = kUnseen;
   double home = kUnseen, fault = kUnseen;
+  double current_a = kUnseen, power_w = kUnseen, voltage_v = kUnseen, temperature_degc = kUnseen;
 
   void take(std::uint32_t number, double value) LITHE_RT {
     switch (number) {
@@ -66,8 +68,20 @@ struct Registers {
       case reg::kTorque:
         torque_nm = value;
         break;
+      case reg::kQCurrent:
+        current_a = value;
+        break;
+      case reg::kPower:
+        power_w = value;
+        break;
       case reg::kHomeState:
         home = value;
+        break;
+      case reg::kVoltage:
+        voltage_v = value;
+        break;
+      case reg::kTemperature:
+        temperature_degc = value;
         break;
       case reg::kFault:
         fault = value;
@@ -84,7 +98,48 @@ struct Registers {
   }
 };
 
+wire::DriveState state_of(Mode mode) LITHE_RT {
+  switch (mode) {
+    case Mode::stopped:
+      return wire::DriveState::off;
+    case Mode::fault:
+      return wire::DriveState::fault;
+    case Mode::enabling:
+    case Mode::calibrating:
+    case Mode::calibration_complete:
+      return wire::DriveState::enabling;
+    case Mode::timeout:
+    case Mode::zero_velocity:
+    case Mode::brake:
+      return wire::DriveState::damped;
+    default:
+      return wire::DriveState::driven;
+  }
+}
+
+// What is no number, or none that a float of the drive holds, is not told.
+double told(double value) LITHE_RT { return possible(value) ? value : DriveReport::kUntold; }
+
 }  // namespace
+
+Expected expected_of(const DriverParams& params) {
+  Expected expected;
+  expected.settings = params.settings_in_drive;
+  expected.watchdog_s = params.watchdog_s;
+  // A whole number ends at a scale of 1: at the gain that the drive is configured with.
+  const double least = to_motor_gain(params.joint);
+  if (params.command.kp_scale != Format::float32) expected.least_kp_nm_rev = least * params.kp_max_nm_rad;
+  if (params.command.kd_scale != Format::float32) {
+    expected.least_kd_nm_s_rev = least * std::max(params.kd_max_nm_s_rad, params.damp_kd_nm_s_rad);
+  }
+  expected.damp_torque_max_nm = params.damp_torque_max_nm;
+  if (std::isfinite(params.damp_torque_max_nm)) {
+    const int length = std::snprintf(expected.damp_line.data(), expected.damp_line.size(),
+                                     "conf set servo.timeout_max_torque_Nm %.6g\n", params.damp_torque_max_nm);
+    expected.damp_line_length = std::min(static_cast<std::size_t>(std::max(length, 0)), expected.damp_line.size() - 1);
+  }
+  return expected;
+}
 
 std::uint32_t status_of(const Answer& sample) LITHE_RT {
   std::uint32_t status = std::uint32_t{sample.fault} << 8 | std::uint32_t{sample.mode} << 16;
@@ -142,7 +197,7 @@ bool Driver::encode(const JointCommand& command, std::uint32_t source, Frame& fr
   if (action == DriveAction::damp && params_.damp_kd_nm_s_rad > 0) {
     writer.write(params_.command.kd_scale, reg::kKdScale, std::array{kd_scale(params_.damp_kd_nm_s_rad)});
   }
-  ask(source, writer, frame);
+  ask(source, params_.answer, writer, frame);
   writer.pad();
   return sound && writer.ok();
 }
@@ -150,19 +205,25 @@ bool Driver::encode(const JointCommand& command, std::uint32_t source, Frame& fr
 void Driver::encode_setup(Setup& setup, std::uint32_t source, Frame& frame) const LITHE_RT {
   SubframeWriter writer(frame);
   writer.write(Format::int8, reg::kMode, std::array{static_cast<double>(Mode::stopped)});
-  ask(source, writer, frame);
+  AnswerFormats without = params_.answer;  // there must be room for the answer of the console
+  without.current.reset();
+  without.power.reset();
+  ask(source, without, writer, frame);
   setup.ask(writer);
   writer.pad();
 }
 
 // Address and query: what every frame has.
-void Driver::ask(std::uint32_t source, SubframeWriter& writer, Frame& frame) const LITHE_RT {
+void Driver::ask(std::uint32_t source, const AnswerFormats& as, SubframeWriter& writer, Frame& frame) const LITHE_RT {
   frame.id = kReplyRequested | (source & 0x7f) << 8 | params_.id;
   frame.extended = true;
   frame.fd = true;
   frame.brs = true;
-  const std::array<SubframeWriter::Choice, 4> motion{Format::int8, params_.answer.position, params_.answer.velocity,
-                                                     params_.answer.torque};
+  // Between current and power lie two registers nobody asks for. The mode in the format of what follows it where both
+  // fit a subframe: then the frames are shorter by four bytes.
+  const Format mode = as.position == Format::int16 ? Format::int16 : Format::int8;
+  const std::array<SubframeWriter::Choice, 8> motion{mode,       as.position,  as.velocity,  as.torque,
+                                                     as.current, std::nullopt, std::nullopt, as.power};
   writer.read_each(reg::kMode, motion);
   // Four registers to the fault: the home state costs nothing, with it the answer fills its 24 bytes exactly.
   writer.read(Format::int8, reg::kHomeState, 4);
@@ -176,6 +237,7 @@ void Driver::write_torque(const JointCommand& command, SubframeWriter& writer) c
   const std::array<double, 6> values{motor.position_rev, motor.velocity_rev_s, motor.torque_nm,
                                      motor.kp_scale,     motor.kd_scale,       motor.max_torque_nm};
   writer.write_each(reg::kCommandPosition, formats, values);
+  if (params_.settings_in_drive) return;
   // The drive's own planner would smooth what is already planned here: negative means no limit, hence no planner.
   // Watchdog, limits of velocity and acceleration, a fixed voltage that is not meant, integral.
   const std::array<SubframeWriter::Choice, 5> how{as.watchdog, Format::int8, Format::int8, std::nullopt, Format::int8};
@@ -206,8 +268,9 @@ bool Driver::encode_within(const JointCommand& command, double lower_rad, double
                                                       as.kd_scale, as.max_torque, as.watchdog, Format::int8};
   const std::array<double, 8> values{turned ? b_rev : a_rev, turned ? a_rev : b_rev, motor.torque_nm,    motor.kp_scale,
                                      motor.kd_scale,         motor.max_torque_nm,    params_.watchdog_s, 0};
-  writer.write_each(reg::kLowerBound, formats, values);
-  ask(source, writer, frame);
+  const std::size_t sent = params_.settings_in_drive ? 6 : formats.size();  // without watchdog and integral
+  writer.write_each(reg::kLowerBound, std::span(formats).first(sent), std::span(values).first(sent));
+  ask(source, params_.answer, writer, frame);
   writer.pad();
   return writer.ok();
 }
@@ -224,6 +287,9 @@ bool Driver::decode(const Frame& frame, Answer& sample) const LITHE_RT {
   if (!reader.well_formed() || !answer.whole()) return false;
   sample.mode = static_cast<std::uint8_t>(answer.mode);
   sample.fault = static_cast<std::uint8_t>(std::min(answer.fault, 255.0));
+  const double sign = params_.joint.gear() < 0 ? -1 : 1;
+  sample.drive = {state_of(static_cast<Mode>(sample.mode)), sign * told(answer.current_a), told(answer.voltage_v),
+                  told(answer.power_w), told(answer.temperature_degc)};
   // Behind a gear, a rotor's absolute encoder (1) does not tell the turn; an output encoder or a homing (2) does.
   sample.homed = answer.home >= (params_.direct ? 1 : 2);
   // An integer at its end tells nothing any more.

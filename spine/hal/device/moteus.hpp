@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <limits>
+#include <optional>
 
 #include "spine/core/rt.hpp"
 #include "spine/hal/bus/frame.hpp"
@@ -28,6 +29,9 @@ struct AnswerFormats {
   Format position = Format::float32;
   Format velocity = Format::float32;
   Format torque = Format::float32;
+  // What the drive tells of itself beside its supply and temperature, which cost nothing; none: it is not asked.
+  std::optional<Format> current = std::nullopt;
+  std::optional<Format> power = std::nullopt;
 };
 
 struct DriverParams {
@@ -42,6 +46,9 @@ struct DriverParams {
   // A drive calibrates before it drives, and hears commands meanwhile. From there on its torque limit grows by so much
   // in each exchange, so that the first torque the joint feels is no step.
   double torque_step_nm = std::numeric_limits<double>::infinity();
+  // At the motor: what the drive may damp with when it is told to, or left alone (servo.timeout_max_torque_Nm). One
+  // that is set to more is set to this at its set-up, until it is switched off.
+  double damp_torque_max_nm = std::numeric_limits<double>::infinity();
   // Gains the drive itself is configured with: a command scales them.
   double kp_nm_rev = 4.0;
   double kd_nm_s_rev = 0.05;
@@ -49,7 +56,30 @@ struct DriverParams {
   bool ask_settings = false;  // the drive is asked for these three, and is not commanded before it has answered
   CommandFormats command{};
   AnswerFormats answer{};
+  // The drive is configured with this watchdog time, without a planner and without an integral (Setup checks that), and
+  // commands leave them out.
+  bool settings_in_drive = false;
+  // The largest gains that will be commanded, at the joint: what a format of whole numbers must be able to say.
+  double kp_max_nm_rad = 0;
+  double kd_max_nm_s_rad = 0;
 };
+
+// `frames` is a robot::FramesConfig, which this room does not know; its formats have the order of Format, then none.
+template <class FramesConfig>
+void use_frames(const FramesConfig& frames, DriverParams& params) {
+  const auto format = [](auto which) { return static_cast<Format>(which); };
+  const auto choice = [&format](auto which) {
+    return which == decltype(which)::none ? std::optional<Format>() : std::optional<Format>(format(which));
+  };
+  const Format all = format(frames.command);
+  params.command = {all, all, all, all, all, all, params.command.watchdog};
+  params.answer = {format(frames.answer), format(frames.answer), format(frames.answer), choice(frames.current),
+                   choice(frames.power)};
+  params.settings_in_drive = frames.settings_in_drive;
+}
+
+// What Setup has to see in the drive before it may be commanded with these.
+Expected expected_of(const DriverParams& params);
 
 // What a drive said about its joint, in joint coordinates.
 struct Answer {
@@ -60,6 +90,7 @@ struct Answer {
   std::uint8_t fault = 0;
   bool measured = false;  // the three above are finite and possible; a drive without an encoder answers NaN
   bool homed = false;     // the drive knows in which turn the joint is
+  DriveReport drive{};
 };
 
 // wire::joint_status bits of an answer: fault, watchdog, not_homed, the fault code and the mode.
@@ -107,7 +138,7 @@ class Driver {
   double kd_scale(double kd_nm_s_rad) const LITHE_RT;
   JointCommand with_damping(const JointCommand& command, double measured_rad_s) const LITHE_RT;
   void write_torque(const JointCommand& command, SubframeWriter& writer) const LITHE_RT;
-  void ask(std::uint32_t source, SubframeWriter& writer, Frame& frame) const LITHE_RT;
+  void ask(std::uint32_t source, const AnswerFormats& as, SubframeWriter& writer, Frame& frame) const LITHE_RT;
   bool can_say(double position_rad) const LITHE_RT;
 
   DriverParams params_;

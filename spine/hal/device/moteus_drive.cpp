@@ -11,6 +11,7 @@ namespace lithe::hal::moteus {
 MoteusDrive::MoteusDrive(const DriverParams& params)
     : driver_(params),
       asks_(params.ask_settings),
+      setup_(expected_of(params)),
       torque_step_nm_(params.torque_step_nm),
       torque_allowed_nm_(params.torque_step_nm) {
   tell();
@@ -60,6 +61,7 @@ Heard MoteusDrive::take(const Frame& frame, const Exchange& exchange, JointSampl
   sample.torque_nm = answer.torque_nm;
   sample.status = status_of(answer) | (ready() ? 0 : wire::joint_status::kNotReady);
   sample.measured = answer.measured;
+  sample.drive = answer.drive;
   return Heard::answer;
 }
 

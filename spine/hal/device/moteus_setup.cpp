@@ -16,14 +16,29 @@ constexpr std::uint32_t kChannel = 1;
 constexpr double kKnownMap = 5;
 
 // The first is a register, the others are settings of the console. What each answer is judged by: see answered().
-enum Question : std::uint8_t { kMap, kKp, kKd, kTimeoutMode, kTimeoutTorque, kRatio };
+enum Question : std::uint8_t {
+  kMap,
+  kKp,
+  kKd,
+  kTimeoutMode,
+  kTimeoutTorque,
+  kRatio,
+  kTimeout,
+  kVelocityLimit,
+  kAccelerationLimit,
+  kIntegralLimit
+};
 
-constexpr std::array<std::string_view, 6> kLines{"",
-                                                 "conf get servo.pid_position.kp\n",
-                                                 "conf get servo.pid_position.kd\n",
-                                                 "conf get servo.timeout_mode\n",
-                                                 "conf get servo.timeout_max_torque_Nm\n",
-                                                 "conf get motor_position.rotor_to_output_ratio\n"};
+constexpr std::array<std::string_view, 10> kLines{"",
+                                                  "conf get servo.pid_position.kp\n",
+                                                  "conf get servo.pid_position.kd\n",
+                                                  "conf get servo.timeout_mode\n",
+                                                  "conf get servo.timeout_max_torque_Nm\n",
+                                                  "conf get motor_position.rotor_to_output_ratio\n",
+                                                  "conf get servo.default_timeout_s\n",
+                                                  "conf get servo.default_velocity_limit\n",
+                                                  "conf get servo.default_accel_limit\n",
+                                                  "conf get servo.pid_position.ilimit\n"};
 
 // Commands are divided by it, and must stay numbers that a float holds.
 bool can_scale(double gain) LITHE_RT { return gain >= 1e-9 && gain <= 1e9; }
@@ -37,7 +52,7 @@ std::string_view name_of(std::uint8_t question) {
 
 }  // namespace
 
-void Setup::restart() LITHE_RT { *this = Setup(); }
+void Setup::restart() LITHE_RT { *this = Setup(expected_); }
 
 void Setup::ask(SubframeWriter& writer) LITHE_RT {
   ++exchanges_;
@@ -53,7 +68,8 @@ void Setup::ask(SubframeWriter& writer) LITHE_RT {
   if (question_ == kMap) {
     writer.read(Format::int32, reg::kRegisterMap, 1);
   } else if (phase_ == Phase::say) {
-    const std::string_view line = kLines[question_];
+    const std::string_view line =
+        setting_ ? std::string_view(expected_.damp_line.data(), expected_.damp_line_length) : kLines[question_];
     writer.client_data(kChannel, {reinterpret_cast<const std::uint8_t*>(line.data()), line.size()});
   } else {
     writer.poll(kChannel, kMostBytes);
@@ -116,6 +132,12 @@ void Setup::take_text(const Subframe& data) LITHE_RT {
 
 void Setup::take_line() LITHE_RT {
   const std::string_view line(line_.data(), length_);
+  if (setting_) {  // whatever it says to that: the next answer shows whether it is so
+    setting_ = false;
+    phase_ = Phase::empty;
+    exchanges_ = 0;
+    return;
+  }
   double value = 0;
   if (!too_long_ && read_number(line, value)) return answered(value);
   // "No such setting", or others' words. The ratio is younger than the other settings: without it none is assumed.
@@ -128,22 +150,44 @@ void Setup::answered(double value) LITHE_RT {
     case kMap:
       return value == kKnownMap ? next() : refuse(Lack::register_map, value);
     case kKp:
-      settings_.kp_nm_rev = value;
-      return can_scale(value) ? next() : refuse(Lack::gain, value);
+      return answered_gain(value, expected_.least_kp_nm_rev, settings_.kp_nm_rev);
     case kKd:
-      settings_.kd_nm_s_rev = value;
-      return can_scale(value) ? next() : refuse(Lack::gain, value);
+      return answered_gain(value, expected_.least_kd_nm_s_rev, settings_.kd_nm_s_rev);
     case kTimeoutMode: {
       const bool holds = value == static_cast<double>(Mode::position) ||
                          value == static_cast<double>(Mode::zero_velocity) || value == static_cast<double>(Mode::brake);
       return holds ? next() : refuse(Lack::limp, value);
     }
     case kTimeoutTorque:
-      return value > 0 ? next() : refuse(Lack::limp, value);
+      return value > 0 ? limit_damping(value) : refuse(Lack::limp, value);
+    case kTimeout: {
+      constexpr double kAlike = 1e-3;  // s; the console has six digits
+      return std::abs(value - expected_.watchdog_s) <= kAlike ? next() : refuse(Lack::setting, value);
+    }
+    case kVelocityLimit:
+    case kAccelerationLimit:
+      return std::isnan(value) ? next() : refuse(Lack::setting, value);
+    case kIntegralLimit:
+      return value == 0 ? next() : refuse(Lack::setting, value);
     default:
       settings_.rotor_to_output_ratio = value;
       next();
   }
+}
+
+void Setup::answered_gain(double value, double least, double& gain) LITHE_RT {
+  gain = value;
+  if (!can_scale(value)) return refuse(Lack::gain, value);
+  value < least ? refuse(Lack::weak, value) : next();
+}
+
+void Setup::limit_damping(double value) LITHE_RT {
+  constexpr double kRounding = 1.001;
+  if (value <= expected_.damp_torque_max_nm * kRounding) return next();
+  if (was_set_) return refuse(Lack::too_strong, value);
+  setting_ = was_set_ = true;
+  phase_ = Phase::empty;
+  exchanges_ = 0;
 }
 
 void Setup::next() LITHE_RT {
@@ -183,10 +227,25 @@ std::string describe_lack(std::uint64_t packed) {
       return "does not answer 'conf get " + name + "' with a number; end other programs that use its console";
     case Lack::gain:
       return said + ", and a command can only scale it: set it above 0, as its motor needs it (conf set, conf write)";
+    case Lack::too_strong:
+      return said +
+             ": left alone it would damp with more than the joint's torque_max_nm, and it does not take less from "
+             "here; "
+             "set it lower (conf set, conf write)";
     case Lack::limp:
       return said +
              ": the joint would fall when this computer dies; set servo.timeout_mode to 12 and "
              "servo.timeout_max_torque_Nm above 0 (conf set, conf write)";
+    case Lack::weak:
+      return said +
+             ", less than the joint's kp_max_nm_rad, kd_max_nm_s_rad or safe_kd_nm_s_rad, and [device.frames] command "
+             "in whole numbers can ask for no more than the drive's own gain: raise the gain (conf set, conf write), "
+             "lower those, or say command = \"float\"";
+    case Lack::setting:
+      return said +
+             ", and [device.frames] settings = \"drive\" leaves it to the drive: set servo.default_timeout_s to the "
+             "device's watchdog_s, servo.default_velocity_limit and servo.default_accel_limit to nan, "
+             "servo.pid_position.ilimit to 0 (conf set, conf write), or say settings = \"command\"";
   }
   return "";
 }

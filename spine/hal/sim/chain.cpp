@@ -24,12 +24,14 @@ Chain::Chain(const ChainParams& params)
     joint.rotor_kg_m2 = link.rotor_inertia_kg_m2;
     joint.viscous_nm_s_rad = link.joint.viscous_nm_s_rad;
     joint.coulomb_nm = link.joint.coulomb_nm;
+    joint.stribeck_nm = link.joint.stribeck_nm;
+    joint.stribeck_rad_s = link.joint.stribeck_rad_s;
     joint.cogging_nm = link.joint.cogging_nm;
     joint.cogging_per_rad = link.joint.cogging_per_rev;
     joint.phase_rad = cogging_phase_rad(link.joint.seed);
     joint.lag_gain = link.joint.torque_lag_s > 0 ? 1 - std::exp(-kStepS / link.joint.torque_lag_s) : 1;
     joint.torque_max_nm = link.joint.torque_max_nm;
-    joint.position_rad = link.joint.initial_position_rad;
+    joint.position_rad = joint.start_rad = link.joint.initial_position_rad;
   }
 }
 
@@ -48,6 +50,13 @@ void Chain::place(std::size_t joint, double position_rad, double velocity_rad_s)
   joints_[joint].position_rad = position_rad;
   joints_[joint].velocity_rad_s = velocity_rad_s;
   for (Joint& each : joints_) each.acceleration_rad_s2 = 0;
+}
+
+void Chain::to_start() LITHE_RT {
+  for (Joint& joint : joints_) {
+    joint.position_rad = joint.start_rad;
+    joint.velocity_rad_s = joint.torque_nm = joint.acceleration_rad_s2 = 0;
+  }
 }
 
 void Chain::step(std::span<const double> wanted_nm) LITHE_RT {
@@ -72,8 +81,9 @@ void Chain::drive(std::span<const double> wanted_nm) LITHE_RT {
     if (joint.cogging_nm != 0) {
       joint.driving_nm -= joint.cogging_nm * std::sin(joint.cogging_per_rad * joint.position_rad + joint.phase_rad);
     }
-    joint.locked = joint.velocity_rad_s == 0 && joint.coulomb_nm > 0;
-    joint.friction_nm = joint.velocity_rad_s != 0 ? -std::copysign(joint.coulomb_nm, joint.velocity_rad_s) : 0;
+    joint.dry_nm = dry_friction_nm(joint.coulomb_nm, joint.stribeck_nm, joint.stribeck_rad_s, joint.velocity_rad_s);
+    joint.locked = joint.velocity_rad_s == 0 && joint.dry_nm > 0;
+    joint.friction_nm = joint.velocity_rad_s != 0 ? -std::copysign(joint.dry_nm, joint.velocity_rad_s) : 0;
   }
 }
 
@@ -166,9 +176,9 @@ bool Chain::unlock() LITHE_RT {
   bool freed = false;
   for (std::size_t i = 0; i < count_; ++i) {
     Joint& joint = joints_[i];
-    if (!joint.locked || std::abs(joint.holding_nm) <= joint.coulomb_nm) continue;
+    if (!joint.locked || std::abs(joint.holding_nm) <= joint.dry_nm) continue;
     joint.locked = false;
-    joint.friction_nm = std::copysign(joint.coulomb_nm, joint.holding_nm);
+    joint.friction_nm = std::copysign(joint.dry_nm, joint.holding_nm);
     freed = true;
   }
   return freed;
@@ -181,7 +191,7 @@ void Chain::move() LITHE_RT {
     joint.velocity_rad_s += kStepS * joint.acceleration_rad_s2;
     // Friction stops a joint and never pushes it: neither backwards, nor out of rest.
     const double pushed_rad_s = before_rad_s != 0 ? before_rad_s : -joint.friction_nm;
-    if (joint.coulomb_nm > 0 && pushed_rad_s * joint.velocity_rad_s < 0) {
+    if (joint.dry_nm > 0 && pushed_rad_s * joint.velocity_rad_s < 0) {
       joint.velocity_rad_s = 0;
       joint.acceleration_rad_s2 = 0;
     }

@@ -44,6 +44,7 @@ class Chain final : public Mechanism {
   explicit Chain(const ChainParams& params);
 
   void step(std::span<const double> wanted_nm) LITHE_RT override;
+  void to_start() LITHE_RT override;
 
   std::size_t joints() const LITHE_RT override { return count_; }
   double position_rad(std::size_t joint) const LITHE_RT override { return joints_[joint].position_rad; }
@@ -68,11 +69,12 @@ class Chain final : public Mechanism {
     double mass_kg = 0, first_moment_kg_m = 0, inertia_kg_m2 = 0;  // of the link about its joint
     double length_m = 0, rotor_kg_m2 = 0;
     double viscous_nm_s_rad = 0, coulomb_nm = 0, cogging_nm = 0, cogging_per_rad = 0, phase_rad = 0;
-    double lag_gain = 1, torque_max_nm = 0;
+    double stribeck_nm = 0, stribeck_rad_s = 0.1;
+    double lag_gain = 1, torque_max_nm = 0, start_rad = 0;
     // State.
     double position_rad = 0, velocity_rad_s = 0, torque_nm = 0, acceleration_rad_s2 = 0;
     // Of this step.
-    double driving_nm = 0, friction_nm = 0, holding_nm = 0;
+    double driving_nm = 0, dry_nm = 0, friction_nm = 0, holding_nm = 0;
     bool locked = false;
     double moment_x = 0, moment_y = 0, next_x = 0, next_y = 0;  // first moment; way to the next joint
     double turn2 = 0;                                           // squared speed of the link, seen from outside

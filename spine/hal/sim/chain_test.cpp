@@ -323,5 +323,20 @@ TEST(Chain, CostOfATick) {
   }
 }
 
+TEST(Chain, BackAtItsStartItMovesAsANewOneDoes) {
+  ChainParams params = chain_of(3);
+  for (ChainLink& link : params.links) link.joint.initial_position_rad = 0.7;
+  const std::vector<double> torque{0.3, -0.2, 0.1};
+  Chain moved(params), fresh(params);
+  for (int i = 0; i < 5000; ++i) moved.step(torque);
+  moved.to_start();
+  for (int i = 0; i < 5000; ++i) {
+    moved.step(torque);
+    fresh.step(torque);
+    for (std::size_t j = 0; j < 3; ++j) ASSERT_EQ(moved.position_rad(j), fresh.position_rad(j)) << i;
+  }
+  EXPECT_NE(fresh.position_rad(0), 0.7);
+}
+
 }  // namespace
 }  // namespace lithe::hal::sim

@@ -31,13 +31,23 @@ std::int32_t whole(double value) LITHE_RT {
 
 }  // namespace
 
-Cia402Servo::Cia402Servo(const Cia402ServoParams& params, const JointTransform& joint, const PlantParams& plant)
-    : params_(params), joint_(joint), plant_(plant) {
+Cia402Servo::Cia402Servo(const Cia402ServoParams& params, const JointTransform& joint, const PlantParams& plant,
+                         const DriveErrors& errors)
+    : params_(params),
+      joint_(joint),
+      plant_(plant),
+      errors_(errors),
+      target_nm_(static_cast<std::size_t>(errors.delay_ns / Plant::kStepNs)) {
   constexpr double kTurn = 2 * std::numbers::pi;
   const double omega = kTurn * params.loop_hz;
   const double motor_inertia = plant.inertia_kg_m2 / (joint.ratio * joint.ratio);
   stiffness_nm_rev_ = motor_inertia * omega * omega * kTurn;
   damping_nm_s_rev_ = 2 * motor_inertia * omega * kTurn;
+  to_start();
+}
+
+void Cia402Servo::to_start() LITHE_RT {
+  plant_.to_start();
   tracked_rev_ = joint_.motor_rev(plant_.position_rad());
   measure();
   tracked_rev_ = encoder_rev_;
@@ -69,7 +79,8 @@ void Cia402Servo::restart() LITHE_RT {
 void Cia402Servo::step() LITHE_RT {
   double wanted_nm = powered() ? motor_torque() : 0;
   if (!std::isfinite(wanted_nm)) wanted_nm = 0;
-  plant_.step(wanted_nm * joint_.gear());
+  plant_.step(errors_.given_nm(wanted_nm * joint_.gear()));
+  errors_.step();
   measure();
   time_ns_ += Plant::kStepNs;
 }
@@ -77,7 +88,8 @@ void Cia402Servo::step() LITHE_RT {
 // The encoder tells whole counts; a tracking loop behind it (two poles) makes the velocity.
 void Cia402Servo::measure() LITHE_RT {
   constexpr double kNothing = 1e-12;
-  encoder_rev_ = std::floor(joint_.motor_rev(plant_.position_rad()) * params_.counts_per_rev) / params_.counts_per_rev;
+  const double rev = joint_.motor_rev(plant_.position_rad() + errors_.encoder_error_rad());
+  encoder_rev_ = std::floor(rev * params_.counts_per_rev) / params_.counts_per_rev;
   const double pole = 2 * std::numbers::pi * params_.velocity_filter_hz;
   const double error_rev = encoder_rev_ - tracked_rev_;
   velocity_rev_s_ += kStepS * pole * pole * error_rev;
@@ -98,6 +110,7 @@ void Cia402Servo::enter(State state) LITHE_RT {
   behind_since_ns_ = kNever;
   enabling_from_ns_ = kNever;
   if (state != State::operation_enabled) return;
+  target_nm_.clear();
   hold();
   sync();
 }
@@ -145,7 +158,7 @@ double Cia402Servo::motor_torque() LITHE_RT {
   const double offset_nm = inputs_.torque_offset * params_.rated_torque_nm / kThousandths;
   switch (inputs_.mode) {
     case Mode::torque:
-      return limited(inputs_.target_torque * params_.rated_torque_nm / kThousandths + offset_nm);
+      return limited(target_nm_.next(inputs_.target_torque * params_.rated_torque_nm / kThousandths + offset_nm));
     case Mode::velocity:
       demand_rev_s_ = (static_cast<double>(inputs_.target_velocity) + inputs_.velocity_offset) / params_.counts_per_rev;
       demand_rev_ += demand_rev_s_ * kStepS;
@@ -231,7 +244,8 @@ std::int32_t Cia402Servo::velocity() const LITHE_RT {
 std::int32_t Cia402Servo::torque() const LITHE_RT {
   constexpr double kMost = 32767;
   if (!powered()) return 0;
-  const double thousandths = kThousandths * plant_.torque_nm() / joint_.gear() / params_.rated_torque_nm;
+  const double thousandths =
+      kThousandths * errors_.told_nm(plant_.torque_nm()) / joint_.gear() / params_.rated_torque_nm;
   return whole(std::clamp(thousandths, -kMost, kMost));
 }
 

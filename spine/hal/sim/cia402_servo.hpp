@@ -10,6 +10,7 @@
 #include "spine/hal/device/cia402.hpp"
 #include "spine/hal/device/drive.hpp"
 #include "spine/hal/sim/plant.hpp"
+#include "spine/hal/sim/truth.hpp"
 
 namespace lithe::hal::sim {
 
@@ -52,7 +53,9 @@ class Cia402Servo {
   // The most time one advance() works through; what lies beyond is skipped for the plant.
   static constexpr std::int64_t kMaxCatchUpNs = 50'000'000;
 
-  Cia402Servo(const Cia402ServoParams& params, const JointTransform& joint, const PlantParams& plant);
+  // In torque mode a target acts after DriveErrors::delay_ns; the drive's own loops are not delayed.
+  Cia402Servo(const Cia402ServoParams& params, const JointTransform& joint, const PlantParams& plant,
+              const DriveErrors& errors = {});
 
   // Lives up to `now_ns` on the 50 us grid that the first call starts. Time that goes backwards is ignored.
   void advance(std::int64_t now_ns) LITHE_RT;
@@ -60,6 +63,9 @@ class Cia402Servo {
   void skip(std::int64_t now_ns) LITHE_RT;
   // The drive starts anew; the joint is where it is.
   void restart() LITHE_RT;
+
+  // The joint is put back to where it began, at rest; the drive goes on and sees no motion.
+  void to_start() LITHE_RT;
 
   void set_inputs(const Cia402Inputs& inputs) LITHE_RT;
   void control(std::uint16_t word) LITHE_RT;
@@ -109,6 +115,8 @@ class Cia402Servo {
   Cia402ServoParams params_;
   JointTransform joint_;
   Plant plant_;
+  ErrorSource errors_;
+  StepDelay target_nm_;
   double stiffness_nm_rev_;
   double damping_nm_s_rev_;
   Cia402Inputs inputs_;

@@ -42,6 +42,11 @@ class Coupling final : public BusNode {
   // Brings every drive to `now_ns`, before frames of that time reach any. Time that goes backwards is ignored.
   void advance(std::int64_t now_ns) LITHE_RT;
 
+  void to_start() LITHE_RT override {
+    mechanism_->to_start();
+    for (std::size_t i = 0; i < drives_.size(); ++i) follow(i);
+  }
+
   void on_frame(const Frame& /*frame*/, std::int64_t now_ns, FrameQueue& /*answers*/) LITHE_RT override {
     advance(now_ns);
   }

@@ -21,6 +21,9 @@ class Mechanism {
   // Moves on by Plant::kStepNs. One finite torque per joint; those beyond the last joint are ignored.
   virtual void step(std::span<const double> wanted_nm) LITHE_RT = 0;
 
+  // Every joint is where it began, at rest.
+  virtual void to_start() LITHE_RT = 0;
+
   virtual std::size_t joints() const LITHE_RT = 0;
   virtual double position_rad(std::size_t joint) const LITHE_RT = 0;
   virtual double velocity_rad_s(std::size_t joint) const LITHE_RT = 0;

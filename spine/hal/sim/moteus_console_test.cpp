@@ -231,7 +231,7 @@ TEST(MoteusConsole, RecordsComeByThemselvesUntilStopped) {
 TEST(MoteusConsole, WhatNobodyFetchesIsDroppedAndTheConsoleGoesOn) {
   MoteusConsole console;
   const SimMoteusParams params = bench_motor();
-  MoteusInside inside(params.servo, params.joint, params.plant, 1, 0);
+  MoteusInside inside(params.servo, params.joint, params.plant, params.errors, 1, 0);
   constexpr std::string_view kLine = "conf enumerate\n";
   for (int i = 0; i < 100; ++i)
     console.feed({reinterpret_cast<const std::uint8_t*>(kLine.data()), kLine.size()}, inside);

@@ -27,9 +27,9 @@ struct MoteusIdentity {
 
 // Contract: RT · one thread
 struct MoteusInside {
-  MoteusInside(const ServoParams& params, const JointTransform& joint, const PlantParams& plant, std::uint32_t id,
-               std::uint64_t serial)
-      : identity(MoteusIdentity::of(serial)), config(params, id), servo(params, joint, plant) {}
+  MoteusInside(const ServoParams& params, const JointTransform& joint, const PlantParams& plant,
+               const DriveErrors& errors, std::uint32_t id, std::uint64_t serial)
+      : identity(MoteusIdentity::of(serial)), config(params, id), servo(params, joint, plant, errors) {}
 
   // Whatever the settings say now acts.
   void configure() LITHE_RT {

@@ -14,12 +14,15 @@
 #include <limits>
 #include <utility>
 
+#include "spine/core/files.hpp"
+#include "spine/core/text.hpp"
 #include "spine/core/time.hpp"
 
 namespace lithe::hal::sim {
 namespace {
 
 constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
+constexpr std::size_t kMaxModelBytes = std::size_t{64} << 20;
 constexpr double kNothing = 1e-15;  // the tail of a lag would end in slow denormal numbers
 
 // What is used of the library. It stays loaded once it is.
@@ -31,9 +34,9 @@ struct Library {
   decltype(&mj_deleteData) delete_data;
   decltype(&mj_name2id) find;
   decltype(&mj_id2name) name;
-  decltype(&mj_forward) forward;
-  decltype(&mj_resetData) reset;
   // Bounded by the model, without allocation but for meshes that touch: what its own documentation and a test say.
+  void (*forward)(const mjModel*, mjData*) LITHE_RT;
+  void (*reset)(const mjModel*, mjData*) LITHE_RT;
   void (*step)(const mjModel*, mjData*) LITHE_RT;
 };
 
@@ -79,9 +82,10 @@ class MujocoPlant final : public Mechanism {
       : library_(library), model_(nullptr, library.delete_model), data_(nullptr, library.delete_data) {}
 
   Result<> open(const MujocoParams& params) {
+    if (const auto text = read_regular_file(params.model, kMaxModelBytes); !text) return text.error();
     std::array<char, 1000> why{};
     model_.reset(library_.load(params.model.c_str(), nullptr, why.data(), static_cast<int>(why.size())));
-    if (!model_) return Error{params.model + ": " + why.data()};
+    if (!model_) return Error{params.model + ": " + printable(why.data(), true)};
     model_->opt.timestep = 1e-9 * static_cast<double>(params.step_ns);
     model_->opt.disableflags |= mjDSBL_ACTUATION;
     parts_ = std::max<std::int64_t>(params.step_ns / Plant::kStepNs, 1);
@@ -115,6 +119,15 @@ class MujocoPlant final : public Mechanism {
     }
   }
 
+  void to_start() LITHE_RT override {
+    for (Joint& joint : joints_) {
+      joint.torque_nm = 0;
+      joint.position_rad = joint.from_rad = joint.start_rad;
+    }
+    part_ = 0;
+    place();
+  }
+
   std::size_t joints() const LITHE_RT override { return joints_.size(); }
   double position_rad(std::size_t joint) const LITHE_RT override { return joints_[joint].position_rad; }
   double velocity_rad_s(std::size_t joint) const LITHE_RT override { return data_->qvel[joints_[joint].freedom]; }
@@ -125,7 +138,7 @@ class MujocoPlant final : public Mechanism {
   struct Joint {
     int position, freedom;  // where it is in qpos and qvel
     double lag_gain, most_nm;
-    double torque_nm = 0, from_rad = 0, position_rad = 0;
+    double torque_nm = 0, from_rad = 0, position_rad = 0, start_rad = 0;
   };
 
   Result<> add(const MujocoJoint& joint) {
@@ -134,13 +147,13 @@ class MujocoPlant final : public Mechanism {
     if (model_->jnt_type[id] != mjJNT_HINGE) return Error{"joint '" + joint.name + "' is no hinge"};
     Joint own{model_->jnt_qposadr[id], model_->jnt_dofadr[id],
               joint.torque_lag_s > 0 ? 1 - std::exp(-kStepS / joint.torque_lag_s) : 1, joint.torque_max_nm};
-    own.position_rad = own.from_rad = joint.initial_position_rad;
+    own.position_rad = own.from_rad = own.start_rad = joint.initial_position_rad;
     joints_.push_back(own);
     return done();
   }
 
   // Everything as at the start.
-  void place() {
+  void place() LITHE_RT {
     library_.reset(model_.get(), data_.get());
     for (const Joint& joint : joints_) data_->qpos[joint.position] = joint.position_rad;
     library_.forward(model_.get(), data_.get());

@@ -10,6 +10,7 @@
 #include "spine/hal/sim/sim_cia402.hpp"
 #include "spine/hal/sim/sim_gateway.hpp"
 #include "spine/hal/sim/sim_moteus.hpp"
+#include "spine/hal/sim/truth.hpp"
 
 namespace lithe::hal::sim {
 namespace {
@@ -29,11 +30,12 @@ double motor_torque_max_nm(const robot::DeviceConfig& device) {
   return device.kind == DeviceKind::cia402 ? 3 * device.rated_torque_nm : ServoParams{}.motor_torque_max_nm;
 }
 
-PlantParams plant_of(const robot::RobotConfig& config, const robot::JointConfig& joint) {
-  const robot::PlantConfig& sim = joint.sim;
+PlantParams plant_of(const robot::RobotConfig& config, const robot::JointConfig& joint, const Truth& truth) {
+  const robot::PlantConfig& sim = truth.plant;
   return {sim.inertia_kg_m2,        sim.mgl_nm,
           sim.viscous_nm_s_rad,     sim.coulomb_nm,
           sim.cogging_nm,           sim.cogging_per_rev,
+          sim.stribeck_nm,          sim.stribeck_rad_s,
           sim.torque_lag_s,         motor_torque_max_nm(config.devices[joint.device]) * joint.ratio,
           sim.initial_position_rad, sim.seed};
 }
@@ -42,9 +44,10 @@ std::unique_ptr<Mechanism> make_chain(const robot::RobotConfig& config) {
   ChainParams params;
   params.gravity_m_s2 = config.plant.gravity_m_s2;
   for (const robot::JointConfig& joint : config.joints) {
-    const robot::PlantConfig& sim = joint.sim;
+    const Truth truth = draw_truth(config, joint);
+    const robot::PlantConfig& sim = truth.plant;
     params.links.push_back({sim.length_m, sim.mass_kg, sim.center_m, sim.link_inertia_kg_m2, sim.rotor_inertia_kg_m2,
-                            plant_of(config, joint)});
+                            plant_of(config, joint, truth)});
   }
   return std::make_unique<Chain>(params);
 }
@@ -52,7 +55,7 @@ std::unique_ptr<Mechanism> make_chain(const robot::RobotConfig& config) {
 Result<std::unique_ptr<Mechanism>> make_model(const robot::RobotConfig& config) {
   MujocoParams params{config.plant.model, std::llround(1e9 * config.plant.step_s), {}};
   for (const robot::JointConfig& joint : config.joints) {
-    const PlantParams plant = plant_of(config, joint);
+    const PlantParams plant = plant_of(config, joint, draw_truth(config, joint));
     params.joints.push_back({joint.name, plant.initial_position_rad, plant.torque_lag_s, plant.torque_max_nm});
   }
   return open_mujoco(params);
@@ -77,7 +80,8 @@ std::unique_ptr<BusNode> make_node(const robot::RobotConfig& config, std::size_t
   const bool moves = found != config.joints.end();
   const robot::JointConfig joint = moves ? *found : free_joint(index);
   const JointTransform transform{joint.sign, joint.zero_rad, joint.ratio};
-  PlantParams plant = plant_of(config, joint);
+  const Truth truth = draw_truth(config, joint);
+  PlantParams plant = plant_of(config, joint, truth);
   if (moves && mechanism != nullptr) {
     plant.inertia_kg_m2 = mechanism->inertia_kg_m2(static_cast<std::size_t>(found - config.joints.begin()));
   }
@@ -89,6 +93,7 @@ std::unique_ptr<BusNode> make_node(const robot::RobotConfig& config, std::size_t
     params.servo.motor_torque_max_nm = motor_torque_max_nm(device);
     params.joint = transform;
     params.plant = plant;
+    params.errors = truth.drive;
     return std::make_unique<SimCia402>(params);
   }
   SimMoteusParams params;
@@ -97,6 +102,7 @@ std::unique_ptr<BusNode> make_node(const robot::RobotConfig& config, std::size_t
   params.joint = transform;
   params.servo.encoder_counts = joint.sim.encoder_counts;
   params.plant = plant;
+  params.errors = truth.drive;
   return std::make_unique<SimMoteus>(params);
 }
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "spine/core/result.hpp"
+#include "spine/core/rt.hpp"
 #include "spine/hal/bus/loop_bus.hpp"
 #include "spine/hal/sim/coupling.hpp"
 #include "spine/robot/config.hpp"
@@ -17,6 +18,12 @@ namespace lithe::hal::sim {
 struct Nodes {
   std::vector<std::unique_ptr<BusNode>> devices;  // as RobotConfig::devices
   std::unique_ptr<Coupling> coupling;             // what all joints move together; null: each swings by itself
+
+  // Every joint is where it began, at rest. Contract: RT
+  void to_start() LITHE_RT {
+    if (coupling != nullptr) coupling->to_start();
+    for (const auto& device : devices) device->to_start();
+  }
 
   // To anything that devices can be attached to, those of one bus. Contract: never in the tick
   template <class AnyBus>

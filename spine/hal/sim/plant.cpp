@@ -3,15 +3,11 @@
 
 #include <numbers>
 
+#include "spine/hal/sim/truth.hpp"
+
 namespace lithe::hal::sim {
 
-// SplitMix64.
-double cogging_phase_rad(std::uint64_t seed) {
-  std::uint64_t z = seed + 0x9e3779b97f4a7c15;
-  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9;
-  z = (z ^ (z >> 27)) * 0x94d049bb133111eb;
-  return 2 * std::numbers::pi * static_cast<double>((z ^ (z >> 31)) >> 11) * 0x1p-53;
-}
+double cogging_phase_rad(std::uint64_t seed) { return 2 * std::numbers::pi * Draws(seed).share(); }
 
 Plant::Plant(const PlantParams& params)
     : params_(params),

@@ -18,11 +18,23 @@ struct PlantParams {
   double coulomb_nm = 0.0;  // dry friction, also what holds the joint at rest
   double cogging_nm = 0.0;  // amplitude
   std::uint32_t cogging_per_rev = 84;
+  double stribeck_nm = 0.0;     // dry friction at rest, above coulomb_nm
+  double stribeck_rad_s = 0.1;  // at this speed 1/e of it is left
   double torque_lag_s = 0.0;
   double torque_max_nm = 1e9;  // of the motor, at the joint
   double initial_position_rad = 0.0;
   std::uint64_t seed = 1;  // of the cogging's phase
 };
+
+// Dry friction at a speed: Coulomb's, and above it at low speed Stribeck's, which falls as exp(-(v/v_s)^2) (the form of
+// Armstrong-Helouvry, Dupont and Canudas de Wit, 1994).
+inline double dry_friction_nm(double coulomb_nm, double stribeck_nm, double stribeck_rad_s, double velocity_rad_s)
+    LITHE_RT {
+  if (stribeck_nm == 0) return coulomb_nm;
+  const double ratio = velocity_rad_s / stribeck_rad_s;
+  constexpr double kNothingLeft = 36;  // its exponent
+  return ratio * ratio < kNothingLeft ? coulomb_nm + stribeck_nm * std::exp(-ratio * ratio) : coulomb_nm;
+}
 
 // Where the cogging of a motor has its detents: drawn by lot, the same for the same seed.
 double cogging_phase_rad(std::uint64_t seed);
@@ -33,7 +45,7 @@ double cogging_phase_rad(std::uint64_t seed);
 // Semi-implicit Euler in steps of 50 us: energy neither grows nor drains by itself, and viscous friction of any size
 // takes some. Dry friction is Coulomb's law, not a
 // smooth stand-in: within a step a joint that would change its direction stops, and one that stands stays until the
-// other torques exceed coulomb_nm. Same inputs, same motion, to the bit.
+// other torques exceed coulomb_nm + stribeck_nm. Same inputs, same motion, to the bit.
 // Contract: RT · one thread · no clock of its own
 class Plant {
  public:
@@ -52,11 +64,13 @@ class Plant {
     if (params_.cogging_nm != 0)
       load_nm -= params_.cogging_nm * std::sin(cogging_per_rad_ * position_rad_ + phase_rad_);
     const double moved_by_nm = velocity_rad_s_ != 0 ? velocity_rad_s_ : load_nm;  // only its sign counts
-    if (velocity_rad_s_ == 0 && std::abs(load_nm) <= params_.coulomb_nm) return;
+    const double friction_nm =
+        dry_friction_nm(params_.coulomb_nm, params_.stribeck_nm, params_.stribeck_rad_s, velocity_rad_s_);
+    if (velocity_rad_s_ == 0 && std::abs(load_nm) <= friction_nm) return;
     const double before_rad_s = velocity_rad_s_;
-    velocity_rad_s_ += step_per_inertia_ * (load_nm - std::copysign(params_.coulomb_nm, moved_by_nm));
+    velocity_rad_s_ += step_per_inertia_ * (load_nm - std::copysign(friction_nm, moved_by_nm));
     velocity_rad_s_ *= viscous_gain_;  // that of the step's end: whatever its size, it slows down and never pushes
-    if (params_.coulomb_nm > 0 && before_rad_s * velocity_rad_s_ < 0) velocity_rad_s_ = 0;
+    if (friction_nm > 0 && before_rad_s * velocity_rad_s_ < 0) velocity_rad_s_ = 0;
     position_rad_ += kStepS * velocity_rad_s_;
   }
 
@@ -71,6 +85,11 @@ class Plant {
     position_rad_ = position_rad;
     velocity_rad_s_ = velocity_rad_s;
     torque_nm_ = torque_nm;
+  }
+
+  // Puts the joint where it began, at rest. A coupled one follows what moves it.
+  void to_start() LITHE_RT {
+    if (!coupled_) follow(params_.initial_position_rad, 0, 0);
   }
 
   // Puts the joint there, at rest, as a hand would. Contract: tests and set-up

@@ -25,8 +25,14 @@ bool has_watchdog(Mode mode) LITHE_RT { return mode == Mode::position || mode ==
 
 }  // namespace
 
-Servo::Servo(const ServoParams& params, const JointTransform& joint, const PlantParams& plant)
-    : params_(params), joint_(joint), plant_(plant), home_(params.home_at_power_on) {
+Servo::Servo(const ServoParams& params, const JointTransform& joint, const PlantParams& plant,
+             const DriveErrors& errors)
+    : params_(params), joint_(joint), plant_(plant), errors_(errors), home_(params.home_at_power_on) {
+  to_start();
+}
+
+void Servo::to_start() LITHE_RT {
+  plant_.to_start();
   tracked_rev_ = joint_.motor_rev(plant_.position_rad());
   measure();
   tracked_rev_ = encoder_rev_;
@@ -46,10 +52,12 @@ void Servo::skip(std::int64_t now_ns) LITHE_RT {
   const std::int64_t skip_ns = std::max<std::int64_t>(now_ns - time_ns_, 0) / Plant::kStepNs * Plant::kStepNs;
   skipped_ns_ += skip_ns;
   time_ns_ += skip_ns;
+  obey_what_is_due();
   check_watchdog();
 }
 
 void Servo::step() LITHE_RT {
+  obey_what_is_due();
   check_watchdog();
   // A drive that is off does not look.
   if (ailment_ != 0 && mode_ != Mode::stopped && mode_ != Mode::fault) fail(ailment_);
@@ -65,7 +73,8 @@ void Servo::step() LITHE_RT {
   // Nonsense in a register must not end in a plant that is nowhere for ever.
   if (!std::isfinite(wanted_nm_)) wanted_nm_ = 0;
   wanted_nm_ = std::clamp(wanted_nm_, -params_.motor_torque_max_nm, params_.motor_torque_max_nm);
-  plant_.step(wanted_nm_ * joint_.gear());
+  plant_.step(errors_.given_nm(wanted_nm_ * joint_.gear()));
+  errors_.step();
   measure();
   time_ns_ += Plant::kStepNs;
 }
@@ -73,7 +82,7 @@ void Servo::step() LITHE_RT {
 // The encoder tells whole counts; a tracking loop behind it (two poles) makes the velocity.
 void Servo::measure() LITHE_RT {
   constexpr double kNothing = 1e-12;
-  const double rev = joint_.motor_rev(plant_.position_rad()) + offset_rev_;
+  const double rev = joint_.motor_rev(plant_.position_rad() + errors_.encoder_error_rad()) + offset_rev_;
   encoder_rev_ = std::floor(rev * params_.encoder_counts) / params_.encoder_counts;
   const double pole = 2 * std::numbers::pi * params_.velocity_filter_hz;
   const double error_rev = encoder_rev_ - tracked_rev_;
@@ -100,6 +109,7 @@ void Servo::restart(const ServoParams& params) LITHE_RT {
   mode_ = target_ = Mode::stopped;
   fault_ = 0;
   command_ = ServoCommand{};
+  underway_count_ = 0;
   offset_rev_ = 0;
   home_ = params_.home_at_power_on;
   terms_ = Terms{};
@@ -123,6 +133,24 @@ void Servo::recapture() LITHE_RT {
 }
 
 void Servo::apply(Mode mode, const ServoCommand& command) LITHE_RT {
+  if (errors_.delay_ns() == 0 || time_ns_ == kNever) return obey(mode, command);
+  if (underway_count_ == kOnTheWay) {
+    underway_[first_underway_].due_ns = time_ns_;
+    obey_what_is_due();
+  }
+  underway_[(first_underway_ + underway_count_++) % kOnTheWay] = {time_ns_ + errors_.delay_ns(), mode, command};
+}
+
+void Servo::obey_what_is_due() LITHE_RT {
+  while (underway_count_ > 0 && underway_[first_underway_].due_ns <= time_ns_) {
+    const Underway& oldest = underway_[first_underway_];
+    first_underway_ = (first_underway_ + 1) % kOnTheWay;
+    --underway_count_;
+    obey(oldest.mode, oldest.command);
+  }
+}
+
+void Servo::obey(Mode mode, const ServoCommand& command) LITHE_RT {
   if (mode == Mode::stopped) {
     mode_ = Mode::stopped;
     fault_ = 0;
@@ -184,7 +212,9 @@ void Servo::fail(std::uint32_t fault) LITHE_RT {
   fault_ = fault;
 }
 
-double Servo::torque_nm() const LITHE_RT { return driving(mode_) ? plant_.torque_nm() / joint_.gear() : 0; }
+double Servo::torque_nm() const LITHE_RT {
+  return driving(mode_) ? errors_.told_nm(plant_.torque_nm()) / joint_.gear() : 0;
+}
 
 bool Servo::driving(Mode mode) const LITHE_RT {
   return mode >= Mode::pwm && mode != Mode::brake && mode != Mode::measure_inductance;

@@ -2,6 +2,8 @@
 // The inside of a simulated moteus: its modes, its watchdog, its control law, on a plant.
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 
@@ -10,6 +12,7 @@
 #include "spine/hal/device/moteus_codec.hpp"
 #include "spine/hal/device/moteus_faults.hpp"
 #include "spine/hal/sim/plant.hpp"
+#include "spine/hal/sim/truth.hpp"
 
 namespace lithe::hal::sim {
 
@@ -68,7 +71,8 @@ class Servo {
   // The most time one advance() works through; what lies beyond is skipped for the plant, not for the watchdog.
   static constexpr std::int64_t kMaxCatchUpNs = 50'000'000;
 
-  Servo(const ServoParams& params, const JointTransform& joint, const PlantParams& plant);
+  Servo(const ServoParams& params, const JointTransform& joint, const PlantParams& plant,
+        const DriveErrors& errors = {});
 
   // Lives up to `now_ns` on the 50 us grid that the first call starts. Time that goes backwards is ignored.
   void advance(std::int64_t now_ns) LITHE_RT;
@@ -77,6 +81,9 @@ class Servo {
 
   // Switched off and on again: stopped, without fault, command or limits of its own. The plant goes on.
   void restart(const ServoParams& params) LITHE_RT;
+
+  // The joint is put back to where it began, at rest; the drive goes on and sees no motion.
+  void to_start() LITHE_RT;
 
   // Changed settings act from the next step on. What the plant is made of does not change.
   void configure(const ServoParams& params) LITHE_RT {
@@ -112,7 +119,8 @@ class Servo {
     if (watchdog_end_ns_ != kNever) watchdog_end_ns_ = time_ns_;
   }
 
-  // Takes effect at once, as far as the present mode allows: a fault or a timeout listens to `stopped` only.
+  // Takes effect after DriveErrors::delay_ns, as far as the mode then allows: a fault or a timeout listens to `stopped`
+  // only.
   void apply(moteus::Mode mode, const ServoCommand& command) LITHE_RT;
 
   moteus::Mode mode() const LITHE_RT { return mode_; }
@@ -143,6 +151,8 @@ class Servo {
   void measure() LITHE_RT;
   void check_watchdog() LITHE_RT;
   void enter(moteus::Mode mode) LITHE_RT;
+  void obey(moteus::Mode mode, const ServoCommand& command) LITHE_RT;
+  void obey_what_is_due() LITHE_RT;
   void start_command() LITHE_RT;
   void fail(std::uint32_t fault) LITHE_RT;
   void move_set_point() LITHE_RT;
@@ -159,9 +169,20 @@ class Servo {
   bool outside_bounds() const LITHE_RT;
   bool driving(moteus::Mode mode) const LITHE_RT;
 
+  // Commands on their way. The bus brings one per tick at most: where more than these would be, the oldest acts early.
+  static constexpr std::size_t kOnTheWay = 16;
+  struct Underway {
+    std::int64_t due_ns = 0;
+    moteus::Mode mode{};
+    ServoCommand command;
+  };
+
   ServoParams params_;
   JointTransform joint_;
   Plant plant_;
+  ErrorSource errors_;
+  std::array<Underway, kOnTheWay> underway_{};  // a ring
+  std::size_t first_underway_ = 0, underway_count_ = 0;
 
   moteus::Mode mode_ = moteus::Mode::stopped;
   moteus::Mode target_ = moteus::Mode::stopped;  // what follows the calibration

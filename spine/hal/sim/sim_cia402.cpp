@@ -46,7 +46,9 @@ void SimPdo::rebuild(const Cia402Dictionary& dictionary, std::uint16_t communica
 }
 
 SimCia402::SimCia402(const SimCia402Params& params)
-    : params_(params), dictionary_(identity_of(params)), servo_(params.servo, params.joint, params.plant) {
+    : params_(params),
+      dictionary_(identity_of(params)),
+      servo_(params.servo, params.joint, params.plant, params.errors) {
   reset(true);
 }
 

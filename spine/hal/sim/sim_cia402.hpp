@@ -29,6 +29,7 @@ struct SimCia402Params {
   Cia402ServoParams servo;
   JointTransform joint;
   PlantParams plant;
+  DriveErrors errors{};
 };
 
 // The four process data of one direction, as their objects say. Rebuilt when those are written.
@@ -73,6 +74,7 @@ class SimCia402 final : public BusNode {
   // A fault whose cause stays until inject(0), which ends them all.
   void inject(std::uint16_t code) LITHE_RT;
   bool befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT override;
+  void to_start() LITHE_RT override { servo_.to_start(); }
 
   Cia402Servo& servo() LITHE_RT { return servo_; }
   const Cia402Dictionary& dictionary() const LITHE_RT { return dictionary_; }

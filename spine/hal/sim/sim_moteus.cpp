@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <array>
 
+#include "spine/hal/sim/truth.hpp"
+
 namespace lithe::hal::sim {
 
 using moteus::Kind;
@@ -18,21 +20,15 @@ constexpr std::uint32_t kReplyRequested = 0x8000;
 constexpr std::uint32_t kBroadcast = 0x7f;
 constexpr std::uint32_t kConsoleChannel = 1;
 
-// Looks drawn by lot (SplitMix64), is the same for the same seed, and moves it on.
-std::uint32_t drawn(std::uint64_t& seed) {
-  std::uint64_t z = seed += 0x9e3779b97f4a7c15;
-  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9;
-  z = (z ^ (z >> 27)) * 0x94d049bb133111eb;
-  return static_cast<std::uint32_t>(z >> 32);
-}
+std::uint32_t drawn(Draws& draws) { return static_cast<std::uint32_t>(draws.next() >> 32); }
 
 }  // namespace
 
 MoteusIdentity MoteusIdentity::of(std::uint64_t serial) {
   MoteusIdentity identity;
-  std::uint64_t state = serial;
-  for (std::uint32_t& word : identity.serial) word = drawn(state);
-  for (std::uint8_t& byte : identity.uuid) byte = static_cast<std::uint8_t>(drawn(state));
+  Draws draws(serial);
+  for (std::uint32_t& word : identity.serial) word = drawn(draws);
+  for (std::uint8_t& byte : identity.uuid) byte = static_cast<std::uint8_t>(drawn(draws));
   identity.uuid[6] = static_cast<std::uint8_t>((identity.uuid[6] & 0x0f) | 0x40);  // version 4: random
   identity.uuid[8] = static_cast<std::uint8_t>((identity.uuid[8] & 0x3f) | 0x80);
   return identity;

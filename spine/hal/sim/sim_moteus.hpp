@@ -22,6 +22,7 @@ struct SimMoteusParams {
   ServoParams servo;
   JointTransform joint;
   PlantParams plant;
+  DriveErrors errors{};
 };
 
 // As the firmware does: subframes in order; the answer tells the state before the command; writing the mode resets
@@ -34,11 +35,12 @@ struct SimMoteusParams {
 class SimMoteus final : public BusNode {
  public:
   explicit SimMoteus(const SimMoteusParams& params)
-      : inside_(params.servo, params.joint, params.plant, params.id, params.serial) {}
+      : inside_(params.servo, params.joint, params.plant, params.errors, params.id, params.serial) {}
 
   void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
   void on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
   bool befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT override;
+  void to_start() LITHE_RT override { inside_.servo.to_start(); }
 
   // Power gone and back: deaf and limp until `back_ns`, then stopped, with the settings that were stored.
   void restart(std::int64_t back_ns) LITHE_RT;

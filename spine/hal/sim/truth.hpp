@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a simulated joint really is: what the robot file says, and what its seed draws for what the file only bounds.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "spine/core/rt.hpp"
+#include "spine/robot/config.hpp"
+
+namespace lithe::hal::sim {
+
+// Independent uniform 64-bit numbers, the same for the same seed (SplitMix64).
+class Draws {
+ public:
+  explicit Draws(std::uint64_t seed) : state_(seed) {}
+
+  std::uint64_t next() LITHE_RT {
+    std::uint64_t z = state_ += 0x9e3779b97f4a7c15;
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111eb;
+    return z ^ (z >> 31);
+  }
+  // In [0, 1).
+  double share() LITHE_RT { return static_cast<double>(next() >> 11) * 0x1p-53; }
+  // In [-1, 1).
+  double signed_share() LITHE_RT { return 2 * share() - 1; }
+  // Mean 0, standard deviation 1, never beyond 3.47: the sum of four uniform numbers. No call into the C library, so
+  // that the same bits come out everywhere.
+  double normal() LITHE_RT {
+    constexpr double kMean = 2 * 65535.0, kDeviation = 37837.2275;  // of the sum of four numbers from 0 to 65535
+    const std::uint64_t z = next();
+    const auto sum = static_cast<double>((z & 0xffff) + (z >> 16 & 0xffff) + (z >> 32 & 0xffff) + (z >> 48 & 0xffff));
+    return (sum - kMean) / kDeviation;
+  }
+
+ private:
+  std::uint64_t state_;
+};
+
+// How a simulated drive differs from what it says of itself, in joint coordinates. All zero: an ideal drive.
+struct DriveErrors {
+  double torque_gain = 0;         // the joint gets (1 + this) times the torque that the drive means and tells
+  double torque_noise_nm = 0;     // standard deviation of the torque it tells
+  double encoder_noise_rad = 0;   // standard deviation of each of its readings
+  double encoder_offset_rad = 0;  // it tells this much more than the joint's angle
+  std::int64_t delay_ns = 0;      // from the end of a command's frame to its effect; whole steps of the plant
+  std::uint64_t seed = 1;         // of the noise
+};
+
+// The two errors that change with time. Contract: RT · one thread · same seed, same numbers
+class ErrorSource {
+ public:
+  explicit ErrorSource(const DriveErrors& errors) : errors_(errors), draws_(errors.seed) {}
+
+  // The next reading of the encoder is off by this.
+  double encoder_error_rad() LITHE_RT {
+    const double noise = errors_.encoder_noise_rad > 0 ? errors_.encoder_noise_rad * draws_.normal() : 0;
+    return errors_.encoder_offset_rad + noise;
+  }
+  // What the joint gets when the drive means `meant_nm`, and what the drive tells when the joint gets `given_nm`.
+  double given_nm(double meant_nm) const LITHE_RT { return meant_nm * (1 + errors_.torque_gain); }
+  double told_nm(double given_nm) const LITHE_RT { return given_nm / (1 + errors_.torque_gain) + torque_error_nm_; }
+  // Once in each step of the plant.
+  void step() LITHE_RT {
+    if (errors_.torque_noise_nm > 0) torque_error_nm_ = errors_.torque_noise_nm * draws_.normal();
+  }
+  std::int64_t delay_ns() const LITHE_RT { return errors_.delay_ns; }
+
+ private:
+  DriveErrors errors_;
+  Draws draws_;
+  double torque_error_nm_ = 0;
+};
+
+// A number that takes effect some steps of the plant later; 0 before. Contract: RT · one thread
+class StepDelay {
+ public:
+  static constexpr std::size_t kMost = 20;  // 1 ms
+  explicit StepDelay(std::size_t steps) : steps_(std::min(steps, kMost)) {}
+
+  double next(double value) LITHE_RT {
+    if (steps_ == 0) return value;
+    const double due = underway_[at_];
+    underway_[at_] = value;
+    at_ = (at_ + 1) % steps_;
+    return due;
+  }
+  void clear() LITHE_RT { underway_.fill(0); }
+
+ private:
+  std::size_t steps_, at_ = 0;
+  std::array<double, kMost> underway_{};
+};
+
+// Of one joint of a robot. In an ideal robot ([plant] ideal = true) nothing differs and no payload hangs on it.
+struct Truth {
+  robot::PlantConfig plant;  // payload included
+  DriveErrors drive;
+  double payload_kg = 0;
+  // Of an independent joint, in the torque that its drive tells: what a measurement of this robot can find.
+  double mgl_told_nm = 0;
+};
+
+// The same for the same file. Contract: never in the tick
+Truth draw_truth(const robot::RobotConfig& config, const robot::JointConfig& joint);
+
+}  // namespace lithe::hal::sim
