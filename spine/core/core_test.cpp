@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest-spi.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -9,6 +10,7 @@
 
 #include "spine/core/histogram.hpp"
 #include "spine/core/host.hpp"
+#include "spine/core/no_alloc/no_alloc.hpp"
 #include "spine/core/paths.hpp"
 #include "spine/core/result.hpp"
 #include "spine/core/time.hpp"
@@ -92,6 +94,24 @@ TEST(CpuPlan, FoldsFourRolesOntoFewerCores) {
   EXPECT_TRUE(two.transport_inline);
   EXPECT_FALSE(two.spine_shares);
   EXPECT_TRUE(fold_cpus({7}).spine_shares);
+}
+
+// Out of the optimizer's sight: a pair of new and delete may be left out.
+void allocate() {
+  void* volatile memory = std::malloc(8);
+  std::free(memory);
+}
+
+TEST(NoAllocScope, FailsTheTestThatAllocatesInIt) {
+  if (!NoAllocScope::kCounts) GTEST_SKIP() << "a sanitizer has the allocator's place";
+  EXPECT_NONFATAL_FAILURE(
+      {
+        const NoAllocScope scope;
+        allocate();
+      },
+      "2 calls of the allocator");
+  allocate();
+  const NoAllocScope scope;  // what was before, and nothing, is no reason
 }
 
 TEST(Host, PinningToACoreThatIsNotThereSaysWhichAre) {

@@ -28,6 +28,7 @@ void Guard::configure(const robot::RobotConfig& robot) {
   const auto ticks_of = [&robot](double time_s) {
     return static_cast<std::uint64_t>(std::ceil(time_s * robot.rate_hz));
   };
+  period_s_ = 1.0 / robot.rate_hz;
   brake_after_ticks_ = ticks_of(robot.guard.brake_after_s);
   off_after_ticks_ = ticks_of(robot.guard.off_after_s);
   soft_start_step_ = 1.0 / std::max(robot.guard.soft_start_s * robot.rate_hz, 1.0);
@@ -50,9 +51,11 @@ void Guard::configure(const robot::RobotConfig& robot) {
                .blind_kd_nm_s_rad = joint.safe_kd_nm_s_rad,
                .blind_kd_step_nm_s_rad = joint.torque_slew_nm_s / robot.rate_hz / fault_rad_s,
                .must_be_homed = joint.must_be_homed};
+    envelope_[j].configure(robot, joint);
   }
   configure_groups(robot);
   safe_law_.configure(robot);
+  recovery_.configure(robot);
   reset_output();
 }
 
@@ -71,6 +74,8 @@ void Guard::configure_groups(const robot::RobotConfig& robot) {
 
 void Guard::reset_output() LITHE_RT {
   last_nm_.fill(0.0);
+  last_.fill({});
+  at_envelope_.fill(false);
   blind_kd_nm_s_rad_.fill(0.0);
   soft_start_ = 0;
   for (Group& group : group_) {
@@ -78,12 +83,15 @@ void Guard::reset_output() LITHE_RT {
     group.rung = Rung::law;
   }
   dispatched();
-  for (std::size_t j = 0; j < joints_; ++j) safe_law_.rearm(j);
+  for (std::size_t j = 0; j < joints_; ++j) {
+    safe_law_.rearm(j);
+    envelope_[j].forget();
+  }
 }
 
 void Guard::dispatched() LITHE_RT {
   for (std::size_t j = 0; j < joints_; ++j) {
-    sent_nm_[j] = last_nm_[j];
+    sent_[j] = last_[j];
     sent_blind_kd_nm_s_rad_[j] = blind_kd_nm_s_rad_[j];
   }
 }
@@ -91,7 +99,8 @@ void Guard::dispatched() LITHE_RT {
 Verdict Guard::check(const Input& in, Output& out) LITHE_RT {
   Verdict verdict;
   const Fault fault = judge(in, verdict);
-  const bool driven = in.mode == Mode::active || in.mode == Mode::hold || in.mode == Mode::safe_stop;
+  const bool driven =
+      in.mode == Mode::active || in.mode == Mode::hold || in.mode == Mode::safe_stop || in.mode == Mode::recover;
   if (!driven) {
     for (std::size_t j = 0; j < joints_; ++j) {
       switch_off(j, out);
@@ -99,8 +108,14 @@ Verdict Guard::check(const Input& in, Output& out) LITHE_RT {
     }
     return {.flags = verdict.flags};
   }
+  for (std::size_t j = 0; j < joints_; ++j) envelope_[j].in_flight(sent_[j].least_nm, sent_[j].most_nm);
   verdict.fault = fault;
+  verdict.recovering = in.mode == Mode::recover;
   descend_all(in, verdict.use_safe_law);
+  if (verdict.recovering && !verdict.use_safe_law) {
+    recover(in, out, verdict);
+    return verdict;
+  }
   if (!verdict.use_safe_law) {
     soft_start_ = std::min(soft_start_ + soft_start_step_, 1.0);
     if (soft_start_ < 1) verdict.flags |= wire::telemetry_flag::kSoftStarting;
@@ -126,60 +141,109 @@ double Guard::powered(std::size_t j, double torque_nm, double velocity_rad_s, st
   return limits_[j].power_max_w / velocity_rad_s;
 }
 
-double Guard::bound(std::size_t j, double wanted_nm, double position_rad, double velocity_rad_s, double torque_max_nm,
+Seen Guard::seen(std::size_t j, const Input& in) const LITHE_RT {
+  constexpr std::int64_t kOldestNs = 1'000'000'000;
+  return {in.position_rad[j], in.velocity_rad_s[j],
+          1e-9 * static_cast<double>(std::clamp<std::int64_t>(in.sample_age_ns, 0, kOldestNs))};
+}
+
+// Where the joint is when the next command reaches its drive.
+Seen Guard::ahead(const Seen& seen) const LITHE_RT {
+  return {seen.position_rad + seen.velocity_rad_s * (seen.age_s + period_s_), seen.velocity_rad_s, 0};
+}
+
+double Guard::bound(std::size_t j, double wanted_nm, const Seen& seen, double torque_max_nm, double step_nm,
                     std::uint32_t& flags) LITHE_RT {
   const Limits& limit = limits_[j];
   const bool up = wanted_nm > 0;
-  const double way_left_rad = up ? limit.position_max_rad - position_rad : position_rad - limit.position_min_rad;
-  const double speed_left = limit.velocity_fault_rad_s - (up ? velocity_rad_s : -velocity_rad_s);
+  const double way_left_rad =
+      up ? limit.position_max_rad - seen.position_rad : seen.position_rad - limit.position_min_rad;
+  const double speed_left = limit.velocity_fault_rad_s - (up ? seen.velocity_rad_s : -seen.velocity_rad_s);
   const double position_room = room(way_left_rad, limit.soft_stop_per_rad);
   const double velocity_room = room(speed_left, limit.velocity_fade_s_rad);
   const double clamped = std::clamp(wanted_nm, -torque_max_nm, torque_max_nm);
-  const double faded = powered(j, clamped, velocity_rad_s, flags) * position_room * velocity_room;
-  // What the joint feels now. After blindness that is the drive's own damping, at the speed known again.
-  const double now_nm =
-      std::clamp(sent_nm_[j] - sent_blind_kd_nm_s_rad_[j] * velocity_rad_s, -limit.torque_max_nm, limit.torque_max_nm);
-  const double step = std::clamp(faded - now_nm, -limit.slew_nm, limit.slew_nm);
-  const double bounded = std::clamp(now_nm + step, -limit.torque_max_nm, limit.torque_max_nm);
+  const double faded = powered(j, clamped, seen.velocity_rad_s, flags) * position_room * velocity_room;
+  // What the joint will feel when the new torque takes over.
+  const double now_nm = std::clamp(sent_[j].felt_nm(ahead(seen)), -limit.torque_max_nm, limit.torque_max_nm);
+  const double least_nm = std::max(now_nm - step_nm, -limit.torque_max_nm);
+  const double most_nm = std::min(now_nm + step_nm, limit.torque_max_nm);
+  const double slewed = std::clamp(faded, least_nm, most_nm);
+  const double bounded = envelope_[j].bound(seen, least_nm, slewed, most_nm);
 
+  at_envelope_[j] = bounded != slewed;
   if (clamped != wanted_nm) flags |= wire::telemetry_flag::kTorqueClamped;
-  if (wanted_nm != 0 && position_room < 1) flags |= wire::telemetry_flag::kPositionClamped;
+  if ((wanted_nm != 0 && position_room < 1) || at_envelope_[j]) flags |= wire::telemetry_flag::kPositionClamped;
   if (wanted_nm != 0 && velocity_room < 1) flags |= wire::telemetry_flag::kVelocityClamped;
-  if (step != faded - now_nm) flags |= wire::telemetry_flag::kSlewClamped;
-  last_nm_[j] = bounded;
-  blind_kd_nm_s_rad_[j] = 0.0;
+  if (slewed != faded) flags |= wire::telemetry_flag::kSlewClamped;
   return bounded;
+}
+
+void Guard::remember(std::size_t j, const Seen& seen, Command command) LITHE_RT {
+  const double most_nm = limits_[j].torque_max_nm;
+  command.decided_nm = std::clamp(command.felt_nm(ahead(seen)), -most_nm, most_nm);
+  const Envelope::Drift drift = envelope_[j].drift(seen, command.decided_nm, command.kp_nm_rad, command.kd_nm_s_rad);
+  command.least_nm = std::max(command.decided_nm - drift.down_nm, -most_nm);
+  command.most_nm = std::min(command.decided_nm + drift.up_nm, most_nm);
+  last_[j] = command;
+  last_nm_[j] = command.decided_nm;
+  blind_kd_nm_s_rad_[j] = 0.0;
+}
+
+Guard::Command Guard::wanted_pd(std::size_t j, const Proposal& proposal) const LITHE_RT {
+  const Limits& limit = limits_[j];
+  const bool has_target = !std::isnan(proposal.position_rad[j]);
+  Command pd;
+  pd.kp_nm_rad = has_target ? std::clamp(proposal.kp_nm_rad[j], 0.0, limit.kp_max_nm_rad) : 0.0;
+  pd.kd_nm_s_rad = std::clamp(proposal.kd_nm_s_rad[j], 0.0, limit.kd_max_nm_s_rad);
+  pd.target_rad = std::clamp(proposal.position_rad[j], limit.position_min_rad, limit.position_max_rad);
+  pd.target_rad_s = std::clamp(proposal.velocity_rad_s[j], -limit.velocity_max_rad_s, limit.velocity_max_rad_s);
+  return pd;
+}
+
+// Gains that the drive may have. They grow and fall only as fast as what is not known of the joint's next state makes a
+// small part of a slew step; at the limits there are none; and a stiffness never moves the torque faster with the joint
+// than slew allows. Returns what they leave of a slew step.
+double Guard::settle_gains(std::size_t j, const Seen& seen, Command& command) const LITHE_RT {
+  constexpr double kPart = 0.25;
+  const Limits& limit = limits_[j];
+  const double ahead_s = seen.age_s + period_s_;
+  const double unknown_rad = envelope_[j].unknown_rad(ahead_s), unknown_rad_s = envelope_[j].unknown_rad_s(ahead_s);
+  if (unknown_rad_s <= 0) return limit.slew_nm;
+  if (at_envelope_[j]) command.kp_nm_rad = command.kd_nm_s_rad = 0;
+  const double kp_step = kPart * limit.slew_nm / unknown_rad, kd_step = kPart * limit.slew_nm / unknown_rad_s;
+  const Command& sent = sent_[j];
+  command.kp_nm_rad = std::min(command.kp_nm_rad, limit.slew_nm / (period_s_ * std::abs(seen.velocity_rad_s) + 1e-12));
+  command.kp_nm_rad = std::clamp(command.kp_nm_rad, sent.kp_nm_rad - kp_step, sent.kp_nm_rad + kp_step);
+  command.kd_nm_s_rad = std::clamp(command.kd_nm_s_rad, sent.kd_nm_s_rad - kd_step, sent.kd_nm_s_rad + kd_step);
+  return limit.slew_nm - std::abs(command.kp_nm_rad - sent.kp_nm_rad) * unknown_rad -
+         std::abs(command.kd_nm_s_rad - sent.kd_nm_s_rad) * unknown_rad_s;
 }
 
 void Guard::apply_law(std::size_t j, const Input& in, Output& out, std::uint32_t& flags) LITHE_RT {
   safe_law_.rearm(j);
   const Limits& limit = limits_[j];
-  const double position_rad = in.position_rad[j];
-  const double velocity_rad_s = in.velocity_rad_s[j];
-  const double target_rad = std::clamp(in.proposal.position_rad[j], limit.position_min_rad, limit.position_max_rad);
-  const double target_rad_s =
-      std::clamp(in.proposal.velocity_rad_s[j], -limit.velocity_max_rad_s, limit.velocity_max_rad_s);
-  const bool has_target = !std::isnan(in.proposal.position_rad[j]);
-  double kp = has_target ? std::clamp(in.proposal.kp_nm_rad[j], 0.0, limit.kp_max_nm_rad) : 0.0;
-  double kd = std::clamp(in.proposal.kd_nm_s_rad[j], 0.0, limit.kd_max_nm_s_rad);
-  const double drive_nm = (has_target ? kp * (target_rad - position_rad) : 0.0) + kd * (target_rad_s - velocity_rad_s);
-
-  const double total_nm = bound(j, in.proposal.torque_nm[j] + drive_nm, position_rad, velocity_rad_s,
-                                limit.torque_max_nm * soft_start_, flags);
+  const Seen now = seen(j, in), then = ahead(now);
+  Command command = wanted_pd(j, in.proposal);
+  const double wanted_nm = in.proposal.torque_nm[j] + command.pd_nm(then);
+  const double step_nm = settle_gains(j, now, command);
+  const double total_nm = bound(j, wanted_nm, now, limit.torque_max_nm * soft_start_, step_nm, flags);
   // The feed-forward makes up for what the drive's own PD does beyond the bound; where it cannot, the gains give way.
-  double torque_nm = total_nm - drive_nm;
-  if (std::abs(torque_nm) > limit.torque_max_nm) {
-    torque_nm = std::copysign(limit.torque_max_nm, torque_nm);
-    const double share = std::clamp((total_nm - torque_nm) / drive_nm, 0.0, 1.0);
-    kp *= share;
-    kd *= share;
+  const double drive_nm = command.pd_nm(then);
+  command.torque_nm = total_nm - drive_nm;
+  if (std::abs(command.torque_nm) > limit.torque_max_nm) {
+    command.torque_nm = std::copysign(limit.torque_max_nm, command.torque_nm);
+    const double share = std::clamp((total_nm - command.torque_nm) / drive_nm, 0.0, 1.0);
+    command.kp_nm_rad *= share;
+    command.kd_nm_s_rad *= share;
   }
-  out.torque_nm[j] = torque_nm;
-  out.position_rad[j] = target_rad;
-  out.velocity_rad_s[j] = target_rad_s;
-  out.kp_nm_rad[j] = kp;
-  out.kd_nm_s_rad[j] = kd;
-  out.max_torque_nm[j] = limit.torque_max_nm * soft_start_;  // also if no other command follows
+  remember(j, now, command);
+  out.torque_nm[j] = command.torque_nm;
+  out.position_rad[j] = command.target_rad;
+  out.velocity_rad_s[j] = command.target_rad_s;
+  out.kp_nm_rad[j] = command.kp_nm_rad;
+  out.kd_nm_s_rad[j] = command.kd_nm_s_rad;
+  // Also if no other command follows. What brakes may be more than a law has while it starts softly.
+  out.max_torque_nm[j] = std::max(limit.torque_max_nm * soft_start_, std::abs(total_nm));
 }
 
 void Guard::apply_safe_law(std::size_t j, const Input& in, Output& out, std::uint32_t& flags) LITHE_RT {
@@ -192,23 +256,41 @@ void Guard::apply_safe_law(std::size_t j, const Input& in, Output& out, std::uin
     safe_law_.rearm(j);  // what it meant to follow is too old to resume
     return brake_blindly(j, out, flags);
   }
-  const double wanted_nm = safe_law_.torque_nm(j, in.position_rad[j], in.velocity_rad_s[j]);
-  out.torque_nm[j] = bound(j, wanted_nm, in.position_rad[j], in.velocity_rad_s[j], limits_[j].torque_max_nm, flags);
+  const Seen now = seen(j, in);
+  Command command;
+  const double step_nm = settle_gains(j, now, command);
+  command.kp_nm_rad = 0;  // its target is the law's
+  const double wanted_nm = safe_law_.torque_nm(j, now.position_rad, now.velocity_rad_s);
+  const double total_nm = bound(j, wanted_nm, now, limits_[j].torque_max_nm, step_nm, flags);
+  command.torque_nm = total_nm - command.pd_nm(ahead(now));
+  remember(j, now, command);
+  out.torque_nm[j] = command.torque_nm;
+  out.kd_nm_s_rad[j] = command.kd_nm_s_rad;
 }
 
 // Without a sample only the drive can brake the joint; with no torque at all it would fall.
 void Guard::brake_blindly(std::size_t j, Output& out, std::uint32_t& flags) LITHE_RT {
   const double grown =
       std::min(sent_blind_kd_nm_s_rad_[j] + limits_[j].blind_kd_step_nm_s_rad, limits_[j].blind_kd_nm_s_rad);
-  const double kd = sent_nm_[j] == 0.0 ? grown : sent_blind_kd_nm_s_rad_[j];
-  out.torque_nm[j] = bound(j, 0.0, 0.0, 0.0, limits_[j].torque_max_nm, flags);
-  out.kd_nm_s_rad[j] = blind_kd_nm_s_rad_[j] = kd;
+  const Limits& limit = limits_[j];
+  Command command;
+  command.torque_nm = command.decided_nm = last_nm_[j] =
+      std::copysign(std::max(std::abs(sent_[j].decided_nm) - limit.slew_nm, 0.0), sent_[j].decided_nm);
+  command.kd_nm_s_rad = sent_[j].decided_nm == 0.0 ? grown : sent_blind_kd_nm_s_rad_[j];
+  const double damping_nm = std::min(command.kd_nm_s_rad * limit.velocity_fault_rad_s, limit.torque_max_nm);
+  command.least_nm = command.torque_nm - damping_nm;
+  command.most_nm = command.torque_nm + damping_nm;
+  if (command.torque_nm != 0) flags |= wire::telemetry_flag::kSlewClamped;
+  last_[j] = command;
+  out.torque_nm[j] = command.torque_nm;
+  out.kd_nm_s_rad[j] = blind_kd_nm_s_rad_[j] = command.kd_nm_s_rad;
 }
 
 void Guard::switch_off(std::size_t j, Output& out) LITHE_RT {
   safe_law_.rearm(j);
   out.torque_nm[j] = out.velocity_rad_s[j] = out.kp_nm_rad[j] = out.kd_nm_s_rad[j] = out.max_torque_nm[j] = 0.0;
   out.position_rad[j] = kNone;
+  last_[j] = {};
   last_nm_[j] = blind_kd_nm_s_rad_[j] = 0.0;
 }
 

@@ -9,6 +9,8 @@
 
 #include "spine/core/joints.hpp"
 #include "spine/core/rt.hpp"
+#include "spine/guard/envelope.hpp"
+#include "spine/guard/recovery.hpp"
 #include "spine/guard/safe_law.hpp"
 #include "spine/robot/config.hpp"
 #include "spine/wire/wire.hpp"
@@ -32,6 +34,7 @@ struct Input {
   const JointArray& velocity_rad_s;
   const std::array<std::uint32_t, kMaxJoints>& joint_status;  // bits of wire::joint_status
   Proposal proposal;
+  std::int64_t sample_age_ns = 0;  // of position and velocity
 };
 
 // What keeps a group of joints safe, from the mildest to the last: each rung begins where the one above it has nothing
@@ -54,6 +57,8 @@ struct Verdict {
   std::uint32_t flags = 0;                // bits of wire::telemetry_flag
   std::uint32_t law_flags = 0;            // those among them that are about what the law wanted
   bool use_safe_law = false;              // no joint's output is the proposal's
+  bool recovering = false;                // this tick was one of the mode recover
+  bool recovered = false;                 // of which every joint is inside its limits now
 };
 
 // Joints that stop together.
@@ -66,14 +71,15 @@ struct Group {
 };
 
 // In the order of authority: not finite, drives, freshness and overrun -> safe law, in the same tick; then per joint
-// soft stops, velocity, torque and last of all slew. What is one joint's fault stops the joint's group; the other
-// groups go on under the law or stop with it, as the robot file says (`other_groups`). What is nobody's alone stops
-// all. Between two ticks the torque at the joint (feed-forward plus the drive's own PD at the measured state) never
-// changes by more than torque_slew_nm_s / rate_hz, whoever proposes it: a law, its successor in a swap, or the safe
-// law; a drive that is asked in every Nth tick only sees N such steps at once. Disarming and e-stop are at once. A
-// joint whose sample is no basis for anything is braked by its drive, which still knows its own speed: the feed-forward
-// fades, then damping grows to safe_kd_nm_s_rad, both within the slew bound up to the speed that is a fault. Contract:
-// RT after configure() · owned by the tick thread · bounded work per joint
+// soft stops, velocity, torque, slew, and last of all what still stops before the limits (Envelope). What is one
+// joint's fault stops the joint's group; the other groups go on under the law or stop with it, as the robot file says
+// (`other_groups`). What is nobody's alone stops all. When a command takes over from the one before it, the torque at
+// the joint (feed-forward plus the drive's own PD, where the joint is then) never changes by more than torque_slew_nm_s
+// / rate_hz, whoever proposes it: a law, its successor in a swap, or the safe law; a drive that is asked in every Nth
+// tick only sees N such steps at once. Disarming and e-stop are at once. A joint whose sample is no basis for anything
+// is braked by its drive, which still knows its own speed: the feed-forward fades, then damping grows to
+// safe_kd_nm_s_rad, both within the slew bound up to the speed that is a fault. Contract: RT after configure() · owned
+// by the tick thread · bounded work per joint
 class Guard {
  public:
   void configure(const robot::RobotConfig& robot);
@@ -87,7 +93,13 @@ class Guard {
   // The last output left for the drives: the next one is bounded from it. An output that never left bounds nothing.
   void dispatched() LITHE_RT;
 
+  // In mode recover, whatever the proposal, every joint is brought inside its limits (recovery.hpp). All that is a
+  // fault of a joint in the mode active is one here, except its position; any fault of any joint stops all.
   Verdict check(const Input& in, Output& out) LITHE_RT;
+
+  // Before the mode recover begins.
+  void start_recovery() LITHE_RT;
+  const Recovery& recovery() const LITHE_RT { return recovery_; }
 
   // The torque each joint is expected to feel by the last output.
   const JointArray& expected_torque_nm() const LITHE_RT { return last_nm_; }
@@ -127,29 +139,53 @@ class Guard {
   void apply_law(std::size_t j, const Input& in, Output& out, std::uint32_t& flags) LITHE_RT;
   void apply_safe_law(std::size_t j, const Input& in, Output& out, std::uint32_t& flags) LITHE_RT;
   void brake_blindly(std::size_t j, Output& out, std::uint32_t& flags) LITHE_RT;
+  void recover(const Input& in, Output& out, Verdict& verdict) LITHE_RT;
   void switch_off(std::size_t j, Output& out) LITHE_RT;
+  // What a drive was told: a torque and its own PD.
+  struct Command {
+    double torque_nm = 0, kp_nm_rad = 0, kd_nm_s_rad = 0, target_rad = 0, target_rad_s = 0;
+    double decided_nm = 0;             // what the joint should feel by it
+    double least_nm = 0, most_nm = 0;  // what that may become before another command acts
+
+    double pd_nm(const Seen& at) const LITHE_RT {
+      const double spring_nm = kp_nm_rad > 0 ? kp_nm_rad * (target_rad - at.position_rad) : 0.0;
+      return spring_nm + kd_nm_s_rad * (target_rad_s - at.velocity_rad_s);
+    }
+    double felt_nm(const Seen& at) const LITHE_RT { return torque_nm + pd_nm(at); }
+  };
+
   double powered(std::size_t j, double torque_nm, double velocity_rad_s, std::uint32_t& flags) const LITHE_RT;
-  // The nearest torque to `wanted_nm` that limits and slew allow; remembers it as the joint's last.
-  double bound(std::size_t j, double wanted_nm, double position_rad, double velocity_rad_s, double torque_max_nm,
+  Seen seen(std::size_t j, const Input& in) const LITHE_RT;
+  Seen ahead(const Seen& seen) const LITHE_RT;
+  Command wanted_pd(std::size_t j, const Proposal& proposal) const LITHE_RT;
+  double settle_gains(std::size_t j, const Seen& seen, Command& command) const LITHE_RT;
+  // The nearest torque to `wanted_nm` that limits and slew allow.
+  double bound(std::size_t j, double wanted_nm, const Seen& seen, double torque_max_nm, double step_nm,
                std::uint32_t& flags) LITHE_RT;
+  void remember(std::size_t j, const Seen& seen, Command command) LITHE_RT;
 
   std::array<Limits, kMaxJoints> limits_{};
   std::size_t joints_ = 0;
   std::uint32_t late_ticks_to_stop_ = 20;
   std::int64_t brain_stale_ns_ = 0;
   bool stop_when_brain_stale_ = false;
+  double period_s_ = 0.001;
   double soft_start_ = 1, soft_start_step_ = 1;                // share of the torque limits that a law has
   std::uint64_t brake_after_ticks_ = 0, off_after_ticks_ = 0;  // at rest in the safe stop; 0 = never
   SafeLaw safe_law_;
+  Recovery recovery_;
   bool others_go_on_ = false;
   bool any_stopped_ = false;  // a group, latched
   std::size_t groups_ = 0;
   std::array<Group, kMaxJoints> group_{};
   std::array<std::uint8_t, kMaxJoints> group_of_{};  // by joint
   std::array<wire::Fault, kMaxJoints> joint_fault_{};
-  // By the last output, and by the last one that was dispatched: the torque, and the damping of an unusable joint,
-  // whose torque nobody here knows.
-  JointArray last_nm_{}, sent_nm_{};
+  std::array<Envelope, kMaxJoints> envelope_;
+  std::array<bool, kMaxJoints> at_envelope_{};  // in the last tick it kept the law from what it wanted
+  JointArray last_nm_{};
+  // By the last output, and by the last one that was dispatched. Of an unusable joint, whose torque nobody here knows,
+  // only its damping counts.
+  std::array<Command, kMaxJoints> last_{}, sent_{};
   JointArray blind_kd_nm_s_rad_{}, sent_blind_kd_nm_s_rad_{};
   std::array<bool, kMaxJoints> usable_{};
 };

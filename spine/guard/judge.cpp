@@ -21,7 +21,7 @@ constexpr double kAtRestRadS = 0.05;
 constexpr std::array kWorstFirst{Fault::drive_fault,    Fault::drive_watchdog, Fault::drive_conflict,
                                  Fault::drive_garbled,  Fault::drive_lost,     Fault::drive_not_homed,
                                  Fault::sample_stale,   Fault::law_not_finite, Fault::position_limit,
-                                 Fault::velocity_limit, Fault::brain_stale};
+                                 Fault::velocity_limit, Fault::recover_failed, Fault::brain_stale};
 
 Fault worse(Fault a, Fault b) LITHE_RT {
   for (const Fault each : kWorstFirst) {
@@ -31,6 +31,9 @@ Fault worse(Fault a, Fault b) LITHE_RT {
 }
 
 bool law_runs(Mode mode) LITHE_RT { return mode == Mode::active || mode == Mode::hold; }
+
+// A fault that is seen now stops something and stays.
+bool latches(Mode mode) LITHE_RT { return law_runs(mode) || mode == Mode::recover; }
 
 bool is_sane(const Input& in, std::size_t j) LITHE_RT {
   return std::abs(in.position_rad[j]) < kAbsurd && std::abs(in.velocity_rad_s[j]) < kAbsurd;
@@ -56,7 +59,7 @@ Fault Guard::judge(const Input& in, Verdict& verdict) LITHE_RT {
     all_stopped = all_stopped && group_[g].fault != Fault::none;
     if (group_[g].news) news = worse(news, group_[g].fault);
   }
-  const bool joints_stop_all = of_joints != Fault::none && (!others_go_on_ || all_stopped);
+  const bool joints_stop_all = of_joints != Fault::none && (!others_go_on_ || all_stopped || in.mode == Mode::recover);
   verdict.use_safe_law = of_all != Fault::none || joints_stop_all || in.mode == Mode::safe_stop;
   if (any_stopped_ && !verdict.use_safe_law) verdict.flags |= wire::telemetry_flag::kGroupStopped;
   if (news == Fault::none && of_all == Fault::none && verdict.use_safe_law) news = of_joints;
@@ -72,8 +75,8 @@ Fault Guard::judge_joints(const Input& in, bool too_late) LITHE_RT {
     if (fault == Fault::none) continue;
     worst = worse(worst, fault);
     const bool told = joint_fault_[j] != Fault::none;
-    if (!told && (law_runs(in.mode) || in.mode == Mode::safe_stop)) joint_fault_[j] = fault;
-    if (law_runs(in.mode)) latch(j, fault);
+    if (!told && (latches(in.mode) || in.mode == Mode::safe_stop)) joint_fault_[j] = fault;
+    if (latches(in.mode)) latch(j, fault);
   }
   return worst;
 }
@@ -87,11 +90,11 @@ Fault Guard::judge_joint(const Input& in, std::size_t j) const LITHE_RT {
   if ((status & bit::kLost) != 0) return (status & bit::kGarbled) != 0 ? Fault::drive_garbled : Fault::drive_lost;
   if (limit.must_be_homed && (status & bit::kNotHomed) != 0) return Fault::drive_not_homed;
   if (!is_sane(in, j)) return Fault::sample_stale;
-  if (in.position_rad[j] > limit.position_max_rad + limit.overrun_rad ||
-      in.position_rad[j] < limit.position_min_rad - limit.overrun_rad) {
-    return Fault::position_limit;
-  }
-  return std::abs(in.velocity_rad_s[j]) > limit.velocity_fault_rad_s ? Fault::velocity_limit : Fault::none;
+  const bool beyond = in.position_rad[j] > limit.position_max_rad + limit.overrun_rad ||
+                      in.position_rad[j] < limit.position_min_rad - limit.overrun_rad;
+  if (beyond && in.mode != Mode::recover) return Fault::position_limit;
+  if (std::abs(in.velocity_rad_s[j]) > limit.velocity_fault_rad_s) return Fault::velocity_limit;
+  return in.mode == Mode::recover && recovery_.stuck(j) ? Fault::recover_failed : Fault::none;
 }
 
 // The first fault of a group is the one that stays.
@@ -112,7 +115,8 @@ Fault Guard::judge_robot(const Input& in, bool too_late, std::uint32_t& flags) c
   if (!finite) flags |= wire::telemetry_flag::kNotFinite;
   if (too_late) return Fault::sample_stale;
   if (!finite) return Fault::law_not_finite;
-  return brain_stale && stop_when_brain_stale_ ? Fault::brain_stale : Fault::none;
+  const bool needs_brain = stop_when_brain_stale_ && in.mode != Mode::recover;
+  return brain_stale && needs_brain ? Fault::brain_stale : Fault::none;
 }
 
 // What a law wants of joints that are stopped goes nowhere.

@@ -4,7 +4,19 @@
 #include <algorithm>
 #include <cmath>
 
+#include "spine/robot/stopping.hpp"
+
 namespace lithe::guard {
+
+namespace {
+
+double most_rad_s2(const robot::JointConfig& joint) {
+  const bool known = joint.inertia_max_kg_m2 > 0 && joint.load_max_nm < joint.torque_max_nm;
+  const double possible = known ? robot::brakes_of(joint).deceleration_rad_s2() : 0;
+  return std::max(possible, joint.deceleration_rad_s2);
+}
+
+}  // namespace
 
 void SafeLaw::configure(const robot::RobotConfig& robot) {
   const std::size_t joints = std::min(robot.joints.size(), kMaxJoints);
@@ -15,7 +27,8 @@ void SafeLaw::configure(const robot::RobotConfig& robot) {
     joint_[j] = Joint{.position_min_rad = from.position_min_rad,
                       .position_max_rad = from.position_max_rad,
                       .velocity_max_rad_s = from.velocity_max_rad_s,
-                      .slowing_rad_s = from.deceleration_rad_s2 * dt_s_,
+                      .slowing_rad_s2 = from.deceleration_rad_s2,
+                      .most_rad_s2 = most_rad_s2(from),
                       .kp_nm_rad = from.safe_kp_nm_rad,
                       .kd_nm_s_rad = from.safe_kd_nm_s_rad};
   }
@@ -28,7 +41,11 @@ double SafeLaw::torque_nm(std::size_t index, double position_rad, double velocit
     joint.reference_rad = position_rad;
     joint.reference_rad_s = std::clamp(velocity_rad_s, -joint.velocity_max_rad_s, joint.velocity_max_rad_s);
   }
-  const double speed = std::max(0.0, std::abs(joint.reference_rad_s) - joint.slowing_rad_s);
+  const double way_rad = joint.reference_rad_s > 0 ? joint.position_max_rad - joint.reference_rad
+                                                   : joint.reference_rad - joint.position_min_rad;
+  const double needed_rad_s2 = joint.reference_rad_s * joint.reference_rad_s / (2 * std::max(way_rad, 1e-9));
+  const double slowing_rad_s2 = std::clamp(needed_rad_s2, joint.slowing_rad_s2, joint.most_rad_s2);
+  const double speed = std::max(0.0, std::abs(joint.reference_rad_s) - slowing_rad_s2 * dt_s_);
   joint.reference_rad_s = std::copysign(speed, joint.reference_rad_s);
   const double next = joint.reference_rad + joint.reference_rad_s * dt_s_;
   joint.reference_rad = std::clamp(next, joint.position_min_rad, joint.position_max_rad);

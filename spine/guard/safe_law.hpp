@@ -11,8 +11,9 @@
 namespace lithe::guard {
 
 // It knows measured position and velocity and nothing else: no plan, no law, no parameters of either. From the speed
-// at which it took over, each joint's reference slows down by deceleration_rad_s2 and stays inside the position
-// limits; at rest it stays where it is (hold) or only damping is left (damp).
+// at which it took over, each joint's reference slows down by deceleration_rad_s2, or faster where that would not end
+// before a position limit, as far as torque, load and inertia allow; at rest it stays where it is (hold) or only
+// damping is left (damp).
 // Contract: RT after configure() · owned by the guard · bounded work per joint
 class SafeLaw {
  public:
@@ -28,7 +29,7 @@ class SafeLaw {
  private:
   struct Joint {
     double position_min_rad = 0, position_max_rad = 0, velocity_max_rad_s = 0;
-    double slowing_rad_s = 0;  // taken from the reference's speed each tick
+    double slowing_rad_s2 = 0, most_rad_s2 = 0;  // of the reference
     double kp_nm_rad = 0, kd_nm_s_rad = 0;
     double reference_rad = 0, reference_rad_s = 0;
     bool tracking = false;  // false until the first torque()

@@ -2,6 +2,7 @@
 // What the guard's tests share: a robot, and everything a guard is asked about.
 #pragma once
 
+#include <algorithm>
 #include <limits>
 
 #include "spine/guard/guard.hpp"
@@ -10,10 +11,12 @@ namespace lithe::guard {
 
 inline constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 inline constexpr double kSlewPerTick = 0.1;  // 100 Nm/s at 1 kHz
+inline constexpr double kTickS = 1e-3;
 
 inline robot::RobotConfig robot_with(std::size_t joints) {
   robot::RobotConfig robot;
   robot.rate_hz = 1000;
+  robot.guard.soft_start_s = 0;
   robot.joints.resize(joints);
   for (robot::JointConfig& joint : robot.joints) {
     joint.position_min_rad = -2;
@@ -48,11 +51,14 @@ struct Bench {
                         {torque, position_target, velocity_target, kp, kd}},
                        out);
   }
-  // The torque joint j feels: feed-forward and the drive's own PD at the measured state.
-  double felt_nm(std::size_t j = 0) const {
-    const double spring = out.kp_nm_rad[j] > 0 ? out.kp_nm_rad[j] * (out.position_rad[j] - position[j]) : 0.0;
-    return out.torque_nm[j] + spring + out.kd_nm_s_rad[j] * (out.velocity_rad_s[j] - velocity[j]);
+  // The torque joint j will feel by an output: feed-forward and the drive's own PD, where the joint is when the next
+  // command reaches it.
+  double felt_nm(const Output& by, std::size_t j) const {
+    const double there_rad = position[j] + velocity[j] * kTickS;
+    const double spring = by.kp_nm_rad[j] > 0 ? by.kp_nm_rad[j] * (by.position_rad[j] - there_rad) : 0.0;
+    return std::clamp(by.torque_nm[j] + spring + by.kd_nm_s_rad[j] * (by.velocity_rad_s[j] - velocity[j]), -1.0, 1.0);
   }
+  double felt_nm(std::size_t j = 0) const { return felt_nm(out, j); }
   Verdict settle(int ticks = 50) {
     Verdict verdict;
     for (int i = 0; i < ticks; ++i) verdict = check();

@@ -134,6 +134,27 @@ TEST(CheckLaw, EveryDamagedDescriptorIsNamed) {
   EXPECT_TRUE(refused([](LitheLaw& l) { l.state_defaults = nullptr; }));
 }
 
+TEST(CheckLaw, EveryNameIsPrintable) {
+  const auto refused = [](auto&& name, const char* text) {
+    LitheLaw law = kFiltered;
+    std::strncpy(name(law), text, 31);
+    const char* why = lithe::law::check_law(law);
+    return why != nullptr && std::string(why).find("not printable") != std::string::npos;
+  };
+  for (const char* text : {"a\x1b[31m", "a\nb",
+                           "\xe2\x80\xae"
+                           "a",
+                           "\xff", "\xc0\xaf", "\xc2\x9b"}) {
+    EXPECT_TRUE(refused([](LitheLaw& l) { return l.name; }, text));
+    EXPECT_TRUE(refused([](LitheLaw& l) { return l.state[2].name; }, text));
+    EXPECT_TRUE(refused([](LitheLaw& l) { return l.params[1].name; }, text));
+    EXPECT_TRUE(refused([](LitheLaw& l) { return l.probes[1]; }, text));
+  }
+  EXPECT_FALSE(refused([](LitheLaw& l) { return l.name; },
+                       "R\xc3\xbc"
+                       "ckf\xc3\xbchrung"));
+}
+
 TEST(CheckLaw, WrongAbiNamesExpectedAndFound) {
   LitheLaw law = kFiltered;
   law.abi = 9;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/law/migrate.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <cstring>
 
 namespace lithe::law {
@@ -38,6 +40,24 @@ Shape shape(FieldKind kind) {
       break;
   }
   return {0, false, false};
+}
+
+template <class T>
+bool usable_as(const std::byte* at, std::uint32_t count) LITHE_RT {
+  bool usable = true;
+  for (std::uint32_t k = 0; k < count && k < kMaxStateBytes; ++k) {
+    T value;
+    std::memcpy(&value, at + k * sizeof value, sizeof value);
+    usable &= std::abs(static_cast<double>(value)) <= kMostCarried;  // false for NaN
+  }
+  return usable;
+}
+
+// Whether each of `count` elements is a number a law can go on with. Every integer is.
+bool usable(const std::byte* at, FieldKind kind, std::uint32_t count) LITHE_RT {
+  if (kind == FieldKind::f64) return usable_as<double>(at, count);
+  if (kind == FieldKind::f32) return usable_as<float>(at, count);
+  return true;
 }
 
 bool carried(const LitheStateField& from, const LitheStateField& to) {
@@ -118,7 +138,11 @@ Migration plan_migration(const LitheLaw& from, const LitheLaw& to) {
     for (std::uint32_t k = 0; k < from.state_count; ++k) {
       const LitheStateField &old = from.state[k], &now = to.state[i];
       if (!carried(old, now)) continue;
-      plan.copies[plan.count++] = {old.offset, now.offset, old.count, static_cast<std::uint16_t>(old.kind),
+      plan.copies[plan.count++] = {old.offset,
+                                   now.offset,
+                                   old.count,
+                                   i,
+                                   static_cast<std::uint16_t>(old.kind),
                                    static_cast<std::uint16_t>(now.kind)};
       plan.bytes += old.count * kind_bytes(FieldKind{now.kind});
       break;
@@ -127,11 +151,16 @@ Migration plan_migration(const LitheLaw& from, const LitheLaw& to) {
   return plan;
 }
 
-void apply_migration(const Migration& plan, const std::byte* from, std::byte* to) LITHE_RT {
+FieldBits apply_migration(const Migration& plan, const std::byte* from, std::byte* to) LITHE_RT {
+  FieldBits left_out = 0;
   for (std::uint32_t i = 0; i < plan.count && i < plan.copies.size(); ++i) {
     const Copy& copy = plan.copies[i];
     const FieldKind from_kind{copy.from_kind}, to_kind{copy.to_kind};
     const std::uint32_t from_bytes = kind_bytes(from_kind), to_bytes = kind_bytes(to_kind);
+    if (!usable(from + copy.from, from_kind, copy.count)) {
+      left_out |= FieldBits{1} << (copy.field % kMaxStateFields);
+      continue;
+    }
     if (from_kind == to_kind) {
       std::memcpy(to + copy.to, from + copy.from, std::size_t{copy.count} * from_bytes);
       continue;
@@ -140,6 +169,22 @@ void apply_migration(const Migration& plan, const std::byte* from, std::byte* to
       convert(from + copy.from + k * from_bytes, from_kind, to + copy.to + k * to_bytes, to_kind);
     }
   }
+  return left_out;
+}
+
+FieldBits mend_state(const LitheLaw& law, std::byte* state) LITHE_RT {
+  FieldBits mended = 0;
+  const auto* defaults = static_cast<const std::byte*>(law.state_defaults);
+  for (std::uint32_t i = 0; i < law.state_count && i < kMaxStateFields; ++i) {
+    const LitheStateField& field = law.state[i];
+    const FieldKind kind{field.kind};
+    const std::size_t bytes = std::size_t{field.count} * kind_bytes(kind);
+    if (field.offset + bytes > kMaxStateBytes || usable(state + field.offset, kind, field.count)) continue;
+    if (!usable(defaults + field.offset, kind, field.count)) continue;
+    std::memcpy(state + field.offset, defaults + field.offset, bytes);
+    mended |= FieldBits{1} << i;
+  }
+  return mended;
 }
 
 }  // namespace lithe::law

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Carries the state of one law into the next: a bounded list of copies, planned off the tick, applied inside it.
+// A field that holds no usable number is not carried.
 #pragma once
 
 #include <array>
@@ -15,6 +16,7 @@ namespace lithe::law {
 struct Copy {
   std::uint32_t from, to;            // offsets
   std::uint32_t count;               // elements
+  std::uint32_t field;               // its index in the State it is written to
   std::uint16_t from_kind, to_kind;  // FieldKind
 };
 
@@ -33,7 +35,23 @@ Migration plan_migration(const LitheLaw& from, const LitheLaw& to);
 // Whether every value of `from` is one of `to`. bool goes to bool only.
 bool widens(FieldKind from, FieldKind to);
 
+// The largest magnitude of a float or double that is carried. Above every count of nanoseconds since the machine
+// started (2^63 is 9.2e18), which a law may keep as a double; below the root of the largest float (1.8e19), so that the
+// square of a carried value is finite.
+inline constexpr double kMostCarried = 1e18;
+
+// One bit per field of a State, by its index.
+using FieldBits = std::uint32_t;
+static_assert(kMaxStateFields <= 32);
+
+// Copies all fields but those of which an element is NaN, infinite or beyond kMostCarried: `to` keeps what it has
+// there. Returns the fields of `to` that were left out.
 // Contract: RT · at most kMaxStateFields copies of at most kMaxStateBytes in all.
-void apply_migration(const Migration& plan, const std::byte* from, std::byte* to) LITHE_RT;
+FieldBits apply_migration(const Migration& plan, const std::byte* from, std::byte* to) LITHE_RT;
+
+// Puts fields of a law's own State that hold such a value back to their default, unless the default is such a value
+// itself (a law may mark with NaN what it does not know yet). Returns those fields. `law` must have passed check_law.
+// Contract: RT · bounded by kMaxStateBytes.
+FieldBits mend_state(const LitheLaw& law, std::byte* state) LITHE_RT;
 
 }  // namespace lithe::law

@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <limits>
+
 namespace {
 
 struct Old {
@@ -120,6 +122,22 @@ TEST(Migrate, AnotherUnitIsAnotherField) {
   static constexpr LitheLaw kDegrees = lithe::describe<InDegrees>("degrees");
   static constexpr LitheLaw kRadians = lithe::describe<InRadians>("radians");
   EXPECT_EQ(lithe::law::plan_migration(kDegrees, kRadians).count, 0u);
+}
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kInf = std::numeric_limits<double>::infinity();
+
+TEST(Migrate, AFieldThatIsNoNumberStartsFromItsDefault) {
+  EXPECT_EQ((followed<double, double>(kNan)), 0.0);
+  EXPECT_EQ((followed<double, double>(kInf)), 0.0);
+  EXPECT_EQ((followed<double, double>(-kInf)), 0.0);
+  EXPECT_EQ((followed<double, double>(1e300)), 0.0) << "its square is infinite";
+  EXPECT_EQ((followed<float, float>(-1e30f)), 0.f);
+  EXPECT_EQ((followed<float, double>(std::numeric_limits<float>::quiet_NaN())), 0.0);
+  EXPECT_EQ((followed<double, double>(1e17)), 1e17) << "a time in nanoseconds";
+  EXPECT_EQ((followed<std::uint64_t, std::uint64_t>(~0ull)), ~0ull) << "every integer is a number";
+  EXPECT_EQ((followed<std::array<double, 3>, std::array<double, 3>>({1, kNan, 3})), (std::array<double, 3>{}))
+      << "a field is carried as a whole or not at all";
 }
 
 TEST(Migrate, SameStateIsCarriedWhole) {

@@ -3,6 +3,9 @@
 
 #include <cstdio>
 #include <cstring>
+#include <string_view>
+
+#include "spine/core/text.hpp"
 
 namespace lithe::law {
 namespace {
@@ -10,6 +13,20 @@ namespace {
 template <std::size_t N>
 bool is_text(const char (&text)[N]) {
   return text[0] != '\0' && std::memchr(text, '\0', N) != nullptr;
+}
+
+template <std::size_t N>
+bool shows(const char (&text)[N]) {
+  return is_printable(std::string_view(text, ::strnlen(text, N)));
+}
+
+// They reach terminals, logs and certificates.
+bool names_are_printable(const LitheLaw& law) {
+  bool all = shows(law.name);
+  for (std::uint32_t i = 0; i < law.state_count; ++i) all = all && shows(law.state[i].name);
+  for (std::uint32_t i = 0; i < law.param_count; ++i) all = all && shows(law.params[i].name);
+  for (std::uint32_t i = 0; i < law.probe_count; ++i) all = all && shows(law.probes[i]);
+  return all;
 }
 
 bool state_is_sound(const LitheLaw& law) {
@@ -49,6 +66,10 @@ const char* check_law(const LitheLaw& law) {
   if (!params_are_sound(law)) return "a Param is outside its own range";
   for (std::uint32_t i = 0; i < law.probe_count; ++i) {
     if (!is_text(law.probes[i])) return "the Probes description is damaged";
+  }
+  if (!names_are_printable(law)) {
+    return "a name of the law, or of its State, Params or Probes, is not printable text: no control characters, no "
+           "escapes, UTF-8";
   }
   return law.step == nullptr ? "the law has no step" : nullptr;
 }

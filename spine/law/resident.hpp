@@ -48,8 +48,9 @@ struct Resident {
   std::uint64_t code_address = 0;  // where the slot begins; 0 = no slot
   Terms terms;
   std::array<Param, kMaxParams> params{};
-  std::array<double, kMaxParams> params_before{};  // the last set but one, for a revert
-  std::array<Bridge, kResidents> bridges{};        // by the peer's index: whichever of them is active at the commit
+  std::array<double, kMaxParams> params_before{};   // the last set but one, for a revert
+  std::array<double, kMaxParams> params_trusted{};  // before the first of those on probation
+  std::array<Bridge, kResidents> bridges{};         // by the peer's index: whichever of them is active at the commit
   alignas(64) std::array<std::byte, kMaxStateBytes> state{};
 
   // Clears `effort`, then runs the law once.
@@ -72,6 +73,15 @@ struct Resident {
   // Swaps the values of the last remember_params() with those of now.
   void revert_params() LITHE_RT {
     for (std::uint32_t i = 0; i < kMaxParams; ++i) std::swap(params_before[i], params[i].value);
+  }
+
+  // What is in force now has proven itself: a change that does not will end here.
+  void trust_params() LITHE_RT {
+    for (std::uint32_t i = 0; i < kMaxParams; ++i) params_trusted[i] = params[i].value;
+  }
+  // Back to the last trusted values. A revert then finds nothing else: what came after them was no good.
+  void restore_trusted_params() LITHE_RT {
+    for (std::uint32_t i = 0; i < kMaxParams; ++i) params[i].value = params_before[i] = params_trusted[i];
   }
 
   const Bridge* bridge_from(const Resident& peer) const LITHE_RT {

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <atomic>
+#include <bit>
 #include <cstdint>
 #include <optional>
 
@@ -19,6 +20,8 @@ struct Commit {
   std::uint64_t request_id = 0;
   std::uint32_t fields_carried = 0;
   std::uint32_t bytes_carried = 0;
+  FieldBits not_carried =
+      0;  // fields of the candidate that start from their default: the old value is no usable number
 };
 
 enum class Carry : std::uint8_t { named, none };
@@ -92,8 +95,8 @@ class Slot {
   void carry_into(Resident& candidate, Commit& done) LITHE_RT {
     const Bridge* bridge = active_ == nullptr ? nullptr : candidate.bridge_from(*active_);
     if (bridge == nullptr) return;
-    apply_migration(bridge->in, active_->state.data(), candidate.state.data());
-    done.fields_carried = bridge->in.count;
+    done.not_carried = apply_migration(bridge->in, active_->state.data(), candidate.state.data());
+    done.fields_carried = bridge->in.count - static_cast<std::uint32_t>(std::popcount(done.not_carried));
     done.bytes_carried = bridge->in.bytes;
   }
 
@@ -108,13 +111,17 @@ class Slot {
 
   // Back by `n` laws; those passed over are retired. `named`: fields both laws have come from the law that leaves, the
   // rest is as it was when it was replaced. `none`: the law that leaves is not trusted (it put out NaN, it crashed),
-  // nothing of it is kept. False when there are not so many. Safe in the middle of a tick, between two steps.
-  bool rollback(Carry carry = Carry::named, std::uint32_t n = 1) LITHE_RT {
+  // nothing of it is kept. A field that holds no usable number then starts from its default: `mended`, if given, gets
+  // those fields. False when there are not so many laws. Safe in the middle of a tick, between two steps.
+  bool rollback(Carry carry = Carry::named, std::uint32_t n = 1, FieldBits* mended = nullptr) LITHE_RT {
     Resident* target = before(n);
     if (target == nullptr) return false;
+    FieldBits bits = 0;
     if (const Bridge* bridge = active_->bridge_from(*target); bridge != nullptr && carry == Carry::named) {
-      apply_migration(bridge->out, active_->state.data(), target->state.data());
+      bits = apply_migration(bridge->out, active_->state.data(), target->state.data());
     }
+    bits |= mend_state(*target->descriptor, target->state.data());
+    if (mended != nullptr) *mended = bits;
     retire(active_);
     for (std::uint32_t i = 0; i + 1 < n; ++i) retire(history_[i]);
     depth_ -= n;

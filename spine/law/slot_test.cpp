@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
+#include <limits>
 #include <thread>
 #include <vector>
 
@@ -72,6 +74,60 @@ TEST(Slot, CommitCarriesState) {
   ASSERT_TRUE(slot.offer(&c));
   EXPECT_EQ(slot.try_commit()->fields_carried, 0u) << "no bridge: the law starts from its defaults";
   EXPECT_EQ(slot.active_id(), 3u);
+}
+
+struct Filter {
+  struct Params {};
+  struct State {
+    double integral_nm = 0.5;
+    double mean_rad_s = 0.25;
+    double unknown_rad = kAbsent;  // marked as not known yet
+  };
+  static void step(const Tick&, const Params&, State&, Effort&) {}
+};
+constexpr LitheLaw kFilter = describe<Filter>("filter");
+
+void poison(Resident& law, double integral_nm) {
+  reinterpret_cast<Filter::State*>(law.state.data())->integral_nm = integral_nm;
+  reinterpret_cast<Filter::State*>(law.state.data())->mean_rad_s = 7;
+}
+
+TEST(Slot, AFieldThatIsNoNumberIsNotCarriedAndIsNamed) {
+  for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity(), 1e200}) {
+    Slot slot;
+    Resident a = make(kFilter, 0, 1), b = make(kFilter, 1, 2);
+    slot.offer(&a);
+    slot.try_commit();
+    poison(a, bad);
+    build_bridge(b, a);
+    slot.offer(&b);
+    const auto done = slot.try_commit();
+    EXPECT_EQ(done->not_carried & 1u, 1u);
+    EXPECT_EQ(done->fields_carried, 1u);
+    EXPECT_EQ(state_of<Filter::State>(b).integral_nm, 0.5) << "its default";
+    EXPECT_EQ(state_of<Filter::State>(b).mean_rad_s, 7);
+    EXPECT_TRUE(std::isnan(state_of<Filter::State>(b).unknown_rad)) << "and so does a mark that a law sets itself";
+  }
+}
+
+TEST(Slot, ALawThatComesBackStartsAPoisonedFieldFromItsDefault) {
+  for (const Carry carry : {Carry::named, Carry::none}) {
+    Slot slot;
+    Resident a = make(kFilter, 0, 1), b = make(kFilter, 1, 2);
+    slot.offer(&a);
+    slot.try_commit();
+    poison(a, std::nan(""));  // hidden: its output does not show it
+    build_bridge(b, a);
+    slot.offer(&b);
+    slot.try_commit();
+    poison(b, std::nan(""));
+    FieldBits mended = 0;
+    ASSERT_TRUE(slot.rollback(carry, 1, &mended));
+    EXPECT_EQ(mended & 1u, 1u);
+    EXPECT_EQ(state_of<Filter::State>(a).integral_nm, 0.5);
+    EXPECT_EQ(state_of<Filter::State>(a).mean_rad_s, 7);
+    EXPECT_TRUE(std::isnan(state_of<Filter::State>(a).unknown_rad)) << "the default itself is such a value";
+  }
 }
 
 TEST(Slot, TheLastLawsStayAndTheOldestIsRetired) {

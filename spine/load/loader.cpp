@@ -19,6 +19,16 @@ void copy_text(char* to, const char (&from)[N]) {
   to[N - 1] = '\0';
 }
 
+// Values instead of the compiled ones, before anything of the law runs. False: a parameter it does not have, or a value
+// outside its range.
+bool take_params(law::Resident& place, const wire::StageRequest& request) {
+  if (request.param_count > wire::kNparam) return false;
+  for (std::uint32_t i = 0; i < request.param_count; ++i) {
+    if (!place.set_param(request.param_index[i], request.param_value[i])) return false;
+  }
+  return true;
+}
+
 // Of a shadow, a blend or a probation: ten minutes at 1 kHz.
 constexpr std::uint32_t kMostTicks = 600'000;
 
@@ -149,6 +159,11 @@ wire::StageResult Loader::prepare(law::Resident& place, const wire::StageRequest
   place.request_id = request.request_id;
   place.source_hash = request.source_hash;
   place.terms = terms_of(request);
+  if (!take_params(place, request)) {
+    std::snprintf(why.data(), why.size(), "a parameter of the request is not the law's, or outside its range");
+    unload(place);
+    return wire::StageResult::hostile;
+  }
   if (!rehearsal_.prepare(place, monotonic_ns(), why)) {
     unload(place);
     return wire::StageResult::dry_run_failed;

@@ -6,6 +6,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -31,7 +32,7 @@ class LoaderTest : public ::testing::Test {
 
   // Sends a request through the mailbox, as the supervisor does.
   std::uint64_t send(const std::string& path) {
-    wire::StageRequest request;
+    wire::StageRequest request = next_;
     request.request_id = ++request_id_;
     path.copy(request.path.data(), request.path.size());
     const auto ticket = sender_.send(request);
@@ -76,6 +77,7 @@ class LoaderTest : public ::testing::Test {
     return info;
   }
 
+  wire::StageRequest next_;  // what the next request says besides
   std::string dir_;
   std::uint64_t request_id_ = 100;
   std::int64_t now_ns_ = 1;
@@ -91,6 +93,31 @@ class LoaderTest : public ::testing::Test {
   Loader loader_{slot_, store_, *spine_, *control_, rehearsal_};
   std::array<double, kMaxProbes> probes_{};
 };
+
+TEST_F(LoaderTest, ParametersOfARequestAreInForceFromTheFirstTickOn) {
+  next_.param_count = 1;
+  next_.param_value[0] = 0.25;
+  EXPECT_EQ(stage(OBJECT_counter), StageResult::staged);
+  commit();
+  EXPECT_EQ(slot_.active()->params[0].value, 0.25);
+  slot_.active()->revert_params();
+  EXPECT_EQ(slot_.active()->params[0].value, 0.5) << "as compiled";
+}
+
+TEST_F(LoaderTest, ParametersThatAreNotTheLawsAreRefused) {
+  const auto refuses = [this](std::uint32_t count, std::uint32_t index, double value) {
+    next_.param_count = count;
+    next_.param_index[0] = index;
+    next_.param_value[0] = value;
+    EXPECT_EQ(stage(OBJECT_counter), StageResult::hostile) << count << " " << index << " " << value;
+    EXPECT_NE(refusal().find("a parameter of the request"), std::string::npos);
+  };
+  refuses(1, 1, 0.5);
+  refuses(1, 0xffffffff, 0.5);
+  refuses(1, 0, std::nan(""));
+  refuses(1, 0, 1e9);
+  refuses(wire::kNparam + 1, 0, 0.5);
+}
 
 TEST_F(LoaderTest, StagedLawIsCommittedDescribedAndStepsFromItsDefaults) {
   EXPECT_EQ(stage(OBJECT_counter), StageResult::staged);

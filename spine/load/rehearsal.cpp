@@ -27,6 +27,17 @@ void call_init(void* context) {
 
 void call_step(void* context) { static_cast<law::Sandbox*>(context)->call(); }
 
+// A law's init() sees numbers only. x - x is 0 for every finite x, NaN for all others.
+bool is_finite(const wire::Telemetry& record, std::uint32_t joints) {
+  double sum = 0;
+  for (const double* values :
+       {record.position_rad.data(), record.velocity_rad_s.data(), record.torque_nm.data(),
+        record.setpoint_position_rad.data(), record.setpoint_velocity_rad_s.data(), record.command_torque_nm.data()}) {
+    for (std::uint32_t j = 0; j < joints; ++j) sum += values[j] - values[j];
+  }
+  return sum == 0;
+}
+
 void copy(const wire::Telemetry& record, std::int64_t now_ns, std::uint32_t joints, PastTick& tick) {
   const std::size_t bytes = joints * sizeof(double);
   tick.age_s = static_cast<double>(now_ns - record.release_ns) * 1e-9;
@@ -36,6 +47,7 @@ void copy(const wire::Telemetry& record, std::int64_t now_ns, std::uint32_t join
   std::memcpy(tick.setpoint_position_rad.data(), record.setpoint_position_rad.data(), bytes);
   std::memcpy(tick.setpoint_velocity_rad_s.data(), record.setpoint_velocity_rad_s.data(), bytes);
   std::memcpy(tick.command_torque_nm.data(), record.command_torque_nm.data(), bytes);
+  tick.sensor = record.sensor;
 }
 
 }  // namespace
@@ -62,13 +74,14 @@ bool Rehearsal::start(law::Resident& law, std::int64_t now_ns, std::span<char> w
   return true;
 }
 
-// The newest first. Records that are overwritten while they are read are left out.
+// The newest first. Left out: records that are overwritten while they are read, and those with a NaN of a broken
+// sensor.
 const History& Rehearsal::look_back(std::int64_t now_ns) {
   ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> reader(spine_.telemetry);
   reader.rewind(kMostPast);  // while these are read, more may come
   std::uint32_t seen = 0;
   while (!reader.empty()) {
-    if (!reader.next(record_)) continue;
+    if (!reader.next(record_) || !is_finite(record_, joints_)) continue;
     copy(record_, now_ns, joints_, (*past_)[seen++ % kMostPast]);
   }
   const std::uint32_t count = std::min(seen, kMostPast);

@@ -18,6 +18,8 @@ struct Warm {
     double oldest_age_s = -1;
     std::uint32_t seen = 0;
     std::uint32_t joints = 0;
+    double newest_sensor = -1;
+    double oldest_sensor = -1;
   };
   static void init(const History& past, const Params&, State& s) {
     s.seen = past.count;
@@ -27,6 +29,8 @@ struct Warm {
     if (past.count == 0) return;
     s.newest_rad = past[0].position_rad[0];
     s.oldest_age_s = past[past.count - 1].age_s;
+    s.newest_sensor = past[0].sensor[kMaxSensors - 1];
+    s.oldest_sensor = past[past.count - 1].sensor[kMaxSensors - 1];
   }
   static void step(const Tick&, const Params&, State&, Effort& u) { u.torque_nm[0] = 0; }
 };
@@ -59,6 +63,7 @@ class RehearsalTest : public testing::Test {
       record.release_ns = now_ns_;
       record.position_rad[0] = 0.002 * k;
       record.velocity_rad_s[0] = 2;
+      record.sensor[kMaxSensors - 1] = 100 + k;
       writer.push(record);
     }
   }
@@ -91,6 +96,12 @@ TEST_F(RehearsalTest, ALawLooksBackOnMoreThanASecondBeforeItStarts) {
   EXPECT_NEAR(state.oldest_age_s, 1.499, 1e-9);
 }
 
+TEST_F(RehearsalTest, AFilterOverASensorNeedNotStartCold) {
+  const Warm::State state = started(1500);
+  EXPECT_DOUBLE_EQ(state.newest_sensor, 100 + 1499);
+  EXPECT_DOUBLE_EQ(state.oldest_sensor, 100);
+}
+
 TEST_F(RehearsalTest, TheNewestTicksAreKeptWhenThereAreMoreThanFit) {
   for (const std::uint32_t count : {kMostPast - 1, kMostPast, kMostPast + 1, 2 * kMostPast, 10'000u}) {
     const Warm::State state = started(count);
@@ -99,6 +110,20 @@ TEST_F(RehearsalTest, TheNewestTicksAreKeptWhenThereAreMoreThanFit) {
     EXPECT_NEAR(state.oldest_age_s, 1e-3 * (std::min(count, kMostPast) - 1), 1e-9) << count;
     std::memset(static_cast<void*>(spine_.get()), 0, sizeof *spine_);
   }
+}
+
+TEST_F(RehearsalTest, TicksInWhichASensorWasBrokenAreNotShown) {
+  live(10);
+  ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth> writer(spine_->telemetry);
+  wire::Telemetry broken{};
+  broken.release_ns = ++now_ns_;
+  broken.velocity_rad_s[1] = std::nan("");
+  writer.push(broken);
+  EXPECT_TRUE(prepare(kWarm)) << why_.data();
+  Warm::State state;
+  std::memcpy(&state, law_->state.data(), sizeof state);
+  EXPECT_EQ(state.seen, 10u);
+  EXPECT_DOUBLE_EQ(state.newest_rad, 0.002 * 9);
 }
 
 TEST_F(RehearsalTest, ARobotThatHasJustStartedHasNoPast) { EXPECT_EQ(started(0).seen, 0u); }

@@ -122,22 +122,59 @@ void Spine::replace_law(LawFaultKind why, std::int64_t now_ns) LITHE_RT {
   const bool resumed = resume_previous();
   report(fault, resumed ? slot_.active()->law_id : 0, 0);
   resumed ? tell_rollback(why, now_ns) : stop_for_law(why, now_ns);
+  why_ = {};
 }
 
-// Makes the law before the active one the active one. Nothing of the other's state is kept. False: there is none.
+// Goes back by one step: to the parameters before the last ones while these are on probation, else to the law before
+// the active one, and nothing of the other's state is kept. False: there is no such law.
 bool Spine::resume_previous() LITHE_RT {
+  params_went_ = probation_.of_params();
+  if (params_went_) {
+    probation_.end_params();
+    slot_.active()->restore_trusted_params();
+    out_.params(*slot_.active());
+    return true;
+  }
   probation_.end();
   if (slot_.before(1) == nullptr) return false;
-  slot_.rollback(law::Carry::none);
+  law::FieldBits mended = 0;
+  slot_.rollback(law::Carry::none, 1, &mended);
   flags_ |= flag::kRolledBack;
   greet_law(0);
   out_.params(*slot_.active());
+  tell_not_carried(*slot_.active(), mended, in_.t_ns);
   return true;
 }
 
+// The fields of a law's State that start from their defaults, because there was no usable number to go on with.
+void Spine::tell_not_carried(const law::Resident& law, law::FieldBits fields, std::int64_t now_ns) LITHE_RT {
+  if (fields == 0) return;
+  Words words;
+  std::uint32_t count = 0;
+  for (std::uint32_t i = 0; i < law.descriptor->state_count && i < kMaxStateFields; ++i) {
+    if ((fields >> i & 1) == 0) continue;
+    const auto& name = law.descriptor->state[i].name;
+    const auto length = static_cast<std::size_t>(std::find(std::begin(name), std::end(name), '\0') - std::begin(name));
+    words << (count++ == 0 ? "" : ", ") << std::string_view(name, length);
+  }
+  words << ": no finite number; starts from its default";
+  out_.event(EventKind::state_not_carried, now_ns, law.law_id, law.request_id, count, words.text());
+}
+
 void Spine::tell_rollback(LawFaultKind why, std::int64_t now_ns) LITHE_RT {
+  if (params_went_) {
+    out_.event(EventKind::params_reverted, now_ns, slot_.active()->law_id, params_request_id_, 0, in_words(why).text());
+    return;
+  }
   out_.event(EventKind::law_rolled_back, now_ns, slot_.active()->law_id, slot_.active()->request_id, 1,
-             wire::to_string(why));
+             in_words(why).text());
+}
+
+// "oscillating: joint wrist, 31 Hz".
+Words Spine::in_words(LawFaultKind why) const LITHE_RT {
+  Words words;
+  words << wire::to_string(why) << (why_.text().empty() ? "" : ": ") << why_.text();
+  return words;
 }
 
 void Spine::stop_for_law(LawFaultKind kind, std::int64_t now_ns) LITHE_RT {
@@ -171,7 +208,7 @@ void Spine::report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t 
   out_.law_fault(fault);
   flags_ |= flag::kLawFaulted;
   out_.event(EventKind::law_faulted, fault.t_ns, fault.kind, fault.request_id,
-             static_cast<double>(fault.took_ns) * 1e-3, wire::to_string(static_cast<LawFaultKind>(fault.kind)));
+             static_cast<double>(fault.took_ns) * 1e-3, in_words(static_cast<LawFaultKind>(fault.kind)).text());
 }
 
 // A law on probation that does worse than the one before it has to go; from the next tick on that one runs again.
@@ -180,20 +217,48 @@ void Spine::judge_law(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_
   if (slot_.active() == nullptr) return;
   // The guard has just taken joints from it that ran away: after the reset it shall not be this law that runs.
   const auto ran_away = [](const guard::Group& group) { return group.news && is_runaway(group.fault); };
-  if (probation_.on() && std::ranges::any_of(guard_.groups(), ran_away)) {
+  if (probation_.on() && !verdict.recovering && std::ranges::any_of(guard_.groups(), ran_away)) {
     return replace_law(LawFaultKind::guard_stopped, now_ns);
   }
   if (!mode_.law_runs()) return;
   if (probation_.on()) flags_ |= flag::kOnProbation;
-  bool confirmed = false;
-  const LawFaultKind kind = probation_.watch({in_, durations_.law_ns, verdict.law_flags}, confirmed);
-  if (confirmed) {
-    const law::Resident& law = *slot_.active();
-    out_.event(
-        EventKind::law_confirmed, now_ns, law.law_id, law.request_id, 0,
-        guard_.any_stopped() ? "its probation is over, with a part of the robot stopped" : "its probation is over");
+  if (probation_.of_params()) flags_ |= flag::kParamsOnProbation;
+  for (std::uint32_t j = 0; j < joints_; ++j) {
+    wanted_nm_[j] = torque_at_joint(effort_, j, in_.position_rad[j], in_.velocity_rad_s[j]);
   }
-  if (kind != LawFaultKind::none) replace_law(kind, now_ns);
+  const Probation::News news = probation_.watch({in_, wanted_nm_, durations_.law_ns, verdict.law_flags});
+  if (probation_.unproven()) flags_ |= flag::kUnproven;
+  tell_probation(news, now_ns);
+  if (news.kind == LawFaultKind::none) return;
+  name_tremor(news.finding);
+  replace_law(news.kind, now_ns);
+}
+
+void Spine::tell_probation(const Probation::News& news, std::int64_t now_ns) LITHE_RT {
+  const law::Resident& law = *slot_.active();
+  constexpr std::string_view kAtRest = "the robot moved too little to judge by; its probation goes on";
+  if (news.law_unproven) out_.event(EventKind::law_unproven, now_ns, law.law_id, law.request_id, 0, kAtRest);
+  if (news.params_unproven) out_.event(EventKind::law_unproven, now_ns, law.law_id, params_request_id_, 1, kAtRest);
+  if (news.params_confirmed) {
+    out_.event(EventKind::params_confirmed, now_ns, law.law_id, params_request_id_, 0, "their probation is over");
+  }
+  if (!news.law_confirmed) return;
+  out_.event(
+      EventKind::law_confirmed, now_ns, law.law_id, law.request_id, 0,
+      guard_.any_stopped() ? "its probation is over, with a part of the robot stopped" : "its probation is over");
+}
+
+// "joint wrist, 31 Hz".
+void Spine::name_tremor(const law::Tremor::Finding& finding) LITHE_RT {
+  why_ = {};
+  if (finding.kind == law::Tremor::Finding::Kind::none) return;
+  why_ << "joint " << robot_.joints[finding.joint].name << ", ";
+  char digits[12];
+  std::size_t at = sizeof digits;
+  auto hertz = static_cast<std::uint32_t>(std::min(finding.frequency_hz, 1e6) + 0.5);
+  do digits[--at] = static_cast<char>('0' + hertz % 10);
+  while ((hertz /= 10) > 0);
+  why_ << std::string_view(digits + at, sizeof digits - at) << " Hz";
 }
 
 // One atomic exchange: the law that the Loader staged runs from the next tick on.
@@ -214,6 +279,7 @@ void Spine::commit(law::Resident& candidate, law::Carry carry, std::int64_t now_
   flags_ |= flag::kSwapCommitted;
   out_.event(EventKind::law_committed, now_ns, done.law_id, done.request_id, static_cast<double>(done.fields_carried),
              "runs from the next tick");
+  tell_not_carried(candidate, done.not_carried, now_ns);
   out_.params(candidate);
 }
 
@@ -224,6 +290,7 @@ void Spine::start_shadow(law::Resident& candidate, std::int64_t now_ns) LITHE_RT
   shadow_.start(candidate, tick_, joints_);
   out_.event(EventKind::shadow_started, now_ns, candidate.law_id, candidate.request_id, candidate.terms.shadow_ticks,
              "runs beside the active law");
+  tell_not_carried(candidate, carried.not_carried, now_ns);
 }
 
 // After the active law's output is on its way: what the candidate would have done in this tick.

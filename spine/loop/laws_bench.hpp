@@ -70,6 +70,47 @@ struct Integrate {  // its state is its output
     u.torque_nm[0] = s.integral_nm;
   }
 };
+struct Poisoner {  // never shows what it keeps
+  struct Params {};
+  struct State {
+    double integral_nm = 0;
+    double calls = 0;
+  };
+  static void step(const Tick&, const Params&, State& s, Effort&) {
+    s.calls += 1;
+    s.integral_nm = std::numeric_limits<double>::quiet_NaN();
+  }
+};
+struct Lazy {  // holds where it is, follows nothing
+  struct Params {};
+  struct State {};
+  static void step(const Tick& t, const Params&, State&, Effort& u) { u.torque_nm[0] = -0.2 * t.velocity_rad_s[0]; }
+};
+struct Chatters {
+  struct Params {};
+  struct State {};
+  static void step(const Tick& t, const Params&, State&, Effort& u) {
+    u.torque_nm[0] = 4.0 * (t.setpoint_position_rad[0] - t.position_rad[0]) - 0.1 * t.velocity_rad_s[0] +
+                     (t.tick % 2 == 0 ? 0.2 : -0.2);
+  }
+};
+struct Swings {  // negative damping
+  struct Params {};
+  struct State {};
+  static void step(const Tick& t, const Params&, State&, Effort& u) {
+    u.torque_nm[0] = 4.0 * (t.setpoint_position_rad[0] - t.position_rad[0]) + 0.012 * t.velocity_rad_s[0];
+  }
+};
+struct Tuned {
+  struct Params {
+    Param bias_nm{0, 0, 1}, kd_nm_s_rad{0.1, -1, 1};
+  };
+  struct State {};
+  static void step(const Tick& t, const Params& p, State&, Effort& u) {
+    u.torque_nm[0] = 4.0 * (t.setpoint_position_rad[0] - t.position_rad[0]) - p.kd_nm_s_rad * t.velocity_rad_s[0] +
+                     0.01 * p.bias_nm / (1 - p.bias_nm);
+  }
+};
 struct Clock {  // puts out its own time
   struct Params {};
   struct State {};
@@ -101,6 +142,11 @@ inline constexpr LitheLaw kLateNan = describe<LateNan>("late_nan");
 inline constexpr LitheLaw kCrash = describe<Crash>("crash");
 inline constexpr LitheLaw kScribble = describe<Scribble>("scribble");
 inline constexpr LitheLaw kIntegrate = describe<Integrate>("integrate");
+inline constexpr LitheLaw kPoisoner = describe<Poisoner>("poisoner");
+inline constexpr LitheLaw kLazy = describe<Lazy>("lazy");
+inline constexpr LitheLaw kChatters = describe<Chatters>("chatters");
+inline constexpr LitheLaw kSwings = describe<Swings>("swings");
+inline constexpr LitheLaw kTuned = describe<Tuned>("tuned");
 inline constexpr LitheLaw kClock = describe<Clock>("clock");
 inline constexpr LitheLaw kRaise = describe<Raise>("raise");
 inline constexpr LitheLaw kHuge = describe<Huge>("huge");
@@ -123,6 +169,21 @@ class LawsTest : public TickTest {
     wire::LawFault fault{};
     if (!fault_reader_.next(fault)) return std::nullopt;
     return fault;
+  }
+  CommandResult set(std::uint32_t param, double value) {
+    wire::Command command;
+    command.kind = static_cast<std::uint32_t>(CommandKind::set_params);
+    command.count = 1;
+    command.index[0] = param;
+    command.value[0] = value;
+    return send(command);
+  }
+  // Ticks with a Brain that is alive.
+  void live(int count) {
+    for (int i = 0; i < count; ++i) {
+      brain_memory_->header.heartbeat_ns = now_ns_;
+      tick();
+    }
   }
   wire::ShadowReport shadow_report() const {
     wire::ShadowReport report{};

@@ -40,6 +40,23 @@ TEST_F(LawsTest, WithoutALawBeforeItTheSafeLawTakesOverInTheSameTick) {
   EXPECT_EQ(send(CommandKind::arm), CommandResult::refused_fault);
 }
 
+TEST_F(LawsTest, APoisonedStateDoesNotLockTheNextLawOut) {
+  arm_with(kPoisoner);
+  ticks(10);
+  stage(kIntegrate);
+  ticks(20);
+  EXPECT_EQ(slot_.active()->law_id, 2u) << "it starts from its default, and runs";
+  EXPECT_FALSE(next_fault());
+  const auto told = events(EventKind::state_not_carried);
+  ASSERT_EQ(told.size(), 1u);
+  EXPECT_EQ(told[0].code, 2u);
+  EXPECT_EQ(told[0].value, 1);
+  EXPECT_STREQ(told[0].text.data(), "integral_nm: no finite number; starts from its default");
+  slot_.before(1)->state = {};
+  EXPECT_EQ(send(CommandKind::rollback), CommandResult::done);
+  EXPECT_EQ(events(EventKind::state_not_carried).size(), 1u) << "nothing is wrong on this way back";
+}
+
 TEST_F(LawsTest, TwoBadLawsInARowEndInTheSafeLaw) {
   arm_with(kPd);
   stage(kLateNan);

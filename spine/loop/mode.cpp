@@ -8,12 +8,24 @@ using wire::CommandResult;
 using wire::Fault;
 using wire::Mode;
 
+namespace {
+
+// What recover is the way out of.
+bool leaves_by_recover(Fault fault) LITHE_RT {
+  return fault == Fault::none || fault == Fault::position_limit || fault == Fault::velocity_limit ||
+         fault == Fault::recover_failed;
+}
+
+}  // namespace
+
 CommandResult ModeMachine::apply(CommandKind kind, const Conditions& conditions) LITHE_RT {
   switch (kind) {
     case CommandKind::arm:
       return arm(conditions);
     case CommandKind::reset:
       return reset(conditions);
+    case CommandKind::recover:
+      return recover(conditions);
     case CommandKind::disarm:
       // An e-stop is not undone by the back door: only a reset leaves it.
       if (mode_ == Mode::estop) return CommandResult::refused_estop;
@@ -37,7 +49,19 @@ CommandResult ModeMachine::arm(const Conditions& conditions) LITHE_RT {
   if (!conditions.has_law) return CommandResult::refused_law;
   if (!conditions.sample_fresh) return CommandResult::refused_not_ready;
   if (!conditions.homed) return CommandResult::refused_not_homed;
+  if (!conditions.inside) return CommandResult::refused_outside;
   mode_ = Mode::active;
+  return CommandResult::done;
+}
+
+CommandResult ModeMachine::recover(const Conditions& conditions) LITHE_RT {
+  if (conditions.estop_pressed || mode_ == Mode::estop) return CommandResult::refused_estop;
+  if (law_runs()) return CommandResult::refused_mode;
+  if (!leaves_by_recover(fault_)) return CommandResult::refused_fault;
+  if (!conditions.sample_fresh) return CommandResult::refused_not_ready;
+  if (!conditions.homed) return CommandResult::refused_not_homed;
+  mode_ = Mode::recover;
+  fault_ = Fault::none;
   return CommandResult::done;
 }
 
@@ -50,7 +74,7 @@ CommandResult ModeMachine::reset(const Conditions& conditions) LITHE_RT {
 }
 
 bool ModeMachine::fail(Fault fault) LITHE_RT {
-  if (!law_runs()) return false;
+  if (!can_fail()) return false;
   mode_ = Mode::safe_stop;
   fault_ = fault;  // what stopped the whole; each joint's own is with the guard
   return true;

@@ -15,13 +15,16 @@ struct Conditions {
   bool sample_fresh = false;   // every joint has answered in this tick
   bool homed = true;           // every joint that must be homed is
   bool estop_pressed = false;  // one of the sticky words is set
+  bool inside = true;          // every joint is within its position limits
 };
 
 // disarmed --arm--> active <--arm/hold--> hold;  disarm: from active, hold and safe_stop;
-// fault: active, hold --> safe_stop;  e-stop: from anywhere --> estop;  reset: wherever a fault is latched -->
+// fault: active, hold, recover --> safe_stop;  e-stop: from anywhere --> estop;  reset: wherever a fault is latched -->
 // disarmed. safe_stop and estop are latched: only a reset leaves them, and never straight into motion. A fault
-// of a part of the robot, without which the rest goes on, is latched as well and leaves the mode alone. Contract: RT ·
-// owned by the tick thread
+// of a part of the robot, without which the rest goes on, is latched as well and leaves the mode alone.
+// recover: from disarmed, and from a safe stop whose fault it is the way out of (position_limit, velocity_limit,
+// recover_failed), so that a joint that is held there need not fall first. It ends with disarm, a fault, or with arm
+// once every joint is inside. Contract: RT · owned by the tick thread
 class ModeMachine {
  public:
   wire::Mode mode() const LITHE_RT { return mode_; }
@@ -30,8 +33,9 @@ class ModeMachine {
   // In the e-stop: the drives had torque when it was pressed. Others stay off, whoever has his hands on the joints.
   bool damps() const LITHE_RT { return mode_ == wire::Mode::estop && was_energised_; }
   bool law_runs() const LITHE_RT { return mode_ == wire::Mode::active || mode_ == wire::Mode::hold; }
+  bool can_fail() const LITHE_RT { return law_runs() || mode_ == wire::Mode::recover; }
 
-  // Applies one of arm, disarm, hold, reset, estop; anything else is refused_unknown.
+  // Applies one of arm, disarm, hold, reset, recover, estop; anything else is refused_unknown.
   wire::CommandResult apply(wire::CommandKind kind, const Conditions& conditions) LITHE_RT;
 
   // A fault of the running robot: into the latched safe stop. Ignored where nothing is driven. True if the mode
@@ -45,6 +49,7 @@ class ModeMachine {
  private:
   wire::CommandResult arm(const Conditions& conditions) LITHE_RT;
   wire::CommandResult reset(const Conditions& conditions) LITHE_RT;
+  wire::CommandResult recover(const Conditions& conditions) LITHE_RT;
 
   wire::Mode mode_ = wire::Mode::disarmed;
   wire::Fault fault_ = wire::Fault::none;

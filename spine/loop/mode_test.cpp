@@ -28,6 +28,34 @@ TEST(ModeMachine, AJointThatMustBeHomedKeepsTheRobotFromBeingArmed) {
   EXPECT_EQ(machine.apply(CommandKind::arm, kReady), CommandResult::done);
 }
 
+TEST(ModeMachine, AJointOutsideItsLimitsIsNotArmedAndRecoverIsTheWay) {
+  ModeMachine machine;
+  Conditions outside = kReady;
+  outside.inside = false;
+  EXPECT_EQ(machine.apply(CommandKind::arm, outside), CommandResult::refused_outside);
+  EXPECT_EQ(machine.apply(CommandKind::recover, outside), CommandResult::done);
+  EXPECT_TRUE(machine.energised());
+  EXPECT_FALSE(machine.law_runs());
+  EXPECT_EQ(machine.apply(CommandKind::arm, outside), CommandResult::refused_outside);
+  EXPECT_EQ(machine.apply(CommandKind::arm, kReady), CommandResult::done);
+  EXPECT_EQ(machine.apply(CommandKind::recover, kReady), CommandResult::refused_mode) << "a law runs";
+}
+
+TEST(ModeMachine, RecoverLeavesOnlySafeStopsThatItIsTheWayOutOf) {
+  for (const Fault fault : {Fault::position_limit, Fault::velocity_limit, Fault::recover_failed}) {
+    ModeMachine machine = armed();
+    machine.fail(fault);
+    EXPECT_EQ(machine.apply(CommandKind::recover, kReady), CommandResult::done);
+    EXPECT_EQ(machine.fault(), Fault::none);
+    EXPECT_TRUE(machine.fail(Fault::drive_lost));
+    EXPECT_EQ(machine.mode(), Mode::safe_stop);
+    EXPECT_EQ(machine.apply(CommandKind::recover, kReady), CommandResult::refused_fault);
+  }
+  ModeMachine machine = armed();
+  machine.press_estop();
+  EXPECT_EQ(machine.apply(CommandKind::recover, kReady), CommandResult::refused_estop);
+}
+
 TEST(ModeMachine, StartsWithNothingDriven) {
   const ModeMachine machine;
   EXPECT_EQ(machine.mode(), Mode::disarmed);

@@ -7,6 +7,8 @@
 namespace lithe::loop {
 namespace {
 
+using wire::LawFaultKind;
+
 constexpr double kErrorMemoryS = 1.0;
 constexpr double kGuardMemoryS = 0.2;  // a step of the setpoint may saturate a good law for a tenth of a second
 constexpr double kBusy = 0.8, kCalm = 0.4;
@@ -17,37 +19,87 @@ double error_rad(const Tick& in, std::uint32_t j) LITHE_RT {
   return std::abs(in.setpoint_position_rad[j] - in.position_rad[j]);
 }
 
+// The robot moves, or is asked to.
+bool in_motion(const Tick& in) LITHE_RT {
+  bool moves = false;
+  for (std::uint32_t j = 0; j < in.joints; ++j) {
+    moves |= std::abs(in.velocity_rad_s[j]) > Probation::kMovingRadS ||
+             std::abs(in.setpoint_velocity_rad_s[j]) > Probation::kAskedRadS;
+  }
+  return moves;
+}
+
 }  // namespace
 
-void Probation::configure(double rate_hz) {
-  forget_error_ = std::exp(-1.0 / (kErrorMemoryS * rate_hz));
-  forget_guard_ = std::exp(-1.0 / (kGuardMemoryS * rate_hz));
+void Probation::configure(const robot::RobotConfig& robot) {
+  forget_error_ = std::exp(-1.0 / (kErrorMemoryS * robot.rate_hz));
+  forget_guard_ = std::exp(-1.0 / (kGuardMemoryS * robot.rate_hz));
+  params_ticks_ = static_cast<std::uint32_t>(std::lround(robot.swap.probation_s * robot.rate_hz));
+  params_error_ratio_ = robot.swap.probation_error_ratio;
+  for (std::uint32_t j = 0; j < robot.joints.size(); ++j) {
+    tremor_.configure(robot.rate_hz, j, {robot.joints[j].torque_max_nm, robot.joints[j].velocity_max_rad_s});
+  }
 }
 
 void Probation::start(const law::Terms& terms) LITHE_RT {
   terms_ = terms;
-  left_ = terms.probation_ticks;
+  params_ = {};
+  law_.start(terms.probation_ticks);
+  error_ratio_ = terms.probation_error_ratio;
+  compare_from_here();
+}
+
+void Probation::start_params() LITHE_RT {
+  // Parameters set one after the other are compared with the time before the first of them.
+  const bool first = params_.left == 0;
+  params_.start(params_ticks_);
+  if (!first) return;
+  if (law_.left == 0) error_ratio_ = params_error_ratio_;
+  compare_from_here();
+}
+
+void Probation::end_params() LITHE_RT {
+  params_ = {};
+  if (law_.left > 0) law_.start(law_.ticks);
+  compare_from_here();
+}
+
+void Probation::compare_from_here() LITHE_RT {
   long_steps_ = 0;
   error_before_rad_ = most_error_rad_;
   guard_before_ = guard_activity_;
+  tremor_.start();
 }
 
-wire::LawFaultKind Probation::watch(const Seen& seen, bool& confirmed) LITHE_RT {
-  confirmed = false;
+Probation::News Probation::watch(const Seen& seen) LITHE_RT {
+  News news;
   remember(seen);
-  if (left_ == 0) return wire::LawFaultKind::none;
-  if (tracking_is_lost(seen.in)) return wire::LawFaultKind::tracking_lost;
-  if (guard_activity_ > kBusy && guard_before_ < kCalm) return wire::LawFaultKind::guard_busy;
-  if (long_steps_ >= kMostLong) return wire::LawFaultKind::overran;
-  confirmed = --left_ == 0;
-  return wire::LawFaultKind::none;
+  if (!on()) return news;
+  news.kind = judge(seen.in, news.finding);
+  if (news.kind != LawFaultKind::none) return news;
+  const bool moves = in_motion(seen.in), law_was = law_.unproven(), params_were = params_.unproven();
+  news.law_confirmed = law_.count(moves);
+  news.params_confirmed = params_.count(moves);
+  news.law_unproven = law_.unproven() && !law_was;
+  news.params_unproven = params_.unproven() && !params_were;
+  return news;
+}
+
+LawFaultKind Probation::judge(const Tick& in, law::Tremor::Finding& finding) const LITHE_RT {
+  if (tracking_is_lost(in)) return LawFaultKind::tracking_lost;
+  if (guard_activity_ > kBusy && guard_before_ < kCalm) return LawFaultKind::guard_busy;
+  if (long_steps_ >= kMostLong) return LawFaultKind::overran;
+  finding = tremor_.find(in.joints);
+  if (finding.kind == law::Tremor::Finding::Kind::chatter) return LawFaultKind::chattering;
+  if (finding.kind == law::Tremor::Finding::Kind::oscillation) return LawFaultKind::oscillating;
+  return LawFaultKind::none;
 }
 
 bool Probation::tracking_is_lost(const Tick& in) const LITHE_RT {
-  if (!(terms_.probation_error_ratio > 0)) return false;
+  if (!(error_ratio_ > 0)) return false;
   bool lost = false;
   for (std::uint32_t j = 0; j < in.joints; ++j) {
-    lost |= error_rad(in, j) > terms_.probation_error_ratio * std::max(error_before_rad_[j], kLeastErrorRad);
+    lost |= error_rad(in, j) > error_ratio_ * std::max(error_before_rad_[j], kLeastErrorRad);
   }
   return lost;
 }
@@ -55,6 +107,7 @@ bool Probation::tracking_is_lost(const Tick& in) const LITHE_RT {
 void Probation::remember(const Seen& seen) LITHE_RT {
   for (std::uint32_t j = 0; j < seen.in.joints; ++j) {
     most_error_rad_[j] = std::max(error_rad(seen.in, j), most_error_rad_[j] * forget_error_);
+    tremor_.see(seen.in, j, seen.torque_nm[j]);
   }
   const double clamped = (seen.flags & kClamped) != 0 ? 1.0 : 0.0;
   guard_activity_ = clamped + (guard_activity_ - clamped) * forget_guard_;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Watches a law that has just been committed: is the robot worse off than before?
+// Watches a law that has just been committed, or parameters that have just been set: is the robot worse off than
+// before?
 #pragma once
 
 #include <cstdint>
@@ -8,47 +9,98 @@
 #include "spine/core/joints.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/law/resident.hpp"
+#include "spine/law/tremor.hpp"
+#include "spine/robot/config.hpp"
 #include "spine/wire/wire.hpp"
 
 namespace lithe::loop {
 
-// Three criteria besides a fault, which ends any law at any time:
-//   tracking  a joint's error grows beyond error_ratio times the largest of the time before the commit; a joint that
-//             tracked better than kLeastErrorRad counts as having been that far off
-//   guard     it had to clamp torque, velocity or position in most ticks of the last while, and did not before
-//   budget    the step took longer than allowed kMostLong times in a row: once may be the machine's fault
+// The criteria, besides a fault, which ends any law at any time:
+//   tracking    a joint's error grows beyond error_ratio times the largest of the time before the commit; a joint that
+//               tracked better than kLeastErrorRad counts as having been that far off
+//   guard       it had to clamp torque, velocity or position in most ticks of the last while, and did not before
+//   chatter     a joint's torque jumps up and down from tick to tick (law::Tremor)
+//   oscillation a joint swings to and fro without decay (law::Tremor)
+//   budget      the step took longer than allowed kMostLong times in a row: once may be the machine's fault
+// The time of a probation is counted in ticks in which the robot moved or was asked to: at rest nothing is proven. A
+// law and its parameters can be on probation at the same time; then the parameters, which are newer, are to blame. The
+// tick starts none for parameters of a law that is not proven itself: those go with it.
 // Contract: RT · owned by the tick thread · bounded work per joint
 class Probation {
  public:
   static constexpr double kLeastErrorRad = 0.05;
   static constexpr std::uint32_t kMostLong = 3;
+  // A joint moves, asked or not: well above the velocity noise of a drive at rest (0.05 rad/s of a moteus; some more of
+  // an encoder with noise of its own).
+  static constexpr double kMovingRadS = 0.5;
+  // A joint is asked to move. The setpoint has no noise.
+  static constexpr double kAskedRadS = 0.01;
 
-  void configure(double rate_hz);
+  void configure(const robot::RobotConfig& robot);
 
   // A law was committed: from now on it is compared with what was seen so far.
   void start(const law::Terms& terms) LITHE_RT;
-  void end() LITHE_RT { left_ = 0; }
-  bool on() const LITHE_RT { return left_ > 0; }
+  // The parameters of the active law were set: likewise, on the robot's own terms.
+  void start_params() LITHE_RT;
+  // Another law runs.
+  void end() LITHE_RT { law_ = params_ = {}; }
+  // The values before the last ones hold again. A law that is on probation itself starts anew.
+  void end_params() LITHE_RT;
+
+  bool on() const LITHE_RT { return law_.left > 0 || params_.left > 0; }
+  bool of_law() const LITHE_RT { return law_.left > 0; }
+  bool of_params() const LITHE_RT { return params_.left > 0; }
+  // Its time is over, but not in motion.
+  bool unproven() const LITHE_RT { return law_.unproven() || params_.unproven(); }
 
   struct Seen {
     const Tick& in;
+    const JointArray& torque_nm;  // what the law wants at each joint
     std::int64_t law_ns;
     std::uint32_t flags;  // the guard's, bits of wire::telemetry_flag
   };
-  // Once per tick in which a law ran. Not none: the law has to go. `confirmed` is set on the last good tick.
-  wire::LawFaultKind watch(const Seen& seen, bool& confirmed) LITHE_RT;
+  struct News {
+    wire::LawFaultKind kind = wire::LawFaultKind::none;  // not none: the law, or its parameters, have to go
+    law::Tremor::Finding finding;                        // of chattering and oscillating
+    bool law_confirmed = false, params_confirmed = false;
+    bool law_unproven = false, params_unproven = false;  // as of this tick
+  };
+  // Once per tick in which a law ran.
+  News watch(const Seen& seen) LITHE_RT;
 
  private:
+  struct Term {
+    std::uint32_t left = 0;    // ticks of motion to go
+    std::uint32_t ticks = 0;   // of the whole probation
+    std::uint64_t waited = 0;  // ticks since it began
+    bool unproven() const LITHE_RT { return left > 0 && waited >= ticks; }
+    void start(std::uint32_t for_ticks) LITHE_RT { *this = {for_ticks, for_ticks, 0}; }
+    // True on the last tick.
+    bool count(bool moves) LITHE_RT {
+      if (left == 0) return false;
+      ++waited;
+      left -= moves ? 1 : 0;
+      return left == 0;
+    }
+  };
+
+  void compare_from_here() LITHE_RT;
+  wire::LawFaultKind judge(const Tick& in, law::Tremor::Finding& finding) const LITHE_RT;
   bool tracking_is_lost(const Tick& in) const LITHE_RT;
   void remember(const Seen& seen) LITHE_RT;
 
   double forget_error_ = 0;  // per tick, of the largest error
   double forget_guard_ = 0;  // per tick, of the guard's activity
+  std::uint32_t params_ticks_ = 0;
+  double params_error_ratio_ = 0;
   JointArray most_error_rad_{};
   double guard_activity_ = 0;  // share of recent ticks in which it clamped
+  law::Tremor tremor_;
 
   law::Terms terms_;
-  std::uint32_t left_ = 0, long_steps_ = 0;
+  Term law_, params_;
+  double error_ratio_ = 0;
+  std::uint32_t long_steps_ = 0;
   JointArray error_before_rad_{};
   double guard_before_ = 0;
 };

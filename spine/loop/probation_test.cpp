@@ -56,18 +56,117 @@ TEST_F(LawsTest, ALawThatLosesTrackOnProbationIsReplacedWithinTwoTicks) {
   EXPECT_EQ(record_.law_id, 1u);
 }
 
-TEST_F(LawsTest, AGoodLawIsConfirmed) {
+// At rest, nothing is proven; then it moves.
+TEST_F(LawsTest, AGoodLawIsConfirmedOnceTheRobotHasMovedForLongEnough) {
   arm_with(kPd);
+  ticks(300);
   terms_.probation_ticks = 50;
   terms_.probation_error_ratio = 3;
   stage(kPd);
-  ticks(50);
+  ticks(200);
   EXPECT_TRUE(events(EventKind::law_confirmed).empty());
-  EXPECT_NE(record_.flags & flag::kOnProbation, 0u);
-  tick();
+  ASSERT_EQ(events(EventKind::law_unproven).size(), 1u);
+  EXPECT_EQ(events(EventKind::law_unproven)[0].value, 0) << "the law";
+  EXPECT_EQ(record_.flags & (flag::kOnProbation | flag::kUnproven), flag::kOnProbation | flag::kUnproven);
+  publish(0.2);
+  for (int i = 0; i < 200 && (record_.flags & flag::kOnProbation) != 0; ++i) tick();
   EXPECT_EQ(events(EventKind::law_confirmed).size(), 1u);
+  EXPECT_EQ(record_.law_id, 2u);
+}
+
+TEST_F(LawsTest, ALawThatIsStillUnprovenIsRolledBackByWhatItDoesInMotion) {
+  arm_with(kPd);
+  ticks(300);
+  terms_.probation_ticks = 400;
+  terms_.probation_error_ratio = 3;
+  stage(kLazy);
+  ticks(500);
+  EXPECT_EQ(slot_.active()->law_id, 2u);
+  EXPECT_EQ(events(EventKind::law_unproven).size(), 1u);
+  publish(1.0);
+  live(1000);
+  EXPECT_EQ(slot_.active()->law_id, 1u);
+  EXPECT_TRUE(events(EventKind::law_confirmed).empty());
+}
+
+TEST_F(LawsTest, ALawThatChattersOnProbationIsReplacedAndTheJointNamed) {
+  arm_with(kPd);
+  publish(0.2);
+  ticks(300);
+  terms_.probation_ticks = 2000;
+  stage(kChatters);
+  ticks(100);
+  EXPECT_EQ(slot_.active()->law_id, 1u);
+  const auto told = events(EventKind::law_rolled_back);
+  ASSERT_EQ(told.size(), 1u);
+  EXPECT_EQ(std::string(told[0].text.data()).substr(0, 18), "chattering: joint ") << told[0].text.data();
+}
+
+TEST_F(LawsTest, ALawThatSwingsTheJointOnProbationIsReplaced) {
+  arm_with(kPd);
+  publish(0.1);
+  ticks(300);
+  terms_.probation_ticks = 60'000;
+  stage(kSwings);
+  ticks(2);
+  publish(0.3, 200);
+  for (int i = 0; i < 5000 && slot_.active()->law_id == 2; ++i) live(1);
+  EXPECT_EQ(slot_.active()->law_id, 1u);
+  const auto told = events(EventKind::law_rolled_back);
+  ASSERT_EQ(told.size(), 1u);
+  EXPECT_EQ(std::string(told[0].text.data()).substr(0, 19), "oscillating: joint ") << told[0].text.data();
+}
+
+TEST_F(LawsTest, ParametersThatSwingTheJointAreRevertedAndTheLawStays) {
+  arm_with(kTuned);
+  publish(0.1);
+  ticks(300);
+  EXPECT_EQ(set(0, 0.1), CommandResult::done);
+  ticks(10);
+  EXPECT_NE(record_.flags & flag::kParamsOnProbation, 0u);
+  EXPECT_EQ(set(1, -0.012), CommandResult::done);  // drives instead of damping
+  publish(0.3, 200);
+  for (int i = 0; i < 5000 && events(EventKind::params_reverted).empty(); ++i) live(1);
+  ASSERT_EQ(events(EventKind::params_reverted).size(), 1u);
+  EXPECT_EQ(slot_.active()->law_id, 1u);
+  EXPECT_EQ(mode(), Mode::active);
+  EXPECT_EQ(slot_.active()->params[0].value, 0.0) << "of both changes, for the first had not proven itself";
+  EXPECT_EQ(slot_.active()->params[1].value, 0.1);
   tick();
-  EXPECT_EQ(record_.flags & flag::kOnProbation, 0u);
+  EXPECT_EQ(record_.flags & flag::kParamsOnProbation, 0u);
+}
+
+TEST_F(LawsTest, ParametersThatBreakTheLawAreRevertedInTheSameTick) {
+  arm_with(kTuned);
+  ticks(100);
+  EXPECT_EQ(set(0, 1.0), CommandResult::done);  // a division by 1 - bias
+  EXPECT_EQ(mode(), Mode::active);
+  EXPECT_EQ(slot_.active()->params[0].value, 0.0);
+  EXPECT_EQ(events(EventKind::params_reverted).size(), 1u);
+  EXPECT_TRUE(events(EventKind::law_rolled_back).empty());
+  const auto fault = next_fault();
+  ASSERT_TRUE(fault);
+  EXPECT_EQ(fault->to_law_id, 1u) << "itself, as it was";
+}
+
+TEST_F(LawsTest, GoodParametersAreConfirmedInMotionAndCanBeRevertedByHand) {
+  arm_with(kTuned);
+  ticks(300);
+  EXPECT_EQ(set(0, 0.01), CommandResult::done);
+  const int probation = static_cast<int>(robot_.swap.probation_s * robot_.rate_hz);
+  live(probation + 10);
+  EXPECT_TRUE(events(EventKind::params_confirmed).empty());
+  ASSERT_EQ(events(EventKind::law_unproven).size(), 1u);
+  EXPECT_EQ(events(EventKind::law_unproven)[0].value, 1) << "its parameters";
+  for (int i = 0; i < 5 * probation && events(EventKind::params_confirmed).empty(); ++i) {
+    if (i % 200 == 0) publish(i % 400 == 0 ? 0.3 : -0.3);
+    live(1);
+  }
+  EXPECT_EQ(events(EventKind::params_confirmed).size(), 1u);
+  EXPECT_EQ(send(CommandKind::revert_params), CommandResult::done);
+  EXPECT_EQ(slot_.active()->params[0].value, 0.0);
+  EXPECT_EQ(send(CommandKind::revert_params), CommandResult::done);
+  EXPECT_EQ(slot_.active()->params[0].value, 0.01) << "a second time: that change again";
 }
 
 TEST_F(LawsTest, ALawOnProbationThatTheGuardHasToStopDoesNotRunAfterTheReset) {

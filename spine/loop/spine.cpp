@@ -44,6 +44,8 @@ constexpr EventKind event_of(CommandKind kind) LITHE_RT {
       return EventKind::held;
     case CommandKind::reset:
       return EventKind::reset;
+    case CommandKind::recover:
+      return EventKind::recovering;
     default:
       return EventKind::estop;
   }
@@ -65,11 +67,13 @@ Spine::Spine(const Wiring& wiring)
       joints_(static_cast<std::uint32_t>(wiring.robot.joints.size())),
       period_ns_(grid_.period_ns()),
       slowest_(slowest_of(wiring.robot)),
+      simulated_(std::ranges::all_of(wiring.robot.buses,
+                                     [](const robot::BusConfig& bus) { return bus.kind == robot::BusKind::loop; })),
       budget_ns_(std::llround(static_cast<double>(grid_.period_ns()) * wiring.robot.swap.budget_share)),
       sample_(&wiring.handover.latest_sample()) {
   plan_.configure(robot_);
   guard_.configure(robot_);
-  probation_.configure(robot_.rate_hz);
+  probation_.configure(robot_);
   in_.joints = joints_;
   in_.dt_s = static_cast<double>(period_ns_) * 1e-9;
   hal::ActuatorCommand& first = handover_.next_command();
@@ -145,25 +149,32 @@ CommandResult Spine::execute(const wire::Command& command, std::int64_t now_ns) 
       return roll_back(command, now_ns);
     case CommandKind::revert_params:
       return revert_params(command, now_ns);
+    case CommandKind::sim_reset:
+      return reset_simulation(command, now_ns);
     default:
       return change_mode(kind, command.request_id, now_ns);
   }
 }
 
-CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std::int64_t now_ns) LITHE_RT {
+Conditions Spine::conditions() const LITHE_RT {
   // One late exchange is no reason to refuse: the sample before it is a few milliseconds old.
   bool all_fresh = sample_->sample_ns != 0 && stale_ticks_ <= kStaleTicksToArm;
   // The first torque is bounded from zero, so every drive must have heard that it is off.
   if (mode_.mode() == wire::Mode::disarmed) all_fresh = all_fresh && ticks_off_ >= slowest_;
-  bool homed = true;
+  bool homed = true, inside = true;
   for (std::uint32_t j = 0; j < joints_; ++j) {
     if (mode_.law_runs() && guard_.stopped(j)) continue;  // the rest may go on without it
     constexpr std::uint32_t kReady = wire::joint_status::kFresh;
     all_fresh = all_fresh && (sample_->status[j] & (kReady | wire::joint_status::kNotReady)) == kReady;
     homed = homed && (!robot_.joints[j].must_be_homed || (sample_->status[j] & wire::joint_status::kNotHomed) == 0);
+    inside = inside && guard_.recovery().inside(j, sample_->position_rad[j]);
   }
+  return {slot_.active() != nullptr, all_fresh, homed, estop_pressed_, inside};
+}
+
+CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std::int64_t now_ns) LITHE_RT {
   const wire::Mode before = mode_.mode();
-  const CommandResult result = mode_.apply(kind, {slot_.active() != nullptr, all_fresh, homed, estop_pressed_});
+  const CommandResult result = mode_.apply(kind, conditions());
   if (result != CommandResult::done) return result;
   // From drives that are off the first torque is bounded from zero; the setpoint starts where the joint is.
   if (before == wire::Mode::disarmed) guard_.reset_output();
@@ -171,9 +182,22 @@ CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std
     guard_.forget_faults();
     clear_ticks_left_ = kTurnsToClear * slowest_;
   }
+  if (kind == CommandKind::recover) {
+    guard_.forget_faults();
+    guard_.start_recovery();
+  }
   if (mode_.mode() == wire::Mode::hold) plan_.stop(now_ns);
   out_.event(event_of(kind), now_ns, 0, request_id, 0, "");
   return result;
+}
+
+// The joints of drives that are off, where a person could put them by hand.
+CommandResult Spine::reset_simulation(const wire::Command& command, std::int64_t now_ns) LITHE_RT {
+  if (!simulated_) return CommandResult::refused_not_simulated;
+  if (mode_.mode() != wire::Mode::disarmed) return CommandResult::refused_mode;
+  reset_simulation_ = true;
+  out_.event(EventKind::sim_reset, now_ns, 0, command.request_id, 0, "");
+  return CommandResult::done;
 }
 
 // All or nothing, and all on this tick.
@@ -187,21 +211,33 @@ CommandResult Spine::set_params(const wire::Command& command, std::int64_t now_n
     const Param& param = law->params[index];
     if (!(param.min <= command.value[i] && command.value[i] <= param.max)) return CommandResult::refused_range;
   }
+  if (!probation_.of_params()) law->trust_params();
   law->remember_params();
   for (std::uint32_t i = 0; i < command.count; ++i) law->set_param(command.index[i], command.value[i]);
   out_.params(*law);
   out_.event(EventKind::params_applied, now_ns, law->law_id, command.request_id, command.count, "");
+  watch_params(command.request_id);
   return CommandResult::done;
+}
+
+// Values that were never judged in motion are on probation; those before them stay at hand.
+void Spine::watch_params(std::uint64_t request_id) LITHE_RT {
+  // The parameters of a swap come right after its law: while that is not proven, both are judged and go together.
+  if (probation_.of_law()) return;
+  params_request_id_ = request_id;
+  probation_.start_params();
 }
 
 // The set before the last change; a second time, that change again.
 CommandResult Spine::revert_params(const wire::Command& command, std::int64_t now_ns) LITHE_RT {
   law::Resident* law = slot_.active();
   if (law == nullptr || (command.law_id != 0 && command.law_id != law->law_id)) return CommandResult::refused_law;
+  if (!probation_.of_params()) law->trust_params();
   law->revert_params();
   out_.params(*law);
   out_.event(EventKind::params_applied, now_ns, law->law_id, command.request_id, law->descriptor->param_count,
              "as before the last change");
+  watch_params(command.request_id);
   return CommandResult::done;
 }
 
@@ -210,12 +246,14 @@ CommandResult Spine::roll_back(const wire::Command& command, std::int64_t now_ns
   const std::uint32_t steps = std::max(1u, command.count);
   if (slot_.before(steps) == nullptr) return CommandResult::refused_law;
   const std::uint32_t blend_ticks = slot_.active()->terms.blend_ticks;
-  slot_.rollback(law::Carry::named, steps);
+  law::FieldBits mended = 0;
+  slot_.rollback(law::Carry::named, steps, &mended);
   flags_ |= flag::kRolledBack;
   probation_.end();
   greet_law(blend_ticks);
   out_.event(EventKind::law_rolled_back, now_ns, slot_.active()->law_id, command.request_id, steps,
              "an earlier law runs again");
+  tell_not_carried(*slot_.active(), mended, now_ns);
   out_.params(*slot_.active());
   return CommandResult::done;
 }

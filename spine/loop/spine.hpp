@@ -66,13 +66,16 @@ class Spine {
   void obey(const Letter& letter, std::int64_t now_ns) LITHE_RT;
   wire::CommandResult execute(const wire::Command& command, std::int64_t now_ns) LITHE_RT;
   wire::CommandResult change_mode(wire::CommandKind kind, std::uint64_t request_id, std::int64_t now_ns) LITHE_RT;
+  Conditions conditions() const LITHE_RT;
+  wire::CommandResult reset_simulation(const wire::Command& command, std::int64_t now_ns) LITHE_RT;
   wire::CommandResult set_params(const wire::Command& command, std::int64_t now_ns) LITHE_RT;
+  void watch_params(std::uint64_t request_id) LITHE_RT;
   wire::CommandResult revert_params(const wire::Command& command, std::int64_t now_ns) LITHE_RT;
   wire::CommandResult roll_back(const wire::Command& command, std::int64_t now_ns) LITHE_RT;
   void watch_brain(std::int64_t now_ns) LITHE_RT;
   void take_plan(std::int64_t now_ns) LITHE_RT;
   void look(std::int64_t now_ns) LITHE_RT;
-  guard::Verdict check() LITHE_RT;
+  guard::Verdict check(std::int64_t now_ns) LITHE_RT;
   void react(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_RT;
   void forget_stopped_joints() LITHE_RT;
   void name(const guard::Group& group, Words& words) const LITHE_RT;
@@ -84,11 +87,15 @@ class Spine {
   bool fall_back(const contain::Trouble& first, std::int64_t now_ns) LITHE_RT;
   void replace_law(wire::LawFaultKind why, std::int64_t now_ns) LITHE_RT;
   bool resume_previous() LITHE_RT;
+  void tell_not_carried(const law::Resident& law, law::FieldBits fields, std::int64_t now_ns) LITHE_RT;
+  Words in_words(wire::LawFaultKind why) const LITHE_RT;
   void tell_rollback(wire::LawFaultKind why, std::int64_t now_ns) LITHE_RT;
   void stop_for_law(wire::LawFaultKind kind, std::int64_t now_ns) LITHE_RT;
   wire::LawFault fault_of(const contain::Trouble& trouble, std::int64_t now_ns) const LITHE_RT;
   void report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t took_ns) LITHE_RT;
   void judge_law(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_RT;
+  void tell_probation(const Probation::News& news, std::int64_t now_ns) LITHE_RT;
+  void name_tremor(const law::Tremor::Finding& finding) LITHE_RT;
   void swap(std::int64_t now_ns) LITHE_RT;
   void commit(law::Resident& candidate, law::Carry carry, std::int64_t now_ns) LITHE_RT;
   void start_shadow(law::Resident& candidate, std::int64_t now_ns) LITHE_RT;
@@ -113,17 +120,23 @@ class Spine {
   ModeMachine mode_;
   Bumpless bumpless_;
   Probation probation_;
+  std::uint64_t params_request_id_ = 0;  // of the command whose parameters are on probation
+  bool params_went_ = false;             // in the last step back; else a law
+  Words why_;                            // of the last replacement: what the kind of a fault does not say
   Shadow shadow_;
 
   std::uint32_t joints_;
   std::int64_t period_ns_;
   std::uint32_t slowest_;   // ticks until every drive has had a turn
+  bool simulated_;          // every bus is
   std::int64_t budget_ns_;  // of a law that brings none of its own
   std::uint64_t tick_ = 0;
   const hal::ActuatorState* sample_;    // x_k: the newest sample, fresh or not
   bool fresh_ = false;                  // it came for this tick
   std::uint32_t stale_ticks_ = 0;       // ticks in a row without a fresh one
   std::uint32_t clear_ticks_left_ = 0;  // since the last reset
+  bool reset_simulation_ = false;       // with the next command
+  bool recovered_ = false;              // in mode recover: every joint is inside its limits
   bool all_off_ = true;                 // the next command is, to all drives
   std::uint64_t ticks_off_ = 0;         // such commands in a row that left
   bool estop_pressed_ = false;
@@ -134,8 +147,9 @@ class Spine {
   Durations durations_;
   std::int64_t last_from_ns_ = 0, served_ns_ = 0;  // inline Transport: when the last tick began, and got to the bus
   Tick in_;
-  Effort effort_;         // what the law wants
-  Effort shadow_effort_;  // what a candidate beside it would want
+  Effort effort_;           // what the law wants
+  JointArray wanted_nm_{};  // the torque at each joint by it
+  Effort shadow_effort_;    // what a candidate beside it would want
   std::array<double, kMaxProbes> probes_{};
   plan::Setpoint setpoint_;
   guard::Output output_;

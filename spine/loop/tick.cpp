@@ -26,7 +26,7 @@ void Spine::tick(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t sk
   const std::int64_t law_from_ns = clock_.now_ns();
   step_law(woke_ns);
   const std::int64_t guard_from_ns = clock_.now_ns();
-  const guard::Verdict verdict = check();
+  const guard::Verdict verdict = check(woke_ns);
   const std::int64_t guard_to_ns = clock_.now_ns();
 
   react(verdict, woke_ns);
@@ -109,17 +109,19 @@ void Spine::forget_stopped_joints() LITHE_RT {
   }
 }
 
-guard::Verdict Spine::check() LITHE_RT {
+guard::Verdict Spine::check(std::int64_t now_ns) LITHE_RT {
   const guard::Proposal proposal{effort_.torque_nm, effort_.position_rad, effort_.velocity_rad_s, effort_.kp_nm_rad,
                                  effort_.kd_nm_s_rad};
   return guard_.check({mode_.mode(), stale_ticks_, out_.record().brain_age_ns, sample_->position_rad,
-                       sample_->velocity_rad_s, sample_->status, proposal},
+                       sample_->velocity_rad_s, sample_->status, proposal, now_ns - sample_->sample_ns},
                       output_);
 }
 
 void Spine::react(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_RT {
   flags_ |= verdict.flags;
-  if (verdict.fault == wire::Fault::none || !mode_.law_runs()) return;
+  if (verdict.recovered && !recovered_) out_.event(EventKind::recovered, now_ns, 0, 0, 0, "every joint is inside");
+  recovered_ = verdict.recovered;
+  if (verdict.fault == wire::Fault::none || !mode_.can_fail()) return;
   Words whose;
   whose << wire::to_string(verdict.fault);
   for (const guard::Group& group : guard_.groups()) {
@@ -139,6 +141,7 @@ void Spine::name(const guard::Group& group, Words& words) const LITHE_RT {
   const robot::JointConfig& joint = robot_.joints[group.joint];
   words << wire::to_string(group.fault) << " at joint " << joint.name;
   if (!joint.group.empty()) words << ", group " << joint.group;
+  if (group.fault == wire::Fault::recover_failed) words << ": " << guard_.recovery().why_stuck(group.joint);
 }
 
 hal::DriveAction Spine::action_of(std::uint32_t j) const LITHE_RT {
@@ -158,6 +161,8 @@ void Spine::compose() LITHE_RT {
   command.tick = tick_ + 1;
   command.joints = joints_;
   command.clear_faults = clear_ticks_left_ > 0 && mode_.mode() == wire::Mode::disarmed;
+  command.reset_simulation = reset_simulation_;
+  reset_simulation_ = false;
   clear_ticks_left_ = command.clear_faults ? clear_ticks_left_ - 1 : 0;  // what comes after it takes another reset
   all_off_ = !mode_.energised() && !mode_.damps();
   for (std::uint32_t j = 0; j < joints_; ++j) {
@@ -192,6 +197,12 @@ void Spine::publish(const guard::Verdict& verdict, std::int64_t release_ns) LITH
     record.joint_status[j] = sample_->status[j];
     record.joint_fault[j] = static_cast<std::uint32_t>(guard_.joint_fault(j));
     record.joint_rung[j] = static_cast<std::uint32_t>(output_.rung[j]);
+    const hal::DriveReport& drive = sample_->drive[j];
+    record.drive_state[j] = static_cast<std::uint32_t>(drive.state);
+    record.drive_current_a[j] = drive.current_a;
+    record.drive_voltage_v[j] = drive.voltage_v;
+    record.drive_power_w[j] = drive.power_w;
+    record.drive_temperature_degc[j] = drive.temperature_degc;
   }
   record.sensor = sample_->sensor;
   out_.publish(durations_, fresh_);

@@ -27,6 +27,8 @@ rate_hz = 1000
 late_ticks_to_stop = 5
 [brain]
 stale_after_s = 0.1
+[guard]
+soft_start_s = 0.0
 [[bus]]
 name = "can0"
 kind = "loop"
@@ -94,7 +96,7 @@ class TickBench {
       : robot_(robot), actuators_(std::move(actuators)) {
     start_clock(clock_);
     hal::ActuatorState unseen;  // while the drives say how they are set
-    for (int i = 0; i < 20; ++i) actuators_->cycle({}, unseen, now_ns_ += kNsPerMs);
+    for (int i = 0; i < 20; ++i) actuators_->cycle({}, unseen, now_ns_ += period_ns_);
     use_cell(nullptr);
     command_ = std::make_unique<ipc::MailboxSender<wire::Command, 16>>(control_memory_->commands, memory_->control_ack);
   }
@@ -107,7 +109,7 @@ class TickBench {
 
   // One period: the tick, then the Transport, unless it is to be late.
   void tick(bool transport_in_time = true, std::uint32_t skipped = 0) {
-    now_ns_ += kNsPerMs * (1 + skipped);
+    now_ns_ += period_ns_ * (1 + skipped);
     spine_->tick(now_ns_, now_ns_ + 100, skipped);
     if (transport_in_time) serve();
     reader_.latest(record_);
@@ -177,6 +179,7 @@ class TickBench {
 
  protected:
   robot::RobotConfig robot_;
+  std::int64_t period_ns_ = std::llround(1e9 / robot_.rate_hz);
   std::unique_ptr<ipc::SpineMemory> memory_ = std::make_unique<ipc::SpineMemory>();
   std::unique_ptr<ipc::ControlMemory> control_memory_ = std::make_unique<ipc::ControlMemory>();
   std::unique_ptr<ipc::BrainMemory> brain_memory_ = std::make_unique<ipc::BrainMemory>();

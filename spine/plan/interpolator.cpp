@@ -12,8 +12,6 @@ using wire::PlanReject;
 using wire::PlanState;
 
 constexpr std::int64_t kBlendNs = 50'000'000;
-constexpr double kShortestBlendS = 0.05;
-constexpr double kLongestBlendS = 0.5;
 constexpr double kRounding = 0.5e-9;  // relative, of a speed at its limit
 constexpr double kForever = std::numeric_limits<double>::infinity();
 
@@ -36,32 +34,36 @@ void Interpolator::configure(const robot::RobotConfig& robot) {
 
 PlanReject Interpolator::accept(const wire::Plan& plan, std::int64_t now_ns) LITHE_RT {
   if (const PlanReject reject = check(plan, limits_, now_ns); reject != PlanReject::none) return reject;
-  JointArray position{}, velocity{}, acceleration{};
+  JointArray position{}, velocity{}, acceleration{}, most_rad_s{};
   const bool moving_on = state_ != PlanState::none;
   if (moving_on) {
     advance(now_ns);
     evaluate(now_ns, position, velocity, acceleration);
   }
-  const bool starts_ahead = moving_on && plan.t_ns[0] - now_ns > kBlendNs;
-  Knots& next = knots_[1 - used_];
-  next.count = 0;
-  if (starts_ahead) next.add(now_ns, position, velocity);
-  next.add(plan, limits_.joints);
-  next.choose_velocities(limits_, monotone_, plan.streaming != 0, next.segment_at(now_ns));
-  JointArray bound_rad_s{}, most_rad_s{};
-  next.bound_speed(now_ns, limits_.joints, bound_rad_s);
   for (std::size_t j = 0; j < limits_.joints; ++j) {
     most_rad_s[j] = std::max(limits_.velocity_max_rad_s[j] * (1 + kRounding), std::abs(velocity[j]));
+  }
+  bool leads = moving_on && plan.t_ns[0] - now_ns > kBlendNs;
+  lay_knots(plan, now_ns, leads ? &position : nullptr, &velocity);
+  if (leads && plan.streaming != 0 && plan.waypoint_count > 2 && lead_is_harsh(most_rad_s)) {
+    leads = false;
+    lay_knots(plan, now_ns, nullptr, nullptr);
+  }
+  const Knots& next = knots_[1 - used_];
+  JointArray bound_rad_s{};
+  next.bound_speed(now_ns, limits_.joints, bound_rad_s);
+  for (std::size_t j = 0; j < limits_.joints; ++j) {
     if (bound_rad_s[j] > most_rad_s[j] && next.fastest(now_ns, j) > most_rad_s[j]) return PlanReject::velocity_limit;
   }
-  Blend blend;
-  if (moving_on && !starts_ahead && !join(next, now_ns, position, velocity, bound_rad_s, most_rad_s, blend)) {
-    return PlanReject::velocity_limit;
-  }
 
+  if (moving_on && !leads) {
+    join(next, now_ns, position, velocity, bound_rad_s, most_rad_s);
+  } else {
+    blend_ = Blend{};
+    stop_catching_up();
+  }
   used_ = 1 - used_;
   plan_id_ = plan.plan_id;
-  blend_ = blend;
   state_ = PlanState::track;
   if (next.t_ns[0] > now_ns) {
     segment_ = 0;
@@ -70,6 +72,16 @@ PlanReject Interpolator::accept(const wire::Plan& plan, std::int64_t now_ns) LIT
     enter_segment(next.segment_at(now_ns));
   }
   return PlanReject::none;
+}
+
+// The knots of `plan`, where the next plan is tried; behind the present motion, unless there is no `position`.
+void Interpolator::lay_knots(const wire::Plan& plan, std::int64_t now_ns, const JointArray* position,
+                             const JointArray* velocity) LITHE_RT {
+  Knots& next = knots_[1 - used_];
+  next.count = 0;
+  if (position != nullptr) next.add(now_ns, *position, *velocity);
+  next.add(plan, limits_.joints);
+  next.choose_velocities(limits_, monotone_, plan.streaming != 0, next.segment_at(now_ns));
 }
 
 void Interpolator::sample(std::int64_t now_ns, Setpoint& out) LITHE_RT {
@@ -86,6 +98,7 @@ void Interpolator::hold_at(const JointArray& position_rad) LITHE_RT {
     piece_.c1[j] = piece_.c2[j] = piece_.c3[j] = piece_.last_s[j] = 0;
   }
   blend_.until_ns = 0;
+  stop_catching_up();
   state_ = PlanState::hold;
 }
 
@@ -95,6 +108,7 @@ void Interpolator::stop(std::int64_t now_ns) LITHE_RT {
   advance(now_ns);
   evaluate(now_ns, position, velocity, acceleration);
   blend_.until_ns = 0;
+  stop_catching_up();
   enter_coast(now_ns, position, velocity);
 }
 
@@ -111,11 +125,26 @@ void Interpolator::advance(std::int64_t now_ns) LITHE_RT {
       if (knot != segment_ || piece_.since_ns != k.t_ns[knot] || piece_.last_s[0] != kForever) enter_segment(knot);
     }
   }
-  if (state_ == PlanState::coast && now_ns >= coast_until_ns_) state_ = PlanState::hold;
+  if (catching_up_) catch_up(now_ns);
+  if (state_ == PlanState::coast && now_ns >= coast_until_ns_ && !catching_up_) state_ = PlanState::hold;
 }
 
 void Interpolator::evaluate(std::int64_t now_ns, JointArray& position, JointArray& velocity,
                             JointArray& acceleration) const LITHE_RT {
+  follow_curve(now_ns, position, velocity, acceleration);
+  if (catching_up_) {
+    for (std::size_t j = 0; j < limits_.joints; ++j) {
+      if (!catch_up_[j].on) continue;
+      position[j] = catch_up_[j].position_rad;
+      velocity[j] = catch_up_[j].velocity_rad_s;
+      acceleration[j] = catch_up_[j].acceleration_rad_s2;
+    }
+  }
+  keep_inside(position, velocity, acceleration);
+}
+
+void Interpolator::follow_curve(std::int64_t now_ns, JointArray& position, JointArray& velocity,
+                                JointArray& acceleration) const LITHE_RT {
   const double since_s = seconds(now_ns - piece_.since_ns);
   for (std::size_t j = 0; j < limits_.joints; ++j) {
     const double u = std::min(since_s, piece_.last_s[j]);
@@ -125,15 +154,17 @@ void Interpolator::evaluate(std::int64_t now_ns, JointArray& position, JointArra
     acceleration[j] = moves * (2 * piece_.c2[j] + u * 6 * piece_.c3[j]);
   }
   if (now_ns < blend_.until_ns) {
-    const double blend_s = seconds(now_ns - blend_.since_ns);
     for (std::size_t j = 0; j < limits_.joints; ++j) {
       const Decay& decay = blend_.joint[j];
-      const double s = decay.left(blend_s);
+      const double s = decay.left(seconds(now_ns - blend_.since_ns[j]));
       position[j] += decay.position(s);
       velocity[j] += decay.velocity(s);
       acceleration[j] += decay.acceleration(s);
     }
   }
+}
+
+void Interpolator::keep_inside(JointArray& position, JointArray& velocity, JointArray& acceleration) const LITHE_RT {
   for (std::size_t j = 0; j < limits_.joints; ++j) {
     // At a limit the setpoint stands still until the curve comes back: no velocity that leads outwards.
     const double inside = std::clamp(position[j], limits_.position_min_rad[j], limits_.position_max_rad[j]);
@@ -191,37 +222,6 @@ void Interpolator::enter_coast(std::int64_t from_ns, const JointArray& position,
   }
   coast_until_ns_ = std::max(from_ns + static_cast<std::int64_t>(longest_s * 1e9), blend_.until_ns);
   state_ = PlanState::coast;
-}
-
-bool Interpolator::join(const Knots& next, std::int64_t now_ns, const JointArray& position, const JointArray& velocity,
-                        const JointArray& bound_rad_s, const JointArray& most_rad_s, Blend& blend) const LITHE_RT {
-  const std::size_t last = next.count - 1;
-  double longest_s = 0;
-  for (std::size_t j = 0; j < limits_.joints; ++j) {
-    const Course course{next, now_ns, j, slowing(j, next.rad[last][j], next.rad_s[last][j])};
-    const Arc start = course.start();
-    const double gap_rad = position[j] - start.c0;
-    const double gap_rad_s = velocity[j] - start.c1;
-    const auto too_fast = [&](const Decay& decay) LITHE_RT {
-      return bound_rad_s[j] + decay.bound_speed() > most_rad_s[j] && course.fastest_under(decay) > most_rad_s[j];
-    };
-    // Long enough to stay near the joint's own deceleration and well below its velocity limit.
-    const double gentle = std::max(std::sqrt(6 * std::abs(gap_rad) / deceleration_rad_s2_[j]),
-                                   4 * std::abs(gap_rad_s) / deceleration_rad_s2_[j]);
-    const double slow = 3 * std::abs(gap_rad) / limits_.velocity_max_rad_s[j];
-    double lasts_s = std::clamp(std::max(gentle, slow), kShortestBlendS, kLongestBlendS);
-    Decay decay = Decay::over(gap_rad, gap_rad_s, lasts_s);
-    if (too_fast(decay)) {
-      lasts_s = kLongestBlendS;
-      decay = Decay::over(gap_rad, gap_rad_s, lasts_s);
-      if (too_fast(decay)) return false;
-    }
-    blend.joint[j] = decay;
-    longest_s = std::max(longest_s, lasts_s);
-  }
-  blend.since_ns = now_ns;
-  blend.until_ns = now_ns + static_cast<std::int64_t>(longest_s * 1e9);
-  return true;
 }
 
 }  // namespace lithe::plan

@@ -9,6 +9,7 @@
 #include "spine/core/joints.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/plan/blend.hpp"
+#include "spine/plan/catch_up.hpp"
 #include "spine/plan/check.hpp"
 #include "spine/plan/knots.hpp"
 #include "spine/robot/config.hpp"
@@ -24,14 +25,20 @@ struct Setpoint {
 };
 
 // Position and velocity are continuous through everything: knots, a new plan in flight, the end of a plan. And the
-// setpoint never moves faster than velocity_max_rad_s: a plan that it could only follow so, on the curve itself or on
-// the way to it, is refused.
+// setpoint never moves faster than velocity_max_rad_s: a plan whose own curve does is refused.
 //   track  a cubic per segment through the waypoints (tangent.hpp); velocities the plan gives are used exactly.
 //   coast  the plan ran out while moving: each joint slows down by its deceleration, harder only where its limit is
 //   near. hold   everything has come to rest.
 // A new plan takes over at once. Starts it more than 50 ms ahead, one cubic leads from the present motion to its first
-// waypoint; otherwise what separates the two motions decays over 50 ms, longer (up to 500 ms) where it is large.
-// Contract: RT after configure() · owned by the tick thread · bounded: at most one segment's coefficients per tick
+// waypoint; otherwise what separates the two motions decays over 50 ms, longer (up to 500 ms) where it is large. A
+// joint for which 500 ms are too short (the Brain's stream went on while the robot was disarmed, or the stream itself
+// paused) catches up instead (catch_up.hpp): it accelerates by at most deceleration_rad_s2, or twice the plan's own
+// hardest acceleration where that is more, until what is left can be blended. The same holds for a stream of three or
+// more waypoints that starts ahead, when the cubic to its first waypoint would be harder or faster than that.
+// Afterwards the setpoint is the plan's, exactly.
+//
+// Contract: RT after configure() · owned by the tick thread · bounded: at most one segment's coefficients per tick, and
+// one look at the whole curve per joint that catches up
 class Interpolator {
  public:
   void configure(const robot::RobotConfig& robot);
@@ -59,22 +66,36 @@ class Interpolator {
   };
   // What is left of the motion before a new plan.
   struct Blend {
-    std::int64_t since_ns = 0;
+    std::array<std::int64_t, kMaxJoints> since_ns{};
     std::int64_t until_ns = 0;
     std::array<Decay, kMaxJoints> joint{};
+
+    void add(std::size_t j, std::int64_t now_ns, const Decay& decay) LITHE_RT;
   };
 
   void evaluate(std::int64_t now_ns, JointArray& position, JointArray& velocity, JointArray& acceleration) const
       LITHE_RT;
+  // Without those joints that catch up: of these, what they catch up with.
+  void follow_curve(std::int64_t now_ns, JointArray& position, JointArray& velocity, JointArray& acceleration) const
+      LITHE_RT;
+  void keep_inside(JointArray& position, JointArray& velocity, JointArray& acceleration) const LITHE_RT;
   void advance(std::int64_t now_ns) LITHE_RT;
   void lead_to_first() LITHE_RT;
   void enter_segment(std::size_t knot) LITHE_RT;
   void enter_coast(std::int64_t from_ns, const JointArray& position, const JointArray& velocity) LITHE_RT;
   double slowing(std::size_t j, double position_rad, double velocity_rad_s) const LITHE_RT;
-  // The gentlest way from the present motion onto `next`; false when each one breaks a limit of `most_rad_s`. What
-  // stays below `bound_rad_s` without any blend needs no closer look.
-  bool join(const Knots& next, std::int64_t now_ns, const JointArray& position, const JointArray& velocity,
-            const JointArray& bound_rad_s, const JointArray& most_rad_s, Blend& blend) const LITHE_RT;
+  void lay_knots(const wire::Plan& plan, std::int64_t now_ns, const JointArray* position, const JointArray* velocity)
+      LITHE_RT;
+  bool lead_is_harsh(const JointArray& most_rad_s) const LITHE_RT;
+  double most_rad_s2(const Knots& knots, std::size_t first, std::size_t j) const LITHE_RT;
+  // The gentlest way of each joint from the present motion onto `next`: a blend, or catching up. What stays below
+  // `bound_rad_s` without any blend needs no closer look.
+  void join(const Knots& next, std::int64_t now_ns, const JointArray& position, const JointArray& velocity,
+            const JointArray& bound_rad_s, const JointArray& most_rad_s) LITHE_RT;
+  void stop_catching_up() LITHE_RT;
+  void catch_up(std::int64_t now_ns) LITHE_RT;
+  bool blend_the_rest(std::size_t j, std::int64_t now_ns, double gap_rad, double gap_rad_s, double curve_rad_s)
+      LITHE_RT;
   const Knots& knots() const LITHE_RT { return knots_[used_]; }
 
   Limits limits_;
@@ -90,6 +111,9 @@ class Interpolator {
   std::int64_t coast_until_ns_ = 0;
   Piece piece_;
   Blend blend_;
+  std::array<CatchUp, kMaxJoints> catch_up_{};
+  bool catching_up_ = false;  // one of them
+  std::int64_t caught_up_to_ns_ = 0;
 };
 
 }  // namespace lithe::plan

@@ -88,12 +88,24 @@ void Knots::bound_speed(std::int64_t now_ns, std::size_t joints, JointArray& bou
 double Knots::fastest(std::int64_t now_ns, std::size_t j) const LITHE_RT {
   double fastest = 0;
   for (std::size_t knot = segment_at(now_ns); knot + 1 < count; ++knot) {
-    const double length_s = gap_s(knot);
-    const double from_s = std::max(0.0, static_cast<double>(now_ns - t_ns[knot]) * 1e-9);
-    const Arc a = arc(knot, j);
-    fastest = std::max(fastest, peak(a.velocity(from_s), a.velocity(0.5 * (from_s + length_s)), a.velocity(length_s)));
+    fastest = std::max(fastest, fastest_on(knot, std::max(0.0, static_cast<double>(now_ns - t_ns[knot]) * 1e-9), j));
   }
   return fastest;
+}
+
+double Knots::fastest_on(std::size_t knot, double from_s, std::size_t j) const LITHE_RT {
+  const double length_s = gap_s(knot);
+  const Arc a = arc(knot, j);
+  return peak(a.velocity(from_s), a.velocity(0.5 * (from_s + length_s)), a.velocity(length_s));
+}
+
+double Knots::hardest(std::size_t first, std::size_t j) const LITHE_RT {
+  double hardest = 0;
+  for (std::size_t knot = first; knot + 1 < count; ++knot) {
+    const Arc a = arc(knot, j);
+    hardest = std::max({hardest, std::abs(2 * a.c2), std::abs(2 * a.c2 + 6 * a.c3 * gap_s(knot))});
+  }
+  return hardest;
 }
 
 }  // namespace lithe::plan

@@ -45,6 +45,11 @@ struct Knots {
   void bound_speed(std::int64_t now_ns, std::size_t joints, JointArray& bound_rad_s) const LITHE_RT;
   // The highest speed of joint j on that way. Exact.
   double fastest(std::int64_t now_ns, std::size_t j) const LITHE_RT;
+  // The same on one segment, from `from_s` after its first knot.
+  double fastest_on(std::size_t knot, double from_s, std::size_t j) const LITHE_RT;
+
+  // The largest acceleration of joint j on the segments from knot `first` on. Exact.
+  double hardest(std::size_t first, std::size_t j) const LITHE_RT;
 
   double gap_s(std::size_t knot) const LITHE_RT { return static_cast<double>(t_ns[knot + 1] - t_ns[knot]) * 1e-9; }
 

@@ -26,7 +26,8 @@ enum class Checksums { automatic, on, off };  // of the lines to an fdcanusb
 enum class DeviceKind { moteus, cia402, gateway, imu };
 enum class DriveMode { torque, position, velocity };  // what a CiA 402 drive is given: CST, CSP or CSV
 enum class SensorKind { analog, digital, imu };
-enum class PlantKind { independent, chain, mujoco };  // what simulated joints hang on
+enum class NumberFormat { int8, int16, int32, float32, none };  // how a number travels in a moteus frame
+enum class PlantKind { independent, chain, mujoco };            // what simulated joints hang on
 
 // As robot.toml says it.
 constexpr std::string_view word(BusKind kind) {
@@ -80,7 +81,11 @@ struct GuardConfig {
   double velocity_overrun = 1.25;       // this multiple of a joint's velocity limit is a fault
   std::uint32_t lost_after_misses = 3;  // answers in a row: then the drive is lost, which is a fault
   OtherGroups other_groups = OtherGroups::stop;
-  double soft_start_s = 0.0;  // for so long after arming the torque limits grow from 0 to what they are
+  // For so long after arming the torque limits grow from 0 to what they are. Twice the time in which a person reacts:
+  // a hand on the e-stop comes before the full torque of a wrong law.
+  double soft_start_s = 0.5;
+  double recover_torque_share = 0.5;    // of torque_max_nm: the most that recover uses
+  double recover_velocity_rad_s = 0.3;  // the speed at which recover brings a joint inside its limits
   // The ladder below the safe law: once it has kept a group's joints at rest for so long, their drives brake, and then
   // are off. 0 = never.
   double brake_after_s = 0.0;
@@ -122,6 +127,15 @@ constexpr bool is_fd(const BusConfig& bus) { return bus.data_bitrate > 0; }
 // What moves a joint; the others only measure.
 constexpr bool is_drive(DeviceKind kind) { return kind == DeviceKind::moteus || kind == DeviceKind::cia402; }
 
+// How the numbers of a moteus travel: fewer bytes make shorter frames and coarser numbers.
+struct FramesConfig {
+  NumberFormat command = NumberFormat::float32;  // all numbers of a command but its settings
+  NumberFormat answer = NumberFormat::float32;   // position, velocity, torque
+  NumberFormat current = NumberFormat::none;     // none: it is not asked for
+  NumberFormat power = NumberFormat::none;
+  bool settings_in_drive = false;  // watchdog, planner and integral as the drive is configured, not in every command
+};
+
 struct DeviceConfig {
   std::string name;
   DeviceKind kind = DeviceKind::moteus;
@@ -132,6 +146,7 @@ struct DeviceConfig {
   DriveMode mode = DriveMode::torque;  // these three: cia402
   double counts_per_rev = 4096;        // of the motor's position
   double rated_torque_nm = 1.0;        // of the motor: object 6076h, of which torques are thousandths
+  FramesConfig frames{};               // moteus
 };
 
 // One channel of a gateway: value = scale * raw + offset.
@@ -150,6 +165,7 @@ struct MechanismConfig {
   double gravity_m_s2 = 9.81;               // chain
   std::string model;                        // mujoco: absolute path of an MJCF file
   double step_s = 5e-5;                     // mujoco: of its physics; a multiple of 50 us
+  bool ideal = false;                       // without errors of drives, cogging, Stribeck friction, payload
 };
 
 // The simulated plant at the far end of a joint's drive, in joint coordinates: angle 0 hangs straight down,
@@ -167,7 +183,17 @@ struct PlantConfig {
   double coulomb_nm = 0.0;
   double cogging_nm = 0.0;  // amplitude
   std::uint32_t cogging_per_rev = 84;
+  double stribeck_nm = 0.0;     // dry friction at rest, above coulomb_nm
+  double stribeck_rad_s = 0.1;  // at this speed 1/e of it is left
+  double payload_kg = 0.0;      // at most: how much it is the seed draws
+  double payload_m = 0.0;       // from the joint
   double torque_lag_s = 1.0e-3;
+  // What the drive does not know of itself. Of the first two the seed draws a value between plus and minus this.
+  double torque_gain_error = 0.0;        // share by which the joint gets more torque than the drive tells
+  double encoder_offset_rad = 0.0;       // by which it tells another angle than the joint's
+  double torque_noise_nm = 0.0;          // standard deviation of the torque it tells
+  double encoder_noise_rad = 0.0;        // standard deviation of an angle it reads, at the joint
+  double bus_delay_s = 0.0;              // from the exchange in which a command leaves to its effect
   std::uint32_t encoder_counts = 16384;  // per revolution of the motor
   double initial_position_rad = 0.0;
   std::uint64_t seed = 1;
@@ -194,6 +220,11 @@ struct JointConfig {
   double kd_max_nm_s_rad = 5.0;
   double safe_kp_nm_rad = 0.0;  // the safe law's own PD; its damping also ends every safe stop
   double safe_kd_nm_s_rad = 0.0;
+  // What the guard reckons with to stop the joint inside its limits. 0 inertia: it does not; a file never says that.
+  double load_max_nm = 0.0;        // the worst that pushes it, either way: gravity, payload, the pull of other joints
+  double inertia_max_kg_m2 = 0.0;  // of all that turns with it, at the joint, rotor behind its gear included
+  double inertia_min_kg_m2 = 0.0;
+  double drive_lag_s = 0.003;  // from a command to its torque, and from a motion to its measured speed, together
   PlantConfig sim;
 };
 

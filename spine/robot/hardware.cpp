@@ -116,7 +116,44 @@ void check_device(Reader& in, const RobotConfig& robot, const DeviceConfig& devi
   }
 }
 
-void check_joint(Reader& in, const JointConfig& joint, const DeviceConfig& device) {
+namespace {
+
+struct LargestNumbers {
+  double position_rev, velocity_rev_s, torque_nm;
+};
+// What whole numbers of a moteus frame can say: the counts of its protocol times what one is worth.
+constexpr LargestNumbers kInInt8{127 * 0.01, 127 * 0.1, 127 * 0.5};
+constexpr LargestNumbers kInInt16{32767 * 0.0001, 32767 * 0.00025, 32767 * 0.01};
+
+// A number beyond its format would be cut, and an answer at its end tells nothing any more.
+void check_frames(Reader& in, const RobotConfig& robot, const JointConfig& joint, const DeviceConfig& device) {
+  const auto narrower = std::min(device.frames.command, device.frames.answer);
+  if (narrower != NumberFormat::int8 && narrower != NumberFormat::int16) return;
+  const LargestNumbers& most = narrower == NumberFormat::int8 ? kInInt8 : kInInt16;
+  const std::string_view name = narrower == NumberFormat::int8 ? "int8" : "int16";
+  const double turns = joint.ratio / (2.0 * std::numbers::pi);
+  const double farthest_rad =
+      std::max(std::abs(joint.position_min_rad - joint.zero_rad), std::abs(joint.position_max_rad - joint.zero_rad)) +
+      robot.guard.position_overrun_rad;
+  const auto complain = [&](std::string_view key, double needed, double largest, std::string_view unit) {
+    in.complain(key, fmt::format("needs {:.3g} {} of the motor, and {} of \"{}\" ends at {:.4g}: say \"float\" in "
+                                 "[device.frames]",
+                                 needed, unit, name, device.name, largest));
+  };
+  if (const double rev = farthest_rad * turns; rev >= most.position_rev) {
+    complain("position_max_rad", rev, most.position_rev, "turns");
+  }
+  const double rev_s = joint.velocity_max_rad_s * robot.guard.velocity_overrun * turns;
+  if (rev_s >= most.velocity_rev_s) complain("velocity_max_rad_s", rev_s, most.velocity_rev_s, "turns/s");
+  if (const double nm = joint.torque_max_nm / joint.ratio; nm >= most.torque_nm) {
+    complain("torque_max_nm", nm, most.torque_nm, "Nm");
+  }
+}
+
+}  // namespace
+
+void check_joint(Reader& in, const RobotConfig& robot, const JointConfig& joint, const DeviceConfig& device) {
+  if (device.kind == DeviceKind::moteus) check_frames(in, robot, joint, device);
   if (device.kind != DeviceKind::cia402) return;
   if (joint.must_be_homed) {
     in.complain("must_be_homed", fmt::format("\"{}\" is a cia402 drive, which does not tell whether it is homed: say "

@@ -15,7 +15,7 @@ void check_neighbours(Reader& in, const RobotConfig& robot, bool has_id);
 // Complains where the device asks for what its bus or the robot's rate cannot give.
 void check_device(Reader& in, const RobotConfig& robot, const DeviceConfig& device);
 // Complains where the joint asks for what its device cannot do.
-void check_joint(Reader& in, const JointConfig& joint, const DeviceConfig& device);
+void check_joint(Reader& in, const RobotConfig& robot, const JointConfig& joint, const DeviceConfig& device);
 // Complains where the last sensor of `robot` has no channel of its own on a gateway.
 void check_sensor(Reader& in, const RobotConfig& robot);
 

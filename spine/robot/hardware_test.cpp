@@ -26,7 +26,7 @@ const std::string kRated = "rated_torque_nm = 0.5\n";
 std::string joint(const std::string& name, const std::string& device) {
   return "[[joint]]\nname = \"" + name + "\"\ndevice = \"" + device +
          "\"\nposition_min_rad = -1\nposition_max_rad = 1\nvelocity_max_rad_s = 9\ntorque_max_nm = 1\n"
-         "torque_slew_nm_s = 100\nsafe_kd_nm_s_rad = 0.1\n";
+         "torque_slew_nm_s = 100\nsafe_kd_nm_s_rad = 0.1\nload_max_nm = 0.3\ninertia_max_kg_m2 = 5e-3\n";
 }
 std::string sensor(const std::string& name, const std::string& device, int channel) {
   return "[[sensor]]\nname = \"" + name + "\"\ndevice = \"" + device +
@@ -211,6 +211,37 @@ TEST(Hardware, AnImuIsOfTheBoardAndHasNoId) {
   expect_refused(kTop + kFd + device("m", "moteus", "fd", 1) + joint("a", "m") +
                      "[[device]]\nname = \"body\"\nkind = \"imu\"\nbus = \"fd\"\n",
                  {"name a bus of the pi3hat"});
+}
+
+std::string framed(const std::string& frames, const std::string& more = "") {
+  return kTop + kFd + device("m", "moteus", "fd", 1, more + "[device.frames]\n" + frames) + joint("a", "m");
+}
+
+TEST(Hardware, FormatsOfAMoteusAreReadAndDefaultsHoldForAll) {
+  const std::string text = kTop + kFd + "[defaults.device.frames]\ncommand = \"int16\"\nsettings = \"drive\"\n" +
+                           device("m", "moteus", "fd", 1, "[device.frames]\nanswer = \"int32\"\ncurrent = \"int8\"\n") +
+                           joint("a", "m");
+  const Result<RobotConfig> robot = parse_robot(text, "r.toml", {4});
+  ASSERT_TRUE(robot) << robot.message();
+  const FramesConfig& frames = robot->devices[0].frames;
+  EXPECT_EQ(frames.command, NumberFormat::int16);
+  EXPECT_EQ(frames.answer, NumberFormat::int32);
+  EXPECT_EQ(frames.current, NumberFormat::int8);
+  EXPECT_EQ(frames.power, NumberFormat::none);
+  EXPECT_TRUE(frames.settings_in_drive);
+}
+
+TEST(Hardware, FormatsThatCannotSayTheJointsNumbersAreRefusedWithTheNumber) {
+  const std::string both = "command = \"int16\"\nanswer = \"int16\"\n";
+  EXPECT_TRUE(parse_robot(framed(both), "r.toml", {4}));
+  const std::string geared = framed(both) + "ratio = 30\n";
+  expect_refused(geared,
+                 {"position_max_rad", "needs 5.73 turns of the motor", "int16 of \"m\" ends at 3.277", "float"});
+  expect_refused(geared, {"velocity_max_rad_s", "ends at 8.192"});
+  expect_refused(kTop + kFd + device("g", "gateway", "fd", 9, "[device.frames]\n") + device("m", "moteus", "fd", 1) +
+                     joint("a", "m"),
+                 {"frames", "only the numbers of a moteus"});
+  expect_refused(framed("command = \"none\"\n"), {"command", "int16"});
 }
 
 }  // namespace

@@ -25,6 +25,16 @@ void read_link(Reader& in, PlantConfig& sim) {
   }
 }
 
+void read_drive_errors(Reader& in, PlantConfig& sim) {
+  constexpr double kLongestDelayS = 1.0e-3;
+  in.number("torque_gain_error", sim.torque_gain_error, {0.0, 0.5});
+  in.number("encoder_offset_rad", sim.encoder_offset_rad, {0.0, 1.0});
+  in.number("torque_noise_nm", sim.torque_noise_nm, {0.0, kBig});
+  in.number("encoder_noise_rad", sim.encoder_noise_rad, {0.0, 0.1});
+  in.number("bus_delay_s", sim.bus_delay_s, {0.0, kLongestDelayS});
+  in.integer("seed", sim.seed, {0, 9.0e15});
+}
+
 void refuse_link(Reader& in, std::string_view why) {
   for (const std::string_view key : {"length_m", "mass_kg", "center_m", "link_inertia_kg_m2", "rotor_inertia_kg_m2"}) {
     in.refuse(key, why);
@@ -53,6 +63,7 @@ void read_mechanism(Reader& in, MechanismConfig& plant) {
     if (plant.kind == PlantKind::independent)
       in.refuse("gravity_m_s2", "pulls at each joint's own mgl_nm; remove this");
   }
+  in.boolean("ideal", plant.ideal);
   in.finish();
 }
 
@@ -71,7 +82,8 @@ void read_plant(Reader& in, PlantConfig& sim, PlantKind kind) {
     refuse_link(in, kModelSays);
   }
   if (kind == PlantKind::mujoco) {
-    for (const std::string_view key : {"viscous_nm_s_rad", "coulomb_nm", "cogging_nm", "cogging_per_rev", "seed"}) {
+    for (const std::string_view key : {"viscous_nm_s_rad", "coulomb_nm", "cogging_nm", "cogging_per_rev", "stribeck_nm",
+                                       "stribeck_rad_s", "payload_kg", "payload_m"}) {
       in.refuse(key, kModelSays);
     }
   } else {
@@ -79,8 +91,12 @@ void read_plant(Reader& in, PlantConfig& sim, PlantKind kind) {
     in.number("coulomb_nm", sim.coulomb_nm, {0.0, kBig});
     in.number("cogging_nm", sim.cogging_nm, {0.0, kBig});
     in.integer("cogging_per_rev", sim.cogging_per_rev, {1, 10'000});
-    in.integer("seed", sim.seed, {0, 9.0e15});
+    in.number("stribeck_nm", sim.stribeck_nm, {0.0, kBig});
+    in.number("stribeck_rad_s", sim.stribeck_rad_s, {1.0e-6, kBig});
+    in.number("payload_kg", sim.payload_kg, {0.0, 1.0e4});
+    in.number("payload_m", sim.payload_m, {0.0, 100.0});
   }
+  read_drive_errors(in, sim);
   in.number("torque_lag_s", sim.torque_lag_s, {0.0, 1.0});
   in.integer("encoder_counts", sim.encoder_counts, {16, 16'777'216});
   in.number("initial_position_rad", sim.initial_position_rad, {-1.0e4, 1.0e4});

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "spine/core/text.hpp"
+
 namespace lithe::robot {
 namespace {
 
@@ -101,12 +103,16 @@ void Reader::text(std::string_view key, std::string& out, Need need) {
   if (node == nullptr) return;
   if (!node->is_string()) return wrong_type(key, *node, "a string in quotes");
   out = node->value<std::string>().value_or(std::string());
+  if (is_printable(out)) return;
+  complain(key, fmt::format("\"{}\" holds characters that are not printable; write it without them", out));
+  out.clear();
 }
 
 void Reader::identifier(std::string_view key, std::string& out, Need need) {
   text(key, out, need);
   const toml::node* node = table_.get(key);
   if (node == nullptr || !node->is_string() || is_identifier(out)) return;
+  if (out.empty() && !node->value<std::string_view>()->empty()) return;  // not even text: said already
   complain(key, fmt::format("\"{}\" is no name; give 1 to 31 of a-z A-Z 0-9 - _, not starting with -", out));
   out.clear();
 }

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <tuple>
 
+#include "spine/core/text.hpp"
+
 namespace lithe::robot {
 namespace {
 
@@ -61,7 +63,7 @@ void Report::add(Place place, const std::string& what) {
   const auto later = std::find_if(mistakes_.begin(), mistakes_.end(), [&](const Mistake& other) {
     return std::tie(place.line, place.column) < std::tie(other.place.line, other.place.column);
   });
-  mistakes_.insert(later, {place, what});
+  mistakes_.insert(later, {place, printable(what)});  // it quotes what stands in the file
 }
 
 Error Report::error() const {

@@ -4,24 +4,21 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cerrno>
-#include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <sstream>
 #include <thread>
 
+#include "spine/core/files.hpp"
 #include "spine/core/joints.hpp"
+#include "spine/core/text.hpp"
 #include "spine/robot/hardware.hpp"
+#include "spine/robot/limits.hpp"
 #include "spine/robot/plants.hpp"
 #include "spine/robot/reader.hpp"
 #include "spine/robot/sections.hpp"
-#include "spine/robot/utf8.hpp"
 
 namespace lithe::robot {
 namespace {
-
-constexpr std::size_t kLargestFile = 1 << 20;
 
 // The file as a whole: sections in the order in which later ones refer to earlier ones.
 class File {
@@ -79,6 +76,10 @@ class File {
     if (device_defaults_ != nullptr) {
       Reader in(*device_defaults_, "[defaults.device]", report_);
       read_device(in, prototype, buses, Need::optional);
+      if (const toml::table* frames = in.table("frames")) {
+        Reader own(*frames, "[defaults.device.frames]", report_);
+        read_frames(own, prototype.frames);
+      }
       in.finish();
     }
     for (const toml::table* table : top_.tables("device")) {
@@ -86,6 +87,12 @@ class File {
       Reader in(*table, where("device", *table), report_, device_defaults_);
       in.identifier("name", device.name);
       read_device(in, device, buses, Need::required);
+      if (device.kind != DeviceKind::moteus)
+        in.refuse("frames", "only the numbers of a moteus can travel in different formats");
+      if (const toml::table* frames = in.table("frames")) {
+        Reader own(*frames, where("device", *table) + ".frames", report_);
+        read_frames(own, device.frames);
+      }
       if (device.kind == DeviceKind::imu) {
         device.id = 0;
       } else {
@@ -116,6 +123,7 @@ class File {
 
   void read_joints() {
     JointConfig prototype;
+    forget_limits(prototype);
     if (robot_.plant.kind == PlantKind::chain) forget_link(prototype.sim);
     const toml::table* sim_defaults = nullptr;
     if (joint_defaults_ != nullptr) {
@@ -170,7 +178,7 @@ class File {
                                                   joint.position_max_rad, joint.position_min_rad));
     }
     if (joint.device >= owners.size()) return;
-    check_joint(in, joint, robot_.devices[joint.device]);
+    check_joint(in, robot_, joint, robot_.devices[joint.device]);
     if (const DeviceConfig& device = robot_.devices[joint.device]; !is_drive(device.kind)) {
       in.complain("device", fmt::format("\"{}\" is {} and moves nothing; name a drive", device.name,
                                         device.kind == DeviceKind::imu ? "an imu" : "a gateway"));
@@ -180,6 +188,7 @@ class File {
                                         robot_.devices[joint.device].name, place_of(*owners[joint.device]).line));
     }
     owners[joint.device] = &table;
+    settle_limits(in, robot_, joint);
   }
 
   bool has_limits(const toml::table& table) const {
@@ -290,20 +299,9 @@ Result<RobotConfig> parse_robot(std::string_view text, const std::string& path, 
 }
 
 Result<RobotConfig> load_robot(const std::string& path, Host host) {
-  std::error_code failure;
-  if (std::filesystem::is_directory(path, failure)) {
-    return Error{path + ": this is a folder; give the robot's .toml file"};
-  }
-  std::ifstream file(path, std::ios::binary);
-  if (!file) {
-    return Error{fmt::format("{}: cannot be read: {}; check the path, `ls robots/` shows the robots at hand", path,
-                             std::strerror(errno))};
-  }
-  std::string text(kLargestFile + 1, '\0');
-  file.read(text.data(), static_cast<std::streamsize>(text.size()));
-  text.resize(static_cast<std::size_t>(file.gcount()));
-  if (text.size() > kLargestFile) return Error{path + ": larger than 1 MiB; this is no robot file"};
-  return parse_robot(text, path, host);
+  const Result<std::string> text = read_regular_file(path, kMaxConfigBytes);
+  if (!text) return Error{text.message() + "; give the robot's .toml file, `ls robots/` shows the robots at hand"};
+  return parse_robot(*text, path, host);
 }
 
 }  // namespace lithe::robot

@@ -8,6 +8,7 @@
 #include <random>
 
 #include "spine/core/joints.hpp"
+#include "spine/core/text.hpp"
 
 namespace lithe::robot {
 namespace {
@@ -208,7 +209,7 @@ TEST(Robot, MoreJointsThanTheCapacityAreRefused) {
     text += "[[device]]\nname = \"d" + n + "\"\nkind = \"moteus\"\nbus = \"can0\"\nid = " + std::to_string(i + 1) +
             "\n[[joint]]\nname = \"j" + n + "\"\ndevice = \"d" + n +
             "\"\nposition_min_rad = -1\nposition_max_rad = 1\nvelocity_max_rad_s = 1\ntorque_max_nm = "
-            "1\ntorque_slew_nm_s = 1\nsafe_kd_nm_s_rad = 1\n";
+            "1\ntorque_slew_nm_s = 1\nsafe_kd_nm_s_rad = 0.1\n";
   }
   expect_refused(text, std::to_string(4 + 14 * kMaxJoints + 6) + ":1",
                  {"built for " + std::to_string(kMaxJoints), "-DLITHE_NJ=" + std::to_string(count)});
@@ -281,11 +282,30 @@ TEST(Robot, FilesThatCannotBeReadSaySo) {
   EXPECT_NE(missing.message().find("No such file"), std::string::npos);
   const Result<RobotConfig> folder = load_robot(LITHE_ROBOTS);
   ASSERT_FALSE(folder);
-  EXPECT_NE(folder.message().find("this is a folder"), std::string::npos);
+  EXPECT_NE(folder.message().find("is a directory"), std::string::npos);
+  const Result<RobotConfig> endless = load_robot("/dev/zero");
+  ASSERT_FALSE(endless);
+  EXPECT_NE(endless.message().find("is a device"), std::string::npos);
 }
 
 TEST(Robot, BytesThatAreNoTextAreRefusedAtTheirPlace) {
   expect_refused("name = \"r\"\n[[\xFF\n", "2:3", {"byte 0xFF is no text", "UTF-8"});
+}
+
+// TOML can write what no terminal should be sent: "\\u001b". Refused wherever a string stands, and quoted harmlessly.
+TEST(Robot, EveryStringIsPrintable) {
+  for (const char* escape : {"\\u001b[2J", "\\n", "\\u0000", "\\u007f", "\\u009b", "\\u202e", "\\u2066", "\\u200b"}) {
+    const std::string bad = std::string("\"a") + escape + "b\"";
+    const std::string text = bad + " = 1\nlaw = " + bad + "\nname = " + bad + "\n[[bus]]\nname = " + bad +
+                             "\nkind = \"loop\"\n[[device]]\nname = " + bad + "\nbus = " + bad +
+                             "\n[[joint]]\nname = " + bad + "\ngroup = " + bad + "\n";
+    const Result<RobotConfig> robot = parse_robot(text, "r.toml", kFourCores);
+    ASSERT_FALSE(robot);
+    for (const char* line :
+         {"r.toml:1:", "r.toml:2:", "r.toml:3:", "r.toml:5:", "r.toml:8:", "r.toml:11:", "r.toml:12:"})
+      EXPECT_NE(robot.message().find(line), std::string::npos) << line << "\n" << robot.message();
+    EXPECT_EQ(printable(robot.message(), true), robot.message());
+  }
 }
 
 // Each of these is undefined behaviour in plain toml++ 3.3 (spine/robot/toml.hpp).

@@ -39,6 +39,8 @@ void read_guard(Reader& in, GuardConfig& guard) {
   in.choice<OtherGroups>("other_groups", guard.other_groups,
                          {{"stop", OtherGroups::stop}, {"continue", OtherGroups::go_on}});
   in.number("soft_start_s", guard.soft_start_s, {0.0, 60.0});
+  in.number("recover_torque_share", guard.recover_torque_share, {0.01, 1.0});
+  in.number("recover_velocity_rad_s", guard.recover_velocity_rad_s, {0.01, 10.0});
   in.number("brake_after_s", guard.brake_after_s, {0.0, 3600.0});
   in.number("off_after_s", guard.off_after_s, {0.0, 3600.0});
   in.finish();
@@ -100,6 +102,21 @@ void read_bus(Reader& in, BusConfig& bus, double rate_hz) {
   in.finish();
 }
 
+void read_frames(Reader& in, FramesConfig& frames) {
+  const std::vector<std::pair<std::string_view, NumberFormat>> formats{{"int8", NumberFormat::int8},
+                                                                       {"int16", NumberFormat::int16},
+                                                                       {"int32", NumberFormat::int32},
+                                                                       {"float", NumberFormat::float32}};
+  auto or_none = formats;
+  or_none.emplace_back("none", NumberFormat::none);
+  in.choice<NumberFormat>("command", frames.command, formats);
+  in.choice<NumberFormat>("answer", frames.answer, formats);
+  in.choice<NumberFormat>("current", frames.current, or_none);
+  in.choice<NumberFormat>("power", frames.power, or_none);
+  in.choice<bool>("settings", frames.settings_in_drive, {{"command", false}, {"drive", true}});
+  in.finish();
+}
+
 void read_device(Reader& in, DeviceConfig& device, const std::vector<std::string_view>& buses, Need need) {
   in.choice<DeviceKind>("kind", device.kind,
                         {{"moteus", DeviceKind::moteus},
@@ -155,6 +172,10 @@ void read_joint(Reader& in, JointConfig& joint, Need need) {
   in.number("kd_max_nm_s_rad", joint.kd_max_nm_s_rad, {0.0, kBig});
   in.number("safe_kp_nm_rad", joint.safe_kp_nm_rad, {0.0, kBig});
   in.number("safe_kd_nm_s_rad", joint.safe_kd_nm_s_rad, {kSmall, kBig}, need);
+  in.number("load_max_nm", joint.load_max_nm, {0.0, kBig});
+  in.number("inertia_max_kg_m2", joint.inertia_max_kg_m2, {1.0e-7, kBig});
+  in.number("inertia_min_kg_m2", joint.inertia_min_kg_m2, {1.0e-7, kBig});
+  in.number("drive_lag_s", joint.drive_lag_s, {0.0, 1.0});
 }
 
 }  // namespace lithe::robot

@@ -20,5 +20,6 @@ void read_sensor(Reader& in, SensorConfig& sensor, const std::vector<std::string
 // The keys that [defaults] may give for all; there `need` is optional. Name, id and device are each one's own.
 void read_device(Reader& in, DeviceConfig& device, const std::vector<std::string_view>& buses, Need need);
 void read_joint(Reader& in, JointConfig& joint, Need need);
+void read_frames(Reader& in, FramesConfig& frames);
 
 }  // namespace lithe::robot

@@ -58,6 +58,11 @@ void for_each_field(Telemetry& message, Visit&& visit) {
   visit("sensor", message.sensor);
   visit("joint_fault", message.joint_fault);
   visit("joint_rung", message.joint_rung);
+  visit("drive_state", message.drive_state);
+  visit("drive_current_a", message.drive_current_a);
+  visit("drive_voltage_v", message.drive_voltage_v);
+  visit("drive_power_w", message.drive_power_w);
+  visit("drive_temperature_degc", message.drive_temperature_degc);
 }
 
 template <class Visit>
@@ -110,6 +115,10 @@ void for_each_field(StageRequest& message, Visit&& visit) {
   visit("probation_ticks", message.probation_ticks);
   visit("shadow_tolerance_nm", message.shadow_tolerance_nm);
   visit("probation_error_ratio", message.probation_error_ratio);
+  visit("param_count", message.param_count);
+  visit("pad0", message.pad0);
+  visit("param_index", message.param_index);
+  visit("param_value", message.param_value);
 }
 
 template <class Visit>

@@ -33,6 +33,7 @@ enum class Mode : std::uint32_t {
   hold = 2,
   safe_stop = 3,
   estop = 4,
+  recover = 5,
 };
 
 // The name of `value`, or "?" for a number that is not one of Mode.
@@ -48,6 +49,8 @@ constexpr std::string_view to_string(Mode value) LITHE_RT {
       return "safe_stop";
     case Mode::estop:
       return "estop";
+    case Mode::recover:
+      return "recover";
   }
   return "?";
 }
@@ -69,6 +72,7 @@ enum class Fault : std::uint32_t {
   drive_conflict = 13,
   drive_garbled = 14,
   drive_not_homed = 15,
+  recover_failed = 16,
 };
 
 // The name of `value`, or "?" for a number that is not one of Fault.
@@ -106,6 +110,8 @@ constexpr std::string_view to_string(Fault value) LITHE_RT {
       return "drive_garbled";
     case Fault::drive_not_homed:
       return "drive_not_homed";
+    case Fault::recover_failed:
+      return "recover_failed";
   }
   return "?";
 }
@@ -201,6 +207,8 @@ enum class CommandKind : std::uint32_t {
   set_params = 6,
   estop = 7,
   revert_params = 8,
+  recover = 9,
+  sim_reset = 10,
 };
 
 // The name of `value`, or "?" for a number that is not one of CommandKind.
@@ -224,6 +232,10 @@ constexpr std::string_view to_string(CommandKind value) LITHE_RT {
       return "estop";
     case CommandKind::revert_params:
       return "revert_params";
+    case CommandKind::recover:
+      return "recover";
+    case CommandKind::sim_reset:
+      return "sim_reset";
   }
   return "?";
 }
@@ -239,6 +251,8 @@ enum class CommandResult : std::uint32_t {
   refused_unknown = 7,
   refused_not_ready = 8,
   refused_not_homed = 9,
+  refused_outside = 10,
+  refused_not_simulated = 11,
 };
 
 // The name of `value`, or "?" for a number that is not one of CommandResult.
@@ -264,6 +278,10 @@ constexpr std::string_view to_string(CommandResult value) LITHE_RT {
       return "refused_not_ready";
     case CommandResult::refused_not_homed:
       return "refused_not_homed";
+    case CommandResult::refused_outside:
+      return "refused_outside";
+    case CommandResult::refused_not_simulated:
+      return "refused_not_simulated";
   }
   return "?";
 }
@@ -295,6 +313,13 @@ enum class EventKind : std::uint32_t {
   shadow_started = 23,
   shadow_ended = 24,
   group_stopped = 25,
+  recovering = 26,
+  recovered = 27,
+  sim_reset = 28,
+  state_not_carried = 29,
+  law_unproven = 30,
+  params_confirmed = 31,
+  params_reverted = 32,
 };
 
 // The name of `value`, or "?" for a number that is not one of EventKind.
@@ -352,6 +377,20 @@ constexpr std::string_view to_string(EventKind value) LITHE_RT {
       return "shadow_ended";
     case EventKind::group_stopped:
       return "group_stopped";
+    case EventKind::recovering:
+      return "recovering";
+    case EventKind::recovered:
+      return "recovered";
+    case EventKind::sim_reset:
+      return "sim_reset";
+    case EventKind::state_not_carried:
+      return "state_not_carried";
+    case EventKind::law_unproven:
+      return "law_unproven";
+    case EventKind::params_confirmed:
+      return "params_confirmed";
+    case EventKind::params_reverted:
+      return "params_reverted";
   }
   return "?";
 }
@@ -408,6 +447,8 @@ enum class LawFaultKind : std::uint32_t {
   tracking_lost = 11,
   guard_busy = 12,
   guard_stopped = 13,
+  chattering = 14,
+  oscillating = 15,
 };
 
 // The name of `value`, or "?" for a number that is not one of LawFaultKind.
@@ -441,6 +482,35 @@ constexpr std::string_view to_string(LawFaultKind value) LITHE_RT {
       return "guard_busy";
     case LawFaultKind::guard_stopped:
       return "guard_stopped";
+    case LawFaultKind::chattering:
+      return "chattering";
+    case LawFaultKind::oscillating:
+      return "oscillating";
+  }
+  return "?";
+}
+
+enum class DriveState : std::uint32_t {
+  off = 0,
+  enabling = 1,
+  driven = 2,
+  damped = 3,
+  fault = 4,
+};
+
+// The name of `value`, or "?" for a number that is not one of DriveState.
+constexpr std::string_view to_string(DriveState value) LITHE_RT {
+  switch (value) {
+    case DriveState::off:
+      return "off";
+    case DriveState::enabling:
+      return "enabling";
+    case DriveState::driven:
+      return "driven";
+    case DriveState::damped:
+      return "damped";
+    case DriveState::fault:
+      return "fault";
   }
   return "?";
 }
@@ -465,6 +535,9 @@ inline constexpr std::uint32_t kOnProbation = 32768;
 inline constexpr std::uint32_t kPowerClamped = 65536;
 inline constexpr std::uint32_t kSoftStarting = 131072;
 inline constexpr std::uint32_t kGroupStopped = 262144;
+inline constexpr std::uint32_t kRecovering = 524288;
+inline constexpr std::uint32_t kUnproven = 1048576;
+inline constexpr std::uint32_t kParamsOnProbation = 2097152;
 }
 
 namespace joint_status {
@@ -543,10 +616,15 @@ struct Telemetry {
   std::array<double, 16> sensor{};  // [1] in the units of robot.toml; NaN = not valid, or there is none
   std::array<std::uint32_t, 32> joint_fault{};  // Fault of this very joint since the last reset, the first; 0 = none
   std::array<std::uint32_t, 32> joint_rung{};  // Rung of its group; law while nothing is driven
+  std::array<std::uint32_t, 32> drive_state{};  // DriveState, as the joint's drive said last
+  std::array<double, 32> drive_current_a{};  // [A] in the motor's windings, signed like the joint's torque; NaN = not told by this drive
+  std::array<double, 32> drive_voltage_v{};  // [V] of the drive's supply; NaN = not told by this drive
+  std::array<double, 32> drive_power_w{};  // [W] the drive puts into its motor; NaN = not told by this drive
+  std::array<double, 32> drive_temperature_degc{};  // [degC] of the drive's board; NaN = not told by this drive
 };
 static_assert(std::is_trivially_copyable_v<Telemetry>);
 static_assert(std::is_standard_layout_v<Telemetry>);
-static_assert(sizeof(Telemetry) == 2208);
+static_assert(sizeof(Telemetry) == 3360);
 static_assert(offsetof(Telemetry, tick) == 0);
 static_assert(offsetof(Telemetry, release_ns) == 8);
 static_assert(offsetof(Telemetry, sample_ns) == 16);
@@ -577,6 +655,11 @@ static_assert(offsetof(Telemetry, joint_status) == 1696);
 static_assert(offsetof(Telemetry, sensor) == 1824);
 static_assert(offsetof(Telemetry, joint_fault) == 1952);
 static_assert(offsetof(Telemetry, joint_rung) == 2080);
+static_assert(offsetof(Telemetry, drive_state) == 2208);
+static_assert(offsetof(Telemetry, drive_current_a) == 2336);
+static_assert(offsetof(Telemetry, drive_voltage_v) == 2592);
+static_assert(offsetof(Telemetry, drive_power_w) == 2848);
+static_assert(offsetof(Telemetry, drive_temperature_degc) == 3104);
 
 // Something that happened once.
 struct Event {
@@ -659,10 +742,14 @@ struct StageRequest {
   std::uint32_t probation_ticks = {};  // automatic rollback for so long after the commit; 0 = none
   double shadow_tolerance_nm = {};  // [N m] largest difference that is still agreement
   double probation_error_ratio = {};  // [1] roll back when the tracking error grows beyond this ratio; 0 = never
+  std::uint32_t param_count = {};  // parameters that differ from the compiled ones, in force from the first tick on
+  std::array<std::uint8_t, 4> pad0{};
+  std::array<std::uint32_t, 32> param_index{};  // which parameter
+  std::array<double, 32> param_value{};  // [1] its value, in the parameter's own unit
 };
 static_assert(std::is_trivially_copyable_v<StageRequest>);
 static_assert(std::is_standard_layout_v<StageRequest>);
-static_assert(sizeof(StageRequest) == 392);
+static_assert(sizeof(StageRequest) == 784);
 static_assert(offsetof(StageRequest, request_id) == 0);
 static_assert(offsetof(StageRequest, source_hash) == 8);
 static_assert(offsetof(StageRequest, path) == 16);
@@ -677,6 +764,10 @@ static_assert(offsetof(StageRequest, blend_ticks) == 368);
 static_assert(offsetof(StageRequest, probation_ticks) == 372);
 static_assert(offsetof(StageRequest, shadow_tolerance_nm) == 376);
 static_assert(offsetof(StageRequest, probation_error_ratio) == 384);
+static_assert(offsetof(StageRequest, param_count) == 392);
+static_assert(offsetof(StageRequest, pad0) == 396);
+static_assert(offsetof(StageRequest, param_index) == 400);
+static_assert(offsetof(StageRequest, param_value) == 528);
 
 // A law that failed in the tick, and what was done about it.
 struct LawFault {
@@ -913,6 +1004,11 @@ constexpr WordRanges active_ranges<Telemetry>(std::size_t joints) {
   used.add(1824, 1952);
   used.add(1952, 1952 + 4 * joints);
   used.add(2080, 2080 + 4 * joints);
+  used.add(2208, 2208 + 4 * joints);
+  used.add(2336, 2336 + 8 * joints);
+  used.add(2592, 2592 + 8 * joints);
+  used.add(2848, 2848 + 8 * joints);
+  used.add(3104, 3104 + 8 * joints);
   return used;
 }
 
@@ -944,30 +1040,30 @@ namespace spine_segment {
 inline constexpr std::size_t kRobotInfoOffset = 128;  // channel RobotInfo
 inline constexpr std::size_t kTelemetryOffset = 20736;  // ring Telemetry
 inline constexpr std::size_t kTelemetryDepth = 4096;
-inline constexpr std::size_t kEventsTickOffset = 9195904;  // ring Event
+inline constexpr std::size_t kEventsTickOffset = 13914496;  // ring Event
 inline constexpr std::size_t kEventsTickDepth = 256;
-inline constexpr std::size_t kEventsLoaderOffset = 9245184;  // ring Event
+inline constexpr std::size_t kEventsLoaderOffset = 13963776;  // ring Event
 inline constexpr std::size_t kEventsLoaderDepth = 256;
-inline constexpr std::size_t kParamsOffset = 9294464;  // channel Params
-inline constexpr std::size_t kLawInfoOffset = 9296128;  // channel LawInfo
+inline constexpr std::size_t kParamsOffset = 14013056;  // channel Params
+inline constexpr std::size_t kLawInfoOffset = 14014720;  // channel LawInfo
 inline constexpr std::size_t kLawInfoStride = 8832;
-inline constexpr std::size_t kLawFaultsOffset = 9366784;  // ring LawFault
+inline constexpr std::size_t kLawFaultsOffset = 14085376;  // ring LawFault
 inline constexpr std::size_t kLawFaultsDepth = 64;
-inline constexpr std::size_t kShadowOffset = 9375104;  // channel ShadowReport
-inline constexpr std::size_t kReleaseJitterOffset = 9377792;  // plain Histogram
-inline constexpr std::size_t kHandoffOffset = 9385728;  // plain Histogram
-inline constexpr std::size_t kLawOffset = 9393664;  // plain Histogram
-inline constexpr std::size_t kGuardOffset = 9401600;  // plain Histogram
-inline constexpr std::size_t kTickOffset = 9409536;  // plain Histogram
-inline constexpr std::size_t kBusOffset = 9417472;  // plain Histogram
-inline constexpr std::size_t kControlAckOffset = 9425408;  // ack Command
+inline constexpr std::size_t kShadowOffset = 14093696;  // channel ShadowReport
+inline constexpr std::size_t kReleaseJitterOffset = 14096384;  // plain Histogram
+inline constexpr std::size_t kHandoffOffset = 14104320;  // plain Histogram
+inline constexpr std::size_t kLawOffset = 14112256;  // plain Histogram
+inline constexpr std::size_t kGuardOffset = 14120192;  // plain Histogram
+inline constexpr std::size_t kTickOffset = 14128128;  // plain Histogram
+inline constexpr std::size_t kBusOffset = 14136064;  // plain Histogram
+inline constexpr std::size_t kControlAckOffset = 14144000;  // ack Command
 inline constexpr std::size_t kControlAckDepth = 16;
-inline constexpr std::size_t kBrainAckOffset = 9425664;  // ack Command
+inline constexpr std::size_t kBrainAckOffset = 14144256;  // ack Command
 inline constexpr std::size_t kBrainAckDepth = 16;
-inline constexpr std::size_t kStageAckOffset = 9425920;  // ack StageRequest
+inline constexpr std::size_t kStageAckOffset = 14144512;  // ack StageRequest
 inline constexpr std::size_t kStageAckDepth = 4;
-inline constexpr std::size_t kHealthOffset = 9426176;  // plain Health
-inline constexpr std::size_t kBytes = 9426304;  // the schema text follows
+inline constexpr std::size_t kHealthOffset = 14144768;  // plain Health
+inline constexpr std::size_t kBytes = 14144896;  // the schema text follows
 }
 
 // Segment `control`, written by the supervisor: byte offsets of its items.
@@ -976,8 +1072,8 @@ inline constexpr std::size_t kCommandsOffset = 128;  // mailbox Command
 inline constexpr std::size_t kCommandsDepth = 16;
 inline constexpr std::size_t kStageOffset = 7424;  // mailbox StageRequest
 inline constexpr std::size_t kStageDepth = 4;
-inline constexpr std::size_t kEstopOffset = 9344;  // word 
-inline constexpr std::size_t kBytes = 9472;  // the schema text follows
+inline constexpr std::size_t kEstopOffset = 10880;  // word 
+inline constexpr std::size_t kBytes = 11008;  // the schema text follows
 }
 
 // Segment `brain`, written by the brain: byte offsets of its items.
@@ -989,7 +1085,7 @@ inline constexpr std::size_t kEstopOffset = 41344;  // word
 inline constexpr std::size_t kBytes = 41472;  // the schema text follows
 }
 
-inline constexpr std::uint64_t kLayoutHash = 0xc2b3676b7e33f8e7;
+inline constexpr std::uint64_t kLayoutHash = 0x970ac54e9b84803a;
 // What the hash covers; every segment carries it, so that two builds can tell where they differ.
 inline constexpr std::string_view kCanonicalSchema =
     "abi:1\n"
@@ -1036,6 +1132,11 @@ inline constexpr std::string_view kCanonicalSchema =
     "Telemetry.sensor:float64[16]:1824:128:1\n"
     "Telemetry.joint_fault:uint32[32]:1952:128:-\n"
     "Telemetry.joint_rung:uint32[32]:2080:128:-\n"
+    "Telemetry.drive_state:uint32[32]:2208:128:-\n"
+    "Telemetry.drive_current_a:float64[32]:2336:256:A\n"
+    "Telemetry.drive_voltage_v:float64[32]:2592:256:V\n"
+    "Telemetry.drive_power_w:float64[32]:2848:256:W\n"
+    "Telemetry.drive_temperature_degc:float64[32]:3104:256:degC\n"
     "Event.t_ns:int64[1]:0:8:ns\n"
     "Event.tick:uint64[1]:8:8:-\n"
     "Event.request_id:uint64[1]:16:8:-\n"
@@ -1072,6 +1173,10 @@ inline constexpr std::string_view kCanonicalSchema =
     "StageRequest.probation_ticks:uint32[1]:372:4:-\n"
     "StageRequest.shadow_tolerance_nm:float64[1]:376:8:N m\n"
     "StageRequest.probation_error_ratio:float64[1]:384:8:1\n"
+    "StageRequest.param_count:uint32[1]:392:4:-\n"
+    "StageRequest.pad0:uint8[4]:396:4:-\n"
+    "StageRequest.param_index:uint32[32]:400:128:-\n"
+    "StageRequest.param_value:float64[32]:528:256:1\n"
     "LawFault.tick:uint64[1]:0:8:-\n"
     "LawFault.t_ns:int64[1]:8:8:ns\n"
     "LawFault.request_id:uint64[1]:16:8:-\n"
@@ -1148,25 +1253,25 @@ inline constexpr std::string_view kCanonicalSchema =
     "Health.stage_violations:uint64[1]:24:8:-\n"
     "spine/robot_info:channel:RobotInfo:0x1:128\n"
     "spine/telemetry:ring:Telemetry:4096x1:20736\n"
-    "spine/events_tick:ring:Event:256x1:9195904\n"
-    "spine/events_loader:ring:Event:256x1:9245184\n"
-    "spine/params:channel:Params:0x1:9294464\n"
-    "spine/law_info:channel:LawInfo:0x8:9296128\n"
-    "spine/law_faults:ring:LawFault:64x1:9366784\n"
-    "spine/shadow:channel:ShadowReport:0x1:9375104\n"
-    "spine/release_jitter:plain:Histogram:0x1:9377792\n"
-    "spine/handoff:plain:Histogram:0x1:9385728\n"
-    "spine/law:plain:Histogram:0x1:9393664\n"
-    "spine/guard:plain:Histogram:0x1:9401600\n"
-    "spine/tick:plain:Histogram:0x1:9409536\n"
-    "spine/bus:plain:Histogram:0x1:9417472\n"
-    "spine/control_ack:ack:Command:16x1:9425408\n"
-    "spine/brain_ack:ack:Command:16x1:9425664\n"
-    "spine/stage_ack:ack:StageRequest:4x1:9425920\n"
-    "spine/health:plain:Health:0x1:9426176\n"
+    "spine/events_tick:ring:Event:256x1:13914496\n"
+    "spine/events_loader:ring:Event:256x1:13963776\n"
+    "spine/params:channel:Params:0x1:14013056\n"
+    "spine/law_info:channel:LawInfo:0x8:14014720\n"
+    "spine/law_faults:ring:LawFault:64x1:14085376\n"
+    "spine/shadow:channel:ShadowReport:0x1:14093696\n"
+    "spine/release_jitter:plain:Histogram:0x1:14096384\n"
+    "spine/handoff:plain:Histogram:0x1:14104320\n"
+    "spine/law:plain:Histogram:0x1:14112256\n"
+    "spine/guard:plain:Histogram:0x1:14120192\n"
+    "spine/tick:plain:Histogram:0x1:14128128\n"
+    "spine/bus:plain:Histogram:0x1:14136064\n"
+    "spine/control_ack:ack:Command:16x1:14144000\n"
+    "spine/brain_ack:ack:Command:16x1:14144256\n"
+    "spine/stage_ack:ack:StageRequest:4x1:14144512\n"
+    "spine/health:plain:Health:0x1:14144768\n"
     "control/commands:mailbox:Command:16x1:128\n"
     "control/stage:mailbox:StageRequest:4x1:7424\n"
-    "control/estop:word:-:0x1:9344\n"
+    "control/estop:word:-:0x1:10880\n"
     "brain/plan:channel:Plan:0x1:128\n"
     "brain/commands:mailbox:Command:16x1:34048\n"
     "brain/estop:word:-:0x1:41344\n";

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/core/no_alloc/no_alloc.hpp"
 
+#include <gtest/gtest.h>
+
 #include <cstddef>
 #include <cstdlib>
 
@@ -57,8 +59,18 @@ void free(void* old) noexcept {
 
 namespace lithe {
 
-NoAllocScope::NoAllocScope() : at_start_(g_calls) { ++g_depth; }
-NoAllocScope::~NoAllocScope() { --g_depth; }
-std::uint64_t NoAllocScope::calls() const { return g_calls - at_start_; }
+#ifdef LITHE_FOREIGN_ALLOCATOR
+const bool NoAllocScope::kCounts = false;
+#else
+const bool NoAllocScope::kCounts = true;
+#endif
+
+NoAllocScope::NoAllocScope(const char* file, int line) : file_(file), line_(line), at_start_(g_calls) { ++g_depth; }
+
+NoAllocScope::~NoAllocScope() {
+  --g_depth;
+  const std::uint64_t calls = g_calls - at_start_;
+  if (calls > 0) ADD_FAILURE_AT(file_, line_) << calls << " calls of the allocator in a scope that allows none";
+}
 
 }  // namespace lithe

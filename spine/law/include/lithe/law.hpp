@@ -96,13 +96,15 @@ struct PastTick {
   double age_s = 0;                                          // before now
   JointArray position_rad{}, velocity_rad_s{}, torque_nm{};  // measured
   JointArray setpoint_position_rad{}, setpoint_velocity_rad_s{};
-  JointArray command_torque_nm{};  // what the guard let through
+  JointArray command_torque_nm{};            // what the guard let through
+  std::array<double, kMaxSensors> sensor{};  // as Tick::sensor
 };
 
 // What the robot did in the last second and more, for a law whose filters or integrators should not start cold:
 //   static void init(const lithe::History& past, const Params& p, State& s);
 // It runs once, off the tick, after the defaults and before fields of the same name are carried over from the law that
-// is being replaced. The newest tick comes first. `count` may be 0: the robot has just started.
+// is being replaced. The newest tick comes first. `count` may be 0: the robot has just started. All values are finite:
+// ticks in which one was not are left out.
 struct History {
   const PastTick* ticks = nullptr;
   std::uint32_t count = 0;

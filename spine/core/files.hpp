@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// Files that others name, and the rights of files that are left behind. Off the tick.
+#pragma once
+
+#include <cstddef>
+#include <string>
+
+#include "spine/core/result.hpp"
+
+namespace lithe {
+
+inline constexpr std::size_t kMaxLawBytes = std::size_t{1} << 20;     // of a law's source
+inline constexpr std::size_t kMaxConfigBytes = std::size_t{1} << 20;  // of a robot file
+
+// The bytes of a regular file, `most_bytes` at most. A directory, a device, a pipe and a file that is larger are
+// errors:
+// "<path>: is a directory, not a file". Never waits (a pipe without a writer) and never reads without end (/dev/zero).
+Result<std::string> read_regular_file(const std::string& path, std::size_t most_bytes);
+
+// For the start of main(), and inherited by children. Files are made 0640 and directories 0750 at most: certificates,
+// caches and logs hold source text (a stricter umask stays; sockets and segments set their own mode). A write beyond
+// the limit of a file's size (ulimit -f) is an error like a full disk, and no signal that ends the process.
+void set_file_defaults();
+
+}  // namespace lithe

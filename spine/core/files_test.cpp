@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/core/files.hpp"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <filesystem>
+#include <fstream>
+
+namespace lithe {
+namespace {
+
+namespace fs = std::filesystem;
+
+class FilesTest : public ::testing::Test {
+ protected:
+  FilesTest() { fs::create_directory(dir_); }
+  ~FilesTest() override { fs::remove_all(dir_); }
+  std::string in(const std::string& name) const { return dir_ + "/" + name; }
+  static std::string why(const std::string& path) {
+    const auto text = read_regular_file(path, 100);
+    return text ? "was read" : text.message();
+  }
+
+  std::string dir_ = "/tmp/lithe-files-" + std::to_string(getpid());
+};
+
+TEST_F(FilesTest, AFileIsReadWholeUpToItsLimit) {
+  for (const std::size_t size : {std::size_t{0}, std::size_t{1}, std::size_t{100}, std::size_t{200'000}}) {
+    std::ofstream(in("law.cpp"), std::ios::binary) << std::string(size, 'x');
+    const auto text = read_regular_file(in("law.cpp"), std::max<std::size_t>(size, 1));
+    ASSERT_TRUE(text) << text.message();
+    EXPECT_EQ(text->size(), size);
+  }
+  std::ofstream(in("law.cpp"), std::ios::binary) << std::string(101, 'x');
+  EXPECT_EQ(why(in("law.cpp")), in("law.cpp") + ": is larger than 100 bytes");
+}
+
+TEST_F(FilesTest, WhatIsNoFileIsNamedAndNotRead) {
+  ASSERT_EQ(mkfifo(in("pipe").c_str(), 0600), 0);
+  EXPECT_EQ(why(dir_), dir_ + ": is a directory, not a file");
+  EXPECT_EQ(why("/dev/zero"), "/dev/zero: is a device, a pipe or a socket, not a file");
+  EXPECT_EQ(why(in("pipe")), in("pipe") + ": is a device, a pipe or a socket, not a file");
+  EXPECT_EQ(why(in("absent")), in("absent") + ": No such file or directory");
+  EXPECT_NE(why("/proc/self/mem"), "was read");
+  EXPECT_NE(why("/proc/self/smaps"), "was read") << "a file that says 0 bytes and has more than the limit";
+}
+
+TEST_F(FilesTest, WhatIsLeftBehindIsNotForEverybody) {
+  const mode_t before = umask(0022);
+  set_file_defaults();
+  fs::create_directory(in("sub"));
+  std::ofstream(in("sub/certificate.json")) << "{}";
+  const mode_t now = umask(0077);
+  set_file_defaults();
+  const mode_t strict = umask(before);
+  EXPECT_EQ(now, 0027u);
+  EXPECT_EQ(strict, 0077u) << "a stricter one stays";
+  struct stat about{};
+  ASSERT_EQ(stat(in("sub").c_str(), &about), 0);
+  EXPECT_EQ(about.st_mode & 0777u, 0750u);
+  ASSERT_EQ(stat(in("sub/certificate.json").c_str(), &about), 0);
+  EXPECT_EQ(about.st_mode & 0777u, 0640u);
+}
+
+TEST_F(FilesTest, AWriteBeyondTheLimitIsAnErrorAndNoSignal) {
+  EXPECT_EXIT(
+      {
+        rlimit limit{};
+        limit.rlim_cur = limit.rlim_max = 10;
+        setrlimit(RLIMIT_FSIZE, &limit);
+        set_file_defaults();
+        const int fd = open(in("large").c_str(), O_WRONLY | O_CREAT, 0600);
+        const bool first = write(fd, "0123456789abcdef", 16) == 10;
+        const bool second = write(fd, "x", 1) < 0 && errno == EFBIG;
+        _exit(first && second ? 0 : 1);
+      },
+      testing::ExitedWithCode(0), "");
+}
+
+}  // namespace
+}  // namespace lithe

@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/guard/envelope.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace lithe::guard {
+namespace {
+
+constexpr int kBisections = 6;  // to 1/64 of what slew leaves
+// Of the way from the velocity limit to the velocity that is a fault: as far as the guard lets a joint go.
+constexpr double kSpeedShare = 0.9;
+// A first-order lag has forgotten 86 % of a torque after so many times itself.
+constexpr double kLags = 2;
+
+}  // namespace
+
+void Envelope::configure(const robot::RobotConfig& robot, const robot::JointConfig& joint) {
+  brakes_ = robot::brakes_of(joint);
+  position_min_rad_ = joint.position_min_rad;
+  position_max_rad_ = joint.position_max_rad;
+  speed_max_rad_s_ = joint.velocity_max_rad_s * (1 + kSpeedShare * (robot.guard.velocity_overrun - 1));
+  reaction_s_ = robot::reaction_s(robot, joint);
+  period_s_ = robot::drive_period_s(robot, joint);
+  damping_nm_s_rad_ = joint.safe_kd_nm_s_rad;
+  // The damping that the drive adds is balanced at the speed of a sample, and takes from the braking what changed
+  // since.
+  if (on()) brakes_.load_nm += damping_nm_s_rad_ * brakes_.deceleration_rad_s2() * reaction_s_;
+  brakes_.load_nm = std::min(brakes_.load_nm, 0.95 * brakes_.torque_max_nm);
+  const double ticks = std::ceil((reaction_s_ + (kLags - 1) * joint.drive_lag_s) * robot.rate_hz) + 1;
+  ticks_per_bucket_ = static_cast<std::size_t>(std::ceil(ticks / (kBuckets - 1)));
+  forget();
+}
+
+void Envelope::forget() LITHE_RT {
+  past_.fill({});
+  bucket_ = ticks_ = 0;
+}
+
+void Envelope::in_flight(double least_nm, double most_nm) LITHE_RT {
+  if (ticks_++ % ticks_per_bucket_ == 0) {
+    bucket_ = (bucket_ + 1) % kBuckets;
+    past_[bucket_] = {least_nm, most_nm};
+    return;
+  }
+  past_[bucket_].least_nm = std::min(past_[bucket_].least_nm, least_nm);
+  past_[bucket_].most_nm = std::max(past_[bucket_].most_nm, most_nm);
+}
+
+Envelope::Range Envelope::flying() const LITHE_RT {
+  Range all = past_[0];
+  for (const Range& each : past_) {
+    all.least_nm = std::min(all.least_nm, each.least_nm);
+    all.most_nm = std::max(all.most_nm, each.most_nm);
+  }
+  return all;
+}
+
+// kp pulls outwards what moves inwards, kd what slows down.
+Envelope::Drift Envelope::drift(const Seen& seen, double torque_nm, double kp_nm_rad, double kd_nm_s_rad) const
+    LITHE_RT {
+  if (!on()) return {};
+  const double time_s = seen.age_s + reaction_s_;
+  const double kd = std::max(kd_nm_s_rad, damping_nm_s_rad_) / brakes_.inertia_min_kg_m2;
+  const double v = seen.velocity_rad_s;
+  return {.down_nm = time_s * (kp_nm_rad * std::max(v, 0.0) + kd * std::max(brakes_.load_nm + torque_nm, 0.0)),
+          .up_nm = time_s * (kp_nm_rad * std::max(-v, 0.0) + kd * std::max(brakes_.load_nm - torque_nm, 0.0))};
+}
+
+robot::Stop Envelope::stop(const Seen& seen, const Range& flying, double torque_nm, bool up) const LITHE_RT {
+  const double side = up ? 1 : -1;
+  return robot::stop_of(brakes_, side * seen.velocity_rad_s,
+                        {up ? flying.most_nm : -flying.least_nm, seen.age_s + reaction_s_},
+                        {side * torque_nm, period_s_});
+}
+
+double Envelope::way_left_rad(const Seen& seen, bool up) const LITHE_RT {
+  return std::max(up ? position_max_rad_ - seen.position_rad : seen.position_rad - position_min_rad_, 0.0);
+}
+
+bool Envelope::stops(const Seen& seen, const Range& flying, double torque_nm, bool up) const LITHE_RT {
+  const robot::Stop found = stop(seen, flying, torque_nm, up);
+  return found.way_rad <= way_left_rad(seen, up) && found.peak_rad_s <= speed_max_rad_s_;
+}
+
+// From `torque_nm` towards `far_nm` until it stops.
+double Envelope::restrict(const Seen& seen, const Range& flying, double far_nm, double torque_nm, bool up) const
+    LITHE_RT {
+  if (stops(seen, flying, torque_nm, up)) return torque_nm;
+  double good = far_nm, bad = torque_nm;
+  if (!stops(seen, flying, good, up)) return good;
+  for (int i = 0; i < kBisections; ++i) {
+    const double middle = 0.5 * (good + bad);
+    (stops(seen, flying, middle, up) ? good : bad) = middle;
+  }
+  return good;
+}
+
+// Where no torque stops on both sides: the one with which it would pass both limits by the same.
+double Envelope::balance(const Seen& seen, const Range& flying, double least_nm, double most_nm) const LITHE_RT {
+  for (int i = 0; i < kBisections; ++i) {
+    const double middle = 0.5 * (least_nm + most_nm);
+    const double above = stop(seen, flying, middle, true).way_rad - way_left_rad(seen, true);
+    const double below = stop(seen, flying, middle, false).way_rad - way_left_rad(seen, false);
+    (above > below ? most_nm : least_nm) = middle;
+  }
+  return 0.5 * (least_nm + most_nm);
+}
+
+double Envelope::bound(const Seen& seen, double least_nm, double wanted_nm, double most_nm) const LITHE_RT {
+  if (!on()) return wanted_nm;
+  const Range all = flying();
+  const bool up = seen.velocity_rad_s > 0;
+  const double other = restrict(seen, all, up ? most_nm : least_nm, wanted_nm, !up);
+  const double bounded = restrict(seen, all, up ? least_nm : most_nm, other, up);
+  if (bounded == wanted_nm || stop(seen, all, bounded, !up).way_rad <= way_left_rad(seen, !up)) return bounded;
+  return balance(seen, all, least_nm, most_nm);
+}
+
+}  // namespace lithe::guard

@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+// One joint's limits of position and speed, kept ahead of time: which torque still leaves a state that can be stopped.
+#pragma once
+
+#include <array>
+#include <cstddef>
+
+#include "spine/core/rt.hpp"
+#include "spine/robot/config.hpp"
+#include "spine/robot/stopping.hpp"
+
+namespace lithe::guard {
+
+// What is known of a joint when its next torque is decided.
+struct Seen {
+  double position_rad = 0;
+  double velocity_rad_s = 0;
+  double age_s = 0;  // of both
+};
+
+// Between the nearest and the farthest torque that the slew bound allows, the one nearest to what is wanted from which
+// the joint still stops before its position limits and stays below its velocity limit: if the worst load pushed
+// outwards from now on, what is in flight acted until the new torque does, the new torque acted until the next one, and
+// then the torque fell to full braking as fast as slew allows (robot/stopping.hpp). Where no torque does, the one that
+// brakes hardest; where that would only carry it to the other limit, the one that is as far from both. Beyond a limit:
+// a torque under which it goes no farther, and comes back slowly. What acts and is not decided here is the drive's own:
+// its PD between two commands, its lag. Both are in flight too. Contract: RT after configure() · one thread · bounded
+// work
+class Envelope {
+ public:
+  void configure(const robot::RobotConfig& robot, const robot::JointConfig& joint);
+
+  // Whether anything is known to reckon with.
+  bool on() const LITHE_RT { return brakes_.inertia_max_kg_m2 > 0; }
+
+  // From now on the drive is off.
+  void forget() LITHE_RT;
+
+  // Once per tick: the torque that acts by the last command that left, between these two.
+  void in_flight(double least_nm, double most_nm) LITHE_RT;
+
+  // How far the drive's own PD may take the torque off, upwards and downwards, before another command acts.
+  struct Drift {
+    double down_nm = 0, up_nm = 0;
+  };
+  Drift drift(const Seen& seen, double torque_nm, double kp_nm_rad, double kd_nm_s_rad) const LITHE_RT;
+
+  // least_nm <= wanted_nm <= most_nm.
+  double bound(const Seen& seen, double least_nm, double wanted_nm, double most_nm) const LITHE_RT;
+
+  // What is not known of the state in which the next command will meet the joint.
+  double unknown_rad(double ahead_s) const LITHE_RT { return 0.5 * ahead_s * unknown_rad_s(ahead_s); }
+  double unknown_rad_s(double ahead_s) const LITHE_RT {
+    return on() ? (brakes_.torque_max_nm + brakes_.load_nm) / brakes_.inertia_min_kg_m2 * ahead_s : 0;
+  }
+
+ private:
+  static constexpr std::size_t kBuckets = 16;
+  struct Range {
+    double least_nm = 0, most_nm = 0;
+  };
+
+  robot::Stop stop(const Seen& seen, const Range& flying, double torque_nm, bool up) const LITHE_RT;
+  double way_left_rad(const Seen& seen, bool up) const LITHE_RT;
+  bool stops(const Seen& seen, const Range& flying, double torque_nm, bool up) const LITHE_RT;
+  double restrict(const Seen& seen, const Range& flying, double far_nm, double torque_nm, bool up) const LITHE_RT;
+  double balance(const Seen& seen, const Range& flying, double least_nm, double most_nm) const LITHE_RT;
+  Range flying() const LITHE_RT;
+
+  robot::Brakes brakes_;
+  double position_min_rad_ = 0, position_max_rad_ = 0, speed_max_rad_s_ = 0;
+  double reaction_s_ = 0, period_s_ = 0;
+  double damping_nm_s_rad_ = 0;  // that a drive adds to every command
+  // What has been in flight for as long as any of it may still act, in buckets of so many ticks.
+  std::array<Range, kBuckets> past_{};
+  std::size_t bucket_ = 0, ticks_ = 0, ticks_per_bucket_ = 1;
+};
+
+}  // namespace lithe::guard

@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/guard/envelope.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace lithe::guard {
+namespace {
+
+robot::RobotConfig arm() {
+  robot::RobotConfig robot;
+  robot.joints.resize(1);
+  robot::JointConfig& joint = robot.joints[0];
+  joint.position_min_rad = -3;
+  joint.position_max_rad = 3;
+  joint.velocity_max_rad_s = 30;
+  joint.torque_max_nm = 0.6;
+  joint.torque_slew_nm_s = 120;
+  joint.load_max_nm = 0.165;
+  joint.inertia_max_kg_m2 = joint.inertia_min_kg_m2 = 2.55e-3;
+  return robot;
+}
+
+constexpr double kStep = 0.12;
+
+struct Joint {
+  explicit Joint(const robot::RobotConfig& robot = arm()) { envelope.configure(robot, robot.joints[0]); }
+  // One tick: the torque that the slew bound, the limits and the envelope leave of what is wanted.
+  double ask(double wanted_nm) {
+    envelope.in_flight(last_nm, last_nm);
+    const double least = std::max(last_nm - kStep, -0.6), most = std::min(last_nm + kStep, 0.6);
+    last_nm = envelope.bound(seen, least, std::clamp(wanted_nm, least, most), most);
+    return last_nm;
+  }
+  double settle(double wanted_nm) {
+    for (int i = 0; i < 40; ++i) ask(wanted_nm);
+    return last_nm;
+  }
+  Envelope envelope;
+  Seen seen;
+  double last_nm = 0;
+};
+
+TEST(Envelope, FarFromTheLimitsNothingChanges) {
+  Joint joint;
+  EXPECT_EQ(joint.settle(0.6), 0.6);
+  joint.seen.velocity_rad_s = 20;
+  joint.seen.position_rad = -2.9;
+  EXPECT_EQ(joint.settle(0.6), 0.6);
+}
+
+TEST(Envelope, WhatCouldNotStopAnyMoreIsBrakedFully) {
+  Joint joint;
+  joint.seen = {1, 29, 0};
+  EXPECT_EQ(joint.settle(0.6), -0.6);
+  joint.seen = {-1, -29, 0};
+  EXPECT_EQ(joint.settle(-0.6), 0.6) << "to the other side as well";
+}
+
+TEST(Envelope, InwardTorqueIsFreeAtALimit) {
+  Joint joint;
+  joint.seen = {2.999, 0, 0};
+  EXPECT_EQ(joint.settle(-0.3), -0.3);
+  EXPECT_LT(joint.settle(0.6), 0.0) << "the worst load would push it through";
+}
+
+TEST(Envelope, BeyondALimitItComesBackSlowly) {
+  Joint joint;
+  joint.seen = {3.1, 0, 0};
+  const double back_nm = joint.settle(0.6);
+  EXPECT_LT(back_nm, -0.165) << "more than the worst load";
+  joint.seen.velocity_rad_s = -6;
+  EXPECT_GT(joint.settle(0.6), back_nm) << "that is fast enough";
+}
+
+TEST(Envelope, TheSpeedThatIsAFaultIsNotReached) {
+  Joint joint;
+  joint.seen = {-3, 35.5, 0};
+  EXPECT_LT(joint.settle(0.6), 0.6);
+  joint.seen.velocity_rad_s = 37;
+  EXPECT_EQ(joint.settle(0.6), -0.6);
+}
+
+TEST(Envelope, AnOlderSampleBrakesEarlier) {
+  Joint fresh, old;
+  fresh.seen = {0, 22, 0};
+  old.seen = {0, 22, 0.02};
+  EXPECT_GT(fresh.settle(0.6), old.settle(0.6));
+}
+
+TEST(Envelope, WithNothingKnownItBoundsNothing) {
+  robot::RobotConfig robot = arm();
+  robot.joints[0].inertia_max_kg_m2 = 0;
+  Joint joint(robot);
+  joint.seen = {2.9, 29, 0};
+  EXPECT_EQ(joint.settle(0.6), 0.6);
+}
+
+}  // namespace
+}  // namespace lithe::guard

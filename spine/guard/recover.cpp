@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// The guard in the mode recover.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "spine/guard/guard.hpp"
+
+namespace lithe::guard {
+
+void Guard::start_recovery() LITHE_RT { recovery_.restart(); }
+
+// Slew-bounded from what each joint feels now, as every other output is.
+void Guard::recover(const Input& in, Output& out, Verdict& verdict) LITHE_RT {
+  verdict.recovered = true;
+  for (std::size_t j = 0; j < joints_; ++j) {
+    const Limits& limit = limits_[j];
+    const Seen now = seen(j, in);
+    const double now_nm = std::clamp(sent_[j].felt_nm(ahead(now)), -limit.torque_max_nm, limit.torque_max_nm);
+    const double wanted_nm = recovery_.torque_nm(j, now.position_rad, now.velocity_rad_s, now_nm);
+    const double nm = now_nm + std::clamp(wanted_nm - now_nm, -limit.slew_nm, limit.slew_nm);
+    if (nm != wanted_nm) verdict.flags |= wire::telemetry_flag::kSlewClamped;
+    safe_law_.rearm(j);
+    Command command;
+    command.torque_nm = nm;
+    remember(j, now, command);
+    at_envelope_[j] = false;
+    out.rung[j] = Rung::law;
+    out.torque_nm[j] = nm;
+    out.position_rad[j] = std::numeric_limits<double>::quiet_NaN();
+    out.velocity_rad_s[j] = out.kp_nm_rad[j] = out.kd_nm_s_rad[j] = 0.0;
+    out.max_torque_nm[j] = std::max(recovery_.torque_cap_nm(j), std::abs(nm));
+    verdict.recovered = verdict.recovered && recovery_.recovered(j);
+  }
+  if (!verdict.recovered) verdict.flags |= wire::telemetry_flag::kRecovering;
+  soft_start_ = recovery_.share();  // a law that follows has at least the torque that holds the joints now
+}
+
+}  // namespace lithe::guard

@@ -1,0 +1,172 @@
+// SPDX-License-Identifier: Apache-2.0
+// No joint leaves its limits, whatever the law does: thousands of adversaries between random limits, at random rates,
+// with random loads within what the robot file declares.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <ostream>
+#include <random>
+#include <string>
+
+#include "spine/robot/robot.hpp"
+#include "tests/limits/rig.hpp"
+
+namespace lithe::limits {
+namespace {
+
+robot::RobotConfig load(const std::string& name) {
+  Result<robot::RobotConfig> robot = robot::load_robot(
+      (std::getenv("LITHE_DIR") ? std::getenv("LITHE_DIR") : std::string(LITHE_ROBOTS)) + "/" + name + ".toml", {4});
+  EXPECT_TRUE(robot) << robot.message();
+  return *robot;
+}
+
+// One joint of a robot whose joints do not know of each other.
+robot::RobotConfig alone(const robot::RobotConfig& robot, std::size_t joint) {
+  robot::RobotConfig one = robot;
+  one.joints = {robot.joints[joint]};
+  one.devices = {robot.devices[robot.joints[joint].device]};
+  one.joints[0].device = 0;
+  return one;
+}
+
+struct Dice {
+  explicit Dice(std::uint64_t seed) : random(seed) {}
+  double between(double low, double high) { return std::uniform_real_distribution<double>(low, high)(random); }
+  bool one_in(int n) { return random() % static_cast<std::uint64_t>(n) == 0; }
+  std::mt19937_64 random;
+};
+
+void shuffle_limits(robot::JointConfig& joint, Dice& dice) {
+  const double range = joint.position_max_rad - joint.position_min_rad;
+  const double wide = range * dice.between(0.3, 1.0);
+  joint.position_min_rad += dice.between(0, range - wide);
+  joint.position_max_rad = joint.position_min_rad + wide;
+  joint.sim.initial_position_rad = joint.position_min_rad + wide * dice.between(0.1, 0.9);
+}
+
+void shuffle_time(Run& run, Dice& dice) {
+  constexpr std::array kRates{250.0, 500.0, 1000.0, 1000.0, 1000.0, 2000.0, 4000.0, 10'000.0};
+  run.robot.rate_hz = kRates[dice.random() % kRates.size()];
+  run.transport_thread = dice.one_in(2);
+  run.late_bus = dice.one_in(5);
+  if (dice.one_in(5)) run.stop_at_s = dice.between(0, run.seconds);
+}
+
+Run a_run(const robot::RobotConfig& robot, std::uint64_t seed) {
+  Dice dice(seed);
+  Run run;
+  run.seed = seed;
+  run.adversary = static_cast<Adversary>(seed % kAdversaries);
+  run.robot = robot.plant.kind == robot::PlantKind::chain ? robot : alone(robot, dice.random() % robot.joints.size());
+  run.robot.spine.late_ticks_to_stop = 20;
+  run.robot.guard.soft_start_s = dice.one_in(5) ? 0.1 : 0;
+  run.seconds = 0.5;
+  shuffle_time(run, dice);
+  for (robot::JointConfig& joint : run.robot.joints) {
+    shuffle_limits(joint, dice);
+    if (robot.plant.kind == robot::PlantKind::chain) continue;
+    joint.sim.inertia_kg_m2 = dice.between(joint.inertia_min_kg_m2, joint.inertia_max_kg_m2);
+    joint.sim.mgl_nm = dice.between(0, joint.load_max_nm);
+    run.bias_nm.push_back((joint.load_max_nm - joint.sim.mgl_nm) * dice.between(-1, 1));
+  }
+  return run;
+}
+
+struct Tally {
+  std::uint64_t runs = 0, ticks = 0, outside = 0, too_fast = 0;
+  Extremes most;
+  std::map<std::string, double> worst_rad;  // by adversary
+};
+
+Tally tally(const robot::RobotConfig& robot, std::uint64_t from, std::uint64_t runs, bool with_envelope = true) {
+  Tally all;
+  for (std::uint64_t seed = from; seed < from + runs; ++seed) {
+    Run run = a_run(robot, seed);
+    if (!with_envelope) {
+      for (robot::JointConfig& joint : run.robot.joints) joint.inertia_max_kg_m2 = 0;
+    }
+    const Extremes extremes = play(run);
+    ++all.runs;
+    all.ticks += extremes.ticks;
+    all.outside += extremes.overrun_rad > 0;
+    all.too_fast += extremes.speed_share > 1;
+    all.most.overrun_rad = std::max(all.most.overrun_rad, extremes.overrun_rad);
+    all.most.speed_share = std::max(all.most.speed_share, extremes.speed_share);
+    all.most.step_share = std::max(all.most.step_share, extremes.step_share);
+    double& worst = all.worst_rad.try_emplace(std::string(name_of(run.adversary)), -1e9).first->second;
+    worst = std::max(worst, extremes.overrun_rad);
+    if (extremes.overrun_rad > 0.01 || extremes.speed_share > 1 || extremes.step_share > 1.5) {
+      std::printf("  run %lu: %s of %s at %g Hz: %.4f rad beyond, %.3f of the fault's speed, %.2f slew steps\n", seed,
+                  name_of(run.adversary).data(), run.robot.joints[0].name.c_str(), run.robot.rate_hz,
+                  extremes.overrun_rad, extremes.speed_share, extremes.step_share);
+    }
+  }
+  std::printf(
+      "%s: %lu runs, %lu ticks; farthest %.4f rad beyond a limit (%lu runs beyond), fastest %.3f of the speed that "
+      "is a fault (%lu runs above), largest step %.3f of slew\n",
+      robot.name.c_str(), all.runs, all.ticks, all.most.overrun_rad, all.outside, all.most.speed_share, all.too_fast,
+      all.most.step_share);
+  for (const auto& [name, over] : all.worst_rad) std::printf("  %-15s %.4f\n", name.c_str(), over);
+  return all;
+}
+
+// Ten thousand runs, in parts that a slow machine has time for.
+struct Part {
+  const char* robot;
+  std::uint64_t from;
+};
+constexpr std::uint64_t kRuns = 1000;
+void PrintTo(const Part& part, std::ostream* out) { *out << part.robot << " from run " << part.from; }
+
+// How far a joint may pass its limit. Links of a light chain are thrown about by each other's motors, with more than
+// any declared load.
+double allowed_rad(const robot::RobotConfig& robot) {
+  return robot.plant.kind == robot::PlantKind::chain ? robot.guard.position_overrun_rad : 0.05;
+}
+
+class Limits : public testing::TestWithParam<Part> {};
+
+TEST_P(Limits, NoJointLeavesThemWhateverTheLawDoes) {
+  const robot::RobotConfig robot = load(GetParam().robot);
+  const Tally all = tally(robot, GetParam().from, kRuns / LITHE_LIMITS_SHARE);
+  EXPECT_LE(all.most.overrun_rad, allowed_rad(robot));
+}
+
+INSTANTIATE_TEST_SUITE_P(Robots, Limits,
+                         testing::Values(Part{"arm", 1}, Part{"arm", 1001}, Part{"arm", 2001}, Part{"arm", 3001},
+                                         Part{"chain", 1}, Part{"frankenstein", 1}, Part{"frankenstein", 1001},
+                                         Part{"frankenstein", 2001}, Part{"frankenstein", 3001},
+                                         Part{"frankenstein", 4001}));
+
+TEST(LimitsTwin, WithoutStoppingDistanceIsCaught) {
+  for (const char* name : {"arm", "chain", "frankenstein"}) {
+    const robot::RobotConfig robot = load(name);
+    EXPECT_GT(tally(robot, 1, 60, false).most.overrun_rad, allowed_rad(robot) + 0.2) << name;
+  }
+}
+
+// What robot files declare holds for what they simulate, with 5 % error of the drive's torque.
+TEST(LimitsDeclared, CoverWhatTheRobotFilesSimulate) {
+  for (const char* name : {"arm", "arm8", "arm32", "frankenstein", "quadruped"}) {
+    const robot::RobotConfig robot = load(name);
+    EXPECT_TRUE(robot.notes.empty()) << robot.notes.front();
+    for (const robot::JointConfig& joint : robot.joints) {
+      EXPECT_GE(joint.load_max_nm, joint.sim.mgl_nm + joint.sim.cogging_nm +
+                                       9.81 * joint.sim.payload_kg * joint.sim.payload_m +
+                                       joint.sim.torque_gain_error * joint.torque_max_nm)
+          << name << " " << joint.name;
+      EXPECT_GE(joint.inertia_max_kg_m2,
+                joint.sim.inertia_kg_m2 + joint.sim.payload_kg * joint.sim.payload_m * joint.sim.payload_m)
+          << name << " " << joint.name;
+      EXPECT_LE(joint.inertia_min_kg_m2, joint.sim.inertia_kg_m2) << name << " " << joint.name;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace lithe::limits

@@ -1,0 +1,312 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/limits/rig.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <numbers>
+
+namespace lithe::limits {
+namespace {
+
+using hal::sim::Plant;
+
+constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
+
+// The joints of a robot, each on its own or as a chain.
+class Joints {
+ public:
+  explicit Joints(const robot::RobotConfig& robot) {
+    hal::sim::ChainParams chain;
+    chain.gravity_m_s2 = robot.plant.gravity_m_s2;
+    for (const robot::JointConfig& joint : robot.joints) {
+      const robot::PlantConfig& sim = joint.sim;
+      const hal::sim::PlantParams plant{.inertia_kg_m2 = sim.inertia_kg_m2,
+                                        .mgl_nm = sim.mgl_nm,
+                                        .viscous_nm_s_rad = sim.viscous_nm_s_rad,
+                                        .coulomb_nm = sim.coulomb_nm,
+                                        .cogging_nm = sim.cogging_nm,
+                                        .cogging_per_rev = sim.cogging_per_rev,
+                                        .torque_lag_s = sim.torque_lag_s,
+                                        .initial_position_rad = sim.initial_position_rad,
+                                        .seed = sim.seed};
+      chain.links.push_back(
+          {sim.length_m, sim.mass_kg, sim.center_m, sim.link_inertia_kg_m2, sim.rotor_inertia_kg_m2, plant});
+      plants_.emplace_back(plant);
+    }
+    if (robot.plant.kind == robot::PlantKind::chain) chain_ = std::make_unique<hal::sim::Chain>(chain);
+  }
+
+  void step(std::span<const double> torque_nm) {
+    if (chain_ != nullptr) return chain_->step(torque_nm);
+    for (std::size_t j = 0; j < plants_.size(); ++j) plants_[j].step(torque_nm[j]);
+  }
+  double position_rad(std::size_t j) const {
+    return chain_ != nullptr ? chain_->position_rad(j) : plants_[j].position_rad();
+  }
+  double velocity_rad_s(std::size_t j) const {
+    return chain_ != nullptr ? chain_->velocity_rad_s(j) : plants_[j].velocity_rad_s();
+  }
+
+ private:
+  std::vector<Plant> plants_;
+  std::unique_ptr<hal::sim::Chain> chain_;
+};
+
+// One drive as a moteus is: its own PD every 50 us, at least the damping that every command carries, a tracking loop
+// for its speed.
+struct Drive {
+  double torque_nm = 0, kp = 0, kd = 0, target_rad = 0, target_rad_s = 0, max_nm = 0;
+  double tracked_rad = 0, speed_rad_s = 0;
+
+  double wanted_nm(double position_rad) const {
+    const double spring = kp > 0 ? kp * (target_rad - position_rad) : 0;
+    return std::clamp(torque_nm + spring + kd * (target_rad_s - speed_rad_s), -max_nm, max_nm);
+  }
+  void measure(double position_rad) {
+    constexpr double kPole = 2 * std::numbers::pi * 200;
+    const double error_rad = position_rad - tracked_rad;
+    speed_rad_s += kStepS * kPole * kPole * error_rad;
+    tracked_rad += kStepS * (speed_rad_s + 2 * kPole * error_rad);
+  }
+};
+
+struct Law {
+  Law(const Run& of, std::size_t joints) : run(of), random(of.seed), held(joints, 0.0), side(joints, 1.0) {
+    std::uniform_real_distribution<double> unit(0, 1);
+    late_s = run.seconds * (0.2 + 0.5 * unit(random));
+    for (double& each : side) each = unit(random) < 0.5 ? -1 : 1;
+    for (std::size_t j = 0; j < joints; ++j) phase.push_back(6.28 * unit(random));
+    hold_s = run.seconds * (0.01 + 0.3 * unit(random));
+  }
+  double symmetric() { return std::uniform_real_distribution<double>(-1, 1)(random); }
+
+  void follow(std::size_t j, double t, double q, double v) {
+    const robot::JointConfig& joint = run.robot.joints[j];
+    const double middle = 0.5 * (joint.position_min_rad + joint.position_max_rad);
+    const double wide = 0.4 * (joint.position_max_rad - joint.position_min_rad);
+    const double want = middle + wide * std::sin(8 * t + phase[j]);
+    torque[j] = 20 * joint.inertia_max_kg_m2 * (20 * (want - q) - v);
+  }
+
+  void step(double t, const JointArray& q, const JointArray& v) {
+    for (std::size_t j = 0; j < run.robot.joints.size(); ++j) step(j, t, q[j], v[j]);
+    next_s = t >= next_s ? t + hold_s : next_s;
+  }
+  void step(std::size_t j, double t, double q, double v) {
+    const robot::JointConfig& joint = run.robot.joints[j];
+    const double full = 1.5 * joint.torque_max_nm;
+    const double middle = 0.5 * (joint.position_min_rad + joint.position_max_rad);
+    const double range = joint.position_max_rad - joint.position_min_rad;
+    const bool turn = t >= next_s;
+    torque[j] = full * side[j];
+    kp[j] = kd[j] = 0;
+    target[j] = kNone;
+    switch (run.adversary) {
+      case Adversary::one_way:
+        return;
+      case Adversary::late:
+        if (t < late_s) follow(j, t, q, v);
+        return;
+      case Adversary::pumps:
+        torque[j] = std::abs(v) < 0.01 ? full * side[j] : std::copysign(full, v);
+        return;
+      case Adversary::back_and_forth:
+        if (std::abs(q - middle) > 0.4 * range) side[j] = q > middle ? -1 : 1;
+        torque[j] = full * side[j];
+        return;
+      case Adversary::random_torque:
+        torque[j] = full * symmetric();
+        return;
+      case Adversary::random_hold:
+        if (turn) held[j] = full * (symmetric() > 0 ? 1 : -1);
+        torque[j] = held[j];
+        return;
+      case Adversary::chatters:
+        side[j] = -side[j];
+        return;
+      case Adversary::wrong_sign:
+        torque[j] = 10 * joint.torque_max_nm / range * (q - middle) + 0.1 * side[j] * joint.torque_max_nm;
+        return;
+      case Adversary::switches_pd:
+      case Adversary::pd_at_limits:
+        return drive_pd(j, turn);
+      case Adversary::fast_wall:
+        if (side[j] * (q - middle) < 0.3 * range && std::abs(v) > 0.95 * joint.velocity_max_rad_s) torque[j] = 0;
+        return;
+      case Adversary::not_a_number:
+        if (t > late_s) torque[j] = kNone;
+        return;
+    }
+  }
+
+  // The drive's own PD.
+  void drive_pd(std::size_t j, bool turn) {
+    const robot::JointConfig& joint = run.robot.joints[j];
+    if (run.adversary == Adversary::pd_at_limits) {
+      if (turn) side[j] = -side[j];
+      torque[j] = 1.5 * joint.torque_max_nm * side[j];
+      target[j] = side[j] > 0 ? joint.position_max_rad : joint.position_min_rad;
+      kp[j] = joint.kp_max_nm_rad;
+      velocity[j] = side[j] * joint.velocity_max_rad_s;
+      kd[j] = joint.kd_max_nm_s_rad;
+      return;
+    }
+    if (turn || random() % 4 == 0) {
+      const double middle = 0.5 * (joint.position_min_rad + joint.position_max_rad);
+      held[j] = middle + (joint.position_max_rad - joint.position_min_rad) * symmetric();
+      phase[j] = symmetric();
+      side[j] = symmetric();
+    }
+    target[j] = phase[j] > -0.3 ? held[j] : kNone;
+    kp[j] = joint.kp_max_nm_rad * std::abs(side[j]);
+    kd[j] = joint.kd_max_nm_s_rad * std::abs(phase[j]);
+    torque[j] = 1.5 * joint.torque_max_nm * side[j];
+    velocity[j] = joint.velocity_max_rad_s * symmetric();
+  }
+
+  const Run& run;
+  std::mt19937_64 random;
+  double late_s = 0, hold_s = 0, next_s = 0;
+  std::vector<double> held, side, phase;
+  JointArray torque{}, target{}, velocity{}, kp{}, kd{};
+};
+
+class Player {
+ public:
+  explicit Player(const Run& run)
+      : run_(run), joints_(run.robot), count_(run.robot.joints.size()), law_(run, count_), random_(run.seed + 7) {
+    guard_.configure(run.robot);
+    torque_nm_.resize(count_);
+    last_felt_nm_.resize(count_);
+    for (std::size_t j = 0; j < count_; ++j) drives_[j].tracked_rad = joints_.position_rad(j);
+    dividers_.resize(count_, 1);
+    for (std::size_t j = 0; j < count_; ++j) {
+      if (run.robot.joints[j].device < run.robot.devices.size()) {
+        dividers_[j] = run.robot.devices[run.robot.joints[j].device].rate_divider;
+      }
+    }
+    look();
+    before_ = sample_;
+  }
+
+  Extremes play() {
+    const double period_s = 1 / run_.robot.rate_hz;
+    const auto ticks = static_cast<std::uint64_t>(run_.seconds * run_.robot.rate_hz);
+    const auto steps = static_cast<int>(std::lround(period_s / kStepS));
+    std::uint32_t stale = 0;
+    for (std::uint64_t tick = 0; tick < ticks; ++tick) {
+      const double t = static_cast<double>(tick) * period_s;
+      const bool late = run_.late_bus && stale < 3 && random_() % 10 == 0;
+      stale = late ? stale + 1 : 0;
+      if (!late) {
+        command(tick);
+        guard_.dispatched();
+        before_ = sample_;
+        look(tick);
+        taken_ = t;
+      }
+      decide(t, stale);
+      for (int i = 0; i < steps; ++i) advance();
+      ++extremes_.ticks;
+    }
+    return extremes_;
+  }
+
+ private:
+  struct Sample {
+    JointArray position{}, velocity{};
+  };
+
+  void look(std::uint64_t tick = 0) {
+    for (std::size_t j = 0; j < count_; ++j) {
+      if (tick % dividers_[j] != 0) continue;
+      sample_.position[j] = joints_.position_rad(j);
+      sample_.velocity[j] = drives_[j].speed_rad_s;
+    }
+  }
+
+  // The last output reaches the drives that are asked in this tick.
+  void command(std::uint64_t tick) {
+    if (tick == 0) return;
+    for (std::size_t j = 0; j < count_; ++j) {
+      if (tick % dividers_[j] != 0) continue;
+      Drive& drive = drives_[j];
+      const double before_nm = drive.wanted_nm(joints_.position_rad(j));
+      const double floor = std::max(output_.kd_nm_s_rad[j], run_.robot.joints[j].safe_kd_nm_s_rad);
+      const double balance = (floor - output_.kd_nm_s_rad[j]) * sample_.velocity[j];
+      drive.torque_nm = output_.torque_nm[j] + balance;
+      drive.kp = output_.kp_nm_rad[j];
+      drive.kd = floor;
+      drive.target_rad = output_.position_rad[j];
+      drive.target_rad_s =
+          (floor > output_.kd_nm_s_rad[j] ? output_.kd_nm_s_rad[j] / floor : 1) * output_.velocity_rad_s[j];
+      drive.max_nm = output_.max_torque_nm[j];
+      const double step = run_.robot.joints[j].torque_slew_nm_s / run_.robot.rate_hz * dividers_[j];
+      const double jump = std::abs(drive.wanted_nm(joints_.position_rad(j)) - before_nm);
+      extremes_.step_share = std::max(extremes_.step_share, jump / step);
+    }
+  }
+
+  void decide(double t, std::uint32_t stale) {
+    const Sample& sample = run_.transport_thread ? before_ : sample_;
+    const double period_s = 1 / run_.robot.rate_hz;
+    law_.step(t, sample.position, sample.velocity);
+    const double age_s = t - taken_ + (run_.transport_thread ? period_s : 0);
+    guard_.check({t >= run_.stop_at_s ? wire::Mode::safe_stop : wire::Mode::active,
+                  stale,
+                  1'000'000,
+                  sample.position,
+                  sample.velocity,
+                  status_,
+                  {law_.torque, law_.target, law_.velocity, law_.kp, law_.kd},
+                  static_cast<std::int64_t>(1e9 * age_s)},
+                 output_);
+  }
+
+  void advance() {
+    for (std::size_t j = 0; j < count_; ++j) {
+      torque_nm_[j] = drives_[j].wanted_nm(joints_.position_rad(j)) + (run_.bias_nm.empty() ? 0 : run_.bias_nm[j]);
+    }
+    joints_.step(torque_nm_);
+    for (std::size_t j = 0; j < count_; ++j) {
+      const robot::JointConfig& joint = run_.robot.joints[j];
+      const double q = joints_.position_rad(j), v = joints_.velocity_rad_s(j);
+      drives_[j].measure(q);
+      const double over = std::max(q - joint.position_max_rad, joint.position_min_rad - q);
+      extremes_.overrun_rad = std::max(extremes_.overrun_rad, over);
+      const double fault = joint.velocity_max_rad_s * run_.robot.guard.velocity_overrun;
+      extremes_.speed_share = std::max(extremes_.speed_share, std::abs(v) / fault);
+    }
+  }
+
+  const Run& run_;
+  Joints joints_;
+  std::size_t count_;
+  guard::Guard guard_;
+  guard::Output output_;
+  Law law_;
+  std::mt19937_64 random_;
+  std::array<Drive, kMaxJoints> drives_{};
+  std::vector<std::uint32_t> dividers_;
+  std::vector<double> torque_nm_, last_felt_nm_;
+  std::array<std::uint32_t, kMaxJoints> status_{};
+  Sample sample_, before_;
+  double taken_ = 0;
+  Extremes extremes_;
+};
+
+}  // namespace
+
+std::string_view name_of(Adversary adversary) {
+  constexpr std::array<std::string_view, kAdversaries> kNames{
+      "one_way",  "late",       "pumps",       "back_and_forth", "random_torque", "random_hold",
+      "chatters", "wrong_sign", "switches_pd", "pd_at_limits",   "fast_wall",     "not_a_number"};
+  return kNames[static_cast<std::size_t>(adversary)];
+}
+
+Extremes play(const Run& run) { return Player(run).play(); }
+
+}  // namespace lithe::limits

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+// A guard between any law and simulated joints, without a bus: fast enough for thousands of runs.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <random>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "spine/guard/guard.hpp"
+#include "spine/hal/sim/chain.hpp"
+#include "spine/hal/sim/plant.hpp"
+#include "spine/robot/config.hpp"
+
+namespace lithe::limits {
+
+// What tries to break a joint out of its limits.
+enum class Adversary : std::uint8_t {
+  one_way,         // full torque to one side from the start
+  late,            // follows a sine, then full torque
+  pumps,           // pushes the way the joint moves
+  back_and_forth,  // full torque to the far side, again and again
+  random_torque,   // another one every tick
+  random_hold,     // another one every so often
+  chatters,        // full torque, the other way every tick
+  wrong_sign,      // feedback that drives the error up
+  switches_pd,     // the drive's own PD: gains and targets jump
+  pd_at_limits,    // the drive's own PD at its stiffest, between targets at the limits
+  fast_wall,       // coasts at its velocity limit and pushes at the last moment
+  not_a_number,    // full torque, then none that is a number
+};
+inline constexpr int kAdversaries = 12;
+std::string_view name_of(Adversary adversary);
+
+struct Run {
+  robot::RobotConfig robot;
+  Adversary adversary = Adversary::one_way;
+  std::uint64_t seed = 1;
+  double seconds = 0.6;
+  bool transport_thread = false;  // samples are one exchange old
+  double stop_at_s = 1e9;         // a safe stop in the middle
+  bool late_bus = false;          // now and then an exchange takes too long
+  // Of each joint: what pulls at it beside the declared plant, and how its real inertia relates to the plant's.
+  std::vector<double> bias_nm;
+};
+
+struct Extremes {
+  double overrun_rad = -1e9;  // beyond a position limit, the worst joint
+  double speed_share = 0;     // of the velocity that is a fault
+  double step_share = 0;      // change of torque when a command takes over, of the slew per command
+  double inward_rad_s = 0;
+  std::uint64_t ticks = 0;
+};
+
+// Plays one run. The plant of each joint is its `sim`; with a chain, all of them.
+Extremes play(const Run& run);
+
+}  // namespace lithe::limits
