@@ -28,6 +28,14 @@ json refuse_admission(const Admission& admission, const std::string& name, const
   return refused;
 }
 
+json refuse_starved(const std::string& text) {
+  json refused = refuse("compile", text);
+  refused["starved"] = true;
+  refused["next"] =
+      "the running law is unchanged; nothing is known against the law: try again when the machine is less busy";
+  return refused;
+}
+
 bool disk_is_full(const std::string& text) {
   return text.find("No space left") != std::string::npos || text.find("Disk quota exceeded") != std::string::npos;
 }

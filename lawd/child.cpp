@@ -62,13 +62,34 @@ bool drain(int fd, Clock::time_point deadline, Outcome& outcome) {
   }
 }
 
+double cpu_ms(const rusage& used) {
+  const auto ms = [](const timeval& t) {
+    return static_cast<double>(t.tv_sec) * 1e3 + static_cast<double>(t.tv_usec) / 1e3;
+  };
+  return ms(used.ru_utime) + ms(used.ru_stime);
+}
+
 // Waits for the end of the child, until the deadline. False when the time is up.
-bool reap(pid_t pid, Clock::time_point deadline, int& status) {
+bool reap(pid_t pid, Clock::time_point deadline, int& status, Outcome& outcome) {
   for (;;) {
-    const pid_t got = waitpid(pid, &status, WNOHANG);
+    rusage used{};
+    const pid_t got = wait4(pid, &status, WNOHANG, &used);
+    if (got == pid) outcome.cpu_ms += cpu_ms(used);
     if (got == pid || (got < 0 && errno != EINTR)) return true;
     if (Clock::now() >= deadline) return false;
     usleep(500);
+  }
+}
+
+// What is left of the child's group, which has been killed.
+void reap_group(pid_t pid, int& status, Outcome& outcome) {
+  rusage used{};
+  for (int each = 0;; used = {}) {
+    const pid_t got = wait4(-pid, &each, 0, &used);
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) return;
+    outcome.cpu_ms += cpu_ms(used);
+    if (got == pid) status = each;
   }
 }
 
@@ -81,7 +102,8 @@ Outcome run_child(const std::function<int(int)>& body, const Limits& limits) {
     outcome.output = std::string("cannot make a pipe: ") + std::strerror(errno);
     return outcome;
   }
-  const auto deadline = Clock::now() + std::chrono::milliseconds(limits.wall_ms);
+  prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0);
+  const auto start = Clock::now(), deadline = start + std::chrono::milliseconds(limits.wall_ms);
   const pid_t pid = fork();
   if (pid < 0) {
     outcome.output = std::string("cannot start a process: ") + std::strerror(errno);
@@ -96,10 +118,12 @@ Outcome run_child(const std::function<int(int)>& body, const Limits& limits) {
   close(pipe_fd[1]);
   setpgid(pid, pid);  // both sides do it, so that it is done whoever runs first
   int status = 0;
-  outcome.timed_out = !drain(pipe_fd[0], deadline, outcome) || !reap(pid, deadline, status);
+  outcome.timed_out = !drain(pipe_fd[0], deadline, outcome) || !reap(pid, deadline, status, outcome);
   close(pipe_fd[0]);
   kill(-pid, SIGKILL);  // also what it may have left behind
-  if (outcome.timed_out) waitpid(pid, &status, 0);
+  reap_group(pid, status, outcome);
+  outcome.wall_ms = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+  outcome.starved = outcome.timed_out && outcome.cpu_ms < 0.5 * std::min(1e3 * limits.cpu_s, 1.0 * limits.wall_ms);
   outcome.signal = WIFSIGNALED(status) ? WTERMSIG(status) : 0;
   outcome.exit_code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
   if (outcome.signal == SIGXCPU) outcome.timed_out = true;
@@ -117,6 +141,11 @@ Outcome run_program(const std::vector<std::string>& argv, const Limits& limits) 
     return 127;
   };
   return run_child(body, limits);
+}
+
+std::string starved_text(const std::string& who, const Outcome& outcome) {
+  return "the machine is too busy: " + who + " got " + std::to_string(static_cast<int>(outcome.cpu_ms)) +
+         " ms of the processor in " + std::to_string(static_cast<int>(outcome.wall_ms)) + " ms";
 }
 
 std::string signal_text(int signal) {

@@ -21,16 +21,24 @@ struct Outcome {
   int signal = 0;      // that ended it, 0 = none
   std::string output;  // what it wrote to `out`, at most 4 MiB
   bool cut = false;    // it wrote more
+  double cpu_ms = 0;   // of the processor, for it and all that it started
+  double wall_ms = 0;
+  // Stopped by wall_ms before it had half of the processor time it may take: that says nothing about what it works on.
+  bool starved = false;
 
   bool clean() const { return !timed_out && signal == 0 && exit_code == 0; }
 };
 
 // Forks, and runs `body(out_fd)` in the child; its return value is the exit code. stdin, stdout and stderr of the child
-// are /dev/null. The child is killed with its whole process group after `wall_ms`, and when lawd dies.
+// are /dev/null. The child is killed with its whole process group after `wall_ms`, and when lawd dies. This process
+// becomes the parent of what the child leaves behind (PR_SET_CHILD_SUBREAPER), to count its processor time.
 Outcome run_child(const std::function<int(int out_fd)>& body, const Limits& limits);
 
 // Runs a program with its stderr captured in Outcome::output.
 Outcome run_program(const std::vector<std::string>& argv, const Limits& limits);
+
+// "the machine is too busy: the compiler got 310 ms of the processor in 20000 ms".
+std::string starved_text(const std::string& who, const Outcome& outcome);
 
 // "SIGSEGV (invalid memory access)".
 std::string signal_text(int signal);

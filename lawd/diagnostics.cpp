@@ -47,20 +47,33 @@ int line_about(const std::string& message, const std::vector<std::string>& lines
   return line_with(lines, "LITHE_LAW(");
 }
 
-json entry(const json& raw, const std::string& path, const std::string& name, const std::vector<std::string>& lines) {
+// A compiler's message repeats words of the file it is about. The law's writer has sent the law and may read the
+// contract and the system's headers; any other file was read with lawd's rights.
+bool may_be_quoted(const std::string& file, const Sources& sources) {
+  const auto below = [&file](const std::string& folder) { return file.starts_with(folder + "/"); };
+  const bool plain = file.find("/../") == std::string::npos;
+  return file.empty() || file == sources.path ||
+         (plain && (below(sources.contract_dir) || below("/usr/include") || below("/usr/lib/gcc")));
+}
+
+json entry(const json& raw, const Sources& sources, const std::vector<std::string>& lines) {
+  const std::string& name = sources.name;
   json out = {{"file", name}, {"line", 0}, {"column", 0}};
   out["severity"] = raw.value("kind", "error");
+  const json places = raw.value("locations", json::array());
+  const json caret = places.empty() ? json::object() : places[0].value("caret", json::object());
+  const std::string file = caret.value("file", "");
   std::string message = raw.value("message", "");
+  if (!may_be_quoted(file, sources))
+    message = "does not compile; what stands there is not shown: a law may not include it";
   if (const auto at = message.find("LITHE: "); at != std::string::npos) {
     out["message"] = message.substr(at + 7);
     out["contract"] = true;
     out["line"] = line_about(message, lines);
   } else {
     out["message"] = message;
-    if (raw.contains("locations") && !raw["locations"].empty()) {
-      const json caret = raw["locations"][0].value("caret", json::object());
-      const std::string file = caret.value("file", "");
-      if (file != path) out["file"] = file;
+    if (!file.empty()) {
+      if (file != sources.path) out["file"] = file;
       out["line"] = caret.value("line", 0);
       out["column"] = caret.value("column", 0);
     }
@@ -87,9 +100,9 @@ std::string render(const json& d) {
 
 }  // namespace
 
-Diagnostics read_diagnostics(const std::string& output, const std::string& path, const std::string& name,
-                             const std::string& source) {
-  const std::vector<std::string> lines = lines_of(source);
+Diagnostics read_diagnostics(const std::string& output, const Sources& sources) {
+  const std::string& name = sources.name;
+  const std::vector<std::string> lines = lines_of(sources.text);
   std::vector<json> all;
   std::string rest;
   bool contract = false;
@@ -101,7 +114,7 @@ Diagnostics read_diagnostics(const std::string& output, const std::string& path,
     }
     for (const json& raw : parsed) {
       if (!raw.is_object()) continue;
-      all.push_back(entry(raw, path, name, lines));
+      all.push_back(entry(raw, sources, lines));
       contract = contract || all.back().contains("contract");
     }
   }

@@ -12,10 +12,17 @@ struct Diagnostics {
   std::string text;     // the same, readable
 };
 
-// `output`: stderr of g++ -fdiagnostics-format=json. `path`: the file it compiled, shown as `name`. A message of the
-// contract (it starts with "LITHE:") is moved from the header to the line of the law it is about, and what follows
-// from it is dropped.
-Diagnostics read_diagnostics(const std::string& output, const std::string& path, const std::string& name,
-                             const std::string& source);
+// What was compiled.
+struct Sources {
+  std::string path;          // of the law as the compiler read it,
+  std::string name;          // shown under this name,
+  std::string text;          // and what it holds
+  std::string contract_dir;  // where the headers are that may be quoted beside it and the system's
+};
+
+// `output`: stderr of g++ -fdiagnostics-format=json. A message of the contract (it starts with "LITHE:") is moved from
+// the header to the line of the law it is about, and what follows from it is dropped. Of any file but the law, the
+// contract and the system's headers nothing is repeated but its name and line.
+Diagnostics read_diagnostics(const std::string& output, const Sources& sources);
 
 }  // namespace lithe::lawd

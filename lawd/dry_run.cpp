@@ -155,7 +155,10 @@ DryRun read_outcome(const Outcome& outcome) {
     if (line.contains("done")) done = true, result.step_ns = line.value("step_ns", 0.0);
   }
   result.ok = done && outcome.clean() && result.reason.empty();
-  if (!result.ok && result.reason.empty()) result.reason = death(outcome, result.stage);
+  if (!result.ok && result.reason.empty()) {
+    result.starved = outcome.starved;
+    result.reason = outcome.starved ? starved_text("the dry run", outcome) : death(outcome, result.stage);
+  }
   return result;
 }
 

@@ -9,10 +9,11 @@ namespace lithe::lawd {
 
 struct DryRun {
   bool ok = false;
-  std::string stage;   // load | dry_run: where it failed
-  std::string reason;  // one sentence: what happened and what to change
-  nlohmann::json law;  // name, state[], params[], probes[], sizes
-  double step_ns = 0;  // of the slowest dry step; each counts as the quickest of its repetitions
+  bool starved = false;  // the machine gave it no processor time: nothing is known against the law
+  std::string stage;     // load | dry_run: where it failed
+  std::string reason;    // one sentence: what happened and what to change
+  nlohmann::json law;    // name, state[], params[], probes[], sizes
+  double step_ns = 0;    // of the slowest dry step; each counts as the quickest of its repetitions
 };
 
 inline constexpr std::uint64_t kDrySteps = 1000;

@@ -23,7 +23,7 @@ std::optional<std::string> read_file(const std::string& path) {
 
 std::string write_file_whole(const std::string& path, std::string_view bytes) {
   const std::string part = path + ".part" + std::to_string(getpid());
-  const int fd = open(part.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+  const int fd = open(part.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0640);
   if (fd < 0) return std::strerror(errno);
   int failed = 0;
   while (!bytes.empty() && failed == 0) {

@@ -114,5 +114,29 @@ TEST_F(LawsTest, LqrGainsSolveTheRiccatiEquation) {
   EXPECT_DOUBLE_EQ(u_.torque_nm[0], 0.2 * 3 + kp * 0.2 + kd * (0.4 - 1.5));
 }
 
+TEST_F(LawsTest, ReflexTurnsBackInTheTickInWhichItIsTouched) {
+  load("reflex");
+  set("sensor", 3);
+  set("threshold", 5);
+  set("hold_s", 0.002);
+  t_.sensor.fill(kAbsent);
+  const auto pd_nm = [this](double target_rad, double target_rad_s, std::size_t j) {
+    return 2.0 * (target_rad - t_.position_rad[j]) + 0.05 * (target_rad_s - t_.velocity_rad_s[j]);
+  };
+  EXPECT_DOUBLE_EQ(torque_nm(0), pd_nm(0.5, 0.4, 0)) << "a sensor that is not valid triggers nothing";
+  t_.sensor[3] = 4.9;
+  EXPECT_DOUBLE_EQ(torque_nm(0), pd_nm(0.5, 0.4, 0));
+  t_.sensor[3] = 5;
+  EXPECT_DOUBLE_EQ(torque_nm(0), pd_nm(0.3 - 0.2, 0, 0)) << "its setpoint went up";
+  EXPECT_DOUBLE_EQ(u_.torque_nm[1], pd_nm(-0.7 - 0.2, 0, 1)) << "that one's too, although the joint still went down";
+  t_.position_rad[0] = 0.25;
+  EXPECT_DOUBLE_EQ(torque_nm(0), pd_nm(0.1, 0, 0)) << "one touch, one retreat";
+  t_.sensor[3] = 0;
+  for (int k = 0; k < 2; ++k) EXPECT_DOUBLE_EQ(torque_nm(0), pd_nm(0.1, 0, 0)) << "for hold_s after the last touch";
+  torque_nm(0);
+  EXPECT_DOUBLE_EQ(torque_nm(0), pd_nm(0.5, 0.4, 0));
+  EXPECT_EQ(probes_[0], 0);
+}
+
 }  // namespace
 }  // namespace lithe::lawd

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "lawd/service.hpp"
+#include "spine/core/files.hpp"
 #include "spine/core/paths.hpp"
 
 int main(int argc, char** argv) {
@@ -16,6 +17,7 @@ int main(int argc, char** argv) {
   signal(SIGPIPE, SIG_IGN);
   signal(SIGINT, SIG_IGN);  // Ctrl-C is the supervisor's business: it closes our stdin
 
+  lithe::set_file_defaults();
   lithe::lawd::Service service(lithe::cache_dir(), lithe::arena::kHandedFd);
   bool quit = false;
   for (std::string line; !quit && std::getline(std::cin, line);) {

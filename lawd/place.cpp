@@ -138,6 +138,7 @@ std::optional<Placer::Failure> Placer::link(const std::string& object, std::uint
     return Failure{"cache", "cannot write into " + scratch_ + ": " + scratch.error()};
   }
   const Outcome outcome = run_program(toolchain_.place_command(object, script, program), Limits{});
+  if (outcome.starved) return Failure{"place", starved_text("the linker", outcome), true};
   if (const std::string names = undefined_names(outcome.output); !names.empty()) {
     return Failure{"place", "the law uses " + names +
                                 ", which it does not define: a law may use itself, the contract and <cmath> only"};
@@ -163,7 +164,9 @@ json Placer::place(const std::string& name, const std::string& object, std::uint
   const bool known = linked != nullptr;
   if (!known) {
     Linked fresh;
-    if (const auto failure = link(object, slot, fresh)) return refuse(failure->stage, failure->text);
+    if (const auto failure = link(object, slot, fresh)) {
+      return failure->starved ? refuse_starved(failure->text) : refuse(failure->stage, failure->text);
+    }
     if (links_.size() == kMaxLinks) links_.erase(links_.begin());
     linked = &links_.emplace_back(fmt::format("{}@{}", name, slot), std::move(fresh)).second;
   }
@@ -172,7 +175,7 @@ json Placer::place(const std::string& name, const std::string& object, std::uint
     const DryRun tried = dry_run_placed(linked->entry, joints, dry_steps);
     if (!tried.ok) {
       links_.pop_back();
-      return refuse(tried.stage, tried.reason);
+      return tried.starved ? refuse_starved(tried.reason) : refuse(tried.stage, tried.reason);
     }
   }
   return {{"ok", true},

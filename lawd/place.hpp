@@ -46,6 +46,7 @@ class Placer {
  private:
   struct Failure {
     std::string stage, text;
+    bool starved = false;
   };
   std::optional<Failure> link(const std::string& object, std::uint32_t slot, Linked& linked) const;
   Linked* remembered(const std::string& name, std::uint32_t slot);

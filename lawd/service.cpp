@@ -19,7 +19,6 @@ namespace {
 
 using nlohmann::json;
 constexpr std::size_t kMaxSourceBytes = std::size_t{1} << 20;
-constexpr std::size_t kMaxCompilerBytes = std::size_t{1} << 30;  // five decompositions of 12 x 12 need 700 MiB
 
 // The hash of a law that was compiled before; empty when it is none.
 std::string hash_in(const json& request) {
@@ -79,8 +78,9 @@ class Laps {
 
 }  // namespace
 
-Service::Service(std::string cache, int arena_fd)
+Service::Service(std::string cache, int arena_fd, const Limits& compiler)
     : cache_(std::move(cache)),
+      compiler_(compiler),
       toolchain_(find_contract_dir(), cache_),
       placer_(toolchain_, cache_ + "/laws", arena_fd) {}
 
@@ -202,6 +202,7 @@ json Service::build(const Job& job) {
   if (!admission.ok()) return refuse_admission(admission, job.name, job.source);
   const Outcome link = run_program(toolchain_.link_command(object, library), Limits{});
   if (!link.clean()) {
+    if (link.starved) return refuse_starved(starved_text("the linker", link));
     if (disk_is_full(link.output)) return refuse("cache", full_disk_text(cache_));
     return refuse_whole("compile", job.name, "the link failed: " + link.output);
   }
@@ -214,25 +215,29 @@ json Service::build(const Job& job) {
 
 // null when the object is there.
 json Service::run_compiler(const Job& job, const std::string& file, const std::string& object, std::string& warnings) {
-  Limits limits;
-  limits.memory_bytes = kMaxCompilerBytes;
-  Outcome outcome = run_program(toolchain_.compile_command(file, object), limits);
+  Outcome outcome = run_program(toolchain_.compile_command(file, object), compiler_);
   const bool broke = outcome.signal != 0 || outcome.output.find("internal compiler error") != std::string::npos ||
                      outcome.output.find("signal terminated program") != std::string::npos;
   if (toolchain_.precompiled() && broke && !outcome.timed_out) {
     // It may be damaged, or the compiler was killed: try once without. Only success tells that the law was not to
     // blame.
-    outcome = run_program(toolchain_.compile_command(file, object, Toolchain::Contract::as_text), limits);
+    outcome = run_program(toolchain_.compile_command(file, object, Toolchain::Contract::as_text), compiler_);
     if (outcome.clean()) toolchain_.precompile_again();
   }
+  if (outcome.starved) return refuse_starved(starved_text("the compiler", outcome));
   if (outcome.timed_out) {
-    return refuse_whole("compile", job.name, "the compiler took longer than 20 s: make the law smaller");
+    char reason[128];
+    std::snprintf(reason, sizeof reason,
+                  "the compiler had %.1f s of the processor and was not done: make the law smaller",
+                  outcome.cpu_ms * 1e-3);
+    return refuse_whole("compile", job.name, reason);
   }
   if (!outcome.clean() && memory_is_full(outcome.output)) {
     return refuse_whole("compile", job.name,
                         "the compiler needs more than 1 GiB of memory: fewer macros and templates, smaller matrices");
   }
-  const Diagnostics diagnostics = read_diagnostics(outcome.output, file, job.name, job.source);
+  const Diagnostics diagnostics =
+      read_diagnostics(outcome.output, {file, job.name, job.source, toolchain_.contract_dir()});
   warnings = diagnostics.text;
   if (outcome.clean()) return nullptr;
   if (disk_is_full(outcome.output)) return refuse("cache", full_disk_text(cache_));
@@ -246,6 +251,7 @@ json Service::run_compiler(const Job& job, const std::string& file, const std::s
 json Service::try_and_store(const Job& job, const std::string& object, const std::string& library,
                             const std::string& warnings, const json& gates) {
   const DryRun tried = dry_run(library, job.joints, job.dry_run ? kDrySteps : 0);
+  if (tried.starved) return refuse_starved(tried.reason);
   if (!tried.ok) return refuse_whole(tried.stage, job.name, tried.reason);
   const auto bytes = read_file(library), placeable = read_file(object);
   if (!bytes || !placeable) return refuse("cache", "cannot read back " + library);

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "lawd/child.hpp"
 #include "lawd/place.hpp"
 #include "lawd/toolchain.hpp"
 
@@ -14,7 +15,11 @@ namespace lithe::lawd {
 class Service {
  public:
   // `arena_fd`: the code arena, as the supervisor hands it over; -1 or no arena = laws cannot be placed.
-  explicit Service(std::string cache, int arena_fd = -1);
+  // `compiler`: what one run of the compiler may take.
+  explicit Service(std::string cache, int arena_fd = -1, const Limits& compiler = kCompilerLimits);
+
+  // Five decompositions of 12 x 12 need 700 MiB.
+  static constexpr Limits kCompilerLimits{.memory_bytes = std::size_t{1} << 30};
 
   // One request line, one answer. `quit` is set by the verb quit.
   nlohmann::json answer(const std::string& line, bool& quit);
@@ -37,6 +42,7 @@ class Service {
                                const std::string& warnings, const nlohmann::json& gates);
 
   std::string cache_;
+  Limits compiler_;
   Toolchain toolchain_;
   Placer placer_;
 };

@@ -5,7 +5,9 @@
 #include <signal.h>
 #include <sys/stat.h>
 
+#include <ctime>
 #include <fstream>
+#include <optional>
 
 #include "lawd/files.hpp"
 #include "lawd/test_bench.hpp"
@@ -96,6 +98,19 @@ TEST_F(ServiceTest, ContractSaysWhatIsWrongWithParamsAndStep) {
       "#include <lithe/law.hpp>\nstruct L { struct Params {}; struct State {}; };\nLITHE_LAW(L, \"l\");\n";
   EXPECT_EQ(first(compile(service_, no_state)).find("a law needs both nested structs"), 0u);
   EXPECT_EQ(first(compile(service_, no_step)).find("a law needs exactly one step"), 0u);
+}
+
+// Past admission, which refuses such an #include before a compiler reads it.
+TEST_F(ServiceTest, AnIncludedFileIsNamedAndNeverQuoted) {
+  const std::string private_file = cache_.path() + "/private.txt";
+  std::ofstream(private_file)
+      << "open_sesame is the word;\n#error open_sesame\nstatic_assert(false, \"LITHE: open_sesame\");\n";
+  const std::string law = "#include <lithe/law.hpp>\n#include \"" + private_file + "\"\nint wrong = own_word;\n";
+  const json reply = compile(service_, law, "law.cpp", false);
+  EXPECT_EQ(reply["stage"], "compile");
+  EXPECT_EQ(reply.dump().find("open_sesame"), std::string::npos) << reply["text"];
+  EXPECT_NE(reply["text"].get<std::string>().find("private.txt:2:"), std::string::npos) << reply["text"];
+  EXPECT_NE(reply["text"].get<std::string>().find("own_word"), std::string::npos) << "the law's own lines are quoted";
 }
 
 TEST_F(ServiceTest, FileWithoutALawIsRefused) {
@@ -223,6 +238,44 @@ TEST(Service, FullDiskIsOneClearMessage) {
   EXPECT_NE(reply["text"].get<std::string>().find("is full"), std::string::npos) << reply;
 }
 
+// A service whose compiler is a shell script; `work` is what it does with a law.
+class FakeCompiler {
+ public:
+  FakeCompiler(const std::string& work, const Limits& limits) {
+    const std::string fake = cache_.path() + "/fake-compiler";
+    std::ofstream(fake)
+        << "#!/bin/sh\ncase \"$*\" in --version) echo fake 1; exit;; -print-prog-name=ld) echo ld; exit;;\n"
+        << "*c++-header*) exit 1;; esac\n"
+        << work << "\n";
+    EXPECT_EQ(chmod(fake.c_str(), 0700), 0);
+    setenv("LITHE_CXX", fake.c_str(), 1);
+    service_.emplace(cache_.path(), -1, limits);
+    unsetenv("LITHE_CXX");
+  }
+  json compile_a_law() { return compile(*service_, LawText{}.source()); }
+
+ private:
+  TestCache cache_;
+  std::optional<Service> service_;
+};
+
+TEST(Service, CompilerWithoutProcessorTimeIsNotTheLawsFault) {
+  FakeCompiler stands("kill -STOP $$", {.wall_ms = 300});
+  const json reply = stands.compile_a_law();
+  EXPECT_FALSE(reply["ok"]) << reply;
+  EXPECT_TRUE(reply.value("starved", false)) << reply;
+  EXPECT_NE(reply["text"].get<std::string>().find("the compiler got"), std::string::npos) << reply;
+  EXPECT_NE(reply.value("next", "").find("less busy"), std::string::npos) << reply;
+}
+
+TEST(Service, CompilerThatUsedItsProcessorTimeIs) {
+  FakeCompiler works("while :; do :; done", {.wall_ms = 60'000, .cpu_s = 1});
+  const json reply = works.compile_a_law();
+  EXPECT_FALSE(reply["ok"]) << reply;
+  EXPECT_FALSE(reply.value("starved", false)) << reply;
+  EXPECT_NE(reply["text"].get<std::string>().find("make the law smaller"), std::string::npos) << reply;
+}
+
 TEST(Service, MissingCompilerSaysWhatToInstall) {
   TestCache cache;
   setenv("LITHE_CXX", "no-such-compiler", 1);
@@ -242,6 +295,28 @@ TEST(Child, EndlessWorkIsKilledWithAllItStarted) {
       },
       limits);
   EXPECT_TRUE(outcome.timed_out);
+  EXPECT_TRUE(outcome.starved);
+}
+
+// As a compiler's driver does, which waits for the process that compiles.
+TEST(Child, ProcessorTimeOfWhatItStartedCounts) {
+  Limits limits;
+  limits.wall_ms = 3'000;
+  const Outcome outcome = run_child(
+      [](int out_fd) {
+        if (fork() == 0) {
+          while (clock() < CLOCKS_PER_SEC / 10) {
+          }
+          dprintf(out_fd, "done");
+        }
+        for (;;) pause();
+        return 0;
+      },
+      limits);
+  EXPECT_TRUE(outcome.timed_out);
+  EXPECT_EQ(outcome.output, "done");
+  EXPECT_GE(outcome.cpu_ms, 90);
+  EXPECT_TRUE(outcome.starved);  // far from half of what it may take
 }
 
 }  // namespace

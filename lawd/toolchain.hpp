@@ -27,6 +27,7 @@ class Toolchain {
   const std::string& fingerprint() const { return fingerprint_; }
   // For a certificate: {"compiler", "linker", "flags", "contract"}; the flags as one line, contract = the fingerprint.
   nlohmann::json to_json() const;
+  const std::string& contract_dir() const { return contract_dir_; }
   bool precompiled() const { return !pch_dir_.empty(); }
   double precompile_ms() const { return precompile_ms_; }
 

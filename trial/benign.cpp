@@ -74,7 +74,9 @@ bool Bench::sound(Stand& stand) {
     return refuse("%s (%s): look for an index below zero", damage, report.doing.data());
   }
   char bad[64];
-  if (law::outputs_are_finite(stand.effort(), stand.probes(), law, joints(), bad, sizeof bad)) return true;
+  if (law::outputs_are_finite(stand.effort(), stand.probes(), law, joints(), bad, sizeof bad)) {
+    return within_joints(stand);
+  }
   return refuse(
       "%s is not finite (%s): look for a division by zero, sqrt or log of a negative number, a sensor that is not "
       "valid (NaN), or a gain that diverges",
@@ -106,6 +108,7 @@ bool run_benign(Bench& bench) {
         "that is read before it is written, or an address used as a number",
         static_cast<unsigned>(k));
   }
+  if (!reads_within_joints(bench)) return false;
   return bench.law.init == nullptr || starts_without_a_past(bench);
 }
 

@@ -1,162 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
-// The law at the wheel of the simulated robot: the tick's own order, on a clock that is only an argument.
+// Two rides of the law with the simulated robot, and what is said to them.
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
 #include <ctime>
 #include <limits>
-#include <memory>
-#include <numbers>
+#include <string>
+#include <utility>
+#include <vector>
 
-#include "spine/guard/guard.hpp"
-#include "spine/plan/interpolator.hpp"
+#include "trial/ride.hpp"
 #include "trial/sections.hpp"
 
 namespace lithe::trial {
 namespace {
 
-namespace flag = wire::telemetry_flag;
-
-constexpr double kSeconds = 1.0;
 constexpr double kMandatorySeconds = 0.1;  // of the robot's time, whatever its rate
+constexpr double kRoughSeconds = 0.5;      // of the rough one: the push, and what comes of it
+// A joint is worth a warning when without a law it is so far off, and a law leaves at least this share of that.
+constexpr double kWorthASecondLookRad = 0.02;
+constexpr double kNoBetter = 0.95;
 constexpr std::int64_t kStartNs = 1'000'000'000;
 constexpr double kReadySeconds = 10;
 constexpr double kMostRideMs = 2000;  // of the processor's time, on top of the box: who asks does not wait for ever
 constexpr std::int64_t kSwitchOnNs = 10'000'000;  // a moteus is on 5 ms after it is told
 constexpr int kExchangesToSwitchOn = 10;          // a CiA 402 drive goes one state a word
-
-// From where the joint stands to a small distance and back, smoothly, well within its limits.
-wire::Plan gentle_plan(const robot::RobotConfig& robot, const JointArray& from_rad, std::int64_t now_ns) {
-  wire::Plan plan;
-  plan.plan_id = 1;
-  plan.waypoint_count = wire::kNw;
-  plan.joint_count = static_cast<std::uint32_t>(robot.joints.size());
-  for (std::size_t w = 0; w < wire::kNw; ++w) {
-    const double part = static_cast<double>(w + 1) / wire::kNw;
-    plan.t_ns[w] = now_ns + static_cast<std::int64_t>(part * kSeconds * 1e9);
-    for (std::size_t j = 0; j < robot.joints.size(); ++j) {
-      const robot::JointConfig& joint = robot.joints[j];
-      const double at = std::clamp(from_rad[j], joint.position_min_rad, joint.position_max_rad);
-      const double up = joint.position_max_rad - at, down = at - joint.position_min_rad;
-      const double room = std::min(0.4 * std::max(up, down), 0.1 * joint.velocity_max_rad_s * kSeconds);
-      const double by = std::copysign(std::min(0.3, room), up - down);
-      plan.position_rad[w * wire::kNj + j] = at + by * 0.5 * (1 - std::cos(2 * std::numbers::pi * part));
-      plan.velocity_rad_s[w * wire::kNj + j] = std::numeric_limits<double>::quiet_NaN();
-    }
-  }
-  return plan;
-}
-
-// Contract: allocates nothing once made · about 40 KiB
-class Ride {
- public:
-  Ride(const Setting& setting, hal::Actuators& actuators)
-      : setting_(setting), actuators_(actuators), now_ns_(setting.ride_from_ns) {
-    plan_.configure(setting.robot);
-    guard_.configure(setting.robot);
-    command_.joints = tick_.joints = setting.joints();
-    tick_.dt_s = setting.dt_s();
-    command_.act(hal::DriveAction::torque);  // none yet: the drives are on already
-    command_.position_rad.fill(std::numeric_limits<double>::quiet_NaN());
-    exchange();
-    plan_.hold_at(state_.position_rad);
-    guard_.reset_output();
-    plan_.accept(gentle_plan(setting.robot, state_.position_rad, now_ns_), now_ns_);
-  }
-
-  std::uint32_t ticks_in(double seconds) const {
-    return static_cast<std::uint32_t>(std::lround(seconds * setting_.robot.rate_hz));
-  }
-  bool over() const { return stats.ticks >= ticks_in(kSeconds); }
-
-  // The next input of the law.
-  const Tick& look() {
-    exchange();
-    plan_.sample(now_ns_, setpoint_);
-    tick_.tick = stats.ticks;
-    tick_.t_ns = now_ns_;
-    tick_.t_s = static_cast<double>(stats.ticks) * tick_.dt_s;
-    for (std::uint32_t j = 0; j < tick_.joints; ++j) {
-      tick_.position_rad[j] = state_.position_rad[j];
-      tick_.velocity_rad_s[j] = state_.velocity_rad_s[j];
-      tick_.torque_nm[j] = state_.torque_nm[j];
-      tick_.setpoint_position_rad[j] = setpoint_.position_rad[j];
-      tick_.setpoint_velocity_rad_s[j] = setpoint_.velocity_rad_s[j];
-      tick_.setpoint_acceleration_rad_s2[j] = setpoint_.acceleration_rad_s2[j];
-    }
-    tick_.sample_age_s = 1e-9 * static_cast<double>(now_ns_ - state_.sample_ns);
-    tick_.sensor = state_.sensor;
-    return tick_;
-  }
-
-  // Its output, through the guard to the drives. False when the guard takes over for good.
-  bool act(const Effort& effort) {
-    const guard::Verdict verdict = guard_.check(
-        {wire::Mode::active,
-         0,
-         0,
-         state_.position_rad,
-         state_.velocity_rad_s,
-         state_.status,
-         {effort.torque_nm, effort.position_rad, effort.velocity_rad_s, effort.kp_nm_rad, effort.kd_nm_s_rad}},
-        output_);
-    count(verdict.flags, effort);
-    compose();
-    if (verdict.fault == wire::Fault::none) return true;
-    stats.fault = static_cast<std::uint32_t>(verdict.fault);
-    stats.fault_tick = stats.ticks;
-    return false;
-  }
-
-  LoopStats stats;
-
- private:
-  void exchange() {
-    actuators_.cycle(command_, state_, now_ns_);
-    guard_.dispatched();  // or it bounds every torque from the first one, which is none
-    now_ns_ += setting_.period_ns();
-    ++command_.tick;
-  }
-
-  void count(std::uint32_t flags, const Effort& effort) {
-    ++stats.ticks;
-    stats.torque_clamped += (flags & flag::kTorqueClamped) != 0;
-    stats.slew_clamped += (flags & flag::kSlewClamped) != 0;
-    stats.position_clamped += (flags & flag::kPositionClamped) != 0;
-    stats.velocity_clamped += (flags & flag::kVelocityClamped) != 0;
-    double squares = 0;
-    for (std::uint32_t j = 0; j < tick_.joints; ++j) {
-      stats.most_torque_nm = std::max(stats.most_torque_nm, std::abs(effort.torque_nm[j]));
-      stats.most_velocity_rad_s = std::max(stats.most_velocity_rad_s, std::abs(tick_.velocity_rad_s[j]));
-      squares += std::pow(tick_.setpoint_position_rad[j] - tick_.position_rad[j], 2) / tick_.joints;
-    }
-    sum_of_squares_ += squares;
-    stats.rms_error_rad = std::sqrt(sum_of_squares_ / stats.ticks);
-  }
-
-  void compose() {
-    command_.act(hal::DriveAction::torque);
-    command_.torque_nm = output_.torque_nm;
-    command_.position_rad = output_.position_rad;
-    command_.velocity_rad_s = output_.velocity_rad_s;
-    command_.kp_nm_rad = output_.kp_nm_rad;
-    command_.kd_nm_s_rad = output_.kd_nm_s_rad;
-    command_.max_torque_nm = output_.max_torque_nm;
-  }
-
-  const Setting& setting_;
-  hal::Actuators& actuators_;
-  std::int64_t now_ns_;
-  hal::ActuatorCommand command_;
-  hal::ActuatorState state_;
-  plan::Interpolator plan_;
-  plan::Setpoint setpoint_;
-  guard::Guard guard_;
-  guard::Output output_;
-  Tick tick_;
-  double sum_of_squares_ = 0;
-};
 
 // The guard holds every law, but a law that leans on it all the time is not the law its author meant.
 struct Bound {
@@ -171,17 +40,35 @@ constexpr Bound kBounds[] = {
     {&LoopStats::torque_clamped, 0.8, "asks for more than torque_max_nm"},
 };
 
-bool judge(Bench& bench) {
-  const LoopStats &law = bench.report.loop, &alone = bench.setting.baseline;
-  // A robot that falls out of its limits by itself is stopped in any case; a law must not hasten that.
+// A robot that falls out of its limits by itself is stopped in any case; a law must not hasten that. The same of a
+// joint that shakes.
+bool goes_on(Bench& bench, const LoopStats& law, const LoopStats& alone, const char* where) {
   if (law.fault != 0 && (alone.fault == 0 || law.fault_tick < alone.fault_tick)) {
     std::array<char, 64> otherwise{"nothing happened"};
     if (alone.fault != 0) std::snprintf(otherwise.data(), otherwise.size(), "it took %u ticks", alone.fault_tick);
     return bench.refuse(
-        "with the simulated robot the guard had to stop it after %u ticks (%s); without a law %s: look at the sign and "
-        "the size of its gains",
-        law.fault_tick, wire::to_string(static_cast<wire::Fault>(law.fault)).data(), otherwise.data());
+        "%s the guard had to stop it after %u ticks (%s); without a law %s: look at the sign and the size "
+        "of its gains",
+        where, law.fault_tick, wire::to_string(static_cast<wire::Fault>(law.fault)).data(), otherwise.data());
   }
+  if (law.tremor == 0 || (alone.tremor == law.tremor && alone.tremor_joint == law.tremor_joint)) return true;
+  const char* joint = bench.setting.robot.joints[law.tremor_joint].name.c_str();
+  using Kind = law::Tremor::Finding::Kind;
+  if (Kind{static_cast<std::uint8_t>(law.tremor)} == Kind::chatter) {
+    return bench.refuse(
+        "%s the torque of joint %s jumps up and down by %.2g N m, %.0f times a second (after %u ticks): "
+        "filter what it differentiates, and let no sign of an error switch a torque",
+        where, joint, law.tremor_size, law.tremor_hz, law.ticks);
+  }
+  return bench.refuse(
+      "%s joint %s swings to and fro by %.2g rad/s at %.1f Hz without decay (after %u ticks): lower its "
+      "stiffness, or raise its damping",
+      where, joint, law.tremor_size, law.tremor_hz, law.ticks);
+}
+
+bool judge(Bench& bench) {
+  const LoopStats &law = bench.report.loop, &alone = bench.setting.plain.baseline;
+  if (!goes_on(bench, law, alone, "with the simulated robot")) return false;
   for (const Bound& bound : kBounds) {
     const double share = law.*bound.count / std::max(1.0, static_cast<double>(law.ticks));
     // What happened before that ride was broken off is no excuse for all of a longer one.
@@ -229,53 +116,91 @@ Result<std::int64_t> make_ready(const robot::RobotConfig& robot, hal::Actuators&
   return now_ns;
 }
 
-Result<> open_ready(Setting& setting) {
-  auto actuators = hal::simulate_actuators(setting.robot);
+Result<> open_ready(const robot::RobotConfig& robot, SimulatedRobot& simulated) {
+  auto actuators = hal::simulate_actuators(robot);
   if (!actuators) return actuators.error();
-  const auto from_ns = make_ready(setting.robot, **actuators);
+  const auto from_ns = make_ready(robot, **actuators);
   if (!from_ns) return from_ns.error();
-  setting.ride_from_ns = *from_ns;
-  setting.actuators = std::move(*actuators);
+  simulated.from_ns = *from_ns;
+  simulated.actuators = std::move(*actuators);
   return done();
 }
 
-LoopStats ride_without_a_law(const Setting& setting) {
-  Ride ride(setting, *setting.actuators);
+// Its baseline, and what the whole ride takes of the processor [ms].
+double ride_without_a_law(const Setting& setting, SimulatedRobot& simulated, bool rough) {
+  const std::clock_t from = std::clock();  // processor time of this process, so that other load does not count
+  Ride ride(setting.robot, simulated, rough);
   Effort nothing;
   nothing.clear(setting.joints());
   do ride.look();
   while (ride.act(nothing) && !ride.over());
-  return ride.stats;
+  simulated.baseline = ride.stats;
+  const double took_ms = 1e3 * static_cast<double>(std::clock() - from) / CLOCKS_PER_SEC;
+  // The guard may have broken it off: a law may keep the robot going to the end. A few ticks tell little of a whole
+  // ride.
+  return took_ms * kRideSeconds * setting.robot.rate_hz / ride.stats.ticks;
 }
+
+// False: an output was not sound, and it is refused.
+bool ride_with_the_law(Bench& bench, Ride& ride, double mandatory_s, const char* where, LoopStats& stats) {
+  bench.one.reset();
+  bool going = true;
+  while (going && !ride.over()) {
+    if (ride.stats.ticks >= ride.ticks_in(mandatory_s) && bench.out_of_time()) break;
+    bench.doing("tick %u %s", ride.stats.ticks, where);
+    bench.one.step(ride.look());
+    if (!bench.sound(bench.one)) return false;
+    going = ride.act(bench.one.effort());
+    stats = ride.stats;
+    ++bench.progress().steps;
+  }
+  return true;
+}
+
+constexpr const char* kPlain = "with the simulated robot";
+constexpr const char* kRough =
+    "with the simulated robot pushed, 20 % heavier, its sensors noisy and everything one tick later,";
 
 }  // namespace
 
 bool run_loop(Bench& bench) {
-  Ride ride(bench.setting, *bench.setting.actuators);
-  bench.one.reset();
-  bool going = true;
-  while (going && !ride.over()) {
-    if (ride.stats.ticks >= ride.ticks_in(kMandatorySeconds) && bench.out_of_time()) break;
-    bench.doing("tick %u with the simulated robot", ride.stats.ticks);
-    bench.one.step(ride.look());
-    if (!bench.sound(bench.one)) return false;
-    going = ride.act(bench.one.effort());
-    bench.report.loop = ride.stats;
-    bench.progress().steps = ride.stats.ticks;
+  Ride plain(bench.setting.robot, bench.setting.plain, false);
+  if (!ride_with_the_law(bench, plain, kMandatorySeconds, kPlain, bench.report.loop) || !judge(bench)) return false;
+  Ride rough(bench.setting.robot, bench.setting.heavy, true);
+  return ride_with_the_law(bench, rough, kRoughSeconds, "of the rough ride", bench.report.rough) &&
+         goes_on(bench, bench.report.rough, bench.setting.heavy.baseline, kRough);
+}
+
+std::vector<std::string> warnings(const Report& report, const Setting& setting) {
+  std::vector<std::string> found;
+  const LoopStats &law = report.loop, &alone = setting.plain.baseline;
+  if (law.ticks < alone.ticks) return found;  // over the same time only
+  for (std::uint32_t j = 0; j < setting.joints(); ++j) {
+    const double with_rad = law.joint_rms_error_rad[j], without_rad = alone.joint_rms_error_rad[j];
+    if (without_rad < kWorthASecondLookRad || with_rad < kNoBetter * without_rad) continue;
+    std::array<char, 200> text{};
+    std::snprintf(
+        text.data(), text.size(),
+        "joint %s is no nearer to its setpoint than without a law: %.3f rad against %.3f (rms) on the simulated "
+        "robot",
+        setting.robot.joints[j].name.c_str(), with_rad, without_rad);
+    found.emplace_back(text.data());
   }
-  return judge(bench);
+  return found;
 }
 
 Result<> prepare_ride(Setting& setting) {
-  if (auto opened = open_ready(setting); !opened) return opened;
-  const std::clock_t from = std::clock();  // of this process, whoever else wants the processor
-  setting.baseline = ride_without_a_law(setting);
-  const double took_ms = 1e3 * static_cast<double>(std::clock() - from) / CLOCKS_PER_SEC;
-  // The guard may have broken it off: a law may keep the robot going to the end. A few ticks tell little of a whole
-  // ride.
-  const double whole_ms = took_ms * kSeconds * setting.robot.rate_hz / setting.baseline.ticks;
+  setting.robot.guard.soft_start_s = 0;  // a law that is swapped in while the robot moves has none either
+  robot::RobotConfig model = setting.robot;
+  model.plant.ideal = true;  // what is uncertain about the robot the rough ride adds itself
+  const robot::RobotConfig heavy = with_payload(model);
+  if (auto opened = open_ready(model, setting.plain); !opened) return opened;
+  if (auto opened = open_ready(heavy, setting.heavy); !opened) return opened;
+  const double whole_ms =
+      ride_without_a_law(setting, setting.plain, false) + ride_without_a_law(setting, setting.heavy, true);
   setting.ride_ms = static_cast<int>(std::ceil(std::min(whole_ms, kMostRideMs)));
-  return open_ready(setting);
+  if (auto opened = open_ready(model, setting.plain); !opened) return opened;
+  return open_ready(heavy, setting.heavy);
 }
 
 }  // namespace lithe::trial

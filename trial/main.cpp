@@ -6,6 +6,7 @@
 #include <string>
 
 #include "spine/arena/layout.hpp"
+#include "spine/core/files.hpp"
 #include "trial/zygote.hpp"
 
 int main(int argc, char** argv) {
@@ -16,6 +17,7 @@ int main(int argc, char** argv) {
   signal(SIGPIPE, SIG_IGN);
   signal(SIGINT, SIG_IGN);  // Ctrl-C is the supervisor's business: it closes our stdin
 
+  lithe::set_file_defaults();
   auto zygote = lithe::trial::Zygote::make(argv[1], lithe::arena::kHandedFd);
   if (!zygote) {
     std::cerr << zygote.message() << "\n";

@@ -10,6 +10,20 @@
 #include "spine/law/dry_inputs.hpp"
 
 namespace lithe::trial {
+namespace {
+
+// No law is to blame for what it makes of a broken sensor. x - x is 0 for every finite x, NaN for all others.
+bool is_finite(const wire::Telemetry& record, std::uint32_t joints) {
+  double sum = 0;
+  for (const double* values :
+       {record.position_rad.data(), record.velocity_rad_s.data(), record.torque_nm.data(),
+        record.setpoint_position_rad.data(), record.setpoint_velocity_rad_s.data(), record.command_torque_nm.data()}) {
+    for (std::uint32_t j = 0; j < joints; ++j) sum += values[j] - values[j];
+  }
+  return sum == 0;
+}
+
+}  // namespace
 
 Recording::Recording(const std::string& robot, std::uint32_t joints, double dt_s, double seconds)
     : joints_(joints), dt_s_(dt_s) {
@@ -26,7 +40,7 @@ Recording::Recording(const std::string& robot, std::uint32_t joints, double dt_s
   records_.reserve(most);
   values_.reserve(most * kQuantities * joints);
   while (!reader.empty() && records_.size() < most) {
-    if (!reader.next(*record) || record->tick + most <= newest) continue;
+    if (!reader.next(*record) || record->tick + most <= newest || !is_finite(*record, joints)) continue;
     records_.push_back({record->tick, record->release_ns, record->sample_ns, record->brain_age_ns, record->flags, {}});
     std::copy(record->sensor.begin(), record->sensor.end(), records_.back().sensor.begin());
     for (const double* quantity : {record->position_rad.data(), record->velocity_rad_s.data(), record->torque_nm.data(),
@@ -80,6 +94,7 @@ std::vector<PastTick> Recording::past(std::size_t most, std::uint32_t joints, do
     past.torque_nm = dry.torque_nm;
     past.setpoint_position_rad = dry.setpoint_position_rad;
     past.setpoint_velocity_rad_s = dry.setpoint_velocity_rad_s;
+    past.sensor = dry.sensor;
     for (std::uint32_t j = 0; j < joints && !records_.empty(); ++j) {
       past.command_torque_nm[j] = command_torque_nm(records_.size() - 1 - back, j);
     }

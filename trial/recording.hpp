@@ -15,7 +15,8 @@ namespace lithe::trial {
 class Recording {
  public:
   Recording() = default;
-  // The newest records of a robot that runs, at most `seconds`; empty when none runs, or one with other joints.
+  // The newest records of a robot that runs, at most `seconds`; empty when none runs, or one with other joints. Left
+  // out: records in which a value is not finite.
   Recording(const std::string& robot, std::uint32_t joints, double dt_s, double seconds);
 
   std::size_t size() const { return records_.size(); }

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "trial/ride.hpp"
 #include "trial/sections.hpp"
 
 namespace lithe::trial {
@@ -9,15 +10,6 @@ namespace {
 
 constexpr std::size_t kMandatoryRecords = 100;
 constexpr double kManyTimes = 1000;  // of a joint's largest torque: no longer an answer to this robot
-
-// The torque the joint would feel: feed-forward, and the drive's own PD at the measured state.
-double felt_nm(const Effort& effort, const Tick& tick, std::uint32_t j) {
-  double torque_nm = effort.torque_nm[j] + effort.kd_nm_s_rad[j] * (effort.velocity_rad_s[j] - tick.velocity_rad_s[j]);
-  if (std::isfinite(effort.position_rad[j])) {
-    torque_nm += effort.kp_nm_rad[j] * (effort.position_rad[j] - tick.position_rad[j]);
-  }
-  return torque_nm;
-}
 
 // |what it asks for - what the drives have|, the largest over the joints.
 double takeover_nm(Bench& bench, const Tick& tick, std::size_t i) {

@@ -2,6 +2,7 @@
 #include "trial/report.hpp"
 
 #include <algorithm>
+#include <vector>
 
 #include "spine/wire/wire.hpp"
 
@@ -10,7 +11,8 @@ namespace {
 
 using nlohmann::json;
 
-json loop_json(const LoopStats& stats) {
+json loop_json(const LoopStats& stats, std::uint32_t joints) {
+  static constexpr const char* kTremors[] = {"none", "chatter", "oscillation"};
   return {{"ticks", stats.ticks},
           {"torque_clamped", stats.torque_clamped},
           {"slew_clamped", stats.slew_clamped},
@@ -19,7 +21,14 @@ json loop_json(const LoopStats& stats) {
           {"fault", wire::to_string(static_cast<wire::Fault>(stats.fault))},
           {"most_torque_nm", stats.most_torque_nm},
           {"most_velocity_rad_s", stats.most_velocity_rad_s},
-          {"rms_error_rad", stats.rms_error_rad}};
+          {"rms_error_rad", stats.rms_error_rad},
+          {"joint_rms_error_rad",
+           std::vector<double>(stats.joint_rms_error_rad.begin(),
+                               stats.joint_rms_error_rad.begin() + std::min<std::size_t>(joints, kMaxJoints))},
+          {"tremor", kTremors[std::min(stats.tremor, 2u)]},
+          {"tremor_hz", stats.tremor_hz},
+          {"most_chatter_hz", stats.most_chatter_hz},
+          {"most_swings", stats.most_swings}};
 }
 
 }  // namespace
@@ -29,7 +38,8 @@ const char* name_of(Section section) {
   return kNames[std::min<std::size_t>(static_cast<std::size_t>(section), kSections - 1)];
 }
 
-json to_json(const Report& report, const LoopStats& baseline, std::int64_t budget_ns) {
+json to_json(const Report& report, const LoopStats& alone, const LoopStats& alone_rough, std::uint32_t joints,
+             std::int64_t budget_ns) {
   json out = json::object();
   for (std::size_t i = 1; i < kSections; ++i) {
     const Progress& progress = report.progress[i];
@@ -37,8 +47,10 @@ json to_json(const Report& report, const LoopStats& baseline, std::int64_t budge
         {"done", progress.done != 0}, {"steps", progress.steps}, {"ms", progress.ms}};
   }
   out["benign"].update({{"same_bits", report.same_bits != 0}, {"reset_difference_nm", report.reset_difference_nm}});
-  out["loop"].update(loop_json(report.loop));
-  out["loop"]["without_a_law"] = loop_json(baseline);
+  out["loop"].update(loop_json(report.loop, joints));
+  out["loop"]["without_a_law"] = loop_json(alone, joints);
+  out["loop"]["rough"] = loop_json(report.rough, joints);
+  out["loop"]["rough"]["without_a_law"] = loop_json(alone_rough, joints);
   out["replay"].update({{"records", report.replay_records},
                         {"most_torque_nm", report.replay_most_torque_nm},
                         {"takeover_step_nm", report.takeover_step_nm},

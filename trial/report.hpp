@@ -7,6 +7,8 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "spine/core/joints.hpp"
+
 namespace lithe::trial {
 
 enum class Section : std::uint32_t { load = 0, benign, loop, replay, hostile, timing };
@@ -33,6 +35,12 @@ struct LoopStats {
   double most_torque_nm = 0;  // asked for
   double most_velocity_rad_s = 0;
   double rms_error_rad = 0;
+  std::array<double, kMaxJoints> joint_rms_error_rad{};
+  std::uint32_t tremor = 0;  // law::Tremor::Finding::Kind: what it was ended for; 0 = no joint shook
+  std::uint32_t tremor_joint = 0;
+  double tremor_hz = 0, tremor_size = 0;  // [N m] of chatter, [rad/s] of an oscillation
+  double most_chatter_hz = 0;             // how near any joint came to that
+  std::uint32_t most_swings = 0, reserved = 0;
 };
 
 // Contract: plain bytes · any bytes are safe to read
@@ -48,7 +56,7 @@ struct Report {
   Crash crash;
   std::uint64_t image_base = 0;  // where the law lies: its slot's start, or where dlopen put it
 
-  LoopStats loop;
+  LoopStats loop, rough;
   std::uint32_t hostile_cases = 0, hostile_not_finite = 0, hostile_not_recovered = 0;
   double hostile_worst_ns = 0;
   std::array<char, 96> hostile_slowest{};
@@ -64,7 +72,9 @@ struct Report {
   double reset_difference_nm = 0;  // between a state that has run 100 steps and a fresh one, same input
 };
 
-nlohmann::json to_json(const Report& report, const LoopStats& baseline, std::int64_t budget_ns);
+// `alone`, `alone_rough`: the same rides without a law.
+nlohmann::json to_json(const Report& report, const LoopStats& alone, const LoopStats& alone_rough, std::uint32_t joints,
+                       std::int64_t budget_ns);
 
 const char* name_of(Section section);
 

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "lithe/law.hpp"
@@ -37,15 +38,23 @@ struct Bench {
   __attribute__((format(printf, 2, 3))) bool refuse(const char* format, ...);
   // Refuses when an output of `stand` is not a number, or it wrote where it must not.
   bool sound(Stand& stand);
+  // Refuses when it wrote an entry of its Effort that belongs to no joint of this robot.
+  bool within_joints(const Stand& stand);
 };
 
 inline constexpr std::size_t kTimingInputs = 1000;
+
+// Whether entries of its inputs that belong to no joint of this robot leave its output alone; else refuses.
+bool reads_within_joints(Bench& bench);
 
 bool run_benign(Bench& bench);   // finite, the same twice, how much a lost state changes
 bool run_loop(Bench& bench);     // with the simulated robot and the guard
 bool run_replay(Bench& bench);   // on what this robot did in the last seconds
 bool run_hostile(Bench& bench);  // NaN, infinities, jumps, wrong times
 bool run_timing(Bench& bench);   // how long a step takes on this board
+
+// Of a law that passed: the joints that it brings no nearer to their setpoint than no law does, one sentence each.
+std::vector<std::string> warnings(const Report& report, const Setting& setting);
 
 // Opens the simulated robot, lives until every drive is set up and on, and lets it run with nobody at the wheel: that
 // is the baseline. Then again, for the laws to come. Errors: it cannot be simulated, or a drive never gets there.

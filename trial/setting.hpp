@@ -17,14 +17,19 @@
 
 namespace lithe::trial {
 
+// One that is ridden: at rest, its drives on.
+struct SimulatedRobot {
+  std::unique_ptr<hal::Actuators> actuators;
+  std::int64_t from_ns = 0;  // on the clock of that robot
+  LoopStats baseline;        // of a ride without a law
+};
+
 // Contract: made by the zygote before the first trial; a child has its own copy, by fork
 struct Setting {
   robot::RobotConfig robot;
-  std::unique_ptr<hal::Actuators> actuators;  // the simulated robot, at rest, its drives on
-  std::int64_t ride_from_ns = 0;              // on the clock of that robot
+  SimulatedRobot plain, heavy;  // as the robot file says; with a payload, for the rough ride
   RawClock clock;
-  LoopStats baseline;  // the same ride without a law
-  int ride_ms = 0;     // of the processor, which that takes to its end; a law's ride takes it again
+  int ride_ms = 0;  // of the processor, which both rides take to their end without a law; a law's take it again
   std::unique_ptr<load::ArenaStore> arena;  // null = there is none
   bool walled = false;                      // allow_trials_only() holds for the zygote, and so for its children
 

@@ -152,7 +152,9 @@ json Zygote::attempt(const json& request) {
                 {"unavailable", verdict.unable},
                 {"ms", outcome.wall_ms},
                 {"cpu_ms", outcome.cpu_ms},
-                {"report", to_json(verdict.report, setting_.baseline, order.budget_ns)}};
+                {"report", to_json(verdict.report, setting_.plain.baseline, setting_.heavy.baseline, setting_.joints(),
+                                   order.budget_ns)}};
+  if (verdict.ok) reply["warnings"] = warnings(verdict.report, setting_);
   if (!verdict.ok) reply["reason"] = verdict.reason;
   if (verdict.pc_offset != 0) reply["pc_offset"] = verdict.pc_offset;
   return reply;

@@ -10,7 +10,7 @@ struct Hostile {
 
   static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& u) {
     std::array<double, 32> a = t.position_rad;
-    std::sort(a.begin(), a.end());
+    std::sort(a.begin(), a.begin() + t.joints);
     for (std::uint32_t j = 0; j < t.joints; ++j) {
       u.torque_nm[j] = 4 * (t.setpoint_position_rad[j] - t.position_rad[j]) - 0.1 * t.velocity_rad_s[j];
     }

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+// stopped-by: guard
+// without-gates: clamp
+// Works for twenty seconds, then pushes with all it has, one way.
+#include <lithe/law.hpp>
+
+struct Hostile {
+  struct Params {};
+  struct State {
+    std::uint32_t steps = 0;
+  };
+
+  static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& u) {
+    const bool good = ++s.steps < 20'000;
+    for (std::uint32_t j = 0; j < t.joints; ++j) {
+      u.torque_nm[j] = good ? 4 * (t.setpoint_position_rad[j] - t.position_rad[j]) - 0.1 * t.velocity_rad_s[j] : 0.6;
+    }
+  }
+};
+LITHE_LAW(Hostile, "full_torque_in_the_evening");

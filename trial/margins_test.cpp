@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+// The laws that come with LITHE, on the robots that do: all pass the trial, and by how much is printed.
+// No sanitizer build makes this: none can live in the sandbox.
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <string>
+
+#include "spine/law/tremor.hpp"
+#include "spine/robot/robot.hpp"
+#include "trial/zygote.hpp"
+
+namespace lithe::trial {
+namespace {
+
+using nlohmann::json;
+
+class Margins : public ::testing::TestWithParam<const char*> {};
+
+TEST_P(Margins, EveryLawThatComesWithLithePasses) {
+  const std::string file = GetParam();
+  auto robot = robot::load_robot(LITHE_ROBOTS "/" + file);
+  ASSERT_TRUE(robot) << robot.message();
+  auto zygote = Zygote::make(LITHE_ROBOTS "/" + file, -1);
+  if (!zygote && robot->plant.kind == robot::PlantKind::mujoco) GTEST_SKIP() << zygote.message();
+  ASSERT_TRUE(zygote) << zygote.message();
+  for (const char* object : {LAW_pd, LAW_hold, LAW_gravity_pd, LAW_impedance, LAW_lqr, LAW_constant_torque}) {
+    json reply;
+    bool quit = false;
+    const json order = {{"verb", "try"}, {"object", object}, {"budget_ns", 300'000}, {"box_ms", 1000}};
+    do {
+      reply = zygote->answer(order.dump(), quit);
+    } while (reply.value("starved", false));
+    const std::string law = std::string(object).substr(std::string(object).rfind("trial_law_") + 10);
+    EXPECT_TRUE(reply["ok"].get<bool>()) << file << " " << law << ": " << reply.value("reason", "");
+    for (const char* which : {"plain", "rough"}) {
+      const json loop = reply["report"]["loop"], &ride = which[0] == 'p' ? loop : loop["rough"];
+      std::printf("%-18s %-20s %-5s chatter %5.1f Hz of %.0f, undamped swings %u of %u, error %.3f rad (alone %.3f)\n",
+                  file.c_str(), law.c_str(), which, ride.value("most_chatter_hz", 0.0), law::Tremor::kChatterHz,
+                  ride.value("most_swings", 0u), law::Tremor::kMostSwings, ride.value("rms_error_rad", 0.0),
+                  ride["without_a_law"].value("rms_error_rad", 0.0));
+    }
+    for (const json& each : reply.value("warnings", json::array())) std::printf("  warning: %s\n", each.dump().c_str());
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Robots, Margins,
+                         ::testing::Values("arm.toml", "arm8.toml", "arm32.toml", "chain.toml", "frankenstein.toml",
+                                           "quadruped.toml"),
+                         [](const auto& each) {
+                           return std::string(each.param).substr(0, std::string(each.param).find('.'));
+                         });
+
+}  // namespace
+}  // namespace lithe::trial
