@@ -50,6 +50,26 @@ TEST(Plan, ThreeMoteusFitAtAKilohertzAndFourDoNot) {
   EXPECT_FALSE(bus::plan(moteus_robot(4), {std::ceil(four.highest_rate_hz)}).fits);
 }
 
+// As in the paper: four devices on one bus of a pi3hat, 1 kHz.
+TEST(Plan, FourMoteusFitAtAKilohertzWithWholeNumbersAndSettingsOfTheirOwn) {
+  for (const BusKind kind : {BusKind::socketcan, BusKind::pi3hat}) {
+    RobotConfig robot = moteus_robot(4, kind);
+    ASSERT_FALSE(bus::plan(robot, {}).fits) << "with floats";
+    for (robot::DeviceConfig& device : robot.devices) {
+      device.frames.command = device.frames.answer = robot::NumberFormat::int16;
+      device.frames.settings_in_drive = true;
+    }
+    const Plan four = bus::plan(robot, {});
+    EXPECT_EQ(four.buses[0].devices[0].traffic[0].size, 24U);
+    EXPECT_EQ(four.buses[0].devices[0].traffic[1].size, 20U);
+    EXPECT_TRUE(four.fits) << four.buses[0].load_worst;
+    for (robot::DeviceConfig& device : robot.devices) device.frames.current = robot::NumberFormat::int16;
+    EXPECT_TRUE(bus::plan(robot, {}).fits) << "the current costs nothing then";
+    for (robot::DeviceConfig& device : robot.devices) device.frames.settings_in_drive = false;
+    EXPECT_FALSE(bus::plan(robot, {}).fits) << "the settings in every command cost eleven bytes";
+  }
+}
+
 TEST(Plan, CanopenDrivesTakeThePublishedTimes) {
   const Plan plan = bus::plan(canopen_robot(1, 1000), {});
   ASSERT_EQ(plan.buses[0].shared.size(), 2U);

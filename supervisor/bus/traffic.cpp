@@ -119,6 +119,7 @@ std::vector<Traffic> moteus_traffic(const DeviceConfig& device, const Line& line
   hal::moteus::DriverParams params;
   params.id = device.id;
   params.watchdog_s = device.watchdog_s;
+  hal::moteus::use_frames(device.frames, params);
   const hal::moteus::Driver driver(params);
   hal::JointCommand command;
   command.action = hal::DriveAction::torque;  // the longest

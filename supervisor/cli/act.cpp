@@ -111,7 +111,7 @@ int events(const Context& context, std::uint64_t since, bool follow) {
         std::cout << swap::dump_line(each) << std::endl;  // following never ends, so it prints lines
       }
     } else if (!context.json) {
-      print_events(*result);
+      print_events(swap::printable_json(*result));
       std::fflush(stdout);
     }
     since = (*result)["cursor"].get<std::uint64_t>();
@@ -136,7 +136,7 @@ int top(const Context& context, int turns) {
       return refuse(context, *refusal);
     }
     fmt::print("\x1b[H\x1b[2J");  // home, clear
-    print_status(std::get<Json>(answer));
+    print_status(swap::printable_json(std::get<Json>(answer)));
     fmt::print("\nCtrl-C leaves; the robot goes on\n");
     std::fflush(stdout);
   }

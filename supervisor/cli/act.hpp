@@ -24,8 +24,10 @@ struct Context {
 int exit_code(const swap::Refusal& refusal);
 
 int status(const Context& context);
-int command(const Context& context, const std::string& verb);  // arm, disarm, hold, reset, shutdown
+int command(const Context& context, const std::string& verb);  // arm, disarm, hold, reset, sim_reset, shutdown
 int estop(const Context& context);
+// Brings joints inside their limits and waits until they are, or until the Spine says why not.
+int recover(const Context& context);
 int rollback(const Context& context, int steps);
 // `terms`: arguments of the verb swap that are numbers (docs/reference/verbs.md).
 int swap_law(const Context& context, const std::string& law, const std::vector<std::string>& params,

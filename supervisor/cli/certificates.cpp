@@ -6,14 +6,14 @@
 #include <cctype>
 #include <cstdlib>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <optional>
 #include <system_error>
 #include <utility>
 #include <variant>
 #include <vector>
 
+#include "spine/core/files.hpp"
+#include "spine/core/text.hpp"
 #include "supervisor/cli/act.hpp"
 #include "supervisor/cli/show.hpp"
 #include "supervisor/cli/talk.hpp"
@@ -80,8 +80,8 @@ std::vector<fs::path> pages(const fs::path& folder) {
 }
 
 Json read(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  return Json::parse(std::string(std::istreambuf_iterator<char>(file), {}), nullptr, false);
+  const auto text = read_regular_file(path.string(), swap::kMaxRecordBytes);
+  return Json::parse(text ? *text : "", nullptr, false);
 }
 
 bool all_digits(const std::string& word) {
@@ -137,7 +137,7 @@ int law_show(const Context& context, const std::string& which, const std::string
                             "see what else was changed: lithe law verify"});
   }
   return finish(context, certificate,
-                [&page = page](const Json& shown) { print_certificate(page.filename().string(), shown); });
+                [&page = page](const Json& shown) { print_certificate(printable(page.filename().string()), shown); });
 }
 
 int law_verify(const Context& context, const std::string& folder_word) {

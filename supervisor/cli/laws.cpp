@@ -10,6 +10,7 @@
 #include <optional>
 #include <system_error>
 
+#include "spine/core/files.hpp"
 #include "spine/core/time.hpp"
 #include "supervisor/cli/act.hpp"
 #include "supervisor/cli/print.hpp"
@@ -41,17 +42,12 @@ std::variant<Source, Refusal> read_law(const std::string& law) {
     const fs::path known = laws_dir() / (path.extension() == ".cpp" ? law : law + ".cpp");
     path = fs::exists(known, failure) ? known : path;
   }
-  const auto size = fs::file_size(path, failure);
-  if (failure || size == 0 || size > control::kMaxRequestBytes) {
-    return Refusal{"no_source",
-                   fmt::format("cannot read the law {}: {}", law,
-                               failure     ? failure.message()
-                               : size == 0 ? "it is empty"
-                                           : "it is over 1 MiB"),
+  const auto text = read_regular_file(path.string(), kMaxLawBytes);
+  if (!text || text->empty()) {
+    return Refusal{"no_source", "cannot read the law " + (text ? law + ": it is empty" : text.message()),
                    "give the path of one C++ file, or a name that lithe law list shows"};
   }
-  std::ifstream file(path, std::ios::binary);
-  return Source{path.filename().string(), std::string(std::istreambuf_iterator<char>(file), {})};
+  return Source{path.filename().string(), *text};
 }
 
 // The first comment after the licence line says what the law is for.

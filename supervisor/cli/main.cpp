@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The `lithe` command: words in, one function of act.hpp out.
+#include <signal.h>
+
 #include <CLI/CLI.hpp>
 #include <cstdint>
 #include <cstdio>
@@ -66,6 +68,8 @@ void add_commands(CLI::App& app, Words& words) {
       words.code = lithe::cli::command(words.context, verb);
     });
   }
+  app.add_subcommand("recover", "bring joints inside their limits: slowly, with little torque, without a law")
+      ->callback([&words] { words.code = lithe::cli::recover(words.context); });
   CLI::App* rollback = app.add_subcommand("rollback", "back to the law before this one, with its state");
   rollback->add_option("STEPS", words.steps, "how many laws back")->check(CLI::Range(1, 4));
   rollback->callback([&words] { words.code = lithe::cli::rollback(words.context, words.steps); });
@@ -197,9 +201,15 @@ void add_bus(CLI::App& app, Words& words) {
 }
 
 void add_sim(CLI::App& app, Words& words) {
-  CLI::App* sim = app.add_subcommand("sim", "simulated devices on terminals, for other programs: lithe sim --help");
+  CLI::App* sim = app.add_subcommand("sim",
+                                     "simulated devices on terminals, for other programs: lithe sim --help; "
+                                     "lithe sim reset: the joints of a simulated robot back to their start");
   sim->prefix_command()->set_help_flag();  // all that follows is for lithe-sim
-  sim->callback([&words, sim] { words.code = lithe::cli::simulate(words.context, sim->remaining()); });
+  sim->callback([&words, sim] {
+    const bool reset = sim->remaining() == std::vector<std::string>{"reset"};
+    words.code =
+        reset ? lithe::cli::command(words.context, "sim_reset") : lithe::cli::simulate(words.context, sim->remaining());
+  });
 }
 
 int run(int argc, char** argv, Words& words) {
@@ -228,6 +238,7 @@ int run(int argc, char** argv, Words& words) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  ::signal(SIGXFSZ, SIG_IGN);  // a file over its limit is an error with words
   try {
     Words words;
     try {

@@ -24,6 +24,18 @@ std::string word(const Json& object, const char* key) {
   return found != object.end() && found->is_string() ? found->get<std::string>() : "-";
 }
 
+// ", 24.0 V, 1.2 A": what the joint's drive tells of itself; empty when it tells nothing.
+std::string drive_words(const Json& joint) {
+  const std::pair<const char*, const char*> told[] = {
+      {"drive_voltage_v", "V"}, {"drive_current_a", "A"}, {"drive_power_w", "W"}, {"drive_temperature_degc", "degC"}};
+  std::string words = word(joint, "drive_state");
+  for (const auto& [key, unit] : told) {
+    const auto found = joint.find(key);
+    if (found != joint.end() && found->is_number()) words += fmt::format(", {:.1f} {}", found->get<double>(), unit);
+  }
+  return words;
+}
+
 // Nothing while all is well.
 void print_health(const Json& health) {
   const std::pair<const char*, const char*> words[] = {{"plans_torn", "plans that never came whole"},
@@ -92,12 +104,16 @@ void print_quantiles(const char* name, const Json& q) {
 }  // namespace
 
 void print_status(const Json& s) {
-  fmt::print("robot {}: {}{}\n", word(s, "robot"), word(s, "mode"),
+  fmt::print("robot {}: {}{}{}\n", word(s, "robot"), word(s, "mode"),
+             s.value("recovering", false) ? " (joints are still outside their limits)" : "",
              word(s, "fault") == "none" ? "" : fmt::format(", fault {}", word(s, "fault")));
   fmt::print("  law {} ({}) at {:g} Hz, tick {}, plan {}\n", word(s, "law"), s.value("law_id", 0), number(s, "rate_hz"),
              s.value("tick", std::uint64_t{0}), word(s, "plan"));
   print_last_swap(s.value("last_swap", Json()));
   print_last_fault(s.value("law_faults", Json()));
+  if (s.contains("records_trouble") && s["records_trouble"].is_string()) {
+    fmt::print("  CERTIFICATES: {}\n", word(s, "records_trouble"));
+  }
   fmt::print("  missed releases {}, late samples {}, Brain {}\n", s.value("missed_releases", 0),
              s.value("late_samples", 0),
              s["brain_age_ms"].is_null() ? "never seen" : fmt::format("{:.1f} ms ago", number(s, "brain_age_ms")));
@@ -119,9 +135,9 @@ void print_status(const Json& s) {
       const std::string group = joint.value("group", "");
       problems += fmt::format(" [{}{}]", group.empty() ? "" : group + ": ", rung);
     }
-    fmt::print("  {:<12} {:9.2f} deg  (setpoint {:9.2f})  {:8.1f} deg/s  {:7.3f} Nm{}\n", word(joint, "name"),
+    fmt::print("  {:<12} {:9.2f} deg  (setpoint {:9.2f})  {:8.1f} deg/s  {:7.3f} Nm  drive {}{}\n", word(joint, "name"),
                number(joint, "position_rad") * kDegPerRad, number(joint, "setpoint_position_rad") * kDegPerRad,
-               number(joint, "velocity_rad_s") * kDegPerRad, number(joint, "torque_nm"), problems);
+               number(joint, "velocity_rad_s") * kDegPerRad, number(joint, "torque_nm"), drive_words(joint), problems);
   }
   if (word(s, "gates") == "open") {
     fmt::print("  THE GATES ARE OPEN: laws are neither admitted nor tried\n");

@@ -8,6 +8,7 @@
 #include <regex>
 #include <system_error>
 
+#include "spine/core/files.hpp"
 #include "supervisor/cli/act.hpp"
 #include "supervisor/cli/print.hpp"
 #include "supervisor/cli/talk.hpp"
@@ -55,12 +56,12 @@ int param_save(const Context& context, const std::string& path) {
   if (running == nullptr) {
     return refuse(context, std::get<Refusal>(answer));
   }
-  std::ifstream file(path, std::ios::binary);
-  std::string text(std::istreambuf_iterator<char>(file), {});
+  const auto read = read_regular_file(path, kMaxLawBytes);
+  std::string text = read ? *read : "";
   const std::string law = running->value("law", "");
   if (text.empty() || !names_law(text, law)) {
     return refuse(context, {"no_source",
-                            text.empty() ? fmt::format("cannot read {}", path)
+                            text.empty() ? "cannot read " + (read ? path + ": it is empty" : read.message())
                                          : fmt::format("{} is not the running law '{}'", path, law),
                             "give the file that ends in LITHE_LAW(..., \"" + law + "\")"});
   }

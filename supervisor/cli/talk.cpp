@@ -9,12 +9,19 @@
 #include <vector>
 
 #include "spine/core/paths.hpp"
+#include "spine/core/text.hpp"
 
 namespace lithe::cli {
+namespace {
+
+// All in ASCII: what is no letter is written out, and no terminal acts on it.
+void print_json(const Json& json) { std::cout << json.dump(2, ' ', true, Json::error_handler_t::replace) << std::endl; }
+
+}  // namespace
 
 int exit_code(const Refusal& refusal) {
   static const std::set<std::string> usage = {"usage", "bad_request", "unknown_verb", "several_robots", "no_source"};
-  static const std::set<std::string> fault = {"robot_fault", "refused_fault", "internal"};
+  static const std::set<std::string> fault = {"robot_fault", "refused_fault", "internal", "recover_failed"};
   return usage.count(refusal.code) != 0 ? 2 : fault.count(refusal.code) != 0 ? 3 : 1;
 }
 
@@ -49,18 +56,17 @@ Answer ask(const Context& context, const std::string& verb, const Json& args, in
 
 int refuse(const Context& context, const Refusal& refusal) {
   if (context.json) {
-    std::cout << Json{{"ok", false}, {"error", refusal.to_json()}}.dump(2, ' ', false, Json::error_handler_t::replace)
-              << std::endl;
+    print_json({{"ok", false}, {"error", refusal.to_json()}});
   } else {
-    std::cerr << refusal.message << '\n';
+    std::cerr << printable(refusal.message, true) << '\n';
     if (refusal.detail.is_object()) {
       const std::string text = refusal.detail.value("text", "");
       if (!text.empty() && text != refusal.message) {
-        std::cerr << text << (text.back() == '\n' ? "" : "\n");
+        std::cerr << printable(text, true) << (text.back() == '\n' ? "" : "\n");
       }
     }
     if (!refusal.next.empty()) {
-      std::cerr << "next: " << refusal.next << '\n';
+      std::cerr << "next: " << printable(refusal.next, true) << '\n';
     }
   }
   return exit_code(refusal);
@@ -72,9 +78,9 @@ int finish(const Context& context, const Answer& answer, const std::function<voi
   }
   const Json& result = std::get<Json>(answer);
   if (context.json) {
-    std::cout << result.dump(2, ' ', false, Json::error_handler_t::replace) << std::endl;
+    print_json(result);
   } else {
-    print(result);
+    print(swap::printable_json(result));
     std::fflush(stdout);
   }
   return 0;

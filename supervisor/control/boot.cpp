@@ -16,6 +16,7 @@
 #include <iostream>
 #include <utility>
 
+#include "spine/core/files.hpp"
 #include "spine/core/host.hpp"
 #include "spine/core/paths.hpp"
 #include "spine/core/time.hpp"
@@ -61,6 +62,7 @@ bool buses_can_carry(const robot::RobotConfig& config, bool json) {
 }  // namespace
 
 int run_robot(const RunOptions& options) {
+  set_file_defaults();
   spdlog::set_default_logger(spdlog::stderr_color_mt("lithe"));
   spdlog::set_pattern("%H:%M:%S.%e %^%l%$ %v");
   auto config = robot::load_robot(options.config_path);
@@ -97,7 +99,10 @@ void Supervisor::take_lease() {
   }
   lease_ = std::move(**lease);
   owns_files_ = true;
-  std::ofstream(pid_path(config_.name)) << ::getpid() << '\n';
+  if (!(std::ofstream(pid_path(config_.name)) << ::getpid() << std::endl)) {
+    throw Halt{1, fmt::format("cannot write {}: {}; disk full, or over a limit (ulimit -f)?", pid_path(config_.name),
+                              std::strerror(errno))};
+  }
   if (const auto pinned = set_affinity(0, cores_beside(all_cpus_, config_.spine)); !pinned) {
     spdlog::warn("{}", pinned.message());
   }

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -16,18 +17,24 @@ using wire::CommandResult;
 
 namespace {
 
+// Where a joint is outside its limits, the way back into them comes first.
+std::string way_out_of(wire::Fault fault) {
+  const bool outside = fault == wire::Fault::position_limit || fault == wire::Fault::recover_failed;
+  return fmt::format("find the cause of {} (lithe events), then: {}, then lithe arm", to_string(fault),
+                     outside ? "lithe recover" : "lithe reset");
+}
+
 // How a robot in this mode, with this fault latched, comes to run its law.
 std::string way_to_active(wire::Mode mode, wire::Fault fault) {
   switch (mode) {
     case wire::Mode::estop:
       return "when it is safe: lithe reset, then lithe arm";
     case wire::Mode::safe_stop:
-      return fmt::format("find the cause of {} (lithe events), then: lithe reset, then lithe arm", to_string(fault));
+      return way_out_of(fault);
+    case wire::Mode::recover:
+      return "wait until every joint is inside (lithe status), then: lithe arm";
     case wire::Mode::disarmed:
-      return fault == wire::Fault::none
-                 ? "arm first: lithe arm"
-                 : fmt::format("find the cause of {} (lithe events), then: lithe reset, then lithe arm",
-                               to_string(fault));
+      return fault == wire::Fault::none ? "arm first: lithe arm" : way_out_of(fault);
     default:
       return "the robot is running again by now: try once more";
   }
@@ -35,6 +42,11 @@ std::string way_to_active(wire::Mode mode, wire::Fault fault) {
 
 Refusal refused_by_mode(CommandKind kind, wire::Mode mode, wire::Fault fault) {
   const std::string code(to_string(CommandResult::refused_mode));
+  if (kind == CommandKind::recover || kind == CommandKind::sim_reset) {
+    return {code, fmt::format("cannot {} in mode {}", to_string(kind), to_string(mode)),
+            fmt::format("switch the drives off first: lithe disarm, then: lithe {}",
+                        kind == CommandKind::recover ? "recover" : "sim reset")};
+  }
   if (kind != CommandKind::reset) {
     return {code, fmt::format("cannot {} in mode {}", to_string(kind), to_string(mode)), way_to_active(mode, fault)};
   }
@@ -68,9 +80,25 @@ Refusal refused_by_law(CommandKind kind) {
   }
 }
 
+// Names the joints that are outside, where they are and where they should be.
+Refusal refused_outside(CommandKind kind, const wire::Telemetry& now, const wire::RobotInfo& info) {
+  std::string joints;
+  for (std::size_t j = 0; j < std::min<std::size_t>(now.joint_count, wire::kNj); ++j) {
+    const double rad = now.position_rad[j], min = info.position_min_rad[j], max = info.position_max_rad[j];
+    if (rad >= min && rad <= max) continue;
+    joints += fmt::format("{}{} is at {:.3f} rad, its limit is {:.3f} rad", joints.empty() ? "" : "; ",
+                          text_of(info.joint_name, j * 32, 32), rad, rad > max ? max : min);
+  }
+  if (joints.empty()) joints = "a joint was outside its limits";
+  return {std::string(to_string(CommandResult::refused_outside)), fmt::format("cannot {}: {}", to_string(kind), joints),
+          static_cast<wire::Mode>(now.mode) == wire::Mode::recover
+              ? "wait until every joint is inside (lithe status), then: lithe arm"
+              : "bring it inside: lithe recover (slow, little torque), or by hand; then: lithe arm"};
+}
+
 }  // namespace
 
-Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry& now) {
+Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry& now, const wire::RobotInfo& info) {
   const std::string code(to_string(result));
   const auto mode = static_cast<wire::Mode>(now.mode);
   const auto fault = static_cast<wire::Fault>(now.fault);
@@ -90,8 +118,14 @@ Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry
       return {code, fmt::format("cannot {}: not every drive answers yet", to_string(kind)),
               "try again; lithe status names the joints that are stale"};
     case CommandResult::refused_not_homed:
-      return {code, "cannot arm: a joint with must_be_homed does not know in which turn it is",
+      return {code,
+              fmt::format("cannot {}: a joint with must_be_homed does not know in which turn it is", to_string(kind)),
               "home it (lithe status names the joints that are not_homed), then: lithe arm"};
+    case CommandResult::refused_outside:
+      return refused_outside(kind, now, info);
+    case CommandResult::refused_not_simulated:
+      return {code, "cannot put the joints back: the robot has a bus that is real",
+              "bring them inside: lithe recover; only a robot whose buses are all of kind \"loop\" can be reset"};
     default:
       return {code, fmt::format("the Spine does not know the command {}", to_string(kind)),
               "build both from the same source"};
@@ -183,7 +217,7 @@ void Commands::serve(std::int64_t now_ns) {
                   fmt::format("{} is not confirmed: no answer within 2 s; it may still take effect", to_string(kind)),
                   "see what the robot does: lithe status"});
     } else if (result != CommandResult::done) {
-      each.callback(refusal_of(kind, result, now));
+      each.callback(refusal_of(kind, result, now, spine_.info()));
     } else if (each.seen_at_tick == 0) {
       each.seen_at_tick = now.tick + 1;  // the tick that obeyed publishes its record after its answer
       pending_.push_back(std::move(each));

@@ -13,7 +13,8 @@
 namespace lithe::control {
 
 // Why the Spine said no, in words, and what to do next.
-swap::Refusal refusal_of(wire::CommandKind kind, wire::CommandResult result, const wire::Telemetry& now);
+swap::Refusal refusal_of(wire::CommandKind kind, wire::CommandResult result, const wire::Telemetry& now,
+                         const wire::RobotInfo& info = {});
 
 // Contract: one thread · never blocks · serve() at least every millisecond while waiting().
 class Commands {

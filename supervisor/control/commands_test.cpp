@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <optional>
 #include <string>
@@ -72,6 +73,21 @@ TEST(RefusalOf, NamesTheFaultThatIsLatched) {
   const Refusal refusal =
       refusal_of(CommandKind::arm, CommandResult::refused_fault, in_mode(Mode::safe_stop, Fault::velocity_limit));
   EXPECT_NE((refusal.message + refusal.next).find("velocity_limit"), std::string::npos);
+}
+
+TEST(RefusalOf, NamesTheJointThatIsOutsideWithAngleLimitAndNextStep) {
+  wire::Telemetry now = in_mode(Mode::disarmed);
+  now.joint_count = 2;
+  now.position_rad[1] = -3.5;
+  wire::RobotInfo info{};
+  std::copy_n("hip", 3, info.joint_name.begin());
+  std::copy_n("knee", 4, info.joint_name.begin() + 32);
+  info.position_min_rad.fill(-3);
+  info.position_max_rad.fill(3);
+  const Refusal refusal = refusal_of(CommandKind::arm, CommandResult::refused_outside, now, info);
+  EXPECT_EQ(refusal.code, "refused_outside");
+  EXPECT_EQ(refusal.message, "cannot arm: knee is at -3.500 rad, its limit is -3.000 rad");
+  EXPECT_NE(refusal.next.find("lithe recover"), std::string::npos);
 }
 
 class CommandsTest : public testing::Test {

@@ -4,9 +4,9 @@
 #include <spdlog/spdlog.h>
 
 #include <filesystem>
-#include <fstream>
-#include <iterator>
+#include <utility>
 
+#include "spine/core/files.hpp"
 #include "spine/core/time.hpp"
 #include "supervisor/control/supervisor.hpp"
 
@@ -41,11 +41,12 @@ void Supervisor::compile_first_law() {
   if (path.empty()) {
     return;
   }
-  std::ifstream file(path, std::ios::binary);
-  first_source_.assign(std::istreambuf_iterator<char>(file), {});
-  if (first_source_.empty()) {
-    throw Halt{1, fmt::format("cannot read the law {}; give another with --law FILE", path)};
+  auto source = read_regular_file(path, kMaxLawBytes);
+  if (!source || source->empty()) {
+    throw Halt{1, fmt::format("cannot read the law {}; give another with --law FILE",
+                              source ? path + ": it is empty" : source.message())};
   }
+  first_source_ = std::move(*source);
   spdlog::info("compiling {}", path);
   std::optional<Answer> answer;
   lawd_.compile(
@@ -112,6 +113,10 @@ void Supervisor::arm() {
     turn_until([&answer] { return answer.has_value(); }, kArmTimeoutNs);
     const auto* refusal = answer ? std::get_if<Refusal>(&*answer) : nullptr;
     if (answer && refusal == nullptr) {
+      return;
+    }
+    if (refusal != nullptr && refusal->code == "refused_outside") {  // the way back needs a robot that runs
+      spdlog::warn("not armed: {}; {}", refusal->message, refusal->next);
       return;
     }
     if (refusal != nullptr && refusal->code != "refused_not_ready") {

@@ -41,7 +41,7 @@ Refusal refusal_of(const Json& answer) {
     detail["gates"] = answer["gates"];
   }
   const std::string next = answer.value("next", "the running law is unchanged; correct the source and swap again");
-  return {stage + "_failed", message, next, detail};
+  return {answer.value("starved", false) ? "compile_starved" : stage + "_failed", message, next, detail};
 }
 
 ServiceLink::Callback judged(LawdLink::Callback callback) {

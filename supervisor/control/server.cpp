@@ -9,10 +9,17 @@
 #include <cerrno>
 #include <cstring>
 #include <exception>
+#include <optional>
+#include <string_view>
 #include <utility>
+
+#include "spine/core/text.hpp"
 
 namespace lithe::control {
 namespace {
+
+constexpr std::size_t kMaxShownBytes = 100;
+constexpr int kMostNested = 32;  // arguments are two objects deep; who reads and writes them is recursive
 
 std::string answer_line(const Json& id, const Answer& answer) {
   Json out = {{"id", id}};
@@ -24,6 +31,26 @@ std::string answer_line(const Json& id, const Answer& answer) {
     out["error"] = std::get<Refusal>(answer).to_json();
   }
   return swap::dump_line(out) + '\n';
+}
+
+// What a client calls things reaches logs, certificates and terminals. The first word that is not printable, as it can
+// be shown; a law's own text has its rules elsewhere.
+std::optional<std::string> unprintable_in(const Json& value, std::string_view name = {}) {
+  const auto shown = [](const std::string& text) { return printable(text.substr(0, kMaxShownBytes)); };
+  if (!is_printable(name)) {
+    return shown(std::string(name));
+  }
+  if (value.is_string() && name != "source" && !is_printable(value.get_ref<const std::string&>())) {
+    return shown(value.get_ref<const std::string&>());
+  }
+  if (value.is_structured()) {
+    for (const auto& [key, item] : value.items()) {
+      if (auto found = unprintable_in(item, key)) {
+        return found;
+      }
+    }
+  }
+  return std::nullopt;
 }
 
 }  // namespace
@@ -135,7 +162,17 @@ void Server::handle(std::uint64_t key, Client& client, const std::string& line) 
     client.closing = true;
     return;
   }
-  const Json request = Json::parse(line, nullptr, false);
+  bool too_deep = false;
+  const auto note_depth = [&too_deep](int depth, Json::parse_event_t, Json&) {
+    too_deep = too_deep || depth > kMostNested;
+    return !too_deep;
+  };
+  const Json request = Json::parse(line, note_depth, false);
+  if (too_deep) {
+    reply({key, nullptr}, Refusal{"bad_request", fmt::format("a request is at most {} levels deep", kMostNested),
+                                  "docs/reference/verbs.md lists the verbs and their arguments"});
+    return;
+  }
   if (!request.is_object() || !request.contains("verb") || !request["verb"].is_string()) {
     reply({key, request.is_object() ? request.value("id", Json(nullptr)) : Json(nullptr)},
           Refusal{"bad_request", "a request is one line of JSON: {\"id\":1,\"verb\":\"status\",\"args\":{}}",
@@ -146,6 +183,12 @@ void Server::handle(std::uint64_t key, Client& client, const std::string& line) 
   const Json args = request.value("args", Json::object());
   if (!args.is_object()) {
     reply(to, Refusal{"bad_request", "args is a JSON object", "send {\"verb\":...,\"args\":{...}}"});
+    return;
+  }
+  const Json words = {{"verb", request["verb"]}, {"args", args}};
+  if (const auto found = unprintable_in(words)) {
+    reply(to, Refusal{"bad_request", fmt::format("'{}' is not printable text", *found),
+                      "names are UTF-8 without control characters, line ends and escapes"});
     return;
   }
   ++client.owed;

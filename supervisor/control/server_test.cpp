@@ -113,6 +113,45 @@ TEST_F(ServerTest, AnswersGarbageWithAnErrorAndGoesOn) {
   EXPECT_EQ(line_from(fd)["id"], 5);
 }
 
+// Wherever a client may put a word. The source of a law has its own rules.
+TEST_F(ServerTest, WordsThatAreNotPrintableAreRefusedAndShownHarmlessly) {
+  const Fd fd = raw();
+  for (const char* bad : {"\\u001b[2J", "\\n", "\\u0000", "\\u007f", "\\u009b", "\\u202e", "\\u200b", "\\ufeff"}) {
+    const std::string word = std::string("\"a") + bad + "\"";
+    for (const std::string& request :
+         {"{\"id\":1,\"verb\":" + word + "}", "{\"id\":1,\"verb\":\"echo\",\"args\":{\"name\":" + word + "}}",
+          "{\"id\":1,\"verb\":\"echo\",\"args\":{\"values\":{" + word + ":1}}}",
+          "{\"id\":1,\"verb\":\"echo\",\"args\":{\"fields\":[1," + word + "]}}"}) {
+      send(fd, request + "\n");
+      const Json answer = line_from(fd);
+      ASSERT_EQ(answer["ok"], false) << request;
+      EXPECT_EQ(answer["error"]["code"], "bad_request") << request;
+      EXPECT_TRUE(is_printable(answer["error"]["message"].get<std::string>()));
+    }
+    send(fd, "{\"id\":1,\"verb\":\"echo\",\"args\":{\"source\":" + word + "}}\n");
+    EXPECT_EQ(line_from(fd)["ok"], true);
+  }
+  for (const char* raw_bytes : {"\xff", "\xc0\xaf", "\xed\xa0\x80", "\x1b"}) {
+    send(fd, std::string("{\"verb\":\"echo\",\"args\":{\"name\":\"") + raw_bytes + "\"}}\n");
+    EXPECT_EQ(line_from(fd)["error"]["code"], "bad_request") << "no JSON at all";
+  }
+  send(fd,
+       "{\"id\":1,\"verb\":\"echo\",\"args\":{\"name\":\"R\xc3\xbc"
+       "ck.cpp\"}}\n");
+  EXPECT_EQ(line_from(fd)["ok"], true);
+}
+
+TEST_F(ServerTest, ARequestThatIsNestedWithoutEndIsRefused) {
+  const Fd fd = raw();
+  const std::string deep = std::string(400'000, '[') + std::string(400'000, ']');
+  send(fd, "{\"id\":" + deep + ",\"verb\":\"echo\"}\n");
+  EXPECT_EQ(line_from(fd)["error"]["code"], "bad_request");
+  send(fd, "{\"verb\":\"echo\",\"args\":{\"x\":" + deep + "}}\n");
+  EXPECT_EQ(line_from(fd)["error"]["code"], "bad_request");
+  send(fd, "{\"id\":5,\"verb\":\"echo\",\"args\":{\"x\":[[[[1]]]]}}\n");
+  EXPECT_EQ(line_from(fd)["id"], 5);
+}
+
 TEST_F(ServerTest, AnArgumentOfTheWrongTypeIsAUsageError) {
   const Fd fd = raw();
   send(fd, "{\"id\":1,\"verb\":\"typed\",\"args\":{\"n\":\"three\"}}\n");

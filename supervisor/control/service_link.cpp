@@ -119,7 +119,7 @@ void ServiceLink::take(const std::string& line) {
   const Callback callback = std::move(active_->callback);
   active_.reset();
   try {
-    callback(answer);
+    callback(swap::printable_json(answer));  // it quotes compilers and laws
   } catch (const Json::exception& wrong) {
     callback(Refusal{word_ + "_failed", fmt::format("the {} answered nonsense: {}", name_, wrong.what()),
                      "the running law is unchanged; is the build complete (make)?"});

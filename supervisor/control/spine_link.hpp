@@ -12,15 +12,17 @@
 #include <vector>
 
 #include "spine/core/result.hpp"
+#include "spine/core/text.hpp"
 #include "spine/ipc/segment.hpp"
 #include "supervisor/swap/answer.hpp"
 
 namespace lithe::control {
 
-// Text of a fixed, zero-terminated field. Whatever stands there, the result stays inside the field.
+// Text of a fixed, zero-terminated field. Whatever stands there, the result stays inside the field and is printable: a
+// wild write reaches shared memory, too.
 template <std::size_t N>
 std::string text_of(const std::array<char, N>& field, std::size_t offset = 0, std::size_t width = N) {
-  return std::string(field.data() + offset, ::strnlen(field.data() + offset, width));
+  return printable({field.data() + offset, ::strnlen(field.data() + offset, width)});
 }
 
 struct Quantiles {

@@ -43,6 +43,9 @@ Json joint_status_json(std::uint32_t status) {
   return words;
 }
 
+// JSON has no NaN.
+Json number_or_null(double value) { return std::isfinite(value) ? Json(value) : Json(); }
+
 // Null: it says nothing now, or is none of ours.
 Json drive_json(const robot::RobotConfig& robot, const wire::Telemetry& now, std::size_t joint) {
   const std::uint32_t status = now.joint_status[joint];
@@ -64,7 +67,12 @@ Json joints_json(const wire::RobotInfo& info, const robot::RobotConfig& robot, c
                       {"setpoint_position_rad", now.setpoint_position_rad[j]},
                       {"command_torque_nm", now.command_torque_nm[j]},
                       {"problems", joint_status_json(now.joint_status[j])},
-                      {"drive", drive_json(robot, now, j)}});
+                      {"drive", drive_json(robot, now, j)},
+                      {"drive_state", std::string(to_string(static_cast<wire::DriveState>(now.drive_state[j])))},
+                      {"drive_current_a", number_or_null(now.drive_current_a[j])},
+                      {"drive_voltage_v", number_or_null(now.drive_voltage_v[j])},
+                      {"drive_power_w", number_or_null(now.drive_power_w[j])},
+                      {"drive_temperature_degc", number_or_null(now.drive_temperature_degc[j])}});
   }
   return joints;
 }
@@ -72,8 +80,7 @@ Json joints_json(const wire::RobotInfo& info, const robot::RobotConfig& robot, c
 Json sensors_json(const wire::RobotInfo& info, const wire::Telemetry& now) {
   Json sensors = Json::object();
   for (std::size_t i = 0; i < std::min<std::size_t>(info.sensor_count, wire::kNs); ++i) {
-    const double value = now.sensor[i];
-    sensors[text_of(info.sensor_name, i * kNameWidth, kNameWidth)] = std::isfinite(value) ? Json(value) : Json();
+    sensors[text_of(info.sensor_name, i * kNameWidth, kNameWidth)] = number_or_null(now.sensor[i]);
   }
   return sensors;
 }
@@ -134,6 +141,7 @@ Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
   return {{"robot", text_of(info.robot)},
           {"mode", std::string(to_string(static_cast<wire::Mode>(now.mode)))},
           {"fault", std::string(to_string(static_cast<wire::Fault>(now.fault)))},
+          {"recovering", (now.flags & wire::telemetry_flag::kRecovering) != 0},
           {"law", law ? Json(text_of(law->name)) : Json(nullptr)},
           {"law_id", now.law_id},
           {"rate_hz", info.rate_hz},

@@ -15,6 +15,7 @@
 
 #include "spine/core/host.hpp"
 #include "spine/core/paths.hpp"
+#include "spine/core/text.hpp"
 #include "spine/core/time.hpp"
 #include "supervisor/control/cores.hpp"
 
@@ -166,7 +167,7 @@ void Supervisor::forward_spine_log() {
   }
   std::size_t end = 0;
   while ((end = log_tail_.find('\n')) != std::string::npos) {
-    spdlog::info("spine: {}", log_tail_.substr(0, end));
+    spdlog::info("spine: {}", printable(log_tail_.substr(0, end)));
     log_tail_.erase(0, end + 1);
   }
 }

@@ -38,8 +38,7 @@ Swaps::Swaps(const Helpers& helpers, swap::RecordBook book, std::uint64_t first_
 
 std::variant<swap::Terms, Refusal> Swaps::read_terms(const Json& args) const {
   for (const auto& [name, value] : args.items()) {
-    if (!swap::is_term(name) && name != "path" && name != "source" && name != "name" && name != "params" &&
-        name != "supersede") {
+    if (!swap::is_term(name) && name != "source" && name != "name" && name != "params" && name != "supersede") {
       return Refusal{"usage", fmt::format("swap has no argument '{}'", name), "see docs/reference/verbs.md"};
     }
   }
@@ -78,7 +77,9 @@ void Swaps::serve(std::int64_t now_ns) {
   poll_stage(now_ns);
   queue_.step(now_ns);
   aftermath_.serve(now_ns);
-  late_.retry(book_, now_ns);
+  if (late_.waiting() > 0 && (late_.retry(book_, now_ns), late_.waiting() == 0)) {
+    write_failed_.clear();
+  }
 }
 
 void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
@@ -104,10 +105,16 @@ void Swaps::keep_record(const swap::Transaction& swap) {
   } else if (const auto page = book_.write(swap.certificate())) {
     waiting.record = *page;
     waiting.record_lost.clear();
+    write_failed_.clear();
   } else {
-    waiting.record_lost = page.message();
+    waiting.record_lost = write_failed_ = page.message();
     spdlog::warn("{}", page.message());
   }
+}
+
+swap::Json Swaps::records_trouble() const {
+  const std::string& told = late_.waiting() > 0 || !write_failed_.empty() ? write_failed_ : book_.begun_anew();
+  return told.empty() ? Json() : Json(told);
 }
 
 void Swaps::rewrite(const swap::Transaction& swap, const swap::RecordBook::Page& record) {
@@ -115,7 +122,10 @@ void Swaps::rewrite(const swap::Transaction& swap, const swap::RecordBook::Page&
   if (record.path.empty()) {
     late_.hold(swap.request_id(), swap.certificate());
   } else if (const auto written = book_.rewrite(record, swap.certificate()); !written) {
+    write_failed_ = written.message();
     spdlog::warn("{}", written.message());
+  } else {
+    write_failed_.clear();
   }
 }
 

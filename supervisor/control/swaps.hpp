@@ -58,6 +58,8 @@ class Swaps {
   const swap::Json& law_faults() const { return aftermath_.faults(); }
   // Where the certificates go.
   const std::filesystem::path& records() const { return book_.folder(); }
+  // What is wrong with them now, or was lost of them; null while all are kept.
+  swap::Json records_trouble() const;
 
  private:
   // The steps of the head of the queue, in this order; each but the last ends in an answer.
@@ -93,6 +95,7 @@ class Swaps {
   Placement placement_;
   swap::RecordBook book_;
   swap::LateRecords late_;
+  std::string write_failed_;  // why the last certificate could not be written; empty: it was
   swap::Json last_ = nullptr;
   swap::Terms robots_terms_;
   swap::Queue queue_;

@@ -5,9 +5,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <filesystem>
-#include <fstream>
-#include <sstream>
 #include <utility>
 #include <variant>
 
@@ -19,23 +16,16 @@ namespace {
 
 constexpr int kMostSteps = 4;  // laws that stay in the Spine behind the running one
 
-// The source of a request, given as text or as a path that this process can read.
+// A request as text. The supervisor opens no file for a client: it may read more than the client may.
 std::variant<swap::Request, Refusal> read_request(const Json& args) {
-  swap::Request request{args.value("name", ""), args.value("source", ""), args.value("params", Json::object())};
-  const std::string path = args.value("path", "");
-  if (!path.empty()) {
-    std::error_code failure;
-    if (std::filesystem::file_size(path, failure) > kMaxRequestBytes || failure) {
-      return Refusal{"no_source", fmt::format("cannot read {}: {}", path, failure ? failure.message() : "over 1 MiB"),
-                     "give the path of one C++ file"};
-    }
-    std::ifstream file(path, std::ios::binary);
-    request.source.assign(std::istreambuf_iterator<char>(file), {});
-    request.name = request.name.empty() ? std::filesystem::path(path).filename().string() : request.name;
+  if (args.contains("path")) {
+    return Refusal{"usage", "a law is sent as text: the supervisor opens no files for its clients",
+                   R"(read the file yourself and send its text: args {"source":"...","name":"pd.cpp"})"};
   }
+  swap::Request request{args.value("name", ""), args.value("source", ""), args.value("params", Json::object())};
   if (request.source.empty()) {
-    return Refusal{"usage", "no law was given: source and path are empty",
-                   "send args {\"source\":\"...\",\"name\":\"pd.cpp\"}"};
+    return Refusal{"usage", "no law was given: source is empty",
+                   R"(send its text: args {"source":"...","name":"pd.cpp"})"};
   }
   if (!request.params.is_object()) {
     return Refusal{"usage", "params is an object: {\"kp\":1.0}", "send args {\"params\":{\"NAME\":VALUE}}"};
@@ -71,6 +61,7 @@ void Verbs::add_looks() {
     status["law_faults"] = parts_.swaps.law_faults();
     status["last_swap"] = parts_.swaps.last();
     status["records"] = parts_.swaps.records().string();
+    status["records_trouble"] = parts_.swaps.records_trouble();
     reply_(to, status);
   };
   verbs_["events"] = [this](const ReplyTo& to, const Json& args) {
@@ -88,7 +79,9 @@ void Verbs::add_commands() {
                                                              {"disarm", wire::CommandKind::disarm},
                                                              {"hold", wire::CommandKind::hold},
                                                              {"estop", wire::CommandKind::estop},
-                                                             {"reset", wire::CommandKind::reset}};
+                                                             {"reset", wire::CommandKind::reset},
+                                                             {"recover", wire::CommandKind::recover},
+                                                             {"sim_reset", wire::CommandKind::sim_reset}};
   for (const auto& [name, kind] : plain) {
     verbs_[name] = [this, kind = kind](const ReplyTo& to, const Json&) { command(kind, to); };
   }

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <utility>
 
+#include "spine/core/text.hpp"
 #include "spine/hal/device/moteus_faults.hpp"
 #include "supervisor/field/decode.hpp"
 #include "supervisor/field/state_words.hpp"

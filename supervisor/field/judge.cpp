@@ -7,6 +7,7 @@
 #include <array>
 #include <map>
 
+#include "spine/core/text.hpp"
 #include "spine/hal/device/cia402.hpp"
 #include "spine/hal/device/gateway.hpp"
 #include "spine/hal/device/moteus_faults.hpp"

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "spine/core/text.hpp"
 #include "spine/core/time.hpp"
 #include "spine/hal/bus/frame_time.hpp"
 #include "spine/hal/device/canopen_sdo.hpp"
@@ -136,7 +137,7 @@ TEST(Decode, WhatNobodySaysIsStillALine) {
     for (const Protocol protocol : {Protocol::moteus, Protocol::canopen}) {
       const Decoded decoded = decode(frame, protocol, choice.robot, 2);
       ASSERT_FALSE(decoded.text.empty());
-      for (const char c : decoded.text) ASSERT_TRUE(c >= ' ' && c <= '~');
+      ASSERT_TRUE(is_printable(decoded.text)) << printable(decoded.text);
     }
   }
 }

@@ -38,10 +38,4 @@ std::string_view word(NmtCommand command) {
   return "no known command";
 }
 
-std::string printable(std::string_view bytes) {
-  std::string text(bytes);
-  std::replace_if(text.begin(), text.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
-  return text;
-}
-
 }  // namespace lithe::field

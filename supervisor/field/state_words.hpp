@@ -13,7 +13,4 @@ namespace lithe::field {
 std::string_view word(hal::canopen::NmtState state);
 std::string_view word(hal::canopen::NmtCommand command);
 
-// Bytes that a device calls text: what no terminal should be sent becomes a question mark.
-std::string printable(std::string_view bytes);
-
 }  // namespace lithe::field

@@ -7,6 +7,8 @@
 #include <utility>
 #include <variant>
 
+#include "spine/core/text.hpp"
+
 namespace lithe::swap {
 
 // Key order is kept, so that a record reads in the order things happened.
@@ -31,5 +33,24 @@ using Answer = std::variant<Json, Refusal>;
 
 // Text that may hold any byte (a compiler's output, a client's source) as one line of valid JSON.
 inline std::string dump_line(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
+
+// Every key and every string of it as `printable` shows them, line ends kept: for text that others wrote.
+inline Json printable_json(const Json& json) {
+  if (json.is_string()) {
+    return printable(json.get_ref<const std::string&>(), true);
+  }
+  if (!json.is_structured()) {
+    return json;
+  }
+  Json out = json.is_array() ? Json::array() : Json::object();
+  for (const auto& [key, value] : json.items()) {
+    if (json.is_array()) {
+      out.push_back(printable_json(value));
+    } else {
+      out[printable(key)] = printable_json(value);
+    }
+  }
+  return out;
+}
 
 }  // namespace lithe::swap

@@ -5,11 +5,11 @@
 
 #include <algorithm>
 #include <fstream>
-#include <iterator>
 #include <map>
 #include <system_error>
 #include <utility>
 
+#include "spine/core/files.hpp"
 #include "spine/core/sha256.hpp"
 #include "supervisor/swap/record.hpp"
 
@@ -19,8 +19,8 @@ namespace {
 namespace fs = std::filesystem;
 
 std::string read(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  return std::string(std::istreambuf_iterator<char>(file), {});
+  const auto text = read_regular_file(path.string(), kMaxRecordBytes);
+  return text ? *text : "";
 }
 
 struct Found {

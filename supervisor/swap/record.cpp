@@ -6,10 +6,10 @@
 #include <algorithm>
 #include <cstdlib>
 #include <fstream>
-#include <iterator>
 #include <system_error>
 #include <utility>
 
+#include "spine/core/files.hpp"
 #include "spine/core/sha256.hpp"
 
 namespace lithe::swap {
@@ -19,13 +19,14 @@ namespace fs = std::filesystem;
 
 Error cannot_write(const fs::path& path) {
   return Error{
-      fmt::format("cannot write {}: disk full or read-only? The robot keeps running; this certificate waits for room",
+      fmt::format("cannot write {}: disk full, over a limit (ulimit -f), or read-only? The robot keeps running; this "
+                  "certificate waits for room",
                   path.string())};
 }
 
 std::string read(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  return std::string(std::istreambuf_iterator<char>(file), {});
+  const auto text = read_regular_file(path.string(), kMaxRecordBytes);
+  return text ? *text : "";
 }
 
 // One value of a line of the chain; empty when the line is cut or has no such text.
@@ -68,7 +69,7 @@ Result<> RecordBook::open() {
       highest = std::max(highest, std::atoi(entry.path().stem().c_str()));
     }
   }
-  next_ = highest + 1;
+  next_ = std::max(highest, used_) + 1;
   return find_end();
 }
 
@@ -92,28 +93,48 @@ Result<> RecordBook::find_end() {
 }
 
 Result<RecordBook::Page> RecordBook::write(const Json& certificate) {
+  notice_removal();
   if (next_ == 0) {
     if (const auto opened = open(); !opened) {
       return opened.error();
     }
   }
-  Page page{dir_ / fmt::format("{:04}.json", next_), last_line_};
+  const Page page{dir_ / fmt::format("{:04}.json", next_), last_line_, folders_};
   if (const auto written = put(page, certificate); !written) {
     return written.error();
   }
-  ++next_;
+  used_ = next_++;
   return page;
+}
+
+// The numbers go on, the chain begins anew: what it would follow is gone.
+void RecordBook::notice_removal() {
+  std::error_code failure;
+  if (last_line_.empty() || fs::exists(dir_, failure) || failure) {
+    return;
+  }
+  fs::create_directories(dir_, failure);
+  if (failure) {
+    return;  // the write says so
+  }
+  ++folders_;
+  last_line_.clear();
+  line_is_cut_ = false;
+  begun_anew_ =
+      fmt::format("{} was removed while the robot ran, and made anew after certificate {:04}", dir_.string(), used_);
 }
 
 // The line comes before the file: of a crash in between, verify_chain sees a file that is as its last line but one
 // says.
 Result<> RecordBook::put(const Page& page, Json certificate) {
+  notice_removal();
   if (next_ == 0) {
     if (const auto opened = open(); !opened) {
       return opened;
     }
   }
-  certificate["previous"] = page.previous;
+  // In another folder than its first line's it follows what is there.
+  certificate["previous"] = page.folder == folders_ ? page.previous : last_line_;
   const std::string text = certificate.dump(2, ' ', false, Json::error_handler_t::replace) + '\n';
   std::error_code failure;
   const fs::path draft = page.path.string() + ".draft";

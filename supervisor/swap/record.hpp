@@ -19,6 +19,7 @@
 namespace lithe::swap {
 
 inline constexpr const char* kChain = "chain.jsonl";
+inline constexpr std::size_t kMaxRecordBytes = std::size_t{16} << 20;  // of one certificate: none comes near it
 
 // Where the records of a robot are: below $LITHE_OUT_DIR, else below out/ of the working directory. Absolute.
 std::filesystem::path records_of(const std::string& robot);
@@ -31,6 +32,7 @@ class RecordBook {
   struct Page {
     std::filesystem::path path;  // empty: it could not be written
     std::string previous;        // the hash its certificate carries
+    int folder = 0;              // which of the folders it was written to: see begun_anew()
   };
 
   // A new file. A full disk is an Error the robot survives: the caller warns and goes on.
@@ -38,17 +40,24 @@ class RecordBook {
   // Replaces what write() made there, in one step.
   Result<> rewrite(const Page& page, const Json& certificate) { return put(page, certificate); }
   const std::filesystem::path& folder() const { return dir_; }
+  // Somebody has removed the folder while we wrote to it, and it was made anew with an empty chain: from which
+  // certificate on. Empty: nobody has.
+  const std::string& begun_anew() const { return begun_anew_; }
 
  private:
   Result<> open();
   Result<> find_end();
+  void notice_removal();
   Result<> put(const Page& page, Json certificate);
   Result<> add_line(const Page& page, const std::string& text);
 
   std::filesystem::path dir_;
   int next_ = 0;              // 0 = not opened yet
+  int used_ = 0;              // the last number given
   std::string last_line_;     // hash of the last line of the chain; empty = there is none
   bool line_is_cut_ = false;  // its newline is missing: the disk was full, or the machine went down
+  int folders_ = 0;           // how often the folder was made anew
+  std::string begun_anew_;
 };
 
 }  // namespace lithe::swap

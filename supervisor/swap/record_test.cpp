@@ -6,6 +6,8 @@
 
 #include <fstream>
 
+#include "supervisor/swap/chain.hpp"
+
 namespace lithe::swap {
 namespace {
 
@@ -54,6 +56,25 @@ TEST_F(RecordTest, AFullDiskIsAnErrorAndLeavesNoFile) {
   ASSERT_FALSE(page);
   EXPECT_NE(page.message().find("disk full"), std::string::npos);
   EXPECT_FALSE(fs::exists(dir_ / "0001.json"));
+}
+
+TEST_F(RecordTest, AFolderThatWasRemovedIsMadeAnewWithAChainThatHolds) {
+  RecordBook book(dir_ / "swaps");
+  const auto first = book.write({{"law", "pd"}});
+  const auto second = book.write({{"law", "hold"}});
+  ASSERT_TRUE(first && second);
+  EXPECT_EQ(book.begun_anew(), "");
+  fs::remove_all(dir_);
+  ASSERT_TRUE(book.rewrite(*second, {{"law", "hold"}, {"verdict", "confirmed"}}));
+  const auto third = book.write({{"law", "lqr"}});
+  ASSERT_TRUE(third) << third.message();
+  EXPECT_EQ(third->path.filename(), "0003.json") << "no number is given twice";
+  ASSERT_TRUE(book.rewrite(*first, {{"law", "pd"}, {"verdict", "rolled_back"}}));
+  ASSERT_TRUE(book.rewrite(*third, {{"law", "lqr"}, {"verdict", "confirmed"}}));
+  const Chain chain = verify_chain(dir_ / "swaps");
+  EXPECT_TRUE(chain.problems.empty()) << chain.to_json().dump(2);
+  EXPECT_EQ(chain.certificates, 3u);
+  EXPECT_NE(book.begun_anew().find("was removed"), std::string::npos);
 }
 
 TEST_F(RecordTest, AnUnusableDirectoryIsAnError) {
