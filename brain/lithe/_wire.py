@@ -17,7 +17,7 @@ NPARAM = 32
 NBIN = 976
 NLAW = 8
 NS = 16
-LAYOUT_HASH = 0xC2B3676B7E33F8E7
+LAYOUT_HASH = 0x970AC54E9B84803A
 
 
 class Mode(IntEnum):
@@ -26,6 +26,7 @@ class Mode(IntEnum):
     hold = 2
     safe_stop = 3
     estop = 4
+    recover = 5
 
 
 class Fault(IntEnum):
@@ -45,6 +46,7 @@ class Fault(IntEnum):
     drive_conflict = 13
     drive_garbled = 14
     drive_not_homed = 15
+    recover_failed = 16
 
 
 class Rung(IntEnum):
@@ -83,6 +85,8 @@ class CommandKind(IntEnum):
     set_params = 6
     estop = 7
     revert_params = 8
+    recover = 9
+    sim_reset = 10
 
 
 class CommandResult(IntEnum):
@@ -96,6 +100,8 @@ class CommandResult(IntEnum):
     refused_unknown = 7
     refused_not_ready = 8
     refused_not_homed = 9
+    refused_outside = 10
+    refused_not_simulated = 11
 
 
 class EventKind(IntEnum):
@@ -125,6 +131,13 @@ class EventKind(IntEnum):
     shadow_started = 23
     shadow_ended = 24
     group_stopped = 25
+    recovering = 26
+    recovered = 27
+    sim_reset = 28
+    state_not_carried = 29
+    law_unproven = 30
+    params_confirmed = 31
+    params_reverted = 32
 
 
 class StageResult(IntEnum):
@@ -154,6 +167,16 @@ class LawFaultKind(IntEnum):
     tracking_lost = 11
     guard_busy = 12
     guard_stopped = 13
+    chattering = 14
+    oscillating = 15
+
+
+class DriveState(IntEnum):
+    off = 0
+    enabling = 1
+    driven = 2
+    damped = 3
+    fault = 4
 
 
 class TelemetryFlags(IntFlag):
@@ -176,6 +199,9 @@ class TelemetryFlags(IntFlag):
     power_clamped = 65536
     soft_starting = 131072
     group_stopped = 262144
+    recovering = 524288
+    unproven = 1048576
+    params_on_probation = 2097152
 
 
 class JointStatus(IntFlag):
@@ -243,6 +269,11 @@ class Telemetry(ctypes.Structure):
         ("sensor", ctypes.c_double * 16),
         ("joint_fault", ctypes.c_uint32 * 32),
         ("joint_rung", ctypes.c_uint32 * 32),
+        ("drive_state", ctypes.c_uint32 * 32),
+        ("drive_current_a", ctypes.c_double * 32),
+        ("drive_voltage_v", ctypes.c_double * 32),
+        ("drive_power_w", ctypes.c_double * 32),
+        ("drive_temperature_degc", ctypes.c_double * 32),
     ]
 
 
@@ -307,6 +338,10 @@ class StageRequest(ctypes.Structure):
         ("probation_ticks", ctypes.c_uint32),
         ("shadow_tolerance_nm", ctypes.c_double),
         ("probation_error_ratio", ctypes.c_double),
+        ("param_count", ctypes.c_uint32),
+        ("pad0", ctypes.c_uint8 * 4),
+        ("param_index", ctypes.c_uint32 * 32),
+        ("param_value", ctypes.c_double * 32),
     ]
 
 
@@ -481,6 +516,11 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("sensor", "<f8", (16,), 1824),
         ("joint_fault", "<u4", (32,), 1952),
         ("joint_rung", "<u4", (32,), 2080),
+        ("drive_state", "<u4", (32,), 2208),
+        ("drive_current_a", "<f8", (32,), 2336),
+        ("drive_voltage_v", "<f8", (32,), 2592),
+        ("drive_power_w", "<f8", (32,), 2848),
+        ("drive_temperature_degc", "<f8", (32,), 3104),
     ],
     "Event": [
         ("t_ns", "<i8", (), 0),
@@ -525,6 +565,10 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("probation_ticks", "<u4", (), 372),
         ("shadow_tolerance_nm", "<f8", (), 376),
         ("probation_error_ratio", "<f8", (), 384),
+        ("param_count", "<u4", (), 392),
+        ("pad0", "u1", (4,), 396),
+        ("param_index", "<u4", (32,), 400),
+        ("param_value", "<f8", (32,), 528),
     ],
     "LawFault": [
         ("tick", "<u8", (), 0),
@@ -617,11 +661,11 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
 }
 SIZES = {
     "SegmentHeader": 88,
-    "Telemetry": 2208,
+    "Telemetry": 3360,
     "Event": 136,
     "Plan": 8344,
     "Command": 408,
-    "StageRequest": 392,
+    "StageRequest": 784,
     "LawFault": 64,
     "ShadowReport": 552,
     "LawInfo": 2152,
@@ -651,6 +695,10 @@ UNITS = {
     "Telemetry.setpoint_velocity_rad_s": "rad/s",
     "Telemetry.command_torque_nm": "N m",
     "Telemetry.sensor": "1",
+    "Telemetry.drive_current_a": "A",
+    "Telemetry.drive_voltage_v": "V",
+    "Telemetry.drive_power_w": "W",
+    "Telemetry.drive_temperature_degc": "degC",
     "Event.t_ns": "ns",
     "Event.value": "1",
     "Plan.t_ns": "ns",
@@ -660,6 +708,7 @@ UNITS = {
     "StageRequest.budget_ns": "ns",
     "StageRequest.shadow_tolerance_nm": "N m",
     "StageRequest.probation_error_ratio": "1",
+    "StageRequest.param_value": "1",
     "LawFault.t_ns": "ns",
     "LawFault.took_ns": "ns",
     "ShadowReport.most_ns": "ns",
@@ -696,28 +745,28 @@ class Item(NamedTuple):
 SEGMENTS: dict[str, dict[str, Item]] = {
     "spine": {
         "robot_info": Item("channel", "RobotInfo", 0, 1, 128, 20608),
-        "telemetry": Item("ring", "Telemetry", 4096, 1, 20736, 9175168),
-        "events_tick": Item("ring", "Event", 256, 1, 9195904, 49280),
-        "events_loader": Item("ring", "Event", 256, 1, 9245184, 49280),
-        "params": Item("channel", "Params", 0, 1, 9294464, 1664),
-        "law_info": Item("channel", "LawInfo", 0, 8, 9296128, 8832),
-        "law_faults": Item("ring", "LawFault", 64, 1, 9366784, 8320),
-        "shadow": Item("channel", "ShadowReport", 0, 1, 9375104, 2688),
-        "release_jitter": Item("plain", "Histogram", 0, 1, 9377792, 7936),
-        "handoff": Item("plain", "Histogram", 0, 1, 9385728, 7936),
-        "law": Item("plain", "Histogram", 0, 1, 9393664, 7936),
-        "guard": Item("plain", "Histogram", 0, 1, 9401600, 7936),
-        "tick": Item("plain", "Histogram", 0, 1, 9409536, 7936),
-        "bus": Item("plain", "Histogram", 0, 1, 9417472, 7936),
-        "control_ack": Item("ack", "Command", 16, 1, 9425408, 256),
-        "brain_ack": Item("ack", "Command", 16, 1, 9425664, 256),
-        "stage_ack": Item("ack", "StageRequest", 4, 1, 9425920, 256),
-        "health": Item("plain", "Health", 0, 1, 9426176, 128),
+        "telemetry": Item("ring", "Telemetry", 4096, 1, 20736, 13893760),
+        "events_tick": Item("ring", "Event", 256, 1, 13914496, 49280),
+        "events_loader": Item("ring", "Event", 256, 1, 13963776, 49280),
+        "params": Item("channel", "Params", 0, 1, 14013056, 1664),
+        "law_info": Item("channel", "LawInfo", 0, 8, 14014720, 8832),
+        "law_faults": Item("ring", "LawFault", 64, 1, 14085376, 8320),
+        "shadow": Item("channel", "ShadowReport", 0, 1, 14093696, 2688),
+        "release_jitter": Item("plain", "Histogram", 0, 1, 14096384, 7936),
+        "handoff": Item("plain", "Histogram", 0, 1, 14104320, 7936),
+        "law": Item("plain", "Histogram", 0, 1, 14112256, 7936),
+        "guard": Item("plain", "Histogram", 0, 1, 14120192, 7936),
+        "tick": Item("plain", "Histogram", 0, 1, 14128128, 7936),
+        "bus": Item("plain", "Histogram", 0, 1, 14136064, 7936),
+        "control_ack": Item("ack", "Command", 16, 1, 14144000, 256),
+        "brain_ack": Item("ack", "Command", 16, 1, 14144256, 256),
+        "stage_ack": Item("ack", "StageRequest", 4, 1, 14144512, 256),
+        "health": Item("plain", "Health", 0, 1, 14144768, 128),
     },
     "control": {
         "commands": Item("mailbox", "Command", 16, 1, 128, 7296),
-        "stage": Item("mailbox", "StageRequest", 4, 1, 7424, 1920),
-        "estop": Item("word", "", 0, 1, 9344, 128),
+        "stage": Item("mailbox", "StageRequest", 4, 1, 7424, 3456),
+        "estop": Item("word", "", 0, 1, 10880, 128),
     },
     "brain": {
         "plan": Item("channel", "Plan", 0, 1, 128, 33920),
@@ -726,8 +775,8 @@ SEGMENTS: dict[str, dict[str, Item]] = {
     },
 }
 SEGMENT_BYTES = {
-    "spine": 9426304,
-    "control": 9472,
+    "spine": 14144896,
+    "control": 11008,
     "brain": 41472,
 }
 
@@ -776,6 +825,11 @@ CANONICAL_SCHEMA = (
     "Telemetry.sensor:float64[16]:1824:128:1\n"
     "Telemetry.joint_fault:uint32[32]:1952:128:-\n"
     "Telemetry.joint_rung:uint32[32]:2080:128:-\n"
+    "Telemetry.drive_state:uint32[32]:2208:128:-\n"
+    "Telemetry.drive_current_a:float64[32]:2336:256:A\n"
+    "Telemetry.drive_voltage_v:float64[32]:2592:256:V\n"
+    "Telemetry.drive_power_w:float64[32]:2848:256:W\n"
+    "Telemetry.drive_temperature_degc:float64[32]:3104:256:degC\n"
     "Event.t_ns:int64[1]:0:8:ns\n"
     "Event.tick:uint64[1]:8:8:-\n"
     "Event.request_id:uint64[1]:16:8:-\n"
@@ -812,6 +866,10 @@ CANONICAL_SCHEMA = (
     "StageRequest.probation_ticks:uint32[1]:372:4:-\n"
     "StageRequest.shadow_tolerance_nm:float64[1]:376:8:N m\n"
     "StageRequest.probation_error_ratio:float64[1]:384:8:1\n"
+    "StageRequest.param_count:uint32[1]:392:4:-\n"
+    "StageRequest.pad0:uint8[4]:396:4:-\n"
+    "StageRequest.param_index:uint32[32]:400:128:-\n"
+    "StageRequest.param_value:float64[32]:528:256:1\n"
     "LawFault.tick:uint64[1]:0:8:-\n"
     "LawFault.t_ns:int64[1]:8:8:ns\n"
     "LawFault.request_id:uint64[1]:16:8:-\n"
@@ -888,25 +946,25 @@ CANONICAL_SCHEMA = (
     "Health.stage_violations:uint64[1]:24:8:-\n"
     "spine/robot_info:channel:RobotInfo:0x1:128\n"
     "spine/telemetry:ring:Telemetry:4096x1:20736\n"
-    "spine/events_tick:ring:Event:256x1:9195904\n"
-    "spine/events_loader:ring:Event:256x1:9245184\n"
-    "spine/params:channel:Params:0x1:9294464\n"
-    "spine/law_info:channel:LawInfo:0x8:9296128\n"
-    "spine/law_faults:ring:LawFault:64x1:9366784\n"
-    "spine/shadow:channel:ShadowReport:0x1:9375104\n"
-    "spine/release_jitter:plain:Histogram:0x1:9377792\n"
-    "spine/handoff:plain:Histogram:0x1:9385728\n"
-    "spine/law:plain:Histogram:0x1:9393664\n"
-    "spine/guard:plain:Histogram:0x1:9401600\n"
-    "spine/tick:plain:Histogram:0x1:9409536\n"
-    "spine/bus:plain:Histogram:0x1:9417472\n"
-    "spine/control_ack:ack:Command:16x1:9425408\n"
-    "spine/brain_ack:ack:Command:16x1:9425664\n"
-    "spine/stage_ack:ack:StageRequest:4x1:9425920\n"
-    "spine/health:plain:Health:0x1:9426176\n"
+    "spine/events_tick:ring:Event:256x1:13914496\n"
+    "spine/events_loader:ring:Event:256x1:13963776\n"
+    "spine/params:channel:Params:0x1:14013056\n"
+    "spine/law_info:channel:LawInfo:0x8:14014720\n"
+    "spine/law_faults:ring:LawFault:64x1:14085376\n"
+    "spine/shadow:channel:ShadowReport:0x1:14093696\n"
+    "spine/release_jitter:plain:Histogram:0x1:14096384\n"
+    "spine/handoff:plain:Histogram:0x1:14104320\n"
+    "spine/law:plain:Histogram:0x1:14112256\n"
+    "spine/guard:plain:Histogram:0x1:14120192\n"
+    "spine/tick:plain:Histogram:0x1:14128128\n"
+    "spine/bus:plain:Histogram:0x1:14136064\n"
+    "spine/control_ack:ack:Command:16x1:14144000\n"
+    "spine/brain_ack:ack:Command:16x1:14144256\n"
+    "spine/stage_ack:ack:StageRequest:4x1:14144512\n"
+    "spine/health:plain:Health:0x1:14144768\n"
     "control/commands:mailbox:Command:16x1:128\n"
     "control/stage:mailbox:StageRequest:4x1:7424\n"
-    "control/estop:word:-:0x1:9344\n"
+    "control/estop:word:-:0x1:10880\n"
     "brain/plan:channel:Plan:0x1:128\n"
     "brain/commands:mailbox:Command:16x1:34048\n"
     "brain/estop:word:-:0x1:41344\n"

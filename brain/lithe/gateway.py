@@ -14,23 +14,25 @@ JSON lines. The first line is {"token": "..."}; then requests {"id", "verb", "ar
 An application may add verbs. Every other verb (status, swap, rollback, params, set_params, arm, ...) goes to the
 supervisor. Loopback by default; the token lies in a file of mode 0600.
 
-Threads: one per client, of whom there are 32 at most; one client's long call holds no other up. Nothing a client sends
-ends more than its own connection.
+Who is served when: an e-stop ahead of everything, also of this client's own requests, and also where all places are
+taken (hello {"token": "...", "estop": true}, which is answered as the verb is, and hung up on). Then verbs that move or
+stop the robot. Long answers are made one at a time, in pieces, in turn.
+
+Bounds: 32 clients; who has not shown the token waits apart from them, 2 s at most (gateway_lobby.py). A client has
+256 KiB of requests pending; a long answer has 8 MiB at most, all that are not yet read 32 MiB together; who does not
+read for 5 s is disconnected, and the gateway says so on stderr. Nothing a client sends ends more than its own
+connection.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
-import hmac
 import json
 import math
-import os
-import secrets
 import signal
 import socket
-import socketserver
-import struct
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -41,34 +43,49 @@ import numpy as np
 
 from .control import plain, run_dir
 from .errors import LitheError, NotRunning, Refused
+from .gateway_client import MOST_REQUEST_BYTES, Client
+from .gateway_lobby import Hello, Lobby
+from .gateway_token import new_token, write_token
+from .gateway_turns import MOST_UNSENT_BYTES, Turns
 from .robot import Robot, connect
+from .shm import dtype
+from .text import unprintable_in
 
-MOST_REQUEST_BYTES = 1 << 20
 MOST_CLIENTS = 32  # each may keep a connection to the supervisor, which serves 64
-HELLO_S = 10.0  # how long a client may take to show its token
-UNREAD_S = 30  # how long one may leave an answer unread
+MOST_LONG_BYTES = MOST_UNSENT_BYTES // 4
+PIECE_TICKS = 128  # of a history, made at a time
+FIRST = (
+    "estop",
+    "publish",
+    "hold",
+    "disarm",
+    "reset",
+    "arm",
+    "rollback",
+    "revert_params",
+)  # they move or stop the robot
+SWITCH_S = 0.001  # how long Python may let another thread wait
 Verb = Callable[[dict[str, Any]], Any]
 
 
-def write_token(path: Path) -> str:
-    """A fresh token in a file that only its owner can read."""
-    token = secrets.token_hex(16)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with contextlib.suppress(FileNotFoundError):
-        path.unlink()
-    fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    with os.fdopen(fd, "w") as file:
-        file.write(token + "\n")
-    return token
+class Encoded(bytes):
+    """A verb's result that is JSON already."""
+
+
+def _json(value: Any) -> str:
+    try:
+        return json.dumps(value, default=plain, allow_nan=False)
+    except ValueError:
+        return json.dumps(_with_nulls(value), default=lambda value: _with_nulls(plain(value)))
 
 
 def encode(answer: dict[str, Any]) -> bytes:
     """One line of JSON; NaN and infinity, which JSON has no words for, become null. TypeError for what has no form."""
-    try:
-        text = json.dumps(answer, default=plain, allow_nan=False)
-    except ValueError:
-        text = json.dumps(_with_nulls(answer), default=lambda value: _with_nulls(plain(value)))
-    return text.encode() + b"\n"
+    result = answer.get("result")
+    if isinstance(result, Encoded):
+        head = _json({key: value for key, value in answer.items() if key != "result"}).encode()
+        return b"".join((head[:-1], b', "result": ', result, b"}\n"))
+    return _json(answer).encode() + b"\n"
 
 
 def _with_nulls(value: Any) -> Any:
@@ -87,8 +104,8 @@ def _refusal(name: Any, code: str, message: str, next_step: str = "", detail: di
 class Gateway:
     """Serves one Robot on `host`:`port` (0: any free one, see .port) to who knows `token`.
 
-    `verbs` are the application's own, added to or in place of the gateway's: functions of the args, called in the
-    client's thread.
+    `verbs` are the application's own, added to or in place of the gateway's: functions of the args, called in a thread
+    of the client's. `say` is told of clients that are disconnected; it writes to stderr if left out.
     """
 
     def __init__(
@@ -99,6 +116,7 @@ class Gateway:
         port: int = 0,
         *,
         token: str,
+        say: Callable[[str], None] | None = None,
     ) -> None:
         if not token.strip():
             raise LitheError(
@@ -106,6 +124,8 @@ class Gateway:
             )
         self.robot = robot
         self.token = token.strip()
+        self.turns = Turns()
+        self._say = say or (lambda words: print(f"lithe.gateway: {words}", file=sys.stderr, flush=True))
         self._places = threading.BoundedSemaphore(MOST_CLIENTS)
         self.verbs: dict[str, Verb] = {
             "describe": self._describe,
@@ -116,67 +136,51 @@ class Gateway:
             "reset": lambda _: robot.reset(),
             **(verbs or {}),
         }
-        gateway = self
-
-        class Handler(socketserver.StreamRequestHandler):
-            def handle(self) -> None:
-                gateway._serve(self)
-
-        class Server(socketserver.ThreadingTCPServer):
-            allow_reuse_address = True
-            daemon_threads = True
-
+        no = _refusal(None, "token", "wrong token", "read it from the token file")
         try:
-            self._server = Server((host, port), Handler)
+            self._lobby = Lobby(host, port, self.token, self._admit, no)
         except OSError as error:
             raise LitheError(f"cannot listen on {host}:{port} ({error.strerror}): choose another port") from None
-        self.port = int(self._server.server_address[1])
+        self.port = self._lobby.port
 
     def start(self) -> None:
-        """Serves in a thread of its own until close()."""
-        threading.Thread(target=self._server.serve_forever, name="lithe-gateway", daemon=True).start()
+        """Serves in threads of its own until close()."""
+        self._lobby.start()
 
     def close(self) -> None:
         """Takes no more clients; those that are connected stay until they leave."""
-        self._server.shutdown()
-        self._server.server_close()
+        self._lobby.close()
 
-    def _serve(self, handler: socketserver.StreamRequestHandler) -> None:
+    def _admit(self, link: socket.socket, hello: Hello, rest: bytes) -> bytes | None:
+        """A client that knows the token gets a place, or is refused; for an e-stop it needs none."""
+        if hello.get("estop") is True:
+            threading.Thread(target=self._estop_only, args=(link,), name="lithe-gateway-estop", daemon=True).start()
+            return None
         if not self._places.acquire(blocking=False):
-            with contextlib.suppress(OSError):
-                handler.wfile.write(_refusal(None, "busy", f"{MOST_CLIENTS} clients are served already", "try later"))
-                handler.connection.settimeout(0.2)
-                handler.connection.recv(4096)  # closing on an unread hello would take the answer back
-            return
+            return _refusal(
+                None, "busy", f"{MOST_CLIENTS} clients are served already", "try later; an e-stop needs no place"
+            )
+        threading.Thread(target=self._serve, args=(link, rest), name="lithe-gateway-client", daemon=True).start()
+        return None
+
+    def _estop_only(self, link: socket.socket) -> None:
+        with link, contextlib.suppress(OSError):
+            link.settimeout(5.0)
+            link.sendall(self._answer(b'{"id": 1, "verb": "estop"}')[0])
+
+    def _serve(self, link: socket.socket, rest: bytes) -> None:
         try:
-            with contextlib.suppress(OSError):  # the client left, or does not read what it asked for
-                self._talk(handler)
+            with link:
+                Client(link, rest, self._answer, self.turns, self._say).serve()
+        except OSError:
+            pass  # it has left already
         finally:
             self._places.release()
 
-    def _talk(self, handler: socketserver.StreamRequestHandler) -> None:
-        link = handler.connection
-        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        link.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        link.settimeout(HELLO_S)
-        first = handler.rfile.readline(4096)
-        try:
-            given = str(json.loads(first).get("token", ""))
-        except (ValueError, AttributeError, RecursionError):
-            given = ""
-        if not hmac.compare_digest(given.encode(errors="replace"), self.token.encode()):
-            handler.wfile.write(_refusal(None, "token", "wrong token", "read it from the token file"))
-            return
-        link.settimeout(None)
-        link.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", UNREAD_S, 0))
-        handler.wfile.write(b'{"ok": true}\n')
-        while line := handler.rfile.readline(MOST_REQUEST_BYTES + 1):
-            handler.wfile.write(self._answer(line))
-            if len(line) > MOST_REQUEST_BYTES:
-                return  # the rest of an oversized line cannot be told from a new request
-
-    def _answer(self, line: bytes) -> bytes:
+    def _answer(self, line: bytes) -> tuple[bytes, int]:
+        """The line that answers a request, and how much of it `turns` keeps as not yet sent."""
         name: Any = None
+        kept: list[int] = []
         try:
             if len(line) > MOST_REQUEST_BYTES:
                 raise Refused("too_long", f"a request has at most {MOST_REQUEST_BYTES} bytes")
@@ -187,24 +191,31 @@ class Gateway:
             args = request.get("args", {})
             if not isinstance(args, dict):
                 raise Refused("bad_request", "args is an object", "docs/reference/verbs.md")
-            return encode({"id": name, "ok": True, "result": self._call(str(request.get("verb", "")), args)})
+            if word := unprintable_in({"verb": request.get("verb"), "args": args}):
+                raise Refused("bad_request", f"{word} is not printable text", "names hold no control characters")
+            result = self._call(str(request.get("verb", "")), args)
+            if isinstance(result, Encoded):
+                kept.append(len(result))
+            return encode({"id": name, "ok": True, "result": result}), sum(kept)
         except Refused as error:
-            return _refusal(name, error.code, error.message, error.next, error.detail)
+            return _refusal(name, error.code, error.message, error.next, error.detail), 0
         except NotRunning as error:
-            return _refusal(name, "disconnected", str(error), "start the robot, then ask again")
+            return _refusal(name, "disconnected", str(error), "start the robot, then ask again"), 0
         except RecursionError:
-            return _refusal(None, "bad_request", "bad request: nested too deeply")
+            return _refusal(None, "bad_request", "bad request: nested too deeply"), sum(kept)
         except (ValueError, TypeError, KeyError, ArithmeticError) as error:
             what = f"missing: {error}" if isinstance(error, KeyError) else str(error)
-            return _refusal(name, "bad_request", f"bad request: {what}", "verbs and arguments: docs/reference/verbs.md")
+            next_step = "verbs and arguments: docs/reference/verbs.md"
+            return _refusal(name, "bad_request", f"bad request: {what}", next_step), sum(kept)
         except LitheError as error:
-            return _refusal(name, "error", str(error))
+            return _refusal(name, "error", str(error)), 0
         except Exception as error:  # an application's verb: its fault must not look like a gateway that died
-            return _refusal(name, "error", f"{type(error).__name__}: {error}")
+            return _refusal(name, "error", f"{type(error).__name__}: {error}"), 0
 
     def _call(self, verb: str, args: dict[str, Any]) -> Any:
         own = self.verbs.get(verb)
-        return own(args) if own is not None else self.robot.call(verb, **args)
+        with self.turns.moving() if verb in FIRST else contextlib.nullcontext():
+            return own(args) if own is not None else self.robot.call(verb, **args)
 
     # ---- the gateway's own verbs
     def _describe(self, _: dict[str, Any]) -> Any:
@@ -224,14 +235,18 @@ class Gateway:
             "now_ns": time.monotonic_ns(),
         }
 
+    def _fields(self, args: dict[str, Any], usual: list[str]) -> list[str]:
+        known = dtype("Telemetry").names or ()
+        fields = args.get("fields") or usual
+        for name in fields:
+            if name not in known:
+                raise Refused("unknown_field", f"telemetry has no field '{name}'", f"one of {', '.join(known)}")
+        return list(fields)
+
     def _records(self, records: Any, fields: list[str]) -> dict[str, Any]:
         joints = self.robot.spine.joint_count
         out: dict[str, Any] = {}
         for name in fields:
-            if name not in records.dtype.names:
-                raise Refused(
-                    "unknown_field", f"telemetry has no field '{name}'", f"one of {', '.join(records.dtype.names)}"
-                )
             column = records[name]
             if name == "sensor":  # JSON knows no NaN: what is not valid is null
                 valid = column[..., : len(self.robot.spine.sensor_names)].astype(object)
@@ -247,20 +262,38 @@ class Gateway:
         record = self.robot.telemetry.latest()
         if record is None:
             raise Refused("not_ready", "no tick yet", "ask again")
-        return self._records(record, args.get("fields") or list(record.dtype.names or ()))
+        return self._records(record, self._fields(args, list(record.dtype.names or ())))
 
     def _history(self, args: dict[str, Any]) -> Any:
         """All records after tick `since_tick`, else those of the last `seconds`; of these every `every`-th one."""
-        lost = 0
-        if "since_tick" in args:
-            records, lost = self.robot.telemetry.since(int(args["since_tick"]))
-        else:
-            records = self.robot.telemetry.history(float(args.get("seconds", 1.0)))
-        thinned = records[:: max(1, int(args.get("every", 1)))]
-        return {
-            **self._records(thinned, args.get("fields") or ["tick", "release_ns", "position_rad"]),
-            "lost": lost,
-        }
+        fields = self._fields(args, ["tick", "release_ns", "position_rad"])
+        every = max(1, int(args.get("every", 1)))
+        since = int(args["since_tick"]) if "since_tick" in args else None
+        seconds = float(args.get("seconds", 1.0))
+        with self.turns.long_answer():
+            pieces, wanted = self.robot.telemetry.pieces(PIECE_TICKS, since_tick=since, seconds=seconds)
+            columns: dict[str, list[bytes]] = {name: [] for name in fields}
+            seen = size = 0
+            for records in pieces:
+                self.turns.pause()
+                thinned = records[-seen % every :: every]
+                seen += len(records)
+                if not len(thinned):
+                    continue
+                for name, values in self._records(thinned, fields).items():
+                    columns[name].append(_json(values)[1:-1].encode())
+                    size += len(columns[name][-1]) + 2
+                if size > MOST_LONG_BYTES:
+                    raise Refused(
+                        "too_long",
+                        f"the answer would be longer than {MOST_LONG_BYTES >> 20} MiB",
+                        "fewer fields, every=N, or several times with since_tick",
+                    )
+            lost = 0 if since is None else wanted - seen
+            parts = [_json(name).encode() + b": [" + b", ".join(texts) + b"]" for name, texts in columns.items()]
+            result = Encoded(b"{" + b", ".join([*parts, b'"lost": %d' % lost]) + b"}")
+            self.turns.keep(len(result))
+            return result
 
     def _publish(self, args: dict[str, Any]) -> Any:
         velocity = args.get("velocity_rad_s")
@@ -284,9 +317,13 @@ def main() -> int:
     args = parser.parse_args()
     # A shell starts background jobs with SIGINT ignored; whoever sends it to a gateway means it.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    sys.setswitchinterval(SWITCH_S)
     try:
         robot = connect(args.robot)
-        gateway = Gateway(robot, host=args.host, port=args.port, token=write_token(args.token_file))
+        gateway = Gateway(robot, host=args.host, port=args.port, token=new_token())
+        write_token(
+            args.token_file, gateway.token
+        )  # not before it listens: another gateway's clients may need the old one
     except (LitheError, OSError) as error:
         print(f"lithe.gateway: {error}")
         return 1

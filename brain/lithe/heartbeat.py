@@ -8,6 +8,8 @@ import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
+from .files import read_regular
+
 LONGEST_S, SHORTEST_S = 0.05, 0.002
 UNKNOWN_LIMIT_S = 0.1  # should the robot file be out of our reach: safe for all but the most impatient robots
 BEATS_PER_LIMIT = 5
@@ -16,7 +18,7 @@ BEATS_PER_LIMIT = 5
 def period_s(robot_file: Path) -> float:
     """How often to beat: five times within the `[brain] stale_after_s` of the robot's file, at least every 50 ms."""
     try:
-        limit_s = float(tomllib.loads(robot_file.read_text(encoding="utf-8"))["brain"]["stale_after_s"])
+        limit_s = float(tomllib.loads(read_regular(robot_file))["brain"]["stale_after_s"])
     except (OSError, ValueError, KeyError, TypeError):
         limit_s = UNKNOWN_LIMIT_S
     return min(LONGEST_S, max(SHORTEST_S, limit_s / BEATS_PER_LIMIT))

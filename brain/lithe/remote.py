@@ -13,6 +13,7 @@ from typing import Any
 
 from .control import Client, LineSocket, refusal_in
 from .errors import LitheError, NotRunning
+from .files import read_regular
 
 
 def _token(given: str | Path) -> str:
@@ -21,7 +22,7 @@ def _token(given: str | Path) -> str:
     if isinstance(given, Path):
         place = str(given)
         try:
-            token = given.read_text(encoding="utf-8")
+            token = read_regular(given)
         except (OSError, ValueError) as error:
             raise LitheError(f"cannot read the token file {given} ({error})\n  next: python -m lithe.gateway") from None
     token = str(token).strip()
@@ -38,8 +39,8 @@ class Remote:
     """
 
     def __init__(self, host: str, port: int, token: str | Path, timeout_s: float = 60.0) -> None:
-        def connect() -> LineSocket:
-            hello = json.dumps({"token": _token(token)}).encode()
+        def say_hello(**more: bool) -> tuple[LineSocket, dict[str, Any]]:
+            hello = json.dumps({"token": _token(token), **more}).encode()
             try:
                 sock = socket.create_connection((host, port), timeout_s)
             except OSError as error:
@@ -48,19 +49,25 @@ class Remote:
             lines = LineSocket(sock)
             try:
                 answer = lines.exchange(hello, "hello")
+                if not answer.get("ok"):
+                    raise refusal_in(answer)
             except LitheError:
                 lines.close()
                 raise
-            if not answer.get("ok"):
-                lines.close()
-                raise refusal_in(answer)
-            return lines
+            return lines, answer
 
-        self._client = Client(connect)
+        self._say_hello = say_hello
+        self._client = Client(lambda: say_hello()[0])
 
     def call(self, verb: str, /, **args: Any) -> Any:
         """Any verb of docs/reference/verbs.md; returns its result, raises Refused with its code."""
-        return self._client.call(verb, args)
+        return self.estop() if verb == "estop" else self._client.call(verb, args)
+
+    def estop(self) -> Any:
+        """At once: over a connection of its own, ahead of all that is being done, and also where no place is free."""
+        lines, answer = self._say_hello(estop=True)
+        lines.close()
+        return answer.get("result")
 
     def close(self) -> None:
         """Hangs up; twice does no harm."""

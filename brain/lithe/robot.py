@@ -19,6 +19,7 @@ from . import place
 from ._wire import Mode
 from .control import connect_control, find_robot
 from .errors import LitheError, NotRunning, Refused
+from .files import read_regular
 from .heartbeat import Heartbeat, period_s
 from .shm import BrainWriter, SpineView
 from .telemetry import Telemetry
@@ -185,9 +186,10 @@ class Robot:
         if isinstance(law, Path) or (text.endswith(".cpp") and "\n" not in text):
             name = name or Path(text).name
             try:
-                text = Path(text).read_text(encoding="utf-8")
-            except OSError as error:
-                raise LitheError(f"cannot read the law {text}: {error.strerror}") from None
+                text = read_regular(text)
+            except (OSError, ValueError) as error:
+                why = error.strerror if isinstance(error, OSError) else error
+                raise LitheError(f"cannot read the law {text}: {why}\n  next: give the path of one C++ file") from None
         args: dict[str, Any] = {"source": text, "name": name or "law.cpp", "params": params or {}, **terms}
         result: dict[str, Any] = self.call("swap", **args)
         return result
@@ -227,6 +229,31 @@ class Robot:
         if self._writer is not None and self.attached:
             self._writer.press_estop(False)
         return self.call("reset")
+
+    def recover(self, within_s: float = 120.0) -> dict[str, Any]:
+        """Brings joints that are outside their limits inside: slowly, with little torque, without a law.
+
+        Returns the status once every joint is inside; it is held there until arm() or disarm(). When it ends otherwise
+        it is refused with the Spine's fault as code (`recover_failed`: a joint does not move, or its load is too
+        large), and with `timeout` when it is not over within `within_s`; it goes on then.
+        """
+        self.call("recover")
+        until = time.monotonic() + within_s
+        while time.monotonic() < until:
+            status = self.status()
+            if status["mode"] != "recover":
+                stops = [event["text"] for event in self.events()["events"] if event["kind"] == "safe_stop"]
+                why = stops[-1] if stops and status["mode"] == "safe_stop" else f"mode {status['mode']}"
+                code = status["fault"] if status["mode"] == "safe_stop" else "refused_mode"
+                raise Refused(code, f"not recovered: {why}", "see joints and events: robot.status(), robot.events()")
+            if not status["recovering"]:
+                return status
+            time.sleep(0.05)
+        raise Refused("timeout", f"not every joint is inside after {within_s:g} s", "it goes on: robot.status()")
+
+    def sim_reset(self) -> Any:
+        """Joints of a robot whose buses are all simulated, disarmed: back to where they began."""
+        return self.call("sim_reset")
 
     def estop(self, within_s: float = 0.5) -> dict[str, Any]:
         """At once, through shared memory: needs no supervisor. Returns when a tick has obeyed.

@@ -138,14 +138,14 @@ class Mapping:
 
 
 class RingCursor:
-    """A private cursor on a ring. `lost` counts records overwritten before they were read."""
+    """A private cursor on a ring, `back` records before its end. `lost`: records overwritten before they were read."""
 
-    def __init__(self, mapping: Mapping, name: str, from_oldest: bool = False) -> None:
+    def __init__(self, mapping: Mapping, name: str, from_oldest: bool = False, back: int = 0) -> None:
         self._mapping = mapping  # keeps the memory mapped
         self._item, self._address = mapping.item(name)
         self._dtype = dtype(self._item.message)
         head = int(shim().lithe_ring_head(self._address))
-        self._cursor = ctypes.c_uint64(max(0, head - self._item.depth) if from_oldest else head)
+        self._cursor = ctypes.c_uint64(max(0, head - (self._item.depth if from_oldest else back)))
         self._lost = ctypes.c_uint64(0)
 
     @property
@@ -203,9 +203,9 @@ class SpineView:
         """The newest telemetry record."""
         return self._telemetry.latest()
 
-    def telemetry(self, from_oldest: bool = False) -> RingCursor:
-        """A new cursor on the telemetry ring, with drain() and lost of its own."""
-        return RingCursor(self.mapping, "telemetry", from_oldest)
+    def telemetry(self, from_oldest: bool = False, back: int = 0) -> RingCursor:
+        """A new cursor on the telemetry ring, `back` records before its end, with drain() and lost of its own."""
+        return RingCursor(self.mapping, "telemetry", from_oldest, back)
 
     def events(self, source: str = "tick", from_oldest: bool = True) -> RingCursor:
         """A new cursor on the events of the `tick` or the `loader`."""

@@ -4,12 +4,17 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
+from ._wire import SEGMENTS
 from .errors import NotRunning
-from .shm import SpineView
+from .shm import RingCursor, SpineView, dtype
+
+DEPTH = SEGMENTS["spine"]["telemetry"].depth
 
 
 class Telemetry:
@@ -60,25 +65,42 @@ class Telemetry:
 
     def history(self, seconds: float) -> npt.NDArray[Any]:
         """The last `seconds` of records, oldest first, shape (n,); at most the last 4096 ticks."""
-        records = self._all()
-        if len(records) == 0:
-            return records
-        recent: npt.NDArray[Any] = records[records["release_ns"] > records["release_ns"][-1] - int(seconds * 1e9)]
-        return recent
+        pieces, _ = self.pieces(DEPTH, seconds=seconds)
+        return np.concatenate([*pieces, np.empty(0, dtype("Telemetry"))])
 
     def since(self, tick: int) -> tuple[npt.NDArray[Any], int]:
         """All records after that tick, oldest first, shape (n,), and how many there were that are gone by now.
 
         A tick that is yet to come is one of an earlier run of the robot: then all records of this run are given.
         """
-        records = self._all()
-        if len(records) == 0:
-            return records, 0
-        newest = int(records["tick"][-1])
-        tick = 0 if tick > newest else max(tick, 0)
-        wanted: npt.NDArray[Any] = records[records["tick"] > tick]
-        return wanted, newest - tick - len(wanted)
+        pieces, wanted = self.pieces(DEPTH, since_tick=tick)
+        records = np.concatenate([*pieces, np.empty(0, dtype("Telemetry"))])
+        return records, wanted - len(records)
 
-    def _all(self) -> npt.NDArray[Any]:
+    def pieces(
+        self, most: int, *, since_tick: int | None = None, seconds: float = 1.0
+    ) -> tuple[Iterator[npt.NDArray[Any]], int]:
+        """The records of since() or history(), copied in pieces of `most` at most, and how many since() would have.
+
+        Between two pieces the Spine goes on: what it overwrites meanwhile is missing.
+        """
         self._check()
-        return self._spine.telemetry(from_oldest=True).drain()
+        newest = self._cursor.latest()
+        if newest is None:
+            return iter(()), 0
+        last = int(newest["tick"])
+        if since_tick is None:
+            after_ns, first = int(newest["release_ns"]) - int(seconds * 1e9), 0
+            back = min(DEPTH, max(0, int(seconds * float(self._spine.info["rate_hz"]))) + 2)
+        else:
+            after_ns, first = 0, 0 if since_tick > last else max(since_tick, 0)
+            back = min(DEPTH, last - first + 1)
+
+        def read(cursor: RingCursor) -> Iterator[npt.NDArray[Any]]:
+            while len(records := cursor.drain(most)):
+                wanted = (records["tick"] > first) & (records["tick"] <= last) & (records["release_ns"] > after_ns)
+                yield records[wanted]
+                if int(records["tick"][-1]) >= last:
+                    return
+
+        return read(self._spine.telemetry(back=back)), last - first

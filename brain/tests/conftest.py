@@ -7,7 +7,10 @@ from collections.abc import Iterator
 
 import calm
 import lithe
+import numpy as np
 import pytest
+from lithe.gateway import Gateway
+from lithe.remote import Remote
 from system.house import House
 
 
@@ -32,3 +35,24 @@ def robot(house: House) -> Iterator[lithe.Robot]:
         connection.arm()
     yield connection
     connection.close()
+
+
+@pytest.fixture
+def gateway(robot: lithe.Robot) -> Iterator[Gateway]:
+    verbs = {
+        "add": lambda args: args["a"] + args["b"],
+        "stumble": lambda args: args.nothing,
+        "mumble": lambda args: object(),
+        "measure": lambda args: {"angles": np.array([0.5, np.nan]), "n": np.int64(3), "pair": (1, 2)},
+    }
+    server = Gateway(robot, verbs, token="sesame")
+    server.start()
+    yield server
+    server.close()
+
+
+@pytest.fixture
+def remote(gateway: Gateway) -> Iterator[Remote]:
+    client = Remote("127.0.0.1", gateway.port, "sesame")
+    yield client
+    client.close()

@@ -58,7 +58,7 @@ def run(out: Path, robot: Path, *words: str, **environment: str) -> subprocess.P
 def robot_file(tmp_path: Path) -> Path:
     need("lithe", "lithe-spine", "lawd")
     path = tmp_path / "arm.toml"
-    path.write_text(calm.calm_text(), encoding="utf-8")
+    path.write_text(calm.calm_text(ideal=False), encoding="utf-8")
     return path
 
 
@@ -87,16 +87,21 @@ def test_the_experiment_holds_on_an_arm_the_agent_has_never_seen(tmp_path: Path,
     words, _ = process.communicate(timeout=240)
     assert "verdict" in words, words
     summary = json.loads((tmp_path / "out/summary.json").read_text())
-    assert process.returncode == (0 if summary["verdict"] == "holds" else 1)
+    assert process.returncode == {"holds": 0, "falls_short": 1, "INCONCLUSIVE": 4}[summary["verdict"]], words
     assert calm.falls_short(summary) == [], words
     assert summary["records_lost"] == 0
-    assert (summary["mgl_true_nm"], summary["rate_hz"]) == (0.2145, 500.0) and summary["mgl_error"] < 0.05
+    assert summary["rate_hz"] == 500.0 and summary["mgl_error"] < 0.05
+    told = json.loads(
+        subprocess.run([BIN / "lithe-sim", "--truth", robot_file], check=True, capture_output=True).stdout
+    )
+    assert summary["mgl_true_nm"] == told["joints"][0]["mgl_told_nm"] != 0.2145, "with payload, and in the drive's unit"
+    least_nm, most_nm = summary["mgl_interval_nm"]
+    assert least_nm < summary["mgl_hat_nm"] < most_nm and f"95 % interval {least_nm:.4f} to {most_nm:.4f}" in words
     assert summary["freeze"]["gravity_share"] > 0.9
     assert [swap["law"] for swap in summary["swaps"]] == LAWS
     assert all(swap["output_step_nm"] <= summary["output_step_bound_nm"] + 1e-9 for swap in summary["swaps"])
     rmse_deg = {phase["name"]: phase["rmse_deg"] for phase in summary["phases"]}
     assert rmse_deg["evolved"] < rmse_deg["gravity_only"] < rmse_deg["baseline"]
-    assert summary["attempts"][-1]["reason"] == "completed"
     for name in demo.PRODUCTS:
         assert (tmp_path / "out" / name).stat().st_size > 0
     assert leftovers(process.pid) == []
@@ -117,7 +122,8 @@ def spine_of(demo_pid: int) -> int:
         return int.from_bytes(file.read(8), "little")
 
 
-def test_a_run_the_machine_disturbed_is_repeated_and_stays_in_the_log(tmp_path: Path, robot_file: Path) -> None:
+def test_a_stop_that_nothing_explains_falls_short_and_is_not_repeated(tmp_path: Path, robot_file: Path) -> None:
+    """The negative control: the Spine is stopped on purpose, and no count of the kernel says that the machine was."""
     text = robot_file.read_text(encoding="utf-8")
     assert "watchdog_s = 10.0 " in text
     robot_file.write_text(text.replace("watchdog_s = 10.0 ", "watchdog_s = 0.5 "), encoding="utf-8")
@@ -125,16 +131,14 @@ def test_a_run_the_machine_disturbed_is_repeated_and_stays_in_the_log(tmp_path: 
     run_until(process, "phase: baseline")
     spine = spine_of(process.pid)
     os.kill(spine, signal.SIGSTOP)
-    time.sleep(1.0)  # longer than a drive waits for commands
+    time.sleep(1.5)  # longer than a drive waits for commands
     os.kill(spine, signal.SIGCONT)
-    run_until(process, "safe stop (drive_watchdog)")
-    run_until(process, "supervised evolution")
-    process.send_signal(signal.SIGTERM)
-    process.communicate(timeout=60)
-    assert process.returncode == 143
-    assert not (tmp_path / "out/summary.json").exists()
-    log = (tmp_path / "out/log.txt").read_text()
-    assert log.index("run 1 of") < log.index("run 2 of"), "the first run's words are kept"
+    words, _ = process.communicate(timeout=60)
+    assert words.count("phase: baseline") == 0 and "verdict     the claim falls short" in words, words
+    assert process.returncode == 1, words
+    summary = json.loads((tmp_path / "out/summary.json").read_text())
+    assert summary["verdict"] == "falls_short" and summary["stopped"]["phase"] == "baseline"
+    assert "drive_watchdog" in summary["falls_short"][0] and summary["timing"]["before_the_stop"]["own"] > 100
 
 
 def test_a_stop_that_is_not_the_machines_doing_ends_the_demo(tmp_path: Path, robot_file: Path) -> None:
@@ -152,26 +156,8 @@ def test_a_stop_that_is_not_the_machines_doing_ends_the_demo(tmp_path: Path, rob
     assert leftovers(process.pid) == []
 
 
-@pytest.mark.parametrize(("error", "runs"), [(Disturbed("sample_stale"), 3), (demo.LitheError("no"), 1)])
-def test_only_the_machines_faults_are_worth_another_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, runs: int
-) -> None:
-    begun = []
-
-    def stage(*words: Any) -> Any:
-        begun.append(words)
-        raise error
-
-    monkeypatch.setattr(demo, "Stage", stage)
-    monkeypatch.setattr(demo, "PAUSE_S", 0.0)
-    with pytest.raises(demo.LitheError) as told:
-        demo.attempts(tmp_path / "arm.toml", [], tmp_path)
-    assert len(begun) == runs == (tmp_path / "log.txt").read_text().count("---- run")
-    assert ("sample_stale in 'start', sample_stale" in str(told.value)) == (runs == 3)
-
-
 @pytest.mark.parametrize("fault", list(Fault))
-def test_every_fault_is_the_machines_or_the_robots(fault: Fault) -> None:
+def test_every_fault_may_be_the_machines_or_is_the_robots(fault: Fault) -> None:
     machines = fault in (Fault.sample_stale, Fault.deadline_missed, Fault.drive_watchdog)
     with pytest.raises(demo.LitheError) as told:
         raise_unless_active("safe_stop", fault.name)
@@ -191,7 +177,7 @@ def test_an_old_success_is_never_read_as_a_new_one(tmp_path: Path) -> None:
     process = run(tmp_path, ROOT / "robots/no_such_robot.toml")
     words, _ = process.communicate(timeout=60)
     assert process.returncode == 1 and "no_such_robot.toml" in words and "Traceback" not in words
-    assert {path.name for path in tmp_path.glob("*.*")} == {"log.txt", "mine.txt"}
+    assert {path.name for path in tmp_path.glob("*.*")} == {".lock", "log.txt", "mine.txt"}
 
 
 def test_a_disk_that_is_full_in_the_end_is_named(tmp_path: Path) -> None:
@@ -258,6 +244,7 @@ def test_a_bus_on_which_motors_may_hang_takes_permission(
         raise demo.LitheError("far enough")
 
     monkeypatch.setattr(demo, "Stage", stage)
+    monkeypatch.setattr(demo, "with_truth", lambda _, sims: sims)  # what `lithe sim` would say of half a robot file
     allowed = ["demo", "--out", str(tmp_path / "out"), "--robot", str(robot), "--over-real-buses"]
     monkeypatch.setattr(sys, "argv", allowed)
     real = BUSES + 'kind = "fdcanusb"\n' + JOINT
@@ -307,6 +294,17 @@ def test_the_judge_finds_the_true_mgl(tmp_path: Path) -> None:
     found = {joint.name: joint.mgl_nm for joint in demo.simulated_joints(ROOT / "robots/frankenstein.toml")}
     assert found == {"column": 0.0, "boom": 1.5, "shoulder": 0.8, "upper_arm": 0.8, "elbow": 0.8, "wrist": 0.165,
                      "hand": 0.0}  # fmt: skip
+
+
+def test_the_truth_is_what_the_seed_drew_in_the_torque_that_the_drive_tells(robot_file: Path) -> None:
+    (joint,) = demo.with_truth(robot_file, demo.simulated_joints(robot_file))
+    assert 0.165 / 1.05 < joint.mgl_nm < (0.165 + 0.01 * 9.81 * 0.15) / 0.95 and joint.mgl_nm != 0.165
+    text = robot_file.read_text(encoding="utf-8")
+    robot_file.write_text(text.replace("ideal = false ", "ideal = true "), encoding="utf-8")
+    assert demo.with_truth(robot_file, demo.simulated_joints(robot_file)) == [SimJoint("shoulder", 0.165, 1.0)]
+    robot_file.write_text(text.replace("seed = 1 ", 'seed = "x" '), encoding="utf-8")
+    with pytest.raises(demo.LitheError, match="seed"):
+        demo.with_truth(robot_file, [joint])
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGKILL, -signal.SIGKILL)])

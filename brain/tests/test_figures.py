@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import synthetic
-from lithe.demo import figures, judge, report
+from lithe.demo import evidence, figures, judge, report, verdict
 
 
 def still(records: npt.NDArray[np.void]) -> None:
@@ -59,28 +59,33 @@ def test_one_joint_shows_its_angle(tmp_path: Path) -> None:
 
 
 def test_the_report_has_a_row_for_each_of_several_joints(capsys: pytest.CaptureFixture[str]) -> None:
-    summary = synthetic.summary(joints=3) | {"attempts": [], "verdict": "holds", "falls_short": []}
+    summary = synthetic.summary(joints=3) | verdict.Verdict().told()
     report.report(summary, Path("out"))
     said = capsys.readouterr().out
-    rows = [line.split()[:4] for line in said.splitlines()]
-    assert ["shoulder", "0.1600", "0.1650", "3.0%"] in rows and ["boom", "1.5100", "1.5000", "0.7%"] in rows
-    assert ["column", "none", "0.0000", "0.0%"] in rows
+    rows = [line.split()[:7] for line in said.splitlines()]
+    assert ["shoulder", "0.1600", "0.1552", "-", "0.1648", "0.1650", "3.0%"] in rows
+    assert ["boom", "1.5100", "1.4647", "-", "1.5553", "1.5000", "0.7%"] in rows
+    assert ["column", "none", "0.0000", "0.0%"] in [row[:4] for row in rows]
 
 
 def test_the_report_names_every_phase_swap_and_shortcoming(capsys: pytest.CaptureFixture[str]) -> None:
     told = synthetic.story()
     told.swaps[0]["cached"] = True
     summary = judge.summarise(synthetic.records(), told, synthetic.SIMS[:1], synthetic.robot_info(), 0)
-    summary["attempts"] = [
-        {"reason": "sample_stale", "phase": "probing", "seconds": 12.0},
-        {"reason": "completed", "phase": "reattached", "seconds": 42.0},
-    ]
-    summary |= {"verdict": "falls short", "falls_short": ["the arm fell off"]}
+    summary |= verdict.Verdict(["the arm fell off"], ["a stall"]).told()
     report.report(summary, Path("out"))
     said = capsys.readouterr().out
     heads, *rows = [line.split() for line in said.splitlines() if "stages" in line or line.endswith("310.0")]
     assert heads == ["stages", "[ms]", "queued", "compiled", "tried", "in", "all"]
     assert rows == [[law, "0.5", "300.0", "9.5", "310.0"] for law in ("probe", "evolved")]
     for words in (*judge.PHASES, "probe        taken from the cache", "evolved      compiled in  300 ms",
-                  "after 12 s, safe stop (sample_stale) in 'probing'", "FALLS SHORT: the arm fell off"):  # fmt: skip
+                  "6 of 14006 releases in the run (0.04%); the machine's: 0, our own: 6", "INCONCLUSIVE: a stall",
+                  "FALLS SHORT: the arm fell off", "the claim falls short"):  # fmt: skip
         assert words in said
+
+
+def test_the_report_of_a_stop_says_whose_fault_it_was(capsys: pytest.CaptureFixture[str]) -> None:
+    told = verdict.of_stop(synthetic.records(2_000), evidence.NONE, "sample_stale", "probing", 1_000_000)
+    report.report_stop(told | {"machine": synthetic.summary()["machine"]}, Path("out"))
+    said = capsys.readouterr().out
+    assert "stopped itself in phase 'probing' (sample_stale)" in said and "the claim falls short" in said

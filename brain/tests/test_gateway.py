@@ -9,54 +9,18 @@ import socket
 import stat
 import threading
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import lithe
-import numpy as np
 import pytest
-from lithe.gateway import MOST_REQUEST_BYTES, Gateway, encode, write_token
+from lithe.gateway import Gateway, encode
+from lithe.gateway_client import MOST_REQUEST_BYTES
+from lithe.gateway_token import write_token
 from lithe.remote import Remote
 from system.house import ROOT, House
-
-
-@pytest.fixture
-def gateway(robot: lithe.Robot) -> Iterator[Gateway]:
-    verbs = {
-        "add": lambda args: args["a"] + args["b"],
-        "stumble": lambda args: args.nothing,
-        "mumble": lambda args: object(),
-        "measure": lambda args: {"angles": np.array([0.5, np.nan]), "n": np.int64(3), "pair": (1, 2)},
-    }
-    server = Gateway(robot, verbs, token="sesame")
-    server.start()
-    yield server
-    server.close()
-
-
-@pytest.fixture
-def remote(gateway: Gateway) -> Iterator[Remote]:
-    client = Remote("127.0.0.1", gateway.port, "sesame")
-    yield client
-    client.close()
-
-
-def lines(gateway: Gateway, *sent: bytes) -> list[dict[str, Any]]:
-    """Raw lines in, raw answers out, until the gateway hangs up."""
-    with socket.create_connection(("127.0.0.1", gateway.port), 30) as link:
-        try:
-            link.sendall(b"".join(sent))
-            link.shutdown(socket.SHUT_WR)
-        except OSError:
-            pass  # it hung up on us, as it should: the answer is there to read
-        with link.makefile("rb") as file:
-            return [json.loads(line) for line in file]
-
-
-def ask(gateway: Gateway, request: bytes) -> dict[str, Any]:
-    return lines(gateway, b'{"token": "sesame"}\n', request + b"\n")[1]
+from talk import ask, lines
 
 
 def test_the_token_file_is_for_its_owner_alone(tmp_path: Path) -> None:
@@ -121,7 +85,7 @@ def test_one_client_too_many_is_told_so_and_finds_a_place_later(
 
 
 def test_who_never_shows_a_token_is_shown_the_door(gateway: Gateway, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lithe.gateway.HELLO_S", 0.2)
+    monkeypatch.setattr("lithe.gateway_lobby.HELLO_S", 0.2)
     with socket.create_connection(("127.0.0.1", gateway.port), 30) as link:
         assert link.recv(100) == b""
 

@@ -6,7 +6,17 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import synthetic
-from lithe.demo.losses import Comparison, Window, commit_ns, compare, elsewhere, releases, tally
+from lithe.demo.losses import (
+    Comparison,
+    Window,
+    commit_ns,
+    compare,
+    elsewhere,
+    releases,
+    slices,
+    tally,
+    with_overruns,
+)
 
 MS = 1_000_000
 SURE = 1e-4
@@ -96,6 +106,22 @@ def test_a_skipped_release_is_late_until_the_tick_that_ran_instead() -> None:
     assert ((made.due_ns - zero_ns) // MS).tolist() == list(range(12))
     assert np.flatnonzero(made.skipped).tolist() == [5, 6]
     assert made.late_ns[5] == 2 * MS + 100 and made.late_ns[6] == MS + 100 and made.late_ns[7] == 100
+
+
+def test_a_tick_that_ended_too_late_is_missed_as_a_skipped_one_is() -> None:
+    """The next tick says so; with a skip it speaks of the skip, which is counted already."""
+    records = synthetic.records(10)
+    records["missed_releases"] = records["tick"] >= 5
+    records["release_ns"] = 10**12 + (records["tick"].astype(np.int64) + records["missed_releases"]) * MS
+    records["flags"][[3, 5]] = 512
+    made = releases(records, MS)
+    assert np.flatnonzero(made.skipped).tolist() == [5]
+    assert np.flatnonzero(with_overruns(made, records).skipped).tolist() == [2, 5]
+
+
+def test_slices_take_all_of_a_span() -> None:
+    assert slices((0, 25), 10) == [(0, 10), (10, 25)]
+    assert slices((5, 9), 10) == [(5, 9)]
 
 
 def test_losses_are_counted_where_they_were_due() -> None:

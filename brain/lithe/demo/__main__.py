@@ -2,18 +2,20 @@
 """Runs the supervised-evolution experiment and judges it: `make demo`.
 
 Four phases on a simulated robot that answers real frames of its drives: baseline, probing, evolution, fault tolerance.
-Exit code 0 when the claim holds, 1 when it does not or something broke.
+The verdict is in summary.json and in the exit code: 0 the claim holds, 1 it falls short or something broke (2: wrong
+arguments), 4 INCONCLUSIVE: the machine disturbed the run too much to tell, and the kernel's own counts say so.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import fcntl
 import json
+import os
 import shutil
 import signal
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NoReturn
@@ -21,15 +23,14 @@ from typing import Any, NoReturn
 from lithe.errors import LitheError
 
 from ..programs import ROOT
-from . import figures, judge, recorder
+from . import figures, judge, recorder, verdict
 from .experiment import Experiment
-from .joints import SimJoint, simulated_joints
+from .joints import SimJoint, simulated_joints, with_truth
 from .processes import Disturbed, Stage
-from .report import report
+from .report import report, report_stop
 
-TRIES = 3
-PAUSE_S = 3.0  # before another try: what kept the machine busy may be over by then
 NEEDED_BYTES = 32 << 20
+LOCK = ".lock"  # the Makefile asks for it, too, before it builds
 PRODUCTS = (
     "summary.json", "telemetry.npz", "telemetry.csv", "timing.png", "timeline.png", "evolved.cpp", "log.txt",
 )  # fmt: skip
@@ -47,6 +48,24 @@ def writing(out: Path) -> Iterator[None]:
         ) from None
 
 
+@contextlib.contextmanager
+def alone_in(out: Path) -> Iterator[None]:
+    """Two demos would write into each other's log and results: the second is refused, and touches nothing."""
+    with writing(out):
+        out.mkdir(parents=True, exist_ok=True)
+        lock = os.open(out / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+    try:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise LitheError(
+                f"another demo writes to {out}\n  next: wait for it, or choose another --out DIR"
+            ) from None
+        yield
+    finally:
+        os.close(lock)
+
+
 def prepare(out: Path) -> None:
     """Room for the results, and none of an earlier run's, so that an old success is never read as a new one."""
     with writing(out):
@@ -59,46 +78,28 @@ def prepare(out: Path) -> None:
         raise LitheError(f"{out} has {free >> 20} MiB left, {NEEDED_BYTES >> 20} are needed: free some, or --out DIR")
 
 
-def attempt(robot_file: Path, sims: list[SimJoint], out: Path, past: list[dict[str, Any]]) -> dict[str, Any]:
-    """One run; `past` gets a line on how it ended."""
-    began = time.monotonic()
+def run(robot_file: Path, sims: list[SimJoint], out: Path) -> dict[str, Any]:
+    """The experiment, once; the summary with its verdict. A robot that stopped itself ends it, with a verdict too."""
+    print(f"supervised evolution on {robot_file.name}", flush=True)
     story = judge.Story()
-    reason = "failed"
-    try:
-        with Stage(robot_file, out / "log.txt") as stage:
-            with recorder.Recorder(stage.robot) as recording:
-                records, lost = Experiment(stage, recording, story).run()
-            summary = judge.summarise(records, story, sims, stage.spine.info, lost)
-        reason = "completed"
-    except Disturbed as error:
-        reason = error.fault
-        raise
-    finally:
-        phase = story.phases[-1]["name"] if story.phases else "start"
-        past.append({"reason": reason, "phase": phase, "seconds": time.monotonic() - began})
+    with Stage(robot_file, out / "log.txt") as stage, recorder.Recorder(stage.robot) as recording:
+        info = stage.spine.info
+        try:
+            records, lost = Experiment(stage, recording, story).run()
+        except Disturbed as stop:
+            records = recording.finish()
+            if not len(records):
+                raise
+            phase = story.phases[-1]["name"] if story.phases else "start"
+            period_ns = round(1e9 / float(info["rate_hz"]))
+            told = verdict.of_stop(records, recording.evidence(), stop.fault, phase, period_ns)
+            return told | {"machine": judge.machine(info)}
+        summary = judge.summarise(records, story, sims, info, lost, recording.evidence())
     with writing(out):
         (out / "evolved.cpp").write_text(story.source, encoding="utf-8")
         recorder.save(records, out)
         figures.draw(records, story, summary, out)
-    return summary
-
-
-def attempts(robot_file: Path, sims: list[SimJoint], out: Path) -> dict[str, Any]:
-    """The first run that the machine did not disturb. Whatever else goes wrong ends the demo at once."""
-    past: list[dict[str, Any]] = []
-    for number in range(1, TRIES + 1):
-        with writing(out), (out / "log.txt").open("a", encoding="utf-8") as log:
-            log.write(f"---- run {number} of at most {TRIES}\n")
-        print(f"supervised evolution on {robot_file.name}", flush=True)
-        try:
-            return {**attempt(robot_file, sims, out, past), "attempts": past}
-        except Disturbed as error:
-            print(f"  {error}; the robot is stopped (run {number} of at most {TRIES})", flush=True)
-            time.sleep(PAUSE_S if number < TRIES else 0)
-    reasons = ", ".join(f"{one['reason']} in '{one['phase']}'" for one in past)
-    raise LitheError(
-        f"the machine is too busy: the robot stopped itself in {TRIES} runs ({reasons})\n  next: free a core, run again"
-    )
+    return summary | verdict.verdict(summary).told()
 
 
 def write_summary(summary: dict[str, Any], out: Path) -> None:
@@ -129,23 +130,22 @@ def main() -> int:
     )
     args = parser.parse_args()
     signal.signal(signal.SIGTERM, leave)
+    os.umask(os.umask(0o027) | 0o027)  # logs and laws are not for every user of this machine
     try:
-        prepare(args.out)
-        robot_file = args.robot.resolve()
-        sims = simulated_joints(robot_file, args.over_real_buses)
-        summary = attempts(robot_file, sims, args.out)
-        wrong = judge.verdict(summary)
-        summary["verdict"] = "holds" if not wrong else "falls short"
-        summary["falls_short"] = wrong
-        write_summary(summary, args.out)
-        report(summary, args.out)
+        with alone_in(args.out):
+            prepare(args.out)
+            robot_file = args.robot.resolve()
+            sims = with_truth(robot_file, simulated_joints(robot_file, args.over_real_buses))
+            summary = run(robot_file, sims, args.out)
+            write_summary(summary, args.out)
+            (report_stop if "stopped" in summary else report)(summary, args.out)
     except (LitheError, OSError) as error:
         print(f"lithe demo: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("lithe demo: interrupted; the robot is stopped", file=sys.stderr)
         return 130
-    return 1 if wrong else 0
+    return verdict.WORDS[summary["verdict"]]
 
 
 if __name__ == "__main__":

@@ -70,8 +70,12 @@ def last(motion: Motion, seconds: float) -> npt.NDArray[np.bool_]:
 
 
 def rests(motion: Motion) -> bool:
-    """True when the joint has moved less than a tenth of a degree in the last 0.3 s."""
-    return bool(np.ptp(motion.position_rad[last(motion, REST_S)]) < np.radians(0.1))
+    """True when the joint has moved less than a tenth of a degree in the last 0.3 s.
+
+    Means of pieces are compared: single readings of an encoder differ by its noise.
+    """
+    pieces = np.array_split(motion.position_rad[last(motion, REST_S)], 6)
+    return bool(np.ptp([np.mean(piece) for piece in pieces if len(piece)]) < np.radians(0.1))
 
 
 class Agent:
@@ -219,6 +223,7 @@ class Agent:
         return {
             "mgl_hat_nm": arm.mgl_nm,
             "mgl_se_nm": arm.mgl_se_nm,
+            "mgl_interval_nm": list(arm.mgl_interval_nm),
             "inertia_hat_kg_m2": arm.inertia_kg_m2,
             "coulomb_hat_nm": arm.coulomb_nm,
             "viscous_hat_nm_s_rad": arm.viscous_nm_s_rad,

@@ -116,7 +116,8 @@ class Experiment:
         name = f" of {estimate['name']}" if self.stage.spine.joint_count > 1 else ""
         if estimate["mgl_hat_nm"] == 0:
             return f"estimate{name}: no gravity, J = {estimate['inertia_hat_kg_m2']:.2e} kg m2"
-        return f"estimate{name}: mgl = {estimate['mgl_hat_nm']:.4f} +- {estimate['mgl_se_nm']:.4f} N m"
+        least_nm, most_nm = estimate["mgl_interval_nm"]
+        return f"estimate{name}: mgl = {estimate['mgl_hat_nm']:.4f} N m, 95 % interval {least_nm:.4f} to {most_nm:.4f}"
 
     def freeze(self, pid: int) -> None:
         """Stops the Brain so that each joint comes to rest where gravity pulls hardest: horizontal, if it can be."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Turns a recording and what the agent said into the summary, and says whether the claim holds."""
+"""Turns a recording and what the agent said into the summary. Whether the claim holds says verdict.py."""
 
 from __future__ import annotations
 
@@ -15,22 +15,17 @@ import numpy.typing as npt
 from lithe._wire import TelemetryFlags
 
 from . import losses
-from .joints import REST_S, SimJoint, error_deg, freeze_of, mgl_error, rms, shortcomings
+from .evidence import NONE, Evidence, tally
+from .joints import REST_S, SimJoint, error_deg, freeze_of, interval_of, mgl_error, rms
 
 CORES = len(os.sched_getaffinity(0))  # before the experiment keeps off the Spine's
 PHASES = ("baseline", "probing", "gravity_only", "evolved", "frozen", "resumed", "reattached")
-# A swap's window reaches from the agent's request to 50 ms after the commit. All of it is counted and reported, but
-# only the hand-over in it is judged: loading (some milliseconds), commit, retiring the old law, which is all that the
-# Spine's process does. Before that a compiler is at work on another core. On a machine of two cores, or a virtual one
-# whose host counts them together, any program would disturb the Spine as much, and a demo that failed by it would say
-# nothing about swaps.
+# A swap's window reaches from the agent's request to 50 ms after the commit. All of it is judged: also while a compiler
+# is at work on another core. The hand-over in it (loading, commit, retiring the old law, which is all that the Spine's
+# process does) is compared with the rest of the run by itself too, because a loss there would drown in the whole.
 BEFORE_COMMIT_NS = 20_000_000
 AFTER_COMMIT_NS = 50_000_000
-LEAST_FREEZE_S = 1.5
-LEAST_SILENT_S = 1.4  # as the Spine saw it; the last sign of life came just before the freeze
-# How likely commits must be to have lost so many ticks by accident. With five of them, three must have had a loss where
-# there is hardly any elsewhere; one stall of the machine, or two, that fall into their windows are no proof.
-LEAST_CHANCE = 0.001
+SLICE_NS = 1_000_000_000  # of the run, each held against what the machine took in it
 
 
 @dataclass
@@ -122,6 +117,7 @@ def judge_joints(records: npt.NDArray[Any], story: Story, sims: list[SimJoint]) 
             "mgl_true_nm": sim.mgl_nm,
             "mgl_hat_nm": float(estimate["mgl_hat_nm"]),
             "mgl_error": mgl_error(float(estimate["mgl_hat_nm"]), sim),
+            **interval_of(estimate, sim),
             "estimate": estimate,
             "rmse_deg": {name: rms(error_deg(part, joint)) for name, part in parts.items()},
             "freeze": freeze_of(joint, frozen, rest, sim),
@@ -130,10 +126,14 @@ def judge_joints(records: npt.NDArray[Any], story: Story, sims: list[SimJoint]) 
     ]
 
 
+def span_of(records: npt.NDArray[Any]) -> losses.Window:
+    return int(records["release_ns"][0]), int(records["release_ns"][-1]) + 1
+
+
 def judge_swaps(
     records: npt.NDArray[Any], story: Story, made: losses.Releases, bounds_nm: npt.NDArray[np.float64]
-) -> dict[str, Any]:
-    """Each swap, and the ticks lost in the windows of all of them beside those lost in windows without one."""
+) -> tuple[list[dict[str, Any]], list[losses.Window], list[losses.Window]]:
+    """Each swap; the windows from request to commit of all of them, and of their hand-overs."""
     swaps, whole, handovers = [], [], []
     for swap in story.swaps:
         tick = int(swap["commit_tick"])
@@ -158,16 +158,38 @@ def judge_swaps(
                 **largest_step(records, tick, bounds_nm),
             }
         )
-    span = (int(records["release_ns"][0]), int(records["release_ns"][-1]) + 1)
-    others = losses.elsewhere(span, whole, BEFORE_COMMIT_NS + AFTER_COMMIT_NS)
-    told = losses.compare(made, handovers, others)
+    return swaps, whole, handovers
+
+
+def judge_timing(
+    records: npt.NDArray[Any],
+    made: losses.Releases,
+    windows: tuple[list[losses.Window], list[losses.Window]],
+    evidence: Evidence,
+    period_ns: int,
+) -> dict[str, Any]:
+    """Missed releases, in which a tick was lost or ended too late: of the run, of the swaps, and whose fault they are.
+
+    `windows`: from request to commit, and the hand-overs. Both are compared with windows of the same run without a swap
+    by Fisher's exact test; the former in pieces of the hand-overs' length.
+    """
+    whole, handovers = windows
+    missed = losses.with_overruns(made, records)
+    span, length_ns = span_of(records), BEFORE_COMMIT_NS + AFTER_COMMIT_NS
+    others = losses.elsewhere(span, whole, length_ns)
+    pieces = [piece for window in whole for piece in losses.elsewhere(window, [], length_ns)]
     return {
-        "swaps": swaps,
-        "swap_windows": losses.tally(made, whole),
-        "commit_windows": losses.tally(made, handovers),
-        "no_swap_windows": losses.tally(made, others),
-        "swap_loss_chance": told.chance,
-        "swap_loss_would_show": told.would_show(LEAST_CHANCE),
+        "swap_windows": losses.tally(missed, whole),
+        "commit_windows": losses.tally(missed, handovers),
+        "no_swap_windows": losses.tally(missed, others),
+        "timing": {
+            "run": tally(missed, losses.slices(span, SLICE_NS), evidence, period_ns),
+            "swaps": tally(missed, whole, evidence, period_ns)
+            | {"chance": losses.compare(missed, pieces, others).chance},
+            "commits": tally(missed, handovers, evidence, period_ns)
+            | {"chance": losses.compare(missed, handovers, others).chance},
+            **evidence.told(),
+        },
     }
 
 
@@ -186,12 +208,19 @@ def judge_freeze(
 
 
 def summarise(
-    records: npt.NDArray[Any], story: Story, sims: list[SimJoint], robot_info: Any, lost_records: int
+    records: npt.NDArray[Any],
+    story: Story,
+    sims: list[SimJoint],
+    robot_info: Any,
+    lost_records: int,
+    evidence: Evidence = NONE,
 ) -> dict[str, Any]:
     """All of it. What stands beside `joints` is of the joints under gravity together, or of the worst of them."""
     rate_hz = float(robot_info["rate_hz"])
-    made = losses.releases(records, round(1e9 / rate_hz))
+    period_ns = round(1e9 / rate_hz)
+    made = losses.releases(records, period_ns)
     bounds_nm = np.asarray(robot_info["torque_slew_nm_s"][: len(sims)], dtype=np.float64) / rate_hz
+    swaps, *windows = judge_swaps(records, story, made, bounds_nm)
     joints = judge_joints(records, story, sims)
     heavy = [joint for joint in joints if joint["bears_gravity"]]
     worst = max(heavy, key=lambda joint: float(np.nan_to_num(joint["mgl_error"], nan=np.inf)))
@@ -199,8 +228,9 @@ def summarise(
         "rate_hz": rate_hz,
         "joints": joints,
         "phases": judge_phases(records, story, [j for j, sim in enumerate(sims) if sim.bears_gravity]),
-        **{key: worst[key] for key in ("mgl_true_nm", "mgl_hat_nm", "mgl_error", "estimate")},
-        **judge_swaps(records, story, made, bounds_nm),
+        **{key: worst[key] for key in ("mgl_true_nm", "mgl_hat_nm", "mgl_error", "mgl_interval_nm", "estimate")},
+        "swaps": swaps,
+        **judge_timing(records, made, (windows[0], windows[1]), evidence, period_ns),
         "output_step_bound_nm": float(bounds_nm[0]),
         "ticks": int(records["tick"][-1] - records["tick"][0] + 1),
         "lost_ticks": int(records["missed_releases"][-1] - records["missed_releases"][0]),
@@ -214,38 +244,3 @@ def summarise(
         "kill": {"seconds_without_brain": (story.kill_ns[1] - story.kill_ns[0]) * 1e-9},
         "machine": machine(robot_info),
     }
-
-
-def _loss(tally: dict[str, Any]) -> str:
-    return f"{tally['windows_with_loss']} of {tally['windows']} windows with a loss"
-
-
-def verdict(summary: dict[str, Any]) -> list[str]:
-    """What falls short, one sentence each; empty when the claim holds. A NaN never holds."""
-    seen = {phase["name"] for phase in summary["phases"]}
-    wrong = [f"phase '{name}' is missing" for name in PHASES if name not in seen]
-    joints = summary["joints"]
-    for joint in joints:
-        wrong += shortcomings(joint, of_several=len(joints) > 1)
-    freeze = summary["freeze"]
-    if not freeze["duration_s"] >= LEAST_FREEZE_S:
-        wrong.append(f"the Brain was frozen for {freeze['duration_s']:.2f} s, less than {LEAST_FREEZE_S} s")
-    if not freeze["brain_silent_s"] >= LEAST_SILENT_S:
-        wrong.append(f"the frozen Brain was silent for {freeze['brain_silent_s']:.2f} s only")
-    if not summary["swaps"]:
-        wrong.append("no law was swapped")
-    for swap in summary["swaps"]:
-        if not swap["output_step_nm"] <= swap["output_step_bound_nm"] + 1e-9:
-            where = f" of joint '{joints[swap['output_step_joint']]['name']}'" if len(joints) > 1 else ""
-            wrong.append(
-                f"the swap to '{swap['law']}' stepped the torque{where} by {swap['output_step_nm']:.4f} N m, "
-                f"the guard's bound is {swap['output_step_bound_nm']:.4f} N m"
-            )
-    if not summary["swap_loss_chance"] >= LEAST_CHANCE:
-        wrong.append(
-            f"swaps lose ticks: {_loss(summary['commit_windows'])} around a commit, "
-            f"{_loss(summary['no_swap_windows'])} elsewhere (by accident: {summary['swap_loss_chance']:.1g})"
-        )
-    if summary["records_lost"] != 0:
-        wrong.append(f"{summary['records_lost']} telemetry records were overwritten before they were read")
-    return wrong

@@ -8,12 +8,15 @@ kinds of windows alike; what the event itself costs hits only its own.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import comb
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from lithe._wire import TelemetryFlags
 
 Integers = npt.NDArray[np.int64]
 Window = tuple[int, int]  # from, to [ns]
@@ -48,6 +51,25 @@ def releases(records: npt.NDArray[Any], period_ns: int) -> Releases:
         late_ns=np.concatenate((late_ns[instead] + behind_ns, late_ns))[order],
         skipped=np.concatenate((np.ones(len(instead), bool), np.zeros(len(due_ns), bool)))[order],
     )
+
+
+def with_overruns(made: Releases, records: npt.NDArray[Any]) -> Releases:
+    """The same releases; those whose tick ended after its deadline count as missed too, though none was skipped."""
+    due_ns = records["release_ns"].astype(np.int64)
+    skips = np.diff(
+        records["missed_releases"].astype(np.int64), prepend=records["missed_releases"][:1].astype(np.int64)
+    )
+    # The flag comes with the next tick.
+    overran = np.roll((records["flags"] & TelemetryFlags.deadline_missed != 0) & (skips == 0), -1)
+    overran[-1:] = False
+    return replace(made, skipped=made.skipped | np.isin(made.due_ns, due_ns[overran]))
+
+
+def slices(span: Window, length_ns: int) -> list[Window]:
+    """All of a span, cut into windows of that length; the last one takes the rest."""
+    count = max(1, (span[1] - span[0]) // length_ns)
+    edges = [span[0] + i * length_ns for i in range(count)] + [span[1]]
+    return list(pairwise(edges))
 
 
 def commit_ns(records: npt.NDArray[Any], tick: int) -> int:

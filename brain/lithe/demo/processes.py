@@ -29,18 +29,19 @@ DIE_WITH_US = ("setpriv", "--pdeathsig", "KILL")
 
 
 class Disturbed(LitheError):
-    """The robot stopped itself or a part of it, not by the experiment or a law: the machine took its core away."""
+    """The robot stopped itself or a part of it, because something was late. evidence.py tells whose fault that was."""
 
     def __init__(self, fault: str) -> None:
-        super().__init__(f"safe stop ({fault}): the machine took the robot's core away for too long")
+        super().__init__(f"the robot stopped itself ({fault}): something was late for too long")
         self.fault = fault
 
 
-DISTURBANCES = ("sample_stale", "deadline_missed", "drive_watchdog")  # faults of the machine; others are the robot's
+# Faults that a machine can bring about, if the evidence says that it did; others are the robot's.
+DISTURBANCES = ("sample_stale", "deadline_missed", "drive_watchdog")
 
 
 def raise_unless_active(mode: str, fault: str) -> None:
-    """Tells what the machine did to the robot from what must not happen.
+    """Tells what the machine may have done to the robot from what must not happen.
 
     A fault in mode `active` has stopped a group of joints, and the others go on: no experiment on that robot either.
     """

@@ -13,6 +13,8 @@ import numpy.typing as npt
 from lithe._wire import SEGMENTS
 from lithe.shm import SpineView
 
+from .evidence import Evidence, Watch, threads_of
+
 CSV_FIELDS = (
     "tick", "release_ns", "mode", "law_id", "plan_state", "missed_releases",
     "release_jitter_ns", "handoff_ns", "tick_ns",
@@ -21,11 +23,15 @@ CSV_FIELDS = (
 
 
 class Recorder:
-    """Drains the telemetry ring into memory, eight times and more before it is full; so `lost` stays 0."""
+    """Drains the telemetry ring into memory, eight times and more before it is full; so `lost` stays 0.
+
+    At the same times it looks at what the machine takes from the Spine.
+    """
 
     def __init__(self, robot: str) -> None:
         spine = SpineView(robot)
         self._cursor = spine.telemetry()
+        self._watch = Watch(threads_of(spine.info, int(spine.mapping.header().writer_pid)))
         ring_s = SEGMENTS["spine"]["telemetry"].depth / float(spine.info["rate_hz"])
         self._pause_s = min(0.05, ring_s / 8)
         self._pieces: list[npt.NDArray[Any]] = []
@@ -36,6 +42,7 @@ class Recorder:
     def _run(self) -> None:
         while not self._stop.wait(self._pause_s):
             self._pieces.append(self._cursor.drain())
+            self._watch.look()
 
     @property
     def lost(self) -> int:
@@ -53,7 +60,12 @@ class Recorder:
         self._stop.set()
         self._thread.join()
         self._pieces.append(self._cursor.drain())
+        self._watch.look()
         return np.concatenate(self._pieces)
+
+    def evidence(self) -> Evidence:
+        """What the machine took from the Spine; after finish()."""
+        return self._watch.evidence()
 
 
 def joint_columns(records: npt.NDArray[Any]) -> dict[str, npt.NDArray[Any]]:

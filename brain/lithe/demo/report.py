@@ -6,7 +6,39 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from . import judge
+
+def _verdict(summary: dict[str, Any]) -> None:
+    """What was missed, what of it the machine has to answer for, what came out and why."""
+    timing = summary["timing"]
+    for name, words in (("run", "in the run"), ("swaps", "between request and commit")):
+        if told := timing.get(name):
+            print(
+                f"  missed      {told['missed']} of {told['releases']} releases {words} ({told['share']:.2%}); "
+                f"the machine's: {told['machine']}, our own: {told['own']}"
+            )
+    print(
+        f"  machine     took the core for {timing['stolen_ms']:.0f} ms (hypervisor) and {timing['waited_ms']:.1f} ms "
+        f"(other programs, {timing['involuntary_switches']} switches)"
+    )
+    machine = summary["machine"]
+    print(
+        f"  on          {machine['cpu']}, {machine['cores']} cores, Linux {machine['kernel']}, {machine['privileges']}"
+    )
+    if machine["lost"]:
+        print(f"  this machine cannot give: {machine['lost']}")
+    for sentence in summary["falls_short"]:
+        print(f"  FALLS SHORT: {sentence}")
+    for sentence in summary["inconclusive"]:
+        print(f"  INCONCLUSIVE: {sentence}")
+    word = {"holds": "the claim holds", "falls_short": "the claim falls short"}.get(summary["verdict"])
+    print(f"  verdict     {word or 'INCONCLUSIVE: free the machine, or give the Spine a core (docs/rt.md); run again'}")
+
+
+def report_stop(summary: dict[str, Any], out: Path) -> None:
+    """Of a run that ended early, because the robot stopped itself."""
+    print()
+    _verdict(summary)
+    print(f"  the programs' own words: {out}/log.txt")
 
 
 def stages(swaps: list[dict[str, Any]]) -> None:
@@ -22,17 +54,25 @@ def estimates(joints: list[dict[str, Any]]) -> None:
     """What the agent found; of several joints a row for each, with what came of it."""
     if len(joints) == 1:
         joint = joints[0]
+        least_nm, most_nm = joint["mgl_interval_nm"]
+        covered = "inside" if joint["mgl_off_intervals"] <= 1 else "outside"
+        print(f"  mgl         {joint['mgl_hat_nm']:.4f} N m estimated, 95 % interval {least_nm:.4f} to {most_nm:.4f}")
         print(
-            f"  mgl         {joint['mgl_hat_nm']:.4f} N m estimated, {joint['mgl_true_nm']:.4f} true: "
-            f"off by {joint['mgl_error']:.1%}"
+            f"  {'':<11} {joint['mgl_true_nm']:.4f} N m true, in the torque that the drive tells: {covered} it, "
+            f"the estimate is off by {joint['mgl_error']:.1%}"
         )
         return
     shown = ("baseline", "gravity_only", "evolved", "resumed", "reattached")
-    print(f"  {'mgl [N m]':<12}{'found':>9}{'true':>9}{'off by':>8}" + "".join(f"{name:>14}" for name in shown))
+    print(
+        f"  {'mgl [N m]':<12}{'found':>9}{'95 % interval':>18}{'true':>9}{'off by':>8}"
+        + "".join(f"{name:>14}" for name in shown)
+    )
     for joint in joints:
         found = f"{joint['mgl_hat_nm']:>9.4f}" if joint["mgl_hat_nm"] != 0 else f"{'none':>9}"
+        least_nm, most_nm = joint["mgl_interval_nm"]
+        interval = f"{f'{least_nm:.4f} - {most_nm:.4f}':>18}" if joint["mgl_hat_nm"] != 0 else f"{'':>18}"
         rmse = "".join(f"{joint['rmse_deg'].get(name, float('nan')):>10.2f} deg" for name in shown)
-        print(f"  {joint['name']:<12}{found}{joint['mgl_true_nm']:>9.4f}{joint['mgl_error']:>8.1%}{rmse}")
+        print(f"  {joint['name']:<12}{found}{interval}{joint['mgl_true_nm']:>9.4f}{joint['mgl_error']:>8.1%}{rmse}")
 
 
 def report(summary: dict[str, Any], out: Path) -> None:
@@ -53,14 +93,10 @@ def report(summary: dict[str, Any], out: Path) -> None:
     ):  # fmt: skip
         tally = summary[key]
         print(
-            f"  {name:<11} {tally['lost_per_s']:.2f} lost ticks a second: "
+            f"  {name:<11} {tally['lost_per_s']:.2f} missed ticks a second: "
             f"{tally['lost_ticks']} in {tally['seconds']:.1f} s, "
             f"in {tally['windows_with_loss']} of {tally['windows']} windows"
         )
-    print(
-        f"  by accident commits lose as much with probability {summary['swap_loss_chance']:.2g} "
-        f"(below {judge.LEAST_CHANCE} they are guilty)"
-    )
     freeze = summary["freeze"]
     print(
         f"  freeze      {freeze['duration_s']:.2f} s, at rest at {freeze['rest_angle_deg']:.0f} deg; "
@@ -73,15 +109,5 @@ def report(summary: dict[str, Any], out: Path) -> None:
         f"  ticks       {summary['ticks']}, lost {summary['lost_ticks']}, "
         f"missed deadlines {summary['missed_deadlines']}"
     )
-    machine = summary["machine"]
-    print(
-        f"  machine     {machine['cpu']}, {machine['cores']} cores, Linux {machine['kernel']}, {machine['privileges']}"
-    )
-    if machine["lost"]:
-        print(f"  this machine cannot give: {machine['lost']}")
-    for past in summary["attempts"][:-1]:
-        print(f"  repeated    after {past['seconds']:.0f} s, safe stop ({past['reason']}) in '{past['phase']}'")
     print(f"  figures and telemetry in {out}/")
-    for sentence in summary["falls_short"]:
-        print(f"  FALLS SHORT: {sentence}")
-    print(f"  verdict     the claim {summary['verdict']}")
+    _verdict(summary)

@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Text files that others name: read whole, never without end."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+MOST_BYTES = 1 << 20
+
+
+def read_regular(path: str | Path, most_bytes: int = MOST_BYTES) -> str:
+    """The text of a regular file; OSError for a folder, a device, a pipe, or a file that is larger; ValueError when it
+    is no UTF-8. Never waits and never reads without end (/dev/zero)."""
+    fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOCTTY)
+    try:
+        mode = os.fstat(fd).st_mode
+        if stat.S_ISDIR(mode):
+            raise OSError(0, "is a directory, not a file", str(path))
+        if not stat.S_ISREG(mode):
+            raise OSError(0, "is a device, a pipe or a socket, not a file", str(path))
+        with os.fdopen(os.dup(fd), "rb") as file:
+            data = file.read(most_bytes + 1)
+    finally:
+        os.close(fd)
+    if len(data) > most_bytes:
+        raise OSError(0, f"is larger than {most_bytes} bytes", str(path))
+    return data.decode("utf-8")

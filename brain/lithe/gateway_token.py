@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The gateway's token, and the file that its clients read it from."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import secrets
+from pathlib import Path
+
+from .errors import LitheError
+
+_HELD: dict[Path, int] = {}  # token files of this process, open and locked
+
+
+def new_token() -> str:
+    """One that nobody guesses."""
+    return secrets.token_hex(16)
+
+
+def write_token(path: Path, token: str | None = None) -> str:
+    """A token, a fresh one if none is given, in a file that only its owner can read; LitheError if a gateway uses it.
+
+    The file stays locked until this process ends: what tells another gateway that its clients read it.
+    """
+    token = token or new_token()
+    path.parent.mkdir(mode=0o750, parents=True, exist_ok=True)
+    with contextlib.suppress(FileNotFoundError):
+        before = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            fcntl.flock(before, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if path not in _HELD:
+                raise LitheError(
+                    f"another gateway's clients read their token from {path}\n  next: --token-file with another name"
+                ) from None
+        finally:
+            os.close(before)
+        path.unlink()
+    fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+    fcntl.flock(fd, fcntl.LOCK_EX)
+    os.write(fd, token.encode() + b"\n")
+    if path in _HELD:
+        os.close(_HELD[path])
+    _HELD[path] = fd
+    return token
