@@ -25,14 +25,13 @@ from lithe.demo.processes import Stage
 from lithe.programs import ROOT
 
 from bench import report
-from bench.swap_robot import HORIZON_NS, POINTS, Background, TickLog, robot_file, sine_rad, wake
+from bench.swap_robot import HORIZON_NS, POINTS, WIDE_NM_S, Background, TickLog, robot_file, sine_rad, wake
 from bench.tables import cell, table
 
 Figures = dict[str, Any]
 OLD, NEW = ROOT / "bench/laws/pi_lowpass.cpp", ROOT / "bench/laws/pi_two_pole.cpp"
 SINE = {"centre_rad": 1.2, "amplitude_rad": 0.8, "frequency_hz": 1.0}
 BLEND_S = 0.02
-WIDE_NM_S = "10000.0"
 LEAST_SPEED_RAD_S = 4.5  # the sine's own is 5
 SETTLE_S = 1.5
 LOOK_S = 0.1

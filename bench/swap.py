@@ -30,7 +30,7 @@ from lithe.programs import ROOT
 from bench import continuity, report, swap_table
 from bench.swap_host import StealWatch, compiling
 from bench.swap_peers import Peers, Way, shaped
-from bench.swap_robot import Subject, robot_file
+from bench.swap_robot import WIDE_NM_S, Subject, robot_file, shipped_slew_bound_nm
 from bench.swap_stats import Figures, Sides, largest_step_nm, on_the_move, stops_in
 from bench.swap_verdict import CLAIMS, PEERS, reasons_to_doubt, shortcomings, undecided
 
@@ -101,6 +101,8 @@ def both_sides(sides: Sides, calm: Sides, ticks: Any) -> Figures:
     for each, suffix in ((calm, ""), (sides, "_raw")):
         figures = each.late_us(each.made.late_ns, each.made.due_ns, "jitter")
         figures |= each.late_us(output_ns, due_ns, "output")
+        figures |= each.shares(each.made.late_ns, each.made.due_ns, "jitter")
+        figures |= each.shares(output_ns, due_ns, "output")
         told |= {key + suffix: value for key, value in figures.items()}
     return told
 
@@ -122,8 +124,9 @@ def lithe_figures(subject: Subject, steal: StealWatch) -> Figures:
         "safe_stops": stops_in(ticks),
         "rounds_with_a_stop": len(subject.rounds) - len(rounds),
         "loader": subject.loader,
-        "max_output_step_nm": largest_step_nm(ticks),
-        "slew_bound_nm": subject.bound_nm,
+        "max_output_step_nm": largest_step_nm(ticks, [each.swapping for each in rounds]),
+        "max_output_step_at_rest_nm": largest_step_nm(ticks, [each.resting for each in rounds]),
+        "slew_bound_nm": shipped_slew_bound_nm(),
         **stages_ms(subject.records),
     }
 
@@ -178,7 +181,7 @@ def take_turns(subject: Subject, peers: Peers, swaps: int) -> None:
 
 def main_run(folder: Path, swaps: int, load: list[list[str]]) -> Figures:
     """The arena and the peers, in turns; then the control."""
-    with running(folder) as robot:
+    with running(folder, torque_slew_nm_s=WIDE_NM_S) as robot:  # or the guard would cut the steps that are judged
         info = robot.spine.info
         housekeeping = int(info["cpu_housekeeping"])
         steal = StealWatch((int(info["cpu_spine"]), int(info["cpu_brain"])))

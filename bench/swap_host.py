@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from lithe.demo.evidence import stolen_ticks
 from lithe.demo.processes import DIE_WITH_US
 
 # x86 calls them TLB, CAL, RES and LOC, ARM IPI0, IPI1 ...; the words behind the counts are the same.
@@ -29,22 +30,9 @@ def interrupts(cpu: int) -> npt.NDArray[np.float64]:
     return np.array([float(rows.get(name, "nan")) for name in INTERRUPTS])
 
 
-def stolen_ticks(cpu: int) -> tuple[int, int]:
-    """Clock ticks that the hypervisor took from a core, and all of them, since boot."""
-    lines = Path("/proc/stat").read_text().splitlines()
-    ticks = next([int(word) for word in line.split()[1:9]] for line in lines if line.split()[0] == f"cpu{cpu}")
-    return ticks[7], sum(ticks)
-
-
 def minor_faults(pid: int, tid: int) -> int:
     """Page faults of one thread that needed no disk."""
     return int(Path(f"/proc/{pid}/task/{tid}/stat").read_text().rsplit(")", 1)[1].split()[7])
-
-
-def made_to_wait(pid: int, tid: int) -> int:
-    """How often a thread had to leave its core to another one."""
-    status = Path(f"/proc/{pid}/task/{tid}/status").read_text().splitlines()
-    return next(int(line.split()[1]) for line in status if line.startswith("nonvoluntary_ctxt_switches"))
 
 
 def memory_kb(pid: int) -> dict[str, int]:

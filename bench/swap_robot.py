@@ -7,6 +7,7 @@ import math
 import os
 import threading
 import time
+import tomllib
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -17,15 +18,17 @@ import lithe
 import numpy as np
 import numpy.typing as npt
 from lithe._wire import Mode
+from lithe.demo.evidence import made_to_wait
 from lithe.demo.losses import Releases, releases
 from lithe.errors import Refused
 from lithe.programs import ROOT
 from lithe.shm import SpineView
 
-from bench.swap_host import interrupts, made_to_wait, memory_kb, minor_faults
+from bench.swap_host import interrupts, memory_kb, minor_faults
 from bench.swap_stats import AFTER_NS, Figures, Round
 
 CENTRE_RAD, AMPLITUDE_RAD, FREQUENCY_HZ = 0.6, 0.8, 0.5
+WIDE_NM_S = "10000.0"  # a slew bound that cuts no step: what leaves is what the law, blended after a swap, asked for
 HORIZON_NS, POINTS = 60_000_000, 16  # a plan reaches almost a second ahead: this process may be late
 TICK = np.dtype(
     [("tick", "<i8"), ("release_ns", "<i8"), ("release_jitter_ns", "<i8"), ("missed_releases", "<i8"),
@@ -43,6 +46,7 @@ def robot_file(folder: Path, **changes: str) -> Path:
         "stale_after_s": "1.0",
         "position_overrun_rad": "1000.0",
         "velocity_overrun": "10.0",
+        "ideal": "true",  # what is measured is the swap
     }
     law = {"law": f'"{ROOT}/laws/pd.cpp"'}
     lines = (ROOT / "robots/arm.toml").read_text(encoding="utf-8").splitlines()
@@ -54,6 +58,13 @@ def robot_file(folder: Path, **changes: str) -> Path:
     path = folder / "arm.toml"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
+
+
+def shipped_slew_bound_nm() -> float:
+    """The largest step from one tick to the next that the guard of robots/arm.toml lets through."""
+    robot = tomllib.loads((ROOT / "robots/arm.toml").read_text(encoding="utf-8"))
+    joint = {**robot.get("defaults", {}).get("joint", {}), **robot["joint"][0]}
+    return float(joint["torque_slew_nm_s"]) / float(robot["rate_hz"])
 
 
 def sine_rad(t_ns: int, centre_rad: float, amplitude_rad: float, frequency_hz: float) -> float:
@@ -147,7 +158,6 @@ class Subject:
         status = robot.status()
         self.loader = status["loader"]
         self.processes = {"spine": self.pid, "supervisor": status["supervisor_pid"], "lawd": status["lawd_pid"]}
-        self.bound_nm = float(info["torque_slew_nm_s"][0]) / float(info["rate_hz"])
         texts = [(source.name, source.read_text(encoding="utf-8")) for source in sources]
         self.laws = [(name, f"{text}// {i}\n" if i else text) for i in range(variants) for name, text in texts]
         self.rounds: list[Round] = []

@@ -14,9 +14,9 @@ WINDOW_NS = 50_000_000
 AFTER_NS = 50_000_000  # a swap's window reaches from its request to so long after its commit
 LEAST_NS = 1000.0  # below this a difference of lateness means nothing
 SIGNS = 4000
-DRAWS = 500
 SURE = 0.95
 LEAST_ROUNDS = 8  # with fewer, no difference at all could be refuted
+LIMITS_US = (1, 5, 20, 100)  # a tick that comes later than that is counted
 NONE_SEEN = 3.69  # events that may have been expected where none was seen (Poisson, both sides 2.5 %)
 Figures = dict[str, Any]
 Spans = npt.NDArray[np.int64]  # (n, 2): from, to [ns]
@@ -91,43 +91,6 @@ def permutation_interval(differences: npt.NDArray[np.float64], sure: float = SUR
 
 
 @dataclass
-class Tail:
-    """The latest of some ticks: enough of them for a p99.9 of rounds that are drawn with replacement."""
-
-    late_ns: npt.NDArray[np.int64]  # in falling order
-    rounds: npt.NDArray[np.int64]  # of each
-    ticks: npt.NDArray[np.int64]  # of each round, all of them
-
-    @classmethod
-    def of(cls, late_ns: npt.NDArray[np.int64], rounds: npt.NDArray[np.int64], count: int) -> Tail:
-        order = np.argsort(late_ns)[::-1]
-        return cls(late_ns[order], rounds[order], np.bincount(rounds, minlength=count))
-
-    def p999_ns(self, drawn: npt.NDArray[np.int64]) -> float:
-        """When each round counts as often as it was drawn."""
-        later = np.cumsum(drawn[self.rounds])
-        at = int(np.searchsorted(later, 1e-3 * float(drawn @ self.ticks)))
-        return max(float(self.late_ns[min(at, len(self.late_ns) - 1)]), LEAST_NS)
-
-
-def ratio_interval(swapping: Tail, resting: Tail, sure: float = SURE) -> tuple[float, float]:
-    """Of the ratio of two p99.9: what it is when the rounds are drawn anew, with replacement (bootstrap).
-
-    One in a thousand ticks comes so late in bursts, a few of which make all of a p99.9: ticks tell little alone.
-    """
-    rounds = len(swapping.ticks)
-    if rounds < LEAST_ROUNDS or not len(swapping.late_ns) or not len(resting.late_ns):
-        return float("-inf"), float("inf")
-    draw = np.random.default_rng(1)
-    ratios = []
-    for _ in range(DRAWS):
-        drawn = np.bincount(draw.integers(0, rounds, rounds), minlength=rounds)
-        ratios.append(swapping.p999_ns(drawn) / resting.p999_ns(drawn))
-    low, high = np.quantile(ratios, [(1 - sure) / 2, (1 + sure) / 2])
-    return float(low), float(high)
-
-
-@dataclass
 class Sides:
     """Windows of both kinds, and what was lost in each."""
 
@@ -180,30 +143,40 @@ class Sides:
             "seconds_out": seconds[1],
         }
 
-    def rounds_of(self, at_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """The number of the round in which each instant lies; it lies in one."""
-        starts = np.array([each.swapping[0] for each in self.rounds], dtype=np.int64)
-        found: npt.NDArray[np.int64] = np.searchsorted(starts, at_ns, side="right") - 1
-        return found
-
     def late_us(self, late_ns: npt.NDArray[np.int64], at_ns: npt.NDArray[np.int64], name: str) -> Figures:
-        """p50, p99 and p99.9 of some lateness on both sides; the ratio of the last, and its interval."""
+        """p50, p99 and p99.9 of some lateness on both sides, and the ratio of the last: it says little where it lies on
+        the flank of the host's noise. shares() is what can be judged.
+        """
         told: Figures = {}
         p999: list[float] = []
-        tails: list[Tail] = []
         for side, spans in (("in", self.swapping), ("out", self.resting)):
-            chosen = inside(at_ns, spans)
-            values = late_ns[chosen]
-            tails.append(Tail.of(values, self.rounds_of(at_ns[chosen]), len(self.rounds)))
+            values = late_ns[inside(at_ns, spans)]
             quantiles = np.percentile(values, [50, 99, 99.9]) if len(values) else np.full(3, np.nan)
             told |= {f"{name}_{q}_{side}_us": v / 1e3 for q, v in zip(("p50", "p99", "p999"), quantiles, strict=True)}
             p999.append(max(quantiles[2], LEAST_NS))
-        low, high = ratio_interval(tails[0], tails[1])
-        return told | {
-            f"{name}_p999_in_over_out": float(p999[0] / p999[1]),
-            f"{name}_p999_in_over_out_low": low,
-            f"{name}_p999_in_over_out_high": high,
-        }
+        return told | {f"{name}_p999_in_over_out": float(p999[0] / p999[1])}
+
+    def shares(self, late_ns: npt.NDArray[np.int64], at_ns: npt.NDArray[np.int64], name: str) -> Figures:
+        """Share of ticks that are later than each of LIMITS_US, on both sides; their difference, and its interval.
+
+        The difference is the mean over the rounds, each of which compares its own swaps with its own rest.
+        """
+        pairs = [
+            [inside(at_ns, untouched(windows([span]), self.without)) for span in (each.swapping, each.resting)]
+            for each in self.rounds
+        ]
+        pairs = [pair for pair in pairs if all(chosen.any() for chosen in pair)]
+        told: Figures = {}
+        for limit_us in LIMITS_US:
+            late = late_ns > limit_us * 1000
+            shares = np.array([[late[chosen].mean() for chosen in pair] for pair in pairs]).reshape(-1, 2)
+            low, high = permutation_interval(shares[:, 0] - shares[:, 1])
+            means = shares.mean(axis=0) if len(shares) else np.full(2, np.nan)
+            key = f"{name}_over_{limit_us}us"
+            told |= {f"{key}_in": float(means[0]), f"{key}_out": float(means[1])}
+            told |= {f"{key}_difference": float(means[0] - means[1])}
+            told |= {f"{key}_difference_low": low, f"{key}_difference_high": high}
+        return told
 
 
 def on_the_move(rounds: list[Round], ticks: npt.NDArray[Any]) -> list[Round]:
@@ -218,8 +191,10 @@ def stops_in(ticks: npt.NDArray[Any]) -> int:
     return int(np.count_nonzero(ticks["active"][:-1] & ~ticks["active"][1:]))
 
 
-def largest_step_nm(ticks: npt.NDArray[Any]) -> float:
-    """Of the torque, from one tick to the next, wherever the law ran in both."""
+def largest_step_nm(ticks: npt.NDArray[Any], spans: list[Window] | None = None) -> float:
+    """Of the torque, from one tick to the next, wherever the law ran in both; in some spans only, if they are given."""
     ran = (ticks["active"][1:] & ticks["active"][:-1]) & (np.diff(ticks["tick"]) == 1)
+    if spans is not None:
+        ran &= inside(ticks["release_ns"][1:], np.array(spans, dtype=np.int64).reshape(-1, 2))
     steps = np.abs(np.diff(ticks["torque_nm"]))[ran]
     return float(steps.max()) if len(steps) else float("nan")

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from bench.swap_stats import LIMITS_US
 from bench.tables import cell, show_machine, table
 
 Figures = dict[str, Any]
@@ -52,7 +53,11 @@ def show_lost(told: Figures) -> None:
         )
     head = ["", "swaps", "lost, swapping", "lost, at rest", "difference/s, 95 %", "swaps' own", "largest step [Nm]"]
     table("lost ticks at 1 kHz, while swapping and at rest in the same run", head, rows)
-    print(f"  slew bound: {cell(told, 'slew_bound_nm', '.4f')} Nm a tick; certificates: ", end="")
+    print(
+        f"  largest step at rest: {cell(told, 'max_output_step_at_rest_nm', '.4f')} Nm; the shipped arm's slew bound, ",
+        end="",
+    )
+    print(f"opened wide here: {cell(told, 'slew_bound_nm', '.4f')} Nm a tick; certificates: ", end="")
     print(f"{cell(told, 'certificates', '.0f')} of {cell(told, 'swaps_wanted', '.0f')}; rolled back: ", end="")
     print(f"{cell(told, 'swaps_rolled_back', '.0f')}; safe stops: ", end="")
     print(f"{cell(told, 'safe_stops', '.0f')}; windows with a loss: ", end="")
@@ -61,17 +66,18 @@ def show_lost(told: Figures) -> None:
 
 
 def show_late(told: Figures) -> None:
-    """Release jitter and lateness of the output."""
-    rows = []
-    for name, key in WAYS:
-        row = [name]
-        for what in ("jitter", "output"):
-            row += [cell(told, f"{key}{what}_p999_{side}_us", ".1f") for side in ("in", "out")]
-            row.append(" .. ".join(cell(told, f"{key}{what}_p999_in_over_out{end}") for end in ("_low", "_high")))
-            row[-1] = f"{cell(told, f'{key}{what}_p999_in_over_out')} ({row[-1]})"
-        rows.append([*row, cell(told, f"{key}jitter_p999_in_over_out_raw")])  # of the release, hypervisor and all
-    head = ["", "release, swapping", "at rest", "ratio (95 %)", "output, swapping", "at rest", "ratio (95 %)", "raw"]
-    table("p99.9 of lateness, steal-aware [us]: of the release, and of the command that leaves", head, rows)
+    """Share of ticks that come late, and p99.9, of the release and of the command that leaves."""
+    for what, words in (("jitter", "the release"), ("output", "the command that leaves")):
+        rows = []
+        for name, key in WAYS:
+            row = [name, *(cell(told, f"{key}{what}_p999_{side}_us", ".1f") for side in ("in", "out"))]
+            for limit_us in LIMITS_US:
+                at = f"{key}{what}_over_{limit_us}us"
+                low, high = (cell(told, f"{at}_difference_{end}", "+.3%") for end in ("low", "high"))
+                row.append(f"{cell(told, f'{at}_in', '.3%')} - {cell(told, f'{at}_out', '.3%')} ({low} .. {high})")
+            rows.append(row)
+        head = ["", "p99.9 [us]", "at rest", *(f"> {limit_us} us: swapping - at rest (95 %)" for limit_us in LIMITS_US)]
+        table(f"ticks that are late, steal-aware: {words}", head, rows)
     print(f"  the Spine's core: stolen {cell(told, 'stolen_share', '.2%')}, ", end="")
     print(f"preempted {cell(told, 'preempted_share', '.2%')}")
 

@@ -10,13 +10,13 @@ from typing import Any
 
 from bench import continuity
 from bench.report import DISTURBED
-from bench.swap_stats import LEAST_ROUNDS
+from bench.swap_stats import LEAST_ROUNDS, LIMITS_US
 
 Figures = dict[str, Any]
-MOST_JITTER_RATIO = 1.1
+MOST_LATER = 0.001  # of the ticks: how many more may be later than a limit while swapping than at rest
 PEERS = ("dlopen", "mutex", "brief")
-# Null in an inconclusive run.
-CLAIMS = ("lost_ticks_attributable", "jitter_p999_in_over_out", "output_p999_in_over_out")
+LATER = [f"jitter_over_{limit_us}us_difference" for limit_us in LIMITS_US]
+CLAIMS = ("lost_ticks_attributable", *LATER)  # null in an inconclusive run
 
 
 def reasons_to_doubt(told: Figures) -> list[str]:
@@ -38,17 +38,20 @@ def reasons_to_doubt(told: Figures) -> list[str]:
     return found
 
 
-def jitter(told: Figures) -> str:
-    """The ratio and its interval."""
-    low, high = (told[f"jitter_p999_in_over_out_{end}"] for end in ("low", "high"))
-    return f"{told['jitter_p999_in_over_out']:.2f} ({low:.2f} .. {high:.2f})"
+def later(told: Figures, limit_us: int) -> str:
+    """The difference at one limit, and its interval."""
+    key = f"jitter_over_{limit_us}us_difference"
+    low, high = (told[f"{key}_{end}"] for end in ("low", "high"))
+    return f"ticks later than {limit_us} us: {told[key]:+.3%} while swapping ({low:+.3%} .. {high:+.3%})"
 
 
 def undecided(told: Figures) -> list[str]:
     """What this run neither shows nor refutes."""
-    if told["jitter_p999_in_over_out"] <= MOST_JITTER_RATIO:
-        return []
-    return [f"jitter p99.9 while swapping is {jitter(told)} times that at rest: too uneven a machine to tell"]
+    return [
+        f"{later(told, limit_us)}; whether it is at most {MOST_LATER:+.1%} takes more rounds or a calmer machine"
+        for limit_us, key in zip(LIMITS_US, LATER, strict=True)
+        if not told[f"{key}_high"] <= MOST_LATER
+    ]
 
 
 def shortcomings(told: Figures) -> list[str]:
@@ -68,10 +71,12 @@ def shortcomings(told: Figures) -> list[str]:
             found.append(f"{key} is {told[key]}: swaps that follow a stop cost a robot that stands still nothing")
     if not told["lost_rate_difference_low_per_s"] <= 0:
         found.append("ticks are lost more often while swapping")
-    if not told["jitter_p999_in_over_out_low"] <= MOST_JITTER_RATIO:
-        found.append(f"jitter p99.9 while swapping is {jitter(told)} times that at rest")
-    if not told["max_output_step_nm"] <= told["slew_bound_nm"] + 1e-9:
-        found.append("a torque step was larger than the slew bound")
+    found += [later(told, us) for us, key in zip(LIMITS_US, LATER, strict=True) if not told[f"{key}_low"] <= MOST_LATER]
+    if not told["max_output_step_nm"] <= told["slew_bound_nm"]:
+        found.append(
+            f"while swapping the torque stepped by {told['max_output_step_nm']:.4f} N m in one tick, "
+            f"of which the guard of the shipped arm would cut all beyond {told['slew_bound_nm']:.4f}"
+        )
     if not (told["continuity_step_ratio"] or 0) >= continuity.LEAST_RATIO:
         found.append(f"a cold swap's step is less than {continuity.LEAST_RATIO:.0f} times LITHE's")
     return found
