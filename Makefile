@@ -4,15 +4,15 @@ MAKEFLAGS += --no-print-directory
 PYTHON := .venv/bin/python
 JOBS ?= $(shell nproc)
 
-.PHONY: help demo test check bench bench-swap format clean setup release
+.PHONY: help demo no-other-demo test check check-all bench bench-swap format clean setup release
 .DEFAULT_GOAL := help
 
 help:  ## this list
 	@echo "LITHE: a real-time Spine whose control law can be replaced while the robot moves"
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
 
-demo: TARGETS := --target lithe lithe-spine lawd lithe-trial
-demo: release  ## the experiment on a simulated arm (or ROBOT=FILE): probe, learn, swap laws live, survive a dead Brain -> out/demo/
+demo: TARGETS := --target lithe lithe-spine lawd lithe-trial lithe-sim
+demo: no-other-demo release  ## the experiment on a simulated arm (or ROBOT=FILE): probe, learn, swap laws live, survive a dead Brain -> out/demo/
 	@$(PYTHON) -m lithe.demo $(if $(ROBOT),--robot $(ROBOT))
 
 test: PACKAGES := build test
@@ -23,6 +23,10 @@ test: release  ## every test: C++ (ctest), then Python and across processes (pyt
 check:  ## what CI asks: format, tidy, rooms, schema, limits, types, ASan+UBSan, TSan, RTSan, fuzzers
 	@tools/setup build test check bench
 	@$(PYTHON) tools/check.py
+
+check-all:  ## check, and what takes too long for every merge: all tests under ASan, a minute of each fuzzer
+	@tools/setup build test check bench
+	@$(PYTHON) tools/check.py --all
 
 bench:  ## jitter, tick cost, scale, Channel latency, each against a peer and a control that must fail -> out/bench/
 	@tools/setup build bench
@@ -38,10 +42,14 @@ format:  ## rewrite every file the way `make check` wants it
 	@tools/setup build check
 	@$(PYTHON) tools/check.py --fix
 
+no-other-demo:  # before anything is built: it would change the programs under the other's feet
+	@[ ! -e out/demo/.lock ] || flock --nonblock out/demo/.lock true || { \
+	  echo "make demo: another demo runs in this checkout (out/demo): wait for it, or use another checkout" >&2; exit 1; }
+
 release:
 	@tools/setup $(or $(PACKAGES),build)
-	@cmake --preset release --log-level=WARNING >/dev/null
-	@cmake --build --preset release -j $(JOBS) $(TARGETS)
+	@mkdir -p build && flock build/.lock sh -c 'cmake --preset release --log-level=WARNING >/dev/null && \
+	  cmake --build --preset release -j $(JOBS) $(TARGETS)'  # a second build waits for the first
 
 clean:  ## remove build/, out/ and .venv/
 	rm -rf build out .venv

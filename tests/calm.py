@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from typing import Any
 
 import lithe
+import pytest
+from lithe.demo import verdict
 from system.house import ROOT, House
 
 ARM = {
@@ -37,22 +39,29 @@ def changed(text: str, changes: dict[str, str], what: str) -> str:
     return text
 
 
-def calm_text(changes: dict[str, str] | None = None, robot: str = "arm") -> str:
-    """A robot file with what a busy machine would trip over made patient, and with a test's own changes."""
+def calm_text(changes: dict[str, str] | None = None, robot: str = "arm", ideal: bool = True) -> str:
+    """A robot file with what a busy machine would trip over made patient, and with a test's own changes.
+
+    The arm is exactly its model unless `ideal` is False; other robots are as their files say.
+    """
     text = (ROOT / f"robots/{robot}.toml").read_text(encoding="utf-8")
+    if robot == "arm" and ideal:
+        text = changed(text, {"ideal = false ": "ideal = true "}, "robots/arm.toml")
     patience = ARM if robot == "arm" else {**OTHERS, f'name = "{robot}"': 'name = "arm"'}
     return changed(text, {**patience, **(changes or {})}, f"robots/{robot}.toml")
 
 
 def falls_short(summary: dict[str, Any]) -> list[str]:
-    """What a demo on this patient robot fell short of.
+    """What a demo on this patient robot fell short of, timing apart: no test sets a maximum time.
 
-    A machine that takes away more than one tick in a hundred, hundreds of milliseconds at a time, leaves the arm to
-    itself for so long that nobody tracks anything; then only tracking is excused.
+    Where the kernel's counts say that the machine took more than one release in a hundred, tracking proves nothing:
+    then a run that fell short skips its test and says why.
     """
-    spoilt = summary["lost_ticks"] > 0.01 * summary["ticks"]
-    sentences: list[str] = summary["falls_short"]
-    return [sentence for sentence in sentences if not (spoilt and sentence.startswith("RMSE"))]
+    assert "stopped" not in summary, summary
+    wrong = verdict.experiment(summary)
+    if wrong and verdict.disturbed(summary):
+        pytest.skip(f"INCONCLUSIVE: {'; '.join(summary['inconclusive'])}")
+    return wrong
 
 
 @contextmanager

@@ -49,7 +49,15 @@ def records(ticks: int = 14_000, joints: int = 1) -> npt.NDArray[Any]:
 def story(joints: int = 1) -> Story:
     """Phases of two seconds each, two swaps, a freeze and a killed Brain."""
     found = (0.16, 1.51, 0.0)
-    estimates = [{"name": SIMS[j].name, "mgl_hat_nm": found[j], "mgl_se_nm": 0.001} for j in range(joints)]
+    estimates = [
+        {
+            "name": SIMS[j].name,
+            "mgl_hat_nm": found[j],
+            "mgl_se_nm": 0.001,
+            "mgl_interval_nm": [0.97 * found[j], 1.03 * found[j]],
+        }
+        for j in range(joints)
+    ]
     told = Story(estimates=estimates, source="// law")
     start_ns = 10**12
     for number, name in enumerate(PHASES):

@@ -8,6 +8,9 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import silent_tests
+from cpp_text import cpp_functions
+
 MAX_FILE_LINES = 400
 MAX_FUNCTION_LINES = 60
 MAX_EXEMPTIONS = 5
@@ -15,39 +18,7 @@ GENERATED = re.compile(r"^spine/wire/|^brain/lithe/_wire\.py$|^brain/lithe/_shm/
 CPP = (".cpp", ".hpp", ".c", ".h")
 SPDX = "SPDX-License-Identifier: Apache-2.0"
 NEEDS_SPDX = re.compile(r"(\.(cpp|hpp|c|h|py|sh|toml|cmake|yml)|CMakeLists\.txt|Makefile|tools/setup|\.ci/run)$")
-NOISE = re.compile(
-    r'R"(?P<tag>\w*)\((?:.|\n)*?\)(?P=tag)"|"(?:\\.|[^"\\\n])*"|(?<![0-9a-fA-F])\'(?:\\.|[^\'\\\n])+\'|//[^\n]*|/\*(?:.|\n)*?\*/'
-)
-NOT_A_FUNCTION = re.compile(
-    r"\b(namespace|struct|class|enum|union|extern|if|for|while|switch|catch|do|else|try)\b[^;{}]*$"
-)
 EXEMPTION = re.compile(r'LITHE_RT_EXEMPT\(\s*"([^"]+)"')
-
-
-def blank(match: re.Match[str]) -> str:
-    """White space as long as the match, with its line breaks."""
-    return re.sub(r"[^\n]", " ", match[0])
-
-
-def cpp_functions(text: str) -> Iterator[tuple[int, int]]:
-    """(first line, length in lines) of every function body in C++ text, found by its braces."""
-    text = re.sub(r"^[ \t]*#(?:[^\n]*\\\n)*[^\n]*", blank, NOISE.sub(blank, text), flags=re.M)
-    depth_of_function = None
-    depth = start = head = 0
-    for at, char in enumerate(text):
-        if char == "{":
-            before = text[head:at]
-            if depth_of_function is None and ")" in before and not NOT_A_FUNCTION.search(before.split("(")[0]):
-                depth_of_function = depth
-                start = head + len(before) - len(before.lstrip())
-            depth += 1
-        elif char == "}":
-            depth -= 1
-            if depth_of_function == depth:
-                depth_of_function = None
-                yield text.count("\n", 0, start) + 1, text.count("\n", start, at) + 1
-        if char in "{};" and depth_of_function is None:
-            head = at + 1
 
 
 def python_functions(text: str) -> Iterator[tuple[int, int]]:
@@ -113,6 +84,7 @@ def main(root: Path) -> int:
             problems += check_lengths(path, text)
         if path.endswith(CPP):
             excuses += exemptions(path, text)
+    problems += silent_tests.problems(root, tracked(root))
     if len(excuses) > MAX_EXEMPTIONS:
         problems.append(f"{len(excuses)} RT exemptions; {MAX_EXEMPTIONS} at most: make the call real-time, or move it")
     for excuse in excuses:

@@ -3,12 +3,15 @@
 
 import hashlib
 import json
+import os
 import socket
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from calm import connected
 from system.house import ROOT, House
 
 
@@ -49,6 +52,15 @@ def assert_chained(house: House) -> None:
         last[entry["file"]] = entry["sha256"]
     files = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder(house).glob("*.json")}
     assert files == last
+
+
+def sway(house: House, seconds: float = 2.0) -> None:
+    """The robot moves: what is judged in motion only can be judged."""
+    os.environ.update({key: value for key, value in house.env.items() if key.startswith("LITHE_")})
+    with connected() as robot:
+        for side in (0.3, -0.3, 0.0):
+            robot.go_to([side], seconds / 3)  # the arm has one joint
+            time.sleep(seconds / 3)
 
 
 class Asks:

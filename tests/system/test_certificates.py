@@ -13,6 +13,7 @@ from calm import calm_text
 from lithe.certificates import verify
 from lithe.errors import LitheError
 from system.house import BIN, ROOT, House
+from system.swapping import sway
 
 HOSTILE = ROOT / "tests/laws_hostile"
 
@@ -27,6 +28,7 @@ def ended() -> Iterator[House]:
     house.wait_for(lambda: house.ask("status")["mode"] == "active")
     done = house.ask("swap", "gravity_pd", "--probation", "200ms", "--blend", "10ms")
     path = swaps(house) / "0002.json"
+    sway(house)
     house.wait_for(lambda: {"measured", "confirmed"} <= {*(told := json.loads(path.read_text())), *told["times_ns"]})
     assert house.ask("law", "show")["request_id"] == done["request_id"]
     house.ask("swap", HOSTILE / "global_counter.cpp", code=1)
@@ -167,6 +169,7 @@ def test_status_says_in_one_line_what_became_of_the_last_swap(arm: House) -> Non
 
     assert line().startswith("last swap: pd co")  # mmitted or nfirmed
     arm.ask("swap", "gravity_pd", "--probation", "100ms")
+    sway(arm)
     arm.wait_for(lambda: line().startswith("last swap: gravity_pd confirmed, "))
     error = arm.ask("swap", HOSTILE / "global_counter.cpp", code=1)["error"]
     assert line() == f"last swap: global_counter.cpp refused: {error['message']}"

@@ -28,6 +28,8 @@ def test_a_drive_that_fails_is_named_and_comes_back_after_a_reset(
             return {each["name"]: each for each in house.ask("status")["joints"]}
 
         house.wait_for(lambda: told()[joint]["drive"] == says)  # before that its own ramp stops the joint
+        assert (told()[joint]["drive_state"], told()["wrist"]["drive_voltage_v"]) == ("fault", 24.0)
+        assert told()["boom"]["drive_temperature_degc"] is None, "the profile of its drive has no object for it"
         assert (house.ask("status")["fault"], told()[joint]["fault"]) == ("drive_fault", "drive_fault")
         house.wait_for(lambda: "fault" in told()[joint]["problems"])
         assert all(each["fault"] == "none" for name, each in told().items() if name != joint)

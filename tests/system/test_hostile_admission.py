@@ -82,26 +82,26 @@ class Talk:
         self.process.communicate(timeout=10)
 
 
-def attempt(trial: Talk, **order: Any) -> dict[str, Any]:
-    """The trial's answer, once it had the time to find one."""
-    for _ in range(20):  # a busy machine gives it less than its box
-        tried = trial.ask(verb="try", **order)
-        if not tried.get("starved"):
+def attempt(who: Talk, **request: Any) -> dict[str, Any]:
+    """The answer of the compile service or the trial, once it had the time to find one."""
+    for _ in range(20):  # a busy machine gives it less than it may take
+        answer = who.ask(**request)
+        if not answer.get("starved"):
             break
-    return tried
+    return answer
 
 
 def bring(law: Path, lawd: Talk, trial: Talk) -> list[dict[str, Any]]:
     """The answer of the first stage that refuses a law, or of the last one: as an object, and in its slot."""
-    compiled = lawd.ask(verb="compile", source=law.read_text(), name=law.name, joints=1, dry_run=False)
+    compiled = attempt(lawd, verb="compile", source=law.read_text(), name=law.name, joints=1, dry_run=False)
     if not compiled["ok"]:
         return [compiled]
-    answers = [attempt(trial, object=compiled["object"])]
+    answers = [attempt(trial, verb="try", object=compiled["object"])]
     if lawd.has_arena and trial.has_arena:
-        placed = lawd.ask(verb="place", hash=compiled["hash"], slot=SLOT, dry_run=False)
+        placed = attempt(lawd, verb="place", hash=compiled["hash"], slot=SLOT, dry_run=False)
         assert placed["ok"], f"{law.name}: what is admitted can be placed: {placed}"
         where = {key: placed[key] for key in ("slot", "entry", "code_bytes", "image_hash")}
-        answers.append(attempt(trial, **where))
+        answers.append(attempt(trial, verb="try", **where))
     return answers
 
 
@@ -184,11 +184,11 @@ def test_good_laws_pass_every_gate(answers: dict[str, list[dict[str, Any]]]) -> 
     for law in sorted((ROOT / "laws").glob("*.cpp")):
         if law.name.endswith("_test.cpp"):
             continue
-        compiled = lawd.ask(verb="compile", source=law.read_text(), name=law.name, joints=1)
+        compiled = attempt(lawd, verb="compile", source=law.read_text(), name=law.name, joints=1)
         assert compiled["ok"], compiled.get("text")
         assert [gate["gate"] for gate in compiled["gates"] if not gate["ok"]] == []
         assert len(compiled["gates"]) == 13
-        tried = trial.ask(verb="try", object=compiled["object"], box_ms=1000)
+        tried = attempt(trial, verb="try", object=compiled["object"], box_ms=1000)
         assert tried["ok"], tried.get("reason")
     lawd.close()
     trial.close()

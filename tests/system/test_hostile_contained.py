@@ -44,7 +44,7 @@ HEAVY = {"torque_max_nm = 0.6 ": "torque_max_nm = 0.3 ", "viscous_nm_s_rad = 3.0
 LOOK_S = {"clamp": 1.0, "harmless": GOOD_S + 0.05}  # how long one is looked at that need not fault
 FAULT_S = 10.0  # by then the others have
 AGAIN = 3  # times more, from the compile cache: to count ticks
-PROBATION = {"tracking_lost", "guard_busy", "guard_stopped"}
+PROBATION = {"tracking_lost", "guard_busy", "guard_stopped", "chattering", "oscillating"}
 NEVER_THERE = {"unloadable", "unplaceable"}
 CASES = [law for law in CORPUS if header(law, "without-gates") != "uncompilable"]
 

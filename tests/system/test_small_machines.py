@@ -31,7 +31,7 @@ def home() -> Iterator[Path]:
     """A home of the user's own: pytest's directories are closed to others."""
     folder = Path(tempfile.mkdtemp(prefix="lithe-"))
     folder.chmod(0o755)
-    (folder / "arm.toml").write_text(calm.calm_text(), encoding="utf-8")
+    (folder / "arm.toml").write_text(calm.calm_text(ideal=False), encoding="utf-8")
     if os.geteuid() == 0:
         os.chown(folder, NOBODY, NOBODY)
     yield folder
@@ -74,8 +74,8 @@ def test_the_demo_works_as_an_ordinary_user_on_two_cores(home: Path, tell: Calla
     summary = json.loads((home / "out/summary.json").read_text())
     machine = summary["machine"]
     tell(f"{machine['cores']} cores, {machine['privileges']}; {machine['transport']}; lost: {machine['lost']}")
-    tell(f"{summary['lost_ticks']} of {summary['ticks']} ticks lost, {len(summary['attempts'])} run(s)")
-    assert done.returncode == (0 if summary["verdict"] == "holds" else 1)
+    tell(f"{summary['lost_ticks']} of {summary['ticks']} ticks lost, verdict {summary['verdict']}")
+    assert done.returncode == {"holds": 0, "falls_short": 1, "INCONCLUSIVE": 4}[summary["verdict"]], done.stdout
     assert calm.falls_short(summary) == [], done.stdout
     assert (machine["cores"], machine["privileges"]) == (2, "ordinary user")
     assert machine["spine_cpu"] in cores

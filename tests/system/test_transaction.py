@@ -15,21 +15,26 @@ import numpy as np
 import pytest
 from calm import connected
 from system.house import BIN, ROOT, House, alive
-from system.swapping import Asks, assert_chained, becomes, certificate, certificates, law, swap_request
+from system.swapping import Asks, assert_chained, becomes, certificate, certificates, law, swap_request, sway
 
 HOSTILE = ROOT / "tests/laws_hostile"
 MOODY = """
 #include <lithe/law.hpp>
-// Good until a parameter tells it otherwise: no trial can see that.
+// Good for so many steps, 0 = for ever: a trial looks at 4000 in a row at most.
 struct Moody {
   struct Params {
-    lithe::Param crash{0, 0, 1};
+    lithe::Param crash_after{0, 0, 1e6};
+    lithe::Param lean_after{0, 0, 1e6};
     lithe::Param lean_nm{0, -0.5, 0.5};
   };
-  struct State {};
-  static void step(const lithe::Tick& in, const Params& p, State&, lithe::Effort& out) {
-    if (p.crash > 0.5) *(volatile int*)8 = 1;
-    out.torque_nm[0] = p.lean_nm != 0.0 ? double(p.lean_nm) : -0.5 * in.position_rad[0] - 0.02 * in.velocity_rad_s[0];
+  struct State {
+    std::uint32_t steps = 0;
+  };
+  static void step(const lithe::Tick& in, const Params& p, State& s, lithe::Effort& out) {
+    ++s.steps;
+    if (p.crash_after > 0 && s.steps > p.crash_after) *(volatile int*)8 = 1;
+    const bool leans = s.steps > p.lean_after && p.lean_nm != 0.0;
+    out.torque_nm[0] = leans ? double(p.lean_nm) : -0.5 * in.position_rad[0] - 0.02 * in.velocity_rad_s[0];
   }
 };
 LITHE_LAW(Moody, "moody");
@@ -65,7 +70,7 @@ def test_a_law_that_crashes_on_trial_is_told_its_line(arm: House) -> None:
     """From its slot, which holds no lines: the compile service has them."""
     path = arm.dir / "moody.cpp"
     path.write_text(MOODY)
-    error = arm.ask("swap", path, "--param", "crash=1", code=1)["error"]
+    error = arm.ask("swap", path, "--param", "crash_after=1", code=1)["error"]
     line = 1 + MOODY[: MOODY.index("volatile")].count("\n")
     assert error["code"] == "trial_failed" and error["message"].startswith(f"moody.cpp:{line}: benign: ")
     assert "SIGSEGV at 0x8" in error["message"]
@@ -76,6 +81,8 @@ def test_a_good_law_is_committed_confirmed_and_certified(arm: House, tell: Calla
     """The answer comes at the commit; the certificate goes on."""
     done = arm.ask("swap", "gravity_pd", "--probation", "200ms", "--blend", "10ms")
     assert done["verdict"] == "committed" and done["terms"]["blend_s"] == pytest.approx(0.01)
+    arm.wait_for(lambda: "law_unproven" in [each["kind"] for each in arm.ask("events")["events"]])
+    sway(arm)
     told = becomes(arm, done["request_id"], lambda each: "measured" in each and each["verdict"] == "confirmed")
     source = (ROOT / "laws/gravity_pd.cpp").read_bytes()
     assert told["source_sha256"] == hashlib.sha256(source).hexdigest()
@@ -98,8 +105,7 @@ def test_a_law_that_drives_away_is_rolled_back_within_two_ticks(arm: House, tell
     """Its probation sees the tracking error grow; the law before it runs again, and the certificate says why."""
     os.environ.update({key: value for key, value in arm.env.items() if key.startswith("LITHE_")})
     with connected() as robot:
-        done = moody(arm, "--probation", "30s")
-        arm.ask("param", "set", "lean_nm", "0.12")
+        done = moody(arm, "--probation", "30s", "--param", "lean_nm=0.12", "--param", "lean_after=6000")
         told = becomes(arm, done["request_id"], lambda each: each["verdict"] == "rolled_back")
         records = robot.telemetry.history(3.0)
     assert told["rolled_back"]["why"] == told["reasons"]["rolled_back"] == told["fault"]["kind"] == "tracking_lost"
@@ -115,9 +121,8 @@ def test_a_law_that_drives_away_is_rolled_back_within_two_ticks(arm: House, tell
 
 def test_a_law_that_crashes_after_its_commit_is_replaced_and_its_certificate_names_the_fault(arm: House) -> None:
     """The law before it takes over in the same tick."""
-    done = moody(arm)
-    assert done["verdict"] == "committed"
-    arm.ask("param", "set", "crash", "1")
+    done = moody(arm, "--param", "crash_after=6000")
+    assert done["verdict"] == "committed" and done["params"]["taken"] is True
     told = becomes(arm, done["request_id"], lambda each: each["verdict"] == "rolled_back")
     assert told["fault"]["kind"] == told["rolled_back"]["why"] == "bad_access"
     assert told["fault"]["to_law_id"] != 0 and told["fault"]["took_us"] > 0
@@ -126,13 +131,62 @@ def test_a_law_that_crashes_after_its_commit_is_replaced_and_its_certificate_nam
     assert law(arm) == "pd" and arm.ask("status")["mode"] == "active"
 
 
+POISON = """
+#include <lithe/law.hpp>
+// Keeps NaN in a field that the next law carries, and never shows it.
+struct Poison {
+  struct Params {};
+  struct State {
+    double integral_nm = 0;
+    std::int64_t steps = 0;
+  };
+  static void step(const lithe::Tick& t, const Params&, State& s, lithe::Effort& u) {
+    u.torque_nm[0] = SHOWN(t.setpoint_position_rad[0] - t.position_rad[0]) - 0.03 * t.velocity_rad_s[0];
+    KEEPS
+  }
+};
+LITHE_LAW(Poison, "NAME");
+"""
+HIDES = {
+    "SHOWN": "1.0 * ",
+    "KEEPS": "if (++s.steps > 100) s.integral_nm = std::numeric_limits<double>::quiet_NaN();",
+    "NAME": "poison",
+}
+SHOWS = {
+    "SHOWN": "s.integral_nm + 1.0 * ",
+    "KEEPS": "s.integral_nm += 1e-3 * t.dt_s * (t.setpoint_position_rad[0] - t.position_rad[0]);",
+    "NAME": "integrates",
+}
+
+
+def poison(house: House, words: dict[str, str]) -> dict[str, Any]:
+    """One of the two laws, swapped in."""
+    text = POISON
+    for old, new in words.items():
+        text = text.replace(old, new)
+    path = house.dir / f"{words['NAME']}.cpp"
+    path.write_text(text)
+    done: dict[str, Any] = house.ask("swap", path)
+    return done
+
+
+def test_a_state_full_of_nan_does_not_lock_good_laws_out(arm: House) -> None:
+    """The field is not carried, and an event names it."""
+    poison(arm, HIDES)
+    time.sleep(0.5)
+    poison(arm, SHOWS)
+    arm.wait_for(lambda: "state_not_carried" in [each["kind"] for each in arm.ask("events")["events"]])
+    told = [each["text"] for each in arm.ask("events")["events"] if each["kind"] == "state_not_carried"]
+    assert told == ["integral_nm: no finite number; starts from its default"]
+    assert law(arm) == "integrates" and arm.ask("status")["law_faults"] == []
+
+
 def test_without_a_law_before_it_a_crash_ends_in_the_safe_law(patient: House) -> None:
     """There is nothing to go back to; the certificate says that too."""
     path = patient.dir / "moody.cpp"
-    path.write_text(MOODY)
+    path.write_text(MOODY.replace("crash_after{0,", "crash_after{6000,"))
     patient.run("--law", str(path))
     patient.wait_for(lambda: patient.ask("status")["mode"] == "active")
-    patient.ask("param", "set", "crash", "1")
     patient.wait_for(lambda: certificates(patient)[0]["verdict"] == "rolled_back")
     assert "safe law" in certificates(patient)[0]["rolled_back"]["why"]
     assert patient.ask("status")["mode"] == "safe_stop"

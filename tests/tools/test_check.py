@@ -25,3 +25,11 @@ def test_a_passing_step_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
 def test_every_step_says_how_to_fix_it() -> None:
     assert all(step.fix for step in check.STEPS)
     assert len({step.name for step in check.STEPS}) == len(check.STEPS)
+
+
+def test_long_steps_run_only_when_all_are_asked_for_or_by_name() -> None:
+    every_merge = check.chosen([], everything=False)
+    assert not any(step.long for step in every_merge)
+    assert [step.name for step in check.STEPS if step not in every_merge] == ["asan-all", "fuzz-long"]
+    assert check.chosen([], everything=True) == check.STEPS
+    assert [step.name for step in check.chosen(["asan-all"], everything=False)] == ["asan-all"]

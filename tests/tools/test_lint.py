@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The text rules see what they are there to see."""
 
+import cpp_text
 import lint
 
 
@@ -30,13 +31,13 @@ def test_a_cpp_function_over_the_limit_is_refused_where_it_starts() -> None:
 
 def test_many_short_functions_and_braces_in_strings_are_no_long_function() -> None:
     text = "".join(f"void f{i}() {{\n  s(\"}}{{\", '{{');  // {{\n}}\n" for i in range(60))
-    assert len(list(lint.cpp_functions(text))) == 60
+    assert len(list(cpp_text.cpp_functions(text))) == 60
     assert list(lint.check_lengths("spine/a.cpp", text)) == []
 
 
 def test_a_constructor_and_a_trailing_return_type_are_functions() -> None:
     text = "A::A(int x) : x_(x) {\n}\nauto f(int) const -> int {\n}\nTEST(Room, Sentence) {\n}\n"
-    assert [line for line, _ in lint.cpp_functions(text)] == [1, 3, 5]
+    assert [line for line, _ in cpp_text.cpp_functions(text)] == [1, 3, 5]
 
 
 def test_a_python_function_over_the_limit_is_refused() -> None:

@@ -25,6 +25,7 @@ UNITS = {
     "Hz": "_hz",
     "V": "_v",
     "A": "_a",
+    "W": "_w",
     "m": "_m",
     "kg": "_kg",
     "degC": "_degc",

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A law that was admitted and tried pushes with all it has: the joint stays inside its limits."""
+
+import time
+
+import numpy as np
+from calm import calm_robot, connected
+from lithe.shm import RingCursor
+from system.house import ROOT
+
+LAW = (ROOT / "tests/laws_hostile/full_torque_in_the_evening.cpp").read_text()
+LIMIT_RAD = 3.0
+OVERRUN_RAD = 0.02  # docs/adr/0014: what a joint may pass a limit by
+
+
+def test_a_joint_under_full_torque_stays_inside_its_limits() -> None:
+    """The law pushes for four seconds, without a probation that would take it away."""
+    with calm_robot() as house, connected() as robot:
+        cursor = RingCursor(robot.spine.mapping, "telemetry")
+        done = robot.swap(LAW.replace("20'000", "3'000"), name="full_torque.cpp", probation_s=0)
+        assert done["commit_tick"] > 0
+        positions: list[float] = []
+        speeds: list[float] = []
+        end_s = time.monotonic() + 7
+        while time.monotonic() < end_s:
+            time.sleep(0.02)
+            records = cursor.drain()
+            positions.extend(records["position_rad"][:, 0])
+            speeds.extend(records["velocity_rad_s"][:, 0])
+        status = house.ask("status")
+        farthest = float(np.max(np.abs(positions)))
+        print(f"farthest {farthest:.4f} rad, fastest {np.max(np.abs(speeds)):.2f} rad/s, mode {status['mode']}")
+        assert farthest > 0.9 * LIMIT_RAD, "it did push"
+        assert farthest <= LIMIT_RAD + OVERRUN_RAD
+        assert status["mode"] == "active"

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From wherever verbs and a bad law bring the arm, verbs alone bring it back to its law; over the socket."""
+
+import json
+import os
+import time
+from random import Random
+from typing import Any
+
+import lithe
+import pytest
+from calm import calm_text
+from system.house import ROOT, House
+
+OUTSIDE_RAD = 3.5  # beyond the limit of 3.0 and the overrun of 0.2; gravity pulls it on
+
+
+def verb(house: House, word: str, **args: Any) -> dict[str, Any]:
+    """One request on the control socket."""
+    return house.raw(json.dumps({"id": 1, "verb": word, "args": args}).encode() + b"\n")
+
+
+@pytest.fixture
+def outside(house: House) -> House:
+    """An arm that stands outside its limits, running."""
+    house.config = house.dir / "arm.toml"
+    text = calm_text().replace("initial_position_rad = 0.0", f"initial_position_rad = {OUTSIDE_RAD}")
+    # It must not swing away while nobody holds it: friction as of a worm gear.
+    text = text.replace("coulomb_nm = 0.0132", "coulomb_nm = 0.1")
+    assert str(OUTSIDE_RAD) in text and "coulomb_nm = 0.1" in text
+    house.config.write_text(text)
+    house.run()
+    house.wait_for(lambda: "not armed" in house.log())
+    return house
+
+
+def test_arm_names_joint_angle_limit_and_the_way_and_recover_goes_it(outside: House) -> None:
+    refused = outside.ask("arm", code=1)["error"]
+    assert refused["code"] == "refused_outside"
+    assert "shoulder is at 3.5" in refused["message"] and "limit is 3.000" in refused["message"]
+    assert "lithe recover" in refused["next"]
+    assert verb(outside, "arm")["error"]["code"] == "refused_outside"
+    said = outside.lithe("recover")
+    assert said.returncode == 0, said.stderr
+    assert "every joint is inside" in said.stdout
+    status = outside.ask("status")
+    assert status["mode"] == "recover" and not status["recovering"]
+    assert status["joints"][0]["position_rad"] <= 3.0
+    assert outside.ask("arm")["mode"] == "active"
+    assert outside.ask("status")["mode"] == "active"
+
+
+def test_the_brain_recovers_it_and_sim_reset_undoes_it(outside: House) -> None:
+    os.environ.update({key: outside.env[key] for key in ("LITHE_RUN_DIR", "LITHE_SHM_PREFIX")})
+    cores = os.sched_getaffinity(0)
+    with lithe.connect("arm", writes_plans=False) as robot:
+        os.sched_setaffinity(0, cores)
+        with pytest.raises(lithe.Refused) as caught:
+            robot.arm()
+        assert caught.value.code == "refused_outside"
+        assert robot.recover()["joints"][0]["position_rad"] <= 3.0
+        with pytest.raises(lithe.Refused) as caught:
+            robot.sim_reset()
+        assert caught.value.code == "refused_mode"
+        robot.disarm()
+        robot.sim_reset()
+        outside.wait_for(lambda: abs(robot.status()["joints"][0]["position_rad"] - OUTSIDE_RAD) < 0.01)
+        robot.recover()
+        assert robot.arm()["mode"] == "active"
+
+
+def test_a_joint_that_cannot_be_moved_is_named_with_the_reason(house: House) -> None:
+    house.config = house.dir / "arm.toml"
+    text = calm_text().replace("initial_position_rad = 0.0", f"initial_position_rad = {OUTSIDE_RAD}")
+    house.config.write_text(text.replace("coulomb_nm = 0.0132", "coulomb_nm = 0.5"))  # stuck
+    house.run()
+    house.wait_for(lambda: "not armed" in house.log())
+    said = house.lithe("recover")
+    assert said.returncode == 3
+    assert "recover_failed at joint shoulder: load above the recover torque" in said.stderr
+    assert "recover_torque_share" in said.stderr
+    assert house.ask("status")["mode"] == "safe_stop"
+
+
+PUSH = """#include <lithe/law.hpp>
+struct Push {
+  struct Params {};
+  struct State {};
+  static void step(const lithe::Tick&, const Params&, State&, lithe::Effort& u) { u.torque_nm[0] = 1.0; }
+};
+LITHE_LAW(Push, "push");
+"""
+
+
+def come_back(house: House) -> None:
+    """The verbs a person has, and a law that is good."""
+    verb(house, "reset")
+    verb(house, "disarm")
+    assert verb(house, "swap", source=(ROOT / "laws/pd.cpp").read_text(), name="pd.cpp", probation_s=0)["ok"]
+    for _ in range(3):
+        if verb(house, "arm")["ok"]:
+            time.sleep(0.3)
+            if house.ask("status")["mode"] == "active":
+                return
+        verb(house, "recover")
+        house.wait_for(lambda: not house.ask("status")["recovering"], 60)
+    raise AssertionError(f"no way back: {house.ask('status')}")
+
+
+def test_random_verbs_and_a_law_that_pushes_never_lead_where_verbs_do_not_lead_back(house: House) -> None:
+    random = Random(5)
+    house.config = house.dir / "arm.toml"
+    house.config.write_text(calm_text())
+    house.run("--ungated")
+    house.wait_for(lambda: house.ask("status")["mode"] == "active")
+    for _ in range(6):
+        verb(house, "swap", source=PUSH, name="push.cpp", probation_s=0)
+        for _ in range(random.randrange(1, 6)):
+            verb(house, random.choice(["arm", "disarm", "hold", "reset", "estop", "recover", "rollback"]))
+            time.sleep(random.uniform(0, 0.5))
+        come_back(house)
+    assert house.ask("status")["mode"] == "active"

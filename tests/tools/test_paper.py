@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""docs/paper.md names what exists, and a page that does not is found."""
+
+import paper
+import pytest
+from paper import ROOT
+
+TEXT = (ROOT / paper.PAGE).read_text(encoding="utf-8")
+
+
+def test_every_claim_says_where_it_stands_and_what_shows_it() -> None:
+    assert paper.troubles(TEXT, ROOT) == []
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ("| a | yes | | `make nothing` |", "no target 'nothing'"),
+        ("| a | yes | | `lithe fly` |", "no verb 'fly'"),
+        ("| a | yes | | `pytest tests/system/test_nothing.py` |", "there is no file tests/system/test_nothing.py"),
+        ("| a | yes | | `spine/nothing.cpp` |", "there is no file spine/nothing.cpp"),
+        ("| a | yes | | `python -m tools.nothing` |", "no module tools.nothing"),
+        ("| a | yes | | ask somebody |", "neither a command nor a file"),
+        ("| a | surely | | `LICENSE` |", "'surely'; say one of yes, more, partly, no"),
+        ("| a | yes | `LICENSE` |", "3 columns"),
+        ("| a | yes | ![x](img/nothing.svg) | `LICENSE` |", "docs/img/nothing.svg"),
+    ],
+)
+def test_a_page_that_promises_what_is_not_there_is_found(row: str, words: str) -> None:
+    wrong = paper.troubles(TEXT + row + "\n", ROOT)
+    assert len(wrong) == 1 and words in wrong[0], wrong
+
+
+def test_a_page_that_drops_claims_is_found() -> None:
+    assert "50 or more" in paper.troubles("\n".join(TEXT.splitlines()[:40]), ROOT)[-1]

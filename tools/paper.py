@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Holds docs/paper.md to the tree: every claim says where it stands and what shows it, and that exists.
+
+python tools/paper.py            exit code 0 when all is there, 1 with a line for each thing that is not
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+PAGE = Path("docs/paper.md")
+HEAD = ["claim", "stands", "what is different", "shown by"]
+STANDS = ("yes", "more", "partly", "no")
+LEAST_ROWS = 50  # fewer, and claims have been dropped
+
+
+def command_trouble(command: str, root: Path) -> str:
+    """What is missing of a command or file; empty when nothing is."""
+    words = command.split()
+    if words[0] == "make":
+        targets = re.findall(r"^([a-z-]+):", (root / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+        return "" if words[1:] and words[1] in targets else f"the Makefile has no target '{' '.join(words[1:])}'"
+    if words[0] == "lithe":
+        cli = "".join(path.read_text(encoding="utf-8") for path in sorted((root / "supervisor/cli").glob("*.cpp")))
+        verbs = [word for word in words[1:] if not word.startswith("-")]
+        missing = [verb for verb in verbs if f'"{verb}"' not in cli]
+        return f"`lithe` has no verb '{missing[0]}'" if missing or not verbs else ""
+    if words[0] == "python" and words[1:2] == ["-m"]:
+        module = root / (words[2].replace(".", "/") + ".py")
+        return "" if module.exists() else f"there is no module {words[2]}"
+    file = words[1] if words[0] in ("pytest", "python") and len(words) > 1 else words[0]
+    return "" if (root / file).exists() else f"there is no file {file}"
+
+
+def troubles(text: str, root: Path) -> list[str]:
+    """One line for each thing that is wrong with the page."""
+    wrong = []
+    rows = 0
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.startswith("|") or set(line) <= set("|- "):
+            continue
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if cells == HEAD:
+            continue
+        rows += 1
+        where = f"{PAGE}:{number}: "
+        if len(cells) != len(HEAD):
+            wrong.append(f"{where}has {len(cells)} columns; give it {len(HEAD)}: {', '.join(HEAD)}")
+            continue
+        if cells[1] not in STANDS:
+            wrong.append(f"{where}stands: '{cells[1]}'; say one of {', '.join(STANDS)}")
+        commands = re.findall(r"`([^`]+)`", cells[3])
+        if not commands:
+            wrong.append(f"{where}names neither a command nor a file that shows it")
+        wrong += [f"{where}{trouble}" for command in commands if (trouble := command_trouble(command, root))]
+        for image in re.findall(r"\]\(([^)]+)\)", line):
+            if not (root / PAGE.parent / image).exists():
+                wrong.append(f"{where}there is no file docs/{image}")
+    if rows < LEAST_ROWS:
+        wrong.append(f"{PAGE}: {rows} claims; the paper makes {LEAST_ROWS} or more")
+    return wrong
+
+
+def main() -> int:
+    wrong = troubles((ROOT / PAGE).read_text(encoding="utf-8"), ROOT)
+    print("\n".join(wrong), end="\n" if wrong else "")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
