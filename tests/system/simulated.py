@@ -16,6 +16,7 @@ from calm import connected
 from system.house import BIN, House, need
 
 PATIENT = "lost_after_misses = 2000\n"  # a simulated device is a process among others here
+HEAVY = "inertia_max_kg_m2 = 1.3e-2\ninertia_min_kg_m2 = 8.0e-3"  # what simulated.at_terminals makes of light joints
 BUSES = {"can0": "fdcanusb", "can1": "fdcanusb", "can2": "slcan"}  # of frankenstein, at the ends of terminals
 
 
@@ -85,6 +86,9 @@ def at_terminals(folder: Path) -> Iterator[tuple[str, Simulated]]:
         "rate_hz = 1000": "rate_hz = 250",
         "inertia_kg_m2 = 6.0e-4": "inertia_kg_m2 = 1.0e-2",
         "inertia_kg_m2 = 2.55e-3": "inertia_kg_m2 = 1.0e-2",
+        "inertia_max_kg_m2 = 7.5e-4\ninertia_min_kg_m2 = 4.8e-4": HEAVY,
+        "inertia_max_kg_m2 = 3.2e-3\ninertia_min_kg_m2 = 2.0e-3": HEAVY,
+        "safe_kd_nm_s_rad = 0.04": "safe_kd_nm_s_rad = 0.1",  # of wrist and hand: their torque comes four times as late
         "[defaults.device]": f"[guard]\n{PATIENT}\n[defaults.device]",
     }
     text = calm.calm_text({**terminals, **slower}, robot="frankenstein")
