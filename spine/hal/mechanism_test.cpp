@@ -304,19 +304,5 @@ TEST(Mechanism, WhatAModelLacksIsNamed) {
   EXPECT_NE(Robot(lost).why.find("/nowhere/leg.xml"), std::string::npos);
 }
 
-// A heap of a hundred balls: nobody simulates that in steps of 50 us.
-TEST(Mechanism, AModelThatCannotKeepUpIsRefused) {
-  std::string xml = model_of(kArm);
-  std::string balls;
-  for (int i = 0; i < 100; ++i) {
-    balls += "<body pos='" + number(1 + 0.05 * (i % 10)) + " " + number(0.05 * static_cast<double>(i / 10)) +
-             " 0'><freejoint/><geom type='sphere' size='0.03'/></body>";
-  }
-  xml.insert(xml.find("<worldbody>") + 11, balls);
-  const Robot robot(model_robot(kArm, xml));
-  NEED_MUJOCO(robot);
-  EXPECT_NE(robot.why.find("cannot keep up; give a longer step_s"), std::string::npos) << robot.why;
-}
-
 }  // namespace
 }  // namespace lithe::hal

@@ -84,16 +84,42 @@ ChainParams chain_of(std::size_t count) {
   return params;
 }
 
-// A tail that never ends would be of denormal numbers, with which every step is slow.
-TEST(ChainMujoco, TheTorqueOfAModelsJointEnds) {
-  const std::string path = testing::TempDir() + "lithe_tail_" + std::to_string(::getpid()) + ".xml";
+// One pendulum as a model. The name counts the process in: tests run side by side.
+Result<std::unique_ptr<Mechanism>> open_pendulum(Clock clock = monotonic_ns) {
+  const std::string path = testing::TempDir() + "lithe_pendulum_" + std::to_string(::getpid()) + ".xml";
   std::ofstream(path) << "<mujoco><worldbody><body><joint name='j' type='hinge' axis='0 0 1'/>"
                          "<geom type='sphere' size='0.1' pos='0 -0.2 0'/></body></worldbody></mujoco>";
   MujocoParams params;
   params.model = path;
   params.joints = {{"j", 0, 1e-3}};
-  auto plant = open_mujoco(params);
+  auto plant = open_mujoco(params, clock);
   std::remove(path.c_str());
+  return plant;
+}
+
+// Clocks that tell how long ten steps of 50 us took: the same on every processor.
+std::int64_t told_ns = 0, asked = 0;
+std::int64_t slow_clock() { return told_ns += 10 * 60'000; }
+std::int64_t quick_clock() { return told_ns += 10 * 50'000; }
+std::int64_t clock_of_a_busy_core() { return told_ns += ++asked == 8 ? 10 * 40'000 : 10 * 900'000; }
+
+TEST(ChainMujoco, AModelThatCannotKeepUpIsRefused) {
+  const auto refused = open_pendulum(slow_clock);
+  ASSERT_FALSE(refused);
+  EXPECT_NE(refused.message().find("a step of 50 us takes 60 us here, it cannot keep up; give a longer step_s"),
+            std::string::npos)
+      << refused.message();
+  EXPECT_TRUE(open_pendulum(quick_clock)) << "it keeps up, if only just";
+}
+
+TEST(ChainMujoco, OneQuickBatchOfStepsShowsThatAModelKeepsUp) {
+  const auto plant = open_pendulum(clock_of_a_busy_core);
+  EXPECT_TRUE(plant) << plant.message();
+}
+
+// A tail that never ends would be of denormal numbers, with which every step is slow.
+TEST(ChainMujoco, TheTorqueOfAModelsJointEnds) {
+  auto plant = open_pendulum();
   ASSERT_TRUE(plant) << plant.message();
   for (int i = 0; i < 100; ++i) (*plant)->step(std::vector<double>{0.5});
   EXPECT_GT((*plant)->torque_nm(0), 0.4);

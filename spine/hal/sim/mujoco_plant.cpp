@@ -16,7 +16,6 @@
 
 #include "spine/core/files.hpp"
 #include "spine/core/text.hpp"
-#include "spine/core/time.hpp"
 
 namespace lithe::hal::sim {
 namespace {
@@ -81,7 +80,7 @@ class MujocoPlant final : public Mechanism {
   explicit MujocoPlant(const Library& library)
       : library_(library), model_(nullptr, library.delete_model), data_(nullptr, library.delete_data) {}
 
-  Result<> open(const MujocoParams& params) {
+  Result<> open(const MujocoParams& params, Clock clock) {
     if (const auto text = read_regular_file(params.model, kMaxModelBytes); !text) return text.error();
     std::array<char, 1000> why{};
     model_.reset(library_.load(params.model.c_str(), nullptr, why.data(), static_cast<int>(why.size())));
@@ -95,7 +94,7 @@ class MujocoPlant final : public Mechanism {
       if (Result<> added = add(joint); !added) return Error{params.model + ": " + added.message()};
     }
     place();
-    if (const std::int64_t takes_ns = quickest_step_ns(); takes_ns > params.step_ns) {
+    if (const std::int64_t takes_ns = quickest_step_ns(clock); takes_ns > params.step_ns) {
       return Error{params.model + ": a step of " + std::to_string(params.step_ns / 1000) + " us takes " +
                    std::to_string(takes_ns / 1000) + " us here, it cannot keep up; give a longer step_s"};
     }
@@ -160,13 +159,13 @@ class MujocoPlant final : public Mechanism {
   }
 
   // Of the first steps, the quickest few in a row: whoever else wants the core does not count.
-  std::int64_t quickest_step_ns() {
+  std::int64_t quickest_step_ns(Clock clock) {
     constexpr int kBatches = 10, kSteps = 10;
     std::int64_t best_ns = std::numeric_limits<std::int64_t>::max();
     for (int batch = 0; batch < kBatches; ++batch) {
-      const std::int64_t began_ns = monotonic_ns();
+      const std::int64_t began_ns = clock();
       for (int i = 0; i < kSteps; ++i) library_.step(model_.get(), data_.get());
-      best_ns = std::min(best_ns, (monotonic_ns() - began_ns) / kSteps);
+      best_ns = std::min(best_ns, (clock() - began_ns) / kSteps);
     }
     return best_ns;
   }
@@ -199,11 +198,11 @@ class MujocoPlant final : public Mechanism {
 
 }  // namespace
 
-Result<std::unique_ptr<Mechanism>> open_mujoco(const MujocoParams& params) {
+Result<std::unique_ptr<Mechanism>> open_mujoco(const MujocoParams& params, Clock clock) {
   const Result<Library> library = open_library();
   if (!library) return library.error();
   auto plant = std::make_unique<MujocoPlant>(*library);
-  if (Result<> opened = plant->open(params); !opened) return opened.error();
+  if (Result<> opened = plant->open(params, clock); !opened) return opened.error();
   return std::unique_ptr<Mechanism>(std::move(plant));
 }
 
@@ -213,7 +212,7 @@ Result<std::unique_ptr<Mechanism>> open_mujoco(const MujocoParams& params) {
 
 namespace lithe::hal::sim {
 
-Result<std::unique_ptr<Mechanism>> open_mujoco(const MujocoParams& params) {
+Result<std::unique_ptr<Mechanism>> open_mujoco(const MujocoParams& params, Clock /*clock*/) {
   return Error{params.model +
                ": this LITHE was built without MuJoCo; apt-get install libmujoco-dev, and build it again"};
 }

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "spine/core/result.hpp"
+#include "spine/core/time.hpp"
 #include "spine/hal/sim/mechanism.hpp"
 #include "spine/hal/sim/plant.hpp"
 
@@ -27,12 +28,14 @@ struct MujocoParams {
   std::vector<MujocoJoint> joints;
 };
 
+using Clock = std::int64_t (*)();  // nanoseconds
+
 // The model moves as MuJoCo says: its gravity, contacts, limits, friction, armature. Its own actuators are off: drives
 // are the only ones. Where the physics takes longer steps than the drives, a joint moves evenly within one. Whatever
 // else the model has (a free base, passive joints, things that lie about) moves too. A motion that grows beyond all
 // bounds starts anew, as MuJoCo has it. Its step allocates nothing, except where meshes touch or more than 128 bodies
-// may. The error names the joint or what MuJoCo says, that a step takes longer here than it lasts, or how to install
-// MuJoCo. Contract: never in the tick
-Result<std::unique_ptr<Mechanism>> open_mujoco(const MujocoParams& params);
+// may. The error names the joint or what MuJoCo says, that a step takes longer by this clock than it lasts, or how to
+// install MuJoCo. Contract: never in the tick
+Result<std::unique_ptr<Mechanism>> open_mujoco(const MujocoParams& params, Clock clock = monotonic_ns);
 
 }  // namespace lithe::hal::sim
