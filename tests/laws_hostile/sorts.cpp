@@ -14,7 +14,7 @@ struct Hostile {
     for (std::uint32_t j = 0; j < t.joints; ++j) {
       u.torque_nm[j] = 4 * (t.setpoint_position_rad[j] - t.position_rad[j]) - 0.1 * t.velocity_rad_s[j];
     }
-    u.torque_nm[0] += 1e-9 * a[31];
+    u.torque_nm[0] += 1e-9 * a[t.joints - 1];
   }
 };
 LITHE_LAW(Hostile, "sorts");
