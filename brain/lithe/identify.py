@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identifies a joint from telemetry: J q'' + mgl sin q + b q' + tau_c sgn q' = tau, with or without gravity.
+"""Identifies a joint from telemetry: J q'' + mgl sin(q + q0) + b q' + tau_c sgn q' = tau, with or without gravity.
+
+q0 is by how much the joint's angle 0 is off straight down: an error of the encoder, or of how the robot stands. Left
+out, it goes into mgl where a joint swings to one side only: 0.5 degrees at rests of 30 degrees make 1.5 %.
 
 Integrated over short windows (momentum form) the equation needs no acceleration, which quantised encoders do not give:
 
-    integral of tau dt = J [q'] + mgl * integral of sin q dt + b * [q] + tau_c * integral of sgn q' dt
+    integral of tau dt = J [q'] + g_s * integral of sin q dt + g_c * integral of cos q dt + b * [q]
+                         + tau_c * integral of sgn q' dt        with g_s = mgl cos q0, g_c = mgl sin q0
 
-Linear in (J, mgl, b, tau_c), so least squares gives estimates and their standard errors. Windows in which the joint
+Linear in (J, g_s, g_c, b, tau_c), so least squares gives estimates and their standard errors. Windows in which the joint
 (nearly) rests are left out: there friction may be anything between -tau_c and +tau_c, and an estimate from rest alone
 is off by up to tau_c / (mgl sin q). Windows overlap, which uses each sample better; the standard errors count them as
 if only those that do not overlap told anything, so they are on the safe side.
@@ -21,8 +25,9 @@ import numpy.typing as npt
 Vector = npt.NDArray[np.float64]
 
 OVERLAP = 5  # windows that share a moment
-# As of Student's t for a dozen independent swings; tests/system/test_estimate.py measures how often it holds.
-INTERVAL_SE = 2.2
+# Less than the 1.96 of independent errors, for the standard errors are on the safe side: they count overlapping windows
+# as one. tests/system/test_estimate.py measures how often it holds, and that half of it does not.
+INTERVAL_SE = 1.3
 SLOPE_S, SLOPE_TICKS = 0.008, 7
 LONGEST_GAP_S = 0.02  # ticks that a busy machine skips; the arm moves smoothly through such a gap
 
@@ -48,6 +53,7 @@ class Arm:
 
     mgl_nm: float
     mgl_se_nm: float
+    zero_rad: float  # added to a measured angle it is the angle from straight down; 0 without gravity
     inertia_kg_m2: float
     inertia_se_kg_m2: float
     viscous_nm_s_rad: float
@@ -95,6 +101,7 @@ def _rows(motion: Motion, window_s: float, moving_rad_s: float) -> tuple[list[li
     t, q = motion.t_s, motion.position_rad
     v = _velocity(motion)
     sine = _running_integral(np.sin(q), t)
+    cosine = _running_integral(np.cos(q), t)
     impulse = _running_integral(motion.torque_nm, t)
     rows, impulses = [], []
     for start_s in np.arange(t[0], t[-1] - window_s, window_s / OVERLAP):
@@ -104,20 +111,20 @@ def _rows(motion: Motion, window_s: float, moving_rad_s: float) -> tuple[list[li
         sign = np.sign(v[a])
         if not np.min(sign * v[a : b + 1]) > moving_rad_s or np.max(np.diff(t[a : b + 1])) > LONGEST_GAP_S:
             continue  # friction without a known sign, or a gap in the record
-        rows.append([v[b] - v[a], sine[b] - sine[a], q[b] - q[a], sign * (t[b] - t[a])])
+        rows.append([v[b] - v[a], sine[b] - sine[a], cosine[b] - cosine[a], q[b] - q[a], sign * (t[b] - t[a])])
         impulses.append(impulse[b] - impulse[a])
     return rows, impulses
 
 
-def _least_squares(a: npt.NDArray[np.float64], y: Vector) -> tuple[Vector, Vector]:
-    """Estimates and standard errors; windows that overlap n-fold count as n times fewer."""
+def _least_squares(a: npt.NDArray[np.float64], y: Vector) -> tuple[Vector, npt.NDArray[np.float64]]:
+    """Estimates and their covariance; windows that overlap n-fold count as n times fewer."""
     solution, _, rank, _ = np.linalg.lstsq(a, y, rcond=None)
     if rank < a.shape[1]:
         raise ValueError("the motion does not tell the parameters apart: excite the arm more")
     residual = y - a @ solution
     variance = float(residual @ residual) / max(1.0, len(y) / OVERLAP - a.shape[1])
-    errors: Vector = np.sqrt(np.diag(np.linalg.inv(a.T @ a)) * variance)
-    return np.asarray(solution, dtype=np.float64), errors
+    covariance: npt.NDArray[np.float64] = np.linalg.inv(a.T @ a) * variance
+    return np.asarray(solution, dtype=np.float64), covariance
 
 
 def _all_rows(motions: list[Motion], window_s: float, moving_rad_s: float) -> tuple[npt.NDArray[np.float64], Vector]:
@@ -132,22 +139,39 @@ def _all_rows(motions: list[Motion], window_s: float, moving_rad_s: float) -> tu
     return np.array(rows), np.array(impulses)
 
 
+def _gravity(solution: Vector, covariance: npt.NDArray[np.float64]) -> tuple[float, float, float]:
+    """mgl [N m] with its standard error (to first order), and q0 [rad], from g_s and g_c."""
+    mgl = float(np.hypot(solution[1], solution[2]))
+    if mgl == 0:
+        return 0.0, 0.0, 0.0
+    along = solution[1:3] / mgl
+    error = float(np.sqrt(along @ covariance[1:3, 1:3] @ along))
+    if solution[1] < 0:  # it pulls away from straight down: whatever this is, no weight
+        return -mgl, error, 0.0
+    return mgl, error, float(np.arctan2(solution[2], solution[1]))
+
+
 def _fit(a: npt.NDArray[np.float64], y: Vector, gravity: bool) -> Arm:
-    solution, errors = np.zeros(4), np.zeros(4)
-    columns = [0, 1, 2, 3] if gravity else [0, 2, 3]
-    solution[columns], errors[columns] = _least_squares(a[:, columns], y)
-    if solution[2] < 0:  # no arm is driven by its own friction: within the noise there is no viscous part
-        solution[2] = errors[2] = 0.0
-        columns.remove(2)
-        solution[columns], errors[columns] = _least_squares(a[:, columns], y)
+    solution, covariance = np.zeros(5), np.zeros((5, 5))
+
+    def solve(columns: list[int]) -> None:
+        solution[columns], covariance[np.ix_(columns, columns)] = _least_squares(a[:, columns], y)
+
+    solve([0, 1, 2, 3, 4] if gravity else [0, 3, 4])
+    if solution[3] < 0:  # no arm is driven by its own friction: within the noise there is no viscous part
+        solution[3] = covariance[3, :] = covariance[:, 3] = 0.0
+        solve([0, 1, 2, 4] if gravity else [0, 4])
+    mgl_nm, mgl_se_nm, zero_rad = _gravity(solution, covariance)
+    errors = np.sqrt(np.diag(covariance))
     return Arm(
-        mgl_nm=float(solution[1]),
-        mgl_se_nm=float(errors[1]),
+        mgl_nm=mgl_nm,
+        mgl_se_nm=mgl_se_nm,
+        zero_rad=zero_rad,
         inertia_kg_m2=float(solution[0]),
         inertia_se_kg_m2=float(errors[0]),
-        viscous_nm_s_rad=float(solution[2]),
-        coulomb_nm=float(solution[3]),
-        coulomb_se_nm=float(errors[3]),
+        viscous_nm_s_rad=float(solution[3]),
+        coulomb_nm=float(solution[4]),
+        coulomb_se_nm=float(errors[4]),
         windows=len(y),
     )
 

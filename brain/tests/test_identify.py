@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The estimate, on simulated arms that the estimator has never seen, through the agent's own two probes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from arm_sim import Law, SimArm
@@ -41,6 +43,18 @@ def test_two_probes_tell_mgl_within_one_percent_whatever_the_arm(seed: int) -> N
     assert found.inertia_kg_m2 == pytest.approx(arm.inertia_kg_m2, rel=0.02)
     assert found.coulomb_nm == pytest.approx(arm.coulomb_nm, rel=0.05)
     assert found.viscous_nm_s_rad >= 0
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("off_rad", [-0.02, 0.0087])
+def test_an_encoder_that_is_off_does_not_make_the_arm_heavier(seed: int, off_rad: float) -> None:
+    """The probes swing to one side only: an angle that is off looks like weight there, unless it is estimated too."""
+    arm = some_arm(seed)
+    told = [replace(motion, position_rad=motion.position_rad + off_rad) for motion in probe(arm, seed)]
+    found = identify_arm(told)
+    assert abs(found.mgl_nm - arm.mgl_nm) < 3 * found.mgl_se_nm
+    assert found.mgl_nm == pytest.approx(arm.mgl_nm, rel=0.01)
+    assert found.zero_rad == pytest.approx(-off_rad, abs=0.003)
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -109,7 +109,7 @@ def test_a_joint_without_room_is_named() -> None:
         moves.sines([{"name": "wedge", "position_min_rad": 0.0, "position_max_rad": 0.2, "velocity_max_rad_s": 1.0}])
 
 
-ARM = Arm(0.2, 1e-4, 3e-3, 1e-6, 1e-4, 0.016, 1e-4, 100)
+ARM = Arm(0.2, 1e-4, 0.0, 3e-3, 1e-6, 1e-4, 0.016, 1e-4, 100)
 STILL = Motion(np.arange(50.0), np.full(50, 0.3), np.zeros(50), np.zeros(50))
 
 
