@@ -7,17 +7,17 @@
 #include <cstdio>
 #include <cstdlib>
 #include <utility>
-#include <vector>
 
 #include "spine/core/host.hpp"
 #include "spine/core/time.hpp"
+#include "spine/robot/cpu_plan.hpp"
 
 namespace lithe::bench {
 
 Cores pick_cores() {
-  const std::vector<int> cpus = allowed_cpus();
-  if (cpus.size() < 2) {
-    std::fprintf(stderr, "bench: needs two cores, this process may use %zu\n", cpus.size());
+  const MachineCores machine = machine_cores();
+  if (machine.automatic().size() < 2) {
+    std::fprintf(stderr, "bench: needs two cores, this process may use %zu\n", machine.automatic().size());
     std::exit(2);
   }
   Cores wanted;
@@ -27,11 +27,8 @@ Cores pick_cores() {
     std::fprintf(stderr, "bench: LITHE_BENCH_CORES names two different cores, as in 1,3; it says '%s'\n", named);
     std::exit(2);
   }
-  const CpuPlan plan = fold_cpus(cpus);
-  for (const int partner : {plan.transport, plan.brain, plan.housekeeping}) {
-    if (partner != plan.spine) return {plan.spine, partner};
-  }
-  return {cpus[1], cpus[0]};
+  const robot::CpuPlan plan = robot::fold_cpus(machine);
+  return {plan.spine, plan.transport_inline ? plan.housekeeping : plan.transport};
 }
 
 void pin_or_exit(int cpu) {

@@ -129,7 +129,18 @@ def machine() -> Figures:
         "machine_governor": first_line("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor") or "unknown",
         "machine_clock_source": first_line("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
         "measured_as_root": os.geteuid() == 0,
+        **cores(),
     }
+
+
+def cores() -> Figures:
+    """The cores that bench/machine.cpp picks, and whether the kernel keeps others off them; or nothing."""
+    try:
+        done = subprocess.run(program("cores"), capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):  # not built, or there are no two cores
+        return {}
+    told: Figures = json.loads(done.stdout)
+    return told
 
 
 def measure(command: tuple[str, ...]) -> Figures:

@@ -78,11 +78,8 @@ class Peer:
 
 
 def core_of_the_spine() -> int:
-    """As bench/machine.cpp picks it: the first of LITHE_BENCH_CORES, else the second that this process may use."""
-    if named := os.environ.get("LITHE_BENCH_CORES"):
-        return int(named.partition(",")[0])
-    allowed = sorted(os.sched_getaffinity(0))
-    return allowed[min(1, len(allowed) - 1)]
+    """As bench/machine.cpp picks it; where it finds no two, the last that this process may use."""
+    return int(report.cores().get("machine_spine_core", max(os.sched_getaffinity(0))))
 
 
 @contextlib.contextmanager

@@ -159,7 +159,16 @@ def show_run(figures: Figures) -> None:
 def show_machine(figures: Figures) -> None:
     """Where all this was measured: without it no figure means anything."""
     kind = "virtual machine" if figures["machine_virtual"] else "bare metal"
-    print(f"{figures['machine_cpu']}, {figures['machine_cores']} cores, {kind}, Linux {figures['machine_kernel']}")
+    usable = figures.get("machine_usable_cores", figures["machine_cores"])
+    some = "" if usable == figures["machine_cores"] else f" ({usable} of them usable)"
+    print(
+        f"{figures['machine_cpu']}, {figures['machine_cores']} cores{some}, {kind}, Linux {figures['machine_kernel']}"
+    )
     isolated = figures["machine_isolated_cores"] or "none"
     print(f"  isolated cores: {isolated}; governor: {figures['machine_governor']}; ", end="")
     print(f"clock: {figures['machine_clock_source']}; {'root' if figures['measured_as_root'] else 'no root'}")
+    if "machine_spine_core" in figures:
+        print(
+            f"  the Spine's core: {figures['machine_spine_core']}, {figures['machine_spine_core_isolation']}; ", end=""
+        )
+        print(f"its partner's: {figures['machine_partner_core']}, {figures['machine_partner_core_isolation']}")

@@ -16,9 +16,11 @@
 #include <vector>
 
 #include "sim/world.hpp"
+#include "spine/core/cores.hpp"
 #include "spine/core/host.hpp"
 #include "spine/core/time.hpp"
 #include "spine/hal/sim/truth.hpp"
+#include "spine/robot/cpu_plan.hpp"
 #include "spine/robot/robot.hpp"
 
 namespace {
@@ -99,8 +101,8 @@ int serve(simulator::World& world, int signals) {
 
 // A Spine on this machine spins on its core and on the Transport's, more urgent than anybody: who waits for his turn
 // there answers late. Only where it can be done; elsewhere the kernel decides.
-void keep_off_the_spines_cores() {
-  const CpuPlan plan = fold_cpus(allowed_cpus());
+void keep_off_the_spines_cores(const robot::SpineConfig& wanted) {
+  const robot::CpuPlan plan = robot::fold_cpus(machine_cores(), wanted);
   cpu_set_t ours;
   CPU_ZERO(&ours);
   CPU_SET(plan.housekeeping, &ours);
@@ -136,9 +138,9 @@ int run(const std::string& path, const simulator::Options& options, const std::v
   ::sigprocmask(SIG_BLOCK, &ends, nullptr);
   const hal::Descriptor signals(::signalfd(-1, &ends, SFD_CLOEXEC));
   ::prctl(PR_SET_TIMERSLACK, 50'000UL, 0UL, 0UL, 0UL);
-  keep_off_the_spines_cores();
   const Result<robot::RobotConfig> config = robot::load_robot(path);
   if (!config) return refuse(config.message());
+  keep_off_the_spines_cores(config->spine);
   auto world = simulator::World::open(*config, options, say);
   if (!world) return refuse(world.message());
   for (const std::string& fault : faults) {

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "spine/arena/layout.hpp"
+#include "spine/core/host.hpp"
 
 namespace lithe {
 namespace {
@@ -20,52 +21,19 @@ void put_text(std::array<char, N>& to, const std::string& text, std::size_t at =
 
 }  // namespace
 
-Result<CpuPlan> choose_cpus(const robot::RobotConfig& robot, const std::vector<int>& allowed) {
-  CpuPlan plan = fold_cpus(allowed);
-  const robot::SpineConfig& wanted = robot.spine;
-  const std::pair<int, int*> roles[] = {{wanted.cpu_spine, &plan.spine},
-                                        {wanted.cpu_transport, &plan.transport},
-                                        {wanted.cpu_brain, &plan.brain},
-                                        {wanted.cpu_housekeeping, &plan.housekeeping}};
-  for (const auto& [cpu, role] : roles) {
-    if (cpu == robot::kAutoCpu) continue;
-    if (std::find(allowed.begin(), allowed.end(), cpu) == allowed.end()) {
-      return Error{"[spine] asks for core " + std::to_string(cpu) +
-                   ", which this process may not use; leave it out to let " + "the program choose"};
-    }
-    *role = cpu;
-  }
-  // A loop is memory; hardware is behind the kernel, which the tick never calls.
-  const bool all_loops = std::all_of(robot.buses.begin(), robot.buses.end(),
-                                     [](const robot::BusConfig& bus) { return bus.kind == robot::BusKind::loop; });
-  if (wanted.transport == robot::TransportPlace::inlined && !all_loops) {
-    return Error{
-        "[spine] transport = \"inline\" is for simulated buses only: a tick never calls the kernel; leave it out"};
-  }
-  if (wanted.transport != robot::TransportPlace::automatic || !all_loops) {
-    plan.transport_inline = wanted.transport == robot::TransportPlace::inlined;
-    if (!plan.transport_inline && plan.transport == plan.spine) plan.transport = plan.housekeeping;
-  }
-  plan.spine_shares = plan.spine == plan.housekeeping || plan.spine == plan.brain ||
-                      (!plan.transport_inline && plan.transport == plan.spine);
-  return plan;
-}
-
-std::string describe_host(const robot::RobotConfig& robot, const CpuPlan& cpus) {
+std::string describe_host(const std::vector<std::string>& known) {
   std::string notes;
   const auto add = [&notes](const std::string& sentence) { notes += (notes.empty() ? "" : "; ") + sentence; };
-  for (const std::string& note : robot.notes) add(note);
+  for (const std::string& note : known) add(note);
   if (const Result<> locked = lock_memory(); !locked) add(locked.message());
   if (const int nice_value = raise_priority(); nice_value > -20) {
     add("priority stays at nice " + std::to_string(nice_value) + ": run as root, or set LimitNICE=-20");
   }
-  if (cpus.spine_shares) add("one core for everything: the Spine sleeps between ticks instead of spinning");
-  if (cpus.transport_inline) add("fewer than three cores, or asked for: the tick thread serves the buses itself");
   return notes;
 }
 
-void write_robot_info(ipc::ChannelMemory<wire::RobotInfo>& memory, const robot::RobotConfig& robot, const CpuPlan& cpus,
-                      const std::string& notes, const Own& own) {
+void write_robot_info(ipc::ChannelMemory<wire::RobotInfo>& memory, const robot::RobotConfig& robot,
+                      const robot::CpuPlan& cpus, const std::string& notes, const Own& own) {
   auto info = std::make_unique<wire::RobotInfo>();
   put_text(info->robot, robot.name);
   put_text(info->config_path, robot.path);
@@ -114,7 +82,7 @@ std::string describe_replies(const hal::Actuators& actuators) {
   return words + (words.empty() || buses.empty() ? "" : "; ") + buses;
 }
 
-std::string ready_line(const robot::RobotConfig& robot, const CpuPlan& cpus, const std::string& notes) {
+std::string ready_line(const robot::RobotConfig& robot, const robot::CpuPlan& cpus, const std::string& notes) {
   const nlohmann::json line = {{"event", "ready"},
                                {"robot", robot.name},
                                {"pid", getpid()},

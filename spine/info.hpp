@@ -5,19 +5,15 @@
 #include <string>
 #include <vector>
 
-#include "spine/core/host.hpp"
-#include "spine/core/result.hpp"
 #include "spine/hal/actuators.hpp"
 #include "spine/ipc/layout.hpp"
 #include "spine/robot/config.hpp"
+#include "spine/robot/cpu_plan.hpp"
 
 namespace lithe {
 
-// The fold of core/host.hpp, with what the robot file says instead where it says something.
-Result<CpuPlan> choose_cpus(const robot::RobotConfig& robot, const std::vector<int>& allowed);
-
-// Locks memory, tries for priority, and says in sentences what was lost. Empty: nothing was.
-std::string describe_host(const robot::RobotConfig& robot, const CpuPlan& cpus);
+// Locks memory, tries for priority, and says in sentences what was lost, after what is known to be. Empty: nothing was.
+std::string describe_host(const std::vector<std::string>& known);
 
 // Of the process itself.
 struct Own {
@@ -26,13 +22,13 @@ struct Own {
   bool code_arena = false;       // laws are placed, not loaded with dlopen
 };
 
-void write_robot_info(ipc::ChannelMemory<wire::RobotInfo>& memory, const robot::RobotConfig& robot, const CpuPlan& cpus,
-                      const std::string& notes, const Own& own);
+void write_robot_info(ipc::ChannelMemory<wire::RobotInfo>& memory, const robot::RobotConfig& robot,
+                      const robot::CpuPlan& cpus, const std::string& notes, const Own& own);
 
 // What buses and drives did otherwise than asked; empty when nothing. After the last exchange.
 std::string describe_replies(const hal::Actuators& actuators);
 
 // One JSON line for whoever started us.
-std::string ready_line(const robot::RobotConfig& robot, const CpuPlan& cpus, const std::string& notes);
+std::string ready_line(const robot::RobotConfig& robot, const robot::CpuPlan& cpus, const std::string& notes);
 
 }  // namespace lithe

@@ -102,7 +102,7 @@ Result<Containment> contain_laws() {
 // Everything that runs, and how it stops: the tick first (it switches the drives off), the Transport after it.
 class Threads {
  public:
-  Threads(const robot::RobotConfig& robot, const CpuPlan& cpus, Memory& memory, Containment& containment,
+  Threads(const robot::RobotConfig& robot, const robot::CpuPlan& cpus, Memory& memory, Containment& containment,
           load::LawStore* arena, hal::Actuators& actuators)
       : robot_(robot),
         cpus_(cpus),
@@ -208,7 +208,7 @@ class Threads {
   }
 
   const robot::RobotConfig& robot_;
-  CpuPlan cpus_;
+  robot::CpuPlan cpus_;
   Memory& memory_;
   Containment& containment_;
   hal::Actuators& actuators_;
@@ -250,8 +250,10 @@ int run(const std::string& path) {
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);  // inherited by every thread: only this one takes them
   signal(SIGPIPE, SIG_IGN);
 
-  Result<CpuPlan> cpus = choose_cpus(*robot, allowed_cpus());
-  if (!cpus) return refuse(kExitUsage, robot->path + ": " + cpus.message());
+  const MachineCores cores = machine_cores();
+  const Result<robot::CpuPlan> cpus = robot::plan_cpus(*robot, cores);
+  if (!cpus) return refuse(kExitUsage, cpus.message());
+  for (std::string& cost : robot::costs_of(*cpus, robot->spine, cores)) robot->notes.push_back(std::move(cost));
   Result<Memory> memory = make_memory(robot->name);
   if (!memory) return refuse(kExitRefused, memory.message());
   FrameRing tap(*memory->frames, *robot, RawClock::calibrate());
@@ -266,7 +268,7 @@ int run(const std::string& path) {
   const Result<std::unique_ptr<load::ArenaStore>> arena = attach_code_arena(*robot);
   if (!arena) robot->notes.push_back(arena.message());
   load::ArenaStore* const code = arena ? arena->get() : nullptr;
-  const std::string notes = describe_host(*robot, *cpus);
+  const std::string notes = describe_host(robot->notes);
   if (code != nullptr)
     (void)code->arena().lock();  // if not all memory could be, perhaps this much; the notes say which
   if (const Result<> pinned = pin_this_thread(cpus->housekeeping); !pinned)

@@ -16,7 +16,7 @@ import shutil
 import stat
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,8 +25,9 @@ CACHE = ROOT / "build/vcan"
 BIN = Path(os.environ.get("LITHE_BIN_DIR", ROOT / "build/release/bin"))
 PROGRAM = BIN / "hal_bus_socketcan_interface_test"
 LITHE = ("lithe", "lithe-sim", "lithe-spine", "lithe-trial", "lawd")
+STEPS = Path(__file__).with_name("vm_steps.sh")  # the words of such scripts
 ROBOT_SCRIPT = Path(__file__).with_name("vcan_robot.sh")
-REFUSED = ("scan-less", "scan-wrong", "scan-beside")  # steps of it that end with 1, all others with 0
+REFUSED = ("scan-less", "scan-wrong", "scan-beside")  # steps of it that end with another code than 0
 QEMU = "qemu-system-x86_64"
 MODULES = ("can-raw", "vcan")
 APPLETS = ("cat", "grep", "insmod", "ip", "mkdir", "mount", "poweroff", "seq", "sh", "sleep", "touch")
@@ -54,6 +55,8 @@ class Cargo:
     program: Path  # its verdict is the boot's
     beside: tuple[Path, ...] = ()  # more programs
     files: dict[str, bytes] = field(default_factory=dict)  # "robot.sh" runs after the program
+    cores: int = 2
+    options: str = ""  # for the kernel
 
 
 @dataclass(frozen=True)
@@ -146,6 +149,11 @@ def without(text: str, *names: str) -> str:
     return "".join(part for part in parts if not any(f'\nname = "{name}"\n' in part for name in names))
 
 
+def script(path: Path) -> bytes:
+    """What the machine runs after the program: it can use the words of STEPS."""
+    return STEPS.read_bytes() + path.read_bytes()
+
+
 def robot_files() -> dict[str, bytes]:
     """Frankenstein on three CAN interfaces, patient with an emulated machine; with a part less; with a wrong id."""
     socketcan = 'name = "can{}"\nkind = "socketcan"\ninterface = "vcan{}"\nreply_wait_s = 0.009'
@@ -160,7 +168,7 @@ def robot_files() -> dict[str, bytes]:
     less = without(robot, "hand_drive", "hand")
     wrong = changed(robot, {'bus = "can0"\nid = 3\n': 'bus = "can0"\nid = 9\n'})
     files = {"robot.toml": robot, "less.toml": less, "wrong.toml": wrong}
-    return {name: text.encode() for name, text in files.items()} | {"robot.sh": ROBOT_SCRIPT.read_bytes()}
+    return {name: text.encode() for name, text in files.items()} | {"robot.sh": script(ROBOT_SCRIPT)}
 
 
 def why_not(cache: Path = CACHE, program: Path = PROGRAM) -> str:
@@ -226,8 +234,21 @@ def boot(kernel: Kernel, cargo: Cargo, cache: Path) -> tuple[int | None, str]:
     """How the program ended in the machine (None: it never did), and all that the machine said."""
     archive = cache / f"initramfs.{os.getpid()}"
     archive.write_bytes(initramfs(kernel, cargo))
-    command = [QEMU, "-accel", "tcg", "-smp", "2", "-m", "1024", "-nographic", "-no-reboot", "-nic", "none"]
-    command += ["-kernel", str(kernel.image), "-initrd", str(archive), "-append", "console=ttyS0 quiet panic=-1"]
+    command = [
+        QEMU,
+        "-accel",
+        "tcg",
+        "-smp",
+        str(cargo.cores),
+        "-m",
+        "1024",
+        "-nographic",
+        "-no-reboot",
+        "-nic",
+        "none",
+    ]
+    options = f"console=ttyS0 quiet panic=-1 {cargo.options}"
+    command += ["-kernel", str(kernel.image), "-initrd", str(archive), "-append", options]
     try:
         ended = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=TIMEOUT_S, check=False)
         said = (ended.stdout + ended.stderr).decode(errors="replace")
@@ -245,11 +266,11 @@ def steps(said: str) -> dict[str, Step]:
     return {name: Step(int(code), text) for name, text, code in found}
 
 
-def wrong_steps(said: str) -> list[str]:
-    """The robot's steps that did not end as they must, or never did."""
+def wrong_steps(said: str, path: Path = ROBOT_SCRIPT, refused: Collection[str] = REFUSED) -> list[str]:
+    """The script's steps that did not end as they must, or never did."""
     ended = steps(said)
-    names = re.findall(r"(?m)^step (\S+)", ROBOT_SCRIPT.read_text())
-    return [name for name in names if name not in ended or ended[name].code != int(name in REFUSED)]
+    names = re.findall(r"(?m)^step (\S+)", path.read_text())
+    return [name for name in names if name not in ended or (ended[name].code != 0) != (name in refused)]
 
 
 def main() -> int:

@@ -1,30 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Run by /init of the machine that tools/vcan.py boots, after the program of its own: a robot whose buses are CAN
-# interfaces, from `lithe sim` to the Spine. Each step prints `vcan: begin NAME`, what it says, `vcan: end NAME CODE`;
-# tests/system/test_vcan.py holds them against what must be.
-step() {
-  name=$1
-  shift
-  echo "vcan: begin $name"
-  "$@" 2>&1
-  echo "vcan: end $name $?"
-}
-
-# Until a command's answer passes the test. What does not come in a minute does not come: the rest would wait in vain.
-await() {
-  passes=$1
-  shift
-  [ -e /tmp/vain ] && return 1
-  for _ in $(seq 120); do
-    "$@" >/tmp/answer 2>&1
-    $passes /tmp/answer && cat /tmp/answer && return 0
-    sleep 0.5
-  done
-  echo "waited in vain; the last answer:"
-  cat /tmp/answer
-  touch /tmp/vain
-  return 1
-}
+# interfaces, from `lithe sim` to the Spine. tests/system/test_vcan.py holds its steps against what must be.
 served() { grep -q "can2 socketcan vcan3" "$1"; }
 well() { grep -q '"sent"' "$1" && ! grep -q '"problems": \[$' "$1"; }
 lost() { [ "$(grep -c '"lost"[,]*$' "$1")" -ge 3 ]; }

@@ -81,21 +81,6 @@ TEST(Histogram, QuantilesAreWithinABinOfTheTruth) {
   EXPECT_NEAR(static_cast<double>(histogram_quantile_ns(counters.bin, 0.999)), 9990, 9990 * 0.04);
 }
 
-TEST(CpuPlan, FoldsFourRolesOntoFewerCores) {
-  const CpuPlan four = fold_cpus({0, 1, 2, 3});
-  EXPECT_EQ(four.spine, 1);
-  EXPECT_EQ(four.brain, 2);
-  EXPECT_EQ(four.transport, 3);
-  EXPECT_FALSE(four.transport_inline);
-  const CpuPlan two = fold_cpus({4, 5});
-  EXPECT_EQ(two.housekeeping, 4);
-  EXPECT_EQ(two.spine, 5);
-  EXPECT_EQ(two.brain, 4);
-  EXPECT_TRUE(two.transport_inline);
-  EXPECT_FALSE(two.spine_shares);
-  EXPECT_TRUE(fold_cpus({7}).spine_shares);
-}
-
 // Out of the optimizer's sight: a pair of new and delete may be left out.
 void allocate() {
   void* volatile memory = std::malloc(8);

@@ -14,28 +14,15 @@
 
 namespace lithe {
 
-std::vector<int> allowed_cpus() {
+std::vector<int> allowed_cpus(pid_t thread) {
   cpu_set_t set;
   CPU_ZERO(&set);
   std::vector<int> cpus;
-  if (sched_getaffinity(0, sizeof set, &set) != 0) return {0};
+  if (sched_getaffinity(thread, sizeof set, &set) != 0) return {};
   for (int cpu = 0; cpu < CPU_SETSIZE; ++cpu) {
     if (CPU_ISSET(cpu, &set)) cpus.push_back(cpu);
   }
   return cpus;
-}
-
-CpuPlan fold_cpus(const std::vector<int>& cpus) {
-  const std::size_t n = cpus.size();
-  if (n == 0) return {};
-  CpuPlan plan;
-  plan.housekeeping = cpus[0];
-  plan.spine = n >= 2 ? cpus[1] : cpus[0];
-  plan.brain = n >= 4 ? cpus[2] : cpus[0];
-  plan.transport = n >= 3 ? cpus[n >= 4 ? 3 : 2] : plan.spine;
-  plan.transport_inline = n < 3;
-  plan.spine_shares = n < 2;
-  return plan;
 }
 
 Result<> pin_this_thread(int cpu) {

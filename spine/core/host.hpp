@@ -2,6 +2,8 @@
 // What a thread asks of the kernel before it may tick: a core, a priority, memory that stays.
 #pragma once
 
+#include <sys/types.h>
+
 #include <cstddef>
 #include <string>
 #include <vector>
@@ -10,22 +12,9 @@
 
 namespace lithe {
 
-// Which core does what (design §3). Several roles share a core when there are fewer than four.
-struct CpuPlan {
-  int housekeeping = 0;
-  int spine = 0;
-  int brain = 0;
-  int transport = 0;
-  bool spine_shares = false;      // something of ours runs on the Spine's core: the Spine must not spin
-  bool transport_inline = false;  // no core of its own: the tick thread runs the bus cycle in its slack
-};
-
-// Cores this process may run on, ascending.
-std::vector<int> allowed_cpus();
-
-// The documented fold: 4 cores: one role each · 3: Brain joins housekeeping · 2: Transport moves into the tick thread ·
-// 1: all share, and the Spine sleeps between ticks.
-CpuPlan fold_cpus(const std::vector<int>& cpus);
+// The affinity of a thread (0: the calling one): the cores it may run on now, ascending; empty if nobody
+// can tell.
+std::vector<int> allowed_cpus(pid_t thread = 0);
 
 // Pins the calling thread. The error names the core and those allowed.
 Result<> pin_this_thread(int cpu);

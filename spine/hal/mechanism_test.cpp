@@ -69,7 +69,7 @@ std::string robot_text(const std::vector<Link>& links, const std::string& plant,
 }
 
 robot::RobotConfig parsed(const std::string& text) {
-  Result<robot::RobotConfig> config = robot::parse_robot(text, "/r.toml", {4});
+  Result<robot::RobotConfig> config = robot::parse_robot(text, "/r.toml");
   EXPECT_TRUE(config) << config.message();
   return *config;
 }

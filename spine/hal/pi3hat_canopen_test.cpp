@@ -19,7 +19,7 @@ constexpr std::size_t kJoints = 7;  // the first two are CANopen
 
 // Five moteus drives and a gateway on JC1 and JC2, two CANopen drives on JC3.
 robot::RobotConfig frankenstein() {
-  Result<robot::RobotConfig> loaded = robot::load_robot(LITHE_ROBOTS "/frankenstein.toml", {4});
+  Result<robot::RobotConfig> loaded = robot::load_robot(LITHE_ROBOTS "/frankenstein.toml");
   EXPECT_TRUE(loaded) << loaded.message();
   robot::RobotConfig config = *loaded;
   config.plant.ideal = true;

@@ -23,7 +23,7 @@ namespace {
 
 // The quadruped as on the robot, with an IMU.
 robot::RobotConfig quadruped() {
-  Result<robot::RobotConfig> loaded = robot::load_robot(LITHE_ROBOTS "/quadruped.toml", {4});
+  Result<robot::RobotConfig> loaded = robot::load_robot(LITHE_ROBOTS "/quadruped.toml");
   EXPECT_TRUE(loaded) << loaded.message();
   robot::RobotConfig config = *loaded;
   for (std::size_t i = 0; i < config.buses.size(); ++i) {

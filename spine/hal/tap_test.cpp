@@ -32,7 +32,7 @@ class Watcher final : public FrameTap {
 };
 
 TEST(Tap, SeesEveryFrameOfEveryBusByItsNumberAndAllocatesNothing) {
-  const auto config = robot::load_robot(LITHE_ROBOTS "/frankenstein.toml", {4});
+  const auto config = robot::load_robot(LITHE_ROBOTS "/frankenstein.toml");
   ASSERT_TRUE(config) << config.message();
   Watcher watcher;
   auto with = open_actuators(*config, nullptr, &watcher);

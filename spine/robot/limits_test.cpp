@@ -24,12 +24,12 @@ const std::string kKnown = "load_max_nm = 0.165\ninertia_max_kg_m2 = 2.55e-3\n";
 const std::string kSim = "[joint.sim]\ninertia_kg_m2 = 2.55e-3\nmgl_nm = 0.165\n";
 
 RobotConfig parsed(const std::string& text) {
-  Result<RobotConfig> robot = parse_robot(text, "r.toml", {4});
+  Result<RobotConfig> robot = parse_robot(text, "r.toml");
   EXPECT_TRUE(robot) << robot.message();
   return robot ? *robot : RobotConfig{};
 }
 std::string mistake(const std::string& text) {
-  const Result<RobotConfig> robot = parse_robot(text, "r.toml", {4});
+  const Result<RobotConfig> robot = parse_robot(text, "r.toml");
   return robot ? "none" : robot.message();
 }
 bool says(const std::string& text, const std::string& phrase) { return text.find(phrase) != std::string::npos; }

@@ -27,7 +27,7 @@ std::string joint(int number, const std::string& sim = "") {
 }
 
 void expect_refused(const std::string& text, const std::vector<std::string>& phrases) {
-  const Result<RobotConfig> robot = parse_robot(kTop + text, "/robots/r.toml", {4});
+  const Result<RobotConfig> robot = parse_robot(kTop + text, "/robots/r.toml");
   ASSERT_FALSE(robot) << "accepted, but should say: " << phrases.front();
   for (const std::string& phrase : phrases) {
     EXPECT_NE(robot.message().find(phrase), std::string::npos) << robot.message() << "\nlacks: " << phrase;
@@ -35,7 +35,7 @@ void expect_refused(const std::string& text, const std::vector<std::string>& phr
 }
 
 RobotConfig accepted(const std::string& text) {
-  Result<RobotConfig> robot = parse_robot(kTop + text, "/robots/r.toml", {4});
+  Result<RobotConfig> robot = parse_robot(kTop + text, "/robots/r.toml");
   EXPECT_TRUE(robot) << robot.message();
   return robot ? *robot : RobotConfig{};
 }

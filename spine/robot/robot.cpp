@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <filesystem>
 #include <sstream>
-#include <thread>
 
 #include "spine/core/files.hpp"
 #include "spine/core/joints.hpp"
@@ -230,25 +229,8 @@ class File {
 };
 
 // What works but costs something: stated, never refused.
-void note_costs(RobotConfig& robot, unsigned cores) {
-  const SpineConfig& spine = robot.spine;
-  if (cores < 4) {
-    robot.notes.push_back(fmt::format(
-        "this machine offers {} core{}, the full layout uses 4: some processes share a core and the tick is later "
-        "more often (docs/rt.md)",
-        cores, cores == 1 ? "" : "s"));
-  }
-  const auto absent = [&](std::string_view key, int cpu) {
-    if (cpu >= 0 && static_cast<unsigned>(cpu) >= cores) {
-      robot.notes.push_back(
-          fmt::format("spine.{} = {}, but the cores here are 0 to {}: chosen as \"auto\"", key, cpu, cores - 1));
-    }
-  };
-  absent("cpu_spine", spine.cpu_spine);
-  absent("cpu_transport", spine.cpu_transport);
-  absent("cpu_brain", spine.cpu_brain);
-  absent("cpu_housekeeping", spine.cpu_housekeeping);
-  if (spine.release == Release::sleep && robot.rate_hz > 2000.0) {
+void note_costs(RobotConfig& robot) {
+  if (robot.spine.release == Release::sleep && robot.rate_hz > 2000.0) {
     robot.notes.push_back(
         fmt::format("release = \"sleep\" at {} Hz: waking takes tens of microseconds of every {:.0f}; "
                     "\"spin\" is exact",
@@ -273,7 +255,7 @@ Place place_in(std::string_view text, std::size_t offset) {
 
 }  // namespace
 
-Result<RobotConfig> parse_robot(std::string_view text, const std::string& path, Host host) {
+Result<RobotConfig> parse_robot(std::string_view text, const std::string& path) {
   Report report(path);
   if (const std::size_t bad = first_non_text(text); bad != std::string_view::npos) {
     report.add(place_in(text, bad), fmt::format("byte 0x{:02X} is no text; save the file as plain UTF-8",
@@ -294,14 +276,14 @@ Result<RobotConfig> parse_robot(std::string_view text, const std::string& path, 
   for (std::string* file : {&robot.law, &robot.plant.model}) {
     if (!file->empty()) *file = (base / *file).lexically_normal().string();
   }
-  note_costs(robot, host.cores != 0 ? host.cores : std::max(1U, std::thread::hardware_concurrency()));
+  note_costs(robot);
   return robot;
 }
 
-Result<RobotConfig> load_robot(const std::string& path, Host host) {
+Result<RobotConfig> load_robot(const std::string& path) {
   const Result<std::string> text = read_regular_file(path, kMaxConfigBytes);
   if (!text) return Error{text.message() + "; give the robot's .toml file, `ls robots/` shows the robots at hand"};
-  return parse_robot(*text, path, host);
+  return parse_robot(*text, path);
 }
 
 }  // namespace lithe::robot

@@ -16,16 +16,12 @@ inline constexpr std::uint32_t kLeastBitrate = 10'000;
 inline constexpr std::uint32_t kMostBitrate = 1'000'000;
 inline constexpr std::uint32_t kMostDataBitrate = 8'000'000;
 
-// What the file is judged against beside itself.
-struct Host {
-  unsigned cores = 0;  // 0 = ask the machine
-};
-
 // Contract: never in the tick · reads one file, changes nothing. The error names every mistake of the file, one a
-// line, as `file:line:column: what is wrong; what to do`. Too few cores are a note in the result, not an error.
-Result<RobotConfig> load_robot(const std::string& path, Host host = {});
+// line, as `file:line:column: what is wrong; what to do`. What the file costs is a note in the result; which cores
+// the machine has is cpu_plan.hpp's to judge.
+Result<RobotConfig> load_robot(const std::string& path);
 
 // The same on text that is already in memory; `path` is only used in messages and to resolve relative paths.
-Result<RobotConfig> parse_robot(std::string_view text, const std::string& path, Host host = {});
+Result<RobotConfig> parse_robot(std::string_view text, const std::string& path);
 
 }  // namespace lithe::robot

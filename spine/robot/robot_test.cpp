@@ -13,8 +13,6 @@
 namespace lithe::robot {
 namespace {
 
-constexpr Host kFourCores{4};
-
 // The smallest robot: every other test breaks or extends it.
 const std::string kSmallest = R"(name = "r"
 [[bus]]
@@ -45,7 +43,7 @@ std::string replaced(const std::string& from, const std::string& to) {
 
 // The message for a broken file, which must hold `place` (line:column) and every phrase.
 void expect_refused(const std::string& text, const std::string& place, const std::vector<std::string>& phrases) {
-  const Result<RobotConfig> robot = parse_robot(text, "r.toml", kFourCores);
+  const Result<RobotConfig> robot = parse_robot(text, "r.toml");
   ASSERT_FALSE(robot) << "accepted, but should say: " << phrases.front();
   EXPECT_NE(robot.message().find("r.toml:" + place + (place.ends_with(":") ? "" : ": ")), std::string::npos)
       << robot.message();
@@ -55,7 +53,7 @@ void expect_refused(const std::string& text, const std::string& place, const std
 }
 
 TEST(Robot, TheDeskArmLoadsAsItIsWritten) {
-  const Result<RobotConfig> arm = load_robot(LITHE_ROBOTS "/arm.toml", kFourCores);
+  const Result<RobotConfig> arm = load_robot(LITHE_ROBOTS "/arm.toml");
   ASSERT_TRUE(arm) << arm.message();
   EXPECT_EQ(arm->name, "arm");
   EXPECT_EQ(arm->rate_hz, 1000.0);
@@ -71,7 +69,7 @@ TEST(Robot, EveryRobotOfTheHouseLoads) {
   int count = 0;
   for (const auto& entry : std::filesystem::directory_iterator(LITHE_ROBOTS)) {
     if (entry.path().extension() != ".toml") continue;
-    const Result<RobotConfig> robot = load_robot(entry.path().string(), kFourCores);
+    const Result<RobotConfig> robot = load_robot(entry.path().string());
     EXPECT_TRUE(robot) << robot.message();
     ++count;
   }
@@ -79,7 +77,7 @@ TEST(Robot, EveryRobotOfTheHouseLoads) {
 }
 
 TEST(Robot, TheSmallestFileGetsTheDocumentedDefaults) {
-  const Result<RobotConfig> robot = parse_robot(kSmallest, "r.toml", kFourCores);
+  const Result<RobotConfig> robot = parse_robot(kSmallest, "r.toml");
   ASSERT_TRUE(robot) << robot.message();
   EXPECT_EQ(robot->rate_hz, 1000.0);
   EXPECT_EQ(robot->law, "");
@@ -248,7 +246,7 @@ torque_max_nm = 2
 [joint.sim]
 seed = 7
 )";
-  const Result<RobotConfig> robot = parse_robot(text, "r.toml", kFourCores);
+  const Result<RobotConfig> robot = parse_robot(text, "r.toml");
   ASSERT_TRUE(robot) << robot.message();
   EXPECT_EQ(robot->joints[0].torque_max_nm, 1.0);
   EXPECT_EQ(robot->joints[1].torque_max_nm, 2.0);
@@ -258,16 +256,6 @@ seed = 7
   std::string broken = text;
   broken.replace(broken.find("torque_max_nm"), 13, "torque_mxa_nm");
   expect_refused(broken, "9:1", {"[defaults.joint]", "did you mean 'torque_max_nm'?"});
-}
-
-TEST(Robot, TooFewCoresAreANoteAndNoRefusal) {
-  const std::string text = kSmallest + "[spine]\ncpu_spine = 3\n";
-  const Result<RobotConfig> robot = parse_robot(text, "r.toml", Host{2});
-  ASSERT_TRUE(robot) << robot.message();
-  ASSERT_EQ(robot->notes.size(), 2U);
-  EXPECT_NE(robot->notes[0].find("2 cores"), std::string::npos);
-  EXPECT_NE(robot->notes[1].find("cpu_spine = 3"), std::string::npos);
-  EXPECT_TRUE(parse_robot(text, "r.toml", kFourCores)->notes.empty());
 }
 
 TEST(Robot, SeveralMistakesAreAllReportedAtOnce) {
@@ -299,7 +287,7 @@ TEST(Robot, EveryStringIsPrintable) {
     const std::string text = bad + " = 1\nlaw = " + bad + "\nname = " + bad + "\n[[bus]]\nname = " + bad +
                              "\nkind = \"loop\"\n[[device]]\nname = " + bad + "\nbus = " + bad +
                              "\n[[joint]]\nname = " + bad + "\ngroup = " + bad + "\n";
-    const Result<RobotConfig> robot = parse_robot(text, "r.toml", kFourCores);
+    const Result<RobotConfig> robot = parse_robot(text, "r.toml");
     ASSERT_FALSE(robot);
     for (const char* line :
          {"r.toml:1:", "r.toml:2:", "r.toml:3:", "r.toml:5:", "r.toml:8:", "r.toml:11:", "r.toml:12:"})
@@ -325,7 +313,7 @@ TEST(Robot, RandomDamageNeverCrashesAndIsReportedOrHarmless) {
       text[random() % text.size()] = static_cast<char>(round % 2 == 0 ? random() % 256 : 32 + random() % 95);
     }
     if (round % 4 == 0) text.resize(random() % text.size());
-    const Result<RobotConfig> robot = parse_robot(text, "r.toml", kFourCores);
+    const Result<RobotConfig> robot = parse_robot(text, "r.toml");
     if (!robot) {
       EXPECT_EQ(robot.message().rfind("r.toml:", 0), 0U) << robot.message();
     }

@@ -101,6 +101,13 @@ void print_quantiles(const char* name, const Json& q) {
              number(q, "p99"), number(q, "p999"), number(q, "max"));
 }
 
+// An older supervisor does not tell.
+void print_core(const Json& cpus) {
+  if (!cpus.contains("spine_core")) return;
+  const Json& core = cpus["spine_core"];
+  fmt::print("  the Spine's core: {}, {} ({})\n", cpus.value("spine", 0), word(core, "words"), word(core, "why"));
+}
+
 }  // namespace
 
 void print_status(const Json& s) {
@@ -139,6 +146,7 @@ void print_status(const Json& s) {
                number(joint, "position_rad") * kDegPerRad, number(joint, "setpoint_position_rad") * kDegPerRad,
                number(joint, "velocity_rad_s") * kDegPerRad, number(joint, "torque_nm"), drive_words(joint), problems);
   }
+  print_core(s.value("cpus", Json::object()));
   if (word(s, "gates") == "open") {
     fmt::print("  THE GATES ARE OPEN: laws are neither admitted nor tried\n");
   }

@@ -20,6 +20,7 @@
 #include "spine/core/host.hpp"
 #include "spine/core/paths.hpp"
 #include "spine/core/time.hpp"
+#include "spine/robot/cpu_plan.hpp"
 #include "spine/robot/robot.hpp"
 #include "supervisor/bus/advice.hpp"
 #include "supervisor/control/cores.hpp"
@@ -42,6 +43,14 @@ std::string holder_of(const std::string& robot) {
   }
   const auto control = ipc::Segment<ipc::ControlMemory>::attach(robot, ipc::Access::read);
   return control ? std::to_string((*control)->header.writer_pid) : pid;
+}
+
+int refuse_file(const std::string& why, bool json) {
+  std::cerr << why << '\n';
+  if (json) {
+    std::cout << Json{{"ok", false}, {"error", Refusal{"bad_config", why, "correct the file"}.to_json()}} << '\n';
+  }
+  return 2;
 }
 
 bool buses_can_carry(const robot::RobotConfig& config, bool json) {
@@ -67,12 +76,15 @@ int run_robot(const RunOptions& options) {
   spdlog::set_pattern("%H:%M:%S.%e %^%l%$ %v");
   auto config = robot::load_robot(options.config_path);
   if (!config) {
-    std::cerr << config.message() << '\n';
-    if (options.json) {
-      std::cout << Json{{"ok", false}, {"error", Refusal{"bad_config", config.message(), "correct the file"}.to_json()}}
-                << '\n';
+    return refuse_file(config.message(), options.json);
+  }
+  const MachineCores cores = machine_cores();
+  if (const auto plan = robot::plan_cpus(*config, cores); plan) {
+    for (std::string& cost : robot::costs_of(*plan, config->spine, cores)) {
+      config->notes.push_back(std::move(cost));
     }
-    return 2;
+  } else if (!live_spine(config->name)) {  // one that ticks has its cores
+    return refuse_file(plan.message(), options.json);
   }
   for (const std::string& note : config->notes) {
     spdlog::warn("{}", note);
@@ -103,7 +115,7 @@ void Supervisor::take_lease() {
     throw Halt{1, fmt::format("cannot write {}: {}; disk full, or over a limit (ulimit -f)?", pid_path(config_.name),
                               std::strerror(errno))};
   }
-  if (const auto pinned = set_affinity(0, cores_beside(all_cpus_, config_.spine)); !pinned) {
+  if (const auto pinned = set_affinity(0, our_cpus_); !pinned) {
     spdlog::warn("{}", pinned.message());
   }
 }

@@ -3,8 +3,6 @@
 
 #include <algorithm>
 
-#include "spine/core/host.hpp"
-
 namespace lithe::control {
 
 std::vector<int> cores_beside(const std::vector<int>& allowed, int spine_cpu, int transport_cpu) {
@@ -17,14 +15,6 @@ std::vector<int> cores_beside(const std::vector<int>& allowed, int spine_cpu, in
     }
   }
   return rest;
-}
-
-std::vector<int> cores_beside(const std::vector<int>& allowed, const robot::SpineConfig& wanted) {
-  const CpuPlan fold = fold_cpus(allowed);
-  const auto pick = [&allowed](int asked, int automatic) {
-    return std::find(allowed.begin(), allowed.end(), asked) != allowed.end() ? asked : automatic;
-  };
-  return cores_beside(allowed, pick(wanted.cpu_spine, fold.spine), pick(wanted.cpu_transport, fold.transport));
 }
 
 }  // namespace lithe::control

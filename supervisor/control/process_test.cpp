@@ -103,12 +103,5 @@ TEST(Cores, KeepOffTheSpineAndTheTransportWhereThereIsRoom) {
   EXPECT_EQ(cores_beside({5}, 5, 5), (std::vector<int>{5}));
 }
 
-TEST(Cores, FollowTheFileWhereItsCoresExist) {
-  robot::SpineConfig wanted;
-  wanted.cpu_spine = 2;
-  wanted.cpu_transport = 99;
-  EXPECT_EQ(cores_beside({0, 1, 2, 3}, wanted), (std::vector<int>{0, 1}));
-}
-
 }  // namespace
 }  // namespace lithe::control

@@ -1,14 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "supervisor/control/status.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <string>
 #include <utility>
 
+#include "spine/core/cores.hpp"
+#include "spine/core/host.hpp"
 #include "spine/ipc/frames.hpp"
 #include "spine/ipc/segment.hpp"
+#include "spine/robot/cpu_plan.hpp"
 #include "supervisor/bus/drive_words.hpp"
 
 namespace lithe::control {
@@ -130,6 +135,26 @@ Json params_of(const wire::LawInfo& law, const wire::Params* live) {
   return list;
 }
 
+// Whether the kernel keeps others off the Spine's core: as it stands now, for the thread that ticks.
+Json spine_core_json(const SpineLink& spine, const robot::SpineConfig& wanted) {
+  const wire::RobotInfo& info = spine.info();
+  const IsolatedCores isolated = isolated_cores(spine.spine_pid());
+  const int cpu = static_cast<int>(info.cpu_spine);
+  const bool shared = info.cpu_spine == info.cpu_housekeeping || info.cpu_spine == info.cpu_brain ||
+                      (info.transport_inline == 0 && info.cpu_spine == info.cpu_transport);
+  const char* const names[] = {"none", "boot", "cpuset"};
+  const std::vector<int> pinned = allowed_cpus(static_cast<pid_t>(info.tid_spine));
+  std::string words = robot::isolation_words(isolated, cpu);
+  if (info.tid_spine != 0 && !pinned.empty() && pinned != std::vector<int>{cpu}) {
+    words += fmt::format("; the thread that ticks is NOT pinned to it, it may run on {}", cpu_list(pinned));
+  }
+  return {{"isolation", names[static_cast<std::size_t>(isolated.how(cpu))]},
+          {"isolated_cores", cpu_list(isolated.all())},
+          {"timer_tick", !isolated.is_tickless(cpu)},
+          {"why", robot::why_spine(cpu, shared, wanted, isolated)},
+          {"words", words}};
+}
+
 }  // namespace
 
 Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
@@ -165,7 +190,8 @@ Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
             {"transport", info.cpu_transport},
             {"brain", info.cpu_brain},
             {"housekeeping", info.cpu_housekeeping},
-            {"transport_inline", info.transport_inline != 0}}},
+            {"transport_inline", info.transport_inline != 0},
+            {"spine_core", spine_core_json(spine, robot.spine)}}},
           {"loader", info.arena_base != 0 ? "arena" : "dlopen"},
           {"lost", text_of(info.notes)},
           {"config", text_of(info.config_path)},

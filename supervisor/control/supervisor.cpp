@@ -17,6 +17,7 @@
 #include "spine/core/paths.hpp"
 #include "spine/core/text.hpp"
 #include "spine/core/time.hpp"
+#include "spine/robot/cpu_plan.hpp"
 #include "supervisor/control/cores.hpp"
 
 namespace lithe::control {
@@ -24,16 +25,21 @@ namespace {
 
 constexpr int kIdleTurnMs = 20;
 
+std::vector<int> beside_the_spine(const std::vector<int>& allowed, const robot::SpineConfig& wanted) {
+  const robot::CpuPlan plan = robot::fold_cpus(machine_cores(), wanted);
+  return cores_beside(allowed, plan.spine, plan.transport);
+}
+
 }  // namespace
 
 Supervisor::Supervisor(RunOptions options, robot::RobotConfig config)
     : options_(std::move(options)),
       config_(std::move(config)),
       all_cpus_(allowed_cpus()),
+      our_cpus_(beside_the_spine(all_cpus_, config_.spine)),
       born_ns_(monotonic_ns()),
-      lawd_(program_dir() + "/lawd", cores_beside(all_cpus_, config_.spine), config_.joints.size()),
-      trial_(program_dir() + "/lithe-trial", std::filesystem::absolute(options_.config_path).string(),
-             cores_beside(all_cpus_, config_.spine)),
+      lawd_(program_dir() + "/lawd", our_cpus_, config_.joints.size()),
+      trial_(program_dir() + "/lithe-trial", std::filesystem::absolute(options_.config_path).string(), our_cpus_),
       log_path_(fmt::format("{}/{}.spine.log", run_dir(), config_.name)) {}
 
 Supervisor::~Supervisor() = default;

@@ -93,7 +93,8 @@ class Supervisor {
 
   RunOptions options_;
   robot::RobotConfig config_;
-  std::vector<int> all_cpus_;
+  std::vector<int> all_cpus_;  // with which we were started
+  std::vector<int> our_cpus_;  // of these, until the Spine has said where it runs
   std::int64_t born_ns_;
   ipc::Lease lease_;
   bool owns_files_ = false;

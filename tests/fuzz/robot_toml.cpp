@@ -69,7 +69,7 @@ void run_robot(const robot::RobotConfig& robot) {
 
 void run(Bytes bytes) {
   Input input(bytes);
-  const auto robot = robot::parse_robot(input.text(1 << 15), std::string(kName), {4});
+  const auto robot = robot::parse_robot(input.text(1 << 15), std::string(kName));
   if (!robot) return check_refusal(robot.message());
   check_config(*robot);
   if (robot->joints.size() <= 4) run_robot(*robot);

@@ -57,6 +57,7 @@ def skips(path: Path) -> list[str]:
 EXCUSES = ("privilege", "root", "core")
 COMPUTED = (  # the reason is computed there, and only there
     "test_vcan.py: pytest.skip(reason)",  # no QEMU, no kernel
+    "test_isolated_cores.py: pytest.skip(reason)",  # the same
     "pypi.py: pytest.skip(str(why))",  # no network
     "simulated.py: pytest.skip(house.log().strip().splitlines()[-1])",  # no MuJoCo
     # The kernel's counts say that the machine took the core away, and the run fell short.

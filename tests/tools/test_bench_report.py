@@ -3,6 +3,7 @@
 
 import importlib
 import json
+import os
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -59,6 +60,26 @@ def test_what_was_measured_is_told_with_its_machine(
     assert f"{told['machine_cpu']}, {told['machine_cores']} cores" in printed
     assert "governor" in printed and "isolated cores" in printed and "load" in printed
     assert not any(isinstance(value, dict | list) for value in told.values()), "flat"
+
+
+def test_the_cores_of_the_benches_are_told_with_how_they_are_isolated(
+    report: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Those that LITHE_BENCH_CORES names, else as a robot's: an isolated one for the Spine where there is one."""
+    allowed = sorted(os.sched_getaffinity(0))
+    assert Path(report.program("cores")[0]).exists(), "make test builds bench_cores"
+    if len(allowed) < 2:
+        assert report.cores() == {}, "no bench runs on one core"
+        pytest.skip("this process may use one core")
+    monkeypatch.setenv("LITHE_BENCH_CORES", f"{allowed[-1]},{allowed[0]}")
+    told = report.machine()
+    assert (told["machine_spine_core"], told["machine_partner_core"]) == (allowed[-1], allowed[0])
+    assert "isolated" in told["machine_spine_core_isolation"]
+    report.tables.show_machine(told | {"machine_spine_core_isolation": "isolated at boot (isolcpus)"})
+    assert f"the Spine's core: {allowed[-1]}, isolated at boot (isolcpus); its partner's" in capsys.readouterr().out
+    monkeypatch.setenv("LITHE_BIN_DIR", "/nowhere")
+    report.tables.show_machine(report.machine())
+    assert "the Spine's core" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

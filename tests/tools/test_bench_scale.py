@@ -51,10 +51,10 @@ def test_each_round_asks_every_codec_and_the_middle_one_counts(scale: ModuleType
 
 def test_every_codec_lives_on_the_core_of_the_spine(scale: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     allowed = sorted(os.sched_getaffinity(0))
-    monkeypatch.delenv("LITHE_BENCH_CORES", raising=False)
-    assert scale.core_of_the_spine() == allowed[:2][-1]
-    monkeypatch.setenv("LITHE_BENCH_CORES", f"{allowed[-1]},{allowed[0]}")
-    assert scale.core_of_the_spine() == allowed[-1]
+    monkeypatch.setattr(scale.report, "cores", dict)
+    assert scale.core_of_the_spine() == allowed[-1], "where no program tells"
+    monkeypatch.setattr(scale.report, "cores", lambda: {"machine_spine_core": float(allowed[0])})
+    assert scale.core_of_the_spine() == allowed[0]
     asked: list[int] = []
 
     monkeypatch.setenv("LITHE_CODEC_PEER", "/another/codec")
@@ -64,7 +64,7 @@ def test_every_codec_lives_on_the_core_of_the_spine(scale: ModuleType, monkeypat
         one = peer(scale, "lithe", 1.0)
         patched.setattr(scale, "Peer", lambda name, core, *_: asked.append(core) or one)
         with scale.peers(Path("/nowhere")) as (running, _):
-            assert asked == [allowed[-1]] * 3 and len(running) == 3
+            assert asked == [allowed[0]] * 3 and len(running) == 3
             assert os.sched_getaffinity(one.process.pid) == {allowed[0]}, "where it was told to"
 
 

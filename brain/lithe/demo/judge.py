@@ -18,7 +18,8 @@ from . import losses
 from .evidence import NONE, Evidence, tally
 from .joints import REST_S, SimJoint, error_deg, freeze_of, interval_of, mgl_error, rms
 
-CORES = len(os.sched_getaffinity(0))  # before the experiment keeps off the Spine's
+CORES = os.sched_getaffinity(0)  # before the experiment keeps off the Spine's
+ROLES = ("spine", "transport", "brain", "housekeeping")
 PHASES = ("baseline", "probing", "gravity_only", "evolved", "frozen", "resumed", "reattached")
 # A swap's window reaches from the agent's request to 50 ms after the commit. All of it is judged: also while a compiler
 # is at work on another core. The hand-over in it (loading, commit, retiring the old law, which is all that the Spine's
@@ -83,7 +84,8 @@ def machine(robot_info: Any) -> dict[str, Any]:
             break
     return {
         "cpu": model,
-        "cores": CORES,
+        # Isolated cores are in no affinity but of those who asked for them: the robot.
+        "cores": len(CORES | {int(robot_info[f"cpu_{role}"]) for role in ROLES}),
         "kernel": platform.release(),
         "hypervisor": "hypervisor" in Path("/proc/cpuinfo").read_text(encoding="utf-8"),
         "privileges": "root" if os.geteuid() == 0 else "ordinary user",

@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/core/cores.hpp"
+
+#include <sched.h>
+
+#include <algorithm>
+#include <charconv>
+#include <iterator>
+#include <string_view>
+#include <thread>
+
+#include "spine/core/files.hpp"
+#include "spine/core/host.hpp"
+
+namespace lithe {
+namespace {
+
+constexpr std::size_t kMostBytes = std::size_t{64} << 10;  // of a file of the kernel's
+constexpr const char* kCpus = "/sys/devices/system/cpu/";
+constexpr const char* kGroups = "/sys/fs/cgroup";
+
+std::string read_or_empty(const std::string& path) {
+  const Result<std::string> text = read_regular_file(path, kMostBytes);
+  return text ? text->substr(0, text->find('\n')) : "";
+}
+
+bool holds(const std::vector<int>& cpus, int cpu) { return std::binary_search(cpus.begin(), cpus.end(), cpu); }
+
+std::vector<int> without(const std::vector<int>& cpus, const std::vector<int>& others) {
+  std::vector<int> rest;
+  std::set_difference(cpus.begin(), cpus.end(), others.begin(), others.end(), std::back_inserter(rest));
+  return rest;
+}
+
+// The whole of a text as a number; -1 if it is none that a core may have.
+int core_number(std::string_view text) {
+  int number = -1;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  return error == std::errc() && end == text.data() + text.size() && number < CPU_SETSIZE ? number : -1;
+}
+
+// Its path below the mount of cgroup v2: the line "0::/path".
+std::string group_of(pid_t pid, const std::string& root) {
+  const std::string who = pid == 0 ? "self" : std::to_string(pid);
+  const Result<std::string> lines = read_regular_file(root + "/proc/" + who + "/cgroup", kMostBytes);
+  if (!lines) return "";
+  const std::string text = "\n" + *lines;
+  const std::size_t at = text.find("\n0::/");
+  if (at == std::string::npos) return "";
+  return text.substr(at + 4, text.find('\n', at + 1) - at - 4);
+}
+
+// The cores of the isolated partition that a group is in, itself or with one above it. A partition that the kernel
+// calls invalid isolates nothing.
+std::vector<int> isolated_partition(std::string group, const std::string& root) {
+  while (!group.empty()) {
+    const std::string folder = root + kGroups + (group == "/" ? "" : group);
+    const std::string kind = read_or_empty(folder + "/cpuset.cpus.partition");
+    if (kind == "isolated") return parse_cpu_list(read_or_empty(folder + "/cpuset.cpus.effective"));
+    if (kind == "root" || group == "/") return {};
+    group.resize(std::max<std::size_t>(group.rfind('/'), 1));
+  }
+  return {};
+}
+
+}  // namespace
+
+Isolation IsolatedCores::how(int cpu) const {
+  if (holds(cpuset, cpu)) return Isolation::cpuset;
+  return holds(boot, cpu) ? Isolation::boot : Isolation::none;
+}
+
+bool IsolatedCores::is_tickless(int cpu) const { return holds(tickless, cpu); }
+
+std::vector<int> IsolatedCores::all() const {
+  std::vector<int> cpus;
+  std::set_union(boot.begin(), boot.end(), cpuset.begin(), cpuset.end(), std::back_inserter(cpus));
+  return cpus;
+}
+
+std::vector<int> MachineCores::usable() const {
+  std::vector<int> cpus = affinity;
+  for (const int cpu : granted) {
+    if (!holds(affinity, cpu) && isolated.how(cpu) != Isolation::none) cpus.push_back(cpu);
+  }
+  std::sort(cpus.begin(), cpus.end());
+  return cpus;
+}
+
+std::vector<int> MachineCores::automatic() const {
+  return affinity == without(granted, isolated.boot) ? usable() : affinity;
+}
+
+std::vector<int> parse_cpu_list(const std::string& text) {
+  std::vector<int> cpus;
+  std::string_view rest = std::string_view(text).substr(0, text.find('\n'));
+  while (!rest.empty()) {
+    const std::string_view part = rest.substr(0, rest.find(','));
+    rest.remove_prefix(std::min(part.size() + 1, rest.size()));
+    const std::size_t dash = part.find('-');
+    const int first = core_number(part.substr(0, dash));
+    const int last = dash == std::string_view::npos ? first : core_number(part.substr(dash + 1));
+    if (first < 0 || last < first) return {};
+    for (int cpu = first; cpu <= last; ++cpu) cpus.push_back(cpu);
+  }
+  std::sort(cpus.begin(), cpus.end());
+  cpus.erase(std::unique(cpus.begin(), cpus.end()), cpus.end());
+  return cpus;
+}
+
+std::string cpu_list(const std::vector<int>& cpus) {
+  std::string text;
+  for (std::size_t i = 0; i < cpus.size();) {
+    std::size_t last = i;
+    while (last + 1 < cpus.size() && cpus[last + 1] == cpus[last] + 1) ++last;
+    text += (text.empty() ? "" : ",") + std::to_string(cpus[i]);
+    if (last > i) text += "-" + std::to_string(cpus[last]);
+    i = last + 1;
+  }
+  return text;
+}
+
+IsolatedCores isolated_cores(pid_t pid, const std::string& root) {
+  return {.boot = parse_cpu_list(read_or_empty(root + kCpus + "isolated")),
+          .cpuset = isolated_partition(group_of(pid, root), root),
+          .tickless = parse_cpu_list(read_or_empty(root + kCpus + "nohz_full"))};
+}
+
+std::vector<int> granted_cpus(const std::vector<int>& wanted) {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  for (const int cpu : wanted) CPU_SET(cpu, &set);
+  std::vector<int> granted;
+  // What a thread asks for ends with it. It is not moved: the core on which it starts stays among those it may use.
+  std::thread([&] {
+    if (sched_setaffinity(0, sizeof set, &set) == 0) granted = allowed_cpus();
+  }).join();
+  return granted;
+}
+
+MachineCores machine_cores() {
+  MachineCores cores;
+  cores.affinity = allowed_cpus();
+  cores.online = parse_cpu_list(read_or_empty(std::string(kCpus) + "online"));
+  if (cores.online.empty()) cores.online = cores.affinity;
+  cores.granted = granted_cpus(cores.online);
+  cores.isolated = isolated_cores();
+  return cores;
+}
+
+}  // namespace lithe

@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/core/cores.hpp"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+
+#include "spine/core/host.hpp"
+
+namespace lithe {
+namespace {
+
+namespace fs = std::filesystem;
+using Cpus = std::vector<int>;
+
+// The files of a kernel that has booted otherwise than this one.
+class FakeKernel : public ::testing::Test {
+ protected:
+  ~FakeKernel() override { fs::remove_all(root_); }
+  void put(const std::string& path, const std::string& text) const {
+    fs::create_directories(fs::path(root_ + path).parent_path());
+    std::ofstream(root_ + path) << text << '\n';
+  }
+  void group(const std::string& path, const std::string& partition, const std::string& cpus) const {
+    put("/sys/fs/cgroup" + path + "/cpuset.cpus.partition", partition);
+    put("/sys/fs/cgroup" + path + "/cpuset.cpus.effective", cpus);
+  }
+
+  std::string root_ = testing::TempDir() + "lithe_kernel_" + std::to_string(getpid());
+};
+
+TEST(CpuList, IsReadAsTheKernelWritesIt) {
+  EXPECT_EQ(parse_cpu_list("0,2-4,7\n"), (Cpus{0, 2, 3, 4, 7}));
+  EXPECT_EQ(parse_cpu_list("3,1-2,2"), (Cpus{1, 2, 3}));
+  for (const char* none : {"", "\n", "(null)\n", "1-", "-1", "3-1", "1,,2", "1 2", "0x1", "99999999999", "0-9999"}) {
+    EXPECT_EQ(parse_cpu_list(none), Cpus{}) << none;
+  }
+  for (const char* same : {"0", "0-1", "1-3,5,8-9", ""}) EXPECT_EQ(cpu_list(parse_cpu_list(same)), same);
+}
+
+TEST_F(FakeKernel, ThatSaysNothingIsolatesNothing) {
+  const IsolatedCores cores = isolated_cores(0, root_);
+  EXPECT_EQ(cores.all(), Cpus{});
+  EXPECT_EQ(cores.how(0), Isolation::none);
+  EXPECT_FALSE(cores.is_tickless(0));
+}
+
+TEST_F(FakeKernel, TellsWhatItWasBootedWith) {
+  put("/sys/devices/system/cpu/isolated", "1-3");
+  put("/sys/devices/system/cpu/nohz_full", "1");
+  const IsolatedCores cores = isolated_cores(0, root_);
+  EXPECT_EQ(cores.all(), (Cpus{1, 2, 3}));
+  EXPECT_EQ(cores.how(0), Isolation::none);
+  EXPECT_EQ(cores.how(3), Isolation::boot);
+  EXPECT_TRUE(cores.is_tickless(1));
+  EXPECT_FALSE(cores.is_tickless(2));
+}
+
+TEST_F(FakeKernel, AnIsolatedPartitionHoldsForTheGroupsInIt) {
+  put("/proc/41/cgroup", "3:cpuset:/\n0::/robot/spine");
+  put("/proc/42/cgroup", "0::/robot");
+  put("/proc/43/cgroup", "0::/");
+  group("/robot", "isolated", "2-3");
+  group("/robot/spine", "member", "2-3");
+  EXPECT_EQ(isolated_cores(41, root_).cpuset, (Cpus{2, 3}));
+  EXPECT_EQ(isolated_cores(42, root_).how(2), Isolation::cpuset);
+  EXPECT_EQ(isolated_cores(43, root_).all(), Cpus{});
+}
+
+// The twins: what only looks like isolation.
+TEST_F(FakeKernel, APartitionThatIsInvalidOrBalancedIsNoIsolation) {
+  put("/proc/self/cgroup", "0::/robot");
+  group("/robot", "isolated invalid (Cpu list in cpuset.cpus not exclusive)", "2-3");
+  EXPECT_EQ(isolated_cores(0, root_).all(), Cpus{});
+  group("/robot", "root", "2-3");
+  EXPECT_EQ(isolated_cores(0, root_).all(), Cpus{});
+  group("/robot", "member", "2-3");
+  EXPECT_EQ(isolated_cores(0, root_).all(), Cpus{});
+  put("/proc/self/cgroup", "0::/../../elsewhere");
+  EXPECT_EQ(isolated_cores(0, root_).all(), Cpus{});
+}
+
+MachineCores booted_with_isolcpus() {
+  MachineCores cores;
+  cores.online = cores.granted = {0, 1, 2, 3};
+  cores.isolated.boot = {1, 2, 3};
+  cores.affinity = {0};  // what the kernel gives to init, and init to all
+  return cores;
+}
+
+TEST(MachineCores, IsolatedOnesAreThereForWhoAsks) {
+  const MachineCores cores = booted_with_isolcpus();
+  EXPECT_EQ(cores.usable(), (Cpus{0, 1, 2, 3}));
+  EXPECT_EQ(cores.automatic(), (Cpus{0, 1, 2, 3}));
+}
+
+TEST(MachineCores, ThoseOfAnotherCpusetAreNot) {
+  MachineCores cores = booted_with_isolcpus();
+  cores.granted = {0, 2};
+  EXPECT_EQ(cores.usable(), (Cpus{0, 2}));
+  EXPECT_EQ(cores.automatic(), (Cpus{0, 2}));
+  cores.granted = {};  // nobody could ask
+  EXPECT_EQ(cores.usable(), (Cpus{0}));
+}
+
+TEST(MachineCores, AnAffinityThatSomebodyHasSetIsKept) {
+  MachineCores cores = booted_with_isolcpus();
+  cores.affinity = {2, 3};
+  EXPECT_EQ(cores.automatic(), (Cpus{2, 3}));
+  cores.isolated.boot = {2, 3};  // and of the cores that are not isolated, one: taskset -c 0
+  cores.affinity = {0};
+  EXPECT_EQ(cores.automatic(), (Cpus{0}));
+  EXPECT_EQ(cores.usable(), (Cpus{0, 2, 3})) << "to be named";
+}
+
+TEST(MachineCores, WithoutIsolationAreTheAffinity) {
+  MachineCores cores;
+  cores.online = cores.granted = {0, 1, 2, 3};
+  cores.affinity = {1, 2};
+  EXPECT_EQ(cores.usable(), (Cpus{1, 2}));
+  EXPECT_EQ(cores.automatic(), (Cpus{1, 2}));
+}
+
+TEST(MachineCores, AskingTheKernelChangesNothing) {
+  const Cpus before = allowed_cpus();
+  const MachineCores cores = machine_cores();
+  EXPECT_EQ(allowed_cpus(), before);
+  EXPECT_EQ(cores.affinity, before);
+  EXPECT_TRUE(std::includes(cores.granted.begin(), cores.granted.end(), before.begin(), before.end()));
+  EXPECT_EQ(granted_cpus({before.front()}), Cpus{before.front()});
+  EXPECT_EQ(granted_cpus({1023}), Cpus{}) << "no machine of ours has it";
+}
+
+}  // namespace
+}  // namespace lithe
