@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sign of life: without it the Spine stops a plan half way, and nobody has to think of it."""
 
+import itertools
 import os
 import signal
 import subprocess
@@ -70,8 +71,12 @@ def test_a_brain_that_should_beat_itself_and_does_not_is_stopped_on_its_way(hous
         time.sleep(PLAN_S)
         House.wait_for(lambda: is_stale(robot))
         assert 0 < setpoint_rad(robot) < GOAL_RAD - 0.05
-        robot.beat()
-        House.wait_for(lambda: not is_stale(robot), timeout_s=1.5)
+
+        def heard() -> bool:
+            robot.beat()  # each time: on a busy machine one alone may be stale again before anybody looks
+            return not is_stale(robot)
+
+        House.wait_for(heard)
 
 
 def test_a_frozen_brain_falls_silent_though_a_thread_beats_for_it(house: House) -> None:
@@ -87,8 +92,13 @@ def test_a_frozen_brain_falls_silent_though_a_thread_beats_for_it(house: House) 
                 assert record is not None
                 return float(record["brain_age_ns"]) * 1e-9
 
-            time.sleep(1.0)
-            assert 0 <= age_s() < 1.0, "it beats all by itself"
+            ages_s = [age_s()]
+
+            def beats() -> int:
+                ages_s.append(age_s())
+                return sum(later < earlier for earlier, later in itertools.pairwise(ages_s))
+
+            House.wait_for(lambda: beats() >= 3)  # it beats all by itself
             other.send_signal(signal.SIGSTOP)
             House.wait_for(lambda: age_s() > 1.0)
         finally:

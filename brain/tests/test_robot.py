@@ -16,16 +16,23 @@ from system.house import ROOT, House
 LAWS = ROOT / "laws"
 
 
-def follow(robot: lithe.Robot, angle_rad: float, seconds: float = 1.5) -> float:
-    """Goes there and tells where the arm is then."""
-    robot.go_to([angle_rad], in_s=0.7)
-    until = time.monotonic() + seconds
-    while time.monotonic() < until:
-        robot.beat()
-        time.sleep(0.05)
+def angle_of(robot: lithe.Robot) -> float:
     record = robot.telemetry.latest()
     assert record is not None
     return float(record["position_rad"][0])
+
+
+def follow(robot: lithe.Robot, angle_rad: float, near_rad: float = 0.05) -> None:
+    """Goes there and stays there, however long it takes on a busy machine."""
+    robot.go_to([angle_rad], in_s=0.7)
+    seen: list[bool] = []
+
+    def stays() -> bool:
+        robot.beat()
+        seen.append(abs(angle_of(robot) - angle_rad) < near_rad)
+        return len(seen) > 20 and all(seen[-20:])
+
+    House.wait_for(stays)
 
 
 def test_connect_pins_the_brain_to_its_core(robot: lithe.Robot, house: House) -> None:
@@ -106,24 +113,21 @@ def test_threads_may_publish_at_once_and_ids_tell_the_order(robot: lithe.Robot) 
 
 def test_a_plan_moves_the_arm(robot: lithe.Robot) -> None:
     robot.swap(LAWS / "gravity_pd.cpp", params={"mgl_nm": 0.165})
-    assert follow(robot, 0.6) == pytest.approx(0.6, abs=0.05)
-    assert follow(robot, 0.0) == pytest.approx(0.0, abs=0.05)
+    follow(robot, 0.6)
+    follow(robot, 0.0)
 
 
 def test_a_horizon_of_waypoints_is_tracked_and_then_coasts_to_a_hold(robot: lithe.Robot) -> None:
     now_ns = time.monotonic_ns()
-    times_ns = now_ns + np.arange(1, 11, dtype=np.int64) * 50_000_000
+    times_ns = now_ns + np.arange(1, 11, dtype=np.int64) * 300_000_000
     plan_id = robot.publish(times_ns, 0.3 * np.sin(np.linspace(0.1, 1.0, 10)))
-    time.sleep(0.25)
-    record = robot.telemetry.latest()
-    assert record is not None
-    assert int(record["plan_id"]) == plan_id and int(record["plan_state"]) == PlanState.track
-    until = time.monotonic() + 20
-    while int(record["plan_state"]) != PlanState.hold and time.monotonic() < until:
-        time.sleep(0.05)
+
+    def is_in(state: PlanState) -> bool:
         record = robot.telemetry.latest()
-        assert record is not None
-    assert int(record["plan_state"]) == PlanState.hold
+        return record is not None and (int(record["plan_id"]), int(record["plan_state"])) == (plan_id, state)
+
+    House.wait_for(lambda: is_in(PlanState.track))
+    House.wait_for(lambda: is_in(PlanState.hold))
 
 
 @pytest.mark.parametrize(
@@ -135,11 +139,11 @@ def test_a_bad_plan_is_refused_and_the_old_one_kept(
     robot: lithe.Robot, times_s: list[float], angles: list[float]
 ) -> None:
     good = robot.go_to([0.2], in_s=1.0)
-    time.sleep(0.2)
+    House.wait_for(lambda: int(robot.telemetry.history(0.1)["plan_id"][-1]) == good)
     cursor = int(robot.events()["cursor"])
     robot.publish(time.monotonic_ns() + np.array(times_s) * 1e9, angles)
     kinds: list[str] = []
-    until = time.monotonic() + 5
+    until = time.monotonic() + 60
     while "plan_refused" not in kinds and time.monotonic() < until:
         time.sleep(0.02)
         news = robot.events(cursor)  # some at a time: on a busy machine late ticks come before it

@@ -159,7 +159,7 @@ class ThirdPartyDrive:
         self.node.data_store.clear()
         self.state = "switch on disabled"
         self.control = 0
-        self.words: set[int] = set()  # every control word since the power came
+        self.words: list[int] = []  # every control word since the power came
         self.position = 100.0
         self.velocity = 0.0
         self.torque = 0
@@ -196,7 +196,7 @@ class ThirdPartyDrive:
 
     def obey(self, word: int) -> None:
         """The state machine of CiA 402, as far as a master without tricks needs it."""
-        self.words.add(word)
+        self.words.append(word)
         rising = word & ~self.control & 0x80
         self.control = word
         if self.state == "fault":
@@ -254,7 +254,7 @@ class ThirdPartyDrive:
         return 0x0200 | (codes | {"operation enabled": 0x37, "fault": 0x18})[self.state]
 
 
-def wait_for(what: Any, seconds: float = 20.0) -> Any:
+def wait_for(what: Any, seconds: float = 90.0) -> Any:
     """The first true value of `what()`."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:

@@ -88,12 +88,17 @@ class House:
                 return answer
 
     @staticmethod
-    def wait_for(condition: Any, timeout_s: float = 30.0) -> None:
+    def wait_for(condition: Any, timeout_s: float = START_S) -> None:
         """Poll until the condition holds."""
         end = time.monotonic() + timeout_s
         while not condition():
             assert time.monotonic() < end, "waited in vain"
             time.sleep(0.02)
+
+    def wait_for_event(self, kind: str, since: int) -> None:
+        """Until the supervisor has noted such an event after this cursor, and has done what it does in that turn."""
+        self.wait_for(lambda: kind in [each["kind"] for each in self.ask("events", "--since", str(since))["events"]])
+        self.ask("status")  # answered in a later turn
 
     def segments(self) -> list[Path]:
         """What is left in shared memory, lock files aside."""

@@ -203,11 +203,11 @@ def test_files_of_a_crashed_run_are_no_obstacle(house: House) -> None:
 def test_a_crash_of_the_compile_service_is_repaired(house: House) -> None:
     """The request in its hands is refused with the reason; the next one works."""
     house.run()
-    status = house.ask("status")
+    status, since = house.ask("status"), house.ask("events")["cursor"]
     os.kill(status["lawd_pid"], signal.SIGSTOP)
     with concurrent.futures.ThreadPoolExecutor(1) as pool:
         swap = pool.submit(house.ask, "swap", LAWS / "hold.cpp", code=1)
-        time.sleep(0.5)
+        house.wait_for_event("swap_submitted", since)
         os.kill(status["lawd_pid"], signal.SIGKILL)
         assert swap.result()["error"]["code"] == "lawd_died"
     assert house.ask("swap", LAWS / "hold.cpp")["verdict"] == "committed"

@@ -14,7 +14,7 @@ from system.house import BIN, ROOT
 
 SCRIPT = Path(__file__).with_name("isolated_cores.sh")
 LAW = f'law = "{ROOT}/laws/pd.cpp"'  # there is no compiler
-SLOWLY = {"rate_hz = 1000 ": "rate_hz = 100 ", LAW: ""}  # it is emulated
+SLOWLY = {"rate_hz = 1000 ": "rate_hz = 100 ", "safe_kp_nm_rad = 1.0 ": "safe_kp_nm_rad = 0.5 ", LAW: ""}  # it is emulated
 
 
 def robot(core: str = '"auto"') -> bytes:

@@ -160,7 +160,9 @@ class Watch:
 def watch(robot: str) -> dict[str, Any]:
     """500 honest Brains, then the broken ones."""
     honest = Watch(robot)
-    os.sched_setaffinity(0, (os.sched_getaffinity(0) - {int(honest.spine.info["cpu_spine"])}) or {0})
+    os.sched_setaffinity(
+        0, (os.sched_getaffinity(0) - {int(honest.spine.info["cpu_spine"])}) or os.sched_getaffinity(0)
+    )
     for brain in range(KILLS):
         honest.live_and_kill("hammer" if brain % 2 else "steady")
     told = honest.told() | stalls(honest)

@@ -7,7 +7,6 @@ import os
 import shutil
 import signal
 import subprocess
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -173,7 +172,8 @@ def poison(house: House, words: dict[str, str]) -> dict[str, Any]:
 def test_a_state_full_of_nan_does_not_lock_good_laws_out(arm: House) -> None:
     """The field is not carried, and an event names it."""
     poison(arm, HIDES)
-    time.sleep(0.5)
+    before = arm.ask("status")["tick"]
+    arm.wait_for(lambda: arm.ask("status")["tick"] > before + 500)
     poison(arm, SHOWS)
     arm.wait_for(lambda: "state_not_carried" in [each["kind"] for each in arm.ask("events")["events"]])
     told = [each["text"] for each in arm.ask("events")["events"] if each["kind"] == "state_not_carried"]
@@ -210,10 +210,10 @@ def test_a_shadow_that_agrees_is_promoted_and_one_that_does_not_is_refused(arm: 
 def test_a_trial_or_a_compile_service_that_dies_costs_the_law_it_had(arm: House) -> None:
     """The client gets the reason, the robot keeps its law, and a new one serves the next request."""
     for pid_key, code, after in (("trial_pid", "trial_died", "placed"), ("lawd_pid", "lawd_died", "submitted")):
-        pid = arm.ask("status")[pid_key]
+        pid, since = arm.ask("status")[pid_key], arm.ask("events")["cursor"]
         os.kill(pid, signal.SIGSTOP)
         asked = Asks(arm, [swap_request("hold")])
-        time.sleep(1.0 if pid_key == "lawd_pid" else 3.0)  # until it has the law in its hands
+        arm.wait_for_event(f"swap_{after}", since)  # it has the law in its hands
         os.kill(pid, signal.SIGKILL)
         (answer,) = asked.wait()
         assert answer["error"]["code"] == code, answer
