@@ -14,7 +14,8 @@ from system.house import BIN, ROOT
 
 SCRIPT = Path(__file__).with_name("isolated_cores.sh")
 LAW = f'law = "{ROOT}/laws/pd.cpp"'  # there is no compiler
-SLOWLY = {"rate_hz = 1000 ": "rate_hz = 100 ", "safe_kp_nm_rad = 1.0 ": "safe_kp_nm_rad = 0.5 ", LAW: ""}  # it is emulated
+# It is emulated.
+SLOWLY = {"rate_hz = 1000 ": "rate_hz = 100 ", "safe_kp_nm_rad = 1.0 ": "safe_kp_nm_rad = 0.5 ", LAW: ""}
 
 
 def robot(core: str = '"auto"') -> bytes:
@@ -91,6 +92,7 @@ def test_a_core_that_is_not_there_is_refused_with_those_that_are(steps: dict[str
 def test_the_benches_take_the_same_core(booted: tuple[int | None, str]) -> None:
     status, said = booted
     assert status == 0, said
-    told = json.loads(next(line for line in said.splitlines() if "machine_spine_core" in line))
+    (line,) = [line for line in said.splitlines() if "machine_spine_core" in line]
+    told = json.loads(line[line.index("{") :])  # behind what the firmware says
     assert (told["machine_spine_core"], told["machine_partner_core"], told["machine_usable_cores"]) == (1, 3, 4)
     assert told["machine_spine_core_isolation"] == "isolated at boot (isolcpus)"
