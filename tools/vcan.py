@@ -16,7 +16,7 @@ import shutil
 import stat
 import subprocess
 import sys
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -27,7 +27,7 @@ PROGRAM = BIN / "hal_bus_socketcan_interface_test"
 LITHE = ("lithe", "lithe-sim", "lithe-spine", "lithe-trial", "lawd")
 STEPS = Path(__file__).with_name("vm_steps.sh")  # the words of such scripts
 ROBOT_SCRIPT = Path(__file__).with_name("vcan_robot.sh")
-REFUSED = ("scan-less", "scan-wrong", "scan-beside")  # steps of it that end with another code than 0
+REFUSED = {"scan-less": 1, "scan-wrong": 1, "scan-beside": 1}  # steps of it that end with another code than 0
 QEMU = "qemu-system-x86_64"
 MODULES = ("can-raw", "vcan")
 APPLETS = ("cat", "grep", "insmod", "ip", "mkdir", "mount", "poweroff", "seq", "sh", "sleep", "touch")
@@ -165,6 +165,9 @@ def robot_files() -> dict[str, bytes]:
         "watchdog_s = 0.2": "watchdog_s = 10.0",
     }
     robot = changed((ROOT / "robots/frankenstein.toml").read_text(), buses | patience)
+    # Higher gains of the safe law would shake it at this rate.
+    robot = re.sub(r"(?m)^safe_kp_nm_rad = \S+", "safe_kp_nm_rad = 0.04", robot)
+    robot = robot.replace("safe_kd_nm_s_rad = 0.04", "safe_kd_nm_s_rad = 0.02")
     less = without(robot, "hand_drive", "hand")
     wrong = changed(robot, {'bus = "can0"\nid = 3\n': 'bus = "can0"\nid = 9\n'})
     files = {"robot.toml": robot, "less.toml": less, "wrong.toml": wrong}
@@ -266,11 +269,11 @@ def steps(said: str) -> dict[str, Step]:
     return {name: Step(int(code), text) for name, text, code in found}
 
 
-def wrong_steps(said: str, path: Path = ROBOT_SCRIPT, refused: Collection[str] = REFUSED) -> list[str]:
+def wrong_steps(said: str, path: Path = ROBOT_SCRIPT, refused: Mapping[str, int] = REFUSED) -> list[str]:
     """The script's steps that did not end as they must, or never did."""
     ended = steps(said)
     names = re.findall(r"(?m)^step (\S+)", path.read_text())
-    return [name for name in names if name not in ended or (ended[name].code != 0) != (name in refused)]
+    return [name for name in names if name not in ended or ended[name].code != refused.get(name, 0)]
 
 
 def main() -> int:

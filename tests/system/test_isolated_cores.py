@@ -45,7 +45,7 @@ def booted() -> tuple[int | None, str]:
 @pytest.fixture(scope="module")
 def steps(booted: tuple[int | None, str]) -> dict[str, vcan.Step]:
     """What the script did, each step ended as it must."""
-    assert vcan.wrong_steps(booted[1], SCRIPT, ("absent",)) == [], booted[1]
+    assert vcan.wrong_steps(booted[1], SCRIPT, {"absent": 2}) == [], booted[1]
     return vcan.steps(booted[1])
 
 
