@@ -47,6 +47,7 @@ class Fault(IntEnum):
     drive_garbled = 14
     drive_not_homed = 15
     recover_failed = 16
+    plan_torn = 17
 
 
 class Rung(IntEnum):

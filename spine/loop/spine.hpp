@@ -74,6 +74,7 @@ class Spine {
   wire::CommandResult roll_back(const wire::Command& command, std::int64_t now_ns) LITHE_RT;
   void watch_brain(std::int64_t now_ns) LITHE_RT;
   void take_plan(std::int64_t now_ns) LITHE_RT;
+  void miss_plan(std::int64_t now_ns) LITHE_RT;
   void look(std::int64_t now_ns) LITHE_RT;
   guard::Verdict check(std::int64_t now_ns) LITHE_RT;
   void react(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_RT;

@@ -73,6 +73,7 @@ enum class Fault : std::uint32_t {
   drive_garbled = 14,
   drive_not_homed = 15,
   recover_failed = 16,
+  plan_torn = 17,
 };
 
 // The name of `value`, or "?" for a number that is not one of Fault.
@@ -112,6 +113,8 @@ constexpr std::string_view to_string(Fault value) LITHE_RT {
       return "drive_not_homed";
     case Fault::recover_failed:
       return "recover_failed";
+    case Fault::plan_torn:
+      return "plan_torn";
   }
   return "?";
 }
