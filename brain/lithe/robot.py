@@ -203,6 +203,15 @@ class Robot:
         """Any verb of the control socket."""
         return self._control.call(verb, args)
 
+    def state(self) -> dict[str, Any]:
+        """The running law's State, name -> number or numpy array, all of one tick, at most 10 ms old.
+
+        Empty when the law has none. Read from shared memory: costs the Spine nothing and needs no supervisor.
+        """
+        if not self.attached:
+            raise NotRunning(f"robot '{self.name}' has ended, or was started anew\n  next: robot.reconnect()")
+        return self.spine.state()
+
     def status(self) -> dict[str, Any]:
         """Mode, fault, law, lost ticks, time quantiles, joints with their problems: what `lithe --json status` has."""
         result: dict[str, Any] = self.call("status")

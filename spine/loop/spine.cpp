@@ -27,6 +27,9 @@ constexpr std::uint32_t kTurnsToClear = 200;
 // Arming accepts a sample this many ticks old.
 constexpr std::uint32_t kStaleTicksToArm = 3;
 
+// How often the law's State is published: as often as a Brain publishes plans.
+constexpr double kStateHz = 100.0;
+
 // A drive hears one command in so many ticks, whatever its turn.
 std::uint32_t slowest_of(const robot::RobotConfig& robot) {
   std::uint32_t divider = 1;
@@ -67,6 +70,7 @@ Spine::Spine(const Wiring& wiring)
       joints_(static_cast<std::uint32_t>(wiring.robot.joints.size())),
       period_ns_(grid_.period_ns()),
       slowest_(slowest_of(wiring.robot)),
+      state_ticks_(static_cast<std::uint64_t>(std::max(1.0, std::round(wiring.robot.rate_hz / kStateHz)))),
       simulated_(std::ranges::all_of(wiring.robot.buses,
                                      [](const robot::BusConfig& bus) { return bus.kind == robot::BusKind::loop; })),
       budget_ns_(std::llround(static_cast<double>(grid_.period_ns()) * wiring.robot.swap.budget_share)),
