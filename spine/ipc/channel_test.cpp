@@ -66,7 +66,7 @@ TEST(Channel, AValueOfWhichOnlySomeWordsAreUsedLeavesTheOthers) {
   ChannelReader<Even> reader(*memory);
   writer.write(Even::of(7));
   wire::WordRanges used;
-  used.add(0, 20);  // widened to three words
+  used.add(0, 20);                                                         // widened to three words
   for (std::uint64_t i = 2; i <= 5; ++i) writer.write(Even::of(i), used);  // value 5 lies where value 1 lay
   Even value{};
   ASSERT_TRUE(reader.read(value));
