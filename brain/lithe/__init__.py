@@ -13,9 +13,9 @@ from . import place
 
 place.prepare()  # before numpy comes with the next lines
 
-from .errors import BadPlan, LitheError, NotRunning, Refused, ShmError  # noqa: E402
+from .errors import BadPlan, LitheError, NoSupervisor, NotRunning, Refused, ShmError  # noqa: E402
 from .remote import Remote  # noqa: E402
 from .robot import Robot, connect  # noqa: E402
 
-__all__ = ["BadPlan", "LitheError", "NotRunning", "Refused", "Remote", "Robot", "ShmError", "connect"]
+__all__ = ["BadPlan", "LitheError", "NoSupervisor", "NotRunning", "Refused", "Remote", "Robot", "ShmError", "connect"]
 __version__ = "0.1.0"

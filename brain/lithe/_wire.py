@@ -17,7 +17,9 @@ NPARAM = 32
 NBIN = 976
 NLAW = 8
 NS = 16
-LAYOUT_HASH = 0x970AC54E9B84803A
+NF = 32
+NSTATE = 4096
+LAYOUT_HASH = 0x9217365EF91F1F66
 
 
 class Mode(IntEnum):
@@ -47,6 +49,7 @@ class Fault(IntEnum):
     drive_garbled = 14
     drive_not_homed = 15
     recover_failed = 16
+    plan_torn = 17
 
 
 class Rung(IntEnum):
@@ -177,6 +180,21 @@ class DriveState(IntEnum):
     driven = 2
     damped = 3
     fault = 4
+
+
+class StateKind(IntEnum):
+    none = 0
+    boolean = 1
+    i8 = 2
+    u8 = 3
+    i16 = 4
+    u16 = 5
+    i32 = 6
+    u32 = 7
+    i64 = 8
+    u64 = 9
+    f32 = 10
+    f64 = 11
 
 
 class TelemetryFlags(IntFlag):
@@ -398,6 +416,23 @@ class LawInfo(ctypes.Structure):
         ("probe_name", ctypes.c_char * 256),
         ("slot", ctypes.c_uint32),
         ("code_bytes", ctypes.c_uint32),
+        ("state_field_count", ctypes.c_uint32),
+        ("pad0", ctypes.c_uint8 * 4),
+        ("state_name", ctypes.c_char * 1024),
+        ("state_kind", ctypes.c_uint32 * 32),
+        ("state_offset", ctypes.c_uint32 * 32),
+        ("state_elements", ctypes.c_uint32 * 32),
+    ]
+
+
+class LawState(ctypes.Structure):
+    """The State of the running law, a hundred times a second."""
+
+    _fields_ = [
+        ("law_id", ctypes.c_uint32),
+        ("state_bytes", ctypes.c_uint32),
+        ("tick", ctypes.c_uint64),
+        ("bytes", ctypes.c_uint8 * 4096),
     ]
 
 
@@ -610,6 +645,18 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("probe_name", "S32", (8,), 1888),
         ("slot", "<u4", (), 2144),
         ("code_bytes", "<u4", (), 2148),
+        ("state_field_count", "<u4", (), 2152),
+        ("pad0", "u1", (4,), 2156),
+        ("state_name", "S32", (32,), 2160),
+        ("state_kind", "<u4", (32,), 3184),
+        ("state_offset", "<u4", (32,), 3312),
+        ("state_elements", "<u4", (32,), 3440),
+    ],
+    "LawState": [
+        ("law_id", "<u4", (), 0),
+        ("state_bytes", "<u4", (), 4),
+        ("tick", "<u8", (), 8),
+        ("bytes", "u1", (4096,), 16),
     ],
     "Params": [
         ("law_id", "<u4", (), 0),
@@ -668,7 +715,8 @@ SIZES = {
     "StageRequest": 784,
     "LawFault": 64,
     "ShadowReport": 552,
-    "LawInfo": 2152,
+    "LawInfo": 3568,
+    "LawState": 4112,
     "Params": 272,
     "RobotInfo": 4992,
     "Histogram": 7840,
@@ -749,19 +797,20 @@ SEGMENTS: dict[str, dict[str, Item]] = {
         "events_tick": Item("ring", "Event", 256, 1, 13914496, 49280),
         "events_loader": Item("ring", "Event", 256, 1, 13963776, 49280),
         "params": Item("channel", "Params", 0, 1, 14013056, 1664),
-        "law_info": Item("channel", "LawInfo", 0, 8, 14014720, 8832),
-        "law_faults": Item("ring", "LawFault", 64, 1, 14085376, 8320),
-        "shadow": Item("channel", "ShadowReport", 0, 1, 14093696, 2688),
-        "release_jitter": Item("plain", "Histogram", 0, 1, 14096384, 7936),
-        "handoff": Item("plain", "Histogram", 0, 1, 14104320, 7936),
-        "law": Item("plain", "Histogram", 0, 1, 14112256, 7936),
-        "guard": Item("plain", "Histogram", 0, 1, 14120192, 7936),
-        "tick": Item("plain", "Histogram", 0, 1, 14128128, 7936),
-        "bus": Item("plain", "Histogram", 0, 1, 14136064, 7936),
-        "control_ack": Item("ack", "Command", 16, 1, 14144000, 256),
-        "brain_ack": Item("ack", "Command", 16, 1, 14144256, 256),
-        "stage_ack": Item("ack", "StageRequest", 4, 1, 14144512, 256),
-        "health": Item("plain", "Health", 0, 1, 14144768, 128),
+        "law_info": Item("channel", "LawInfo", 0, 8, 14014720, 14464),
+        "law_faults": Item("ring", "LawFault", 64, 1, 14130432, 8320),
+        "shadow": Item("channel", "ShadowReport", 0, 1, 14138752, 2688),
+        "law_state": Item("channel", "LawState", 0, 1, 14141440, 17024),
+        "release_jitter": Item("plain", "Histogram", 0, 1, 14158464, 7936),
+        "handoff": Item("plain", "Histogram", 0, 1, 14166400, 7936),
+        "law": Item("plain", "Histogram", 0, 1, 14174336, 7936),
+        "guard": Item("plain", "Histogram", 0, 1, 14182272, 7936),
+        "tick": Item("plain", "Histogram", 0, 1, 14190208, 7936),
+        "bus": Item("plain", "Histogram", 0, 1, 14198144, 7936),
+        "control_ack": Item("ack", "Command", 16, 1, 14206080, 256),
+        "brain_ack": Item("ack", "Command", 16, 1, 14206336, 256),
+        "stage_ack": Item("ack", "StageRequest", 4, 1, 14206592, 256),
+        "health": Item("plain", "Health", 0, 1, 14206848, 128),
     },
     "control": {
         "commands": Item("mailbox", "Command", 16, 1, 128, 7296),
@@ -775,7 +824,7 @@ SEGMENTS: dict[str, dict[str, Item]] = {
     },
 }
 SEGMENT_BYTES = {
-    "spine": 14144896,
+    "spine": 14206976,
     "control": 11008,
     "brain": 41472,
 }
@@ -905,6 +954,16 @@ CANONICAL_SCHEMA = (
     "LawInfo.probe_name:char[256]:1888:256:-\n"
     "LawInfo.slot:uint32[1]:2144:4:-\n"
     "LawInfo.code_bytes:uint32[1]:2148:4:-\n"
+    "LawInfo.state_field_count:uint32[1]:2152:4:-\n"
+    "LawInfo.pad0:uint8[4]:2156:4:-\n"
+    "LawInfo.state_name:char[1024]:2160:1024:-\n"
+    "LawInfo.state_kind:uint32[32]:3184:128:-\n"
+    "LawInfo.state_offset:uint32[32]:3312:128:-\n"
+    "LawInfo.state_elements:uint32[32]:3440:128:-\n"
+    "LawState.law_id:uint32[1]:0:4:-\n"
+    "LawState.state_bytes:uint32[1]:4:4:-\n"
+    "LawState.tick:uint64[1]:8:8:-\n"
+    "LawState.bytes:uint8[4096]:16:4096:-\n"
     "Params.law_id:uint32[1]:0:4:-\n"
     "Params.count:uint32[1]:4:4:-\n"
     "Params.tick:uint64[1]:8:8:-\n"
@@ -950,18 +1009,19 @@ CANONICAL_SCHEMA = (
     "spine/events_loader:ring:Event:256x1:13963776\n"
     "spine/params:channel:Params:0x1:14013056\n"
     "spine/law_info:channel:LawInfo:0x8:14014720\n"
-    "spine/law_faults:ring:LawFault:64x1:14085376\n"
-    "spine/shadow:channel:ShadowReport:0x1:14093696\n"
-    "spine/release_jitter:plain:Histogram:0x1:14096384\n"
-    "spine/handoff:plain:Histogram:0x1:14104320\n"
-    "spine/law:plain:Histogram:0x1:14112256\n"
-    "spine/guard:plain:Histogram:0x1:14120192\n"
-    "spine/tick:plain:Histogram:0x1:14128128\n"
-    "spine/bus:plain:Histogram:0x1:14136064\n"
-    "spine/control_ack:ack:Command:16x1:14144000\n"
-    "spine/brain_ack:ack:Command:16x1:14144256\n"
-    "spine/stage_ack:ack:StageRequest:4x1:14144512\n"
-    "spine/health:plain:Health:0x1:14144768\n"
+    "spine/law_faults:ring:LawFault:64x1:14130432\n"
+    "spine/shadow:channel:ShadowReport:0x1:14138752\n"
+    "spine/law_state:channel:LawState:0x1:14141440\n"
+    "spine/release_jitter:plain:Histogram:0x1:14158464\n"
+    "spine/handoff:plain:Histogram:0x1:14166400\n"
+    "spine/law:plain:Histogram:0x1:14174336\n"
+    "spine/guard:plain:Histogram:0x1:14182272\n"
+    "spine/tick:plain:Histogram:0x1:14190208\n"
+    "spine/bus:plain:Histogram:0x1:14198144\n"
+    "spine/control_ack:ack:Command:16x1:14206080\n"
+    "spine/brain_ack:ack:Command:16x1:14206336\n"
+    "spine/stage_ack:ack:StageRequest:4x1:14206592\n"
+    "spine/health:plain:Health:0x1:14206848\n"
     "control/commands:mailbox:Command:16x1:128\n"
     "control/stage:mailbox:StageRequest:4x1:7424\n"
     "control/estop:word:-:0x1:10880\n"
@@ -970,7 +1030,7 @@ CANONICAL_SCHEMA = (
     "brain/estop:word:-:0x1:41344\n"
 )
 
-for _type in (SegmentHeader, Telemetry, Event, Plan, Command, StageRequest, LawFault, ShadowReport, LawInfo, Params, RobotInfo, Histogram, Health):
+for _type in (SegmentHeader, Telemetry, Event, Plan, Command, StageRequest, LawFault, ShadowReport, LawInfo, LawState, Params, RobotInfo, Histogram, Health):
     assert ctypes.sizeof(_type) == SIZES[_type.__name__], _type
     for _name, _format, _shape, _offset in DTYPES[_type.__name__]:
         assert getattr(_type, _name).offset == _offset, (_type, _name)

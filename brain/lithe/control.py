@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from .errors import LitheError, NotRunning, Refused
+from .errors import LitheError, NoSupervisor, NotRunning, Refused
 
 MOST_ANSWER_BYTES = 64 << 20
 MOST_IDLE = 4  # connections kept for the next calls; the supervisor serves 64 in all
@@ -140,11 +140,16 @@ class Client:
     before anything is sent over it, and replaced: after a restart the next call simply works. No request is sent twice.
     """
 
-    def __init__(self, connect: Callable[[], LineSocket]) -> None:
+    def __init__(self, connect: Callable[[], LineSocket], may_be_absent: bool = False) -> None:
         self._connect = connect
         self._lock = threading.Lock()
-        self._idle = [connect()]
+        self._idle: list[LineSocket] = []
         self._closed = False
+        try:
+            self._idle.append(connect())
+        except NoSupervisor:
+            if not may_be_absent:
+                raise
 
     def call(self, verb: str, args: dict[str, Any]) -> Any:
         """Sends one request and returns its result."""
@@ -199,12 +204,16 @@ def _open(robot: str, timeout_s: float) -> LineSocket:
         raise NotRunning(f"no right to open {path}\n  next: join the group of that file, or run as its owner") from None
     except OSError as error:
         sock.close()
-        raise NotRunning(
+        absent = isinstance(error, ConnectionRefusedError | FileNotFoundError)
+        raise (NoSupervisor if absent else NotRunning)(
             f"robot '{robot}' does not answer at {path} ({error.strerror or error})\n  next: lithe run ROBOT.toml"
         ) from None
     return LineSocket(sock)
 
 
-def connect_control(robot: str, timeout_s: float = 60.0) -> Client:
-    """Connects to the supervisor of `robot`; an answer may take up to `timeout_s`."""
-    return Client(lambda: _open(robot, timeout_s))
+def connect_control(robot: str, timeout_s: float = 60.0, may_be_absent: bool = False) -> Client:
+    """Connects to the supervisor of `robot`; an answer may take up to `timeout_s`.
+
+    may_be_absent: while nobody listens there, calls raise NoSupervisor, and the first one after a start finds it.
+    """
+    return Client(lambda: _open(robot, timeout_s), may_be_absent)

@@ -12,6 +12,10 @@ class NotRunning(LitheError):
     """There is no robot of that name, or its supervisor does not answer."""
 
 
+class NoSupervisor(NotRunning):
+    """Nobody listens at the robot's control socket; nothing was sent."""
+
+
 class Refused(LitheError):
     """The robot understood and said no.
 

@@ -134,6 +134,7 @@ class Gateway:
             "publish": self._publish,
             "estop": lambda _: robot.estop(),
             "reset": lambda _: robot.reset(),
+            "state": lambda _: robot.state(),
             **(verbs or {}),
         }
         no = _refusal(None, "token", "wrong token", "read it from the token file")

@@ -9,10 +9,10 @@ Integrated over short windows (momentum form) the equation needs no acceleration
     integral of tau dt = J [q'] + g_s * integral of sin q dt + g_c * integral of cos q dt + b * [q]
                          + tau_c * integral of sgn q' dt        with g_s = mgl cos q0, g_c = mgl sin q0
 
-Linear in (J, g_s, g_c, b, tau_c), so least squares gives estimates and their standard errors. Windows in which the joint
-(nearly) rests are left out: there friction may be anything between -tau_c and +tau_c, and an estimate from rest alone
-is off by up to tau_c / (mgl sin q). Windows overlap, which uses each sample better; the standard errors count them as
-if only those that do not overlap told anything, so they are on the safe side.
+Linear in (J, g_s, g_c, b, tau_c), so least squares gives estimates and their standard errors. Windows in which the
+joint (nearly) rests are left out: there friction may be anything between -tau_c and +tau_c, and an estimate from rest
+alone is off by up to tau_c / (mgl sin q). Windows overlap, which uses each sample better; the standard errors count
+them as if only those that do not overlap told anything, so they are on the safe side.
 """
 
 from __future__ import annotations

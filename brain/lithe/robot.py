@@ -7,6 +7,7 @@ a name ends in `_s`; angles are radians in joint order.
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from pathlib import Path
@@ -15,14 +16,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import place
+from . import mailbox, place
 from ._wire import Mode
 from .control import connect_control, find_robot
-from .errors import LitheError, NotRunning, Refused
+from .errors import LitheError, NoSupervisor, NotRunning, Refused
 from .files import read_regular
 from .heartbeat import Heartbeat, period_s
 from .shm import BrainWriter, SpineView
 from .telemetry import Telemetry
+
+_log = logging.getLogger("lithe")
 
 
 class Params:
@@ -65,7 +68,7 @@ class Robot:
         self._writer: BrainWriter | None = None
         self._closed = False
         self._plan_id = time.monotonic_ns()  # grows from run to run too
-        self._control = connect_control(name)
+        self._control = connect_control(name, may_be_absent=mailbox.ticks_alone(name))
         try:
             self.spine = SpineView(name)
             info = self.spine.info
@@ -200,8 +203,41 @@ class Robot:
 
     # ---- verbs
     def call(self, verb: str, /, **args: Any) -> Any:
-        """Any verb of the control socket."""
-        return self._control.call(verb, args)
+        """Any verb of the control socket.
+
+        While no supervisor lives but the Spine ticks, arm, disarm, hold, reset, rollback, set_params and revert_params
+        go through shared memory instead, `params` is read there; the answers have `"via": "mailbox"`, and a warning is
+        logged. Other verbs raise NotRunning.
+        """
+        try:
+            return self._control.call(verb, args)
+        except NoSupervisor as absent:
+            return self._call_spine(verb, args, absent)
+
+    def _call_spine(self, verb: str, args: dict[str, Any], absent: NoSupervisor) -> Any:
+        if not self.attached or not self.spine.is_alive():
+            raise absent
+        what = str(absent).partition("\n")[0]
+        if mailbox.supervisor_lives(self.name):
+            raise NotRunning(f"{what}, but its supervisor lives\n  next: is it starting? has it another LITHE_RUN_DIR?")
+        if verb == "params":  # nothing to send
+            return mailbox.params_of(self.spine)
+        if verb not in mailbox.VERBS:
+            raise NotRunning(
+                f"{what}: no supervisor lives, and '{verb}' needs one; its Spine ticks on\n"
+                f"  next: lithe run ROBOT.toml adopts it; without one: {', '.join(mailbox.VERBS)}"
+            )
+        _log.warning("no supervisor of '%s' lives: '%s' goes through shared memory", self.name, verb)
+        return mailbox.Mailbox(self.spine, self._check()).call(verb, args)
+
+    def state(self) -> dict[str, Any]:
+        """The running law's State, name -> number or numpy array, all of one tick, at most 10 ms old.
+
+        Empty when the law has none. Read from shared memory: costs the Spine nothing and needs no supervisor.
+        """
+        if not self.attached:
+            raise NotRunning(f"robot '{self.name}' has ended, or was started anew\n  next: robot.reconnect()")
+        return self.spine.state()
 
     def status(self) -> dict[str, Any]:
         """Mode, fault, law, lost ticks, time quantiles, joints with their problems: what `lithe --json status` has."""
@@ -303,4 +339,20 @@ def connect(robot: str | None = None, writes_plans: bool = True, heartbeat: bool
     that the process lives, not that its main loop does: a loop that hangs is not noticed. A Brain that publishes from a
     loop anyway says False; then only publish() and beat() count, and a pause longer than `stale_after_s` ends the plan.
     """
-    return Robot(robot or find_robot(), writes_plans, heartbeat)
+    return Robot(robot or _the_robot(), writes_plans, heartbeat)
+
+
+def _the_robot() -> str:
+    """The one robot here: with a supervisor, else the one whose Spine ticks without."""
+    try:
+        return find_robot()
+    except NotRunning:
+        alone = mailbox.robots_alone()
+        if not alone:
+            raise
+        if len(alone) > 1:
+            raise LitheError(
+                f"several robots tick here without a supervisor: {', '.join(alone)}\n"
+                f"  next: lithe.connect('{alone[0]}')"
+            ) from None
+        return alone[0]

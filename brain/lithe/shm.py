@@ -26,8 +26,10 @@ import numpy.typing as npt
 from . import _wire
 from .errors import BadPlan, ShmError
 from .shim import shim
+from .state import fields_of
 
 _TORN = 2**64 - 1
+_TRIES = 4
 
 
 def dtype(message: str) -> np.dtype[Any]:
@@ -221,6 +223,32 @@ class SpineView:
         entry = self.mapping.channel("params")
         return None if entry is None else entry[1]
 
+    def running_law(self) -> npt.NDArray[Any] | None:
+        """The LawInfo of the law that ran in the newest tick; None when none did."""
+        record = self.latest()
+        laws = [] if record is None else [law for law in self.laws() if law["law_id"] == record["law_id"]]
+        return laws[0] if laws else None
+
+    def state(self) -> dict[str, Any]:
+        """The State of the running law by field name: numbers and numpy arrays, at most 10 ms old. Empty: it has none.
+
+        All of it is of one tick. Raises ShmError while no law has run yet.
+        """
+        for _ in range(_TRIES):  # the law may be replaced between the two looks
+            entry = self.mapping.channel("law_state")
+            if entry is None:
+                break
+            state = entry[1]
+            laws = [law for law in self.laws() if law["law_id"] == state["law_id"]]
+            if laws:
+                return fields_of(laws[0], state["bytes"].tobytes()[: int(state["state_bytes"])])
+        raise ShmError(f"no law of robot '{self.robot}' has published a State yet\n  next: robot.swap(), robot.arm()")
+
+    def answer(self, ticket: int) -> int:
+        """The Spine's answer (CommandResult) to a letter of BrainWriter.send(); 0 while it is pending."""
+        item, address = self.mapping.item("brain_ack")
+        return int(shim().lithe_mailbox_poll(address, item.depth, ticket))
+
     def histogram(self, name: str) -> npt.NDArray[np.uint64]:
         """Bin counts of release_jitter, handoff, law, guard, tick or bus (bins: spine/core/histogram.hpp)."""
         _, address = self.mapping.item(name)
@@ -324,6 +352,14 @@ class BrainWriter:
         velocities[: len(times), : positions.shape[1]] = speeds
         _, address = self.mapping.item("plan")
         shim().lithe_channel_write(address, plan.ctypes.data, plan.dtype.itemsize)
+
+    def send(self, letter: npt.NDArray[Any], spine: SpineView) -> int:
+        """Puts a Command into the Brain's mailbox; its ticket for SpineView.answer(), 0 while the mailbox is full."""
+        item, address = self.mapping.item("commands")
+        _, ack = spine.mapping.item("brain_ack")
+        with self._publishing:
+            self._check_lease()
+            return int(shim().lithe_mailbox_send(address, ack, item.depth, letter.ctypes.data, letter.nbytes))
 
     def press_estop(self, pressed: bool = True) -> None:
         """Sets (or releases) the Brain's sticky e-stop word."""

@@ -30,13 +30,15 @@ class ChannelWriter {
   // A restarted writer goes on from `latest`: a slot its predecessor left odd is simply written over in its turn, and
   // a value that was finished but not announced, which a reader may already have, is announced first. So no record is
   // ever more than one ahead of `latest`, however many writers die (resume() below counts on it).
-  void write(const T& value) LITHE_RT {
+  void write(const T& value) LITHE_RT { write(value, kAll); }
+  // Only the words `used`: a reader must not look at the others, which are those of an earlier value.
+  void write(const T& value, const wire::WordRanges& used) LITHE_RT {
     std::uint64_t count = load_word(memory_->latest, std::memory_order_relaxed) + 1;
     // acquire: the predecessor's value comes before our announcement of it.
     if (load_word(memory_->slots[count & 3].record.sequence, std::memory_order_acquire) == 2 * count) {
       store_word(memory_->latest, count++, std::memory_order_release);
     }
-    memory_->slots[count & 3].record.write(count, value, kAll);
+    memory_->slots[count & 3].record.write(count, value, used);
     // release, with the acquire load in read(): the record's even sequence is visible before its number.
     store_word(memory_->latest, count, std::memory_order_release);
   }

@@ -60,6 +60,21 @@ TEST(Channel, ReaderGetsEachValueOnceAndOnlyTheNewest) {
   EXPECT_EQ(reader.failures(), 0u);
 }
 
+TEST(Channel, AValueOfWhichOnlySomeWordsAreUsedLeavesTheOthers) {
+  auto memory = std::make_unique<Memory>();
+  ChannelWriter<Even> writer(*memory);
+  ChannelReader<Even> reader(*memory);
+  writer.write(Even::of(7));
+  wire::WordRanges used;
+  used.add(0, 20);                                                         // widened to three words
+  for (std::uint64_t i = 2; i <= 5; ++i) writer.write(Even::of(i), used);  // value 5 lies where value 1 lay
+  Even value{};
+  ASSERT_TRUE(reader.read(value));
+  EXPECT_EQ(value.word[0], 5u);
+  EXPECT_EQ(value.word[2], 5u);
+  EXPECT_EQ(value.word[3], 7u) << "of value 1";
+}
+
 TEST(Channel, WriterThatOvertakesACopyIsNoticedAndTheNewestIsRead) {
   auto memory = std::make_unique<Memory>();
   ChannelWriter<Even> writer(*memory);

@@ -40,6 +40,7 @@ struct SpineMemory {
   std::array<ChannelMemory<wire::LawInfo>, wire::kNlaw> law_info;
   RingMemory<wire::LawFault, wire::spine_segment::kLawFaultsDepth> law_faults;
   ChannelMemory<wire::ShadowReport> shadow;
+  ChannelMemory<wire::LawState> law_state;
   HistogramMemory release_jitter, handoff, law, guard, tick, bus;
   CommandAck control_ack;
   CommandAck brain_ack;
@@ -70,6 +71,7 @@ static_assert(offsetof(SpineMemory, events_loader) == wire::spine_segment::kEven
 static_assert(offsetof(SpineMemory, params) == wire::spine_segment::kParamsOffset);
 static_assert(offsetof(SpineMemory, law_info) == wire::spine_segment::kLawInfoOffset);
 static_assert(sizeof(ChannelMemory<wire::LawInfo>) == wire::spine_segment::kLawInfoStride);
+static_assert(offsetof(SpineMemory, law_state) == wire::spine_segment::kLawStateOffset);
 static_assert(offsetof(SpineMemory, release_jitter) == wire::spine_segment::kReleaseJitterOffset);
 static_assert(offsetof(SpineMemory, bus) == wire::spine_segment::kBusOffset);
 static_assert(offsetof(SpineMemory, control_ack) == wire::spine_segment::kControlAckOffset);

@@ -29,6 +29,9 @@ bool take_params(law::Resident& place, const wire::StageRequest& request) {
   return true;
 }
 
+static_assert(static_cast<std::uint32_t>(FieldKind::f64) == static_cast<std::uint32_t>(wire::StateKind::f64));
+static_assert(wire::kNf == kMaxStateFields && wire::kNstate == kMaxStateBytes);
+
 // Of a shadow, a blend or a probation: ten minutes at 1 kHz.
 constexpr std::uint32_t kMostTicks = 600'000;
 
@@ -212,6 +215,13 @@ void Loader::publish_info(const law::Resident& place) {
     }
     for (std::uint32_t i = 0; i < law.probe_count; ++i) {
       copy_text(info_.probe_name.data() + 32 * i, law.probes[i]);
+    }
+    info_.state_field_count = law.state_count;
+    for (std::uint32_t i = 0; i < law.state_count; ++i) {
+      copy_text(info_.state_name.data() + 32 * i, law.state[i].name);
+      info_.state_kind[i] = law.state[i].kind;
+      info_.state_offset[i] = law.state[i].offset;
+      info_.state_elements[i] = law.state[i].count;
     }
   }
   ipc::ChannelWriter<wire::LawInfo>(spine_.law_info[place.index]).write(info_);

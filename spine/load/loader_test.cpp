@@ -135,6 +135,13 @@ TEST_F(LoaderTest, StagedLawIsCommittedDescribedAndStepsFromItsDefaults) {
   EXPECT_STREQ(i.param_name.data(), "gain_nm");
   EXPECT_EQ(i.param_value[0], 0.5);
   EXPECT_STREQ(i.probe_name.data(), "steps");
+  const LitheLaw& law = *slot_.active()->descriptor;
+  ASSERT_EQ(i.state_field_count, law.state_count);
+  ASSERT_GT(i.state_field_count, 0u);
+  EXPECT_STREQ(i.state_name.data(), law.state[0].name);
+  EXPECT_EQ(i.state_kind[0], law.state[0].kind);
+  EXPECT_EQ(i.state_offset[0], law.state[0].offset);
+  EXPECT_EQ(i.state_elements[0], law.state[0].count);
 }
 
 TEST_F(LoaderTest, SameObjectAgainIsANewLawWithTheOldState) {

@@ -25,7 +25,9 @@ std::optional<Letter> Inbox::next_command() LITHE_RT {
 }
 
 bool Inbox::new_plan() LITHE_RT {
+  const std::uint64_t torn_before = plan_reader_.failures();
   const bool is_new = plan_reader_.read(plan_);
+  plan_torn_ = plan_reader_.failures() != torn_before;
   tell();
   return is_new;
 }

@@ -35,6 +35,8 @@ class Inbox {
   // True if a new plan has come; plan() holds it.
   bool new_plan() LITHE_RT;
   const wire::Plan& plan() const LITHE_RT { return plan_; }
+  // True if the last new_plan() gave up: a plan is there, and four tries brought no whole one.
+  bool plan_torn() const LITHE_RT { return plan_torn_; }
 
   // Age of the Brain's last sign of life [ns]; -1 before its first. A sign from the future counts as none at all.
   std::int64_t brain_age_ns(std::int64_t now_ns) const LITHE_RT;
@@ -53,6 +55,7 @@ class Inbox {
   ipc::HealthMemory* health_;
   wire::Command command_{};
   wire::Plan plan_{};
+  bool plan_torn_ = false;
 };
 
 }  // namespace lithe::loop

@@ -27,6 +27,77 @@ TEST_F(TickTest, APlanThatIsNeverWholeIsCountedEachTimeItIsGivenUp) {
   EXPECT_EQ(mode(), Mode::active);
 }
 
+// The same robot, whose file calls a torn plan a fault.
+class TornPlanTest : public testing::Test, protected TickBench {
+ protected:
+  TornPlanTest() : TickBench(robot_that_stops()) {}
+
+  static robot::RobotConfig robot_that_stops() {
+    robot::RobotConfig robot = *robot::parse_robot(kRobot, "probe.toml");
+    robot.brain.on_torn_plan = robot::MissPolicy::stop;
+    return robot;
+  }
+  void announce_half_a_plan() {  // and never finish it
+    brain_memory_->plan.slots[1].record.sequence = 2 * 5 + 1;
+    brain_memory_->plan.latest = 5;
+  }
+};
+
+TEST_F(TornPlanTest, StopsTheRobotInTheTickThatGaveUpAndSaysWhy) {
+  arm_with(kPd);
+  ipc::RingReader<wire::Event, wire::spine_segment::kEventsTickDepth> events(memory_->events_tick);
+  announce_half_a_plan();
+  tick();
+  EXPECT_EQ(mode(), Mode::safe_stop);
+  EXPECT_EQ(static_cast<wire::Fault>(record_.fault), wire::Fault::plan_torn);
+  EXPECT_EQ(memory_->health.plans_torn, 1U);
+  wire::Event event;
+  bool told = false;
+  while (events.next(event)) {
+    told = told || (event.kind == static_cast<std::uint32_t>(wire::EventKind::safe_stop) &&
+                    event.code == static_cast<std::uint32_t>(wire::Fault::plan_torn));
+  }
+  EXPECT_TRUE(told);
+}
+
+TEST_F(TornPlanTest, ABrainThatWritesWholePlansAgainLeadsBack) {
+  arm_with(kPd);
+  announce_half_a_plan();
+  ticks(3);
+  ASSERT_EQ(mode(), Mode::safe_stop);
+  EXPECT_EQ(send(CommandKind::arm), CommandResult::refused_fault);
+  publish(0.1);
+  tick();
+  EXPECT_EQ(send(CommandKind::reset), CommandResult::done);
+  ticks(3);
+  EXPECT_EQ(send(CommandKind::arm), CommandResult::done);
+  publish(0.1);
+  ticks(3);
+  EXPECT_EQ(mode(), Mode::active);
+}
+
+TEST_F(TornPlanTest, IsNoFaultWhileNoPlanIsFollowed) {
+  arm_with(kPd);
+  ASSERT_EQ(send(CommandKind::hold), CommandResult::done);
+  announce_half_a_plan();
+  ticks(3);
+  EXPECT_EQ(mode(), Mode::hold);
+  EXPECT_EQ(memory_->health.plans_torn, 3U) << "counted all the same";
+}
+
+TEST_F(TornPlanTest, AWriterThatDiesInThePlanAfterTheLastOneTearsNothing) {
+  arm_with(kPd);
+  publish(0.1);
+  tick();
+  brain_memory_->plan.slots[2].record.sequence = 2 * 2 + 1;  // plan 2, not announced: plan 1 stays whole
+  for (int i = 0; i < 200; ++i) {
+    brain_memory_->header.heartbeat_ns = now_ns_;
+    tick();
+  }
+  EXPECT_EQ(mode(), Mode::active);
+  EXPECT_EQ(memory_->health.plans_torn, 0U);
+}
+
 TEST_F(TickTest, ImpossibleHeadsAndBrokenLettersAreCountedBySender) {
   arm_with(kPd);
   brain_memory_->commands.head += 1000;

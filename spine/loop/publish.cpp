@@ -2,6 +2,8 @@
 #include "spine/loop/publish.hpp"
 
 #include <algorithm>
+#include <cstddef>
+#include <cstring>
 #include <limits>
 
 namespace lithe::loop {
@@ -21,6 +23,7 @@ Publisher::Publisher(ipc::SpineMemory& memory, std::uint32_t joints)
       params_(memory.params),
       law_faults_(memory.law_faults),
       shadow_(memory.shadow),
+      law_state_(memory.law_state),
       release_jitter_(memory.release_jitter),
       handoff_(memory.handoff),
       law_(memory.law),
@@ -74,6 +77,17 @@ void Publisher::params(const law::Resident& law) LITHE_RT {
   param_values_.tick = record_.tick;
   for (std::uint32_t i = 0; i < param_values_.count; ++i) param_values_.value[i] = law.params[i].value;
   params_.write(param_values_);
+}
+
+void Publisher::state(const law::Resident& law) LITHE_RT {
+  const std::size_t bytes = std::min<std::size_t>(law.descriptor->state_size, kMaxStateBytes);
+  state_.law_id = law.law_id;
+  state_.state_bytes = static_cast<std::uint32_t>(bytes);
+  state_.tick = record_.tick;
+  std::memcpy(state_.bytes.data(), law.state.data(), bytes);
+  wire::WordRanges used;
+  used.add(0, offsetof(wire::LawState, bytes) + bytes);
+  law_state_.write(state_, used);
 }
 
 void Publisher::beat(std::int64_t now_ns) LITHE_RT {

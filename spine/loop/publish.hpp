@@ -62,6 +62,8 @@ class Publisher {
              std::string_view text) LITHE_RT;
 
   void params(const law::Resident& law) LITHE_RT;
+  // Its State, bounded by kMaxStateBytes; only the words in use are written.
+  void state(const law::Resident& law) LITHE_RT;
   void law_fault(const wire::LawFault& fault) LITHE_RT { law_faults_.push(fault); }
   void shadow(const wire::ShadowReport& report) LITHE_RT { shadow_.write(report); }
 
@@ -75,11 +77,13 @@ class Publisher {
   ipc::ChannelWriter<wire::Params> params_;
   ipc::RingWriter<wire::LawFault, wire::spine_segment::kLawFaultsDepth> law_faults_;
   ipc::ChannelWriter<wire::ShadowReport> shadow_;
+  ipc::ChannelWriter<wire::LawState> law_state_;
   Histogram release_jitter_, handoff_, law_, guard_, tick_, bus_;
   wire::WordRanges used_;  // of a telemetry record, for this many joints
   wire::Telemetry record_{};
   wire::Event event_{};
   wire::Params param_values_{};
+  wire::LawState state_{};
 };
 
 }  // namespace lithe::loop

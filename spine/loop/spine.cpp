@@ -27,6 +27,9 @@ constexpr std::uint32_t kTurnsToClear = 200;
 // Arming accepts a sample this many ticks old.
 constexpr std::uint32_t kStaleTicksToArm = 3;
 
+// How often the law's State is published: as often as a Brain publishes plans.
+constexpr double kStateHz = 100.0;
+
 // A drive hears one command in so many ticks, whatever its turn.
 std::uint32_t slowest_of(const robot::RobotConfig& robot) {
   std::uint32_t divider = 1;
@@ -67,6 +70,7 @@ Spine::Spine(const Wiring& wiring)
       joints_(static_cast<std::uint32_t>(wiring.robot.joints.size())),
       period_ns_(grid_.period_ns()),
       slowest_(slowest_of(wiring.robot)),
+      state_ticks_(static_cast<std::uint64_t>(std::max(1.0, std::round(wiring.robot.rate_hz / kStateHz)))),
       simulated_(std::ranges::all_of(wiring.robot.buses,
                                      [](const robot::BusConfig& bus) { return bus.kind == robot::BusKind::loop; })),
       budget_ns_(std::llround(static_cast<double>(grid_.period_ns()) * wiring.robot.swap.budget_share)),
@@ -127,7 +131,11 @@ void Spine::listen(std::int64_t now_ns) LITHE_RT {
   if (estop_pressed_ && mode_.press_estop()) out_.event(EventKind::estop, now_ns, 0, 0, 0, "the e-stop was pressed");
   if (const std::optional<Letter> letter = inbox_.next_command()) obey(*letter, now_ns);
   watch_brain(now_ns);
-  if (inbox_.new_plan()) take_plan(now_ns);
+  if (inbox_.new_plan()) {
+    take_plan(now_ns);
+  } else if (inbox_.plan_torn()) {
+    miss_plan(now_ns);
+  }
 }
 
 void Spine::obey(const Letter& letter, std::int64_t now_ns) LITHE_RT {
@@ -280,6 +288,15 @@ void Spine::take_plan(std::int64_t now_ns) LITHE_RT {
   if (reject == wire::PlanReject::none) return;
   out_.event(EventKind::plan_refused, now_ns, static_cast<std::uint32_t>(reject), inbox_.plan().plan_id, 0,
              wire::to_string(reject));
+}
+
+// The plan before it goes on, unless the robot's file calls that a missed deadline. Where no plan is followed, none is
+// missed.
+void Spine::miss_plan(std::int64_t now_ns) LITHE_RT {
+  if (robot_.brain.on_torn_plan != robot::MissPolicy::stop || mode_.mode() != wire::Mode::active) return;
+  if (!mode_.fail(wire::Fault::plan_torn)) return;
+  out_.event(EventKind::safe_stop, now_ns, static_cast<std::uint32_t>(wire::Fault::plan_torn), 0, 0,
+             "plan_torn: four tries brought no whole plan of the Brain");
 }
 
 }  // namespace lithe::loop

@@ -74,6 +74,7 @@ class Spine {
   wire::CommandResult roll_back(const wire::Command& command, std::int64_t now_ns) LITHE_RT;
   void watch_brain(std::int64_t now_ns) LITHE_RT;
   void take_plan(std::int64_t now_ns) LITHE_RT;
+  void miss_plan(std::int64_t now_ns) LITHE_RT;
   void look(std::int64_t now_ns) LITHE_RT;
   guard::Verdict check(std::int64_t now_ns) LITHE_RT;
   void react(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_RT;
@@ -127,9 +128,10 @@ class Spine {
 
   std::uint32_t joints_;
   std::int64_t period_ns_;
-  std::uint32_t slowest_;   // ticks until every drive has had a turn
-  bool simulated_;          // every bus is
-  std::int64_t budget_ns_;  // of a law that brings none of its own
+  std::uint32_t slowest_;      // ticks until every drive has had a turn
+  std::uint64_t state_ticks_;  // between two publications of the law's State
+  bool simulated_;             // every bus is
+  std::int64_t budget_ns_;     // of a law that brings none of its own
   std::uint64_t tick_ = 0;
   const hal::ActuatorState* sample_;    // x_k: the newest sample, fresh or not
   bool fresh_ = false;                  // it came for this tick

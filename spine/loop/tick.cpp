@@ -206,6 +206,8 @@ void Spine::publish(const guard::Verdict& verdict, std::int64_t release_ns) LITH
   }
   record.sensor = sample_->sensor;
   out_.publish(durations_, fresh_);
+  const law::Resident* law = slot_.active();
+  if (law != nullptr && tick_ % state_ticks_ == 0) out_.state(*law);
 }
 
 void Spine::serve_inline() LITHE_RT {

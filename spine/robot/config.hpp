@@ -17,7 +17,7 @@ inline constexpr int kAutoCpu = -1;
 enum class Release { spin, hybrid, sleep };                // how the Spine waits for its next release
 enum class TransportPlace { automatic, thread, inlined };  // where the buses are served
 enum class LawLoader { arena, dlopen };                    // where the code of laws lives in the Spine
-enum class MissPolicy { skip, stop };                      // what a missed deadline does
+enum class MissPolicy { skip, stop };                      // what a missed deadline, or a torn plan, does
 enum class StaleAction { hold, safe_stop };                // what a silent Brain does
 enum class SafeEnd { damp, hold };                         // how the safe law ends, once the joint has slowed down
 enum class OtherGroups { stop, go_on };                    // what a joint's fault does to the groups it is not in
@@ -95,6 +95,7 @@ struct GuardConfig {
 struct BrainConfig {
   double stale_after_s = 0.25;
   StaleAction on_stale = StaleAction::hold;
+  MissPolicy on_torn_plan = MissPolicy::skip;  // torn: four tries brought no whole plan
 };
 
 // How a new law is brought in. A request may say otherwise.

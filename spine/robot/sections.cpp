@@ -50,6 +50,7 @@ void read_brain(Reader& in, BrainConfig& brain) {
   in.number("stale_after_s", brain.stale_after_s, {0.01, 3600.0});
   in.choice<StaleAction>("on_stale", brain.on_stale,
                          {{"hold", StaleAction::hold}, {"safe_stop", StaleAction::safe_stop}});
+  in.choice<MissPolicy>("on_torn_plan", brain.on_torn_plan, {{"skip", MissPolicy::skip}, {"stop", MissPolicy::stop}});
   in.finish();
 }
 

@@ -166,6 +166,20 @@ void for_each_field(LawInfo& message, Visit&& visit) {
   visit("probe_name", message.probe_name);
   visit("slot", message.slot);
   visit("code_bytes", message.code_bytes);
+  visit("state_field_count", message.state_field_count);
+  visit("pad0", message.pad0);
+  visit("state_name", message.state_name);
+  visit("state_kind", message.state_kind);
+  visit("state_offset", message.state_offset);
+  visit("state_elements", message.state_elements);
+}
+
+template <class Visit>
+void for_each_field(LawState& message, Visit&& visit) {
+  visit("law_id", message.law_id);
+  visit("state_bytes", message.state_bytes);
+  visit("tick", message.tick);
+  visit("bytes", message.bytes);
 }
 
 template <class Visit>
@@ -235,6 +249,7 @@ void for_each_message(Visit&& visit) {
   visit("LawFault", LawFault{});
   visit("ShadowReport", ShadowReport{});
   visit("LawInfo", LawInfo{});
+  visit("LawState", LawState{});
   visit("Params", Params{});
   visit("RobotInfo", RobotInfo{});
   visit("Histogram", Histogram{});

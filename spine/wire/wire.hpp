@@ -24,6 +24,8 @@ inline constexpr std::size_t kNparam = 32;
 inline constexpr std::size_t kNbin = 976;
 inline constexpr std::size_t kNlaw = 8;
 inline constexpr std::size_t kNs = 16;
+inline constexpr std::size_t kNf = 32;
+inline constexpr std::size_t kNstate = 4096;
 static_assert(kNj == kMaxJoints, "schema/wire.toml NJ and the build option LITHE_NJ must agree");
 static_assert(kNbin == kHistogramBins);
 
@@ -73,6 +75,7 @@ enum class Fault : std::uint32_t {
   drive_garbled = 14,
   drive_not_homed = 15,
   recover_failed = 16,
+  plan_torn = 17,
 };
 
 // The name of `value`, or "?" for a number that is not one of Fault.
@@ -112,6 +115,8 @@ constexpr std::string_view to_string(Fault value) LITHE_RT {
       return "drive_not_homed";
     case Fault::recover_failed:
       return "recover_failed";
+    case Fault::plan_torn:
+      return "plan_torn";
   }
   return "?";
 }
@@ -515,6 +520,52 @@ constexpr std::string_view to_string(DriveState value) LITHE_RT {
   return "?";
 }
 
+enum class StateKind : std::uint32_t {
+  none = 0,
+  boolean = 1,
+  i8 = 2,
+  u8 = 3,
+  i16 = 4,
+  u16 = 5,
+  i32 = 6,
+  u32 = 7,
+  i64 = 8,
+  u64 = 9,
+  f32 = 10,
+  f64 = 11,
+};
+
+// The name of `value`, or "?" for a number that is not one of StateKind.
+constexpr std::string_view to_string(StateKind value) LITHE_RT {
+  switch (value) {
+    case StateKind::none:
+      return "none";
+    case StateKind::boolean:
+      return "boolean";
+    case StateKind::i8:
+      return "i8";
+    case StateKind::u8:
+      return "u8";
+    case StateKind::i16:
+      return "i16";
+    case StateKind::u16:
+      return "u16";
+    case StateKind::i32:
+      return "i32";
+    case StateKind::u32:
+      return "u32";
+    case StateKind::i64:
+      return "i64";
+    case StateKind::u64:
+      return "u64";
+    case StateKind::f32:
+      return "f32";
+    case StateKind::f64:
+      return "f64";
+  }
+  return "?";
+}
+
 namespace telemetry_flag {
 inline constexpr std::uint32_t kSampleStale = 1;
 inline constexpr std::uint32_t kTorqueClamped = 2;
@@ -841,10 +892,16 @@ struct LawInfo {
   std::array<char, 256> probe_name{};  // 32 characters each, zero-terminated
   std::uint32_t slot = {};  // arena slot of its code, counted from 1; 0 = none
   std::uint32_t code_bytes = {};
+  std::uint32_t state_field_count = {};
+  std::array<std::uint8_t, 4> pad0{};
+  std::array<char, 1024> state_name{};  // 32 characters each, zero-terminated
+  std::array<std::uint32_t, 32> state_kind{};  // StateKind
+  std::array<std::uint32_t, 32> state_offset{};  // where the field begins in the State, in bytes
+  std::array<std::uint32_t, 32> state_elements{};  // 1 = a number, more = an array
 };
 static_assert(std::is_trivially_copyable_v<LawInfo>);
 static_assert(std::is_standard_layout_v<LawInfo>);
-static_assert(sizeof(LawInfo) == 2152);
+static_assert(sizeof(LawInfo) == 3568);
 static_assert(offsetof(LawInfo, law_id) == 0);
 static_assert(offsetof(LawInfo, param_count) == 4);
 static_assert(offsetof(LawInfo, probe_count) == 8);
@@ -859,6 +916,27 @@ static_assert(offsetof(LawInfo, param_max) == 1632);
 static_assert(offsetof(LawInfo, probe_name) == 1888);
 static_assert(offsetof(LawInfo, slot) == 2144);
 static_assert(offsetof(LawInfo, code_bytes) == 2148);
+static_assert(offsetof(LawInfo, state_field_count) == 2152);
+static_assert(offsetof(LawInfo, pad0) == 2156);
+static_assert(offsetof(LawInfo, state_name) == 2160);
+static_assert(offsetof(LawInfo, state_kind) == 3184);
+static_assert(offsetof(LawInfo, state_offset) == 3312);
+static_assert(offsetof(LawInfo, state_elements) == 3440);
+
+// The State of the running law, a hundred times a second.
+struct LawState {
+  std::uint32_t law_id = {};  // whose; its LawInfo says what lies where
+  std::uint32_t state_bytes = {};  // how many of them mean something
+  std::uint64_t tick = {};  // at whose end it was so
+  std::array<std::uint8_t, 4096> bytes{};
+};
+static_assert(std::is_trivially_copyable_v<LawState>);
+static_assert(std::is_standard_layout_v<LawState>);
+static_assert(sizeof(LawState) == 4112);
+static_assert(offsetof(LawState, law_id) == 0);
+static_assert(offsetof(LawState, state_bytes) == 4);
+static_assert(offsetof(LawState, tick) == 8);
+static_assert(offsetof(LawState, bytes) == 16);
 
 // Live parameter values of the running law.
 struct Params {
@@ -1046,24 +1124,25 @@ inline constexpr std::size_t kEventsLoaderOffset = 13963776;  // ring Event
 inline constexpr std::size_t kEventsLoaderDepth = 256;
 inline constexpr std::size_t kParamsOffset = 14013056;  // channel Params
 inline constexpr std::size_t kLawInfoOffset = 14014720;  // channel LawInfo
-inline constexpr std::size_t kLawInfoStride = 8832;
-inline constexpr std::size_t kLawFaultsOffset = 14085376;  // ring LawFault
+inline constexpr std::size_t kLawInfoStride = 14464;
+inline constexpr std::size_t kLawFaultsOffset = 14130432;  // ring LawFault
 inline constexpr std::size_t kLawFaultsDepth = 64;
-inline constexpr std::size_t kShadowOffset = 14093696;  // channel ShadowReport
-inline constexpr std::size_t kReleaseJitterOffset = 14096384;  // plain Histogram
-inline constexpr std::size_t kHandoffOffset = 14104320;  // plain Histogram
-inline constexpr std::size_t kLawOffset = 14112256;  // plain Histogram
-inline constexpr std::size_t kGuardOffset = 14120192;  // plain Histogram
-inline constexpr std::size_t kTickOffset = 14128128;  // plain Histogram
-inline constexpr std::size_t kBusOffset = 14136064;  // plain Histogram
-inline constexpr std::size_t kControlAckOffset = 14144000;  // ack Command
+inline constexpr std::size_t kShadowOffset = 14138752;  // channel ShadowReport
+inline constexpr std::size_t kLawStateOffset = 14141440;  // channel LawState
+inline constexpr std::size_t kReleaseJitterOffset = 14158464;  // plain Histogram
+inline constexpr std::size_t kHandoffOffset = 14166400;  // plain Histogram
+inline constexpr std::size_t kLawOffset = 14174336;  // plain Histogram
+inline constexpr std::size_t kGuardOffset = 14182272;  // plain Histogram
+inline constexpr std::size_t kTickOffset = 14190208;  // plain Histogram
+inline constexpr std::size_t kBusOffset = 14198144;  // plain Histogram
+inline constexpr std::size_t kControlAckOffset = 14206080;  // ack Command
 inline constexpr std::size_t kControlAckDepth = 16;
-inline constexpr std::size_t kBrainAckOffset = 14144256;  // ack Command
+inline constexpr std::size_t kBrainAckOffset = 14206336;  // ack Command
 inline constexpr std::size_t kBrainAckDepth = 16;
-inline constexpr std::size_t kStageAckOffset = 14144512;  // ack StageRequest
+inline constexpr std::size_t kStageAckOffset = 14206592;  // ack StageRequest
 inline constexpr std::size_t kStageAckDepth = 4;
-inline constexpr std::size_t kHealthOffset = 14144768;  // plain Health
-inline constexpr std::size_t kBytes = 14144896;  // the schema text follows
+inline constexpr std::size_t kHealthOffset = 14206848;  // plain Health
+inline constexpr std::size_t kBytes = 14206976;  // the schema text follows
 }
 
 // Segment `control`, written by the supervisor: byte offsets of its items.
@@ -1085,7 +1164,7 @@ inline constexpr std::size_t kEstopOffset = 41344;  // word
 inline constexpr std::size_t kBytes = 41472;  // the schema text follows
 }
 
-inline constexpr std::uint64_t kLayoutHash = 0x970ac54e9b84803a;
+inline constexpr std::uint64_t kLayoutHash = 0x9217365ef91f1f66;
 // What the hash covers; every segment carries it, so that two builds can tell where they differ.
 inline constexpr std::string_view kCanonicalSchema =
     "abi:1\n"
@@ -1212,6 +1291,16 @@ inline constexpr std::string_view kCanonicalSchema =
     "LawInfo.probe_name:char[256]:1888:256:-\n"
     "LawInfo.slot:uint32[1]:2144:4:-\n"
     "LawInfo.code_bytes:uint32[1]:2148:4:-\n"
+    "LawInfo.state_field_count:uint32[1]:2152:4:-\n"
+    "LawInfo.pad0:uint8[4]:2156:4:-\n"
+    "LawInfo.state_name:char[1024]:2160:1024:-\n"
+    "LawInfo.state_kind:uint32[32]:3184:128:-\n"
+    "LawInfo.state_offset:uint32[32]:3312:128:-\n"
+    "LawInfo.state_elements:uint32[32]:3440:128:-\n"
+    "LawState.law_id:uint32[1]:0:4:-\n"
+    "LawState.state_bytes:uint32[1]:4:4:-\n"
+    "LawState.tick:uint64[1]:8:8:-\n"
+    "LawState.bytes:uint8[4096]:16:4096:-\n"
     "Params.law_id:uint32[1]:0:4:-\n"
     "Params.count:uint32[1]:4:4:-\n"
     "Params.tick:uint64[1]:8:8:-\n"
@@ -1257,18 +1346,19 @@ inline constexpr std::string_view kCanonicalSchema =
     "spine/events_loader:ring:Event:256x1:13963776\n"
     "spine/params:channel:Params:0x1:14013056\n"
     "spine/law_info:channel:LawInfo:0x8:14014720\n"
-    "spine/law_faults:ring:LawFault:64x1:14085376\n"
-    "spine/shadow:channel:ShadowReport:0x1:14093696\n"
-    "spine/release_jitter:plain:Histogram:0x1:14096384\n"
-    "spine/handoff:plain:Histogram:0x1:14104320\n"
-    "spine/law:plain:Histogram:0x1:14112256\n"
-    "spine/guard:plain:Histogram:0x1:14120192\n"
-    "spine/tick:plain:Histogram:0x1:14128128\n"
-    "spine/bus:plain:Histogram:0x1:14136064\n"
-    "spine/control_ack:ack:Command:16x1:14144000\n"
-    "spine/brain_ack:ack:Command:16x1:14144256\n"
-    "spine/stage_ack:ack:StageRequest:4x1:14144512\n"
-    "spine/health:plain:Health:0x1:14144768\n"
+    "spine/law_faults:ring:LawFault:64x1:14130432\n"
+    "spine/shadow:channel:ShadowReport:0x1:14138752\n"
+    "spine/law_state:channel:LawState:0x1:14141440\n"
+    "spine/release_jitter:plain:Histogram:0x1:14158464\n"
+    "spine/handoff:plain:Histogram:0x1:14166400\n"
+    "spine/law:plain:Histogram:0x1:14174336\n"
+    "spine/guard:plain:Histogram:0x1:14182272\n"
+    "spine/tick:plain:Histogram:0x1:14190208\n"
+    "spine/bus:plain:Histogram:0x1:14198144\n"
+    "spine/control_ack:ack:Command:16x1:14206080\n"
+    "spine/brain_ack:ack:Command:16x1:14206336\n"
+    "spine/stage_ack:ack:StageRequest:4x1:14206592\n"
+    "spine/health:plain:Health:0x1:14206848\n"
     "control/commands:mailbox:Command:16x1:128\n"
     "control/stage:mailbox:StageRequest:4x1:7424\n"
     "control/estop:word:-:0x1:10880\n"
