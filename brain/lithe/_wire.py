@@ -47,6 +47,7 @@ class Fault(IntEnum):
     drive_garbled = 14
     drive_not_homed = 15
     recover_failed = 16
+    memory_damaged = 17
 
 
 class Rung(IntEnum):
@@ -102,6 +103,7 @@ class CommandResult(IntEnum):
     refused_not_homed = 9
     refused_outside = 10
     refused_not_simulated = 11
+    refused_damaged = 12
 
 
 class EventKind(IntEnum):
@@ -138,6 +140,7 @@ class EventKind(IntEnum):
     law_unproven = 30
     params_confirmed = 31
     params_reverted = 32
+    memory_damaged = 33
 
 
 class StageResult(IntEnum):

@@ -58,6 +58,7 @@ Spine::Spine(const Wiring& wiring)
       slot_(wiring.slot),
       sandbox_(wiring.sandbox),
       cell_(wiring.cell),
+      constants_(wiring.constants),
       handover_(wiring.handover),
       inline_actuators_(wiring.inline_actuators),
       clock_(wiring.clock),
@@ -124,10 +125,24 @@ bool Spine::stop_drives() noexcept {
 void Spine::listen(std::int64_t now_ns) LITHE_RT {
   out_.beat(now_ns);
   estop_pressed_ = inbox_.estop_pressed();
+  watch_memory(now_ns);
   if (estop_pressed_ && mode_.press_estop()) out_.event(EventKind::estop, now_ns, 0, 0, 0, "the e-stop was pressed");
   if (const std::optional<Letter> letter = inbox_.next_command()) obey(*letter, now_ns);
   watch_brain(now_ns);
   if (inbox_.new_plan()) take_plan(now_ns);
+}
+
+// What the housekeeping core has found: nothing that this process does can be trusted any more, so it moves no more.
+void Spine::watch_memory(std::int64_t now_ns) LITHE_RT {
+  const char* const damaged = constants_ == nullptr ? nullptr : constants_->damaged();
+  if (damaged == nullptr || !memory_whole_) return;
+  memory_whole_ = false;
+  Words words;
+  words << wire::to_string(wire::Fault::memory_damaged) << ": " << damaged;
+  const law::Resident* law = slot_.active();
+  out_.event(EventKind::memory_damaged, now_ns, law == nullptr ? 0 : law->law_id, 0, 0, words.text());
+  if (!mode_.fail(wire::Fault::memory_damaged)) return;
+  out_.event(EventKind::safe_stop, now_ns, static_cast<std::uint32_t>(wire::Fault::memory_damaged), 0, 0, words.text());
 }
 
 void Spine::obey(const Letter& letter, std::int64_t now_ns) LITHE_RT {
@@ -169,7 +184,7 @@ Conditions Spine::conditions() const LITHE_RT {
     homed = homed && (!robot_.joints[j].must_be_homed || (sample_->status[j] & wire::joint_status::kNotHomed) == 0);
     inside = inside && guard_.recovery().inside(j, sample_->position_rad[j]);
   }
-  return {slot_.active() != nullptr, all_fresh, homed, estop_pressed_, inside};
+  return {slot_.active() != nullptr, all_fresh, homed, estop_pressed_, inside, memory_whole_};
 }
 
 CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std::int64_t now_ns) LITHE_RT {

@@ -73,6 +73,7 @@ enum class Fault : std::uint32_t {
   drive_garbled = 14,
   drive_not_homed = 15,
   recover_failed = 16,
+  memory_damaged = 17,
 };
 
 // The name of `value`, or "?" for a number that is not one of Fault.
@@ -112,6 +113,8 @@ constexpr std::string_view to_string(Fault value) LITHE_RT {
       return "drive_not_homed";
     case Fault::recover_failed:
       return "recover_failed";
+    case Fault::memory_damaged:
+      return "memory_damaged";
   }
   return "?";
 }
@@ -253,6 +256,7 @@ enum class CommandResult : std::uint32_t {
   refused_not_homed = 9,
   refused_outside = 10,
   refused_not_simulated = 11,
+  refused_damaged = 12,
 };
 
 // The name of `value`, or "?" for a number that is not one of CommandResult.
@@ -282,6 +286,8 @@ constexpr std::string_view to_string(CommandResult value) LITHE_RT {
       return "refused_outside";
     case CommandResult::refused_not_simulated:
       return "refused_not_simulated";
+    case CommandResult::refused_damaged:
+      return "refused_damaged";
   }
   return "?";
 }
@@ -320,6 +326,7 @@ enum class EventKind : std::uint32_t {
   law_unproven = 30,
   params_confirmed = 31,
   params_reverted = 32,
+  memory_damaged = 33,
 };
 
 // The name of `value`, or "?" for a number that is not one of EventKind.
@@ -391,6 +398,8 @@ constexpr std::string_view to_string(EventKind value) LITHE_RT {
       return "params_confirmed";
     case EventKind::params_reverted:
       return "params_reverted";
+    case EventKind::memory_damaged:
+      return "memory_damaged";
   }
   return "?";
 }
