@@ -32,9 +32,9 @@ class Inbox {
   // True while somebody's sticky e-stop word is set.
   bool estop_pressed() const LITHE_RT;
 
-  // True if a new plan has come; plan() holds it.
+  // True if a new plan has come; plan() holds it, a copy that is the Spine's own.
   bool new_plan() LITHE_RT;
-  const wire::Plan& plan() const LITHE_RT { return plan_; }
+  wire::Plan& plan() LITHE_RT { return plan_; }
 
   // Age of the Brain's last sign of life [ns]; -1 before its first. A sign from the future counts as none at all.
   std::int64_t brain_age_ns(std::int64_t now_ns) const LITHE_RT;

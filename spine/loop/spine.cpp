@@ -193,6 +193,7 @@ CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std
   if (result != CommandResult::done) return result;
   // From drives that are off the first torque is bounded from zero; the setpoint starts where the joint is.
   if (before == wire::Mode::disarmed) guard_.reset_output();
+  if (kind == CommandKind::arm && before != wire::Mode::active && before != wire::Mode::hold) mend_law(now_ns);
   if (kind == CommandKind::reset) {
     guard_.forget_faults();
     clear_ticks_left_ = kTurnsToClear * slowest_;
@@ -290,6 +291,9 @@ void Spine::watch_brain(std::int64_t now_ns) LITHE_RT {
 
 void Spine::take_plan(std::int64_t now_ns) LITHE_RT {
   if (mode_.mode() != wire::Mode::active) return;  // a plan from before arming is nobody's wish any more
+  for (std::uint32_t j = 0; j < joints_; ++j) {
+    if (guard_.stopped(j)) plan::rest_joint(inbox_.plan(), j, planned_rad_[j]);
+  }
   const wire::PlanReject reject = plan_.accept(inbox_.plan(), now_ns);
   flags_ |= reject == wire::PlanReject::none ? flag::kPlanNew : flag::kPlanRefused;
   if (reject == wire::PlanReject::none) return;

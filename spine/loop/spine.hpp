@@ -92,6 +92,7 @@ class Spine {
   bool resume_previous() LITHE_RT;
   void tell_not_carried(const law::Resident& law, law::FieldBits fields, std::int64_t now_ns) LITHE_RT;
   Words in_words(wire::LawFaultKind why) const LITHE_RT;
+  void mend_law(std::int64_t now_ns) LITHE_RT;
   void tell_rollback(wire::LawFaultKind why, std::int64_t now_ns) LITHE_RT;
   void stop_for_law(wire::LawFaultKind kind, std::int64_t now_ns) LITHE_RT;
   wire::LawFault fault_of(const contain::Trouble& trouble, std::int64_t now_ns) const LITHE_RT;
@@ -157,6 +158,7 @@ class Spine {
   Effort shadow_effort_;    // what a candidate beside it would want
   std::array<double, kMaxProbes> probes_{};
   plan::Setpoint setpoint_;
+  JointArray planned_rad_{};  // the setpoint's position by the plan, of stopped joints too
   guard::Output output_;
 };
 
