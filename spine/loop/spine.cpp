@@ -98,7 +98,11 @@ bool Spine::run(const std::atomic<bool>& stop) noexcept {
     clock_.follow();
     skipped = grid_.advance(clock_.now_ns());
   }
-  return stop_drives();
+  const bool told_off = stop_drives();
+  // Who did not start this process learns nothing else of its end.
+  out_.event(EventKind::disarmed, clock_.now_ns(), told_off ? 1 : 2, 0, 0,
+             told_off ? "ended: every drive was told that it is off" : "ended: not every drive heard that it is off");
+  return told_off;
 }
 
 // The last command is off, and every drive is asked twice: in its first turn the Transport may still be busy with the
