@@ -14,7 +14,8 @@ if(NOT maker_source)
     "maker's sources, 1.0.0 or newer (git clone https://github.com/mjbots/pi3hat; nothing of it needs to be built), and say "
     "where they are: -DLITHE_PI3HAT_DIR=/path/of/pi3hat. Without a pi3hat: -DLITHE_PI3HAT=OFF")
 endif()
-add_library(lithe_pi3hat_maker STATIC ${maker_source}/mjbots/pi3hat/pi3hat.cc)
+# A library of its own: it writes its variables while the robot runs, and those of the Spine are read-only then.
+add_library(lithe_pi3hat_maker SHARED ${maker_source}/mjbots/pi3hat/pi3hat.cc)
 target_compile_options(lithe_pi3hat_maker PRIVATE -w)
 target_include_directories(lithe_pi3hat_maker SYSTEM INTERFACE ${maker_source})
 target_sources(lithe_hal_bus PRIVATE pi3hat/upstream.cpp)

@@ -7,14 +7,17 @@
 
 #include <atomic>
 #include <cmath>
+#include <cstddef>
 #include <cstdio>
 #include <ctime>
 #include <future>
 #include <memory>
+#include <span>
 #include <thread>
 
 #include "spine/code_arena.hpp"
 #include "spine/contain/cell.hpp"
+#include "spine/contain/constants.hpp"
 #include "spine/contain/vault.hpp"
 #include "spine/contain/watchdog.hpp"
 #include "spine/core/host.hpp"
@@ -71,6 +74,10 @@ Result<Memory> make_memory(const std::string& robot) {
   auto frames = ipc::Segment<ipc::FramesMemory>::create(robot);
   if (!frames) return frames.error();
   ipc::sign_in((*spine)->header, monotonic_ns());
+  // Made here, written by supervisor and Brain: a law shall press no e-stop and give no command.
+  for (const ipc::Mapping* theirs : {&control->mapping(), &brain->mapping()}) {
+    if (const Result<> kept = theirs->make_read_only(); !kept) return kept.error();
+  }
   return Memory{std::move(**lease), std::move(*spine), std::move(*control), std::move(*brain), std::move(*frames)};
 }
 
@@ -99,6 +106,35 @@ Result<Containment> contain_laws() {
   return Containment{std::move(*vault), std::move(*ticking), std::move(*loading)};
 }
 
+// The arena's store, where no law can write it; nullptr without an arena.
+load::LawStore* keep_store(const Result<std::unique_ptr<load::ArenaStore>>& arena, contain::Vault& vault) {
+  if (!arena || *arena == nullptr) return nullptr;
+  (void)(*arena)->arena().lock();  // if not all memory could be, perhaps this much; the notes say which
+  return vault.create<load::ArenaStore>((*arena)->take_arena());
+}
+
+// What the Spine reads as long as it runs, of what lies neither in the Vault nor on pages that nobody can write.
+Result<> watch_constants(contain::Constants& constants, const robot::RobotConfig& robot, const Memory& memory) {
+  const ipc::SpineMemory& shared = *memory.spine;
+  const struct {
+    const char* name;
+    const void* from;
+    std::size_t bytes;
+  } blocks[] = {
+      {"what the robot file says", &robot, sizeof robot},
+      {"what the robot file says of its joints", robot.joints.data(), std::span(robot.joints).size_bytes()},
+      {"what the robot file says of its devices", robot.devices.data(), std::span(robot.devices).size_bytes()},
+      {"what the robot file says of its buses", robot.buses.data(), std::span(robot.buses).size_bytes()},
+      {"what the robot file says of its sensors", robot.sensors.data(), std::span(robot.sensors).size_bytes()},
+      {"the head of the shared memory", &shared.header, offsetof(wire::SegmentHeader, heartbeat_ns)},
+      {"the robot's description in shared memory", &shared.robot_info, sizeof shared.robot_info}};
+  for (const auto& [name, from, bytes] : blocks) {
+    if (bytes == 0) continue;
+    if (const Result<> watched = constants.watch(name, from, bytes); !watched) return watched;
+  }
+  return done();
+}
+
 // Everything that runs, and how it stops: the tick first (it switches the drives off), the Transport after it.
 class Threads {
  public:
@@ -122,6 +158,7 @@ class Threads {
     if (!cpus_.transport_inline) {
       transport_ = std::thread([this] {
         enter(cpus_.transport, true);
+        const contain::Canary canary(constants_, "the Transport's stack");
         const bool shared = cpus_.transport == cpus_.housekeeping || cpus_.transport == cpus_.brain;
         if (shared) actuators_.share_core();
         loop::run_transport(handover_, actuators_, clock_, shared, stop_transport_);
@@ -130,6 +167,7 @@ class Threads {
     std::promise<pid_t> thread;
     ticking_ = std::thread([this, &thread] {
       enter(cpus_.spine, true);
+      const contain::Canary canary(constants_, "the stack of the thread that ticks");
       thread.set_value(gettid());
       go_.get_future().wait();
       Result<contain::Cell> cell = open_cell(!cpus_.transport_inline);
@@ -142,7 +180,8 @@ class Threads {
                                 cell ? &*cell : nullptr,
                                 handover_,
                                 clock_,
-                                cpus_.transport_inline ? &actuators_ : nullptr};
+                                cpus_.transport_inline ? &actuators_ : nullptr,
+                                &constants_};
       loop::Spine* spine = containment_.vault->create<loop::Spine>(wiring);
       told_off_ = spine->run(stop_tick_);
       std::destroy_at(spine);
@@ -150,6 +189,7 @@ class Threads {
     return thread.get_future().get();
   }
   void go() { go_.set_value(); }
+  contain::Constants& constants() { return constants_; }
 
   // False: not every drive has been told that it is off.
   bool stop() {
@@ -175,18 +215,35 @@ class Threads {
   void start_helpers() {
     keeper_ = std::thread([this] {
       enter(cpus_.housekeeping, false);
-      loop::keep_clock(clock_, stop_helpers_);
+      keep();
     });
     watching_ = std::thread([this] {
       enter(cpus_.housekeeping, true);  // while it does not run, nothing ends an endless law
+      const contain::Canary canary(constants_, "the Watchdog's stack");
       watchdog_.run(stop_helpers_);
     });
     loading_ = std::thread([this] {
       enter(cpus_.housekeeping, false);
+      const contain::Canary canary(constants_, "the Loader's stack");
       Result<contain::Cell> cell = open_cell(false);
       rehearsal_.use(cell ? &*cell : nullptr);
       loader_.run(stop_helpers_);
     });
+  }
+
+  // The clock's fit, and a look at what must not change.
+  void keep() {
+    const contain::Canary canary(constants_, "the keeper's stack");
+    constexpr timespec kEvery{0, loop::ClockKeeper::kEveryNs};
+    loop::ClockKeeper clock(clock_);
+    const char* told = nullptr;
+    while (!stop_helpers_) {
+      nanosleep(&kEvery, nullptr);
+      clock.renew();
+      const char* const damaged = constants_.look();
+      if (damaged != told) fmt::print(stderr, "lithe-spine: memory that nobody may write has changed: {}\n", damaged);
+      told = damaged;
+    }
   }
 
   // This thread's own. Without one a law that crashes takes the process with it, which is said once. A filter would
@@ -199,6 +256,8 @@ class Threads {
     }
     if (const Result<> watched = watchdog_.watch(*cell); !watched)
       fmt::print(stderr, "lithe-spine: an endless law will not be stopped: {}\n", watched.message());
+    if (const Result<> watched = cell->watch_entrance(constants_); !watched)
+      fmt::print(stderr, "lithe-spine: {}\n", watched.message());
     if (!only_waits) {
       cell->dispatch_system_calls();
     } else if (const auto gate = cell->forbid_system_calls(); !gate) {
@@ -219,6 +278,7 @@ class Threads {
   load::Rehearsal rehearsal_;
   load::Loader loader_;
   contain::Watchdog watchdog_;
+  contain::Constants constants_;
   std::promise<void> go_;
   std::atomic<bool> stop_tick_{false}, stop_transport_{false}, stop_helpers_{false};
   bool told_off_ = false;  // the tick thread's last word
@@ -237,6 +297,16 @@ void look_after(hal::Actuators& actuators, const sigset_t& signals) {
       fmt::print(stderr, "lithe-spine: {}\n", trouble.empty() ? "all buses and drives are well" : trouble);
     told = trouble;
   }
+}
+
+// Until a signal ends it. What is still to get its first value gets it before: nobody can write it then.
+void run_sealed(Threads& threads, hal::Actuators& actuators, const std::string& ready, const sigset_t& signals) {
+  const Result<contain::SealedStatics> sealed = contain::SealedStatics::seal();
+  if (!sealed) fmt::print(stderr, "lithe-spine: a law can write the Spine's variables: {}\n", sealed.message());
+  threads.go();
+  fmt::print("{}\n", ready);
+  std::fflush(stdout);
+  look_after(actuators, signals);
 }
 
 int run(const std::string& path) {
@@ -267,10 +337,7 @@ int run(const std::string& path) {
   use_small_stacks();
   const Result<std::unique_ptr<load::ArenaStore>> arena = attach_code_arena(*robot);
   if (!arena) robot->notes.push_back(arena.message());
-  load::ArenaStore* const code = arena ? arena->get() : nullptr;
   const std::string notes = describe_host(robot->notes);
-  if (code != nullptr)
-    (void)code->arena().lock();  // if not all memory could be, perhaps this much; the notes say which
   if (const Result<> pinned = pin_this_thread(cpus->housekeeping); !pinned)
     fmt::print(stderr, "{}\n", pinned.message());
 
@@ -279,15 +346,16 @@ int run(const std::string& path) {
     remove_memory(robot->name);
     return refuse(kExitRefused, containment.message());
   }
+  load::LawStore* const code = keep_store(arena, *containment->vault);
   auto* threads = containment->vault->create<Threads>(*robot, *cpus, *memory, *containment, code, **actuators);
   Own own{threads->start(), containment->vault->protection() == contain::Protection::keys, code != nullptr};
   write_robot_info(memory->spine->robot_info, *robot, *cpus, notes, own);
-  threads->go();
-  fmt::print("{}\n", ready_line(*robot, *cpus, notes));
-  std::fflush(stdout);
-  look_after(**actuators, signals);
+  if (const Result<> watched = watch_constants(threads->constants(), *robot, *memory); !watched)
+    fmt::print(stderr, "lithe-spine: {}\n", watched.message());
+  run_sealed(*threads, **actuators, ready_line(*robot, *cpus, notes), signals);
   const bool told_off = threads->stop();
   std::destroy_at(threads);
+  if (code != nullptr) std::destroy_at(code);
   if (const std::string odd = describe_replies(**actuators); !odd.empty()) fmt::print(stderr, "lithe-spine: {}\n", odd);
   remove_memory(robot->name);
   if (told_off) return 0;

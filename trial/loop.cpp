@@ -126,6 +126,17 @@ Result<> open_ready(const robot::RobotConfig& robot, SimulatedRobot& simulated) 
   return done();
 }
 
+// A joint that stands outside its limits, or at one, would be stopped in the first tick whatever the law does: nothing
+// would be tried.
+void start_inside(robot::RobotConfig& robot) {
+  for (robot::JointConfig& joint : robot.joints) {
+    const double width_rad = joint.position_max_rad - joint.position_min_rad;
+    const double margin_rad = std::min(robot.guard.soft_stop_rad, 0.25 * width_rad);
+    joint.sim.initial_position_rad = std::clamp(joint.sim.initial_position_rad, joint.position_min_rad + margin_rad,
+                                                joint.position_max_rad - margin_rad);
+  }
+}
+
 // Its baseline, and what the whole ride takes of the processor [ms].
 double ride_without_a_law(const Setting& setting, SimulatedRobot& simulated, bool rough) {
   const std::clock_t from = std::clock();  // processor time of this process, so that other load does not count
@@ -193,6 +204,7 @@ Result<> prepare_ride(Setting& setting) {
   setting.robot.guard.soft_start_s = 0;  // a law that is swapped in while the robot moves has none either
   robot::RobotConfig model = setting.robot;
   model.plant.ideal = true;  // what is uncertain about the robot the rough ride adds itself
+  start_inside(model);
   const robot::RobotConfig heavy = with_payload(model);
   if (auto opened = open_ready(model, setting.plain); !opened) return opened;
   if (auto opened = open_ready(heavy, setting.heavy); !opened) return opened;

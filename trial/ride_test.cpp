@@ -99,6 +99,16 @@ void expect_drives_on(const robot::RobotConfig& robot, int exchanges = 4) {
   for (std::uint32_t j = 0; j < command.joints; ++j) EXPECT_GT(state.torque_nm[j], 0.003) << robot.name << " " << j;
 }
 
+// The law is tried all the same, from the limit on inwards.
+TEST(Ride, ARobotThatStandsOutsideItsLimitsIsRiddenFromInside) {
+  robot::RobotConfig outside = robot_of("arm.toml");
+  outside.joints[0].sim.initial_position_rad = outside.joints[0].position_max_rad + 0.5;
+  Rig rig(outside);
+  EXPECT_TRUE(rig.ride(kHolds)) << rig.report.refused.data();
+  EXPECT_EQ(rig.report.loop.fault, 0u);
+  EXPECT_GE(rig.report.loop.ticks, 1000u) << "it used to end in its first";
+}
+
 TEST(Ride, BeginsWhenEveryDriveIsSetUpAndOn) {
   for (const char* file : {"arm.toml", "frankenstein.toml", "quadruped.toml"}) expect_drives_on(robot_of(file));
   robot::RobotConfig fast = robot_of("arm.toml");

@@ -50,6 +50,7 @@ class Fault(IntEnum):
     drive_not_homed = 15
     recover_failed = 16
     plan_torn = 17
+    memory_damaged = 18
 
 
 class Rung(IntEnum):
@@ -105,6 +106,7 @@ class CommandResult(IntEnum):
     refused_not_homed = 9
     refused_outside = 10
     refused_not_simulated = 11
+    refused_damaged = 12
 
 
 class EventKind(IntEnum):
@@ -141,6 +143,7 @@ class EventKind(IntEnum):
     law_unproven = 30
     params_confirmed = 31
     params_reverted = 32
+    memory_damaged = 33
 
 
 class StageResult(IntEnum):

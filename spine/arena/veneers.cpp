@@ -95,10 +95,7 @@ std::uint64_t veneers_hash() {
   return hash;
 }
 
-std::uint64_t image_hash(std::span<const std::byte> image) {
-  static const std::uint64_t begin = veneers_hash();
-  return fnv1a(begin, image.data(), image.size());
-}
+std::uint64_t image_hash(std::span<const std::byte> image) { return fnv1a(veneers_hash(), image.data(), image.size()); }
 
 void write_stubs(std::span<std::byte> page) {
   for (std::size_t i = 0; i < std::size(kVeneers); ++i) {

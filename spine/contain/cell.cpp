@@ -15,6 +15,7 @@
 #include <string>
 #include <utility>
 
+#include "spine/contain/constants.hpp"
 #include "spine/contain/core.hpp"
 #include "spine/contain/watchdog.hpp"
 
@@ -79,6 +80,7 @@ Result<Cell> Cell::open(Vault* vault) {
 void Cell::Close::operator()(Core* core) const {
   if (core->watchdog != nullptr) core->watchdog->forget(*core);
   if (core->gated) stop_dispatch();
+  if (core->constants != nullptr) core->constants->forget(&entrance());
   entrance() = {};
   stack_t before = core->stack_before;
   before.ss_flags &= ~SS_ONSTACK;
@@ -87,6 +89,11 @@ void Cell::Close::operator()(Core* core) const {
   const std::size_t bytes = core->mapping_bytes;
   std::destroy_at(core);
   munmap(mapping, bytes);
+}
+
+Result<> Cell::watch_entrance(Constants& constants) {
+  core_->constants = &constants;
+  return constants.watch("how a thread comes back from a law", &entrance(), sizeof(Entrance));
 }
 
 Result<> Cell::guard(void* block, std::size_t bytes) {

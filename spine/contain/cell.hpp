@@ -15,6 +15,7 @@
 namespace lithe::contain {
 
 struct Core;
+class Constants;
 class Watchdog;
 
 // What happened in a call.
@@ -60,6 +61,9 @@ class Cell {
   // What this thread alone writes, and nobody while a law runs: compared around every call where the vault has no keys
   // (see Vault::guard). Without a vault nothing is done.
   Result<> guard(void* block, std::size_t bytes);
+
+  // What a handler finds first lies outside the vault, and must not change until the Cell is destroyed.
+  Result<> watch_entrance(Constants& constants);
 
   // Runs call(context). Trouble::kind is none when it came back by itself; else the call was cut off where it was,
   // after `deadline_ns` [CLOCK_MONOTONIC] by a Watchdog that charges CPU time. Not reentrant. No system call on the

@@ -42,7 +42,8 @@ struct Core {
   pid_t thread = 0;
   clockid_t cpu_clock = CLOCK_THREAD_CPUTIME_ID;  // the thread's, for others to read
   Watchdog* watchdog = nullptr;
-  void* mapping = nullptr;  // [guard page][alternate stack][this, unless in the vault]
+  Constants* constants = nullptr;  // they watch this thread's Entrance
+  void* mapping = nullptr;         // [guard page][alternate stack][this, unless in the vault]
   std::size_t mapping_bytes = 0;
   stack_t stack_before{};
   sigset_t mask{};  // signals that the thread blocks itself

@@ -102,6 +102,11 @@ Mapping::~Mapping() {
   if (data_ != nullptr) munmap(data_, size_);
 }
 
+Result<> Mapping::make_read_only() const {
+  if (mprotect(data_, size_, PROT_READ) == 0) return done();
+  return Error{std::string("a segment stays writable: ") + std::strerror(errno)};
+}
+
 Mapping::Mapping(Mapping&& other) noexcept
     : data_(std::exchange(other.data_, nullptr)), size_(std::exchange(other.size_, 0)) {}
 

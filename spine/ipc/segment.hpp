@@ -54,6 +54,9 @@ class Mapping {
   // differ.
   static Result<Mapping> attach(const std::string& path, std::size_t bytes, Access access);
 
+  // From now on this process can only read it: for who has made a segment that others write.
+  Result<> make_read_only() const;
+
   void* data() const { return data_; }
   std::size_t size() const { return size_; }
 

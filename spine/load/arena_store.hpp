@@ -21,6 +21,7 @@ class ArenaStore final : public LawStore {
   void unload(std::uint32_t place) override;
 
   const arena::Arena& arena() const { return arena_; }
+  arena::Arena take_arena() { return std::move(arena_); }  // for another store
 
  private:
   bool in_use(std::uint32_t slot) const;

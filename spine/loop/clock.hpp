@@ -2,7 +2,6 @@
 // A raw clock that follows CLOCK_MONOTONIC although NTP steers the one and not the other.
 #pragma once
 
-#include <atomic>
 #include <cstdint>
 
 #include "spine/core/rt.hpp"
@@ -35,7 +34,17 @@ class SteeredClock {
 // Publishes a first fit. Call once before any SteeredClock is made.
 void start_clock(ClockMemory& memory);
 
-// The keeper's body, on the housekeeping core: a new fit every 50 ms until `stop`.
-void keep_clock(ClockMemory& memory, const std::atomic<bool>& stop);
+// Publishes new fits. Contract: off the tick, one thread · after start_clock()
+class ClockKeeper {
+ public:
+  static constexpr std::int64_t kEveryNs = 50 * kNsPerMs;
+
+  explicit ClockKeeper(ClockMemory& memory);
+  void renew();  // every kEveryNs
+
+ private:
+  ipc::ChannelWriter<RawClock> writer_;
+  RawClock clock_;
+};
 
 }  // namespace lithe::loop

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstring>
+#include <limits>
 #include <string>
 
 #include "spine/loop/tick_bench.hpp"
@@ -48,6 +50,21 @@ struct NanLeg {
   static void step(const Tick&, const Params&, State&, Effort& u) { u.torque_nm[kLeg] = std::nan(""); }
 };
 constexpr LitheLaw kNanLeg = describe<NanLeg>("nan_leg");
+// What it makes of a leg that is gone stays in its State.
+struct Spoilt {
+  static inline bool leg_is_gone = false;
+  struct Params {};
+  struct State {
+    double leg_nm = 0;
+    double count = 0;
+  };
+  static void step(const Tick&, const Params&, State& s, Effort& u) {
+    if (leg_is_gone) s.leg_nm = std::nan("");
+    ++s.count;
+    u.torque_nm[kLeg] = s.leg_nm;
+  }
+};
+constexpr LitheLaw kSpoilt = describe<Spoilt>("spoilt");
 struct RunAway {
   struct Params {};
   struct State {};
@@ -156,6 +173,48 @@ TEST_F(Groups, WhatALawWantsOfAStoppedLegIsNoReasonToReplaceIt) {
   EXPECT_EQ(record_.law_id, id);
   EXPECT_EQ(mode(), Mode::active);
   EXPECT_EQ(rung(kArm), wire::Rung::law);
+}
+
+TEST_F(Groups, AStateThatWasSpoiltByAStoppedLegDoesNotDriveItAfterTheReset) {
+  arm_with(kSpoilt);
+  live(5, wire::joint_status::kLost);
+  Spoilt::leg_is_gone = true;
+  live(5, wire::joint_status::kLost);
+  Spoilt::leg_is_gone = false;
+  ASSERT_EQ(mode(), Mode::active) << "nobody looks at the leg";
+  EXPECT_EQ(send(CommandKind::reset), CommandResult::done);
+  ticks(10);
+  EXPECT_EQ(send(CommandKind::arm), CommandResult::done);
+  ticks(10);
+  EXPECT_EQ(mode(), Mode::active);
+  EXPECT_EQ(rung(kLeg), wire::Rung::law);
+  EXPECT_EQ(last_event(wire::EventKind::state_not_carried), "leg_nm: no finite number; starts from its default");
+  double state[2];
+  std::memcpy(state, slot_.active()->state.data(), sizeof state);
+  EXPECT_GT(state[1], 20) << "what is sound is kept";
+}
+
+// The leg hangs beyond its limits, and whoever plans for the arm says where it hangs.
+TEST_F(Groups, WhatAPlanSaysOfAStoppedLegDoesNotKeepTheArmFromFollowingIt) {
+  arm_with(kBoth);
+  live(10, wire::joint_status::kLost);
+  for (const double leg_rad : {10.0, std::nan("")}) {
+    wire::Plan plan;
+    plan.plan_id = ++plan_id_;
+    plan.waypoint_count = 1;
+    plan.joint_count = 2;
+    plan.t_ns[0] = now_ns_ + 300 * kNsPerMs;
+    plan.position_rad[kLeg] = leg_rad;
+    plan.position_rad[kArm] = 0.2;
+    plan.velocity_rad_s[kLeg] = plan.velocity_rad_s[kArm] = std::numeric_limits<double>::quiet_NaN();
+    ipc::ChannelWriter<wire::Plan>(brain_memory_->plan).write(plan);
+    brain_memory_->header.heartbeat_ns = now_ns_;
+    live(50, wire::joint_status::kLost);
+    EXPECT_EQ(last_event(wire::EventKind::plan_refused), "");
+    EXPECT_EQ(record_.plan_id, plan_id_);
+    EXPECT_GT(record_.setpoint_position_rad[kArm], 0.001);
+    EXPECT_EQ(record_.setpoint_position_rad[kLeg], record_.position_rad[kLeg]);
+  }
 }
 
 TEST_F(Groups, AStoppedJointIsWhereItShallBe) {

@@ -32,9 +32,9 @@ class Inbox {
   // True while somebody's sticky e-stop word is set.
   bool estop_pressed() const LITHE_RT;
 
-  // True if a new plan has come; plan() holds it.
+  // True if a new plan has come; plan() holds it, a copy that is the Spine's own.
   bool new_plan() LITHE_RT;
-  const wire::Plan& plan() const LITHE_RT { return plan_; }
+  wire::Plan& plan() LITHE_RT { return plan_; }
   // True if the last new_plan() gave up: a plan is there, and four tries brought no whole one.
   bool plan_torn() const LITHE_RT { return plan_torn_; }
 

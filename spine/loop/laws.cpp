@@ -161,6 +161,13 @@ void Spine::tell_not_carried(const law::Resident& law, law::FieldBits fields, st
   out_.event(EventKind::state_not_carried, now_ns, law.law_id, law.request_id, count, words.text());
 }
 
+// While a part of the robot is stopped nobody looks at what a law makes of it; before it drives that part again, fields
+// that hold no number start from their default.
+void Spine::mend_law(std::int64_t now_ns) LITHE_RT {
+  law::Resident& law = *slot_.active();
+  tell_not_carried(law, law::mend_state(*law.descriptor, law.state.data()), now_ns);
+}
+
 void Spine::tell_rollback(LawFaultKind why, std::int64_t now_ns) LITHE_RT {
   if (params_went_) {
     out_.event(EventKind::params_reverted, now_ns, slot_.active()->law_id, params_request_id_, 0, in_words(why).text());

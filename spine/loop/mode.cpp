@@ -45,6 +45,7 @@ CommandResult ModeMachine::apply(CommandKind kind, const Conditions& conditions)
 
 CommandResult ModeMachine::arm(const Conditions& conditions) LITHE_RT {
   if (conditions.estop_pressed || mode_ == Mode::estop) return CommandResult::refused_estop;
+  if (!conditions.memory_whole) return CommandResult::refused_damaged;
   if (fault_ != Fault::none && !law_runs()) return CommandResult::refused_fault;
   if (!conditions.has_law) return CommandResult::refused_law;
   if (!conditions.sample_fresh) return CommandResult::refused_not_ready;
@@ -56,6 +57,7 @@ CommandResult ModeMachine::arm(const Conditions& conditions) LITHE_RT {
 
 CommandResult ModeMachine::recover(const Conditions& conditions) LITHE_RT {
   if (conditions.estop_pressed || mode_ == Mode::estop) return CommandResult::refused_estop;
+  if (!conditions.memory_whole) return CommandResult::refused_damaged;
   if (law_runs()) return CommandResult::refused_mode;
   if (!leaves_by_recover(fault_)) return CommandResult::refused_fault;
   if (!conditions.sample_fresh) return CommandResult::refused_not_ready;

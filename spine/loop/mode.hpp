@@ -16,6 +16,7 @@ struct Conditions {
   bool homed = true;           // every joint that must be homed is
   bool estop_pressed = false;  // one of the sticky words is set
   bool inside = true;          // every joint is within its position limits
+  bool memory_whole = true;    // no constant of this process was found changed
 };
 
 // disarmed --arm--> active <--arm/hold--> hold;  disarm: from active, hold and safe_stop;
@@ -24,7 +25,8 @@ struct Conditions {
 // of a part of the robot, without which the rest goes on, is latched as well and leaves the mode alone.
 // recover: from disarmed, and from a safe stop whose fault it is the way out of (position_limit, velocity_limit,
 // recover_failed), so that a joint that is held there need not fall first. It ends with disarm, a fault, or with arm
-// once every joint is inside. Contract: RT · owned by the tick thread
+// once every joint is inside. Once memory is damaged there is no way back into motion but a new process.
+// Contract: RT · owned by the tick thread
 class ModeMachine {
  public:
   wire::Mode mode() const LITHE_RT { return mode_; }

@@ -41,6 +41,18 @@ TEST(ModeMachine, AJointOutsideItsLimitsIsNotArmedAndRecoverIsTheWay) {
   EXPECT_EQ(machine.apply(CommandKind::recover, kReady), CommandResult::refused_mode) << "a law runs";
 }
 
+TEST(ModeMachine, DamagedMemoryIsNoStateToMoveIn) {
+  ModeMachine machine = armed();
+  Conditions damaged = kReady;
+  damaged.memory_whole = false;
+  EXPECT_TRUE(machine.fail(Fault::memory_damaged));
+  EXPECT_EQ(machine.apply(CommandKind::arm, damaged), CommandResult::refused_damaged);
+  EXPECT_EQ(machine.apply(CommandKind::recover, damaged), CommandResult::refused_damaged);
+  EXPECT_EQ(machine.apply(CommandKind::reset, damaged), CommandResult::done) << "the drives off, and no fault latched";
+  EXPECT_EQ(machine.apply(CommandKind::arm, damaged), CommandResult::refused_damaged);
+  EXPECT_EQ(machine.mode(), Mode::disarmed);
+}
+
 TEST(ModeMachine, RecoverLeavesOnlySafeStopsThatItIsTheWayOutOf) {
   for (const Fault fault : {Fault::position_limit, Fault::velocity_limit, Fault::recover_failed}) {
     ModeMachine machine = armed();

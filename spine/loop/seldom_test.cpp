@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <string>
 
 #include "spine/loop/tick_bench.hpp"
 
@@ -33,6 +34,12 @@ class SeldomTold : public testing::Test, protected TickBench {
     ticks(50);
     for (std::uint32_t j = 0; j < kDivider; ++j) EXPECT_EQ(drive_mode(j), 10U) << j;
   }
+  std::string last_word() {
+    ipc::RingReader<wire::Event, wire::spine_segment::kEventsTickDepth> events(memory_->events_tick);
+    events.rewind(1);
+    wire::Event event;
+    return events.next(event) ? event.text.data() : "";
+  }
   std::uint32_t drive_mode(std::uint32_t j) { return handover_.latest_sample().status[j] >> 16 & 0xff; }
 };
 
@@ -41,7 +48,15 @@ TEST_F(SeldomTold, TheLastOffReachesAllOfThem) {
                     actuators_.get()});
   const std::atomic<bool> stop{true};
   EXPECT_TRUE(last.run(stop));
+  EXPECT_EQ(last_word(), "ended: every drive was told that it is off");
   for (std::uint32_t j = 0; j < kDivider; ++j) EXPECT_EQ(drive_mode(j), 0U) << j;
+}
+
+TEST_F(SeldomTold, ASpineWhoseTransportHangsSaysThatNotAllHaveHeard) {
+  tick(false);  // nobody serves the buses any more
+  const std::atomic<bool> stop{true};
+  EXPECT_FALSE(spine_->run(stop));
+  EXPECT_EQ(last_word(), "ended: not every drive heard that it is off");
 }
 
 TEST_F(SeldomTold, TheyAreNotArmedAgainBeforeAllHaveHeardThatTheyAreOff) {

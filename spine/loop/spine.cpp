@@ -61,6 +61,7 @@ Spine::Spine(const Wiring& wiring)
       slot_(wiring.slot),
       sandbox_(wiring.sandbox),
       cell_(wiring.cell),
+      constants_(wiring.constants),
       handover_(wiring.handover),
       inline_actuators_(wiring.inline_actuators),
       clock_(wiring.clock),
@@ -101,7 +102,11 @@ bool Spine::run(const std::atomic<bool>& stop) noexcept {
     clock_.follow();
     skipped = grid_.advance(clock_.now_ns());
   }
-  return stop_drives();
+  const bool told_off = stop_drives();
+  // Who did not start this process learns nothing else of its end.
+  out_.event(EventKind::disarmed, clock_.now_ns(), told_off ? 1 : 2, 0, 0,
+             told_off ? "ended: every drive was told that it is off" : "ended: not every drive heard that it is off");
+  return told_off;
 }
 
 // The last command is off, and every drive is asked twice: in its first turn the Transport may still be busy with the
@@ -128,6 +133,7 @@ bool Spine::stop_drives() noexcept {
 void Spine::listen(std::int64_t now_ns) LITHE_RT {
   out_.beat(now_ns);
   estop_pressed_ = inbox_.estop_pressed();
+  watch_memory(now_ns);
   if (estop_pressed_ && mode_.press_estop()) out_.event(EventKind::estop, now_ns, 0, 0, 0, "the e-stop was pressed");
   if (const std::optional<Letter> letter = inbox_.next_command()) obey(*letter, now_ns);
   watch_brain(now_ns);
@@ -136,6 +142,19 @@ void Spine::listen(std::int64_t now_ns) LITHE_RT {
   } else if (inbox_.plan_torn()) {
     miss_plan(now_ns);
   }
+}
+
+// What the housekeeping core has found: nothing that this process does can be trusted any more, so it moves no more.
+void Spine::watch_memory(std::int64_t now_ns) LITHE_RT {
+  const char* const damaged = constants_ == nullptr ? nullptr : constants_->damaged();
+  if (damaged == nullptr || !memory_whole_) return;
+  memory_whole_ = false;
+  Words words;
+  words << wire::to_string(wire::Fault::memory_damaged) << ": " << damaged;
+  const law::Resident* law = slot_.active();
+  out_.event(EventKind::memory_damaged, now_ns, law == nullptr ? 0 : law->law_id, 0, 0, words.text());
+  if (!mode_.fail(wire::Fault::memory_damaged)) return;
+  out_.event(EventKind::safe_stop, now_ns, static_cast<std::uint32_t>(wire::Fault::memory_damaged), 0, 0, words.text());
 }
 
 void Spine::obey(const Letter& letter, std::int64_t now_ns) LITHE_RT {
@@ -177,7 +196,7 @@ Conditions Spine::conditions() const LITHE_RT {
     homed = homed && (!robot_.joints[j].must_be_homed || (sample_->status[j] & wire::joint_status::kNotHomed) == 0);
     inside = inside && guard_.recovery().inside(j, sample_->position_rad[j]);
   }
-  return {slot_.active() != nullptr, all_fresh, homed, estop_pressed_, inside};
+  return {slot_.active() != nullptr, all_fresh, homed, estop_pressed_, inside, memory_whole_};
 }
 
 CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std::int64_t now_ns) LITHE_RT {
@@ -186,6 +205,7 @@ CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std
   if (result != CommandResult::done) return result;
   // From drives that are off the first torque is bounded from zero; the setpoint starts where the joint is.
   if (before == wire::Mode::disarmed) guard_.reset_output();
+  if (kind == CommandKind::arm && before != wire::Mode::active && before != wire::Mode::hold) mend_law(now_ns);
   if (kind == CommandKind::reset) {
     guard_.forget_faults();
     clear_ticks_left_ = kTurnsToClear * slowest_;
@@ -283,6 +303,9 @@ void Spine::watch_brain(std::int64_t now_ns) LITHE_RT {
 
 void Spine::take_plan(std::int64_t now_ns) LITHE_RT {
   if (mode_.mode() != wire::Mode::active) return;  // a plan from before arming is nobody's wish any more
+  for (std::uint32_t j = 0; j < joints_; ++j) {
+    if (guard_.stopped(j)) plan::rest_joint(inbox_.plan(), j, planned_rad_[j]);
+  }
   const wire::PlanReject reject = plan_.accept(inbox_.plan(), now_ns);
   flags_ |= reject == wire::PlanReject::none ? flag::kPlanNew : flag::kPlanRefused;
   if (reject == wire::PlanReject::none) return;

@@ -10,6 +10,7 @@
 
 #include "lithe/law.hpp"
 #include "spine/contain/cell.hpp"
+#include "spine/contain/constants.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/guard/guard.hpp"
 #include "spine/hal/actuators.hpp"
@@ -41,7 +42,8 @@ struct Wiring {
   contain::Cell* cell;    // of the tick thread; null: a law that crashes takes the process with it
   Handover& handover;
   const ClockMemory& clock;
-  hal::Actuators* inline_actuators;  // set when the tick thread serves the buses itself, else null
+  hal::Actuators* inline_actuators;               // set when the tick thread serves the buses itself, else null
+  const contain::Constants* constants = nullptr;  // memory of this process that must not change; null = nobody looks
 };
 
 // Contract: constructed off the tick · run() and tick() on the tick thread only
@@ -63,6 +65,7 @@ class Spine {
  private:
   void exchange(std::int64_t woke_ns) LITHE_RT;
   void listen(std::int64_t now_ns) LITHE_RT;
+  void watch_memory(std::int64_t now_ns) LITHE_RT;
   void obey(const Letter& letter, std::int64_t now_ns) LITHE_RT;
   wire::CommandResult execute(const wire::Command& command, std::int64_t now_ns) LITHE_RT;
   wire::CommandResult change_mode(wire::CommandKind kind, std::uint64_t request_id, std::int64_t now_ns) LITHE_RT;
@@ -90,6 +93,7 @@ class Spine {
   bool resume_previous() LITHE_RT;
   void tell_not_carried(const law::Resident& law, law::FieldBits fields, std::int64_t now_ns) LITHE_RT;
   Words in_words(wire::LawFaultKind why) const LITHE_RT;
+  void mend_law(std::int64_t now_ns) LITHE_RT;
   void tell_rollback(wire::LawFaultKind why, std::int64_t now_ns) LITHE_RT;
   void stop_for_law(wire::LawFaultKind kind, std::int64_t now_ns) LITHE_RT;
   wire::LawFault fault_of(const contain::Trouble& trouble, std::int64_t now_ns) const LITHE_RT;
@@ -110,6 +114,7 @@ class Spine {
   law::Slot& slot_;
   law::Sandbox& sandbox_;
   contain::Cell* cell_;
+  const contain::Constants* constants_;
   Handover& handover_;
   hal::Actuators* inline_actuators_;
   SteeredClock clock_;
@@ -142,6 +147,7 @@ class Spine {
   bool all_off_ = true;                 // the next command is, to all drives
   std::uint64_t ticks_off_ = 0;         // such commands in a row that left
   bool estop_pressed_ = false;
+  bool memory_whole_ = true;
   bool brain_stale_ = true;
   std::int64_t law_from_ns_ = 0;  // when the last law began to step
   std::uint32_t flags_ = 0;       // of this tick's record
@@ -154,6 +160,7 @@ class Spine {
   Effort shadow_effort_;    // what a candidate beside it would want
   std::array<double, kMaxProbes> probes_{};
   plan::Setpoint setpoint_;
+  JointArray planned_rad_{};  // the setpoint's position by the plan, of stopped joints too
   guard::Output output_;
 };
 

@@ -79,6 +79,7 @@ void Spine::exchange(std::int64_t woke_ns) LITHE_RT {
 void Spine::look(std::int64_t now_ns) LITHE_RT {
   if (!mode_.law_runs()) plan_.hold_at(sample_->position_rad);  // so that arming starts where the joint is
   plan_.sample(now_ns, setpoint_);
+  planned_rad_ = setpoint_.position_rad;
   if (guard_.any_stopped()) forget_stopped_joints();
   in_.tick = tick_;
   in_.t_ns = now_ns;

@@ -51,6 +51,13 @@ PlanReject check_limits(const wire::Plan& plan, const Limits& limits) LITHE_RT {
 
 }  // namespace
 
+void rest_joint(wire::Plan& plan, std::size_t joint, double position_rad) LITHE_RT {
+  for (std::size_t at = joint; at < wire::kNw * wire::kNj; at += wire::kNj) {
+    plan.position_rad[at] = position_rad;
+    plan.velocity_rad_s[at] = 0;
+  }
+}
+
 PlanReject check(const wire::Plan& plan, const Limits& limits, std::int64_t now_ns) LITHE_RT {
   if (plan.waypoint_count < 1 || plan.waypoint_count > wire::kNw) return PlanReject::count;
   if (plan.joint_count != limits.joints) return PlanReject::joints;

@@ -20,6 +20,10 @@ struct Limits {
   std::size_t joints = 0;
 };
 
+// What a plan says of a joint that is stopped is nobody's wish: it rests at `position_rad`, so that it keeps no plan of
+// the others from being followed. Contract: RT · any bytes of a plan are safe
+void rest_joint(wire::Plan& plan, std::size_t joint, double position_rad) LITHE_RT;
+
 // The first reason not to follow `plan`, or none. Waypoints in the past are fine as long as one is in the future.
 // A waypoint outside the position limits, a given velocity above the limit, or two waypoints that no motion within
 // the velocity limit connects are refused, not bent: the Brain would otherwise believe in a motion that never happens.

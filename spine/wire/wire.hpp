@@ -76,6 +76,7 @@ enum class Fault : std::uint32_t {
   drive_not_homed = 15,
   recover_failed = 16,
   plan_torn = 17,
+  memory_damaged = 18,
 };
 
 // The name of `value`, or "?" for a number that is not one of Fault.
@@ -117,6 +118,8 @@ constexpr std::string_view to_string(Fault value) LITHE_RT {
       return "recover_failed";
     case Fault::plan_torn:
       return "plan_torn";
+    case Fault::memory_damaged:
+      return "memory_damaged";
   }
   return "?";
 }
@@ -258,6 +261,7 @@ enum class CommandResult : std::uint32_t {
   refused_not_homed = 9,
   refused_outside = 10,
   refused_not_simulated = 11,
+  refused_damaged = 12,
 };
 
 // The name of `value`, or "?" for a number that is not one of CommandResult.
@@ -287,6 +291,8 @@ constexpr std::string_view to_string(CommandResult value) LITHE_RT {
       return "refused_outside";
     case CommandResult::refused_not_simulated:
       return "refused_not_simulated";
+    case CommandResult::refused_damaged:
+      return "refused_damaged";
   }
   return "?";
 }
@@ -325,6 +331,7 @@ enum class EventKind : std::uint32_t {
   law_unproven = 30,
   params_confirmed = 31,
   params_reverted = 32,
+  memory_damaged = 33,
 };
 
 // The name of `value`, or "?" for a number that is not one of EventKind.
@@ -396,6 +403,8 @@ constexpr std::string_view to_string(EventKind value) LITHE_RT {
       return "params_confirmed";
     case EventKind::params_reverted:
       return "params_reverted";
+    case EventKind::memory_damaged:
+      return "memory_damaged";
   }
   return "?";
 }

@@ -21,7 +21,8 @@ void print_json(const Json& json) { std::cout << json.dump(2, ' ', true, Json::e
 
 int exit_code(const Refusal& refusal) {
   static const std::set<std::string> usage = {"usage", "bad_request", "unknown_verb", "several_robots", "no_source"};
-  static const std::set<std::string> fault = {"robot_fault", "refused_fault", "internal", "recover_failed"};
+  static const std::set<std::string> fault = {"robot_fault", "refused_fault", "refused_damaged", "internal",
+                                              "recover_failed"};
   return usage.count(refusal.code) != 0 ? 2 : fault.count(refusal.code) != 0 ? 3 : 1;
 }
 

@@ -17,8 +17,11 @@ using wire::CommandResult;
 
 namespace {
 
+constexpr const char* kNewStart = "find out what wrote there (lithe events), then start anew: lithe stop, lithe run";
+
 // Where a joint is outside its limits, the way back into them comes first.
 std::string way_out_of(wire::Fault fault) {
+  if (fault == wire::Fault::memory_damaged) return kNewStart;
   const bool outside = fault == wire::Fault::position_limit || fault == wire::Fault::recover_failed;
   return fmt::format("find the cause of {} (lithe events), then: {}, then lithe arm", to_string(fault),
                      outside ? "lithe recover" : "lithe reset");
@@ -121,6 +124,9 @@ Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry
       return {code,
               fmt::format("cannot {}: a joint with must_be_homed does not know in which turn it is", to_string(kind)),
               "home it (lithe status names the joints that are not_homed), then: lithe arm"};
+    case CommandResult::refused_damaged:
+      return {code, fmt::format("cannot {}: memory of the Spine that nobody may write has changed", to_string(kind)),
+              kNewStart};
     case CommandResult::refused_outside:
       return refused_outside(kind, now, info);
     case CommandResult::refused_not_simulated:

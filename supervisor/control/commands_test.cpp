@@ -75,6 +75,16 @@ TEST(RefusalOf, NamesTheFaultThatIsLatched) {
   EXPECT_NE((refusal.message + refusal.next).find("velocity_limit"), std::string::npos);
 }
 
+TEST(RefusalOf, DamagedMemoryNeedsANewStartAndNothingElseIsAdvised) {
+  const wire::Telemetry stopped = in_mode(Mode::safe_stop, Fault::memory_damaged);
+  for (const CommandResult result :
+       {CommandResult::refused_damaged, CommandResult::refused_fault, CommandResult::refused_mode}) {
+    const Refusal refusal = refusal_of(CommandKind::hold, result, stopped);
+    EXPECT_NE(refusal.next.find("lithe run"), std::string::npos) << refusal.next;
+    EXPECT_EQ(refusal.next.find("lithe reset"), std::string::npos) << refusal.next;
+  }
+}
+
 TEST(RefusalOf, NamesTheJointThatIsOutsideWithAngleLimitAndNextStep) {
   wire::Telemetry now = in_mode(Mode::disarmed);
   now.joint_count = 2;

@@ -151,6 +151,15 @@ Quantiles SpineLink::quantiles(const ipc::HistogramMemory& histogram) const {
   return {at(0.5), at(0.99), at(0.999), max_us, ipc::load_word(histogram.count, std::memory_order_relaxed)};
 }
 
+std::optional<bool> SpineLink::told_off() const {
+  ipc::RingReader<wire::Event, wire::spine_segment::kEventsTickDepth> events(spine_->events_tick);
+  events.rewind(1);
+  wire::Event last{};
+  if (!events.next(last) || last.kind != static_cast<std::uint32_t>(wire::EventKind::disarmed) || last.code == 0)
+    return std::nullopt;
+  return last.code == 1;
+}
+
 std::vector<wire::Event> SpineLink::drain_events() {
   const auto drain = [](auto& ring, std::size_t depth) {
     std::vector<wire::Event> events;

@@ -56,6 +56,9 @@ class SpineLink {
   Quantiles quantiles(const ipc::HistogramMemory& histogram) const;
   const ipc::SpineMemory& memory() const { return *spine_; }
 
+  // The last word of a Spine that has ended: whether every drive was told that it is off. Nothing: it never said so.
+  std::optional<bool> told_off() const;
+
   // Events since the last call, both rings merged by time.
   std::vector<wire::Event> drain_events();
   std::uint64_t lost_events() const { return events_tick_.lost() + events_loader_.lost(); }

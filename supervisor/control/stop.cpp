@@ -50,7 +50,9 @@ bool Supervisor::stop_spine() {
   while (!spine_->wait(20) && monotonic_ns() < deadline_ns) {
     forward_spine_log();
   }
-  const bool in_order = spine_->ended() && spine_->exit_code().value_or(adopted_ ? 0 : 1) == 0;
+  // One that we have adopted is not our child, and has no exit code for us.
+  const int adopted_code = adopted_ && link_ && link_->told_off().value_or(false) ? 0 : 1;
+  const bool in_order = spine_->ended() && spine_->exit_code().value_or(adopted_code) == 0;
   if (!spine_->ended()) {
     spdlog::error("the Spine did not stop within 5 s: killed; the drives' watchdogs switch off");
     spine_->signal(SIGKILL);
