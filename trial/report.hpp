@@ -34,7 +34,7 @@ struct LoopStats {
   std::uint32_t fault_tick = 0;
   std::uint32_t fault_joint = 0;
   std::uint32_t held_joint = 0;  // whose torque the guard had to change most often
-  double most_torque_nm = 0;  // asked for
+  double most_torque_nm = 0;     // asked for
   double most_velocity_rad_s = 0;
   double rms_error_rad = 0;
   std::array<double, kMaxJoints> joint_rms_error_rad{};

@@ -130,6 +130,13 @@ Json params_of(const wire::LawInfo& law, const wire::Params* live) {
   return list;
 }
 
+// What the Spine holds against the time before: the law, or new parameters of a law that has passed.
+Json probation_json(std::uint32_t flags) {
+  namespace flag = wire::telemetry_flag;
+  const bool on = (flags & flag::kOnProbation) != 0, params = (flags & flag::kParamsOnProbation) != 0;
+  return {{"of", !on ? "none" : params ? "params" : "law"}, {"unproven", (flags & flag::kUnproven) != 0}};
+}
+
 }  // namespace
 
 Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
@@ -144,6 +151,7 @@ Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
           {"recovering", (now.flags & wire::telemetry_flag::kRecovering) != 0},
           {"law", law ? Json(text_of(law->name)) : Json(nullptr)},
           {"law_id", now.law_id},
+          {"probation", probation_json(now.flags)},
           {"rate_hz", info.rate_hz},
           {"tick", now.tick},
           {"missed_releases", now.missed_releases},
