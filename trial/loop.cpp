@@ -40,6 +40,24 @@ constexpr Bound kBounds[] = {
     {&LoopStats::torque_clamped, 0.8, "asks for more than torque_max_nm"},
 };
 
+// "velocity_limit: joint wrist at 19.3 rad/s, at most 18.8".
+std::array<char, 160> fault_words(const robot::RobotConfig& robot, const LoopStats& stats) {
+  std::array<char, 160> text{};
+  const auto fault = static_cast<wire::Fault>(stats.fault);
+  const robot::JointConfig& joint = robot.joints[stats.fault_joint];
+  const char *what = wire::to_string(fault).data(), *name = joint.name.c_str();
+  if (fault == wire::Fault::velocity_limit) {
+    std::snprintf(text.data(), text.size(), "%s: joint %s at %.3g rad/s, at most %.3g", what, name,
+                  stats.fault_velocity_rad_s, joint.velocity_max_rad_s * robot.guard.velocity_overrun);
+  } else if (fault == wire::Fault::position_limit) {
+    std::snprintf(text.data(), text.size(), "%s: joint %s at %.3g rad, limits %.3g and %.3g", what, name,
+                  stats.fault_position_rad, joint.position_min_rad, joint.position_max_rad);
+  } else {
+    std::snprintf(text.data(), text.size(), "%s", what);
+  }
+  return text;
+}
+
 // A robot that falls out of its limits by itself is stopped in any case; a law must not hasten that. The same of a
 // joint that shakes.
 bool goes_on(Bench& bench, const LoopStats& law, const LoopStats& alone, const char* where) {
@@ -49,21 +67,25 @@ bool goes_on(Bench& bench, const LoopStats& law, const LoopStats& alone, const c
     return bench.refuse(
         "%s the guard had to stop it after %u ticks (%s); without a law %s: look at the sign and the size "
         "of its gains",
-        where, law.fault_tick, wire::to_string(static_cast<wire::Fault>(law.fault)).data(), otherwise.data());
+        where, law.fault_tick, fault_words(bench.setting.robot, law).data(), otherwise.data());
   }
   if (law.tremor == 0 || (alone.tremor == law.tremor && alone.tremor_joint == law.tremor_joint)) return true;
-  const char* joint = bench.setting.robot.joints[law.tremor_joint].name.c_str();
+  const robot::JointConfig& shaking = bench.setting.robot.joints[law.tremor_joint];
+  const char* joint = shaking.name.c_str();
   using Kind = law::Tremor::Finding::Kind;
   if (Kind{static_cast<std::uint8_t>(law.tremor)} == Kind::chatter) {
     return bench.refuse(
-        "%s the torque of joint %s jumps up and down by %.2g N m, %.0f times a second (after %u ticks): "
-        "filter what it differentiates, and let no sign of an error switch a torque",
-        where, joint, law.tremor_size, law.tremor_hz, law.ticks);
+        "%s the torque of joint %s jumps up and down by %.2g N m, %.0f times a second (after %u ticks; from %.2g N m "
+        "on, "
+        "%.0f are too many): filter what it differentiates, and let no sign of an error switch a torque",
+        where, joint, law.tremor_size, law.tremor_hz, law.ticks, law::Tremor::kJumpShare * shaking.torque_max_nm,
+        std::min(law::Tremor::kChatterHz, law::Tremor::kChatterOfRate * bench.setting.robot.rate_hz));
   }
   return bench.refuse(
-      "%s joint %s swings to and fro by %.2g rad/s at %.1f Hz without decay (after %u ticks): lower its "
-      "stiffness, or raise its damping",
-      where, joint, law.tremor_size, law.tremor_hz, law.ticks);
+      "%s joint %s swings to and fro by %.2g rad/s at %.1f Hz without decay (after %u ticks; from %.2g rad/s on, %u "
+      "swings are too many): lower its stiffness, or raise its damping",
+      where, joint, law.tremor_size, law.tremor_hz, law.ticks, law::Tremor::kSwingShare * shaking.velocity_max_rad_s,
+      law::Tremor::kMostSwings);
 }
 
 bool judge(Bench& bench) {
@@ -76,9 +98,11 @@ bool judge(Bench& bench) {
         alone.*bound.count / std::max({1.0, static_cast<double>(alone.ticks), static_cast<double>(law.ticks)});
     if (share <= bound.share + anyway) continue;
     return bench.refuse(
-        "with the simulated robot it %s in %.0f %% of %u ticks (at most %.0f %%): look at the sign and "
-        "the size of its gains, and filter what it differentiates",
-        bound.what, 100 * share, law.ticks, 100 * (bound.share + anyway));
+        "with the simulated robot it %s in %.0f %% of %u ticks (at most %.0f %%), joint %s most of all: look at the "
+        "sign "
+        "and the size of its gains, and filter what it differentiates",
+        bound.what, 100 * share, law.ticks, 100 * (bound.share + anyway),
+        bench.setting.robot.joints[law.held_joint].name.c_str());
   }
   return true;
 }

@@ -32,7 +32,9 @@ struct LoopStats {
   std::uint32_t ticks = 0, torque_clamped = 0, slew_clamped = 0, position_clamped = 0, velocity_clamped = 0;
   std::uint32_t fault = 0;  // wire::Fault, 0 = none
   std::uint32_t fault_tick = 0;
-  double most_torque_nm = 0;  // asked for
+  std::uint32_t fault_joint = 0;
+  std::uint32_t held_joint = 0;  // whose torque the guard had to change most often
+  double most_torque_nm = 0;     // asked for
   double most_velocity_rad_s = 0;
   double rms_error_rad = 0;
   std::array<double, kMaxJoints> joint_rms_error_rad{};
@@ -40,7 +42,8 @@ struct LoopStats {
   std::uint32_t tremor_joint = 0;
   double tremor_hz = 0, tremor_size = 0;  // [N m] of chatter, [rad/s] of an oscillation
   double most_chatter_hz = 0;             // how near any joint came to that
-  std::uint32_t most_swings = 0, reserved = 0;
+  std::uint32_t most_swings = 0;
+  double fault_position_rad = 0, fault_velocity_rad_s = 0;  // of that joint, then
 };
 
 // Contract: plain bytes · any bytes are safe to read

@@ -11,6 +11,8 @@ namespace {
 
 namespace flag = wire::telemetry_flag;
 
+constexpr double kHeldShare = 1e-3;  // of a joint's torque: by less the guard changes nothing worth a word
+
 // From where the joint stands to a small distance and back, smoothly, well within its limits.
 wire::Plan gentle_plan(const robot::RobotConfig& robot, const JointArray& from_rad, std::int64_t now_ns) {
   wire::Plan plan;
@@ -129,6 +131,7 @@ bool Ride::act(const Effort& effort) {
   if (verdict.fault != wire::Fault::none) {
     stats.fault = static_cast<std::uint32_t>(verdict.fault);
     stats.fault_tick = stats.ticks;
+    name_fault();
     return false;
   }
   const law::Tremor::Finding found = tremor_.find(tick_.joints);
@@ -138,6 +141,16 @@ bool Ride::act(const Effort& effort) {
   stats.tremor_hz = found.frequency_hz;
   stats.tremor_size = found.size;
   return false;
+}
+
+void Ride::name_fault() {
+  for (const guard::Group& group : guard_.groups()) {
+    if (!group.news) continue;
+    stats.fault_joint = group.joint;
+    stats.fault_position_rad = state_.position_rad[group.joint];
+    stats.fault_velocity_rad_s = state_.velocity_rad_s[group.joint];
+    return;
+  }
 }
 
 void Ride::exchange() {
@@ -161,7 +174,11 @@ void Ride::count(std::uint32_t flags, const Effort& effort) {
     squares_rad2_[j] += error_rad * error_rad;
     mean_rad2 += squares_rad2_[j] / tick_.joints;
     stats.joint_rms_error_rad[j] = std::sqrt(squares_rad2_[j] / stats.ticks);
-    tremor_.see(tick_, j, felt_nm(effort, tick_, j));
+    const double wanted_nm = felt_nm(effort, tick_, j);
+    if (std::abs(wanted_nm - guard_.expected_torque_nm()[j]) > kHeldShare * robot_.joints[j].torque_max_nm) {
+      if (++held_ticks_[j] > held_ticks_[stats.held_joint]) stats.held_joint = j;
+    }
+    tremor_.see(tick_, j, wanted_nm);
     stats.most_chatter_hz = std::max(stats.most_chatter_hz, tremor_.chatter_hz(j));
     stats.most_swings = std::max(stats.most_swings, tremor_.swings(j));
   }

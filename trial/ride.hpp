@@ -54,6 +54,7 @@ class Ride {
 
  private:
   void exchange();
+  void name_fault();
   void count(std::uint32_t flags, const Effort& effort);
   void compose();
   void disturb();
@@ -73,6 +74,7 @@ class Ride {
   law::Tremor tremor_;
   Tick tick_;
   JointArray squares_rad2_{};
+  std::array<std::uint32_t, kMaxJoints> held_ticks_{};
 };
 
 }  // namespace lithe::trial

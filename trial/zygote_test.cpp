@@ -177,6 +177,7 @@ TEST_F(ZygoteTest, EveryWriteOutsideItsOwnMemoryIsSeen) {
 
 TEST_F(ZygoteTest, LawThatFightsTheRobotIsRefusedByTheSimulation) {
   expect_refused(LAW_positive_feedback, "loop", "simulated robot");
+  expect_refused(LAW_positive_feedback, "loop", "joint shoulder");
   expect_refused(LAW_torque_chatter, "loop", "simulated robot");
 }
 

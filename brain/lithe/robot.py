@@ -40,7 +40,7 @@ class Params:
         return {entry["name"]: {key: entry[key] for key in ("value", "min", "max")} for entry in answer["params"]}
 
     def set(self, **values: float) -> Any:
-        """Sets all of them on one tick, or none."""
+        """Sets all of them on one tick once they have passed the trial, or none."""
         return self._robot.call("set_params", values=values)
 
     def revert(self) -> Any:

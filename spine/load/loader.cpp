@@ -19,13 +19,14 @@ void copy_text(char* to, const char (&from)[N]) {
   to[N - 1] = '\0';
 }
 
-// Values instead of the compiled ones, before anything of the law runs. False: a parameter it does not have, or a value
-// outside its range.
+// Values instead of the compiled ones, before anything of the law runs; a revert does not lead to those, with which it
+// was never tried. False: a parameter it does not have, or a value outside its range.
 bool take_params(law::Resident& place, const wire::StageRequest& request) {
   if (request.param_count > wire::kNparam) return false;
   for (std::uint32_t i = 0; i < request.param_count; ++i) {
     if (!place.set_param(request.param_index[i], request.param_value[i])) return false;
   }
+  place.remember_params();
   return true;
 }
 

@@ -101,7 +101,7 @@ TEST_F(LoaderTest, ParametersOfARequestAreInForceFromTheFirstTickOn) {
   commit();
   EXPECT_EQ(slot_.active()->params[0].value, 0.25);
   slot_.active()->revert_params();
-  EXPECT_EQ(slot_.active()->params[0].value, 0.5) << "as compiled";
+  EXPECT_EQ(slot_.active()->params[0].value, 0.25) << "it was never tried as compiled";
 }
 
 TEST_F(LoaderTest, ParametersThatAreNotTheLawsAreRefused) {

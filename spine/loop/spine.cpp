@@ -250,7 +250,7 @@ CommandResult Spine::set_params(const wire::Command& command, std::int64_t now_n
 
 // Values that were never judged in motion are on probation; those before them stay at hand.
 void Spine::watch_params(std::uint64_t request_id) LITHE_RT {
-  // The parameters of a swap come right after its law: while that is not proven, both are judged and go together.
+  // While the law itself is not proven, both are judged and go together.
   if (probation_.of_law()) return;
   params_request_id_ = request_id;
   probation_.start_params();

@@ -88,7 +88,7 @@ int param_set(const Context& context, const std::vector<std::string>& words) {
   if (!values) {
     return refuse(context, wrong_pairs());
   }
-  return finish(context, ask(context, "set_params", {{"values", *values}}), print_params);
+  return finish(context, ask(context, "set_params", {{"values", *values}}, kCompileMs), print_params);  // behind swaps
 }
 
 int param_revert(const Context& context) {

@@ -69,6 +69,20 @@ void print_buses(const Json& buses) {
   }
 }
 
+std::string list(const Json& words) {
+  std::string all;
+  for (const Json& each : words) {
+    all += (all.empty() ? "" : ", ") + (each.is_string() ? each.get<std::string>() : each.dump());
+  }
+  return all;
+}
+
+void print_warnings(const Json& from, const char* indent) {
+  for (const Json& each : from.value("warnings", Json::array())) {
+    fmt::print("{}warning: {}\n", indent, each.is_string() ? each.get<std::string>() : each.dump());
+  }
+}
+
 // "last swap: gravity_pd confirmed, 31.8 ms from request to commit", or why not.
 void print_last_swap(const Json& swap) {
   if (!swap.is_object()) {
@@ -83,6 +97,33 @@ void print_last_swap(const Json& swap) {
     said += fmt::format(": {}", word(swap, "reason"));
   }
   fmt::print("  last swap: {}\n", said);
+  if (swap.contains("state_not_carried")) {
+    fmt::print("    State not carried: {}\n", list(swap["state_not_carried"]));
+  }
+  print_warnings(swap, "    ");
+}
+
+// "last parameters: kp_nm_rad = 40 refused: with the simulated robot ...".
+void print_last_params(const Json& change) {
+  if (!change.is_object()) {
+    return;
+  }
+  std::string values;
+  const Json asked = change.value("values", Json::object());
+  for (const auto& [name, value] : asked.items()) {
+    values += fmt::format("{}{} = {}", values.empty() ? "" : ", ", name, value.dump());
+  }
+  const std::string reason = change.contains("error") ? word(change["error"], "message") : change.value("reason", "");
+  fmt::print("  last parameters: {} {}{}{}\n", values, word(change, "verdict"), reason.empty() ? "" : ": ", reason);
+  print_warnings(change, "    ");
+}
+
+// Nothing while the Spine has nothing to prove.
+void print_probation(const Json& probation) {
+  if (const std::string of = word(probation, "of"); of == "law" || of == "params") {
+    fmt::print("  on probation: {}{}\n", of == "law" ? "the law" : "its parameters",
+               probation.value("unproven", false) ? ", unproven: the robot has moved too little to judge by" : "");
+  }
 }
 
 // "last law fault: pid bad_access at pid.cpp:21, tick 4711".
@@ -116,7 +157,9 @@ void print_status(const Json& s) {
              word(s, "fault") == "none" ? "" : fmt::format(", fault {}", word(s, "fault")));
   fmt::print("  law {} ({}) at {:g} Hz, tick {}, plan {}\n", word(s, "law"), s.value("law_id", 0), number(s, "rate_hz"),
              s.value("tick", std::uint64_t{0}), word(s, "plan"));
+  print_probation(s.value("probation", Json::object()));
   print_last_swap(s.value("last_swap", Json()));
+  print_last_params(s.value("last_params", Json()));
   print_last_fault(s.value("law_faults", Json()));
   if (s.contains("records_trouble") && s["records_trouble"].is_string()) {
     fmt::print("  CERTIFICATES: {}\n", word(s, "records_trouble"));
@@ -172,6 +215,10 @@ void print_swap(const Json& c) {
   if (c.contains("record_lost")) {
     fmt::print("its certificate is not on disk yet: {}\n", word(c, "record_lost"));
   }
+  if (c.contains("state_not_carried")) {
+    fmt::print("State not carried: {}\n", list(c["state_not_carried"]["fields"]));
+  }
+  print_warnings(c.value("trial", Json::object()), "");
 }
 
 void print_params(const Json& params) {
@@ -180,6 +227,7 @@ void print_params(const Json& params) {
     fmt::print("  {:<24} {:12.6g}   [{:g}, {:g}]\n", word(each, "name"), number(each, "value"), number(each, "min"),
                number(each, "max"));
   }
+  print_warnings(params, "");
 }
 
 void print_check(const Json& result) {

@@ -117,6 +117,9 @@ void print_trial(const Json& c) {
                          number(at(timing, {"worst_ns"})));
   }
   row("trial", words);
+  for (const Json& each : at(trial, {"warnings"})) {
+    row("warning", text(each));
+  }
 }
 
 void print_window(const char* name, const Json& measured, const char* key) {
@@ -160,6 +163,7 @@ std::string probation(const Json& c, double lasts_s) {
   const char* how = !at(times, {"confirmed"}).is_null()     ? "passed"
                     : !at(times, {"rolled_back"}).is_null() ? "not passed"
                     : !at(times, {"retired"}).is_null()     ? "not ended"
+                    : !at(times, {"unproven"}).is_null()    ? "unproven: the robot has moved too little to judge by"
                                                             : "under way";
   const Json& cut = at(c, {"probation"});
   return fmt::format("{:.3g} s: {}", lasts_s, cut.is_string() ? text(cut) : how);
@@ -175,7 +179,13 @@ void print_terms(const Json& c) {
 }
 
 void print_end(const Json& c) {
+  row("not carried", all_of(at(c, {"state_not_carried"})));
   row("params", all_of(at(c, {"params"})));
+  for (const Json& each : at(c, {"param_changes"})) {
+    const Json& error = at(each, {"error", "message"});
+    row("params set", fmt::format("{} {}{}", all_of(at(each, {"values"})), text(at(each, {"verdict"})),
+                                  error.is_string() ? ": " + text(error) : ""));
+  }
   row("fault", all_of(at(c, {"fault"})));
   row("rolled back", all_of(at(c, {"rolled_back"})));
   if (const Json& error = at(c, {"error"}); error.is_object()) {

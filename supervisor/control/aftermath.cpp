@@ -77,6 +77,12 @@ void Aftermath::on_event(const wire::Event& event) {
       return faulted(event);
     case wire::EventKind::law_rolled_back:
       return rolled_back(event);
+    case wire::EventKind::law_unproven:
+      if (Life* life = of_request(event.request_id);
+          event.value == 0 && life && life->swap.mark(Stage::unproven, text_of(event.text), event.t_ns)) {
+        keep_(life->swap, life->record);
+      }
+      return;
     case wire::EventKind::law_confirmed:
       if (Life* life = of_request(event.request_id); life && life->swap.mark(Stage::confirmed, "", event.t_ns)) {
         keep_(life->swap, life->record);

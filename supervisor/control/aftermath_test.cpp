@@ -90,6 +90,16 @@ class AftermathTest : public testing::Test {
   std::optional<Aftermath> aftermath_;
 };
 
+TEST_F(AftermathTest, AtRestALawIsUnprovenAndStillOnProbation) {
+  commit(1);
+  tell(EventKind::law_unproven, 101, 1);
+  EXPECT_EQ(verdict(1), "unproven");
+  commit(2);
+  EXPECT_EQ(kept_[101]["probation"], "cut short by request 102");
+  tell(EventKind::law_retired, 101, 1);
+  EXPECT_EQ(verdict(1), "unproven") << "what became of it, not that it is gone";
+}
+
 TEST_F(AftermathTest, ConfirmsAndRetires) {
   commit(1);
   tell(EventKind::law_confirmed, 101, 1);

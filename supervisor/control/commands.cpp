@@ -138,54 +138,46 @@ Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry
   }
 }
 
-void Commands::send(wire::Command command, Callback callback, std::int64_t now_ns) {
-  command.request_id = next_id_++;
-  const auto ticket = spine_.send(command);
-  if (!ticket) {
-    callback(Refusal{"busy", "the Spine has sixteen unread commands", "try again; if it stays so, lithe status"});
-    return;
-  }
-  pending_.push_back({command, *ticket, now_ns, 0, std::move(callback)});
-}
-
-void Commands::set_params(const Json& values, Callback callback, std::int64_t now_ns, std::uint32_t law_id) {
-  wire::Telemetry now;
-  const auto law = spine_.latest(now) ? spine_.law(law_id != 0 ? law_id : now.law_id) : std::nullopt;
-  if (!law) {
-    callback(Refusal{"refused_law", "no law is running, so there is no parameter to set", "swap a law in first"});
-    return;
-  }
+std::variant<wire::Command, Refusal> params_command(const Json& values, const wire::LawInfo& law) {
   wire::Command command;
   command.kind = static_cast<std::uint32_t>(CommandKind::set_params);
-  command.law_id = law->law_id;
+  command.law_id = law.law_id;
   for (const auto& [name, value] : values.items()) {
     std::uint32_t index = 0;
     std::string known;
-    while (index < law->param_count && text_of(law->param_name, index * 32, 32) != name) {
-      known += (known.empty() ? "" : ", ") + text_of(law->param_name, index * 32, 32);
+    while (index < law.param_count && text_of(law.param_name, index * 32, 32) != name) {
+      known += (known.empty() ? "" : ", ") + text_of(law.param_name, index * 32, 32);
       ++index;
     }
-    if (index == law->param_count) {
-      callback(Refusal{"unknown_param", fmt::format("law '{}' has no parameter '{}'", text_of(law->name), name),
-                       known.empty() ? "it has none" : fmt::format("it has: {}", known)});
-      return;
+    if (index == law.param_count) {
+      return Refusal{"unknown_param", fmt::format("law '{}' has no parameter '{}'", text_of(law.name), name),
+                     known.empty() ? "it has none" : fmt::format("it has: {}", known)};
     }
-    if (!value.is_number() || !(value >= law->param_min[index]) || !(value <= law->param_max[index])) {
-      callback(Refusal{
+    if (!value.is_number() || !(value >= law.param_min[index]) || !(value <= law.param_max[index])) {
+      return Refusal{
           "refused_range",
-          fmt::format("{} = {} is outside [{}, {}]", name, value.dump(), law->param_min[index], law->param_max[index]),
-          "nothing was changed; choose a value inside the range"});
-      return;
+          fmt::format("{} = {} is outside [{}, {}]", name, value.dump(), law.param_min[index], law.param_max[index]),
+          "nothing was changed; choose a value inside the range"};
     }
     command.index[command.count] = index;
     command.value[command.count] = value.get<double>();
     ++command.count;
   }
   if (command.count == 0) {
-    callback(Refusal{"usage", "no parameter was given", "lithe param set NAME VALUE"});
-    return;
+    return Refusal{"usage", "no parameter was given", "lithe param set NAME VALUE"};
   }
-  send(command, std::move(callback), now_ns);
+  return command;
+}
+
+std::uint64_t Commands::send(wire::Command command, Callback callback, std::int64_t now_ns) {
+  command.request_id = next_id_++;
+  const auto ticket = spine_.send(command);
+  if (!ticket) {
+    callback(Refusal{"busy", "the Spine has sixteen unread commands", "try again; if it stays so, lithe status"});
+    return 0;
+  }
+  pending_.push_back({command, *ticket, now_ns, 0, std::move(callback)});
+  return command.request_id;
 }
 
 void Commands::refuse_all(const Refusal& reason) {

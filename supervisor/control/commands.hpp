@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <variant>
 
 #include "spine/wire/wire.hpp"
 #include "supervisor/control/spine_link.hpp"
@@ -15,6 +16,9 @@ namespace lithe::control {
 // Why the Spine said no, in words, and what to do next.
 swap::Refusal refusal_of(wire::CommandKind kind, wire::CommandResult result, const wire::Telemetry& now,
                          const wire::RobotInfo& info = {});
+
+// The command that sets these parameters of this law. A refusal names the parameter.
+std::variant<wire::Command, swap::Refusal> params_command(const swap::Json& values, const wire::LawInfo& law);
 
 // Contract: one thread · never blocks · serve() at least every millisecond while waiting().
 class Commands {
@@ -27,10 +31,8 @@ class Commands {
 
   Commands(SpineLink& spine, std::uint64_t first_request_id) : spine_(spine), next_id_(first_request_id) {}
 
-  void send(wire::Command command, Callback callback, std::int64_t now_ns);
-  // Checks names and ranges against the running law first, so that a refusal names the parameter.
-  // `law_id` 0: whichever law runs. Right after a commit the telemetry still names the law before.
-  void set_params(const swap::Json& values, Callback callback, std::int64_t now_ns, std::uint32_t law_id = 0);
+  // The id that comes back in the events; 0: it was refused at once.
+  std::uint64_t send(wire::Command command, Callback callback, std::int64_t now_ns);
   void serve(std::int64_t now_ns);
   void refuse_all(const swap::Refusal& reason);
   bool waiting() const { return !pending_.empty(); }

@@ -139,6 +139,21 @@ std::optional<wire::Params> SpineLink::params() const {
   return params;
 }
 
+std::optional<RunningLaw> SpineLink::running_law() const {
+  wire::Telemetry now{};
+  const auto info = latest(now) ? law(now.law_id) : std::nullopt;
+  if (!info) {
+    return std::nullopt;
+  }
+  RunningLaw running{*info};
+  const auto live = params();
+  for (std::uint32_t i = 0; i < info->param_count; ++i) {
+    const bool is_live = live && live->law_id == info->law_id && i < live->count;
+    running.values[text_of(info->param_name, i * 32, 32)] = is_live ? live->value[i] : info->param_value[i];
+  }
+  return running;
+}
+
 Quantiles SpineLink::quantiles(const ipc::HistogramMemory& histogram) const {
   std::array<std::uint64_t, wire::kNbin> bins;
   for (std::size_t i = 0; i < bins.size(); ++i) {

@@ -30,6 +30,12 @@ struct Quantiles {
   std::uint64_t count;
 };
 
+// The law that runs, and the values of its parameters now: name -> value, in the law's own order.
+struct RunningLaw {
+  wire::LawInfo info;
+  swap::Json values = swap::Json::object();
+};
+
 // The live Spine of this robot: whoever holds its lease. Its pid comes from the segment's header, which is the same in
 // every layout; 0 where that cannot be read. Nothing when no Spine lives. One that was just killed gets up to 5 s to
 // end.
@@ -53,6 +59,7 @@ class SpineLink {
   std::optional<wire::LawInfo> law(std::uint32_t law_id) const;
   std::vector<wire::LawInfo> laws() const;
   std::optional<wire::Params> params() const;
+  std::optional<RunningLaw> running_law() const;
   Quantiles quantiles(const ipc::HistogramMemory& histogram) const;
   const ipc::SpineMemory& memory() const { return *spine_; }
 

@@ -155,6 +155,13 @@ Json spine_core_json(const SpineLink& spine, const robot::SpineConfig& wanted) {
           {"words", words}};
 }
 
+// What the Spine holds against the time before: the law, or new parameters of a law that has passed.
+Json probation_json(std::uint32_t flags) {
+  namespace flag = wire::telemetry_flag;
+  const bool on = (flags & flag::kOnProbation) != 0, params = (flags & flag::kParamsOnProbation) != 0;
+  return {{"of", !on ? "none" : params ? "params" : "law"}, {"unproven", (flags & flag::kUnproven) != 0}};
+}
+
 }  // namespace
 
 Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
@@ -169,6 +176,7 @@ Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
           {"recovering", (now.flags & wire::telemetry_flag::kRecovering) != 0},
           {"law", law ? Json(text_of(law->name)) : Json(nullptr)},
           {"law_id", now.law_id},
+          {"probation", probation_json(now.flags)},
           {"rate_hz", info.rate_hz},
           {"tick", now.tick},
           {"missed_releases", now.missed_releases},

@@ -119,6 +119,10 @@ void Swaps::attempt(const swap::Transaction& swap) {
     queue_.on_tried(id, "skipped: the gates are open", monotonic_ns());
     return;
   }
+  help_.trial->attempt(order_of(swap), [this, id](const Answer& answer) { tried(id, answer); }, monotonic_ns());
+}
+
+TrialOrder Swaps::order_of(const swap::Transaction& swap) const {
   TrialOrder order;
   order.object = swap.compiled().object;
   order.slot = placed_->slot;
@@ -129,7 +133,7 @@ void Swaps::attempt(const swap::Transaction& swap) {
   order.box_ms = static_cast<int>(swap.request().terms.box_ms);
   order.recording = text_of(help_.spine.info().robot);
   order.params = swap.request().params;
-  help_.trial->attempt(order, [this, id](const Answer& answer) { tried(id, answer); }, monotonic_ns());
+  return order;
 }
 
 void Swaps::tried(std::uint64_t request_id, const Answer& answer) {
@@ -141,6 +145,9 @@ void Swaps::tried(std::uint64_t request_id, const Answer& answer) {
                                    : std::get<Json>(answer);
   if (report.is_object()) {
     report.erase("id");
+    if (refusal == nullptr) {
+      compare(report);
+    }
     queue_.note(request_id, "trial", report);
   }
   if (refusal != nullptr) {
@@ -152,7 +159,17 @@ void Swaps::tried(std::uint64_t request_id, const Answer& answer) {
       fmt::format("passed in {:.0f} ms, a step takes {:.0f} ns (p99.9, best of 3), at most {:.0f} ns",
                   report.value("ms", 0.0), timing.value("p999_ns", 0.0), timing.value("worst_ns", 0.0));
   note(*queue_.head(), "swap_tried", words);
+  const swap::Transaction& head = *queue_.head();
+  tried_laws_.passed(request_id, order_of(head), all_params(head.request().params, head.compiled().descriptor), report);
   queue_.on_tried(request_id, words, monotonic_ns());
+}
+
+// With the law that runs, whose ride was the same.
+void Swaps::compare(Json& report) const {
+  const auto running = help_.spine.running_law();
+  for (const std::string& worse : running ? tried_laws_.worse_than(*running, report) : std::vector<std::string>{}) {
+    report["warnings"].push_back(worse);
+  }
 }
 
 // A law that crashed on trial is told its line, as one that does so later.
@@ -183,6 +200,7 @@ void Swaps::stage(const swap::Transaction& swap) {
   request.entry = placed_->entry;
   request.image_hash = placed_->image_hash;
   swap::put_terms(swap.request().terms, help_.spine.info().rate_hz, request);
+  put_params(swap.request().params, swap.compiled().descriptor, request);
   stage_refused_ns_ = 0;
   const std::string& object = swap.compiled().object;
   if (!put(request.path, object) || !put(request.name, swap.compiled().law)) {
@@ -208,10 +226,17 @@ void Swaps::stage(const swap::Transaction& swap) {
 
 void Swaps::on_event(const wire::Event& event, std::int64_t now_ns) {
   const auto kind = static_cast<wire::EventKind>(event.kind);
+  if (kind == wire::EventKind::state_not_carried) {
+    return not_carried(event);
+  }
   if (kind != wire::EventKind::law_committed) {
     take_commit();  // what comes after the commit may be about its law
   }
   aftermath_.on_event(event);
+  params_.on_event(event);
+  if (kind == wire::EventKind::law_retired) {
+    tried_laws_.forget(event.request_id);
+  }
   if (!is_head(event.request_id)) {
     come_late(event);
     return;

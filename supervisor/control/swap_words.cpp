@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <vector>
 
+#include "supervisor/control/spine_link.hpp"
+
 namespace lithe::control {
 
 using swap::Json;
@@ -27,6 +29,27 @@ std::optional<Refusal> wrong_param(const Json& params, const Json& law) {
     }
   }
   return std::nullopt;
+}
+
+Json all_params(const Json& params, const Json& law) {
+  Json values = Json::object();
+  for (const Json& each : law.value("params", Json::array())) {
+    const std::string name = each.value("name", "");
+    values[name] = params.value(name, each.value("value", 0.0));
+  }
+  return values;
+}
+
+void put_params(const Json& params, const Json& law, wire::StageRequest& request) {
+  std::uint32_t index = 0;
+  for (const Json& each : law.value("params", Json::array())) {
+    const auto asked = params.find(each.value("name", ""));
+    if (asked != params.end() && request.param_count < wire::kNparam) {
+      request.param_index[request.param_count] = index;
+      request.param_value[request.param_count++] = asked->get<double>();
+    }
+    ++index;
+  }
 }
 
 Refusal stage_refusal(wire::StageResult result, const std::string& words) {
@@ -58,6 +81,21 @@ std::int64_t admission_ns(const Json& compiled) {
   return static_cast<std::int64_t>(ms * 1e6);
 }
 
+Json not_carried_json(const wire::Event& event) {
+  const std::string text = text_of(event.text);  // "a, b: why"
+  const std::size_t end = text.find(": ");
+  Json fields = Json::array();
+  for (std::size_t at = 0; at < std::min(end, text.size());) {
+    const std::size_t comma = std::min({text.find(", ", at), end, text.size()});
+    fields.push_back(text.substr(at, comma - at));
+    at = comma + 2;
+  }
+  return {{"tick", event.tick},
+          {"count", event.value},
+          {"fields", std::move(fields)},
+          {"why", end == std::string::npos ? "" : text.substr(end + 2)}};
+}
+
 Json shadow_json(const wire::ShadowReport& report) {
   const std::size_t joints = std::min<std::size_t>(report.joint_count, wire::kNj);
   return {{"from_tick", report.from_tick},
@@ -77,11 +115,19 @@ Json summary_of(const Json& certificate) {
       out[key] = certificate[key];
     }
   }
+  if (certificate.contains("state_not_carried")) {
+    out["state_not_carried"] = certificate["state_not_carried"]["fields"];
+  }
+  if (const Json trial = certificate.value("trial", Json::object()); !trial.value("warnings", Json::array()).empty()) {
+    out["warnings"] = trial["warnings"];
+  }
   const Json reasons = certificate.value("reasons", Json::object());
   if (certificate.contains("error")) {
     out["reason"] = certificate["error"].value("message", "");
   } else if (reasons.contains("rolled_back")) {
     out["reason"] = reasons["rolled_back"];
+  } else if (certificate.value("verdict", "") == "unproven") {
+    out["reason"] = reasons.value("unproven", "");
   }
   return out;
 }

@@ -34,7 +34,12 @@ Swaps::Swaps(const Helpers& helpers, swap::RecordBook book, std::uint64_t first_
           [this](const swap::Transaction& each, const swap::RecordBook::Page& record) { rewrite(each, record); },
           [this](const swap::Transaction& each, std::uint32_t offset, Aftermath::Found found) {
             locate(each, offset, std::move(found));
-          }) {}
+          }),
+      tried_laws_(helpers.spine),
+      params_({helpers.spine, helpers.trial, helpers.commands, helpers.log, tried_laws_}, robots_terms_,
+              [this](std::uint64_t request_id, const Json& changes) {
+                aftermath_.note(request_id, "param_changes", changes);
+              }) {}
 
 std::variant<swap::Terms, Refusal> Swaps::read_terms(const Json& args) const {
   for (const auto& [name, value] : args.items()) {
@@ -86,6 +91,7 @@ void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
   take_commit();
   guess_commit(now_ns);
   queue_.refuse_all(reason, now_ns);
+  params_.refuse_all(reason);
   aftermath_.end(reason.message, now_ns);
 }
 
@@ -188,10 +194,8 @@ void Swaps::finish(swap::Transaction&& swap) {
     certificate["record_lost"] = waiting.record_lost;
   }
   if (!swap.refusal()) {
-    const std::uint64_t id = swap.request_id();
-    const std::uint32_t law_id = swap.law_id();
     aftermath_.follow(std::move(swap), waiting.record, before_, monotonic_ns());
-    set_params(id, law_id, std::move(certificate), waiting.callback);
+    waiting.callback(certificate);
     return;
   }
   note(swap, swap.outcome_is_known() ? "swap_refused" : "swap_not_confirmed",
@@ -203,7 +207,9 @@ void Swaps::finish(swap::Transaction&& swap) {
   certificate.erase("error");
   refusal.detail["swap"] = std::move(certificate);
   waiting.callback(refusal);
-  if (!swap.outcome_is_known()) {
+  if (swap.outcome_is_known()) {
+    tried_laws_.forget(swap.request_id());
+  } else {
     unconfirmed_.push_back({std::move(swap), waiting.record});
     if (unconfirmed_.size() > kMostUnconfirmed) {
       unconfirmed_.pop_front();
@@ -224,49 +230,26 @@ void Swaps::come_late(const wire::Event& event) {
   unconfirmed_.erase(found);
   if (!committed) {
     swap.mark_refused(stage_refusal(static_cast<wire::StageResult>(event.code), text_of(event.text)), event.t_ns);
+    tried_laws_.forget(swap.request_id());
     note(swap, "swap_refused", fmt::format("{}: after it was given up", swap.request().name));
     rewrite(swap, record);
     return;
   }
   swap.mark_committed(event.tick, event.code, event.t_ns);
   swap.note_missed_after(missed_releases());
-  if (!swap.request().params.empty()) {
-    const Refusal why{"timeout", "the swap was given up before its law ran, so nobody set them", "lithe param set"};
-    swap.note("params", {{"values", swap.request().params}, {"taken", false}, {"error", why.to_json()}});
-  }
   note(swap, "swap_committed_late", fmt::format("{}: it was given up, and runs now", swap.request().name));
   rewrite(swap, record);
   aftermath_.follow(std::move(swap), record, {}, monotonic_ns());  // uncounted: others came in between
 }
 
-// The answer to a committed swap comes when its parameters are set, or cannot be.
-void Swaps::set_params(std::uint64_t request_id, std::uint32_t law_id, Json certificate, const Callback& callback) {
-  if (!certificate.contains("params")) {
-    callback(certificate);
-    return;
+// The fields of a law's State that start from their defaults, in its certificate.
+void Swaps::not_carried(const wire::Event& event) {
+  const Json what = not_carried_json(event);
+  if (is_head(event.request_id)) {
+    queue_.note(event.request_id, "state_not_carried", what);
+  } else {
+    aftermath_.note(event.request_id, "state_not_carried", what);
   }
-  const Json values = certificate["params"]["values"];
-  help_.commands.set_params(
-      values,
-      [this, request_id, certificate, callback](const Answer& answer) {
-        Json told = certificate;
-        Json& params = told["params"];
-        const auto* refusal = std::get_if<Refusal>(&answer);
-        const bool known = refusal == nullptr || (refusal->code != "timeout" && refusal->code != "stopping" &&
-                                                  refusal->code != "robot_fault");
-        params["taken"] = known ? Json(refusal == nullptr) : Json(nullptr);
-        if (refusal != nullptr) {
-          params["error"] = refusal->to_json();
-        }
-        aftermath_.note(request_id, "params", params);
-        if (refusal == nullptr) {
-          callback(told);
-        } else {
-          const char* what = known ? "the law runs, its parameters do not: " : "the law runs; its parameters: ";
-          callback(Refusal{refusal->code, what + refusal->message, refusal->next, {{"swap", told}}});
-        }
-      },
-      monotonic_ns(), law_id);
 }
 
 }  // namespace lithe::control

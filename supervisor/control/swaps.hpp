@@ -15,9 +15,11 @@
 #include "supervisor/control/commands.hpp"
 #include "supervisor/control/event_log.hpp"
 #include "supervisor/control/lawd_link.hpp"
+#include "supervisor/control/param_changes.hpp"
 #include "supervisor/control/placement.hpp"
 #include "supervisor/control/spine_link.hpp"
 #include "supervisor/control/trial_link.hpp"
+#include "supervisor/control/tried_laws.hpp"
 #include "supervisor/swap/late.hpp"
 #include "supervisor/swap/queue.hpp"
 #include "supervisor/swap/record.hpp"
@@ -45,6 +47,10 @@ class Swaps {
   // The terms that the arguments of a request ask for, on top of the robot's own.
   std::variant<swap::Terms, swap::Refusal> read_terms(const swap::Json& args) const;
   void submit(swap::Request request, Callback callback, std::int64_t now_ns);
+  // Parameters of the running law. They pass the trial, too, and their record is in the law's certificate.
+  void set_params(const swap::Json& values, Callback callback, std::int64_t now_ns) {
+    params_.set(values, std::move(callback), now_ns);
+  }
   void on_event(const wire::Event& event, std::int64_t now_ns);
   void serve(std::int64_t now_ns);
   // The robot stops, or the Spine is gone. What it has committed by then is answered as committed.
@@ -54,6 +60,8 @@ class Swaps {
   bool gates_are_open() const { return help_.trial == nullptr; }
   // summary_of() the newest swap that has begun, with what became of it since; null before the first.
   const swap::Json& last() const { return last_; }
+  // The newest change of parameters that was tried, and what became of it; null before the first.
+  const swap::Json& last_params() const { return params_.last(); }
   // The last faults of laws: [{law, kind, tick, where, function, ...}].
   const swap::Json& law_faults() const { return aftermath_.faults(); }
   // Where the certificates go.
@@ -69,6 +77,8 @@ class Swaps {
   void placed(std::uint64_t request_id, const std::variant<Placed, swap::Refusal>& where);
   void attempt(const swap::Transaction& swap);
   void tried(std::uint64_t request_id, const swap::Answer& answer);
+  TrialOrder order_of(const swap::Transaction& swap) const;
+  void compare(swap::Json& report) const;
   void stage(const swap::Transaction& swap);
   void poll_stage(std::int64_t now_ns);
   void take_commit();
@@ -78,6 +88,7 @@ class Swaps {
   void locate(const swap::Transaction& swap, std::uint32_t offset, Aftermath::Found found);
   void shadow_ended(const wire::Event& event, std::int64_t now_ns);
   void come_late(const wire::Event& event);
+  void not_carried(const wire::Event& event);
   void finish(swap::Transaction&& swap);
 
   bool is_head(std::uint64_t request_id) const;
@@ -87,7 +98,6 @@ class Swaps {
   void rewrite(const swap::Transaction& swap, const swap::RecordBook::Page& record);
   void note(const swap::Transaction& swap, const char* kind, const std::string& text);
   void log(std::uint64_t request_id, const char* kind, const std::string& text);
-  void set_params(std::uint64_t request_id, std::uint32_t law_id, swap::Json certificate, const Callback& callback);
   std::uint64_t missed_releases() const;
   std::optional<swap::Refusal> no_shadow(const swap::Terms& terms) const;
 
@@ -100,6 +110,8 @@ class Swaps {
   swap::Terms robots_terms_;
   swap::Queue queue_;
   Aftermath aftermath_;
+  TriedLaws tried_laws_;
+  ParamChanges params_;
   struct Waiting {
     Callback callback;
     swap::RecordBook::Page record;

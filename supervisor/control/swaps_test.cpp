@@ -6,6 +6,7 @@
 #include <poll.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <fstream>
 #include <memory>
 #include <optional>
@@ -46,7 +47,6 @@ class SwapsTest : public testing::Test {
     info->rate_hz = 1000;
     ipc::ChannelWriter<wire::RobotInfo>((*spine_)->robot_info).write(*info);
     loader_.emplace((*control_)->stage, (*spine_)->stage_ack);
-    tick_.emplace((*control_)->commands, (*spine_)->control_ack);
     auto link = SpineLink::attach(robot_);
     ASSERT_TRUE(link) << link.message();
     link_.emplace(std::move(*link));
@@ -75,10 +75,13 @@ class SwapsTest : public testing::Test {
       swaps_->serve(monotonic_ns());
     }
     request_id_ = staged.request_id;
+    staged_ = staged;
     ASSERT_NE(request_id_, 0U);
   }
-  void tell(EventKind kind, std::uint32_t code, std::uint64_t tick) {
+  void tell(EventKind kind, std::uint32_t code, std::uint64_t tick, double value = 0, const std::string& text = "") {
     wire::Event event;
+    event.value = value;
+    std::copy_n(text.begin(), std::min(text.size(), event.text.size() - 1), event.text.begin());
     event.kind = static_cast<std::uint32_t>(kind);
     event.request_id = request_id_;
     event.code = code;
@@ -99,18 +102,6 @@ class SwapsTest : public testing::Test {
     info.param_max[0] = 2;
     ipc::ChannelWriter<wire::LawInfo>((*spine_)->law_info[0]).write(info);
   }
-  // The Spine's answer to the parameters, and the tick that shows them.
-  void answer_params(wire::CommandResult result, std::uint64_t tick) {
-    wire::Command command;
-    std::uint64_t ticket = 0;
-    ASSERT_TRUE(tick_->receive(command, ticket));
-    EXPECT_EQ(command.kind, static_cast<std::uint32_t>(wire::CommandKind::set_params));
-    tick_->answer(ticket, static_cast<std::uint32_t>(result));
-    commands_->serve(monotonic_ns());
-    publish(tick, 7);
-    publish(tick + 1, 7);
-    commands_->serve(monotonic_ns());
-  }
   Json certificate() const {
     std::ifstream file(dir_ / "0001.json");
     return Json::parse(file, nullptr, false);
@@ -121,7 +112,6 @@ class SwapsTest : public testing::Test {
   std::optional<ipc::Segment<ipc::SpineMemory>> spine_;
   std::optional<ipc::Segment<ipc::ControlMemory>> control_;
   std::optional<ipc::MailboxReceiver<wire::StageRequest, wire::control_segment::kStageDepth>> loader_;
-  std::optional<ipc::MailboxReceiver<wire::Command, wire::control_segment::kCommandsDepth>> tick_;
   std::optional<SpineLink> link_;
   LawdLink lawd_{LITHE_LAWD, {}, 1};
   std::optional<Commands> commands_;
@@ -129,6 +119,7 @@ class SwapsTest : public testing::Test {
   std::vector<Answer> answers_;
   std::uint64_t ticket_ = 0;
   std::uint64_t request_id_ = 0;
+  wire::StageRequest staged_;
   std::optional<Swaps> swaps_;
 };
 
@@ -166,7 +157,7 @@ TEST_F(SwapsTest, ALawThatIsCommittedAfterItsSwapWasGivenUpIsFollowedToItsEnd) {
   EXPECT_EQ(certificate()["verdict"], "committed");
   EXPECT_EQ(certificate()["commit_tick"], 500);
   EXPECT_EQ(certificate()["answered"]["verdict"], "not_confirmed");
-  EXPECT_EQ(certificate()["params"]["taken"], false) << "nobody set them";
+  EXPECT_EQ(certificate()["params"]["taken"], true) << "they came with the law";
   tell(EventKind::law_confirmed, 7, 900);
   EXPECT_EQ(certificate()["verdict"], "confirmed");
 }
@@ -179,33 +170,58 @@ TEST_F(SwapsTest, ALawThatTheLoaderRefusesAfterItsSwapWasGivenUpIsRefused) {
   EXPECT_EQ(certificate()["error"]["code"], "dry_run_failed");
 }
 
-TEST_F(SwapsTest, TheCertificateTellsWhichParametersWereTaken) {
+TEST_F(SwapsTest, ParametersComeWithTheirLawAndAreInForceOnItsFirstTick) {
   ask({{"gain", 1.5}});
-  publish(499, 7);
+  EXPECT_EQ(staged_.param_count, 1U) << "not a command of their own after the commit";
+  EXPECT_EQ(staged_.param_index[0], 0U);
+  EXPECT_EQ(staged_.param_value[0], 1.5);
+  EXPECT_TRUE(certificate()["params"]["taken"].is_null());
   tell(EventKind::law_committed, 7, 500);
   publish(501, 7);
   swaps_->serve(monotonic_ns());
-  EXPECT_TRUE(answers_.empty()) << "it comes when they are set";
-  EXPECT_TRUE(certificate()["params"]["taken"].is_null());
-  answer_params(wire::CommandResult::done, 502);
   ASSERT_EQ(answers_.size(), 1U);
   EXPECT_EQ(std::get<Json>(answers_[0])["params"]["taken"], true);
-  EXPECT_EQ(certificate()["params"]["taken"], true);
   EXPECT_EQ(certificate()["params"]["values"]["gain"], 1.5);
 }
 
-TEST_F(SwapsTest, ParametersThatTheSpineRefusesAreInTheCertificateOfTheLawThatRunsWithoutThem) {
+TEST_F(SwapsTest, ParametersOfARefusedSwapWereNotTaken) {
   ask({{"gain", 1.5}});
-  publish(499, 7);
+  tell(EventKind::law_refused, static_cast<std::uint32_t>(wire::StageResult::dry_run_failed), 0);
+  EXPECT_EQ(certificate()["params"]["taken"], false);
+}
+
+TEST_F(SwapsTest, AnswerCertificateAndStatusNameTheFieldsThatWereNotCarried) {
+  ask();
+  tell(EventKind::law_staged, 7, 0);
+  tell(EventKind::law_committed, 7, 500);
+  tell(EventKind::state_not_carried, 7, 500, 2, "last_rad, gain_nm: no finite number; starts from its default");
+  EXPECT_TRUE(answers_.empty()) << "the answer waits for the tick that shows the law";
+  publish(501, 7);
+  swaps_->serve(monotonic_ns());
+  ASSERT_EQ(answers_.size(), 1U);
+  const Json fields = {"last_rad", "gain_nm"};
+  EXPECT_EQ(std::get<Json>(answers_[0])["state_not_carried"]["fields"], fields);
+  EXPECT_EQ(certificate()["state_not_carried"]["fields"], fields);
+  EXPECT_EQ(certificate()["state_not_carried"]["why"], "no finite number; starts from its default");
+  EXPECT_EQ(swaps_->last()["state_not_carried"], fields);
+  tell(EventKind::state_not_carried, 7, 900, 1, "last_rad: no finite number; starts from its default");
+  EXPECT_EQ(certificate()["state_not_carried"]["tick"], 900) << "when it came back";
+}
+
+TEST_F(SwapsTest, ALawThatHasNotMovedIsUnprovenUntilTheSpineConfirmsIt) {
+  ask();
   tell(EventKind::law_committed, 7, 500);
   publish(501, 7);
   swaps_->serve(monotonic_ns());
-  answer_params(wire::CommandResult::refused_law, 502);
-  ASSERT_EQ(answers_.size(), 1U);
-  EXPECT_EQ(std::get<Refusal>(answers_[0]).code, "refused_law");
-  EXPECT_EQ(certificate()["verdict"], "committed");
-  EXPECT_EQ(certificate()["params"]["taken"], false);
-  EXPECT_EQ(certificate()["params"]["error"]["code"], "refused_law");
+  tell(EventKind::law_unproven, 7, 900, 1, "of its parameters");
+  EXPECT_EQ(swaps_->last()["verdict"], "committed") << "that was about parameters";
+  tell(EventKind::law_unproven, 7, 900, 0, "the robot moved too little");
+  EXPECT_EQ(certificate()["verdict"], "unproven");
+  EXPECT_EQ(swaps_->last()["verdict"], "unproven");
+  EXPECT_EQ(swaps_->last()["reason"], "the robot moved too little");
+  tell(EventKind::law_confirmed, 7, 1500);
+  EXPECT_EQ(certificate()["verdict"], "confirmed");
+  EXPECT_FALSE(swaps_->last().contains("reason"));
 }
 
 TEST_F(SwapsTest, ALawIsMeasuredBeforeTheNextOneComesNearTheSpine) {

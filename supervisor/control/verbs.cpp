@@ -60,6 +60,7 @@ void Verbs::add_looks() {
     status["adopted"] = parts_.adopted;
     status["law_faults"] = parts_.swaps.law_faults();
     status["last_swap"] = parts_.swaps.last();
+    status["last_params"] = parts_.swaps.last_params();
     status["records"] = parts_.swaps.records().string();
     status["records_trouble"] = parts_.swaps.records_trouble();
     reply_(to, status);
@@ -163,10 +164,15 @@ void Verbs::set_params(const ReplyTo& to, const Json& args) {
   if (args.contains("name")) {
     values[args["name"].get<std::string>()] = args.value("value", Json(nullptr));
   }
-  parts_.commands.set_params(
+  parts_.swaps.set_params(
       values,
       [this, to](const Answer& answer) {
-        reply_(to, std::holds_alternative<Json>(answer) ? params_json(parts_.spine) : answer);
+        const Json* done = std::get_if<Json>(&answer);
+        Answer out = done != nullptr ? params_json(parts_.spine) : answer;
+        if (Json* params = done != nullptr ? std::get_if<Json>(&out) : nullptr) {
+          params->update(*done);
+        }
+        reply_(to, out);
       },
       monotonic_ns());
 }

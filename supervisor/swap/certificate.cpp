@@ -16,7 +16,7 @@ const char* Transaction::verdict() const {
   if (refusal_) {
     return outcome_is_known() ? "refused" : "not_confirmed";
   }
-  for (const Stage each : {Stage::rolled_back, Stage::confirmed, Stage::committed}) {
+  for (const Stage each : {Stage::rolled_back, Stage::confirmed, Stage::unproven, Stage::committed}) {
     if (reached(each)) {
       return to_string(each);
     }
@@ -85,7 +85,9 @@ Json Transaction::certificate() const {
   out["reasons"] = std::move(reasons);
   out["terms"] = request_.terms.to_json();
   if (!request_.params.empty()) {
-    out["params"] = {{"values", request_.params}, {"taken", nullptr}};  // until the Spine has answered
+    // They run with their law or not at all; null: nobody knows yet.
+    const bool known = law_id_ != 0 || (refusal_ && outcome_is_known());
+    out["params"] = {{"values", request_.params}, {"taken", known ? Json(law_id_ != 0) : Json()}};
   }
   out.update(compiled_.facts);
   out.update(sections_);

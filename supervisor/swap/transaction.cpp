@@ -15,8 +15,10 @@ bool may_follow(Stage from, Stage to) {
       return from < Stage::committed;
     case Stage::committed:
       return from == Stage::staged || from == Stage::shadow;
+    case Stage::confirmed:
+      return from == Stage::committed || from == Stage::unproven;
     case Stage::rolled_back:
-      return from == Stage::committed || from == Stage::confirmed;
+      return from >= Stage::committed && from <= Stage::confirmed;
     case Stage::retired:
       return from >= Stage::committed && from <= Stage::rolled_back;
     default:  // each after the one before it
@@ -27,8 +29,9 @@ bool may_follow(Stage from, Stage to) {
 }  // namespace
 
 const char* to_string(Stage stage) {
-  static constexpr const char* kWords[] = {"submitted", "compiled",  "admitted",  "placed",      "tried",   "staged",
-                                           "shadow",    "committed", "confirmed", "rolled_back", "retired", "refused"};
+  static constexpr const char* kWords[] = {"submitted",   "compiled", "admitted",  "placed",   "tried",
+                                           "staged",      "shadow",   "committed", "unproven", "confirmed",
+                                           "rolled_back", "retired",  "refused"};
   return kWords[static_cast<std::size_t>(stage)];
 }
 

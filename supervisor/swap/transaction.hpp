@@ -12,9 +12,9 @@
 
 namespace lithe::swap {
 
-// submitted -> compiled -> admitted -> placed -> tried -> staged -> (shadow) -> committed -> (confirmed) ->
-// (rolled_back)
-// -> retired, or refused from anywhere before committed.
+// submitted -> compiled -> admitted -> placed -> tried -> staged -> (shadow) -> committed -> (unproven) -> (confirmed)
+// -> (rolled_back) -> retired, or refused from anywhere before committed. unproven: the time of the probation is over,
+// but the robot has not moved enough to judge by.
 enum class Stage {
   submitted,
   compiled,
@@ -24,6 +24,7 @@ enum class Stage {
   staged,
   shadow,
   committed,
+  unproven,
   confirmed,
   rolled_back,
   retired,
@@ -36,7 +37,7 @@ const char* to_string(Stage stage);
 struct Request {
   std::string name;              // file name shown in diagnostics
   std::string source;            // C++ text of one law
-  Json params = Json::object();  // name -> value, set right after the commit
+  Json params = Json::object();  // name -> value, in its trial and in force on its first tick
   Terms terms = {};
   std::uint64_t client = 0;  // 0 = nobody who could ask again
   bool supersede = false;    // takes the place of this client's older request of the same name, if that still waits
@@ -96,7 +97,8 @@ class Transaction {
   bool outcome_is_known() const;
   std::int64_t stage_since_ns() const { return stage_since_ns_; }
 
-  // submitted, refused, not_confirmed, committed, confirmed or rolled_back: the last two of what became of the law.
+  // submitted, refused, not_confirmed, committed, unproven, confirmed or rolled_back: the last three of what became of
+  // the law.
   const char* verdict() const;
   // Who, what, when, and what every stage found out. Times are CLOCK_MONOTONIC nanoseconds.
   Json certificate() const;

@@ -10,12 +10,12 @@ Transaction fresh() { return Transaction(7, {"pd.cpp", "text"}, 1'000'000); }
 
 Compiled pd() { return {"/x/pd.so", "abc", "pd", false, 12.5}; }
 
-constexpr Stage kWay[] = {Stage::submitted, Stage::compiled,    Stage::admitted, Stage::placed,
-                          Stage::tried,     Stage::staged,      Stage::shadow,   Stage::committed,
-                          Stage::confirmed, Stage::rolled_back, Stage::retired};
-constexpr Stage kAll[] = {Stage::submitted, Stage::compiled,    Stage::admitted, Stage::placed,
-                          Stage::tried,     Stage::staged,      Stage::shadow,   Stage::committed,
-                          Stage::confirmed, Stage::rolled_back, Stage::retired,  Stage::refused};
+constexpr Stage kWay[] = {Stage::submitted, Stage::compiled,  Stage::admitted,    Stage::placed,
+                          Stage::tried,     Stage::staged,    Stage::shadow,      Stage::committed,
+                          Stage::unproven,  Stage::confirmed, Stage::rolled_back, Stage::retired};
+constexpr Stage kAll[] = {Stage::submitted,   Stage::compiled, Stage::admitted,  Stage::placed,   Stage::tried,
+                          Stage::staged,      Stage::shadow,   Stage::committed, Stage::unproven, Stage::confirmed,
+                          Stage::rolled_back, Stage::retired,  Stage::refused};
 
 bool go(Transaction& swap, Stage stage, std::int64_t now_ns) {
   switch (stage) {
@@ -80,19 +80,28 @@ TEST(Transaction, TellsTheParametersItWasAskedFor) {
   Transaction swap(7, {"pd.cpp", "text", {{"kp", 2.0}}}, 1);
   EXPECT_EQ(swap.certificate()["params"]["values"]["kp"], 2.0);
   EXPECT_TRUE(swap.certificate()["params"]["taken"].is_null()) << "not known yet";
-  swap.note("params", {{"values", {{"kp", 2.0}}}, {"taken", true}});
-  EXPECT_EQ(swap.certificate()["params"]["taken"], true);
+  swap.mark_refused({"busy", "", ""}, 2);
+  EXPECT_EQ(swap.certificate()["params"]["taken"], false) << "they come with their law, or not at all";
+}
+
+TEST(Transaction, IsUnprovenUntilItIsConfirmed) {
+  Transaction swap = at(Stage::unproven);
+  EXPECT_STREQ(swap.verdict(), "unproven");
+  EXPECT_TRUE(go(swap, Stage::confirmed, 99'000'000));
+  EXPECT_STREQ(swap.verdict(), "confirmed");
 }
 
 TEST(Transaction, EveryStageFollowsOnlyWhatItMay) {
   const std::pair<Stage, Stage> allowed[] = {
-      {Stage::submitted, Stage::compiled},  {Stage::compiled, Stage::admitted},
-      {Stage::admitted, Stage::placed},     {Stage::placed, Stage::tried},
-      {Stage::tried, Stage::staged},        {Stage::staged, Stage::shadow},
-      {Stage::staged, Stage::committed},    {Stage::shadow, Stage::committed},
-      {Stage::committed, Stage::confirmed}, {Stage::committed, Stage::rolled_back},
-      {Stage::committed, Stage::retired},   {Stage::confirmed, Stage::rolled_back},
-      {Stage::confirmed, Stage::retired},   {Stage::rolled_back, Stage::retired}};
+      {Stage::submitted, Stage::compiled},   {Stage::compiled, Stage::admitted},
+      {Stage::admitted, Stage::placed},      {Stage::placed, Stage::tried},
+      {Stage::tried, Stage::staged},         {Stage::staged, Stage::shadow},
+      {Stage::staged, Stage::committed},     {Stage::shadow, Stage::committed},
+      {Stage::committed, Stage::confirmed},  {Stage::committed, Stage::rolled_back},
+      {Stage::committed, Stage::unproven},   {Stage::unproven, Stage::confirmed},
+      {Stage::unproven, Stage::rolled_back}, {Stage::unproven, Stage::retired},
+      {Stage::committed, Stage::retired},    {Stage::confirmed, Stage::rolled_back},
+      {Stage::confirmed, Stage::retired},    {Stage::rolled_back, Stage::retired}};
   for (const Stage from : kWay) {
     for (const Stage to : kAll) {
       Transaction swap = at(from);
