@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "spine/core/time.hpp"
 #include "spine/ipc/frames.hpp"
 #include "spine/ipc/segment.hpp"
 #include "supervisor/bus/drive_words.hpp"
@@ -62,6 +63,8 @@ Json joints_json(const wire::RobotInfo& info, const robot::RobotConfig& robot, c
                       {"rung", std::string(to_string(static_cast<wire::Rung>(now.joint_rung[j])))},
                       {"fault", std::string(to_string(static_cast<wire::Fault>(now.joint_fault[j])))},
                       {"position_rad", now.position_rad[j]},
+                      {"position_min_rad", info.position_min_rad[j]},
+                      {"position_max_rad", info.position_max_rad[j]},
                       {"velocity_rad_s", now.velocity_rad_s[j]},
                       {"torque_nm", now.torque_nm[j]},
                       {"setpoint_position_rad", now.setpoint_position_rad[j]},
@@ -134,7 +137,7 @@ Json params_of(const wire::LawInfo& law, const wire::Params* live) {
 
 Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
   wire::Telemetry now{};
-  (void)spine.latest(now);
+  const bool any = spine.latest(now);
   const wire::RobotInfo& info = spine.info();
   const auto law = spine.law(now.law_id);
   const ipc::SpineMemory& memory = spine.memory();
@@ -146,6 +149,7 @@ Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
           {"law_id", now.law_id},
           {"rate_hz", info.rate_hz},
           {"tick", now.tick},
+          {"age_ms", any ? Json(static_cast<double>(monotonic_ns() - now.release_ns) * 1e-6) : Json(nullptr)},
           {"missed_releases", now.missed_releases},
           {"late_samples", now.late_samples},
           {"plan", std::string(to_string(static_cast<wire::PlanState>(now.plan_state)))},
