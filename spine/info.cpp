@@ -2,7 +2,6 @@
 #include "spine/info.hpp"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -19,11 +18,6 @@ void put_text(std::array<char, N>& to, const std::string& text, std::size_t at =
   std::copy_n(text.data(), length, to.data() + at);
 }
 
-// "core 0", "cores 0,1,2".
-std::string words(const std::vector<int>& cpus) {
-  return fmt::format("core{} {}", cpus.size() == 1 ? "" : "s", fmt::join(cpus, ","));
-}
-
 }  // namespace
 
 Result<CpuPlan> choose_cpus(const robot::RobotConfig& robot, const std::vector<int>& allowed) {
@@ -36,8 +30,8 @@ Result<CpuPlan> choose_cpus(const robot::RobotConfig& robot, const std::vector<i
   for (const auto& [cpu, role] : roles) {
     if (cpu == robot::kAutoCpu) continue;
     if (std::find(allowed.begin(), allowed.end(), cpu) == allowed.end()) {
-      return Error{"[spine] asks for core " + std::to_string(cpu) + ", which this process may not use (it may use " +
-                   words(allowed) + "); leave it out to let the program choose"};
+      return Error{"[spine] asks for core " + std::to_string(cpu) +
+                   ", which this process may not use; leave it out to let " + "the program choose"};
     }
     *role = cpu;
   }
@@ -65,10 +59,7 @@ std::string describe_host(const robot::RobotConfig& robot, const CpuPlan& cpus) 
   if (const int nice_value = raise_priority(); nice_value > -20) {
     add("priority stays at nice " + std::to_string(nice_value) + ": run as root, or set LimitNICE=-20");
   }
-  if (cpus.spine_shares) {
-    const std::string what = allowed_cpus().size() == 1 ? "one core for everything" : "the Spine's core is shared";
-    add(what + ": the Spine sleeps between ticks instead of spinning");
-  }
+  if (cpus.spine_shares) add("one core for everything: the Spine sleeps between ticks instead of spinning");
   if (cpus.transport_inline) add("fewer than three cores, or asked for: the tick thread serves the buses itself");
   return notes;
 }

@@ -9,7 +9,6 @@
 #include <thread>
 
 #include "spine/core/files.hpp"
-#include "spine/core/host.hpp"
 #include "spine/core/joints.hpp"
 #include "spine/core/text.hpp"
 #include "spine/robot/hardware.hpp"
@@ -230,21 +229,25 @@ class File {
   const toml::table* joint_defaults_ = nullptr;
 };
 
-// "this machine offers 2 cores", or "this process may use 1 of this machine's 2 cores".
-std::string cores_words(unsigned cores, unsigned machine) {
-  const char* plural = machine == 1 ? "" : "s";
-  return cores >= machine ? fmt::format("this machine offers {} core{}", machine, plural)
-                          : fmt::format("this process may use {} of this machine's {} core{}", cores, machine, plural);
-}
-
 // What works but costs something: stated, never refused.
-void note_costs(RobotConfig& robot, unsigned cores, unsigned machine) {
+void note_costs(RobotConfig& robot, unsigned cores) {
   const SpineConfig& spine = robot.spine;
   if (cores < 4) {
     robot.notes.push_back(fmt::format(
-        "{}, the full layout uses 4: some processes share a core and the tick is later more often (docs/rt.md)",
-        cores_words(cores, machine)));
+        "this machine offers {} core{}, the full layout uses 4: some processes share a core and the tick is later "
+        "more often (docs/rt.md)",
+        cores, cores == 1 ? "" : "s"));
   }
+  const auto absent = [&](std::string_view key, int cpu) {
+    if (cpu >= 0 && static_cast<unsigned>(cpu) >= cores) {
+      robot.notes.push_back(
+          fmt::format("spine.{} = {}, but the cores here are 0 to {}: chosen as \"auto\"", key, cpu, cores - 1));
+    }
+  };
+  absent("cpu_spine", spine.cpu_spine);
+  absent("cpu_transport", spine.cpu_transport);
+  absent("cpu_brain", spine.cpu_brain);
+  absent("cpu_housekeeping", spine.cpu_housekeeping);
   if (spine.release == Release::sleep && robot.rate_hz > 2000.0) {
     robot.notes.push_back(
         fmt::format("release = \"sleep\" at {} Hz: waking takes tens of microseconds of every {:.0f}; "
@@ -291,8 +294,7 @@ Result<RobotConfig> parse_robot(std::string_view text, const std::string& path, 
   for (std::string* file : {&robot.law, &robot.plant.model}) {
     if (!file->empty()) *file = (base / *file).lexically_normal().string();
   }
-  const unsigned ours = host.cores != 0 ? host.cores : static_cast<unsigned>(allowed_cpus().size());
-  note_costs(robot, ours, host.cores != 0 ? host.cores : std::max(ours, std::thread::hardware_concurrency()));
+  note_costs(robot, host.cores != 0 ? host.cores : std::max(1U, std::thread::hardware_concurrency()));
   return robot;
 }
 

@@ -2,15 +2,11 @@
 #include "spine/robot/robot.hpp"
 
 #include <gtest/gtest.h>
-#include <sched.h>
 
 #include <filesystem>
 #include <fstream>
 #include <random>
-#include <thread>
-#include <vector>
 
-#include "spine/core/host.hpp"
 #include "spine/core/joints.hpp"
 #include "spine/core/text.hpp"
 
@@ -268,24 +264,10 @@ TEST(Robot, TooFewCoresAreANoteAndNoRefusal) {
   const std::string text = kSmallest + "[spine]\ncpu_spine = 3\n";
   const Result<RobotConfig> robot = parse_robot(text, "r.toml", Host{2});
   ASSERT_TRUE(robot) << robot.message();
-  ASSERT_EQ(robot->notes.size(), 1U);
-  EXPECT_NE(robot->notes[0].find("this machine offers 2 cores"), std::string::npos);
+  ASSERT_EQ(robot->notes.size(), 2U);
+  EXPECT_NE(robot->notes[0].find("2 cores"), std::string::npos);
+  EXPECT_NE(robot->notes[1].find("cpu_spine = 3"), std::string::npos);
   EXPECT_TRUE(parse_robot(text, "r.toml", kFourCores)->notes.empty());
-}
-
-TEST(Robot, CoresAreThoseThatThisProcessMayUse) {
-  cpu_set_t before;
-  ASSERT_EQ(sched_getaffinity(0, sizeof before, &before), 0);
-  if (std::thread::hardware_concurrency() < 2) GTEST_SKIP() << "one core is all there is";
-  const std::vector<int> allowed = allowed_cpus();
-  cpu_set_t one;
-  CPU_ZERO(&one);
-  CPU_SET(allowed.front(), &one);
-  ASSERT_EQ(sched_setaffinity(0, sizeof one, &one), 0);
-  const Result<RobotConfig> robot = parse_robot(kSmallest, "r.toml");
-  ASSERT_EQ(sched_setaffinity(0, sizeof before, &before), 0);
-  ASSERT_TRUE(robot && !robot->notes.empty());
-  EXPECT_NE(robot->notes[0].find("this process may use 1 of this machine's "), std::string::npos) << robot->notes[0];
 }
 
 TEST(Robot, SeveralMistakesAreAllReportedAtOnce) {
