@@ -180,7 +180,8 @@ std::variant<std::string, swap::Refusal> help_text(const CLI::App& app, const st
   if (form == "zsh") return to_zsh(app);
   const Walk found = walk(app, verb);
   if (!found.stranger.empty()) return no_such_verb(found);
-  return found.at->help("lithe" + found.name.substr(0, found.name.find_last_of(' ')));
+  // Not App::help(): it would tell of the verb that was parsed, which is `help`.
+  return found.at->get_formatter()->make_help(found.at, "lithe" + found.name, CLI::AppFormatMode::Normal);
 }
 
 std::optional<swap::Refusal> wrong_verb(const CLI::App& app, const std::vector<std::string>& words) {
