@@ -29,7 +29,8 @@ def test_the_manual_page_is_one(house: House) -> None:
     if subprocess.run(["sh", "-c", "command -v groff"], check=False, capture_output=True).returncode != 0:
         pytest.skip("no groff here")
     page = house.lithe("help", "--man").stdout
-    done = subprocess.run(["groff", "-man", "-wmac", "-Tascii"], input=page, capture_output=True, text=True, check=False)
+    groff = ["groff", "-man", "-wmac", "-Tascii"]
+    done = subprocess.run(groff, input=page, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert "lithe move [options] JOINT DEG" in done.stdout
 
