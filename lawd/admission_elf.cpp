@@ -134,6 +134,7 @@ class Parser {
 }  // namespace
 
 std::string readable(std::string_view symbol) {
+  if (!symbol.starts_with("_Z")) return std::string(symbol);  // "f" alone would be read as the type float
   int status = 0;
   char* text = abi::__cxa_demangle(std::string(symbol).c_str(), nullptr, nullptr, &status);
   std::string name = status == 0 ? text : std::string(symbol);

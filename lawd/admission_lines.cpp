@@ -75,4 +75,10 @@ int SourceLines::mentions(std::string_view name) const {
   return 0;
 }
 
+int SourceLines::last() const {
+  const auto text = read_file(compiled_.source_path);
+  const Tokens tokens = tokenise(text ? *text : "");
+  return tokens.list.empty() ? 1 : tokens.list.back().line;
+}
+
 }  // namespace lithe::lawd

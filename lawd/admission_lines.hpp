@@ -26,6 +26,9 @@ class SourceLines {
   // The first line that has the last word of a (demangled) name, outside comments; 0 = none.
   int mentions(std::string_view name) const;
 
+  // The last line that holds anything but a comment; 1 when none does.
+  int last() const;
+
   // "path:line:column" as the compiler writes it: the line when the path is the law's, else 0.
   int own_line(std::string_view place) const;
 

@@ -180,7 +180,9 @@ class Object {
     const auto found = std::find_if(elf_.symbols.begin(), elf_.symbols.end(), [](const ElfSymbol& symbol) {
       return symbol.name == "lithe_law" && symbol.section != SHN_UNDEF && symbol.binding == STB_GLOBAL;
     });
-    if (found == elf_.symbols.end()) return refuse("the file exports no law: end it with LITHE_LAW(Type, \"name\");");
+    if (found == elf_.symbols.end()) {
+      return refuse("the file exports no law: end it with LITHE_LAW(Type, \"name\");", lines_.last());
+    }
     const ElfSection* section = elf_.section(found->section);
     LitheLaw law;
     const bool whole = section != nullptr && found->type == STT_OBJECT && found->visibility == STV_DEFAULT &&

@@ -64,6 +64,12 @@ class Source {
       return;
     }
     tokens_ = tokenise(text_);
+    if (tokens_.list.empty() && tokens_.troubles.empty()) {
+      out_.refuse(gate_,
+                  "the file holds no code: a law is a struct with Params, State and a static step(), and ends with "
+                  "LITHE_LAW(Type, \"name\"); see laws/pd.cpp",
+                  1, 1);
+    }
     for (const Trouble& trouble : tokens_.troubles) out_.refuse(gate_, trouble.message, trouble.line, trouble.column);
   }
 
@@ -155,6 +161,12 @@ class Source {
                         "words of the language, the contract and <cmath>");
     } else if (word == "goto" && is_mark(i + 1, "*")) {
       refuse(at(i), "goto to a computed address: use if, switch or a loop");
+    } else if (word == "namespace" && at(i - 1).text == "using" &&
+               (at(i + 1).text == "std" || at(i + 1).text == "lithe")) {
+      const std::string& which = at(i + 1).text;
+      refuse(at(i - 1),
+             "using namespace " + which + " brings in names that may be meant otherwise: remove the line and write " +
+                 (which == "std" ? "std::sin (or: using std::sin;)" : "lithe::Tick (or: using lithe::Tick;)"));
     } else if (word == "namespace" && (at(i + 1).text == "std" || at(i + 1).text == "lithe")) {
       refuse(at(i), "nothing may be added to namespace " + at(i + 1).text + ": use a name of your own");
     } else if (word == "lithe" && is_mark(i + 1, "::") &&

@@ -136,6 +136,7 @@ Outcome run_program(const std::vector<std::string>& argv, const Limits& limits) 
   raw.push_back(nullptr);
   const auto body = [&raw](int out_fd) {
     dup2(out_fd, 2);
+    setenv("LC_ALL", "C", 1);  // plain quotes and English, whatever the terminal speaks
     execvp(raw[0], raw.data());
     dprintf(2, "cannot run %s: %s\n", raw[0], std::strerror(errno));
     return 127;

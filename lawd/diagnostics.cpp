@@ -47,6 +47,20 @@ int line_about(const std::string& message, const std::vector<std::string>& lines
   return line_with(lines, "LITHE_LAW(");
 }
 
+bool holds(const std::string& text, std::string_view part) { return text.find(part) != std::string::npos; }
+
+// What a compiler's message about the end of the file means to who wrote it. Empty: it says so itself.
+std::string about_the_macro(const std::string& message, const std::string& line) {
+  constexpr const char* kHow = "LITHE_LAW takes the law's struct, then its name: LITHE_LAW(Law, \"name\");";
+  const auto at = line.find_first_not_of(" \t");
+  if (at == std::string::npos || !std::string_view(line).substr(at).starts_with("LITHE_LAW")) return "";
+  const bool no_struct = holds(message, "no matching function for call to") && holds(message, "describe<");
+  const bool swapped = holds(message, "a law's name has") && holds(line, "(\"");
+  const bool unknown = holds(message, "was not declared in this scope");
+  if (unknown) return message + ": " + kHow;
+  return no_struct || swapped || holds(message, "macro \"LITHE_LAW\"") ? kHow : "";
+}
+
 // A compiler's message repeats words of the file it is about. The law's writer has sent the law and may read the
 // contract and the system's headers; any other file was read with lawd's rights.
 bool may_be_quoted(const std::string& file, const Sources& sources) {
@@ -81,6 +95,7 @@ json entry(const json& raw, const Sources& sources, const std::vector<std::strin
   const int line = out["line"];
   const bool own = out["file"] == name && line >= 1 && line <= static_cast<int>(lines.size());
   out["text"] = own ? lines[static_cast<std::size_t>(line) - 1] : "";
+  if (const std::string says = about_the_macro(out["message"], out["text"]); !says.empty()) out["message"] = says;
   return out;
 }
 
@@ -126,6 +141,7 @@ Diagnostics read_diagnostics(const std::string& output, const Sources& sources) 
       const bool consequence = contract && !d.contains("contract") && !is_warning &&
                                (d["file"] != name || d["text"].get<std::string>().starts_with("LITHE_LAW"));
       d.erase("contract");
+      if (holds(d["message"], "<expression error>")) continue;  // of a mistake that is told itself
       const bool known = std::find(result.list.begin(), result.list.end(), d) != result.list.end();
       if (is_warning != warnings || consequence || known || d["severity"] == "note") continue;
       if (result.list.size() >= kMaxEntries) break;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// lithe-spine ROBOT.toml: wires the rooms, starts the threads, waits for a signal. `lithe run` starts it.
+// lithe-spine [--check] ROBOT.toml: wires the rooms, starts the threads, waits for a signal. `lithe run` starts it.
 #include <fmt/format.h>
 #include <pthread.h>
 #include <signal.h>
@@ -13,6 +13,7 @@
 #include <future>
 #include <memory>
 #include <span>
+#include <string_view>
 #include <thread>
 
 #include "spine/code_arena.hpp"
@@ -309,6 +310,17 @@ void run_sealed(Threads& threads, hal::Actuators& actuators, const std::string& 
   look_after(actuators, signals);
 }
 
+// What start would refuse in the file itself, found before anything is started: cores, and a model's joints.
+int check(const std::string& path) {
+  const Result<robot::RobotConfig> robot = robot::load_robot(path);
+  if (!robot) return refuse(kExitUsage, robot.message());
+  const Result<robot::CpuPlan> cpus = robot::plan_cpus(*robot, machine_cores());
+  if (!cpus) return refuse(kExitUsage, robot->path + ": " + cpus.message());
+  if (robot->plant.kind != robot::PlantKind::mujoco) return 0;
+  const auto simulated = hal::simulate_actuators(*robot);
+  return simulated ? 0 : refuse(kExitUsage, robot->path + ": " + simulated.message());
+}
+
 int run(const std::string& path) {
   Result<robot::RobotConfig> robot = robot::load_robot(path);
   if (!robot) return refuse(kExitUsage, robot.message());
@@ -367,10 +379,12 @@ int run(const std::string& path) {
 }  // namespace lithe
 
 int main(int argc, char** argv) {
-  if (argc != 2) {
-    std::fputs("usage: lithe-spine ROBOT.toml\n  `lithe run ROBOT.toml` starts it together with all it needs\n",
-               stderr);
+  const bool checks = argc == 3 && std::string_view(argv[1]) == "--check";
+  if (argc != 2 && !checks) {
+    std::fputs(
+        "usage: lithe-spine [--check] ROBOT.toml\n  `lithe run ROBOT.toml` starts it together with all it needs\n",
+        stderr);
     return lithe::kExitUsage;
   }
-  return lithe::run(argv[1]);
+  return checks ? lithe::check(argv[2]) : lithe::run(argv[1]);
 }

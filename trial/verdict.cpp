@@ -9,7 +9,7 @@
 namespace lithe::trial {
 namespace {
 
-std::string crash_text(const Report& report) {
+std::string crash_text(const Report& report, const Limits& limits) {
   const Crash& crash = report.crash;
   char words[160];
   switch (crash.signal) {
@@ -37,9 +37,11 @@ std::string crash_text(const Report& report) {
       std::snprintf(words, sizeof words, "it made system call %d: a law may only compute", crash.system_call);
       break;
     case SIGPROF:
-      std::snprintf(
-          words, sizeof words,
-          "it did not come to an end in the trial's time: look for a loop without a bound, or far too much work");
+      std::snprintf(words, sizeof words,
+                    "it did not come to an end in the trial's %d ms of the processor: look for a loop without a bound, "
+                    "or far too "
+                    "much work",
+                    limits.cpu_ms);
       break;
     default:
       std::snprintf(words, sizeof words, "it was ended by signal %d", crash.signal);
@@ -57,7 +59,10 @@ std::string death_text(const Outcome& outcome, const Limits& limits) {
   if (outcome.timed_out) {
     return "the trial did not end in " + std::to_string(limits.wall_ms) + " ms: look for a loop without a bound";
   }
-  if (outcome.signal == SIGKILL) return "it used more memory or time than a trial has";
+  if (outcome.signal == SIGKILL) {
+    return "it used more than a trial has: " + std::to_string(limits.memory_bytes >> 20) + " MiB of memory, " +
+           std::to_string(limits.cpu_ms) + " ms of the processor";
+  }
   if (outcome.signal != 0) return "it was ended by signal " + std::to_string(outcome.signal);
   return "it ended its process (exit code " + std::to_string(outcome.exit_code) + "): a law may not call exit";
 }
@@ -89,7 +94,7 @@ Verdict judge(const Outcome& outcome, const Limits& limits) {
   if (report.crash.signal != 0) {
     if (report.crash.pc > report.image_base) verdict.pc_offset = report.crash.pc - report.image_base;
     verdict.out_of_time = report.crash.signal == SIGPROF;
-    verdict.reason = crash_text(report);
+    verdict.reason = crash_text(report, limits);
   } else if (report.refused[0] != '\0') {
     verdict.unable = report.unable != 0;
     verdict.reason = text_of(report.refused);

@@ -51,6 +51,19 @@ TEST(Verdict, StarvedTrialIsNotTheLawsFault) {
   EXPECT_FALSE(judge(outcome, {}).starved);
 }
 
+TEST(Verdict, WhatIsTooMuchIsToldWithWhatATrialHas) {
+  Report report;
+  report.crash.signal = SIGPROF;
+  Outcome outcome;
+  outcome.started = true;
+  outcome.output = {reinterpret_cast<const char*>(&report), sizeof report};
+  EXPECT_NE(judge(outcome, {.cpu_ms = 170}).reason.find("170 ms of the processor"), std::string::npos);
+  outcome.output = "";
+  outcome.signal = SIGKILL;
+  const std::string killed = judge(outcome, {}).reason;
+  EXPECT_NE(killed.find("512 MiB of memory, 150 ms"), std::string::npos) << killed;
+}
+
 TEST(Verdict, SandboxThatDoesNotWorkIsNotTheLawsFault) {
   EXPECT_TRUE(judge({}, {}).unable) << "there was no child";
   Report report;

@@ -11,13 +11,16 @@ import json
 import os
 import select
 import socket
+import struct
 import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from .errors import LitheError, NoSupervisor, NotRunning, Refused
+from .mailbox import ticks_alone
 
+QUESTIONS = frozenset({"ping", "status", "events", "params", "law_list", "law_check"})  # change nothing
 MOST_ANSWER_BYTES = 64 << 20
 MOST_IDLE = 4  # connections kept for the next calls; the supervisor serves 64 in all
 LOOK_S = 1.0
@@ -47,6 +50,13 @@ def _answers(path: Path) -> bool:
         return True
 
 
+def _alone(robot: str) -> NoSupervisor:
+    return NoSupervisor(
+        f"robot '{robot}' has no supervisor, and its Spine ticks on\n"
+        "  next: lithe run ROBOT.toml takes it over as it is; lithe estop stops its motion"
+    )
+
+
 def find_robot() -> str:
     """The one robot whose supervisor answers here; NotRunning if there is none, LitheError if there are several."""
     names = sorted(path.stem for path in run_dir().glob("*.sock") if _answers(path))
@@ -55,6 +65,16 @@ def find_robot() -> str:
     if len(names) > 1:
         raise LitheError(f"several robots run here: {', '.join(names)}\n  next: lithe.connect('{names[0]}')")
     return names[0]
+
+
+def _stopped_pid(sock: socket.socket) -> int:
+    """The process that listens at the other end, if it is stopped (Ctrl-Z, a debugger); else 0."""
+    try:
+        pid = int(struct.unpack("3i", sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))[0])
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2][:1]
+    except OSError:
+        return 0
+    return pid if state in ("T", "t") else 0
 
 
 def plain(value: Any) -> Any:
@@ -96,7 +116,8 @@ class LineSocket:
 
     def exchange(self, request: bytes, what: str) -> dict[str, Any]:
         """One line out, one object back."""
-        unsure = f"whether '{what}' was done is not known; the next call connects anew"
+        unsure = "nothing was changed" if what in QUESTIONS else f"whether '{what}' was done is not known"
+        unsure += "; the next call connects anew"
         try:
             self._file.write(request + b"\n")
             self._file.flush()
@@ -205,9 +226,17 @@ def _open(robot: str, timeout_s: float) -> LineSocket:
     except OSError as error:
         sock.close()
         absent = isinstance(error, ConnectionRefusedError | FileNotFoundError)
+        if absent and ticks_alone(robot):
+            raise _alone(robot) from None
         raise (NoSupervisor if absent else NotRunning)(
             f"robot '{robot}' does not answer at {path} ({error.strerror or error})\n  next: lithe run ROBOT.toml"
         ) from None
+    if pid := _stopped_pid(sock):
+        sock.close()
+        raise NotRunning(
+            f"the supervisor of '{robot}' (pid {pid}) is stopped (Ctrl-Z?), and nothing was asked of it\n"
+            f"  next: kill -CONT {pid}, or fg in its shell; lithe estop works without it"
+        )
     return LineSocket(sock)
 
 

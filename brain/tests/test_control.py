@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Finding a robot, and what is said when there is none."""
 
+import fcntl
 import json
+import os
+import signal
 import socket
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +18,7 @@ import numpy as np
 import pytest
 from lithe.control import Client, LineSocket, connect_control, find_robot, run_dir
 from lithe.errors import LitheError, NotRunning, Refused
+from lithe.shm import shm_path
 
 
 @contextmanager
@@ -60,6 +66,52 @@ def test_a_dead_socket_says_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path
     monkeypatch.setenv("LITHE_RUN_DIR", str(tmp_path))
     with pytest.raises(NotRunning, match=r"does not answer[\s\S]*lithe run"):
         connect_control("arm")
+
+
+def test_a_spine_without_a_supervisor_is_named_with_the_way_to_adopt_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """What it holds is its lock; files of a crash are nobody's."""
+    monkeypatch.setenv("LITHE_RUN_DIR", str(tmp_path))
+    monkeypatch.setenv("LITHE_SHM_PREFIX", f"alone-{os.getpid()}")
+    segment = shm_path("arm", "spine")
+    lock = segment.with_name(segment.name + ".lock")
+    try:
+        segment.touch()
+        with lock.open("w") as held:
+            with pytest.raises(NotRunning, match="nobody answers"):
+                find_robot()
+            fcntl.flock(held, fcntl.LOCK_EX)
+            for look in (find_robot, lambda: connect_control("arm")):
+                with pytest.raises(NotRunning, match=r"'arm' has no supervisor[\s\S]*takes it over"):
+                    look()
+    finally:
+        segment.unlink()
+        lock.unlink()
+
+
+def test_a_supervisor_that_is_stopped_is_not_waited_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("LITHE_RUN_DIR", str(tmp_path))
+    path = str(tmp_path / "arm.sock")
+    deaf = f"import socket, time; s = socket.socket(1); s.bind({path!r}); s.listen(); print(flush=True); time.sleep(99)"
+    with subprocess.Popen([sys.executable, "-c", deaf], stdout=subprocess.PIPE) as process:
+        try:
+            assert process.stdout is not None
+            process.stdout.readline()
+            process.send_signal(signal.SIGSTOP)
+            os.waitid(os.P_PID, process.pid, os.WSTOPPED)
+            with pytest.raises(NotRunning, match=rf"is stopped[\s\S]*kill -CONT {process.pid}"):
+                connect_control("arm")
+        finally:
+            process.kill()
+
+
+def test_a_question_that_is_not_answered_has_changed_nothing() -> None:
+    for verb, said in (("status", "nothing was changed"), ("arm", "whether 'arm' was done is not known")):
+        ours, theirs = socket.socketpair()
+        ours.settimeout(0.05)
+        with theirs, closing(LineSocket(ours)) as link, pytest.raises(NotRunning, match=said):
+            link.call(verb, {})
 
 
 def answer_once(link: socket.socket, answer: bytes) -> None:

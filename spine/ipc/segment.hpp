@@ -28,7 +28,8 @@ class Lease {
   // Nothing if somebody holds it, and still does after a moment: who looks keeps it for an instant. An error if the
   // lock file cannot be made.
   static Result<std::optional<Lease>> try_take(const std::string& segment_path);
-  // True while some process holds it, and when this user may not look.
+  // True while some process holds it, and when nobody can tell: this user may not open the lock file, and sees
+  // not every process (a container).
   static bool is_held(const std::string& segment_path);
 
  private:

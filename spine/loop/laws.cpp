@@ -237,7 +237,7 @@ void Spine::judge_law(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_
   if (probation_.unproven()) flags_ |= flag::kUnproven;
   tell_probation(news, now_ns);
   if (news.kind == LawFaultKind::none) return;
-  name_tremor(news.finding);
+  name_evidence(news);
   replace_law(news.kind, now_ns);
 }
 
@@ -255,17 +255,34 @@ void Spine::tell_probation(const Probation::News& news, std::int64_t now_ns) LIT
       guard_.any_stopped() ? "its probation is over, with a part of the robot stopped" : "its probation is over");
 }
 
-// "joint wrist, 31 Hz".
-void Spine::name_tremor(const law::Tremor::Finding& finding) LITHE_RT {
+// "joint wrist, 31 Hz"; "joint elbow, error 0.312 rad, allowed 0.150".
+void Spine::name_evidence(const Probation::News& news) LITHE_RT {
+  const Probation::Evidence& evidence = news.evidence;
+  const bool trembles = news.kind == LawFaultKind::chattering || news.kind == LawFaultKind::oscillating;
   why_ = {};
-  if (finding.kind == law::Tremor::Finding::Kind::none) return;
-  why_ << "joint " << robot_.joints[finding.joint].name << ", ";
-  char digits[12];
-  std::size_t at = sizeof digits;
-  auto hertz = static_cast<std::uint32_t>(std::min(finding.frequency_hz, 1e6) + 0.5);
-  do digits[--at] = static_cast<char>('0' + hertz % 10);
-  while ((hertz /= 10) > 0);
-  why_ << std::string_view(digits + at, sizeof digits - at) << " Hz";
+  switch (news.kind) {
+    case LawFaultKind::chattering:
+    case LawFaultKind::oscillating:
+    case LawFaultKind::tracking_lost:
+      why_ << "joint " << robot_.joints[trembles ? evidence.tremor.joint : evidence.joint].name << ", ";
+      if (trembles) {
+        why_.number(evidence.tremor.frequency_hz, 0) << " Hz";
+      } else {
+        (why_ << "error ").number(evidence.value, 3) << " rad, allowed ";
+        why_.number(evidence.allowed, 3);
+      }
+      break;
+    case LawFaultKind::guard_busy:
+      (why_ << "it clamped ").number(100 * evidence.value, 0) << " % of the last ticks, allowed ";
+      why_.number(100 * evidence.allowed, 0);
+      break;
+    case LawFaultKind::overran:
+      (why_ << "a step took ").number(1e6 * evidence.value, 1) << " us, allowed ";
+      why_.number(1e6 * evidence.allowed, 1);
+      break;
+    default:
+      break;
+  }
 }
 
 // One atomic exchange: the law that the Loader staged runs from the next tick on.

@@ -75,7 +75,7 @@ Probation::News Probation::watch(const Seen& seen) LITHE_RT {
   News news;
   remember(seen);
   if (!on()) return news;
-  news.kind = judge(seen.in, news.finding);
+  news.kind = judge(seen, news.evidence);
   if (news.kind != LawFaultKind::none) return news;
   const bool moves = in_motion(seen.in), law_was = law_.unproven(), params_were = params_.unproven();
   news.law_confirmed = law_.count(moves);
@@ -85,23 +85,27 @@ Probation::News Probation::watch(const Seen& seen) LITHE_RT {
   return news;
 }
 
-LawFaultKind Probation::judge(const Tick& in, law::Tremor::Finding& finding) const LITHE_RT {
-  if (tracking_is_lost(in)) return LawFaultKind::tracking_lost;
+LawFaultKind Probation::judge(const Seen& seen, Evidence& evidence) const LITHE_RT {
+  if (tracking_is_lost(seen.in, evidence)) return LawFaultKind::tracking_lost;
+  evidence = {0, guard_activity_, kBusy, {}};
   if (guard_activity_ > kBusy && guard_before_ < kCalm) return LawFaultKind::guard_busy;
+  evidence = {0, 1e-9 * static_cast<double>(seen.law_ns), 1e-9 * static_cast<double>(terms_.budget_ns), {}};
   if (long_steps_ >= kMostLong) return LawFaultKind::overran;
-  finding = tremor_.find(in.joints);
+  evidence = {0, 0, 0, tremor_.find(seen.in.joints)};
+  const law::Tremor::Finding& finding = evidence.tremor;
   if (finding.kind == law::Tremor::Finding::Kind::chatter) return LawFaultKind::chattering;
   if (finding.kind == law::Tremor::Finding::Kind::oscillation) return LawFaultKind::oscillating;
   return LawFaultKind::none;
 }
 
-bool Probation::tracking_is_lost(const Tick& in) const LITHE_RT {
+bool Probation::tracking_is_lost(const Tick& in, Evidence& evidence) const LITHE_RT {
   if (!(error_ratio_ > 0)) return false;
-  bool lost = false;
   for (std::uint32_t j = 0; j < in.joints; ++j) {
-    lost |= error_rad(in, j) > error_ratio_ * std::max(error_before_rad_[j], kLeastErrorRad);
+    const double allowed_rad = error_ratio_ * std::max(error_before_rad_[j], kLeastErrorRad);
+    evidence = {j, error_rad(in, j), allowed_rad, {}};
+    if (evidence.value > allowed_rad) return true;
   }
-  return lost;
+  return false;
 }
 
 void Probation::remember(const Seen& seen) LITHE_RT {

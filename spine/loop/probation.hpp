@@ -59,9 +59,16 @@ class Probation {
     std::int64_t law_ns;
     std::uint32_t flags;  // the guard's, bits of wire::telemetry_flag
   };
+  // What was measured, and what is allowed: rad of tracking_lost at `joint`, the share of ticks of guard_busy, seconds
+  // of overran.
+  struct Evidence {
+    std::uint32_t joint = 0;
+    double value = 0, allowed = 0;
+    law::Tremor::Finding tremor;  // of chattering and oscillating
+  };
   struct News {
     wire::LawFaultKind kind = wire::LawFaultKind::none;  // not none: the law, or its parameters, have to go
-    law::Tremor::Finding finding;                        // of chattering and oscillating
+    Evidence evidence;
     bool law_confirmed = false, params_confirmed = false;
     bool law_unproven = false, params_unproven = false;  // as of this tick
   };
@@ -85,8 +92,8 @@ class Probation {
   };
 
   void compare_from_here() LITHE_RT;
-  wire::LawFaultKind judge(const Tick& in, law::Tremor::Finding& finding) const LITHE_RT;
-  bool tracking_is_lost(const Tick& in) const LITHE_RT;
+  wire::LawFaultKind judge(const Seen& seen, Evidence& evidence) const LITHE_RT;
+  bool tracking_is_lost(const Tick& in, Evidence& evidence) const LITHE_RT;
   void remember(const Seen& seen) LITHE_RT;
 
   double forget_error_ = 0;  // per tick, of the largest error

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A new law's first second: blend, probation, and what becomes of it.
+#include <cstdio>
+
 #include "spine/loop/laws_bench.hpp"
 
 namespace lithe::loop {
@@ -50,6 +52,15 @@ TEST_F(LawsTest, ALawThatLosesTrackOnProbationIsReplacedWithinTwoTicks) {
   ASSERT_EQ(slot_.active()->law_id, 1u);
   EXPECT_EQ(next_fault()->kind, static_cast<std::uint32_t>(LawFaultKind::tracking_lost));
   EXPECT_EQ(mode(), Mode::active);
+  const auto told = events(EventKind::law_rolled_back);
+  ASSERT_EQ(told.size(), 1u);
+  double error_rad = 0, allowed_rad = 0;
+  EXPECT_EQ(std::sscanf(told[0].text.data(), "tracking_lost: joint %*[^,], error %lf rad, allowed %lf", &error_rad,
+                        &allowed_rad),
+            2)
+      << told[0].text.data();
+  EXPECT_GT(error_rad, allowed_rad);
+  EXPECT_NEAR(allowed_rad, 3 * largest_rad, 0.5 * largest_rad);
   ASSERT_NE(breach_tick, 0u);
   EXPECT_LE(record_.tick - breach_tick, 2u);
   tick();

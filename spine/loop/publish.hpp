@@ -26,6 +26,22 @@ class Words {
     size_ += fits;
     return *this;
   }
+  // With so many decimals, at most 6; beyond +-1e9 that.
+  Words& number(double value, int decimals) LITHE_RT {
+    decimals = std::min(decimals, 6);
+    double scale = 1;
+    for (int i = 0; i < decimals; ++i) scale *= 10;
+    const double size = value < 0 ? -value : value;
+    auto left = static_cast<std::uint64_t>((size < 1e9 ? size : 1e9) * scale + 0.5);  // NaN: 1e9
+    char digits[24];
+    std::size_t at = sizeof digits;
+    for (int place = 0; at > 1 && (place <= decimals || left > 0); ++place) {
+      if (place == decimals && decimals > 0) digits[--at] = '.';
+      digits[--at] = static_cast<char>('0' + left % 10);
+      left /= 10;
+    }
+    return *this << (value < 0 ? "-" : "") << std::string_view(digits + at, sizeof digits - at);
+  }
   std::string_view text() const LITHE_RT { return {letters_.data(), size_}; }
 
  private:

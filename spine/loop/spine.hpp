@@ -100,7 +100,7 @@ class Spine {
   void report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t took_ns) LITHE_RT;
   void judge_law(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_RT;
   void tell_probation(const Probation::News& news, std::int64_t now_ns) LITHE_RT;
-  void name_tremor(const law::Tremor::Finding& finding) LITHE_RT;
+  void name_evidence(const Probation::News& news) LITHE_RT;
   void swap(std::int64_t now_ns) LITHE_RT;
   void commit(law::Resident& candidate, law::Carry carry, std::int64_t now_ns) LITHE_RT;
   void start_shadow(law::Resident& candidate, std::int64_t now_ns) LITHE_RT;

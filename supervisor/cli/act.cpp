@@ -12,6 +12,7 @@
 #include <thread>
 
 #include "supervisor/cli/print.hpp"
+#include "supervisor/cli/status_text.hpp"
 #include "supervisor/cli/talk.hpp"
 
 namespace lithe::cli {
@@ -46,9 +47,14 @@ Refusal wrong_pairs() {
   return {"usage", "a parameter is NAME VALUE or NAME=VALUE, the value a finite number", "lithe param set kp 2.5"};
 }
 
+Look look_of(const Context& context) { return {wants_color(), context.units == "rad"}; }
+
 }  // namespace
 
-int status(const Context& context) { return finish(context, ask(context, "status", Json::object()), print_status); }
+int status(const Context& context) {
+  return finish(context, ask(context, "status", Json::object()),
+                [&context](const Json& result) { fmt::print("{}", status_text(result, look_of(context))); });
+}
 
 int command(const Context& context, const std::string& verb) {
   return finish(context, ask(context, verb, Json::object()), [&verb](const Json& result) {
@@ -131,12 +137,16 @@ int top(const Context& context, int turns) {
     if (turn > 0) {
       std::this_thread::sleep_for(std::chrono::milliseconds(250));
     }
+    if (std::get<control::Client>(client).pulse() != control::Client::Pulse::answers) {
+      client = connect(context);  // says why
+      if (const auto* refusal = std::get_if<Refusal>(&client)) return refuse(context, *refusal);
+    }
     const Answer answer = std::get<control::Client>(client).call("status", Json::object(), kQuickMs);
     if (const auto* refusal = std::get_if<Refusal>(&answer)) {
       return refuse(context, *refusal);
     }
     fmt::print("\x1b[H\x1b[2J");  // home, clear
-    print_status(swap::printable_json(std::get<Json>(answer)));
+    fmt::print("{}", status_text(swap::printable_json(std::get<Json>(answer)), look_of(context)));
     fmt::print("\nCtrl-C leaves; the robot goes on\n");
     std::fflush(stdout);
   }

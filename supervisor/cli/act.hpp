@@ -18,12 +18,25 @@ namespace lithe::cli {
 
 struct Context {
   bool json = false;
-  std::string robot;  // empty: the only one that runs
+  std::string robot;          // empty: the only one that runs
+  std::string units = "deg";  // of angles shown to a person: deg or rad
+};
+
+// A move of one joint, which ends at rest.
+struct Motion {
+  std::string joint;
+  double angle_deg = 0;
+  bool relative = false;  // from where its setpoint is
+  double in_s = 2.0;
 };
 
 int exit_code(const swap::Refusal& refusal);
 
+// Robots that live here, whoever answers for them.
+int list(const Context& context);
 int status(const Context& context);
+// Is the robot's Brain for as long as the move takes.
+int move(const Context& context, const Motion& motion);
 int command(const Context& context, const std::string& verb);  // arm, disarm, hold, reset, sim_reset, shutdown
 int estop(const Context& context);
 // Brings joints inside their limits and waits until they are, or until the Spine says why not.

@@ -14,8 +14,8 @@
 #include "spine/ipc/segment.hpp"
 #include "supervisor/cli/act.hpp"
 #include "supervisor/cli/print.hpp"
-#include "supervisor/cli/spines.hpp"
 #include "supervisor/cli/talk.hpp"
+#include "supervisor/control/presence.hpp"
 #include "supervisor/control/spine_link.hpp"
 
 namespace lithe::cli {
@@ -77,7 +77,7 @@ struct Target {
 // The words first, all of them; nothing is looked up, asked or waited for before that.
 std::vector<Target> press_all(const Context& context) {
   const std::set<std::string> robots =
-      context.robot.empty() ? robots_with_memory() : std::set<std::string>{context.robot};
+      context.robot.empty() ? control::robots_with_memory() : std::set<std::string>{context.robot};
   std::vector<Target> targets;
   for (const std::string& robot : robots) {
     targets.push_back({robot, whatever_happens(robot, [&robot]() -> Answer {

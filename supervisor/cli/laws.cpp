@@ -16,6 +16,7 @@
 #include "supervisor/cli/print.hpp"
 #include "supervisor/cli/talk.hpp"
 #include "supervisor/control/lawd_link.hpp"
+#include "supervisor/control/presence.hpp"
 #include "supervisor/control/process.hpp"
 
 namespace lithe::cli {
@@ -44,8 +45,11 @@ std::variant<Source, Refusal> read_law(const std::string& law) {
   }
   const auto text = read_regular_file(path.string(), kMaxLawBytes);
   if (!text || text->empty()) {
-    return Refusal{"no_source", "cannot read the law " + (text ? law + ": it is empty" : text.message()),
-                   "give the path of one C++ file, or a name that lithe law list shows"};
+    return Refusal{
+        "no_source", text ? path.string() + ":1: the file is empty" : "cannot read the law " + text.message(),
+        text ? "a law is a struct with a static step() and ends with LITHE_LAW(Type, \"name\"); start from one that "
+               "lithe law list shows"
+             : "give the path of one C++ file, or a name that lithe law list shows"};
   }
   return Source{path.filename().string(), *text};
 }
@@ -118,7 +122,7 @@ int law_check(const Context& context, const std::string& law) {
   }
   const Source& file = std::get<Source>(source);
   auto client = connect(context);
-  if (const auto* refusal = std::get_if<Refusal>(&client); refusal != nullptr && refusal->code != "no_robot") {
+  if (const auto* refusal = std::get_if<Refusal>(&client); refusal != nullptr && !control::is_nobody(*refusal)) {
     return refuse(context, *refusal);
   }
   const Answer answer = std::holds_alternative<Refusal>(client)
@@ -147,7 +151,7 @@ int law_list(const Context& context) {
   const Answer resident = ask(context, "law_list", Json::object());
   if (const Json* result = std::get_if<Json>(&resident)) {
     laws["resident"] = (*result)["resident"];
-  } else if (std::get<Refusal>(resident).code != "no_robot") {
+  } else if (!control::is_nobody(std::get<Refusal>(resident))) {
     return refuse(context, std::get<Refusal>(resident));
   }
   return finish(context, laws, print_laws);

@@ -2,235 +2,33 @@
 // The `lithe` command: words in, one function of act.hpp out.
 #include <signal.h>
 
-#include <CLI/CLI.hpp>
-#include <cstdint>
 #include <cstdio>
 #include <exception>
-#include <map>
 #include <string>
 #include <vector>
 
-#include "supervisor/cli/act.hpp"
+#include "supervisor/cli/reference.hpp"
 #include "supervisor/cli/talk.hpp"
-#include "supervisor/control/supervisor.hpp"
+#include "supervisor/cli/words.hpp"
 
 namespace {
 
-using lithe::cli::Context;
-
-struct Words {
-  Context context;
-  lithe::control::RunOptions run;
-  bool no_arm = false;
-  bool ungated = false;
-  std::string law;
-  std::string name;
-  std::string folder;
-  std::string which = "last";
-  std::vector<std::string> params;
-  std::map<std::string, double> terms;  // of a swap, by the names of the verb's arguments
-  std::uint64_t since = 0;
-  bool follow = false;
-  std::string file;
-  lithe::bus::PlanOptions plan;
-  lithe::field::Words bus;
-  lithe::field::ScanOptions scan;
-  lithe::field::MonitorOptions monitor;
-  int turns = 0;
-  int steps = 1;
-  int code = 0;
-};
-
-void add_run(CLI::App& app, Words& words) {
-  CLI::App* run = app.add_subcommand("run", "start a robot and look after it until Ctrl-C");
-  run->add_option("ROBOT", words.run.config_path, "robot file")->required();
-  run->add_option("--law", words.run.law, "law to start with, instead of the file's")->type_name("FILE");
-  run->add_flag("--no-arm", words.no_arm, "leave the drives off until lithe arm");
-  run->add_flag("--ungated", words.ungated, "for tests: no admission, no dry run, no trial of laws");
-  run->callback([&words] {
-    words.run.arm = !words.no_arm;
-    words.run.gates = !words.ungated;
-    words.run.json = words.context.json;
-    words.code = lithe::control::run_robot(words.run);
-  });
-}
-
-void add_commands(CLI::App& app, Words& words) {
-  app.add_subcommand("status", "mode, law, timing, joints")->callback([&words] {
-    words.code = lithe::cli::status(words.context);
-  });
-  const std::pair<const char*, const char*> plain[] = {{"arm", "switch the drives on; the law tracks the plan"},
-                                                       {"disarm", "switch the drives off"},
-                                                       {"hold", "stay where the robot is"},
-                                                       {"reset", "leave a latched fault or e-stop, drives off"}};
-  for (const auto& [verb, about] : plain) {
-    app.add_subcommand(verb, about)->callback([&words, verb = verb] {
-      words.code = lithe::cli::command(words.context, verb);
-    });
-  }
-  app.add_subcommand("recover", "bring joints inside their limits: slowly, with little torque, without a law")
-      ->callback([&words] { words.code = lithe::cli::recover(words.context); });
-  CLI::App* rollback = app.add_subcommand("rollback", "back to the law before this one, with its state");
-  rollback->add_option("STEPS", words.steps, "how many laws back")->check(CLI::Range(1, 4));
-  rollback->callback([&words] { words.code = lithe::cli::rollback(words.context, words.steps); });
-  app.add_subcommand("estop", "stop now, with or without a supervisor; latched")->callback([&words] {
-    words.code = lithe::cli::estop(words.context);
-  });
-  app.add_subcommand("stop", "end `lithe run` as Ctrl-C would")->callback([&words] {
-    words.code = lithe::cli::command(words.context, "shutdown");
-  });
-}
-
-// "20ms", "2s", or a plain number of seconds.
-void add_terms(CLI::App& swap, std::map<std::string, double>& terms) {
-  const CLI::AsNumberWithUnit seconds(std::map<std::string, double>{{"s", 1.0}, {"ms", 1e-3}, {"us", 1e-6}});
-  const auto add = [&](const char* flag, const char* name, const char* type, const char* about) {
-    return swap.add_option_function<double>(
-                   flag, [&terms, name](double value) { terms[name] = value; }, about)
-        ->type_name(type);
-  };
-  add("--shadow", "shadow_s", "TIME", "run it beside the active law for so long first")->transform(seconds);
-  add("--tolerance", "shadow_tolerance_nm", "NM", "largest difference that is agreement in the shadow");
-  add("--blend", "blend_s", "TIME", "from the old law's torque to the new one's")->transform(seconds);
-  CLI::Option* probation =
-      add("--probation", "probation_s", "TIME", "roll back by itself for so long")->transform(seconds);
-  swap.add_flag_callback(
-          "--no-probation", [&terms] { terms["probation_s"] = 0; }, "keep it, however it tracks")
-      ->excludes(probation);
-  add("--error-ratio", "error_ratio", "X", "roll back when tracking gets so many times worse; 0 = never");
-  add("--budget", "budget_us", "US", "microseconds that a step may take");
-  add("--box", "box_ms", "MS", "processor time of the trial");
-}
-
-void add_laws(CLI::App& app, Words& words) {
-  CLI::App* swap = app.add_subcommand("swap", "replace the running law");
-  add_terms(*swap, words.terms);
-  swap->add_option("LAW", words.law, "C++ file, or the name of a law that comes with LITHE")->required();
-  swap->add_option("--param", words.params, "NAME=VALUE, set right after the commit")->type_name("NAME=VALUE");
-  swap->callback([&words] { words.code = lithe::cli::swap_law(words.context, words.law, words.params, words.terms); });
-
-  CLI::App* law = app.add_subcommand("law", "laws as files")->require_subcommand(1)->fallthrough();
-  CLI::App* check =
-      law->add_subcommand("check", "compile a law, hold it to the rules, run it dry; loads nothing")->fallthrough();
-  check->add_option("LAW", words.law, "C++ file")->required();
-  check->callback([&words] { words.code = lithe::cli::law_check(words.context, words.law); });
-  law->add_subcommand("list", "laws that come with LITHE, and laws in the Spine")->fallthrough()->callback([&words] {
-    words.code = lithe::cli::law_list(words.context);
-  });
-  CLI::App* show = law->add_subcommand("show", "the certificate that a swap has left")->fallthrough();
-  show->add_option("WHICH", words.which, "last (as without it), a number, or a law: its newest");
-  show->callback([&words] { words.code = lithe::cli::law_show(words.context, words.which, words.folder); });
-  CLI::App* verify = law->add_subcommand("verify", "hold all certificates against their chain")->fallthrough();
-  verify->callback([&words] { words.code = lithe::cli::law_verify(words.context, words.folder); });
-  for (CLI::App* each : {show, verify}) {
-    each->add_option("--folder", words.folder, "where they are, instead of those of the robot")->type_name("DIR");
-  }
-
-  CLI::App* param = app.add_subcommand("param", "parameters of the running law")->require_subcommand(1)->fallthrough();
-  CLI::App* get = param->add_subcommand("get", "values and ranges")->fallthrough();
-  get->add_option("NAME", words.name, "one of them");
-  get->callback([&words] { words.code = lithe::cli::param_get(words.context, words.name); });
-  CLI::App* set = param->add_subcommand("set", "change one or more")->fallthrough();
-  set->add_option("PARAM", words.params, "NAME VALUE, or NAME=VALUE ...")->required();
-  set->callback([&words] { words.code = lithe::cli::param_set(words.context, words.params); });
-  param->add_subcommand("revert", "the values before the last change")->fallthrough()->callback([&words] {
-    words.code = lithe::cli::param_revert(words.context);
-  });
-  CLI::App* save = param->add_subcommand("save", "write the values of now into the law's file")->fallthrough();
-  save->add_option("LAW", words.law, "C++ file of the running law")->required();
-  save->callback([&words] { words.code = lithe::cli::param_save(words.context, words.law); });
-}
-
-void add_looks(CLI::App& app, Words& words) {
-  CLI::App* events = app.add_subcommand("events", "what happened");
-  events->add_option("--since", words.since, "only events after this cursor");
-  events->add_flag("--follow,-f", words.follow, "go on until Ctrl-C");
-  events->callback([&words] { words.code = lithe::cli::events(words.context, words.since, words.follow); });
-  CLI::App* top = app.add_subcommand("top", "status, live");
-  top->add_option("--turns", words.turns, "leave after so many pictures");
-  top->callback([&words] { words.code = lithe::cli::top(words.context, words.turns); });
-}
-
-// Which bus, for those verbs that open one.
-void add_place(CLI::App& verb, lithe::field::Words& bus) {
-  verb.add_option("WHAT", bus.what, "robot file, or a bus: fdcanusb:PATH slcan:PATH socketcan:NAME pi3hat:N")
-      ->required();
-  verb.add_option("--bus", bus.bus, "this bus of the robot only")->type_name("NAME");
-  verb.add_option("--bitrate", bus.bitrate, "of a bus without a robot file (default 1000000)")->type_name("BIT/S");
-  verb.add_option("--data-bitrate", bus.data_bitrate, "the same, of CAN FD's data; 0 = classic CAN")
-      ->type_name("BIT/S");
-}
-
-void add_scan(CLI::App& bus, Words& words) {
-  CLI::App* scan = bus.add_subcommand("scan", "what answers on the buses, against the robot file")->fallthrough();
-  add_place(*scan, words.bus);
-  scan->add_option("--listen", words.scan.listen_s, "seconds to listen before anything is asked (default 1.1)")
-      ->type_name("S")
-      ->check(CLI::Range(0.0, 60.0));
-  scan->callback([&words] { words.code = lithe::cli::bus_scan(words.context, words.bus, words.scan); });
-}
-
-void add_monitor(CLI::App& bus, Words& words) {
-  CLI::App* monitor = bus.add_subcommand("monitor", "frames as they pass, in words; then statistics")->fallthrough();
-  add_place(*monitor, words.bus);
-  monitor->add_flag("--raw", words.monitor.raw, "with the bytes");
-  monitor->add_option("--count", words.monitor.count, "end after so many frames")->type_name("N");
-  monitor->add_option("--seconds", words.monitor.seconds, "end after so long")
-      ->type_name("S")
-      ->check(CLI::Range(0.0, 1e9));
-  monitor->add_option("--device", words.monitor.devices, "show this one only, by name or id; as often as you like")
-      ->type_name("NAME")
-      ->allow_extra_args(false);
-  monitor->callback([&words] { words.code = lithe::cli::bus_monitor(words.context, words.bus, words.monitor); });
-}
-
-void add_bus(CLI::App& app, Words& words) {
-  CLI::App* bus = app.add_subcommand("bus", "the robot's buses")->require_subcommand(1)->fallthrough();
-  CLI::App* plan = bus->add_subcommand("plan", "whether a robot's buses can carry its traffic")->fallthrough();
-  plan->add_option("ROBOT", words.file, "robot file")->required();
-  plan->add_option("--rate", words.plan.rate_hz, "ticks per second, instead of the file's")
-      ->type_name("HZ")
-      ->check(CLI::Range(1.0, 100'000.0));
-  plan->add_option("--baud", words.plan.baud,
-                   "of serial adapters; without it: the file's, or 921600 of a UART; USB has none")
-      ->type_name("BAUD")
-      ->check(CLI::Range(1'200, 100'000'000));
-  plan->callback([&words] { words.code = lithe::cli::bus_plan(words.context, words.file, words.plan); });
-  add_scan(*bus, words);
-  add_monitor(*bus, words);
-}
-
-void add_sim(CLI::App& app, Words& words) {
-  CLI::App* sim = app.add_subcommand("sim",
-                                     "simulated devices on terminals, for other programs: lithe sim --help; "
-                                     "lithe sim reset: the joints of a simulated robot back to their start");
-  sim->prefix_command()->set_help_flag();  // all that follows is for lithe-sim
-  sim->callback([&words, sim] {
-    const bool reset = sim->remaining() == std::vector<std::string>{"reset"};
-    words.code =
-        reset ? lithe::cli::command(words.context, "sim_reset") : lithe::cli::simulate(words.context, sim->remaining());
-  });
-}
+using namespace lithe::cli;
 
 int run(int argc, char** argv, Words& words) {
-  CLI::App app{"LITHE: a robot whose law can be replaced while it moves", "lithe"};
-  app.require_subcommand(1);
-  app.add_flag("--json", words.context.json, "print one JSON document");
-  app.add_option("--robot", words.context.robot, "which robot, when several run")->type_name("NAME");
-  app.footer("exit code: 0 done, 1 refused, 2 usage, 3 robot fault");
-  add_run(app, words);
-  add_commands(app, words);
-  add_laws(app, words);
-  add_looks(app, words);
-  add_sim(app, words);
-  add_bus(app, words);
-  for (CLI::App* each : app.get_subcommands({})) {
-    each->fallthrough(each->get_name() != "sim");
+  CLI::App app;
+  add_words(app, words);
+  const std::vector<std::string> all(argv + 1, argv + argc);
+  if (const auto wrong = wrong_verb(app, all)) {
+    words.context.json = asks_for_json(all);
+    return refuse(words.context, *wrong);
   }
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& wrong) {
-    return app.exit(wrong) == 0 ? 0 : 2;
+    if (wrong.get_exit_code() == 0) return app.exit(wrong);  // help, version
+    words.context.json = asks_for_json(all);
+    return refuse(words.context, {"usage", wrong.what(), "see how it is written: lithe help" + verb_of(app, all)});
   }
   return words.code;
 }
@@ -244,8 +42,8 @@ int main(int argc, char** argv) {
     try {
       return run(argc, argv, words);
     } catch (const std::exception& wrong) {
-      return lithe::cli::refuse(words.context, {"internal", std::string("lithe itself went wrong: ") + wrong.what(),
-                                                "see how the robot is: lithe status"});
+      return refuse(words.context, {"internal", std::string("lithe itself went wrong: ") + wrong.what(),
+                                    "see how the robot is: lithe status"});
     }
   } catch (...) {
     std::fputs("lithe: went wrong, and cannot even say how\n", stderr);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Answers for the person at the terminal. Every function prints to stdout and nothing else.
+// Answers for the person at the terminal (the status: status_text.hpp). Every function prints to stdout and nothing
+// else.
 #pragma once
 
 #include <string>
@@ -10,7 +11,6 @@ namespace lithe::cli {
 
 using swap::Json;
 
-void print_status(const Json& status);
 void print_command(const std::string& verb, const Json& result);
 void print_swap(const Json& certificate);
 void print_params(const Json& params);

@@ -14,6 +14,7 @@
 #include "spine/ipc/frames.hpp"
 #include "spine/ipc/segment.hpp"
 #include "spine/robot/robot.hpp"
+#include "supervisor/control/presence.hpp"
 
 namespace lithe::cli {
 namespace {
@@ -56,7 +57,12 @@ bool same_path(const std::string& a, const std::string& b) {
 class SpineFrames final : public field::FrameSource {
  public:
   SpineFrames(std::string robot, ipc::Segment<ipc::FramesMemory> memory, std::size_t theirs, std::size_t ours)
-      : robot_(std::move(robot)), memory_(std::move(memory)), theirs_(theirs), ours_(ours), ring_(memory_->ring) {
+      : robot_(std::move(robot)),
+        memory_(std::move(memory)),
+        bus_(theirs < memory_->buses.size() ? text_of(memory_->buses[theirs].name) : ""),
+        theirs_(theirs),
+        ours_(ours),
+        ring_(memory_->ring) {
     ask();
   }
 
@@ -85,17 +91,20 @@ class SpineFrames final : public field::FrameSource {
     if (!there || !ipc::Lease::is_held(Spine::path(robot_))) {
       return fmt::format("the Spine of robot '{}' has gone; its next one is watched again (lithe run)", robot_);
     }
-    if ((*there)->header.created_ns == memory_->header.created_ns) return "";
-    lost_before_ += ring_.lost();
-    memory_ = std::move(*there);
-    ring_ = Ring(memory_->ring);
-    renew_at_ns_ = 0;
-    return "";
+    if ((*there)->header.created_ns != memory_->header.created_ns) {
+      lost_before_ += ring_.lost();
+      memory_ = std::move(*there);
+      ring_ = Ring(memory_->ring);
+      renew_at_ns_ = 0;
+      if (!bus_.empty()) theirs_ = number_of(bus_);  // its file may name the buses in another order
+    }
+    if (theirs_) return "";
+    return fmt::format("the Spine of robot '{}' was started anew and has no bus '{}' any more", robot_, bus_);
   }
   std::uint64_t lost() const override { return lost_before_ + ring_.lost(); }
   std::uint64_t errors(std::size_t bus) const override {
-    if (bus != ours_ || theirs_ >= memory_->buses.size()) return 0;
-    const ipc::BusCounts& counts = memory_->buses[theirs_];
+    if (bus != ours_ || !theirs_ || *theirs_ >= memory_->buses.size()) return 0;
+    const ipc::BusCounts& counts = memory_->buses[*theirs_];
     const auto word = [](const std::uint64_t& each) { return ipc::load_word(each, std::memory_order_relaxed); };
     return word(counts.errors) + word(counts.malformed);
   }
@@ -110,11 +119,19 @@ class SpineFrames final : public field::FrameSource {
                     std::memory_order_relaxed);
   }
 
+  std::optional<std::size_t> number_of(const std::string& bus) const {
+    for (std::size_t i = 0; i < memory_->buses.size(); ++i) {
+      if (text_of(memory_->buses[i].name) == bus) return i;
+    }
+    return std::nullopt;
+  }
+
   using Ring = ipc::RingReader<ipc::FrameRecord, ipc::FramesMemory::kDepth>;
 
   std::string robot_;
   ipc::Segment<ipc::FramesMemory> memory_;
-  std::size_t theirs_;
+  std::string bus_;                    // its name, where it is counted: a Spine started anew may give it another number
+  std::optional<std::size_t> theirs_;  // nothing: it has no such bus
   std::size_t ours_;
   Ring ring_;
   std::uint64_t lost_before_ = 0;  // of Spines that have gone
@@ -123,28 +140,11 @@ class SpineFrames final : public field::FrameSource {
 
 }  // namespace
 
-std::set<std::string> robots_with_memory() {
-  const std::filesystem::path pattern = shm_path("*", "control");
-  const std::string file = pattern.filename().string();
-  const std::string before = file.substr(0, file.find('*'));
-  const std::string after = file.substr(file.find('*') + 1);
-  std::set<std::string> robots;
-  std::error_code failure;
-  for (std::filesystem::directory_iterator at(pattern.parent_path(), failure), end; !failure && at != end;
-       at.increment(failure)) {
-    const std::string name = at->path().filename().string();
-    if (name.size() > before.size() + after.size() && name.starts_with(before) && name.ends_with(after)) {
-      robots.insert(name.substr(before.size(), name.size() - before.size() - after.size()));
-    }
-  }
-  return robots;
-}
-
 std::string Occupied::words() const { return fmt::format("robot '{}' (bus '{}')", robot, config.buses[theirs].name); }
 
 std::vector<Occupied> spines_on(const field::Choice& choice, const std::function<void(const std::string&)>& warn) {
   std::vector<Occupied> found;
-  for (const std::string& name : robots_with_memory()) {
+  for (const std::string& name : control::robots_with_memory()) {
     if (!ipc::Lease::is_held(Spine::path(name))) continue;
     const Result<robot::RobotConfig> robot = config_of(name);
     if (!robot) {

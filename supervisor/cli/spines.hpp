@@ -6,7 +6,6 @@
 #include <functional>
 #include <memory>
 #include <optional>
-#include <set>
 #include <string>
 #include <vector>
 
@@ -16,9 +15,6 @@
 #include "supervisor/field/place.hpp"
 
 namespace lithe::cli {
-
-// Robots that have a control segment, alive or not.
-std::set<std::string> robots_with_memory();
 
 // A Spine at work on a bus that somebody has chosen.
 struct Occupied {

@@ -10,6 +10,8 @@
 
 #include "spine/core/paths.hpp"
 #include "spine/core/text.hpp"
+#include "supervisor/control/presence.hpp"
+#include "supervisor/control/spine_link.hpp"
 
 namespace lithe::cli {
 namespace {
@@ -26,25 +28,39 @@ int exit_code(const Refusal& refusal) {
   return usage.count(refusal.code) != 0 ? 2 : fault.count(refusal.code) != 0 ? 3 : 1;
 }
 
+namespace {
+
+// The one that is meant: with a supervisor if there is one, else one that ticks without.
+std::variant<std::string, Refusal> find_robot() {
+  std::vector<std::string> running = control::running_robots();
+  for (const std::string& robot : running.empty() ? control::robots_with_memory() : std::set<std::string>{}) {
+    if (control::spine_now(robot)) {
+      running.push_back(robot);
+    }
+  }
+  if (running.empty()) {
+    return Refusal{"no_robot", fmt::format("no robot is running here (looked in {})", run_dir()),
+                   "start one: lithe run robots/arm.toml"};
+  }
+  if (running.size() > 1) {
+    return Refusal{"several_robots", fmt::format("several robots are running: {}", fmt::join(running, ", ")),
+                   "say which: --robot NAME"};
+  }
+  return running.front();
+}
+
+}  // namespace
+
+std::variant<std::string, Refusal> which_robot(const Context& context) {
+  return context.robot.empty() ? find_robot() : context.robot;
+}
+
 std::variant<control::Client, Refusal> connect(const Context& context) {
-  std::string robot = context.robot;
-  if (robot.empty()) {
-    const std::vector<std::string> running = control::running_robots();
-    if (running.empty()) {
-      return Refusal{"no_robot", fmt::format("no robot is running here (looked in {})", run_dir()),
-                     "start one: lithe run robots/arm.toml"};
-    }
-    if (running.size() > 1) {
-      return Refusal{"several_robots", fmt::format("several robots are running: {}", fmt::join(running, ", ")),
-                     "say which: --robot NAME"};
-    }
-    robot = running.front();
+  const auto robot = which_robot(context);
+  if (const auto* refusal = std::get_if<Refusal>(&robot)) {
+    return *refusal;
   }
-  auto client = control::Client::connect(control_socket_path(robot));
-  if (!client) {
-    return Refusal{"no_robot", client.message(), "start it: lithe run ROBOT.toml; a Spine without one keeps running"};
-  }
-  return std::move(*client);
+  return control::reach(std::get<std::string>(robot));
 }
 
 Answer ask(const Context& context, const std::string& verb, const Json& args, int timeout_ms) {

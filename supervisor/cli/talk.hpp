@@ -20,7 +20,11 @@ inline constexpr int kCompileMs = 180'000;
 // One request to the robot the context means.
 Answer ask(const Context& context, const std::string& verb, const Json& args, int timeout_ms = kQuickMs);
 
-// The connection itself, for more than one request.
+// The name of the robot the context means, whether its supervisor answers or not.
+std::variant<std::string, Refusal> which_robot(const Context& context);
+
+// The connection itself, for more than one request. A supervisor that is stopped or says nothing is named within 2 s,
+// and so is a Spine that ticks without one.
 std::variant<control::Client, Refusal> connect(const Context& context);
 
 // Prints a refusal (stderr, or one JSON document on stdout) and returns its exit code.

@@ -7,6 +7,7 @@
 #include <spdlog/spdlog.h>
 #include <sys/signalfd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdio>
 #include <cstdlib>
@@ -31,6 +32,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr int kCheckTimeoutMs = 10'000;
 constexpr std::int64_t kReadyTimeoutNs = 30 * kNsPerS;
 
 std::string pid_path(const std::string& robot) { return fmt::format("{}/{}.pid", run_dir(), robot); }
@@ -135,6 +137,42 @@ void Supervisor::catch_signals() {
   ::signal(SIGPIPE, SIG_IGN);
   ::sigprocmask(SIG_BLOCK, &set, nullptr);
   signals_.reset(::signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK));
+}
+
+// What the Spine would refuse in the file, before anybody waits for a compiler.
+void Supervisor::check_robot() {
+  int err[2];
+  if (::pipe2(err, O_CLOEXEC) != 0) {
+    throw Halt{1, fmt::format("cannot make a pipe: {}", std::strerror(errno))};
+  }
+  const Fd ours(err[0]);
+  Fd theirs(err[1]);
+  Launch launch;
+  launch.argv = {program_dir() + "/lithe-spine", "--check", fs::absolute(options_.config_path).string()};
+  launch.stderr_fd = theirs.get();
+  launch.dies_with_parent = true;
+  launch.cpus = all_cpus_;
+  auto process = Process::start(launch);
+  theirs.reset();
+  if (!process) {
+    throw Halt{1, process.message()};
+  }
+  std::string said;
+  char chunk[4096];
+  pollfd wait{ours.get(), POLLIN, 0};
+  for (ssize_t got = 1; got > 0 && ::poll(&wait, 1, kCheckTimeoutMs) > 0;) {
+    got = ::read(ours.get(), chunk, sizeof(chunk));
+    said.append(chunk, static_cast<std::size_t>(std::max<ssize_t>(got, 0)));
+  }
+  if (!process->wait(kCheckTimeoutMs) || process->exit_code().value_or(1) != 0) {
+    process->signal(SIGKILL);  // where it hangs
+    constexpr std::string_view kWho = "lithe-spine: ";
+    said.erase(0, said.starts_with(kWho) ? kWho.size() : 0);
+    said.erase(said.find_last_not_of('\n') + 1);
+    throw Halt{
+        process->exit_code() == 2 ? 2 : 1,
+        said.empty() ? fmt::format("the check of {} failed: {}", options_.config_path, process->verdict()) : said};
+  }
 }
 
 void Supervisor::start_lawd() {

@@ -28,8 +28,13 @@ Refusal refusal_of(const Json& answer) {
   std::string message = text.substr(0, text.find('\n'));
   for (const Json& each : diagnostics) {
     if (each.value("severity", "") == "error" || each.value("severity", "") == "fatal error") {
-      message = fmt::format("{}:{}:{}: {}", each.value("file", "?"), each.value("line", 0), each.value("column", 0),
-                            each.value("message", ""));
+      message = each.value("file", "?");
+      for (const char* place : {"line", "column"}) {  // what is not known is not told
+        if (each.value(place, 0) > 0) {
+          message += fmt::format(":{}", each.value(place, 0));
+        }
+      }
+      message += ": " + each.value("message", "");
       break;
     }
   }
@@ -54,7 +59,8 @@ ServiceLink::Callback judged(LawdLink::Callback callback) {
 }  // namespace
 
 LawdLink::LawdLink(std::string program, std::vector<int> cpus, std::size_t joints)
-    : joints_(joints), service_("lawd", "compile service", launch_of(std::move(program), std::move(cpus))) {}
+    : joints_(joints),
+      service_("lawd", "compile service", "compile_starved", launch_of(std::move(program), std::move(cpus))) {}
 
 Json LawdLink::compile_request(const LawText& law) const {
   Json request = {{"verb", "compile"}, {"name", law.name}, {"source", law.source}, {"joints", joints_}};

@@ -127,6 +127,20 @@ TEST_F(LawdLinkTest, OnlyTheOldestRunsOutOfTimeAndTheOthersGetTheirs) {
   EXPECT_EQ(code_of(second), "done");
 }
 
+// It has work and goes on with it, but of the minute that seems to have passed it had next to nothing.
+TEST_F(LawdLinkTest, AServiceThatGetsNoProcessorTimeKnowsNothingAgainstTheLaw) {
+  ASSERT_TRUE(std::holds_alternative<Json>(compile(kLaw)));
+  std::optional<Answer> answer;
+  lawd_.check({"rest.cpp", kLaw + ("// " + std::to_string(monotonic_ns()) + "\n")}, into(answer), monotonic_ns());
+  serve_until([&] { return work_of_session(lawd_.pid()).wants_to_run; });
+  ahead_ns_ = LawdLink::kCompileTimeoutNs + kNsPerS;
+  serve_until([&] { return answer.has_value(); });
+  EXPECT_EQ(code_of(answer), "compile_starved");
+  ASSERT_TRUE(answer && std::holds_alternative<Refusal>(*answer));
+  EXPECT_NE(std::get<Refusal>(*answer).message.find("s of the processor in 61."), std::string::npos)
+      << std::get<Refusal>(*answer).message;
+}
+
 TEST_F(LawdLinkTest, ASwapGoesBeforeEveryCheckThatWaits) {
   freeze();
   std::vector<std::string> order;

@@ -10,10 +10,14 @@
 #include <sys/resource.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
+#include <unistd.h>
 
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <sstream>
 #include <system_error>
 
 namespace lithe::control {
@@ -148,6 +152,33 @@ void Process::signal(int number) const {
   if (!ended_) {
     ::syscall(SYS_pidfd_send_signal, pidfd_.get(), number, nullptr, 0);
   }
+}
+
+Work work_of_session(pid_t leader) {
+  Work work;
+  bool stopped = false;
+  const double tick_s = 1.0 / static_cast<double>(::sysconf(_SC_CLK_TCK));
+  std::error_code failure;
+  for (std::filesystem::directory_iterator at("/proc", failure), end; !failure && at != end; at.increment(failure)) {
+    std::ifstream file(at->path() / "stat");
+    const std::string stat(std::istreambuf_iterator<char>(file), {});
+    const std::size_t name_end = stat.rfind(") ");
+    if (name_end == std::string::npos) continue;
+    // proc(5): state, parent, group, session, then nine fields to utime, stime, cutime, cstime.
+    std::istringstream fields(stat.substr(name_end + 2));
+    char state = '?';
+    long parent = 0, group = 0, session = 0, skipped = 0;
+    fields >> state >> parent >> group >> session;
+    if (session != leader) continue;
+    for (int i = 0; i < 7; ++i) fields >> skipped;
+    long times[4] = {};
+    for (long& each : times) fields >> each;
+    for (const long each : times) work.cpu_s += static_cast<double>(each) * tick_s;
+    work.wants_to_run = work.wants_to_run || state == 'R' || state == 'D';
+    stopped = stopped || (at->path().filename() == std::to_string(leader) && (state == 'T' || state == 't'));
+  }
+  work.wants_to_run = work.wants_to_run && !stopped;
+  return work;
 }
 
 std::string program_dir() {

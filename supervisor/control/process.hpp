@@ -52,6 +52,14 @@ class Process {
   std::optional<int> exit_code_;
 };
 
+// What a process and all that it started in its session have had of the processor, and whether any of them would go on
+// now if it were let: it runs, or waits for a disk. One that sleeps would not, and nobody does whose leader is stopped.
+struct Work {
+  double cpu_s = 0;
+  bool wants_to_run = false;
+};
+Work work_of_session(pid_t leader);
+
 // Directory of this executable: its neighbours are lithe-spine and lawd.
 std::string program_dir();
 

@@ -35,6 +35,29 @@ TEST(Process, TellsAnExitCodeFromASignal) {
   EXPECT_NE(killed->verdict().find("signal 9"), std::string::npos);
 }
 
+TEST(Process, WorkIsThatOfTheWholeSession) {
+  Launch launch = shell("(while :; do :; done) & wait");
+  launch.own_session = true;
+  launch.dies_with_parent = true;
+  auto busy = Process::start(launch);
+  ASSERT_TRUE(busy);
+  Work work;
+  for (int i = 0; i < 1000 && !(work.wants_to_run && work.cpu_s > 0); ++i) {
+    ::usleep(10'000);
+    work = work_of_session(busy->pid());
+  }
+  EXPECT_TRUE(work.wants_to_run) << "a child of it";
+  EXPECT_GT(work.cpu_s, 0);
+  busy->signal(SIGSTOP);
+  for (int i = 0; i < 1000 && work.wants_to_run; ++i) {
+    ::usleep(10'000);
+    work = work_of_session(busy->pid());
+  }
+  EXPECT_FALSE(work.wants_to_run) << "its leader is stopped";
+  ::kill(-busy->pid(), SIGKILL);
+  EXPECT_TRUE(busy->wait(5000));
+}
+
 // Whether a program finds what it was handed as descriptor 3. Runs in a process of its own: it takes that number.
 bool hands_over(bool has_the_number_already) {
   const pid_t pid = ::fork();

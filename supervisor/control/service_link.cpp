@@ -58,9 +58,7 @@ void ServiceLink::serve(std::int64_t now_ns) {
     read_answers();
     write_requests(now_ns);
     if (active_ && now_ns > active_->deadline_ns) {
-      process_->signal(SIGKILL);
-      process_->wait(1000);
-      buried("it took too long and was stopped", now_ns);
+      out_of_time(now_ns);
     } else if (process_->ended()) {
       buried(process_->verdict(), now_ns);
     }
@@ -85,7 +83,8 @@ void ServiceLink::write_requests(std::int64_t now_ns) {
   if (!active_ && !(line_.empty() && idle_.empty())) {
     std::deque<Job>& from = line_.empty() ? idle_ : line_;
     out_ += from.front().request;
-    active_ = Active{from.front().id, std::move(from.front().callback), now_ns + from.front().limit_ns};
+    active_ = Active{from.front().id, std::move(from.front().callback), now_ns, now_ns + from.front().limit_ns,
+                     work_of_session(process_->pid()).cpu_s};
     from.pop_front();
   }
   while (!out_.empty()) {
@@ -126,7 +125,21 @@ void ServiceLink::take(const std::string& line) {
   }
 }
 
-void ServiceLink::buried(std::string why, std::int64_t now_ns) {
+// Judged by processor time: a service that wants to go on and is not let knows nothing against the law.
+void ServiceLink::out_of_time(std::int64_t now_ns) {
+  const Work work = work_of_session(process_->pid());
+  const double wall_s = 1e-9 * static_cast<double>(now_ns - active_->began_ns), cpu_s = work.cpu_s - active_->cpu_s;
+  process_->signal(SIGKILL);
+  process_->wait(1000);
+  const std::string had = fmt::format("{:.1f} s of the processor in {:.1f} s", cpu_s, wall_s);
+  if (work.wants_to_run && cpu_s < 0.5 * wall_s) {
+    buried("the machine is too busy: the " + name_ + " got " + had, now_ns, true);
+  } else {
+    buried("it had " + had + ", was not done and was stopped", now_ns);
+  }
+}
+
+void ServiceLink::buried(std::string why, std::int64_t now_ns, bool starved) {
   spdlog::error("{} is gone: {}", name_, why);
   process_.reset();
   socket_.reset();
@@ -137,6 +150,13 @@ void ServiceLink::buried(std::string why, std::int64_t now_ns) {
   // What it had in its hands is refused; what it never saw waits for its successor.
   const Callback callback = std::move(active_->callback);
   active_.reset();
+  if (starved) {
+    callback(
+        Refusal{starved_, why,
+                "the running law is unchanged; nothing is known against the law: try again when the machine is less "
+                "busy"});
+    return;
+  }
   callback(Refusal{word_ + "_died", fmt::format("the {} died over this law: {}", name_, why),
                    "the running law is unchanged; the service is started again, try once more"});
 }

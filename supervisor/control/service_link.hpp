@@ -26,9 +26,10 @@ class ServiceLink {
 
   enum class Turn { next, in_line, idle };  // before all others; in order; when nobody else waits
 
-  // `word` begins the codes of its refusals ("lawd": lawd_died, lawd_failed), `name` is for people.
-  ServiceLink(std::string word, std::string name, Launch launch)
-      : word_(std::move(word)), name_(std::move(name)), launch_(std::move(launch)) {}
+  // `word` begins the codes of its refusals ("lawd": lawd_died, lawd_failed), `name` is for people; `starved`: the code
+  // when the machine gave it no processor time.
+  ServiceLink(std::string word, std::string name, std::string starved, Launch launch)
+      : word_(std::move(word)), name_(std::move(name)), starved_(std::move(starved)), launch_(std::move(launch)) {}
   ~ServiceLink() { stop(); }
 
   // Becomes descriptor 3 of the program; before start(). -1: none.
@@ -57,16 +58,19 @@ class ServiceLink {
   struct Active {
     std::uint64_t id;
     Callback callback;
-    std::int64_t deadline_ns;
+    std::int64_t began_ns, deadline_ns;
+    double cpu_s;  // that the service had had when it got the request
   };
 
   void read_answers();
   void write_requests(std::int64_t now_ns);
   void take(const std::string& line);
-  void buried(std::string why, std::int64_t now_ns);  // by value: it may be the dead process's own verdict
+  void out_of_time(std::int64_t now_ns);
+  // Refuses what it had in its hands. By value: `why` may be the dead process's own verdict.
+  void buried(std::string why, std::int64_t now_ns, bool starved = false);
   void refuse_waiting(const std::string& why);
 
-  std::string word_, name_;
+  std::string word_, name_, starved_;
   Launch launch_;
   std::optional<Process> process_;
   Fd socket_;

@@ -30,7 +30,9 @@ bool is_dying(pid_t pid) {
   return name_end != std::string::npos && (stat[name_end + 2] == 'Z' || stat[name_end + 2] == 'X');
 }
 
-std::optional<pid_t> holder_of_spine(const std::string& robot) {
+}  // namespace
+
+std::optional<pid_t> spine_now(const std::string& robot) {
   if (!ipc::Lease::is_held(Spine::path(robot))) {
     return std::nullopt;
   }
@@ -42,14 +44,12 @@ std::optional<pid_t> holder_of_spine(const std::string& robot) {
   return known ? static_cast<pid_t>(header.writer_pid) : 0;
 }
 
-}  // namespace
-
 std::optional<pid_t> live_spine(const std::string& robot) {
   const std::int64_t until_ns = monotonic_ns() + kMostDyingNs;
-  std::optional<pid_t> pid = holder_of_spine(robot);
+  std::optional<pid_t> pid = spine_now(robot);
   while (pid && *pid > 0 && is_dying(*pid) && monotonic_ns() < until_ns) {
     ::usleep(10'000);
-    pid = holder_of_spine(robot);
+    pid = spine_now(robot);
   }
   return pid;
 }

@@ -36,6 +36,9 @@ struct RunningLaw {
   swap::Json values = swap::Json::object();
 };
 
+// Who holds this robot's Spine lease at this moment; 0 where its pid cannot be read, nothing when nobody does.
+std::optional<pid_t> spine_now(const std::string& robot);
+
 // The live Spine of this robot: whoever holds its lease. Its pid comes from the segment's header, which is the same in
 // every layout; 0 where that cannot be read. Nothing when no Spine lives. One that was just killed gets up to 5 s to
 // end.

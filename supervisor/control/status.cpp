@@ -11,6 +11,7 @@
 
 #include "spine/core/cores.hpp"
 #include "spine/core/host.hpp"
+#include "spine/core/time.hpp"
 #include "spine/ipc/frames.hpp"
 #include "spine/ipc/segment.hpp"
 #include "spine/robot/cpu_plan.hpp"
@@ -67,6 +68,8 @@ Json joints_json(const wire::RobotInfo& info, const robot::RobotConfig& robot, c
                       {"rung", std::string(to_string(static_cast<wire::Rung>(now.joint_rung[j])))},
                       {"fault", std::string(to_string(static_cast<wire::Fault>(now.joint_fault[j])))},
                       {"position_rad", now.position_rad[j]},
+                      {"position_min_rad", info.position_min_rad[j]},
+                      {"position_max_rad", info.position_max_rad[j]},
                       {"velocity_rad_s", now.velocity_rad_s[j]},
                       {"torque_nm", now.torque_nm[j]},
                       {"setpoint_position_rad", now.setpoint_position_rad[j]},
@@ -166,7 +169,7 @@ Json probation_json(std::uint32_t flags) {
 
 Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
   wire::Telemetry now{};
-  (void)spine.latest(now);
+  const bool any = spine.latest(now);
   const wire::RobotInfo& info = spine.info();
   const auto law = spine.law(now.law_id);
   const ipc::SpineMemory& memory = spine.memory();
@@ -179,6 +182,7 @@ Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
           {"probation", probation_json(now.flags)},
           {"rate_hz", info.rate_hz},
           {"tick", now.tick},
+          {"age_ms", any ? Json(static_cast<double>(monotonic_ns() - now.release_ns) * 1e-6) : Json(nullptr)},
           {"missed_releases", now.missed_releases},
           {"late_samples", now.late_samples},
           {"plan", std::string(to_string(static_cast<wire::PlanState>(now.plan_state)))},

@@ -68,6 +68,9 @@ int Supervisor::code_of(const std::function<void()>& part) {
 void Supervisor::live() {
   take_lease();
   catch_signals();
+  if (!live_spine(config_.name)) {
+    check_robot();
+  }
   start_lawd();
   start_trial();
   if (const auto pid = live_spine(config_.name)) {

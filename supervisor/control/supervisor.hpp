@@ -60,6 +60,7 @@ class Supervisor {
   // Boot, in this order; each throws Halt when the robot cannot run.
   void take_lease();
   void catch_signals();
+  void check_robot();
   void start_lawd();
   void start_trial();
   void compile_first_law();

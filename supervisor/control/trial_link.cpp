@@ -58,7 +58,8 @@ Refusal refusal_of(const Json& answer) {
 }  // namespace
 
 TrialLink::TrialLink(std::string program, std::string robot_file, std::vector<int> cpus)
-    : service_("trial", "trial", launch_of(std::move(program), std::move(robot_file), std::move(cpus))) {}
+    : service_("trial", "trial", "trial_starved",
+               launch_of(std::move(program), std::move(robot_file), std::move(cpus))) {}
 
 Result<> TrialLink::start(std::int64_t now_ns) {
   const auto started = service_.start(now_ns);

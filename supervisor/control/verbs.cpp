@@ -9,6 +9,7 @@
 #include <variant>
 
 #include "spine/core/time.hpp"
+#include "supervisor/control/alarms.hpp"
 #include "supervisor/control/status.hpp"
 
 namespace lithe::control {
@@ -63,6 +64,7 @@ void Verbs::add_looks() {
     status["last_params"] = parts_.swaps.last_params();
     status["records"] = parts_.swaps.records().string();
     status["records_trouble"] = parts_.swaps.records_trouble();
+    status["alarms"] = alarms_of(status);
     reply_(to, status);
   };
   verbs_["events"] = [this](const ReplyTo& to, const Json& args) {

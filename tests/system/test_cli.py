@@ -149,7 +149,10 @@ def test_the_robot_outlives_its_supervisor_and_is_adopted(house: House) -> None:
     house.wait_for(lambda: not alive(before["lawd_pid"]))
     time.sleep(0.2)
     assert alive(before["spine_pid"])
-    assert house.ask("status", code=1)["error"]["code"] == "no_robot"
+    for verb in ("status", "arm", "stop"):
+        alone = house.ask(verb, code=1)["error"]
+        assert alone["code"] == "no_supervisor" and f"pid {before['spine_pid']}) ticks: mode active" in alone["message"]
+        assert f"lithe run {house.config}" in alone["next"]
     house.socket.unlink(missing_ok=True)
     second = house.run()
     house.wait_for(lambda: house.lithe("status").returncode == 0)

@@ -26,7 +26,7 @@ def test_a_brain_that_breaks_the_protocol_is_seen_in_the_status(arm: House) -> N
             arm.wait_for(lambda count=broken: spine.health()["brain_violations"] == count)
         assert spine.health() == arm.ask("status")["health"] == SOUND | {"brain_violations": 2}
         said = [line for line in arm.lithe("status").stdout.splitlines() if "BROKEN" in line]
-        assert said == ["  BROKEN MESSAGES since the start: broken commands of the Brain: 2"]
+        assert said == ["  warning BROKEN MESSAGES since the start: broken commands of the Brain: 2"]
         assert arm.ask("status")["mode"] == "active"
     finally:
         brain.close()

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// From a person's words to a plan that the Spine accepts, or why it would not.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <variant>
+
+#include "spine/wire/wire.hpp"
+#include "supervisor/cli/act.hpp"
+#include "supervisor/swap/answer.hpp"
+
+namespace lithe::cli {
+
+struct Move {
+  wire::Plan plan;
+  std::size_t joint = 0;
+  double from_rad = 0, to_rad = 0;
+};
+
+// One waypoint: the joint where it is wanted, all others where their setpoints are. Refused with joint, value and
+// limit: another mode than active, an unknown joint, an angle beyond its limits, a time outside 0.1 to 10 s, a speed
+// beyond its limit (the curve's fastest is 1.5 times its mean). Contract: pure
+std::variant<Move, swap::Refusal> plan_motion(const Motion& motion, const wire::RobotInfo& info,
+                                              const wire::Telemetry& now, std::int64_t now_ns);
+
+}  // namespace lithe::cli

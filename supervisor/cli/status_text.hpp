@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+// A robot's status for the person at the terminal: alarms first, joints in a table.
+#pragma once
+
+#include <string>
+
+#include "supervisor/swap/answer.hpp"
+
+namespace lithe::cli {
+
+struct Look {
+  bool color = false;
+  bool radians = false;  // angles in rad instead of degrees
+};
+
+// Colour only on a terminal, and not where NO_COLOR is set or the terminal knows none.
+bool wants_color();
+
+// Whole lines. Contract: pure · any JSON object is safe: what is not there is left out or a dash
+std::string status_text(const swap::Json& status, const Look& look);
+
+}  // namespace lithe::cli

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What somebody meets on the first day: help, hints, moves by hand, and mistakes that are told at once."""
+
+import os
+import re
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+from system.house import BIN, ROOT, House
+
+ANSI = "\x1b["
+
+
+def test_a_wrong_word_is_named_with_the_nearest_right_one(house: House) -> None:
+    done = house.lithe("stauts")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "did you mean 'status'?" in done.stderr and "next: all verbs: lithe help" in done.stderr
+    assert "did you mean 'check'?" in house.lithe("law", "chek").stderr
+    assert house.ask("stauts", code=2)["error"]["code"] == "unknown_verb"
+    assert "lithe help swap" in house.lithe("swap").stderr
+    assert "lithe swap" in house.lithe("help", "swap").stdout
+    assert house.lithe("help").stdout == house.lithe("--help").stdout
+    assert re.match(r"lithe \d+\.\d+\.\d+, layout [0-9a-f]{16}\n", house.lithe("--version").stdout)
+
+
+def test_the_manual_page_is_one(house: House) -> None:
+    if subprocess.run(["sh", "-c", "command -v groff"], check=False, capture_output=True).returncode != 0:
+        pytest.skip("no groff here")
+    page = house.lithe("help", "--man").stdout
+    groff = ["groff", "-man", "-wmac", "-Tascii"]
+    done = subprocess.run(groff, input=page, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "lithe move [options] JOINT DEG" in re.sub(r".\x08", "", done.stdout)  # bold is struck twice
+
+
+def test_bash_completes_verbs_options_and_files(house: House) -> None:
+    script = house.lithe("help", "--bash").stdout
+
+    def complete(*words: str) -> set[str]:
+        line = " ".join(f"'{word}'" for word in ("lithe", *words))
+        ask = f"{script}\nCOMP_WORDS=({line}); COMP_CWORD={len(words)}; _lithe; printf '%s\\n' \"${{COMPREPLY[@]}}\""
+        done = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, check=True, cwd=ROOT / "robots")
+        return set(done.stdout.split())
+
+    assert complete("sta") == {"status"}
+    assert complete("law", "") >= {"check", "list", "show", "verify"}
+    assert complete("--robot", "arm", "law", "ch") == {"check"}
+    assert complete("swap", "--prob") == {"--probation"}
+    assert "arm.toml" in complete("run", "ar")
+    assert complete("status", "--units", "") == set()
+
+
+def test_a_joint_is_moved_and_jogged_by_hand(arm: House) -> None:
+    """Checked against its limits before anything moves."""
+    house = arm
+    joint = house.ask("status")["joints"][0]["name"]
+    done = house.ask("move", joint, "5", "--in", "1s")
+    assert done["joint"] == joint and abs(done["to_rad"] - 0.0873) < 1e-3
+    assert abs(done["position_rad"] - done["to_rad"]) < 0.2
+    again = house.ask("jog", joint, "-2.5", "--in", "500ms")
+    assert again["from_rad"] == pytest.approx(done["to_rad"], abs=1e-6)
+    assert again["to_rad"] == pytest.approx(done["to_rad"] - 0.0436, abs=1e-3)
+    assert house.ask("status")["plan"] == "hold" and house.ask("status")["mode"] == "active"
+    far = house.ask("move", joint, "4000", code=1)["error"]
+    assert far["code"] == "refused_range" and "its limits are" in far["message"]
+    fast = house.ask("jog", joint, "60", "--in", "100ms", code=1)["error"]
+    assert fast["code"] == "refused_range" and "more time: --in" in fast["next"]
+    assert house.ask("move", joint[:-1] + "x", "1", code=1)["error"]["code"] == "unknown_joint"
+    assert house.ask("move", joint, "1", "--in", "60s", code=2)["error"]["code"] == "usage"
+    house.ask("disarm")
+    assert house.ask("move", joint, "1", code=1)["error"]["code"] == "refused_mode"
+
+
+def test_the_status_begins_with_what_is_wrong_and_is_plain_in_a_pipe(arm: House) -> None:
+    house = arm
+    said = house.lithe("status").stdout
+    assert ANSI not in said and "ALARM" not in said
+    assert re.search(r"joint +position +setpoint +velocity +torque +limits +drive\n +deg +deg +deg/s +N m +deg\n", said)
+    assert "rad/s" in house.lithe("status", "--units", "rad").stdout
+    house.ask("estop")
+    assert house.lithe("status").stdout.splitlines()[1].startswith("  ALARM   the e-stop is latched")
+    assert house.ask("status")["alarms"][0]["level"] == "stop"
+    env = house.env | {"TERM": "xterm"}
+    for more, colored in (({}, True), ({"NO_COLOR": "1"}, False)):
+        shown = subprocess.run(
+            ["script", "-qec", f"{BIN / 'lithe'} status", "/dev/null"],
+            env=env | more, capture_output=True, text=True, check=True, timeout=60,
+        ).stdout  # fmt: skip
+        assert (ANSI in shown) is colored, shown
+
+
+def test_the_list_names_every_robot_whoever_answers_for_it(patient: House) -> None:
+    house = patient
+    assert house.ask("list") == {"robots": []}
+    assert "no robot runs here" in house.lithe("list").stdout
+    process = house.run()
+    (arm,) = house.ask("list")["robots"]
+    wanted = {"robot": "arm", "supervisor": "answers", "mode": "active", "law": "pd", "ticks": True}
+    assert {key: arm[key] for key in wanted} == wanted
+    process.kill()
+    process.wait()
+    (alone,) = house.ask("list")["robots"]
+    assert (alone["supervisor"], alone["ticks"], alone["spine_pid"]) == ("none", True, arm["spine_pid"])
+    os.kill(arm["spine_pid"], signal.SIGTERM)
+
+
+def test_a_stopped_supervisor_is_named_and_a_question_changes_nothing(arm: House) -> None:
+    """Ctrl-Z: the Spine ticks on, nobody answers, and nobody waits for it."""
+    house, process = arm, arm.started[0]
+    spine = house.ask("status")["spine_pid"]
+    process.send_signal(signal.SIGSTOP)
+    try:
+        for verb in ("status", "arm", "stop", "top"):
+            done = house.lithe(verb)
+            assert done.returncode == 1, verb
+            assert f"(pid {process.pid}) is stopped (Ctrl-Z?), and nothing was asked of it" in done.stderr, verb
+            assert f"(pid {spine}) ticks: mode active" in done.stderr and "may still take effect" not in done.stderr
+            assert f"kill -CONT {process.pid}" in done.stderr
+    finally:
+        process.send_signal(signal.SIGCONT)
+    house.wait_for(lambda: house.lithe("status").returncode == 0)
+    assert house.ask("status")["mode"] == "active", "none of them came through later"
+
+
+@pytest.mark.parametrize("wrong", ["core", "joint"])
+def test_a_file_that_this_machine_cannot_run_is_refused_before_a_compiler_starts(house: House, wrong: str) -> None:
+    """Exit 2, with what it may be instead, and no trace of lawd."""
+    text = (ROOT / "robots" / "arm.toml").read_text()
+    if wrong == "core":
+        text = text.replace('cpu_spine = "auto"', "cpu_spine = 999", 1)
+        says = "999"
+    else:
+        model = house.dir / "model.xml"
+        model.write_text(
+            '<mujoco><worldbody><body><joint name="other" type="hinge"/><geom size="0.1"/></body></worldbody></mujoco>'
+        )
+        text = text.replace('kind = "independent"', f'kind = "mujoco"\nmodel = "{model}"', 1)
+        says = "there is no joint"
+    path: Path = house.dir / "arm.toml"
+    path.write_text(text.replace('"../laws/', f'"{ROOT}/laws/'))
+    house.config = path
+    process = house.run(wait=False)
+    assert process.wait(60) == 2, house.log()
+    if wrong == "joint" and "built without MuJoCo" in house.log():
+        says = "built without MuJoCo"
+    assert says in house.log(), house.log()
+    assert "compiling" not in house.log() and not (house.dir / "run" / "arm.spine.log").exists()
+    assert house.segments() == []
