@@ -123,7 +123,7 @@ def _least_squares(a: npt.NDArray[np.float64], y: Vector) -> tuple[Vector, npt.N
         raise ValueError("the motion does not tell the parameters apart: excite the arm more")
     residual = y - a @ solution
     variance = float(residual @ residual) / max(1.0, len(y) / OVERLAP - a.shape[1])
-    covariance: npt.NDArray[np.float64] = np.linalg.inv(a.T @ a) * variance
+    covariance = np.asarray(np.linalg.inv(a.T @ a) * variance, dtype=np.float64)
     return np.asarray(solution, dtype=np.float64), covariance
 
 

@@ -71,8 +71,9 @@ std::string probation_line(const Json& status) {
   const Json probation = part(status, "probation");
   const std::string of = word(probation, "of");
   if (of != "law" && of != "params") return "";
-  return fmt::format("  on probation: {}{}\n", of == "law" ? "the law" : "its parameters",
-                     probation.value("unproven", false) ? ", unproven: the robot has moved too little to judge by" : "");
+  return fmt::format(
+      "  on probation: {}{}\n", of == "law" ? "the law" : "its parameters",
+      probation.value("unproven", false) ? ", unproven: the robot has moved too little to judge by" : "");
 }
 
 // "last swap: gravity_pd confirmed, 31.8 ms from request to commit", or why not.
@@ -121,7 +122,8 @@ std::string last_fault(const Json& status) {
 std::string core_line(const Json& status) {
   const Json cpus = part(status, "cpus"), core = part(cpus, "spine_core");
   if (core.empty()) return "";
-  return fmt::format("  the Spine's core: {}, {} ({})\n", cpus.value("spine", 0), word(core, "words"), word(core, "why"));
+  return fmt::format("  the Spine's core: {}, {} ({})\n", cpus.value("spine", 0), word(core, "words"),
+                     word(core, "why"));
 }
 
 // What each bus carried, and what went wrong there, where anything did.

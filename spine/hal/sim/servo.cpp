@@ -133,7 +133,9 @@ void Servo::recapture() LITHE_RT {
 }
 
 void Servo::apply(Mode mode, const ServoCommand& command) LITHE_RT {
-  if (errors_.delay_ns() == 0 || time_ns_ == kNever) return obey(mode, command);
+  const bool goes_on = mode == mode_ && has_watchdog(mode);
+  if (!goes_on) underway_count_ = 0;
+  if (!goes_on || errors_.delay_ns() == 0 || time_ns_ == kNever) return obey(mode, command);
   if (underway_count_ == kOnTheWay) {
     underway_[first_underway_].due_ns = time_ns_;
     obey_what_is_due();
