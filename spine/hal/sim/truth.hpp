@@ -46,7 +46,7 @@ struct DriveErrors {
   double torque_noise_nm = 0;     // standard deviation of the torque it tells
   double encoder_noise_rad = 0;   // standard deviation of each of its readings
   double encoder_offset_rad = 0;  // it tells this much more than the joint's angle
-  std::int64_t delay_ns = 0;      // from the end of a command's frame to its effect; whole steps of the plant
+  std::int64_t delay_ns = 0;      // from a command's frame to its effect in the mode that runs; whole steps
   std::uint64_t seed = 1;         // of the noise
 };
 

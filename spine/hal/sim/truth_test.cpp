@@ -98,6 +98,16 @@ TEST(DriveErrors, ACommandActsAfterTheDelayOfTheBusAndNoneIsLost) {
   EXPECT_NEAR(servo.control_torque_nm(), 0.3, 1e-12);
 }
 
+// As a drive does that answers a frame when it has obeyed it: the reply to a stop says `stopped`.
+TEST(DriveErrors, AnotherModeIsToldAtOnceAndNothingUnderwayUndoesIt) {
+  Servo servo = driven({.delay_ns = 250'000});
+  servo.apply(Mode::position, torque_command(0.2));
+  servo.apply(Mode::stopped, {});
+  EXPECT_EQ(servo.mode(), Mode::stopped);
+  servo.advance(kStartNs + 30 * kMs);
+  EXPECT_EQ(servo.mode(), Mode::stopped);
+}
+
 TEST(DriveErrors, MoreCommandsThanFitOnTheirWayActInTheirOrder) {
   Servo servo = driven({.delay_ns = kMs});
   for (int i = 1; i <= 100; ++i) servo.apply(Mode::position, torque_command(0.001 * i));
