@@ -12,7 +12,6 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <iterator>
 #include <set>
 #include <system_error>
 
@@ -27,8 +26,9 @@ constexpr int kLookMs = 100;
 
 // R, S, D, T ...: proc(5). '?' where the kernel does not say.
 char state_of(pid_t pid) {
+  std::string stat;
   std::ifstream file(fmt::format("/proc/{}/stat", pid));
-  const std::string stat(std::istreambuf_iterator<char>(file), {});
+  std::getline(file, stat, '\0');  // empty where the process has ended meanwhile
   const std::size_t name_end = stat.rfind(") ");
   return pid > 0 && name_end != std::string::npos && name_end + 2 < stat.size() ? stat[name_end + 2] : '?';
 }

@@ -16,7 +16,6 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <iterator>
 #include <sstream>
 #include <system_error>
 
@@ -160,8 +159,10 @@ Work work_of_session(pid_t leader) {
   const double tick_s = 1.0 / static_cast<double>(::sysconf(_SC_CLK_TCK));
   std::error_code failure;
   for (std::filesystem::directory_iterator at("/proc", failure), end; !failure && at != end; at.increment(failure)) {
+    if (at->path().filename().string().find_first_not_of("0123456789") != std::string::npos) continue;
+    std::string stat;
     std::ifstream file(at->path() / "stat");
-    const std::string stat(std::istreambuf_iterator<char>(file), {});
+    std::getline(file, stat, '\0');  // empty where the process has ended meanwhile
     const std::size_t name_end = stat.rfind(") ");
     if (name_end == std::string::npos) continue;
     // proc(5): state, parent, group, session, then nine fields to utime, stime, cutime, cstime.
