@@ -187,7 +187,7 @@ TEST_F(AdmissionObject, DangerousInstructionIsFoundWithItsLine) {
 }
 
 TEST_F(AdmissionObject, WrongDescriptorAndTooMuchOfEverythingAreRefused) {
-  EXPECT_EQ(verdict(object("int f() { return 1; }")), "descriptor:0");
+  EXPECT_EQ(verdict(object("int f() { return 1; }")), "descriptor:1");
   EXPECT_EQ(
       verdict(object("#include <lithe/law.hpp>\nextern \"C\" __attribute__((visibility(\"default\"))) const LitheLaw "
                      "lithe_law = {};\n")),

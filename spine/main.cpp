@@ -332,6 +332,7 @@ int run(const std::string& path) {
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);  // inherited by every thread: only this one takes them
   signal(SIGPIPE, SIG_IGN);
 
+  use_small_stacks();  // before the first thread: its stack is kept for the next
   const MachineCores cores = machine_cores();
   const Result<robot::CpuPlan> cpus = robot::plan_cpus(*robot, cores);
   if (!cpus) return refuse(kExitUsage, cpus.message());
@@ -346,7 +347,6 @@ int run(const std::string& path) {
   }
   if (cpus->spine_shares) robot->spine.release = robot::Release::sleep;
   freeze_malloc();
-  use_small_stacks();
   const Result<std::unique_ptr<load::ArenaStore>> arena = attach_code_arena(*robot);
   if (!arena) robot->notes.push_back(arena.message());
   const std::string notes = describe_host(robot->notes);

@@ -217,14 +217,16 @@ class Robot:
     def _call_spine(self, verb: str, args: dict[str, Any], absent: NoSupervisor) -> Any:
         if not self.attached or not self.spine.is_alive():
             raise absent
-        what = str(absent).partition("\n")[0]
         if mailbox.supervisor_lives(self.name):
-            raise NotRunning(f"{what}, but its supervisor lives\n  next: is it starting? has it another LITHE_RUN_DIR?")
+            raise NotRunning(
+                f"robot '{self.name}' does not answer, but its supervisor lives\n"
+                "  next: is it starting? has it another LITHE_RUN_DIR?"
+            )
         if verb == "params":  # nothing to send
             return mailbox.params_of(self.spine)
         if verb not in mailbox.VERBS:
             raise NotRunning(
-                f"{what}: no supervisor lives, and '{verb}' needs one; its Spine ticks on\n"
+                f"robot '{self.name}' has no supervisor, and '{verb}' needs one; its Spine ticks on\n"
                 f"  next: lithe run ROBOT.toml adopts it; without one: {', '.join(mailbox.VERBS)}"
             )
         _log.warning("no supervisor of '%s' lives: '%s' goes through shared memory", self.name, verb)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Finding a robot, and what is said when there is none."""
 
-import fcntl
 import json
 import os
 import signal
@@ -18,7 +17,6 @@ import numpy as np
 import pytest
 from lithe.control import Client, LineSocket, connect_control, find_robot, run_dir
 from lithe.errors import LitheError, NotRunning, Refused
-from lithe.shm import shm_path
 
 
 @contextmanager
@@ -66,28 +64,6 @@ def test_a_dead_socket_says_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path
     monkeypatch.setenv("LITHE_RUN_DIR", str(tmp_path))
     with pytest.raises(NotRunning, match=r"does not answer[\s\S]*lithe run"):
         connect_control("arm")
-
-
-def test_a_spine_without_a_supervisor_is_named_with_the_way_to_adopt_it(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """What it holds is its lock; files of a crash are nobody's."""
-    monkeypatch.setenv("LITHE_RUN_DIR", str(tmp_path))
-    monkeypatch.setenv("LITHE_SHM_PREFIX", f"alone-{os.getpid()}")
-    segment = shm_path("arm", "spine")
-    lock = segment.with_name(segment.name + ".lock")
-    try:
-        segment.touch()
-        with lock.open("w") as held:
-            with pytest.raises(NotRunning, match="nobody answers"):
-                find_robot()
-            fcntl.flock(held, fcntl.LOCK_EX)
-            for look in (find_robot, lambda: connect_control("arm")):
-                with pytest.raises(NotRunning, match=r"'arm' has no supervisor[\s\S]*takes it over"):
-                    look()
-    finally:
-        segment.unlink()
-        lock.unlink()
 
 
 def test_a_supervisor_that_is_stopped_is_not_waited_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import calm
 import lithe
 import numpy as np
 import pytest
+from lithe.control import connect_control
 from system.house import House
 
 
@@ -43,8 +44,10 @@ def test_verbs_find_a_new_supervisor_and_plans_never_needed_one(house: House, br
     assert brain.status()["adopted"] is False
     house.started[-1].kill()
     house.started[-1].wait()
-    with pytest.raises(lithe.NotRunning, match=r"does not answer[\s\S]*lithe run"):
+    with pytest.raises(lithe.NotRunning, match=r"'arm' has no supervisor[\s\S]*lithe run ROBOT.toml adopts it"):
         brain.status()
+    with pytest.raises(lithe.NotRunning, match=r"'arm' has no supervisor[\s\S]*takes it over"):
+        connect_control("arm")
     brain.go_to([0.3], in_s=0.3)
     house.wait_for(lambda: abs(setpoint_rad(brain) - 0.3) < 1e-3)
     house.socket.unlink()

@@ -33,7 +33,7 @@ bool is_bound_at_start(const ElfW(Dyn) * entry) {
 }
 
 // The program itself is the first that the dynamic linker names.
-int read_program(dl_phdr_info* info, std::size_t, void* out) {
+[[maybe_unused]] int read_program(dl_phdr_info* info, std::size_t, void* out) {
   auto& program = *static_cast<Program*>(out);
   for (int i = 0; i < info->dlpi_phnum; ++i) {
     const ElfW(Phdr) & header = info->dlpi_phdr[i];

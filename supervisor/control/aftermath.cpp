@@ -205,9 +205,11 @@ void Aftermath::retired(const wire::Event& event) {
 void Aftermath::rolled_back(const wire::Event& event) {
   const auto to = std::find(running_.begin(), running_.end(), event.code);
   const auto first_out = to == running_.end() ? (running_.empty() ? to : running_.end() - 1) : to + 1;
+  const std::string text = text_of(event.text);  // "tracking_lost: joint elbow, ..." of the law that was at fault
   for (auto each = first_out; each != running_.end(); ++each) {
     if (Life* life = of_law(*each)) {
-      leave(*life, life->fault.empty() ? "asked for" : life->fault, event);
+      const bool told = !life->fault.empty() && text.starts_with(life->fault);
+      leave(*life, life->fault.empty() ? "asked for" : told ? text : life->fault, event);
     }
   }
   running_.erase(first_out, running_.end());

@@ -23,6 +23,7 @@ LITHE_LAW(Late, "late");
 """
 LISTED = re.compile(r"^\| (?P<name>[a-z' ]+?)(?:,.*?|) \| (?P<kib>[\d,]+) KiB \|")
 VAULT_KIB = 1024
+LIBRARY_KIB = 64  # of variables without a file, at most: a stack may happen to lie beside a library
 
 
 def told(house: House, kind: str) -> list[str]:
@@ -40,10 +41,10 @@ def maps(house: House) -> list[tuple[int, int, str, str]]:
     return pieces
 
 
-def kind_of(name: str, before: str) -> str:
+def kind_of(name: str, before: str, kib: int) -> str:
     """What a piece is, by its own name or, without one, that of the piece that ends where it begins."""
     for part, kind in {"/dev/shm/": "shared memory", "[heap]": "heap", ".so": "libraries"}.items():
-        if part in name or (not name and part in before and kind == "libraries"):
+        if part in name or (not name and part in before and kind == "libraries" and kib <= LIBRARY_KIB):
             return kind
     return "the spine's variables" if "lithe-spine" in (name or before) else "stacks"
 
@@ -55,8 +56,9 @@ def writable_kib(house: House) -> dict[str, int]:
     for start, to, rights, name in maps(house):
         before = before if start == end and not name else name
         if "w" in rights:
-            kind = kind_of(name, before)
-            sizes[kind] = sizes.get(kind, 0) + (to - start) // 1024
+            kib = (to - start) // 1024
+            kind = kind_of(name, before, kib)
+            sizes[kind] = sizes.get(kind, 0) + kib
         end = to
     sizes["stacks"] -= VAULT_KIB
     return sizes

@@ -79,8 +79,9 @@ def test_an_answer_that_makes_no_sense_exits_3_with_a_message(house: House) -> N
                 except OSError:
                     return
                 with link:
-                    if link.recv(4096):
-                        link.sendall(json.dumps({"id": 1, "ok": True, "result": {"tick": "never"}}).encode() + b"\n")
+                    while asked := link.recv(4096):
+                        told = {"id": json.loads(asked)["id"], "ok": True, "result": {"tick": "never"}}
+                        link.sendall(json.dumps(told).encode() + b"\n")
 
         thread = threading.Thread(target=answer, daemon=True)
         thread.start()

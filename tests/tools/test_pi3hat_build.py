@@ -21,8 +21,8 @@ def test_the_makers_sources_as_they_are_unpacked_are_built_along(tmp_path: Path)
     command = ["ninja", "-C", str(tmp_path / "build"), "lithe_pi3hat_maker", OURS]
     built = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert built.returncode == 0, built.stdout
-    library = next((tmp_path / "build").rglob("liblithe_pi3hat_maker.a"))
-    symbols = subprocess.run(["nm", "-C", str(library)], capture_output=True, text=True, check=True).stdout
+    library = next((tmp_path / "build").rglob("liblithe_pi3hat_maker.so"))
+    symbols = subprocess.run(["nm", "-CD", str(library)], capture_output=True, text=True, check=True).stdout
     assert "mjbots::pi3hat::Pi3Hat::Cycle" in symbols
 
 
