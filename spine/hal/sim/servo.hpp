@@ -119,8 +119,8 @@ class Servo {
     if (watchdog_end_ns_ != kNever) watchdog_end_ns_ = time_ns_;
   }
 
-  // What goes on in the same mode takes effect after DriveErrors::delay_ns; another mode takes effect at once, so that the
-  // reply to its frame tells it, and ends what is underway. A fault or a timeout listens to `stopped` only.
+  // What goes on in the same mode takes effect after DriveErrors::delay_ns; another mode takes effect at once, so that
+  // the reply to its frame tells it, and ends what is underway. A fault or a timeout listens to `stopped` only.
   void apply(moteus::Mode mode, const ServoCommand& command) LITHE_RT;
 
   moteus::Mode mode() const LITHE_RT { return mode_; }
