@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include "supervisor/cli/status_text.hpp"
 #include "supervisor/control/event_log.hpp"
 
 namespace lithe::cli {
@@ -17,21 +18,6 @@ double number(const Json& object, const char* key) {
 std::string word(const Json& object, const char* key) {
   const auto found = object.find(key);
   return found != object.end() && found->is_string() ? found->get<std::string>() : "-";
-}
-
-std::string list(const Json& words) {
-  std::string all;
-  for (const Json& each : words) {
-    all += (all.empty() ? "" : ", ") + (each.is_string() ? each.get<std::string>() : each.dump());
-  }
-  return all;
-}
-
-void print_warnings(const Json& from) {
-  const Json warnings = from.value("warnings", Json::array());
-  for (const Json& each : warnings) {
-    fmt::print("warning: {}\n", each.is_string() ? each.get<std::string>() : each.dump());
-  }
 }
 
 }  // namespace
@@ -52,9 +38,9 @@ void print_swap(const Json& c) {
     fmt::print("its certificate is not on disk yet: {}\n", word(c, "record_lost"));
   }
   if (c.contains("state_not_carried")) {
-    fmt::print("State not carried: {}\n", list(c["state_not_carried"]["fields"]));
+    fmt::print("State not carried: {}\n", listed(c["state_not_carried"]["fields"]));
   }
-  print_warnings(c.value("trial", Json::object()));
+  fmt::print("{}", warning_lines(c.value("trial", Json::object()), ""));
 }
 
 void print_params(const Json& params) {
@@ -63,7 +49,7 @@ void print_params(const Json& params) {
     fmt::print("  {:<24} {:12.6g}   [{:g}, {:g}]\n", word(each, "name"), number(each, "value"), number(each, "min"),
                number(each, "max"));
   }
-  print_warnings(params);
+  fmt::print("{}", warning_lines(params, ""));
 }
 
 void print_check(const Json& result) {

@@ -49,23 +49,6 @@ std::string alarm_lines(const Json& status, const Look& look) {
   return text;
 }
 
-std::string listed(const Json& words) {
-  std::string all;
-  for (const Json& each : words) {
-    all += (all.empty() ? "" : ", ") + (each.is_string() ? each.get<std::string>() : each.dump());
-  }
-  return all;
-}
-
-std::string warning_lines(const Json& from) {
-  std::string text;
-  const Json warnings = from.value("warnings", Json::array());
-  for (const Json& each : warnings) {
-    text += fmt::format("    warning: {}\n", each.is_string() ? each.get<std::string>() : each.dump());
-  }
-  return text;
-}
-
 // Nothing while the Spine has nothing to prove.
 std::string probation_line(const Json& status) {
   const Json probation = part(status, "probation");
@@ -90,7 +73,7 @@ std::string last_swap(const Json& status) {
   if (swap.contains("state_not_carried")) {
     text += fmt::format("    State not carried: {}\n", listed(swap["state_not_carried"]));
   }
-  return text + warning_lines(swap);
+  return text + warning_lines(swap, "    ");
 }
 
 // "last parameters: kp_nm_rad = 40 refused: with the simulated robot ...".
@@ -105,7 +88,7 @@ std::string last_params(const Json& status) {
   const std::string reason = change.contains("error") ? word(change["error"], "message") : change.value("reason", "");
   return fmt::format("  last parameters: {} {}{}{}\n", values, word(change, "verdict"), reason.empty() ? "" : ": ",
                      reason) +
-         warning_lines(change);
+         warning_lines(change, "    ");
 }
 
 // "last law fault: pid bad_access at pid.cpp:21, tick 4711".
@@ -208,6 +191,23 @@ std::string joint_lines(const Json& status, const Look& look) {
 }
 
 }  // namespace
+
+std::string listed(const Json& words) {
+  std::string all;
+  for (const Json& each : words) {
+    all += (all.empty() ? "" : ", ") + (each.is_string() ? each.get<std::string>() : each.dump());
+  }
+  return all;
+}
+
+std::string warning_lines(const Json& from, const char* indent) {
+  std::string text;
+  const Json warnings = from.value("warnings", Json::array());
+  for (const Json& each : warnings) {
+    text += fmt::format("{}warning: {}\n", indent, each.is_string() ? each.get<std::string>() : each.dump());
+  }
+  return text;
+}
 
 bool wants_color() {
   const char* never = std::getenv("NO_COLOR");

@@ -16,6 +16,12 @@ struct Look {
 // Colour only on a terminal, and not where NO_COLOR is set or the terminal knows none.
 bool wants_color();
 
+// "a, b": the texts of an array.
+std::string listed(const swap::Json& words);
+
+// A line for each of the `warnings` of this object.
+std::string warning_lines(const swap::Json& from, const char* indent);
+
 // Whole lines. Contract: pure · any JSON object is safe: what is not there is left out or a dash
 std::string status_text(const swap::Json& status, const Look& look);
 
