@@ -73,13 +73,18 @@ struct Group {
 // In the order of authority: not finite, drives, freshness and overrun -> safe law, in the same tick; then per joint
 // soft stops, velocity, torque, slew, and last of all what still stops before the limits (Envelope). What is one
 // joint's fault stops the joint's group; the other groups go on under the law or stop with it, as the robot file says
-// (`other_groups`). What is nobody's alone stops all. When a command takes over from the one before it, the torque at
-// the joint (feed-forward plus the drive's own PD, where the joint is then) never changes by more than torque_slew_nm_s
-// / rate_hz, whoever proposes it: a law, its successor in a swap, or the safe law; a drive that is asked in every Nth
-// tick only sees N such steps at once. Disarming and e-stop are at once. A joint whose sample is no basis for anything
-// is braked by its drive, which still knows its own speed: the feed-forward fades, then damping grows to
-// safe_kd_nm_s_rad, both within the slew bound up to the speed that is a fault. Contract: RT after configure() · owned
-// by the tick thread · bounded work per joint
+// (`other_groups`). A fault that belongs to no single joint stops all joints.
+//
+// Slew: when a command replaces the one before it, the torque at the joint (feed-forward plus the drive's own PD, at
+// the position that the guard predicts for that moment) changes by at most torque_slew_nm_s / rate_hz. This holds for a
+// law, the next law of a swap, and the safe law. A drive that is asked in every Nth tick gets N such steps at once. The
+// prediction has errors: under adversarial laws the simulated joint felt up to 1.7 (arm), 2.1 (frankenstein) and 6
+// (chain) times that step (tests/limits). Disarming and e-stop have no slew.
+//
+// A joint without a usable sample is braked by its drive, which still knows its own speed: the feed-forward fades, then
+// damping grows to safe_kd_nm_s_rad, both within the slew bound up to the speed that is a fault.
+//
+// Contract: RT after configure() · owned by the tick thread · bounded work per joint
 class Guard {
  public:
   void configure(const robot::RobotConfig& robot);

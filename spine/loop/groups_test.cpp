@@ -194,7 +194,7 @@ TEST_F(Groups, AStateThatWasSpoiltByAStoppedLegDoesNotDriveItAfterTheReset) {
   EXPECT_GT(state[1], 20) << "what is sound is kept";
 }
 
-// The leg hangs beyond its limits, and whoever plans for the arm says where it hangs.
+// The leg hangs beyond its limits, and a plan for the arm contains that position of the leg.
 TEST_F(Groups, WhatAPlanSaysOfAStoppedLegDoesNotKeepTheArmFromFollowingIt) {
   arm_with(kBoth);
   live(10, wire::joint_status::kLost);

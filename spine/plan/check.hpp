@@ -20,8 +20,8 @@ struct Limits {
   std::size_t joints = 0;
 };
 
-// What a plan says of a joint that is stopped is nobody's wish: it rests at `position_rad`, so that it keeps no plan of
-// the others from being followed. Contract: RT · any bytes of a plan are safe
+// Replaces what a plan says of a stopped joint by rest at `position_rad`: its values would have the plan refused for
+// the other joints. Contract: RT · any bytes of a plan are safe
 void rest_joint(wire::Plan& plan, std::size_t joint, double position_rad) LITHE_RT;
 
 // The first reason not to follow `plan`, or none. Waypoints in the past are fine as long as one is in the future.

@@ -32,7 +32,7 @@ struct Motion {
 
 int exit_code(const swap::Refusal& refusal);
 
-// Robots that live here, whoever answers for them.
+// The robots of this machine, also those whose Spine ticks without a supervisor.
 int list(const Context& context);
 int status(const Context& context);
 // Is the robot's Brain for as long as the move takes.

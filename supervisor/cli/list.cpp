@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// `lithe list`: who lives here, whoever answers for it.
+// `lithe list`: the robots of this machine, also those whose Spine ticks without a supervisor.
 #include <fmt/format.h>
 
 #include <filesystem>

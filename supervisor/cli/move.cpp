@@ -27,7 +27,7 @@ using Brain = ipc::Segment<ipc::BrainMemory>;
 constexpr auto kLookEvery = std::chrono::milliseconds(5);  // and a sign of life each time
 constexpr std::int64_t kSettleNs = kNsPerS;
 
-// What the Spine shows, read by whoever is its Brain.
+// What the Spine publishes, read as its Brain.
 struct View {
   explicit View(Spine memory)
       : spine(std::move(memory)),

@@ -17,7 +17,7 @@ struct Hostile {
       }
       return;
     }
-    // The last stub below the arena leads to a function of the Spine itself; its program begins some pages before.
+    // The last jump entry below the arena points to a function of the Spine. Its ELF header lies before that.
     volatile std::uint64_t* stubs = (volatile std::uint64_t*)(0x30'0000'0000 - 0x1'0000);
     std::uint64_t base = 0;
     for (int i = 0; i < 256; ++i) base = stubs[2 * i + 1] != 0 ? stubs[2 * i + 1] : base;
