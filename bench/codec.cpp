@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "spine/core/time.hpp"
-#include "spine/hal/device/moteus_codec.hpp"
+#include "spine/hal/moteus/moteus_codec.hpp"
 
 namespace {
 

@@ -20,7 +20,7 @@
 #include "bench/samples.hpp"
 #include "bench/spine_rig.hpp"
 #include "spine/core/host.hpp"
-#include "spine/hal/bus/loop_bus.hpp"
+#include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/bus_actuators.hpp"
 #include "spine/robot/robot.hpp"
 

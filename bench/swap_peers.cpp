@@ -33,7 +33,7 @@
 #include "bench/machine.hpp"
 #include "lithe/law.hpp"
 #include "spine/core/host.hpp"
-#include "spine/hal/sim/plant.hpp"
+#include "spine/hal/physics/plant.hpp"
 #include "spine/loop/clock.hpp"
 
 namespace lithe::bench {

@@ -5,9 +5,9 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "lawd/child.hpp"
-#include "lawd/place.hpp"
-#include "lawd/toolchain.hpp"
+#include "lawd/run/child.hpp"
+#include "lawd/object/place.hpp"
+#include "lawd/compile/toolchain.hpp"
 
 namespace lithe::lawd {
 

@@ -9,8 +9,8 @@
 #include <fstream>
 #include <optional>
 
-#include "lawd/files.hpp"
-#include "lawd/test_bench.hpp"
+#include "lawd/run/files.hpp"
+#include "lawd/test/lawd_rig.hpp"
 
 namespace lithe::lawd {
 namespace {

@@ -2,7 +2,7 @@
 #include <span>
 
 #include "sim/end.hpp"
-#include "spine/hal/bus/socketcan_codec.hpp"
+#include "spine/hal/bus/socketcan/socketcan_codec.hpp"
 
 namespace lithe::simulator {
 

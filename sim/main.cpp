@@ -19,7 +19,7 @@
 #include "spine/core/cores.hpp"
 #include "spine/core/host.hpp"
 #include "spine/core/time.hpp"
-#include "spine/hal/sim/truth.hpp"
+#include "spine/hal/physics/truth.hpp"
 #include "spine/robot/cpu_plan.hpp"
 #include "spine/robot/robot.hpp"
 

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <filesystem>
 
-#include "spine/hal/sim/sim_fdcanusb.hpp"
-#include "spine/hal/sim/sim_slcan.hpp"
+#include "spine/hal/bus/fdcanusb/sim_fdcanusb.hpp"
+#include "spine/hal/bus/slcan/sim_slcan.hpp"
 
 namespace lithe::simulator {
 namespace {

@@ -15,9 +15,9 @@ JOBS = str(len(os.sched_getaffinity(0)))
 CPP_FILES = "git ls-files -co --exclude-standard '*.cpp' '*.hpp' '*.c' '*.h' | grep -v -e ^spine/wire/ -e /_shm/"
 # What must be free of data races, and what runs in the tick (cmake/rooms.cmake labels every test with its room).
 # In `contain` ThreadSanitizer sees the words that Cell and Watchdog share, and the vault; it holds asynchronous signals
-# back and wants faults for itself, so tests of those skip themselves there (test_bench.hpp). In `hal_bus` it sees the
-# Link between exchange and housekeeping.
-RACE_ROOMS = "ipc law load loop contain hal_bus"
+# back and wants faults for itself, so tests of those skip themselves there (spine/contain/test/contain_rig.hpp). In the rooms of buses
+# it sees the Link between exchange and housekeeping.
+RACE_ROOMS = "ipc law load loop contain hal_core hal_bus_serial hal_bus_fdcanusb hal_bus_slcan hal_bus_socketcan"
 RACE_TESTS = f"(^|[.])({RACE_ROOMS.replace(' ', '|')})$"
 
 # What shares the process of the tick, or reads bytes that others wrote into it. The other rooms (supervisor, lawd,

@@ -14,8 +14,8 @@
 #include "spine/arena/layout.hpp"
 #include "spine/law/resident.hpp"
 #include "spine/load/dlopen_store.hpp"
-#include "trial/gate.hpp"
-#include "trial/sections.hpp"
+#include "trial/sandbox/gate.hpp"
+#include "trial/sections/sections.hpp"
 
 namespace lithe::trial {
 namespace {

@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <string>
 
-#include "trial/report.hpp"
-#include "trial/sandbox.hpp"
+#include "trial/core/report.hpp"
+#include "trial/sandbox/sandbox.hpp"
 
 namespace lithe::trial {
 

@@ -8,8 +8,8 @@
 #include <cstdlib>
 #include <cstring>
 
-#include "trial/guarded.hpp"
-#include "trial/sandbox.hpp"
+#include "trial/sections/guarded.hpp"
+#include "trial/sandbox/sandbox.hpp"
 
 namespace lithe::trial {
 namespace {

@@ -11,7 +11,7 @@
 #include "spine/arena/arena.hpp"
 #include "spine/robot/robot.hpp"
 #include "trial/child.hpp"
-#include "trial/sections.hpp"
+#include "trial/sections/sections.hpp"
 #include "trial/verdict.hpp"
 
 namespace lithe::trial {

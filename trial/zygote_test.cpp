@@ -17,7 +17,7 @@
 #include <vector>
 
 #include "spine/arena/arena.hpp"
-#include "trial/guarded.hpp"
+#include "trial/sections/guarded.hpp"
 #include "trial/verdict.hpp"
 
 namespace lithe::trial {

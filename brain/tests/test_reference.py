@@ -41,7 +41,7 @@ def test_every_environment_variable_is_on_its_page_and_no_other() -> None:
 
 
 def test_every_verb_is_on_its_page() -> None:
-    text = (ROOT / "supervisor/control/verbs.cpp").read_text(encoding="utf-8")
+    text = (ROOT / "supervisor/serve/verbs.cpp").read_text(encoding="utf-8")
     verbs = set(re.findall(r'verbs_\["(\w+)"\]', text))
     verbs |= set(re.findall(r'\{"(\w+)", wire::CommandKind::', text))
     gateway = (ROOT / "brain/lithe/gateway.py").read_text(encoding="utf-8")
@@ -51,7 +51,7 @@ def test_every_verb_is_on_its_page() -> None:
 
 
 def test_every_code_of_a_refusal_is_on_its_page() -> None:
-    codes = found(r'Refusal\{\s*"(\w+)"', "supervisor/control", "supervisor/swap")
+    codes = found(r'Refusal\{\s*"(\w+)"', "supervisor")
     codes |= found(r'Refused\(\s*"(\w+)"', "brain/lithe") | found(r'_refusal\(\w+, "(\w+)"', "brain/lithe")
     codes |= {f"{stage}_failed" for stage in found(r'refuse(?:_whole)?\("(\w+)"', "lawd")}
     codes |= {each.name for each in CommandResult if each.name.startswith("refused_")}

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reference sensor gateway for a Teensy 4.1: sixteen analog and sixteen digital inputs onto a CAN bus.
-// The frames are described in spine/hal/device/gateway.hpp.
+// The frames are described in spine/hal/gateway/gateway.hpp.
 #include <FlexCAN_T4.h>
 
 namespace {

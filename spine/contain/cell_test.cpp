@@ -13,7 +13,7 @@
 
 #include "spine/contain/bad_laws.hpp"
 #include "spine/contain/environment.hpp"
-#include "spine/contain/test_bench.hpp"
+#include "spine/contain/test/contain_rig.hpp"
 #include "spine/core/serialise.hpp"
 
 namespace lithe::contain {

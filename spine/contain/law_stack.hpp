@@ -16,7 +16,7 @@ extern "C" {
 
 namespace lithe::contain {
 
-// Twice what admission lets a law and the library under it have (lawd/admission_stack.cpp).
+// Twice what admission lets a law and the library under it have (lawd/object/admission_stack.cpp).
 inline constexpr std::size_t kLawStackBytes = std::size_t{256} << 10;
 // Below and above it; more than a frame may have, so that none reaches over it.
 inline constexpr std::size_t kLawGuardBytes = std::size_t{64} << 10;

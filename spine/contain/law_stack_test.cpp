@@ -5,7 +5,7 @@
 #include <cstdint>
 
 #include "spine/contain/bad_laws.hpp"
-#include "spine/contain/test_bench.hpp"
+#include "spine/contain/test/contain_rig.hpp"
 
 namespace lithe::contain {
 namespace {

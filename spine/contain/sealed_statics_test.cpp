@@ -9,7 +9,7 @@
 
 #include "spine/contain/bad_laws.hpp"
 #include "spine/contain/constants.hpp"
-#include "spine/contain/test_bench.hpp"
+#include "spine/contain/test/contain_rig.hpp"
 
 namespace lithe::contain {
 namespace {

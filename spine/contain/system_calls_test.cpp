@@ -15,7 +15,7 @@
 #include "spine/contain/bad_laws.hpp"
 #include "spine/contain/cell.hpp"
 #include "spine/contain/core.hpp"
-#include "spine/contain/test_bench.hpp"
+#include "spine/contain/test/contain_rig.hpp"
 #include "spine/contain/vault.hpp"
 #include "spine/contain/watchdog.hpp"
 #include "spine/core/time.hpp"

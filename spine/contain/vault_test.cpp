@@ -11,7 +11,7 @@
 
 #include "spine/contain/bad_laws.hpp"
 #include "spine/contain/core.hpp"
-#include "spine/contain/test_bench.hpp"
+#include "spine/contain/test/contain_rig.hpp"
 #include "spine/core/time.hpp"
 
 namespace lithe::contain {

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "spine/contain/bad_laws.hpp"
-#include "spine/contain/test_bench.hpp"
+#include "spine/contain/test/contain_rig.hpp"
 #include "spine/contain/watchdog.hpp"
 #include "spine/core/time.hpp"
 

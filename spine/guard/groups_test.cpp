@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-#include "spine/guard/test_bench.hpp"
+#include "spine/guard/test/guard_rig.hpp"
 
 namespace lithe::guard {
 namespace {

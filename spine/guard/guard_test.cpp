@@ -8,7 +8,7 @@
 #include <limits>
 
 #include "spine/core/no_alloc/no_alloc.hpp"
-#include "spine/guard/test_bench.hpp"
+#include "spine/guard/test/guard_rig.hpp"
 
 namespace lithe::guard {
 namespace {

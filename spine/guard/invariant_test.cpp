@@ -7,7 +7,7 @@
 #include <cmath>
 #include <random>
 
-#include "spine/guard/test_bench.hpp"
+#include "spine/guard/test/guard_rig.hpp"
 
 namespace lithe::guard {
 namespace {

@@ -8,11 +8,11 @@
 #include <utility>
 #include <vector>
 
-#include "spine/hal/bus/loop_bus.hpp"
+#include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/bus_actuators.hpp"
-#include "spine/hal/device/canopen_master.hpp"
-#include "spine/hal/device/cia402_drive.hpp"
-#include "spine/hal/device/moteus_drive.hpp"
+#include "spine/hal/canopen/canopen_master.hpp"
+#include "spine/hal/cia402/cia402_drive.hpp"
+#include "spine/hal/moteus/moteus_drive.hpp"
 #include "spine/hal/open_bus.hpp"
 #include "spine/hal/sim/nodes.hpp"
 

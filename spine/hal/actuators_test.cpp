@@ -9,7 +9,7 @@
 #include <numbers>
 
 #include "spine/core/no_alloc/no_alloc.hpp"
-#include "spine/hal/bus/test_pty.hpp"
+#include "spine/hal/test/pty_rig.hpp"
 #include "spine/robot/robot.hpp"
 #include "spine/wire/wire.hpp"
 

@@ -6,7 +6,7 @@
 #include <limits>
 #include <utility>
 
-#include "spine/hal/bus/descriptor.hpp"
+#include "spine/hal/core/descriptor.hpp"
 #include "spine/wire/wire.hpp"
 
 namespace lithe::hal {

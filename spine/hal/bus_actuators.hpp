@@ -11,10 +11,10 @@
 #include "spine/core/rt.hpp"
 #include "spine/core/time.hpp"
 #include "spine/hal/actuators.hpp"
-#include "spine/hal/bus/bus.hpp"
-#include "spine/hal/bus/imu.hpp"
-#include "spine/hal/device/drive.hpp"
-#include "spine/hal/device/gateway.hpp"
+#include "spine/hal/core/bus.hpp"
+#include "spine/hal/bus/pi3hat/imu.hpp"
+#include "spine/hal/core/drive.hpp"
+#include "spine/hal/gateway/gateway.hpp"
 
 namespace lithe::hal {
 

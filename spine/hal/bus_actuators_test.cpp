@@ -6,7 +6,7 @@
 #include <limits>
 #include <random>
 
-#include "spine/hal/two_joints_bench.hpp"
+#include "spine/hal/test/two_joints_rig.hpp"
 
 namespace lithe::hal {
 namespace {

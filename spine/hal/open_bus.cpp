@@ -6,9 +6,9 @@
 #include <string>
 #include <utility>
 
-#include "spine/hal/bus/fdcanusb_bus.hpp"
-#include "spine/hal/bus/slcan_bus.hpp"
-#include "spine/hal/bus/socketcan_bus.hpp"
+#include "spine/hal/bus/fdcanusb/fdcanusb_bus.hpp"
+#include "spine/hal/bus/slcan/slcan_bus.hpp"
+#include "spine/hal/bus/socketcan/socketcan_bus.hpp"
 
 namespace lithe::hal {
 namespace {

@@ -2,7 +2,7 @@
 // What comes broken is counted where a user can see it.
 #include <gtest/gtest.h>
 
-#include "spine/loop/tick_bench.hpp"
+#include "spine/loop/test/tick_rig.hpp"
 
 namespace lithe::loop {
 namespace {

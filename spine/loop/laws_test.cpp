@@ -2,7 +2,7 @@
 // What the tick does with laws that fail, with every real part around it.
 #include "spine/contain/cell.hpp"
 #include "spine/contain/vault.hpp"
-#include "spine/loop/laws_bench.hpp"
+#include "spine/loop/test/laws_rig.hpp"
 
 namespace lithe::loop {
 namespace {

@@ -2,7 +2,7 @@
 // A new law's first second: blend, probation, and what becomes of it.
 #include <cstdio>
 
-#include "spine/loop/laws_bench.hpp"
+#include "spine/loop/test/laws_rig.hpp"
 
 namespace lithe::loop {
 namespace {

@@ -8,7 +8,7 @@
 #include <limits>
 #include <string>
 
-#include "spine/loop/tick_bench.hpp"
+#include "spine/loop/test/tick_rig.hpp"
 
 namespace lithe::loop {
 namespace {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A candidate beside the active law, in the tick.
-#include "spine/loop/laws_bench.hpp"
+#include "spine/loop/test/laws_rig.hpp"
 
 namespace lithe::loop {
 namespace {

@@ -5,7 +5,7 @@
 #include <random>
 
 #include "spine/core/no_alloc/no_alloc.hpp"
-#include "spine/loop/tick_bench.hpp"
+#include "spine/loop/test/tick_rig.hpp"
 
 namespace lithe::loop {
 namespace {

@@ -6,7 +6,7 @@
 #include <cstring>
 #include <random>
 
-#include "spine/plan/test_bench.hpp"
+#include "spine/plan/test/plan_rig.hpp"
 
 namespace lithe::plan {
 namespace {

@@ -7,7 +7,7 @@
 #include <random>
 
 #include "spine/plan/tangent.hpp"
-#include "spine/plan/test_bench.hpp"
+#include "spine/plan/test/plan_rig.hpp"
 
 namespace lithe::plan {
 namespace {

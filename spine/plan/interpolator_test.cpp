@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "spine/core/no_alloc/no_alloc.hpp"
-#include "spine/plan/test_bench.hpp"
+#include "spine/plan/test/plan_rig.hpp"
 
 namespace lithe::plan {
 namespace {

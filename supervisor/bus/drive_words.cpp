@@ -3,9 +3,9 @@
 
 #include <fmt/format.h>
 
-#include "spine/hal/device/canopen.hpp"
-#include "spine/hal/device/cia402.hpp"
-#include "spine/hal/device/moteus_faults.hpp"
+#include "spine/hal/canopen/canopen.hpp"
+#include "spine/hal/cia402/cia402.hpp"
+#include "spine/hal/moteus/moteus_faults.hpp"
 
 namespace lithe::bus {
 namespace {

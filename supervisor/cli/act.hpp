@@ -8,11 +8,11 @@
 #include <string>
 #include <vector>
 
-#include "supervisor/bus/plan.hpp"
-#include "supervisor/field/monitor.hpp"
-#include "supervisor/field/place.hpp"
-#include "supervisor/field/scan_report.hpp"
-#include "supervisor/swap/answer.hpp"
+#include "supervisor/bus/plan/plan.hpp"
+#include "supervisor/bus/monitor/monitor.hpp"
+#include "supervisor/bus/scan/place.hpp"
+#include "supervisor/bus/scan/scan_report.hpp"
+#include "supervisor/core/answer.hpp"
 
 namespace lithe::cli {
 

@@ -7,9 +7,9 @@
 #include <iostream>
 
 #include "spine/robot/robot.hpp"
-#include "supervisor/bus/advice.hpp"
-#include "supervisor/bus/plan.hpp"
-#include "supervisor/bus/report.hpp"
+#include "supervisor/bus/plan/advice.hpp"
+#include "supervisor/bus/plan/plan.hpp"
+#include "supervisor/bus/plan/report.hpp"
 #include "supervisor/cli/act.hpp"
 #include "supervisor/cli/talk.hpp"
 

@@ -11,7 +11,7 @@
 #include "spine/core/paths.hpp"
 #include "supervisor/cli/act.hpp"
 #include "supervisor/cli/talk.hpp"
-#include "supervisor/control/presence.hpp"
+#include "supervisor/link/presence.hpp"
 
 namespace lithe::cli {
 namespace {

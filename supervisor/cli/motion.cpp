@@ -14,7 +14,7 @@
 
 #include "spine/core/time.hpp"
 #include "spine/robot/report.hpp"
-#include "supervisor/control/spine_link.hpp"
+#include "supervisor/link/spine_link.hpp"
 
 namespace lithe::cli {
 namespace {

@@ -8,7 +8,7 @@
 
 #include "spine/wire/wire.hpp"
 #include "supervisor/cli/act.hpp"
-#include "supervisor/swap/answer.hpp"
+#include "supervisor/core/answer.hpp"
 
 namespace lithe::cli {
 

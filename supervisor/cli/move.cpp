@@ -15,8 +15,8 @@
 #include "supervisor/cli/act.hpp"
 #include "supervisor/cli/motion.hpp"
 #include "supervisor/cli/talk.hpp"
-#include "supervisor/control/presence.hpp"
-#include "supervisor/control/spine_link.hpp"
+#include "supervisor/link/presence.hpp"
+#include "supervisor/link/spine_link.hpp"
 
 namespace lithe::cli {
 namespace {

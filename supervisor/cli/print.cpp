@@ -4,7 +4,7 @@
 #include <fmt/format.h>
 
 #include "supervisor/cli/status_text.hpp"
-#include "supervisor/control/event_log.hpp"
+#include "supervisor/events/event_log.hpp"
 
 namespace lithe::cli {
 namespace {

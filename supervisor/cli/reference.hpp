@@ -8,7 +8,7 @@
 #include <variant>
 #include <vector>
 
-#include "supervisor/swap/answer.hpp"
+#include "supervisor/core/answer.hpp"
 
 namespace lithe::cli {
 

@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "supervisor/swap/answer.hpp"
+#include "supervisor/core/answer.hpp"
 
 namespace lithe::cli {
 

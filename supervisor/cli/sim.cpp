@@ -7,7 +7,7 @@
 
 #include "supervisor/cli/act.hpp"
 #include "supervisor/cli/talk.hpp"
-#include "supervisor/control/process.hpp"
+#include "supervisor/core/process.hpp"
 
 namespace lithe::cli {
 

@@ -14,7 +14,7 @@
 #include "spine/ipc/frames.hpp"
 #include "spine/ipc/segment.hpp"
 #include "spine/robot/robot.hpp"
-#include "supervisor/control/presence.hpp"
+#include "supervisor/link/presence.hpp"
 
 namespace lithe::cli {
 namespace {

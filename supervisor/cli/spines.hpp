@@ -11,8 +11,8 @@
 
 #include "spine/core/result.hpp"
 #include "spine/robot/config.hpp"
-#include "supervisor/field/monitor.hpp"
-#include "supervisor/field/place.hpp"
+#include "supervisor/bus/monitor/monitor.hpp"
+#include "supervisor/bus/scan/place.hpp"
 
 namespace lithe::cli {
 

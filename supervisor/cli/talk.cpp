@@ -10,8 +10,8 @@
 
 #include "spine/core/paths.hpp"
 #include "spine/core/text.hpp"
-#include "supervisor/control/presence.hpp"
-#include "supervisor/control/spine_link.hpp"
+#include "supervisor/link/presence.hpp"
+#include "supervisor/link/spine_link.hpp"
 
 namespace lithe::cli {
 namespace {

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "supervisor/cli/act.hpp"
-#include "supervisor/control/client.hpp"
+#include "supervisor/link/client.hpp"
 
 namespace lithe::cli {
 

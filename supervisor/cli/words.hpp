@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "supervisor/cli/act.hpp"
-#include "supervisor/control/supervisor.hpp"
+#include "supervisor/run/supervisor.hpp"
 
 namespace lithe::cli {
 

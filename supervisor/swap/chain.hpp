@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "supervisor/swap/answer.hpp"
+#include "supervisor/core/answer.hpp"
 
 namespace lithe::swap {
 

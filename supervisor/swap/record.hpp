@@ -14,7 +14,7 @@
 #include <string>
 
 #include "spine/core/result.hpp"
-#include "supervisor/swap/answer.hpp"
+#include "supervisor/core/answer.hpp"
 
 namespace lithe::swap {
 

@@ -7,7 +7,7 @@
 
 #include "spine/robot/config.hpp"
 #include "spine/wire/wire.hpp"
-#include "supervisor/swap/answer.hpp"
+#include "supervisor/core/answer.hpp"
 
 namespace lithe::swap {
 

@@ -7,7 +7,7 @@
 #include <sstream>
 #include <string>
 
-#include "spine/hal/bus/frame_time.hpp"
+#include "supervisor/bus/plan/frame_time.hpp"
 
 namespace {
 

@@ -16,10 +16,10 @@
 #include <utility>
 
 #include "spine/core/time.hpp"
-#include "spine/hal/bus/slcan_bus.hpp"
+#include "spine/hal/bus/slcan/slcan_bus.hpp"
 #include "spine/hal/bus_actuators.hpp"
-#include "spine/hal/device/canopen_master.hpp"
-#include "spine/hal/device/cia402_drive.hpp"
+#include "spine/hal/canopen/canopen_master.hpp"
+#include "spine/hal/cia402/cia402_drive.hpp"
 #include "spine/wire/wire.hpp"
 
 namespace lithe {

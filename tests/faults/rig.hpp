@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "sim/devices.hpp"
-#include "spine/loop/tick_bench.hpp"
+#include "spine/loop/test/tick_rig.hpp"
 
 namespace lithe::faults {
 

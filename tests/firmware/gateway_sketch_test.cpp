@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-#include "spine/hal/device/gateway.hpp"
+#include "spine/hal/gateway/gateway.hpp"
 using std::uint16_t, std::uint32_t, std::uint8_t, std::int16_t, std::int32_t;  // as an Arduino has them
 #include "firmware/teensy_gateway/teensy_gateway.ino"
 

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // CANopen: any frames into the SDO client, emergencies, heartbeats and process data; and the client against a simulated
 // drive over a wire that is whole, where every object must come out as the dictionary has it.
-#include "spine/hal/device/canopen.hpp"
+#include "spine/hal/canopen/canopen.hpp"
 
 #include <limits>
 
-#include "spine/hal/device/canopen_pdo.hpp"
-#include "spine/hal/sim/sim_cia402.hpp"
+#include "spine/hal/canopen/canopen_pdo.hpp"
+#include "spine/hal/cia402/sim/sim_cia402.hpp"
 #include "tests/fuzz/fuzz.hpp"
 
 namespace lithe::fuzz {

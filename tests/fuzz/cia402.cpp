@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The CiA 402 driver fed with any frames between commands of any numbers, at any moment of its setup.
-#include "spine/hal/device/cia402_demand.hpp"
-#include "spine/hal/device/cia402_drive.hpp"
+#include "spine/hal/cia402/cia402_demand.hpp"
+#include "spine/hal/cia402/cia402_drive.hpp"
 #include "spine/wire/wire.hpp"
 #include "tests/fuzz/hal_input.hpp"
 

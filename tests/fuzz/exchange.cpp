@@ -5,12 +5,12 @@
 #include <cmath>
 
 #include "spine/hal/bus_actuators.hpp"
-#include "spine/hal/device/canopen_master.hpp"
-#include "spine/hal/device/cia402_drive.hpp"
-#include "spine/hal/device/moteus_drive.hpp"
-#include "spine/hal/sim/sim_cia402.hpp"
-#include "spine/hal/sim/sim_gateway.hpp"
-#include "spine/hal/sim/sim_moteus.hpp"
+#include "spine/hal/canopen/canopen_master.hpp"
+#include "spine/hal/cia402/cia402_drive.hpp"
+#include "spine/hal/moteus/moteus_drive.hpp"
+#include "spine/hal/cia402/sim/sim_cia402.hpp"
+#include "spine/hal/gateway/sim/sim_gateway.hpp"
+#include "spine/hal/moteus/sim/sim_moteus.hpp"
 #include "spine/wire/wire.hpp"
 #include "tests/fuzz/hal_input.hpp"
 #include "tests/fuzz/peer.hpp"

@@ -13,7 +13,7 @@
 #include <string_view>
 #include <vector>
 
-#include "spine/hal/bus/frame.hpp"
+#include "spine/hal/core/frame.hpp"
 
 namespace lithe::fuzz {
 

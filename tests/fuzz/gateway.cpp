@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The sensor gateway's decoder against a slow and plain reading of the same frames.
-#include "spine/hal/device/gateway.hpp"
+#include "spine/hal/gateway/gateway.hpp"
 
 #include <map>
 #include <utility>
 
-#include "spine/hal/sim/sim_gateway.hpp"
+#include "spine/hal/gateway/sim/sim_gateway.hpp"
 #include "tests/fuzz/fuzz.hpp"
 
 namespace lithe::fuzz {

@@ -4,8 +4,8 @@
 
 #include <cmath>
 
-#include "spine/hal/bus/bus.hpp"
-#include "spine/hal/device/drive.hpp"
+#include "spine/hal/core/bus.hpp"
+#include "spine/hal/core/drive.hpp"
 #include "tests/fuzz/fuzz.hpp"
 
 namespace lithe::fuzz {

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // moteus: any frame into the driver, any command out of it, any bytes through the subframe reader and back.
-#include "spine/hal/device/moteus.hpp"
+#include "spine/hal/moteus/moteus.hpp"
 
 #include <string>
 
-#include "spine/hal/device/moteus_drive.hpp"
-#include "spine/hal/device/moteus_terminal.hpp"
-#include "spine/hal/sim/sim_moteus.hpp"
+#include "spine/hal/moteus/moteus_drive.hpp"
+#include "spine/hal/moteus/moteus_terminal.hpp"
+#include "spine/hal/moteus/sim/sim_moteus.hpp"
 #include "spine/wire/wire.hpp"
 #include "tests/fuzz/hal_input.hpp"
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The moteus terminal against drives that say anything, for as long as they like: it comes back, with an answer or an
 // error, in the time that its contract allows.
-#include "spine/hal/device/moteus_terminal.hpp"
+#include "spine/hal/moteus/moteus_terminal.hpp"
 
 #include <algorithm>
 #include <string>

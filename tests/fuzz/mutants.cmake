@@ -24,51 +24,51 @@ endfunction()
 
 # What the fuzzers must notice: each line once did harm, or would.
 set(hal spine/hal)
-lithe_mutant(believes_wrong_sums fdcanusb ${hal}/bus/fdcanusb_codec.cpp
+lithe_mutant(believes_wrong_sums fdcanusb ${hal}/bus/fdcanusb/fdcanusb_codec.cpp
   "if (sum == Sum::wrong || (sum == Sum::absent" "if ((sum == Sum::absent")
-lithe_mutant(takes_any_frame fdcanusb ${hal}/bus/fdcanusb_codec.cpp "return is_can(frame);" "return true;")
-lithe_mutant(begins_a_line_anew fdcanusb ${hal}/bus/text_bus.cpp
+lithe_mutant(takes_any_frame fdcanusb ${hal}/bus/fdcanusb/fdcanusb_codec.cpp "return is_can(frame);" "return true;")
+lithe_mutant(begins_a_line_anew fdcanusb ${hal}/bus/serial/text_bus.cpp
   "if (line_size_ == kLongestLine) too_long_ = true;" "if (line_size_ == kLongestLine) line_size_ = 0;")
-lithe_mutant(takes_refusals_for_nonsense slcan ${hal}/bus/text_bus.cpp "++statistics_.errors;" "++statistics_.malformed;")
-lithe_mutant(takes_any_id slcan ${hal}/bus/slcan_codec.cpp
+lithe_mutant(takes_refusals_for_nonsense slcan ${hal}/bus/serial/text_bus.cpp "++statistics_.errors;" "++statistics_.malformed;")
+lithe_mutant(takes_any_id slcan ${hal}/bus/slcan/slcan_codec.cpp
   "return frame.id <= (frame.extended ? kLargestId : kLargestStandardId);" "return true;")
-lithe_mutant(forgets_to_count_remotes socketcan ${hal}/bus/socketcan_bus.cpp "++statistics_.ignored;" ";")
-lithe_mutant(loses_the_last_byte socketcan ${hal}/bus/socketcan_codec.cpp
+lithe_mutant(forgets_to_count_remotes socketcan ${hal}/bus/socketcan/socketcan_bus.cpp "++statistics_.ignored;" ";")
+lithe_mutant(loses_the_last_byte socketcan ${hal}/bus/socketcan/socketcan_codec.cpp
   "copy_n(raw.data, heard.size," "copy_n(raw.data, heard.size / 2,")
-lithe_mutant(believes_any_torque moteus ${hal}/device/moteus.cpp "std::abs(torque_nm) <= kMaxTorqueNm" "true")
-lithe_mutant(sends_what_no_float_holds moteus ${hal}/device/moteus.cpp
+lithe_mutant(believes_any_torque moteus ${hal}/moteus/moteus.cpp "std::abs(torque_nm) <= kMaxTorqueNm" "true")
+lithe_mutant(sends_what_no_float_holds moteus ${hal}/moteus/moteus.cpp
   "return std::abs(value) <= kMaxCommand;" "return std::isfinite(value);")
-lithe_mutant(bounds_beyond_any_float moteus ${hal}/device/moteus.cpp
+lithe_mutant(bounds_beyond_any_float moteus ${hal}/moteus/moteus.cpp
   "(possible(position_rad) && position_rev <= largest" "(position_rev <= largest")
-lithe_mutant(scales_by_any_gain moteus ${hal}/device/moteus_setup.cpp "return gain >= 1e-9 && gain <= 1e9;" "return gain > 0;")
-lithe_mutant(reads_beyond_the_frame moteus ${hal}/device/moteus_codec.cpp
+lithe_mutant(scales_by_any_gain moteus ${hal}/moteus/moteus_setup.cpp "return gain >= 1e-9 && gain <= 1e9;" "return gain > 0;")
+lithe_mutant(reads_beyond_the_frame moteus ${hal}/moteus/moteus_codec.cpp
   "if (bytes > rest_.size()) return false;" "if (bytes > rest_.size() + 4) return false;")
-lithe_mutant(listens_for_ever moteus_terminal ${hal}/device/moteus_terminal.cpp
+lithe_mutant(listens_for_ever moteus_terminal ${hal}/moteus/moteus_terminal.cpp
   "if (time_.now_ns() >= end_ns) return Error" "if (time_.now_ns() >= end_ns && !heard) return Error")
-lithe_mutant(waits_for_ever moteus_terminal ${hal}/device/moteus_terminal.cpp
+lithe_mutant(waits_for_ever moteus_terminal ${hal}/moteus/moteus_terminal.cpp
   "std::min(quiet_until_ns, end_ns)" "quiet_until_ns")
-lithe_mutant(takes_any_objects_answer canopen ${hal}/device/canopen_sdo.cpp
+lithe_mutant(takes_any_objects_answer canopen ${hal}/canopen/canopen_sdo.cpp
   "kind == kSegmentAnswer || sdo_address(frame) != address_" "kind == kSegmentAnswer")
-lithe_mutant(asks_for_ever canopen ${hal}/device/canopen_sdo.cpp
+lithe_mutant(asks_for_ever canopen ${hal}/canopen/canopen_sdo.cpp
   "attempts_ < kAttempts ? Phase::start : Phase::failed" "Phase::start")
-lithe_mutant(says_another_number canopen ${hal}/sim/sim_cia402_objects.cpp
+lithe_mutant(says_another_number canopen ${hal}/cia402/sim/sim_cia402_objects.cpp
   "foreign ? kInputsAndOutputs : dictionary_.raw(*slot)" "dictionary_.raw(*slot) + 1")
-lithe_mutant(believes_any_speed cia402 ${hal}/device/cia402_answers.cpp
+lithe_mutant(believes_any_speed cia402 ${hal}/cia402/cia402_answers.cpp
   "if (std::abs(motor_rev_s) > kMaxMotorRevPerS ||" "if (")
-lithe_mutant(forgets_the_torque_limit cia402 ${hal}/device/cia402_demand.cpp
+lithe_mutant(forgets_the_torque_limit cia402 ${hal}/cia402/cia402_demand.cpp
   "std::clamp(joint_nm, -limit_nm, limit_nm)" "joint_nm")
-lithe_mutant(steps_as_it_likes cia402 ${hal}/device/cia402_demand.cpp
+lithe_mutant(steps_as_it_likes cia402 ${hal}/cia402/cia402_demand.cpp
   "catches_up_ = std::abs(gap) > (catches_up_ ? std::min(slow_counts_, reach) : reach);" "catches_up_ = false;")
-lithe_mutant(takes_what_came_before cia402 ${hal}/device/cia402_answers.cpp
+lithe_mutant(takes_what_came_before cia402 ${hal}/cia402/cia402_answers.cpp
   "if (!exchange.asked || commanded_" "if (commanded_")
-lithe_mutant(takes_older_frames gateway ${hal}/device/gateway.cpp "ahead == 0 || ahead > 128" "ahead == 0")
-lithe_mutant(takes_invalid_channels gateway ${hal}/device/gateway.cpp "raw != kInvalid}" "true}")
-lithe_mutant(turns_into_nothing sim_moteus ${hal}/sim/servo.cpp "if (!std::isfinite(wanted_nm_)) wanted_nm_ = 0;" "")
-lithe_mutant(answers_unasked sim_moteus ${hal}/sim/sim_moteus.cpp "|| (frame.id & kReplyRequested) == 0) return;" ") return;")
-lithe_mutant(is_too_strong sim_cia402 ${hal}/sim/cia402_servo.cpp
+lithe_mutant(takes_older_frames gateway ${hal}/gateway/gateway.cpp "ahead == 0 || ahead > 128" "ahead == 0")
+lithe_mutant(takes_invalid_channels gateway ${hal}/gateway/gateway.cpp "raw != kInvalid}" "true}")
+lithe_mutant(turns_into_nothing sim_moteus ${hal}/moteus/sim/servo.cpp "if (!std::isfinite(wanted_nm_)) wanted_nm_ = 0;" "")
+lithe_mutant(answers_unasked sim_moteus ${hal}/moteus/sim/sim_moteus.cpp "|| (frame.id & kReplyRequested) == 0) return;" ") return;")
+lithe_mutant(is_too_strong sim_cia402 ${hal}/cia402/sim/cia402_servo.cpp
   "return std::clamp(torque_nm, least_nm, most_nm);" "return torque_nm;")
 lithe_mutant(takes_old_answers exchange ${hal}/bus_actuators.cpp "exchange_.number % kSources" "exchange_.number % 16")
-lithe_mutant(takes_every_answer exchange ${hal}/device/moteus_drive.cpp
+lithe_mutant(takes_every_answer exchange ${hal}/moteus/moteus_drive.cpp
   "if (!exchange.asked || source_of(frame) != exchange.source)" "if (!exchange.asked)")
 lithe_mutant(forgets_to_count_late exchange ${hal}/bus_actuators.cpp "++late_answers_;" ";")
 lithe_mutant(forgets_to_count_strays exchange ${hal}/bus_actuators.cpp "++counters_.stray;" ";")

@@ -6,9 +6,9 @@
 #include <array>
 #include <memory>
 
-#include "spine/hal/bus/loop_bus.hpp"
-#include "spine/hal/device/drive.hpp"
-#include "spine/hal/device/gateway.hpp"
+#include "spine/hal/bus/loop/loop_bus.hpp"
+#include "spine/hal/core/drive.hpp"
+#include "spine/hal/gateway/gateway.hpp"
 #include "tests/fuzz/fuzz.hpp"
 
 namespace lithe::fuzz {

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // A simulated CiA 402 drive and a simulated gateway behind a bad wire: any frames, any faults, any pauses.
-#include "spine/hal/sim/sim_cia402.hpp"
+#include "spine/hal/cia402/sim/sim_cia402.hpp"
 
 #include <cmath>
 #include <limits>
 
-#include "spine/hal/sim/sim_gateway.hpp"
-#include "spine/hal/sim/sim_wire.hpp"
+#include "spine/hal/gateway/sim/sim_gateway.hpp"
+#include "spine/hal/bus/loop/sim_wire.hpp"
 #include "tests/fuzz/fuzz.hpp"
 
 namespace lithe::fuzz {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A simulated moteus: any frames, any words for its console, any pauses. Whoever speaks with it meets a drive.
-#include "spine/hal/sim/sim_moteus.hpp"
+#include "spine/hal/moteus/sim/sim_moteus.hpp"
 
 #include <cmath>
 #include <string>

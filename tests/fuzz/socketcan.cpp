@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // SocketCAN: packets of any bytes and length into the codec, and through a socket into the bus.
-#include "spine/hal/bus/socketcan_codec.hpp"
+#include "spine/hal/bus/socketcan/socketcan_codec.hpp"
 
 #include <linux/can/error.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "spine/hal/bus/socketcan_bus.hpp"
+#include "spine/hal/bus/socketcan/socketcan_bus.hpp"
 #include "tests/fuzz/fuzz.hpp"
 
 namespace lithe::fuzz {

@@ -8,10 +8,10 @@
 #include <memory>
 #include <string>
 
-#include "spine/hal/bus/loop_bus.hpp"
-#include "spine/hal/bus/test_pty.hpp"
-#include "spine/hal/bus/text_bus.hpp"
-#include "spine/hal/sim/sim_adapter.hpp"
+#include "spine/hal/bus/loop/loop_bus.hpp"
+#include "spine/hal/test/pty_rig.hpp"
+#include "spine/hal/bus/serial/text_bus.hpp"
+#include "spine/hal/bus/serial/sim_adapter.hpp"
 #include "tests/fuzz/fuzz.hpp"
 
 namespace lithe::fuzz {

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "spine/guard/guard.hpp"
-#include "spine/hal/sim/chain.hpp"
-#include "spine/hal/sim/plant.hpp"
+#include "spine/hal/physics/chain.hpp"
+#include "spine/hal/physics/plant.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe::limits {

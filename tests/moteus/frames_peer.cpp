@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "spine/hal/device/moteus.hpp"
+#include "spine/hal/moteus/moteus.hpp"
 
 namespace {
 

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "spine/hal/bus/pi3hat_port.hpp"
+#include "spine/hal/bus/pi3hat/pi3hat_port.hpp"
 #include "spine/hal/open_bus.hpp"
 
 namespace lithe::hal {

@@ -60,7 +60,7 @@ def buses(step: vcan.Step) -> dict[str, dict[str, Any]]:
 def test_frames_pass_on_a_real_interface(
     kernel: vcan.Kernel, booted: tuple[int | None, str], tell: Callable[[str], None]
 ) -> None:
-    """Classic and FD, errors, down and up, gone and back: spine/hal/bus/socketcan_interface_test.cpp."""
+    """Classic and FD, errors, down and up, gone and back: spine/hal/bus/socketcan/socketcan_interface_test.cpp."""
     status, said = booted
     assert status == 0, said
     assert "[  PASSED  ]" in said and "SKIPPED" not in said, said

@@ -5,7 +5,7 @@ import subprocess
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-OURS = "spine/hal/bus/CMakeFiles/lithe_hal_bus.dir/pi3hat/upstream.cpp.o"
+OURS = "spine/hal/CMakeFiles/lithe_hal_bus_pi3hat.dir/bus/pi3hat/port/upstream.cpp.o"
 
 
 def configure(build: Path, place: Path) -> subprocess.CompletedProcess[str]:

@@ -124,3 +124,20 @@ def test_every_package_line_has_a_group_a_name_and_a_reason() -> None:
             group, _, reason = line.split(maxsplit=2)
             assert group in {"build", "test", "check", "bench", "vcan"}
             assert len(reason) > len("short")
+
+
+def test_a_word_that_is_no_group_is_refused_before_anything_happens(machine: Path) -> None:
+    done = setup(machine, "build", "--help")
+    assert done.returncode == 2
+    assert "no group '--help'" in done.stderr and "bench build check test vcan" in done.stderr
+    assert not (machine / "apt.log").exists() and not (machine / ".venv").exists()
+
+
+def test_a_link_to_another_venv_is_not_emptied(machine: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "kept").write_text("theirs")
+    (machine / ".venv").symlink_to(other)
+    done = setup(machine)
+    assert done.returncode == 1 and "remove the link" in done.stderr
+    assert (other / "kept").read_text() == "theirs"

@@ -8,8 +8,8 @@
 
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
-#include "spine/hal/bus/loop_bus.hpp"
-#include "spine/hal/sim/coupling.hpp"
+#include "spine/hal/bus/loop/loop_bus.hpp"
+#include "spine/hal/physics/coupling.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe::hal::sim {

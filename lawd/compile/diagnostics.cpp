@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "lawd/compile/diagnostics.hpp"
+
+#include <algorithm>
+#include <array>
+#include <sstream>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace lithe::lawd {
+namespace {
+
+using nlohmann::json;
+constexpr std::size_t kMaxEntries = 20;
+
+std::vector<std::string> lines_of(const std::string& text) {
+  std::vector<std::string> lines;
+  std::istringstream in(text);
+  for (std::string line; std::getline(in, line);) lines.push_back(line);
+  return lines;
+}
+
+// The first line that holds `what`, from 1; 0 = none.
+int line_with(const std::vector<std::string>& lines, std::string_view what) {
+  for (std::size_t i = 0; i < lines.size(); ++i) {
+    if (lines[i].find(what) != std::string::npos) return static_cast<int>(i) + 1;
+  }
+  return 0;
+}
+
+// The line of the law that a message of the contract is about.
+int line_about(const std::string& message, const std::vector<std::string>& lines) {
+  constexpr std::array<std::pair<std::string_view, std::string_view>, 7> kAbout = {{
+      {"State field", "struct State"},
+      {"State is", "struct State"},
+      {"field is longer", "struct"},
+      {"of Params", "struct Params"},
+      {"Param is", "struct Params"},
+      {"of Probes", "struct Probes"},
+      {"exactly one step", " step("},
+  }};
+  for (const auto& [part, where] : kAbout) {
+    if (message.find(part) == std::string::npos) continue;
+    if (const int line = line_with(lines, where)) return line;
+  }
+  return line_with(lines, "LITHE_LAW(");
+}
+
+bool holds(const std::string& text, std::string_view part) { return text.find(part) != std::string::npos; }
+
+// What a compiler's message about the end of the file means to who wrote it. Empty: it says so itself.
+std::string about_the_macro(const std::string& message, const std::string& line) {
+  constexpr const char* kHow = "LITHE_LAW takes the law's struct, then its name: LITHE_LAW(Law, \"name\");";
+  const auto at = line.find_first_not_of(" \t");
+  if (at == std::string::npos || !std::string_view(line).substr(at).starts_with("LITHE_LAW")) return "";
+  const bool no_struct = holds(message, "no matching function for call to") && holds(message, "describe<");
+  const bool swapped = holds(message, "a law's name has") && holds(line, "(\"");
+  const bool unknown = holds(message, "was not declared in this scope");
+  if (unknown) return message + ": " + kHow;
+  return no_struct || swapped || holds(message, "macro \"LITHE_LAW\"") ? kHow : "";
+}
+
+// A compiler's message repeats words of the file it is about. The law's writer has sent the law and may read the
+// contract and the system's headers; any other file was read with lawd's rights.
+bool may_be_quoted(const std::string& file, const Sources& sources) {
+  const auto below = [&file](const std::string& folder) { return file.starts_with(folder + "/"); };
+  const bool plain = file.find("/../") == std::string::npos;
+  return file.empty() || file == sources.path ||
+         (plain && (below(sources.contract_dir) || below("/usr/include") || below("/usr/lib/gcc")));
+}
+
+json entry(const json& raw, const Sources& sources, const std::vector<std::string>& lines) {
+  const std::string& name = sources.name;
+  json out = {{"file", name}, {"line", 0}, {"column", 0}};
+  out["severity"] = raw.value("kind", "error");
+  const json places = raw.value("locations", json::array());
+  const json caret = places.empty() ? json::object() : places[0].value("caret", json::object());
+  const std::string file = caret.value("file", "");
+  std::string message = raw.value("message", "");
+  if (!may_be_quoted(file, sources))
+    message = "does not compile; what stands there is not shown: a law may not include it";
+  if (const auto at = message.find("LITHE: "); at != std::string::npos) {
+    out["message"] = message.substr(at + 7);
+    out["contract"] = true;
+    out["line"] = line_about(message, lines);
+  } else {
+    out["message"] = message;
+    if (!file.empty()) {
+      if (file != sources.path) out["file"] = file;
+      out["line"] = caret.value("line", 0);
+      out["column"] = caret.value("column", 0);
+    }
+  }
+  const int line = out["line"];
+  const bool own = out["file"] == name && line >= 1 && line <= static_cast<int>(lines.size());
+  out["text"] = own ? lines[static_cast<std::size_t>(line) - 1] : "";
+  if (const std::string says = about_the_macro(out["message"], out["text"]); !says.empty()) out["message"] = says;
+  return out;
+}
+
+// The readable form of one entry: where, what, the line, a caret under the column.
+std::string render(const json& d) {
+  const int line = d["line"], column = d["column"];
+  std::string where = d["file"].get<std::string>();
+  if (line > 0) where += ":" + std::to_string(line);
+  if (column > 0) where += ":" + std::to_string(column);
+  std::string out = where + ": " + d["severity"].get<std::string>() + ": " + d["message"].get<std::string>() + "\n";
+  const std::string text = d["text"];
+  if (text.empty()) return out;
+  out += "  " + text + "\n";
+  if (column > 0) out += "  " + std::string(static_cast<std::size_t>(column) - 1, ' ') + "^\n";
+  return out;
+}
+
+}  // namespace
+
+Diagnostics read_diagnostics(const std::string& output, const Sources& sources) {
+  const std::string& name = sources.name;
+  const std::vector<std::string> lines = lines_of(sources.text);
+  std::vector<json> all;
+  std::string rest;
+  bool contract = false;
+  for (const std::string& line : lines_of(output)) {
+    const json parsed = line.starts_with("[") ? json::parse(line, nullptr, false) : json();
+    if (!parsed.is_array()) {
+      if (!line.empty()) rest += line + "\n";
+      continue;
+    }
+    for (const json& raw : parsed) {
+      if (!raw.is_object()) continue;
+      all.push_back(entry(raw, sources, lines));
+      contract = contract || all.back().contains("contract");
+    }
+  }
+  Diagnostics result;
+  result.list = json::array();
+  for (const bool warnings : {false, true}) {  // errors first: the first line is what a person reads
+    for (json d : all) {
+      const bool is_warning = d["severity"] == "warning";
+      const bool consequence = contract && !d.contains("contract") && !is_warning &&
+                               (d["file"] != name || d["text"].get<std::string>().starts_with("LITHE_LAW"));
+      d.erase("contract");
+      if (holds(d["message"], "<expression error>")) continue;  // of a mistake that is told itself
+      const bool known = std::find(result.list.begin(), result.list.end(), d) != result.list.end();
+      if (is_warning != warnings || consequence || known || d["severity"] == "note") continue;
+      if (result.list.size() >= kMaxEntries) break;
+      result.text += render(d);
+      result.list.push_back(std::move(d));
+    }
+  }
+  if (result.list.empty()) result.text = rest;
+  return result;
+}
+
+}  // namespace lithe::lawd

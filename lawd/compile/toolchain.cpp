@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "lawd/compile/toolchain.hpp"
+
+#include <chrono>
+#include <cstdlib>
+#include <filesystem>
+
+#include "lawd/run/files.hpp"
+#include "lithe/law.hpp"
+#include "spine/arena/veneers.hpp"
+#include "spine/core/sha256.hpp"
+
+namespace lithe::lawd {
+namespace {
+
+namespace fs = std::filesystem;
+
+const std::vector<std::string>& flags() {
+  static const std::vector<std::string> all = {"-std=c++20",
+                                               "-O2",
+                                               "-fPIC",
+                                               "-fno-exceptions",
+                                               "-fno-rtti",
+                                               "-fno-gnu-unique",  // else dlclose silently keeps the old law
+                                               "-fvisibility=hidden",
+                                               "-fno-math-errno",
+                                               "-fno-asynchronous-unwind-tables",
+                                               "-fno-threadsafe-statics",
+                                               "-g1",                     // a crash is reported with its line
+                                               "-fcallgraph-info=su,da",  // admission bounds the stack with it
+                                               "-isystem/usr/include/eigen3",
+                                               "-DEIGEN_NO_DEBUG",  // a failed assertion would print and abort
+                                               "-Wall",
+                                               "-Wextra",
+                                               "-Wno-unused-parameter",  // a law need not use all it is given
+                                               "-ftemplate-depth=200",
+                                               "-fdiagnostics-format=json",
+                                               "-DLITHE_NJ=" + std::to_string(kMaxJoints)};
+  return all;
+}
+
+// The first line a program prints on stdout; empty when it cannot be run.
+std::string ask(const std::string& command) {
+  FILE* pipe = popen((command + " 2>/dev/null").c_str(), "r");
+  if (pipe == nullptr) return "";
+  std::string line;
+  for (int c = fgetc(pipe); c != EOF && c != '\n'; c = fgetc(pipe)) line += static_cast<char>(c);
+  pclose(pipe);
+  return line;
+}
+
+}  // namespace
+
+std::string find_contract_dir() {
+  if (const char* dir = std::getenv("LITHE_CONTRACT_DIR")) return dir;
+  std::error_code failed;
+  const fs::path here = fs::read_symlink("/proc/self/exe", failed).parent_path();
+  for (const fs::path& dir : {here / "../include", fs::path(LITHE_SOURCE_CONTRACT_DIR)}) {
+    if (fs::exists(dir / "lithe/law.hpp", failed)) return fs::weakly_canonical(dir, failed).string();
+  }
+  return LITHE_SOURCE_CONTRACT_DIR;
+}
+
+std::string full_disk_text(const std::string& dir) {
+  return "the disk under the law cache " + dir + " is full: free some space, or set LITHE_CACHE_DIR to another disk";
+}
+
+Toolchain::Toolchain(std::string contract_dir, std::string cache)
+    : contract_dir_(std::move(contract_dir)), cache_(std::move(cache)) {
+  find_programs();
+  std::string all = version_;
+  for (const char* header : {"law.hpp", "describe.hpp", "reflect.hpp"}) {
+    const auto text = read_file(contract_dir_ + "/lithe/" + header);
+    if (!text) {
+      error_ = "cannot read the law contract " + contract_dir_ + "/lithe/" + header +
+               ": set LITHE_CONTRACT_DIR to the folder that holds lithe/law.hpp";
+    } else {
+      all += *text;
+    }
+  }
+  if (!error_.empty()) return;
+  for (const std::string& flag : flags()) all += '\n' + flag;
+  all += '\n' + std::to_string(arena::veneers_hash());  // what a law may call
+  fingerprint_ = sha256_hex(all);
+  precompile();
+}
+
+void Toolchain::find_programs() {
+  const char* chosen = std::getenv("LITHE_CXX");
+  compiler_ = chosen != nullptr ? chosen : "g++";
+  const std::string quoted = "'" + compiler_ + "'";
+  version_ = ask(quoted + " --version");
+  if (version_.empty()) {
+    error_ = "no compiler: cannot run " + compiler_ + "; install it (apt install g++) or set LITHE_CXX";
+    return;
+  }
+  linker_ = ask(quoted + " -print-prog-name=ld");
+  if (linker_.empty()) linker_ = "ld";
+  linker_version_ = ask("'" + linker_ + "' --version");
+}
+
+// The name of the folder is the fingerprint, so a precompiled header of another compiler is never used. A note of its
+// size beside it tells a whole one from one that a full disk or a crash cut short.
+void Toolchain::precompile() {
+  const std::string dir = cache_ + "/contract/" + fingerprint_.substr(0, 32);
+  const std::string header = dir + "/lithe/law.hpp.gch", note = dir + "/size";
+  std::error_code failed;
+  const auto size = fs::file_size(header, failed);
+  if (!failed && read_file(note) == std::to_string(size)) {
+    pch_dir_ = dir;
+    return;
+  }
+  fs::create_directories(dir + "/lithe", failed);
+  const auto start = std::chrono::steady_clock::now();
+  const ScratchDir scratch(dir);
+  if (scratch.path().empty()) return;
+  const std::string part = scratch.path() + "/law.hpp.gch";
+  std::vector<std::string> command = base_command();
+  command.insert(command.end(),
+                 {"-I", contract_dir_, "-x", "c++-header", contract_dir_ + "/lithe/law.hpp", "-o", part});
+  Limits limits;
+  limits.wall_ms = 60'000;
+  limits.cpu_s = 60;
+  if (!run_program(command, limits).clean()) return;
+  const auto made = fs::file_size(part, failed);
+  if (failed) return;
+  fs::rename(part, header, failed);
+  if (failed || !write_file_whole(note, std::to_string(made)).empty()) return;
+  precompile_ms_ = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  pch_dir_ = dir;
+}
+
+void Toolchain::precompile_again() {
+  std::error_code ignored;
+  if (!pch_dir_.empty()) fs::remove_all(pch_dir_, ignored);
+  pch_dir_.clear();
+  precompile();
+}
+
+nlohmann::json Toolchain::to_json() const {
+  std::string line;
+  for (const std::string& flag : flags()) line += (line.empty() ? "" : " ") + flag;
+  return {{"compiler", version_}, {"linker", linker_version_}, {"flags", line}, {"contract", fingerprint_}};
+}
+
+std::vector<std::string> Toolchain::base_command() const {
+  std::vector<std::string> command = {compiler_};
+  command.insert(command.end(), flags().begin(), flags().end());
+  return command;
+}
+
+std::vector<std::string> Toolchain::compile_command(const std::string& source, const std::string& object,
+                                                    Contract contract) const {
+  std::vector<std::string> command = base_command();
+  if (contract == Contract::precompiled && precompiled()) {
+    command.insert(command.end(), {"-I", pch_dir_});  // before the contract: lithe/law.hpp.gch
+  }
+  // Debug information without the scratch folder: the same law gives the same object.
+  const std::string folder = fs::path(source).parent_path().string();
+  command.push_back("-ffile-prefix-map=" + folder + "/=");
+  command.insert(command.end(), {"-I", contract_dir_, "-x", "c++", "-c", source, "-o", object});
+  return command;
+}
+
+// ld itself: the compiler's driver would cost more than the link. No library is named: a law may use what the Spine
+// already has (the maths of libm), and the dry run's RTLD_NOW finds every name it has not.
+std::vector<std::string> Toolchain::link_command(const std::string& object, const std::string& library) const {
+  return {linker_,           "-shared", "-z", "now",  "-z", "relro", "-z", "noexecstack", "--hash-style=gnu",
+          "--build-id=none", object,    "-o", library};
+}
+
+// -N: code and constants follow each other without page boundaries. -S: no debug information in the slot.
+std::vector<std::string> Toolchain::place_command(const std::string& object, const std::string& script,
+                                                  const std::string& program, Lines lines) const {
+  std::vector<std::string> command = {linker_, "-static", "-nostdlib", "-N", "-z", "noexecstack", "--build-id=none"};
+  if (lines == Lines::none) command.push_back("-S");
+  command.insert(command.end(), {"--no-demangle", "-T", script, object, "-o", program});
+  return command;
+}
+
+}  // namespace lithe::lawd

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "lawd/core/admission.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace lithe::lawd {
+namespace {
+
+using nlohmann::json;
+
+// Line `wanted`, from 1; empty when there is none.
+std::string line_of(std::string_view source, int wanted) {
+  for (int line = 1; !source.empty(); ++line) {
+    const std::size_t end = std::min(source.find('\n'), source.size());
+    if (line == wanted) return std::string(source.substr(0, std::min<std::size_t>(end, 200)));
+    source.remove_prefix(std::min(end + 1, source.size()));
+  }
+  return "";
+}
+
+}  // namespace
+
+void Admission::refuse(std::string_view gate, std::string message, int line, int column) {
+  const auto same = [&](const Finding& finding) { return finding.message == message && finding.line == line; };
+  if (findings.size() >= kMaxFindings || std::any_of(findings.begin(), findings.end(), same)) return;
+  findings.push_back({std::string(gate), std::move(message), line, column});
+}
+
+json Admission::gates_json() const {
+  json list = json::array();
+  for (const Gate& gate : gates) {
+    list.push_back({{"gate", gate.name}, {"ok", gate.ok}, {"ms", gate.ms}, {"detail", gate.detail}});
+  }
+  return list;
+}
+
+json findings_json(const Admission& admission, const std::string& name, std::string_view source) {
+  json list = json::array();
+  for (const Finding& finding : admission.findings) {
+    list.push_back({{"file", name},
+                    {"line", finding.line},
+                    {"column", finding.column},
+                    {"severity", "error"},
+                    {"message", finding.message},
+                    {"text", finding.line > 0 ? line_of(source, finding.line) : ""},
+                    {"gate", finding.gate}});
+  }
+  return list;
+}
+
+std::string findings_text(const json& diagnostics) {
+  std::string text;
+  for (const json& entry : diagnostics) {
+    const int line = entry["line"], column = entry["column"];
+    text += entry["file"].get<std::string>();
+    if (line > 0) text.append(":").append(std::to_string(line));
+    if (column > 0) text.append(":").append(std::to_string(column));
+    text.append(": error: ").append(entry["message"].get<std::string>());
+    text.append(" [").append(entry["gate"].get<std::string>()).append("]\n");
+    const std::string own = entry["text"];
+    if (!own.empty()) text.append("    ").append(own).append("\n");
+  }
+  return text;
+}
+
+}  // namespace lithe::lawd

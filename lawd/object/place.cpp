@@ -1,0 +1,201 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "lawd/object/place.hpp"
+
+#include <elf.h>
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstring>
+#include <fstream>
+
+#include "lawd/object/admission_elf.hpp"
+#include "lawd/core/answers.hpp"
+#include "lawd/run/dry_run.hpp"
+#include "lawd/run/files.hpp"
+#include "lawd/object/locate.hpp"
+#include "spine/arena/veneers.hpp"
+
+namespace lithe::lawd {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::size_t kMaxLinks = 64;  // two laws in turn, in every slot, and some
+
+// The variable that made a section, as its author wrote it; the section's own name when no symbol tells.
+std::string owner_of(const ElfObject& object, std::uint32_t section) {
+  std::string name;
+  for (const ElfSymbol& symbol : object.symbols) {
+    if (symbol.section != section || symbol.type == STT_SECTION || symbol.name.empty()) continue;
+    name = readable(symbol.name);
+    if (!name.starts_with("guard variable")) return name;
+  }
+  return name.empty() ? std::string(object.sections[section].name) : name;
+}
+
+// Slots hold code and constants only: these are the sections of an object, in the order in which they come to lie.
+std::string script_for(std::uint32_t slot) {
+  std::string text = fmt::format(
+      "ENTRY(lithe_law)\nSECTIONS {{\n  . = {:#x};\n  .text : {{ *(.text .text.*) }}\n"
+      "  .rodata : {{ *(.rodata .rodata.*) *(.data.rel.ro .data.rel.ro.*) *(.got .got.plt) }}\n"
+      "  /DISCARD/ : {{ *(.comment .note .note.* .eh_frame .eh_frame_hdr .gnu.*) }}\n}}\n",
+      arena::slot_address(slot));
+  for (std::size_t i = 0; i < arena::veneers().size(); ++i) {
+    text += fmt::format("PROVIDE({} = {:#x});\n", arena::veneers()[i].name, arena::veneer_address(i));
+  }
+  return text + fmt::format("PROVIDE(__stack_chk_guard = {:#x});\n", arena::kGuardWord);
+}
+
+// The names behind "undefined reference to `...'".
+std::string undefined_names(const std::string& words) {
+  constexpr std::string_view kBefore = "undefined reference to `";
+  std::vector<std::string> names;
+  for (auto at = words.find(kBefore); at != std::string::npos; at = words.find(kBefore, at + 1)) {
+    const auto from = at + kBefore.size();
+    const std::string name = readable(words.substr(from, words.find('\'', from) - from));
+    if (std::find(names.begin(), names.end(), name) == names.end()) names.push_back(name);
+  }
+  std::string list;
+  for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
+  return list;
+}
+
+template <class T>
+bool read_at(std::string_view bytes, std::uint64_t offset, T& out) {
+  if (offset > bytes.size() || sizeof(T) > bytes.size() - offset) return false;
+  std::memcpy(&out, bytes.data() + offset, sizeof(T));
+  return true;
+}
+
+// What the linker made, as it shall stand in the slot. A sentence when something lies where it must not.
+std::string read_linked(std::string_view elf, std::uint32_t slot, Linked& linked) {
+  Elf64_Ehdr head{};
+  if (!read_at(elf, 0, head) || head.e_type != ET_EXEC) return "the linker made something else than a program";
+  const std::uint64_t base = arena::slot_address(slot);
+  for (std::size_t i = 0; i < head.e_phnum; ++i) {
+    Elf64_Phdr segment{};
+    if (!read_at(elf, head.e_phoff + i * sizeof segment, segment)) return "the linker's output is damaged";
+    if (segment.p_type != PT_LOAD || segment.p_memsz == 0) continue;
+    const std::uint64_t offset = segment.p_vaddr - base;
+    if (segment.p_vaddr < base || offset > arena::kSlotBytes || segment.p_memsz > arena::kSlotBytes - offset) {
+      return fmt::format("its code and constants do not fit: a law may have {} KiB", arena::kSlotBytes / 1024);
+    }
+    if (segment.p_filesz != segment.p_memsz) return "it has variables outside its State";
+    if (segment.p_offset > elf.size() || segment.p_filesz > elf.size() - segment.p_offset)
+      return "the file is cut short";
+    linked.bytes.resize(std::max<std::size_t>(linked.bytes.size(), offset + segment.p_memsz));
+    std::memcpy(linked.bytes.data() + offset, elf.data() + segment.p_offset, segment.p_filesz);
+  }
+  if (head.e_entry < base || head.e_entry - base >= linked.bytes.size()) {
+    return "the file exports no law: end it with LITHE_LAW(Type, \"name\");";
+  }
+  linked.entry = head.e_entry;
+  linked.hash = arena::image_hash(linked.bytes);
+  return "";
+}
+
+}  // namespace
+
+std::string why_not_placeable(std::string_view object) {
+  std::string why;
+  const auto elf = ElfObject::parse(object, why);
+  if (!elf) return why;
+  for (std::uint32_t i = 1; i < elf->sections.size(); ++i) {
+    const ElfSection& section = elf->sections[i];
+    if ((section.flags & SHF_ALLOC) == 0 || (section.flags & SHF_WRITE) == 0 || section.size == 0) continue;
+    if (section.name.starts_with(".data.rel.ro")) continue;  // constants that hold addresses
+    const bool runs = section.type == SHT_INIT_ARRAY || section.type == SHT_FINI_ARRAY ||
+                      section.type == SHT_PREINIT_ARRAY || section.name.starts_with(".ctors");
+    if (runs) return "a variable of the law is set up by code that runs at start: make it constexpr";
+    return "the variable " + owner_of(*elf, i) + " can be written: put it into State, or make it constexpr";
+  }
+  for (const ElfSymbol& symbol : elf->symbols) {
+    if (symbol.section != SHN_COMMON) continue;
+    return "the variable " + readable(symbol.name) + " can be written: put it into State, or make it constexpr";
+  }
+  return "";
+}
+
+Placer::Placer(const Toolchain& toolchain, std::string scratch, int arena_fd)
+    : toolchain_(toolchain), scratch_(std::move(scratch)) {
+  Result<arena::Writer> writer = arena::Writer::attach(arena_fd);
+  if (writer) {
+    writer_.emplace(std::move(*writer));
+  } else {
+    error_ = writer.message();
+  }
+  if (arena::is_memory(arena_fd)) close(arena_fd);
+}
+
+std::optional<Placer::Failure> Placer::link(const std::string& object, std::uint32_t slot, Linked& linked) const {
+  const auto bytes = read_file(object);
+  if (!bytes) return Failure{"cache", "the compiled law is not in the cache any more: compile it again"};
+  if (const std::string why = why_not_placeable(*bytes); !why.empty()) return Failure{"place", why};
+  const ScratchDir scratch(scratch_);
+  const std::string script = scratch.path() + "/slot.ld", program = scratch.path() + "/law";
+  if (!(std::ofstream(script) << script_for(slot)).flush()) {
+    return Failure{"cache", "cannot write into " + scratch_ + ": " + scratch.error()};
+  }
+  const Outcome outcome = run_program(toolchain_.place_command(object, script, program), Limits{});
+  if (outcome.starved) return Failure{"place", starved_text("the linker", outcome), true};
+  if (const std::string names = undefined_names(outcome.output); !names.empty()) {
+    return Failure{"place", "the law uses " + names +
+                                ", which it does not define: a law may use itself, the contract and <cmath> only"};
+  }
+  if (!outcome.clean()) return Failure{"place", "the link failed: " + outcome.output};
+  const auto elf = read_file(program);
+  if (!elf) return Failure{"cache", "cannot read back " + program};
+  if (const std::string why = read_linked(*elf, slot, linked); !why.empty()) return Failure{"place", why};
+  return std::nullopt;
+}
+
+Linked* Placer::remembered(const std::string& name, std::uint32_t slot) {
+  const std::string key = fmt::format("{}@{}", name, slot);
+  const auto found = std::find_if(links_.begin(), links_.end(), [&](const auto& each) { return each.first == key; });
+  return found == links_.end() ? nullptr : &found->second;
+}
+
+json Placer::place(const std::string& name, const std::string& object, std::uint32_t slot, std::uint32_t joints,
+                   std::uint64_t dry_steps) {
+  if (!writer_ || !arena::is_slot(slot))
+    return refuse("request", fmt::format("place needs \"slot\": 1 to {}", arena::kSlots));
+  const Linked* linked = remembered(name, slot);
+  const bool known = linked != nullptr;
+  if (!known) {
+    Linked fresh;
+    if (const auto failure = link(object, slot, fresh)) {
+      return failure->starved ? refuse_starved(failure->text) : refuse(failure->stage, failure->text);
+    }
+    if (links_.size() == kMaxLinks) links_.erase(links_.begin());
+    linked = &links_.emplace_back(fmt::format("{}@{}", name, slot), std::move(fresh)).second;
+  }
+  writer_->place(slot, linked->bytes);
+  if (!known) {
+    const DryRun tried = dry_run_placed(linked->entry, joints, dry_steps);
+    if (!tried.ok) {
+      links_.pop_back();
+      return tried.starved ? refuse_starved(tried.reason) : refuse(tried.stage, tried.reason);
+    }
+  }
+  return {{"ok", true},
+          {"slot", slot},
+          {"entry", linked->entry},
+          {"code_bytes", linked->bytes.size()},
+          {"image_hash", linked->hash}};
+}
+
+json Placer::locate(const std::string& object, std::uint32_t offset) const {
+  const ScratchDir scratch(scratch_);
+  const std::string script = scratch.path() + "/slot.ld", program = scratch.path() + "/law";
+  if (!(std::ofstream(script) << script_for(1)).flush()) {
+    return refuse("cache", "cannot write into " + scratch_ + ": " + scratch.error());
+  }
+  const auto command = toolchain_.place_command(object, script, program, Toolchain::Lines::kept);
+  if (const Outcome linked = run_program(command, Limits{}); !linked.clean()) {
+    return refuse("locate", "the link failed: " + linked.output);
+  }
+  return own_place(program, arena::slot_address(1) + offset);
+}
+
+}  // namespace lithe::lawd

@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "lawd/run/dry_run.hpp"
+
+#include <cxxabi.h>
+#include <dlfcn.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cstdlib>
+#include <ctime>
+#include <limits>
+#include <memory>
+#include <vector>
+
+#include "lawd/run/child.hpp"
+#include "spine/law/dry_inputs.hpp"
+#include "spine/law/resident.hpp"
+
+namespace lithe::lawd {
+namespace {
+
+using nlohmann::json;
+
+constexpr int kRepetitions = 5;
+constexpr std::int64_t kPatienceNs = 500'000'000;
+constexpr const char* kKindNames[] = {"none",  "bool",   "int8",  "uint8",  "int16",   "uint16",
+                                      "int32", "uint32", "int64", "uint64", "float32", "float64"};
+
+json describe_json(const LitheLaw& law) {
+  json out = {{"name", law.name}, {"abi", law.abi}, {"state_size", law.state_size}};
+  out["params"] = out["state"] = out["probes"] = json::array();
+  for (std::uint32_t i = 0; i < law.param_count; ++i) {
+    const LitheParam& p = law.params[i];
+    out["params"].push_back({{"name", p.name}, {"value", p.value}, {"min", p.min}, {"max", p.max}});
+  }
+  for (std::uint32_t i = 0; i < law.state_count; ++i) {
+    const LitheStateField& f = law.state[i];
+    out["state"].push_back({{"name", f.name}, {"type", kKindNames[f.kind]}, {"count", f.count}});
+  }
+  for (std::uint32_t i = 0; i < law.probe_count; ++i) out["probes"].push_back(law.probes[i]);
+  return out;
+}
+
+std::int64_t now_ns() {
+  timespec now{};
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec * 1'000'000'000ll + now.tv_nsec;
+}
+
+// The child tells how far it came, one JSON line at a time: after a crash the last line says where it was.
+void tell(int fd, const json& line) {
+  const std::string text = line.dump(-1, ' ', false, json::error_handler_t::replace) + "\n";
+  if (write(fd, text.data(), text.size()) < 0) _exit(3);
+}
+
+// The law's State from its defaults, through `steps` dry steps. quickest_ns: of each step, over all repetitions.
+// The first output that is not a number ends it: its name goes to `bad`, and the step it came from is returned.
+std::uint64_t dry_steps(const LitheLaw& law, std::uint32_t joints, std::uint64_t steps, law::Resident& resident,
+                        std::vector<std::int64_t>& quickest_ns, std::array<char, 64>& bad) {
+  law::reset_resident(resident, law);
+  Tick tick;
+  Effort effort;
+  std::array<double, kMaxProbes> probes{};
+  for (std::uint64_t k = 0; k < steps; ++k) {
+    law::dry_input(tick, k, joints);
+    const std::int64_t start = now_ns();
+    resident.step(tick, effort, probes);
+    quickest_ns[k] = std::min(quickest_ns[k], now_ns() - start);
+    if (!law::outputs_are_finite(effort, probes, law, joints, bad.data(), bad.size())) return k;
+  }
+  return steps;
+}
+
+// A law does the same in every repetition, a busy machine does not: what is slow each time is the law.
+int try_steps(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t steps) {
+  auto resident = std::make_unique<law::Resident>();
+  std::vector<std::int64_t> quickest_ns(steps, std::numeric_limits<std::int64_t>::max());
+  const std::int64_t start = now_ns();
+  for (int repetition = 0; repetition < kRepetitions; ++repetition) {
+    std::array<char, 64> bad{};
+    const std::uint64_t done = dry_steps(law, joints, steps, *resident, quickest_ns, bad);
+    if (done < steps) {
+      tell(fd, {{"refused", std::string(bad.data()) + " is not finite in dry step " + std::to_string(done) +
+                                ", on harmless inputs: look for a division by zero, sqrt or log of a negative number, "
+                                "a sensor that is not valid (NaN), or a gain that diverges"}});
+      return 1;
+    }
+    if (now_ns() - start > kPatienceNs) break;  // slow enough that noise is small beside it
+  }
+  tell(fd, {{"done", true}, {"step_ns", steps == 0 ? 0 : *std::max_element(quickest_ns.begin(), quickest_ns.end())}});
+  return 0;
+}
+
+// dlopen's words, without our scratch path; an unknown name is the one mistake a law can make here.
+std::string load_failure(const std::string& words) {
+  constexpr std::string_view kUndefined = "undefined symbol: ";
+  const auto at = words.find(kUndefined);
+  if (at == std::string::npos) return "cannot load the law: " + words;
+  const std::string symbol = words.substr(at + kUndefined.size());
+  int status = 0;
+  char* readable = abi::__cxa_demangle(symbol.c_str(), nullptr, nullptr, &status);
+  const std::string name = status == 0 ? readable : symbol;
+  std::free(readable);
+  return "the law uses " + name + ", which it does not define: a law may use itself, the contract and <cmath> only";
+}
+
+int try_law(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t steps) {
+  char text[192];
+  if (*law::describe_mismatch(law, text, sizeof text) != '\0') {
+    tell(fd, {{"refused", text}});
+    return 1;
+  }
+  tell(fd, {{"law", describe_json(law)}});
+  return try_steps(fd, law, joints, steps);
+}
+
+int child(int fd, const std::string& path, std::uint32_t joints, std::uint64_t steps) {
+  void* handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
+  if (handle == nullptr) {
+    tell(fd, {{"refused", load_failure(dlerror())}});
+    return 1;
+  }
+  const auto* law = static_cast<const LitheLaw*>(dlsym(handle, "lithe_law"));
+  if (law == nullptr) {
+    tell(fd, {{"refused", "the file exports no law: end it with LITHE_LAW(Type, \"name\");"}});
+    return 1;
+  }
+  return try_law(fd, *law, joints, steps);
+}
+
+std::string death(const Outcome& outcome, const std::string& stage) {
+  const std::string where = stage == "load" ? "while it was loaded" : "in a dry step on harmless inputs";
+  if (outcome.timed_out) return "the law did not return " + where + ": look for a loop without an end";
+  if (outcome.signal != 0) return "the law crashed " + where + ": " + signal_text(outcome.signal);
+  return "the law ended its process " + where + " (exit code " + std::to_string(outcome.exit_code) +
+         "): a law may not call exit";
+}
+
+const Limits kLimits{3'000, 2, std::size_t{1} << 30, 0};
+
+DryRun read_outcome(const Outcome& outcome) {
+  DryRun result;
+  result.stage = "load";
+  std::size_t start = 0;
+  bool done = false;
+  while (start < outcome.output.size()) {
+    std::size_t end = outcome.output.find('\n', start);
+    if (end == std::string::npos) end = outcome.output.size();
+    const json line = json::parse(outcome.output.substr(start, end - start), nullptr, false);
+    start = end + 1;
+    if (!line.is_object()) continue;
+    if (line.contains("law")) result.law = line["law"], result.stage = "dry_run";
+    if (line.contains("refused")) result.reason = line["refused"].get<std::string>();
+    if (line.contains("done")) done = true, result.step_ns = line.value("step_ns", 0.0);
+  }
+  result.ok = done && outcome.clean() && result.reason.empty();
+  if (!result.ok && result.reason.empty()) {
+    result.starved = outcome.starved;
+    result.reason = outcome.starved ? starved_text("the dry run", outcome) : death(outcome, result.stage);
+  }
+  return result;
+}
+
+}  // namespace
+
+DryRun dry_run(const std::string& object_path, std::uint32_t joints, std::uint64_t steps) {
+  return read_outcome(run_child([&](int fd) { return child(fd, object_path, joints, steps); }, kLimits));
+}
+
+DryRun dry_run_placed(std::uint64_t entry, std::uint32_t joints, std::uint64_t steps) {
+  const auto* law = reinterpret_cast<const LitheLaw*>(entry);
+  return read_outcome(run_child([&](int fd) { return try_law(fd, *law, joints, steps); }, kLimits));
+}
+
+}  // namespace lithe::lawd

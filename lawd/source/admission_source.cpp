@@ -1,0 +1,208 @@
+// SPDX-License-Identifier: Apache-2.0
+// The rules on the text of a law. They see tokens after line joining and without comments; token pasting is refused, so
+// that every word the compiler will see stands in the text.
+#include <algorithm>
+#include <array>
+#include <chrono>
+
+#include "lawd/core/admission.hpp"
+#include "lawd/source/admission_growth.hpp"
+#include "lawd/source/admission_tokens.hpp"
+#include "lawd/source/admission_words.hpp"
+
+namespace lithe::lawd {
+namespace {
+
+constexpr std::size_t kMaxSourceBytes = std::size_t{256} << 10;
+constexpr std::size_t kMaxWords = 200'000;  // after the macros
+
+template <std::size_t N>
+bool holds(const std::array<std::string_view, N>& list, std::string_view word) {
+  return std::find(list.begin(), list.end(), word) != list.end();
+}
+
+class Source {
+ public:
+  Source(std::string_view text, Admission& out) : text_(text), out_(out) {}
+
+  void check() {
+    gate("text", [this] { check_text(); });
+    gate("includes", [this] { each_directive([this](std::size_t at) { check_include(at); }); });
+    gate("preprocessor", [this] { check_preprocessor(); });
+    gate("words", [this] { check_words(); });
+    gate("attributes", [this] { check_attributes(); });
+  }
+
+ private:
+  template <class Body>
+  void gate(const char* name, Body body) {
+    const auto start = std::chrono::steady_clock::now();
+    const std::size_t before = out_.findings.size();
+    gate_ = name;
+    body();
+    const double ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+    out_.gates.push_back({name, out_.findings.size() == before, ms, ""});
+  }
+
+  void refuse(const Token& where, std::string message) {
+    out_.refuse(gate_, std::move(message), where.line, where.column);
+  }
+
+  const Token& at(std::size_t i) const {
+    static const Token nothing;
+    return i < tokens_.list.size() ? tokens_.list[i] : nothing;
+  }
+  bool is_mark(std::size_t i, std::string_view mark) const {
+    return at(i).kind == TokenKind::mark && at(i).text == mark;
+  }
+
+  void check_text() {
+    if (text_.size() > kMaxSourceBytes) {
+      out_.refuse(gate_, "the source is " + std::to_string(text_.size() / 1024) + " KiB; a law has at most " +
+                             std::to_string(kMaxSourceBytes / 1024) +
+                             " KiB: shorten tables, compute what can be computed");
+      return;
+    }
+    tokens_ = tokenise(text_);
+    if (tokens_.list.empty() && tokens_.troubles.empty()) {
+      out_.refuse(gate_,
+                  "the file holds no code: a law is a struct with Params, State and a static step(), and ends with "
+                  "LITHE_LAW(Type, \"name\"); see laws/pd.cpp",
+                  1, 1);
+    }
+    for (const Trouble& trouble : tokens_.troubles) out_.refuse(gate_, trouble.message, trouble.line, trouble.column);
+  }
+
+  template <class Body>
+  void each_directive(Body body) {
+    for (std::size_t i = 0; i < tokens_.list.size(); ++i) {
+      if (at(i).first && is_mark(i, "#")) body(i + 1);
+    }
+  }
+  bool same_directive(std::size_t i) const { return at(i).directive && !at(i).first; }
+
+  void check_include(std::size_t name) {
+    const std::string& word = at(name).text;
+    if (!same_directive(name) || (word != "include" && word != "include_next" && word != "import")) return;
+    if (word != "include") {
+      refuse(at(name), "#" + word + " is not for laws: write #include <...>");
+      return;
+    }
+    const Token& target = at(name + 1);
+    if (target.kind == TokenKind::header && is_allowed_header(target.text)) return;
+    if (target.kind == TokenKind::header || target.kind == TokenKind::text) {
+      refuse(at(name), "a law may not include " + target.text + ": it may include " + allowed_headers_text() +
+                           ". What it must remember belongs in State, what is tuned in Params");
+    } else {
+      refuse(at(name), "an #include must name its file itself, not through a macro");
+    }
+  }
+
+  void check_preprocessor() {
+    each_directive([this](std::size_t at) { check_directive(at); });
+    for (const Token& token : tokens_.list) {
+      if (token.kind == TokenKind::mark && token.text == "##") {
+        refuse(token, "## glues words together that cannot be checked: write them out");
+      }
+    }
+    check_growth(tokens_, kMaxWords, gate_, out_);
+  }
+
+  void check_directive(std::size_t name) {
+    static constexpr std::array<std::string_view, 13> kAllowed = {"include", "if",       "ifdef",  "ifndef", "elif",
+                                                                  "else",    "endif",    "define", "undef",  "error",
+                                                                  "elifdef", "elifndef", "pragma"};
+    if (!same_directive(name)) return;  // a lone "#"
+    const std::string& word = at(name).text;
+    if (word == "include_next" || word == "import") return;  // said already
+    if (!holds(kAllowed, word)) {
+      refuse(at(name), "#" + word + " is not for laws: remove the line");
+    } else if (word == "pragma") {
+      check_pragma(name);
+    } else if (word == "define" || word == "undef") {
+      check_macro_name(name + 1);
+    }
+  }
+
+  void check_pragma(std::size_t name) {
+    const std::string& first = at(name + 1).text;
+    const std::string& second = at(name + 2).text;
+    const bool harmless = first == "once" || (first == "GCC" && (second == "unroll" || second == "ivdep"));
+    if (harmless && same_directive(name + 1)) return;
+    refuse(at(name),
+           "#pragma " + first + (first == "GCC" ? " " + second : "") +
+               " changes how the law is compiled or checked: remove it (#pragma GCC unroll and ivdep may stay)");
+  }
+
+  void check_macro_name(std::size_t i) {
+    const std::string& word = at(i).text;
+    if (is_keyword(word) || word == "std" || word == "lithe" || word.starts_with("LITHE")) {
+      refuse(at(i), "the macro " + word +
+                        " changes what the words of the language or of the contract mean: choose "
+                        "another name, or a constexpr");
+    }
+  }
+
+  void check_words() {
+    for (std::size_t i = 0; i < tokens_.list.size(); ++i) {
+      if (at(i).kind != TokenKind::word || (at(i).directive && at(i - 1).first)) continue;  // directives' own names
+      check_word(i);
+    }
+  }
+
+  void check_word(std::size_t i) {
+    const std::string& word = at(i).text;
+    if (const std::string_view why = why_word_is_refused(word); !why.empty()) {
+      const bool deleted = word == "delete" && i > 0 && is_mark(i - 1, "=");
+      if (!deleted) refuse(at(i), word + ": " + std::string(why));
+    } else if (is_reserved(word)) {
+      refuse(at(i), word +
+                        " is a reserved name (it begins with two underscores, or one and a capital): a law uses the "
+                        "words of the language, the contract and <cmath>");
+    } else if (word == "goto" && is_mark(i + 1, "*")) {
+      refuse(at(i), "goto to a computed address: use if, switch or a loop");
+    } else if (word == "namespace" && at(i - 1).text == "using" &&
+               (at(i + 1).text == "std" || at(i + 1).text == "lithe")) {
+      const std::string& which = at(i + 1).text;
+      refuse(at(i - 1),
+             "using namespace " + which + " brings in names that may be meant otherwise: remove the line and write " +
+                 (which == "std" ? "std::sin (or: using std::sin;)" : "lithe::Tick (or: using lithe::Tick;)"));
+    } else if (word == "namespace" && (at(i + 1).text == "std" || at(i + 1).text == "lithe")) {
+      refuse(at(i), "nothing may be added to namespace " + at(i + 1).text + ": use a name of your own");
+    } else if (word == "lithe" && is_mark(i + 1, "::") &&
+               (at(i + 2).text == "contract" || at(i + 2).text == "reflect")) {
+      refuse(at(i), "lithe::" + at(i + 2).text +
+                        " is the inside of the contract: a law uses lithe::Tick, lithe::Effort, "
+                        "lithe::Param, lithe::JointArray and the constants");
+    }
+  }
+
+  // [[ ... ]]: two marks, perhaps with blanks between them.
+  void check_attributes() {
+    for (std::size_t i = 0; i + 1 < tokens_.list.size(); ++i) {
+      if (!is_mark(i, "[") || !is_mark(i + 1, "[")) continue;
+      for (std::size_t k = i + 2; k < tokens_.list.size() && !is_mark(k, "]"); ++k) check_attribute(k);
+    }
+  }
+
+  void check_attribute(std::size_t i) {
+    if (at(i).kind != TokenKind::word) return;
+    const bool in_namespace = is_mark(i - 1, "::");
+    if (!in_namespace && is_mark(i + 1, "::") && at(i).text == "gnu") return;  // judged by what follows
+    if (is_allowed_attribute(at(i).text, in_namespace)) return;
+    refuse(at(i), "the attribute " + at(i).text +
+                      " is not for laws: remove it (allowed: likely, unlikely, maybe_unused, "
+                      "nodiscard, fallthrough, gnu::always_inline, gnu::noinline)");
+  }
+
+  std::string_view text_;
+  Admission& out_;
+  Tokens tokens_;
+  const char* gate_ = "";
+};
+
+}  // namespace
+
+void admit_source(std::string_view source, Admission& out) { Source(source, out).check(); }
+
+}  // namespace lithe::lawd

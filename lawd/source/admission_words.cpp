@@ -1,0 +1,273 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "lawd/source/admission_words.hpp"
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+#include "spine/arena/veneers.hpp"
+
+namespace lithe::lawd {
+namespace {
+
+template <std::size_t N>
+bool holds(const std::array<std::string_view, N>& list, std::string_view word) {
+  return std::find(list.begin(), list.end(), word) != list.end();
+}
+
+constexpr std::array<std::string_view, 10> kHeaders = {"<lithe/law.hpp>", "<cmath>",   "<array>",       "<algorithm>",
+                                                       "<span>",          "<numbers>", "<type_traits>", "<cstddef>",
+                                                       "<cstdint>",       "<limits>"};
+
+constexpr std::array<std::string_view, 81> kKeywords = {"alignas",
+                                                        "alignof",
+                                                        "auto",
+                                                        "bool",
+                                                        "break",
+                                                        "case",
+                                                        "char",
+                                                        "char16_t",
+                                                        "char32_t",
+                                                        "char8_t",
+                                                        "class",
+                                                        "concept",
+                                                        "const",
+                                                        "const_cast",
+                                                        "consteval",
+                                                        "constexpr",
+                                                        "constinit",
+                                                        "continue",
+                                                        "decltype",
+                                                        "default",
+                                                        "delete",
+                                                        "do",
+                                                        "double",
+                                                        "dynamic_cast",
+                                                        "else",
+                                                        "enum",
+                                                        "explicit",
+                                                        "export",
+                                                        "extern",
+                                                        "false",
+                                                        "final",
+                                                        "float",
+                                                        "for",
+                                                        "friend",
+                                                        "goto",
+                                                        "if",
+                                                        "inline",
+                                                        "int",
+                                                        "long",
+                                                        "mutable",
+                                                        "namespace",
+                                                        "new",
+                                                        "noexcept",
+                                                        "nullptr",
+                                                        "operator",
+                                                        "override",
+                                                        "private",
+                                                        "protected",
+                                                        "public",
+                                                        "register",
+                                                        "reinterpret_cast",
+                                                        "requires",
+                                                        "return",
+                                                        "short",
+                                                        "signed",
+                                                        "sizeof",
+                                                        "static",
+                                                        "static_assert",
+                                                        "static_cast",
+                                                        "struct",
+                                                        "switch",
+                                                        "template",
+                                                        "this",
+                                                        "thread_local",
+                                                        "throw",
+                                                        "true",
+                                                        "try",
+                                                        "typedef",
+                                                        "typeid",
+                                                        "typename",
+                                                        "union",
+                                                        "unsigned",
+                                                        "using",
+                                                        "virtual",
+                                                        "void",
+                                                        "volatile",
+                                                        "wchar_t",
+                                                        "while",
+                                                        "asm",
+                                                        "and",
+                                                        "or"};
+
+constexpr std::array<std::string_view, 11> kHarmlessReserved = {
+    "__x86_64__", "__aarch64__", "__restrict",  "__restrict__",     "__cplusplus", "__LINE__",
+    "__FILE__",   "__func__",    "__COUNTER__", "__builtin_expect", "__GNUC__"};
+
+struct Word {
+  std::string_view word, why;
+};
+constexpr std::string_view kNoHeap =
+    "a law allocates nothing: use a std::array of fixed size, in State if it must outlive the step";
+constexpr std::string_view kNoThrow = "a law has no exceptions: test the value and return a safe torque";
+constexpr std::string_view kNoCast = "a law works on numbers and never on raw memory: keep the type, or copy the value";
+constexpr std::string_view kNoCoroutine = "coroutines allocate: keep what must be remembered in State";
+constexpr std::array kWords = std::to_array<Word>({
+    {"asm", "inline assembly cannot be checked: write it in C++"},
+    {"extern", "a law declares nothing from outside itself: <cmath> and the contract are all it may call"},
+    {"new", kNoHeap},
+    {"delete", kNoHeap},
+    {"throw", kNoThrow},
+    {"try", kNoThrow},
+    {"catch", kNoThrow},
+    {"thread_local", "a law has no memory but its State: move the variable there"},
+    {"virtual", "virtual functions are calls through memory: use a template, an if or a switch"},
+    {"dynamic_cast", "there is no run-time type information in a law"},
+    {"typeid", "there is no run-time type information in a law"},
+    {"reinterpret_cast", kNoCast},
+    {"const_cast", "the inputs are not a law's to change: copy what you need"},
+    {"co_await", kNoCoroutine},
+    {"co_yield", kNoCoroutine},
+    {"co_return", kNoCoroutine},
+    {"export", "a law is one file, not a module"},
+    {"__asm__", "inline assembly cannot be checked: write it in C++"},
+    {"__asm", "inline assembly cannot be checked: write it in C++"},
+    {"_Pragma", "it changes how the law is compiled or checked: remove it"},
+    {"__attribute__", "attributes in this form are not for laws: remove it, or use a standard [[attribute]]"},
+    {"__attribute", "attributes in this form are not for laws: remove it, or use a standard [[attribute]]"},
+    {"__thread", "a law has no memory but its State: move the variable there"},
+    {"__has_include", "a law compiles to the same code everywhere: it may not ask what is on the disk"},
+    {"__has_include_next", "a law compiles to the same code everywhere: it may not ask what is on the disk"},
+    {"__DATE__", "the same law must give the same object each time: write the text itself"},
+    {"__TIME__", "the same law must give the same object each time: write the text itself"},
+    {"__TIMESTAMP__", "the same law must give the same object each time: write the text itself"},
+});
+
+constexpr std::array<std::string_view, 9> kAttributes = {
+    "likely",     "unlikely",          "maybe_unused", "nodiscard",         "fallthrough",
+    "deprecated", "no_unique_address", "noreturn",     "carries_dependency"};
+constexpr std::array<std::string_view, 7> kGnuAttributes = {"always_inline", "noinline", "flatten", "hot",
+                                                            "cold",          "pure",     "const"};
+
+// The beginning of a name, and what a law that uses it should do instead. The first that fits counts.
+constexpr std::array kAdvice = std::to_array<Word>({
+    {"operator new", kNoHeap},
+    {"operator delete", kNoHeap},
+    {"std::__throw", "it throws, and a law has no exceptions: check the index or the length yourself and use []"},
+    {"std::terminate", kNoThrow},
+    {"__cxa_guard", "a static variable inside a function: move it to State"},
+    {"__cxa_atexit", "an object with a destructor at namespace scope: keep plain values in State"},
+    {"__cxa_pure", "virtual functions are calls through memory: use a template, an if or a switch"},
+    {"vtable for", "virtual functions are calls through memory: use a template, an if or a switch"},
+    {"__cxa", kNoThrow},
+    {"_Unwind", kNoThrow},
+    {"__gxx", kNoThrow},
+    {"typeinfo", "there is no run-time type information in a law"},
+    {"__tls", "a law has no memory but its State"},
+    {"std::cout", "a law prints nothing: put the number into a field of Probes, it shows up in telemetry"},
+    {"std::basic_ostream", "a law prints nothing: put the number into a field of Probes, it shows up in telemetry"},
+    {"std::ostream", "a law prints nothing: put the number into a field of Probes, it shows up in telemetry"},
+    {"std::ios_base", "a law prints nothing: put the number into a field of Probes, it shows up in telemetry"},
+    {"std::chrono", "a law reads no clock: use t.t_s and t.dt_s"},
+    {"std::thread", "a law starts no thread: what takes long belongs in the Brain"},
+});
+
+constexpr std::array<std::string_view, 10> kOnlyTrap = {"abort",
+                                                        "__assert_fail",
+                                                        "_ZSt24__throw_out_of_range_fmtPKcz",
+                                                        "_ZSt20__throw_out_of_rangePKc",
+                                                        "_ZSt20__throw_length_errorPKc",
+                                                        "_ZSt24__throw_invalid_argumentPKc",
+                                                        "_ZSt20__throw_domain_errorPKc",
+                                                        "_ZSt21__throw_runtime_errorPKc",
+                                                        "lgamma",
+                                                        "lgammaf"};
+
+struct Group {
+  std::string_view why;
+  std::array<std::string_view, 22> names;
+};
+constexpr std::array kGroups = std::to_array<Group>({
+    {kNoHeap,
+     {"malloc", "calloc", "realloc", "free", "aligned_alloc", "posix_memalign", "strdup", "mmap", "munmap", "brk",
+      "sbrk", "reallocarray", "mprotect", "madvise", "mremap"}},
+    {"a law prints nothing: put the number into a field of Probes, it shows up in telemetry",
+     {"printf", "fprintf", "puts", "putchar", "fputs", "fwrite", "write", "snprintf", "sprintf", "perror", "fputc",
+      "fflush", "vprintf", "dprintf", "stdout", "stderr"}},
+    {"a law opens no file and no socket: what it needs belongs in Params or comes through the setpoint",
+     {"open",   "fopen", "close",  "fclose", "read",  "fread",  "socket",   "connect", "send",   "recv", "ioctl",
+      "openat", "poll",  "select", "getenv", "fgets", "sendto", "shm_open", "fcntl",   "dlopen", "dlsym"}},
+    {"a law never waits and reads no clock: time is in t.t_s and t.dt_s",
+     {"sleep", "usleep", "nanosleep", "clock_gettime", "clock_nanosleep", "gettimeofday", "time", "clock",
+      "sched_yield", "pause", "localtime", "gmtime", "times"}},
+    {"a law may not end, copy or signal its process: to stop, return zero torque",
+     {"exit",    "_exit",   "_Exit",       "abort",      "quick_exit", "atexit", "fork",      "vfork",
+      "execve",  "execl",   "system",      "kill",       "raise",      "signal", "sigaction", "setjmp",
+      "_setjmp", "longjmp", "__sigsetjmp", "siglongjmp", "waitpid",    "popen"}},
+    {"a law has one thread and never waits: what takes long belongs in the Brain",
+     {"pthread_create", "pthread_mutex_lock", "pthread_mutex_unlock", "sem_wait", "pthread_cond_wait", "pthread_exit",
+      "pthread_self", "pthread_kill", "pthread_mutex_trylock", "pthread_join", "pthread_once"}},
+    {"the same input must give the same output: keep a generator's state in State and compute it yourself",
+     {"rand", "srand", "random", "drand48", "rand_r", "getrandom", "getentropy", "arc4random", "srandom"}},
+    {"it makes system calls, which the tick may not: leave it out", {"syscall", "prctl", "setitimer", "timer_create"}},
+    {"it writes a global variable: std::tgamma and std::erf are allowed", {"lgamma", "lgammaf", "signgam"}},
+    {"std::errno is a global: test the argument before the call", {"__errno_location"}},
+});
+
+}  // namespace
+
+bool is_allowed_header(std::string_view header) {
+  const bool eigen = header.starts_with("<Eigen/") && header.find("..") == std::string_view::npos;
+  return holds(kHeaders, header) || eigen;
+}
+
+std::string allowed_headers_text() {
+  std::string text;
+  for (const std::string_view header : kHeaders) text += std::string(text.empty() ? "" : " ") + std::string(header);
+  return text + " and <Eigen/...>";
+}
+
+bool is_keyword(std::string_view word) { return holds(kKeywords, word); }
+
+bool is_reserved(std::string_view word) {
+  const bool reserved =
+      word.starts_with("__") || (word.size() > 1 && word[0] == '_' && word[1] >= 'A' && word[1] <= 'Z');
+  return reserved && !holds(kHarmlessReserved, word);
+}
+
+std::string_view why_word_is_refused(std::string_view word) {
+  for (const Word& entry : kWords) {
+    if (entry.word == word) return entry.why;
+  }
+  return "";
+}
+
+bool is_allowed_attribute(std::string_view name, bool in_namespace) {
+  return in_namespace ? holds(kGnuAttributes, name) : holds(kAttributes, name);
+}
+
+// The arena has stubs for more than this: what a law that was never admitted may reach there still only traps.
+bool is_allowed_symbol(std::string_view symbol) {
+  if (symbol == "_GLOBAL_OFFSET_TABLE_") return true;  // the linker's own
+  if (holds(kOnlyTrap, symbol)) return false;
+  const auto veneers = arena::veneers();
+  return std::any_of(veneers.begin(), veneers.end(),
+                     [&](const arena::Veneer& veneer) { return veneer.name == symbol; });
+}
+
+std::string why_symbol_is_refused(std::string_view symbol, std::string_view readable) {
+  const std::string_view bare = readable.substr(0, readable.find('('));
+  for (const Group& group : kGroups) {
+    if (!bare.empty() && (holds(group.names, symbol) || holds(group.names, bare))) return std::string(group.why);
+  }
+  for (const Word& entry : kAdvice) {
+    if (readable.starts_with(entry.word)) return std::string(entry.why);
+  }
+  if (symbol.ends_with("l") && is_allowed_symbol(symbol.substr(0, symbol.size() - 1))) {
+    return "long double is not the same on every machine: use double";
+  }
+  return "a law may use itself, the contract and <cmath> only: compute it in the law";
+}
+
+}  // namespace lithe::lawd

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// The adapter's side of an fdcanusb: lines in, frames to the simulated devices, lines out.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "spine/hal/bus/fdcanusb/fdcanusb_codec.hpp"
+#include "spine/hal/bus/serial/sim_adapter.hpp"
+
+namespace lithe::hal::sim {
+
+// As the firmware does: on from the start; OK before what the devices answer; a question is answered by one line
+// without OK; refusals in the firmware's words. After the first checksum that holds it demands and gives them, as a
+// drive's own serial port does. A bus-off is told to who asks only, and lasts until the bus is switched off and on, or
+// by itself where can.autorecover is set. Lines too long to be a command are passed over without a word. Contract: as
+// SimAdapter
+class SimFdcanusb final : public SimAdapter {
+ public:
+  static constexpr std::size_t kSettings = 17;
+  using Settings = std::array<double, kSettings>;
+
+  SimFdcanusb();
+
+  void feed(std::span<const char> bytes, std::int64_t now_ns, std::string& out) override;
+  void idle(std::int64_t now_ns, std::string& out) override;
+  void reset() override;
+
+  bool demands_sums() const { return sums_; }
+
+ private:
+  void serve(std::string_view line, std::int64_t now_ns, std::string& out);
+  void obey(const fdcanusb::Request& request, std::int64_t now_ns, std::string& out);
+  void configure(std::string_view words, std::string& out);
+  void switch_bus(bool on, std::string& out);
+  void say(std::string_view text, std::string& out) const;
+  void pass_on(std::string& out);
+
+  std::array<char, fdcanusb::kLongestLine> line_{};
+  std::size_t length_ = 0;
+  bool too_long_ = false;
+  bool sums_ = false;
+  bool on_ = true;
+  Settings settings_;
+  Settings stored_;
+};
+
+}  // namespace lithe::hal::sim

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/hal/bus/loop/loop_bus.hpp"
+
+namespace lithe::hal {
+
+void LoopBus::begin(std::int64_t now_ns) LITHE_RT {
+  deliver();  // what nobody collected was still on the wire: it arrived in the old exchange's time
+  statistics_.late += inbound_.size();
+  inbound_.clear();
+  now_ns_ = now_ns;
+  for (BusNode* node : nodes_) node->on_time(now_ns, inbound_);
+  count_refused();
+}
+
+bool LoopBus::send(const Frame& frame) LITHE_RT {
+  if (!outbound_.push(frame)) {
+    count_refused();
+    return false;
+  }
+  ++statistics_.sent;
+  return true;
+}
+
+bool LoopBus::receive(Frame& frame) LITHE_RT {
+  deliver();
+  const Frame* next = inbound_.front();
+  if (next == nullptr) return false;
+  frame = *next;
+  inbound_.pop();
+  ++statistics_.received;
+  return true;
+}
+
+void LoopBus::deliver() LITHE_RT {
+  while (const Frame* frame = outbound_.front()) {
+    for (BusNode* node : nodes_) node->on_frame(*frame, now_ns_, inbound_);
+    outbound_.pop();  // after the nodes have read it in place
+  }
+  count_refused();
+}
+
+// Either way: commands, and answers that nobody collected.
+void LoopBus::count_refused() LITHE_RT { statistics_.refused = outbound_.refused() + inbound_.refused(); }
+
+}  // namespace lithe::hal

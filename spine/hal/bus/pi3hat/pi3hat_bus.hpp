@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: Apache-2.0
+// The buses of a pi3hat: five connectors, and one conversation over SPI per exchange that serves them all.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+
+#include "spine/core/rt.hpp"
+#include "spine/hal/core/bus.hpp"
+#include "spine/hal/bus/pi3hat/imu.hpp"
+#include "spine/hal/bus/loop/loop_bus.hpp"
+#include "spine/hal/bus/pi3hat/pi3hat_port.hpp"
+
+namespace lithe::hal {
+
+struct Pi3hatBoardParams {
+  Pi3hatParams port;
+  std::int64_t reply_wait_ns = 2'000'000;
+  // Nobody opens exchanges: whoever receives and finds nothing looks anew (for tools; in the tick it would wait twice).
+  bool polled = false;
+};
+
+// What the buses of one board share. Commands of all of them are collected; the first receive() after a flush() sends
+// them in one cycle, takes all answers, and gives each to the bus it came from.
+// The board counts any frame as an answer, and hands out what is left of the last exchange with the new one's. A
+// moteus's answer tells which command it is to, a CANopen drive's does not, and it has two frames. So with a classic
+// connector an exchange is three steps: take what is old, send and read nothing, then look again and again, for whoever
+// waits.
+// Contract: as Bus · used through Pi3hatBus and ImuSource, from one thread, but why_down()
+class Pi3hatBoard final : public ImuSource {
+ public:
+  Pi3hatBoard(std::unique_ptr<Pi3hatPort> port, const Pi3hatBoardParams& params);
+
+  // A bus may use this connector (1 to 5) from now on. Contract: before the first exchange
+  void attach(std::uint32_t connector) {
+    listen_ |= 1U << connector;
+    in_steps_ = !params_.polled && (in_steps_ || !line(connector).fd);
+  }
+  // Somebody wants the IMU. Contract: before the first exchange
+  void want_imu() { wants_imu_ = true; }
+
+  void begin(std::int64_t now_ns) LITHE_RT;
+  // False: no room for it, or this connector cannot say it.
+  bool send(std::uint32_t connector, const Frame& frame, bool answered) LITHE_RT;
+  void flush() LITHE_RT;
+  bool receive(std::uint32_t connector, Frame& frame) LITHE_RT;
+  // 0: the cycle waits.
+  std::int64_t reply_wait_ns() const LITHE_RT { return in_steps_ ? params_.reply_wait_ns : 0; }
+  // Frames of that connector that were lost here since the start, because nobody fetched those before them.
+  std::uint64_t lost(std::uint32_t connector) const LITHE_RT { return line(connector).lost; }
+
+  const ImuReading& imu(std::int64_t now_ns) LITHE_RT override;
+  std::string why_down() const;
+
+  std::uint64_t cycles() const LITHE_RT { return cycles_; }
+
+ private:
+  static constexpr std::size_t kMostSent = 128;      // four times what the longest queue of the board holds
+  static constexpr std::size_t kMostReceived = 160;  // all its queues, full
+  // Each takes at least six frames from every processor that has them, and none holds more than 64.
+  static constexpr std::size_t kLeastTaken = 6;  // fewer in all: nothing is left
+  static constexpr int kMostOldCycles = 11;
+
+  struct Line {
+    FrameQueue inbound;
+    bool fd = true;
+    std::uint64_t lost = 0;
+  };
+  Line& line(std::uint32_t connector) LITHE_RT { return lines_[connector - 1]; }
+  const Line& line(std::uint32_t connector) const LITHE_RT { return lines_[connector - 1]; }
+  void look(std::uint32_t connector) LITHE_RT;
+  void take_old() LITHE_RT;
+  void send_all(std::int64_t wait_ns, std::span<Pi3hatFrame> room) LITHE_RT;
+  // Returns how many frames came.
+  std::size_t cycle(const Pi3hatOrder& order, std::span<Pi3hatFrame> room) LITHE_RT;
+  void take(const Pi3hatAttitude& attitude) LITHE_RT;
+
+  std::unique_ptr<Pi3hatPort> port_;
+  Pi3hatBoardParams params_;
+  std::uint32_t listen_ = 0;
+  bool wants_imu_ = false;
+  bool in_steps_ = false;
+  bool open_ = false;         // an exchange: begun, and not yet flushed
+  bool old_ = false;          // what came since the last exchange is still in the board
+  bool due_ = false;          // commands are still here
+  std::uint32_t looked_ = 0;  // bit 1 to 5: has asked since the last cycle, which was for it too
+  std::int64_t now_ns_ = 0;
+  std::uint64_t cycles_ = 0;
+  std::size_t sent_ = 0;
+  ImuReading imu_;
+  std::atomic<int> error_{0};  // relaxed: why_down() only tells it
+  std::array<Pi3hatFrame, kMostSent> outbound_;
+  std::array<Pi3hatFrame, kMostReceived> inbound_;
+  std::array<Line, kPi3hatConnectors> lines_;
+};
+
+// One connector.
+// Contract: as Bus
+class Pi3hatBus final : public Bus {
+ public:
+  Pi3hatBus(std::shared_ptr<Pi3hatBoard> board, std::uint32_t connector)
+      : board_(std::move(board)), connector_(connector) {
+    board_->attach(connector);
+  }
+
+  void begin(std::int64_t now_ns) LITHE_RT override { board_->begin(now_ns); }
+  void expect_answer() LITHE_RT override { answered_ = true; }
+  bool send(const Frame& frame) LITHE_RT override;
+  void flush() LITHE_RT override;
+  bool receive(Frame& frame) LITHE_RT override;
+  std::int64_t reply_wait_ns() const LITHE_RT override { return board_->reply_wait_ns(); }
+  std::string why_down() const override { return board_->why_down(); }
+
+ private:
+  std::shared_ptr<Pi3hatBoard> board_;
+  std::uint32_t connector_;
+  bool answered_ = false;
+};
+
+}  // namespace lithe::hal

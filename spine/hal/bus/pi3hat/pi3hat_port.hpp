@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+// The thin interface between us and a pi3hat: all five buses and the IMU in one call, as the board's SPI wants it.
+// On a Raspberry Pi the maker's library stands behind it, in tests a board of our own.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "spine/core/result.hpp"
+#include "spine/core/rt.hpp"
+#include "spine/hal/core/frame.hpp"
+
+namespace lithe::hal {
+
+inline constexpr std::size_t kPi3hatConnectors = 5;  // JC1 to JC5
+
+struct Pi3hatFrame {
+  std::uint32_t connector = 0;  // 1 to 5
+  bool answered = false;        // of a frame that is sent: one answer to it is waited for
+  Frame frame;
+};
+
+struct Pi3hatAttitude {
+  std::array<double, 4> attitude{};           // w x y z
+  std::array<double, 3> rate_dps{};           // degrees per second, as the board has it
+  std::array<double, 3> acceleration_mps2{};  // x y z
+};
+
+// What one cycle shall do.
+struct Pi3hatOrder {
+  std::span<const Pi3hatFrame> send;
+  std::uint32_t listen = 0;          // bit 1 to 5: take what has arrived there, whether or not something is awaited
+  std::int64_t longest_wait_ns = 0;  // for a device to answer, beside the time that its frames take
+  bool attitude = false;             // if there is a new one
+};
+
+struct Pi3hatOutcome {
+  std::size_t received = 0;
+  bool attitude = false;  // there was a new one
+  int error = 0;          // the board's own number; 0 = none. The maker's 1.0.0 knows none: a dead board is silent
+};
+
+// Contract: RT as far as the hardware is: busy, bounded, no allocation once its lists have grown · one thread
+class Pi3hatPort {
+ public:
+  Pi3hatPort() = default;
+  Pi3hatPort(const Pi3hatPort&) = delete;
+  Pi3hatPort& operator=(const Pi3hatPort&) = delete;
+  virtual ~Pi3hatPort() = default;
+
+  // Sends all, waits for the answers, takes what has come: at most received.size() frames, what came since the last
+  // cycle first. What does not fit stays in the board; without any room nothing is read.
+  virtual Pi3hatOutcome cycle(const Pi3hatOrder& order, std::span<Pi3hatFrame> received, Pi3hatAttitude& attitude)
+      LITHE_RT = 0;
+};
+
+struct Pi3hatLine {
+  bool used = false;  // if not, it acknowledges nothing and disturbs nobody, whatever bus is plugged in there
+  std::uint32_t bitrate = 1'000'000;
+  std::uint32_t data_bitrate = 5'000'000;  // 0 = this connector carries classic CAN
+};
+
+struct Pi3hatParams {
+  std::array<Pi3hatLine, kPi3hatConnectors> lines;
+};
+
+// The board of this machine. The error says what to do; in a build without the maker's library, how to get it.
+// Contract: never in the tick · one per machine
+Result<std::unique_ptr<Pi3hatPort>> open_pi3hat_port(const Pi3hatParams& params);
+
+}  // namespace lithe::hal

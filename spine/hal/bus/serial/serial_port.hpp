@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+// A serial device or pseudo terminal as a plain stream of bytes that never waits.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "spine/core/result.hpp"
+#include "spine/core/rt.hpp"
+#include "spine/hal/core/descriptor.hpp"
+#include "spine/hal/bus/serial/serial_identity.hpp"
+
+namespace lithe::hal {
+
+inline constexpr std::uint32_t kUsualBaud = 921'600;
+
+// Contract: read, write RT, never wait, one thread · open, close never in the tick, nor while another thread reads
+class SerialPort {
+ public:
+  // `sys`: where the kernel tells about devices.
+  explicit SerialPort(std::string path, std::uint32_t baud = kUsualBaud, std::string sys = "/sys")
+      : path_(std::move(path)), baud_(baud), sys_(std::move(sys)) {}
+
+  // Opens, or closes and opens again: raw, eight bits, no flow control, without the driver's own delays, not the
+  // terminal that may end this process, locked against other programs that ask. What the other end said before is
+  // forgotten. Another piece of hardware than the first time is refused: drives repeat their ids on each bus, so nobody
+  // else would notice. The error says what to do.
+  Result<> open();
+  void close() { descriptor_.close(); }
+
+  // An error means that the other end is gone.
+  Moved read(std::span<char> to) LITHE_RT { return descriptor_.read(std::as_writable_bytes(to)); }
+  Moved write(std::span<const char> from) LITHE_RT { return descriptor_.write(std::as_bytes(from)); }
+
+  const std::string& path() const { return path_; }
+  // Of what was opened last.
+  const SerialIdentity& identity() const LITHE_RT { return identity_; }
+
+ private:
+  std::string path_;
+  std::uint32_t baud_;
+  std::string sys_;
+  SerialIdentity identity_;
+  Descriptor descriptor_;
+};
+
+}  // namespace lithe::hal

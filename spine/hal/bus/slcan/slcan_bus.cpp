@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/hal/bus/slcan/slcan_bus.hpp"
+
+#include <utility>
+
+#include "spine/hal/bus/slcan/slcan_codec.hpp"
+
+namespace lithe::hal {
+
+SlcanBus::SlcanBus(const SlcanParams& params, std::string greeting)
+    : TextBus(SerialPort(params.path, params.baud), params.reply_wait_ns, slcan::kDone, slcan::kRefused),
+      greeting_(std::move(greeting)),
+      fd_(params.data_bitrate > 0) {}
+
+SlcanBus::~SlcanBus() { say("C\r"); }
+
+Result<std::unique_ptr<SlcanBus>> SlcanBus::open(const SlcanParams& params) {
+  const char rate = slcan::bitrate_digit(params.bitrate);
+  const char data_rate = slcan::data_bitrate_digit(params.data_bitrate);
+  if (rate == '\0') {
+    return Error{params.path + ": slcan has no bit rate of " + std::to_string(params.bitrate) +
+                 "; use 10000, 20000, 50000, 100000, 125000, 250000, 500000, 800000 or 1000000"};
+  }
+  if (params.data_bitrate != 0 && data_rate == '\0') {
+    return Error{params.path + ": slcan has no data bit rate of " + std::to_string(params.data_bitrate) +
+                 "; use 2000000, 5000000, or 0 for classic CAN"};
+  }
+  // An open channel keeps its bit rate, so it is closed first. Before that comes what no half command of a program
+  // before us can become whole with: V is no hex digit, C is. No empty line: there are adapters that take one for the
+  // last command again.
+  std::string greeting = std::string("V\rC\rS") + rate + "\r";
+  if (params.data_bitrate != 0) greeting += std::string("Y") + data_rate + "\r";
+  std::unique_ptr<SlcanBus> bus(new SlcanBus(params, greeting + "O\r"));
+  if (const Result<> opened = bus->TextBus::open(); !opened) return opened.error();
+  return bus;
+}
+
+std::size_t SlcanBus::format(const Frame& frame, std::span<char> out) LITHE_RT {
+  return frame.fd && !fd_ ? 0 : slcan::format_frame(frame, out);
+}
+
+TextBus::Said SlcanBus::parse(std::string_view line, Frame& frame) LITHE_RT {
+  switch (slcan::parse_answer(line, frame)) {
+    case slcan::Answer::frame:
+      return Said::frame;
+    case slcan::Answer::done:
+    case slcan::Answer::sent:
+      return Said::acknowledged;
+    case slcan::Answer::refused:
+    case slcan::Answer::trouble:
+      return Said::refused;
+    case slcan::Answer::bus_off:
+      return Said::bus_off;
+    case slcan::Answer::other:
+      return Said::nothing;
+    case slcan::Answer::malformed:
+      break;
+  }
+  return Said::malformed;
+}
+
+}  // namespace lithe::hal

@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+// SDO: one node reads and writes objects of another, one request and one answer of 8 bytes at a time.
+// Expedited transfers (values of 1 to 4 bytes) both ways; segmented upload, which is how texts come.
+//
+//   byte 0 of a request                     byte 0 of its answer
+//   2f 2b 27 23  write 1, 2, 3, 4 bytes     60  written
+//   40           read                       4f 4b 47 43  read 1, 2, 3, 4 bytes;  41  more than 4, its length follows
+//   60 70        next segment (toggle)      0ttt: bit 4 toggle, bits 1-3 unused bytes of 7, bit 0 last one
+//   80           abort                      80  abort: u32 why
+// Bytes 1 to 3 are index and subindex, 4 to 7 the value, but in segments.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string_view>
+
+#include "spine/core/rt.hpp"
+#include "spine/hal/core/frame.hpp"
+
+namespace lithe::hal::canopen {
+
+// Why a transfer was given up.
+namespace abort_code {
+inline constexpr std::uint32_t kNone = 0;
+inline constexpr std::uint32_t kToggle = 0x0503'0000;
+inline constexpr std::uint32_t kTimedOut = 0x0504'0000;
+inline constexpr std::uint32_t kCommand = 0x0504'0001;
+inline constexpr std::uint32_t kOutOfMemory = 0x0504'0005;
+inline constexpr std::uint32_t kUnsupportedAccess = 0x0601'0000;
+inline constexpr std::uint32_t kWriteOnly = 0x0601'0001;
+inline constexpr std::uint32_t kReadOnly = 0x0601'0002;
+inline constexpr std::uint32_t kNoObject = 0x0602'0000;
+inline constexpr std::uint32_t kNotMappable = 0x0604'0041;
+inline constexpr std::uint32_t kPdoTooLong = 0x0604'0042;
+inline constexpr std::uint32_t kLength = 0x0607'0010;
+inline constexpr std::uint32_t kNoSubindex = 0x0609'0011;
+inline constexpr std::uint32_t kValue = 0x0609'0030;
+inline constexpr std::uint32_t kGeneral = 0x0800'0000;
+inline constexpr std::uint32_t kState = 0x0800'0022;
+}  // namespace abort_code
+
+// In words, without a number; never empty. Contract: any thread
+std::string_view abort_name(std::uint32_t code) LITHE_RT;
+
+struct Address {
+  std::uint16_t index = 0;
+  std::uint8_t subindex = 0;
+  bool operator==(const Address&) const = default;
+};
+
+// Frames of both sides. `bytes` is 1 to 4.
+Frame sdo_read_request(std::uint32_t node, Address address) LITHE_RT;
+Frame sdo_write_request(std::uint32_t node, Address address, std::uint32_t value, std::size_t bytes) LITHE_RT;
+Frame sdo_segment_request(std::uint32_t node, bool toggle) LITHE_RT;
+Frame sdo_abort(std::uint32_t id, Address address, std::uint32_t code) LITHE_RT;
+Frame sdo_read_answer(std::uint32_t node, Address address, std::uint32_t value, std::size_t bytes) LITHE_RT;
+Frame sdo_long_answer(std::uint32_t node, Address address, std::uint32_t bytes) LITHE_RT;
+Frame sdo_segment_answer(std::uint32_t node, bool toggle, std::span<const std::uint8_t> data, bool last) LITHE_RT;
+Frame sdo_written_answer(std::uint32_t node, Address address) LITHE_RT;
+
+Address sdo_address(const Frame& frame) LITHE_RT;
+// How many bytes an expedited transfer carries; 4 when it does not say.
+std::size_t sdo_expedited_bytes(std::uint8_t command) LITHE_RT;
+
+// One transfer at a time with one node; at most one frame leaves per call of next().
+// Contract: RT · one thread · time is an argument · what a node answers is bounded by kLongest and counted
+class SdoClient {
+ public:
+  static constexpr std::size_t kLongest = 64;  // bytes of an upload; a longer one is given up
+  static constexpr std::uint32_t kAttempts = 3;
+  static constexpr std::int64_t kTimeoutNs = 100'000'000;  // a drive that stores what it is told takes its time
+
+  enum class Outcome : std::uint8_t { idle, busy, done, failed };
+
+  explicit SdoClient(std::uint32_t node) : node_(node) {}
+
+  void read(Address address) LITHE_RT;
+  void write(Address address, std::uint32_t value, std::size_t bytes) LITHE_RT;
+  void forget() LITHE_RT { phase_ = Phase::idle; }
+
+  // The frame to send now. False: nothing to send.
+  bool next(std::int64_t now_ns, Frame& frame) LITHE_RT;
+  // A frame from 580h + node. False: it answers nothing that was asked.
+  bool take(const Frame& frame) LITHE_RT;
+
+  Outcome outcome() const LITHE_RT;
+  Address address() const LITHE_RT { return address_; }
+  // Of an upload that is done.
+  std::span<const std::uint8_t> data() const LITHE_RT { return {data_.data(), received_}; }
+  std::uint32_t value() const LITHE_RT;
+  // Of one that failed; kTimedOut when nobody answered.
+  std::uint32_t abort() const LITHE_RT { return abort_; }
+  std::uint64_t strays() const LITHE_RT { return strays_; }
+
+ private:
+  enum class Phase : std::uint8_t { idle, start, await_start, segment, await_segment, give_up, done, failed };
+
+  void begin(Address address, bool writing) LITHE_RT;
+  bool send_start(std::int64_t now_ns, Frame& frame) LITHE_RT;
+  bool take_start(const Frame& frame) LITHE_RT;
+  bool take_segment(const Frame& frame) LITHE_RT;
+  bool fail(std::uint32_t code, Phase phase) LITHE_RT;
+  bool stray() LITHE_RT;
+
+  std::uint32_t node_;
+  Phase phase_ = Phase::idle;
+  Address address_;
+  bool writing_ = false;
+  bool toggle_ = false;
+  std::uint32_t value_ = 0;
+  std::size_t bytes_ = 0;
+  std::size_t received_ = 0;
+  std::uint32_t segments_ = 0;
+  std::uint32_t attempts_ = 0;
+  std::uint32_t abort_ = abort_code::kNone;
+  std::uint64_t strays_ = 0;
+  std::int64_t deadline_ns_ = 0;
+  std::array<std::uint8_t, kLongest> data_{};
+};
+
+}  // namespace lithe::hal::canopen

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/hal/cia402/cia402_demand.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace lithe::hal::cia402 {
+namespace {
+
+// Towards 0 by `change`, and not beyond.
+double slowed(double value, double change) LITHE_RT {
+  return std::copysign(std::max(std::abs(value) - change, 0.0), value);
+}
+
+}  // namespace
+
+Demand::Demand(const DriverParams& params)
+    : mode_(params.mode),
+      joint_(params.joint),
+      counts_per_rev_(params.counts_per_rev),
+      rated_torque_nm_(params.rated_torque_nm),
+      torque_max_nm_(params.torque_max_nm),
+      counts_per_rad_(params.joint.rev_per_rad() * params.counts_per_rev) {
+  const double per_rad = std::abs(counts_per_rad_);
+  velocity_counts_s_ = per_rad * params.velocity_max_rad_s;
+  velocity_change_counts_s_ = per_rad * params.deceleration_rad_s2 * params.period_s;
+  step_counts_ = velocity_counts_s_ * params.period_s;
+  slow_counts_ = velocity_change_counts_s_ * params.period_s;
+  share_step_ = params.soft_start_s > params.period_s ? params.period_s / params.soft_start_s : 1;
+  torque_step_nm_ = std::min(params.torque_slew_nm_s * params.period_s, params.torque_max_nm * share_step_);
+}
+
+RawDemand Demand::rest(std::uint32_t position_raw) LITHE_RT {
+  allowed_nm_ = share_ = last_step_ = at_counts_s_ = 0;
+  at_counts_ = last_wanted_ = static_cast<std::int32_t>(position_raw);
+  catches_up_ = false;
+  return {mode_ == Mode::position ? position_raw : 0, 0};
+}
+
+RawDemand Demand::next(const JointCommand& command, const JointSample& last) LITHE_RT {
+  allowed_nm_ = std::min(allowed_nm_ + torque_step_nm_, torque_max_nm_);
+  share_ = std::min(share_ + share_step_, 1.0);
+  const double limit_nm = std::clamp(command.max_torque_nm, 0.0, allowed_nm_);
+  switch (mode_) {
+    case Mode::position:
+      move_position(command);
+      return {raw_counts(at_counts_), torque_raw(command.torque_nm, limit_nm)};
+    case Mode::velocity:
+      move_velocity(command);
+      return {raw_counts(at_counts_s_), torque_raw(command.torque_nm, limit_nm)};
+    case Mode::torque:
+    case Mode::none:
+      break;
+  }
+  return {torque_raw(closed_loop_nm(command, last), limit_nm), 0};
+}
+
+void Demand::move_position(const JointCommand& command) LITHE_RT {
+  if (std::isnan(command.position_rad)) {
+    last_step_ = slowed(last_step_, slow_counts_);
+    last_wanted_ = at_counts_;
+  } else {
+    // No further than the drive can count: between infinities there is no way.
+    constexpr double kMost = 2147483647;
+    const double wanted = std::clamp(joint_.motor_rev(command.position_rad) * counts_per_rev_, -kMost, kMost);
+    last_step_ = step_to(wanted, step_counts_ * share_);
+    last_wanted_ = wanted;
+  }
+  at_counts_ += last_step_;
+}
+
+// A path that the joint can follow is followed as it is. To one further away it speeds up, and slows down before it, by
+// the joint's deceleration.
+double Demand::step_to(double wanted, double reach) LITHE_RT {
+  const double gap = wanted - at_counts_;
+  catches_up_ = std::abs(gap) > (catches_up_ ? std::min(slow_counts_, reach) : reach);
+  if (!catches_up_) return gap;
+  const double own = std::clamp(wanted - last_wanted_, -reach, reach);
+  const double wish = own + std::copysign(std::sqrt(2 * slow_counts_ * std::abs(gap)), gap);
+  return std::clamp(std::clamp(wish, last_step_ - slow_counts_, last_step_ + slow_counts_), -reach, reach);
+}
+
+void Demand::move_velocity(const JointCommand& command) LITHE_RT {
+  const double most = velocity_counts_s_ * share_;
+  const double wanted = std::clamp(command.velocity_rad_s * counts_per_rad_, -most, most);
+  at_counts_s_ += std::clamp(wanted - at_counts_s_, -velocity_change_counts_s_, velocity_change_counts_s_);
+}
+
+double Demand::closed_loop_nm(const JointCommand& command, const JointSample& last) const LITHE_RT {
+  const bool has_position = !std::isnan(command.position_rad);
+  const double stiff_nm =
+      has_position ? std::max(command.kp_nm_rad, 0.0) * (command.position_rad - last.position_rad) : 0;
+  const double damping_nm = std::max(command.kd_nm_s_rad, 0.0) * (command.velocity_rad_s - last.velocity_rad_s);
+  return command.torque_nm + stiff_nm + damping_nm;
+}
+
+// Thousandths of the motor's rated torque. Sums of finite numbers need not be finite.
+std::uint32_t Demand::torque_raw(double joint_nm, double limit_nm) const LITHE_RT {
+  constexpr double kMost = 32767;
+  if (!std::isfinite(joint_nm)) return 0;
+  const double motor_nm = std::clamp(joint_nm, -limit_nm, limit_nm) / joint_.gear();
+  const double thousandths = std::round(std::clamp(1000 * motor_nm / rated_torque_nm_, -kMost, kMost));
+  return static_cast<std::uint16_t>(static_cast<std::int16_t>(thousandths));
+}
+
+}  // namespace lithe::hal::cia402

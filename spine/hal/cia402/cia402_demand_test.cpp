@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/hal/cia402/cia402_demand.hpp"
+
+#include <gtest/gtest.h>
+
+namespace lithe::hal::cia402 {
+namespace {
+
+TEST(Cia402Demand, APositionBeyondAllNumbersDoesNotSpoilTheOnesAfterIt) {
+  DriverParams params;
+  params.mode = Mode::position;
+  params.counts_per_rev = 1e9;
+  params.joint.ratio = 1e4;
+  Demand demand(params);
+  demand.rest(1000);
+  JointCommand command{.action = DriveAction::torque, .position_rad = 1e300};
+  for (int i = 0; i < 3; ++i) demand.next(command, {});
+  command.position_rad = 1e-4;
+  RawDemand raw;
+  for (int i = 0; i < 2000; ++i) raw = demand.next(command, {});
+  EXPECT_NEAR(static_cast<std::int32_t>(raw.target), params.joint.motor_rev(1e-4) * params.counts_per_rev, 1);
+}
+
+}  // namespace
+}  // namespace lithe::hal::cia402

@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the driver says; cia402_answers.cpp has what it hears.
+#include "spine/hal/cia402/cia402_drive.hpp"
+
+#include <array>
+#include <cmath>
+
+namespace lithe::hal::cia402 {
+
+using canopen::NmtCommand;
+
+namespace {
+
+constexpr std::int64_t kNsPerS = 1'000'000'000;
+constexpr int kBeatsToLost = 3;
+
+bool finite(const JointCommand& c) LITHE_RT {
+  return std::isfinite(c.torque_nm) && std::isfinite(c.velocity_rad_s) && std::isfinite(c.kp_nm_rad) &&
+         std::isfinite(c.kd_nm_s_rad) && std::isfinite(c.max_torque_nm) && !std::isinf(c.position_rad);
+}
+
+}  // namespace
+
+Cia402Drive::Cia402Drive(const DriverParams& params)
+    : params_(params),
+      command_map_(pdo::command_map(params.mode)),
+      sdo_(params.id),
+      setup_(params),
+      demand_(params),
+      units_(params.counts_per_rev, params.period_s),
+      silence_ns_(static_cast<std::int64_t>(kBeatsToLost * params.heartbeat_s * kNsPerS)) {
+  heartbeat_.set_timeout(silence_ns_);
+  set_trouble({TroubleKind::not_booted, {}, 0});
+}
+
+bool Cia402Drive::command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT {
+  const bool sound = command.action != DriveAction::torque || finite(command);
+  const DriveAction action = sound ? command.action : DriveAction::damp;
+  commanded_ = exchange.number;
+  if (action == DriveAction::off) forgive();
+  watch(exchange);
+  if (stage_ == Stage::running) {
+    watch_enabling(action, exchange.now_ns);
+    say(command, action, bus);
+    ask(exchange.now_ns, bus);
+  } else {
+    progress(exchange, bus);
+  }
+  last_action_ = action;
+  return sound;
+}
+
+void Cia402Drive::forgive() LITHE_RT {
+  if (units_wrong_ || silent_) return;  // nobody would watch it
+  if (dropped_ && stage_ == Stage::running) set_trouble({});
+  may_enable_ = true;
+  dropped_ = false;
+  watchdog_ = false;
+}
+
+// It is not, or must not be, what it was told to be, and whoever commands it must know.
+void Cia402Drive::drop(const Trouble& why) LITHE_RT {
+  set_trouble(why);
+  may_enable_ = false;
+  dropped_ = true;
+}
+
+// Whether the drive is still there, and is what it last said.
+void Cia402Drive::watch(const Exchange& exchange) LITHE_RT {
+  if (stage_ == Stage::running) ++unanswered_;
+  if (heartbeat_.lost(exchange.now_ns)) {
+    silent_ = true;
+    silent_from_ns_ = exchange.now_ns;
+    may_enable_ = false;
+    if (stage_ == Stage::running) drop({TroubleKind::silent, {}, 0});
+  }
+  if (stage_ != Stage::running || unanswered_ <= params_.lost_after_misses) return;
+  const bool closes_loop = params_.mode == Mode::torque && last_action_ == DriveAction::torque;
+  if (closes_loop && !dropped_) drop({TroubleKind::unheard, {}, unanswered_});
+  // Nothing at all is heard of it, nor was it us who slept. It may have restarted and said so to nobody: then it would
+  // never speak again.
+  if (silent_ && exchange.now_ns - silent_from_ns_ >= silence_ns_) {
+    drop({TroubleKind::silent, {}, 0});
+    stage_ = Stage::reset;
+  }
+}
+
+void Cia402Drive::watch_enabling(DriveAction action, std::int64_t now_ns) LITHE_RT {
+  if (action != DriveAction::torque) was_enabled_ = followed_ = false;
+  if (action != DriveAction::torque || last_action_ != DriveAction::torque) enabling_from_ns_ = now_ns;
+  if (may_enable_ && !was_enabled_ && now_ns - enabling_from_ns_ > kEnableNs) {
+    drop({TroubleKind::not_enabled, {object::kStatusword, 0}, static_cast<std::uint8_t>(state_)});
+  }
+}
+
+// One step towards `running`, with one frame at most.
+void Cia402Drive::progress(const Exchange& exchange, Bus& bus) LITHE_RT {
+  const bool overdue = stage_ == Stage::await_boot_up && exchange.now_ns - reset_ns_ >= kBootNs;
+  if (stage_ == Stage::reset || overdue) {
+    stage_ = reset_node(exchange.now_ns, bus) ? Stage::await_boot_up : Stage::reset;
+    return;
+  }
+  // One that says no because its motor is on must not stay so. And once, or it would never end.
+  if (stage_ == Stage::refused && !reset_after_refusal_) reset_after_refusal_ = reset_node(exchange.now_ns, bus);
+  if (stage_ != Stage::setup) return;
+  if (stopped_) {
+    stopped_ = false;
+    bus.send(canopen::nmt_frame(NmtCommand::enter_pre_operational, params_.id));
+    return;
+  }
+  Frame frame;
+  switch (setup_.advance(sdo_)) {
+    case Setup::Progress::busy:
+      if (setup_.next(exchange.now_ns, sdo_, frame)) bus.send(frame);
+      return;
+    case Setup::Progress::done:
+      stage_ = Stage::running;
+      reset_after_refusal_ = false;
+      // Set up, and no heartbeat meanwhile: whoever waits for it must know why nothing moves.
+      silent_ ? drop({TroubleKind::silent, {}, 0}) : set_trouble({});
+      return;
+    case Setup::Progress::failed:
+      set_trouble(setup_.trouble());
+      // A drive that is gone may come back as another one; one that said no says it again.
+      stage_ = setup_.trouble().kind == TroubleKind::no_answer ? Stage::reset : Stage::refused;
+  }
+}
+
+// False: the bus had no room for it.
+bool Cia402Drive::reset_node(std::int64_t now_ns, Bus& bus) LITHE_RT {
+  reset_ns_ = now_ns;
+  return bus.send(canopen::nmt_frame(NmtCommand::reset_node, params_.id));
+}
+
+void Cia402Drive::set_trouble(const Trouble& trouble) LITHE_RT {
+  // Relaxed: the word is all there is to it. Pairs with why_not_ready().
+  trouble_.store(trouble.packed(), std::memory_order_relaxed);
+}
+
+std::string Cia402Drive::why_not_ready() const {
+  // Relaxed: pairs with set_trouble().
+  return describe(Trouble::unpacked(trouble_.load(std::memory_order_relaxed)));
+}
+
+void Cia402Drive::say(const JointCommand& command, DriveAction action, Bus& bus) LITHE_RT {
+  last_control_ = action == DriveAction::off && command.clear_fault ? clearing_word() : control_word(action);
+  const bool active = last_control_ == control::kEnable && state_ == State::operation_enabled;
+  const RawDemand demand = active ? demand_.next(command, last_) : demand_.rest(position_raw_);
+  const std::array<std::uint32_t, 3> values{last_control_, demand.target, demand.torque};
+  // Refused, it would answer the SYNC all the same, and go on with what it was told before (take_answer).
+  told_ = bus.send(command_map_.pack(pdo::command_id(params_.id), values));
+}
+
+std::uint16_t Cia402Drive::control_word(DriveAction action) LITHE_RT {
+  if (action == DriveAction::damp) return control::kQuickStop;
+  if (action != DriveAction::torque) return control::kDisableVoltage;
+  if (last_action_ == DriveAction::off) resets_left_ = state_ == State::fault ? kResetExchanges : 0;
+  if (state_ != State::fault) resets_left_ = 0;
+  if (state_ == State::fault && resets_left_ > 0) {
+    --resets_left_;
+    return control::kFaultReset;  // its bit rises once: what was said before was `off`
+  }
+  if (state_ == State::fault || state_ == State::fault_reaction_active) may_enable_ = false;
+  // A ramp that the drive began by itself goes on with this word.
+  return may_enable_ ? control_to_enable(state_) : control::kQuickStop;
+}
+
+// Its bit must rise: down and up again, for as long as the fault is there.
+std::uint16_t Cia402Drive::clearing_word() LITHE_RT {
+  constexpr std::uint32_t kHeldFor = 8;
+  const bool up = state_ == State::fault && clearing_++ / kHeldFor % 2 == 1;
+  return up ? control::kFaultReset : control::kDisableVoltage;
+}
+
+// The emergency that named the fault may have been lost. Otherwise there is time for what the drive tells of itself.
+void Cia402Drive::ask(std::int64_t now_ns, Bus& bus) LITHE_RT {
+  if (state_ != State::fault) asked_why_ = false;
+  if (state_ == State::fault && error_code_ == 0 && !asked_why_) {
+    asked_why_ = true;
+    sdo_.read({object::kErrorCode, 0});
+  } else {
+    report_.ask(now_ns, sdo_);
+  }
+  Frame frame;
+  if (sdo_.next(now_ns, frame)) bus.send(frame);
+}
+
+}  // namespace lithe::hal::cia402

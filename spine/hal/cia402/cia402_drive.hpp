@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: Apache-2.0
+// A CiA 402 drive as the rest of the robot sees it: any drive.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <string>
+
+#include "spine/core/rt.hpp"
+#include "spine/hal/canopen/canopen.hpp"
+#include "spine/hal/canopen/canopen_sdo.hpp"
+#include "spine/hal/cia402/cia402.hpp"
+#include "spine/hal/cia402/cia402_demand.hpp"
+#include "spine/hal/cia402/cia402_report.hpp"
+#include "spine/hal/cia402/cia402_setup.hpp"
+#include "spine/hal/cia402/cia402_unit_check.hpp"
+#include "spine/hal/core/drive.hpp"
+
+namespace lithe::hal::cia402 {
+
+// Resets the drive, sets it up (Setup), and commands it from then on with one RPDO per exchange; the SYNC that follows
+// (CanopenMaster) makes it apply that and answer. Until it is set up its joint is not fresh.
+//
+//   action    control word                       joint_status
+//   torque    06, 07, 0F; then targets count     mode   the state, as cia402::State
+//   damp      02: quick stop, then off           fault  class of the error: the high byte of its code (23 current,
+//   brake     00: off; the drive's own brake            31-33 voltage, 42 heat, 73 sensor, 81 bus, 86 following);
+//   off       00                                        FF: a fault without a code, or one that the driver sees
+//
+// Nothing but `off` followed by `torque` enables a drive again after a fault (which is reset on that edge only), a
+// restart, or any of these, which the driver reports as a fault and answers with a quick stop:
+//   - it left `operation enabled`, or stopped following its target, and nobody told it to: torque taken away (STO), a
+//     limit switch, an enable input. Given back, the motor would start by itself.
+//   - it did not get there within kEnableNs: what was asked for that long ago is nobody's wish any more
+//   - its heartbeat is lost
+//   - so many answers of a torque drive are missing that its joint is lost: its PD loop is closed here (Demand), and on
+//     an old sample it is no loop but a constant torque
+//   - its velocity is not that of its position (UnitCheck): for good, until it restarts
+// Position and velocity drives have loops of their own, whose gains are theirs.
+// Contract: as hal::Drive; why_not_ready() any thread, never in an exchange's
+class Cia402Drive final : public Drive {
+ public:
+  static constexpr std::int64_t kEnableNs = 5'000'000'000;
+
+  explicit Cia402Drive(const DriverParams& params);
+
+  bool command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT override;
+  Heard take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT override;
+  std::uint32_t alarm() const LITHE_RT override;
+
+  // Empty when the drive can be commanded.
+  std::string why_not_ready() const override;
+  bool running() const LITHE_RT { return stage_ == Stage::running; }
+
+ private:
+  enum class Stage : std::uint8_t { reset, await_boot_up, setup, running, refused };
+
+  static constexpr std::int64_t kBootNs = 5'000'000'000;
+  static constexpr std::int64_t kResetNs = 200'000'000;  // a heartbeat so long after a reset: it was not heard
+  static constexpr std::uint32_t kResetExchanges = 20;   // for so many a fault reset is held before it has failed
+  static constexpr std::uint64_t kVelocityAge = 2;       // commands for which a velocity may stand in for a lost one
+
+  void forgive() LITHE_RT;
+  void drop(const Trouble& why) LITHE_RT;
+  void watch(const Exchange& exchange) LITHE_RT;
+  void watch_enabling(DriveAction action, std::int64_t now_ns) LITHE_RT;
+  void progress(const Exchange& exchange, Bus& bus) LITHE_RT;
+  bool reset_node(std::int64_t now_ns, Bus& bus) LITHE_RT;
+  void start_setup() LITHE_RT;
+  void set_trouble(const Trouble& trouble) LITHE_RT;
+  void say(const JointCommand& command, DriveAction action, Bus& bus) LITHE_RT;
+  void ask(std::int64_t now_ns, Bus& bus) LITHE_RT;
+  std::uint16_t control_word(DriveAction action) LITHE_RT;
+  std::uint16_t clearing_word() LITHE_RT;
+
+  Heard take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT;
+  Heard take_emergency(const Frame& frame) LITHE_RT;
+  Heard take_sdo(const Frame& frame) LITHE_RT;
+  Heard take_velocity(const Frame& frame, const Exchange& exchange) LITHE_RT;
+  Heard take_answer(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT;
+  bool measure(std::int32_t position_raw, std::int32_t torque_raw) LITHE_RT;
+  void note_state(State state, bool follows) LITHE_RT;
+  void check_units(std::int64_t now_ns) LITHE_RT;
+  bool failed() const LITHE_RT;
+  std::uint32_t status() const LITHE_RT;
+  DriveReport report() const LITHE_RT;
+
+  DriverParams params_;
+  canopen::PdoMap command_map_;
+  canopen::PdoMap velocity_map_ = pdo::velocity_map();
+  canopen::PdoMap answer_map_ = pdo::answer_map();
+  canopen::SdoClient sdo_;
+  Setup setup_;
+  Demand demand_;
+  UnitCheck units_;
+  ReportClient report_;
+  canopen::HeartbeatConsumer heartbeat_;
+  std::int64_t silence_ns_;  // without a heartbeat
+
+  Stage stage_ = Stage::reset;
+  std::int64_t reset_ns_ = 0;  // when it was told to reset
+  bool reset_after_refusal_ = false;
+  bool stopped_ = false;  // its network state: it answers no SDO
+  std::int64_t silent_from_ns_ = 0;
+  bool silent_ = false;       // no heartbeat
+  bool may_enable_ = true;    // false until `off` is commanded
+  bool dropped_ = false;      // told as a fault until then
+  bool watchdog_ = false;     // it lost our heartbeat; until `off`
+  bool units_wrong_ = false;  // until it restarts
+
+  DriveAction last_action_ = DriveAction::off;
+  std::uint16_t last_control_ = 0;
+  bool told_ = false;             // the bus took the last command
+  std::uint64_t commanded_ = 0;   // exchange in which it was commanded last
+  std::uint32_t unanswered_ = 0;  // commands since the last whole answer
+  std::int64_t enabling_from_ns_ = 0;
+  std::uint32_t resets_left_ = 0;
+  std::uint32_t clearing_ = 0;  // commands that were to clear a fault
+
+  State state_ = State::not_ready;
+  bool was_enabled_ = false;  // since `torque` is commanded
+  bool followed_ = false;     // and followed its target
+  std::uint16_t error_code_ = 0;
+  bool asked_why_ = false;  // once per fault
+  std::uint32_t position_raw_ = 0;
+  std::int32_t velocity_raw_ = 0;
+  std::uint64_t velocity_exchange_ = 0;  // in which it came; 0: never
+  JointSample last_;
+
+  std::atomic<std::uint64_t> trouble_{};  // Trouble::packed(); stored by the exchange's thread, loaded by any
+};
+
+}  // namespace lithe::hal::cia402

@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/hal/cia402/cia402_setup.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "spine/hal/canopen/canopen.hpp"
+
+namespace lithe::hal::cia402 {
+
+using canopen::Mapped;
+using canopen::PdoMap;
+using canopen::SdoClient;
+namespace common = canopen::object;
+
+namespace pdo {
+
+PdoMap command_map(Mode mode) LITHE_RT {
+  const Mapped control{{object::kControlword, 0}, 2};
+  const Mapped offset{{object::kTorqueOffset, 0}, 2};
+  // The velocity offset does not fit beside them: a drive that knows its interpolation period has that velocity.
+  if (mode == Mode::position) return {control, {{object::kTargetPosition, 0}, 4}, offset};
+  if (mode == Mode::velocity) return {control, {{object::kTargetVelocity, 0}, 4}, offset};
+  return {control, {{object::kTargetTorque, 0}, 2}};
+}
+
+PdoMap velocity_map() LITHE_RT { return {{{object::kVelocity, 0}, 4}}; }
+
+PdoMap answer_map() LITHE_RT {
+  return {{{object::kStatusword, 0}, 2}, {{object::kPosition, 0}, 4}, {{object::kTorque, 0}, 2}};
+}
+
+std::uint32_t command_id(std::uint32_t node) LITHE_RT { return canopen::cob::kRpdo1 + node; }
+
+std::uint32_t transmit_id(std::size_t number, std::uint32_t node) LITHE_RT {
+  return canopen::cob::kTpdo1 + static_cast<std::uint32_t>(number) * canopen::cob::kNextPdo + node;
+}
+
+}  // namespace pdo
+
+namespace {
+
+constexpr std::uint32_t kEverySync = 1;  // transmission type
+
+std::uint32_t milliseconds(double seconds) {
+  return static_cast<std::uint32_t>(std::clamp(std::round(1000 * seconds), 1.0, 65535.0));
+}
+
+}  // namespace
+
+Setup::Setup(const DriverParams& params)
+    : node_(params.id), host_(params.host_id), mode_(params.mode), rated_mnm_(1000 * params.rated_torque_nm) {
+  add(Kind::require_profile, common::kDeviceType);
+  // It may still drive its motor by what it was told before: to fall back from `operational` stops no motor.
+  add(Kind::offer, object::kControlword, 0, control::kQuickStop, 2);
+  add(Kind::require_mode, object::kSupportedModes);
+  add(Kind::require_rating, object::kRatedTorque);
+  add_safety(params);
+  add_limits(params);
+  add_interpolation(params);
+  add_pdo(common::kRpdo1, common::kRpdo1Mapping, pdo::command_id(node_), pdo::command_map(mode_));
+  const auto add_tpdo = [this](std::uint16_t number, const PdoMap& map) {
+    add_pdo(common::kTpdo1 + number, common::kTpdo1Mapping + number,
+            canopen::cob::kNoRemote | pdo::transmit_id(number, node_), map);
+  };
+  add_tpdo(pdo::kVelocity, pdo::velocity_map());
+  add_tpdo(pdo::kAnswer, pdo::answer_map());
+  // What else a maker's defaults send would only fill the bus.
+  for (std::uint16_t number = 2; number < 4; ++number) {
+    const std::uint32_t id = canopen::cob::kNoRemote | pdo::transmit_id(number, node_);
+    add(Kind::write_if_there, common::kTpdo1 + number, 1, canopen::cob::kOff | id, 4);
+  }
+  add(Kind::beat, 0);  // a watch begins with the first beat: the drive must not move before
+  add(Kind::start, 0);
+  add(Kind::write, object::kMode, 0, static_cast<std::uint8_t>(mode_), 1);
+  add(Kind::await_mode, object::kModeDisplay);
+}
+
+void Setup::add(Kind kind, std::uint16_t index, std::uint8_t subindex, std::uint32_t value, std::uint8_t bytes) {
+  steps_[count_++] = {kind, {index, subindex}, value, bytes};
+}
+
+// None of these may be missing: a drive that lacks one would go on when the host is dead.
+void Setup::add_safety(const DriverParams& params) {
+  constexpr std::uint32_t kQuickStop = 3;    // of 6007h
+  constexpr std::uint32_t kRampThenOff = 2;  // of 605Ah
+  add(Kind::write, common::kConsumerHeartbeat, 1, params.host_id << 16 | milliseconds(params.watchdog_s), 4);
+  add(Kind::write, common::kProducerHeartbeatMs, 0, milliseconds(params.heartbeat_s), 2);
+  add(Kind::write, object::kAbortConnection, 0, kQuickStop, 2);
+  add(Kind::write, object::kQuickStopOption, 0, kRampThenOff, 2);
+  const double limit = 1000 * params.torque_max_nm / params.joint.ratio / params.rated_torque_nm;
+  add(Kind::write, object::kMaxTorque, 0, static_cast<std::uint32_t>(std::clamp(limit, 0.0, 65535.0)), 2);
+}
+
+// What the drive itself keeps to where the host's own limits do not bind: its position and velocity loops are its own.
+void Setup::add_limits(const DriverParams& params) {
+  if (mode_ != Mode::position && mode_ != Mode::velocity) return;
+  const double counts_per_rad = params.joint.rev_per_rad() * params.counts_per_rev;
+  const double fastest = std::abs(counts_per_rad) * params.velocity_fault_rad_s;
+  add(Kind::offer, object::kMaxProfileVelocity, 0, raw_counts(fastest), 4);
+  if (mode_ != Mode::position || params.position_min_rad >= params.position_max_rad) return;
+  const double one = params.joint.motor_rev(params.position_min_rad) * params.counts_per_rev;
+  const double other = params.joint.motor_rev(params.position_max_rad) * params.counts_per_rev;
+  add(Kind::write_if_there, object::kPositionLimit, 1, raw_counts(std::min(one, other)), 4);
+  add(Kind::write_if_there, object::kPositionLimit, 2, raw_counts(std::max(one, other)), 4);
+}
+
+// The period as one byte times a power of ten. Where targets are positions the drive must know it.
+void Setup::add_interpolation(const DriverParams& params) {
+  int power = -2;
+  double count = 0;
+  for (; power > -6; --power) {
+    count = params.period_s / std::pow(10.0, power);
+    if (count >= 1 && std::abs(count - std::round(count)) < 1e-3) break;
+    if (count * 10 > 255) break;  // not a round number: as exactly as a byte can say it
+  }
+  const Kind kind = mode_ == Mode::position ? Kind::write : Kind::offer;
+  const double rounded = std::clamp(std::round(count), 1.0, 255.0);
+  add(kind, object::kInterpolation, 1, static_cast<std::uint32_t>(rounded), 1);
+  add(kind, object::kInterpolation, 2, static_cast<std::uint8_t>(power), 1);
+}
+
+void Setup::add_pdo(std::uint16_t communication, std::uint16_t mapping, std::uint32_t id, const PdoMap& map) {
+  add(Kind::write, communication, 1, canopen::cob::kOff | id, 4);
+  add(Kind::write, mapping, 0, 0, 1);
+  std::uint8_t number = 0;
+  for (const Mapped& object : map.objects()) add(Kind::write, mapping, ++number, object.entry(), 4);
+  add(Kind::write, mapping, 0, number, 1);
+  add(Kind::write, communication, 2, kEverySync, 1);
+  add(Kind::write, communication, 1, id, 4);
+}
+
+void Setup::begin(SdoClient& client) LITHE_RT {
+  at_ = 0;
+  looks_ = 0;
+  trouble_ = {};
+  client.forget();
+}
+
+bool Setup::next(std::int64_t now_ns, SdoClient& client, Frame& frame) LITHE_RT {
+  if (at_ >= count_) return false;
+  const Step& step = steps_[at_];
+  if (step.kind == Kind::beat || step.kind == Kind::start) {
+    ++at_;
+    frame = step.kind == Kind::beat ? canopen::heartbeat_frame(host_, canopen::NmtState::operational)
+                                    : canopen::nmt_frame(canopen::NmtCommand::start, node_);
+    return true;
+  }
+  if (client.outcome() == SdoClient::Outcome::idle) {
+    if (step.bytes > 0) {
+      client.write(step.address, step.value, step.bytes);
+    } else {
+      client.read(step.address);
+    }
+  }
+  return client.next(now_ns, frame);
+}
+
+Setup::Progress Setup::advance(SdoClient& client) LITHE_RT {
+  if (at_ >= count_) return Progress::done;
+  const Step& step = steps_[at_];
+  bool passed = false;
+  switch (client.outcome()) {
+    case SdoClient::Outcome::idle:
+    case SdoClient::Outcome::busy:
+      return Progress::busy;
+    case SdoClient::Outcome::done:
+      passed = step.bytes > 0 || judge(step, client.value());
+      break;
+    case SdoClient::Outcome::failed: {
+      const std::uint32_t why = client.abort();
+      const bool nobody = why == canopen::abort_code::kTimedOut;
+      const bool lacks = why == canopen::abort_code::kNoObject || why == canopen::abort_code::kNoSubindex;
+      passed = !nobody && (step.kind == Kind::offer || (step.kind == Kind::write_if_there && lacks));
+      if (!passed) refuse(nobody ? TroubleKind::no_answer : TroubleKind::refused, step, why);
+      break;
+    }
+  }
+  client.forget();
+  if (passed) ++at_;
+  if (trouble_.kind != TroubleKind::none) return Progress::failed;
+  return at_ >= count_ ? Progress::done : Progress::busy;
+}
+
+bool Setup::refuse(TroubleKind kind, const Step& step, std::uint32_t value) LITHE_RT {
+  trouble_ = {kind, step.address, value};
+  return false;
+}
+
+// What was read. False: not yet, or with a trouble: never.
+bool Setup::judge(const Step& step, std::uint32_t value) LITHE_RT {
+  constexpr double kRatingTolerance = 0.05;
+  switch (step.kind) {
+    case Kind::require_profile:
+      return (value & 0xffff) == kDeviceProfile || refuse(TroubleKind::not_a_drive, step, value);
+    case Kind::require_mode:
+      return (value & supported_bit(mode_)) != 0 || refuse(TroubleKind::mode_unsupported, step, value);
+    case Kind::require_rating:
+      return std::abs(value - rated_mnm_) <= kRatingTolerance * rated_mnm_ ||
+             refuse(TroubleKind::rated_torque, step, value);
+    case Kind::await_mode:
+      if ((value & 0xff) == static_cast<std::uint8_t>(mode_)) return true;
+      if (++looks_ >= kMostLooks) refuse(TroubleKind::mode_not_taken, step, value);
+      return false;
+    case Kind::write:
+    case Kind::write_if_there:
+    case Kind::offer:
+    case Kind::beat:
+    case Kind::start:
+      break;
+  }
+  return true;
+}
+
+}  // namespace lithe::hal::cia402

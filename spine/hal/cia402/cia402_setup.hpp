@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a CiA 402 drive is told before it may move: a list of SDO transfers, one after the other.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "spine/core/rt.hpp"
+#include "spine/hal/core/frame.hpp"
+#include "spine/hal/canopen/canopen_pdo.hpp"
+#include "spine/hal/canopen/canopen_sdo.hpp"
+#include "spine/hal/cia402/cia402.hpp"
+#include "spine/hal/core/drive.hpp"
+
+namespace lithe::hal::cia402 {
+
+struct DriverParams {
+  std::uint32_t id = 1;                 // 1 to 126
+  std::uint32_t host_id = 127;          // whose heartbeat the drive watches
+  double watchdog_s = 0.1;              // so long without that heartbeat, and the drive quick-stops by itself
+  double heartbeat_s = 0.1;             // of the drive's own
+  double period_s = 0.001;              // between two commands
+  std::uint32_t divider = 1;            // of so many exchanges it is commanded in one
+  std::uint32_t lost_after_misses = 3;  // of its answers in a row
+  Mode mode = Mode::torque;
+  double counts_per_rev = 4096;  // of the motor; velocities are counts per second
+  double rated_torque_nm = 1.0;  // of the motor, as its object 6076h must say too
+  double torque_max_nm = 1.0;    // at the joint, as all below: the drive's own limit, object 6072h
+  double torque_slew_nm_s = 1000.0;
+  double velocity_max_rad_s = 20.0;
+  double velocity_fault_rad_s = 25.0;  // beyond it the robot stops: the drive's own limit, object 607Fh
+  double deceleration_rad_s2 = 20.0;
+  double position_min_rad = 0.0;  // beyond these the robot stops: the drive's own limits, object 607Dh; equal: none
+  double position_max_rad = 0.0;
+  double soft_start_s = 0.0;
+  JointTransform joint{};
+};
+
+// Why a drive is not ready to be commanded.
+enum class TroubleKind : std::uint8_t {
+  none,
+  not_booted,        // no boot-up message after a reset
+  no_answer,         // to an SDO request; value: the abort code
+  refused,           // an SDO request; value: the abort code
+  not_a_drive,       // object 1000h names another profile; value: what it says
+  mode_unsupported,  // object 6502h; value: what it says
+  rated_torque,      // object 6076h is not what the robot file says; value: what it says [mNm]
+  mode_not_taken,    // object 6061h; value: what it says
+  left_operational,  // the drive fell back by itself; value: its network state
+  silent,            // no heartbeat
+  unheard,           // no process data; value: commands without an answer
+  left_enabled,      // it left `operation enabled` by itself, or ignores its target; value: its State
+  not_enabled,       // it does not get there; value: its State
+  velocity_unit,     // object 606Ch is not how fast 6064h changes; value: how much of that it is [thousandths]
+};
+
+struct Trouble {
+  TroubleKind kind = TroubleKind::none;
+  canopen::Address address;
+  std::uint32_t value = 0;
+
+  // In one word of 64 bits, so that other threads may read it.
+  std::uint64_t packed() const LITHE_RT;
+  static Trouble unpacked(std::uint64_t word) LITHE_RT;
+};
+
+// One sentence; empty for none. Contract: never in an exchange's thread
+std::string describe(const Trouble& trouble);
+
+// The process data of a drive in each mode. Its answer is 6041 + 6064 + 6077: 8 bytes, full. The velocity needs a
+// second frame, and that one is the first TPDO, whose identifier wins the bus: when the answer is here, the velocity of
+// the same SYNC is here too, and losing it does not lose the answer.
+namespace pdo {
+inline constexpr std::size_t kVelocity = 0;  // TPDO1
+inline constexpr std::size_t kAnswer = 1;    // TPDO2
+
+canopen::PdoMap command_map(Mode mode) LITHE_RT;  // RPDO1: control word, target, torque offset where there is one
+canopen::PdoMap velocity_map() LITHE_RT;
+canopen::PdoMap answer_map() LITHE_RT;
+std::uint32_t command_id(std::uint32_t node) LITHE_RT;
+std::uint32_t transmit_id(std::size_t number, std::uint32_t node) LITHE_RT;
+}  // namespace pdo
+
+// Walks the list; asks one thing at a time.
+// Contract: RT but for the constructor · one thread · time is an argument
+class Setup {
+ public:
+  explicit Setup(const DriverParams& params);
+
+  enum class Progress : std::uint8_t { busy, done, failed };
+
+  void begin(canopen::SdoClient& client) LITHE_RT;
+  // At most one frame. False: nothing to send now.
+  bool next(std::int64_t now_ns, canopen::SdoClient& client, Frame& frame) LITHE_RT;
+  // After the client has taken an answer, or given up.
+  Progress advance(canopen::SdoClient& client) LITHE_RT;
+  const Trouble& trouble() const LITHE_RT { return trouble_; }
+
+ private:
+  enum class Kind : std::uint8_t {
+    write,
+    write_if_there,  // the drive may lack the object
+    offer,           // and may refuse it
+    require_profile,
+    require_mode,
+    require_rating,
+    beat,   // our heartbeat, not SDO
+    start,  // NMT, not SDO
+    await_mode,
+  };
+  struct Step {
+    Kind kind;
+    canopen::Address address;
+    std::uint32_t value;
+    std::uint8_t bytes;
+  };
+  static constexpr std::size_t kMostSteps = 56;
+  static constexpr std::uint32_t kMostLooks = 50;  // at 6061h, until it shows the mode
+
+  void add(Kind kind, std::uint16_t index, std::uint8_t subindex = 0, std::uint32_t value = 0, std::uint8_t bytes = 0);
+  void add_safety(const DriverParams& params);
+  void add_limits(const DriverParams& params);
+  void add_interpolation(const DriverParams& params);
+  void add_pdo(std::uint16_t communication, std::uint16_t mapping, std::uint32_t id, const canopen::PdoMap& map);
+  bool judge(const Step& step, std::uint32_t value) LITHE_RT;
+  bool refuse(TroubleKind kind, const Step& step, std::uint32_t value) LITHE_RT;
+
+  std::uint32_t node_;
+  std::uint32_t host_;
+  Mode mode_;
+  double rated_mnm_;
+  std::array<Step, kMostSteps> steps_{};
+  std::size_t count_ = 0;
+  std::size_t at_ = 0;
+  std::uint32_t looks_ = 0;
+  Trouble trouble_;
+};
+
+}  // namespace lithe::hal::cia402

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+// What keeps a drive from being commanded, in words.
+#include <cstdio>
+
+#include "spine/hal/cia402/cia402_setup.hpp"
+
+namespace lithe::hal::cia402 {
+namespace {
+
+std::string hex(std::uint32_t value, int digits) {
+  std::array<char, 16> text{};
+  std::snprintf(text.data(), text.size(), "%0*X", digits, static_cast<unsigned>(value));
+  return text.data();
+}
+
+std::string state_of(const Trouble& trouble) { return std::string(state_name(static_cast<State>(trouble.value))); }
+
+std::string per_mille(std::uint32_t value) {
+  std::array<char, 16> text{};
+  std::snprintf(text.data(), text.size(), "%.3f", static_cast<std::int32_t>(value) * 1e-3);
+  return text.data();
+}
+
+std::string object_name(const canopen::Address& address) {
+  return hex(address.index, 4) + "h:" + hex(address.subindex, 2);
+}
+
+}  // namespace
+
+std::uint64_t Trouble::packed() const LITHE_RT {
+  return std::uint64_t{static_cast<std::uint8_t>(kind)} << 56 | std::uint64_t{address.subindex} << 48 |
+         std::uint64_t{address.index} << 32 | value;
+}
+
+Trouble Trouble::unpacked(std::uint64_t word) LITHE_RT {
+  return {static_cast<TroubleKind>(word >> 56),
+          {static_cast<std::uint16_t>(word >> 32), static_cast<std::uint8_t>(word >> 48)},
+          static_cast<std::uint32_t>(word)};
+}
+
+std::string describe(const Trouble& trouble) {
+  const std::string where = object_name(trouble.address);
+  const std::string why = "0x" + hex(trouble.value, 8) + " (" + std::string(canopen::abort_name(trouble.value)) + ")";
+  switch (trouble.kind) {
+    case TroubleKind::none:
+      return "";
+    case TroubleKind::not_booted:
+      return "no boot-up message after a reset; check its power, cable, node id and bit rate";
+    case TroubleKind::no_answer:
+      return "no answer when asked for object " + where + "; check the cable";
+    case TroubleKind::refused:
+      return "object " + where + " is refused with abort " + why + "; the drive lacks what LITHE needs of it";
+    case TroubleKind::not_a_drive:
+      return "device type " + where + " = 0x" + hex(trouble.value, 8) + " is profile " +
+             std::to_string(trouble.value & 0xffff) + ", not 402; give the robot file the id of a drive";
+    case TroubleKind::mode_unsupported:
+      return "supported modes " + where + " = 0x" + hex(trouble.value, 8) +
+             " lack the mode of the robot file; choose another mode";
+    case TroubleKind::rated_torque:
+      return "rated torque " + where + " = " + std::to_string(trouble.value) +
+             " mNm is not the robot file's rated_torque_nm; correct the one that is wrong";
+    case TroubleKind::mode_not_taken:
+      return "mode display " + where + " stays at " + std::to_string(static_cast<std::int8_t>(trouble.value)) +
+             "; the drive does not take the mode of the robot file";
+    case TroubleKind::left_operational:
+      return "left the state operational by itself (now 0x" + hex(trouble.value, 2) + ") and is being set up again";
+    case TroubleKind::silent:
+      return "no heartbeat; check its power and cable";
+    case TroubleKind::unheard:
+      return "does not answer; stopped until it is switched off and on (reset, arm)";
+    case TroubleKind::left_enabled:
+      return "stopped by itself (now: " + state_of(trouble) +
+             "); check torque-off inputs and limit switches, then switch it off and on (reset, arm)";
+    case TroubleKind::not_enabled:
+      return "cannot be switched on (now: " + state_of(trouble) +
+             "); check its power stage, torque-off inputs and brake, then switch it off and on (reset, arm)";
+    case TroubleKind::velocity_unit:
+      return "velocity 606Ch is " + per_mille(trouble.value) +
+             " of how fast position 6064h changes; set the drive's velocity unit to counts per second";
+  }
+  return "";
+}
+
+}  // namespace lithe::hal::cia402

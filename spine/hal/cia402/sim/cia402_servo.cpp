@@ -1,0 +1,256 @@
+// SPDX-License-Identifier: Apache-2.0
+// The loops of a simulated drive; cia402_servo_states.cpp has its state machine.
+#include "spine/hal/cia402/sim/cia402_servo.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "spine/hal/canopen/canopen.hpp"
+
+namespace lithe::hal::sim {
+
+using cia402::Mode;
+using cia402::State;
+namespace status_bit = cia402::status_bit;
+
+namespace {
+
+constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
+// Slower than this for so long, and a ramp has ended. One count of the encoder already looks like a velocity.
+constexpr double kStandsRevPerS = 0.01;
+constexpr double kStandsCountsPerS = 1000;
+constexpr std::int64_t kStandsNs = 20'000'000;
+constexpr double kThousandths = 1000;
+
+std::int32_t whole(double value) LITHE_RT {
+  constexpr double kMost = 2147483647.0;
+  if (std::isnan(value)) return 0;
+  return static_cast<std::int32_t>(std::clamp(std::round(value), -kMost, kMost));
+}
+
+}  // namespace
+
+Cia402Servo::Cia402Servo(const Cia402ServoParams& params, const JointTransform& joint, const PlantParams& plant,
+                         const DriveErrors& errors)
+    : params_(params),
+      joint_(joint),
+      plant_(plant),
+      errors_(errors),
+      target_nm_(static_cast<std::size_t>(errors.delay_ns / Plant::kStepNs)) {
+  constexpr double kTurn = 2 * std::numbers::pi;
+  const double omega = kTurn * params.loop_hz;
+  const double motor_inertia = plant.inertia_kg_m2 / (joint.ratio * joint.ratio);
+  stiffness_nm_rev_ = motor_inertia * omega * omega * kTurn;
+  damping_nm_s_rev_ = 2 * motor_inertia * omega * kTurn;
+  to_start();
+}
+
+void Cia402Servo::to_start() LITHE_RT {
+  plant_.to_start();
+  tracked_rev_ = joint_.motor_rev(plant_.position_rad());
+  measure();
+  tracked_rev_ = encoder_rev_;
+  velocity_rev_s_ = 0;
+}
+
+void Cia402Servo::advance(std::int64_t now_ns) LITHE_RT {
+  if (!started_) time_ns_ = now_ns;
+  started_ = true;
+  const std::int64_t lag_ns = now_ns - time_ns_;
+  if (lag_ns <= 0) return;
+  const std::int64_t steps = std::min(lag_ns, kMaxCatchUpNs) / Plant::kStepNs;
+  for (std::int64_t i = 0; i < steps; ++i) step();
+  if (lag_ns > kMaxCatchUpNs) skip(now_ns);
+}
+
+void Cia402Servo::skip(std::int64_t now_ns) LITHE_RT {
+  time_ns_ += std::max<std::int64_t>(now_ns - time_ns_, 0) / Plant::kStepNs * Plant::kStepNs;
+}
+
+void Cia402Servo::restart() LITHE_RT {
+  state_ = State::switch_on_disabled;
+  last_word_ = 0;
+  error_code_ = 0;
+  limited_ = following_error_ = false;
+  inputs_ = {};
+}
+
+void Cia402Servo::step() LITHE_RT {
+  double wanted_nm = powered() ? motor_torque() : 0;
+  if (!std::isfinite(wanted_nm)) wanted_nm = 0;
+  plant_.step(errors_.given_nm(wanted_nm * joint_.gear()));
+  errors_.step();
+  measure();
+  time_ns_ += Plant::kStepNs;
+}
+
+// The encoder tells whole counts; a tracking loop behind it (two poles) makes the velocity.
+void Cia402Servo::measure() LITHE_RT {
+  constexpr double kNothing = 1e-12;
+  const double rev = joint_.motor_rev(plant_.position_rad() + errors_.encoder_error_rad());
+  encoder_rev_ = std::floor(rev * params_.counts_per_rev) / params_.counts_per_rev;
+  const double pole = 2 * std::numbers::pi * params_.velocity_filter_hz;
+  const double error_rev = encoder_rev_ - tracked_rev_;
+  velocity_rev_s_ += kStepS * pole * pole * error_rev;
+  tracked_rev_ += kStepS * (velocity_rev_s_ + 2 * pole * error_rev);
+  if (std::abs(velocity_rev_s_) < kNothing) velocity_rev_s_ = 0;
+}
+
+bool Cia402Servo::powered() const LITHE_RT {
+  return state_ == State::operation_enabled || state_ == State::quick_stop_active ||
+         state_ == State::fault_reaction_active;
+}
+
+void Cia402Servo::enter(State state) LITHE_RT {
+  if (state == state_) return;
+  if (state_ == State::fault) following_error_ = false;
+  state_ = state;
+  limited_ = false;
+  behind_since_ns_ = kNever;
+  enabling_from_ns_ = kNever;
+  if (state != State::operation_enabled) return;
+  target_nm_.clear();
+  hold();
+  sync();
+}
+
+void Cia402Servo::hold() LITHE_RT {
+  demand_rev_ = goal_rev_ = encoder_rev_;
+  demand_rev_s_ = 0;
+  goal_ns_ = time_ns_;
+}
+
+void Cia402Servo::set_inputs(const Cia402Inputs& inputs) LITHE_RT {
+  const bool other_mode = inputs.mode != inputs_.mode;
+  inputs_ = inputs;
+  if (other_mode) hold();
+}
+
+void Cia402Servo::set_error(std::uint16_t code) LITHE_RT {
+  if (code == error_code_) return;
+  error_code_ = code;
+  ++error_changes_;
+}
+
+void Cia402Servo::begin_ramp() LITHE_RT {
+  demand_rev_ = encoder_rev_;
+  demand_rev_s_ = velocity_rev_s_;
+  stands_from_ns_ = time_ns_;
+}
+
+void Cia402Servo::sync() LITHE_RT {
+  if (state_ != State::operation_enabled || inputs_.mode != Mode::position) return;
+  std::int64_t target = std::int64_t{inputs_.target_position} + inputs_.position_offset;
+  if (inputs_.position_min < inputs_.position_max) {
+    target = std::clamp(target, std::int64_t{inputs_.position_min}, std::int64_t{inputs_.position_max});
+  }
+  goal_rev_ = static_cast<double>(target) / params_.counts_per_rev;
+  goal_ns_ = time_ns_ + inputs_.period_ns;
+}
+
+double Cia402Servo::motor_torque() LITHE_RT {
+  if (state_ != State::operation_enabled) {
+    ramp();
+    return powered() ? limited(towards_demand()) : 0;
+  }
+  if (ignores_target_) return 0;
+  const double offset_nm = inputs_.torque_offset * params_.rated_torque_nm / kThousandths;
+  switch (inputs_.mode) {
+    case Mode::torque:
+      return limited(target_nm_.next(inputs_.target_torque * params_.rated_torque_nm / kThousandths + offset_nm));
+    case Mode::velocity:
+      demand_rev_s_ = (static_cast<double>(inputs_.target_velocity) + inputs_.velocity_offset) / params_.counts_per_rev;
+      demand_rev_ += demand_rev_s_ * kStepS;
+      return limited(towards_demand() + offset_nm);
+    case Mode::position: {
+      const std::int64_t left_ns = std::max(goal_ns_ - time_ns_, Plant::kStepNs);
+      const double moved_rev =
+          (goal_rev_ - demand_rev_) * static_cast<double>(Plant::kStepNs) / static_cast<double>(left_ns);
+      demand_rev_ += moved_rev;
+      demand_rev_s_ = moved_rev / kStepS + inputs_.velocity_offset / params_.counts_per_rev;
+      const double torque_nm = limited(towards_demand() + offset_nm);
+      watch_following();
+      return torque_nm;
+    }
+    case Mode::none:
+      break;
+  }
+  return 0;
+}
+
+double Cia402Servo::towards_demand() LITHE_RT {
+  const double wanted_nm =
+      stiffness_nm_rev_ * (demand_rev_ - encoder_rev_) + damping_nm_s_rev_ * (demand_rev_s_ - velocity_rev_s_);
+  if (inputs_.mode == Mode::position && state_ == State::operation_enabled) return wanted_nm;
+  // A demand that torque cannot follow does not run away: the joint would chase it long after.
+  const double reach_rev = params_.motor_torque_max_nm / stiffness_nm_rev_;
+  demand_rev_ = std::clamp(demand_rev_, encoder_rev_ - reach_rev, encoder_rev_ + reach_rev);
+  return wanted_nm;
+}
+
+double Cia402Servo::limited(double torque_nm) LITHE_RT {
+  const double unit_nm = params_.rated_torque_nm / kThousandths;
+  const double most_nm = std::min(inputs_.positive_torque * unit_nm, params_.motor_torque_max_nm);
+  const double least_nm = -std::min(inputs_.negative_torque * unit_nm, params_.motor_torque_max_nm);
+  limited_ = torque_nm > most_nm || torque_nm < least_nm;
+  return std::clamp(torque_nm, least_nm, most_nm);
+}
+
+// Quick stop and fault reaction: the demand slows down; when it and the joint stand, the power goes.
+void Cia402Servo::ramp() LITHE_RT {
+  constexpr std::int32_t kStaysFrom = 5;  // options of 605Ah that end in `quick stop active`
+  const double change = inputs_.deceleration / params_.counts_per_rev * kStepS;
+  demand_rev_s_ = std::copysign(std::max(std::abs(demand_rev_s_) - change, 0.0), demand_rev_s_);
+  demand_rev_ += demand_rev_s_ * kStepS;
+  const double stands_rev_s = std::max(kStandsRevPerS, kStandsCountsPerS / params_.counts_per_rev);
+  if (demand_rev_s_ != 0 || std::abs(velocity_rev_s_) > stands_rev_s) stands_from_ns_ = time_ns_;
+  if (time_ns_ - stands_from_ns_ < kStandsNs) return;
+  if (state_ == State::fault_reaction_active) return enter(State::fault);
+  if (inputs_.quick_stop_option < kStaysFrom) enter(State::switch_on_disabled);
+}
+
+void Cia402Servo::watch_following() LITHE_RT {
+  constexpr std::uint32_t kNoWindow = 0xffff'ffff;
+  constexpr std::int64_t kNsPerMs = 1'000'000;
+  const double error_counts = std::abs(demand_rev_ - encoder_rev_) * params_.counts_per_rev;
+  const bool behind = inputs_.following_window != kNoWindow && error_counts > inputs_.following_window;
+  if (!behind) {
+    behind_since_ns_ = kNever;
+    return;
+  }
+  if (behind_since_ns_ == kNever) behind_since_ns_ = time_ns_;
+  if (time_ns_ - behind_since_ns_ < inputs_.following_timeout_ms * kNsPerMs) return;
+  fail(canopen::emergency::kFollowingError, false);
+  following_error_ = true;
+}
+
+std::uint16_t Cia402Servo::statusword() const LITHE_RT {
+  std::uint16_t word = cia402::encode_state(state_) | status_bit::kRemote;
+  if (powered() || state_ == State::switched_on) word |= status_bit::kVoltage;
+  if (limited_) word |= status_bit::kLimited;
+  const bool follows = state_ == State::operation_enabled && cia402::is_cyclic(inputs_.mode) && !ignores_target_;
+  if (follows) word |= status_bit::kFollows;
+  if (following_error_) word |= status_bit::kFollowingError;
+  return word;
+}
+
+std::int32_t Cia402Servo::position() const LITHE_RT { return whole(encoder_rev_ * params_.counts_per_rev); }
+
+std::int32_t Cia402Servo::velocity() const LITHE_RT {
+  return whole(velocity_rev_s_ * params_.counts_per_rev * params_.velocity_unit);
+}
+
+std::int32_t Cia402Servo::torque() const LITHE_RT {
+  constexpr double kMost = 32767;
+  if (!powered()) return 0;
+  const double thousandths =
+      kThousandths * errors_.told_nm(plant_.torque_nm()) / joint_.gear() / params_.rated_torque_nm;
+  return whole(std::clamp(thousandths, -kMost, kMost));
+}
+
+std::int32_t Cia402Servo::following_error() const LITHE_RT {
+  return whole((demand_rev_ - encoder_rev_) * params_.counts_per_rev);
+}
+
+}  // namespace lithe::hal::sim

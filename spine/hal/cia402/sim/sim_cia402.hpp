@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: Apache-2.0
+// A simulated CANopen drive of profile CiA 402 at the far end of a bus: takes real frames, answers real frames.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <string_view>
+
+#include "spine/core/rt.hpp"
+#include "spine/hal/core/frame.hpp"
+#include "spine/hal/bus/loop/loop_bus.hpp"
+#include "spine/hal/canopen/canopen.hpp"
+#include "spine/hal/canopen/canopen_pdo.hpp"
+#include "spine/hal/cia402/sim/cia402_dictionary.hpp"
+#include "spine/hal/cia402/sim/cia402_servo.hpp"
+
+namespace lithe::hal::sim {
+
+struct SimCia402Params {
+  std::uint32_t id = 1;                     // 1 to 126
+  std::uint32_t device_type = 0x0002'0192;  // object 1000h
+  std::int64_t boot_ns = 2'000'000;         // from power or a reset to the boot-up message
+  // What some drives insist on: TPDO ids that say that no remote frame is answered; limits, options and mappings that
+  // are not touched while the motor is on.
+  bool knows_no_remote = false;
+  bool refuses_while_on = false;
+  Cia402ServoParams servo;
+  JointTransform joint;
+  PlantParams plant;
+  DriveErrors errors{};
+};
+
+// The four process data of one direction, as their objects say. Rebuilt when those are written.
+class SimPdo {
+ public:
+  bool valid() const LITHE_RT { return valid_; }
+  std::uint32_t id() const LITHE_RT { return id_; }
+  const canopen::PdoMap& map() const LITHE_RT { return map_; }
+  Cia402Dictionary::Slot slot(std::size_t number) const LITHE_RT { return slots_[number]; }
+  // At a SYNC (types 0 to 240), or at once (254, 255).
+  bool synchronous() const LITHE_RT { return type_ <= 240; }
+  bool every(std::uint32_t syncs) const LITHE_RT { return type_ > 0 && syncs % type_ == 0; }
+
+  void rebuild(const Cia402Dictionary& dictionary, std::uint16_t communication, std::uint16_t mapping) LITHE_RT;
+
+  Frame waiting;  // an RPDO until its SYNC
+  bool has_waiting = false;
+  std::uint32_t told = 0;  // statusword that a TPDO told last; changes are events
+  bool never_told = true;
+  std::int64_t told_ns = 0;
+
+ private:
+  bool valid_ = false;
+  std::uint32_t id_ = 0;
+  std::uint8_t type_ = 255;
+  canopen::PdoMap map_;
+  std::array<Cia402Dictionary::Slot, canopen::PdoMap::kMost> slots_{};
+};
+
+// As CiA 301 and 402 have it: network states, SDO server (expedited, segmented upload), PDOs that can be remapped while
+// they are off, heartbeats both ways, emergencies. When the heartbeat that object 1016h names stops, it does what
+// object 6007h says and falls back to pre-operational (1029h). Not simulated: block and segmented download, node
+// guarding, inhibit times, profile modes, homing. Contract: RT but for the constructor · one thread · lives on the time
+// of the frames it sees and of on_time()
+class SimCia402 final : public BusNode {
+ public:
+  explicit SimCia402(const SimCia402Params& params);
+
+  void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
+  void on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT override { live(now_ns, answers); }
+
+  // A fault whose cause stays until inject(0), which ends them all.
+  void inject(std::uint16_t code) LITHE_RT;
+  bool befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT override;
+  void to_start() LITHE_RT override { servo_.to_start(); }
+
+  Cia402Servo& servo() LITHE_RT { return servo_; }
+  const Cia402Dictionary& dictionary() const LITHE_RT { return dictionary_; }
+  canopen::NmtState network_state() const LITHE_RT { return network_state_; }
+  std::uint64_t refused() const LITHE_RT { return refused_; }  // frames to it that make no sense
+
+ private:
+  static constexpr std::size_t kPdos = 4;
+
+  void live(std::int64_t now_ns, FrameQueue& answers) LITHE_RT;
+  void reset(bool all) LITHE_RT;
+  void boot(FrameQueue& answers) LITHE_RT;
+  void lose_connection(FrameQueue& answers) LITHE_RT;
+  void tell_news(std::int64_t now_ns, FrameQueue& answers) LITHE_RT;
+  void tell_emergency(std::uint16_t code, FrameQueue& answers) LITHE_RT;
+
+  void obey_network(const Frame& frame) LITHE_RT;
+  void hear_heartbeat(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT;
+  void serve(const Frame& frame, FrameQueue& answers) LITHE_RT;
+  void serve_read(const Frame& frame, FrameQueue& answers) LITHE_RT;
+  void serve_segment(const Frame& frame, FrameQueue& answers) LITHE_RT;
+  std::uint32_t serve_write(const Frame& frame) LITHE_RT;
+
+  // 0 or an abort code.
+  std::uint32_t write(Cia402Dictionary::Slot slot, std::uint32_t value) LITHE_RT;
+  std::uint32_t write_pdo(canopen::Address address, std::uint32_t value) LITHE_RT;
+  bool is_settled(std::uint16_t index) const LITHE_RT;
+  std::uint32_t check_mapping(canopen::Address count, std::uint32_t value) const LITHE_RT;
+  void written(canopen::Address address) LITHE_RT;
+  void rebuild_pdos() LITHE_RT;
+  void refresh_inputs() LITHE_RT;
+  void refresh_actuals() LITHE_RT;
+
+  void sync(std::int64_t now_ns, FrameQueue& answers) LITHE_RT;
+  void take_pdo(const Frame& frame, FrameQueue& answers) LITHE_RT;
+  void apply(const SimPdo& pdo, const Frame& frame) LITHE_RT;
+  void transmit(SimPdo& pdo, std::int64_t now_ns, FrameQueue& answers) LITHE_RT;
+
+  SimCia402Params params_;
+  Cia402Dictionary dictionary_;
+  Cia402Servo servo_;
+  canopen::NmtState network_state_ = canopen::NmtState::boot_up;
+  canopen::HeartbeatProducer producer_;
+  canopen::HeartbeatConsumer consumer_;
+  std::array<SimPdo, kPdos> receive_;
+  std::array<SimPdo, kPdos> transmit_;
+
+  bool booting_ = true;
+  std::int64_t boot_end_ns_ = kUnknown;
+  std::int64_t now_ns_ = 0;
+  std::uint32_t syncs_ = 0;
+  std::uint32_t errors_told_ = 0;
+  bool connection_lost_ = false;
+  bool host_silent_ = false;  // as if its watch on the host had run out
+  bool other_map_ = false;    // its process data are mapped otherwise, its device type is not a drive's
+  std::uint64_t refused_ = 0;
+
+  std::string_view upload_;  // what is left of a text that somebody reads
+  bool upload_toggle_ = false;
+
+  static constexpr std::int64_t kUnknown = std::numeric_limits<std::int64_t>::max();
+};
+
+}  // namespace lithe::hal::sim

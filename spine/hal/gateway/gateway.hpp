@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+// A sensor gateway: a microcontroller that puts analog and digital inputs and an IMU on the bus, unasked.
+//
+// Its frames have extended ids, which neither moteus nor CANopen devices send to us:
+//   id      0x10400000 | node << 8 | block       node 1 to 126
+//   byte 0  sequence: counts all frames of the node, wraps
+//   byte 1  first channel
+//   2, 3    time of the sample in 100 us, wraps (little-endian, as all below): values that waited somewhere, or of a
+//           sampler that hangs, are as old as this says
+//   4 ...   analog, imu: one int16 per channel, -32768 = not valid
+//           digital: uint16 values, uint16 valid, one bit per channel; first channel 0
+// Classic CAN holds two channels per frame, CAN FD all sixteen. A reference sketch is in firmware/.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "spine/core/rt.hpp"
+#include "spine/hal/core/frame.hpp"
+
+namespace lithe::hal::gateway {
+
+inline constexpr std::uint32_t kIdBase = 0x10400000;
+inline constexpr std::uint32_t kIdMask = 0x1fff8000;
+inline constexpr std::size_t kChannels = 16;  // of each block
+inline constexpr std::int16_t kInvalid = -32768;
+
+// imu: 0 to 3 the attitude as a quaternion w x y z, 4 to 6 angular rate, 7 to 9 acceleration, x y z; what a count is
+// worth is the sensor's `scale` in robot.toml.
+enum class Block : std::uint8_t { analog, digital, imu };
+inline constexpr std::size_t kBlocks = 3;
+
+constexpr bool is_gateway(const Frame& frame) LITHE_RT { return frame.extended && (frame.id & kIdMask) == kIdBase; }
+constexpr std::uint32_t node_of(const Frame& frame) LITHE_RT { return frame.id >> 8 & 0x7f; }
+
+struct Counters {
+  std::uint64_t frames = 0;
+  std::uint64_t lost = 0;       // by the gaps in the sequence; a frame that comes again or too late is no gap
+  std::uint64_t repeated = 0;   // the same sequence number again, or an older one: not used
+  std::uint64_t malformed = 0;  // not used, either
+};
+
+// What one gateway said last. Contract: RT · one thread
+class Gateway {
+ public:
+  // A channel that nobody has renewed for `stale_ns` is not valid any more.
+  Gateway(std::uint32_t node, std::int64_t stale_ns) : node_(node), stale_ns_(stale_ns) {}
+
+  std::uint32_t node() const LITHE_RT { return node_; }
+  void take(const Frame& frame, std::int64_t now_ns) LITHE_RT;
+
+  // False: never seen, not valid, or too old; `raw` is unchanged.
+  bool read(Block block, std::size_t channel, std::int64_t now_ns, double& raw) const LITHE_RT;
+
+  const Counters& counters() const LITHE_RT { return counters_; }
+
+ private:
+  struct Channel {
+    double raw = 0;
+    std::int64_t taken_ns = 0;
+    bool valid = false;
+  };
+  bool follows(std::uint8_t sequence) LITHE_RT;
+  std::int64_t sampled_ns(std::uint16_t stamp, std::int64_t now_ns) LITHE_RT;
+  void take_words(Block block, const Frame& frame, std::int64_t now_ns) LITHE_RT;
+  void take_bits(const Frame& frame, std::int64_t now_ns) LITHE_RT;
+
+  std::uint32_t node_;
+  std::int64_t stale_ns_;
+  bool heard_ = false;
+  std::uint8_t sequence_ = 0;
+  std::uint16_t stamp_ = 0;
+  std::int64_t last_ns_ = 0;   // when the last frame came
+  std::int64_t stamp_ns_ = 0;  // of its stamp, on the gateway's own clock
+  std::int64_t ahead_ns_ =
+      0;  // our clock less the gateway's, as small as it was ever seen: the frame that waited least
+  std::array<std::array<Channel, kChannels>, kBlocks> channels_{};
+  Counters counters_;
+};
+
+}  // namespace lithe::hal::gateway

@@ -1,0 +1,307 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/hal/moteus/moteus.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+
+#include "spine/wire/wire.hpp"
+
+namespace lithe::hal::moteus {
+namespace {
+
+constexpr std::uint32_t kReplyRequested = 0x8000;
+
+// Beyond these an answer is noise, not a measurement: the drive counts +-32768 turns, and no motor has that torque.
+constexpr double kMaxRev = 32768;
+constexpr double kMaxTorqueNm = 1000;
+// Beyond this no number of a command means anything, and products of two would not be a float any more.
+constexpr double kMaxCommand = 1e15;
+
+// False for what is not finite as well: comparisons with NaN are.
+bool possible(double value) LITHE_RT { return std::abs(value) <= kMaxCommand; }
+
+bool possible(const JointCommand& c) LITHE_RT {
+  return possible(c.torque_nm) && possible(c.velocity_rad_s) && possible(c.kp_nm_rad) && possible(c.kd_nm_s_rad) &&
+         possible(c.max_torque_nm) && (std::isnan(c.position_rad) || possible(c.position_rad));
+}
+
+// Torque at the motor per revolution of the motor, from torque at the joint per radian of the joint.
+double to_motor_gain(const JointTransform& joint) LITHE_RT {
+  return 2 * std::numbers::pi / (joint.ratio * joint.ratio);
+}
+
+Mode mode_for(DriveAction action) LITHE_RT {
+  switch (action) {
+    case DriveAction::torque:
+      return Mode::position;  // with a watchdog, which the current mode lacks
+    case DriveAction::damp:
+      return Mode::zero_velocity;
+    case DriveAction::brake:
+      return Mode::brake;
+    case DriveAction::off:
+      break;
+  }
+  return Mode::stopped;
+}
+
+// What the registers of an answer add up to; NaN until seen.
+struct Registers {
+  static constexpr double kUnseen = std::numeric_limits<double>::quiet_NaN();
+  double mode = kUnseen, position_rev = kUnseen, velocity_rev_s = kUnseen, torque_nm = kUnseen;
+  double home = kUnseen, fault = kUnseen;
+  double current_a = kUnseen, power_w = kUnseen, voltage_v = kUnseen, temperature_degc = kUnseen;
+
+  void take(std::uint32_t number, double value) LITHE_RT {
+    switch (number) {
+      case reg::kMode:
+        mode = value;
+        break;
+      case reg::kPosition:
+        position_rev = value;
+        break;
+      case reg::kVelocity:
+        velocity_rev_s = value;
+        break;
+      case reg::kTorque:
+        torque_nm = value;
+        break;
+      case reg::kQCurrent:
+        current_a = value;
+        break;
+      case reg::kPower:
+        power_w = value;
+        break;
+      case reg::kHomeState:
+        home = value;
+        break;
+      case reg::kVoltage:
+        voltage_v = value;
+        break;
+      case reg::kTemperature:
+        temperature_degc = value;
+        break;
+      case reg::kFault:
+        fault = value;
+        break;
+      default:
+        break;
+    }
+  }
+  // NaN compares false: a register that did not come makes the answer invalid.
+  bool whole() const LITHE_RT { return mode >= 0 && mode <= 15 && fault >= 0; }
+  bool measured() const LITHE_RT {
+    return std::abs(position_rev) <= kMaxRev && std::abs(velocity_rev_s) <= kMaxMotorRevPerS &&
+           std::abs(torque_nm) <= kMaxTorqueNm;
+  }
+};
+
+wire::DriveState state_of(Mode mode) LITHE_RT {
+  switch (mode) {
+    case Mode::stopped:
+      return wire::DriveState::off;
+    case Mode::fault:
+      return wire::DriveState::fault;
+    case Mode::enabling:
+    case Mode::calibrating:
+    case Mode::calibration_complete:
+      return wire::DriveState::enabling;
+    case Mode::timeout:
+    case Mode::zero_velocity:
+    case Mode::brake:
+      return wire::DriveState::damped;
+    default:
+      return wire::DriveState::driven;
+  }
+}
+
+// What is no number, or none that a float of the drive holds, is not told.
+double told(double value) LITHE_RT { return possible(value) ? value : DriveReport::kUntold; }
+
+}  // namespace
+
+Expected expected_of(const DriverParams& params) {
+  Expected expected;
+  expected.settings = params.settings_in_drive;
+  expected.watchdog_s = params.watchdog_s;
+  // A whole number ends at a scale of 1: at the gain that the drive is configured with.
+  const double least = to_motor_gain(params.joint);
+  if (params.command.kp_scale != Format::float32) expected.least_kp_nm_rev = least * params.kp_max_nm_rad;
+  if (params.command.kd_scale != Format::float32) {
+    expected.least_kd_nm_s_rev = least * std::max(params.kd_max_nm_s_rad, params.damp_kd_nm_s_rad);
+  }
+  expected.damp_torque_max_nm = params.damp_torque_max_nm;
+  if (std::isfinite(params.damp_torque_max_nm)) {
+    const int length = std::snprintf(expected.damp_line.data(), expected.damp_line.size(),
+                                     "conf set servo.timeout_max_torque_Nm %.6g\n", params.damp_torque_max_nm);
+    expected.damp_line_length = std::min(static_cast<std::size_t>(std::max(length, 0)), expected.damp_line.size() - 1);
+  }
+  return expected;
+}
+
+std::uint32_t status_of(const Answer& sample) LITHE_RT {
+  std::uint32_t status = std::uint32_t{sample.fault} << 8 | std::uint32_t{sample.mode} << 16;
+  // A fault code alone is no fault: while a limit is at work the code says which, and the drive goes on.
+  if (sample.mode == static_cast<std::uint8_t>(Mode::fault)) status |= wire::joint_status::kFault;
+  if (sample.mode == static_cast<std::uint8_t>(Mode::timeout)) status |= wire::joint_status::kWatchdog;
+  if (!sample.homed) status |= wire::joint_status::kNotHomed;
+  return status;
+}
+
+bool Driver::can_say(double position_rad) const LITHE_RT {
+  const double position_rev = std::abs(params_.joint.motor_rev(position_rad));
+  return std::isnan(position_rad) ||
+         (possible(position_rad) && position_rev <= largest(Quantity::position_rev, params_.command.position));
+}
+
+Driver::MotorCommand Driver::to_motor(const JointCommand& command, bool stiff) const LITHE_RT {
+  const JointTransform& joint = params_.joint;
+  const double kp = stiff ? std::max(command.kp_nm_rad, 0.0) : 0.0;
+  return {joint.motor_rev(command.position_rad), command.velocity_rad_s * joint.rev_per_rad(),
+          command.torque_nm / joint.gear(),      kp * to_motor_gain(joint) / params_.kp_nm_rev,
+          kd_scale(command.kd_nm_s_rad),         std::max(command.max_torque_nm, 0.0) / joint.ratio};
+}
+
+double Driver::kd_scale(double kd_nm_s_rad) const LITHE_RT {
+  return std::max(kd_nm_s_rad, 0.0) * to_motor_gain(params_.joint) / params_.kd_nm_s_rev;
+}
+
+// The same torque at the speed that was measured, and the damping that is to survive us.
+JointCommand Driver::with_damping(const JointCommand& command, double measured_rad_s) const LITHE_RT {
+  JointCommand damped = command;
+  const double kd = std::max(command.kd_nm_s_rad, 0.0);
+  if (kd >= params_.damp_kd_nm_s_rad) return damped;
+  // A sample that is no speed of this joint must not become a torque.
+  const double at_rad_s = std::clamp(measured_rad_s, -params_.velocity_max_rad_s, params_.velocity_max_rad_s);
+  damped.kd_nm_s_rad = params_.damp_kd_nm_s_rad;
+  damped.torque_nm += (kd - damped.kd_nm_s_rad) * (command.velocity_rad_s - at_rad_s);
+  return damped;
+}
+
+void Driver::know(const Settings& settings) LITHE_RT {
+  params_.kp_nm_rev = settings.kp_nm_rev;
+  params_.kd_nm_s_rev = settings.kd_nm_s_rev;
+  params_.direct = settings.rotor_to_output_ratio == 1.0 && params_.joint.ratio == 1.0;
+}
+
+bool Driver::encode(const JointCommand& command, std::uint32_t source, Frame& frame, double measured_rad_s) const
+    LITHE_RT {
+  const bool sound = command.action != DriveAction::torque || (possible(command) && can_say(command.position_rad));
+  const DriveAction action = sound ? command.action : DriveAction::damp;
+  SubframeWriter writer(frame);
+  const std::array<double, 1> mode{static_cast<double>(mode_for(action))};
+  writer.write(Format::int8, reg::kMode, mode);
+  if (action == DriveAction::torque) write_torque(with_damping(command, measured_rad_s), writer);
+  if (action == DriveAction::damp && params_.damp_kd_nm_s_rad > 0) {
+    writer.write(params_.command.kd_scale, reg::kKdScale, std::array{kd_scale(params_.damp_kd_nm_s_rad)});
+  }
+  ask(source, params_.answer, writer, frame);
+  writer.pad();
+  return sound && writer.ok();
+}
+
+void Driver::encode_setup(Setup& setup, std::uint32_t source, Frame& frame) const LITHE_RT {
+  SubframeWriter writer(frame);
+  writer.write(Format::int8, reg::kMode, std::array{static_cast<double>(Mode::stopped)});
+  AnswerFormats without = params_.answer;  // there must be room for the answer of the console
+  without.current.reset();
+  without.power.reset();
+  ask(source, without, writer, frame);
+  setup.ask(writer);
+  writer.pad();
+}
+
+// Address and query: what every frame has.
+void Driver::ask(std::uint32_t source, const AnswerFormats& as, SubframeWriter& writer, Frame& frame) const LITHE_RT {
+  frame.id = kReplyRequested | (source & 0x7f) << 8 | params_.id;
+  frame.extended = true;
+  frame.fd = true;
+  frame.brs = true;
+  // Between current and power lie two registers nobody asks for. The mode in the format of what follows it where both
+  // fit a subframe: then the frames are shorter by four bytes.
+  const Format mode = as.position == Format::int16 ? Format::int16 : Format::int8;
+  const std::array<SubframeWriter::Choice, 8> motion{mode,       as.position,  as.velocity,  as.torque,
+                                                     as.current, std::nullopt, std::nullopt, as.power};
+  writer.read_each(reg::kMode, motion);
+  // Four registers to the fault: the home state costs nothing, with it the answer fills its 24 bytes exactly.
+  writer.read(Format::int8, reg::kHomeState, 4);
+}
+
+void Driver::write_torque(const JointCommand& command, SubframeWriter& writer) const LITHE_RT {
+  const MotorCommand motor = to_motor(command, !std::isnan(command.position_rad));
+  const CommandFormats& as = params_.command;
+  const std::array<SubframeWriter::Choice, 6> formats{as.position, as.velocity, as.torque,
+                                                      as.kp_scale, as.kd_scale, as.max_torque};
+  const std::array<double, 6> values{motor.position_rev, motor.velocity_rev_s, motor.torque_nm,
+                                     motor.kp_scale,     motor.kd_scale,       motor.max_torque_nm};
+  writer.write_each(reg::kCommandPosition, formats, values);
+  if (params_.settings_in_drive) return;
+  // The drive's own planner would smooth what is already planned here: negative means no limit, hence no planner.
+  // Watchdog, limits of velocity and acceleration, a fixed voltage that is not meant, integral.
+  const std::array<SubframeWriter::Choice, 5> how{as.watchdog, Format::int8, Format::int8, std::nullopt, Format::int8};
+  const std::array<double, 5> rest{params_.watchdog_s, -1, -1, 0, 0};
+  writer.write_each(reg::kWatchdog, how, rest);
+}
+
+bool Driver::encode_within(const JointCommand& command, double lower_rad, double upper_rad, std::uint32_t source,
+                           Frame& frame) const LITHE_RT {
+  const bool sound = possible(command) && can_say(lower_rad) && can_say(upper_rad) && !(lower_rad > upper_rad);
+  if (!sound) {
+    JointCommand damped;
+    damped.action = DriveAction::damp;
+    encode(damped, source, frame);
+    return false;
+  }
+  SubframeWriter writer(frame);
+  constexpr std::array<double, 1> kMode{static_cast<double>(Mode::stay_within)};
+  writer.write(Format::int8, reg::kMode, kMode);
+  JointCommand damped = command;  // freely is with no torque but the given one: here damping has nothing to balance
+  damped.kd_nm_s_rad = std::max(command.kd_nm_s_rad, params_.damp_kd_nm_s_rad);
+  const MotorCommand motor = to_motor(damped, true);
+  const double a_rev = params_.joint.motor_rev(lower_rad);
+  const double b_rev = params_.joint.motor_rev(upper_rad);
+  const bool turned = params_.joint.gear() < 0;  // the motor's lower end is the joint's upper one
+  const CommandFormats& as = params_.command;
+  const std::array<SubframeWriter::Choice, 8> formats{as.position, as.position,   as.torque,   as.kp_scale,
+                                                      as.kd_scale, as.max_torque, as.watchdog, Format::int8};
+  const std::array<double, 8> values{turned ? b_rev : a_rev, turned ? a_rev : b_rev, motor.torque_nm,    motor.kp_scale,
+                                     motor.kd_scale,         motor.max_torque_nm,    params_.watchdog_s, 0};
+  const std::size_t sent = params_.settings_in_drive ? 6 : formats.size();  // without watchdog and integral
+  writer.write_each(reg::kLowerBound, std::span(formats).first(sent), std::span(values).first(sent));
+  ask(source, params_.answer, writer, frame);
+  writer.pad();
+  return writer.ok();
+}
+
+bool Driver::decode(const Frame& frame, Answer& sample) const LITHE_RT {
+  if (device_of(frame) != params_.id) return false;
+  Registers answer;
+  SubframeReader reader(frame.payload());
+  Subframe subframe;
+  while (reader.next(subframe)) {
+    if (subframe.kind != Kind::reply) continue;
+    for (std::uint32_t i = 0; i < subframe.count; ++i) answer.take(subframe.start + i, subframe.value(i));
+  }
+  if (!reader.well_formed() || !answer.whole()) return false;
+  sample.mode = static_cast<std::uint8_t>(answer.mode);
+  sample.fault = static_cast<std::uint8_t>(std::min(answer.fault, 255.0));
+  const double sign = params_.joint.gear() < 0 ? -1 : 1;
+  sample.drive = {state_of(static_cast<Mode>(sample.mode)), sign * told(answer.current_a), told(answer.voltage_v),
+                  told(answer.power_w), told(answer.temperature_degc)};
+  // Behind a gear, a rotor's absolute encoder (1) does not tell the turn; an output encoder or a homing (2) does.
+  sample.homed = answer.home >= (params_.direct ? 1 : 2);
+  // An integer at its end tells nothing any more.
+  sample.measured = answer.measured() &&
+                    std::abs(answer.position_rev) < largest(Quantity::position_rev, params_.answer.position) &&
+                    std::abs(answer.velocity_rev_s) < largest(Quantity::velocity_rev_s, params_.answer.velocity) &&
+                    std::abs(answer.torque_nm) < largest(Quantity::torque_nm, params_.answer.torque);
+  if (!sample.measured) return true;
+  sample.position_rad = params_.joint.position_rad(answer.position_rev);
+  sample.velocity_rad_s = answer.velocity_rev_s / params_.joint.rev_per_rad();
+  sample.torque_nm = answer.torque_nm * params_.joint.gear();
+  return true;
+}
+
+}  // namespace lithe::hal::moteus

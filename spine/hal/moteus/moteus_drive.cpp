@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/hal/moteus/moteus_drive.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "spine/wire/wire.hpp"
+
+namespace lithe::hal::moteus {
+
+MoteusDrive::MoteusDrive(const DriverParams& params)
+    : driver_(params),
+      asks_(params.ask_settings),
+      setup_(expected_of(params)),
+      torque_step_nm_(params.torque_step_nm),
+      torque_allowed_nm_(params.torque_step_nm) {
+  tell();
+}
+
+bool MoteusDrive::command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT {
+  if (unanswered_ == kForgets) forgotten_ = true;
+  if (unanswered_ <= kForgets) ++unanswered_;
+  if (forgotten_ && command.action == DriveAction::off) {
+    setup_.restart();
+    forgotten_ = false;
+    tell();
+  }
+  Frame frame;
+  bool sound = true;
+  if (ready()) {
+    JointCommand eased = command;
+    // What is no number stays none: the driver has to find that out.
+    if (std::isfinite(command.max_torque_nm)) eased.max_torque_nm = std::min(command.max_torque_nm, torque_allowed_nm_);
+    sound = driver_.encode(eased, exchange.source, frame, velocity_rad_s_);
+    asked_ = false;
+  } else {
+    if (asked_) setup_.missed();
+    driver_.encode_setup(setup_, exchange.source, frame);
+    asked_ = true;
+  }
+  bus.send(frame);  // a refusal shows as a missed answer, and is counted by the bus
+  return sound;
+}
+
+Heard MoteusDrive::take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT {
+  if (!exchange.asked || source_of(frame) != exchange.source) return Heard::late;
+  Answer answer;
+  if (!driver_.decode(frame, answer)) return Heard::malformed;
+  unanswered_ = 0;
+  if (asked_) {
+    asked_ = false;  // a frame that comes twice says everything once
+    setup_.take(frame);
+    if (setup_.ready()) driver_.know(setup_.settings());
+    tell();
+  }
+  const bool drives = answer.mode == static_cast<std::uint8_t>(Mode::position);
+  torque_allowed_nm_ = drives ? torque_allowed_nm_ + torque_step_nm_ : torque_step_nm_;
+  if (answer.measured) velocity_rad_s_ = answer.velocity_rad_s;
+  sample.position_rad = answer.position_rad;
+  sample.velocity_rad_s = answer.velocity_rad_s;
+  sample.torque_nm = answer.torque_nm;
+  sample.status = status_of(answer) | (ready() ? 0 : wire::joint_status::kNotReady);
+  sample.measured = answer.measured;
+  sample.drive = answer.drive;
+  return Heard::answer;
+}
+
+}  // namespace lithe::hal::moteus

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+// A moteus as the rest of the robot sees it: any drive.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <string>
+
+#include "spine/core/rt.hpp"
+#include "spine/hal/core/drive.hpp"
+#include "spine/hal/moteus/moteus.hpp"
+#include "spine/hal/moteus/moteus_setup.hpp"
+
+namespace lithe::hal::moteus {
+
+// One command and one answer per exchange. With DriverParams::ask_settings it is asked first how it is set (Setup): it
+// answers all the time, but is off and not ready until that is known, and again when it is off and has been silent for
+// a while: another one may have been put in its place.
+// Contract: as hal::Drive; why_not_ready() any thread
+class MoteusDrive final : public Drive {
+ public:
+  explicit MoteusDrive(const DriverParams& params);
+
+  bool command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT override;
+  Heard take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT override;
+  std::string why_not_ready() const override { return describe_lack(lack_.load(std::memory_order_relaxed)); }
+
+ private:
+  static constexpr std::uint32_t kForgets = 10;  // exchanges without an answer
+
+  bool ready() const LITHE_RT { return !asks_ || setup_.ready(); }
+  // Relaxed: the word is all there is to it. Pairs with why_not_ready().
+  void tell() LITHE_RT { lack_.store(asks_ ? setup_.packed() : 0, std::memory_order_relaxed); }
+
+  Driver driver_;
+  const bool asks_;
+  Setup setup_;
+  bool asked_ = false;            // this exchange's frame had one of its questions
+  std::uint32_t unanswered_ = 0;  // exchanges in a row
+  bool forgotten_ = false;        // it was silent for too long
+  double velocity_rad_s_ = 0;     // as it said last
+  const double torque_step_nm_;
+  double torque_allowed_nm_;           // its limit, since it drives
+  std::atomic<std::uint64_t> lack_{};  // Setup::packed(); stored by the exchange's thread, loaded by any
+};
+
+}  // namespace lithe::hal::moteus

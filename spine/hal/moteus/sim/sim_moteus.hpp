@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+// A simulated moteus at the far end of a bus: takes real frames, answers real frames.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <limits>
+
+#include "spine/core/rt.hpp"
+#include "spine/hal/core/frame.hpp"
+#include "spine/hal/bus/loop/loop_bus.hpp"
+#include "spine/hal/moteus/moteus_codec.hpp"
+#include "spine/hal/moteus/sim/moteus_console.hpp"
+#include "spine/hal/moteus/sim/moteus_inside.hpp"
+#include "spine/hal/moteus/sim/servo.hpp"
+
+namespace lithe::hal::sim {
+
+struct SimMoteusParams {
+  std::uint32_t id = 1;      // 1 to 126
+  std::uint64_t serial = 0;  // two devices with different ones are two: serial number and UUID come from here
+  ServoParams servo;
+  JointTransform joint;
+  PlantParams plant;
+  DriveErrors errors{};
+};
+
+// As the firmware does: subframes in order; the answer tells the state before the command; writing the mode resets
+// every command register, and without it the written registers are kept but nothing is commanded; a read that fails
+// ends the frame, a write that fails does not; bytes that make no sense end the frame, and the answer goes out all the
+// same; a UUID mask that is another's makes the drive ignore the frame and say nothing. Channel 1 is the console. Flow
+// control of streams (0x43, 0x44) is met with silence, as by firmware that does not have it. Simulated are the modes 0
+// to 4, 9 to 13 and 15; the others are refused like an unknown value.
+// Contract: RT · one thread · lives on the time of the frames it sees
+class SimMoteus final : public BusNode {
+ public:
+  explicit SimMoteus(const SimMoteusParams& params)
+      : inside_(params.servo, params.joint, params.plant, params.errors, params.id, params.serial) {}
+
+  void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
+  void on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
+  bool befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT override;
+  void to_start() LITHE_RT override { inside_.servo.to_start(); }
+
+  // Power gone and back: deaf and limp until `back_ns`, then stopped, with the settings that were stored.
+  void restart(std::int64_t back_ns) LITHE_RT;
+
+  Servo& servo() LITHE_RT { return inside_.servo; }
+  const MoteusConfig& config() const LITHE_RT { return inside_.config; }
+  const MoteusIdentity& identity() const LITHE_RT { return inside_.identity; }
+
+ private:
+  enum class Access : std::uint32_t { done = 0, unknown = 1, read_only = 2 };  // the protocol's own error numbers
+
+  bool serve(const Frame& request, Frame& answer) LITHE_RT;
+  void write(const moteus::Subframe& subframe, moteus::SubframeWriter& answer) LITHE_RT;
+  bool read(const moteus::Subframe& subframe, moteus::SubframeWriter& answer) LITHE_RT;
+  void stream(const moteus::Subframe& subframe, moteus::SubframeWriter& answer) LITHE_RT;
+
+  // moteus_registers.cpp
+  Access write_register(std::uint32_t number, double value) LITHE_RT;
+  Access write_mode(double value) LITHE_RT;
+  double* auxiliary(std::uint32_t number) LITHE_RT;
+  bool read_register(std::uint32_t number, moteus::Format format, double& value) LITHE_RT;
+  bool read_status(std::uint32_t number, double& value) LITHE_RT;
+  bool read_control(std::uint32_t number, double& value) LITHE_RT;
+  bool read_ports(std::uint32_t number, moteus::Format format, double& value) LITHE_RT;
+  bool read_identity(std::uint32_t number, moteus::Format format, double& value) LITHE_RT;
+
+  MoteusInside inside_;
+  ServoCommand command_;  // as the registers stand now
+  bool commanded_ = false;
+  bool discarded_ = false;  // this frame is for a drive with another UUID
+  moteus::Mode commanded_mode_ = moteus::Mode::stopped;
+  bool homed_ = true;
+  bool other_map_ = false;
+  std::int64_t deaf_until_ns_ = std::numeric_limits<std::int64_t>::min();
+  std::array<double, 2> gpio_{};
+  std::array<double, 10> pwm_{};
+  double clock_trim_ = 0;
+  MoteusConsole console_;
+};
+
+}  // namespace lithe::hal::sim

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+// Several joints of a robot as physics: links that hang on each other, swing in one plane, and pull at each other.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "spine/core/joints.hpp"
+#include "spine/core/rt.hpp"
+#include "spine/hal/physics/mechanism.hpp"
+#include "spine/hal/physics/plant.hpp"
+
+namespace lithe::hal::sim {
+
+struct ChainLink {
+  double length_m = 0.3;  // from its joint to the next one
+  double mass_kg = 0.2;
+  double center_m = 0.15;             // from its joint to its centre of mass, on the line to the next joint
+  double inertia_kg_m2 = 1.5e-3;      // about its centre of mass
+  double rotor_inertia_kg_m2 = 2e-3;  // of the motor, behind its gear; may be 0
+  // Friction, cogging, lag, limit and start of the joint. Its inertia and mgl mean nothing here: the links make them.
+  PlantParams joint;
+};
+
+struct ChainParams {
+  double gravity_m_s2 = 9.81;
+  std::vector<ChainLink> links;  // from the base outwards; 1 to kMaxJoints
+};
+
+// Angles are those between links, the first one's from straight down; all 0: the chain hangs. Torque at a joint acts
+// between its two links. Motor and friction of each joint are Plant's, and a chain of one link moves as a Plant does.
+//
+// Articulated bodies (Featherstone), in the plane: a step costs O(links). Semi-implicit Euler in steps of
+// Plant::kStepNs; what depends on the velocity sees that of the middle of the step, so that energy neither grows nor
+// drains by itself. A joint at rest is locked until what would hold it exceeds its dry friction; one that would change
+// its direction within a step stops. Same inputs, same motion, to the bit.
+// Contract: RT · one thread · no clock of its own
+class Chain final : public Mechanism {
+ public:
+  // Contract: never in the tick. Masses and lengths are positive or 0, and no link is without any inertia.
+  explicit Chain(const ChainParams& params);
+
+  void step(std::span<const double> wanted_nm) LITHE_RT override;
+  void to_start() LITHE_RT override;
+
+  std::size_t joints() const LITHE_RT override { return count_; }
+  double position_rad(std::size_t joint) const LITHE_RT override { return joints_[joint].position_rad; }
+  double velocity_rad_s(std::size_t joint) const LITHE_RT override { return joints_[joint].velocity_rad_s; }
+  double torque_nm(std::size_t joint) const LITHE_RT override { return joints_[joint].torque_nm; }
+
+  double inertia_kg_m2(std::size_t joint) const override;  // stretched
+
+  // Puts a joint there, moving like that. Contract: tests and set-up
+  void place(std::size_t joint, double position_rad, double velocity_rad_s = 0) LITHE_RT;
+
+ private:
+  // Symmetric, of (turn, x, y): how a body resists at its joint, in axes that do not turn.
+  struct Inertia {
+    double rr = 0, rx = 0, ry = 0, xx = 0, xy = 0, yy = 0;
+  };
+  struct Motion {  // or a force: torque, force along x and y
+    double r = 0, x = 0, y = 0;
+  };
+  struct Joint {
+    // Constant.
+    double mass_kg = 0, first_moment_kg_m = 0, inertia_kg_m2 = 0;  // of the link about its joint
+    double length_m = 0, rotor_kg_m2 = 0;
+    double viscous_nm_s_rad = 0, coulomb_nm = 0, cogging_nm = 0, cogging_per_rad = 0, phase_rad = 0;
+    double stribeck_nm = 0, stribeck_rad_s = 0.1;
+    double lag_gain = 1, torque_max_nm = 0, start_rad = 0;
+    // State.
+    double position_rad = 0, velocity_rad_s = 0, torque_nm = 0, acceleration_rad_s2 = 0;
+    // Of this step.
+    double driving_nm = 0, dry_nm = 0, friction_nm = 0, holding_nm = 0;
+    bool locked = false;
+    double moment_x = 0, moment_y = 0, next_x = 0, next_y = 0;  // first moment; way to the next joint
+    double turn2 = 0;                                           // squared speed of the link, seen from outside
+    Inertia body;                                               // of the link and all that hangs on it
+    Motion pull;                                                // what moving the body needs besides its inertia
+    double resistance = 0;
+  };
+
+  void drive(std::span<const double> wanted_nm) LITHE_RT;
+  void place_links() LITHE_RT;
+  void accelerate() LITHE_RT;
+  bool unlock() LITHE_RT;
+  void move() LITHE_RT;
+  static void hang_on(Joint& joint, const Joint& outer) LITHE_RT;
+
+  double gravity_m_s2_;
+  std::size_t count_;
+  std::array<Joint, kMaxJoints> joints_{};
+};
+
+}  // namespace lithe::hal::sim

@@ -1,0 +1,222 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/hal/physics/mujoco_plant.hpp"
+
+#ifdef LITHE_MUJOCO
+
+#include <dlfcn.h>
+#include <mujoco/mujoco.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <limits>
+#include <utility>
+
+#include "spine/core/files.hpp"
+#include "spine/core/text.hpp"
+
+namespace lithe::hal::sim {
+namespace {
+
+constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
+constexpr std::size_t kMaxModelBytes = std::size_t{64} << 20;
+constexpr double kNothing = 1e-15;  // the tail of a lag would end in slow denormal numbers
+
+// What is used of the library. It stays loaded once it is.
+struct Library {
+  decltype(&mj_version) version;
+  decltype(&mj_loadXML) load;
+  decltype(&mj_deleteModel) delete_model;
+  decltype(&mj_makeData) make_data;
+  decltype(&mj_deleteData) delete_data;
+  decltype(&mj_name2id) find;
+  decltype(&mj_id2name) name;
+  // Bounded by the model, without allocation but for meshes that touch: what its own documentation and a test say.
+  void (*forward)(const mjModel*, mjData*) LITHE_RT;
+  void (*reset)(const mjModel*, mjData*) LITHE_RT;
+  void (*step)(const mjModel*, mjData*) LITHE_RT;
+};
+
+// MuJoCo does not go on after an error, such as a model that needs more memory than its file grants.
+void end_with(const char* what) {
+  std::fprintf(stderr, "lithe: MuJoCo gives up: %s\n", what);
+  std::abort();
+}
+void be_silent(const char* /*what*/) {}  // it would write a file; what it warns of is counted in its data
+
+template <class T>
+bool fill(void* handle, const char* symbol, T& out) {
+  out = reinterpret_cast<T>(::dlsym(handle, symbol));
+  return out != nullptr;
+}
+
+Result<Library> open_library() {
+  const std::string how = "; apt-get install libmujoco-dev, and build LITHE again";
+  void* handle = ::dlopen(LITHE_MUJOCO, RTLD_NOW | RTLD_LOCAL);
+  if (handle == nullptr) return Error{std::string("MuJoCo cannot be loaded: ") + ::dlerror() + how};
+  Library all{};
+  void (**on_error)(const char*) = nullptr;
+  void (**on_warning)(const char*) = nullptr;
+  const bool whole = fill(handle, "mj_version", all.version) && fill(handle, "mj_loadXML", all.load) &&
+                     fill(handle, "mj_deleteModel", all.delete_model) && fill(handle, "mj_makeData", all.make_data) &&
+                     fill(handle, "mj_deleteData", all.delete_data) && fill(handle, "mj_name2id", all.find) &&
+                     fill(handle, "mj_id2name", all.name) && fill(handle, "mj_forward", all.forward) &&
+                     fill(handle, "mj_resetData", all.reset) && fill(handle, "mj_step", all.step) &&
+                     fill(handle, "mju_user_error", on_error) && fill(handle, "mju_user_warning", on_warning);
+  if (!whole) return Error{std::string(LITHE_MUJOCO) + " is no MuJoCo" + how};
+  if (all.version() != mjVERSION_HEADER) {
+    return Error{std::string(LITHE_MUJOCO) + " is version " + std::to_string(all.version()) + ", LITHE was built for " +
+                 std::to_string(mjVERSION_HEADER) + how};
+  }
+  *on_error = end_with;
+  *on_warning = be_silent;
+  return all;
+}
+
+class MujocoPlant final : public Mechanism {
+ public:
+  explicit MujocoPlant(const Library& library)
+      : library_(library), model_(nullptr, library.delete_model), data_(nullptr, library.delete_data) {}
+
+  Result<> open(const MujocoParams& params, Clock clock) {
+    if (const auto text = read_regular_file(params.model, kMaxModelBytes); !text) return text.error();
+    std::array<char, 1000> why{};
+    model_.reset(library_.load(params.model.c_str(), nullptr, why.data(), static_cast<int>(why.size())));
+    if (!model_) return Error{params.model + ": " + printable(why.data(), true)};
+    model_->opt.timestep = 1e-9 * static_cast<double>(params.step_ns);
+    model_->opt.disableflags |= mjDSBL_ACTUATION;
+    parts_ = std::max<std::int64_t>(params.step_ns / Plant::kStepNs, 1);
+    data_.reset(library_.make_data(model_.get()));
+    if (!data_) return Error{params.model + ": no memory for its simulation"};
+    for (const MujocoJoint& joint : params.joints) {
+      if (Result<> added = add(joint); !added) return Error{params.model + ": " + added.message()};
+    }
+    place();
+    if (const std::int64_t takes_ns = quickest_step_ns(clock); takes_ns > params.step_ns) {
+      return Error{params.model + ": a step of " + std::to_string(params.step_ns / 1000) + " us takes " +
+                   std::to_string(takes_ns / 1000) + " us here, it cannot keep up; give a longer step_s"};
+    }
+    place();
+    return done();
+  }
+
+  void step(std::span<const double> wanted_nm) LITHE_RT override {
+    for (std::size_t i = 0; i < joints_.size(); ++i) {
+      Joint& joint = joints_[i];
+      const double wanted = i < wanted_nm.size() ? wanted_nm[i] : 0;
+      joint.torque_nm += joint.lag_gain * (std::clamp(wanted, -joint.most_nm, joint.most_nm) - joint.torque_nm);
+      if (std::abs(joint.torque_nm) < kNothing) joint.torque_nm = 0;
+    }
+    if (part_ == 0) move();
+    part_ = (part_ + 1) % parts_;
+    const double share = part_ == 0 ? 1 : static_cast<double>(part_) / static_cast<double>(parts_);
+    for (Joint& joint : joints_) {
+      const double to_rad = data_->qpos[joint.position];
+      joint.position_rad = share == 1 ? to_rad : joint.from_rad + share * (to_rad - joint.from_rad);
+    }
+  }
+
+  void to_start() LITHE_RT override {
+    for (Joint& joint : joints_) {
+      joint.torque_nm = 0;
+      joint.position_rad = joint.from_rad = joint.start_rad;
+    }
+    part_ = 0;
+    place();
+  }
+
+  std::size_t joints() const LITHE_RT override { return joints_.size(); }
+  double position_rad(std::size_t joint) const LITHE_RT override { return joints_[joint].position_rad; }
+  double velocity_rad_s(std::size_t joint) const LITHE_RT override { return data_->qvel[joints_[joint].freedom]; }
+  double torque_nm(std::size_t joint) const LITHE_RT override { return joints_[joint].torque_nm; }
+  double inertia_kg_m2(std::size_t joint) const override { return model_->dof_M0[joints_[joint].freedom]; }
+
+ private:
+  struct Joint {
+    int position, freedom;  // where it is in qpos and qvel
+    double lag_gain, most_nm;
+    double torque_nm = 0, from_rad = 0, position_rad = 0, start_rad = 0;
+  };
+
+  Result<> add(const MujocoJoint& joint) {
+    const int id = library_.find(model_.get(), mjOBJ_JOINT, joint.name.c_str());
+    if (id < 0) return Error{"there is no joint '" + joint.name + "'; its hinges: " + hinges()};
+    if (model_->jnt_type[id] != mjJNT_HINGE) return Error{"joint '" + joint.name + "' is no hinge"};
+    Joint own{model_->jnt_qposadr[id], model_->jnt_dofadr[id],
+              joint.torque_lag_s > 0 ? 1 - std::exp(-kStepS / joint.torque_lag_s) : 1, joint.torque_max_nm};
+    own.position_rad = own.from_rad = own.start_rad = joint.initial_position_rad;
+    joints_.push_back(own);
+    return done();
+  }
+
+  // Everything as at the start.
+  void place() LITHE_RT {
+    library_.reset(model_.get(), data_.get());
+    for (const Joint& joint : joints_) data_->qpos[joint.position] = joint.position_rad;
+    library_.forward(model_.get(), data_.get());
+  }
+
+  // Of the first steps, the quickest few in a row: whoever else wants the core does not count.
+  std::int64_t quickest_step_ns(Clock clock) {
+    constexpr int kBatches = 10, kSteps = 10;
+    std::int64_t best_ns = std::numeric_limits<std::int64_t>::max();
+    for (int batch = 0; batch < kBatches; ++batch) {
+      const std::int64_t began_ns = clock();
+      for (int i = 0; i < kSteps; ++i) library_.step(model_.get(), data_.get());
+      best_ns = std::min(best_ns, (clock() - began_ns) / kSteps);
+    }
+    return best_ns;
+  }
+
+  std::string hinges() const {
+    std::string names;
+    for (int id = 0; id < model_->njnt; ++id) {
+      const char* name = library_.name(model_.get(), mjOBJ_JOINT, id);
+      if (model_->jnt_type[id] == mjJNT_HINGE && name != nullptr)
+        names += (names.empty() ? "" : ", ") + std::string(name);
+    }
+    return names.empty() ? "none that has a name" : names;
+  }
+
+  void move() LITHE_RT {
+    for (Joint& joint : joints_) {
+      joint.from_rad = data_->qpos[joint.position];
+      data_->qfrc_applied[joint.freedom] = joint.torque_nm;
+    }
+    library_.step(model_.get(), data_.get());
+  }
+
+  Library library_;
+  std::unique_ptr<mjModel, decltype(&mj_deleteModel)> model_;
+  std::unique_ptr<mjData, decltype(&mj_deleteData)> data_;
+  std::vector<Joint> joints_;
+  std::int64_t parts_ = 1;  // of a step of the physics that one of the drives takes
+  std::int64_t part_ = 0;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<Mechanism>> open_mujoco(const MujocoParams& params, Clock clock) {
+  const Result<Library> library = open_library();
+  if (!library) return library.error();
+  auto plant = std::make_unique<MujocoPlant>(*library);
+  if (Result<> opened = plant->open(params, clock); !opened) return opened.error();
+  return std::unique_ptr<Mechanism>(std::move(plant));
+}
+
+}  // namespace lithe::hal::sim
+
+#else
+
+namespace lithe::hal::sim {
+
+Result<std::unique_ptr<Mechanism>> open_mujoco(const MujocoParams& params, Clock /*clock*/) {
+  return Error{params.model +
+               ": this LITHE was built without MuJoCo; apt-get install libmujoco-dev, and build it again"};
+}
+
+}  // namespace lithe::hal::sim
+
+#endif

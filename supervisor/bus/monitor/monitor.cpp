@@ -1,0 +1,203 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/bus/monitor/monitor.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <thread>
+
+#include "spine/core/time.hpp"
+#include "supervisor/bus/plan/frame_time.hpp"
+#include "spine/hal/open_bus.hpp"
+#include "supervisor/bus/monitor/decode.hpp"
+
+namespace lithe::field {
+namespace {
+
+std::string hex(const hal::Frame& frame) {
+  std::string text;
+  for (const std::uint8_t byte : frame.payload()) text += fmt::format("{:02x}", byte);
+  return text;
+}
+
+const char* format_of(const hal::Frame& frame) { return !frame.fd ? "classic" : frame.brs ? "FD BRS" : "FD"; }
+
+hal::BitRates rates_of(const robot::BusConfig& bus) { return {bus.bitrate, std::max(bus.bitrate, bus.data_bitrate)}; }
+
+}  // namespace
+
+Result<std::unique_ptr<Ears>> Ears::open(const Choice& choice, const std::vector<std::size_t>& buses) {
+  auto ears = std::make_unique<Ears>();
+  hal::BusOpener opener(choice.robot.buses, true);
+  for (const std::size_t number : buses) {
+    Result<std::unique_ptr<hal::Bus>> bus = opener.open(choice.robot.buses[number]);
+    if (!bus) return bus.error();
+    (*bus)->begin(monotonic_ns());
+    ears->ears_.push_back({number, std::move(*bus)});
+  }
+  return ears;
+}
+
+bool Ears::next(Sighting& sighting) {
+  for (std::size_t i = 0; i < ears_.size(); ++i) {
+    const Ear& ear = ears_[turn_++ % ears_.size()];
+    if (!ear.bus->receive(sighting.frame)) continue;
+    sighting.time_ns = monotonic_ns();
+    sighting.bus = ear.number;
+    sighting.outbound.reset();
+    return true;
+  }
+  return false;
+}
+
+std::string Ears::trouble() {
+  std::string all;
+  for (const Ear& ear : ears_) {
+    const std::string why = ear.bus->why_down();  // before what heals it at once
+    if (!why.empty()) all += (all.empty() ? "" : "; ") + why;
+    ear.bus->service();
+    ear.bus->begin(monotonic_ns());  // uses again what that has brought back
+  }
+  return all;
+}
+
+std::uint64_t Ears::lost() const {
+  std::uint64_t all = 0;
+  for (const Ear& ear : ears_) all += ear.bus->overrun();
+  return all;
+}
+
+std::uint64_t Ears::errors(std::size_t bus) const {
+  for (const Ear& ear : ears_) {
+    if (ear.number == bus) return ear.bus->statistics().errors + ear.bus->statistics().malformed;
+  }
+  return 0;
+}
+
+Monitor::Monitor(const Choice& choice, const MonitorOptions& options, std::int64_t start_ns)
+    : choice_(choice), options_(options), start_ns_(start_ns), tallies_(choice.robot.buses.size()) {
+  for (std::size_t i = 0; i < choice.robot.buses.size(); ++i) protocols_.push_back(protocol_of(choice.robot, i));
+}
+
+std::string Monitor::complaint() const {
+  std::string names;
+  for (const robot::DeviceConfig& device : choice_.robot.devices) names += (names.empty() ? "" : ", ") + device.name;
+  for (const std::string& wanted : options_.devices) {
+    const bool is_id = !wanted.empty() && wanted.find_first_not_of("0123456789") == std::string::npos;
+    const auto is_it = [&](const robot::DeviceConfig& device) { return device.name == wanted; };
+    if (is_id || std::any_of(choice_.robot.devices.begin(), choice_.robot.devices.end(), is_it)) continue;
+    return fmt::format("there is no device '{}'; {}", wanted, names.empty() ? "give its id" : "there are " + names);
+  }
+  return "";
+}
+
+std::string Monitor::name_of(std::size_t bus, std::optional<std::uint32_t> device) const {
+  if (!device) return "";
+  for (const robot::DeviceConfig& each : choice_.robot.devices) {
+    if (each.bus == bus && each.id == *device) return each.name;
+  }
+  return "";
+}
+
+bool Monitor::shows(const std::string& name, std::optional<std::uint32_t> device) const {
+  if (options_.devices.empty()) return true;
+  return std::any_of(options_.devices.begin(), options_.devices.end(), [&](const std::string& wanted) {
+    return (!name.empty() && wanted == name) || (device && wanted == std::to_string(*device));
+  });
+}
+
+std::optional<std::string> Monitor::see(const Sighting& sighting) {
+  if (sighting.bus >= tallies_.size()) return std::nullopt;
+  const hal::Frame& frame = sighting.frame;
+  const robot::BusConfig& bus = choice_.robot.buses[sighting.bus];
+  const Decoded decoded = decode(frame, protocols_[sighting.bus], choice_.robot, sighting.bus);
+  const bool outbound = sighting.outbound.value_or(decoded.outbound);
+  Tally& tally = tallies_[sighting.bus];
+  ++(outbound ? tally.out : tally.in);
+  tally.busy_ns += hal::duration_ns(hal::exact_bits(frame), rates_of(bus));
+  const std::string name = name_of(sighting.bus, decoded.device);
+  if (!shows(name, decoded.device)) return std::nullopt;
+  ++shown_;
+  const double time_s = 1e-9 * static_cast<double>(sighting.time_ns - start_ns_);
+  if (options_.json) {
+    Json line = {{"time_s", time_s},
+                 {"bus", bus.name},
+                 {"direction", outbound ? "out" : "in"},
+                 {"id", frame.id},
+                 {"device_id", decoded.device ? Json(*decoded.device) : Json(nullptr)},
+                 {"device", name.empty() ? Json(nullptr) : Json(name)},
+                 {"format", format_of(frame)},
+                 {"says", decoded.text}};
+    if (options_.raw) line["data"] = hex(frame);
+    return line.dump(-1, ' ', false, Json::error_handler_t::replace);
+  }
+  const std::string who = !name.empty() ? name : decoded.device ? fmt::format("id {}", *decoded.device) : "all";
+  std::string line = fmt::format("{:11.6f} {:<8} {} {:<8x} {:<18} {}", time_s, bus.name, outbound ? ">" : "<", frame.id,
+                                 who, decoded.text);
+  if (options_.raw) line += fmt::format("  [{} {}] {}", format_of(frame), frame.payload().size(), hex(frame));
+  return line;
+}
+
+bool Monitor::finished(std::int64_t now_ns) const {
+  if (options_.count > 0 && shown_ >= options_.count) return true;
+  return options_.seconds > 0 && now_ns - start_ns_ >= std::llround(1e9 * options_.seconds);
+}
+
+Json Monitor::statistics(const FrameSource& source, std::int64_t now_ns) const {
+  const double seconds = std::max(1e-9 * static_cast<double>(now_ns - start_ns_), 1e-9);
+  Json buses = Json::array();
+  for (const std::size_t number : choice_.buses) {
+    const Tally& tally = tallies_[number];
+    buses.push_back({{"name", choice_.robot.buses[number].name},
+                     {"out", tally.out},
+                     {"in", tally.in},
+                     {"frames_per_s", static_cast<double>(tally.out + tally.in) / seconds},
+                     {"load", 1e-9 * static_cast<double>(tally.busy_ns) / seconds},
+                     {"errors", source.errors(number)}});
+  }
+  return {{"statistics", {{"seconds", seconds}, {"not_seen", source.lost()}, {"buses", buses}}}};
+}
+
+std::string statistics_text(const Json& document) {
+  const Json& all = document.at("statistics");
+  std::string text = fmt::format("\n{:<12} {:>9} {:>9} {:>10} {:>7} {:>8}   in {:.2f} s", "bus", "out", "in",
+                                 "frames/s", "load", "errors", all.at("seconds").get<double>());
+  for (const Json& bus : all.at("buses")) {
+    text += fmt::format("\n{:<12} {:>9} {:>9} {:>10.1f} {:>5.1f} % {:>8}", bus.at("name").get<std::string>(),
+                        bus.at("out").get<std::uint64_t>(), bus.at("in").get<std::uint64_t>(),
+                        bus.at("frames_per_s").get<double>(), 100 * bus.at("load").get<double>(),
+                        bus.at("errors").get<std::uint64_t>());
+  }
+  const auto lost = all.at("not_seen").get<std::uint64_t>();
+  return lost == 0 ? text : text + fmt::format("\n{} frames passed too fast to be shown", lost);
+}
+
+int watch(FrameSource& source, Monitor& monitor, const MonitorOptions& options, const std::function<bool()>& stop,
+          const std::function<void(const std::string&)>& say, const std::function<void(const std::string&)>& warn) {
+  constexpr auto kPause = std::chrono::microseconds(500);
+  bool any = false;
+  std::int64_t look_at_ns = 0;
+  std::string trouble;
+  while (!stop() && !monitor.finished(monotonic_ns())) {
+    if (monotonic_ns() >= look_at_ns) {
+      look_at_ns = monotonic_ns() + kNsPerS;
+      const std::string now = source.trouble();
+      if (now != trouble) warn(now.empty() ? "all is heard again" : now);
+      trouble = now;
+    }
+    Sighting sighting;
+    if (!source.next(sighting)) {
+      std::this_thread::sleep_for(kPause);
+      continue;
+    }
+    any = true;
+    if (const auto line = monitor.see(sighting)) say(*line);
+  }
+  const Json statistics = monitor.statistics(source, monotonic_ns());
+  say(options.json ? statistics.dump() : statistics_text(statistics));
+  return any ? 0 : 1;
+}
+
+}  // namespace lithe::field

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+// Frames as they pass, in words, and what a bus carried meanwhile.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "spine/core/result.hpp"
+#include "spine/hal/core/bus.hpp"
+#include "spine/hal/core/frame.hpp"
+#include "supervisor/bus/plan/report.hpp"
+#include "supervisor/bus/scan/place.hpp"
+#include "supervisor/bus/scan/seen.hpp"
+
+namespace lithe::field {
+
+using bus::Json;
+
+struct Sighting {
+  std::int64_t time_ns = 0;      // CLOCK_MONOTONIC
+  std::size_t bus = 0;           // index into the robot's buses
+  std::optional<bool> outbound;  // to a device; none: only the frame itself can tell
+  hal::Frame frame;
+};
+
+// Where frames come from. Contract: not RT · one thread
+class FrameSource {
+ public:
+  FrameSource() = default;
+  FrameSource(const FrameSource&) = delete;
+  FrameSource& operator=(const FrameSource&) = delete;
+  virtual ~FrameSource() = default;
+  // The next one; false: none just now.
+  virtual bool next(Sighting& sighting) = 0;
+  // Looks after the buses, about once a second: why nothing comes from one of them; empty when all is well.
+  virtual std::string trouble() { return ""; }
+  // Frames that passed too fast to be seen.
+  virtual std::uint64_t lost() const { return 0; }
+  // Error frames, refusals of an adapter, lines and frames that made no sense, on one bus.
+  virtual std::uint64_t errors(std::size_t /*bus*/) const { return 0; }
+};
+
+// Listens on buses of its own opening, and sends nothing on them. A serial adapter and a pi3hat then belong to it; a
+// CAN interface it shares with everybody.
+class Ears final : public FrameSource {
+ public:
+  // The error says which bus cannot be opened, and what to do.
+  static Result<std::unique_ptr<Ears>> open(const Choice& choice, const std::vector<std::size_t>& buses);
+  bool next(Sighting& sighting) override;
+  std::string trouble() override;
+  std::uint64_t lost() const override;
+  std::uint64_t errors(std::size_t bus) const override;
+
+ private:
+  struct Ear {
+    std::size_t number;
+    std::unique_ptr<hal::Bus> bus;
+  };
+  std::vector<Ear> ears_;
+  std::size_t turn_ = 0;
+};
+
+struct MonitorOptions {
+  bool json{false};                    // a line for each frame is a JSON object
+  bool raw = false;                    // with the bytes
+  std::uint64_t count = 0;             // frames to show; 0 = no end
+  double seconds = 0;                  // to watch; 0 = no end
+  std::vector<std::string> devices{};  // show these alone, by name or id; the statistics count all
+};
+
+// Contract: pure · one thread
+class Monitor {
+ public:
+  Monitor(const Choice& choice, const MonitorOptions& options, std::int64_t start_ns);
+
+  // A device that is asked for and not there: what to say instead. Empty: all is well.
+  std::string complaint() const;
+  // The line for it; none when it is not to be shown.
+  std::optional<std::string> see(const Sighting& sighting);
+  bool finished(std::int64_t now_ns) const;
+  // Of the time until now. Load: the exact bits of every frame, at the bit rates of the file.
+  Json statistics(const FrameSource& source, std::int64_t now_ns) const;
+
+ private:
+  struct Tally {
+    std::uint64_t out = 0, in = 0;
+    std::int64_t busy_ns = 0;
+  };
+  std::string name_of(std::size_t bus, std::optional<std::uint32_t> device) const;
+  bool shows(const std::string& name, std::optional<std::uint32_t> device) const;
+
+  const Choice& choice_;
+  MonitorOptions options_;
+  std::int64_t start_ns_;
+  std::uint64_t shown_ = 0;
+  std::vector<Tally> tallies_;       // by bus
+  std::vector<Protocol> protocols_;  // by bus
+};
+
+std::string statistics_text(const Json& statistics);
+
+// Shows frames until it is finished or `stop` says so; then the statistics. `say` gets whole lines, `warn` the source's
+// trouble when there is another. 0, or 1 when nothing was heard at all.
+int watch(FrameSource& source, Monitor& monitor, const MonitorOptions& options, const std::function<bool()>& stop,
+          const std::function<void(const std::string&)>& say, const std::function<void(const std::string&)>& warn);
+
+}  // namespace lithe::field

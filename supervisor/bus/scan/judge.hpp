@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+// What was found on a bus, held against what the robot file expects there.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "spine/robot/config.hpp"
+#include "supervisor/bus/scan/seen.hpp"
+
+namespace lithe::field {
+
+enum class Standing : std::uint8_t {
+  expected,  // in the file and on the bus
+  present,   // on a bus of which no file says anything
+  unknown,   // on the bus, not in the file
+  missing,   // in the file, not on the bus
+  twice,     // several devices answer to this id
+  unfit,     // there, but not what it must be to be driven
+};
+std::string_view word(Standing standing);
+
+struct Judged {
+  robot::DeviceKind kind = robot::DeviceKind::moteus;
+  std::uint32_t id = 0;
+  std::string name;  // in the file; empty where it has none
+  Standing standing = Standing::present;
+  std::string what;    // it says of itself, in words for a person
+  std::string advice;  // what to do next; empty when nothing is
+};
+
+struct BusFindings {
+  std::size_t bus = 0;  // index into the robot's buses
+  std::vector<Judged> devices;
+  std::string trouble;  // why nothing, or not all, is known about the bus; empty when all is well
+  std::string note;     // what is worth knowing and no trouble
+};
+
+// Contract: pure
+BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_file, const Seen& seen);
+
+// True: what the file says is what there is.
+bool matches(const BusFindings& findings);
+
+}  // namespace lithe::field

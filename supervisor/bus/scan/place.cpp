@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/bus/scan/place.hpp"
+
+#include <fmt/format.h>
+
+#include <charconv>
+#include <filesystem>
+
+#include "spine/robot/robot.hpp"
+#include "supervisor/bus/plan/report.hpp"
+
+namespace lithe::field {
+namespace {
+
+using robot::BusKind;
+
+constexpr BusKind kReal[] = {BusKind::fdcanusb, BusKind::slcan, BusKind::socketcan, BusKind::pi3hat};
+
+// The bus that "KIND:PLACE" names; nothing when the words are no such thing, but the path of a file.
+std::optional<robot::BusConfig> bus_given(std::string_view what) {
+  for (const BusKind kind : kReal) {
+    const std::string before = std::string(robot::word(kind)) + ":";
+    if (!what.starts_with(before)) continue;
+    robot::BusConfig config;
+    config.kind = kind;
+    config.name = what;
+    const std::string place(what.substr(before.size()));
+    if (kind == BusKind::socketcan) {
+      config.interface = place;
+    } else if (kind == BusKind::pi3hat) {
+      config.connector = 0;
+      std::from_chars(place.data(), place.data() + place.size(), config.connector);
+    } else {
+      config.path = place;
+    }
+    if (kind == BusKind::slcan) config.data_bitrate = 0;  // most adapters are classic
+    return config;
+  }
+  return std::nullopt;
+}
+
+// What a robot file is held to; empty: all is well.
+std::string wrong_bitrates(const robot::BusConfig& bus) {
+  if (bus.bitrate < robot::kLeastBitrate || bus.bitrate > robot::kMostBitrate) {
+    return fmt::format("--bitrate {}: a CAN bus has {} to {} bit/s", bus.bitrate, robot::kLeastBitrate,
+                       robot::kMostBitrate);
+  }
+  if (!robot::is_fd(bus) || (bus.data_bitrate >= bus.bitrate && bus.data_bitrate <= robot::kMostDataBitrate)) return "";
+  return fmt::format("--data-bitrate {}: 0 means classic CAN only, else it is {} (as --bitrate) to {} bit/s",
+                     bus.data_bitrate, bus.bitrate, robot::kMostDataBitrate);
+}
+
+Result<Choice> choose_given(robot::BusConfig bus, const Words& words) {
+  if (!words.bus.empty()) return Error{"--bus picks one of a robot file's buses; '" + words.what + "' is one already"};
+  if (bus.kind == BusKind::pi3hat && (bus.connector < 1 || bus.connector > 5)) {
+    return Error{words.what + ": a pi3hat has the connectors 1 to 5: pi3hat:1"};
+  }
+  bus.bitrate = words.bitrate.value_or(bus.bitrate);
+  bus.data_bitrate = words.data_bitrate.value_or(bus.data_bitrate);
+  if (const std::string wrong = wrong_bitrates(bus); !wrong.empty()) return Error{wrong};
+  Choice choice;
+  choice.robot.buses.push_back(std::move(bus));
+  choice.buses.push_back(0);
+  return choice;
+}
+
+}  // namespace
+
+Result<Choice> choose(const Words& words) {
+  if (auto bus = bus_given(words.what)) return choose_given(std::move(*bus), words);
+  if (words.bitrate || words.data_bitrate) return Error{"the bit rates of a robot's buses stand in its file"};
+  Result<robot::RobotConfig> robot = robot::load_robot(words.what);
+  if (!robot) {
+    return Error{robot.message() + "\n(a bus without a robot file: fdcanusb:/dev/ttyACM0, slcan:/dev/ttyACM1, " +
+                 "socketcan:can0, pi3hat:1)"};
+  }
+  Choice choice;
+  choice.from_file = true;
+  std::string names;
+  for (std::size_t i = 0; i < robot->buses.size(); ++i) {
+    const std::string& name = robot->buses[i].name;
+    names += (names.empty() ? "" : ", ") + name;
+    if (words.bus.empty() || words.bus == name) choice.buses.push_back(i);
+  }
+  if (choice.buses.empty()) return Error{words.what + ": has no bus '" + words.bus + "'; it has " + names};
+  choice.robot = std::move(*robot);
+  return choice;
+}
+
+std::string place_of(const robot::BusConfig& bus) {
+  const std::string kind(robot::word(bus.kind));
+  switch (bus.kind) {
+    case BusKind::fdcanusb:
+    case BusKind::slcan:
+      return kind + ":" + bus.path;
+    case BusKind::socketcan:
+      return kind + ":" + bus.interface;
+    case BusKind::pi3hat:
+      return kind + ":" + std::to_string(bus.connector);
+    case BusKind::loop:
+      break;
+  }
+  return kind;
+}
+
+bool same_hardware(const robot::BusConfig& a, const robot::BusConfig& b) {
+  const auto is_serial = [](const robot::BusConfig& bus) {
+    return bus.kind == BusKind::fdcanusb || bus.kind == BusKind::slcan;
+  };
+  if (is_serial(a) && is_serial(b)) {
+    std::error_code unknown;
+    const auto path_a = std::filesystem::weakly_canonical(a.path, unknown);
+    const auto path_b = std::filesystem::weakly_canonical(b.path, unknown);
+    return path_a == path_b;
+  }
+  if (a.kind != b.kind) return false;
+  if (a.kind == BusKind::socketcan) return a.interface == b.interface;
+  return a.kind == BusKind::pi3hat;  // there is one board, and one program has all of it
+}
+
+}  // namespace lithe::field

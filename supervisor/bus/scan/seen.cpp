@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/bus/scan/seen.hpp"
+
+#include "spine/hal/gateway/gateway.hpp"
+
+namespace lithe::field {
+namespace {
+
+namespace canopen = hal::canopen;
+namespace gateway = hal::gateway;
+
+constexpr std::uint32_t kMoteusPart = 0xffff;  // of an id: source and destination; the rest is a prefix
+constexpr std::uint32_t kReplyRequested = 0x8000;
+
+// A moteus never speaks unasked, so whatever has its form was asked for by somebody, or is the question.
+std::string moteus_commander(const hal::Frame& frame) {
+  if (!frame.fd) return "";
+  const std::uint32_t source = frame.id >> 8 & 0x7f;
+  if ((frame.id & kReplyRequested) != 0) return "a command from address " + std::to_string(source);
+  if (frame.id > kMoteusPart) return "";
+  return "a frame from address " + std::to_string(source) + " that we did not ask for";
+}
+
+std::string canopen_commander(const hal::Frame& frame) {
+  if (!canopen::is_canopen(frame)) return "";
+  const std::uint32_t function = canopen::function_of(frame);
+  if (frame.id == canopen::cob::kNmt) return "a network command (NMT)";
+  if (frame.id == canopen::cob::kSync) return "SYNC";
+  if (function == canopen::cob::kSdoRequest) return "an SDO request";
+  const bool rpdo = function >= canopen::cob::kRpdo1 && function < canopen::cob::kSdoAnswer &&
+                    (function - canopen::cob::kRpdo1) % canopen::cob::kNextPdo == 0;
+  return rpdo ? "process data for node " + std::to_string(canopen::node_of(frame)) : "";
+}
+
+void hear_node(const hal::Frame& frame, Seen& seen) {
+  canopen::NmtState state{};
+  if (!canopen::is_canopen(frame) || canopen::node_of(frame) == 0) return;
+  if (canopen::function_of(frame) == canopen::cob::kHeartbeat && canopen::parse_heartbeat(frame, state)) {
+    seen.nodes[canopen::node_of(frame)].heartbeat = state;
+  }
+}
+
+}  // namespace
+
+Protocol protocol_of(const robot::RobotConfig& robot, std::size_t bus) {
+  for (const robot::DeviceConfig& device : robot.devices) {
+    if (device.bus != bus || !robot::is_drive(device.kind)) continue;
+    return device.kind == robot::DeviceKind::moteus ? Protocol::moteus : Protocol::canopen;
+  }
+  return robot::is_fd(robot.buses[bus]) ? Protocol::moteus : Protocol::canopen;
+}
+
+void hear(const hal::Frame& frame, Protocol protocol, Seen& seen) {
+  ++seen.frames;
+  if (gateway::is_gateway(frame)) {
+    GatewaySeen& one = seen.gateways[gateway::node_of(frame)];
+    ++one.frames;
+    const std::uint32_t block = frame.id & 0xff;
+    if (block < gateway::kBlocks) one.blocks |= 1U << block;
+    return;
+  }
+  if (protocol == Protocol::canopen) hear_node(frame, seen);
+  if (!seen.commander.empty()) return;
+  seen.commander = protocol == Protocol::moteus    ? moteus_commander(frame)
+                   : protocol == Protocol::canopen ? canopen_commander(frame)
+                                                   : "";
+}
+
+}  // namespace lithe::field

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+// Starting, watching and ending the processes a supervisor looks after.
+#pragma once
+
+#include <sys/types.h>
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "spine/core/result.hpp"
+#include "supervisor/core/fd.hpp"
+
+namespace lithe::control {
+
+struct Launch {
+  std::vector<std::string> argv;  // argv[0] is the path of the program
+  int stdin_fd = -1;              // -1: /dev/null
+  int stdout_fd = -1;
+  int stderr_fd = -1;        // -1: inherited
+  int extra_fd = -1;         // becomes descriptor 3 of the program
+  bool own_session = false;  // outlives this process and does not hear the terminal's Ctrl-C
+  bool dies_with_parent = false;
+  bool idle_priority = false;  // SCHED_IDLE and nice 19: never in the way of anything
+  std::vector<int> cpus;       // empty: inherited
+};
+
+// A process known by a pidfd, so that a reused pid is never signalled.
+// Contract: one thread · not a child (an adopted Spine) works too, but has no exit status.
+class Process {
+ public:
+  static Result<Process> start(const Launch& launch);
+  static Result<Process> adopt(pid_t pid);
+
+  pid_t pid() const { return pid_; }
+  int poll_fd() const { return pidfd_.get(); }  // readable once the process has ended
+  bool ended();
+  bool wait(int timeout_ms);  // true when it ended in time
+  void signal(int number) const;
+  // How it ended, in words: "exit code 3", "killed by signal 9 (Killed)". Empty while it lives.
+  const std::string& verdict() const { return verdict_; }
+  std::optional<int> exit_code() const { return exit_code_; }
+
+ private:
+  Process(pid_t pid, Fd pidfd, bool child) : pid_(pid), pidfd_(std::move(pidfd)), child_(child) {}
+
+  pid_t pid_;
+  Fd pidfd_;
+  bool child_;
+  bool ended_ = false;
+  std::string verdict_;
+  std::optional<int> exit_code_;
+};
+
+// What a process and all that it started in its session have had of the processor, and whether any of them would go on
+// now if it were let: it runs, or waits for a disk. One that sleeps would not, and nobody does whose leader is stopped.
+struct Work {
+  double cpu_s = 0;
+  bool wants_to_run = false;
+};
+Work work_of_session(pid_t leader);
+
+// Directory of this executable: its neighbours are lithe-spine and lawd.
+std::string program_dir();
+
+// Restricts a process (0: this one) to these cores; without effect when the list is empty.
+Result<> set_affinity(pid_t pid, const std::vector<int>& cpus);
+
+}  // namespace lithe::control

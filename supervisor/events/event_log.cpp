@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/events/event_log.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "supervisor/link/spine_link.hpp"
+
+namespace lithe::control {
+namespace {
+
+// What an event's code means depends on its kind; empty when the number says it all.
+std::string code_word(wire::EventKind kind, std::uint32_t code) {
+  switch (kind) {
+    case wire::EventKind::fault:
+    case wire::EventKind::safe_stop:
+    case wire::EventKind::group_stopped:
+      return std::string(to_string(static_cast<wire::Fault>(code)));
+    case wire::EventKind::command_refused:
+    case wire::EventKind::params_refused:
+      return std::string(to_string(static_cast<wire::CommandResult>(code)));
+    case wire::EventKind::law_refused:
+      return std::string(to_string(static_cast<wire::StageResult>(code)));
+    case wire::EventKind::plan_refused:
+      return std::string(to_string(static_cast<wire::PlanReject>(code)));
+    default:
+      return {};
+  }
+}
+
+}  // namespace
+
+swap::Json event_json(const wire::Event& event) {
+  const auto kind = static_cast<wire::EventKind>(event.kind);
+  swap::Json out = {{"t_ns", event.t_ns}, {"tick", event.tick}, {"kind", std::string(to_string(kind))}};
+  const std::string word = code_word(kind, event.code);
+  if (!word.empty()) {
+    out["reason"] = word;
+  }
+  out["code"] = event.code;
+  out["value"] = event.value;
+  out["request_id"] = event.request_id;
+  out["text"] = text_of(event.text);
+  return out;
+}
+
+std::string event_line(const swap::Json& event) {
+  std::string line = event.value("kind", "?");
+  if (event.contains("reason")) {
+    line += fmt::format(" ({})", event["reason"].get<std::string>());
+  }
+  if (const std::string text = event.value("text", ""); !text.empty()) {
+    line += ": " + text;
+  }
+  if (const std::uint64_t tick = event.value("tick", std::uint64_t{0}); tick != 0) {
+    line += fmt::format(" [tick {}]", tick);
+  }
+  return line;
+}
+
+void EventLog::add(swap::Json event) {
+  swap::Json numbered = {{"cursor", ++last_}};
+  numbered.update(event);
+  events_.push_back(std::move(numbered));
+  if (events_.size() > kDepth) {
+    events_.pop_front();
+  }
+}
+
+swap::Json EventLog::since(std::uint64_t since, std::size_t limit) const {
+  const std::uint64_t oldest = last_ - events_.size() + 1;
+  const std::uint64_t begin = std::max(std::min(since, last_) + 1, oldest);
+  const std::uint64_t missed = since + 1 < oldest ? oldest - since - 1 : 0;
+  swap::Json list = swap::Json::array();
+  std::uint64_t cursor = begin - 1;
+  while (cursor < last_ && list.size() < limit) {
+    list.push_back(events_[static_cast<std::size_t>(++cursor - oldest)]);
+  }
+  return {{"events", std::move(list)}, {"cursor", cursor}, {"lost", missed + lost_in_ring_}};
+}
+
+}  // namespace lithe::control

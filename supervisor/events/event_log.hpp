@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// What happened, in order, for whoever asks later: the Spine's events and the supervisor's own.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <string>
+
+#include "spine/wire/wire.hpp"
+#include "supervisor/core/answer.hpp"
+
+namespace lithe::control {
+
+// An event of the Spine in words.
+swap::Json event_json(const wire::Event& event);
+// One line for a person.
+std::string event_line(const swap::Json& event);
+
+// Contract: one thread · keeps the last kDepth events; a reader with an old cursor learns how many it lost.
+class EventLog {
+ public:
+  static constexpr std::size_t kDepth = 4096;
+
+  void add(swap::Json event);
+  // Events the Spine wrote faster than we read, over the whole run.
+  void set_lost(std::uint64_t count) { lost_in_ring_ = count; }
+
+  // {"events":[{"cursor":n, ...}], "cursor":last, "lost":n}: at most `limit` events after `since`, oldest first.
+  swap::Json since(std::uint64_t since, std::size_t limit) const;
+  std::uint64_t last() const { return last_; }
+
+ private:
+  std::deque<swap::Json> events_;
+  std::uint64_t last_ = 0;
+  std::uint64_t lost_in_ring_ = 0;
+};
+
+}  // namespace lithe::control

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/events/event_log.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+
+#include "supervisor/events/noise.hpp"
+
+namespace lithe::control {
+namespace {
+
+using swap::Json;
+
+wire::Event event_of(wire::EventKind kind, std::uint32_t code = 0) {
+  wire::Event event;
+  event.t_ns = 5;
+  event.kind = static_cast<std::uint32_t>(kind);
+  event.code = code;
+  return event;
+}
+
+TEST(EventLog, HandsOutEachEventOnceByCursor) {
+  EventLog log;
+  for (int i = 0; i < 3; ++i) {
+    log.add({{"kind", "armed"}});
+  }
+  const Json first = log.since(0, 2);
+  EXPECT_EQ(first["events"].size(), 2U);
+  EXPECT_EQ(first["cursor"], 2);
+  const Json second = log.since(2, 10);
+  ASSERT_EQ(second["events"].size(), 1U);
+  EXPECT_EQ(second["events"][0]["cursor"], 3);
+  EXPECT_TRUE(log.since(3, 10)["events"].empty());
+}
+
+TEST(EventLog, ACursorFromAnotherLifeIsNoReasonToFail) {
+  EventLog log;
+  EXPECT_TRUE(log.since(77, 10)["events"].empty());
+  log.add({{"kind", "armed"}});
+  EXPECT_TRUE(log.since(~std::uint64_t{0}, 10)["events"].empty());
+}
+
+TEST(EventLog, SaysHowManyAnOldCursorHasLost) {
+  EventLog log;
+  for (std::size_t i = 0; i < EventLog::kDepth + 10; ++i) {
+    log.add({{"kind", "armed"}});
+  }
+  const Json all = log.since(0, EventLog::kDepth);
+  EXPECT_EQ(all["lost"], 10);
+  EXPECT_EQ(all["events"][0]["cursor"], 11);
+}
+
+TEST(EventJson, PutsTheCodeIntoTheWordsOfItsKind) {
+  EXPECT_EQ(event_json(event_of(wire::EventKind::fault, 4))["reason"], "velocity_limit");
+  EXPECT_EQ(event_json(event_of(wire::EventKind::law_refused, 3))["reason"], "abi_mismatch");
+  EXPECT_FALSE(event_json(event_of(wire::EventKind::law_committed, 3)).contains("reason"));
+}
+
+TEST(EventJson, TextWithoutItsEndStaysInsideTheField) {
+  wire::Event event = event_of(wire::EventKind::armed);
+  event.text.fill('x');
+  EXPECT_EQ(event_json(event)["text"].get<std::string>().size(), event.text.size());
+}
+
+TEST(NoiseFilter, SumsUpWhatComesTooOftenAndPassesTheRest) {
+  NoiseFilter noise;
+  const wire::Event late = event_of(wire::EventKind::sample_late);
+  EXPECT_TRUE(noise.passes(late, 0));
+  EXPECT_FALSE(noise.passes(late, 1));
+  EXPECT_FALSE(noise.passes(late, 2));
+  EXPECT_TRUE(noise.passes(event_of(wire::EventKind::fault), 3));
+  EXPECT_TRUE(noise.summaries(4).empty());
+  const auto summaries = noise.summaries(NoiseFilter::kWindowNs);
+  ASSERT_EQ(summaries.size(), 1U);
+  EXPECT_EQ(summaries[0].count, 2U);
+  EXPECT_TRUE(noise.passes(late, NoiseFilter::kWindowNs + 1));
+}
+
+}  // namespace
+}  // namespace lithe::control

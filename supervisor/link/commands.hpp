@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// Commands on their way to the Spine, each answered once.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <variant>
+
+#include "spine/wire/wire.hpp"
+#include "supervisor/link/spine_link.hpp"
+#include "supervisor/core/answer.hpp"
+
+namespace lithe::control {
+
+// Why the Spine said no, in words, and what to do next.
+swap::Refusal refusal_of(wire::CommandKind kind, wire::CommandResult result, const wire::Telemetry& now,
+                         const wire::RobotInfo& info = {});
+
+// The command that sets these parameters of this law. A refusal names the parameter.
+std::variant<wire::Command, swap::Refusal> params_command(const swap::Json& values, const wire::LawInfo& law);
+
+// Contract: one thread · never blocks · serve() at least every millisecond while waiting().
+class Commands {
+ public:
+  using Callback = std::function<void(const swap::Answer&)>;
+  static constexpr std::int64_t kTimeoutNs = 2'000'000'000;
+  // An arm that meets one late sample is sent again for so long: on a busy machine a command tends to arrive in the
+  // very tick that was late, tick after tick.
+  static constexpr std::int64_t kArmAgainNs = 200'000'000;
+
+  Commands(SpineLink& spine, std::uint64_t first_request_id) : spine_(spine), next_id_(first_request_id) {}
+
+  // The id that comes back in the events; 0: it was refused at once.
+  std::uint64_t send(wire::Command command, Callback callback, std::int64_t now_ns);
+  void serve(std::int64_t now_ns);
+  void refuse_all(const swap::Refusal& reason);
+  bool waiting() const { return !pending_.empty(); }
+
+ private:
+  struct Pending {
+    wire::Command command;
+    std::uint64_t ticket;
+    std::int64_t sent_ns;
+    std::uint64_t seen_at_tick;  // tick after which telemetry shows the effect; 0 = not answered yet
+    Callback callback;
+  };
+
+  swap::Json result_json(const wire::Telemetry& now) const;
+
+  SpineLink& spine_;
+  std::uint64_t next_id_;
+  std::deque<Pending> pending_;
+};
+
+}  // namespace lithe::control

@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/link/trial_link.hpp"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <utility>
+
+#include "spine/core/time.hpp"
+
+namespace lithe::control {
+
+using swap::Answer;
+using swap::Json;
+using swap::Refusal;
+
+namespace {
+
+Launch launch_of(std::string program, std::string robot_file, std::vector<int> cpus) {
+  Launch launch;
+  launch.argv = {std::move(program), std::move(robot_file)};
+  launch.cpus = std::move(cpus);
+  return launch;
+}
+
+Json request_of(const TrialOrder& order) {
+  Json request = {{"verb", "try"},
+                  {"robot", order.recording},
+                  {"budget_ns", order.budget_ns},
+                  {"box_ms", order.box_ms},
+                  {"params", order.params}};
+  if (order.slot == 0) {
+    request["object"] = order.object;
+  } else {
+    request["slot"] = order.slot;
+    request["code_bytes"] = order.code_bytes;
+    request["entry"] = order.entry;
+    request["image_hash"] = order.image_hash;
+  }
+  return request;
+}
+
+Refusal refusal_of(const Json& answer) {
+  const bool starved = answer.value("starved", false), unavailable = answer.value("unavailable", false);
+  const std::string reason = answer.value("reason", "the trial gave no reason");
+  return {starved       ? "trial_starved"
+          : unavailable ? "trial_unavailable"
+                        : "trial_failed",
+          fmt::format("{}: {}", answer.value("section", "?"), reason),
+          starved ? "the running law is unchanged; try again when the machine is less busy"
+          : unavailable
+              ? "the running law is unchanged, and nothing is known against the new one: a trial needs seccomp, "
+                "resource limits and, with [spine] loader = arena, the arena: see docs/swap.md"
+              : "the running law is unchanged; correct the source and swap again",
+          {{"stage", "trial"}, {"trial", answer}}};
+}
+
+}  // namespace
+
+TrialLink::TrialLink(std::string program, std::string robot_file, std::vector<int> cpus)
+    : service_("trial", "trial", "trial_starved",
+               launch_of(std::move(program), std::move(robot_file), std::move(cpus))) {}
+
+Result<> TrialLink::start(std::int64_t now_ns) {
+  const auto started = service_.start(now_ns);
+  if (!started || !arena_) {
+    return started;
+  }
+  service_.ask(
+      {{"verb", "ping"}}, ServiceLink::Turn::next, 10 * kNsPerS,
+      [](const Answer& answer) {
+        const Json* json = std::get_if<Json>(&answer);
+        if (json != nullptr && !json->value("arena", false)) {
+          spdlog::error("the trial cannot have the arena ({}): every placed law will be refused as trial_unavailable",
+                        json->value("arena_text", ""));
+        }
+      },
+      now_ns);
+  return started;
+}
+
+void TrialLink::attempt(const TrialOrder& order, Callback callback, std::int64_t now_ns) {
+  ask(order, 0, std::move(callback), now_ns);
+}
+
+void TrialLink::ask(const TrialOrder& order, int starved, Callback callback, std::int64_t now_ns) {
+  const std::int64_t limit_ns = 4 * order.box_ms * kNsPerMs + 10 * kNsPerS;
+  service_.ask(
+      request_of(order), ServiceLink::Turn::in_line, limit_ns,
+      [this, order, starved, callback = std::move(callback)](const Answer& answer) {
+        const Json* json = std::get_if<Json>(&answer);
+        if (json == nullptr || json->value("ok", false)) {
+          callback(answer);
+        } else if (json->value("starved", false) && starved + 1 < kMostStarved) {
+          ask(order, starved + 1, callback, monotonic_ns());
+        } else {
+          callback(refusal_of(*json));
+        }
+      },
+      now_ns);
+}
+
+}  // namespace lithe::control

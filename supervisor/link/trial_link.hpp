@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+// The trial (lithe-trial) as the supervisor sees it: a new law's sandbox, before it comes near the Spine.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "supervisor/link/service_link.hpp"
+
+namespace lithe::control {
+
+// What is tried, and how.
+struct TrialOrder {
+  std::string object;      // shared object
+  std::uint32_t slot = 0;  // in the arena; 0 = not placed: the object is tried
+  std::uint32_t code_bytes = 0;
+  std::uint64_t entry = 0;
+  std::uint64_t image_hash = 0;
+  std::uint32_t budget_ns = 0;
+  int box_ms = 150;
+  std::string recording;  // the robot whose last telemetry is replayed
+  swap::Json params = swap::Json::object();
+};
+
+// Contract: one thread · never blocks after start() · every attempt() is answered once, also when the trial dies.
+class TrialLink {
+ public:
+  using Callback = ServiceLink::Callback;
+  static constexpr int kMostStarved = 5;  // a board too busy to try a law is asked so often, then the law is refused
+
+  // `program`: path of lithe-trial; `robot_file`: absolute.
+  TrialLink(std::string program, std::string robot_file, std::vector<int> cpus);
+
+  void give_arena(int fd) {
+    service_.give(fd);
+    arena_ = fd >= 0;
+  }
+  // Says in the log when the trial cannot have the arena that it was given.
+  Result<> start(std::int64_t now_ns);
+  // Json: the trial's own answer, passed. Refusal: trial_failed with its answer in `detail.trial`, "pc_offset" of a
+  // crash in it; trial_starved, trial_died, trial_unavailable: its sandbox does not work here.
+  void attempt(const TrialOrder& order, Callback callback, std::int64_t now_ns);
+  void serve(std::int64_t now_ns) { service_.serve(now_ns); }
+  void stop() { service_.stop(); }
+
+  int poll_fd() const { return service_.poll_fd(); }
+  pid_t pid() const { return service_.pid(); }
+  unsigned restarts() const { return service_.restarts(); }
+
+ private:
+  void ask(const TrialOrder& order, int starved, Callback callback, std::int64_t now_ns);
+
+  ServiceLink service_;
+  bool arena_ = false;
+};
+
+}  // namespace lithe::control

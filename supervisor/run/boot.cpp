@@ -1,0 +1,320 @@
+// SPDX-License-Identifier: Apache-2.0
+// The supervisor's morning: from a robot file to a Spine that ticks and a socket that answers.
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <signal.h>
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+#include <sys/signalfd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <utility>
+
+#include "spine/core/files.hpp"
+#include "spine/core/host.hpp"
+#include "spine/core/paths.hpp"
+#include "spine/core/time.hpp"
+#include "spine/robot/cpu_plan.hpp"
+#include "spine/robot/robot.hpp"
+#include "supervisor/bus/plan/advice.hpp"
+#include "supervisor/core/cores.hpp"
+#include "supervisor/run/supervisor.hpp"
+
+namespace lithe::control {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kCheckTimeoutMs = 10'000;
+constexpr std::int64_t kReadyTimeoutNs = 30 * kNsPerS;
+
+std::string pid_path(const std::string& robot) { return fmt::format("{}/{}.pid", run_dir(), robot); }
+
+// Who holds the lease: its own note, else what it wrote into the segment.
+std::string holder_of(const std::string& robot) {
+  std::string pid = "unknown";
+  if (std::ifstream file(pid_path(robot)); file >> pid) {
+    return pid;
+  }
+  const auto control = ipc::Segment<ipc::ControlMemory>::attach(robot, ipc::Access::read);
+  return control ? std::to_string((*control)->header.writer_pid) : pid;
+}
+
+int refuse_file(const std::string& why, bool json) {
+  std::cerr << why << '\n';
+  if (json) {
+    std::cout << Json{{"ok", false}, {"error", Refusal{"bad_config", why, "correct the file"}.to_json()}} << '\n';
+  }
+  return 2;
+}
+
+bool buses_can_carry(const robot::RobotConfig& config, bool json) {
+  const bus::Verdict verdict = bus::judge_for_run(config);
+  if (!verdict.refuse) {
+    if (!verdict.text.empty()) {
+      spdlog::warn("{}; {}", verdict.text, verdict.next);
+    }
+    return true;
+  }
+  std::cerr << verdict.text << "\nnext: " << verdict.next << '\n';
+  if (json) {
+    std::cout << Json{{"ok", false}, {"error", Refusal{"bus_overload", verdict.text, verdict.next}.to_json()}} << '\n';
+  }
+  return false;
+}
+
+}  // namespace
+
+int run_robot(const RunOptions& options) {
+  set_file_defaults();
+  spdlog::set_default_logger(spdlog::stderr_color_mt("lithe"));
+  spdlog::set_pattern("%H:%M:%S.%e %^%l%$ %v");
+  auto config = robot::load_robot(options.config_path);
+  if (!config) {
+    return refuse_file(config.message(), options.json);
+  }
+  const MachineCores cores = machine_cores();
+  if (const auto plan = robot::plan_cpus(*config, cores); plan) {
+    for (std::string& cost : robot::costs_of(*plan, config->spine, cores)) {
+      config->notes.push_back(std::move(cost));
+    }
+  } else if (!live_spine(config->name)) {  // one that ticks has its cores
+    return refuse_file(plan.message(), options.json);
+  }
+  for (const std::string& note : config->notes) {
+    spdlog::warn("{}", note);
+  }
+  if (!buses_can_carry(*config, options.json)) {
+    return 1;
+  }
+  return Supervisor(options, std::move(*config)).run();
+}
+
+void Supervisor::take_lease() {
+  std::error_code failure;
+  fs::create_directories(run_dir(), failure);
+  if (failure) {
+    throw Halt{1, fmt::format("cannot create {}: {}; set LITHE_RUN_DIR", run_dir(), failure.message())};
+  }
+  auto lease = ipc::Lease::try_take(ipc::Segment<ipc::ControlMemory>::path(config_.name));
+  if (!lease) {
+    throw Halt{1, lease.message()};
+  }
+  if (!*lease) {
+    throw Halt{1, fmt::format("robot '{}' already has a supervisor (pid {}); use lithe status, or stop it first",
+                              config_.name, holder_of(config_.name))};
+  }
+  lease_ = std::move(**lease);
+  owns_files_ = true;
+  if (!(std::ofstream(pid_path(config_.name)) << ::getpid() << std::endl)) {
+    throw Halt{1, fmt::format("cannot write {}: {}; disk full, or over a limit (ulimit -f)?", pid_path(config_.name),
+                              std::strerror(errno))};
+  }
+  if (const auto pinned = set_affinity(0, our_cpus_); !pinned) {
+    spdlog::warn("{}", pinned.message());
+  }
+}
+
+void Supervisor::catch_signals() {
+  sigset_t set;
+  sigemptyset(&set);
+  for (const int number : {SIGINT, SIGTERM}) {
+    // A shell starts background jobs with SIGINT ignored; whoever sends it to a robot means it.
+    ::signal(number, SIG_DFL);
+    sigaddset(&set, number);
+  }
+  struct sigaction hangup{};
+  if (::sigaction(SIGHUP, nullptr, &hangup) == 0 && hangup.sa_handler != SIG_IGN) {
+    sigaddset(&set, SIGHUP);
+  }
+  ::signal(SIGPIPE, SIG_IGN);
+  ::sigprocmask(SIG_BLOCK, &set, nullptr);
+  signals_.reset(::signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK));
+}
+
+// What the Spine would refuse in the file, before anybody waits for a compiler.
+void Supervisor::check_robot() {
+  int err[2];
+  if (::pipe2(err, O_CLOEXEC) != 0) {
+    throw Halt{1, fmt::format("cannot make a pipe: {}", std::strerror(errno))};
+  }
+  const Fd ours(err[0]);
+  Fd theirs(err[1]);
+  Launch launch;
+  launch.argv = {program_dir() + "/lithe-spine", "--check", fs::absolute(options_.config_path).string()};
+  launch.stderr_fd = theirs.get();
+  launch.dies_with_parent = true;
+  launch.cpus = all_cpus_;
+  auto process = Process::start(launch);
+  theirs.reset();
+  if (!process) {
+    throw Halt{1, process.message()};
+  }
+  std::string said;
+  char chunk[4096];
+  pollfd wait{ours.get(), POLLIN, 0};
+  for (ssize_t got = 1; got > 0 && ::poll(&wait, 1, kCheckTimeoutMs) > 0;) {
+    got = ::read(ours.get(), chunk, sizeof(chunk));
+    said.append(chunk, static_cast<std::size_t>(std::max<ssize_t>(got, 0)));
+  }
+  if (!process->wait(kCheckTimeoutMs) || process->exit_code().value_or(1) != 0) {
+    process->signal(SIGKILL);  // where it hangs
+    constexpr std::string_view kWho = "lithe-spine: ";
+    said.erase(0, said.starts_with(kWho) ? kWho.size() : 0);
+    said.erase(said.find_last_not_of('\n') + 1);
+    throw Halt{
+        process->exit_code() == 2 ? 2 : 1,
+        said.empty() ? fmt::format("the check of {} failed: {}", options_.config_path, process->verdict()) : said};
+  }
+}
+
+void Supervisor::start_lawd() {
+  arena_ = open_arena(config_);
+  lawd_.give_arena(arena_.get());
+  if (const auto started = lawd_.start(monotonic_ns()); !started) {
+    throw Halt{1, started.message()};
+  }
+}
+
+// Before the Spine, like lawd: it forks.
+void Supervisor::start_trial() {
+  if (!options_.gates) {
+    spdlog::warn(
+        "THE GATES ARE OPEN: laws are neither admitted nor run dry nor tried; only the Spine's own containment "
+        "is left. Never with a robot that can hurt somebody");
+    lawd_.open_gates();
+    return;
+  }
+  trial_.give_arena(arena_.get());
+  if (const auto started = trial_.start(monotonic_ns()); !started) {
+    throw Halt{1, started.message()};
+  }
+}
+
+void Supervisor::start_spine() {
+  int out[2];
+  const Fd log(::open(log_path_.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_APPEND | O_CLOEXEC, 0640));
+  if (!log || ::pipe2(out, O_CLOEXEC) != 0) {
+    throw Halt{1, fmt::format("cannot prepare {}: {}", log_path_, std::strerror(errno))};
+  }
+  spine_out_.reset(out[0]);
+  ::fcntl(out[0], F_SETFL, O_NONBLOCK);
+  const Fd theirs(out[1]);
+  Launch launch;
+  launch.argv = {program_dir() + "/lithe-spine", fs::absolute(options_.config_path).string()};
+  launch.stdout_fd = theirs.get();
+  launch.stderr_fd = log.get();  // a file and not a pipe: the Spine may outlive us
+  launch.extra_fd = arena_.get();
+  launch.own_session = true;
+  launch.cpus = all_cpus_;
+  auto process = Process::start(launch);
+  if (!process) {
+    throw Halt{1, process.message()};
+  }
+  spine_.emplace(std::move(*process));
+  const auto ready = [this] { return spine_said_.find("\"ready\"") != std::string::npos; };
+  if (!turn_until(ready, kReadyTimeoutNs)) {
+    throw Halt{3, fmt::format("the Spine was not ready within 30 s; see {}", log_path_)};
+  }
+  spine_out_.reset();
+}
+
+// A Spine that we cannot watch and talk to is left as it is: it moves a robot.
+void Supervisor::adopt_spine(pid_t pid) {
+  const auto refuse = [this, pid](const std::string& why) {
+    const std::string who = pid > 0 ? fmt::format("pid {}", pid) : "pid unknown, perhaps in another container";
+    const std::string how = pid > 0 ? fmt::format("kill {}", pid) : "end its process";
+    return Halt{1, fmt::format("robot '{}' already has a Spine ({}), and it cannot be adopted: {}; it was left as it "
+                               "is. End it in order ({}: its drives are switched off), then start again",
+                               config_.name, who, why, how)};
+  };
+  auto process = pid > 0 ? Process::adopt(pid) : Result<Process>(Error{"its memory does not tell its process"});
+  if (!process) {
+    throw refuse(process.message());
+  }
+  adopted_ = true;
+  spine_.emplace(std::move(*process));
+  auto link = SpineLink::attach(config_.name);
+  if (!link) {
+    throw refuse(link.message());
+  }
+  serve_spine(std::move(*link));
+  spdlog::info("robot '{}' is already ticking (Spine pid {}): adopted as it is", config_.name, pid);
+}
+
+void Supervisor::attach() {
+  auto link = SpineLink::attach(config_.name);
+  if (!link) {
+    throw Halt{1, link.message()};
+  }
+  serve_spine(std::move(*link));
+}
+
+void Supervisor::serve_spine(SpineLink link) {
+  link_.emplace(std::move(link));
+  // Counted in microseconds of the monotonic clock: no two supervisors of one boot give the same number.
+  const auto first_id = static_cast<std::uint64_t>(monotonic_ns() / kNsPerUs);
+  commands_.emplace(*link_, first_id);
+  swaps_.emplace(Swaps::Helpers{*link_, lawd_, options_.gates ? &trial_ : nullptr, *commands_, events_},
+                 swap::RecordBook(swap::records_of(config_.name)), first_id, config_);
+  const wire::RobotInfo& info = link_->info();
+  const int transport = info.transport_inline != 0 ? -1 : static_cast<int>(info.cpu_transport);
+  const std::vector<int> ours = cores_beside(all_cpus_, static_cast<int>(info.cpu_spine), transport);
+  for (const pid_t pid : {::getpid(), lawd_.pid(), trial_.pid()}) {
+    if (const auto pinned = pid != 0 ? set_affinity(pid, ours) : done(); !pinned) {
+      spdlog::warn("{}", pinned.message());
+    }
+  }
+}
+
+void Supervisor::open_socket() {
+  auto server = Server::listen(
+      control_socket_path(config_.name),
+      [this](const ReplyTo& to, const std::string& verb, const Json& args) { verbs_->handle(to, verb, args); });
+  if (!server) {
+    throw Halt{1, server.message()};
+  }
+  server_.emplace(std::move(*server));
+  verbs_.emplace(
+      Parts{config_, *link_, lawd_, trial_, *commands_, *swaps_, events_, adopted_},
+      [this](const ReplyTo& to, const Answer& answer) {
+        if (server_) {
+          server_->reply(to, answer);
+        }
+      },
+      [this] { stop_asked_ = true; });
+}
+
+void Supervisor::announce() const {
+  wire::Telemetry now{};
+  (void)link_->latest(now);
+  const auto law = link_->law(now.law_id);
+  const std::string law_name = law ? text_of(law->name) : "none";
+  const std::string mode(to_string(static_cast<wire::Mode>(now.mode)));
+  if (options_.json) {
+    std::cout << Json{{"event", "running"},
+                      {"robot", config_.name},
+                      {"law", law_name},
+                      {"mode", mode},
+                      {"rate_hz", link_->info().rate_hz},
+                      {"adopted", adopted_},
+                      {"gates", options_.gates},
+                      {"supervisor_pid", ::getpid()},
+                      {"spine_pid", spine_->pid()},
+                      {"socket", control_socket_path(config_.name)}}
+              << std::endl;
+  } else {
+    std::cout << fmt::format("robot '{}' runs: law {}, {:g} Hz, {}. Ctrl-C stops it.", config_.name, law_name,
+                             link_->info().rate_hz, mode)
+              << std::endl;
+  }
+}
+
+}  // namespace lithe::control

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+// The supervisor's evening: drives off, children gone, nothing left behind.
+#include <fmt/format.h>
+#include <signal.h>
+#include <spdlog/spdlog.h>
+
+#include <filesystem>
+
+#include "spine/core/paths.hpp"
+#include "spine/core/time.hpp"
+#include "supervisor/run/supervisor.hpp"
+
+namespace lithe::control {
+
+void Supervisor::stop() {
+  stopping_ = true;
+  bool known_off = true;
+  // A Spine we could not adopt goes on as we found it.
+  if (spine_ && !spine_->ended() && (link_ || !adopted_)) {
+    known_off = stop_spine();
+  }
+  if (server_) {
+    server_->flush(200);
+    server_.reset();
+  }
+  lawd_.stop();
+  trial_.stop();
+  if (owns_files_) {
+    std::error_code ignored;
+    std::filesystem::remove(fmt::format("{}/{}.pid", run_dir(), config_.name), ignored);
+    remove_segments(config_.name);
+  }
+  if (!known_off) {
+    wire::Telemetry last{};
+    const std::string joints = link_ && link_->latest(last) ? joints_not_off(config_, last) : "";
+    throw Halt{3,
+               fmt::format("not confirmed that every drive of '{}' is off{}; the drives' own watchdogs stop them; if "
+                           "the robot moves, cut its power",
+                           config_.name, joints.empty() ? "" : fmt::format(" (last seen on: {})", joints))};
+  }
+}
+
+bool Supervisor::stop_spine() {
+  Drives drives = Drives::driven;
+  if (link_) {
+    (void)code_of([&] { drives = switch_off(); });
+  }
+  spine_->signal(SIGTERM);
+  const std::int64_t deadline_ns = monotonic_ns() + 5 * kNsPerS;
+  while (!spine_->wait(20) && monotonic_ns() < deadline_ns) {
+    forward_spine_log();
+  }
+  // One that we have adopted is not our child, and has no exit code for us.
+  const int adopted_code = adopted_ && link_ && link_->told_off().value_or(false) ? 0 : 1;
+  const bool in_order = spine_->ended() && spine_->exit_code().value_or(adopted_code) == 0;
+  if (!spine_->ended()) {
+    spdlog::error("the Spine did not stop within 5 s: killed; the drives' watchdogs switch off");
+    spine_->signal(SIGKILL);
+    spine_->wait(2000);
+  }
+  forward_spine_log();
+  spdlog::info("robot '{}' stopped; Spine: {}", config_.name, spine_->verdict());
+  // Its last act is off, to drives that answered a moment ago: enough where they only damped, as the e-stop has them
+  // do, or where none was ever switched on.
+  return drives == Drives::off || (in_order && (drives == Drives::damped || !link_));
+}
+
+Drives Supervisor::switch_off() {
+  const Refusal stopping{"stopping", "the robot is being stopped", "start it again: lithe run"};
+  const auto refuse_swaps = [&] {
+    if (swaps_) {
+      swaps_->refuse_all(stopping, monotonic_ns());
+    }
+  };
+  refuse_swaps();
+  bool answered = false;
+  bool obeyed = false;
+  wire::Command disarm;
+  disarm.kind = static_cast<std::uint32_t>(wire::CommandKind::disarm);
+  commands_->send(
+      disarm,
+      [&](const Answer& answer) {
+        const auto* refusal = std::get_if<Refusal>(&answer);
+        answered = true;
+        obeyed = refusal == nullptr || refusal->code == "refused_estop";
+      },
+      monotonic_ns());
+  turn_until([&] { return answered || spine_->ended(); }, Commands::kTimeoutNs + kNsPerS);
+  wire::Telemetry now{};
+  Drives seen = Drives::driven;
+  if (obeyed) {
+    const bool pressed = link_->latest(now) && now.mode == static_cast<std::uint32_t>(wire::Mode::estop);
+    const Drives wanted = pressed ? Drives::damped : Drives::off;
+    const auto wait_over = [&] {
+      seen = link_->latest(now) ? drives_of(config_, now) : Drives::driven;
+      return seen >= wanted || spine_->ended();
+    };
+    turn_until(wait_over, 2 * kNsPerS);
+  }
+  refuse_swaps();  // the socket was served meanwhile
+  commands_->refuse_all(stopping);
+  return seen;  // once off is enough: the record after it may lack a sample that came late
+}
+
+}  // namespace lithe::control

@@ -1,0 +1,242 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/serve/server.hpp"
+
+#include <fmt/format.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+
+#include <cerrno>
+#include <cstring>
+#include <exception>
+#include <optional>
+#include <string_view>
+#include <utility>
+
+#include "spine/core/text.hpp"
+
+namespace lithe::control {
+namespace {
+
+constexpr std::size_t kMaxShownBytes = 100;
+constexpr int kMostNested = 32;  // arguments are two objects deep; who reads and writes them is recursive
+
+std::string answer_line(const Json& id, const Answer& answer) {
+  Json out = {{"id", id}};
+  if (const Json* result = std::get_if<Json>(&answer)) {
+    out["ok"] = true;
+    out["result"] = *result;
+  } else {
+    out["ok"] = false;
+    out["error"] = std::get<Refusal>(answer).to_json();
+  }
+  return swap::dump_line(out) + '\n';
+}
+
+// What a client calls things reaches logs, certificates and terminals. The first word that is not printable, as it can
+// be shown; a law's own text has its rules elsewhere.
+std::optional<std::string> unprintable_in(const Json& value, std::string_view name = {}) {
+  const auto shown = [](const std::string& text) { return printable(text.substr(0, kMaxShownBytes)); };
+  if (!is_printable(name)) {
+    return shown(std::string(name));
+  }
+  if (value.is_string() && name != "source" && !is_printable(value.get_ref<const std::string&>())) {
+    return shown(value.get_ref<const std::string&>());
+  }
+  if (value.is_structured()) {
+    for (const auto& [key, item] : value.items()) {
+      if (auto found = unprintable_in(item, key)) {
+        return found;
+      }
+    }
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+Result<Server> Server::listen(const std::string& path, Handler handler) {
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  if (path.size() >= sizeof(address.sun_path)) {
+    return Error{fmt::format("socket path {} is longer than {} characters; set a shorter LITHE_RUN_DIR", path,
+                             sizeof(address.sun_path) - 1)};
+  }
+  std::memcpy(address.sun_path, path.c_str(), path.size() + 1);
+  Fd listener(::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
+  ::unlink(path.c_str());
+  if (!listener || ::bind(listener.get(), reinterpret_cast<const sockaddr*>(&address), sizeof(address)) != 0 ||
+      ::chmod(path.c_str(), 0660) != 0 || ::listen(listener.get(), 16) != 0) {
+    return Error{fmt::format("cannot listen on {}: {}; is the directory writable?", path, std::strerror(errno))};
+  }
+  return Server(std::move(listener), path, std::move(handler));
+}
+
+Server::Server(Fd listener, std::string path, Handler handler)
+    : listener_(std::move(listener)), path_(std::move(path)), handler_(std::move(handler)) {}
+
+Server::Server(Server&& other) noexcept
+    : listener_(std::move(other.listener_)),
+      path_(std::exchange(other.path_, {})),
+      handler_(std::move(other.handler_)),
+      clients_(std::move(other.clients_)),
+      next_client_(other.next_client_) {}
+
+Server::~Server() {
+  if (!path_.empty()) {
+    ::unlink(path_.c_str());
+  }
+}
+
+void Server::add_poll_fds(std::vector<pollfd>& fds) const {
+  fds.push_back({listener_.get(), POLLIN, 0});
+  for (const auto& [key, client] : clients_) {
+    const int events = (client.ended ? 0 : POLLIN) | (client.out.empty() ? 0 : POLLOUT);
+    fds.push_back({client.fd.get(), static_cast<short>(events), 0});
+  }
+}
+
+void Server::accept_new() {
+  for (;;) {
+    Fd fd(::accept4(listener_.get(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK));
+    if (!fd) {
+      return;
+    }
+    if (clients_.size() < kMaxClients) {
+      clients_[next_client_++].fd = std::move(fd);
+    }
+  }
+}
+
+void Server::serve() {
+  accept_new();
+  for (auto it = clients_.begin(); it != clients_.end();) {
+    Client& client = it->second;
+    read_from(it->first, client);
+    write_to(client);
+    it = finished(client) ? clients_.erase(it) : std::next(it);
+  }
+}
+
+bool Server::finished(const Client& client) {
+  if (client.out.size() > kMaxUnreadBytes) {
+    return true;
+  }
+  if (client.ended) {
+    // Half closed (`nc -N`) still waits for its answers; hung up is gone.
+    pollfd state{client.fd.get(), 0, 0};
+    ::poll(&state, 1, 0);
+    return (state.revents & (POLLHUP | POLLERR)) != 0 || (client.owed == 0 && client.out.empty());
+  }
+  return client.closing && client.out.empty();
+}
+
+void Server::read_from(std::uint64_t key, Client& client) {
+  char chunk[65536];
+  // A bounded number of reads per turn, so that one busy client does not starve the others.
+  for (int turn = 0; turn < 16 && !client.closing && !client.ended; ++turn) {
+    const ssize_t got = ::recv(client.fd.get(), chunk, sizeof(chunk), 0);
+    if (got == 0 || (got < 0 && errno != EAGAIN && errno != EINTR)) {
+      client.ended = true;
+      return;
+    }
+    if (got < 0) {
+      return;
+    }
+    client.in.feed({chunk, static_cast<std::size_t>(got)});
+    while (auto line = client.in.next()) {
+      handle(key, client, *line);
+    }
+    if (client.in.too_long()) {
+      reply({key, nullptr}, Refusal{"too_long", fmt::format("a request is at most {} bytes", kMaxRequestBytes),
+                                    "send the law's source without generated tables"});
+      client.closing = true;
+    }
+  }
+}
+
+void Server::handle(std::uint64_t key, Client& client, const std::string& line) {
+  if (line.size() > kMaxRequestBytes) {
+    reply({key, nullptr}, Refusal{"too_long", fmt::format("a request is at most {} bytes", kMaxRequestBytes),
+                                  "send the law's source without generated tables"});
+    client.closing = true;
+    return;
+  }
+  bool too_deep = false;
+  const auto note_depth = [&too_deep](int depth, Json::parse_event_t, Json&) {
+    too_deep = too_deep || depth > kMostNested;
+    return !too_deep;
+  };
+  const Json request = Json::parse(line, note_depth, false);
+  if (too_deep) {
+    reply({key, nullptr}, Refusal{"bad_request", fmt::format("a request is at most {} levels deep", kMostNested),
+                                  "docs/reference/verbs.md lists the verbs and their arguments"});
+    return;
+  }
+  if (!request.is_object() || !request.contains("verb") || !request["verb"].is_string()) {
+    reply({key, request.is_object() ? request.value("id", Json(nullptr)) : Json(nullptr)},
+          Refusal{"bad_request", "a request is one line of JSON: {\"id\":1,\"verb\":\"status\",\"args\":{}}",
+                  "docs/reference/verbs.md lists the verbs"});
+    return;
+  }
+  const ReplyTo to{key, request.value("id", Json(nullptr))};
+  const Json args = request.value("args", Json::object());
+  if (!args.is_object()) {
+    reply(to, Refusal{"bad_request", "args is a JSON object", "send {\"verb\":...,\"args\":{...}}"});
+    return;
+  }
+  const Json words = {{"verb", request["verb"]}, {"args", args}};
+  if (const auto found = unprintable_in(words)) {
+    reply(to, Refusal{"bad_request", fmt::format("'{}' is not printable text", *found),
+                      "names are UTF-8 without control characters, line ends and escapes"});
+    return;
+  }
+  ++client.owed;
+  try {
+    handler_(to, request["verb"].get<std::string>(), args);
+  } catch (const Json::exception& wrong) {
+    reply(to, Refusal{"usage", fmt::format("an argument has the wrong type: {}", wrong.what()),
+                      "compare with the verb's arguments in docs"});
+  } catch (const std::exception& wrong) {
+    reply(to, Refusal{"internal", fmt::format("the supervisor went wrong over this request: {}", wrong.what()),
+                      "the robot goes on; lithe status shows whether the request took effect"});
+  }
+}
+
+void Server::reply(const ReplyTo& to, const Answer& answer) {
+  const auto found = clients_.find(to.client);
+  if (found != clients_.end()) {
+    Client& client = found->second;
+    client.out += answer_line(to.id, answer);
+    client.owed -= client.owed > 0 ? 1 : 0;
+  }
+}
+
+void Server::write_to(Client& client) {
+  while (!client.out.empty()) {
+    const ssize_t sent = ::send(client.fd.get(), client.out.data(), client.out.size(), MSG_NOSIGNAL);
+    if (sent > 0) {
+      client.out.erase(0, static_cast<std::size_t>(sent));
+    } else if (sent < 0 && errno == EINTR) {
+      continue;
+    } else if (sent < 0 && errno == EAGAIN) {
+      return;
+    } else {
+      client.closing = true;
+      client.out.clear();
+    }
+  }
+}
+
+void Server::flush(int timeout_ms) {
+  for (auto& [key, client] : clients_) {
+    write_to(client);
+    if (!client.out.empty()) {
+      pollfd wait{client.fd.get(), POLLOUT, 0};
+      ::poll(&wait, 1, timeout_ms);
+      write_to(client);
+    }
+  }
+}
+
+}  // namespace lithe::control

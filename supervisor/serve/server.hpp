@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: Apache-2.0
+// The control socket: JSON lines over a Unix stream, many clients, nobody can block it or fill its memory.
+#pragma once
+
+#include <poll.h>
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "spine/core/result.hpp"
+#include "supervisor/core/fd.hpp"
+#include "supervisor/core/lines.hpp"
+#include "supervisor/core/answer.hpp"
+
+namespace lithe::control {
+
+using swap::Answer;
+using swap::Json;
+using swap::Refusal;
+
+// Where an answer goes. A client that left in the meantime is no error: the answer is dropped.
+struct ReplyTo {
+  std::uint64_t client = 0;
+  Json id = nullptr;
+};
+
+// Contract: one thread · never blocks · a client that sends garbage is answered, one that sends more than 1 MiB in a
+// line or does not read its answers is cut off; the others notice nothing.
+class Server {
+ public:
+  using Handler = std::function<void(const ReplyTo&, const std::string& verb, const Json& args)>;
+  static constexpr std::size_t kMaxClients = 64;
+  static constexpr std::size_t kMaxUnreadBytes = std::size_t{16} << 20;
+
+  // Removes a stale socket file first: the caller holds the robot's lock, so nobody listens there.
+  static Result<Server> listen(const std::string& path, Handler handler);
+
+  void add_poll_fds(std::vector<pollfd>& fds) const;
+  // Accepts, reads, calls the handler for each complete request, writes what waits. Call after poll().
+  void serve();
+  void reply(const ReplyTo& to, const Answer& answer);
+  // Gives waiting answers up to `timeout_ms` to leave.
+  void flush(int timeout_ms);
+
+  Server(Server&& other) noexcept;
+  Server& operator=(Server&&) = delete;
+  ~Server();
+
+ private:
+  struct Client {
+    Fd fd;
+    LineBuffer in;
+    std::string out;
+    std::size_t owed = 0;  // requests not answered yet
+    bool ended = false;    // has sent all it will send; may still wait for answers
+    bool closing = false;  // close once `out` has left
+  };
+
+  Server(Fd listener, std::string path, Handler handler);
+  void accept_new();
+  void read_from(std::uint64_t key, Client& client);
+  void handle(std::uint64_t key, Client& client, const std::string& line);
+  static void write_to(Client& client);
+  static bool finished(const Client& client);
+
+  Fd listener_;
+  std::string path_;
+  Handler handler_;
+  std::map<std::uint64_t, Client> clients_;
+  std::uint64_t next_client_ = 1;
+};
+
+}  // namespace lithe::control

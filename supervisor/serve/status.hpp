@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a robot is doing right now, as one JSON document.
+#pragma once
+
+#include "spine/robot/config.hpp"
+#include "supervisor/link/spine_link.hpp"
+#include "supervisor/core/answer.hpp"
+
+namespace lithe::control {
+
+// `robot`: which kind of drive each joint has.
+swap::Json status_json(const SpineLink& spine, const robot::RobotConfig& robot);
+// {"law","law_id","params":[{"name","value","min","max"}]} of the running law.
+swap::Answer params_json(const SpineLink& spine);
+// Laws loaded in the Spine: [{"law","law_id","active","params":[...],"probes":[...]}]
+swap::Json resident_json(const SpineLink& spine);
+
+}  // namespace lithe::control

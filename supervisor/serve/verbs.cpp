@@ -1,0 +1,220 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/serve/verbs.hpp"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <utility>
+#include <variant>
+
+#include "spine/core/time.hpp"
+#include "supervisor/serve/alarms.hpp"
+#include "supervisor/serve/status.hpp"
+
+namespace lithe::control {
+namespace {
+
+constexpr int kMostSteps = 4;  // laws that stay in the Spine behind the running one
+
+// A request as text. The supervisor opens no file for a client: it may read more than the client may.
+std::variant<swap::Request, Refusal> read_request(const Json& args) {
+  if (args.contains("path")) {
+    return Refusal{"usage", "a law is sent as text: the supervisor opens no files for its clients",
+                   R"(read the file yourself and send its text: args {"source":"...","name":"pd.cpp"})"};
+  }
+  swap::Request request{args.value("name", ""), args.value("source", ""), args.value("params", Json::object())};
+  if (request.source.empty()) {
+    return Refusal{"usage", "no law was given: source is empty",
+                   R"(send its text: args {"source":"...","name":"pd.cpp"})"};
+  }
+  if (!request.params.is_object()) {
+    return Refusal{"usage", "params is an object: {\"kp\":1.0}", "send args {\"params\":{\"NAME\":VALUE}}"};
+  }
+  request.name = request.name.empty() ? "law.cpp" : request.name;
+  return request;
+}
+
+}  // namespace
+
+Verbs::Verbs(Parts parts, Reply reply, std::function<void()> shutdown)
+    : parts_(parts), reply_(std::move(reply)), shutdown_(std::move(shutdown)) {
+  add_looks();
+  add_commands();
+  add_swaps();
+}
+
+std::function<void(const Answer&)> Verbs::later(const ReplyTo& to) const {
+  return [this, to](const Answer& answer) { reply_(to, answer); };
+}
+
+void Verbs::add_looks() {
+  verbs_["ping"] = [this](const ReplyTo& to, const Json&) { reply_(to, Json{{"pid", ::getpid()}}); };
+  verbs_["status"] = [this](const ReplyTo& to, const Json&) {
+    Json status = status_json(parts_.spine, parts_.robot);
+    status["supervisor_pid"] = ::getpid();
+    status["lawd_pid"] = parts_.lawd.pid();
+    status["lawd_restarts"] = parts_.lawd.restarts();
+    status["trial_pid"] = parts_.trial.pid();
+    status["trial_restarts"] = parts_.trial.restarts();
+    status["gates"] = parts_.swaps.gates_are_open() ? "open" : "closed";
+    status["adopted"] = parts_.adopted;
+    status["law_faults"] = parts_.swaps.law_faults();
+    status["last_swap"] = parts_.swaps.last();
+    status["last_params"] = parts_.swaps.last_params();
+    status["records"] = parts_.swaps.records().string();
+    status["records_trouble"] = parts_.swaps.records_trouble();
+    status["alarms"] = alarms_of(status);
+    reply_(to, status);
+  };
+  verbs_["events"] = [this](const ReplyTo& to, const Json& args) {
+    const auto limit = std::min<std::uint64_t>(args.value("limit", std::uint64_t{EventLog::kDepth}), EventLog::kDepth);
+    reply_(to, parts_.log.since(args.value("since", std::uint64_t{0}), limit));
+  };
+  verbs_["params"] = [this](const ReplyTo& to, const Json&) { reply_(to, params_json(parts_.spine)); };
+  verbs_["law_list"] = [this](const ReplyTo& to, const Json&) {
+    reply_(to, Json{{"resident", resident_json(parts_.spine)}});
+  };
+}
+
+void Verbs::add_commands() {
+  const std::pair<const char*, wire::CommandKind> plain[] = {{"arm", wire::CommandKind::arm},
+                                                             {"disarm", wire::CommandKind::disarm},
+                                                             {"hold", wire::CommandKind::hold},
+                                                             {"estop", wire::CommandKind::estop},
+                                                             {"reset", wire::CommandKind::reset},
+                                                             {"recover", wire::CommandKind::recover},
+                                                             {"sim_reset", wire::CommandKind::sim_reset}};
+  for (const auto& [name, kind] : plain) {
+    verbs_[name] = [this, kind = kind](const ReplyTo& to, const Json&) { command(kind, to); };
+  }
+  verbs_["rollback"] = [this](const ReplyTo& to, const Json& args) { roll_back(to, args); };
+  verbs_["revert_params"] = [this](const ReplyTo& to, const Json&) { revert_params(to); };
+  verbs_["set_params"] = [this](const ReplyTo& to, const Json& args) { set_params(to, args); };
+  verbs_["shutdown"] = [this](const ReplyTo& to, const Json&) {
+    reply_(to, Json{{"stopping", true}, {"pid", ::getpid()}});
+    shutdown_();
+  };
+}
+
+void Verbs::add_swaps() {
+  verbs_["swap"] = [this](const ReplyTo& to, const Json& args) { swap_law(to, args); };
+  verbs_["law_check"] = [this](const ReplyTo& to, const Json& args) { check_law(to, args); };
+}
+
+void Verbs::handle(const ReplyTo& to, const std::string& verb, const Json& args) {
+  const auto found = verbs_.find(verb);
+  if (found != verbs_.end()) {
+    found->second(to, args);
+    return;
+  }
+  std::string known;
+  for (const auto& [name, function] : verbs_) {
+    known += (known.empty() ? "" : ", ") + name;
+  }
+  reply_(to, Refusal{"unknown_verb", fmt::format("there is no verb '{}'", verb), fmt::format("one of: {}", known)});
+}
+
+void Verbs::command(wire::CommandKind kind, const ReplyTo& to) {
+  if (kind == wire::CommandKind::estop) {
+    parts_.spine.press_estop();  // holds even if the command after it is lost or refused
+  } else if (kind == wire::CommandKind::reset) {
+    parts_.spine.release_estop();
+  }
+  wire::Command command;
+  command.kind = static_cast<std::uint32_t>(kind);
+  parts_.commands.send(command, later(to), monotonic_ns());
+}
+
+void Verbs::roll_back(const ReplyTo& to, const Json& args) {
+  const Json steps = args.value("steps", Json(1));
+  if (!steps.is_number_integer() || steps < 1 || steps > kMostSteps) {
+    reply_(to, Refusal{"usage", fmt::format("steps = {}: how many laws back, 1 to {}", steps.dump(), kMostSteps),
+                       "see which are still there: lithe law list"});
+    return;
+  }
+  wire::Command command;
+  command.kind = static_cast<std::uint32_t>(wire::CommandKind::rollback);
+  command.count = steps.get<std::uint32_t>();
+  parts_.commands.send(
+      command,
+      [this, to](const Answer& result) {
+        Answer out = result;
+        if (Json* json = std::get_if<Json>(&out)) {
+          const Json status = status_json(parts_.spine, parts_.robot);
+          (*json)["law"] = status["law"];
+          (*json)["law_id"] = status["law_id"];
+        }
+        reply_(to, out);
+      },
+      monotonic_ns());
+}
+
+void Verbs::revert_params(const ReplyTo& to) {
+  wire::Command command;
+  command.kind = static_cast<std::uint32_t>(wire::CommandKind::revert_params);
+  parts_.commands.send(
+      command,
+      [this, to](const Answer& answer) {
+        reply_(to, std::holds_alternative<Json>(answer) ? params_json(parts_.spine) : answer);
+      },
+      monotonic_ns());
+}
+
+void Verbs::set_params(const ReplyTo& to, const Json& args) {
+  Json values = args.value("values", Json::object());
+  if (args.contains("name")) {
+    values[args["name"].get<std::string>()] = args.value("value", Json(nullptr));
+  }
+  parts_.swaps.set_params(
+      values,
+      [this, to](const Answer& answer) {
+        const Json* done = std::get_if<Json>(&answer);
+        Answer out = done != nullptr ? params_json(parts_.spine) : answer;
+        if (Json* params = done != nullptr ? std::get_if<Json>(&out) : nullptr) {
+          params->update(*done);
+        }
+        reply_(to, out);
+      },
+      monotonic_ns());
+}
+
+void Verbs::swap_law(const ReplyTo& to, const Json& args) {
+  auto request = read_request(args);
+  if (const auto* refusal = std::get_if<Refusal>(&request)) {
+    reply_(to, *refusal);
+    return;
+  }
+  auto terms = parts_.swaps.read_terms(args);
+  if (const auto* refusal = std::get_if<Refusal>(&terms)) {
+    reply_(to, *refusal);
+    return;
+  }
+  auto& wanted = std::get<swap::Request>(request);
+  wanted.terms = std::get<swap::Terms>(terms);
+  wanted.client = to.client;
+  wanted.supersede = args.value("supersede", false);
+  parts_.swaps.submit(std::move(std::get<swap::Request>(request)), later(to), monotonic_ns());
+}
+
+void Verbs::check_law(const ReplyTo& to, const Json& args) {
+  const auto request = read_request(args);
+  if (const auto* refusal = std::get_if<Refusal>(&request)) {
+    reply_(to, *refusal);
+    return;
+  }
+  const swap::Request& law = std::get<swap::Request>(request);
+  parts_.lawd.check(
+      {law.name, law.source},
+      [this, to](const Answer& answer) {
+        Answer out = answer;
+        if (Json* json = std::get_if<Json>(&out)) {
+          json->erase("id");
+          json->erase("ok");
+        }
+        reply_(to, out);
+      },
+      monotonic_ns());
+}
+
+}  // namespace lithe::control

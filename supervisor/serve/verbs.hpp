@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every verb of the control socket, one small function each.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <string>
+
+#include "supervisor/link/commands.hpp"
+#include "supervisor/events/event_log.hpp"
+#include "supervisor/link/lawd_link.hpp"
+#include "supervisor/serve/server.hpp"
+#include "supervisor/link/spine_link.hpp"
+#include "supervisor/swap/swaps.hpp"
+#include "supervisor/link/trial_link.hpp"
+
+namespace lithe::control {
+
+// The parts of a running robot that verbs act on. All outlive Verbs.
+struct Parts {
+  const robot::RobotConfig& robot;
+  SpineLink& spine;
+  LawdLink& lawd;
+  TrialLink& trial;
+  Commands& commands;
+  Swaps& swaps;
+  EventLog& log;
+  bool adopted;  // the Spine was started by an earlier supervisor
+};
+
+// Contract: one thread · every request is answered once, now or later, through `reply`.
+class Verbs {
+ public:
+  using Reply = std::function<void(const ReplyTo&, const Answer&)>;
+
+  Verbs(Parts parts, Reply reply, std::function<void()> shutdown);
+
+  void handle(const ReplyTo& to, const std::string& verb, const Json& args);
+
+ private:
+  using Function = std::function<void(const ReplyTo&, const Json&)>;
+
+  void add_looks();
+  void add_commands();
+  void add_swaps();
+  std::function<void(const Answer&)> later(const ReplyTo& to) const;
+  void command(wire::CommandKind kind, const ReplyTo& to);
+  void swap_law(const ReplyTo& to, const Json& args);
+  void check_law(const ReplyTo& to, const Json& args);
+  void roll_back(const ReplyTo& to, const Json& args);
+  void revert_params(const ReplyTo& to);
+  void set_params(const ReplyTo& to, const Json& args);
+
+  Parts parts_;
+  Reply reply_;
+  std::function<void()> shutdown_;
+  std::map<std::string, Function> verbs_;
+};
+
+}  // namespace lithe::control

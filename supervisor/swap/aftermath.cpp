@@ -1,0 +1,238 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/swap/aftermath.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <utility>
+
+namespace lithe::control {
+
+using swap::Json;
+using swap::Stage;
+
+Aftermath::Aftermath(const SpineLink& spine, Keep keep, Locate locate)
+    : spine_(spine), keep_(std::move(keep)), locate_(std::move(locate)), faults_(spine.memory().law_faults) {}
+
+void Aftermath::follow(swap::Transaction swap, swap::RecordBook::Page record, const CoreCounts& before,
+                       std::int64_t now_ns) {
+  measure_all();
+  Life* last = running_.empty() ? nullptr : of_law(running_.back());
+  if (last != nullptr && last->swap.request().terms.probation_s > 0 && !last->swap.reached(Stage::confirmed)) {
+    last->swap.note("probation", fmt::format("cut short by request {}", swap.request_id()));
+    keep_(last->swap, last->record);
+  }
+  running_.push_back(swap.law_id());
+  lives_.push_back({std::move(swap), std::move(record), before, now_ns + kMeasureAfterNs, ""});
+}
+
+void Aftermath::serve(std::int64_t now_ns) {
+  for (Life& each : lives_) {
+    if (each.measure_at_ns <= now_ns) {
+      measure(each);
+    }
+  }
+}
+
+void Aftermath::measure_all() {
+  for (Life& each : lives_) {
+    measure(each);
+  }
+}
+
+void Aftermath::measure(Life& life) {
+  if (std::exchange(life.measure_at_ns, 0) == 0) {
+    return;
+  }
+  Json measured = look_around(spine_, life.swap.commit_tick());
+  if (measured.is_object()) {
+    measured["core"] = counts_json(life.before, count_core(spine_.spine_pid(), spine_.info()));
+    life.swap.note("measured", std::move(measured));
+    keep_(life.swap, life.record);
+  }
+}
+
+Aftermath::Life* Aftermath::of_request(std::uint64_t request_id) {
+  const auto found = std::find_if(lives_.begin(), lives_.end(),
+                                  [&](const Life& each) { return each.swap.request_id() == request_id; });
+  return found == lives_.end() ? nullptr : &*found;
+}
+
+Aftermath::Life* Aftermath::of_law(std::uint32_t law_id) {
+  const auto found =
+      std::find_if(lives_.begin(), lives_.end(), [&](const Life& each) { return each.swap.law_id() == law_id; });
+  return found == lives_.end() ? nullptr : &*found;
+}
+
+void Aftermath::note(std::uint64_t request_id, const std::string& section, Json what) {
+  if (Life* life = of_request(request_id)) {
+    life->swap.note(section, std::move(what));
+    keep_(life->swap, life->record);
+  }
+}
+
+void Aftermath::on_event(const wire::Event& event) {
+  switch (static_cast<wire::EventKind>(event.kind)) {
+    case wire::EventKind::law_faulted:
+      return faulted(event);
+    case wire::EventKind::law_rolled_back:
+      return rolled_back(event);
+    case wire::EventKind::law_unproven:
+      if (Life* life = of_request(event.request_id);
+          event.value == 0 && life && life->swap.mark(Stage::unproven, text_of(event.text), event.t_ns)) {
+        keep_(life->swap, life->record);
+      }
+      return;
+    case wire::EventKind::law_confirmed:
+      if (Life* life = of_request(event.request_id); life && life->swap.mark(Stage::confirmed, "", event.t_ns)) {
+        keep_(life->swap, life->record);
+      }
+      return;
+    case wire::EventKind::law_retired:
+      return retired(event);
+    default:
+      return;
+  }
+}
+
+// What the law did is in a ring of its own, written before the event. Records of events that are still to come wait.
+std::optional<wire::LawFault> Aftermath::record_of(const wire::Event& event) {
+  wire::LawFault fault{};
+  while (!faults_.empty()) {
+    if (faults_.next(fault)) {
+      untold_.push_back(fault);
+    }
+  }
+  const auto is_it = [&](const wire::LawFault& each) {
+    return each.request_id == event.request_id && each.tick == event.tick;
+  };
+  const auto found = std::find_if(untold_.begin(), untold_.end(), is_it);
+  std::optional<wire::LawFault> record;
+  if (found != untold_.end()) {
+    record = *found;
+    untold_.erase(found);
+  }
+  while (untold_.size() > wire::spine_segment::kLawFaultsDepth) {
+    untold_.pop_front();  // its event was lost
+  }
+  return record;
+}
+
+void Aftermath::faulted(const wire::Event& event) {
+  const std::optional<wire::LawFault> fault = record_of(event);
+  Life* life = of_request(event.request_id);
+  if (life == nullptr) {
+    return;
+  }
+  const std::string kind(to_string(static_cast<wire::LawFaultKind>(event.code)));
+  life->fault = kind;
+  if (!fault) {
+    life->swap.note("fault", {{"kind", kind}, {"tick", event.tick}, {"record_lost", true}});
+    keep_(life->swap, life->record);
+    return;
+  }
+  tell_fault(*life, {{"kind", kind},
+                     {"tick", fault->tick},
+                     {"to_law_id", fault->to_law_id},
+                     {"took_us", fault->took_ns * 1e-3},
+                     {"pc", fmt::format("{:#x}", fault->pc)},
+                     {"pc_offset", fault->pc_offset},
+                     {"address", fmt::format("{:#x}", fault->address)}});
+  if (fault->to_law_id == 0) {
+    leave(*life, kind + "; no law took over: the safe law", event);
+  }
+  locate(*life, *fault);
+}
+
+// In its certificate, and among the last ones; again when more is known.
+void Aftermath::tell_fault(Life& life, Json fault) {
+  life.swap.note("fault", fault);
+  fault["law"] = life.swap.compiled().law;
+  fault["request_id"] = life.swap.request_id();
+  const auto known = std::find_if(told_.begin(), told_.end(), [&](const Json& each) {
+    return each["request_id"] == fault["request_id"] && each["tick"] == fault["tick"];
+  });
+  if (known != told_.end()) {
+    *known = std::move(fault);
+    return;
+  }
+  told_.push_back(std::move(fault));
+  if (told_.size() > kFaultsKept) {
+    told_.erase(told_.begin());
+  }
+}
+
+void Aftermath::locate(Life& life, const wire::LawFault& fault) {
+  if (!locate_ || fault.pc_offset == 0) {
+    return;  // not in the law's own code
+  }
+  life.asked = true;
+  const std::uint64_t id = life.swap.request_id();
+  locate_(life.swap, fault.pc_offset, [this, id](const Json& place) {
+    Life* found = of_request(id);
+    if (found == nullptr) {
+      return;
+    }
+    found->asked = false;
+    if (place.is_object()) {
+      Json known = found->swap.certificate().value("fault", Json::object());
+      known.update(place);
+      tell_fault(*found, std::move(known));
+      keep_(found->swap, found->record);
+    }
+    if (found->retired) {
+      std::erase_if(lives_, [&](const Life& each) { return each.swap.request_id() == id; });
+    }
+  });
+}
+
+void Aftermath::retired(const wire::Event& event) {
+  std::erase(running_, event.code);
+  Life* life = of_request(event.request_id);
+  if (life == nullptr) {
+    return;
+  }
+  measure(*life);
+  if (!life->swap.mark(Stage::retired, "", event.t_ns)) {
+    return;
+  }
+  keep_(life->swap, life->record);
+  life->retired = true;
+  std::erase_if(lives_, [](const Life& each) { return each.retired && !each.asked; });
+}
+
+// The event names the law that runs now: all that were committed after it are out.
+void Aftermath::rolled_back(const wire::Event& event) {
+  const auto to = std::find(running_.begin(), running_.end(), event.code);
+  const auto first_out = to == running_.end() ? (running_.empty() ? to : running_.end() - 1) : to + 1;
+  const std::string text = text_of(event.text);  // "tracking_lost: joint elbow, ..." of the law that was at fault
+  for (auto each = first_out; each != running_.end(); ++each) {
+    if (Life* life = of_law(*each)) {
+      const bool told = !life->fault.empty() && text.starts_with(life->fault);
+      leave(*life, life->fault.empty() ? "asked for" : told ? text : life->fault, event);
+    }
+  }
+  running_.erase(first_out, running_.end());
+}
+
+void Aftermath::leave(Life& life, const std::string& why, const wire::Event& event) {
+  if (life.swap.mark(Stage::rolled_back, why, event.t_ns)) {
+    life.swap.note("rolled_back", {{"tick", event.tick},
+                                   {"ticks_after_commit", event.tick - std::min(event.tick, life.swap.commit_tick())},
+                                   {"why", why}});
+    keep_(life.swap, life.record);
+  }
+}
+
+void Aftermath::end(const std::string& why, std::int64_t now_ns) {
+  for (Life& each : lives_) {
+    measure(each);
+    if (each.swap.mark(Stage::retired, why, now_ns)) {
+      keep_(each.swap, each.record);
+    }
+  }
+  lives_.clear();
+  running_.clear();
+}
+
+}  // namespace lithe::control

@@ -1,0 +1,263 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/swap/aftermath.hpp"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <map>
+#include <memory>
+
+namespace lithe::control {
+namespace {
+
+using swap::Json;
+using wire::EventKind;
+
+class AftermathTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    spine_.emplace(std::move(*ipc::Segment<ipc::SpineMemory>::create(robot_)));
+    control_.emplace(std::move(*ipc::Segment<ipc::ControlMemory>::create(robot_)));
+    auto info = std::make_unique<wire::RobotInfo>();
+    info->rate_hz = 1000;
+    ipc::ChannelWriter<wire::RobotInfo>((*spine_)->robot_info).write(*info);
+    auto link = SpineLink::attach(robot_);
+    ASSERT_TRUE(link) << link.message();
+    link_.emplace(std::move(*link));
+    aftermath_.emplace(
+        *link_,
+        [this](const swap::Transaction& each, const swap::RecordBook::Page&) {
+          kept_[each.request_id()] = each.certificate();
+        },
+        [this](const swap::Transaction&, std::uint32_t offset, Aftermath::Found found) {
+          asked_.push_back(offset);
+          answers_.push_back(std::move(found));
+        });
+  }
+  void TearDown() override {
+    ipc::remove_segment(ipc::Segment<ipc::SpineMemory>::path(robot_));
+    ipc::remove_segment(ipc::Segment<ipc::ControlMemory>::path(robot_));
+  }
+
+  // A law committed at tick 10 times its id; its request is 100 + its id.
+  void commit(std::uint32_t law_id, double probation_s = 1.0) {
+    swap::Request request{"x.cpp", "text"};
+    request.terms.probation_s = probation_s;
+    swap::Transaction swap(100 + law_id, request, 1);
+    swap.mark_started(1);
+    swap.mark_compiled({}, 2);
+    for (const swap::Stage each :
+         {swap::Stage::admitted, swap::Stage::placed, swap::Stage::tried, swap::Stage::staged}) {
+      swap.mark(each, "", 3);
+    }
+    swap.mark_committed(10 * law_id, law_id, 4);
+    aftermath_->follow(std::move(swap), {}, {}, 4);
+  }
+  void tell(EventKind kind, std::uint64_t request_id, std::uint32_t code, std::uint64_t tick = 99) {
+    wire::Event event;
+    event.kind = static_cast<std::uint32_t>(kind);
+    event.request_id = request_id;
+    event.code = code;
+    event.tick = tick;
+    event.t_ns = 50;
+    aftermath_->on_event(event);
+  }
+  void fault(std::uint32_t law_id, std::uint32_t to_law_id, wire::LawFaultKind kind, std::uint64_t tick) {
+    write_fault(law_id, to_law_id, kind, tick);
+    tell(EventKind::law_faulted, 100 + law_id, static_cast<std::uint32_t>(kind), tick);
+  }
+  void write_fault(std::uint32_t law_id, std::uint32_t to_law_id, wire::LawFaultKind kind, std::uint64_t tick) {
+    wire::LawFault record{};
+    record.tick = tick;
+    record.request_id = 100 + law_id;
+    record.law_id = law_id;
+    record.to_law_id = to_law_id;
+    record.took_ns = 4200;
+    record.pc_offset = pc_offset_;
+    record.kind = static_cast<std::uint32_t>(kind);
+    ipc::RingWriter<wire::LawFault, wire::spine_segment::kLawFaultsDepth>((*spine_)->law_faults).push(record);
+  }
+  std::string verdict(std::uint32_t law_id) { return kept_[100 + law_id].value("verdict", "none"); }
+
+  std::string robot_ = "aftermath" + std::to_string(::getpid());
+  std::optional<ipc::Segment<ipc::SpineMemory>> spine_;
+  std::optional<ipc::Segment<ipc::ControlMemory>> control_;
+  std::optional<SpineLink> link_;
+  std::map<std::uint64_t, Json> kept_;  // by request
+  std::uint32_t pc_offset_ = 0;         // of the next faults
+  std::vector<std::uint32_t> asked_;    // where these offsets are
+  std::vector<Aftermath::Found> answers_;
+  std::optional<Aftermath> aftermath_;
+};
+
+TEST_F(AftermathTest, AtRestALawIsUnprovenAndStillOnProbation) {
+  commit(1);
+  tell(EventKind::law_unproven, 101, 1);
+  EXPECT_EQ(verdict(1), "unproven");
+  commit(2);
+  EXPECT_EQ(kept_[101]["probation"], "cut short by request 102");
+  tell(EventKind::law_retired, 101, 1);
+  EXPECT_EQ(verdict(1), "unproven") << "what became of it, not that it is gone";
+}
+
+TEST_F(AftermathTest, ConfirmsAndRetires) {
+  commit(1);
+  tell(EventKind::law_confirmed, 101, 1);
+  EXPECT_EQ(verdict(1), "confirmed");
+  tell(EventKind::law_retired, 101, 1);
+  EXPECT_EQ(kept_[101]["stage"], "retired");
+  EXPECT_EQ(verdict(1), "confirmed");
+  kept_.clear();
+  tell(EventKind::law_confirmed, 101, 1);
+  EXPECT_TRUE(kept_.empty()) << "it is gone";
+}
+
+TEST_F(AftermathTest, AFaultIsNamedWhenTheLawBeforeTakesOver) {
+  commit(1);
+  commit(2);
+  fault(2, 1, wire::LawFaultKind::bad_access, 25);
+  tell(EventKind::law_rolled_back, 101, 1, 25);
+  EXPECT_EQ(verdict(2), "rolled_back");
+  EXPECT_EQ(kept_[102]["fault"]["kind"], "bad_access");
+  EXPECT_EQ(kept_[102]["fault"]["to_law_id"], 1);
+  EXPECT_EQ(kept_[102]["rolled_back"]["ticks_after_commit"], 5);
+  EXPECT_EQ(kept_[102]["rolled_back"]["why"], "bad_access");
+  EXPECT_NE(verdict(1), "rolled_back");
+}
+
+TEST_F(AftermathTest, TwoFaultsInOneTickAreBothNamedBeforeEitherEventIsRead) {
+  commit(1);
+  commit(2);
+  write_fault(2, 1, wire::LawFaultKind::bad_access, 25);
+  write_fault(1, 0, wire::LawFaultKind::overran, 25);
+  tell(EventKind::law_faulted, 777, 1, 24);  // of a law of an earlier supervisor: takes nothing along
+  tell(EventKind::law_faulted, 102, static_cast<std::uint32_t>(wire::LawFaultKind::bad_access), 25);
+  tell(EventKind::law_rolled_back, 101, 1, 25);
+  tell(EventKind::law_faulted, 101, static_cast<std::uint32_t>(wire::LawFaultKind::overran), 25);
+  EXPECT_EQ(kept_[102]["fault"]["kind"], "bad_access");
+  EXPECT_EQ(kept_[101]["fault"]["kind"], "overran");
+  EXPECT_EQ(kept_[101]["fault"]["to_law_id"], 0);
+  EXPECT_EQ(verdict(2), "rolled_back");
+  EXPECT_EQ(verdict(1), "rolled_back") << "nobody tells more of the safe law";
+}
+
+TEST_F(AftermathTest, ARecordWhoseEventWasLostIsNotTakenForALaterFault) {
+  commit(1);
+  commit(2);
+  write_fault(2, 1, wire::LawFaultKind::overran, 25);
+  fault(2, 1, wire::LawFaultKind::bad_access, 99);
+  tell(EventKind::law_rolled_back, 101, 1, 99);
+  EXPECT_EQ(kept_[102]["fault"]["tick"], 99);
+}
+
+TEST_F(AftermathTest, AFaultWhoseRecordWasLostIsStillNamed) {
+  commit(1);
+  tell(EventKind::law_faulted, 101, static_cast<std::uint32_t>(wire::LawFaultKind::overran), 25);
+  EXPECT_EQ(kept_[101]["fault"]["kind"], "overran");
+  EXPECT_EQ(kept_[101]["fault"]["record_lost"], true);
+}
+
+TEST_F(AftermathTest, WithoutALawBeforeItTheSafeLawTakesOver) {
+  commit(1);
+  fault(1, 0, wire::LawFaultKind::overran, 30);
+  EXPECT_EQ(verdict(1), "rolled_back");
+  EXPECT_NE(kept_[101]["rolled_back"]["why"].get<std::string>().find("safe law"), std::string::npos);
+}
+
+TEST_F(AftermathTest, ARollbackOverSeveralLawsTakesAllOfThemOut) {
+  for (std::uint32_t law = 1; law <= 4; ++law) {
+    commit(law);
+  }
+  tell(EventKind::law_rolled_back, 9999, 2, 77);
+  EXPECT_EQ(verdict(4), "rolled_back");
+  EXPECT_EQ(verdict(3), "rolled_back");
+  EXPECT_EQ(kept_[103]["rolled_back"]["why"], "asked for");
+  EXPECT_NE(verdict(2), "rolled_back");
+  commit(5);
+  tell(EventKind::law_rolled_back, 9998, 2, 88);
+  EXPECT_EQ(verdict(5), "rolled_back");
+}
+
+TEST_F(AftermathTest, ARollbackToALawOfAnEarlierSupervisorTakesOutTheNewestOnly) {
+  commit(8);
+  commit(9);
+  tell(EventKind::law_rolled_back, 1, 7, 100);
+  EXPECT_EQ(verdict(9), "rolled_back");
+  EXPECT_NE(verdict(8), "rolled_back");
+}
+
+TEST_F(AftermathTest, AnotherCommitEndsAProbation) {
+  commit(1);
+  commit(2);
+  EXPECT_NE(kept_[101]["probation"].get<std::string>().find("102"), std::string::npos);
+  EXPECT_EQ(verdict(1), "committed");
+}
+
+TEST_F(AftermathTest, MeasuresOnceWhenItIsTimeOrWhenAnotherLawIsOnItsWay) {
+  ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth> ring((*spine_)->telemetry);
+  auto record = std::make_unique<wire::Telemetry>();
+  for (record->tick = 1; record->tick < 100; ++record->tick) {
+    ring.push(*record);
+  }
+  commit(1, 0);
+  aftermath_->serve(5);
+  EXPECT_TRUE(kept_.empty());
+  aftermath_->measure_all();
+  EXPECT_TRUE(kept_[101].contains("measured")) << "another law comes";
+  EXPECT_EQ(kept_[101]["measured"]["core"]["seconds"], nullptr) << "this one was not counted before";
+  commit(2, 0);
+  aftermath_->serve(4 + Aftermath::kMeasureAfterNs);
+  EXPECT_TRUE(kept_[102].contains("measured"));
+  kept_.clear();
+  aftermath_->serve(5 + Aftermath::kMeasureAfterNs);
+  EXPECT_TRUE(kept_.empty());
+}
+
+TEST_F(AftermathTest, WhenTheRobotStopsEveryLawIsRetiredWithTheReason) {
+  commit(1);
+  commit(2);
+  aftermath_->end("the robot is being stopped", 60);
+  EXPECT_EQ(kept_[101]["stage"], "retired");
+  EXPECT_EQ(kept_[102]["reasons"]["retired"], "the robot is being stopped");
+}
+
+TEST_F(AftermathTest, TheLineOfAFaultIsToldWhenItIsKnownAlsoOfALawThatIsGoneByThen) {
+  commit(1);
+  commit(2);
+  pc_offset_ = 77;
+  fault(2, 1, wire::LawFaultKind::bad_access, 25);
+  tell(EventKind::law_rolled_back, 101, 1, 25);
+  tell(EventKind::law_retired, 102, 2);
+  ASSERT_EQ(asked_, std::vector<std::uint32_t>{77});
+  EXPECT_FALSE(kept_[102]["fault"].contains("where"));
+  answers_.front()({{"where", "x.cpp:12"}, {"function", "Law::step"}});
+  EXPECT_EQ(kept_[102]["fault"]["where"], "x.cpp:12");
+  EXPECT_EQ(kept_[102]["fault"]["kind"], "bad_access");
+  EXPECT_EQ(kept_[102]["stage"], "retired");
+  ASSERT_EQ(aftermath_->faults().size(), 1u);
+  EXPECT_EQ(aftermath_->faults()[0]["where"], "x.cpp:12");
+  EXPECT_EQ(aftermath_->faults()[0]["request_id"], 102);
+  kept_.clear();
+  answers_.front()({{"where", "x.cpp:13"}});
+  EXPECT_TRUE(kept_.empty()) << "it is gone";
+}
+
+TEST_F(AftermathTest, AFaultOutsideTheLawsCodeOrWithoutAnAnswerKeepsWhatIsKnown) {
+  commit(1);
+  fault(1, 7, wire::LawFaultKind::not_finite, 25);
+  EXPECT_TRUE(asked_.empty());
+  pc_offset_ = 5;
+  fault(1, 7, wire::LawFaultKind::overran, 26);
+  answers_.at(0)(nullptr);
+  EXPECT_EQ(aftermath_->faults().size(), 2u);
+  for (std::uint64_t tick = 100; tick < 120; ++tick) {
+    fault(1, 7, wire::LawFaultKind::overran, tick);
+  }
+  EXPECT_EQ(aftermath_->faults().size(), Aftermath::kFaultsKept);
+  EXPECT_EQ(aftermath_->faults().back()["tick"], 119);
+  aftermath_->end("the robot is being stopped", 60);
+  answers_.at(5)({{"where", "x.cpp:1"}});  // too late: nobody minds
+}
+
+}  // namespace
+}  // namespace lithe::control

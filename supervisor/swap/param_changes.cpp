@@ -1,0 +1,279 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/swap/param_changes.hpp"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <utility>
+#include <variant>
+
+#include "spine/core/time.hpp"
+
+namespace lithe::control {
+
+using swap::Answer;
+using swap::Json;
+using swap::Refusal;
+using wire::EventKind;
+
+namespace {
+
+// "kp_nm_rad = 40 (now 4)".
+std::string in_words(const Json& values, const Json& before) {
+  std::string words;
+  for (const auto& [name, value] : values.items()) {
+    words += fmt::format("{}{} = {:g} (now {:g})", words.empty() ? "" : ", ", name, value.get<double>(),
+                         before.value(name, 0.0));
+  }
+  return words;
+}
+
+Json merged(Json values, const Json& newer) {
+  for (const auto& [name, value] : newer.items()) {
+    values[name] = value;
+  }
+  return values;
+}
+
+Refusal no_law() {
+  return {"refused_law", "no law is running, so there is no parameter to set", "swap a law in first"};
+}
+
+// Whether the Spine has said no; else nobody knows what it did.
+bool outcome_is_known(const Refusal& refusal) {
+  return refusal.code != "timeout" && refusal.code != "stopping" && refusal.code != "robot_fault";
+}
+
+}  // namespace
+
+void ParamChanges::set(const Json& values, Callback callback, std::int64_t now_ns) {
+  const auto law = help_.spine.running_law();
+  if (!law) {
+    callback(no_law());
+    return;
+  }
+  const auto command = params_command(values, law->info);
+  if (const auto* refusal = std::get_if<Refusal>(&command)) {
+    callback(*refusal);
+    return;
+  }
+  if (waiting_.size() >= kMostWaiting) {
+    callback(Refusal{"busy", fmt::format("{} changes of parameters wait already", kMostWaiting), "try again later"});
+    return;
+  }
+  Change change{next_number_++, *law, values, std::get<wire::Command>(command), std::move(callback)};
+  change.record = {{"asked_ns", now_ns}, {"verdict", "submitted"}, {"values", values}};
+  waiting_.push_back(std::move(change));
+  if (waiting_.size() == 1) {
+    begin();
+  }
+}
+
+ParamChanges::Change* ParamChanges::head(std::uint64_t number) {
+  return !waiting_.empty() && waiting_.front().number == number ? &waiting_.front() : nullptr;
+}
+
+// The law may be another one by now, and its values others.
+void ParamChanges::begin() {
+  Change& change = waiting_.front();
+  auto law = help_.spine.running_law();
+  if (!law || law->info.law_id != change.law.info.law_id) {
+    settle(refusal_of(wire::CommandKind::set_params, wire::CommandResult::refused_law, {}));
+    return;
+  }
+  change.law = std::move(*law);
+  Json before = Json::object();
+  for (const auto& [name, value] : change.values.items()) {
+    before[name] = change.law.values[name];
+  }
+  change.record["before"] = std::move(before);
+  if (help_.trial == nullptr) {
+    send(change);
+    return;
+  }
+  auto order = help_.laws.order_of(change.law, order_otherwise());
+  if (!order) {
+    refuse(change, {"trial_unavailable",
+                    fmt::format("law '{}' was brought in by an earlier supervisor, and its object is not in the cache "
+                                "any more: its parameters cannot be tried",
+                                text_of(change.law.info.name)),
+                    "nothing was changed; swap the law in again, with these parameters"});
+    return;
+  }
+  order->params = merged(change.law.values, change.values);
+  help_.trial->attempt(
+      *order, [this, number = change.number](const Answer& answer) { tried(number, answer); }, monotonic_ns());
+}
+
+TrialOrder ParamChanges::order_otherwise() const {
+  TrialOrder order;
+  order.budget_ns = robots_terms_.budget_ns();
+  order.box_ms = static_cast<int>(robots_terms_.box_ms);
+  order.recording = text_of(help_.spine.info().robot);
+  return order;
+}
+
+void ParamChanges::tried(std::uint64_t number, const Answer& answer) {
+  Change* change = head(number);
+  if (change == nullptr) {
+    return;
+  }
+  if (const auto* found = std::get_if<Refusal>(&answer)) {
+    Refusal refusal = *found;
+    refusal.message = fmt::format("{}: {}", in_words(change->values, change->law.values), found->message);
+    if (refusal.code == "trial_failed") {
+      refusal.next = "nothing was changed; choose values nearer to those that hold, or change the law";
+    }
+    refuse(*change, refusal);
+    return;
+  }
+  change->trial = std::get<Json>(answer);
+  change->record["trial_ms"] = change->trial.value("ms", 0.0);
+  Json warnings = change->trial.value("warnings", Json::array());
+  for (const std::string& each : help_.laws.worse_than(change->law, change->trial)) {
+    warnings.push_back(each);
+  }
+  change->record["warnings"] = std::move(warnings);
+  send(*change);
+}
+
+void ParamChanges::send(Change& change) {
+  keep(change, "sent");
+  const std::uint64_t number = change.number;
+  const std::uint64_t id = help_.commands.send(
+      change.command, [this, number](const Answer& answer) { answered(number, answer); }, monotonic_ns());
+  if (Change* still = head(number)) {  // it may be refused, and gone, by now
+    still->command_id = id;
+  }
+}
+
+void ParamChanges::answered(std::uint64_t number, const Answer& answer) {
+  Change* change = head(number);
+  if (change == nullptr) {
+    return;
+  }
+  if (const auto* refusal = std::get_if<Refusal>(&answer)) {
+    refuse(*change, *refusal);
+    return;
+  }
+  if (change->record["verdict"] == "sent") {  // its event was lost
+    keep(*change, "taken");
+  }
+  help_.laws.passed_again(change->law.info.request_id, merged(change->law.values, change->values), change->trial);
+  Json result = Json::object();
+  for (const char* key : {"trial_ms", "warnings"}) {
+    if (change->record.contains(key)) {
+      result[key] = change->record[key];
+    }
+  }
+  log(*change, "params_set", in_words(change->values, change->law.values));
+  settle(result);
+}
+
+void ParamChanges::refuse(Change& change, const Refusal& refusal) {
+  Json told = refusal.to_json();
+  told.erase("detail");
+  change.record["error"] = std::move(told);
+  keep(change, outcome_is_known(refusal) ? "refused" : "not_confirmed");
+  log(change, "params_refused", refusal.message);
+  settle(refusal);
+}
+
+void ParamChanges::settle(const Answer& answer) {
+  const Change done = std::move(waiting_.front());
+  waiting_.pop_front();
+  done.callback(answer);
+  if (!waiting_.empty()) {
+    begin();
+  }
+}
+
+void ParamChanges::refuse_all(const Refusal& reason) {
+  const std::deque<Change> all = std::exchange(waiting_, {});
+  for (const Change& each : all) {
+    each.callback(reason);
+  }
+}
+
+void ParamChanges::on_event(const wire::Event& event) {
+  switch (static_cast<EventKind>(event.kind)) {
+    case EventKind::params_applied:
+      return applied(event);
+    case EventKind::law_unproven:
+      return event.value != 0 ? judge_open(event.code, "unproven", text_of(event.text)) : void();
+    case EventKind::params_confirmed:
+    case EventKind::law_confirmed:  // with what was set while it was on probation itself
+      return judge_open(event.code, "confirmed", "");
+    case EventKind::params_reverted:
+      return judge_open(event.code, "reverted", text_of(event.text));
+    case EventKind::law_retired:
+      past_.erase(event.code);
+      return;
+    default:
+      return;
+  }
+}
+
+void ParamChanges::applied(const wire::Event& event) {
+  if (!waiting_.empty() && event.request_id != 0 && waiting_.front().command_id == event.request_id) {
+    keep(waiting_.front(), "taken");
+  } else if (text_of(event.text) == "as before the last change") {
+    judge_open(event.code, "reverted", "asked for", true);
+  }
+}
+
+void ParamChanges::keep(Change& change, const char* verdict) {
+  change.record["verdict"] = verdict;
+  Past& past = past_[change.law.info.law_id];
+  past.request_id = change.law.info.request_id;
+  Json& record = past.records[change.number] = change.record;
+  record["law"] = text_of(change.law.info.name);
+  if (past.records.size() > kMostKept) {
+    past.records.erase(past.records.begin());
+  }
+  tell(past);
+}
+
+// Those in force whose end is not known yet.
+void ParamChanges::judge_open(std::uint32_t law_id, const char* verdict, const std::string& reason, bool newest_only) {
+  const auto past = past_.find(law_id);
+  if (past == past_.end()) {
+    return;
+  }
+  bool changed = false;
+  for (auto each = past->second.records.rbegin(); each != past->second.records.rend(); ++each) {
+    Json& record = each->second;
+    if ((record["verdict"] != "taken" && record["verdict"] != "unproven") || (changed && newest_only)) {
+      continue;
+    }
+    changed = true;
+    record["verdict"] = verdict;
+    record.erase("reason");
+    if (!reason.empty()) {
+      record["reason"] = reason;
+    }
+  }
+  if (changed) {
+    tell(past->second);
+  }
+}
+
+void ParamChanges::tell(const Past& past) {
+  Json all = Json::array();
+  for (const auto& [number, record] : past.records) {
+    all.push_back(record);
+  }
+  last_ = all.back();
+  keep_(past.request_id, all);
+}
+
+void ParamChanges::log(const Change& change, const char* kind, const std::string& text) {
+  help_.log.add({{"t_ns", monotonic_ns()},
+                 {"tick", 0},
+                 {"kind", kind},
+                 {"request_id", change.law.info.request_id},
+                 {"text", text}});
+  spdlog::info("{}: {}", kind, text);
+}
+
+}  // namespace lithe::control

@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: Apache-2.0
+// New parameters of the running law: tried as a swap is, set on one tick, and followed until they have proven
+// themselves.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <map>
+#include <string>
+
+#include "spine/robot/config.hpp"
+#include "supervisor/link/commands.hpp"
+#include "supervisor/events/event_log.hpp"
+#include "supervisor/link/trial_link.hpp"
+#include "supervisor/swap/tried_laws.hpp"
+#include "supervisor/swap/terms.hpp"
+
+namespace lithe::control {
+
+// One after the other, each against the values that are in force then. What the trial refuses never reaches the Spine.
+// Contract: one thread · never blocks · every set() is answered once
+class ParamChanges {
+ public:
+  using Callback = std::function<void(const swap::Answer&)>;
+  // Called when the record of a law's changes has changed: for the certificate of the request that brought the law.
+  using Keep = std::function<void(std::uint64_t request_id, const swap::Json& changes)>;
+  static constexpr std::size_t kMostWaiting = 64;
+  static constexpr std::size_t kMostKept = 16;  // of each law, the newest
+
+  // All outlive ParamChanges.
+  struct Helpers {
+    const SpineLink& spine;
+    TrialLink* trial;  // nullptr: the gates are open, nothing is tried
+    Commands& commands;
+    EventLog& log;
+    TriedLaws& laws;
+  };
+
+  ParamChanges(const Helpers& helpers, swap::Terms robots_terms, Keep keep)
+      : help_(helpers), robots_terms_(robots_terms), keep_(std::move(keep)) {}
+
+  // The answer, when they are in force: {"trial_ms", "warnings"}. Refused with trial_failed, the values before hold.
+  void set(const swap::Json& values, Callback callback, std::int64_t now_ns);
+  void on_event(const wire::Event& event);
+  void refuse_all(const swap::Refusal& reason);
+  // The newest change that was tried, with its law; null before the first.
+  const swap::Json& last() const { return last_; }
+
+ private:
+  struct Change {
+    std::uint64_t number;
+    RunningLaw law;  // when it was asked for; the values as they are when its turn has come
+    swap::Json values;
+    wire::Command command;
+    Callback callback;
+    swap::Json record = swap::Json::object();
+    swap::Json trial = swap::Json::object();  // what the trial said
+    std::uint64_t command_id = 0;
+  };
+  struct Past {
+    std::uint64_t request_id = 0;
+    std::map<std::uint64_t, swap::Json> records;  // by number, so oldest first
+  };
+
+  Change* head(std::uint64_t number);
+  void begin();
+  void tried(std::uint64_t number, const swap::Answer& answer);
+  void send(Change& change);
+  void answered(std::uint64_t number, const swap::Answer& answer);
+  void applied(const wire::Event& event);
+  void settle(const swap::Answer& answer);
+  void refuse(Change& change, const swap::Refusal& refusal);
+  void keep(Change& change, const char* verdict);
+  void judge_open(std::uint32_t law_id, const char* verdict, const std::string& reason, bool newest_only = false);
+  void tell(const Past& past);
+  void log(const Change& change, const char* kind, const std::string& text);
+  TrialOrder order_otherwise() const;
+
+  Helpers help_;
+  swap::Terms robots_terms_;
+  Keep keep_;
+  std::uint64_t next_number_ = 1;
+  std::deque<Change> waiting_;          // the first is under way
+  std::map<std::uint32_t, Past> past_;  // by law
+  swap::Json last_ = nullptr;
+};
+
+}  // namespace lithe::control

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which arena slot the next law gets, and who may still be using the others.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <variant>
+
+#include "spine/arena/layout.hpp"
+#include "spine/robot/config.hpp"
+#include "supervisor/core/fd.hpp"
+#include "supervisor/link/lawd_link.hpp"
+#include "supervisor/link/spine_link.hpp"
+
+namespace lithe::control {
+
+// The code arena of this robot: that of the Spine it finds, else a new one. Empty, and a warning is logged, when laws
+// are to be loaded with dlopen.
+Fd open_arena(const robot::RobotConfig& robot);
+
+// Where a law lies, as lawd said it. slot 0: not in the arena; it is loaded with dlopen.
+struct Placed {
+  std::uint32_t slot = 0;
+  std::uint32_t code_bytes = 0;
+  std::uint64_t entry = 0;
+  std::uint64_t image_hash = 0;
+  double place_ms = 0.0;
+};
+
+// A slot is free when no law in the Spine has it, lawd is not writing to it, and the Loader has answered every request
+// that names it; also the requests of a supervisor that died, of whose slots nobody knows any more.
+// Contract: one thread · never blocks · every place() is answered once
+class Placement {
+ public:
+  using Callback = std::function<void(const std::variant<Placed, swap::Refusal>&)>;
+
+  Placement(SpineLink& spine, LawdLink& lawd) : spine_(spine), lawd_(lawd), inherited_(spine.last_stage_ticket()) {}
+
+  // Has lawd link the law of this hash for a free slot and write it there. The slot is the caller's until he says
+  // asked() or forget().
+  void place(const std::string& hash, Callback callback, std::int64_t now_ns);
+  void asked(std::uint32_t slot, std::uint64_t ticket) { uses_[slot] = {Use::asked, ticket}; }
+  void forget(std::uint32_t slot) { uses_[slot] = {}; }
+
+  // 0 when all are in use.
+  std::uint32_t free_slot();
+
+ private:
+  struct Use {
+    enum { free, taken, asked } state = free;
+    std::uint64_t ticket = 0;
+  };
+
+  bool has_arena() const;
+  bool predecessors_requests_are_answered();
+
+  SpineLink& spine_;
+  LawdLink& lawd_;
+  std::uint64_t inherited_;  // the last request of a supervisor before this one, until all of them are answered
+  bool lawd_can_place_ = true;
+  std::array<Use, arena::kSlots + 1> uses_{};  // by slot; [0] is nobody's
+  std::uint32_t last_ = 0;                     // slots are used in turn: what was replaced last lies longest
+};
+
+}  // namespace lithe::control

@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: Apache-2.0
+// Drives the swap queue: compile service, trial, Spine, event log and records on one side, clients on the other.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <variant>
+
+#include "supervisor/swap/aftermath.hpp"
+#include "supervisor/link/commands.hpp"
+#include "supervisor/events/event_log.hpp"
+#include "supervisor/link/lawd_link.hpp"
+#include "supervisor/swap/param_changes.hpp"
+#include "supervisor/swap/placement.hpp"
+#include "supervisor/link/spine_link.hpp"
+#include "supervisor/link/trial_link.hpp"
+#include "supervisor/swap/tried_laws.hpp"
+#include "supervisor/swap/late.hpp"
+#include "supervisor/swap/queue.hpp"
+#include "supervisor/swap/record.hpp"
+#include "supervisor/swap/terms.hpp"
+
+namespace lithe::control {
+
+// Contract: one thread · never blocks · every submit is answered once, and leaves one record from the moment it
+// is queued: a client that goes away, or a supervisor that dies, does not take it along.
+class Swaps {
+ public:
+  using Callback = std::function<void(const swap::Answer&)>;
+
+  // All outlive Swaps.
+  struct Helpers {
+    SpineLink& spine;
+    LawdLink& lawd;
+    TrialLink* trial;  // nullptr: the gates are open, laws are not tried
+    Commands& commands;
+    EventLog& log;
+  };
+
+  Swaps(const Helpers& helpers, swap::RecordBook book, std::uint64_t first_request_id, const robot::RobotConfig& robot);
+
+  // The terms that the arguments of a request ask for, on top of the robot's own.
+  std::variant<swap::Terms, swap::Refusal> read_terms(const swap::Json& args) const;
+  void submit(swap::Request request, Callback callback, std::int64_t now_ns);
+  // Parameters of the running law. They pass the trial, too, and their record is in the law's certificate.
+  void set_params(const swap::Json& values, Callback callback, std::int64_t now_ns) {
+    params_.set(values, std::move(callback), now_ns);
+  }
+  void on_event(const wire::Event& event, std::int64_t now_ns);
+  void serve(std::int64_t now_ns);
+  // The robot stops, or the Spine is gone. What it has committed by then is answered as committed.
+  void refuse_all(const swap::Refusal& reason, std::int64_t now_ns);
+  // True while the Spine has something to say that no descriptor announces: serve() every millisecond then.
+  bool waiting() const { return queue_.head() != nullptr && queue_.head()->reached(swap::Stage::tried); }
+  bool gates_are_open() const { return help_.trial == nullptr; }
+  // summary_of() the newest swap that has begun, with what became of it since; null before the first.
+  const swap::Json& last() const { return last_; }
+  // The newest change of parameters that was tried, and what became of it; null before the first.
+  const swap::Json& last_params() const { return params_.last(); }
+  // The last faults of laws: [{law, kind, tick, where, function, ...}].
+  const swap::Json& law_faults() const { return aftermath_.faults(); }
+  // Where the certificates go.
+  const std::filesystem::path& records() const { return book_.folder(); }
+  // What is wrong with them now, or was lost of them; null while all are kept.
+  swap::Json records_trouble() const;
+
+ private:
+  // The steps of the head of the queue, in this order; each but the last ends in an answer.
+  void compile(const swap::Transaction& swap);
+  void compiled(std::uint64_t request_id, const swap::Answer& answer);
+  void place(const swap::Transaction& swap);
+  void placed(std::uint64_t request_id, const std::variant<Placed, swap::Refusal>& where);
+  void attempt(const swap::Transaction& swap);
+  void tried(std::uint64_t request_id, const swap::Answer& answer);
+  TrialOrder order_of(const swap::Transaction& swap) const;
+  void compare(swap::Json& report) const;
+  void stage(const swap::Transaction& swap);
+  void poll_stage(std::int64_t now_ns);
+  void take_commit();
+  void guess_commit(std::int64_t now_ns);
+  void refuse_with_line(const swap::Transaction& swap, const swap::Refusal& refusal);
+  void find_line(const swap::Transaction& swap, std::uint64_t offset, bool placed, Aftermath::Found found);
+  void locate(const swap::Transaction& swap, std::uint32_t offset, Aftermath::Found found);
+  void shadow_ended(const wire::Event& event, std::int64_t now_ns);
+  void come_late(const wire::Event& event);
+  void not_carried(const wire::Event& event);
+  void finish(swap::Transaction&& swap);
+
+  bool is_head(std::uint64_t request_id) const;
+  void give_slot_back();
+  void remember(const swap::Transaction& swap);
+  void keep_record(const swap::Transaction& swap);
+  void rewrite(const swap::Transaction& swap, const swap::RecordBook::Page& record);
+  void note(const swap::Transaction& swap, const char* kind, const std::string& text);
+  void log(std::uint64_t request_id, const char* kind, const std::string& text);
+  std::uint64_t missed_releases() const;
+  std::optional<swap::Refusal> no_shadow(const swap::Terms& terms) const;
+
+  Helpers help_;
+  Placement placement_;
+  swap::RecordBook book_;
+  swap::LateRecords late_;
+  std::string write_failed_;  // why the last certificate could not be written; empty: it was
+  swap::Json last_ = nullptr;
+  swap::Terms robots_terms_;
+  swap::Queue queue_;
+  Aftermath aftermath_;
+  TriedLaws tried_laws_;
+  ParamChanges params_;
+  struct Waiting {
+    Callback callback;
+    swap::RecordBook::Page record;
+    std::string record_lost;  // why there is no file; empty: there is
+  };
+  std::map<std::uint64_t, Waiting> waiting_;
+  struct Unconfirmed {
+    swap::Transaction swap;
+    swap::RecordBook::Page record;
+  };
+  static constexpr std::size_t kMostUnconfirmed = 8;
+  std::deque<Unconfirmed> unconfirmed_;  // given up while the Spine had them, oldest first
+  std::optional<Placed> placed_;         // where the head of the queue lies, until the Loader is asked
+  std::optional<std::uint64_t> ticket_;  // of the stage request under way
+  std::optional<wire::Event> commit_;    // seen, not yet answered
+  CoreCounts before_;                    // counted when the Loader was asked
+  std::int64_t stage_refused_ns_ = 0;    // the Loader said no; its event may still bring the words
+};
+
+}  // namespace lithe::control

@@ -1,0 +1,251 @@
+// SPDX-License-Identifier: Apache-2.0
+// Against the real compile service and real segments; what the Spine says is written by hand.
+#include "supervisor/swap/swaps.hpp"
+
+#include <gtest/gtest.h>
+#include <poll.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <fstream>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "spine/core/time.hpp"
+#include "supervisor/swap/chain.hpp"
+
+namespace lithe::control {
+namespace {
+
+namespace fs = std::filesystem;
+using swap::Answer;
+using swap::Json;
+using swap::Refusal;
+using wire::EventKind;
+
+constexpr const char* kLaw =
+    "#include <lithe/law.hpp>\n"
+    "struct Rest {\n"
+    "  struct Params { lithe::Param gain{1.0, 0.0, 2.0}; };\n"
+    "  struct State { double last_rad = 0.0; };\n"
+    "  static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& e) {\n"
+    "    s.last_rad = t.position_rad[0]; e.torque_nm[0] = -p.gain * t.velocity_rad_s[0];\n"
+    "  }\n"
+    "};\n"
+    "LITHE_LAW(Rest, \"rest\");\n";
+constexpr std::uint64_t kFirst = 100;  // request id
+const Refusal kGone{"robot_fault", "the Spine is gone", "start again"};
+
+class SwapsTest : public testing::Test {
+ protected:
+  SwapsTest() : dir_(fs::temp_directory_path() / robot_) {}
+  void SetUp() override {
+    spine_.emplace(std::move(*ipc::Segment<ipc::SpineMemory>::create(robot_)));
+    control_.emplace(std::move(*ipc::Segment<ipc::ControlMemory>::create(robot_)));
+    auto info = std::make_unique<wire::RobotInfo>();
+    info->rate_hz = 1000;
+    ipc::ChannelWriter<wire::RobotInfo>((*spine_)->robot_info).write(*info);
+    loader_.emplace((*control_)->stage, (*spine_)->stage_ack);
+    auto link = SpineLink::attach(robot_);
+    ASSERT_TRUE(link) << link.message();
+    link_.emplace(std::move(*link));
+    commands_.emplace(*link_, 1);
+    lawd_.open_gates();
+    ASSERT_TRUE(lawd_.start(monotonic_ns()));
+    swaps_.emplace(Swaps::Helpers{*link_, lawd_, nullptr, *commands_, log_}, swap::RecordBook(dir_), kFirst,
+                   robot::RobotConfig{});
+  }
+  void TearDown() override {
+    ipc::remove_segment(ipc::Segment<ipc::SpineMemory>::path(robot_));
+    ipc::remove_segment(ipc::Segment<ipc::ControlMemory>::path(robot_));
+    fs::remove_all(dir_);
+  }
+
+  // A swap, up to the request that the Loader finds in its mailbox.
+  void ask(Json params = Json::object()) {
+    swap::Request request{"rest.cpp", kLaw, std::move(params)};
+    swaps_->submit(request, [this](const Answer& answer) { answers_.push_back(answer); }, monotonic_ns());
+    const std::int64_t deadline_ns = monotonic_ns() + 60 * kNsPerS;
+    wire::StageRequest staged;
+    while (!loader_->receive(staged, ticket_) && monotonic_ns() < deadline_ns) {
+      pollfd wait{lawd_.poll_fd(), POLLIN, 0};
+      ::poll(&wait, 1, 10);
+      lawd_.serve(monotonic_ns());
+      swaps_->serve(monotonic_ns());
+    }
+    request_id_ = staged.request_id;
+    staged_ = staged;
+    ASSERT_NE(request_id_, 0U);
+  }
+  void tell(EventKind kind, std::uint32_t code, std::uint64_t tick, double value = 0, const std::string& text = "") {
+    wire::Event event;
+    event.value = value;
+    std::copy_n(text.begin(), std::min(text.size(), event.text.size() - 1), event.text.begin());
+    event.kind = static_cast<std::uint32_t>(kind);
+    event.request_id = request_id_;
+    event.code = code;
+    event.tick = tick;
+    event.t_ns = monotonic_ns();
+    swaps_->on_event(event, event.t_ns);
+  }
+  void publish(std::uint64_t tick, std::uint32_t law_id) {
+    auto record = std::make_unique<wire::Telemetry>();
+    record->tick = tick;
+    record->law_id = law_id;
+    ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth>((*spine_)->telemetry).push(*record);
+    wire::LawInfo info;
+    info.law_id = law_id;
+    info.request_id = request_id_;
+    info.param_count = 1;
+    info.param_name = {'g', 'a', 'i', 'n'};
+    info.param_max[0] = 2;
+    ipc::ChannelWriter<wire::LawInfo>((*spine_)->law_info[0]).write(info);
+  }
+  Json certificate() const {
+    std::ifstream file(dir_ / "0001.json");
+    return Json::parse(file, nullptr, false);
+  }
+
+  std::string robot_ = "swaps" + std::to_string(::getpid());
+  fs::path dir_;
+  std::optional<ipc::Segment<ipc::SpineMemory>> spine_;
+  std::optional<ipc::Segment<ipc::ControlMemory>> control_;
+  std::optional<ipc::MailboxReceiver<wire::StageRequest, wire::control_segment::kStageDepth>> loader_;
+  std::optional<SpineLink> link_;
+  LawdLink lawd_{LITHE_LAWD, {}, 1};
+  std::optional<Commands> commands_;
+  EventLog log_;
+  std::vector<Answer> answers_;
+  std::uint64_t ticket_ = 0;
+  std::uint64_t request_id_ = 0;
+  wire::StageRequest staged_;
+  std::optional<Swaps> swaps_;
+};
+
+TEST_F(SwapsTest, ALawThatTookTheSpineAlongIsCertifiedAsCommitted) {
+  ask();
+  tell(EventKind::law_staged, 7, 0);
+  tell(EventKind::law_committed, 7, 500);  // no tick after it: telemetry never shows the law
+  swaps_->refuse_all(kGone, monotonic_ns());
+  ASSERT_EQ(answers_.size(), 1U);
+  EXPECT_TRUE(std::holds_alternative<Json>(answers_[0]));
+  EXPECT_EQ(certificate()["verdict"], "committed");
+  EXPECT_EQ(certificate()["commit_tick"], 500);
+  EXPECT_EQ(certificate()["law_id"], 7);
+  EXPECT_EQ(certificate()["stage"], "retired");
+  EXPECT_EQ(certificate()["reasons"]["retired"], "the Spine is gone");
+}
+
+TEST_F(SwapsTest, OneWhoseCommitEventWasLostIsSeenByItsTelemetryAndTheTickIsMarkedAsAGuess) {
+  ask();
+  publish(800, 7);
+  swaps_->refuse_all(kGone, monotonic_ns());
+  EXPECT_EQ(certificate()["verdict"], "committed");
+  EXPECT_EQ(certificate()["commit_tick"], 800);
+  EXPECT_EQ(certificate()["commit_tick_is_estimate"], true);
+}
+
+TEST_F(SwapsTest, ALawThatIsCommittedAfterItsSwapWasGivenUpIsFollowedToItsEnd) {
+  ask({{"gain", 1.5}});
+  swaps_->serve(monotonic_ns() + 60 * kNsPerS);
+  ASSERT_EQ(answers_.size(), 1U);
+  EXPECT_EQ(std::get<Refusal>(answers_[0]).code, "timeout");
+  EXPECT_EQ(certificate()["verdict"], "not_confirmed");
+  tell(EventKind::law_committed, 7, 500);
+  EXPECT_EQ(answers_.size(), 1U) << "one answer";
+  EXPECT_EQ(certificate()["verdict"], "committed");
+  EXPECT_EQ(certificate()["commit_tick"], 500);
+  EXPECT_EQ(certificate()["answered"]["verdict"], "not_confirmed");
+  EXPECT_EQ(certificate()["params"]["taken"], true) << "they came with the law";
+  tell(EventKind::law_confirmed, 7, 900);
+  EXPECT_EQ(certificate()["verdict"], "confirmed");
+}
+
+TEST_F(SwapsTest, ALawThatTheLoaderRefusesAfterItsSwapWasGivenUpIsRefused) {
+  ask();
+  swaps_->serve(monotonic_ns() + 60 * kNsPerS);
+  tell(EventKind::law_refused, static_cast<std::uint32_t>(wire::StageResult::dry_run_failed), 0);
+  EXPECT_EQ(certificate()["verdict"], "refused");
+  EXPECT_EQ(certificate()["error"]["code"], "dry_run_failed");
+}
+
+TEST_F(SwapsTest, ParametersComeWithTheirLawAndAreInForceOnItsFirstTick) {
+  ask({{"gain", 1.5}});
+  EXPECT_EQ(staged_.param_count, 1U) << "not a command of their own after the commit";
+  EXPECT_EQ(staged_.param_index[0], 0U);
+  EXPECT_EQ(staged_.param_value[0], 1.5);
+  EXPECT_TRUE(certificate()["params"]["taken"].is_null());
+  tell(EventKind::law_committed, 7, 500);
+  publish(501, 7);
+  swaps_->serve(monotonic_ns());
+  ASSERT_EQ(answers_.size(), 1U);
+  EXPECT_EQ(std::get<Json>(answers_[0])["params"]["taken"], true);
+  EXPECT_EQ(certificate()["params"]["values"]["gain"], 1.5);
+}
+
+TEST_F(SwapsTest, ParametersOfARefusedSwapWereNotTaken) {
+  ask({{"gain", 1.5}});
+  tell(EventKind::law_refused, static_cast<std::uint32_t>(wire::StageResult::dry_run_failed), 0);
+  EXPECT_EQ(certificate()["params"]["taken"], false);
+}
+
+TEST_F(SwapsTest, AnswerCertificateAndStatusNameTheFieldsThatWereNotCarried) {
+  ask();
+  tell(EventKind::law_staged, 7, 0);
+  tell(EventKind::law_committed, 7, 500);
+  tell(EventKind::state_not_carried, 7, 500, 2, "last_rad, gain_nm: no finite number; starts from its default");
+  EXPECT_TRUE(answers_.empty()) << "the answer waits for the tick that shows the law";
+  publish(501, 7);
+  swaps_->serve(monotonic_ns());
+  ASSERT_EQ(answers_.size(), 1U);
+  const Json fields = {"last_rad", "gain_nm"};
+  EXPECT_EQ(std::get<Json>(answers_[0])["state_not_carried"]["fields"], fields);
+  EXPECT_EQ(certificate()["state_not_carried"]["fields"], fields);
+  EXPECT_EQ(certificate()["state_not_carried"]["why"], "no finite number; starts from its default");
+  EXPECT_EQ(swaps_->last()["state_not_carried"], fields);
+  tell(EventKind::state_not_carried, 7, 900, 1, "last_rad: no finite number; starts from its default");
+  EXPECT_EQ(certificate()["state_not_carried"]["tick"], 900) << "when it came back";
+}
+
+TEST_F(SwapsTest, ALawThatHasNotMovedIsUnprovenUntilTheSpineConfirmsIt) {
+  ask();
+  tell(EventKind::law_committed, 7, 500);
+  publish(501, 7);
+  swaps_->serve(monotonic_ns());
+  tell(EventKind::law_unproven, 7, 900, 1, "of its parameters");
+  EXPECT_EQ(swaps_->last()["verdict"], "committed") << "that was about parameters";
+  tell(EventKind::law_unproven, 7, 900, 0, "the robot moved too little");
+  EXPECT_EQ(certificate()["verdict"], "unproven");
+  EXPECT_EQ(swaps_->last()["verdict"], "unproven");
+  EXPECT_EQ(swaps_->last()["reason"], "the robot moved too little");
+  tell(EventKind::law_confirmed, 7, 1500);
+  EXPECT_EQ(certificate()["verdict"], "confirmed");
+  EXPECT_FALSE(swaps_->last().contains("reason"));
+}
+
+TEST_F(SwapsTest, ALawIsMeasuredBeforeTheNextOneComesNearTheSpine) {
+  ask();
+  publish(499, 1);
+  tell(EventKind::law_staged, 7, 0);
+  tell(EventKind::law_committed, 7, 500);
+  publish(501, 7);
+  swaps_->serve(monotonic_ns());
+  ASSERT_EQ(answers_.size(), 1U);
+  EXPECT_FALSE(certificate().contains("measured"));
+  ask();
+  ASSERT_TRUE(certificate().contains("measured"));
+  EXPECT_GT(certificate()["measured"]["core"]["seconds"], 0.0);
+}
+
+TEST_F(SwapsTest, WhatTheSpineHadWhenItWentIsNotCalledRefused) {
+  ask();
+  tell(EventKind::law_staged, 7, 0);
+  swaps_->refuse_all(kGone, monotonic_ns());
+  ASSERT_EQ(answers_.size(), 1U);
+  EXPECT_EQ(std::get<Refusal>(answers_[0]).code, "robot_fault");
+  EXPECT_EQ(certificate()["verdict"], "not_confirmed");
+}
+
+}  // namespace
+}  // namespace lithe::control

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// What every trial of one robot has in common, and what one request adds.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "spine/core/time.hpp"
+#include "spine/hal/actuators.hpp"
+#include "spine/load/arena_store.hpp"
+#include "spine/robot/config.hpp"
+#include "spine/wire/wire.hpp"
+#include "trial/core/report.hpp"
+
+namespace lithe::trial {
+
+// One that is ridden: at rest, its drives on.
+struct SimulatedRobot {
+  std::unique_ptr<hal::Actuators> actuators;
+  std::int64_t from_ns = 0;  // on the clock of that robot
+  LoopStats baseline;        // of a ride without a law
+};
+
+// Contract: made by the zygote before the first trial; a child has its own copy, by fork
+struct Setting {
+  robot::RobotConfig robot;
+  SimulatedRobot plain, heavy;  // as the robot file says; with a payload, for the rough ride
+  RawClock clock;
+  int ride_ms = 0;  // of the processor, which both rides take to their end without a law; a law's take it again
+  std::unique_ptr<load::ArenaStore> arena;  // null = there is none
+  bool walled = false;                      // allow_trials_only() holds for the zygote, and so for its children
+
+  std::uint32_t joints() const { return static_cast<std::uint32_t>(robot.joints.size()); }
+  std::int64_t period_ns() const { return static_cast<std::int64_t>(1e9 / robot.rate_hz); }
+  double dt_s() const { return 1 / robot.rate_hz; }
+};
+
+// One request, checked.
+struct Order {
+  wire::StageRequest stage;  // where the code is: `path`, or slot, code_bytes, entry and image_hash
+  std::int64_t budget_ns = 0;
+  int box_ms = 150;
+  std::string recording;                               // the robot whose telemetry is replayed; empty = none
+  std::vector<std::pair<std::string, double>> params;  // instead of the compiled values
+};
+
+}  // namespace lithe::trial

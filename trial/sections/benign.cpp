@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdarg>
+#include <cstdio>
+#include <cstring>
+
+#include "spine/law/dry_inputs.hpp"
+#include "trial/sections/sections.hpp"
+
+namespace lithe::trial {
+namespace {
+
+constexpr std::uint64_t kSteps = 200, kResetAt = 100;
+
+// Fills the stack that the next call will use: a law that reads what it never wrote finds something else each time.
+[[gnu::noinline]] void scribble(std::uint64_t value) {
+  std::array<volatile std::uint64_t, 1024> junk;
+  for (auto& word : junk) word = value;
+}
+
+bool same_bits(Stand& one, Stand& other, const LitheLaw& law, std::uint32_t joints) {
+  const auto same = [&](const JointArray& a, const JointArray& b) {
+    return std::memcmp(a.data(), b.data(), joints * sizeof(double)) == 0;
+  };
+  const Effort &a = one.effort(), &b = other.effort();
+  return same(a.torque_nm, b.torque_nm) && same(a.position_rad, b.position_rad) &&
+         same(a.velocity_rad_s, b.velocity_rad_s) && same(a.kp_nm_rad, b.kp_nm_rad) &&
+         same(a.kd_nm_s_rad, b.kd_nm_s_rad) &&
+         std::memcmp(one.probes().data(), other.probes().data(), law.probe_count * sizeof(double)) == 0;
+}
+
+double largest_difference(const Stand& one, const Stand& other, std::uint32_t joints) {
+  double most = 0;
+  for (std::uint32_t j = 0; j < joints; ++j) {
+    most = std::max(most, std::abs(one.effort().torque_nm[j] - other.effort().torque_nm[j]));
+  }
+  return most;
+}
+
+// A law that has just been started with nothing to look back on.
+bool starts_without_a_past(Bench& bench) {
+  bench.doing("its init without a past");
+  bench.one.reset(false);
+  Tick tick;
+  for (std::uint64_t k = 0; k < law::kDryStepsAtRest; ++k) {
+    law::dry_input(tick, k, bench.joints());
+    bench.one.step(tick);
+    if (!bench.sound(bench.one)) return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+void Bench::doing(const char* format, ...) {
+  va_list values;
+  va_start(values, format);
+  std::vsnprintf(report.doing.data(), report.doing.size(), format, values);
+  va_end(values);
+}
+
+bool Bench::refuse(const char* format, ...) {
+  va_list values;
+  va_start(values, format);
+  std::vsnprintf(report.refused.data(), report.refused.size(), format, values);
+  va_end(values);
+  return false;
+}
+
+bool Bench::sound(Stand& stand) {
+  if (const char* damage = stand.damage(); *damage != '\0') {
+    return refuse("%s (%s): look for an index below zero", damage, report.doing.data());
+  }
+  char bad[64];
+  if (law::outputs_are_finite(stand.effort(), stand.probes(), law, joints(), bad, sizeof bad)) {
+    return within_joints(stand);
+  }
+  return refuse(
+      "%s is not finite (%s): look for a division by zero, sqrt or log of a negative number, a sensor that is not "
+      "valid (NaN), or a gain that diverges",
+      bad, report.doing.data());
+}
+
+bool run_benign(Bench& bench) {
+  bench.doing("its init");
+  bench.one.reset();
+  bench.other.reset();
+  Tick tick;
+  bench.report.same_bits = 1;
+  for (std::uint64_t k = 0; k < kSteps; ++k) {
+    bench.doing("harmless input %u", static_cast<unsigned>(k));
+    law::dry_input(tick, k, bench.joints());
+    if (k == kResetAt) bench.other.reset();  // from here on the two differ by what the state remembers
+    scribble(0);
+    const double first_ns = bench.one.step(tick);
+    if (k == 0) bench.report.first_ns = first_ns;
+    scribble(0x4141'4141'4141'4141);
+    bench.other.step(tick);
+    ++bench.progress().steps;
+    if (!bench.sound(bench.one) || !bench.sound(bench.other)) return false;
+    if (k == kResetAt) bench.report.reset_difference_nm = largest_difference(bench.one, bench.other, bench.joints());
+    if (k >= kResetAt || same_bits(bench.one, bench.other, bench.law, bench.joints())) continue;
+    bench.report.same_bits = 0;
+    return bench.refuse(
+        "the same input gave another output the second time (harmless input %u): look for a variable "
+        "that is read before it is written, or an address used as a number",
+        static_cast<unsigned>(k));
+  }
+  if (!reads_within_joints(bench)) return false;
+  return bench.law.init == nullptr || starts_without_a_past(bench);
+}
+
+}  // namespace lithe::trial

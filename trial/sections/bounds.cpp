@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+// A law that uses entries of an array beyond the robot's joints: they are there (kMaxJoints of them), and mean nothing.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+
+#include "spine/law/dry_inputs.hpp"
+#include "trial/sections/sections.hpp"
+
+namespace lithe::trial {
+namespace {
+
+constexpr std::uint64_t kFirstStep = 100, kSteps = 8;  // of a robot that moves
+
+struct Input {
+  const char* name;
+  JointArray Tick::* values;
+};
+constexpr std::array kInputs =
+    std::to_array<Input>({{"position_rad", &Tick::position_rad},
+                          {"velocity_rad_s", &Tick::velocity_rad_s},
+                          {"torque_nm", &Tick::torque_nm},
+                          {"setpoint_position_rad", &Tick::setpoint_position_rad},
+                          {"setpoint_velocity_rad_s", &Tick::setpoint_velocity_rad_s},
+                          {"setpoint_acceleration_rad_s2", &Tick::setpoint_acceleration_rad_s2}});
+
+struct Output {
+  const char* name;
+  JointArray Effort::* values;
+};
+constexpr std::array kOutputs = std::to_array<Output>({{"torque_nm", &Effort::torque_nm},
+                                                       {"position_rad", &Effort::position_rad},
+                                                       {"velocity_rad_s", &Effort::velocity_rad_s},
+                                                       {"kp_nm_rad", &Effort::kp_nm_rad},
+                                                       {"kd_nm_s_rad", &Effort::kd_nm_s_rad}});
+
+// Runs the law on the same ordinary steps twice; the second time entries [from, to) of `input` hold something. False
+// when that shows in what it puts out, or it was refused meanwhile.
+bool same_output(Bench& bench, const Input& input, std::size_t from, std::size_t to) {
+  bench.one.reset();
+  bench.other.reset();
+  Tick tick, other;
+  for (std::uint64_t k = 0; k < kSteps; ++k) {
+    law::dry_input(tick, kFirstStep + k, bench.joints());
+    other = tick;
+    for (std::size_t j = from; j < to; ++j) (other.*input.values)[j] = 1 + 0.5 * static_cast<double>(j + k);
+    bench.one.step(tick);
+    bench.other.step(other);
+    if (!bench.sound(bench.one) || !bench.sound(bench.other)) return false;
+    for (const Output& output : kOutputs) {
+      const JointArray &a = bench.one.effort().*output.values, &b = bench.other.effort().*output.values;
+      if (std::memcmp(a.data(), b.data(), bench.joints() * sizeof(double)) != 0) return false;
+    }
+    const std::size_t probes = bench.law.probe_count * sizeof(double);
+    if (std::memcmp(bench.one.probes().data(), bench.other.probes().data(), probes) != 0) return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+// What it leaves there as it was, or sets to zero with the whole array, does no harm.
+bool Bench::within_joints(const Stand& stand) {
+  for (const Output& output : kOutputs) {
+    const JointArray& values = stand.effort().*output.values;
+    for (std::size_t j = joints(); j < kMaxJoints; ++j) {
+      const bool absent = output.values == &Effort::position_rad && std::isnan(values[j]);
+      if (absent || values[j] == 0) continue;
+      return refuse(
+          "it writes %s[%zu], but this robot has %u joints, 0 to %u (%s): count to t.joints, not to kMaxJoints",
+          output.name, j, joints(), joints() - 1, report.doing.data());
+    }
+  }
+  return true;
+}
+
+bool reads_within_joints(Bench& bench) {
+  const std::size_t joints = bench.joints();
+  for (const Input& input : kInputs) {
+    bench.doing("%s beyond the robot's joints", input.name);
+    if (same_output(bench, input, joints, kMaxJoints)) continue;
+    if (bench.report.refused[0] != '\0') return false;
+    std::size_t first = joints;
+    while (first + 1 < kMaxJoints && same_output(bench, input, first, first + 1)) ++first;
+    return bench.refuse(
+        "it reads %s[%zu], but this robot has %zu joints, 0 to %zu: count to t.joints, not to kMaxJoints", input.name,
+        first, joints, joints - 1);
+  }
+  return true;
+}
+
+}  // namespace lithe::trial

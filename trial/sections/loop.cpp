@@ -1,0 +1,242 @@
+// SPDX-License-Identifier: Apache-2.0
+// Two rides of the law with the simulated robot, and what is said to them.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <ctime>
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "trial/sections/ride.hpp"
+#include "trial/sections/sections.hpp"
+
+namespace lithe::trial {
+namespace {
+
+constexpr double kMandatorySeconds = 0.1;  // of the robot's time, whatever its rate
+constexpr double kRoughSeconds = 0.5;      // of the rough one: the push, and what comes of it
+// A joint is worth a warning when without a law it is so far off, and a law leaves at least this share of that.
+constexpr double kWorthASecondLookRad = 0.02;
+constexpr double kNoBetter = 0.95;
+constexpr std::int64_t kStartNs = 1'000'000'000;
+constexpr double kReadySeconds = 10;
+constexpr double kMostRideMs = 2000;  // of the processor's time, on top of the box: who asks does not wait for ever
+constexpr std::int64_t kSwitchOnNs = 10'000'000;  // a moteus is on 5 ms after it is told
+constexpr int kExchangesToSwitchOn = 10;          // a CiA 402 drive goes one state a word
+
+// The guard holds every law, but a law that leans on it all the time is not the law its author meant.
+struct Bound {
+  std::uint32_t LoopStats::* count;
+  double share;
+  const char* what;
+};
+constexpr Bound kBounds[] = {
+    {&LoopStats::position_clamped, 0.1, "pushes a joint against its position limit"},
+    {&LoopStats::velocity_clamped, 0.1, "drives a joint to its velocity limit"},
+    {&LoopStats::slew_clamped, 0.25, "changes its torque faster than torque_slew_nm_s allows"},
+    {&LoopStats::torque_clamped, 0.8, "asks for more than torque_max_nm"},
+};
+
+// "velocity_limit: joint wrist at 19.3 rad/s, at most 18.8".
+std::array<char, 160> fault_words(const robot::RobotConfig& robot, const LoopStats& stats) {
+  std::array<char, 160> text{};
+  const auto fault = static_cast<wire::Fault>(stats.fault);
+  const robot::JointConfig& joint = robot.joints[stats.fault_joint];
+  const char *what = wire::to_string(fault).data(), *name = joint.name.c_str();
+  if (fault == wire::Fault::velocity_limit) {
+    std::snprintf(text.data(), text.size(), "%s: joint %s at %.3g rad/s, at most %.3g", what, name,
+                  stats.fault_velocity_rad_s, joint.velocity_max_rad_s * robot.guard.velocity_overrun);
+  } else if (fault == wire::Fault::position_limit) {
+    std::snprintf(text.data(), text.size(), "%s: joint %s at %.3g rad, limits %.3g and %.3g", what, name,
+                  stats.fault_position_rad, joint.position_min_rad, joint.position_max_rad);
+  } else {
+    std::snprintf(text.data(), text.size(), "%s", what);
+  }
+  return text;
+}
+
+// A robot that falls out of its limits by itself is stopped in any case; a law must not hasten that. The same of a
+// joint that shakes.
+bool goes_on(Bench& bench, const LoopStats& law, const LoopStats& alone, const char* where) {
+  if (law.fault != 0 && (alone.fault == 0 || law.fault_tick < alone.fault_tick)) {
+    std::array<char, 64> otherwise{"nothing happened"};
+    if (alone.fault != 0) std::snprintf(otherwise.data(), otherwise.size(), "it took %u ticks", alone.fault_tick);
+    return bench.refuse(
+        "%s the guard had to stop it after %u ticks (%s); without a law %s: look at the sign and the size "
+        "of its gains",
+        where, law.fault_tick, fault_words(bench.setting.robot, law).data(), otherwise.data());
+  }
+  if (law.tremor == 0 || (alone.tremor == law.tremor && alone.tremor_joint == law.tremor_joint)) return true;
+  const robot::JointConfig& shaking = bench.setting.robot.joints[law.tremor_joint];
+  const char* joint = shaking.name.c_str();
+  using Kind = law::Tremor::Finding::Kind;
+  if (Kind{static_cast<std::uint8_t>(law.tremor)} == Kind::chatter) {
+    return bench.refuse(
+        "%s the torque of joint %s jumps up and down by %.2g N m, %.0f times a second (after %u ticks; from %.2g N m "
+        "on, "
+        "%.0f are too many): filter what it differentiates, and let no sign of an error switch a torque",
+        where, joint, law.tremor_size, law.tremor_hz, law.ticks, law::Tremor::kJumpShare * shaking.torque_max_nm,
+        std::min(law::Tremor::kChatterHz, law::Tremor::kChatterOfRate * bench.setting.robot.rate_hz));
+  }
+  return bench.refuse(
+      "%s joint %s swings to and fro by %.2g rad/s at %.1f Hz without decay (after %u ticks; from %.2g rad/s on, %u "
+      "swings are too many): lower its stiffness, or raise its damping",
+      where, joint, law.tremor_size, law.tremor_hz, law.ticks, law::Tremor::kSwingShare * shaking.velocity_max_rad_s,
+      law::Tremor::kMostSwings);
+}
+
+bool judge(Bench& bench) {
+  const LoopStats &law = bench.report.loop, &alone = bench.setting.plain.baseline;
+  if (!goes_on(bench, law, alone, "with the simulated robot")) return false;
+  for (const Bound& bound : kBounds) {
+    const double share = law.*bound.count / std::max(1.0, static_cast<double>(law.ticks));
+    // What happened before that ride was broken off is no excuse for all of a longer one.
+    const double anyway =
+        alone.*bound.count / std::max({1.0, static_cast<double>(alone.ticks), static_cast<double>(law.ticks)});
+    if (share <= bound.share + anyway) continue;
+    return bench.refuse(
+        "with the simulated robot it %s in %.0f %% of %u ticks (at most %.0f %%), joint %s most of all: look at the "
+        "sign "
+        "and the size of its gains, and filter what it differentiates",
+        bound.what, 100 * share, law.ticks, 100 * (bound.share + anyway),
+        bench.setting.robot.joints[law.held_joint].name.c_str());
+  }
+  return true;
+}
+
+// Lives until every drive can be commanded, and is on. Where the robot's own clock is then.
+Result<std::int64_t> make_ready(const robot::RobotConfig& robot, hal::Actuators& actuators) {
+  constexpr std::uint32_t kReady = wire::joint_status::kFresh, kAll = kReady | wire::joint_status::kNotReady;
+  const auto period_ns = static_cast<std::int64_t>(1e9 / robot.rate_hz);
+  hal::ActuatorCommand command;
+  hal::ActuatorState state;
+  std::int64_t now_ns = kStartNs;
+  command.joints = static_cast<std::uint32_t>(robot.joints.size());
+  command.position_rad.fill(std::numeric_limits<double>::quiet_NaN());
+  const auto cycle = [&] {
+    ++command.tick;
+    actuators.cycle(command, state, now_ns);
+    now_ns += period_ns;
+  };
+  // A drive answers long before it is set up.
+  const auto joint_behind = [&] {
+    std::size_t joint = 0;
+    while (joint < command.joints && (state.status[joint] & kAll) == kReady) ++joint;
+    return joint;
+  };
+  for (; joint_behind() < command.joints; cycle()) {
+    if (now_ns - kStartNs <= static_cast<std::int64_t>(kReadySeconds * 1e9)) continue;
+    return Error{"the simulated robot is not ready, joint " + robot.joints[joint_behind()].name + ": " +
+                 actuators.trouble()};
+  }
+  std::uint32_t divider = 1;
+  for (const robot::DeviceConfig& device : robot.devices) divider = std::max(divider, device.rate_divider);
+  command.act(hal::DriveAction::torque);
+  const std::int64_t on_ns = now_ns + std::max(kSwitchOnNs, kExchangesToSwitchOn * divider * period_ns);
+  while (now_ns < on_ns) cycle();
+  return now_ns;
+}
+
+Result<> open_ready(const robot::RobotConfig& robot, SimulatedRobot& simulated) {
+  auto actuators = hal::simulate_actuators(robot);
+  if (!actuators) return actuators.error();
+  const auto from_ns = make_ready(robot, **actuators);
+  if (!from_ns) return from_ns.error();
+  simulated.from_ns = *from_ns;
+  simulated.actuators = std::move(*actuators);
+  return done();
+}
+
+// A joint that stands outside its limits, or at one, would be stopped in the first tick whatever the law does: nothing
+// would be tried.
+void start_inside(robot::RobotConfig& robot) {
+  for (robot::JointConfig& joint : robot.joints) {
+    const double width_rad = joint.position_max_rad - joint.position_min_rad;
+    const double margin_rad = std::min(robot.guard.soft_stop_rad, 0.25 * width_rad);
+    joint.sim.initial_position_rad = std::clamp(joint.sim.initial_position_rad, joint.position_min_rad + margin_rad,
+                                                joint.position_max_rad - margin_rad);
+  }
+}
+
+// Its baseline, and what the whole ride takes of the processor [ms].
+double ride_without_a_law(const Setting& setting, SimulatedRobot& simulated, bool rough) {
+  const std::clock_t from = std::clock();  // processor time of this process, so that other load does not count
+  Ride ride(setting.robot, simulated, rough);
+  Effort nothing;
+  nothing.clear(setting.joints());
+  do ride.look();
+  while (ride.act(nothing) && !ride.over());
+  simulated.baseline = ride.stats;
+  const double took_ms = 1e3 * static_cast<double>(std::clock() - from) / CLOCKS_PER_SEC;
+  // The guard may have broken it off: a law may keep the robot going to the end. A few ticks tell little of a whole
+  // ride.
+  return took_ms * kRideSeconds * setting.robot.rate_hz / ride.stats.ticks;
+}
+
+// False: an output was not sound, and it is refused.
+bool ride_with_the_law(Bench& bench, Ride& ride, double mandatory_s, const char* where, LoopStats& stats) {
+  bench.one.reset();
+  bool going = true;
+  while (going && !ride.over()) {
+    if (ride.stats.ticks >= ride.ticks_in(mandatory_s) && bench.out_of_time()) break;
+    bench.doing("tick %u %s", ride.stats.ticks, where);
+    bench.one.step(ride.look());
+    if (!bench.sound(bench.one)) return false;
+    going = ride.act(bench.one.effort());
+    stats = ride.stats;
+    ++bench.progress().steps;
+  }
+  return true;
+}
+
+constexpr const char* kPlain = "with the simulated robot";
+constexpr const char* kRough =
+    "with the simulated robot pushed, 20 % heavier, its sensors noisy and everything one tick later,";
+
+}  // namespace
+
+bool run_loop(Bench& bench) {
+  Ride plain(bench.setting.robot, bench.setting.plain, false);
+  if (!ride_with_the_law(bench, plain, kMandatorySeconds, kPlain, bench.report.loop) || !judge(bench)) return false;
+  Ride rough(bench.setting.robot, bench.setting.heavy, true);
+  return ride_with_the_law(bench, rough, kRoughSeconds, "of the rough ride", bench.report.rough) &&
+         goes_on(bench, bench.report.rough, bench.setting.heavy.baseline, kRough);
+}
+
+std::vector<std::string> warnings(const Report& report, const Setting& setting) {
+  std::vector<std::string> found;
+  const LoopStats &law = report.loop, &alone = setting.plain.baseline;
+  if (law.ticks < alone.ticks) return found;  // over the same time only
+  for (std::uint32_t j = 0; j < setting.joints(); ++j) {
+    const double with_rad = law.joint_rms_error_rad[j], without_rad = alone.joint_rms_error_rad[j];
+    if (without_rad < kWorthASecondLookRad || with_rad < kNoBetter * without_rad) continue;
+    std::array<char, 200> text{};
+    std::snprintf(
+        text.data(), text.size(),
+        "joint %s is no nearer to its setpoint than without a law: %.3f rad against %.3f (rms) on the simulated "
+        "robot",
+        setting.robot.joints[j].name.c_str(), with_rad, without_rad);
+    found.emplace_back(text.data());
+  }
+  return found;
+}
+
+Result<> prepare_ride(Setting& setting) {
+  setting.robot.guard.soft_start_s = 0;  // a law that is swapped in while the robot moves has none either
+  robot::RobotConfig model = setting.robot;
+  model.plant.ideal = true;  // what is uncertain about the robot the rough ride adds itself
+  start_inside(model);
+  const robot::RobotConfig heavy = with_payload(model);
+  if (auto opened = open_ready(model, setting.plain); !opened) return opened;
+  if (auto opened = open_ready(heavy, setting.heavy); !opened) return opened;
+  const double whole_ms =
+      ride_without_a_law(setting, setting.plain, false) + ride_without_a_law(setting, setting.heavy, true);
+  setting.ride_ms = static_cast<int>(std::ceil(std::min(whole_ms, kMostRideMs)));
+  if (auto opened = open_ready(model, setting.plain); !opened) return opened;
+  return open_ready(heavy, setting.heavy);
+}
+
+}  // namespace lithe::trial

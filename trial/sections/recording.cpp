@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trial/sections/recording.hpp"
+
+#include <algorithm>
+#include <limits>
+#include <memory>
+
+#include "spine/ipc/layout.hpp"
+#include "spine/ipc/segment.hpp"
+#include "spine/law/dry_inputs.hpp"
+
+namespace lithe::trial {
+namespace {
+
+// No law is to blame for what it makes of a broken sensor. x - x is 0 for every finite x, NaN for all others.
+bool is_finite(const wire::Telemetry& record, std::uint32_t joints) {
+  double sum = 0;
+  for (const double* values :
+       {record.position_rad.data(), record.velocity_rad_s.data(), record.torque_nm.data(),
+        record.setpoint_position_rad.data(), record.setpoint_velocity_rad_s.data(), record.command_torque_nm.data()}) {
+    for (std::uint32_t j = 0; j < joints; ++j) sum += values[j] - values[j];
+  }
+  return sum == 0;
+}
+
+}  // namespace
+
+Recording::Recording(const std::string& robot, std::uint32_t joints, double dt_s, double seconds)
+    : joints_(joints), dt_s_(dt_s) {
+  if (robot.empty() || !ipc::Lease::is_held(ipc::Segment<ipc::SpineMemory>::path(robot))) return;
+  const auto segment = ipc::Segment<ipc::SpineMemory>::attach(robot, ipc::Access::read);
+  if (!segment) return;
+  const auto record = std::make_unique<wire::Telemetry>();
+  ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> reader((*segment)->telemetry);
+  if (!reader.latest(*record) || record->joint_count != joints) return;
+  reader.rewind();
+  // The ring is as long as it is; a writer at work may overtake us at its old end.
+  const auto most = std::min<std::size_t>(static_cast<std::size_t>(seconds / dt_s), 4000);
+  const std::uint64_t newest = record->tick;
+  records_.reserve(most);
+  values_.reserve(most * kQuantities * joints);
+  while (!reader.empty() && records_.size() < most) {
+    if (!reader.next(*record) || record->tick + most <= newest || !is_finite(*record, joints)) continue;
+    records_.push_back({record->tick, record->release_ns, record->sample_ns, record->brain_age_ns, record->flags, {}});
+    std::copy(record->sensor.begin(), record->sensor.end(), records_.back().sensor.begin());
+    for (const double* quantity : {record->position_rad.data(), record->velocity_rad_s.data(), record->torque_nm.data(),
+                                   record->setpoint_position_rad.data(), record->setpoint_velocity_rad_s.data(),
+                                   record->command_torque_nm.data()}) {
+      values_.insert(values_.end(), quantity, quantity + joints);
+    }
+  }
+}
+
+void Recording::fill(Tick& tick, std::size_t i) const {
+  const Record& record = records_[i];
+  tick.tick = record.tick;
+  tick.t_ns = record.t_ns;
+  tick.t_s = static_cast<double>(i) * dt_s_;
+  tick.dt_s = dt_s_;
+  tick.joints = joints_;
+  namespace flag = wire::telemetry_flag;
+  tick.flags = ((record.flags & flag::kSampleStale) != 0 ? kSampleStale : 0) |
+               ((record.flags & flag::kBrainStale) != 0 ? kBrainStale : 0);
+  tick.sample_age_s = static_cast<double>(record.t_ns - record.sample_ns) * 1e-9;
+  tick.brain_age_s = record.brain_age_ns < 0 ? std::numeric_limits<double>::infinity()
+                                             : static_cast<double>(record.brain_age_ns) * 1e-9;
+  tick.sensor = record.sensor;
+  const std::size_t before = i == 0 ? 0 : i - 1;
+  for (std::uint32_t j = 0; j < joints_; ++j) {
+    tick.position_rad[j] = at(i, position, j);
+    tick.velocity_rad_s[j] = at(i, velocity, j);
+    tick.torque_nm[j] = at(i, torque, j);
+    tick.setpoint_position_rad[j] = at(i, setpoint_position, j);
+    tick.setpoint_velocity_rad_s[j] = at(i, setpoint_velocity, j);
+    tick.setpoint_acceleration_rad_s2[j] = (at(i, setpoint_velocity, j) - at(before, setpoint_velocity, j)) / dt_s_;
+  }
+}
+
+double Recording::command_torque_nm(std::size_t i, std::uint32_t joint) const { return at(i, command, joint); }
+
+std::vector<PastTick> Recording::past(std::size_t most, std::uint32_t joints, double dt_s) const {
+  std::vector<PastTick> ticks(records_.empty() ? most : std::min(most, records_.size()));
+  Tick dry;
+  for (std::size_t back = 0; back < ticks.size(); ++back) {
+    PastTick& past = ticks[back];
+    past.age_s = static_cast<double>(back) * dt_s;
+    if (records_.empty()) {
+      law::dry_input(dry, ticks.size() - back + law::kDryStepsAtRest, joints);
+    } else {
+      fill(dry, records_.size() - 1 - back);
+    }
+    past.position_rad = dry.position_rad;
+    past.velocity_rad_s = dry.velocity_rad_s;
+    past.torque_nm = dry.torque_nm;
+    past.setpoint_position_rad = dry.setpoint_position_rad;
+    past.setpoint_velocity_rad_s = dry.setpoint_velocity_rad_s;
+    past.sensor = dry.sensor;
+    for (std::uint32_t j = 0; j < joints && !records_.empty(); ++j) {
+      past.command_torque_nm[j] = command_torque_nm(records_.size() - 1 - back, j);
+    }
+  }
+  return ticks;
+}
+
+}  // namespace lithe::trial

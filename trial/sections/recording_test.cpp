@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trial/sections/recording.hpp"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <memory>
+#include <string>
+
+#include "spine/ipc/layout.hpp"
+#include "spine/ipc/segment.hpp"
+
+namespace lithe::trial {
+namespace {
+
+using Spine = ipc::Segment<ipc::SpineMemory>;
+
+// A Spine's segment with `ticks` records of a robot that moves 1 mrad per tick.
+class RecordingTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    robot_ = "trial_recording_" + std::to_string(getpid());
+    auto lease = ipc::Lease::try_take(Spine::path(robot_));
+    ASSERT_TRUE(lease && *lease);
+    lease_ = std::move(**lease);
+    auto segment = Spine::create(robot_);
+    ASSERT_TRUE(segment) << segment.message();
+    segment_ = std::make_unique<Spine>(std::move(*segment));
+  }
+  void TearDown() override {
+    ipc::remove_segment(Spine::path(robot_));
+    unlink((Spine::path(robot_) + ".lock").c_str());
+  }
+  void run(std::uint64_t from, std::uint64_t to) {
+    ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth> writer((*segment_)->telemetry);
+    auto record = std::make_unique<wire::Telemetry>();
+    record->joint_count = 2;
+    for (std::uint64_t tick = from; tick < to; ++tick) {
+      record->tick = tick;
+      record->position_rad[1] = static_cast<double>(tick) * 1e-3;
+      record->setpoint_velocity_rad_s[1] = static_cast<double>(tick);
+      record->command_torque_nm[1] = -static_cast<double>(tick);
+      record->release_ns = static_cast<std::int64_t>(tick) * 1'000'000;
+      record->sample_ns = record->release_ns - 1'000'000;
+      record->brain_age_ns = -1;
+      record->sensor[15] = static_cast<double>(tick);
+      writer.push(*record);
+    }
+  }
+
+  std::string robot_;
+  ipc::Lease lease_;
+  std::unique_ptr<Spine> segment_;
+};
+
+TEST_F(RecordingTest, NewestSecondsComeInOrder) {
+  run(1, 6001);  // more than the ring holds
+  const Recording recording(robot_, 2, 1e-3, 2.0);
+  ASSERT_EQ(recording.size(), 2000u);
+  Tick tick;
+  recording.fill(tick, 0);
+  EXPECT_EQ(tick.tick, 4001u);
+  recording.fill(tick, 1999);
+  EXPECT_EQ(tick.tick, 6000u);
+  EXPECT_DOUBLE_EQ(tick.position_rad[1], 6.0);
+  EXPECT_DOUBLE_EQ(tick.setpoint_acceleration_rad_s2[1], 1000.0);
+  EXPECT_DOUBLE_EQ(recording.command_torque_nm(1999, 1), -6000.0);
+  EXPECT_DOUBLE_EQ(tick.sensor[15], 6000.0);
+  EXPECT_DOUBLE_EQ(tick.sample_age_s, 1e-3);
+  EXPECT_TRUE(std::isinf(tick.brain_age_s)) << "no Brain was ever heard";
+  const auto past = recording.past(10, 2, 1e-3);
+  ASSERT_EQ(past.size(), 10u);
+  EXPECT_DOUBLE_EQ(past[0].position_rad[1], 6.0) << "the newest first";
+  EXPECT_DOUBLE_EQ(past[9].age_s, 9e-3);
+}
+
+TEST_F(RecordingTest, AnotherRobotOrNoneGivesNoRecords) {
+  run(1, 100);
+  EXPECT_EQ(Recording(robot_, 3, 1e-3, 2.0).size(), 0u) << "other joints";
+  EXPECT_EQ(Recording(robot_, 2, 1e-3, 2.0).size(), 99u);
+  EXPECT_EQ(Recording("", 2, 1e-3, 2.0).size(), 0u);
+  EXPECT_EQ(Recording("no_such_robot", 2, 1e-3, 2.0).size(), 0u);
+  lease_ = ipc::Lease();
+  EXPECT_EQ(Recording(robot_, 2, 1e-3, 2.0).size(), 0u) << "nobody runs it";
+}
+
+TEST(RecordingWithoutASpine, PastIsARobotThatMovesSlowly) {
+  const auto past = Recording().past(50, 2, 1e-3);
+  ASSERT_EQ(past.size(), 50u);
+  EXPECT_NE(past[0].setpoint_velocity_rad_s[1], 0);
+}
+
+}  // namespace
+}  // namespace lithe::trial

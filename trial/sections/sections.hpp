@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+// The parts of a trial. Each stops at its deadline once its mandatory part is done, and says false when the law is
+// refused.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "lithe/law.hpp"
+#include "spine/core/result.hpp"
+#include "trial/sections/recording.hpp"
+#include "trial/core/report.hpp"
+#include "trial/core/setting.hpp"
+#include "trial/sections/stand.hpp"
+
+namespace lithe::trial {
+
+// Contract: nothing in it allocates any more
+struct Bench {
+  const Setting& setting;
+  const LitheLaw& law;
+  const Recording& recording;
+  Stand& one;
+  Stand& other;  // the same law at other addresses
+  std::int64_t budget_ns;
+  std::int64_t deadline_ns = 0;  // of the section that runs
+  Report& report;
+  std::vector<double> times_ns;  // room for kTimingInputs
+
+  std::uint32_t joints() const { return setting.joints(); }
+  bool out_of_time() const { return setting.clock.now_ns() > deadline_ns; }
+  Progress& progress() { return report.progress[report.section]; }
+
+  // Says what is being done, for the words of a crash.
+  __attribute__((format(printf, 2, 3))) void doing(const char* format, ...);
+  // Always false.
+  __attribute__((format(printf, 2, 3))) bool refuse(const char* format, ...);
+  // Refuses when an output of `stand` is not a number, or it wrote where it must not.
+  bool sound(Stand& stand);
+  // Refuses when it wrote an entry of its Effort that belongs to no joint of this robot.
+  bool within_joints(const Stand& stand);
+};
+
+inline constexpr std::size_t kTimingInputs = 1000;
+
+// Whether entries of its inputs that belong to no joint of this robot leave its output alone; else refuses.
+bool reads_within_joints(Bench& bench);
+
+bool run_benign(Bench& bench);   // finite, the same twice, how much a lost state changes
+bool run_loop(Bench& bench);     // with the simulated robot and the guard
+bool run_replay(Bench& bench);   // on what this robot did in the last seconds
+bool run_hostile(Bench& bench);  // NaN, infinities, jumps, wrong times
+bool run_timing(Bench& bench);   // how long a step takes on this board
+
+// Of a law that passed: the joints that it brings no nearer to their setpoint than no law does, one sentence each.
+std::vector<std::string> warnings(const Report& report, const Setting& setting);
+
+// Opens the simulated robot, lives until every drive is set up and on, and lets it run with nobody at the wheel: that
+// is the baseline. Then again, for the laws to come. Errors: it cannot be simulated, or a drive never gets there.
+Result<> prepare_ride(Setting& setting);
+
+}  // namespace lithe::trial
