@@ -147,14 +147,14 @@ constexpr Part kParts[] = {{Section::benign, &run_benign, 0.1},
                            {Section::hostile, &run_hostile, 0.2},
                            {Section::timing, &run_timing, 0.15}};
 
-// The box is the law's; what its robot takes comes on top of it, in its own part.
-void run_parts(Bench& bench, int cpu_ms) {
-  const int ride_ms = bench.setting.ride_ms, box_ms = cpu_ms - ride_ms;
+// The box is the law's; what its robot takes in the rides comes on top of it.
+void run_parts(Bench& bench, int box_ms) {
   for (const Part& part : kParts) {
     bench.report.section = static_cast<std::uint32_t>(part.section);
     const std::int64_t from_ns = bench.setting.clock.now_ns();
-    const double part_ms = part.share * box_ms + (part.section == Section::loop ? ride_ms : 0);
-    bench.deadline_ns = from_ns + static_cast<std::int64_t>(part_ms * 1e6);
+    const auto share_ns = static_cast<std::int64_t>(part.share * box_ms * 1e6);
+    bench.deadline_ns = from_ns + share_ns;
+    bench.law_ns = share_ns;
     const bool passed = part.run(bench);
     bench.progress().ms = static_cast<double>(bench.setting.clock.now_ns() - from_ns) / 1e6;
     if (!passed) return;
@@ -180,12 +180,12 @@ int stand_trial(const Setting& setting, const Order& order, const Limits& limits
       law->init == nullptr ? std::vector<PastTick>{} : recording.past(kPastTicks, setting.joints(), setting.dt_s());
   const History history{past.data(), static_cast<std::uint32_t>(past.size()), setting.joints(), setting.dt_s()};
   Stand one(*law, params, history, setting.clock), other(*law, params, history, setting.clock);
-  Bench bench{setting, *law, recording, one, other, order.budget_ns, 0, g_report, {}};
+  Bench bench{setting, *law, recording, one, other, order.budget_ns, 0, g_report, {}, 0};
   bench.times_ns.reserve(kTimingInputs);
   // A model allocates where meshes touch; a law shall not get a system call for that.
   if (setting.robot.plant.kind == robot::PlantKind::mujoco && !keep_heap(kHeapOfAModel)) return give_up("no memory");
   if (const auto shut = guard_computing(setting); !shut) return give_up(shut.message().c_str());
-  run_parts(bench, limits.cpu_ms);
+  run_parts(bench, order.box_ms);
   g_report.ended = 1;
   tell();
   end(0);  // no destructor may want a system call now

@@ -135,7 +135,8 @@ json Zygote::attempt(const json& request) {
   Order order;
   if (const std::string wrong = read_order(request, setting_, order); !wrong.empty()) return refuse("request", wrong);
   Limits limits;
-  limits.cpu_ms = order.box_ms + setting_.ride_ms;  // what the robot takes is not the law's
+  // What the robot takes is not the law's; under a law the guard has more to do than at rest.
+  limits.cpu_ms = order.box_ms + 2 * setting_.ride_ms;
   limits.wall_ms = 4 * limits.cpu_ms;
   Outcome outcome = run(order, limits);
   Verdict verdict = judge(outcome, limits);

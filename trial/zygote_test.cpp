@@ -127,11 +127,14 @@ TEST(Zygote, TheTimeOfTheSimulatedRobotComesOnTopOfTheBox) {
   ASSERT_TRUE(zygote) << zygote.message();
   const json order = {{"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 300'000}, {"box_ms", 20}};
   bool quit = false;
-  json loop = json::object();
-  for (int i = 0; i < 20 && loop.value("ticks", 0) < 1000; ++i) {  // a busy machine gives it less
-    loop = zygote->answer(order.dump(), quit)["report"]["loop"];
-  }
-  EXPECT_EQ(loop["ticks"].get<int>(), 1000) << loop.dump();
+  json reply = json::object();
+  do {
+    reply = zygote->answer(order.dump(), quit);
+  } while (reply.value("starved", false));
+  const json& loop = reply["report"]["loop"];
+  EXPECT_EQ(loop["ticks"].get<int>(), 1000) << reply.dump();
+  EXPECT_EQ(loop["rough"]["ticks"].get<int>(), 1000);
+  EXPECT_EQ(loop["rough"]["whole_ticks"].get<int>(), 1000);
 }
 
 // The desk arm as a hinge of a model, beside a box that lies on another: for those MuJoCo allocates in its step.

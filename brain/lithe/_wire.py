@@ -107,6 +107,7 @@ class CommandResult(IntEnum):
     refused_outside = 10
     refused_not_simulated = 11
     refused_damaged = 12
+    refused_untried = 13
 
 
 class EventKind(IntEnum):

@@ -3,6 +3,7 @@
 
 The Spine reads the mailbox in its tick, one letter a tick, and answers each; it checks them as it checks the
 supervisor's. What a supervisor adds is missing: parameters are not tried before they hold, and nothing is recorded.
+While a supervisor lives the Spine refuses parameters from this mailbox; its verb tries them.
 
 Threads: may be shared. Errors: Refused, with the codes of the control socket.
 """
@@ -24,7 +25,12 @@ from .errors import Refused, ShmError
 from .shm import BrainWriter, SpineView, dtype, shm_path
 
 ANSWER_S = 2.0  # as long as a supervisor waits
-ARM_AGAIN_S = 0.2  # drives that were off a moment ago are not ready at once
+# What a moment may mend: drives that were off a moment ago; a supervisor that has just died, whose last sign of life
+# the Spine trusts for 1 s.
+AGAIN_S = {
+    (CommandKind.arm, CommandResult.refused_not_ready): 0.2,
+    (CommandKind.set_params, CommandResult.refused_untried): 1.5,
+}
 LOOK_S = 0.001
 VIA = "mailbox"
 
@@ -36,6 +42,7 @@ _NEXT = {
     CommandResult.refused_range: "nothing was changed; see the ranges: robot.params.get()",
     CommandResult.refused_not_ready: "try again; robot.telemetry.latest() has each joint's status",
     CommandResult.refused_not_homed: "home the joint, then: robot.arm()",
+    CommandResult.refused_untried: "a supervisor lives: robot.params.set() asks it, and it tries them first",
     CommandResult.refused_outside: "bring the joint inside by hand, or with a supervisor: lithe run, lithe recover",
 }
 
@@ -91,9 +98,9 @@ class Mailbox:
         return self._deliver(kind, letter)
 
     def _deliver(self, kind: CommandKind, letter: npt.NDArray[Any]) -> dict[str, Any]:
-        again_until = time.monotonic() + ARM_AGAIN_S
+        from_s = time.monotonic()
         result = self._ask(kind, letter)
-        while kind == CommandKind.arm and result == CommandResult.refused_not_ready and time.monotonic() < again_until:
+        while time.monotonic() - from_s < AGAIN_S.get((kind, result), 0):
             time.sleep(LOOK_S)
             result = self._ask(kind, letter)
         if result == CommandResult.done:

@@ -2,6 +2,17 @@
 #include "spine/loop/inbox.hpp"
 
 namespace lithe::loop {
+namespace {
+
+std::int64_t age_ns(const wire::SegmentHeader& header, std::int64_t now_ns) LITHE_RT {
+  constexpr std::int64_t kFutureNs = 1'000'000;  // two cores' clocks differ by far less
+  std::int64_t& word = const_cast<std::int64_t&>(header.heartbeat_ns);
+  const std::int64_t beat_ns = std::atomic_ref<std::int64_t>(word).load(std::memory_order_acquire);
+  if (beat_ns <= 0 || beat_ns > now_ns + kFutureNs) return -1;
+  return beat_ns < now_ns ? now_ns - beat_ns : 0;
+}
+
+}  // namespace
 
 Inbox::Inbox(ipc::SpineMemory& spine, const ipc::ControlMemory& control, const ipc::BrainMemory& brain)
     : control_memory_(&control),
@@ -53,12 +64,11 @@ bool Inbox::estop_pressed() const LITHE_RT {
          ipc::load_word(brain_memory_->estop.value, std::memory_order_acquire) != 0;
 }
 
-std::int64_t Inbox::brain_age_ns(std::int64_t now_ns) const LITHE_RT {
-  constexpr std::int64_t kFutureNs = 1'000'000;  // two cores' clocks differ by far less
-  std::int64_t& word = const_cast<std::int64_t&>(brain_memory_->header.heartbeat_ns);
-  const std::int64_t beat_ns = std::atomic_ref<std::int64_t>(word).load(std::memory_order_acquire);
-  if (beat_ns <= 0 || beat_ns > now_ns + kFutureNs) return -1;
-  return beat_ns < now_ns ? now_ns - beat_ns : 0;
+std::int64_t Inbox::brain_age_ns(std::int64_t now_ns) const LITHE_RT { return age_ns(brain_memory_->header, now_ns); }
+
+bool Inbox::supervised(std::int64_t now_ns) const LITHE_RT {
+  const std::int64_t silent_ns = age_ns(control_memory_->header, now_ns);
+  return silent_ns >= 0 && silent_ns <= kSupervisorNs;
 }
 
 }  // namespace lithe::loop

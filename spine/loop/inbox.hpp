@@ -41,7 +41,12 @@ class Inbox {
   // Age of the Brain's last sign of life [ns]; -1 before its first. A sign from the future counts as none at all.
   std::int64_t brain_age_ns(std::int64_t now_ns) const LITHE_RT;
 
+  // True while a supervisor lives: it gives a sign of life every 20 ms, and none for kSupervisorNs when it is gone.
+  bool supervised(std::int64_t now_ns) const LITHE_RT;
+
  private:
+  static constexpr std::int64_t kSupervisorNs = 1'000'000'000;
+
   // What came broken is counted where everybody can see it.
   void tell() LITHE_RT;
 

@@ -98,6 +98,66 @@ TEST_F(TornPlanTest, AWriterThatDiesInThePlanAfterTheLastOneTearsNothing) {
   EXPECT_EQ(memory_->health.plans_torn, 0U);
 }
 
+// What the Brain writes into its own mailbox has not been tried.
+class MailboxParamsTest : public testing::Test, protected TickBench {
+ protected:
+  MailboxParamsTest() : TickBench(*robot::parse_robot(kRobot, "probe.toml")) {}
+
+  static wire::Command gain_of(double value) {
+    wire::Command command;
+    command.kind = static_cast<std::uint32_t>(CommandKind::set_params);
+    command.count = 1;
+    command.value[0] = value;
+    return command;
+  }
+  CommandResult brain_sends(const wire::Command& command) {
+    const auto ticket = brain_.send(command);
+    EXPECT_TRUE(ticket);
+    tick();
+    return static_cast<CommandResult>(brain_.poll(*ticket));
+  }
+  void supervisor_lives_since(std::int64_t ns) { control_memory_->header.heartbeat_ns = now_ns_ - ns; }
+
+  ipc::MailboxSender<wire::Command, 16> brain_{brain_memory_->commands, memory_->brain_ack};
+};
+
+TEST_F(MailboxParamsTest, AreRefusedWhileASupervisorCouldTryThemAndTheReasonIsTold) {
+  arm_with(kPd);
+  ipc::RingReader<wire::Event, wire::spine_segment::kEventsTickDepth> events(memory_->events_tick);
+  for (const std::int64_t silent_ns : {std::int64_t{0}, 20 * kNsPerMs, 900 * kNsPerMs}) {
+    supervisor_lives_since(silent_ns);
+    EXPECT_EQ(brain_sends(gain_of(8)), CommandResult::refused_untried) << silent_ns;
+  }
+  EXPECT_EQ(slot_.active()->params[0].value, 4.0);
+  wire::Event event;
+  ASSERT_TRUE(events.next(event));
+  EXPECT_EQ(event.kind, static_cast<std::uint32_t>(wire::EventKind::command_refused));
+  EXPECT_EQ(event.code, static_cast<std::uint32_t>(CommandResult::refused_untried));
+  EXPECT_NE(std::string(event.text.data()).find("which tries them"), std::string::npos);
+  EXPECT_EQ(send(gain_of(8)), CommandResult::done) << "the supervisor's own have been tried";
+  EXPECT_EQ(slot_.active()->params[0].value, 8.0);
+}
+
+TEST_F(MailboxParamsTest, AreTakenWhenNobodyLivesToTryThem) {
+  arm_with(kPd);
+  EXPECT_EQ(brain_sends(gain_of(8)), CommandResult::done) << "no supervisor yet";
+  supervisor_lives_since(1001 * kNsPerMs);
+  EXPECT_EQ(brain_sends(gain_of(7)), CommandResult::done) << "it is gone";
+  supervisor_lives_since(-kNsPerS);
+  EXPECT_EQ(brain_sends(gain_of(6)), CommandResult::done) << "a sign from the future is none";
+  EXPECT_EQ(slot_.active()->params[0].value, 6.0);
+}
+
+TEST_F(MailboxParamsTest, AreTheOnlyThingThatASupervisorKeepsFromTheMailbox) {
+  arm_with(kPd);
+  supervisor_lives_since(0);
+  wire::Command command;
+  for (const CommandKind kind : {CommandKind::revert_params, CommandKind::hold, CommandKind::disarm}) {
+    command.kind = static_cast<std::uint32_t>(kind);
+    EXPECT_EQ(brain_sends(command), CommandResult::done);
+  }
+}
+
 TEST_F(TickTest, ImpossibleHeadsAndBrokenLettersAreCountedBySender) {
   arm_with(kPd);
   brain_memory_->commands.head += 1000;

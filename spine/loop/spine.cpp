@@ -159,12 +159,16 @@ void Spine::watch_memory(std::int64_t now_ns) LITHE_RT {
 
 void Spine::obey(const Letter& letter, std::int64_t now_ns) LITHE_RT {
   const wire::Command& command = inbox_.command();
-  const CommandResult result = execute(command, now_ns);
+  // Parameters that nobody has tried: only while there is nobody who could.
+  const bool untried = letter.sender == Sender::brain && inbox_.supervised(now_ns) &&
+                       static_cast<CommandKind>(command.kind) == CommandKind::set_params;
+  const CommandResult result = untried ? CommandResult::refused_untried : execute(command, now_ns);
   inbox_.answer(letter, result);
-  if (result != CommandResult::done) {
-    out_.event(EventKind::command_refused, now_ns, static_cast<std::uint32_t>(result), command.request_id,
-               static_cast<double>(command.kind), wire::to_string(result));
-  }
+  if (result == CommandResult::done) return;
+  out_.event(
+      EventKind::command_refused, now_ns, static_cast<std::uint32_t>(result), command.request_id,
+      static_cast<double>(command.kind),
+      untried ? "parameters in the Brain's mailbox: ask the supervisor, which tries them" : wire::to_string(result));
 }
 
 CommandResult Spine::execute(const wire::Command& command, std::int64_t now_ns) LITHE_RT {

@@ -262,6 +262,7 @@ enum class CommandResult : std::uint32_t {
   refused_outside = 10,
   refused_not_simulated = 11,
   refused_damaged = 12,
+  refused_untried = 13,
 };
 
 // The name of `value`, or "?" for a number that is not one of CommandResult.
@@ -293,6 +294,8 @@ constexpr std::string_view to_string(CommandResult value) LITHE_RT {
       return "refused_not_simulated";
     case CommandResult::refused_damaged:
       return "refused_damaged";
+    case CommandResult::refused_untried:
+      return "refused_untried";
   }
   return "?";
 }

@@ -129,6 +129,9 @@ Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry
               kNewStart};
     case CommandResult::refused_outside:
       return refused_outside(kind, now, info);
+    case CommandResult::refused_untried:
+      return {code, "parameters in the Brain's mailbox are refused while a supervisor lives: it tries them first",
+              "lithe param set, robot.params.set()"};
     case CommandResult::refused_not_simulated:
       return {code, "cannot put the joints back: the robot has a bus that is real",
               "bring them inside: lithe recover; only a robot whose buses are all of kind \"loop\" can be reset"};

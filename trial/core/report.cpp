@@ -14,6 +14,7 @@ using nlohmann::json;
 json loop_json(const LoopStats& stats, std::uint32_t joints) {
   static constexpr const char* kTremors[] = {"none", "chatter", "oscillation"};
   return {{"ticks", stats.ticks},
+          {"whole_ticks", stats.whole_ticks},
           {"torque_clamped", stats.torque_clamped},
           {"slew_clamped", stats.slew_clamped},
           {"position_clamped", stats.position_clamped},

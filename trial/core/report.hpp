@@ -29,6 +29,7 @@ struct Crash {
 
 // How much the guard had to do, in ticks.
 struct LoopStats {
+  std::uint32_t whole_ticks = 0;  // of a ride that nothing cuts short
   std::uint32_t ticks = 0, torque_clamped = 0, slew_clamped = 0, position_clamped = 0, velocity_clamped = 0;
   std::uint32_t fault = 0;  // wire::Fault, 0 = none
   std::uint32_t fault_tick = 0;

@@ -20,8 +20,9 @@ namespace lithe::trial {
 // One that is ridden: at rest, its drives on.
 struct SimulatedRobot {
   std::unique_ptr<hal::Actuators> actuators;
-  std::int64_t from_ns = 0;  // on the clock of that robot
-  LoopStats baseline;        // of a ride without a law
+  std::int64_t from_ns = 0;      // on the clock of that robot
+  std::uint32_t ride_ticks = 0;  // that a ride lasts: a second, or less of a robot that takes long to simulate
+  LoopStats baseline;            // of a ride without a law
 };
 
 // Contract: made by the zygote before the first trial; a child has its own copy, by fork
@@ -29,7 +30,7 @@ struct Setting {
   robot::RobotConfig robot;
   SimulatedRobot plain, heavy;  // as the robot file says; with a payload, for the rough ride
   RawClock clock;
-  int ride_ms = 0;  // of the processor, which both rides take to their end without a law; a law's take it again
+  int ride_ms = 0;  // of the processor, which both rides take without a law; a law's take it again
   std::unique_ptr<load::ArenaStore> arena;  // null = there is none
   bool walled = false;                      // allow_trials_only() holds for the zygote, and so for its children
 

@@ -61,7 +61,9 @@ Ride::Ride(const robot::RobotConfig& robot, const SimulatedRobot& simulated, boo
       actuators_(*simulated.actuators),
       now_ns_(simulated.from_ns),
       period_ns_(static_cast<std::int64_t>(1e9 / robot.rate_hz)),
+      ride_ticks_(simulated.ride_ticks),
       rough_(rough) {
+  stats.whole_ticks = ticks_in(kRideSeconds);
   plan_.configure(robot);
   guard_.configure(robot);
   for (std::uint32_t j = 0; j < robot.joints.size(); ++j) {

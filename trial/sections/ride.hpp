@@ -42,7 +42,7 @@ class Ride {
   Ride(const robot::RobotConfig& robot, const SimulatedRobot& simulated, bool rough);
 
   std::uint32_t ticks_in(double seconds) const;
-  bool over() const { return stats.ticks >= ticks_in(kRideSeconds); }
+  bool over() const { return stats.ticks >= ride_ticks_; }
 
   // The next input of the law.
   const Tick& look();
@@ -63,6 +63,7 @@ class Ride {
   const robot::RobotConfig& robot_;
   hal::Actuators& actuators_;
   std::int64_t now_ns_, period_ns_;
+  std::uint32_t ride_ticks_;
   bool rough_;
   std::uint64_t random_ = Rough::kSeed;
   hal::ActuatorCommand command_;

@@ -38,13 +38,12 @@ struct Rig {
     EXPECT_TRUE(ready) << ready.message();
   }
 
-  // Whether this law passes.
-  bool ride(const LitheLaw& law, bool in_time = true) {
+  // Whether this law passes, when all of its steps together may take so long.
+  bool ride(const LitheLaw& law, std::int64_t law_ns = std::numeric_limits<std::int64_t>::max()) {
     const Recording none;
     Stand one(law, {}, {}, setting.clock), other(law, {}, {}, setting.clock);
     report = {};
-    Bench bench{setting, law, none, one, other, 300'000, 0, report, {}};
-    if (in_time) bench.deadline_ns = std::numeric_limits<std::int64_t>::max();
+    Bench bench{setting, law, none, one, other, 300'000, 0, report, {}, law_ns};
     return run_loop(bench);
   }
 
@@ -73,6 +72,7 @@ struct PushesAway : NoParamsNoState {
 struct AsksTooMuch : NoParamsNoState {
   static void step(const Tick& t, const Params&, State&, Effort& u) { std::fill_n(u.torque_nm.begin(), t.joints, 2.0); }
 };
+constexpr std::int64_t kNoTime = -1;
 constexpr LitheLaw kAsksTooMuch = describe<AsksTooMuch>("asks_too_much");
 constexpr LitheLaw kLimp = describe<Limp>("limp");
 constexpr LitheLaw kHolds = describe<Holds>("holds");
@@ -157,15 +157,50 @@ TEST(Ride, TheGuardsWorkIsComparedOverTheSameTime) {
   EXPECT_TRUE(Rig(robot_of("arm.toml")).ride(kHolds));
 }
 
-// What a law must at least have lived through is a time, not a number of ticks.
-TEST(Ride, ItsMandatoryPartIsATenthOfASecondAtEveryRate) {
+// What a law must at least have lived through is a time, not a number of ticks. A ride that was cut short is told.
+TEST(Ride, ALawWithNoTimeLeftIsRiddenForATenthOfASecondAtEveryRateAndThatIsSaid) {
   for (const double rate_hz : {100.0, 250.0, 1000.0, 10'000.0}) {
     robot::RobotConfig robot = robot_of("arm.toml");
     robot.rate_hz = rate_hz;
     Rig rig(robot);
-    EXPECT_TRUE(rig.ride(kLimp, false)) << text_of(rig.report.refused);
+    EXPECT_TRUE(rig.ride(kLimp, kNoTime)) << text_of(rig.report.refused);
     EXPECT_EQ(rig.report.loop.ticks, static_cast<std::uint32_t>(std::lround(rate_hz / 10)));
+    EXPECT_EQ(rig.report.loop.whole_ticks, static_cast<std::uint32_t>(std::lround(rate_hz)));
+    EXPECT_EQ(rig.report.rough.ticks, static_cast<std::uint32_t>(std::lround(rate_hz / 2)));
+    const auto said = warnings(rig.report, rig.setting);
+    ASSERT_GE(said.size(), 2u);
+    EXPECT_EQ(said[0], "tried for 0.1 s only, not 1 s, in the gentle ride: its steps use up the trial's box (--box)");
+    EXPECT_EQ(said[1], "tried for 0.5 s only, not 1 s, in the rough ride: its steps use up the trial's box (--box)");
   }
+}
+
+struct TooStiff : NoParamsNoState {  // for the chain: an oscillation that grows slowly
+  static void step(const Tick& t, const Params&, State&, Effort& u) {
+    for (std::uint32_t j = 0; j < t.joints; ++j)
+      u.torque_nm[j] = 40 * (t.setpoint_position_rad[j] - t.position_rad[j]) +
+                       0.1 * (t.setpoint_velocity_rad_s[j] - t.velocity_rad_s[j]);
+  }
+};
+constexpr LitheLaw kTooStiff = describe<TooStiff>("too_stiff");
+
+// However long the simulated robot takes: only the law's own steps count.
+TEST(Ride, WhatGrowsSlowlyIsFoundOnASlowProcessorToo) {
+  Rig rig(robot_of("chain.toml"));
+  EXPECT_FALSE(rig.ride(kTooStiff, 20'000'000));
+  EXPECT_GT(rig.report.rough.ticks, 500u) << "the least that a ride lasts would not have shown it";
+  EXPECT_NE(text_of(rig.report.refused).find("swings to and fro"), std::string::npos) << text_of(rig.report.refused);
+}
+
+// Each second of such a robot would take longer than a person waits.
+TEST(Ride, ARobotThatTakesTooLongToSimulateIsRiddenShorterAndThatIsSaid) {
+  Rig rig(robot_of("arm.toml"));
+  rig.setting.plain.ride_ticks = rig.setting.heavy.ride_ticks = 700;
+  EXPECT_TRUE(rig.ride(kHolds)) << text_of(rig.report.refused);
+  EXPECT_EQ(rig.report.loop.ticks, 700u);
+  EXPECT_EQ(rig.report.rough.ticks, 700u);
+  const auto said = warnings(rig.report, rig.setting);
+  ASSERT_EQ(said.size(), 2u);
+  EXPECT_EQ(said[0], "tried for 0.7 s only, not 1 s, in the gentle ride: this robot takes too long to simulate");
 }
 
 struct Chatters : NoParamsNoState {  // below the slew bound, so that no other criterion sees it

@@ -24,9 +24,10 @@ struct Bench {
   Stand& one;
   Stand& other;  // the same law at other addresses
   std::int64_t budget_ns;
-  std::int64_t deadline_ns = 0;  // of the section that runs
+  std::int64_t deadline_ns = 0;  // of the section that runs; not of the rides
   Report& report;
   std::vector<double> times_ns;  // room for kTimingInputs
+  std::int64_t law_ns = 0;       // of the rides: what the law's own steps may take
 
   std::uint32_t joints() const { return setting.joints(); }
   bool out_of_time() const { return setting.clock.now_ns() > deadline_ns; }
@@ -53,7 +54,8 @@ bool run_replay(Bench& bench);   // on what this robot did in the last seconds
 bool run_hostile(Bench& bench);  // NaN, infinities, jumps, wrong times
 bool run_timing(Bench& bench);   // how long a step takes on this board
 
-// Of a law that passed: the joints that it brings no nearer to their setpoint than no law does, one sentence each.
+// Of a law that passed: a ride that was cut short, and the joints that it brings no nearer to their setpoint than no
+// law does, one sentence each.
 std::vector<std::string> warnings(const Report& report, const Setting& setting);
 
 // Opens the simulated robot, lives until every drive is set up and on, and lets it run with nobody at the wheel: that
