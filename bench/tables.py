@@ -172,3 +172,4 @@ def show_machine(figures: Figures) -> None:
             f"  the Spine's core: {figures['machine_spine_core']}, {figures['machine_spine_core_isolation']}; ", end=""
         )
         print(f"its partner's: {figures['machine_partner_core']}, {figures['machine_partner_core_isolation']}")
+        print(f"  the Spine's core: {figures['machine_spine_core_interrupts']}")
