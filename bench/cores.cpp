@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the benches run: the Spine's core, and whether the kernel keeps others off it. One line of JSON.
+// Where the benches run: the Spine's core, whether the kernel keeps others off it, and which devices may interrupt it.
+// One line of JSON.
 #include "bench/machine.hpp"
 #include "bench/samples.hpp"
+#include "spine/core/interrupts.hpp"
 #include "spine/robot/cpu_plan.hpp"
 
 int main() {
@@ -13,6 +15,7 @@ int main() {
       .number("machine_spine_core", cores.spine)
       .number("machine_partner_core", cores.partner)
       .word("machine_spine_core_isolation", lithe::robot::isolation_words(machine.isolated, cores.spine))
+      .word("machine_spine_core_interrupts", lithe::interrupt_words(lithe::interrupts_of(cores.spine)))
       .word("machine_partner_core_isolation", lithe::robot::isolation_words(machine.isolated, cores.partner))
       .print();
   return 0;

@@ -29,7 +29,11 @@ class JsonLine {
     std::snprintf(text, sizeof text, "%.6g", value);
     return add(key, std::isfinite(value) ? text : "null");
   }
-  JsonLine& word(const std::string& key, const std::string& value) { return add(key, '"' + value + '"'); }
+  JsonLine& word(const std::string& key, const std::string& value) {
+    std::string text;
+    for (const char each : value) text += each == '"' || each == '\\' ? std::string("\\") + each : std::string(1, each);
+    return add(key, '"' + text + '"');
+  }
   JsonLine& flag(const std::string& key, bool value) { return add(key, value ? "true" : "false"); }
 
   // p50, p99, p99.9 and max of a set of durations [us], as <key>_p50_us and so on; null where nothing was measured.

@@ -12,7 +12,6 @@ from lithe.demo.losses import Comparison, Releases, Window, elsewhere
 
 WINDOW_NS = 50_000_000
 AFTER_NS = 50_000_000  # a swap's window reaches from its request to so long after its commit
-LEAST_NS = 1000.0  # below this a difference of lateness means nothing
 SIGNS = 4000
 SURE = 0.95
 LEAST_ROUNDS = 8  # with fewer, no difference at all could be refuted
@@ -144,17 +143,15 @@ class Sides:
         }
 
     def late_us(self, late_ns: npt.NDArray[np.int64], at_ns: npt.NDArray[np.int64], name: str) -> Figures:
-        """p50, p99 and p99.9 of some lateness on both sides, and the ratio of the last: it says little where it lies on
-        the flank of the host's noise. shares() is what can be judged.
+        """p50, p99 and p99.9 of some lateness on both sides. They lie on the flank of the host's noise: shares() can
+        be judged.
         """
         told: Figures = {}
-        p999: list[float] = []
         for side, spans in (("in", self.swapping), ("out", self.resting)):
             values = late_ns[inside(at_ns, spans)]
             quantiles = np.percentile(values, [50, 99, 99.9]) if len(values) else np.full(3, np.nan)
             told |= {f"{name}_{q}_{side}_us": v / 1e3 for q, v in zip(("p50", "p99", "p999"), quantiles, strict=True)}
-            p999.append(max(quantiles[2], LEAST_NS))
-        return told | {f"{name}_p999_in_over_out": float(p999[0] / p999[1])}
+        return told
 
     def shares(self, late_ns: npt.NDArray[np.int64], at_ns: npt.NDArray[np.int64], name: str) -> Figures:
         """Share of ticks that are later than each of LIMITS_US, on both sides; their difference, and its interval.

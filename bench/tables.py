@@ -139,6 +139,41 @@ def show_scale(figures: Figures) -> None:
         print("  a short run: few rounds")
 
 
+def show_host(figures: Figures) -> None:
+    """What the machine does, without LITHE: the numbers of docs/rt.md."""
+    rows = [quantile_row(name, figures, f"host_touch_{key}") for name, key in (("first", "first"), ("again", "again"))]
+    table("a write to a page of new memory [us]", HEAD, rows)
+    names = {"whole": "on whole milliseconds", "moved": "moved by 500 us", "quarter": "control: moved by 250 us"}
+    rows = [
+        [name, cell(figures, f"host_grid_{key}_late_share", ".2%"), cell(figures, f"host_grid_{key}_p99_us")]
+        for key, name in names.items()
+    ]
+    table("releases of a bare spin at 1 kHz", ["", "more than 2 us late", "p99 [us]"], rows)
+    names = {"alone": "alone", "ordinary": "beside one thread", "raised": "the same, with nice -20"}
+    rows = [[name, cell(figures, f"host_nice_{key}_skipped_share", ".2%")] for key, name in names.items()]
+    table("releases of a bare spin that were skipped", ["", "share"], rows)
+    names = {"plain": "the session at 0", "raised": "the session at -20"}
+    rows = [[name, cell(figures, f"host_session_{key}_core_share", ".1%")] for key, name in names.items()]
+    table("a spin with nice -20 beside nice 10 of another session", ["", "of the core"], rows)
+    rows = [
+        [
+            f"{name}, {cell(figures, f'host_brain_{key}_threads', '.0f')} threads",
+            *(cell(figures, f"host_brain_{key}_{rest}", ".1f") for rest in ("alone_per_s", "beside_per_s", "slower")),
+            *(cell(figures, f"host_brain_{key}_slower_{end}", ".1f") for end in ("least", "most")),
+        ]
+        for name, key in (("as numpy likes", "own"), ("control: on the Brain's core", "one"))
+    ]
+    head = ["", "alone", "beside a spin", "x slower", "least", "most"]
+    table("numpy: inversions of 600 x 600 a second", head, rows)
+    for key in ("host_nice_absent", "host_session_absent"):
+        if figures.get(key):
+            print(f"  not measured: {figures[key]}")
+    print(f"  stolen {cell(figures, 'host_stolen_share', '.2%')}, ", end="")
+    print(f"preempted {cell(figures, 'host_preempted_share', '.2%')}")
+    if figures.get("host_short"):
+        print("  a short run: one round")
+
+
 def show_run(figures: Figures) -> None:
     """The process people run."""
     kinds = [
@@ -172,3 +207,4 @@ def show_machine(figures: Figures) -> None:
             f"  the Spine's core: {figures['machine_spine_core']}, {figures['machine_spine_core_isolation']}; ", end=""
         )
         print(f"its partner's: {figures['machine_partner_core']}, {figures['machine_partner_core_isolation']}")
+        print(f"  the Spine's core: {figures['machine_spine_core_interrupts']}")

@@ -46,7 +46,7 @@ def build(preset: str, targets: str = "") -> str:
 STEPS = [
     Step("rooms", f"{PYTHON} tools/rooms.py", "the table ALLOWED in tools/rooms.py says who may include whom"),
     Step("lint", f"{PYTHON} tools/lint.py", "each line above says what to do"),
-    Step("paper", f"{PYTHON} tools/paper.py", "each line above says what docs/paper.md names and does not exist"),
+    Step("paper", f"{PYTHON} tools/paper.py", "each line above says what a page names and does not exist"),
     Step("schema", f"{PYTHON} tools/gen.py --check", f"{PYTHON} tools/gen.py --write"),
     Step("ruff", f"{PYTHON} -m ruff check --quiet . && {PYTHON} -m ruff format --check --quiet .", "make format"),
     Step("types", f"{PYTHON} -m mypy --no-error-summary", f"{PYTHON} -m mypy"),

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Holds docs/paper.md to the tree: every claim says where it stands and what shows it, and that exists.
+"""Holds docs/paper.md to the tree: every claim says where it stands and what shows it, and that exists. The same of the
+numbers in docs/rt.md: each names its command, or says when it was measured by hand.
 
 python tools/paper.py            exit code 0 when all is there, 1 with a line for each thing that is not
 """
@@ -15,6 +16,10 @@ PAGE = Path("docs/paper.md")
 HEAD = ["claim", "stands", "what is different", "shown by"]
 STANDS = ("yes", "more", "partly", "no")
 LEAST_ROWS = 50  # fewer, and claims have been dropped
+NUMBERS = Path("docs/rt.md")
+NUMBERS_HEAD = ["number", "command"]
+BY_HAND = re.compile(r"measured once, 20\d\d-\d\d-\d\d: .")
+PROGRAMS = ("make", "lithe", "python", "pytest")
 
 
 def command_trouble(command: str, root: Path) -> str:
@@ -35,17 +40,42 @@ def command_trouble(command: str, root: Path) -> str:
     return "" if (root / file).exists() else f"there is no file {file}"
 
 
+def table_rows(text: str) -> list[tuple[int, list[str]]]:
+    """Every row of every table, with the number of its line."""
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.startswith("|")]
+    return [
+        (number, [cell.strip() for cell in line.strip("|").split("|")])
+        for number, line in lines
+        if not set(line) <= set("|- ")
+    ]
+
+
+def number_troubles(text: str, root: Path) -> list[str]:
+    """One line for each number whose command is missing."""
+    rows = table_rows(text)
+    starts = [i for i, (_, cells) in enumerate(rows) if cells == NUMBERS_HEAD]
+    if not starts:
+        return [f"{NUMBERS}: has no table {' | '.join(NUMBERS_HEAD)}"]
+    wrong = []
+    for number, cells in rows[starts[-1] + 1 :]:
+        where = f"{NUMBERS}:{number}: "
+        named = [each for each in re.findall(r"`([^`]+)`", cells[-1]) if each.split()[0] in PROGRAMS]
+        if not named and not BY_HAND.match(cells[-1]):
+            wrong.append(f"{where}name a command, or say 'measured once, YYYY-MM-DD: how'")
+        wrong += [f"{where}{trouble}" for command in named if (trouble := command_trouble(command, root))]
+    return wrong
+
+
 def troubles(text: str, root: Path) -> list[str]:
     """One line for each thing that is wrong with the page."""
     wrong = []
     rows = 0
-    for number, line in enumerate(text.splitlines(), 1):
-        if not line.startswith("|") or set(line) <= set("|- "):
-            continue
-        cells = [cell.strip() for cell in line.strip("|").split("|")]
+    lines = text.splitlines()
+    for number, cells in table_rows(text):
         if cells == HEAD:
             continue
         rows += 1
+        line = lines[number - 1]
         where = f"{PAGE}:{number}: "
         if len(cells) != len(HEAD):
             wrong.append(f"{where}has {len(cells)} columns; give it {len(HEAD)}: {', '.join(HEAD)}")
@@ -66,6 +96,7 @@ def troubles(text: str, root: Path) -> list[str]:
 
 def main() -> int:
     wrong = troubles((ROOT / PAGE).read_text(encoding="utf-8"), ROOT)
+    wrong += number_troubles((ROOT / NUMBERS).read_text(encoding="utf-8"), ROOT)
     print("\n".join(wrong), end="\n" if wrong else "")
     return 1 if wrong else 0
 

@@ -105,8 +105,10 @@ std::string last_fault(const Json& status) {
 std::string core_line(const Json& status) {
   const Json cpus = part(status, "cpus"), core = part(cpus, "spine_core");
   if (core.empty()) return "";
+  const Json interrupts = part(core, "interrupts");
   return fmt::format("  the Spine's core: {}, {} ({})\n", cpus.value("spine", 0), word(core, "words"),
-                     word(core, "why"));
+                     word(core, "why")) +
+         (interrupts.empty() ? "" : fmt::format("    interrupts: {}\n", word(interrupts, "words")));
 }
 
 // What each bus carried, and what went wrong there, where anything did.

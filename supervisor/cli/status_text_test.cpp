@@ -67,6 +67,17 @@ TEST(StatusText, ColourIsForTerminalsOnly) {
   EXPECT_FALSE(wants_color()) << "a test's output is no terminal";
 }
 
+TEST(StatusText, InterruptsStandBelowTheCoreTheyMayLandOn) {
+  Json status = robot();
+  status["cpus"] = {{"spine", 1}, {"spine_core", {{"words", "isolated at boot (isolcpus)"}, {"why", "named"}}}};
+  const std::string core = "  the Spine's core: 1, isolated at boot (isolcpus) (named)\n";
+  EXPECT_NE(status_text(status, {}).find(core + "  Spine pid"), std::string::npos) << "an older supervisor";
+  status["cpus"]["spine_core"]["interrupts"] = {{"count", 1}, {"words", "1 device interrupt may land there: 24 eth0"}};
+  EXPECT_NE(status_text(status, {}).find(core + "    interrupts: 1 device interrupt may land there: 24 eth0\n"),
+            std::string::npos)
+      << status_text(status, {});
+}
+
 TEST(StatusText, NothingIsNeeded) { EXPECT_NE(status_text(Json::object(), {}).find("robot -: -"), std::string::npos); }
 
 }  // namespace

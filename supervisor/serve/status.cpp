@@ -8,9 +8,11 @@
 #include <cstring>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "spine/core/cores.hpp"
 #include "spine/core/host.hpp"
+#include "spine/core/interrupts.hpp"
 #include "spine/core/time.hpp"
 #include "spine/ipc/frames.hpp"
 #include "spine/ipc/segment.hpp"
@@ -138,6 +140,18 @@ Json params_of(const wire::LawInfo& law, const wire::Params* live) {
   return list;
 }
 
+// Null where nobody knows: that is not none.
+Json interrupts_json(int cpu) {
+  const Result<std::vector<Interrupt>> found = interrupts_of(cpu);
+  Json named = Json::array();
+  for (std::size_t i = 0; found && i < std::min(found->size(), kInterruptsNamed); ++i) {
+    named.push_back({{"number", (*found)[i].number}, {"name", (*found)[i].name}});
+  }
+  return {{"count", found ? Json(found->size()) : Json(nullptr)},
+          {"named", std::move(named)},
+          {"words", interrupt_words(found)}};
+}
+
 // Whether the kernel keeps others off the Spine's core: as it stands now, for the thread that ticks.
 Json spine_core_json(const SpineLink& spine, const robot::SpineConfig& wanted) {
   const wire::RobotInfo& info = spine.info();
@@ -155,6 +169,7 @@ Json spine_core_json(const SpineLink& spine, const robot::SpineConfig& wanted) {
           {"isolated_cores", cpu_list(isolated.all())},
           {"timer_tick", !isolated.is_tickless(cpu)},
           {"why", robot::why_spine(cpu, shared, wanted, isolated)},
+          {"interrupts", interrupts_json(cpu)},
           {"words", words}};
 }
 

@@ -74,6 +74,10 @@ def test_each_role_has_a_core_and_the_spines_is_isolated(steps: dict[str, vcan.S
     assert (core["words"], core["why"]) == ("isolated at boot (isolcpus)", "isolated cores come first")
     assert {"0", "1", "3"} <= pinned(steps["threads"]), "the kernel says the same of the threads"
     assert "the Spine's core: 1, isolated at boot (isolcpus) (isolated cores come first)" in steps["words"].text
+    told_of_devices = core["interrupts"]
+    assert told_of_devices["count"] is not None, told_of_devices
+    assert len(told_of_devices["named"]) == min(told_of_devices["count"], 8)
+    assert f"    interrupts: {told_of_devices['words']}" in steps["words"].text
     assert "shares core" not in steps["words"].text and "shares core" not in steps["run-log"].text
 
 

@@ -75,8 +75,11 @@ def test_the_cores_of_the_benches_are_told_with_how_they_are_isolated(
     told = report.machine()
     assert (told["machine_spine_core"], told["machine_partner_core"]) == (allowed[-1], allowed[0])
     assert "isolated" in told["machine_spine_core_isolation"]
+    assert "may land there" in told["machine_spine_core_interrupts"], "or that nobody knows"
     report.tables.show_machine(told | {"machine_spine_core_isolation": "isolated at boot (isolcpus)"})
-    assert f"the Spine's core: {allowed[-1]}, isolated at boot (isolcpus); its partner's" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert f"the Spine's core: {allowed[-1]}, isolated at boot (isolcpus); its partner's" in printed
+    assert f"the Spine's core: {told['machine_spine_core_interrupts']}\n" in printed
     monkeypatch.setenv("LITHE_BIN_DIR", "/nowhere")
     report.tables.show_machine(report.machine())
     assert "the Spine's core" not in capsys.readouterr().out
@@ -145,7 +148,7 @@ def test_an_unknown_bench_is_a_usage_error(
     report: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert report.main(["jitters"]) == 2
-    assert "no bench 'jitters'; there are channel, jitter, cost, contain, scale, run" in capsys.readouterr().err
+    assert "no bench 'jitters'; there are channel, jitter, cost, contain, scale, host, run" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -156,10 +159,12 @@ def test_a_partial_run_keeps_the_others_of_this_machine_only(
     runs(report, monkeypatch, GOOD)
     report.main(["jitter"])
     runs(report, monkeypatch, cost)
+    here = report.machine()
+    moved = {"machine_spine_core_interrupts": "irqbalance has been here"}
+    monkeypatch.setattr(report, "machine", lambda: here | moved)
     assert report.main(["cost"]) == 0
     assert summary(tmp_path)["floor_p50_us"] == 0.03
     assert summary(tmp_path)["tick_cost_p50_us_8j"] == 0.5
-    here = report.machine()
     monkeypatch.setattr(report, "machine", lambda: here | {"machine_kernel": "another"})
     assert report.main(["cost"]) == 0
     assert "floor_p50_us" not in summary(tmp_path)

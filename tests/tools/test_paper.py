@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/paper.md names what exists, and a page that does not is found."""
+"""docs/paper.md and the numbers of docs/rt.md name what exists, and a page that does not is found."""
 
 import paper
 import pytest
@@ -33,3 +33,30 @@ def test_a_page_that_promises_what_is_not_there_is_found(row: str, words: str) -
 
 def test_a_page_that_drops_claims_is_found() -> None:
     assert "50 or more" in paper.troubles("\n".join(TEXT.splitlines()[:40]), ROOT)[-1]
+
+
+NUMBERS = (ROOT / paper.NUMBERS).read_text(encoding="utf-8")
+
+
+def test_every_number_names_its_command_or_its_day() -> None:
+    assert paper.number_troubles(NUMBERS, ROOT) == []
+    assert "python -m bench.host" in NUMBERS
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ("| 2 us | none yet: by hand |", "name a command"),
+        ("| 2 us | measured once |", "name a command"),
+        ("| 2 us | `cyclictest` |", "name a command"),
+        ("| 2 us | `make benches` |", "no target 'benches'"),
+        ("| 2 us | `python -m bench.hosts` |", "no module bench.hosts"),
+    ],
+)
+def test_a_number_that_nobody_can_measure_is_found(row: str, words: str) -> None:
+    wrong = paper.number_troubles(f"{NUMBERS}{row}\n", ROOT)
+    assert len(wrong) == 1 and words in wrong[0], wrong
+
+
+def test_a_page_without_the_table_is_found() -> None:
+    assert len(paper.number_troubles("# Real time\n", ROOT)) == 1
