@@ -45,7 +45,8 @@ struct Compiled {
   std::string source_path;  // as the compiler saw it: that is how lines of the law are told from lines of headers
 };
 
-// Both add their gates and findings to `out`. Contract: any bytes are safe · nothing of the law runs.
+// Both add their gates and findings to `out`.
+// Contract: any bytes are safe · nothing of the law runs.
 void admit_source(std::string_view source, Admission& out);
 void admit_object(const Compiled& compiled, Admission& out);
 

@@ -37,7 +37,8 @@ struct ElfRelocation {
 // As its author wrote it; the symbol itself when it is no name of C++.
 std::string readable(std::string_view symbol);
 
-// Views into `bytes`, which must outlive it. Contract: any bytes are safe
+// Views into `bytes`, which must outlive it.
+// Contract: any bytes are safe
 struct ElfObject {
   std::uint16_t machine = 0;
   std::vector<ElfSection> sections;

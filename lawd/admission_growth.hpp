@@ -11,7 +11,8 @@
 namespace lithe::lawd {
 
 // Refuses, in the name of `gate`, a text that grows to more than `most_words`, and macros whose growth has no bound
-// that can be told beforehand. Nothing is expanded. Contract: any tokens are safe · linear in their number
+// that can be told beforehand. Nothing is expanded.
+// Contract: any tokens are safe · linear in their number
 void check_growth(const Tokens& tokens, std::size_t most_words, const char* gate, Admission& out);
 
 }  // namespace lithe::lawd

@@ -9,7 +9,8 @@
 namespace lithe::lawd {
 
 // {"ok", "line", "function"} of an address in `program`, which was linked with its lines: the innermost line that the
-// law's author wrote, looking through what was inlined. Contract: some milliseconds (addr2line)
+// law's author wrote, looking through what was inlined.
+// Contract: some milliseconds (addr2line)
 nlohmann::json own_place(const std::string& program, std::uint64_t address);
 
 }  // namespace lithe::lawd

@@ -21,7 +21,8 @@ struct Linked {
 };
 
 // What a relocatable object may not bring along: data that can be written, or code that runs by itself. One sentence
-// with the name of what is wrong; empty when there is nothing. Contract: any bytes are safe
+// with the name of what is wrong; empty when there is nothing.
+// Contract: any bytes are safe
 std::string why_not_placeable(std::string_view object);
 
 // Contract: one thread

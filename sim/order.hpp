@@ -50,7 +50,8 @@ struct Order {
   double for_s = 0;  // 0: until told
 };
 
-// The error says what is wrong with the line, and what would be right. Contract: any bytes · never in the tick
+// The error says what is wrong with the line, and what would be right.
+// Contract: any bytes · never in the tick
 Result<Order> parse_order(std::string_view line);
 
 // Whether it is about devices and not about buses.

@@ -27,9 +27,10 @@ struct Trouble {
   explicit operator bool() const LITHE_RT { return kind != wire::LawFaultKind::none; }
 };
 
-// Once per process, before the first call: handlers for SEGV BUS FPE ILL ABRT TRAP SYS and for the Watchdog's signal.
-// A fault outside a contained call goes on to what was installed before, as a rule the end of the process with that
-// signal: our own mistakes are not hidden. Contract: off the tick · may be repeated
+// Once per process, before the first call: handlers for SEGV BUS FPE ILL ABRT TRAP SYS and for the Watchdog's signal. A
+// fault outside a contained call goes on to what was installed before, as a rule the end of the process with that
+// signal: our own mistakes are not hidden.
+// Contract: off the tick · may be repeated
 Result<> install_handlers();
 
 // How a thread is kept from the kernel while a law runs.

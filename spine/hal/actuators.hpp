@@ -82,11 +82,14 @@ class Actuators {
   // Contract: before the first cycle
   virtual void share_core() {}
 
-  // Brings back buses whose hardware went away. Contract: not RT · one other thread, about once a second
+  // Brings back buses whose hardware went away.
+  // Contract: not RT · one other thread, about once a second
   virtual void service() {}
-  // Which bus is down and which drive not ready, and why; empty when all is well. Contract: as service()
+  // Which bus is down and which drive not ready, and why; empty when all is well.
+  // Contract: as service()
   virtual std::string trouble() const { return ""; }
-  // What real buses carried otherwise than asked, a clause each; empty when nothing. Contract: after the last cycle
+  // What real buses carried otherwise than asked, a clause each; empty when nothing.
+  // Contract: after the last cycle
   virtual std::string tell_buses() const { return ""; }
 };
 
@@ -99,8 +102,9 @@ Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& conf
 
 class BusNode;
 
-// The same robot with every bus and device simulated, whatever the file says. Contract: never in the tick
-// `far_ends`: for each bus the devices at its other end, which outlive the actuators; empty = made to fit.
+// The same robot with every bus and device simulated, whatever the file says.
+// Contract: never in the tick `far_ends`: for each bus the devices at its other end, which outlive the actuators; empty
+// = made to fit.
 Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config,
                                                       const std::vector<BusNode*>& far_ends = {});
 

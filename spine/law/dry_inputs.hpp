@@ -16,8 +16,8 @@ namespace lithe::law {
 inline constexpr std::uint64_t kDryStepsAtRest = 3;
 
 // Step k of a healthy robot: at rest, then a slow sine that the joints follow with a small lag. No sensor has been
-// heard at first, as after a start; then all are, whatever they measure. Contract: off the tick · pure · `tick` holds
-// nothing but earlier dry inputs
+// heard at first, as after a start; then all are, whatever they measure.
+// Contract: off the tick · pure · `tick` holds nothing but earlier dry inputs
 inline void dry_input(Tick& tick, std::uint64_t k, std::uint32_t joints) {
   tick.tick = k;
   tick.dt_s = 1e-3;
@@ -39,7 +39,8 @@ inline void dry_input(Tick& tick, std::uint64_t k, std::uint32_t joints) {
   }
 }
 
-// False when an output is not a number; `text` then names the first one. Contract: off the tick · allocates nothing
+// False when an output is not a number; `text` then names the first one.
+// Contract: off the tick · allocates nothing
 inline bool outputs_are_finite(const Effort& effort, const std::array<double, kMaxProbes>& probes, const LitheLaw& law,
                                std::uint32_t joints, char* text, std::size_t size) {
   const struct {

@@ -94,11 +94,13 @@ struct Resident {
 // Contract: off the tick · allocates nothing · `descriptor` must have passed check_law.
 void reset_resident(Resident& resident, const LitheLaw& descriptor);
 
-// Plans the way from `peer` to `resident` and back. Contract: off the tick.
+// Plans the way from `peer` to `resident` and back.
+// Contract: off the tick.
 void build_bridge(Resident& resident, const Resident& peer);
 
 // Why a descriptor read from an object cannot be trusted, nullptr when it can. Static text for the general case; use
-// describe_mismatch for the numbers. Contract: reads `law` only, any bytes are safe.
+// describe_mismatch for the numbers.
+// Contract: reads `law` only, any bytes are safe.
 const char* check_law(const LitheLaw& law);
 
 // Writes one line that names what was expected and found. Returns `text`.

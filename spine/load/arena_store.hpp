@@ -11,7 +11,8 @@
 namespace lithe::load {
 
 // Believes nothing in a request: slot, size, entry, hash and every pointer of the descriptor are checked before a byte
-// of the code runs. Contract: see LawStore · allocates nothing
+// of the code runs.
+// Contract: see LawStore · allocates nothing
 class ArenaStore final : public LawStore {
  public:
   explicit ArenaStore(arena::Arena arena) : arena_(std::move(arena)) {}

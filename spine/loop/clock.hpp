@@ -13,7 +13,8 @@ namespace lithe::loop {
 using ClockMemory = ipc::ChannelMemory<RawClock>;
 
 // One thread's view. follow() adopts the keeper's newest fit, between two ticks. That moves the time by less than 0.1
-// us, and by 25 us once when NTP begins or ends a slew of 500 ppm. Contract: RT · one instance per thread
+// us, and by 25 us once when NTP begins or ends a slew of 500 ppm.
+// Contract: RT · one instance per thread
 class SteeredClock {
  public:
   // `memory` must hold a fit already: start_clock() comes first.
@@ -34,7 +35,8 @@ class SteeredClock {
 // Publishes a first fit. Call once before any SteeredClock is made.
 void start_clock(ClockMemory& memory);
 
-// Publishes new fits. Contract: off the tick, one thread · after start_clock()
+// Publishes new fits.
+// Contract: off the tick, one thread · after start_clock()
 class ClockKeeper {
  public:
   static constexpr std::int64_t kEveryNs = 50 * kNsPerMs;

@@ -69,7 +69,8 @@ struct Plan {
 // A loop bus is planned as the CAN bus it stands for, at its bit rates: 1 and 5 Mbit/s where the file names none. A
 // serial adapter carries what its baud rate carries when the file names one or its path leads to a UART (ttyS, ttyAMA,
 // ttyUSB), else what USB at full speed carries: behind ttyACM there are no bauds. Drives answer within 200 us, counted
-// once per bus, because one prepares while another one talks. Contract: pure · never in the tick · no advice in it
+// once per bus, because one prepares while another one talks.
+// Contract: pure · never in the tick · no advice in it
 Plan plan(const robot::RobotConfig& robot, const PlanOptions& options);
 
 bool fits(const BusPlan& bus, const Plan& plan);

@@ -20,7 +20,8 @@ struct Move {
 
 // One waypoint: the joint where it is wanted, all others where their setpoints are. Refused with joint, value and
 // limit: another mode than active, an unknown joint, an angle beyond its limits, a time outside 0.1 to 10 s, a speed
-// beyond its limit (the curve's fastest is 1.5 times its mean). Contract: pure
+// beyond its limit (the curve's fastest is 1.5 times its mean).
+// Contract: pure
 std::variant<Move, swap::Refusal> plan_motion(const Motion& motion, const wire::RobotInfo& info,
                                               const wire::Telemetry& now, std::int64_t now_ns);
 

@@ -27,12 +27,13 @@ struct Occupied {
 
 // Every such bus. A bus in memory is that of the robot file it stands in, and of no other. `warn` gets a sentence for
 // each robot that runs, or may run, and whose buses nobody can tell: it belongs to another user, or its file is no
-// longer what it was started with. Contract: not RT · reads the robot files of all that run
+// longer what it was started with.
+// Contract: not RT · reads the robot files of all that run
 std::vector<Occupied> spines_on(const field::Choice& choice, const std::function<void(const std::string&)>& warn);
 
-// The frames of that bus, as its Spine shows them to whoever asks; it is asked as long as this lives, and that of
-// the next Spine of this robot when there is another. They are told as those of bus `ours`. Contract: as
-// field::FrameSource
+// The frames of that bus, as its Spine shows them to whoever asks; it is asked as long as this lives, and that of the
+// next Spine of this robot when there is another. They are told as those of bus `ours`.
+// Contract: as field::FrameSource
 Result<std::unique_ptr<field::FrameSource>> watch_spine(const Occupied& bus);
 
 }  // namespace lithe::cli

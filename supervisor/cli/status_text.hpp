@@ -22,7 +22,8 @@ std::string listed(const swap::Json& words);
 // A line for each of the `warnings` of this object.
 std::string warning_lines(const swap::Json& from, const char* indent);
 
-// Whole lines. Contract: pure · any JSON object is safe: what is not there is left out or a dash
+// Whole lines.
+// Contract: pure · any JSON object is safe: what is not there is left out or a dash
 std::string status_text(const swap::Json& status, const Look& look);
 
 }  // namespace lithe::cli

@@ -8,7 +8,8 @@ namespace lithe::control {
 
 // [{"level", "text"}]: "stop" where the robot or a joint is stopped or broken, or nobody keeps it; "warn" for what
 // leads there or weakens a promise. The worst first; empty: all is well. `status`: as the verb answers it. What is not
-// there alarms nobody. Contract: pure
+// there alarms nobody.
+// Contract: pure
 swap::Json alarms_of(const swap::Json& status);
 
 }  // namespace lithe::control

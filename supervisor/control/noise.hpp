@@ -11,7 +11,8 @@
 namespace lithe::control {
 
 // Passes every event but the frequent kinds; of those, the first in each second, and then one summary of how many more
-// there were. Contract: one thread · the clock is an argument.
+// there were.
+// Contract: one thread · the clock is an argument.
 class NoiseFilter {
  public:
   static constexpr std::int64_t kWindowNs = 1'000'000'000;

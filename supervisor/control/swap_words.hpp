@@ -17,7 +17,8 @@ std::optional<swap::Refusal> wrong_param(const swap::Json& params, const swap::J
 // The value of each parameter of a law, in its own order: as asked for, else as compiled.
 swap::Json all_params(const swap::Json& params, const swap::Json& law);
 
-// In the Spine's words: by index. Contract: wrong_param() found nothing
+// In the Spine's words: by index.
+// Contract: wrong_param() found nothing
 void put_params(const swap::Json& params, const swap::Json& law, wire::StageRequest& request);
 
 // What the Loader says; `words`: those of its event, empty when it brought none.

@@ -28,7 +28,8 @@ struct Sighting {
   hal::Frame frame;
 };
 
-// Where frames come from. Contract: not RT · one thread
+// Where frames come from.
+// Contract: not RT · one thread
 class FrameSource {
  public:
   FrameSource() = default;

@@ -29,7 +29,8 @@ struct Choice {
   std::vector<std::size_t> buses;  // indices into robot.buses; at least one
 };
 
-// The error says what is wrong and what would be right. Contract: not RT · reads the robot file, opens no bus
+// The error says what is wrong and what would be right.
+// Contract: not RT · reads the robot file, opens no bus
 Result<Choice> choose(const Words& words);
 
 // "fdcanusb:/dev/ttyACM0"; "loop" for one in memory.

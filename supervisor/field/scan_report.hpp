@@ -23,7 +23,8 @@ struct Scan {
 };
 
 // Opens the chosen buses, listens to all together, then asks on one after the other. A bus that cannot be opened, and
-// one in memory, is a finding and no error. Contract: not RT · takes seconds · nothing it sends can move a motor
+// one in memory, is a finding and no error.
+// Contract: not RT · takes seconds · nothing it sends can move a motor
 Scan scan(const Choice& choice, const ScanOptions& options);
 
 Json to_json(const Scan& scan, const Choice& choice);

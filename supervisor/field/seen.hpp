@@ -51,7 +51,8 @@ struct Seen {
 // The protocol of the devices that the file puts on the bus; of an unknown bus: CAN FD moteus, classic CAN CANopen.
 Protocol protocol_of(const robot::RobotConfig& robot, std::size_t bus);
 
-// Notes a frame that came unasked. Contract: any frame whatever
+// Notes a frame that came unasked.
+// Contract: any frame whatever
 void hear(const hal::Frame& frame, Protocol protocol, Seen& seen);
 
 }  // namespace lithe::field

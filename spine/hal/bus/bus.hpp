@@ -54,11 +54,13 @@ class Bus {
   // Contract: never in an exchange's thread · about once a second
   virtual void service() {}
 
-  // Why nothing can be sent; empty when all is well. Contract: as service()
+  // Why nothing can be sent; empty when all is well.
+  // Contract: as service()
   virtual std::string why_down() const { return ""; }
 
   // Frames that came, and that the system threw away because nobody fetched them in time; of those below it, a tty's
-  // for one, nobody knows. Contract: as service()
+  // for one, nobody knows.
+  // Contract: as service()
   virtual std::uint64_t overrun() const { return 0; }
 
   virtual const BusStatistics& statistics() const LITHE_RT { return statistics_; }

@@ -43,7 +43,8 @@ class Descriptor {
   int fd_;
 };
 
-// Gives the core away for a moment. Contract: a thread that waits for a bus and shares its core; never the tick
+// Gives the core away for a moment.
+// Contract: a thread that waits for a bus and shares its core; never the tick
 void nap() LITHE_RT;
 
 }  // namespace lithe::hal

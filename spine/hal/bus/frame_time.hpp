@@ -46,8 +46,8 @@ FrameBits least_bits(const FrameShape& shape);
 FrameBits most_bits(const FrameShape& shape);
 
 // One frame, bit by bit, as ISO 11898-1:2015 puts it on the wire (error active, acknowledged): identifier, length,
-// data, stuff count, CRC-15, 17 or 21, dynamic and fixed stuff bits, delimiters, end of frame, intermission. Contract:
-// pure · any Frame is safe: a classic one carries 8 bytes at most, one with FD is filled up to fd_size()
+// data, stuff count, CRC-15, 17 or 21, dynamic and fixed stuff bits, delimiters, end of frame, intermission.
+// Contract: pure · any Frame is safe: a classic one carries 8 bytes at most, one with FD is filled up to fd_size()
 class FrameImage {
  public:
   static constexpr std::size_t kCapacity = 768;  // the longest frame there is has 736

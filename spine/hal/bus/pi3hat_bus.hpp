@@ -36,12 +36,14 @@ class Pi3hatBoard final : public ImuSource {
  public:
   Pi3hatBoard(std::unique_ptr<Pi3hatPort> port, const Pi3hatBoardParams& params);
 
-  // A bus may use this connector (1 to 5) from now on. Contract: before the first exchange
+  // A bus may use this connector (1 to 5) from now on.
+  // Contract: before the first exchange
   void attach(std::uint32_t connector) {
     listen_ |= 1U << connector;
     in_steps_ = !params_.polled && (in_steps_ || !line(connector).fd);
   }
-  // Somebody wants the IMU. Contract: before the first exchange
+  // Somebody wants the IMU.
+  // Contract: before the first exchange
   void want_imu() { wants_imu_ = true; }
 
   void begin(std::int64_t now_ns) LITHE_RT;

@@ -13,7 +13,8 @@ struct SerialIdentity {
   bool fdcanusb = false;  // by the numbers of mjbots' adapters on USB
 };
 
-// Of an open device, as the kernel tells it under `sys`. Empty where it tells nothing. Contract: never in the tick
+// Of an open device, as the kernel tells it under `sys`. Empty where it tells nothing.
+// Contract: never in the tick
 SerialIdentity identify(int fd, const std::string& sys = "/sys");
 
 }  // namespace lithe::hal

@@ -30,8 +30,8 @@ struct SocketCanParams {
 // and what had piled up behind it would be obeyed, long outdated, when the drives come back. So no more waits than one
 // exchange and what the controller itself holds. While the controller is bus-off commands are refused, and none waits
 // to leave when it is restarted, which is the kernel's business (`restart-ms`). An interface that goes down or away is
-// opened again by service(). Contract: as Bus · nothing is allocated between open() and the end, but in service() and
-// why_down()
+// opened again by service().
+// Contract: as Bus · nothing is allocated between open() and the end, but in service() and why_down()
 class SocketCanBus final : public Bus {
  public:
   using Opener = std::function<Result<Descriptor>()>;
@@ -87,7 +87,8 @@ Result<Descriptor> open_can_socket(const SocketCanParams& params);
 
 std::string advice_for_bus_off(const std::string& interface);
 
-// What the kernel says of the interface's controller. Contract: never in the tick
+// What the kernel says of the interface's controller.
+// Contract: never in the tick
 SocketCanBus::Carrier look_at_carrier(const std::string& interface);
 
 }  // namespace lithe::hal

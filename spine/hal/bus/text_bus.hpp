@@ -61,16 +61,19 @@ class TextBus : public Bus {
   virtual std::size_t format(const Frame& frame, std::span<char> out) LITHE_RT = 0;
   // `line` comes with its end.
   virtual Said parse(std::string_view line, Frame& frame) LITHE_RT = 0;
-  // What the adapter must be told before the first frame. Contract: never in the tick
+  // What the adapter must be told before the first frame.
+  // Contract: never in the tick
   virtual std::string greeting() const { return ""; }
   // The adapter is new: what is known of the old one no longer holds.
   virtual void forget() LITHE_RT {}
 
   // For a last word at the end, when there is nobody else any more. Not said behind half a line: the two together would
-  // be a command. Contract: never in the tick
+  // be a command.
+  // Contract: never in the tick
   void say(std::string_view text);
 
-  // In this exchange send() refuses. Contract: between begin() and the first send()
+  // In this exchange send() refuses.
+  // Contract: between begin() and the first send()
   void mute(bool mute) LITHE_RT { mute_ = mute; }
   // A line that is no frame, with its end; it leaves with the commands. Passed over when there is no room.
   void add(std::string_view line) LITHE_RT;

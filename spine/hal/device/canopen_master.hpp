@@ -22,8 +22,8 @@ struct MasterParams {
 // Our heartbeat, by which the drives know that somebody commands them: from the thread that commands, so that it stops
 // with it. And one SYNC behind the last command of every exchange in which the drives are asked: they apply what they
 // were told and sample, together. They do both at every SYNC, whoever was told what: so the drives of a line share one
-// divider. The network state of a drive is its driver's business: each starts and restarts on its own. Contract: as
-// hal::BusMaster
+// divider. The network state of a drive is its driver's business: each starts and restarts on its own.
+// Contract: as hal::BusMaster
 class CanopenMaster final : public BusMaster {
  public:
   explicit CanopenMaster(const MasterParams& params)

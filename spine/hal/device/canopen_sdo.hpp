@@ -41,7 +41,8 @@ inline constexpr std::uint32_t kGeneral = 0x0800'0000;
 inline constexpr std::uint32_t kState = 0x0800'0022;
 }  // namespace abort_code
 
-// In words, without a number; never empty. Contract: any thread
+// In words, without a number; never empty.
+// Contract: any thread
 std::string_view abort_name(std::uint32_t code) LITHE_RT;
 
 struct Address {

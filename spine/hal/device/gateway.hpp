@@ -41,7 +41,8 @@ struct Counters {
   std::uint64_t malformed = 0;  // not used, either
 };
 
-// What one gateway said last. Contract: RT · one thread
+// What one gateway said last.
+// Contract: RT · one thread
 class Gateway {
  public:
   // A channel that nobody has renewed for `stale_ns` is not valid any more.
