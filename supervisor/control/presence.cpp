@@ -21,8 +21,7 @@ using Spine = ipc::Segment<ipc::SpineMemory>;
 using Control = ipc::Segment<ipc::ControlMemory>;
 using Supervisor = Presence::Supervisor;
 
-constexpr std::int64_t kLookNs =
-    400 * kNsPerMs;  // forty ticks of the slowest Spine, which may get little processor time
+constexpr std::int64_t kLookNs = 400 * kNsPerMs;  // forty ticks of the slowest Spine
 constexpr useconds_t kLookAgainUs = 2'000;
 
 void look_at_spine(Presence& out) {
