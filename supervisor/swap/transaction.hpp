@@ -12,9 +12,10 @@
 
 namespace lithe::swap {
 
-// submitted -> compiled -> admitted -> placed -> tried -> staged -> (shadow) -> committed -> (unproven) -> (confirmed)
-// -> (rolled_back) -> retired, or refused from anywhere before committed. unproven: the time of the probation is over,
-// but the robot has not moved enough to judge by.
+//   submitted -> compiled -> admitted -> placed -> tried -> staged -> (shadow) -> committed
+//   committed -> (unproven) -> confirmed or rolled_back -> retired
+//   any stage before committed -> refused
+// unproven: the duration of the probation is over, but the robot has not moved enough to judge the law.
 enum class Stage {
   submitted,
   compiled,
