@@ -32,7 +32,7 @@ struct Pi3hatAttitude {
 // Input of one cycle.
 struct Pi3hatOrder {
   std::span<const Pi3hatFrame> send;
-  std::uint32_t listen = 0;          // bit 1 to 5: take what has arrived there, whether or not something is awaited
+  std::uint32_t listen = 0;          // bits 1 to 5: read frames there also without an expected answer
   std::int64_t longest_wait_ns = 0;  // longest answer time of a device, without the time of its frames
   bool attitude = false;             // read it if there is a new one
 };

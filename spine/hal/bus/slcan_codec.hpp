@@ -67,7 +67,7 @@ enum class Request : std::uint8_t {
   status,
   stamps_off,
   stamps_on,
-  other,      // A0 A1 M0 M1 X.. Q.. m.. M..: taken and without effect
+  other,      // A0 A1 M0 M1 X.. Q.. m.. M..: accepted, without effect
   malformed,  // to be refused
 };
 
