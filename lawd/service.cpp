@@ -20,20 +20,21 @@ namespace {
 using nlohmann::json;
 constexpr std::size_t kMaxSourceBytes = std::size_t{1} << 20;
 
-// The hash of a law that was compiled before; empty when it is none.
+// The hash of a law in the cache; empty when it is not a valid hash.
 std::string hash_in(const json& request) {
   const json hash = request.value("hash", json());
   const std::string text = hash.is_string() ? hash.get<std::string>() : "";
   return text.size() == 64 && text.find_first_not_of("0123456789abcdef") == std::string::npos ? text : "";
 }
 
-// A switch of a request: `wanted` unless it says otherwise.
+// A boolean of a request, with `wanted` as default.
 bool is_on(const json& request, const char* key, bool wanted) {
   const auto found = request.find(key);
   return found != request.end() && found->is_boolean() ? found->get<bool>() : wanted;
 }
 
-// Whether a law fits is a matter of the robot that asks, not of the cache. Null when it does, or nobody asked.
+// The time budget depends on the robot, so it is checked per request and not cached. Null when the law fits, or no
+// budget was given.
 json over_budget(const json& entry, const std::string& name, const json& budget_ns) {
   if (budget_ns.is_null() || !entry.value("ok", false)) return nullptr;
   const double step_ns = entry["dry_step_max_ns"], budget = budget_ns;
@@ -45,7 +46,7 @@ json over_budget(const json& entry, const std::string& name, const json& budget_
   return refuse_whole("dry_run", name, reason);
 }
 
-// Only what may be a file name: letters, digits, dot, dash, underscore; ends in .cpp.
+// A safe file name: letters, digits, dot, dash, underscore; ends in .cpp.
 std::string safe_name(const std::string& wanted) {
   std::string name;
   for (const char c : wanted.substr(wanted.find_last_of('/') + 1)) {
@@ -62,7 +63,7 @@ double since_ms(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
 }
 
-// What each step of a build took.
+// Duration of each step of a build.
 class Laps {
  public:
   void lap(const char* step) {
@@ -141,7 +142,7 @@ json Service::compile(const json& request) {
   return reply;
 }
 
-// A law that was compiled before, by its hash.
+// A compiled law from the cache, by its hash.
 json Service::place(const json& request) {
   if (!placer_.error().empty()) return refuse("arena", placer_.error());
   const std::string hash = hash_in(request);
@@ -164,7 +165,7 @@ json Service::place(const json& request) {
   return reply;
 }
 
-// A place in the code of such a law.
+// Finds the source line of an offset in such a law.
 json Service::locate(const json& request) const {
   const std::string hash = hash_in(request);
   const json offset = request.value("offset", json());
@@ -180,7 +181,7 @@ json Service::locate(const json& request) const {
 json Service::build(const Job& job) {
   Admission admission;
   Laps laps;
-  if (job.admit) admit_source(job.source, admission);  // before the compiler reads what the source names
+  if (job.admit) admit_source(job.source, admission);  // before the compiler opens the files that the source includes
   if (!admission.ok()) return refuse_admission(admission, job.name, job.source);
   laps.lap("admit_source");
   const ScratchDir scratch(cache_ + "/laws");
@@ -213,14 +214,14 @@ json Service::build(const Job& job) {
   return stored;
 }
 
-// null when the object is there.
+// null on success.
 json Service::run_compiler(const Job& job, const std::string& file, const std::string& object, std::string& warnings) {
   Outcome outcome = run_program(toolchain_.compile_command(file, object), compiler_);
   const bool broke = outcome.signal != 0 || outcome.output.find("internal compiler error") != std::string::npos ||
                      outcome.output.find("signal terminated program") != std::string::npos;
   if (toolchain_.precompiled() && broke && !outcome.timed_out) {
-    // It may be damaged, or the compiler was killed: try once without. Only success tells that the law was not to
-    // blame.
+    // The precompiled header may be damaged, or the compiler was killed: try once without it. Only success shows that
+    // the law was not the cause.
     outcome = run_program(toolchain_.compile_command(file, object, Toolchain::Contract::as_text), compiler_);
     if (outcome.clean()) toolchain_.precompile_again();
   }
@@ -276,7 +277,7 @@ json Service::try_and_store(const Job& job, const std::string& object, const std
   return refuse("cache", disk_is_full(failed) ? full_disk_text(cache_) : "cannot write the law cache: " + failed);
 }
 
-// The entry of an earlier compile, if its object still is what was stored; null otherwise, and it is built anew.
+// The cache entry of an earlier compile, when its object is unchanged; otherwise null, and the law is compiled again.
 json Service::from_cache(const Job& job) const {
   const std::string base = cache_ + "/laws/" + job.hash;
   const auto text = read_file(base + ".json");
@@ -291,7 +292,7 @@ json Service::from_cache(const Job& job) const {
     if (!bytes || entry.value(key, "") != sha256_hex(*bytes)) return nullptr;
   }
   json moved = entry;
-  moved["object"] = base + ".so";  // the cache may have moved since
+  moved["object"] = base + ".so";  // the cache folder may have been moved
   return moved;
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The compile service: source text in, an object that has run a dry thousand steps out.
+// The compile service: takes source text, returns an admitted object that has passed the dry run of 1000 steps.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -14,11 +14,11 @@ namespace lithe::lawd {
 // Contract: one thread · never throws for bad input: every answer is JSON with "ok".
 class Service {
  public:
-  // `arena_fd`: the code arena, as the supervisor hands it over; -1 or no arena = laws cannot be placed.
-  // `compiler`: what one run of the compiler may take.
+  // `arena_fd`: the code arena, from the supervisor; -1 = laws cannot be placed. `compiler`: limits of one compiler
+  // run.
   explicit Service(std::string cache, int arena_fd = -1, const Limits& compiler = kCompilerLimits);
 
-  // Five decompositions of 12 x 12 need 700 MiB.
+  // A law with five Eigen decompositions of 12 x 12 needs 700 MiB to compile.
   static constexpr Limits kCompilerLimits{.memory_bytes = std::size_t{1} << 30};
 
   // One request line, one answer. `quit` is set by the verb quit.
@@ -28,7 +28,7 @@ class Service {
   struct Job {
     std::string source, name, hash;
     std::uint32_t joints;
-    bool admit = true;    // false only in tests of what must hold without admission
+    bool admit = true;    // false only in tests of the containment
     bool dry_run = true;  // likewise
   };
   nlohmann::json compile(const nlohmann::json& request);

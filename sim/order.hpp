@@ -9,8 +9,7 @@
 
 namespace lithe::simulator {
 
-//   {"fault": "drop", "bus": "can0", "share": 0.1}          also corrupt, duplicate, replay; share of the frames, each
-//   way
+//   {"fault": "drop", "bus": "can0", "share": 0.1}          also corrupt, duplicate, replay; share of frames, each way
 //   {"fault": "delay", "bus": "can0", "ms": 5}              of what the devices say
 //   {"fault": "bus_off", "bus": "can0", "on": true}         nothing passes
 //   {"fault": "unplug", "bus": "can0", "for_s": 1}          the adapter goes, and comes back
@@ -50,7 +49,8 @@ struct Order {
   double for_s = 0;  // 0: until told
 };
 
-// The error says what is wrong with the line, and what would be right. Contract: any bytes · never in the tick
+// The error says what is wrong with the line, and what would be right.
+// Contract: any bytes · never in the tick
 Result<Order> parse_order(std::string_view line);
 
 // Whether it is about devices and not about buses.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// lithe-spine [--check] ROBOT.toml: wires the rooms, starts the threads, waits for a signal. `lithe run` starts it.
+// lithe-spine [--check] ROBOT.toml: creates all parts, starts the threads, waits for a signal. `lithe run` starts it.
 #include <fmt/format.h>
 #include <pthread.h>
 #include <signal.h>
@@ -46,7 +46,7 @@ int refuse(int code, const std::string& message) {
   return code;
 }
 
-// The segments of a running robot, and the right to be its Spine.
+// The segments of a running robot, and its Spine lease.
 struct Memory {
   ipc::Lease lease;
   ipc::Segment<ipc::SpineMemory> spine;
@@ -65,7 +65,7 @@ Result<Memory> make_memory(const std::string& robot) {
     return Error{fmt::format("robot '{}' already has a Spine (pid {}); stop it first, or give this robot another name",
                              robot, pid)};
   }
-  // A crashed run's segments are replaced: whoever still maps them keeps his own copy and sees its heartbeat age.
+  // Segments of a crashed run are replaced. A process that still maps the old ones sees their heartbeat get old.
   auto spine = ipc::Segment<ipc::SpineMemory>::create(robot);
   if (!spine) return spine.error();
   auto control = ipc::Segment<ipc::ControlMemory>::create(robot);
@@ -75,7 +75,8 @@ Result<Memory> make_memory(const std::string& robot) {
   auto frames = ipc::Segment<ipc::FramesMemory>::create(robot);
   if (!frames) return frames.error();
   ipc::sign_in((*spine)->header, monotonic_ns());
-  // Made here, written by supervisor and Brain: a law shall press no e-stop and give no command.
+  // Made here, written by supervisor and Brain. Read-only in this process, so that a law cannot set an e-stop word or
+  // send a command.
   for (const ipc::Mapping* theirs : {&control->mapping(), &brain->mapping()}) {
     if (const Result<> kept = theirs->make_read_only(); !kept) return kept.error();
   }
@@ -89,8 +90,8 @@ void remove_memory(const std::string& robot) {
   ipc::remove_segment(ipc::Segment<ipc::FramesMemory>::path(robot));
 }
 
-// What a law may write, and what it may not: its own two sandboxes, and the Vault, which holds Spine, Slot and
-// Residents.
+// Memory around laws: the two sandboxes, which a law may write, and the Vault (Spine, Slot, Residents), which it may
+// not.
 struct Containment {
   std::unique_ptr<contain::Vault> vault;
   law::SandboxMemory ticking, loading;
@@ -107,14 +108,14 @@ Result<Containment> contain_laws() {
   return Containment{std::move(*vault), std::move(*ticking), std::move(*loading)};
 }
 
-// The arena's store, where no law can write it; nullptr without an arena.
+// The arena's store, in the Vault; nullptr without an arena.
 load::LawStore* keep_store(const Result<std::unique_ptr<load::ArenaStore>>& arena, contain::Vault& vault) {
   if (!arena || *arena == nullptr) return nullptr;
-  (void)(*arena)->arena().lock();  // if not all memory could be, perhaps this much; the notes say which
+  (void)(*arena)->arena().lock();  // locked at least in part; the notes say what was not
   return vault.create<load::ArenaStore>((*arena)->take_arena());
 }
 
-// What the Spine reads as long as it runs, of what lies neither in the Vault nor on pages that nobody can write.
+// Registers the memory to be checked: constant data that is neither in the Vault nor on read-only pages.
 Result<> watch_constants(contain::Constants& constants, const robot::RobotConfig& robot, const Memory& memory) {
   const ipc::SpineMemory& shared = *memory.spine;
   const struct {
@@ -136,7 +137,7 @@ Result<> watch_constants(contain::Constants& constants, const robot::RobotConfig
   return done();
 }
 
-// Everything that runs, and how it stops: the tick first (it switches the drives off), the Transport after it.
+// The threads. Stop order: first the tick (it switches the drives off), then the Transport.
 class Threads {
  public:
   Threads(const robot::RobotConfig& robot, const robot::CpuPlan& cpus, Memory& memory, Containment& containment,
@@ -153,7 +154,7 @@ class Threads {
     loop::start_clock(clock_);
   }
 
-  // Returns the thread that will tick as soon as go() is called.
+  // Returns the tick thread; it starts to tick when go() is called.
   pid_t start() {
     start_helpers();
     if (!cpus_.transport_inline) {
@@ -192,7 +193,7 @@ class Threads {
   void go() { go_.set_value(); }
   contain::Constants& constants() { return constants_; }
 
-  // False: not every drive has been told that it is off.
+  // False: not every drive got the "off" command.
   bool stop() {
     stop_tick_ = true;
     ticking_.join();
@@ -219,7 +220,7 @@ class Threads {
       keep();
     });
     watching_ = std::thread([this] {
-      enter(cpus_.housekeeping, true);  // while it does not run, nothing ends an endless law
+      enter(cpus_.housekeeping, true);  // without it nothing ends an endless law
       const contain::Canary canary(constants_, "the Watchdog's stack");
       watchdog_.run(stop_helpers_);
     });
@@ -232,7 +233,7 @@ class Threads {
     });
   }
 
-  // The clock's fit, and a look at what must not change.
+  // Updates the clock's fit and checks the constant memory.
   void keep() {
     const contain::Canary canary(constants_, "the keeper's stack");
     constexpr timespec kEvery{0, loop::ClockKeeper::kEveryNs};
@@ -247,8 +248,8 @@ class Threads {
     }
   }
 
-  // This thread's own. Without one a law that crashes takes the process with it, which is said once. A filter would
-  // stay for the thread's own calls, too: it is for one that only waits.
+  // Opens this thread's Cell. Without a Cell a crash of a law ends the process; this is logged once. A seccomp filter
+  // would also limit this thread's own calls, so it is used only for a thread that makes none.
   Result<contain::Cell> open_cell(bool only_waits) {
     Result<contain::Cell> cell = contain::Cell::open(containment_.vault.get());
     if (!cell) {
@@ -282,12 +283,12 @@ class Threads {
   contain::Constants constants_;
   std::promise<void> go_;
   std::atomic<bool> stop_tick_{false}, stop_transport_{false}, stop_helpers_{false};
-  bool told_off_ = false;  // the tick thread's last word
+  bool told_off_ = false;  // result of the tick thread's shutdown
   std::thread keeper_, watching_, loading_, transport_, ticking_;
 };
 
-// Until SIGINT or SIGTERM; meanwhile looks after buses whose hardware has gone. The parent's death is no reason to
-// stop: the robot goes on and is adopted.
+// Waits for SIGINT or SIGTERM, and reopens buses whose hardware was lost. Does not stop when the parent dies: the next
+// supervisor adopts this process.
 void look_after(hal::Actuators& actuators, const sigset_t& signals) {
   constexpr timespec kEvery{0, 500'000'000};
   std::string told;
@@ -300,7 +301,7 @@ void look_after(hal::Actuators& actuators, const sigset_t& signals) {
   }
 }
 
-// Until a signal ends it. What is still to get its first value gets it before: nobody can write it then.
+// Runs until a signal ends it. Every static variable must have its value before: the pages are read-only then.
 void run_sealed(Threads& threads, hal::Actuators& actuators, const std::string& ready, const sigset_t& signals) {
   const Result<contain::SealedStatics> sealed = contain::SealedStatics::seal();
   if (!sealed) fmt::print(stderr, "lithe-spine: a law can write the Spine's variables: {}\n", sealed.message());
@@ -310,7 +311,7 @@ void run_sealed(Threads& threads, hal::Actuators& actuators, const std::string& 
   look_after(actuators, signals);
 }
 
-// What start would refuse in the file itself, found before anything is started: cores, and a model's joints.
+// --check: errors of the file that the start would find, without starting: cores, and the joints of a model.
 int check(const std::string& path) {
   const Result<robot::RobotConfig> robot = robot::load_robot(path);
   if (!robot) return refuse(kExitUsage, robot.message());
@@ -329,10 +330,10 @@ int run(const std::string& path) {
   sigemptyset(&signals);
   sigaddset(&signals, SIGINT);
   sigaddset(&signals, SIGTERM);
-  pthread_sigmask(SIG_BLOCK, &signals, nullptr);  // inherited by every thread: only this one takes them
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);  // inherited by every thread: only this one handles them
   signal(SIGPIPE, SIG_IGN);
 
-  use_small_stacks();  // before the first thread: its stack is kept for the next
+  use_small_stacks();  // before the first thread: glibc reuses its stack
   const MachineCores cores = machine_cores();
   const Result<robot::CpuPlan> cpus = robot::plan_cpus(*robot, cores);
   if (!cpus) return refuse(kExitUsage, cpus.message());

@@ -49,7 +49,7 @@ int line_about(const std::string& message, const std::vector<std::string>& lines
 
 bool holds(const std::string& text, std::string_view part) { return text.find(part) != std::string::npos; }
 
-// What a compiler's message about the end of the file means to who wrote it. Empty: it says so itself.
+// Explains a compiler message about the end of the file. Empty = the message is clear.
 std::string about_the_macro(const std::string& message, const std::string& line) {
   constexpr const char* kHow = "LITHE_LAW takes the law's struct, then its name: LITHE_LAW(Law, \"name\");";
   const auto at = line.find_first_not_of(" \t");
@@ -61,8 +61,8 @@ std::string about_the_macro(const std::string& message, const std::string& line)
   return no_struct || swapped || holds(message, "macro \"LITHE_LAW\"") ? kHow : "";
 }
 
-// A compiler's message repeats words of the file it is about. The law's writer has sent the law and may read the
-// contract and the system's headers; any other file was read with lawd's rights.
+// A compiler message quotes the file it is about. The client sent the law, and may read the contract and the system's
+// headers; any other file was read with lawd's permissions and must not be quoted.
 bool may_be_quoted(const std::string& file, const Sources& sources) {
   const auto below = [&file](const std::string& folder) { return file.starts_with(folder + "/"); };
   const bool plain = file.find("/../") == std::string::npos;
@@ -99,7 +99,7 @@ json entry(const json& raw, const Sources& sources, const std::vector<std::strin
   return out;
 }
 
-// The readable form of one entry: where, what, the line, a caret under the column.
+// One entry as text: position, message, source line, a caret under the column.
 std::string render(const json& d) {
   const int line = d["line"], column = d["column"];
   std::string where = d["file"].get<std::string>();
@@ -135,13 +135,13 @@ Diagnostics read_diagnostics(const std::string& output, const Sources& sources) 
   }
   Diagnostics result;
   result.list = json::array();
-  for (const bool warnings : {false, true}) {  // errors first: the first line is what a person reads
+  for (const bool warnings : {false, true}) {  // errors first
     for (json d : all) {
       const bool is_warning = d["severity"] == "warning";
       const bool consequence = contract && !d.contains("contract") && !is_warning &&
                                (d["file"] != name || d["text"].get<std::string>().starts_with("LITHE_LAW"));
       d.erase("contract");
-      if (holds(d["message"], "<expression error>")) continue;  // of a mistake that is told itself
+      if (holds(d["message"], "<expression error>")) continue;  // follows from an error that is reported itself
       const bool known = std::find(result.list.begin(), result.list.end(), d) != result.list.end();
       if (is_warning != warnings || consequence || known || d["severity"] == "note") continue;
       if (result.list.size() >= kMaxEntries) break;

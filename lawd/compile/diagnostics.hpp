@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the compiler said, for a person and for an agent.
+// The compiler's messages, as text and as JSON.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -12,17 +12,17 @@ struct Diagnostics {
   std::string text;     // the same, readable
 };
 
-// What was compiled.
+// The compiled source.
 struct Sources {
-  std::string path;          // of the law as the compiler read it,
-  std::string name;          // shown under this name,
-  std::string text;          // and what it holds
-  std::string contract_dir;  // where the headers are that may be quoted beside it and the system's
+  std::string path;          // path that the compiler read
+  std::string name;          // name to show
+  std::string text;          // source text
+  std::string contract_dir;  // headers here may be quoted too
 };
 
 // `output`: stderr of g++ -fdiagnostics-format=json. A message of the contract (it starts with "LITHE:") is moved from
-// the header to the line of the law it is about, and what follows from it is dropped. Of any file but the law, the
-// contract and the system's headers nothing is repeated but its name and line.
+// the header to the line of the law it is about, and its follow-up errors are dropped. Text is quoted only from the
+// law, the contract and the system's headers; of any other file only name and line are given.
 Diagnostics read_diagnostics(const std::string& output, const Sources& sources);
 
 }  // namespace lithe::lawd

@@ -21,18 +21,18 @@ const std::vector<std::string>& flags() {
                                                "-fPIC",
                                                "-fno-exceptions",
                                                "-fno-rtti",
-                                               "-fno-gnu-unique",  // else dlclose silently keeps the old law
+                                               "-fno-gnu-unique",  // otherwise dlclose keeps the old law loaded
                                                "-fvisibility=hidden",
                                                "-fno-math-errno",
                                                "-fno-asynchronous-unwind-tables",
                                                "-fno-threadsafe-statics",
-                                               "-g1",                     // a crash is reported with its line
+                                               "-g1",                     // for the source line of a crash
                                                "-fcallgraph-info=su,da",  // admission bounds the stack with it
                                                "-isystem/usr/include/eigen3",
                                                "-DEIGEN_NO_DEBUG",  // a failed assertion would print and abort
                                                "-Wall",
                                                "-Wextra",
-                                               "-Wno-unused-parameter",  // a law need not use all it is given
+                                               "-Wno-unused-parameter",  // a law need not use all arguments
                                                "-ftemplate-depth=200",
                                                "-fdiagnostics-format=json",
                                                "-DLITHE_NJ=" + std::to_string(kMaxJoints)};
@@ -80,7 +80,7 @@ Toolchain::Toolchain(std::string contract_dir, std::string cache)
   }
   if (!error_.empty()) return;
   for (const std::string& flag : flags()) all += '\n' + flag;
-  all += '\n' + std::to_string(arena::veneers_hash());  // what a law may call
+  all += '\n' + std::to_string(arena::veneers_hash());  // the functions a law may call
   fingerprint_ = sha256_hex(all);
   precompile();
 }
@@ -99,8 +99,8 @@ void Toolchain::find_programs() {
   linker_version_ = ask("'" + linker_ + "' --version");
 }
 
-// The name of the folder is the fingerprint, so a precompiled header of another compiler is never used. A note of its
-// size beside it tells a whole one from one that a full disk or a crash cut short.
+// The name of the folder is the fingerprint, so a precompiled header of another compiler is never used. Its size is
+// stored beside it, to detect a file truncated by a full disk or a crash.
 void Toolchain::precompile() {
   const std::string dir = cache_ + "/contract/" + fingerprint_.substr(0, 32);
   const std::string header = dir + "/lithe/law.hpp.gch", note = dir + "/size";
@@ -153,17 +153,17 @@ std::vector<std::string> Toolchain::compile_command(const std::string& source, c
                                                     Contract contract) const {
   std::vector<std::string> command = base_command();
   if (contract == Contract::precompiled && precompiled()) {
-    command.insert(command.end(), {"-I", pch_dir_});  // before the contract: lithe/law.hpp.gch
+    command.insert(command.end(), {"-I", pch_dir_});  // before the contract, so that lithe/law.hpp.gch is found first
   }
-  // Debug information without the scratch folder: the same law gives the same object.
+  // Debug information without the scratch folder, so that the same law gives the same object.
   const std::string folder = fs::path(source).parent_path().string();
   command.push_back("-ffile-prefix-map=" + folder + "/=");
   command.insert(command.end(), {"-I", contract_dir_, "-x", "c++", "-c", source, "-o", object});
   return command;
 }
 
-// ld itself: the compiler's driver would cost more than the link. No library is named: a law may use what the Spine
-// already has (the maths of libm), and the dry run's RTLD_NOW finds every name it has not.
+// Calls ld directly: the compiler driver would take longer than the link. No library is linked: a law may use what the
+// Spine already has (libm), and the dry run's RTLD_NOW finds every missing name.
 std::vector<std::string> Toolchain::link_command(const std::string& object, const std::string& library) const {
   return {linker_,           "-shared", "-z", "now",  "-z", "relro", "-z", "noexecstack", "--hash-style=gnu",
           "--build-id=none", object,    "-o", library};

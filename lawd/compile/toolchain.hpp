@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The compiler of this machine, the contract it compiles laws against, and the contract precompiled.
+// The compiler of this machine, the contract (headers), and the precompiled contract.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -13,17 +13,17 @@ namespace lithe::lawd {
 // Where lithe/law.hpp is: $LITHE_CONTRACT_DIR, else beside the executable (../include), else the source tree.
 std::string find_contract_dir();
 
-// What must not be in a cache, and where the cache is full: one sentence for a person.
+// Why the cache cannot be used (wrong contents, or a full disk): one sentence.
 std::string full_disk_text(const std::string& dir);
 
 class Toolchain {
  public:
   // Finds g++ ($LITHE_CXX, else g++) and ld, and precompiles the contract into `cache` unless it is there already.
-  // Never fails for lack of a precompiled header: laws then compile slower. error() is set when there is no compiler.
+  // Without a precompiled header laws only compile slower. error() is set when there is no compiler.
   Toolchain(std::string contract_dir, std::string cache);
 
   const std::string& error() const { return error_; }
-  // Everything but the source that decides what comes out: compiler, flags, contract. SHA-256 hex.
+  // Fingerprint of all inputs except the source: compiler, flags, contract. SHA-256 as hex.
   const std::string& fingerprint() const { return fingerprint_; }
   // For a certificate: {"compiler", "linker", "flags", "contract"}; the flags as one line, contract = the fingerprint.
   nlohmann::json to_json() const;
@@ -31,14 +31,15 @@ class Toolchain {
   bool precompiled() const { return !pch_dir_.empty(); }
   double precompile_ms() const { return precompile_ms_; }
 
-  // In place of a precompiled header that the compiler choked on.
+  // Used when the compiler fails with the precompiled header.
   void precompile_again();
 
   enum class Contract { precompiled, as_text };
   std::vector<std::string> compile_command(const std::string& source, const std::string& object,
                                            Contract contract = Contract::precompiled) const;
   std::vector<std::string> link_command(const std::string& object, const std::string& library) const;
-  // For a slot of the arena, as `script` (a linker script) says. With its lines it is for reading, not for running.
+  // Links for a slot of the arena, with the linker script `script`. With debug lines the result is only for locating
+  // source lines.
   enum class Lines { none, kept };
   std::vector<std::string> place_command(const std::string& object, const std::string& script,
                                          const std::string& program, Lines lines = Lines::none) const;

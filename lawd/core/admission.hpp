@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Admission: what a law may not be, found in its source before it is compiled and in its object before it runs.
+// Admission: static rules for a law. The source is checked before it is compiled, the object before it runs.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -9,7 +9,7 @@
 
 namespace lithe::lawd {
 
-// Changes whenever a rule does: an object admitted under other rules is looked at again.
+// Version of the rules: an object admitted under another version is checked again.
 inline constexpr std::string_view kAdmissionRules = "admission 2";
 
 // Why a law is refused: what to change, and where. Line 0 = the law as a whole.
@@ -20,18 +20,18 @@ struct Finding {
   int column = 0;
 };
 
-// One rule, what it said and what it cost.
+// One rule: its result and its time.
 struct Gate {
   std::string name;
   bool ok = true;
   double ms = 0;
-  std::string detail;  // a number worth keeping in the certificate, or why the rule could not be applied
+  std::string detail;  // a number for the certificate, or why the rule could not be applied
 };
 
 struct Admission {
   std::vector<Gate> gates;
-  std::vector<Finding> findings;  // at most kMaxFindings
-  std::string not_applied;        // why a rule could not be applied: nothing against the law, and nothing for it
+  std::vector<Finding> findings;  // at most kMaxFindings are kept
+  std::string not_applied;        // why a rule could not be applied; the law is then neither admitted nor at fault
 
   static constexpr std::size_t kMaxFindings = 20;
   bool ok() const { return findings.empty() && not_applied.empty(); }
@@ -39,13 +39,14 @@ struct Admission {
   nlohmann::json gates_json() const;  // [{gate, ok, ms, detail}]
 };
 
-// What the compiler left behind: the object, and the call graph beside it (same name, ".ci").
+// The compiler's output: the object, and the call graph beside it (same name, ".ci").
 struct Compiled {
   std::string object_path;
-  std::string source_path;  // as the compiler saw it: that is how lines of the law are told from lines of headers
+  std::string source_path;  // as passed to the compiler: tells lines of the law from lines of headers
 };
 
-// Both add their gates and findings to `out`. Contract: any bytes are safe · nothing of the law runs.
+// Both add their gates and findings to `out`.
+// Contract: any bytes are safe · nothing of the law runs.
 void admit_source(std::string_view source, Admission& out);
 void admit_object(const Compiled& compiled, Admission& out);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The answers that say no.
+// Refusals of the compile service.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -12,17 +12,16 @@ namespace lithe::lawd {
 nlohmann::json refuse(const std::string& stage, const std::string& text,
                       nlohmann::json diagnostics = nlohmann::json::array());
 
-// A refusal that is about the law as a whole, not about one line.
+// A refusal about the law as a whole, not one line.
 nlohmann::json refuse_whole(const std::string& stage, const std::string& name, const std::string& reason);
 
-// What could not be looked at is refused too, but it is not the law's fault, and nobody remembers it.
+// An object that could not be examined is refused too; this is not the law's fault and is not cached.
 nlohmann::json refuse_admission(const Admission& admission, const std::string& name, const std::string& source);
 
-// The machine gave a step of the service no processor time (child.hpp: starved_text()). Nothing is known against the
-// law.
+// A step got too little processor time (child.hpp: starved_text()). This is no evidence against the law.
 nlohmann::json refuse_starved(const std::string& text);
 
-// What a program says that ran into a limit.
+// The message of a program that exceeded a limit.
 bool disk_is_full(const std::string& text);
 bool memory_is_full(const std::string& text);
 

@@ -10,7 +10,7 @@ namespace lithe::lawd {
 namespace {
 
 constexpr const char* kGate = "instructions";
-constexpr int kListingMs = 20'000;  // lawd works when nobody else does
+constexpr int kListingMs = 20'000;  // long, because lawd has idle priority
 
 struct Rule {
   std::string_view mnemonic;
@@ -49,10 +49,10 @@ constexpr std::array kRules = std::to_array<Rule>({
 #endif
 });
 
-// insert, insertps and insb all begin with "ins": only the string forms go to a port.
+// insert, insertps and insb all begin with "ins"; only the string forms (insb ...) access a port.
 bool is_vector(std::string_view mnemonic) { return mnemonic.starts_with("insert"); }
 
-// "  4f:\tsyscall" -> 0x4f, "syscall". False for all other lines. Prefixes that stand as words are skipped.
+// " 4f:\tsyscall" -> 0x4f, "syscall". False for all other lines. Prefixes written as words are skipped.
 bool read_instruction(std::string_view line, std::uint64_t& offset, std::string_view& mnemonic) {
   while (!line.empty() && line.front() == ' ') line.remove_prefix(1);
   const auto [end, error] = std::from_chars(line.data(), line.data() + line.size(), offset, 16);
@@ -98,7 +98,7 @@ std::size_t scan(std::string_view listing, const SourceLines& lines, Admission& 
   return count;
 }
 
-// "" when the whole listing is there.
+// "" when the listing is complete, else the error.
 std::string why_not_listed(const Outcome& listed) {
   if (listed.clean()) return "";
   if (listed.exit_code == 127) return "objdump cannot be run (apt install binutils)";

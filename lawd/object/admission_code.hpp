@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The instructions of a law: none that enters the kernel, ends the containment or gives another answer each time.
+// Checks the instructions of a law. Refused: those that enter the kernel, switch the containment off, or give a
+// different result on each call.
 #pragma once
 
 #include <string_view>

@@ -41,7 +41,7 @@ class Parser {
  public:
   Parser(std::string_view bytes, ElfObject& out) : bytes_(bytes), out_(out) {}
 
-  // "" or what is wrong.
+  // The error, or "".
   std::string_view parse() {
     if (const std::string_view why = header(); !why.empty()) return why;
     if (!read_sections()) return "its section table points outside the file";
@@ -89,7 +89,7 @@ class Parser {
   bool read_symbols() {
     for (std::size_t i = 0; i < raw_.size(); ++i) {
       if (raw_[i].sh_type != SHT_SYMTAB) continue;
-      if (!out_.symbols.empty() || raw_[i].sh_link >= raw_.size()) return false;  // there is one
+      if (!out_.symbols.empty() || raw_[i].sh_link >= raw_.size()) return false;  // a second symbol table
       const std::string_view table = out_.sections[i].bytes, names = out_.sections[raw_[i].sh_link].bytes;
       const std::size_t count = table.size() / sizeof(Elf64_Sym);
       if (count > kMaxSymbols || raw_[i].sh_entsize != sizeof(Elf64_Sym)) return false;

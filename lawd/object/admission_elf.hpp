@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads a relocatable ELF object that nobody vouches for.
+// Reads an untrusted relocatable ELF object.
 #pragma once
 
 #include <cstdint>
@@ -34,17 +34,18 @@ struct ElfRelocation {
   std::int64_t addend = 0;
 };
 
-// As its author wrote it; the symbol itself when it is no name of C++.
+// The demangled name; the symbol itself when it is not a C++ name.
 std::string readable(std::string_view symbol);
 
-// Views into `bytes`, which must outlive it. Contract: any bytes are safe
+// Views into `bytes`, which must outlive it.
+// Contract: any bytes are safe
 struct ElfObject {
   std::uint16_t machine = 0;
   std::vector<ElfSection> sections;
   std::vector<ElfSymbol> symbols;
   std::vector<ElfRelocation> relocations;
 
-  // Nothing when the bytes are not a whole relocatable object of this machine; `why` says what is wrong.
+  // Empty when the bytes are not a complete relocatable object of this machine; `why` gets the reason.
   static std::optional<ElfObject> parse(std::string_view bytes, std::string& why);
 
   const ElfSection* section(std::uint32_t index) const {

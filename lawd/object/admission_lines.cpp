@@ -54,7 +54,7 @@ int SourceLines::of(std::string_view section, std::uint64_t offset) const {
   return 0;
 }
 
-// Debug information carries the path without its folder, the call graph with it: the file's name decides.
+// Debug information has the path without its folder, the call graph with it: compare the file name only.
 int SourceLines::own_line(std::string_view place) const {
   const auto file_of = [](std::string_view path) { return path.substr(path.find_last_of('/') + 1); };
   const std::string_view own = file_of(compiled_.source_path);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rules on a law's object: what it holds, what it asks for, what it exports.
+// The rules for a law's object: its sections, imported and exported symbols.
 #include <elf.h>
 
 #include <algorithm>
@@ -27,7 +27,7 @@ bool is_or_begins(std::string_view name, std::string_view wanted) {
   return name == wanted || (name.starts_with(wanted) && name[wanted.size()] == '.');
 }
 
-// Constants that hold addresses: written once by whoever loads the law, never by the law.
+// Constants that contain addresses: written once by the loader, never by the law.
 bool is_relro(std::string_view name) { return is_or_begins(name, ".data.rel.ro"); }
 
 bool is_known_section(const ElfSection& section) {
@@ -41,7 +41,8 @@ struct LinkKinds {
   bool has(std::uint32_t kind) const { return std::find(kinds.begin(), kinds.end(), kind) != kinds.end(); }
 };
 
-// What a linker resolves for good, in code and constants. Everything about threads and indirect functions is missing.
+// Relocations that a linker resolves completely, in code and constants. Those of thread-local data and indirect
+// functions are not in the list.
 const LinkKinds& link_kinds() {
 #if defined(__x86_64__)
   static constexpr LinkKinds kAll{{R_X86_64_64, R_X86_64_PC32, R_X86_64_PLT32, R_X86_64_GOTPCREL, R_X86_64_GOTPCRELX,
@@ -92,7 +93,7 @@ class Object {
     return 0;
   }
 
-  // Writable memory, code that runs at loading, memory of threads: named by what the author wrote.
+  // Refuses writable data, code that runs at load time, and thread-local data; names the variable.
   void check_memory() {
     for (std::size_t i = 1; i < elf_.sections.size(); ++i) {
       const ElfSection& section = elf_.sections[i];
@@ -132,9 +133,9 @@ class Object {
       if (symbol.section != section || symbol.name.empty() || symbol.type == STT_SECTION) continue;
       named = true;
       const std::string name = readable(symbol.name);
-      if (name.starts_with("guard variable for ")) continue;  // its variable is named itself
+      if (name.starts_with("guard variable for ")) continue;  // the guarded variable is reported itself
       const int line = lines_.mentions(name);
-      const std::size_t local = name.rfind(")::");  // a variable inside a function: its own name is enough
+      const std::size_t local = name.rfind(")::");  // a variable inside a function: report its own name
       const std::string shown = local == std::string::npos ? name : name.substr(local + 3);
       refuse(shown + " " + why, line != 0 ? line : line_of_use(k));
     }
@@ -214,7 +215,7 @@ class Object {
   }
   bool is_linked(const ElfSymbol& law, std::size_t offset) const { return link_at(law, offset) != nullptr; }
 
-  // Whether the pointer at `offset` of the descriptor is linked to code (or constants) inside this object.
+  // True when the pointer at `offset` of the descriptor points to code (or constants) in this object.
   bool points_into(const ElfSymbol& law, std::size_t offset, bool code) const {
     const ElfRelocation* link = link_at(law, offset);
     const ElfSection* target = link == nullptr ? nullptr : elf_.section(elf_.symbols[link->symbol].section);

@@ -16,8 +16,7 @@ namespace lithe::lawd {
 namespace {
 
 constexpr std::uint64_t kMaxFrameBytes = 16u << 10, kMaxStackBytes = 64u << 10;
-constexpr std::uint64_t kLibraryFrameBytes = 1024;  // of a function of <cmath>, whose graph we do not see
-// std::sort and its like call themselves, at most twice as deep as the logarithm of the length.
+constexpr std::uint64_t kLibraryFrameBytes = 1024;  // assumed for a function of <cmath>: its call graph is not known
 constexpr std::uint64_t kLibraryDepth = 64;
 constexpr const char* kGate = "stack";
 
@@ -25,7 +24,7 @@ struct Node {
   std::string name;  // readable
   int line = 0;      // of the law; 0 = a header's
   std::uint64_t frame_bytes = 0;
-  bool known = false;  // it has a body here
+  bool known = false;  // its body is in this object
   bool dynamic = false;
   std::vector<std::size_t> calls;
   std::vector<int> call_lines;
@@ -89,7 +88,7 @@ class Graph {
     }
   }
 
-  // The contract's own wrapper stands for the step that was inlined into it.
+  // When `step` was inlined, the contract's wrapper has its stack frame.
   void read_name(Node& node, std::string_view name) {
     node.name = name;
     if (name.find("lithe::contract::") == std::string_view::npos) return;
@@ -120,7 +119,7 @@ class Depth {
     std::uint64_t bytes = 0;
   };
 
-  // The stack that node i and all it calls need. Deep graphs are cut off: they do not fit anyway.
+  // Stack of node i with everything it calls [bytes]. Very deep graphs are cut off: they exceed the limit anyway.
   std::uint64_t below(std::size_t i) {
     State& state = state_[i];
     if (state.seen == Seen::done) return state.bytes;
@@ -151,7 +150,7 @@ class Depth {
                 line != 0 ? line : node.line);
   }
 
-  // False when everything on the circle is the library's own.
+  // False when every function of the cycle is from the library.
   bool refuse_recursion(std::size_t to, int line) {
     const auto from = std::find(path_.begin(), path_.end(), to);
     for (auto step = from; step != path_.end(); ++step) {

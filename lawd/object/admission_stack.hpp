@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How deep a law's stack can become, from the call graph that the compiler wrote beside the object.
+// Bounds a law's stack depth, from the call graph that the compiler wrote.
 #pragma once
 
 #include "lawd/core/admission.hpp"

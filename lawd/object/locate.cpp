@@ -14,7 +14,7 @@ namespace {
 
 using nlohmann::json;
 
-// Lines of the contract and of the library are nobody's who writes a law.
+// Lines of the contract and of the library are skipped: the law's author did not write them.
 bool is_library(const std::string& path) {
   return path.starts_with(find_contract_dir()) || path.starts_with("/usr/include/") || path.starts_with("/usr/lib/");
 }
@@ -23,7 +23,7 @@ json unknown(const std::string& why) { return {{"ok", false}, {"stage", "locate"
 
 }  // namespace
 
-// addr2line -f, innermost first: a line with the function, one with "path:line". The first that is the law's.
+// addr2line -f, innermost first: a line with the function, one with "path:line". The first line of the law is used.
 json own_place(const std::string& program, std::uint64_t address) {
   const Outcome told = output_of({"addr2line", "-i", "-f", "-C", "-e", program, fmt::format("{:#x}", address)});
   if (!told.clean()) return unknown("addr2line does not run: install binutils");

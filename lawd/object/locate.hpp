@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a law failed, for the one who wrote it.
+// Finds the source line where a law failed.
 #pragma once
 
 #include <cstdint>
@@ -8,8 +8,9 @@
 
 namespace lithe::lawd {
 
-// {"ok", "line", "function"} of an address in `program`, which was linked with its lines: the innermost line that the
-// law's author wrote, looking through what was inlined. Contract: some milliseconds (addr2line)
+// {"ok", "line", "function"} of an address in `program`, which was linked with its lines: the innermost line of the
+// law's source, also for inlined code.
+// Contract: some milliseconds (addr2line)
 nlohmann::json own_place(const std::string& program, std::uint64_t address);
 
 }  // namespace lithe::lawd

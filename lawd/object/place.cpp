@@ -21,9 +21,9 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::size_t kMaxLinks = 64;  // two laws in turn, in every slot, and some
+constexpr std::size_t kMaxLinks = 64;  // two laws in every slot, and a reserve
 
-// The variable that made a section, as its author wrote it; the section's own name when no symbol tells.
+// The variable that a section belongs to; the section's name when no symbol is found.
 std::string owner_of(const ElfObject& object, std::uint32_t section) {
   std::string name;
   for (const ElfSymbol& symbol : object.symbols) {
@@ -34,7 +34,7 @@ std::string owner_of(const ElfObject& object, std::uint32_t section) {
   return name.empty() ? std::string(object.sections[section].name) : name;
 }
 
-// Slots hold code and constants only: these are the sections of an object, in the order in which they come to lie.
+// Slots hold code and constants only: these sections of an object are kept, in this order.
 std::string script_for(std::uint32_t slot) {
   std::string text = fmt::format(
       "ENTRY(lithe_law)\nSECTIONS {{\n  . = {:#x};\n  .text : {{ *(.text .text.*) }}\n"
@@ -68,7 +68,7 @@ bool read_at(std::string_view bytes, std::uint64_t offset, T& out) {
   return true;
 }
 
-// What the linker made, as it shall stand in the slot. A sentence when something lies where it must not.
+// The linker's output as the bytes of the slot, or an error sentence when a section has a wrong address.
 std::string read_linked(std::string_view elf, std::uint32_t slot, Linked& linked) {
   Elf64_Ehdr head{};
   if (!read_at(elf, 0, head) || head.e_type != ET_EXEC) return "the linker made something else than a program";
@@ -104,7 +104,7 @@ std::string why_not_placeable(std::string_view object) {
   for (std::uint32_t i = 1; i < elf->sections.size(); ++i) {
     const ElfSection& section = elf->sections[i];
     if ((section.flags & SHF_ALLOC) == 0 || (section.flags & SHF_WRITE) == 0 || section.size == 0) continue;
-    if (section.name.starts_with(".data.rel.ro")) continue;  // constants that hold addresses
+    if (section.name.starts_with(".data.rel.ro")) continue;  // constants that contain addresses
     const bool runs = section.type == SHT_INIT_ARRAY || section.type == SHT_FINI_ARRAY ||
                       section.type == SHT_PREINIT_ARRAY || section.name.starts_with(".ctors");
     if (runs) return "a variable of the law is set up by code that runs at start: make it constexpr";

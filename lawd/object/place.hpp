@@ -13,34 +13,35 @@
 
 namespace lithe::lawd {
 
-// A law as it stands in its slot.
+// A law linked for its slot.
 struct Linked {
   std::vector<std::byte> bytes;  // from the slot's start
   std::uint64_t entry = 0;       // address of the law's descriptor
   std::uint64_t hash = 0;        // arena::image_hash
 };
 
-// What a relocatable object may not bring along: data that can be written, or code that runs by itself. One sentence
-// with the name of what is wrong; empty when there is nothing. Contract: any bytes are safe
+// Why a relocatable object cannot be placed: it has writable data, or code that runs at load time. One sentence with
+// the name; empty = it can.
+// Contract: any bytes are safe
 std::string why_not_placeable(std::string_view object);
 
 // Contract: one thread
 class Placer {
  public:
-  // `scratch`: a folder for what the linker reads and writes. `arena_fd`: handed over by the supervisor; it is closed
-  // here, so that no child can have it.
+  // `scratch`: folder for the linker's files. `arena_fd`: from the supervisor; closed here after mapping, so that no
+  // child inherits it.
   Placer(const Toolchain& toolchain, std::string scratch, int arena_fd);
 
-  // Why nothing can be placed; empty when everything can.
+  // Why no law can be placed; empty = placing works.
   const std::string& error() const { return error_; }
 
   // The law in `object` (a file), linked for `slot`, written there and tried for so many steps in a child process.
-  // `name` tells one law from another in the memory of links. The slot must not be one that anybody runs.
+  // `name` is the key in the cache of links. No process may be running a law in this slot.
   nlohmann::json place(const std::string& name, const std::string& object, std::uint32_t slot, std::uint32_t joints,
                        std::uint64_t dry_steps);
 
-  // {"ok", "line", "function"} of what lies so many bytes from the start of any slot with the law in `object`: the
-  // innermost line that its author wrote, looking through what was inlined. Costs a link.
+  // {"ok", "line", "function"} of the code at this offset [bytes] from the start of a slot with the law in `object`:
+  // the innermost line of the law's source, also for inlined code. Links once.
   nlohmann::json locate(const std::string& object, std::uint32_t offset) const;
 
  private:
@@ -55,7 +56,7 @@ class Placer {
   std::string scratch_;
   std::optional<arena::Writer> writer_;
   std::string error_;
-  std::vector<std::pair<std::string, Linked>> links_;  // newest last; a link costs as much as all the rest of a swap
+  std::vector<std::pair<std::string, Linked>> links_;  // newest last; a cache, because a link takes long
 };
 
 }  // namespace lithe::lawd

@@ -36,7 +36,7 @@ void limit(__rlimit_resource resource, std::size_t amount) {
   for (const int fd : {0, 1, 2}) dup2(null, fd);
   limit(RLIMIT_CORE, 0);
   const auto cpu_s = static_cast<rlim_t>(limits.cpu_s);
-  const rlimit cpu{cpu_s, cpu_s + 1};  // SIGXCPU first: it tells a loop from a lack of memory
+  const rlimit cpu{cpu_s, cpu_s + 1};  // SIGXCPU comes first: it tells an endless loop from a lack of memory
   setrlimit(RLIMIT_CPU, &cpu);
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // their shadow memory needs the address space
   limit(RLIMIT_AS, limits.memory_bytes);
@@ -81,7 +81,7 @@ bool reap(pid_t pid, Clock::time_point deadline, int& status, Outcome& outcome) 
   }
 }
 
-// What is left of the child's group, which has been killed.
+// Collects the remaining processes of the killed group.
 void reap_group(pid_t pid, int& status, Outcome& outcome) {
   rusage used{};
   for (int each = 0;; used = {}) {
@@ -116,11 +116,11 @@ Outcome run_child(const std::function<int(int)>& body, const Limits& limits) {
     child_main(body, pipe_fd[1], limits);
   }
   close(pipe_fd[1]);
-  setpgid(pid, pid);  // both sides do it, so that it is done whoever runs first
+  setpgid(pid, pid);  // parent and child both call it: either may run first
   int status = 0;
   outcome.timed_out = !drain(pipe_fd[0], deadline, outcome) || !reap(pid, deadline, status, outcome);
   close(pipe_fd[0]);
-  kill(-pid, SIGKILL);  // also what it may have left behind
+  kill(-pid, SIGKILL);  // also its own children
   reap_group(pid, status, outcome);
   outcome.wall_ms = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
   outcome.starved = outcome.timed_out && outcome.cpu_ms < 0.5 * std::min(1e3 * limits.cpu_s, 1.0 * limits.wall_ms);
@@ -136,7 +136,7 @@ Outcome run_program(const std::vector<std::string>& argv, const Limits& limits) 
   raw.push_back(nullptr);
   const auto body = [&raw](int out_fd) {
     dup2(out_fd, 2);
-    setenv("LC_ALL", "C", 1);  // plain quotes and English, whatever the terminal speaks
+    setenv("LC_ALL", "C", 1);  // English messages with plain quotes
     execvp(raw[0], raw.data());
     dprintf(2, "cannot run %s: %s\n", raw[0], std::strerror(errno));
     return 127;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs a piece of work in a child process that cannot outlive or outgrow its limits.
+// Runs work in a child process with limits on time, memory and file size.
 #pragma once
 
 #include <functional>
@@ -23,7 +23,7 @@ struct Outcome {
   bool cut = false;    // it wrote more
   double cpu_ms = 0;   // of the processor, for it and all that it started
   double wall_ms = 0;
-  // Stopped by wall_ms before it had half of the processor time it may take: that says nothing about what it works on.
+  // Stopped by wall_ms before it got half of its allowed processor time: no evidence about its input.
   bool starved = false;
 
   bool clean() const { return !timed_out && signal == 0 && exit_code == 0; }
@@ -31,7 +31,7 @@ struct Outcome {
 
 // Forks, and runs `body(out_fd)` in the child; its return value is the exit code. stdin, stdout and stderr of the child
 // are /dev/null. The child is killed with its whole process group after `wall_ms`, and when lawd dies. This process
-// becomes the parent of what the child leaves behind (PR_SET_CHILD_SUBREAPER), to count its processor time.
+// adopts the child's orphans (PR_SET_CHILD_SUBREAPER), to count their processor time.
 Outcome run_child(const std::function<int(int out_fd)>& body, const Limits& limits);
 
 // Runs a program with its stderr captured in Outcome::output.

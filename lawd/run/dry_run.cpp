@@ -48,14 +48,14 @@ std::int64_t now_ns() {
   return now.tv_sec * 1'000'000'000ll + now.tv_nsec;
 }
 
-// The child tells how far it came, one JSON line at a time: after a crash the last line says where it was.
+// The child reports its progress, one JSON line per stage: after a crash the last line says where it was.
 void tell(int fd, const json& line) {
   const std::string text = line.dump(-1, ' ', false, json::error_handler_t::replace) + "\n";
   if (write(fd, text.data(), text.size()) < 0) _exit(3);
 }
 
-// The law's State from its defaults, through `steps` dry steps. quickest_ns: of each step, over all repetitions.
-// The first output that is not a number ends it: its name goes to `bad`, and the step it came from is returned.
+// Runs `steps` steps from the default State. quickest_ns: fastest time of each step over all repetitions. Ends at the
+// first output that is not finite: its name goes to `bad`, and the step's number is returned.
 std::uint64_t dry_steps(const LitheLaw& law, std::uint32_t joints, std::uint64_t steps, law::Resident& resident,
                         std::vector<std::int64_t>& quickest_ns, std::array<char, 64>& bad) {
   law::reset_resident(resident, law);
@@ -72,7 +72,8 @@ std::uint64_t dry_steps(const LitheLaw& law, std::uint32_t joints, std::uint64_t
   return steps;
 }
 
-// A law does the same in every repetition, a busy machine does not: what is slow each time is the law.
+// A law does the same work in every repetition; a disturbance of the machine is different each time. So only a step
+// that is slow every time counts.
 int try_steps(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t steps) {
   auto resident = std::make_unique<law::Resident>();
   std::vector<std::int64_t> quickest_ns(steps, std::numeric_limits<std::int64_t>::max());
@@ -86,13 +87,13 @@ int try_steps(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t s
                                 "a sensor that is not valid (NaN), or a gain that diverges"}});
       return 1;
     }
-    if (now_ns() - start > kPatienceNs) break;  // slow enough that noise is small beside it
+    if (now_ns() - start > kPatienceNs) break;  // the step is so slow that noise does not matter
   }
   tell(fd, {{"done", true}, {"step_ns", steps == 0 ? 0 : *std::max_element(quickest_ns.begin(), quickest_ns.end())}});
   return 0;
 }
 
-// dlopen's words, without our scratch path; an unknown name is the one mistake a law can make here.
+// dlopen's message without our scratch path. The usual error here is an unknown name.
 std::string load_failure(const std::string& words) {
   constexpr std::string_view kUndefined = "undefined symbol: ";
   const auto at = words.find(kUndefined);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Opens a compiled law in a throw-away process, reads its descriptor and lets it step on harmless inputs.
+// Dry run: opens a compiled law in a child process, reads its descriptor and steps it on harmless inputs.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -9,11 +9,11 @@ namespace lithe::lawd {
 
 struct DryRun {
   bool ok = false;
-  bool starved = false;  // the machine gave it no processor time: nothing is known against the law
+  bool starved = false;  // it got too little processor time: no evidence against the law
   std::string stage;     // load | dry_run: where it failed
   std::string reason;    // one sentence: what happened and what to change
   nlohmann::json law;    // name, state[], params[], probes[], sizes
-  double step_ns = 0;    // of the slowest dry step; each counts as the quickest of its repetitions
+  double step_ns = 0;    // slowest step; for each step the fastest repetition counts
 };
 
 inline constexpr std::uint64_t kDrySteps = 1000;

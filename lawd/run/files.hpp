@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small files, read whole and written whole or not at all.
+// Reads and writes small files; a write is complete or has no effect.
 #pragma once
 
 #include <optional>
@@ -8,13 +8,13 @@
 
 namespace lithe::lawd {
 
-// The bytes of a file; nothing when it cannot be read.
+// The bytes of a file; empty when it cannot be read.
 std::optional<std::string> read_file(const std::string& path);
 
-// Writes under another name, flushes to the disk, renames. Returns "" or what went wrong ("No space left on device").
+// Writes to a temporary name, flushes to disk, renames. Returns "" or the error ("No space left on device").
 std::string write_file_whole(const std::string& path, std::string_view bytes);
 
-// A directory that is gone with this object.
+// A temporary directory, removed with this object.
 class ScratchDir {
  public:
   explicit ScratchDir(const std::string& parent);

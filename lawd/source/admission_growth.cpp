@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A macro is judged where it is used, by all definitions that its name ever has: the order of the lines decides
-// nothing.
+// A macro is judged where it is used, by all definitions that its name has anywhere; the order of lines is ignored.
 #include "lawd/source/admission_growth.hpp"
 
 #include <algorithm>
@@ -13,7 +12,7 @@ namespace lithe::lawd {
 namespace {
 
 constexpr double kMost = 1e12;  // sums and products stay finite
-constexpr int kMaxDepth = 100;  // of macros in macros and in their arguments: this is recursion too
+constexpr int kMaxDepth = 100;  // nesting of macros, also in arguments: this check recurses as deep
 
 using Words = std::vector<const Token*>;
 
@@ -22,7 +21,8 @@ struct Definition {
   Words body;
 };
 
-// What some words become: so many, and so many times each param of the definition that they stand in.
+// Size of an expansion: a constant number of words, plus a number of repetitions for each parameter of the enclosing
+// definition.
 struct Size {
   double words = 0;
   std::vector<double> times;
@@ -38,8 +38,8 @@ struct Macro {
   std::vector<Definition> definitions;
   bool has_arguments = false;
   enum class Seen { no, open, done } seen = Seen::no;
-  double words = 1;     // it becomes so many itself,
-  double argument = 1;  // and repeats each word of its arguments at most so often
+  double words = 1;     // own words,
+  double argument = 1;  // and how often each word of its arguments is repeated, at most
 };
 
 bool is_mark(const Token& token, std::string_view mark) { return token.kind == TokenKind::mark && token.text == mark; }
@@ -72,7 +72,8 @@ class Growth {
   }
 
  private:
-  // Definitions are kept, conditions count as text, since macros grow there too. The index of what follows.
+  // Records definitions. Conditions count as text, since macros expand there too. Returns the index after the
+  // directive.
   std::size_t read_directive(const std::vector<Token>& list, std::size_t i) {
     std::size_t end = i;
     while (end < list.size() && list[end].directive && !list[end].first) ++end;
@@ -83,7 +84,7 @@ class Growth {
     } else if (name == "if" || name == "elif") {
       for (std::size_t k = i + 1; k < end; ++k) {
         if (list[k].text == "defined") {
-          k += k + 1 < end && is_mark(list[k + 1], "(") ? 2 : 1;  // its name is not used
+          k += k + 1 < end && is_mark(list[k + 1], "(") ? 2 : 1;  // skip the parameter's name
         } else {
           text_.push_back(&list[k]);
         }
@@ -111,7 +112,7 @@ class Growth {
     macro.definitions.push_back(std::move(made));
   }
 
-  // Adds what the word at `i` becomes, with its arguments when it has some. The index of what follows.
+  // Adds the expansion of the word at `i`, with its arguments if any. Returns the index after it.
   std::size_t take(const Words& words, std::size_t i, const Definition* in, const Macro* inside, Size& size) {
     const Token& word = *words[i];
     if (in != nullptr && is_word(word)) {
@@ -123,7 +124,7 @@ class Growth {
       }
     }
     const auto found = is_word(word) ? macros_.find(word.text) : macros_.end();
-    if (found == macros_.end() || &found->second == inside) {  // the latter stays as it is, says the language
+    if (found == macros_.end() || &found->second == inside) {  // a macro is not expanded inside itself
       size.words += 1;
       return i + 1;
     }
@@ -142,7 +143,7 @@ class Growth {
     return end;
   }
 
-  // From "(" to its ")"; 0 when they are not there.
+  // Length from "(" to its ")"; 0 when there are none.
   std::size_t take_arguments(const Words& words, std::size_t i, const Definition* in, const Macro* inside,
                              Size& arguments) {
     if (i >= words.size() || !is_mark(*words[i], "(") || !enter(*words[i])) return 0;

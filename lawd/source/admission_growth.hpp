@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How many words a law's own macros make of its text: a few lines of them can fill a machine's memory.
+// Bounds the size of a law after macro expansion: a few lines of macros can expand to more than the memory.
 #pragma once
 
 #include <cstddef>
@@ -10,8 +10,9 @@
 
 namespace lithe::lawd {
 
-// Refuses, in the name of `gate`, a text that grows to more than `most_words`, and macros whose growth has no bound
-// that can be told beforehand. Nothing is expanded. Contract: any tokens are safe · linear in their number
+// Refuses, as gate `gate`, a text that would expand to more than `most_words` words, and macros whose expansion cannot
+// be bounded. Nothing is expanded here.
+// Contract: any tokens are safe · linear in their number
 void check_growth(const Tokens& tokens, std::size_t most_words, const char* gate, Admission& out);
 
 }  // namespace lithe::lawd

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rules on the text of a law. They see tokens after line joining and without comments; token pasting is refused, so
-// that every word the compiler will see stands in the text.
+// The rules for a law's source text. They read tokens, after line joining and without comments. Token pasting is
+// refused, so every word that the compiler sees is in the text.
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -14,7 +14,7 @@ namespace lithe::lawd {
 namespace {
 
 constexpr std::size_t kMaxSourceBytes = std::size_t{256} << 10;
-constexpr std::size_t kMaxWords = 200'000;  // after the macros
+constexpr std::size_t kMaxWords = 200'000;  // after macro expansion
 
 template <std::size_t N>
 bool holds(const std::array<std::string_view, N>& list, std::string_view word) {
@@ -114,7 +114,7 @@ class Source {
                                                                   "elifdef", "elifndef", "pragma"};
     if (!same_directive(name)) return;  // a lone "#"
     const std::string& word = at(name).text;
-    if (word == "include_next" || word == "import") return;  // said already
+    if (word == "include_next" || word == "import") return;  // reported already
     if (!holds(kAllowed, word)) {
       refuse(at(name), "#" + word + " is not for laws: remove the line");
     } else if (word == "pragma") {
@@ -145,7 +145,7 @@ class Source {
 
   void check_words() {
     for (std::size_t i = 0; i < tokens_.list.size(); ++i) {
-      if (at(i).kind != TokenKind::word || (at(i).directive && at(i - 1).first)) continue;  // directives' own names
+      if (at(i).kind != TokenKind::word || (at(i).directive && at(i - 1).first)) continue;  // names of directives
       check_word(i);
     }
   }
@@ -177,7 +177,7 @@ class Source {
     }
   }
 
-  // [[ ... ]]: two marks, perhaps with blanks between them.
+  // [[ ... ]]: two tokens, possibly with blanks between them.
   void check_attributes() {
     for (std::size_t i = 0; i + 1 < tokens_.list.size(); ++i) {
       if (!is_mark(i, "[") || !is_mark(i + 1, "[")) continue;
@@ -188,7 +188,7 @@ class Source {
   void check_attribute(std::size_t i) {
     if (at(i).kind != TokenKind::word) return;
     const bool in_namespace = is_mark(i - 1, "::");
-    if (!in_namespace && is_mark(i + 1, "::") && at(i).text == "gnu") return;  // judged by what follows
+    if (!in_namespace && is_mark(i + 1, "::") && at(i).text == "gnu") return;  // the word after it is checked
     if (is_allowed_attribute(at(i).text, in_namespace)) return;
     refuse(at(i), "the attribute " + at(i).text +
                       " is not for laws: remove it (allowed: likely, unlikely, maybe_unused, "

@@ -14,13 +14,13 @@ bool is_word_start(char c) {
 bool is_word(char c) { return is_word_start(c) || is_digit(c); }
 bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\v' || c == '\f' || c == '\r'; }
 
-// The text with spliced lines joined, and for each character where it stood.
+// The text with joined lines, and the original position of each character.
 struct Joined {
   std::string text;
   std::vector<std::uint32_t> line, column;
 };
 
-// A backslash, blanks (the compiler overlooks them) and the end of the line join two lines.
+// Two lines are joined by a backslash, optional blanks (the compiler ignores them) and the line end.
 std::size_t splice_length(std::string_view source, std::size_t at) {
   std::size_t end = at + 1;
   while (end < source.size() && is_blank(source[end])) ++end;
@@ -54,7 +54,8 @@ Joined join(std::string_view source) {
   return out;
 }
 
-// U+202A..202E, U+2066..2069, U+200E, U+200F: text that looks otherwise than it reads. At `at`: E2 80 xx or E2 81 xx.
+// U+202A..202E, U+2066..2069, U+200E, U+200F: invisible characters that change the shown order of text. At `at`: E2 80
+// xx or E2 81 xx.
 bool is_bidi(std::string_view text, std::size_t at) {
   if (at + 2 >= text.size() || text[at] != '\xE2') return false;
   const auto second = static_cast<unsigned char>(text[at + 1]), third = static_cast<unsigned char>(text[at + 2]);
@@ -218,7 +219,7 @@ class Reader {
   Joined joined_;
   std::string_view text_;
   std::size_t at_ = 0;
-  std::size_t end_ = SIZE_MAX;  // of the token before
+  std::size_t end_ = SIZE_MAX;  // end of the token before
   bool fresh_line_ = true;
   bool in_directive_ = false;
   Tokens out_;

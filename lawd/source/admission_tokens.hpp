@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A law's text as the compiler's own first phases see it: lines joined, comments gone, tokens with their place.
+// Tokenizer for a law's text, like the compiler's first phases: joins lines, drops comments, keeps positions.
 #pragma once
 
 #include <cstddef>
@@ -16,9 +16,9 @@ struct Token {
   std::string text;  // header: with its <> or ""; mark: one character, or :: or ##; a digraph as what it means
   int line = 0;
   int column = 0;
-  bool first = false;      // of its line: a mark "#" there begins a directive
-  bool directive = false;  // belongs to a directive (also the "#")
-  bool glued = false;      // nothing stands between it and the token before
+  bool first = false;      // first in its line: "#" there begins a directive
+  bool directive = false;  // part of a directive (also the "#")
+  bool glued = false;      // directly after the token before it
 };
 
 struct Trouble {
@@ -29,7 +29,7 @@ struct Trouble {
 
 struct Tokens {
   std::vector<Token> list;
-  std::vector<Trouble> troubles;  // what two readers of this text could understand differently
+  std::vector<Trouble> troubles;  // text that a person and the compiler could read differently
 };
 
 // Contract: any bytes are safe · linear in the size of `source`

@@ -150,7 +150,7 @@ constexpr std::array<std::string_view, 9> kAttributes = {
 constexpr std::array<std::string_view, 7> kGnuAttributes = {"always_inline", "noinline", "flatten", "hot",
                                                             "cold",          "pure",     "const"};
 
-// The beginning of a name, and what a law that uses it should do instead. The first that fits counts.
+// Prefix of a name, and what to use instead. The first match counts.
 constexpr std::array kAdvice = std::to_array<Word>({
     {"operator new", kNoHeap},
     {"operator delete", kNoHeap},
@@ -247,7 +247,7 @@ bool is_allowed_attribute(std::string_view name, bool in_namespace) {
   return in_namespace ? holds(kGnuAttributes, name) : holds(kAttributes, name);
 }
 
-// The arena has stubs for more than this: what a law that was never admitted may reach there still only traps.
+// The arena has more stubs than this list; a law that was not admitted and calls one of the others traps.
 bool is_allowed_symbol(std::string_view symbol) {
   if (symbol == "_GLOBAL_OFFSET_TABLE_") return true;  // the linker's own
   if (holds(kOnlyTrap, symbol)) return false;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the tests of this room share: a service on a cache of its own, and a law to spoil.
+// Test fixtures of this room: a service with its own cache, and a valid law to modify.
 #pragma once
 
 #include <stdlib.h>
@@ -12,7 +12,7 @@
 
 namespace lithe::lawd {
 
-// A cache that is gone afterwards. The precompiled contract is shared by all tests of a build: it takes a second.
+// A temporary cache. The precompiled contract is shared by all tests of a build, because it takes a second.
 class TestCache {
  public:
   TestCache() {

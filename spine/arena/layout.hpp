@@ -45,7 +45,8 @@ struct Image {
 };
 
 // FNV-1a of an image, begun with the hash of the veneers it was linked against: an image made for another list of
-// functions never has the hash of one made for this list. Contract: allocates nothing
+// functions never has the hash of one made for this list.
+// Contract: allocates nothing
 std::uint64_t image_hash(std::span<const std::byte> image);
 
 }  // namespace lithe::arena

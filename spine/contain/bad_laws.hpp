@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a law can do wrong, for tests and the bench. Each is a call for Cell::run().
+// Faulty laws for tests and the bench. Each one is a callback for Cell::run().
 #pragma once
 
 #include <signal.h>
@@ -31,7 +31,7 @@ LITHE_BAD void store_at(std::uintptr_t address) {
 
 LITHE_BAD void write_null(void*) { store_at(0x10); }
 
-LITHE_BAD void write_nowhere(void*) { store_at(std::uintptr_t{1} << 60); }  // no page could ever be there
+LITHE_BAD void write_nowhere(void*) { store_at(std::uintptr_t{1} << 60); }  // not a canonical address: never mapped
 
 LITHE_BAD void write_text(void*) { store_at(reinterpret_cast<std::uintptr_t>(&write_null)); }
 
@@ -53,7 +53,7 @@ LITHE_BAD void divide_by_zero(void*) {
 #if defined(__x86_64__)
   asm volatile("xorl %%ecx, %%ecx\n\tmovl $1, %%eax\n\tcltd\n\tidivl %%ecx" : : : "eax", "ecx", "edx");
 #else
-  raise(SIGFPE);  // AArch64 divides by zero without a word
+  raise(SIGFPE);  // AArch64 does not trap on division by zero
 #endif
 }
 
@@ -76,7 +76,7 @@ LITHE_BAD void hit_breakpoint(void*) {
 LITHE_BAD void give_up(void*) { std::abort(); }
 
 LITHE_BAD int recurse(int depth) {
-  volatile char frame[2048];                   // less than the guard page: it must not be jumped over
+  volatile char frame[2048];                   // smaller than the guard area, so that no frame skips it
   asm volatile("" : : "r"(frame) : "memory");  // all of it
   frame[0] = static_cast<char>(depth);
   const int below = depth == 0 ? 0 : recurse(depth + 1);
@@ -88,7 +88,7 @@ LITHE_BAD void loop_forever(void*) {
   for (;;) asm volatile("");
 }
 
-// By hand: what the library offers, RealtimeSanitizer watches.
+// Written by hand: RealtimeSanitizer intercepts the library functions.
 LITHE_BAD long call_kernel(long number, long a = 0, long b = 0, long c = 0, long d = 0) {
 #if defined(__x86_64__)
   register long fourth asm("r10") = d;

@@ -59,7 +59,7 @@ Result<Cell> Cell::open(Vault* vault) {
     munmap(base, bytes);
     return Error{"no alternate stack for this thread's signal handlers: " + why};
   }
-  mlock(stack, stack_bytes + core_bytes);  // without the right to lock it is at least resident now
+  mlock(stack, stack_bytes + core_bytes);  // without permission to lock, it is at least resident now
   touch(stack, stack_bytes + core_bytes, page);
 
   Core* core = ::new (place) Core;
@@ -102,7 +102,7 @@ Result<> Cell::guard(void* block, std::size_t bytes) {
   return core_->vault->guard(block, bytes);
 }
 
-// A function of its own, so that nothing it keeps in registers must survive the jump.
+// A separate function, so that no value in a register has to survive the jump.
 [[gnu::noinline]] Trouble Cell::run(std::int64_t deadline_ns, Call call, void* context) LITHE_RT {
   Core& core = *core_;
   core.trouble = {};
@@ -111,16 +111,16 @@ Result<> Cell::guard(void* block, std::size_t bytes) {
   LITHE_RT_EXEMPT("sigsetjmp(env, 0) saves registers only; how long a law takes is the Watchdog's business", {
     if (sigsetjmp(core.back, 0) == 0) {
       core.system_calls = core.gated ? 1 : 0;
-      // release: partner of the acquire in Watchdog::look(), which then sees this call's deadline.
+      // release: partner of the acquire in Watchdog::look(), which must see this call's deadline.
       core.call.store(++core.serial, std::memory_order_release);
       core.law_stack.run(call, context);
       core.environment.restore();
       core.key.allow_writes();
-      std::atomic_signal_fence(std::memory_order_seq_cst);  // what the law did, it did inside
+      std::atomic_signal_fence(std::memory_order_seq_cst);  // keeps the law's memory accesses inside the call
       core.call.store(0, std::memory_order_relaxed);
       core.system_calls = 0;
     } else {
-      core.environment.restore();  // break_off() did the rest
+      core.environment.restore();  // break_off() has done the rest
       core.law_stack.forget_frames();
     }
   });

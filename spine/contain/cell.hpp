@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs a law so that whatever it does, the thread comes back.
+// Fault barrier: runs a law and returns to the caller also when the law crashes or does not end.
 #pragma once
 
 #include <cstddef>
@@ -18,59 +18,64 @@ struct Core;
 class Constants;
 class Watchdog;
 
-// What happened in a call.
+// Result of a call.
 struct Trouble {
   wire::LawFaultKind kind = wire::LawFaultKind::none;
   std::uint64_t pc = 0;       // 0 = unknown
-  std::uint64_t address = 0;  // what was touched, or the number of the system call; 0 = unknown
+  std::uint64_t address = 0;  // the accessed address, or the system call number; 0 = unknown
 
   explicit operator bool() const LITHE_RT { return kind != wire::LawFaultKind::none; }
 };
 
-// Once per process, before the first call: handlers for SEGV BUS FPE ILL ABRT TRAP SYS and for the Watchdog's signal.
-// A fault outside a contained call goes on to what was installed before, as a rule the end of the process with that
-// signal: our own mistakes are not hidden. Contract: off the tick · may be repeated
+// Once per process, before the first call: handlers for SEGV BUS FPE ILL ABRT TRAP SYS and for the Watchdog's signal. A
+// fault outside a contained call is passed on to the previous handler, which normally ends the process with that
+// signal: faults of our own code are not hidden.
+// Contract: off the tick · may be repeated
 Result<> install_handlers();
 
-// How a thread is kept from the kernel while a law runs.
+// How system calls of a law are blocked.
 enum class CallGate : std::uint8_t {
   none,
-  dispatch,  // Linux's syscall user dispatch (x86): every call of a law is a fault, and of the thread itself none
-  filter,    // seccomp: a law can still make the few calls that the thread itself needs (README)
+  dispatch,  // syscall user dispatch (x86): blocks every call of a law and none of the thread itself
+  filter,    // seccomp: a law can still make the calls that the thread itself needs (README)
 };
 
-// One per contained thread. A call is a plain function: the analysis of effects ends where a law begins.
+// One per contained thread. The callback is a plain function pointer, so the compiler's effect analysis ends at the
+// law.
 // Contract: made, used and destroyed on one thread, which blocks every other signal that has a handler before it opens
 // its Cell, and changes its mask no more · run() RT
 class Cell {
  public:
   using Call = void (*)(void* context);
 
-  // An alternate stack for the handlers, behind a guard page, touched and locked. With a vault the Cell's own words lie
-  // in it, and it is shut while a law runs. The processor's rounding and denormal modes now are those restored later.
+  // An alternate stack for the handlers, behind a guard page, touched and locked. With a Vault the Cell's own data is
+  // in it, and the Vault is closed while a law runs. The processor's present rounding and denormal modes are the ones
+  // restored later.
   static Result<Cell> open(Vault* vault = nullptr);
   Cell(Cell&&) = default;
 
-  // Allows the thread system calls outside run() only. `also` names those that a filter must let pass because this
-  // thread makes them, beside waiting, futexes and ending. There is no way back for a filter.
+  // Blocks system calls inside run(). `also`: calls that a seccomp filter must allow because this thread makes them,
+  // besides waiting, futexes and exit. A filter cannot be removed.
   Result<CallGate> forbid_system_calls(std::span<const int> also = {}, CallGate wanted = CallGate::dispatch);
 
-  // The same without a filter, for a thread that makes calls of its own. none: this machine has no dispatch.
+  // The same without a filter, for a thread that makes system calls. Returns none when the machine has no syscall user
+  // dispatch.
   CallGate dispatch_system_calls();
 
-  // What this thread alone writes, and nobody while a law runs: compared around every call where the vault has no keys
-  // (see Vault::guard). Without a vault nothing is done.
+  // Registers memory that only this thread writes, never during a call. It is compared around every call when the Vault
+  // has no keys (see Vault::guard). Without a Vault this does nothing.
   Result<> guard(void* block, std::size_t bytes);
 
-  // What a handler finds first lies outside the vault, and must not change until the Cell is destroyed.
+  // Registers with `constants` the data that a handler reads first: it is outside the Vault and must not change until
+  // the Cell is destroyed.
   Result<> watch_entrance(Constants& constants);
 
-  // Runs call(context). Trouble::kind is none when it came back by itself; else the call was cut off where it was,
-  // after `deadline_ns` [CLOCK_MONOTONIC] by a Watchdog that charges CPU time. Not reentrant. No system call on the
-  // good path.
+  // Runs call(context). Trouble::kind is none when the call returned by itself; otherwise it was ended where it was,
+  // after `deadline_ns` [CLOCK_MONOTONIC] by a Watchdog that charges CPU time. Not reentrant. No system call unless
+  // there is a fault.
   Trouble run(std::int64_t deadline_ns, Call call, void* context) LITHE_RT;
 
-  // How often a Watchdog's signal came for a call that was over, and did nothing.
+  // Number of Watchdog signals that arrived after their call had ended, and were ignored.
   std::uint64_t late_signals() const LITHE_RT;
 
  private:

@@ -7,7 +7,7 @@
 namespace lithe::contain {
 namespace {
 
-// Every step can be undone, so two blocks that differ in one word never have the same hash.
+// Every step is reversible, so two blocks that differ in one word never have the same hash.
 std::uint64_t hash_of(const void* from, std::size_t bytes) {
   constexpr std::uint64_t kOdd = 0x9e37'79b9'7f4a'7c15u;
   const auto* at = static_cast<const unsigned char*>(from);

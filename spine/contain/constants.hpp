@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a law could write although nobody should once the robot runs: read-only pages where that is possible, else
-// looked at again and again.
+// Protects data that must not change while the robot runs: read-only pages where possible, otherwise hashes that are
+// checked repeatedly.
 #pragma once
 
 #include <array>
@@ -14,9 +14,9 @@
 
 namespace lithe::contain {
 
-// The program's own variables (.data, .bss, the linker's tables): pages that nobody can write while this lives, so a
-// law's write there is a fault with its address. Needs a program that was linked with `-z now`; libraries keep theirs.
-// Contract: one, off the tick, after the last variable with a late first value has it · no variable of the program
+// Makes the program's own variables (.data, .bss, the linker's tables) read-only while this object exists: a law's
+// write there is a fault with its address. Needs a program linked with `-z now`. Variables of libraries stay writable.
+// Contract: one, off the tick, after every lazily initialised variable has its value · no variable of the program
 // changes while it lives
 class SealedStatics {
  public:
@@ -35,8 +35,8 @@ class SealedStatics {
 
 inline constexpr std::size_t kMaxConstants = 24;
 
-// Memory that does not change while the robot runs and cannot be read-only: a hash of each block is taken when it is
-// given, and compared on the housekeeping core. What has changed once stays damaged: nobody knows what else has.
+// Memory that does not change while the robot runs but cannot be read-only: each block is hashed when it is registered,
+// and compared on the housekeeping core. Damage is latched: other memory may be damaged too.
 // Contract: watch(), forget() and look() off the tick, any thread · damaged() RT, any thread · lies in the Vault
 class Constants {
  public:
@@ -44,15 +44,14 @@ class Constants {
   Constants(const Constants&) = delete;
   Constants& operator=(const Constants&) = delete;
 
-  // `name`: for a person, a text that lives as long as the program. Until forget(block).
+  // Watches `block` until forget(block). `name`: shown to users; must live as long as the program.
   Result<> watch(const char* name, const void* block, std::size_t bytes);
   void forget(const void* block);
 
-  // Looks at every block. nullptr when all are as they were, else the name of the first that was found otherwise.
+  // Checks every block. nullptr when none has changed, else the name of the first changed block.
   const char* look();
 
-  // What look() has found so far; nullptr = nothing.
-  // acquire: partner of the release in look(); the name is a constant of the program.
+  // The block that look() found damaged; nullptr = none. acquire: partner of the release in look().
   const char* damaged() const LITHE_RT { return damaged_.load(std::memory_order_acquire); }
 
  private:
@@ -62,13 +61,13 @@ class Constants {
     std::size_t bytes = 0;
     std::uint64_t hash = 0;
   };
-  std::mutex mutex_;  // never the tick's
+  std::mutex mutex_;  // never locked by the tick
   std::array<Block, kMaxConstants> blocks_{};
   std::atomic<const char*> damaged_{nullptr};
 };
 
-// Words of no use to anybody, beside what does change: a run of wrong writes that comes this way goes over them.
-// Contract: watched from its first moment to its last
+// Unused words beside data that changes: a long stray write there also changes these, and is detected.
+// Contract: watched for its whole lifetime
 class Canary {
  public:
   Canary(Constants& constants, const char* name);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The words of a Cell: shared by run(), the signal handlers on its thread, and the Watchdog. Private to this room.
+// The data of a Cell: shared by run(), the signal handlers on its thread, and the Watchdog. Private to this room.
 #pragma once
 
 #include <setjmp.h>
@@ -20,18 +20,18 @@
 namespace lithe::contain {
 
 struct Core {
-  // Read by the Watchdog. A call's serial number tells it from every other: one tick may run several laws.
+  // Read by the Watchdog. A serial number identifies the call: one tick may run several laws.
   alignas(64) std::atomic<std::uint64_t> call{0};  // 0 = none runs
   std::atomic<std::int64_t> deadline_ns{0};
-  std::atomic<std::uint64_t> noticed{0};  // the last call that took a notice: its thread runs, and so does the call
+  std::atomic<std::uint64_t> noticed{0};  // the last call that confirmed a notice: its thread is running
 
-  // The thread's own, and its handlers'.
+  // Used by the thread and its handlers only.
   alignas(64) std::uint64_t serial = 0;
   volatile std::uint8_t system_calls = 0;  // the kernel reads it: 0 = allowed, 1 = each one is a SIGSYS
   bool gated = false;
   std::atomic<std::uint64_t> late_signals{0};
   Vault* vault = nullptr;
-  bool guards = false;  // the vault's guarded blocks are this thread's
+  bool guards = false;  // this thread owns the Vault's guarded blocks
   MemoryKey key;
   Environment environment;
   Trouble trouble;
@@ -49,41 +49,41 @@ struct Core {
   sigset_t mask{};  // signals that the thread blocks itself
 };
 
-// What a handler finds before it may touch a vault: a thread's own, in ordinary memory.
+// What a handler needs before it can access the Vault: one per thread, in ordinary memory.
 struct Entrance {
   Core* core = nullptr;
   MemoryKey key;
 };
 Entrance& entrance() noexcept;
 
-// The Watchdog's signal. Its value is what it asks for and the serial number of the call it asks.
+// The Watchdog's signal. Its value holds the request and the serial number of the call.
 enum class Ask : std::uint8_t { notice, end };
 int watch_signal() noexcept;
 siginfo_t watch_message(std::uint64_t serial, Ask ask) noexcept;
 bool send_watch_signal(pid_t thread, std::uint64_t serial, Ask ask) noexcept;
 
-// A signal is sent from another core: when it arrives, the call it is for may be over, and the next one running.
+// The signal is sent from another core: when it arrives, its call may have ended and the next one may be running.
 struct SameCall {
   static bool is_meant(std::uint64_t wanted, std::uint64_t running) LITHE_RT {
     return running != 0 && wanted == running;
   }
 };
 
-// Handler of the Watchdog's signal; the rule is a parameter so that the test can show what the wrong one does.
+// Handler of the Watchdog's signal. The rule is a parameter, so that a test can show what a wrong rule does.
 template <class Rule>
 void on_watch_signal(int signal, siginfo_t* info, void* context) noexcept;
 
-// Gives the thread's system calls back for good, before the word the kernel looks at goes away.
+// Allows the thread's system calls again, before the selector word that the kernel reads is freed.
 void stop_dispatch() noexcept;
 
-// Whoever clears `call` has the call. What was pending behind this handler finds none running.
+// The handler that clears `call` owns its end. A signal that is still pending then finds no running call.
 inline void claim(Core& core) noexcept {
   core.system_calls = 0;
   core.call.store(0, std::memory_order_relaxed);
   std::atomic_signal_fence(std::memory_order_seq_cst);
 }
 
-// Ends the claimed call: run() returns with this trouble.
+// Ends the claimed call: run() returns with this fault.
 [[noreturn]] void break_off(Core& core, const Trouble& trouble) noexcept;
 std::uint64_t program_counter(const void* context) noexcept;
 

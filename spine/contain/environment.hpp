@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The processor state that outlives a call without being saved by it: rounding, denormals, traps, direction, alignment.
+// Processor state that a call can change for its caller: rounding, denormals, traps, direction, alignment.
 #pragma once
 
 #include <cstdint>
@@ -12,8 +12,8 @@
 
 namespace lithe::contain {
 
-// What must hold between two calls. Taken once on the thread it is for; `restore` after each law is a few nanoseconds,
-// and writes a register only when a law has changed it.
+// The state to restore after each call. Read once on its own thread. `restore` takes a few nanoseconds, and writes a
+// register only when a law has changed it.
 // Contract: RT · one thread
 class Environment {
  public:
@@ -51,9 +51,9 @@ class Environment {
     asm volatile("fnstsw %0" : "=a"(word));
     return word;
   }
-  static constexpr std::uint32_t kSticky = 0x3f;    // exceptions that happened: anybody's
-  static constexpr std::uint16_t kX87Top = 0x3800;  // not 0: values were left on the x87 stack
-  // Direction down; nested task, with which iretq faults (spine/core/serialise.hpp); trap on unaligned access.
+  static constexpr std::uint32_t kSticky = 0x3f;    // sticky exception bits, not compared
+  static constexpr std::uint16_t kX87Top = 0x3800;  // not 0: the law left values on the x87 stack
+  // Direction flag; nested task flag, with which iretq faults (spine/core/serialise.hpp); trap on unaligned access.
   static constexpr std::uint64_t kBadFlags = 1u << 10 | 1u << 14 | 1u << 18;
   std::uint32_t mxcsr_ = 0;
   std::uint16_t x87_ = 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The signal handlers: tell a law's fault from ours, and jump back into run().
-#undef _FORTIFY_SOURCE  // its siglongjmp refuses to leave the alternate stack without asking the kernel
+// The signal handlers: recognise a fault inside a law, and jump back into run().
+#undef _FORTIFY_SOURCE  // its siglongjmp makes a system call when it leaves the alternate stack
 #include <setjmp.h>
 #include <signal.h>
 #include <sys/syscall.h>
@@ -37,10 +37,10 @@ constexpr int kKeyFault = 4;  // SEGV_PKUERR, which older headers lack
 
 std::array<struct sigaction, kFaults.size()> g_before{};
 
-// initial-exec: reaching it must not call the dynamic loader, which may be where the law was when it failed.
+// initial-exec: access must not call the dynamic linker, because the law may have failed inside it.
 [[gnu::tls_model("initial-exec")]] constinit thread_local Entrance t_entrance;
 
-// The kernel's own signals, and abort() and raise() of this very process; not what someone sends from outside.
+// True for signals of the kernel, and for abort() and raise() of this process; false for signals from other processes.
 bool comes_from_here(const siginfo_t& info) {
   return info.si_code > 0 || (info.si_code == SI_TKILL && info.si_pid == getpid());
 }
@@ -64,8 +64,8 @@ Trouble describe(std::size_t which, const siginfo_t& info, const void* context) 
   return trouble;
 }
 
-// To whoever handled it before. An instruction that faulted is executed again, and meets the old disposition with all
-// registers as they were; what will not come back by itself is sent again.
+// Passes the signal to the previous handler. A faulting instruction is executed again with unchanged registers, now
+// under the old handler; a signal that would not occur again is sent again.
 void pass_on(std::size_t which, const siginfo_t& info) {
   const int signal = kFaults[which].signal;
   sigaction(signal, &g_before[which], nullptr);
@@ -78,7 +78,7 @@ void on_fault(int signal, siginfo_t* info, void* context) noexcept {
   std::size_t which = 0;
   while (kFaults[which].signal != signal) ++which;
   const Entrance& here = t_entrance;
-  here.key.allow_writes();  // the kernel starts a handler with every key but the first shut
+  here.key.allow_writes();  // the kernel starts a handler with all keys but the first closed
   const bool inside = here.core != nullptr && here.core->call.load(std::memory_order_relaxed) != 0;
   if (inside) {
     here.core->system_calls = 0;
@@ -94,7 +94,7 @@ Result<> install(int signal, void (*handler)(int, siginfo_t*, void*), struct sig
   struct sigaction action{};
   action.sa_sigaction = handler;
   action.sa_flags = SA_ONSTACK | SA_SIGINFO;
-  sigfillset(&action.sa_mask);  // one at a time: a handler that fails itself ends the process
+  sigfillset(&action.sa_mask);  // one at a time: a fault inside a handler ends the process
   if (sigaction(signal, &action, before) == 0) return done();
   return Error{"no handler for signal " + std::to_string(signal) + ": " + std::strerror(errno)};
 }
@@ -124,7 +124,7 @@ std::uint64_t program_counter(const void* context) noexcept {
 void break_off(Core& core, const Trouble& trouble) noexcept {
   core.trouble = trouble;
   pthread_sigmask(SIG_SETMASK, &core.mask,
-                  nullptr);  // here and not by siglongjmp: then sigsetjmp would cost a call, too
+                  nullptr);  // here and not in siglongjmp: otherwise sigsetjmp would need a system call too
   siglongjmp(core.back, 1);
 }
 

@@ -24,8 +24,8 @@
 extern "C" [[gnu::visibility("hidden")]] void lithe_contain_run_on(std::byte* top, lithe::contain::Cell::Call call,
                                                                    void* context, void** way_back) LITHE_RT;
 
-// Keeps what a call must keep on the thread's stack, and where that is in `way_back`; then runs the law on its own. As
-// many returns as calls: the processor predicts them.
+// Saves the callee-saved registers on the thread's stack, and the stack pointer in `way_back`; then runs the law on the
+// law stack. Calls and returns are balanced, so the processor predicts the returns.
 #if defined(__x86_64__)
 asm(R"(
   .text

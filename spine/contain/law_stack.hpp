@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stack a law runs on: not the tick's, whose frames and return addresses a slip past a local would hit. Private to
-// this room.
+// A separate stack for laws: a write past a local variable must not hit the tick's frames. Private to this room.
 #pragma once
 
 #include <cstddef>
@@ -16,9 +15,9 @@ extern "C" {
 
 namespace lithe::contain {
 
-// Twice what admission lets a law and the library under it have (lawd/object/admission_stack.cpp).
+// Twice the stack that admission allows for a law with its library calls (lawd/object/admission_stack.cpp).
 inline constexpr std::size_t kLawStackBytes = std::size_t{256} << 10;
-// Below and above it; more than a frame may have, so that none reaches over it.
+// Guard area below and above; larger than the largest allowed frame, so that no frame skips it.
 inline constexpr std::size_t kLawGuardBytes = std::size_t{64} << 10;
 
 // Contract: made and freed off the tick · touched and locked
@@ -30,11 +29,11 @@ class LawStack {
   LawStack& operator=(LawStack&& other) noexcept;
   ~LawStack();
 
-  // Runs call(context) on it, with the vault shut. Comes back by what `Core` holds: the law may have overwritten every
-  // word of its stack, and every register that it promised to keep.
+  // Runs call(context) on it, with the Vault closed. Returns through the data in `Core`: the law may have overwritten
+  // its whole stack and the callee-saved registers.
   void run(Cell::Call call, void* context) LITHE_RT;
 
-  // After a call that was cut off: AddressSanitizer still believes in the frames it left.
+  // After an ended call: tells AddressSanitizer that the abandoned frames are free.
   void forget_frames() const LITHE_RT;
 
  private:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Memory protection keys (x86 PKU): a thread's own right to write certain pages, changed without the kernel.
+// Memory protection keys (x86 PKU): a thread's write permission for certain pages, changed without a system call.
 #pragma once
 
 #include <cstdint>
@@ -8,7 +8,7 @@
 
 namespace lithe::contain {
 
-// The right of one thread to the pages of one key, as the two values of its PKRU register.
+// One thread's access to the pages of one key, as two values of its PKRU register.
 // Contract: RT · one thread. Without PKU `used` stays false, and the functions do nothing.
 struct MemoryKey {
   bool used = false;
@@ -16,7 +16,7 @@ struct MemoryKey {
   std::uint32_t closed = 0;  // may only read
 
 #if defined(__x86_64__)
-  // The calling thread's rights with `key` open or closed, and those of other keys as they are now.
+  // The calling thread's PKRU with `key` open or closed and all other keys unchanged.
   static MemoryKey of(int key) LITHE_RT {
     const std::uint32_t no_access = 1u << (2 * key);
     const std::uint32_t no_write = 2u << (2 * key);
@@ -31,8 +31,8 @@ struct MemoryKey {
   }
 
  private:
-  // The instructions by their bytes: the compiler knows them only when told that every machine has them. The memory
-  // clobber keeps stores on their side.
+  // Written as bytes: the compiler accepts the mnemonics only with a target option for all machines. The memory clobber
+  // keeps stores from moving across.
   static std::uint32_t read() LITHE_RT {
     std::uint32_t value = 0, high = 0;
     asm volatile(".byte 0x0f, 0x01, 0xee" : "=a"(value), "=d"(high) : "c"(0));  // rdpkru

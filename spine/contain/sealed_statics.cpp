@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the program's own variables lie, and who may write them.
+// Finds the pages of the program's own variables and makes them read-only.
 #include <elf.h>
 #include <link.h>
 #include <sys/mman.h>
@@ -17,8 +17,8 @@ namespace lithe::contain {
 namespace {
 
 struct Program {
-  std::uintptr_t from = UINTPTR_MAX, to = 0;  // of all segments that can be written
-  bool bound_at_start = false;                // else the first call of each library function writes a table
+  std::uintptr_t from = UINTPTR_MAX, to = 0;  // of all writable segments
+  bool bound_at_start = false;                // otherwise the first call of each library function writes a table
 };
 
 bool is_bound_at_start(const ElfW(Dyn) * entry) {
@@ -32,7 +32,7 @@ bool is_bound_at_start(const ElfW(Dyn) * entry) {
   return false;
 }
 
-// The program itself is the first that the dynamic linker names.
+// The program itself is the first entry of the dynamic linker's list.
 [[maybe_unused]] int read_program(dl_phdr_info* info, std::size_t, void* out) {
   auto& program = *static_cast<Program*>(out);
   for (int i = 0; i < info->dlpi_phnum; ++i) {
@@ -62,7 +62,7 @@ Result<SealedStatics> SealedStatics::seal() {
   auto* first = reinterpret_cast<void*>(from);
   if (mprotect(first, to - from, PROT_READ) != 0) {
     const std::string why = std::strerror(errno);
-    mprotect(first, to - from, PROT_READ | PROT_WRITE);  // some of it may be read-only by now
+    mprotect(first, to - from, PROT_READ | PROT_WRITE);  // some pages may be read-only already
     return Error{why};
   }
   return SealedStatics(first, to - from);
@@ -72,7 +72,7 @@ Result<SealedStatics> SealedStatics::seal() {
 SealedStatics::SealedStatics(SealedStatics&& other) noexcept
     : from_(std::exchange(other.from_, nullptr)), bytes_(other.bytes_) {}
 
-// What the dynamic linker had made read-only before is written by nobody.
+// Pages that the dynamic linker had made read-only stay read-only.
 SealedStatics::~SealedStatics() {
   if (from_ != nullptr) mprotect(from_, bytes_, PROT_READ | PROT_WRITE);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Keeps laws from the kernel.
+// Blocks the system calls of laws.
 #include <linux/audit.h>
 #include <linux/filter.h>
 #include <linux/seccomp.h>
@@ -20,7 +20,7 @@
 namespace lithe::contain {
 namespace {
 
-// Waits and futexes, how a thread ends, how a handler returns, how abort() and pass_on() end the process.
+// Allowed: waits and futexes, end of a thread, return of a handler, and the calls of abort() and pass_on().
 constexpr int kNeeded[] = {SYS_clock_nanosleep, SYS_nanosleep,    SYS_clock_gettime, SYS_futex,  SYS_restart_syscall,
                            SYS_madvise,         SYS_munmap,       SYS_sigaltstack,   SYS_exit,   SYS_rt_sigreturn,
                            SYS_rt_sigprocmask,  SYS_rt_sigaction, SYS_getpid,        SYS_gettid, SYS_sched_yield};
@@ -32,11 +32,11 @@ constexpr std::uint32_t kMachine = AUDIT_ARCH_AARCH64;
 #endif
 
 #if defined(__x86_64__)
-// The two instructions with which every handler returns: they must work while a law's calls are shut. The kernel's own
-// form of sigaction tells where they are; glibc hides them.
+// The address of the two instructions with which every handler returns: they must work while calls are blocked. Read
+// with the raw sigaction system call, because glibc hides it.
 struct Restorer {
   std::uintptr_t from = 0;
-  static constexpr unsigned long kBytes = 16;  // mov $15, %rax; syscall; and then nothing that is ever reached
+  static constexpr unsigned long kBytes = 16;  // mov $15, %rax; syscall; the code after it is never reached
 };
 
 Result<Restorer> find_restorer() {

@@ -20,7 +20,7 @@ int new_key() {
 #if defined(__x86_64__)
   return pkey_alloc(0, 0);
 #else
-  errno = ENOSYS;  // AArch64 has something like it since 2024, and no board of ours
+  errno = ENOSYS;  // AArch64 has a similar feature since 2024; no supported board has it
   return -1;
 #endif
 }
@@ -101,7 +101,7 @@ const void* Vault::check(const Block& block) LITHE_RT {
       std::memcmp(block.copy, block.second, block.bytes) == 0) {
     return nullptr;
   }
-  // Two of three agree: nothing but a law that hits two of them at the same place escapes.
+  // Majority of three: only a law that hits two of them at the same offset is not detected.
   const std::byte* good = std::memcmp(block.copy, block.second, block.bytes) == 0 ? block.copy : block.original;
   const void* where = nullptr;
   for (std::size_t i = 0; i < block.bytes && where == nullptr; ++i) {

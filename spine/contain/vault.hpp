@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Memory of this process that no law may write.
+// Vault: memory of this process that a law cannot write.
 #pragma once
 
 #include <array>
@@ -16,16 +16,16 @@
 namespace lithe::contain {
 
 enum class Protection : std::uint8_t {
-  best,    // keys where the machine has them, else copies
+  best,    // keys if the machine has them, otherwise copies
   keys,    // pages a law cannot write: the attempt is a fault with its address
   copies,  // guarded blocks are copied before each call, compared and put back after it
 };
 
 inline constexpr std::size_t kMaxGuardedBlocks = 8;
 
-// What a law needs writable (its state, effort, probes) stays outside; what it reads may lie inside. A thread's stack
-// and thread-local variables, and the C library's data, cannot be inside: a law's wild write there is not noticed.
-// Contract: made once, before the threads that use it (they inherit the right to write) · lives as long as they do ·
+// Memory that a law must write (its state, effort, probes) stays outside; memory that it reads may be inside. Thread
+// stacks, thread-local variables and the C library's data cannot be inside: a law's stray write there is not detected.
+// Contract: made once, before the threads that use it (they inherit the write permission) · lives as long as they do ·
 // allocate() and guard() off the tick, one thread at a time · the rest RT
 class Vault {
  public:
@@ -46,16 +46,17 @@ class Vault {
   }
 
   // Without keys: these bytes are copied around every call (8 bytes cost about 1/2 ns). Only for blocks of one thread,
-  // which says so (Cell::guard). With keys they must lie in the Vault, and nothing more is done.
+  // registered with Cell::guard. With keys they must be in the Vault, and nothing is copied.
   Result<> guard(void* block, std::size_t bytes);
 
-  // Gives the calling thread, started before the Vault was made, the right to write.
+  // Gives write permission to the calling thread, which was started before the Vault was made.
   void open_for_this_thread() const;
 
   Protection protection() const LITHE_RT { return key_ < 0 ? Protection::copies : Protection::keys; }
   int key() const LITHE_RT { return key_; }  // -1 = none
 
-  // Around a call. `check` puts back what changed, and returns where (nullptr = nothing did).
+  // Called before and after each law. `check` restores changed blocks, and returns the first changed address (nullptr =
+  // none).
   void remember() LITHE_RT {
     for (std::size_t i = 0; i < blocks_used_; ++i) remember(blocks_[i]);
   }
@@ -68,7 +69,7 @@ class Vault {
   }
 
  private:
-  // Two copies, so that a wild write into one of them is told from one into the block.
+  // Two copies, so that a stray write into a copy is told from one into the block.
   struct Block {
     std::byte *original, *copy, *second;
     std::size_t bytes;

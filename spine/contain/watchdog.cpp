@@ -15,9 +15,9 @@
 namespace lithe::contain {
 namespace {
 
-// A signal that could not be queued, or came before the handler's thread could take it, is sent again after this long.
+// A signal that could not be queued or was not handled in time is sent again after this long.
 constexpr std::int64_t kAgainAfterNs = kNsPerMs;
-// A look that comes after so many would have been due is late: what it meets may have been held up as the look was.
+// A look that is late by this many intervals does not charge the call: the call's thread may have been preempted too.
 constexpr std::int64_t kLooksMissed = 3;
 constexpr std::int64_t kShortestLookNs = 100'000;
 
@@ -38,7 +38,7 @@ siginfo_t watch_message(std::uint64_t serial, Ask ask) noexcept {
   return message;
 }
 
-// To one thread and with a number: neither kill() nor pthread_kill() can do both.
+// Sends a signal with a value to one thread: neither kill() nor pthread_kill() can do both.
 bool send_watch_signal(pid_t thread, std::uint64_t serial, Ask ask) noexcept {
   siginfo_t message = watch_message(serial, ask);
   return syscall(SYS_rt_tgsigqueueinfo, message.si_pid, thread, message.si_signo, &message) == 0;
@@ -64,9 +64,9 @@ void Watchdog::forget(const Core& core) {
 }
 
 void Watchdog::run(const std::atomic<bool>& stop) noexcept {
-  prctl(PR_SET_TIMERSLACK, 1ul);  // else the kernel adds 50 us to every sleep
+  prctl(PR_SET_TIMERSLACK, 1ul);  // otherwise the kernel adds 50 us to every sleep
   last_call_ns_ = monotonic_ns();
-  while (!stop.load(std::memory_order_relaxed)) {  // relaxed: nothing but the wish to stop is passed
+  while (!stop.load(std::memory_order_relaxed)) {  // relaxed: only the stop flag is passed
     const std::int64_t wait_ns = look(monotonic_ns());
     if (wait_ns <= 0) {
       spin_pause();
@@ -96,7 +96,7 @@ void Watchdog::open_account(Watched& watched, std::int64_t now_ns, std::int64_t 
   watched.left_ns = left_ns;
 }
 
-// What the call may still use [ns]. Its thread's clock was read when the account was opened, and is again past its
+// CPU time that the call may still use [ns]. Its thread's clock was read at the first look, and is read again past the
 // deadline, `wall_ns` from now.
 std::int64_t Watchdog::left_of(const Watched& watched, std::int64_t wall_ns, std::int64_t now_ns) const noexcept {
   if (wall_ns > 0) return wall_ns;
@@ -115,14 +115,15 @@ void Watchdog::tell(Watched& watched, std::uint64_t call, Ask ask, std::int64_t 
   sent_.fetch_add(1, std::memory_order_relaxed);
 }
 
-// The time until this call should be looked at again.
+// Time until the next look at this call [ns].
 std::int64_t Watchdog::look_at(Watched& watched, std::int64_t now_ns, bool on_time) noexcept {
-  if (watched.vault != nullptr) watched.vault->open_for_this_thread();  // it may be younger than this thread
+  if (watched.vault != nullptr) watched.vault->open_for_this_thread();  // the Vault may be made after this thread
   Core& core = *watched.core;
-  // acquire: partner of the release in Cell::run(). A later call's deadline lies later, so mixing the two only delays.
+  // acquire: partner of the release in Cell::run(). A later call has a later deadline, so mixing the two values only
+  // delays the end.
   const std::uint64_t call = core.call.load(std::memory_order_acquire);
   const std::int64_t deadline_ns = core.deadline_ns.load(std::memory_order_relaxed);
-  if (deadline_ns != watched.deadline_ns) {  // not `call`: a law is hardly ever met while it runs
+  if (deadline_ns != watched.deadline_ns) {  // not `call`: a look rarely comes while a law runs
     watched.deadline_ns = deadline_ns;
     last_call_ns_ = now_ns;
   }
@@ -131,7 +132,7 @@ std::int64_t Watchdog::look_at(Watched& watched, std::int64_t now_ns, bool on_ti
   if (call != watched.met) {
     watched.met = call;
     watched.noticed = false;
-    // Met late: one of the two threads was not running, and nobody knows which.
+    // Seen late: this thread or the call's thread was not running; which one is unknown.
     open_account(watched, now_ns, on_time && wall_ns > 0 ? wall_ns : std::max(wall_ns, config_.grace_ns));
   }
   const std::int64_t left_ns = left_of(watched, wall_ns, now_ns);

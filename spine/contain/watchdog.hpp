@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Breaks off a law that does not come back.
+// Watchdog: ends a law that exceeds its time budget.
 #pragma once
 
 #include <array>
@@ -14,30 +14,30 @@
 
 namespace lithe::contain {
 
-// The CPU time of a thread [ns], as its clock says it; -1 = not known.
+// The CPU time of a thread [ns]; -1 = not known.
 std::int64_t cpu_time_ns(clockid_t thread) noexcept;
 
-// How closely a Watchdog looks. A call that it meets before its deadline is waited for exactly, so a look per budget is
-// as good as many; one that is met later was up to a look and `grace_ns` too long.
+// Timing of a Watchdog. A call that it sees before its deadline is ended exactly at the deadline, so one look per
+// budget is enough. A call that it sees later runs up to one look and `grace_ns` too long.
 struct WatchdogConfig {
-  std::int64_t look_every_ns = 100'000;  // 0 = spin: a core of its own, and the tick's line in its cache all the time
-  std::int64_t idle_after_ns = 100'000'000;     // no call for so long: nobody ticks a law ...
-  std::int64_t idle_look_every_ns = 1'000'000;  // ... and this is often enough, also for the first call
-  std::int64_t grace_ns = 300'000;              // of CPU time for a call that is met too late: about a budget
-  std::int64_t notice_ns = 25'000;              // of CPU time once a call has taken its notice
-  std::int64_t most_wall_ns = 100'000'000;      // past its deadline a call ends, whatever CPU time it had
-  std::int64_t (*cpu_ns)(clockid_t thread) noexcept = &cpu_time_ns;  // a test puts the wall clock here
+  std::int64_t look_every_ns = 100'000;         // 0 = spin: needs a core of its own
+  std::int64_t idle_after_ns = 100'000'000;     // without a call for this long it is idle ...
+  std::int64_t idle_look_every_ns = 1'000'000;  // ... and looks at this interval, also for the first call
+  std::int64_t grace_ns = 300'000;              // CPU time for a call that is seen too late: about one budget
+  std::int64_t notice_ns = 25'000;              // CPU time after a call has confirmed its notice
+  std::int64_t most_wall_ns = 100'000'000;      // a call ends this long after its deadline in any case
+  std::int64_t (*cpu_ns)(clockid_t thread) noexcept = &cpu_time_ns;  // replaced by the wall clock in a test
 };
 
 inline constexpr std::size_t kMaxWatched = 4;
 enum class Ask : std::uint8_t;  // core.hpp
 
-// The body of a thread on another core than the Cells', as urgent as they are: while it does not run, nothing ends an
-// endless law. A call is charged from the look that meets it on with the CPU time of its thread: one whose thread the
-// machine took away past the deadline may go on, one that waits in the kernel ends after `most_wall_ns`. What a call
-// did before that look counts as CPU time, unless the Watchdog was late itself. A hypervisor takes the processor
-// without a word, and the thread's clock runs on; so a call that has used up its budget is given notice first: a signal
-// that returns, which shows that the thread runs. A law that was only held up is over long before `notice_ns` more.
+// Body of a thread on another core than the Cells', with the same priority: while it does not run, an endless law is
+// not ended. From the first look on, a call is charged with the CPU time of its thread: a call whose thread was
+// preempted past the deadline may continue; a call that waits in the kernel ends after `most_wall_ns`. Time before the
+// first look counts as CPU time, unless the Watchdog was late itself. When a hypervisor takes the core, the thread's
+// CPU clock runs on. So a call that has used up its budget first gets a notice: a signal whose handler returns, which
+// proves that the thread runs. A law that was only preempted ends well within the `notice_ns` that follow.
 // Contract: off the tick · watch() and forget() from any thread · outlives the Cells it watches
 class Watchdog {
  public:
@@ -61,16 +61,16 @@ class Watchdog {
 
   struct Watched {
     Core* core = nullptr;
-    const Vault* vault = nullptr;  // where the core lies
+    const Vault* vault = nullptr;  // the Vault that holds the core
     std::int64_t deadline_ns = 0;  // at the last look
-    std::uint64_t met = 0;         // the call the next three are about
-    std::int64_t met_ns = 0;       // the look that met it
-    std::int64_t met_cpu_ns = -1;  // its thread's CPU time then
-    std::int64_t left_ns = 0;      // of CPU time, from then on
-    bool noticed = false;          // it took its notice: what is left is the last
-    std::uint64_t told = 0;        // the call that was sent the last signal, ...
-    Ask asked{};                   // ... for what, ...
-    std::int64_t again_ns = 0;     // ... and when it is sent again
+    std::uint64_t met = 0;         // the call that the next three are about
+    std::int64_t met_ns = 0;       // time of the first look at it
+    std::int64_t met_cpu_ns = -1;  // its thread's CPU time at that look
+    std::int64_t left_ns = 0;      // CPU time left from then on
+    bool noticed = false;          // it has confirmed its notice: left_ns is final
+    std::uint64_t told = 0;        // the call that the last signal was sent to, ...
+    Ask asked{};                   // ... its request, ...
+    std::int64_t again_ns = 0;     // ... and the time to send it again
   };
   std::int64_t look_at(Watched& watched, std::int64_t now_ns, bool on_time) noexcept;
   void open_account(Watched& watched, std::int64_t now_ns, std::int64_t left_ns) const noexcept;

@@ -15,7 +15,8 @@ struct Error {
 
 struct Done {};
 
-// Either a value or an Error. Contract: never in the tick (the message is a heap string).
+// Either a value or an Error.
+// Contract: never in the tick (the message is a heap string).
 template <class T = Done>
 class [[nodiscard]] Result {
  public:

@@ -22,7 +22,7 @@ namespace {
 using robot::BusKind;
 using robot::DeviceKind;
 
-// In place of a board that is not there: it lies level and still.
+// Simulated IMU for a board that is not there: level and at rest.
 class LevelImu final : public ImuSource {
  public:
   const ImuReading& imu(std::int64_t now_ns) LITHE_RT override {
@@ -31,11 +31,11 @@ class LevelImu final : public ImuSource {
   }
 
  private:
-  static constexpr double kGravityMps2 = 9.80665;  // what holds the board up accelerates it upwards
+  static constexpr double kGravityMps2 = 9.80665;  // an accelerometer at rest measures gravity upwards
   ImuReading reading_{{1, 0, 0, 0, 0, 0, 0, 0, 0, kGravityMps2}, 0, true};
 };
 
-// All there is of one robot: its buses, the devices that are simulated, what drives and reads them.
+// The hardware of one robot: buses, simulated devices, drivers.
 // Contract: as BusActuators
 class Hardware final : public Actuators {
  public:
@@ -235,14 +235,14 @@ class Hardware final : public Actuators {
   FrameTap* tap_;
   BusOpener opener_;
   LevelImu level_;
-  sim::Nodes nodes_;  // outlive the buses that reach them
+  sim::Nodes nodes_;  // must outlive the buses
   std::vector<Bus*> real_buses_;
   std::vector<std::pair<std::string, const Bus*>> named_buses_;
   std::vector<std::pair<std::string, const Drive*>> drives_;
   BusActuators actuators_;
 };
 
-// load_robot has checked all this; a config built by hand has not been checked by anyone.
+// load_robot checks all this too; a config made in code has not been checked.
 Result<> check_device(const robot::RobotConfig& config, const robot::DeviceConfig& device, const std::string& where) {
   if (device.bus >= config.buses.size()) {
     return Error{where + "device '" + device.name + "' has no bus; name one of the [[bus]] tables"};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One memory map over all hardware: the only thing the loop knows of motors.
+// One interface to all hardware: the loop includes only this.
 #pragma once
 
 #include <array>
@@ -24,8 +24,8 @@ struct ActuatorCommand {
   std::uint64_t tick = 0;
   std::uint32_t joints = 0;
   std::array<DriveAction, kMaxJoints> action{};
-  bool clear_faults = false;      // a person has reset the robot: drives that are off may forget theirs
-  bool reset_simulation = false;  // simulated joints are put back to where they began; real ones know nothing of it
+  bool clear_faults = false;      // after `reset`: drives that are off clear their faults
+  bool reset_simulation = false;  // simulated joints go back to their start; real ones ignore it
   JointArray torque_nm{};         // feed-forward
   JointArray position_rad{};      // of the drive's own PD loop; NaN = none
   JointArray velocity_rad_s{};
@@ -36,9 +36,9 @@ struct ActuatorCommand {
   void act(DriveAction all) LITHE_RT { action.fill(all); }
 };
 
-// What came back. A joint that did not answer keeps its last values and loses its `fresh` bit.
+// The samples. A joint that did not answer keeps its last values and loses its `fresh` bit.
 struct ActuatorState {
-  std::uint64_t tick = 0;      // of the command that was answered
+  std::uint64_t tick = 0;      // the tick of the answered command
   std::int64_t sample_ns = 0;  // CLOCK_MONOTONIC when the exchange began
   std::uint32_t joints = 0;
   std::int64_t bus_ns = 0;  // length of the exchange
@@ -57,41 +57,45 @@ struct ActuatorState {
   }
 };
 
-// Everything that went otherwise than one command, one answer; since the start.
+// Counters of every deviation from "one command, one answer"; since the start.
 struct ReplyCounters {
-  std::uint64_t missed = 0;     // a joint was asked and did not answer in its exchange
-  std::uint64_t late = 0;       // answers that came after their exchange was over; never used
-  std::uint64_t duplicate = 0;  // a second answer in one exchange, a sensor frame that was there; the first one counts
-  std::uint64_t conflicting = 0;  // a second one that says something else; none counts
-  std::uint64_t stray = 0;        // from no device of ours
-  std::uint64_t malformed = 0;    // not a whole answer, or no possible measurement
+  std::uint64_t missed = 0;       // a joint was asked and did not answer in its exchange
+  std::uint64_t late = 0;         // answers that came after their exchange was over; never used
+  std::uint64_t duplicate = 0;    // second equal answers, repeated sensor frames; the first one is used
+  std::uint64_t conflicting = 0;  // a second answer that differs; neither is used
+  std::uint64_t stray = 0;        // from a device that is not in the robot file
+  std::uint64_t malformed = 0;    // incomplete answers, or impossible measurements
   std::uint64_t unsound = 0;      // commands that were not finite: the joint was damped instead
-  std::uint64_t refused = 0;      // commands a bus had no room for
+  std::uint64_t refused = 0;      // commands that a bus had no room for
 };
 
 // Contract: RT as far as the bus is · called by one thread, once per tick · bounded
 class Actuators {
  public:
   virtual ~Actuators() = default;
-  // Sends `command`, collects the replies into `state`. `now_ns` is CLOCK_MONOTONIC: simulated devices live by it.
+  // Sends `command`, collects the replies into `state`. `now_ns` is CLOCK_MONOTONIC; it is the time of simulated
+  // devices.
   virtual void cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT = 0;
-  // For the thread that cycles, or after its end.
+  // Call from the thread that calls cycle(), or after its end.
   virtual const ReplyCounters& counters() const LITHE_RT = 0;
 
-  // Others need this thread's core, too: it sleeps while it waits for answers, instead of looking all the time.
+  // The core is shared: sleep while waiting for answers, instead of polling.
   // Contract: before the first cycle
   virtual void share_core() {}
 
-  // Brings back buses whose hardware went away. Contract: not RT · one other thread, about once a second
+  // Reopens buses whose hardware was lost.
+  // Contract: not RT · one other thread, about once a second
   virtual void service() {}
-  // Which bus is down and which drive not ready, and why; empty when all is well. Contract: as service()
+  // Which bus is down and which drive is not ready, with the reason; empty = none.
+  // Contract: as service()
   virtual std::string trouble() const { return ""; }
-  // What real buses carried otherwise than asked, a clause each; empty when nothing. Contract: after the last cycle
+  // Deviations on real buses, one clause each; empty = none.
+  // Contract: after the last cycle
   virtual std::string tell_buses() const { return ""; }
 };
 
-// Opens every bus and device of the robot. `pi3hat`: what stands in for the board; null = the one of this machine.
-// `tap` sees the frames of all buses by their number in the file; null = nobody.
+// Opens every bus and device of the robot. `pi3hat`: replaces the board (for tests); null = the board of this machine.
+// `tap` gets the frames of all buses with their index in the file; null = no tap.
 // Contract: never in the tick
 Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config,
                                                   std::unique_ptr<Pi3hatPort> pi3hat = nullptr,
@@ -99,8 +103,9 @@ Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& conf
 
 class BusNode;
 
-// The same robot with every bus and device simulated, whatever the file says. Contract: never in the tick
-// `far_ends`: for each bus the devices at its other end, which outlive the actuators; empty = made to fit.
+// The same robot with every bus and device simulated, whatever the file says.
+// Contract: never in the tick `far_ends`: for each bus the simulated devices, which outlive the actuators; empty = made
+// from the file.
 Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config,
                                                       const std::vector<BusNode*>& far_ends = {});
 

@@ -13,12 +13,12 @@ namespace lithe::hal {
 namespace {
 
 JointCommand joint_command(const ActuatorCommand& all, std::size_t joint) LITHE_RT {
-  if (joint >= all.joints) return {};  // a joint nobody commands is off
+  if (joint >= all.joints) return {};  // a joint without a command is off
   return {all.action[joint],    all.torque_nm[joint],   all.position_rad[joint],  all.velocity_rad_s[joint],
           all.kp_nm_rad[joint], all.kd_nm_s_rad[joint], all.max_torque_nm[joint], all.clear_faults};
 }
 
-// What is in a frame, as one number (FNV-1a, eight bytes at a time).
+// Hash of a frame's content (FNV-1a, eight bytes at a time).
 std::uint64_t digest_of(const Frame& frame) LITHE_RT {
   std::uint64_t digest = 0xcbf29ce484222325;
   const std::size_t size = frame.payload().size();
@@ -82,9 +82,9 @@ void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, s
   for (Line& line : lines_) {
     line.bus->begin(now_ns);
     line.patience = kMostWaiting;
-    drain(line);  // what came since the last one: news, and answers that are late
+    drain(line);  // frames since the last exchange: unsolicited ones, and late answers
   }
-  send_all(command);  // to every bus first: their answers travel at the same time
+  send_all(command);  // send on all buses first: the answers then travel in parallel
   exchange_.asked = true;
   collect();
   settle();
@@ -93,7 +93,7 @@ void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, s
   state.tick = last_.tick;
   state.sample_ns = last_.sample_ns;
   state.joints = last_.joints;
-  state.bus_ns = 0;  // whoever owns the clock measures it
+  state.bus_ns = 0;  // measured by the caller, who has the clock
   std::copy_n(last_.position_rad.begin(), last_.joints, state.position_rad.begin());
   std::copy_n(last_.velocity_rad_s.begin(), last_.joints, state.velocity_rad_s.begin());
   std::copy_n(last_.torque_nm.begin(), last_.joints, state.torque_nm.begin());
@@ -114,7 +114,7 @@ void BusActuators::send_all(const ActuatorCommand& command) LITHE_RT {
     if (!joint.asked) continue;
     joint.heard = joint.answered = false;
     Line& line = lines_[joint.line];
-    // A lost drive is always asked, but seldom waited for: the others' samples would be late because of it.
+    // A lost drive is always asked but rarely waited for: waiting would delay the samples of the other joints.
     joint.awaited = joint.misses_in_a_row < misses_to_lost_ || exchange_.number / joint.divider % kLookForLost == 0;
     if (joint.awaited) {
       ++line.unanswered;
@@ -128,7 +128,7 @@ void BusActuators::send_all(const ActuatorCommand& command) LITHE_RT {
   }
 }
 
-// Until every joint that was asked has answered, or its bus's time is over. Buses are waited for together.
+// Waits until every asked joint has answered, or the time of its bus is over. All buses are waited for at once.
 void BusActuators::collect() LITHE_RT {
   const std::int64_t from_ns = clock_.now_ns();
   for (bool waiting = true; waiting;) {
@@ -193,13 +193,13 @@ void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
       return;
     case Heard::late:
       ++late_answers_;
-      return compare(joint, frame);  // of two devices the slower one answers when nobody waits any more
+      return compare(joint, frame);  // the slower of two devices answers after the wait
     case Heard::malformed:
       ++spoilt_answers_;
       joint.garbled = true;
       return;
     case Heard::answer:
-      if (!joint.asked) {  // to nothing of ours
+      if (!joint.asked) {  // not asked by us
         ++late_answers_;
         return compare(joint, frame);
       }
@@ -209,14 +209,14 @@ void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
 
 void BusActuators::answer(Line& line, Joint& joint, std::size_t index, const Frame& frame, const JointSample& sample)
     LITHE_RT {
-  // Also one without a measurement was all that there is to wait for.
+  // An answer without a measurement also ends the wait.
   if (!joint.heard && joint.asked && joint.awaited) --line.unanswered;
   joint.heard = true;
   if (joint.answered) {
     ++repeated_answers_;
     return compare(joint, frame);
   }
-  if (!sample.measured) {  // what it says of itself counts, what it says of its joint does not
+  if (!sample.measured) {  // use the drive's state, not its measurement
     last_.status[index] = sample.status;
     last_.drive[index] = sample.drive;
     ++spoilt_answers_;
@@ -229,13 +229,13 @@ void BusActuators::answer(Line& line, Joint& joint, std::size_t index, const Fra
   joint.said = digest_of(frame);
 }
 
-// Of a moteus the id tells which command is answered. A CANopen answer does not tell: a repeated old one looks like
-// another device's.
+// The id of a moteus answer shows which command it belongs to. A CANopen answer does not: a repeated old one looks like
+// an answer of a second device.
 void BusActuators::compare(Joint& joint, const Frame& frame) LITHE_RT {
   if (joint.answered && frame.id == joint.said_id && digest_of(frame) != joint.said) joint.contradicted = true;
 }
 
-// A joint whose turn it was not keeps what it had, fresh as it was.
+// A joint that was not asked keeps its sample and its `fresh` bit.
 void BusActuators::settle() LITHE_RT {
   for (std::size_t i = 0; i < joints_.size(); ++i) {
     if (joints_[i].asked) settle(joints_[i], i);
@@ -254,7 +254,7 @@ void BusActuators::settle() LITHE_RT {
   }
 }
 
-// What a second device says comes in this exchange or before the joint is asked again.
+// The answer of a second device comes in this exchange, or before the joint is asked again.
 void BusActuators::settle(Joint& joint, std::size_t index) LITHE_RT {
   if (joint.contradicted) {
     ++counters_.conflicting;

@@ -27,9 +27,9 @@ enum class Addressing : std::uint8_t {
 // Contract: cycle() RT, bounded, one thread · add_bus, add_joint before the first cycle, never in the tick
 class BusActuators final : public Actuators {
  public:
-  // `clock` bounds the wait for answers of buses that need one (Bus::reply_wait_ns). A joint is lost after so many
-  // exchanges in a row in which it was asked and did not answer. Two answers to one command that are not the same make
-  // both worthless; after as many exchanges in a row of that, two devices answer for the joint.
+  // `clock` bounds the wait for answers (Bus::reply_wait_ns). A joint is lost after this many exchanges in a row in
+  // which it was asked and did not answer. Two different answers to one command are both dropped; after the same number
+  // of such exchanges in a row the joint has a conflict (two devices with one id).
   explicit BusActuators(const RawClock& clock = {}, std::uint32_t misses_to_lost = 3)
       : clock_(clock), misses_to_lost_(misses_to_lost) {}
 
@@ -42,7 +42,8 @@ class BusActuators final : public Actuators {
   std::size_t add_gateway(std::size_t bus, std::uint32_t node, std::int64_t stale_ns);
   // Sensors in the order of the robot's sensors: scale * raw + offset.
   void add_sensor(std::size_t gateway, gateway::Block block, std::size_t channel, double scale, double offset);
-  // The IMU of a board, which outlives us; older readings than `stale_ns` are not valid. Its sensors as those above.
+  // The IMU of a board, which must outlive this object; readings older than `stale_ns` are not valid. Its sensors are
+  // like those above.
   std::size_t add_imu(ImuSource& source, std::int64_t stale_ns);
   void add_imu_sensor(std::size_t imu, std::size_t channel, double scale, double offset);
 
@@ -61,26 +62,26 @@ class BusActuators final : public Actuators {
     Addressing addressing;
     std::uint32_t joints = 0;
     std::uint32_t gateways = 0;
-    std::uint32_t unanswered = 0;            // of those asked in this exchange
-    std::uint32_t patience = 0;              // frames that it may still bring, before the commands or after them
+    std::uint32_t unanswered = 0;            // number of asked joints without an answer
+    std::uint32_t patience = 0;              // frames that may still be read, before or after the commands
     std::array<std::uint8_t, 128> joint_at;  // by device address
   };
   struct Joint {
     std::size_t line;
     std::unique_ptr<Drive> drive;
     std::uint32_t divider;
-    std::uint32_t turn;  // it is asked when the exchange's number leaves this remainder
+    std::uint32_t turn;  // asked when exchange number % divider is this
     std::uint32_t misses_in_a_row = 0;
     std::uint32_t conflicts_in_a_row = 0;
-    std::uint32_t sound_in_a_row = 0;  // since a conflict was told
-    bool garbled = false;              // what came since its last answer made no sense
-    bool contradicted = false;         // two answers to one command, and not the same
-    std::uint32_t said_id = 0;         // of the answer: its frame, and what was in it
+    std::uint32_t sound_in_a_row = 0;  // since the last conflict
+    bool garbled = false;              // only invalid frames since its last answer
+    bool contradicted = false;         // two different answers to one command
+    std::uint32_t said_id = 0;         // id and hash of the answer's frame
     std::uint64_t said = 0;
-    JointSample sample{};  // counts when the exchange is over
+    JointSample sample{};  // used after the exchange
     bool asked = false;
     bool awaited = false;
-    bool heard = false;     // something whole came from it
+    bool heard = false;     // a complete frame came from it
     bool answered = false;  // with a measurement
   };
 
@@ -94,21 +95,22 @@ class BusActuators final : public Actuators {
   };
   struct Sensor {
     bool of_imu;
-    std::size_t source;  // of gateways_ or imus_
+    std::size_t source;  // index into gateways_ or imus_
     gateway::Block block;
     std::size_t channel;
     double scale, offset;
   };
 
-  // Our address changes with every exchange, and moteus drives answer to it: so a late answer is known as such.
-  // As many as there are, without the broadcast's: one that is stuck somewhere for long is still known.
+  // Our source address changes with every exchange, and moteus drives answer to it, so a late answer is recognised. All
+  // addresses except broadcast are used, so that even a very late answer is recognised.
   static constexpr std::uint32_t kSources = 126;
-  // A node that babbles must not keep the tick, so what a bus may bring is bounded. What waits from before the commands
-  // never costs them their answers: a stall of the machine, or a gateway at a low rate, may leave that much.
+  // The number of frames read per exchange is bounded, so that a node that sends continuously cannot block the tick.
+  // Frames from before the commands have their own bound, so that they never displace answers: after a stall of the
+  // machine, or with a gateway at a low rate, many may be waiting.
   static constexpr std::uint32_t kMostWaiting = 256;
-  // A lost drive is waited for in one of so many of its exchanges, so that it can be found again.
+  // A lost drive is waited for in one of this many of its exchanges, so that it can be found again.
   static constexpr std::uint64_t kLookForLost = 32;
-  // Two devices with one id are told until so many answers in a row had no second one.
+  // A conflict is reported until this many answers in a row came without a second one.
   static constexpr std::uint32_t kSoundAgain = 32;
 
   void send_all(const ActuatorCommand& command) LITHE_RT;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// From a robot file's words to a bus that can be used.
+// Opens the buses of a robot file.
 #pragma once
 
 #include <memory>
@@ -13,16 +13,17 @@
 
 namespace lithe::hal {
 
-// Opens the hardware behind the buses of one robot or tool, one after the other. Those of a pi3hat share their board,
-// which is opened with the first of them; a connector without a bus stays silent.
-// Contract: never in the tick · outlived by the buses it has opened
+// Opens the buses of one robot or tool. The buses of a pi3hat share their board, which is opened with the first of
+// them; a connector without a bus stays silent.
+// Contract: never in the tick · may be destroyed before the buses it has opened
 class BusOpener {
  public:
-  // `polled`: for tools, see Pi3hatBoardParams. `port`: what stands in for the board; null = the one of this machine.
+  // `polled`: for tools, see Pi3hatBoardParams. `port`: replaces the board (for tests); null = the board of this
+  // machine.
   BusOpener(std::vector<robot::BusConfig> buses, bool polled, std::unique_ptr<Pi3hatPort> port = nullptr)
       : buses_(std::move(buses)), polled_(polled), port_(std::move(port)) {}
 
-  // One of them, of any kind but `loop`. The error says what is missing and what to do.
+  // Opens one bus of any kind but `loop`. The error says what is missing and the next step.
   Result<std::unique_ptr<Bus>> open(const robot::BusConfig& config);
 
   // Null before a bus of kind pi3hat has been opened.

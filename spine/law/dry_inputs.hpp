@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a law is tried with before it may run: lawd's check and the Loader's dry call ask the same of it.
+// Inputs of a dry run: used by lawd and by the Loader's rehearsal.
 #pragma once
 
 #include <array>
@@ -12,12 +12,12 @@
 
 namespace lithe::law {
 
-// The first steps see a robot at rest at zero, where quotients have their poles; the others one that moves.
+// The first steps see a robot at rest at zero, where a division by a velocity fails; the others see one that moves.
 inline constexpr std::uint64_t kDryStepsAtRest = 3;
 
-// Step k of a healthy robot: at rest, then a slow sine that the joints follow with a small lag. No sensor has been
-// heard at first, as after a start; then all are, whatever they measure. Contract: off the tick · pure · `tick` holds
-// nothing but earlier dry inputs
+// Step k of a healthy robot: at rest, then a slow sine that the joints follow with a small lag. At first no sensor is
+// valid (NaN), as after a start; then all are valid.
+// Contract: off the tick · pure · `tick` holds nothing but earlier dry inputs
 inline void dry_input(Tick& tick, std::uint64_t k, std::uint32_t joints) {
   tick.tick = k;
   tick.dt_s = 1e-3;
@@ -39,7 +39,8 @@ inline void dry_input(Tick& tick, std::uint64_t k, std::uint32_t joints) {
   }
 }
 
-// False when an output is not a number; `text` then names the first one. Contract: off the tick · allocates nothing
+// False when an output is not finite; `text` then names the first one.
+// Contract: off the tick · allocates nothing
 inline bool outputs_are_finite(const Effort& effort, const std::array<double, kMaxProbes>& probes, const LitheLaw& law,
                                std::uint32_t joints, char* text, std::size_t size) {
   const struct {

@@ -9,7 +9,7 @@ namespace lithe::law {
 namespace {
 
 struct Shape {
-  std::uint32_t bits;  // of values it holds exactly: a double has 53
+  std::uint32_t bits;  // number of bits it holds exactly: 53 for a double
   bool is_signed, is_float;
 };
 
@@ -53,7 +53,7 @@ bool usable_as(const std::byte* at, std::uint32_t count) LITHE_RT {
   return usable;
 }
 
-// Whether each of `count` elements is a number a law can go on with. Every integer is.
+// True when all `count` elements are usable: finite and not too large. Every integer is.
 bool usable(const std::byte* at, FieldKind kind, std::uint32_t count) LITHE_RT {
   if (kind == FieldKind::f64) return usable_as<double>(at, count);
   if (kind == FieldKind::f32) return usable_as<float>(at, count);
@@ -97,7 +97,7 @@ void convert_from(const std::byte* from, std::byte* to, FieldKind to_kind) LITHE
       return write_as<float, From>(from, to);
     case FieldKind::f64:
       return write_as<double, From>(from, to);
-    default:  // nothing widens to the others
+    default:  // no type widens to the others
       return;
   }
 }
@@ -118,7 +118,7 @@ void convert(const std::byte* from, FieldKind from_kind, std::byte* to, FieldKin
       return convert_from<std::uint32_t>(from, to, to_kind);
     case FieldKind::f32:
       return convert_from<float>(from, to, to_kind);
-    default:  // the widest ones are only ever copied
+    default:  // the widest types are only copied
       return;
   }
 }

@@ -12,11 +12,11 @@
 
 namespace lithe::law {
 
-// One field that means the same in both laws. With kinds that differ each element is converted, without loss.
+// One field that both laws have. When the types differ, each element is converted without loss.
 struct Copy {
   std::uint32_t from, to;            // offsets
   std::uint32_t count;               // elements
-  std::uint32_t field;               // its index in the State it is written to
+  std::uint32_t field;               // its index in the target State
   std::uint16_t from_kind, to_kind;  // FieldKind
 };
 
@@ -32,7 +32,7 @@ struct Migration {
 // Contract: off the tick; allocates nothing.
 Migration plan_migration(const LitheLaw& from, const LitheLaw& to);
 
-// Whether every value of `from` is one of `to`. bool goes to bool only.
+// True when `to` holds every value of `from`. bool goes to bool only.
 bool widens(FieldKind from, FieldKind to);
 
 // The largest magnitude of a float or double that is carried. Above every count of nanoseconds since the machine

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A law that lives in the Spine: its code's entry, and the host's own memory for its state and params.
+// A law that is loaded in the Spine: its entry point, and the Spine's memory for its state and params.
 #pragma once
 
 #include <array>
@@ -14,20 +14,20 @@
 
 namespace lithe::law {
 
-// How many laws are in memory at once: active, previous, pending, and those on their way out.
+// Number of laws in memory at once: active, earlier ones, candidate, and those being retired.
 inline constexpr std::uint32_t kResidents = 8;
 
-// The way between this law and one law it may follow, both ways, planned before the swap.
+// State migration between this law and one other law, in both directions, planned before the swap.
 struct Bridge {
   std::uint32_t peer_id = 0;  // 0 = none
   Migration in;               // the peer's state into this law's, at commit
   Migration out;              // this law's state into the peer's, at rollback
 };
 
-// How a law is to be brought in, in ticks of this robot; all 0 = at once and for good.
+// The terms of a swap, in ticks; all 0 = no shadow, no blend, no probation.
 struct Terms {
   std::uint32_t budget_ns = 0;        // of one step; 0 = the robot's own
-  std::uint32_t shadow_ticks = 0;     // beside the active law first
+  std::uint32_t shadow_ticks = 0;     // in the shadow of the active law first
   std::uint32_t blend_ticks = 0;      // from the old output to the new one
   std::uint32_t probation_ticks = 0;  // automatic rollback for so long
   double shadow_tolerance_nm = 0;
@@ -38,19 +38,19 @@ struct Terms {
 // Slot::collect_retired on, the tick in between.
 struct Resident {
   const LitheLaw* descriptor = nullptr;
-  std::uint32_t index = 0;   // 0..kResidents-1, which place of the house it fills
+  std::uint32_t index = 0;   // 0..kResidents-1, index in the resident table
   std::uint32_t law_id = 0;  // counts up from 1 for the life of the Spine
   std::uint64_t request_id = 0;
   std::uint64_t source_hash = 0;
-  std::int64_t since_ns = 0;       // its first tick, in the shadow too [CLOCK_MONOTONIC]; 0 = still to come
+  std::int64_t since_ns = 0;       // its first tick, also in the shadow [CLOCK_MONOTONIC]; 0 = none yet
   std::uint32_t slot = 0;          // arena slot of the code, counted from 1; 0 = none
   std::uint32_t code_bytes = 0;    // of the code and constants in it
   std::uint64_t code_address = 0;  // where the slot begins; 0 = no slot
   Terms terms;
   std::array<Param, kMaxParams> params{};
-  std::array<double, kMaxParams> params_before{};   // the last set but one, for a revert
-  std::array<double, kMaxParams> params_trusted{};  // before the first of those on probation
-  std::array<Bridge, kResidents> bridges{};         // by the peer's index: whichever of them is active at the commit
+  std::array<double, kMaxParams> params_before{};   // the values before the last change, for a revert
+  std::array<double, kMaxParams> params_trusted{};  // the last confirmed values
+  std::array<Bridge, kResidents> bridges{};         // by the peer's index: any of them may be active at the commit
   alignas(64) std::array<std::byte, kMaxStateBytes> state{};
 
   // Clears `effort`, then runs the law once.
@@ -75,11 +75,11 @@ struct Resident {
     for (std::uint32_t i = 0; i < kMaxParams; ++i) std::swap(params_before[i], params[i].value);
   }
 
-  // What is in force now has proven itself: a change that does not will end here.
+  // The present values are confirmed: later changes that fail are reverted to these.
   void trust_params() LITHE_RT {
     for (std::uint32_t i = 0; i < kMaxParams; ++i) params_trusted[i] = params[i].value;
   }
-  // Back to the last trusted values. A revert then finds nothing else: what came after them was no good.
+  // Back to the confirmed values. A later revert does not lead to the values that failed.
   void restore_trusted_params() LITHE_RT {
     for (std::uint32_t i = 0; i < kMaxParams; ++i) params[i].value = params_before[i] = params_trusted[i];
   }
@@ -94,11 +94,13 @@ struct Resident {
 // Contract: off the tick · allocates nothing · `descriptor` must have passed check_law.
 void reset_resident(Resident& resident, const LitheLaw& descriptor);
 
-// Plans the way from `peer` to `resident` and back. Contract: off the tick.
+// Plans the state migration from `peer` to `resident` and back.
+// Contract: off the tick.
 void build_bridge(Resident& resident, const Resident& peer);
 
-// Why a descriptor read from an object cannot be trusted, nullptr when it can. Static text for the general case; use
-// describe_mismatch for the numbers. Contract: reads `law` only, any bytes are safe.
+// Why a descriptor read from an object is invalid; nullptr = valid. A general static text; describe_mismatch gives the
+// numbers.
+// Contract: reads `law` only, any bytes are safe.
 const char* check_law(const LitheLaw& law);
 
 // Writes one line that names what was expected and found. Returns `text`.

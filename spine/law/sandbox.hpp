@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// All the memory a law may write while it runs in the tick. It gets copies: whatever it does to its inputs, its params
-// or its state goes no further until the host has looked at the result.
+// The memory that a law may write while it runs in the tick. The law works on copies: changes to its inputs, params or
+// state have no effect until the host has checked the result.
 #pragma once
 
 #include <algorithm>
@@ -24,17 +24,17 @@ struct Sandbox {
   std::array<double, kMaxProbes> probes{};
   void (*step)(const lithe::Tick*, const void*, void*, lithe::Effort*, double*) LITHE_RT = nullptr;
 
-  // Copies in what `law` is given in this tick.
+  // Copies the inputs of `law` for this tick.
   void enter(const Resident& law, const Tick& in) LITHE_RT;
   // The law itself, on the copies.
   LITHE_LEFT_BY_A_JUMP void call() LITHE_RT { step(&tick, params.data(), state.data(), &effort, probes.data()); }
-  // Its state back, once it has returned and its output is accepted.
+  // Copies its state back, after it has returned and its output is accepted.
   void keep_state(Resident& law) const LITHE_RT {
     std::memcpy(law.state.data(), state.data(), std::min<std::size_t>(law.descriptor->state_size, kMaxStateBytes));
   }
 };
 
-// A Sandbox on pages of its own, touched, with a page that nobody may touch on either side.
+// A Sandbox on its own prefaulted pages, with a guard page on both sides.
 // Contract: off the tick
 class SandboxMemory {
  public:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The place where the Loader and the tick meet: a swap is one atomic exchange at the end of a tick.
+// The exchange point between the Loader and the tick: a swap is one atomic exchange at the end of a tick.
 #pragma once
 
 #include <array>
@@ -13,7 +13,7 @@
 
 namespace lithe::law {
 
-// What a commit did, for the event ring.
+// Result of a commit, for the event ring.
 struct Commit {
   std::uint32_t law_id = 0;
   std::uint32_t previous_id = 0;  // 0 = none
@@ -26,7 +26,7 @@ struct Commit {
 
 enum class Carry : std::uint8_t { named, none };
 
-// Laws that stay resident behind the active one, for a rollback.
+// Number of earlier laws that stay resident, for a rollback.
 inline constexpr std::uint32_t kHistory = 4;
 static_assert(kHistory + 3 <= kResidents, "beside them: the active law, the candidate, one on its way out");
 
@@ -46,13 +46,13 @@ class Slot {
     return pending_.compare_exchange_strong(none, candidate, std::memory_order_release, std::memory_order_relaxed);
   }
 
-  // Takes back a candidate that no tick has committed yet; nullptr when there is none (or the tick was faster).
+  // Takes back a candidate that no tick has committed yet; nullptr when there is none (or the tick has just taken it).
   Resident* withdraw() LITHE_RT { return pending_.exchange(nullptr, std::memory_order_acquire); }
 
-  // A Resident the tick has let go of, nullptr when there is none. It belongs to the Loader again.
+  // A Resident that the tick has retired; nullptr = none. The Loader owns it again.
   Resident* collect_retired() LITHE_RT {
     for (auto& place : retired_) {
-      if (place.load(std::memory_order_relaxed) == nullptr) continue;  // a hint only; the exchange decides
+      if (place.load(std::memory_order_relaxed) == nullptr) continue;  // only a hint; the exchange decides
       // acquire: partner of the release in retire(); the tick's last use of *resident happened before.
       return place.exchange(nullptr, std::memory_order_acquire);
     }
@@ -77,7 +77,7 @@ class Slot {
     return pending_.exchange(nullptr, std::memory_order_acquire);
   }
 
-  // Makes a candidate active, with the named state of the law it follows, unless it has run beside it already.
+  // Makes a candidate active. It gets the State fields of the law before it by name, unless it has run in the shadow.
   Commit commit(Resident& candidate, Carry carry = Carry::named) LITHE_RT {
     Commit done{candidate.law_id, active_ == nullptr ? 0 : active_->law_id, candidate.request_id, 0, 0};
     if (carry == Carry::named) carry_into(candidate, done);
@@ -100,7 +100,7 @@ class Slot {
     done.bytes_carried = bridge->in.bytes;
   }
 
-  // A candidate that was taken and shall not run: the Loader gets it back.
+  // Refuses a candidate that was taken: the Loader gets it back.
   void refuse(Resident& candidate) LITHE_RT { retire(&candidate); }
 
   std::optional<Commit> try_commit() LITHE_RT {
@@ -109,10 +109,10 @@ class Slot {
     return commit(*candidate);
   }
 
-  // Back by `n` laws; those passed over are retired. `named`: fields both laws have come from the law that leaves, the
-  // rest is as it was when it was replaced. `none`: the law that leaves is not trusted (it put out NaN, it crashed),
-  // nothing of it is kept. A field that holds no usable number then starts from its default: `mended`, if given, gets
-  // those fields. False when there are not so many laws. Safe in the middle of a tick, between two steps.
+  // Back by `n` laws; those passed over are retired. `named`: fields that both laws have are taken from the leaving
+  // law, the rest is as it was when the law was replaced. `none`: the leaving law is not trusted (NaN output, crash),
+  // so none of its fields are taken. A field that holds no usable number then starts from its default: `mended`, if
+  // given, gets those fields. False when there are not so many laws. Safe in the middle of a tick, between two steps.
   bool rollback(Carry carry = Carry::named, std::uint32_t n = 1, FieldBits* mended = nullptr) LITHE_RT {
     Resident* target = before(n);
     if (target == nullptr) return false;
@@ -145,7 +145,7 @@ class Slot {
   alignas(64) std::atomic<Resident*> pending_{nullptr};
   alignas(64) std::array<std::atomic<Resident*>, kResidents> retired_{};
   std::atomic<std::uint32_t> active_id_{0};
-  alignas(64) Resident* active_ = nullptr;  // the tick's own, as the two below
+  alignas(64) Resident* active_ = nullptr;  // used by the tick only, as the two below
   std::array<Resident*, kHistory> history_{};
   std::uint32_t depth_ = 0;
 };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whether a joint shakes under a law: its torque jumps up and down from tick to tick (chatter), or the joint swings to
-// and fro without decay (oscillation). The trial and the probation judge by the same numbers.
+// Detects shaking of a joint: its torque alternates from tick to tick (chatter), or the joint oscillates without decay
+// (oscillation). The trial and the probation judge by the same numbers.
 #pragma once
 
 #include <algorithm>
@@ -14,8 +14,7 @@
 
 namespace lithe::law {
 
-// The turning points of a signal that goes up and down, by swings of at least a threshold: smaller ones, as those of
-// noise, are not seen.
+// Finds the turning points of a signal. Swings smaller than a threshold (noise) are ignored.
 // Contract: RT · a value
 class Zigzag {
  public:
@@ -64,9 +63,9 @@ class Tremor {
   static constexpr double kChatterMemoryS = 0.1;  // the frequency is averaged over so long
   // Oscillation: the velocity error turns by at least this share of velocity_max_rad_s; smaller swings do no harm ...
   static constexpr double kSwingShare = 0.1;
-  // ... and by more than so many times the largest setpoint velocity of late: a motion that was asked for is none.
+  // ... and by more than this many times the largest recent setpoint velocity: a commanded motion does not count ...
   static constexpr double kOfSetpoint = 2.0;
-  // ... and by more than so many times the largest swing before the law was there.
+  // ... and by more than this many times the largest swing before the law was committed ...
   static constexpr double kOfBefore = 2.0;
   static constexpr double kMemoryS = 1.0;
   // ... this many times in a row (four periods), none of them smaller than this share of the one before: a stable loop
@@ -95,7 +94,7 @@ class Tremor {
     joints_[joint].bounds = bounds;
   }
 
-  // A new law: what shook before it is not its own.
+  // A new law starts: shaking from before is not counted against it.
   void start() LITHE_RT {
     for (Joint& joint : joints_) {
       joint.swing_before_rad_s = joint.most_swing_rad_s;
@@ -107,7 +106,7 @@ class Tremor {
   // Once per tick. `torque_nm`: what the law wants at joint j.
   void see(const Tick& in, std::uint32_t j, double torque_nm) LITHE_RT {
     const double error_rad_s = in.velocity_rad_s[j] - in.setpoint_velocity_rad_s[j];
-    if (!std::isfinite(torque_nm) || !std::isfinite(error_rad_s)) return;  // others deal with that
+    if (!std::isfinite(torque_nm) || !std::isfinite(error_rad_s)) return;  // checked elsewhere
     Joint& joint = joints_[j];
     const Zigzag::Swing jump = joint.torque.see(torque_nm, kJumpShare * joint.bounds.torque_max_nm);
     const double turned = jump.ticks > 0 ? 0.5 * rate_hz_ : 0.0;  // two turns make a period
@@ -119,9 +118,9 @@ class Tremor {
     joint.most_swing_rad_s *= forget_;
     const double least_rad_s = std::max({kSwingShare * joint.bounds.velocity_max_rad_s,
                                          kOfSetpoint * joint.most_asked_rad_s, kOfBefore * joint.swing_before_rad_s});
-    // The threshold of the turns is the least share: the other two are held against each swing.
+    // Turns are found with the smallest threshold; the other two are compared with each swing.
     const Zigzag::Swing swing = joint.velocity.see(error_rad_s, kSwingShare * joint.bounds.velocity_max_rad_s);
-    if (joint.velocity.ticks_since_turn() > 2 * longest_swing_) joint.swings = 0;  // at rest: a turn is seen late
+    if (joint.velocity.ticks_since_turn() > 2 * longest_swing_) joint.swings = 0;  // at rest: a turn is detected late
     if (swing.ticks == 0) return;
     const bool goes_on = swing.ticks <= longest_swing_ && swing.size >= least_rad_s &&
                          swing.size >= kNotDecaying * joint.last_swing_rad_s;

@@ -26,7 +26,7 @@ struct Range {
   }
 };
 
-// Why a descriptor that passed check_law points where it must not; nullptr when it does not.
+// Why a pointer of a descriptor (that passed check_law) is invalid; nullptr = all are valid.
 const char* check_pointers(const LitheLaw& law, const Range& image) {
   const auto step = std::bit_cast<std::uint64_t>(law.step);
   if (!image.holds(step, kCodeAlign) || step % kCodeAlign != 0) return "its step lies outside its slot";
@@ -62,9 +62,9 @@ StageResult ArenaStore::load(std::uint32_t place, const wire::StageRequest& requ
         StageResult::image_damaged,
         "it does not hold the image that was announced, or one linked for other functions than this Spine has");
   }
-  serialise_core();  // this thread makes the first call, and another law may have been there before
+  serialise_core();  // this thread makes the first call, and the slot may have held another law
   law = reinterpret_cast<const LitheLaw*>(request.entry);
-  // A descriptor that is not sound is refused by the Loader, which says more; until then none of its pointers counts.
+  // An invalid descriptor is refused by the Loader with more detail; its pointers are not checked here.
   const char* reason = law::check_law(*law) == nullptr ? check_pointers(*law, image) : nullptr;
   if (reason != nullptr) return refuse(StageResult::hostile, reason);
   slots_[place] = request.slot;

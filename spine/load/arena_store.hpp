@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Laws that lawd has linked for a slot of the arena and written there. The default back end: bringing one in maps
-// nothing, protects nothing and allocates nothing in the process that ticks.
+// Laws that lawd has linked for a slot of the arena and written there. The default back end: loading needs no mmap,
+// mprotect or allocation in the process that ticks.
 #pragma once
 
 #include <array>
@@ -10,8 +10,9 @@
 
 namespace lithe::load {
 
-// Believes nothing in a request: slot, size, entry, hash and every pointer of the descriptor are checked before a byte
-// of the code runs. Contract: see LawStore · allocates nothing
+// Trusts nothing in a request: slot, size, entry, hash and every pointer of the descriptor are checked before any of
+// the code runs.
+// Contract: see LawStore · allocates nothing
 class ArenaStore final : public LawStore {
  public:
   explicit ArenaStore(arena::Arena arena) : arena_(std::move(arena)) {}
@@ -27,7 +28,7 @@ class ArenaStore final : public LawStore {
   bool in_use(std::uint32_t slot) const;
 
   arena::Arena arena_;
-  std::array<std::uint32_t, law::kResidents> slots_{};  // of each place; 0 = none
+  std::array<std::uint32_t, law::kResidents> slots_{};  // arena slot of each resident; 0 = none
 };
 
 }  // namespace lithe::load

@@ -62,7 +62,7 @@ const char* check_segments(int fd, const Elf64_Ehdr& head, std::uint64_t size) {
   return nullptr;
 }
 
-// Reads one byte of every page the object has in memory, so that no tick is the first to touch it.
+// Reads one byte of every page of the object, so that no tick has a page fault there.
 void touch_pages(const void* inside) {
   Dl_info info{};
   if (dladdr(inside, &info) == 0 || info.dli_fbase == nullptr) return;
@@ -81,7 +81,7 @@ void touch_pages(const void* inside) {
 }  // namespace
 
 const char* check_object(const char* path) {
-  // O_NONBLOCK: a named pipe must not hold the Loader until somebody writes to it.
+  // O_NONBLOCK: opening a named pipe must not block the Loader.
   const Fd fd(::open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (fd.get() < 0) return errno == ENOENT ? "there is no such file" : "the file cannot be opened";
   struct stat status{};

@@ -9,7 +9,7 @@
 namespace lithe::load {
 
 // Why the file at `path` must not be given to dlopen: not a regular file, not an ELF shared object of this machine, or
-// cut short (the linker would map past its end and the process would die of SIGBUS). nullptr when it may.
+// truncated (the linker would map past its end, and the process would get SIGBUS). nullptr when it may.
 // Contract: off the tick · allocates nothing · any bytes are safe
 const char* check_object(const char* path);
 

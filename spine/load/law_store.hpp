@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the code of laws lives: in the arena, or wherever dlopen puts it.
+// Interface of the two back ends for the code of laws: the arena, or dlopen.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@
 
 namespace lithe::load {
 
-// Contract: Loader thread only · never in the tick · a failed load leaves the place empty
+// Contract: Loader thread only · never in the tick · a failed load leaves the index empty
 class LawStore {
  public:
   LawStore() = default;
@@ -19,12 +19,12 @@ class LawStore {
   LawStore& operator=(const LawStore&) = delete;
   virtual ~LawStore() = default;
 
-  // Brings the requested code into an empty place (0..law::kResidents-1), every symbol resolved and every page of it
-  // touched. Anything but `staged` comes with one sentence in `why`. The descriptor itself is the Loader's to check.
+  // Loads the requested code at an empty index (0..law::kResidents-1), with all symbols resolved and all pages touched.
+  // Any result but `staged` has one sentence in `why`. The Loader checks the descriptor.
   virtual wire::StageResult load(std::uint32_t place, const wire::StageRequest& request, const LitheLaw*& law,
                                  std::span<char> why) = 0;
 
-  // Gives the place back. Nobody may still run its code.
+  // Frees the index. No thread may still run its code.
   virtual void unload(std::uint32_t place) = 0;
 };
 

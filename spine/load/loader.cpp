@@ -19,8 +19,8 @@ void copy_text(char* to, const char (&from)[N]) {
   to[N - 1] = '\0';
 }
 
-// Values instead of the compiled ones, before anything of the law runs; a revert does not lead to those, with which it
-// was never tried. False: a parameter it does not have, or a value outside its range.
+// Sets the requested parameter values before any code of the law runs. A revert does not lead to the compiled values,
+// with which the law was never tried. False: unknown parameter, or a value outside its range.
 bool take_params(law::Resident& place, const wire::StageRequest& request) {
   if (request.param_count > wire::kNparam) return false;
   for (std::uint32_t i = 0; i < request.param_count; ++i) {
@@ -33,10 +33,10 @@ bool take_params(law::Resident& place, const wire::StageRequest& request) {
 static_assert(static_cast<std::uint32_t>(FieldKind::f64) == static_cast<std::uint32_t>(wire::StateKind::f64));
 static_assert(wire::kNf == kMaxStateFields && wire::kNstate == kMaxStateBytes);
 
-// Of a shadow, a blend or a probation: ten minutes at 1 kHz.
+// Longest shadow, blend or probation [ticks]: ten minutes at 1 kHz.
 constexpr std::uint32_t kMostTicks = 600'000;
 
-// NaN and negative numbers ask for nothing. A budget is held to the period by the tick.
+// NaN and negative numbers count as 0. The tick limits a budget to its period.
 law::Terms terms_of(const wire::StageRequest& request) {
   const auto positive = [](double value) { return value > 0 && std::isfinite(value) ? value : 0.0; };
   return {request.budget_ns,
@@ -63,7 +63,7 @@ Loader::Loader(law::Slot& slot, LawStore& store, ipc::SpineMemory& spine, const 
 
 void Loader::run(const std::atomic<bool>& stop) {
   const timespec pause{0, 1'000'000};
-  while (!stop.load(std::memory_order_relaxed)) {  // relaxed: nothing but the wish to stop is passed
+  while (!stop.load(std::memory_order_relaxed)) {  // relaxed: only the stop flag is passed
     if (!poll(monotonic_ns())) nanosleep(&pause, nullptr);
   }
 }
@@ -81,18 +81,18 @@ bool Loader::poll(std::int64_t now_ns) {
   return true;
 }
 
-// One at a time: with dlopen each costs a dlclose.
+// One at a time: with dlopen each one needs a dlclose.
 bool Loader::retire_one(std::int64_t now_ns) {
   law::Resident* gone = slot_.collect_retired();
   if (gone == nullptr) return false;
-  if (gone == waiting_) waiting_ = nullptr;  // committed and rolled back between two polls
+  if (gone == waiting_) waiting_ = nullptr;  // it was committed and rolled back between two polls
   tell(wire::EventKind::law_retired, gone->request_id, gone->law_id, 0, gone->descriptor->name, now_ns);
   release(*gone);
   return true;
 }
 
-// A candidate is planned against the law that is active: the next one must not be planned before this one has its
-// tick. One that gets none is taken back.
+// State migration is planned against the active law, so the next request must wait until this candidate is committed. A
+// candidate that no tick commits is withdrawn.
 bool Loader::candidate_waits(std::int64_t now_ns) {
   if (waiting_ == nullptr) return false;
   if (slot_.active_id() == waiting_->law_id) {
@@ -101,7 +101,7 @@ bool Loader::candidate_waits(std::int64_t now_ns) {
   }
   if (now_ns - offered_ns_ < kCommitTimeoutNs) return true;
   law::Resident* back = slot_.withdraw();
-  if (back == nullptr) return true;  // the tick has it after all; its id shows in a moment
+  if (back == nullptr) return true;  // the tick has just taken it; its id follows soon
   waiting_ = nullptr;
   tell(wire::EventKind::law_refused, back->request_id, static_cast<std::uint32_t>(wire::StageResult::busy), 0,
        "no tick committed the law: is the Spine ticking?", now_ns);
@@ -131,7 +131,7 @@ wire::StageResult Loader::stage(const wire::StageRequest& request, std::int64_t 
   tell(wire::EventKind::law_staged, request.request_id, place->law_id, load_ms, place->descriptor->name, staged_ns);
   waiting_ = place;
   offered_ns_ = now_ns;
-  slot_.offer(place);  // cannot fail: nothing else waits
+  slot_.offer(place);  // cannot fail: there is no other candidate
   return result;
 }
 
@@ -178,7 +178,7 @@ wire::StageResult Loader::prepare(law::Resident& place, const wire::StageRequest
   return wire::StageResult::staged;
 }
 
-// From every law in memory: whichever of them is active when the candidate's tick comes (a rollback may intervene).
+// Plans the migration from every law in memory: after a rollback any of them may be active at the commit.
 void Loader::build_bridges(law::Resident& candidate) {
   for (const law::Resident& peer : residents_) {
     if (used_[peer.index] && &peer != &candidate) law::build_bridge(candidate, peer);

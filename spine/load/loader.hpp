@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The thread that prepares a swap: it loads a law, checks it, runs it once off the tick, and offers it to the Slot.
+// The Loader thread prepares a swap: it loads a law, checks it, runs it off the tick, and offers it to the Slot.
 #pragma once
 
 #include <array>
@@ -16,8 +16,8 @@ namespace lithe::load {
 // A candidate that no tick has committed after this long is taken back.
 inline constexpr std::int64_t kCommitTimeoutNs = 2'000'000'000;
 
-// Every byte of a StageRequest may be hostile. What it does is told in the event ring events_loader, the answer to a
-// request is a wire::StageResult, and each law in memory has its LawInfo (index = Resident::index; law_id 0 = empty).
+// Every byte of a StageRequest may be hostile. Outputs: events in the ring events_loader, a wire::StageResult for each
+// request, and a LawInfo for each law in memory (index = Resident::index; law_id 0 = empty).
 // Contract: owned by one housekeeping thread · allocates nothing beyond dlopen · logs through shared memory only
 class Loader {
  public:
@@ -28,10 +28,10 @@ class Loader {
   // Body of the Loader thread: polls every millisecond until `stop`.
   void run(const std::atomic<bool>& stop);
 
-  // One round: retires what the tick let go, then takes at most one request. True if it did anything.
+  // One round: unloads laws that the tick has retired, then handles at most one request. True if it did anything.
   bool poll(std::int64_t now_ns);
 
-  // Loads a law without a request, as main does with the first one. Events and LawInfo as usual.
+  // Loads a law without a request, as main does for the first law. Events and LawInfo as usual.
   wire::StageResult stage(const wire::StageRequest& request, std::int64_t now_ns);
 
  private:
@@ -58,7 +58,7 @@ class Loader {
   EventWriter events_;
   Rehearsal& rehearsal_;
   std::uint32_t next_id_ = 1;
-  law::Resident* waiting_ = nullptr;  // offered, not yet seen active
+  law::Resident* waiting_ = nullptr;  // offered, not yet active
   std::int64_t offered_ns_ = 0;
   std::array<bool, law::kResidents> used_{};
   std::array<law::Resident, law::kResidents> residents_{};

@@ -12,7 +12,7 @@
 namespace lithe::load {
 namespace {
 
-constexpr std::int64_t kMostNs = 20'000'000;  // of one call, on a core that others use, too
+constexpr std::int64_t kMostNs = 20'000'000;  // limit of one call, on a core that is shared
 
 struct Start {
   decltype(LitheLaw::init) init;
@@ -27,7 +27,7 @@ void call_init(void* context) {
 
 void call_step(void* context) { static_cast<law::Sandbox*>(context)->call(); }
 
-// A law's init() sees numbers only. x - x is 0 for every finite x, NaN for all others.
+// A law's init() gets finite numbers only. x - x is 0 for every finite x, NaN for all others.
 bool is_finite(const wire::Telemetry& record, std::uint32_t joints) {
   double sum = 0;
   for (const double* values :
@@ -74,11 +74,10 @@ bool Rehearsal::start(law::Resident& law, std::int64_t now_ns, std::span<char> w
   return true;
 }
 
-// The newest first. Left out: records that are overwritten while they are read, and those with a NaN of a broken
-// sensor.
+// The newest first. Left out: records that are overwritten during the read, and those with a NaN of a broken sensor.
 const History& Rehearsal::look_back(std::int64_t now_ns) {
   ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> reader(spine_.telemetry);
-  reader.rewind(kMostPast);  // while these are read, more may come
+  reader.rewind(kMostPast);  // more records may arrive during the read
   std::uint32_t seen = 0;
   while (!reader.empty()) {
     if (!reader.next(record_) || !is_finite(record_, joints_)) continue;

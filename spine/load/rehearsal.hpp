@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The first calls of new code, off the tick and on copies: its own start, and a few harmless steps.
+// Rehearsal: the first calls of new code, off the tick and on copies (init, and a few harmless steps).
 #pragma once
 
 #include <array>
@@ -18,8 +18,8 @@ namespace lithe::load {
 // Ticks a law may look back on: two seconds at 1 kHz.
 inline constexpr std::uint32_t kMostPast = 2048;
 
-// Contract: Loader thread only · allocates when made, never after · without a Cell, a law that crashes here takes the
-// process with it
+// Contract: Loader thread only · allocates when made, never after · without a Cell, a law that crashes here ends the
+// process
 class Rehearsal {
  public:
   // `joints` and `dt_s` are the robot's; `sandbox` is the Loader's own.
@@ -27,8 +27,8 @@ class Rehearsal {
 
   void use(contain::Cell* cell) { cell_ = cell; }
 
-  // Brings a fresh law to the point from which it may be committed: its init() has seen the past, and its pages and
-  // lines are warm. False, and one sentence in `why`, when it fails or an output is not finite.
+  // Prepares a new law for its commit: runs its init() on the past, and warms its pages and cache lines. False, with
+  // one sentence in `why`, when it fails or an output is not finite.
   bool prepare(law::Resident& law, std::int64_t now_ns, std::span<char> why);
 
  private:

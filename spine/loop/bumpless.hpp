@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bumpless transfer: the new law's first output is the old one's last, and what they differ by fades away.
+// Bumpless transfer: the new law's first output equals the old law's last one; the difference is blended out.
 #pragma once
 
 #include <cmath>
@@ -11,7 +11,7 @@
 
 namespace lithe::loop {
 
-// Torque that a proposal puts on joint j: its feed-forward and the drive's own PD at the measured state [N m].
+// Torque of a proposal at joint j: feed-forward plus the drive's own PD at the measured state [N m].
 inline double torque_at_joint(const Effort& effort, std::size_t j, double position_rad, double velocity_rad_s)
     LITHE_RT {
   const double spring_nm =
@@ -19,19 +19,19 @@ inline double torque_at_joint(const Effort& effort, std::size_t j, double positi
   return effort.torque_nm[j] + spring_nm + effort.kd_nm_s_rad[j] * (effort.velocity_rad_s[j] - velocity_rad_s);
 }
 
-// The guard's slew bound holds on top of it: per joint, the slower of the two decides.
+// The guard's slew bound applies in addition: per joint, the slower of the two decides.
 // Contract: RT · owned by the tick thread
 class Bumpless {
  public:
-  // The law that steps next is a new one. 0 ticks: nothing fades.
+  // The next step is a new law's first one. 0 ticks: no blend.
   void start(std::uint32_t ticks) LITHE_RT {
     ticks_ = left_ = ticks;
     fresh_ = true;
   }
   bool fading() const LITHE_RT { return left_ > 0; }
 
-  // Once per tick, after the law: adds to its feed-forward what is left of the difference. `last_nm` is the torque at
-  // each joint by the last output.
+  // Once per tick, after the law: adds the remaining difference to its feed-forward. `last_nm`: torque at each joint by
+  // the last output.
   void apply(const Tick& in, const JointArray& last_nm, Effort& effort) LITHE_RT {
     if (left_ == 0) return;
     if (fresh_) {

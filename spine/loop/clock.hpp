@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A raw clock that follows CLOCK_MONOTONIC although NTP steers the one and not the other.
+// A clock on CLOCK_MONOTONIC_RAW that follows CLOCK_MONOTONIC (NTP adjusts only the latter).
 #pragma once
 
 #include <cstdint>
@@ -12,8 +12,9 @@ namespace lithe::loop {
 
 using ClockMemory = ipc::ChannelMemory<RawClock>;
 
-// One thread's view. follow() adopts the keeper's newest fit, between two ticks. That moves the time by less than 0.1
-// us, and by 25 us once when NTP begins or ends a slew of 500 ppm. Contract: RT · one instance per thread
+// One thread's view. follow(), called between two ticks, takes over the keeper's newest fit. That moves the time by
+// less than 0.1 us, or once by 25 us when NTP begins or ends a slew of 500 ppm.
+// Contract: RT · one instance per thread
 class SteeredClock {
  public:
   // `memory` must hold a fit already: start_clock() comes first.
@@ -34,7 +35,8 @@ class SteeredClock {
 // Publishes a first fit. Call once before any SteeredClock is made.
 void start_clock(ClockMemory& memory);
 
-// Publishes new fits. Contract: off the tick, one thread · after start_clock()
+// Publishes new fits.
+// Contract: off the tick, one thread · after start_clock()
 class ClockKeeper {
  public:
   static constexpr std::int64_t kEveryNs = 50 * kNsPerMs;

@@ -12,9 +12,9 @@
 namespace lithe::loop {
 
 // Two counters and two pairs of buffers. `dispatched_` is written by the tick alone, `done_` by the Transport alone.
-// While they are equal the Transport is idle and both slots belong to the tick; after a dispatch, slot
-// `dispatched_ & 1` belongs to the Transport until `done_` catches up. So nobody ever waits, and a Transport that is
-// late costs the tick a dispatch, never a torn buffer.
+// While they are equal the Transport is idle and both slots belong to the tick; after a dispatch, slot `dispatched_ &
+// 1` belongs to the Transport until `done_` catches up. So neither side ever waits; a late Transport costs the tick one
+// dispatch, and a buffer is never torn.
 // Contract: RT · one tick thread, one Transport thread · wait-free on both sides
 class Handover {
  public:
@@ -23,7 +23,7 @@ class Handover {
   // acquire, with the release store in finish(): what the Transport wrote into its sample is visible.
   bool idle() const LITHE_RT { return done_.load(std::memory_order_acquire) == sent_; }
 
-  // The slot for the next command. Writable at any time: the Transport never looks at it before dispatch().
+  // The slot for the next command. Writable at any time: the Transport does not read it before dispatch().
   hal::ActuatorCommand& next_command() LITHE_RT { return command_[(sent_ + 1) & 1]; }
 
   // The newest finished sample. Valid until the dispatch after next: call only when idle() held at this release.
@@ -33,8 +33,7 @@ class Handover {
   // release, with the acquire load in pending(): the command is whole before its number is seen.
   void dispatch() LITHE_RT { dispatched_.store(++sent_, std::memory_order_release); }
 
-  // ---- Transport side
-  // True when a command waits.
+  // ---- Transport side True when a command is pending.
   bool pending() const LITHE_RT { return dispatched_.load(std::memory_order_acquire) != finished_; }
   const hal::ActuatorCommand& command() const LITHE_RT { return command_[(finished_ + 1) & 1]; }
   hal::ActuatorState& sample() LITHE_RT { return state_[(finished_ + 1) & 1]; }

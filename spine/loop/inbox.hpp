@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the tick hears from outside: commands, the e-stop, plans, and whether the Brain still lives.
+// The tick's inputs from other processes: commands, the e-stop, plans, the Brain's heartbeat.
 #pragma once
 
 #include <cstdint>
@@ -18,7 +18,7 @@ struct Letter {
   std::uint64_t ticket = 0;
 };
 
-// Every byte it reads may be hostile; what it hands on is bounded but not yet checked for sense.
+// Every byte it reads may be hostile. Its outputs are bounded; their values are checked by the caller.
 // Contract: RT · owned by the tick thread · every call bounded
 class Inbox {
  public:
@@ -29,16 +29,16 @@ class Inbox {
   const wire::Command& command() const LITHE_RT { return command_; }
   void answer(const Letter& letter, wire::CommandResult result) LITHE_RT;
 
-  // True while somebody's sticky e-stop word is set.
+  // True while any sticky e-stop word is set.
   bool estop_pressed() const LITHE_RT;
 
-  // True if a new plan has come; plan() holds it, a copy that is the Spine's own.
+  // True if a new plan has arrived; plan() holds the Spine's own copy of it.
   bool new_plan() LITHE_RT;
   wire::Plan& plan() LITHE_RT { return plan_; }
-  // True if the last new_plan() gave up: a plan is there, and four tries brought no whole one.
+  // True if the last new_plan() gave up: a plan is there, but four reads were all torn.
   bool plan_torn() const LITHE_RT { return plan_torn_; }
 
-  // Age of the Brain's last sign of life [ns]; -1 before its first. A sign from the future counts as none at all.
+  // Age of the Brain's last heartbeat [ns]; -1 before the first. A heartbeat with a time in the future is ignored.
   std::int64_t brain_age_ns(std::int64_t now_ns) const LITHE_RT;
 
   // True while a supervisor lives: it gives a sign of life every 20 ms, and none for kSupervisorNs when it is gone.
@@ -47,7 +47,7 @@ class Inbox {
  private:
   static constexpr std::int64_t kSupervisorNs = 1'000'000'000;
 
-  // What came broken is counted where everybody can see it.
+  // Counts of invalid input, published in shared memory.
   void tell() LITHE_RT;
 
   using Receiver = ipc::MailboxReceiver<wire::Command, wire::control_segment::kCommandsDepth>;

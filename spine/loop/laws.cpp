@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the tick does with laws: runs one, replaces one that fails, tries one in the shadow, commits the next.
+// The tick's work with laws: runs the active law, replaces one that fails, runs a shadow, commits the next.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -18,7 +18,7 @@ namespace {
 
 LITHE_LEFT_BY_A_JUMP void call_law(void* sandbox) LITHE_RT { static_cast<law::Sandbox*>(sandbox)->call(); }
 
-// x - x is 0 for every finite x, NaN for all others. What a law wants of joints that are stopped goes nowhere.
+// x - x is 0 for every finite x and NaN for all others. Outputs for stopped joints are ignored.
 bool output_is_finite(const Effort& effort, std::uint32_t joints, const guard::Guard& guard) LITHE_RT {
   double sum = 0;
   bool bounded = true;
@@ -59,11 +59,11 @@ bool is_runaway(wire::Fault fault) LITHE_RT {
 
 }  // namespace
 
-// The active law. One that fails is replaced in this same tick: by the law before it, else by the safe law.
+// Runs the active law. If it fails, it is replaced in this same tick by the law before it, else by the safe law.
 void Spine::step_law(std::int64_t now_ns) LITHE_RT {
   probes_.fill(0.0);
   if (slot_.active() == nullptr || !mode_.law_runs()) {
-    bumpless_.start(0);  // what was left of a blend belongs to a motion that is over
+    bumpless_.start(0);  // the rest of a blend belongs to the old motion
     return effort_.clear(joints_);
   }
   const Trouble trouble = run_law(*slot_.active(), effort_);
@@ -73,7 +73,7 @@ void Spine::step_law(std::int64_t now_ns) LITHE_RT {
   bumpless_.apply(in_, guard_.expected_torque_nm(), effort_);
 }
 
-// Runs `law` on copies of all it is given. Its state and its output count only if nothing was wrong with it.
+// Runs `law` on copies of its inputs. Its state and output are kept only if it did not fail.
 Trouble Spine::run_law(law::Resident& law, Effort& effort) LITHE_RT {
   if (law.since_ns == 0) law.since_ns = in_.t_ns;
   in_.t_s = static_cast<double>(in_.t_ns - law.since_ns) * 1e-9;
@@ -88,14 +88,16 @@ Trouble Spine::run_law(law::Resident& law, Effort& effort) LITHE_RT {
   }
   if (trouble) return trouble;
   const bool sound_input = input_is_finite(in_);
-  // A law is not to blame for what a broken sensor made of it: the guard deals with that. Nor shall it remember it.
+  // A non-finite output that comes from a broken sensor is not a law fault: the guard handles it. The state of this
+  // step is not kept.
   if (sound_input && !output_is_finite(sandbox_.effort, joints_, guard_)) return {LawFaultKind::not_finite, 0, 0};
   if (sound_input) sandbox_.keep_state(law);
   copy_effort(sandbox_.effort, effort, joints_);
   return trouble;
 }
 
-// The law before the failed one steps in this same tick. False: there is none or it fails too, and the safe law has to.
+// Runs the law before the failed one in this same tick. False: there is none, or it fails too; then the safe law takes
+// over.
 bool Spine::fall_back(const Trouble& first, std::int64_t now_ns) LITHE_RT {
   wire::LawFault fault = fault_of(first, now_ns);
   const std::int64_t from_ns = law_from_ns_;
@@ -108,15 +110,15 @@ bool Spine::fall_back(const Trouble& first, std::int64_t now_ns) LITHE_RT {
   report(fault, slot_.active()->law_id, clock_.now_ns() - from_ns);
   tell_rollback(first.kind, now_ns);
   if (!second) return true;
-  // Two in a row: the third would cost a third budget, and a person should look.
+  // At most two laws per tick: a third would cost a third time budget.
   fault = fault_of(second, now_ns);
   report(fault, 0, clock_.now_ns() - law_from_ns_);
-  if (resume_previous()) tell_rollback(second.kind, now_ns);  // what runs after a reset
+  if (resume_previous()) tell_rollback(second.kind, now_ns);  // the law that runs after a reset
   stop_for_law(second.kind, now_ns);
   return false;
 }
 
-// For a reason other than a fault of its own: from the next tick on the law before the active one runs again.
+// Rollback without a law fault: from the next tick on the law before the active one runs again.
 void Spine::replace_law(LawFaultKind why, std::int64_t now_ns) LITHE_RT {
   wire::LawFault fault = fault_of({why, 0, 0}, now_ns);
   const bool resumed = resume_previous();
@@ -125,8 +127,8 @@ void Spine::replace_law(LawFaultKind why, std::int64_t now_ns) LITHE_RT {
   why_ = {};
 }
 
-// Goes back by one step: to the parameters before the last ones while these are on probation, else to the law before
-// the active one, and nothing of the other's state is kept. False: there is no such law.
+// Goes back by one step: to the previous parameters while the last ones are on probation, else to the law before the
+// active one, whose own state is used. False: there is no such law.
 bool Spine::resume_previous() LITHE_RT {
   params_went_ = probation_.of_params();
   if (params_went_) {
@@ -146,7 +148,7 @@ bool Spine::resume_previous() LITHE_RT {
   return true;
 }
 
-// The fields of a law's State that start from their defaults, because there was no usable number to go on with.
+// The State fields that start from their defaults, because the old value was not usable.
 void Spine::tell_not_carried(const law::Resident& law, law::FieldBits fields, std::int64_t now_ns) LITHE_RT {
   if (fields == 0) return;
   Words words;
@@ -161,8 +163,8 @@ void Spine::tell_not_carried(const law::Resident& law, law::FieldBits fields, st
   out_.event(EventKind::state_not_carried, now_ns, law.law_id, law.request_id, count, words.text());
 }
 
-// While a part of the robot is stopped nobody looks at what a law makes of it; before it drives that part again, fields
-// that hold no number start from their default.
+// While a group is stopped, the law's values for it are not checked. Before the law drives that group again, non-finite
+// State fields are set to their defaults.
 void Spine::mend_law(std::int64_t now_ns) LITHE_RT {
   law::Resident& law = *slot_.active();
   tell_not_carried(law, law::mend_state(*law.descriptor, law.state.data()), now_ns);
@@ -192,7 +194,7 @@ void Spine::stop_for_law(LawFaultKind kind, std::int64_t now_ns) LITHE_RT {
   }
 }
 
-// Of the active law, which the Loader may take away as soon as another one is active.
+// Copied from the active law: the Loader may unload it as soon as another one is active.
 wire::LawFault Spine::fault_of(const Trouble& trouble, std::int64_t now_ns) const LITHE_RT {
   const law::Resident& law = *slot_.active();
   wire::LawFault fault{};
@@ -218,11 +220,12 @@ void Spine::report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t 
              static_cast<double>(fault.took_ns) * 1e-3, in_words(static_cast<LawFaultKind>(fault.kind)).text());
 }
 
-// A law on probation that does worse than the one before it has to go; from the next tick on that one runs again.
+// Probation: a law that does worse than the one before it is replaced; from the next tick on the earlier law runs
+// again.
 void Spine::judge_law(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_RT {
-  out_.record().law_id = slot_.active() == nullptr ? 0 : slot_.active()->law_id;  // the one that ran
+  out_.record().law_id = slot_.active() == nullptr ? 0 : slot_.active()->law_id;  // the law that ran in this tick
   if (slot_.active() == nullptr) return;
-  // The guard has just taken joints from it that ran away: after the reset it shall not be this law that runs.
+  // The guard has just stopped joints because of this law: it must not be the law that runs after the reset.
   const auto ran_away = [](const guard::Group& group) { return group.news && is_runaway(group.fault); };
   if (probation_.on() && !verdict.recovering && std::ranges::any_of(guard_.groups(), ran_away)) {
     return replace_law(LawFaultKind::guard_stopped, now_ns);
@@ -285,7 +288,7 @@ void Spine::name_evidence(const Probation::News& news) LITHE_RT {
   }
 }
 
-// One atomic exchange: the law that the Loader staged runs from the next tick on.
+// Commit, one atomic exchange: the staged law runs from the next tick on.
 void Spine::swap(std::int64_t now_ns) LITHE_RT {
   if (shadow_.law() != nullptr) return step_shadow(now_ns);
   law::Resident* candidate = slot_.take();
@@ -317,7 +320,7 @@ void Spine::start_shadow(law::Resident& candidate, std::int64_t now_ns) LITHE_RT
   tell_not_carried(candidate, carried.not_carried, now_ns);
 }
 
-// After the active law's output is on its way: what the candidate would have done in this tick.
+// Runs the shadow candidate, after the active law's output has been handed over.
 void Spine::step_shadow(std::int64_t now_ns) LITHE_RT {
   if (!mode_.law_runs() || (flags_ & (flag::kRolledBack | flag::kLawFaulted)) != 0) {
     return end_shadow(false, "the law it ran beside does not run any more", now_ns);
@@ -349,11 +352,11 @@ void Spine::end_shadow(bool promoted, std::string_view why, std::int64_t now_ns)
   out_.event(EventKind::shadow_ended, now_ns, promoted ? 1 : 0, candidate.request_id, shadow_.largest_difference_nm(),
              why);
   shadow_.end();
-  if (promoted) return commit(candidate, law::Carry::none, now_ns);  // its state is warm: it has run all along
+  if (promoted) return commit(candidate, law::Carry::none, now_ns);  // its state is warm: it ran in the shadow
   slot_.refuse(candidate);
 }
 
-// Its code may lie where another law's was.
+// Its slot may have held another law's code.
 void Spine::greet_law(std::uint32_t blend_ticks) LITHE_RT {
   serialise_core();
   bumpless_.start(blend_ticks);

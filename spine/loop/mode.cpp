@@ -10,7 +10,7 @@ using wire::Mode;
 
 namespace {
 
-// What recover is the way out of.
+// The faults from which `recover` is allowed.
 bool leaves_by_recover(Fault fault) LITHE_RT {
   return fault == Fault::none || fault == Fault::position_limit || fault == Fault::velocity_limit ||
          fault == Fault::recover_failed;
@@ -27,7 +27,7 @@ CommandResult ModeMachine::apply(CommandKind kind, const Conditions& conditions)
     case CommandKind::recover:
       return recover(conditions);
     case CommandKind::disarm:
-      // An e-stop is not undone by the back door: only a reset leaves it.
+      // Only `reset` leaves the e-stop.
       if (mode_ == Mode::estop) return CommandResult::refused_estop;
       mode_ = Mode::disarmed;  // a fault stays latched: it takes a reset before the next arming
       return CommandResult::done;
@@ -78,7 +78,7 @@ CommandResult ModeMachine::reset(const Conditions& conditions) LITHE_RT {
 bool ModeMachine::fail(Fault fault) LITHE_RT {
   if (!can_fail()) return false;
   mode_ = Mode::safe_stop;
-  fault_ = fault;  // what stopped the whole; each joint's own is with the guard
+  fault_ = fault;  // the fault of the whole robot; the guard has each joint's own
   return true;
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who may do what when: the modes of the Spine and the commands that move between them.
+// The modes of the Spine, and the commands that change between them.
 #pragma once
 
 #include <cstdint>
@@ -9,30 +9,36 @@
 
 namespace lithe::loop {
 
-// What a command's answer depends on besides the mode.
+// Conditions that decide a command's answer, besides the mode.
 struct Conditions {
   bool has_law = false;        // a law is resident and may step
   bool sample_fresh = false;   // every joint has answered in this tick
   bool homed = true;           // every joint that must be homed is
   bool estop_pressed = false;  // one of the sticky words is set
   bool inside = true;          // every joint is within its position limits
-  bool memory_whole = true;    // no constant of this process was found changed
+  bool memory_whole = true;    // contain::Constants found no change
 };
 
-// disarmed --arm--> active <--arm/hold--> hold;  disarm: from active, hold and safe_stop;
-// fault: active, hold, recover --> safe_stop;  e-stop: from anywhere --> estop;  reset: wherever a fault is latched -->
-// disarmed. safe_stop and estop are latched: only a reset leaves them, and never straight into motion. A fault
-// of a part of the robot, without which the rest goes on, is latched as well and leaves the mode alone.
-// recover: from disarmed, and from a safe stop whose fault it is the way out of (position_limit, velocity_limit,
-// recover_failed), so that a joint that is held there need not fall first. It ends with disarm, a fault, or with arm
-// once every joint is inside. Once memory is damaged there is no way back into motion but a new process.
+//   arm      disarmed, hold -> active
+//   hold     active -> hold
+//   disarm   active, hold, recover, safe_stop -> disarmed
+//   fault    active, hold, recover -> safe_stop
+//   e-stop   any mode -> estop
+//   reset    wherever a fault is latched -> disarmed
+//   recover  disarmed -> recover; also from a safe stop by position_limit, velocity_limit or recover_failed, so that a
+//            held joint does not have to be switched off first. Ends with disarm, a fault, or with arm once every joint
+//            is inside its limits.
+// safe_stop and estop are latched: only reset leaves them (except recover, above), and never straight into motion. The
+// fault of one group, while other groups continue, is latched as well and does not change the mode. Once memory is
+// damaged, only a new process can move the robot again.
 // Contract: RT · owned by the tick thread
 class ModeMachine {
  public:
   wire::Mode mode() const LITHE_RT { return mode_; }
   wire::Fault fault() const LITHE_RT { return fault_; }
   bool energised() const LITHE_RT { return mode_ != wire::Mode::disarmed && mode_ != wire::Mode::estop; }
-  // In the e-stop: the drives had torque when it was pressed. Others stay off, whoever has his hands on the joints.
+  // In the e-stop: true when the drives had torque before it. Drives that were off stay off: someone may be holding the
+  // joints.
   bool damps() const LITHE_RT { return mode_ == wire::Mode::estop && was_energised_; }
   bool law_runs() const LITHE_RT { return mode_ == wire::Mode::active || mode_ == wire::Mode::hold; }
   bool can_fail() const LITHE_RT { return law_runs() || mode_ == wire::Mode::recover; }
@@ -40,12 +46,12 @@ class ModeMachine {
   // Applies one of arm, disarm, hold, reset, recover, estop; anything else is refused_unknown.
   wire::CommandResult apply(wire::CommandKind kind, const Conditions& conditions) LITHE_RT;
 
-  // A fault of the running robot: into the latched safe stop. Ignored where nothing is driven. True if the mode
+  // A fault of the running robot: enters the latched safe stop. Ignored while no drive has torque. True if the mode
   // changed.
   bool fail(wire::Fault fault) LITHE_RT;
   void fail_in_part(wire::Fault fault) LITHE_RT;
 
-  // The e-stop wins over everything. True if the mode changed.
+  // The e-stop has priority over everything. True if the mode changed.
   bool press_estop() LITHE_RT;
 
  private:

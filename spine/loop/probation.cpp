@@ -10,7 +10,7 @@ namespace {
 using wire::LawFaultKind;
 
 constexpr double kErrorMemoryS = 1.0;
-constexpr double kGuardMemoryS = 0.2;  // a step of the setpoint may saturate a good law for a tenth of a second
+constexpr double kGuardMemoryS = 0.2;  // a setpoint step may saturate a good law for 0.1 s
 constexpr double kBusy = 0.8, kCalm = 0.4;
 constexpr std::uint32_t kClamped = wire::telemetry_flag::kTorqueClamped | wire::telemetry_flag::kVelocityClamped |
                                    wire::telemetry_flag::kPositionClamped;
@@ -50,7 +50,7 @@ void Probation::start(const law::Terms& terms) LITHE_RT {
 }
 
 void Probation::start_params() LITHE_RT {
-  // Parameters set one after the other are compared with the time before the first of them.
+  // Several changes in a row are compared with the time before the first of them.
   const bool first = params_.left == 0;
   params_.start(params_ticks_);
   if (!first) return;

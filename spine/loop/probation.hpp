@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Watches a law that has just been committed, or parameters that have just been set: is the robot worse off than
-// before?
+// Probation: judges a law that has just been committed, or parameters that have just been set, against the time before.
 #pragma once
 
 #include <cstdint>
@@ -15,16 +14,16 @@
 
 namespace lithe::loop {
 
-// The criteria, besides a fault, which ends any law at any time:
+// The criteria (besides a law fault, which always replaces the law):
 //   tracking    a joint's error grows beyond error_ratio times the largest of the time before the commit; a joint that
 //               tracked better than kLeastErrorRad counts as having been that far off
 //   guard       it had to clamp torque, velocity or position in most ticks of the last while, and did not before
 //   chatter     a joint's torque jumps up and down from tick to tick (law::Tremor)
 //   oscillation a joint swings to and fro without decay (law::Tremor)
 //   budget      the step took longer than allowed kMostLong times in a row: once may be the machine's fault
-// The time of a probation is counted in ticks in which the robot moved or was asked to: at rest nothing is proven. A
-// law and its parameters can be on probation at the same time; then the parameters, which are newer, are to blame. The
-// tick starts none for parameters of a law that is not proven itself: those go with it.
+// Only ticks in which the robot moves, or is asked to, count for the duration: at rest nothing is proven. A law and its
+// parameters can be on probation at the same time; then the newer parameters are reverted first. Parameters of an
+// unconfirmed law get no probation of their own: they are judged with the law.
 // Contract: RT · owned by the tick thread · bounded work per joint
 class Probation {
  public:
@@ -38,19 +37,19 @@ class Probation {
 
   void configure(const robot::RobotConfig& robot);
 
-  // A law was committed: from now on it is compared with what was seen so far.
+  // A law was committed: from now on it is compared with the time before.
   void start(const law::Terms& terms) LITHE_RT;
-  // The parameters of the active law were set: likewise, on the robot's own terms.
+  // The parameters of the active law were set: likewise, with the robot file's terms.
   void start_params() LITHE_RT;
   // Another law runs.
   void end() LITHE_RT { law_ = params_ = {}; }
-  // The values before the last ones hold again. A law that is on probation itself starts anew.
+  // The previous parameters are in force again. The probation of a law starts again.
   void end_params() LITHE_RT;
 
   bool on() const LITHE_RT { return law_.left > 0 || params_.left > 0; }
   bool of_law() const LITHE_RT { return law_.left > 0; }
   bool of_params() const LITHE_RT { return params_.left > 0; }
-  // Its time is over, but not in motion.
+  // The duration is over, but the robot has not moved enough.
   bool unproven() const LITHE_RT { return law_.unproven() || params_.unproven(); }
 
   struct Seen {
@@ -59,15 +58,14 @@ class Probation {
     std::int64_t law_ns;
     std::uint32_t flags;  // the guard's, bits of wire::telemetry_flag
   };
-  // What was measured, and what is allowed: rad of tracking_lost at `joint`, the share of ticks of guard_busy, seconds
-  // of overran.
+  // Measured value and limit: tracking_lost [rad] at `joint`, guard_busy [share of ticks], overran [s].
   struct Evidence {
     std::uint32_t joint = 0;
     double value = 0, allowed = 0;
     law::Tremor::Finding tremor;  // of chattering and oscillating
   };
   struct News {
-    wire::LawFaultKind kind = wire::LawFaultKind::none;  // not none: the law, or its parameters, have to go
+    wire::LawFaultKind kind = wire::LawFaultKind::none;  // not none: replace the law or its parameters
     Evidence evidence;
     bool law_confirmed = false, params_confirmed = false;
     bool law_unproven = false, params_unproven = false;  // as of this tick

@@ -36,7 +36,7 @@ Publisher::Publisher(ipc::SpineMemory& memory, std::uint32_t joints)
 
 void Publisher::skipped(std::uint32_t count, std::int64_t release_jitter_ns, std::int64_t period_ns) LITHE_RT {
   record_.missed_releases += count;
-  constexpr std::uint32_t kMostCounted = 1000;  // of one stall: a bound for this tick, and enough for any quantile
+  constexpr std::uint32_t kMostCounted = 1000;  // per stall: bounds the work, and is enough for the quantiles
   for (std::uint32_t i = 1; i <= std::min(count, kMostCounted); ++i)
     release_jitter_.add(release_jitter_ns + i * period_ns);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the tick says: one telemetry record, a few histogram counts, and an event when something happens.
+// The tick's outputs: one telemetry record, histogram counts, and events.
 #pragma once
 
 #include <algorithm>
@@ -16,7 +16,7 @@
 
 namespace lithe::loop {
 
-// A line for an event, put together in the tick: what finds no room is left out.
+// Text of an event, composed in the tick; text that does not fit is cut.
 // Contract: RT · a value
 class Words {
  public:
@@ -26,7 +26,7 @@ class Words {
     size_ += fits;
     return *this;
   }
-  // With so many decimals, at most 6; beyond +-1e9 that.
+  // A number with this many decimals, at most 6; clamped to +-1e9.
   Words& number(double value, int decimals) LITHE_RT {
     decimals = std::min(decimals, 6);
     double scale = 1;
@@ -49,7 +49,7 @@ class Words {
   std::size_t size_ = 0;
 };
 
-// The durations of one tick [ns], as the design defines them.
+// The durations of one tick [ns].
 struct Durations {
   std::int64_t release_jitter_ns = 0;  // woken minus due
   std::int64_t handoff_ns =
@@ -60,7 +60,7 @@ struct Durations {
   std::int64_t bus_ns = 0;
 };
 
-// Contract: RT · owned by the tick thread · never looks at who reads
+// Contract: RT · owned by the tick thread · independent of readers
 class Publisher {
  public:
   Publisher(ipc::SpineMemory& memory, std::uint32_t joints);
@@ -68,7 +68,7 @@ class Publisher {
   // The record of this tick, to be filled in place; joint_count is set, and entries beyond it stay zero.
   wire::Telemetry& record() LITHE_RT { return record_; }
 
-  // Releases that nobody served, before the one at hand: each was late by the time until this tick began.
+  // Counts the skipped releases before this one: each was late by the time until this tick began.
   void skipped(std::uint32_t count, std::int64_t release_jitter_ns, std::int64_t period_ns) LITHE_RT;
 
   // Publishes record() and counts the durations.

@@ -10,7 +10,7 @@ void sleep_until(std::int64_t at_ns) noexcept {
   timespec at{};
   at.tv_sec = at_ns / kNsPerS;
   at.tv_nsec = at_ns % kNsPerS;
-  // An early return (a signal) is harmless: the caller looks at the clock again.
+  // An early return (a signal) is harmless: the caller reads the clock again.
   clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, nullptr);
 }
 

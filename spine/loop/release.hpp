@@ -23,8 +23,9 @@ class ReleaseGrid {
     release_ns_ = phase_ns_ + (earliest_ns - phase_ns_ + period_ns_ - 1) / period_ns_ * period_ns_;
   }
 
-  // Moves on to the next release that has not gone by a whole period ago, and returns how many were skipped: releases
-  // at which no tick ran. A release that is only late is not skipped, it runs at once and its jitter tells.
+  // Advances to the next release that is less than one period in the past, and returns the number of skipped releases
+  // (those without a tick). A release that is only late is not skipped: it runs at once, and its release jitter shows
+  // the delay.
   std::uint32_t advance(std::int64_t now_ns) LITHE_RT {
     release_ns_ += period_ns_;
     const std::int64_t behind_ns = now_ns - release_ns_;
@@ -43,7 +44,7 @@ class ReleaseGrid {
   std::int64_t release_ns_ = 0;
 };
 
-// Waits until `release_ns` by burning the core: no wake-up latency at all. Bounded by one period.
+// Waits until `release_ns` by spinning: no wake-up latency. Bounded by one period.
 inline std::int64_t wait_spinning(const RawClock& clock, std::int64_t release_ns) LITHE_RT {
   std::int64_t now_ns = clock.now_ns();
   while (now_ns < release_ns) {
@@ -54,7 +55,7 @@ inline std::int64_t wait_spinning(const RawClock& clock, std::int64_t release_ns
 }
 
 // Waits until `release_ns` as `how` says and returns the time of waking. `spin_window_ns` is how long before the
-// release a hybrid wait stops sleeping: the platform's wake-up latency and some more.
+// release a hybrid wait stops sleeping: longer than the platform's wake-up latency.
 // Contract: between two ticks, never inside one: sleep and hybrid call the kernel.
 std::int64_t wait_for_release(robot::Release how, const RawClock& clock, std::int64_t release_ns,
                               std::int64_t spin_window_ns) noexcept;

@@ -37,7 +37,7 @@ Shadow::Opinion Shadow::compare(const Tick& in, const Effort& active, const Effo
     const double difference_nm = torque_at_joint(candidate, j, in.position_rad[j], in.velocity_rad_s[j]) -
                                  torque_at_joint(active, j, in.position_rad[j], in.velocity_rad_s[j]);
     square_nm2_[j] += difference_nm * difference_nm;
-    // Torques may be infinite here, and their difference not a number: that is as far apart as it gets.
+    // Torques may be infinite here and their difference NaN: that counts as the largest difference.
     const double apart_nm = std::isfinite(difference_nm) ? std::abs(difference_nm) : kInfinite;
     report_.most_nm[j] = std::max(report_.most_nm[j], apart_nm);
     report_.rms_nm[j] = std::sqrt(square_nm2_[j] / report_.ticks);

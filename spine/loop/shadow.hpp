@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A candidate that runs beside the active law: same live inputs, its output is compared and thrown away.
+// Shadow run: a candidate runs beside the active law on the same inputs; its output is compared and discarded.
 #pragma once
 
 #include <cstdint>
@@ -20,9 +20,9 @@ class Shadow {
   void start(law::Resident& candidate, std::uint64_t tick, std::uint32_t joints) LITHE_RT;
 
   enum class Opinion : std::uint8_t { go_on, promote, refuse };
-  // One step of the candidate was made on `in`, in `law_ns`; `active` is what the active law wanted.
+  // Compares one step of the candidate on `in`, which took `law_ns`, with the active law's output `active`.
   Opinion compare(const Tick& in, const Effort& active, const Effort& candidate, std::int64_t law_ns) LITHE_RT;
-  // It failed: refused whatever it agreed to before.
+  // The candidate failed: it is refused, also if it agreed so far.
   void fail() LITHE_RT { report_.faults = 1; }
   void end() LITHE_RT { law_ = nullptr; }
 

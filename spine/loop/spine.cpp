@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Around the tick: the run from the first release to the last, and what the Spine does with what it hears.
+// The run from the first to the last release, and the handling of commands and plans.
 #include "spine/loop/spine.hpp"
 
 #include <algorithm>
@@ -18,10 +18,10 @@ namespace flag = wire::telemetry_flag;
 
 namespace {
 
-// A hybrid wait stops sleeping this long before the release: the wake-up latency of a common kernel and some more.
+// A hybrid wait stops sleeping this long before the release: longer than the usual wake-up latency.
 constexpr std::int64_t kHybridWindowNs = 100'000;
 
-// After a reset the drives are asked so often to forget their faults: some need to hear it more than once.
+// After a reset the fault-reset command is sent this many times: some drives need it more than once.
 constexpr std::uint32_t kTurnsToClear = 200;
 
 // Arming accepts a sample this many ticks old.
@@ -30,7 +30,7 @@ constexpr std::uint32_t kStaleTicksToArm = 3;
 // How often the law's State is published: as often as a Brain publishes plans.
 constexpr double kStateHz = 100.0;
 
-// A drive hears one command in so many ticks, whatever its turn.
+// Every drive gets at least one command in this many ticks.
 std::uint32_t slowest_of(const robot::RobotConfig& robot) {
   std::uint32_t divider = 1;
   for (const robot::DeviceConfig& device : robot.devices) divider = std::max(divider, device.rate_divider);
@@ -103,14 +103,14 @@ bool Spine::run(const std::atomic<bool>& stop) noexcept {
     skipped = grid_.advance(clock_.now_ns());
   }
   const bool told_off = stop_drives();
-  // Who did not start this process learns nothing else of its end.
+  // A supervisor that adopted this process learns of its end only through this.
   out_.event(EventKind::disarmed, clock_.now_ns(), told_off ? 1 : 2, 0, 0,
              told_off ? "ended: every drive was told that it is off" : "ended: not every drive heard that it is off");
   return told_off;
 }
 
-// The last command is off, and every drive is asked twice: in its first turn the Transport may still be busy with the
-// command before. True: all of that left.
+// Sends "off" to every drive twice, because the Transport may still be busy with the last command at the first one.
+// True when all of it was sent.
 bool Spine::stop_drives() noexcept {
   const std::uint32_t rounds = 2 * slowest_;
   const std::int64_t give_up_ns = clock_.now_ns() + 200 * kNsPerMs + rounds * period_ns_;
@@ -144,7 +144,7 @@ void Spine::listen(std::int64_t now_ns) LITHE_RT {
   }
 }
 
-// What the housekeeping core has found: nothing that this process does can be trusted any more, so it moves no more.
+// The housekeeping core found damaged memory: the process cannot be trusted any more, so the robot stops.
 void Spine::watch_memory(std::int64_t now_ns) LITHE_RT {
   const char* const damaged = constants_ == nullptr ? nullptr : constants_->damaged();
   if (damaged == nullptr || !memory_whole_) return;
@@ -188,13 +188,13 @@ CommandResult Spine::execute(const wire::Command& command, std::int64_t now_ns) 
 }
 
 Conditions Spine::conditions() const LITHE_RT {
-  // One late exchange is no reason to refuse: the sample before it is a few milliseconds old.
+  // One late exchange does not refuse the command: the previous sample is only a few milliseconds old.
   bool all_fresh = sample_->sample_ns != 0 && stale_ticks_ <= kStaleTicksToArm;
-  // The first torque is bounded from zero, so every drive must have heard that it is off.
+  // The slew bound of the first torque starts at zero, so every drive must have got the "off" command.
   if (mode_.mode() == wire::Mode::disarmed) all_fresh = all_fresh && ticks_off_ >= slowest_;
   bool homed = true, inside = true;
   for (std::uint32_t j = 0; j < joints_; ++j) {
-    if (mode_.law_runs() && guard_.stopped(j)) continue;  // the rest may go on without it
+    if (mode_.law_runs() && guard_.stopped(j)) continue;  // other groups may continue
     constexpr std::uint32_t kReady = wire::joint_status::kFresh;
     all_fresh = all_fresh && (sample_->status[j] & (kReady | wire::joint_status::kNotReady)) == kReady;
     homed = homed && (!robot_.joints[j].must_be_homed || (sample_->status[j] & wire::joint_status::kNotHomed) == 0);
@@ -207,7 +207,7 @@ CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std
   const wire::Mode before = mode_.mode();
   const CommandResult result = mode_.apply(kind, conditions());
   if (result != CommandResult::done) return result;
-  // From drives that are off the first torque is bounded from zero; the setpoint starts where the joint is.
+  // Drives that are off: the slew bound starts at zero torque, and the setpoint starts at the measured position.
   if (before == wire::Mode::disarmed) guard_.reset_output();
   if (kind == CommandKind::arm && before != wire::Mode::active && before != wire::Mode::hold) mend_law(now_ns);
   if (kind == CommandKind::reset) {
@@ -223,7 +223,7 @@ CommandResult Spine::change_mode(CommandKind kind, std::uint64_t request_id, std
   return result;
 }
 
-// The joints of drives that are off, where a person could put them by hand.
+// Puts simulated joints back to their start, as a person could with drives that are off.
 CommandResult Spine::reset_simulation(const wire::Command& command, std::int64_t now_ns) LITHE_RT {
   if (!simulated_) return CommandResult::refused_not_simulated;
   if (mode_.mode() != wire::Mode::disarmed) return CommandResult::refused_mode;
@@ -232,7 +232,7 @@ CommandResult Spine::reset_simulation(const wire::Command& command, std::int64_t
   return CommandResult::done;
 }
 
-// All or nothing, and all on this tick.
+// Sets all values in this tick, or none.
 CommandResult Spine::set_params(const wire::Command& command, std::int64_t now_ns) LITHE_RT {
   law::Resident* law = slot_.active();
   if (law == nullptr || (command.law_id != 0 && command.law_id != law->law_id)) return CommandResult::refused_law;
@@ -252,15 +252,15 @@ CommandResult Spine::set_params(const wire::Command& command, std::int64_t now_n
   return CommandResult::done;
 }
 
-// Values that were never judged in motion are on probation; those before them stay at hand.
+// New values are on probation; the previous ones are kept.
 void Spine::watch_params(std::uint64_t request_id) LITHE_RT {
-  // While the law itself is not proven, both are judged and go together.
+  // While the law itself is unconfirmed, law and values are judged together.
   if (probation_.of_law()) return;
   params_request_id_ = request_id;
   probation_.start_params();
 }
 
-// The set before the last change; a second time, that change again.
+// The values before the last change; when called again, that change again.
 CommandResult Spine::revert_params(const wire::Command& command, std::int64_t now_ns) LITHE_RT {
   law::Resident* law = slot_.active();
   if (law == nullptr || (command.law_id != 0 && command.law_id != law->law_id)) return CommandResult::refused_law;
@@ -273,7 +273,7 @@ CommandResult Spine::revert_params(const wire::Command& command, std::int64_t no
   return CommandResult::done;
 }
 
-// `count` laws back; 0 is 1.
+// `count` laws back; 0 means 1.
 CommandResult Spine::roll_back(const wire::Command& command, std::int64_t now_ns) LITHE_RT {
   const std::uint32_t steps = std::max(1u, command.count);
   if (slot_.before(steps) == nullptr) return CommandResult::refused_law;
@@ -296,7 +296,7 @@ void Spine::watch_brain(std::int64_t now_ns) LITHE_RT {
   const bool stale = age_ns < 0 || static_cast<double>(age_ns) > robot_.brain.stale_after_s * 1e9;
   if (stale == brain_stale_) return;
   brain_stale_ = stale;
-  // What it still wanted is nobody's wish any more; with on_stale = "safe_stop" the guard ends the run instead.
+  // The rest of a stale Brain's plan is dropped. With on_stale = "safe_stop" the guard stops the robot instead.
   const bool stops = stale && mode_.mode() == wire::Mode::active && robot_.brain.on_stale == robot::StaleAction::hold;
   if (stops) plan_.stop(now_ns);
   out_.event(stale ? EventKind::brain_stale : EventKind::brain_fresh, now_ns, 0, 0, static_cast<double>(age_ns) * 1e-9,
@@ -306,7 +306,7 @@ void Spine::watch_brain(std::int64_t now_ns) LITHE_RT {
 }
 
 void Spine::take_plan(std::int64_t now_ns) LITHE_RT {
-  if (mode_.mode() != wire::Mode::active) return;  // a plan from before arming is nobody's wish any more
+  if (mode_.mode() != wire::Mode::active) return;  // a plan from before arming is dropped
   for (std::uint32_t j = 0; j < joints_; ++j) {
     if (guard_.stopped(j)) plan::rest_joint(inbox_.plan(), j, planned_rad_[j]);
   }
@@ -317,8 +317,8 @@ void Spine::take_plan(std::int64_t now_ns) LITHE_RT {
              wire::to_string(reject));
 }
 
-// The plan before it goes on, unless the robot's file calls that a missed deadline. Where no plan is followed, none is
-// missed.
+// A torn plan: the previous plan continues, or with on_torn_plan = "stop" it counts as a deadline miss. Ignored while
+// no plan is followed.
 void Spine::miss_plan(std::int64_t now_ns) LITHE_RT {
   if (robot_.brain.on_torn_plan != robot::MissPolicy::stop || mode_.mode() != wire::Mode::active) return;
   if (!mode_.fail(wire::Fault::plan_torn)) return;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The Spine: everything one tick needs, held in one place. The tick itself is in tick.cpp, its dealings with laws are
-// in laws.cpp, what it does with commands and plans in spine.cpp.
+// The Spine: all state of the tick. The tick itself is in tick.cpp, its work with laws in laws.cpp, its handling of
+// commands and plans in spine.cpp.
 #pragma once
 
 #include <array>
@@ -31,19 +31,19 @@
 
 namespace lithe::loop {
 
-// What the Spine works with; all of it outlives the Spine.
+// The parts that the Spine uses; all of them outlive the Spine.
 struct Wiring {
   const robot::RobotConfig& robot;
   ipc::SpineMemory& spine;
   const ipc::ControlMemory& control;
   const ipc::BrainMemory& brain;
   law::Slot& slot;
-  law::Sandbox& sandbox;  // all that a law may write
-  contain::Cell* cell;    // of the tick thread; null: a law that crashes takes the process with it
+  law::Sandbox& sandbox;  // the memory that a law may write
+  contain::Cell* cell;    // of the tick thread; null: a crash of a law ends the process
   Handover& handover;
   const ClockMemory& clock;
   hal::Actuators* inline_actuators;               // set when the tick thread serves the buses itself, else null
-  const contain::Constants* constants = nullptr;  // memory of this process that must not change; null = nobody looks
+  const contain::Constants* constants = nullptr;  // memory that must not change; null = not checked
 };
 
 // Contract: constructed off the tick · run() and tick() on the tick thread only
@@ -51,13 +51,14 @@ class Spine {
  public:
   explicit Spine(const Wiring& wiring);
 
-  // Ticks at the robot's rate until `stop`, then leaves the drives off. False: the Transport was too busy to tell all.
+  // Ticks at the robot's rate until `stop`, then switches the drives off. False: the Transport was too busy to send
+  // this to all.
   bool run(const std::atomic<bool>& stop) noexcept;
 
-  // One tick: woken at `woke_ns` for the release at `release_ns`, `skipped` releases after the one before.
+  // One tick: woken at `woke_ns` for the release at `release_ns`; `skipped` releases were missed before it.
   void tick(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped) LITHE_RT;
 
-  // With no Transport thread: serves the bus now. A no-op otherwise.
+  // Without a Transport thread: does the bus exchange now. Otherwise does nothing.
   void serve_inline() LITHE_RT;
 
   wire::Mode mode() const LITHE_RT { return mode_.mode(); }
@@ -127,25 +128,25 @@ class Spine {
   Bumpless bumpless_;
   Probation probation_;
   std::uint64_t params_request_id_ = 0;  // of the command whose parameters are on probation
-  bool params_went_ = false;             // in the last step back; else a law
-  Words why_;                            // of the last replacement: what the kind of a fault does not say
+  bool params_went_ = false;             // the last step back reverted parameters; false: a law
+  Words why_;                            // details of the last replacement
   Shadow shadow_;
 
   std::uint32_t joints_;
   std::int64_t period_ns_;
-  std::uint32_t slowest_;      // ticks until every drive has had a turn
+  std::uint32_t slowest_;      // ticks until every drive has been asked
   std::uint64_t state_ticks_;  // between two publications of the law's State
   bool simulated_;             // every bus is
-  std::int64_t budget_ns_;     // of a law that brings none of its own
+  std::int64_t budget_ns_;     // for a law without a budget of its own
   std::uint64_t tick_ = 0;
   const hal::ActuatorState* sample_;    // x_k: the newest sample, fresh or not
-  bool fresh_ = false;                  // it came for this tick
-  std::uint32_t stale_ticks_ = 0;       // ticks in a row without a fresh one
+  bool fresh_ = false;                  // it is from the exchange of the previous release
+  std::uint32_t stale_ticks_ = 0;       // ticks in a row without a fresh sample
   std::uint32_t clear_ticks_left_ = 0;  // since the last reset
   bool reset_simulation_ = false;       // with the next command
-  bool recovered_ = false;              // in mode recover: every joint is inside its limits
-  bool all_off_ = true;                 // the next command is, to all drives
-  std::uint64_t ticks_off_ = 0;         // such commands in a row that left
+  bool recovered_ = false;              // in mode recover: all joints are inside their limits
+  bool all_off_ = true;                 // the next command is "off" for all drives
+  std::uint64_t ticks_off_ = 0;         // such commands sent in a row
   bool estop_pressed_ = false;
   bool memory_whole_ = true;
   bool brain_stale_ = true;
@@ -153,14 +154,14 @@ class Spine {
   std::uint32_t flags_ = 0;       // of this tick's record
   bool overran_ = false;          // the previous tick ended after its deadline
   Durations durations_;
-  std::int64_t last_from_ns_ = 0, served_ns_ = 0;  // inline Transport: when the last tick began, and got to the bus
+  std::int64_t last_from_ns_ = 0, served_ns_ = 0;  // inline Transport: start of the last tick, and of its bus exchange
   Tick in_;
-  Effort effort_;           // what the law wants
-  JointArray wanted_nm_{};  // the torque at each joint by it
-  Effort shadow_effort_;    // what a candidate beside it would want
+  Effort effort_;           // the law's output
+  JointArray wanted_nm_{};  // the resulting torque at each joint
+  Effort shadow_effort_;    // the shadow candidate's output
   std::array<double, kMaxProbes> probes_{};
   plan::Setpoint setpoint_;
-  JointArray planned_rad_{};  // the setpoint's position by the plan, of stopped joints too
+  JointArray planned_rad_{};  // the plan's setpoint position, also of stopped joints
   guard::Output output_;
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tick. It reads like the timing figure: hand over, listen, step, guard, swap, publish. What it does with laws is
-// in laws.cpp.
+// The tick, in the order of the timing figure: hand over, listen, step the law, guard, swap, publish. Its work with
+// laws is in laws.cpp.
 #include <algorithm>
 #include <limits>
 
@@ -13,7 +13,7 @@ using wire::EventKind;
 namespace flag = wire::telemetry_flag;
 
 void Spine::tick(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped) LITHE_RT {
-  // Durations come from the clock, the time of day from the caller: so a test can give the tick any time it likes.
+  // Durations come from the clock; the time itself is an argument, so that a test can choose it.
   const std::int64_t from_ns = clock_.now_ns();
   out_.record().tick = ++tick_;
   count_release(release_ns, woke_ns, skipped);
@@ -57,12 +57,12 @@ void Spine::count_release(std::int64_t release_ns, std::int64_t woke_ns, std::ui
   }
 }
 
-// Hands u_k over and takes x_k. A Transport that is still busy costs this tick its dispatch and its sample.
+// Hands u_k over and takes x_k. While the Transport is still busy, this tick sends no command and gets no sample.
 void Spine::exchange(std::int64_t woke_ns) LITHE_RT {
   fresh_ = handover_.idle();
   if (fresh_) {
     sample_ = &handover_.latest_sample();
-    fresh_ = sample_->sample_ns != 0;  // before the first exchange there is nothing yet
+    fresh_ = sample_->sample_ns != 0;  // 0 before the first exchange
     durations_.bus_ns = sample_->bus_ns;
     handover_.dispatch();
     guard_.dispatched();
@@ -100,8 +100,8 @@ void Spine::look(std::int64_t now_ns) LITHE_RT {
   in_.sensor = sample_->sensor;
 }
 
-// A joint that the guard has taken from the law is where it shall be: no law shall wind up against it, and none be
-// blamed for it.
+// For a joint that the guard has stopped, the setpoint is its measured position: so a law's integrator does not wind
+// up, and the law is not blamed for the error.
 void Spine::forget_stopped_joints() LITHE_RT {
   for (std::uint32_t j = 0; j < joints_; ++j) {
     if (!guard_.stopped(j)) continue;
@@ -147,7 +147,7 @@ void Spine::name(const guard::Group& group, Words& words) const LITHE_RT {
 
 hal::DriveAction Spine::action_of(std::uint32_t j) const LITHE_RT {
   if (!mode_.energised() && !mode_.damps()) return hal::DriveAction::off;
-  switch (output_.rung[j]) {  // an e-stop leads nowhere back up
+  switch (output_.rung[j]) {  // the e-stop only goes down the ladder
     case wire::Rung::brake:
       return hal::DriveAction::brake;
     case wire::Rung::off:
@@ -164,7 +164,7 @@ void Spine::compose() LITHE_RT {
   command.clear_faults = clear_ticks_left_ > 0 && mode_.mode() == wire::Mode::disarmed;
   command.reset_simulation = reset_simulation_;
   reset_simulation_ = false;
-  clear_ticks_left_ = command.clear_faults ? clear_ticks_left_ - 1 : 0;  // what comes after it takes another reset
+  clear_ticks_left_ = command.clear_faults ? clear_ticks_left_ - 1 : 0;  // later faults need another reset
   all_off_ = !mode_.energised() && !mode_.damps();
   for (std::uint32_t j = 0; j < joints_; ++j) {
     command.action[j] = action_of(j);

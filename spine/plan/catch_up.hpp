@@ -17,7 +17,8 @@ struct Bounds {
 // One joint on its way to a moving goal. Every step accelerates by at most most_rad_s2, never beyond the velocity
 // limit, and never so fast that half of most_rad_s2 could not stop it before a position limit. Towards the goal it is
 // as fast as half of most_rad_s2 can take back in the way that is left; the other half is for the goal's own
-// acceleration, so the setpoint arrives whenever that is no larger. Contract: RT · a value · one thread
+// acceleration, so the setpoint arrives whenever that is no larger.
+// Contract: RT · a value · one thread
 struct CatchUp {
   bool on = false;
   double position_rad = 0, velocity_rad_s = 0, acceleration_rad_s2 = 0;

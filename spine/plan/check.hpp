@@ -21,7 +21,8 @@ struct Limits {
 };
 
 // Replaces what a plan says of a stopped joint by rest at `position_rad`: its values would have the plan refused for
-// the other joints. Contract: RT · any bytes of a plan are safe
+// the other joints.
+// Contract: RT · any bytes of a plan are safe
 void rest_joint(wire::Plan& plan, std::size_t joint, double position_rad) LITHE_RT;
 
 // The first reason not to follow `plan`, or none. Waypoints in the past are fine as long as one is in the future.

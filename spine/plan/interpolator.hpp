@@ -28,7 +28,8 @@ struct Setpoint {
 // setpoint never moves faster than velocity_max_rad_s: a plan whose own curve does is refused.
 //   track  a cubic per segment through the waypoints (tangent.hpp); velocities the plan gives are used exactly.
 //   coast  the plan ran out while moving: each joint slows down by its deceleration, harder only where its limit is
-//   near. hold   everything has come to rest.
+//          near.
+//   hold   everything has come to rest.
 // A new plan takes over at once. Starts it more than 50 ms ahead, one cubic leads from the present motion to its first
 // waypoint; otherwise what separates the two motions decays over 50 ms, longer (up to 500 ms) where it is large. A
 // joint for which 500 ms are too short (the Brain's stream went on while the robot was disarmed, or the stream itself

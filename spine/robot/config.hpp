@@ -11,10 +11,10 @@
 
 namespace lithe::robot {
 
-// A core left to the program: it takes what the machine has (docs/rt.md).
+// "auto": the program chooses the core (docs/rt.md).
 inline constexpr int kAutoCpu = -1;
 
-enum class Release { spin, hybrid, sleep };                // how the Spine waits for its next release
+enum class Release { spin, hybrid, sleep };                // how the Spine waits for the next release
 enum class TransportPlace { automatic, thread, inlined };  // where the buses are served
 enum class LawLoader { arena, dlopen };                    // where the code of laws lives in the Spine
 enum class MissPolicy { skip, stop };                      // what a missed deadline, or a torn plan, does
@@ -24,12 +24,12 @@ enum class OtherGroups { stop, go_on };                    // what a joint's fau
 enum class BusKind { loop, fdcanusb, slcan, socketcan, pi3hat };
 enum class Checksums { automatic, on, off };  // of the lines to an fdcanusb
 enum class DeviceKind { moteus, cia402, gateway, imu };
-enum class DriveMode { torque, position, velocity };  // what a CiA 402 drive is given: CST, CSP or CSV
+enum class DriveMode { torque, position, velocity };  // setpoint type of a CiA 402 drive: CST, CSP or CSV
 enum class SensorKind { analog, digital, imu };
-enum class NumberFormat { int8, int16, int32, float32, none };  // how a number travels in a moteus frame
-enum class PlantKind { independent, chain, mujoco };            // what simulated joints hang on
+enum class NumberFormat { int8, int16, int32, float32, none };  // format of a number in a moteus frame
+enum class PlantKind { independent, chain, mujoco };            // coupling of simulated joints
 
-// As robot.toml says it.
+// The word in robot.toml.
 constexpr std::string_view word(BusKind kind) {
   switch (kind) {
     case BusKind::loop:
@@ -59,7 +59,7 @@ constexpr std::string_view word(DeviceKind kind) {
   return "imu";
 }
 
-inline constexpr std::size_t kMaxSensors = 16;  // as many as a law is given
+inline constexpr std::size_t kMaxSensors = 16;  // the size of Tick::sensor
 
 struct SpineConfig {
   Release release = Release::spin;
@@ -79,15 +79,15 @@ struct GuardConfig {
   double soft_stop_rad = 0.1;           // width of the zone before a position limit in which outward torque fades
   double position_overrun_rad = 0.2;    // this far beyond a position limit is a fault
   double velocity_overrun = 1.25;       // this multiple of a joint's velocity limit is a fault
-  std::uint32_t lost_after_misses = 3;  // answers in a row: then the drive is lost, which is a fault
+  std::uint32_t lost_after_misses = 3;  // missed answers in a row until the drive counts as lost (a fault)
   OtherGroups other_groups = OtherGroups::stop;
-  // For so long after arming the torque limits grow from 0 to what they are. Twice the time in which a person reacts:
-  // a hand on the e-stop comes before the full torque of a wrong law.
+  // After arming the torque limits grow from 0 to their values during this time. The default is twice a person's
+  // reaction time, so the e-stop can be pressed before a wrong law has full torque.
   double soft_start_s = 0.5;
   double recover_torque_share = 0.5;    // of torque_max_nm: the most that recover uses
   double recover_velocity_rad_s = 0.3;  // the speed at which recover brings a joint inside its limits
-  // The ladder below the safe law: once it has kept a group's joints at rest for so long, their drives brake, and then
-  // are off. 0 = never.
+  // The ladder after the safe law: when a group's joints have been at rest for this long, their drives brake, and then
+  // switch off. 0 = never.
   double brake_after_s = 0.0;
   double off_after_s = 0.0;
 };
@@ -95,14 +95,14 @@ struct GuardConfig {
 struct BrainConfig {
   double stale_after_s = 0.25;
   StaleAction on_stale = StaleAction::hold;
-  MissPolicy on_torn_plan = MissPolicy::skip;  // torn: four tries brought no whole plan
+  MissPolicy on_torn_plan = MissPolicy::skip;  // torn: four reads gave no complete plan
 };
 
-// How a new law is brought in. A request may say otherwise.
+// Default terms of a swap. A request may override them.
 struct SwapConfig {
-  double budget_share = 0.3;           // of a tick that a law may take before another one takes over
+  double budget_share = 0.3;           // share of a tick that a law may take; beyond it the law before takes over
   double blend_s = 0.02;               // from the old law's torque to the new one's
-  double probation_s = 1.0;            // for so long a law that does worse than the one before it is replaced
+  double probation_s = 1.0;            // during this time a law that does worse than the one before is replaced
   double probation_error_ratio = 3.0;  // worse: an error this many times the largest before; 0 = not judged
 };
 
@@ -116,19 +116,19 @@ struct BusConfig {
   std::uint32_t data_bitrate = 5'000'000;  // of CAN FD's data phase; 0 = classic CAN only
   std::uint32_t baud = 0;                  // of the UART behind `path`, if it is one; 0 = the usual 921600
   Checksums checksums = Checksums::automatic;
-  double reply_wait_s = 0.002;  // for so long after the commands an answer is waited for; a loop never waits
+  double reply_wait_s = 0.002;  // time to wait for answers after the commands; a loop never waits
 };
 
-// Whether there is an adapter behind a serial device.
+// True for an adapter behind a serial device.
 constexpr bool is_serial(const BusConfig& bus) { return bus.kind == BusKind::fdcanusb || bus.kind == BusKind::slcan; }
 
-// Whether frames of 64 bytes and of the faster data phase can pass.
+// True for CAN FD: frames of up to 64 bytes and a faster data phase.
 constexpr bool is_fd(const BusConfig& bus) { return bus.data_bitrate > 0; }
 
-// What moves a joint; the others only measure.
+// True for devices that move a joint; the others only measure.
 constexpr bool is_drive(DeviceKind kind) { return kind == DeviceKind::moteus || kind == DeviceKind::cia402; }
 
-// How the numbers of a moteus travel: fewer bytes make shorter frames and coarser numbers.
+// Number formats in moteus frames: fewer bytes make shorter frames and coarser numbers.
 struct FramesConfig {
   NumberFormat command = NumberFormat::float32;  // all numbers of a command but its settings
   NumberFormat answer = NumberFormat::float32;   // position, velocity, torque
@@ -142,8 +142,8 @@ struct DeviceConfig {
   DeviceKind kind = DeviceKind::moteus;
   std::size_t bus = 0;                 // index into RobotConfig::buses
   std::uint32_t id = 1;                // 0 of an imu, which is of the board and on none of its buses
-  double watchdog_s = 0.1;             // no command for this long, and the device stops by itself
-  std::uint32_t rate_divider = 1;      // asked in one of so many ticks
+  double watchdog_s = 0.1;             // the device stops by itself after this time without a command
+  std::uint32_t rate_divider = 1;      // asked once in this many ticks
   DriveMode mode = DriveMode::torque;  // these three: cia402
   double counts_per_rev = 4096;        // of the motor's position
   double rated_torque_nm = 1.0;        // of the motor: object 6076h, of which torques are thousandths
@@ -160,7 +160,7 @@ struct SensorConfig {
   double offset = 0.0;
 };
 
-// What all simulated joints of the robot are to each other.
+// [plant]: how the simulated joints are coupled.
 struct MechanismConfig {
   PlantKind kind = PlantKind::independent;  // each on its own; links in a row; whatever a model says
   double gravity_m_s2 = 9.81;               // chain
@@ -169,9 +169,9 @@ struct MechanismConfig {
   bool ideal = false;                       // without errors of drives, cogging, Stribeck friction, payload
 };
 
-// The simulated plant at the far end of a joint's drive, in joint coordinates: angle 0 hangs straight down,
-// gravity pulls with -mgl_nm * sin(angle). In a chain angles are those between links, and links are joined in the order
-// of the robot's joints; what moves them is computed from the five numbers of each link.
+// The simulated plant at the far end of a joint's drive, in joint coordinates: angle 0 hangs straight down, gravity
+// pulls with -mgl_nm * sin(angle). In a chain angles are those between links, and links are joined in the order of the
+// robot's joints; the dynamics follow from the five numbers of each link.
 struct PlantConfig {
   double inertia_kg_m2 = 2.5e-3;     // independent
   double mgl_nm = 0.0;               // independent
@@ -186,13 +186,13 @@ struct PlantConfig {
   std::uint32_t cogging_per_rev = 84;
   double stribeck_nm = 0.0;     // dry friction at rest, above coulomb_nm
   double stribeck_rad_s = 0.1;  // at this speed 1/e of it is left
-  double payload_kg = 0.0;      // at most: how much it is the seed draws
+  double payload_kg = 0.0;      // maximum; the seed draws the value
   double payload_m = 0.0;       // from the joint
   double torque_lag_s = 1.0e-3;
-  // What the drive does not know of itself. Of the first two the seed draws a value between plus and minus this.
-  double torque_gain_error = 0.0;        // share by which the joint gets more torque than the drive tells
-  double encoder_offset_rad = 0.0;       // by which it tells another angle than the joint's
-  double torque_noise_nm = 0.0;          // standard deviation of the torque it tells
+  // Errors that the drive does not know. For the first two the seed draws a value between minus and plus this.
+  double torque_gain_error = 0.0;        // the joint gets this share more torque than the drive reports
+  double encoder_offset_rad = 0.0;       // reported angle minus the joint's angle
+  double torque_noise_nm = 0.0;          // standard deviation of the reported torque
   double encoder_noise_rad = 0.0;        // standard deviation of an angle it reads, at the joint
   double bus_delay_s = 0.0;              // from the exchange in which a command leaves to its effect
   std::uint32_t encoder_counts = 16384;  // per revolution of the motor
@@ -214,18 +214,19 @@ struct JointConfig {
   double torque_max_nm = 0.0;
   double torque_slew_nm_s = 0.0;
   double power_max_w = 0.0;    // mechanical, into the joint; 0 = no limit
-  bool must_be_homed = false;  // not armed before the drive knows in which turn the joint is
+  bool must_be_homed = false;  // no arming until the drive knows the joint's turn
   double deceleration_rad_s2 = 20.0;
   bool monotone = false;         // never overshoot a waypoint (grippers); costs smoothness
-  double kp_max_nm_rad = 100.0;  // the stiffest device-side PD a law may ask for
+  double kp_max_nm_rad = 100.0;  // limit for the gain of the drive's own PD
   double kd_max_nm_s_rad = 5.0;
-  double safe_kp_nm_rad = 0.0;  // the safe law's own PD; its damping also ends every safe stop
+  double safe_kp_nm_rad = 0.0;  // PD of the safe law; every safe stop ends with its damping
   double safe_kd_nm_s_rad = 0.0;
-  // What the guard reckons with to stop the joint inside its limits. 0 inertia: it does not; a file never says that.
-  double load_max_nm = 0.0;        // the worst that pushes it, either way: gravity, payload, the pull of other joints
-  double inertia_max_kg_m2 = 0.0;  // of all that turns with it, at the joint, rotor behind its gear included
+  // The guard's model for stopping the joint inside its limits. Inertia 0: the guard does not brake ahead; a file
+  // cannot set 0.
+  double load_max_nm = 0.0;        // largest load in either direction: gravity, payload, other joints
+  double inertia_max_kg_m2 = 0.0;  // of everything that turns with the joint, including the rotor behind its gear
   double inertia_min_kg_m2 = 0.0;
-  double drive_lag_s = 0.003;  // from a command to its torque, and from a motion to its measured speed, together
+  double drive_lag_s = 0.003;  // command to torque, plus motion to measured speed
   PlantConfig sim;
 };
 
@@ -244,7 +245,7 @@ struct RobotConfig {
   std::vector<DeviceConfig> devices;
   std::vector<JointConfig> joints;
   std::vector<SensorConfig> sensors;
-  std::vector<std::string> notes;  // things that work but cost something, one sentence each
+  std::vector<std::string> notes;  // valid settings with a disadvantage, one sentence each
 };
 
 }  // namespace lithe::robot

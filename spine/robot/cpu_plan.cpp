@@ -13,14 +13,14 @@ constexpr int kNoCore = -1;
 
 bool holds(const std::vector<int>& cpus, int cpu) { return std::find(cpus.begin(), cpus.end(), cpu) != cpus.end(); }
 
-// Cores that nobody has yet.
+// Cores without a role so far.
 class Free {
  public:
   Free(std::vector<int> cpus, const IsolatedCores& isolated) : cpus_(std::move(cpus)), isolated_(isolated) {}
 
   std::size_t count() const { return cpus_.size(); }
 
-  // The first that is isolated, or is not; where there is none such, the first; kNoCore when all are taken.
+  // The first core that is isolated (or not isolated, as asked); otherwise the first; kNoCore when all are taken.
   int take(bool isolated) {
     if (cpus_.empty()) return kNoCore;
     auto at = std::find_if(cpus_.begin(), cpus_.end(),
@@ -79,7 +79,7 @@ CpuPlan fold_cpus(const MachineCores& cores, const SpineConfig& wanted) {
   CpuPlan plan;
   plan.housekeeping = pick(wanted.cpu_housekeeping, take_for(wanted.cpu_housekeeping, false), first);
   plan.spine = pick(wanted.cpu_spine, take_for(wanted.cpu_spine, true), plan.housekeeping);
-  // Of two cores that are left the Brain has one, of one the Transport.
+  // With two cores left, the Brain gets one; with one left, the Transport gets it.
   const bool for_both = free.count() >= (wanted.cpu_transport == kAutoCpu ? 2 : 1);
   const int brain = for_both ? take_for(wanted.cpu_brain, false) : kNoCore;
   plan.brain = pick(wanted.cpu_brain, brain, plan.housekeeping);
@@ -99,7 +99,7 @@ Result<CpuPlan> plan_cpus(const RobotConfig& robot, const MachineCores& cores) {
                              robot.path, each.key, each.cpu, why_not(each.cpu, cores), cpu_list(usable))};
   }
   CpuPlan plan = fold_cpus(cores, wanted);
-  // A loop is memory; hardware is behind the kernel, which the tick never calls.
+  // A loop bus is memory. Hardware needs system calls, which the tick must not make.
   const bool all_loops = std::all_of(robot.buses.begin(), robot.buses.end(),
                                      [](const BusConfig& bus) { return bus.kind == BusKind::loop; });
   if (wanted.transport == TransportPlace::inlined && !all_loops) {

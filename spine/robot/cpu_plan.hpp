@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which thread gets which core, and why. Off the tick.
+// Assigns cores to threads. Off the tick.
 #pragma once
 
 #include <string>
@@ -17,26 +17,26 @@ struct CpuPlan {
   int spine = 0;
   int brain = 0;
   int transport = 0;
-  bool spine_shares = false;      // something of ours runs on the Spine's core: the Spine must not spin
-  bool transport_inline = false;  // no core of its own: the tick thread runs the bus cycle in its slack
+  bool spine_shares = false;      // another of our threads shares the Spine's core: the Spine must not spin
+  bool transport_inline = false;  // no core of its own: the tick thread does the bus exchange after the tick
 };
 
 // 4 cores: one role each · 3: Brain joins housekeeping · 2: Transport moves into the tick thread · 1: all share, and
 // the Spine sleeps between ticks. Isolated cores go to the Spine first, then to the Transport; housekeeping takes one
 // only where there are no others, and the Brain, whose threads the kernel does not spread over isolated cores, prefers
-// the others too. A core that is named in `wanted` is kept free for its role.
+// the others too. A core named in `wanted` is reserved for its role.
 CpuPlan fold_cpus(const MachineCores& cores, const SpineConfig& wanted = {});
 
-// The same for a robot and its buses. The error names the key, the core, and which could be named instead.
+// The same for a robot and its buses. The error names the key, the core, and the cores that are possible.
 Result<CpuPlan> plan_cpus(const RobotConfig& robot, const MachineCores& cores);
 
-// In sentences, what this plan costs. Empty: nothing.
+// The disadvantages of this plan, one sentence each; may be empty.
 std::vector<std::string> costs_of(const CpuPlan& plan, const SpineConfig& wanted, const MachineCores& cores);
 
-// What keeps other programs off a core: "isolated at boot (isolcpus), no timer tick (nohz_full)".
+// Text for the isolation of a core: "isolated at boot (isolcpus), no timer tick (nohz_full)".
 std::string isolation_words(const IsolatedCores& isolated, int cpu);
 
-// Why the Spine has this core; `shared`: with something else of ours.
+// Why the Spine has this core. `shared`: another of our threads runs there too.
 std::string why_spine(int cpu, bool shared, const SpineConfig& wanted, const IsolatedCores& isolated);
 
 }  // namespace lithe::robot

@@ -11,7 +11,7 @@
 namespace lithe::robot {
 namespace {
 
-// The hardware by its name: two of one name are one. Empty: each has its own.
+// Identity of the hardware: buses with the same name share it. Empty = not shared.
 std::string hardware_of(const BusConfig& bus) {
   if (bus.kind == BusKind::socketcan) return bus.interface;
   if (bus.kind == BusKind::loop) return "";
@@ -21,7 +21,7 @@ std::string hardware_of(const BusConfig& bus) {
   return wrong ? bus.path : real.string();
 }
 
-// The longest time for which an exchange may last: all buses wait for the last one's answer.
+// The longest exchange: all buses wait until the last answer has come.
 double longest_wait_s(const RobotConfig& robot) {
   double longest_s = 0;
   for (const BusConfig& bus : robot.buses) {
@@ -121,11 +121,11 @@ namespace {
 struct LargestNumbers {
   double position_rev, velocity_rev_s, torque_nm;
 };
-// What whole numbers of a moteus frame can say: the counts of its protocol times what one is worth.
+// Range of an integer format in a moteus frame: largest count times the unit of one count.
 constexpr LargestNumbers kInInt8{127 * 0.01, 127 * 0.1, 127 * 0.5};
 constexpr LargestNumbers kInInt16{32767 * 0.0001, 32767 * 0.00025, 32767 * 0.01};
 
-// A number beyond its format would be cut, and an answer at its end tells nothing any more.
+// A value beyond its format would be clipped.
 void check_frames(Reader& in, const RobotConfig& robot, const JointConfig& joint, const DeviceConfig& device) {
   const auto narrower = std::min(device.frames.command, device.frames.answer);
   if (narrower != NumberFormat::int8 && narrower != NumberFormat::int16) return;

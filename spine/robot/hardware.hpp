@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What buses and devices demand of each other, whatever each of them says for itself.
+// Checks of buses, devices, joints and sensors against each other.
 #pragma once
 
 #include "spine/robot/config.hpp"
@@ -7,16 +7,16 @@
 
 namespace lithe::robot {
 
-// Complains where the last bus of `robot` is another one's hardware, or waits longer for answers than the robot may.
+// Error when the last bus of `robot` uses the hardware of another bus, or its reply_wait_s is too long for the rate.
 void check_bus(Reader& in, const RobotConfig& robot);
-// Complains where the last device of `robot` cannot live beside those before it on its bus. `has_id`: its table says
-// one.
+// Error when the last device of `robot` conflicts with earlier devices of its bus. `has_id`: its table has the key
+// `id`.
 void check_neighbours(Reader& in, const RobotConfig& robot, bool has_id);
-// Complains where the device asks for what its bus or the robot's rate cannot give.
+// Error when the device needs what its bus, or the robot's rate, does not offer.
 void check_device(Reader& in, const RobotConfig& robot, const DeviceConfig& device);
-// Complains where the joint asks for what its device cannot do.
+// Error when the joint needs what its device cannot do.
 void check_joint(Reader& in, const RobotConfig& robot, const JointConfig& joint, const DeviceConfig& device);
-// Complains where the last sensor of `robot` has no channel of its own on a gateway.
+// Error when the last sensor of `robot` shares its channel, or the device has no such channel.
 void check_sensor(Reader& in, const RobotConfig& robot);
 
 }  // namespace lithe::robot

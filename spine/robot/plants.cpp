@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kBig = 1.0e6;
 constexpr double kLeastInertia = 1.0e-7;
-constexpr double kDriveStepS = 5.0e-5;  // simulated drives decide so often
+constexpr double kDriveStepS = 5.0e-5;  // step of the simulated drives
 constexpr double kUnsaid = std::numeric_limits<double>::quiet_NaN();
 
 void read_link(Reader& in, PlantConfig& sim) {
@@ -75,7 +75,7 @@ void read_plant(Reader& in, PlantConfig& sim, PlantKind kind) {
     read_link(in, sim);
   } else if (kind == PlantKind::independent) {
     in.number("inertia_kg_m2", sim.inertia_kg_m2, {1.0e-7, 1.0e4});
-    in.number("mgl_nm", sim.mgl_nm, {0.0, kBig});  // angle 0 hangs; zero_rad mounts it otherwise
+    in.number("mgl_nm", sim.mgl_nm, {0.0, kBig});  // angle 0 hangs down; zero_rad describes another mounting
     refuse_link(in, "is for [plant] kind = \"chain\" only");
   } else {
     for (const std::string_view key : {"inertia_kg_m2", "mgl_nm"}) in.refuse(key, kModelSays);

@@ -112,7 +112,7 @@ void Reader::identifier(std::string_view key, std::string& out, Need need) {
   text(key, out, need);
   const toml::node* node = table_.get(key);
   if (node == nullptr || !node->is_string() || is_identifier(out)) return;
-  if (out.empty() && !node->value<std::string_view>()->empty()) return;  // not even text: said already
+  if (out.empty() && !node->value<std::string_view>()->empty()) return;  // not text: reported already
   complain(key, fmt::format("\"{}\" is no name; give 1 to 31 of a-z A-Z 0-9 - _, not starting with -", out));
   out.clear();
 }

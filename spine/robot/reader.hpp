@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Typed access to one TOML table. Whatever is asked for is a known key; whatever is left over is a mistake.
+// Typed access to one TOML table. Every key that is read is known; every other key is an error.
 #pragma once
 
 #include <string>
@@ -21,10 +21,10 @@ struct Range {
   double max;
 };
 
-// Contract: never in the tick · reads a table it does not own · a value that is missing or wrong leaves `out` alone
+// Contract: never in the tick · reads a table it does not own · a missing or wrong value leaves `out` unchanged
 class Reader {
  public:
-  // `defaults` may be null: a required key that it has is not missing here.
+  // `defaults` may be null; a required key may be in `defaults` instead.
   Reader(const toml::table& table, std::string where, Report& report, const toml::table* defaults = nullptr)
       : table_(table), where_(std::move(where)), report_(report), defaults_(defaults) {}
 
@@ -55,8 +55,8 @@ class Reader {
 
   const toml::table* table(std::string_view key);                                            // null when absent
   std::vector<const toml::table*> tables(std::string_view key, Need need = Need::required);  // of [[key]]
-  void refuse(std::string_view key, std::string_view why);  // a known key that has no place in this table
-  void finish();                                            // complains about every key not asked for
+  void refuse(std::string_view key, std::string_view why);  // a known key that is not allowed in this table
+  void finish();                                            // reports every key that was not read
 
   void complain(std::string_view key, const std::string& what);  // at the key's value, or at the table
   std::string name(std::string_view key) const;

@@ -35,7 +35,7 @@ std::string_view nearest(std::string_view word, const std::vector<std::string_vi
   std::string_view best;
   std::size_t best_distance = std::max<std::size_t>(2, word.size() / 3) + 1;
   for (const std::string_view candidate : candidates) {
-    // A word cut short or grown (`position_max` for `position_max_rad`) is closer than its length says.
+    // A shortened or lengthened word (`position_max` for `position_max_rad`) counts as closer than its edit distance.
     const bool prefix = word.size() >= 3 && (candidate.starts_with(word) || word.starts_with(candidate));
     const std::size_t d = prefix ? 1 : distance(word, candidate);
     if (d < best_distance) {
@@ -63,7 +63,7 @@ void Report::add(Place place, const std::string& what) {
   const auto later = std::find_if(mistakes_.begin(), mistakes_.end(), [&](const Mistake& other) {
     return std::tie(place.line, place.column) < std::tie(other.place.line, other.place.column);
   });
-  mistakes_.insert(later, {place, printable(what)});  // it quotes what stands in the file
+  mistakes_.insert(later, {place, printable(what)});  // it contains text of the file
 }
 
 Error Report::error() const {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Collects the mistakes of one file, so that a person sees all of them at once and in the file's order.
+// Collects the errors of one file, to report all of them at once in the file's order.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@ struct Place {
   std::uint32_t column = 1;
 };
 
-// The candidate closest to `word` by edit distance, or empty when none is close enough to be meant.
+// The candidate closest to `word` by edit distance; empty when none is close enough.
 std::string_view nearest(std::string_view word, const std::vector<std::string_view>& candidates);
 
 // `; did you mean 'x'?` or, with nothing close, `; one of: a, b, c`. Empty without candidates.

@@ -19,7 +19,7 @@
 namespace lithe::robot {
 namespace {
 
-// The file as a whole: sections in the order in which later ones refer to earlier ones.
+// Reads the whole file; sections that others refer to come first.
 class File {
  public:
   File(const toml::table& root, RobotConfig& robot, Report& report)
@@ -228,7 +228,7 @@ class File {
   const toml::table* joint_defaults_ = nullptr;
 };
 
-// What works but costs something: stated, never refused.
+// Notes about valid settings with a disadvantage; never an error.
 void note_costs(RobotConfig& robot) {
   if (robot.spine.release == Release::sleep && robot.rate_hz > 2000.0) {
     robot.notes.push_back(

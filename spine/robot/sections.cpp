@@ -96,7 +96,8 @@ void read_bus(Reader& in, BusConfig& bus, double rate_hz) {
   if (is_serial(bus)) read_serial(in, bus);
   if (bus.kind == BusKind::socketcan) in.text("interface", bus.interface, Need::required);
   if (bus.kind == BusKind::pi3hat) in.integer("connector", bus.connector, {1, 5}, Need::required);
-  // Behind a serial line answers take longer than a fast tick; elsewhere one that is lost must not cost the next tick.
+  // Behind a serial line an answer takes longer than a fast tick. On other buses a lost answer must not delay the next
+  // tick.
   constexpr double kShareOfTick = 0.96;
   if (!is_serial(bus)) bus.reply_wait_s = std::min(bus.reply_wait_s, kShareOfTick / rate_hz);
   if (bus.kind != BusKind::loop) in.number("reply_wait_s", bus.reply_wait_s, {0.0, 0.1});

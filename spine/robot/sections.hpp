@@ -17,7 +17,7 @@ void read_swap(Reader& in, SwapConfig& swap);
 void read_bus(Reader& in, BusConfig& bus, double rate_hz);
 void read_sensor(Reader& in, SensorConfig& sensor, const std::vector<std::string_view>& devices);
 
-// The keys that [defaults] may give for all; there `need` is optional. Name, id and device are each one's own.
+// The keys that [defaults] may contain; there `need` is optional. Name, id and device cannot have a default.
 void read_device(Reader& in, DeviceConfig& device, const std::vector<std::string_view>& buses, Need need);
 void read_joint(Reader& in, JointConfig& joint, Need need);
 void read_frames(Reader& in, FramesConfig& frames);

@@ -72,7 +72,8 @@ class Excursion {
 // Outwards is positive. The joint moves with `velocity_rad_s`; `first` and then `next` act on it, and after them the
 // torque falls by the slew to full braking. At every moment the worst load pushes outwards, and the inertia is the one
 // that makes it worse. Constant torque: x = v t + a t^2 / 2; falling torque: a constant jerk -slew / inertia; full
-// braking: v^2 / 2a. Contract: RT · no loop
+// braking: v^2 / 2a.
+// Contract: RT · no loop
 inline Stop stop_of(const Brakes& brakes, double velocity_rad_s, Stretch first, Stretch next) LITHE_RT {
   const auto acceleration = [&brakes](double torque_nm) LITHE_RT {
     const double net_nm = torque_nm + brakes.load_nm;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What drives say of themselves in numbers, in words.
+// Text for the numbers that drives report.
 #pragma once
 
 #include <cstdint>
@@ -10,11 +10,12 @@
 
 namespace lithe::bus {
 
-// From bits 8 to 23 of a joint's status (wire::joint_status): its drive's mode or state, and what is wrong or at its
-// limit, with the code to look up: "fault: over-temperature (38)". Empty for what is no drive. Contract: pure
+// Text for bits 8 to 23 of a joint's status (wire::joint_status): the drive's mode or state, and its fault or limit
+// with the code, for example "fault: over-temperature (38)". Empty for a device that is not a drive.
+// Contract: pure
 std::string drive_words(robot::DeviceKind kind, std::uint32_t joint_status);
 
-// What a CANopen emergency is about, by the code's class where the code itself is not known; never empty.
+// Text for a CANopen emergency code; for an unknown code the text of its class. Never empty.
 std::string_view emergency_name(std::uint16_t code);
 
 }  // namespace lithe::bus

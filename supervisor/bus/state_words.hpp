@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What devices say in numbers, in words.
+// Text for the numbers that devices report.
 #pragma once
 
 #include <cstdint>

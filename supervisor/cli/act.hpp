@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What each command does. All print their own answer and return the exit code:
-// 0 done, 1 refused, 2 usage, 3 robot fault.
+// One function per command. Each prints its own answer and returns the exit code: 0 done, 1 refused, 2 usage, 3 robot
+// fault.
 #pragma once
 
 #include <cstdint>
@@ -26,7 +26,7 @@ struct Context {
 struct Motion {
   std::string joint;
   double angle_deg = 0;
-  bool relative = false;  // from where its setpoint is
+  bool relative = false;  // relative to the setpoint
   double in_s = 2.0;
 };
 
@@ -35,7 +35,7 @@ int exit_code(const swap::Refusal& refusal);
 // The robots of this machine, also those whose Spine ticks without a supervisor.
 int list(const Context& context);
 int status(const Context& context);
-// Is the robot's Brain for as long as the move takes.
+// Acts as the robot's Brain during the move.
 int move(const Context& context, const Motion& motion);
 int command(const Context& context, const std::string& verb);  // arm, disarm, hold, reset, sim_reset, shutdown
 int estop(const Context& context);
@@ -56,13 +56,14 @@ int param_revert(const Context& context);
 int param_save(const Context& context, const std::string& path);
 int events(const Context& context, std::uint64_t since, bool follow);
 int top(const Context& context, int turns);
-// Becomes `lithe-sim` with these arguments; returns only when that cannot be.
+// Replaces this process by `lithe-sim` with these arguments; returns only on failure.
 int simulate(const Context& context, const std::vector<std::string>& words);
-// Of a robot file. 0 fits, 1 does not fit, 2 no robot file.
+// Plans the buses of a robot file. 0 fits, 1 does not fit, 2 no robot file.
 int bus_plan(const Context& context, const std::string& file, const bus::PlanOptions& options);
-// What is on the buses. 0 as the file says, 1 otherwise or refused, 2 no such bus or file.
+// Scans the buses. 0 as the file says, 1 otherwise or refused, 2 no such bus or file.
 int bus_scan(const Context& context, const field::Words& words, const field::ScanOptions& options);
-// Frames of the buses until it is told to end. 0, 1 nothing was heard or no such bus, 2 no such file or device.
+// Shows the frames of the buses until it is stopped. 0, 1 nothing was received or no such bus, 2 no such file or
+// device.
 int bus_monitor(const Context& context, const field::Words& words, field::MonitorOptions options);
 
 }  // namespace lithe::cli

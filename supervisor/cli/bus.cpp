@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The buses of a robot file on paper; no robot needs to run.
+// `lithe bus plan`: from the robot file alone; no robot needs to run.
 #include <fmt/format.h>
 
 #include <cmath>

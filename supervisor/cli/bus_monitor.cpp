@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Frames as they pass: through the Spine that owns a bus, or on a bus that nobody owns.
+// `lithe bus monitor`: shows frames through the Spine that owns a bus, or from a bus without a Spine.
 #include <signal.h>
 
 #include <fmt/format.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is on the buses right now, beside no running robot.
+// `lithe bus scan`: refuses a bus that a running robot uses.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Certificates that swaps have left on disk: shown, and held against their chain. No robot needs to run.
+// `lithe law show` and `lithe law verify`: certificates on disk. No robot needs to run.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -50,7 +50,7 @@ std::variant<fs::path, Refusal> only_folder() {
                  "say which: --robot NAME"};
 }
 
-// As the command line says, else where the running robot's supervisor writes, else below the working directory.
+// The folder of the command line, else that of the running robot's supervisor, else out/ below the working directory.
 std::variant<fs::path, Refusal> find_folder(const Context& context, const std::string& folder) {
   if (!folder.empty()) {
     return fs::path(folder);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The e-stop goes straight to shared memory: it needs no supervisor, and no supervisor can be too busy for it.
+// The e-stop is written straight to shared memory: it works without a supervisor and does not wait for one.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -44,7 +44,7 @@ Answer confirm(const std::string& robot, std::int64_t deadline_ns) {
   return Refusal{"robot_fault", fmt::format("the Spine of '{}' has not obeyed the e-stop", robot), "cut its power"};
 }
 
-// No right to write its memory, or another layout: its supervisor has both.
+// Without write permission, or with another memory layout, the supervisor is asked instead.
 Answer ask_supervisor(Context context, const std::string& robot, const std::string& why) {
   context.robot = robot;
   const Answer answer = ask(context, "estop", Json::object(), kAskMs);
@@ -58,7 +58,7 @@ Answer ask_supervisor(Context context, const std::string& robot, const std::stri
   return stopped;
 }
 
-// One robot's trouble is no reason to leave the next one running.
+// A failure at one robot must not keep the others from being stopped.
 template <class Step>
 Answer whatever_happens(const std::string& robot, Step step) {
   try {
@@ -74,7 +74,7 @@ struct Target {
   Answer pressed;
 };
 
-// The words first, all of them; nothing is looked up, asked or waited for before that.
+// First all e-stop words are set; nothing is looked up, asked or waited for before that.
 std::vector<Target> press_all(const Context& context) {
   const std::set<std::string> robots =
       context.robot.empty() ? control::robots_with_memory() : std::set<std::string>{context.robot};
@@ -88,7 +88,7 @@ std::vector<Target> press_all(const Context& context) {
   if (!context.robot.empty()) {
     return targets;
   }
-  // Files that a crashed run left behind are no robots; a supervisor whose segments are gone is one.
+  // Files of a crashed run do not count as robots; a supervisor without segments does.
   const std::vector<std::string> served = control::running_robots();
   std::erase_if(targets, [&served](const Target& each) {
     return !ipc::Lease::is_held(Spine::path(each.robot)) &&
@@ -146,7 +146,7 @@ int report(const Context& context, const std::vector<std::pair<std::string, Answ
 }  // namespace
 
 int estop(const Context& context) {
-  // Nobody is asked which one was meant while robots move: all stop.
+  // Without a name all robots are stopped: there is no question while robots move.
   const std::vector<Target> targets = press_all(context);
   const std::int64_t deadline_ns = monotonic_ns() + kSeenWithinNs;
   if (targets.empty()) {

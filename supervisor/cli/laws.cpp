@@ -66,9 +66,9 @@ std::string about(const fs::path& path) {
   return "";
 }
 
-constexpr std::size_t kJointsWithoutARobot = 6;  // an arm's: a law that indexes beyond its joints shows up soonest
+constexpr std::size_t kJointsWithoutARobot = 6;  // as an arm: a small number shows a law that indexes beyond its joints
 
-// Without a robot the check has a compile service of its own.
+// Without a robot the check starts its own compile service.
 Answer check_alone(const Source& source) {
   control::LawdLink lawd(control::program_dir() + "/lawd", {}, kJointsWithoutARobot);
   if (const auto started = lawd.start(monotonic_ns()); !started) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// From a person's words to a plan that the Spine accepts, or why it would not.
+// Makes a plan from the arguments of `lithe move` and `lithe jog`, or refuses them.
 #pragma once
 
 #include <cstddef>
@@ -18,9 +18,10 @@ struct Move {
   double from_rad = 0, to_rad = 0;
 };
 
-// One waypoint: the joint where it is wanted, all others where their setpoints are. Refused with joint, value and
-// limit: another mode than active, an unknown joint, an angle beyond its limits, a time outside 0.1 to 10 s, a speed
-// beyond its limit (the curve's fastest is 1.5 times its mean). Contract: pure
+// A plan of one waypoint: the joint at its target, all others at their setpoints. Refuses, with joint, value and limit:
+// a mode other than active, an unknown joint, an angle beyond its limits, a time outside 0.1 to 10 s, a speed beyond
+// its limit (the curve's fastest is 1.5 times its mean).
+// Contract: pure
 std::variant<Move, swap::Refusal> plan_motion(const Motion& motion, const wire::RobotInfo& info,
                                               const wire::Telemetry& now, std::int64_t now_ns);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// `lithe move` and `lithe jog`: this process is the robot's Brain while one joint goes to where a person wants it.
+// `lithe move` and `lithe jog`: this process acts as the robot's Brain while one joint moves to its target.
 #include <fmt/format.h>
 
 #include <atomic>
@@ -24,10 +24,10 @@ namespace {
 using Spine = ipc::Segment<ipc::SpineMemory>;
 using Brain = ipc::Segment<ipc::BrainMemory>;
 
-constexpr auto kLookEvery = std::chrono::milliseconds(5);  // and a sign of life each time
+constexpr auto kLookEvery = std::chrono::milliseconds(5);  // and a heartbeat each time
 constexpr std::int64_t kSettleNs = kNsPerS;
 
-// What the Spine publishes, read as its Brain.
+// The Spine's telemetry, read by the Brain.
 struct View {
   explicit View(Spine memory)
       : spine(std::move(memory)),
@@ -44,7 +44,7 @@ struct View {
   ipc::ChannelReader<wire::RobotInfo> info_reader;
 };
 
-// A robot that stops when its Brain leaves would stop at the end of every move.
+// Refused for on_stale = "safe_stop": such a robot would stop at the end of every move.
 std::optional<Refusal> stops_without_brain(const wire::RobotInfo& info) {
   const auto robot = robot::load_robot(control::text_of(info.config_path));
   if (!robot || robot->brain.on_stale != robot::StaleAction::safe_stop) return std::nullopt;
@@ -54,7 +54,7 @@ std::optional<Refusal> stops_without_brain(const wire::RobotInfo& info) {
                  "move it from a Brain that stays (Python: robot.go_to), or set on_stale = \"hold\""};
 }
 
-// Waits for the end of the plan, giving signs of life. Nothing: it came to rest there.
+// Waits for the end of the plan and sends heartbeats. Empty = the joint has come to rest at the target.
 std::optional<Refusal> follow(View& view, const Brain& brain, const wire::Plan& plan, wire::Telemetry& now) {
   const std::int64_t until_ns = plan.t_ns[0] + kSettleNs;
   while (monotonic_ns() < until_ns) {

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Answers for the person at the terminal (the status: status_text.hpp). Every function prints to stdout and nothing
-// else.
+// Prints answers on the terminal (for the status: status_text.hpp). Every function prints to stdout only.
 #pragma once
 
 #include <string>

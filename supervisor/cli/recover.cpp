@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// `lithe recover`: asks for it, then waits for its end.
+// `lithe recover`: sends the command, then waits until it has ended.
 #include <fmt/format.h>
 
 #include <chrono>
@@ -14,7 +14,7 @@ namespace {
 
 constexpr auto kLookEvery = std::chrono::milliseconds(100);
 
-// What the Spine said when it gave up.
+// The Spine's reason when recover failed.
 std::string last_stop(const Context& context) {
   const Answer answer = ask(context, "events", Json::object());
   std::string text;

@@ -31,11 +31,11 @@ bool takes_value(const CLI::App& app, const std::string& word) {
   return !options.empty() && options.front()->get_expected_min() > 0;
 }
 
-// Walks along the verbs of a command line: the last one found, its name, and a word that is none.
+// Follows the verbs of a command line: the last known verb, its full name, and the first unknown word.
 struct Walk {
   const CLI::App* at;
   std::string name;      // " law check"
-  std::string stranger;  // empty: all are right
+  std::string stranger;  // the first unknown verb; empty = all are known
 };
 
 Walk walk(const CLI::App& app, const std::vector<std::string>& words) {
@@ -154,7 +154,7 @@ std::vector<Argument> arguments_of(const CLI::App& verb) {
       Argument argument;
       for (const std::string& name : each->get_lnames()) argument.flags.push_back("--" + name);
       for (const std::string& name : each->get_snames()) argument.flags.push_back("-" + name);
-      const std::string type = each->get_type_name();  // with what its checks add behind a colon
+      const std::string type = each->get_type_name();  // the checks add text after a colon
       if (each->get_expected_min() > 0)
         argument.type = positional ? each->get_name(true) : type.substr(0, type.find(':'));
       argument.words = positional ? argument.type : fmt::format("{}", fmt::join(argument.flags, ", "));
@@ -180,7 +180,7 @@ std::variant<std::string, swap::Refusal> help_text(const CLI::App& app, const st
   if (form == "zsh") return to_zsh(app);
   const Walk found = walk(app, verb);
   if (!found.stranger.empty()) return no_such_verb(found);
-  // Not App::help(): it would tell of the verb that was parsed, which is `help`.
+  // Not App::help(): it would describe the parsed verb, which is `help`.
   return found.at->get_formatter()->make_help(found.at, "lithe" + found.name, CLI::AppFormatMode::Normal);
 }
 

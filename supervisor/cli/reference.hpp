@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is said about the verbs, all of it made from the table that parses them (words.hpp).
+// Help texts of the verbs, made from the parser's own table (words.hpp).
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -15,11 +15,11 @@ namespace lithe::cli {
 // "lithe 0.1.0, layout 1f00..."; programs of one layout share memory.
 std::string version_text();
 
-// Of one verb ("law", "check"), or of all: as --help, or in the form markdown, man, bash or zsh.
+// Help for one verb ("law", "check") or for all: as --help prints it, or as markdown, man, bash or zsh.
 std::variant<std::string, swap::Refusal> help_text(const CLI::App& app, const std::vector<std::string>& verb,
                                                    const std::string& form);
 
-// The first word that stands where a verb should, and is none, with the nearest that is. Nothing: all verbs are right.
+// The first unknown verb, with the nearest known one. Empty when all verbs are known.
 std::optional<swap::Refusal> wrong_verb(const CLI::App& app, const std::vector<std::string>& words);
 
 // " law check": the verb in these words; empty when there is none.
@@ -44,7 +44,7 @@ struct Argument {
   bool required = false;
 };
 std::vector<Argument> arguments_of(const CLI::App& verb);
-// What it stands for is a file.
+// True when its value is a file.
 bool is_file(const Argument& argument);
 
 std::string to_bash(const CLI::App& app);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tuned values back into the text of the law they belong to.
+// `lithe param save`: writes the present parameter values into the law's source file.
 #include <fmt/format.h>
 
 #include <filesystem>
@@ -18,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Where the default of a Param stands: its name, a brace, a number. Nothing but the number is touched.
+// Position of a Param's default: its name, a brace, a number. Only the number is changed.
 std::optional<std::pair<std::size_t, std::size_t>> find_default(const std::string& text, const std::string& name) {
   const std::regex pattern("\\b" + name + R"(\s*\{\s*([-+]?[0-9.][0-9.eE+\-]*))");
   std::smatch match;
@@ -32,7 +32,7 @@ bool names_law(const std::string& text, const std::string& law) {
   return std::regex_search(text, std::regex(R"(LITHE_LAW\s*\([^,]*,\s*")" + law + "\"\\s*\\)"));
 }
 
-// A whole new file in the place of the old one, or the old one as it was.
+// Replaces the file atomically: afterwards it is either complete and new, or unchanged.
 std::error_code replace_file(const fs::path& path, const std::string& text) {
   const fs::path part = path.string() + ".new";
   std::ofstream file(part, std::ios::binary);

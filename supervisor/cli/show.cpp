@@ -14,7 +14,7 @@ void row(const char* name, const std::string& text) {
   }
 }
 
-// The value at the end of a path of names; null where it breaks off.
+// The value at the end of a path of keys; null when a key is missing.
 const Json& at(const Json& from, std::initializer_list<const char*> path) {
   static const Json nothing = nullptr;
   const Json* found = &from;
@@ -37,20 +37,20 @@ std::string text(const Json& value) {
   return value.is_null() ? "-" : swap::dump_line(value);
 }
 
-// What was not seen is not 0.
+// A value that was not measured is shown as unknown, not as 0.
 std::string decimals(const Json& value, int count) {
   return value.is_number() ? fmt::format("{:.{}f}", value.get<double>(), count) : "-";
 }
 
 double number(const Json& value) { return value.is_number() ? value.get<double>() : 0.0; }
 
-// A reason that a stage gave; empty where it gave none.
+// The reason of a stage; empty = none.
 std::string reason(const Json& c, const char* stage) {
   const Json& found = at(c, {"reasons", stage});
   return found.is_string() ? found.get<std::string>() : "";
 }
 
-// "kind bad_access, tick 512": whatever a section holds.
+// All fields of a section: "kind bad_access, tick 512".
 std::string all_of(const Json& section) {
   std::string words;
   if (section.is_object()) {
@@ -85,7 +85,7 @@ void print_split(const Json& c) {
 }
 
 void print_gates(const Json& c) {
-  const Json& refused = at(c, {"error", "detail", "gates"});  // of a law that the gates have stopped
+  const Json& refused = at(c, {"error", "detail", "gates"});  // of a law that admission refused
   const Json& gates = refused.is_array() ? refused : at(c, {"gates"});
   if (!gates.is_array()) {
     row("gates", reason(c, "admitted"));

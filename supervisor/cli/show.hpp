@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A certificate, and the state of a chain of them, for the person at the terminal.
+// Prints a certificate, and the result of verifying a chain.
 #pragma once
 
 #include <string>
@@ -10,7 +10,7 @@ namespace lithe::cli {
 
 using swap::Json;
 
-// Contract: prints to stdout and nothing else · any JSON object is safe: what is not there is left out.
+// Contract: prints to stdout and nothing else · any JSON object is safe: missing fields are left out
 void print_certificate(const std::string& file, const Json& certificate);
 void print_chain(const Json& chain);
 

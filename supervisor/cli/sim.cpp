@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// `lithe sim`: another program beside this one does it.
+// `lithe sim`: starts the program lithe-sim.
 #include <unistd.h>
 
 #include <cerrno>

@@ -26,7 +26,7 @@ std::string text_of(const std::array<char, N>& zero_terminated) {
   return {zero_terminated.begin(), std::find(zero_terminated.begin(), zero_terminated.end(), '\0')};
 }
 
-// True: the buses of the file are those that the Spine has.
+// True when the buses of the file are those of the running Spine.
 bool is_unchanged(const std::string& name, const robot::RobotConfig& robot) {
   const auto frames = ipc::Segment<ipc::FramesMemory>::attach(name, ipc::Access::read);
   if (!frames) return false;
@@ -38,7 +38,7 @@ bool is_unchanged(const std::string& name, const robot::RobotConfig& robot) {
   return true;
 }
 
-// What a living Spine was started with. The error says why nobody can tell.
+// The robot file of a running Spine. The error says why it cannot be known.
 Result<robot::RobotConfig> config_of(const std::string& name) {
   const auto spine = Spine::attach(name, ipc::Access::read);
   if (!spine) return spine.error();
@@ -85,7 +85,7 @@ class SpineFrames final : public field::FrameSource {
     }
     return false;
   }
-  // Another Spine has memory of its own, under the same name.
+  // A Spine started anew has a new segment under the same name.
   std::string trouble() override {
     auto there = ipc::Segment<ipc::FramesMemory>::attach(robot_, ipc::Access::write);
     if (!there || !ipc::Lease::is_held(Spine::path(robot_))) {
@@ -96,7 +96,7 @@ class SpineFrames final : public field::FrameSource {
       memory_ = std::move(*there);
       ring_ = Ring(memory_->ring);
       renew_at_ns_ = 0;
-      if (!bus_.empty()) theirs_ = number_of(bus_);  // its file may name the buses in another order
+      if (!bus_.empty()) theirs_ = number_of(bus_);  // a new Spine may list them in another order
     }
     if (theirs_) return "";
     return fmt::format("the Spine of robot '{}' was started anew and has no bus '{}' any more", robot_, bus_);
@@ -110,7 +110,7 @@ class SpineFrames final : public field::FrameSource {
   }
 
  private:
-  // A second at a time, so that a monitor that dies is not heard out for long.
+  // Requested for one second at a time, so that the copying ends soon after a monitor dies.
   void ask() {
     const std::int64_t now_ns = monotonic_ns();
     if (now_ns < renew_at_ns_) return;
@@ -130,11 +130,11 @@ class SpineFrames final : public field::FrameSource {
 
   std::string robot_;
   ipc::Segment<ipc::FramesMemory> memory_;
-  std::string bus_;                    // its name, where it is counted: a Spine started anew may give it another number
-  std::optional<std::size_t> theirs_;  // nothing: it has no such bus
+  std::string bus_;                    // its name: a Spine started anew may give it another index
+  std::optional<std::size_t> theirs_;  // empty = it has no such bus
   std::size_t ours_;
   Ring ring_;
-  std::uint64_t lost_before_ = 0;  // of Spines that have gone
+  std::uint64_t lost_before_ = 0;  // of earlier Spines
   std::int64_t renew_at_ns_ = 0;
 };
 

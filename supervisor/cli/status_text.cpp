@@ -49,7 +49,7 @@ std::string alarm_lines(const Json& status, const Look& look) {
   return text;
 }
 
-// Nothing while the Spine has nothing to prove.
+// Empty when nothing is on probation.
 std::string probation_line(const Json& status) {
   const Json probation = part(status, "probation");
   const std::string of = word(probation, "of");
@@ -101,7 +101,7 @@ std::string last_fault(const Json& status) {
                      last.value("tick", std::uint64_t{0}));
 }
 
-// An older supervisor does not tell.
+// An older supervisor does not report this.
 std::string core_line(const Json& status) {
   const Json cpus = part(status, "cpus"), core = part(cpus, "spine_core");
   if (core.empty()) return "";
@@ -111,7 +111,7 @@ std::string core_line(const Json& status) {
          (interrupts.empty() ? "" : fmt::format("    interrupts: {}\n", word(interrupts, "words")));
 }
 
-// What each bus carried, and what went wrong there, where anything did.
+// Frames of each bus, and its errors if there were any.
 std::string bus_lines(const Json& status) {
   const std::pair<const char*, const char*> troubles[] = {
       {"refused", "refused"}, {"late", "late"},         {"malformed", "malformed"},
@@ -143,7 +143,7 @@ std::string quantile_lines(const Json& status) {
   return text;
 }
 
-// ", 24.0 V, 1.2 A": what the joint's drive tells of itself; empty when it tells nothing.
+// ", 24.0 V, 1.2 A": the values that the joint's drive reports; empty = none.
 std::string drive_words(const Json& joint) {
   const std::pair<const char*, const char*> told[] = {
       {"drive_voltage_v", "V"}, {"drive_current_a", "A"}, {"drive_power_w", "W"}, {"drive_temperature_degc", "degC"}};
@@ -155,7 +155,7 @@ std::string drive_words(const Json& joint) {
   return words;
 }
 
-// What is wrong with it, in the row of the joint itself.
+// The joint's problems, in its own row.
 std::string problems_of(const Json& joint) {
   std::string text;
   const Json problems = joint.value("problems", Json::array());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A robot's status for the person at the terminal: alarms first, joints in a table.
+// The status as text for a terminal: alarms first, joints in a table.
 #pragma once
 
 #include <string>
@@ -13,7 +13,7 @@ struct Look {
   bool radians = false;  // angles in rad instead of degrees
 };
 
-// Colour only on a terminal, and not where NO_COLOR is set or the terminal knows none.
+// Colour only on a terminal that supports it, and not when NO_COLOR is set.
 bool wants_color();
 
 // "a, b": the texts of an array.
@@ -22,7 +22,8 @@ std::string listed(const swap::Json& words);
 // A line for each of the `warnings` of this object.
 std::string warning_lines(const swap::Json& from, const char* indent);
 
-// Whole lines. Contract: pure · any JSON object is safe: what is not there is left out or a dash
+// Whole lines.
+// Contract: pure · any JSON object is safe: a missing field is left out or shown as a dash
 std::string status_text(const swap::Json& status, const Look& look);
 
 }  // namespace lithe::cli

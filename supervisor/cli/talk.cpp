@@ -16,7 +16,7 @@
 namespace lithe::cli {
 namespace {
 
-// All in ASCII: what is no letter is written out, and no terminal acts on it.
+// ASCII only: control characters are escaped, so that a terminal does not act on them.
 void print_json(const Json& json) { std::cout << json.dump(2, ' ', true, Json::error_handler_t::replace) << std::endl; }
 
 }  // namespace
@@ -30,7 +30,7 @@ int exit_code(const Refusal& refusal) {
 
 namespace {
 
-// The one that is meant: with a supervisor if there is one, else one that ticks without.
+// The robot to use: one with a supervisor if there is one, else one whose Spine ticks without.
 std::variant<std::string, Refusal> find_robot() {
   std::vector<std::string> running = control::running_robots();
   for (const std::string& robot : running.empty() ? control::robots_with_memory() : std::set<std::string>{}) {

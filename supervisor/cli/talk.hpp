@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The way from a command line to a robot and back.
+// Requests from the command line to a robot, and their answers.
 #pragma once
 
 #include <functional>
@@ -17,14 +17,14 @@ using swap::Refusal;
 inline constexpr int kQuickMs = 10'000;
 inline constexpr int kCompileMs = 180'000;
 
-// One request to the robot the context means.
+// Sends one request to the context's robot.
 Answer ask(const Context& context, const std::string& verb, const Json& args, int timeout_ms = kQuickMs);
 
-// The name of the robot the context means, whether its supervisor answers or not.
+// The name of the context's robot, also when its supervisor does not answer.
 std::variant<std::string, Refusal> which_robot(const Context& context);
 
-// The connection itself, for more than one request. A supervisor that is stopped or says nothing is named within 2 s,
-// and so is a Spine that ticks without one.
+// The connection, for more than one request. A stopped or silent supervisor, or a Spine without one, is reported within
+// 2 s.
 std::variant<control::Client, Refusal> connect(const Context& context);
 
 // Prints a refusal (stderr, or one JSON document on stdout) and returns its exit code.

@@ -167,7 +167,7 @@ void add_laws(CLI::App& app, Words& words) {
   save->callback([&words] { words.code = param_save(words.context, words.law); });
 }
 
-// Which bus, for those verbs that open one.
+// The arguments that choose a bus.
 void add_place(CLI::App& verb, field::Words& bus) {
   verb.add_option("WHAT", bus.what, "robot file, or a bus: fdcanusb:PATH slcan:PATH socketcan:NAME pi3hat:N")
       ->required();
@@ -221,7 +221,7 @@ void add_sim(CLI::App& app, Words& words) {
   CLI::App* sim = app.add_subcommand("sim",
                                      "simulated devices on terminals, for other programs: lithe sim --help; "
                                      "lithe sim reset: the joints of a simulated robot back to their start");
-  sim->group(kHardware)->prefix_command()->set_help_flag();  // all that follows is for lithe-sim
+  sim->group(kHardware)->prefix_command()->set_help_flag();  // the rest of the line goes to lithe-sim
   sim->callback([&words, sim] {
     const bool reset = sim->remaining() == std::vector<std::string>{"reset"};
     words.code = reset ? command(words.context, "sim_reset") : simulate(words.context, sim->remaining());

@@ -14,7 +14,7 @@
 
 namespace lithe::cli {
 
-// What a command line says.
+// The parsed command line.
 struct Words {
   Context context;
   control::RunOptions run;
@@ -41,7 +41,7 @@ struct Words {
   int code = 0;  // exit code of the verb
 };
 
-// Adds all verbs to `app`; the one that is parsed acts on `words`. Both outlive each other's use.
+// Adds all verbs to `app`; the parsed verb acts on `words`. Both must exist until parsing has ended.
 void add_words(CLI::App& app, Words& words);
 
 }  // namespace lithe::cli

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How the supervisor says no: a word a program can test, a sentence, and the next thing to do.
+// A refusal: a code for programs, a sentence, and the next step.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -34,7 +34,7 @@ using Answer = std::variant<Json, Refusal>;
 // Text that may hold any byte (a compiler's output, a client's source) as one line of valid JSON.
 inline std::string dump_line(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
 
-// Every key and every string of it as `printable` shows them, line ends kept: for text that others wrote.
+// printable() for every key and string, line ends kept: for text from clients and compilers.
 inline Json printable_json(const Json& json) {
   if (json.is_string()) {
     return printable(json.get_ref<const std::string&>(), true);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which cores the supervisor and the compilers keep to, so that the Spine and the Transport have theirs alone.
+// The cores of the supervisor and the compilers: all but those of the Spine and the Transport.
 #pragma once
 
 #include <vector>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A file descriptor that is closed once.
+// An owned file descriptor (RAII): closed exactly once.
 #pragma once
 
 #include <unistd.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bytes from a stream into lines of bounded length: the framing of every JSON conversation we have.
+// Splits a byte stream into lines of bounded length: the framing of all JSON sockets and pipes.
 #pragma once
 
 #include <cstddef>
@@ -11,7 +11,7 @@ namespace lithe::control {
 
 inline constexpr std::size_t kMaxRequestBytes = std::size_t{1} << 20;
 
-// Contract: one thread · holds at most `limit` bytes beside what was fed last.
+// Contract: one thread · holds at most `limit` bytes plus the bytes of the last feed().
 class LineBuffer {
  public:
   explicit LineBuffer(std::size_t limit = kMaxRequestBytes) : limit_(limit) {}
@@ -31,7 +31,7 @@ class LineBuffer {
     return line;
   }
 
-  // True once the line under way is longer than the limit: the sender must be told and cut off.
+  // True once the incomplete line is longer than the limit: answer the sender and close the connection.
   bool too_long() const { return buffer_.size() > limit_; }
 
  private:

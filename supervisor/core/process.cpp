@@ -61,7 +61,7 @@ cpu_set_t cpu_set_of(const std::vector<int>& cpus) {
   sigset_t none;
   sigemptyset(&none);
   ::sigprocmask(SIG_SETMASK, &none, nullptr);
-  ::signal(SIGPIPE, SIG_IGN);  // whoever reads its output may die first
+  ::signal(SIGPIPE, SIG_IGN);  // the reader of its output may end first
   const int null_fd = ::open("/dev/null", O_RDWR | O_CLOEXEC);
   ::dup2(launch.stdin_fd >= 0 ? launch.stdin_fd : null_fd, STDIN_FILENO);
   ::dup2(launch.stdout_fd >= 0 ? launch.stdout_fd : null_fd, STDOUT_FILENO);
@@ -69,7 +69,7 @@ cpu_set_t cpu_set_of(const std::vector<int>& cpus) {
     ::dup2(launch.stderr_fd, STDERR_FILENO);
   }
   if (launch.extra_fd >= 0) {
-    // The pipe that tells of a failed start may have that number itself.
+    // The pipe that reports a failed start may itself have this number.
     failure_fd = ::fcntl(failure_fd, F_DUPFD_CLOEXEC, kExtraFd + 1);
     if (launch.extra_fd != kExtraFd) {
       ::dup2(launch.extra_fd, kExtraFd);
@@ -162,7 +162,7 @@ Work work_of_session(pid_t leader) {
     if (at->path().filename().string().find_first_not_of("0123456789") != std::string::npos) continue;
     std::string stat;
     std::ifstream file(at->path() / "stat");
-    std::getline(file, stat, '\0');  // empty where the process has ended meanwhile
+    std::getline(file, stat, '\0');  // empty when the process has ended
     const std::size_t name_end = stat.rfind(") ");
     if (name_end == std::string::npos) continue;
     // proc(5): state, parent, group, session, then nine fields to utime, stime, cutime, cstime.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Starting, watching and ending the processes a supervisor looks after.
+// Starts, watches and ends the child processes of the supervisor.
 #pragma once
 
 #include <sys/types.h>
@@ -19,13 +19,13 @@ struct Launch {
   int stdout_fd = -1;
   int stderr_fd = -1;        // -1: inherited
   int extra_fd = -1;         // becomes descriptor 3 of the program
-  bool own_session = false;  // outlives this process and does not hear the terminal's Ctrl-C
+  bool own_session = false;  // outlives this process and does not get the terminal's Ctrl-C
   bool dies_with_parent = false;
-  bool idle_priority = false;  // SCHED_IDLE and nice 19: never in the way of anything
+  bool idle_priority = false;  // SCHED_IDLE and nice 19: runs only when the core is otherwise idle
   std::vector<int> cpus;       // empty: inherited
 };
 
-// A process known by a pidfd, so that a reused pid is never signalled.
+// A process handle (pidfd): a reused pid is never signalled.
 // Contract: one thread · not a child (an adopted Spine) works too, but has no exit status.
 class Process {
  public:
@@ -37,7 +37,7 @@ class Process {
   bool ended();
   bool wait(int timeout_ms);  // true when it ended in time
   void signal(int number) const;
-  // How it ended, in words: "exit code 3", "killed by signal 9 (Killed)". Empty while it lives.
+  // How it ended: "exit code 3", "killed by signal 9 (Killed)". Empty while it runs.
   const std::string& verdict() const { return verdict_; }
   std::optional<int> exit_code() const { return exit_code_; }
 
@@ -52,15 +52,15 @@ class Process {
   std::optional<int> exit_code_;
 };
 
-// What a process and all that it started in its session have had of the processor, and whether any of them would go on
-// now if it were let: it runs, or waits for a disk. One that sleeps would not, and nobody does whose leader is stopped.
+// Processor time of a process and of all processes in its session, and whether any of them is ready to run (state R or
+// D). A sleeping process is not; none is while the session leader is stopped.
 struct Work {
   double cpu_s = 0;
   bool wants_to_run = false;
 };
 Work work_of_session(pid_t leader);
 
-// Directory of this executable: its neighbours are lithe-spine and lawd.
+// Directory of this executable; lithe-spine and lawd are in the same directory.
 std::string program_dir();
 
 // Restricts a process (0: this one) to these cores; without effect when the list is empty.

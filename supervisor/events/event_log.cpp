@@ -10,7 +10,7 @@
 namespace lithe::control {
 namespace {
 
-// What an event's code means depends on its kind; empty when the number says it all.
+// The meaning of an event's code depends on its kind. Empty when there is no name for it.
 std::string code_word(wire::EventKind kind, std::uint32_t code) {
   switch (kind) {
     case wire::EventKind::fault:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What happened, in order, for whoever asks later: the Spine's events and the supervisor's own.
+// The event log: the Spine's events and the supervisor's own, in order.
 #pragma once
 
 #include <cstddef>
@@ -12,7 +12,7 @@
 
 namespace lithe::control {
 
-// An event of the Spine in words.
+// An event of the Spine as text.
 swap::Json event_json(const wire::Event& event);
 // One line for a person.
 std::string event_line(const swap::Json& event);
@@ -23,7 +23,7 @@ class EventLog {
   static constexpr std::size_t kDepth = 4096;
 
   void add(swap::Json event);
-  // Events the Spine wrote faster than we read, over the whole run.
+  // Number of Spine events that were overwritten before they were read, since the start.
   void set_lost(std::uint64_t count) { lost_in_ring_ = count; }
 
   // {"events":[{"cursor":n, ...}], "cursor":last, "lost":n}: at most `limit` events after `since`, oldest first.

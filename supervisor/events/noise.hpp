@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Keeps events that come a hundred times a second from burying those that come once.
+// Rate limit for events that can occur many times a second.
 #pragma once
 
 #include <cstdint>
@@ -10,8 +10,9 @@
 
 namespace lithe::control {
 
-// Passes every event but the frequent kinds; of those, the first in each second, and then one summary of how many more
-// there were. Contract: one thread · the clock is an argument.
+// Passes every event of the other kinds. Of a frequent kind it passes the first event of each second, and then one
+// summary with the number of the rest.
+// Contract: one thread · the clock is an argument.
 class NoiseFilter {
  public:
   static constexpr std::int64_t kWindowNs = 1'000'000'000;
@@ -37,7 +38,7 @@ class NoiseFilter {
     return true;
   }
 
-  // Windows that have ended since the last call and held something back.
+  // Summaries of the windows that have ended since the last call and in which events were held back.
   std::vector<Summary> summaries(std::int64_t now_ns) {
     std::vector<Summary> out;
     for (auto& [kind, window] : windows_) {

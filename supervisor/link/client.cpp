@@ -24,11 +24,11 @@ namespace {
 constexpr const char* kFull = "its queue of clients is full";
 constexpr int kLookMs = 100;
 
-// R, S, D, T ...: proc(5). '?' where the kernel does not say.
+// Process state R, S, D, T ... as in proc(5); '?' when it cannot be read.
 char state_of(pid_t pid) {
   std::string stat;
   std::ifstream file(fmt::format("/proc/{}/stat", pid));
-  std::getline(file, stat, '\0');  // empty where the process has ended meanwhile
+  std::getline(file, stat, '\0');  // empty when the process has ended
   const std::size_t name_end = stat.rfind(") ");
   return pid > 0 && name_end != std::string::npos && name_end + 2 < stat.size() ? stat[name_end + 2] : '?';
 }
@@ -105,7 +105,8 @@ bool Client::send_all(const std::string& text, std::int64_t deadline_ns) {
 
 std::uint64_t Client::send(const std::string& verb, const Json& args, std::int64_t deadline_ns) {
   const std::uint64_t id = next_id_++;
-  // A refused send is not the end: the reason may already wait to be read (a request that is too long, say).
+  // After a failed send still read: the server may have sent the reason already (for example a request that is too
+  // long).
   (void)send_all(swap::dump_line({{"id", id}, {"verb", verb}, {"args", args}}) + '\n', deadline_ns);
   return id;
 }

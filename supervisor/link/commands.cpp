@@ -19,7 +19,7 @@ namespace {
 
 constexpr const char* kNewStart = "find out what wrote there (lithe events), then start anew: lithe stop, lithe run";
 
-// Where a joint is outside its limits, the way back into them comes first.
+// When a joint is outside its limits, the next step is `recover`.
 std::string way_out_of(wire::Fault fault) {
   if (fault == wire::Fault::memory_damaged) return kNewStart;
   const bool outside = fault == wire::Fault::position_limit || fault == wire::Fault::recover_failed;
@@ -27,7 +27,7 @@ std::string way_out_of(wire::Fault fault) {
                      outside ? "lithe recover" : "lithe reset");
 }
 
-// How a robot in this mode, with this fault latched, comes to run its law.
+// The next step that leads from this mode and latched fault to a running law.
 std::string way_to_active(wire::Mode mode, wire::Fault fault) {
   switch (mode) {
     case wire::Mode::estop:
@@ -83,7 +83,7 @@ Refusal refused_by_law(CommandKind kind) {
   }
 }
 
-// Names the joints that are outside, where they are and where they should be.
+// Names the joints that are outside their limits, with angle and limit.
 Refusal refused_outside(CommandKind kind, const wire::Telemetry& now, const wire::RobotInfo& info) {
   std::string joints;
   for (std::size_t j = 0; j < std::min<std::size_t>(now.joint_count, wire::kNj); ++j) {
@@ -198,7 +198,8 @@ Json Commands::result_json(const wire::Telemetry& now) const {
 void Commands::serve(std::int64_t now_ns) {
   wire::Telemetry now{};
   (void)spine_.latest(now);
-  // Answers may come out of order (a client's callback may also send again), so each is looked at once per turn.
+  // Answers may come out of order, and a callback may send a new command; so each pending command is checked once per
+  // turn.
   for (std::size_t left = pending_.size(); left > 0; --left) {
     Pending each = std::move(pending_.front());
     pending_.pop_front();
@@ -220,7 +221,7 @@ void Commands::serve(std::int64_t now_ns) {
     } else if (result != CommandResult::done) {
       each.callback(refusal_of(kind, result, now, spine_.info()));
     } else if (each.seen_at_tick == 0) {
-      each.seen_at_tick = now.tick + 1;  // the tick that obeyed publishes its record after its answer
+      each.seen_at_tick = now.tick + 1;  // the tick that handled the command publishes its record after its answer
       pending_.push_back(std::move(each));
     } else if (now.tick < each.seen_at_tick && in_time) {
       pending_.push_back(std::move(each));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Commands on their way to the Spine, each answered once.
+// Sends commands to the Spine's mailbox and answers each of them once.
 #pragma once
 
 #include <cstdint>
@@ -13,11 +13,11 @@
 
 namespace lithe::control {
 
-// Why the Spine said no, in words, and what to do next.
+// The Spine's refusal as a sentence, with the next step.
 swap::Refusal refusal_of(wire::CommandKind kind, wire::CommandResult result, const wire::Telemetry& now,
                          const wire::RobotInfo& info = {});
 
-// The command that sets these parameters of this law. A refusal names the parameter.
+// Makes the command that sets these parameters of this law. A refusal names the parameter.
 std::variant<wire::Command, swap::Refusal> params_command(const swap::Json& values, const wire::LawInfo& law);
 
 // Contract: one thread · never blocks · serve() at least every millisecond while waiting().
@@ -25,13 +25,13 @@ class Commands {
  public:
   using Callback = std::function<void(const swap::Answer&)>;
   static constexpr std::int64_t kTimeoutNs = 2'000'000'000;
-  // An arm that meets one late sample is sent again for so long: on a busy machine a command tends to arrive in the
-  // very tick that was late, tick after tick.
+  // An `arm` that is refused because of one late sample is sent again for this long: on a busy machine commands often
+  // arrive in a tick whose sample is late.
   static constexpr std::int64_t kArmAgainNs = 200'000'000;
 
   Commands(SpineLink& spine, std::uint64_t first_request_id) : spine_(spine), next_id_(first_request_id) {}
 
-  // The id that comes back in the events; 0: it was refused at once.
+  // Returns the request id that the events carry; 0 = refused at once.
   std::uint64_t send(wire::Command command, Callback callback, std::int64_t now_ns);
   void serve(std::int64_t now_ns);
   void refuse_all(const swap::Refusal& reason);
@@ -42,7 +42,7 @@ class Commands {
     wire::Command command;
     std::uint64_t ticket;
     std::int64_t sent_ns;
-    std::uint64_t seen_at_tick;  // tick after which telemetry shows the effect; 0 = not answered yet
+    std::uint64_t seen_at_tick;  // the first tick whose telemetry shows the effect; 0 = not answered yet
     Callback callback;
   };
 

@@ -20,7 +20,7 @@ Launch launch_of(std::string program, std::vector<int> cpus) {
   return launch;
 }
 
-// lawd says where it stopped; the first error, with file and line, becomes the message.
+// lawd names the stage that failed; the first error, with file and line, becomes the message.
 Refusal refusal_of(const Json& answer) {
   const std::string stage = answer.value("stage", "compile");
   const std::string text = answer.value("text", "");
@@ -29,7 +29,7 @@ Refusal refusal_of(const Json& answer) {
   for (const Json& each : diagnostics) {
     if (each.value("severity", "") == "error" || each.value("severity", "") == "fatal error") {
       message = each.value("file", "?");
-      for (const char* place : {"line", "column"}) {  // what is not known is not told
+      for (const char* place : {"line", "column"}) {  // an unknown position is left out
         if (each.value(place, 0) > 0) {
           message += fmt::format(":{}", each.value(place, 0));
         }
@@ -92,7 +92,7 @@ void LawdLink::place(const std::string& hash, std::uint32_t slot, Callback callb
   if (!gates_) {
     request["dry_run"] = false;
   }
-  // Its law is the one whose turn it is.
+  // The running check belongs to the law whose turn it is.
   service_.ask(std::move(request), ServiceLink::Turn::next, kCompileTimeoutNs, judged(std::move(callback)), now_ns);
 }
 

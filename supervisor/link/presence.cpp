@@ -21,7 +21,7 @@ using Spine = ipc::Segment<ipc::SpineMemory>;
 using Control = ipc::Segment<ipc::ControlMemory>;
 using Supervisor = Presence::Supervisor;
 
-constexpr std::int64_t kLookNs = 400 * kNsPerMs;  // forty ticks of the slowest Spine: it may be starved
+constexpr std::int64_t kLookNs = 400 * kNsPerMs;  // forty ticks of the slowest Spine
 constexpr useconds_t kLookAgainUs = 2'000;
 
 void look_at_spine(Presence& out) {
@@ -61,14 +61,14 @@ void look_at_spine(Presence& out) {
   }
 }
 
-// Its own note, for a supervisor that listens nowhere yet.
+// The pid file, for a supervisor that does not listen yet.
 pid_t noted_pid(const std::string& robot) {
   pid_t pid = 0;
   std::ifstream(fmt::format("{}/{}.pid", run_dir(), robot)) >> pid;
   return pid;
 }
 
-// The connection, where it answers.
+// The connection, when the supervisor answers.
 std::optional<Client> look_at_supervisor(Presence& out) {
   auto client = Client::connect(control_socket_path(out.robot));
   if (client) {
@@ -115,7 +115,7 @@ swap::Refusal refusal(const Presence& there, const char* code, std::string messa
   return {code, std::move(message), std::move(next), presence_json(there)};
 }
 
-// Of one whose supervisor does not answer.
+// The refusal for a robot whose supervisor does not answer.
 swap::Refusal why_silent(const Presence& there) {
   const std::string& name = there.robot;
   const std::string who = there.supervisor_pid > 0 ? fmt::format("pid {}", there.supervisor_pid) : "pid unknown";

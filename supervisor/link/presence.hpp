@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who lives for a robot: a Spine that ticks, a supervisor that answers. Both are looked for, neither is told anything.
+// Finds the live processes of a robot: a Spine that ticks, a supervisor that answers. Read-only for both.
 #pragma once
 
 #include <sys/types.h>
@@ -20,10 +20,10 @@ struct Presence {
   Supervisor supervisor = Supervisor::none;
   pid_t supervisor_pid = 0;                  // 0 = unknown
   std::optional<pid_t> spine_pid;            // nothing: no Spine lives; 0 = unknown
-  bool ticks = false;                        // its tick went on while we looked
+  bool ticks = false;                        // the tick counter moved during the check
   std::string mode = "-", fault = "-", law;  // of its last tick
   std::uint64_t tick = 0;
-  std::string unreadable;  // why nobody can tell what its Spine does: of another build, no right
+  std::string unreadable;  // why the Spine's state cannot be read: another build, no permission
   std::string config;      // path of its robot file; empty = unknown
 
   bool is_there() const { return supervisor != Supervisor::none || spine_pid.has_value(); }
@@ -31,13 +31,13 @@ struct Presence {
 
 const char* word(Presence::Supervisor supervisor);
 
-// Takes up to 2 s where a supervisor says nothing, and longer where the machine gives it no time.
+// Takes up to 2 s when a supervisor does not answer, and longer when it gets no processor time.
 Presence look_for(const std::string& robot);
 
-// Its supervisor, who answers; or why nothing can be asked of it, and what leads on.
+// A connection to a supervisor that answers; otherwise a Refusal with the reason and the next step.
 std::variant<Client, swap::Refusal> reach(const std::string& robot);
 
-// True for what reach() refuses with: the request has come to nobody.
+// True for the codes of reach(): the request was not delivered.
 bool is_nobody(const swap::Refusal& refusal);
 
 swap::Json presence_json(const Presence& presence);

@@ -90,7 +90,7 @@ void ServiceLink::write_requests(std::int64_t now_ns) {
   while (!out_.empty()) {
     const ssize_t sent = ::send(socket_.get(), out_.data(), out_.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
     if (sent <= 0) {
-      return;  // full, or dead: serve() finds out which
+      return;  // socket full, or service dead: serve() handles both
     }
     out_.erase(0, static_cast<std::size_t>(sent));
   }
@@ -110,7 +110,7 @@ void ServiceLink::read_answers() {
 void ServiceLink::take(const std::string& line) {
   const Json answer = Json::parse(line, nullptr, false);
   if (!answer.is_object() || !answer.contains("id") || !answer["id"].is_number_unsigned()) {
-    return;  // its greeting, or a line somebody's tool printed
+    return;  // its start message, or output of a tool
   }
   if (!active_ || active_->id != answer["id"].get<std::uint64_t>()) {
     return;
@@ -118,14 +118,15 @@ void ServiceLink::take(const std::string& line) {
   const Callback callback = std::move(active_->callback);
   active_.reset();
   try {
-    callback(swap::printable_json(answer));  // it quotes compilers and laws
+    callback(swap::printable_json(answer));  // it contains text of compilers and laws
   } catch (const Json::exception& wrong) {
     callback(Refusal{word_ + "_failed", fmt::format("the {} answered nonsense: {}", name_, wrong.what()),
                      "the running law is unchanged; is the build complete (make)?"});
   }
 }
 
-// Judged by processor time: a service that wants to go on and is not let knows nothing against the law.
+// Judged by processor time: when the service was ready to run but got no processor time, the timeout is no evidence
+// against the law.
 void ServiceLink::out_of_time(std::int64_t now_ns) {
   const Work work = work_of_session(process_->pid());
   const double wall_s = 1e-9 * static_cast<double>(now_ns - active_->began_ns), cpu_s = work.cpu_s - active_->cpu_s;
@@ -147,7 +148,7 @@ void ServiceLink::buried(std::string why, std::int64_t now_ns, bool starved) {
   if (!active_) {
     return;
   }
-  // What it had in its hands is refused; what it never saw waits for its successor.
+  // The request that was sent is refused; requests not sent yet wait for the next process.
   const Callback callback = std::move(active_->callback);
   active_.reset();
   if (starved) {
@@ -161,7 +162,7 @@ void ServiceLink::buried(std::string why, std::int64_t now_ns, bool starved) {
                    "the running law is unchanged; the service is started again, try once more"});
 }
 
-// No successor either: nobody waits for one that may never come.
+// The restart failed too: refuse all waiting requests.
 void ServiceLink::refuse_waiting(const std::string& why) {
   for (std::deque<Job>* jobs : {&line_, &idle_}) {
     for (const Job& each : std::exchange(*jobs, {})) {
@@ -175,7 +176,7 @@ void ServiceLink::stop() {
   if (!process_) {
     return;
   }
-  socket_.reset();  // end of its input: it leaves by itself
+  socket_.reset();  // end of its input: it exits by itself
   if (!process_->wait(300)) {
     process_->signal(SIGTERM);
     if (!process_->wait(1000)) {

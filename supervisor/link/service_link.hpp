@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A helper process that answers JSON lines, as the supervisor sees it: a child that may crash, and is then started
-// again.
+// Connection to a helper process that answers JSON lines. The process may crash; it is then started again.
 #pragma once
 
 #include <cstdint>
@@ -17,30 +16,30 @@
 
 namespace lithe::control {
 
-// Hands over one request at a time, so that one that takes too long, or kills the service, costs only itself.
+// Sends one request at a time: a request that takes too long, or crashes the service, does not affect the others.
 // Contract: one thread · never blocks after start() · every ask() is answered once, also when the service dies.
 class ServiceLink {
  public:
   using Callback = std::function<void(const swap::Answer&)>;
   static constexpr std::int64_t kRestartPauseNs = 500'000'000;
 
-  enum class Turn { next, in_line, idle };  // before all others; in order; when nobody else waits
+  enum class Turn { next, in_line, idle };  // before all others; in order; only when no other request waits
 
-  // `word` begins the codes of its refusals ("lawd": lawd_died, lawd_failed), `name` is for people; `starved`: the code
-  // when the machine gave it no processor time.
+  // `word` is the prefix of its refusal codes ("lawd": lawd_died, lawd_failed). `name` is used in messages. `starved`:
+  // the code when the service got no processor time.
   ServiceLink(std::string word, std::string name, std::string starved, Launch launch)
       : word_(std::move(word)), name_(std::move(name)), starved_(std::move(starved)), launch_(std::move(launch)) {}
   ~ServiceLink() { stop(); }
 
-  // Becomes descriptor 3 of the program; before start(). -1: none.
+  // Becomes descriptor 3 of the program; call before start(). -1 = none.
   void give(int fd) { launch_.extra_fd = fd; }
 
   Result<> start(std::int64_t now_ns);
-  // The answer is the service's own, whatever it says; a Refusal when there is none. `limit_ns` counts from the moment
-  // that the service has the request; then it is killed.
+  // Answers with the service's own reply, or with a Refusal when there is no reply. `limit_ns` counts from the moment
+  // the request is sent; after that the service is killed.
   void ask(swap::Json request, Turn turn, std::int64_t limit_ns, Callback callback, std::int64_t now_ns);
   std::size_t idle_waiting() const { return idle_.size(); }
-  // Reads answers, notices a death, starts it again. Call after poll() and at least ten times a second.
+  // Reads answers; restarts the service when it has died. Call after poll() and at least ten times a second.
   void serve(std::int64_t now_ns);
   void stop();
 
@@ -59,14 +58,14 @@ class ServiceLink {
     std::uint64_t id;
     Callback callback;
     std::int64_t began_ns, deadline_ns;
-    double cpu_s;  // that the service had had when it got the request
+    double cpu_s;  // processor time of the service when the request was sent
   };
 
   void read_answers();
   void write_requests(std::int64_t now_ns);
   void take(const std::string& line);
   void out_of_time(std::int64_t now_ns);
-  // Refuses what it had in its hands. By value: `why` may be the dead process's own verdict.
+  // Refuses the request that the service was handling. By value: `why` may refer to the process that is being replaced.
   void buried(std::string why, std::int64_t now_ns, bool starved = false);
   void refuse_waiting(const std::string& why);
 
@@ -78,7 +77,7 @@ class ServiceLink {
   std::string out_;
   std::deque<Job> line_;
   std::deque<Job> idle_;
-  std::optional<Active> active_;  // what the service has in its hands
+  std::optional<Active> active_;  // the request that the service is handling
   std::uint64_t next_id_ = 1;
   std::int64_t restart_at_ns_ = 0;
   unsigned restarts_ = 0;

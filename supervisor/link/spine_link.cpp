@@ -22,7 +22,7 @@ namespace {
 
 constexpr std::int64_t kMostDyingNs = 5 * kNsPerS;
 
-// Killed, while some of its threads still end: the kernel keeps its lease until the last has gone.
+// A killed process keeps its lease until its last thread has ended.
 bool is_dying(pid_t pid) {
   std::ifstream file(fmt::format("/proc/{}/stat", pid));
   const std::string stat(std::istreambuf_iterator<char>(file), {});
@@ -36,7 +36,7 @@ std::optional<pid_t> spine_now(const std::string& robot) {
   if (!ipc::Lease::is_held(Spine::path(robot))) {
     return std::nullopt;
   }
-  // Read as bytes: a Spine of another build has another layout, but its header is ours.
+  // Read as bytes: a Spine of another build has another layout, but the same header.
   wire::SegmentHeader header{};
   std::ifstream file(Spine::path(robot), std::ios::binary);
   file.read(reinterpret_cast<char*>(&header), sizeof(header));
@@ -179,7 +179,8 @@ std::vector<wire::Event> SpineLink::drain_events() {
   const auto drain = [](auto& ring, std::size_t depth) {
     std::vector<wire::Event> events;
     wire::Event event;
-    // empty() decides, not next(): a record overwritten under our eyes is lost, and the next one may be there.
+    // Test empty(), not next(): next() is false also for a record that was overwritten while it was read, and more
+    // records may follow.
     for (std::size_t i = 0; i < depth && !ring.empty(); ++i) {
       if (ring.next(event)) {
         events.push_back(event);
@@ -187,8 +188,8 @@ std::vector<wire::Event> SpineLink::drain_events() {
     }
     return events;
   };
-  // The Loader's ring first: it retires what the tick has let go, and by then the tick has said so. The other way round
-  // a law would be gone before anyone had read why.
+  // Read the Loader's ring first. The Loader retires a law after the tick's event about it, so the reason is always
+  // read before, or together with, the retirement.
   const std::vector<wire::Event> loader = drain(events_loader_, wire::spine_segment::kEventsLoaderDepth);
   const std::vector<wire::Event> tick = drain(events_tick_, wire::spine_segment::kEventsTickDepth);
   std::vector<wire::Event> merged;
@@ -205,7 +206,7 @@ void SpineLink::press_estop() { ipc::store_word(control_->estop.value, 1, std::m
 
 void SpineLink::release_estop() {
   ipc::store_word(control_->estop.value, 0, std::memory_order_release);
-  // A Brain that died with the word pressed cannot lift it; its free lease lets us do so for it.
+  // A Brain that died with its e-stop word set cannot clear it. Its lease is free then, so we clear it.
   using Brain = ipc::Segment<ipc::BrainMemory>;
   const std::string robot = text_of(info_.robot);
   const auto lease = ipc::Lease::try_take(Brain::path(robot));

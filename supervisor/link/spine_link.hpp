@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The Spine as the supervisor sees it: shared memory to read, a mailbox to write, and nothing to wait for.
+// The supervisor's access to the Spine: reads shared memory, writes the mailbox, never waits.
 #pragma once
 
 #include <sys/types.h>
@@ -18,8 +18,8 @@
 
 namespace lithe::control {
 
-// Text of a fixed, zero-terminated field. Whatever stands there, the result stays inside the field and is printable: a
-// wild write reaches shared memory, too.
+// Text of a fixed, zero-terminated field. For any bytes the result stays inside the field and is printable: a stray
+// write of a law can damage shared memory.
 template <std::size_t N>
 std::string text_of(const std::array<char, N>& field, std::size_t offset = 0, std::size_t width = N) {
   return printable({field.data() + offset, ::strnlen(field.data() + offset, width)});
@@ -36,18 +36,18 @@ struct RunningLaw {
   swap::Json values = swap::Json::object();
 };
 
-// Who holds this robot's Spine lease at this moment; 0 where its pid cannot be read, nothing when nobody does.
+// Pid of the holder of this robot's Spine lease; 0 when the pid cannot be read, empty when the lease is free.
 std::optional<pid_t> spine_now(const std::string& robot);
 
-// The live Spine of this robot: whoever holds its lease. Its pid comes from the segment's header, which is the same in
-// every layout; 0 where that cannot be read. Nothing when no Spine lives. One that was just killed gets up to 5 s to
-// end.
+// Pid of the live Spine of this robot: the holder of its lease. It is read from the segment's header, which is the same
+// in every layout; 0 when it cannot be read. Empty when no Spine lives. Waits up to 5 s for a Spine that was just
+// killed.
 std::optional<pid_t> live_spine(const std::string& robot);
 
-// Removes the segments, but never those of a live Spine, whoever started it: false when one holds them.
+// Removes the segments. Returns false and removes nothing while a live Spine holds them.
 bool remove_segments(const std::string& robot);
 
-// Sets the sticky e-stop word whoever holds the lease: an e-stop asks nobody. For use with and without a supervisor.
+// Sets the sticky e-stop word without checking the lease. Works with and without a supervisor.
 Result<> press_estop(const std::string& robot);
 
 // Contract: one thread, one per robot (the caller holds the lease of the control segment) · never blocks.
@@ -66,20 +66,20 @@ class SpineLink {
   Quantiles quantiles(const ipc::HistogramMemory& histogram) const;
   const ipc::SpineMemory& memory() const { return *spine_; }
 
-  // The last word of a Spine that has ended: whether every drive was told that it is off. Nothing: it never said so.
+  // The final report of a Spine that has ended: whether every drive was commanded off. Empty when there is no report.
   std::optional<bool> told_off() const;
 
   // Events since the last call, both rings merged by time.
   std::vector<wire::Event> drain_events();
   std::uint64_t lost_events() const { return events_tick_.lost() + events_loader_.lost(); }
 
-  // A ticket, or nothing while the mailbox is full.
+  // The ticket of the command; empty when the mailbox is full.
   std::optional<std::uint64_t> send(const wire::Command& command) { return commands_.send(command); }
   wire::CommandResult poll(std::uint64_t ticket) const {
     return static_cast<wire::CommandResult>(commands_.poll(ticket));
   }
   std::optional<std::uint64_t> stage(const wire::StageRequest& request) { return stage_.send(request); }
-  // Of the newest request that this supervisor or one before it has sent; 0 = none.
+  // Id of the newest request of this or an earlier supervisor; 0 = none.
   std::uint64_t last_stage_ticket() const { return stage_.last_ticket(); }
   wire::StageResult poll_stage(std::uint64_t ticket) const {
     return static_cast<wire::StageResult>(stage_.poll(ticket));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The trial (lithe-trial) as the supervisor sees it: a new law's sandbox, before it comes near the Spine.
+// The supervisor's connection to the trial (lithe-trial).
 #pragma once
 
 #include <cstdint>
@@ -10,16 +10,16 @@
 
 namespace lithe::control {
 
-// What is tried, and how.
+// A trial request.
 struct TrialOrder {
   std::string object;      // shared object
-  std::uint32_t slot = 0;  // in the arena; 0 = not placed: the object is tried
+  std::uint32_t slot = 0;  // of the arena; 0 = not placed: the shared object is tried
   std::uint32_t code_bytes = 0;
   std::uint64_t entry = 0;
   std::uint64_t image_hash = 0;
   std::uint32_t budget_ns = 0;
   int box_ms = 150;
-  std::string recording;  // the robot whose last telemetry is replayed
+  std::string recording;  // name of the robot whose last telemetry is replayed
   swap::Json params = swap::Json::object();
 };
 
@@ -27,7 +27,7 @@ struct TrialOrder {
 class TrialLink {
  public:
   using Callback = ServiceLink::Callback;
-  static constexpr int kMostStarved = 5;  // a board too busy to try a law is asked so often, then the law is refused
+  static constexpr int kMostStarved = 5;  // attempts without processor time before the law is refused
 
   // `program`: path of lithe-trial; `robot_file`: absolute.
   TrialLink(std::string program, std::string robot_file, std::vector<int> cpus);
@@ -36,10 +36,10 @@ class TrialLink {
     service_.give(fd);
     arena_ = fd >= 0;
   }
-  // Says in the log when the trial cannot have the arena that it was given.
+  // Logs a warning when the trial cannot map the given arena.
   Result<> start(std::int64_t now_ns);
-  // Json: the trial's own answer, passed. Refusal: trial_failed with its answer in `detail.trial`, "pc_offset" of a
-  // crash in it; trial_starved, trial_died, trial_unavailable: its sandbox does not work here.
+  // On success: the trial's report. Refusal: trial_failed (the report in `detail.trial`, with "pc_offset" of a crash),
+  // trial_starved, trial_died, or trial_unavailable (the sandbox does not work on this machine).
   void attempt(const TrialOrder& order, Callback callback, std::int64_t now_ns);
   void serve(std::int64_t now_ns) { service_.serve(now_ns); }
   void stop() { service_.stop(); }

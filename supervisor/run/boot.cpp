@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The supervisor's morning: from a robot file to a Spine that ticks and a socket that answers.
+// Start-up: from the robot file to a Spine that ticks and a socket that answers.
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <signal.h>
@@ -37,7 +37,7 @@ constexpr std::int64_t kReadyTimeoutNs = 30 * kNsPerS;
 
 std::string pid_path(const std::string& robot) { return fmt::format("{}/{}.pid", run_dir(), robot); }
 
-// Who holds the lease: its own note, else what it wrote into the segment.
+// Pid of the lease holder: from its pid file, else from the segment's header.
 std::string holder_of(const std::string& robot) {
   std::string pid = "unknown";
   if (std::ifstream file(pid_path(robot)); file >> pid) {
@@ -85,7 +85,7 @@ int run_robot(const RunOptions& options) {
     for (std::string& cost : robot::costs_of(*plan, config->spine, cores)) {
       config->notes.push_back(std::move(cost));
     }
-  } else if (!live_spine(config->name)) {  // one that ticks has its cores
+  } else if (!live_spine(config->name)) {  // a Spine that ticks has its cores already
     return refuse_file(plan.message(), options.json);
   }
   for (const std::string& note : config->notes) {
@@ -126,7 +126,7 @@ void Supervisor::catch_signals() {
   sigset_t set;
   sigemptyset(&set);
   for (const int number : {SIGINT, SIGTERM}) {
-    // A shell starts background jobs with SIGINT ignored; whoever sends it to a robot means it.
+    // A shell starts background jobs with SIGINT ignored. Here SIGINT must always stop the robot.
     ::signal(number, SIG_DFL);
     sigaddset(&set, number);
   }
@@ -139,7 +139,7 @@ void Supervisor::catch_signals() {
   signals_.reset(::signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK));
 }
 
-// What the Spine would refuse in the file, before anybody waits for a compiler.
+// Reports errors of the file that the Spine would refuse, before the compile service starts.
 void Supervisor::check_robot() {
   int err[2];
   if (::pipe2(err, O_CLOEXEC) != 0) {
@@ -165,7 +165,7 @@ void Supervisor::check_robot() {
     said.append(chunk, static_cast<std::size_t>(std::max<ssize_t>(got, 0)));
   }
   if (!process->wait(kCheckTimeoutMs) || process->exit_code().value_or(1) != 0) {
-    process->signal(SIGKILL);  // where it hangs
+    process->signal(SIGKILL);  // it hangs
     constexpr std::string_view kWho = "lithe-spine: ";
     said.erase(0, said.starts_with(kWho) ? kWho.size() : 0);
     said.erase(said.find_last_not_of('\n') + 1);
@@ -183,7 +183,7 @@ void Supervisor::start_lawd() {
   }
 }
 
-// Before the Spine, like lawd: it forks.
+// Started before the Spine, like lawd: it forks.
 void Supervisor::start_trial() {
   if (!options_.gates) {
     spdlog::warn(
@@ -226,7 +226,7 @@ void Supervisor::start_spine() {
   spine_out_.reset();
 }
 
-// A Spine that we cannot watch and talk to is left as it is: it moves a robot.
+// A Spine that we cannot watch or command is left running: it may be moving a robot.
 void Supervisor::adopt_spine(pid_t pid) {
   const auto refuse = [this, pid](const std::string& why) {
     const std::string who = pid > 0 ? fmt::format("pid {}", pid) : "pid unknown, perhaps in another container";
@@ -259,7 +259,7 @@ void Supervisor::attach() {
 
 void Supervisor::serve_spine(SpineLink link) {
   link_.emplace(std::move(link));
-  // Counted in microseconds of the monotonic clock: no two supervisors of one boot give the same number.
+  // Request ids start at the monotonic time [us]: two supervisors of one boot never use the same id.
   const auto first_id = static_cast<std::uint64_t>(monotonic_ns() / kNsPerUs);
   commands_.emplace(*link_, first_id);
   swaps_.emplace(Swaps::Helpers{*link_, lawd_, options_.gates ? &trial_ : nullptr, *commands_, events_},

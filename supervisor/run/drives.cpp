@@ -7,13 +7,13 @@
 namespace lithe::control {
 namespace {
 
-// As the registers of a moteus number its modes.
+// Mode numbers of a moteus (register 0x000).
 Drives moteus_in(std::uint32_t mode) {
   switch (mode) {
     case 0:  // stopped
     case 1:  // stopped by a fault
       return Drives::off;
-    case 11:  // its watchdog ran out
+    case 11:  // watchdog timeout
     case 12:  // zero velocity
     case 15:  // brake
       return Drives::damped;
@@ -22,7 +22,7 @@ Drives moteus_in(std::uint32_t mode) {
   }
 }
 
-// As the profile CiA 402 numbers its states. Ready to switch on, or switched on, its motor has no torque yet.
+// State numbers of the CiA 402 driver. In "ready to switch on" and "switched on" the motor has no torque yet.
 Drives cia402_in(std::uint32_t state) {
   switch (state) {
     case 0:  // not ready
@@ -32,7 +32,7 @@ Drives cia402_in(std::uint32_t state) {
     case 7:  // fault
       return Drives::off;
     case 5:  // quick stop
-    case 6:  // slowing down because of a fault
+    case 6:  // fault reaction active
       return Drives::damped;
     default:
       return Drives::driven;

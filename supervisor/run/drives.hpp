@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the drives themselves last said about being on or off.
+// Whether the drives are on or off, from their last replies.
 #pragma once
 
 #include <string>
@@ -11,9 +11,9 @@ namespace lithe::control {
 
 enum class Drives { driven, damped, off };
 
-// The state of the drive that is furthest from off. A drive that did not answer in this record counts as driven:
-// nothing is known about it. Damped: it brakes its joint by itself, on the e-stop or because its watchdog ran out.
-// `robot` tells what kind each drive is: their modes are numbered differently.
+// The most active state of all drives. A drive that did not answer in this record counts as driven, because its state
+// is unknown. Damped: the drive brakes its joint by itself, after an e-stop or a watchdog timeout. `robot` gives the
+// kind of each drive: the kinds number their modes differently.
 Drives drives_of(const robot::RobotConfig& robot, const wire::Telemetry& now);
 
 // Names of the joints whose drives are not off, for a message.

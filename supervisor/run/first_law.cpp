@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The supervisor's first act on a Spine that ticks: its first law, and arming.
+// After start-up: loads the first law, and arms.
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
@@ -16,7 +16,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::int64_t kArmTimeoutNs = 5 * kNsPerS;
-// A drive that was switched on a moment late is reset once more, after 5 s, and then sets itself up.
+// A CANopen drive that was powered on late is reset again after 5 s, and then configured.
 constexpr std::int64_t kArmCanopenTimeoutNs = 15 * kNsPerS;
 
 std::int64_t arm_timeout_ns(const robot::RobotConfig& robot) {
@@ -115,7 +115,7 @@ void Supervisor::arm() {
     if (answer && refusal == nullptr) {
       return;
     }
-    if (refusal != nullptr && refusal->code == "refused_outside") {  // the way back needs a robot that runs
+    if (refusal != nullptr && refusal->code == "refused_outside") {  // `recover` needs a running robot
       spdlog::warn("not armed: {}; {}", refusal->message, refusal->next);
       return;
     }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The supervisor's evening: drives off, children gone, nothing left behind.
+// Shutdown: switches the drives off, ends the children, removes files and segments.
 #include <fmt/format.h>
 #include <signal.h>
 #include <spdlog/spdlog.h>
@@ -15,7 +15,7 @@ namespace lithe::control {
 void Supervisor::stop() {
   stopping_ = true;
   bool known_off = true;
-  // A Spine we could not adopt goes on as we found it.
+  // A Spine that we could not adopt is left running.
   if (spine_ && !spine_->ended() && (link_ || !adopted_)) {
     known_off = stop_spine();
   }
@@ -50,7 +50,7 @@ bool Supervisor::stop_spine() {
   while (!spine_->wait(20) && monotonic_ns() < deadline_ns) {
     forward_spine_log();
   }
-  // One that we have adopted is not our child, and has no exit code for us.
+  // An adopted Spine is not our child, so its exit code is unknown.
   const int adopted_code = adopted_ && link_ && link_->told_off().value_or(false) ? 0 : 1;
   const bool in_order = spine_->ended() && spine_->exit_code().value_or(adopted_code) == 0;
   if (!spine_->ended()) {
@@ -60,8 +60,8 @@ bool Supervisor::stop_spine() {
   }
   forward_spine_log();
   spdlog::info("robot '{}' stopped; Spine: {}", config_.name, spine_->verdict());
-  // Its last act is off, to drives that answered a moment ago: enough where they only damped, as the e-stop has them
-  // do, or where none was ever switched on.
+  // The Spine's final command is "off". That is enough when the drives answered just before and were only damped (as
+  // after an e-stop), or were never switched on.
   return drives == Drives::off || (in_order && (drives == Drives::damped || !link_));
 }
 
@@ -97,9 +97,9 @@ Drives Supervisor::switch_off() {
     };
     turn_until(wait_over, 2 * kNsPerS);
   }
-  refuse_swaps();  // the socket was served meanwhile
+  refuse_swaps();  // requests may have arrived in between
   commands_->refuse_all(stopping);
-  return seen;  // once off is enough: the record after it may lack a sample that came late
+  return seen;  // one record with all drives off is enough: a later one may miss a late sample
 }
 
 }  // namespace lithe::control

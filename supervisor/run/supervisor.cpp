@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The supervisor's day: one turn after the other.
+// The supervisor's event loop.
 #include "supervisor/run/supervisor.hpp"
 
 #include <fcntl.h>
@@ -46,7 +46,7 @@ Supervisor::~Supervisor() = default;
 
 int Supervisor::run() {
   const int lived = code_of([this] { live(); });
-  const int ended = code_of([this] { stop(); });  // whatever went wrong before, the drives are switched off
+  const int ended = code_of([this] { stop(); });  // also after an error: the drives must be switched off
   return std::max(lived, ended);
 }
 
@@ -183,7 +183,7 @@ void Supervisor::forward_spine_log() {
 
 void Supervisor::note(const Json& event) {
   events_.add(event);
-  // What an adopted Spine went through before us is history, not news.
+  // Skip the events that an adopted Spine wrote before this supervisor started.
   if (event["t_ns"].get<std::int64_t>() >= born_ns_) {
     spdlog::info("{}", event_line(event));
   }
@@ -192,7 +192,7 @@ void Supervisor::note(const Json& event) {
 void Supervisor::read_events() {
   const std::int64_t now_ns = monotonic_ns();
   for (const wire::Event& event : link_->drain_events()) {
-    if (swaps_) {  // not when the supervisor went wrong on the way to them; the drives are switched off all the same
+    if (swaps_) {  // absent when start-up failed before they were made; the drives are switched off in any case
       swaps_->on_event(event, now_ns);
     }
     if (noise_.passes(event, now_ns)) {
@@ -226,7 +226,7 @@ void Supervisor::spine_died() {
     commands_->refuse_all(reason);
   }
   why += fmt::format("; the drives' own watchdogs stop the robot; its last words are in {}", log_path_);
-  // Before it was ready it drove nothing, and its own code says whether it refused (1) or its file is wrong (2).
+  // Before "ready" it commanded no drive. Its exit code tells a refusal (1) from a wrong file (2).
   const int said = link_ ? 0 : spine_->exit_code().value_or(0);
   throw Halt{said == 1 || said == 2 ? said : 3, why};
 }

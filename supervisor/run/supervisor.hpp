@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// `lithe run`: looks after one robot from the first check of its file to the last drive switched off.
+// `lithe run`: start-up (boot.cpp, first_law.cpp), event loop (supervisor.cpp) and shutdown (stop.cpp) of one robot.
 #pragma once
 
 #include <poll.h>
@@ -53,7 +53,7 @@ class Supervisor {
     std::string message;
   };
 
-  // Runs a part of the run to its end, says what went wrong, returns the exit code. Lets nothing escape.
+  // Runs one part, prints its error, returns the exit code. No exception leaves it.
   static int code_of(const std::function<void()>& part);
   void live();
 
@@ -74,9 +74,9 @@ class Supervisor {
   void open_socket();
   void announce() const;
 
-  // One turn: waits up to `timeout_ms`, then serves everybody.
+  // One turn of the event loop: waits up to `timeout_ms` in poll(), then serves all connections.
   void turn(int timeout_ms);
-  // Turns until `done` says so. False when the time is over; throws Halt when a signal asks to stop.
+  // Runs the event loop until `done` returns true. False when the time is over; throws Halt when a signal asks to stop.
   bool turn_until(const std::function<bool()>& done, std::int64_t timeout_ns);
   void read_signals();
   void read_spine();
@@ -89,13 +89,13 @@ class Supervisor {
   void stop();
   // True when the drives are known to be off.
   bool stop_spine();
-  // Asks for drives off and waits for the drives themselves to say so; what they said last.
+  // Commands the drives off and waits until their replies confirm it. Returns their last state.
   Drives switch_off();
 
   RunOptions options_;
   robot::RobotConfig config_;
-  std::vector<int> all_cpus_;  // with which we were started
-  std::vector<int> our_cpus_;  // of these, until the Spine has said where it runs
+  std::vector<int> all_cpus_;  // the affinity at start
+  std::vector<int> our_cpus_;  // the supervisor's own, until the Spine has reported its cores
   std::int64_t born_ns_;
   ipc::Lease lease_;
   bool owns_files_ = false;
@@ -105,7 +105,7 @@ class Supervisor {
   TrialLink trial_;
   std::string first_source_;
   std::optional<Process> spine_;
-  Fd spine_out_;  // its stdout, until it has said that it is ready
+  Fd spine_out_;  // its stdout, until its "ready" line
   std::string spine_said_;
   std::string log_path_;
   std::int64_t log_read_ = 0;

@@ -14,7 +14,7 @@ using swap::Json;
 
 constexpr double kDegPerRad = 180.0 / std::numbers::pi;
 constexpr double kNearRad = 0.1;        // of a position limit: there the guard begins to fade torque
-constexpr double kFrozenAfterMs = 500;  // far beyond what a starved tick takes
+constexpr double kFrozenAfterMs = 500;  // much longer than a tick that got too little processor time
 
 std::string word(const Json& from, const char* key) {
   const auto found = from.find(key);
@@ -60,7 +60,7 @@ void see_mode(const Json& status, Alarms& out) {
   }
 }
 
-// How far inside [least, most] the joint is, and which limit is nearer.
+// Distance of the joint to its nearer limit [rad], and which limit that is.
 void see_limits(const Json& joint, Alarms& out) {
   for (const char* key : {"position_rad", "position_min_rad", "position_max_rad"}) {
     if (!has_number(joint, key)) {

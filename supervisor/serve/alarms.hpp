@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// What somebody should know first about a robot, out of its status.
+// Derives the list of alarms from a robot's status.
 #pragma once
 
 #include "supervisor/core/answer.hpp"
 
 namespace lithe::control {
 
-// [{"level", "text"}]: "stop" where the robot or a joint is stopped or broken, or nobody keeps it; "warn" for what
-// leads there or weakens a promise. The worst first; empty: all is well. `status`: as the verb answers it. What is not
-// there alarms nobody. Contract: pure
+// [{"level", "text"}], the worst first; empty = no alarm. "stop": the robot or a joint is stopped or broken, or no
+// supervisor runs. "warn": a condition that can lead to a stop, or that weakens a guarantee. `status`: the answer of
+// the verb `status`; a missing field raises no alarm.
+// Contract: pure
 swap::Json alarms_of(const swap::Json& status);
 
 }  // namespace lithe::control

@@ -19,7 +19,7 @@ namespace lithe::control {
 namespace {
 
 constexpr std::size_t kMaxShownBytes = 100;
-constexpr int kMostNested = 32;  // arguments are two objects deep; who reads and writes them is recursive
+constexpr int kMostNested = 32;  // arguments are two objects deep; the JSON reader and writer are recursive
 
 std::string answer_line(const Json& id, const Answer& answer) {
   Json out = {{"id", id}};
@@ -33,8 +33,8 @@ std::string answer_line(const Json& id, const Answer& answer) {
   return swap::dump_line(out) + '\n';
 }
 
-// What a client calls things reaches logs, certificates and terminals. The first word that is not printable, as it can
-// be shown; a law's own text has its rules elsewhere.
+// Names from a client reach logs, certificates and terminals. Returns the first argument that is not printable, in
+// escaped form. The source text of a law is checked by lawd.
 std::optional<std::string> unprintable_in(const Json& value, std::string_view name = {}) {
   const auto shown = [](const std::string& text) { return printable(text.substr(0, kMaxShownBytes)); };
   if (!is_printable(name)) {
@@ -123,7 +123,7 @@ bool Server::finished(const Client& client) {
     return true;
   }
   if (client.ended) {
-    // Half closed (`nc -N`) still waits for its answers; hung up is gone.
+    // A half-closed client (`nc -N`) still gets its answers; POLLHUP means it has left.
     pollfd state{client.fd.get(), 0, 0};
     ::poll(&state, 1, 0);
     return (state.revents & (POLLHUP | POLLERR)) != 0 || (client.owed == 0 && client.out.empty());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The control socket: JSON lines over a Unix stream, many clients, nobody can block it or fill its memory.
+// The control socket: JSON lines over a Unix stream. No client can block it or fill its memory.
 #pragma once
 
 #include <poll.h>
@@ -21,14 +21,14 @@ using swap::Answer;
 using swap::Json;
 using swap::Refusal;
 
-// Where an answer goes. A client that left in the meantime is no error: the answer is dropped.
+// The address of an answer. When the client has left, the answer is dropped without an error.
 struct ReplyTo {
   std::uint64_t client = 0;
   Json id = nullptr;
 };
 
-// Contract: one thread · never blocks · a client that sends garbage is answered, one that sends more than 1 MiB in a
-// line or does not read its answers is cut off; the others notice nothing.
+// Contract: one thread · never blocks · an invalid request gets an error answer; a client that sends a line of more
+// than 1 MiB, or does not read its answers, is disconnected; other clients are not affected
 class Server {
  public:
   using Handler = std::function<void(const ReplyTo&, const std::string& verb, const Json& args)>;
@@ -39,10 +39,10 @@ class Server {
   static Result<Server> listen(const std::string& path, Handler handler);
 
   void add_poll_fds(std::vector<pollfd>& fds) const;
-  // Accepts, reads, calls the handler for each complete request, writes what waits. Call after poll().
+  // Accepts clients, reads, calls the handler for each complete request, writes pending answers. Call after poll().
   void serve();
   void reply(const ReplyTo& to, const Answer& answer);
-  // Gives waiting answers up to `timeout_ms` to leave.
+  // Writes pending answers for up to `timeout_ms`.
   void flush(int timeout_ms);
 
   Server(Server&& other) noexcept;
@@ -55,8 +55,8 @@ class Server {
     LineBuffer in;
     std::string out;
     std::size_t owed = 0;  // requests not answered yet
-    bool ended = false;    // has sent all it will send; may still wait for answers
-    bool closing = false;  // close once `out` has left
+    bool ended = false;    // half closed: sends no more, may still wait for answers
+    bool closing = false;  // close once `out` is written
   };
 
   Server(Fd listener, std::string path, Handler handler);

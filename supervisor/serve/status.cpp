@@ -54,7 +54,7 @@ Json joint_status_json(std::uint32_t status) {
 // JSON has no NaN.
 Json number_or_null(double value) { return std::isfinite(value) ? Json(value) : Json(); }
 
-// Null: it says nothing now, or is none of ours.
+// Null: the drive does not answer now, or its kind is unknown.
 Json drive_json(const robot::RobotConfig& robot, const wire::Telemetry& now, std::size_t joint) {
   const std::uint32_t status = now.joint_status[joint];
   if ((status & wire::joint_status::kFresh) == 0 || joint >= robot.joints.size()) return nullptr;
@@ -95,7 +95,7 @@ Json sensors_json(const wire::RobotInfo& info, const wire::Telemetry& now) {
   return sensors;
 }
 
-// Of each bus since the Spine began; an older Spine, or one whose memory we may not see, says nothing of them.
+// Counters of each bus since the Spine started. Empty for an older Spine, or when its memory cannot be read.
 Json buses_json(const std::string& robot) {
   Json buses = Json::array();
   const auto frames = ipc::Segment<ipc::FramesMemory>::attach(robot, ipc::Access::read);
@@ -152,7 +152,7 @@ Json interrupts_json(int cpu) {
           {"words", interrupt_words(found)}};
 }
 
-// Whether the kernel keeps others off the Spine's core: as it stands now, for the thread that ticks.
+// Whether the kernel keeps other threads off the Spine's core, read now for the tick thread.
 Json spine_core_json(const SpineLink& spine, const robot::SpineConfig& wanted) {
   const wire::RobotInfo& info = spine.info();
   const IsolatedCores isolated = isolated_cores(spine.spine_pid());
@@ -173,7 +173,7 @@ Json spine_core_json(const SpineLink& spine, const robot::SpineConfig& wanted) {
           {"words", words}};
 }
 
-// What the Spine holds against the time before: the law, or new parameters of a law that has passed.
+// What is on probation: the law, or new parameters of a confirmed law.
 Json probation_json(std::uint32_t flags) {
   namespace flag = wire::telemetry_flag;
   const bool on = (flags & flag::kOnProbation) != 0, params = (flags & flag::kParamsOnProbation) != 0;

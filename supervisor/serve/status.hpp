@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a robot is doing right now, as one JSON document.
+// The robot's status as one JSON document.
 #pragma once
 
 #include "spine/robot/config.hpp"
@@ -8,7 +8,7 @@
 
 namespace lithe::control {
 
-// `robot`: which kind of drive each joint has.
+// `robot`: gives the kind of each joint's drive.
 swap::Json status_json(const SpineLink& spine, const robot::RobotConfig& robot);
 // {"law","law_id","params":[{"name","value","min","max"}]} of the running law.
 swap::Answer params_json(const SpineLink& spine);

@@ -15,7 +15,7 @@
 namespace lithe::control {
 namespace {
 
-constexpr int kMostSteps = 4;  // laws that stay in the Spine behind the running one
+constexpr int kMostSteps = 4;  // earlier laws that stay in the Spine
 
 // A request as text. The supervisor opens no file for a client: it may read more than the client may.
 std::variant<swap::Request, Refusal> read_request(const Json& args) {
@@ -117,7 +117,7 @@ void Verbs::handle(const ReplyTo& to, const std::string& verb, const Json& args)
 
 void Verbs::command(wire::CommandKind kind, const ReplyTo& to) {
   if (kind == wire::CommandKind::estop) {
-    parts_.spine.press_estop();  // holds even if the command after it is lost or refused
+    parts_.spine.press_estop();  // effective even when the command after it is lost or refused
   } else if (kind == wire::CommandKind::reset) {
     parts_.spine.release_estop();
   }

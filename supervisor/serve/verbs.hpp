@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every verb of the control socket, one small function each.
+// The verbs of the control socket, one function each.
 #pragma once
 
 #include <cstdint>

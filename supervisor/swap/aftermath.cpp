@@ -95,7 +95,8 @@ void Aftermath::on_event(const wire::Event& event) {
   }
 }
 
-// What the law did is in a ring of its own, written before the event. Records of events that are still to come wait.
+// Details of a law fault are in a separate ring, written before the event. Records whose event has not arrived yet stay
+// queued.
 std::optional<wire::LawFault> Aftermath::record_of(const wire::Event& event) {
   wire::LawFault fault{};
   while (!faults_.empty()) {
@@ -144,7 +145,7 @@ void Aftermath::faulted(const wire::Event& event) {
   locate(*life, *fault);
 }
 
-// In its certificate, and among the last ones; again when more is known.
+// Writes the fault into the law's certificate and into the list of recent faults. Called again when more is known.
 void Aftermath::tell_fault(Life& life, Json fault) {
   life.swap.note("fault", fault);
   fault["law"] = life.swap.compiled().law;
@@ -201,11 +202,11 @@ void Aftermath::retired(const wire::Event& event) {
   std::erase_if(lives_, [](const Life& each) { return each.retired && !each.asked; });
 }
 
-// The event names the law that runs now: all that were committed after it are out.
+// The event names the law that runs now: all laws committed after it no longer run.
 void Aftermath::rolled_back(const wire::Event& event) {
   const auto to = std::find(running_.begin(), running_.end(), event.code);
   const auto first_out = to == running_.end() ? (running_.empty() ? to : running_.end() - 1) : to + 1;
-  const std::string text = text_of(event.text);  // "tracking_lost: joint elbow, ..." of the law that was at fault
+  const std::string text = text_of(event.text);  // e.g. "tracking_lost: joint elbow, ..."
   for (auto each = first_out; each != running_.end(); ++each) {
     if (Life* life = of_law(*each)) {
       const bool told = !life->fault.empty() && text.starts_with(life->fault);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What becomes of a law after its commit: confirmed, rolled back, retired. Its certificate is kept up to date.
+// Follows a law after its commit until it leaves the Spine: confirmed, rolled back, retired. Keeps its certificate up
+// to date.
 #pragma once
 
 #include <cstdint>
@@ -16,32 +17,32 @@
 
 namespace lithe::control {
 
-// Contract: one thread · never blocks · knows only laws whose commit it was told, not those of an earlier supervisor
+// Contract: one thread · never blocks · knows only the laws passed to follow(), not those of an earlier supervisor
 class Aftermath {
  public:
   // Called when a certificate has changed.
   using Keep = std::function<void(const swap::Transaction&, const swap::RecordBook::Page&)>;
-  // Finds the line of a law that failed, so many bytes from the start of its slot: {"where", "function"}, null when
-  // nobody knows. It may answer at any time.
+  // Finds the source line of a law fault at this offset from the start of its slot [bytes]. Answers at any time with
+  // {"where", "function"}, or null when the line cannot be found.
   using Found = std::function<void(const swap::Json& place)>;
   using Locate = std::function<void(const swap::Transaction& swap, std::uint32_t offset, Found found)>;
   static constexpr std::size_t kFaultsKept = 8;
-  static constexpr std::int64_t kMeasureAfterNs = 60'000'000;  // a little more than the window
+  static constexpr std::int64_t kMeasureAfterNs = 60'000'000;  // a little more than kWindowS of witness.hpp
 
   Aftermath(const SpineLink& spine, Keep keep, Locate locate = {});
 
-  // `before`: counted when the Loader was asked.
+  // `before`: the counters when the request was sent to the Loader.
   void follow(swap::Transaction swap, swap::RecordBook::Page record, const CoreCounts& before, std::int64_t now_ns);
-  // Measures what is due.
+  // Measures every law whose measuring time has come.
   void serve(std::int64_t now_ns);
-  // Measures all that was not: what comes now is not theirs.
+  // Measures all laws that are still unmeasured now: counts after this moment belong to the next law.
   void measure_all();
   void on_event(const wire::Event& event);
-  // A section of the certificate of a law that still lives.
+  // Sets a section in the certificate of a law that is still in the Spine.
   void note(std::uint64_t request_id, const std::string& section, swap::Json what);
-  // The last faults of laws, oldest first, as their certificates tell them.
+  // The newest law faults (at most kFaultsKept), oldest first, as in their certificates.
   const swap::Json& faults() const { return told_; }
-  // The robot stops, or its Spine is gone: no law comes to a better end.
+  // The robot stops, or its Spine has ended: writes the final verdict of every law.
   void end(const std::string& why, std::int64_t now_ns);
 
  private:
@@ -50,9 +51,9 @@ class Aftermath {
     swap::RecordBook::Page record;
     CoreCounts before;
     std::int64_t measure_at_ns;  // 0 = it was done
-    std::string fault;           // why it is about to be replaced; empty = nothing is wrong
-    bool asked = false;          // where it failed: the answer is still to come
-    bool retired = false;        // it only waits for that answer
+    std::string fault;           // why it is about to be replaced; empty = no fault
+    bool asked = false;          // the source line was asked for, the answer is not here yet
+    bool retired = false;        // it has left the Spine; only that answer is missing
   };
 
   void measure(Life& life);
@@ -73,7 +74,7 @@ class Aftermath {
   ipc::RingReader<wire::LawFault, wire::spine_segment::kLawFaultsDepth> faults_;
   std::deque<wire::LawFault> untold_;   // read from the ring, their events not seen yet
   std::deque<Life> lives_;              // oldest commit first
-  std::vector<std::uint32_t> running_;  // law ids in the order of their commits; a rollback takes off the end
+  std::vector<std::uint32_t> running_;  // law ids in the order of their commits; a rollback removes the last ones
 };
 
 }  // namespace lithe::control

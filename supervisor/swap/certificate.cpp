@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A transaction in words: the certificate that stays of it.
+// Writes a transaction as its certificate (JSON).
 #include <utility>
 
 #include "spine/core/sha256.hpp"
@@ -28,7 +28,7 @@ double Transaction::ms_between(Stage from, Stage to) const {
   return reached(from) && reached(to) ? ms(time_of(to) - time_of(from)) : 0.0;
 }
 
-// What each stage took, in its own turn: from the end of the one before it.
+// Duration of each stage, from the end of the stage before it.
 Json Transaction::split_ms() const {
   Json split = Json::object();
   if (started_ns_ == 0) {
@@ -85,7 +85,7 @@ Json Transaction::certificate() const {
   out["reasons"] = std::move(reasons);
   out["terms"] = request_.terms.to_json();
   if (!request_.params.empty()) {
-    // They run with their law or not at all; null: nobody knows yet.
+    // Parameters are taken together with their law; null = not known yet.
     const bool known = law_id_ != 0 || (refusal_ && outcome_is_known());
     out["params"] = {{"values", request_.params}, {"taken", known ? Json(law_id_ != 0) : Json()}};
   }

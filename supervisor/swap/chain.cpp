@@ -82,8 +82,8 @@ std::map<std::string, std::vector<Writing>> read_lines(const fs::path& path, Cha
   return writings;
 }
 
-// What a file may be: its last writing of the `known` lines that were there before it was read, or one of those since.
-// The line comes before its file, so of the last known line the writing before it will do as well.
+// The accepted contents of a file: its newest writing among the `known` lines that existed before the file was read, or
+// any later one. A line is written before its file, so for the last known line the writing before it is accepted too.
 enum class Fits { no, cut, yes };
 
 Fits fits(const std::string& hash, const std::vector<Writing>& writings, std::size_t known) {

@@ -27,8 +27,9 @@ struct Chain {
   Json to_json() const;
 };
 
-// Reads what a RecordBook has written. Contract: any bytes are safe · a book that goes on writing meanwhile is not
-// taken for a forger · what was cut off at the end, lines and files alike, is not noticed.
+// Reads what a RecordBook has written.
+// Contract: any bytes are safe · a supervisor may write at the same time · removal of the newest lines together with
+// their files is not detected
 Chain verify_chain(const std::filesystem::path& dir);
 
 }  // namespace lithe::swap

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Certificates that could not be written when it was time: they wait for room on the disk.
+// Certificates that could not be written: they wait until the disk has room.
 #pragma once
 
 #include <cstdint>
@@ -15,15 +15,15 @@ class LateRecords {
   static constexpr std::size_t kMost = 256;
   static constexpr std::int64_t kPauseNs = 1'000'000'000;  // between two tries
 
-  // The newest text of a certificate that has no file.
+  // Stores the newest version of a certificate that has no file.
   void hold(std::uint64_t request_id, Json certificate);
-  // Writes what waits, until one fails again; most calls do nothing.
+  // Writes waiting certificates until one fails again; most calls do nothing.
   void retry(RecordBook& book, std::int64_t now_ns);
   std::size_t waiting() const;
 
  private:
   struct Late {
-    Json certificate;  // null: it is written as it is
+    Json certificate;  // null = it has been written
     RecordBook::Page page;
   };
   std::map<std::uint64_t, Late> late_;

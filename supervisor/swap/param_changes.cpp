@@ -39,7 +39,7 @@ Refusal no_law() {
   return {"refused_law", "no law is running, so there is no parameter to set", "swap a law in first"};
 }
 
-// Whether the Spine has said no; else nobody knows what it did.
+// True when the Spine refused the change; false when its outcome is unknown.
 bool outcome_is_known(const Refusal& refusal) {
   return refusal.code != "timeout" && refusal.code != "stopping" && refusal.code != "robot_fault";
 }
@@ -73,7 +73,7 @@ ParamChanges::Change* ParamChanges::head(std::uint64_t number) {
   return !waiting_.empty() && waiting_.front().number == number ? &waiting_.front() : nullptr;
 }
 
-// The law may be another one by now, and its values others.
+// Another law may run by now, or other values may be in force.
 void ParamChanges::begin() {
   Change& change = waiting_.front();
   auto law = help_.spine.running_law();
@@ -142,7 +142,7 @@ void ParamChanges::send(Change& change) {
   const std::uint64_t number = change.number;
   const std::uint64_t id = help_.commands.send(
       change.command, [this, number](const Answer& answer) { answered(number, answer); }, monotonic_ns());
-  if (Change* still = head(number)) {  // it may be refused, and gone, by now
+  if (Change* still = head(number)) {  // it may have been refused and removed
     still->command_id = id;
   }
 }
@@ -202,7 +202,7 @@ void ParamChanges::on_event(const wire::Event& event) {
     case EventKind::law_unproven:
       return event.value != 0 ? judge_open(event.code, "unproven", text_of(event.text)) : void();
     case EventKind::params_confirmed:
-    case EventKind::law_confirmed:  // with what was set while it was on probation itself
+    case EventKind::law_confirmed:  // confirms also the values that were set during the law's own probation
       return judge_open(event.code, "confirmed", "");
     case EventKind::params_reverted:
       return judge_open(event.code, "reverted", text_of(event.text));
@@ -234,7 +234,7 @@ void ParamChanges::keep(Change& change, const char* verdict) {
   tell(past);
 }
 
-// Those in force whose end is not known yet.
+// Changes that are in force and whose verdict is still open.
 void ParamChanges::judge_open(std::uint32_t law_id, const char* verdict, const std::string& reason, bool newest_only) {
   const auto past = past_.find(law_id);
   if (past == past_.end()) {

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// New parameters of the running law: tried as a swap is, set on one tick, and followed until they have proven
-// themselves.
+// Changes of the running law's parameters: tried like a swap, set on one tick, followed until they are confirmed.
 #pragma once
 
 #include <cstdint>
@@ -18,12 +17,14 @@
 
 namespace lithe::control {
 
-// One after the other, each against the values that are in force then. What the trial refuses never reaches the Spine.
+// Handles one change at a time, on top of the values that are in force then. Values that fail the trial never reach the
+// Spine.
 // Contract: one thread · never blocks · every set() is answered once
 class ParamChanges {
  public:
   using Callback = std::function<void(const swap::Answer&)>;
-  // Called when the record of a law's changes has changed: for the certificate of the request that brought the law.
+  // Called when the list of a law's parameter changes has changed. It goes into the certificate of the swap that
+  // committed the law.
   using Keep = std::function<void(std::uint64_t request_id, const swap::Json& changes)>;
   static constexpr std::size_t kMostWaiting = 64;
   static constexpr std::size_t kMostKept = 16;  // of each law, the newest
@@ -31,7 +32,7 @@ class ParamChanges {
   // All outlive ParamChanges.
   struct Helpers {
     const SpineLink& spine;
-    TrialLink* trial;  // nullptr: the gates are open, nothing is tried
+    TrialLink* trial;  // nullptr: the gates are off (--ungated), nothing is tried
     Commands& commands;
     EventLog& log;
     TriedLaws& laws;
@@ -40,7 +41,7 @@ class ParamChanges {
   ParamChanges(const Helpers& helpers, swap::Terms robots_terms, Keep keep)
       : help_(helpers), robots_terms_(robots_terms), keep_(std::move(keep)) {}
 
-  // The answer, when they are in force: {"trial_ms", "warnings"}. Refused with trial_failed, the values before hold.
+  // Answers {"trial_ms", "warnings"} once the values are in force. Refused with trial_failed: the old values stay.
   void set(const swap::Json& values, Callback callback, std::int64_t now_ns);
   void on_event(const wire::Event& event);
   void refuse_all(const swap::Refusal& reason);
@@ -50,12 +51,12 @@ class ParamChanges {
  private:
   struct Change {
     std::uint64_t number;
-    RunningLaw law;  // when it was asked for; the values as they are when its turn has come
+    RunningLaw law;  // at the request; its values are read again when the turn comes
     swap::Json values;
     wire::Command command;
     Callback callback;
     swap::Json record = swap::Json::object();
-    swap::Json trial = swap::Json::object();  // what the trial said
+    swap::Json trial = swap::Json::object();  // the report of the trial
     std::uint64_t command_id = 0;
   };
   struct Past {
@@ -81,7 +82,7 @@ class ParamChanges {
   swap::Terms robots_terms_;
   Keep keep_;
   std::uint64_t next_number_ = 1;
-  std::deque<Change> waiting_;          // the first is under way
+  std::deque<Change> waiting_;          // the first one is being handled
   std::map<std::uint32_t, Past> past_;  // by law
   swap::Json last_ = nullptr;
 };

@@ -33,7 +33,8 @@ bool Placement::has_arena() const {
          info.arena_slot_bytes == arena::kSlotBytes;
 }
 
-// A letter that waits, or that the Loader is at, names a slot that no LawInfo shows yet (models/placement.pml).
+// A stage request that waits in the mailbox, or that the Loader is handling, names a slot that no LawInfo shows yet
+// (models/placement.pml).
 bool Placement::predecessors_requests_are_answered() {
   constexpr std::uint64_t kDepth = wire::control_segment::kStageDepth;
   for (std::uint64_t ticket = inherited_ > kDepth ? inherited_ - kDepth + 1 : 1; ticket <= inherited_; ++ticket) {
@@ -49,7 +50,7 @@ std::uint32_t Placement::free_slot() {
   if (!predecessors_requests_are_answered()) {
     return 0;
   }
-  // Answers first: what the Loader has taken in is published before it answers.
+  // Read the answers first: the Loader publishes a law before it answers the request.
   for (Use& use : uses_) {
     if (use.state == Use::asked && spine_.poll_stage(use.ticket) != wire::StageResult::pending) {
       use = {};

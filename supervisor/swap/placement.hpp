@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which arena slot the next law gets, and who may still be using the others.
+// Chooses the arena slot of the next law, and tracks which slots are still in use.
 #pragma once
 
 #include <array>
@@ -16,11 +16,11 @@
 
 namespace lithe::control {
 
-// The code arena of this robot: that of the Spine it finds, else a new one. Empty, and a warning is logged, when laws
-// are to be loaded with dlopen.
+// The code arena of this robot: that of a live Spine, else a new one. Empty, with a warning in the log, when laws must
+// be loaded with dlopen.
 Fd open_arena(const robot::RobotConfig& robot);
 
-// Where a law lies, as lawd said it. slot 0: not in the arena; it is loaded with dlopen.
+// Location of a law, as lawd reported it. slot 0: not in the arena; it is loaded with dlopen.
 struct Placed {
   std::uint32_t slot = 0;
   std::uint32_t code_bytes = 0;
@@ -29,8 +29,9 @@ struct Placed {
   double place_ms = 0.0;
 };
 
-// A slot is free when no law in the Spine has it, lawd is not writing to it, and the Loader has answered every request
-// that names it; also the requests of a supervisor that died, of whose slots nobody knows any more.
+// A slot is free when no law in the Spine uses it, lawd is not writing to it, and the Loader has answered every request
+// that names it. This includes requests of an earlier supervisor: their slots are unknown, so all of them must be
+// answered first.
 // Contract: one thread · never blocks · every place() is answered once
 class Placement {
  public:
@@ -38,7 +39,7 @@ class Placement {
 
   Placement(SpineLink& spine, LawdLink& lawd) : spine_(spine), lawd_(lawd), inherited_(spine.last_stage_ticket()) {}
 
-  // Has lawd link the law of this hash for a free slot and write it there. The slot is the caller's until he says
+  // Lets lawd link the law of this hash for a free slot and write it there. The slot is reserved for the caller until
   // asked() or forget().
   void place(const std::string& hash, Callback callback, std::int64_t now_ns);
   void asked(std::uint32_t slot, std::uint64_t ticket) { uses_[slot] = {Use::asked, ticket}; }
@@ -58,10 +59,10 @@ class Placement {
 
   SpineLink& spine_;
   LawdLink& lawd_;
-  std::uint64_t inherited_;  // the last request of a supervisor before this one, until all of them are answered
+  std::uint64_t inherited_;  // the last request of an earlier supervisor; 0 once all of them are answered
   bool lawd_can_place_ = true;
-  std::array<Use, arena::kSlots + 1> uses_{};  // by slot; [0] is nobody's
-  std::uint32_t last_ = 0;                     // slots are used in turn: what was replaced last lies longest
+  std::array<Use, arena::kSlots + 1> uses_{};  // by slot; [0] is not used
+  std::uint32_t last_ = 0;                     // slots are used in turn, so the newest replaced law stays longest
 };
 
 }  // namespace lithe::control

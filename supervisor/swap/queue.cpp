@@ -25,7 +25,7 @@ const char* doing(Stage reached) {
   }
 }
 
-// Once the Loader has the law, nobody here can call it back: it may still be committed.
+// Once the Loader has the law it cannot be cancelled: it may still be committed.
 Refusal too_late(const Transaction& swap, std::int64_t limit_ns) {
   const std::string what =
       fmt::format("{} '{}' took longer than {} s", doing(swap.stage()), swap.request().name, limit_ns / 1'000'000'000);
@@ -52,7 +52,7 @@ std::uint64_t Queue::submit(Request request, std::int64_t now_ns) {
   return id;
 }
 
-// Only what has not begun: the head is somebody's work under way.
+// Only a waiting request is replaced: the head has already started.
 void Queue::supersede(const Request& newer, std::int64_t now_ns) {
   for (std::size_t i = running_ ? 1 : 0; i < waiting_.size(); ++i) {
     const Request& older = waiting_[i].request();
@@ -62,7 +62,7 @@ void Queue::supersede(const Request& newer, std::int64_t now_ns) {
       gone.mark_refused({"superseded", fmt::format("a newer request for '{}' takes its place", newer.name), ""},
                         now_ns);
       ports_.finished(std::move(gone));
-      return;  // there is never more than one
+      return;  // at most one such request waits
     }
   }
 }
@@ -109,7 +109,7 @@ void Queue::on_staged(std::uint64_t request_id, std::int64_t now_ns) {
 
 void Queue::on_shadow(std::uint64_t request_id, std::int64_t now_ns) {
   if (Transaction* swap = current(request_id)) {
-    swap->mark(Stage::staged, "", now_ns);  // unless it was told already
+    swap->mark(Stage::staged, "", now_ns);  // unless this was reported already
     swap->mark(Stage::shadow, "", now_ns);
   }
 }

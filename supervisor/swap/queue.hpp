@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Swaps one after the other: requests wait their turn, the head of the queue is driven to its verdict.
+// The swap queue: one swap at a time; the head is driven to its verdict.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@
 
 namespace lithe::swap {
 
-// What the queue needs from the world. Each starts work and returns at once; the answer comes back as an event.
+// The queue's outputs. Each starts work and returns at once; the answer comes back as an event.
 struct Ports {
   std::function<void(const Transaction&)> compile;
   std::function<void(const Transaction&)> place;
@@ -26,7 +26,7 @@ struct Timeouts {
   std::int64_t place_ns = 60'000'000'000;
   std::int64_t trial_ns = 60'000'000'000;
   std::int64_t stage_ns = 10'000'000'000;
-  std::int64_t commit_ns = 5'000'000'000;  // and the time in the shadow
+  std::int64_t commit_ns = 5'000'000'000;  // plus the time in the shadow
 };
 
 // Contract: one thread · the clock is an argument · events about any request but the head are ignored.
@@ -39,7 +39,7 @@ class Queue {
   // Returns the request id, or 0 when kMaxWaiting requests wait already.
   std::uint64_t submit(Request request, std::int64_t now_ns);
 
-  // Compiled and admitted: the compile service does both.
+  // The compile service has compiled and admitted the law.
   void on_compiled(std::uint64_t request_id, Compiled compiled, const std::string& admitted, std::int64_t now_ns);
   void on_placed(std::uint64_t request_id, const std::string& where, std::int64_t now_ns);
   void on_tried(std::uint64_t request_id, const std::string& how, std::int64_t now_ns);
@@ -47,12 +47,12 @@ class Queue {
   void on_shadow(std::uint64_t request_id, std::int64_t now_ns);
   void on_committed(std::uint64_t request_id, std::uint64_t tick, std::uint32_t law_id, std::int64_t now_ns);
   void on_refused(std::uint64_t request_id, Refusal reason, std::int64_t now_ns);
-  // A section of the head's certificate.
+  // Sets a section in the head's certificate.
   void note(std::uint64_t request_id, const std::string& section, Json what);
 
-  // Ends a step that takes too long; starts the next request when the head is done.
+  // Ends a step that has timed out; starts the next request when the head is finished.
   void step(std::int64_t now_ns);
-  // Gives up everything that waits (the robot stops, the Spine is gone).
+  // Ends all requests (the robot stops, or the Spine has ended).
   void refuse_all(const Refusal& reason, std::int64_t now_ns);
 
   bool idle() const { return waiting_.empty(); }

@@ -36,7 +36,7 @@ std::string string_of(const std::string& line, const char* key) {
   return found != entry.end() && found->is_string() ? found->get<std::string>() : "";
 }
 
-// Of the last writing but one of a certificate; empty: there is none.
+// Hash of the writing before the last one; empty = none.
 std::string hash_before_last(const fs::path& chain, const std::string& name) {
   std::string last, before;
   std::ifstream file(chain, std::ios::binary);
@@ -83,8 +83,8 @@ Result<> RecordBook::find_end() {
   last_line_ = file.is_open() && !last.empty() ? sha256_hex(last) : last_line_;
   const std::string name = string_of(last, "file");
   const std::string text = name.empty() ? "" : read(dir_ / name);
-  // The last line's file never came when the run ended in between: then the writing before it is there, and the chain
-  // goes on with that one. Any other text is none of ours.
+  // When the run ended between a line and its file, the file still holds the writing before; the chain then goes on
+  // from that one. Any other content was not written by us.
   const std::string hash = sha256_hex(text);
   if (text.empty() || string_of(last, "sha256") == hash || hash_before_last(dir_ / kChain, name) != hash) {
     return done();
@@ -107,7 +107,7 @@ Result<RecordBook::Page> RecordBook::write(const Json& certificate) {
   return page;
 }
 
-// The numbers go on, the chain begins anew: what it would follow is gone.
+// The numbers continue and the chain starts anew, because the old chain was removed.
 void RecordBook::notice_removal() {
   std::error_code failure;
   if (last_line_.empty() || fs::exists(dir_, failure) || failure) {
@@ -115,7 +115,7 @@ void RecordBook::notice_removal() {
   }
   fs::create_directories(dir_, failure);
   if (failure) {
-    return;  // the write says so
+    return;  // reported by the write
   }
   ++folders_;
   last_line_.clear();
@@ -124,8 +124,8 @@ void RecordBook::notice_removal() {
       fmt::format("{} was removed while the robot ran, and made anew after certificate {:04}", dir_.string(), used_);
 }
 
-// The line comes before the file: of a crash in between, verify_chain sees a file that is as its last line but one
-// says.
+// The line is written before the file. After a crash in between, verify_chain finds the file as in its last line but
+// one.
 Result<> RecordBook::put(const Page& page, Json certificate) {
   notice_removal();
   if (next_ == 0) {
@@ -133,7 +133,7 @@ Result<> RecordBook::put(const Page& page, Json certificate) {
       return opened;
     }
   }
-  // In another folder than its first line's it follows what is there.
+  // In a folder made anew the certificate follows the last line that is there.
   certificate["previous"] = page.folder == folders_ ? page.previous : last_line_;
   const std::string text = certificate.dump(2, ' ', false, Json::error_handler_t::replace) + '\n';
   std::error_code failure;
@@ -166,7 +166,7 @@ Result<> RecordBook::add_line(const Page& page, const std::string& text) {
   chain << (line_is_cut_ ? "\n" : "") << line << '\n';
   chain.flush();
   if (!chain) {
-    next_ = 0;  // how much of it has arrived? The next write looks
+    next_ = 0;  // the next write checks how much was written
     return cannot_write(dir_ / kChain);
   }
   line_is_cut_ = false;

@@ -2,11 +2,11 @@
 // The certificates a robot's swaps leave on disk: <dir>/0001.json, 0002.json ... and <dir>/chain.jsonl, which binds
 // them (chain.hpp checks it).
 //
-// A certificate goes on changing while its law lives (committed, measured, confirmed, rolled back, retired), so what is
-// chained is not files but writings. Each writing adds a line to chain.jsonl:
+// A certificate goes on changing while its law lives (committed, measured, confirmed, rolled back, retired), so the
+// chain contains writings, not files. Each writing adds a line to chain.jsonl:
 //   {"file":"0007.json","sha256":<of the text as written>,"previous":<sha256 of the line before, without its newline>}
-// and every certificate carries, as "previous", the hash of the line before its own first one. Who changes a
-// certificate, a line, or their order later, breaks a hash.
+// and every certificate carries, as "previous", the hash of the line before its own first one. A later change of a
+// certificate, a line, or their order breaks a hash.
 #pragma once
 
 #include <cstdint>
@@ -19,7 +19,7 @@
 namespace lithe::swap {
 
 inline constexpr const char* kChain = "chain.jsonl";
-inline constexpr std::size_t kMaxRecordBytes = std::size_t{16} << 20;  // of one certificate: none comes near it
+inline constexpr std::size_t kMaxRecordBytes = std::size_t{16} << 20;  // limit for reading one certificate
 
 // Where the records of a robot are: below $LITHE_OUT_DIR, else below out/ of the working directory. Absolute.
 std::filesystem::path records_of(const std::string& robot);
@@ -35,13 +35,13 @@ class RecordBook {
     int folder = 0;              // which of the folders it was written to: see begun_anew()
   };
 
-  // A new file. A full disk is an Error the robot survives: the caller warns and goes on.
+  // Writes a new file. On a full disk it returns an Error; the caller warns and continues.
   Result<Page> write(const Json& certificate);
-  // Replaces what write() made there, in one step.
+  // Replaces a file of write() atomically.
   Result<> rewrite(const Page& page, const Json& certificate) { return put(page, certificate); }
   const std::filesystem::path& folder() const { return dir_; }
-  // Somebody has removed the folder while we wrote to it, and it was made anew with an empty chain: from which
-  // certificate on. Empty: nobody has.
+  // The folder was removed while we used it, and was made again with an empty chain: the first certificate in it. Empty
+  // = this has not happened.
   const std::string& begun_anew() const { return begun_anew_; }
 
  private:
@@ -55,8 +55,8 @@ class RecordBook {
   int next_ = 0;              // 0 = not opened yet
   int used_ = 0;              // the last number given
   std::string last_line_;     // hash of the last line of the chain; empty = there is none
-  bool line_is_cut_ = false;  // its newline is missing: the disk was full, or the machine went down
-  int folders_ = 0;           // how often the folder was made anew
+  bool line_is_cut_ = false;  // its newline is missing: full disk, or a crash
+  int folders_ = 0;           // number of times the folder was made again
   std::string begun_anew_;
 };
 

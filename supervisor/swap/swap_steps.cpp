@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One swap, step by step: compile, place, try, stage, and what the Spine says to it.
+// The steps of one swap: compile, place, trial, stage, commit.
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
@@ -96,7 +96,7 @@ void Swaps::placed(std::uint64_t request_id, const std::variant<Placed, Refusal>
     return;
   }
   if (!is_head(request_id)) {
-    placement_.forget(where->slot);  // it was given up meanwhile
+    placement_.forget(where->slot);  // the swap was given up in between
     return;
   }
   placed_ = *where;
@@ -164,7 +164,7 @@ void Swaps::tried(std::uint64_t request_id, const Answer& answer) {
   queue_.on_tried(request_id, words, monotonic_ns());
 }
 
-// With the law that runs, whose ride was the same.
+// Compares with the running law, whose trial used the same inputs.
 void Swaps::compare(Json& report) const {
   const auto running = help_.spine.running_law();
   for (const std::string& worse : running ? tried_laws_.worse_than(*running, report) : std::vector<std::string>{}) {
@@ -172,7 +172,7 @@ void Swaps::compare(Json& report) const {
   }
 }
 
-// A law that crashed on trial is told its line, as one that does so later.
+// A law that crashed in the trial gets the source line of the crash, as for a crash in the Spine.
 void Swaps::refuse_with_line(const swap::Transaction& swap, const Refusal& refusal) {
   const Json trial = refusal.detail.is_object() ? refusal.detail.value("trial", Json::object()) : Json::object();
   const auto offset = trial.value("pc_offset", std::uint64_t{0});
@@ -210,7 +210,7 @@ void Swaps::stage(const swap::Transaction& swap) {
                       monotonic_ns());
     return;
   }
-  aftermath_.measure_all();  // what this law does to the core is not to be counted with those before it
+  aftermath_.measure_all();  // the counts of earlier laws must not include this one
   before_ = count_core(help_.spine.spine_pid(), help_.spine.info());
   ticket_ = help_.spine.stage(request);
   if (!ticket_) {
@@ -230,7 +230,7 @@ void Swaps::on_event(const wire::Event& event, std::int64_t now_ns) {
     return not_carried(event);
   }
   if (kind != wire::EventKind::law_committed) {
-    take_commit();  // what comes after the commit may be about its law
+    take_commit();  // later events may be about the committed law
   }
   aftermath_.on_event(event);
   params_.on_event(event);
@@ -242,7 +242,7 @@ void Swaps::on_event(const wire::Event& event, std::int64_t now_ns) {
     return;
   }
   if (kind == wire::EventKind::law_committed) {
-    commit_ = event;  // answered once telemetry shows the new law, so that the client's next look does too
+    commit_ = event;  // answered once telemetry shows the new law, so that the client's next `status` does too
   } else if (kind == wire::EventKind::law_staged) {
     queue_.on_staged(event.request_id, event.t_ns);
   } else if (kind == wire::EventKind::shadow_started) {
@@ -278,8 +278,8 @@ void Swaps::take_commit() {
   }
 }
 
-// The event says it first; should the ring have lost it, the running law itself tells. The tick is then the one in
-// which it was seen.
+// The commit is normally known from its event. When the ring lost the event, the law id in telemetry shows it; the
+// commit tick is then an estimate.
 void Swaps::guess_commit(std::int64_t now_ns) {
   const swap::Transaction* head = queue_.head();
   wire::Telemetry now{};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the steps of a swap say, in the words of a refusal or of a certificate.
+// Texts and JSON of a swap's refusals and certificate.
 #pragma once
 
 #include <cstdint>
@@ -17,24 +17,26 @@ std::optional<swap::Refusal> wrong_param(const swap::Json& params, const swap::J
 // The value of each parameter of a law, in its own order: as asked for, else as compiled.
 swap::Json all_params(const swap::Json& params, const swap::Json& law);
 
-// In the Spine's words: by index. Contract: wrong_param() found nothing
+// The parameter values by index, as the Spine takes them.
+// Contract: wrong_param() found nothing
 void put_params(const swap::Json& params, const swap::Json& law, wire::StageRequest& request);
 
-// What the Loader says; `words`: those of its event, empty when it brought none.
+// The Loader's refusal. `words`: the text of its event, empty when there was none.
 swap::Refusal stage_refusal(wire::StageResult result, const std::string& words);
 
-// What the certificate keeps of the compile service's answer.
+// The part of the compile service's answer that goes into the certificate.
 swap::Json facts_of(const swap::Json& compiled);
 
-// What the gates took, of the compile service's answer; 0 for a law that was admitted when it was first compiled.
+// Time of the admission gates [ns], from the compile service's answer; 0 for a law from the cache, which was admitted
+// earlier.
 std::int64_t admission_ns(const swap::Json& compiled);
 
-// The names that the event tells of; of many, not all may be there: `count`.
+// The field names in the event. The text may hold only some of them; `count` is the full number.
 swap::Json not_carried_json(const wire::Event& event);
 
 swap::Json shadow_json(const wire::ShadowReport& report);
 
-// A certificate in a few words, for lithe status: whose, its verdict, and the reason if it is not a good one.
+// Summary of a certificate for `lithe status`: law, verdict, and the reason of a bad verdict.
 swap::Json summary_of(const swap::Json& certificate);
 
 }  // namespace lithe::control

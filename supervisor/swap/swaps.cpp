@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who asks for a swap, what is kept of it, and what is answered. The steps themselves: swap_steps.cpp.
+// Requests, certificates and answers of swaps. The steps are in swap_steps.cpp.
 #include "supervisor/swap/swaps.hpp"
 
 #include <fmt/format.h>
@@ -50,7 +50,7 @@ std::variant<swap::Terms, Refusal> Swaps::read_terms(const Json& args) const {
   return swap::read_terms(args, robots_terms_, help_.spine.info().rate_hz);
 }
 
-// A shadow needs a law to run beside.
+// A shadow run needs a law that is active.
 std::optional<Refusal> Swaps::no_shadow(const swap::Terms& terms) const {
   wire::Telemetry now{};
   (void)help_.spine.latest(now);
@@ -95,7 +95,7 @@ void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
   aftermath_.end(reason.message, now_ns);
 }
 
-// Of the newest: an older law that is let go says nothing about the last swap.
+// Only the newest swap is reported: the retirement of an older law does not change it.
 void Swaps::remember(const swap::Transaction& swap) {
   const bool begun = swap.stage() != swap::Stage::submitted;
   if (begun && (last_.is_null() || last_["request_id"] <= swap.request_id())) {
@@ -150,7 +150,7 @@ void Swaps::log(std::uint64_t request_id, const char* kind, const std::string& t
   spdlog::info("{}: {}", kind, text);
 }
 
-// The compile service has the law with its lines. `offset`: from the start of its slot, or of its object when not
+// Asks the compile service for the source line. `offset` [bytes]: from the start of the slot, or of the object when not
 // `placed`.
 void Swaps::find_line(const swap::Transaction& swap, std::uint64_t offset, bool placed, Aftermath::Found found) {
   const auto located = [file = swap.request().name, found = std::move(found)](const Answer& answer) {
@@ -165,7 +165,7 @@ void Swaps::find_line(const swap::Transaction& swap, std::uint64_t offset, bool 
   help_.lawd.locate(swap.compiled().hash, offset, placed, located, monotonic_ns());
 }
 
-// Of a law that failed in the Spine. The event comes after the one of the fault.
+// The source line of a law fault in the Spine. This event comes after the event of the fault.
 void Swaps::locate(const swap::Transaction& swap, std::uint32_t offset, Aftermath::Found found) {
   const auto tell = [this, id = swap.request_id(), law = swap.compiled().law,
                      found = std::move(found)](const Json& place) {
@@ -217,7 +217,7 @@ void Swaps::finish(swap::Transaction&& swap) {
   }
 }
 
-// A swap that was given up, and of which the Spine tells after all.
+// A swap that timed out, and whose outcome the Spine reports later.
 void Swaps::come_late(const wire::Event& event) {
   const auto found = std::find_if(unconfirmed_.begin(), unconfirmed_.end(),
                                   [&](const Unconfirmed& each) { return each.swap.request_id() == event.request_id; });
@@ -239,10 +239,10 @@ void Swaps::come_late(const wire::Event& event) {
   swap.note_missed_after(missed_releases());
   note(swap, "swap_committed_late", fmt::format("{}: it was given up, and runs now", swap.request().name));
   rewrite(swap, record);
-  aftermath_.follow(std::move(swap), record, {}, monotonic_ns());  // uncounted: others came in between
+  aftermath_.follow(std::move(swap), record, {}, monotonic_ns());  // without counts: other swaps came in between
 }
 
-// The fields of a law's State that start from their defaults, in its certificate.
+// Writes into the certificate which State fields start from their defaults.
 void Swaps::not_carried(const wire::Event& event) {
   const Json what = not_carried_json(event);
   if (is_head(event.request_id)) {

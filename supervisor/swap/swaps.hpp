@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Drives the swap queue: compile service, trial, Spine, event log and records on one side, clients on the other.
+// Runs the swap queue: connects clients with the compile service, the trial, the Spine, the event log and the
+// certificates.
 #pragma once
 
 #include <cstdint>
@@ -27,8 +28,8 @@
 
 namespace lithe::control {
 
-// Contract: one thread · never blocks · every submit is answered once, and leaves one record from the moment it
-// is queued: a client that goes away, or a supervisor that dies, does not take it along.
+// Contract: one thread · never blocks · every submit is answered once, and has one certificate from the moment it is
+// queued, also when the client leaves or the supervisor dies
 class Swaps {
  public:
   using Callback = std::function<void(const swap::Answer&)>;
@@ -37,40 +38,41 @@ class Swaps {
   struct Helpers {
     SpineLink& spine;
     LawdLink& lawd;
-    TrialLink* trial;  // nullptr: the gates are open, laws are not tried
+    TrialLink* trial;  // nullptr: the gates are off (--ungated), laws are not tried
     Commands& commands;
     EventLog& log;
   };
 
   Swaps(const Helpers& helpers, swap::RecordBook book, std::uint64_t first_request_id, const robot::RobotConfig& robot);
 
-  // The terms that the arguments of a request ask for, on top of the robot's own.
+  // The robot file's terms, changed by the arguments of the request.
   std::variant<swap::Terms, swap::Refusal> read_terms(const swap::Json& args) const;
   void submit(swap::Request request, Callback callback, std::int64_t now_ns);
-  // Parameters of the running law. They pass the trial, too, and their record is in the law's certificate.
+  // Parameter changes of the running law. They pass the trial too, and are recorded in the law's certificate.
   void set_params(const swap::Json& values, Callback callback, std::int64_t now_ns) {
     params_.set(values, std::move(callback), now_ns);
   }
   void on_event(const wire::Event& event, std::int64_t now_ns);
   void serve(std::int64_t now_ns);
-  // The robot stops, or the Spine is gone. What it has committed by then is answered as committed.
+  // The robot stops, or the Spine has ended. A law that was committed by then is answered as committed.
   void refuse_all(const swap::Refusal& reason, std::int64_t now_ns);
-  // True while the Spine has something to say that no descriptor announces: serve() every millisecond then.
+  // True while an answer in shared memory is expected, for which poll() does not wake up: call serve() every
+  // millisecond then.
   bool waiting() const { return queue_.head() != nullptr && queue_.head()->reached(swap::Stage::tried); }
   bool gates_are_open() const { return help_.trial == nullptr; }
-  // summary_of() the newest swap that has begun, with what became of it since; null before the first.
+  // summary_of() the newest swap that has begun, with its verdict so far; null before the first.
   const swap::Json& last() const { return last_; }
-  // The newest change of parameters that was tried, and what became of it; null before the first.
+  // The newest parameter change that was tried, with its verdict so far; null before the first.
   const swap::Json& last_params() const { return params_.last(); }
-  // The last faults of laws: [{law, kind, tick, where, function, ...}].
+  // The newest law faults: [{law, kind, tick, where, function, ...}].
   const swap::Json& law_faults() const { return aftermath_.faults(); }
-  // Where the certificates go.
+  // Folder of the certificates.
   const std::filesystem::path& records() const { return book_.folder(); }
-  // What is wrong with them now, or was lost of them; null while all are kept.
+  // Why certificates cannot be written, or which were lost; null when all are on disk.
   swap::Json records_trouble() const;
 
  private:
-  // The steps of the head of the queue, in this order; each but the last ends in an answer.
+  // The steps of the swap at the head of the queue, in this order.
   void compile(const swap::Transaction& swap);
   void compiled(std::uint64_t request_id, const swap::Answer& answer);
   void place(const swap::Transaction& swap);
@@ -105,7 +107,7 @@ class Swaps {
   Placement placement_;
   swap::RecordBook book_;
   swap::LateRecords late_;
-  std::string write_failed_;  // why the last certificate could not be written; empty: it was
+  std::string write_failed_;  // why the last certificate could not be written; empty = it was written
   swap::Json last_ = nullptr;
   swap::Terms robots_terms_;
   swap::Queue queue_;
@@ -115,7 +117,7 @@ class Swaps {
   struct Waiting {
     Callback callback;
     swap::RecordBook::Page record;
-    std::string record_lost;  // why there is no file; empty: there is
+    std::string record_lost;  // why there is no file; empty = there is one
   };
   std::map<std::uint64_t, Waiting> waiting_;
   struct Unconfirmed {
@@ -123,12 +125,12 @@ class Swaps {
     swap::RecordBook::Page record;
   };
   static constexpr std::size_t kMostUnconfirmed = 8;
-  std::deque<Unconfirmed> unconfirmed_;  // given up while the Spine had them, oldest first
-  std::optional<Placed> placed_;         // where the head of the queue lies, until the Loader is asked
-  std::optional<std::uint64_t> ticket_;  // of the stage request under way
+  std::deque<Unconfirmed> unconfirmed_;  // timed out while the Spine had them, oldest first
+  std::optional<Placed> placed_;         // slot of the head of the queue, until the stage request is sent
+  std::optional<std::uint64_t> ticket_;  // of the pending stage request
   std::optional<wire::Event> commit_;    // seen, not yet answered
-  CoreCounts before_;                    // counted when the Loader was asked
-  std::int64_t stage_refused_ns_ = 0;    // the Loader said no; its event may still bring the words
+  CoreCounts before_;                    // when the stage request was sent
+  std::int64_t stage_refused_ns_ = 0;    // the Loader refused; its event with the reason may still come
 };
 
 }  // namespace lithe::control

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// On which terms a law is brought in: what the robot's file says, changed by what a request says.
+// The terms of a swap: from the robot file, changed by the request.
 #pragma once
 
 #include <cstdint>
@@ -15,8 +15,8 @@ struct Terms {
   double blend_s = 0.0;              // from the old law's torque to the new one's; 0 = the slew bound alone
   double probation_s = 0.0;          // automatic rollback for so long; 0 = none
   double error_ratio = 0.0;          // of the tracking error to the largest before; 0 = tracking is not judged
-  double shadow_s = 0.0;             // beside the active law first; 0 = no shadow
-  double shadow_tolerance_nm = 0.0;  // largest difference of a torque that is still agreement
+  double shadow_s = 0.0;             // runs in the shadow of the active law first; 0 = no shadow
+  double shadow_tolerance_nm = 0.0;  // largest accepted difference of a torque
   double budget_us = 0.0;            // of one step
   double box_ms = 150.0;             // processor time of the trial
 
@@ -24,15 +24,15 @@ struct Terms {
   Json to_json() const;
 };
 
-// What the robot's file says. A shadow's tolerance is a tenth of the weakest joint's torque limit.
+// The robot file's terms. The default shadow tolerance is a tenth of the smallest torque limit.
 Terms terms_of(const robot::RobotConfig& robot, double rate_hz);
 
 // The arguments of a request that are terms: blend_s probation_s error_ratio shadow_s shadow_tolerance_nm budget_us
-// box_ms. Others are left alone. A Refusal names the argument, its range and what it is for.
+// box_ms. Others are ignored. A Refusal names the argument, its range and what it is for.
 std::variant<Terms, Refusal> read_terms(const Json& args, const Terms& robot, double rate_hz);
 bool is_term(const std::string& argument);
 
-// In the Spine's words: ticks.
+// The same in the Spine's units (ticks).
 void put_terms(const Terms& terms, double rate_hz, wire::StageRequest& request);
 
 }  // namespace lithe::swap

@@ -75,7 +75,7 @@ bool Transaction::mark(Stage stage, const std::string& reason, std::int64_t now_
 bool Transaction::mark_committed(std::uint64_t tick, std::uint32_t law_id, std::int64_t now_ns) {
   if (!outcome_is_known()) {
     reopen();
-    enter(Stage::staged, "", now_ns);  // unless it was told before
+    enter(Stage::staged, "", now_ns);  // unless this was reported before
   }
   if (!enter(Stage::committed, "", now_ns)) {
     return false;
@@ -104,7 +104,7 @@ bool Transaction::mark_given_up(Refusal reason, std::int64_t now_ns) {
   return true;
 }
 
-// The Spine tells after all. What the client was told until then is kept.
+// The Spine reports later. The answer that the client got is kept.
 void Transaction::reopen() {
   note("answered", {{"verdict", verdict()}, {"t_ns", steps_.back().t_ns}, {"error", refusal_->to_json()}});
   steps_.pop_back();
@@ -113,7 +113,7 @@ void Transaction::reopen() {
   given_up_ = false;
 }
 
-// From `tried` on the Loader has been asked.
+// From stage `tried` on the request is with the Loader.
 bool Transaction::outcome_is_known() const { return !given_up_ || !reached(Stage::tried); }
 
 std::int64_t Transaction::time_of(Stage stage) const {

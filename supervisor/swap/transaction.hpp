@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One swap, from the request to the day its law leaves the Spine. Pure bookkeeping: no clock, no file, no process.
+// State of one swap, from the request until its law leaves the Spine. No clock, no file, no process.
 #pragma once
 
 #include <cstdint>
@@ -12,9 +12,10 @@
 
 namespace lithe::swap {
 
-// submitted -> compiled -> admitted -> placed -> tried -> staged -> (shadow) -> committed -> (unproven) -> (confirmed)
-// -> (rolled_back) -> retired, or refused from anywhere before committed. unproven: the time of the probation is over,
-// but the robot has not moved enough to judge by.
+//   submitted -> compiled -> admitted -> placed -> tried -> staged -> (shadow) -> committed
+//   committed -> (unproven) -> confirmed or rolled_back -> retired
+//   any stage before committed -> refused
+// unproven: the duration of the probation is over, but the robot has not moved enough to judge the law.
 enum class Stage {
   submitted,
   compiled,
@@ -33,24 +34,24 @@ enum class Stage {
 
 const char* to_string(Stage stage);
 
-// What a client asked for.
+// The client's request.
 struct Request {
   std::string name;              // file name shown in diagnostics
   std::string source;            // C++ text of one law
   Json params = Json::object();  // name -> value, in its trial and in force on its first tick
   Terms terms = {};
-  std::uint64_t client = 0;  // 0 = nobody who could ask again
-  bool supersede = false;    // takes the place of this client's older request of the same name, if that still waits
+  std::uint64_t client = 0;  // 0 = no client
+  bool supersede = false;    // replaces this client's waiting request of the same name
 };
 
-// What the compile service made of it.
+// The result of the compile service.
 struct Compiled {
   std::string object;  // path of the shared object
   std::string hash;    // SHA-256 of source, contract and flags
-  std::string law;     // the name the law gave itself
+  std::string law;     // the law's own name
   bool cached = false;
   double compile_ms = 0.0;
-  std::int64_t admission_ns = 0;     // of the time it took: what the gates needed
+  std::int64_t admission_ns = 0;     // the part of the time that the gates took
   Json descriptor = Json::object();  // params, state fields and probes of the law
   Json facts = Json::object();       // for the certificate: hash of the object, toolchain, gates
 };
@@ -69,19 +70,19 @@ class Transaction {
 
   bool mark_started(std::int64_t now_ns);
   bool mark_compiled(Compiled compiled, std::int64_t now_ns);
-  // Stages that bring nothing but their time and a reason: all but compiled, committed and refused.
+  // For stages that have only a time and a reason: all but compiled, committed and refused.
   bool mark(Stage stage, const std::string& reason, std::int64_t now_ns);
   bool mark_committed(std::uint64_t tick, std::uint32_t law_id, std::int64_t now_ns);
-  // Who had to decide said no.
+  // A stage refused the swap.
   bool mark_refused(Refusal reason, std::int64_t now_ns);
-  // Nobody waits any longer: it took too long, the robot stops, or its Spine is gone. A law that the Spine was asked
-  // for may be committed all the same; mark_committed() and mark_refused() are legal until one of them has told.
+  // The swap is given up: timeout, the robot stops, or its Spine has ended. When the Spine already has the law it may
+  // still be committed; mark_committed() and mark_refused() stay legal until one of them is called.
   bool mark_given_up(Refusal reason, std::int64_t now_ns);
 
-  // Releases the Spine had missed when the swap began and when it ended: what the swap may have cost.
+  // The Spine's count of missed releases at the start and the end of the swap.
   void note_missed_before(std::uint64_t missed) { missed_before_ = missed; }
   void note_missed_after(std::uint64_t missed) { missed_after_ = missed; }
-  // A section of the certificate: what a stage found out.
+  // Sets a section of the certificate: the findings of a stage.
   void note(const std::string& section, Json what) { sections_[section] = std::move(what); }
 
   std::uint64_t request_id() const { return request_id_; }
@@ -93,14 +94,14 @@ class Transaction {
   bool finished() const { return stage() >= Stage::committed; }
   bool reached(Stage stage) const { return time_of(stage) != 0; }
   const std::optional<Refusal>& refusal() const { return refusal_; }
-  // False for a swap that was given up while the Spine had it: the law may still be committed.
+  // False for a swap that timed out while the Spine had it: the law may still be committed.
   bool outcome_is_known() const;
   std::int64_t stage_since_ns() const { return stage_since_ns_; }
 
-  // submitted, refused, not_confirmed, committed, unproven, confirmed or rolled_back: the last three of what became of
-  // the law.
+  // submitted, refused, not_confirmed, committed, unproven, confirmed or rolled_back: the last three are about the law
+  // after its commit.
   const char* verdict() const;
-  // Who, what, when, and what every stage found out. Times are CLOCK_MONOTONIC nanoseconds.
+  // The certificate: request, times and findings of every stage. Times are CLOCK_MONOTONIC [ns].
   Json certificate() const;
 
  private:

@@ -16,7 +16,7 @@ using swap::Json;
 
 namespace {
 
-// What the trial says of one of its two rides; an empty object when it says nothing.
+// The report of one of the two closed-loop runs; an empty object when there is none.
 Json loop_of(const Json& trial) { return trial.value("report", Json::object()).value("loop", Json::object()); }
 
 void compare(const Json& ride, const Json& before, const char* which, const std::string& whom,
@@ -24,7 +24,7 @@ void compare(const Json& ride, const Json& before, const char* which, const std:
   const Json now = ride.value("joint_rms_error_rad", Json::array());
   const Json then = before.value("joint_rms_error_rad", Json::array());
   if (!ride.contains("ticks") || ride["ticks"] != before.value("ticks", Json())) {
-    return;  // over the same time only
+    return;  // compare only runs of the same length
   }
   for (std::size_t j = 0; j < std::min({joints.size(), now.size(), then.size()}); ++j) {
     const double now_rad = now[j].get<double>(), then_rad = then[j].get<double>();
@@ -37,7 +37,7 @@ void compare(const Json& ride, const Json& before, const char* which, const std:
   }
 }
 
-// The shared object of a law that is not ours to remember, by the hash that the Spine keeps of it.
+// The shared object of a law that this supervisor did not commit, found by the hash in the Spine.
 std::string cached_object(std::uint64_t source_hash) {
   const std::string begins = fmt::format("{:016x}", source_hash);
   std::error_code failure;

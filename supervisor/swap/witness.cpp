@@ -44,10 +44,10 @@ Json difference(const std::optional<std::uint64_t>& before, const std::optional<
   return before && after ? Json(*after - std::min(*before, *after)) : Json(nullptr);
 }
 
-// One side of a commit, one value per tick.
+// The window before or after the commit, one value per tick.
 struct Side {
   std::vector<std::uint32_t> jitter_ns, handoff_ns;
-  double step_share = -1.0;  // largest step of a torque as a share of its slew bound
+  double step_share = -1.0;  // largest torque step, as a share of the slew bound
   double step_nm = 0.0, bound_nm = 0.0;
   std::size_t joint = 0;
 
@@ -74,7 +74,7 @@ struct Side {
     std::sort(times_ns.begin(), times_ns.end());
     return {{"p50_us", times_ns[times_ns.size() / 2] * 1e-3}, {"max_us", times_ns.back() * 1e-3}};
   }
-  // Null where there were no two ticks in a row to compare.
+  // Null when there are no two consecutive ticks to compare.
   Json to_json() {
     const bool stepped = step_share >= 0;
     return {{"ticks", jitter_ns.size()},
@@ -94,7 +94,7 @@ void read_interrupts(std::string_view text, std::uint32_t cpu, CoreCounts& count
   std::size_t column = 0;
   for (std::string_view each = word(head); each != wanted; each = word(head), ++column) {
     if (each.empty()) {
-      return;  // that core has no column
+      return;  // /proc/interrupts has no column for this core
     }
   }
   while (!text.empty()) {
@@ -113,7 +113,7 @@ void read_interrupts(std::string_view text, std::uint32_t cpu, CoreCounts& count
   }
 }
 
-// Fields 10 and 12; the name before them, in brackets, may hold anything.
+// Fields 10 and 12 of /proc/PID/stat; the name in parentheses before them may contain any character.
 void read_faults(std::string_view stat, CoreCounts& counts) {
   const std::size_t name_end = stat.rfind(')');
   if (name_end == std::string_view::npos) {
@@ -165,7 +165,7 @@ Json look_around(const SpineLink& spine, std::uint64_t commit_tick) {
   Json first_call_ns = nullptr;
   std::optional<std::uint32_t> missed_before;
   std::uint32_t missed_after = 0;
-  // empty() decides: of a record that was overwritten under our eyes next() is false as well.
+  // Test empty(): next() is false also for a record that was overwritten while it was read.
   while (!ring.empty()) {
     if (!ring.next(*now) || now->tick < from) {
       continue;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the tests of this room share.
+// Test fixtures of this room.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -32,7 +32,7 @@ inline constexpr bool kReportsFaults = true;  // the sanitizer's own handler end
 inline constexpr bool kReportsFaults = false;
 #endif
 #ifdef LITHE_THREAD_SANITIZER
-inline constexpr bool kHoldsSignals = true;  // ThreadSanitizer hands asynchronous signals over at its leisure
+inline constexpr bool kHoldsSignals = true;  // ThreadSanitizer delays asynchronous signals
 #else
 inline constexpr bool kHoldsSignals = false;
 #endif
@@ -53,7 +53,7 @@ class WithCell : public testing::Test {
 
 inline constexpr std::int64_t kBudgetNs = 200'000;
 
-// A Watchdog that runs.
+// A running Watchdog.
 class Guarded {
  public:
   explicit Guarded(const WatchdogConfig& config = {}) : dog(config) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The parts of CANopen (CiA 301) that every node shares: identifiers, network states, heartbeats, SYNC, emergencies.
-// Pure: frames in, values out; no I/O. All numbers little-endian.
+// The parts of CANopen (CiA 301) common to all nodes: identifiers, network states, heartbeats, SYNC, emergencies. Pure:
+// frames in, values out; no I/O. All numbers little-endian.
 //
 //   id          who sends  what                                 data
 //   000         master     NMT: go into a state                 command, node (0 = all)
@@ -27,14 +27,14 @@ inline constexpr std::uint32_t kSync = 0x080;
 inline constexpr std::uint32_t kEmergency = 0x080;
 inline constexpr std::uint32_t kTpdo1 = 0x180;
 inline constexpr std::uint32_t kRpdo1 = 0x200;
-inline constexpr std::uint32_t kNextPdo = 0x100;  // from one of a direction to the next one
+inline constexpr std::uint32_t kNextPdo = 0x100;  // id distance between PDOs of one direction
 inline constexpr std::uint32_t kSdoAnswer = 0x580;
 inline constexpr std::uint32_t kSdoRequest = 0x600;
 inline constexpr std::uint32_t kHeartbeat = 0x700;
 inline constexpr std::uint32_t kNode = 0x07f;      // the node's part of an id
 inline constexpr std::uint32_t kFunction = 0x780;  // what is left
-// In objects 1400h and 1800h, bit 31 of an id switches the PDO off. In 1800h, bit 30 says that no remote frame asks for
-// it: drives that know no remote frames refuse an id without that bit.
+// In objects 1400h and 1800h, bit 31 of an id switches the PDO off. In 1800h, bit 30 means "no remote frames": drives
+// without remote frames refuse an id without that bit.
 inline constexpr std::uint32_t kOff = 0x8000'0000;
 inline constexpr std::uint32_t kNoRemote = 0x4000'0000;
 }  // namespace cob
@@ -59,7 +59,7 @@ inline constexpr std::uint16_t kTpdo1Mapping = 0x1a00;
 
 // Codes of an emergency. The high byte is its class.
 namespace emergency {
-inline constexpr std::uint16_t kGone = 0x0000;  // errors of before are over
+inline constexpr std::uint16_t kGone = 0x0000;  // "error reset": earlier errors have ended
 inline constexpr std::uint16_t kOverCurrent = 0x2310;
 inline constexpr std::uint16_t kOverVoltage = 0x3210;
 inline constexpr std::uint16_t kUnderVoltage = 0x3220;
@@ -92,7 +92,7 @@ std::uint32_t get(const std::uint8_t* in, std::size_t bytes) LITHE_RT;
 constexpr std::uint32_t function_of(const Frame& frame) LITHE_RT { return frame.id & cob::kFunction; }
 constexpr std::uint32_t node_of(const Frame& frame) LITHE_RT { return frame.id & cob::kNode; }
 
-// CANopen knows 11 bits of id and 8 bytes of data.
+// True for a frame with an 11-bit id and at most 8 bytes.
 constexpr bool is_canopen(const Frame& frame) LITHE_RT {
   return !frame.extended && !frame.fd && frame.id <= 0x7ff && frame.size <= 8;
 }
@@ -104,18 +104,18 @@ Frame sync_frame() LITHE_RT;
 Frame heartbeat_frame(std::uint32_t node, NmtState state) LITHE_RT;
 Frame emergency_frame(std::uint32_t node, const Emergency& what) LITHE_RT;
 
-// False: not such a frame, and the value is unchanged.
+// False: not such a frame; the value is unchanged.
 bool parse_heartbeat(const Frame& frame, NmtState& state) LITHE_RT;
 bool parse_emergency(const Frame& frame, Emergency& what) LITHE_RT;
 
-// Beats once per period, the first time at once.
+// Heartbeat producer: once per period, the first time at once.
 // Contract: RT · one thread · time is an argument
 class HeartbeatProducer {
  public:
   explicit HeartbeatProducer(std::int64_t period_ns = 0) : period_ns_(period_ns) {}
 
   void set_period(std::int64_t period_ns) LITHE_RT;  // 0: silent
-  // Whether a beat is due; if so, the next one is a period from now. A pause is not made good.
+  // True when a heartbeat is due; the next one is then one period later. Missed ones are not sent later.
   bool due(std::int64_t now_ns) LITHE_RT;
 
  private:
@@ -124,15 +124,15 @@ class HeartbeatProducer {
   bool started_ = false;
 };
 
-// Watches for the beats of another node; begins with the first one, as CiA 301 has it.
+// Heartbeat consumer: watches another node, beginning with its first heartbeat (CiA 301).
 // Contract: as HeartbeatProducer
 class HeartbeatConsumer {
  public:
   void set_timeout(std::int64_t timeout_ns) LITHE_RT;  // 0: does not watch
   void beat(std::int64_t now_ns) LITHE_RT;
-  // When the watch runs out; the largest number while it does not watch.
+  // Deadline of the next heartbeat; the largest number while it does not watch.
   std::int64_t deadline_ns() const LITHE_RT;
-  // True once for every time the beats stop.
+  // True once each time the heartbeats stop.
   bool lost(std::int64_t now_ns) LITHE_RT;
 
  private:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a CANopen line needs beside the commands to its drives.
+// Master of a CANopen bus: heartbeat and SYNC.
 #pragma once
 
 #include <cstdint>
@@ -10,20 +10,20 @@
 
 namespace lithe::hal::canopen {
 
-// Of ours, in the shortest watchdog of the line: two in a row may be lost.
+// Our heartbeats per shortest watchdog of the bus: two in a row may be lost.
 inline constexpr double kHeartbeatsPerWatchdog = 4;
 
 struct MasterParams {
   std::uint32_t node = 127;    // our own address
   double heartbeat_s = 0.025;  // the shortest watchdog of the line / kHeartbeatsPerWatchdog, or less
-  std::uint32_t divider = 1;   // its drives are asked, all of them, in exchanges whose number this divides
+  std::uint32_t divider = 1;   // all its drives are asked when exchange number % divider is 0
 };
 
-// Our heartbeat, by which the drives know that somebody commands them: from the thread that commands, so that it stops
-// with it. And one SYNC behind the last command of every exchange in which the drives are asked: they apply what they
-// were told and sample, together. They do both at every SYNC, whoever was told what: so the drives of a line share one
-// divider. The network state of a drive is its driver's business: each starts and restarts on its own. Contract: as
-// hal::BusMaster
+// Heartbeat: sent by the thread that commands the drives, so that it stops with that thread. SYNC: one after the last
+// command of every exchange in which the drives are asked; all drives then apply their commands and sample at the same
+// time. They do this at every SYNC, so the drives of a bus share one rate divider. The driver of each drive handles its
+// network state.
+// Contract: as hal::BusMaster
 class CanopenMaster final : public BusMaster {
  public:
   explicit CanopenMaster(const MasterParams& params)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Process data: objects packed one behind the other into 8 bytes, as a table says that both sides know. Pure.
+// Process data objects (PDO): values packed into 8 bytes by a mapping that both sides know. Pure.
 #pragma once
 
 #include <array>
@@ -36,7 +36,7 @@ class PdoMap {
     for (const Mapped& object : objects) add(object);
   }
 
-  // False: no room, and the map is unchanged.
+  // False: no room; the map is unchanged.
   constexpr bool add(const Mapped& object) LITHE_RT {
     if (count_ == kMost || bytes_ + object.bytes > 8) return false;
     objects_[count_++] = object;
@@ -47,10 +47,10 @@ class PdoMap {
   constexpr std::span<const Mapped> objects() const LITHE_RT { return {objects_.data(), count_}; }
   constexpr std::size_t bytes() const LITHE_RT { return bytes_; }
 
-  // Values in the order of the objects; those that are not given are 0. Only their lowest bytes count.
+  // Values in the order of the objects; missing ones are 0. Only the lowest bytes of each are used.
   Frame pack(std::uint32_t id, std::span<const std::uint32_t> values) const LITHE_RT;
-  // False when the frame is shorter than the map; a longer one carries what nobody asked for. At least
-  // objects().size() values; signed ones come without their sign (see signed_of).
+  // False when the frame is shorter than the map; extra bytes are ignored. At least objects().size() values; signed
+  // values are not sign-extended (see signed_of).
   bool unpack(const Frame& frame, std::span<std::uint32_t> values) const LITHE_RT;
 
  private:
@@ -59,7 +59,7 @@ class PdoMap {
   std::size_t bytes_ = 0;
 };
 
-// A number whose top bit is its sign.
+// Sign-extends a value.
 constexpr std::int32_t signed_of(std::uint32_t raw, std::size_t bytes) LITHE_RT {
   if (bytes == 1) return static_cast<std::int8_t>(raw);
   return bytes == 2 ? static_cast<std::int16_t>(raw) : static_cast<std::int32_t>(raw);

@@ -8,7 +8,7 @@
 namespace lithe::hal::canopen {
 namespace {
 
-// The upper three bits of byte 0 say what it is.
+// The upper three bits of byte 0 are the command.
 constexpr std::uint8_t kKind = 0xe0;
 constexpr std::uint8_t kSegmentAnswer = 0x00;
 constexpr std::uint8_t kReadAnswer = 0x40;
@@ -162,7 +162,7 @@ bool SdoClient::next(std::int64_t now_ns, Frame& frame) LITHE_RT {
     case Phase::await_start:
     case Phase::await_segment:
       if (now_ns < deadline_ns_) return false;
-      // The node may still be at it: it is told to stop before it is asked again.
+      // The node may still be busy with the old transfer: abort it before the next request.
       frame = sdo_abort(cob::kSdoRequest + node_, address_, abort_code::kTimedOut);
       abort_ = abort_code::kTimedOut;
       phase_ = attempts_ < kAttempts ? Phase::start : Phase::failed;
@@ -200,7 +200,7 @@ bool SdoClient::take(const Frame& frame) LITHE_RT {
 bool SdoClient::take_start(const Frame& frame) LITHE_RT {
   const std::uint8_t command = frame.data[0];
   const std::uint8_t kind = command & kKind;
-  // An answer to what was asked before, and given up, comes with another address: it is not this one's.
+  // An answer to an earlier, aborted request has another index and is ignored.
   if (kind == kSegmentAnswer || sdo_address(frame) != address_) return stray();
   if (command == kAbort) return fail(get(frame.data.data() + 4, 4), Phase::failed);
   if (writing_) {
@@ -227,7 +227,7 @@ bool SdoClient::take_segment(const Frame& frame) LITHE_RT {
   if ((command & kKind) != kSegmentAnswer) return stray();
   if (((command & kToggle) != 0) != toggle_) return fail(abort_code::kToggle, Phase::give_up);
   const std::size_t bytes = kSegment - ((command >> 1) & 7U);
-  // Also a node that sends empty segments for ever comes to an end.
+  // Counts segments, so that endless empty segments end too.
   if (received_ + bytes > kLongest || ++segments_ > kLongest) return fail(abort_code::kOutOfMemory, Phase::give_up);
   std::copy_n(frame.data.begin() + 1, bytes, data_.begin() + static_cast<std::ptrdiff_t>(received_));
   received_ += bytes;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// SDO: one node reads and writes objects of another, one request and one answer of 8 bytes at a time.
-// Expedited transfers (values of 1 to 4 bytes) both ways; segmented upload, which is how texts come.
+// SDO: one node reads and writes objects of another, one request and one answer of 8 bytes at a time. Expedited
+// transfers (values of 1 to 4 bytes) both ways; segmented upload (for texts).
 //
 //   byte 0 of a request                     byte 0 of its answer
 //   2f 2b 27 23  write 1, 2, 3, 4 bytes     60  written
@@ -21,7 +21,7 @@
 
 namespace lithe::hal::canopen {
 
-// Why a transfer was given up.
+// Reason of an abort.
 namespace abort_code {
 inline constexpr std::uint32_t kNone = 0;
 inline constexpr std::uint32_t kToggle = 0x0503'0000;
@@ -41,7 +41,8 @@ inline constexpr std::uint32_t kGeneral = 0x0800'0000;
 inline constexpr std::uint32_t kState = 0x0800'0022;
 }  // namespace abort_code
 
-// In words, without a number; never empty. Contract: any thread
+// Text without the number; never empty.
+// Contract: any thread
 std::string_view abort_name(std::uint32_t code) LITHE_RT;
 
 struct Address {
@@ -61,16 +62,16 @@ Frame sdo_segment_answer(std::uint32_t node, bool toggle, std::span<const std::u
 Frame sdo_written_answer(std::uint32_t node, Address address) LITHE_RT;
 
 Address sdo_address(const Frame& frame) LITHE_RT;
-// How many bytes an expedited transfer carries; 4 when it does not say.
+// Number of bytes in an expedited transfer; 4 when it is not given.
 std::size_t sdo_expedited_bytes(std::uint8_t command) LITHE_RT;
 
 // One transfer at a time with one node; at most one frame leaves per call of next().
-// Contract: RT · one thread · time is an argument · what a node answers is bounded by kLongest and counted
+// Contract: RT · one thread · time is an argument · answers are bounded by kLongest
 class SdoClient {
  public:
-  static constexpr std::size_t kLongest = 64;  // bytes of an upload; a longer one is given up
+  static constexpr std::size_t kLongest = 64;  // bytes of an upload; a longer one is aborted
   static constexpr std::uint32_t kAttempts = 3;
-  static constexpr std::int64_t kTimeoutNs = 100'000'000;  // a drive that stores what it is told takes its time
+  static constexpr std::int64_t kTimeoutNs = 100'000'000;  // long, because a drive may store the value
 
   enum class Outcome : std::uint8_t { idle, busy, done, failed };
 
@@ -82,15 +83,15 @@ class SdoClient {
 
   // The frame to send now. False: nothing to send.
   bool next(std::int64_t now_ns, Frame& frame) LITHE_RT;
-  // A frame from 580h + node. False: it answers nothing that was asked.
+  // Handles a frame from 580h + node. False: not an answer to the present request.
   bool take(const Frame& frame) LITHE_RT;
 
   Outcome outcome() const LITHE_RT;
   Address address() const LITHE_RT { return address_; }
-  // Of an upload that is done.
+  // Data of a finished upload.
   std::span<const std::uint8_t> data() const LITHE_RT { return {data_.data(), received_}; }
   std::uint32_t value() const LITHE_RT;
-  // Of one that failed; kTimedOut when nobody answered.
+  // Abort code of a failed transfer; kTimedOut without an answer.
   std::uint32_t abort() const LITHE_RT { return abort_; }
   std::uint64_t strays() const LITHE_RT { return strays_; }
 

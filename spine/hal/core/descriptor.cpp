@@ -46,7 +46,7 @@ Moved outcome(const Answer& answer) LITHE_RT {
   return {0, answer.error};
 }
 
-// 0 where it is no socket.
+// 0 when it is not a socket.
 std::uint32_t socket_memory(int fd, std::size_t which) LITHE_RT {
   std::array<std::uint32_t, SK_MEMINFO_VARS> memory{};
   socklen_t size = sizeof memory;
@@ -77,8 +77,7 @@ void Descriptor::close() {
 Moved Descriptor::read(std::span<std::byte> to) const LITHE_RT {
   const Answer answer = ask_kernel([&] { return ::read(fd_, to.data(), to.size()); });
   Moved moved = outcome(answer);
-  if (answer.value == 0 && !to.empty())
-    moved.error = EIO;  // the end of a terminal or a socket: nobody is there any more
+  if (answer.value == 0 && !to.empty()) moved.error = EIO;  // end of file: the other end is closed
   return moved;
 }
 

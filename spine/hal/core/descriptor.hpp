@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// An open file that never keeps its reader or writer waiting.
+// A non-blocking file descriptor.
 #pragma once
 
 #include <cstddef>
@@ -10,7 +10,7 @@
 
 namespace lithe::hal {
 
-// What came of one read or write. No error and no bytes: nothing could be moved just now.
+// Result of one read or write. No error and no bytes: it would have blocked.
 struct Moved {
   std::size_t bytes = 0;
   int error = 0;  // errno; EIO also when the other end is gone
@@ -34,16 +34,17 @@ class Descriptor {
   Moved read(std::span<std::byte> to) const LITHE_RT;
   Moved write(std::span<const std::byte> from) const LITHE_RT;
 
-  // Of a socket: the memory that holds what was written and has not left yet [bytes]. 0: all has, or nobody knows.
+  // Socket only: memory of data written but not sent yet [bytes]. 0: all sent, or unknown.
   std::uint32_t unsent_bytes() const LITHE_RT;
-  // Of a socket: what came and found no room to wait in, since it was opened. 0: nothing, or nobody knows.
+  // Socket only: frames dropped because its receive queue was full, since it was opened. 0: none, or unknown.
   std::uint32_t dropped() const LITHE_RT;
 
  private:
   int fd_;
 };
 
-// Gives the core away for a moment. Contract: a thread that waits for a bus and shares its core; never the tick
+// Sleeps for a moment.
+// Contract: a thread that waits for a bus and shares its core; never the tick
 void nap() LITHE_RT;
 
 }  // namespace lithe::hal

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What every drive understands, whoever made it; and what every driver does.
+// Interface of a drive: command, sample, driver.
 #pragma once
 
 #include <cstdint>
@@ -14,7 +14,7 @@
 
 namespace lithe::hal {
 
-// What the drives shall do; the joint values of a command mean something in `torque` only.
+// Action of the drives; the values of a JointCommand are used in `torque` only.
 enum class DriveAction : std::uint8_t { off, torque, damp, brake };
 
 // One joint's part of an ActuatorCommand, in joint coordinates.
@@ -26,13 +26,13 @@ struct JointCommand {
   double kp_nm_rad = 0;
   double kd_nm_s_rad = 0;
   double max_torque_nm = 0;
-  bool clear_fault = false;  // with `off`: a person has looked, and the drive may forget its fault
+  bool clear_fault = false;  // with `off`: the robot was reset, so the drive clears its fault
 };
 
-// No motor turns faster: beyond it an answer is noise, not a measurement.
+// Plausibility limit: no motor turns faster, so a larger value is not a measurement.
 inline constexpr double kMaxMotorRevPerS = 3000;
 
-// How a joint turns with its motor: position_rad = sign * motor_rad / ratio + zero_rad.
+// Transmission: position_rad = sign * motor_rad / ratio + zero_rad.
 struct JointTransform {
   double sign = 1.0;      // +1 or -1
   double zero_rad = 0.0;  // the joint's angle where its device reads 0
@@ -48,12 +48,13 @@ struct JointTransform {
 struct Exchange {
   std::uint64_t number = 0;  // counts from 1
   std::int64_t now_ns = 0;   // CLOCK_MONOTONIC when it began
-  // Our own address changes with every exchange, and drives that answer to it show which command they answer.
+  // Our source address changes with every exchange; the answer of a moteus shows it, and so which command it belongs
+  // to.
   std::uint32_t source = 0;
-  bool asked = false;  // the commands have left: what came before answers none of them
+  bool asked = false;  // the commands are sent: earlier frames are no answers to them
 };
 
-// What a drive tells of itself. NaN: this drive does not tell it, or has not yet.
+// State reported by the drive. NaN: not reported, or not yet.
 struct DriveReport {
   static constexpr double kUntold = std::numeric_limits<double>::quiet_NaN();
   wire::DriveState state = wire::DriveState::off;
@@ -63,25 +64,25 @@ struct DriveReport {
   double temperature_degc = kUntold;  // of its board
 };
 
-// What a drive said about its joint, in joint coordinates.
+// One sample of a joint, in joint coordinates.
 struct JointSample {
   double position_rad = 0;
   double velocity_rad_s = 0;
   double torque_nm = 0;
   std::uint32_t status = 0;  // wire::joint_status but fresh and lost; drive fault << 8, drive mode << 16
-  bool measured = false;     // the first three are finite and possible
+  bool measured = false;     // position, velocity and torque are finite and plausible
   DriveReport drive{};
 };
 
 enum class Heard : std::uint8_t {
-  answer,     // whole: the sample is filled in
-  part,       // of an answer, or news that is none; kept by the driver
-  late,       // the answer to an exchange that is over
-  malformed,  // not a whole answer of this drive
+  answer,     // complete: `sample` is filled in
+  part,       // part of an answer, or another frame; kept by the driver
+  late,       // an answer to an earlier exchange
+  malformed,  // not a valid answer of this drive
 };
 
-// Turns a joint's command into frames, and frames into what the joint does.
-// Contract: RT · no I/O but through the bus it is handed · one thread
+// Driver: converts a joint's command to frames, and frames to samples.
+// Contract: RT · I/O only through the bus argument · one thread
 class Drive {
  public:
   Drive() = default;
@@ -89,22 +90,22 @@ class Drive {
   Drive& operator=(const Drive&) = delete;
   virtual ~Drive() = default;
 
-  // Sends what this exchange needs. A number that is not finite never leaves: the joint is damped instead, and false is
-  // returned.
+  // Sends the frames of this exchange. A value that is not finite is never sent: the joint is damped instead, and false
+  // is returned.
   virtual bool command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT = 0;
 
-  // A frame from this drive's address. `sample` is changed by an answer only.
+  // Handles a frame from this drive's address. `sample` is changed by an answer only.
   virtual Heard take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT = 0;
 
-  // Bits of wire::joint_status that it has told otherwise than by an answer: why none comes.
+  // Bits of wire::joint_status known from other frames than answers, for example why no answer comes.
   virtual std::uint32_t alarm() const LITHE_RT { return 0; }
 
-  // What keeps it from being commanded, and what to do; empty when nothing does.
+  // Why it cannot be commanded, and the next step; empty = ready.
   // Contract: any thread but an exchange's
   virtual std::string why_not_ready() const { return ""; }
 };
 
-// What a bus needs beside commands to its drives: SYNC, heartbeats, the network's state.
+// Bus master: sends SYNC and heartbeats.
 // Contract: as Drive
 class BusMaster {
  public:

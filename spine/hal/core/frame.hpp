@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One CAN or CAN-FD frame, the only thing a bus carries.
+// One CAN or CAN FD frame.
 #pragma once
 
 #include <array>
@@ -21,7 +21,7 @@ struct Frame {
   bool brs = false;  // data phase at the higher bit rate
   std::array<std::uint8_t, kMaxPayload> data{};
 
-  // The bytes that count, whatever `size` claims.
+  // The valid bytes, also when `size` is wrong.
   std::span<const std::uint8_t> payload() const LITHE_RT {
     return {data.data(), size < kMaxPayload ? size : kMaxPayload};
   }
@@ -38,7 +38,7 @@ constexpr std::size_t fd_size(std::size_t size) LITHE_RT {
 inline constexpr std::uint32_t kLargestStandardId = 0x7ff;
 inline constexpr std::uint32_t kLargestId = 0x1fff'ffff;
 
-// Whether CAN has such a frame: an id that fits, a length that exists, more than 8 bytes and a faster phase in FD only.
+// True for a valid CAN frame: id in range, existing length, more than 8 bytes and bit rate switching only with FD.
 constexpr bool is_can(const Frame& frame) LITHE_RT {
   if (frame.id > (frame.extended ? kLargestId : kLargestStandardId)) return false;
   if (!frame.fd && (frame.brs || frame.size > 8)) return false;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whose the hardware of a bus is: the exchange's while it works, the housekeeping's while it is brought back.
+// Ownership of a bus's descriptor: the Transport thread owns it while the bus is up, the main thread while it is being
+// reopened.
 #pragma once
 
 #include <atomic>
@@ -8,43 +9,43 @@
 
 namespace lithe::hal {
 
-// One word that says it, so that neither ever waits for the other. What the two share (descriptors, paths) is touched
-// only by the side whose it is.
-// Contract: up, lose, regained RT, the exchange's thread · lost, give_back the housekeeping's · starts up
+// One atomic word holds the owner, so that neither thread waits for the other. Only the owner accesses the shared data
+// (descriptors, paths).
+// Contract: up, lose, regained: RT, Transport thread · lost, give_back: main thread · starts in state up
 class Link {
  public:
-  // True: the exchange may use the hardware.
+  // True: the Transport may use the hardware.
   bool up() const LITHE_RT { return up_; }
 
-  // The hardware is gone, and why (errno, not 0): from here on it is the housekeeping's.
+  // The hardware was lost, with the reason (errno, not 0): from here on the main thread owns it.
   void lose(int error) LITHE_RT {
     up_ = false;
-    // release, with the acquire load in lost(): the exchange has touched the hardware for the last time.
+    // release, with the acquire load in lost(): the Transport's last use of the hardware happens before.
     error_.store(error, std::memory_order_release);
   }
 
-  // True once after it came back: from here on it is the exchange's again.
+  // True once after it was reopened: from here on the Transport owns it again.
   bool regained() LITHE_RT {
-    // acquire, with the release store in give_back(): what was opened is seen whole.
+    // acquire, with the release store in give_back(): the reopened descriptor is visible completely.
     if (up_ || error_.load(std::memory_order_acquire) != 0) return false;
     up_ = true;
     return true;
   }
 
-  // Why the hardware is gone (errno); 0: it works, or it waits for the exchange to notice that it does.
+  // Why the hardware was lost (errno); 0: it works, or it is reopened and the Transport has not noticed yet.
   int lost() const LITHE_RT {
     // acquire, with the release store in lose().
     return error_.load(std::memory_order_acquire);
   }
 
-  // It works again.
+  // It has been reopened.
   void give_back() LITHE_RT {
     // release, with the acquire load in regained().
     error_.store(0, std::memory_order_release);
   }
 
  private:
-  bool up_ = true;  // the exchange's own view
+  bool up_ = true;  // the Transport's own copy
   std::atomic<int> error_{0};
 };
 

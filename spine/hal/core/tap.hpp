@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// For those who want to see what passes over the buses of a running robot.
+// Observes the frames of a running robot's buses.
 #pragma once
 
 #include <cstdint>
@@ -20,14 +20,14 @@ class FrameTap {
   FrameTap& operator=(const FrameTap&) = delete;
   virtual ~FrameTap() = default;
 
-  // Whether anybody watches in the exchange that begins now.
+  // True when the frames of the exchange that begins now are watched.
   virtual bool wanted(std::int64_t now_ns) LITHE_RT = 0;
   virtual void saw(std::uint32_t bus, bool outbound, const Frame& frame) LITHE_RT = 0;
-  // Now and then, watched or not.
+  // Called regularly, watched or not.
   virtual void counted(std::uint32_t bus, const BusStatistics& statistics) LITHE_RT = 0;
 };
 
-// A bus as it is, seen by a tap. While nobody watches it costs one more call and one look per exchange.
+// A bus with a tap. When it is not watched, it costs one more call and one check per exchange.
 // Contract: as Bus
 class TappedBus final : public Bus {
  public:

@@ -8,8 +8,8 @@ namespace {
 
 constexpr std::size_t kHeader = 4;
 constexpr std::int64_t kStampNs = 100'000;
-constexpr std::int64_t kLongestSilenceNs = 3'000'000'000;  // half of what a stamp can count
-constexpr std::int64_t kDriftShare = 2000;                 // of the time: no crystal is that wrong
+constexpr std::int64_t kLongestSilenceNs = 3'000'000'000;  // half the range of a time stamp
+constexpr std::int64_t kDriftShare = 2000;                 // maximum clock drift assumed: 1 / 2000
 
 std::uint16_t word_at(const Frame& frame, std::size_t at) LITHE_RT {
   return static_cast<std::uint16_t>(frame.data[at] | frame.data[at + 1] << 8);
@@ -17,8 +17,9 @@ std::uint16_t word_at(const Frame& frame, std::size_t at) LITHE_RT {
 
 }  // namespace
 
-// A sequence number that is up to half a turn behind is an old frame, not a gap of more than half a turn. After a
-// restart of the gateway that can hold up its first frames: never more than 128. After a silence nothing is known.
+// A sequence number up to half a cycle behind is an old frame, not a gap of more than half a cycle. After a restart of
+// the gateway, up to 128 of its first frames may be dropped for this reason. After a long silence any number is
+// accepted.
 bool Gateway::follows(std::uint8_t sequence) LITHE_RT {
   const auto ahead = static_cast<std::uint8_t>(sequence - sequence_);
   if (heard_ && (ahead == 0 || ahead > 128)) {
@@ -58,7 +59,7 @@ void Gateway::take(const Frame& frame, std::int64_t now_ns) LITHE_RT {
   }
 }
 
-// When it was sampled, on our clock: the two clocks differ by the least that any frame took, and drift apart slowly.
+// Sampling time on our clock: the clock offset is the smallest delay of any frame so far; the clocks drift slowly.
 std::int64_t Gateway::sampled_ns(std::uint16_t stamp, std::int64_t now_ns) LITHE_RT {
   stamp_ns_ += kStampNs * static_cast<std::uint16_t>(stamp - stamp_);
   ahead_ns_ += (now_ns - last_ns_) / kDriftShare;
@@ -68,7 +69,7 @@ std::int64_t Gateway::sampled_ns(std::uint16_t stamp, std::int64_t now_ns) LITHE
   return stamp_ns_ + ahead_ns_;
 }
 
-// What lies behind the last channel is padding: CAN FD knows only some lengths.
+// Bytes after the last channel are padding: CAN FD has only certain lengths.
 void Gateway::take_words(Block block, const Frame& frame, std::int64_t now_ns) LITHE_RT {
   auto& channels = channels_[static_cast<std::size_t>(block)];
   const std::size_t words = (frame.payload().size() - kHeader) / 2;

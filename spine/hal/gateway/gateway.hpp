@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// A sensor gateway: a microcontroller that puts analog and digital inputs and an IMU on the bus, unasked.
+// A sensor gateway: a microcontroller that sends analog and digital inputs and an IMU on the bus by itself.
 //
-// Its frames have extended ids, which neither moteus nor CANopen devices send to us:
+// Its frames have extended ids, which moteus and CANopen devices do not send:
 //   id      0x10400000 | node << 8 | block       node 1 to 126
 //   byte 0  sequence: counts all frames of the node, wraps
 //   byte 1  first channel
-//   2, 3    time of the sample in 100 us, wraps (little-endian, as all below): values that waited somewhere, or of a
+//   2, 3    time of the sample in 100 us, wraps (little-endian, as all below): values that were delayed, or of a
 //           sampler that hangs, are as old as this says
 //   4 ...   analog, imu: one int16 per channel, -32768 = not valid
 //           digital: uint16 values, uint16 valid, one bit per channel; first channel 0
@@ -26,8 +26,8 @@ inline constexpr std::uint32_t kIdMask = 0x1fff8000;
 inline constexpr std::size_t kChannels = 16;  // of each block
 inline constexpr std::int16_t kInvalid = -32768;
 
-// imu: 0 to 3 the attitude as a quaternion w x y z, 4 to 6 angular rate, 7 to 9 acceleration, x y z; what a count is
-// worth is the sensor's `scale` in robot.toml.
+// imu: 0 to 3 the attitude as a quaternion w x y z, 4 to 6 angular rate, 7 to 9 acceleration, x y z; the unit of a
+// count is the sensor's `scale` in robot.toml.
 enum class Block : std::uint8_t { analog, digital, imu };
 inline constexpr std::size_t kBlocks = 3;
 
@@ -36,15 +36,16 @@ constexpr std::uint32_t node_of(const Frame& frame) LITHE_RT { return frame.id >
 
 struct Counters {
   std::uint64_t frames = 0;
-  std::uint64_t lost = 0;       // by the gaps in the sequence; a frame that comes again or too late is no gap
+  std::uint64_t lost = 0;       // from gaps in the sequence; a repeated or late frame is not a gap
   std::uint64_t repeated = 0;   // the same sequence number again, or an older one: not used
   std::uint64_t malformed = 0;  // not used, either
 };
 
-// What one gateway said last. Contract: RT · one thread
+// The last values of one gateway.
+// Contract: RT · one thread
 class Gateway {
  public:
-  // A channel that nobody has renewed for `stale_ns` is not valid any more.
+  // A channel without a new value for `stale_ns` is not valid.
   Gateway(std::uint32_t node, std::int64_t stale_ns) : node_(node), stale_ns_(stale_ns) {}
 
   std::uint32_t node() const LITHE_RT { return node_; }
@@ -73,8 +74,7 @@ class Gateway {
   std::uint16_t stamp_ = 0;
   std::int64_t last_ns_ = 0;   // when the last frame came
   std::int64_t stamp_ns_ = 0;  // of its stamp, on the gateway's own clock
-  std::int64_t ahead_ns_ =
-      0;  // our clock less the gateway's, as small as it was ever seen: the frame that waited least
+  std::int64_t ahead_ns_ = 0;  // smallest difference of our clock to the gateway's so far: the least delayed frame
   std::array<std::array<Channel, kChannels>, kBlocks> channels_{};
   Counters counters_;
 };

@@ -14,13 +14,13 @@ namespace {
 
 constexpr std::uint32_t kReplyRequested = 0x8000;
 
-// Beyond these an answer is noise, not a measurement: the drive counts +-32768 turns, and no motor has that torque.
+// Plausibility limits of an answer: the drive counts +-32768 turns, and no motor has that torque.
 constexpr double kMaxRev = 32768;
 constexpr double kMaxTorqueNm = 1000;
-// Beyond this no number of a command means anything, and products of two would not be a float any more.
+// Limit for values of a command: beyond it, products of two values do not fit a float.
 constexpr double kMaxCommand = 1e15;
 
-// False for what is not finite as well: comparisons with NaN are.
+// False also for NaN and infinity.
 bool possible(double value) LITHE_RT { return std::abs(value) <= kMaxCommand; }
 
 bool possible(const JointCommand& c) LITHE_RT {
@@ -36,7 +36,7 @@ double to_motor_gain(const JointTransform& joint) LITHE_RT {
 Mode mode_for(DriveAction action) LITHE_RT {
   switch (action) {
     case DriveAction::torque:
-      return Mode::position;  // with a watchdog, which the current mode lacks
+      return Mode::position;  // has a watchdog, unlike the current mode
     case DriveAction::damp:
       return Mode::zero_velocity;
     case DriveAction::brake:
@@ -47,7 +47,7 @@ Mode mode_for(DriveAction action) LITHE_RT {
   return Mode::stopped;
 }
 
-// What the registers of an answer add up to; NaN until seen.
+// The registers of an answer; NaN until received.
 struct Registers {
   static constexpr double kUnseen = std::numeric_limits<double>::quiet_NaN();
   double mode = kUnseen, position_rev = kUnseen, velocity_rev_s = kUnseen, torque_nm = kUnseen;
@@ -90,7 +90,7 @@ struct Registers {
         break;
     }
   }
-  // NaN compares false: a register that did not come makes the answer invalid.
+  // NaN compares false: a missing register makes the answer invalid.
   bool whole() const LITHE_RT { return mode >= 0 && mode <= 15 && fault >= 0; }
   bool measured() const LITHE_RT {
     return std::abs(position_rev) <= kMaxRev && std::abs(velocity_rev_s) <= kMaxMotorRevPerS &&
@@ -117,7 +117,7 @@ wire::DriveState state_of(Mode mode) LITHE_RT {
   }
 }
 
-// What is no number, or none that a float of the drive holds, is not told.
+// A value that is not finite, or does not fit a float, is reported as NaN.
 double told(double value) LITHE_RT { return possible(value) ? value : DriveReport::kUntold; }
 
 }  // namespace
@@ -126,7 +126,7 @@ Expected expected_of(const DriverParams& params) {
   Expected expected;
   expected.settings = params.settings_in_drive;
   expected.watchdog_s = params.watchdog_s;
-  // A whole number ends at a scale of 1: at the gain that the drive is configured with.
+  // An integer format ends at a scale of 1, the drive's configured gain.
   const double least = to_motor_gain(params.joint);
   if (params.command.kp_scale != Format::float32) expected.least_kp_nm_rev = least * params.kp_max_nm_rad;
   if (params.command.kd_scale != Format::float32) {
@@ -143,7 +143,7 @@ Expected expected_of(const DriverParams& params) {
 
 std::uint32_t status_of(const Answer& sample) LITHE_RT {
   std::uint32_t status = std::uint32_t{sample.fault} << 8 | std::uint32_t{sample.mode} << 16;
-  // A fault code alone is no fault: while a limit is at work the code says which, and the drive goes on.
+  // A fault code alone is not a fault: while a limit is active, the code names it and the drive continues.
   if (sample.mode == static_cast<std::uint8_t>(Mode::fault)) status |= wire::joint_status::kFault;
   if (sample.mode == static_cast<std::uint8_t>(Mode::timeout)) status |= wire::joint_status::kWatchdog;
   if (!sample.homed) status |= wire::joint_status::kNotHomed;
@@ -168,12 +168,12 @@ double Driver::kd_scale(double kd_nm_s_rad) const LITHE_RT {
   return std::max(kd_nm_s_rad, 0.0) * to_motor_gain(params_.joint) / params_.kd_nm_s_rev;
 }
 
-// The same torque at the speed that was measured, and the damping that is to survive us.
+// The same torque at the measured speed, plus the damping that must remain when this computer dies.
 JointCommand Driver::with_damping(const JointCommand& command, double measured_rad_s) const LITHE_RT {
   JointCommand damped = command;
   const double kd = std::max(command.kd_nm_s_rad, 0.0);
   if (kd >= params_.damp_kd_nm_s_rad) return damped;
-  // A sample that is no speed of this joint must not become a torque.
+  // An implausible velocity must not change the torque.
   const double at_rad_s = std::clamp(measured_rad_s, -params_.velocity_max_rad_s, params_.velocity_max_rad_s);
   damped.kd_nm_s_rad = params_.damp_kd_nm_s_rad;
   damped.torque_nm += (kd - damped.kd_nm_s_rad) * (command.velocity_rad_s - at_rad_s);
@@ -205,7 +205,7 @@ bool Driver::encode(const JointCommand& command, std::uint32_t source, Frame& fr
 void Driver::encode_setup(Setup& setup, std::uint32_t source, Frame& frame) const LITHE_RT {
   SubframeWriter writer(frame);
   writer.write(Format::int8, reg::kMode, std::array{static_cast<double>(Mode::stopped)});
-  AnswerFormats without = params_.answer;  // there must be room for the answer of the console
+  AnswerFormats without = params_.answer;  // leaves room for the console's answer
   without.current.reset();
   without.power.reset();
   ask(source, without, writer, frame);
@@ -213,14 +213,14 @@ void Driver::encode_setup(Setup& setup, std::uint32_t source, Frame& frame) cons
   writer.pad();
 }
 
-// Address and query: what every frame has.
+// The address and the query of every frame.
 void Driver::ask(std::uint32_t source, const AnswerFormats& as, SubframeWriter& writer, Frame& frame) const LITHE_RT {
   frame.id = kReplyRequested | (source & 0x7f) << 8 | params_.id;
   frame.extended = true;
   frame.fd = true;
   frame.brs = true;
-  // Between current and power lie two registers nobody asks for. The mode in the format of what follows it where both
-  // fit a subframe: then the frames are shorter by four bytes.
+  // Between current and power there are two unused registers. The mode in the format of what follows it where both fit
+  // a subframe: then the frames are shorter by four bytes.
   const Format mode = as.position == Format::int16 ? Format::int16 : Format::int8;
   const std::array<SubframeWriter::Choice, 8> motion{mode,       as.position,  as.velocity,  as.torque,
                                                      as.current, std::nullopt, std::nullopt, as.power};
@@ -238,8 +238,8 @@ void Driver::write_torque(const JointCommand& command, SubframeWriter& writer) c
                                      motor.kp_scale,     motor.kd_scale,       motor.max_torque_nm};
   writer.write_each(reg::kCommandPosition, formats, values);
   if (params_.settings_in_drive) return;
-  // The drive's own planner would smooth what is already planned here: negative means no limit, hence no planner.
-  // Watchdog, limits of velocity and acceleration, a fixed voltage that is not meant, integral.
+  // The drive's own planner would smooth what is already planned here: a negative limit switches its planner off.
+  // Fields: watchdog, limits of velocity and acceleration, unused fixed voltage, integral.
   const std::array<SubframeWriter::Choice, 5> how{as.watchdog, Format::int8, Format::int8, std::nullopt, Format::int8};
   const std::array<double, 5> rest{params_.watchdog_s, -1, -1, 0, 0};
   writer.write_each(reg::kWatchdog, how, rest);
@@ -257,12 +257,12 @@ bool Driver::encode_within(const JointCommand& command, double lower_rad, double
   SubframeWriter writer(frame);
   constexpr std::array<double, 1> kMode{static_cast<double>(Mode::stay_within)};
   writer.write(Format::int8, reg::kMode, kMode);
-  JointCommand damped = command;  // freely is with no torque but the given one: here damping has nothing to balance
+  JointCommand damped = command;  // no compensation for the damping here
   damped.kd_nm_s_rad = std::max(command.kd_nm_s_rad, params_.damp_kd_nm_s_rad);
   const MotorCommand motor = to_motor(damped, true);
   const double a_rev = params_.joint.motor_rev(lower_rad);
   const double b_rev = params_.joint.motor_rev(upper_rad);
-  const bool turned = params_.joint.gear() < 0;  // the motor's lower end is the joint's upper one
+  const bool turned = params_.joint.gear() < 0;  // the motor's lower limit is the joint's upper one
   const CommandFormats& as = params_.command;
   const std::array<SubframeWriter::Choice, 8> formats{as.position, as.position,   as.torque,   as.kp_scale,
                                                       as.kd_scale, as.max_torque, as.watchdog, Format::int8};
@@ -292,7 +292,7 @@ bool Driver::decode(const Frame& frame, Answer& sample) const LITHE_RT {
                   told(answer.power_w), told(answer.temperature_degc)};
   // Behind a gear, a rotor's absolute encoder (1) does not tell the turn; an output encoder or a homing (2) does.
   sample.homed = answer.home >= (params_.direct ? 1 : 2);
-  // An integer at its end tells nothing any more.
+  // An integer at the end of its range is not a measurement.
   sample.measured = answer.measured() &&
                     std::abs(answer.position_rev) < largest(Quantity::position_rev, params_.answer.position) &&
                     std::abs(answer.velocity_rev_s) < largest(Quantity::velocity_rev_s, params_.answer.velocity) &&

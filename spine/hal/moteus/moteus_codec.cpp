@@ -68,7 +68,7 @@ void SubframeWriter::read(Format format, std::uint32_t start, std::uint32_t coun
 
 namespace {
 
-// How many from the first on have its format.
+// Length of the run with the first one's format.
 std::size_t run_of(std::span<const SubframeWriter::Choice> formats) LITHE_RT {
   std::size_t count = 1;
   while (count < formats.size() && formats[count] == formats[0]) ++count;
@@ -177,7 +177,7 @@ bool SubframeReader::parse(std::uint8_t head, Subframe& out) LITHE_RT {
     case kServerFlow:
     case kPollFlow:
       out.kind = Kind::flow;
-      rest_ = {};  // what it says is not looked at, so where it ends is not known
+      rest_ = {};  // its length is unknown, so parsing stops here
       return true;
     default:
       return false;
@@ -191,7 +191,7 @@ bool SubframeReader::registers(std::uint8_t head, Subframe& out) LITHE_RT {
   out.long_form = out.count == 0;
   if (out.long_form && !varuint(out.count)) return false;
   if (!varuint(out.start)) return false;
-  // A count beyond a frame can hold no values: refuse it before the multiplication can wrap.
+  // A count larger than a frame is refused before the multiplication can overflow.
   return out.kind == Kind::read || (out.count <= kMaxPayload && take(out.count * bytes_of(out.format), out));
 }
 

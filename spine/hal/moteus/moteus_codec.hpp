@@ -26,7 +26,7 @@ namespace lithe::hal::moteus {
 
 enum class Format : std::uint8_t { int8, int16, int32, float32 };
 
-// Decides what one count of an integer format is worth. Angles in revolutions, as the drive has them.
+// Kind of quantity: decides the unit of one count of an integer format. Angles in revolutions, as in the drive.
 enum class Quantity : std::uint8_t {
   integer,
   position_rev,
@@ -41,7 +41,7 @@ enum class Quantity : std::uint8_t {
   power_w,
 };
 
-// Registers by number; those this house uses.
+// Register numbers used by LITHE.
 namespace reg {
 inline constexpr std::uint32_t kMode = 0x000;
 inline constexpr std::uint32_t kPosition = 0x001;
@@ -104,7 +104,7 @@ inline constexpr std::uint32_t kRequireReindex = 0x132;
 inline constexpr std::uint32_t kRecapture = 0x133;
 inline constexpr std::uint32_t kDriverFault = 0x140;  // and 141
 inline constexpr std::uint32_t kUuid = 0x150;         // four words
-inline constexpr std::uint32_t kUuidMask = 0x154;     // four words: who has others ignores the frame
+inline constexpr std::uint32_t kUuidMask = 0x154;     // four words: drives with another UUID ignore the frame
 inline constexpr std::uint32_t kUuidMaskCapable = 0x158;
 }  // namespace reg
 
@@ -120,7 +120,7 @@ enum class Mode : std::uint8_t {
   voltage_dq = 8,
   current = 9,
   position = 10,
-  timeout = 11,  // its watchdog ran out; latched until stopped
+  timeout = 11,  // watchdog timeout; latched until stopped
   zero_velocity = 12,
   stay_within = 13,
   measure_inductance = 14,
@@ -129,14 +129,14 @@ enum class Mode : std::uint8_t {
 
 Quantity quantity_of(std::uint32_t number) LITHE_RT;
 
-// What one count is worth; 1 for float.
+// Unit of one count; 1 for float.
 double count_worth(Quantity quantity, Format format) LITHE_RT;
 
 constexpr std::size_t bytes_of(Format format) LITHE_RT {
   return format == Format::int8 ? 1 : format == Format::int16 ? 2 : 4;
 }
 
-// The largest magnitude that can be said; infinite for float.
+// The largest value of the format; infinite for float.
 double largest(Quantity quantity, Format format) LITHE_RT;
 
 // Integers: towards zero, saturated; what is not finite as the smallest integer, which reads as NaN. Writes
@@ -146,7 +146,7 @@ double decode_value(const std::uint8_t* in, Quantity quantity, Format format) LI
 
 enum class Kind : std::uint8_t { write, read, reply, write_error, read_error, client_data, server_data, poll, flow };
 
-// Appends subframes to a payload. A subframe that does not fit is left out whole and makes ok() false.
+// Appends subframes to a payload. A subframe that does not fit is left out completely and makes ok() false.
 // Contract: RT · pure
 class SubframeWriter {
  public:
@@ -154,21 +154,21 @@ class SubframeWriter {
 
   void write(Format format, std::uint32_t start, std::span<const double> values) LITHE_RT;
   void read(Format format, std::uint32_t start, std::uint32_t count) LITHE_RT;
-  // Registers from `start` on, each in a format of its own or none: one subframe for each run of the same format.
-  // Lists of the same length; of `values` those without a format are not looked at.
+  // Registers from `start` on, each in a format of its own or none: one subframe for each run of the same format. Lists
+  // of the same length; `values` without a format are ignored.
   using Choice = std::optional<Format>;
   void write_each(std::uint32_t start, std::span<const Choice> formats, std::span<const double> values) LITHE_RT;
   void read_each(std::uint32_t start, std::span<const Choice> formats) LITHE_RT;
   void client_data(std::uint32_t channel, std::span<const std::uint8_t> bytes) LITHE_RT;
   void poll(std::uint32_t channel, std::uint32_t most) LITHE_RT;
 
-  // For the drive's side. `long_form`: say the count in a byte of its own also where three bits would do.
+  // For the drive's side. `long_form`: write the count in its own byte, also when three bits would be enough.
   void reply(Format format, std::uint32_t start, std::span<const double> values, bool long_form) LITHE_RT;
   void error(Kind kind, std::uint32_t number, std::uint32_t error) LITHE_RT;
   void server_data(std::uint32_t channel, std::span<const std::uint8_t> bytes) LITHE_RT;
   std::size_t room() const LITHE_RT { return kMaxPayload - frame_->size; }
 
-  // Fills up to a length that CAN-FD can carry.
+  // Pads to a valid CAN FD length.
   void pad() LITHE_RT;
 
   bool ok() const LITHE_RT { return ok_; }
@@ -190,7 +190,7 @@ struct Subframe {
   Format format = Format::int8;
   bool long_form = false;
   std::uint32_t start = 0;  // register; channel of a stream
-  std::uint32_t count = 0;  // values; bytes of a stream. A read may ask for more than any frame holds
+  std::uint32_t count = 0;  // values, or bytes of a stream; a read may ask for more than fits a frame
   std::uint32_t error = 0;
   const std::uint8_t* data = nullptr;
 
@@ -200,13 +200,13 @@ struct Subframe {
   }
 };
 
-// Walks the subframes of any bytes whatever; what it yields lies inside them.
+// Iterates over the subframes of any bytes; results are always inside them.
 // Contract: RT · pure · at most one subframe per byte
 class SubframeReader {
  public:
   explicit SubframeReader(std::span<const std::uint8_t> payload) LITHE_RT : rest_(payload) {}
 
-  // False at the end, or where the bytes stop making sense: then well_formed() is false.
+  // False at the end, or at an invalid byte; then well_formed() is false.
   bool next(Subframe& out) LITHE_RT;
   bool well_formed() const LITHE_RT { return well_formed_; }
 

@@ -29,7 +29,7 @@ bool MoteusDrive::command(const JointCommand& command, const Exchange& exchange,
   bool sound = true;
   if (ready()) {
     JointCommand eased = command;
-    // What is no number stays none: the driver has to find that out.
+    // Non-finite values are kept, so that the driver detects them.
     if (std::isfinite(command.max_torque_nm)) eased.max_torque_nm = std::min(command.max_torque_nm, torque_allowed_nm_);
     sound = driver_.encode(eased, exchange.source, frame, velocity_rad_s_);
     asked_ = false;
@@ -38,7 +38,7 @@ bool MoteusDrive::command(const JointCommand& command, const Exchange& exchange,
     driver_.encode_setup(setup_, exchange.source, frame);
     asked_ = true;
   }
-  bus.send(frame);  // a refusal shows as a missed answer, and is counted by the bus
+  bus.send(frame);  // a refusal is counted by the bus, and the answer is missed
   return sound;
 }
 
@@ -48,7 +48,7 @@ Heard MoteusDrive::take(const Frame& frame, const Exchange& exchange, JointSampl
   if (!driver_.decode(frame, answer)) return Heard::malformed;
   unanswered_ = 0;
   if (asked_) {
-    asked_ = false;  // a frame that comes twice says everything once
+    asked_ = false;  // a duplicate frame is used once
     setup_.take(frame);
     if (setup_.ready()) driver_.know(setup_.settings());
     tell();

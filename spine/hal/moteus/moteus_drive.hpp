@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A moteus as the rest of the robot sees it: any drive.
+// Implements hal::Drive for a moteus.
 #pragma once
 
 #include <atomic>
@@ -13,9 +13,9 @@
 
 namespace lithe::hal::moteus {
 
-// One command and one answer per exchange. With DriverParams::ask_settings it is asked first how it is set (Setup): it
-// answers all the time, but is off and not ready until that is known, and again when it is off and has been silent for
-// a while: another one may have been put in its place.
+// One command and one answer per exchange. With DriverParams::ask_settings its settings are read first (Setup): until
+// then it answers, but is off and not ready. The settings are read again when it is off and was silent for a while: it
+// may have been replaced.
 // Contract: as hal::Drive; why_not_ready() any thread
 class MoteusDrive final : public Drive {
  public:
@@ -29,18 +29,18 @@ class MoteusDrive final : public Drive {
   static constexpr std::uint32_t kForgets = 10;  // exchanges without an answer
 
   bool ready() const LITHE_RT { return !asks_ || setup_.ready(); }
-  // Relaxed: the word is all there is to it. Pairs with why_not_ready().
+  // Relaxed: the word is self-contained. Pairs with why_not_ready().
   void tell() LITHE_RT { lack_.store(asks_ ? setup_.packed() : 0, std::memory_order_relaxed); }
 
   Driver driver_;
   const bool asks_;
   Setup setup_;
-  bool asked_ = false;            // this exchange's frame had one of its questions
+  bool asked_ = false;            // this exchange's frame contained a Setup question
   std::uint32_t unanswered_ = 0;  // exchanges in a row
-  bool forgotten_ = false;        // it was silent for too long
-  double velocity_rad_s_ = 0;     // as it said last
+  bool forgotten_ = false;        // it was silent for kForgets exchanges: read the settings again
+  double velocity_rad_s_ = 0;     // last measured
   const double torque_step_nm_;
-  double torque_allowed_nm_;           // its limit, since it drives
+  double torque_allowed_nm_;           // its torque limit while it grows after calibration
   std::atomic<std::uint64_t> lack_{};  // Setup::packed(); stored by the exchange's thread, loaded by any
 };
 

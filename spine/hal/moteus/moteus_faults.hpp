@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a moteus says is wrong: the codes of its fault register, and their names for people.
+// Codes of a moteus's fault register, and their names.
 #pragma once
 
 #include <cstdint>
@@ -41,12 +41,12 @@ inline constexpr std::uint32_t kLimitFluxBraking = 104;
 inline constexpr std::uint32_t kLimitFieldWeakening = 105;
 }  // namespace fault
 
-// A limit at work, while the drive goes on: not a fault.
+// True for the code of an active limit: not a fault, the drive continues.
 constexpr bool is_limit(std::uint32_t code) LITHE_RT {
   return code >= fault::kLimitVelocity && code <= fault::kLimitFieldWeakening;
 }
 
-// In a few words, without the code; "none" for 0, "unknown" for what no firmware says. Never null.
+// A short text without the code; "none" for 0, "unknown" for other codes. Never null.
 // Contract: RT · any thread
 const char* fault_name(std::uint32_t code) LITHE_RT;
 const char* mode_name(Mode mode) LITHE_RT;

@@ -15,7 +15,7 @@ namespace {
 constexpr std::uint32_t kChannel = 1;
 constexpr double kKnownMap = 5;
 
-// The first is a register, the others are settings of the console. What each answer is judged by: see answered().
+// The first question reads a register, the others read settings through the console. The checks are in answered().
 enum Question : std::uint8_t {
   kMap,
   kKp,
@@ -40,7 +40,7 @@ constexpr std::array<std::string_view, 10> kLines{"",
                                                   "conf get servo.default_accel_limit\n",
                                                   "conf get servo.pid_position.ilimit\n"};
 
-// Commands are divided by it, and must stay numbers that a float holds.
+// Commands are divided by it, and the result must fit a float.
 bool can_scale(double gain) LITHE_RT { return gain >= 1e-9 && gain <= 1e9; }
 
 // The name of the setting behind a question.
@@ -61,7 +61,7 @@ void Setup::ask(SubframeWriter& writer) LITHE_RT {
     if (exchanges_ < kRest) return;
     const Setup before = *this;
     restart();
-    lack_ = before.lack_;  // until it has said something else
+    lack_ = before.lack_;  // until there is a new answer
     lacking_ = before.lacking_;
     value_ = before.value_;
   }
@@ -78,7 +78,7 @@ void Setup::ask(SubframeWriter& writer) LITHE_RT {
 
 void Setup::missed() LITHE_RT {
   if (ready() || phase_ == Phase::rest) return;
-  phase_ = Phase::empty;  // whatever it said is no longer whole
+  phase_ = Phase::empty;  // the answer so far is incomplete
   exchanges_ = 0;
   length_ = 0;
   too_long_ = false;
@@ -113,7 +113,7 @@ void Setup::take_register_map(const Subframe& reply) LITHE_RT {
   answered(reply.value(0));
 }
 
-// Lines end with either or both of these; empty ones say nothing.
+// Lines end with either or both of these; empty lines are ignored.
 void Setup::take_text(const Subframe& data) LITHE_RT {
   for (std::uint32_t i = 0; i < data.count; ++i) {
     const char c = static_cast<char>(data.data[i]);
@@ -121,7 +121,7 @@ void Setup::take_text(const Subframe& data) LITHE_RT {
       if (length_ > 0) take_line();
       length_ = 0;
       too_long_ = false;
-      if (phase_ == Phase::rest || phase_ == Phase::empty) return;  // that was it; more would be others'
+      if (phase_ == Phase::rest || phase_ == Phase::empty) return;  // answer complete; the rest is for others
     } else if (length_ < line_.size()) {
       line_[length_++] = c;
     } else {
@@ -132,7 +132,7 @@ void Setup::take_text(const Subframe& data) LITHE_RT {
 
 void Setup::take_line() LITHE_RT {
   const std::string_view line(line_.data(), length_);
-  if (setting_) {  // whatever it says to that: the next answer shows whether it is so
+  if (setting_) {  // the reply is ignored: the next read shows the value
     setting_ = false;
     phase_ = Phase::empty;
     exchanges_ = 0;
@@ -140,7 +140,8 @@ void Setup::take_line() LITHE_RT {
   }
   double value = 0;
   if (!too_long_ && read_number(line, value)) return answered(value);
-  // "No such setting", or others' words. The ratio is younger than the other settings: without it none is assumed.
+  // "No such setting", or output for another client. The ratio setting is newer than the others: without it no ratio is
+  // assumed.
   if (question_ == kRatio && begins(line, "ERR")) return answered(std::numeric_limits<double>::quiet_NaN());
   refuse(Lack::unsaid, 0);
 }

@@ -13,10 +13,10 @@ namespace {
 constexpr std::uint32_t kReplyRequested = 0x8000;
 constexpr std::uint32_t kBroadcast = 0x7f;
 constexpr std::uint32_t kChannel = 1;
-constexpr std::size_t kPiece = 48;  // bytes of a stream in one frame, as the makers' own tools have it
+constexpr std::size_t kPiece = 48;  // stream bytes per frame, as in the maker's tools
 constexpr std::int64_t kAnswerNs = 200'000'000;
 constexpr std::int64_t kSilenceNs = 1'000'000'000;
-constexpr std::int64_t kLongestNs = 30'000'000'000;  // of an answer; whole configurations take less than a second
+constexpr std::int64_t kLongestNs = 30'000'000'000;  // of an answer; a full configuration takes less than a second
 constexpr std::uint32_t kSources = 125;
 
 void address(std::uint32_t destination, Frame& frame) {
@@ -25,7 +25,7 @@ void address(std::uint32_t destination, Frame& frame) {
   frame.extended = frame.fd = frame.brs = true;
 }
 
-// The next whole line of what has come so far, and away with it. False: none yet.
+// Takes the next complete line from the input. False: none yet.
 bool take_line(std::string& text, std::string& line) {
   const std::size_t end = text.find_first_of("\r\n");
   if (end == std::string::npos) return false;
@@ -40,7 +40,7 @@ std::uint32_t word_at(const std::uint8_t* bytes) {
   return word;
 }
 
-// As numbers that a subframe takes; the one word that no number can say is that of "not a number".
+// The words as doubles for a subframe. One bit pattern cannot be represented: that of NaN.
 std::array<double, 4> uuid_words(const std::array<std::uint8_t, 16>& uuid) {
   std::array<double, 4> words{};
   for (std::size_t i = 0; i < words.size(); ++i) {
@@ -50,7 +50,7 @@ std::array<double, 4> uuid_words(const std::array<std::uint8_t, 16>& uuid) {
   return words;
 }
 
-// False: no whole answer to identify().
+// False: not a complete answer to identify().
 bool take_identity(const Frame& said, Identity& identity) {
   Identity seen;
   bool whole = false;
@@ -86,7 +86,7 @@ void make_discovery(Frame& frame) {
 }
 
 bool take_discovery(const Frame& answer, Found& found) {
-  if ((answer.id & ~0x7f00U) != 0) return false;  // an answer to source 0 has nothing else in its id
+  if ((answer.id & ~0x7f00U) != 0) return false;  // an answer to source 0 has no other bits
   Found seen;
   seen.id = device_of(answer) & 0xff;
   SubframeReader reader(answer.payload());
@@ -118,7 +118,7 @@ std::vector<Found> Terminal::discover(std::int64_t wait_ns) {
     Found found;
     const bool heard = bus_.receive(frame);
     if (heard && take_discovery(frame, found)) all.push_back(found);
-    if (time_.now_ns() >= end_ns) break;  // also where somebody talks without end
+    if (time_.now_ns() >= end_ns) break;  // also with endless input
     if (!heard) time_.pause();
   }
   std::stable_sort(all.begin(), all.end(), [](const Found& a, const Found& b) { return a.id < b.id; });
@@ -135,7 +135,7 @@ Result<> Terminal::await(std::uint32_t id, const Frame& question, const std::fun
   bus_.flush();
   while (true) {
     const bool heard = bus_.receive(frame);
-    // What answers another source answers an earlier question.
+    // An answer to another source address belongs to an earlier question.
     if (heard && device_of(frame) == id && source_of(frame) == source_ && is_it(frame)) return done();
     if (time_.now_ns() >= end_ns) return Error{"drive " + std::to_string(id) + " does not answer"};
     if (!heard) time_.pause();
@@ -183,7 +183,7 @@ Result<std::string> Terminal::exchange(std::uint32_t id, std::string_view piece)
 }
 
 Result<std::string> Terminal::ask(std::uint32_t id, std::string_view line, bool one_line) {
-  // What an earlier asker did not fetch answers nothing of ours.
+  // Discards output that an earlier client did not read.
   constexpr int kMostOld = 1000;
   for (int i = 0;; ++i) {
     const Result<std::string> old = exchange(id, "");
@@ -196,7 +196,7 @@ Result<std::string> Terminal::ask(std::uint32_t id, std::string_view line, bool 
   for (std::size_t at = 0; at < text.size(); at += kPiece) {
     const Result<std::string> sent = exchange(id, std::string_view(text).substr(at, kPiece));
     if (!sent) return sent;
-    come += *sent;  // a drive may have its answer ready at once
+    come += *sent;  // a drive may answer at once
   }
   std::string said;
   const std::int64_t end_ns = time_.now_ns() + kLongestNs;

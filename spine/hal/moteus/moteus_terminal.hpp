@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// For those who look after moteus drives: who is on a bus, what it is set to. Through any bus, beside no running robot.
+// Maintenance of moteus drives: discovery and settings, through any bus. Not while a robot runs on it.
 #pragma once
 
 #include <array>
@@ -19,15 +19,15 @@ namespace lithe::hal::moteus {
 struct Found {
   std::uint32_t id = 0;
   std::array<std::uint8_t, 16> uuid{};  // all zero: firmware that has none
-  bool maskable = false;                // it can be addressed by its UUID when its id is another's as well
+  bool maskable = false;                // can be addressed by its UUID when another drive has the same id
 
   auto operator<=>(const Found&) const = default;  // by id first
 };
 
-// The register map that this house speaks (register 102h); one of another number may mean something else.
+// The register map that LITHE uses (register 102h); another number may mean other registers.
 inline constexpr std::uint32_t kKnownRegisterMap = 5;
 
-// What a drive says of itself; asking changes nothing.
+// Identity of a drive; read-only.
 struct Identity {
   std::uint32_t model = 0;
   std::uint32_t firmware = 0;  // 0x010203 = 1.2.3
@@ -37,28 +37,29 @@ struct Identity {
   std::uint32_t fault = 0;
 };
 
-// What the frames are; pure.
+// The frames; pure.
 void make_discovery(Frame& frame);                       // to all, all answer
-bool take_discovery(const Frame& answer, Found& found);  // false: no answer to it
+bool take_discovery(const Frame& answer, Found& found);  // false: not an answer to it
 
-// Drives answer to the console one at a time, and so does this.
-// Contract: not RT, it waits, but comes back whatever the bus says · one thread, which alone uses the bus
+// A console conversation with one drive at a time.
+// Contract: not RT: waits, but always returns within a time limit · one thread, which alone uses the bus
 class Terminal {
  public:
   struct Time {
     std::function<std::int64_t()> now_ns;  // CLOCK_MONOTONIC
-    std::function<void()> pause;           // a moment in which an answer may come
+    std::function<void()> pause;           // waits briefly for an answer
   };
   Terminal(Bus& bus, Time time) : bus_(bus), time_(std::move(time)) {}
 
-  // Everybody who answers within the time, in order of their ids; two with the same id are both there.
+  // All drives that answer in time, in order of their ids; two with the same id are both listed.
   std::vector<Found> discover(std::int64_t wait_ns = 100'000'000);
 
-  // What it is. Of two with one id only this one is asked, where its firmware can be (Found::maskable).
+  // Reads its identity. Of two drives with one id only this one is asked, if its firmware supports it
+  // (Found::maskable).
   Result<Identity> identify(const Found& who);
 
-  // One line to a drive's console ("d stop"); what it said before "OK". The error has the drive's own words, or says
-  // that none came.
+  // Sends one line to a drive's console ("d stop") and returns its output before "OK". The error has the drive's text,
+  // or says that there was no answer.
   Result<std::string> command(std::uint32_t id, std::string_view line);
 
   // A setting by the name the firmware gives it ("servo.pid_position.kp"). Setting it does not store it: command(id,
@@ -68,14 +69,14 @@ class Terminal {
 
  private:
   Result<std::string> ask(std::uint32_t id, std::string_view line, bool one_line);
-  // Sends it and waits for a frame of that drive which `is_it`.
+  // Sends it and waits for a frame of that drive for which `is_it` is true.
   Result<> await(std::uint32_t id, const Frame& question, const std::function<bool(const Frame&)>& is_it);
-  // The bytes that one exchange with the drive's console brought. `piece` empty: a poll.
+  // The bytes received in one exchange with the drive's console. `piece` empty: a poll.
   Result<std::string> exchange(std::uint32_t id, std::string_view piece);
 
   Bus& bus_;
   Time time_;
-  std::uint32_t source_ = 0;  // our address, another one with each question: a late answer is known as such
+  std::uint32_t source_ = 0;  // our address; changes with each question, to recognise late answers
 };
 
 }  // namespace lithe::hal::moteus

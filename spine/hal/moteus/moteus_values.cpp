@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the numbers in the registers mean, and how they are written.
+// Units and encoding of register values.
 #include <array>
 #include <bit>
 #include <cmath>
@@ -44,11 +44,11 @@ std::uint32_t get_little_endian(const std::uint8_t* in, std::size_t bytes) LITHE
   return bits;
 }
 
-constexpr std::size_t kLow = 0x080;  // from here on nothing but whole numbers, but for two
+constexpr std::size_t kLow = 0x080;  // from here on only integers, with two exceptions
 
 constexpr std::array<Quantity, kLow> table() {
   using enum Quantity;
-  std::array<Quantity, kLow> of{};  // integer, unless it is said otherwise
+  std::array<Quantity, kLow> of{};  // integer by default
   const auto row = [&of](std::uint32_t first, std::initializer_list<Quantity> quantities) {
     for (const Quantity quantity : quantities) of[first++] = quantity;
   };

@@ -10,7 +10,7 @@
 namespace lithe::hal {
 namespace {
 
-constexpr int kDigits = 17;  // more of them change nothing
+constexpr int kDigits = 17;  // more digits have no effect
 
 bool is_digit(char c) LITHE_RT { return c >= '0' && c <= '9'; }
 
@@ -31,7 +31,7 @@ bool take_sign(std::string_view& text) LITHE_RT {
   return negative;
 }
 
-// Digits and a point; how far the point is to the right of what was kept.
+// Reads digits and a point; returns the power of ten to apply.
 bool take_digits(std::string_view& text, double& mantissa, int& exponent) LITHE_RT {
   bool any = false;
   bool point = false;

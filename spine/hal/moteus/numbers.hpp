@@ -10,13 +10,13 @@
 
 namespace lithe::hal {
 
-// The whole text as a decimal number: sign, digits, point, exponent; or nan, inf. False: it is none.
-// Contract: RT · pure · as exact as a configuration value needs: 15 digits
+// Parses the whole text as a decimal number: sign, digits, point, exponent; or nan, inf. False: not a number.
+// Contract: RT · pure · 15 significant digits
 bool read_number(std::string_view text, double& value) LITHE_RT;
 
 inline constexpr std::size_t kLongestNumber = 40;
 
-// Without a point when `integer`, else with six digits after it; beyond 1e15 it says 1e15. The length, at most
+// Formats without a point when `integer`, else with six digits after it; clamped to 1e15. The length, at most
 // kLongestNumber; 0 when it does not fit.
 std::size_t write_number(double value, bool integer, std::span<char> out) LITHE_RT;
 

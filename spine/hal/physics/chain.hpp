@@ -53,7 +53,8 @@ class Chain final : public Mechanism {
 
   double inertia_kg_m2(std::size_t joint) const override;  // stretched
 
-  // Puts a joint there, moving like that. Contract: tests and set-up
+  // Puts a joint there, moving like that.
+  // Contract: tests and set-up
   void place(std::size_t joint, double position_rad, double velocity_rad_s = 0) LITHE_RT;
 
  private:

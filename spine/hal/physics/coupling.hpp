@@ -19,8 +19,8 @@ namespace lithe::hal::sim {
 // all joints move. A drive measures what its joint did one such step later than one with a plant of its own. On a bus
 // it says and answers nothing: attached before the drives, it brings all of them to the time of whatever is about to
 // reach one. A CiA 402 drive judges its host's heartbeat when it is next reached, not before: it goes on under its last
-// command until then, as one that looks at its deadline once per SYNC. Contract: RT · one thread · drives outlive it,
-// and are advanced by nobody else to times that it has not reached
+// command until then, as one that looks at its deadline once per SYNC.
+// Contract: RT · one thread · drives outlive it, and are advanced by nobody else to times that it has not reached
 class Coupling final : public BusNode {
  public:
   // The most time one advance() works through; what lies beyond is skipped: only watchdogs have run when it is over.
@@ -29,7 +29,8 @@ class Coupling final : public BusNode {
   explicit Coupling(std::unique_ptr<Mechanism> mechanism) : mechanism_(std::move(mechanism)) {}
 
   // Of the mechanism's next joint. Any drive that has advance(now_ns), skip(now_ns) and plant(); its plant moves with
-  // the mechanism from now on. False: there is no such joint. Contract: never in the tick
+  // the mechanism from now on. False: there is no such joint.
+  // Contract: never in the tick
   template <class AnyServo>
   bool add(AnyServo& servo) {
     if (drives_.size() == mechanism_->joints()) return false;

@@ -29,7 +29,8 @@ class Mechanism {
   virtual double velocity_rad_s(std::size_t joint) const LITHE_RT = 0;
   virtual double torque_nm(std::size_t joint) const LITHE_RT = 0;  // of the motor, at the joint
 
-  // What a drive at this joint would be tuned for: all that turns with it, in a usual pose. Contract: never in the tick
+  // What a drive at this joint would be tuned for: all that turns with it, in a usual pose.
+  // Contract: never in the tick
   virtual double inertia_kg_m2(std::size_t joint) const = 0;
 };
 

@@ -35,7 +35,8 @@ using Clock = std::int64_t (*)();  // nanoseconds
 // else the model has (a free base, passive joints, things that lie about) moves too. A motion that grows beyond all
 // bounds starts anew, as MuJoCo has it. Its step allocates nothing, except where meshes touch or more than 128 bodies
 // may. The error names the joint or what MuJoCo says, that a step takes longer by this clock than it lasts, or how to
-// install MuJoCo. Contract: never in the tick
+// install MuJoCo.
+// Contract: never in the tick
 Result<std::unique_ptr<Mechanism>> open_mujoco(const MujocoParams& params, Clock clock = monotonic_ns);
 
 }  // namespace lithe::hal::sim

@@ -92,7 +92,8 @@ class Plant {
     if (!coupled_) follow(params_.initial_position_rad, 0, 0);
   }
 
-  // Puts the joint there, at rest, as a hand would. Contract: tests and set-up
+  // Puts the joint there, at rest, as a hand would.
+  // Contract: tests and set-up
   void place(double position_rad) LITHE_RT {
     position_rad_ = position_rad;
     velocity_rad_s_ = 0;

@@ -50,7 +50,8 @@ struct DriveErrors {
   std::uint64_t seed = 1;         // of the noise
 };
 
-// The two errors that change with time. Contract: RT · one thread · same seed, same numbers
+// The two errors that change with time.
+// Contract: RT · one thread · same seed, same numbers
 class ErrorSource {
  public:
   explicit ErrorSource(const DriveErrors& errors) : errors_(errors), draws_(errors.seed) {}
@@ -75,7 +76,8 @@ class ErrorSource {
   double torque_error_nm_ = 0;
 };
 
-// A number that takes effect some steps of the plant later; 0 before. Contract: RT · one thread
+// A number that takes effect some steps of the plant later; 0 before.
+// Contract: RT · one thread
 class StepDelay {
  public:
   static constexpr std::size_t kMost = 20;  // 1 ms
@@ -104,7 +106,8 @@ struct Truth {
   double mgl_told_nm = 0;
 };
 
-// The same for the same file. Contract: never in the tick
+// The same for the same file.
+// Contract: never in the tick
 Truth draw_truth(const robot::RobotConfig& config, const robot::JointConfig& joint);
 
 }  // namespace lithe::hal::sim

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One moteus as the robot has it, driver and simulated drive, with somebody between them. For tests only.
+// For tests: a moteus driver and a simulated drive, with a function between them that can change frames.
 #pragma once
 
 #include <limits>
@@ -15,7 +15,7 @@
 
 namespace lithe::hal {
 
-// What the drive answers passes `meddle`: false loses it.
+// Each answer of the drive passes `meddle`; false drops it.
 class Meddler final : public BusNode {
  public:
   explicit Meddler(const sim::SimMoteusParams& params) : drive(params) {}
@@ -78,7 +78,7 @@ struct MoteusLine {
   bool has(std::uint32_t bit) const { return (state.status[0] & bit) != 0; }
   bool ready() const { return has(wire::joint_status::kFresh) && !has(wire::joint_status::kNotReady); }
   std::uint32_t mode() const { return state.status[0] >> 16 & 0xff; }
-  // One line to the drive's console, by somebody else.
+  // Sends one line to the drive's console, as another client.
   void tell(const std::string& line) {
     Frame frame;
     frame.id = 1;

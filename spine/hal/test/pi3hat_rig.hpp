@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A pi3hat of ours for tests: simulated devices on its five buses, and the maker's library's manners in front of them.
+// For tests: a simulated pi3hat with devices on its five buses, which behaves like the maker's library.
 #pragma once
 
 #include <algorithm>
@@ -14,23 +14,23 @@
 
 namespace lithe::hal {
 
-// What a test sees of the board and does to it. It outlives the board.
+// Controls and observations of the board. Must outlive the board.
 struct Board {
   std::array<LoopBus, kPi3hatConnectors> lines;
-  std::array<FrameQueue, kPi3hatConnectors> wire;     // said by a device, one after the other
+  std::array<FrameQueue, kPi3hatConnectors> wire;     // sent by devices, in order
   std::array<FrameQueue, kPi3hatConnectors> arrived;  // in the board
   sim::Nodes nodes;
   std::uint64_t cycles = 0;
   std::size_t sent = 0;      // in the last cycle
-  std::size_t answered = 0;  // of those: frames to which an answer was waited for
+  std::size_t answered = 0;  // of those: frames that expected an answer
   std::uint32_t listen = 0;
   bool attitude_asked = false;
   bool moves = true;  // there is a new attitude
   Pi3hatAttitude attitude{{1, 0, 0, 0}, {0, 90, 0}, {0, 0, 9.8}};
   int error = 0;
   std::int64_t now_ns = 0;
-  std::size_t strangers = 0;  // frames that it makes up, from connectors that there are not
-  bool slow = false;          // what devices say is on the wire until the next tick
+  std::size_t strangers = 0;  // invented frames with connector numbers that do not exist
+  bool slow = false;          // answers arrive in the next tick
 };
 
 // As the maker's library, of whose processors one has JC1 and JC2, one JC3 and JC4, one JC5: first what is in the
@@ -91,7 +91,7 @@ class BoardPort final : public Pi3hatPort {
     board_.arrived[i].push(*board_.wire[i].front());
     board_.wire[i].pop();
   }
-  // Returns how many it took.
+  // Returns the number of frames taken.
   std::size_t read(std::size_t processor, std::size_t most) LITHE_RT {
     std::size_t taken = 0;
     for (std::size_t i = std::min(2 * processor + 1, kPi3hatConnectors - 1) + 1; i-- > 2 * processor;) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// For tests: a serial device whose other end the test holds, and may pull out.
+// For tests: a serial device whose other end the test controls, and can unplug.
 #pragma once
 
 #include <fcntl.h>
@@ -17,8 +17,8 @@
 
 namespace lithe::hal::test {
 
-// Until `fulfilled` or for so long that something is wrong for sure. Terminals hand bytes over by a thread of the
-// kernel's: what was written is not there at once.
+// Waits until `fulfilled`, or for a long time limit. A kernel thread moves a terminal's bytes, so written bytes do not
+// arrive at once.
 template <class Condition>
 bool await(Condition fulfilled) {
   const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(60);
@@ -47,9 +47,9 @@ class TestPty {
   TestPty& operator=(const TestPty&) = delete;
 
   std::string path() const { return directory_ + "/adapter"; }
-  // The device of this time.
+  // The path of the present device.
   const std::string& device() const { return device_; }
-  // From here on device() alone leads to it, and a process that is killed leaves nothing behind.
+  // Unlinked: only device() leads to it, and a killed process leaves no file.
   void forget_path() {
     unlink(path().c_str());
     rmdir(directory_.c_str());
@@ -70,7 +70,7 @@ class TestPty {
     master_ = -1;
   }
 
-  // Waits while there is no room: a terminal holds about 12 KB that nobody has read.
+  // Waits while there is no room: a terminal holds about 12 KB of unread bytes.
   void say(std::string_view text) {
     while (!text.empty()) {
       const ssize_t taken = write(master_, text.data(), text.size());
@@ -78,7 +78,7 @@ class TestPty {
       if (taken < 0) std::this_thread::sleep_for(std::chrono::microseconds(200));
     }
   }
-  // All that has arrived since the last call.
+  // All bytes that have arrived since the last call.
   std::string heard() {
     std::string all;
     std::array<char, 4096> part{};
@@ -87,7 +87,7 @@ class TestPty {
     }
     return all;
   }
-  // The same, until it ends so.
+  // The same, until the text ends with this.
   std::string heard_until(std::string_view end) {
     std::string all;
     await([&] { return (all += heard()).ends_with(end); });

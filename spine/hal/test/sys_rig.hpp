@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// For tests: what a kernel would tell of a serial device if it were the port of an adapter on USB.
+// For tests: simulated kernel information (/sys) about a serial device on USB.
 #pragma once
 
 #include <sys/stat.h>
@@ -27,7 +27,7 @@ class FakeSys {
 
   std::string path() const { return root_; }
 
-  // The device at `path` is from now on the port of this adapter, in this socket.
+  // Makes the device at `path` the port of this adapter, in this USB socket.
   void plug(const std::string& path, const std::string& vendor, const std::string& product, const std::string& serial,
             const std::string& socket = "1-1") {
     const std::filesystem::path adapter = root_ / "devices" / socket;
@@ -39,7 +39,7 @@ class FakeSys {
     if (!serial.empty()) std::ofstream(adapter / "serial") << serial << "\n";
     point(path, interface);
   }
-  // Or a UART of the board.
+  // Makes it a UART of the board.
   void solder(const std::string& path) {
     const std::filesystem::path place = root_ / "devices/platform/fe201000.serial";
     std::filesystem::create_directories(place);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Two simulated drives on a bus in memory, and a cable that spoils what one of them says.
+// For tests: two simulated drives on a loop bus; the frames of one can be damaged.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -23,7 +23,7 @@ inline constexpr std::size_t kInPosition = 5;  // the last digit of the position
 
 enum class Trick { none, drop, twice, stray, garble, hold_back, babble, contradict, contradict_later };
 
-// Stands between a drive and the bus and does to the answers what cables and firmware do.
+// A node between a drive and the bus that drops, damages, repeats or delays its answers.
 class BadCable final : public BusNode {
  public:
   explicit BadCable(const sim::SimMoteusParams& params) : drive_(params) {}
@@ -52,7 +52,7 @@ class BadCable final : public BusNode {
   void play(Frame& answer, FrameQueue& answers) LITHE_RT {
     if (keep != nullptr) *keep = answer;
     if (replay != nullptr) answers.push(*replay);
-    if (held_) {  // what was held back comes first: the order of a bus is never changed
+    if (held_) {  // delayed frames come first: a bus keeps the order
       answers.push(late_);
       held_ = false;
     }
@@ -97,7 +97,7 @@ class BadCable final : public BusNode {
   bool speaks_again_ = false;
 };
 
-// Two joints on one bus, each asked in one of `divider` exchanges; the second one has the bad cable.
+// Two joints on one bus, each asked in one of `divider` exchanges; the frames of the second one can be damaged.
 class TwoJoints : public testing::Test {
  protected:
   explicit TwoJoints(std::uint32_t divider = 1) {

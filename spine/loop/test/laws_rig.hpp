@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tick's dealings with laws under test: laws of every kind, and readers for what the Spine says about them.
+// Fixture for laws.cpp: laws of every kind, and readers of the Spine's events and records.
 #pragma once
 
 #include <algorithm>
@@ -16,7 +16,7 @@ using wire::EventKind;
 using wire::LawFaultKind;
 namespace flag = wire::telemetry_flag;
 
-// Pd with another structure: a constant more, and a state of its own.
+// Pd with another structure: an added constant, and its own state.
 struct Lifted {
   struct Params {};
   struct State {
@@ -45,7 +45,7 @@ struct Crash {
     u.torque_nm[0] = *reinterpret_cast<const double*>(kNowhere);
   }
 };
-struct Scribble {  // over everything it is given, and through the const
+struct Scribble {  // overwrites all its inputs, also through const
   struct Params {
     Param gain{1, 0, 2};
   };
@@ -70,7 +70,7 @@ struct Integrate {  // its state is its output
     u.torque_nm[0] = s.integral_nm;
   }
 };
-struct Poisoner {  // never shows what it keeps
+struct Poisoner {  // its state never shows in its output
   struct Params {};
   struct State {
     double integral_nm = 0;
@@ -81,7 +81,7 @@ struct Poisoner {  // never shows what it keeps
     s.integral_nm = std::numeric_limits<double>::quiet_NaN();
   }
 };
-struct Lazy {  // holds where it is, follows nothing
+struct Lazy {  // holds its position, does not track
   struct Params {};
   struct State {};
   static void step(const Tick& t, const Params&, State&, Effort& u) { u.torque_nm[0] = -0.2 * t.velocity_rad_s[0]; }
@@ -111,13 +111,13 @@ struct Tuned {
                      0.01 * p.bias_nm / (1 - p.bias_nm);
   }
 };
-struct Clock {  // puts out its own time
+struct Clock {  // outputs its own time
   struct Params {};
   struct State {};
   static void step(const Tick& t, const Params&, State&, Effort& u) { u.torque_nm[0] = 0.1 * t.t_s; }
 };
-inline std::span<std::byte> kPrey;  // whatever a test lays out for it
-struct Raise {                      // every 0.6 it finds there, and one of them is the largest torque
+inline std::span<std::byte> kPrey;  // memory that a test provides
+struct Raise {                      // overwrites every 0.6 there; one of them is the torque limit
   struct Params {};
   struct State {};
   static void step(const Tick&, const Params&, State&, Effort&) {
@@ -128,7 +128,7 @@ struct Raise {                      // every 0.6 it finds there, and one of them
     }
   }
 };
-struct Huge {  // torque that no double holds, by way of the drive's own spring
+struct Huge {  // overflows the torque through the drive's own stiffness
   struct Params {};
   struct State {};
   static void step(const Tick& t, const Params&, State&, Effort& u) {

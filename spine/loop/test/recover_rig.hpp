@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the tests of recover share: the tick's bench with robots of one or more joints that may stand anywhere.
+// Fixture for the tests of recover: robots with joints at any start position.
 #pragma once
 
 #include <fmt/format.h>
@@ -105,7 +105,7 @@ class RecoverBench : public TickBench {
     for (std::size_t j = 0; j < robot_.joints.size(); ++j) all = all && inside(j);
     return all;
   }
-  // Until it is over, one way or the other. False: not within `seconds`.
+  // Runs until recover has ended, with or without success. False: not within `seconds`.
   bool finish_recovery(double seconds) {
     for (int left = ticks_in(seconds); left > 0; --left) {
       if (mode() != Mode::recover || !recovering()) return true;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tick with every real part around it: robot file, guard, plan, slot, moteus frames, simulated joint. The test
-// plays the Transport, and time is virtual: no test on it depends on how fast the machine is.
+// The tick with every real part around it: robot file, guard, plan, slot, moteus frames, simulated joint. The test does
+// the Transport's work, and time is virtual: the tests do not depend on the speed of the machine.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -70,7 +70,7 @@ struct Pd {
     u.torque_nm[0] = p.kp_nm_rad * error_rad - p.kd_nm_s_rad * t.velocity_rad_s[0];
   }
 };
-struct Push {  // as far from Pd as it gets
+struct Push {  // differs from Pd as much as possible
   struct Params {};
   struct State {
     double integral_rad_s = 1.0;
@@ -95,19 +95,19 @@ class TickBench {
   TickBench(const robot::RobotConfig& robot, std::unique_ptr<hal::Actuators> actuators)
       : robot_(robot), actuators_(std::move(actuators)) {
     start_clock(clock_);
-    hal::ActuatorState unseen;  // while the drives say how they are set
+    hal::ActuatorState unseen;  // while the drives report their settings
     for (int i = 0; i < 20; ++i) actuators_->cycle({}, unseen, now_ns_ += period_ns_);
     use_cell(nullptr);
     command_ = std::make_unique<ipc::MailboxSender<wire::Command, 16>>(control_memory_->commands, memory_->control_ack);
   }
 
-  // A new Spine, as after a start; with a cell it survives laws that crash.
+  // A new Spine, as after a start; with a Cell it survives laws that crash.
   void use_cell(contain::Cell* cell) {
     spine_ = std::make_unique<Spine>(Wiring{robot_, *memory_, *control_memory_, *brain_memory_, slot_, **sandbox_, cell,
                                             handover_, clock_, nullptr});
   }
 
-  // One period: the tick, then the Transport, unless it is to be late.
+  // One period: the tick, then the Transport, unless the test makes it late.
   void tick(bool transport_in_time = true, std::uint32_t skipped = 0) {
     now_ns_ += period_ns_ * (1 + skipped);
     spine_->tick(now_ns_, now_ns_ + 100, skipped);
@@ -162,7 +162,7 @@ class TickBench {
     ticks(10);  // the drive enables
   }
 
-  // A plan to `goal_rad`, resting there, and a sign of life.
+  // Publishes a plan that ends at rest at `goal_rad`, and a heartbeat.
   void publish(double goal_rad, std::int64_t in_ms = 300) {
     wire::Plan plan;
     plan.plan_id = ++plan_id_;

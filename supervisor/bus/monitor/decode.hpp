@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One frame in words.
+// Text for one CAN frame.
 #pragma once
 
 #include <cstddef>
@@ -14,18 +14,18 @@
 namespace lithe::field {
 
 struct Decoded {
-  bool outbound = false;  // to a device, by what it says; whoever has seen where it came from knows better
-  std::optional<std::uint32_t> device;  // whose frame it is, or for whom; none: for all, or nobody can tell
+  bool outbound = false;  // towards a device, guessed from the content; used when the true direction is unknown
+  std::optional<std::uint32_t> device;  // id of the sender or receiver; empty = broadcast, or unknown
   std::string text;                     // never empty, printable
 };
 
-// Contract: pure · any frame whatever, also what no device says
+// Contract: pure · any frame is safe
 Decoded decode_moteus(const hal::Frame& frame);
-// Process data is taken apart as LITHE has its drives map it; of a node that is no drive of the file it stays bytes.
+// Process data is decoded by LITHE's own PDO mapping. For a node that is not a drive of the file it is shown as bytes.
 Decoded decode_canopen(const hal::Frame& frame, const robot::RobotConfig& robot, std::size_t bus);
 Decoded decode_gateway(const hal::Frame& frame);
 
-// By the protocol of the bus; a gateway's frames are known on every bus.
+// Decoded by the protocol of the bus; frames of gateways are recognised on every bus.
 Decoded decode(const hal::Frame& frame, Protocol protocol, const robot::RobotConfig& robot, std::size_t bus);
 
 }  // namespace lithe::field

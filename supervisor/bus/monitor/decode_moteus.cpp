@@ -107,7 +107,7 @@ std::string value_text(const moteus::Subframe& s, std::uint32_t i) {
   return fmt::format("{:08x}", hal::canopen::get(s.data + std::size_t{4} * i, 4));
 }
 
-// Of a read may be asked for more than any frame holds: its ends are enough.
+// A read may name more registers than a frame can answer: show only the first and the last.
 std::string read_text(const moteus::Subframe& s) {
   if (s.count == 1) return "read " + name_of(s.start);
   return fmt::format("read {} to {}", name_of(s.start), name_of(s.start + s.count - 1));
@@ -126,7 +126,7 @@ std::string stream_text(const moteus::Subframe& s) {
   return fmt::format("channel {} '{}'", s.start, printable(bytes));
 }
 
-// In words, and whether a host says such a thing.
+// The text, and whether a host sends this kind of frame.
 std::pair<std::string, bool> subframe_text(const moteus::Subframe& s) {
   switch (s.kind) {
     case moteus::Kind::write:
@@ -148,7 +148,7 @@ std::pair<std::string, bool> subframe_text(const moteus::Subframe& s) {
     case moteus::Kind::flow:
       break;
   }
-  return {"stream with flow control", false};  // both ways: the reply that a host asks for tells
+  return {"stream with flow control", false};  // used in both directions: the reply bit decides
 }
 
 }  // namespace

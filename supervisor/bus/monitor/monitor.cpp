@@ -55,10 +55,10 @@ bool Ears::next(Sighting& sighting) {
 std::string Ears::trouble() {
   std::string all;
   for (const Ear& ear : ears_) {
-    const std::string why = ear.bus->why_down();  // before what heals it at once
+    const std::string why = ear.bus->why_down();  // read before begin(), which may reopen the bus
     if (!why.empty()) all += (all.empty() ? "" : "; ") + why;
     ear.bus->service();
-    ear.bus->begin(monotonic_ns());  // uses again what that has brought back
+    ear.bus->begin(monotonic_ns());  // uses the reopened bus
   }
   return all;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Frames as they pass, in words, and what a bus carried meanwhile.
+// Shows passing frames as text, and statistics of each bus.
 #pragma once
 
 #include <cstddef>
@@ -28,28 +28,29 @@ struct Sighting {
   hal::Frame frame;
 };
 
-// Where frames come from. Contract: not RT · one thread
+// A source of frames.
+// Contract: not RT · one thread
 class FrameSource {
  public:
   FrameSource() = default;
   FrameSource(const FrameSource&) = delete;
   FrameSource& operator=(const FrameSource&) = delete;
   virtual ~FrameSource() = default;
-  // The next one; false: none just now.
+  // The next frame; false = none now.
   virtual bool next(Sighting& sighting) = 0;
-  // Looks after the buses, about once a second: why nothing comes from one of them; empty when all is well.
+  // Reopens buses, about once a second. Returns why a bus delivers no frames; empty = all work.
   virtual std::string trouble() { return ""; }
-  // Frames that passed too fast to be seen.
+  // Number of frames that were lost because they came too fast.
   virtual std::uint64_t lost() const { return 0; }
-  // Error frames, refusals of an adapter, lines and frames that made no sense, on one bus.
+  // Number of error frames, refusals of the adapter, and invalid lines or frames on one bus.
   virtual std::uint64_t errors(std::size_t /*bus*/) const { return 0; }
 };
 
-// Listens on buses of its own opening, and sends nothing on them. A serial adapter and a pi3hat then belong to it; a
-// CAN interface it shares with everybody.
+// Opens buses itself and sends nothing on them. It has a serial adapter or a pi3hat to itself; a CAN interface is
+// shared.
 class Ears final : public FrameSource {
  public:
-  // The error says which bus cannot be opened, and what to do.
+  // The error names the bus that cannot be opened, and the next step.
   static Result<std::unique_ptr<Ears>> open(const Choice& choice, const std::vector<std::size_t>& buses);
   bool next(Sighting& sighting) override;
   std::string trouble() override;
@@ -78,12 +79,12 @@ class Monitor {
  public:
   Monitor(const Choice& choice, const MonitorOptions& options, std::int64_t start_ns);
 
-  // A device that is asked for and not there: what to say instead. Empty: all is well.
+  // The message for a requested device that does not exist; empty = all exist.
   std::string complaint() const;
-  // The line for it; none when it is not to be shown.
+  // The line for this frame; empty when it is filtered out.
   std::optional<std::string> see(const Sighting& sighting);
   bool finished(std::int64_t now_ns) const;
-  // Of the time until now. Load: the exact bits of every frame, at the bit rates of the file.
+  // Statistics since the start. Load: the exact bits of every frame, at the bit rates of the file.
   Json statistics(const FrameSource& source, std::int64_t now_ns) const;
 
  private:
@@ -104,8 +105,8 @@ class Monitor {
 
 std::string statistics_text(const Json& statistics);
 
-// Shows frames until it is finished or `stop` says so; then the statistics. `say` gets whole lines, `warn` the source's
-// trouble when there is another. 0, or 1 when nothing was heard at all.
+// Shows frames until the limits are reached or `stop` returns true; then prints the statistics. `say` gets whole lines,
+// `warn` each new error of the source. Returns 0, or 1 when no frame was received.
 int watch(FrameSource& source, Monitor& monitor, const MonitorOptions& options, const std::function<bool()>& stop,
           const std::function<void(const std::string&)>& say, const std::function<void(const std::string&)>& warn);
 

@@ -21,7 +21,7 @@ constexpr double kCommandsPerWatchdog = 4;  // as load_robot demands
 constexpr std::uint32_t kLargestId = 126;
 constexpr double kLowestRateHz = 100;  // as load_robot demands
 
-// What is wrong with the buses, the less the better. Every bus counts, so that trouble is not moved about.
+// Excess load of all buses; less is better. The sum counts every bus, so that a change does not just move the load.
 double excess(const Plan& plan) {
   double sum = 0;
   for (const BusPlan& bus : plan.buses) {
@@ -32,7 +32,7 @@ double excess(const Plan& plan) {
 
 bool may_live_on(const RobotConfig& robot, const DeviceConfig& device, std::size_t target) {
   const BusConfig& bus = robot.buses[target];
-  // What is wired to real hardware does not move into a simulation, nor out of it.
+  // A device does not move between a real and a simulated bus.
   if ((bus.kind == BusKind::loop) != (robot.buses[device.bus].kind == BusKind::loop)) return false;
   if (device.kind == DeviceKind::moteus && !is_fd(bus)) return false;
   if (device.kind == DeviceKind::cia402 && bus.kind == BusKind::fdcanusb) return false;
@@ -57,13 +57,13 @@ std::uint32_t free_id(const RobotConfig& robot, std::size_t bus, std::uint32_t w
 
 constexpr std::string_view kNoRate = "no rate fits: take devices off the bus, or give it another one beside it";
 
-// One that fits, is easy to say, and may stand in a robot file; 0: none.
+// A round number that fits and is allowed in a robot file; 0 = none.
 double round_rate(const Plan& plan) {
   const double rate_hz = std::floor(plan.highest_rate_hz / 10) * 10;
   return rate_hz >= kLowestRateHz ? rate_hz : 0;
 }
 
-// At a lower rate drives are asked less often: their watchdogs must wait for it. Empty where they do.
+// At a lower rate drives are asked less often, so their watchdogs must be longer. Empty when they are long enough.
 std::string watchdogs_for(const RobotConfig& robot, double rate_hz) {
   double needed_s = 0;
   for (const DeviceConfig& device : robot.devices) {
@@ -79,7 +79,7 @@ std::string short_wait(const BusPlan& bus, const BusConfig& config) {
                      bus.cycle_us, config.reply_wait_s);
 }
 
-// Tries changes on a copy of the robot, keeps those that help, and remembers how to say them.
+// Tries changes on a copy of the robot and keeps those that help, each with its sentence.
 class Adviser {
  public:
   Adviser(const RobotConfig& robot, const PlanOptions& options)
@@ -128,7 +128,7 @@ class Adviser {
                        robot_.buses[target].name, with);
   }
 
-  // The smallest divider, for all drives of the worst bus that are asked most often, with which it fits.
+  // The smallest rate divider with which the busiest bus fits, for all its drives that are asked most often.
   bool divide_one() {
     std::size_t worst = robot_.buses.size();
     for (std::size_t bus = 0; bus < robot_.buses.size(); ++bus) {
@@ -146,7 +146,7 @@ class Adviser {
       for (const DevicePlan& each : now_.buses[worst].devices) {
         DeviceConfig& device = tried.devices[each.device];
         if (!is_drive(each) || device.rate_divider != least) continue;
-        if (device.watchdog_s * now_.rate_hz / divider < kCommandsPerWatchdog) return false;  // it would stop by itself
+        if (device.watchdog_s * now_.rate_hz / divider < kCommandsPerWatchdog) return false;  // it would time out
         device.rate_divider = divider;
         names += fmt::format("{}\"{}\"", names.empty() ? "" : ", ", device.name);
       }
@@ -188,10 +188,10 @@ class Adviser {
 
 std::vector<std::string> advise(const RobotConfig& robot, const PlanOptions& wanted) {
   PlanOptions options = wanted;
-  options.detail = Detail::worst_only;  // it plans a hundred robots to find the one to name
+  options.detail = Detail::worst_only;  // up to a hundred variants are planned
   std::vector<std::string> all = Adviser(robot, options).run();
   const Plan as_it_is = plan(robot, options);
-  // The other way out, which needs no spanner.
+  // The alternative that needs no rewiring.
   const double rate_hz = round_rate(as_it_is);
   if (!all.empty() && all.back().rfind("lower rate_hz", 0) != 0 && rate_hz > 0) {
     all.push_back(fmt::format("or leave all that and set rate_hz = {:g}{}", rate_hz, watchdogs_for(robot, rate_hz)));
@@ -210,7 +210,7 @@ Verdict judge_for_run(const RobotConfig& robot) {
     if (!bus.real() || fits(bus, now)) continue;
     const bool impossible = bus.load_average > 1 || bus.text_load > 1 || bus.busy_us > now.tick_us();
     if (verdict.refuse && !impossible) continue;
-    if (verdict.refuse == impossible && !verdict.text.empty()) continue;  // the first of the worse kind speaks
+    if (verdict.refuse == impossible && !verdict.text.empty()) continue;  // report the first finding of the worse kind
     verdict.refuse = impossible;
     verdict.text = fmt::format(
         "bus \"{}\" would be {:.0f} % busy at {:g} Hz (average {:.0f} %), an exchange would "

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What to change on a robot whose buses cannot carry what they must.
+// Advice for a robot whose buses are too busy.
 #pragma once
 
 #include <optional>
@@ -11,22 +11,22 @@
 
 namespace lithe::bus {
 
-// Sentences, in the order in which they help: devices that move to a bus with room, rate dividers, a lower rate.
-// Everything that is said is planned again first: who follows it has a robot that fits and can be loaded. Empty for one
-// that fits and waits for its answers.
+// Sentences, the most useful first: devices to move to another bus, rate dividers, a lower rate. Every change is
+// planned again before it is proposed, so the changed robot fits and its file can be loaded. Empty when the robot fits
+// and waits for its answers.
 // Contract: pure · never in the tick
 std::vector<std::string> advise(const robot::RobotConfig& robot, const PlanOptions& options);
 
-// What `lithe run` makes of a robot.
+// What `lithe run` does with a robot: start, warn or refuse.
 struct Verdict {
   bool refuse = false;
-  std::string text;  // one sentence with the numbers; empty: nothing to say
+  std::string text;  // one sentence with the numbers; empty = no finding
   std::string next;  // what to do
 };
 
-// Refuses where a real bus, or the line to its adapter, is asked for more than all its time, with frames of average
-// length; warns where one is too busy to repeat a frame, where an exchange may be longer than a tick, and where answers
-// are not waited for. A loop bus has no time to run out of.
+// Refuses when a real bus, or the serial line to its adapter, needs more than 100 % of its time with frames of average
+// length. Warns when a bus has no room to repeat a frame, when an exchange may be longer than a tick, and when answers
+// are not waited for. A loop bus is never refused: it takes no time.
 Verdict judge_for_run(const robot::RobotConfig& robot);
 
 }  // namespace lithe::bus

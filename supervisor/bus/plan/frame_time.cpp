@@ -11,7 +11,7 @@ constexpr int kStuffAfter = 5;
 constexpr int kFixedStuffEvery = 4;
 constexpr std::uint32_t kTrailer = 13;  // CRC delimiter, acknowledge and its delimiter, 7 of end, 3 of pause
 constexpr std::size_t kClassicPayload = 8;
-constexpr std::size_t kCrc17Payload = 16;  // longer frames have CRC-21
+constexpr std::size_t kCrc17Payload = 16;  // longer frames use CRC-21
 constexpr std::uint32_t kPolynomial15 = 0x4599;
 constexpr std::uint32_t kPolynomial17 = 0x1685b;
 constexpr std::uint32_t kPolynomial21 = 0x102899;
@@ -72,7 +72,7 @@ FrameImage::FrameImage(const Frame& frame) {
   const std::size_t size = wire_size(frame.size, fd);
   crc_width_ = !fd ? 15 : size <= kCrc17Payload ? 17 : 21;
   crc_polynomial_ = !fd ? kPolynomial15 : size <= kCrc17Payload ? kPolynomial17 : kPolynomial21;
-  crc_ = fd ? 1U << (crc_width_ - 1) : 0;  // FD starts with a one, so that zeros in front count
+  crc_ = fd ? 1U << (crc_width_ - 1) : 0;  // FD starts with a one, so that leading zeros change the CRC
   head(frame, fd);
   const std::size_t known = std::min<std::size_t>(frame.size, size);
   for (std::size_t i = 0; i < size; ++i) field(i < known ? frame.data[i] : 0, 8);
@@ -83,7 +83,7 @@ FrameImage::FrameImage(const Frame& frame) {
   }
   fast_ = false;
   plain(1);  // CRC delimiter
-  plain(0);  // somebody acknowledges
+  plain(0);  // acknowledged
   for (std::uint32_t i = 2; i < kTrailer; ++i) plain(1);
 }
 
@@ -135,7 +135,7 @@ void FrameImage::stuffed_bit(std::uint8_t level) {
   if (run_ == kStuffAfter) {
     const std::uint8_t stuff = opposite();
     ++stuffed_;
-    if (crc_width_ != 15) feed_crc(stuff);  // FD protects its stuff bits as well
+    if (crc_width_ != 15) feed_crc(stuff);  // in FD the CRC includes stuff bits
     plain(stuff);
     run_ = 1;
   }

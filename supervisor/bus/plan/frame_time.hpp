@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How long a frame keeps its bus busy: from its first bit to the end of the pause of three bits behind it.
+// Time that a frame occupies its bus: from its first bit to the end of the three bits of intermission.
 //
 // The bit rate changes at the sample points of the BRS bit and of the CRC delimiter. Both bits are counted as slow ones
 // here: at 1 and 5 Mbit/s a frame with BRS is in truth up to 0.8 us shorter.
@@ -14,7 +14,7 @@
 
 namespace lithe::hal {
 
-// Bits of one frame on the wire, by the rate at which they pass.
+// Number of bits of one frame at each bit rate.
 struct FrameBits {
   std::uint32_t nominal = 0;
   std::uint32_t data = 0;  // from ESI to the end of the CRC of a frame with BRS; 0 without
@@ -27,7 +27,7 @@ struct BitRates {
   std::uint32_t data_hz = 5'000'000;  // never below the nominal rate
 };
 
-// All that decides how long a frame is, but for its stuff bits.
+// Everything that decides the length of a frame, except stuff bits.
 struct FrameShape {
   std::size_t size = 0;  // bytes of data as on the wire: fd_size() of them
   bool extended = false;
@@ -40,14 +40,14 @@ FrameShape shape_of(const Frame& frame);
 // Rounded up to whole nanoseconds. Both rates are above 0.
 std::int64_t duration_ns(const FrameBits& bits, const BitRates& rates);
 
-// What every frame of this shape has at least, and what none exceeds: the most stuff bits that could be needed, as many
-// of them as possible in the slow part.
+// Minimum and maximum for a frame of this shape. Maximum: the largest number of stuff bits, as many as possible in the
+// slow part.
 FrameBits least_bits(const FrameShape& shape);
 FrameBits most_bits(const FrameShape& shape);
 
 // One frame, bit by bit, as ISO 11898-1:2015 puts it on the wire (error active, acknowledged): identifier, length,
-// data, stuff count, CRC-15, 17 or 21, dynamic and fixed stuff bits, delimiters, end of frame, intermission. Contract:
-// pure · any Frame is safe: a classic one carries 8 bytes at most, one with FD is filled up to fd_size()
+// data, stuff count, CRC-15, 17 or 21, dynamic and fixed stuff bits, delimiters, end of frame, intermission.
+// Contract: pure · any Frame is safe: a classic one carries 8 bytes at most, one with FD is filled up to fd_size()
 class FrameImage {
  public:
   static constexpr std::size_t kCapacity = 768;  // the longest frame there is has 736
@@ -80,7 +80,7 @@ class FrameImage {
   std::uint32_t crc_ = 0;
 };
 
-// The bits of this frame and no other.
+// The exact bits of this frame.
 FrameBits exact_bits(const Frame& frame);
 
 }  // namespace lithe::hal

@@ -28,13 +28,13 @@ constexpr double kPollsInSteps = 4;  // two for what is old, two for what is new
 
 constexpr std::array<const char*, 3> kProcessors{"JC1+JC2", "JC3+JC4", "JC5"};
 
-// By the device that the path leads to, if it is here: links have any name.
+// Judged by the device file that the path leads to, if it exists here: a symbolic link may have any name.
 bool is_uart(const std::string& path) {
   std::error_code wrong;
   const std::filesystem::path real = std::filesystem::weakly_canonical(path, wrong);
   const std::string name = (wrong ? std::filesystem::path(path) : real).filename().string();
   const auto begins = [&](const char* part) { return name.rfind(part, 0) == 0; };
-  // The first of them stands for itself where it is not a link to one of the others: on another machine.
+  // "serial": /dev/serial0 of a Raspberry Pi is a link to a UART; on another machine the link itself must do.
   return begins("serial") || begins("ttyS") || begins("ttyAMA") || begins("ttyUSB");
 }
 
@@ -73,7 +73,7 @@ struct Sums {
   }
 };
 
-// How a bus fares: over time, and in the ticks in which it has the most to do.
+// Load of a bus: on average, and in the busiest ticks.
 struct Use {
   Sums per_tick, per_s;
   std::vector<Sums> ticks;
@@ -113,7 +113,7 @@ Use use_of(const BusPlan& bus, double rate_hz, std::uint32_t ticks) {
     }
   });
   for (Sums& tick : use.ticks) {
-    tick += by_clock;        // whoever speaks by himself meets the busiest tick sooner or later
+    tick += by_clock;        // frames sent at a device's own pace can fall into the busiest tick
     tick.add(heartbeat, 1);  // two in one tick are rare
     use.peak.raise_to(tick);
   }
@@ -136,7 +136,7 @@ void judge(BusPlan& bus, const Use& use, double rate_hz) {
   const double byte_s = 1 / bus.text_bytes_s;
   bus.text_load = byte_s * std::max(rate_hz * use.per_tick.out_bytes + use.per_s.out_bytes,
                                     rate_hz * use.per_tick.in_bytes + use.per_s.in_bytes);
-  // Lines pass while frames do; the first line there and the last one back stand alone.
+  // Serial lines and CAN frames overlap in time; only the first line out and the last line back do not.
   bus.cycle_us += 1e6 * byte_s * (use.longest_out + use.longest_in);
   bus.cycle_us += std::max(0.0, 1e6 * byte_s * std::max(use.peak.out_bytes, use.peak.in_bytes) - use.peak.worst_us);
   bus.highest_rate_hz =
@@ -144,7 +144,7 @@ void judge(BusPlan& bus, const Use& use, double rate_hz) {
                 rate_for(byte_s * use.per_tick.in_bytes, byte_s * use.per_s.in_bytes)});
 }
 
-// A pi3hat's buses work side by side, but all their frames pass through the hands of one Raspberry Pi.
+// The buses of a pi3hat work in parallel, but one Raspberry Pi transfers all their frames over SPI.
 void share_spi(const RobotConfig& robot, const std::vector<Use>& uses, Plan& plan) {
   std::array<std::vector<double>, kProcessors.size()> us;
   std::vector<double> all;
@@ -178,7 +178,7 @@ void share_spi(const RobotConfig& robot, const std::vector<Use>& uses, Plan& pla
   }
 }
 
-// After so many ticks everything repeats; a few odd dividers may repeat later than anybody wants to look.
+// The traffic repeats after this many ticks. With some combinations of dividers the period is longer and is cut here.
 std::uint32_t ticks_of(const RobotConfig& robot) {
   constexpr std::uint32_t kMost = 5040;
   std::uint32_t ticks = 1;
@@ -238,7 +238,7 @@ bool anyone_unasked(const BusPlan& bus) {
   return found;
 }
 
-// Whoever speaks by his own clock says more within a longer tick: a lower rate is asked again whether it fits.
+// Devices with their own clock send more frames per tick at a lower rate, so the lower rate is checked again.
 void settle_highest_rate(const RobotConfig& robot, std::uint32_t baud, std::size_t bus, double& highest_hz) {
   constexpr double kLowest = 1;
   constexpr double kShare = 0.995;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whether the buses of a robot can carry what its devices say: load, time of an exchange, the highest rate that fits.
+// Bus planning: load, time of an exchange, and the highest rate that fits.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@
 
 namespace lithe::bus {
 
-// A bus that is busier has no room to repeat a frame that was disturbed.
+// Above this load a bus has no room to repeat a disturbed frame.
 inline constexpr double kFullLoad = 0.8;
 
 struct PlanOptions {
@@ -23,13 +23,13 @@ struct PlanOptions {
 struct DevicePlan {
   std::size_t device = 0;  // index into RobotConfig::devices
   std::string name;
-  std::uint32_t turn = 0;  // asked in the ticks that leave this when divided by its rate divider
+  std::uint32_t turn = 0;  // asked when tick % rate_divider is this
   std::vector<Traffic> traffic;
   double average_us = 0;  // of one exchange, all on the bus
   double worst_us = 0;
 };
 
-// Loads are shares of the time there is.
+// Loads are shares of the available time (1 = 100 %).
 struct BusPlan {
   std::string name;
   robot::BusKind kind = robot::BusKind::loop;
@@ -40,14 +40,14 @@ struct BusPlan {
   double text_load = 0;        // of the line to a serial adapter, in its busier direction; 0 = none
   double text_bytes_s = 0;     // what that line can carry
   double cycle_us = 0;         // from the first command to the last answer, in the tick that asks most; worst
-  double busy_us = 0;          // of that tick its frames take so much; average
+  double busy_us = 0;          // time of all frames in that tick; average
   double highest_rate_hz = 0;  // 0: none
 
   bool real() const { return kind != robot::BusKind::loop; }
   double load() const { return load_worst > text_load ? load_worst : text_load; }
 };
 
-// One processor of a pi3hat. The Raspberry Pi talks to one after the other.
+// One processor of a pi3hat. The Raspberry Pi serves them one after the other.
 struct SpiPlan {
   std::string processor;
   double us = 0;  // in the tick that asks most
@@ -66,10 +66,11 @@ struct Plan {
   double tick_us() const { return 1e6 / rate_hz; }
 };
 
-// A loop bus is planned as the CAN bus it stands for, at its bit rates: 1 and 5 Mbit/s where the file names none. A
-// serial adapter carries what its baud rate carries when the file names one or its path leads to a UART (ttyS, ttyAMA,
-// ttyUSB), else what USB at full speed carries: behind ttyACM there are no bauds. Drives answer within 200 us, counted
-// once per bus, because one prepares while another one talks. Contract: pure · never in the tick · no advice in it
+// A loop bus is planned as a CAN bus at its bit rates (default 1 and 5 Mbit/s). A serial adapter is limited by its baud
+// rate when the file gives one or its path leads to a UART (ttyS, ttyAMA, ttyUSB), else by USB at full speed (ttyACM
+// has no baud rate). Drives answer within 200 us, counted once per bus, because one drive prepares its answer while
+// another one sends.
+// Contract: pure · never in the tick · no advice in it
 Plan plan(const robot::RobotConfig& robot, const PlanOptions& options);
 
 bool fits(const BusPlan& bus, const Plan& plan);

@@ -10,7 +10,7 @@ namespace lithe::bus {
 
 using Json = nlohmann::ordered_json;
 
-// Loads are shares of 1; what has no end (a bus without devices) is null.
+// Loads are shares of 1; an unlimited value (a bus without devices) is null.
 Json to_json(const Plan& plan, const robot::RobotConfig& robot);
 
 }  // namespace lithe::bus

@@ -28,8 +28,8 @@ constexpr std::uint32_t kSamples = 64;
 constexpr double kGatewayFramesPerS = 2000;
 constexpr double kDriveHeartbeatS = hal::cia402::DriverParams{}.heartbeat_s;
 
-// A pi3hat's SPI transaction: holds and bytes, with what comes before the data. Of its host library, and within a tenth
-// of the published 740 us for twelve servos with 24 bytes there and 16 back.
+// Time of a pi3hat's SPI transaction: hold times and bytes, header included. The figures are from its host library; the
+// result is within 10 % of the published 740 us for twelve servos with 24 bytes out and 16 back.
 constexpr double kSpiHoldUs = 9.0;
 constexpr double kSpiByteUs = 0.8;
 constexpr double kSpiWriteHead = 10;
@@ -100,7 +100,7 @@ Traffic cost(const Kind& kind, const Line& line, double per_tick, double per_s =
   return traffic;
 }
 
-// The answer is to the reads of the command: it is as long as what they ask for.
+// The length of the answer follows from the registers that the command reads.
 std::size_t answer_size(const Frame& command) {
   Frame answer;
   hal::moteus::SubframeWriter writer(answer);
@@ -158,7 +158,8 @@ std::vector<Traffic> cia402_traffic(const DeviceConfig& device, const Line& line
           cost(beat, line, 0, 1 / kDriveHeartbeatS)};
 }
 
-// Nobody asks it, so no divider thins it out: it speaks at the pace of the sketch in firmware/, each block in turn.
+// A gateway is not asked, so no rate divider applies: it sends at the rate of the sketch in firmware/, one block after
+// the other.
 std::vector<Traffic> gateway_traffic(const DeviceConfig& device, const Line& line) {
   const auto block = [&](const char* what, std::size_t size, double per_s) {
     const bool fd = is_fd(line.bus);

@@ -19,7 +19,7 @@ struct Traffic {
   bool extended = false;
   bool fd = false;
   bool outbound = false;      // from the robot's computer to a device
-  bool unasked = false;       // sent at its device's own pace
+  bool unasked = false;       // sent by the device's own clock
   double per_tick = 0;        // frames, with the device's rate divider
   double per_s = 0;           // those that go by the clock instead
   double average_us = 0;      // each, on the bus
@@ -31,11 +31,11 @@ struct Traffic {
 
 enum class Detail { all, worst_only };  // averages take a hundred times as long as all the rest
 
+// The frames of one device. For a moteus: the driver's own command, and the answer to it.
 // Contract: pure · never in the tick
-// What a device asks and answers. A moteus: the driver's own command, and the answer to it.
 std::vector<Traffic> traffic_of(const robot::DeviceConfig& device, const robot::BusConfig& bus, Detail detail);
 
-// What a CANopen bus needs beside, whatever drives are on it: SYNC and our heartbeat. Empty without such drives.
+// The frames that a CANopen bus needs in addition: SYNC and our heartbeat. Empty without CANopen drives.
 std::vector<Traffic> shared_traffic(const robot::RobotConfig& robot, std::size_t bus, Detail detail);
 
 }  // namespace lithe::bus

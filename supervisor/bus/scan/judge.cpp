@@ -108,7 +108,7 @@ void judge_nodes(const Seen& seen, std::vector<Judged>& all) {
   }
 }
 
-// Names what the file knows; what it does not know is unknown.
+// A device of the file gets its name; any other device is `unknown`.
 void compare(const robot::RobotConfig& robot, std::size_t bus, std::vector<Judged>& all) {
   for (Judged& found : all) {
     for (const robot::DeviceConfig& device : robot.devices) {
@@ -124,7 +124,7 @@ void compare(const robot::RobotConfig& robot, std::size_t bus, std::vector<Judge
 void add_missing(const robot::RobotConfig& robot, std::size_t bus, std::vector<Judged>& all) {
   for (const robot::DeviceConfig& device : robot.devices) {
     const auto is_it = [&](const Judged& found) { return found.name == device.name; };
-    const bool on_it = device.bus == bus && device.kind != DeviceKind::imu;  // that one is of the board
+    const bool on_it = device.bus == bus && device.kind != DeviceKind::imu;  // an imu is on the board, on no bus
     if (!on_it || std::any_of(all.begin(), all.end(), is_it)) continue;
     all.push_back({device.kind, device.id, device.name, Standing::missing, "", ""});
   }
@@ -179,7 +179,7 @@ BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_fi
   if (!seen.trouble.empty()) findings.trouble = seen.trouble;
   if (!from_file) return findings;
   compare(robot, bus, findings.devices);
-  // Who was not asked may be there: the trouble is the bus's own.
+  // A device that could not be asked is not called missing: the bus has the error.
   if (seen.trouble.empty()) add_missing(robot, bus, findings.devices);
   advise(robot.path, findings.devices);
   return findings;

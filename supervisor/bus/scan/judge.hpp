@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What was found on a bus, held against what the robot file expects there.
+// Compares the devices found on a bus with the robot file.
 #pragma once
 
 #include <cstddef>
@@ -19,7 +19,7 @@ enum class Standing : std::uint8_t {
   unknown,   // on the bus, not in the file
   missing,   // in the file, not on the bus
   twice,     // several devices answer to this id
-  unfit,     // there, but not what it must be to be driven
+  unfit,     // there, but cannot be driven by LITHE
 };
 std::string_view word(Standing standing);
 
@@ -28,21 +28,21 @@ struct Judged {
   std::uint32_t id = 0;
   std::string name;  // in the file; empty where it has none
   Standing standing = Standing::present;
-  std::string what;    // it says of itself, in words for a person
-  std::string advice;  // what to do next; empty when nothing is
+  std::string what;    // the device's own description, as text
+  std::string advice;  // what to do next; empty = nothing
 };
 
 struct BusFindings {
   std::size_t bus = 0;  // index into the robot's buses
   std::vector<Judged> devices;
-  std::string trouble;  // why nothing, or not all, is known about the bus; empty when all is well
-  std::string note;     // what is worth knowing and no trouble
+  std::string trouble;  // why the scan is incomplete; empty = complete
+  std::string note;     // a remark that is not an error
 };
 
 // Contract: pure
 BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_file, const Seen& seen);
 
-// True: what the file says is what there is.
+// True when the bus is as the file says.
 bool matches(const BusFindings& findings);
 
 }  // namespace lithe::field

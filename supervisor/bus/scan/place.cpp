@@ -16,7 +16,7 @@ using robot::BusKind;
 
 constexpr BusKind kReal[] = {BusKind::fdcanusb, BusKind::slcan, BusKind::socketcan, BusKind::pi3hat};
 
-// The bus that "KIND:PLACE" names; nothing when the words are no such thing, but the path of a file.
+// The bus that "KIND:PLACE" names; empty when the text is a file path instead.
 std::optional<robot::BusConfig> bus_given(std::string_view what) {
   for (const BusKind kind : kReal) {
     const std::string before = std::string(robot::word(kind)) + ":";
@@ -39,7 +39,7 @@ std::optional<robot::BusConfig> bus_given(std::string_view what) {
   return std::nullopt;
 }
 
-// What a robot file is held to; empty: all is well.
+// The rules of a robot file for bit rates; the error, or empty.
 std::string wrong_bitrates(const robot::BusConfig& bus) {
   if (bus.bitrate < robot::kLeastBitrate || bus.bitrate > robot::kMostBitrate) {
     return fmt::format("--bitrate {}: a CAN bus has {} to {} bit/s", bus.bitrate, robot::kLeastBitrate,
@@ -115,7 +115,7 @@ bool same_hardware(const robot::BusConfig& a, const robot::BusConfig& b) {
   }
   if (a.kind != b.kind) return false;
   if (a.kind == BusKind::socketcan) return a.interface == b.interface;
-  return a.kind == BusKind::pi3hat;  // there is one board, and one program has all of it
+  return a.kind == BusKind::pi3hat;  // one board, used by one program as a whole
 }
 
 }  // namespace lithe::field

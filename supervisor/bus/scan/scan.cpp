@@ -21,10 +21,10 @@ constexpr std::int64_t kBatchNs = 10 * kNsPerMs;  // for the answers of a few no
 constexpr std::int64_t kLastNs = 150 * kNsPerMs;  // for those that take their time
 constexpr std::uint32_t kBatch = 8;               // questions at once: no adapter's queue is shorter
 constexpr std::uint32_t kLastNode = 127;
-constexpr int kMostInVain = 20;  // times in a row that the bus takes no question at all
+constexpr int kMostInVain = 20;  // attempts in a row in which the bus accepts no question
 
-// One lost frame must not make a drive a missing one. Of answers that are alike, as many as came to each question: one
-// that was late came with those to the second.
+// The question is sent twice, so that one lost frame does not make a drive missing. Two devices may give equal answers:
+// the number of equal answers is the larger of the two rounds (a late answer may arrive in the second round).
 std::vector<moteus::Found> discover_twice(moteus::Terminal& terminal) {
   std::vector<moteus::Found> first = terminal.discover();
   std::vector<moteus::Found> again = terminal.discover();
@@ -55,7 +55,7 @@ void ask_moteus(Line& line, const Time& time) {
   }
 }
 
-// Frames of nodes for that long; `take` gets the answers to SDO requests.
+// Receives frames for this long; `take` gets the answers to SDO requests.
 void hear_nodes(Line& line, std::int64_t for_ns, const Time& time,
                 const std::function<bool(const hal::Frame&)>& finished) {
   const std::int64_t end_ns = time.now_ns() + for_ns;
@@ -77,7 +77,7 @@ constexpr const char* kNotAsked =
     "monitor); not asked are nodes ";
 constexpr canopen::Address kDeviceType{canopen::object::kDeviceType, 0};
 
-// An abort is an answer, too.
+// An SDO abort is an answer too.
 bool note_device_type(const hal::Frame& frame, Seen& seen) {
   if (frame.size != 8 || !(canopen::sdo_address(frame) == kDeviceType)) return false;
   NodeSeen& node = seen.nodes[canopen::node_of(frame)];
@@ -86,7 +86,8 @@ bool note_device_type(const hal::Frame& frame, Seen& seen) {
   return false;  // there may be more
 }
 
-// One object of one node; nothing when it has none such, or none of up to 4 bytes where a number is wanted.
+// Reads one object of one node. Empty when it has no such object, or when a number was expected and it is longer than 4
+// bytes.
 std::optional<std::string> read_object(Line& line, std::uint32_t node, canopen::Address address, const Time& time) {
   canopen::SdoClient client(node);
   client.read(address);
@@ -111,14 +112,13 @@ std::optional<std::uint32_t> read_number(Line& line, std::uint32_t node, std::ui
   return canopen::get(reinterpret_cast<const std::uint8_t*>(bytes->data()), bytes->size());
 }
 
-// Until a batch of questions and its answers have surely passed: what waits when the next batch comes, an interface
-// refuses.
+// Waits until a batch of questions and answers has passed: an interface with a full queue would refuse the next batch.
 std::int64_t batch_ns(const Line& line) {
   const hal::FrameBits bits = hal::most_bits({.size = 8});
   return std::max(kBatchNs, 2 * kBatch * hal::duration_ns(bits, {line.bitrate, line.bitrate}));
 }
 
-// Who is there. A question that the bus has no room for is put again.
+// Finds the nodes. A question that the bus refuses is sent again.
 void ask_all_nodes(Line& line, const Time& time) {
   const auto hear_for = [&](std::int64_t for_ns) {
     hear_nodes(line, for_ns, time, [&line](const hal::Frame& answer) { return note_device_type(answer, line.seen); });
@@ -177,7 +177,7 @@ void ask(Line& line, const Time& time) {
   const bool ours = line.seen.commander.empty();
   if (ours && line.protocol == Protocol::moteus) ask_moteus(line, time);
   if (ours && line.protocol == Protocol::canopen) ask_canopen(line, time);
-  line.bus->begin(time.now_ns());  // only then some notice that nothing leaves
+  line.bus->begin(time.now_ns());  // some adapters notice only here that nothing is sent
   if (std::string down = line.bus->why_down(); !down.empty()) line.seen.trouble = std::move(down);
 }
 

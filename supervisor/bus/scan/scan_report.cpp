@@ -27,7 +27,7 @@ std::unique_ptr<hal::Bus> open_line(hal::BusOpener& opener, const robot::BusConf
 
 Json or_null(const std::string& text) { return text.empty() ? Json(nullptr) : Json(text); }
 
-// They explain what else was found, and are no finding of their own: many adapters refuse a frame now and then.
+// Errors are shown beside other findings, not alone: many adapters refuse a frame occasionally.
 void note_errors(const hal::BusStatistics& n, BusFindings& findings) {
   if (n.refused + n.errors == 0 || matches(findings)) return;
   findings.note = fmt::format(

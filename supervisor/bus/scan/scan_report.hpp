@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// `lithe bus scan`: from words to findings, and findings for people and programs.
+// `lithe bus scan`: runs the scan, and prints the findings as text or JSON.
 #pragma once
 
 #include <string>
@@ -19,11 +19,12 @@ struct ScanOptions {
 
 struct Scan {
   std::vector<BusFindings> buses;
-  bool matches = false;  // all is as the file says; without a file: something answers and nothing is wrong
+  bool matches = false;  // as the file says; without a file: a device answers and there is no error
 };
 
-// Opens the chosen buses, listens to all together, then asks on one after the other. A bus that cannot be opened, and
-// one in memory, is a finding and no error. Contract: not RT · takes seconds · nothing it sends can move a motor
+// Opens the chosen buses, listens to all together, then asks on one after the other. A bus that cannot be opened, and a
+// loop bus, are findings, not errors.
+// Contract: not RT · takes seconds · nothing it sends can move a motor
 Scan scan(const Choice& choice, const ScanOptions& options);
 
 Json to_json(const Scan& scan, const Choice& choice);

@@ -12,7 +12,7 @@ namespace gateway = hal::gateway;
 constexpr std::uint32_t kMoteusPart = 0xffff;  // of an id: source and destination; the rest is a prefix
 constexpr std::uint32_t kReplyRequested = 0x8000;
 
-// A moteus never speaks unasked, so whatever has its form was asked for by somebody, or is the question.
+// A moteus sends only answers. So a frame of that form is a question or an answer of another program.
 std::string moteus_commander(const hal::Frame& frame) {
   if (!frame.fd) return "";
   const std::uint32_t source = frame.id >> 8 & 0x7f;

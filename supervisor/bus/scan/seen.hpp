@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a bus has told so far, heard or asked for.
+// What is known about a bus so far, from listening and asking.
 #pragma once
 
 #include <cstddef>
@@ -23,11 +23,11 @@ enum class Protocol : std::uint8_t { none, moteus, canopen };
 struct MoteusSeen {
   hal::moteus::Found found;
   std::optional<hal::moteus::Identity> identity;
-  std::string why_unknown;  // where there is no identity
+  std::string why_unknown;  // why the identity is unknown
 };
 
 struct NodeSeen {
-  std::uint32_t answers = 0;  // to the one question for object 1000h; two: there are two such nodes
+  std::uint32_t answers = 0;  // to one question for object 1000h; 2 = two nodes with this id
   std::optional<hal::canopen::NmtState> heartbeat;
   std::optional<std::uint32_t> device_type;  // 1000h: the profile is its low half
   std::optional<std::uint32_t> vendor, product, revision, serial;
@@ -43,15 +43,16 @@ struct Seen {
   std::vector<MoteusSeen> moteus;  // in order of their ids
   std::map<std::uint32_t, NodeSeen> nodes;
   std::map<std::uint32_t, GatewaySeen> gateways;
-  std::string commander;  // the sign that somebody else commands this bus; empty = none
-  std::string trouble;    // why not everybody could be asked, as the bus says it; empty = all well
+  std::string commander;  // evidence that another program commands this bus; empty = none
+  std::string trouble;    // the bus error that kept devices from being asked; empty = none
   std::uint64_t frames = 0;
 };
 
-// The protocol of the devices that the file puts on the bus; of an unknown bus: CAN FD moteus, classic CAN CANopen.
+// The protocol of the file's devices on this bus. Without a file: moteus on CAN FD, CANopen on classic CAN.
 Protocol protocol_of(const robot::RobotConfig& robot, std::size_t bus);
 
-// Notes a frame that came unasked. Contract: any frame whatever
+// Records a frame that was not an answer to us.
+// Contract: any frame is safe
 void hear(const hal::Frame& frame, Protocol protocol, Seen& seen);
 
 }  // namespace lithe::field

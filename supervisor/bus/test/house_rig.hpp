@@ -25,7 +25,7 @@ using robot::DeviceKind;
 class Watched : public hal::Bus {
  public:
   void begin(std::int64_t now_ns) LITHE_RT override {
-    // A LoopBus forgets at begin() what came before; a wire does not.
+    // A LoopBus drops old frames at begin(); a real wire does not.
     Frame frame;
     while (inner_.receive(frame)) kept_.push(frame);
     inner_.begin(now_ns);
@@ -78,7 +78,7 @@ class HouseOn {
     return {[this] { return now_ns_; },
             [this] {
               now_ns_ += 1'000'000;
-              bus_.begin(now_ns_);  // devices speak by themselves
+              bus_.begin(now_ns_);  // devices send by themselves
             }};
   }
   Seen scan(Protocol protocol) {

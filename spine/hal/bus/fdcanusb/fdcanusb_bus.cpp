@@ -13,11 +13,11 @@ namespace lithe::hal {
 namespace {
 
 constexpr std::int64_t kSilenceNs = 500'000'000;
-constexpr std::uint64_t kSilenceFrames = 256;  // a search for devices asks fewer, and most of them are not there
-// In it the adapter gets rid of all that nobody acknowledges: three frames in 50 ms.
+constexpr std::uint64_t kSilenceFrames = 256;  // more than a scan for devices sends, to which most ids do not answer
+// Time in which the adapter discards all frames that are not acknowledged: three frames in 50 ms.
 constexpr std::int64_t kAskEveryNs = 600'000'000;
 
-// The line with its end, and with a checksum when it shall have one.
+// Adds the line end, and a checksum when it is enabled.
 std::size_t finish(std::string_view text, bool with_sum, std::span<char> out) LITHE_RT {
   std::size_t size = std::min(text.size(), out.size() - 1);
   std::copy_n(text.data(), size, out.data());
@@ -37,9 +37,9 @@ FdcanusbBus::FdcanusbBus(const FdcanusbParams& params)
     : TextBus(SerialPort(params.path, params.baud, params.sys), params.reply_wait_ns, '\n', '\r'),
       checksums_(params.checksums) {}
 
-// The greeting is harmless behind half a command that a program before us left: wherever that was cut, it and "can on"
-// are together no command, neither to an adapter nor to a drive on a UART. An empty line would not be: half a command,
-// once ended, is a command, and might move a motor. A drive on a UART refuses both, and counts two errors.
+// The first line must be harmless behind a partial command of an earlier program: wherever that was cut, the partial
+// command plus "can on" is never a valid command, for an adapter and for a drive on a UART. An empty line would not be
+// safe: it could complete the partial command and move a motor. A drive on a UART refuses both, and counts two errors.
 Result<std::unique_ptr<FdcanusbBus>> FdcanusbBus::open(const FdcanusbParams& params) {
   std::unique_ptr<FdcanusbBus> bus(new FdcanusbBus(params));
   if (const Result<> opened = bus->TextBus::open(); !opened) return opened.error();
@@ -61,7 +61,7 @@ void FdcanusbBus::begin(std::int64_t now_ns) LITHE_RT {
   mute(!exchange_is_due(now_ns));
 }
 
-// As long as answers come, always.
+// Sends always while answers come.
 bool FdcanusbBus::exchange_is_due(std::int64_t now_ns) LITHE_RT {
   if (!begun_ || statistics_.received != heard_) {
     begun_ = true;

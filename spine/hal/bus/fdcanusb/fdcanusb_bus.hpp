@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A CAN FD bus behind an fdcanusb, or whatever else speaks its lines: a moteus on a UART, a simulated robot.
+// A CAN FD bus behind an fdcanusb, or behind another device with the same protocol: a moteus on a UART, a simulated
+// robot.
 #pragma once
 
 #include <atomic>
@@ -16,24 +17,23 @@ namespace lithe::hal {
 enum class Checksums : std::uint8_t {
   off,        // never sent
   on,         // sent with every line, and demanded of every answer
-  automatic,  // as on, from the moment the adapter sends or asks for one
-  by_device,  // as on, but automatic with an fdcanusb: USB checks for itself, a drive on a UART waits for us to begin
+  automatic,  // as `on`, after the adapter has sent or demanded one
+  by_device,  // as `automatic` for an fdcanusb (USB has checksums), else as `on`
 };
 
 struct FdcanusbParams {
   std::string path;
   Checksums checksums = Checksums::by_device;
   std::int64_t reply_wait_ns = 2'000'000;
-  std::uint32_t baud = kUsualBaud;  // where there are bauds: USB has none
-  std::string sys = "/sys";         // where the kernel tells about devices
+  std::uint32_t baud = kUsualBaud;  // for UARTs; USB has no baud rate
+  std::string sys = "/sys";         // the kernel's device information
 };
 
-// The bit rates are the adapter's own, kept in its memory. When it is opened it is told to be on the bus, and to come
-// back after a bus-off, which its firmware otherwise does not.
-// When half a second and 256 frames have brought no answer, because the drives have no power or the bus no wires, only
-// one exchange in 0.6 s is sent, with a question for the adapter's state: it keeps up to 35 frames that nobody
-// acknowledges, and would send them, old as they are, when the drives return. While it says that it is bus-off nothing
-// is sent at all.
+// The adapter has its bit rates in its own memory. On opening, it is switched on, and automatic recovery from bus-off
+// is enabled, which is off in its firmware. When 256 frames and half a second have brought no answer (drives without
+// power, broken wires), only one exchange per 0.6 s is sent, with a query of the adapter's state: it keeps up to 35
+// unacknowledged frames, and would send these old frames when the drives return. While it reports bus-off nothing is
+// sent.
 // Contract: as TextBus
 class FdcanusbBus final : public TextBus {
  public:
@@ -59,11 +59,11 @@ class FdcanusbBus final : public TextBus {
   Checksums checksums_;
   bool with_sums_ = false;
   bool begun_ = false;
-  std::uint64_t heard_ = 0;           // frames, when the last one came
-  std::uint64_t sent_ = 0;            // frames until then
-  std::int64_t heard_ns_ = 0;         // in which exchange that was
-  std::int64_t asked_ns_ = 0;         // the last one that was sent into silence
-  std::atomic<bool> bus_off_{false};  // relaxed throughout: it is the exchange's, why_down() only tells it
+  std::uint64_t heard_ = 0;           // frames received so far
+  std::uint64_t sent_ = 0;            // frames sent at that time
+  std::int64_t heard_ns_ = 0;         // time of that exchange
+  std::int64_t asked_ns_ = 0;         // the last query without an answer
+  std::atomic<bool> bus_off_{false};  // relaxed: written by the exchange, only reported by why_down()
 };
 
 }  // namespace lithe::hal

@@ -9,7 +9,7 @@
 namespace lithe::hal::fdcanusb {
 namespace {
 
-// Text into a buffer that may be too short for it.
+// Writes text into a buffer that may be too short.
 class Out {
  public:
   explicit Out(std::span<char> buffer, std::size_t size = 0) LITHE_RT : buffer_(buffer), size_(size) {}
@@ -51,8 +51,7 @@ bool parse_data(std::string_view text, Frame& frame) LITHE_RT {
   return hex_bytes(text, std::span(frame.data).first(frame.size));
 }
 
-// `summed`: a checksum says that the line is whole. It also took the spaces before it away, and with them an empty
-// field.
+// `summed`: the line had a valid checksum. Removing it also removed the spaces before it, and so an empty last field.
 bool parse_received(std::string_view rest, bool summed, Line& out) LITHE_RT {
   Frame& frame = out.frame;
   frame = Frame{};
@@ -94,7 +93,7 @@ const char* parse_flags(std::string_view flags, Request& out) LITHE_RT {
   return nullptr;
 }
 
-// Checks in the firmware's order, so that of several mistakes the same one is named.
+// Checks in the firmware's order, so that the same error is reported first.
 const char* parse_send(std::string_view command, std::string_view rest, Request& out) LITHE_RT {
   const std::string_view id = next_word(rest);
   const std::string_view data = next_word(rest);
@@ -109,7 +108,7 @@ const char* parse_send(std::string_view command, std::string_view rest, Request&
   if (!frame.extended && frame.id > kLargestStandardId) return "bad id";
   if (!frame.fd && frame.size > 8) return "data invalid length";
   frame.brs = frame.brs && frame.fd;
-  while (frame.size < fd_size(frame.size)) frame.data[frame.size++] = 0;  // as the CAN controller fills up
+  while (frame.size < fd_size(frame.size)) frame.data[frame.size++] = 0;  // padded as by the CAN controller
   return nullptr;
 }
 

@@ -16,8 +16,8 @@ namespace lithe::hal::sim {
 // As the firmware does: on from the start; OK before what the devices answer; a question is answered by one line
 // without OK; refusals in the firmware's words. After the first checksum that holds it demands and gives them, as a
 // drive's own serial port does. A bus-off is told to who asks only, and lasts until the bus is switched off and on, or
-// by itself where can.autorecover is set. Lines too long to be a command are passed over without a word. Contract: as
-// SimAdapter
+// by itself where can.autorecover is set. Lines too long to be a command are passed over without a word.
+// Contract: as SimAdapter
 class SimFdcanusb final : public SimAdapter {
  public:
   static constexpr std::size_t kSettings = 17;

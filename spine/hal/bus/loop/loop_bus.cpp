@@ -4,7 +4,7 @@
 namespace lithe::hal {
 
 void LoopBus::begin(std::int64_t now_ns) LITHE_RT {
-  deliver();  // what nobody collected was still on the wire: it arrived in the old exchange's time
+  deliver();  // uncollected frames arrive in the time of the old exchange
   statistics_.late += inbound_.size();
   inbound_.clear();
   now_ns_ = now_ns;
@@ -34,12 +34,12 @@ bool LoopBus::receive(Frame& frame) LITHE_RT {
 void LoopBus::deliver() LITHE_RT {
   while (const Frame* frame = outbound_.front()) {
     for (BusNode* node : nodes_) node->on_frame(*frame, now_ns_, inbound_);
-    outbound_.pop();  // after the nodes have read it in place
+    outbound_.pop();  // removed after the nodes have read it
   }
   count_refused();
 }
 
-// Either way: commands, and answers that nobody collected.
+// Both directions: commands, and uncollected answers.
 void LoopBus::count_refused() LITHE_RT { statistics_.refused = outbound_.refused() + inbound_.refused(); }
 
 }  // namespace lithe::hal

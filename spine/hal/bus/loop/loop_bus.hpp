@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A bus in memory: what is sent reaches the nodes at its far end, and what they answer comes back.
+// A bus in memory: frames go to the attached nodes, and their answers come back.
 #pragma once
 
 #include <array>
@@ -34,7 +34,7 @@ class FrameQueue {
     if (++tail_ == head_) clear();
   }
   std::size_t size() const LITHE_RT { return head_ - tail_; }
-  std::uint64_t refused() const LITHE_RT { return refused_; }  // ever
+  std::uint64_t refused() const LITHE_RT { return refused_; }  // since the start
   // An empty queue starts over, so that few frames use little cache.
   void clear() LITHE_RT { head_ = tail_ = 0; }
 
@@ -45,18 +45,18 @@ class FrameQueue {
   std::array<Frame, kCapacity> frames_{};
 };
 
-// What may befall a device, for tests and `lithe sim`.
+// Faults that can be injected into a device, for tests and `lithe sim`.
 enum class Mishap : std::uint8_t {
-  power_loss,        // gone, and back after a moment; has no end of its own
-  over_temperature,  // as hot as it may not be
+  power_loss,        // power off, and on after a moment; has no "off"
+  over_temperature,  // above its temperature limit
   encoder_lost,      // it no longer knows its position
-  device_fault,      // too much current
-  watchdog_trip,     // for it, its host has fallen silent; has no end of its own
-  homing_lost,       // it no longer knows in which turn it is
-  other_map,         // it answers as another firmware would, with other registers or objects
+  device_fault,      // overcurrent
+  watchdog_trip,     // its watchdog expires; has no "off"
+  homing_lost,       // it no longer knows its turn
+  other_map,         // it answers like another firmware, with other registers or objects
 };
 
-// Something at the far end of a LoopBus. It sees every frame and picks its own, as on a real CAN bus.
+// A simulated device on a LoopBus. It gets every frame and picks its own, as on a real CAN bus.
 class BusNode {
  public:
   BusNode() = default;
@@ -64,11 +64,11 @@ class BusNode {
   BusNode& operator=(const BusNode&) = delete;
   virtual ~BusNode() = default;
   virtual void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT = 0;
-  // What it says by itself by now: heartbeats, timed messages. Called about once a millisecond.
+  // The frames that the device sends by itself: heartbeats, timed messages. Called about once a millisecond.
   virtual void on_time(std::int64_t /*now_ns*/, FrameQueue& /*answers*/) LITHE_RT {}
-  // Its joint is where it began, at rest: somebody has put it there by hand. What it was commanded stays.
+  // Puts its joint back to the start position, at rest. Its command stays.
   virtual void to_start() LITHE_RT {}
-  // The mishap begins or ends. False: such a thing cannot happen to this device.
+  // Injects the fault or ends it. False: this device does not have this fault.
   virtual bool befall(Mishap /*mishap*/, bool /*begins*/, std::int64_t /*now_ns*/) LITHE_RT { return false; }
 };
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a board with an IMU of its own says how it lies and moves.
+// Interface of a board's IMU: attitude, angular rate, acceleration.
 #pragma once
 
 #include <array>
@@ -17,7 +17,7 @@ inline constexpr std::size_t kImuChannels = 10;
 struct ImuReading {
   std::array<double, kImuChannels> value{};
   std::int64_t taken_ns = 0;  // CLOCK_MONOTONIC of the exchange that brought it
-  bool valid = false;         // there was one, and it is a possible one
+  bool valid = false;         // a reading exists and is plausible
 };
 
 // Contract: RT · one thread
@@ -27,7 +27,7 @@ class ImuSource {
   ImuSource(const ImuSource&) = delete;
   ImuSource& operator=(const ImuSource&) = delete;
   virtual ~ImuSource() = default;
-  // The newest there is; how old it may be is the reader's business.
+  // The newest reading; the caller checks its age.
   virtual const ImuReading& imu(std::int64_t now_ns) LITHE_RT = 0;
 };
 

@@ -14,8 +14,7 @@ Pi3hatBoard::Pi3hatBoard(std::unique_ptr<Pi3hatPort> port, const Pi3hatBoardPara
   for (std::size_t i = 0; i < lines_.size(); ++i) lines_[i].fd = params.port.lines[i].data_bitrate > 0;
 }
 
-// The board knows neither formats nor kinds of identifiers per frame: the connector decides the one, the number the
-// other.
+// The board has no format or id type per frame: the connector decides the format, the value of the id its type.
 bool Pi3hatBoard::send(std::uint32_t connector, const Frame& frame, bool answered) LITHE_RT {
   const bool sayable = frame.fd == line(connector).fd && frame.extended == (frame.id > kLargestStandardId);
   if (sent_ == outbound_.size() || !sayable || !is_can(frame)) return false;
@@ -25,7 +24,7 @@ bool Pi3hatBoard::send(std::uint32_t connector, const Frame& frame, bool answere
 
 void Pi3hatBoard::begin(std::int64_t now_ns) LITHE_RT {
   now_ns_ = now_ns;
-  if (!std::exchange(open_, true)) old_ = in_steps_;  // once for all connectors, whoever is first
+  if (!std::exchange(open_, true)) old_ = in_steps_;  // once for all connectors
 }
 
 void Pi3hatBoard::flush() LITHE_RT {
@@ -47,8 +46,7 @@ bool Pi3hatBoard::receive(std::uint32_t connector, Frame& frame) LITHE_RT {
   return true;
 }
 
-// Before the commands everything that is there, and after them what one cycle finds, whenever a connector asks for the
-// second time.
+// Before the commands: read everything. After them: one cycle each time a connector asks again.
 void Pi3hatBoard::look(std::uint32_t connector) LITHE_RT {
   if (std::exchange(old_, false)) return take_old();
   if (open_) return;
@@ -98,7 +96,7 @@ void Pi3hatBoard::take(const Pi3hatAttitude& attitude) LITHE_RT {
   }
   for (const double each : attitude.rate_dps) *out++ = each * kRadPerDegree;
   for (const double each : attitude.acceleration_mps2) *out++ = each;
-  // A board that has just started says zeros, a spoilt transfer anything: neither is an attitude.
+  // A board that has just started sends zeros, and a damaged transfer any bytes: neither is a valid attitude.
   constexpr double kNearlyOne = 0.1;
   const auto finite = [](double each) LITHE_RT { return std::isfinite(each); };
   imu_.valid = std::abs(norm - 1) < kNearlyOne && std::all_of(imu_.value.begin(), imu_.value.end(), finite);
@@ -120,7 +118,7 @@ bool Pi3hatBus::send(const Frame& frame) LITHE_RT {
 }
 
 void Pi3hatBus::flush() LITHE_RT {
-  answered_ = false;  // a drive that sent nothing is not answered
+  answered_ = false;  // a drive that got no command does not answer
   board_->flush();
 }
 

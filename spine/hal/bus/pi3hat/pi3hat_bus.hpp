@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The buses of a pi3hat: five connectors, and one conversation over SPI per exchange that serves them all.
+// The buses of a pi3hat: five connectors, served together by one SPI cycle per exchange.
 #pragma once
 
 #include <array>
@@ -21,37 +21,39 @@ namespace lithe::hal {
 struct Pi3hatBoardParams {
   Pi3hatParams port;
   std::int64_t reply_wait_ns = 2'000'000;
-  // Nobody opens exchanges: whoever receives and finds nothing looks anew (for tools; in the tick it would wait twice).
+  // Polled mode (for tools): without begin(), receive() starts a cycle when its queue is empty. In the tick it would
+  // wait twice.
   bool polled = false;
 };
 
-// What the buses of one board share. Commands of all of them are collected; the first receive() after a flush() sends
-// them in one cycle, takes all answers, and gives each to the bus it came from.
-// The board counts any frame as an answer, and hands out what is left of the last exchange with the new one's. A
-// moteus's answer tells which command it is to, a CANopen drive's does not, and it has two frames. So with a classic
-// connector an exchange is three steps: take what is old, send and read nothing, then look again and again, for whoever
-// waits.
+// The part that all buses of one board share. Commands of all buses are collected; the first receive() after a flush()
+// sends them in one cycle, takes all answers, and gives each to the bus it came from. The board counts any frame as an
+// answer, and returns frames left from the last exchange together with new ones. A moteus answer shows which command it
+// belongs to; the answer of a CANopen drive does not, and has two frames. So with a classic connector an exchange has
+// three steps: read old frames, send without reading, then poll until the answers are there.
 // Contract: as Bus · used through Pi3hatBus and ImuSource, from one thread, but why_down()
 class Pi3hatBoard final : public ImuSource {
  public:
   Pi3hatBoard(std::unique_ptr<Pi3hatPort> port, const Pi3hatBoardParams& params);
 
-  // A bus may use this connector (1 to 5) from now on. Contract: before the first exchange
+  // Enables this connector (1 to 5).
+  // Contract: before the first exchange
   void attach(std::uint32_t connector) {
     listen_ |= 1U << connector;
     in_steps_ = !params_.polled && (in_steps_ || !line(connector).fd);
   }
-  // Somebody wants the IMU. Contract: before the first exchange
+  // Enables the IMU.
+  // Contract: before the first exchange
   void want_imu() { wants_imu_ = true; }
 
   void begin(std::int64_t now_ns) LITHE_RT;
-  // False: no room for it, or this connector cannot say it.
+  // False: no room, or this connector cannot send such a frame.
   bool send(std::uint32_t connector, const Frame& frame, bool answered) LITHE_RT;
   void flush() LITHE_RT;
   bool receive(std::uint32_t connector, Frame& frame) LITHE_RT;
-  // 0: the cycle waits.
+  // 0: the cycle itself waits.
   std::int64_t reply_wait_ns() const LITHE_RT { return in_steps_ ? params_.reply_wait_ns : 0; }
-  // Frames of that connector that were lost here since the start, because nobody fetched those before them.
+  // Frames of that connector dropped since the start because the queue was full.
   std::uint64_t lost(std::uint32_t connector) const LITHE_RT { return line(connector).lost; }
 
   const ImuReading& imu(std::int64_t now_ns) LITHE_RT override;
@@ -60,10 +62,11 @@ class Pi3hatBoard final : public ImuSource {
   std::uint64_t cycles() const LITHE_RT { return cycles_; }
 
  private:
-  static constexpr std::size_t kMostSent = 128;      // four times what the longest queue of the board holds
+  static constexpr std::size_t kMostSent = 128;      // four times the longest queue of the board
   static constexpr std::size_t kMostReceived = 160;  // all its queues, full
-  // Each takes at least six frames from every processor that has them, and none holds more than 64.
-  static constexpr std::size_t kLeastTaken = 6;  // fewer in all: nothing is left
+  // Number of cycles to empty the board: each cycle takes at least six frames from every processor that has some, and a
+  // processor holds at most 64.
+  static constexpr std::size_t kLeastTaken = 6;  // fewer than this in total: the board is empty
   static constexpr int kMostOldCycles = 11;
 
   struct Line {
@@ -85,15 +88,15 @@ class Pi3hatBoard final : public ImuSource {
   std::uint32_t listen_ = 0;
   bool wants_imu_ = false;
   bool in_steps_ = false;
-  bool open_ = false;         // an exchange: begun, and not yet flushed
-  bool old_ = false;          // what came since the last exchange is still in the board
-  bool due_ = false;          // commands are still here
-  std::uint32_t looked_ = 0;  // bit 1 to 5: has asked since the last cycle, which was for it too
+  bool open_ = false;         // between begin() and flush()
+  bool old_ = false;          // frames since the last exchange are still in the board
+  bool due_ = false;          // commands are not sent yet
+  std::uint32_t looked_ = 0;  // bits 1 to 5: connectors that have received since the last cycle
   std::int64_t now_ns_ = 0;
   std::uint64_t cycles_ = 0;
   std::size_t sent_ = 0;
   ImuReading imu_;
-  std::atomic<int> error_{0};  // relaxed: why_down() only tells it
+  std::atomic<int> error_{0};  // relaxed: only reported by why_down()
   std::array<Pi3hatFrame, kMostSent> outbound_;
   std::array<Pi3hatFrame, kMostReceived> inbound_;
   std::array<Line, kPi3hatConnectors> lines_;

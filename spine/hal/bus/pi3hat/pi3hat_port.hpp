@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The thin interface between us and a pi3hat: all five buses and the IMU in one call, as the board's SPI wants it.
-// On a Raspberry Pi the maker's library stands behind it, in tests a board of our own.
+// Implemented by the maker's library on a Raspberry Pi, and by a simulated board in tests.
 #pragma once
 
 #include <array>
@@ -29,18 +29,18 @@ struct Pi3hatAttitude {
   std::array<double, 3> acceleration_mps2{};  // x y z
 };
 
-// What one cycle shall do.
+// Input of one cycle.
 struct Pi3hatOrder {
   std::span<const Pi3hatFrame> send;
-  std::uint32_t listen = 0;          // bit 1 to 5: take what has arrived there, whether or not something is awaited
-  std::int64_t longest_wait_ns = 0;  // for a device to answer, beside the time that its frames take
-  bool attitude = false;             // if there is a new one
+  std::uint32_t listen = 0;          // bits 1 to 5: read frames there also without an expected answer
+  std::int64_t longest_wait_ns = 0;  // longest answer time of a device, without the time of its frames
+  bool attitude = false;             // read it if there is a new one
 };
 
 struct Pi3hatOutcome {
   std::size_t received = 0;
   bool attitude = false;  // there was a new one
-  int error = 0;          // the board's own number; 0 = none. The maker's 1.0.0 knows none: a dead board is silent
+  int error = 0;          // the board's error number; 0 = none. Release 1.0.0 reports none: a dead board is silent
 };
 
 // Contract: RT as far as the hardware is: busy, bounded, no allocation once its lists have grown · one thread
@@ -51,14 +51,14 @@ class Pi3hatPort {
   Pi3hatPort& operator=(const Pi3hatPort&) = delete;
   virtual ~Pi3hatPort() = default;
 
-  // Sends all, waits for the answers, takes what has come: at most received.size() frames, what came since the last
-  // cycle first. What does not fit stays in the board; without any room nothing is read.
+  // Sends all frames, waits for the answers, reads at most received.size() frames, the oldest first. Frames that do not
+  // fit stay in the board; without room nothing is read.
   virtual Pi3hatOutcome cycle(const Pi3hatOrder& order, std::span<Pi3hatFrame> received, Pi3hatAttitude& attitude)
       LITHE_RT = 0;
 };
 
 struct Pi3hatLine {
-  bool used = false;  // if not, it acknowledges nothing and disturbs nobody, whatever bus is plugged in there
+  bool used = false;  // if not, it is set to listen only and does not disturb a connected bus
   std::uint32_t bitrate = 1'000'000;
   std::uint32_t data_bitrate = 5'000'000;  // 0 = this connector carries classic CAN
 };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Hexadecimal digits, as adapters that speak in lines of text write them.
+// Hexadecimal digits of text protocols.
 #pragma once
 
 #include <cstddef>
@@ -13,7 +13,7 @@ namespace lithe::hal {
 
 inline constexpr char kHexDigits[] = "0123456789ABCDEF";
 
-// 0 to 15; -1 when it is no digit. Capital letters or not.
+// 0 to 15; -1 for any other character. Upper or lower case.
 constexpr int hex_digit(char c) LITHE_RT {
   if (c >= '0' && c <= '9') return c - '0';
   if (c >= 'a' && c <= 'f') return c - 'a' + 10;
@@ -21,7 +21,7 @@ constexpr int hex_digit(char c) LITHE_RT {
   return -1;
 }
 
-// The number that `text` (1 to 8 digits and nothing else) says. False: it says none, and `value` is unchanged.
+// The number in `text` (1 to 8 digits and nothing else). False: not a number; `value` is unchanged.
 constexpr bool hex_number(std::string_view text, std::uint32_t& value) LITHE_RT {
   if (text.empty() || text.size() > 8) return false;
   std::uint32_t number = 0;
@@ -34,7 +34,7 @@ constexpr bool hex_number(std::string_view text, std::uint32_t& value) LITHE_RT 
   return true;
 }
 
-// The bytes that `text` says, two digits each, as many as `bytes` holds. False: it has another length, or says none.
+// The bytes in `text`, two digits each, exactly as many as `bytes` holds. False: another length, or not hexadecimal.
 constexpr bool hex_bytes(std::string_view text, std::span<std::uint8_t> bytes) LITHE_RT {
   if (text.size() != 2 * bytes.size()) return false;
   for (std::size_t i = 0; i < bytes.size(); ++i) {

@@ -19,7 +19,7 @@ std::string line_of(const fs::path& file) {
   std::ifstream in(file);
   std::string line;
   std::getline(in, line);
-  return printable(line);  // the adapter says what it likes
+  return printable(line);  // the adapter's text may have any bytes
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which piece of hardware is behind a serial device: its path may name another one after the next plug.
+// Identity of the hardware behind a serial device: after replugging, the same path may lead to another one.
 #pragma once
 
 #include <string>
@@ -7,13 +7,14 @@
 namespace lithe::hal {
 
 struct SerialIdentity {
-  // Tells it from others. On USB: vendor, product, and serial number or socket; else its place. Empty: a pseudo
-  // terminal, of which the kernel tells nothing.
+  // Unique name. On USB: vendor, product, and serial number or port; otherwise its location. Empty: unknown (pseudo
+  // terminal).
   std::string who;
-  bool fdcanusb = false;  // by the numbers of mjbots' adapters on USB
+  bool fdcanusb = false;  // by the USB ids of mjbots' adapters
 };
 
-// Of an open device, as the kernel tells it under `sys`. Empty where it tells nothing. Contract: never in the tick
+// Of an open device, from the kernel's information below `sys`. Empty = no information.
+// Contract: never in the tick
 SerialIdentity identify(int fd, const std::string& sys = "/sys");
 
 }  // namespace lithe::hal

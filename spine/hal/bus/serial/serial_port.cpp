@@ -47,7 +47,7 @@ constexpr std::array<Speed, 10> kSpeeds{{{115'200, B115200},
                                          {3'000'000, B3000000},
                                          {4'000'000, B4000000}}};
 
-// 0: there is no such speed.
+// 0: no such baud rate.
 speed_t speed_of(std::uint32_t baud) {
   for (const Speed& speed : kSpeeds) {
     if (speed.baud == baud) return speed.code;
@@ -67,13 +67,13 @@ bool make_raw(int fd, speed_t speed) {
   cfmakeraw(&settings);
   settings.c_cflag |= CLOCAL | CREAD;
   settings.c_cflag &= ~static_cast<tcflag_t>(CRTSCTS | CSTOPB);
-  settings.c_cc[VMIN] = 1;  // with none, a read that finds nothing looks like the end
+  settings.c_cc[VMIN] = 1;  // with 0, a read without data looks like end of file
   settings.c_cc[VTIME] = 0;
   cfsetspeed(&settings, speed);
   return tcsetattr(fd, TCSANOW, &settings) == 0;
 }
 
-// Some drivers collect bytes for 16 ms before they hand them over. Those that know no such delay say no.
+// Some drivers collect bytes for 16 ms before they deliver them. Drivers without this option refuse the call.
 void ask_for_low_latency(int fd) {
   serial_struct serial{};
   if (ioctl(fd, TIOCGSERIAL, &serial) != 0) return;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A serial device or pseudo terminal as a plain stream of bytes that never waits.
+// A serial device or pseudo terminal as a non-blocking byte stream.
 #pragma once
 
 #include <cstdint>
@@ -18,23 +18,23 @@ inline constexpr std::uint32_t kUsualBaud = 921'600;
 // Contract: read, write RT, never wait, one thread · open, close never in the tick, nor while another thread reads
 class SerialPort {
  public:
-  // `sys`: where the kernel tells about devices.
+  // `sys`: the kernel's device information.
   explicit SerialPort(std::string path, std::uint32_t baud = kUsualBaud, std::string sys = "/sys")
       : path_(std::move(path)), baud_(baud), sys_(std::move(sys)) {}
 
   // Opens, or closes and opens again: raw, eight bits, no flow control, without the driver's own delays, not the
-  // terminal that may end this process, locked against other programs that ask. What the other end said before is
-  // forgotten. Another piece of hardware than the first time is refused: drives repeat their ids on each bus, so nobody
-  // else would notice. The error says what to do.
+  // terminal that may end this process, locked against other programs that ask. Old input is discarded. Different
+  // hardware than at the first opening is refused: drives repeat their ids on each bus, so nothing else would detect
+  // it. The error names the next step.
   Result<> open();
   void close() { descriptor_.close(); }
 
-  // An error means that the other end is gone.
+  // An error means that the other end is closed.
   Moved read(std::span<char> to) LITHE_RT { return descriptor_.read(std::as_writable_bytes(to)); }
   Moved write(std::span<const char> from) LITHE_RT { return descriptor_.write(std::as_bytes(from)); }
 
   const std::string& path() const { return path_; }
-  // Of what was opened last.
+  // Identity of the device opened last.
   const SerialIdentity& identity() const LITHE_RT { return identity_; }
 
  private:

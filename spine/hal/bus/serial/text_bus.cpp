@@ -9,7 +9,7 @@
 namespace lithe::hal {
 namespace {
 
-constexpr int kBusOff = ENETDOWN;  // among the reasons for which an adapter is opened again
+constexpr int kBusOff = ENETDOWN;  // one of the reasons for reopening an adapter
 constexpr const char* kBusOffAdvice =
     "bus-off, the adapter's controller saw too many errors; check wires, termination and bit rates; it is opened again";
 
@@ -69,12 +69,12 @@ void TextBus::begin(std::int64_t /*now_ns*/) LITHE_RT {
   drop_overtaken();
 }
 
-// A command that waited for a whole exchange is older than the one that comes now. But a line once begun must be
-// finished, or its beginning and the next line together would be a third command, which nobody gave.
+// Commands that waited a whole exchange are outdated and dropped. A line that was partly sent must be finished: its
+// beginning together with the next line could be a different, valid command.
 void TextBus::drop_overtaken() LITHE_RT {
   const char* const unsent = out_.data() + out_from_;
   const char* const all = out_.data() + out_to_;
-  // A line that is half gone ends in the buffer: format() makes whole ones.
+  // The end of a partly sent line is in the buffer, because format() writes complete lines.
   const auto ends_a_line = [this](char c) LITHE_RT { return is_end(c); };
   const char* keep = half_gone_ ? std::find_if(unsent, all, ends_a_line) + 1 : unsent;
   const auto dropped = static_cast<std::uint64_t>(std::count_if(keep, all, ends_a_line));
@@ -112,9 +112,9 @@ bool TextBus::receive(Frame& frame) LITHE_RT {
   if (!link_.up()) return false;
   if (next_frame(frame)) return true;
   if (!link_.up()) return false;
-  fill();  // once: who talks for ever and says no frame must not keep the exchange
+  fill();  // once: endless input without frames must not block the exchange
   if (next_frame(frame)) return true;
-  flush();  // the device may have made room for what did not fit
+  flush();  // the device may have room again
   return false;
 }
 
@@ -134,7 +134,7 @@ bool TextBus::next_frame(Frame& frame) LITHE_RT {
   return false;
 }
 
-// One more byte. True: it ended a line that carries a frame.
+// Adds one byte. True: it completed a line with a frame.
 bool TextBus::take(char c, Frame& frame) LITHE_RT {
   if (line_size_ == kLongestLine) too_long_ = true;
   if (!too_long_) line_[line_size_++] = c;

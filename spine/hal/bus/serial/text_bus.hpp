@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The host's end of an adapter that carries frames as lines of text over a serial device.
+// Host side of an adapter that carries frames as text lines over a serial device.
 #pragma once
 
 #include <array>
@@ -18,12 +18,11 @@
 namespace lithe::hal {
 
 // Commands are collected and leave with flush(), in one write if the device takes them all; else the rest follows as it
-// makes room. What has not left when the next exchange begins is overtaken by its commands: only a line that is half
-// gone is still finished, the others are refused. Lines that come in are put together from whatever pieces arrive;
-// one that is longer than any that means something is dropped and counted.
+// makes room. Commands not sent when the next exchange begins are dropped and counted as refused; only a partly sent
+// line is still finished. Received lines are assembled from pieces of any size; a line longer than any valid one is
+// dropped and counted.
 //
-// When the device goes away, or says that its controller is bus-off, nothing is sent or received; service() opens it
-// again.
+// When the device is lost, or reports bus-off, nothing is sent or received; service() opens it again.
 // Contract: as Bus · nothing is allocated between open() and the end, but in service() and why_down()
 class TextBus : public Bus {
  public:
@@ -34,45 +33,48 @@ class TextBus : public Bus {
   bool send(const Frame& frame) LITHE_RT override;
   void flush() LITHE_RT override;
   bool receive(Frame& frame) LITHE_RT override;
-  // 0 while it is down or mute: nothing is worth waiting for.
+  // 0 while it is down or muted: no answer can come.
   std::int64_t reply_wait_ns() const LITHE_RT override { return link_.up() && !mute_ ? reply_wait_ns_ : 0; }
   void service() override;
   std::string why_down() const override;
 
-  // Frames and commands that the adapter said it has taken; many never say so.
+  // Frames and commands that the adapter has confirmed; many adapters send no confirmations.
   std::uint64_t acknowledged() const LITHE_RT { return acknowledged_; }
 
  protected:
   enum class Said : std::uint8_t {
     frame,
     acknowledged,
-    refused,        // a command, or trouble on the bus
-    bus_off,        // the adapter's controller gave up, and starts anew when the device is opened again
-    nothing,        // that anybody waits for
-    between_lines,  // not even a line: the second half of a line end
+    refused,        // a refused command, or a bus error
+    bus_off,        // bus-off; the controller restarts when the device is opened again
+    nothing,        // no answer to a command
+    between_lines,  // not a line: the second byte of a line end
     malformed,
   };
 
-  // A line ends with either of the two.
+  // The two line ends.
   TextBus(SerialPort port, std::int64_t reply_wait_ns, char end, char other_end)
       : port_(std::move(port)), reply_wait_ns_(reply_wait_ns), end_(end), other_end_(other_end) {}
 
-  // The line that sends a frame, with its end; 0: it cannot be said or does not fit.
+  // Formats the line that sends a frame, with its end; 0: not possible, or it does not fit.
   virtual std::size_t format(const Frame& frame, std::span<char> out) LITHE_RT = 0;
-  // `line` comes with its end.
+  // `line` includes its end.
   virtual Said parse(std::string_view line, Frame& frame) LITHE_RT = 0;
-  // What the adapter must be told before the first frame. Contract: never in the tick
+  // The adapter's set-up, before the first frame.
+  // Contract: never in the tick
   virtual std::string greeting() const { return ""; }
-  // The adapter is new: what is known of the old one no longer holds.
+  // The adapter was opened again: forget its old state.
   virtual void forget() LITHE_RT {}
 
-  // For a last word at the end, when there is nobody else any more. Not said behind half a line: the two together would
-  // be a command. Contract: never in the tick
+  // Final line on shutdown. Skipped when a partial line is still queued, because the adapter would read both as one
+  // command.
+  // Contract: never in the tick
   void say(std::string_view text);
 
-  // In this exchange send() refuses. Contract: between begin() and the first send()
+  // send() refuses in this exchange.
+  // Contract: between begin() and the first send()
   void mute(bool mute) LITHE_RT { mute_ = mute; }
-  // A line that is no frame, with its end; it leaves with the commands. Passed over when there is no room.
+  // A line without a frame, with its end, sent together with the commands. Dropped when there is no room.
   void add(std::string_view line) LITHE_RT;
   const std::string& path() const { return port_.path(); }
   const SerialIdentity& adapter() const LITHE_RT { return port_.identity(); }
@@ -80,7 +82,7 @@ class TextBus : public Bus {
  private:
   static constexpr std::size_t kLongestLine = 256;
   static constexpr std::size_t kOutbound = 16384;  // about 100 of the longest commands
-  static constexpr std::size_t kInbound = 4096;    // as much as a terminal holds
+  static constexpr std::size_t kInbound = 4096;    // the size of a terminal's buffer
 
   Result<> connect();
   void drop_overtaken() LITHE_RT;
@@ -97,9 +99,9 @@ class TextBus : public Bus {
   std::string not_reopened_;  // why; the housekeeping's
   std::uint64_t acknowledged_ = 0;
 
-  std::size_t out_from_ = 0;  // what has not left yet
+  std::size_t out_from_ = 0;  // start of the bytes not sent yet
   std::size_t out_to_ = 0;
-  bool half_gone_ = false;  // the first line of it
+  bool half_gone_ = false;  // the first queued line is partly sent
   bool mute_ = false;
   std::size_t in_from_ = 0;
   std::size_t in_to_ = 0;

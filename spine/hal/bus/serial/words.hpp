@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Taking a line of text apart, word by word, where nothing may throw.
+// Tokenizer for a line of text; noexcept.
 #pragma once
 
 #include <cstddef>
@@ -13,7 +13,7 @@ constexpr bool begins(std::string_view text, std::string_view with) LITHE_RT {
   return text.size() >= with.size() && std::string_view(text.data(), with.size()) == with;
 }
 
-// Up to the next `end`, which is taken away as well. Two ends in a row: an empty field.
+// The text up to the next `end`, which is removed too. Two ends in a row give an empty field.
 constexpr std::string_view next_field(std::string_view& rest, char end = ' ') LITHE_RT {
   const std::size_t at = rest.find(end);
   const std::string_view field(rest.data(), at == std::string_view::npos ? rest.size() : at);
@@ -21,7 +21,7 @@ constexpr std::string_view next_field(std::string_view& rest, char end = ' ') LI
   return field;
 }
 
-// The same, but spaces in a row are one.
+// The same, but several spaces count as one.
 constexpr std::string_view next_word(std::string_view& rest) LITHE_RT {
   while (!rest.empty() && rest.front() == ' ') rest.remove_prefix(1);
   return next_field(rest);

@@ -22,7 +22,8 @@ enum class SlcanManners : std::uint8_t {
 // As LAWICEL's manual says: closed from the start; bit rates and time stamps are set while it is closed, it opens when
 // it knows a bit rate, and only then frames pass. CAN FD passes when a data bit rate was set as well. A listener sends
 // nothing. A time stamp counts milliseconds and starts over every minute. A bus-off is told once, and lasts until the
-// channel is closed and opened. Contract: as SimAdapter
+// channel is closed and opened.
+// Contract: as SimAdapter
 class SimSlcan final : public SimAdapter {
  public:
   explicit SimSlcan(SlcanManners manners = SlcanManners::lawicel) : manners_(manners) {}

@@ -25,9 +25,8 @@ Result<std::unique_ptr<SlcanBus>> SlcanBus::open(const SlcanParams& params) {
     return Error{params.path + ": slcan has no data bit rate of " + std::to_string(params.data_bitrate) +
                  "; use 2000000, 5000000, or 0 for classic CAN"};
   }
-  // An open channel keeps its bit rate, so it is closed first. Before that comes what no half command of a program
-  // before us can become whole with: V is no hex digit, C is. No empty line: there are adapters that take one for the
-  // last command again.
+  // An open channel keeps its bit rate, so it is closed first. First a line that cannot complete a partial command of
+  // an earlier program: V is not a hex digit, C is. Not an empty line: some adapters repeat the last command on it.
   std::string greeting = std::string("V\rC\rS") + rate + "\r";
   if (params.data_bitrate != 0) greeting += std::string("Y") + data_rate + "\r";
   std::unique_ptr<SlcanBus> bus(new SlcanBus(params, greeting + "O\r"));

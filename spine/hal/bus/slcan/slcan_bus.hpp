@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A CAN bus behind an slcan adapter: LAWICEL's and everything that speaks like it; CAN FD as the CANable 2 does.
+// A CAN bus behind an slcan adapter (LAWICEL protocol); CAN FD as in the CANable 2.
 #pragma once
 
 #include <cstdint>
@@ -19,13 +19,14 @@ struct SlcanParams {
   std::uint32_t baud = kUsualBaud;  // where there are bauds: USB has none
 };
 
-// Adapters with LAWICEL's manners refuse to close what is closed: that is one of statistics().errors at each opening.
+// Adapters as in LAWICEL's manual refuse to close a closed channel: this counts as one of statistics().errors at each
+// opening.
 // Contract: as TextBus
 class SlcanBus final : public TextBus {
  public:
-  // Tells the adapter the bit rates and opens its channel. The error says what to do.
+  // Sets the adapter's bit rates and opens its channel. The error names the next step.
   static Result<std::unique_ptr<SlcanBus>> open(const SlcanParams& params);
-  ~SlcanBus() override;  // closes the channel: an adapter that goes on talking fills a buffer that nobody reads
+  ~SlcanBus() override;  // closes the channel, so that the adapter does not fill a buffer that is not read
 
  protected:
   std::size_t format(const Frame& frame, std::span<char> out) LITHE_RT override;

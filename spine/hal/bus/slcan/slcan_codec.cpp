@@ -42,14 +42,14 @@ constexpr bool is_one_of(char letter, std::string_view letters) LITHE_RT {
 
 constexpr std::size_t id_digits(bool extended) LITHE_RT { return extended ? 8 : 3; }
 
-// The next `size` bytes (there are so many), taken off the front of `line`.
+// Removes the next `size` bytes from the front of `line`, which has at least that many.
 constexpr std::string_view take(std::string_view& line, std::size_t size) LITHE_RT {
   const std::string_view taken(line.data(), size);
   line.remove_prefix(size);
   return taken;
 }
 
-// Letter, id and length: what data and remote frames have in common. The rest of `line` stays in it.
+// Letter, id and length: the common part of data and remote frames. The rest stays in `line`.
 bool take_head(std::string_view& line, Frame& frame) LITHE_RT {
   const char letter = take(line, 1).front();
   frame.extended = is_capital(letter);
@@ -68,7 +68,7 @@ bool take_data(std::string_view& line, Frame& frame) LITHE_RT {
   return line.size() >= digits && hex_bytes(take(line, digits), std::span(frame.data).first(frame.size));
 }
 
-// Nothing, or a time stamp where one may be.
+// An optional time stamp.
 bool is_end(std::string_view rest, bool may_be_stamped) LITHE_RT {
   std::uint32_t stamp_ms = 0;
   return rest.empty() || (may_be_stamped && rest.size() == kStampDigits && hex_number(rest, stamp_ms));
@@ -88,14 +88,14 @@ bool is_remote_frame(std::string_view line, bool may_be_stamped) LITHE_RT {
 
 constexpr Request either(bool sound, Request request) LITHE_RT { return sound ? request : Request::malformed; }
 
-// Of the adapter's controller: active, warning, passive or bus-off, and its error counts.
+// State of the adapter's controller: active, warning, passive or bus-off, and its error counts.
 Answer parse_state(std::string_view line) LITHE_RT {
   if (line.size() < 2) return Answer::trouble;
   if (line[1] == 'b') return Answer::bus_off;
   return line[1] == 'a' ? Answer::other : Answer::trouble;
 }
 
-// Commands that set something: a letter, and the number that it is set to.
+// Commands that set a value: a letter and a number.
 Request parse_setting(char letter, std::string_view text) LITHE_RT {
   std::uint32_t value = 0;
   if (!hex_number(text, value)) return Request::malformed;

@@ -27,8 +27,8 @@ inline constexpr char kRefused = '\a';
 // With its end: B, 8 digits, length, 128 digits of data, 4 of time stamp.
 inline constexpr std::size_t kLongestLine = 143;
 
-// The command that sends a frame, or the line that says it was received; with its \r. The length; 0: CAN has no such
-// frame, or it does not fit (kLongestLine always does).
+// The line that sends or reports a frame, with its \r. Returns the length; 0: not a valid CAN frame, or it does not fit
+// (kLongestLine is always enough).
 std::size_t format_frame(const Frame& frame, std::span<char> out) LITHE_RT;
 
 // ---- The host's side
@@ -38,17 +38,16 @@ enum class Answer : std::uint8_t {
   done,       // a command
   sent,       // a frame
   refused,    // a command or a frame
-  trouble,    // on the bus: an error, or a controller that left its healthy state
-  bus_off,    // the controller gave up: nothing is sent or received until the channel is opened anew
-  other,      // a controller that is healthy again, remote frames, versions, numbers: nothing that a command waits for
-  malformed,  // no such line
+  trouble,    // a bus error, or a controller in an error state
+  bus_off,    // bus-off: nothing is sent or received until the channel is opened again
+  other,      // recovered controller, remote frames, versions, numbers: no answer to a command
+  malformed,  // not a valid line
 };
 
-// What an adapter said: one line with its end, \r or \a. `frame` is changed by Answer::frame only.
+// Parses one line of an adapter, with its end \r or \a. `frame` is changed by Answer::frame only.
 Answer parse_answer(std::string_view line, Frame& frame) LITHE_RT;
 
-// The digit behind S; nothing ('\0') when slcan has no such bit rate. S7 is 800 kbit/s with LAWICEL and 750 with
-// others.
+// The digit behind S; '\0' when slcan has no such bit rate. S7 is 800 kbit/s with LAWICEL and 750 with others.
 char bitrate_digit(std::uint32_t bitrate) LITHE_RT;
 // The digit behind Y, likewise.
 char data_bitrate_digit(std::uint32_t bitrate) LITHE_RT;
@@ -68,11 +67,11 @@ enum class Request : std::uint8_t {
   status,
   stamps_off,
   stamps_on,
-  other,      // A0 A1 M0 M1 X.. Q.. m.. M..: taken and without effect
+  other,      // A0 A1 M0 M1 X.. Q.. m.. M..: accepted, without effect
   malformed,  // to be refused
 };
 
-// What a host wants: one line without its end. `frame` is changed by Request::send only.
+// Parses one line of a host, without its end. `frame` is changed by Request::send only.
 Request parse_request(std::string_view line, Frame& frame) LITHE_RT;
 
 }  // namespace lithe::hal::slcan

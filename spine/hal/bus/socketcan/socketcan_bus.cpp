@@ -10,11 +10,11 @@
 namespace lithe::hal {
 namespace {
 
-// One receive() looks at so many frames that are none of ours: a bus full of errors must not keep the exchange.
-// As many as its socket holds: they stand before answers, which are old news when they are read an exchange later.
+// Limit of foreign frames that one receive() reads: a bus full of error frames must not block the exchange. It equals
+// the socket's queue: these frames are before the answers, which are useless one exchange later.
 constexpr int kMostPassedOver = 512;
 
-// The interface works, and this frame is the trouble: no room in its queue, or longer than it carries.
+// The interface works, but refuses this frame: its queue is full, or the frame is too long.
 bool concerns_the_frame(int error) LITHE_RT { return error == ENOBUFS || error == EINVAL || error == EMSGSIZE; }
 
 }  // namespace
@@ -70,7 +70,7 @@ bool SocketCanBus::send(const Frame& frame) LITHE_RT {
 
 bool SocketCanBus::receive(Frame& frame) LITHE_RT {
   for (int i = 0; i < kMostPassedOver && link_.up(); ++i) {
-    std::array<std::byte, sizeof(canfd_frame) + 1> bytes;  // one more: too long is seen as such
+    std::array<std::byte, sizeof(canfd_frame) + 1> bytes;  // one byte more, to detect longer packets
     const Moved moved = socket_.read(bytes);
     if (moved.error != 0) link_.lose(moved.error);
     if (moved.bytes == 0) return false;

@@ -20,40 +20,40 @@ namespace lithe::hal {
 
 struct SocketCanParams {
   std::string interface;                   // as `ip link` names it
-  std::uint32_t bitrate = 1'000'000;       // both are set with `ip link`; here they are for advice
+  std::uint32_t bitrate = 1'000'000;       // set with `ip link`; used here for advice only
   std::uint32_t data_bitrate = 5'000'000;  // 0 = classic CAN only
   std::int64_t reply_wait_ns = 2'000'000;
 };
 
 // Each frame leaves as soon as it is sent; one for which the interface has no room is refused. While frames of an
-// earlier exchange still wait, those of this one are refused: a controller that nobody acknowledges repeats for ever,
-// and what had piled up behind it would be obeyed, long outdated, when the drives come back. So no more waits than one
-// exchange and what the controller itself holds. While the controller is bus-off commands are refused, and none waits
-// to leave when it is restarted, which is the kernel's business (`restart-ms`). An interface that goes down or away is
-// opened again by service(). Contract: as Bus · nothing is allocated between open() and the end, but in service() and
-// why_down()
+// earlier exchange still wait, those of this one are refused: a controller without acknowledgement repeats its frame
+// for ever, and outdated commands behind it would be executed when the drives return. So at most one exchange waits,
+// plus the frames in the controller itself. While the controller is bus-off commands are refused, and none is sent
+// after its restart, which the kernel does (`restart-ms`). An interface that goes down or away is opened again by
+// service().
+// Contract: as Bus · nothing is allocated between open() and the end, but in service() and why_down()
 class SocketCanBus final : public Bus {
  public:
   using Opener = std::function<Result<Descriptor>()>;
   enum class Carrier : std::uint8_t { unknown, off, on };  // off: bus-off
   using Look = std::function<Carrier()>;
 
-  // The error says what to do, as a command to type where there is one.
+  // The error names the next step, if possible as a command to type.
   static Result<std::unique_ptr<SocketCanBus>> open(const SocketCanParams& params);
-  // Over whatever non-blocking socket carries the kernel's frames, one a packet.
-  // `look`: what the kernel says of the controller; error frames may be lost, and tell nothing of what was before them.
+  // Over any non-blocking socket with one kernel frame per packet. `look`: reads the controller's state from the
+  // kernel, because error frames may be lost and show only changes.
   static Result<std::unique_ptr<SocketCanBus>> open(const SocketCanParams& params, Opener opener, Look look);
 
   void begin(std::int64_t now_ns) LITHE_RT override;
   bool send(const Frame& frame) LITHE_RT override;
   bool receive(Frame& frame) LITHE_RT override;
-  // 0 while it is down, bus-off or stuck: nothing is worth waiting for.
+  // 0 while it is down, bus-off or stuck: no answer can come.
   std::int64_t reply_wait_ns() const LITHE_RT override { return works() ? reply_wait_ns_ : 0; }
   void service() override;
   std::string why_down() const override;
   std::uint64_t overrun() const override { return overrun_before_ + socket_.dropped(); }
 
-  // What error frames have told.
+  // Counts of error frames.
   const socketcan::Troubles& troubles() const LITHE_RT { return troubles_; }
 
  private:
@@ -72,12 +72,12 @@ class SocketCanBus final : public Bus {
   Link link_;
   std::int64_t reply_wait_ns_;
   bool fd_;
-  std::string not_reopened_;          // why; the housekeeping's
-  std::uint64_t overrun_before_ = 0;  // of sockets that are closed; the housekeeping's
+  std::string not_reopened_;          // the reason; main thread only
+  std::uint64_t overrun_before_ = 0;  // of closed sockets; main thread only
   socketcan::Troubles troubles_;
-  // Relaxed throughout: the first two are the exchange's, why_down() only tells them; service() says what it saw.
+  // All relaxed: the first two are written by the exchange and only reported by why_down(); service() writes the third.
   std::atomic<bool> bus_off_{false};
-  std::atomic<bool> stuck_{false};  // frames of an earlier exchange have not left
+  std::atomic<bool> stuck_{false};  // frames of an earlier exchange are not sent yet
   std::atomic<Carrier> seen_{Carrier::unknown};
 };
 
@@ -87,7 +87,8 @@ Result<Descriptor> open_can_socket(const SocketCanParams& params);
 
 std::string advice_for_bus_off(const std::string& interface);
 
-// What the kernel says of the interface's controller. Contract: never in the tick
+// The controller's state, from the kernel.
+// Contract: never in the tick
 SocketCanBus::Carrier look_at_carrier(const std::string& interface);
 
 }  // namespace lithe::hal

@@ -15,9 +15,8 @@
 namespace lithe::hal {
 namespace {
 
-// The room for frames that wait is 10 by default: less than one exchange of a large robot. Where the faster phase is
-// used, everybody must look at its bits at the same place, and the kernel's own choice is not what drives are built
-// for.
+// The default transmit queue has 10 frames, less than one exchange of a large robot. With bit rate switching all nodes
+// need the same sample points, and the kernel's default is not what drives use.
 std::string bring_up(const SocketCanParams& params) {
   std::string command = "sudo ip link set " + params.interface + " up txqueuelen 128 type can bitrate " +
                         std::to_string(params.bitrate) + " restart-ms 100";
@@ -30,7 +29,7 @@ std::string bring_up(const SocketCanParams& params) {
 
 Error wrong(const SocketCanParams& params, const std::string& what) { return Error{params.interface + ": " + what}; }
 
-// The interface's number; or what keeps it from carrying what it shall.
+// The interface's index; or why it cannot be used as configured.
 Result<int> find_interface(int socket, const SocketCanParams& params) {
   ifreq request{};
   if (params.interface.empty() || params.interface.size() >= sizeof request.ifr_name) {

@@ -59,7 +59,8 @@ class Cia402Servo {
 
   // Lives up to `now_ns` on the 50 us grid that the first call starts. Time that goes backwards is ignored.
   void advance(std::int64_t now_ns) LITHE_RT;
-  // Time passes that nothing lives through. Contract: after the first advance()
+  // Time passes that nothing lives through.
+  // Contract: after the first advance()
   void skip(std::int64_t now_ns) LITHE_RT;
   // The drive starts anew; the joint is where it is.
   void restart() LITHE_RT;

@@ -62,8 +62,8 @@ class SimPdo {
 // As CiA 301 and 402 have it: network states, SDO server (expedited, segmented upload), PDOs that can be remapped while
 // they are off, heartbeats both ways, emergencies. When the heartbeat that object 1016h names stops, it does what
 // object 6007h says and falls back to pre-operational (1029h). Not simulated: block and segmented download, node
-// guarding, inhibit times, profile modes, homing. Contract: RT but for the constructor · one thread · lives on the time
-// of the frames it sees and of on_time()
+// guarding, inhibit times, profile modes, homing.
+// Contract: RT but for the constructor · one thread · lives on the time of the frames it sees and of on_time()
 class SimCia402 final : public BusNode {
  public:
   explicit SimCia402(const SimCia402Params& params);

@@ -76,7 +76,8 @@ class Servo {
 
   // Lives up to `now_ns` on the 50 us grid that the first call starts. Time that goes backwards is ignored.
   void advance(std::int64_t now_ns) LITHE_RT;
-  // Time passes that nothing but the watchdog lives through. Contract: after the first advance()
+  // Time passes that nothing but the watchdog lives through.
+  // Contract: after the first advance()
   void skip(std::int64_t now_ns) LITHE_RT;
 
   // Switched off and on again: stopped, without fault, command or limits of its own. The plant goes on.

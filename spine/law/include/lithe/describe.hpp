@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How a law becomes the one symbol its object exports: the C descriptor, and the checks that explain a wrong law.
-// Included by lithe/law.hpp; a law's author never needs it.
+// The C descriptor of a law (the one symbol its object exports), and compile-time checks with clear messages. Included
+// by lithe/law.hpp; authors of laws do not need it.
 #pragma once
 
 #include "lithe/law.hpp"
@@ -58,7 +58,7 @@ struct LitheLaw {
   const void* state_defaults;  // state_size bytes
   // params: param_count lithe::Param in order; state: state_size bytes; probes: probe_count doubles.
   void (*step)(const lithe::Tick*, const void* params, void* state, lithe::Effort*, double* probes) LITHE_RT;
-  void (*init)(const lithe::History*, const void* params, void* state) LITHE_RT;  // null: the defaults will do
+  void (*init)(const lithe::History*, const void* params, void* state) LITHE_RT;  // null: the defaults are used
 };
 }
 
@@ -100,7 +100,7 @@ template <class T>
 concept PlainStruct =
     std::is_class_v<T> && std::is_aggregate_v<T> && std::is_trivially_copyable_v<T> && std::is_standard_layout_v<T>;
 
-// What every nested struct must be, so that its fields can be named and copied. False stops all further analysis.
+// Requirements on every nested struct, so that its fields can be named and copied. False stops all further checks.
 template <class T>
 consteval bool check_struct() {
   static_assert(PlainStruct<T>,

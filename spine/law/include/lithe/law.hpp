@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The contract a control law signs. A law is one C++ file:
+// The contract of a control law. A law is one C++ file:
 //
 //   #include <lithe/law.hpp>
 //   struct Pd {
@@ -34,7 +34,8 @@
 #endif
 #if defined(__clang__) && __clang_major__ >= 20
 #define LITHE_RT noexcept [[clang::nonblocking]]
-// A fault leaves these by a jump: RealtimeSanitizer counts how deep a thread is in LITHE_RT, and must not count them.
+// A law fault leaves these functions by a jump. RealtimeSanitizer counts nested LITHE_RT calls, so it must not count
+// these.
 #define LITHE_LEFT_BY_A_JUMP [[clang::no_sanitize("realtime")]]
 #else
 #define LITHE_RT noexcept
@@ -61,7 +62,7 @@ inline constexpr double kAbsent = std::numeric_limits<double>::quiet_NaN();
 inline constexpr std::uint32_t kSampleStale = 1;  // position, velocity and torque are those of an earlier tick
 inline constexpr std::uint32_t kBrainStale = 2;   // no fresh plan: the setpoint coasts to a stop and holds
 
-// What a law is given each tick. Only the first `joints` entries of each array mean something.
+// The input of a law in each tick. Only the first `joints` entries of each array are valid.
 struct Tick {
   std::uint64_t tick = 0;
   std::int64_t t_ns = 0;  // CLOCK_MONOTONIC
@@ -70,13 +71,13 @@ struct Tick {
   std::uint32_t joints = 0;
   std::uint32_t flags = 0;
   double sample_age_s = 0;
-  double brain_age_s = 0;  // infinity: no Brain was ever heard
+  double brain_age_s = 0;  // infinity: no Brain has connected yet
   JointArray position_rad{}, velocity_rad_s{}, torque_nm{};
   JointArray setpoint_position_rad{}, setpoint_velocity_rad_s{}, setpoint_acceleration_rad_s2{};
   std::array<double, kMaxSensors> sensor{};
 };
 
-// What a law gives back. Cleared before each step; most laws write torque_nm only.
+// The output of a law. Cleared before each step; most laws write torque_nm only.
 struct Effort {
   JointArray torque_nm{};     // feed-forward torque
   JointArray position_rad{};  // position target of the drive's own PD loop, kAbsent = none
@@ -96,15 +97,15 @@ struct PastTick {
   double age_s = 0;                                          // before now
   JointArray position_rad{}, velocity_rad_s{}, torque_nm{};  // measured
   JointArray setpoint_position_rad{}, setpoint_velocity_rad_s{};
-  JointArray command_torque_nm{};            // what the guard let through
+  JointArray command_torque_nm{};            // the output of the guard
   std::array<double, kMaxSensors> sensor{};  // as Tick::sensor
 };
 
-// What the robot did in the last second and more, for a law whose filters or integrators should not start cold:
+// The robot's last two seconds (at 1 kHz), for a law whose filters or integrators should not start from zero:
 //   static void init(const lithe::History& past, const Params& p, State& s);
 // It runs once, off the tick, after the defaults and before fields of the same name are carried over from the law that
 // is being replaced. The newest tick comes first. `count` may be 0: the robot has just started. All values are finite:
-// ticks in which one was not are left out.
+// ticks with a non-finite value are left out.
 struct History {
   const PastTick* ticks = nullptr;
   std::uint32_t count = 0;
@@ -128,7 +129,7 @@ struct Param {
 
 #include "lithe/describe.hpp"
 
-// Ends every law file: LITHE_LAW(Type, "name"). The name is what people see in `lithe status` and in telemetry.
+// Ends every law file: LITHE_LAW(Type, "name"). The name is shown in `lithe status` and in telemetry.
 #define LITHE_LAW(Type, law_name)                                                                              \
   static_assert(sizeof(law_name) > 1 && sizeof(law_name) <= 64, "LITHE: a law's name has 1 to 63 characters"); \
   extern "C" __attribute__((visibility("default"))) const LitheLaw lithe_law;                                  \

@@ -14,7 +14,7 @@ namespace lithe::reflect {
 
 inline constexpr std::size_t kMaxFields = 32;
 
-// Converts to every type: how many of them initialise T tells how many fields T has.
+// Converts to every type: the number of them that initialises T is T's number of fields.
 struct Any {
   template <class T>
   operator T() const;  // NOLINT(google-explicit-constructor)
@@ -63,7 +63,7 @@ consteval bool has_c_array() {
   }
 }
 
-// The default values of T. Its fields' addresses, as template arguments, are what carries their names.
+// A default object of T. The addresses of its fields, as template arguments, carry the field names.
 template <class T>
 inline constexpr T kDefaults{};
 
@@ -223,7 +223,7 @@ consteval std::string_view field_name() {
 template <class T, std::size_t I>
 using FieldType = std::remove_cvref_t<decltype(*std::get<I>(field_addresses(std::declval<const T&>())))>;
 
-// Where field I starts. Plain structs put each field at the next multiple of its alignment.
+// Offset of field I. A plain struct puts each field at the next multiple of its alignment.
 template <class T, std::size_t I>
 consteval std::size_t field_offset() {
   constexpr std::size_t align = alignof(FieldType<T, I>);

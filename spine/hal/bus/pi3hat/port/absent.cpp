@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Builds without the maker's library: any machine but a Raspberry Pi with a pi3hat.
+// For builds without the maker's library (LITHE_PI3HAT=OFF).
 #include "spine/hal/bus/pi3hat/pi3hat_port.hpp"
 
 namespace lithe::hal {

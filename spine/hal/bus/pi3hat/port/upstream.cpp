@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The maker's library behind our interface. Built on a Raspberry Pi only, with -DLITHE_PI3HAT=ON; the one file here
-// that meets exceptions, which end in it.
+// The maker's library behind our interface. Built on a Raspberry Pi only, with -DLITHE_PI3HAT=ON; the only file here
+// with exceptions; they are caught here.
 #include <mjbots/pi3hat/pi3hat.h>
 
 #include <algorithm>
@@ -29,7 +29,7 @@ maker::Pi3Hat::Configuration configuration(const Pi3hatParams& params) {
   return configuration;
 }
 
-// With it the maker's library reckons how long answers may be under way; that of a moteus to all we ask.
+// The expected answer size, from which the maker's library computes how long to wait; that of a moteus for our queries.
 constexpr std::uint8_t kAnswerBytes = 24;
 
 class UpstreamPort final : public Pi3hatPort {
@@ -55,7 +55,7 @@ class UpstreamPort final : public Pi3hatPort {
     maker::Pi3Hat::Input input;
     input.tx_can = {out_.data(), sent};
     input.rx_can = {in_.data(), std::min(in_.size(), received.size())};
-    // Where nothing is awaited, nothing is waited for. The wait is per device, so that it does not grow with them.
+    // Without expected answers there is no wait. The wait is per device, so it does not grow with their number.
     const auto wait_ns = static_cast<std::uint32_t>(awaits ? order.longest_wait_ns : 0);
     input.min_tx_wait_ns = std::min(input.min_tx_wait_ns, wait_ns);
     input.rx_baseline_wait_ns = wait_ns;
@@ -73,7 +73,7 @@ class UpstreamPort final : public Pi3hatPort {
     return {count, order.attitude && output.attitude_present, output.error};
   }
 
-  // Whether it survives frames that nobody acknowledges, as when a drive is off.
+  // True when the board's firmware survives frames without acknowledgement (a drive is off).
   bool sound() const { return sound_; }
 
  private:
