@@ -4,7 +4,7 @@ MAKEFLAGS += --no-print-directory
 PYTHON := .venv/bin/python
 JOBS ?= $(shell nproc)
 
-.PHONY: help demo no-other-demo test check check-all bench bench-swap format clean setup release
+.PHONY: help demo no-other-demo test test-fast check check-all bench bench-swap format clean setup release
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -16,9 +16,15 @@ demo: no-other-demo release  ## the experiment on a simulated arm (or ROBOT=FILE
 	@$(PYTHON) -m lithe.demo $(if $(ROBOT),--robot $(ROBOT))
 
 test: PACKAGES := build test
-test: release  ## every test: C++ (ctest), then Python and across processes (pytest)
-	@ctest --preset release -j $(JOBS) --progress
-	@$(PYTHON) -m pytest
+test: TARGETS := $(if $(ROOM),--target $(ROOM)_tests)
+test: release  ## every test: C++ (ctest), then Python and across processes (pytest); ROOM=guard for the C++ tests of one room
+	@ctest --preset release -j $(JOBS) --progress $(if $(ROOM),-L '(^|[.])$(ROOM)$$')
+	@$(if $(ROOM),,$(PYTHON) -m pytest)
+
+test-fast: PACKAGES := build test
+test-fast: release  ## what takes minutes left out: no property of thousands of runs, no robot started from Python
+	@ctest --preset release -j $(JOBS) --progress -LE '^(limits|fuzz)$$'
+	@$(PYTHON) -m pytest tests/tools tests/schema
 
 check:  ## what CI asks: format, tidy, rooms, schema, limits, types, ASan+UBSan, TSan, RTSan, fuzzers
 	@tools/setup build test check bench

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Holds docs/paper.md to the tree: every claim says where it stands and what shows it, and that exists. The same of the
-numbers in docs/rt.md: each names its command, or says when it was measured by hand.
+"""Holds docs/paper.md to the tree: every claim says where it stands and what shows it, and that exists. The same of
+the numbers in docs/rt.md: each names its command, or says when it was measured by hand. And every path of the tree
+that a page names exists.
 
 python tools/paper.py            exit code 0 when all is there, 1 with a line for each thing that is not
 """
@@ -19,6 +20,8 @@ LEAST_ROWS = 50  # fewer, and claims have been dropped
 NUMBERS = Path("docs/rt.md")
 NUMBERS_HEAD = ["number", "command"]
 BY_HAND = re.compile(r"measured once, 20\d\d-\d\d-\d\d: .")
+TREE = "spine supervisor lawd trial sim bench brain tools tests docs schema models laws robots examples cmake firmware"
+NAMED_PATH = re.compile(rf"(?:{TREE.replace(' ', '|')})/[\w./*-]*")
 PROGRAMS = ("make", "lithe", "python", "pytest")
 
 
@@ -66,6 +69,24 @@ def number_troubles(text: str, root: Path) -> list[str]:
     return wrong
 
 
+def path_troubles(page: Path, text: str, root: Path) -> list[str]:
+    """One line for each path in backticks that does not exist. `*` stands for any name."""
+    wrong = []
+    for number, line in enumerate(text.splitlines(), 1):
+        for quoted in re.findall(r"`([^`]+)`", line):
+            for path in re.split(r"[\s,]+", quoted):
+                if NAMED_PATH.fullmatch(path) and not any(root.glob(path.rstrip("/"))):
+                    wrong.append(f"{page}:{number}: there is no {path}; name what is there, or leave it out")
+    return wrong
+
+
+def pages(root: Path) -> list[Path]:
+    """Every page that says where things are; decision records and the changelog tell of the past."""
+    tops = [page for page in root.glob("*.md") if page.name != "CHANGELOG.md"]
+    rooms = [page for top in TREE.split() for page in (root / top).rglob("*.md") if "adr" not in page.parts]
+    return sorted(tops + rooms)
+
+
 def troubles(text: str, root: Path) -> list[str]:
     """One line for each thing that is wrong with the page."""
     wrong = []
@@ -97,6 +118,8 @@ def troubles(text: str, root: Path) -> list[str]:
 def main() -> int:
     wrong = troubles((ROOT / PAGE).read_text(encoding="utf-8"), ROOT)
     wrong += number_troubles((ROOT / NUMBERS).read_text(encoding="utf-8"), ROOT)
+    for page in pages(ROOT):
+        wrong += path_troubles(page.relative_to(ROOT), page.read_text(encoding="utf-8"), ROOT)
     print("\n".join(wrong), end="\n" if wrong else "")
     return 1 if wrong else 0
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/paper.md and the numbers of docs/rt.md name what exists, and a page that does not is found."""
 
+from pathlib import Path
+
 import paper
 import pytest
 from paper import ROOT
@@ -60,3 +62,14 @@ def test_a_number_that_nobody_can_measure_is_found(row: str, words: str) -> None
 
 def test_a_page_without_the_table_is_found() -> None:
     assert len(paper.number_troubles("# Real time\n", ROOT)) == 1
+
+
+def test_a_path_that_a_page_names_and_the_tree_lacks_is_found(tmp_path: Path) -> None:
+    (tmp_path / "spine/loop").mkdir(parents=True)
+    (tmp_path / "spine/loop/tick.cpp").write_text("")
+    page = Path("ARCHITECTURE.md")
+    there = "`spine/loop/tick.cpp`, `spine/loop/`, `spine/*/tick.cpp`, `out/x`"
+    assert paper.path_troubles(page, there, tmp_path) == []
+    wrong = paper.path_troubles(page, "one\n`spine/loop/tock.cpp`\n", tmp_path)
+    assert wrong == ["ARCHITECTURE.md:2: there is no spine/loop/tock.cpp; name what is there, or leave it out"]
+    assert ROOT / page in paper.pages(ROOT) and ROOT / "docs/swap.md" in paper.pages(ROOT)
