@@ -13,7 +13,7 @@ Result<std::unique_ptr<CanEnd>> CanEnd::open(const hal::SocketCanParams& params,
 }
 
 void CanEnd::serve(std::int64_t now_ns) {
-  constexpr int kMostReads = 64;  // then others have their turn
+  constexpr int kMostReads = 64;  // then the other ends are served
   for (int i = 0; i < kMostReads; ++i) {
     canfd_frame raw{};
     const hal::Moved moved = socket_.read(std::as_writable_bytes(std::span(&raw, 1)));
@@ -42,7 +42,7 @@ void CanEnd::pass_on() {
   for (; answers_.front() != nullptr; answers_.pop()) {
     canfd_frame raw{};
     const std::size_t size = hal::socketcan::encode(*answers_.front(), raw);
-    // What the interface has no room for is lost, as with a controller whose queue is full.
+    // A frame without room in the interface is lost, as with a controller whose queue is full.
     if (size > 0 && socket_.is_open()) socket_.write(std::as_bytes(std::span(&raw, 1)).first(size));
   }
 }

@@ -34,7 +34,7 @@ std::optional<Mishap> mishap_of(Kind kind) {
   }
 }
 
-// What such a device is too simple for, or says nothing of, cannot happen to it.
+// Refuses faults that this kind of device does not have.
 bool can_suffer(robot::DeviceKind device, Kind kind) {
   switch (device) {
     case robot::DeviceKind::moteus:
@@ -108,7 +108,8 @@ void Devices::suffer(std::size_t device, const Order& order, std::int64_t now_ns
   }
 }
 
-// A twin has the same id and stands elsewhere; a device with the wrong id is there in place of the right one.
+// twin: a second device with the same id and another position. wrong_id: a device with another id replaces the right
+// one.
 void Devices::meet_stranger(std::size_t index, const Order& order) {
   hal::BusNode& device = *nodes_.devices[index];
   Company& company = company_[index];

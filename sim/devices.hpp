@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The simulated devices of one robot and the wires to them, and what befalls them on order.
+// The simulated devices of one robot, the wires to them, and the faults injected into both.
 #pragma once
 
 #include <cstddef>
@@ -17,25 +17,25 @@
 
 namespace lithe::simulator {
 
-// Contract: not RT, but for what passes over a wire · one thread · times are CLOCK_MONOTONIC [ns]
+// Contract: not RT, except the traffic on a wire · one thread · times are CLOCK_MONOTONIC [ns]
 class Devices {
  public:
-  // `seed`: of everything that befalls frames by chance. The error: what the joints are to move cannot be had.
+  // `seed`: of all random faults. The error: the plant cannot be opened.
   static Result<std::unique_ptr<Devices>> make(const robot::RobotConfig& config, std::uint64_t seed);
 
   hal::sim::SimWire& wire(std::size_t bus) { return *wires_[bus]; }
 
-  // The error: no such bus or device, or nothing of the kind can happen to it.
+  // The error: no such bus or device, or it does not have this fault.
   Result<> check(const Order& order) const;
 
-  // One that was checked; now, whatever it says of time. Unplugging is not for devices.
+  // Applies a checked order now, without its times. `unplug` is handled elsewhere.
   void act(const Order& order, std::int64_t now_ns);
 
  private:
-  // What stands on a device's wire beside it.
+  // An injected second device on a device's wire (twin or wrong id).
   struct Company {
-    std::unique_ptr<hal::BusNode> stranger;  // another one, which has its id or stands in for it
-    bool here = true;                        // the wire reaches the device itself
+    std::unique_ptr<hal::BusNode> stranger;  // the second device; null = none
+    bool here = true;                        // false: the original device is disconnected
   };
 
   void suffer(std::size_t device, const Order& order, std::int64_t now_ns);

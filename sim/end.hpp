@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a simulated bus meets the rest of the world.
+// The outer end of a simulated bus: a pseudo terminal or a CAN interface.
 #pragma once
 
 #include <cstdint>
@@ -22,18 +22,18 @@ class End {
   End& operator=(const End&) = delete;
   virtual ~End() = default;
 
-  virtual int poll_fd() const = 0;  // -1: nobody is there to be heard
+  virtual int poll_fd() const = 0;  // -1: no program is connected
   virtual bool wants_to_write() const { return false; }
-  virtual void serve(std::int64_t now_ns) = 0;  // after poll said so
+  virtual void serve(std::int64_t now_ns) = 0;  // call when poll() reports input
   virtual void tick(std::int64_t now_ns) = 0;   // about once a millisecond
-  virtual std::string place() const = 0;        // how others reach it; empty while it is unplugged
-  // Goes away until then. False: this kind cannot.
+  virtual std::string place() const = 0;        // its path or interface; empty while it is unplugged
+  // Unplugs until then. False: not possible for this kind.
   virtual bool unplug(std::int64_t /*until_ns*/) { return false; }
-  // The wires behind an adapter drive its controller bus-off, or are good again.
+  // Puts an adapter's controller in bus-off, or ends the cause.
   virtual void spoil_wires(bool /*bad*/) {}
 };
 
-// An adapter at a pseudo terminal. Who opens it meets an adapter that was just plugged in.
+// An adapter at a pseudo terminal. Each program that opens it finds a freshly plugged-in adapter.
 class PtyEnd final : public End {
  public:
   // `link`: path of a symbolic link to the terminal, there while the terminal can be opened; empty = none.
@@ -64,11 +64,11 @@ class PtyEnd final : public End {
   std::string slave_path_;
   bool somebody_ = false;
   std::int64_t plug_at_ns_ = 0;
-  std::string out_;         // what the terminal had no room for yet
-  bool half_told_ = false;  // its first line has partly left
+  std::string out_;         // output not written yet
+  bool half_told_ = false;  // its first line is partly written
 };
 
-// A CAN interface of the kernel. When it is down, it is looked for again about once a second.
+// A CAN interface of the kernel. When it is down, it is tried again about once a second.
 class CanEnd final : public End {
  public:
   static Result<std::unique_ptr<CanEnd>> open(const hal::SocketCanParams& params, hal::sim::SimWire& wire);

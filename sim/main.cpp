@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// `lithe-sim`: puts the simulated devices of a robot file where other programs reach them.
+// `lithe-sim`: offers the simulated devices of a robot file to other programs.
 #include <poll.h>
 #include <sched.h>
 #include <sys/prctl.h>
@@ -40,7 +40,7 @@ int refuse(const std::string& why) {
   return 1;
 }
 
-// Reads orders from the standard input for as long as there is one.
+// Reads orders from stdin until its end.
 class Orders {
  public:
   int poll_fd() const { return fd_; }
@@ -48,7 +48,7 @@ class Orders {
   void read(simulator::World& world, std::int64_t now_ns) {
     std::array<char, 4096> bytes{};
     const ssize_t count = ::read(fd_, bytes.data(), bytes.size());
-    if (count <= 0) fd_ = -1;  // who gave the orders is gone; the devices stay
+    if (count <= 0) fd_ = -1;  // stdin is closed; the devices stay
     for (ssize_t i = 0; i < count; ++i) {
       if (bytes[static_cast<std::size_t>(i)] == '\n') {
         obey(world, now_ns);
@@ -60,7 +60,7 @@ class Orders {
   }
 
  private:
-  static constexpr std::size_t kLongestLine = 4096;  // a longer one is no order: its end is missing
+  static constexpr std::size_t kLongestLine = 4096;  // a longer line is not an order
 
   void obey(simulator::World& world, std::int64_t now_ns) {
     if (line_.find_first_not_of(" \r\t") == std::string::npos) return;
@@ -90,17 +90,17 @@ int serve(simulator::World& world, int signals) {
     if (waits[0].revents != 0) return 0;
     if (waits[1].revents != 0) orders.read(world, now_ns);
     for (std::size_t i = 0; i < world.ends().size(); ++i) {
-      // An order may have unplugged it since.
+      // An order may have unplugged it in between.
       if (waits[i + 2].revents != 0 && world.ends()[i]->poll_fd() >= 0) world.ends()[i]->serve(now_ns);
     }
     if (now_ns < next_tick_ns) continue;
     world.tick(now_ns);
-    next_tick_ns = std::max(next_tick_ns + kTickNs, now_ns);  // a late tick is not made up for
+    next_tick_ns = std::max(next_tick_ns + kTickNs, now_ns);  // missed ticks are not repeated
   }
 }
 
-// A Spine on this machine spins on its core and on the Transport's, more urgent than anybody: who waits for his turn
-// there answers late. Only where it can be done; elsewhere the kernel decides.
+// Keeps off the cores of a Spine on this machine: it spins there with high priority, so we would answer late. If this
+// is not possible, the kernel decides.
 void keep_off_the_spines_cores(const robot::SpineConfig& wanted) {
   const robot::CpuPlan plan = robot::fold_cpus(machine_cores(), wanted);
   cpu_set_t ours;
@@ -111,7 +111,7 @@ void keep_off_the_spines_cores(const robot::SpineConfig& wanted) {
   raise_priority();
 }
 
-// What the seed of each joint has drawn, as one line of JSON.
+// The random values drawn from each joint's seed, as one line of JSON.
 int tell_truth(const std::string& path) {
   const Result<robot::RobotConfig> config = robot::load_robot(path);
   if (!config) return refuse(config.message());

@@ -70,7 +70,7 @@ Result<> fill(const Json& json, Order& order) {
     if (!on->is_boolean()) return Error{"\"on\" must be true or false"};
     order.on = on->get<bool>();
   }
-  // What would be ignored was meant otherwise.
+  // A key that would be ignored is an error.
   const auto useless = [&](const char* key, bool used) { return json.contains(key) && !used; };
   const bool all = order.kind == Kind::clear;
   if (useless("bus", !is_of_device(order.kind) && !all))

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a person or a test may do to simulated hardware, one JSON object a line.
+// Orders to simulated hardware: one JSON object per line.
 #pragma once
 
 #include <string>
@@ -46,14 +46,14 @@ struct Order {
   double amount = 0;  // share, or seconds of delay; 0 ends the fault
   bool on = true;
   double after_s = 0;
-  double for_s = 0;  // 0: until told
+  double for_s = 0;  // 0: until ended by an order
 };
 
-// The error says what is wrong with the line, and what would be right.
+// The error says what is wrong with the line, and what is expected.
 // Contract: any bytes · never in the tick
 Result<Order> parse_order(std::string_view line);
 
-// Whether it is about devices and not about buses.
+// True for orders about devices, false about buses.
 bool is_of_device(Order::Kind kind);
 
 // The order that ends this one.

@@ -17,13 +17,13 @@
 namespace lithe::simulator {
 namespace {
 
-constexpr std::size_t kMostPending = 1 << 16;  // beyond it nobody reads: what is said is lost, as on a full USB pipe
+constexpr std::size_t kMostPending = 1 << 16;  // a reader this late loses output, as on a full USB pipe
 
 bool is_end(char c) { return c == '\r' || c == '\n' || c == '\a'; }
 
 Error failure(const std::string& what) { return Error{what + ": " + std::strerror(errno)}; }
 
-// Bytes as they are, in both directions, and no echo of what the adapter says.
+// Raw bytes in both directions, without echo.
 Result<> make_raw(const std::string& path) {
   const hal::Descriptor slave(::open(path.c_str(), O_RDWR | O_NOCTTY | O_CLOEXEC));
   if (!slave.is_open()) return failure("cannot open " + path);
@@ -34,7 +34,7 @@ Result<> make_raw(const std::string& path) {
   return done();
 }
 
-// Atomic: whoever opens the link gets the old terminal or the new one.
+// Atomic: the link always leads to the old or the new terminal.
 Result<> point(const std::string& link, const std::string& at) {
   std::error_code wrong;
   const std::filesystem::path fresh = link + ".new";
@@ -55,8 +55,8 @@ Result<std::unique_ptr<PtyEnd>> PtyEnd::open(std::unique_ptr<hal::sim::SimAdapte
 
 PtyEnd::~PtyEnd() { remove_link(); }
 
-// Only while it is ours: the kernel gives the name of a terminal that is gone to the next one who asks, a shell
-// perhaps, and a link that another program has made since is that program's.
+// Removes the link only while it is ours: the kernel reuses the name of a closed terminal (for a shell, for example),
+// and another program may have made a new link.
 void PtyEnd::remove_link() {
   std::error_code none;
   const std::filesystem::path at = std::filesystem::read_symlink(link_, none);
@@ -80,7 +80,7 @@ Result<> PtyEnd::plug() {
 
 bool PtyEnd::unplug(std::int64_t until_ns) {
   leave();
-  remove_link();  // before the terminal goes, and its name becomes free
+  remove_link();  // before the terminal is closed and its name is free
   master_.close();
   slave_path_.clear();
   plug_at_ns_ = until_ns;
@@ -92,7 +92,7 @@ void PtyEnd::leave() {
   out_.clear();
 }
 
-// A terminal that nobody has open reports a hang-up for ever; so it is looked at only now and then.
+// A terminal that no program has open always reports a hang-up, so it is polled rarely.
 void PtyEnd::look_for_somebody() {
   pollfd ask{master_.get(), 0, 0};
   if (::poll(&ask, 1, 0) < 0 || (ask.revents & POLLHUP) != 0) return;
@@ -101,7 +101,7 @@ void PtyEnd::look_for_somebody() {
 }
 
 void PtyEnd::serve(std::int64_t now_ns) {
-  constexpr int kMostReads = 16;  // then others have their turn
+  constexpr int kMostReads = 16;  // then the other ends are served
   std::array<char, 4096> bytes{};
   for (int i = 0; i < kMostReads; ++i) {
     const hal::Moved moved = master_.read(std::as_writable_bytes(std::span(bytes)));
@@ -117,7 +117,7 @@ void PtyEnd::serve(std::int64_t now_ns) {
 }
 
 void PtyEnd::tick(std::int64_t now_ns) {
-  // What went wrong with plugging in is tried again with the next tick: terminals may be short for a while.
+  // A failed plug-in is tried again in the next tick: terminals may be used up for a while.
   if (!master_.is_open() && (now_ns < plug_at_ns_ || !plug())) return;
   if (!somebody_) look_for_somebody();
   adapter_->idle(now_ns, out_);
@@ -132,13 +132,13 @@ void PtyEnd::write_out() {
     out_.erase(0, moved.bytes);
   }
   if (out_.size() <= kMostPending) return;
-  // Adapters lose whole lines: the rest of one that has partly left is still told.
+  // Only whole lines are dropped: a partly written line is still finished.
   std::size_t rest = 0;
   if (half_told_) {
     while (rest < out_.size() && !is_end(out_[rest])) ++rest;
     if (rest < out_.size()) ++rest;
   }
-  while (rest < out_.size() && out_[rest] == '\n') ++rest;  // which belongs to the end before it
+  while (rest < out_.size() && out_[rest] == '\n') ++rest;  // part of the previous line end
   out_.resize(rest);
 }
 

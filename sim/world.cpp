@@ -14,7 +14,7 @@ namespace {
 using robot::BusKind;
 using Kind = Order::Kind;
 
-// An order names one bus or device, or none: then it is for all.
+// An order names one bus or device, or none, which means all.
 bool is_meant(const std::string& named, const std::string& name) { return named.empty() || named == name; }
 
 std::int64_t ns_of(double seconds) { return std::llround(1e9 * seconds); }
@@ -39,7 +39,7 @@ Result<std::unique_ptr<World>> World::open(const robot::RobotConfig& config, con
   return world;
 }
 
-// A bus in memory and one of a board that is not here have no far end of their own: an adapter takes their place.
+// A loop bus, and a bus of a board that is not here, are offered as an fdcanusb adapter.
 Result<> World::add_bus(const robot::RobotConfig& config, std::size_t index, const Options& options) {
   const robot::BusConfig& bus = config.buses[index];
   hal::sim::SimWire& wire = devices_->wire(index);
@@ -124,7 +124,7 @@ void World::tick(std::int64_t now_ns) {
     now.push_back(due_[i]);
     due_.erase(due_.begin() + static_cast<std::ptrdiff_t>(i));
   }
-  for (const Due& each : now) static_cast<void>(obey(each.order, now_ns));  // it was checked when it came
+  for (const Due& each : now) static_cast<void>(obey(each.order, now_ns));  // it was checked on arrival
   for (const std::unique_ptr<End>& end : ends_) end->tick(now_ns);
   tell_places();
 }

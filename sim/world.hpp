@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The simulated hardware of one robot: its buses, each with its devices and its end.
+// The simulated hardware of one robot: its buses with their devices and outer ends.
 #pragma once
 
 #include <cstddef>
@@ -20,7 +20,7 @@ namespace lithe::simulator {
 
 struct Options {
   std::string link_folder;  // links BUS -> terminal; empty = none
-  std::uint64_t seed = 1;   // of everything that befalls frames by chance
+  std::uint64_t seed = 1;   // of all random faults
 };
 
 // Contract: not RT · one thread · times are CLOCK_MONOTONIC [ns]
@@ -30,10 +30,10 @@ class World {
   using Say = std::function<void(const std::string&)>;
   static Result<std::unique_ptr<World>> open(const robot::RobotConfig& config, const Options& options, Say say);
 
-  // Does it now, or puts it down for later. The error: no such bus or device, or it cannot suffer that.
+  // Applies an order now, or schedules it. The error: no such bus or device, or it does not have this fault.
   Result<> obey(const Order& order, std::int64_t now_ns);
 
-  // Time passes: devices speak by themselves, orders come due. About once a millisecond.
+  // Advances time: devices send by themselves, scheduled orders are applied. Call about once a millisecond.
   void tick(std::int64_t now_ns);
 
   const std::vector<std::unique_ptr<End>>& ends() const { return ends_; }
@@ -42,7 +42,7 @@ class World {
   struct Line {
     std::string name;
     std::string kind;
-    std::string place;  // as last told
+    std::string place;  // as last printed
   };
   struct Due {
     std::int64_t at_ns;

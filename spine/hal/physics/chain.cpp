@@ -8,7 +8,7 @@ namespace lithe::hal::sim {
 namespace {
 
 constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
-constexpr double kNothing = 1e-15;  // the tail of a lag would end in slow denormal numbers
+constexpr double kNothing = 1e-15;  // below this a lag's value is set to 0: denormal numbers are slow
 
 }  // namespace
 
@@ -69,7 +69,7 @@ void Chain::step(std::span<const double> wanted_nm) LITHE_RT {
   move();
 }
 
-// All torques at the joints but what links do to each other.
+// Torques at the joints, without the coupling between links.
 void Chain::drive(std::span<const double> wanted_nm) LITHE_RT {
   for (std::size_t i = 0; i < count_; ++i) {
     Joint& joint = joints_[i];
@@ -87,14 +87,14 @@ void Chain::drive(std::span<const double> wanted_nm) LITHE_RT {
   }
 }
 
-// Where every link is and how fast it turns, seen from outside.
+// Absolute position and velocity of every link.
 void Chain::place_links() LITHE_RT {
   double angle_rad = 0;
   double turn_rad_s = 0;
   for (std::size_t i = 0; i < count_; ++i) {
     Joint& joint = joints_[i];
     angle_rad += joint.position_rad;
-    // The velocity half a step on; the last step's acceleration is as good as this one's, to second order.
+    // The velocity half a step ahead, with the acceleration of the last step (second-order accurate).
     turn_rad_s += joint.velocity_rad_s + 0.5 * kStepS * joint.acceleration_rad_s2;
     const double sine = std::sin(angle_rad);
     const double cosine = std::cos(angle_rad);
@@ -106,15 +106,15 @@ void Chain::place_links() LITHE_RT {
   }
 }
 
-// From the tip inwards what each joint has to move, then from the base outwards how it moves.
+// Articulated-body algorithm: inertias from the tip inwards, then accelerations from the base outwards.
 void Chain::accelerate() LITHE_RT {
   for (std::size_t i = count_; i-- > 0;) {
     Joint& joint = joints_[i];
     joint.body = {joint.inertia_kg_m2, -joint.moment_y, joint.moment_x, joint.mass_kg, 0, joint.mass_kg};
     joint.pull = {0, -joint.turn2 * joint.moment_x, -joint.turn2 * joint.moment_y};
     if (i + 1 < count_) hang_on(joint, joints_[i + 1]);
-    // Viscous friction is that of the step's end, so it resists like an inertia. Of any size it slows down, never
-    // pushes.
+    // Viscous friction is implicit (velocity at the end of the step), so it acts like an inertia and is stable for any
+    // size.
     joint.resistance = joint.body.rr + joint.rotor_kg_m2 + kStepS * joint.viscous_nm_s_rad;
   }
   Motion base{0, 0, gravity_m_s2_};  // gravity is a base that accelerates upwards
@@ -131,8 +131,8 @@ void Chain::accelerate() LITHE_RT {
   }
 }
 
-// Adds to `joint` what it feels of everything beyond `outer`: all of it when that is locked, else what its turning
-// does not take.
+// Adds to `joint` the inertia and force of everything outside: all of it when `outer` is locked, otherwise without the
+// part along the axis of `outer`.
 void Chain::hang_on(Joint& joint, const Joint& outer) LITHE_RT {
   Inertia felt = outer.body;
   Motion pull = outer.pull;
@@ -158,7 +158,7 @@ void Chain::hang_on(Joint& joint, const Joint& outer) LITHE_RT {
   pull.r += felt.rx * bias_x + felt.ry * bias_y;
   pull.x += felt.xx * bias_x + felt.xy * bias_y;
   pull.y += felt.xy * bias_x + felt.yy * bias_y;
-  const double rx = felt.rx - dy * felt.xx + dx * felt.xy;  // seen from the inner joint
+  const double rx = felt.rx - dy * felt.xx + dx * felt.xy;  // relative to the inner joint
   const double ry = felt.ry - dy * felt.xy + dx * felt.yy;
   joint.body.rr += felt.rr - dy * (felt.rx + rx) + dx * (felt.ry + ry);
   joint.body.rx += rx;
@@ -189,7 +189,7 @@ void Chain::move() LITHE_RT {
     Joint& joint = joints_[i];
     const double before_rad_s = joint.velocity_rad_s;
     joint.velocity_rad_s += kStepS * joint.acceleration_rad_s2;
-    // Friction stops a joint and never pushes it: neither backwards, nor out of rest.
+    // Friction only stops a joint: it never reverses it or starts it from rest.
     const double pushed_rad_s = before_rad_s != 0 ? before_rad_s : -joint.friction_nm;
     if (joint.dry_nm > 0 && pushed_rad_s * joint.velocity_rad_s < 0) {
       joint.velocity_rad_s = 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Several joints of a robot as physics: links that hang on each other, swing in one plane, and pull at each other.
+// Physics of a chain of links in one plane.
 #pragma once
 
 #include <array>
@@ -21,7 +21,7 @@ struct ChainLink {
   double center_m = 0.15;             // from its joint to its centre of mass, on the line to the next joint
   double inertia_kg_m2 = 1.5e-3;      // about its centre of mass
   double rotor_inertia_kg_m2 = 2e-3;  // of the motor, behind its gear; may be 0
-  // Friction, cogging, lag, limit and start of the joint. Its inertia and mgl mean nothing here: the links make them.
+  // Friction, cogging, lag, limit and start of the joint. Its inertia and mgl are not used: they follow from the links.
   PlantParams joint;
 };
 
@@ -34,13 +34,13 @@ struct ChainParams {
 // between its two links. Motor and friction of each joint are Plant's, and a chain of one link moves as a Plant does.
 //
 // Articulated bodies (Featherstone), in the plane: a step costs O(links). Semi-implicit Euler in steps of
-// Plant::kStepNs; what depends on the velocity sees that of the middle of the step, so that energy neither grows nor
-// drains by itself. A joint at rest is locked until what would hold it exceeds its dry friction; one that would change
-// its direction within a step stops. Same inputs, same motion, to the bit.
+// Plant::kStepNs; what depends on the velocity sees that of the middle of the step, so that the integration neither
+// adds nor removes energy. A joint at rest is locked until what would hold it exceeds its dry friction; a joint that
+// would reverse within a step stops. Same inputs, same motion, to the bit.
 // Contract: RT · one thread · no clock of its own
 class Chain final : public Mechanism {
  public:
-  // Contract: never in the tick. Masses and lengths are positive or 0, and no link is without any inertia.
+  // Contract: never in the tick. Masses and lengths are positive or 0, and every link has some inertia.
   explicit Chain(const ChainParams& params);
 
   void step(std::span<const double> wanted_nm) LITHE_RT override;
@@ -53,12 +53,12 @@ class Chain final : public Mechanism {
 
   double inertia_kg_m2(std::size_t joint) const override;  // stretched
 
-  // Puts a joint there, moving like that.
+  // Sets position and velocity of a joint.
   // Contract: tests and set-up
   void place(std::size_t joint, double position_rad, double velocity_rad_s = 0) LITHE_RT;
 
  private:
-  // Symmetric, of (turn, x, y): how a body resists at its joint, in axes that do not turn.
+  // Articulated-body inertia, symmetric, over (rotation, x, y), in non-rotating axes.
   struct Inertia {
     double rr = 0, rx = 0, ry = 0, xx = 0, xy = 0, yy = 0;
   };
@@ -66,7 +66,7 @@ class Chain final : public Mechanism {
     double r = 0, x = 0, y = 0;
   };
   struct Joint {
-    // Constant.
+    // Constants.
     double mass_kg = 0, first_moment_kg_m = 0, inertia_kg_m2 = 0;  // of the link about its joint
     double length_m = 0, rotor_kg_m2 = 0;
     double viscous_nm_s_rad = 0, coulomb_nm = 0, cogging_nm = 0, cogging_per_rad = 0, phase_rad = 0;
@@ -74,13 +74,13 @@ class Chain final : public Mechanism {
     double lag_gain = 1, torque_max_nm = 0, start_rad = 0;
     // State.
     double position_rad = 0, velocity_rad_s = 0, torque_nm = 0, acceleration_rad_s2 = 0;
-    // Of this step.
+    // Values of the present step.
     double driving_nm = 0, dry_nm = 0, friction_nm = 0, holding_nm = 0;
     bool locked = false;
     double moment_x = 0, moment_y = 0, next_x = 0, next_y = 0;  // first moment; way to the next joint
-    double turn2 = 0;                                           // squared speed of the link, seen from outside
-    Inertia body;                                               // of the link and all that hangs on it
-    Motion pull;                                                // what moving the body needs besides its inertia
+    double turn2 = 0;                                           // squared absolute angular velocity of the link
+    Inertia body;                                               // of the link and everything outside it
+    Motion pull;                                                // bias force of the body
     double resistance = 0;
   };
 

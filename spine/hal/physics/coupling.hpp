@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Simulated drives whose joints hang on each other: what one does moves the others.
+// Couples simulated drives through one mechanism.
 #pragma once
 
 #include <cstddef>
@@ -16,20 +16,20 @@
 namespace lithe::hal::sim {
 
 // Steps all its drives and the mechanism they move together, 50 us at a time: each drive decides on its torque, then
-// all joints move. A drive measures what its joint did one such step later than one with a plant of its own. On a bus
-// it says and answers nothing: attached before the drives, it brings all of them to the time of whatever is about to
-// reach one. A CiA 402 drive judges its host's heartbeat when it is next reached, not before: it goes on under its last
-// command until then, as one that looks at its deadline once per SYNC.
-// Contract: RT · one thread · drives outlive it, and are advanced by nobody else to times that it has not reached
+// all joints move. A drive measures what its joint did one such step later than one with a plant of its own. As a node
+// on a bus it sends nothing: it is attached before the drives, and advances all of them to the time of a frame before
+// any drive gets that frame. A CiA 402 drive checks its host's heartbeat only when its next frame comes, and continues
+// its last command until then, like a drive that checks once per SYNC.
+// Contract: RT · one thread · drives outlive it, and nothing else advances them beyond its time
 class Coupling final : public BusNode {
  public:
-  // The most time one advance() works through; what lies beyond is skipped: only watchdogs have run when it is over.
+  // Longest time that one advance() simulates; the rest is skipped, only watchdogs run.
   static constexpr std::int64_t kMaxCatchUpNs = 50'000'000;
 
   explicit Coupling(std::unique_ptr<Mechanism> mechanism) : mechanism_(std::move(mechanism)) {}
 
-  // Of the mechanism's next joint. Any drive that has advance(now_ns), skip(now_ns) and plant(); its plant moves with
-  // the mechanism from now on. False: there is no such joint.
+  // Attaches a drive to the mechanism's next joint. The drive has advance(now_ns), skip(now_ns) and plant(); the
+  // mechanism moves its plant from now on. False: there is no such joint.
   // Contract: never in the tick
   template <class AnyServo>
   bool add(AnyServo& servo) {
@@ -40,7 +40,8 @@ class Coupling final : public BusNode {
     return true;
   }
 
-  // Brings every drive to `now_ns`, before frames of that time reach any. Time that goes backwards is ignored.
+  // Advances every drive to `now_ns`, before frames of that time reach any of them. Time that goes backwards is
+  // ignored.
   void advance(std::int64_t now_ns) LITHE_RT;
 
   void to_start() LITHE_RT override {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the joints of several simulated drives move together.
+// Interface of a mechanism that couples several joints.
 #pragma once
 
 #include <cstddef>
@@ -9,7 +9,7 @@
 
 namespace lithe::hal::sim {
 
-// Lives in steps of Plant::kStepNs. Same inputs, same motion, to the bit.
+// Simulates in steps of Plant::kStepNs. Same inputs, same motion, to the bit.
 // Contract: RT · one thread · no clock of its own
 class Mechanism {
  public:
@@ -18,10 +18,10 @@ class Mechanism {
   Mechanism& operator=(const Mechanism&) = delete;
   virtual ~Mechanism() = default;
 
-  // Moves on by Plant::kStepNs. One finite torque per joint; those beyond the last joint are ignored.
+  // Simulates Plant::kStepNs. One finite torque per joint; extra values are ignored.
   virtual void step(std::span<const double> wanted_nm) LITHE_RT = 0;
 
-  // Every joint is where it began, at rest.
+  // Puts every joint back to its start, at rest.
   virtual void to_start() LITHE_RT = 0;
 
   virtual std::size_t joints() const LITHE_RT = 0;
@@ -29,7 +29,7 @@ class Mechanism {
   virtual double velocity_rad_s(std::size_t joint) const LITHE_RT = 0;
   virtual double torque_nm(std::size_t joint) const LITHE_RT = 0;  // of the motor, at the joint
 
-  // What a drive at this joint would be tuned for: all that turns with it, in a usual pose.
+  // The inertia that a drive at this joint is tuned for: everything that turns with it, in a usual pose.
   // Contract: never in the tick
   virtual double inertia_kg_m2(std::size_t joint) const = 0;
 };

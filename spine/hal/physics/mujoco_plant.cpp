@@ -24,7 +24,7 @@ constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
 constexpr std::size_t kMaxModelBytes = std::size_t{64} << 20;
 constexpr double kNothing = 1e-15;  // the tail of a lag would end in slow denormal numbers
 
-// What is used of the library. It stays loaded once it is.
+// The functions used of the library, which stays loaded.
 struct Library {
   decltype(&mj_version) version;
   decltype(&mj_loadXML) load;
@@ -33,18 +33,18 @@ struct Library {
   decltype(&mj_deleteData) delete_data;
   decltype(&mj_name2id) find;
   decltype(&mj_id2name) name;
-  // Bounded by the model, without allocation but for meshes that touch: what its own documentation and a test say.
+  // Bounded by the model; allocates only for meshes in contact (its documentation, and a test).
   void (*forward)(const mjModel*, mjData*) LITHE_RT;
   void (*reset)(const mjModel*, mjData*) LITHE_RT;
   void (*step)(const mjModel*, mjData*) LITHE_RT;
 };
 
-// MuJoCo does not go on after an error, such as a model that needs more memory than its file grants.
+// MuJoCo cannot continue after an error, for example when a model needs more memory than its file allows.
 void end_with(const char* what) {
   std::fprintf(stderr, "lithe: MuJoCo gives up: %s\n", what);
   std::abort();
 }
-void be_silent(const char* /*what*/) {}  // it would write a file; what it warns of is counted in its data
+void be_silent(const char* /*what*/) {}  // it would write a file; warnings are counted in its data
 
 template <class T>
 bool fill(void* handle, const char* symbol, T& out) {
@@ -135,7 +135,7 @@ class MujocoPlant final : public Mechanism {
 
  private:
   struct Joint {
-    int position, freedom;  // where it is in qpos and qvel
+    int position, freedom;  // indices into qpos and qvel
     double lag_gain, most_nm;
     double torque_nm = 0, from_rad = 0, position_rad = 0, start_rad = 0;
   };
@@ -151,14 +151,14 @@ class MujocoPlant final : public Mechanism {
     return done();
   }
 
-  // Everything as at the start.
+  // Resets everything to the start.
   void place() LITHE_RT {
     library_.reset(model_.get(), data_.get());
     for (const Joint& joint : joints_) data_->qpos[joint.position] = joint.position_rad;
     library_.forward(model_.get(), data_.get());
   }
 
-  // Of the first steps, the quickest few in a row: whoever else wants the core does not count.
+  // Time of the fastest few consecutive steps at the start, to exclude disturbances by other programs.
   std::int64_t quickest_step_ns(Clock clock) {
     constexpr int kBatches = 10, kSteps = 10;
     std::int64_t best_ns = std::numeric_limits<std::int64_t>::max();
@@ -192,7 +192,7 @@ class MujocoPlant final : public Mechanism {
   std::unique_ptr<mjModel, decltype(&mj_deleteModel)> model_;
   std::unique_ptr<mjData, decltype(&mj_deleteData)> data_;
   std::vector<Joint> joints_;
-  std::int64_t parts_ = 1;  // of a step of the physics that one of the drives takes
+  std::int64_t parts_ = 1;  // drive steps per physics step
   std::int64_t part_ = 0;
 };
 

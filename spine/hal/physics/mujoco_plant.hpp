@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A robot's joints as hinges of an MJCF model, which MuJoCo moves. MuJoCo is looked for when such a plant is opened,
-// and only then.
+// A robot's joints as hinges of an MJCF model, simulated by MuJoCo. The library is loaded only when such a plant is
+// opened.
 #pragma once
 
 #include <cstdint>
@@ -30,12 +30,11 @@ struct MujocoParams {
 
 using Clock = std::int64_t (*)();  // nanoseconds
 
-// The model moves as MuJoCo says: its gravity, contacts, limits, friction, armature. Its own actuators are off: drives
-// are the only ones. Where the physics takes longer steps than the drives, a joint moves evenly within one. Whatever
-// else the model has (a free base, passive joints, things that lie about) moves too. A motion that grows beyond all
-// bounds starts anew, as MuJoCo has it. Its step allocates nothing, except where meshes touch or more than 128 bodies
-// may. The error names the joint or what MuJoCo says, that a step takes longer by this clock than it lasts, or how to
-// install MuJoCo.
+// Gravity, contacts, limits, friction and armature are the model's. Its own actuators are off: only the drives act.
+// When the physics step is longer than the drives' step, a joint's position is interpolated linearly. Other parts of
+// the model (free base, passive joints, loose objects) move too. A diverging simulation is reset by MuJoCo. A step
+// allocates only when meshes touch, or when more than 128 bodies may touch. The error names the joint or gives MuJoCo's
+// text, or says that a step takes longer than it simulates, or how to install MuJoCo.
 // Contract: never in the tick
 Result<std::unique_ptr<Mechanism>> open_mujoco(const MujocoParams& params, Clock clock = monotonic_ns);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One joint of a robot, as physics: inertia, gravity, friction that sticks, a motor that lags.
+// Physics of one joint: inertia, gravity, dry friction, motor lag.
 #pragma once
 
 #include <algorithm>
@@ -36,16 +36,15 @@ inline double dry_friction_nm(double coulomb_nm, double stribeck_nm, double stri
   return ratio * ratio < kNothingLeft ? coulomb_nm + stribeck_nm * std::exp(-ratio * ratio) : coulomb_nm;
 }
 
-// Where the cogging of a motor has its detents: drawn by lot, the same for the same seed.
+// Phase of a motor's cogging: random, the same for the same seed.
 double cogging_phase_rad(std::uint64_t seed);
 
 //   inertia * angle'' = torque - mgl sin(angle) - viscous * velocity - friction - cogging,  torque' = (wanted - torque)
 //   / lag
 //
-// Semi-implicit Euler in steps of 50 us: energy neither grows nor drains by itself, and viscous friction of any size
-// takes some. Dry friction is Coulomb's law, not a
-// smooth stand-in: within a step a joint that would change its direction stops, and one that stands stays until the
-// other torques exceed coulomb_nm + stribeck_nm. Same inputs, same motion, to the bit.
+// Semi-implicit Euler in steps of 50 us: the integration neither adds nor removes energy, and viscous friction of any
+// size is stable. Dry friction is Coulomb's law without smoothing: a joint that would reverse within a step stops, and
+// a joint at rest stays until the other torques exceed coulomb_nm + stribeck_nm. Same inputs, same motion, to the bit.
 // Contract: RT · one thread · no clock of its own
 class Plant {
  public:
@@ -53,13 +52,13 @@ class Plant {
 
   explicit Plant(const PlantParams& params);
 
-  // Moves on by kStepNs with this torque asked of the motor. The torque is finite.
+  // Simulates kStepNs with this commanded motor torque (finite).
   void step(double wanted_nm) LITHE_RT {
     wanted_nm_ = wanted_nm;
     if (coupled_) return;
     const double limited_nm = std::clamp(wanted_nm, -params_.torque_max_nm, params_.torque_max_nm);
     torque_nm_ += lag_gain_ * (limited_nm - torque_nm_);
-    if (std::abs(torque_nm_) < kNothing) torque_nm_ = 0;  // the tail of the lag would end in slow denormal numbers
+    if (std::abs(torque_nm_) < kNothing) torque_nm_ = 0;  // denormal numbers are slow
     double load_nm = torque_nm_ - params_.mgl_nm * std::sin(position_rad_);
     if (params_.cogging_nm != 0)
       load_nm -= params_.cogging_nm * std::sin(cogging_per_rad_ * position_rad_ + phase_rad_);
@@ -69,7 +68,7 @@ class Plant {
     if (velocity_rad_s_ == 0 && std::abs(load_nm) <= friction_nm) return;
     const double before_rad_s = velocity_rad_s_;
     velocity_rad_s_ += step_per_inertia_ * (load_nm - std::copysign(friction_nm, moved_by_nm));
-    velocity_rad_s_ *= viscous_gain_;  // that of the step's end: whatever its size, it slows down and never pushes
+    velocity_rad_s_ *= viscous_gain_;  // implicit, so stable for any size
     if (friction_nm > 0 && before_rad_s * velocity_rad_s_ < 0) velocity_rad_s_ = 0;
     position_rad_ += kStepS * velocity_rad_s_;
   }
@@ -78,7 +77,7 @@ class Plant {
   double velocity_rad_s() const LITHE_RT { return velocity_rad_s_; }
   double torque_nm() const LITHE_RT { return torque_nm_; }
 
-  // From then on step() keeps what is wanted, and somebody else moves the joint: a Coupling.
+  // From then on step() only stores the commanded torque, and a Coupling moves the joint.
   void couple() { coupled_ = true; }
   double wanted_nm() const LITHE_RT { return wanted_nm_; }
   void follow(double position_rad, double velocity_rad_s, double torque_nm) LITHE_RT {
@@ -87,12 +86,12 @@ class Plant {
     torque_nm_ = torque_nm;
   }
 
-  // Puts the joint where it began, at rest. A coupled one follows what moves it.
+  // Puts the joint back to its start, at rest. A coupled joint follows its mechanism.
   void to_start() LITHE_RT {
     if (!coupled_) follow(params_.initial_position_rad, 0, 0);
   }
 
-  // Puts the joint there, at rest, as a hand would.
+  // Sets the joint's position, at rest.
   // Contract: tests and set-up
   void place(double position_rad) LITHE_RT {
     position_rad_ = position_rad;

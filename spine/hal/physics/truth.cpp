@@ -16,7 +16,7 @@ void hang_on_joint(robot::PlantConfig& plant, double mass_kg) {
   plant.mgl_nm += mass_kg * kGravity * plant.payload_m;
 }
 
-// The same on a link: its mass, centre and inertia about the new centre.
+// Adds a point mass to a link: new mass, centre, and inertia about the new centre.
 void hang_on_link(robot::PlantConfig& plant, double mass_kg) {
   const double whole_kg = plant.mass_kg + mass_kg;
   if (!(whole_kg > 0)) return;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a simulated joint really is: what the robot file says, and what its seed draws for what the file only bounds.
+// The true parameters of a simulated joint: the robot file's values, plus random values within the file's bounds.
 #pragma once
 
 #include <algorithm>
@@ -40,12 +40,12 @@ class Draws {
   std::uint64_t state_;
 };
 
-// How a simulated drive differs from what it says of itself, in joint coordinates. All zero: an ideal drive.
+// Errors of a simulated drive, in joint coordinates. All zero: an ideal drive.
 struct DriveErrors {
-  double torque_gain = 0;         // the joint gets (1 + this) times the torque that the drive means and tells
-  double torque_noise_nm = 0;     // standard deviation of the torque it tells
+  double torque_gain = 0;         // the joint gets (1 + this) times the commanded and reported torque
+  double torque_noise_nm = 0;     // standard deviation of the reported torque
   double encoder_noise_rad = 0;   // standard deviation of each of its readings
-  double encoder_offset_rad = 0;  // it tells this much more than the joint's angle
+  double encoder_offset_rad = 0;  // reported angle minus the joint's angle
   std::int64_t delay_ns = 0;      // from a command's frame to its effect in the mode that runs; whole steps
   std::uint64_t seed = 1;         // of the noise
 };
@@ -56,15 +56,15 @@ class ErrorSource {
  public:
   explicit ErrorSource(const DriveErrors& errors) : errors_(errors), draws_(errors.seed) {}
 
-  // The next reading of the encoder is off by this.
+  // Error of the next encoder reading [rad].
   double encoder_error_rad() LITHE_RT {
     const double noise = errors_.encoder_noise_rad > 0 ? errors_.encoder_noise_rad * draws_.normal() : 0;
     return errors_.encoder_offset_rad + noise;
   }
-  // What the joint gets when the drive means `meant_nm`, and what the drive tells when the joint gets `given_nm`.
+  // The joint's torque when the drive commands `meant_nm`; the reported torque when the joint gets `given_nm`.
   double given_nm(double meant_nm) const LITHE_RT { return meant_nm * (1 + errors_.torque_gain); }
   double told_nm(double given_nm) const LITHE_RT { return given_nm / (1 + errors_.torque_gain) + torque_error_nm_; }
-  // Once in each step of the plant.
+  // Call once per step of the plant.
   void step() LITHE_RT {
     if (errors_.torque_noise_nm > 0) torque_error_nm_ = errors_.torque_noise_nm * draws_.normal();
   }
@@ -76,7 +76,7 @@ class ErrorSource {
   double torque_error_nm_ = 0;
 };
 
-// A number that takes effect some steps of the plant later; 0 before.
+// Delays a number by a number of plant steps; 0 before.
 // Contract: RT · one thread
 class StepDelay {
  public:
@@ -97,16 +97,16 @@ class StepDelay {
   std::array<double, kMost> underway_{};
 };
 
-// Of one joint of a robot. In an ideal robot ([plant] ideal = true) nothing differs and no payload hangs on it.
+// Truth of one joint. With [plant] ideal = true there are no errors and no payload.
 struct Truth {
   robot::PlantConfig plant;  // payload included
   DriveErrors drive;
   double payload_kg = 0;
-  // Of an independent joint, in the torque that its drive tells: what a measurement of this robot can find.
+  // mgl of an independent joint in the torque that its drive reports: the value that a measurement can find.
   double mgl_told_nm = 0;
 };
 
-// The same for the same file.
+// The same result for the same file.
 // Contract: never in the tick
 Truth draw_truth(const robot::RobotConfig& config, const robot::JointConfig& joint);
 

@@ -18,7 +18,7 @@ namespace {
 using robot::DeviceKind;
 using robot::PlantKind;
 
-// The IMU of a board is on none of its buses.
+// The IMU of a board is on no bus.
 class Nobody final : public BusNode {
  public:
   void on_frame(const Frame&, std::int64_t, FrameQueue&) LITHE_RT override {}
@@ -61,7 +61,7 @@ Result<std::unique_ptr<Mechanism>> make_model(const robot::RobotConfig& config) 
   return open_mujoco(params);
 }
 
-// A motor of its own, for a drive that moves no joint.
+// The plant of a drive without a joint: a free motor.
 robot::JointConfig free_joint(std::size_t device) {
   robot::JointConfig joint;
   joint.device = device;
@@ -106,7 +106,7 @@ std::unique_ptr<BusNode> make_node(const robot::RobotConfig& config, std::size_t
   return std::make_unique<SimMoteus>(params);
 }
 
-// `node` is what make_node made for this kind.
+// `node` was made by make_node for this kind.
 void couple(Coupling& coupling, DeviceKind kind, BusNode& node) {
   if (kind == DeviceKind::cia402) {
     coupling.add(static_cast<SimCia402&>(node).servo());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// From a robot file's words to the simulated devices at the far end of its buses.
+// Makes the simulated devices of a robot file.
 #pragma once
 
 #include <cstddef>
@@ -14,19 +14,19 @@
 
 namespace lithe::hal::sim {
 
-// All devices of one robot, each with the plant of the joint that it moves; a drive that moves none turns freely.
+// All devices of one robot, each with the plant of its joint; a drive without a joint turns freely.
 struct Nodes {
   std::vector<std::unique_ptr<BusNode>> devices;  // as RobotConfig::devices
-  std::unique_ptr<Coupling> coupling;             // what all joints move together; null: each swings by itself
+  std::unique_ptr<Coupling> coupling;             // couples all joints; null = independent joints
 
-  // Every joint is where it began, at rest.
+  // Puts every joint back to its start, at rest.
   // Contract: RT
   void to_start() LITHE_RT {
     if (coupling != nullptr) coupling->to_start();
     for (const auto& device : devices) device->to_start();
   }
 
-  // To anything that devices can be attached to, those of one bus.
+  // Attaches the devices of one bus.
   // Contract: never in the tick
   template <class AnyBus>
   void attach(const robot::RobotConfig& config, std::size_t bus, AnyBus& to) const {
@@ -37,12 +37,11 @@ struct Nodes {
   }
 };
 
-// The error: what the joints are to move cannot be had.
+// The error: the plant cannot be opened.
 // Contract: never in the tick
 Result<Nodes> make_nodes(const robot::RobotConfig& config);
 
-// One more of the devices, whose joint swings by itself whatever the others move together: what stands in another's
-// place on a bus.
+// Makes one more device with an independent joint, to replace or duplicate a device on a bus.
 // Contract: never in the tick
 std::unique_ptr<BusNode> make_stranger(const robot::RobotConfig& config, std::size_t device);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A simulated CiA 402 drive and a master that asks it frame by frame. For tests only.
+// For tests: a simulated CiA 402 drive and a master that sends single frames.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -41,7 +41,7 @@ class Drive402 : public testing::Test {
     return params;
   }
 
-  // Everything it says by itself.
+  // All frames that it sends by itself.
   std::vector<Frame> wait(int ms) {
     for (int i = 0; i < ms; ++i) {
       now_ns_ += kMs;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A bench to test a simulated drive on: it knows nothing but frames and a clock that the test turns. For tests only.
+// For tests: sends frames to a simulated drive, with virtual time.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -58,7 +58,7 @@ class Bench {
     return frame;
   }
 
-  // Sends now; the answer's registers. Nothing when there is no answer.
+  // Sends now and returns the answer's registers; empty without an answer.
   Registers exchange(const Writes& writes, const std::vector<std::uint32_t>& reads = kAll) {
     last_ = {};
     Registers registers;
@@ -88,7 +88,7 @@ class Bench {
     drive_.servo().advance(now_ns_);
   }
 
-  // The same command every millisecond, as a host does it.
+  // Repeats the command every millisecond.
   Registers stream(const Writes& writes, int ms) {
     for (int i = 0; i < ms; ++i) {
       exchange(writes, {});

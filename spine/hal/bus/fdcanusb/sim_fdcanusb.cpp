@@ -173,7 +173,7 @@ void SimFdcanusb::pass_on(std::string& out) {
 void SimFdcanusb::say(std::string_view text, std::string& out) const {
   std::array<char, fdcanusb::kLongestLine> line{};
   std::size_t length = text.copy(line.data(), line.size());
-  // The space that the sum brings closes an empty data field as well as any other.
+  // The space before the checksum also ends an empty data field.
   if (sums_) length = fdcanusb::append_sum(line, length);
   out.append(line.data(), length);
   out += "\r\n";

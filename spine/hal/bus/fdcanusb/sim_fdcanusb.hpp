@@ -13,10 +13,10 @@
 
 namespace lithe::hal::sim {
 
-// As the firmware does: on from the start; OK before what the devices answer; a question is answered by one line
-// without OK; refusals in the firmware's words. After the first checksum that holds it demands and gives them, as a
-// drive's own serial port does. A bus-off is told to who asks only, and lasts until the bus is switched off and on, or
-// by itself where can.autorecover is set. Lines too long to be a command are passed over without a word.
+// As the firmware does: on from the start; OK before what the devices answer; a query is answered by one line without
+// OK; refusals use the firmware's texts. After the first valid checksum it demands and sends checksums, like a drive's
+// serial port. Bus-off is reported only on a query, and lasts until the bus is switched off and on, or ends by itself
+// with can.autorecover. Lines longer than any command are ignored.
 // Contract: as SimAdapter
 class SimFdcanusb final : public SimAdapter {
  public:

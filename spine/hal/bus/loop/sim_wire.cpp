@@ -52,7 +52,7 @@ void SimWire::keep(const Late& late) LITHE_RT {
   if (head_ - tail_ < late_.size()) late_[head_++ % late_.size()] = late;
 }
 
-// In order, whatever the delay becomes meanwhile: a wire does not overtake itself.
+// In order, also when the delay changes: frames on a wire cannot overtake each other.
 void SimWire::come_back(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
   while (const Frame* frame = said_.front()) {
     if (!faults_.bus_off && !happens(faults_.drop)) {
@@ -63,7 +63,7 @@ void SimWire::come_back(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
     }
     said_.pop();
   }
-  if (faults_.bus_off) tail_ = head_;  // what was under way is lost with it
+  if (faults_.bus_off) tail_ = head_;  // delayed frames are lost
   while (next_due_ns() <= now_ns && head_ != tail_ && answers.push(late_[tail_ % late_.size()].frame)) ++tail_;
 }
 

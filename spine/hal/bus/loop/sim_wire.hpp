@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The wire to simulated devices, which can be bad: loses, delays, corrupts, doubles frames, or carries none.
+// The wire to simulated devices, with fault injection: loses, delays, corrupts, duplicates frames, or carries none.
 #pragma once
 
 #include <array>
@@ -12,17 +12,17 @@
 
 namespace lithe::hal::sim {
 
-// Shares are of the frames, each way, 0 to 1.
+// Shares of the frames in each direction, 0 to 1.
 struct WireFaults {
   double drop = 0;
   double corrupt = 0;  // one bit of the data
   double duplicate = 0;
-  double replay = 0;          // one from a while ago follows
-  std::int64_t delay_ns = 0;  // of what the devices say
-  bool bus_off = false;       // nothing passes; the devices live on
+  double replay = 0;          // an older frame follows
+  std::int64_t delay_ns = 0;  // of frames from the devices
+  bool bus_off = false;       // no frame passes; the devices continue
 };
 
-// In place of the devices: whoever carries frames to it, carries them to all of them. Same seed, same mishaps.
+// Used in place of the devices: passes each frame to all of them. Same seed, same faults.
 // Contract: RT but for attach and detach · one thread · time is an argument
 class SimWire final : public BusNode {
  public:
@@ -36,7 +36,7 @@ class SimWire final : public BusNode {
   void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
   void on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
 
-  // When the next delayed frame is due; never, when there is none.
+  // Time of the next delayed frame; the largest number when there is none.
   std::int64_t next_due_ns() const LITHE_RT;
 
  private:
@@ -45,7 +45,7 @@ class SimWire final : public BusNode {
     Frame frame;
   };
 
-  // What passed in one direction, to be played again: the frame of kPast frames ago, once there is one.
+  // Recent frames of one direction, for `replay`: repeats the frame of kPast frames ago.
   class Past {
    public:
     const Frame* next(const Frame& frame) LITHE_RT {
@@ -75,7 +75,7 @@ class SimWire final : public BusNode {
   FrameQueue said_;
   Past told_before_;
   Past said_before_;
-  std::array<Late, FrameQueue::kCapacity> late_{};  // what does not fit is lost, as on a wire with a full queue
+  std::array<Late, FrameQueue::kCapacity> late_{};  // frames without room are lost
   std::size_t head_ = 0;
   std::size_t tail_ = 0;
 };

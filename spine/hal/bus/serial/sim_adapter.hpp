@@ -23,17 +23,17 @@ class SimAdapter {
 
   void attach(BusNode& node) { nodes_.push_back(&node); }
 
-  // Any bytes from the host, cut anywhere. What the adapter says to them is appended to `out`.
+  // Any bytes from the host, in pieces of any size. The adapter's answers are appended to `out`.
   virtual void feed(std::span<const char> bytes, std::int64_t now_ns, std::string& out) = 0;
 
-  // Time passes: what the devices say by themselves is appended to `out`. About once a millisecond.
+  // Advances time: frames that devices send by themselves are appended to `out`. Call about once a millisecond.
   virtual void idle(std::int64_t now_ns, std::string& out) = 0;
 
-  // As after power came back: nothing half said remains, everything is configured as it left the factory.
+  // Power cycle: drops partial lines and restores the factory configuration.
   virtual void reset() = 0;
 
-  // The wires are so bad that the adapter's controller gives up; or they are good again, and it stays as it is until it
-  // is started anew, which is the host's business. Nothing passes a controller that is off.
+  // Puts the controller in bus-off, or ends the cause. After that it stays in bus-off until the host restarts it. No
+  // frame passes in bus-off.
   void spoil_wires(bool bad) {
     wires_bad_ = bad;
     off_ = off_ || bad;
@@ -41,16 +41,16 @@ class SimAdapter {
 
  protected:
   bool bus_off() const { return off_; }
-  // The controller is started anew; on bad wires it does not last.
+  // Restarts the controller; while the cause lasts, it goes bus-off again.
   void recover() { off_ = wires_bad_; }
 
-  // One frame onto the bus; what the devices answer is in answers() until the next call.
+  // Sends one frame to the devices; their answers are in answers() until the next call.
   void to_bus(const Frame& frame, std::int64_t now_ns) {
     answers_.clear();
     if (off_) return;
     for (BusNode* node : nodes_) node->on_frame(frame, now_ns, answers_);
   }
-  // The same without a frame.
+  // The same without a frame: only advances time.
   void time_to_bus(std::int64_t now_ns) {
     answers_.clear();
     for (BusNode* node : nodes_) node->on_time(now_ns, answers_);

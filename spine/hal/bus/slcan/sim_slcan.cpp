@@ -81,7 +81,7 @@ void SimSlcan::serve(std::string_view line, std::int64_t now_ns, std::string& ou
   }
 }
 
-// False: not now, or not at all.
+// False: refused.
 bool SimSlcan::obey(Request request) {
   switch (request) {
     case Request::open:
@@ -117,7 +117,7 @@ bool SimSlcan::open(Channel channel) {
   return true;
 }
 
-// What the devices said. To a closed channel nothing comes in.
+// Frames from the devices; dropped while the channel is closed.
 void SimSlcan::pass_on(std::int64_t now_ns, std::string& out) {
   for (; const Frame* frame = answers().front(); answers().pop()) {
     std::array<char, slcan::kLongestLine> text{};
@@ -132,7 +132,7 @@ void SimSlcan::pass_on(std::int64_t now_ns, std::string& out) {
   }
 }
 
-// What only an adapter with manners says.
+// Answers that only a LAWICEL adapter sends.
 void SimSlcan::say(std::string_view manners, std::string& out) const {
   if (manners_ == SlcanManners::lawicel) out += manners;
 }

@@ -16,13 +16,13 @@ namespace lithe::hal::sim {
 
 enum class SlcanManners : std::uint8_t {
   lawicel,  // every command is answered: done, refused, sent
-  silent,   // frames only, and what was asked for; as cheap adapters do
+  silent,   // sends only frames and answers to queries, like cheap adapters
 };
 
 // As LAWICEL's manual says: closed from the start; bit rates and time stamps are set while it is closed, it opens when
-// it knows a bit rate, and only then frames pass. CAN FD passes when a data bit rate was set as well. A listener sends
-// nothing. A time stamp counts milliseconds and starts over every minute. A bus-off is told once, and lasts until the
-// channel is closed and opened.
+// it knows a bit rate, and only then frames pass. CAN FD passes when a data bit rate was set as well. In listen-only
+// mode nothing is sent. A time stamp counts milliseconds and starts over every minute. Bus-off is reported once, and
+// lasts until the channel is closed and opened.
 // Contract: as SimAdapter
 class SimSlcan final : public SimAdapter {
  public:

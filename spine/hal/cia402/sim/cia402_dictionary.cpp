@@ -102,7 +102,7 @@ void Cia402Dictionary::add_drive(const Cia402Identity& identity) {
   add(object::kSupportedModes, 0, 4, kReadOnly,
       cia402::supported_bit(cia402::Mode::position) | cia402::supported_bit(cia402::Mode::velocity) |
           cia402::supported_bit(cia402::Mode::torque));
-  // Encoder increments per revolution, gear ratio, feed: how a count becomes a turn.
+  // Encoder increments per revolution, gear ratio, feed constant.
   const std::array<std::pair<std::uint16_t, std::uint32_t>, 3> factors{
       {{0x608f, identity.counts_per_rev}, {0x6091, 1}, {0x6092, identity.counts_per_rev}}};
   for (const auto& [index, numerator] : factors) {
@@ -132,7 +132,7 @@ void Cia402Dictionary::add_motion() {
   add(object::kPositionLimit, 0, 1, kReadOnly, 2);
   add(object::kPositionLimit, 1, 4, kWritable, 0);  // equal limits are none
   add(object::kPositionLimit, 2, 4, kWritable, 0);
-  // Profile velocity, acceleration, deceleration and their largest values: kept, for modes that are not simulated.
+  // Profile velocity, acceleration, deceleration and their largest values: stored only; their modes are not simulated.
   constexpr std::array<std::uint16_t, 5> kProfile{object::kMaxProfileVelocity, 0x6080, 0x6081, 0x6083, 0x6084};
   for (const std::uint16_t index : kProfile) {
     add(index, 0, 4, kWritable, 0xffff'ffff);

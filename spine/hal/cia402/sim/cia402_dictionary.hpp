@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The object dictionary of a simulated CiA 402 drive: what is there, how long it is, who may write it.
+// The object dictionary of a simulated CiA 402 drive: objects, lengths, access rights.
 #pragma once
 
 #include <cstddef>
@@ -13,7 +13,7 @@
 
 namespace lithe::hal::sim {
 
-// What a dictionary is made for.
+// Parameters of a dictionary.
 struct Cia402Identity {
   std::uint32_t id = 1;
   std::uint32_t device_type = 0x0002'0192;
@@ -25,11 +25,11 @@ struct Cia402Identity {
 // Contract: RT but for the constructor · one thread
 class Cia402Dictionary {
  public:
-  using Slot = std::size_t;  // of an object; stays the same
+  using Slot = std::size_t;  // index of an object; never changes
 
   explicit Cia402Dictionary(const Cia402Identity& identity);
 
-  // As it was when made: `all`, or only what is about communication (1000h to 1FFFh).
+  // Restores the initial values: `all`, or only the communication objects (1000h to 1FFFh).
   void restore(bool all) LITHE_RT;
 
   std::optional<Slot> find(canopen::Address address) const LITHE_RT;
@@ -39,16 +39,16 @@ class Cia402Dictionary {
   bool writable(Slot slot) const LITHE_RT { return objects_[slot].writable; }
   bool mappable(Slot slot) const LITHE_RT { return objects_[slot].address.index >= 0x6000; }
 
-  // Raw: the sign is in the top bit of as many bytes as the object has.
+  // Raw value, not sign-extended.
   std::uint32_t raw(Slot slot) const LITHE_RT { return objects_[slot].value; }
   void set_raw(Slot slot, std::uint32_t value) LITHE_RT;
 
-  // Of an object that is there; 0 of one that is not.
+  // Length of an object [bytes]; 0 when it does not exist.
   std::uint32_t value(std::uint16_t index, std::uint8_t subindex = 0) const LITHE_RT;
   std::int32_t signed_value(std::uint16_t index, std::uint8_t subindex = 0) const LITHE_RT;
   void set(std::uint16_t index, std::uint32_t value, std::uint8_t subindex = 0) LITHE_RT;
 
-  // Empty: no text there.
+  // Empty = not a text object.
   std::string_view text(canopen::Address address) const LITHE_RT;
 
  private:

@@ -17,7 +17,7 @@ namespace status_bit = cia402::status_bit;
 namespace {
 
 constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
-// Slower than this for so long, and a ramp has ended. One count of the encoder already looks like a velocity.
+// A ramp has ended after this time below this velocity. One encoder count already appears as a velocity.
 constexpr double kStandsRevPerS = 0.01;
 constexpr double kStandsCountsPerS = 1000;
 constexpr std::int64_t kStandsNs = 20'000'000;
@@ -85,7 +85,7 @@ void Cia402Servo::step() LITHE_RT {
   time_ns_ += Plant::kStepNs;
 }
 
-// The encoder tells whole counts; a tracking loop behind it (two poles) makes the velocity.
+// The encoder gives whole counts; a tracking loop (two poles) computes the velocity.
 void Cia402Servo::measure() LITHE_RT {
   constexpr double kNothing = 1e-12;
   const double rev = joint_.motor_rev(plant_.position_rad() + errors_.encoder_error_rad());
@@ -183,7 +183,7 @@ double Cia402Servo::towards_demand() LITHE_RT {
   const double wanted_nm =
       stiffness_nm_rev_ * (demand_rev_ - encoder_rev_) + damping_nm_s_rev_ * (demand_rev_s_ - velocity_rev_s_);
   if (inputs_.mode == Mode::position && state_ == State::operation_enabled) return wanted_nm;
-  // A demand that torque cannot follow does not run away: the joint would chase it long after.
+  // Anti-windup: a demand that the torque limit cannot follow does not run ahead.
   const double reach_rev = params_.motor_torque_max_nm / stiffness_nm_rev_;
   demand_rev_ = std::clamp(demand_rev_, encoder_rev_ - reach_rev, encoder_rev_ + reach_rev);
   return wanted_nm;
@@ -197,7 +197,7 @@ double Cia402Servo::limited(double torque_nm) LITHE_RT {
   return std::clamp(torque_nm, least_nm, most_nm);
 }
 
-// Quick stop and fault reaction: the demand slows down; when it and the joint stand, the power goes.
+// Quick stop and fault reaction: the demand ramps down; when it and the joint have stopped, power is switched off.
 void Cia402Servo::ramp() LITHE_RT {
   constexpr std::int32_t kStaysFrom = 5;  // options of 605Ah that end in `quick stop active`
   const double change = inputs_.deceleration / params_.counts_per_rev * kStepS;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The inside of a simulated CiA 402 drive: its state machine and its loops, on a plant. It knows no bus.
+// A simulated CiA 402 drive without its bus: state machine and control loops, on a plant.
 #pragma once
 
 #include <array>
@@ -21,10 +21,10 @@ struct Cia402ServoParams {
   double loop_hz = 20;               // bandwidth of its position and velocity loops
   double velocity_filter_hz = 200;   // of the tracking loop behind the encoder
   std::int64_t enable_ns = 0;        // from `switched on` to `operation enabled`: brake, commutation
-  double velocity_unit = 1;          // of what it tells: times counts per second
+  double velocity_unit = 1;          // unit of its reported velocity, in counts per second
 };
 
-// What its objects say now, in their own units.
+// Values of its objects, in their units.
 struct Cia402Inputs {
   cia402::Mode mode = cia402::Mode::none;
   std::int32_t target_position = 0;
@@ -50,46 +50,46 @@ struct Cia402Inputs {
 // Contract: RT · one thread · time is an argument · same commands at the same times, same motion
 class Cia402Servo {
  public:
-  // The most time one advance() works through; what lies beyond is skipped for the plant.
+  // Longest time that one advance() simulates; the rest is skipped for the plant.
   static constexpr std::int64_t kMaxCatchUpNs = 50'000'000;
 
   // In torque mode a target acts after DriveErrors::delay_ns; the drive's own loops are not delayed.
   Cia402Servo(const Cia402ServoParams& params, const JointTransform& joint, const PlantParams& plant,
               const DriveErrors& errors = {});
 
-  // Lives up to `now_ns` on the 50 us grid that the first call starts. Time that goes backwards is ignored.
+  // Simulates up to `now_ns` on a 50 us grid that starts with the first call. Time that goes backwards is ignored.
   void advance(std::int64_t now_ns) LITHE_RT;
-  // Time passes that nothing lives through.
+  // Skips time without simulating it.
   // Contract: after the first advance()
   void skip(std::int64_t now_ns) LITHE_RT;
-  // The drive starts anew; the joint is where it is.
+  // Restarts the drive; the joint stays where it is.
   void restart() LITHE_RT;
 
-  // The joint is put back to where it began, at rest; the drive goes on and sees no motion.
+  // Puts the joint back to its start, at rest; the drive continues and sees no motion.
   void to_start() LITHE_RT;
 
   void set_inputs(const Cia402Inputs& inputs) LITHE_RT;
   void control(std::uint16_t word) LITHE_RT;
-  // Targets count from now on.
+  // Applies the targets.
   void sync() LITHE_RT;
 
   // An error that calls for the fault reaction. It cannot be reset while `stays`, and is found again after a restart.
   void fail(std::uint16_t code, bool stays) LITHE_RT;
   void cause_gone(std::uint16_t code) LITHE_RT;  // 0: every cause
   void find_causes() LITHE_RT;                   // after a restart
-  // Safe torque off, as most drives have it: no power, no fault, not a word; and it cannot be enabled meanwhile.
+  // Safe torque off (STO), as in most drives: no power, no fault, no message; it cannot be enabled meanwhile.
   void take_torque(bool off) LITHE_RT;
-  // A limit switch: a quick stop of the drive's own.
+  // A limit switch: the drive does a quick stop by itself.
   void stop_at_limit() LITHE_RT;
-  // It stays on, but looks at no target any more: a halt of its own.
+  // The drive halts by itself: it stays on and ignores targets.
   void ignore_target(bool ignores) LITHE_RT { ignores_target_ = ignores; }
-  // What object 6007h makes of a lost connection.
+  // The reaction of object 6007h to a lost connection.
   void connection_lost(std::int32_t option, std::uint16_t code) LITHE_RT;
 
   cia402::State state() const LITHE_RT { return state_; }
   std::uint16_t statusword() const LITHE_RT;
   std::uint16_t error_code() const LITHE_RT { return error_code_; }
-  // Raises with every change of error_code(): its news are an emergency.
+  // Counts changes of error_code(): each change sends an emergency.
   std::uint32_t error_changes() const LITHE_RT { return error_changes_; }
   std::int32_t position() const LITHE_RT;
   std::int32_t velocity() const LITHE_RT;
@@ -126,7 +126,7 @@ class Cia402Servo {
   std::uint16_t last_word_ = 0;
   std::uint16_t error_code_ = 0;
   std::uint32_t error_changes_ = 0;
-  std::array<std::uint16_t, 4> causes_{};  // 0: none; more than these are forgotten
+  std::array<std::uint16_t, 4> causes_{};  // 0 = none; further ones are dropped
   bool torque_off_ = false;
   bool ignores_target_ = false;
   std::int64_t enabling_from_ns_ = kNever;

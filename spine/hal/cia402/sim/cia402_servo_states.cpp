@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How a simulated drive is switched on and off, and what it does when something fails.
+// State machine of a simulated drive: on, off, and fault reactions.
 #include <algorithm>
 
 #include "spine/hal/canopen/canopen.hpp"
@@ -43,7 +43,7 @@ void Cia402Servo::obey(std::uint16_t word) LITHE_RT {
   if (!enabled && cia402::is_cyclic(inputs_.mode)) enable();
 }
 
-// The word is told again and again until it is done.
+// The control word is repeated until the state is reached.
 void Cia402Servo::enable() LITHE_RT {
   if (enabling_from_ns_ == kNever) enabling_from_ns_ = time_ns_;
   if (time_ns_ - enabling_from_ns_ >= params_.enable_ns) enter(State::operation_enabled);

@@ -84,7 +84,7 @@ bool SimCia402::befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT
   switch (mishap) {
     case Mishap::power_loss:
       if (!begins) return true;
-      reset(true);  // it forgets all it was told
+      reset(true);  // resets all objects
       boot_end_ns_ = now_ns + kOutageNs + params_.boot_ns;
       return true;
     case Mishap::over_temperature:
@@ -100,11 +100,11 @@ bool SimCia402::befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT
       host_silent_ = begins;
       return true;
     case Mishap::other_map:
-      if (other_map_ && !begins) befall(Mishap::power_loss, true, now_ns);  // the right device comes in its place
+      if (other_map_ && !begins) befall(Mishap::power_loss, true, now_ns);  // the original device comes back
       other_map_ = begins;
       return true;
     case Mishap::homing_lost:
-      break;  // it says nothing of its homing
+      break;  // it does not report homing
   }
   return false;
 }
@@ -118,7 +118,7 @@ void SimCia402::live(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
     return boot(answers);
   }
   const std::int64_t deadline_ns = consumer_.deadline_ns();
-  if (deadline_ns <= now_ns_) {  // what the drive does about it, it does then and not now
+  if (deadline_ns <= now_ns_) {  // the reaction happens at the deadline, not now
     servo_.advance(deadline_ns);
     consumer_.lost(now_ns_);
     lose_connection(answers);
@@ -186,7 +186,7 @@ void SimCia402::on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& an
   } else {
     take_pdo(frame, answers);
   }
-  if (booting_) return live(now_ns, answers);  // without a boot time it is there at once
+  if (booting_) return live(now_ns, answers);  // a boot time of 0 ends at once
   tell_news(now_ns_, answers);
 }
 
@@ -229,7 +229,7 @@ void SimCia402::hear_heartbeat(const Frame& frame, std::int64_t now_ns, FrameQue
   if (servo_.error_code() == emergency::kGone) tell_emergency(emergency::kGone, answers);
 }
 
-// What waited is applied, then everything is sampled: both with this SYNC.
+// On a SYNC: applies pending RPDOs, then samples.
 void SimCia402::sync(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
   if (network_state_ != NmtState::operational) return;
   ++syncs_;
@@ -257,7 +257,7 @@ void SimCia402::take_pdo(const Frame& frame, FrameQueue& answers) LITHE_RT {
       pdo.has_waiting = true;
     } else {
       apply(pdo, frame);
-      servo_.sync();  // its targets count at once too
+      servo_.sync();  // its targets act at once too
     }
   }
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A simulated CANopen drive of profile CiA 402 at the far end of a bus: takes real frames, answers real frames.
+// A simulated CANopen drive of profile CiA 402 at the far end of a bus: same frames as a real drive.
 #pragma once
 
 #include <array>
@@ -21,9 +21,9 @@ namespace lithe::hal::sim {
 struct SimCia402Params {
   std::uint32_t id = 1;                     // 1 to 126
   std::uint32_t device_type = 0x0002'0192;  // object 1000h
-  std::int64_t boot_ns = 2'000'000;         // from power or a reset to the boot-up message
-  // What some drives insist on: TPDO ids that say that no remote frame is answered; limits, options and mappings that
-  // are not touched while the motor is on.
+  std::int64_t boot_ns = 2'000'000;         // from power-on or reset to the boot-up message
+  // Requirements of some drives: TPDO ids with the "no remote frames" bit; no writes to limits, options and mappings
+  // while the motor is on.
   bool knows_no_remote = false;
   bool refuses_while_on = false;
   Cia402ServoParams servo;
@@ -32,7 +32,7 @@ struct SimCia402Params {
   DriveErrors errors{};
 };
 
-// The four process data of one direction, as their objects say. Rebuilt when those are written.
+// The four PDOs of one direction, from their objects. Rebuilt when those are written.
 class SimPdo {
  public:
   bool valid() const LITHE_RT { return valid_; }
@@ -47,7 +47,7 @@ class SimPdo {
 
   Frame waiting;  // an RPDO until its SYNC
   bool has_waiting = false;
-  std::uint32_t told = 0;  // statusword that a TPDO told last; changes are events
+  std::uint32_t told = 0;  // last sent statusword; a change triggers an event-driven TPDO
   bool never_told = true;
   std::int64_t told_ns = 0;
 
@@ -63,7 +63,7 @@ class SimPdo {
 // they are off, heartbeats both ways, emergencies. When the heartbeat that object 1016h names stops, it does what
 // object 6007h says and falls back to pre-operational (1029h). Not simulated: block and segmented download, node
 // guarding, inhibit times, profile modes, homing.
-// Contract: RT but for the constructor · one thread · lives on the time of the frames it sees and of on_time()
+// Contract: RT but for the constructor · one thread · time comes from frames and on_time()
 class SimCia402 final : public BusNode {
  public:
   explicit SimCia402(const SimCia402Params& params);
@@ -71,7 +71,7 @@ class SimCia402 final : public BusNode {
   void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
   void on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT override { live(now_ns, answers); }
 
-  // A fault whose cause stays until inject(0), which ends them all.
+  // Injects a fault whose cause stays; inject(0) ends all.
   void inject(std::uint16_t code) LITHE_RT;
   bool befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT override;
   void to_start() LITHE_RT override { servo_.to_start(); }
@@ -79,7 +79,7 @@ class SimCia402 final : public BusNode {
   Cia402Servo& servo() LITHE_RT { return servo_; }
   const Cia402Dictionary& dictionary() const LITHE_RT { return dictionary_; }
   canopen::NmtState network_state() const LITHE_RT { return network_state_; }
-  std::uint64_t refused() const LITHE_RT { return refused_; }  // frames to it that make no sense
+  std::uint64_t refused() const LITHE_RT { return refused_; }  // invalid frames to it
 
  private:
   static constexpr std::size_t kPdos = 4;
@@ -128,11 +128,11 @@ class SimCia402 final : public BusNode {
   std::uint32_t syncs_ = 0;
   std::uint32_t errors_told_ = 0;
   bool connection_lost_ = false;
-  bool host_silent_ = false;  // as if its watch on the host had run out
-  bool other_map_ = false;    // its process data are mapped otherwise, its device type is not a drive's
+  bool host_silent_ = false;  // as after a heartbeat timeout of the host
+  bool other_map_ = false;    // other PDO mapping and another device type
   std::uint64_t refused_ = 0;
 
-  std::string_view upload_;  // what is left of a text that somebody reads
+  std::string_view upload_;  // rest of the text being uploaded
   bool upload_toggle_ = false;
 
   static constexpr std::int64_t kUnknown = std::numeric_limits<std::int64_t>::max();

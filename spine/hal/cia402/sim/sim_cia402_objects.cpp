@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The SDO server of a simulated drive, and what writing an object does.
+// The SDO server of a simulated drive, and the effects of writes.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -141,13 +141,13 @@ std::uint32_t SimCia402::write(Cia402Dictionary::Slot slot, std::uint32_t value)
   return abort_code::kNone;
 }
 
-// What is settled before the motor is switched on.
+// Objects that cannot be written while the motor is on.
 bool SimCia402::is_settled(std::uint16_t index) const LITHE_RT {
   return is_mapping(index) || is_communication(index) || index == object::kAbortConnection ||
          index == object::kQuickStopOption || index == object::kMaxTorque || index == object::kPositionLimit;
 }
 
-// The order that the standard asks for: off, count 0, objects, count, on.
+// Remapping in the standard's order: off, count 0, objects, count, on.
 std::uint32_t SimCia402::write_pdo(Address address, std::uint32_t value) LITHE_RT {
   constexpr std::uint32_t kExtended = 1U << 29;
   if (is_communication(address.index)) {
@@ -202,10 +202,10 @@ void SimCia402::rebuild_pdos() LITHE_RT {
 
 void SimCia402::refresh_inputs() LITHE_RT {
   const Cia402Dictionary& d = dictionary_;
-  // Mapped into an RPDO, the mode can take any value: one that is not simulated is none.
+  // Through an RPDO the mode can have any value; an unknown mode counts as none.
   const std::uint32_t mode = d.value(object::kMode);
   const std::uint32_t limit = d.value(object::kMaxTorque);
-  // A power of ten that makes no sense must not make an endless period.
+  // An invalid exponent must not make an endless period.
   const int power = std::clamp(d.signed_value(object::kInterpolation, 2), -9, 0);
   const double period_s = d.value(object::kInterpolation, 1) * std::pow(10.0, power);
   servo_.set_inputs({

@@ -17,7 +17,7 @@ constexpr std::int16_t kGravity = 981;
 constexpr std::uint32_t kClassicTurns = gateway::kChannels / 2 + 1 + kImuChannels / 2;
 constexpr std::uint32_t kFdTurns = gateway::kBlocks;
 
-// What is sent in this turn: a block, and where it begins.
+// The block of this turn, and its first channel.
 struct Turn {
   Block block;
   std::uint8_t first;
@@ -49,7 +49,7 @@ void SimGateway::on_frame(const Frame&, std::int64_t now_ns, FrameQueue& answers
 
 void SimGateway::on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
   if (start_ns_ == 0) start_ns_ = next_ns_ = now_ns;
-  // One frame at most: what a pause has left out is not made good.
+  // At most one frame: missed ones are not sent later.
   if (now_ns < next_ns_) return;
   next_ns_ = now_ns - next_ns_ < period_ns_ ? next_ns_ + period_ns_ : now_ns + period_ns_;
   send(now_ns, answers);
@@ -106,7 +106,7 @@ void SimGateway::send(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
     }
   }
   frame.size = static_cast<std::uint8_t>(fd_size(size));
-  // Behind the last channel of an FD frame lies what no channel of that number takes.
+  // Bytes after the last channel of an FD frame are padding.
   for (std::size_t at = size; at + 1 < frame.size; at += 2)
     put(frame, at, static_cast<std::uint16_t>(gateway::kInvalid));
   answers.push(frame);

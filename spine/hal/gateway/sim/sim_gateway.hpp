@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A simulated sensor gateway: sends its blocks by itself, at its own pace.
+// A simulated sensor gateway: sends its blocks periodically.
 #pragma once
 
 #include <array>

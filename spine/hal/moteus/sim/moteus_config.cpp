@@ -16,7 +16,7 @@ struct Entry {
   std::string_view name;
   bool integer;
   double factory;
-  double ServoParams::* acts = nullptr;  // on this
+  double ServoParams::* acts = nullptr;  // the servo parameter it sets
   double least = -kAnything;
   double most = kAnything;
 };

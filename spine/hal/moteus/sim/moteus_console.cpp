@@ -17,7 +17,7 @@ void MoteusConsole::feed(std::span<const std::uint8_t> bytes, MoteusInside& insi
     } else if (length_ < line_.size()) {
       line_[length_++] = static_cast<char>(byte);
     } else {
-      too_long_ = true;  // never a command, so never answered
+      too_long_ = true;  // not a command, so not answered
     }
   }
 }
@@ -101,7 +101,7 @@ void MoteusConsole::emit(std::size_t channel, bool schema, const MoteusInside& i
   for (std::size_t i = 0; i < size; ++i) put(bytes[i]);
 }
 
-// In text a record is for people: the state of the servo, whatever the channel.
+// In text mode every channel shows the state of the servo.
 void MoteusConsole::emit_text(std::size_t channel, const MoteusInside& inside) LITHE_RT {
   const std::pair<std::string_view, double> values[] = {{"mode", static_cast<double>(inside.servo.mode())},
                                                         {"fault", inside.servo.fault()},

@@ -18,22 +18,22 @@ namespace lithe::hal::sim {
 //   conf list | enumerate [GROUP] | get X | set X V | write | load | default
 //   d    stop | brake | pos P V T [OPT] | tmt P V T [OPT] | zero P V T [OPT] | within MIN MAX T [OPT] | dq D Q
 //        nearest P | exact P | cfg-set-output P | recapture | req-reindex
-// A command is answered by "OK" or "ERR why", but a value or a record by itself. Options of `d` are a letter and a
-// number, in any order: p d i gain scales, f torque, t watchdog (none unless given), v a limits, s stop position,
-// o c fixed voltage and current, b ignore bounds.
-// Contract: RT · one thread · fixed buffers: what nobody fetches is thrown away when they are full, and counted
+// A command is answered by "OK" or "ERR why", except values and records, which are sent alone. Options of `d` are a
+// letter and a number, in any order: p d i gain scales, f torque, t watchdog (none unless given), v a limits, s stop
+// position, o c fixed voltage and current, b ignore bounds.
+// Contract: RT · one thread · fixed buffers: when they are full, output is dropped and counted
 class MoteusConsole {
  public:
   static constexpr std::size_t kLongestLine = 120;
   static constexpr std::size_t kCapacity = 8192;
 
-  // Bytes from the host, cut anywhere.
+  // Bytes from the host, in pieces of any size.
   void feed(std::span<const std::uint8_t> bytes, MoteusInside& inside) LITHE_RT;
 
-  // The next bytes for the host, at most out.size() of them. How many.
+  // Takes the next bytes for the host, at most out.size(). Returns the number.
   std::size_t fetch(std::span<std::uint8_t> out, const MoteusInside& inside) LITHE_RT;
 
-  // As after power came back.
+  // Restarts, as after power-on.
   void restart() LITHE_RT { *this = MoteusConsole(); }
 
   std::uint64_t lost() const LITHE_RT { return lost_; }
@@ -41,7 +41,7 @@ class MoteusConsole {
  private:
   struct Stream {
     bool text = false;
-    std::int64_t period_ns = 0;  // 0: only when asked
+    std::int64_t period_ns = 0;  // 0 = only on request
     std::int64_t next_ns = 0;
   };
 
@@ -60,7 +60,7 @@ class MoteusConsole {
   void put(std::uint8_t byte) LITHE_RT;
   void put(std::string_view text) LITHE_RT;
   void put_value(double value, bool integer) LITHE_RT;
-  void say(std::string_view text) LITHE_RT;  // and ends the line
+  void say(std::string_view text) LITHE_RT;  // adds the line end
 
   std::array<char, kLongestLine> line_{};
   std::size_t length_ = 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The console's `d`: commands to the drive by hand.
+// The console's `d` commands.
 #include <limits>
 
 #include "spine/hal/bus/serial/words.hpp"
@@ -12,7 +12,7 @@ using moteus::Mode;
 
 namespace {
 
-// The field of an option; null when the letter is none.
+// The field of an option; null for an unknown letter.
 double* option(ServoCommand& command, char letter) LITHE_RT {
   switch (letter) {
     case 'p':
@@ -92,7 +92,7 @@ void MoteusConsole::drive(std::string_view words, MoteusInside& inside) LITHE_RT
 bool MoteusConsole::drive_to(Mode mode, std::string_view words, MoteusInside& inside) LITHE_RT {
   const bool within = mode == Mode::stay_within;
   ServoCommand command;
-  command.watchdog_s = std::numeric_limits<double>::quiet_NaN();  // by hand: none
+  command.watchdog_s = std::numeric_limits<double>::quiet_NaN();  // none for console commands
   double& first = within ? command.lower_bound_rev : command.position_rev;
   double& second = within ? command.upper_bound_rev : command.velocity_rev_s;
   if (!read_number(next_word(words), first) || !read_number(next_word(words), second) ||

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the registers and the console of a simulated moteus both reach.
+// The parts of a simulated moteus that its registers and its console share.
 #pragma once
 
 #include <array>
@@ -12,7 +12,7 @@
 
 namespace lithe::hal::sim {
 
-// Who the device says it is. Same serial, same device.
+// Identity of the device.
 struct MoteusIdentity {
   static constexpr std::uint32_t kFirmware = 0x010000;
   static constexpr std::uint32_t kRegisterMap = 5;
@@ -21,7 +21,7 @@ struct MoteusIdentity {
   std::array<std::uint8_t, 16> uuid{};
 
   static MoteusIdentity of(std::uint64_t serial);
-  // The four bytes from 4 * `word` on, as its register tells them.
+  // Four bytes from 4 * `word` on, as in its register.
   std::int32_t uuid_word(std::size_t word) const LITHE_RT;
 };
 
@@ -31,7 +31,7 @@ struct MoteusInside {
                const DriveErrors& errors, std::uint32_t id, std::uint64_t serial)
       : identity(MoteusIdentity::of(serial)), config(params, id), servo(params, joint, plant, errors) {}
 
-  // Whatever the settings say now acts.
+  // Applies the present settings.
   void configure() LITHE_RT {
     ServoParams params = servo.params();
     config.act_on(params);

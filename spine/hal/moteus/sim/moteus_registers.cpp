@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The registers of a simulated moteus: what is behind each number, and who may write it.
+// The registers of a simulated moteus: values and access rights.
 #include <array>
 #include <cmath>
 #include <limits>
@@ -17,7 +17,7 @@ namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
-// The registers of stay_within from 042 on are other names of these.
+// The stay_within registers from 042 on are aliases of these.
 constexpr std::array<std::uint32_t, 7> kShadowed{reg::kCommandTorque, reg::kKpScale,  reg::kKdScale,
                                                  reg::kMaxTorque,     reg::kWatchdog, reg::kIntegralScale,
                                                  reg::kIgnoreBounds};
@@ -57,7 +57,7 @@ double* field(ServoCommand& c, std::uint32_t number) LITHE_RT {
   }
 }
 
-// The counter runs over where its format ends; the smallest integer, which means NaN elsewhere, is a count as well.
+// The counter wraps at the end of its format; here the smallest integer is a count, not NaN.
 double wrapped_ms(std::int64_t ms, Format format) LITHE_RT {
   switch (format) {
     case Format::int8: {
@@ -124,7 +124,7 @@ SimMoteus::Access SimMoteus::write_mode(double value) LITHE_RT {
   return Access::done;
 }
 
-// Registers that do nothing here but keep what was written: clock trim and the outputs of the auxiliary ports.
+// Registers that only store the written value: clock trim and the outputs of the auxiliary ports.
 double* SimMoteus::auxiliary(std::uint32_t number) LITHE_RT {
   if (number == reg::kAuxGpioCommand || number == reg::kAuxGpioCommand + 1)
     return &gpio_[number - reg::kAuxGpioCommand];
@@ -244,7 +244,7 @@ bool SimMoteus::read_ports(std::uint32_t number, Format format, double& value) L
          (number >= reg::kAux2Analog && number < reg::kAux2Analog + 5);
 }
 
-// Whole words are told as int32 and as nothing else.
+// Full 32-bit words are answered as int32 only.
 bool SimMoteus::read_identity(std::uint32_t number, Format format, double& value) LITHE_RT {
   const MoteusIdentity& identity = inside_.identity;
   if (number == reg::kUuidMaskCapable || number == reg::kDriverFault || number == reg::kDriverFault + 1) {

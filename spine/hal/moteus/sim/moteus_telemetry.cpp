@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One table says what a channel holds; schema and data are both written from it, so that they cannot disagree.
+// One table describes each channel; schema and data are both written from it, so they always agree.
 #include "spine/hal/moteus/sim/moteus_telemetry.hpp"
 
 #include <array>
@@ -9,7 +9,7 @@
 namespace lithe::hal::sim::telemetry {
 namespace {
 
-// Numbers of the schema's types.
+// Type numbers of the schema.
 constexpr std::uint8_t kBoolean = 2;
 constexpr std::uint8_t kUnsigned = 4;  // followed by its size in bytes
 constexpr std::uint8_t kFloat = 7;
@@ -22,7 +22,7 @@ enum class Type : std::uint8_t { boolean, u8, u32, u64, f32, mode };
 struct Field {
   std::string_view name;
   Type type;
-  std::uint8_t count = 0;  // of an array; 0 is none
+  std::uint8_t count = 0;  // of an array; 0 = not an array
 };
 
 constexpr Field kGit[] = {{"hash", Type::u8, 20}, {"dirty", Type::boolean}, {"timestamp", Type::u64}};
@@ -154,14 +154,14 @@ std::size_t write_schema(std::size_t channel, std::span<std::uint8_t> buffer) LI
     write_type(field.type, out);
     out.byte(0);  // no default
   }
-  for (int i = 0; i < 5; ++i) out.byte(0);  // a nameless field of no type ends the list
+  for (int i = 0; i < 5; ++i) out.byte(0);  // a field without name and type ends the list
   return out.length();
 }
 
 std::size_t write_data(std::size_t channel, const MoteusInside& inside, std::span<std::uint8_t> buffer) LITHE_RT {
   Out out(buffer);
   if (kTable[channel].name == "git") {
-    for (int i = 0; i < 20; ++i) out.byte(0);  // built from no commit of the maker's
+    for (int i = 0; i < 20; ++i) out.byte(0);  // no commit hash
     out.byte(0);
     out.number(0, 8);
   } else if (kTable[channel].name == "firmware") {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a simulated moteus tells on its diagnostic stream: named channels of named fields, each with its schema.
+// The diagnostic stream of a simulated moteus: named channels of named fields, each with a schema.
 #pragma once
 
 #include <cstddef>
@@ -19,10 +19,10 @@ inline constexpr std::size_t kLongestData = 128;
 
 // Contract of all: RT · pure
 std::string_view name(std::size_t channel) LITHE_RT;
-std::size_t find(std::string_view name) LITHE_RT;  // kNone when there is no such channel
+std::size_t find(std::string_view name) LITHE_RT;  // kNone for an unknown channel
 
-// The channel's type in the binary form of mjlib's telemetry schemas, and one record of that type. The length; 0 when
-// it does not fit (the two constants always do).
+// Writes the channel's type as a binary mjlib telemetry schema, or one record of that type. Returns the length; 0 when
+// it does not fit (the two constants are always enough).
 std::size_t write_schema(std::size_t channel, std::span<std::uint8_t> out) LITHE_RT;
 std::size_t write_data(std::size_t channel, const MoteusInside& inside, std::span<std::uint8_t> out) LITHE_RT;
 

@@ -15,7 +15,7 @@ constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
 constexpr std::int64_t kEnablingNs = 1'000'000;
 constexpr std::int64_t kCalibratingNs = 4'000'000;
 
-// A limit register: NaN is what the drive is configured with, negative is none.
+// A limit register: NaN = as configured, negative = no limit.
 double effective_limit(double commanded, double configured) LITHE_RT {
   const double limit = std::isnan(commanded) ? configured : commanded;
   return limit >= 0 ? limit : ServoParams::kNone;
@@ -59,7 +59,7 @@ void Servo::skip(std::int64_t now_ns) LITHE_RT {
 void Servo::step() LITHE_RT {
   obey_what_is_due();
   check_watchdog();
-  // A drive that is off does not look.
+  // A drive that is off does not check.
   if (ailment_ != 0 && mode_ != Mode::stopped && mode_ != Mode::fault) fail(ailment_);
   if (mode_ == Mode::enabling && time_ns_ >= phase_end_ns_) {
     mode_ = Mode::calibrating;
@@ -70,7 +70,7 @@ void Servo::step() LITHE_RT {
     enter(target_);
   }
   wanted_nm_ = motor_torque();
-  // Nonsense in a register must not end in a plant that is nowhere for ever.
+  // An invalid register value must not give the plant a NaN position.
   if (!std::isfinite(wanted_nm_)) wanted_nm_ = 0;
   wanted_nm_ = std::clamp(wanted_nm_, -params_.motor_torque_max_nm, params_.motor_torque_max_nm);
   plant_.step(errors_.given_nm(wanted_nm_ * joint_.gear()));
@@ -79,7 +79,7 @@ void Servo::step() LITHE_RT {
   time_ns_ += Plant::kStepNs;
 }
 
-// The encoder tells whole counts; a tracking loop behind it (two poles) makes the velocity.
+// The encoder gives whole counts; a tracking loop (two poles) computes the velocity.
 void Servo::measure() LITHE_RT {
   constexpr double kNothing = 1e-12;
   const double rev = joint_.motor_rev(plant_.position_rad() + errors_.encoder_error_rad()) + offset_rev_;
@@ -159,7 +159,7 @@ void Servo::obey(Mode mode, const ServoCommand& command) LITHE_RT {
     command_ = command;
     return;
   }
-  command_ = command;  // also of a drive that stays where it is: its damping goes by the last one's scale
+  command_ = command;  // also in `timeout`: damping uses the last command's gain scale
   if (mode_ == Mode::fault || mode_ == Mode::timeout) return;
   switch (mode_) {
     case Mode::stopped:
@@ -245,7 +245,7 @@ double Servo::motor_torque() LITHE_RT {
   }
 }
 
-// By the gain scale of the last command, whatever mode that was for: a host that commands none is not damped.
+// Uses the gain scale of the last command of any mode: without a gain in the command there is no damping.
 double Servo::damping_torque() LITHE_RT {
   const double most = std::abs(params_.timeout_max_torque_nm);
   return std::clamp(-params_.kd_nm_s_rev * command_.kd_scale * velocity_rev_s_, -most, most);
@@ -264,13 +264,13 @@ double Servo::timeout_torque() LITHE_RT {
   }
 }
 
-// Windings shorted: the motor's own voltage drives a current against the motion.
+// Shorted windings: the induced voltage drives a braking current.
 double Servo::brake_torque() LITHE_RT {
   const double drag_nm_s_rad = params_.torque_constant_nm_a * params_.torque_constant_nm_a / params_.resistance_ohm;
   return -drag_nm_s_rad * 2 * std::numbers::pi * joint_.rev_per_rad() * plant_.velocity_rad_s();
 }
 
-// What is left of the commanded limit when the board is hot. Says so in the fault code.
+// Torque limit reduced by temperature; reported in the fault code.
 double Servo::torque_limit() LITHE_RT {
   const double asked =
       std::isnan(command_.max_torque_nm) ? params_.motor_torque_max_nm : std::abs(command_.max_torque_nm);
@@ -295,7 +295,7 @@ double Servo::pd(double position_rev, double velocity_rev_s) LITHE_RT {
 }
 
 double Servo::position_torque() LITHE_RT {
-  if (fault_ != moteus::fault::kLimitBounds) fault_ = 0;  // a clipped set-point stays clipped until the next command
+  if (fault_ != moteus::fault::kLimitBounds) fault_ = 0;  // a clipped setpoint stays clipped until the next command
   move_set_point();
   return pd(control_position_rev_, control_velocity_rev_s_);
 }

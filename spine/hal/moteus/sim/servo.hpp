@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The inside of a simulated moteus: its modes, its watchdog, its control law, on a plant.
+// A simulated moteus without its bus: modes, watchdog, control law, on a plant.
 #pragma once
 
 #include <array>
@@ -16,22 +16,22 @@
 
 namespace lithe::hal::sim {
 
-// How the drive is configured, in its own words: revolutions of the motor, torque at the motor.
+// Configuration of the drive, in its own units: revolutions of the motor, torque at the motor.
 struct ServoParams {
   double kp_nm_rev = 4.0;
   double ki_nm_rev_s = 1.0;
   double kd_nm_s_rev = 0.05;
-  double integral_limit_nm = 0.0;  // as from the factory: no integral
+  double integral_limit_nm = 0.0;  // factory default: no integral
   double default_watchdog_s = 0.1;
   double default_velocity_limit_rev_s = kNone;
   double default_acceleration_limit_rev_s2 = 50.0;
   double position_min_rev = kNone;
   double position_max_rev = kNone;
   double timeout_max_torque_nm = 5.0;
-  double timeout_mode = 12;     // what the watchdog leads to: 10 hold, 12 damp, 15 brake, any other free
+  double timeout_mode = 12;     // action of the watchdog: 10 hold, 12 damp, 15 brake, any other: limp
   double home_at_power_on = 2;  // the home state then: 0 relative, 1 rotor, 2 output, as with an encoder there
   double fault_temperature_c = 75.0;
-  double temperature_margin_c = 25.0;  // this far below, torque begins to fade
+  double temperature_margin_c = 25.0;  // torque is reduced from this far below the limit
   double motor_torque_max_nm = 1.65;   // an mj5208 at 100 A
   double torque_constant_nm_a = 0.0273;
   double resistance_ohm = 0.047;
@@ -42,7 +42,7 @@ struct ServoParams {
   static constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 };
 
-// The command registers with the values that writing the mode gives them.
+// The command registers, with the values after a write of the mode.
 struct ServoCommand {
   static constexpr double kAbsent = std::numeric_limits<double>::quiet_NaN();
   double q_current_a = 0;
@@ -68,42 +68,42 @@ struct ServoCommand {
 // Contract: RT · one thread · time is an argument · same commands at the same times, same motion
 class Servo {
  public:
-  // The most time one advance() works through; what lies beyond is skipped for the plant, not for the watchdog.
+  // Longest time that one advance() simulates; the rest is skipped for the plant, not for the watchdog.
   static constexpr std::int64_t kMaxCatchUpNs = 50'000'000;
 
   Servo(const ServoParams& params, const JointTransform& joint, const PlantParams& plant,
         const DriveErrors& errors = {});
 
-  // Lives up to `now_ns` on the 50 us grid that the first call starts. Time that goes backwards is ignored.
+  // Simulates up to `now_ns` on a 50 us grid that starts with the first call. Time that goes backwards is ignored.
   void advance(std::int64_t now_ns) LITHE_RT;
-  // Time passes that nothing but the watchdog lives through.
+  // Skips time; only the watchdog runs.
   // Contract: after the first advance()
   void skip(std::int64_t now_ns) LITHE_RT;
 
-  // Switched off and on again: stopped, without fault, command or limits of its own. The plant goes on.
+  // Power cycle: stopped, without fault, command or own limits. The plant continues.
   void restart(const ServoParams& params) LITHE_RT;
 
-  // The joint is put back to where it began, at rest; the drive goes on and sees no motion.
+  // Puts the joint back to its start, at rest; the drive continues and sees no motion.
   void to_start() LITHE_RT;
 
-  // Changed settings act from the next step on. What the plant is made of does not change.
+  // Changed settings act from the next step on. The plant's own constants do not change.
   void configure(const ServoParams& params) LITHE_RT {
     params_ = params;
     judge_health();
   }
 
-  // The position now reads as this; `exact` or as near to it as whole turns allow. It is homed then.
+  // Sets the present position to this value: `exact`, or the nearest value by whole turns. The drive is homed then.
   void set_output(double position_rev, bool exact) LITHE_RT;
 
-  // It no longer knows its turn.
+  // Homing is lost.
   void require_reindex() LITHE_RT { home_ = 0; }
   // 0 relative, 1 rotor, 2 output.
   double home() const LITHE_RT { return encoder_lost_ ? 0 : home_; }
 
-  // The set-point of a running position command becomes where the joint is and how it moves.
+  // Sets the setpoint of a running position command to the present position and velocity.
   void recapture() LITHE_RT;
 
-  // Faults from outside, for tests and `lithe sim`: a hot board, an encoder that is gone.
+  // Fault injection for tests and `lithe sim`: over-temperature, lost encoder.
   void set_temperature_c(double temperature_c) LITHE_RT {
     params_.temperature_c = temperature_c;
     judge_health();
@@ -120,8 +120,8 @@ class Servo {
     if (watchdog_end_ns_ != kNever) watchdog_end_ns_ = time_ns_;
   }
 
-  // What goes on in the same mode takes effect after DriveErrors::delay_ns; another mode takes effect at once, so that
-  // the reply to its frame tells it, and ends what is underway. A fault or a timeout listens to `stopped` only.
+  // A command in the same mode takes effect after DriveErrors::delay_ns. A change of mode takes effect at once, so that
+  // the reply shows it, and drops delayed commands. After a fault or timeout only `stopped` is accepted.
   void apply(moteus::Mode mode, const ServoCommand& command) LITHE_RT;
 
   moteus::Mode mode() const LITHE_RT { return mode_; }
@@ -133,7 +133,7 @@ class Servo {
   double control_position_rev() const LITHE_RT { return control_position_rev_; }
   double control_velocity_rev_s() const LITHE_RT { return control_velocity_rev_s_; }
   double control_torque_nm() const LITHE_RT { return wanted_nm_; }
-  // What the control law's terms gave in the last step, and the errors they gave it for.
+  // The terms of the control law in the last step, and their errors.
   struct Terms {
     double p_nm = 0, i_nm = 0, d_nm = 0;
     double error_rev = 0, error_rev_s = 0;
@@ -170,7 +170,7 @@ class Servo {
   bool outside_bounds() const LITHE_RT;
   bool driving(moteus::Mode mode) const LITHE_RT;
 
-  // Commands on their way. The bus brings one per tick at most: where more than these would be, the oldest acts early.
+  // Delayed commands. The bus brings at most one per tick; when the buffer is full, the oldest acts early.
   static constexpr std::size_t kOnTheWay = 16;
   struct Underway {
     std::int64_t due_ns = 0;
@@ -186,7 +186,7 @@ class Servo {
   std::size_t first_underway_ = 0, underway_count_ = 0;
 
   moteus::Mode mode_ = moteus::Mode::stopped;
-  moteus::Mode target_ = moteus::Mode::stopped;  // what follows the calibration
+  moteus::Mode target_ = moteus::Mode::stopped;  // the mode after the calibration
   std::uint32_t fault_ = 0;
   ServoCommand command_;
   std::int64_t time_ns_ = kNever;
@@ -194,19 +194,19 @@ class Servo {
   std::int64_t watchdog_end_ns_ = kNever;
   std::int64_t skipped_ns_ = 0;
 
-  double offset_rev_ = 0;  // of what is read against where the motor is
+  double offset_rev_ = 0;  // read position minus the motor's position
   double home_ = 0;
   bool encoder_lost_ = false;
   bool driver_failed_ = false;
-  std::uint32_t ailment_ = 0;          // the fault that driving leads to
-  double hot_torque_max_nm_ = kNoEnd;  // what the heat leaves; no end while it is cool
+  std::uint32_t ailment_ = 0;          // injected fault, raised when driving
+  double hot_torque_max_nm_ = kNoEnd;  // torque limit by temperature; infinite while cool
   double encoder_rev_ = 0;
   double tracked_rev_ = 0;
   double velocity_rev_s_ = 0;
 
   double control_position_rev_ = 0;
   double control_velocity_rev_s_ = 0;
-  double goal_rev_ = 0;            // where the planner goes; moves with the commanded velocity
+  double goal_rev_ = 0;            // goal of the planner; moves with the commanded velocity
   double velocity_limit_ = 0;      // NaN: none
   double acceleration_limit_ = 0;  // NaN: none
   double wanted_nm_ = 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The servo's planner: how its set-point moves.
+// The servo's planner: motion of its setpoint.
 #include <algorithm>
 #include <cmath>
 
@@ -43,7 +43,7 @@ void Servo::plan_velocity() LITHE_RT {
   double wanted = command_.velocity_rev_s;
   const double most = acceleration_limit_ * kStepS;  // NaN: any change at once
   if (gap != 0) {
-    // The fastest from which it can still brake, measured one step ahead.
+    // The largest velocity from which it can still brake, one step ahead.
     const double reach = std::isnan(acceleration_limit_)
                              ? std::abs(gap) / kStepS
                              : std::sqrt(acceleration_limit_ * acceleration_limit_ * kStepS * kStepS / 4 +

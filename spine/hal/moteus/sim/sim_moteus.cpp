@@ -103,7 +103,7 @@ void SimMoteus::on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& an
   answers.push(answer);
 }
 
-// False: the frame is met with silence.
+// False: the frame is not answered.
 bool SimMoteus::serve(const Frame& request, Frame& answer) LITHE_RT {
   SubframeWriter writer(answer);
   SubframeReader reader(request.payload());
@@ -133,7 +133,7 @@ bool SimMoteus::serve(const Frame& request, Frame& answer) LITHE_RT {
     }
   }
   writer.pad();
-  // An answer with no bytes at all makes the makers' own library give up; padding says the same, and is as good.
+  // The maker's library fails on an empty answer, so padding is sent instead.
   if (answer.size == 0) {
     answer.data[0] = 0x50;
     answer.size = 1;
@@ -151,7 +151,7 @@ void SimMoteus::write(const Subframe& subframe, SubframeWriter& answer) LITHE_RT
 
 bool SimMoteus::read(const Subframe& subframe, SubframeWriter& answer) LITHE_RT {
   std::array<double, kMaxPayload> values{};
-  if (subframe.count > values.size()) return false;  // no frame could hold it
+  if (subframe.count > values.size()) return false;  // more than fits a frame
   for (std::uint32_t i = 0; i < subframe.count; ++i) {
     const std::uint32_t number = subframe.start + i;
     if (read_register(number, subframe.format, values[i])) continue;

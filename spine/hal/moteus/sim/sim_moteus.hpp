@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A simulated moteus at the far end of a bus: takes real frames, answers real frames.
+// A simulated moteus at the far end of a bus: same frames as a real drive.
 #pragma once
 
 #include <array>
@@ -18,19 +18,18 @@ namespace lithe::hal::sim {
 
 struct SimMoteusParams {
   std::uint32_t id = 1;      // 1 to 126
-  std::uint64_t serial = 0;  // two devices with different ones are two: serial number and UUID come from here
+  std::uint64_t serial = 0;  // serial number and UUID are derived from it
   ServoParams servo;
   JointTransform joint;
   PlantParams plant;
   DriveErrors errors{};
 };
 
-// As the firmware does: subframes in order; the answer tells the state before the command; writing the mode resets
-// every command register, and without it the written registers are kept but nothing is commanded; a read that fails
-// ends the frame, a write that fails does not; bytes that make no sense end the frame, and the answer goes out all the
-// same; a UUID mask that is another's makes the drive ignore the frame and say nothing. Channel 1 is the console. Flow
-// control of streams (0x43, 0x44) is met with silence, as by firmware that does not have it. Simulated are the modes 0
-// to 4, 9 to 13 and 15; the others are refused like an unknown value.
+// As the firmware does: subframes in order; the answer has the state before the command; writing the mode resets every
+// command register, and without it the written registers are kept but nothing is commanded; a read that fails ends the
+// frame, a write that fails does not; invalid bytes end the frame, but the answer is still sent; a frame with another
+// drive's UUID mask is ignored. Channel 1 is the console. Flow control of streams (0x43, 0x44) is ignored, as by
+// firmware without it. Simulated are the modes 0 to 4, 9 to 13 and 15; the others are refused like an unknown value.
 // Contract: RT · one thread · lives on the time of the frames it sees
 class SimMoteus final : public BusNode {
  public:
@@ -42,7 +41,7 @@ class SimMoteus final : public BusNode {
   bool befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT override;
   void to_start() LITHE_RT override { inside_.servo.to_start(); }
 
-  // Power gone and back: deaf and limp until `back_ns`, then stopped, with the settings that were stored.
+  // Power cycle: no answers and limp until `back_ns`, then stopped, with the stored settings.
   void restart(std::int64_t back_ns) LITHE_RT;
 
   Servo& servo() LITHE_RT { return inside_.servo; }
