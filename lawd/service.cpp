@@ -5,12 +5,12 @@
 #include <cstdio>
 #include <filesystem>
 
+#include "lawd/compile/diagnostics.hpp"
 #include "lawd/core/admission.hpp"
 #include "lawd/core/answers.hpp"
-#include "lawd/compile/diagnostics.hpp"
+#include "lawd/object/locate.hpp"
 #include "lawd/run/dry_run.hpp"
 #include "lawd/run/files.hpp"
-#include "lawd/object/locate.hpp"
 #include "spine/core/joints.hpp"
 #include "spine/core/sha256.hpp"
 

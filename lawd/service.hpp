@@ -5,9 +5,9 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "lawd/run/child.hpp"
-#include "lawd/object/place.hpp"
 #include "lawd/compile/toolchain.hpp"
+#include "lawd/object/place.hpp"
+#include "lawd/run/child.hpp"
 
 namespace lithe::lawd {
 

@@ -7,10 +7,10 @@
 #include <string>
 
 #include "spine/core/result.hpp"
-#include "spine/hal/core/descriptor.hpp"
-#include "spine/hal/bus/socketcan/socketcan_bus.hpp"
-#include "spine/hal/bus/serial/sim_adapter.hpp"
 #include "spine/hal/bus/loop/sim_wire.hpp"
+#include "spine/hal/bus/serial/sim_adapter.hpp"
+#include "spine/hal/bus/socketcan/socketcan_bus.hpp"
+#include "spine/hal/core/descriptor.hpp"
 
 namespace lithe::simulator {
 

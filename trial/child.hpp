@@ -2,8 +2,8 @@
 // One trial, in the process that is thrown away after it.
 #pragma once
 
-#include "trial/sandbox/sandbox.hpp"
 #include "trial/core/setting.hpp"
+#include "trial/sandbox/sandbox.hpp"
 
 namespace lithe::trial {
 

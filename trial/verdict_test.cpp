@@ -8,8 +8,8 @@
 #include <cstdlib>
 #include <cstring>
 
-#include "trial/sections/guarded.hpp"
 #include "trial/sandbox/sandbox.hpp"
+#include "trial/sections/guarded.hpp"
 
 namespace lithe::trial {
 namespace {

@@ -6,8 +6,8 @@
 #include <string>
 
 #include "spine/core/result.hpp"
-#include "trial/sandbox/sandbox.hpp"
 #include "trial/core/setting.hpp"
+#include "trial/sandbox/sandbox.hpp"
 
 namespace lithe::trial {
 

@@ -5,8 +5,8 @@
 
 #include <charconv>
 
-#include "lawd/source/admission_tokens.hpp"
 #include "lawd/run/files.hpp"
+#include "lawd/source/admission_tokens.hpp"
 
 namespace lithe::lawd {
 namespace {

@@ -11,8 +11,8 @@
 #include "lawd/object/admission_code.hpp"
 #include "lawd/object/admission_elf.hpp"
 #include "lawd/object/admission_stack.hpp"
-#include "lawd/source/admission_words.hpp"
 #include "lawd/run/files.hpp"
+#include "lawd/source/admission_words.hpp"
 #include "spine/law/resident.hpp"
 
 namespace lithe::lawd {

@@ -6,8 +6,8 @@
 #include <cstdlib>
 #include <sstream>
 
-#include "lawd/object/admission_lines.hpp"
 #include "lawd/compile/toolchain.hpp"
+#include "lawd/object/admission_lines.hpp"
 
 namespace lithe::lawd {
 namespace {

@@ -9,11 +9,11 @@
 #include <cstring>
 #include <fstream>
 
-#include "lawd/object/admission_elf.hpp"
 #include "lawd/core/answers.hpp"
+#include "lawd/object/admission_elf.hpp"
+#include "lawd/object/locate.hpp"
 #include "lawd/run/dry_run.hpp"
 #include "lawd/run/files.hpp"
-#include "lawd/object/locate.hpp"
 #include "spine/arena/veneers.hpp"
 
 namespace lithe::lawd {

@@ -10,9 +10,9 @@
 
 #include "lawd/object/admission_code.hpp"
 #include "lawd/object/admission_elf.hpp"
+#include "lawd/run/files.hpp"
 #include "lawd/source/admission_tokens.hpp"
 #include "lawd/source/admission_words.hpp"
-#include "lawd/run/files.hpp"
 #include "lawd/test/lawd_rig.hpp"
 
 namespace lithe::lawd {

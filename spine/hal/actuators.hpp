@@ -13,8 +13,8 @@
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/hal/bus/pi3hat/pi3hat_port.hpp"
-#include "spine/hal/core/tap.hpp"
 #include "spine/hal/core/drive.hpp"
+#include "spine/hal/core/tap.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe::hal {

@@ -11,8 +11,8 @@
 #include "spine/core/rt.hpp"
 #include "spine/core/time.hpp"
 #include "spine/hal/actuators.hpp"
-#include "spine/hal/core/bus.hpp"
 #include "spine/hal/bus/pi3hat/imu.hpp"
+#include "spine/hal/core/bus.hpp"
 #include "spine/hal/core/drive.hpp"
 #include "spine/hal/gateway/gateway.hpp"
 

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "spine/core/result.hpp"
-#include "spine/hal/core/bus.hpp"
 #include "spine/hal/bus/pi3hat/pi3hat_bus.hpp"
+#include "spine/hal/core/bus.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe::hal {

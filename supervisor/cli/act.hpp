@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "supervisor/bus/plan/plan.hpp"
 #include "supervisor/bus/monitor/monitor.hpp"
+#include "supervisor/bus/plan/plan.hpp"
 #include "supervisor/bus/scan/place.hpp"
 #include "supervisor/bus/scan/scan_report.hpp"
 #include "supervisor/core/answer.hpp"

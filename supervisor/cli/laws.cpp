@@ -15,9 +15,9 @@
 #include "supervisor/cli/act.hpp"
 #include "supervisor/cli/print.hpp"
 #include "supervisor/cli/talk.hpp"
+#include "supervisor/core/process.hpp"
 #include "supervisor/link/lawd_link.hpp"
 #include "supervisor/link/presence.hpp"
-#include "supervisor/core/process.hpp"
 
 namespace lithe::cli {
 namespace {

@@ -8,8 +8,8 @@
 #include <variant>
 
 #include "spine/wire/wire.hpp"
-#include "supervisor/link/spine_link.hpp"
 #include "supervisor/core/answer.hpp"
+#include "supervisor/link/spine_link.hpp"
 
 namespace lithe::control {
 

@@ -9,8 +9,8 @@
 #include <string>
 #include <variant>
 
-#include "supervisor/link/client.hpp"
 #include "supervisor/core/answer.hpp"
+#include "supervisor/link/client.hpp"
 
 namespace lithe::control {
 

@@ -12,17 +12,17 @@
 
 #include "spine/ipc/segment.hpp"
 #include "spine/robot/config.hpp"
-#include "supervisor/link/commands.hpp"
-#include "supervisor/run/drives.hpp"
-#include "supervisor/events/event_log.hpp"
-#include "supervisor/link/lawd_link.hpp"
-#include "supervisor/events/noise.hpp"
 #include "supervisor/core/process.hpp"
-#include "supervisor/serve/server.hpp"
+#include "supervisor/events/event_log.hpp"
+#include "supervisor/events/noise.hpp"
+#include "supervisor/link/commands.hpp"
+#include "supervisor/link/lawd_link.hpp"
 #include "supervisor/link/spine_link.hpp"
-#include "supervisor/swap/swaps.hpp"
 #include "supervisor/link/trial_link.hpp"
+#include "supervisor/run/drives.hpp"
+#include "supervisor/serve/server.hpp"
 #include "supervisor/serve/verbs.hpp"
+#include "supervisor/swap/swaps.hpp"
 
 namespace lithe::control {
 

@@ -11,9 +11,9 @@
 #include <vector>
 
 #include "spine/core/result.hpp"
+#include "supervisor/core/answer.hpp"
 #include "supervisor/core/fd.hpp"
 #include "supervisor/core/lines.hpp"
-#include "supervisor/core/answer.hpp"
 
 namespace lithe::control {
 

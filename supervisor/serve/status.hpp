@@ -3,8 +3,8 @@
 #pragma once
 
 #include "spine/robot/config.hpp"
-#include "supervisor/link/spine_link.hpp"
 #include "supervisor/core/answer.hpp"
+#include "supervisor/link/spine_link.hpp"
 
 namespace lithe::control {
 

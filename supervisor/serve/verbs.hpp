@@ -7,13 +7,13 @@
 #include <map>
 #include <string>
 
-#include "supervisor/link/commands.hpp"
 #include "supervisor/events/event_log.hpp"
+#include "supervisor/link/commands.hpp"
 #include "supervisor/link/lawd_link.hpp"
-#include "supervisor/serve/server.hpp"
 #include "supervisor/link/spine_link.hpp"
-#include "supervisor/swap/swaps.hpp"
 #include "supervisor/link/trial_link.hpp"
+#include "supervisor/serve/server.hpp"
+#include "supervisor/swap/swaps.hpp"
 
 namespace lithe::control {
 

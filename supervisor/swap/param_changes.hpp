@@ -9,11 +9,11 @@
 #include <string>
 
 #include "spine/robot/config.hpp"
-#include "supervisor/link/commands.hpp"
 #include "supervisor/events/event_log.hpp"
+#include "supervisor/link/commands.hpp"
 #include "supervisor/link/trial_link.hpp"
-#include "supervisor/swap/tried_laws.hpp"
 #include "supervisor/swap/terms.hpp"
+#include "supervisor/swap/tried_laws.hpp"
 
 namespace lithe::control {
 

@@ -12,19 +12,19 @@
 #include <string>
 #include <variant>
 
-#include "supervisor/swap/aftermath.hpp"
-#include "supervisor/link/commands.hpp"
 #include "supervisor/events/event_log.hpp"
+#include "supervisor/link/commands.hpp"
 #include "supervisor/link/lawd_link.hpp"
-#include "supervisor/swap/param_changes.hpp"
-#include "supervisor/swap/placement.hpp"
 #include "supervisor/link/spine_link.hpp"
 #include "supervisor/link/trial_link.hpp"
-#include "supervisor/swap/tried_laws.hpp"
+#include "supervisor/swap/aftermath.hpp"
 #include "supervisor/swap/late.hpp"
+#include "supervisor/swap/param_changes.hpp"
+#include "supervisor/swap/placement.hpp"
 #include "supervisor/swap/queue.hpp"
 #include "supervisor/swap/record.hpp"
 #include "supervisor/swap/terms.hpp"
+#include "supervisor/swap/tried_laws.hpp"
 
 namespace lithe::control {
 

@@ -9,8 +9,8 @@
 #include <optional>
 #include <string_view>
 
-#include "supervisor/link/spine_link.hpp"
 #include "supervisor/core/answer.hpp"
+#include "supervisor/link/spine_link.hpp"
 
 namespace lithe::control {
 

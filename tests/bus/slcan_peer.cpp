@@ -11,8 +11,8 @@
 #include <string>
 #include <string_view>
 
-#include "spine/hal/bus/slcan/slcan_bus.hpp"
 #include "spine/hal/bus/slcan/sim_slcan.hpp"
+#include "spine/hal/bus/slcan/slcan_bus.hpp"
 
 namespace lithe::hal {
 namespace {

@@ -2,8 +2,8 @@
 // fdcanusb: the codec of both sides, the bus over a terminal, the simulated adapter.
 #include "spine/hal/bus/fdcanusb/fdcanusb_bus.hpp"
 #include "spine/hal/bus/fdcanusb/fdcanusb_codec.hpp"
-#include "spine/hal/bus/serial/hex.hpp"
 #include "spine/hal/bus/fdcanusb/sim_fdcanusb.hpp"
+#include "spine/hal/bus/serial/hex.hpp"
 #include "tests/fuzz/text_path.hpp"
 
 namespace lithe::fuzz {

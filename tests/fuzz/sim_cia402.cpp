@@ -5,8 +5,8 @@
 #include <cmath>
 #include <limits>
 
-#include "spine/hal/gateway/sim/sim_gateway.hpp"
 #include "spine/hal/bus/loop/sim_wire.hpp"
+#include "spine/hal/gateway/sim/sim_gateway.hpp"
 #include "tests/fuzz/fuzz.hpp"
 
 namespace lithe::fuzz {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // slcan: the codec of both sides, the bus over a terminal, the simulated adapter.
+#include "spine/hal/bus/slcan/sim_slcan.hpp"
 #include "spine/hal/bus/slcan/slcan_bus.hpp"
 #include "spine/hal/bus/slcan/slcan_codec.hpp"
-#include "spine/hal/bus/slcan/sim_slcan.hpp"
 #include "tests/fuzz/text_path.hpp"
 
 namespace lithe::fuzz {

@@ -9,9 +9,9 @@
 #include <string>
 
 #include "spine/hal/bus/loop/loop_bus.hpp"
-#include "spine/hal/test/pty_rig.hpp"
-#include "spine/hal/bus/serial/text_bus.hpp"
 #include "spine/hal/bus/serial/sim_adapter.hpp"
+#include "spine/hal/bus/serial/text_bus.hpp"
+#include "spine/hal/test/pty_rig.hpp"
 #include "tests/fuzz/fuzz.hpp"
 
 namespace lithe::fuzz {

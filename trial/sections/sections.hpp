@@ -9,9 +9,9 @@
 
 #include "lithe/law.hpp"
 #include "spine/core/result.hpp"
-#include "trial/sections/recording.hpp"
 #include "trial/core/report.hpp"
 #include "trial/core/setting.hpp"
+#include "trial/sections/recording.hpp"
 #include "trial/sections/stand.hpp"
 
 namespace lithe::trial {

@@ -9,8 +9,8 @@
 #include <span>
 
 #include "spine/core/rt.hpp"
-#include "spine/hal/core/frame.hpp"
 #include "spine/hal/canopen/canopen_sdo.hpp"
+#include "spine/hal/core/frame.hpp"
 
 namespace lithe::hal::canopen {
 

@@ -9,11 +9,11 @@
 #include <string>
 
 #include "spine/core/rt.hpp"
-#include "spine/hal/core/frame.hpp"
 #include "spine/hal/canopen/canopen_pdo.hpp"
 #include "spine/hal/canopen/canopen_sdo.hpp"
 #include "spine/hal/cia402/cia402.hpp"
 #include "spine/hal/core/drive.hpp"
+#include "spine/hal/core/frame.hpp"
 
 namespace lithe::hal::cia402 {
 

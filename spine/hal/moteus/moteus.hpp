@@ -7,8 +7,8 @@
 #include <optional>
 
 #include "spine/core/rt.hpp"
-#include "spine/hal/core/frame.hpp"
 #include "spine/hal/core/drive.hpp"
+#include "spine/hal/core/frame.hpp"
 #include "spine/hal/moteus/moteus_codec.hpp"
 #include "spine/hal/moteus/moteus_setup.hpp"
 

@@ -5,11 +5,11 @@
 #include <cmath>
 #include <utility>
 
-#include "spine/hal/physics/chain.hpp"
-#include "spine/hal/physics/mujoco_plant.hpp"
 #include "spine/hal/cia402/sim/sim_cia402.hpp"
 #include "spine/hal/gateway/sim/sim_gateway.hpp"
 #include "spine/hal/moteus/sim/sim_moteus.hpp"
+#include "spine/hal/physics/chain.hpp"
+#include "spine/hal/physics/mujoco_plant.hpp"
 #include "spine/hal/physics/truth.hpp"
 
 namespace lithe::hal::sim {

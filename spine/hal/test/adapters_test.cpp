@@ -13,13 +13,13 @@
 
 #include "spine/core/time.hpp"
 #include "spine/hal/bus/fdcanusb/fdcanusb_bus.hpp"
+#include "spine/hal/bus/fdcanusb/sim_fdcanusb.hpp"
+#include "spine/hal/bus/slcan/sim_slcan.hpp"
 #include "spine/hal/bus/slcan/slcan_bus.hpp"
-#include "spine/hal/test/pty_rig.hpp"
 #include "spine/hal/bus_actuators.hpp"
 #include "spine/hal/moteus/moteus_drive.hpp"
-#include "spine/hal/bus/fdcanusb/sim_fdcanusb.hpp"
 #include "spine/hal/moteus/sim/sim_moteus.hpp"
-#include "spine/hal/bus/slcan/sim_slcan.hpp"
+#include "spine/hal/test/pty_rig.hpp"
 #include "spine/wire/wire.hpp"
 
 namespace lithe::hal {

@@ -9,9 +9,9 @@
 #include <memory>
 #include <vector>
 
-#include "spine/hal/physics/chain.hpp"
 #include "spine/hal/cia402/sim/cia402_servo.hpp"
 #include "spine/hal/moteus/sim/servo.hpp"
+#include "spine/hal/physics/chain.hpp"
 
 namespace lithe::hal::sim {
 namespace {

@@ -8,8 +8,8 @@
 #include <string>
 
 #include "spine/hal/cia402/sim/cia402_servo.hpp"
-#include "spine/hal/physics/plant.hpp"
 #include "spine/hal/moteus/sim/servo.hpp"
+#include "spine/hal/physics/plant.hpp"
 
 namespace lithe::hal::sim {
 namespace {

@@ -9,9 +9,9 @@
 #include <thread>
 
 #include "spine/core/time.hpp"
-#include "supervisor/bus/plan/frame_time.hpp"
 #include "spine/hal/open_bus.hpp"
 #include "supervisor/bus/monitor/decode.hpp"
+#include "supervisor/bus/plan/frame_time.hpp"
 
 namespace lithe::field {
 namespace {

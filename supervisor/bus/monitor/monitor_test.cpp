@@ -11,12 +11,12 @@
 
 #include "spine/core/text.hpp"
 #include "spine/core/time.hpp"
-#include "supervisor/bus/plan/frame_time.hpp"
 #include "spine/hal/canopen/canopen_sdo.hpp"
 #include "spine/hal/cia402/cia402_setup.hpp"
 #include "spine/hal/gateway/gateway.hpp"
 #include "spine/hal/moteus/moteus.hpp"
 #include "supervisor/bus/monitor/decode.hpp"
+#include "supervisor/bus/plan/frame_time.hpp"
 
 namespace lithe::field {
 namespace {

@@ -7,12 +7,12 @@
 #include <random>
 
 #include "spine/hal/bus/fdcanusb/fdcanusb_codec.hpp"
-#include "supervisor/bus/plan/frame_time.hpp"
 #include "spine/hal/bus/pi3hat/imu.hpp"
 #include "spine/hal/canopen/canopen_master.hpp"
 #include "spine/hal/cia402/cia402_setup.hpp"
 #include "spine/hal/gateway/gateway.hpp"
 #include "spine/hal/moteus/moteus.hpp"
+#include "supervisor/bus/plan/frame_time.hpp"
 
 namespace lithe::bus {
 namespace {

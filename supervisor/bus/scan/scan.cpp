@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "spine/core/time.hpp"
-#include "supervisor/bus/plan/frame_time.hpp"
 #include "spine/hal/canopen/canopen_sdo.hpp"
+#include "supervisor/bus/plan/frame_time.hpp"
 
 namespace lithe::field {
 namespace {

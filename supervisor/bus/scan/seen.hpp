@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
-#include "spine/hal/core/frame.hpp"
 #include "spine/hal/canopen/canopen.hpp"
+#include "spine/hal/core/frame.hpp"
 #include "spine/hal/moteus/moteus_terminal.hpp"
 #include "spine/robot/config.hpp"
 

@@ -7,8 +7,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "spine/hal/core/frame.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
+#include "spine/hal/core/frame.hpp"
 
 namespace lithe::hal::sim {
 

@@ -11,10 +11,10 @@
 #include <string>
 
 #include "spine/core/rt.hpp"
-#include "spine/hal/core/bus.hpp"
-#include "spine/hal/bus/pi3hat/imu.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
+#include "spine/hal/bus/pi3hat/imu.hpp"
 #include "spine/hal/bus/pi3hat/pi3hat_port.hpp"
+#include "spine/hal/core/bus.hpp"
 
 namespace lithe::hal {
 

@@ -8,8 +8,8 @@
 
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
-#include "spine/hal/core/descriptor.hpp"
 #include "spine/hal/bus/serial/serial_identity.hpp"
+#include "spine/hal/core/descriptor.hpp"
 
 namespace lithe::hal {
 

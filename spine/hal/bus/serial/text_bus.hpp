@@ -10,10 +10,10 @@
 
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
+#include "spine/hal/bus/serial/serial_port.hpp"
 #include "spine/hal/core/bus.hpp"
 #include "spine/hal/core/frame.hpp"
 #include "spine/hal/core/link.hpp"
-#include "spine/hal/bus/serial/serial_port.hpp"
 
 namespace lithe::hal {
 

@@ -9,8 +9,8 @@
 #include <string>
 #include <string_view>
 
-#include "spine/hal/bus/slcan/slcan_codec.hpp"
 #include "spine/hal/bus/serial/sim_adapter.hpp"
+#include "spine/hal/bus/slcan/slcan_codec.hpp"
 
 namespace lithe::hal::sim {
 

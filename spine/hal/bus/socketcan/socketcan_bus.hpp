@@ -10,11 +10,11 @@
 
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
+#include "spine/hal/bus/socketcan/socketcan_codec.hpp"
 #include "spine/hal/core/bus.hpp"
 #include "spine/hal/core/descriptor.hpp"
 #include "spine/hal/core/frame.hpp"
 #include "spine/hal/core/link.hpp"
-#include "spine/hal/bus/socketcan/socketcan_codec.hpp"
 
 namespace lithe::hal {
 

@@ -9,12 +9,12 @@
 #include <string_view>
 
 #include "spine/core/rt.hpp"
-#include "spine/hal/core/frame.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/canopen/canopen.hpp"
 #include "spine/hal/canopen/canopen_pdo.hpp"
 #include "spine/hal/cia402/sim/cia402_dictionary.hpp"
 #include "spine/hal/cia402/sim/cia402_servo.hpp"
+#include "spine/hal/core/frame.hpp"
 
 namespace lithe::hal::sim {
 

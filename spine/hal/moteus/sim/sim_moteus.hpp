@@ -7,8 +7,8 @@
 #include <limits>
 
 #include "spine/core/rt.hpp"
-#include "spine/hal/core/frame.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
+#include "spine/hal/core/frame.hpp"
 #include "spine/hal/moteus/moteus_codec.hpp"
 #include "spine/hal/moteus/sim/moteus_console.hpp"
 #include "spine/hal/moteus/sim/moteus_inside.hpp"
