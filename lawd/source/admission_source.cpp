@@ -6,7 +6,6 @@
 #include <chrono>
 
 #include "lawd/core/admission.hpp"
-#include "lawd/source/admission_growth.hpp"
 #include "lawd/source/admission_tokens.hpp"
 #include "lawd/source/admission_words.hpp"
 
@@ -14,7 +13,6 @@ namespace lithe::lawd {
 namespace {
 
 constexpr std::size_t kMaxSourceBytes = std::size_t{256} << 10;
-constexpr std::size_t kMaxWords = 200'000;  // after macro expansion
 
 template <std::size_t N>
 bool holds(const std::array<std::string_view, N>& list, std::string_view word) {
@@ -105,7 +103,6 @@ class Source {
         refuse(token, "## glues words together that cannot be checked: write them out");
       }
     }
-    check_growth(tokens_, kMaxWords, gate_, out_);
   }
 
   void check_directive(std::size_t name) {
