@@ -225,7 +225,8 @@ struct JointConfig {
   double load_max_nm = 0.0;        // the worst that pushes it, either way: gravity, payload, the pull of other joints
   double inertia_max_kg_m2 = 0.0;  // of all that turns with it, at the joint, rotor behind its gear included
   double inertia_min_kg_m2 = 0.0;
-  double drive_lag_s = 0.003;  // from a command to its torque, and from a motion to its measured speed, together
+  bool inertia_declared = false;  // by the file; else both are taken from its simulation, or assumed
+  double drive_lag_s = 0.003;     // from a command to its torque, and from a motion to its measured speed, together
   PlantConfig sim;
 };
 

@@ -7,15 +7,16 @@
 #include <functional>
 #include <variant>
 
+#include "spine/robot/config.hpp"
 #include "spine/wire/wire.hpp"
 #include "supervisor/control/spine_link.hpp"
 #include "supervisor/swap/answer.hpp"
 
 namespace lithe::control {
 
-// Why the Spine said no, in words, and what to do next.
+// Why the Spine said no, in words, and what to do next. `robot`, where it is known, tells the drives behind the joints.
 swap::Refusal refusal_of(wire::CommandKind kind, wire::CommandResult result, const wire::Telemetry& now,
-                         const wire::RobotInfo& info = {});
+                         const wire::RobotInfo& info = {}, const robot::RobotConfig* robot = nullptr);
 
 // The command that sets these parameters of this law. A refusal names the parameter.
 std::variant<wire::Command, swap::Refusal> params_command(const swap::Json& values, const wire::LawInfo& law);
@@ -29,7 +30,9 @@ class Commands {
   // very tick that was late, tick after tick.
   static constexpr std::int64_t kArmAgainNs = 200'000'000;
 
-  Commands(SpineLink& spine, std::uint64_t first_request_id) : spine_(spine), next_id_(first_request_id) {}
+  // `robot`: outlives it; for the words of refusals.
+  Commands(SpineLink& spine, std::uint64_t first_request_id, const robot::RobotConfig* robot = nullptr)
+      : spine_(spine), next_id_(first_request_id), robot_(robot) {}
 
   // The id that comes back in the events; 0: it was refused at once.
   std::uint64_t send(wire::Command command, Callback callback, std::int64_t now_ns);
@@ -50,6 +53,7 @@ class Commands {
 
   SpineLink& spine_;
   std::uint64_t next_id_;
+  const robot::RobotConfig* robot_;
   std::deque<Pending> pending_;
 };
 

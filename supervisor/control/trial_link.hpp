@@ -3,6 +3,8 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -28,6 +30,7 @@ class TrialLink {
  public:
   using Callback = ServiceLink::Callback;
   static constexpr int kMostStarved = 5;  // a board too busy to try a law is asked so often, then the law is refused
+  static constexpr std::int64_t kSafeLawNs = 60'000'000'000;  // for the answer, its rides included
 
   // `program`: path of lithe-trial; `robot_file`: absolute.
   TrialLink(std::string program, std::string robot_file, std::vector<int> cpus);
@@ -38,6 +41,10 @@ class TrialLink {
   }
   // Says in the log when the trial cannot have the arena that it was given.
   Result<> start(std::int64_t now_ns);
+  // What the trial found when the safe law stopped the simulated robot; "" = nothing wrong. No text: it does not
+  // answer, and `why` says so.
+  using SafeLawTold = std::function<void(const std::optional<std::string>& text, const std::string& why)>;
+  void ask_safe_law(SafeLawTold told, std::int64_t now_ns);
   // Json: the trial's own answer, passed. Refusal: trial_failed with its answer in `detail.trial`, "pc_offset" of a
   // crash in it; trial_starved, trial_died, trial_unavailable: its sandbox does not work here.
   void attempt(const TrialOrder& order, Callback callback, std::int64_t now_ns);
