@@ -11,6 +11,7 @@
 #include "spine/arena/arena.hpp"
 #include "spine/robot/robot.hpp"
 #include "trial/child.hpp"
+#include "trial/sections/safe_ride.hpp"
 #include "trial/sections/sections.hpp"
 #include "trial/verdict.hpp"
 
@@ -83,6 +84,8 @@ Result<Zygote> Zygote::make(const std::string& robot_path, int arena_fd) {
   setting.robot = std::move(*robot);
   setting.clock = RawClock::calibrate();
   if (const auto ready = prepare_ride(setting); !ready) return ready.error();
+  auto safe_law = ride_safe_law(setting.robot);
+  if (!safe_law) return safe_law.error();
   std::string arena_text = "no arena was handed over";
   if (arena_fd >= 0 && arena::is_memory(arena_fd)) {
     auto arena = arena::Arena::attach_exec(arena_fd);
@@ -90,7 +93,7 @@ Result<Zygote> Zygote::make(const std::string& robot_path, int arena_fd) {
     if (arena) setting.arena = std::make_unique<load::ArenaStore>(std::move(*arena));
     close(arena_fd);  // it could be written through; the mapping stays
   }
-  return Zygote(std::move(setting), std::move(arena_text));
+  return Zygote(std::move(setting), std::move(arena_text), std::move(*safe_law));
 }
 
 Result<> Zygote::wall_in() {
@@ -123,7 +126,8 @@ json Zygote::ping() const {
           {"robot", setting_.robot.name},
           {"joints", setting_.joints()},
           {"arena", arena_text_.empty()},
-          {"arena_text", arena_text_}};
+          {"arena_text", arena_text_},
+          {"safe_law_text", safe_law_text_}};
 }
 
 Outcome Zygote::run(const Order& order, const Limits& limits) const {

@@ -14,7 +14,8 @@ namespace lithe::trial {
 // Contract: one thread · never throws for bad input: every answer is JSON with "ok"
 class Zygote {
  public:
-  // Reads the robot, calibrates the clock, drives the simulated robot once without a law. `arena_fd`: the code arena,
+  // Reads the robot, calibrates the clock, drives the simulated robot once without a law, and lets the safe law stop it
+  // (ping tells what that showed). `arena_fd`: the code arena,
   // as the supervisor hands it over, closed here; -1 or no arena = laws come as objects only.
   static Result<Zygote> make(const std::string& robot_path, int arena_fd);
 
@@ -26,15 +27,16 @@ class Zygote {
   nlohmann::json answer(const std::string& line, bool& quit);
 
  private:
-  explicit Zygote(Setting setting, std::string arena_text)
-      : setting_(std::move(setting)), arena_text_(std::move(arena_text)) {}
+  Zygote(Setting setting, std::string arena_text, std::string safe_law_text)
+      : setting_(std::move(setting)), arena_text_(std::move(arena_text)), safe_law_text_(std::move(safe_law_text)) {}
 
   nlohmann::json ping() const;
   nlohmann::json attempt(const nlohmann::json& request);
   Outcome run(const Order& order, const Limits& limits) const;
 
   Setting setting_;
-  std::string arena_text_;  // why there is no arena; empty = there is
+  std::string arena_text_;     // why there is no arena; empty = there is
+  std::string safe_law_text_;  // what is wrong with its gains; empty = nothing
 };
 
 }  // namespace lithe::trial

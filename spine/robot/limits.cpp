@@ -24,13 +24,6 @@ constexpr double kUnknownLoad = 0.5;
 // The heaviest load that the guard still brakes against.
 constexpr double kMostLoad = 0.9;
 
-// Whether the file says all that pulls at the joint: in a chain or a model the other joints do too.
-bool is_simulated(const RobotConfig& robot, const JointConfig& joint) {
-  const DeviceConfig& device = robot.devices[joint.device];
-  return robot.plant.kind == PlantKind::independent && device.bus < robot.buses.size() &&
-         robot.buses[device.bus].kind == BusKind::loop;
-}
-
 double load_of(const PlantConfig& sim) {
   constexpr double kGravity = 9.81;
   return kMargin * (sim.mgl_nm + sim.cogging_nm + kGravity * sim.payload_kg * sim.payload_m);
@@ -142,12 +135,19 @@ void note_way(RobotConfig& robot, const JointConfig& joint) {
 
 }  // namespace
 
+bool is_simulated(const RobotConfig& robot, const JointConfig& joint) {
+  const DeviceConfig& device = robot.devices[joint.device];
+  return robot.plant.kind == PlantKind::independent && device.bus < robot.buses.size() &&
+         robot.buses[device.bus].kind == BusKind::loop;
+}
+
 void forget_limits(JointConfig& joint) {
   joint.load_max_nm = joint.inertia_max_kg_m2 = joint.inertia_min_kg_m2 = kUnsaid;
 }
 
 void settle_limits(Reader& in, RobotConfig& robot, JointConfig& joint) {
   const bool load = !std::isnan(joint.load_max_nm), inertia = !std::isnan(joint.inertia_max_kg_m2);
+  joint.inertia_declared = inertia;
   fill_in(robot, joint);
   check(in, joint, load);
   const bool reckoned = inertia || is_simulated(robot, joint);

@@ -99,9 +99,41 @@ Refusal refused_outside(CommandKind kind, const wire::Telemetry& now, const wire
               : "bring it inside: lithe recover (slow, little torque), or by hand; then: lithe arm"};
 }
 
+// What keeps a joint from being armed; "" = nothing. A CiA 402 drive that answers is not ready for one reason only.
+std::string why_not_ready(std::uint32_t status, robot::DeviceKind kind) {
+  if ((status & wire::joint_status::kFresh) == 0) return "does not answer, or is being set up";
+  if ((status & wire::joint_status::kNotReady) == 0) return "";
+  return kind == robot::DeviceKind::cia402 ? "has no heartbeat (1017h)"
+                                           : "is not set up as a command would need it; the log says what to set";
+}
+
+// Names the joints and their drives. None: it was one late sample.
+Refusal refused_not_ready(CommandKind kind, const wire::Telemetry& now, const wire::RobotInfo& info,
+                          const robot::RobotConfig* robot) {
+  std::string joints;
+  bool silent = false;
+  for (std::size_t j = 0; j < std::min<std::size_t>(now.joint_count, wire::kNj); ++j) {
+    const robot::DeviceConfig* drive = nullptr;
+    if (robot != nullptr && j < robot->joints.size() && robot->joints[j].device < robot->devices.size()) {
+      drive = &robot->devices[robot->joints[j].device];
+    }
+    const auto device = drive != nullptr ? drive->kind : robot::DeviceKind::moteus;
+    const std::string why = why_not_ready(now.joint_status[j], device);
+    if (why.empty()) continue;
+    silent = silent || why.find("1017h") != std::string::npos;
+    joints += fmt::format("{}joint {}{} {}", joints.empty() ? ": " : "; ", text_of(info.joint_name, j * 32, 32),
+                          drive != nullptr ? fmt::format(" (drive {})", drive->name) : "", why);
+  }
+  return {std::string(to_string(CommandResult::refused_not_ready)),
+          fmt::format("cannot {}: not every drive answers yet{}", to_string(kind), joints),
+          silent ? "check its power and cable; while it is off it is reset and set up anew every 5 s; then: lithe arm"
+                 : "try again; lithe status names the joints that are stale"};
+}
+
 }  // namespace
 
-Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry& now, const wire::RobotInfo& info) {
+Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry& now, const wire::RobotInfo& info,
+                   const robot::RobotConfig* robot) {
   const std::string code(to_string(result));
   const auto mode = static_cast<wire::Mode>(now.mode);
   const auto fault = static_cast<wire::Fault>(now.fault);
@@ -118,8 +150,7 @@ Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry
     case CommandResult::refused_range:
       return {code, "a parameter is outside its range or does not exist", "see the ranges: lithe param get"};
     case CommandResult::refused_not_ready:
-      return {code, fmt::format("cannot {}: not every drive answers yet", to_string(kind)),
-              "try again; lithe status names the joints that are stale"};
+      return refused_not_ready(kind, now, info, robot);
     case CommandResult::refused_not_homed:
       return {code,
               fmt::format("cannot {}: a joint with must_be_homed does not know in which turn it is", to_string(kind)),
@@ -219,7 +250,7 @@ void Commands::serve(std::int64_t now_ns) {
                   fmt::format("{} is not confirmed: no answer within 2 s; it may still take effect", to_string(kind)),
                   "see what the robot does: lithe status"});
     } else if (result != CommandResult::done) {
-      each.callback(refusal_of(kind, result, now, spine_.info()));
+      each.callback(refusal_of(kind, result, now, spine_.info(), robot_));
     } else if (each.seen_at_tick == 0) {
       each.seen_at_tick = now.tick + 1;  // the tick that handled the command publishes its record after its answer
       pending_.push_back(std::move(each));

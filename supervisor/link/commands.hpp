@@ -7,15 +7,16 @@
 #include <functional>
 #include <variant>
 
+#include "spine/robot/config.hpp"
 #include "spine/wire/wire.hpp"
 #include "supervisor/core/answer.hpp"
 #include "supervisor/link/spine_link.hpp"
 
 namespace lithe::control {
 
-// The Spine's refusal as a sentence, with the next step.
+// The Spine's refusal as a sentence, with the next step. `robot`, if given, tells the drives behind the joints.
 swap::Refusal refusal_of(wire::CommandKind kind, wire::CommandResult result, const wire::Telemetry& now,
-                         const wire::RobotInfo& info = {});
+                         const wire::RobotInfo& info = {}, const robot::RobotConfig* robot = nullptr);
 
 // Makes the command that sets these parameters of this law. A refusal names the parameter.
 std::variant<wire::Command, swap::Refusal> params_command(const swap::Json& values, const wire::LawInfo& law);
@@ -29,7 +30,9 @@ class Commands {
   // arrive in a tick whose sample is late.
   static constexpr std::int64_t kArmAgainNs = 200'000'000;
 
-  Commands(SpineLink& spine, std::uint64_t first_request_id) : spine_(spine), next_id_(first_request_id) {}
+  // `robot`: outlives it; for the words of refusals.
+  Commands(SpineLink& spine, std::uint64_t first_request_id, const robot::RobotConfig* robot = nullptr)
+      : spine_(spine), next_id_(first_request_id), robot_(robot) {}
 
   // Returns the request id that the events carry; 0 = refused at once.
   std::uint64_t send(wire::Command command, Callback callback, std::int64_t now_ns);
@@ -50,6 +53,7 @@ class Commands {
 
   SpineLink& spine_;
   std::uint64_t next_id_;
+  const robot::RobotConfig* robot_;
   std::deque<Pending> pending_;
 };
 

@@ -100,6 +100,30 @@ TEST(RefusalOf, NamesTheJointThatIsOutsideWithAngleLimitAndNextStep) {
   EXPECT_NE(refusal.next.find("lithe recover"), std::string::npos);
 }
 
+TEST(RefusalOf, NamesTheJointTheDriveAndWhyItIsNotReady) {
+  namespace bit = wire::joint_status;
+  wire::Telemetry now = in_mode(Mode::disarmed);
+  now.joint_count = 3;
+  now.joint_status[0] = bit::kFresh;
+  now.joint_status[1] = bit::kFresh | bit::kNotReady | bit::kFault;
+  wire::RobotInfo info{};
+  std::copy_n("hip", 3, info.joint_name.begin());
+  std::copy_n("knee", 4, info.joint_name.begin() + 32);
+  std::copy_n("toe", 3, info.joint_name.begin() + 64);
+  robot::RobotConfig robot;
+  for (std::size_t j = 0; j < 3; ++j) {
+    robot.devices.push_back({.name = "drive" + std::to_string(j), .kind = robot::DeviceKind::cia402});
+    robot.joints.emplace_back().device = j;
+  }
+  const Refusal refusal = refusal_of(CommandKind::arm, CommandResult::refused_not_ready, now, info, &robot);
+  EXPECT_EQ(
+      refusal.message,
+      "cannot arm: not every drive answers yet: joint knee (drive drive1) has no heartbeat (1017h); joint toe (drive "
+      "drive2) does not answer, or is being set up");
+  EXPECT_NE(refusal.next.find("its power and cable"), std::string::npos);
+  EXPECT_NE(refusal.next.find("lithe arm"), std::string::npos);
+}
+
 class CommandsTest : public testing::Test {
  protected:
   CommandsTest() {

@@ -79,6 +79,19 @@ Result<> TrialLink::start(std::int64_t now_ns) {
   return started;
 }
 
+void TrialLink::ask_safe_law(SafeLawTold told, std::int64_t now_ns) {
+  service_.ask(
+      {{"verb", "ping"}}, ServiceLink::Turn::next, kSafeLawNs,
+      [told = std::move(told)](const Answer& answer) {
+        if (const Json* json = std::get_if<Json>(&answer)) {
+          told(json->value("safe_law_text", ""), "");
+        } else {
+          told(std::nullopt, std::get<Refusal>(answer).message);
+        }
+      },
+      now_ns);
+}
+
 void TrialLink::attempt(const TrialOrder& order, Callback callback, std::int64_t now_ns) {
   ask(order, 0, std::move(callback), now_ns);
 }

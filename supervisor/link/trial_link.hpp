@@ -3,6 +3,8 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -28,6 +30,7 @@ class TrialLink {
  public:
   using Callback = ServiceLink::Callback;
   static constexpr int kMostStarved = 5;  // attempts without processor time before the law is refused
+  static constexpr std::int64_t kSafeLawNs = 60'000'000'000;  // for the answer, its rides included
 
   // `program`: path of lithe-trial; `robot_file`: absolute.
   TrialLink(std::string program, std::string robot_file, std::vector<int> cpus);
@@ -38,6 +41,10 @@ class TrialLink {
   }
   // Logs a warning when the trial cannot map the given arena.
   Result<> start(std::int64_t now_ns);
+  // What the trial found when the safe law stopped the simulated robot; "" = nothing wrong. No text: it does not
+  // answer, and `why` says so.
+  using SafeLawTold = std::function<void(const std::optional<std::string>& text, const std::string& why)>;
+  void ask_safe_law(SafeLawTold told, std::int64_t now_ns);
   // On success: the trial's report. Refusal: trial_failed (the report in `detail.trial`, with "pc_offset" of a crash),
   // trial_starved, trial_died, or trial_unavailable (the sandbox does not work on this machine).
   void attempt(const TrialOrder& order, Callback callback, std::int64_t now_ns);

@@ -261,7 +261,7 @@ void Supervisor::serve_spine(SpineLink link) {
   link_.emplace(std::move(link));
   // Request ids start at the monotonic time [us]: two supervisors of one boot never use the same id.
   const auto first_id = static_cast<std::uint64_t>(monotonic_ns() / kNsPerUs);
-  commands_.emplace(*link_, first_id);
+  commands_.emplace(*link_, first_id, &config_);
   swaps_.emplace(Swaps::Helpers{*link_, lawd_, options_.gates ? &trial_ : nullptr, *commands_, events_},
                  swap::RecordBook(swap::records_of(config_.name)), first_id, config_);
   const wire::RobotInfo& info = link_->info();

@@ -61,6 +61,30 @@ void Supervisor::compile_first_law() {
   }
 }
 
+// The trial rides it while the first law is compiled. Without the gates nobody does.
+void Supervisor::try_safe_law() {
+  if (!options_.gates) {
+    return;
+  }
+  bool answered = false;
+  std::optional<std::string> wrong;
+  std::string why = "it does not answer";
+  trial_.ask_safe_law(
+      [&](const std::optional<std::string>& text, const std::string& silent) {
+        answered = true;
+        wrong = text;
+        why = silent;
+      },
+      monotonic_ns());
+  turn_until([&answered] { return answered; }, TrialLink::kSafeLawNs + kNsPerS);
+  if (!wrong) {
+    throw Halt{1, fmt::format("the trial could not ride the safe law: {}", why)};
+  }
+  if (!wrong->empty()) {
+    throw Halt{2, fmt::format("{}: {}", options_.config_path, *wrong)};
+  }
+}
+
 void Supervisor::swap_first_law() {
   if (first_source_.empty()) {
     return;

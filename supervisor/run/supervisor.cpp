@@ -78,6 +78,7 @@ void Supervisor::live() {
     swap_adopted_law();
   } else {
     compile_first_law();
+    try_safe_law();
     start_spine();
     attach();
     swap_first_law();

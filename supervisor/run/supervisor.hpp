@@ -64,6 +64,7 @@ class Supervisor {
   void start_lawd();
   void start_trial();
   void compile_first_law();
+  void try_safe_law();
   void start_spine();
   void adopt_spine(pid_t pid);
   void attach();

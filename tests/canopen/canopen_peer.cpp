@@ -95,6 +95,7 @@ int drive(const std::string& path, std::uint32_t node, const std::string& mode) 
   hal::cia402::DriverParams params;
   params.id = node;
   params.watchdog_s = 1.0;
+  params.heartbeat_s = 1.0;  // as lost_after_misses below
   params.period_s = 1e-9 * static_cast<double>(kPeriodNs);
   params.mode = mode_named(mode);
   params.counts_per_rev = 4096;

@@ -142,28 +142,7 @@ Result<std::int64_t> make_ready(const robot::RobotConfig& robot, hal::Actuators&
   return now_ns;
 }
 
-Result<> open_ready(const robot::RobotConfig& robot, SimulatedRobot& simulated) {
-  auto actuators = hal::simulate_actuators(robot);
-  if (!actuators) return actuators.error();
-  const auto from_ns = make_ready(robot, **actuators);
-  if (!from_ns) return from_ns.error();
-  simulated.from_ns = *from_ns;
-  simulated.actuators = std::move(*actuators);
-  return done();
-}
-
-// A joint that stands outside its limits, or at one, would be stopped in the first tick whatever the law does: nothing
-// would be tried.
-void start_inside(robot::RobotConfig& robot) {
-  for (robot::JointConfig& joint : robot.joints) {
-    const double width_rad = joint.position_max_rad - joint.position_min_rad;
-    const double margin_rad = std::min(robot.guard.soft_stop_rad, 0.25 * width_rad);
-    joint.sim.initial_position_rad = std::clamp(joint.sim.initial_position_rad, joint.position_min_rad + margin_rad,
-                                                joint.position_max_rad - margin_rad);
-  }
-}
-
-// Its baseline, how long its rides are, and what one takes of the processor [ms].
+// Its baseline, and what the whole ride takes of the processor [ms].
 double ride_without_a_law(const Setting& setting, SimulatedRobot& simulated, bool rough) {
   const std::clock_t from = std::clock();  // processor time of this process, so that other load does not count
   const auto took_ms = [from] { return 1e3 * static_cast<double>(std::clock() - from) / CLOCKS_PER_SEC; };
@@ -223,6 +202,25 @@ constexpr const char* kRough =
     "with the simulated robot pushed, 20 % heavier, its sensors noisy and everything one tick later,";
 
 }  // namespace
+
+Result<> open_ready(const robot::RobotConfig& robot, SimulatedRobot& simulated) {
+  auto actuators = hal::simulate_actuators(robot);
+  if (!actuators) return actuators.error();
+  const auto from_ns = make_ready(robot, **actuators);
+  if (!from_ns) return from_ns.error();
+  simulated.from_ns = *from_ns;
+  simulated.actuators = std::move(*actuators);
+  return done();
+}
+
+void start_inside(robot::RobotConfig& robot) {
+  for (robot::JointConfig& joint : robot.joints) {
+    const double width_rad = joint.position_max_rad - joint.position_min_rad;
+    const double margin_rad = std::min(robot.guard.soft_stop_rad, 0.25 * width_rad);
+    joint.sim.initial_position_rad = std::clamp(joint.sim.initial_position_rad, joint.position_min_rad + margin_rad,
+                                                joint.position_max_rad - margin_rad);
+  }
+}
 
 bool run_loop(Bench& bench) {
   Ride plain(bench.setting.robot, bench.setting.plain, false);

@@ -66,9 +66,7 @@ Ride::Ride(const robot::RobotConfig& robot, const SimulatedRobot& simulated, boo
   stats.whole_ticks = ticks_in(kRideSeconds);
   plan_.configure(robot);
   guard_.configure(robot);
-  for (std::uint32_t j = 0; j < robot.joints.size(); ++j) {
-    tremor_.configure(robot.rate_hz, j, {robot.joints[j].torque_max_nm, robot.joints[j].velocity_max_rad_s});
-  }
+  watch();
   command_.joints = tick_.joints = static_cast<std::uint32_t>(robot.joints.size());
   tick_.dt_s = 1 / robot.rate_hz;
   command_.act(hal::DriveAction::torque);  // none yet: the drives are on already
@@ -78,6 +76,19 @@ Ride::Ride(const robot::RobotConfig& robot, const SimulatedRobot& simulated, boo
   plan_.hold_at(state_.position_rad);
   guard_.reset_output();
   plan_.accept(gentle_plan(robot, state_.position_rad, now_ns_), now_ns_);
+}
+
+void Ride::watch() {
+  tremor_ = {};
+  for (std::uint32_t j = 0; j < robot_.joints.size(); ++j) {
+    tremor_.configure(robot_.rate_hz, j, {robot_.joints[j].torque_max_nm, robot_.joints[j].velocity_max_rad_s});
+  }
+}
+
+void Ride::stop() {
+  mode_ = wire::Mode::safe_stop;
+  plan_.hold_at(state_.position_rad);
+  watch();
 }
 
 std::uint32_t Ride::ticks_in(double seconds) const {
@@ -118,19 +129,20 @@ const Tick& Ride::look() {
 }
 
 bool Ride::act(const Effort& effort) {
+  const bool stopping = mode_ == wire::Mode::safe_stop;
   const guard::Verdict verdict = guard_.check(
-      {wire::Mode::active,
+      {mode_,
        0,
        0,
-       state_.position_rad,
-       state_.velocity_rad_s,
+       stopping ? tick_.position_rad : state_.position_rad,  // the safe law sees no better than a law
+       stopping ? tick_.velocity_rad_s : state_.velocity_rad_s,
        state_.status,
        {effort.torque_nm, effort.position_rad, effort.velocity_rad_s, effort.kp_nm_rad, effort.kd_nm_s_rad},
        tick_.t_ns - state_.sample_ns},
       output_);
   count(verdict.flags, effort);
   compose();
-  if (verdict.fault != wire::Fault::none) {
+  if (verdict.fault != wire::Fault::none && !stopping) {
     stats.fault = static_cast<std::uint32_t>(verdict.fault);
     stats.fault_tick = stats.ticks;
     name_fault();
@@ -176,8 +188,9 @@ void Ride::count(std::uint32_t flags, const Effort& effort) {
     squares_rad2_[j] += error_rad * error_rad;
     mean_rad2 += squares_rad2_[j] / tick_.joints;
     stats.joint_rms_error_rad[j] = std::sqrt(squares_rad2_[j] / stats.ticks);
-    const double wanted_nm = felt_nm(effort, tick_, j);
-    if (std::abs(wanted_nm - guard_.expected_torque_nm()[j]) > kHeldShare * robot_.joints[j].torque_max_nm) {
+    const double given_nm = guard_.expected_torque_nm()[j];
+    const double wanted_nm = mode_ == wire::Mode::safe_stop ? given_nm : felt_nm(effort, tick_, j);
+    if (std::abs(wanted_nm - given_nm) > kHeldShare * robot_.joints[j].torque_max_nm) {
       if (++held_ticks_[j] > held_ticks_[stats.held_joint]) stats.held_joint = j;
     }
     tremor_.see(tick_, j, wanted_nm);

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <limits>
 
+#include "spine/core/result.hpp"
 #include "spine/guard/guard.hpp"
 #include "spine/law/tremor.hpp"
 #include "spine/plan/interpolator.hpp"
@@ -33,6 +34,13 @@ struct Rough {
 // The robot file's own plant with Rough::kPayload more of everything that has mass.
 robot::RobotConfig with_payload(const robot::RobotConfig& robot);
 
+// Opens it and lives until every drive is set up and on. Errors: it cannot be simulated, or a drive never gets there.
+Result<> open_ready(const robot::RobotConfig& robot, SimulatedRobot& simulated);
+
+// A joint that stands outside its limits, or at one, would be stopped in the first tick whatever the law does: nothing
+// would be tried.
+void start_inside(robot::RobotConfig& robot);
+
 // The torque joint j would feel: feed-forward, and the drive's own PD at the measured state [N m].
 double felt_nm(const Effort& effort, const Tick& tick, std::uint32_t j);
 
@@ -50,9 +58,16 @@ class Ride {
   // Its output, through the guard to the drives. False when the guard takes over for good, or a joint shakes.
   bool act(const Effort& effort);
 
+  // A safe stop: from now on act() moves nothing, the safe law brakes, faults end nothing, and what shook before is
+  // forgotten.
+  void stop();
+
+  const hal::ActuatorState& state() const { return state_; }  // as the drives tell it
+
   LoopStats stats;
 
  private:
+  void watch();
   void exchange();
   void name_fault();
   void count(std::uint32_t flags, const Effort& effort);
@@ -65,6 +80,7 @@ class Ride {
   std::int64_t now_ns_, period_ns_;
   std::uint32_t ride_ticks_;
   bool rough_;
+  wire::Mode mode_ = wire::Mode::active;
   std::uint64_t random_ = Rough::kSeed;
   hal::ActuatorCommand command_;
   hal::ActuatorState state_;

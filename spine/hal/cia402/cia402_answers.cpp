@@ -52,6 +52,7 @@ Heard Cia402Drive::take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE
   if (!canopen::parse_heartbeat(frame, state)) return Heard::malformed;
   heartbeat_.beat(now_ns);
   const bool was_silent = std::exchange(silent_, false);
+  doubted_ = (was_silent || doubted_) && state == NmtState::boot_up;
   if (state == NmtState::boot_up) {
     if (stage_ == Stage::running) set_trouble({TroubleKind::left_operational, {}, static_cast<std::uint8_t>(state)});
     start_setup();  // whatever it was told before is forgotten
@@ -65,6 +66,7 @@ Heard Cia402Drive::take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE
   if (stage_ != Stage::running) return Heard::part;
   if (state == NmtState::operational) {
     if (was_silent && !units_wrong_) set_trouble({});
+    if (last_action_ == DriveAction::off) forgive();
     return Heard::part;
   }
   start_setup();
@@ -173,6 +175,7 @@ std::uint32_t Cia402Drive::status() const LITHE_RT {
   std::uint32_t status = error_class << 8 | std::uint32_t{static_cast<std::uint8_t>(state_)} << 16;
   if (failed()) status |= wire::joint_status::kFault;
   if (watchdog_) status |= wire::joint_status::kWatchdog;
+  if (silent_) status |= wire::joint_status::kNotReady;  // it could not be enabled
   return status;
 }
 

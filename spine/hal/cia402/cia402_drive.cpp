@@ -39,6 +39,7 @@ bool Cia402Drive::command(const JointCommand& command, const Exchange& exchange,
   commanded_ = exchange.number;
   if (action == DriveAction::off) forgive();
   watch(exchange);
+  find_way_out(command, action, exchange.now_ns);
   if (stage_ == Stage::running) {
     watch_enabling(action, exchange.now_ns);
     say(command, action, bus);
@@ -85,6 +86,19 @@ void Cia402Drive::watch(const Exchange& exchange) LITHE_RT {
   }
 }
 
+// Of what no `off` forgives: the drive is reset and set up anew. Its motor is off, and nothing here is done twice in
+// kBootNs, or for one reset of the robot.
+void Cia402Drive::find_way_out(const JointCommand& command, DriveAction action, std::int64_t now_ns) LITHE_RT {
+  const bool clears = action == DriveAction::off && command.clear_fault;
+  const bool asked = clears && !clearing_off_;
+  clearing_off_ = clears;
+  if (action != DriveAction::off) return;
+  // A beat that comes late is no reason yet.
+  const bool for_long = silent_ && now_ns - silent_from_ns_ >= silence_ns_ && now_ns - reset_ns_ >= kBootNs;
+  const bool stuck = (stage_ == Stage::running && units_wrong_) || stage_ == Stage::refused;
+  if ((stage_ == Stage::running && for_long) || (asked && stuck)) stage_ = Stage::reset;
+}
+
 void Cia402Drive::watch_enabling(DriveAction action, std::int64_t now_ns) LITHE_RT {
   if (action != DriveAction::torque) was_enabled_ = followed_ = false;
   if (action != DriveAction::torque || last_action_ != DriveAction::torque) enabling_from_ns_ = now_ns;
@@ -114,6 +128,7 @@ void Cia402Drive::progress(const Exchange& exchange, Bus& bus) LITHE_RT {
       if (setup_.next(exchange.now_ns, sdo_, frame)) bus.send(frame);
       return;
     case Setup::Progress::done:
+      if (doubted_ && !silent_) return;  // it beats, or is silent again, soon
       stage_ = Stage::running;
       reset_after_refusal_ = false;
       // Set up, and no heartbeat meanwhile: whoever waits for it must know why nothing moves.

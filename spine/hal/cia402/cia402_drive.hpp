@@ -32,10 +32,13 @@ namespace lithe::hal::cia402 {
 //   - it left `operation enabled`, or stopped following its target, and nobody told it to: torque taken away (STO), a
 //     limit switch, an enable input. Given back, the motor would start by itself.
 //   - it did not get there within kEnableNs: what was asked for that long ago is nobody's wish any more
-//   - its heartbeat is lost
+//   - its heartbeat is lost. While it is off and goes on being silent, it is reset and set up anew, every kBootNs at
+//   most,
+//     and it is not ready before it has beaten
 //   - so many answers of a torque drive are missing that its joint is lost: its PD loop is closed here (Demand), and on
 //     an old sample it is no loop but a constant torque
-//   - its velocity is not that of its position (UnitCheck): for good, until it restarts
+//   - its velocity is not that of its position (UnitCheck): for good, until it restarts. Off with clear_fault resets it
+// A drive that was refused at its set-up is reset and set up anew by off with clear_fault, too.
 // Position and velocity drives have loops of their own, whose gains are theirs.
 // Contract: as hal::Drive; why_not_ready() any thread, never in an exchange's
 class Cia402Drive final : public Drive {
@@ -61,6 +64,7 @@ class Cia402Drive final : public Drive {
   static constexpr std::uint64_t kVelocityAge = 2;       // commands for which a velocity may stand in for a lost one
 
   void forgive() LITHE_RT;
+  void find_way_out(const JointCommand& command, DriveAction action, std::int64_t now_ns) LITHE_RT;
   void drop(const Trouble& why) LITHE_RT;
   void watch(const Exchange& exchange) LITHE_RT;
   void watch_enabling(DriveAction action, std::int64_t now_ns) LITHE_RT;
@@ -102,11 +106,13 @@ class Cia402Drive final : public Drive {
   bool reset_after_refusal_ = false;
   bool stopped_ = false;  // its network state: it answers no SDO
   std::int64_t silent_from_ns_ = 0;
-  bool silent_ = false;       // no heartbeat
-  bool may_enable_ = true;    // false until `off` is commanded
-  bool dropped_ = false;      // told as a fault until then
-  bool watchdog_ = false;     // it lost our heartbeat; until `off`
-  bool units_wrong_ = false;  // until it restarts
+  bool silent_ = false;        // no heartbeat
+  bool doubted_ = false;       // it was silent, and has not beaten since but for its boot-up message
+  bool clearing_off_ = false;  // the last command was `off` with clear_fault
+  bool may_enable_ = true;     // false until `off` is commanded
+  bool dropped_ = false;       // told as a fault until then
+  bool watchdog_ = false;      // it lost our heartbeat; until `off`
+  bool units_wrong_ = false;   // until it restarts
 
   DriveAction last_action_ = DriveAction::off;
   std::uint16_t last_control_ = 0;

@@ -49,7 +49,11 @@ std::uint32_t milliseconds(double seconds) {
 }  // namespace
 
 Setup::Setup(const DriverParams& params)
-    : node_(params.id), host_(params.host_id), mode_(params.mode), rated_mnm_(1000 * params.rated_torque_nm) {
+    : node_(params.id),
+      host_(params.host_id),
+      mode_(params.mode),
+      rated_mnm_(1000 * params.rated_torque_nm),
+      motor_max_mnm_(1000 * params.torque_max_nm / params.joint.ratio) {
   add(Kind::require_profile, common::kDeviceType);
   // It may still drive its motor by what it was told before: to fall back from `operational` stops no motor.
   add(Kind::offer, object::kControlword, 0, control::kQuickStop, 2);
@@ -80,7 +84,8 @@ void Setup::add(Kind kind, std::uint16_t index, std::uint8_t subindex, std::uint
   steps_[count_++] = {kind, {index, subindex}, value, bytes};
 }
 
-// None of these may be missing: a drive that lacks one would go on when the host is dead.
+// None of these may be missing: a drive that lacks one would go on when the host is dead, or stop with more torque than
+// the joint may have.
 void Setup::add_safety(const DriverParams& params) {
   constexpr std::uint32_t kQuickStop = 3;    // of 6007h
   constexpr std::uint32_t kRampThenOff = 2;  // of 605Ah
@@ -88,8 +93,8 @@ void Setup::add_safety(const DriverParams& params) {
   add(Kind::write, common::kProducerHeartbeatMs, 0, milliseconds(params.heartbeat_s), 2);
   add(Kind::write, object::kAbortConnection, 0, kQuickStop, 2);
   add(Kind::write, object::kQuickStopOption, 0, kRampThenOff, 2);
-  const double limit = 1000 * params.torque_max_nm / params.joint.ratio / params.rated_torque_nm;
-  add(Kind::write, object::kMaxTorque, 0, static_cast<std::uint32_t>(std::clamp(limit, 0.0, 65535.0)), 2);
+  add(Kind::limit_torque, object::kMaxTorque, 0, 0, 2);
+  add(Kind::require_torque_limit, object::kMaxTorque);
 }
 
 // What the drive itself keeps to where the host's own limits do not bind: its position and velocity loops are its own.
@@ -148,7 +153,7 @@ bool Setup::next(std::int64_t now_ns, SdoClient& client, Frame& frame) LITHE_RT 
   }
   if (client.outcome() == SdoClient::Outcome::idle) {
     if (step.bytes > 0) {
-      client.write(step.address, step.value, step.bytes);
+      client.write(step.address, step.kind == Kind::limit_torque ? torque_limit_ : step.value, step.bytes);
     } else {
       client.read(step.address);
     }
@@ -171,7 +176,8 @@ Setup::Progress Setup::advance(SdoClient& client) LITHE_RT {
       const std::uint32_t why = client.abort();
       const bool nobody = why == canopen::abort_code::kTimedOut;
       const bool lacks = why == canopen::abort_code::kNoObject || why == canopen::abort_code::kNoSubindex;
-      passed = !nobody && (step.kind == Kind::offer || (step.kind == Kind::write_if_there && lacks));
+      const bool may_refuse = step.kind == Kind::offer || step.kind == Kind::limit_torque;
+      passed = !nobody && (may_refuse || (step.kind == Kind::write_if_there && lacks));
       if (!passed) refuse(nobody ? TroubleKind::no_answer : TroubleKind::refused, step, why);
       break;
     }
@@ -196,8 +202,14 @@ bool Setup::judge(const Step& step, std::uint32_t value) LITHE_RT {
     case Kind::require_mode:
       return (value & supported_bit(mode_)) != 0 || refuse(TroubleKind::mode_unsupported, step, value);
     case Kind::require_rating:
-      return std::abs(value - rated_mnm_) <= kRatingTolerance * rated_mnm_ ||
-             refuse(TroubleKind::rated_torque, step, value);
+      if (!(std::abs(value - rated_mnm_) <= kRatingTolerance * rated_mnm_)) {
+        return refuse(TroubleKind::rated_torque, step, value);
+      }
+      // Rounded down, but not from a number that is whole but for the last bits of a double.
+      torque_limit_ = static_cast<std::uint32_t>(std::clamp(1000 * motor_max_mnm_ / value + 1e-6, 0.0, 65535.0));
+      return true;
+    case Kind::require_torque_limit:
+      return (value & 0xffff) <= torque_limit_ || refuse(TroubleKind::torque_limit, step, value & 0xffff);
     case Kind::await_mode:
       if ((value & 0xff) == static_cast<std::uint8_t>(mode_)) return true;
       if (++looks_ >= kMostLooks) refuse(TroubleKind::mode_not_taken, step, value);
@@ -205,6 +217,7 @@ bool Setup::judge(const Step& step, std::uint32_t value) LITHE_RT {
     case Kind::write:
     case Kind::write_if_there:
     case Kind::offer:
+    case Kind::limit_torque:
     case Kind::beat:
     case Kind::start:
       break;

@@ -48,6 +48,7 @@ enum class TroubleKind : std::uint8_t {
   not_a_drive,       // object 1000h names another profile; value: what it says
   mode_unsupported,  // object 6502h; value: what it says
   rated_torque,      // object 6076h is not what the robot file says; value: what it says [mNm]
+  torque_limit,      // object 6072h allows more than torque_max_nm, and stays so; value: what it says [thousandths]
   mode_not_taken,    // object 6061h; value: what it says
   left_operational,  // the drive fell back by itself; value: its network state
   silent,            // no heartbeat
@@ -107,8 +108,10 @@ class Setup {
     require_profile,
     require_mode,
     require_rating,
-    beat,   // our heartbeat, not SDO
-    start,  // NMT, not SDO
+    limit_torque,          // in thousandths of what the drive says that its rating is; it may refuse it
+    require_torque_limit,  // but not allow more
+    beat,                  // our heartbeat, not SDO
+    start,                 // NMT, not SDO
     await_mode,
   };
   struct Step {
@@ -132,6 +135,8 @@ class Setup {
   std::uint32_t host_;
   Mode mode_;
   double rated_mnm_;
+  double motor_max_mnm_;            // of the motor
+  std::uint32_t torque_limit_ = 0;  // the same in thousandths of the drive's own rating
   std::array<Step, kMostSteps> steps_{};
   std::size_t count_ = 0;
   std::size_t at_ = 0;

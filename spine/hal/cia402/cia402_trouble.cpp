@@ -49,6 +49,11 @@ std::string describe(const Trouble& trouble) {
     case TroubleKind::no_answer:
       return "no answer when asked for object " + where + "; check the cable";
     case TroubleKind::refused:
+      if (trouble.address.index == object::kMaxTorque) {
+        return "max torque " + where + " is refused with abort " + why +
+               "; without it nothing keeps what the drive does by itself (quick stop, fault reaction) below "
+               "torque_max_nm";
+      }
       return "object " + where + " is refused with abort " + why + "; the drive lacks what LITHE needs of it";
     case TroubleKind::not_a_drive:
       return "device type " + where + " = 0x" + hex(trouble.value, 8) + " is profile " +
@@ -59,13 +64,20 @@ std::string describe(const Trouble& trouble) {
     case TroubleKind::rated_torque:
       return "rated torque " + where + " = " + std::to_string(trouble.value) +
              " mNm is not the robot file's rated_torque_nm; correct the one that is wrong";
+    case TroubleKind::torque_limit:
+      return "max torque " + where + " = " + std::to_string(trouble.value) +
+             " thousandths of the rated torque is more than torque_max_nm, and the drive takes no less from here: what "
+             "it "
+             "does by itself (quick stop, fault reaction) would have more; set it lower in the drive, or raise "
+             "torque_max_nm";
     case TroubleKind::mode_not_taken:
       return "mode display " + where + " stays at " + std::to_string(static_cast<std::int8_t>(trouble.value)) +
              "; the drive does not take the mode of the robot file";
     case TroubleKind::left_operational:
       return "left the state operational by itself (now 0x" + hex(trouble.value, 2) + ") and is being set up again";
     case TroubleKind::silent:
-      return "no heartbeat; check its power and cable";
+      return "no heartbeat (1017h); check its power and cable; while it is switched off (reset) it is reset and set up "
+             "anew every 5 s";
     case TroubleKind::unheard:
       return "does not answer; stopped until it is switched off and on (reset, arm)";
     case TroubleKind::left_enabled:
