@@ -260,7 +260,7 @@ class FakeCompiler {
 };
 
 TEST(Service, CompilerWithoutProcessorTimeIsNotTheLawsFault) {
-  FakeCompiler stands("kill -STOP $$", {.wall_ms = 300});
+  FakeCompiler stands("kill -STOP $$", {.wall_ms = 100});
   const json reply = stands.compile_a_law();
   EXPECT_FALSE(reply["ok"]) << reply;
   EXPECT_TRUE(reply.value("starved", false)) << reply;

@@ -45,6 +45,14 @@ struct Nothing {
   static void step(const Tick&, const Params&, State&, Effort&) {}
 };
 
+// Asked again while a busy machine gives it less than its box.
+json answer_of(Zygote& zygote, const json& order) {
+  bool quit = false;
+  json reply = zygote.answer(order.dump(), quit);
+  for (int i = 0; i < 20 && reply.value("starved", false); ++i) reply = zygote.answer(order.dump(), quit);
+  return reply;
+}
+
 class ZygoteTest : public ::testing::Test {
  protected:
   static Zygote& zygote() {
@@ -53,14 +61,10 @@ class ZygoteTest : public ::testing::Test {
     return *made;
   }
 
-  static json attempt(const std::string& object, json more = json::object()) {
-    more.update({{"id", 3}, {"verb", "try"}, {"object", object}, {"budget_ns", 300'000}});
-    bool quit = false;
-    json reply = zygote().answer(more.dump(), quit);
-    for (int i = 0; i < 20 && reply.value("starved", false); ++i) {  // a busy machine gave it less than its box
-      reply = zygote().answer(more.dump(), quit);
-    }
-    return reply;
+  static json attempt(const std::string& object, const json& more = json::object()) {
+    json order = {{"id", 3}, {"verb", "try"}, {"object", object}, {"budget_ns", 300'000}};
+    order.update(more);
+    return answer_of(zygote(), order);
   }
 
   // The reason, which must speak of `part`.
@@ -90,9 +94,7 @@ TEST_F(ZygoteTest, GoodLawsPassAndAllSectionsReport) {
 TEST(Zygote, ARobotWhoseDrivesAreSetUpFirstIsRiddenWhenTheyAreReady) {
   auto zygote = Zygote::make(LITHE_ROBOTS "/frankenstein.toml", -1);
   ASSERT_TRUE(zygote) << zygote.message();
-  const json order = {{"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 300'000}};
-  bool quit = false;
-  const json reply = zygote->answer(order.dump(), quit);
+  const json reply = answer_of(*zygote, {{"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 300'000}});
   EXPECT_TRUE(reply["ok"].get<bool>()) << reply.dump();
   const json& loop = reply["report"]["loop"];
   EXPECT_GE(loop["ticks"].get<int>(), 100) << reply.dump();
@@ -126,11 +128,7 @@ TEST(Zygote, TheTimeOfTheSimulatedRobotComesOnTopOfTheBox) {
   auto zygote = Zygote::make(LITHE_ROBOTS "/arm32.toml", -1);
   ASSERT_TRUE(zygote) << zygote.message();
   const json order = {{"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 300'000}, {"box_ms", 20}};
-  bool quit = false;
-  json reply = json::object();
-  do {
-    reply = zygote->answer(order.dump(), quit);
-  } while (reply.value("starved", false));
+  const json reply = answer_of(*zygote, order);
   const json& loop = reply["report"]["loop"];
   EXPECT_EQ(loop["ticks"].get<int>(), 1000) << reply.dump();
   EXPECT_EQ(loop["rough"]["ticks"].get<int>(), 1000);
@@ -163,9 +161,8 @@ TEST(Zygote, AModelWhoseMeshesTouchIsRidden) {
   for (const char* end : {".toml", ".xml"}) std::remove((stem + end).c_str());
   if (!zygote && zygote.message().find("libmujoco-dev") != std::string::npos) GTEST_SKIP() << zygote.message();
   ASSERT_TRUE(zygote) << zygote.message();
-  const json order = {{"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 300'000}, {"box_ms", 1000}};
-  bool quit = false;
-  const json reply = zygote->answer(order.dump(), quit);
+  const json reply =
+      answer_of(*zygote, {{"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 300'000}, {"box_ms", 1000}});
   EXPECT_TRUE(reply["ok"].get<bool>()) << reply.dump();
 }
 
@@ -193,8 +190,7 @@ TEST_F(ZygoteTest, SystemCallEndsTheTrial) { expect_refused(LAW_asm_syscall, "be
 TEST_F(ZygoteTest, BudgetIsHeld) {
   const json reply = attempt(LAW_pd, {{"budget_ns", 300'000}, {"params", {{"kp_nm_rad", 2.0}}}});
   EXPECT_TRUE(reply["ok"].get<bool>()) << reply.dump();
-  bool quit = false;
-  const json slow = zygote().answer(json{{"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 1}}.dump(), quit);
+  const json slow = attempt(LAW_pd, {{"budget_ns", 1}});
   EXPECT_FALSE(slow["ok"].get<bool>());
   EXPECT_NE(slow.value("reason", "").find("budget"), std::string::npos) << slow.dump();
 }
@@ -224,13 +220,12 @@ TEST_F(ZygoteTest, PlacedLawIsTriedWhereItLies) {
   auto with_arena = Zygote::make(LITHE_ROBOTS "/arm.toml", memory);
   ASSERT_TRUE(with_arena) << with_arena.message();
   EXPECT_EQ(fcntl(memory, F_GETFD), -1) << "whoever can write the arena can write the running law";
-  bool quit = false;
-  const json reply = with_arena->answer(request.dump(), quit);
+  const json reply = answer_of(*with_arena, request);
   EXPECT_TRUE(reply["ok"].get<bool>()) << reply.dump();
   request["image_hash"] = "12ab";
-  EXPECT_FALSE(with_arena->answer(request.dump(), quit)["ok"].get<bool>()) << "another image than announced";
+  EXPECT_FALSE(answer_of(*with_arena, request)["ok"].get<bool>()) << "another image than announced";
   request["slot"] = 77;
-  EXPECT_FALSE(with_arena->answer(request.dump(), quit)["ok"].get<bool>());
+  EXPECT_FALSE(answer_of(*with_arena, request)["ok"].get<bool>());
 }
 
 // --- behind its wall, as lithe-trial is ---
@@ -242,8 +237,7 @@ TEST_F(ZygoteTest, PlacedLawIsTriedWhereItLies) {
   if (open("/tmp/lithe-must-not-be", O_WRONLY | O_CREAT, 0600) >= 0 || socket(AF_UNIX, SOCK_STREAM, 0) >= 0) _exit(78);
   execl("/bin/sh", "sh", "-c", "exit 79", nullptr);  // returns: there is no other program
   request["box_ms"] = 1000;
-  bool quit = false;
-  const json reply = zygote->answer(request.dump(), quit);
+  const json reply = answer_of(*zygote, request);
   std::fprintf(stderr, "%s\n", reply.value("reason", reply.dump()).c_str());
   _exit(reply["ok"].get<bool>() ? 0 : 1);
 }

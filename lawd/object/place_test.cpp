@@ -39,10 +39,7 @@ class PlaceTest : public testing::Test {
     service_ = std::make_unique<Service>(cache_.path(), *memory);
     if (const json ping = ask({{"verb", "ping"}}); !ping["arena"]) GTEST_SKIP() << ping["arena_text"];
   }
-  json ask(json request) {
-    bool quit = false;
-    return service_->answer(request.dump(), quit);
-  }
+  json ask(const json& request) { return lawd::ask(*service_, request); }
   // The hash of a law; admission is left out: what it refuses must be refused here as well.
   std::string compiled(const std::string& source) {
     const json reply = ask({{"verb", "compile"}, {"source", source}, {"joints", 2}, {"admit", false}});

@@ -43,13 +43,16 @@ struct Outcome {
   std::uint64_t late = 0;
 };
 
-// The tick side runs against the clock of its own loop, not against the Transport: it overtakes it now and then.
+// The tick side runs against the clock of its own loop, not against the Transport: it overtakes it now and then. Also
+// where both share one core: the tick lets the Transport in, which stays at one command for a while.
 // `respects_idle` false is the broken twin: a tick that dispatches without asking whether the Transport is done.
 Outcome exchange(std::uint64_t ticks, bool respects_idle) {
   Handover handover;
   std::atomic<bool> stop{false};
+  std::atomic<std::uint64_t> now{0};
   std::atomic<std::uint64_t> torn_commands{0};
   std::thread transport([&] {
+    std::uint64_t taken = 0;
     while (!stop.load()) {
       if (!handover.pending()) {
         spin_pause();
@@ -59,7 +62,8 @@ Outcome exchange(std::uint64_t ticks, bool respects_idle) {
       hal::ActuatorState& sample = handover.sample();
       sample.tick = number;
       for (double& value : sample.position_rad) value = static_cast<double>(number);
-      if (number % 64 == 0) std::this_thread::yield();
+      const std::uint64_t later = now.load() + (++taken % 8 == 0 ? 100 : 0);
+      while (now.load() < later && !stop.load()) std::this_thread::yield();
       if (!whole(handover.command()) || handover.command().tick != number) ++torn_commands;
       handover.finish();
     }
@@ -78,6 +82,8 @@ Outcome exchange(std::uint64_t ticks, bool respects_idle) {
       ++outcome.late;
     }
     mark(handover.next_command(), k);
+    now = k;
+    if (k % 4096 == 0) std::this_thread::yield();
   }
   stop = true;
   transport.join();

@@ -16,6 +16,8 @@
 namespace lithe::control {
 namespace {
 
+constexpr int kLongMs = 60'000;  // nobody waits for it: what is waited for comes
+
 Launch shell(const std::string& script) {
   Launch launch;
   launch.argv = {"/bin/sh", "-c", script};
@@ -24,13 +26,13 @@ Launch shell(const std::string& script) {
 
 TEST(Process, TellsAnExitCodeFromASignal) {
   auto three = Process::start(shell("exit 3"));
-  ASSERT_TRUE(three && three->wait(5000));
+  ASSERT_TRUE(three && three->wait(kLongMs));
   EXPECT_EQ(three->exit_code(), 3);
   auto killed = Process::start(shell("sleep 60"));
   ASSERT_TRUE(killed);
   EXPECT_FALSE(killed->ended());
   killed->signal(SIGKILL);
-  ASSERT_TRUE(killed->wait(5000));
+  ASSERT_TRUE(killed->wait(kLongMs));
   EXPECT_FALSE(killed->exit_code());
   EXPECT_NE(killed->verdict().find("signal 9"), std::string::npos);
 }
@@ -42,20 +44,20 @@ TEST(Process, WorkIsThatOfTheWholeSession) {
   auto busy = Process::start(launch);
   ASSERT_TRUE(busy);
   Work work;
-  for (int i = 0; i < 1000 && !(work.wants_to_run && work.cpu_s > 0); ++i) {
+  for (int i = 0; i < kLongMs / 10 && !(work.wants_to_run && work.cpu_s > 0); ++i) {
     ::usleep(10'000);
     work = work_of_session(busy->pid());
   }
   EXPECT_TRUE(work.wants_to_run) << "a child of it";
   EXPECT_GT(work.cpu_s, 0);
   busy->signal(SIGSTOP);
-  for (int i = 0; i < 1000 && work.wants_to_run; ++i) {
+  for (int i = 0; i < kLongMs / 10 && work.wants_to_run; ++i) {
     ::usleep(10'000);
     work = work_of_session(busy->pid());
   }
   EXPECT_FALSE(work.wants_to_run) << "its leader is stopped";
   ::kill(-busy->pid(), SIGKILL);
-  EXPECT_TRUE(busy->wait(5000));
+  EXPECT_TRUE(busy->wait(kLongMs));
 }
 
 // Whether a program finds what it was handed as descriptor 3. Runs in a process of its own: it takes that number.
@@ -75,7 +77,7 @@ bool hands_over(bool has_the_number_already) {
     }
     auto child = Process::start(launch);
     char text[8] = "";
-    const bool handed = child && child->wait(5000) && ::read(from, text, 7) == 7;
+    const bool handed = child && child->wait(kLongMs) && ::read(from, text, 7) == 7;
     ::_exit(handed && std::string(text) == "handed\n" ? 0 : 1);
   }
   int status = 1;
@@ -106,7 +108,7 @@ TEST(Process, SignalsThatTheParentBlocksReachTheChild) {
   ::sigprocmask(SIG_SETMASK, &before, nullptr);
   ASSERT_TRUE(process);
   process->signal(SIGTERM);
-  EXPECT_TRUE(process->wait(5000));
+  EXPECT_TRUE(process->wait(kLongMs));
 }
 
 TEST(Process, AnIdleChildYieldsToEverybody) {
@@ -116,7 +118,7 @@ TEST(Process, AnIdleChildYieldsToEverybody) {
   ASSERT_TRUE(process);
   EXPECT_EQ(::sched_getscheduler(process->pid()), SCHED_IDLE);
   process->signal(SIGKILL);
-  process->wait(5000);
+  process->wait(kLongMs);
 }
 
 TEST(Cores, KeepOffTheSpineAndTheTransportWhereThereIsRoom) {

@@ -10,25 +10,17 @@ from system.house import House
 
 @pytest.fixture
 def house() -> Iterator[House]:
-    """A place for one robot."""
+    """A place for one robot that does not mind a busy machine; nothing runs yet."""
     place = House()
+    place.config = place.dir / "arm.toml"
+    place.config.write_text(calm_text())
     yield place
     place.close()
 
 
 @pytest.fixture
-def patient() -> Iterator[House]:
-    """A house whose robot does not mind a busy machine; nothing runs yet."""
-    house = House()
-    house.config = house.dir / "arm.toml"
-    house.config.write_text(calm_text())
-    yield house
-    house.close()
-
-
-@pytest.fixture
-def arm(patient: House) -> House:
+def arm(house: House) -> House:
     """The same, armed."""
-    patient.run()
-    patient.wait_for(lambda: patient.ask("status")["mode"] == "active")
-    return patient
+    house.run()
+    house.wait_for(lambda: house.ask("status")["mode"] == "active")
+    return house

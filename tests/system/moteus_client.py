@@ -10,6 +10,8 @@ from typing import Any
 
 import moteus
 
+WATCHDOG_S = 30.0  # a busy machine may let this process stand still for longer than the usual 0.1
+
 
 async def main(path: str, device: int) -> None:
     """Query, move an eighth of a turn forth and less back, stop."""
@@ -22,11 +24,16 @@ async def main(path: str, device: int) -> None:
         end = time.monotonic() + 1.5
         while time.monotonic() < end:
             seen = await controller.set_position(
-                position=goal, velocity=0.0, accel_limit=20.0, velocity_limit=2.0, query=True
+                position=goal,
+                velocity=0.0,
+                accel_limit=20.0,
+                velocity_limit=2.0,
+                watchdog_timeout=WATCHDOG_S,
+                query=True,
             )
             await asyncio.sleep(0.005)
         reached[goal] = seen.values[position]
-    held = await controller.set_position(position=math.nan, query=True)
+    held = await controller.set_position(position=math.nan, watchdog_timeout=WATCHDOG_S, query=True)
     await controller.set_stop()
     stopped: Any = await controller.query()
     print(

@@ -4,28 +4,15 @@
 import os
 import signal
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from calm import calm_text
-from system.house import BIN, ROOT, House, alive
+from system.house import ROOT, House, alive
 
 LAWS = [ROOT / f"laws/{name}.cpp" for name in ("hold", "pd", "gravity_pd")]
 SLOTS = 16
-
-
-@pytest.fixture
-def calm_house() -> Iterator[House]:
-    """A house whose robot does not mind a busy machine; nothing runs yet."""
-    if not (BIN / "lithe-spine").exists():
-        pytest.fail(f"no binaries in {BIN}: make, or set LITHE_BIN_DIR")
-    house = House()
-    house.config = house.dir / "arm.toml"
-    house.config.write_text(calm_text())
-    yield house
-    house.close()
 
 
 def need_arena(house: House) -> dict[str, Any]:
@@ -60,70 +47,70 @@ def resident_kib(pid: int) -> int:
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE") // 1024
 
 
-def test_swaps_reuse_the_slots_and_leave_the_spines_memory_as_it_was(calm_house: House) -> None:
+def test_swaps_reuse_the_slots_and_leave_the_spines_memory_as_it_was(house: House) -> None:
     """40 swaps through 16 slots: the same map, read+execute only, and no more memory than before."""
-    calm_house.run()
-    pid = need_arena(calm_house)["spine_pid"]
-    slots = [swap(calm_house, number)["slot"] for number in range(8)]
+    house.run()
+    pid = need_arena(house)["spine_pid"]
+    slots = [swap(house, number)["slot"] for number in range(8)]
     maps_before = Path(f"/proc/{pid}/maps").read_text()
     before_kib = resident_kib(pid)
-    slots += [swap(calm_house, number)["slot"] for number in range(8, 40)]
+    slots += [swap(house, number)["slot"] for number in range(8, 40)]
     assert set(slots) == set(range(1, SLOTS + 1)), "every slot had its turn, most of them more than once"
     assert Path(f"/proc/{pid}/maps").read_text() == maps_before, "a swap maps nothing"
     assert resident_kib(pid) - before_kib <= 64
     (line,) = code_maps(pid)
     assert line.split()[1] == "r-xs", "a law must not be able to write code"
-    assert calm_house.ask("rollback")["law"] == LAWS[38 % len(LAWS)].stem
-    assert calm_house.ask("status")["mode"] == "active"
+    assert house.ask("rollback")["law"] == LAWS[38 % len(LAWS)].stem
+    assert house.ask("status")["mode"] == "active"
 
 
-def test_a_new_supervisor_goes_on_with_the_arena_it_finds(calm_house: House) -> None:
+def test_a_new_supervisor_goes_on_with_the_arena_it_finds(house: House) -> None:
     """The Spine outlives its supervisor; the next one writes into the same slots, but not into those in use."""
-    first = calm_house.run()
-    pid = need_arena(calm_house)["spine_pid"]
+    first = house.run()
+    pid = need_arena(house)["spine_pid"]
     for number in range(6):
-        swap(calm_house, number)
+        swap(house, number)
     os.kill(first.pid, signal.SIGKILL)
     first.wait()
     assert alive(pid)
-    calm_house.socket.unlink(missing_ok=True)
-    calm_house.run()
-    assert need_arena(calm_house)["spine_pid"] == pid
+    house.socket.unlink(missing_ok=True)
+    house.run()
+    assert need_arena(house)["spine_pid"] == pid
     for number in range(20):
-        swap(calm_house, number)
+        swap(house, number)
     assert len(code_maps(pid)) == 1
 
 
-def test_a_new_compile_service_goes_on_with_the_same_arena(calm_house: House) -> None:
+def test_a_new_compile_service_goes_on_with_the_same_arena(house: House) -> None:
     """lawd dies, another one is started, and places into the slots that are free."""
-    calm_house.run()
-    status = need_arena(calm_house)
-    swap(calm_house, 0)
+    house.run()
+    status = need_arena(house)
+    swap(house, 0)
     os.kill(status["lawd_pid"], signal.SIGKILL)
-    calm_house.wait_for(lambda: calm_house.ask("status")["lawd_pid"] not in (0, status["lawd_pid"]))
-    assert swap(calm_house, 1)["slot"] is not None
-    assert swap(calm_house, 2)["slot"] is not None
+    house.wait_for(lambda: house.ask("status")["lawd_pid"] not in (0, status["lawd_pid"]))
+    assert swap(house, 1)["slot"] is not None
+    assert swap(house, 2)["slot"] is not None
 
 
-def test_dlopen_is_a_word_in_the_robot_file(calm_house: House) -> None:
+def test_dlopen_is_a_word_in_the_robot_file(house: House) -> None:
     """The portable back end, chosen."""
-    calm_house.config.write_text(calm_text().replace('loader = "arena" ', 'loader = "dlopen"'))
-    calm_house.run()
-    status = calm_house.ask("status")
+    house.config.write_text(calm_text().replace('loader = "arena" ', 'loader = "dlopen"'))
+    house.run()
+    status = house.ask("status")
     assert status["loader"] == "dlopen" and "dlopen" not in status["lost"]
-    assert [swap(calm_house, number)["slot"] is None for number in range(3)] == [True] * 3
+    assert [swap(house, number)["slot"] is None for number in range(3)] == [True] * 3
     assert all("memfd" not in line for line in code_maps(status["spine_pid"]))
 
 
-def test_without_memfd_laws_are_loaded_with_dlopen_and_the_notes_say_so(calm_house: House) -> None:
+def test_without_memfd_laws_are_loaded_with_dlopen_and_the_notes_say_so(house: House) -> None:
     """A system that refuses the arena costs interrupts, not the robot."""
-    calm_house.wrapper = [sys.executable, str(Path(__file__).with_name("without_memfd.py"))]
-    calm_house.run(wait=False)
-    calm_house.wait_for(lambda: calm_house.socket.exists() or calm_house.started[0].poll() is not None, 90)
-    if "no seccomp filters" in calm_house.log():
-        pytest.skip(f"no privilege to install a filter: {calm_house.log()}")
-    status = calm_house.ask("status")
+    house.wrapper = [sys.executable, str(Path(__file__).with_name("without_memfd.py"))]
+    house.run(wait=False)
+    house.wait_for(lambda: house.socket.exists() or house.started[0].poll() is not None, 90)
+    if "no seccomp filters" in house.log():
+        pytest.skip(f"no privilege to install a filter: {house.log()}")
+    status = house.ask("status")
     assert status["loader"] == "dlopen"
     assert "laws are loaded with dlopen" in status["lost"]
-    assert "cannot make the code arena" in calm_house.log()
-    assert [calm_house.ask("swap", law)["law"] for law in LAWS] == ["hold", "pd", "gravity_pd"]
+    assert "cannot make the code arena" in house.log()
+    assert [house.ask("swap", law)["law"] for law in LAWS] == ["hold", "pd", "gravity_pd"]

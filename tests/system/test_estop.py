@@ -20,9 +20,8 @@ def second_arm(house: House) -> None:
     """Starts another arm in the same house."""
     text = house.config.read_text().replace('name = "arm"', 'name = "brm"', 1)
     assert '"brm"' in text
-    laws = Path(house.config).parent.parent / "laws"
     config = house.dir / "brm.toml"
-    config.write_text(text.replace("../laws", str(laws)))
+    config.write_text(text)
     first, house.config = house.config, config
     house.run(wait=False)
     house.config = first

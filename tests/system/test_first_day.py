@@ -89,8 +89,7 @@ def test_the_status_begins_with_what_is_wrong_and_is_plain_in_a_pipe(arm: House)
         assert (ANSI in shown) is colored, shown
 
 
-def test_the_list_names_every_robot_whoever_answers_for_it(patient: House) -> None:
-    house = patient
+def test_the_list_names_every_robot_whoever_answers_for_it(house: House) -> None:
     assert house.ask("list") == {"robots": []}
     assert "no robot runs here" in house.lithe("list").stdout
     process = house.run()

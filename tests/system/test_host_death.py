@@ -76,7 +76,6 @@ def held_level(house: House, sim: Simulated, monkeypatch: pytest.MonkeyPatch) ->
         "lost_after_misses = 3 ": PATIENT,
         "watchdog_s = 0.2 ": f"watchdog_s = {WATCHDOG_S} ",
     }
-    house.config = house.dir / "arm.toml"
     house.config.write_text(calm.calm_text(changes), encoding="utf-8")
     for key in ("LITHE_RUN_DIR", "LITHE_SHM_PREFIX", "LITHE_OUT_DIR"):
         monkeypatch.setenv(key, house.env[key])
@@ -132,7 +131,6 @@ def test_a_drive_that_would_let_go_is_not_armed(house: House, sim: Simulated) ->
         'kind = "loop" ': f'kind = "fdcanusb"\nchecksums = "off"\npath = "{sim.path()}" ',
         "lost_after_misses = 3 ": PATIENT,
     }
-    house.config = house.dir / "arm.toml"
     house.config.write_text(calm.calm_text(changes), encoding="utf-8")
     house.run("--no-arm")
     house.wait_for(lambda: "not_ready" in house.ask("status")["joints"][0]["problems"])

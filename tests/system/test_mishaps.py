@@ -81,12 +81,12 @@ def stopped(pid: int) -> Iterator[None]:
 
 
 @pytest.fixture
-def own_cache(patient: House) -> House:
+def own_cache(house: House) -> House:
     """Armed, with a law cache of its own: a killed compiler costs nobody else the precompiled contract."""
-    patient.env["LITHE_CACHE_DIR"] = str(patient.dir / "cache")
-    patient.run()
-    patient.wait_for(lambda: patient.ask("status")["mode"] == "active")
-    return patient
+    house.env["LITHE_CACHE_DIR"] = str(house.dir / "cache")
+    house.run()
+    house.wait_for(lambda: house.ask("status")["mode"] == "active")
+    return house
 
 
 def test_a_source_that_is_removed_while_it_is_compiled_is_not_missed(arm: House) -> None:
@@ -172,48 +172,48 @@ class SmallDisk:
             (self.seen / name).unlink()
 
 
-def test_a_full_disk_under_the_law_cache_refuses_the_law_and_says_so(patient: House) -> None:
+def test_a_full_disk_under_the_law_cache_refuses_the_law_and_says_so(house: House) -> None:
     """Code cache_failed; once there is room the same law is compiled."""
-    disk = SmallDisk(patient, "cache", "256m")
-    patient.env["LITHE_CACHE_DIR"] = str(disk.dir)
-    patient.run()
-    patient.wait_for(lambda: patient.ask("status")["mode"] == "active")
+    disk = SmallDisk(house, "cache", "256m")
+    house.env["LITHE_CACHE_DIR"] = str(disk.dir)
+    house.run()
+    house.wait_for(lambda: house.ask("status")["mode"] == "active")
     disk.fill()
-    error = patient.ask("swap", "gravity_pd", code=1)["error"]
+    error = house.ask("swap", "gravity_pd", code=1)["error"]
     assert error["code"] == "cache_failed" and "full" in error["message"], error
-    told = certificate(patient, error["detail"]["swap"]["request_id"])
+    told = certificate(house, error["detail"]["swap"]["request_id"])
     assert (told["verdict"], told["refused_after"], told["error"]["code"]) == ("refused", "submitted", "cache_failed")
-    assert law(patient) == "pd"
-    ticks_on(patient)
+    assert law(house) == "pd"
+    ticks_on(house)
     disk.clear()
-    assert patient.ask("swap", "gravity_pd")["verdict"] == "committed"
-    assert_chained(patient)
+    assert house.ask("swap", "gravity_pd")["verdict"] == "committed"
+    assert_chained(house)
 
 
-def test_a_full_disk_under_the_certificates_costs_no_swap_and_is_told(patient: House) -> None:
+def test_a_full_disk_under_the_certificates_costs_no_swap_and_is_told(house: House) -> None:
     """The answer carries the certificate and says that no file could be made; with room again it is made up for."""
-    disk = SmallDisk(patient, "out", "256k")
-    patient.run()
-    patient.wait_for(lambda: patient.ask("status")["mode"] == "active")
+    disk = SmallDisk(house, "out", "256k")
+    house.run()
+    house.wait_for(lambda: house.ask("status")["mode"] == "active")
     swaps = disk.seen / "arm/swaps"
-    patient.wait_for(lambda: "measured" in json.loads((swaps / "0001.json").read_text()))
+    house.wait_for(lambda: "measured" in json.loads((swaps / "0001.json").read_text()))
     disk.fill()
-    done = patient.ask("swap", "gravity_pd", "--probation", "3s")
+    done = house.ask("swap", "gravity_pd", "--probation", "3s")
     assert done["verdict"] == "committed" and "disk full" in done["record_lost"], done
-    assert "disk full" in patient.log() and law(patient) == "gravity_pd"
-    assert "certificate" in patient.lithe("swap", "pd").stdout
-    ticks_on(patient)
+    assert "disk full" in house.log() and law(house) == "gravity_pd"
+    assert "certificate" in house.lithe("swap", "pd").stdout
+    ticks_on(house)
     disk.clear()
-    assert "record_lost" not in patient.ask("swap", "gravity_pd")
+    assert "record_lost" not in house.ask("swap", "gravity_pd")
 
     def made_up_for() -> bool:
         told = [json.loads(path.read_text()) for path in swaps.glob("*.json")]
         return len(told) == 4 and all("measured" in each for each in told)
 
-    patient.wait_for(made_up_for)
-    chain = patient.ask("law", "verify", "--folder", swaps)
+    house.wait_for(made_up_for)
+    chain = house.ask("law", "verify", "--folder", swaps)
     assert chain["holds"] and chain["certificates"] == 4
-    assert patient.ask("law", "show", "2", "--folder", swaps)["law"] in ("gravity_pd", "pd")
+    assert house.ask("law", "show", "2", "--folder", swaps)["law"] in ("gravity_pd", "pd")
 
 
 def test_a_loader_that_is_starved_on_its_core_makes_a_swap_slow_and_no_worse(arm: House) -> None:

@@ -22,24 +22,24 @@ def changes(house: House) -> list[dict[str, Any]]:
 
 
 def test_a_stiffness_that_shakes_the_chain_is_refused_as_parameter_and_as_swap(
-    patient: House, tell: Callable[[str], None]
+    house: House, tell: Callable[[str], None]
 ) -> None:
     """kp 40: the wrist swung at 18 rad/s when parameters were not tried."""
-    patient.config.write_text(calm_text(robot="chain"))
-    patient.run()
-    patient.wait_for(lambda: patient.ask("status")["mode"] == "active")
-    error = patient.ask("param", "set", "kp_nm_rad=40", code=1)["error"]
+    house.config.write_text(calm_text(robot="chain"))
+    house.run()
+    house.wait_for(lambda: house.ask("status")["mode"] == "active")
+    error = house.ask("param", "set", "kp_nm_rad=40", code=1)["error"]
     tell(error["message"])
     assert error["code"] == "trial_failed" and error["message"].startswith("kp_nm_rad = 40 (now 4): loop: ")
     assert "joint " in error["message"] and " rad/s" in error["message"]
     assert "nothing was changed" in error["next"]
-    assert in_force(patient, "kp_nm_rad") == 4.0
-    assert [each["kind"] for each in patient.ask("events")["events"]].count("params_applied") == 0
-    last = patient.ask("status")["last_params"]
+    assert in_force(house, "kp_nm_rad") == 4.0
+    assert [each["kind"] for each in house.ask("events")["events"]].count("params_applied") == 0
+    last = house.ask("status")["last_params"]
     assert (last["law"], last["verdict"], last["values"]) == ("pd", "refused", {"kp_nm_rad": 40.0})
-    assert [each["verdict"] for each in changes(patient)] == ["refused"]
-    assert "kp_nm_rad = 40.0 refused: " in patient.lithe("status").stdout
-    as_swap = patient.ask("swap", "pd", "--param", "kp_nm_rad=40", code=1)["error"]
+    assert [each["verdict"] for each in changes(house)] == ["refused"]
+    assert "kp_nm_rad = 40.0 refused: " in house.lithe("status").stdout
+    as_swap = house.ask("swap", "pd", "--param", "kp_nm_rad=40", code=1)["error"]
     assert as_swap["code"] == "trial_failed" and as_swap["message"] in error["message"]
 
 

@@ -3,7 +3,7 @@
 
 import subprocess
 
-from system.house import BIN, ROOT, House, alive
+from system.house import BIN, House, alive
 
 
 def test_a_second_spine_of_the_same_robot_is_refused_and_the_first_ticks_on(house: House) -> None:
@@ -28,9 +28,8 @@ def test_a_second_spine_of_the_same_robot_is_refused_and_the_first_ticks_on(hous
 def test_another_name_is_another_robot(house: House) -> None:
     """The control: the same binary, at the same time, on a robot of another name."""
     house.run()
-    text = (ROOT / "robots/arm.toml").read_text().replace('name = "arm" ', 'name = "arm2"')
     other = house.dir / "arm2.toml"
-    other.write_text(text.replace("../laws", str(ROOT / "laws")))
+    other.write_text(house.config.read_text().replace('name = "arm" ', 'name = "arm2"'))
     with subprocess.Popen([BIN / "lithe-spine", other], env=house.env, stdout=subprocess.PIPE, text=True) as second:
         assert second.stdout is not None
         assert '"event":"ready"' in second.stdout.readline().replace(" ", "")

@@ -23,7 +23,7 @@ class Wire:
         """Opens it; an adapter notices within a moment."""
         self.fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
 
-    def say(self, line: bytes, want: bytes, timeout_s: float = 10.0) -> bytes:
+    def say(self, line: bytes, want: bytes, timeout_s: float = 60.0) -> bytes:
         """What comes back until `want` is in it, or time is over."""
         os.write(self.fd, line)
         come = b""

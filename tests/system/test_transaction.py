@@ -189,15 +189,15 @@ def test_a_state_full_of_nan_does_not_lock_good_laws_out(arm: House) -> None:
     assert law(arm) == "integrates" and arm.ask("status")["law_faults"] == []
 
 
-def test_without_a_law_before_it_a_crash_ends_in_the_safe_law(patient: House) -> None:
+def test_without_a_law_before_it_a_crash_ends_in_the_safe_law(house: House) -> None:
     """There is nothing to go back to; the certificate says that too."""
-    path = patient.dir / "moody.cpp"
+    path = house.dir / "moody.cpp"
     path.write_text(MOODY.replace("crash_after{0,", "crash_after{6000,"))
-    patient.run("--law", str(path))
-    patient.wait_for(lambda: patient.ask("status")["mode"] == "active")
-    patient.wait_for(lambda: certificates(patient)[0]["verdict"] == "rolled_back")
-    assert "safe law" in certificates(patient)[0]["rolled_back"]["why"]
-    assert patient.ask("status")["mode"] == "safe_stop"
+    house.run("--law", str(path))
+    house.wait_for(lambda: house.ask("status")["mode"] == "active")
+    house.wait_for(lambda: certificates(house)[0]["verdict"] == "rolled_back")
+    assert "safe law" in certificates(house)[0]["rolled_back"]["why"]
+    assert house.ask("status")["mode"] == "safe_stop"
 
 
 def test_a_shadow_that_agrees_is_promoted_and_one_that_does_not_is_refused(arm: House) -> None:
@@ -277,24 +277,24 @@ def test_terms_out_of_range_are_refused_by_name(arm: House) -> None:
     assert len(certificates(arm)) == before
 
 
-def test_a_robot_without_its_trial_does_not_start_unless_the_gates_are_opened(patient: House) -> None:
+def test_a_robot_without_its_trial_does_not_start_unless_the_gates_are_opened(house: House) -> None:
     """A missing program is no reason to load laws untried."""
-    other = patient.dir / "bin"
+    other = house.dir / "bin"
     other.mkdir()
     for program in ("lithe", "lawd", "lithe-spine"):
         shutil.copy(BIN / program, other)
-    command = [other / "lithe", "run", patient.config]
-    refused = subprocess.run(command, check=False, env=patient.env, capture_output=True, text=True, timeout=60)
+    command = [other / "lithe", "run", house.config]
+    refused = subprocess.run(command, check=False, env=house.env, capture_output=True, text=True, timeout=60)
     assert refused.returncode == 1 and "lithe-trial" in refused.stderr
-    with (patient.dir / "ungated.log").open("w") as log:
-        patient.started.append(
-            subprocess.Popen([*command, "--ungated"], env=patient.env, stdout=log, stderr=log, text=True)
+    with (house.dir / "ungated.log").open("w") as log:
+        house.started.append(
+            subprocess.Popen([*command, "--ungated"], env=house.env, stdout=log, stderr=log, text=True)
         )
-    patient.wait_for(lambda: patient.socket.exists() or patient.started[-1].poll() is not None, 60)
-    assert patient.ask("status")["gates"] == "open"
-    assert "THE GATES ARE OPEN" in (patient.dir / "ungated.log").read_text()
-    assert "THE GATES ARE OPEN" in patient.lithe("status").stdout
-    told = certificates(patient)[0]
+    house.wait_for(lambda: house.socket.exists() or house.started[-1].poll() is not None, 60)
+    assert house.ask("status")["gates"] == "open"
+    assert "THE GATES ARE OPEN" in (house.dir / "ungated.log").read_text()
+    assert "THE GATES ARE OPEN" in house.lithe("status").stdout
+    told = certificates(house)[0]
     assert told["reasons"]["admitted"].startswith("skipped") and told["reasons"]["tried"].startswith("skipped")
 
 

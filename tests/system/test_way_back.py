@@ -23,7 +23,6 @@ def verb(house: House, word: str, **args: Any) -> dict[str, Any]:
 @pytest.fixture
 def outside(house: House) -> House:
     """An arm that stands outside its limits, running."""
-    house.config = house.dir / "arm.toml"
     text = calm_text().replace("initial_position_rad = 0.0", f"initial_position_rad = {OUTSIDE_RAD}")
     # It must not swing away while nobody holds it: friction as of a worm gear.
     text = text.replace("coulomb_nm = 0.0132", "coulomb_nm = 0.1")
@@ -70,7 +69,6 @@ def test_the_brain_recovers_it_and_sim_reset_undoes_it(outside: House) -> None:
 
 
 def test_a_joint_that_cannot_be_moved_is_named_with_the_reason(house: House) -> None:
-    house.config = house.dir / "arm.toml"
     text = calm_text().replace("initial_position_rad = 0.0", f"initial_position_rad = {OUTSIDE_RAD}")
     house.config.write_text(text.replace("coulomb_nm = 0.0132", "coulomb_nm = 0.5"))  # stuck
     house.run()
@@ -109,8 +107,6 @@ def come_back(house: House) -> None:
 
 def test_random_verbs_and_a_law_that_pushes_never_lead_where_verbs_do_not_lead_back(house: House) -> None:
     random = Random(5)
-    house.config = house.dir / "arm.toml"
-    house.config.write_text(calm_text())
     house.run("--ungated")
     house.wait_for(lambda: house.ask("status")["mode"] == "active")
     for _ in range(6):
