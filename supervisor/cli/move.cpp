@@ -45,13 +45,15 @@ struct View {
 };
 
 // Refused for on_stale = "safe_stop": such a robot would stop at the end of every move.
-std::optional<Refusal> stops_without_brain(const wire::RobotInfo& info) {
+std::optional<Refusal> stops_without_brain(const std::string& name, const wire::RobotInfo& info) {
   const auto robot = robot::load_robot(control::text_of(info.config_path));
   if (!robot || robot->brain.on_stale != robot::StaleAction::safe_stop) return std::nullopt;
   return Refusal{"refused_brain",
-                 "this robot stops when its Brain leaves ([brain] on_stale = \"safe_stop\"), and a move "
-                 "from the command line is a Brain that leaves",
-                 "move it from a Brain that stays (Python: robot.go_to), or set on_stale = \"hold\""};
+                 fmt::format("robot '{}' is armed only while a Brain lives ([brain] on_stale = \"safe_stop\"); this "
+                             "command is one that leaves when the joint is there, and the robot would stop",
+                             name),
+                 "move it from Python, which stays: robot = lithe.connect(); robot.arm() (after a stop robot.reset() "
+                 "first); robot.go_to(...); or set on_stale = \"hold\""};
 }
 
 // Waits for the end of the plan and sends heartbeats. Empty = the joint has come to rest at the target.
@@ -94,9 +96,6 @@ Answer go(const std::string& robot, const Motion& motion) {
   if (!view.info_reader.read(info) || !view.telemetry.latest(now)) {
     return Refusal{"not_ready", fmt::format("robot '{}' has not ticked yet", robot), "try again in a moment"};
   }
-  if (auto refused = stops_without_brain(info)) return *refused;
-  auto planned = plan_motion(motion, info, now, monotonic_ns());
-  if (const auto* refusal = std::get_if<Refusal>(&planned)) return *refusal;
   auto lease = ipc::Lease::try_take(Brain::path(robot));
   const auto brain = Brain::attach(robot, ipc::Access::write);
   if (!lease || !brain)
@@ -107,6 +106,9 @@ Answer go(const std::string& robot, const Motion& motion) {
                                (*brain)->header.writer_pid),
                    "end that one first, or let it make the move"};
   }
+  if (auto refused = stops_without_brain(robot, info)) return *refused;
+  auto planned = plan_motion(motion, info, now, monotonic_ns());
+  if (const auto* refusal = std::get_if<Refusal>(&planned)) return *refusal;
   ipc::sign_in((*brain)->header, monotonic_ns());
   const Move& move = std::get<Move>(planned);
   ipc::ChannelWriter<wire::Plan>((*brain)->plan).write(move.plan);

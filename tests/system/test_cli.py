@@ -331,6 +331,9 @@ def test_nobody_but_the_spine_uses_its_core(house: House) -> None:
         assert taken not in cpus_of(process.pid) and taken not in cpus_of(status["lawd_pid"])
     assert os.sched_getscheduler(status["lawd_pid"]) == os.SCHED_IDLE
     assert os.getpriority(os.PRIO_PROCESS, status["lawd_pid"]) == 19
+    devices = status["cpus"]["spine_core"]["interrupts"]
+    assert len(devices["named"]) == min(devices["count"] or 0, 8) and "may land there" in devices["words"]
+    assert "    interrupts: " in house.lithe("status").stdout
 
 
 def test_run_announces_itself_in_json(house: House) -> None:

@@ -3,10 +3,13 @@
 
 import os
 import re
+import shutil
 import signal
 import subprocess
+import sys
 from pathlib import Path
 
+import calm
 import pytest
 from system.house import BIN, ROOT, House
 
@@ -69,6 +72,79 @@ def test_a_joint_is_moved_and_jogged_by_hand(arm: House) -> None:
     assert house.ask("move", joint, "1", "--in", "60s", code=2)["error"]["code"] == "usage"
     house.ask("disarm")
     assert house.ask("move", joint, "1", code=1)["error"]["code"] == "refused_mode"
+
+
+# A zsh on a terminal of its own: what stands on its line after TAB.
+ZSH = r"""
+zmodload zsh/zpty
+zpty shell zsh -f -i
+zpty -w shell "PS1='> '; bindkey -e; autoload -Uz compinit; compinit -u -D; . $1; cd $2; print -n READ''Y"
+zpty -r -m shell line '*READY*'
+for words in "${@:3}"; do
+  zpty -w -n shell "$words"$'\t'
+  zpty -w -n shell $'\C-a'"print -r -- '<"$'\C-e'">'"$'\n'
+  zpty -r -m shell line $'*\n<*>*'
+  print -r -- "${${line##*$'\n'<}%%>*}"
+done
+"""
+
+
+def test_a_zsh_completes_verbs_options_and_files(house: House) -> None:
+    """By a person's key, in a shell that has read the file."""
+    if shutil.which("zsh") is None:
+        pytest.skip("no zsh here (Debian: apt-get install zsh)")
+    script = house.dir / "_lithe"
+    script.write_text(house.lithe("help", "--zsh").stdout)
+    typed = {
+        "lithe mo": "lithe move",
+        "lithe law ch": "lithe law check",
+        "lithe --robot arm law ch": "lithe --robot arm law check",
+        "lithe swap --prob": "lithe swap --probation",
+        "lithe run chai": "lithe run chain.toml",
+    }
+    words = ["zsh", "-f", "-c", ZSH, "zsh", script, ROOT / "robots", *typed]
+    env = house.env | {"TERM": "xterm"}
+    done = subprocess.run(words, env=env, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == list(typed.values())
+
+
+STAYS = """
+import sys, lithe
+robot = lithe.connect("arm")
+if robot.status()["mode"] == "safe_stop":
+    robot.reset()
+robot.arm()
+robot.go_to([0.05], 0.5)
+print("there", flush=True)
+sys.stdin.readline()
+"""
+
+
+def test_a_robot_that_stops_without_its_brain_is_moved_by_one_that_stays(patient: House) -> None:
+    """The command line says so, and what it says to do works."""
+    house = patient
+    house.config.write_text(calm.changed(calm.calm_text(), {'on_stale = "hold"': 'on_stale = "safe_stop"'}, "the arm"))
+    house.run("--no-arm")
+    house.wait_for(lambda: house.ask("status")["mode"] == "disarmed")
+    joint = house.ask("status")["joints"][0]["name"]
+    alone = house.ask("move", joint, "5", code=1)["error"]
+    assert alone["code"] == "refused_brain" and 'on_stale = "safe_stop"' in alone["message"], alone
+    assert "armed only while a Brain lives" in alone["message"] and "robot.go_to" in alone["next"]
+    house.ask("arm")
+    house.wait_for(lambda: house.ask("status")["fault"] == "brain_stale")
+    assert house.ask("jog", joint, "5", code=1)["error"]["code"] == "refused_brain", "not: reset and arm it"
+    env = house.env | {"PYTHONPATH": str(ROOT / "brain")}
+    pipe = subprocess.PIPE
+    brain = subprocess.Popen([sys.executable, "-c", STAYS], env=env, stdin=pipe, stdout=pipe, text=True)
+    house.started.append(brain)
+    assert brain.stdout is not None and brain.stdout.readline() == "there\n"
+    house.wait_for(lambda: abs(house.ask("status")["joints"][0]["setpoint_position_rad"] - 0.05) < 1e-3)
+    assert house.ask("status")["mode"] == "active"
+    beside = house.ask("jog", joint, "5", code=1)["error"]
+    assert beside["code"] == "refused_brain" and f"has a Brain already (pid {brain.pid})" in beside["message"]
+    brain.communicate("\n")
+    house.wait_for(lambda: house.ask("status")["fault"] == "brain_stale")
 
 
 def test_the_status_begins_with_what_is_wrong_and_is_plain_in_a_pipe(arm: House) -> None:
