@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the judge knows of each joint, and what it says of each. The agent knows none of it."""
+"""The judge's knowledge and findings about each joint. The agent does not have them."""
 
 from __future__ import annotations
 
