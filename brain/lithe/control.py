@@ -61,7 +61,7 @@ def find_robot() -> str:
     """The one robot whose supervisor answers here; NotRunning if there is none, LitheError if there are several."""
     names = sorted(path.stem for path in run_dir().glob("*.sock") if _answers(path))
     if not names:
-        raise NotRunning(f"no robot runs here (nobody answers in {run_dir()})\n  next: lithe run ROBOT.toml")
+        raise NotRunning(f"no robot runs here (no supervisor answers in {run_dir()})\n  next: lithe run ROBOT.toml")
     if len(names) > 1:
         raise LitheError(f"several robots run here: {', '.join(names)}\n  next: lithe.connect('{names[0]}')")
     return names[0]
@@ -117,7 +117,7 @@ class LineSocket:
     def exchange(self, request: bytes, what: str) -> dict[str, Any]:
         """One line out, one object back."""
         unsure = "nothing was changed" if what in QUESTIONS else f"whether '{what}' was done is not known"
-        unsure += "; the next call connects anew"
+        unsure += "; the next call connects again"
         try:
             self._file.write(request + b"\n")
             self._file.flush()

@@ -221,7 +221,7 @@ class Gateway:
     # ---- the gateway's own verbs
     def _describe(self, _: dict[str, Any]) -> Any:
         if not self.robot.attached:
-            raise NotRunning(f"robot '{self.robot.name}' has ended, or was started anew")
+            raise NotRunning(f"robot '{self.robot.name}' has ended, or was started again")
         info = self.robot.spine.info
         joints = range(self.robot.spine.joint_count)
         limits = ("position_min_rad", "position_max_rad", "velocity_max_rad_s", "torque_max_nm", "torque_slew_nm_s")

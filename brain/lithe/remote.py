@@ -35,7 +35,7 @@ class Remote:
     """A robot over TCP: `remote.call("swap", source=...)`, `remote.call("history", seconds=2.0, fields=[...])`.
 
     `token` is the token or, as a Path, the file the gateway wrote it to. `timeout_s` bounds connecting and each answer.
-    After the gateway was restarted the next call connects anew (with the same token: a Path is read again).
+    After the gateway was restarted the next call connects again (with the same token: a Path is read again).
     """
 
     def __init__(self, host: str, port: int, token: str | Path, timeout_s: float = 60.0) -> None:

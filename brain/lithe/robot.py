@@ -131,7 +131,7 @@ class Robot:
             raise LitheError("this connection only looks\n  next: lithe.connect(writes_plans=True)")
         if not self.attached:
             raise NotRunning(
-                f"robot '{self.name}' has ended, or was started anew, or this connection was closed\n"
+                f"robot '{self.name}' has ended, or was started again, or this connection was closed\n"
                 "  next: robot.reconnect(), once it runs"
             )
         return self._writer
@@ -238,7 +238,7 @@ class Robot:
         Empty when the law has none. Read from shared memory: costs the Spine nothing and needs no supervisor.
         """
         if not self.attached:
-            raise NotRunning(f"robot '{self.name}' has ended, or was started anew\n  next: robot.reconnect()")
+            raise NotRunning(f"robot '{self.name}' has ended, or was started again\n  next: robot.reconnect()")
         return self.spine.state()
 
     def status(self) -> dict[str, Any]:

@@ -42,7 +42,7 @@ class Telemetry:
     def _check(self) -> None:
         if not self._spine.mapping.is_current():
             raise NotRunning(
-                f"robot '{self._spine.robot}' has ended, or was started anew\n  next: robot.reconnect(), once it runs"
+                f"robot '{self._spine.robot}' has ended, or was started again\n  next: robot.reconnect(), once it runs"
             )
 
     def latest(self) -> npt.NDArray[Any] | None:

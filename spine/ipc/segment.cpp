@@ -188,7 +188,7 @@ Result<Mapping> Mapping::attach(const std::string& path, std::size_t bytes, Acce
   if (data == MAP_FAILED) return system_error(path, "cannot map shared memory", "check `ulimit -v`");
   Mapping mapping(data, size);
   if (size < bytes) {
-    return Error{path + ": shorter than its layout says; remove the file and start the robot again"};
+    return Error{path + ": shorter than its layout; remove the file and start the robot again"};
   }
   if (Result<> checked = check(path, static_cast<const unsigned char*>(data), size, bytes); !checked) {
     return checked.error();

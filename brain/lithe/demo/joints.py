@@ -62,7 +62,7 @@ def _refuse_hardware(robot_file: Path, config: dict[str, Any]) -> None:
                 f"{robot_file}: bus '{bus.get('name')}' is of kind \"{kind}\", so real motors may hang on it. The "
                 "experiment drives every joint with laws that are bad on purpose, and freezes and kills its Brain. "
                 'Nothing was started\n  next: simulate the bus (kind = "loop"); or, when devices are simulated at its '
-                "far end, or all may swing freely with nobody near:\n"
+                "far end, or all joints may swing freely and no person is near:\n"
                 f"    python -m lithe.demo --robot {robot_file} --over-real-buses"
             )
 
