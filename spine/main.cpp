@@ -122,14 +122,13 @@ Result<> watch_constants(contain::Constants& constants, const robot::RobotConfig
     const char* name;
     const void* from;
     std::size_t bytes;
-  } blocks[] = {
-      {"what the robot file says", &robot, sizeof robot},
-      {"what the robot file says of its joints", robot.joints.data(), std::span(robot.joints).size_bytes()},
-      {"what the robot file says of its devices", robot.devices.data(), std::span(robot.devices).size_bytes()},
-      {"what the robot file says of its buses", robot.buses.data(), std::span(robot.buses).size_bytes()},
-      {"what the robot file says of its sensors", robot.sensors.data(), std::span(robot.sensors).size_bytes()},
-      {"the head of the shared memory", &shared.header, offsetof(wire::SegmentHeader, heartbeat_ns)},
-      {"the robot's description in shared memory", &shared.robot_info, sizeof shared.robot_info}};
+  } blocks[] = {{"the robot file's values", &robot, sizeof robot},
+                {"the robot file's values of its joints", robot.joints.data(), std::span(robot.joints).size_bytes()},
+                {"the robot file's values of its devices", robot.devices.data(), std::span(robot.devices).size_bytes()},
+                {"the robot file's values of its buses", robot.buses.data(), std::span(robot.buses).size_bytes()},
+                {"the robot file's values of its sensors", robot.sensors.data(), std::span(robot.sensors).size_bytes()},
+                {"the head of the shared memory", &shared.header, offsetof(wire::SegmentHeader, heartbeat_ns)},
+                {"the robot's description in shared memory", &shared.robot_info, sizeof shared.robot_info}};
   for (const auto& [name, from, bytes] : blocks) {
     if (bytes == 0) continue;
     if (const Result<> watched = constants.watch(name, from, bytes); !watched) return watched;
@@ -185,7 +184,7 @@ class Threads {
                                 cpus_.transport_inline ? &actuators_ : nullptr,
                                 &constants_};
       loop::Spine* spine = containment_.vault->create<loop::Spine>(wiring);
-      told_off_ = spine->run(stop_tick_);
+      all_off_sent_ = spine->run(stop_tick_);
       std::destroy_at(spine);
     });
     return thread.get_future().get();
@@ -203,7 +202,7 @@ class Threads {
     loading_.join();
     watching_.join();
     keeper_.join();
-    return told_off_;
+    return all_off_sent_;
   }
 
  private:
@@ -243,7 +242,7 @@ class Threads {
       nanosleep(&kEvery, nullptr);
       clock.renew();
       const char* const damaged = constants_.look();
-      if (damaged != told) fmt::print(stderr, "lithe-spine: memory that nobody may write has changed: {}\n", damaged);
+      if (damaged != told) fmt::print(stderr, "lithe-spine: memory that must not change has changed: {}\n", damaged);
       told = damaged;
     }
   }
@@ -283,7 +282,7 @@ class Threads {
   contain::Constants constants_;
   std::promise<void> go_;
   std::atomic<bool> stop_tick_{false}, stop_transport_{false}, stop_helpers_{false};
-  bool told_off_ = false;  // result of the tick thread's shutdown
+  bool all_off_sent_ = false;  // result of the tick thread's shutdown
   std::thread keeper_, watching_, loading_, transport_, ticking_;
 };
 
@@ -366,12 +365,12 @@ int run(const std::string& path) {
   if (const Result<> watched = watch_constants(threads->constants(), *robot, *memory); !watched)
     fmt::print(stderr, "lithe-spine: {}\n", watched.message());
   run_sealed(*threads, **actuators, ready_line(*robot, *cpus, notes), signals);
-  const bool told_off = threads->stop();
+  const bool all_off_sent = threads->stop();
   std::destroy_at(threads);
   if (code != nullptr) std::destroy_at(code);
   if (const std::string odd = describe_replies(**actuators); !odd.empty()) fmt::print(stderr, "lithe-spine: {}\n", odd);
   remove_memory(robot->name);
-  if (told_off) return 0;
+  if (all_off_sent) return 0;
   fmt::print(stderr, "lithe-spine: not every drive has heard that it is off; their watchdogs have to stop them\n");
   return kExitFault;
 }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""LITHE for the Brain: see what the Spine sees, publish plans, replace its control law while the robot moves.
+"""LITHE for the Brain: read the Spine's data, publish plans, replace its control law while the robot moves.
 
 import lithe
 robot = lithe.connect()

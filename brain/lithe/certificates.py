@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Certificates of swaps, held against the chain that binds them. The checking itself is `lithe law verify`."""
+"""Verifies certificates of swaps against their chain. The check itself is `lithe law verify`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .programs import binary
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is not as it was written.
+    """One problem of a chain.
 
     `what` is changed, missing, extra or order; `file` the certificate's name, `line` that of the chain (0: none);
     `text` a sentence.
@@ -28,9 +28,9 @@ class Problem:
 
 @dataclass(frozen=True)
 class Chain:
-    """What verify() found: how many certificates the chain names, how often one was written, what is wrong.
+    """Result of verify(): number of certificates in the chain, number of writings, problems.
 
-    `cut` counts writings that a full disk or a crash cut short: no problem, but worth a look.
+    `cut` counts writings that a full disk or a crash interrupted: not a problem, but worth checking.
     """
 
     folder: Path
@@ -46,15 +46,15 @@ class Chain:
 
     @property
     def broken(self) -> frozenset[str]:
-        """Names of the certificates that a problem is about; the others are what was written."""
+        """Names of the certificates with a problem; the others are unchanged."""
         return frozenset(each.file for each in self.problems)
 
 
 def verify(folder: str | Path) -> Chain:
-    """Holds all certificates of a folder (`out/<robot>/swaps`) against their chain; no robot needs to run.
+    """Checks all certificates of a folder (`out/<robot>/swaps`) against their chain; no robot needs to run.
 
-    The chain shows what was changed later by somebody who did not write it anew: it is not a signature. Certificates
-    that were cut off at its end, lines and files alike, are not missed. Raises LitheError where there are none.
+    The chain detects later changes, unless the whole chain was rewritten: it is not a signature. Certificates
+    removed at its end together with their lines are not detected. Raises LitheError where there are none.
     """
     command = [str(binary("lithe")), "--json", "law", "verify", "--folder", str(folder)]
     done = subprocess.run(command, check=False, capture_output=True, text=True)

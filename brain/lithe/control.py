@@ -38,7 +38,7 @@ def run_dir() -> Path:
 
 
 def _answers(path: Path) -> bool:
-    """Does anybody listen there? A socket file outlives a supervisor that was killed."""
+    """True when a process listens there. A socket file stays after a supervisor was killed."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as sock:
         sock.settimeout(LOOK_S)
         try:
@@ -61,7 +61,7 @@ def find_robot() -> str:
     """The one robot whose supervisor answers here; NotRunning if there is none, LitheError if there are several."""
     names = sorted(path.stem for path in run_dir().glob("*.sock") if _answers(path))
     if not names:
-        raise NotRunning(f"no robot runs here (nobody answers in {run_dir()})\n  next: lithe run ROBOT.toml")
+        raise NotRunning(f"no robot runs here (no supervisor answers in {run_dir()})\n  next: lithe run ROBOT.toml")
     if len(names) > 1:
         raise LitheError(f"several robots run here: {', '.join(names)}\n  next: lithe.connect('{names[0]}')")
     return names[0]
@@ -95,7 +95,7 @@ class LineSocket:
         self._id = 0
 
     def is_idle(self) -> bool:
-        """Open, and nothing has come that nobody asked for: fit for the next call."""
+        """True when it is open and has no unexpected input: it can be used for the next call."""
         look = select.poll()
         look.register(self._socket, select.POLLIN)
         return not look.poll(0)
@@ -117,7 +117,7 @@ class LineSocket:
     def exchange(self, request: bytes, what: str) -> dict[str, Any]:
         """One line out, one object back."""
         unsure = "nothing was changed" if what in QUESTIONS else f"whether '{what}' was done is not known"
-        unsure += "; the next call connects anew"
+        unsure += "; the next call connects again"
         try:
             self._file.write(request + b"\n")
             self._file.flush()
@@ -135,14 +135,14 @@ class LineSocket:
         return answer
 
     def close(self) -> None:
-        """Hangs up; twice does no harm."""
-        with contextlib.suppress(OSError):  # what was left to send has nobody to read it
+        """Closes the connection; may be called twice."""
+        with contextlib.suppress(OSError):  # the rest cannot be sent any more
             self._file.close()
         self._socket.close()
 
 
 def refusal_in(answer: dict[str, Any]) -> Refused:
-    """The error of an answer that is not ok, whatever the other side has put there."""
+    """The error of an answer that is not ok; any contents are safe."""
     refusal = answer.get("error")
     if not isinstance(refusal, dict):
         refusal = {}
@@ -180,7 +180,7 @@ class Client:
         except Refused:
             self._give_back(link)
             raise
-        except BaseException:  # a late answer must not be taken for the next one's
+        except BaseException:  # a late answer must not be taken for the next call's
             link.close()
             raise
         self._give_back(link)
@@ -206,7 +206,7 @@ class Client:
         link.close()
 
     def close(self) -> None:
-        """Hangs up; calls that wait for their answer still get it."""
+        """Closes the connections; pending calls still get their answers."""
         with self._lock:
             self._closed = True
             idle, self._idle = self._idle, []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one family of errors: what went wrong, where, and what to do next."""
+"""The errors of this package: each says what is wrong, where, and the next step."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ class NotRunning(LitheError):
 
 
 class NoSupervisor(NotRunning):
-    """Nobody listens at the robot's control socket; nothing was sent."""
+    """No process listens at the robot's control socket; nothing was sent."""
 
 
 class Refused(LitheError):
-    """The robot understood and said no.
+    """The robot refused the request.
 
-    `code` is a word for programs (e.g. "refused_estop"), `next` what to do; `detail` all that came with the refusal,
+    `code` is for programs (e.g. "refused_estop"), `next` is the next step; `detail` has further data of the refusal,
     such as a compiler's diagnostics.
     """
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Text files that others name: read whole, never without end."""
+"""Reads text files with names from users, with a limit."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The Brain's TCP gateway: an agent in another process, or on another machine, does all that the Brain can.
+"""The Brain's TCP gateway: an agent in another process, or on another computer, can do everything that the Brain can.
 
 JSON lines. The first line is {"token": "..."}; then requests {"id", "verb", "args"}, answered as on the control socket:
 {"id", "ok": true, "result"} or {"id", "ok": false, "error": {"code", "message", "next"}}. The gateway's own verbs:
@@ -8,8 +8,8 @@ JSON lines. The first line is {"token": "..."}; then requests {"id", "verb", "ar
     latest    {fields?}                                 the newest telemetry record
     history   {seconds? or since_tick?, every?, fields?}    columns of records, at most the last 4096 ticks, and `lost`
     publish   {t_ns, position_rad, velocity_rad_s?, streaming?}   a plan of up to 16 waypoints
-    estop     {}                                        at once, through shared memory; answered when a tick has obeyed
-    reset     {}                                        lifts that e-stop too, which the supervisor cannot
+    estop     {}                                        at once, through shared memory; answered after a tick saw it
+    reset     {}                                        also clears that e-stop word, which the supervisor cannot
 
 An application may add verbs. Every other verb (status, swap, rollback, params, set_params, arm, ...) goes to the
 supervisor. Loopback by default; the token lies in a file of mode 0600.
@@ -80,7 +80,7 @@ def _json(value: Any) -> str:
 
 
 def encode(answer: dict[str, Any]) -> bytes:
-    """One line of JSON; NaN and infinity, which JSON has no words for, become null. TypeError for what has no form."""
+    """One line of JSON; NaN and infinity become null. TypeError for values that JSON cannot represent."""
     result = answer.get("result")
     if isinstance(result, Encoded):
         head = _json({key: value for key, value in answer.items() if key != "result"}).encode()
@@ -102,10 +102,10 @@ def _refusal(name: Any, code: str, message: str, next_step: str = "", detail: di
 
 
 class Gateway:
-    """Serves one Robot on `host`:`port` (0: any free one, see .port) to who knows `token`.
+    """Serves one Robot on `host`:`port` (0: any free one, see .port) to clients with `token`.
 
-    `verbs` are the application's own, added to or in place of the gateway's: functions of the args, called in a thread
-    of the client's. `say` is told of clients that are disconnected; it writes to stderr if left out.
+    `verbs` are the application's own; they add to or replace the gateway's: functions of the args, called in a thread
+    of the client's. `say` gets a line for each disconnected client; the default writes to stderr.
     """
 
     def __init__(
@@ -145,11 +145,11 @@ class Gateway:
         self.port = self._lobby.port
 
     def start(self) -> None:
-        """Serves in threads of its own until close()."""
+        """Serves in its own threads until close()."""
         self._lobby.start()
 
     def close(self) -> None:
-        """Takes no more clients; those that are connected stay until they leave."""
+        """Accepts no more clients; connected ones stay until they leave."""
         self._lobby.close()
 
     def _admit(self, link: socket.socket, hello: Hello, rest: bytes) -> bytes | None:
@@ -210,7 +210,7 @@ class Gateway:
             return _refusal(name, "bad_request", f"bad request: {what}", next_step), sum(kept)
         except LitheError as error:
             return _refusal(name, "error", str(error)), 0
-        except Exception as error:  # an application's verb: its fault must not look like a gateway that died
+        except Exception as error:  # an error in an application's verb must not look like a dead gateway
             return _refusal(name, "error", f"{type(error).__name__}: {error}"), 0
 
     def _call(self, verb: str, args: dict[str, Any]) -> Any:
@@ -221,7 +221,7 @@ class Gateway:
     # ---- the gateway's own verbs
     def _describe(self, _: dict[str, Any]) -> Any:
         if not self.robot.attached:
-            raise NotRunning(f"robot '{self.robot.name}' has ended, or was started anew")
+            raise NotRunning(f"robot '{self.robot.name}' has ended, or was started again")
         info = self.robot.spine.info
         joints = range(self.robot.spine.joint_count)
         limits = ("position_min_rad", "position_max_rad", "velocity_max_rad_s", "torque_max_nm", "torque_slew_nm_s")
@@ -249,7 +249,7 @@ class Gateway:
         out: dict[str, Any] = {}
         for name in fields:
             column = records[name]
-            if name == "sensor":  # JSON knows no NaN: what is not valid is null
+            if name == "sensor":  # JSON has no NaN: an invalid value is null
                 valid = column[..., : len(self.robot.spine.sensor_names)].astype(object)
                 valid[np.isnan(column[..., : valid.shape[-1]])] = None
                 out[name] = valid.tolist()
@@ -316,7 +316,7 @@ def main() -> int:
     parser.add_argument("--port", type=int, default=7423)
     parser.add_argument("--token-file", type=Path, default=run_dir() / "gateway.token")
     args = parser.parse_args()
-    # A shell starts background jobs with SIGINT ignored; whoever sends it to a gateway means it.
+    # A shell starts background jobs with SIGINT ignored; here SIGINT must end the gateway.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.setswitchinterval(SWITCH_S)
     try:

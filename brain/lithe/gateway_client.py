@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One client of the gateway that has shown the token: what it asks, in turn; an e-stop, ahead of everything.
+"""One authenticated client of the gateway: handles its requests in order, and an e-stop before all others.
 
 Two threads: one reads and answers an e-stop at once, whatever else is being done for this client; the other answers
 all other requests one after the other. What a client may have pending and unread is bounded; one that does not read is
@@ -32,7 +32,7 @@ Answer = Callable[[bytes], tuple[bytes, int]]
 
 
 class TooSlow(Exception):
-    """The client does not read what it asked for."""
+    """The client does not read its answers."""
 
 
 def is_estop(line: bytes) -> bool:
@@ -93,7 +93,7 @@ class Client:
                 searched = 0
                 self._take(line)
                 if len(line) > MOST_REQUEST_BYTES:
-                    return  # the rest of an oversized line cannot be told from a new request
+                    return  # the rest of an oversized line cannot be distinguished from a new request
                 continue
             searched = len(self._heard)
             data = self._link.recv(PIECE_BYTES)

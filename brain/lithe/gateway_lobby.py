@@ -23,14 +23,14 @@ HELLO_S = 2.0
 MOST_HELLO_BYTES = 4096
 MOST_WAITING = 64
 MOST_OF_ONE_ADDRESS = 16
-MOST_LEFT_BYTES = 1 << 20  # read and thrown away of one who was refused: closing on unread words takes the answer back
+MOST_LEFT_BYTES = 1 << 20  # discarded input of a refused client: closing with unread input would drop the answer
 
 Hello = dict[str, Any]
 
 
 @dataclass
 class Guest:
-    """One who has not shown the token yet, or was refused and shall have time to read why."""
+    """A client without a valid token so far, or a refused one that gets time to read the reason."""
 
     link: socket.socket
     address: str
@@ -68,7 +68,7 @@ class Lobby:
         self._thread.start()
 
     def close(self) -> None:
-        """Takes no more clients; those that wait are shown out."""
+        """Accepts no more clients and disconnects those that wait."""
         self._wake.close()
         if self._thread is not None:
             self._thread.join()
@@ -96,7 +96,7 @@ class Lobby:
     def _welcome(self) -> None:
         try:
             link, address = self._listener.accept()
-        except OSError:  # it has left again, or no file descriptor is free
+        except OSError:  # it has disconnected, or no file descriptor is free
             if self._guests:
                 self._show_out(next(iter(self._guests.values())))
             else:

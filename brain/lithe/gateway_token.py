@@ -15,14 +15,14 @@ _HELD: dict[Path, int] = {}  # token files of this process, open and locked
 
 
 def new_token() -> str:
-    """One that nobody guesses."""
+    """A random token."""
     return secrets.token_hex(16)
 
 
 def write_token(path: Path, token: str | None = None) -> str:
     """A token, a fresh one if none is given, in a file that only its owner can read; LitheError if a gateway uses it.
 
-    The file stays locked until this process ends: what tells another gateway that its clients read it.
+    The file stays locked until this process ends, so that another gateway detects that it is in use.
     """
     token = token or new_token()
     path.parent.mkdir(mode=0o750, parents=True, exist_ok=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whose turn it is in the gateway: verbs that move or stop the robot first, long answers one at a time and in turn.
+"""Scheduling in the gateway: verbs that move or stop the robot first, long answers one at a time.
 
 Python runs one thread at a time, so a long answer that is made in one go keeps every other client waiting. It is made
 in pieces; between two of them it lets the others run, and waits while a moving verb is being served.
@@ -71,7 +71,7 @@ class Turns:
             self.unsent_bytes += size_bytes
 
     def drop(self, size_bytes: int) -> None:
-        """It was sent, or nobody will read it."""
+        """The answer was sent, or is dropped."""
         with self._changed:
             self.unsent_bytes -= size_bytes
             self._changed.notify_all()

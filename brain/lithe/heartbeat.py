@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The Brain's sign of life, given by a thread: it ends with the process, and stands still when the process does."""
+"""The Brain's heartbeat, sent by a thread: it ends or stops together with the process."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 from .files import read_regular
 
 LONGEST_S, SHORTEST_S = 0.05, 0.002
-UNKNOWN_LIMIT_S = 0.1  # should the robot file be out of our reach: safe for all but the most impatient robots
+UNKNOWN_LIMIT_S = 0.1  # when the robot file cannot be read: short enough for almost every robot
 BEATS_PER_LIMIT = 5
 
 

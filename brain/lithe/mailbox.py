@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commands to the Spine through the Brain's own mailbox in shared memory, while no supervisor lives.
 
-The Spine reads the mailbox in its tick, one letter a tick, and answers each; it checks them as it checks the
-supervisor's. What a supervisor adds is missing: parameters are not tried before they hold, and nothing is recorded.
+The Spine reads one command per tick and answers each; it checks them like the supervisor's.
+Parameters are not tried before they are in force, and nothing is recorded: that needs a supervisor.
 While a supervisor lives the Spine refuses parameters from this mailbox; its verb tries them.
 
 Threads: may be shared. Errors: Refused, with the codes of the control socket.
@@ -73,7 +73,7 @@ def ticks_alone(robot: str) -> bool:
 
 
 def robots_alone() -> list[str]:
-    """Robots of this user whose Spine ticks without a supervisor. Anybody may lay a file beside them: not taken."""
+    """Robots of this user whose Spine ticks without a supervisor. Files of other users are ignored."""
     pattern = shm_path("*", "spine")
     before, after = pattern.name.split("*")
     ours = [path.name for path in pattern.parent.glob(pattern.name) if path.lstat().st_uid == os.geteuid()]
@@ -87,7 +87,7 @@ class Mailbox:
         self._spine, self._writer = spine, writer
 
     def call(self, verb: str, args: dict[str, Any]) -> dict[str, Any]:
-        """Sends one command, waits until a tick has obeyed, and returns the answer."""
+        """Sends one command, waits until a tick has handled it, and returns the answer."""
         return VERBS[verb](self, **args)
 
     def _plain(self, kind: CommandKind, law_id: int = 0, values: dict[int, float] | None = None) -> dict[str, Any]:
@@ -132,7 +132,7 @@ class Mailbox:
         return {"mode": mode, "fault": fault, "tick": int(record["tick"]), "via": VIA}
 
     def _after_this_tick(self) -> dict[str, Any]:
-        """The tick that obeyed publishes its record after its answer."""
+        """The tick that handled the command publishes its record after its answer."""
         first = self._where()
         until = time.monotonic() + ANSWER_S
         while (now := self._where())["tick"] <= first["tick"] and time.monotonic() < until:

@@ -37,7 +37,7 @@ def prepare() -> None:
 
 
 def warn_if_late() -> None:
-    """Says so when numpy had started its threads before lithe could limit them."""
+    """Warns when numpy had started its threads before lithe could limit them."""
     if CAME_LATE and (os.cpu_count() or 1) > 1:
         warnings.warn(
             "numpy was imported before lithe: its threads may use the Spine's core; "

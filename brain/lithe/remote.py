@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The other end of the gateway: needs nothing but the standard library and a token.
+"""Client of the gateway: needs only the standard library and a token.
 
 Threads: may be shared. Errors: NotRunning, Refused.
 """
@@ -17,7 +17,7 @@ from .files import read_regular
 
 
 def _token(given: str | Path) -> str:
-    """The token itself, or the first line of its file. An empty one is refused here: nothing can be proved with it."""
+    """The token itself, or the first line of its file. An empty one is refused."""
     token, place = given, "the given token"
     if isinstance(given, Path):
         place = str(given)
@@ -32,10 +32,10 @@ def _token(given: str | Path) -> str:
 
 
 class Remote:
-    """A robot across TCP: `remote.call("swap", source=...)`, `remote.call("history", seconds=2.0, fields=[...])`.
+    """A robot over TCP: `remote.call("swap", source=...)`, `remote.call("history", seconds=2.0, fields=[...])`.
 
     `token` is the token or, as a Path, the file the gateway wrote it to. `timeout_s` bounds connecting and each answer.
-    After the gateway was restarted the next call connects anew (with the same token: a Path is read again).
+    After the gateway was restarted the next call connects again (with the same token: a Path is read again).
     """
 
     def __init__(self, host: str, port: int, token: str | Path, timeout_s: float = 60.0) -> None:
@@ -64,13 +64,13 @@ class Remote:
         return self.estop() if verb == "estop" else self._client.call(verb, args)
 
     def estop(self) -> Any:
-        """At once: over a connection of its own, ahead of all that is being done, and also where no place is free."""
+        """At once: over its own connection, before all other requests, also when the gateway has no free place."""
         lines, answer = self._say_hello(estop=True)
         lines.close()
         return answer.get("result")
 
     def close(self) -> None:
-        """Hangs up; twice does no harm."""
+        """Closes the connection; may be called twice."""
         self._client.close()
 
     def __enter__(self) -> Remote:

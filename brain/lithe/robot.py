@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A running robot as the Brain sees it: telemetry and plans through shared memory, verbs through the supervisor.
+"""A running robot: telemetry and plans through shared memory, verbs through the supervisor.
 
 Threads: a Robot may be shared. Times are CLOCK_MONOTONIC nanoseconds (`time.monotonic_ns()`), or seconds from now where
 a name ends in `_s`; angles are radians in joint order.
@@ -40,7 +40,7 @@ class Params:
         return {entry["name"]: {key: entry[key] for key in ("value", "min", "max")} for entry in answer["params"]}
 
     def set(self, **values: float) -> Any:
-        """Sets all of them on one tick once they have passed the trial, or none."""
+        """Sets all of them in one tick after they have passed the trial, or none."""
         return self._robot.call("set_params", values=values)
 
     def revert(self) -> Any:
@@ -58,7 +58,7 @@ class Params:
 
 
 class Robot:
-    """Made by lithe.connect(). `name` is the robot's, `spine` all that its Spine publishes (lithe.shm.SpineView)."""
+    """Made by lithe.connect(). `name` is the robot's, `spine` the data of its Spine (lithe.shm.SpineView)."""
 
     def __init__(self, name: str, writes_plans: bool = True, heartbeat: bool = True) -> None:
         self.name = name
@@ -99,14 +99,14 @@ class Robot:
     # ---- the robot at the other end
     @property
     def attached(self) -> bool:
-        """False once the robot has ended or was started anew, or after close(): then reconnect()."""
+        """False once the robot has ended or was started again, or after close(): then reconnect()."""
         return not self._closed and self.spine.mapping.is_current()
 
     def reconnect(self) -> None:
-        """Attaches to the robot that runs now, after it was started anew; changes nothing if it is the same one.
+        """Attaches to the robot after it was started again; does nothing if it is still the same run.
 
-        Verbs need no reconnect(): they find a new supervisor by themselves. Plans and telemetry do, because the new
-        robot counts its ticks from zero, is not where the old one was, may have other joints: look before you publish.
+        Verbs need no reconnect(): they find a new supervisor by themselves. Plans and telemetry need it, because the
+        new run counts its ticks from zero, and may have other positions and joints: check them before you publish.
         Raises LitheError while no robot of that name runs: try again later.
         """
         with self._lock:
@@ -131,7 +131,7 @@ class Robot:
             raise LitheError("this connection only looks\n  next: lithe.connect(writes_plans=True)")
         if not self.attached:
             raise NotRunning(
-                f"robot '{self.name}' has ended, or was started anew, or this connection was closed\n"
+                f"robot '{self.name}' has ended, or was started again, or this connection was closed\n"
                 "  next: robot.reconnect(), once it runs"
             )
         return self._writer
@@ -144,12 +144,12 @@ class Robot:
         velocity_rad_s: npt.ArrayLike | None = None,
         streaming: bool = True,
     ) -> int:
-        """Publishes a horizon of up to 16 waypoints at absolute times, and a sign of life; returns the plan's id.
+        """Publishes up to 16 waypoints at absolute times, and a heartbeat; returns the plan's id.
 
         t_ns (n,) in CLOCK_MONOTONIC ns, strictly ascending; position_rad (n, joints), or (n,) for one joint;
-        velocity_rad_s likewise, None = the Spine chooses. streaming: more will follow, so the last waypoint is passed
-        and not stopped at. Arrays that do not fit together raise BadPlan. What the Spine refuses (a limit, a time long
-        past) it says in an event `plan_refused`, and goes on with the plan before.
+        velocity_rad_s likewise, None = the Spine chooses. streaming: more plans will follow, so the last waypoint is
+        passed without a stop. Arrays of wrong shapes raise BadPlan. When the Spine refuses a plan (a limit, a time long
+        past), it sends an event `plan_refused` and continues the plan before.
         """
         position = np.asarray(position_rad, dtype=np.float64)
         velocity = None if velocity_rad_s is None else np.asarray(velocity_rad_s, dtype=np.float64)
@@ -169,7 +169,7 @@ class Robot:
         )
 
     def beat(self) -> None:
-        """A sign of life without a plan, for a Brain that was connected with heartbeat=False. Does not block."""
+        """A heartbeat without a plan, for a Brain connected with heartbeat=False. Does not block."""
         if self._writer is not None and self.attached:
             self._writer.beat()
 
@@ -177,12 +177,12 @@ class Robot:
     def swap(
         self, law: str | Path, name: str | None = None, params: dict[str, float] | None = None, **terms: float
     ) -> dict[str, Any]:
-        """Replaces the running law by C++ source text or a file; returns the transaction's record.
+        """Replaces the running law by C++ source text or a file; returns the certificate.
 
-        Raises Refused, with the compiler's diagnostics in `detail`, and the old law runs on.
+        Raises Refused, with the compiler's diagnostics in `detail`; the old law continues.
 
-        terms, where the robot's file shall not decide: blend_s (from the old torque to the new one's), probation_s
-        (automatic rollback for so long; 0 = keep it, however it tracks), error_ratio (how much worse tracking may get),
+        terms replace those of the robot file: blend_s (from the old torque to the new one's), probation_s
+        (automatic rollback during this time; 0 = none), error_ratio (how much worse tracking may get),
         shadow_s (run beside the active law first) with shadow_tolerance_nm, budget_us (of a step), box_ms (of a trial).
         """
         text = str(law)
@@ -198,7 +198,7 @@ class Robot:
         return result
 
     def rollback(self, steps: int = 1) -> Any:
-        """Back by 1 to 4 laws, to one that is still in the Spine, with the state it was left with."""
+        """Goes back by 1 to 4 laws, to one that is still in the Spine, with its last state."""
         return self.call("rollback", steps=steps)
 
     # ---- verbs
@@ -238,7 +238,7 @@ class Robot:
         Empty when the law has none. Read from shared memory: costs the Spine nothing and needs no supervisor.
         """
         if not self.attached:
-            raise NotRunning(f"robot '{self.name}' has ended, or was started anew\n  next: robot.reconnect()")
+            raise NotRunning(f"robot '{self.name}' has ended, or was started again\n  next: robot.reconnect()")
         return self.spine.state()
 
     def status(self) -> dict[str, Any]:
@@ -259,11 +259,11 @@ class Robot:
         return self.call("disarm")
 
     def hold(self) -> Any:
-        """The setpoint slows down and stays, and the running law goes on tracking it, until arm()."""
+        """The setpoint slows down and stops; the running law continues to track it, until arm()."""
         return self.call("hold")
 
     def reset(self) -> Any:
-        """After a fault or an e-stop; releases the Brain's own e-stop word first, which nobody else can."""
+        """Clears a fault or an e-stop; first clears the Brain's own e-stop word, which only the Brain can clear."""
         if self._writer is not None and self.attached:
             self._writer.press_estop(False)
         return self.call("reset")
@@ -271,9 +271,9 @@ class Robot:
     def recover(self, within_s: float = 120.0) -> dict[str, Any]:
         """Brings joints that are outside their limits inside: slowly, with little torque, without a law.
 
-        Returns the status once every joint is inside; it is held there until arm() or disarm(). When it ends otherwise
+        Returns the status once every joint is inside; it is held there until arm() or disarm(). When it fails,
         it is refused with the Spine's fault as code (`recover_failed`: a joint does not move, or its load is too
-        large), and with `timeout` when it is not over within `within_s`; it goes on then.
+        large), and with `timeout` after `within_s`; the Spine continues then.
         """
         self.call("recover")
         until = time.monotonic() + within_s
@@ -290,14 +290,14 @@ class Robot:
         raise Refused("timeout", f"not every joint is inside after {within_s:g} s", "it goes on: robot.status()")
 
     def sim_reset(self) -> Any:
-        """Joints of a robot whose buses are all simulated, disarmed: back to where they began."""
+        """Puts the joints back to their start positions; only for a disarmed robot whose buses are all simulated."""
         return self.call("sim_reset")
 
     def estop(self, within_s: float = 0.5) -> dict[str, Any]:
-        """At once, through shared memory: needs no supervisor. Returns when a tick has obeyed.
+        """At once, through shared memory: needs no supervisor. Returns after a tick has seen it.
 
-        Refused with code "robot_fault" when none has within `within_s`; the word stays pressed. If the robot was
-        started anew, it is the new one that is stopped.
+        Refused with code "robot_fault" when no tick has within `within_s`; the word stays set. If the robot was
+        started again, the new run is stopped.
         """
         if self._writer is None:
             result: dict[str, Any] = self.call("estop")
@@ -318,7 +318,7 @@ class Robot:
         )
 
     def close(self) -> None:
-        """Ends the heartbeat and gives the robot to the next Brain; twice does no harm."""
+        """Ends the heartbeat and frees the robot for the next Brain; may be called twice."""
         with self._lock:
             self._closed = True
             self._leave_the_brain()
@@ -334,12 +334,12 @@ class Robot:
 def connect(robot: str | None = None, writes_plans: bool = True, heartbeat: bool = True) -> Robot:
     """Connects to a running robot (the only one, if no name is given) and pins this thread to the Brain's core.
 
-    writes_plans: be the robot's Brain, of which there can be one; False only looks and asks.
+    writes_plans: act as the robot's Brain, of which there can be only one; False: read and call verbs only.
 
     heartbeat: a thread tells the Spine that this Brain lives, five times within the robot's `stale_after_s`. A Brain
-    that is killed, stopped or closed falls silent, and the Spine ends its plan as `on_stale` says. But a thread proves
-    that the process lives, not that its main loop does: a loop that hangs is not noticed. A Brain that publishes from a
-    loop anyway says False; then only publish() and beat() count, and a pause longer than `stale_after_s` ends the plan.
+    that is killed, stopped or closed sends no heartbeat, and the Spine then does what `on_stale` says. But a thread
+    proves only that the process lives; a main loop that hangs is not detected. A Brain that publishes from a loop
+    should use False; then only publish() and beat() count, and a pause longer than `stale_after_s` ends the plan.
     """
     return Robot(robot or _the_robot(), writes_plans, heartbeat)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shared memory as Python sees it: private numpy copies of what the Spine publishes, and the Brain's own segment.
+"""Access to shared memory: private numpy copies of the Spine's data, and the Brain's own segment.
 
 Every shared word is touched by the C shim alone (`_shm/lithe_shm.c`): pure Python cannot order its stores on ARM, and a
 reader would accept torn values. Nothing here hands out a view of live memory.
@@ -109,7 +109,7 @@ class Mapping:
             )
 
     def is_current(self) -> bool:
-        """False once the robot has ended or was started anew: then nobody looks at this memory any more."""
+        """False once the robot has ended or was started again: this memory is then not used any more."""
         try:
             status = os.stat(self.path)
         except OSError:
@@ -177,7 +177,7 @@ class RingCursor:
 
 
 class SpineView:
-    """All that the Spine publishes, read-only. `info` is its record RobotInfo, `joint_count` how many joints it has."""
+    """The data that the Spine publishes, read-only. `info` is its record RobotInfo, `joint_count` the joints."""
 
     def __init__(self, robot: str) -> None:
         self.robot = robot
@@ -193,12 +193,12 @@ class SpineView:
 
     @property
     def joint_names(self) -> list[str]:
-        """Of the joints the robot has, in the order of every joint array."""
+        """Names of the joints, in the order of every joint array."""
         return [bytes(name).decode() for name in self._names[: self.joint_count]]
 
     @property
     def sensor_names(self) -> list[str]:
-        """Of the sensors the robot has, in the order of `sensor` in telemetry."""
+        """Names of the sensors, in the order of `sensor` in telemetry."""
         return [bytes(name).decode() for name in self._sensors[: int(self.info["sensor_count"])]]
 
     def latest(self) -> npt.NDArray[Any] | None:
@@ -230,9 +230,9 @@ class SpineView:
         return laws[0] if laws else None
 
     def state(self) -> dict[str, Any]:
-        """The State of the running law by field name: numbers and numpy arrays, at most 10 ms old. Empty: it has none.
+        """The State of the running law by field name: numbers and numpy arrays, at most 10 ms old.
 
-        All of it is of one tick. Raises ShmError while no law has run yet.
+        Empty when it has none. All of it is of one tick. Raises ShmError while no law has run yet.
         """
         for _ in range(_TRIES):  # the law may be replaced between the two looks
             entry = self.mapping.channel("law_state")
@@ -245,7 +245,7 @@ class SpineView:
         raise ShmError(f"no law of robot '{self.robot}' has published a State yet\n  next: robot.swap(), robot.arm()")
 
     def answer(self, ticket: int) -> int:
-        """The Spine's answer (CommandResult) to a letter of BrainWriter.send(); 0 while it is pending."""
+        """The Spine's answer (CommandResult) to a command of BrainWriter.send(); 0 while it is pending."""
         item, address = self.mapping.item("brain_ack")
         return int(shim().lithe_mailbox_poll(address, item.depth, ticket))
 
@@ -257,7 +257,7 @@ class SpineView:
         return bins
 
     def health(self) -> dict[str, int]:
-        """How much came to the Spine broken since it started (message Health); all zero on a sound robot."""
+        """Counts of invalid data that the Spine received since its start (message Health); normally all zero."""
         layout, (_, address) = dtype("Health"), self.mapping.item("health")
         words = np.empty(len(layout.names or ()), np.uint64)
         shim().lithe_copy(words.ctypes.data, address, words.nbytes)
@@ -278,9 +278,9 @@ class BrainWriter:
             self._lock = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o660)
         except PermissionError:
             raise ShmError(f"no right to open {lock}: join the group of that file, or run as its owner") from None
-        with contextlib.suppress(PermissionError):  # not ours: then it is as its maker wanted it
+        with contextlib.suppress(PermissionError):  # it belongs to another user: leave its mode unchanged
             os.fchown(self._lock, -1, self.mapping.path.stat().st_gid)
-            os.fchmod(self._lock, 0o660)  # the umask took the group's right away
+            os.fchmod(self._lock, 0o660)  # the umask removed the group's permission
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -306,7 +306,7 @@ class BrainWriter:
             raise ShmError("this Brain has left: what it writes now could be another Brain's\n  next: connect again")
 
     def beat(self) -> None:
-        """A sign of life. publish() gives one too."""
+        """A heartbeat. publish() sends one too."""
         self._check_lease()
         self._store("heartbeat_ns", time.monotonic_ns())
 
@@ -367,7 +367,7 @@ class BrainWriter:
         shim().lithe_store(self.mapping.item("estop")[1], int(pressed))
 
     def close(self) -> None:
-        """Gives the lease back; once is enough, twice does no harm."""
+        """Releases the lease; may be called twice."""
         with self._publishing:
             if self._lock >= 0:
                 os.close(self._lock)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The State of a law, as bytes and a description, turned into names and numbers."""
+"""Converts the State of a law from bytes and a description to names and numbers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NUMBERS = {
 
 
 def fields_of(law: npt.NDArray[Any], state: bytes) -> dict[str, Any]:
-    """The fields of a State by name; `law` (LawInfo) says what lies where."""
+    """The fields of a State by name; `law` (LawInfo) describes the layout."""
     fields: dict[str, Any] = {}
     for i in range(int(law["state_field_count"])):
         kind, elements = StateKind(law["state_kind"][i]), int(law["state_elements"][i])

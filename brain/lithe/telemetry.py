@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the Spine measured, as numpy arrays. Threads: may be shared. Errors: NotRunning."""
+"""Telemetry as numpy arrays. Threads: may be shared. Errors: NotRunning."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ DEPTH = SEGMENTS["spine"]["telemetry"].depth
 
 
 class Telemetry:
-    """What the Spine measured: `robot.telemetry`. One record per tick, in private numpy copies.
+    """Telemetry: `robot.telemetry`. One record per tick, in private numpy copies.
 
     A record has the fields of message Telemetry (docs/reference/wire.md): records["position_rad"] has shape (n, 32) in
     rad, records["tick"] shape (n,); joints beyond the robot's own are zero. The Spine keeps the last 4096 ticks.
 
-    All raise NotRunning once the robot has ended or was started anew; drain() first gives what was left.
+    All raise NotRunning once the robot has ended or was started again; drain() first returns the remaining records.
     """
 
     def __init__(self, spine: SpineView) -> None:
@@ -33,7 +33,7 @@ class Telemetry:
         self._cursor = spine.telemetry()
 
     def _attach(self, spine: SpineView) -> None:
-        """Goes on with another run of the robot; for Robot.reconnect()."""
+        """Switches to another run of the robot; for Robot.reconnect()."""
         with self._lock:
             self._lost += self._cursor.lost
             self._spine = spine
@@ -42,7 +42,7 @@ class Telemetry:
     def _check(self) -> None:
         if not self._spine.mapping.is_current():
             raise NotRunning(
-                f"robot '{self._spine.robot}' has ended, or was started anew\n  next: robot.reconnect(), once it runs"
+                f"robot '{self._spine.robot}' has ended, or was started again\n  next: robot.reconnect(), once it runs"
             )
 
     def latest(self) -> npt.NDArray[Any] | None:
@@ -60,7 +60,7 @@ class Telemetry:
 
     @property
     def lost(self) -> int:
-        """Records that drain() came too late for, since connecting."""
+        """Number of records that were overwritten before drain() read them, since connecting."""
         return self._lost + self._cursor.lost
 
     def history(self, seconds: float) -> npt.NDArray[Any]:
@@ -69,9 +69,9 @@ class Telemetry:
         return np.concatenate([*pieces, np.empty(0, dtype("Telemetry"))])
 
     def since(self, tick: int) -> tuple[npt.NDArray[Any], int]:
-        """All records after that tick, oldest first, shape (n,), and how many there were that are gone by now.
+        """All records after that tick, oldest first, shape (n,), and the number of those that are no longer available.
 
-        A tick that is yet to come is one of an earlier run of the robot: then all records of this run are given.
+        A tick in the future is from an earlier run of the robot: then all records of this run are returned.
         """
         pieces, wanted = self.pieces(DEPTH, since_tick=tick)
         records = np.concatenate([*pieces, np.empty(0, dtype("Telemetry"))])
@@ -80,9 +80,9 @@ class Telemetry:
     def pieces(
         self, most: int, *, since_tick: int | None = None, seconds: float = 1.0
     ) -> tuple[Iterator[npt.NDArray[Any]], int]:
-        """The records of since() or history(), copied in pieces of `most` at most, and how many since() would have.
+        """The records of since() or history(), in pieces of at most `most`, and their full number.
 
-        Between two pieces the Spine goes on: what it overwrites meanwhile is missing.
+        The Spine continues between two pieces: records that it overwrites in that time are missing.
         """
         self._check()
         newest = self._cursor.latest()

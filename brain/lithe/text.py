@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether words from outside may be shown to a person: in a terminal, a log, a certificate."""
+"""Checks that text from outside is safe to show in a terminal, a log or a certificate."""
 
 from __future__ import annotations
 

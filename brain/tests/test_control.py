@@ -43,7 +43,7 @@ def test_no_robot_one_robot_and_several(monkeypatch: pytest.MonkeyPatch, tmp_pat
             find_robot()
         assert (tmp_path / "leg.sock").exists(), "what a killed supervisor leaves"
         assert find_robot() == "arm"
-    with pytest.raises(NotRunning, match="nobody answers"):
+    with pytest.raises(NotRunning, match="no supervisor answers"):
         find_robot()
 
 

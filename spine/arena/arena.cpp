@@ -27,7 +27,7 @@ Error failure(const std::string& what) { return Error{what + ": " + std::strerro
 int make_memfd(const char* name, std::uint64_t bytes) {
   constexpr unsigned kFlags = MFD_CLOEXEC | MFD_ALLOW_SEALING;
   int fd = memfd_create(name, kFlags | kExecutable);
-  if (fd < 0 && errno == EINVAL) fd = memfd_create(name, kFlags);  // a kernel that knows no such flag allows it anyway
+  if (fd < 0 && errno == EINVAL) fd = memfd_create(name, kFlags);  // an older kernel needs no such flag
   if (fd < 0) return -1;
   if (ftruncate(fd, static_cast<off_t>(bytes)) == 0 &&
       fcntl(fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) == 0) {
@@ -56,7 +56,7 @@ Result<Mapping> map_exec(int fd, std::uint64_t address, std::size_t bytes, const
   return mapping;
 }
 
-// The stubs go through a file as well: no page of this process is ever writable first and executable later.
+// The stubs are written through a file as well, so that no page of this process is first writable and later executable.
 Result<Mapping> map_stubs() {
   std::vector<std::byte> page(kStubBytes);
   write_stubs(page);
@@ -130,7 +130,7 @@ Result<Writer> Writer::attach(int fd) {
   void* view = mmap(nullptr, kBytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, fd, 0);
   if (view == MAP_FAILED) return failure("cannot map the code arena for writing");
   Mapping mapping(view, kBytes);
-  // A law on trial in a child must not find it.
+  // A law under trial in a child must not have it.
   if (madvise(view, kBytes, MADV_DONTFORK) != 0) return failure("cannot keep the arena from child processes");
   return Writer(std::move(mapping), std::move(*exec));
 }

@@ -17,17 +17,17 @@ namespace lithe::arena {
 // A new arena, all slots empty: a file descriptor that is closed on exec. Its size can never change.
 Result<int> make_memory();
 
-// Whether this descriptor is an arena that somebody made with make_memory().
+// True when this descriptor is an arena made by make_memory().
 bool is_memory(int fd);
 
 // The arena of a running Spine, readable and writable: for a supervisor that adopts it. The Spine keeps its own
 // descriptor as number kHandedFd.
 Result<int> memory_of(pid_t pid);
 
-// Replaces a descriptor by one that can only read: no mapping made of it can be written, now or later.
+// Replaces a descriptor by a read-only one: no mapping of it can ever be writable.
 Result<> make_read_only(int fd);
 
-// An address range that is given back with this object.
+// A mapping that is unmapped with this object.
 class Mapping {
  public:
   Mapping() = default;
@@ -46,18 +46,18 @@ class Mapping {
   std::size_t bytes_ = 0;
 };
 
-// All slots, read+execute at their fixed address, and the stubs of this process below them. Every page is there when
-// attach_exec() returns, and nothing about the mapping changes afterwards.
-// Contract: attach before the first tick; one per process · what it shows changes when a Writer places a law
+// All slots, read+execute at their fixed address, and the stubs of this process below them. Every page is present when
+// attach_exec() returns, and the mapping never changes afterwards.
+// Contract: attach before the first tick; one per process · its contents change when a Writer places a law
 class Arena {
  public:
-  // `fd` stays the caller's. The Error says what this system refuses; laws are then loaded with dlopen.
+  // The caller keeps `fd`. The Error says what the system refuses; laws are then loaded with dlopen.
   static Result<Arena> attach_exec(int fd);
 
-  // Keeps the pages in memory. Without effect where mlockall has done so already.
+  // Locks the pages in memory. No effect after mlockall.
   Result<> lock() const;
 
-  // What lies in a slot; the slot must be one (is_slot).
+  // The bytes of a slot; is_slot(slot) must be true.
   std::span<const std::byte> slot(std::uint32_t slot) const {
     return {static_cast<const std::byte*>(code_.get()) + (slot_address(slot) - kBase), kSlotBytes};
   }
@@ -67,7 +67,7 @@ class Arena {
   Mapping stubs_, code_;
 };
 
-// The only one who writes code. Its view is not inherited by child processes.
+// The only writer of code. Child processes do not inherit its mapping.
 // Contract: one thread · one Writer per arena
 class Writer {
  public:

@@ -14,8 +14,8 @@ namespace lithe::arena {
 #define LITHE_ARENA_HAS(feature) 0
 #endif
 
-// Far from where the kernel puts anything by itself, and inside the 39 bits of address that small ARM kernels have.
-// AddressSanitizer keeps its shadow there.
+// Far from the kernel's own choice of addresses, and within the 39 address bits of small ARM kernels. With
+// AddressSanitizer another address is used, because its shadow is here.
 #if defined(__SANITIZE_ADDRESS__) || LITHE_ARENA_HAS(address_sanitizer)
 inline constexpr std::uint64_t kBase = 0x2000'0000'0000;
 #else
@@ -44,8 +44,8 @@ struct Image {
   std::uint32_t code_bytes = 0;  // from the slot's start
 };
 
-// FNV-1a of an image, begun with the hash of the veneers it was linked against: an image made for another list of
-// functions never has the hash of one made for this list.
+// FNV-1a of an image, begun with the hash of the veneers it was linked against: so an image linked against another list
+// of functions never has a valid hash.
 // Contract: allocates nothing
 std::uint64_t image_hash(std::span<const std::byte> image);
 

@@ -11,8 +11,8 @@ namespace {
 
 constexpr std::uint64_t kFnvBasis = 0xcbf29ce484222325u, kFnvPrime = 0x100000001b3u;
 
-// What a law reaches when it aborts, fails an assertion or finds its stack damaged. The tick's containment takes it
-// from there; abort() itself would raise a signal that is blocked, or flush files.
+// Called when a law aborts, fails an assertion or detects a damaged stack. It raises a fault, which the containment
+// handles; abort() itself would raise a blocked signal, or flush files.
 [[noreturn]] void trap() { __builtin_trap(); }
 
 // The cast picks one function of the overloads a C++ library may offer under the name.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The functions a law may call, and the stubs through which it reaches them. What is not in the list does not exist for
-// a law: its link fails, so no undefined symbol can ever reach the process that ticks.
+// The functions that a law may call, and their stubs. A law that calls any other function cannot be linked, so no
+// undefined symbol reaches the Spine.
 #pragma once
 
 #include <cstddef>
@@ -20,7 +20,7 @@ struct Veneer {
 // In the order of the stubs.
 std::span<const Veneer> veneers();
 
-// Where the stub of the i-th veneer lies, in every process.
+// Address of the stub of the i-th veneer, the same in every process.
 inline constexpr std::uint64_t kVeneerBytes = 16;
 constexpr std::uint64_t veneer_address(std::size_t i) { return kStubs + i * kVeneerBytes; }
 

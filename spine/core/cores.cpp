@@ -131,7 +131,7 @@ std::vector<int> granted_cpus(const std::vector<int>& wanted) {
   CPU_ZERO(&set);
   for (const int cpu : wanted) CPU_SET(cpu, &set);
   std::vector<int> granted;
-  // What a thread asks for ends with it. It is not moved: the core on which it starts stays among those it may use.
+  // The request ends with its thread. The thread is not moved: its present core is among those requested.
   std::thread([&] {
     if (sched_setaffinity(0, sizeof set, &set) == 0) granted = allowed_cpus();
   }).join();

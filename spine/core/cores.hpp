@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the kernel says of this machine's cores: which there are, which of them this process may use, and off which the
-// kernel keeps other programs. Off the tick.
+// This machine's cores, from the kernel: all cores, those this process may use, and isolated ones. Off the tick.
 #pragma once
 
 #include <sys/types.h>
@@ -11,14 +10,14 @@
 
 namespace lithe {
 
-// How the kernel keeps other programs off a core.
+// Kind of isolation of a core.
 enum class Isolation : std::uint8_t {
-  none,    // it does not
-  boot,    // isolcpus on its command line: only who asks for the core gets there
-  cpuset,  // an isolated partition of cgroup v2: only who is in it
+  none,    // not isolated
+  boot,    // isolcpus: only threads that request the core run there
+  cpuset,  // isolated partition of cgroup v2: only its members run there
 };
 
-// Cores are numbered as the kernel does, lists of them ascend.
+// Cores have the kernel's numbers; lists are ascending.
 struct IsolatedCores {
   std::vector<int> boot;
   std::vector<int> cpuset;    // of the partition that the process is in
@@ -31,18 +30,18 @@ struct IsolatedCores {
 
 struct MachineCores {
   std::vector<int> online;
-  std::vector<int> affinity;  // which the process was started with
-  std::vector<int> granted;   // on which the kernel would let it run if it asked: those of its cpuset
+  std::vector<int> affinity;  // at the start of the process
+  std::vector<int> granted;   // cores that the kernel would grant: those of its cpuset
   IsolatedCores isolated;
 
   // What a thread may be pinned to. On a machine with isolcpus every process starts with an affinity without the
   // isolated cores, and has to ask for them.
   std::vector<int> usable() const;
-  // Of these, what the program may choose by itself: an affinity that somebody has set (taskset) is kept.
+  // The cores that may be chosen automatically: an affinity set by the user (taskset) is kept.
   std::vector<int> automatic() const;
 };
 
-// "0,2-3", as the kernel writes it and as people read it. What is no such list is an empty one.
+// "0,2-3", as the kernel writes it and as people read it. Invalid text gives an empty list.
 std::vector<int> parse_cpu_list(const std::string& text);
 std::string cpu_list(const std::vector<int>& cpus);
 
@@ -50,7 +49,7 @@ std::string cpu_list(const std::vector<int>& cpus);
 // isolated.
 IsolatedCores isolated_cores(pid_t pid = 0, const std::string& root = "");
 
-// Asks for cores as a thread of its own, which ends at once; which of them the kernel gave. Nothing moves.
+// Requests cores in a temporary thread and returns those the kernel granted. The caller's affinity does not change.
 std::vector<int> granted_cpus(const std::vector<int>& wanted);
 
 // Of this process.

@@ -39,7 +39,7 @@ Result<std::string> read_regular_file(const std::string& path, std::size_t most_
   if (S_ISDIR(about.st_mode)) return wrong(path, "is a directory, not a file");
   if (!S_ISREG(about.st_mode)) return wrong(path, "is a device, a pipe or a socket, not a file");
   if (about.st_size > static_cast<off_t>(most_bytes)) return too_large(path, most_bytes);
-  // Files of /proc say 0 bytes and may have no end: the size that was told is not relied on.
+  // Files of /proc report 0 bytes and may be endless, so the reported size is not used.
   std::string bytes;
   for (;;) {
     const std::size_t had = bytes.size();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files that others name, and the rights of files that are left behind. Off the tick.
+// Reads files with names from users; sets permissions of created files. Off the tick.
 #pragma once
 
 #include <cstddef>
@@ -19,7 +19,7 @@ Result<std::string> read_regular_file(const std::string& path, std::size_t most_
 
 // For the start of main(), and inherited by children. Files are made 0640 and directories 0750 at most: certificates,
 // caches and logs hold source text (a stricter umask stays; sockets and segments set their own mode). A write beyond
-// the limit of a file's size (ulimit -f) is an error like a full disk, and no signal that ends the process.
+// the limit of a file's size (ulimit -f) is an error like a full disk, not a signal that ends the process.
 void set_file_defaults();
 
 }  // namespace lithe

@@ -76,7 +76,7 @@ Result<> lock_memory() {
     limit.rlim_cur = limit.rlim_max;
     setrlimit(RLIMIT_MEMLOCK, &limit);
   }
-  // Whether there is room for more is found out by asking: a limit does not bind those who hold CAP_IPC_LOCK.
+  // Room for more is tested by trying: the limit does not apply with CAP_IPC_LOCK.
   if (mlockall(MCL_CURRENT | MCL_FUTURE) == 0) {
     void* room = mmap(nullptr, kStillToCome, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     if (room != MAP_FAILED) {

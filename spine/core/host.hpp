@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a thread asks of the kernel before it may tick: a core, a priority, memory that stays.
+// Set-up of a real-time thread: core, priority, locked memory.
 #pragma once
 
 #include <sys/types.h>
@@ -12,8 +12,7 @@
 
 namespace lithe {
 
-// The affinity of a thread (0: the calling one): the cores it may run on now, ascending; empty if nobody
-// can tell.
+// The affinity of a thread (0: the calling one): the cores it may run on now, ascending; empty if unknown.
 std::vector<int> allowed_cpus(pid_t thread = 0);
 
 // Pins the calling thread. The error names the core and those allowed.
@@ -22,7 +21,7 @@ Result<> pin_this_thread(int cpu);
 // Asks for nice -20 for the calling thread; returns the nice value now in force.
 int raise_priority();
 
-// Back to nice 0: a thread inherits its starter's, and a helper must not stand in the way of the tick.
+// Back to nice 0: a thread inherits its starter's, and a helper must not delay the tick.
 void ordinary_priority();
 
 // Threads started from now on get 512 KiB of stack instead of 8 MiB: locked memory counts whole stacks.
@@ -35,7 +34,7 @@ Result<> lock_memory();
 // Touches that much of the calling thread's stack: without the right to lock memory, the next best thing.
 void touch_stack(std::size_t bytes = 256 * 1024);
 
-// Keeps malloc from growing or shrinking the address space behind the tick's back (no trimming, no mmap, one arena).
+// Keeps malloc from growing or shrinking the address space while the tick runs (no trimming, no mmap, one arena).
 void freeze_malloc();
 
 }  // namespace lithe

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The capacity of the house and the array every joint quantity lives in.
+// Maximum number of joints, and the array type of every joint quantity.
 #pragma once
 
 #include <array>

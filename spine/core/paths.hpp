@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where LITHE keeps what must be found by name: sockets, shared memory, compiled laws.
+// Paths and names of sockets, shared memory and compiled laws.
 #pragma once
 
 #include <string>

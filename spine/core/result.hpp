@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How a function outside the tick says that it could not do its work. Nothing in spine/ throws.
+// Error return of functions outside the tick. Nothing in spine/ throws.
 #pragma once
 
 #include <string>
@@ -8,7 +8,7 @@
 
 namespace lithe {
 
-// What went wrong, where, and what to do next, in words for the person at the terminal.
+// An error message for the user: what is wrong, where, and the next step.
 struct Error {
   std::string message;
 };

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The real-time contract, as a word the compiler can check.
+// The real-time contract as an annotation that the compiler checks.
 #pragma once
 
-// LITHE_RT ends the signature of every function that runs inside the tick, and of no other. It promises:
-// no allocation, no lock, no throw, no log, no system call, no unbounded loop. clang >= 20 checks the promise
-// (-Wfunction-effects) and RealtimeSanitizer enforces it at run time; g++ keeps the noexcept.
+// LITHE_RT ends the signature of every function that runs inside the tick, and of no other. It promises: no allocation,
+// no lock, no throw, no log, no system call, no unbounded loop. clang >= 20 checks this (-Wfunction-effects) and
+// RealtimeSanitizer enforces it at run time; g++ keeps the noexcept.
 #if defined(__clang__) && __clang_major__ >= 20
 #define LITHE_RT noexcept [[clang::nonblocking]]
-// A fault leaves these by a jump: RealtimeSanitizer counts how deep a thread is in LITHE_RT, and must not count them.
+// A law fault leaves these functions by a jump. RealtimeSanitizer counts nested LITHE_RT calls, so it must not count
+// these.
 #define LITHE_LEFT_BY_A_JUMP [[clang::no_sanitize("realtime")]]
 #else
 #define LITHE_RT noexcept

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a core must do before it runs code that another core has written.
+// Synchronises a core's instruction fetch before it runs code that another core has written.
 #pragma once
 
 #include <cstdint>

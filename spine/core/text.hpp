@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whether bytes that came from outside are text, and whether that text may be shown to a person. Off the tick.
+// Checks that bytes from outside are text, and that the text is safe to show. Off the tick.
 #pragma once
 
 #include <cstddef>
@@ -13,13 +13,13 @@ namespace lithe {
 std::size_t first_non_text(std::string_view bytes);
 
 // The rule for every name and every other short word from outside: well-formed UTF-8 (Unicode 15, table 3-7: nothing
-// overlong, no surrogates), no control character (C0, DEL, C1), no tab or line end, and nothing that is invisible or
-// turns the direction of writing (U+00AD, U+061C, U+200B..200F, U+2028..202E, U+2060..206F, U+FEFF, U+FFF9..FFFB, tags
-// U+E0000..E0FFF). So it is shown as it is, in one line, on every terminal.
+// overlong, no surrogates), no control character (C0, DEL, C1), no tab or line end, and no invisible character or one
+// that changes the writing direction (U+00AD, U+061C, U+200B..200F, U+2028..202E, U+2060..206F, U+FEFF, U+FFF9..FFFB,
+// tags U+E0000..E0FFF). So it is shown unchanged, in one line, on every terminal.
 bool is_printable(std::string_view text);
 
-// The same bytes with all that is not printable written out: "\x1b" for bytes below 0x80 and for bytes that are no
-// UTF-8, "\u202e" for characters. Line ends and tabs stay when `keep_lines`.
+// The same bytes with everything unprintable escaped: "\x1b" for bytes below 0x80 and for bytes that are no UTF-8,
+// "\u202e" for characters. Line ends and tabs stay when `keep_lines`.
 std::string printable(std::string_view text, bool keep_lines = false);
 
 }  // namespace lithe

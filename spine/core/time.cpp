@@ -8,7 +8,7 @@ namespace lithe {
 namespace {
 
 // Reads both clocks as one: of several tries the one with the shortest gap between the counter reads, so that a
-// preemption between them cannot spoil the pair.
+// preemption between them does not matter.
 ClockPair read_pair() {
   ClockPair best;
   std::uint64_t best_gap = std::numeric_limits<std::uint64_t>::max();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The two clocks of the house: CLOCK_MONOTONIC in nanoseconds, and the raw counter that the tick reads instead.
+// The two clocks: CLOCK_MONOTONIC in nanoseconds, and the raw counter that the tick reads instead.
 #pragma once
 
 #include <cstdint>
@@ -44,8 +44,8 @@ inline void spin_pause() LITHE_RT {
 
 // Maps the raw counter onto CLOCK_MONOTONIC: ns = base_ns + (counter - base) * scale / 2^32.
 //
-// The scale is fitted once and then steered: CLOCK_MONOTONIC is disciplined by NTP and the counter is not, so an
-// outside thread calls `resample` every now and then and the tick adopts the new fit between two ticks.
+// The scale is fitted once and then steered: CLOCK_MONOTONIC is disciplined by NTP and the counter is not, so another
+// thread calls `resample` regularly, and the tick takes over the new fit between two ticks.
 // Contract: now_ns() RT · one instance per thread · calibrate() and resample() outside the tick.
 
 // Both clocks, read as one.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The latest value: one writer, many readers, nobody waits, and a writer may die in the middle.
+// Channel, the latest value: one writer, many readers, no waiting; the writer may die during a write.
 #pragma once
 
 #include <algorithm>
@@ -27,11 +27,11 @@ class ChannelWriter {
  public:
   explicit ChannelWriter(ChannelMemory<T>& memory) : memory_(&memory) {}
 
-  // A restarted writer goes on from `latest`: a slot its predecessor left odd is simply written over in its turn, and
-  // a value that was finished but not announced, which a reader may already have, is announced first. So no record is
-  // ever more than one ahead of `latest`, however many writers die (resume() below counts on it).
+  // A restarted writer continues from `latest`: a slot that its predecessor left odd is overwritten later; a value that
+  // was finished but not announced (a reader may already have it) is announced first. So no record is ever more than
+  // one ahead of `latest`, however many writers die (resume() below counts on it).
   void write(const T& value) LITHE_RT { write(value, kAll); }
-  // Only the words `used`: a reader must not look at the others, which are those of an earlier value.
+  // Only the words in `used`: a reader must not use the others, which are from an earlier value.
   void write(const T& value, const wire::WordRanges& used) LITHE_RT {
     std::uint64_t count = load_word(memory_->latest, std::memory_order_relaxed) + 1;
     // acquire: the predecessor's value comes before our announcement of it.
@@ -93,7 +93,7 @@ class ChannelReader {
     return std::max(seen_, load_word(memory_->latest, std::memory_order_acquire));
   }
   // A live writer's `latest` is what this reader has seen, or one less on its way. After a long silence anything else
-  // means that the memory was wiped or scribbled over: go on from there, or a good new writer would never be heard.
+  // means that the memory was cleared or damaged: continue from there, otherwise a new writer would never be read.
   void resume() LITHE_RT {
     const std::uint64_t latest = load_word(memory_->latest, std::memory_order_acquire);
     if (latest != seen_ && latest + 1 != seen_) seen_ = latest == 0 ? 0 : latest - 1;

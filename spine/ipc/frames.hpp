@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Frames of a running robot's buses, for those who ask: a segment of its own beside the three, and not in the schema,
-// because nothing depends on it. The Spine writes it, but for one word.
+// Segment with the frames of a running robot's buses, for bus monitors. Not in the schema, because nothing depends on
+// it. The Spine writes it, except one word.
 #pragma once
 
 #include <array>
@@ -37,12 +37,12 @@ struct alignas(kLine) BusCounts {
 
 struct FramesMemory {
   static constexpr const char* kName = "frames";
-  static constexpr std::size_t kMostBuses = 16;  // those beyond are not counted, and seen all the same
+  static constexpr std::size_t kMostBuses = 16;  // frames of further buses are copied but not counted
   static constexpr std::size_t kDepth = 4096;
   using Ring = RingMemory<FrameRecord, kDepth>;
 
   Header header;
-  StickyWord wanted_until_ns;  // CLOCK_MONOTONIC; whoever watches keeps it in the future, a second at a time
+  StickyWord wanted_until_ns;  // CLOCK_MONOTONIC; a monitor sets it one second ahead, repeatedly
   std::array<BusCounts, kMostBuses> buses;
   Ring ring;
 };

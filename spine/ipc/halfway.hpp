@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// For tests: stops a copy in its middle, at the same word every time.
+// For tests: interrupts a copy in its middle, always at the same word.
 #pragma once
 
 #include <signal.h>
@@ -27,8 +27,8 @@
 namespace lithe::ipc::test {
 
 // A T whose second half lies on pages that cannot be touched. Whoever copies from or to it faults in the middle of the
-// copy; `meanwhile` runs then, the pages come back, and the copy goes on. So a test shows what a reader makes of a
-// writer that strikes, or dies, between two given words, without a hook in the code under test.
+// copy; `meanwhile` runs then, the pages come back, and the copy goes on. So a test can change the memory, or kill the
+// writer, between two given words, without a hook in the code under test.
 // Contract: one armed at a time · the test's thread only
 template <class T>
 class Halfway {

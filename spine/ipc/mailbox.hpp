@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What must not be lost: one sender, one receiver, and every letter is answered.
+// Mailbox: one sender, one receiver, no loss; every message (letter) is answered.
 #pragma once
 
 #include <array>
@@ -35,7 +35,7 @@ class MailboxSender {
  public:
   MailboxSender(MailboxMemory<T, N>& memory, const AckMemory<N>& ack) : memory_(&memory), ack_(&ack) {}
 
-  // The letter's ticket, or nothing while N letters wait to be taken.
+  // The letter's ticket; empty while N letters are waiting.
   std::optional<std::uint64_t> send(const T& letter) LITHE_RT {
     const std::uint64_t sent = load_word(memory_->head, std::memory_order_relaxed);
     // acquire, with the release store in receive(): the letter we are about to overwrite has been copied.
@@ -68,14 +68,14 @@ class MailboxSender {
 template <Payload T, std::size_t N>
 class MailboxReceiver {
  public:
-  // Starts behind what was sent before: letters of an earlier run are nobody's wish any more.
+  // Starts after the letters that were sent before: letters of an earlier run are dropped.
   MailboxReceiver(const MailboxMemory<T, N>& memory, AckMemory<N>& ack)
       : memory_(&memory), ack_(&ack), taken_(load_word(memory.head, std::memory_order_acquire)) {
     store_word(ack_->tail, taken_, std::memory_order_release);
   }
 
-  // The next letter and its ticket, if there is one. A head that jumps by more than N, or a letter that is not whole
-  // although announced, is a sender that breaks the protocol: counted, and skipped.
+  // The next letter and its ticket, if there is one. A head that jumps by more than N, or an announced letter that is
+  // incomplete, is a protocol error of the sender: counted and skipped.
   bool receive(T& letter, std::uint64_t& ticket) LITHE_RT {
     const std::uint64_t head = load_word(memory_->head, std::memory_order_acquire);
     if (head == taken_) return false;
@@ -97,7 +97,7 @@ class MailboxReceiver {
     store_word(ack_->results[(ticket - 1) % N], ticket << 32 | result, std::memory_order_release);
   }
 
-  // Broken letters and impossible heads so far.
+  // Number of protocol errors so far.
   std::uint64_t violations() const LITHE_RT { return violations_; }
 
  private:

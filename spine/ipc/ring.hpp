@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A broadcast of the last N records: the writer never looks at its readers, and a reader learns what it lost.
+// Ring, a broadcast of the last N records: the writer does not depend on readers; a reader counts the records it has
+// lost.
 #pragma once
 
 #include <array>
@@ -60,7 +61,7 @@ class RingReader {
   // as lost, and the following call goes on).
   bool next(T& record) LITHE_RT {
     const std::uint64_t head = load_word(memory_->head, std::memory_order_acquire);
-    if (next_ > head) next_ = head;  // the ring was made anew
+    if (next_ > head) next_ = head;  // the ring was made again
     if (head == next_) return false;
     if (head - next_ > N) {
       lost_ += head - N - next_;

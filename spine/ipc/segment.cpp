@@ -26,7 +26,7 @@ Error system_error(const std::string& path, const std::string& what, const std::
   return Error{path + ": " + what + " (" + std::strerror(errno) + "); " + next};
 }
 
-// Shared with the group `lithe` where the administrator has made one; else with the owner's own group.
+// Shared with the group `lithe` if it exists, otherwise with the owner's group.
 void share_with_group(int fd) {
   fchmod(fd, 0660);
   if (const group* lithe = getgrnam("lithe"); lithe != nullptr) {
@@ -37,8 +37,8 @@ void share_with_group(int fd) {
 constexpr int kMostTries = 25;
 constexpr useconds_t kTryAgainUs = 2'000;
 
-// Whether anybody holds a lock file that we may not open, as the kernel lists it. False only where that list is
-// complete (the first pid namespace) and names the file as stat does (tmpfs): else it may be held.
+// True when a process holds a lock file that we may not open, from the kernel's list of locks. False only where that
+// list is complete (the first pid namespace) and names the file as stat does (tmpfs): else it may be held.
 bool may_be_locked(const std::string& path) {
   char space[64] = {};
   struct stat file{};
@@ -118,7 +118,7 @@ bool Lease::is_held(const std::string& segment_path) {
   const std::string path = segment_path + ".lock";
   const int fd = open(path.c_str(), O_RDWR | O_CLOEXEC);
   if (fd < 0) return errno == EACCES && may_be_locked(path);
-  const bool held = flock(fd, LOCK_SH | LOCK_NB) != 0;  // shared: two who look do not see each other
+  const bool held = flock(fd, LOCK_SH | LOCK_NB) != 0;  // shared: two checks at the same time do not see each other
   close(fd);
   return held;
 }
@@ -188,7 +188,7 @@ Result<Mapping> Mapping::attach(const std::string& path, std::size_t bytes, Acce
   if (data == MAP_FAILED) return system_error(path, "cannot map shared memory", "check `ulimit -v`");
   Mapping mapping(data, size);
   if (size < bytes) {
-    return Error{path + ": shorter than its layout says; remove the file and start the robot again"};
+    return Error{path + ": shorter than its layout; remove the file and start the robot again"};
   }
   if (Result<> checked = check(path, static_cast<const unsigned char*>(data), size, bytes); !checked) {
     return checked.error();

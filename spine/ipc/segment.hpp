@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Shared memory by name: who made it, whether its layout is ours, and who may write it.
+// Named shared memory: creation, layout check, write lease.
 #pragma once
 
 #include <cstddef>
@@ -15,8 +15,8 @@
 
 namespace lithe::ipc {
 
-// The right to write a segment: a flock on `<segment>.lock`, which the kernel takes back the moment its holder dies.
-// The lock file outlives every run, so that two starters cannot each lock a file of their own.
+// Lease, the right to write a segment: a flock on `<segment>.lock`, which the kernel releases when its holder dies. The
+// lock file is never deleted, so that two processes cannot lock two different files.
 // Contract: movable · never in the tick
 class Lease {
  public:
@@ -25,11 +25,11 @@ class Lease {
   Lease(Lease&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
   Lease& operator=(Lease&& other) noexcept;
 
-  // Nothing if somebody holds it, and still does after a moment: who looks keeps it for an instant. An error if the
-  // lock file cannot be made.
+  // Empty if another process holds it, also at a second try: a check holds it for an instant. An error if the lock file
+  // cannot be made.
   static Result<std::optional<Lease>> try_take(const std::string& segment_path);
-  // True while some process holds it, and when nobody can tell: this user may not open the lock file, and sees
-  // not every process (a container).
+  // True while a process holds it, and when this is unknown: no permission for the lock file, and not all processes are
+  // visible (a container).
   static bool is_held(const std::string& segment_path);
 
  private:
@@ -48,14 +48,14 @@ class Mapping {
   Mapping(Mapping&& other) noexcept;
   Mapping& operator=(Mapping&& other) noexcept;
 
-  // A fresh object of `bytes` zeros and a filled header, built under a temporary name and renamed, so that nobody ever
-  // sees half of it. Mode 0660, group `lithe` where there is one.
+  // A fresh object of `bytes` zeros and a filled header, built under a temporary name and renamed, so that no process
+  // sees it incomplete. Mode 0660, group `lithe` where there is one.
   static Result<Mapping> create(const std::string& path, std::size_t bytes);
   // Maps what is there after checking magic, size and layout. A different layout is refused with the fields that
   // differ.
   static Result<Mapping> attach(const std::string& path, std::size_t bytes, Access access);
 
-  // From now on this process can only read it: for who has made a segment that others write.
+  // Makes it read-only for this process: for a creator of a segment that others write.
   Result<> make_read_only() const;
 
   void* data() const { return data_; }
@@ -67,8 +67,8 @@ class Mapping {
   std::size_t size_ = 0;
 };
 
-// Lines of the schema that `theirs` lacks or has otherwise, as text for a person; empty if every field of ours is where
-// we think it is. A schema that only grew at its end passes.
+// Text with the schema lines that `theirs` lacks or has differently; empty if all our fields match. A schema that only
+// grew at its end passes.
 std::string schema_difference(std::string_view ours, std::string_view theirs);
 
 // One of SpineMemory, ControlMemory, BrainMemory, mapped.

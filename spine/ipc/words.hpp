@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How a payload crosses shared memory: as 64-bit relaxed atomic words, and how one record is guarded.
+// Copies payloads through shared memory as 64-bit relaxed atomic words, and guards one record with a sequence.
 #pragma once
 
 #include <atomic>

@@ -47,7 +47,7 @@ const char* check_segments(int fd, const Elf64_Ehdr& head, std::uint64_t size) {
   const std::size_t bytes = sizeof(Elf64_Phdr) * head.e_phnum;
   if (head.e_phentsize != sizeof(Elf64_Phdr) || head.e_phnum == 0 || head.e_phnum > kMaxSegments ||
       !fits(head.e_phoff, bytes, size)) {
-    return "damaged object: its program headers are not where it says";
+    return "damaged object: its program headers are not at the given offset";
   }
   if (pread(fd, segments.data(), bytes, static_cast<off_t>(head.e_phoff)) != static_cast<ssize_t>(bytes)) {
     return "damaged object: cannot read its program headers";

@@ -323,7 +323,7 @@ void Spine::start_shadow(law::Resident& candidate, std::int64_t now_ns) LITHE_RT
 // Runs the shadow candidate, after the active law's output has been handed over.
 void Spine::step_shadow(std::int64_t now_ns) LITHE_RT {
   if (!mode_.law_runs() || (flags_ & (flag::kRolledBack | flag::kLawFaulted)) != 0) {
-    return end_shadow(false, "the law it ran beside does not run any more", now_ns);
+    return end_shadow(false, "the active law was replaced", now_ns);
   }
   if (guard_.any_stopped()) {
     return end_shadow(false, "a part of the robot is stopped: nothing can be compared there", now_ns);

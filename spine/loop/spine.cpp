@@ -102,11 +102,11 @@ bool Spine::run(const std::atomic<bool>& stop) noexcept {
     clock_.follow();
     skipped = grid_.advance(clock_.now_ns());
   }
-  const bool told_off = stop_drives();
+  const bool all_off_sent = stop_drives();
   // A supervisor that adopted this process learns of its end only through this.
-  out_.event(EventKind::disarmed, clock_.now_ns(), told_off ? 1 : 2, 0, 0,
-             told_off ? "ended: every drive was told that it is off" : "ended: not every drive heard that it is off");
-  return told_off;
+  out_.event(EventKind::disarmed, clock_.now_ns(), all_off_sent ? 1 : 2, 0, 0,
+             all_off_sent ? "ended: every drive got the off command" : "ended: not every drive got the off command");
+  return all_off_sent;
 }
 
 // Sends "off" to every drive twice, because the Transport may still be busy with the last command at the first one.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What separates the present motion from a new plan's, and how it fades.
+// Blend from the present motion to a new plan: the difference decays to zero.
 #pragma once
 
 #include <algorithm>

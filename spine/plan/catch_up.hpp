@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How a joint's setpoint comes to a plan that is too far away to be blended into.
+// Moves a joint's setpoint to a plan that is too far away for a blend.
 #pragma once
 
 #include <algorithm>
@@ -9,7 +9,7 @@
 
 namespace lithe::plan {
 
-// What one joint's setpoint may do [rad, rad/s].
+// Limits of one joint's setpoint [rad, rad/s].
 struct Bounds {
   double position_min_rad, position_max_rad, velocity_max_rad_s;
 };

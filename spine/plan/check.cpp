@@ -62,7 +62,7 @@ PlanReject check(const wire::Plan& plan, const Limits& limits, std::int64_t now_
   if (plan.waypoint_count < 1 || plan.waypoint_count > wire::kNw) return PlanReject::count;
   if (plan.joint_count != limits.joints) return PlanReject::joints;
   if (const PlanReject reject = check_times(plan, now_ns); reject != PlanReject::none) return reject;
-  // NaN and infinity fail the limits too, so a good plan is read once; only a bad one is asked what is wrong with it.
+  // NaN and infinity fail the limits too, so a valid plan is read once; only an invalid one is examined for the reason.
   const PlanReject beyond = check_limits(plan, limits);
   if (beyond == PlanReject::none) return PlanReject::none;
   const PlanReject not_finite = check_finite(plan, limits.joints);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Is a plan fit to be followed? The Brain's bytes are hostile until this says so.
+// Checks a plan. The Brain's bytes are hostile until this check has passed.
 #pragma once
 
 #include <cstddef>
@@ -25,9 +25,9 @@ struct Limits {
 // Contract: RT · any bytes of a plan are safe
 void rest_joint(wire::Plan& plan, std::size_t joint, double position_rad) LITHE_RT;
 
-// The first reason not to follow `plan`, or none. Waypoints in the past are fine as long as one is in the future.
-// A waypoint outside the position limits, a given velocity above the limit, or two waypoints that no motion within
-// the velocity limit connects are refused, not bent: the Brain would otherwise believe in a motion that never happens.
+// The first reason not to follow `plan`, or none. Waypoints in the past are fine as long as one is in the future. A
+// waypoint outside the position limits, a given velocity above the limit, or two waypoints that no motion within the
+// velocity limit connects are refused, not corrected: otherwise the Brain would assume a motion that does not happen.
 // Contract: RT · pure · looks only at the waypoints and joints in use
 wire::PlanReject check(const wire::Plan& plan, const Limits& limits, std::int64_t now_ns) LITHE_RT;
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// From a plan's few waypoints to a setpoint every tick, without ever a jump.
+// Computes a continuous setpoint for every tick from a plan's waypoints.
 #pragma once
 
 #include <array>
@@ -30,12 +30,12 @@ struct Setpoint {
 //   coast  the plan ran out while moving: each joint slows down by its deceleration, harder only where its limit is
 //          near.
 //   hold   everything has come to rest.
-// A new plan takes over at once. Starts it more than 50 ms ahead, one cubic leads from the present motion to its first
-// waypoint; otherwise what separates the two motions decays over 50 ms, longer (up to 500 ms) where it is large. A
-// joint for which 500 ms are too short (the Brain's stream went on while the robot was disarmed, or the stream itself
-// paused) catches up instead (catch_up.hpp): it accelerates by at most deceleration_rad_s2, or twice the plan's own
-// hardest acceleration where that is more, until what is left can be blended. The same holds for a stream of three or
-// more waypoints that starts ahead, when the cubic to its first waypoint would be harder or faster than that.
+// A new plan takes over at once. If it starts more than 50 ms ahead, one cubic leads from the present motion to its
+// first waypoint; otherwise the difference of the two motions decays over 50 ms, or longer (up to 500 ms) when it is
+// large. A joint for which 500 ms are too short (the Brain's stream went on while the robot was disarmed, or the stream
+// itself paused) catches up instead (catch_up.hpp): it accelerates by at most deceleration_rad_s2, or twice the plan's
+// own hardest acceleration where that is more, until what is left can be blended. The same holds for a stream of three
+// or more waypoints that starts ahead, when the cubic to its first waypoint would be harder or faster than that.
 // Afterwards the setpoint is the plan's, exactly.
 //
 // Contract: RT after configure() · owned by the tick thread · bounded: at most one segment's coefficients per tick, and
@@ -44,7 +44,7 @@ class Interpolator {
  public:
   void configure(const robot::RobotConfig& robot);
 
-  // Follows `plan` from now on, or says why not and goes on as before. The plan is copied.
+  // Follows `plan` from now on; or returns the reason and continues as before. The plan is copied.
   wire::PlanReject accept(const wire::Plan& plan, std::int64_t now_ns) LITHE_RT;
 
   // The setpoint for `now_ns`, which never goes back between calls.
@@ -53,7 +53,7 @@ class Interpolator {
   // Stand still at `position_rad`, clamped to the limits, from now on. A joint given NaN stays where it was.
   void hold_at(const JointArray& position_rad) LITHE_RT;
 
-  // Gives the plan up: coast to rest from the present motion, then hold.
+  // Drops the plan: coasts to rest from the present motion, then holds.
   void stop(std::int64_t now_ns) LITHE_RT;
 
   std::uint64_t plan_id() const LITHE_RT { return plan_id_; }  // of the plan last accepted; 0 = none yet
@@ -65,7 +65,7 @@ class Interpolator {
     JointArray c0{}, c1{}, c2{}, c3{};
     JointArray last_s{};
   };
-  // What is left of the motion before a new plan.
+  // The rest of the blend from the motion before a new plan.
   struct Blend {
     std::array<std::int64_t, kMaxJoints> since_ns{};
     std::int64_t until_ns = 0;
@@ -76,7 +76,7 @@ class Interpolator {
 
   void evaluate(std::int64_t now_ns, JointArray& position, JointArray& velocity, JointArray& acceleration) const
       LITHE_RT;
-  // Without those joints that catch up: of these, what they catch up with.
+  // For joints that catch up: the motion they catch up with.
   void follow_curve(std::int64_t now_ns, JointArray& position, JointArray& velocity, JointArray& acceleration) const
       LITHE_RT;
   void keep_inside(JointArray& position, JointArray& velocity, JointArray& acceleration) const LITHE_RT;

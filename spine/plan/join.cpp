@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// From the present motion onto a new plan: blended, or caught up with.
+// Joins the present motion to a new plan: by a blend, or by catching up.
 #include <algorithm>
 #include <cmath>
 
@@ -21,7 +21,7 @@ void Interpolator::Blend::add(std::size_t j, std::int64_t now_ns, const Decay& d
   until_ns = std::max(until_ns, now_ns + static_cast<std::int64_t>(1e9 / decay.per_s));
 }
 
-// What catching up may use: of `knots` as they are from knot `first` on.
+// Limits for catching up, from knot `first` on.
 double Interpolator::most_rad_s2(const Knots& knots, std::size_t first, std::size_t j) const LITHE_RT {
   return std::max(deceleration_rad_s2_[j], 2 * knots.hardest(first, j));
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How fast a velocity that is a parabola over time gets. Every velocity in this room is one, piece by piece.
+// Maximum of a velocity that is a parabola over time. All velocities in this room are piecewise parabolas.
 #pragma once
 
 #include <algorithm>

@@ -227,7 +227,7 @@ struct JointConfig {
   double inertia_max_kg_m2 = 0.0;  // of everything that turns with the joint, including the rotor behind its gear
   double inertia_min_kg_m2 = 0.0;
   bool inertia_declared = false;  // by the file; else both are taken from its simulation, or assumed
-  double drive_lag_s = 0.003;  // command to torque, plus motion to measured speed
+  double drive_lag_s = 0.003;     // command to torque, plus motion to measured speed
   PlantConfig sim;
 };
 

@@ -161,9 +161,10 @@ void check_joint(Reader& in, const RobotConfig& robot, const JointConfig& joint,
                                              device.name));
   }
   if (joint.power_max_w > 0 && device.mode != DriveMode::torque) {
-    in.complain("power_max_w", fmt::format("\"{}\" closes its own loop (mode), so nobody here bounds its power: say 0, "
-                                           "or use mode = \"torque\"",
-                                           device.name));
+    in.complain("power_max_w",
+                fmt::format("\"{}\" closes its own loop (mode), so its power cannot be limited here: set 0, "
+                            "or use mode = \"torque\"",
+                            device.name));
   }
   const double farthest_rad =
       std::max(std::abs(joint.position_min_rad - joint.zero_rad), std::abs(joint.position_max_rad - joint.zero_rad));

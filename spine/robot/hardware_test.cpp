@@ -163,7 +163,7 @@ TEST(Hardware, AJointIsNotPromisedWhatItsDriveCannotGive) {
 
 TEST(Hardware, NobodyAsksAGateway) {
   const std::string rest = kFd + device("m", "moteus", "fd", 1) + joint("j", "m");
-  expect_refused(kTop + rest + device("g", "gateway", "fd", 9, "rate_divider = 2\n"), {"rate_divider", "nobody asks"});
+  expect_refused(kTop + rest + device("g", "gateway", "fd", 9, "rate_divider = 2\n"), {"rate_divider", "not asked"});
   const Result<RobotConfig> robot = parse_robot(
       kTop + "[defaults.device]\nrate_divider = 20\n" + rest + device("g", "gateway", "fd", 9, "watchdog_s = 0.01\n"),
       "r.toml");

@@ -55,7 +55,7 @@ void read_mechanism(Reader& in, MechanismConfig& plant) {
       in.complain("step_s",
                   fmt::format("{} is no multiple of {}, in which the drives live", plant.step_s, kDriveStepS));
     }
-    in.refuse("gravity_m_s2", "the model says its own gravity; remove this");
+    in.refuse("gravity_m_s2", "gravity is set in the model; remove this");
   } else {
     in.refuse("model", "is for kind = \"mujoco\" only");
     in.refuse("step_s", "is for kind = \"mujoco\" only");
@@ -70,7 +70,7 @@ void read_mechanism(Reader& in, MechanismConfig& plant) {
 void forget_link(PlantConfig& sim) { sim.length_m = sim.mass_kg = sim.center_m = sim.link_inertia_kg_m2 = kUnsaid; }
 
 void read_plant(Reader& in, PlantConfig& sim, PlantKind kind) {
-  constexpr std::string_view kModelSays = "the model says it: armature, damping and frictionloss of its joint";
+  constexpr std::string_view kModelSays = "this is set in the model: armature, damping and frictionloss of its joint";
   if (kind == PlantKind::chain) {
     read_link(in, sim);
   } else if (kind == PlantKind::independent) {

@@ -88,9 +88,9 @@ TEST(Plants, KeysOfAnotherKindAreRefusedWithTheReason) {
   expect_refused(kChain + joint(1, link + "mgl_nm = 0.2\n"), {"j1.sim: mgl_nm", "the links make it"});
   expect_refused(kChain + joint(1, link + "inertia_kg_m2 = 0.2\n"), {"j1.sim: inertia_kg_m2", "the links make it"});
   expect_refused(joint(1, link), {"length_m: is for [plant] kind = \"chain\" only", "mass_kg: is for"});
-  expect_refused(kModel + joint(1, "mass_kg = 1\n"), {"mass_kg: the model says it"});
-  expect_refused(kModel + joint(1, "coulomb_nm = 1\n"), {"coulomb_nm: the model says it"});
-  expect_refused(kModel + "gravity_m_s2 = 1\n" + joint(1), {"[plant]: gravity_m_s2: the model says its own gravity"});
+  expect_refused(kModel + joint(1, "mass_kg = 1\n"), {"mass_kg: this is set in the model"});
+  expect_refused(kModel + joint(1, "coulomb_nm = 1\n"), {"coulomb_nm: this is set in the model"});
+  expect_refused(kModel + "gravity_m_s2 = 1\n" + joint(1), {"[plant]: gravity_m_s2: gravity is set in the model"});
   expect_refused("[plant]\ngravity_m_s2 = 1\n" + joint(1), {"gravity_m_s2", "mgl_nm"});
   expect_refused(kChain + "model = \"leg.xml\"\n" + joint(1, link), {"model: is for kind = \"mujoco\" only"});
 }

@@ -131,7 +131,7 @@ void read_device(Reader& in, DeviceConfig& device, const std::vector<std::string
   const std::uint32_t inherited = device.rate_divider;
   in.integer("rate_divider", device.rate_divider, {1, 1000});
   if (device.kind == DeviceKind::gateway) {
-    if (device.rate_divider != inherited) in.complain("rate_divider", "nobody asks a gateway; leave it out");
+    if (device.rate_divider != inherited) in.complain("rate_divider", "a gateway is not asked; leave it out");
     device.rate_divider = 1;
   }
   if (device.kind != DeviceKind::cia402) return;

@@ -108,7 +108,7 @@ Result<> listen_in(const field::Choice& choice, const std::vector<Occupied>& spi
   for (const std::size_t number : free) {
     if (choice.robot.buses[number].kind == BusKind::socketcan) continue;
     std::cerr << "no Spine runs on " << field::place_of(choice.robot.buses[number])
-              << ": this monitor has it to itself, and lithe run cannot use it meanwhile\n";
+              << ": only this monitor can use it now, lithe run cannot\n";
   }
   return done();
 }

@@ -99,7 +99,7 @@ class SpineFrames final : public field::FrameSource {
       if (!bus_.empty()) theirs_ = number_of(bus_);  // a new Spine may list them in another order
     }
     if (theirs_) return "";
-    return fmt::format("the Spine of robot '{}' was started anew and has no bus '{}' any more", robot_, bus_);
+    return fmt::format("the Spine of robot '{}' was started again and has no bus '{}' any more", robot_, bus_);
   }
   std::uint64_t lost() const override { return lost_before_ + ring_.lost(); }
   std::uint64_t errors(std::size_t bus) const override {
@@ -148,7 +148,7 @@ std::vector<Occupied> spines_on(const field::Choice& choice, const std::function
     if (!ipc::Lease::is_held(Spine::path(name))) continue;
     const Result<robot::RobotConfig> robot = config_of(name);
     if (!robot) {
-      warn(fmt::format("robot '{}' runs, or may, and whether it is on these buses nobody can tell: {}", name,
+      warn(fmt::format("robot '{}' runs, or may run; it is not known whether it uses these buses: {}", name,
                        robot.message()));
       continue;
     }

@@ -18,7 +18,8 @@ constexpr const char* kHardware = "Hardware and simulation";
 constexpr const char* kHelp = "Help";
 
 void add_run(CLI::App& app, Words& words) {
-  CLI::App* run = app.add_subcommand("run", "start a robot and look after it until Ctrl-C; adopts one that ticks");
+  CLI::App* run =
+      app.add_subcommand("run", "start a robot and supervise it until Ctrl-C; adopts a Spine that already ticks");
   run->group(kRobot);
   run->add_option("ROBOT", words.run.config_path, "robot file")->required();
   run->add_option("--law", words.run.law, "law to start with, instead of the file's")->type_name("FILE");
@@ -37,7 +38,7 @@ CLI::AsNumberWithUnit seconds() {
 }
 
 void add_units(CLI::App& verb, Context& context) {
-  verb.add_option("--units", context.units, "of angles: deg (as without it) or rad")
+  verb.add_option("--units", context.units, "of angles: deg (default) or rad")
       ->type_name("UNITS")
       ->check(CLI::IsMember({"deg", "rad"}));
 }
@@ -52,14 +53,14 @@ void add_plain(CLI::App& app, Words& words, const char* group,
 }
 
 void add_robot(CLI::App& app, Words& words) {
-  app.add_subcommand("list", "robots that run here, with and without a supervisor")->group(kRobot)->callback([&words] {
+  app.add_subcommand("list", "running robots, with or without a supervisor")->group(kRobot)->callback([&words] {
     words.code = list(words.context);
   });
   CLI::App* show = app.add_subcommand("status", "alarms, mode, law, timing, joints");
   add_units(*show, words.context);
   show->group(kRobot)->callback([&words] { words.code = status(words.context); });
   CLI::App* live = app.add_subcommand("top", "status, live");
-  live->add_option("--turns", words.turns, "leave after so many pictures")->type_name("N");
+  live->add_option("--turns", words.turns, "end after this many updates")->type_name("N");
   add_units(*live, words.context);
   live->group(kRobot)->callback([&words] { words.code = top(words.context, words.turns); });
   CLI::App* log = app.add_subcommand("events", "what happened");
@@ -69,7 +70,7 @@ void add_robot(CLI::App& app, Words& words) {
   app.add_subcommand("estop", "stop now, with or without a supervisor; latched")->group(kRobot)->callback([&words] {
     words.code = estop(words.context);
   });
-  app.add_subcommand("stop", "end `lithe run` as Ctrl-C would")->group(kRobot)->callback([&words] {
+  app.add_subcommand("stop", "end `lithe run`, like Ctrl-C")->group(kRobot)->callback([&words] {
     words.code = command(words.context, "shutdown");
   });
 }
@@ -78,7 +79,7 @@ void add_motion(CLI::App& app, Words& words, const char* name, bool relative, co
   CLI::App* verb = app.add_subcommand(name, about);
   verb->add_option("JOINT", words.motion.joint, "name of a joint: lithe status")->required();
   verb->add_option("DEG", words.motion.angle_deg, angle)->required();
-  verb->add_option("--in", words.motion.in_s, "time it may take (default 2s, at most 10s)")
+  verb->add_option("--in", words.motion.in_s, "duration (default 2s, at most 10s)")
       ->type_name("TIME")
       ->transform(seconds());
   verb->group(kMotion)->callback([&words, relative] {
@@ -91,14 +92,14 @@ void add_motions(CLI::App& app, Words& words) {
   add_plain(app, words, kMotion,
             {{"arm", "switch the drives on; the law tracks the plan"},
              {"disarm", "switch the drives off"},
-             {"hold", "stay where the robot is, until lithe arm"},
+             {"hold", "stop the setpoint and hold, until lithe arm"},
              {"reset", "leave a latched fault or e-stop, drives off"}});
   app.add_subcommand("recover", "bring joints inside their limits: slowly, with little torque, without a law")
       ->group(kMotion)
       ->callback([&words] { words.code = recover(words.context); });
-  add_motion(app, words, "move", false, "turn one joint to an angle and rest there; the others stay",
-             "where to, in degrees");
-  add_motion(app, words, "jog", true, "turn one joint by an angle: lithe jog elbow -5", "by how much, in degrees");
+  add_motion(app, words, "move", false, "move one joint to an angle; the others keep their setpoints",
+             "target, in degrees");
+  add_motion(app, words, "jog", true, "move one joint by an angle: lithe jog elbow -5", "distance, in degrees");
 }
 
 // "20ms", "2s", or a plain number of seconds.
@@ -108,16 +109,18 @@ void add_terms(CLI::App& swap, std::map<std::string, double>& terms) {
                    flag, [&terms, name](double value) { terms[name] = value; }, about)
         ->type_name(type);
   };
-  add("--shadow", "shadow_s", "TIME", "run it beside the active law for so long first")->transform(seconds());
-  add("--tolerance", "shadow_tolerance_nm", "NM", "largest difference that is agreement in the shadow");
+  add("--shadow", "shadow_s", "TIME", "run it in the shadow of the active law first, for this time")
+      ->transform(seconds());
+  add("--tolerance", "shadow_tolerance_nm", "NM", "largest accepted torque difference in the shadow");
   add("--blend", "blend_s", "TIME", "from the old law's torque to the new one's")->transform(seconds());
   CLI::Option* probation =
-      add("--probation", "probation_s", "TIME", "roll back by itself for so long")->transform(seconds());
+      add("--probation", "probation_s", "TIME", "time in which it can be rolled back automatically")
+          ->transform(seconds());
   swap.add_flag_callback(
-          "--no-probation", [&terms] { terms["probation_s"] = 0; }, "keep it, however it tracks")
+          "--no-probation", [&terms] { terms["probation_s"] = 0; }, "no automatic rollback")
       ->excludes(probation);
-  add("--error-ratio", "error_ratio", "X", "roll back when tracking gets so many times worse; 0 = never");
-  add("--budget", "budget_us", "US", "microseconds that a step may take");
+  add("--error-ratio", "error_ratio", "X", "roll back when the tracking error grows by this factor; 0 = never");
+  add("--budget", "budget_us", "US", "time limit of a step, in microseconds");
   add("--box", "box_ms", "MS", "processor time of the trial");
 }
 
@@ -126,29 +129,30 @@ void add_laws(CLI::App& app, Words& words) {
   swap->group(kLaws);
   add_terms(*swap, words.terms);
   swap->add_option("LAW", words.law, "C++ file, or the name of a law that comes with LITHE")->required();
-  swap->add_option("--param", words.params, "NAME=VALUE, set right after the commit")->type_name("NAME=VALUE");
+  swap->add_option("--param", words.params, "NAME=VALUE, tried with the law, in force on its first tick")
+      ->type_name("NAME=VALUE");
   swap->callback([&words] { words.code = swap_law(words.context, words.law, words.params, words.terms); });
 
   CLI::App* rollback = app.add_subcommand("rollback", "back to the law before this one, with its state");
-  rollback->add_option("STEPS", words.steps, "how many laws back, 1 to 4")->check(CLI::Range(1, 4));
+  rollback->add_option("STEPS", words.steps, "number of laws to go back, 1 to 4")->check(CLI::Range(1, 4));
   rollback->group(kLaws)->callback([&words] { words.code = cli::rollback(words.context, words.steps); });
 
   CLI::App* law = app.add_subcommand("law", "laws as files")->require_subcommand(1)->fallthrough();
   law->group(kLaws);
   CLI::App* check =
-      law->add_subcommand("check", "compile a law, hold it to the rules, run it dry; loads nothing")->fallthrough();
+      law->add_subcommand("check", "compile a law, apply the admission rules, dry run; loads nothing")->fallthrough();
   check->add_option("LAW", words.law, "C++ file")->required();
   check->callback([&words] { words.code = law_check(words.context, words.law); });
   law->add_subcommand("list", "laws that come with LITHE, and laws in the Spine")->fallthrough()->callback([&words] {
     words.code = law_list(words.context);
   });
-  CLI::App* show = law->add_subcommand("show", "the certificate that a swap has left")->fallthrough();
-  show->add_option("WHICH", words.which, "last (as without it), a number, or a law: its newest");
+  CLI::App* show = law->add_subcommand("show", "show the certificate of a swap")->fallthrough();
+  show->add_option("WHICH", words.which, "last (default), a number, or the name of a law (its newest)");
   show->callback([&words] { words.code = law_show(words.context, words.which, words.folder); });
-  CLI::App* verify = law->add_subcommand("verify", "hold all certificates against their chain")->fallthrough();
+  CLI::App* verify = law->add_subcommand("verify", "verify all certificates against their chain")->fallthrough();
   verify->callback([&words] { words.code = law_verify(words.context, words.folder); });
   for (CLI::App* each : {show, verify}) {
-    each->add_option("--folder", words.folder, "where they are, instead of those of the robot")->type_name("DIR");
+    each->add_option("--folder", words.folder, "folder of the certificates, instead of the robot's")->type_name("DIR");
   }
 
   CLI::App* param = app.add_subcommand("param", "parameters of the running law")->require_subcommand(1)->fallthrough();
@@ -162,7 +166,7 @@ void add_laws(CLI::App& app, Words& words) {
   param->add_subcommand("revert", "the values before the last change")->fallthrough()->callback([&words] {
     words.code = param_revert(words.context);
   });
-  CLI::App* save = param->add_subcommand("save", "write the values of now into the law's file")->fallthrough();
+  CLI::App* save = param->add_subcommand("save", "write the present values into the law's file")->fallthrough();
   save->add_option("LAW", words.law, "C++ file of the running law")->required();
   save->callback([&words] { words.code = param_save(words.context, words.law); });
 }
@@ -172,29 +176,29 @@ void add_place(CLI::App& verb, field::Words& bus) {
   verb.add_option("WHAT", bus.what, "robot file, or a bus: fdcanusb:PATH slcan:PATH socketcan:NAME pi3hat:N")
       ->required();
   verb.add_option("--bus", bus.bus, "this bus of the robot only")->type_name("NAME");
-  verb.add_option("--bitrate", bus.bitrate, "of a bus without a robot file (default 1000000)")->type_name("BIT/S");
+  verb.add_option("--bitrate", bus.bitrate, "bit rate without a robot file (default 1000000)")->type_name("BIT/S");
   verb.add_option("--data-bitrate", bus.data_bitrate, "the same, of CAN FD's data; 0 = classic CAN")
       ->type_name("BIT/S");
 }
 
 void add_scan(CLI::App& bus, Words& words) {
-  CLI::App* scan = bus.add_subcommand("scan", "what answers on the buses, against the robot file")->fallthrough();
+  CLI::App* scan = bus.add_subcommand("scan", "scan the buses and compare with the robot file")->fallthrough();
   add_place(*scan, words.bus);
-  scan->add_option("--listen", words.scan.listen_s, "seconds to listen before anything is asked (default 1.1)")
+  scan->add_option("--listen", words.scan.listen_s, "seconds to listen before asking (default 1.1)")
       ->type_name("S")
       ->check(CLI::Range(0.0, 60.0));
   scan->callback([&words] { words.code = bus_scan(words.context, words.bus, words.scan); });
 }
 
 void add_monitor(CLI::App& bus, Words& words) {
-  CLI::App* monitor = bus.add_subcommand("monitor", "frames as they pass, in words; then statistics")->fallthrough();
+  CLI::App* monitor = bus.add_subcommand("monitor", "show passing frames as text; then statistics")->fallthrough();
   add_place(*monitor, words.bus);
   monitor->add_flag("--raw", words.monitor.raw, "with the bytes");
-  monitor->add_option("--count", words.monitor.count, "end after so many frames")->type_name("N");
-  monitor->add_option("--seconds", words.monitor.seconds, "end after so long")
+  monitor->add_option("--count", words.monitor.count, "end after this many frames")->type_name("N");
+  monitor->add_option("--seconds", words.monitor.seconds, "end after this time")
       ->type_name("S")
       ->check(CLI::Range(0.0, 1e9));
-  monitor->add_option("--device", words.monitor.devices, "show this one only, by name or id; as often as you like")
+  monitor->add_option("--device", words.monitor.devices, "show only this device, by name or id; can be repeated")
       ->type_name("NAME")
       ->allow_extra_args(false);
   monitor->callback([&words] { words.code = bus_monitor(words.context, words.bus, words.monitor); });
@@ -229,7 +233,7 @@ void add_sim(CLI::App& app, Words& words) {
 }
 
 void add_help(CLI::App& app, Words& words) {
-  CLI::App* help = app.add_subcommand("help", "this list, or all about one verb");
+  CLI::App* help = app.add_subcommand("help", "this list, or the help of one verb");
   help->add_option("VERB", words.about, "one verb: lithe help law check");
   CLI::Option* before = nullptr;
   const std::pair<const char*, const char*> forms[] = {

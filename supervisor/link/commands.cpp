@@ -17,7 +17,7 @@ using wire::CommandResult;
 
 namespace {
 
-constexpr const char* kNewStart = "find out what wrote there (lithe events), then start anew: lithe stop, lithe run";
+constexpr const char* kNewStart = "find the cause (lithe events), then start again: lithe stop, lithe run";
 
 // When a joint is outside its limits, the next step is `recover`.
 std::string way_out_of(wire::Fault fault) {
@@ -156,7 +156,7 @@ Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry
               fmt::format("cannot {}: a joint with must_be_homed does not know in which turn it is", to_string(kind)),
               "home it (lithe status names the joints that are not_homed), then: lithe arm"};
     case CommandResult::refused_damaged:
-      return {code, fmt::format("cannot {}: memory of the Spine that nobody may write has changed", to_string(kind)),
+      return {code, fmt::format("cannot {}: memory of the Spine that must not change has changed", to_string(kind)),
               kNewStart};
     case CommandResult::refused_outside:
       return refused_outside(kind, now, info);

@@ -132,13 +132,13 @@ swap::Refusal why_silent(const Presence& there) {
       return refusal(there, "no_answer",
                      fmt::format("the supervisor of '{}' ({}) does not answer, and nothing was asked of it; {}", name,
                                  who, about_spine(there)),
-                     "is the machine too busy? Try again; end it (the robot goes on) and start it anew: " +
+                     "is the machine too busy? Try again; end it (the robot continues) and start it again: " +
                          run_it(there) + "; the e-stop works without it: lithe estop");
     case Supervisor::starting:
       return refusal(there, "starting",
                      fmt::format("the supervisor of '{}' ({}) starts or stops and takes no commands; {}", name, who,
                                  about_spine(there)),
-                     "try again in a moment; its log says what it does");
+                     "try again in a moment; see its log");
     case Supervisor::answers:
     case Supervisor::none:
       break;

@@ -188,7 +188,7 @@ void Supervisor::start_trial() {
   if (!options_.gates) {
     spdlog::warn(
         "THE GATES ARE OPEN: laws are neither admitted nor run dry nor tried; only the Spine's own containment "
-        "is left. Never with a robot that can hurt somebody");
+        "is left. Never with a robot that can hurt a person");
     lawd_.open_gates();
     return;
   }

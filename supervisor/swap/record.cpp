@@ -120,8 +120,8 @@ void RecordBook::notice_removal() {
   ++folders_;
   last_line_.clear();
   line_is_cut_ = false;
-  begun_anew_ =
-      fmt::format("{} was removed while the robot ran, and made anew after certificate {:04}", dir_.string(), used_);
+  begun_anew_ = fmt::format("{} was removed while the robot ran, and was made again after certificate {:04}",
+                            dir_.string(), used_);
 }
 
 // The line is written before the file. After a crash in between, verify_chain finds the file as in its last line but

@@ -77,7 +77,7 @@ std::variant<Terms, Refusal> read_terms(const Json& args, const Terms& robot, do
       return Refusal{"usage",
                      fmt::format("{} = {} is not {}a number from {:g} to {:g} ({})", each.name, found->dump(),
                                  each.or_zero ? "0 or " : "", each.least, most, each.what),
-                     "the running law is unchanged; leave it out for what the robot's file says"};
+                     "the running law is unchanged; leave it out to use the robot file's value"};
     }
     terms.*each.field = value;
   }

@@ -73,7 +73,7 @@ def test_a_bus_that_nobody_owns_is_the_monitors(house: House, tmp_path: Path) ->
         assert {each["says"].split(" ")[0] for each in lines[:-1]} <= {"analog", "digital", "imu"}
         people = house.lithe("bus", "monitor", file, "--seconds", "0.3", "--bus", "can1")
         assert people.returncode == 0 and "frames/s" in people.stdout
-        assert "has it to itself" in people.stderr
+        assert "only this monitor can use it" in people.stderr
         assert (
             monitor(house, file, "--bus", "can2", "--seconds", "0.2", code=1)[-1]["statistics"]["buses"][0]["in"] == 0
         )

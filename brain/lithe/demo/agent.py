@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The supervisory agent: a process that knows the robot only through TCP, and improves its control law.
+"""The agent: a process that reaches the robot only over TCP, and improves its control law.
 
 Deterministic and offline: it measures, estimates, writes C++ and asks for swaps. Nothing about the plant is built in;
 it knows what the gateway tells (rate, joints, limits) and that an angle of 0 hangs straight down. Which joints bear
@@ -28,7 +28,7 @@ from . import moves, sources
 from .sources import Gains
 
 BAD_ON_PURPOSE = {"probation_s": 0.0}  # no law before it tracked worse, and it shall run all the same
-# Detuned on purpose: the experiment starts from a bad law. Per N m of a joint's largest torque.
+# Badly tuned on purpose: the experiment starts from a bad law. Per N m of a joint's largest torque.
 WEAK = Gains(1 / 12, 1 / 150)
 FOLLOWING = 4.0  # times as strong: what a joint that is not probed by torques follows the sine with meanwhile
 FIELDS = ["tick", "sample_ns", "position_rad", "velocity_rad_s", "torque_nm", "command_torque_nm"]
@@ -43,7 +43,7 @@ DAMPING = 1.8  # twice the damping ratio
 
 
 def tell(**what: Any) -> None:
-    """One line for whoever watches."""
+    """Prints one line of JSON."""
     print(json.dumps(what), flush=True)
 
 
@@ -163,9 +163,9 @@ class Agent:
         return self.record(self.tick(), 6.0)
 
     def choose_probes(self, baseline: list[dict[str, Any]]) -> list[tuple[float, float] | None]:
-        """For each joint the two torques it is probed with, after a first look at what the bad law made of it.
+        """For each joint the two probe torques, from the motion under the first law.
 
-        None where gravity is not to be seen yet, or where the limits leave no room: such a joint follows the sine.
+        None when no gravity is visible, or the limits leave no room: such a joint follows the sine.
         """
         chosen: list[tuple[float, float] | None] = []
         heavy = []
@@ -233,7 +233,7 @@ class Agent:
         }
 
     def bandwidth_rad_s(self, joint: int) -> float:
-        """As fast as the ticks, the bus and the drive of this joint allow."""
+        """The bandwidth that tick rate, bus and drive of this joint allow."""
         lag_s = self.lag_s[joint]
         slowed_rad_s = LAG_RAD / lag_s if lag_s > 0 else np.inf
         return float(min(self.rate_hz / 20.0, MOST_BANDWIDTH_RAD_S, slowed_rad_s))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the machine took from the Spine, as the kernel counts it: the evidence for whose fault a missed release is.
+"""Processor time that the machine took from the Spine: the kernel's evidence for the cause of a missed release.
 
 Two counts, both in ns since the thread or the machine started: how long a thread was ready to run and another one had
 its core (`schedstat`), and how long the hypervisor ran somebody else on that core (`steal` in /proc/stat, which the
@@ -36,7 +36,7 @@ class Thread:
 
 @dataclass(frozen=True)
 class Counts:
-    """What some threads have been denied so far."""
+    """Time that some threads did not get so far."""
 
     waited_ns: int
     stolen_ns: int
@@ -123,7 +123,7 @@ NONE = Evidence(EMPTY, EMPTY, EMPTY)
 
 
 class Watch:
-    """Looks at the counts of some threads; whoever has time calls look() every few milliseconds."""
+    """Samples the counters of some threads; call look() every few milliseconds."""
 
     def __init__(self, threads: list[Thread]) -> None:
         self._threads = threads

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the judge knows of each joint, and what it says of each. The agent knows none of it."""
+"""The judge's knowledge and findings about each joint. The agent does not have them."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _refuse_hardware(robot_file: Path, config: dict[str, Any]) -> None:
                 f"{robot_file}: bus '{bus.get('name')}' is of kind \"{kind}\", so real motors may hang on it. The "
                 "experiment drives every joint with laws that are bad on purpose, and freezes and kills its Brain. "
                 'Nothing was started\n  next: simulate the bus (kind = "loop"); or, when devices are simulated at its '
-                "far end, or all may swing freely with nobody near:\n"
+                "far end, or all joints may swing freely and no person is near:\n"
                 f"    python -m lithe.demo --robot {robot_file} --over-real-buses"
             )
 

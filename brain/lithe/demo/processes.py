@@ -91,7 +91,7 @@ class Stage:
             ends.callback(self._end_robot)
             self._wait_until_active()
             self.spine = SpineView(self.robot)
-            ends.callback(os.sched_setaffinity, 0, os.sched_getaffinity(0))  # the next robot shall find all cores
+            ends.callback(os.sched_setaffinity, 0, os.sched_getaffinity(0))  # the next robot needs all cores
             self._leave_room()
             ends.callback(self._end_children)
             self._ends = ends.pop_all()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records every tick of the experiment from shared memory, whoever dies meanwhile."""
+"""Records every tick of the experiment from shared memory, also when other processes die."""
 
 from __future__ import annotations
 

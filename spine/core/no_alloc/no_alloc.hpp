@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A scope in which this thread may not allocate: how a test proves that the tick does not.
+// For tests: a scope in which this thread may not allocate.
 #pragma once
 
 #include <cstdint>

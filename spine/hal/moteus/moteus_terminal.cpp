@@ -205,7 +205,7 @@ Result<std::string> Terminal::ask(std::uint32_t id, std::string_view line, bool 
     for (std::string each; take_line(come, each);) {
       if (each.empty()) continue;
       if (begins(each, "ERR"))
-        return Error{"drive " + std::to_string(id) + " says to '" + std::string(line) + "': " + each};
+        return Error{"drive " + std::to_string(id) + " answers to '" + std::string(line) + "': " + each};
       if (each == "OK" || one_line) return each == "OK" ? said : each;
       said += each + "\n";
     }

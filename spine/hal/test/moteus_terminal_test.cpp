@@ -76,8 +76,8 @@ TEST(MoteusTerminal, TellsWhatTheDriveObjectsTo) {
   House house({4});
   Terminal terminal = house.terminal();
   EXPECT_EQ(terminal.setting(4, "servo.nothing").message(),
-            "drive 4 says to 'conf get servo.nothing': ERR error reading");
-  EXPECT_EQ(terminal.set(4, "id.id", "200").message(), "drive 4 says to 'conf set id.id 200': ERR error setting");
+            "drive 4 answers to 'conf get servo.nothing': ERR error reading");
+  EXPECT_EQ(terminal.set(4, "id.id", "200").message(), "drive 4 answers to 'conf set id.id 200': ERR error setting");
   EXPECT_EQ(terminal.command(5, "d stop").message(), "drive 5 does not answer");
 }
 

@@ -48,7 +48,7 @@ TEST_F(SeldomTold, TheLastOffReachesAllOfThem) {
                     actuators_.get()});
   const std::atomic<bool> stop{true};
   EXPECT_TRUE(last.run(stop));
-  EXPECT_EQ(last_word(), "ended: every drive was told that it is off");
+  EXPECT_EQ(last_word(), "ended: every drive got the off command");
   for (std::uint32_t j = 0; j < kDivider; ++j) EXPECT_EQ(drive_mode(j), 0U) << j;
 }
 
@@ -56,7 +56,7 @@ TEST_F(SeldomTold, ASpineWhoseTransportHangsSaysThatNotAllHaveHeard) {
   tick(false);  // nobody serves the buses any more
   const std::atomic<bool> stop{true};
   EXPECT_FALSE(spine_->run(stop));
-  EXPECT_EQ(last_word(), "ended: not every drive heard that it is off");
+  EXPECT_EQ(last_word(), "ended: not every drive got the off command");
 }
 
 TEST_F(SeldomTold, TheyAreNotArmedAgainBeforeAllHaveHeardThatTheyAreOff) {

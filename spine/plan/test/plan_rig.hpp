@@ -84,7 +84,7 @@ struct Trace {
     for (std::size_t i = 1; i < values.size(); ++i) largest = std::max(largest, std::abs(values[i] - values[i - 1]));
     return largest;
   }
-  // Acceleration as the motor feels it: second difference of what is commanded.
+  // Acceleration at the motor: second difference of the commanded position.
   double peak_acceleration() const {
     double peak = 0;
     const double step_s = step_ms * 1e-3;

@@ -55,7 +55,7 @@ std::uint32_t free_id(const RobotConfig& robot, std::size_t bus, std::uint32_t w
   return 0;
 }
 
-constexpr std::string_view kNoRate = "no rate fits: take devices off the bus, or give it another one beside it";
+constexpr std::string_view kNoRate = "no rate fits: take devices off the bus, or add another bus";
 
 // A round number that fits and is allowed in a robot file; 0 = none.
 double round_rate(const Plan& plan) {

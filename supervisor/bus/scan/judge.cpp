@@ -82,7 +82,7 @@ void judge_moteus(const Seen& seen, std::vector<Judged>& all) {
           one.found.id, one.found.id);
     }
     if (one.identity && one.identity->register_map != hal::moteus::kKnownRegisterMap) {
-      unfit(device, fmt::format("its firmware has register map {}, and {} is what we speak: flash the firmware anew "
+      unfit(device, fmt::format("its firmware has register map {}, and {} is needed: flash another firmware "
                                 "(moteus_tool -t {} --flash)",
                                 one.identity->register_map, hal::moteus::kKnownRegisterMap, one.found.id));
     }
@@ -173,7 +173,7 @@ BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_fi
     findings.devices.push_back({DeviceKind::gateway, id, "", Standing::present, gateway_text(one), ""});
   }
   if (!seen.commander.empty()) {
-    findings.trouble = "somebody else commands this bus (" + seen.commander +
+    findings.trouble = "another program commands this bus (" + seen.commander +
                        " was heard), so nothing was asked; end that program, or watch it: lithe bus monitor";
   }
   if (!seen.trouble.empty()) findings.trouble = seen.trouble;

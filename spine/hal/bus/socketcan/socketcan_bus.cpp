@@ -122,7 +122,8 @@ std::string SocketCanBus::why_down() const {
     return interface_ + ": " + advice_for_bus_off(interface_);
   }
   if (error == 0 && stuck_.load(std::memory_order_relaxed)) {
-    return interface_ + ": commands do not leave, nobody acknowledges them or the bus is too busy; check the drives' " +
+    return interface_ +
+           ": commands are not sent: they are not acknowledged, or the bus is too busy; check the drives' " +
            "power, wires, termination and bit rates";
   }
   if (error == 0) return "";

@@ -103,7 +103,7 @@ Result<std::unique_ptr<Pi3hatPort>> open_pi3hat_port(const Pi3hatParams& params)
     auto port = std::make_unique<UpstreamPort>(params);
     if (!port->sound()) {
       return Error{
-          "the firmware of this pi3hat is too old: it freezes when nobody acknowledges a frame, as when a drive is "
+          "the firmware of this pi3hat is too old: it freezes when a frame is not acknowledged, as when a drive is "
           "off; update it as its maker says (https://github.com/mjbots/pi3hat)"};
     }
     return std::unique_ptr<Pi3hatPort>(std::move(port));
