@@ -78,5 +78,11 @@ TEST(Samples, WhatWasNotMeasuredIsNullAndNotZero) {
             "\"ratio\": null}\n");
 }
 
+TEST(JsonLine, WordsThatComeFromDriversAreEscaped) {
+  testing::internal::CaptureStdout();
+  JsonLine().word("name", "a \"b\" \\x1b").print();
+  EXPECT_EQ(testing::internal::GetCapturedStdout(), "{\"name\": \"a \\\"b\\\" \\\\x1b\"}\n");
+}
+
 }  // namespace
 }  // namespace lithe::bench

@@ -157,7 +157,7 @@ def show_host(figures: Figures) -> None:
     table("a spin with nice -20 beside nice 10 of another session", ["", "of the core"], rows)
     rows = [
         [
-            f"{name}, {cell(figures, f'host_brain_{key}_threads', '.0f')} threads",
+            f"{name}, threads: {cell(figures, f'host_brain_{key}_threads', '.0f')}",
             *(cell(figures, f"host_brain_{key}_{rest}", ".1f") for rest in ("alone_per_s", "beside_per_s", "slower")),
             *(cell(figures, f"host_brain_{key}_slower_{end}", ".1f") for end in ("least", "most")),
         ]

@@ -1,11 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 # Run in a machine of four cores that was booted with isolcpus=1-3: a robot whose file names no core, one whose file
-# names core 2, one that asks for a core that is not there. tests/system/test_isolated_cores.py reads the steps.
+# names core 2, one that asks for a core that is not there; then one in an isolated partition of cgroup v2.
+# tests/system/test_isolated_cores.py reads the steps.
 running() { grep -q '"spine_core"' "$1"; }
 threads() { grep Cpus_allowed_list /proc/$(sed -n 's/^ *"spine_pid": \([0-9]*\).*/\1/p' /tmp/answer)/task/*/status; }
 start() {
   lithe run "$1" --no-arm >/tmp/run.log 2>&1 &
   robot=$!
+}
+# This shell, and all that it starts from then on, in a partition of cores 2 and 3.
+partition() {
+  group=/sys/fs/cgroup/robot
+  mount -t cgroup2 none /sys/fs/cgroup && echo +cpuset >/sys/fs/cgroup/cgroup.subtree_control && mkdir $group &&
+    echo 2-3 >$group/cpuset.cpus && echo isolated >$group/cpuset.cpus.partition && echo $$ >$group/cgroup.procs &&
+    cat $group/cpuset.cpus.partition
 }
 
 step isolated cat /sys/devices/system/cpu/isolated
@@ -23,3 +31,9 @@ step named-threads threads
 step named-stop lithe stop
 step named-ends wait $robot
 step absent lithe run /absent.toml --no-arm
+step partition partition
+start /robot.toml
+step inside await running lithe --json status
+step inside-words lithe status
+step inside-stop lithe stop
+step inside-ends wait $robot

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A real kernel, booted with isolcpus=1-3: the Spine has an isolated core and says so. Skipped, with the reason, where
-no machine can be booted. What a faked /sys says: spine/core/cores_test.cpp, spine/robot/cpu_plan_test.cpp."""
+"""A real kernel, booted with isolcpus=1-3: the Spine has an isolated core and says so, also in a partition of cgroup
+v2. Skipped, with the reason, where no machine can be booted. What faked files say: spine/core/cores_test.cpp,
+spine/core/interrupts_test.cpp, spine/robot/cpu_plan_test.cpp."""
 
 import json
 import re
@@ -86,6 +87,14 @@ def test_an_isolated_core_can_be_named(steps: dict[str, vcan.Step]) -> None:
     assert (told["spine"], told["spine_core"]["isolation"]) == (2, "boot")
     assert told["spine_core"]["why"] == "the robot file names it"
     assert "2" in pinned(steps["named-threads"])
+
+
+def test_a_real_partition_of_cgroup_v2_is_told(steps: dict[str, vcan.Step]) -> None:
+    assert steps["partition"].text.strip() == "isolated"
+    told = cpus(steps["inside"])
+    assert told["spine"] in (2, 3) and told["spine_core"]["isolation"] == "cpuset", told
+    assert told["spine_core"]["words"] == "isolated by its cpuset (a partition of cgroup v2)"
+    assert "isolated by its cpuset (a partition of cgroup v2)" in steps["inside-words"].text
 
 
 def test_a_core_that_is_not_there_is_refused_with_those_that_are(steps: dict[str, vcan.Step]) -> None:
