@@ -125,6 +125,7 @@ TEST_F(ZygoteTest, TrialThatRanOutOfTimeIsDoneOnceMoreInTwiceTheBox) {
 
 // Its 32 drives alone take longer than this box: that is not the law's fault, and no reason to look at less of it.
 TEST(Zygote, TheTimeOfTheSimulatedRobotComesOnTopOfTheBox) {
+  constexpr int kEnough = 250;  // of 1000; where processes share a core, their caches are cold and a step takes longer
   auto zygote = Zygote::make(LITHE_ROBOTS "/arm32.toml", -1);
   ASSERT_TRUE(zygote) << zygote.message();
   const json order = {{"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 300'000}, {"box_ms", 20}};

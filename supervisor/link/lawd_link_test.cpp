@@ -44,7 +44,10 @@ class LawdLinkTest : public testing::Test {
     }
   }
   // The service does not get to see anything before this ends.
-  void freeze() { ::kill(lawd_.pid(), SIGSTOP); }
+  void freeze() {
+    ::kill(lawd_.pid(), SIGSTOP);
+    serve_until([this] { return !work_of_session(lawd_.pid()).wants_to_run; });
+  }
   LawdLink::Callback into(std::optional<Answer>& answer) {
     return [&answer](const Answer& got) { answer = got; };
   }
@@ -52,10 +55,14 @@ class LawdLinkTest : public testing::Test {
     const auto* refusal = answer ? std::get_if<Refusal>(&*answer) : nullptr;
     return !answer ? "none" : refusal == nullptr ? "done" : refusal->code;
   }
+  // Asked again while a busy machine gives it no processor time: the service yields to everybody.
   Answer compile(const std::string& source) {
     std::optional<Answer> answer;
-    lawd_.compile({"rest.cpp", source}, [&answer](const Answer& got) { answer = got; }, monotonic_ns());
-    serve_until([&answer] { return answer.has_value(); });
+    for (int i = 0; i < 10 && (!answer || code_of(answer) == "compile_starved"); ++i) {
+      answer.reset();
+      lawd_.compile({"rest.cpp", source}, into(answer), monotonic_ns());
+      serve_until([&answer] { return answer.has_value(); });
+    }
     return answer.value_or(Refusal{"test_timeout", "", ""});
   }
 
@@ -94,6 +101,7 @@ TEST_F(LawdLinkTest, ADeathRefusesWhatItHadInHandsAndANewOneServesTheNext) {
 }
 
 TEST_F(LawdLinkTest, EightChecksWaitAndTheNinthIsRefusedAtOnce) {
+  ASSERT_TRUE(std::holds_alternative<Json>(compile(kLaw)));
   freeze();
   const std::int64_t now_ns = monotonic_ns();
   std::vector<std::optional<Answer>> answers(LawdLink::kMaxChecks + 2);  // one is in its hands, eight wait

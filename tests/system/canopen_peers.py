@@ -66,7 +66,7 @@ class OurDriver:
         self.process.stdin.write(" ".join(map(str, words)) + "\n")
         self.process.stdin.flush()
 
-    def until(self, **wanted: object) -> dict[str, Any]:
+    def until(self, seconds: float = 90.0, **wanted: object) -> dict[str, Any]:
         """Waits until it tells all this; values may be tests."""
 
         def holds() -> dict[str, Any] | None:
@@ -77,7 +77,7 @@ class OurDriver:
             return now
 
         try:
-            found: dict[str, Any] = wait_for(holds)
+            found: dict[str, Any] = wait_for(holds, seconds)
         except AssertionError:
             raise AssertionError(f"never {wanted}; last: {self.now}") from None
         return found
