@@ -228,7 +228,10 @@ def test_a_file_that_this_machine_cannot_run_is_refused_before_a_compiler_starts
 def test_safe_gains_that_shake_the_simulated_robot_refuse_the_start(house: House) -> None:
     """Exit 2, with joint, gain and what to write; the Spine was never started. The file's own check passes them."""
     text = (ROOT / "robots" / "arm.toml").read_text()
-    changes = {"safe_kd_nm_s_rad = 0.04 ": "safe_kd_nm_s_rad = 0.4 ", "torque_lag_s = 0.001 ": "torque_lag_s = 0.05 "}
+    changes = {
+        "safe_kd_nm_s_rad = 0.04 ": "safe_kd_nm_s_rad = 0.3 ",
+        "\ninertia_kg_m2 = 2.55e-3": "\ninertia_kg_m2 = 3e-4",
+    }
     for old, new in changes.items():
         assert old in text, old
         text = text.replace(old, new)
@@ -236,7 +239,7 @@ def test_safe_gains_that_shake_the_simulated_robot_refuse_the_start(house: House
     house.config.write_text(text.replace('"../laws/', f'"{ROOT}/laws/'))
     process = house.run(wait=False)
     assert process.wait(120) == 2, house.log()
-    assert "joint shoulder: safe_kd_nm_s_rad = 0.4 shakes it" in house.log(), house.log()
+    assert "joint shoulder: safe_kd_nm_s_rad = 0.3 shakes it" in house.log(), house.log()
     assert "write safe_kd_nm_s_rad = " in house.log(), house.log()
     assert not (house.dir / "run" / "arm.spine.log").exists()
     assert house.segments() == []
