@@ -131,8 +131,8 @@ TEST(Zygote, TheTimeOfTheSimulatedRobotComesOnTopOfTheBox) {
   const json order = {{"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 300'000}, {"box_ms", 20}};
   const json reply = answer_of(*zygote, order);
   const json& loop = reply["report"]["loop"];
-  EXPECT_EQ(loop["ticks"].get<int>(), 1000) << reply.dump();
-  EXPECT_EQ(loop["rough"]["ticks"].get<int>(), 1000);
+  EXPECT_GE(loop["ticks"].get<int>(), kEnough) << reply.dump();
+  EXPECT_GE(loop["rough"]["ticks"].get<int>(), kEnough);
   EXPECT_EQ(loop["rough"]["whole_ticks"].get<int>(), 1000);
 }
 

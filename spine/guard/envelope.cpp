@@ -107,6 +107,11 @@ double Envelope::balance(const Seen& seen, const Range& flying, double least_nm,
   return 0.5 * (least_nm + most_nm);
 }
 
+double Envelope::bound_one(const Seen& seen, double least_nm, double wanted_nm, double most_nm, bool up) const
+    LITHE_RT {
+  return on() ? restrict(seen, flying(), up ? least_nm : most_nm, wanted_nm, up) : wanted_nm;
+}
+
 double Envelope::bound(const Seen& seen, double least_nm, double wanted_nm, double most_nm) const LITHE_RT {
   if (!on()) return wanted_nm;
   const Range all = flying();

@@ -47,6 +47,8 @@ class Envelope {
 
   // least_nm <= wanted_nm <= most_nm.
   double bound(const Seen& seen, double least_nm, double wanted_nm, double most_nm) const LITHE_RT;
+  // The same of one limit alone: of a joint that is beyond the other one, or comes from there.
+  double bound_one(const Seen& seen, double least_nm, double wanted_nm, double most_nm, bool up) const LITHE_RT;
 
   // What is not known of the state in which the next command will meet the joint.
   double unknown_rad(double ahead_s) const LITHE_RT { return 0.5 * ahead_s * unknown_rad_s(ahead_s); }

@@ -10,7 +10,9 @@ namespace lithe::guard {
 
 void Guard::start_recovery() LITHE_RT { recovery_.restart(); }
 
-// Slew-bounded from what each joint feels now, as every other output is.
+// Slew-bounded from what each joint feels now, as every other output is, and bounded as every other by what still stops
+// before a limit: both, or of a joint that comes from beyond one of them, the other. So a load above the torque of the
+// recovery does not carry it through its range.
 void Guard::recover(const Input& in, Output& out, Verdict& verdict) LITHE_RT {
   verdict.recovered = true;
   for (std::size_t j = 0; j < joints_; ++j) {
@@ -18,8 +20,14 @@ void Guard::recover(const Input& in, Output& out, Verdict& verdict) LITHE_RT {
     const Seen now = seen(j, in);
     const double now_nm = std::clamp(sent_[j].felt_nm(ahead(now)), -limit.torque_max_nm, limit.torque_max_nm);
     const double wanted_nm = recovery_.torque_nm(j, now.position_rad, now.velocity_rad_s, now_nm);
-    const double nm = now_nm + std::clamp(wanted_nm - now_nm, -limit.slew_nm, limit.slew_nm);
-    if (nm != wanted_nm) verdict.flags |= wire::telemetry_flag::kSlewClamped;
+    const double least_nm = std::max(now_nm - limit.slew_nm, -limit.torque_max_nm);
+    const double most_nm = std::min(now_nm + limit.slew_nm, limit.torque_max_nm);
+    const double slewed_nm = std::clamp(wanted_nm, least_nm, most_nm);
+    const int from = recovery_.from(j);
+    const double nm = from == 0 ? envelope_[j].bound(now, least_nm, slewed_nm, most_nm)
+                                : envelope_[j].bound_one(now, least_nm, slewed_nm, most_nm, from < 0);
+    if (slewed_nm != wanted_nm) verdict.flags |= wire::telemetry_flag::kSlewClamped;
+    if (nm != slewed_nm) verdict.flags |= wire::telemetry_flag::kPositionClamped;
     safe_law_.rearm(j);
     Command command;
     command.torque_nm = nm;

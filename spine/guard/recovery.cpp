@@ -52,6 +52,7 @@ void Recovery::restart() LITHE_RT {
 
 void Recovery::start(Joint& joint, double position_rad, double now_nm) LITHE_RT {
   joint.goal_rad = std::clamp(position_rad, joint.low_rad, joint.high_rad);
+  joint.from = position_rad > joint.high_rad ? 1 : position_rad < joint.low_rad ? -1 : 0;
   joint.load_nm = std::clamp(now_nm, -joint.cap_nm, joint.cap_nm);
   joint.least_beyond_rad = std::max(0.0, beyond(position_rad, joint.low_rad, joint.high_rad));
   joint.ticks_at_least = 0;

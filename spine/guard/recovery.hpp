@@ -19,10 +19,11 @@ namespace lithe::guard {
 //   inward torque fades to zero between the recover speed and twice that speed, and
 //   outward torque only brakes an inward motion: it is at most in proportion to the inward speed.
 // Within the soft stop before a limit, torque towards that limit fades as for a law. Speed is bounded, not held: a
-// joint that is let go while gravity pulls it is faster for a moment, until the load is found. A joint is stuck when it
-// comes no nearer to its limits for kStallS plus the time in which the torque grows to its cap, or when the whole takes
-// three times as long as the way at the recover speed, plus kPatienceS. Contract: RT after configure() · owned by the
-// guard · bounded work per joint
+// joint that is let go while gravity pulls it is faster for a moment, until the load is found. A load above the cap
+// that pulls it inwards it does not hold; the guard's Envelope does, before the limit at the other end. A joint is
+// stuck when it comes no nearer to its limits for kStallS plus the time in which the torque grows to its cap, or when
+// the whole takes three times as long as the way at the recover speed, plus kPatienceS. Contract: RT after configure()
+// · owned by the guard · bounded work per joint
 class Recovery {
  public:
   // A joint that rests on its mechanical stop may be measured this far beyond its limit; it still counts as inside.
@@ -48,6 +49,9 @@ class Recovery {
   bool stuck(std::size_t joint) const LITHE_RT { return joint_[joint].state == State::stuck; }
   std::string_view why_stuck(std::size_t joint) const LITHE_RT;
 
+  // Beyond which limit it began: 1 above, -1 below, 0 inside both.
+  int from(std::size_t joint) const LITHE_RT { return joint_[joint].from; }
+
   double torque_cap_nm(std::size_t joint) const LITHE_RT { return joint_[joint].cap_nm; }
   double share() const LITHE_RT { return share_; }
 
@@ -63,6 +67,7 @@ class Recovery {
     std::int64_t stall_ticks = 0;      // without progress, until it is stuck
 
     State state = State::fresh;
+    int from = 0;
     double goal_rad = 0;
     double load_nm = 0;               // the integral part
     double least_beyond_rad = 0;      // the nearest to the limits that it has been

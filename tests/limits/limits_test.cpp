@@ -13,6 +13,7 @@
 #include <string>
 
 #include "spine/robot/robot.hpp"
+#include "spine/robot/stopping.hpp"
 #include "tests/limits/rig.hpp"
 
 namespace lithe::limits {
@@ -57,6 +58,38 @@ void shuffle_time(Run& run, Dice& dice) {
   if (dice.one_in(5)) run.stop_at_s = dice.between(0, run.seconds);
 }
 
+// Safe gains that a robot file may have at this rate: the reader refuses what leaves less than 20 degrees of phase
+// margin.
+void settle_safe_gains(robot::RobotConfig& robot) {
+  for (robot::JointConfig& joint : robot.joints) {
+    const double period_s = robot::drive_period_s(robot, joint);
+    const double delay_s = robot::reaction_s(robot, joint) + 1 / robot.rate_hz + 0.5 * period_s;
+    const auto shakes = [&](double kp, double kd) {
+      return robot::phase_margin_rad(joint.inertia_min_kg_m2, kp, kd, delay_s) < 0.35;
+    };
+    while (shakes(0, joint.safe_kd_nm_s_rad)) joint.safe_kd_nm_s_rad *= 0.9;
+    while (joint.safe_kp_nm_rad > 0 && shakes(joint.safe_kp_nm_rad, joint.safe_kd_nm_s_rad)) {
+      joint.safe_kp_nm_rad = joint.safe_kp_nm_rad > 1e-6 ? 0.9 * joint.safe_kp_nm_rad : 0;
+    }
+  }
+}
+
+// What a drive costs that is not asked in every tick, and whose encoder is noisy. Each is asked at least `least_hz`
+// times a second: where it is less, more acts on a light joint between two commands than the guard can make good.
+void shuffle_drives(Run& run, Dice& dice, double least_hz) {
+  constexpr std::array kDividers{1u, 1u, 2u, 4u};
+  constexpr double kNoiseRad = 2.6e-4;  // of a magnetic encoder: docs/reference/plants.md
+  run.noise = dice.one_in(2);
+  for (robot::DeviceConfig& device : run.robot.devices) {
+    device.rate_divider = kDividers[dice.random() % 4];
+    while (run.robot.rate_hz / device.rate_divider < least_hz) device.rate_divider /= 2;
+  }
+  for (robot::JointConfig& joint : run.robot.joints) {
+    if (joint.sim.encoder_noise_rad == 0) joint.sim.encoder_noise_rad = kNoiseRad / joint.ratio;
+  }
+  settle_safe_gains(run.robot);
+}
+
 Run a_run(const robot::RobotConfig& robot, std::uint64_t seed) {
   Dice dice(seed);
   Run run;
@@ -74,6 +107,7 @@ Run a_run(const robot::RobotConfig& robot, std::uint64_t seed) {
     joint.sim.mgl_nm = dice.between(0, joint.load_max_nm);
     run.bias_nm.push_back((joint.load_max_nm - joint.sim.mgl_nm) * dice.between(-1, 1));
   }
+  shuffle_drives(run, dice, 250);
   return run;
 }
 
@@ -101,9 +135,10 @@ Tally tally(const robot::RobotConfig& robot, std::uint64_t from, std::uint64_t r
     double& worst = all.worst_rad.try_emplace(std::string(name_of(run.adversary)), -1e9).first->second;
     worst = std::max(worst, extremes.overrun_rad);
     if (extremes.overrun_rad > 0.01 || extremes.speed_share > 1 || extremes.step_share > 1.5) {
-      std::printf("  run %lu: %s of %s at %g Hz: %.4f rad beyond, %.3f of the fault's speed, %.2f slew steps\n", seed,
-                  name_of(run.adversary).data(), run.robot.joints[0].name.c_str(), run.robot.rate_hz,
-                  extremes.overrun_rad, extremes.speed_share, extremes.step_share);
+      std::printf("  run %lu: %s of %s at %g Hz / %u%s: %.4f rad beyond, %.3f of the fault's speed, %.2f slew steps\n",
+                  seed, name_of(run.adversary).data(), run.robot.joints[0].name.c_str(), run.robot.rate_hz,
+                  run.robot.devices[0].rate_divider, run.noise ? ", noise" : "", extremes.overrun_rad,
+                  extremes.speed_share, extremes.step_share);
     }
   }
   std::printf(
@@ -148,6 +183,64 @@ TEST(LimitsTwin, WithoutStoppingDistanceIsCaught) {
     const robot::RobotConfig robot = load(name);
     EXPECT_GT(tally(robot, 1, 60, false).most.overrun_rad, allowed_rad(robot) + 0.2) << name;
   }
+}
+
+// Whether a joint that its brake lets go of can still be stopped on this way, when the first torque acts.
+bool can_be_caught(const robot::RobotConfig& robot, const robot::JointConfig& joint, double way_rad) {
+  const double blind_s = robot::reaction_s(robot, joint) + 2 / robot.rate_hz, period_s = drive_period_s(robot, joint);
+  const robot::Stop fall = stop_of(brakes_of(joint), 0, {0, blind_s}, {0, period_s});
+  return 1.5 * fall.way_rad < way_rad && fall.peak_rad_s < joint.velocity_max_rad_s;
+}
+
+// A joint of a short range, outside of it on either side, with a load that pulls it inwards: up to the declared one,
+// which may be more than recover's own torque.
+Run a_recovery(const robot::RobotConfig& robot, std::uint64_t seed) {
+  constexpr std::array kRates{500.0, 1000.0, 1000.0, 2000.0};
+  Dice dice(seed);
+  Run run;
+  run.seed = seed;
+  run.recover = true;
+  run.robot = alone(robot, dice.random() % robot.joints.size());
+  run.robot.rate_hz = kRates[dice.random() % kRates.size()];
+  run.transport_thread = dice.one_in(2);
+  run.seconds = 6;
+  robot::JointConfig& joint = run.robot.joints[0];
+  const double inward = dice.one_in(2) ? -1 : 1, wide = dice.between(0.3, 1.0), out = dice.between(0.01, 0.5);
+  joint.position_min_rad = dice.between(-1, 1);
+  joint.position_max_rad = joint.position_min_rad + wide;
+  joint.sim.initial_position_rad = inward < 0 ? joint.position_max_rad + out : joint.position_min_rad - out;
+  joint.sim.inertia_kg_m2 = dice.between(joint.inertia_min_kg_m2, joint.inertia_max_kg_m2);
+  joint.sim.mgl_nm = 0;
+  joint.load_max_nm = joint.torque_max_nm * dice.between(0.2, 0.85);
+  shuffle_drives(run, dice, 500);
+  while (!can_be_caught(run.robot, joint, wide + out)) joint.load_max_nm *= 0.9;
+  run.bias_nm = {inward * joint.load_max_nm * dice.between(0, 1)};
+  return run;
+}
+
+TEST(LimitsRecover, NoJointRunsThroughToItsOtherLimitAndAllEndInside) {
+  int heavy = 0;
+  for (const char* name : {"arm", "frankenstein"}) {
+    const robot::RobotConfig robot = load(name);
+    double opposite_rad = -1e9, end_rad = -1e9;
+    for (std::uint64_t seed = 1; seed <= 200 / std::min(LITHE_LIMITS_SHARE, 20); ++seed) {
+      const limits::Run run = a_recovery(robot, seed);
+      const robot::JointConfig& joint = run.robot.joints[0];
+      heavy += std::abs(run.bias_nm[0]) > run.robot.guard.recover_torque_share * joint.torque_max_nm;
+      const Extremes extremes = play(run);
+      opposite_rad = std::max(opposite_rad, extremes.opposite_rad);
+      end_rad = std::max(end_rad, extremes.end_rad);
+      if (extremes.opposite_rad > 0 || extremes.end_rad > 0 || extremes.fault != wire::Fault::none) {
+        std::printf("  run %lu: %s of %s at %g Hz / %u: %.4f rad beyond the other limit, %.4f beyond at the end, %s\n",
+                    seed, name, joint.name.c_str(), run.robot.rate_hz, run.robot.devices[0].rate_divider,
+                    extremes.opposite_rad, extremes.end_rad, wire::to_string(extremes.fault).data());
+      }
+    }
+    std::printf("%s: nearest to the other limit %.4f rad inside, at the end %.4f\n", name, -opposite_rad, -end_rad);
+    EXPECT_LE(opposite_rad, 0) << name;
+    EXPECT_LE(end_rad, guard::Recovery::kAtLimitRad) << name;
+  }
+  EXPECT_GT(heavy, 0) << "loads that recover's own torque does not hold";
 }
 
 // What robot files declare holds for what they simulate, with 5 % error of the drive's torque.

@@ -59,15 +59,16 @@ class Joints {
 // for its speed.
 struct Drive {
   double torque_nm = 0, kp = 0, kd = 0, target_rad = 0, target_rad_s = 0, max_nm = 0;
-  double tracked_rad = 0, speed_rad_s = 0;
+  double read_rad = 0, tracked_rad = 0, speed_rad_s = 0;
 
-  double wanted_nm(double position_rad) const {
-    const double spring = kp > 0 ? kp * (target_rad - position_rad) : 0;
+  double wanted_nm() const {
+    const double spring = kp > 0 ? kp * (target_rad - read_rad) : 0;
     return std::clamp(torque_nm + spring + kd * (target_rad_s - speed_rad_s), -max_nm, max_nm);
   }
-  void measure(double position_rad) {
+  void measure(double reading_rad) {
     constexpr double kPole = 2 * std::numbers::pi * 200;
-    const double error_rad = position_rad - tracked_rad;
+    read_rad = reading_rad;
+    const double error_rad = reading_rad - tracked_rad;
     speed_rad_s += kStepS * kPole * kPole * error_rad;
     tracked_rad += kStepS * (speed_rad_s + 2 * kPole * error_rad);
   }
@@ -177,11 +178,20 @@ struct Law {
 class Player {
  public:
   explicit Player(const Run& run)
-      : run_(run), joints_(run.robot), count_(run.robot.joints.size()), law_(run, count_), random_(run.seed + 7) {
+      : run_(run),
+        joints_(run.robot),
+        count_(run.robot.joints.size()),
+        law_(run, count_),
+        random_(run.seed + 7),
+        draws_(run.seed) {
     guard_.configure(run.robot);
     torque_nm_.resize(count_);
-    last_felt_nm_.resize(count_);
-    for (std::size_t j = 0; j < count_; ++j) drives_[j].tracked_rad = joints_.position_rad(j);
+    for (std::size_t j = 0; j < count_; ++j) {
+      const robot::JointConfig& joint = run.robot.joints[j];
+      const double at = drives_[j].read_rad = drives_[j].tracked_rad = joints_.position_rad(j);
+      from_above_[j] = at > 0.5 * (joint.position_min_rad + joint.position_max_rad);
+    }
+    if (run.recover) guard_.start_recovery();
     dividers_.resize(count_, 1);
     for (std::size_t j = 0; j < count_; ++j) {
       if (run.robot.joints[j].device < run.robot.devices.size()) {
@@ -202,16 +212,18 @@ class Player {
       const bool late = run_.late_bus && stale < 3 && random_() % 10 == 0;
       stale = late ? stale + 1 : 0;
       if (!late) {
-        command(tick);
+        command();
         guard_.dispatched();
         before_ = sample_;
-        look(tick);
+        look();
         taken_ = t;
+        ++exchanges_;
       }
       decide(t, stale);
       for (int i = 0; i < steps; ++i) advance();
       ++extremes_.ticks;
     }
+    for (std::size_t j = 0; j < count_; ++j) extremes_.end_rad = std::max(extremes_.end_rad, beyond_rad(j));
     return extremes_;
   }
 
@@ -220,21 +232,24 @@ class Player {
     JointArray position{}, velocity{};
   };
 
-  void look(std::uint64_t tick = 0) {
+  // A drive is asked in one of so many exchanges; a late bus delays it and takes it no turn.
+  bool asked(std::size_t j) const { return exchanges_ % dividers_[j] == 0; }
+
+  void look() {
     for (std::size_t j = 0; j < count_; ++j) {
-      if (tick % dividers_[j] != 0) continue;
-      sample_.position[j] = joints_.position_rad(j);
+      if (!asked(j)) continue;
+      sample_.position[j] = drives_[j].read_rad;
       sample_.velocity[j] = drives_[j].speed_rad_s;
     }
   }
 
   // The last output reaches the drives that are asked in this tick.
-  void command(std::uint64_t tick) {
-    if (tick == 0) return;
+  void command() {
+    if (exchanges_ == 0) return;
     for (std::size_t j = 0; j < count_; ++j) {
-      if (tick % dividers_[j] != 0) continue;
+      if (!asked(j)) continue;
       Drive& drive = drives_[j];
-      const double before_nm = drive.wanted_nm(joints_.position_rad(j));
+      const double before_nm = drive.wanted_nm();
       const double floor = std::max(output_.kd_nm_s_rad[j], run_.robot.joints[j].safe_kd_nm_s_rad);
       const double balance = (floor - output_.kd_nm_s_rad[j]) * sample_.velocity[j];
       drive.torque_nm = output_.torque_nm[j] + balance;
@@ -245,7 +260,7 @@ class Player {
           (floor > output_.kd_nm_s_rad[j] ? output_.kd_nm_s_rad[j] / floor : 1) * output_.velocity_rad_s[j];
       drive.max_nm = output_.max_torque_nm[j];
       const double step = run_.robot.joints[j].torque_slew_nm_s / run_.robot.rate_hz * dividers_[j];
-      const double jump = std::abs(drive.wanted_nm(joints_.position_rad(j)) - before_nm);
+      const double jump = std::abs(drive.wanted_nm() - before_nm);
       extremes_.step_share = std::max(extremes_.step_share, jump / step);
     }
   }
@@ -255,28 +270,39 @@ class Player {
     const double period_s = 1 / run_.robot.rate_hz;
     law_.step(t, sample.position, sample.velocity);
     const double age_s = t - taken_ + (run_.transport_thread ? period_s : 0);
-    guard_.check({t >= run_.stop_at_s ? wire::Mode::safe_stop : wire::Mode::active,
-                  stale,
-                  1'000'000,
-                  sample.position,
-                  sample.velocity,
-                  status_,
-                  {law_.torque, law_.target, law_.velocity, law_.kp, law_.kd},
-                  static_cast<std::int64_t>(1e9 * age_s)},
-                 output_);
+    const wire::Mode mode = run_.recover          ? wire::Mode::recover
+                            : t >= run_.stop_at_s ? wire::Mode::safe_stop
+                                                  : wire::Mode::active;
+    const guard::Verdict verdict = guard_.check({mode,
+                                                 stale,
+                                                 1'000'000,
+                                                 sample.position,
+                                                 sample.velocity,
+                                                 status_,
+                                                 {law_.torque, law_.target, law_.velocity, law_.kp, law_.kd},
+                                                 static_cast<std::int64_t>(1e9 * age_s)},
+                                                output_);
+    if (extremes_.fault == wire::Fault::none) extremes_.fault = verdict.fault;
+  }
+
+  double beyond_rad(std::size_t j) const {
+    const robot::JointConfig& joint = run_.robot.joints[j];
+    const double q = joints_.position_rad(j);
+    return std::max(q - joint.position_max_rad, joint.position_min_rad - q);
   }
 
   void advance() {
     for (std::size_t j = 0; j < count_; ++j) {
-      torque_nm_[j] = drives_[j].wanted_nm(joints_.position_rad(j)) + (run_.bias_nm.empty() ? 0 : run_.bias_nm[j]);
+      torque_nm_[j] = drives_[j].wanted_nm() + (run_.bias_nm.empty() ? 0 : run_.bias_nm[j]);
     }
     joints_.step(torque_nm_);
     for (std::size_t j = 0; j < count_; ++j) {
       const robot::JointConfig& joint = run_.robot.joints[j];
       const double q = joints_.position_rad(j), v = joints_.velocity_rad_s(j);
-      drives_[j].measure(q);
-      const double over = std::max(q - joint.position_max_rad, joint.position_min_rad - q);
-      extremes_.overrun_rad = std::max(extremes_.overrun_rad, over);
+      drives_[j].measure(q + (run_.noise ? joint.sim.encoder_noise_rad * draws_.normal() : 0));
+      extremes_.overrun_rad = std::max(extremes_.overrun_rad, beyond_rad(j));
+      const double opposite = from_above_[j] ? joint.position_min_rad - q : q - joint.position_max_rad;
+      extremes_.opposite_rad = std::max(extremes_.opposite_rad, opposite);
       const double fault = joint.velocity_max_rad_s * run_.robot.guard.velocity_overrun;
       extremes_.speed_share = std::max(extremes_.speed_share, std::abs(v) / fault);
     }
@@ -289,9 +315,12 @@ class Player {
   guard::Output output_;
   Law law_;
   std::mt19937_64 random_;
+  hal::sim::Draws draws_;
+  std::uint64_t exchanges_ = 0;
+  std::array<bool, kMaxJoints> from_above_{};
   std::array<Drive, kMaxJoints> drives_{};
   std::vector<std::uint32_t> dividers_;
-  std::vector<double> torque_nm_, last_felt_nm_;
+  std::vector<double> torque_nm_;
   std::array<std::uint32_t, kMaxJoints> status_{};
   Sample sample_, before_;
   double taken_ = 0;

@@ -12,6 +12,7 @@
 #include "spine/guard/guard.hpp"
 #include "spine/hal/physics/chain.hpp"
 #include "spine/hal/physics/plant.hpp"
+#include "spine/hal/physics/truth.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe::limits {
@@ -42,15 +43,18 @@ struct Run {
   bool transport_thread = false;  // samples are one exchange old
   double stop_at_s = 1e9;         // a safe stop in the middle
   bool late_bus = false;          // now and then an exchange takes too long
-  // Of each joint: what pulls at it beside the declared plant, and how its real inertia relates to the plant's.
-  std::vector<double> bias_nm;
+  bool noise = false;             // each reading of an encoder is off by its plant's encoder_noise_rad
+  bool recover = false;           // no law runs: the guard brings the joints inside
+  std::vector<double> bias_nm;    // of each joint: what pulls at it beside the declared plant
 };
 
 struct Extremes {
-  double overrun_rad = -1e9;  // beyond a position limit, the worst joint
-  double speed_share = 0;     // of the velocity that is a fault
-  double step_share = 0;      // change of torque when a command takes over, of the slew per command
-  double inward_rad_s = 0;
+  double overrun_rad = -1e9;   // beyond a position limit, the worst joint
+  double speed_share = 0;      // of the velocity that is a fault
+  double step_share = 0;       // change of torque when a command takes over, of the slew per command
+  double opposite_rad = -1e9;  // beyond the limit that is farther from where the joint began, the worst joint
+  double end_rad = -1e9;       // beyond a limit at the end, the worst joint
+  wire::Fault fault = wire::Fault::none;  // the first that the guard told
   std::uint64_t ticks = 0;
 };
 
