@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commands to the Spine through the Brain's own mailbox in shared memory, while no supervisor lives.
 
-The Spine reads one command per tick and answers each; it checks them like the supervisor's.
-Parameters are not tried before they are in force, and nothing is recorded: that needs a supervisor.
+The Spine reads the mailbox in its tick, one letter a tick, and answers each; it checks them as it checks the
+supervisor's. What a supervisor adds is missing: parameters are not tried before they hold, and nothing is recorded.
 
 Threads: may be shared. Errors: Refused, with the codes of the control socket.
 """

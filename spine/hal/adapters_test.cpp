@@ -56,8 +56,7 @@ class FarEnd {
     test::await([this] { return !replug_.load(std::memory_order_acquire); });
   }
   void spoil_wires(bool bad) { wires_bad_.store(bad, std::memory_order_release); }
-  // Every answer of the adapter passes through it from now on.
-  // Contract: before the first exchange
+  // Every answer of the adapter passes through it from now on. Contract: before the first exchange
   void spoil_with(std::function<void(std::string&)> spoil) {
     spoil_ = std::move(spoil);
     spoils_.store(true, std::memory_order_release);

@@ -42,7 +42,7 @@ class Inbox {
   std::int64_t brain_age_ns(std::int64_t now_ns) const LITHE_RT;
 
  private:
-  // Counts of invalid input, published in shared memory.
+  // What came broken is counted where everybody can see it.
   void tell() LITHE_RT;
 
   using Receiver = ipc::MailboxReceiver<wire::Command, wire::control_segment::kCommandsDepth>;

@@ -226,7 +226,7 @@ struct JointConfig {
   double load_max_nm = 0.0;        // largest load in either direction: gravity, payload, other joints
   double inertia_max_kg_m2 = 0.0;  // of everything that turns with the joint, including the rotor behind its gear
   double inertia_min_kg_m2 = 0.0;
-  double drive_lag_s = 0.003;  // command to torque, plus motion to measured speed
+  double drive_lag_s = 0.003;  // from a command to its torque, and from a motion to its measured speed, together
   PlantConfig sim;
 };
 

@@ -44,7 +44,7 @@ struct View {
   ipc::ChannelReader<wire::RobotInfo> info_reader;
 };
 
-// Refused for on_stale = "safe_stop": such a robot would stop at the end of every move.
+// A robot that stops when its Brain leaves would stop at the end of every move.
 std::optional<Refusal> stops_without_brain(const wire::RobotInfo& info) {
   const auto robot = robot::load_robot(control::text_of(info.config_path));
   if (!robot || robot->brain.on_stale != robot::StaleAction::safe_stop) return std::nullopt;

@@ -13,7 +13,7 @@
 
 namespace lithe::control {
 
-// The Spine's refusal as a sentence, with the next step.
+// Why the Spine said no, in words, and what to do next.
 swap::Refusal refusal_of(wire::CommandKind kind, wire::CommandResult result, const wire::Telemetry& now,
                          const wire::RobotInfo& info = {});
 

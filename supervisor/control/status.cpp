@@ -138,7 +138,7 @@ Json params_of(const wire::LawInfo& law, const wire::Params* live) {
   return list;
 }
 
-// Whether the kernel keeps other threads off the Spine's core, read now for the tick thread.
+// Whether the kernel keeps others off the Spine's core: as it stands now, for the thread that ticks.
 Json spine_core_json(const SpineLink& spine, const robot::SpineConfig& wanted) {
   const wire::RobotInfo& info = spine.info();
   const IsolatedCores isolated = isolated_cores(spine.spine_pid());

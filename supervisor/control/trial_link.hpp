@@ -27,7 +27,7 @@ struct TrialOrder {
 class TrialLink {
  public:
   using Callback = ServiceLink::Callback;
-  static constexpr int kMostStarved = 5;  // attempts without processor time before the law is refused
+  static constexpr int kMostStarved = 5;  // a board too busy to try a law is asked so often, then the law is refused
 
   // `program`: path of lithe-trial; `robot_file`: absolute.
   TrialLink(std::string program, std::string robot_file, std::vector<int> cpus);
@@ -38,8 +38,8 @@ class TrialLink {
   }
   // Logs a warning when the trial cannot map the given arena.
   Result<> start(std::int64_t now_ns);
-  // On success: the trial's report. Refusal: trial_failed (the report in `detail.trial`, with "pc_offset" of a crash),
-  // trial_starved, trial_died, or trial_unavailable (the sandbox does not work on this machine).
+  // Json: the trial's own answer, passed. Refusal: trial_failed with its answer in `detail.trial`, "pc_offset" of a
+  // crash in it; trial_starved, trial_died, trial_unavailable: its sandbox does not work here.
   void attempt(const TrialOrder& order, Callback callback, std::int64_t now_ns);
   void serve(std::int64_t now_ns) { service_.serve(now_ns); }
   void stop() { service_.stop(); }
