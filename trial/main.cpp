@@ -15,7 +15,7 @@ int main(int argc, char** argv) {
     return 2;
   }
   signal(SIGPIPE, SIG_IGN);
-  signal(SIGINT, SIG_IGN);  // Ctrl-C is the supervisor's business: it closes our stdin
+  signal(SIGINT, SIG_IGN);  // on Ctrl-C the supervisor closes our stdin
 
   lithe::set_file_defaults();
   auto zygote = lithe::trial::Zygote::make(argv[1], lithe::arena::kHandedFd);

@@ -78,7 +78,7 @@ Verdict judge(const Outcome& outcome, const Limits& limits) {
     verdict.reason = "this system gives the trial no process";
     return verdict;
   }
-  // Broken off before it had half of the processor time it was promised: that says nothing about the law.
+  // Stopped before it got half of its processor time: no evidence against the law.
   verdict.starved = outcome.timed_out && outcome.cpu_ms < 0.5 * limits.cpu_ms;
   if (verdict.starved) {
     verdict.reason = "the board is too busy: the trial got " + std::to_string(static_cast<int>(outcome.cpu_ms)) +

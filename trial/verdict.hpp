@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// From what a child left behind to a sentence for an agent.
+// Makes the verdict and its sentence from a child's report.
 #pragma once
 
 #include <cstdint>
@@ -12,11 +12,11 @@ namespace lithe::trial {
 
 struct Verdict {
   bool ok = false;
-  bool starved = false;         // the board gave the trial no time: nothing is known about the law
-  bool unable = false;          // the sandbox does not work here: likewise
-  bool out_of_time = false;     // it did not come to an end, or so it seems
+  bool starved = false;         // the trial got too little processor time: no evidence against the law
+  bool unable = false;          // the sandbox does not work on this machine: likewise
+  bool out_of_time = false;     // it did not finish in time
   std::string reason;           // empty when ok
-  std::uint64_t pc_offset = 0;  // of a crash: bytes from the law's start, if it lies behind that; 0 = unknown
+  std::uint64_t pc_offset = 0;  // of a crash: offset from the law's start [bytes]; 0 = unknown
   Report report;
 };
 

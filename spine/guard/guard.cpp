@@ -15,7 +15,7 @@ constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 double reciprocal(double width) { return 1.0 / std::max(width, 1.0e-9); }
 
-// 1 where there is room, 0 where there is none, straight in between.
+// 1 where there is room, 0 where there is none, linear in between.
 double room(double distance, double per_width) LITHE_RT { return std::clamp(distance * per_width, 0.0, 1.0); }
 
 }  // namespace
@@ -134,7 +134,7 @@ Verdict Guard::check(const Input& in, Output& out) LITHE_RT {
   return verdict;
 }
 
-// Braking a joint takes power out of it, and is not limited.
+// Braking takes power out of a joint and is not limited.
 double Guard::powered(std::size_t j, double torque_nm, double velocity_rad_s, std::uint32_t& flags) const LITHE_RT {
   if (torque_nm * velocity_rad_s <= limits_[j].power_max_w) return torque_nm;
   flags |= wire::telemetry_flag::kPowerClamped;
@@ -147,7 +147,7 @@ Seen Guard::seen(std::size_t j, const Input& in) const LITHE_RT {
           1e-9 * static_cast<double>(std::clamp<std::int64_t>(in.sample_age_ns, 0, kOldestNs))};
 }
 
-// Where the joint is when the next command reaches its drive.
+// Predicted position when the next command reaches the drive.
 Seen Guard::ahead(const Seen& seen) const LITHE_RT {
   return {seen.position_rad + seen.velocity_rad_s * (seen.age_s + period_s_), seen.velocity_rad_s, 0};
 }
@@ -163,7 +163,7 @@ double Guard::bound(std::size_t j, double wanted_nm, const Seen& seen, double to
   const double velocity_room = room(speed_left, limit.velocity_fade_s_rad);
   const double clamped = std::clamp(wanted_nm, -torque_max_nm, torque_max_nm);
   const double faded = powered(j, clamped, seen.velocity_rad_s, flags) * position_room * velocity_room;
-  // What the joint will feel when the new torque takes over.
+  // Torque at the joint when the new command takes over.
   const double now_nm = std::clamp(sent_[j].felt_nm(ahead(seen)), -limit.torque_max_nm, limit.torque_max_nm);
   const double least_nm = std::max(now_nm - step_nm, -limit.torque_max_nm);
   const double most_nm = std::min(now_nm + step_nm, limit.torque_max_nm);
@@ -200,9 +200,9 @@ Guard::Command Guard::wanted_pd(std::size_t j, const Proposal& proposal) const L
   return pd;
 }
 
-// Gains that the drive may have. They grow and fall only as fast as what is not known of the joint's next state makes a
-// small part of a slew step; at the limits there are none; and a stiffness never moves the torque faster with the joint
-// than slew allows. Returns what they leave of a slew step.
+// Limits the gains of the drive's PD. They change only so fast that the uncertainty of the joint's next state is a
+// small part of a slew step; at the limits they are 0; and a stiffness may not change the torque with the joint's
+// motion faster than the slew bound. Returns the rest of the slew step.
 double Guard::settle_gains(std::size_t j, const Seen& seen, Command& command) const LITHE_RT {
   constexpr double kPart = 0.25;
   const Limits& limit = limits_[j];
@@ -227,7 +227,7 @@ void Guard::apply_law(std::size_t j, const Input& in, Output& out, std::uint32_t
   const double wanted_nm = in.proposal.torque_nm[j] + command.pd_nm(then);
   const double step_nm = settle_gains(j, now, command);
   const double total_nm = bound(j, wanted_nm, now, limit.torque_max_nm * soft_start_, step_nm, flags);
-  // The feed-forward makes up for what the drive's own PD does beyond the bound; where it cannot, the gains give way.
+  // The feed-forward compensates the drive's PD beyond the bound; where it cannot, the gains are reduced.
   const double drive_nm = command.pd_nm(then);
   command.torque_nm = total_nm - drive_nm;
   if (std::abs(command.torque_nm) > limit.torque_max_nm) {
@@ -242,7 +242,7 @@ void Guard::apply_law(std::size_t j, const Input& in, Output& out, std::uint32_t
   out.velocity_rad_s[j] = command.target_rad_s;
   out.kp_nm_rad[j] = command.kp_nm_rad;
   out.kd_nm_s_rad[j] = command.kd_nm_s_rad;
-  // Also if no other command follows. What brakes may be more than a law has while it starts softly.
+  // Also valid if no other command follows. Braking torque may exceed the soft-start limit of a law.
   out.max_torque_nm[j] = std::max(limit.torque_max_nm * soft_start_, std::abs(total_nm));
 }
 
@@ -253,13 +253,13 @@ void Guard::apply_safe_law(std::size_t j, const Input& in, Output& out, std::uin
   out.kd_nm_s_rad[j] = 0.0;
   out.max_torque_nm[j] = limits_[j].torque_max_nm;
   if (!usable_[j]) {
-    safe_law_.rearm(j);  // what it meant to follow is too old to resume
+    safe_law_.rearm(j);  // its old reference is too old to resume
     return brake_blindly(j, out, flags);
   }
   const Seen now = seen(j, in);
   Command command;
   const double step_nm = settle_gains(j, now, command);
-  command.kp_nm_rad = 0;  // its target is the law's
+  command.kp_nm_rad = 0;  // the position target is the law's
   const double wanted_nm = safe_law_.torque_nm(j, now.position_rad, now.velocity_rad_s);
   const double total_nm = bound(j, wanted_nm, now, limits_[j].torque_max_nm, step_nm, flags);
   command.torque_nm = total_nm - command.pd_nm(ahead(now));
@@ -268,7 +268,7 @@ void Guard::apply_safe_law(std::size_t j, const Input& in, Output& out, std::uin
   out.kd_nm_s_rad[j] = command.kd_nm_s_rad;
 }
 
-// Without a sample only the drive can brake the joint; with no torque at all it would fall.
+// Without a sample only the drive can brake the joint; without any torque it would fall.
 void Guard::brake_blindly(std::size_t j, Output& out, std::uint32_t& flags) LITHE_RT {
   const double grown =
       std::min(sent_blind_kd_nm_s_rad_[j] + limits_[j].blind_kd_step_nm_s_rad, limits_[j].blind_kd_nm_s_rad);

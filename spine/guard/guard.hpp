@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The only code between a law and the motors. It trusts no law, no Brain and no sensor.
+// The guard: checks and limits every command to the motors. It trusts no law, no Brain and no sensor.
 #pragma once
 
 #include <array>
@@ -17,7 +17,7 @@
 
 namespace lithe::guard {
 
-// What the law asks for. Position NaN = no drive-side PD on position.
+// The law's output. Position NaN = no drive-side PD on position.
 struct Proposal {
   const JointArray& torque_nm;
   const JointArray& position_rad;
@@ -29,7 +29,7 @@ struct Proposal {
 struct Input {
   wire::Mode mode;
   std::uint32_t stale_ticks;  // ticks in a row without a new sample; 0 = fresh
-  std::int64_t brain_age_ns;  // since the Brain's last sign of life; negative = never heard of
+  std::int64_t brain_age_ns;  // since the Brain's last heartbeat; negative = none so far
   const JointArray& position_rad;
   const JointArray& velocity_rad_s;
   const std::array<std::uint32_t, kMaxJoints>& joint_status;  // bits of wire::joint_status
@@ -37,42 +37,42 @@ struct Input {
   std::int64_t sample_age_ns = 0;  // of position and velocity
 };
 
-// What keeps a group of joints safe, from the mildest to the last: each rung begins where the one above it has nothing
-// more to do, and there is no way up but a person's reset.
+// The ladder of a stopped group, from the mildest rung to the last. Each rung begins when the one above it has ended;
+// only `reset` leads back up.
 using wire::Rung;
 
-// What may go to the drives. Always finite (position NaN = none) and within the limits, whatever came in.
+// The commands to the drives. Always finite (position NaN = none) and within the limits, for any input.
 struct Output {
   JointArray torque_nm{};
   JointArray position_rad{};
   JointArray velocity_rad_s{};
   JointArray kp_nm_rad{};
   JointArray kd_nm_s_rad{};
-  JointArray max_torque_nm{};           // the drive's own last limit
-  std::array<Rung, kMaxJoints> rung{};  // brake and off: nothing above counts any more
+  JointArray max_torque_nm{};           // torque limit of the drive itself
+  std::array<Rung, kMaxJoints> rung{};  // at brake and off the other fields are not used
 };
 
 struct Verdict {
-  wire::Fault fault = wire::Fault::none;  // the worst there is to say; the loop must latch it
+  wire::Fault fault = wire::Fault::none;  // the worst fault; the loop must latch it
   std::uint32_t flags = 0;                // bits of wire::telemetry_flag
-  std::uint32_t law_flags = 0;            // those among them that are about what the law wanted
-  bool use_safe_law = false;              // no joint's output is the proposal's
+  std::uint32_t law_flags = 0;            // those of them that are caused by the law's output
+  bool use_safe_law = false;              // the safe law controls all joints
   bool recovering = false;                // this tick was one of the mode recover
-  bool recovered = false;                 // of which every joint is inside its limits now
+  bool recovered = false;                 // and every joint is inside its limits now
 };
 
 // Joints that stop together.
 struct Group {
   wire::Fault fault = wire::Fault::none;  // latched
-  std::uint8_t joint = 0;                 // whose fault it was
+  std::uint8_t joint = 0;                 // the joint with the fault
   bool news = false;                      // it stopped in this tick
   Rung rung = Rung::law;
   std::uint64_t ticks_at_rest = 0, ticks_seen_at_rest = 0;
 };
 
 // In the order of authority: not finite, drives, freshness and overrun -> safe law, in the same tick; then per joint
-// soft stops, velocity, torque, slew, and last of all what still stops before the limits (Envelope). What is one
-// joint's fault stops the joint's group; the other groups go on under the law or stop with it, as the robot file says
+// soft stops, velocity, torque, slew, and last of all what still stops before the limits (Envelope). A fault of one
+// joint stops the joint's group; the other groups continue under the law or stop too, as the robot file says
 // (`other_groups`). A fault that belongs to no single joint stops all joints.
 //
 // Slew: when a command replaces the one before it, the torque at the joint (feed-forward plus the drive's own PD, at
@@ -81,7 +81,7 @@ struct Group {
 // prediction has errors: under adversarial laws the simulated joint felt up to 2.1 (arm), 2.1 (frankenstein) and 6
 // (chain) times that step (tests/limits). Disarming and e-stop have no slew.
 //
-// A joint without a usable sample is braked by its drive, which still knows its own speed: the feed-forward fades, then
+// A joint without a usable sample is braked by its drive, which knows its own velocity: the feed-forward fades, then
 // damping grows to safe_kd_nm_s_rad, both within the slew bound up to the speed that is a fault.
 //
 // Contract: RT after configure() · owned by the tick thread · bounded work per joint
@@ -89,31 +89,31 @@ class Guard {
  public:
   void configure(const robot::RobotConfig& robot);
 
-  // At arming, when the drives are off: the first step is bounded from 0. Also rearms the safe law.
+  // Call at arming, when the drives are off: the slew bound starts at 0. Also rearms the safe law.
   void reset_output() LITHE_RT;
 
-  // A person's reset: what was latched is forgotten.
+  // `reset`: clears all latched faults.
   void forget_faults() LITHE_RT;
 
-  // The last output left for the drives: the next one is bounded from it. An output that never left bounds nothing.
+  // The last output was sent: the next slew bound starts from it. An output that was not sent is ignored.
   void dispatched() LITHE_RT;
 
   // In mode recover, whatever the proposal, every joint is brought inside its limits (recovery.hpp). All that is a
   // fault of a joint in the mode active is one here, except its position; any fault of any joint stops all.
   Verdict check(const Input& in, Output& out) LITHE_RT;
 
-  // Before the mode recover begins.
+  // Call before the mode recover begins.
   void start_recovery() LITHE_RT;
   const Recovery& recovery() const LITHE_RT { return recovery_; }
 
-  // The torque each joint is expected to feel by the last output.
+  // Expected torque at each joint by the last output.
   const JointArray& expected_torque_nm() const LITHE_RT { return last_nm_; }
 
-  // In the order in which the robot file names them first.
+  // In order of their first use in the robot file.
   std::span<const Group> groups() const LITHE_RT { return {group_.data(), groups_}; }
   bool any_stopped() const LITHE_RT { return any_stopped_; }
   bool stopped(std::size_t joint) const LITHE_RT { return group_[group_of_[joint]].fault != wire::Fault::none; }
-  // The first of this very joint since the last reset.
+  // The first fault of this joint since the last reset.
   wire::Fault joint_fault(std::size_t joint) const LITHE_RT { return joint_fault_[joint]; }
 
  private:
@@ -146,11 +146,11 @@ class Guard {
   void brake_blindly(std::size_t j, Output& out, std::uint32_t& flags) LITHE_RT;
   void recover(const Input& in, Output& out, Verdict& verdict) LITHE_RT;
   void switch_off(std::size_t j, Output& out) LITHE_RT;
-  // What a drive was told: a torque and its own PD.
+  // A drive's command: a torque and its own PD.
   struct Command {
     double torque_nm = 0, kp_nm_rad = 0, kd_nm_s_rad = 0, target_rad = 0, target_rad_s = 0;
-    double decided_nm = 0;             // what the joint should feel by it
-    double least_nm = 0, most_nm = 0;  // what that may become before another command acts
+    double decided_nm = 0;             // the intended torque at the joint
+    double least_nm = 0, most_nm = 0;  // its range until another command acts
 
     double pd_nm(const Seen& at) const LITHE_RT {
       const double spring_nm = kp_nm_rad > 0 ? kp_nm_rad * (target_rad - at.position_rad) : 0.0;
@@ -164,7 +164,7 @@ class Guard {
   Seen ahead(const Seen& seen) const LITHE_RT;
   Command wanted_pd(std::size_t j, const Proposal& proposal) const LITHE_RT;
   double settle_gains(std::size_t j, const Seen& seen, Command& command) const LITHE_RT;
-  // The nearest torque to `wanted_nm` that limits and slew allow.
+  // The torque nearest to `wanted_nm` within limits and slew.
   double bound(std::size_t j, double wanted_nm, const Seen& seen, double torque_max_nm, double step_nm,
                std::uint32_t& flags) LITHE_RT;
   void remember(std::size_t j, const Seen& seen, Command command) LITHE_RT;
@@ -175,7 +175,7 @@ class Guard {
   std::int64_t brain_stale_ns_ = 0;
   bool stop_when_brain_stale_ = false;
   double period_s_ = 0.001;
-  double soft_start_ = 1, soft_start_step_ = 1;                // share of the torque limits that a law has
+  double soft_start_ = 1, soft_start_step_ = 1;                // share of the torque limits that a law may use
   std::uint64_t brake_after_ticks_ = 0, off_after_ticks_ = 0;  // at rest in the safe stop; 0 = never
   SafeLaw safe_law_;
   Recovery recovery_;
@@ -186,10 +186,10 @@ class Guard {
   std::array<std::uint8_t, kMaxJoints> group_of_{};  // by joint
   std::array<wire::Fault, kMaxJoints> joint_fault_{};
   std::array<Envelope, kMaxJoints> envelope_;
-  std::array<bool, kMaxJoints> at_envelope_{};  // in the last tick it kept the law from what it wanted
+  std::array<bool, kMaxJoints> at_envelope_{};  // in the last tick the envelope changed the law's torque
   JointArray last_nm_{};
-  // By the last output, and by the last one that was dispatched. Of an unusable joint, whose torque nobody here knows,
-  // only its damping counts.
+  // By the last output, and by the last one that was dispatched. For a joint without a usable sample, whose torque is
+  // unknown, only its damping is used.
   std::array<Command, kMaxJoints> last_{}, sent_{};
   JointArray blind_kd_nm_s_rad_{}, sent_blind_kd_nm_s_rad_{};
   std::array<bool, kMaxJoints> usable_{};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is wrong in this tick, whom it stops, and how far down the ladder that has led.
+// Finds the faults of this tick, the groups that they stop, and each group's rung.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,11 +13,11 @@ using wire::Fault;
 using wire::Mode;
 namespace bit = wire::joint_status;
 
-// No joint is here and none turns this fast: such a sample is noise, and products with it could overflow.
+// Plausibility limits: a sample beyond them is not a measurement, and products with it could overflow.
 constexpr double kAbsurd = 1.0e6;
 constexpr double kAtRestRadS = 0.05;
 
-// When several things are wrong at once, the first of these is told.
+// With several faults at once, the first of this list is reported.
 constexpr std::array kWorstFirst{Fault::drive_fault,    Fault::drive_watchdog, Fault::drive_conflict,
                                  Fault::drive_garbled,  Fault::drive_lost,     Fault::drive_not_homed,
                                  Fault::sample_stale,   Fault::law_not_finite, Fault::position_limit,
@@ -32,7 +32,7 @@ Fault worse(Fault a, Fault b) LITHE_RT {
 
 bool law_runs(Mode mode) LITHE_RT { return mode == Mode::active || mode == Mode::hold; }
 
-// A fault that is seen now stops something and stays.
+// Latches a new fault.
 bool latches(Mode mode) LITHE_RT { return law_runs(mode) || mode == Mode::recover; }
 
 bool is_sane(const Input& in, std::size_t j) LITHE_RT {
@@ -47,7 +47,7 @@ void Guard::forget_faults() LITHE_RT {
   any_stopped_ = false;
 }
 
-// The worst there is to say about this tick, unless it is an old story of groups without which the robot goes on.
+// The worst fault of this tick, without earlier faults of groups that the robot continues without.
 Fault Guard::judge(const Input& in, Verdict& verdict) LITHE_RT {
   for (std::size_t g = 0; g < groups_; ++g) group_[g].news = false;
   const bool too_late = in.stale_ticks >= late_ticks_to_stop_;
@@ -66,7 +66,7 @@ Fault Guard::judge(const Input& in, Verdict& verdict) LITHE_RT {
   return verdict.use_safe_law ? worse(of_all, news) : news;
 }
 
-// Also finds out which samples are usable.
+// Also determines which samples are usable.
 Fault Guard::judge_joints(const Input& in, bool too_late) LITHE_RT {
   Fault worst = Fault::none;
   for (std::size_t j = 0; j < joints_; ++j) {
@@ -97,7 +97,7 @@ Fault Guard::judge_joint(const Input& in, std::size_t j) const LITHE_RT {
   return in.mode == Mode::recover && recovery_.stuck(j) ? Fault::recover_failed : Fault::none;
 }
 
-// The first fault of a group is the one that stays.
+// The first fault of a group is kept.
 void Guard::latch(std::size_t j, Fault fault) LITHE_RT {
   Group& group = group_[group_of_[j]];
   if (group.fault != Fault::none) return;
@@ -106,7 +106,7 @@ void Guard::latch(std::size_t j, Fault fault) LITHE_RT {
   group.news = any_stopped_ = true;
 }
 
-// What is nobody's alone.
+// Faults of the whole robot.
 Fault Guard::judge_robot(const Input& in, bool too_late, std::uint32_t& flags) const LITHE_RT {
   if (in.stale_ticks > 0) flags |= wire::telemetry_flag::kSampleStale;
   const bool brain_stale = in.brain_age_ns < 0 || in.brain_age_ns > brain_stale_ns_;
@@ -119,7 +119,7 @@ Fault Guard::judge_robot(const Input& in, bool too_late, std::uint32_t& flags) c
   return brain_stale && needs_brain ? Fault::brain_stale : Fault::none;
 }
 
-// What a law wants of joints that are stopped goes nowhere.
+// A law's output for stopped joints is ignored.
 bool Guard::proposal_is_finite(const Proposal& proposal) const LITHE_RT {
   bool finite = true;
   for (std::size_t j = 0; j < joints_; ++j) {
@@ -132,9 +132,9 @@ bool Guard::proposal_is_finite(const Proposal& proposal) const LITHE_RT {
   return finite;
 }
 
-// How far down the ladder each group is. For braking, joints whose samples are no basis for anything do not count as
-// moving: the drive damps them, and nobody may ever know that they are at rest. Letting go is another matter: only what
-// was seen at rest for so long, every joint of it, does not fall then.
+// The rung of each group. For `brake`, joints without usable samples do not count as moving: the drive damps them, and
+// it may never be known that they are at rest. For `off`, every joint must have been measured at rest for the whole
+// time, because a moving joint could fall.
 void Guard::descend_all(const Input& in, bool all) LITHE_RT {
   std::array<bool, kMaxJoints> moves{}, unseen{};
   for (std::size_t j = 0; j < joints_; ++j) {
@@ -157,7 +157,7 @@ void Guard::descend_all(const Input& in, bool all) LITHE_RT {
 void Guard::descend(Group& group, bool at_rest, bool seen_at_rest) LITHE_RT {
   const bool braked = brake_after_ticks_ != 0 && group.ticks_at_rest >= brake_after_ticks_;
   const bool off = off_after_ticks_ != 0 && group.ticks_seen_at_rest >= off_after_ticks_;
-  // Once it brakes, a push does not let it go again.
+  // A push does not leave the rung `brake`.
   group.ticks_at_rest = at_rest || braked ? group.ticks_at_rest + 1 : 0;
   group.ticks_seen_at_rest = seen_at_rest || off ? group.ticks_seen_at_rest + 1 : 0;
   group.rung = off ? Rung::off : braked ? Rung::brake : Rung::safe_law;

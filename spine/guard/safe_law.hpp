@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What runs when nothing else may: slow every joint down, then damp or hold it.
+// The safe law: slows every joint down, then damps or holds it.
 #pragma once
 
 #include <cstddef>
@@ -10,20 +10,18 @@
 
 namespace lithe::guard {
 
-// It knows measured position and velocity and nothing else: no plan, no law, no parameters of either. From the speed
-// at which it took over, each joint's reference slows down by deceleration_rad_s2, or faster where that would not end
-// before a position limit, as far as torque, load and inertia allow; at rest it stays where it is (hold) or only
-// damping is left (damp).
+// It uses measured position and velocity only: no plan, no law, no parameters. From the speed at which it took over,
+// each joint's reference slows down by deceleration_rad_s2, or faster where that would not end before a position limit,
+// as far as torque, load and inertia allow; at rest it stays where it is (hold) or only damping is left (damp).
 // Contract: RT after configure() · owned by the guard · bounded work per joint
 class SafeLaw {
  public:
   void configure(const robot::RobotConfig& robot);
 
-  // The joint's next torque() starts from the then measured state.
+  // The joint's next torque() starts from the state measured then.
   void rearm(std::size_t joint) LITHE_RT { joint_[joint].tracking = false; }
 
-  // One tick of one joint, from a sample that is a basis for something. Finite, but not yet limited; the guard does
-  // that.
+  // One tick of one joint, from a usable sample. The result is finite but not limited; the guard does that.
   double torque_nm(std::size_t joint, double position_rad, double velocity_rad_s) LITHE_RT;
 
  private:

@@ -9,7 +9,7 @@
 #include <cstring>
 
 #if defined(__x86_64__)
-// One function with known ends: the kernel is told from where calls may come.
+// One function with a known address range, from which the kernel allows calls.
 asm(R"(
   .text
   .type lithe_trial_gate, @function

@@ -45,7 +45,7 @@ bool limit(__rlimit_resource resource, rlim_t soft, rlim_t hard) {
   return setrlimit(resource, &value) == 0;
 }
 
-// Everything the child writes, until it ends or the time is up. False when the time is up.
+// Reads the child's output until it ends or the time is over. False when the time is over.
 bool drain(int fd, Clock::time_point deadline, std::size_t expected, std::string& output) {
   std::array<char, 4096> buffer;
   for (;;) {
@@ -62,7 +62,7 @@ bool drain(int fd, Clock::time_point deadline, std::size_t expected, std::string
   }
 }
 
-// Waits for the end of a child through its pidfd, so that nothing has to be looked at again and again.
+// Waits for the end of a child through its pidfd, without polling.
 void reap(pid_t pid, Clock::time_point deadline, Outcome& outcome) {
   const int pidfd = static_cast<int>(syscall(SYS_pidfd_open, pid, 0));
   if (pidfd >= 0) {
@@ -102,7 +102,7 @@ Outcome run_sandboxed(const std::function<int(int)>& body, const Limits& limits,
   if (outcome.started) {
     const auto deadline = start + std::chrono::milliseconds(limits.wall_ms);
     outcome.timed_out = !drain(ends[0], deadline, expected, outcome.output);
-    if (outcome.timed_out) {  // it may still say where it is
+    if (outcome.timed_out) {  // it may still report where it is
       kill(pid, SIGPROF);
       drain(ends[0], Clock::now() + std::chrono::milliseconds(50), expected, outcome.output);
     }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A child process that can do nothing but compute, and does not live long.
+// Sandbox: a child process that can only compute, with limits on time and memory.
 #pragma once
 
 #include <sys/types.h>
@@ -13,7 +13,7 @@
 
 namespace lithe::trial {
 
-// A sanitizer's run time needs address space and system calls that a trial does not grant.
+// A sanitizer needs address space and system calls that a trial does not allow.
 #if defined(__has_feature)
 #define LITHE_TRIAL_HAS(feature) __has_feature(feature)
 #else
@@ -28,9 +28,9 @@ inline constexpr bool kSanitized = false;
 #undef LITHE_TRIAL_HAS
 
 struct Limits {
-  int cpu_ms = 150;                                   // then the child says where it is and ends
-  int wall_ms = 600;                                  // then it is killed, however little it got of the processor
-  std::size_t memory_bytes = std::size_t{512} << 20;  // beyond what the parent has
+  int cpu_ms = 150;                                   // then the child reports where it is, and exits
+  int wall_ms = 600;                                  // then it is killed, also if it got little processor time
+  std::size_t memory_bytes = std::size_t{512} << 20;  // in addition to the parent's
 };
 
 struct Outcome {
@@ -39,26 +39,27 @@ struct Outcome {
   int signal = 0;          // that ended it, 0 = none
   int exit_code = -1;
   double cpu_ms = 0, wall_ms = 0;
-  std::string output;  // what it wrote into its pipe, at most `expected` bytes
+  std::string output;  // its output through the pipe, at most `expected` bytes
 };
 
-// Forks; the child runs `body` with the writing end of a pipe, its only way out, and ends with what it returns. It
-// dies with this process. Contract: one child at a time
+// Forks; the child runs `body` with the writing end of a pipe, its only output, and exits with the return value. It is
+// killed when this process dies.
+// Contract: one child at a time
 Outcome run_sandboxed(const std::function<int(int pipe_fd)>& body, const Limits& limits, std::size_t expected);
 
 // In the child, in this order, each for good:
 // Resource limits, no descriptor but the pipe, no core file, no other process.
 Result<> shed_rights(int pipe_fd, const Limits& limits);
-// From now on: read files, map memory, write to the pipe, end. What loading a law with dlopen needs, which runs code of
-// it.
+// From now on allowed: read files, map memory, write to the pipe, exit. Needed to load a law with dlopen, which runs
+// code of it.
 Result<> allow_loading_only(int pipe_fd);
-// So much memory lies ready for malloc, which from now on gives none back to the kernel.
+// Reserves this much memory for malloc, which from now on returns none to the kernel.
 bool keep_heap(std::size_t bytes);
-// From now on: write to the pipe, read the clock, end. What a law needs not even once.
+// From now on allowed: write to the pipe, read the clock, exit. A law needs none of them.
 Result<> allow_computing_only(int pipe_fd);
 
-// In the parent, once, before the first child: from now on it and its children can fork, limit themselves, read files,
-// write to what is open, map memory and signal. No network, no other program, no file written.
+// In the parent, once, before the first child: from now on it and its children can fork, set limits, read files, write
+// to open descriptors, map memory and send signals. No network, no other program, no writing of files.
 Result<> allow_trials_only();
 
 }  // namespace lithe::trial

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The system calls of a trial, as filters in the kernel. What is not named raises SIGSYS, and its handler says which.
+// Seccomp filters of a trial. Every other system call raises SIGSYS, and its handler reports the number.
 #include <fcntl.h>
 #include <linux/audit.h>
 #include <linux/filter.h>
@@ -38,7 +38,7 @@ constexpr int kLoading[] = {
 #endif
 };
 
-// Of the parent, and of a child until it has shed its rights.
+// For the parent, and for a child before shed_rights().
 constexpr int kForking[] = {
     SYS_write,       SYS_wait4,        SYS_kill,        SYS_ppoll,           SYS_pidfd_open,
     SYS_pipe2,       SYS_dup3,         SYS_close_range, SYS_prlimit64,       SYS_setitimer,
@@ -50,10 +50,10 @@ constexpr int kForking[] = {
 
 class Filter {
  public:
-  // `otherwise`: what becomes of a call that nothing allows.
+  // `otherwise`: action for a call that is not allowed.
   explicit Filter(std::uint32_t otherwise) : otherwise_(otherwise) {
     load(offsetof(seccomp_data, arch));
-    // Another machine's numbers mean other calls: the process ends.
+    // System call numbers of another architecture mean other calls: the process is killed.
     add({BPF_JMP | BPF_JEQ | BPF_K, 1, 0, kMachine});
     add({BPF_RET | BPF_K, 0, 0, SECCOMP_RET_KILL_PROCESS});
     load(offsetof(seccomp_data, nr));

@@ -14,7 +14,7 @@ namespace {
 
 constexpr std::uint64_t kSteps = 200, kResetAt = 100;
 
-// Fills the stack that the next call will use: a law that reads what it never wrote finds something else each time.
+// Fills the stack that the next call uses: a law that reads uninitialised memory gets different values each time.
 [[gnu::noinline]] void scribble(std::uint64_t value) {
   std::array<volatile std::uint64_t, 1024> junk;
   for (auto& word : junk) word = value;
@@ -39,7 +39,7 @@ double largest_difference(const Stand& one, const Stand& other, std::uint32_t jo
   return most;
 }
 
-// A law that has just been started with nothing to look back on.
+// A law that has just been started without a past.
 bool starts_without_a_past(Bench& bench) {
   bench.doing("its init without a past");
   bench.one.reset(false);
@@ -92,7 +92,7 @@ bool run_benign(Bench& bench) {
   for (std::uint64_t k = 0; k < kSteps; ++k) {
     bench.doing("harmless input %u", static_cast<unsigned>(k));
     law::dry_input(tick, k, bench.joints());
-    if (k == kResetAt) bench.other.reset();  // from here on the two differ by what the state remembers
+    if (k == kResetAt) bench.other.reset();  // from here on the two differ by the effect of the state
     scribble(0);
     const double first_ns = bench.one.step(tick);
     if (k == 0) bench.report.first_ns = first_ns;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A law that uses entries of an array beyond the robot's joints: they are there (kMaxJoints of them), and mean nothing.
+// Detects a law that uses array entries beyond the robot's joints: they exist (up to kMaxJoints) but are not valid.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -36,7 +36,7 @@ constexpr std::array kOutputs = std::to_array<Output>({{"torque_nm", &Effort::to
                                                        {"kd_nm_s_rad", &Effort::kd_nm_s_rad}});
 
 // Runs the law on the same ordinary steps twice; the second time entries [from, to) of `input` hold something. False
-// when that shows in what it puts out, or it was refused meanwhile.
+// when the output changes, or the law was refused.
 bool same_output(Bench& bench, const Input& input, std::size_t from, std::size_t to) {
   bench.one.reset();
   bench.other.reset();
@@ -60,7 +60,7 @@ bool same_output(Bench& bench, const Input& input, std::size_t from, std::size_t
 
 }  // namespace
 
-// What it leaves there as it was, or sets to zero with the whole array, does no harm.
+// Unchanged entries are accepted, and zeros too (a law may clear the whole array).
 bool Bench::within_joints(const Stand& stand) {
   for (const Output& output : kOutputs) {
     const JointArray& values = stand.effort().*output.values;

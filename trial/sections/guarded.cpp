@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::byte kPattern{0xA5};
 
-// `inside` bytes of an address range of their own, a page without access on either side.
+// Maps `inside` bytes with an inaccessible page on either side.
 std::byte* reserve(std::size_t inside, std::size_t page) {
   void* at = mmap(nullptr, inside + 2 * page, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
   if (at == MAP_FAILED) std::abort();
@@ -54,7 +54,7 @@ Guarded::Guarded(std::size_t bytes, Kind kind) : size_(bytes) {
 
 bool Guarded::fence_intact() const {
   if (fence_.empty()) return true;
-  // Each byte is the same as the one before it: as fast as memcmp, which matters after every step.
+  // Compares each byte with the one before it: as fast as memcmp, because it runs after every step.
   return fence_[0] == kPattern && std::memcmp(fence_.data(), fence_.data() + 1, fence_.size() - 1) == 0;
 }
 

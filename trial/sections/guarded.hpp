@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Memory with a fence: what a law writes one byte too far does not go unnoticed.
+// Guarded memory: detects writes beyond its ends.
 #pragma once
 
 #include <cstddef>
@@ -8,18 +8,18 @@
 
 namespace lithe::trial {
 
-// `bytes` bytes that end at a page no one may touch; the rest of their first page holds a pattern, and a page that no
-// one may touch lies before it. A shared pair shows the same bytes twice: writable for us, read-only for the law.
-// Contract: makes its memory once, never gives it back (the process is thrown away) · not in the tick
+// `bytes` bytes that end at an inaccessible page. The rest of their first page holds a pattern, and an inaccessible
+// page is before it. A shared pair maps the same bytes twice: writable for us, read-only for the law.
+// Contract: allocates once, never frees (the process ends after the trial) · not in the tick
 class Guarded {
  public:
   enum class Kind { plain, with_read_only_view };
 
-  // Aborts the process when there is no memory: a trial without fences would mean nothing.
+  // Aborts the process when there is no memory: a trial without guard pages would be useless.
   Guarded(std::size_t bytes, Kind kind);
 
   std::byte* data() const { return data_; }                // ours
-  const std::byte* law_view() const { return law_view_; }  // what the law is given
+  const std::byte* law_view() const { return law_view_; }  // the law's mapping
   std::size_t size() const { return size_; }
 
   // False when something before the bytes has been overwritten.

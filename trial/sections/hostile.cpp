@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Inputs no healthy robot gives. A law may answer them with anything the guard can replace; it must come back, soon.
+// Hostile inputs. Any output is accepted, because the guard can replace it; but the law must return in time.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -93,7 +93,7 @@ class Ordeal {
     return true;
   }
 
-  // Where a robot can really get to, and how it looks when a cable comes loose.
+  // Extreme but possible states, and samples of a loose cable.
   bool limits_and_jumps() {
     const auto at_limit = [this](Tick& tick, int k, bool jump) {
       const double side = k % 2 == 0 ? 1 : -1;
@@ -132,7 +132,7 @@ class Ordeal {
     ++bench_.report.hostile_cases;
     if (after_finite_ == 0) ++bench_.report.hostile_not_recovered;
     if (!during_finite_) ++bench_.report.hostile_not_finite;
-    // The processor may have been taken away: only what is slow each time counts against the law.
+    // The process may have been preempted: only a step that is slow each time counts against the law.
     for (int again = 0; again < 4 && slowest_ns > limit_ns(); ++again) slowest_ns = std::min(slowest_ns, ride(change));
     if (const char* damage = bench_.one.damage(); *damage != '\0') {
       return bench_.refuse("%s with %s: check an index before it is used", damage, bench_.report.doing.data());

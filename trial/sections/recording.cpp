@@ -12,7 +12,7 @@
 namespace lithe::trial {
 namespace {
 
-// No law is to blame for what it makes of a broken sensor. x - x is 0 for every finite x, NaN for all others.
+// Records of a broken sensor are left out. x - x is 0 for every finite x, NaN for all others.
 bool is_finite(const wire::Telemetry& record, std::uint32_t joints) {
   double sum = 0;
   for (const double* values :
@@ -34,7 +34,7 @@ Recording::Recording(const std::string& robot, std::uint32_t joints, double dt_s
   ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> reader((*segment)->telemetry);
   if (!reader.latest(*record) || record->joint_count != joints) return;
   reader.rewind();
-  // The ring is as long as it is; a writer at work may overtake us at its old end.
+  // The ring has a fixed length; the writer may overwrite the oldest records during the read.
   const auto most = std::min<std::size_t>(static_cast<std::size_t>(seconds / dt_s), 4000);
   const std::uint64_t newest = record->tick;
   records_.reserve(most);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The last seconds of a running robot, copied out of its telemetry.
+// The last seconds of a running robot's telemetry.
 #pragma once
 
 #include <array>
@@ -15,8 +15,8 @@ namespace lithe::trial {
 class Recording {
  public:
   Recording() = default;
-  // The newest records of a robot that runs, at most `seconds`; empty when none runs, or one with other joints. Left
-  // out: records in which a value is not finite.
+  // The newest records of a robot that runs, at most `seconds`; empty when none runs, or one with other joints. Records
+  // with a non-finite value are left out.
   Recording(const std::string& robot, std::uint32_t joints, double dt_s, double seconds);
 
   std::size_t size() const { return records_.size(); }

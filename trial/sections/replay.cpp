@@ -9,9 +9,9 @@ namespace lithe::trial {
 namespace {
 
 constexpr std::size_t kMandatoryRecords = 100;
-constexpr double kManyTimes = 1000;  // of a joint's largest torque: no longer an answer to this robot
+constexpr double kManyTimes = 1000;  // times a joint's torque limit: not a plausible output
 
-// |what it asks for - what the drives have|, the largest over the joints.
+// Largest difference over the joints between the law's torque and the present torque.
 double takeover_nm(Bench& bench, const Tick& tick, std::size_t i) {
   double most_nm = 0;
   for (std::uint32_t j = 0; j < bench.joints(); ++j) {
@@ -38,7 +38,7 @@ bool bounded(Bench& bench) {
 
 }  // namespace
 
-// From the middle of the recording where time is short: the newest records are the ones that matter.
+// When time is short, starts in the middle of the recording: the newest records matter most.
 bool run_replay(Bench& bench) {
   const std::size_t records = bench.recording.size();
   bench.report.replay_records = static_cast<std::uint32_t>(records);

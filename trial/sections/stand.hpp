@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a law stands trial: each thing it is given lies in fenced memory of exactly its size.
+// Harness of a law under trial: each of its arguments is in guarded memory of exactly its size.
 #pragma once
 
 #include <array>
@@ -14,11 +14,11 @@
 
 namespace lithe::trial {
 
-// One law with its own state. Two stands of the same law lie at different addresses.
+// One law with its own state. Two stands of the same law have different addresses.
 // Contract: allocates when made, never after · one thread
 class Stand {
  public:
-  // `params`: the law's own values, or those the request wants; param_count of them.
+  // `params`: the law's own values, or those of the request; param_count of them.
   Stand(const LitheLaw& law, std::span<const Param> params, const History& past, const RawClock& clock);
 
   // A fresh state: the defaults, then the law's init on the recorded past, or on none.
@@ -32,7 +32,7 @@ class Stand {
 
   std::span<std::byte> state() { return {state_.data(), law_.state_size}; }
 
-  // What the law wrote where it must not, "" = nothing. Beyond the ends the processor notices by itself.
+  // Names the memory that the law overwrote illegally; "" = none. Writes beyond the ends cause a page fault.
   const char* damage() const;
 
  private:

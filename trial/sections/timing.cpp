@@ -19,9 +19,8 @@ double quantile(const std::vector<double>& sorted, double q) {
 
 }  // namespace
 
-// Each input several times from the same state, and the best of them counts: a hypervisor that takes the processor away
-// does not come at the same place each time. What the law itself does at each of them stays. The longest of all is told
-// too, whoever it was that took so long.
+// Each input is run several times from the same state, and the fastest counts: a hypervisor does not interrupt at the
+// same place each time, but the law's own work is the same. The longest of all is reported too.
 bool run_timing(Bench& bench) {
   Tick tick;
   bench.one.reset();

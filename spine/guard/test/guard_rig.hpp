@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the guard's tests share: a robot, and everything a guard is asked about.
+// Fixture of the guard's tests: a robot and the guard's inputs.
 #pragma once
 
 #include <algorithm>
@@ -32,14 +32,14 @@ inline robot::RobotConfig robot_with(std::size_t joints) {
   return robot;
 }
 
-// Everything a guard is asked about, with quiet values; a test changes what it is about.
+// Inputs of a guard with normal values, which a test changes.
 struct Bench {
   explicit Bench(const robot::RobotConfig& robot = robot_with(1)) {
     guard.configure(robot);
     position_target.fill(kNan);
   }
 
-  // One tick: what the tick before decided has left, unless the bus was late.
+  // One tick: the previous output was sent, unless the bus was late.
   Verdict check(bool bus_in_time = true) {
     if (bus_in_time) guard.dispatched();
     return guard.check({mode,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The drive profile CiA 402: its states, the words that lead through them, its objects. Pure.
+// The drive profile CiA 402: states, control words, objects. Pure.
 //
 //   not ready (0) -> switch on disabled (1) <-> ready to switch on (2) <-> switched on (3) <-> operation enabled (4)
 //   operation enabled -> quick stop active (5) -> switch on disabled;  any -> fault reaction (6) -> fault (7) -> (1)
@@ -14,7 +14,7 @@ namespace lithe::hal::cia402 {
 
 // Objects of the drive profile, by index.
 namespace object {
-inline constexpr std::uint16_t kAbortConnection = 0x6007;  // what the drive does when its heartbeat consumer runs out
+inline constexpr std::uint16_t kAbortConnection = 0x6007;  // the drive's reaction to a heartbeat timeout
 inline constexpr std::uint16_t kErrorCode = 0x603f;
 inline constexpr std::uint16_t kControlword = 0x6040;
 inline constexpr std::uint16_t kStatusword = 0x6041;
@@ -72,9 +72,9 @@ enum class State : std::uint8_t {
 
 std::string_view state_name(State state) LITHE_RT;
 
-// False: the word is that of no state, and `state` is unchanged.
+// False: the word matches no state; `state` is unchanged.
 bool decode_state(std::uint16_t statusword, State& state) LITHE_RT;
-// The bits that tell a state. For the drive's side.
+// The status bits of a state. For the drive's side.
 std::uint16_t encode_state(State state) LITHE_RT;
 
 namespace status_bit {
@@ -92,13 +92,13 @@ inline constexpr std::uint16_t kQuickStop = 0x02;
 inline constexpr std::uint16_t kShutdown = 0x06;
 inline constexpr std::uint16_t kSwitchOn = 0x07;
 inline constexpr std::uint16_t kEnable = 0x0f;
-inline constexpr std::uint16_t kFaultReset = 0x80;  // its rising edge counts
+inline constexpr std::uint16_t kFaultReset = 0x80;  // acts on its rising edge
 }  // namespace control
 
-// The next word on the shortest way to `operation enabled`. Out of a fault it leads nowhere: that takes a reset.
+// The next control word on the shortest way to `operation enabled`. None out of a fault: that needs a fault reset.
 std::uint16_t control_to_enable(State state) LITHE_RT;
 
-// The nearest whole number that fits into an object of 32 bits, as two's complement; 0 of what is no number.
+// The nearest integer that fits an object of 32 bits, as two's complement; 0 for NaN.
 std::uint32_t raw_counts(double value) LITHE_RT;
 
 }  // namespace lithe::hal::cia402

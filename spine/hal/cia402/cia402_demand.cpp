@@ -7,7 +7,7 @@
 namespace lithe::hal::cia402 {
 namespace {
 
-// Towards 0 by `change`, and not beyond.
+// Moves towards 0 by `change`, not beyond 0.
 double slowed(double value, double change) LITHE_RT {
   return std::copysign(std::max(std::abs(value) - change, 0.0), value);
 }
@@ -60,7 +60,7 @@ void Demand::move_position(const JointCommand& command) LITHE_RT {
     last_step_ = slowed(last_step_, slow_counts_);
     last_wanted_ = at_counts_;
   } else {
-    // No further than the drive can count: between infinities there is no way.
+    // Limited to the range of the drive's counter, so that differences are finite.
     constexpr double kMost = 2147483647;
     const double wanted = std::clamp(joint_.motor_rev(command.position_rad) * counts_per_rev_, -kMost, kMost);
     last_step_ = step_to(wanted, step_counts_ * share_);
@@ -69,8 +69,8 @@ void Demand::move_position(const JointCommand& command) LITHE_RT {
   at_counts_ += last_step_;
 }
 
-// A path that the joint can follow is followed as it is. To one further away it speeds up, and slows down before it, by
-// the joint's deceleration.
+// A path that the joint can follow is passed unchanged. To a more distant target it accelerates and decelerates by the
+// joint's deceleration.
 double Demand::step_to(double wanted, double reach) LITHE_RT {
   const double gap = wanted - at_counts_;
   catches_up_ = std::abs(gap) > (catches_up_ ? std::min(slow_counts_, reach) : reach);
@@ -94,7 +94,7 @@ double Demand::closed_loop_nm(const JointCommand& command, const JointSample& la
   return command.torque_nm + stiff_nm + damping_nm;
 }
 
-// Thousandths of the motor's rated torque. Sums of finite numbers need not be finite.
+// Thousandths of the motor's rated torque. The sum of finite numbers may be infinite.
 std::uint32_t Demand::torque_raw(double joint_nm, double limit_nm) const LITHE_RT {
   constexpr double kMost = 32767;
   if (!std::isfinite(joint_nm)) return 0;

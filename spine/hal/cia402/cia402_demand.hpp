@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a drive is told to reach, made of what its joint is told.
+// Computes a drive's setpoint from its joint's command, with limits.
 #pragma once
 
 #include <cstdint>
@@ -10,26 +10,25 @@
 
 namespace lithe::hal::cia402 {
 
-// As its objects count; two's complement in the lowest bytes.
+// In the units of its objects; two's complement in the lowest bytes.
 struct RawDemand {
   std::uint32_t target = 0;  // 607Ah, 60FFh or 6071h, by its mode
   std::uint32_t torque = 0;  // 60B2h; of a torque drive 0
 };
 
-// Whatever it is told, no demand runs away from where the last one was:
-//   torque     the PD loop of the command, closed on what the drive said last. From the moment the drive is on, what it
-//              may take grows from 0 by the joint's torque slew, or its soft start, whichever is slower: the command
-//              has grown since the robot was armed, and drives take their time to switch on.
-//   position   keeps to the joint's largest velocity. To a target that jumped it speeds up and slows down by the
-//   joint's
-//              deceleration; so does it come to rest when there is none any more.
+// The change from one setpoint to the next is bounded for any command:
+//   torque     the PD loop of the command, closed on the last sample. From the moment the drive is on, the allowed torque
+//              grows from 0 by the joint's torque slew, or its soft start, whichever is slower: the command has grown
+//              since the robot was armed, and drives take time to switch on.
+//   position   at most the joint's largest velocity. To a target that jumped it accelerates and decelerates by the
+//              joint's deceleration; without a target it comes to rest in the same way.
 //   velocity   stays below that velocity and changes by the joint's deceleration.
 // Contract: RT but for the constructor · one thread · once per command of the drive
 class Demand {
  public:
   explicit Demand(const DriverParams& params);
 
-  // The drive is not on: what follows begins here. Returns what keeps it where it is.
+  // While the drive is off: resets the start of the next motion. Returns the setpoint that holds the present state.
   RawDemand rest(std::uint32_t position_raw) LITHE_RT;
   RawDemand next(const JointCommand& command, const JointSample& last) LITHE_RT;
 
