@@ -2,6 +2,7 @@
 """CANopen against a library that is not ours, both ways, over slcan on terminals: our driver and its LocalNode, its
 BaseNode402 and our simulated drive."""
 
+import contextlib
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
