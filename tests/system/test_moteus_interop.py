@@ -34,14 +34,18 @@ def arm(tmp_path: Path) -> Iterator[Simulated]:
 def tool(moteus: Package, path: Path, *words: str) -> str:
     """`moteus_tool` to its end; what it printed."""
     transport = ["--force-transport", "fdcanusb", "--fdcanusb", str(path)]
-    ran = subprocess.run(
-        moteus.command("-m", "moteus.moteus_tool", *transport, *words),
-        check=False,
-        env=moteus.env,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+    for _ in range(10):
+        ran = subprocess.run(
+            moteus.command("-m", "moteus.moteus_tool", *transport, *words),
+            check=False,
+            env=moteus.env,
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+        # An answer came later than it waits: a process stood still. Whatever it does can be done again.
+        if "lost synchronization" not in ran.stderr:
+            break
     assert ran.returncode == 0, ran.stdout + ran.stderr
     return ran.stdout
 
