@@ -2,7 +2,6 @@
 // What a drive does by itself, nobody commanding it, has no more torque than the joint may have.
 #include <algorithm>
 #include <cmath>
-#include <ostream>
 #include <string>
 
 #include "spine/hal/test/cia402_line_rig.hpp"
@@ -41,8 +40,6 @@ struct Answer {
   std::uint32_t holds;     // thousandths; 800 are torque_max_nm
   const char* why;         // it is not ready; "" = it is
 };
-
-void PrintTo(const Answer& says, std::ostream* out) { *out << says.what; }
 
 class Cia402TorqueLimits : public Cia402TorqueLimit, public testing::WithParamInterface<Answer> {};
 

@@ -2,7 +2,6 @@
 // Whatever state a driver has latched: off, reset (off with clear_fault) and on lead back to a drive that is driven, or
 // the driver says why not.
 #include <functional>
-#include <ostream>
 #include <string>
 
 #include "spine/hal/test/cia402_line_rig.hpp"
@@ -53,8 +52,6 @@ struct Latched {
   int off_ms = 6500;  // between reset and arm; a drive is reset once in 5 s
   double velocity_unit = 1;
 };
-
-void PrintTo(const Latched& state, std::ostream* out) { *out << state.name; }
 
 class Cia402Latches : public Cia402WayOut, public testing::WithParamInterface<Latched> {};
 
