@@ -58,7 +58,7 @@ void on_signal(int signal, siginfo_t* info, void* context) {
   end(7);
 }
 
-// On a stack of its own, for a law that has used up the other one.
+// On an alternate stack, for a law that has used up its stack.
 bool listen_for_signals() {
   constexpr std::size_t kStack = 64 << 10;
   void* memory = mmap(nullptr, kStack, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
@@ -83,7 +83,7 @@ int fail(const char* words) {
   return 1;
 }
 
-// What the law has nothing to do with.
+// Handles failures that the law did not cause.
 int give_up(const char* words) {
   g_report.unable = 1;
   return fail(words);
@@ -182,7 +182,7 @@ int stand_trial(const Setting& setting, const Order& order, const Limits& limits
   Stand one(*law, params, history, setting.clock), other(*law, params, history, setting.clock);
   Bench bench{setting, *law, recording, one, other, order.budget_ns, 0, g_report, {}, 0};
   bench.times_ns.reserve(kTimingInputs);
-  // A model allocates where meshes touch; a law shall not get a system call for that.
+  // A MuJoCo model allocates when meshes touch; the law must not get a system call for this.
   if (setting.robot.plant.kind == robot::PlantKind::mujoco && !keep_heap(kHeapOfAModel)) return give_up("no memory");
   if (const auto shut = guard_computing(setting); !shut) return give_up(shut.message().c_str());
   run_parts(bench, order.box_ms);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The process that is ready for a trial before anybody asks: it has read the robot, and forks a child per law.
+// The zygote: a prepared process that has read the robot file and forks one child per trial.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -19,8 +19,9 @@ class Zygote {
   // as the supervisor hands it over, closed here; -1 or no arena = laws come as objects only.
   static Result<Zygote> make(const std::string& robot_path, int arena_fd);
 
-  // Gives up, for this whole process and its children, what no trial needs (allow_trials_only). A child then needs no
-  // filter of its own. Contract: once, in a process that does nothing else
+  // Drops all system calls that no trial needs, for this process and its children (allow_trials_only). A child then
+  // needs no filter of its own.
+  // Contract: once, in a process that does nothing else
   Result<> wall_in();
 
   // One request line, one answer. `quit` is set by the verb quit. See trial/README.md.

@@ -10,7 +10,7 @@ namespace {
 constexpr int kBisections = 6;  // to 1/64 of what slew leaves
 // Of the way from the velocity limit to the velocity that is a fault: as far as the guard lets a joint go.
 constexpr double kSpeedShare = 0.9;
-// A first-order lag has forgotten 86 % of a torque after so many times itself.
+// After this many time constants a first-order lag has settled to 86 %.
 constexpr double kLags = 2;
 
 }  // namespace
@@ -96,7 +96,7 @@ double Envelope::restrict(const Seen& seen, const Range& flying, double far_nm, 
   return good;
 }
 
-// Where no torque stops on both sides: the one with which it would pass both limits by the same.
+// When no torque stops the joint on both sides: the torque with the same overrun on both sides.
 double Envelope::balance(const Seen& seen, const Range& flying, double least_nm, double most_nm) const LITHE_RT {
   for (int i = 0; i < kBisections; ++i) {
     const double middle = 0.5 * (least_nm + most_nm);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One joint's limits of position and speed, kept ahead of time: which torque still leaves a state that can be stopped.
+// Keeps one joint inside its position and velocity limits: selects a torque that leaves a state from which the joint
+// can be stopped.
 #pragma once
 
 #include <array>
@@ -11,7 +12,7 @@
 
 namespace lithe::guard {
 
-// What is known of a joint when its next torque is decided.
+// Inputs for the next torque of a joint.
 struct Seen {
   double position_rad = 0;
   double velocity_rad_s = 0;
@@ -30,7 +31,7 @@ class Envelope {
  public:
   void configure(const robot::RobotConfig& robot, const robot::JointConfig& joint);
 
-  // Whether anything is known to reckon with.
+  // False when load and inertia are not known.
   bool on() const LITHE_RT { return brakes_.inertia_max_kg_m2 > 0; }
 
   // From now on the drive is off.
@@ -50,7 +51,7 @@ class Envelope {
   // The same of one limit alone: of a joint that is beyond the other one, or comes from there.
   double bound_one(const Seen& seen, double least_nm, double wanted_nm, double most_nm, bool up) const LITHE_RT;
 
-  // What is not known of the state in which the next command will meet the joint.
+  // Uncertainty of the joint's state when the next command takes effect.
   double unknown_rad(double ahead_s) const LITHE_RT { return 0.5 * ahead_s * unknown_rad_s(ahead_s); }
   double unknown_rad_s(double ahead_s) const LITHE_RT {
     return on() ? (brakes_.torque_max_nm + brakes_.load_nm) / brakes_.inertia_min_kg_m2 * ahead_s : 0;
@@ -73,7 +74,7 @@ class Envelope {
   double position_min_rad_ = 0, position_max_rad_ = 0, speed_max_rad_s_ = 0;
   double reaction_s_ = 0, period_s_ = 0;
   double damping_nm_s_rad_ = 0;  // that a drive adds to every command
-  // What has been in flight for as long as any of it may still act, in buckets of so many ticks.
+  // Range of the torques that may still act, in buckets of several ticks.
   std::array<Range, kBuckets> past_{};
   std::size_t bucket_ = 0, ticks_ = 0, ticks_per_bucket_ = 1;
 };

@@ -12,18 +12,18 @@
 
 namespace lithe::guard {
 
-// Runs in the mode recover, in place of any law. It knows measured position and velocity and nothing else. Each joint
-// has a goal: where it was at the start, or the nearest place inside its limits. A velocity controller follows a speed
-// of at most recover_velocity_rad_s towards the goal; its integral part finds the load, at the rate that the joint's
-// own safe damping keeps stable. The torque is at most recover_torque_share of torque_max_nm. Outside the limits
+// Runs in the mode recover instead of a law. It uses measured position and velocity only. Each joint has a goal: where
+// it was at the start, or the nearest place inside its limits. A velocity controller follows a speed of at most
+// recover_velocity_rad_s towards the goal; its integral part finds the load, at the rate that the joint's own safe
+// damping keeps stable. The torque is at most recover_torque_share of torque_max_nm. Outside the limits
 //   inward torque fades to zero between the recover speed and twice that speed, and
 //   outward torque only brakes an inward motion: it is at most in proportion to the inward speed.
 // Within the soft stop before a limit, torque towards that limit fades as for a law. Speed is bounded, not held: a
 // joint that is let go while gravity pulls it is faster for a moment, until the load is found. A load above the cap
 // that pulls it inwards it does not hold; the guard's Envelope does, before the limit at the other end. A joint is
 // stuck when it comes no nearer to its limits for kStallS plus the time in which the torque grows to its cap, or when
-// the whole takes three times as long as the way at the recover speed, plus kPatienceS. Contract: RT after configure()
-// · owned by the guard · bounded work per joint
+// the whole takes three times as long as the way at the recover speed, plus kPatienceS.
+// Contract: RT after configure() · owned by the guard · bounded work per joint
 class Recovery {
  public:
   // A joint that rests on its mechanical stop may be measured this far beyond its limit; it still counts as inside.
@@ -40,7 +40,7 @@ class Recovery {
   // yet slew-bounded; the guard does that.
   double torque_nm(std::size_t joint, double position_rad, double velocity_rad_s, double now_nm) LITHE_RT;
 
-  // Whether a law may have the joint, at this position.
+  // True when a law may control the joint at this position.
   bool inside(std::size_t joint, double position_rad) const LITHE_RT;
 
   // Of the recovery that runs: it is inside its limits, with a margin.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a trial found out: written by the child as plain bytes, read by a parent that does not trust them.
+// The report of a trial: written by the child as plain bytes; the parent does not trust them.
 #pragma once
 
 #include <array>
@@ -27,7 +27,7 @@ struct Crash {
   std::uint64_t pc = 0, address = 0;
 };
 
-// How much the guard had to do, in ticks.
+// Number of ticks in which the guard changed the law's output.
 struct LoopStats {
   std::uint32_t whole_ticks = 0;  // of a ride that nothing cuts short
   std::uint32_t ticks = 0, torque_clamped = 0, slew_clamped = 0, position_clamped = 0, velocity_clamped = 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What every trial of one robot has in common, and what one request adds.
+// The context of all trials of one robot, and one trial request.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +17,7 @@
 
 namespace lithe::trial {
 
-// One that is ridden: at rest, its drives on.
+// A simulated robot, at rest, with its drives on.
 struct SimulatedRobot {
   std::unique_ptr<hal::Actuators> actuators;
   std::int64_t from_ns = 0;      // on the clock of that robot

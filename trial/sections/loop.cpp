@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Two rides of the law with the simulated robot, and what is said to them.
+// Closed-loop section: two runs of the law with the simulated robot and the guard; one second of simulated time each.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -29,7 +29,7 @@ constexpr double kMostRideMs = 750;  // of the processor's time for one ride: wh
 constexpr std::int64_t kSwitchOnNs = 10'000'000;  // a moteus is on 5 ms after it is told
 constexpr int kExchangesToSwitchOn = 10;          // a CiA 402 drive goes one state a word
 
-// The guard holds every law, but a law that leans on it all the time is not the law its author meant.
+// The guard limits every law, but a law that it must limit most of the time is not as its author intended.
 struct Bound {
   std::uint32_t LoopStats::* count;
   double share;
@@ -60,8 +60,8 @@ std::array<char, 160> fault_words(const robot::RobotConfig& robot, const LoopSta
   return text;
 }
 
-// A robot that falls out of its limits by itself is stopped in any case; a law must not hasten that. The same of a
-// joint that shakes.
+// A robot that leaves its limits without a law is stopped in any case; a law must not make this earlier. The same for a
+// shaking joint.
 bool goes_on(Bench& bench, const LoopStats& law, const LoopStats& alone, const char* where) {
   if (law.fault != 0 && (alone.fault == 0 || law.fault_tick < alone.fault_tick)) {
     std::array<char, 64> otherwise{"nothing happened"};
@@ -109,7 +109,7 @@ bool judge(Bench& bench) {
   return true;
 }
 
-// Lives until every drive can be commanded, and is on. Where the robot's own clock is then.
+// Runs until every drive is ready and on. Returns the simulated time then.
 Result<std::int64_t> make_ready(const robot::RobotConfig& robot, hal::Actuators& actuators) {
   constexpr std::uint32_t kReady = wire::joint_status::kFresh, kAll = kReady | wire::joint_status::kNotReady;
   const auto period_ns = static_cast<std::int64_t>(1e9 / robot.rate_hz);

@@ -33,7 +33,7 @@ struct Bench {
   bool out_of_time() const { return setting.clock.now_ns() > deadline_ns; }
   Progress& progress() { return report.progress[report.section]; }
 
-  // Says what is being done, for the words of a crash.
+  // Stores what is being tested, for the message of a crash.
   __attribute__((format(printf, 2, 3))) void doing(const char* format, ...);
   // Always false.
   __attribute__((format(printf, 2, 3))) bool refuse(const char* format, ...);
@@ -58,8 +58,8 @@ bool run_timing(Bench& bench);   // how long a step takes on this board
 // law does, one sentence each.
 std::vector<std::string> warnings(const Report& report, const Setting& setting);
 
-// Opens the simulated robot, lives until every drive is set up and on, and lets it run with nobody at the wheel: that
-// is the baseline. Then again, for the laws to come. Errors: it cannot be simulated, or a drive never gets there.
+// Opens the simulated robot, runs it until every drive is set up and on, and measures the baseline without a law. Then
+// opens it again for the trials. Errors: it cannot be simulated, or a drive does not become ready.
 Result<> prepare_ride(Setting& setting);
 
 }  // namespace lithe::trial

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the driver hears of a drive, and what it makes of that.
+// Receiving side of the driver: frames from the drive.
 #include <array>
 #include <cmath>
 #include <utility>
@@ -14,7 +14,7 @@ using canopen::SdoClient;
 
 namespace {
 
-constexpr double kMaxRatedTorques = 10;  // no motor has more, not even for a moment: beyond it an answer is noise
+constexpr double kMaxRatedTorques = 10;  // plausibility limit: no motor has more
 
 }  // namespace
 
@@ -55,13 +55,13 @@ Heard Cia402Drive::take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE
   doubted_ = (was_silent || doubted_) && state == NmtState::boot_up;
   if (state == NmtState::boot_up) {
     if (stage_ == Stage::running) set_trouble({TroubleKind::left_operational, {}, static_cast<std::uint8_t>(state)});
-    start_setup();  // whatever it was told before is forgotten
+    start_setup();  // it has lost its configuration
     stopped_ = false;
     units_wrong_ = false;
     error_code_ = 0;
     return Heard::part;
   }
-  // It goes on beating: it has not heard the reset.
+  // It still sends heartbeats: it did not get the reset.
   if (stage_ == Stage::await_boot_up && now_ns - reset_ns_ >= kResetNs) stage_ = Stage::reset;
   if (stage_ != Stage::running) return Heard::part;
   if (state == NmtState::operational) {
@@ -70,7 +70,7 @@ Heard Cia402Drive::take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE
     return Heard::part;
   }
   start_setup();
-  watchdog_ = true;  // by itself it does this when it hears us no more, and its emergency may have found us deaf
+  watchdog_ = true;  // it does this by itself only when it loses our heartbeat; we may have missed its EMCY frame
   stopped_ = state == NmtState::stopped;
   set_trouble({TroubleKind::left_operational, {}, static_cast<std::uint8_t>(state)});
   return Heard::part;
@@ -87,7 +87,7 @@ Heard Cia402Drive::take_emergency(const Frame& frame) LITHE_RT {
   return Heard::part;
 }
 
-// It leaves the state operational when it hears us no more, and then answers nothing.
+// It leaves OPERATIONAL when it loses our heartbeat, and then answers nothing.
 std::uint32_t Cia402Drive::alarm() const LITHE_RT { return watchdog_ ? wire::joint_status::kWatchdog : 0; }
 
 Heard Cia402Drive::take_sdo(const Frame& frame) LITHE_RT {
@@ -131,7 +131,7 @@ Heard Cia402Drive::take_answer(const Frame& frame, const Exchange& exchange, Joi
   return Heard::answer;
 }
 
-// What no motor does is not measured: neither the map nor our own control loop may believe it.
+// An implausible value is not a measurement: neither the samples nor our own control loop may use it.
 bool Cia402Drive::measure(std::int32_t position_raw, std::int32_t torque_raw) LITHE_RT {
   const double motor_rev = position_raw / params_.counts_per_rev;
   const double motor_rev_s = velocity_raw_ / params_.counts_per_rev;
@@ -144,13 +144,13 @@ bool Cia402Drive::measure(std::int32_t position_raw, std::int32_t torque_raw) LI
 }
 
 void Cia402Drive::note_state(State state, bool follows) LITHE_RT {
-  // The emergency that takes an error back may be lost, or never be sent.
+  // The emergency that clears an error may be lost, or never be sent.
   if (state_ == State::fault && state != State::fault) error_code_ = 0;
   state_ = state;
   if (stage_ != Stage::running || last_action_ != DriveAction::torque || last_control_ != control::kEnable) return;
   const bool enabled = state == State::operation_enabled;
   const bool left = was_enabled_ && !enabled;
-  const bool let_go = enabled && followed_ && !follows;  // not every drive has the bit
+  const bool let_go = enabled && followed_ && !follows;  // not every drive has this bit
   was_enabled_ = was_enabled_ || enabled;
   followed_ = enabled && follows;
   if (left || let_go) {

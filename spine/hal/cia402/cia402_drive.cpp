@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the driver says; cia402_answers.cpp has what it hears.
+// Sending side of the driver; the receiving side is cia402_answers.cpp.
 #include "spine/hal/cia402/cia402_drive.hpp"
 
 #include <array>
@@ -52,21 +52,21 @@ bool Cia402Drive::command(const JointCommand& command, const Exchange& exchange,
 }
 
 void Cia402Drive::forgive() LITHE_RT {
-  if (units_wrong_ || silent_) return;  // nobody would watch it
+  if (units_wrong_ || silent_) return;  // it would not be supervised
   if (dropped_ && stage_ == Stage::running) set_trouble({});
   may_enable_ = true;
   dropped_ = false;
   watchdog_ = false;
 }
 
-// It is not, or must not be, what it was told to be, and whoever commands it must know.
+// The drive is not in the commanded state, or must not be: report it as a fault.
 void Cia402Drive::drop(const Trouble& why) LITHE_RT {
   set_trouble(why);
   may_enable_ = false;
   dropped_ = true;
 }
 
-// Whether the drive is still there, and is what it last said.
+// True while the drive is present and in its last reported state.
 void Cia402Drive::watch(const Exchange& exchange) LITHE_RT {
   if (stage_ == Stage::running) ++unanswered_;
   if (heartbeat_.lost(exchange.now_ns)) {
@@ -78,8 +78,8 @@ void Cia402Drive::watch(const Exchange& exchange) LITHE_RT {
   if (stage_ != Stage::running || unanswered_ <= params_.lost_after_misses) return;
   const bool closes_loop = params_.mode == Mode::torque && last_action_ == DriveAction::torque;
   if (closes_loop && !dropped_) drop({TroubleKind::unheard, {}, unanswered_});
-  // Nothing at all is heard of it, nor was it us who slept. It may have restarted and said so to nobody: then it would
-  // never speak again.
+  // No frame comes from it, and we were not delayed ourselves. It may have restarted, and its boot-up message was lost:
+  // then it would stay silent.
   if (silent_ && exchange.now_ns - silent_from_ns_ >= silence_ns_) {
     drop({TroubleKind::silent, {}, 0});
     stage_ = Stage::reset;
@@ -114,7 +114,7 @@ void Cia402Drive::progress(const Exchange& exchange, Bus& bus) LITHE_RT {
     stage_ = reset_node(exchange.now_ns, bus) ? Stage::await_boot_up : Stage::reset;
     return;
   }
-  // One that says no because its motor is on must not stay so. And once, or it would never end.
+  // A drive that refuses because its motor is on is reset; only once, to avoid an endless loop.
   if (stage_ == Stage::refused && !reset_after_refusal_) reset_after_refusal_ = reset_node(exchange.now_ns, bus);
   if (stage_ != Stage::setup) return;
   if (stopped_) {
@@ -131,12 +131,12 @@ void Cia402Drive::progress(const Exchange& exchange, Bus& bus) LITHE_RT {
       if (doubted_ && !silent_) return;  // it beats, or is silent again, soon
       stage_ = Stage::running;
       reset_after_refusal_ = false;
-      // Set up, and no heartbeat meanwhile: whoever waits for it must know why nothing moves.
+      // No heartbeat during the set-up: report the reason.
       silent_ ? drop({TroubleKind::silent, {}, 0}) : set_trouble({});
       return;
     case Setup::Progress::failed:
       set_trouble(setup_.trouble());
-      // A drive that is gone may come back as another one; one that said no says it again.
+      // A lost drive may have been replaced, so it is set up again; one that refused will refuse again.
       stage_ = setup_.trouble().kind == TroubleKind::no_answer ? Stage::reset : Stage::refused;
   }
 }
@@ -148,7 +148,7 @@ bool Cia402Drive::reset_node(std::int64_t now_ns, Bus& bus) LITHE_RT {
 }
 
 void Cia402Drive::set_trouble(const Trouble& trouble) LITHE_RT {
-  // Relaxed: the word is all there is to it. Pairs with why_not_ready().
+  // Relaxed: the word is self-contained. Pairs with why_not_ready().
   trouble_.store(trouble.packed(), std::memory_order_relaxed);
 }
 
@@ -162,7 +162,7 @@ void Cia402Drive::say(const JointCommand& command, DriveAction action, Bus& bus)
   const bool active = last_control_ == control::kEnable && state_ == State::operation_enabled;
   const RawDemand demand = active ? demand_.next(command, last_) : demand_.rest(position_raw_);
   const std::array<std::uint32_t, 3> values{last_control_, demand.target, demand.torque};
-  // Refused, it would answer the SYNC all the same, and go on with what it was told before (take_answer).
+  // If the bus refuses the command, the drive still answers the SYNC and continues its last command (take_answer).
   told_ = bus.send(command_map_.pack(pdo::command_id(params_.id), values));
 }
 
@@ -176,11 +176,11 @@ std::uint16_t Cia402Drive::control_word(DriveAction action) LITHE_RT {
     return control::kFaultReset;  // its bit rises once: what was said before was `off`
   }
   if (state_ == State::fault || state_ == State::fault_reaction_active) may_enable_ = false;
-  // A ramp that the drive began by itself goes on with this word.
+  // This word lets the drive continue a ramp that it started by itself.
   return may_enable_ ? control_to_enable(state_) : control::kQuickStop;
 }
 
-// Its bit must rise: down and up again, for as long as the fault is there.
+// The bit acts on its rising edge: toggle it while the fault is there.
 std::uint16_t Cia402Drive::clearing_word() LITHE_RT {
   constexpr std::uint32_t kHeldFor = 8;
   const bool up = state_ == State::fault && clearing_++ / kHeldFor % 2 == 1;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A CiA 402 drive as the rest of the robot sees it: any drive.
+// Implements hal::Drive for a CiA 402 drive.
 #pragma once
 
 #include <atomic>
@@ -31,15 +31,15 @@ namespace lithe::hal::cia402 {
 // restart, or any of these, which the driver reports as a fault and answers with a quick stop:
 //   - it left `operation enabled`, or stopped following its target, and nobody told it to: torque taken away (STO), a
 //     limit switch, an enable input. Given back, the motor would start by itself.
-//   - it did not get there within kEnableNs: what was asked for that long ago is nobody's wish any more
+//   - it did not get there within kEnableNs: the request timed out and is dropped
 //   - its heartbeat is lost. While it is off and goes on being silent, it is reset and set up anew, every kBootNs at
 //   most,
 //     and it is not ready before it has beaten
 //   - so many answers of a torque drive are missing that its joint is lost: its PD loop is closed here (Demand), and on
 //     an old sample it is no loop but a constant torque
 //   - its velocity is not that of its position (UnitCheck): for good, until it restarts. Off with clear_fault resets it
-// A drive that was refused at its set-up is reset and set up anew by off with clear_fault, too.
-// Position and velocity drives have loops of their own, whose gains are theirs.
+// A drive that was refused at its set-up is reset and set up anew by off with clear_fault, too. Position and velocity
+// drives have their own control loops and gains.
 // Contract: as hal::Drive; why_not_ready() any thread, never in an exchange's
 class Cia402Drive final : public Drive {
  public:
@@ -110,13 +110,13 @@ class Cia402Drive final : public Drive {
   bool doubted_ = false;       // it was silent, and has not beaten since but for its boot-up message
   bool clearing_off_ = false;  // the last command was `off` with clear_fault
   bool may_enable_ = true;     // false until `off` is commanded
-  bool dropped_ = false;       // told as a fault until then
-  bool watchdog_ = false;      // it lost our heartbeat; until `off`
+  bool dropped_ = false;       // reported as a fault until then
+  bool watchdog_ = false;      // it has lost our heartbeat; latched until `off`
   bool units_wrong_ = false;   // until it restarts
 
   DriveAction last_action_ = DriveAction::off;
   std::uint16_t last_control_ = 0;
-  bool told_ = false;             // the bus took the last command
+  bool told_ = false;             // the bus accepted the last command
   std::uint64_t commanded_ = 0;   // exchange in which it was commanded last
   std::uint32_t unanswered_ = 0;  // commands since the last whole answer
   std::int64_t enabling_from_ns_ = 0;

@@ -55,7 +55,7 @@ Setup::Setup(const DriverParams& params)
       rated_mnm_(1000 * params.rated_torque_nm),
       motor_max_mnm_(1000 * params.torque_max_nm / params.joint.ratio) {
   add(Kind::require_profile, common::kDeviceType);
-  // It may still drive its motor by what it was told before: to fall back from `operational` stops no motor.
+  // It may still drive its motor: leaving OPERATIONAL does not stop a motor.
   add(Kind::offer, object::kControlword, 0, control::kQuickStop, 2);
   add(Kind::require_mode, object::kSupportedModes);
   add(Kind::require_rating, object::kRatedTorque);
@@ -69,7 +69,7 @@ Setup::Setup(const DriverParams& params)
   };
   add_tpdo(pdo::kVelocity, pdo::velocity_map());
   add_tpdo(pdo::kAnswer, pdo::answer_map());
-  // What else a maker's defaults send would only fill the bus.
+  // Switches off the other PDOs of the maker's defaults.
   for (std::uint16_t number = 2; number < 4; ++number) {
     const std::uint32_t id = canopen::cob::kNoRemote | pdo::transmit_id(number, node_);
     add(Kind::write_if_there, common::kTpdo1 + number, 1, canopen::cob::kOff | id, 4);

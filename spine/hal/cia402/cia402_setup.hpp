@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a CiA 402 drive is told before it may move: a list of SDO transfers, one after the other.
+// Set-up of a CiA 402 drive before it may move: a list of SDO transfers.
 #pragma once
 
 #include <array>
@@ -39,7 +39,7 @@ struct DriverParams {
   JointTransform joint{};
 };
 
-// Why a drive is not ready to be commanded.
+// Why a drive is not ready.
 enum class TroubleKind : std::uint8_t {
   none,
   not_booted,        // no boot-up message after a reset
@@ -85,7 +85,7 @@ std::uint32_t command_id(std::uint32_t node) LITHE_RT;
 std::uint32_t transmit_id(std::size_t number, std::uint32_t node) LITHE_RT;
 }  // namespace pdo
 
-// Walks the list; asks one thing at a time.
+// Executes the list, one transfer at a time.
 // Contract: RT but for the constructor · one thread · time is an argument
 class Setup {
  public:
@@ -96,7 +96,7 @@ class Setup {
   void begin(canopen::SdoClient& client) LITHE_RT;
   // At most one frame. False: nothing to send now.
   bool next(std::int64_t now_ns, canopen::SdoClient& client, Frame& frame) LITHE_RT;
-  // After the client has taken an answer, or given up.
+  // Call after the client has got an answer or aborted.
   Progress advance(canopen::SdoClient& client) LITHE_RT;
   const Trouble& trouble() const LITHE_RT { return trouble_; }
 
