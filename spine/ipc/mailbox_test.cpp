@@ -17,11 +17,11 @@ using test::Halfway;
 using test::Shared;
 
 // All words are equal, or it is torn.
-struct Letter {
+struct CommandTicket {
   std::uint64_t word[16];
 
-  static Letter of(std::uint64_t number) {
-    Letter letter;
+  static CommandTicket of(std::uint64_t number) {
+    CommandTicket letter;
     for (std::uint64_t& w : letter.word) w = number;
     return letter;
   }
@@ -34,21 +34,21 @@ struct Letter {
 };
 constexpr std::size_t kDepth = 4;
 struct Box {
-  MailboxMemory<Letter, kDepth> letters;
+  MailboxMemory<CommandTicket, kDepth> letters;
   AckMemory<kDepth> ack;
 };
-using Sender = MailboxSender<Letter, kDepth>;
-using Receiver = MailboxReceiver<Letter, kDepth>;
+using Sender = MailboxSender<CommandTicket, kDepth>;
+using Receiver = MailboxReceiver<CommandTicket, kDepth>;
 
 TEST(Mailbox, EveryLetterArrivesOnceInOrderAndIsAnswered) {
   auto box = std::make_unique<Box>();
   Sender sender(box->letters, box->ack);
   Receiver receiver(box->letters, box->ack);
-  Letter letter{};
+  CommandTicket letter{};
   std::uint64_t ticket = 0;
   EXPECT_FALSE(receiver.receive(letter, ticket));
   for (std::uint64_t i = 1; i <= 20; ++i) {
-    const auto sent = sender.send(Letter::of(i));
+    const auto sent = sender.send(CommandTicket::of(i));
     ASSERT_TRUE(sent);
     EXPECT_EQ(sender.poll(*sent), 0u) << "an answer before the letter was read";
     ASSERT_TRUE(receiver.receive(letter, ticket));
@@ -66,28 +66,28 @@ TEST(Mailbox, FullMailboxRefusesInsteadOfOverwriting) {
   auto box = std::make_unique<Box>();
   Sender sender(box->letters, box->ack);
   Receiver receiver(box->letters, box->ack);
-  for (std::uint64_t i = 1; i <= kDepth; ++i) ASSERT_TRUE(sender.send(Letter::of(i)));
-  EXPECT_FALSE(sender.send(Letter::of(99)));
-  Letter letter{};
+  for (std::uint64_t i = 1; i <= kDepth; ++i) ASSERT_TRUE(sender.send(CommandTicket::of(i)));
+  EXPECT_FALSE(sender.send(CommandTicket::of(99)));
+  CommandTicket letter{};
   std::uint64_t ticket = 0;
   for (std::uint64_t i = 1; i <= kDepth; ++i) {
     ASSERT_TRUE(receiver.receive(letter, ticket));
     EXPECT_EQ(letter.word[0], i);
   }
-  EXPECT_TRUE(sender.send(Letter::of(5)));
+  EXPECT_TRUE(sender.send(CommandTicket::of(5)));
 }
 
 TEST(Mailbox, NewReceiverPassesOverLettersOfAnEarlierRun) {
   auto box = std::make_unique<Box>();
   Sender sender(box->letters, box->ack);
   Receiver first(box->letters, box->ack);
-  ASSERT_TRUE(sender.send(Letter::of(1)));
+  ASSERT_TRUE(sender.send(CommandTicket::of(1)));
   box->ack = {};  // the receiver's segment was made anew
   Receiver second(box->letters, box->ack);
-  Letter letter{};
+  CommandTicket letter{};
   std::uint64_t ticket = 0;
   EXPECT_FALSE(second.receive(letter, ticket));
-  ASSERT_TRUE(sender.send(Letter::of(2)));
+  ASSERT_TRUE(sender.send(CommandTicket::of(2)));
   ASSERT_TRUE(second.receive(letter, ticket));
   EXPECT_EQ(letter.word[0], 2u);
 }
@@ -96,9 +96,9 @@ TEST(Mailbox, LetterIsNotAnnouncedBeforeItIsWhole) {
   auto box = std::make_unique<Box>();
   Sender sender(box->letters, box->ack);
   Receiver receiver(box->letters, box->ack);
-  Letter letter{};
+  CommandTicket letter{};
   std::uint64_t ticket = 0;
-  Halfway<Letter> half(Letter::of(1));
+  Halfway<CommandTicket> half(CommandTicket::of(1));
   half.arm([&] { EXPECT_FALSE(receiver.receive(letter, ticket)); });
   ASSERT_TRUE(sender.send(*half));
   ASSERT_TRUE(half.fired());
@@ -111,12 +111,12 @@ TEST(Mailbox, LetterIsNotAnnouncedBeforeItIsWhole) {
 TEST(Mailbox, TwinThatAnnouncesFirstLosesTheLetter) {
   auto box = std::make_unique<Box>();
   Receiver receiver(box->letters, box->ack);
-  Letter letter{};
+  CommandTicket letter{};
   std::uint64_t ticket = 0;
-  Halfway<Letter> half(Letter::of(1));
+  Halfway<CommandTicket> half(CommandTicket::of(1));
   half.arm([&] { EXPECT_FALSE(receiver.receive(letter, ticket)); });
   store_word(box->letters.head, 1, std::memory_order_release);
-  box->letters.slots[0].record.write(1, *half, all_words<Letter>());
+  box->letters.slots[0].record.write(1, *half, all_words<CommandTicket>());
   EXPECT_EQ(receiver.violations(), 1u);
   EXPECT_FALSE(receiver.receive(letter, ticket)) << "what must not be lost was lost";
 }
@@ -125,11 +125,11 @@ TEST(Mailbox, SenderCannotOverwriteALetterThatIsBeingCopied) {
   auto box = std::make_unique<Box>();
   Sender sender(box->letters, box->ack);
   Receiver receiver(box->letters, box->ack);
-  ASSERT_TRUE(sender.send(Letter::of(1)));
-  Halfway<Letter> copy;
+  ASSERT_TRUE(sender.send(CommandTicket::of(1)));
+  Halfway<CommandTicket> copy;
   int accepted = 0;
   copy.arm([&] {
-    for (std::uint64_t i = 2; i <= 9; ++i) accepted += sender.send(Letter::of(i)) ? 1 : 0;
+    for (std::uint64_t i = 2; i <= 9; ++i) accepted += sender.send(CommandTicket::of(i)) ? 1 : 0;
   });
   std::uint64_t ticket = 0;
   ASSERT_TRUE(receiver.receive(*copy, ticket));
@@ -142,10 +142,10 @@ TEST(Mailbox, SenderCannotOverwriteALetterThatIsBeingCopied) {
 TEST(Mailbox, TwinThatGivesTheSlotBackFirstLosesTheLetter) {
   auto box = std::make_unique<Box>();
   Sender sender(box->letters, box->ack);
-  ASSERT_TRUE(sender.send(Letter::of(1)));
-  Halfway<Letter> copy;
+  ASSERT_TRUE(sender.send(CommandTicket::of(1)));
+  Halfway<CommandTicket> copy;
   copy.arm([&] {
-    for (std::uint64_t i = 2; i <= 9; ++i) sender.send(Letter::of(i));
+    for (std::uint64_t i = 2; i <= 9; ++i) sender.send(CommandTicket::of(i));
   });
   store_word(box->ack.tail, 1, std::memory_order_release);
   EXPECT_FALSE(box->letters.slots[0].record.read(1, *copy));
@@ -155,14 +155,14 @@ TEST(Mailbox, SenderKilledInMidLetterLeavesNothingBehind) {
   Shared<Box> box;
   Receiver receiver(box->letters, box->ack);
   test::in_child([&box] {
-    Halfway<Letter> half(Letter::of(1));
+    Halfway<CommandTicket> half(CommandTicket::of(1));
     half.arm(test::kill_self);
     Sender(box->letters, box->ack).send(*half);
   });
-  Letter letter{};
+  CommandTicket letter{};
   std::uint64_t ticket = 0;
   EXPECT_FALSE(receiver.receive(letter, ticket));
-  ASSERT_TRUE(Sender(box->letters, box->ack).send(Letter::of(2)));
+  ASSERT_TRUE(Sender(box->letters, box->ack).send(CommandTicket::of(2)));
   ASSERT_TRUE(receiver.receive(letter, ticket));
   EXPECT_TRUE(letter.whole());
   EXPECT_EQ(letter.word[0], 2u);
@@ -173,14 +173,14 @@ TEST(Mailbox, ImpossibleHeadIsCountedAndSkipped) {
   auto box = std::make_unique<Box>();
   Sender sender(box->letters, box->ack);
   Receiver receiver(box->letters, box->ack);
-  Letter letter{};
+  CommandTicket letter{};
   std::uint64_t ticket = 0;
   for (const std::uint64_t head : {std::uint64_t{5}, std::uint64_t{0}, std::uint64_t{1} << 63, ~std::uint64_t{0}}) {
     const std::uint64_t before = receiver.violations();
     box->letters.head = head;
     for (int i = 0; i < 10; ++i) EXPECT_FALSE(receiver.receive(letter, ticket));
     EXPECT_GT(receiver.violations(), before) << "head " << head;
-    ASSERT_TRUE(sender.send(Letter::of(7))) << "an honest sender must be heard again";
+    ASSERT_TRUE(sender.send(CommandTicket::of(7))) << "an honest sender must be heard again";
     ASSERT_TRUE(receiver.receive(letter, ticket));
     EXPECT_EQ(letter.word[0], 7u);
   }
@@ -202,14 +202,14 @@ TEST(Mailbox, NothingIsLostBetweenThreads) {
   std::thread sending([&] {
     Sender sender(box->letters, box->ack);
     for (std::uint64_t i = 1; i <= kLetters;) {
-      if (sender.send(Letter::of(i))) {
+      if (sender.send(CommandTicket::of(i))) {
         ++i;
       } else {
         std::this_thread::yield();
       }
     }
   });
-  Letter letter{};
+  CommandTicket letter{};
   std::uint64_t ticket = 0;
   std::uint64_t next = 1;
   while (next <= kLetters) {
@@ -232,7 +232,7 @@ TEST(Mailbox, SenderProcessesKilledAtRandomMomentsLoseNoAnnouncedLetter) {
   Shared<Box> box;
   Receiver receiver(box->letters, box->ack);
   std::mt19937 random(3);
-  Letter letter{};
+  CommandTicket letter{};
   std::uint64_t ticket = 0;
   std::uint64_t last = 0;
   for (int round = 0; round < 100; ++round) {
@@ -240,7 +240,7 @@ TEST(Mailbox, SenderProcessesKilledAtRandomMomentsLoseNoAnnouncedLetter) {
       Sender sender(box->letters, box->ack);
       for (;;) {
         const std::uint64_t next = load_word(box->letters.head, std::memory_order_relaxed) + 1;
-        if (!sender.send(Letter::of(next))) std::this_thread::yield();
+        if (!sender.send(CommandTicket::of(next))) std::this_thread::yield();
       }
     });
     const std::uint64_t enough = last + std::uniform_int_distribution<std::uint64_t>(1, 300)(random);

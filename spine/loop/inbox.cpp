@@ -22,8 +22,8 @@ Inbox::Inbox(ipc::SpineMemory& spine, const ipc::ControlMemory& control, const i
       plan_reader_(brain.plan),
       health_(&spine.health) {}
 
-std::optional<Letter> Inbox::next_command() LITHE_RT {
-  Letter letter;
+std::optional<CommandTicket> Inbox::next_command() LITHE_RT {
+  CommandTicket letter;
   if (control_.receive(command_, letter.ticket)) {
     letter.sender = Sender::control;
     return letter;
@@ -54,7 +54,7 @@ void Inbox::tell() LITHE_RT {
   tell_one(control_.violations(), told_.control_violations, health_->control_violations);
 }
 
-void Inbox::answer(const Letter& letter, wire::CommandResult result) LITHE_RT {
+void Inbox::answer(const CommandTicket& letter, wire::CommandResult result) LITHE_RT {
   Receiver& receiver = letter.sender == Sender::control ? control_ : brain_;
   receiver.answer(letter.ticket, static_cast<std::uint32_t>(result));
 }

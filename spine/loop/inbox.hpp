@@ -13,7 +13,7 @@ namespace lithe::loop {
 
 enum class Sender : std::uint8_t { control, brain };
 
-struct Letter {
+struct CommandTicket {
   Sender sender = Sender::control;
   std::uint64_t ticket = 0;
 };
@@ -25,9 +25,9 @@ class Inbox {
   Inbox(ipc::SpineMemory& spine, const ipc::ControlMemory& control, const ipc::BrainMemory& brain);
 
   // The next command, at most one per call; command() holds it until the next call.
-  std::optional<Letter> next_command() LITHE_RT;
+  std::optional<CommandTicket> next_command() LITHE_RT;
   const wire::Command& command() const LITHE_RT { return command_; }
-  void answer(const Letter& letter, wire::CommandResult result) LITHE_RT;
+  void answer(const CommandTicket& letter, wire::CommandResult result) LITHE_RT;
 
   // True while any sticky e-stop word is set.
   bool estop_pressed() const LITHE_RT;

@@ -135,7 +135,7 @@ void Spine::listen(std::int64_t now_ns) LITHE_RT {
   estop_pressed_ = inbox_.estop_pressed();
   watch_memory(now_ns);
   if (estop_pressed_ && mode_.press_estop()) out_.event(EventKind::estop, now_ns, 0, 0, 0, "the e-stop was pressed");
-  if (const std::optional<Letter> letter = inbox_.next_command()) obey(*letter, now_ns);
+  if (const std::optional<CommandTicket> letter = inbox_.next_command()) obey(*letter, now_ns);
   watch_brain(now_ns);
   if (inbox_.new_plan()) {
     take_plan(now_ns);
@@ -157,7 +157,7 @@ void Spine::watch_memory(std::int64_t now_ns) LITHE_RT {
   out_.event(EventKind::safe_stop, now_ns, static_cast<std::uint32_t>(wire::Fault::memory_damaged), 0, 0, words.text());
 }
 
-void Spine::obey(const Letter& letter, std::int64_t now_ns) LITHE_RT {
+void Spine::obey(const CommandTicket& letter, std::int64_t now_ns) LITHE_RT {
   const wire::Command& command = inbox_.command();
   // Parameters that nobody has tried: only while there is nobody who could.
   const bool untried = letter.sender == Sender::brain && inbox_.supervised(now_ns) &&

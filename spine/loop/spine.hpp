@@ -67,7 +67,7 @@ class Spine {
   void exchange(std::int64_t woke_ns) LITHE_RT;
   void listen(std::int64_t now_ns) LITHE_RT;
   void watch_memory(std::int64_t now_ns) LITHE_RT;
-  void obey(const Letter& letter, std::int64_t now_ns) LITHE_RT;
+  void obey(const CommandTicket& letter, std::int64_t now_ns) LITHE_RT;
   wire::CommandResult execute(const wire::Command& command, std::int64_t now_ns) LITHE_RT;
   wire::CommandResult change_mode(wire::CommandKind kind, std::uint64_t request_id, std::int64_t now_ns) LITHE_RT;
   Conditions conditions() const LITHE_RT;

@@ -42,7 +42,7 @@ class All final : public field::FrameSource {
     (of_spine ? spine_ : others_).push_back(source.get());
     parts_.push_back(std::move(source));
   }
-  bool next(field::Sighting& sighting) override {
+  bool next(field::CapturedFrame& sighting) override {
     for (std::size_t i = 0; i < parts_.size(); ++i) {
       if (parts_[turn_++ % parts_.size()]->next(sighting)) return true;
     }
@@ -102,9 +102,9 @@ Result<> listen_in(const field::Choice& choice, const std::vector<Occupied>& spi
     all.add(std::move(*source), true);
   }
   if (free.empty()) return done();
-  auto ears = field::Ears::open(choice, free);
-  if (!ears) return ears.error();
-  all.add(std::move(*ears), false);
+  auto listener = field::BusListener::open(choice, free);
+  if (!listener) return listener.error();
+  all.add(std::move(*listener), false);
   for (const std::size_t number : free) {
     if (choice.robot.buses[number].kind == BusKind::socketcan) continue;
     std::cerr << "no Spine runs on " << field::place_of(choice.robot.buses[number])

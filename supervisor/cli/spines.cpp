@@ -66,7 +66,7 @@ class SpineFrames final : public field::FrameSource {
     ask();
   }
 
-  bool next(field::Sighting& sighting) override {
+  bool next(field::CapturedFrame& sighting) override {
     ask();
     ipc::FrameRecord record;
     while (ring_.next(record)) {

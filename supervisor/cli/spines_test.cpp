@@ -52,7 +52,7 @@ TEST_F(SpinesTest, AMonitorFollowsItsBusByNameWhenTheFilesOrderChanges) {
   const auto source = watch_spine({"arm", {}, 0, 3});  // "left"
   ASSERT_TRUE(source) << source.message();
   show(first, 0, 17);
-  field::Sighting sighting;
+  field::CapturedFrame sighting;
   ASSERT_TRUE((*source)->next(sighting));
   EXPECT_EQ(sighting.frame.id, 17u);
   EXPECT_EQ(sighting.bus, 3u);

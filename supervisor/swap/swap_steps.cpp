@@ -210,7 +210,7 @@ void Swaps::stage(const swap::Transaction& swap) {
                       monotonic_ns());
     return;
   }
-  aftermath_.measure_all();  // the counts of earlier laws must not include this one
+  lifecycle_.measure_all();  // the counts of earlier laws must not include this one
   before_ = count_core(help_.spine.spine_pid(), help_.spine.info());
   ticket_ = help_.spine.stage(request);
   if (!ticket_) {
@@ -232,7 +232,7 @@ void Swaps::on_event(const wire::Event& event, std::int64_t now_ns) {
   if (kind != wire::EventKind::law_committed) {
     take_commit();  // later events may be about the committed law
   }
-  aftermath_.on_event(event);
+  lifecycle_.on_event(event);
   params_.on_event(event);
   if (kind == wire::EventKind::law_retired) {
     tried_laws_.forget(event.request_id);

@@ -29,16 +29,16 @@ Swaps::Swaps(const Helpers& helpers, swap::RecordBook book, std::uint64_t first_
               [this](const swap::Transaction& each) { stage(each); }, [this] { return missed_releases(); },
               [this](swap::Transaction&& each) { finish(std::move(each)); }},
              first_request_id, {2 * LawdLink::kCompileTimeoutNs, 2 * LawdLink::kCompileTimeoutNs}),
-      aftermath_(
+      lifecycle_(
           helpers.spine,
           [this](const swap::Transaction& each, const swap::RecordBook::Page& record) { rewrite(each, record); },
-          [this](const swap::Transaction& each, std::uint32_t offset, Aftermath::Found found) {
+          [this](const swap::Transaction& each, std::uint32_t offset, LawLifecycle::Found found) {
             locate(each, offset, std::move(found));
           }),
       tried_laws_(helpers.spine),
       params_({helpers.spine, helpers.trial, helpers.commands, helpers.log, tried_laws_}, robots_terms_,
               [this](std::uint64_t request_id, const Json& changes) {
-                aftermath_.note(request_id, "param_changes", changes);
+                lifecycle_.note(request_id, "param_changes", changes);
               }) {}
 
 std::variant<swap::Terms, Refusal> Swaps::read_terms(const Json& args) const {
@@ -81,7 +81,7 @@ void Swaps::submit(swap::Request request, Callback callback, std::int64_t now_ns
 void Swaps::serve(std::int64_t now_ns) {
   poll_stage(now_ns);
   queue_.step(now_ns);
-  aftermath_.serve(now_ns);
+  lifecycle_.serve(now_ns);
   if (late_.waiting() > 0 && (late_.retry(book_, now_ns), late_.waiting() == 0)) {
     write_failed_.clear();
   }
@@ -92,7 +92,7 @@ void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
   guess_commit(now_ns);
   queue_.refuse_all(reason, now_ns);
   params_.refuse_all(reason);
-  aftermath_.end(reason.message, now_ns);
+  lifecycle_.end(reason.message, now_ns);
 }
 
 // Only the newest swap is reported: the retirement of an older law does not change it.
@@ -152,7 +152,7 @@ void Swaps::log(std::uint64_t request_id, const char* kind, const std::string& t
 
 // Asks the compile service for the source line. `offset` [bytes]: from the start of the slot, or of the object when not
 // `placed`.
-void Swaps::find_line(const swap::Transaction& swap, std::uint64_t offset, bool placed, Aftermath::Found found) {
+void Swaps::find_line(const swap::Transaction& swap, std::uint64_t offset, bool placed, LawLifecycle::Found found) {
   const auto located = [file = swap.request().name, found = std::move(found)](const Answer& answer) {
     const Json* place = std::get_if<Json>(&answer);
     if (place == nullptr) {
@@ -166,7 +166,7 @@ void Swaps::find_line(const swap::Transaction& swap, std::uint64_t offset, bool 
 }
 
 // The source line of a law fault in the Spine. This event comes after the event of the fault.
-void Swaps::locate(const swap::Transaction& swap, std::uint32_t offset, Aftermath::Found found) {
+void Swaps::locate(const swap::Transaction& swap, std::uint32_t offset, LawLifecycle::Found found) {
   const auto tell = [this, id = swap.request_id(), law = swap.compiled().law,
                      found = std::move(found)](const Json& place) {
     if (place.is_object()) {
@@ -194,7 +194,7 @@ void Swaps::finish(swap::Transaction&& swap) {
     certificate["record_lost"] = waiting.record_lost;
   }
   if (!swap.refusal()) {
-    aftermath_.follow(std::move(swap), waiting.record, before_, monotonic_ns());
+    lifecycle_.follow(std::move(swap), waiting.record, before_, monotonic_ns());
     waiting.callback(certificate);
     return;
   }
@@ -239,7 +239,7 @@ void Swaps::come_late(const wire::Event& event) {
   swap.note_missed_after(missed_releases());
   note(swap, "swap_committed_late", fmt::format("{}: it was given up, and runs now", swap.request().name));
   rewrite(swap, record);
-  aftermath_.follow(std::move(swap), record, {}, monotonic_ns());  // without counts: other swaps came in between
+  lifecycle_.follow(std::move(swap), record, {}, monotonic_ns());  // without counts: other swaps came in between
 }
 
 // Writes into the certificate which State fields start from their defaults.
@@ -248,7 +248,7 @@ void Swaps::not_carried(const wire::Event& event) {
   if (is_head(event.request_id)) {
     queue_.note(event.request_id, "state_not_carried", what);
   } else {
-    aftermath_.note(event.request_id, "state_not_carried", what);
+    lifecycle_.note(event.request_id, "state_not_carried", what);
   }
 }
 

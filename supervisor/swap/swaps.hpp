@@ -17,8 +17,8 @@
 #include "supervisor/link/lawd_link.hpp"
 #include "supervisor/link/spine_link.hpp"
 #include "supervisor/link/trial_link.hpp"
-#include "supervisor/swap/aftermath.hpp"
 #include "supervisor/swap/late.hpp"
+#include "supervisor/swap/law_lifecycle.hpp"
 #include "supervisor/swap/param_changes.hpp"
 #include "supervisor/swap/placement.hpp"
 #include "supervisor/swap/queue.hpp"
@@ -65,7 +65,7 @@ class Swaps {
   // The newest parameter change that was tried, with its verdict so far; null before the first.
   const swap::Json& last_params() const { return params_.last(); }
   // The newest law faults: [{law, kind, tick, where, function, ...}].
-  const swap::Json& law_faults() const { return aftermath_.faults(); }
+  const swap::Json& law_faults() const { return lifecycle_.faults(); }
   // Folder of the certificates.
   const std::filesystem::path& records() const { return book_.folder(); }
   // Why certificates cannot be written, or which were lost; null when all are on disk.
@@ -86,8 +86,8 @@ class Swaps {
   void take_commit();
   void guess_commit(std::int64_t now_ns);
   void refuse_with_line(const swap::Transaction& swap, const swap::Refusal& refusal);
-  void find_line(const swap::Transaction& swap, std::uint64_t offset, bool placed, Aftermath::Found found);
-  void locate(const swap::Transaction& swap, std::uint32_t offset, Aftermath::Found found);
+  void find_line(const swap::Transaction& swap, std::uint64_t offset, bool placed, LawLifecycle::Found found);
+  void locate(const swap::Transaction& swap, std::uint32_t offset, LawLifecycle::Found found);
   void shadow_ended(const wire::Event& event, std::int64_t now_ns);
   void come_late(const wire::Event& event);
   void not_carried(const wire::Event& event);
@@ -111,7 +111,7 @@ class Swaps {
   swap::Json last_ = nullptr;
   swap::Terms robots_terms_;
   swap::Queue queue_;
-  Aftermath aftermath_;
+  LawLifecycle lifecycle_;
   TriedLaws tried_laws_;
   ParamChanges params_;
   struct Waiting {

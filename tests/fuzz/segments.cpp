@@ -42,8 +42,8 @@ class SpineSide {
   }
 
  private:
-  template <class Box, class Letter>
-  static void drain(Box& box, Letter& letter, std::size_t depth, std::uint64_t& ticket) {
+  template <class Box, class CommandTicket>
+  static void drain(Box& box, CommandTicket& letter, std::size_t depth, std::uint64_t& ticket) {
     std::size_t letters = 0;
     while (box.receive(letter, ticket)) {
       demand(++letters <= depth, "no more letters than a mailbox holds");

@@ -50,12 +50,12 @@ NEVER_THERE = {"unloadable", "unplaceable"}
 CASES = [law for law in CORPUS if header(law, "without-gates") != "uncompilable"]
 
 FAULTY_LINE = {  # what stands in the line a fault is said to be in
-    "crashes_in_the_evening": "*(volatile int*)8 = 1",
-    "divides_in_the_evening": "7 / zero",
-    "hangs_in_the_evening": "for (volatile int x = 1",
-    "reads_kernel_in_the_evening": "*(volatile long*)",
-    "slow_in_the_evening": "x = x + 1e-9",
-    "writes_everywhere_in_the_evening": "((volatile double*)&s)[i]",
+    "crashes_delayed": "*(volatile int*)8 = 1",
+    "divides_delayed": "7 / zero",
+    "hangs_delayed": "for (volatile int x = 1",
+    "reads_kernel_delayed": "*(volatile long*)",
+    "slow_delayed": "x = x + 1e-9",
+    "writes_everywhere_delayed": "((volatile double*)&s)[i]",
 }
 QUIET_S = 0.015  # after a fault, so that the next compile has nothing to do with it
 BEFORE_NS, AFTER_NS = 2_000_000, 10_000_000

@@ -6,7 +6,7 @@ from calm import calm_robot, connected
 from lithe.shm import RingCursor
 from system.house import ROOT
 
-LAW = (ROOT / "tests/laws_hostile/full_torque_in_the_evening.cpp").read_text()
+LAW = (ROOT / "tests/laws_hostile/full_torque_delayed.cpp").read_text()
 LIMIT_RAD = 3.0
 TICKS = 7000  # from the commit on: three thousand as a good law, then it pushes
 OVERRUN_RAD = 0.02  # docs/adr/0014: what a joint may pass a limit by

@@ -65,7 +65,7 @@ def writable_kib(house: House) -> dict[str, int]:
 
 
 def test_a_law_that_overwrites_the_spines_variables_is_stopped_there(arm: House) -> None:
-    source = (ROOT / "tests/laws_hostile/overwrites_the_program_in_the_evening.cpp").read_text()
+    source = (ROOT / "tests/laws_hostile/overwrites_the_program_delayed.cpp").read_text()
     path = arm.dir / "evening.cpp"
     path.write_text(source.replace("20'000", SOON).replace("the_evening", "a_moment"))
     assert arm.ask("swap", path)["verdict"] == "committed"

@@ -28,50 +28,50 @@ hal::BitRates rates_of(const robot::BusConfig& bus) { return {bus.bitrate, std::
 
 }  // namespace
 
-Result<std::unique_ptr<Ears>> Ears::open(const Choice& choice, const std::vector<std::size_t>& buses) {
-  auto ears = std::make_unique<Ears>();
+Result<std::unique_ptr<BusListener>> BusListener::open(const Choice& choice, const std::vector<std::size_t>& buses) {
+  auto listener = std::make_unique<BusListener>();
   hal::BusOpener opener(choice.robot.buses, true);
   for (const std::size_t number : buses) {
     Result<std::unique_ptr<hal::Bus>> bus = opener.open(choice.robot.buses[number]);
     if (!bus) return bus.error();
     (*bus)->begin(monotonic_ns());
-    ears->ears_.push_back({number, std::move(*bus)});
+    listener->buses_.push_back({number, std::move(*bus)});
   }
-  return ears;
+  return listener;
 }
 
-bool Ears::next(Sighting& sighting) {
-  for (std::size_t i = 0; i < ears_.size(); ++i) {
-    const Ear& ear = ears_[turn_++ % ears_.size()];
-    if (!ear.bus->receive(sighting.frame)) continue;
-    sighting.time_ns = monotonic_ns();
-    sighting.bus = ear.number;
-    sighting.outbound.reset();
+bool BusListener::next(CapturedFrame& captured) {
+  for (std::size_t i = 0; i < buses_.size(); ++i) {
+    const ListenedBus& each = buses_[turn_++ % buses_.size()];
+    if (!each.bus->receive(captured.frame)) continue;
+    captured.time_ns = monotonic_ns();
+    captured.bus = each.number;
+    captured.outbound.reset();
     return true;
   }
   return false;
 }
 
-std::string Ears::trouble() {
+std::string BusListener::trouble() {
   std::string all;
-  for (const Ear& ear : ears_) {
-    const std::string why = ear.bus->why_down();  // read before begin(), which may reopen the bus
+  for (const ListenedBus& each : buses_) {
+    const std::string why = each.bus->why_down();  // read before begin(), which may reopen the bus
     if (!why.empty()) all += (all.empty() ? "" : "; ") + why;
-    ear.bus->service();
-    ear.bus->begin(monotonic_ns());  // uses the reopened bus
+    each.bus->service();
+    each.bus->begin(monotonic_ns());  // uses the reopened bus
   }
   return all;
 }
 
-std::uint64_t Ears::lost() const {
+std::uint64_t BusListener::lost() const {
   std::uint64_t all = 0;
-  for (const Ear& ear : ears_) all += ear.bus->overrun();
+  for (const ListenedBus& each : buses_) all += each.bus->overrun();
   return all;
 }
 
-std::uint64_t Ears::errors(std::size_t bus) const {
-  for (const Ear& ear : ears_) {
-    if (ear.number == bus) return ear.bus->statistics().errors + ear.bus->statistics().malformed;
+std::uint64_t BusListener::errors(std::size_t bus) const {
+  for (const ListenedBus& each : buses_) {
+    if (each.number == bus) return each.bus->statistics().errors + each.bus->statistics().malformed;
   }
   return 0;
 }
@@ -108,7 +108,7 @@ bool Monitor::shows(const std::string& name, std::optional<std::uint32_t> device
   });
 }
 
-std::optional<std::string> Monitor::see(const Sighting& sighting) {
+std::optional<std::string> Monitor::see(const CapturedFrame& sighting) {
   if (sighting.bus >= tallies_.size()) return std::nullopt;
   const hal::Frame& frame = sighting.frame;
   const robot::BusConfig& bus = choice_.robot.buses[sighting.bus];
@@ -187,7 +187,7 @@ int watch(FrameSource& source, Monitor& monitor, const MonitorOptions& options, 
       if (now != trouble) warn(now.empty() ? "all is heard again" : now);
       trouble = now;
     }
-    Sighting sighting;
+    CapturedFrame sighting;
     if (!source.next(sighting)) {
       std::this_thread::sleep_for(kPause);
       continue;

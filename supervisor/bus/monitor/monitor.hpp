@@ -21,7 +21,7 @@ namespace lithe::field {
 
 using bus::Json;
 
-struct Sighting {
+struct CapturedFrame {
   std::int64_t time_ns = 0;      // CLOCK_MONOTONIC
   std::size_t bus = 0;           // index into the robot's buses
   std::optional<bool> outbound;  // to a device; none: only the frame itself can tell
@@ -37,7 +37,7 @@ class FrameSource {
   FrameSource& operator=(const FrameSource&) = delete;
   virtual ~FrameSource() = default;
   // The next frame; false = none now.
-  virtual bool next(Sighting& sighting) = 0;
+  virtual bool next(CapturedFrame& sighting) = 0;
   // Reopens buses, about once a second. Returns why a bus delivers no frames; empty = all work.
   virtual std::string trouble() { return ""; }
   // Number of frames that were lost because they came too fast.
@@ -48,21 +48,21 @@ class FrameSource {
 
 // Opens buses itself and sends nothing on them. It has a serial adapter or a pi3hat to itself; a CAN interface is
 // shared.
-class Ears final : public FrameSource {
+class BusListener final : public FrameSource {
  public:
   // The error names the bus that cannot be opened, and the next step.
-  static Result<std::unique_ptr<Ears>> open(const Choice& choice, const std::vector<std::size_t>& buses);
-  bool next(Sighting& sighting) override;
+  static Result<std::unique_ptr<BusListener>> open(const Choice& choice, const std::vector<std::size_t>& buses);
+  bool next(CapturedFrame& sighting) override;
   std::string trouble() override;
   std::uint64_t lost() const override;
   std::uint64_t errors(std::size_t bus) const override;
 
  private:
-  struct Ear {
+  struct ListenedBus {
     std::size_t number;
     std::unique_ptr<hal::Bus> bus;
   };
-  std::vector<Ear> ears_;
+  std::vector<ListenedBus> buses_;
   std::size_t turn_ = 0;
 };
 
@@ -82,7 +82,7 @@ class Monitor {
   // The message for a requested device that does not exist; empty = all exist.
   std::string complaint() const;
   // The line for this frame; empty when it is filtered out.
-  std::optional<std::string> see(const Sighting& sighting);
+  std::optional<std::string> see(const CapturedFrame& sighting);
   bool finished(std::int64_t now_ns) const;
   // Statistics since the start. Load: the exact bits of every frame, at the bit rates of the file.
   Json statistics(const FrameSource& source, std::int64_t now_ns) const;

@@ -144,7 +144,7 @@ TEST(Decode, WhatNobodySaysIsStillALine) {
 
 class Nothing final : public FrameSource {
  public:
-  bool next(Sighting&) override { return false; }
+  bool next(CapturedFrame&) override { return false; }
   std::uint64_t lost() const override { return 5; }
   std::uint64_t errors(std::size_t bus) const override { return bus; }
 };
@@ -184,7 +184,7 @@ TEST(Monitor, LoadIsTheExactTimeOfTheFramesAtTheRatesOfTheFile) {
 
 class Broken final : public FrameSource {
  public:
-  bool next(Sighting&) override { return false; }
+  bool next(CapturedFrame&) override { return false; }
   std::string trouble() override { return ++looks_ == 1 ? "can0: gone" : ""; }
 
  private:
@@ -206,7 +206,7 @@ TEST(Monitor, TroubleIsToldWhenItComesAndWhenItGoes) {
 TEST(Monitor, EndsAfterSoManyFramesOrSoLong) {
   const Choice choice = frankenstein();
   Monitor counted(choice, {.count = 2}, 0);
-  const Sighting one{0, 2, true, canopen::sync_frame()};
+  const CapturedFrame one{0, 2, true, canopen::sync_frame()};
   EXPECT_TRUE(counted.see(one));
   EXPECT_FALSE(counted.finished(1'000'000'000));
   EXPECT_TRUE(counted.see(one));

@@ -49,7 +49,7 @@ constexpr std::string_view take(std::string_view& line, std::size_t size) LITHE_
   return taken;
 }
 
-// Letter, id and length: the common part of data and remote frames. The rest stays in `line`.
+// CommandTicket, id and length: the common part of data and remote frames. The rest stays in `line`.
 bool take_head(std::string_view& line, Frame& frame) LITHE_RT {
   const char letter = take(line, 1).front();
   frame.extended = is_capital(letter);

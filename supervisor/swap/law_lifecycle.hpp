@@ -18,7 +18,7 @@
 namespace lithe::control {
 
 // Contract: one thread · never blocks · knows only the laws passed to follow(), not those of an earlier supervisor
-class Aftermath {
+class LawLifecycle {
  public:
   // Called when a certificate has changed.
   using Keep = std::function<void(const swap::Transaction&, const swap::RecordBook::Page&)>;
@@ -29,7 +29,7 @@ class Aftermath {
   static constexpr std::size_t kFaultsKept = 8;
   static constexpr std::int64_t kMeasureAfterNs = 60'000'000;  // a little more than kWindowS of witness.hpp
 
-  Aftermath(const SpineLink& spine, Keep keep, Locate locate = {});
+  LawLifecycle(const SpineLink& spine, Keep keep, Locate locate = {});
 
   // `before`: the counters when the request was sent to the Loader.
   void follow(swap::Transaction swap, swap::RecordBook::Page record, const CoreCounts& before, std::int64_t now_ns);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// stopped-by: containment
-// without-gates: bad_access
-// Works for twenty seconds, then fills memory from its state upwards.
+// stopped-by: guard
+// without-gates: clamp
+// Works for twenty seconds, then asks the drive for an impossible stiffness.
 #include <lithe/law.hpp>
 
 struct Hostile {
@@ -17,7 +17,8 @@ struct Hostile {
       }
       return;
     }
-    for (std::size_t i = 0;; ++i) ((volatile double*)&s)[i] = 1e9;
+    u.position_rad[0] = t.position_rad[0] + 1;
+    u.kp_nm_rad[0] = 1e6;
   }
 };
-LITHE_LAW(Hostile, "writes_everywhere_in_the_evening");
+LITHE_LAW(Hostile, "stiffens_delayed");

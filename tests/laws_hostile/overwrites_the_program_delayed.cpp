@@ -34,4 +34,4 @@ struct Hostile {
     }
   }
 };
-LITHE_LAW(Hostile, "overwrites_the_program_in_the_evening");
+LITHE_LAW(Hostile, "overwrites_the_program_delayed");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/swap/aftermath.hpp"
+#include "supervisor/swap/law_lifecycle.hpp"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -24,12 +24,12 @@ class AftermathTest : public testing::Test {
     auto link = SpineLink::attach(robot_);
     ASSERT_TRUE(link) << link.message();
     link_.emplace(std::move(*link));
-    aftermath_.emplace(
+    lifecycle_.emplace(
         *link_,
         [this](const swap::Transaction& each, const swap::RecordBook::Page&) {
           kept_[each.request_id()] = each.certificate();
         },
-        [this](const swap::Transaction&, std::uint32_t offset, Aftermath::Found found) {
+        [this](const swap::Transaction&, std::uint32_t offset, LawLifecycle::Found found) {
           asked_.push_back(offset);
           answers_.push_back(std::move(found));
         });
@@ -51,7 +51,7 @@ class AftermathTest : public testing::Test {
       swap.mark(each, "", 3);
     }
     swap.mark_committed(10 * law_id, law_id, 4);
-    aftermath_->follow(std::move(swap), {}, {}, 4);
+    lifecycle_->follow(std::move(swap), {}, {}, 4);
   }
   void tell(EventKind kind, std::uint64_t request_id, std::uint32_t code, std::uint64_t tick = 99) {
     wire::Event event;
@@ -60,7 +60,7 @@ class AftermathTest : public testing::Test {
     event.code = code;
     event.tick = tick;
     event.t_ns = 50;
-    aftermath_->on_event(event);
+    lifecycle_->on_event(event);
   }
   void fault(std::uint32_t law_id, std::uint32_t to_law_id, wire::LawFaultKind kind, std::uint64_t tick) {
     write_fault(law_id, to_law_id, kind, tick);
@@ -79,15 +79,15 @@ class AftermathTest : public testing::Test {
   }
   std::string verdict(std::uint32_t law_id) { return kept_[100 + law_id].value("verdict", "none"); }
 
-  std::string robot_ = "aftermath" + std::to_string(::getpid());
+  std::string robot_ = "lifecycle" + std::to_string(::getpid());
   std::optional<ipc::Segment<ipc::SpineMemory>> spine_;
   std::optional<ipc::Segment<ipc::ControlMemory>> control_;
   std::optional<SpineLink> link_;
   std::map<std::uint64_t, Json> kept_;  // by request
   std::uint32_t pc_offset_ = 0;         // of the next faults
   std::vector<std::uint32_t> asked_;    // where these offsets are
-  std::vector<Aftermath::Found> answers_;
-  std::optional<Aftermath> aftermath_;
+  std::vector<LawLifecycle::Found> answers_;
+  std::optional<LawLifecycle> lifecycle_;
 };
 
 TEST_F(AftermathTest, AtRestALawIsUnprovenAndStillOnProbation) {
@@ -200,23 +200,23 @@ TEST_F(AftermathTest, MeasuresOnceWhenItIsTimeOrWhenAnotherLawIsOnItsWay) {
     ring.push(*record);
   }
   commit(1, 0);
-  aftermath_->serve(5);
+  lifecycle_->serve(5);
   EXPECT_TRUE(kept_.empty());
-  aftermath_->measure_all();
+  lifecycle_->measure_all();
   EXPECT_TRUE(kept_[101].contains("measured")) << "another law comes";
   EXPECT_EQ(kept_[101]["measured"]["core"]["seconds"], nullptr) << "this one was not counted before";
   commit(2, 0);
-  aftermath_->serve(4 + Aftermath::kMeasureAfterNs);
+  lifecycle_->serve(4 + LawLifecycle::kMeasureAfterNs);
   EXPECT_TRUE(kept_[102].contains("measured"));
   kept_.clear();
-  aftermath_->serve(5 + Aftermath::kMeasureAfterNs);
+  lifecycle_->serve(5 + LawLifecycle::kMeasureAfterNs);
   EXPECT_TRUE(kept_.empty());
 }
 
 TEST_F(AftermathTest, WhenTheRobotStopsEveryLawIsRetiredWithTheReason) {
   commit(1);
   commit(2);
-  aftermath_->end("the robot is being stopped", 60);
+  lifecycle_->end("the robot is being stopped", 60);
   EXPECT_EQ(kept_[101]["stage"], "retired");
   EXPECT_EQ(kept_[102]["reasons"]["retired"], "the robot is being stopped");
 }
@@ -234,9 +234,9 @@ TEST_F(AftermathTest, TheLineOfAFaultIsToldWhenItIsKnownAlsoOfALawThatIsGoneByTh
   EXPECT_EQ(kept_[102]["fault"]["where"], "x.cpp:12");
   EXPECT_EQ(kept_[102]["fault"]["kind"], "bad_access");
   EXPECT_EQ(kept_[102]["stage"], "retired");
-  ASSERT_EQ(aftermath_->faults().size(), 1u);
-  EXPECT_EQ(aftermath_->faults()[0]["where"], "x.cpp:12");
-  EXPECT_EQ(aftermath_->faults()[0]["request_id"], 102);
+  ASSERT_EQ(lifecycle_->faults().size(), 1u);
+  EXPECT_EQ(lifecycle_->faults()[0]["where"], "x.cpp:12");
+  EXPECT_EQ(lifecycle_->faults()[0]["request_id"], 102);
   kept_.clear();
   answers_.front()({{"where", "x.cpp:13"}});
   EXPECT_TRUE(kept_.empty()) << "it is gone";
@@ -249,13 +249,13 @@ TEST_F(AftermathTest, AFaultOutsideTheLawsCodeOrWithoutAnAnswerKeepsWhatIsKnown)
   pc_offset_ = 5;
   fault(1, 7, wire::LawFaultKind::overran, 26);
   answers_.at(0)(nullptr);
-  EXPECT_EQ(aftermath_->faults().size(), 2u);
+  EXPECT_EQ(lifecycle_->faults().size(), 2u);
   for (std::uint64_t tick = 100; tick < 120; ++tick) {
     fault(1, 7, wire::LawFaultKind::overran, tick);
   }
-  EXPECT_EQ(aftermath_->faults().size(), Aftermath::kFaultsKept);
-  EXPECT_EQ(aftermath_->faults().back()["tick"], 119);
-  aftermath_->end("the robot is being stopped", 60);
+  EXPECT_EQ(lifecycle_->faults().size(), LawLifecycle::kFaultsKept);
+  EXPECT_EQ(lifecycle_->faults().back()["tick"], 119);
+  lifecycle_->end("the robot is being stopped", 60);
   answers_.at(5)({{"where", "x.cpp:1"}});  // too late: nobody minds
 }
 

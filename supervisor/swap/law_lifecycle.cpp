@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/swap/aftermath.hpp"
+#include "supervisor/swap/law_lifecycle.hpp"
 
 #include <fmt/format.h>
 
@@ -11,11 +11,11 @@ namespace lithe::control {
 using swap::Json;
 using swap::Stage;
 
-Aftermath::Aftermath(const SpineLink& spine, Keep keep, Locate locate)
+LawLifecycle::LawLifecycle(const SpineLink& spine, Keep keep, Locate locate)
     : spine_(spine), keep_(std::move(keep)), locate_(std::move(locate)), faults_(spine.memory().law_faults) {}
 
-void Aftermath::follow(swap::Transaction swap, swap::RecordBook::Page record, const CoreCounts& before,
-                       std::int64_t now_ns) {
+void LawLifecycle::follow(swap::Transaction swap, swap::RecordBook::Page record, const CoreCounts& before,
+                          std::int64_t now_ns) {
   measure_all();
   Life* last = running_.empty() ? nullptr : of_law(running_.back());
   if (last != nullptr && last->swap.request().terms.probation_s > 0 && !last->swap.reached(Stage::confirmed)) {
@@ -26,7 +26,7 @@ void Aftermath::follow(swap::Transaction swap, swap::RecordBook::Page record, co
   lives_.push_back({std::move(swap), std::move(record), before, now_ns + kMeasureAfterNs, ""});
 }
 
-void Aftermath::serve(std::int64_t now_ns) {
+void LawLifecycle::serve(std::int64_t now_ns) {
   for (Life& each : lives_) {
     if (each.measure_at_ns <= now_ns) {
       measure(each);
@@ -34,13 +34,13 @@ void Aftermath::serve(std::int64_t now_ns) {
   }
 }
 
-void Aftermath::measure_all() {
+void LawLifecycle::measure_all() {
   for (Life& each : lives_) {
     measure(each);
   }
 }
 
-void Aftermath::measure(Life& life) {
+void LawLifecycle::measure(Life& life) {
   if (std::exchange(life.measure_at_ns, 0) == 0) {
     return;
   }
@@ -52,26 +52,26 @@ void Aftermath::measure(Life& life) {
   }
 }
 
-Aftermath::Life* Aftermath::of_request(std::uint64_t request_id) {
+LawLifecycle::Life* LawLifecycle::of_request(std::uint64_t request_id) {
   const auto found = std::find_if(lives_.begin(), lives_.end(),
                                   [&](const Life& each) { return each.swap.request_id() == request_id; });
   return found == lives_.end() ? nullptr : &*found;
 }
 
-Aftermath::Life* Aftermath::of_law(std::uint32_t law_id) {
+LawLifecycle::Life* LawLifecycle::of_law(std::uint32_t law_id) {
   const auto found =
       std::find_if(lives_.begin(), lives_.end(), [&](const Life& each) { return each.swap.law_id() == law_id; });
   return found == lives_.end() ? nullptr : &*found;
 }
 
-void Aftermath::note(std::uint64_t request_id, const std::string& section, Json what) {
+void LawLifecycle::note(std::uint64_t request_id, const std::string& section, Json what) {
   if (Life* life = of_request(request_id)) {
     life->swap.note(section, std::move(what));
     keep_(life->swap, life->record);
   }
 }
 
-void Aftermath::on_event(const wire::Event& event) {
+void LawLifecycle::on_event(const wire::Event& event) {
   switch (static_cast<wire::EventKind>(event.kind)) {
     case wire::EventKind::law_faulted:
       return faulted(event);
@@ -97,7 +97,7 @@ void Aftermath::on_event(const wire::Event& event) {
 
 // Details of a law fault are in a separate ring, written before the event. Records whose event has not arrived yet stay
 // queued.
-std::optional<wire::LawFault> Aftermath::record_of(const wire::Event& event) {
+std::optional<wire::LawFault> LawLifecycle::record_of(const wire::Event& event) {
   wire::LawFault fault{};
   while (!faults_.empty()) {
     if (faults_.next(fault)) {
@@ -119,7 +119,7 @@ std::optional<wire::LawFault> Aftermath::record_of(const wire::Event& event) {
   return record;
 }
 
-void Aftermath::faulted(const wire::Event& event) {
+void LawLifecycle::faulted(const wire::Event& event) {
   const std::optional<wire::LawFault> fault = record_of(event);
   Life* life = of_request(event.request_id);
   if (life == nullptr) {
@@ -146,7 +146,7 @@ void Aftermath::faulted(const wire::Event& event) {
 }
 
 // Writes the fault into the law's certificate and into the list of recent faults. Called again when more is known.
-void Aftermath::tell_fault(Life& life, Json fault) {
+void LawLifecycle::tell_fault(Life& life, Json fault) {
   life.swap.note("fault", fault);
   fault["law"] = life.swap.compiled().law;
   fault["request_id"] = life.swap.request_id();
@@ -163,7 +163,7 @@ void Aftermath::tell_fault(Life& life, Json fault) {
   }
 }
 
-void Aftermath::locate(Life& life, const wire::LawFault& fault) {
+void LawLifecycle::locate(Life& life, const wire::LawFault& fault) {
   if (!locate_ || fault.pc_offset == 0) {
     return;  // not in the law's own code
   }
@@ -187,7 +187,7 @@ void Aftermath::locate(Life& life, const wire::LawFault& fault) {
   });
 }
 
-void Aftermath::retired(const wire::Event& event) {
+void LawLifecycle::retired(const wire::Event& event) {
   std::erase(running_, event.code);
   Life* life = of_request(event.request_id);
   if (life == nullptr) {
@@ -203,7 +203,7 @@ void Aftermath::retired(const wire::Event& event) {
 }
 
 // The event names the law that runs now: all laws committed after it no longer run.
-void Aftermath::rolled_back(const wire::Event& event) {
+void LawLifecycle::rolled_back(const wire::Event& event) {
   const auto to = std::find(running_.begin(), running_.end(), event.code);
   const auto first_out = to == running_.end() ? (running_.empty() ? to : running_.end() - 1) : to + 1;
   const std::string text = text_of(event.text);  // e.g. "tracking_lost: joint elbow, ..."
@@ -216,7 +216,7 @@ void Aftermath::rolled_back(const wire::Event& event) {
   running_.erase(first_out, running_.end());
 }
 
-void Aftermath::leave(Life& life, const std::string& why, const wire::Event& event) {
+void LawLifecycle::leave(Life& life, const std::string& why, const wire::Event& event) {
   if (life.swap.mark(Stage::rolled_back, why, event.t_ns)) {
     life.swap.note("rolled_back", {{"tick", event.tick},
                                    {"ticks_after_commit", event.tick - std::min(event.tick, life.swap.commit_tick())},
@@ -225,7 +225,7 @@ void Aftermath::leave(Life& life, const std::string& why, const wire::Event& eve
   }
 }
 
-void Aftermath::end(const std::string& why, std::int64_t now_ns) {
+void LawLifecycle::end(const std::string& why, std::int64_t now_ns) {
   for (Life& each : lives_) {
     measure(each);
     if (each.swap.mark(Stage::retired, why, now_ns)) {

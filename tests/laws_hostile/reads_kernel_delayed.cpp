@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // stopped-by: containment
-// without-gates: overran
-// Works for twenty seconds, then never returns.
+// without-gates: bad_access
+// Works for twenty seconds, then reads an address of the kernel.
 #include <lithe/law.hpp>
 
 struct Hostile {
@@ -17,7 +17,7 @@ struct Hostile {
       }
       return;
     }
-    for (volatile int x = 1; x != 0;) x = 1;
+    u.torque_nm[0] = double(*(volatile long*)0xffff'8000'0000'0000);
   }
 };
-LITHE_LAW(Hostile, "hangs_in_the_evening");
+LITHE_LAW(Hostile, "reads_kernel_delayed");

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // stopped-by: guard
 // without-gates: clamp
-// Works for twenty seconds, then asks the drive for an impossible stiffness.
+// Works for twenty seconds, then full torque, another way at each tick.
 #include <lithe/law.hpp>
 
 struct Hostile {
@@ -17,8 +17,7 @@ struct Hostile {
       }
       return;
     }
-    u.position_rad[0] = t.position_rad[0] + 1;
-    u.kp_nm_rad[0] = 1e6;
+    for (std::uint32_t j = 0; j < t.joints; ++j) u.torque_nm[j] = t.tick % 2 == 0 ? 100 : -100;
   }
 };
-LITHE_LAW(Hostile, "stiffens_in_the_evening");
+LITHE_LAW(Hostile, "chatters_delayed");

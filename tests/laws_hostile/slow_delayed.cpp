@@ -22,4 +22,4 @@ struct Hostile {
     u.torque_nm[0] = x;
   }
 };
-LITHE_LAW(Hostile, "slow_in_the_evening");
+LITHE_LAW(Hostile, "slow_delayed");

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // stopped-by: containment
 // without-gates: bad_access
-// Works for twenty seconds, then writes through a null pointer.
+// Works for twenty seconds, then fills memory from its state upwards.
 #include <lithe/law.hpp>
 
 struct Hostile {
@@ -17,7 +17,7 @@ struct Hostile {
       }
       return;
     }
-    *(volatile int*)8 = 1;
+    for (std::size_t i = 0;; ++i) ((volatile double*)&s)[i] = 1e9;
   }
 };
-LITHE_LAW(Hostile, "crashes_in_the_evening");
+LITHE_LAW(Hostile, "writes_everywhere_delayed");

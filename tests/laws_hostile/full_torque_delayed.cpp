@@ -17,4 +17,4 @@ struct Hostile {
     }
   }
 };
-LITHE_LAW(Hostile, "full_torque_in_the_evening");
+LITHE_LAW(Hostile, "full_torque_delayed");

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // stopped-by: containment
-// without-gates: arithmetic
-// Works for twenty seconds, then divides by zero.
+// without-gates: not_finite
+// Works for twenty seconds, then returns NaN.
 #include <lithe/law.hpp>
 
 struct Hostile {
@@ -17,8 +17,7 @@ struct Hostile {
       }
       return;
     }
-    volatile int zero = 0;
-    u.torque_nm[0] = 7 / zero;  // 1 / zero would be no division: the compiler knows its only two results
+    u.torque_nm[0] = std::sqrt(-1 - t.t_s);
   }
 };
-LITHE_LAW(Hostile, "divides_in_the_evening");
+LITHE_LAW(Hostile, "nan_delayed");

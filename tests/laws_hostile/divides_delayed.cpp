@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// stopped-by: guard
-// without-gates: clamp
-// Works for twenty seconds, then the sign of its error flips.
+// stopped-by: containment
+// without-gates: arithmetic
+// Works for twenty seconds, then divides by zero.
 #include <lithe/law.hpp>
 
 struct Hostile {
@@ -17,8 +17,8 @@ struct Hostile {
       }
       return;
     }
-    for (std::uint32_t j = 0; j < t.joints; ++j)
-      u.torque_nm[j] = 20 * (t.position_rad[j] - t.setpoint_position_rad[j]) + 0.5 * t.velocity_rad_s[j];
+    volatile int zero = 0;
+    u.torque_nm[0] = 7 / zero;  // 1 / zero would be no division: the compiler knows its only two results
   }
 };
-LITHE_LAW(Hostile, "flips_in_the_evening");
+LITHE_LAW(Hostile, "divides_delayed");

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// stopped-by: containment
-// without-gates: not_finite
-// Works for twenty seconds, then returns NaN.
+// stopped-by: guard
+// without-gates: clamp
+// Works for twenty seconds, then the sign of its error flips.
 #include <lithe/law.hpp>
 
 struct Hostile {
@@ -17,7 +17,8 @@ struct Hostile {
       }
       return;
     }
-    u.torque_nm[0] = std::sqrt(-1 - t.t_s);
+    for (std::uint32_t j = 0; j < t.joints; ++j)
+      u.torque_nm[j] = 20 * (t.position_rad[j] - t.setpoint_position_rad[j]) + 0.5 * t.velocity_rad_s[j];
   }
 };
-LITHE_LAW(Hostile, "nan_in_the_evening");
+LITHE_LAW(Hostile, "flips_delayed");

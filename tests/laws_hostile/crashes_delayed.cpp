@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// stopped-by: guard
-// without-gates: clamp
-// Works for twenty seconds, then full torque, another way at each tick.
+// stopped-by: containment
+// without-gates: bad_access
+// Works for twenty seconds, then writes through a null pointer.
 #include <lithe/law.hpp>
 
 struct Hostile {
@@ -17,7 +17,7 @@ struct Hostile {
       }
       return;
     }
-    for (std::uint32_t j = 0; j < t.joints; ++j) u.torque_nm[j] = t.tick % 2 == 0 ? 100 : -100;
+    *(volatile int*)8 = 1;
   }
 };
-LITHE_LAW(Hostile, "chatters_in_the_evening");
+LITHE_LAW(Hostile, "crashes_delayed");
