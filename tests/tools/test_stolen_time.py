@@ -48,6 +48,7 @@ def test_one_stall_in_a_long_file_is_enough(pytester: pytest.Pytester, monkeypat
     pytester.makepyfile("def test_passes(): pass\n" + FLAKY)
     result = pytester.runpytest_inprocess("-p", "stolen_time", "-p", "no:cacheprovider")
     result.assert_outcomes(passed=3, failed=1)
+    assert "0.30 s of the processors' time" in result.stdout.str()
 
 
 def test_stolen_time_is_read_from_proc_stat(tmp_path: Path) -> None:
