@@ -136,6 +136,20 @@ TEST(Zygote, TheTimeOfTheSimulatedRobotComesOnTopOfTheBox) {
   EXPECT_EQ(loop["rough"]["whole_ticks"].get<int>(), 1000);
 }
 
+TEST(Zygote, ASmallBoxDoesNotHideWhatGrowsSlowly) {
+  auto zygote = Zygote::make(LITHE_ROBOTS "/chain.toml", -1);
+  ASSERT_TRUE(zygote) << zygote.message();
+  const json order = {
+      {"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 300'000}, {"box_ms", 20}, {"params", {{"kp_nm_rad", 40}}}};
+  bool quit = false;
+  json reply = json::object();
+  do {
+    reply = zygote->answer(order.dump(), quit);
+  } while (reply.value("starved", false));
+  EXPECT_FALSE(reply["ok"].get<bool>()) << reply.dump();
+  EXPECT_NE(reply.value("reason", "").find("swings to and fro"), std::string::npos) << reply.dump();
+}
+
 // The desk arm as a hinge of a model, beside a box that lies on another: for those MuJoCo allocates in its step.
 std::string robot_with_touching_meshes() {
   const std::string stem = testing::TempDir() + "lithe_trial_" + std::to_string(getpid());
