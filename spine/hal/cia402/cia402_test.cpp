@@ -90,6 +90,8 @@ std::vector<Frame> told(const DriverParams& params) {
   Setup setup(params);
   setup.begin(client);
   std::vector<Frame> frames;
+  std::map<std::uint16_t, std::uint32_t> readable{
+      {0x1000, 0x00020192}, {0x6502, 0x380}, {0x6076, 1000}, {0x6061, static_cast<std::uint8_t>(params.mode)}};
   for (int i = 0; i < 500; ++i) {
     if (setup.advance(client) != Setup::Progress::busy) break;
     Frame frame;
@@ -97,8 +99,7 @@ std::vector<Frame> told(const DriverParams& params) {
     frames.push_back(frame);
     if (!is_request(frame)) continue;
     const canopen::Address address = canopen::sdo_address(frame);
-    const std::map<std::uint16_t, std::uint32_t> readable{
-        {0x1000, 0x00020192}, {0x6502, 0x380}, {0x6076, 1000}, {0x6061, static_cast<std::uint8_t>(params.mode)}};
+    if (address.index == 0x6072 && frame.data[0] != 0x40) readable[0x6072] = canopen::get(frame.data.data() + 4, 2);
     const auto value = readable.find(address.index);
     client.take(value != readable.end() && frame.data[0] == 0x40
                     ? canopen::sdo_read_answer(params.id, address, value->second, 4)
