@@ -150,8 +150,9 @@ bool does(RobotConfig robot, std::size_t joint, double JointConfig::* gain, doub
 // The first that does of `value` times `by`, times `by` again, up to `most`. 0: none.
 double other_gain(const RobotConfig& robot, std::size_t joint, double JointConfig::* gain, double by, double most) {
   double value = robot.joints[joint].*gain * by;
-  for (int i = 0; i < kMostTries && value <= most; ++i, value *= by) {
+  for (int i = 0; i < kMostTries && value <= most; ++i) {
     if (does(robot, joint, gain, value)) return value;
+    value *= by;
   }
   return 0;
 }
