@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// stopped-by: admission
+// stopped-by: compile
 // without-gates: uncompilable
-// gate: preprocessor
 // A million steps written out.
 #include <lithe/law.hpp>
 #define C0 x = x * 1.5 + 0.5;

@@ -121,9 +121,8 @@ sys.stdin.readline()
 """
 
 
-def test_a_robot_that_stops_without_its_brain_is_moved_by_one_that_stays(patient: House) -> None:
+def test_a_robot_that_stops_without_its_brain_is_moved_by_one_that_stays(house: House) -> None:
     """The command line says so, and what it says to do works."""
-    house = patient
     house.config.write_text(calm.changed(calm.calm_text(), {'on_stale = "hold"': 'on_stale = "safe_stop"'}, "the arm"))
     house.run("--no-arm")
     house.wait_for(lambda: house.ask("status")["mode"] == "disarmed")

@@ -59,6 +59,7 @@ COMPUTED = (  # the reason is computed there, and only there
     "test_vcan.py: pytest.skip(reason)",  # no QEMU, no kernel
     "test_isolated_cores.py: pytest.skip(reason)",  # the same
     "pypi.py: pytest.skip(str(why))",  # no network
+    "test_first_day.py: pytest.skip('no zsh here (Debian: apt-get install zsh)')",
     "simulated.py: pytest.skip(house.log().strip().splitlines()[-1])",  # no MuJoCo
     # The kernel's counts say that the machine took the core away, and the run fell short.
     "calm.py: pytest.skip(f\"INCONCLUSIVE: {'; '.join(summary['inconclusive'])}\")",
@@ -72,7 +73,7 @@ def unexcused(paths: list[Path]) -> list[str]:
 
 
 def test_only_privileges_and_cores_may_skip_a_test() -> None:
-    """Everything else that is missing is a failure, but the network, an emulator and MuJoCo."""
+    """Everything else that is missing is a failure, but the network, an emulator, zsh and MuJoCo."""
     assert unexcused(TESTS) == []
 
 

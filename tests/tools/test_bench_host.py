@@ -53,11 +53,11 @@ def test_who_may_not_have_nice_20_gets_the_reason_and_the_rest() -> None:
     if os.geteuid() == 0:
         words = ["setpriv", "--reuid=65534", "--clear-groups", *words]
         if subprocess.run([*words[:-2], "test", "-x", words[-2]], check=False).returncode != 0:
-            pytest.skip("nobody may not reach the programs of this checkout")
+            pytest.skip("without privileges the programs of this checkout cannot be reached")
     done = subprocess.run(words, capture_output=True, text=True, check=True, timeout=120)
     told = json.loads(done.stdout)
     if os.geteuid() != 0 and not told["host_nice_absent"]:
-        pytest.skip("this user may have nice -20")
+        pytest.skip("this user has the privilege of nice -20")
     assert told["host_nice_absent"] == "nice -20: Permission denied"
     assert "host_nice_raised_skipped_share" not in told and "host_session_raised_core_share" not in told
     assert told["host_nice_ordinary_skipped_share"] > 0.05, "half of the core was another's"
