@@ -34,6 +34,7 @@ bool in_motion(const Tick& in) LITHE_RT {
 void Probation::configure(const robot::RobotConfig& robot) {
   forget_error_ = std::exp(-1.0 / (kErrorMemoryS * robot.rate_hz));
   forget_guard_ = std::exp(-1.0 / (kGuardMemoryS * robot.rate_hz));
+  pause_ns_ = std::llround(1e9 * std::max(kPauseS, 3.5 / robot.rate_hz));
   params_ticks_ = static_cast<std::uint32_t>(std::lround(robot.swap.probation_s * robot.rate_hz));
   params_error_ratio_ = robot.swap.probation_error_ratio;
   for (std::uint32_t j = 0; j < robot.joints.size(); ++j) {
@@ -77,7 +78,8 @@ Probation::News Probation::watch(const Seen& seen) LITHE_RT {
   if (!on()) return news;
   news.kind = judge(seen, news.evidence);
   if (news.kind != LawFaultKind::none) return news;
-  const bool moves = in_motion(seen.in), law_was = law_.unproven(), params_were = params_.unproven();
+  const bool moves = in_motion(seen.in) && !catching_up(seen.in), law_was = law_.unproven(),
+             params_were = params_.unproven();
   news.law_confirmed = law_.count(moves);
   news.params_confirmed = params_.count(moves);
   news.law_unproven = law_.unproven() && !law_was;
@@ -99,7 +101,7 @@ LawFaultKind Probation::judge(const Seen& seen, Evidence& evidence) const LITHE_
 }
 
 bool Probation::tracking_is_lost(const Tick& in, Evidence& evidence) const LITHE_RT {
-  if (!(error_ratio_ > 0)) return false;
+  if (!(error_ratio_ > 0) || catching_up(in)) return false;
   for (std::uint32_t j = 0; j < in.joints; ++j) {
     const double allowed_rad = error_ratio_ * std::max(error_before_rad_[j], kLeastErrorRad);
     evidence = {j, error_rad(in, j), allowed_rad, {}};
@@ -109,8 +111,12 @@ bool Probation::tracking_is_lost(const Tick& in, Evidence& evidence) const LITHE
 }
 
 void Probation::remember(const Seen& seen) LITHE_RT {
+  constexpr auto kCatchUpNs = static_cast<std::int64_t>(1e9 * kCatchUpS);
+  if (last_ns_ > 0 && seen.in.t_ns - last_ns_ >= pause_ns_) catching_up_ns_ = seen.in.t_ns + kCatchUpNs;
+  last_ns_ = seen.in.t_ns;
+  const bool counts = !catching_up(seen.in);
   for (std::uint32_t j = 0; j < seen.in.joints; ++j) {
-    most_error_rad_[j] = std::max(error_rad(seen.in, j), most_error_rad_[j] * forget_error_);
+    if (counts) most_error_rad_[j] = std::max(error_rad(seen.in, j), most_error_rad_[j] * forget_error_);
     tremor_.see(seen.in, j, seen.torque_nm[j]);
   }
   const double clamped = (seen.flags & kClamped) != 0 ? 1.0 : 0.0;

@@ -21,9 +21,11 @@ namespace lithe::loop {
 //   chatter     a joint's torque jumps up and down from tick to tick (law::Tremor)
 //   oscillation a joint swings to and fro without decay (law::Tremor)
 //   budget      the step took longer than allowed kMostLong times in a row: once may be the machine's fault
-// Only ticks in which the robot moves, or is asked to, count for the duration: at rest nothing is proven. A law and its
-// parameters can be on probation at the same time; then the newer parameters are reverted first. Parameters of an
-// unconfirmed law get no probation of their own: they are judged with the law.
+// Only ticks in which the robot moves, or is asked to, count for the duration: at rest nothing is proven.
+// When the machine stopped the tick for kPauseS (at least 3.5 periods), the setpoint went on without the law: for
+// kCatchUpS no tracking error is judged or remembered, and no tick counts. The guard's limits hold all the time.
+// A law and its parameters can be on probation at the same time; then the newer parameters are reverted first.
+// Parameters of an unconfirmed law get no probation of their own: they are judged with the law.
 // Contract: RT · owned by the tick thread · bounded work per joint
 class Probation {
  public:
@@ -34,6 +36,9 @@ class Probation {
   static constexpr double kMovingRadS = 0.5;
   // A joint is asked to move. The setpoint has no noise.
   static constexpr double kAskedRadS = 0.01;
+  // A setpoint at 3 rad/s goes on by 0.03 rad in such a pause, which is less than kLeastErrorRad.
+  static constexpr double kPauseS = 0.01;
+  static constexpr double kCatchUpS = 0.3;  // a good law is back at the setpoint by then
 
   void configure(const robot::RobotConfig& robot);
 
@@ -89,6 +94,7 @@ class Probation {
     }
   };
 
+  bool catching_up(const Tick& in) const LITHE_RT { return in.t_ns < catching_up_ns_; }
   void compare_from_here() LITHE_RT;
   wire::LawFaultKind judge(const Seen& seen, Evidence& evidence) const LITHE_RT;
   bool tracking_is_lost(const Tick& in, Evidence& evidence) const LITHE_RT;
@@ -99,7 +105,10 @@ class Probation {
   std::uint32_t params_ticks_ = 0;
   double params_error_ratio_ = 0;
   JointArray most_error_rad_{};
-  double guard_activity_ = 0;  // share of recent ticks in which it clamped
+  std::int64_t pause_ns_ = 0;        // between two ticks
+  std::int64_t last_ns_ = 0;         // of the tick before
+  std::int64_t catching_up_ns_ = 0;  // until then
+  double guard_activity_ = 0;        // share of recent ticks in which it clamped
   law::Tremor tremor_;
 
   law::Terms terms_;
