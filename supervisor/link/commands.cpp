@@ -47,7 +47,8 @@ Refusal refused_by_mode(CommandKind kind, wire::Mode mode, wire::Fault fault) {
   const std::string code(to_string(CommandResult::refused_mode));
   if (kind == CommandKind::recover || kind == CommandKind::sim_reset) {
     return {code, fmt::format("cannot {} in mode {}", to_string(kind), to_string(mode)),
-            fmt::format("switch the drives off first: lithe disarm, then: lithe {}",
+            fmt::format("switch the drives off first: lithe {}, then: lithe {}",
+                        mode == wire::Mode::estop ? "reset" : "disarm",
                         kind == CommandKind::recover ? "recover" : "sim reset")};
   }
   if (kind != CommandKind::reset) {

@@ -57,6 +57,9 @@ TEST(RefusalOf, AdvisesByTheModeTheRobotIsIn) {
       {CommandKind::reset, CommandResult::refused_estop, in_mode(Mode::estop, Fault::estop_pressed), "Brain",
        "lithe arm"},
       {CommandKind::arm, CommandResult::refused_law, in_mode(Mode::disarmed), "lithe swap", "rollback"},
+      {CommandKind::sim_reset, CommandResult::refused_mode, in_mode(Mode::estop, Fault::estop_pressed), "lithe reset",
+       "disarm"},
+      {CommandKind::sim_reset, CommandResult::refused_mode, in_mode(Mode::active), "lithe disarm", "lithe reset"},
       {CommandKind::set_params, CommandResult::refused_law, in_mode(Mode::active), "lithe param get", "swap"},
   };
   for (const Case& each : cases) {
