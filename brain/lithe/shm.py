@@ -29,7 +29,7 @@ from .shim import shim
 from .state import fields_of
 
 _TORN = 2**64 - 1
-_TRIES = 4
+_NEW_LAW_S = 0.5  # the description of a law that has just begun to run may be that much later than its State
 
 
 def dtype(message: str) -> np.dtype[Any]:
@@ -234,14 +234,17 @@ class SpineView:
 
         Empty when it has none. All of it is of one tick. Raises ShmError while no law has run yet.
         """
-        for _ in range(_TRIES):  # the law may be replaced between the two looks
-            entry = self.mapping.channel("law_state")
-            if entry is None:
-                break
+        entry = self.mapping.channel("law_state")
+        until_s = time.monotonic() + _NEW_LAW_S
+        while entry is not None:  # the law may be replaced between the two looks, and the Spine be held up meanwhile
             state = entry[1]
             laws = [law for law in self.laws() if law["law_id"] == state["law_id"]]
             if laws:
                 return fields_of(laws[0], state["bytes"].tobytes()[: int(state["state_bytes"])])
+            if time.monotonic() > until_s:
+                break
+            time.sleep(0.001)
+            entry = self.mapping.channel("law_state")
         raise ShmError(f"no law of robot '{self.robot}' has published a State yet\n  next: robot.swap(), robot.arm()")
 
     def answer(self, ticket: int) -> int:

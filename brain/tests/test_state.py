@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The running law's State, as a Brain reads it."""
 
+import threading
 import time
 
 import lithe
@@ -114,6 +115,15 @@ def test_a_state_whose_law_has_gone_is_not_guessed(spine: Writer) -> None:
     publish(spine, 6, b"\0" * 8)
     with pytest.raises(lithe.ShmError, match="no law of robot 'arm'"):
         SpineView("arm").state()
+    remove("arm")
+
+
+def test_a_state_that_is_there_before_its_law_is_described_is_waited_for(spine: Writer) -> None:
+    publish(spine, 5, b"\0" * 8)
+    later = threading.Timer(0.05, describe, (spine, 5, [("one", StateKind.f64, 0, 1)]))
+    later.start()
+    assert SpineView("arm").state() == {"one": 0.0}
+    later.join()
     remove("arm")
 
 
