@@ -189,8 +189,14 @@ def stops_in(ticks: npt.NDArray[Any]) -> int:
 
 
 def largest_step_nm(ticks: npt.NDArray[Any], spans: list[Window] | None = None) -> float:
-    """Of the torque, from one tick to the next, wherever the law ran in both; in some spans only, if they are given."""
+    """Of the torque, from one tick to the next, wherever the law ran in both; in some spans only, if they are given.
+
+    Not over a release that was missed: the robot went on meanwhile, and the law with it. (The Spine numbers the ticks
+    that it ran, so their numbers do not tell.)
+    """
+    apart_ns = np.diff(ticks["release_ns"])
     ran = (ticks["active"][1:] & ticks["active"][:-1]) & (np.diff(ticks["tick"]) == 1)
+    ran &= apart_ns < 1.5 * np.median(apart_ns) if len(apart_ns) else True
     if spans is not None:
         ran &= inside(ticks["release_ns"][1:], np.array(spans, dtype=np.int64).reshape(-1, 2))
     steps = np.abs(np.diff(ticks["torque_nm"]))[ran]

@@ -141,9 +141,10 @@ def test_the_step_is_judged_where_the_guard_cuts_none(
 
 
 def test_the_largest_step_is_not_taken_over_a_tick_that_is_missing(stats: ModuleType) -> None:
-    ticks = np.zeros(5, [("tick", "<i8"), ("torque_nm", "<f8"), ("active", "?")])
-    ticks["tick"], ticks["active"] = [1, 2, 3, 7, 8], [True, True, True, True, False]
-    ticks["torque_nm"] = [0.0, 0.1, 0.05, 0.5, -0.5]
+    ticks = np.zeros(6, [("tick", "<i8"), ("release_ns", "<i8"), ("torque_nm", "<f8"), ("active", "?")])
+    ticks["tick"], ticks["active"] = [1, 2, 3, 7, 8, 9], [True, True, True, True, True, False]
+    ticks["release_ns"] = np.array([1, 2, 3, 7, 90, 91]) * MS  # at 90 the Spine came late: its ticks are numbered on
+    ticks["torque_nm"] = [0.0, 0.1, 0.05, 0.5, -0.4, 0.5]
     assert stats.largest_step_nm(ticks) == pytest.approx(0.1)
 
 
