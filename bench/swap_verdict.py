@@ -45,9 +45,25 @@ def later(told: Figures, limit_us: int) -> str:
     return f"ticks later than {limit_us} us: {told[key]:+.3%} while swapping ({low:+.3%} .. {high:+.3%})"
 
 
+def stepped(told: Figures) -> bool:
+    """While swapping, by more than the guard of the shipped arm lets through."""
+    return not told["max_output_step_nm"] <= told["slew_bound_nm"]
+
+
+def at_rest_too(told: Figures) -> bool:
+    """The same without any swap: then it was not the swaps that did it."""
+    return bool(told["max_output_step_at_rest_nm"] > told["slew_bound_nm"])
+
+
 def undecided(told: Figures) -> list[str]:
     """What this run neither shows nor refutes."""
-    return [
+    steps = []
+    if stepped(told) and at_rest_too(told):
+        steps.append(
+            f"the torque stepped by {told['max_output_step_nm']:.4f} N m while swapping, and by "
+            f"{told['max_output_step_at_rest_nm']:.4f} at rest, after pauses of the machine: it takes a calmer one"
+        )
+    return steps + [
         f"{later(told, limit_us)}; whether it is at most {MOST_LATER:+.1%} takes more rounds or a calmer machine"
         for limit_us, key in zip(LIMITS_US, LATER, strict=True)
         if not told[f"{key}_high"] <= MOST_LATER
@@ -72,7 +88,7 @@ def shortcomings(told: Figures) -> list[str]:
     if not told["lost_rate_difference_low_per_s"] <= 0:
         found.append("ticks are lost more often while swapping")
     found += [later(told, us) for us, key in zip(LIMITS_US, LATER, strict=True) if not told[f"{key}_low"] <= MOST_LATER]
-    if not told["max_output_step_nm"] <= told["slew_bound_nm"]:
+    if stepped(told) and not at_rest_too(told):
         found.append(
             f"while swapping the torque stepped by {told['max_output_step_nm']:.4f} N m in one tick, "
             f"of which the guard of the shipped arm would cut all beyond {told['slew_bound_nm']:.4f}"

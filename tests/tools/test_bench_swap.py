@@ -169,7 +169,7 @@ def test_a_disturbed_run_claims_nothing(monkeypatch: pytest.MonkeyPatch) -> None
     nan = float("nan")
     good = {
         "stolen_share": 0.0, "preempted_share": 0.0, "control_failed_as_it_must": True, "ticks_not_recorded": 0,
-        "lost_rate_difference_low_per_s": -0.1, "max_output_step_nm": 0.1,
+        "lost_rate_difference_low_per_s": -0.1, "max_output_step_nm": 0.1, "max_output_step_at_rest_nm": 0.1,
         "slew_bound_nm": 0.12, "certificates": 10, "swaps": 10, "swaps_asked": 10, "swaps_wanted": 10,
         "peer_dlopen_swaps": 10, "peer_mutex_swaps": 10, "peer_brief_swaps": 10, "continuity_step_ratio": 50.0,
         "safe_stops": 0, "loader_dlopen_safe_stops": 0, "rounds_compared": 8, "loader": "arena",
@@ -208,7 +208,11 @@ def test_a_disturbed_run_claims_nothing(monkeypatch: pytest.MonkeyPatch) -> None
     ):
         assert len(verdict.shortcomings(good | bad)) == 1, bad
     assert verdict.undecided(good) == []
-    for open_claim in ({"jitter_over_1us_difference_high": 0.0011}, {"jitter_over_20us_difference_high": nan}):
+    for open_claim in (
+        {"jitter_over_1us_difference_high": 0.0011},
+        {"jitter_over_20us_difference_high": nan},
+        {"max_output_step_nm": 0.7, "max_output_step_at_rest_nm": 0.6},  # no swap made the one at rest
+    ):
         assert verdict.shortcomings(good | open_claim) == [] and len(verdict.undecided(good | open_claim)) == 1
 
 
