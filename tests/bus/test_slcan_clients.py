@@ -112,6 +112,7 @@ def test_python_can_as_the_adapter_of_our_own_bus() -> None:
             number = exchange(bus)
             bus.shutdown()
         said, _ = peer.communicate(timeout=30)
-    # What opens and closes a channel is no answer: C S8 Y5 O O of the client, unless it spoke before us, and C.
+    # What opens and closes a channel is no answer: C S8 Y5 O O of the client and its last C. Those that came before our
+    # bus was opened, or after the line was cut, are not counted.
     assert said.startswith(f"received {number} sent {number} malformed ")
-    assert 1 <= int(said.split()[-1]) <= 6
+    assert int(said.split()[-1]) <= 6

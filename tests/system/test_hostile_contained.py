@@ -39,9 +39,15 @@ struct Later {
 };
 LITHE_LAW(Later,""".replace("GOOD_S", str(GOOD_S))
 # An arm that goes heavily: what a law does to it while the machine stalls must not carry it so far past its limits that
-# it could not be armed for the next law.
-HEAVY = {"torque_max_nm = 0.6 ": "torque_max_nm = 0.3 ", "viscous_nm_s_rad = 3.0e-5": "viscous_nm_s_rad = 2.0e-2"}
-SAFE_KD_NM_S_RAD = 0.04  # of the arm's file
+# it could not be armed for the next law. A record holds the torque at the joint and not the gains that a law gives the
+# drive: those are kept small, so that what the drive itself adds between two records can be bounded.
+KP_MAX_NM_RAD, KD_MAX_NM_S_RAD = 1.0, 0.04  # no less than the safe law has
+HEAVY = {
+    "torque_max_nm = 0.6 ": "torque_max_nm = 0.3 ",
+    "viscous_nm_s_rad = 3.0e-5": "viscous_nm_s_rad = 2.0e-2",
+    "kp_max_nm_rad = 20.0 ": f"kp_max_nm_rad = {KP_MAX_NM_RAD} ",
+    "kd_max_nm_s_rad = 1.0 ": f"kd_max_nm_s_rad = {KD_MAX_NM_S_RAD} ",
+}
 LOOK_S = {"clamp": 1.0, "harmless": GOOD_S + 0.05}  # how long one is looked at that need not fault
 FAULT_S = 10.0  # by then the others have
 AGAIN = 3  # times more, from the compile cache: to count ticks
@@ -273,10 +279,13 @@ def test_no_law_gets_a_torque_past_the_guard(day: Day, tell: Callable[[str], Non
     # What a tick decides leaves with the next one, unless the bus is still busy then: nobody ever gets that.
     leaves = (day.records["flags"][1:] & TelemetryFlags.sample_stale) == 0
     torque_nm = day.records["command_torque_nm"][:-1, 0][leaves]
-    # The bound holds for the torque where the joint is when a command takes over. A command before it that left the
-    # damping to the drive gives another torque then than when it was recorded: by as much as the speed has changed.
+    # The bound holds for the torque where the joint is when a command takes over. A command before it that has gains of
+    # the drive gives another torque then than when it was recorded: by as much as position and speed have changed. The
+    # guard predicts where the joint is from a sample that is some periods old, here at most 20.
     velocity_rad_s = day.records["velocity_rad_s"][:-1, 0][leaves]
-    drifted_nm = SAFE_KD_NM_S_RAD * np.abs(np.diff(velocity_rad_s))
+    changed_rad_s = np.abs(np.diff(velocity_rad_s))
+    changed_rad = np.abs(np.diff(day.records["position_rad"][:-1, 0][leaves])) + 20e-9 * day.period_ns * changed_rad_s
+    drifted_nm = KP_MAX_NM_RAD * changed_rad + KD_MAX_NM_S_RAD * changed_rad_s
     most_nm, step_nm = np.abs(torque_nm).max(), np.maximum(np.abs(np.diff(torque_nm)) - drifted_nm, 0.0).max()
     tell(
         f"{len(CASES)} laws in {len(torque_nm)} ticks: torque up to {most_nm:.4f} of {day.torque_max_nm:g} N m, "
