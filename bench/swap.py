@@ -112,7 +112,8 @@ def lithe_figures(subject: Subject, steal: StealWatch) -> Figures:
     ticks, made = subject.log.ticks(), subject.releases()
     stolen = steal.stolen_spans(subject.cpu)
     rounds = on_the_move(subject.rounds, ticks)
-    told = both_sides(Sides(rounds, made), Sides(rounds, made, stolen), ticks)
+    calm = Sides(rounds, made, stolen)
+    told = both_sides(Sides(rounds, made), calm, ticks)
     seconds = sum(b - a for each in subject.rounds for a, b in [each.swapping]) * 1e-9
     return told | {
         "swaps": len(subject.records),
@@ -124,8 +125,8 @@ def lithe_figures(subject: Subject, steal: StealWatch) -> Figures:
         "safe_stops": stops_in(ticks),
         "rounds_with_a_stop": len(subject.rounds) - len(rounds),
         "loader": subject.loader,
-        "max_output_step_nm": largest_step_nm(ticks, [each.swapping for each in rounds]),
-        "max_output_step_at_rest_nm": largest_step_nm(ticks, [each.resting for each in rounds]),
+        "max_output_step_nm": largest_step_nm(ticks, calm.swapping),
+        "max_output_step_at_rest_nm": largest_step_nm(ticks, calm.resting),
         "slew_bound_nm": shipped_slew_bound_nm(),
         **stages_ms(subject.records),
     }

@@ -14,12 +14,13 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from lithe.demo.evidence import stolen_ticks
+from lithe.demo.evidence import STEAL_STEP_NS, stolen_ticks
 from lithe.demo.processes import DIE_WITH_US
 
 # x86 calls them TLB, CAL, RES and LOC, ARM IPI0, IPI1 ...; the words behind the counts are the same.
 INTERRUPTS = ("TLB shootdowns", "Function call interrupts", "Rescheduling interrupts", "Local timer interrupts")
 MOST_COMPILE_S = 60
+SETTLE_NS = 50_000_000  # a law needs so long after a pause until its output steps no longer
 
 
 def interrupts(cpu: int) -> npt.NDArray[np.float64]:
@@ -65,9 +66,20 @@ class StealWatch:
         return (stolen - stolen_before) / max(total - total_before, 1)
 
     def stolen_spans(self, cpu: int) -> list[tuple[int, int]]:
-        """Between two looks, wherever the count grew."""
-        grew = np.flatnonzero(np.diff([row[self.cpus.index(cpu)] for row in self.counts]))
-        return [(self.times_ns[i], self.times_ns[i + 1]) for i in grew]
+        """When the core was taken, and SETTLE_NS after it.
+
+        The kernel adds what was stolen when the core is back: a pause of 100 ms grows the count at its end. So a span
+        begins as long before the look that saw it as was stolen, one step more for what is cut off, and one for the
+        time until the kernel counts.
+        """
+        grown = np.diff([row[self.cpus.index(cpu)] for row in self.counts])
+        return [
+            (
+                min(self.times_ns[i], self.times_ns[i + 1] - (int(grown[i]) + 2) * STEAL_STEP_NS),
+                self.times_ns[i + 1] + SETTLE_NS,
+            )
+            for i in np.flatnonzero(grown)
+        ]
 
 
 @contextlib.contextmanager

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import comb
 from typing import Any
 
 import numpy as np
@@ -89,6 +90,16 @@ def permutation_interval(differences: npt.NDArray[np.float64], sure: float = SUR
     return edge(-1.0), edge(1.0)
 
 
+def bursts(lost_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """When each pause began: ticks lost less than a window apart are lost in one."""
+    return lost_ns[np.diff(lost_ns, prepend=lost_ns[:1] - WINDOW_NS) >= WINDOW_NS]
+
+
+def chance_of(hits: int, of: int, share: float) -> float:
+    """How likely at least so many of some events fall into this share of the time, if they come whenever they like."""
+    return float(sum(comb(of, k) * share**k * (1 - share) ** (of - k) for k in range(hits, of + 1)))
+
+
 @dataclass
 class Sides:
     """Windows of both kinds, and what was lost in each."""
@@ -125,11 +136,19 @@ class Sides:
         )
         expected = counts[1].sum() * seconds[0] / seconds[1] if seconds[1] > 0 else float("nan")
         excess = float(counts[0].sum() - expected)
+        # A pause of the machine takes many ticks, and rest is shorter than swapping: the interval alone takes a few
+        # pauses for the swaps' own. Pauses are counted too, by the time there was for them.
+        began = [int(counts_in(bursts(self.lost_ns), spans).sum()) for spans in (self.swapping, self.resting)]
+        chance = chance_of(began[0], sum(began), seconds[0] / max(sum(seconds), 1e-9))
+        own = low > 0 and chance < (1 - SURE) / 2
         return {
             "lost_ticks_in": int(counts[0].sum()),
             "lost_ticks_out": int(counts[1].sum()),
             "lost_ticks_excess": excess,
-            "lost_ticks_attributable": max(0, round(excess)) if low > 0 else 0,  # else the interval holds zero
+            "lost_ticks_attributable": max(0, round(excess)) if own else 0,
+            "lost_bursts_in": began[0],
+            "lost_bursts_out": began[1],
+            "lost_bursts_chance": chance,
             "lost_rate_difference_low_per_s": low,
             "lost_rate_difference_high_per_s": high,
             "windows_in": len(counts[0]),

@@ -16,7 +16,7 @@ Figures = dict[str, Any]
 MOST_LATER = 0.001  # of the ticks: how many more may be later than a limit while swapping than at rest
 PEERS = ("dlopen", "mutex", "brief")
 LATER = [f"jitter_over_{limit_us}us_difference" for limit_us in LIMITS_US]
-CLAIMS = ("lost_ticks_attributable", *LATER)  # null in an inconclusive run
+CLAIMS = ("lost_ticks_attributable", "lost_ticks_attributable_steal_aware", *LATER)  # null in an inconclusive run
 
 
 def reasons_to_doubt(told: Figures) -> list[str]:
@@ -85,7 +85,7 @@ def shortcomings(told: Figures) -> list[str]:
     for key in ("safe_stops", "loader_dlopen_safe_stops"):
         if told[key] != 0:
             found.append(f"{key} is {told[key]}: swaps that follow a stop cost a robot that stands still nothing")
-    if not told["lost_rate_difference_low_per_s"] <= 0:
+    if told["lost_ticks_attributable_steal_aware"] != 0:
         found.append("ticks are lost more often while swapping")
     found += [later(told, us) for us, key in zip(LIMITS_US, LATER, strict=True) if not told[f"{key}_low"] <= MOST_LATER]
     if stepped(told) and not at_rest_too(told):
