@@ -65,11 +65,11 @@ def falls_short(summary: dict[str, Any]) -> list[str]:
 
 
 @contextmanager
-def calm_robot(*words: str, changes: dict[str, str] | None = None) -> Iterator[House]:
+def calm_robot(*words: str, changes: dict[str, str] | None = None, ideal: bool = True) -> Iterator[House]:
     """The running, armed robot; this process sees it as `lithe.connect()` would. `words` are for `lithe run`."""
     house = House()
     house.config = house.dir / "arm.toml"
-    house.config.write_text(calm_text(changes), encoding="utf-8")
+    house.config.write_text(calm_text(changes, ideal=ideal), encoding="utf-8")
     before = dict(os.environ)
     os.environ.update({key: value for key, value in house.env.items() if key.startswith("LITHE_")})
     try:

@@ -92,8 +92,6 @@ void check_gain(Reader& in, std::string_view key, double gain, std::string_view 
 
 // The safe law must not shake the joint that it shall stop.
 void check_safe_gains(Reader& in, const RobotConfig& robot, const JointConfig& joint) {
-  check_gain(in, "safe_kd_nm_s_rad", joint.safe_kd_nm_s_rad, "kd_max_nm_s_rad", joint.kd_max_nm_s_rad);
-  check_gain(in, "safe_kp_nm_rad", joint.safe_kp_nm_rad, "kp_max_nm_rad", joint.kp_max_nm_rad);
   const double delay_s = reaction_s(robot, joint) + 1 / robot.rate_hz + 0.5 * drive_period_s(robot, joint);
   const double inertia = joint.inertia_min_kg_m2, kd = joint.safe_kd_nm_s_rad, kp = joint.safe_kp_nm_rad;
   const auto margin = [&](double stiffness, double damping) {
@@ -133,6 +131,18 @@ void note_way(RobotConfig& robot, const JointConfig& joint) {
       joint.name, way_rad, joint.velocity_max_rad_s, range_rad, fastest_rad_s(robot, joint, range_rad)));
 }
 
+// What tests/limits shows holds from this rate on.
+constexpr double kLeastDriveHz = 250;
+
+void note_rate(RobotConfig& robot, const JointConfig& joint) {
+  const double drive_hz = 1 / drive_period_s(robot, joint);
+  if (drive_hz >= kLeastDriveHz) return;
+  robot.notes.push_back(fmt::format(
+      "joint \"{}\": its drive gets a torque {:.3g} times a second; below {:g} a joint may pass its position limit "
+      "(docs/hardware.md): raise rate_hz or lower rate_divider",
+      joint.name, drive_hz, kLeastDriveHz));
+}
+
 }  // namespace
 
 bool is_simulated(const RobotConfig& robot, const JointConfig& joint) {
@@ -150,6 +160,8 @@ void settle_limits(Reader& in, RobotConfig& robot, JointConfig& joint) {
   joint.inertia_declared = inertia;
   fill_in(robot, joint);
   check(in, joint, load);
+  check_gain(in, "safe_kd_nm_s_rad", joint.safe_kd_nm_s_rad, "kd_max_nm_s_rad", joint.kd_max_nm_s_rad);
+  check_gain(in, "safe_kp_nm_rad", joint.safe_kp_nm_rad, "kp_max_nm_rad", joint.kp_max_nm_rad);
   const bool reckoned = inertia || is_simulated(robot, joint);
   if (reckoned && joint.inertia_min_kg_m2 > 0 && joint.safe_kd_nm_s_rad > 0) check_safe_gains(in, robot, joint);
   if (robot.devices[joint.device].mode != DriveMode::torque) return;  // its own loops move it: nothing here brakes it
@@ -162,6 +174,7 @@ void settle_limits(Reader& in, RobotConfig& robot, JointConfig& joint) {
         joint.load_max_nm, joint.inertia_max_kg_m2));
   }
   note_way(robot, joint);
+  note_rate(robot, joint);
 }
 
 }  // namespace lithe::robot

@@ -87,9 +87,20 @@ TEST(Limits, SafeGainsThatShakeTheJointAreRefusedWithTheNumberThatWouldDo) {
 }
 
 TEST(Limits, SafeGainsAreNoMoreThanADriveMayBeGiven) {
-  const std::string message =
-      mistake(kSimulated + kDrive + kArm + "safe_kd_nm_s_rad = 0.2\nkd_max_nm_s_rad = 0.1\n" + kKnown);
-  EXPECT_TRUE(says(message, "0.2 is more than kd_max_nm_s_rad = 0.1")) << message;
+  const std::string gains = kArm + "safe_kd_nm_s_rad = 0.2\nkd_max_nm_s_rad = 0.1\n";
+  // The last one: a real joint of which nothing is known.
+  for (const std::string& robot : {kSimulated + kDrive + gains + kKnown, kReal + kDrive + gains}) {
+    const std::string message = mistake(robot);
+    EXPECT_TRUE(says(message, "0.2 is more than kd_max_nm_s_rad = 0.1")) << message;
+  }
+}
+
+TEST(Limits, ADriveThatIsAskedTooSeldomIsTold) {
+  const std::string head = "rate_hz = 400\n" + kReal, divided = kDrive + "rate_divider = 2\n";
+  EXPECT_TRUE(parsed(head + kDrive + kArm + kDamped + kKnown).notes.empty());
+  const RobotConfig slow = parsed(head + divided + kArm + kDamped + kKnown);
+  ASSERT_FALSE(slow.notes.empty());
+  EXPECT_TRUE(says(slow.notes.back(), "200 times a second; below 250")) << slow.notes.back();
 }
 
 // The joint itself, sampled and late: what the formula calls stable is, and what it refuses with all of its margin
