@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "spine/hal/robot_hardware.hpp"
 #include "tests/faults/rig.hpp"
 
 #include <algorithm>

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "spine/core/joints.hpp"
-#include "spine/hal/actuators.hpp"
+#include "spine/hal/robot_hardware.hpp"
 #include "spine/robot/robot.hpp"
 #include "tests/fuzz/fuzz.hpp"
 

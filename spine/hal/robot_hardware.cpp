@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/hal/actuators.hpp"
+#include "spine/hal/robot_hardware.hpp"
 
 #include <algorithm>
 #include <cmath>
