@@ -107,7 +107,7 @@ inline double drive_period_s(const RobotConfig& robot, const JointConfig& joint)
 // CiA 402 the SYNC after the command; the drive's own lag.
 inline double reaction_s(const RobotConfig& robot, const JointConfig& joint) {
   const bool waits_for_sync =
-      joint.device < robot.devices.size() && robot.devices[joint.device].kind == DeviceKind::cia402;
+      joint.device < robot.devices.size() && facts(robot.devices[joint.device].kind).is_synced;
   const double period_s = drive_period_s(robot, joint);
   return (waits_for_sync ? 2 : 1) / robot.rate_hz + 2 * (period_s - 1 / robot.rate_hz) + joint.drive_lag_s;
 }
