@@ -47,7 +47,8 @@ ALLOWED = {
         "spine/arena": "spine/core",
         "spine/load": BASE + " spine/ipc spine/law spine/arena spine/contain",
         "spine/loop": BASE + " spine/ipc spine/law spine/plan spine/guard spine/robot spine/hal spine/contain",
-        "spine": BASE + " spine/ipc spine/law spine/robot spine/hal spine/hal/core spine/contain spine/arena spine/loop spine/load",
+        "spine": BASE
+        + " spine/ipc spine/law spine/robot spine/hal spine/hal/core spine/contain spine/arena spine/loop spine/load",
         "lawd/run": LAWD,
         "lawd/core": LAWD,
         "lawd/compile": LAWD + " lawd/run",

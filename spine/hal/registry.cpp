@@ -79,10 +79,6 @@ double slcan_bytes(const Frame& frame, bool /*outbound*/) {
   return 1 + (frame.extended ? 8 : 3) + 1 + 2.0 * frame.size + 1;  // letter, id, length, data, end
 }
 
-std::unique_ptr<SensorDevice> make_gateway(const robot::DeviceConfig& device, ImuSource* /*board*/) {
-  return gateway::make_gateway(device);
-}
-
 std::unique_ptr<SensorDevice> make_imu(const robot::DeviceConfig& device, ImuSource* board) {
   return std::make_unique<BoardImu>(board, std::llround(1e9 * device.watchdog_s));
 }
@@ -104,9 +100,9 @@ PlannedFrames imu_frames(const robot::DeviceConfig& /*device*/, const robot::Bus
   return {{.what = "attitude", .size = 4 * kImuChannels + 2, .per_tick = 1, .on_bus = false}};
 }
 
-constexpr std::uint32_t kOfDrives =
-    bit_of(Mishap::power_loss) | bit_of(Mishap::over_temperature) | bit_of(Mishap::encoder_lost) |
-    bit_of(Mishap::device_fault) | bit_of(Mishap::watchdog_trip) | bit_of(Mishap::other_map);
+constexpr std::uint32_t kOfDrives = bit_of(Mishap::power_loss) | bit_of(Mishap::over_temperature) |
+                                    bit_of(Mishap::encoder_lost) | bit_of(Mishap::device_fault) |
+                                    bit_of(Mishap::watchdog_trip) | bit_of(Mishap::other_map);
 
 constexpr std::array<DeviceType, robot::kDeviceFacts.size()> kDevices{{
     {.kind = DeviceKind::moteus,
@@ -133,11 +129,11 @@ constexpr std::array<DeviceType, robot::kDeviceFacts.size()> kDevices{{
      .process_value = cia402::process_value,
      .object_name = cia402::object_name},
     {.kind = DeviceKind::gateway,
-     .make_sensors = make_gateway,
+     .make_sensors = gateway::make_gateway,
      .make_sim = make_sim_gateway,
      .mishaps = bit_of(Mishap::power_loss) | bit_of(Mishap::other_map),
      .frames = gateway::planned_frames},
-    {.kind = DeviceKind::imu, .make_sensors = make_imu, .make_sim = make_nobody, .frames = imu_frames},
+    {.kind = DeviceKind::imu, .make_on_board = make_imu, .make_sim = make_nobody, .frames = imu_frames},
 }};
 
 constexpr std::array<BusType, robot::kBusFacts.size()> kBuses{{

@@ -28,9 +28,10 @@ namespace lithe::hal {
 struct DeviceType {
   robot::DeviceKind kind;
 
-  // One of these two, by DeviceFacts::drives. `board`: the IMU of the bus's board; null = there is none, or simulated.
+  // One of these: it drives, it measures, it is on a board and measures. `board` null: the board is simulated.
   std::unique_ptr<Drive> (*make_drive)(const robot::RobotConfig&, const robot::JointConfig&) = nullptr;
-  std::unique_ptr<SensorDevice> (*make_sensors)(const robot::DeviceConfig&, ImuSource* board) = nullptr;
+  std::unique_ptr<SensorDevice> (*make_sensors)(const robot::DeviceConfig&) = nullptr;
+  std::unique_ptr<SensorDevice> (*make_on_board)(const robot::DeviceConfig&, ImuSource* board) = nullptr;
   // For all devices of this kind on a bus that has at least one.
   std::unique_ptr<BusMaster> (*make_master)(const robot::RobotConfig&, std::size_t bus) = nullptr;
 

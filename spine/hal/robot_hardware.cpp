@@ -133,9 +133,11 @@ class Hardware final : public Actuators {
     std::vector<std::size_t> place_of(config_.devices.size());
     for (std::size_t i = 0; i < config_.devices.size(); ++i) {
       const robot::DeviceConfig& device = config_.devices[i];
-      const auto make = type_of(device.kind).make_sensors;
-      if (make == nullptr) continue;
-      std::unique_ptr<SensorDevice> made = make(device, imu_of(device));
+      const DeviceType& type = type_of(device.kind);
+      std::unique_ptr<SensorDevice> made;
+      if (type.make_sensors != nullptr) made = type.make_sensors(device);
+      if (type.make_on_board != nullptr) made = type.make_on_board(device, board_of(device));
+      if (made == nullptr) continue;
       measuring_.emplace_back(device.name, made.get());
       place_of[i] = actuators_.add_sensors(device.bus, std::move(made));
     }
@@ -145,9 +147,9 @@ class Hardware final : public Actuators {
     }
   }
 
-  // Null for a device that is on a bus, and for a simulated board.
-  ImuSource* imu_of(const robot::DeviceConfig& device) {
-    if (robot::facts(device.kind).on_bus || !robot::facts(config_.buses[device.bus].kind).is_board) return nullptr;
+  // Null for a simulated board.
+  ImuSource* board_of(const robot::DeviceConfig& device) {
+    if (!robot::facts(config_.buses[device.bus].kind).is_board) return nullptr;
     opener_.board()->want_imu();
     return opener_.board().get();
   }
@@ -219,10 +221,10 @@ Result<> check_sensors(const robot::RobotConfig& config) {
     if (sensor.device >= config.devices.size() || robot::is_drive(config.devices[sensor.device].kind)) {
       return Error{where + "is on no gateway; name a [[device]] of kind \"gateway\" or \"imu\""};
     }
-    const robot::DeviceFacts& kind = robot::facts(config.devices[sensor.device].kind);
-    const std::size_t channels = kind.inputs[static_cast<std::size_t>(sensor.kind)];
+    const robot::DeviceConfig& device = config.devices[sensor.device];
+    const std::size_t channels = robot::inputs_of(device, sensor.kind);
     if (sensor.channel >= channels) {
-      return Error{where + std::string(kind.noun) +
+      return Error{where + std::string(robot::facts(device.kind).noun) +
                    (channels == 0 ? " has no such channels" : " has channels 0 to " + std::to_string(channels - 1))};
     }
   }

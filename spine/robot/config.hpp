@@ -16,15 +16,15 @@ namespace lithe::robot {
 // "auto": the program chooses the core (docs/rt.md).
 inline constexpr int kAutoCpu = -1;
 
-enum class Release { spin, hybrid, sleep };                // how the Spine waits for the next release
-enum class TransportPlace { automatic, thread, inlined };  // where the buses are served
-enum class LawLoader { arena, dlopen };                    // where the code of laws lives in the Spine
-enum class MissPolicy { skip, stop };                      // what a missed deadline, or a torn plan, does
-enum class StaleAction { hold, safe_stop };                // what a silent Brain does
-enum class SafeEnd { damp, hold };                         // how the safe law ends, once the joint has slowed down
-enum class OtherGroups { stop, go_on };                    // what a joint's fault does to the groups it is not in
-enum class Checksums { automatic, on, off };  // of the lines to an fdcanusb
-enum class DriveMode { torque, position, velocity };  // setpoint type of a CiA 402 drive: CST, CSP or CSV
+enum class Release { spin, hybrid, sleep };                     // how the Spine waits for the next release
+enum class TransportPlace { automatic, thread, inlined };       // where the buses are served
+enum class LawLoader { arena, dlopen };                         // where the code of laws lives in the Spine
+enum class MissPolicy { skip, stop };                           // what a missed deadline, or a torn plan, does
+enum class StaleAction { hold, safe_stop };                     // what a silent Brain does
+enum class SafeEnd { damp, hold };                              // how the safe law ends, once the joint has slowed down
+enum class OtherGroups { stop, go_on };                         // what a joint's fault does to the groups it is not in
+enum class Checksums { automatic, on, off };                    // of the lines to an fdcanusb
+enum class DriveMode { torque, position, velocity };            // setpoint type of a CiA 402 drive: CST, CSP or CSV
 enum class NumberFormat { int8, int16, int32, float32, none };  // format of a number in a moteus frame
 enum class PlantKind { independent, chain, mujoco };            // coupling of simulated joints
 
@@ -120,10 +120,10 @@ struct DeviceConfig {
   double counts_per_rev = 4096;        // of the motor's position
   double rated_torque_nm = 1.0;        // of the motor: object 6076h, of which torques are thousandths
   FramesConfig frames{};               // moteus
-  std::uint32_t digital_inputs = 8;    // these three: cia401
-  std::uint32_t analog_inputs = 0;
-  double send_every_s = 0.01;
 };
+
+// Number of its channels of this kind.
+std::size_t inputs_of(const DeviceConfig& device, SensorKind kind);
 
 // One channel of a device that measures: value = scale * raw + offset.
 struct SensorConfig {

@@ -75,6 +75,7 @@ struct KeysOf {
   DeviceKind kind;
   void (*read)(Reader&, DeviceConfig&, Need) = nullptr;
   void (*check_joint)(Reader&, const RobotConfig&, const JointConfig&, const DeviceConfig&) = nullptr;
+  std::size_t (*inputs)(const DeviceConfig&, SensorKind) = nullptr;  // null: as many as its kind
 };
 
 constexpr std::array<KeysOf, kDeviceFacts.size()> kKeys{{
@@ -88,6 +89,11 @@ static_assert(in_order(kKeys));
 const KeysOf& keys_of(DeviceKind kind) { return kKeys[static_cast<std::size_t>(kind)]; }
 
 }  // namespace
+
+std::size_t inputs_of(const DeviceConfig& device, SensorKind kind) {
+  const KeysOf& keys = keys_of(device.kind);
+  return keys.inputs != nullptr ? keys.inputs(device, kind) : facts(device.kind).inputs[static_cast<std::size_t>(kind)];
+}
 
 void read_keys(Reader& in, DeviceConfig& device, Need need) {
   const KeysOf& keys = keys_of(device.kind);

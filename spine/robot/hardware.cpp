@@ -4,9 +4,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 #include <filesystem>
-#include <numbers>
+#include <string>
+
+#include "spine/robot/device_keys.hpp"
 
 namespace lithe::robot {
 namespace {
@@ -134,11 +135,13 @@ void check_sensor(Reader& in, const RobotConfig& robot) {
   if (sensor.device >= robot.devices.size()) return;
   const DeviceConfig& device = robot.devices[sensor.device];
   const DeviceFacts& kind = facts(device.kind);
-  const std::size_t channels = kind.inputs[static_cast<std::size_t>(sensor.kind)];
+  const std::size_t channels = inputs_of(device, sensor.kind);
   if (kind.drives) {
     in.complain("device", fmt::format("\"{}\" is a {}; sensors hang on {}", device.name, kind.word, what_measures()));
-  } else if (channels == 0) {
+  } else if (kind.inputs[static_cast<std::size_t>(sensor.kind)] == 0) {
     in.complain("kind", std::string(kind.other_inputs));
+  } else if (channels == 0) {
+    in.complain("kind", fmt::format("\"{}\" has no inputs of this kind by its own table", device.name));
   } else if (sensor.channel >= channels) {
     in.complain("channel", fmt::format("{} is more than {} has: 0 to {}", sensor.channel,
                                        sensor.kind == SensorKind::imu ? "an IMU" : kind.noun, channels - 1));

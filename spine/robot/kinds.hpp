@@ -23,15 +23,15 @@ inline constexpr std::array<std::string_view, 4> kPlaceKeys{"", "path", "interfa
 
 struct BusFacts {
   BusKind kind;
-  std::string_view word;                // in the robot file
-  bool real = true;                     // false: in memory, with simulated devices
-  PlaceKey place = PlaceKey::none;      // `path`: an adapter behind a serial device
+  std::string_view word;                   // in the robot file
+  bool real = true;                        // false: in memory, with simulated devices
+  PlaceKey place = PlaceKey::none;         // `path`: an adapter behind a serial device
   std::uint32_t data_bitrate = 5'000'000;  // unless the file says another; 0 = classic CAN
-  bool has_own_rates = false;           // the adapter is not told bit rates
-  bool has_checksums = false;           // lines to the adapter may carry them
-  bool is_board = false;                // all buses of this kind are on one board, with an IMU
-  bool is_shared = false;               // every program on the machine hears all its frames
-  std::string_view no_classic{};        // why it carries no classic frames while it is FD, and what to do; empty: it does
+  bool has_own_rates = false;              // the adapter is not told bit rates
+  bool has_checksums = false;              // lines to the adapter may carry them
+  bool is_board = false;                   // all buses of this kind are on one board, with an IMU
+  bool is_shared = false;                  // every program on the machine hears all its frames
+  std::string_view no_classic{};  // why it carries no classic frames while it is FD, and what to do; empty: it does
 };
 
 struct Advice {
@@ -44,14 +44,14 @@ struct DeviceFacts {
   std::string_view word;  // in the robot file
   std::string_view noun;  // for messages
   Protocol protocol = Protocol::own;
-  bool drives = false;         // moves a joint; the others only measure
-  bool on_bus = true;          // has an id; false: it is on a board
-  bool asked = true;           // once in `rate_divider` ticks; false: it sends by its own clock
-  bool needs_fd = false;       // its frames are CAN FD
-  bool needs_classic = false;  // its frames are classic CAN
-  bool is_synced = false;      // one SYNC asks all of a bus, and a command waits for it
-  bool tells_home = true;      // a drive that knows whether it is homed
-  bool has_frames = false;     // [device.frames] chooses the formats of its numbers
+  bool drives = false;                  // moves a joint; the others only measure
+  bool on_bus = true;                   // has an id; false: it is on a board
+  bool asked = true;                    // once in `rate_divider` ticks; false: it sends by its own clock
+  bool needs_fd = false;                // its frames are CAN FD
+  bool needs_classic = false;           // its frames are classic CAN
+  bool is_synced = false;               // one SYNC asks all of a bus, and a command waits for it
+  bool tells_home = true;               // a drive that knows whether it is homed
+  bool has_frames = false;              // [device.frames] chooses the formats of its numbers
   std::array<std::size_t, 3> inputs{};  // number of channels by SensorKind
   std::string_view other_inputs{};      // the answer to a sensor of a kind that it has no channels of
   double arm_timeout_s = 5;             // time that it may need after power-on until it can be armed
@@ -93,8 +93,9 @@ inline constexpr std::array<DeviceFacts, 4> kDeviceFacts{{
      .is_synced = true,
      .tells_home = false,
      .arm_timeout_s = 15,  // powered on late it is reset again after 5 s, and then configured
-     .not_ready = {"has no heartbeat (1017h)", "check its power and cable; while it is off it is reset and set up anew "
-                                               "every 5 s; then: lithe arm"}},
+     .not_ready = {"has no heartbeat (1017h)",
+                   "check its power and cable; while it is off it is reset and set up anew "
+                   "every 5 s; then: lithe arm"}},
     {.kind = DeviceKind::gateway, .word = "gateway", .noun = "a gateway", .asked = false, .inputs = {16, 16, 10}},
     {.kind = DeviceKind::imu,
      .word = "imu",

@@ -180,7 +180,8 @@ class File {
     if (joint.device >= owners.size()) return;
     check_joint(in, robot_, joint, robot_.devices[joint.device]);
     if (const DeviceConfig& device = robot_.devices[joint.device]; !is_drive(device.kind)) {
-      in.complain("device", fmt::format("\"{}\" is {} and moves nothing; name a drive", device.name, facts(device.kind).noun));
+      in.complain("device",
+                  fmt::format("\"{}\" is {} and moves nothing; name a drive", device.name, facts(device.kind).noun));
     }
     if (owners[joint.device] != nullptr) {
       in.complain("device", fmt::format("\"{}\" already moves another joint (line {}); one device moves one joint",

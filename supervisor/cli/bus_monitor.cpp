@@ -22,7 +22,6 @@
 namespace lithe::cli {
 namespace {
 
-
 constexpr int kUsage = 2;
 
 volatile sig_atomic_t ended = 0;

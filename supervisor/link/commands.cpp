@@ -107,7 +107,8 @@ robot::Advice why_not_ready(std::uint32_t status, const robot::DeviceConfig* dri
   if ((status & wire::joint_status::kFresh) == 0) return {"does not answer, or is being set up", ""};
   if ((status & wire::joint_status::kNotReady) == 0) return {};
   const robot::Advice own = drive != nullptr ? robot::facts(drive->kind).not_ready : robot::Advice{};
-  return own.text.empty() ? robot::Advice{"is not set up as a command would need it; the log says what to set", ""} : own;
+  return own.text.empty() ? robot::Advice{"is not set up as a command would need it; the log says what to set", ""}
+                          : own;
 }
 
 // Names the joints and their drives. None: it was one late sample.

@@ -90,8 +90,8 @@ std::unique_ptr<Drive> make_drive(const robot::RobotConfig& robot, const robot::
 
 std::unique_ptr<BusMaster> make_master(const robot::RobotConfig& robot, std::size_t bus) {
   const Together all = together_on(robot, bus);
-  return std::make_unique<canopen::CanopenMaster>(canopen::MasterParams{
-      .heartbeat_s = all.watchdog_s / canopen::kHeartbeatsPerWatchdog, .divider = all.divider});
+  return std::make_unique<canopen::CanopenMaster>(
+      canopen::MasterParams{.heartbeat_s = all.watchdog_s / canopen::kHeartbeatsPerWatchdog, .divider = all.divider});
 }
 
 PlannedFrames planned_frames(const robot::DeviceConfig& device, const robot::BusConfig& /*bus*/) {
@@ -154,8 +154,7 @@ std::string process_value(const canopen::Mapped& mapped, std::uint32_t raw) {
     return decode_state(static_cast<std::uint16_t>(raw), state) ? std::string(state_name(state))
                                                                 : "status " + canopen::hex(raw, 4) + "h";
   }
-  const bool thousandths =
-      index == object::kTargetTorque || index == object::kTorque || index == object::kTorqueOffset;
+  const bool thousandths = index == object::kTargetTorque || index == object::kTorque || index == object::kTorqueOffset;
   return std::string(object_name(index)) + " " + std::to_string(canopen::signed_of(raw, mapped.bytes)) +
          (thousandths ? "/1000" : "");
 }
