@@ -13,6 +13,9 @@
 #include "spine/hal/bus/slcan/slcan_bus.hpp"
 #include "spine/hal/bus/slcan/slcan_codec.hpp"
 #include "spine/hal/bus/socketcan/socketcan_bus.hpp"
+#include "spine/hal/cia401/cia401.hpp"
+#include "spine/hal/cia401/cia401_type.hpp"
+#include "spine/hal/cia401/sim/sim_cia401.hpp"
 #include "spine/hal/cia402/cia402.hpp"
 #include "spine/hal/cia402/cia402_type.hpp"
 #include "spine/hal/cia402/sim/make_sim_cia402.hpp"
@@ -134,6 +137,16 @@ constexpr std::array<DeviceType, robot::kDeviceFacts.size()> kDevices{{
      .mishaps = bit_of(Mishap::power_loss) | bit_of(Mishap::other_map),
      .frames = gateway::planned_frames},
     {.kind = DeviceKind::imu, .make_on_board = make_imu, .make_sim = make_nobody, .frames = imu_frames},
+    {.kind = DeviceKind::cia401,
+     .make_sensors = cia401::make_module,
+     .make_sim = sim::make_sim_cia401,
+     .mishaps = bit_of(Mishap::power_loss) | bit_of(Mishap::other_map),
+     .frames = cia401::planned_frames,
+     .profile = cia401::kDeviceProfile,
+     .unfit = "it is no CiA 401 module, and cannot be read as one",
+     .process_map = cia401::process_map,
+     .process_value = cia401::process_value,
+     .object_name = cia401::object_name},
 }};
 
 constexpr std::array<BusType, robot::kBusFacts.size()> kBuses{{

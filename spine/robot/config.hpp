@@ -120,6 +120,9 @@ struct DeviceConfig {
   double counts_per_rev = 4096;        // of the motor's position
   double rated_torque_nm = 1.0;        // of the motor: object 6076h, of which torques are thousandths
   FramesConfig frames{};               // moteus
+  std::uint32_t digital_inputs = 8;    // these three: cia401
+  std::uint32_t analog_inputs = 0;
+  double send_every_s = 0.01;
 };
 
 // Number of its channels of this kind.

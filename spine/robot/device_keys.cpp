@@ -71,6 +71,26 @@ void check_cia402(Reader& in, const RobotConfig& /*robot*/, const JointConfig& j
                           counts, device.name, kMostCounts));
 }
 
+void read_cia401(Reader& in, DeviceConfig& device, Need /*need*/) {
+  const auto& most = facts(device.kind).inputs;
+  in.integer("digital_inputs", device.digital_inputs, {0, static_cast<double>(most[1])});
+  in.integer("analog_inputs", device.analog_inputs, {0, static_cast<double>(most[0])});
+  in.number("send_every_s", device.send_every_s, {0.001, 10.0});
+  if (device.digital_inputs + device.analog_inputs == 0) {
+    in.complain("digital_inputs", "the device has no inputs; give digital_inputs or analog_inputs");
+  }
+  if (2 * device.send_every_s > device.watchdog_s) {
+    in.complain("send_every_s", fmt::format("{:g} s are more than half of watchdog_s: one lost frame would make its "
+                                            "values invalid; give at most {:g}",
+                                            device.send_every_s, device.watchdog_s / 2));
+  }
+}
+
+std::size_t cia401_inputs(const DeviceConfig& device, SensorKind kind) {
+  if (kind == SensorKind::imu) return 0;
+  return kind == SensorKind::analog ? device.analog_inputs : device.digital_inputs;
+}
+
 struct KeysOf {
   DeviceKind kind;
   void (*read)(Reader&, DeviceConfig&, Need) = nullptr;
@@ -83,6 +103,7 @@ constexpr std::array<KeysOf, kDeviceFacts.size()> kKeys{{
     {.kind = DeviceKind::cia402, .read = read_cia402, .check_joint = check_cia402},
     {.kind = DeviceKind::gateway},
     {.kind = DeviceKind::imu},
+    {.kind = DeviceKind::cia401, .read = read_cia401, .inputs = cia401_inputs},
 }};
 static_assert(in_order(kKeys));
 

@@ -11,7 +11,7 @@
 namespace lithe::robot {
 
 enum class BusKind { loop, fdcanusb, slcan, socketcan, pi3hat };
-enum class DeviceKind { moteus, cia402, gateway, imu };
+enum class DeviceKind { moteus, cia402, gateway, imu, cia401 };
 enum class SensorKind { analog, digital, imu };
 
 // Whose identifiers the devices of a bus use. Two protocols cannot share a bus; `own` goes with either.
@@ -76,7 +76,7 @@ inline constexpr std::array<BusFacts, 5> kBusFacts{{
                    "data_bitrate = 0 there"},
 }};
 
-inline constexpr std::array<DeviceFacts, 4> kDeviceFacts{{
+inline constexpr std::array<DeviceFacts, 5> kDeviceFacts{{
     {.kind = DeviceKind::moteus,
      .word = "moteus",
      .noun = "a moteus",
@@ -103,6 +103,14 @@ inline constexpr std::array<DeviceFacts, 4> kDeviceFacts{{
      .on_bus = false,
      .inputs = {0, 0, 10},
      .other_inputs = "what hangs on an imu has kind = \"imu\": attitude w x y z, angular rate, acceleration"},
+    {.kind = DeviceKind::cia401,
+     .word = "cia401",
+     .noun = "a cia401",
+     .protocol = Protocol::canopen,
+     .asked = false,
+     .needs_classic = true,
+     .inputs = {12, 16, 0},
+     .other_inputs = "what hangs on a cia401 has kind = \"analog\" or \"digital\""},
 }};
 
 // The rows are in the order of the kinds.
