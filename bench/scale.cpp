@@ -22,6 +22,7 @@
 #include "spine/core/host.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/bus_actuators.hpp"
+#include "spine/hal/robot_hardware.hpp"
 #include "spine/robot/robot.hpp"
 
 namespace lithe::bench {

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "spine/core/host.hpp"
+#include "spine/hal/robot_hardware.hpp"
 #include "spine/loop/transport.hpp"
 #include "spine/robot/robot.hpp"
 

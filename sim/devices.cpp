@@ -7,6 +7,8 @@
 #include <optional>
 #include <utility>
 
+#include "spine/hal/registry.hpp"
+
 namespace lithe::simulator {
 namespace {
 
@@ -34,19 +36,12 @@ std::optional<Mishap> mishap_of(Kind kind) {
   }
 }
 
-// Refuses faults that this kind of device does not have.
+// False for faults that this kind of device does not have.
 bool can_suffer(robot::DeviceKind device, Kind kind) {
-  switch (device) {
-    case robot::DeviceKind::moteus:
-      return true;
-    case robot::DeviceKind::cia402:
-      return kind != Kind::homing;
-    case robot::DeviceKind::gateway:
-      return kind == Kind::reset || kind == Kind::register_map || kind == Kind::twin || kind == Kind::wrong_id;
-    case robot::DeviceKind::imu:
-      return false;
+  if (const std::optional<Mishap> mishap = mishap_of(kind)) {
+    return (hal::type_of(device).mishaps & hal::bit_of(*mishap)) != 0;
   }
-  return false;
+  return robot::facts(device).on_bus;  // twin, wrong id
 }
 
 constexpr std::uint32_t kIds = 126;

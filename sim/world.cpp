@@ -5,13 +5,11 @@
 #include <cmath>
 #include <filesystem>
 
-#include "spine/hal/bus/fdcanusb/sim_fdcanusb.hpp"
-#include "spine/hal/bus/slcan/sim_slcan.hpp"
+#include "spine/hal/registry.hpp"
 
 namespace lithe::simulator {
 namespace {
 
-using robot::BusKind;
 using Kind = Order::Kind;
 
 // An order names one bus or device, or none, which means all.
@@ -43,27 +41,21 @@ Result<std::unique_ptr<World>> World::open(const robot::RobotConfig& config, con
 Result<> World::add_bus(const robot::RobotConfig& config, std::size_t index, const Options& options) {
   const robot::BusConfig& bus = config.buses[index];
   hal::sim::SimWire& wire = devices_->wire(index);
-  std::string kind = bus.kind == BusKind::slcan ? "slcan" : "fdcanusb";
-  if (bus.kind == BusKind::socketcan) {
-    kind = "socketcan";
+  const hal::BusType& type = hal::type_of(bus.kind);
+  if (type.make_adapter == nullptr) {
     auto end =
         CanEnd::open({.interface = bus.interface, .bitrate = bus.bitrate, .data_bitrate = bus.data_bitrate}, wire);
     if (!end) return Error{"bus '" + bus.name + "': " + end.message()};
     ends_.push_back(std::move(*end));
   } else {
-    std::unique_ptr<hal::sim::SimAdapter> adapter;
-    if (bus.kind == BusKind::slcan) {
-      adapter = std::make_unique<hal::sim::SimSlcan>();
-    } else {
-      adapter = std::make_unique<hal::sim::SimFdcanusb>();
-    }
+    std::unique_ptr<hal::sim::SimAdapter> adapter = type.make_adapter();
     adapter->attach(wire);
     const std::string link = options.link_folder.empty() ? "" : options.link_folder + "/" + bus.name;
     auto end = PtyEnd::open(std::move(adapter), link);
     if (!end) return Error{"bus '" + bus.name + "': " + end.message()};
     ends_.push_back(std::move(*end));
   }
-  lines_.push_back({bus.name, kind, ""});
+  lines_.push_back({bus.name, std::string(type.adapter), ""});
   return done();
 }
 

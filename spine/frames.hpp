@@ -6,7 +6,7 @@
 
 #include "spine/core/rt.hpp"
 #include "spine/core/time.hpp"
-#include "spine/hal/actuators.hpp"
+#include "spine/hal/core/tap.hpp"
 #include "spine/ipc/frames.hpp"
 #include "spine/robot/config.hpp"
 

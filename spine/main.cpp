@@ -24,7 +24,7 @@
 #include "spine/core/host.hpp"
 #include "spine/core/time.hpp"
 #include "spine/frames.hpp"
-#include "spine/hal/actuators.hpp"
+#include "spine/hal/robot_hardware.hpp"
 #include "spine/info.hpp"
 #include "spine/ipc/frames.hpp"
 #include "spine/ipc/segment.hpp"

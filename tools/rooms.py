@@ -12,11 +12,15 @@ BASE = "spine/core spine/wire"
 OUTSIDE = BASE + " spine/ipc spine/law spine/robot"  # what the processes beside the Spine may know
 BUS_KINDS = "spine/hal/bus/fdcanusb spine/hal/bus/slcan spine/hal/bus/socketcan spine/hal/bus/pi3hat"
 BUSES = "spine/hal/core spine/hal/bus/loop spine/hal/bus/serial " + BUS_KINDS
-DEVICES = "spine/hal/moteus spine/hal/canopen spine/hal/cia402 spine/hal/gateway"
-SIMULATED = "spine/hal/physics spine/hal/moteus/sim spine/hal/cia402/sim spine/hal/gateway/sim"
+# A kind of device: a folder of spine/hal with a folder sim/. A new one needs no line here.
+HAL = Path(__file__).parent.parent / "spine/hal"
+KINDS = sorted(f"spine/hal/{folder.parent.name}" for folder in HAL.glob("*/sim"))
+DEVICES = "spine/hal/canopen " + " ".join(KINDS)
+SIMULATED = "spine/hal/physics " + " ".join(f"{kind}/sim" for kind in KINDS)
+DEVICE = BASE + " spine/robot spine/hal/core spine/hal/bus/serial spine/hal/canopen"
 LAWD = BASE + " spine/ipc spine/law spine/arena"
 TRIAL = LAWD + " spine/load spine/robot spine/plan spine/guard spine/hal"
-BUS_TOOLS = f"{BASE} spine/robot {BUSES} {DEVICES}"
+BUS_TOOLS = f"{BASE} spine/robot spine/hal {BUSES} {DEVICES}"
 ALLOWED = {
     room: frozenset(allowed.split())
     for room, allowed in {
@@ -34,23 +38,17 @@ ALLOWED = {
         "spine/hal/bus/slcan": BASE + " spine/hal/core spine/hal/bus/serial",
         "spine/hal/bus/socketcan": BASE + " spine/hal/core",
         "spine/hal/bus/pi3hat": BASE + " spine/hal/core spine/hal/bus/loop",
-        "spine/hal/moteus": BASE + " spine/hal/core spine/hal/bus/serial",
         "spine/hal/canopen": BASE + " spine/hal/core",
-        "spine/hal/cia402": BASE + " spine/hal/core spine/hal/canopen",
-        "spine/hal/gateway": BASE + " spine/hal/core",
+        **dict.fromkeys(KINDS, DEVICE),
+        **{f"{kind}/sim": f"{DEVICE} spine/hal/bus/loop spine/hal/physics {kind}" for kind in KINDS},
         "spine/hal/physics": BASE + " spine/robot spine/hal/core spine/hal/bus/loop",
-        "spine/hal/moteus/sim": BASE
-        + " spine/hal/core spine/hal/bus/loop spine/hal/bus/serial spine/hal/moteus spine/hal/physics",
-        "spine/hal/cia402/sim": BASE
-        + " spine/hal/core spine/hal/bus/loop spine/hal/canopen spine/hal/cia402 spine/hal/physics",
-        "spine/hal/gateway/sim": BASE + " spine/hal/core spine/hal/bus/loop spine/hal/gateway",
-        "spine/hal/sim": f"{BASE} spine/robot spine/hal/core spine/hal/bus/loop {SIMULATED}",
-        "spine/hal": f"{BASE} spine/robot {BUSES} {DEVICES} spine/hal/sim",
+        "spine/hal": f"{BASE} spine/robot {BUSES} {DEVICES} {SIMULATED}",
         "spine/contain": BASE,
         "spine/arena": "spine/core",
         "spine/load": BASE + " spine/ipc spine/law spine/arena spine/contain",
         "spine/loop": BASE + " spine/ipc spine/law spine/plan spine/guard spine/robot spine/hal spine/contain",
-        "spine": BASE + " spine/ipc spine/law spine/robot spine/hal spine/contain spine/arena spine/loop spine/load",
+        "spine": BASE
+        + " spine/ipc spine/law spine/robot spine/hal spine/hal/core spine/contain spine/arena spine/loop spine/load",
         "lawd/run": LAWD,
         "lawd/core": LAWD,
         "lawd/compile": LAWD + " lawd/run",
@@ -61,12 +59,12 @@ ALLOWED = {
         "trial/sandbox": BASE,
         "trial/sections": TRIAL + " trial/core",
         "trial": TRIAL + " trial/core trial/sandbox trial/sections",
-        "sim": f"{BASE} spine/robot spine/hal spine/hal/sim spine/hal/physics {BUSES}",
+        "sim": f"{BASE} spine/robot spine/hal spine/hal/physics {BUSES}",
         "laws": "spine/law",
         "supervisor/bus": BUS_TOOLS,
         "supervisor/bus/plan": BUS_TOOLS,
-        "supervisor/bus/scan": BUS_TOOLS + " spine/hal supervisor/bus supervisor/bus/plan",
-        "supervisor/bus/monitor": BUS_TOOLS + " spine/hal supervisor/bus supervisor/bus/plan supervisor/bus/scan",
+        "supervisor/bus/scan": BUS_TOOLS + " supervisor/bus supervisor/bus/plan",
+        "supervisor/bus/monitor": BUS_TOOLS + " supervisor/bus supervisor/bus/plan supervisor/bus/scan",
         "supervisor/core": OUTSIDE,
         "supervisor/link": OUTSIDE + " supervisor/core",
         "supervisor/events": OUTSIDE + " supervisor/core supervisor/link",

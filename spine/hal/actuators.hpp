@@ -1,20 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// One interface to all hardware: the loop includes only this.
+// One interface to all hardware: the loop includes only this. Made by robot_hardware.hpp.
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <limits>
-#include <memory>
 #include <string>
-#include <vector>
 
 #include "spine/core/joints.hpp"
-#include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
-#include "spine/hal/bus/pi3hat/pi3hat_port.hpp"
 #include "spine/hal/core/drive.hpp"
-#include "spine/hal/core/tap.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe::hal {
@@ -93,20 +88,5 @@ class Actuators {
   // Contract: after the last cycle
   virtual std::string tell_buses() const { return ""; }
 };
-
-// Opens every bus and device of the robot. `pi3hat`: replaces the board (for tests); null = the board of this machine.
-// `tap` gets the frames of all buses with their index in the file; null = no tap.
-// Contract: never in the tick
-Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config,
-                                                  std::unique_ptr<Pi3hatPort> pi3hat = nullptr,
-                                                  FrameTap* tap = nullptr);
-
-class BusNode;
-
-// The same robot with every bus and device simulated, whatever the file says.
-// Contract: never in the tick `far_ends`: for each bus the simulated devices, which outlive the actuators; empty = made
-// from the file.
-Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config,
-                                                      const std::vector<BusNode*>& far_ends = {});
 
 }  // namespace lithe::hal

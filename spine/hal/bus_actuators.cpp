@@ -31,8 +31,11 @@ std::uint64_t digest_of(const Frame& frame) LITHE_RT {
   return digest;
 }
 
+constexpr std::uint32_t kNoAddress = 0xffff;
+
 std::uint32_t address_of(Addressing addressing, const Frame& frame) LITHE_RT {
-  return addressing == Addressing::moteus ? frame.id >> 8 : frame.id & 0x7f;
+  if (addressing == Addressing::moteus) return frame.id >> 8;
+  return frame.extended ? kNoAddress : frame.id & 0x7f;
 }
 
 }  // namespace
@@ -54,24 +57,14 @@ void BusActuators::add_joint(std::size_t bus, std::uint32_t address, std::unique
   last_.joints = static_cast<std::uint32_t>(joints_.size());
 }
 
-std::size_t BusActuators::add_gateway(std::size_t bus, std::uint32_t node, std::int64_t stale_ns) {
-  gateways_.push_back({bus, gateway::Gateway(node, stale_ns)});
-  ++lines_[bus].gateways;
-  return gateways_.size() - 1;
+std::size_t BusActuators::add_sensors(std::size_t bus, std::unique_ptr<SensorDevice> device) {
+  sensor_places_.push_back({bus, std::move(device)});
+  ++lines_[bus].sensor_devices;
+  return sensor_places_.size() - 1;
 }
 
-void BusActuators::add_sensor(std::size_t gateway, gateway::Block block, std::size_t channel, double scale,
-                              double offset) {
-  sensors_.push_back({false, gateway, block, channel, scale, offset});
-}
-
-std::size_t BusActuators::add_imu(ImuSource& source, std::int64_t stale_ns) {
-  imus_.push_back({&source, stale_ns});
-  return imus_.size() - 1;
-}
-
-void BusActuators::add_imu_sensor(std::size_t imu, std::size_t channel, double scale, double offset) {
-  sensors_.push_back({true, imu, gateway::Block::imu, channel, scale, offset});
+void BusActuators::add_sensor(std::size_t device, Block block, std::size_t channel, double scale, double offset) {
+  sensors_.push_back({device, block, channel, scale, offset});
 }
 
 void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT {
@@ -105,9 +98,10 @@ void BusActuators::cycle(const ActuatorCommand& command, ActuatorState& state, s
 void BusActuators::send_all(const ActuatorCommand& command) LITHE_RT {
   for (Line& line : lines_) {
     line.unanswered = 0;
-    line.patience = 4 * line.joints + 16 * line.gateways + 16;
+    line.patience = 4 * line.joints + 16 * line.sensor_devices + 16;
     if (line.master != nullptr) line.master->before_commands(exchange_, *line.bus);
   }
+  for (SensorPlace& place : sensor_places_) place.device->step(exchange_, *lines_[place.line].bus);
   for (std::size_t i = 0; i < joints_.size(); ++i) {
     Joint& joint = joints_[i];
     joint.asked = exchange_.number % joint.divider == joint.turn;
@@ -147,39 +141,28 @@ void BusActuators::drain(Line& line) LITHE_RT {
   for (; line.patience > 0 && line.bus->receive(frame); --line.patience) accept(line, frame);
 }
 
-void BusActuators::accept_sensors(const Line& line, const Frame& frame) LITHE_RT {
-  for (GatewayPlace& place : gateways_) {
-    if (&lines_[place.line] != &line || place.gateway.node() != gateway::node_of(frame)) continue;
-    place.gateway.take(frame, exchange_.now_ns);
-    return;
+bool BusActuators::accept_sensors(const Line& line, const Frame& frame) LITHE_RT {
+  for (SensorPlace& place : sensor_places_) {
+    if (&lines_[place.line] != &line || !place.device->sent(frame)) continue;
+    place.device->take(frame, exchange_.now_ns);
+    return true;
   }
-  ++counters_.stray;
+  return false;
 }
 
 void BusActuators::read_sensors(ActuatorState& state) const LITHE_RT {
   state.sensors = static_cast<std::uint32_t>(sensors_.size());
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
     const Sensor& sensor = sensors_[i];
+    const SensorDevice& device = *sensor_places_[sensor.place].device;
     double raw = 0;
-    state.sensor[i] = read(sensor, raw) ? sensor.scale * raw + sensor.offset : std::numeric_limits<double>::quiet_NaN();
+    const bool valid = device.read(sensor.block, sensor.channel, exchange_.now_ns, raw);
+    state.sensor[i] = valid ? sensor.scale * raw + sensor.offset : std::numeric_limits<double>::quiet_NaN();
   }
-}
-
-bool BusActuators::read(const Sensor& sensor, double& raw) const LITHE_RT {
-  const std::int64_t now_ns = exchange_.now_ns;
-  if (!sensor.of_imu) return gateways_[sensor.source].gateway.read(sensor.block, sensor.channel, now_ns, raw);
-  const Imu& imu = imus_[sensor.source];
-  const ImuReading& reading = imu.source->imu(now_ns);
-  if (!reading.valid || sensor.channel >= kImuChannels || now_ns - reading.taken_ns > imu.stale_ns) return false;
-  raw = reading.value[sensor.channel];
-  return true;
 }
 
 void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
-  if (gateway::is_gateway(frame)) {
-    accept_sensors(line, frame);
-    return;
-  }
+  if (accept_sensors(line, frame)) return;
   const std::uint32_t address = address_of(line.addressing, frame);
   const std::uint8_t index = address < line.joint_at.size() ? line.joint_at[address] : kNobody;
   if (index == kNobody) {
@@ -244,9 +227,9 @@ void BusActuators::settle() LITHE_RT {
   counters_.duplicate = repeated_answers_;
   counters_.malformed = spoilt_answers_;
   counters_.refused = 0;
-  for (const GatewayPlace& place : gateways_) {
-    counters_.duplicate += place.gateway.counters().repeated;
-    counters_.malformed += place.gateway.counters().malformed;
+  for (const SensorPlace& place : sensor_places_) {
+    counters_.duplicate += place.device->repeated();
+    counters_.malformed += place.device->malformed();
   }
   for (const Line& line : lines_) {
     counters_.late += line.bus->statistics().late;

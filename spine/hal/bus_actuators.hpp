@@ -11,10 +11,9 @@
 #include "spine/core/rt.hpp"
 #include "spine/core/time.hpp"
 #include "spine/hal/actuators.hpp"
-#include "spine/hal/bus/pi3hat/imu.hpp"
 #include "spine/hal/core/bus.hpp"
 #include "spine/hal/core/drive.hpp"
-#include "spine/hal/gateway/gateway.hpp"
+#include "spine/hal/core/sensors.hpp"
 
 namespace lithe::hal {
 
@@ -38,14 +37,10 @@ class BusActuators final : public Actuators {
   // one of `divider` exchanges, those of a bus in turn, or together where the bus has a master.
   void add_joint(std::size_t bus, std::uint32_t address, std::unique_ptr<Drive> drive, std::uint32_t divider = 1);
 
-  // A gateway (1 to 126) beside whatever else is on the bus; its channels are not valid when older than `stale_ns`.
-  std::size_t add_gateway(std::size_t bus, std::uint32_t node, std::int64_t stale_ns);
-  // Sensors in the order of the robot's sensors: scale * raw + offset.
-  void add_sensor(std::size_t gateway, gateway::Block block, std::size_t channel, double scale, double offset);
-  // The IMU of a board, which must outlive this object; readings older than `stale_ns` are not valid. Its sensors are
-  // like those above.
-  std::size_t add_imu(ImuSource& source, std::int64_t stale_ns);
-  void add_imu_sensor(std::size_t imu, std::size_t channel, double scale, double offset);
+  // A device that only measures, beside whatever else is on the bus.
+  std::size_t add_sensors(std::size_t bus, std::unique_ptr<SensorDevice> device);
+  // Sensors in the order of the robot's sensors: scale * raw + offset. `device` as add_sensors() returned it.
+  void add_sensor(std::size_t device, Block block, std::size_t channel, double scale, double offset);
 
   void cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT override;
 
@@ -61,7 +56,7 @@ class BusActuators final : public Actuators {
     std::unique_ptr<BusMaster> master;
     Addressing addressing;
     std::uint32_t joints = 0;
-    std::uint32_t gateways = 0;
+    std::uint32_t sensor_devices = 0;
     std::uint32_t unanswered = 0;            // number of asked joints without an answer
     std::uint32_t patience = 0;              // frames that may still be read, before or after the commands
     std::array<std::uint8_t, 128> joint_at;  // by device address
@@ -85,18 +80,13 @@ class BusActuators final : public Actuators {
     bool answered = false;  // with a measurement
   };
 
-  struct GatewayPlace {
+  struct SensorPlace {
     std::size_t line;
-    gateway::Gateway gateway;
-  };
-  struct Imu {
-    ImuSource* source;
-    std::int64_t stale_ns;
+    std::unique_ptr<SensorDevice> device;
   };
   struct Sensor {
-    bool of_imu;
-    std::size_t source;  // index into gateways_ or imus_
-    gateway::Block block;
+    std::size_t place;  // index into sensor_places_
+    Block block;
     std::size_t channel;
     double scale, offset;
   };
@@ -119,9 +109,8 @@ class BusActuators final : public Actuators {
   void accept(Line& line, const Frame& frame) LITHE_RT;
   void answer(Line& line, Joint& joint, std::size_t index, const Frame& frame, const JointSample& sample) LITHE_RT;
   static void compare(Joint& joint, const Frame& frame) LITHE_RT;
-  void accept_sensors(const Line& line, const Frame& frame) LITHE_RT;
+  bool accept_sensors(const Line& line, const Frame& frame) LITHE_RT;
   void read_sensors(ActuatorState& state) const LITHE_RT;
-  bool read(const Sensor& sensor, double& raw) const LITHE_RT;
   void settle() LITHE_RT;
   void settle(Joint& joint, std::size_t index) LITHE_RT;
   void settle_answer(Joint& joint, std::size_t index) LITHE_RT;
@@ -132,8 +121,7 @@ class BusActuators final : public Actuators {
   bool shares_core_ = false;
   std::vector<Line> lines_;
   std::vector<Joint> joints_;
-  std::vector<GatewayPlace> gateways_;
-  std::vector<Imu> imus_;
+  std::vector<SensorPlace> sensor_places_;
   std::vector<Sensor> sensors_;
   ActuatorState last_;
   Exchange exchange_;

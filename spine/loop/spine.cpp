@@ -72,8 +72,7 @@ Spine::Spine(const Wiring& wiring)
       period_ns_(grid_.period_ns()),
       slowest_(slowest_of(wiring.robot)),
       state_ticks_(static_cast<std::uint64_t>(std::max(1.0, std::round(wiring.robot.rate_hz / kStateHz)))),
-      simulated_(std::ranges::all_of(wiring.robot.buses,
-                                     [](const robot::BusConfig& bus) { return bus.kind == robot::BusKind::loop; })),
+      simulated_(std::ranges::none_of(wiring.robot.buses, robot::is_real)),
       budget_ns_(std::llround(static_cast<double>(grid_.period_ns()) * wiring.robot.swap.budget_share)),
       sample_(&wiring.handover.latest_sample()) {
   plan_.configure(robot_);

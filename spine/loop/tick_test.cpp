@@ -5,6 +5,7 @@
 #include <random>
 
 #include "spine/core/no_alloc/no_alloc.hpp"
+#include "spine/hal/robot_hardware.hpp"
 #include "spine/loop/test/tick_rig.hpp"
 
 namespace lithe::loop {

@@ -9,55 +9,24 @@
 #include <string_view>
 #include <vector>
 
+#include "spine/robot/kinds.hpp"
+
 namespace lithe::robot {
 
 // "auto": the program chooses the core (docs/rt.md).
 inline constexpr int kAutoCpu = -1;
 
-enum class Release { spin, hybrid, sleep };                // how the Spine waits for the next release
-enum class TransportPlace { automatic, thread, inlined };  // where the buses are served
-enum class LawLoader { arena, dlopen };                    // where the code of laws lives in the Spine
-enum class MissPolicy { skip, stop };                      // what a missed deadline, or a torn plan, does
-enum class StaleAction { hold, safe_stop };                // what a silent Brain does
-enum class SafeEnd { damp, hold };                         // how the safe law ends, once the joint has slowed down
-enum class OtherGroups { stop, go_on };                    // what a joint's fault does to the groups it is not in
-enum class BusKind { loop, fdcanusb, slcan, socketcan, pi3hat };
-enum class Checksums { automatic, on, off };  // of the lines to an fdcanusb
-enum class DeviceKind { moteus, cia402, gateway, imu };
-enum class DriveMode { torque, position, velocity };  // setpoint type of a CiA 402 drive: CST, CSP or CSV
-enum class SensorKind { analog, digital, imu };
+enum class Release { spin, hybrid, sleep };                     // how the Spine waits for the next release
+enum class TransportPlace { automatic, thread, inlined };       // where the buses are served
+enum class LawLoader { arena, dlopen };                         // where the code of laws lives in the Spine
+enum class MissPolicy { skip, stop };                           // what a missed deadline, or a torn plan, does
+enum class StaleAction { hold, safe_stop };                     // what a silent Brain does
+enum class SafeEnd { damp, hold };                              // how the safe law ends, once the joint has slowed down
+enum class OtherGroups { stop, go_on };                         // what a joint's fault does to the groups it is not in
+enum class Checksums { automatic, on, off };                    // of the lines to an fdcanusb
+enum class DriveMode { torque, position, velocity };            // setpoint type of a CiA 402 drive: CST, CSP or CSV
 enum class NumberFormat { int8, int16, int32, float32, none };  // format of a number in a moteus frame
 enum class PlantKind { independent, chain, mujoco };            // coupling of simulated joints
-
-// The word in robot.toml.
-constexpr std::string_view word(BusKind kind) {
-  switch (kind) {
-    case BusKind::loop:
-      return "loop";
-    case BusKind::fdcanusb:
-      return "fdcanusb";
-    case BusKind::slcan:
-      return "slcan";
-    case BusKind::socketcan:
-      return "socketcan";
-    case BusKind::pi3hat:
-      break;
-  }
-  return "pi3hat";
-}
-constexpr std::string_view word(DeviceKind kind) {
-  switch (kind) {
-    case DeviceKind::moteus:
-      return "moteus";
-    case DeviceKind::cia402:
-      return "cia402";
-    case DeviceKind::gateway:
-      return "gateway";
-    case DeviceKind::imu:
-      break;
-  }
-  return "imu";
-}
 
 inline constexpr std::size_t kMaxSensors = 16;  // the size of Tick::sensor
 
@@ -120,13 +89,16 @@ struct BusConfig {
 };
 
 // True for an adapter behind a serial device.
-constexpr bool is_serial(const BusConfig& bus) { return bus.kind == BusKind::fdcanusb || bus.kind == BusKind::slcan; }
+constexpr bool is_serial(const BusConfig& bus) { return facts(bus.kind).place == PlaceKey::path; }
+
+// True for hardware; false for a bus in memory with simulated devices.
+constexpr bool is_real(const BusConfig& bus) { return facts(bus.kind).real; }
 
 // True for CAN FD: frames of up to 64 bytes and a faster data phase.
 constexpr bool is_fd(const BusConfig& bus) { return bus.data_bitrate > 0; }
 
-// True for devices that move a joint; the others only measure.
-constexpr bool is_drive(DeviceKind kind) { return kind == DeviceKind::moteus || kind == DeviceKind::cia402; }
+// True for a bus on which classic frames can be sent, beside those of CAN FD or alone.
+constexpr bool carries_classic(const BusConfig& bus) { return !is_fd(bus) || facts(bus.kind).no_classic.empty(); }
 
 // Number formats in moteus frames: fewer bytes make shorter frames and coarser numbers.
 struct FramesConfig {
@@ -148,9 +120,15 @@ struct DeviceConfig {
   double counts_per_rev = 4096;        // of the motor's position
   double rated_torque_nm = 1.0;        // of the motor: object 6076h, of which torques are thousandths
   FramesConfig frames{};               // moteus
+  std::uint32_t digital_inputs = 8;    // these three: cia401
+  std::uint32_t analog_inputs = 0;
+  double send_every_s = 0.01;
 };
 
-// One channel of a gateway: value = scale * raw + offset.
+// Number of its channels of this kind.
+std::size_t inputs_of(const DeviceConfig& device, SensorKind kind);
+
+// One channel of a device that measures: value = scale * raw + offset.
 struct SensorConfig {
   std::string name;
   std::size_t device = 0;  // index into RobotConfig::devices

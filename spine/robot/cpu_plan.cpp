@@ -100,8 +100,7 @@ Result<CpuPlan> plan_cpus(const RobotConfig& robot, const MachineCores& cores) {
   }
   CpuPlan plan = fold_cpus(cores, wanted);
   // A loop bus is memory. Hardware needs system calls, which the tick must not make.
-  const bool all_loops = std::all_of(robot.buses.begin(), robot.buses.end(),
-                                     [](const BusConfig& bus) { return bus.kind == BusKind::loop; });
+  const bool all_loops = std::none_of(robot.buses.begin(), robot.buses.end(), is_real);
   if (wanted.transport == TransportPlace::inlined && !all_loops) {
     return Error{fmt::format(
         "{}: [spine] transport = \"inline\" is for simulated buses only: a tick never calls the kernel; leave it out",

@@ -148,7 +148,7 @@ void note_rate(RobotConfig& robot, const JointConfig& joint) {
 bool is_simulated(const RobotConfig& robot, const JointConfig& joint) {
   const DeviceConfig& device = robot.devices[joint.device];
   return robot.plant.kind == PlantKind::independent && device.bus < robot.buses.size() &&
-         robot.buses[device.bus].kind == BusKind::loop;
+         !is_real(robot.buses[device.bus]);
 }
 
 void forget_limits(JointConfig& joint) {

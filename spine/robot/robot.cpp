@@ -10,6 +10,7 @@
 #include "spine/core/files.hpp"
 #include "spine/core/joints.hpp"
 #include "spine/core/text.hpp"
+#include "spine/robot/device_keys.hpp"
 #include "spine/robot/hardware.hpp"
 #include "spine/robot/limits.hpp"
 #include "spine/robot/plants.hpp"
@@ -86,16 +87,16 @@ class File {
       Reader in(*table, where("device", *table), report_, device_defaults_);
       in.identifier("name", device.name);
       read_device(in, device, buses, Need::required);
-      if (device.kind != DeviceKind::moteus)
+      if (!facts(device.kind).has_frames)
         in.refuse("frames", "only the numbers of a moteus can travel in different formats");
       if (const toml::table* frames = in.table("frames")) {
         Reader own(*frames, where("device", *table) + ".frames", report_);
         read_frames(own, device.frames);
       }
-      if (device.kind == DeviceKind::imu) {
-        device.id = 0;
-      } else {
+      if (facts(device.kind).on_bus) {
         in.integer("id", device.id, {1, 126}, Need::required);
+      } else {
+        device.id = 0;
       }
       in.finish();
       refuse_twin(in, "device", robot_.devices);
@@ -179,8 +180,8 @@ class File {
     if (joint.device >= owners.size()) return;
     check_joint(in, robot_, joint, robot_.devices[joint.device]);
     if (const DeviceConfig& device = robot_.devices[joint.device]; !is_drive(device.kind)) {
-      in.complain("device", fmt::format("\"{}\" is {} and moves nothing; name a drive", device.name,
-                                        device.kind == DeviceKind::imu ? "an imu" : "a gateway"));
+      in.complain("device",
+                  fmt::format("\"{}\" is {} and moves nothing; name a drive", device.name, facts(device.kind).noun));
     }
     if (owners[joint.device] != nullptr) {
       in.complain("device", fmt::format("\"{}\" already moves another joint (line {}); one device moves one joint",

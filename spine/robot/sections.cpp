@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "spine/robot/device_keys.hpp"
 #include "spine/robot/robot.hpp"
 
 namespace lithe::robot {
@@ -10,6 +11,13 @@ namespace {
 
 constexpr double kBig = 1.0e6;
 constexpr double kSmall = 1.0e-9;
+
+template <class Rows>
+auto words_of(const Rows& rows) {
+  std::vector<std::pair<std::string_view, decltype(rows[0].kind)>> words;
+  for (const auto& row : rows) words.emplace_back(row.word, row.kind);
+  return words;
+}
 
 }  // namespace
 
@@ -67,9 +75,11 @@ namespace {
 void read_serial(Reader& in, BusConfig& bus) {
   in.text("path", bus.path, Need::required);
   in.integer("baud", bus.baud, {9'600, 4'000'000});
-  if (bus.kind != BusKind::fdcanusb) return;
-  in.choice<Checksums>("checksums", bus.checksums,
-                       {{"auto", Checksums::automatic}, {"on", Checksums::on}, {"off", Checksums::off}});
+  if (facts(bus.kind).has_checksums) {
+    in.choice<Checksums>("checksums", bus.checksums,
+                         {{"auto", Checksums::automatic}, {"on", Checksums::on}, {"off", Checksums::off}});
+  }
+  if (!facts(bus.kind).has_own_rates) return;
   if (bus.bitrate != 1'000'000 || bus.data_bitrate != 5'000'000) {
     in.complain(bus.bitrate != 1'000'000 ? "bitrate" : "data_bitrate",
                 "an fdcanusb has its bit rates from its own memory, 1000000 and 5000000 from the factory, and is not "
@@ -80,27 +90,22 @@ void read_serial(Reader& in, BusConfig& bus) {
 }  // namespace
 
 void read_bus(Reader& in, BusConfig& bus, double rate_hz) {
-  in.choice<BusKind>("kind", bus.kind,
-                     {{"loop", BusKind::loop},
-                      {"fdcanusb", BusKind::fdcanusb},
-                      {"slcan", BusKind::slcan},
-                      {"socketcan", BusKind::socketcan},
-                      {"pi3hat", BusKind::pi3hat}},
-                     Need::required);
-  if (bus.kind == BusKind::slcan) bus.data_bitrate = 0;  // most adapters are classic
+  in.choice<BusKind>("kind", bus.kind, words_of(kBusFacts), Need::required);
+  const BusFacts& kind = facts(bus.kind);
+  bus.data_bitrate = kind.data_bitrate;
   in.integer("bitrate", bus.bitrate, {kLeastBitrate, kMostBitrate});
   in.integer("data_bitrate", bus.data_bitrate, {0, kMostDataBitrate});
   if (is_fd(bus) && bus.data_bitrate < bus.bitrate) {
     in.complain("data_bitrate", "is slower than bitrate; 0 means classic CAN only");
   }
   if (is_serial(bus)) read_serial(in, bus);
-  if (bus.kind == BusKind::socketcan) in.text("interface", bus.interface, Need::required);
-  if (bus.kind == BusKind::pi3hat) in.integer("connector", bus.connector, {1, 5}, Need::required);
+  if (kind.place == PlaceKey::interface) in.text("interface", bus.interface, Need::required);
+  if (kind.place == PlaceKey::connector) in.integer("connector", bus.connector, {1, 5}, Need::required);
   // Behind a serial line an answer takes longer than a fast tick. On other buses a lost answer must not delay the next
   // tick.
   constexpr double kShareOfTick = 0.96;
   if (!is_serial(bus)) bus.reply_wait_s = std::min(bus.reply_wait_s, kShareOfTick / rate_hz);
-  if (bus.kind != BusKind::loop) in.number("reply_wait_s", bus.reply_wait_s, {0.0, 0.1});
+  if (kind.real) in.number("reply_wait_s", bus.reply_wait_s, {0.0, 0.1});
   in.finish();
 }
 
@@ -120,26 +125,18 @@ void read_frames(Reader& in, FramesConfig& frames) {
 }
 
 void read_device(Reader& in, DeviceConfig& device, const std::vector<std::string_view>& buses, Need need) {
-  in.choice<DeviceKind>("kind", device.kind,
-                        {{"moteus", DeviceKind::moteus},
-                         {"cia402", DeviceKind::cia402},
-                         {"gateway", DeviceKind::gateway},
-                         {"imu", DeviceKind::imu}},
-                        need);
+  in.choice<DeviceKind>("kind", device.kind, words_of(kDeviceFacts), need);
   in.reference("bus", device.bus, "bus", buses, need);
   in.number("watchdog_s", device.watchdog_s, {0.005, 10.0});
   const std::uint32_t inherited = device.rate_divider;
   in.integer("rate_divider", device.rate_divider, {1, 1000});
-  if (device.kind == DeviceKind::gateway) {
-    if (device.rate_divider != inherited) in.complain("rate_divider", "a gateway is not asked; leave it out");
+  if (const DeviceFacts& kind = facts(device.kind); !kind.asked) {
+    if (device.rate_divider != inherited) {
+      in.complain("rate_divider", std::string(kind.noun) + " is not asked; leave it out");
+    }
     device.rate_divider = 1;
   }
-  if (device.kind != DeviceKind::cia402) return;
-  in.choice<DriveMode>(
-      "mode", device.mode,
-      {{"torque", DriveMode::torque}, {"position", DriveMode::position}, {"velocity", DriveMode::velocity}});
-  in.number("counts_per_rev", device.counts_per_rev, {1.0, 1.0e9});
-  in.number("rated_torque_nm", device.rated_torque_nm, {kSmall, kBig}, need);
+  read_keys(in, device, need);
 }
 
 void read_sensor(Reader& in, SensorConfig& sensor, const std::vector<std::string_view>& devices) {

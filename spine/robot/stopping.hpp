@@ -106,8 +106,7 @@ inline double drive_period_s(const RobotConfig& robot, const JointConfig& joint)
 // drive that is asked in every Nth tick, a sample that may be N - 1 ticks old and a command that waits as long; for
 // CiA 402 the SYNC after the command; the drive's own lag.
 inline double reaction_s(const RobotConfig& robot, const JointConfig& joint) {
-  const bool waits_for_sync =
-      joint.device < robot.devices.size() && robot.devices[joint.device].kind == DeviceKind::cia402;
+  const bool waits_for_sync = joint.device < robot.devices.size() && facts(robot.devices[joint.device].kind).is_synced;
   const double period_s = drive_period_s(robot, joint);
   return (waits_for_sync ? 2 : 1) / robot.rate_hz + 2 * (period_s - 1 / robot.rate_hz) + joint.drive_lag_s;
 }

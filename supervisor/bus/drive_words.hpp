@@ -4,7 +4,6 @@
 
 #include <cstdint>
 #include <string>
-#include <string_view>
 
 #include "spine/robot/config.hpp"
 
@@ -14,8 +13,5 @@ namespace lithe::bus {
 // with the code, for example "fault: over-temperature (38)". Empty for a device that is not a drive.
 // Contract: pure
 std::string drive_words(robot::DeviceKind kind, std::uint32_t joint_status);
-
-// Text for a CANopen emergency code; for an unknown code the text of its class. Never empty.
-std::string_view emergency_name(std::uint16_t code);
 
 }  // namespace lithe::bus

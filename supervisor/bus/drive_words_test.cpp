@@ -26,11 +26,5 @@ TEST(DriveWords, ACanopenDriveHasAStateAndTheClassOfItsEmergency) {
   EXPECT_EQ(drive_words(DeviceKind::gateway, said(7, 0x42)), "");
 }
 
-TEST(DriveWords, AnEmergencyWithoutANameOfItsOwnHasItsClass) {
-  EXPECT_EQ(emergency_name(0x4210), "too hot");
-  EXPECT_EQ(emergency_name(0x43ff), "temperature");
-  EXPECT_EQ(emergency_name(0xff01), "of the maker's own");
-}
-
 }  // namespace
 }  // namespace lithe::bus

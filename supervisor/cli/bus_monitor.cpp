@@ -22,8 +22,6 @@
 namespace lithe::cli {
 namespace {
 
-using robot::BusKind;
-
 constexpr int kUsage = 2;
 
 volatile sig_atomic_t ended = 0;
@@ -90,10 +88,10 @@ Result<> listen_in(const field::Choice& choice, const std::vector<Occupied>& spi
     const robot::BusConfig& bus = choice.robot.buses[number];
     const auto spine =
         std::find_if(spines.begin(), spines.end(), [number](const Occupied& each) { return each.ours == number; });
-    if (spine == spines.end() && bus.kind == BusKind::loop) {
+    if (spine == spines.end() && !robot::is_real(bus)) {
       return Error{"bus '" + bus.name + "' is simulated and lives in the Spine: start the robot, then watch it"};
     }
-    if (spine == spines.end() || bus.kind == BusKind::socketcan) {  // the kernel gives everybody everything
+    if (spine == spines.end() || robot::facts(bus.kind).is_shared) {  // the kernel gives everybody everything
       free.push_back(number);
       continue;
     }
@@ -106,7 +104,7 @@ Result<> listen_in(const field::Choice& choice, const std::vector<Occupied>& spi
   if (!listener) return listener.error();
   all.add(std::move(*listener), false);
   for (const std::size_t number : free) {
-    if (choice.robot.buses[number].kind == BusKind::socketcan) continue;
+    if (robot::facts(choice.robot.buses[number].kind).is_shared) continue;
     std::cerr << "no Spine runs on " << field::place_of(choice.robot.buses[number])
               << ": only this monitor can use it now, lithe run cannot\n";
   }

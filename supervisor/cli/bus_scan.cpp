@@ -28,7 +28,7 @@ int bus_scan(const Context& context, const field::Words& words, const field::Sca
   }
   std::vector<std::string> spines;
   for (const Occupied& each : spines_on(*choice, [](const std::string& doubt) { std::cerr << doubt << std::endl; })) {
-    const bool real = each.config.buses[each.theirs].kind != robot::BusKind::loop;
+    const bool real = robot::is_real(each.config.buses[each.theirs]);
     if (real) spines.push_back(each.words());
   }
   if (!spines.empty()) {

@@ -100,35 +100,36 @@ Refusal refused_outside(CommandKind kind, const wire::Telemetry& now, const wire
               : "bring it inside: lithe recover (slow, little torque), or by hand; then: lithe arm"};
 }
 
-// What keeps a joint from being armed; "" = nothing. A CiA 402 drive that answers is not ready for one reason only.
-std::string why_not_ready(std::uint32_t status, robot::DeviceKind kind) {
-  if ((status & wire::joint_status::kFresh) == 0) return "does not answer, or is being set up";
-  if ((status & wire::joint_status::kNotReady) == 0) return "";
-  return kind == robot::DeviceKind::cia402 ? "has no heartbeat (1017h)"
-                                           : "is not set up as a command would need it; the log says what to set";
+constexpr std::string_view kTryAgain = "try again; lithe status names the joints that are stale";
+
+// What keeps a joint from being armed, and the next step; no text = nothing.
+robot::Advice why_not_ready(std::uint32_t status, const robot::DeviceConfig* drive) {
+  if ((status & wire::joint_status::kFresh) == 0) return {"does not answer, or is being set up", ""};
+  if ((status & wire::joint_status::kNotReady) == 0) return {};
+  const robot::Advice own = drive != nullptr ? robot::facts(drive->kind).not_ready : robot::Advice{};
+  return own.text.empty() ? robot::Advice{"is not set up as a command would need it; the log says what to set", ""}
+                          : own;
 }
 
 // Names the joints and their drives. None: it was one late sample.
 Refusal refused_not_ready(CommandKind kind, const wire::Telemetry& now, const wire::RobotInfo& info,
                           const robot::RobotConfig* robot) {
   std::string joints;
-  bool silent = false;
+  std::string_view next;
   for (std::size_t j = 0; j < std::min<std::size_t>(now.joint_count, wire::kNj); ++j) {
     const robot::DeviceConfig* drive = nullptr;
     if (robot != nullptr && j < robot->joints.size() && robot->joints[j].device < robot->devices.size()) {
       drive = &robot->devices[robot->joints[j].device];
     }
-    const auto device = drive != nullptr ? drive->kind : robot::DeviceKind::moteus;
-    const std::string why = why_not_ready(now.joint_status[j], device);
-    if (why.empty()) continue;
-    silent = silent || why.find("1017h") != std::string::npos;
+    const robot::Advice why = why_not_ready(now.joint_status[j], drive);
+    if (why.text.empty()) continue;
+    if (next.empty()) next = why.next;
     joints += fmt::format("{}joint {}{} {}", joints.empty() ? ": " : "; ", text_of(info.joint_name, j * 32, 32),
-                          drive != nullptr ? fmt::format(" (drive {})", drive->name) : "", why);
+                          drive != nullptr ? fmt::format(" (drive {})", drive->name) : "", why.text);
   }
   return {std::string(to_string(CommandResult::refused_not_ready)),
           fmt::format("cannot {}: not every drive answers yet{}", to_string(kind), joints),
-          silent ? "check its power and cable; while it is off it is reset and set up anew every 5 s; then: lithe arm"
-                 : "try again; lithe status names the joints that are stale"};
+          std::string(next.empty() ? kTryAgain : next)};
 }
 
 }  // namespace

@@ -7,57 +7,30 @@
 namespace lithe::control {
 namespace {
 
-// Mode numbers of a moteus (register 0x000).
-Drives moteus_in(std::uint32_t mode) {
-  switch (mode) {
-    case 0:  // stopped
-    case 1:  // stopped by a fault
+// An unknown number, and `enabling`, in which a motor may already turn, count as driven.
+Drives drive_of(const wire::Telemetry& now, std::size_t joint) {
+  if ((now.joint_status[joint] & wire::joint_status::kFresh) == 0) return Drives::driven;
+  switch (static_cast<wire::DriveState>(now.drive_state[joint])) {
+    case wire::DriveState::off:
+    case wire::DriveState::fault:
       return Drives::off;
-    case 11:  // watchdog timeout
-    case 12:  // zero velocity
-    case 15:  // brake
+    case wire::DriveState::damped:
       return Drives::damped;
-    default:
-      return Drives::driven;
+    case wire::DriveState::enabling:
+    case wire::DriveState::driven:
+      break;
   }
-}
-
-// State numbers of the CiA 402 driver. In "ready to switch on" and "switched on" the motor has no torque yet.
-Drives cia402_in(std::uint32_t state) {
-  switch (state) {
-    case 0:  // not ready
-    case 1:  // switch on disabled
-    case 2:  // ready to switch on
-    case 3:  // switched on
-    case 7:  // fault
-      return Drives::off;
-    case 5:  // quick stop
-    case 6:  // fault reaction active
-      return Drives::damped;
-    default:
-      return Drives::driven;
-  }
-}
-
-Drives drive_of(const robot::RobotConfig& robot, const wire::Telemetry& now, std::size_t joint) {
-  const std::uint32_t status = now.joint_status[joint];
-  if ((status & wire::joint_status::kFresh) == 0 || joint >= robot.joints.size() ||
-      robot.joints[joint].device >= robot.devices.size()) {
-    return Drives::driven;
-  }
-  const std::uint32_t mode = status >> 16 & 0xFFU;
-  const bool canopen = robot.devices[robot.joints[joint].device].kind == robot::DeviceKind::cia402;
-  return canopen ? cia402_in(mode) : moteus_in(mode);
+  return Drives::driven;
 }
 
 std::size_t joints_of(const wire::Telemetry& now) { return std::min<std::size_t>(now.joint_count, wire::kNj); }
 
 }  // namespace
 
-Drives drives_of(const robot::RobotConfig& robot, const wire::Telemetry& now) {
+Drives drives_of(const wire::Telemetry& now) {
   Drives least = joints_of(now) == 0 ? Drives::driven : Drives::off;
   for (std::size_t j = 0; j < joints_of(now); ++j) {
-    least = std::min(least, drive_of(robot, now, j));
+    least = std::min(least, drive_of(now, j));
   }
   return least;
 }
@@ -65,7 +38,7 @@ Drives drives_of(const robot::RobotConfig& robot, const wire::Telemetry& now) {
 std::string joints_not_off(const robot::RobotConfig& robot, const wire::Telemetry& now) {
   std::string names;
   for (std::size_t j = 0; j < std::min(joints_of(now), robot.joints.size()); ++j) {
-    if (drive_of(robot, now, j) != Drives::off) {
+    if (drive_of(now, j) != Drives::off) {
       names += (names.empty() ? "" : ", ") + robot.joints[j].name;
     }
   }

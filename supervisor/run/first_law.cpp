@@ -3,6 +3,9 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <filesystem>
 #include <utility>
 
@@ -16,14 +19,13 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::int64_t kArmTimeoutNs = 5 * kNsPerS;
-// A CANopen drive that was powered on late is reset again after 5 s, and then configured.
-constexpr std::int64_t kArmCanopenTimeoutNs = 15 * kNsPerS;
 
 std::int64_t arm_timeout_ns(const robot::RobotConfig& robot) {
+  std::int64_t longest_ns = kArmTimeoutNs;
   for (const robot::DeviceConfig& device : robot.devices) {
-    if (device.kind == robot::DeviceKind::cia402) return kArmCanopenTimeoutNs;
+    longest_ns = std::max<std::int64_t>(longest_ns, std::llround(1e9 * robot::facts(device.kind).arm_timeout_s));
   }
-  return kArmTimeoutNs;
+  return longest_ns;
 }
 
 std::string words_of(const Refusal& refusal) {

@@ -92,7 +92,7 @@ Drives Supervisor::switch_off() {
     const bool pressed = link_->latest(now) && now.mode == static_cast<std::uint32_t>(wire::Mode::estop);
     const Drives wanted = pressed ? Drives::damped : Drives::off;
     const auto wait_over = [&] {
-      seen = link_->latest(now) ? drives_of(config_, now) : Drives::driven;
+      seen = link_->latest(now) ? drives_of(now) : Drives::driven;
       return seen >= wanted || spine_->ended();
     };
     turn_until(wait_over, 2 * kNsPerS);

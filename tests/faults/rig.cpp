@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/faults/rig.hpp"
+#include "spine/hal/robot_hardware.hpp"
 
 #include <algorithm>
 #include <cmath>

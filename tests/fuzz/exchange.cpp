@@ -51,7 +51,7 @@ class Robot {
     for (std::uint32_t i = 0; i < kMoteus; ++i) add_moteus(i);
     for (std::uint32_t i = kMoteus; i < kJoints; ++i) add_cia402(i);
     peer_[0].attach(gateway_);
-    const std::size_t place = actuators_.add_gateway(0, kGateway, 5'000'000);
+    const std::size_t place = actuators_.add_sensors(0, std::make_unique<gateway::Gateway>(kGateway, 5'000'000));
     actuators_.add_sensor(place, gateway::Block::analog, 0, kScale, kOffset);
     actuators_.add_sensor(place, gateway::Block::digital, 15, kScale, kOffset);
     actuators_.add_sensor(place, gateway::Block::imu, 9, kScale, kOffset);

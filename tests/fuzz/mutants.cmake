@@ -82,4 +82,4 @@ lithe_mutant(asks_never robot_toml spine/robot/sections.cpp
 lithe_mutant(follows_beyond_the_limits segments spine/plan/check.cpp
   "if (!inside) return PlanReject::position_limit;" "")
 lithe_mutant(forgets_to_count_repeated exchange ${hal}/bus_actuators.cpp
-  "counters_.duplicate += place.gateway.counters().repeated;" "")
+  "counters_.duplicate += place.device->repeated();" "")

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "spine/core/joints.hpp"
-#include "spine/hal/actuators.hpp"
+#include "spine/hal/robot_hardware.hpp"
 #include "spine/robot/robot.hpp"
 #include "tests/fuzz/fuzz.hpp"
 
@@ -27,7 +27,7 @@ void check_config(const robot::RobotConfig& robot) {
   demand(robot.sensors.size() <= robot::kMaxSensors, "no more sensors than the map holds");
   for (const robot::DeviceConfig& device : robot.devices) {
     demand(device.bus < robot.buses.size(), "a device is on a bus that is there");
-    const bool addressed = device.kind == robot::DeviceKind::imu || within(device.id, 1, 126);
+    const bool addressed = !robot::facts(device.kind).on_bus || within(device.id, 1, 126);
     demand(addressed && device.rate_divider >= 1, "a device has an address, and is asked");
     demand(within(device.watchdog_s, 0.005, 10) && within(device.counts_per_rev, 1, 1e9), "a device is in range");
   }

@@ -13,7 +13,7 @@
 #include <memory>
 #include <numbers>
 
-#include "spine/hal/actuators.hpp"
+#include "spine/hal/robot_hardware.hpp"
 #include "spine/robot/robot.hpp"
 
 namespace lithe {

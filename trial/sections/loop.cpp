@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "spine/hal/robot_hardware.hpp"
 #include "trial/sections/ride.hpp"
 #include "trial/sections/sections.hpp"
 

@@ -183,8 +183,10 @@ DriveReport Cia402Drive::report() const LITHE_RT {
   wire::DriveState state = wire::DriveState::off;
   if (state_ == State::ready_to_switch_on || state_ == State::switched_on) state = wire::DriveState::enabling;
   if (state_ == State::operation_enabled) state = wire::DriveState::driven;
-  if (state_ == State::quick_stop_active) state = wire::DriveState::damped;
-  if (failed()) state = wire::DriveState::fault;
+  // `fault` is said of a motor without power. On its ramp, or not stopped yet, a drive with a fault has power.
+  const bool ramp = state_ == State::quick_stop_active || state_ == State::fault_reaction_active;
+  if (ramp) state = wire::DriveState::damped;
+  if (failed() && !ramp && state_ != State::operation_enabled) state = wire::DriveState::fault;
   const double sign = params_.joint.gear() < 0 ? -1 : 1;
   DriveReport report;
   report.state = state;

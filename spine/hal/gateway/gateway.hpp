@@ -18,6 +18,7 @@
 
 #include "spine/core/rt.hpp"
 #include "spine/hal/core/frame.hpp"
+#include "spine/hal/core/sensors.hpp"
 
 namespace lithe::hal::gateway {
 
@@ -26,10 +27,9 @@ inline constexpr std::uint32_t kIdMask = 0x1fff8000;
 inline constexpr std::size_t kChannels = 16;  // of each block
 inline constexpr std::int16_t kInvalid = -32768;
 
-// imu: 0 to 3 the attitude as a quaternion w x y z, 4 to 6 angular rate, 7 to 9 acceleration, x y z; the unit of a
-// count is the sensor's `scale` in robot.toml.
-enum class Block : std::uint8_t { analog, digital, imu };
-inline constexpr std::size_t kBlocks = 3;
+// The unit of a count is the sensor's `scale` in robot.toml.
+using hal::Block;
+using hal::kBlocks;
 
 constexpr bool is_gateway(const Frame& frame) LITHE_RT { return frame.extended && (frame.id & kIdMask) == kIdBase; }
 constexpr std::uint32_t node_of(const Frame& frame) LITHE_RT { return frame.id >> 8 & 0x7f; }
@@ -42,17 +42,18 @@ struct Counters {
 };
 
 // The last values of one gateway.
-// Contract: RT · one thread
-class Gateway {
+// Contract: as hal::SensorDevice
+class Gateway final : public SensorDevice {
  public:
   // A channel without a new value for `stale_ns` is not valid.
   Gateway(std::uint32_t node, std::int64_t stale_ns) : node_(node), stale_ns_(stale_ns) {}
 
   std::uint32_t node() const LITHE_RT { return node_; }
-  void take(const Frame& frame, std::int64_t now_ns) LITHE_RT;
-
-  // False: never seen, not valid, or too old; `raw` is unchanged.
-  bool read(Block block, std::size_t channel, std::int64_t now_ns, double& raw) const LITHE_RT;
+  bool sent(const Frame& frame) const LITHE_RT override { return is_gateway(frame) && node_of(frame) == node_; }
+  void take(const Frame& frame, std::int64_t now_ns) LITHE_RT override;
+  bool read(Block block, std::size_t channel, std::int64_t now_ns, double& raw) const LITHE_RT override;
+  std::uint64_t repeated() const LITHE_RT override { return counters_.repeated; }
+  std::uint64_t malformed() const LITHE_RT override { return counters_.malformed; }
 
   const Counters& counters() const LITHE_RT { return counters_; }
 

@@ -194,7 +194,7 @@ TEST(Exchange, WhatOthersSaidMeanwhileNeverCostsADriveItsAnswer) {
     BusActuators actuators;
     actuators.add_bus(std::move(own), Addressing::moteus);
     actuators.add_joint(0, 1, std::make_unique<moteus::MoteusDrive>(moteus::DriverParams{.id = 1, .joint = {}}));
-    if (known) actuators.add_gateway(0, 9, kMs);
+    if (known) actuators.add_sensors(0, std::make_unique<gateway::Gateway>(9, kMs));
     ActuatorCommand command;
     ActuatorState state;
     for (int i = 0; i < 1000; ++i) {
@@ -233,8 +233,8 @@ TEST(Exchange, SensorsComeBesideTheDrivesAndFallSilentAlone) {
   auto deaf = std::make_unique<sim::SimGateway>(8, 3600'000 * kMs, true);
   robot.bus->attach(*gateway);
   robot.bus->attach(*deaf);
-  const std::size_t heard = robot.actuators.add_gateway(0, 9, 50 * kMs);
-  const std::size_t silent = robot.actuators.add_gateway(0, 7, 50 * kMs);
+  const std::size_t heard = robot.actuators.add_sensors(0, std::make_unique<gateway::Gateway>(9, 50 * kMs));
+  const std::size_t silent = robot.actuators.add_sensors(0, std::make_unique<gateway::Gateway>(7, 50 * kMs));
   robot.actuators.add_sensor(heard, gateway::Block::imu, 9, 0.01, 0.0);
   robot.actuators.add_sensor(silent, gateway::Block::analog, 0, 1.0, 0.0);
   robot.actuators.add_sensor(heard, gateway::Block::digital, 3, 1.0, 5.0);
@@ -278,7 +278,7 @@ TEST(Exchange, AGatewaysNonsenseIsCountedWithTheDrives) {
   robot.add_drive(1);
   Stutter gateway;
   robot.bus->attach(gateway);
-  const std::size_t place = robot.actuators.add_gateway(0, 9, 50 * kMs);
+  const std::size_t place = robot.actuators.add_sensors(0, std::make_unique<gateway::Gateway>(9, 50 * kMs));
   robot.actuators.add_sensor(place, gateway::Block::analog, 0, 1.0, 0.5);
   for (int i = 0; i < 10; ++i) robot.cycle();
   EXPECT_EQ(robot.state.sensor[0], 0.5);

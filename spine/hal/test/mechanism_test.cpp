@@ -13,7 +13,7 @@
 
 #include "spine/core/no_alloc/no_alloc.hpp"
 #include "spine/core/time.hpp"
-#include "spine/hal/actuators.hpp"
+#include "spine/hal/robot_hardware.hpp"
 #include "spine/robot/robot.hpp"
 #include "spine/wire/wire.hpp"
 

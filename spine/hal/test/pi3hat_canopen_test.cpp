@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "spine/core/no_alloc/no_alloc.hpp"
-#include "spine/hal/actuators.hpp"
+#include "spine/hal/robot_hardware.hpp"
 #include "spine/hal/test/pi3hat_rig.hpp"
 #include "spine/robot/robot.hpp"
 #include "spine/wire/wire.hpp"

@@ -10,10 +10,10 @@
 #include <vector>
 
 #include "spine/core/no_alloc/no_alloc.hpp"
-#include "spine/hal/actuators.hpp"
 #include "spine/hal/bus/pi3hat/pi3hat_bus.hpp"
+#include "spine/hal/nodes.hpp"
 #include "spine/hal/open_bus.hpp"
-#include "spine/hal/sim/nodes.hpp"
+#include "spine/hal/robot_hardware.hpp"
 #include "spine/hal/test/pi3hat_rig.hpp"
 #include "spine/robot/robot.hpp"
 #include "spine/wire/wire.hpp"

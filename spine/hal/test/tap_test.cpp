@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "spine/core/no_alloc/no_alloc.hpp"
-#include "spine/hal/actuators.hpp"
+#include "spine/hal/robot_hardware.hpp"
 #include "spine/robot/robot.hpp"
 
 namespace lithe::hal {

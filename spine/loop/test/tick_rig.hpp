@@ -11,6 +11,7 @@
 #include <limits>
 #include <memory>
 
+#include "spine/hal/robot_hardware.hpp"
 #include "spine/loop/spine.hpp"
 #include "spine/robot/robot.hpp"
 

@@ -9,16 +9,15 @@
 #include <vector>
 
 #include "spine/hal/canopen/canopen_pdo.hpp"
-#include "spine/hal/cia402/cia402_setup.hpp"
+#include "spine/hal/canopen/canopen_words.hpp"
 #include "spine/hal/gateway/gateway.hpp"
-#include "supervisor/bus/drive_words.hpp"
+#include "spine/hal/registry.hpp"
 #include "supervisor/bus/state_words.hpp"
 
 namespace lithe::field {
 namespace {
 
 namespace canopen = hal::canopen;
-namespace cia402 = hal::cia402;
 namespace cob = hal::canopen::cob;
 
 constexpr std::pair<std::uint16_t, const char*> kObjects[] = {
@@ -28,30 +27,24 @@ constexpr std::pair<std::uint16_t, const char*> kObjects[] = {
     {canopen::object::kConsumerHeartbeat, "consumer heartbeat"},
     {canopen::object::kProducerHeartbeatMs, "producer heartbeat ms"},
     {canopen::object::kIdentity, "identity"},
-    {cia402::object::kAbortConnection, "abort connection"},
-    {cia402::object::kErrorCode, "error code"},
-    {cia402::object::kControlword, "control"},
-    {cia402::object::kStatusword, "status"},
-    {cia402::object::kQuickStopOption, "quick stop option"},
-    {cia402::object::kMode, "mode"},
-    {cia402::object::kModeDisplay, "mode display"},
-    {cia402::object::kPosition, "position"},
-    {cia402::object::kVelocity, "velocity"},
-    {cia402::object::kTargetTorque, "target torque"},
-    {cia402::object::kMaxTorque, "most torque"},
-    {cia402::object::kRatedTorque, "rated torque mNm"},
-    {cia402::object::kTorque, "torque"},
-    {cia402::object::kTargetPosition, "target position"},
-    {cia402::object::kTorqueOffset, "torque offset"},
-    {cia402::object::kTargetVelocity, "target velocity"},
-    {cia402::object::kSupportedModes, "supported modes"},
 };
+
+// Of the communication profile, or of a kind of device; empty = unknown.
+std::string_view object_name(std::uint16_t index) {
+  const auto* const found =
+      std::find_if(std::begin(kObjects), std::end(kObjects), [index](const auto& each) { return each.first == index; });
+  if (found != std::end(kObjects)) return found->second;
+  for (const hal::DeviceType& type : hal::device_types()) {
+    const std::string_view name = type.object_name != nullptr ? type.object_name(index) : std::string_view();
+    if (!name.empty()) return name;
+  }
+  return {};
+}
 
 std::string object_text(canopen::Address address) {
   const std::string number = fmt::format("{:04x}h:{}", address.index, address.subindex);
-  const auto* const found = std::find_if(std::begin(kObjects), std::end(kObjects),
-                                         [&](const auto& each) { return each.first == address.index; });
-  return found == std::end(kObjects) ? number : number + " " + found->second;
+  const std::string_view name = object_name(address.index);
+  return name.empty() ? number : fmt::format("{} {}", number, name);
 }
 
 std::string bytes_text(const hal::Frame& frame) {
@@ -60,43 +53,14 @@ std::string bytes_text(const hal::Frame& frame) {
   return text.empty() ? "no data" : text;
 }
 
-std::string control_text(std::uint32_t word) {
-  if ((word & cia402::control::kFaultReset) != 0) return "fault reset";
-  if ((word & 0x02) == 0) return "disable voltage";
-  if ((word & 0x04) == 0) return "quick stop";
-  if ((word & 0x01) == 0) return "shutdown";
-  return (word & 0x08) != 0 ? "enable" : "switch on";
-}
-
-std::string mapped_text(const canopen::Mapped& mapped, std::uint32_t raw) {
-  const std::uint16_t index = mapped.address.index;
-  if (index == cia402::object::kControlword) return control_text(raw);
-  if (index == cia402::object::kStatusword) {
-    cia402::State state{};
-    return cia402::decode_state(static_cast<std::uint16_t>(raw), state) ? std::string(cia402::state_name(state))
-                                                                        : fmt::format("status {:04x}h", raw);
-  }
-  const auto* const found =
-      std::find_if(std::begin(kObjects), std::end(kObjects), [index](const auto& each) { return each.first == index; });
-  const std::string name = found == std::end(kObjects) ? fmt::format("{:04x}h", index) : found->second;
-  const bool thousandths = index == cia402::object::kTargetTorque || index == cia402::object::kTorque ||
-                           index == cia402::object::kTorqueOffset;
-  return fmt::format("{} {}{}", name, canopen::signed_of(raw, mapped.bytes), thousandths ? "/1000" : "");
-}
-
-std::string process_text(const canopen::PdoMap& map, const hal::Frame& frame) {
+std::string process_text(const hal::DeviceType& type, const canopen::PdoMap& map, const hal::Frame& frame) {
   std::array<std::uint32_t, canopen::PdoMap::kMost> values{};
   if (!map.unpack(frame, values)) return "shorter than it is mapped: " + bytes_text(frame);
   std::string text;
   for (std::size_t i = 0; i < map.objects().size(); ++i) {
-    text += (text.empty() ? "" : ", ") + mapped_text(map.objects()[i], values[i]);
+    text += (text.empty() ? "" : ", ") + type.process_value(map.objects()[i], values[i]);
   }
   return text;
-}
-
-cia402::Mode mode_of(robot::DriveMode mode) {
-  if (mode == robot::DriveMode::torque) return cia402::Mode::torque;
-  return mode == robot::DriveMode::position ? cia402::Mode::position : cia402::Mode::velocity;
 }
 
 std::string pdo_text(const hal::Frame& frame, const robot::RobotConfig& robot, std::size_t bus) {
@@ -106,13 +70,10 @@ std::string pdo_text(const hal::Frame& frame, const robot::RobotConfig& robot, s
   const std::string which = fmt::format("{}{} ", to_node ? "RPDO" : "TPDO",
                                         (function - (to_node ? cob::kRpdo1 : cob::kTpdo1)) / cob::kNextPdo + 1);
   for (const robot::DeviceConfig& device : robot.devices) {
-    if (device.bus != bus || device.kind != robot::DeviceKind::cia402 || device.id != node) continue;
-    if (frame.id == cia402::pdo::command_id(node))
-      return which + process_text(cia402::pdo::command_map(mode_of(device.mode)), frame);
-    if (frame.id == cia402::pdo::transmit_id(cia402::pdo::kAnswer, node))
-      return which + process_text(cia402::pdo::answer_map(), frame);
-    if (frame.id == cia402::pdo::transmit_id(cia402::pdo::kVelocity, node))
-      return which + process_text(cia402::pdo::velocity_map(), frame);
+    const hal::DeviceType& type = hal::type_of(device.kind);
+    if (device.bus != bus || device.id != node || type.process_map == nullptr) continue;
+    canopen::PdoMap map;
+    if (type.process_map(device, frame.id, map)) return which + process_text(type, map, frame);
   }
   return which + bytes_text(frame);
 }
@@ -148,7 +109,7 @@ std::string emergency_text(const hal::Frame& frame) {
   canopen::Emergency what;
   if (!canopen::parse_emergency(frame, what)) return "emergency, malformed: " + bytes_text(frame);
   if (what.code == canopen::emergency::kGone) return "emergency: errors are over";
-  return fmt::format("emergency {:04x}h {}, error register {:02x}h", what.code, bus::emergency_name(what.code),
+  return fmt::format("emergency {:04x}h {}, error register {:02x}h", what.code, canopen::emergency_name(what.code),
                      what.error_register);
 }
 

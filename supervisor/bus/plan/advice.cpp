@@ -11,9 +11,7 @@ namespace lithe::bus {
 namespace {
 
 using robot::BusConfig;
-using robot::BusKind;
 using robot::DeviceConfig;
-using robot::DeviceKind;
 using robot::RobotConfig;
 
 constexpr std::uint32_t kLargestDivider = 8;
@@ -33,12 +31,11 @@ double excess(const Plan& plan) {
 bool may_live_on(const RobotConfig& robot, const DeviceConfig& device, std::size_t target) {
   const BusConfig& bus = robot.buses[target];
   // A device does not move between a real and a simulated bus.
-  if ((bus.kind == BusKind::loop) != (robot.buses[device.bus].kind == BusKind::loop)) return false;
-  if (device.kind == DeviceKind::moteus && !is_fd(bus)) return false;
-  if (device.kind == DeviceKind::cia402 && bus.kind == BusKind::fdcanusb) return false;
+  if (is_real(bus) != is_real(robot.buses[device.bus])) return false;
+  const robot::DeviceFacts& kind = robot::facts(device.kind);
+  if ((kind.needs_fd && !is_fd(bus)) || (kind.needs_classic && !carries_classic(bus))) return false;
   return std::all_of(robot.devices.begin(), robot.devices.end(), [&](const DeviceConfig& other) {
-    return other.bus != target || other.kind == device.kind || !robot::is_drive(other.kind) ||
-           !robot::is_drive(device.kind);
+    return other.bus != target || robot::go_together(other.kind, device.kind);
   });
 }
 
@@ -68,7 +65,7 @@ std::string watchdogs_for(const RobotConfig& robot, double rate_hz) {
   double needed_s = 0;
   for (const DeviceConfig& device : robot.devices) {
     const double least_s = kCommandsPerWatchdog * device.rate_divider / rate_hz;
-    if (device.kind != DeviceKind::gateway && device.watchdog_s < least_s) needed_s = std::max(needed_s, least_s);
+    if (robot::facts(device.kind).asked && device.watchdog_s < least_s) needed_s = std::max(needed_s, least_s);
   }
   return needed_s > 0 ? fmt::format(", with watchdog_s = {:g} or more", std::ceil(1000 * needed_s) / 1000) : "";
 }

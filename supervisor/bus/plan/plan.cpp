@@ -17,7 +17,6 @@ bool fits(const BusPlan& bus, const Plan& plan) { return bus.load() <= kFullLoad
 namespace {
 
 using robot::BusConfig;
-using robot::BusKind;
 using robot::RobotConfig;
 
 constexpr double kTurnAroundUs = 200;
@@ -150,11 +149,11 @@ void share_spi(const RobotConfig& robot, const std::vector<Use>& uses, Plan& pla
   std::vector<double> all;
   double pair_us = 0;  // the last command and the answer to it
   const bool in_steps = std::any_of(robot.buses.begin(), robot.buses.end(), [](const robot::BusConfig& bus) {
-    return bus.kind == BusKind::pi3hat && !is_fd(bus);
+    return robot::facts(bus.kind).is_board && !is_fd(bus);
   });
   const double poll_us = in_steps ? kPollsInSteps * kSpiPollUs : kSpiPollUs;
   for (std::size_t i = 0; i < robot.buses.size(); ++i) {
-    if (robot.buses[i].kind != BusKind::pi3hat || plan.buses[i].devices.empty()) continue;
+    if (!robot::facts(robot.buses[i].kind).is_board || plan.buses[i].devices.empty()) continue;
     std::vector<double>& mine = us[std::min<std::size_t>((robot.buses[i].connector - 1) / 2, us.size() - 1)];
     all.resize(uses[i].ticks.size());
     if (mine.empty()) {
@@ -173,7 +172,7 @@ void share_spi(const RobotConfig& robot, const std::vector<Use>& uses, Plan& pla
     if (!us[i].empty()) plan.spi.push_back({kProcessors[i], *std::max_element(us[i].begin(), us[i].end())});
   }
   for (BusPlan& bus : plan.buses) {
-    if (bus.kind != BusKind::pi3hat || bus.devices.empty()) continue;
+    if (!robot::facts(bus.kind).is_board || bus.devices.empty()) continue;
     bus.cycle_us = std::max(bus.cycle_us, plan.spi_us + kTurnAroundUs + pair_us);
   }
 }
@@ -194,7 +193,7 @@ void add_devices(const RobotConfig& robot, Detail detail, Plan& plan) {
     DevicePlan& added = bus.devices.emplace_back();
     added.device = device;
     added.name = config.name;
-    const bool together = config.kind == robot::DeviceKind::cia402;  // one SYNC for all of them
+    const bool together = robot::facts(config.kind).is_synced;  // one SYNC for all of them
     added.turn = together ? 0 : static_cast<std::uint32_t>(bus.devices.size() - 1) % config.rate_divider;
     added.traffic = traffic_of(config, robot.buses[config.bus], detail);
     for (const Traffic& each : added.traffic) {

@@ -43,7 +43,7 @@ struct BusPlan {
   double busy_us = 0;          // time of all frames in that tick; average
   double highest_rate_hz = 0;  // 0: none
 
-  bool real() const { return kind != robot::BusKind::loop; }
+  bool real() const { return robot::facts(kind).real; }
   double load() const { return load_worst > text_load ? load_worst : text_load; }
 };
 

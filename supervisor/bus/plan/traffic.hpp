@@ -31,11 +31,11 @@ struct Traffic {
 
 enum class Detail { all, worst_only };  // averages take a hundred times as long as all the rest
 
-// The frames of one device. For a moteus: the driver's own command, and the answer to it.
+// The frames of one device, as its row in the registry tells them.
 // Contract: pure · never in the tick
 std::vector<Traffic> traffic_of(const robot::DeviceConfig& device, const robot::BusConfig& bus, Detail detail);
 
-// The frames that a CANopen bus needs in addition: SYNC and our heartbeat. Empty without CANopen drives.
+// The frames that a bus needs in addition, for example SYNC and our heartbeat. Empty for most.
 std::vector<Traffic> shared_traffic(const robot::RobotConfig& robot, std::size_t bus, Detail detail);
 
 }  // namespace lithe::bus

@@ -8,9 +8,9 @@
 #include <map>
 
 #include "spine/core/text.hpp"
-#include "spine/hal/cia402/cia402.hpp"
 #include "spine/hal/gateway/gateway.hpp"
 #include "spine/hal/moteus/moteus_faults.hpp"
+#include "spine/hal/registry.hpp"
 #include "supervisor/bus/plan/report.hpp"
 #include "supervisor/bus/state_words.hpp"
 
@@ -90,9 +90,26 @@ void judge_moteus(const Seen& seen, std::vector<Judged>& all) {
   }
 }
 
-void judge_nodes(const Seen& seen, std::vector<Judged>& all) {
+// The kind that the file says; else that of its profile; else the first CANopen one, which it does not fit.
+const hal::DeviceType& type_of_node(const robot::RobotConfig& robot, std::size_t bus, std::uint32_t id,
+                                    const NodeSeen& node) {
+  for (const robot::DeviceConfig& device : robot.devices) {
+    const hal::DeviceType& type = hal::type_of(device.kind);
+    if (device.bus == bus && device.id == id && type.profile != 0) return type;
+  }
+  const hal::DeviceType* first = nullptr;
+  for (const hal::DeviceType& type : hal::device_types()) {
+    if (type.profile == 0) continue;
+    if (first == nullptr) first = &type;
+    if (node.device_type && (*node.device_type & 0xffff) == type.profile) return type;
+  }
+  return *first;
+}
+
+void judge_nodes(const robot::RobotConfig& robot, std::size_t bus, const Seen& seen, std::vector<Judged>& all) {
   for (const auto& [id, node] : seen.nodes) {
-    Judged device{DeviceKind::cia402, id, "", Standing::present, node_text(node), ""};
+    const hal::DeviceType& type = type_of_node(robot, bus, id, node);
+    Judged device{type.kind, id, "", Standing::present, node_text(node), ""};
     if (node.answers > 1) {
       device.standing = Standing::twice;
       device.advice = fmt::format(
@@ -101,8 +118,8 @@ void judge_nodes(const Seen& seen, std::vector<Judged>& all) {
           node.answers, id);
     } else if (node.answers == 0 && seen.trouble.empty() && seen.commander.empty()) {
       unfit(device, "it does not answer SDO requests: switch it off and on");
-    } else if (node.device_type && (*node.device_type & 0xffff) != hal::cia402::kDeviceProfile) {
-      unfit(device, "it is no CiA 402 drive, and cannot be driven as one");
+    } else if (node.device_type && (*node.device_type & 0xffff) != type.profile) {
+      unfit(device, std::string(type.unfit));
     }
     all.push_back(std::move(device));
   }
@@ -124,7 +141,7 @@ void compare(const robot::RobotConfig& robot, std::size_t bus, std::vector<Judge
 void add_missing(const robot::RobotConfig& robot, std::size_t bus, std::vector<Judged>& all) {
   for (const robot::DeviceConfig& device : robot.devices) {
     const auto is_it = [&](const Judged& found) { return found.name == device.name; };
-    const bool on_it = device.bus == bus && device.kind != DeviceKind::imu;  // an imu is on the board, on no bus
+    const bool on_it = device.bus == bus && robot::facts(device.kind).on_bus;
     if (!on_it || std::any_of(all.begin(), all.end(), is_it)) continue;
     all.push_back({device.kind, device.id, device.name, Standing::missing, "", ""});
   }
@@ -168,7 +185,7 @@ std::string_view word(Standing standing) {
 BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_file, const Seen& seen) {
   BusFindings findings{bus, {}, "", ""};
   judge_moteus(seen, findings.devices);
-  judge_nodes(seen, findings.devices);
+  judge_nodes(robot, bus, seen, findings.devices);
   for (const auto& [id, one] : seen.gateways) {
     findings.devices.push_back({DeviceKind::gateway, id, "", Standing::present, gateway_text(one), ""});
   }

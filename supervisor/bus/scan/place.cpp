@@ -12,28 +12,26 @@
 namespace lithe::field {
 namespace {
 
-using robot::BusKind;
-
-constexpr BusKind kReal[] = {BusKind::fdcanusb, BusKind::slcan, BusKind::socketcan, BusKind::pi3hat};
+using robot::PlaceKey;
 
 // The bus that "KIND:PLACE" names; empty when the text is a file path instead.
 std::optional<robot::BusConfig> bus_given(std::string_view what) {
-  for (const BusKind kind : kReal) {
-    const std::string before = std::string(robot::word(kind)) + ":";
-    if (!what.starts_with(before)) continue;
+  for (const robot::BusFacts& kind : robot::kBusFacts) {
+    const std::string before = std::string(kind.word) + ":";
+    if (!kind.real || !what.starts_with(before)) continue;
     robot::BusConfig config;
-    config.kind = kind;
+    config.kind = kind.kind;
+    config.data_bitrate = kind.data_bitrate;
     config.name = what;
     const std::string place(what.substr(before.size()));
-    if (kind == BusKind::socketcan) {
+    if (kind.place == PlaceKey::interface) {
       config.interface = place;
-    } else if (kind == BusKind::pi3hat) {
+    } else if (kind.place == PlaceKey::connector) {
       config.connector = 0;
       std::from_chars(place.data(), place.data() + place.size(), config.connector);
     } else {
       config.path = place;
     }
-    if (kind == BusKind::slcan) config.data_bitrate = 0;  // most adapters are classic
     return config;
   }
   return std::nullopt;
@@ -52,7 +50,7 @@ std::string wrong_bitrates(const robot::BusConfig& bus) {
 
 Result<Choice> choose_given(robot::BusConfig bus, const Words& words) {
   if (!words.bus.empty()) return Error{"--bus picks one of a robot file's buses; '" + words.what + "' is one already"};
-  if (bus.kind == BusKind::pi3hat && (bus.connector < 1 || bus.connector > 5)) {
+  if (robot::facts(bus.kind).place == PlaceKey::connector && (bus.connector < 1 || bus.connector > 5)) {
     return Error{words.what + ": a pi3hat has the connectors 1 to 5: pi3hat:1"};
   }
   bus.bitrate = words.bitrate.value_or(bus.bitrate);
@@ -89,33 +87,29 @@ Result<Choice> choose(const Words& words) {
 
 std::string place_of(const robot::BusConfig& bus) {
   const std::string kind(robot::word(bus.kind));
-  switch (bus.kind) {
-    case BusKind::fdcanusb:
-    case BusKind::slcan:
+  switch (robot::facts(bus.kind).place) {
+    case PlaceKey::path:
       return kind + ":" + bus.path;
-    case BusKind::socketcan:
+    case PlaceKey::interface:
       return kind + ":" + bus.interface;
-    case BusKind::pi3hat:
+    case PlaceKey::connector:
       return kind + ":" + std::to_string(bus.connector);
-    case BusKind::loop:
+    case PlaceKey::none:
       break;
   }
   return kind;
 }
 
 bool same_hardware(const robot::BusConfig& a, const robot::BusConfig& b) {
-  const auto is_serial = [](const robot::BusConfig& bus) {
-    return bus.kind == BusKind::fdcanusb || bus.kind == BusKind::slcan;
-  };
-  if (is_serial(a) && is_serial(b)) {
+  if (robot::is_serial(a) && robot::is_serial(b)) {
     std::error_code unknown;
     const auto path_a = std::filesystem::weakly_canonical(a.path, unknown);
     const auto path_b = std::filesystem::weakly_canonical(b.path, unknown);
     return path_a == path_b;
   }
   if (a.kind != b.kind) return false;
-  if (a.kind == BusKind::socketcan) return a.interface == b.interface;
-  return a.kind == BusKind::pi3hat;  // one board, used by one program as a whole
+  if (robot::facts(a.kind).place == PlaceKey::interface) return a.interface == b.interface;
+  return robot::facts(a.kind).is_board;  // one board, used by one program as a whole
 }
 
 }  // namespace lithe::field

@@ -21,7 +21,7 @@ Time real_time();
 
 struct Line {
   hal::Bus* bus = nullptr;  // null = could not be opened; left out
-  Protocol protocol = Protocol::none;
+  Protocol protocol = Protocol::own;
   Seen seen;
   std::uint32_t bitrate = 1'000'000;
 };

@@ -46,8 +46,8 @@ Scan scan(const Choice& choice, const ScanOptions& options) {
   for (const std::size_t index : choice.buses) {
     const robot::BusConfig& config = choice.robot.buses[index];
     done.buses.push_back({index, {}, "", ""});
-    open.push_back(config.kind == robot::BusKind::loop ? nullptr : open_line(opener, config, done.buses.back()));
-    if (config.kind == robot::BusKind::loop) done.buses.back().note = kSimulated;
+    open.push_back(robot::is_real(config) ? open_line(opener, config, done.buses.back()) : nullptr);
+    if (!robot::is_real(config)) done.buses.back().note = kSimulated;
     lines.push_back({open.back().get(), protocol_of(choice.robot, index), {}, config.bitrate});
   }
   const Time time = real_time();

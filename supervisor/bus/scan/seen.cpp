@@ -44,8 +44,8 @@ void hear_node(const hal::Frame& frame, Seen& seen) {
 
 Protocol protocol_of(const robot::RobotConfig& robot, std::size_t bus) {
   for (const robot::DeviceConfig& device : robot.devices) {
-    if (device.bus != bus || !robot::is_drive(device.kind)) continue;
-    return device.kind == robot::DeviceKind::moteus ? Protocol::moteus : Protocol::canopen;
+    const Protocol protocol = robot::facts(device.kind).protocol;
+    if (device.bus == bus && protocol != Protocol::own) return protocol;
   }
   return robot::is_fd(robot.buses[bus]) ? Protocol::moteus : Protocol::canopen;
 }

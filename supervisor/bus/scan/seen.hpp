@@ -16,9 +16,9 @@
 
 namespace lithe::field {
 
-// Which protocol the devices of a bus are asked in. moteus and CANopen devices cannot share one, so that a question in
-// the one never reaches devices of the other.
-enum class Protocol : std::uint8_t { none, moteus, canopen };
+// In which the devices of a bus are asked. moteus and CANopen devices cannot share one, so that a question in the one
+// never reaches devices of the other.
+using robot::Protocol;
 
 struct MoteusSeen {
   hal::moteus::Found found;

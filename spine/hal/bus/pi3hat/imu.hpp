@@ -7,6 +7,7 @@
 #include <cstdint>
 
 #include "spine/core/rt.hpp"
+#include "spine/hal/core/sensors.hpp"
 
 namespace lithe::hal {
 
@@ -29,6 +30,44 @@ class ImuSource {
   virtual ~ImuSource() = default;
   // The newest reading; the caller checks its age.
   virtual const ImuReading& imu(std::int64_t now_ns) LITHE_RT = 0;
+};
+
+// Simulated IMU for a board that is not there: level and at rest.
+class LevelImu final : public ImuSource {
+ public:
+  const ImuReading& imu(std::int64_t now_ns) LITHE_RT override {
+    reading_.taken_ns = now_ns;
+    return reading_;
+  }
+
+ private:
+  static constexpr double kGravityMps2 = 9.80665;  // an accelerometer at rest measures gravity upwards
+  ImuReading reading_{{1, 0, 0, 0, 0, 0, 0, 0, 0, kGravityMps2}, 0, true};
+};
+
+// The IMU of a board as a device. It is on no bus.
+// Contract: as SensorDevice · the source outlives it
+class BoardImu final : public SensorDevice {
+ public:
+  // `board` null: a LevelImu. Readings older than `stale_ns` are not valid.
+  BoardImu(ImuSource* board, std::int64_t stale_ns)
+      : source_(board != nullptr ? *board : level_), stale_ns_(stale_ns) {}
+
+  bool sent(const Frame& /*frame*/) const LITHE_RT override { return false; }
+  void take(const Frame& /*frame*/, std::int64_t /*now_ns*/) LITHE_RT override {}
+  bool read(Block block, std::size_t channel, std::int64_t now_ns, double& raw) const LITHE_RT override {
+    const ImuReading& reading = source_.imu(now_ns);
+    if (!reading.valid || block != Block::imu || channel >= kImuChannels || now_ns - reading.taken_ns > stale_ns_) {
+      return false;
+    }
+    raw = reading.value[channel];
+    return true;
+  }
+
+ private:
+  LevelImu level_;
+  ImuSource& source_;
+  std::int64_t stale_ns_;
 };
 
 }  // namespace lithe::hal

@@ -1,33 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/hal/sim/nodes.hpp"
+#include "spine/hal/nodes.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
-#include "spine/hal/cia402/sim/sim_cia402.hpp"
-#include "spine/hal/gateway/sim/sim_gateway.hpp"
-#include "spine/hal/moteus/sim/sim_moteus.hpp"
 #include "spine/hal/physics/chain.hpp"
 #include "spine/hal/physics/mujoco_plant.hpp"
 #include "spine/hal/physics/truth.hpp"
+#include "spine/hal/registry.hpp"
 
 namespace lithe::hal::sim {
 namespace {
 
-using robot::DeviceKind;
 using robot::PlantKind;
 
-// The IMU of a board is on no bus.
-class Nobody final : public BusNode {
- public:
-  void on_frame(const Frame&, std::int64_t, FrameQueue&) LITHE_RT override {}
-};
-
-constexpr std::int64_t kGatewayPeriodNs = 1'000'000;
-
+// Without a motor: no limit.
 double motor_torque_max_nm(const robot::DeviceConfig& device) {
-  return device.kind == DeviceKind::cia402 ? 3 * device.rated_torque_nm : ServoParams{}.motor_torque_max_nm;
+  const auto& type = type_of(device.kind);
+  return type.motor_torque_max_nm != nullptr ? type.motor_torque_max_nm(device) : PlantParams{}.torque_max_nm;
 }
 
 PlantParams plant_of(const robot::RobotConfig& config, const robot::JointConfig& joint, const Truth& truth) {
@@ -71,10 +62,6 @@ robot::JointConfig free_joint(std::size_t device) {
 
 std::unique_ptr<BusNode> make_node(const robot::RobotConfig& config, std::size_t index, const Mechanism* mechanism) {
   const robot::DeviceConfig& device = config.devices[index];
-  if (device.kind == DeviceKind::imu) return std::make_unique<Nobody>();
-  if (device.kind == DeviceKind::gateway) {
-    return std::make_unique<SimGateway>(device.id, kGatewayPeriodNs, robot::is_fd(config.buses[device.bus]));
-  }
   const auto found = std::find_if(config.joints.begin(), config.joints.end(),
                                   [index](const robot::JointConfig& joint) { return joint.device == index; });
   const bool moves = found != config.joints.end();
@@ -85,34 +72,8 @@ std::unique_ptr<BusNode> make_node(const robot::RobotConfig& config, std::size_t
   if (moves && mechanism != nullptr) {
     plant.inertia_kg_m2 = mechanism->inertia_kg_m2(static_cast<std::size_t>(found - config.joints.begin()));
   }
-  if (device.kind == DeviceKind::cia402) {
-    SimCia402Params params;
-    params.id = device.id;
-    params.servo.counts_per_rev = device.counts_per_rev;
-    params.servo.rated_torque_nm = device.rated_torque_nm;
-    params.servo.motor_torque_max_nm = motor_torque_max_nm(device);
-    params.joint = transform;
-    params.plant = plant;
-    params.errors = truth.drive;
-    return std::make_unique<SimCia402>(params);
-  }
-  SimMoteusParams params;
-  params.id = device.id;
-  params.serial = index + 1;
-  params.joint = transform;
-  params.servo.encoder_counts = joint.sim.encoder_counts;
-  params.plant = plant;
-  params.errors = truth.drive;
-  return std::make_unique<SimMoteus>(params);
-}
-
-// `node` was made by make_node for this kind.
-void couple(Coupling& coupling, DeviceKind kind, BusNode& node) {
-  if (kind == DeviceKind::cia402) {
-    coupling.add(static_cast<SimCia402&>(node).servo());
-  } else {
-    coupling.add(static_cast<SimMoteus&>(node).servo());
-  }
+  return type_of(device.kind)
+      .make_sim({device, config.buses[device.bus], index, joint.sim.encoder_counts, transform, plant, truth.drive});
 }
 
 }  // namespace
@@ -132,7 +93,7 @@ Result<Nodes> make_nodes(const robot::RobotConfig& config) {
   if (mechanism == nullptr) return nodes;
   nodes.coupling = std::make_unique<Coupling>(std::move(mechanism));
   for (const robot::JointConfig& joint : config.joints) {
-    couple(*nodes.coupling, config.devices[joint.device].kind, *nodes.devices[joint.device]);
+    type_of(config.devices[joint.device].kind).couple(*nodes.coupling, *nodes.devices[joint.device]);
   }
   return nodes;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/hal/actuators.hpp"
+#include "spine/hal/robot_hardware.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -10,30 +10,12 @@
 
 #include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/bus_actuators.hpp"
-#include "spine/hal/canopen/canopen_master.hpp"
-#include "spine/hal/cia402/cia402_drive.hpp"
-#include "spine/hal/moteus/moteus_drive.hpp"
+#include "spine/hal/nodes.hpp"
 #include "spine/hal/open_bus.hpp"
-#include "spine/hal/sim/nodes.hpp"
+#include "spine/hal/registry.hpp"
 
 namespace lithe::hal {
 namespace {
-
-using robot::BusKind;
-using robot::DeviceKind;
-
-// Simulated IMU for a board that is not there: level and at rest.
-class LevelImu final : public ImuSource {
- public:
-  const ImuReading& imu(std::int64_t now_ns) LITHE_RT override {
-    reading_.taken_ns = now_ns;
-    return reading_;
-  }
-
- private:
-  static constexpr double kGravityMps2 = 9.80665;  // an accelerometer at rest measures gravity upwards
-  ImuReading reading_{{1, 0, 0, 0, 0, 0, 0, 0, 0, kGravityMps2}, 0, true};
-};
 
 // The hardware of one robot: buses, simulated devices, drivers.
 // Contract: as BusActuators
@@ -77,6 +59,10 @@ class Hardware final : public Actuators {
       const std::string why = drive->why_not_ready();
       if (!why.empty()) words += (words.empty() ? "drive '" : "; drive '") + name + "': " + why;
     }
+    for (const auto& [name, device] : measuring_) {
+      const std::string why = device->why_not_ready();
+      if (!why.empty()) words += (words.empty() ? "device '" : "; device '") + name + "': " + why;
+    }
     return words;
   }
   std::string tell_buses() const override {
@@ -96,10 +82,9 @@ class Hardware final : public Actuators {
   // The devices behind simulated buses, if there are any.
   Result<> simulate() {
     if (!far_ends_.empty()) return done();
-    const auto is_loop = [](const robot::BusConfig& bus) { return bus.kind == BusKind::loop; };
-    if (std::none_of(config_.buses.begin(), config_.buses.end(), is_loop)) return done();
+    if (std::all_of(config_.buses.begin(), config_.buses.end(), robot::is_real)) return done();
     if (config_.plant.kind != robot::PlantKind::independent) {
-      const auto real = std::find_if_not(config_.buses.begin(), config_.buses.end(), is_loop);
+      const auto real = std::find_if(config_.buses.begin(), config_.buses.end(), robot::is_real);
       if (real != config_.buses.end()) {
         return Error{"[plant] joins all joints, but bus '" + real->name +
                      "' is real and others are simulated; make all of them a \"loop\", or none"};
@@ -111,70 +96,20 @@ class Hardware final : public Actuators {
     return done();
   }
 
-  static gateway::Block block_of(robot::SensorKind kind) {
-    return kind == robot::SensorKind::analog    ? gateway::Block::analog
-           : kind == robot::SensorKind::digital ? gateway::Block::digital
-                                                : gateway::Block::imu;
-  }
-
-  moteus::DriverParams moteus_params(const robot::DeviceConfig& device, const robot::JointConfig& joint) const {
-    moteus::DriverParams params;
-    params.id = device.id;
-    params.watchdog_s = device.watchdog_s;
-    params.joint = {joint.sign, joint.zero_rad, joint.ratio};
-    params.damp_kd_nm_s_rad = joint.safe_kd_nm_s_rad;
-    params.damp_torque_max_nm = joint.torque_max_nm / joint.ratio;
-    params.velocity_max_rad_s = joint.velocity_max_rad_s;
-    params.torque_step_nm = joint.torque_slew_nm_s * device.rate_divider / config_.rate_hz;
-    params.ask_settings = true;
-    params.kp_max_nm_rad = joint.kp_max_nm_rad;
-    params.kd_max_nm_s_rad = joint.kd_max_nm_s_rad;
-    moteus::use_frames(device.frames, params);
-    return params;
-  }
-
-  cia402::DriverParams cia402_params(const robot::DeviceConfig& device, const robot::JointConfig& joint) const {
-    cia402::DriverParams params;
-    params.id = device.id;
-    params.watchdog_s = device.watchdog_s;
-    params.period_s = device.rate_divider / config_.rate_hz;
-    params.divider = device.rate_divider;
-    params.lost_after_misses = config_.guard.lost_after_misses;
-    params.mode = device.mode == robot::DriveMode::position   ? cia402::Mode::position
-                  : device.mode == robot::DriveMode::velocity ? cia402::Mode::velocity
-                                                              : cia402::Mode::torque;
-    params.counts_per_rev = device.counts_per_rev;
-    params.rated_torque_nm = device.rated_torque_nm;
-    params.torque_max_nm = joint.torque_max_nm;
-    params.torque_slew_nm_s = joint.torque_slew_nm_s;
-    params.velocity_max_rad_s = joint.velocity_max_rad_s;
-    params.velocity_fault_rad_s = joint.velocity_max_rad_s * config_.guard.velocity_overrun;
-    params.deceleration_rad_s2 = joint.deceleration_rad_s2;
-    params.position_min_rad = joint.position_min_rad - config_.guard.position_overrun_rad;
-    params.position_max_rad = joint.position_max_rad + config_.guard.position_overrun_rad;
-    params.soft_start_s = config_.guard.soft_start_s;
-    params.joint = {joint.sign, joint.zero_rad, joint.ratio};
-    return params;
-  }
+  static Block block_of(robot::SensorKind kind) { return static_cast<Block>(kind); }
 
   Result<> add_bus(std::size_t index) {
     const robot::BusConfig& config = config_.buses[index];
-    bool canopen = false;
-    double watchdog_s = 10;
-    std::uint32_t divider = 1;
-    for (const robot::DeviceConfig& device : config_.devices) {
-      if (device.bus != index || device.kind != DeviceKind::cia402) continue;
-      canopen = true;
-      watchdog_s = std::min(watchdog_s, device.watchdog_s);
-      divider = device.rate_divider;
-    }
     std::unique_ptr<BusMaster> master;
-    if (canopen) {
-      master = std::make_unique<canopen::CanopenMaster>(
-          canopen::MasterParams{.heartbeat_s = watchdog_s / canopen::kHeartbeatsPerWatchdog, .divider = divider});
+    Addressing addressing = Addressing::moteus;
+    for (const robot::DeviceConfig& device : config_.devices) {
+      if (device.bus != index) continue;
+      if (robot::facts(device.kind).protocol == robot::Protocol::canopen) addressing = Addressing::canopen;
+      const auto make = type_of(device.kind).make_master;
+      if (make != nullptr && master == nullptr) master = make(config_, index);
     }
     std::unique_ptr<Bus> bus;
-    if (config.kind == BusKind::loop) {
+    if (!robot::is_real(config)) {
       auto loop = std::make_unique<LoopBus>();
       if (far_ends_.empty()) {
         nodes_.attach(config_, index, *loop);
@@ -190,42 +125,38 @@ class Hardware final : public Actuators {
       named_buses_.emplace_back(config.name, bus.get());
     }
     if (tap_ != nullptr) bus = std::make_unique<TappedBus>(std::move(bus), static_cast<std::uint32_t>(index), *tap_);
-    actuators_.add_bus(std::move(bus), canopen ? Addressing::canopen : Addressing::moteus, std::move(master));
+    actuators_.add_bus(std::move(bus), addressing, std::move(master));
     return done();
   }
 
   void add_sensors() {
-    std::vector<std::size_t> source_of(config_.devices.size());
+    std::vector<std::size_t> place_of(config_.devices.size());
     for (std::size_t i = 0; i < config_.devices.size(); ++i) {
       const robot::DeviceConfig& device = config_.devices[i];
-      const std::int64_t stale_ns = std::llround(1e9 * device.watchdog_s);
-      if (device.kind == DeviceKind::gateway) source_of[i] = actuators_.add_gateway(device.bus, device.id, stale_ns);
-      if (device.kind == DeviceKind::imu) source_of[i] = actuators_.add_imu(imu_of(device), stale_ns);
+      const DeviceType& type = type_of(device.kind);
+      std::unique_ptr<SensorDevice> made;
+      if (type.make_sensors != nullptr) made = type.make_sensors(device);
+      if (type.make_on_board != nullptr) made = type.make_on_board(device, board_of(device));
+      if (made == nullptr) continue;
+      measuring_.emplace_back(device.name, made.get());
+      place_of[i] = actuators_.add_sensors(device.bus, std::move(made));
     }
     for (const robot::SensorConfig& sensor : config_.sensors) {
-      const std::size_t source = source_of[sensor.device];
-      if (config_.devices[sensor.device].kind == DeviceKind::imu) {
-        actuators_.add_imu_sensor(source, sensor.channel, sensor.scale, sensor.offset);
-      } else {
-        actuators_.add_sensor(source, block_of(sensor.kind), sensor.channel, sensor.scale, sensor.offset);
-      }
+      actuators_.add_sensor(place_of[sensor.device], block_of(sensor.kind), sensor.channel, sensor.scale,
+                            sensor.offset);
     }
   }
 
-  ImuSource& imu_of(const robot::DeviceConfig& device) {
-    if (config_.buses[device.bus].kind != BusKind::pi3hat) return level_;
+  // Null for a simulated board.
+  ImuSource* board_of(const robot::DeviceConfig& device) {
+    if (!robot::facts(config_.buses[device.bus].kind).is_board) return nullptr;
     opener_.board()->want_imu();
-    return *opener_.board();
+    return opener_.board().get();
   }
 
   void add_joint(const robot::JointConfig& joint) {
     const robot::DeviceConfig& device = config_.devices[joint.device];
-    std::unique_ptr<Drive> drive;
-    if (device.kind == DeviceKind::cia402) {
-      drive = std::make_unique<cia402::Cia402Drive>(cia402_params(device, joint));
-    } else {
-      drive = std::make_unique<moteus::MoteusDrive>(moteus_params(device, joint));
-    }
+    std::unique_ptr<Drive> drive = type_of(device.kind).make_drive(config_, joint);
     drives_.emplace_back(device.name, drive.get());
     actuators_.add_joint(device.bus, device.id, std::move(drive), device.rate_divider);
   }
@@ -234,11 +165,11 @@ class Hardware final : public Actuators {
   const std::vector<BusNode*> far_ends_;
   FrameTap* tap_;
   BusOpener opener_;
-  LevelImu level_;
   sim::Nodes nodes_;  // must outlive the buses
   std::vector<Bus*> real_buses_;
   std::vector<std::pair<std::string, const Bus*>> named_buses_;
   std::vector<std::pair<std::string, const Drive*>> drives_;
+  std::vector<std::pair<std::string, const SensorDevice*>> measuring_;
   BusActuators actuators_;
 };
 
@@ -261,7 +192,9 @@ Result<> check_joints(const robot::RobotConfig& config) {
     if (joint.device >= config.devices.size()) return Error{where + "has no device; name one of the [[device]] tables"};
     const robot::DeviceConfig& device = config.devices[joint.device];
     if (Result<> sound = check_device(config, device, where); !sound) return sound;
-    if (device.kind == DeviceKind::gateway) return Error{where + "a gateway drives nothing; name a drive"};
+    if (!robot::is_drive(device.kind)) {
+      return Error{where + std::string(robot::facts(device.kind).noun) + " drives nothing; name a drive"};
+    }
     if (!taken.insert({device.bus, device.id}).second) {
       return Error{where + "id " + std::to_string(device.id) + " is already taken on bus '" +
                    config.buses[device.bus].name + "'; give each device its own"};
@@ -276,7 +209,7 @@ Result<> check_joints(const robot::RobotConfig& config) {
 
 Result<> check_sensors(const robot::RobotConfig& config) {
   for (const robot::DeviceConfig& device : config.devices) {
-    if (robot::is_drive(device.kind) || device.kind == DeviceKind::imu) continue;
+    if (robot::is_drive(device.kind) || !robot::facts(device.kind).on_bus) continue;
     if (Result<> sound = check_device(config, device, config.path + ": "); !sound) return sound;
   }
   if (config.sensors.size() > robot::kMaxSensors) {
@@ -288,10 +221,11 @@ Result<> check_sensors(const robot::RobotConfig& config) {
     if (sensor.device >= config.devices.size() || robot::is_drive(config.devices[sensor.device].kind)) {
       return Error{where + "is on no gateway; name a [[device]] of kind \"gateway\" or \"imu\""};
     }
-    const bool imu = config.devices[sensor.device].kind == DeviceKind::imu;
-    const std::size_t channels = imu ? kImuChannels : gateway::kChannels;
+    const robot::DeviceConfig& device = config.devices[sensor.device];
+    const std::size_t channels = robot::inputs_of(device, sensor.kind);
     if (sensor.channel >= channels) {
-      return Error{where + (imu ? "an imu" : "a gateway") + " has channels 0 to " + std::to_string(channels - 1)};
+      return Error{where + std::string(robot::facts(device.kind).noun) +
+                   (channels == 0 ? " has no such channels" : " has channels 0 to " + std::to_string(channels - 1))};
     }
   }
   return done();
@@ -324,7 +258,7 @@ Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& conf
 
 Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config,
                                                       const std::vector<BusNode*>& far_ends) {
-  for (robot::BusConfig& bus : config.buses) bus.kind = BusKind::loop;
+  for (robot::BusConfig& bus : config.buses) bus.kind = robot::BusKind::loop;
   if (!far_ends.empty() && far_ends.size() != config.buses.size()) {
     return Error{config.path + ": " + std::to_string(config.buses.size()) + " buses, but far ends for " +
                  std::to_string(far_ends.size())};

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The whole stack as the loop sees it: joint commands in, joint states out, real frames in between.
-#include "spine/hal/actuators.hpp"
+#include "spine/hal/robot_hardware.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/hal/cia401/cia401_setup.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "spine/hal/canopen/canopen_words.hpp"
+
+namespace lithe::hal::cia401 {
+
+using canopen::SdoClient;
+namespace common = canopen::object;
+
+namespace {
+
+constexpr std::uint32_t kByItsProfile = 255;  // transmission type: on a change, and when the event timer ends
+constexpr std::uint8_t kEventTimerMs = 5;     // subindex of 1800h
+
+std::uint32_t milliseconds(double seconds) {
+  return static_cast<std::uint32_t>(std::clamp(std::round(1000 * seconds), 1.0, 65535.0));
+}
+
+}  // namespace
+
+std::uint64_t Trouble::packed() const LITHE_RT {
+  return std::uint64_t{value} << 32 | std::uint64_t{address.index} << 16 | std::uint64_t{address.subindex} << 8 |
+         static_cast<std::uint8_t>(kind);
+}
+
+Trouble Trouble::unpacked(std::uint64_t word) LITHE_RT {
+  return {static_cast<TroubleKind>(word & 0xff),
+          {static_cast<std::uint16_t>(word >> 16), static_cast<std::uint8_t>(word >> 8)},
+          static_cast<std::uint32_t>(word >> 32)};
+}
+
+std::string describe(const Trouble& trouble) {
+  const std::string object =
+      "object " + canopen::hex(trouble.address.index, 4) + "h:" + std::to_string(trouble.address.subindex);
+  switch (trouble.kind) {
+    case TroubleKind::none:
+      break;
+    case TroubleKind::not_booted:
+      return "it was reset and does not report back: check power, wires and its id; it is reset again every 5 s";
+    case TroubleKind::no_answer:
+      return "it does not answer when " + object + " is set: check its power and its id";
+    case TroubleKind::refused:
+      return "it refuses " + object + ": " + std::string(canopen::abort_name(trouble.value)) +
+             "; has it as many inputs as the robot file says?";
+    case TroubleKind::no_module:
+      return "its profile is " + std::to_string(trouble.value & 0xffff) +
+             ", not 401: name the right device, or its kind";
+    case TroubleKind::not_operational:
+      return "it left its operational state by itself; it is set up again";
+    case TroubleKind::silent:
+      return "its heartbeat has ended: check power and wires; it is reset every 5 s";
+  }
+  return "";
+}
+
+Setup::Setup(const ModuleParams& params) : client_(params.id) {
+  add(common::kDeviceType, 0, 0, 0);
+  add(common::kProducerHeartbeatMs, 0, milliseconds(params.heartbeat_s), 2);
+  if (params.inputs.analog > 0) add(object::kAnalogInterrupt, 0, 1, 1, true);
+  for (std::size_t number = 0; number < kPdos; ++number) add_pdo(number, params);
+}
+
+void Setup::add(std::uint16_t index, std::uint8_t subindex, std::uint32_t value, std::uint8_t bytes, bool may_lack) {
+  steps_[count_++] = {{index, subindex}, value, bytes, may_lack};
+}
+
+void Setup::add_pdo(std::size_t number, const ModuleParams& params) {
+  const auto communication = static_cast<std::uint16_t>(common::kTpdo1 + number);
+  const auto mapping = static_cast<std::uint16_t>(common::kTpdo1Mapping + number);
+  const std::uint32_t id = canopen::cob::kNoRemote | pdo_id(number, params.id);
+  const canopen::PdoMap map = pdo_map(number, params.inputs);
+  const bool used = !map.objects().empty();
+  add(communication, 1, canopen::cob::kOff | id, 4, !used);
+  if (!used) return;
+  add(mapping, 0, 0, 1);
+  std::uint8_t entry = 0;
+  for (const canopen::Mapped& mapped : map.objects()) add(mapping, ++entry, mapped.entry(), 4);
+  add(mapping, 0, entry, 1);
+  add(communication, 2, kByItsProfile, 1);
+  add(communication, kEventTimerMs, milliseconds(params.send_every_s), 2);
+  add(communication, 1, id, 4);
+}
+
+void Setup::begin() LITHE_RT {
+  at_ = 0;
+  trouble_ = {};
+  client_.forget();
+}
+
+bool Setup::next(std::int64_t now_ns, Frame& frame) LITHE_RT {
+  if (at_ >= count_) return false;
+  const Step& step = steps_[at_];
+  if (client_.outcome() == SdoClient::Outcome::idle) {
+    if (step.bytes > 0) {
+      client_.write(step.address, step.value, step.bytes);
+    } else {
+      client_.read(step.address);
+    }
+  }
+  return client_.next(now_ns, frame);
+}
+
+Setup::Progress Setup::advance() LITHE_RT {
+  if (trouble_.kind != TroubleKind::none) return Progress::failed;
+  if (at_ >= count_) return Progress::done;
+  const Step& step = steps_[at_];
+  const SdoClient::Outcome outcome = client_.outcome();
+  if (outcome == SdoClient::Outcome::idle || outcome == SdoClient::Outcome::busy) return Progress::busy;
+  if (outcome == SdoClient::Outcome::failed) {
+    const std::uint32_t why = client_.abort();
+    const bool nobody = why == canopen::abort_code::kTimedOut;
+    const bool lacks = why == canopen::abort_code::kNoObject || why == canopen::abort_code::kNoSubindex;
+    if (!lacks || !step.may_lack) {
+      trouble_ = {nobody ? TroubleKind::no_answer : TroubleKind::refused, step.address, why};
+      return Progress::failed;
+    }
+  } else if (step.bytes == 0 && (client_.value() & 0xffff) != kDeviceProfile) {
+    trouble_ = {TroubleKind::no_module, step.address, client_.value()};
+    return Progress::failed;
+  }
+  client_.forget();
+  return ++at_ >= count_ ? Progress::done : Progress::busy;
+}
+
+}  // namespace lithe::hal::cia401

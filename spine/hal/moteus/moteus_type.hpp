@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// A moteus in a robot file: what the registry's row needs of it.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "spine/hal/core/drive.hpp"
+#include "spine/hal/core/planned_frame.hpp"
+#include "spine/robot/config.hpp"
+
+namespace lithe::hal::moteus {
+
+std::unique_ptr<Drive> make_drive(const robot::RobotConfig& robot, const robot::JointConfig& joint);
+// The driver's own command, and the answer to it.
+PlannedFrames planned_frames(const robot::DeviceConfig& device, const robot::BusConfig& bus);
+// For example "fault: over-temperature (38)".
+std::string state_words(std::uint32_t mode, std::uint32_t code);
+
+}  // namespace lithe::hal::moteus
