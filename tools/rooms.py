@@ -26,7 +26,7 @@ ALLOWED = {
         "spine/law": BASE,
         "spine/robot": "spine/core",
         "spine/plan": BASE + " spine/robot",
-        "spine/guard": BASE + " spine/robot",
+        "spine/guard": BASE + " spine/law spine/robot",
         "spine/hal/core": BASE,
         "spine/hal/bus/loop": BASE + " spine/hal/core",
         "spine/hal/bus/serial": BASE + " spine/hal/core spine/hal/bus/loop",

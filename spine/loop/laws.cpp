@@ -233,9 +233,7 @@ void Spine::judge_law(const guard::Verdict& verdict, std::int64_t now_ns) LITHE_
   if (!mode_.law_runs()) return;
   if (probation_.on()) flags_ |= flag::kOnProbation;
   if (probation_.of_params()) flags_ |= flag::kParamsOnProbation;
-  for (std::uint32_t j = 0; j < joints_; ++j) {
-    wanted_nm_[j] = torque_at_joint(effort_, j, in_.position_rad[j], in_.velocity_rad_s[j]);
-  }
+  for (std::uint32_t j = 0; j < joints_; ++j) wanted_nm_[j] = wanted_nm(effort_, in_, j);
   const Probation::News news = probation_.watch({in_, wanted_nm_, durations_.law_ns, verdict.law_flags});
   if (probation_.unproven()) flags_ |= flag::kUnproven;
   tell_probation(news, now_ns);

@@ -34,8 +34,7 @@ Shadow::Opinion Shadow::compare(const Tick& in, const Effort& active, const Effo
   report_.most_ns = std::max(report_.most_ns, step_ns);
   report_.mean_ns = static_cast<std::uint32_t>(total_ns_ / report_.ticks);
   for (std::uint32_t j = 0; j < in.joints; ++j) {
-    const double difference_nm = torque_at_joint(candidate, j, in.position_rad[j], in.velocity_rad_s[j]) -
-                                 torque_at_joint(active, j, in.position_rad[j], in.velocity_rad_s[j]);
+    const double difference_nm = wanted_nm(candidate, in, j) - wanted_nm(active, in, j);
     square_nm2_[j] += difference_nm * difference_nm;
     // Torques may be infinite here and their difference NaN: that counts as the largest difference.
     const double apart_nm = std::isfinite(difference_nm) ? std::abs(difference_nm) : kInfinite;

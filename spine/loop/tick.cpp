@@ -111,10 +111,8 @@ void Spine::forget_stopped_joints() LITHE_RT {
 }
 
 guard::Verdict Spine::check(std::int64_t now_ns) LITHE_RT {
-  const guard::Proposal proposal{effort_.torque_nm, effort_.position_rad, effort_.velocity_rad_s, effort_.kp_nm_rad,
-                                 effort_.kd_nm_s_rad};
   return guard_.check({mode_.mode(), stale_ticks_, out_.record().brain_age_ns, sample_->position_rad,
-                       sample_->velocity_rad_s, sample_->status, proposal, now_ns - sample_->sample_ns},
+                       sample_->velocity_rad_s, sample_->status, effort_, now_ns - sample_->sample_ns},
                       output_);
 }
 

@@ -117,7 +117,7 @@ Result<std::int64_t> make_ready(const robot::RobotConfig& robot, hal::Actuators&
   hal::ActuatorState state;
   std::int64_t now_ns = kStartNs;
   command.joints = static_cast<std::uint32_t>(robot.joints.size());
-  command.position_rad.fill(std::numeric_limits<double>::quiet_NaN());
+  command.position_rad.fill(kNoTarget);
   const auto cycle = [&] {
     ++command.tick;
     actuators.cycle(command, state, now_ns);

@@ -37,14 +37,6 @@ wire::Plan gentle_plan(const robot::RobotConfig& robot, const JointArray& from_r
 
 }  // namespace
 
-double felt_nm(const Effort& effort, const Tick& tick, std::uint32_t j) {
-  double torque_nm = effort.torque_nm[j] + effort.kd_nm_s_rad[j] * (effort.velocity_rad_s[j] - tick.velocity_rad_s[j]);
-  if (std::isfinite(effort.position_rad[j])) {
-    torque_nm += effort.kp_nm_rad[j] * (effort.position_rad[j] - tick.position_rad[j]);
-  }
-  return torque_nm;
-}
-
 robot::RobotConfig with_payload(const robot::RobotConfig& robot) {
   robot::RobotConfig heavy = robot;
   for (robot::JointConfig& joint : heavy.joints) {
@@ -70,8 +62,8 @@ Ride::Ride(const robot::RobotConfig& robot, const SimulatedRobot& simulated, boo
   command_.joints = tick_.joints = static_cast<std::uint32_t>(robot.joints.size());
   tick_.dt_s = 1 / robot.rate_hz;
   command_.act(hal::DriveAction::torque);  // none yet: the drives are on already
-  command_.position_rad.fill(std::numeric_limits<double>::quiet_NaN());
-  late_.position_rad.fill(std::numeric_limits<double>::quiet_NaN());
+  command_.position_rad.fill(kNoTarget);
+  late_.position_rad.fill(kNoTarget);
   exchange();
   plan_.hold_at(state_.position_rad);
   guard_.reset_output();
@@ -131,14 +123,9 @@ const Tick& Ride::look() {
 bool Ride::act(const Effort& effort) {
   const bool stopping = mode_ == wire::Mode::safe_stop;
   const guard::Verdict verdict = guard_.check(
-      {mode_,
-       0,
-       0,
+      {mode_, 0, 0,
        stopping ? tick_.position_rad : state_.position_rad,  // the safe law sees no better than a law
-       stopping ? tick_.velocity_rad_s : state_.velocity_rad_s,
-       state_.status,
-       {effort.torque_nm, effort.position_rad, effort.velocity_rad_s, effort.kp_nm_rad, effort.kd_nm_s_rad},
-       tick_.t_ns - state_.sample_ns},
+       stopping ? tick_.velocity_rad_s : state_.velocity_rad_s, state_.status, effort, tick_.t_ns - state_.sample_ns},
       output_);
   count(verdict.flags, effort);
   compose();
@@ -189,7 +176,9 @@ void Ride::count(std::uint32_t flags, const Effort& effort) {
     mean_rad2 += squares_rad2_[j] / tick_.joints;
     stats.joint_rms_error_rad[j] = std::sqrt(squares_rad2_[j] / stats.ticks);
     const double given_nm = guard_.expected_torque_nm()[j];
-    const double wanted_nm = mode_ == wire::Mode::safe_stop ? given_nm : felt_nm(effort, tick_, j);
+    const double wanted_nm = mode_ == wire::Mode::safe_stop
+                                 ? given_nm
+                                 : pd_of(effort, j).felt_nm(tick_.position_rad[j], tick_.velocity_rad_s[j]);
     if (std::abs(wanted_nm - given_nm) > kHeldShare * robot_.joints[j].torque_max_nm) {
       if (++held_ticks_[j] > held_ticks_[stats.held_joint]) stats.held_joint = j;
     }

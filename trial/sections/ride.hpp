@@ -41,9 +41,6 @@ Result<> open_ready(const robot::RobotConfig& robot, SimulatedRobot& simulated);
 // would be tried.
 void start_inside(robot::RobotConfig& robot);
 
-// The torque joint j would feel: feed-forward, and the drive's own PD at the measured state [N m].
-double felt_nm(const Effort& effort, const Tick& tick, std::uint32_t j);
-
 // Contract: allocates nothing once made · about 60 KiB
 class Ride {
  public:
