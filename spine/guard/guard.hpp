@@ -106,6 +106,8 @@ class Guard {
   std::span<const Group> groups() const LITHE_RT { return {group_.data(), groups_}; }
   bool any_stopped() const LITHE_RT { return any_stopped_; }
   bool stopped(std::size_t joint) const LITHE_RT { return group_[group_of_[joint]].fault != wire::Fault::none; }
+  // Of a law's output. For stopped joints it is ignored.
+  bool is_finite(const Effort& effort) const LITHE_RT;
   // The first fault of this joint since the last reset.
   wire::Fault joint_fault(std::size_t joint) const LITHE_RT { return joint_fault_[joint]; }
 
@@ -130,7 +132,6 @@ class Guard {
   wire::Fault judge_joint(const Input& in, std::size_t j) const LITHE_RT;
   wire::Fault judge_robot(const Input& in, bool too_late, std::uint32_t& flags) const LITHE_RT;
   void latch(std::size_t j, wire::Fault fault) LITHE_RT;
-  bool wish_is_finite(const Effort& effort) const LITHE_RT;
   void descend(Group& group, bool at_rest, bool seen_at_rest) LITHE_RT;
   void descend_all(const Input& in, bool all) LITHE_RT;
 

@@ -111,7 +111,7 @@ Fault Guard::judge_robot(const Input& in, bool too_late, std::uint32_t& flags) c
   if (in.stale_ticks > 0) flags |= wire::telemetry_flag::kSampleStale;
   const bool brain_stale = in.brain_age_ns < 0 || in.brain_age_ns > brain_stale_ns_;
   if (brain_stale) flags |= wire::telemetry_flag::kBrainStale;
-  const bool finite = !law_runs(in.mode) || wish_is_finite(in.effort);
+  const bool finite = !law_runs(in.mode) || is_finite(in.effort);
   if (!finite) flags |= wire::telemetry_flag::kNotFinite;
   if (too_late) return Fault::sample_stale;
   if (!finite) return Fault::law_not_finite;
@@ -119,8 +119,7 @@ Fault Guard::judge_robot(const Input& in, bool too_late, std::uint32_t& flags) c
   return brain_stale && needs_brain ? Fault::brain_stale : Fault::none;
 }
 
-// A law's output for stopped joints is ignored.
-bool Guard::wish_is_finite(const Effort& effort) const LITHE_RT {
+bool Guard::is_finite(const Effort& effort) const LITHE_RT {
   bool finite = true;
   for (std::size_t j = 0; j < joints_; ++j) {
     // x - x is 0 for every finite x and NaN for the others; a position may be absent (NaN) but not infinite.

@@ -10,7 +10,7 @@
 #include "spine/core/pd.hpp"
 #include "spine/core/rt.hpp"
 
-namespace lithe::loop {
+namespace lithe::step {
 
 // The torque that an effort wants at joint j in the measured state [N m].
 inline double wanted_nm(const Effort& effort, const Tick& in, std::size_t j) LITHE_RT {
@@ -51,4 +51,4 @@ class Bumpless {
   JointArray offset_nm_{};
 };
 
-}  // namespace lithe::loop
+}  // namespace lithe::step
