@@ -15,7 +15,7 @@ BUSES = "spine/hal/core spine/hal/bus/loop spine/hal/bus/serial " + BUS_KINDS
 DEVICES = "spine/hal/moteus spine/hal/canopen spine/hal/cia402 spine/hal/gateway"
 SIMULATED = "spine/hal/physics spine/hal/moteus/sim spine/hal/cia402/sim spine/hal/gateway/sim"
 LAWD = BASE + " spine/ipc spine/law spine/arena"
-TRIAL = LAWD + " spine/load spine/robot spine/plan spine/guard spine/hal"
+TRIAL = LAWD + " spine/load spine/robot spine/hal spine/step"
 BUS_TOOLS = f"{BASE} spine/robot {BUSES} {DEVICES}"
 ALLOWED = {
     room: frozenset(allowed.split())
