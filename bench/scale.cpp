@@ -10,7 +10,6 @@
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
-#include <limits>
 #include <memory>
 #include <string>
 #include <vector>
@@ -71,7 +70,7 @@ class Subject {
         step_ns_(time_passes ? kTickNs : 0),
         actuators_(open(joints)) {
     command_.joints = static_cast<std::uint32_t>(joints);
-    command_.position_rad.fill(std::numeric_limits<double>::quiet_NaN());
+    command_.position_rad.fill(kNoTarget);
     command_.max_torque_nm.fill(0.5);
     command_.kd_nm_s_rad.fill(0.01);
     command_.action.fill(hal::DriveAction::torque);

@@ -3,8 +3,8 @@
  *
  * Loader  stands for Loader::poll, retire_one, candidate_waits, stage, prepare and release (spine/load/loader.cpp) with
  *         Slot::collect_retired, active_id, withdraw and offer. Time-outs and refused loads come whenever they like.
- * Tick    stands for what Spine does with laws in one tick (spine/loop/laws.cpp): roll_back, step_law, replace_law,
- *         judge_law, swap, step_shadow, end_shadow, commit; with Slot::take, commit, refuse and rollback(n). Faults,
+ * Tick    stands for what Laws does in one tick (spine/step/laws.cpp, commit.cpp): roll_back, step, replace, judge,
+ *         swap, step_shadow, end_shadow, commit; with Slot::take, commit, refuse and rollback(n). Faults,
  *         commands and opinions come whenever they like.
  *
  * A law's code belongs to its place: what is said of a place holds for its arena slot, which the Loader gives back

@@ -11,8 +11,6 @@ namespace {
 using wire::Fault;
 using wire::Mode;
 
-constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
-
 double reciprocal(double width) { return 1.0 / std::max(width, 1.0e-9); }
 
 // 1 where there is room, 0 where there is none, linear in between.
@@ -189,14 +187,14 @@ void Guard::remember(std::size_t j, const Seen& seen, Command command) LITHE_RT 
   blind_kd_nm_s_rad_[j] = 0.0;
 }
 
-Guard::Command Guard::wanted_pd(std::size_t j, const Proposal& proposal) const LITHE_RT {
+Guard::Command Guard::wanted_pd(std::size_t j, const Effort& effort) const LITHE_RT {
   const Limits& limit = limits_[j];
-  const bool has_target = !std::isnan(proposal.position_rad[j]);
   Command pd;
-  pd.kp_nm_rad = has_target ? std::clamp(proposal.kp_nm_rad[j], 0.0, limit.kp_max_nm_rad) : 0.0;
-  pd.kd_nm_s_rad = std::clamp(proposal.kd_nm_s_rad[j], 0.0, limit.kd_max_nm_s_rad);
-  pd.target_rad = std::clamp(proposal.position_rad[j], limit.position_min_rad, limit.position_max_rad);
-  pd.target_rad_s = std::clamp(proposal.velocity_rad_s[j], -limit.velocity_max_rad_s, limit.velocity_max_rad_s);
+  pd.torque_nm = effort.torque_nm[j];
+  pd.kp_nm_rad = has_target(effort.position_rad[j]) ? std::clamp(effort.kp_nm_rad[j], 0.0, limit.kp_max_nm_rad) : 0.0;
+  pd.kd_nm_s_rad = std::clamp(effort.kd_nm_s_rad[j], 0.0, limit.kd_max_nm_s_rad);
+  pd.target_rad = std::clamp(effort.position_rad[j], limit.position_min_rad, limit.position_max_rad);  // NaN stays NaN
+  pd.target_rad_s = std::clamp(effort.velocity_rad_s[j], -limit.velocity_max_rad_s, limit.velocity_max_rad_s);
   return pd;
 }
 
@@ -223,8 +221,8 @@ void Guard::apply_law(std::size_t j, const Input& in, Output& out, std::uint32_t
   safe_law_.rearm(j);
   const Limits& limit = limits_[j];
   const Seen now = seen(j, in), then = ahead(now);
-  Command command = wanted_pd(j, in.proposal);
-  const double wanted_nm = in.proposal.torque_nm[j] + command.pd_nm(then);
+  Command command = wanted_pd(j, in.effort);
+  const double wanted_nm = command.felt_nm(then);
   const double step_nm = settle_gains(j, now, command);
   const double total_nm = bound(j, wanted_nm, now, limit.torque_max_nm * soft_start_, step_nm, flags);
   // The feed-forward compensates the drive's PD beyond the bound; where it cannot, the gains are reduced.
@@ -247,7 +245,7 @@ void Guard::apply_law(std::size_t j, const Input& in, Output& out, std::uint32_t
 }
 
 void Guard::apply_safe_law(std::size_t j, const Input& in, Output& out, std::uint32_t& flags) LITHE_RT {
-  out.position_rad[j] = kNone;
+  out.position_rad[j] = kNoTarget;
   out.velocity_rad_s[j] = 0.0;
   out.kp_nm_rad[j] = 0.0;
   out.kd_nm_s_rad[j] = 0.0;
@@ -289,7 +287,7 @@ void Guard::brake_blindly(std::size_t j, Output& out, std::uint32_t& flags) LITH
 void Guard::switch_off(std::size_t j, Output& out) LITHE_RT {
   safe_law_.rearm(j);
   out.torque_nm[j] = out.velocity_rad_s[j] = out.kp_nm_rad[j] = out.kd_nm_s_rad[j] = out.max_torque_nm[j] = 0.0;
-  out.position_rad[j] = kNone;
+  out.position_rad[j] = kNoTarget;
   last_[j] = {};
   last_nm_[j] = blind_kd_nm_s_rad_[j] = 0.0;
 }

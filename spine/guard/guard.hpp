@@ -7,7 +7,9 @@
 #include <cstdint>
 #include <span>
 
+#include "lithe/law.hpp"
 #include "spine/core/joints.hpp"
+#include "spine/core/pd.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/guard/envelope.hpp"
 #include "spine/guard/recovery.hpp"
@@ -17,15 +19,6 @@
 
 namespace lithe::guard {
 
-// The law's output. Position NaN = no drive-side PD on position.
-struct Proposal {
-  const JointArray& torque_nm;
-  const JointArray& position_rad;
-  const JointArray& velocity_rad_s;
-  const JointArray& kp_nm_rad;
-  const JointArray& kd_nm_s_rad;
-};
-
 struct Input {
   wire::Mode mode;
   std::uint32_t stale_ticks;  // ticks in a row without a new sample; 0 = fresh
@@ -33,15 +26,15 @@ struct Input {
   const JointArray& position_rad;
   const JointArray& velocity_rad_s;
   const std::array<std::uint32_t, kMaxJoints>& joint_status;  // bits of wire::joint_status
-  Proposal proposal;
-  std::int64_t sample_age_ns = 0;  // of position and velocity
+  const Effort& effort;                                       // what the law wants
+  std::int64_t sample_age_ns = 0;                             // of position and velocity
 };
 
 // The ladder of a stopped group, from the mildest rung to the last. Each rung begins when the one above it has ended;
 // only `reset` leads back up.
 using wire::Rung;
 
-// The commands to the drives. Always finite (position NaN = none) and within the limits, for any input.
+// The commands to the drives. Always finite (position kNoTarget = none) and within the limits, for any input.
 struct Output {
   JointArray torque_nm{};
   JointArray position_rad{};
@@ -113,6 +106,8 @@ class Guard {
   std::span<const Group> groups() const LITHE_RT { return {group_.data(), groups_}; }
   bool any_stopped() const LITHE_RT { return any_stopped_; }
   bool stopped(std::size_t joint) const LITHE_RT { return group_[group_of_[joint]].fault != wire::Fault::none; }
+  // Of a law's output. For stopped joints it is ignored.
+  bool is_finite(const Effort& effort) const LITHE_RT;
   // The first fault of this joint since the last reset.
   wire::Fault joint_fault(std::size_t joint) const LITHE_RT { return joint_fault_[joint]; }
 
@@ -137,7 +132,6 @@ class Guard {
   wire::Fault judge_joint(const Input& in, std::size_t j) const LITHE_RT;
   wire::Fault judge_robot(const Input& in, bool too_late, std::uint32_t& flags) const LITHE_RT;
   void latch(std::size_t j, wire::Fault fault) LITHE_RT;
-  bool proposal_is_finite(const Proposal& proposal) const LITHE_RT;
   void descend(Group& group, bool at_rest, bool seen_at_rest) LITHE_RT;
   void descend_all(const Input& in, bool all) LITHE_RT;
 
@@ -146,23 +140,18 @@ class Guard {
   void brake_blindly(std::size_t j, Output& out, std::uint32_t& flags) LITHE_RT;
   void recover(const Input& in, Output& out, Verdict& verdict) LITHE_RT;
   void switch_off(std::size_t j, Output& out) LITHE_RT;
-  // A drive's command: a torque and its own PD.
-  struct Command {
-    double torque_nm = 0, kp_nm_rad = 0, kd_nm_s_rad = 0, target_rad = 0, target_rad_s = 0;
+  struct Command : Pd {
     double decided_nm = 0;             // the intended torque at the joint
     double least_nm = 0, most_nm = 0;  // its range until another command acts
 
-    double pd_nm(const Seen& at) const LITHE_RT {
-      const double spring_nm = kp_nm_rad > 0 ? kp_nm_rad * (target_rad - at.position_rad) : 0.0;
-      return spring_nm + kd_nm_s_rad * (target_rad_s - at.velocity_rad_s);
-    }
-    double felt_nm(const Seen& at) const LITHE_RT { return torque_nm + pd_nm(at); }
+    double pd_nm(const Seen& at) const LITHE_RT { return Pd::pd_nm(at.position_rad, at.velocity_rad_s); }
+    double felt_nm(const Seen& at) const LITHE_RT { return Pd::felt_nm(at.position_rad, at.velocity_rad_s); }
   };
 
   double powered(std::size_t j, double torque_nm, double velocity_rad_s, std::uint32_t& flags) const LITHE_RT;
   Seen seen(std::size_t j, const Input& in) const LITHE_RT;
   Seen ahead(const Seen& seen) const LITHE_RT;
-  Command wanted_pd(std::size_t j, const Proposal& proposal) const LITHE_RT;
+  Command wanted_pd(std::size_t j, const Effort& effort) const LITHE_RT;
   double settle_gains(std::size_t j, const Seen& seen, Command& command) const LITHE_RT;
   // The torque nearest to `wanted_nm` within limits and slew.
   double bound(std::size_t j, double wanted_nm, const Seen& seen, double torque_max_nm, double step_nm,

@@ -143,6 +143,25 @@ TEST(Guard, AboveTheVelocityLimitOnlyBrakingIsFreeAndFarAboveIsAFault) {
   EXPECT_EQ(bench.check().fault, Fault::velocity_limit);
 }
 
+// The gains fade within the slew bound, so for a while there is a stiffness and no target.
+TEST(Guard, ALawThatDropsItsPositionTargetGetsAFiniteTorqueWithinTheSlewBound) {
+  robot::RobotConfig robot = robot_with(1);
+  robot.joints[0].inertia_max_kg_m2 = robot.joints[0].inertia_min_kg_m2 = 0.01;
+  Bench bench(robot);
+  bench.position_target[0] = 0.01;
+  bench.kp[0] = 50;
+  bench.settle(500);
+  EXPECT_NEAR(bench.felt_nm(), 0.5, 1e-3);
+  bench.position_target[0] = kNan;
+  for (int i = 0; i < 10; ++i) {
+    const double before_nm = bench.felt_nm();
+    bench.check();
+    ASSERT_TRUE(std::isfinite(bench.out.torque_nm[0])) << "tick " << i;
+    ASSERT_LE(std::abs(bench.felt_nm() - before_nm), kSlewPerTick + 1e-9) << "tick " << i;
+  }
+  EXPECT_NEAR(bench.felt_nm(), 0, 1e-9);
+}
+
 TEST(Guard, AStaleSampleIsFlaggedAndTooManyInARowAreAFault) {
   Bench bench;
   bench.stale_ticks = 19;

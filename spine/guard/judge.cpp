@@ -111,7 +111,7 @@ Fault Guard::judge_robot(const Input& in, bool too_late, std::uint32_t& flags) c
   if (in.stale_ticks > 0) flags |= wire::telemetry_flag::kSampleStale;
   const bool brain_stale = in.brain_age_ns < 0 || in.brain_age_ns > brain_stale_ns_;
   if (brain_stale) flags |= wire::telemetry_flag::kBrainStale;
-  const bool finite = !law_runs(in.mode) || proposal_is_finite(in.proposal);
+  const bool finite = !law_runs(in.mode) || is_finite(in.effort);
   if (!finite) flags |= wire::telemetry_flag::kNotFinite;
   if (too_late) return Fault::sample_stale;
   if (!finite) return Fault::law_not_finite;
@@ -119,15 +119,14 @@ Fault Guard::judge_robot(const Input& in, bool too_late, std::uint32_t& flags) c
   return brain_stale && needs_brain ? Fault::brain_stale : Fault::none;
 }
 
-// A law's output for stopped joints is ignored.
-bool Guard::proposal_is_finite(const Proposal& proposal) const LITHE_RT {
+bool Guard::is_finite(const Effort& effort) const LITHE_RT {
   bool finite = true;
   for (std::size_t j = 0; j < joints_; ++j) {
     // x - x is 0 for every finite x and NaN for the others; a position may be absent (NaN) but not infinite.
-    const double sum =
-        (proposal.torque_nm[j] - proposal.torque_nm[j]) + (proposal.velocity_rad_s[j] - proposal.velocity_rad_s[j]) +
-        (proposal.kp_nm_rad[j] - proposal.kp_nm_rad[j]) + (proposal.kd_nm_s_rad[j] - proposal.kd_nm_s_rad[j]);
-    finite = finite && (stopped(j) || (sum == 0.0 && !std::isinf(proposal.position_rad[j])));
+    const double sum = (effort.torque_nm[j] - effort.torque_nm[j]) +
+                       (effort.velocity_rad_s[j] - effort.velocity_rad_s[j]) +
+                       (effort.kp_nm_rad[j] - effort.kp_nm_rad[j]) + (effort.kd_nm_s_rad[j] - effort.kd_nm_s_rad[j]);
+    finite = finite && (stopped(j) || (sum == 0.0 && !std::isinf(effort.position_rad[j])));
   }
   return finite;
 }

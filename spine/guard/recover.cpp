@@ -2,7 +2,6 @@
 // The guard in the mode recover.
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "spine/guard/guard.hpp"
 
@@ -35,7 +34,7 @@ void Guard::recover(const Input& in, Output& out, Verdict& verdict) LITHE_RT {
     at_envelope_[j] = false;
     out.rung[j] = Rung::law;
     out.torque_nm[j] = nm;
-    out.position_rad[j] = std::numeric_limits<double>::quiet_NaN();
+    out.position_rad[j] = kNoTarget;
     out.velocity_rad_s[j] = out.kp_nm_rad[j] = out.kd_nm_s_rad[j] = 0.0;
     out.max_torque_nm[j] = std::max(recovery_.torque_cap_nm(j), std::abs(nm));
     verdict.recovered = verdict.recovered && recovery_.recovered(j);

@@ -22,7 +22,7 @@ struct ActuatorCommand {
   bool clear_faults = false;      // after `reset`: drives that are off clear their faults
   bool reset_simulation = false;  // simulated joints go back to their start; real ones ignore it
   JointArray torque_nm{};         // feed-forward
-  JointArray position_rad{};      // of the drive's own PD loop; NaN = none
+  JointArray position_rad{};      // of the drive's own PD loop; kNoTarget = none
   JointArray velocity_rad_s{};
   JointArray kp_nm_rad{};
   JointArray kd_nm_s_rad{};

@@ -31,7 +31,7 @@ TEST_F(LawsTest, TheFirstOutputOfABlendedLawIsTheLastOfTheOneBefore) {
 TEST_F(LawsTest, ALawThatLosesTrackOnProbationIsReplacedWithinTwoTicks) {
   arm_with(kPd);
   publish(0.4);
-  double largest_rad = Probation::kLeastErrorRad;  // of the second before, roughly
+  double largest_rad = step::Probation::kLeastErrorRad;  // of the second before, roughly
   for (int i = 0; i < 3000; ++i) {
     brain_memory_->header.heartbeat_ns = now_ns_;
     tick();
@@ -78,7 +78,7 @@ TEST_F(LawsTest, APauseOfTheMachineIsNotBlamedOnTheLaw) {
   ASSERT_EQ(slot_.active()->law_id, 2u);
   tick(true, 99);
   const double error_rad = std::abs(record_.setpoint_position_rad[0] - record_.position_rad[0]);
-  EXPECT_GT(error_rad, 3 * Probation::kLeastErrorRad) << "more than the law would be allowed";
+  EXPECT_GT(error_rad, 3 * step::Probation::kLeastErrorRad) << "more than the law would be allowed";
   ticks(300);
   EXPECT_EQ(slot_.active()->law_id, 2u) << "and it has caught up by then";
   EXPECT_TRUE(events(EventKind::law_rolled_back).empty());

@@ -7,14 +7,8 @@
 #include <limits>
 
 namespace lithe::loop {
-namespace {
 
-std::uint32_t clamp_ns(std::int64_t duration_ns) LITHE_RT {
-  constexpr std::int64_t kMost = std::numeric_limits<std::uint32_t>::max();
-  return static_cast<std::uint32_t>(std::clamp<std::int64_t>(duration_ns, 0, kMost));
-}
-
-}  // namespace
+using step::clamp_ns;
 
 Publisher::Publisher(ipc::SpineMemory& memory, std::uint32_t joints)
     : header_(&memory.header),
@@ -57,18 +51,16 @@ void Publisher::publish(const Durations& durations, bool fresh_sample) LITHE_RT 
   if (fresh_sample) bus_.add(durations.bus_ns);
 }
 
-void Publisher::event(wire::EventKind kind, std::int64_t now_ns, std::uint32_t code, std::uint64_t request_id,
-                      double value, std::string_view text) LITHE_RT {
-  event_.t_ns = now_ns;
-  event_.tick = record_.tick;
-  event_.request_id = request_id;
-  event_.kind = static_cast<std::uint32_t>(kind);
-  event_.code = code;
-  event_.value = value;
-  event_.text.fill('\0');
-  const std::size_t fits = std::min(text.size(), event_.text.size() - 1);  // substr() could throw
-  std::copy_n(text.begin(), fits, event_.text.begin());
-  events_.push(event_);
+void Publisher::event(wire::EventKind kind, std::int64_t now_ns, std::uint32_t code, double value,
+                      std::string_view text) LITHE_RT {
+  events_.push(step::make_event(kind, record_.tick, now_ns, code, 0, value, text));
+}
+
+void Publisher::tell(const step::Report& report, const step::Laws& laws) LITHE_RT {
+  for (const wire::Event& event : report.events()) events_.push(event);
+  for (const wire::LawFault& fault : report.law_faults()) law_faults_.push(fault);
+  if (report.params_changed && laws.active() != nullptr) params(*laws.active());
+  if (report.shadow_changed) shadow_.write(laws.shadow());
 }
 
 void Publisher::params(const law::Resident& law) LITHE_RT {

@@ -9,7 +9,6 @@
 
 #include <array>
 #include <cstdio>
-#include <limits>
 #include <memory>
 #include <sstream>
 #include <string>
@@ -66,7 +65,7 @@ void obey(const std::string& line, hal::ActuatorCommand& command) {
               : verb == "damp" ? hal::DriveAction::damp
                                : hal::DriveAction::torque);
   command.torque_nm[0] = verb == "torque" ? value : 0;
-  command.position_rad[0] = verb == "position" ? value : std::numeric_limits<double>::quiet_NaN();
+  command.position_rad[0] = verb == "position" ? value : kNoTarget;
   command.velocity_rad_s[0] = verb == "velocity" ? value : 0;
 }
 

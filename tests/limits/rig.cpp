@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <memory>
 #include <numbers>
 
@@ -12,7 +11,6 @@ namespace {
 
 using hal::sim::Plant;
 
-constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
 
 // The joints of a robot, each on its own or as a chain.
@@ -58,13 +56,11 @@ class Joints {
 // One drive as a moteus is: its own PD every 50 us, at least the damping that every command carries, a tracking loop
 // for its speed.
 struct Drive {
-  double torque_nm = 0, kp = 0, kd = 0, target_rad = 0, target_rad_s = 0, max_nm = 0;
+  Pd told;
+  double max_nm = 0;
   double read_rad = 0, tracked_rad = 0, speed_rad_s = 0;
 
-  double wanted_nm() const {
-    const double spring = kp > 0 ? kp * (target_rad - read_rad) : 0;
-    return std::clamp(torque_nm + spring + kd * (target_rad_s - speed_rad_s), -max_nm, max_nm);
-  }
+  double wanted_nm() const { return std::clamp(told.felt_nm(read_rad, speed_rad_s), -max_nm, max_nm); }
   void measure(double reading_rad) {
     constexpr double kPole = 2 * std::numbers::pi * 200;
     read_rad = reading_rad;
@@ -104,7 +100,7 @@ struct Law {
     const bool turn = t >= next_s;
     torque[j] = full * side[j];
     kp[j] = kd[j] = 0;
-    target[j] = kNone;
+    target[j] = kNoTarget;
     switch (run.adversary) {
       case Adversary::one_way:
         return;
@@ -138,7 +134,7 @@ struct Law {
         if (side[j] * (q - middle) < 0.3 * range && std::abs(v) > 0.95 * joint.velocity_max_rad_s) torque[j] = 0;
         return;
       case Adversary::not_a_number:
-        if (t > late_s) torque[j] = kNone;
+        if (t > late_s) torque[j] = kNoTarget;
         return;
     }
   }
@@ -161,7 +157,7 @@ struct Law {
       phase[j] = symmetric();
       side[j] = symmetric();
     }
-    target[j] = phase[j] > -0.3 ? held[j] : kNone;
+    target[j] = phase[j] > -0.3 ? held[j] : kNoTarget;
     kp[j] = joint.kp_max_nm_rad * std::abs(side[j]);
     kd[j] = joint.kd_max_nm_s_rad * std::abs(phase[j]);
     torque[j] = 1.5 * joint.torque_max_nm * side[j];
@@ -172,7 +168,9 @@ struct Law {
   std::mt19937_64 random;
   double late_s = 0, hold_s = 0, next_s = 0;
   std::vector<double> held, side, phase;
-  JointArray torque{}, target{}, velocity{}, kp{}, kd{};
+  Effort effort;
+  JointArray &torque = effort.torque_nm, &target = effort.position_rad, &velocity = effort.velocity_rad_s,
+             &kp = effort.kp_nm_rad, &kd = effort.kd_nm_s_rad;
 };
 
 class Player {
@@ -252,12 +250,10 @@ class Player {
       const double before_nm = drive.wanted_nm();
       const double floor = std::max(output_.kd_nm_s_rad[j], run_.robot.joints[j].safe_kd_nm_s_rad);
       const double balance = (floor - output_.kd_nm_s_rad[j]) * sample_.velocity[j];
-      drive.torque_nm = output_.torque_nm[j] + balance;
-      drive.kp = output_.kp_nm_rad[j];
-      drive.kd = floor;
-      drive.target_rad = output_.position_rad[j];
-      drive.target_rad_s =
-          (floor > output_.kd_nm_s_rad[j] ? output_.kd_nm_s_rad[j] / floor : 1) * output_.velocity_rad_s[j];
+      drive.told = pd_of(output_, j);
+      drive.told.torque_nm += balance;
+      drive.told.kd_nm_s_rad = floor;
+      if (floor > output_.kd_nm_s_rad[j]) drive.told.target_rad_s *= output_.kd_nm_s_rad[j] / floor;
       drive.max_nm = output_.max_torque_nm[j];
       const double step = run_.robot.joints[j].torque_slew_nm_s / run_.robot.rate_hz * dividers_[j];
       const double jump = std::abs(drive.wanted_nm() - before_nm);
@@ -273,14 +269,8 @@ class Player {
     const wire::Mode mode = run_.recover          ? wire::Mode::recover
                             : t >= run_.stop_at_s ? wire::Mode::safe_stop
                                                   : wire::Mode::active;
-    const guard::Verdict verdict = guard_.check({mode,
-                                                 stale,
-                                                 1'000'000,
-                                                 sample.position,
-                                                 sample.velocity,
-                                                 status_,
-                                                 {law_.torque, law_.target, law_.velocity, law_.kp, law_.kd},
-                                                 static_cast<std::int64_t>(1e9 * age_s)},
+    const guard::Verdict verdict = guard_.check({mode, stale, 1'000'000, sample.position, sample.velocity, status_,
+                                                 law_.effort, static_cast<std::int64_t>(1e9 * age_s)},
                                                 output_);
     if (extremes_.fault == wire::Fault::none) extremes_.fault = verdict.fault;
   }

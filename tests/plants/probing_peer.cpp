@@ -9,7 +9,6 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
-#include <limits>
 #include <memory>
 #include <numbers>
 
@@ -27,7 +26,7 @@ class Probing {
  public:
   Probing(const robot::RobotConfig& robot, hal::Actuators& actuators) : robot_(robot), actuators_(actuators) {
     command_.joints = static_cast<std::uint32_t>(robot.joints.size());
-    command_.position_rad.fill(std::numeric_limits<double>::quiet_NaN());
+    command_.position_rad.fill(kNoTarget);
     for (std::size_t j = 0; j < robot.joints.size(); ++j) command_.max_torque_nm[j] = robot.joints[j].torque_max_nm;
   }
 

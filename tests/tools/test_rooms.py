@@ -11,7 +11,10 @@ REFUSED = [
     ("spine/ipc/channel.hpp", '#include "spine/hal/actuators.hpp"', "spine/ipc may not include spine/hal"),
     ("spine/hal/physics/plant.cpp", '#include "spine/ipc/ring.hpp"', "spine/hal/physics may not include spine/ipc"),
     ("spine/loop/tick.cpp", '#include "spine/load/loader.hpp"', "spine/loop may not include spine/load"),
-    ("spine/guard/guard.cpp", "#include <lithe/law.hpp>", "spine/guard may not include spine/law"),
+    ("spine/guard/guard.cpp", '#include "spine/law/slot.hpp"', "spine/guard may not include spine/law"),
+    ("spine/step/step.cpp", '#include "spine/ipc/ring.hpp"', "spine/step may not include spine/ipc"),
+    ("spine/step/step.cpp", '#include "spine/loop/clock.hpp"', "spine/step may not include spine/loop"),
+    ("spine/hal/actuators.cpp", "#include <lithe/law.hpp>", "spine/hal may not include spine/law/include"),
     ("spine/load/loader.cpp", '#include "spine/robot/robot.hpp"', "spine/load may not include spine/robot"),
     ("supervisor/bus/plan/plan.cpp", '#include "spine/ipc/ring.hpp"', "supervisor/bus/plan may not include spine/ipc"),
     ("supervisor/bus/plan/plan.cpp", '#include "spine/hal/actuators.hpp"', "bus/plan may not include spine/hal"),
@@ -38,6 +41,7 @@ def test_a_forbidden_include_is_refused_with_its_line(path: str, line: str, reas
 def test_the_allowed_directions_pass() -> None:
     text = '#include "spine/ipc/ring.hpp"\n#include "spine/law/slot.hpp"\n#include <vector>\n'
     assert list(rooms.check_cpp("spine/loop/tick.cpp", text)) == []
+    assert list(rooms.check_cpp("spine/guard/guard.cpp", "#include <lithe/law.hpp>\n")) == []
     assert list(rooms.check_cpp("laws/pd.cpp", "#include <lithe/law.hpp>\n#include <cmath>\n")) == []
 
 

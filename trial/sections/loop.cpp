@@ -118,7 +118,7 @@ Result<std::int64_t> make_ready(const robot::RobotConfig& robot, hal::Actuators&
   hal::ActuatorState state;
   std::int64_t now_ns = kStartNs;
   command.joints = static_cast<std::uint32_t>(robot.joints.size());
-  command.position_rad.fill(std::numeric_limits<double>::quiet_NaN());
+  command.position_rad.fill(kNoTarget);
   const auto cycle = [&] {
     ++command.tick;
     actuators.cycle(command, state, now_ns);
@@ -135,8 +135,7 @@ Result<std::int64_t> make_ready(const robot::RobotConfig& robot, hal::Actuators&
     return Error{"the simulated robot is not ready, joint " + robot.joints[joint_behind()].name + ": " +
                  actuators.trouble()};
   }
-  std::uint32_t divider = 1;
-  for (const robot::DeviceConfig& device : robot.devices) divider = std::max(divider, device.rate_divider);
+  const std::uint32_t divider = step::slowest_drive(robot);
   command.act(hal::DriveAction::torque);
   const std::int64_t on_ns = now_ns + std::max(kSwitchOnNs, kExchangesToSwitchOn * divider * period_ns);
   while (now_ns < on_ns) cycle();
@@ -151,12 +150,10 @@ double ride_without_a_law(const Setting& setting, SimulatedRobot& simulated, boo
   Ride ride(setting.robot, simulated, rough);
   const std::uint32_t whole = ride.stats.whole_ticks;
   const std::uint32_t least = ride.ticks_in(rough ? kRoughSeconds : kMandatorySeconds);
-  Effort nothing;
-  nothing.clear(setting.joints());
+  Nobody nobody;
   bool goes_on = true;
   do {
-    ride.look();
-    goes_on = ride.act(nothing);
+    goes_on = ride.tick(nobody);
   } while (goes_on && ride.stats.ticks < whole && (ride.stats.ticks < least || took_ms() < kMostRideMs));
   simulated.baseline = ride.stats;
   const double tick_ms = took_ms() / ride.stats.ticks;
@@ -166,6 +163,17 @@ double ride_without_a_law(const Setting& setting, SimulatedRobot& simulated, boo
   return tick_ms * simulated.ride_ticks;
 }
 
+// The law under trial.
+struct LawRider final : Rider {
+  explicit LawRider(Stand& on) : stand(on) {}
+  void step(const Tick& in, Effort& effort) LITHE_RT override {
+    took_ns = stand.step(in);
+    effort = stand.effort();
+  }
+  Stand& stand;
+  double took_ns = 0;
+};
+
 // False: an output was not sound, and it is refused. What bounds it is the law's own time: what the robot takes, and
 // whether the machine is slow or busy, is no reason to look at less of the law.
 bool ride_with_the_law(Bench& bench, Ride& ride, double mandatory_s, const char* where, LoopStats& stats) {
@@ -173,13 +181,14 @@ bool ride_with_the_law(Bench& bench, Ride& ride, double mandatory_s, const char*
   const double most_ns = 0.5 * static_cast<double>(bench.law_ns);     // half for each ride
   double law_ns = 0;
   bench.one.reset();
+  LawRider law(bench.one);
   bool going = true;
   while (going && !ride.over()) {
     if (ride.stats.ticks >= ride.ticks_in(mandatory_s) && law_ns > most_ns) break;
     bench.doing("tick %u %s", ride.stats.ticks, where);
-    law_ns += std::min(bench.one.step(ride.look()), step_at_most_ns);
+    going = ride.tick(law);
+    law_ns += std::min(law.took_ns, step_at_most_ns);
     if (!bench.sound(bench.one)) return false;
-    going = ride.act(bench.one.effort());
     stats = ride.stats;
     ++bench.progress().steps;
   }

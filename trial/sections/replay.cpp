@@ -2,7 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "trial/sections/ride.hpp"
+#include "spine/core/pd.hpp"
 #include "trial/sections/sections.hpp"
 
 namespace lithe::trial {
@@ -15,7 +15,8 @@ constexpr double kManyTimes = 1000;  // times a joint's torque limit: not a plau
 double takeover_nm(Bench& bench, const Tick& tick, std::size_t i) {
   double most_nm = 0;
   for (std::uint32_t j = 0; j < bench.joints(); ++j) {
-    const double step_nm = std::abs(felt_nm(bench.one.effort(), tick, j) - bench.recording.command_torque_nm(i, j));
+    const double wanted_nm = pd_of(bench.one.effort(), j).felt_nm(tick.position_rad[j], tick.velocity_rad_s[j]);
+    const double step_nm = std::abs(wanted_nm - bench.recording.command_torque_nm(i, j));
     if (step_nm > most_nm) bench.report.replay_joint = j;
     most_nm = std::max(most_nm, step_nm);
   }

@@ -35,15 +35,29 @@ wire::Plan gentle_plan(const robot::RobotConfig& robot, const JointArray& from_r
   return plan;
 }
 
-}  // namespace
-
-double felt_nm(const Effort& effort, const Tick& tick, std::uint32_t j) {
-  double torque_nm = effort.torque_nm[j] + effort.kd_nm_s_rad[j] * (effort.velocity_rad_s[j] - tick.velocity_rad_s[j]);
-  if (std::isfinite(effort.position_rad[j])) {
-    torque_nm += effort.kp_nm_rad[j] * (effort.position_rad[j] - tick.position_rad[j]);
+// Lets the rider act where the Spine runs a law. Durations are not measured.
+class RiderHost final : public step::Host {
+ public:
+  explicit RiderHost(Rider& rider) : rider_(rider) {}
+  std::int64_t now_ns() LITHE_RT override { return 0; }
+  contain::Trouble run(law::Sandbox& sandbox, std::int64_t) LITHE_RT override {
+    rider_.step(sandbox.tick, sandbox.effort);
+    return {};
   }
-  return torque_nm;
-}
+
+ private:
+  Rider& rider_;
+};
+
+// What the step knows of a rider: a law without State and Params.
+struct OnBoard {
+  struct Params {};
+  struct State {};
+  static void step(const Tick&, const Params&, State&, Effort&) {}
+};
+constexpr LitheLaw kOnBoard = describe<OnBoard>("on_board");
+
+}  // namespace
 
 robot::RobotConfig with_payload(const robot::RobotConfig& robot) {
   robot::RobotConfig heavy = robot;
@@ -62,20 +76,25 @@ Ride::Ride(const robot::RobotConfig& robot, const SimulatedRobot& simulated, boo
       now_ns_(simulated.from_ns),
       period_ns_(static_cast<std::int64_t>(1e9 / robot.rate_hz)),
       ride_ticks_(simulated.ride_ticks),
-      rough_(rough) {
+      rough_(rough),
+      step_(robot, slot_, sandbox_) {
   stats.whole_ticks = ticks_in(kRideSeconds);
-  plan_.configure(robot);
-  guard_.configure(robot);
   watch();
-  command_.joints = tick_.joints = static_cast<std::uint32_t>(robot.joints.size());
-  tick_.dt_s = 1 / robot.rate_hz;
+  command_.joints = late_.joints = static_cast<std::uint32_t>(robot.joints.size());
   command_.act(hal::DriveAction::torque);  // none yet: the drives are on already
-  command_.position_rad.fill(std::numeric_limits<double>::quiet_NaN());
-  late_.position_rad.fill(std::numeric_limits<double>::quiet_NaN());
+  command_.position_rad.fill(kNoTarget);
+  late_ = command_;
   exchange();
-  plan_.hold_at(state_.position_rad);
-  guard_.reset_output();
-  plan_.accept(gentle_plan(robot, state_.position_rad, now_ns_), now_ns_);
+  law::reset_resident(resident_, kOnBoard);
+  resident_.law_id = 1;
+  slot_.offer(&resident_);
+  // Until the step may be armed: the drives need not know of it.
+  Nobody nobody;
+  RiderHost host(nobody);
+  for (std::uint32_t i = 0; i < step::slowest_drive(robot); ++i) {
+    step_.run({.tick = 0, .now_ns = now_ns_, .sample = state_, .brain_age_ns = 0}, host, next_, record_);
+  }
+  plan_ = gentle_plan(robot, state_.position_rad, now_ns_);
 }
 
 void Ride::watch() {
@@ -86,8 +105,7 @@ void Ride::watch() {
 }
 
 void Ride::stop() {
-  mode_ = wire::Mode::safe_stop;
-  plan_.hold_at(state_.position_rad);
+  stopping_ = true;
   watch();
 }
 
@@ -105,50 +123,34 @@ double Ride::noise() {
   return sum;
 }
 
-const Tick& Ride::look() {
-  exchange();
-  plan_.sample(now_ns_, setpoint_);
-  tick_.tick = stats.ticks;
-  tick_.t_ns = now_ns_;
-  tick_.t_s = static_cast<double>(stats.ticks) * tick_.dt_s;
-  for (std::uint32_t j = 0; j < tick_.joints; ++j) {
-    tick_.position_rad[j] = state_.position_rad[j];
-    tick_.velocity_rad_s[j] = state_.velocity_rad_s[j];
-    tick_.torque_nm[j] = state_.torque_nm[j];
-    tick_.setpoint_position_rad[j] = setpoint_.position_rad[j];
-    tick_.setpoint_velocity_rad_s[j] = setpoint_.velocity_rad_s[j];
-    tick_.setpoint_acceleration_rad_s2[j] = setpoint_.acceleration_rad_s2[j];
-    if (!rough_) continue;
-    tick_.position_rad[j] += Rough::kPositionRad * noise();
-    tick_.velocity_rad_s[j] += Rough::kVelocityRadS * noise();
-    tick_.torque_nm[j] += Rough::kTorqueShare * robot_.joints[j].torque_max_nm * noise();
+void Ride::measure() {
+  seen_ = state_;
+  if (!rough_) return;
+  for (std::uint32_t j = 0; j < command_.joints; ++j) {
+    seen_.position_rad[j] += Rough::kPositionRad * noise();
+    seen_.velocity_rad_s[j] += Rough::kVelocityRadS * noise();
+    seen_.torque_nm[j] += Rough::kTorqueShare * robot_.joints[j].torque_max_nm * noise();
   }
-  tick_.sample_age_s = 1e-9 * static_cast<double>(now_ns_ - state_.sample_ns);
-  tick_.sensor = state_.sensor;
-  return tick_;
 }
 
-bool Ride::act(const Effort& effort) {
-  const bool stopping = mode_ == wire::Mode::safe_stop;
-  const guard::Verdict verdict = guard_.check(
-      {mode_,
-       0,
-       0,
-       stopping ? tick_.position_rad : state_.position_rad,  // the safe law sees no better than a law
-       stopping ? tick_.velocity_rad_s : state_.velocity_rad_s,
-       state_.status,
-       {effort.torque_nm, effort.position_rad, effort.velocity_rad_s, effort.kp_nm_rad, effort.kd_nm_s_rad},
-       tick_.t_ns - state_.sample_ns},
-      output_);
-  count(verdict.flags, effort);
-  compose();
-  if (verdict.fault != wire::Fault::none && !stopping) {
-    stats.fault = static_cast<std::uint32_t>(verdict.fault);
-    stats.fault_tick = stats.ticks;
-    name_fault();
-    return false;
-  }
-  const law::Tremor::Finding found = tremor_.find(tick_.joints);
+bool Ride::tick(Rider& rider) {
+  exchange();
+  measure();
+  wire::Command arm;
+  arm.kind = static_cast<std::uint32_t>(wire::CommandKind::arm);
+  const bool first = stats.ticks == 0;
+  RiderHost host(rider);
+  const step::Report& report = step_.run({.tick = stats.ticks,
+                                          .now_ns = now_ns_,
+                                          .sample = seen_,
+                                          .brain_age_ns = stopping_ ? -1 : 0,
+                                          .command = first ? &arm : nullptr,
+                                          .plan = first ? &plan_ : nullptr},
+                                         host, next_, record_);
+  count(report);
+  compose(next_);
+  if (!stopping_ && fault()) return false;
+  const law::Tremor::Finding found = tremor_.find(command_.joints);
   if (found.kind == law::Tremor::Finding::Kind::none) return true;
   stats.tremor = static_cast<std::uint32_t>(found.kind);
   stats.tremor_joint = found.joint;
@@ -157,59 +159,63 @@ bool Ride::act(const Effort& effort) {
   return false;
 }
 
-void Ride::name_fault() {
-  for (const guard::Group& group : guard_.groups()) {
-    if (!group.news) continue;
-    stats.fault_joint = group.joint;
-    stats.fault_position_rad = state_.position_rad[group.joint];
-    stats.fault_velocity_rad_s = state_.velocity_rad_s[group.joint];
-    return;
+// The first of this ride, with the first joint that has it. A robot that cannot be armed has drives that do not answer.
+bool Ride::fault() {
+  auto found = static_cast<wire::Fault>(record_.fault);
+  if (found == wire::Fault::none && step_.mode() == wire::Mode::disarmed) found = wire::Fault::drive_lost;
+  if (found == wire::Fault::none) return false;
+  stats.fault = static_cast<std::uint32_t>(found);
+  stats.fault_tick = stats.ticks;
+  for (std::uint32_t j = 0; j < command_.joints; ++j) {
+    if (record_.joint_fault[j] != stats.fault) continue;
+    stats.fault_joint = j;
+    stats.fault_position_rad = state_.position_rad[j];
+    stats.fault_velocity_rad_s = state_.velocity_rad_s[j];
+    break;
   }
+  return true;
 }
 
 void Ride::exchange() {
   actuators_.cycle(command_, state_, now_ns_);
-  guard_.dispatched();  // or it bounds every torque from the first one, which is none
   now_ns_ += period_ns_;
-  ++command_.tick;
 }
 
-void Ride::count(std::uint32_t flags, const Effort& effort) {
+void Ride::count(const step::Report& report) {
   ++stats.ticks;
-  stats.torque_clamped += (flags & flag::kTorqueClamped) != 0;
-  stats.slew_clamped += (flags & flag::kSlewClamped) != 0;
-  stats.position_clamped += (flags & flag::kPositionClamped) != 0;
-  stats.velocity_clamped += (flags & flag::kVelocityClamped) != 0;
+  stats.torque_clamped += (report.flags & flag::kTorqueClamped) != 0;
+  stats.slew_clamped += (report.flags & flag::kSlewClamped) != 0;
+  stats.position_clamped += (report.flags & flag::kPositionClamped) != 0;
+  stats.velocity_clamped += (report.flags & flag::kVelocityClamped) != 0;
+  const Effort& effort = step_.laws().effort();
+  const Tick& tick = step_.seen();
   double mean_rad2 = 0;
-  for (std::uint32_t j = 0; j < tick_.joints; ++j) {
-    const double error_rad = tick_.setpoint_position_rad[j] - state_.position_rad[j];
+  for (std::uint32_t j = 0; j < tick.joints; ++j) {
+    const double error_rad = tick.setpoint_position_rad[j] - state_.position_rad[j];
     stats.most_torque_nm = std::max(stats.most_torque_nm, std::abs(effort.torque_nm[j]));
     stats.most_velocity_rad_s = std::max(stats.most_velocity_rad_s, std::abs(state_.velocity_rad_s[j]));
     squares_rad2_[j] += error_rad * error_rad;
-    mean_rad2 += squares_rad2_[j] / tick_.joints;
+    mean_rad2 += squares_rad2_[j] / tick.joints;
     stats.joint_rms_error_rad[j] = std::sqrt(squares_rad2_[j] / stats.ticks);
-    const double given_nm = guard_.expected_torque_nm()[j];
-    const double wanted_nm = mode_ == wire::Mode::safe_stop ? given_nm : felt_nm(effort, tick_, j);
+    const double given_nm = record_.command_torque_nm[j];
+    const double wanted_nm =
+        stopping_ ? given_nm : pd_of(effort, j).felt_nm(tick.position_rad[j], tick.velocity_rad_s[j]);
     if (std::abs(wanted_nm - given_nm) > kHeldShare * robot_.joints[j].torque_max_nm) {
       if (++held_ticks_[j] > held_ticks_[stats.held_joint]) stats.held_joint = j;
     }
-    tremor_.see(tick_, j, wanted_nm);
+    tremor_.see(tick, j, wanted_nm);
     stats.most_chatter_hz = std::max(stats.most_chatter_hz, tremor_.chatter_hz(j));
     stats.most_swings = std::max(stats.most_swings, tremor_.swings(j));
   }
   stats.rms_error_rad = std::sqrt(mean_rad2 / stats.ticks);
 }
 
-void Ride::compose() {
-  const guard::Output& leaves = rough_ ? late_ : output_;
-  command_.act(hal::DriveAction::torque);
-  command_.torque_nm = leaves.torque_nm;
-  command_.position_rad = leaves.position_rad;
-  command_.velocity_rad_s = leaves.velocity_rad_s;
-  command_.kp_nm_rad = leaves.kp_nm_rad;
-  command_.kd_nm_s_rad = leaves.kd_nm_s_rad;
-  command_.max_torque_nm = leaves.max_torque_nm;
-  late_ = output_;
+void Ride::compose(const hal::ActuatorCommand& next) {
+  const std::uint64_t tick = command_.tick + 1;
+  command_ = rough_ ? late_ : next;
+  command_.tick = tick;
+  command_.clear_faults = false;
+  late_ = next;
   if (rough_) disturb();
 }
 

@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Closed-loop trial: the law controls the simulated robot in the order of the tick. Time is an argument.
+// Closed-loop trial: the law controls the simulated robot through the same control step as in the Spine.
 #pragma once
 
 #include <cstdint>
 #include <limits>
 
 #include "spine/core/result.hpp"
-#include "spine/guard/guard.hpp"
+#include "spine/law/resident.hpp"
+#include "spine/law/sandbox.hpp"
+#include "spine/law/slot.hpp"
 #include "spine/law/tremor.hpp"
-#include "spine/plan/interpolator.hpp"
+#include "spine/step/step.hpp"
 #include "trial/core/setting.hpp"
 
 namespace lithe::trial {
@@ -41,25 +43,36 @@ Result<> open_ready(const robot::RobotConfig& robot, SimulatedRobot& simulated);
 // would be tried.
 void start_inside(robot::RobotConfig& robot);
 
-// The torque joint j would feel: feed-forward, and the drive's own PD at the measured state [N m].
-double felt_nm(const Effort& effort, const Tick& tick, std::uint32_t j);
+// Whatever acts in a ride: a law under trial, or something in its place.
+class Rider {
+ public:
+  // One step: `effort` is clear before it.
+  virtual void step(const Tick& in, Effort& effort) LITHE_RT = 0;
 
-// Contract: allocates nothing once made · about 60 KiB
+ protected:
+  ~Rider() = default;
+};
+// No torque at all.
+struct Nobody final : Rider {
+  void step(const Tick&, Effort&) LITHE_RT override {}
+};
+
+// Contract: allocates nothing once made
 class Ride {
  public:
   Ride(const robot::RobotConfig& robot, const SimulatedRobot& simulated, bool rough);
+  Ride(const Ride&) = delete;
+  Ride& operator=(const Ride&) = delete;
 
   std::uint32_t ticks_in(double seconds) const;
   bool over() const { return stats.ticks >= ride_ticks_; }
 
-  // The next input of the law.
-  const Tick& look();
+  // One tick: what the rider wants goes through the control step to the drives. False when the guard takes over for
+  // good, or a joint shakes.
+  bool tick(Rider& rider);
 
-  // Its output, through the guard to the drives. False when the guard takes over for good, or a joint shakes.
-  bool act(const Effort& effort);
-
-  // A safe stop: from now on act() moves nothing, the safe law brakes, faults end nothing, and what shook before is
-  // forgotten.
+  // From now on the Brain is silent. A robot with on_stale = "safe_stop" is stopped by the safe law; faults end nothing,
+  // and what shook before is forgotten.
   void stop();
 
   const hal::ActuatorState& state() const { return state_; }  // as the drives tell it
@@ -69,9 +82,10 @@ class Ride {
  private:
   void watch();
   void exchange();
-  void name_fault();
-  void count(std::uint32_t flags, const Effort& effort);
-  void compose();
+  void measure();
+  bool fault();
+  void count(const step::Report& report);
+  void compose(const hal::ActuatorCommand& next);
   void disturb();
   double noise();
 
@@ -79,17 +93,17 @@ class Ride {
   hal::Actuators& actuators_;
   std::int64_t now_ns_, period_ns_;
   std::uint32_t ride_ticks_;
-  bool rough_;
-  wire::Mode mode_ = wire::Mode::active;
+  bool rough_, stopping_ = false;
   std::uint64_t random_ = Rough::kSeed;
-  hal::ActuatorCommand command_;
-  hal::ActuatorState state_;
-  plan::Interpolator plan_;
-  plan::Setpoint setpoint_;
-  guard::Guard guard_;
-  guard::Output output_, late_;  // of this tick, and of the one before
+  hal::ActuatorCommand command_, next_, late_;  // to the drives; of this tick's step; of the one before
+  hal::ActuatorState state_, seen_;             // as it is, and as it is measured
+  law::Slot slot_;
+  law::Resident resident_;
+  law::Sandbox sandbox_;
+  step::ControlStep step_;
+  wire::Telemetry record_{};
+  wire::Plan plan_;
   law::Tremor tremor_;
-  Tick tick_;
   JointArray squares_rad2_{};
   std::array<std::uint32_t, kMaxJoints> held_ticks_{};
 };

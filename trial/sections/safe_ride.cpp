@@ -47,6 +47,7 @@ bool known(const RobotConfig& robot, const JointConfig& joint) {
 RobotConfig model_of(RobotConfig robot) {
   robot.guard.soft_start_s = 0;
   robot.guard.brake_after_s = robot.guard.off_after_s = 0;  // the safe law alone
+  robot.brain.on_stale = robot::StaleAction::safe_stop;     // so Ride::stop() stops it
   for (JointConfig& joint : robot.joints) {
     if (robot.plant.kind != robot::PlantKind::independent || robot::is_simulated(robot, joint)) continue;
     joint.sim.inertia_kg_m2 = joint.inertia_min_kg_m2 > 0 ? joint.inertia_min_kg_m2 : joint.sim.inertia_kg_m2;
@@ -58,31 +59,30 @@ RobotConfig model_of(RobotConfig robot) {
 
 // Brings the joints to speed, each towards the side with more room: with a torque that grows slowly, so that a light
 // one is not far beyond it before that is seen. One that was there once is let go.
-class Push {
+class Push final : public Rider {
  public:
-  explicit Push(const RobotConfig& robot) : robot_(robot) { effort_.clear(joints()); }
+  explicit Push(const RobotConfig& robot) : robot_(robot) {}
 
-  // False when all are let go.
-  bool next(const Tick& tick) {
+  void step(const Tick& tick, Effort& effort) LITHE_RT override {
     share_ = std::min(share_ + tick.dt_s / kGrowS, 1.0);
-    bool pushes = false;
+    pushes_ = false;
     for (std::uint32_t j = 0; j < joints(); ++j) {
       const JointConfig& joint = robot_.joints[j];
       gone_[j] = gone_[j] || std::abs(tick.velocity_rad_s[j]) >= kStartShare * joint.velocity_max_rad_s;
       const double middle_rad = 0.5 * (joint.position_min_rad + joint.position_max_rad);
-      if (effort_.torque_nm[j] == 0) sign_[j] = tick.position_rad[j] > middle_rad ? -1 : 1;
-      effort_.torque_nm[j] = gone_[j] ? 0 : sign_[j] * share_ * joint.torque_max_nm;
-      pushes = pushes || !gone_[j];
+      if (sign_[j] == 0) sign_[j] = tick.position_rad[j] > middle_rad ? -1 : 1;
+      effort.torque_nm[j] = gone_[j] ? 0 : sign_[j] * share_ * joint.torque_max_nm;
+      pushes_ = pushes_ || !gone_[j];
     }
-    return pushes;
   }
-  const Effort& effort() const { return effort_; }
+  // False when all are let go.
+  bool pushes() const { return pushes_; }
 
  private:
   std::uint32_t joints() const { return static_cast<std::uint32_t>(robot_.joints.size()); }
 
   const RobotConfig& robot_;
-  Effort effort_;
+  bool pushes_ = true;
   double share_ = 0;  // of torque_max_nm
   std::array<bool, kMaxJoints> gone_{};
   JointArray sign_{};
@@ -114,17 +114,15 @@ Result<Finding> ride(const RobotConfig& robot) {
   if (const auto opened = open_ready(robot, simulated); !opened) return opened.error();
   Ride ride(robot, simulated, true);
   Push push(robot);
-  while (ride.stats.ticks < ride.ticks_in(kPushS) && push.next(ride.look()) && ride.act(push.effort())) continue;
+  while (ride.stats.ticks < ride.ticks_in(kPushS) && push.pushes() && ride.tick(push)) continue;
 
   ride.stop();
   const std::uint32_t end = ride.stats.ticks + ride.ticks_in(stop_s(robot)), last = end - ride.ticks_in(kLastS);
   JointArray from_rad_s{}, last_rad_s{};
-  Effort nothing;
-  nothing.clear(static_cast<std::uint32_t>(robot.joints.size()));
+  Nobody nobody;
   for (std::size_t j = 0; j < robot.joints.size(); ++j) from_rad_s[j] = std::abs(ride.state().velocity_rad_s[j]);
   while (ride.stats.ticks < end) {
-    ride.look();
-    if (!ride.act(nothing) && known(robot, robot.joints[ride.stats.tremor_joint])) {
+    if (!ride.tick(nobody) && known(robot, robot.joints[ride.stats.tremor_joint])) {
       const LoopStats& stats = ride.stats;
       return Finding{.what = Finding::What::shakes,
                      .joint = stats.tremor_joint,

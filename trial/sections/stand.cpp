@@ -29,7 +29,7 @@ void Stand::reset(bool with_past) {
   law_.init(with_past ? &history_ : &nothing, params_.law_view(), state_.data());
 }
 
-double Stand::step(const Tick& in) {
+double Stand::step(const Tick& in) LITHE_RT {
   std::memcpy(tick_.data(), &in, sizeof in);
   auto* effort = reinterpret_cast<Effort*>(effort_.data());
   auto* probes = reinterpret_cast<double*>(probes_.data());

@@ -25,7 +25,7 @@ class Stand {
   void reset(bool with_past = true);
 
   // One step on `in`. Returns how long the law took [ns].
-  double step(const Tick& in);
+  double step(const Tick& in) LITHE_RT;
 
   const Effort& effort() const { return *reinterpret_cast<const Effort*>(effort_.data()); }
   const std::array<double, kMaxProbes>& probes();

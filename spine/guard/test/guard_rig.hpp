@@ -36,27 +36,18 @@ inline robot::RobotConfig robot_with(std::size_t joints) {
 struct Bench {
   explicit Bench(const robot::RobotConfig& robot = robot_with(1)) {
     guard.configure(robot);
-    position_target.fill(kNan);
+    effort.position_rad.fill(kNoTarget);
   }
 
   // One tick: the previous output was sent, unless the bus was late.
   Verdict check(bool bus_in_time = true) {
     if (bus_in_time) guard.dispatched();
-    return guard.check({mode,
-                        stale_ticks,
-                        brain_age_ns,
-                        position,
-                        velocity,
-                        status,
-                        {torque, position_target, velocity_target, kp, kd}},
-                       out);
+    return guard.check({mode, stale_ticks, brain_age_ns, position, velocity, status, effort}, out);
   }
   // The torque joint j will feel by an output: feed-forward and the drive's own PD, where the joint is when the next
   // command reaches it.
   double felt_nm(const Output& by, std::size_t j) const {
-    const double there_rad = position[j] + velocity[j] * kTickS;
-    const double spring = by.kp_nm_rad[j] > 0 ? by.kp_nm_rad[j] * (by.position_rad[j] - there_rad) : 0.0;
-    return std::clamp(by.torque_nm[j] + spring + by.kd_nm_s_rad[j] * (by.velocity_rad_s[j] - velocity[j]), -1.0, 1.0);
+    return std::clamp(pd_of(by, j).felt_nm(position[j] + velocity[j] * kTickS, velocity[j]), -1.0, 1.0);
   }
   double felt_nm(std::size_t j = 0) const { return felt_nm(out, j); }
   Verdict settle(int ticks = 50) {
@@ -74,7 +65,11 @@ struct Bench {
   wire::Mode mode = wire::Mode::active;
   std::uint32_t stale_ticks = 0;
   std::int64_t brain_age_ns = 1'000'000;
-  JointArray position{}, velocity{}, torque{}, position_target{}, velocity_target{}, kp{}, kd{};
+  JointArray position{}, velocity{};
+  Effort effort;
+  // Short names of what the law wants.
+  JointArray &torque = effort.torque_nm, &position_target = effort.position_rad,
+             &velocity_target = effort.velocity_rad_s, &kp = effort.kp_nm_rad, &kd = effort.kd_nm_s_rad;
   std::array<std::uint32_t, kMaxJoints> status{};
 };
 

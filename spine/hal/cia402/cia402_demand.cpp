@@ -56,7 +56,7 @@ RawDemand Demand::next(const JointCommand& command, const JointSample& last) LIT
 }
 
 void Demand::move_position(const JointCommand& command) LITHE_RT {
-  if (std::isnan(command.position_rad)) {
+  if (!has_target(command.position_rad)) {
     last_step_ = slowed(last_step_, slow_counts_);
     last_wanted_ = at_counts_;
   } else {
@@ -87,11 +87,9 @@ void Demand::move_velocity(const JointCommand& command) LITHE_RT {
 }
 
 double Demand::closed_loop_nm(const JointCommand& command, const JointSample& last) const LITHE_RT {
-  const bool has_position = !std::isnan(command.position_rad);
-  const double stiff_nm =
-      has_position ? std::max(command.kp_nm_rad, 0.0) * (command.position_rad - last.position_rad) : 0;
-  const double damping_nm = std::max(command.kd_nm_s_rad, 0.0) * (command.velocity_rad_s - last.velocity_rad_s);
-  return command.torque_nm + stiff_nm + damping_nm;
+  const Pd pd{command.torque_nm, command.position_rad, command.velocity_rad_s, std::max(command.kp_nm_rad, 0.0),
+              std::max(command.kd_nm_s_rad, 0.0)};
+  return pd.felt_nm(last.position_rad, last.velocity_rad_s);
 }
 
 // Thousandths of the motor's rated torque. The sum of finite numbers may be infinite.

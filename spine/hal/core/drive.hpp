@@ -7,6 +7,7 @@
 #include <numbers>
 #include <string>
 
+#include "spine/core/pd.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/hal/core/bus.hpp"
 #include "spine/hal/core/frame.hpp"
@@ -20,8 +21,8 @@ enum class DriveAction : std::uint8_t { off, torque, damp, brake };
 // One joint's part of an ActuatorCommand, in joint coordinates.
 struct JointCommand {
   DriveAction action = DriveAction::off;
-  double torque_nm = 0;                                            // feed-forward
-  double position_rad = std::numeric_limits<double>::quiet_NaN();  // of the drive's own PD loop; NaN = none
+  double torque_nm = 0;             // feed-forward
+  double position_rad = kNoTarget;  // of the drive's own PD loop
   double velocity_rad_s = 0;
   double kp_nm_rad = 0;
   double kd_nm_s_rad = 0;

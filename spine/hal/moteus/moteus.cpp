@@ -25,7 +25,7 @@ bool possible(double value) LITHE_RT { return std::abs(value) <= kMaxCommand; }
 
 bool possible(const JointCommand& c) LITHE_RT {
   return possible(c.torque_nm) && possible(c.velocity_rad_s) && possible(c.kp_nm_rad) && possible(c.kd_nm_s_rad) &&
-         possible(c.max_torque_nm) && (std::isnan(c.position_rad) || possible(c.position_rad));
+         possible(c.max_torque_nm) && (!has_target(c.position_rad) || possible(c.position_rad));
 }
 
 // Torque at the motor per revolution of the motor, from torque at the joint per radian of the joint.
@@ -152,7 +152,7 @@ std::uint32_t status_of(const Answer& sample) LITHE_RT {
 
 bool Driver::can_say(double position_rad) const LITHE_RT {
   const double position_rev = std::abs(params_.joint.motor_rev(position_rad));
-  return std::isnan(position_rad) ||
+  return !has_target(position_rad) ||
          (possible(position_rad) && position_rev <= largest(Quantity::position_rev, params_.command.position));
 }
 
@@ -230,7 +230,7 @@ void Driver::ask(std::uint32_t source, const AnswerFormats& as, SubframeWriter& 
 }
 
 void Driver::write_torque(const JointCommand& command, SubframeWriter& writer) const LITHE_RT {
-  const MotorCommand motor = to_motor(command, !std::isnan(command.position_rad));
+  const MotorCommand motor = to_motor(command, has_target(command.position_rad));
   const CommandFormats& as = params_.command;
   const std::array<SubframeWriter::Choice, 6> formats{as.position, as.velocity, as.torque,
                                                       as.kp_scale, as.kd_scale, as.max_torque};

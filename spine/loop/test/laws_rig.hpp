@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Fixture for laws.cpp: laws of every kind, and readers of the Spine's events and records.
+// Fixture for spine/step/laws.cpp: laws of every kind, and readers of the Spine's events and records.
 #pragma once
 
 #include <algorithm>

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/loop/shadow.hpp"
+#include "spine/step/shadow.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-#include "spine/loop/bumpless.hpp"
+#include "spine/step/bumpless.hpp"
+#include "spine/step/report.hpp"
 
-namespace lithe::loop {
+namespace lithe::step {
 namespace {
 
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
@@ -28,14 +29,12 @@ void Shadow::start(law::Resident& candidate, std::uint64_t tick, std::uint32_t j
 Shadow::Opinion Shadow::compare(const Tick& in, const Effort& active, const Effort& candidate, std::int64_t law_ns)
     LITHE_RT {
   ++report_.ticks;
-  const auto step_ns =
-      static_cast<std::uint32_t>(std::clamp<std::int64_t>(law_ns, 0, std::numeric_limits<std::uint32_t>::max()));
+  const std::uint32_t step_ns = clamp_ns(law_ns);
   total_ns_ += step_ns;
   report_.most_ns = std::max(report_.most_ns, step_ns);
   report_.mean_ns = static_cast<std::uint32_t>(total_ns_ / report_.ticks);
   for (std::uint32_t j = 0; j < in.joints; ++j) {
-    const double difference_nm = torque_at_joint(candidate, j, in.position_rad[j], in.velocity_rad_s[j]) -
-                                 torque_at_joint(active, j, in.position_rad[j], in.velocity_rad_s[j]);
+    const double difference_nm = wanted_nm(candidate, in, j) - wanted_nm(active, in, j);
     square_nm2_[j] += difference_nm * difference_nm;
     // Torques may be infinite here and their difference NaN: that counts as the largest difference.
     const double apart_nm = std::isfinite(difference_nm) ? std::abs(difference_nm) : kInfinite;
@@ -53,4 +52,4 @@ double Shadow::largest_difference_nm() const LITHE_RT {
   return largest_nm;
 }
 
-}  // namespace lithe::loop
+}  // namespace lithe::step

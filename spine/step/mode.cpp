@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/loop/mode.hpp"
+#include "spine/step/mode.hpp"
 
-namespace lithe::loop {
+namespace lithe::step {
 
 using wire::CommandKind;
 using wire::CommandResult;
@@ -94,4 +94,4 @@ bool ModeMachine::press_estop() LITHE_RT {
   return true;
 }
 
-}  // namespace lithe::loop
+}  // namespace lithe::step

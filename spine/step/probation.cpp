@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/loop/probation.hpp"
+#include "spine/step/probation.hpp"
 
 #include <algorithm>
 #include <cmath>
 
-namespace lithe::loop {
+namespace lithe::step {
 namespace {
 
 using wire::LawFaultKind;
@@ -125,4 +125,4 @@ void Probation::remember(const Seen& seen) LITHE_RT {
   long_steps_ = too_long ? long_steps_ + 1 : 0;
 }
 
-}  // namespace lithe::loop
+}  // namespace lithe::step

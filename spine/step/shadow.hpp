@@ -9,7 +9,7 @@
 #include "spine/law/resident.hpp"
 #include "spine/wire/wire.hpp"
 
-namespace lithe::loop {
+namespace lithe::step {
 
 // Contract: RT · owned by the tick thread
 class Shadow {
@@ -35,4 +35,4 @@ class Shadow {
   double total_ns_ = 0;
 };
 
-}  // namespace lithe::loop
+}  // namespace lithe::step

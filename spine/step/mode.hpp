@@ -7,7 +7,7 @@
 #include "spine/core/rt.hpp"
 #include "spine/wire/wire.hpp"
 
-namespace lithe::loop {
+namespace lithe::step {
 
 // Conditions that decide a command's answer, besides the mode.
 struct Conditions {
@@ -64,4 +64,4 @@ class ModeMachine {
   bool was_energised_ = false;  // before the e-stop
 };
 
-}  // namespace lithe::loop
+}  // namespace lithe::step

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/loop/mode.hpp"
+#include "spine/step/mode.hpp"
 
 #include <gtest/gtest.h>
 
-namespace lithe::loop {
+namespace lithe::step {
 namespace {
 
 using wire::CommandKind;
@@ -172,4 +172,4 @@ TEST(ModeMachine, RefusesWhatItDoesNotKnow) {
 }
 
 }  // namespace
-}  // namespace lithe::loop
+}  // namespace lithe::step

@@ -12,7 +12,7 @@
 #include "spine/robot/config.hpp"
 #include "spine/wire/wire.hpp"
 
-namespace lithe::loop {
+namespace lithe::step {
 
 // The criteria (besides a law fault, which always replaces the law):
 //   tracking    a joint's error grows beyond error_ratio times the largest of the time before the commit; a joint that
@@ -119,4 +119,4 @@ class Probation {
   double guard_before_ = 0;
 };
 
-}  // namespace lithe::loop
+}  // namespace lithe::step

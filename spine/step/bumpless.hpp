@@ -7,16 +7,14 @@
 
 #include "lithe/law.hpp"
 #include "spine/core/joints.hpp"
+#include "spine/core/pd.hpp"
 #include "spine/core/rt.hpp"
 
-namespace lithe::loop {
+namespace lithe::step {
 
-// Torque of a proposal at joint j: feed-forward plus the drive's own PD at the measured state [N m].
-inline double torque_at_joint(const Effort& effort, std::size_t j, double position_rad, double velocity_rad_s)
-    LITHE_RT {
-  const double spring_nm =
-      std::isnan(effort.position_rad[j]) ? 0.0 : effort.kp_nm_rad[j] * (effort.position_rad[j] - position_rad);
-  return effort.torque_nm[j] + spring_nm + effort.kd_nm_s_rad[j] * (effort.velocity_rad_s[j] - velocity_rad_s);
+// The torque that an effort wants at joint j in the measured state [N m].
+inline double wanted_nm(const Effort& effort, const Tick& in, std::size_t j) LITHE_RT {
+  return pd_of(effort, j).felt_nm(in.position_rad[j], in.velocity_rad_s[j]);
 }
 
 // The guard's slew bound applies in addition: per joint, the slower of the two decides.
@@ -36,8 +34,7 @@ class Bumpless {
     if (left_ == 0) return;
     if (fresh_) {
       for (std::uint32_t j = 0; j < in.joints; ++j) {
-        const double now_nm = torque_at_joint(effort, j, in.position_rad[j], in.velocity_rad_s[j]);
-        const double difference_nm = last_nm[j] - now_nm;
+        const double difference_nm = last_nm[j] - wanted_nm(effort, in, j);
         offset_nm_[j] = std::isfinite(difference_nm) ? difference_nm : 0.0;
       }
       fresh_ = false;
@@ -54,4 +51,4 @@ class Bumpless {
   JointArray offset_nm_{};
 };
 
-}  // namespace lithe::loop
+}  // namespace lithe::step

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+// Runs laws for the step, contained, and measures by the tick's clock.
+#pragma once
+
+#include <cstdint>
+
+#include "spine/contain/cell.hpp"
+#include "spine/core/rt.hpp"
+#include "spine/law/sandbox.hpp"
+#include "spine/loop/clock.hpp"
+#include "spine/step/host.hpp"
+
+namespace lithe::loop {
+
+// Contract: RT · owned by the tick thread
+class CellHost final : public step::Host {
+ public:
+  // Without a Cell a crash of a law ends the process, and no law is ended.
+  CellHost(const SteeredClock& clock, contain::Cell* cell) : clock_(clock), cell_(cell) {}
+
+  std::int64_t now_ns() LITHE_RT override { return clock_.now_ns(); }
+
+  contain::Trouble run(law::Sandbox& sandbox, std::int64_t deadline_ns) LITHE_RT override {
+    if (cell_ != nullptr) return cell_->run(deadline_ns, &call_law, &sandbox);
+    sandbox.call();
+    return {};
+  }
+
+ private:
+  LITHE_LEFT_BY_A_JUMP static void call_law(void* sandbox) LITHE_RT { static_cast<law::Sandbox*>(sandbox)->call(); }
+
+  const SteeredClock& clock_;
+  contain::Cell* cell_;
+};
+
+}  // namespace lithe::loop

@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+// What becomes the active law, and with which parameters: commands, commits, shadow runs.
+#include <algorithm>
+
+#include "spine/core/serialise.hpp"
+#include "spine/step/laws.hpp"
+
+namespace lithe::step {
+
+using contain::Trouble;
+using wire::CommandResult;
+using wire::EventKind;
+namespace flag = wire::telemetry_flag;
+
+CommandResult Laws::set_params(const wire::Command& command) LITHE_RT {
+  law::Resident* law = slot_.active();
+  if (law == nullptr || (command.law_id != 0 && command.law_id != law->law_id)) return CommandResult::refused_law;
+  if (command.count == 0 || command.count > wire::kNparam) return CommandResult::refused_range;
+  for (std::uint32_t i = 0; i < command.count; ++i) {
+    const std::uint32_t index = command.index[i];
+    if (index >= law->descriptor->param_count || index >= kMaxParams) return CommandResult::refused_range;
+    const Param& param = law->params[index];
+    if (!(param.min <= command.value[i] && command.value[i] <= param.max)) return CommandResult::refused_range;
+  }
+  if (!probation_.of_params()) law->trust_params();
+  law->remember_params();
+  for (std::uint32_t i = 0; i < command.count; ++i) law->set_param(command.index[i], command.value[i]);
+  report_.params_changed = true;
+  report_.event(EventKind::params_applied, law->law_id, command.request_id, command.count, "");
+  watch_params(command.request_id);
+  return CommandResult::done;
+}
+
+// New values are on probation; the previous ones are kept.
+void Laws::watch_params(std::uint64_t request_id) LITHE_RT {
+  // While the law itself is unconfirmed, law and values are judged together.
+  if (probation_.of_law()) return;
+  params_request_id_ = request_id;
+  probation_.start_params();
+}
+
+CommandResult Laws::revert_params(const wire::Command& command) LITHE_RT {
+  law::Resident* law = slot_.active();
+  if (law == nullptr || (command.law_id != 0 && command.law_id != law->law_id)) return CommandResult::refused_law;
+  if (!probation_.of_params()) law->trust_params();
+  law->revert_params();
+  report_.params_changed = true;
+  report_.event(EventKind::params_applied, law->law_id, command.request_id, law->descriptor->param_count,
+                "as before the last change");
+  watch_params(command.request_id);
+  return CommandResult::done;
+}
+
+CommandResult Laws::roll_back(const wire::Command& command) LITHE_RT {
+  const std::uint32_t steps = std::max(1u, command.count);
+  if (slot_.before(steps) == nullptr) return CommandResult::refused_law;
+  const std::uint32_t blend_ticks = slot_.active()->terms.blend_ticks;
+  law::FieldBits mended = 0;
+  slot_.rollback(law::Carry::named, steps, &mended);
+  report_.flags |= flag::kRolledBack;
+  probation_.end();
+  greet(blend_ticks);
+  report_.event(EventKind::law_rolled_back, slot_.active()->law_id, command.request_id, steps,
+                "an earlier law runs again");
+  tell_not_carried(*slot_.active(), mended);
+  report_.params_changed = true;
+  return CommandResult::done;
+}
+
+// Commit, one atomic exchange: the staged law runs from the next tick on.
+void Laws::swap(Host& host) LITHE_RT {
+  if (shadow_.law() != nullptr) return step_shadow(host);
+  law::Resident* candidate = slot_.take();
+  if (candidate == nullptr) return;
+  if (candidate->terms.shadow_ticks > 0) return start_shadow(*candidate);
+  commit(*candidate, law::Carry::named);
+}
+
+void Laws::commit(law::Resident& candidate, law::Carry carry) LITHE_RT {
+  const law::Commit done = slot_.commit(candidate, carry);
+  const bool follows = done.previous_id != 0;
+  greet(follows ? candidate.terms.blend_ticks : 0);
+  probation_.end();
+  if (follows) probation_.start(candidate.terms);
+  report_.flags |= flag::kSwapCommitted;
+  report_.event(EventKind::law_committed, done.law_id, done.request_id, static_cast<double>(done.fields_carried),
+                "runs from the next tick");
+  tell_not_carried(candidate, done.not_carried);
+  report_.params_changed = true;
+}
+
+void Laws::start_shadow(law::Resident& candidate) LITHE_RT {
+  serialise_core();
+  law::Commit carried;
+  slot_.carry_into(candidate, carried);
+  shadow_.start(candidate, report_.tick(), in_.joints);
+  report_.event(EventKind::shadow_started, candidate.law_id, candidate.request_id, candidate.terms.shadow_ticks,
+                "runs beside the active law");
+  tell_not_carried(candidate, carried.not_carried);
+}
+
+// Runs the shadow candidate, after the active law's output has been handed over.
+void Laws::step_shadow(Host& host) LITHE_RT {
+  if (!mode_.law_runs() || (report_.flags & (flag::kRolledBack | flag::kLawFaulted)) != 0) {
+    return end_shadow(false, "the active law was replaced");
+  }
+  if (guard_.any_stopped()) {
+    return end_shadow(false, "a part of the robot is stopped: nothing can be compared there");
+  }
+  report_.flags |= flag::kShadowing;
+  const std::int64_t from_ns = host.now_ns();
+  const Trouble trouble = run(*shadow_.law(), shadow_effort_, host);
+  if (trouble) {
+    shadow_.fail();
+    return end_shadow(false, wire::to_string(trouble.kind));
+  }
+  const std::int64_t took_ns = host.now_ns() - from_ns;
+  switch (shadow_.compare(in_, effort_, shadow_effort_, took_ns)) {
+    case Shadow::Opinion::go_on:
+      report_.shadow_changed = true;
+      return;
+    case Shadow::Opinion::refuse:
+      return end_shadow(false, "it disagrees with the active law by more than the tolerance");
+    case Shadow::Opinion::promote:
+      return end_shadow(true, "it agrees with the active law");
+  }
+}
+
+void Laws::end_shadow(bool promoted, std::string_view why) LITHE_RT {
+  law::Resident& candidate = *shadow_.law();
+  report_.shadow_changed = true;
+  report_.event(EventKind::shadow_ended, promoted ? 1 : 0, candidate.request_id, shadow_.largest_difference_nm(), why);
+  shadow_.end();
+  if (promoted) return commit(candidate, law::Carry::none);  // its state is warm: it ran in the shadow
+  slot_.refuse(candidate);
+}
+
+// Its slot may have held another law's code.
+void Laws::greet(std::uint32_t blend_ticks) LITHE_RT {
+  serialise_core();
+  bumpless_.start(blend_ticks);
+}
+
+}  // namespace lithe::step

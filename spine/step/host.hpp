@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a step needs while it runs: somebody who runs a law, and measures how long it takes.
+#pragma once
+
+#include <cstdint>
+
+#include "spine/contain/cell.hpp"
+#include "spine/core/rt.hpp"
+#include "spine/law/sandbox.hpp"
+
+namespace lithe::step {
+
+// Its answers are inputs of the step, as its samples and commands are. The Spine's host has the Cell and the clock.
+// Contract: RT · one thread
+class Host {
+ public:
+  // For durations only. Of all that a step decides, the time budget of a law on probation depends on it, nothing else.
+  virtual std::int64_t now_ns() LITHE_RT = 0;
+
+  // Calls the law that is in `sandbox`. It is ended at `deadline_ns` of this clock, or when it crashes.
+  virtual contain::Trouble run(law::Sandbox& sandbox, std::int64_t deadline_ns) LITHE_RT = 0;
+
+ protected:
+  ~Host() = default;
+};
+
+}  // namespace lithe::step

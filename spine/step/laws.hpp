@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+// The laws in a step: runs the active one, replaces one that fails, judges a new one, runs a shadow, commits the next.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string_view>
+
+#include "lithe/law.hpp"
+#include "spine/contain/cell.hpp"
+#include "spine/core/rt.hpp"
+#include "spine/guard/guard.hpp"
+#include "spine/law/sandbox.hpp"
+#include "spine/law/slot.hpp"
+#include "spine/robot/config.hpp"
+#include "spine/step/bumpless.hpp"
+#include "spine/step/host.hpp"
+#include "spine/step/mode.hpp"
+#include "spine/step/probation.hpp"
+#include "spine/step/report.hpp"
+#include "spine/step/shadow.hpp"
+
+namespace lithe::step {
+
+// Contract: RT · owned by the tick thread
+class Laws {
+ public:
+  struct Wiring {
+    const robot::RobotConfig& robot;
+    law::Slot& slot;
+    law::Sandbox& sandbox;  // the memory that a law may write
+    const guard::Guard& guard;
+    ModeMachine& mode;
+    Tick& in;  // what a law sees in this tick
+    Report& report;
+  };
+  explicit Laws(const Wiring& wiring);
+
+  // Before the guard: effort() and probes() are those of the active law. If it fails, it is replaced in this same tick
+  // by the law before it, else by the safe law.
+  void step(Host& host) LITHE_RT;
+  // After the guard: a law on probation that does worse than the one before it is replaced from the next tick on.
+  void judge(const guard::Verdict& verdict) LITHE_RT;
+  // At the end of the tick: the next one runs the new law.
+  void swap(Host& host) LITHE_RT;
+
+  // While a group is stopped, the law's values for it are not checked. Before the law drives that group again,
+  // non-finite State fields are set to their defaults.
+  void mend() LITHE_RT;
+  // Sets all values in this tick, or none.
+  wire::CommandResult set_params(const wire::Command& command) LITHE_RT;
+  // The values before the last change; when called again, that change again.
+  wire::CommandResult revert_params(const wire::Command& command) LITHE_RT;
+  // `count` laws back; 0 means 1.
+  wire::CommandResult roll_back(const wire::Command& command) LITHE_RT;
+
+  const law::Resident* active() const LITHE_RT { return slot_.active(); }
+  std::uint32_t active_id() const LITHE_RT { return active() == nullptr ? 0 : active()->law_id; }
+  const Effort& effort() const LITHE_RT { return effort_; }
+  const std::array<double, kMaxProbes>& probes() const LITHE_RT { return probes_; }
+  const wire::ShadowReport& shadow() const LITHE_RT { return shadow_.report(); }
+
+ private:
+  contain::Trouble run(law::Resident& law, Effort& effort, Host& host) LITHE_RT;
+  bool fall_back(const contain::Trouble& first, Host& host) LITHE_RT;
+  void replace(wire::LawFaultKind why) LITHE_RT;
+  bool resume_previous() LITHE_RT;
+  void greet(std::uint32_t blend_ticks) LITHE_RT;
+  void stop_for(wire::LawFaultKind kind) LITHE_RT;
+  void commit(law::Resident& candidate, law::Carry carry) LITHE_RT;
+  void start_shadow(law::Resident& candidate) LITHE_RT;
+  void step_shadow(Host& host) LITHE_RT;
+  void end_shadow(bool promoted, std::string_view why) LITHE_RT;
+  void watch_params(std::uint64_t request_id) LITHE_RT;
+
+  void tell_not_carried(const law::Resident& law, law::FieldBits fields) LITHE_RT;
+  void tell_rollback(wire::LawFaultKind why) LITHE_RT;
+  void tell_probation(const Probation::News& news) LITHE_RT;
+  void name_evidence(const Probation::News& news) LITHE_RT;
+  Words in_words(wire::LawFaultKind why) const LITHE_RT;
+  wire::LawFault fault_of(const contain::Trouble& trouble) const LITHE_RT;
+  void report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t took_ns) LITHE_RT;
+
+  const robot::RobotConfig& robot_;
+  law::Slot& slot_;
+  law::Sandbox& sandbox_;
+  const guard::Guard& guard_;
+  ModeMachine& mode_;
+  Tick& in_;
+  Report& report_;
+  std::int64_t period_ns_;
+  std::int64_t budget_ns_;  // for a law without a budget of its own
+  Bumpless bumpless_;
+  Probation probation_;
+  std::uint64_t params_request_id_ = 0;  // of the command whose parameters are on probation
+  bool params_went_ = false;             // the last step back reverted parameters; false: a law
+  Words why_;                            // details of the last replacement
+  Shadow shadow_;
+  std::int64_t from_ns_ = 0;  // when the last law began to step
+  Effort effort_;
+  Effort shadow_effort_;
+  JointArray wanted_nm_{};  // the torque at each joint that effort_ wants
+  std::array<double, kMaxProbes> probes_{};
+};
+
+}  // namespace lithe::step

@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a step does with the e-stop, commands, plans and the Brain's heartbeat.
+#include <algorithm>
+
+#include "spine/plan/check.hpp"
+#include "spine/step/step.hpp"
+
+namespace lithe::step {
+
+using wire::CommandKind;
+using wire::CommandResult;
+using wire::EventKind;
+namespace flag = wire::telemetry_flag;
+
+namespace {
+
+// After a reset the fault-reset command is sent this many times: some drives need it more than once.
+constexpr std::uint32_t kTurnsToClear = 200;
+
+// Arming accepts a sample this many ticks old.
+constexpr std::uint32_t kStaleTicksToArm = 3;
+
+constexpr EventKind event_of(CommandKind kind) LITHE_RT {
+  switch (kind) {
+    case CommandKind::arm:
+      return EventKind::armed;
+    case CommandKind::disarm:
+      return EventKind::disarmed;
+    case CommandKind::hold:
+      return EventKind::held;
+    case CommandKind::reset:
+      return EventKind::reset;
+    case CommandKind::recover:
+      return EventKind::recovering;
+    default:
+      return EventKind::estop;
+  }
+}
+
+}  // namespace
+
+void ControlStep::listen(const Input& in) LITHE_RT {
+  watch_memory(in.damaged);
+  if (in.estop_pressed && mode_.press_estop()) report_.event(EventKind::estop, 0, 0, 0, "the e-stop was pressed");
+  if (in.command != nullptr) obey(in);
+  watch_brain(in);
+  if (in.plan != nullptr) {
+    take_plan(*in.plan);
+  } else if (in.plan_torn) {
+    miss_plan();
+  }
+}
+
+// The housekeeping core found damaged memory: the process cannot be trusted any more, so the robot stops.
+void ControlStep::watch_memory(const char* damaged) LITHE_RT {
+  if (damaged == nullptr || !memory_whole_) return;
+  memory_whole_ = false;
+  Words words;
+  words << wire::to_string(wire::Fault::memory_damaged) << ": " << damaged;
+  report_.event(EventKind::memory_damaged, laws_.active_id(), 0, 0, words.text());
+  fail(wire::Fault::memory_damaged, words.text());
+}
+
+void ControlStep::obey(const Input& in) LITHE_RT {
+  const wire::Command& command = *in.command;
+  // Parameters that nobody has tried: only while there is nobody who could.
+  const bool untried = in.untried && static_cast<CommandKind>(command.kind) == CommandKind::set_params;
+  const CommandResult result = report_.answer = untried ? CommandResult::refused_untried : execute(in);
+  if (result == CommandResult::done) return;
+  report_.event(
+      EventKind::command_refused, static_cast<std::uint32_t>(result), command.request_id,
+      static_cast<double>(command.kind),
+      untried ? "parameters in the Brain's mailbox: ask the supervisor, which tries them" : wire::to_string(result));
+}
+
+CommandResult ControlStep::execute(const Input& in) LITHE_RT {
+  const wire::Command& command = *in.command;
+  switch (const auto kind = static_cast<CommandKind>(command.kind); kind) {
+    case CommandKind::set_params:
+      return laws_.set_params(command);
+    case CommandKind::rollback:
+      return laws_.roll_back(command);
+    case CommandKind::revert_params:
+      return laws_.revert_params(command);
+    case CommandKind::sim_reset:
+      return reset_simulation(command);
+    default:
+      return change_mode(kind, in);
+  }
+}
+
+Conditions ControlStep::conditions(const Input& in) const LITHE_RT {
+  const hal::ActuatorState& sample = in.sample;
+  // One late exchange does not refuse the command: the previous sample is only a few milliseconds old.
+  bool all_fresh = sample.sample_ns != 0 && stale_ticks_ <= kStaleTicksToArm;
+  // The slew bound of the first torque starts at zero, so every drive must have got the "off" command.
+  if (mode_.mode() == wire::Mode::disarmed) all_fresh = all_fresh && ticks_off_ >= slowest_;
+  bool homed = true, inside = true;
+  for (std::uint32_t j = 0; j < joints_; ++j) {
+    if (mode_.law_runs() && guard_.stopped(j)) continue;  // other groups may continue
+    constexpr std::uint32_t kReady = wire::joint_status::kFresh;
+    all_fresh = all_fresh && (sample.status[j] & (kReady | wire::joint_status::kNotReady)) == kReady;
+    homed = homed && (!robot_.joints[j].must_be_homed || (sample.status[j] & wire::joint_status::kNotHomed) == 0);
+    inside = inside && guard_.recovery().inside(j, sample.position_rad[j]);
+  }
+  return {laws_.active() != nullptr, all_fresh, homed, in.estop_pressed, inside, memory_whole_};
+}
+
+CommandResult ControlStep::change_mode(CommandKind kind, const Input& in) LITHE_RT {
+  const wire::Mode before = mode_.mode();
+  const CommandResult result = mode_.apply(kind, conditions(in));
+  if (result != CommandResult::done) return result;
+  // Drives that are off: the slew bound starts at zero torque, and the setpoint starts at the measured position.
+  if (before == wire::Mode::disarmed) guard_.reset_output();
+  if (kind == CommandKind::arm && before != wire::Mode::active && before != wire::Mode::hold) laws_.mend();
+  if (kind == CommandKind::reset) {
+    guard_.forget_faults();
+    clear_ticks_left_ = kTurnsToClear * slowest_;
+  }
+  if (kind == CommandKind::recover) {
+    guard_.forget_faults();
+    guard_.start_recovery();
+  }
+  if (mode_.mode() == wire::Mode::hold) plan_.stop(in.now_ns);
+  report_.event(event_of(kind), 0, in.command->request_id, 0, "");
+  return result;
+}
+
+// Puts simulated joints back to their start, as a person could with drives that are off.
+CommandResult ControlStep::reset_simulation(const wire::Command& command) LITHE_RT {
+  if (!simulated_) return CommandResult::refused_not_simulated;
+  if (mode_.mode() != wire::Mode::disarmed) return CommandResult::refused_mode;
+  reset_simulation_ = true;
+  report_.event(EventKind::sim_reset, 0, command.request_id, 0, "");
+  return CommandResult::done;
+}
+
+void ControlStep::watch_brain(const Input& in) LITHE_RT {
+  const std::int64_t age_ns = in.brain_age_ns;
+  const bool stale = age_ns < 0 || static_cast<double>(age_ns) > robot_.brain.stale_after_s * 1e9;
+  if (stale == brain_stale_) return;
+  brain_stale_ = stale;
+  // The rest of a stale Brain's plan is dropped. With on_stale = "safe_stop" the guard stops the robot instead.
+  const bool stops = stale && mode_.mode() == wire::Mode::active && robot_.brain.on_stale == robot::StaleAction::hold;
+  if (stops) plan_.stop(in.now_ns);
+  report_.event(stale ? EventKind::brain_stale : EventKind::brain_fresh, 0, 0, static_cast<double>(age_ns) * 1e-9,
+                !stale  ? "the Brain is back"
+                : stops ? "no sign of life: the setpoint slows down and holds"
+                        : "no sign of life");
+}
+
+void ControlStep::take_plan(const wire::Plan& plan) LITHE_RT {
+  if (mode_.mode() != wire::Mode::active) return;  // a plan from before arming is dropped
+  const wire::Plan* taken = &plan;
+  if (guard_.any_stopped()) {
+    resting_plan_ = plan;
+    for (std::uint32_t j = 0; j < joints_; ++j) {
+      if (guard_.stopped(j)) plan::rest_joint(resting_plan_, j, planned_rad_[j]);
+    }
+    taken = &resting_plan_;
+  }
+  const wire::PlanReject reject = plan_.accept(*taken, report_.now_ns());
+  report_.flags |= reject == wire::PlanReject::none ? flag::kPlanNew : flag::kPlanRefused;
+  if (reject == wire::PlanReject::none) return;
+  report_.event(EventKind::plan_refused, static_cast<std::uint32_t>(reject), plan.plan_id, 0, wire::to_string(reject));
+}
+
+// A torn plan: the previous plan continues, or with on_torn_plan = "stop" it counts as a deadline miss. Ignored while
+// no plan is followed.
+void ControlStep::miss_plan() LITHE_RT {
+  if (robot_.brain.on_torn_plan != robot::MissPolicy::stop || mode_.mode() != wire::Mode::active) return;
+  fail(wire::Fault::plan_torn, "plan_torn: four tries brought no whole plan of the Brain");
+}
+
+}  // namespace lithe::step

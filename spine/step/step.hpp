@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+// One control step: a sample, a plan and a command in; a command to the drives, a record and events out. No clock, no
+// shared memory, no bus: the same inputs give the same outputs, bit for bit.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "lithe/law.hpp"
+#include "spine/core/rt.hpp"
+#include "spine/guard/guard.hpp"
+#include "spine/hal/actuators.hpp"
+#include "spine/law/sandbox.hpp"
+#include "spine/law/slot.hpp"
+#include "spine/plan/interpolator.hpp"
+#include "spine/robot/config.hpp"
+#include "spine/step/host.hpp"
+#include "spine/step/laws.hpp"
+#include "spine/step/mode.hpp"
+#include "spine/step/report.hpp"
+#include "spine/wire/wire.hpp"
+
+namespace lithe::step {
+
+// Everything that comes into a step from outside, beside the answers of its Host and the laws in the Slot.
+struct Input {
+  std::uint64_t tick;
+  std::int64_t now_ns;               // CLOCK_MONOTONIC: the time of this step
+  const hal::ActuatorState& sample;  // x_k: the newest sample, fresh or not
+  bool exchanged = true;             // the last exchange is over: the last command has left, and this is its sample
+  bool deadline_missed = false;      // the tick before ended late, or releases were skipped
+  bool estop_pressed = false;        // one of the sticky words is set
+  std::int64_t brain_age_ns = -1;    // since the Brain's last heartbeat; -1 = none so far
+  const wire::Command* command = nullptr;
+  bool untried = false;              // nobody has tried the parameters in the command, and somebody could
+  const wire::Plan* plan = nullptr;  // a new one
+  bool plan_torn = false;            // there is one, but it could not be read whole
+  const char* damaged = nullptr;     // the memory that must not change and did
+};
+
+// The interpolator, the mode, the laws and the guard, in the order of the timing figure.
+// Contract: run() RT, on one thread · made off the tick
+class ControlStep {
+ public:
+  // All of it outlives the step; a law runs in `sandbox`.
+  ControlStep(const robot::RobotConfig& robot, law::Slot& slot, law::Sandbox& sandbox);
+  ControlStep(const ControlStep&) = delete;
+  ControlStep& operator=(const ControlStep&) = delete;
+
+  // `command`: u_{k+1}. `record`: of this tick, but for what only the loop knows (release, durations, counters). The
+  // report holds until the next call.
+  const Report& run(const Input& in, Host& host, hal::ActuatorCommand& command, wire::Telemetry& record) LITHE_RT;
+
+  wire::Mode mode() const LITHE_RT { return mode_.mode(); }
+  const Laws& laws() const LITHE_RT { return laws_; }
+  const Tick& seen() const LITHE_RT { return in_; }  // what a law sees in this tick
+
+  // What a law must not change, whatever it writes: the guard and the mode.
+  std::array<std::span<std::byte>, 2> guarded() {
+    return {std::as_writable_bytes(std::span(&guard_, 1)), std::as_writable_bytes(std::span(&mode_, 1))};
+  }
+
+ private:
+  void count_exchange(const Input& in, wire::Telemetry& record) LITHE_RT;
+  void look(const Input& in) LITHE_RT;
+  void forget_stopped_joints(const hal::ActuatorState& sample) LITHE_RT;
+  guard::Verdict check(const Input& in) LITHE_RT;
+  void react(const guard::Verdict& verdict) LITHE_RT;
+  void name(const guard::Group& group, Words& words) const LITHE_RT;
+  hal::DriveAction action_of(std::uint32_t joint) const LITHE_RT;
+  void compose(hal::ActuatorCommand& command) LITHE_RT;
+  void fill(const Input& in, wire::Telemetry& record) const LITHE_RT;
+
+  // listen.cpp
+  void listen(const Input& in) LITHE_RT;
+  void watch_memory(const char* damaged) LITHE_RT;
+  void obey(const Input& in) LITHE_RT;
+  wire::CommandResult execute(const Input& in) LITHE_RT;
+  wire::CommandResult change_mode(wire::CommandKind kind, const Input& in) LITHE_RT;
+  wire::CommandResult reset_simulation(const wire::Command& command) LITHE_RT;
+  Conditions conditions(const Input& in) const LITHE_RT;
+  void watch_brain(const Input& in) LITHE_RT;
+  void take_plan(const wire::Plan& plan) LITHE_RT;
+  void miss_plan() LITHE_RT;
+  void fail(wire::Fault fault, std::string_view text) LITHE_RT;
+
+  const robot::RobotConfig& robot_;
+  std::uint32_t joints_;
+  std::uint32_t slowest_;  // ticks until every drive has been asked
+  bool simulated_;         // every bus is
+  plan::Interpolator plan_;
+  guard::Guard guard_;
+  ModeMachine mode_;
+  Report report_;
+  Tick in_;
+  Laws laws_;
+
+  std::uint32_t stale_ticks_ = 0;       // ticks in a row without a fresh sample
+  std::uint32_t clear_ticks_left_ = 0;  // since the last reset
+  bool reset_simulation_ = false;       // with the next command
+  bool recovered_ = false;              // in mode recover: all joints are inside their limits
+  bool all_off_ = true;                 // the next command is "off" for all drives
+  std::uint64_t ticks_off_ = 0;         // such commands sent in a row
+  bool memory_whole_ = true;
+  bool brain_stale_ = true;
+  plan::Setpoint setpoint_;
+  JointArray planned_rad_{};  // the plan's setpoint position, also of stopped joints
+  wire::Plan resting_plan_;   // a plan, with the joints that are stopped at rest
+  guard::Output output_;
+};
+
+// Every drive gets at least one command in this many ticks.
+std::uint32_t slowest_drive(const robot::RobotConfig& robot);
+
+}  // namespace lithe::step
