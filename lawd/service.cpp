@@ -159,8 +159,7 @@ json Service::place(const json& request) {
   if (!object || entry.value("placeable_sha256", "") != sha256_hex(*object)) {
     return refuse("cache", "the law's object in the cache is not what was admitted: compile it again");
   }
-  const std::uint64_t dry_steps = is_on(request, "dry_run", true) ? kDrySteps / 10 : 0;
-  json reply = placer_.place(hash, base + ".o", slot, entry.value("joints", 1u), dry_steps);
+  json reply = placer_.place(hash, base + ".o", slot);
   reply["place_ms"] = since_ms(start);
   return reply;
 }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0
  * Who may write into which slot of the code arena, and when. Code: supervisor/swap/placement.cpp.
  *
- * Supervisor  stands for Placement::place, free_slot, asked and forget, for Swaps::stage (supervisor/swap/swaps.cpp)
+ * Supervisor  stands for Placement::place, free_slot, asked and forget, for Swaps::stage (supervisor/swap/swap.cpp)
  *             and for lawd, which writes the image (spine/arena/arena.cpp) while the Placement waits for its answer. It
  *             may be killed anywhere, and lawd with it; the next one adopts the Spine.
  * Loader      stands for Loader::poll, stage, release and publish_info (spine/load/loader.cpp) and for ArenaStore::load

@@ -12,7 +12,6 @@
 #include "lawd/core/answers.hpp"
 #include "lawd/object/admission_elf.hpp"
 #include "lawd/object/locate.hpp"
-#include "lawd/run/dry_run.hpp"
 #include "lawd/run/files.hpp"
 #include "spine/arena/veneers.hpp"
 
@@ -156,13 +155,11 @@ Linked* Placer::remembered(const std::string& name, std::uint32_t slot) {
   return found == links_.end() ? nullptr : &found->second;
 }
 
-json Placer::place(const std::string& name, const std::string& object, std::uint32_t slot, std::uint32_t joints,
-                   std::uint64_t dry_steps) {
+json Placer::place(const std::string& name, const std::string& object, std::uint32_t slot) {
   if (!writer_ || !arena::is_slot(slot))
     return refuse("request", fmt::format("place needs \"slot\": 1 to {}", arena::kSlots));
   const Linked* linked = remembered(name, slot);
-  const bool known = linked != nullptr;
-  if (!known) {
+  if (linked == nullptr) {
     Linked fresh;
     if (const auto failure = link(object, slot, fresh)) {
       return failure->starved ? refuse_starved(failure->text) : refuse(failure->stage, failure->text);
@@ -171,13 +168,6 @@ json Placer::place(const std::string& name, const std::string& object, std::uint
     linked = &links_.emplace_back(fmt::format("{}@{}", name, slot), std::move(fresh)).second;
   }
   writer_->place(slot, linked->bytes);
-  if (!known) {
-    const DryRun tried = dry_run_placed(linked->entry, joints, dry_steps);
-    if (!tried.ok) {
-      links_.pop_back();
-      return tried.starved ? refuse_starved(tried.reason) : refuse(tried.stage, tried.reason);
-    }
-  }
   return {{"ok", true},
           {"slot", slot},
           {"entry", linked->entry},

@@ -35,10 +35,10 @@ class Placer {
   // Why no law can be placed; empty = placing works.
   const std::string& error() const { return error_; }
 
-  // The law in `object` (a file), linked for `slot`, written there and tried for so many steps in a child process.
-  // `name` is the key in the cache of links. No process may be running a law in this slot.
-  nlohmann::json place(const std::string& name, const std::string& object, std::uint32_t slot, std::uint32_t joints,
-                       std::uint64_t dry_steps);
+  // The law in `object` (a file), linked for `slot` and written there. None of its code runs here: the trial is the
+  // first to run it from the slot. `name` is the key in the cache of links. No process may be running a law in this
+  // slot.
+  nlohmann::json place(const std::string& name, const std::string& object, std::uint32_t slot);
 
   // {"ok", "line", "function"} of the code at this offset [bytes] from the start of a slot with the law in `object`:
   // the innermost line of the law's source, also for inlined code. Links once.

@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "spine/core/child.hpp"
+
 namespace lithe::lawd {
 
 struct Limits {
@@ -15,23 +17,15 @@ struct Limits {
   std::size_t file_bytes = std::size_t{256} << 20;
 };
 
-struct Outcome {
-  bool timed_out = false;
-  int exit_code = -1;  // meaningful when signal == 0
-  int signal = 0;      // that ended it, 0 = none
-  std::string output;  // what it wrote to `out`, at most 4 MiB
-  bool cut = false;    // it wrote more
-  double cpu_ms = 0;   // of the processor, for it and all that it started
-  double wall_ms = 0;
+// Its output is at most 4 MiB.
+struct Outcome : ChildEnd {
   // Stopped by wall_ms before it got half of its allowed processor time: no evidence about its input.
   bool starved = false;
 
   bool clean() const { return !timed_out && signal == 0 && exit_code == 0; }
 };
 
-// Forks, and runs `body(out_fd)` in the child; its return value is the exit code. stdin, stdout and stderr of the child
-// are /dev/null. The child is killed with its whole process group after `wall_ms`, and when lawd dies. This process
-// adopts the child's orphans (PR_SET_CHILD_SUBREAPER), to count their processor time.
+// run_forked() with these limits: stdin, stdout and stderr of the child are /dev/null; what it starts ends with it.
 Outcome run_child(const std::function<int(int out_fd)>& body, const Limits& limits);
 
 // Runs a program with its stderr captured in Outcome::output.

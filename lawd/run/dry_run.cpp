@@ -170,9 +170,4 @@ DryRun dry_run(const std::string& object_path, std::uint32_t joints, std::uint64
   return read_outcome(run_child([&](int fd) { return child(fd, object_path, joints, steps); }, kLimits));
 }
 
-DryRun dry_run_placed(std::uint64_t entry, std::uint32_t joints, std::uint64_t steps) {
-  const auto* law = reinterpret_cast<const LitheLaw*>(entry);
-  return read_outcome(run_child([&](int fd) { return try_law(fd, *law, joints, steps); }, kLimits));
-}
-
 }  // namespace lithe::lawd

@@ -22,7 +22,4 @@ inline constexpr std::uint64_t kDrySteps = 1000;
 // `steps` = 0 reads the descriptor only.
 DryRun dry_run(const std::string& object_path, std::uint32_t joints, std::uint64_t steps = kDrySteps);
 
-// The same for a law in the arena, which this process must have attached; `entry`: where its descriptor lies.
-DryRun dry_run_placed(std::uint64_t entry, std::uint32_t joints, std::uint64_t steps);
-
 }  // namespace lithe::lawd

@@ -17,7 +17,6 @@
 #include "supervisor/cli/act.hpp"
 #include "supervisor/cli/show.hpp"
 #include "supervisor/cli/talk.hpp"
-#include "supervisor/swap/chain.hpp"
 #include "supervisor/swap/record.hpp"
 
 namespace lithe::cli {

@@ -88,12 +88,9 @@ void LawdLink::check(const LawText& law, Callback callback, std::int64_t now_ns)
 }
 
 void LawdLink::place(const std::string& hash, std::uint32_t slot, Callback callback, std::int64_t now_ns) {
-  Json request = {{"verb", "place"}, {"hash", hash}, {"slot", slot}};
-  if (!gates_) {
-    request["dry_run"] = false;
-  }
   // The running check belongs to the law whose turn it is.
-  service_.ask(std::move(request), ServiceLink::Turn::next, kCompileTimeoutNs, judged(std::move(callback)), now_ns);
+  service_.ask({{"verb", "place"}, {"hash", hash}, {"slot", slot}}, ServiceLink::Turn::next, kCompileTimeoutNs,
+               judged(std::move(callback)), now_ns);
 }
 
 void LawdLink::locate(const std::string& hash, std::uint64_t offset, bool placed, Callback callback,

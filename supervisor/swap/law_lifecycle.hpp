@@ -11,9 +11,9 @@
 #include <vector>
 
 #include "supervisor/link/spine_link.hpp"
+#include "supervisor/link/witness.hpp"
 #include "supervisor/swap/record.hpp"
 #include "supervisor/swap/transaction.hpp"
-#include "supervisor/swap/witness.hpp"
 
 namespace lithe::control {
 

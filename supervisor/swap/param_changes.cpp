@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <utility>
 #include <variant>
 
@@ -45,6 +46,45 @@ bool outcome_is_known(const Refusal& refusal) {
 }
 
 }  // namespace
+
+std::optional<Refusal> wrong_param(const Json& params, const Json& law) {
+  for (const auto& [name, value] : params.items()) {
+    const Json known = law.value("params", Json::array());
+    const auto found = std::find_if(known.begin(), known.end(),
+                                    [&name = name](const Json& each) { return each.value("name", "") == name; });
+    if (found == known.end()) {
+      return Refusal{"unknown_param", fmt::format("the new law has no parameter '{}'", name), "leave it out"};
+    }
+    if (!value.is_number() || !(value >= (*found)["min"]) || !(value <= (*found)["max"])) {
+      return Refusal{"refused_range",
+                     fmt::format("{} = {} is outside [{}, {}]", name, value.dump(), (*found)["min"].dump(),
+                                 (*found)["max"].dump()),
+                     "the running law is unchanged; choose a value inside the range"};
+    }
+  }
+  return std::nullopt;
+}
+
+Json all_params(const Json& params, const Json& law) {
+  Json values = Json::object();
+  for (const Json& each : law.value("params", Json::array())) {
+    const std::string name = each.value("name", "");
+    values[name] = params.value(name, each.value("value", 0.0));
+  }
+  return values;
+}
+
+void put_params(const Json& params, const Json& law, wire::StageRequest& request) {
+  std::uint32_t index = 0;
+  for (const Json& each : law.value("params", Json::array())) {
+    const auto asked = params.find(each.value("name", ""));
+    if (asked != params.end() && request.param_count < wire::kNparam) {
+      request.param_index[request.param_count] = index;
+      request.param_value[request.param_count++] = asked->get<double>();
+    }
+    ++index;
+  }
+}
 
 void ParamChanges::set(const Json& values, Callback callback, std::int64_t now_ns) {
   const auto law = help_.spine.running_law();

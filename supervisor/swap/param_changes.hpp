@@ -1,21 +1,32 @@
 // SPDX-License-Identifier: Apache-2.0
-// Changes of the running law's parameters: tried like a swap, set on one tick, followed until they are confirmed.
+// Parameters of a law: those of a swap, and changes of the running law's, which are tried like a swap, set on one tick, followed until they are confirmed.
 #pragma once
 
 #include <cstdint>
 #include <deque>
 #include <functional>
 #include <map>
+#include <optional>
 #include <string>
 
 #include "spine/robot/config.hpp"
 #include "supervisor/events/event_log.hpp"
 #include "supervisor/link/commands.hpp"
 #include "supervisor/link/trial_link.hpp"
-#include "supervisor/swap/terms.hpp"
+#include "supervisor/swap/transaction.hpp"
 #include "supervisor/swap/tried_laws.hpp"
 
 namespace lithe::control {
+
+// The first parameter that the compiled law does not have or does not allow. `law`: its descriptor, as lawd gives it.
+std::optional<swap::Refusal> wrong_param(const swap::Json& params, const swap::Json& law);
+
+// The value of each parameter of a law, in its own order: as asked for, else as compiled.
+swap::Json all_params(const swap::Json& params, const swap::Json& law);
+
+// The parameter values by index, as the Spine takes them.
+// Contract: wrong_param() found nothing
+void put_params(const swap::Json& params, const swap::Json& law, wire::StageRequest& request);
 
 // Handles one change at a time, on top of the values that are in force then. Values that fail the trial never reach the
 // Spine.

@@ -288,5 +288,13 @@ TEST_F(ParamChangesTest, WhenTheRobotStopsEveryoneIsAnswered) {
   EXPECT_EQ(refusal(1).code, "stopping");
 }
 
+TEST(ParamsOfASwap, AParameterIsHeldToTheNewLawsRange) {
+  const Json law = {{"params", {{{"name", "kp"}, {"min", 0.0}, {"max", 2.0}}}}};
+  EXPECT_FALSE(wrong_param({{"kp", 2.0}}, law));
+  EXPECT_EQ(wrong_param({{"kp", 2.1}}, law)->code, "refused_range");
+  EXPECT_EQ(wrong_param({{"kp", "much"}}, law)->code, "refused_range");
+  EXPECT_EQ(wrong_param({{"kd", 1.0}}, law)->code, "unknown_param");
+}
+
 }  // namespace
 }  // namespace lithe::control

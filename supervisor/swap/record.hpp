@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The certificates a robot's swaps leave on disk: <dir>/0001.json, 0002.json ... and <dir>/chain.jsonl, which binds
-// them (chain.hpp checks it).
+// them (verify_chain() checks it).
 //
 // A certificate goes on changing while its law lives (committed, measured, confirmed, rolled back, retired), so the
 // chain contains writings, not files. Each writing adds a line to chain.jsonl:
@@ -9,9 +9,12 @@
 // certificate, a line, or their order breaks a hash.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <string>
+#include <vector>
 
 #include "spine/core/result.hpp"
 #include "supervisor/core/answer.hpp"
@@ -59,5 +62,48 @@ class RecordBook {
   int folders_ = 0;           // number of times the folder was made again
   std::string begun_anew_;
 };
+
+// Certificates that could not be written: they wait until the disk has room.
+// Contract: one thread · holds kMost certificates; the oldest goes when there are more.
+class LateRecords {
+ public:
+  static constexpr std::size_t kMost = 256;
+  static constexpr std::int64_t kPauseNs = 1'000'000'000;  // between two tries
+
+  // Stores the newest version of a certificate that has no file.
+  void hold(std::uint64_t request_id, Json certificate);
+  // Writes waiting certificates until one fails again; most calls do nothing.
+  void retry(RecordBook& book, std::int64_t now_ns);
+  std::size_t waiting() const;
+
+ private:
+  struct Late {
+    Json certificate;  // null = it has been written
+    RecordBook::Page page;
+  };
+  std::map<std::uint64_t, Late> late_;
+  std::int64_t next_try_ns_ = 0;
+};
+
+struct ChainProblem {
+  std::string what;      // changed, missing, extra or order
+  std::string file;      // of the certificate; empty: a line that names none
+  std::size_t line = 0;  // of the chain; 0: none
+  std::string text;      // one sentence
+};
+
+struct Chain {
+  std::size_t writings = 0;
+  std::size_t certificates = 0;        // that the chain names
+  std::size_t cut = 0;                 // writings that a full disk or a crash cut short: no problem, but worth a look
+  std::vector<ChainProblem> problems;  // empty = nothing was changed
+
+  Json to_json() const;
+};
+
+// Reads what a RecordBook has written.
+// Contract: any bytes are safe · a supervisor may write at the same time · removal of the newest lines together with
+// their files is not detected
+Chain verify_chain(const std::filesystem::path& dir);
 
 }  // namespace lithe::swap

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Requests, certificates and answers of swaps. The steps are in swap_steps.cpp.
+// The queue of swaps, their answers and certificates. The steps of one swap are in swap.cpp.
 #include "supervisor/swap/swaps.hpp"
 
 #include <fmt/format.h>
@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "spine/core/time.hpp"
-#include "supervisor/swap/swap_words.hpp"
 
 namespace lithe::control {
 
@@ -23,12 +22,6 @@ Swaps::Swaps(const Helpers& helpers, swap::RecordBook book, std::uint64_t first_
       placement_(helpers.spine, helpers.lawd),
       book_(std::move(book)),
       robots_terms_(swap::terms_of(robot, helpers.spine.info().rate_hz)),
-      queue_({[this](const swap::Transaction& each) { compile(each); },
-              [this](const swap::Transaction& each) { place(each); },
-              [this](const swap::Transaction& each) { attempt(each); },
-              [this](const swap::Transaction& each) { stage(each); }, [this] { return missed_releases(); },
-              [this](swap::Transaction&& each) { finish(std::move(each)); }},
-             first_request_id, {2 * LawdLink::kCompileTimeoutNs, 2 * LawdLink::kCompileTimeoutNs}),
       lifecycle_(
           helpers.spine,
           [this](const swap::Transaction& each, const swap::RecordBook::Page& record) { rewrite(each, record); },
@@ -39,7 +32,8 @@ Swaps::Swaps(const Helpers& helpers, swap::RecordBook book, std::uint64_t first_
       params_({helpers.spine, helpers.trial, helpers.commands, helpers.log, tried_laws_}, robots_terms_,
               [this](std::uint64_t request_id, const Json& changes) {
                 lifecycle_.note(request_id, "param_changes", changes);
-              }) {}
+              }),
+      next_id_(first_request_id) {}
 
 std::variant<swap::Terms, Refusal> Swaps::read_terms(const Json& args) const {
   for (const auto& [name, value] : args.items()) {
@@ -68,19 +62,71 @@ void Swaps::submit(swap::Request request, Callback callback, std::int64_t now_ns
     callback(*refusal);
     return;
   }
-  const std::uint64_t id = queue_.submit(std::move(request), now_ns);
-  if (id == 0) {
-    callback(Refusal{"busy", fmt::format("{} swaps wait already", swap::Queue::kMaxWaiting), "try again later"});
+  if (request.supersede) {
+    supersede(request, now_ns);
+  }
+  if (waiting_.size() + (head_ ? 1 : 0) >= kMaxWaiting) {
+    callback(Refusal{"busy", fmt::format("{} swaps wait already", kMaxWaiting), "try again later"});
     return;
   }
-  waiting_[id].callback = std::move(callback);
-  keep_record(*queue_.newest());
-  queue_.step(now_ns);
+  waiting_.push_back({swap::Transaction(next_id_++, std::move(request), now_ns), std::move(callback)});
+  keep_record(waiting_.back());
+  go_on(now_ns);
+  begin_next(now_ns);
+}
+
+// Only a waiting request is replaced, at most one; the head has already started.
+void Swaps::supersede(const swap::Request& newer, std::int64_t now_ns) {
+  const auto is_it = [&](const Entry& each) {
+    const swap::Request& older = each.swap.request();
+    return newer.client != 0 && older.client == newer.client && older.name == newer.name;
+  };
+  const auto found = std::find_if(waiting_.begin(), waiting_.end(), is_it);
+  if (found == waiting_.end()) {
+    return;
+  }
+  Entry gone = std::move(*found);
+  waiting_.erase(found);
+  gone.swap.mark_refused({"superseded", fmt::format("a newer request for '{}' takes its place", newer.name), ""},
+                         now_ns);
+  finish(std::move(gone));
+}
+
+void Swaps::begin_next(std::int64_t now_ns) {
+  if (!head_ && !waiting_.empty()) {
+    head_ = std::move(waiting_.front());
+    waiting_.pop_front();
+    sequence_.emplace(swap_law(head_->swap));
+    go_on(now_ns);
+  }
+}
+
+// Called whenever something has come that the swap under way may wait for.
+void Swaps::go_on(std::int64_t now_ns) {
+  if (sequence_) {
+    sequence_->serve(now_ns);
+    if (sequence_->done()) {
+      settle();
+    }
+  }
+}
+
+void Swaps::settle() {
+  if (placed_ && placed_->slot != 0) {
+    placement_.forget(placed_->slot);
+  }
+  placed_.reset();
+  heard_ = {};
+  sequence_.reset();
+  Entry entry = std::move(*head_);
+  head_.reset();
+  entry.swap.note_missed_after(missed_releases());
+  finish(std::move(entry));
 }
 
 void Swaps::serve(std::int64_t now_ns) {
-  poll_stage(now_ns);
-  queue_.step(now_ns);
+  go_on(now_ns);
+  begin_next(now_ns);
   lifecycle_.serve(now_ns);
   if (late_.waiting() > 0 && (late_.retry(book_, now_ns), late_.waiting() == 0)) {
     write_failed_.clear();
@@ -88,9 +134,17 @@ void Swaps::serve(std::int64_t now_ns) {
 }
 
 void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
-  take_commit();
-  guess_commit(now_ns);
-  queue_.refuse_all(reason, now_ns);
+  while (sequence_ || !waiting_.empty()) {  // an answer may bring a new request
+    if (sequence_) {
+      sequence_->abort(reason, now_ns);
+      go_on(now_ns);
+    } else {
+      Entry entry = std::move(waiting_.front());
+      waiting_.pop_front();
+      entry.swap.mark_refused(reason, now_ns);
+      finish(std::move(entry));
+    }
+  }
   params_.refuse_all(reason);
   lifecycle_.end(reason.message, now_ns);
 }
@@ -99,21 +153,20 @@ void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
 void Swaps::remember(const swap::Transaction& swap) {
   const bool begun = swap.stage() != swap::Stage::submitted;
   if (begun && (last_.is_null() || last_["request_id"] <= swap.request_id())) {
-    last_ = summary_of(swap.certificate());
+    last_ = swap::summary_of(swap.certificate());
   }
 }
 
-void Swaps::keep_record(const swap::Transaction& swap) {
-  remember(swap);
-  Waiting& waiting = waiting_[swap.request_id()];
-  if (!waiting.record.path.empty()) {
-    rewrite(swap, waiting.record);
-  } else if (const auto page = book_.write(swap.certificate())) {
-    waiting.record = *page;
-    waiting.record_lost.clear();
+void Swaps::keep_record(Entry& entry) {
+  remember(entry.swap);
+  if (!entry.record.path.empty()) {
+    rewrite(entry.swap, entry.record);
+  } else if (const auto page = book_.write(entry.swap.certificate())) {
+    entry.record = *page;
+    entry.record_lost.clear();
     write_failed_.clear();
   } else {
-    waiting.record_lost = write_failed_ = page.message();
+    entry.record_lost = write_failed_ = page.message();
     spdlog::warn("{}", page.message());
   }
 }
@@ -178,24 +231,18 @@ void Swaps::locate(const swap::Transaction& swap, std::uint32_t offset, LawLifec
   find_line(swap, offset, true, tell);
 }
 
-void Swaps::finish(swap::Transaction&& swap) {
-  const bool was_head = waiting_.contains(swap.request_id()) && swap.reached(swap::Stage::compiled);
-  if (was_head) {
-    give_slot_back();
-    ticket_.reset();
-    commit_.reset();
-  }
-  keep_record(swap);
-  const Waiting waiting = std::move(waiting_[swap.request_id()]);
-  waiting_.erase(swap.request_id());
+// The last certificate before the answer, the answer, and who follows the law from here.
+void Swaps::finish(Entry entry) {
+  swap::Transaction& swap = entry.swap;
+  keep_record(entry);
   Json certificate = swap.certificate();
-  if (!waiting.record_lost.empty()) {
+  if (!entry.record_lost.empty()) {
     late_.hold(swap.request_id(), certificate);
-    certificate["record_lost"] = waiting.record_lost;
+    certificate["record_lost"] = entry.record_lost;
   }
   if (!swap.refusal()) {
-    lifecycle_.follow(std::move(swap), waiting.record, before_, monotonic_ns());
-    waiting.callback(certificate);
+    lifecycle_.follow(std::move(swap), entry.record, before_, monotonic_ns());
+    entry.callback(certificate);
     return;
   }
   note(swap, swap.outcome_is_known() ? "swap_refused" : "swap_not_confirmed",
@@ -206,49 +253,14 @@ void Swaps::finish(swap::Transaction&& swap) {
   }
   certificate.erase("error");
   refusal.detail["swap"] = std::move(certificate);
-  waiting.callback(refusal);
+  entry.callback(refusal);
   if (swap.outcome_is_known()) {
     tried_laws_.forget(swap.request_id());
   } else {
-    unconfirmed_.push_back({std::move(swap), waiting.record});
+    unconfirmed_.push_back(std::move(entry));
     if (unconfirmed_.size() > kMostUnconfirmed) {
       unconfirmed_.pop_front();
     }
-  }
-}
-
-// A swap that timed out, and whose outcome the Spine reports later.
-void Swaps::come_late(const wire::Event& event) {
-  const auto found = std::find_if(unconfirmed_.begin(), unconfirmed_.end(),
-                                  [&](const Unconfirmed& each) { return each.swap.request_id() == event.request_id; });
-  const auto kind = static_cast<wire::EventKind>(event.kind);
-  const bool committed = kind == wire::EventKind::law_committed;
-  if (found == unconfirmed_.end() || (!committed && kind != wire::EventKind::law_refused)) {
-    return;
-  }
-  auto [swap, record] = std::move(*found);
-  unconfirmed_.erase(found);
-  if (!committed) {
-    swap.mark_refused(stage_refusal(static_cast<wire::StageResult>(event.code), text_of(event.text)), event.t_ns);
-    tried_laws_.forget(swap.request_id());
-    note(swap, "swap_refused", fmt::format("{}: after it was given up", swap.request().name));
-    rewrite(swap, record);
-    return;
-  }
-  swap.mark_committed(event.tick, event.code, event.t_ns);
-  swap.note_missed_after(missed_releases());
-  note(swap, "swap_committed_late", fmt::format("{}: it was given up, and runs now", swap.request().name));
-  rewrite(swap, record);
-  lifecycle_.follow(std::move(swap), record, {}, monotonic_ns());  // without counts: other swaps came in between
-}
-
-// Writes into the certificate which State fields start from their defaults.
-void Swaps::not_carried(const wire::Event& event) {
-  const Json what = not_carried_json(event);
-  if (is_head(event.request_id)) {
-    queue_.note(event.request_id, "state_not_carried", what);
-  } else {
-    lifecycle_.note(event.request_id, "state_not_carried", what);
   }
 }
 

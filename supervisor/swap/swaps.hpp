@@ -1,38 +1,39 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs the swap queue: connects clients with the compile service, the trial, the Spine, the event log and the
-// certificates.
+// Swaps of one robot: their queue, the one that is under way (swap.cpp), and their answers and certificates.
 #pragma once
 
 #include <cstdint>
 #include <deque>
 #include <filesystem>
 #include <functional>
-#include <map>
 #include <optional>
 #include <string>
 #include <variant>
 
+#include "supervisor/core/sequence.hpp"
 #include "supervisor/events/event_log.hpp"
 #include "supervisor/link/commands.hpp"
 #include "supervisor/link/lawd_link.hpp"
 #include "supervisor/link/spine_link.hpp"
 #include "supervisor/link/trial_link.hpp"
-#include "supervisor/swap/late.hpp"
 #include "supervisor/swap/law_lifecycle.hpp"
 #include "supervisor/swap/param_changes.hpp"
 #include "supervisor/swap/placement.hpp"
-#include "supervisor/swap/queue.hpp"
 #include "supervisor/swap/record.hpp"
-#include "supervisor/swap/terms.hpp"
+#include "supervisor/swap/transaction.hpp"
 #include "supervisor/swap/tried_laws.hpp"
 
 namespace lithe::control {
+
+// The Loader's refusal. `words`: the text of its event, empty when there was none.
+swap::Refusal stage_refusal(wire::StageResult result, const std::string& words);
 
 // Contract: one thread · never blocks · every submit is answered once, and has one certificate from the moment it is
 // queued, also when the client leaves or the supervisor dies
 class Swaps {
  public:
   using Callback = std::function<void(const swap::Answer&)>;
+  static constexpr std::size_t kMaxWaiting = 64;
 
   // All outlive Swaps.
   struct Helpers {
@@ -58,7 +59,7 @@ class Swaps {
   void refuse_all(const swap::Refusal& reason, std::int64_t now_ns);
   // True while an answer in shared memory is expected, for which poll() does not wake up: call serve() every
   // millisecond then.
-  bool waiting() const { return queue_.head() != nullptr && queue_.head()->reached(swap::Stage::tried); }
+  bool waiting() const { return head_ && head_->swap.reached(swap::Stage::tried); }
   bool gates_are_open() const { return help_.trial == nullptr; }
   // summary_of() the newest swap that has begun, with its verdict so far; null before the first.
   const swap::Json& last() const { return last_; }
@@ -72,31 +73,66 @@ class Swaps {
   swap::Json records_trouble() const;
 
  private:
-  // The steps of the swap at the head of the queue, in this order.
-  void compile(const swap::Transaction& swap);
-  void compiled(std::uint64_t request_id, const swap::Answer& answer);
-  void place(const swap::Transaction& swap);
-  void placed(std::uint64_t request_id, const std::variant<Placed, swap::Refusal>& where);
-  void attempt(const swap::Transaction& swap);
-  void tried(std::uint64_t request_id, const swap::Answer& answer);
+  // A swap that waits, is under way, or timed out while the Spine had its law.
+  struct Entry {
+    swap::Transaction swap;
+    Callback callback;
+    swap::RecordBook::Page record = {};
+    std::string record_lost = "";  // why there is no file; empty = there is one
+  };
+  // What the Spine has said about the law of the head.
+  struct Heard {
+    std::uint64_t ticket = 0;  // of the stage request
+    std::int64_t staged_ns = 0, shadow_ns = 0;
+    std::optional<wire::Event> commit;
+    bool shown = false;  // by telemetry, so that the client's next `status` shows the law too
+    std::optional<swap::Refusal> refusal;
+    std::int64_t refused_ns = 0;  // the Loader refused; its event with the reason may still come
+
+    swap::Stage stage() const {
+      return shown                                  ? swap::Stage::committed
+             : commit.has_value() || shadow_ns != 0 ? swap::Stage::shadow
+             : staged_ns != 0                       ? swap::Stage::staged
+                                                    : swap::Stage::tried;
+    }
+  };
+
+  // swap.cpp: the swap at the head of the queue, from its source text to its commit.
+  Sequence swap_law(swap::Transaction& swap);
+  void refuse(swap::Transaction& swap, const swap::Refusal& reason);
+  void give_up(swap::Transaction& swap, const swap::Refusal& reason);
+  Sequence::Reply<swap::Compiled> compile(const swap::Transaction& swap);
+  void admitted(swap::Transaction& swap, swap::Compiled compiled);
+  Sequence::Reply<Placed> place(const swap::Transaction& swap);
+  void placed(swap::Transaction& swap, const Placed& where);
+  Sequence::Reply<std::string> attempt(const swap::Transaction& swap);
   TrialOrder order_of(const swap::Transaction& swap) const;
-  void compare(swap::Json& report) const;
-  void stage(const swap::Transaction& swap);
-  void poll_stage(std::int64_t now_ns);
-  void take_commit();
-  void guess_commit(std::int64_t now_ns);
-  void refuse_with_line(const swap::Transaction& swap, const swap::Refusal& refusal);
-  void find_line(const swap::Transaction& swap, std::uint64_t offset, bool placed, LawLifecycle::Found found);
-  void locate(const swap::Transaction& swap, std::uint32_t offset, LawLifecycle::Found found);
-  void shadow_ended(const wire::Event& event, std::int64_t now_ns);
+  std::variant<std::string, swap::Refusal> tried(swap::Transaction& swap, const swap::Answer& answer);
+  Sequence::Reply<swap::Json> line_of_crash(const swap::Transaction& swap, const swap::Refusal& refusal);
+  std::optional<swap::Refusal> stage(swap::Transaction& swap);
+  Sequence::Until spine_reaches(swap::Stage stage, const swap::Transaction& swap);
+  void mark_heard(swap::Transaction& swap) const;
+
+  // swap_events.cpp: what the Spine says.
+  void look(std::int64_t now_ns);
+  bool find_commit(std::int64_t now_ns);
+  void hear(const wire::Event& event);
+  void shadow_ended(const wire::Event& event);
   void come_late(const wire::Event& event);
   void not_carried(const wire::Event& event);
-  void finish(swap::Transaction&& swap);
 
-  bool is_head(std::uint64_t request_id) const;
-  void give_slot_back();
+  // swaps.cpp: the queue, the answers and the certificates.
+  bool is_head(std::uint64_t request_id) const { return head_ && head_->swap.request_id() == request_id; }
+  std::int64_t now_ns() const { return sequence_->now_ns(); }
+  void supersede(const swap::Request& newer, std::int64_t now_ns);
+  void begin_next(std::int64_t now_ns);
+  void go_on(std::int64_t now_ns);
+  void settle();
+  void finish(Entry entry);
+  void find_line(const swap::Transaction& swap, std::uint64_t offset, bool placed, LawLifecycle::Found found);
+  void locate(const swap::Transaction& swap, std::uint32_t offset, LawLifecycle::Found found);
   void remember(const swap::Transaction& swap);
-  void keep_record(const swap::Transaction& swap);
+  void keep_record(Entry& entry);
   void rewrite(const swap::Transaction& swap, const swap::RecordBook::Page& record);
   void note(const swap::Transaction& swap, const char* kind, const std::string& text);
   void log(std::uint64_t request_id, const char* kind, const std::string& text);
@@ -110,27 +146,18 @@ class Swaps {
   std::string write_failed_;  // why the last certificate could not be written; empty = it was written
   swap::Json last_ = nullptr;
   swap::Terms robots_terms_;
-  swap::Queue queue_;
   LawLifecycle lifecycle_;
   TriedLaws tried_laws_;
   ParamChanges params_;
-  struct Waiting {
-    Callback callback;
-    swap::RecordBook::Page record;
-    std::string record_lost;  // why there is no file; empty = there is one
-  };
-  std::map<std::uint64_t, Waiting> waiting_;
-  struct Unconfirmed {
-    swap::Transaction swap;
-    swap::RecordBook::Page record;
-  };
+  std::uint64_t next_id_;
+  std::deque<Entry> waiting_;
+  std::optional<Entry> head_;         // the swap under way,
+  std::optional<Sequence> sequence_;  // and where it is
+  std::optional<Placed> placed_;      // its slot, until the stage request is sent
+  Heard heard_;
+  CoreCounts before_;  // when the stage request was sent
   static constexpr std::size_t kMostUnconfirmed = 8;
-  std::deque<Unconfirmed> unconfirmed_;  // timed out while the Spine had them, oldest first
-  std::optional<Placed> placed_;         // slot of the head of the queue, until the stage request is sent
-  std::optional<std::uint64_t> ticket_;  // of the pending stage request
-  std::optional<wire::Event> commit_;    // seen, not yet answered
-  CoreCounts before_;                    // when the stage request was sent
-  std::int64_t stage_refused_ns_ = 0;    // the Loader refused; its event with the reason may still come
+  std::deque<Entry> unconfirmed_;  // timed out while the Spine had them, oldest first
 };
 
 }  // namespace lithe::control

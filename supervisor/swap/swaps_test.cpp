@@ -8,12 +8,13 @@
 
 #include <algorithm>
 #include <fstream>
+#include <functional>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "spine/core/time.hpp"
-#include "supervisor/swap/chain.hpp"
 
 namespace lithe::control {
 namespace {
@@ -62,18 +63,30 @@ class SwapsTest : public testing::Test {
     fs::remove_all(dir_);
   }
 
-  // A swap, up to the request that the Loader finds in its mailbox.
-  void ask(Json params = Json::object()) {
-    swap::Request request{"rest.cpp", kLaw, std::move(params)};
-    swaps_->submit(request, [this](const Answer& answer) { answers_.push_back(answer); }, monotonic_ns());
+  void turn_until(const std::function<bool()>& done) {
     const std::int64_t deadline_ns = monotonic_ns() + 60 * kNsPerS;
-    wire::StageRequest staged;
-    while (!loader_->receive(staged, ticket_) && monotonic_ns() < deadline_ns) {
+    while (!done() && monotonic_ns() < deadline_ns) {
       pollfd wait{lawd_.poll_fd(), POLLIN, 0};
       ::poll(&wait, 1, 10);
       lawd_.serve(monotonic_ns());
       swaps_->serve(monotonic_ns());
     }
+  }
+  void wait_for_answers(std::size_t count) {
+    turn_until([&] { return answers_.size() >= count; });
+    ASSERT_EQ(answers_.size(), count);
+  }
+  void submit(const swap::Request& request) {
+    swaps_->submit(request, [this](const Answer& answer) { answers_.push_back(answer); }, monotonic_ns());
+  }
+  const Refusal& refusal(std::size_t i) const { return std::get<Refusal>(answers_.at(i)); }
+  // A swap, up to the request that the Loader finds in its mailbox.
+  void ask(Json params = Json::object(), double shadow_s = 0) {
+    swap::Request request{"rest.cpp", kLaw, std::move(params)};
+    request.terms.shadow_s = shadow_s;
+    submit(request);
+    wire::StageRequest staged;
+    turn_until([&] { return loader_->receive(staged, ticket_); });
     request_id_ = staged.request_id;
     staged_ = staged;
     ASSERT_NE(request_id_, 0U);
@@ -92,6 +105,7 @@ class SwapsTest : public testing::Test {
   void publish(std::uint64_t tick, std::uint32_t law_id) {
     auto record = std::make_unique<wire::Telemetry>();
     record->tick = tick;
+    record->mode = static_cast<std::uint32_t>(wire::Mode::active);
     record->law_id = law_id;
     ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth>((*spine_)->telemetry).push(*record);
     wire::LawInfo info;
@@ -102,8 +116,15 @@ class SwapsTest : public testing::Test {
     info.param_max[0] = 2;
     ipc::ChannelWriter<wire::LawInfo>((*spine_)->law_info[0]).write(info);
   }
-  Json certificate() const {
-    std::ifstream file(dir_ / "0001.json");
+  void commits(std::uint32_t law_id, std::uint64_t tick) {
+    tell(EventKind::law_committed, law_id, tick);
+    EXPECT_TRUE(answers_.empty()) << "the answer waits for the tick that shows the law";
+    publish(tick + 1, law_id);
+    swaps_->serve(monotonic_ns());
+    ASSERT_EQ(answers_.size(), 1U);
+  }
+  Json certificate(const char* file_name = "0001.json") const {
+    std::ifstream file(dir_ / file_name);
     return Json::parse(file, nullptr, false);
   }
 
@@ -150,7 +171,9 @@ TEST_F(SwapsTest, ALawThatIsCommittedAfterItsSwapWasGivenUpIsFollowedToItsEnd) {
   ask({{"gain", 1.5}});
   swaps_->serve(monotonic_ns() + 60 * kNsPerS);
   ASSERT_EQ(answers_.size(), 1U);
-  EXPECT_EQ(std::get<Refusal>(answers_[0]).code, "timeout");
+  EXPECT_EQ(refusal(0).code, "timeout");
+  EXPECT_EQ(refusal(0).message,
+            "the swap is not confirmed: loading 'rest.cpp' took longer than 10 s; it may still take effect");
   EXPECT_EQ(certificate()["verdict"], "not_confirmed");
   tell(EventKind::law_committed, 7, 500);
   EXPECT_EQ(answers_.size(), 1U) << "one answer";
@@ -176,18 +199,9 @@ TEST_F(SwapsTest, ParametersComeWithTheirLawAndAreInForceOnItsFirstTick) {
   EXPECT_EQ(staged_.param_index[0], 0U);
   EXPECT_EQ(staged_.param_value[0], 1.5);
   EXPECT_TRUE(certificate()["params"]["taken"].is_null());
-  tell(EventKind::law_committed, 7, 500);
-  publish(501, 7);
-  swaps_->serve(monotonic_ns());
-  ASSERT_EQ(answers_.size(), 1U);
+  commits(7, 500);
   EXPECT_EQ(std::get<Json>(answers_[0])["params"]["taken"], true);
   EXPECT_EQ(certificate()["params"]["values"]["gain"], 1.5);
-}
-
-TEST_F(SwapsTest, ParametersOfARefusedSwapWereNotTaken) {
-  ask({{"gain", 1.5}});
-  tell(EventKind::law_refused, static_cast<std::uint32_t>(wire::StageResult::dry_run_failed), 0);
-  EXPECT_EQ(certificate()["params"]["taken"], false);
 }
 
 TEST_F(SwapsTest, AnswerCertificateAndStatusNameTheFieldsThatWereNotCarried) {
@@ -195,7 +209,6 @@ TEST_F(SwapsTest, AnswerCertificateAndStatusNameTheFieldsThatWereNotCarried) {
   tell(EventKind::law_staged, 7, 0);
   tell(EventKind::law_committed, 7, 500);
   tell(EventKind::state_not_carried, 7, 500, 2, "last_rad, gain_nm: no finite number; starts from its default");
-  EXPECT_TRUE(answers_.empty()) << "the answer waits for the tick that shows the law";
   publish(501, 7);
   swaps_->serve(monotonic_ns());
   ASSERT_EQ(answers_.size(), 1U);
@@ -210,13 +223,12 @@ TEST_F(SwapsTest, AnswerCertificateAndStatusNameTheFieldsThatWereNotCarried) {
 
 TEST_F(SwapsTest, ALawThatHasNotMovedIsUnprovenUntilTheSpineConfirmsIt) {
   ask();
-  tell(EventKind::law_committed, 7, 500);
-  publish(501, 7);
-  swaps_->serve(monotonic_ns());
+  commits(7, 500);
   tell(EventKind::law_unproven, 7, 900, 1, "of its parameters");
   EXPECT_EQ(swaps_->last()["verdict"], "committed") << "that was about parameters";
   tell(EventKind::law_unproven, 7, 900, 0, "the robot moved too little");
   EXPECT_EQ(certificate()["verdict"], "unproven");
+  EXPECT_TRUE(certificate()["times_ns"].contains("staged")) << "a commit told before the acknowledgement counts";
   EXPECT_EQ(swaps_->last()["verdict"], "unproven");
   EXPECT_EQ(swaps_->last()["reason"], "the robot moved too little");
   tell(EventKind::law_confirmed, 7, 1500);
@@ -228,10 +240,7 @@ TEST_F(SwapsTest, ALawIsMeasuredBeforeTheNextOneComesNearTheSpine) {
   ask();
   publish(499, 1);
   tell(EventKind::law_staged, 7, 0);
-  tell(EventKind::law_committed, 7, 500);
-  publish(501, 7);
-  swaps_->serve(monotonic_ns());
-  ASSERT_EQ(answers_.size(), 1U);
+  commits(7, 500);
   EXPECT_FALSE(certificate().contains("measured"));
   ask();
   ASSERT_TRUE(certificate().contains("measured"));
@@ -245,6 +254,146 @@ TEST_F(SwapsTest, WhatTheSpineHadWhenItWentIsNotCalledRefused) {
   ASSERT_EQ(answers_.size(), 1U);
   EXPECT_EQ(std::get<Refusal>(answers_[0]).code, "robot_fault");
   EXPECT_EQ(certificate()["verdict"], "not_confirmed");
+}
+
+TEST_F(SwapsTest, GoesThroughAllStagesInOrderAndTellsEachTimeAndReason) {
+  ask();
+  EXPECT_TRUE(swaps_->waiting());
+  tell(EventKind::law_staged, 7, 0);
+  commits(7, 500);
+  const Json told = std::get<Json>(answers_[0]);
+  std::int64_t before_ns = 0;
+  for (const char* stage : {"submitted", "started", "compiled", "admitted", "placed", "tried", "staged", "committed"}) {
+    ASSERT_TRUE(told["times_ns"].contains(stage)) << stage;
+    EXPECT_GE(told["times_ns"][stage].get<std::int64_t>(), before_ns) << stage;
+    before_ns = told["times_ns"][stage];
+  }
+  EXPECT_EQ(told["law"], "rest");
+  EXPECT_EQ(told["reasons"]["tried"], "skipped: the gates are open");
+  EXPECT_TRUE(told.contains("object_sha256") && told.contains("placeable_sha256"));
+  EXPECT_FALSE(swaps_->waiting());
+}
+
+TEST_F(SwapsTest, OneSwapAtATimeAndTheNextOneAfterARefusal) {
+  submit({"bad.cpp", "this is no law"});
+  submit({"next.cpp", "this neither"});
+  EXPECT_EQ(certificate("0002.json")["times_ns"].contains("started"), false);
+  wait_for_answers(2);
+  EXPECT_EQ(refusal(0).code, "compile_failed");
+  EXPECT_EQ(certificate("0001.json")["verdict"], "refused");
+  EXPECT_EQ(certificate("0001.json")["refused_after"], "submitted");
+  EXPECT_EQ(certificate("0002.json")["source"], "next.cpp");
+  EXPECT_GE(certificate("0002.json")["times_ns"]["started"], certificate("0001.json")["times_ns"]["refused"]);
+}
+
+TEST_F(SwapsTest, TheTimeInTheShadowIsNotHeldAgainstIt) {
+  publish(10, 3);
+  ask(Json::object(), 30);
+  tell(EventKind::law_staged, 7, 0);
+  tell(EventKind::shadow_started, 7, 20);
+  const std::int64_t now_ns = monotonic_ns();
+  swaps_->serve(now_ns + 60 * kNsPerS);
+  EXPECT_TRUE(answers_.empty());
+  swaps_->serve(now_ns + 66 * kNsPerS);
+  ASSERT_EQ(answers_.size(), 1U);
+  EXPECT_EQ(certificate()["verdict"], "not_confirmed");
+}
+
+TEST_F(SwapsTest, AShadowThatAgreedIsCommittedAndOneThatDidNotIsRefused) {
+  publish(10, 3);
+  ask(Json::object(), 1);
+  tell(EventKind::shadow_started, 7, 20);
+  tell(EventKind::shadow_ended, 1, 30);
+  commits(7, 31);
+  EXPECT_TRUE(certificate()["times_ns"].contains("shadow"));
+  EXPECT_EQ(certificate()["verdict"], "committed");
+  ask(Json::object(), 1);
+  tell(EventKind::law_staged, 8, 0);
+  tell(EventKind::shadow_started, 8, 40);
+  tell(EventKind::shadow_ended, 0, 50, 0.7, "they differ");
+  ASSERT_EQ(answers_.size(), 2U);
+  EXPECT_EQ(refusal(1).code, "shadow_failed");
+  EXPECT_NE(refusal(1).message.find("they differ (largest difference 0.7 N m"), std::string::npos);
+}
+
+TEST_F(SwapsTest, ANewerRequestTakesThePlaceOfOneThatStillWaits) {
+  swap::Request request{"mine.cpp", kLaw};
+  request.client = 5;
+  submit(request);
+  submit(request);
+  swap::Request others = request;
+  others.client = 6;
+  submit(others);
+  request.supersede = true;
+  submit(request);
+  ASSERT_EQ(answers_.size(), 1U) << "not the one under way, not another client's";
+  EXPECT_EQ(refusal(0).code, "superseded");
+  EXPECT_EQ(certificate("0002.json")["verdict"], "refused");
+  EXPECT_EQ(certificate("0001.json")["verdict"], "submitted");
+}
+
+TEST_F(SwapsTest, AStepThatTakesTooLongIsRefusedAndTheNextOneStarts) {
+  submit({"slow.cpp", kLaw});
+  submit({"next.cpp", kLaw});
+  const std::int64_t now_ns = monotonic_ns();
+  swaps_->serve(now_ns + 119 * kNsPerS);
+  EXPECT_TRUE(answers_.empty());
+  swaps_->serve(now_ns + 121 * kNsPerS);
+  ASSERT_EQ(answers_.size(), 1U);
+  EXPECT_EQ(refusal(0).code, "timeout");
+  EXPECT_EQ(refusal(0).message, "compiling 'slow.cpp' took longer than 120 s");
+  EXPECT_EQ(certificate("0001.json")["verdict"], "refused");
+  EXPECT_EQ(certificate("0002.json")["verdict"], "submitted");
+}
+
+TEST_F(SwapsTest, TheLoadersRefusalCountsAlsoWithoutItsEvent) {
+  ask();
+  loader_->answer(ticket_, static_cast<std::uint32_t>(wire::StageResult::abi_mismatch));
+  const std::int64_t now_ns = monotonic_ns();
+  swaps_->serve(now_ns);
+  EXPECT_TRUE(answers_.empty()) << "the event with the reason may still come";
+  swaps_->serve(now_ns + 60'000'000);
+  ASSERT_EQ(answers_.size(), 1U);
+  EXPECT_EQ(refusal(0).code, "abi_mismatch");
+  EXPECT_EQ(refusal(0).message, "the Loader refused the law: abi_mismatch");
+}
+
+TEST_F(SwapsTest, AStagedLawWhoseEventsAreAllLostIsFoundInSharedMemory) {
+  ask();
+  loader_->answer(ticket_, static_cast<std::uint32_t>(wire::StageResult::staged));
+  const std::int64_t now_ns = monotonic_ns();
+  swaps_->serve(now_ns + 60'000'000);
+  publish(800, 7);
+  swaps_->serve(now_ns + 90'000'000);
+  EXPECT_TRUE(answers_.empty());
+  swaps_->serve(now_ns + 120'000'000);
+  ASSERT_EQ(answers_.size(), 1U);
+  EXPECT_EQ(certificate()["verdict"], "committed");
+  EXPECT_EQ(certificate()["commit_tick_is_estimate"], true);
+}
+
+TEST_F(SwapsTest, TakesAtMostSixtyFourWaitingRequestsAndRefusesAllWhenTheSpineIsGone) {
+  for (std::size_t i = 0; i <= Swaps::kMaxWaiting; ++i) {
+    submit({"many.cpp", kLaw});
+  }
+  ASSERT_EQ(answers_.size(), 1U);
+  EXPECT_EQ(refusal(0).code, "busy");
+  swaps_->refuse_all(kGone, monotonic_ns());
+  EXPECT_EQ(answers_.size(), 1 + Swaps::kMaxWaiting);
+  EXPECT_EQ(refusal(1).code, "robot_fault");
+  EXPECT_EQ(certificate("0001.json")["verdict"], "refused");
+}
+
+TEST_F(SwapsTest, EventsAboutAnotherRequestDoNotMoveItAndARefusedOneTookNoParameters) {
+  ask({{"gain", 1.5}});
+  const std::uint64_t mine = std::exchange(request_id_, 777);
+  tell(EventKind::law_committed, 7, 500);
+  tell(EventKind::law_refused, static_cast<std::uint32_t>(wire::StageResult::dry_run_failed), 0);
+  EXPECT_TRUE(answers_.empty());
+  request_id_ = mine;
+  tell(EventKind::law_refused, static_cast<std::uint32_t>(wire::StageResult::dry_run_failed), 0);
+  EXPECT_EQ(refusal(0).code, "dry_run_failed");
+  EXPECT_EQ(certificate()["params"]["taken"], false);
 }
 
 }  // namespace

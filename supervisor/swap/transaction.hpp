@@ -1,16 +1,43 @@
 // SPDX-License-Identifier: Apache-2.0
-// State of one swap, from the request until its law leaves the Spine. No clock, no file, no process.
+// State of one swap, from the request until its law leaves the Spine, and its certificate. No clock, no file, no process.
 #pragma once
 
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <variant>
 #include <vector>
 
+#include "spine/robot/config.hpp"
+#include "spine/wire/wire.hpp"
 #include "supervisor/core/answer.hpp"
-#include "supervisor/swap/terms.hpp"
 
 namespace lithe::swap {
+
+// The terms of a swap: from the robot file, changed by the request.
+struct Terms {
+  double blend_s = 0.0;              // from the old law's torque to the new one's; 0 = the slew bound alone
+  double probation_s = 0.0;          // automatic rollback for so long; 0 = none
+  double error_ratio = 0.0;          // of the tracking error to the largest before; 0 = tracking is not judged
+  double shadow_s = 0.0;             // runs in the shadow of the active law first; 0 = no shadow
+  double shadow_tolerance_nm = 0.0;  // largest accepted difference of a torque
+  double budget_us = 0.0;            // of one step
+  double box_ms = 150.0;             // processor time of the trial
+
+  std::uint32_t budget_ns() const { return static_cast<std::uint32_t>(budget_us * 1e3); }
+  Json to_json() const;
+};
+
+// The robot file's terms. The default shadow tolerance is a tenth of the smallest torque limit.
+Terms terms_of(const robot::RobotConfig& robot, double rate_hz);
+
+// The arguments of a request that are terms: blend_s probation_s error_ratio shadow_s shadow_tolerance_nm budget_us
+// box_ms. Others are ignored. A Refusal names the argument, its range and what it is for.
+std::variant<Terms, Refusal> read_terms(const Json& args, const Terms& robot, double rate_hz);
+bool is_term(const std::string& argument);
+
+// The same in the Spine's units (ticks).
+void put_terms(const Terms& terms, double rate_hz, wire::StageRequest& request);
 
 //   submitted -> compiled -> admitted -> placed -> tried -> staged -> (shadow) -> committed
 //   committed -> (unproven) -> confirmed or rolled_back -> retired
@@ -126,5 +153,8 @@ class Transaction {
   bool given_up_ = false;
   Json sections_ = Json::object();
 };
+
+// Summary of a certificate for `lithe status`: law, verdict, and the reason of a bad verdict.
+Json summary_of(const Json& certificate);
 
 }  // namespace lithe::swap

@@ -98,7 +98,7 @@ def bring(law: Path, lawd: Talk, trial: Talk) -> list[dict[str, Any]]:
         return [compiled]
     answers = [attempt(trial, verb="try", object=compiled["object"])]
     if lawd.has_arena and trial.has_arena:
-        placed = attempt(lawd, verb="place", hash=compiled["hash"], slot=SLOT, dry_run=False)
+        placed = attempt(lawd, verb="place", hash=compiled["hash"], slot=SLOT)
         assert placed["ok"], f"{law.name}: what is admitted can be placed: {placed}"
         where = {key: placed[key] for key in ("slot", "entry", "code_bytes", "image_hash")}
         answers.append(attempt(trial, verb="try", **where))

@@ -18,7 +18,7 @@ REFUSED = [
     ("spine/load/loader.cpp", '#include "spine/robot/robot.hpp"', "spine/load may not include spine/robot"),
     ("supervisor/bus/plan/plan.cpp", '#include "spine/ipc/ring.hpp"', "supervisor/bus/plan may not include spine/ipc"),
     ("supervisor/bus/plan/plan.cpp", '#include "spine/hal/actuators.hpp"', "bus/plan may not include spine/hal"),
-    ("supervisor/swap/queue.cpp", '#include "spine/hal/core/frame.hpp"', "may not include spine/hal/core"),
+    ("supervisor/swap/swap.cpp", '#include "spine/hal/core/frame.hpp"', "may not include spine/hal/core"),
     ("sim/world.cpp", '#include "spine/ipc/ring.hpp"', "sim may not include spine/ipc"),
     ("lawd/main.cpp", '#include "spine/robot/robot.hpp"', "lawd may not include spine/robot"),
     ("laws/pd.cpp", '#include "spine/core/time.hpp"', "laws may not include spine/core"),

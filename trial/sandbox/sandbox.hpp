@@ -9,6 +9,7 @@
 #include <functional>
 #include <string>
 
+#include "spine/core/child.hpp"
 #include "spine/core/result.hpp"
 
 namespace lithe::trial {
@@ -33,18 +34,9 @@ struct Limits {
   std::size_t memory_bytes = std::size_t{512} << 20;  // in addition to the parent's
 };
 
-struct Outcome {
-  bool started = false;    // there was a child
-  bool timed_out = false;  // killed at wall_ms
-  int signal = 0;          // that ended it, 0 = none
-  int exit_code = -1;
-  double cpu_ms = 0, wall_ms = 0;
-  std::string output;  // its output through the pipe, at most `expected` bytes
-};
+using Outcome = ChildEnd;
 
-// Forks; the child runs `body` with the writing end of a pipe, its only output, and exits with the return value. It is
-// killed when this process dies.
-// Contract: one child at a time
+// run_forked(): before it is killed at wall_ms, the child may report where it is. At most `expected` bytes of output.
 Outcome run_sandboxed(const std::function<int(int pipe_fd)>& body, const Limits& limits, std::size_t expected);
 
 // In the child, in this order, each for good:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/swap/witness.hpp"
+#include "supervisor/link/witness.hpp"
 
 #include <fmt/format.h>
 
