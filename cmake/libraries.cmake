@@ -14,3 +14,4 @@ function(lithe_library name header package)
 endfunction()
 
 lithe_library(md sha256.h libmd-dev)
+lithe_library(seccomp seccomp.h libseccomp-dev)
