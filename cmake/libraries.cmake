@@ -13,5 +13,6 @@ function(lithe_library name header package)
   target_link_libraries(lithe::${name} INTERFACE ${LITHE_${name}_LIBRARY})
 endfunction()
 
+lithe_library(elf libelf.h libelf-dev)
 lithe_library(md sha256.h libmd-dev)
 lithe_library(seccomp seccomp.h libseccomp-dev)

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The rules for a law's object: its sections, imported and exported symbols.
-#include <elf.h>
-
 #include <algorithm>
 #include <array>
 #include <chrono>
