@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lawd/object/admission_elf.hpp"
 
-#include <cxxabi.h>
 #include <gelf.h>
-
-#include <cstdlib>
 
 namespace lithe::lawd {
 namespace {
@@ -97,8 +94,8 @@ class Parser {
       for (int k = 0; gelf_getrela(data, k, &raw) != nullptr; ++k) {
         const auto symbol = static_cast<std::uint32_t>(GELF_R_SYM(raw.r_info));
         if (symbol >= out_.symbols.size() || raw.r_offset >= out_.sections[section.applies_to].size) return false;
-        out_.relocations.push_back({section.applies_to, raw.r_offset,
-                                    static_cast<std::uint32_t>(GELF_R_TYPE(raw.r_info)), symbol, raw.r_addend});
+        out_.relocations.push_back(
+            {section.applies_to, raw.r_offset, static_cast<std::uint32_t>(GELF_R_TYPE(raw.r_info)), symbol});
       }
     }
     return true;
@@ -110,15 +107,6 @@ class Parser {
 };
 
 }  // namespace
-
-std::string readable(std::string_view symbol) {
-  if (!symbol.starts_with("_Z")) return std::string(symbol);  // "f" alone would be read as the type float
-  int status = 0;
-  char* text = abi::__cxa_demangle(std::string(symbol).c_str(), nullptr, nullptr, &status);
-  std::string name = status == 0 ? text : std::string(symbol);
-  std::free(text);
-  return name;
-}
 
 ElfHandle open_elf(std::string_view bytes) {
   elf_version(EV_CURRENT);

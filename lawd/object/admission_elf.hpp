@@ -38,11 +38,7 @@ struct ElfRelocation {
   std::uint64_t offset = 0;
   std::uint32_t type = 0;
   std::uint32_t symbol = 0;  // index into symbols
-  std::int64_t addend = 0;
 };
-
-// The demangled name; the symbol itself when it is not a C++ name.
-std::string readable(std::string_view symbol);
 
 // Views into `bytes`, which must outlive it.
 // Contract: any bytes are safe

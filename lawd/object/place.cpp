@@ -11,7 +11,8 @@
 
 #include "lawd/core/answers.hpp"
 #include "lawd/object/admission_elf.hpp"
-#include "lawd/object/locate.hpp"
+#include "lawd/object/admission_lines.hpp"
+#include "lawd/run/child.hpp"
 #include "lawd/run/dry_run.hpp"
 #include "lawd/run/files.hpp"
 #include "spine/arena/veneers.hpp"
