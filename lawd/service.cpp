@@ -8,7 +8,7 @@
 #include "lawd/compile/diagnostics.hpp"
 #include "lawd/core/admission.hpp"
 #include "lawd/core/answers.hpp"
-#include "lawd/object/locate.hpp"
+#include "lawd/object/admission_lines.hpp"
 #include "lawd/run/dry_run.hpp"
 #include "lawd/run/files.hpp"
 #include "spine/core/joints.hpp"

@@ -49,7 +49,8 @@ ALLOWED = {
         "spine/load": BASE + " spine/ipc spine/law spine/arena spine/contain",
         "spine/step": BASE + " spine/law spine/plan spine/guard spine/robot spine/hal spine/contain",
         "spine/loop": BASE + " spine/ipc spine/law spine/robot spine/hal spine/contain spine/step",
-        "spine": BASE + " spine/ipc spine/law spine/robot spine/hal spine/contain spine/arena spine/loop spine/load",
+        "spine": BASE
+        + " spine/ipc spine/law spine/robot spine/hal spine/hal/core spine/contain spine/arena spine/loop spine/load",
         "lawd/run": LAWD,
         "lawd/core": LAWD,
         "lawd/compile": LAWD + " lawd/run",

@@ -2,6 +2,7 @@
 #include "lawd/core/admission.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <utility>
 
 namespace lithe::lawd {
@@ -25,6 +26,16 @@ void Admission::refuse(std::string_view gate, std::string message, int line, int
   const auto same = [&](const Finding& finding) { return finding.message == message && finding.line == line; };
   if (findings.size() >= kMaxFindings || std::any_of(findings.begin(), findings.end(), same)) return;
   findings.push_back({std::string(gate), std::move(message), line, column});
+}
+
+void Admission::apply(const char* gate, const std::function<std::string()>& rule) {
+  const auto start = std::chrono::steady_clock::now();
+  const std::size_t before = findings.size();
+  const std::string not_applied_before = not_applied;
+  std::string detail = rule();
+  const double ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  const bool ok = findings.size() == before && not_applied == not_applied_before;
+  gates.push_back({gate, ok, ms, std::move(detail)});
 }
 
 json Admission::gates_json() const {

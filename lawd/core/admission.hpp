@@ -2,6 +2,7 @@
 // Admission: static rules for a law. The source is checked before it is compiled, the object before it runs.
 #pragma once
 
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
@@ -36,6 +37,8 @@ struct Admission {
   static constexpr std::size_t kMaxFindings = 20;
   bool ok() const { return findings.empty() && not_applied.empty(); }
   void refuse(std::string_view gate, std::string message, int line = 0, int column = 0);
+  // Applies one rule: `rule` refuses, or sets not_applied, and returns the gate's detail.
+  void apply(const char* gate, const std::function<std::string()>& rule);
   nlohmann::json gates_json() const;  // [{gate, ok, ms, detail}]
 };
 

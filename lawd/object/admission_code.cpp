@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lawd/object/admission_code.hpp"
 
+#include <unistd.h>
+
 #include <array>
 #include <charconv>
-#include <chrono>
 #include <string>
+
+#include "lawd/run/child.hpp"
 
 namespace lithe::lawd {
 namespace {
@@ -118,21 +121,18 @@ std::string_view why_instruction_is_refused(std::string_view mnemonic) {
 }
 
 void check_code(const Compiled& compiled, const SourceLines& lines, Admission& out) {
-  const auto start = std::chrono::steady_clock::now();
-  const std::size_t before = out.findings.size();
-  const Outcome listed = output_of({"objdump", "-d", "--no-show-raw-insn", compiled.object_path}, kListingMs);
-  std::string not_applied = why_not_listed(listed);
-  std::size_t count = 0;
-  if (listed.cut) {
-    out.refuse(kGate, "the list of the law's instructions is longer than 4 MiB: shorten the law, or its names");
-  } else if (not_applied.empty()) {
-    count = scan(listed.output, lines, out);
-    if (count == 0) not_applied = "objdump names no instruction";
-  }
-  if (!not_applied.empty()) out.not_applied = not_applied;
-  const double ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-  const bool ok = out.findings.size() == before && not_applied.empty();
-  out.gates.push_back({kGate, ok, ms, not_applied.empty() ? std::to_string(count) + " instructions" : not_applied});
+  out.apply(kGate, [&]() -> std::string {
+    const Outcome listed =
+        run_program({"objdump", "-d", "--no-show-raw-insn", compiled.object_path}, Limits{kListingMs}, STDOUT_FILENO);
+    if (listed.cut) {
+      out.refuse(kGate, "the list of the law's instructions is longer than 4 MiB: shorten the law, or its names");
+      return "0 instructions";
+    }
+    if (const std::string why = why_not_listed(listed); !why.empty()) return out.not_applied = why;
+    const std::size_t count = scan(listed.output, lines, out);
+    if (count == 0) return out.not_applied = "objdump names no instruction";
+    return std::to_string(count) + " instructions";
+  });
 }
 
 }  // namespace lithe::lawd

@@ -1,11 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lawd/object/admission_elf.hpp"
 
-#include <cxxabi.h>
-#include <elf.h>
-
-#include <cstdlib>
-#include <cstring>
+#include <gelf.h>
 
 namespace lithe::lawd {
 namespace {
@@ -17,29 +13,9 @@ constexpr std::uint16_t kMachine = EM_AARCH64;
 #endif
 constexpr std::size_t kMaxSections = 4096, kMaxSymbols = 65536, kMaxRelocations = 262144;
 
-template <class T>
-bool read_at(std::string_view bytes, std::uint64_t offset, T& out) {
-  if (offset > bytes.size() || bytes.size() - offset < sizeof(T)) return false;
-  std::memcpy(&out, bytes.data() + offset, sizeof(T));
-  return true;
-}
-
-std::optional<std::string_view> part(std::string_view bytes, std::uint64_t offset, std::uint64_t size) {
-  if (offset > bytes.size() || bytes.size() - offset < size) return std::nullopt;
-  return bytes.substr(offset, size);
-}
-
-// A zero-terminated name inside a string table; empty when it is not inside.
-std::string_view name_at(std::string_view table, std::uint64_t offset) {
-  if (offset >= table.size()) return "";
-  const std::string_view rest = table.substr(offset);
-  const std::size_t end = rest.find('\0');
-  return end == std::string_view::npos ? "" : rest.substr(0, end);
-}
-
 class Parser {
  public:
-  Parser(std::string_view bytes, ElfObject& out) : bytes_(bytes), out_(out) {}
+  Parser(Elf* elf, ElfObject& out) : elf_(elf), out_(out) {}
 
   // The error, or "".
   std::string_view parse() {
@@ -52,99 +28,95 @@ class Parser {
 
  private:
   std::string_view header() {
-    if (!read_at(bytes_, 0, header_) || std::memcmp(header_.e_ident, ELFMAG, SELFMAG) != 0)
-      return "it is not an ELF file";
-    const bool ours = header_.e_ident[EI_CLASS] == ELFCLASS64 && header_.e_ident[EI_DATA] == ELFDATA2LSB &&
-                      header_.e_machine == kMachine;
+    GElf_Ehdr head;
+    if (elf_kind(elf_) != ELF_K_ELF || gelf_getehdr(elf_, &head) == nullptr) return "it is not an ELF file";
+    const bool ours =
+        head.e_ident[EI_CLASS] == ELFCLASS64 && head.e_ident[EI_DATA] == ELFDATA2LSB && head.e_machine == kMachine;
     if (!ours) return "it was compiled for another machine";
-    if (header_.e_type != ET_REL) return "it is not a relocatable object";
-    const bool plain = header_.e_shentsize == sizeof(Elf64_Shdr) && header_.e_shnum > 0 &&
-                       header_.e_shnum <= kMaxSections && header_.e_shstrndx < header_.e_shnum;
-    if (!plain) return "it has no usable section table";
-    out_.machine = header_.e_machine;
+    if (head.e_type != ET_REL) return "it is not a relocatable object";
+    if (elf_getshdrnum(elf_, &count_) != 0 || elf_getshdrstrndx(elf_, &names_) != 0 || count_ == 0 ||
+        count_ > kMaxSections || names_ >= count_) {
+      return "it has no usable section table";
+    }
     return "";
   }
 
+  std::string_view name(std::size_t table, std::size_t offset) const {
+    const char* text = elf_strptr(elf_, table, offset);
+    return text == nullptr ? "" : text;
+  }
+
   bool read_sections() {
-    raw_.resize(header_.e_shnum);
-    for (std::size_t i = 0; i < raw_.size(); ++i) {
-      if (!read_at(bytes_, header_.e_shoff + i * sizeof(Elf64_Shdr), raw_[i])) return false;
-    }
-    const Elf64_Shdr& names = raw_[header_.e_shstrndx];
-    const auto table = part(bytes_, names.sh_offset, names.sh_size);
-    if (!table) return false;
-    for (const Elf64_Shdr& raw : raw_) {
-      ElfSection section{name_at(*table, raw.sh_name), raw.sh_type, raw.sh_flags, raw.sh_size, {}, 0};
-      if (raw.sh_type != SHT_NOBITS && raw.sh_type != SHT_NULL) {
-        const auto bytes = part(bytes_, raw.sh_offset, raw.sh_size);
-        if (!bytes) return false;
-        section.bytes = *bytes;
-      }
-      if (raw.sh_type == SHT_RELA || raw.sh_type == SHT_REL) section.applies_to = raw.sh_info;
-      out_.sections.push_back(section);
+    for (std::size_t i = 0; i < count_; ++i) {
+      Elf_Scn* section = elf_getscn(elf_, i);
+      GElf_Shdr raw;
+      if (gelf_getshdr(section, &raw) == nullptr) return false;
+      const bool in_file = raw.sh_type != SHT_NOBITS && raw.sh_type != SHT_NULL;
+      const Elf_Data* data = in_file ? elf_rawdata(section, nullptr) : nullptr;
+      if (in_file && (data == nullptr || data->d_size != raw.sh_size)) return false;
+      const bool links = raw.sh_type == SHT_RELA || raw.sh_type == SHT_REL;
+      out_.sections.push_back({name(names_, raw.sh_name), raw.sh_type, raw.sh_flags, raw.sh_size,
+                               in_file ? std::string_view(static_cast<char*>(data->d_buf), data->d_size) : "",
+                               links ? raw.sh_info : 0});
     }
     return true;
   }
 
   bool read_symbols() {
-    for (std::size_t i = 0; i < raw_.size(); ++i) {
-      if (raw_[i].sh_type != SHT_SYMTAB) continue;
-      if (!out_.symbols.empty() || raw_[i].sh_link >= raw_.size()) return false;  // a second symbol table
-      const std::string_view table = out_.sections[i].bytes, names = out_.sections[raw_[i].sh_link].bytes;
-      const std::size_t count = table.size() / sizeof(Elf64_Sym);
-      if (count > kMaxSymbols || raw_[i].sh_entsize != sizeof(Elf64_Sym)) return false;
-      for (std::size_t k = 0; k < count; ++k) {
-        Elf64_Sym raw;
-        if (!read_at(table, k * sizeof raw, raw)) return false;
+    for (std::size_t i = 0; i < count_; ++i) {
+      if (out_.sections[i].type != SHT_SYMTAB) continue;
+      GElf_Shdr table;
+      Elf_Scn* section = elf_getscn(elf_, i);
+      Elf_Data* data = elf_getdata(section, nullptr);
+      if (!out_.symbols.empty() || data == nullptr || gelf_getshdr(section, &table) == nullptr) return false;
+      if (table.sh_entsize != sizeof(Elf64_Sym) || table.sh_size / sizeof(Elf64_Sym) > kMaxSymbols) return false;
+      GElf_Sym raw;
+      for (int k = 0; gelf_getsym(data, k, &raw) != nullptr; ++k) {
         if (raw.st_shndx == SHN_XINDEX) return false;
-        out_.symbols.push_back({name_at(names, raw.st_name), raw.st_value, raw.st_size, raw.st_shndx,
-                                static_cast<std::uint8_t>(ELF64_ST_TYPE(raw.st_info)),
-                                static_cast<std::uint8_t>(ELF64_ST_BIND(raw.st_info)),
-                                static_cast<std::uint8_t>(ELF64_ST_VISIBILITY(raw.st_other))});
+        out_.symbols.push_back({name(table.sh_link, raw.st_name), raw.st_value, raw.st_size, raw.st_shndx,
+                                static_cast<std::uint8_t>(GELF_ST_TYPE(raw.st_info)),
+                                static_cast<std::uint8_t>(GELF_ST_BIND(raw.st_info)),
+                                static_cast<std::uint8_t>(GELF_ST_VISIBILITY(raw.st_other))});
       }
     }
     return !out_.symbols.empty();
   }
 
   bool read_relocations() {
-    for (const ElfSection& section : out_.sections) {
+    for (std::size_t i = 0; i < count_; ++i) {
+      const ElfSection& section = out_.sections[i];
       if (section.type == SHT_REL) return false;  // neither machine uses them
       if (section.type != SHT_RELA) continue;
-      if (section.applies_to >= out_.sections.size()) return false;
-      const std::size_t count = section.bytes.size() / sizeof(Elf64_Rela);
-      if (count + out_.relocations.size() > kMaxRelocations) return false;
-      for (std::size_t k = 0; k < count; ++k) {
-        Elf64_Rela raw;
-        if (!read_at(section.bytes, k * sizeof raw, raw)) return false;
-        const auto symbol = static_cast<std::uint32_t>(ELF64_R_SYM(raw.r_info));
+      Elf_Data* data = elf_getdata(elf_getscn(elf_, i), nullptr);
+      if (data == nullptr || section.applies_to >= out_.sections.size()) return false;
+      if (section.size / sizeof(Elf64_Rela) + out_.relocations.size() > kMaxRelocations) return false;
+      GElf_Rela raw;
+      for (int k = 0; gelf_getrela(data, k, &raw) != nullptr; ++k) {
+        const auto symbol = static_cast<std::uint32_t>(GELF_R_SYM(raw.r_info));
         if (symbol >= out_.symbols.size() || raw.r_offset >= out_.sections[section.applies_to].size) return false;
-        out_.relocations.push_back({section.applies_to, raw.r_offset,
-                                    static_cast<std::uint32_t>(ELF64_R_TYPE(raw.r_info)), symbol, raw.r_addend});
+        out_.relocations.push_back(
+            {section.applies_to, raw.r_offset, static_cast<std::uint32_t>(GELF_R_TYPE(raw.r_info)), symbol});
       }
     }
     return true;
   }
 
-  std::string_view bytes_;
+  Elf* elf_;
   ElfObject& out_;
-  Elf64_Ehdr header_{};
-  std::vector<Elf64_Shdr> raw_;
+  std::size_t count_ = 0, names_ = 0;
 };
 
 }  // namespace
 
-std::string readable(std::string_view symbol) {
-  if (!symbol.starts_with("_Z")) return std::string(symbol);  // "f" alone would be read as the type float
-  int status = 0;
-  char* text = abi::__cxa_demangle(std::string(symbol).c_str(), nullptr, nullptr, &status);
-  std::string name = status == 0 ? text : std::string(symbol);
-  std::free(text);
-  return name;
+ElfHandle open_elf(std::string_view bytes) {
+  elf_version(EV_CURRENT);
+  return {elf_memory(const_cast<char*>(bytes.data()), bytes.size()), &elf_end};  // opened to be read only
 }
 
 std::optional<ElfObject> ElfObject::parse(std::string_view bytes, std::string& why) {
   ElfObject object;
-  why = Parser(bytes, object).parse();
+  object.elf = open_elf(bytes);
+  why = Parser(object.elf.get(), object).parse();
   if (!why.empty()) return std::nullopt;
   return object;
 }

@@ -1,14 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads an untrusted relocatable ELF object.
+// Reads an untrusted relocatable ELF object, with libelf.
 #pragma once
 
+#include <libelf.h>
+
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 namespace lithe::lawd {
+
+// A file in memory, for libelf; `bytes` must outlive it.
+using ElfHandle = std::unique_ptr<Elf, decltype(&elf_end)>;
+ElfHandle open_elf(std::string_view bytes);
 
 struct ElfSection {
   std::string_view name;
@@ -31,16 +38,12 @@ struct ElfRelocation {
   std::uint64_t offset = 0;
   std::uint32_t type = 0;
   std::uint32_t symbol = 0;  // index into symbols
-  std::int64_t addend = 0;
 };
-
-// The demangled name; the symbol itself when it is not a C++ name.
-std::string readable(std::string_view symbol);
 
 // Views into `bytes`, which must outlive it.
 // Contract: any bytes are safe
 struct ElfObject {
-  std::uint16_t machine = 0;
+  ElfHandle elf{nullptr, &elf_end};  // the views may point into it
   std::vector<ElfSection> sections;
   std::vector<ElfSymbol> symbols;
   std::vector<ElfRelocation> relocations;

@@ -1,10 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lawd/object/admission_lines.hpp"
 
+#include <fmt/format.h>
 #include <unistd.h>
 
 #include <charconv>
+#include <cstdlib>
+#include <sstream>
+#include <vector>
 
+#include "lawd/compile/toolchain.hpp"
+#include "lawd/core/answers.hpp"
+#include "lawd/run/child.hpp"
 #include "lawd/run/files.hpp"
 #include "lawd/source/admission_tokens.hpp"
 
@@ -22,36 +29,32 @@ std::string_view last_word(std::string_view name) {
   return name.substr(from);
 }
 
+// Lines of the contract and of the library are skipped: the law's author did not write them.
+bool is_library(const std::string& path) {
+  return path.starts_with(find_contract_dir()) || path.starts_with("/usr/include/") || path.starts_with("/usr/lib/");
+}
+
 }  // namespace
 
-Outcome output_of(const std::vector<std::string>& argv, int wall_ms) {
-  std::vector<char*> raw;
-  for (const std::string& word : argv) raw.push_back(const_cast<char*>(word.c_str()));
-  raw.push_back(nullptr);
-  Limits limits;
-  limits.wall_ms = wall_ms;
-  return run_child(
-      [&raw](int out_fd) {
-        dup2(out_fd, 1);
-        execvp(raw[0], raw.data());
-        return 127;
-      },
-      limits);
+// addr2line -f, innermost first: a line with the function, one with "path:line". The first line of the law is used.
+nlohmann::json own_place(const std::string& program, std::uint64_t address, std::string_view section) {
+  std::vector<std::string> command = {"addr2line", "-i", "-f", "-C", "-e", program, fmt::format("{:#x}", address)};
+  if (!section.empty()) command.insert(command.end(), {"-j", std::string(section)});
+  const Outcome told = run_program(command, Limits{5'000}, STDOUT_FILENO);
+  if (!told.clean()) return refuse("locate", "addr2line does not run: install binutils");
+  std::istringstream lines(told.output);
+  for (std::string function, place; std::getline(lines, function) && std::getline(lines, place);) {
+    const auto colon = place.rfind(':');
+    if (colon == std::string::npos || is_library(place)) continue;
+    if (const int line = std::atoi(place.c_str() + colon + 1); line > 0) {
+      return {{"ok", true}, {"line", line}, {"function", function.substr(0, function.find('('))}};
+    }
+  }
+  return refuse("locate", "no line of the law is known for this place");
 }
 
 int SourceLines::of(std::string_view section, std::uint64_t offset) const {
-  char address[24];
-  const auto end = std::to_chars(address, address + sizeof address, offset, 16).ptr;
-  const Outcome asked = output_of(
-      {"addr2line", "-i", "-e", compiled_.object_path, "-j", std::string(section), "0x" + std::string(address, end)});
-  const std::string text = asked.clean() ? asked.output : "";
-  for (std::size_t from = 0; from < text.size();) {
-    std::size_t to = text.find('\n', from);
-    if (to == std::string::npos) to = text.size();
-    if (const int line = own_line(std::string_view(text).substr(from, to - from))) return line;
-    from = to + 1;
-  }
-  return 0;
+  return own_place(compiled_.object_path, offset, section).value("line", 0);
 }
 
 // Debug information has the path without its folder, the call graph with it: compare the file name only.

@@ -3,17 +3,18 @@
 #pragma once
 
 #include <cstdint>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
-#include <vector>
 
 #include "lawd/core/admission.hpp"
-#include "lawd/run/child.hpp"
 
 namespace lithe::lawd {
 
-// Runs a program with its stdout captured. The output is complete, or the Outcome is not clean().
-Outcome output_of(const std::vector<std::string>& argv, int wall_ms = 5'000);
+// {"ok", "line", "function"} of an address in `program`, which has its lines: the innermost line of the law's source,
+// also for inlined code. Of an object, `section` says in which section the address is.
+// Contract: some milliseconds (addr2line)
+nlohmann::json own_place(const std::string& program, std::uint64_t address, std::string_view section = "");
 
 // Contract: no work before the first call; each call takes a few milliseconds (addr2line)
 class SourceLines {

@@ -1,16 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // The rules for a law's object: its sections, imported and exported symbols.
-#include <elf.h>
-
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cstring>
 
 #include "lawd/core/admission.hpp"
 #include "lawd/object/admission_code.hpp"
 #include "lawd/object/admission_elf.hpp"
 #include "lawd/object/admission_stack.hpp"
+#include "lawd/run/child.hpp"
 #include "lawd/run/files.hpp"
 #include "lawd/source/admission_words.hpp"
 #include "spine/law/resident.hpp"
@@ -74,13 +72,9 @@ class Object {
  private:
   template <class Body>
   void gate(const char* name, Body body) {
-    const auto start = std::chrono::steady_clock::now();
-    const std::size_t before = out_.findings.size();
     gate_ = name;
     detail_.clear();
-    body();
-    const double ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-    out_.gates.push_back({name, out_.findings.size() == before, ms, detail_});
+    out_.apply(name, [&] { return body(), detail_; });
   }
   void refuse(std::string message, int line = 0) { out_.refuse(gate_, std::move(message), line); }
 

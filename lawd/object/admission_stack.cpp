@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <charconv>
-#include <chrono>
 #include <map>
 #include <optional>
 #include <string>
@@ -192,24 +191,21 @@ void check_frames(const Graph& graph, Admission& out) {
 }  // namespace
 
 void check_stack(const Compiled& compiled, const SourceLines& lines, Admission& out) {
-  const auto start = std::chrono::steady_clock::now();
-  const std::size_t before = out.findings.size();
-  const auto text = read_file(compiled.object_path.substr(0, compiled.object_path.rfind('.')) + ".ci");
-  const Graph graph(text.value_or(""), lines);
-  std::string detail;
-  if (graph.nodes().empty()) {
-    detail = out.not_applied = "the compiler wrote no call graph: how deep the stack gets is not known";
-  } else {
+  out.apply(kGate, [&]() -> std::string {
+    const std::size_t before = out.findings.size();
+    const auto text = read_file(compiled.object_path.substr(0, compiled.object_path.rfind('.')) + ".ci");
+    const Graph graph(text.value_or(""), lines);
+    if (graph.nodes().empty()) {
+      return out.not_applied = "the compiler wrote no call graph: how deep the stack gets is not known";
+    }
     check_frames(graph, out);
     const std::uint64_t bytes = Depth(graph, out).deepest();
     if (out.findings.size() == before && bytes > kMaxStackBytes) {
       out.refuse(kGate, "the law needs " + std::to_string(bytes) + " bytes of stack along its deepest calls; at most " +
                             std::to_string(kMaxStackBytes) + ": put large arrays into State, or use smaller ones");
     }
-    detail = std::to_string(bytes) + " bytes";
-  }
-  const double ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-  out.gates.push_back({kGate, out.findings.size() == before && !graph.nodes().empty(), ms, detail});
+    return std::to_string(bytes) + " bytes";
+  });
 }
 
 }  // namespace lithe::lawd

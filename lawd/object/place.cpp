@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lawd/object/place.hpp"
 
-#include <elf.h>
 #include <fmt/format.h>
+#include <gelf.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -11,7 +11,8 @@
 
 #include "lawd/core/answers.hpp"
 #include "lawd/object/admission_elf.hpp"
-#include "lawd/object/locate.hpp"
+#include "lawd/object/admission_lines.hpp"
+#include "lawd/run/child.hpp"
 #include "lawd/run/files.hpp"
 #include "spine/arena/veneers.hpp"
 
@@ -60,21 +61,17 @@ std::string undefined_names(const std::string& words) {
   return list;
 }
 
-template <class T>
-bool read_at(std::string_view bytes, std::uint64_t offset, T& out) {
-  if (offset > bytes.size() || sizeof(T) > bytes.size() - offset) return false;
-  std::memcpy(&out, bytes.data() + offset, sizeof(T));
-  return true;
-}
-
 // The linker's output as the bytes of the slot, or an error sentence when a section has a wrong address.
 std::string read_linked(std::string_view elf, std::uint32_t slot, Linked& linked) {
-  Elf64_Ehdr head{};
-  if (!read_at(elf, 0, head) || head.e_type != ET_EXEC) return "the linker made something else than a program";
+  const ElfHandle program = open_elf(elf);
+  GElf_Ehdr head;
+  if (gelf_getehdr(program.get(), &head) == nullptr || head.e_type != ET_EXEC) {
+    return "the linker made something else than a program";
+  }
   const std::uint64_t base = arena::slot_address(slot);
-  for (std::size_t i = 0; i < head.e_phnum; ++i) {
-    Elf64_Phdr segment{};
-    if (!read_at(elf, head.e_phoff + i * sizeof segment, segment)) return "the linker's output is damaged";
+  for (int i = 0; i < head.e_phnum; ++i) {
+    GElf_Phdr segment;
+    if (gelf_getphdr(program.get(), i, &segment) == nullptr) return "the linker's output is damaged";
     if (segment.p_type != PT_LOAD || segment.p_memsz == 0) continue;
     const std::uint64_t offset = segment.p_vaddr - base;
     if (segment.p_vaddr < base || offset > arena::kSlotBytes || segment.p_memsz > arena::kSlotBytes - offset) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lawd/run/child.hpp"
 
+#include <cxxabi.h>
 #include <fcntl.h>
 #include <signal.h>
 #include <sys/resource.h>
@@ -8,6 +9,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 
 namespace lithe::lawd {
@@ -51,12 +53,12 @@ Outcome run_child(const std::function<int(int)>& body, const Limits& limits) {
   return outcome;
 }
 
-Outcome run_program(const std::vector<std::string>& argv, const Limits& limits) {
+Outcome run_program(const std::vector<std::string>& argv, const Limits& limits, int stream) {
   std::vector<char*> raw;
   for (const std::string& word : argv) raw.push_back(const_cast<char*>(word.c_str()));
   raw.push_back(nullptr);
-  const auto body = [&raw](int out_fd) {
-    dup2(out_fd, 2);
+  const auto body = [&raw, stream](int out_fd) {
+    dup2(out_fd, stream);
     setenv("LC_ALL", "C", 1);  // English messages with plain quotes
     execvp(raw[0], raw.data());
     dprintf(2, "cannot run %s: %s\n", raw[0], std::strerror(errno));
@@ -68,6 +70,15 @@ Outcome run_program(const std::vector<std::string>& argv, const Limits& limits) 
 std::string starved_text(const std::string& who, const Outcome& outcome) {
   return "the machine is too busy: " + who + " got " + std::to_string(static_cast<int>(outcome.cpu_ms)) +
          " ms of the processor in " + std::to_string(static_cast<int>(outcome.wall_ms)) + " ms";
+}
+
+std::string readable(std::string_view symbol) {
+  if (!symbol.starts_with("_Z")) return std::string(symbol);  // "f" alone would be read as the type float
+  int status = 0;
+  char* text = abi::__cxa_demangle(std::string(symbol).c_str(), nullptr, nullptr, &status);
+  std::string name = status == 0 ? text : std::string(symbol);
+  std::free(text);
+  return name;
 }
 
 std::string signal_text(int signal) {

@@ -4,6 +4,7 @@
 
 #include <functional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "spine/core/child.hpp"
@@ -28,11 +29,14 @@ struct Outcome : ChildEnd {
 // run_forked() with these limits: stdin, stdout and stderr of the child are /dev/null; what it starts ends with it.
 Outcome run_child(const std::function<int(int out_fd)>& body, const Limits& limits);
 
-// Runs a program with its stderr captured in Outcome::output.
-Outcome run_program(const std::vector<std::string>& argv, const Limits& limits);
+// Runs a program with its stderr (or another of its streams) captured in Outcome::output.
+Outcome run_program(const std::vector<std::string>& argv, const Limits& limits, int stream = 2);
 
 // "the machine is too busy: the compiler got 310 ms of the processor in 20000 ms".
 std::string starved_text(const std::string& who, const Outcome& outcome);
+
+// The demangled name; the symbol itself when it is not a C++ name.
+std::string readable(std::string_view symbol);
 
 // "SIGSEGV (invalid memory access)".
 std::string signal_text(int signal);

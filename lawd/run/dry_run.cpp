@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lawd/run/dry_run.hpp"
 
-#include <cxxabi.h>
 #include <dlfcn.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <array>
-#include <cstdlib>
 #include <ctime>
 #include <limits>
 #include <memory>
@@ -98,12 +96,8 @@ std::string load_failure(const std::string& words) {
   constexpr std::string_view kUndefined = "undefined symbol: ";
   const auto at = words.find(kUndefined);
   if (at == std::string::npos) return "cannot load the law: " + words;
-  const std::string symbol = words.substr(at + kUndefined.size());
-  int status = 0;
-  char* readable = abi::__cxa_demangle(symbol.c_str(), nullptr, nullptr, &status);
-  const std::string name = status == 0 ? readable : symbol;
-  std::free(readable);
-  return "the law uses " + name + ", which it does not define: a law may use itself, the contract and <cmath> only";
+  return "the law uses " + readable(words.substr(at + kUndefined.size())) +
+         ", which it does not define: a law may use itself, the contract and <cmath> only";
 }
 
 int try_law(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t steps) {

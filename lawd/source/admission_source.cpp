@@ -3,7 +3,6 @@
 // refused, so every word that the compiler sees is in the text.
 #include <algorithm>
 #include <array>
-#include <chrono>
 
 #include "lawd/core/admission.hpp"
 #include "lawd/source/admission_tokens.hpp"
@@ -34,12 +33,8 @@ class Source {
  private:
   template <class Body>
   void gate(const char* name, Body body) {
-    const auto start = std::chrono::steady_clock::now();
-    const std::size_t before = out_.findings.size();
     gate_ = name;
-    body();
-    const double ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-    out_.gates.push_back({name, out_.findings.size() == before, ms, ""});
+    out_.apply(name, [&body] { return body(), ""; });
   }
 
   void refuse(const Token& where, std::string message) {

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "spine/core/time.hpp"
+#include "supervisor/link/test/spine_rig.hpp"
 
 namespace lithe::control {
 namespace {
@@ -18,17 +19,6 @@ namespace {
 using swap::Answer;
 using swap::Json;
 using swap::Refusal;
-
-constexpr const char* kLaw =
-    "#include <lithe/law.hpp>\n"
-    "struct Rest {\n"
-    "  struct Params { lithe::Param gain{1.0, 0.0, 2.0}; };\n"
-    "  struct State { double last_rad = 0.0; };\n"
-    "  static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& e) {\n"
-    "    s.last_rad = t.position_rad[0]; e.torque_nm[0] = -p.gain * t.velocity_rad_s[0];\n"
-    "  }\n"
-    "};\n"
-    "LITHE_LAW(Rest, \"rest\");\n";
 
 class LawdLinkTest : public testing::Test {
  protected:
@@ -71,7 +61,7 @@ class LawdLinkTest : public testing::Test {
 };
 
 TEST_F(LawdLinkTest, CompilesALawAndDescribesIt) {
-  const Answer answer = compile(kLaw);
+  const Answer answer = compile(kRestLaw);
   ASSERT_TRUE(std::holds_alternative<Json>(answer)) << std::get<Refusal>(answer).message;
   EXPECT_EQ(std::get<Json>(answer)["law"]["name"], "rest");
   EXPECT_EQ(std::get<Json>(answer)["law"]["params"][0]["name"], "gain");
@@ -90,23 +80,23 @@ TEST_F(LawdLinkTest, ADeathRefusesWhatItHadInHandsAndANewOneServesTheNext) {
   const pid_t first = lawd_.pid();
   std::optional<Answer> answer;
   ::kill(first, SIGSTOP);  // so that the request is certainly in its hands
-  lawd_.compile({"rest.cpp", kLaw}, [&answer](const Answer& got) { answer = got; }, monotonic_ns());
+  lawd_.compile({"rest.cpp", kRestLaw}, [&answer](const Answer& got) { answer = got; }, monotonic_ns());
   ::kill(first, SIGKILL);
   serve_until([&answer] { return answer.has_value(); });
   ASSERT_TRUE(answer && std::holds_alternative<Refusal>(*answer));
   EXPECT_EQ(std::get<Refusal>(*answer).code, "lawd_died");
-  EXPECT_TRUE(std::holds_alternative<Json>(compile(kLaw)));
+  EXPECT_TRUE(std::holds_alternative<Json>(compile(kRestLaw)));
   EXPECT_NE(lawd_.pid(), first);
   EXPECT_EQ(lawd_.restarts(), 1U);
 }
 
 TEST_F(LawdLinkTest, EightChecksWaitAndTheNinthIsRefusedAtOnce) {
-  ASSERT_TRUE(std::holds_alternative<Json>(compile(kLaw)));
+  ASSERT_TRUE(std::holds_alternative<Json>(compile(kRestLaw)));
   freeze();
   const std::int64_t now_ns = monotonic_ns();
   std::vector<std::optional<Answer>> answers(LawdLink::kMaxChecks + 2);  // one is in its hands, eight wait
   for (auto& each : answers) {
-    lawd_.check({"rest.cpp", kLaw}, into(each), now_ns);
+    lawd_.check({"rest.cpp", kRestLaw}, into(each), now_ns);
   }
   EXPECT_EQ(code_of(answers.back()), "busy");
   EXPECT_EQ(code_of(answers.front()), "none");
@@ -116,7 +106,7 @@ TEST_F(LawdLinkTest, EightChecksWaitAndTheNinthIsRefusedAtOnce) {
     EXPECT_EQ(code_of(answers[i]), "done") << i;
   }
   std::optional<Answer> again;
-  lawd_.check({"rest.cpp", kLaw}, into(again), monotonic_ns());
+  lawd_.check({"rest.cpp", kRestLaw}, into(again), monotonic_ns());
   serve_until([&] { return again.has_value(); });
   EXPECT_EQ(code_of(again), "done");
 }
@@ -125,8 +115,8 @@ TEST_F(LawdLinkTest, OnlyTheOldestRunsOutOfTimeAndTheOthersGetTheirs) {
   freeze();
   const std::int64_t now_ns = monotonic_ns();
   std::optional<Answer> first, second;
-  lawd_.check({"rest.cpp", kLaw}, into(first), now_ns);
-  lawd_.check({"rest.cpp", kLaw}, into(second), now_ns);
+  lawd_.check({"rest.cpp", kRestLaw}, into(first), now_ns);
+  lawd_.check({"rest.cpp", kRestLaw}, into(second), now_ns);
   ahead_ns_ = LawdLink::kCompileTimeoutNs + kNsPerS;
   serve_until([&] { return first.has_value(); });
   EXPECT_EQ(code_of(first), "lawd_died");
@@ -137,9 +127,9 @@ TEST_F(LawdLinkTest, OnlyTheOldestRunsOutOfTimeAndTheOthersGetTheirs) {
 
 // It has work and goes on with it, but of the minute that seems to have passed it had next to nothing.
 TEST_F(LawdLinkTest, AServiceThatGetsNoProcessorTimeKnowsNothingAgainstTheLaw) {
-  ASSERT_TRUE(std::holds_alternative<Json>(compile(kLaw)));
+  ASSERT_TRUE(std::holds_alternative<Json>(compile(kRestLaw)));
   std::optional<Answer> answer;
-  lawd_.check({"rest.cpp", kLaw + ("// " + std::to_string(monotonic_ns()) + "\n")}, into(answer), monotonic_ns());
+  lawd_.check({"rest.cpp", kRestLaw + ("// " + std::to_string(monotonic_ns()) + "\n")}, into(answer), monotonic_ns());
   serve_until([&] { return work_of_session(lawd_.pid()).wants_to_run; });
   ahead_ns_ = LawdLink::kCompileTimeoutNs + kNsPerS;
   serve_until([&] { return answer.has_value(); });
@@ -153,9 +143,9 @@ TEST_F(LawdLinkTest, ASwapGoesBeforeEveryCheckThatWaits) {
   freeze();
   std::vector<std::string> order;
   const auto as = [&order](const char* who) { return [&order, who](const Answer&) { order.push_back(who); }; };
-  lawd_.check({"rest.cpp", kLaw}, as("in its hands"), monotonic_ns());
-  lawd_.check({"rest.cpp", kLaw}, as("check"), monotonic_ns());
-  lawd_.compile({"rest.cpp", kLaw}, as("swap"), monotonic_ns());
+  lawd_.check({"rest.cpp", kRestLaw}, as("in its hands"), monotonic_ns());
+  lawd_.check({"rest.cpp", kRestLaw}, as("check"), monotonic_ns());
+  lawd_.compile({"rest.cpp", kRestLaw}, as("swap"), monotonic_ns());
   ::kill(lawd_.pid(), SIGCONT);
   serve_until([&] { return order.size() == 3; });
   EXPECT_EQ(order, (std::vector<std::string>{"in its hands", "swap", "check"}));
@@ -165,7 +155,7 @@ TEST(LawdLinkWithoutAService, RefusesWhatWaitsWhenItCannotBeStarted) {
   LawdLink lawd("/nowhere/lawd", {}, 1);
   ASSERT_FALSE(lawd.start(0));
   std::optional<Answer> answer;
-  lawd.compile({"rest.cpp", kLaw}, [&answer](const Answer& got) { answer = got; }, 0);
+  lawd.compile({"rest.cpp", kRestLaw}, [&answer](const Answer& got) { answer = got; }, 0);
   lawd.serve(LawdLink::kRestartPauseNs);
   ASSERT_TRUE(answer && std::holds_alternative<Refusal>(*answer));
   EXPECT_EQ(std::get<Refusal>(*answer).code, "lawd_failed");

@@ -11,25 +11,17 @@
 #include <string>
 #include <thread>
 
+#include "supervisor/link/test/spine_rig.hpp"
+
 namespace lithe::control {
 namespace {
 
 using wire::EventKind;
 
-class SpineLinkTest : public testing::Test {
+class SpineLinkTest : public SpineRig {
  protected:
   void SetUp() override {
-    spine_.emplace(std::move(*ipc::Segment<ipc::SpineMemory>::create(robot_)));
-    ASSERT_TRUE(ipc::Segment<ipc::ControlMemory>::create(robot_));
-    auto info = std::make_unique<wire::RobotInfo>();
-    ipc::ChannelWriter<wire::RobotInfo>((*spine_)->robot_info).write(*info);
-    auto link = SpineLink::attach(robot_);
-    ASSERT_TRUE(link) << link.message();
-    link_.emplace(std::move(*link));
-  }
-  void TearDown() override {
-    ipc::remove_segment(ipc::Segment<ipc::SpineMemory>::path(robot_));
-    ipc::remove_segment(ipc::Segment<ipc::ControlMemory>::path(robot_));
+    attach([](wire::RobotInfo&) {});
   }
   static wire::Event event(EventKind kind, std::int64_t t_ns) {
     wire::Event made;
@@ -37,9 +29,6 @@ class SpineLinkTest : public testing::Test {
     made.t_ns = t_ns;
     return made;
   }
-  std::string robot_ = "link" + std::to_string(::getpid());
-  std::optional<ipc::Segment<ipc::SpineMemory>> spine_;
-  std::optional<SpineLink> link_;
 };
 
 TEST_F(SpineLinkTest, MergesBothRingsByTime) {

@@ -6,6 +6,8 @@
 
 #include <memory>
 
+#include "supervisor/link/test/spine_rig.hpp"
+
 namespace lithe::control {
 namespace {
 
@@ -64,23 +66,14 @@ TEST(Witness, TellsHowLongItCounted) {
 }
 
 // A Spine of 1 kHz with one joint, tick by tick.
-class LookAround : public testing::Test {
+class LookAround : public SpineRig {
  protected:
   void SetUp() override {
-    spine_.emplace(std::move(*ipc::Segment<ipc::SpineMemory>::create(robot_)));
-    control_.emplace(std::move(*ipc::Segment<ipc::ControlMemory>::create(robot_)));
-    auto info = std::make_unique<wire::RobotInfo>();
-    info->rate_hz = 1000;
-    info->joint_count = 1;
-    info->torque_slew_nm_s[0] = 100;
-    ipc::ChannelWriter<wire::RobotInfo>((*spine_)->robot_info).write(*info);
-    auto link = SpineLink::attach(robot_);
-    ASSERT_TRUE(link) << link.message();
-    link_.emplace(std::move(*link));
-  }
-  void TearDown() override {
-    ipc::remove_segment(ipc::Segment<ipc::SpineMemory>::path(robot_));
-    ipc::remove_segment(ipc::Segment<ipc::ControlMemory>::path(robot_));
+    attach([](wire::RobotInfo& info) {
+      info.rate_hz = 1000;
+      info.joint_count = 1;
+      info.torque_slew_nm_s[0] = 100;
+    });
   }
   // The new law of tick 501 steps by 0.05 N m and takes 777 ns.
   void run(std::uint64_t ticks) {
@@ -97,10 +90,6 @@ class LookAround : public testing::Test {
       ring.push(*record);
     }
   }
-  std::string robot_ = "witness" + std::to_string(::getpid());
-  std::optional<ipc::Segment<ipc::SpineMemory>> spine_;
-  std::optional<ipc::Segment<ipc::ControlMemory>> control_;
-  std::optional<SpineLink> link_;
 };
 
 TEST_F(LookAround, TellsBothSidesOfACommit) {

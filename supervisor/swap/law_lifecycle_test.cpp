@@ -7,23 +7,18 @@
 #include <map>
 #include <memory>
 
+#include "supervisor/link/test/spine_rig.hpp"
+
 namespace lithe::control {
 namespace {
 
 using swap::Json;
 using wire::EventKind;
 
-class AftermathTest : public testing::Test {
+class AftermathTest : public SpineRig {
  protected:
   void SetUp() override {
-    spine_.emplace(std::move(*ipc::Segment<ipc::SpineMemory>::create(robot_)));
-    control_.emplace(std::move(*ipc::Segment<ipc::ControlMemory>::create(robot_)));
-    auto info = std::make_unique<wire::RobotInfo>();
-    info->rate_hz = 1000;
-    ipc::ChannelWriter<wire::RobotInfo>((*spine_)->robot_info).write(*info);
-    auto link = SpineLink::attach(robot_);
-    ASSERT_TRUE(link) << link.message();
-    link_.emplace(std::move(*link));
+    attach([](wire::RobotInfo& info) { info.rate_hz = 1000; });
     lifecycle_.emplace(
         *link_,
         [this](const swap::Transaction& each, const swap::RecordBook::Page&) {
@@ -33,10 +28,6 @@ class AftermathTest : public testing::Test {
           asked_.push_back(offset);
           answers_.push_back(std::move(found));
         });
-  }
-  void TearDown() override {
-    ipc::remove_segment(ipc::Segment<ipc::SpineMemory>::path(robot_));
-    ipc::remove_segment(ipc::Segment<ipc::ControlMemory>::path(robot_));
   }
 
   // A law committed at tick 10 times its id; its request is 100 + its id.
@@ -79,10 +70,6 @@ class AftermathTest : public testing::Test {
   }
   std::string verdict(std::uint32_t law_id) { return kept_[100 + law_id].value("verdict", "none"); }
 
-  std::string robot_ = "lifecycle" + std::to_string(::getpid());
-  std::optional<ipc::Segment<ipc::SpineMemory>> spine_;
-  std::optional<ipc::Segment<ipc::ControlMemory>> control_;
-  std::optional<SpineLink> link_;
   std::map<std::uint64_t, Json> kept_;  // by request
   std::uint32_t pc_offset_ = 0;         // of the next faults
   std::vector<std::uint32_t> asked_;    // where these offsets are

@@ -16,6 +16,7 @@
 #include "spine/core/time.hpp"
 #include "spine/ipc/segment.hpp"
 #include "supervisor/link/lawd_link.hpp"
+#include "supervisor/link/test/spine_rig.hpp"
 
 namespace lithe::control {
 namespace {
@@ -37,33 +38,24 @@ constexpr const char* kLaw =
     "LITHE_LAW(Spring, \"spring\");\n";
 constexpr std::uint64_t kRequest = 70;
 
-class ParamChangesTest : public testing::Test {
+class ParamChangesTest : public SpineRig {
  protected:
   void SetUp() override {
 #if defined(__SANITIZE_ADDRESS__)
     GTEST_SKIP() << "a sanitizer cannot live in the sandbox";
 #endif
-    spine_.emplace(std::move(*ipc::Segment<ipc::SpineMemory>::create(robot_)));
-    control_.emplace(std::move(*ipc::Segment<ipc::ControlMemory>::create(robot_)));
-    auto info = std::make_unique<wire::RobotInfo>();
-    info->rate_hz = 1000;
-    info->joint_count = 1;
-    info->joint_name = {'e', 'l', 'b', 'o', 'w'};
-    ipc::ChannelWriter<wire::RobotInfo>((*spine_)->robot_info).write(*info);
+    attach([](wire::RobotInfo& info) {
+      info.rate_hz = 1000;
+      info.joint_count = 1;
+      info.joint_name = {'e', 'l', 'b', 'o', 'w'};
+    });
     tick_.emplace((*control_)->commands, (*spine_)->control_ack);
-    auto link = SpineLink::attach(robot_);
-    ASSERT_TRUE(link) << link.message();
-    link_.emplace(std::move(*link));
     commands_.emplace(*link_, 1);
     laws_.emplace(*link_);
     ASSERT_TRUE(lawd_.start(monotonic_ns()) && trial_.start(monotonic_ns()));
     make(&trial_);
     compile();
     publish(7);
-  }
-  void TearDown() override {
-    ipc::remove_segment(ipc::Segment<ipc::SpineMemory>::path(robot_));
-    ipc::remove_segment(ipc::Segment<ipc::ControlMemory>::path(robot_));
   }
   void make(TrialLink* trial) {
     changes_.emplace(ParamChanges::Helpers{*link_, trial, *commands_, log_, *laws_}, swap::Terms{},
@@ -154,11 +146,7 @@ class ParamChangesTest : public testing::Test {
   }
   const Refusal& refusal(std::size_t i) { return std::get<Refusal>(answers_.at(i)); }
 
-  std::string robot_ = "params" + std::to_string(::getpid());
-  std::optional<ipc::Segment<ipc::SpineMemory>> spine_;
-  std::optional<ipc::Segment<ipc::ControlMemory>> control_;
   std::optional<ipc::MailboxReceiver<wire::Command, wire::control_segment::kCommandsDepth>> tick_;
-  std::optional<SpineLink> link_;
   LawdLink lawd_{LITHE_LAWD, {}, 1};
   TrialLink trial_{LITHE_TRIAL, LITHE_ROBOT, {}};
   std::optional<Commands> commands_;

@@ -12,6 +12,7 @@
 
 #include "spine/arena/arena.hpp"
 #include "spine/core/time.hpp"
+#include "supervisor/link/test/spine_rig.hpp"
 
 namespace lithe::control {
 namespace {
@@ -20,36 +21,16 @@ using swap::Answer;
 using swap::Json;
 using swap::Refusal;
 
-constexpr const char* kLaw =
-    "#include <lithe/law.hpp>\n"
-    "struct Rest {\n"
-    "  struct Params { lithe::Param gain{1.0, 0.0, 2.0}; };\n"
-    "  struct State { double last_rad = 0.0; };\n"
-    "  static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& e) {\n"
-    "    s.last_rad = t.position_rad[0]; e.torque_nm[0] = -p.gain * t.velocity_rad_s[0];\n"
-    "  }\n"
-    "};\n"
-    "LITHE_LAW(Rest, \"rest\");\n";
-
-class PlacementTest : public testing::Test {
+class PlacementTest : public SpineRig {
  protected:
   void SetUp() override {
-    spine_.emplace(std::move(*ipc::Segment<ipc::SpineMemory>::create(robot_)));
-    control_.emplace(std::move(*ipc::Segment<ipc::ControlMemory>::create(robot_)));
-    auto info = std::make_unique<wire::RobotInfo>();
-    info->arena_base = arena::kBase;
-    info->arena_slots = arena::kSlots;
-    info->arena_slot_bytes = arena::kSlotBytes;
-    ipc::ChannelWriter<wire::RobotInfo>((*spine_)->robot_info).write(*info);
+    attach([](wire::RobotInfo& info) {
+      info.arena_base = arena::kBase;
+      info.arena_slots = arena::kSlots;
+      info.arena_slot_bytes = arena::kSlotBytes;
+    });
     loader_.emplace((*control_)->stage, (*spine_)->stage_ack);
-    auto link = SpineLink::attach(robot_);
-    ASSERT_TRUE(link) << link.message();
-    link_.emplace(std::move(*link));
     placement_.emplace(*link_, lawd_);
-  }
-  void TearDown() override {
-    ipc::remove_segment(ipc::Segment<ipc::SpineMemory>::path(robot_));
-    ipc::remove_segment(ipc::Segment<ipc::ControlMemory>::path(robot_));
   }
 
   // The Loader says that a law has its code in this slot; law_id 0: not any more.
@@ -82,11 +63,7 @@ class PlacementTest : public testing::Test {
     return *got;
   }
 
-  std::string robot_ = "placement" + std::to_string(::getpid());
-  std::optional<ipc::Segment<ipc::SpineMemory>> spine_;
-  std::optional<ipc::Segment<ipc::ControlMemory>> control_;
   std::optional<ipc::MailboxReceiver<wire::StageRequest, wire::control_segment::kStageDepth>> loader_;
-  std::optional<SpineLink> link_;
   LawdLink lawd_{LITHE_LAWD, {}, 1};
   std::optional<Placement> placement_;
 };
@@ -136,7 +113,7 @@ TEST_F(PlacementTest, LawdWritesIntoOneSlotAfterTheOther) {
   lawd_.give_arena(arena.get());
   ASSERT_TRUE(lawd_.start(monotonic_ns()));
   const Answer compiled =
-      wait_for([&](const LawdLink::Callback& then) { lawd_.compile({"rest.cpp", kLaw}, then, monotonic_ns()); });
+      wait_for([&](const LawdLink::Callback& then) { lawd_.compile({"rest.cpp", kRestLaw}, then, monotonic_ns()); });
   ASSERT_TRUE(std::holds_alternative<Json>(compiled));
   const std::string hash = std::get<Json>(compiled)["hash"];
   for (std::uint32_t slot = 1; slot <= 3; ++slot) {

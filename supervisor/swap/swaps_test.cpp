@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "spine/core/time.hpp"
+#include "supervisor/link/test/spine_rig.hpp"
 
 namespace lithe::control {
 namespace {
@@ -25,43 +26,22 @@ using swap::Json;
 using swap::Refusal;
 using wire::EventKind;
 
-constexpr const char* kLaw =
-    "#include <lithe/law.hpp>\n"
-    "struct Rest {\n"
-    "  struct Params { lithe::Param gain{1.0, 0.0, 2.0}; };\n"
-    "  struct State { double last_rad = 0.0; };\n"
-    "  static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& e) {\n"
-    "    s.last_rad = t.position_rad[0]; e.torque_nm[0] = -p.gain * t.velocity_rad_s[0];\n"
-    "  }\n"
-    "};\n"
-    "LITHE_LAW(Rest, \"rest\");\n";
 constexpr std::uint64_t kFirst = 100;  // request id
 const Refusal kGone{"robot_fault", "the Spine is gone", "start again"};
 
-class SwapsTest : public testing::Test {
+class SwapsTest : public SpineRig {
  protected:
   SwapsTest() : dir_(fs::temp_directory_path() / robot_) {}
   void SetUp() override {
-    spine_.emplace(std::move(*ipc::Segment<ipc::SpineMemory>::create(robot_)));
-    control_.emplace(std::move(*ipc::Segment<ipc::ControlMemory>::create(robot_)));
-    auto info = std::make_unique<wire::RobotInfo>();
-    info->rate_hz = 1000;
-    ipc::ChannelWriter<wire::RobotInfo>((*spine_)->robot_info).write(*info);
+    attach([](wire::RobotInfo& info) { info.rate_hz = 1000; });
     loader_.emplace((*control_)->stage, (*spine_)->stage_ack);
-    auto link = SpineLink::attach(robot_);
-    ASSERT_TRUE(link) << link.message();
-    link_.emplace(std::move(*link));
     commands_.emplace(*link_, 1);
     lawd_.open_gates();
     ASSERT_TRUE(lawd_.start(monotonic_ns()));
     swaps_.emplace(Swaps::Helpers{*link_, lawd_, nullptr, *commands_, log_}, swap::RecordBook(dir_), kFirst,
                    robot::RobotConfig{});
   }
-  void TearDown() override {
-    ipc::remove_segment(ipc::Segment<ipc::SpineMemory>::path(robot_));
-    ipc::remove_segment(ipc::Segment<ipc::ControlMemory>::path(robot_));
-    fs::remove_all(dir_);
-  }
+  void TearDown() override { fs::remove_all(dir_); }
 
   void turn_until(const std::function<bool()>& done) {
     const std::int64_t deadline_ns = monotonic_ns() + 60 * kNsPerS;
@@ -82,7 +62,7 @@ class SwapsTest : public testing::Test {
   const Refusal& refusal(std::size_t i) const { return std::get<Refusal>(answers_.at(i)); }
   // A swap, up to the request that the Loader finds in its mailbox.
   void ask(Json params = Json::object(), double shadow_s = 0) {
-    swap::Request request{"rest.cpp", kLaw, std::move(params)};
+    swap::Request request{"rest.cpp", kRestLaw, std::move(params)};
     request.terms.shadow_s = shadow_s;
     submit(request);
     wire::StageRequest staged;
@@ -128,12 +108,8 @@ class SwapsTest : public testing::Test {
     return Json::parse(file, nullptr, false);
   }
 
-  std::string robot_ = "swaps" + std::to_string(::getpid());
   fs::path dir_;
-  std::optional<ipc::Segment<ipc::SpineMemory>> spine_;
-  std::optional<ipc::Segment<ipc::ControlMemory>> control_;
   std::optional<ipc::MailboxReceiver<wire::StageRequest, wire::control_segment::kStageDepth>> loader_;
-  std::optional<SpineLink> link_;
   LawdLink lawd_{LITHE_LAWD, {}, 1};
   std::optional<Commands> commands_;
   EventLog log_;
@@ -317,7 +293,7 @@ TEST_F(SwapsTest, AShadowThatAgreedIsCommittedAndOneThatDidNotIsRefused) {
 }
 
 TEST_F(SwapsTest, ANewerRequestTakesThePlaceOfOneThatStillWaits) {
-  swap::Request request{"mine.cpp", kLaw};
+  swap::Request request{"mine.cpp", kRestLaw};
   request.client = 5;
   submit(request);
   submit(request);
@@ -333,8 +309,8 @@ TEST_F(SwapsTest, ANewerRequestTakesThePlaceOfOneThatStillWaits) {
 }
 
 TEST_F(SwapsTest, AStepThatTakesTooLongIsRefusedAndTheNextOneStarts) {
-  submit({"slow.cpp", kLaw});
-  submit({"next.cpp", kLaw});
+  submit({"slow.cpp", kRestLaw});
+  submit({"next.cpp", kRestLaw});
   const std::int64_t now_ns = monotonic_ns();
   swaps_->serve(now_ns + 119 * kNsPerS);
   EXPECT_TRUE(answers_.empty());
@@ -374,7 +350,7 @@ TEST_F(SwapsTest, AStagedLawWhoseEventsAreAllLostIsFoundInSharedMemory) {
 
 TEST_F(SwapsTest, TakesAtMostSixtyFourWaitingRequestsAndRefusesAllWhenTheSpineIsGone) {
   for (std::size_t i = 0; i <= Swaps::kMaxWaiting; ++i) {
-    submit({"many.cpp", kLaw});
+    submit({"many.cpp", kRestLaw});
   }
   ASSERT_EQ(answers_.size(), 1U);
   EXPECT_EQ(refusal(0).code, "busy");
