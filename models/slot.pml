@@ -2,10 +2,10 @@
  * The way of a law from the Loader to the tick and back. Code: spine/law/slot.hpp.
  *
  * Loader  stands for Loader::poll, retire_one, candidate_waits, stage, prepare and release (spine/load/loader.cpp) with
- *         Slot::collect_retired, active_id, withdraw and offer. Time-outs and refused loads may occur at any time.
+ *         Slot::collect_retired, active_id, withdraw and offer. Time-outs and refused loads come whenever they like.
  * Tick    stands for what Spine does with laws in one tick (spine/loop/laws.cpp): roll_back, step_law, replace_law,
  *         judge_law, swap, step_shadow, end_shadow, commit; with Slot::take, commit, refuse and rollback(n). Faults,
- *         commands and verdicts may occur at any time.
+ *         commands and opinions come whenever they like.
  *
  * A law's code belongs to its place: statements about a place are also true for its arena slot, which the Loader frees
  * (LawStore::unload) together with the place.
