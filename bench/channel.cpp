@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// One-way latency of a Channel between two cores, beside what the hardware can do and what other transports do.
+// One-way latency of a Channel between two cores, compared with the hardware's limit and with other transports.
 //
-// Every kind of link gets a short block in every round, so that whatever the machine does happens to all of them.
-// The latency is half of a round trip. The control asks and answers on one core, where no poll can see an answer
-// before the scheduler has changed threads: a bench that calls that fast is blind.
+// Every kind of link gets a short block in every round, so that the machine disturbs all of them in the same way.
+// The latency is half of a round trip. The negative control asks and answers on one core, where no poll can see an
+// answer before the scheduler has changed threads; its result must be bad.
 #include <algorithm>
 #include <atomic>
 #include <memory>
@@ -22,11 +22,12 @@ namespace {
 constexpr int kRounds = 50;
 constexpr std::int64_t kBlockNs = 60 * kNsPerMs;
 constexpr int kWarmUp = 200;            // exchanges at the start of a block that are not counted
-constexpr double kControlAtLeast = 20;  // the control's ratio must be at least this bad
+constexpr double kControlAtLeast = 20;  // the ratio of the control must be at least this
 
 // Exchanges messages for `block_ns` and appends half of each round trip.
 void run_block(Link& link, Cores cores, std::int64_t block_ns, int warm_up, std::vector<std::int64_t>& latency_ns) {
-  static std::atomic<std::uint64_t> first_sequence{1};  // never the same sequence twice, whatever is left in the link
+  static std::atomic<std::uint64_t> first_sequence{
+      1};  // never the same sequence twice: old messages may be in the link
   const std::uint64_t first = first_sequence.fetch_add(std::uint64_t{1} << 32);
   std::atomic<std::uint64_t> last{0};
   std::thread answering = on_core(cores.partner, [&] {
@@ -74,7 +75,7 @@ const Subject& named(const std::vector<Subject>& subjects, const std::string& na
                        [&](const Subject& each) { return each.link->name() == name; });
 }
 
-// What `over` takes compared with `under` in the same round, per mille, round by round.
+// The time of `over` relative to that of `under` in the same round, per mille, for each round.
 std::vector<std::int64_t> ratios_pm(const Subject& over, const Subject& under) {
   std::vector<std::int64_t> ratios;
   for (std::size_t round = 0; round < over.median_ns.size(); ++round) {
@@ -87,7 +88,7 @@ double ratio(const Subject& over, const Subject& under) {
   return static_cast<double>(quantile_ns(ratios_pm(over, under), 0.5)) / 1e3;
 }
 
-// How far apart the middle half of the rounds is, as a share of the median: above a quarter nobody should quote it.
+// The interquartile range of the rounds, as a share of the median. Above a quarter the ratio must not be quoted.
 double spread(const std::vector<std::int64_t>& ratios_pm) {
   return static_cast<double>(quantile_ns(ratios_pm, 0.75) - quantile_ns(ratios_pm, 0.25)) /
          static_cast<double>(std::max<std::int64_t>(quantile_ns(ratios_pm, 0.5), 1));

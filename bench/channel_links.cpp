@@ -31,8 +31,8 @@ constexpr std::size_t kPlanWords = sizeof(wire::Plan) / sizeof(std::uint64_t);
   std::exit(2);
 }
 
-// A cache line, or several, that carry a sequence number and payload: nothing protects them, so this is what the
-// hardware can do at best. With kWords = 1 only the number crosses.
+// One or several cache lines with a sequence number and payload. Nothing protects them, so this is the best that the
+// hardware can do. With kWords = 1 only the number is transferred.
 template <std::size_t kWords>
 class CacheLineLink final : public Link {
  public:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Ways to get a message from one thread to another, behind one small interface.
+// Ways to send a message from one thread to another, behind one small interface.
 #pragma once
 
 #include <cstdint>
@@ -7,8 +7,8 @@
 
 namespace lithe::bench {
 
-// A two-way connection between two threads. The message is `bytes` long and carries a sequence number; a side sends one
-// and polls for the answer, so that every kind is measured spinning, at its best.
+// A two-way connection between two threads. The message has `bytes` bytes and a sequence number; a side sends one
+// and polls for the answer. So every kind is measured spinning, where it is fastest.
 // Contract: one thread per side · side 0 asks, side 1 answers
 class Link {
  public:
@@ -19,7 +19,7 @@ class Link {
   virtual bool arrived(int side, std::uint64_t sequence) = 0;
 };
 
-std::unique_ptr<Link> make_cache_line_link();     // a raw cache line, 56 bytes and a number: what the hardware can do
+std::unique_ptr<Link> make_cache_line_link();     // a raw cache line, 56 bytes and a number: the hardware's limit
 std::unique_ptr<Link> make_one_word_link();       // a raw atomic word
 std::unique_ptr<Link> make_raw_plan_link();       // raw words, as many as a plan has
 std::unique_ptr<Link> make_channel_56_link();     // lithe Channel, the same 56 bytes

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Our moteus codec as a peer of others (bench/codec_cases.py says what is asked): argv names a file of cases; first
-// tells what it writes and reads for each of them, then, for every line on the standard input, how long that takes.
+// Our moteus codec as a peer of others (bench/codec_cases.py defines the interface). argv names a file of cases. It
+// first prints the frames written and the values read for all of them; then, for every line on the standard input, the
+// time that this takes.
 #include <array>
 #include <cstdint>
 #include <cstdio>
@@ -22,7 +23,7 @@ using moteus::SubframeWriter;
 using Json = nlohmann::json;
 
 constexpr std::size_t kValues = 7;
-constexpr int kPasses = 100;  // over all cases, so that a reading of the clock is nothing beside it
+constexpr int kPasses = 100;  // over all cases, so that reading the clock takes a negligible part of the time
 
 struct Case {
   std::array<double, kValues> values{};
@@ -104,7 +105,7 @@ double time_ns(const RawClock& clock, const std::vector<Case>& cases, Work work)
   return static_cast<double>(clock.now_ns() - began_ns) / (kPasses * static_cast<double>(cases.size()));
 }
 
-// What is computed is summed up and told, so that it is computed.
+// The results are summed up and printed, so that the compiler does not remove the computation.
 Json measure(const RawClock& clock, const std::vector<Case>& cases) {
   double sum = 0;
   Frame frame;

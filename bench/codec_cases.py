@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The maker's own Python library as a peer of our codec, and the frames that all peers write and read.
 
-Run by Python with that library in its path. argv: where the cases go, how many. Writes them, then is a peer: tells
-what it writes and reads, {"frames": [hex, ...], "reads": [[number, ...], ...]}, and then for each line on the
-standard input how long that took, {"encode_ns": ..., "parse_ns": ...}: one line of JSON each, nanoseconds per case.
+Run by Python with that library in its path. argv: the file for the cases, and their number. It writes the cases, and
+then works as a peer. First it prints the frames that it writes and the values that it reads,
+{"frames": [hex, ...], "reads": [[number, ...], ...]}. Then, for each line on the standard input, it prints the time,
+{"encode_ns": ..., "parse_ns": ...}: one line of JSON each, nanoseconds per case.
 A case is a position command with all seven numbers as floats, which asks for mode, position, velocity, torque,
-voltage, temperature and fault, as the library writes it; and an answer of a drive, with what the library reads in it.
+voltage, temperature and fault, as the library writes it; and an answer of a drive, with the values that the library
+reads from it.
 """
 
 import json
@@ -32,12 +34,12 @@ READ = (0x000, 0x001, 0x002, 0x003, 0x00D, 0x00E, 0x00F)
 
 
 def as_float(value: float) -> float:
-    """As a drive reads it: everybody writes the same bytes then."""
+    """Rounded to a float, so that all peers write the same bytes."""
     return float(struct.unpack("<f", struct.pack("<f", value))[0])
 
 
 def controller() -> Any:
-    """Commands in floats; asks for what a loop reads."""
+    """Commands in floats; asks for the values that a control loop needs."""
     made = moteus.Controller(id=1, transport=object())
     for name in FIELDS:
         setattr(made.position_resolution, name, moteus.multiplex.F32)
@@ -47,7 +49,7 @@ def controller() -> Any:
 
 
 def answer(lot: random.Random) -> bytes:
-    """What a drive says to that query."""
+    """The answer of a drive to that query."""
     mode, fault = bytes((0x21, 0x00, 10)), bytes((0x23, 0x0D, 48, 25, 0))
     return mode + bytes((0x2F, 0x01)) + struct.pack("<fff", lot.uniform(-3, 3), lot.uniform(-20, 20), 0.5) + fault
 
@@ -72,7 +74,7 @@ def make(made: Any, count: int) -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    """Writes the cases, then measures as often as it is asked."""
+    """Writes the cases, then measures once per line on the standard input."""
     made = controller()
     cases = make(made, int(sys.argv[2]))
     Path(sys.argv[1]).write_text("".join(json.dumps(case) + "\n" for case in cases))

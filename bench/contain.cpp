@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What containment costs a law that behaves, and how long the thread is away when one does not.
+// The time that containment adds to a correct law, and the time from a law's fault to the end of the next law's step.
 //
-// The ways of calling take turns in blocks of calls on one core, under a Watchdog on the partner core. The control
-// saves the signal mask in every call, as a plain sigsetjmp would: a bench that sees no difference there measures
-// nothing.
+// The ways of calling take turns in blocks of calls on one core, under a Watchdog on the partner core. The negative
+// control saves the signal mask in every call, as a plain sigsetjmp would; it must be slower.
 #include <setjmp.h>
 
 #include <array>
@@ -54,7 +53,7 @@ T or_exit(Result<T> result) {
   return std::move(*result);
 }
 
-// A Watchdog at work on the partner core, and what it takes of it.
+// A running Watchdog on the partner core, and its share of that core.
 class Guarded {
  public:
   Guarded(int cpu, const contain::WatchdogConfig& config) : dog(config) {
@@ -165,7 +164,7 @@ void report_crashes(Cores cores, JsonLine& line) {
     line.quantiles(std::string("contain_") + contain::bad::kCrashes[i].name, taken_ns[i]);
 }
 
-// How long after its deadline an endless law is gone.
+// The time from the deadline of an endless law to its end.
 void report_loops(Cores cores, const char* key, const contain::WatchdogConfig& config, JsonLine& line) {
   constexpr contain::bad::Case kLoop{"loop_forever", contain::bad::loop_forever, wire::LawFaultKind::overran};
   std::vector<std::int64_t> late_ns;

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a swap does to the motion: PI with one low-pass replaced by PI with two, at full speed, warm and cold.
+"""The effect of a swap on the motion: PI with one low-pass replaced by PI with two, at full speed, warm and cold.
 
 `python -m bench.continuity [--figure PATH]` -> out/bench/continuity.json, a figure and a table; `make bench-swap` runs
-it too. The integral carries the arm's weight in both laws. Four ways: state carried and begun from the past or from
-defaults, and output blended or not. In all of them the slew bound is opened wide, which otherwise hides the step.
+it too. The integral compensates the arm's weight in both laws. Four ways: state carried and initialised from the past,
+or from defaults; output blended, or not. The slew bound is always set very high; otherwise it would hide the step.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ Figures = dict[str, Any]
 OLD, NEW = ROOT / "bench/laws/pi_lowpass.cpp", ROOT / "bench/laws/pi_two_pole.cpp"
 SINE = {"centre_rad": 1.2, "amplitude_rad": 0.8, "frequency_hz": 1.0}
 BLEND_S = 0.02
-LEAST_SPEED_RAD_S = 4.5  # the sine's own is 5
+LEAST_SPEED_RAD_S = 4.5  # the largest speed of the sine is 5
 SETTLE_S = 1.5
 LOOK_S = 0.1
-STEP_TICKS = 50  # after the commit: the blend and what a filter that starts cold does
+STEP_TICKS = 50  # after the commit: the blend, and the transient of a filter that starts from defaults
 ERROR_TICKS = 300  # after the commit, and as many one period of the sine earlier
 PERIOD_TICKS = 1000
 REPEATS = 6
-TRIES = 3  # for each repeat: what the machine disturbs does not count
+TRIES = 3  # for each repeat: disturbed swaps are not counted
 LEAST_RATIO = 10.0  # a cold swap's step over LITHE's
 
 
 @dataclass(frozen=True)
 class Way:
-    """How one law follows the other."""
+    """One way to replace the law."""
 
     key: str
     words: str
@@ -62,7 +62,7 @@ WAYS = (
 
 
 def without_a_past(source: str) -> str:
-    """The same law under names that nothing is carried to, and with no init()."""
+    """The same law with other names of its State fields, so that nothing is carried, and without init()."""
     return source.replace("integral_nm", "fresh_integral_nm").replace("static void init(", "static void not_called(")
 
 
@@ -85,7 +85,7 @@ class Crossing:
         return error
 
     def error_added_deg(self) -> float:
-        """Most that it is off from where it was one period earlier, under the old law."""
+        """Largest difference from the error one period earlier, with the old law."""
         return float(np.abs(self.error_deg(0, ERROR_TICKS) - self.error_deg(-PERIOD_TICKS, ERROR_TICKS)).max())
 
     def speed_rad_s(self) -> float:
@@ -95,7 +95,7 @@ class Crossing:
 
 
 class Experiment:
-    """A robot on a sine, and swaps at its fastest."""
+    """A robot on a sine, and swaps at its largest speed."""
 
     def __init__(self, robot: lithe.Robot) -> None:
         self.robot, self.log = robot, TickLog(robot.name)
@@ -112,7 +112,7 @@ class Experiment:
         time.sleep(period_s - (time.monotonic() + self._commit_after_s) % period_s)
 
     def cross(self, old: str, new: str) -> Crossing | None:
-        """From one law to the other at full speed; None when the machine disturbed that, or came too late."""
+        """From one law to the other at full speed; None when the machine disturbed it, or the commit was too late."""
         wake(self.robot)
         self.robot.swap(old, name="old.cpp")
         time.sleep(SETTLE_S)
@@ -145,13 +145,13 @@ def cross_all(folder: Path, blend_s: float, repeats: int) -> dict[str, list[Cros
     texts = {way.key: new if way.carried else without_a_past(new) for way in ways}
     found: dict[str, list[Crossing]] = {way.key: [] for way in ways}
     folder.mkdir(parents=True)
-    # A cold swap is worse than what probation bears: it shall be seen to its end, and not be rolled back.
+    # A cold swap fails its probation: here it must be measured to its end, and not be rolled back.
     file = robot_file(folder, torque_slew_nm_s=WIDE_NM_S, blend_s=str(blend_s), probation_error_ratio="0.0")
     with Stage(file, folder / "run.log"):
         robot = lithe.connect("arm")
         try:
             for text in texts.values():
-                robot.swap(text, name="new.cpp")  # compiled now; the cache answers later
+                robot.swap(text, name="new.cpp")  # compiled now; later it comes from the cache
             experiment = Experiment(robot)
             try:
                 for _ in range(TRIES * repeats):
@@ -186,7 +186,7 @@ def figures(crossings: dict[str, list[Crossing]]) -> Figures:
 
 
 def draw(crossings: dict[str, list[Crossing]], path: Path) -> None:
-    """Torque and tracking error around the commit, cold and LITHE's side by side."""
+    """Torque and tracking error around the commit, cold and with LITHE side by side."""
     from lithe.demo.figures import BLUE, GREY, INK, RED, STYLE  # chooses a backend without a display
     from matplotlib import pyplot as plt
 
@@ -236,12 +236,12 @@ def show(told: Figures) -> None:
         ]
         for way in WAYS
     ]
-    head = ["", "swaps", "step [Nm]", "worst", "before", "error [deg]", "a period before", "added"]
+    head = ["", "swaps", "step [Nm]", "worst", "before", "error [deg]", "one period before", "added"]
     speed = cell(told, "continuity_lithe_speed_rad_s", ".1f")
-    title = f"PI with one low-pass replaced by PI with two at {speed} rad/s, slew bound opened wide (medians)"
+    title = f"PI with one low-pass replaced by PI with two at {speed} rad/s, slew bound set very high (medians)"
     table(title, head, rows)
     print(f"  largest torque step from tick to tick within {STEP_TICKS} ms of the commit: ", end="")
-    print(f"a cold swap's is {cell(told, 'continuity_step_ratio', '.1f')} times LITHE's")
+    print(f"with a cold swap {cell(told, 'continuity_step_ratio', '.1f')} times that of LITHE")
 
 
 def main(words: list[str]) -> int:

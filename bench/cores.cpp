@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the benches run: the Spine's core, whether the kernel keeps others off it, and which devices may interrupt it.
+// The cores of the benches: the Spine's core, whether it is isolated, and which devices may interrupt it.
 // One line of JSON.
 #include "bench/machine.hpp"
 #include "bench/samples.hpp"

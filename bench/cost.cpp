@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a tick costs beside its law: everything from waking to done, the law's own time taken off.
+// The time of a tick without its law: from wake-up to the end of the tick, minus the time of the law.
 //
-// The robots take turns in blocks of 500 ms. The control holds the robot with 32 joints to the cost of the one with a
-// single joint: a bench that sees no difference there measures nothing.
+// The robots take turns in blocks of 500 ms. The negative control compares the robot with 32 joints with the one with a
+// single joint: without a difference there, the bench would measure nothing.
 #include <cstdio>
 #include <memory>
 #include <string>

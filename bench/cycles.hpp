@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What happened to every release of a block, and how much of it the hypervisor did.
+// Measurements of every release of a block, and the part of the delay that the hypervisor caused.
 #pragma once
 
 #include <algorithm>
@@ -20,19 +20,19 @@ struct Cycle {
   std::int64_t stolen_ns = 0;            // wall time that passed without this thread having the core
   std::int64_t switches = 0;             // involuntary context switches
   std::int64_t faults = 0;               // minor page faults
-  std::int64_t handoff_ns = kUnknownNs;  // woken to command handed over; bare and skipped cycles have none
+  std::int64_t handoff_ns = kUnknownNs;  // wake-up to hand-over of the command; bare and skipped cycles have none
   std::int64_t cost_ns = kUnknownNs;     // the whole tick without its law; likewise
   std::int64_t bus_ns = kUnknownNs;      // the exchange that brought the tick's sample; likewise
 
-  // The hypervisor had the core: time is gone, and no other thread of this machine ran instead.
+  // The hypervisor had the core: time is missing, and no other thread of this machine ran instead.
   bool stolen() const { return switches == 0 && stolen_ns > std::max<std::int64_t>(5000, late_ns / 2); }
 };
 
 inline std::int64_t spine_period_ns(double rate_hz) { return static_cast<std::int64_t>(1e9 / rate_hz + 0.5); }
 
 // Runs `body(release_ns, woke_ns, skipped, cycle, cycle_before)` at every release as long as `more(release_ns)` holds,
-// and appends what happened to each of them. A release that was skipped is a cycle too, late by all the time until the
-// tick that ran instead.
+// and appends a Cycle for each of them. A skipped release has a Cycle too; it is late by the whole time until the next
+// tick that ran.
 template <class More, class Body>
 void run_while(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t phase_ns, More&& more,
                std::vector<Cycle>& cycles, Body&& body) {
@@ -60,7 +60,7 @@ void run_while(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t p
       missed.late_ns = now_ns - (grid.release_ns() - i * period_ns);
       cycles.push_back(missed);
     }
-    cycles.push_back(cycle);  // last, so that the next tick can add what it learns about this one
+    cycles.push_back(cycle);  // last, because the next tick adds figures to this one
   }
 }
 
@@ -76,7 +76,7 @@ void run_block(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t p
   run_while(clock, period_ns, phase_ns, more, cycles, body);
 }
 
-// One figure of all cycles that have it, or of those among them that the hypervisor did not touch.
+// One figure of all cycles that have it, or only of those without stolen time.
 inline std::vector<std::int64_t> figure_ns(const std::vector<Cycle>& cycles, std::int64_t Cycle::* figure,
                                            bool steal_aware) {
   std::vector<std::int64_t> values_ns;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The bench must not flatter: a release at which nothing ran counts, and only the hypervisor is excused.
+// A release at which nothing ran counts as late; only delays by the hypervisor are left out.
 #include "bench/cycles.hpp"
 
 #include <gtest/gtest.h>
@@ -37,7 +37,7 @@ TEST(Cycles, OnlyTimeTakenWithoutASwitchIsTheHypervisors) {
   cycle.stolen_ns = 40'000;
   EXPECT_TRUE(cycle.stolen());
   cycle.switches = 1;
-  EXPECT_FALSE(cycle.stolen()) << "another thread of this machine ran: that is ours to answer for";
+  EXPECT_FALSE(cycle.stolen()) << "another thread of this machine ran: not the hypervisor";
   cycle.switches = 0;
   cycle.stolen_ns = 20'000;
   EXPECT_FALSE(cycle.stolen()) << "less than half of the lateness is explained";

@@ -42,7 +42,7 @@ bool run_cyclictest(int cpu, int seconds, std::vector<std::int64_t>& latency_ns)
   }
   if (pclose(output) == 0 && latency_ns.size() > before) return true;
   std::fprintf(stderr, "bench: cyclictest failed; it said:\n%s", text.substr(0, 2000).c_str());
-  latency_ns.resize(before);  // half a measurement is none
+  latency_ns.resize(before);  // an incomplete measurement is dropped
   return false;
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What this machine does to fresh memory and to a thread that spins: the numbers of docs/rt.md. One line of JSON.
-// bench_host [ROUNDS]: in each round every condition has its turn.
+// The effect of this machine on new memory and on a spinning thread: the numbers of docs/rt.md. One line of JSON.
+// bench_host [ROUNDS]: each round measures every condition once.
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
@@ -38,7 +38,8 @@ constexpr std::int64_t kBlockNs = 500 * kNsPerMs;
 constexpr std::int64_t kLateNs = 2'000;
 constexpr std::size_t kPageBytes = 4096, kPages = 512;
 constexpr int kTouchesPerRound = 4;
-constexpr double kControlAtLeast = 0.2;  // of the releases: what an equal thread on the same core must cost
+constexpr double kControlAtLeast =
+    0.2;  // of the releases: an equal thread on the same core must cost at least this share
 
 // First and second write to each page of new memory.
 struct Touches {
@@ -49,7 +50,7 @@ void touch_fresh_pages(const RawClock& clock, Touches& touches) {
   constexpr std::size_t kBytes = kPages * kPageBytes;
   void* fresh = mmap(nullptr, kBytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
   if (fresh == MAP_FAILED) return;
-  madvise(fresh, kBytes, MADV_NOHUGEPAGE);  // the Spine's pages are small ones too
+  madvise(fresh, kBytes, MADV_NOHUGEPAGE);  // the Spine uses small pages too
   auto* bytes = static_cast<volatile char*>(fresh);
   for (std::vector<std::int64_t>* times_ns : {&touches.first_ns, &touches.again_ns}) {
     for (std::size_t page = 0; page < kPages; ++page) {
@@ -61,7 +62,7 @@ void touch_fresh_pages(const RawClock& clock, Touches& touches) {
   munmap(fresh, kBytes);
 }
 
-// What came of the releases of all blocks of one condition.
+// The releases of all blocks of one condition.
 struct Spun {
   std::vector<Cycle> cycles;
   double skipped = 0;
@@ -73,7 +74,7 @@ struct Spun {
   }
 };
 
-// The clock that the blocks read, steered before each: the kernel's timer tick is on whole milliseconds of it.
+// The clock that the blocks read, adjusted before each block: the kernel's timer tick is on its whole milliseconds.
 struct Time {
   std::unique_ptr<loop::ClockMemory> memory = std::make_unique<loop::ClockMemory>();
   loop::ClockKeeper keeper{(loop::start_clock(*memory), *memory)};
@@ -86,7 +87,7 @@ void spin_block(Time& time, std::int64_t phase_ns, Spun& spun) {
             [&](std::int64_t, std::int64_t, std::uint32_t skipped, Cycle&, Cycle*) { spun.skipped += skipped; });
 }
 
-// An ordinary thread that wants the core too.
+// An ordinary thread that uses the core too.
 class Competitor {
  public:
   explicit Competitor(int cpu)
@@ -125,7 +126,7 @@ std::string set_session_nice(const char* value) {
   return why;
 }
 
-// A program of another session that spins on the core with nice 10, as a compiler of ours might.
+// A program in another session that spins on the core with nice 10, like one of our compilers.
 class OtherSession {
  public:
   explicit OtherSession(int cpu) : pid_(fork()) {
@@ -148,7 +149,7 @@ class OtherSession {
   pid_t pid_;
 };
 
-// Wall time and the time that the calling thread had of it.
+// Wall time, and the CPU time that the calling thread had in it.
 struct Had {
   double wall_ns = 0, cpu_ns = 0;
   double share() const { return wall_ns > 0 ? cpu_ns / wall_ns : 0; }
@@ -165,8 +166,8 @@ void spin_for(std::int64_t ns, Had& had) {
 struct Runs {
   Touches touches;
   std::array<Spun, 3> grids;          // in the order of kPhases
-  Spun alone, beside, raised_beside;  // an ordinary thread on the core: none, one, one beside nice -20
-  Had plain_session, raised_session;  // nice -20 beside nice 10 of another session
+  Spun alone, beside, raised_beside;  // ordinary threads on the core: none, one, one while we have nice -20
+  Had plain_session, raised_session;  // nice -20, and nice 10 in another session
   std::string nice_absent, session_absent;
 };
 

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What this machine does to fresh memory, to a thread that spins, and to a Brain beside it: the numbers of docs/rt.md.
+"""The effect of this machine on new memory, on a spinning thread and on a Brain: the numbers of docs/rt.md.
 
-`python -m bench.host [--short]` -> out/bench/host.json and a table, in about a minute; `--short` takes one round
-(LITHE_BENCH_SHORT=1 does the same wherever it runs). Conditions alternate, all on the core where the Spine would
-tick. Memory, the release phase and nice -20: bench/host.cpp. The Brain: numpy inverts matrices with threads as it
-likes and with one thread on the Brain's core, each beside a program that spins as a Spine does and without it. What the
-kernel does not permit, as nice -20 without root, is left out with its reason.
+`python -m bench.host [--short]` -> out/bench/host.json and a table, in about a minute; `--short` runs one round
+(LITHE_BENCH_SHORT=1 does the same). Conditions alternate, all on the core where the Spine would tick. Memory, the
+release phase and nice -20: bench/host.cpp. The Brain: numpy inverts matrices with its default number of threads, and
+with one thread on the Brain's core; each with and without a program that spins like a Spine. A measurement that the
+kernel does not permit, such as nice -20 without root, is left out, with the reason.
 """
 
 import contextlib
@@ -50,10 +50,10 @@ for _ in sys.stdin:
 
 
 class Brain:
-    """A process that computes for a block whenever it is asked to."""
+    """A process that computes for the time of a block on request."""
 
     def __init__(self, core: int | None) -> None:
-        """With one thread on that core; or with threads as numpy likes, where numpy likes."""
+        """With one thread on that core; or, without a core, with numpy's default threads on any core."""
         env = {name: value for name, value in os.environ.items() if name not in THREAD_VARIABLES}
         pinned = ["taskset", "-c", str(core)] if core is not None else []
         if core is not None:
@@ -63,7 +63,7 @@ class Brain:
         self.threads = int(self.answer())
 
     def answer(self) -> float:
-        """One line from it."""
+        """Reads one line of its output."""
         assert self.process.stdout is not None
         line = self.process.stdout.readline()
         if not line:
@@ -71,7 +71,7 @@ class Brain:
         return float(line)
 
     def rate(self) -> float:
-        """Inversions a second in one block."""
+        """Inversions per second in one block."""
         assert self.process.stdin is not None
         self.process.stdin.write("\n")
         self.process.stdin.flush()
@@ -85,7 +85,7 @@ class Brain:
 
 @contextlib.contextmanager
 def spinning(core: int) -> Iterator[None]:
-    """A program that spins on a core, with the priority of a Spine if the kernel grants it."""
+    """A program that spins on a core, with the priority of a Spine if the kernel permits it."""
     words = [*DIE_WITH_US, "taskset", "-c", str(core), sys.executable, "-c", SPIN]
     process = subprocess.Popen(words, stdout=subprocess.PIPE)
     try:

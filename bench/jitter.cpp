@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Release jitter of LITHE beside the best this machine can do and beside cyclictest.
+// Release jitter of LITHE, compared with the best that this machine can do and with cyclictest.
 //
-// Blocks of 500 ms of a bare spin (floor) and of LITHE alternate on one core and in one phase, so that whatever the
-// machine does happens to both; cyclictest takes its turn on the same core after each round. The control is LITHE with
-// a competitor on its core: a bench that calls that good is blind.
+// Blocks of 500 ms of a bare spin (floor) and of LITHE alternate on one core and in one phase, so that the machine
+// disturbs both in the same way; cyclictest runs on the same core after each round. The negative control is LITHE with
+// another busy thread on its core; its result must be bad.
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -25,8 +25,8 @@ constexpr int kRounds = 6;
 constexpr int kPairsPerRound = 10;  // 500 ms of floor and 500 ms of LITHE each
 constexpr int kCyclictestSeconds = 4;
 constexpr std::int64_t kBlockNs = 500 * kNsPerMs;
-constexpr std::int64_t kLeastNs = 1000;  // below this a difference means nothing
-constexpr double kControlAtLeast = 20;   // the control's ratio must be at least this bad
+constexpr std::int64_t kLeastNs = 1000;  // smaller differences are not significant
+constexpr double kControlAtLeast = 20;   // the ratio of the control must be at least this
 
 struct Runs {
   std::vector<Cycle> floor, lithe, control;
@@ -44,7 +44,7 @@ Runs measure(Cores cores) {
     }
     cyclictest = cyclictest && run_cyclictest(cores.spine, kCyclictestSeconds, runs.cyclictest_ns);
   }
-  if (!cyclictest) runs.cyclictest_ns.clear();  // without it the rest still holds
+  if (!cyclictest) runs.cyclictest_ns.clear();  // the other figures are valid without it
   std::atomic<bool> stop{false};
   std::thread competitor = on_core(cores.spine, [&] {
     while (!stop.load(std::memory_order_relaxed)) spin_pause();
@@ -75,7 +75,7 @@ void report(const Runs& runs) {
   line.number("release_jitter_p999_over_floor", ratio(lithe_ns, floor_ns, 0.999))
       .number("release_jitter_p99_over_floor", ratio(lithe_ns, floor_ns, 0.99))
       .number("release_jitter_p999_over_floor_raw", ratio(lithe_raw_ns, floor_raw_ns, 0.999))
-      // Raw over raw: nobody can tell from outside what the hypervisor stole from cyclictest.
+      // Raw over raw: the stolen time of cyclictest is not visible from outside.
       .number("release_jitter_p999_over_cyclictest", ratio(lithe_raw_ns, runs.cyclictest_ns, 0.999))
       .number("release_jitter_p50_over_cyclictest", ratio(lithe_raw_ns, runs.cyclictest_ns, 0.5))
       .quantiles("floor", floor_ns)
@@ -103,7 +103,7 @@ int main() {
   using namespace lithe::bench;
   const Cores cores = pick_cores();
   pin_or_exit(cores.spine);
-  // Neither is a condition: without the right to them the figures say what this machine gives.
+  // Neither is required: without permission for them the figures are those of this machine as it is.
   lithe::raise_priority();
   if (const auto locked = lithe::lock_memory(); !locked) std::fprintf(stderr, "bench: %s\n", locked.message().c_str());
   report(measure(cores));

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The jitter of the real process: `lithe run robots/arm.toml` with the demo's Brain, from the Spine's own histograms.
 
-Nothing can be interleaved with it and nobody can tell from outside what the hypervisor stole from a single release, so
-these figures are raw. The control runs a competitor on the Spine's core. Prints one JSON line.
+No other block can alternate with it, and the stolen time of a single release is not visible from outside, so
+these figures are raw. The negative control runs another busy thread on the Spine's core. Prints one JSON line.
 """
 
 import json
@@ -24,7 +24,7 @@ SETTLE_S = 2.0
 RUN_S = 30.0
 CONTROL_S = 5.0
 CONTROL_AT_LEAST = 3.0
-LEAST_US = 1.0  # below this a difference means nothing
+LEAST_US = 1.0  # smaller differences are not significant
 SINE = {"centre_rad": 0.0, "amplitude_rad": 0.5, "frequency_hz": 0.5}
 Bins = npt.NDArray[np.uint64]
 
@@ -50,14 +50,14 @@ def quantiles(key: str, bins: Bins) -> dict[str, float]:
 
 
 def steal(cpu: int) -> tuple[int, int]:
-    """Clock ticks stolen from a core, and all of them, since boot."""
+    """Stolen clock ticks of a core, and all its clock ticks, since boot."""
     lines = Path("/proc/stat").read_text().splitlines()
     ticks = next([int(word) for word in line.split()[1:9]] for line in lines if line.split()[0] == f"cpu{cpu}")
     return ticks[7], sum(ticks)
 
 
 def preemptions(pid: int, cpu: int) -> int:
-    """How often a thread that may run nowhere but on this core had to make room there."""
+    """How often a thread that is pinned to this core was preempted there."""
     counts = [0]
     for task in Path(f"/proc/{pid}/task").iterdir():
         if os.sched_getaffinity(int(task.name)) == {cpu}:
@@ -67,7 +67,7 @@ def preemptions(pid: int, cpu: int) -> int:
 
 
 class Probe:
-    """What has happened since the last look, to the Spine and to its core."""
+    """What happened to the Spine and its core since start()."""
 
     def __init__(self, stage: Stage) -> None:
         """Start counting."""
@@ -77,7 +77,7 @@ class Probe:
         self.start()
 
     def start(self) -> None:
-        """Forget all before now."""
+        """Count from now on."""
         spine = self.stage.spine
         self.jitter, self.handoff = spine.histogram("release_jitter"), spine.histogram("handoff")
         self.stolen, self.total = steal(self.cpu)
@@ -85,7 +85,7 @@ class Probe:
         self.looks = self.inactive = 0
 
     def wait(self, seconds: float) -> None:
-        """Let it run, and see that it does."""
+        """Wait, and check meanwhile that the robot is active."""
         until = time.monotonic() + seconds
         while time.monotonic() < until:
             time.sleep(0.1)
@@ -94,7 +94,7 @@ class Probe:
             self.inactive += record is None or int(record["mode"]) != Mode.active
 
     def figures(self) -> dict[str, Any]:
-        """The distributions and what disturbed them."""
+        """The distributions, and the disturbances."""
         spine = self.stage.spine
         jitter = spine.histogram("release_jitter") - self.jitter
         handoff = spine.histogram("handoff") - self.handoff
@@ -112,7 +112,7 @@ class Probe:
 
 
 def control(probe: Probe) -> dict[str, float]:
-    """The same with a competitor on the Spine's core."""
+    """The same with another busy thread on the Spine's core."""
     command = [*DIE_WITH_US, "taskset", "-c", str(probe.cpu), sys.executable, "-c", "while True: pass"]
     competitor = subprocess.Popen(command, start_new_session=True)
     try:
@@ -126,7 +126,7 @@ def control(probe: Probe) -> dict[str, float]:
 
 
 def main() -> None:
-    """Run it, print the line."""
+    """Measure and print the line."""
     with tempfile.TemporaryDirectory() as name, Stage(ROOT / "robots/arm.toml", Path(name) / "run.log") as stage:
         start_brain(stage, Path(name) / "token", SINE)
         time.sleep(SETTLE_S)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Threads on the cores a bench names, and what the kernel did to the calling thread meanwhile.
+// Threads on selected cores, and the kernel's counts about the calling thread.
 #pragma once
 
 #include <cstdint>
@@ -14,8 +14,8 @@ struct Cores {
   int partner = 0;
 };
 
-// LITHE_BENCH_CORES=spine,partner, else those `lithe run` would take. Ends the program with a message when this machine
-// does not allow two cores.
+// LITHE_BENCH_CORES=spine,partner; otherwise those that `lithe run` would use. Ends the program with a message when
+// this process cannot use two cores.
 Cores pick_cores();
 
 // Starts a thread already pinned to `cpu`.
@@ -24,7 +24,7 @@ std::thread on_core(int cpu, std::function<void()> body);
 // Pins the calling thread; ends the program when that is refused.
 void pin_or_exit(int cpu);
 
-// What the kernel has done to the calling thread since it started.
+// The kernel's counts about the calling thread since its start.
 struct ThreadToll {
   std::int64_t wall_ns = 0;
   std::int64_t cpu_ns = 0;

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs benches, merges what they measured into out/bench/summary.json, and prints it.
+"""Runs benches, merges their figures into out/bench/summary.json, and prints them.
 
-`python -m bench.report [NAME ...]`. Exit 0: measured. 1: something asked for is INCONCLUSIVE, and null. 2: usage.
-Figures of benches that did not run this time stay, if they come from this machine.
+`python -m bench.report [NAME ...]`. Exit 0: measured. 1: a requested figure is INCONCLUSIVE (null). 2: usage.
+Figures of benches that did not run this time stay, if they are from this machine.
 """
 
 import json
@@ -21,10 +21,10 @@ from bench import tables
 ROOT = Path(__file__).resolve().parent.parent
 OUT = ROOT / "out/bench"
 TRIES = 3
-DISTURBED = 0.05  # above this share of stolen or preempted cycles a run proves nothing
-RESTING = 0.3  # of the exchanges: a joint that turns about stands still for a moment
-BESIDE = 2.0  # times slower: one thread on the Brain's own core hardly notices a Spine on another
-UNSTEADY = 0.25  # nor one whose rounds differ by more
+DISTURBED = 0.05  # above this share of stolen or preempted ticks a run is INCONCLUSIVE
+RESTING = 0.3  # of the exchanges: a joint that reverses is at rest for a moment
+BESIDE = 2.0  # times slower: a Spine on another core has almost no effect on one thread on the Brain's core
+UNSTEADY = 0.25  # a figure whose rounds differ by more is INCONCLUSIVE
 Figures = dict[str, Any]
 
 
@@ -34,18 +34,22 @@ class Unmeasured(Exception):
 
 @dataclass(frozen=True)
 class Bench:
-    """How a thing is measured and shown, what is claimed from it, and what must hold for that."""
+    """How something is measured and shown, its claims, and the conditions for them."""
 
     command: tuple[str, ...]  # prints one line of JSON
     show: Callable[[Figures], None]
-    claims: tuple[str, ...]  # null unless measured well
+    claims: tuple[str, ...]  # figures; null if INCONCLUSIVE
     most: dict[str, float] = field(default_factory=dict)  # a figure above this is a reason to measure again
-    names: dict[str, str] = field(default_factory=dict)  # a claim that is another figure by its published name
-    steady: dict[str, str] = field(default_factory=dict)  # a figure, and the spread of its rounds: null if UNSTEADY
+    names: dict[str, str] = field(
+        default_factory=dict
+    )  # a claim that is a copy of another figure, under its published name
+    steady: dict[str, str] = field(
+        default_factory=dict
+    )  # a figure, and the spread of its rounds: null if above UNSTEADY
 
 
 def program(name: str) -> tuple[str, ...]:
-    """One of ours in C++."""
+    """The path of one of our C++ bench programs."""
     return (str(Path(os.environ.get("LITHE_BIN_DIR") or ROOT / "build/release/bin") / f"bench_{name}"),)
 
 
@@ -134,7 +138,7 @@ def first_line(path: str, key: str = "") -> str:
 
 
 def machine() -> Figures:
-    """What the figures were measured on: without it they mean nothing."""
+    """A description of the machine; figures are meaningless without it."""
     return {
         "machine_cpu": first_line("/proc/cpuinfo", "model name") or platform.machine(),
         "machine_cores": os.cpu_count(),
@@ -149,19 +153,19 @@ def machine() -> Figures:
 
 
 def cores() -> Figures:
-    """The cores that bench/machine.cpp picks, and whether the kernel keeps others off them; or nothing."""
+    """The cores that bench/machine.cpp selects, and whether they are isolated; empty if there are none."""
     try:
         done = subprocess.run(program("cores"), capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):  # not built, or there are no two cores
+    except (OSError, subprocess.CalledProcessError):  # not built, or fewer than two cores
         return {}
     told: Figures = json.loads(done.stdout)
     return told
 
 
 def measure(command: tuple[str, ...]) -> Figures:
-    """The figures one program prints."""
+    """The figures that a program prints."""
     try:
-        # A session of its own, as the Spine has: its priority must count against all others.
+        # A separate session, as the Spine has: its nice value must count against all other threads.
         done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False, start_new_session=True, cwd=ROOT)
     except OSError as error:
         raise Unmeasured(f"{command[0]}: {error.strerror}; `make bench` builds it") from None
@@ -172,18 +176,18 @@ def measure(command: tuple[str, ...]) -> Figures:
 
 
 def disturbances(bench: Bench, figures: Figures) -> list[str]:
-    """What makes this run worth nothing."""
+    """The reasons why this run is INCONCLUSIVE."""
     found = []
     for key, most in bench.most.items():
         value = figures.get(key)
         if value is None or value > most:
             found.append(f"{key} is {tables.cell(figures, key, '.1%')}, above {most:.0%}")
     blind = [key for key, value in figures.items() if key.endswith("failed_as_it_must") and not value]
-    return found + [f"a control that must fail did not ({key})" for key in blind]
+    return found + [f"the negative control did not fail ({key})" for key in blind]
 
 
 def unsteady(bench: Bench, figures: Figures) -> dict[str, str]:
-    """Which figures say nothing, each for itself, because the rounds they come from differ too much; and why."""
+    """Figures that are INCONCLUSIVE because their rounds differ too much; and the reason of each."""
     found = {}
     for figure, key in bench.steady.items():
         value = figures.get(key)
@@ -193,7 +197,7 @@ def unsteady(bench: Bench, figures: Figures) -> dict[str, str]:
 
 
 def examine(name: str, bench: Bench) -> Figures:
-    """Measures, again while the machine disturbs it; then INCONCLUSIVE, and what it would claim is null."""
+    """Measures, up to TRIES times while the machine disturbs it; after that INCONCLUSIVE, and its claims are null."""
     load, began = os.getloadavg()[0], time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
     figures: Figures = {}
     attempt, reasons, doubts = 0, ["not measured"], dict[str, str]()
@@ -227,12 +231,12 @@ def examine(name: str, bench: Bench) -> Figures:
 
 
 def earlier(name: str, here: Figures) -> Figures:
-    """What a bench that does not run now has left, if it is of this machine."""
+    """The earlier figures of a bench that does not run now, if they are from this machine."""
     try:
         old: Figures = json.loads((OUT / f"{name}.json").read_text())
     except (OSError, ValueError):
         return {}
-    passing = "machine_spine_core_interrupts"  # the kernel and irqbalance move them at any time
+    passing = "machine_spine_core_interrupts"  # the kernel and irqbalance may change them at any time
     return old if all(old.get(key) == value for key, value in here.items() if key != passing) else {}
 
 

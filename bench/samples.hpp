@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Durations as they were measured, their quantiles, and the JSON line a bench program prints about them.
+// Measured durations, their quantiles, and the JSON line that a bench program prints.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 
 namespace lithe::bench {
 
-// The value below which the fraction `q` of the samples lies. Sorts a copy: never while measuring.
+// The value below which the fraction `q` of the samples lies. Sorts a copy, so do not call it while measuring.
 inline std::int64_t quantile_ns(std::vector<std::int64_t> samples_ns, double q) {
   if (samples_ns.empty()) return 0;
   const auto rank = static_cast<std::size_t>(std::ceil(q * static_cast<double>(samples_ns.size())));

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What 1, 4, 12 and 32 joints cost, and what our moteus codec costs beside other people's.
+"""The time that 1, 4, 12 and 32 joints take, and our moteus codec compared with others.
 
-`python -m bench.scale [--short]` -> out/bench/scale.json and a table; `--short` takes few rounds (LITHE_BENCH_SHORT=1
-does the same wherever it runs). Exchanges and ticks: bench/scale.cpp. Codecs: ours in C++ and the maker's Python
-library (PyPI) write and read the same frames, checked byte for byte, in turns. A third one takes part if
-LITHE_CODEC_PEER names a program that does what bench_codec does (bench/codec_cases.py says what): around the maker's
-C++ library, for example. All of them live on the core where the Spine would tick, and each turn of one begins with a
-pass that nobody counts: it brings the codec back into the caches.
+`python -m bench.scale [--short]` -> out/bench/scale.json and a table; `--short` runs few rounds (LITHE_BENCH_SHORT=1
+does the same). Exchanges and ticks: bench/scale.cpp. Codecs: ours in C++ and the maker's Python
+library (PyPI) write and read the same frames in turns; the bytes are compared. LITHE_CODEC_PEER can name a third
+program with the interface of bench_codec (defined in bench/codec_cases.py), for example with the maker's
+C++ library. All of them run on the core where the Spine would tick. Each turn begins with a pass that is not counted:
+it brings the codec back into the caches.
 """
 
 import contextlib
@@ -24,7 +24,7 @@ from bench import report
 
 ROOT = report.ROOT
 CASES = 200
-TOLERANCE = 1e-5  # of what is read: some read floats, some doubles
+TOLERANCE = 1e-5  # of the values read: some codecs use floats, some doubles
 Figures = dict[str, Any]
 
 
@@ -32,7 +32,7 @@ class Peer:
     """One codec: a program that writes and reads the cases, and is timed when asked."""
 
     def __init__(self, name: str, core: int, command: list[str], env: dict[str, str] | None = None) -> None:
-        """Starts it on that core; the first line it says is what it writes and reads."""
+        """Starts it on that core; its first line has the frames that it writes and the values that it reads."""
         self.name = name
         self.rounds: list[Figures] = []
         self.process = subprocess.Popen(
@@ -46,7 +46,7 @@ class Peer:
         self.told = self.answer()
 
     def answer(self) -> Figures:
-        """One line of JSON from it."""
+        """Reads one line of JSON from it."""
         assert self.process.stdout is not None
         line = self.process.stdout.readline()
         if not line:
@@ -56,19 +56,19 @@ class Peer:
         return told
 
     def ask(self) -> Figures:
-        """What one pass over all cases took."""
+        """The time of one pass over all cases."""
         assert self.process.stdin is not None
         self.process.stdin.write("\n")
         self.process.stdin.flush()
         return self.answer()
 
     def measure(self) -> None:
-        """One turn: a pass after the others' that does not count, and one that does."""
+        """One turn: a pass that is not counted, because other codecs used the caches, and one that is."""
         self.ask()
         self.rounds.append(self.ask())
 
     def median(self, key: str) -> float:
-        """The middle one of all rounds."""
+        """The median of all rounds."""
         return statistics.median(float(each[key]) for each in self.rounds)
 
     def close(self) -> None:
@@ -78,13 +78,13 @@ class Peer:
 
 
 def core_of_the_spine() -> int:
-    """As bench/machine.cpp picks it; where it finds no two, the last that this process may use."""
+    """As bench/machine.cpp selects it; if there are no two cores, the last one that this process may use."""
     return int(report.cores().get("machine_spine_core", max(os.sched_getaffinity(0))))
 
 
 @contextlib.contextmanager
 def peers(folder: Path) -> Iterator[tuple[list[Peer], list[str]]]:
-    """All codecs that can be had here, the maker's first, ours second; and why others cannot."""
+    """All codecs that are available here, the maker's first, ours second; and why others are not."""
     cases = folder / "cases.jsonl"
     got = subprocess.run(
         [sys.executable, "tools/pypi.py", "moteus==1.0.0"], cwd=ROOT, check=False, capture_output=True, text=True
@@ -109,23 +109,23 @@ def peers(folder: Path) -> Iterator[tuple[list[Peer], list[str]]]:
 
 
 def differences(theirs: Figures, ours: Figures) -> str:
-    """Where two codecs do not write the same bytes or read the same numbers; empty when they agree."""
+    """The difference between two codecs in written bytes or read values; empty when there is none."""
     if theirs["frames"] != ours["frames"]:
-        return "they write other frames"
+        return "they write different frames"
     for expected, read in zip(theirs["reads"], ours["reads"], strict=True):
         if any(abs(a - b) > TOLERANCE * max(1.0, abs(a)) for a, b in zip(expected, read, strict=True)):
-            return "they read other numbers"
+            return "they read different numbers"
     return ""
 
 
 def spread(ratios: list[float]) -> float:
-    """How far apart the middle half of the rounds is, as a share of the median."""
+    """The interquartile range of the rounds, as a share of the median."""
     low, middle, high = statistics.quantiles(ratios, n=4)
     return (high - low) / middle
 
 
 def compare(running: list[Peer], absent: list[str], rounds: int) -> Figures:
-    """Nanoseconds per frame of each codec, in turns, and how many times ours the others take."""
+    """Nanoseconds per frame of each codec, in turns, and the ratio of the others to ours."""
     reference, ours = running[0], running[1]
     for peer in running[1:]:
         if wrong := differences(reference.told, peer.told):
@@ -146,7 +146,7 @@ def compare(running: list[Peer], absent: list[str], rounds: int) -> Figures:
 
 
 def codecs(rounds: int) -> Figures:
-    """All that is known of codecs here; when nothing is, the reason stands in place of the figures."""
+    """The figures of the codecs; if there are none, the reason instead."""
     with tempfile.TemporaryDirectory(prefix="lithe-codec-") as folder:
         try:
             with peers(Path(folder)) as (running, absent):

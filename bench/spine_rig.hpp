@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A whole Spine without its process: real loop, guard, law and simulated drives, ticked by the bench.
+// All parts of a Spine without its process: real loop, guard, law and simulated drives, ticked by the bench.
 #pragma once
 
 #include <atomic>
@@ -38,7 +38,7 @@ class SpineRig {
   // Ticks the armed robot at its rate for `block_ns`, and appends what happened at each release, costs included.
   void run_block(std::int64_t block_ns, std::vector<Cycle>& cycles);
 
-  // Waits as the Spine does, and does nothing: the floor.
+  // Waits like the Spine, but does nothing: the floor.
   void run_bare_block(std::int64_t block_ns, std::vector<Cycle>& cycles);
 
  private:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a swap costs: thousands of them in one run at 1 kHz, beside the same laws replaced the usual ways.
+"""The cost of a swap: thousands of them in one run at 1 kHz, compared with the same laws replaced in the usual ways.
 
-`python -m bench.swap [--swaps N]` -> out/bench/swap.json and a table. Rounds take turns: a group of swaps of LITHE and
-a pause, then the same of each peer. What is lost while swapping is compared with what is lost in the pauses of the same
-run, in windows of equal length. Compilers work on the housekeeping core all the time. Exit 0: measured, and it holds.
-1: INCONCLUSIVE, undecided, or it does not hold. 2: usage.
+`python -m bench.swap [--swaps N]` -> out/bench/swap.json and a table. A round is a group of swaps of LITHE and
+a pause; then each peer has its round. The ticks lost while swapping are compared with those lost in the pauses of the
+same run, in windows of equal length. Compilers run on the housekeeping core all the time. Exit 0: measured, and the
+claims hold. 1: INCONCLUSIVE, undecided, or a claim does not hold. 2: usage.
 """
 
 from __future__ import annotations
@@ -42,16 +42,17 @@ LEAST_DLOPEN = 100
 CONTROL_SWAPS = 10  # one in each round
 CONTROL_TICKS = 200
 CONTROL_S = 60.0
-VARIANTS = 4  # of each law: of one that is resident still, dlopen would only count a user more
-# Expected are 0.08 s a swap: LITHE's 30 ms, the trial among them, 10 ms of pause, and three peers' 12 ms each. Where
-# the trial waits long for the compilers, 0.15 s.
+VARIANTS = 4  # of each law: for one that is still resident, dlopen would only increase its use count
+# Expected: 0.08 s per swap. LITHE needs 30 ms with the trial, then 10 ms of pause, and each of three peers 12 ms. If
+# the trial has to wait for the compilers, 0.15 s.
 MOST_S, MOST_PER_SWAP_S = 120.0, 0.3
-FOUND = ("committed", "unproven", "confirmed", "rolled_back")  # verdicts of a swap that was done; the last was undone
+# Verdicts of a swap that was committed.
+FOUND = ("committed", "unproven", "confirmed", "rolled_back")
 
 
 @contextmanager
 def running(folder: Path, **changes: str) -> Iterator[lithe.Robot]:
-    """`lithe run` of a patient desk arm, and a Brain that is connected to it."""
+    """`lithe run` of a desk arm with long time-outs, and a connected Brain."""
     with Stage(robot_file(folder, **changes), folder / "run.log"):
         robot = lithe.connect("arm")
         try:
@@ -61,7 +62,7 @@ def running(folder: Path, **changes: str) -> Iterator[lithe.Robot]:
 
 
 def stages_ms(records: list[dict[str, Any]]) -> Figures:
-    """Requested to committed, split by stage: p50 and p99."""
+    """Time from request to commit, by stage: p50 and p99."""
     spent: dict[str, list[float]] = {}
     for record in records:
         steps = sorted(record["times_ns"].items(), key=lambda step: step[1])
@@ -77,7 +78,7 @@ def stages_ms(records: list[dict[str, Any]]) -> Figures:
 
 
 def certificates(folder: Path, records: list[dict[str, Any]]) -> Figures:
-    """Swaps that have left a file which says the same, and which is what was written: the chain proves it."""
+    """Counts the swaps whose certificate agrees with the answer, and is unchanged according to the chain."""
     found, undone = {}, set()
     paths = sorted(folder.glob("*.json"))
     broken = verify(folder).broken if paths else frozenset()
@@ -94,7 +95,7 @@ def certificates(folder: Path, records: list[dict[str, Any]]) -> Figures:
 
 
 def both_sides(sides: Sides, calm: Sides, ticks: Any) -> Figures:
-    """Lost ticks, release jitter and lateness of the output; steal-aware, and raw beside it."""
+    """Lost ticks, release jitter and delay of the output; steal-aware and raw."""
     told = sides.lost()
     told |= {f"{key}_steal_aware": value for key, value in calm.lost().items() if key.startswith("lost")}
     due_ns, output_ns = np.sort(ticks["release_ns"]), ticks["output_late_ns"]
@@ -108,7 +109,7 @@ def both_sides(sides: Sides, calm: Sides, ticks: Any) -> Figures:
 
 
 def lithe_figures(subject: Subject, steal: StealWatch) -> Figures:
-    """All of LITHE's own."""
+    """All figures of LITHE."""
     ticks, made = subject.log.ticks(), subject.releases()
     stolen = steal.stolen_spans(subject.cpu)
     rounds = on_the_move(subject.rounds, ticks)
@@ -133,7 +134,7 @@ def lithe_figures(subject: Subject, steal: StealWatch) -> Figures:
 
 
 def peer_figures(name: str, way: Way, steal: StealWatch, core: int) -> Figures:
-    """The same of one peer."""
+    """The same for one peer."""
     ticks, made = np.concatenate([shaped(part) for part in way.ticks]), way.releases()
     told = both_sides(Sides(way.rounds, made), Sides(way.rounds, made, steal.stolen_spans(core)), ticks)
     p50, p999 = np.percentile(way.swap_ns, [50, 99.9])
@@ -148,18 +149,18 @@ def peer_figures(name: str, way: Way, steal: StealWatch, core: int) -> Figures:
 
 
 def turns(swaps: int) -> tuple[int, float]:
-    """Swaps in a group and the pause after it: twenty rounds and more, because they are what is compared."""
+    """Swaps in a group and the pause after it: at least twenty rounds, because rounds are compared."""
     group = min(MOST_IN_GROUP, max(LEAST_IN_GROUP, swaps // 20))
     return group, max(LEAST_PAUSE_S, PAUSE_S * group / MOST_IN_GROUP)
 
 
 def most_s(swaps: int) -> float:
-    """When a run of so many swaps ends, done or not."""
+    """Time limit of a run of so many swaps."""
     return MOST_S + MOST_PER_SWAP_S * swaps
 
 
 def take_turns(subject: Subject, peers: Peers, swaps: int) -> None:
-    """Group by group, until everyone has had as many swaps, or time is up."""
+    """Group by group, until LITHE and every peer did `swaps` swaps, or the time limit."""
     began = time.monotonic()
     until = began + most_s(swaps)
     most, pause_s = turns(swaps)
@@ -177,12 +178,12 @@ def take_turns(subject: Subject, peers: Peers, swaps: int) -> None:
                 subject.note_memory("middle" if left[name] >= swaps // 2 else "end")
         print(f"\rbench: swap {swaps - left['']} of {swaps}", end="", file=sys.stderr, flush=True)
     took_s = time.monotonic() - began
-    print(f" asked in {took_s:.0f} s; left undone: {sum(left.values())}, the peers' among them", file=sys.stderr)
+    print(f" requested in {took_s:.0f} s; not done, peers included: {sum(left.values())}", file=sys.stderr)
 
 
 def main_run(folder: Path, swaps: int, load: list[list[str]]) -> Figures:
     """The arena and the peers, in turns; then the control."""
-    with running(folder, torque_slew_nm_s=WIDE_NM_S) as robot:  # or the guard would cut the steps that are judged
+    with running(folder, torque_slew_nm_s=WIDE_NM_S) as robot:  # otherwise the guard would limit the measured steps
         info = robot.spine.info
         housekeeping = int(info["cpu_housekeeping"])
         steal = StealWatch((int(info["cpu_spine"]), int(info["cpu_brain"])))
@@ -209,7 +210,7 @@ def main_run(folder: Path, swaps: int, load: list[list[str]]) -> Figures:
 
 
 def dlopen_run(folder: Path, swaps: int, load: list[list[str]]) -> Figures:
-    """LITHE with the portable loader: what it costs the Spine's core."""
+    """LITHE with the portable loader: its cost on the Spine's core."""
     folder.mkdir()
     with running(folder, loader='"dlopen"') as robot:
         subject = Subject(robot, LAWS, variants=VARIANTS)
@@ -230,7 +231,7 @@ def dlopen_run(folder: Path, swaps: int, load: list[list[str]]) -> Figures:
 
 
 def measure(swaps: int, out: Path) -> Figures:
-    """One run of everything; what it leaves (log, certificates) stays in `out`."""
+    """One complete run; its log and certificates stay in `out`."""
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     began, load = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), os.getloadavg()[0]
@@ -255,7 +256,7 @@ def measure(swaps: int, out: Path) -> Figures:
 
 
 def plain(value: Any) -> Any:
-    """What JSON has no word for is null."""
+    """A value for JSON: infinity and NaN become null."""
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not np.isfinite(value) else value
@@ -264,7 +265,7 @@ def plain(value: Any) -> Any:
 def main(words: list[str]) -> int:
     """Measure, write, print."""
     parser = argparse.ArgumentParser(prog="python -m bench.swap", description=__doc__)
-    parser.add_argument("--swaps", type=int, default=10_000, help="of LITHE, and of each peer (default 10000)")
+    parser.add_argument("--swaps", type=int, default=10_000, help="number for LITHE and for each peer (default 10000)")
     parser.add_argument("--out", type=Path, default=report.OUT, help="folder for swap.json (default out/bench)")
     asked = parser.parse_args(words)
     if asked.swaps < 1:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the kernel says about a process and about a core, as `make bench-swap` needs it."""
+"""Counts of the kernel about a process and a core, for `make bench-swap`."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ import numpy.typing as npt
 from lithe.demo.evidence import STEAL_STEP_NS, stolen_ticks
 from lithe.demo.processes import DIE_WITH_US
 
-# x86 calls them TLB, CAL, RES and LOC, ARM IPI0, IPI1 ...; the words behind the counts are the same.
+# On x86 their names are TLB, CAL, RES and LOC, on ARM IPI0, IPI1 ...; the descriptions after the counts are the same.
 INTERRUPTS = ("TLB shootdowns", "Function call interrupts", "Rescheduling interrupts", "Local timer interrupts")
 MOST_COMPILE_S = 60
-SETTLE_NS = 50_000_000  # a law needs so long after a pause until its output steps no longer
+SETTLE_NS = 50_000_000  # after a pause, a law's output may have steps for this time
 
 
 def interrupts(cpu: int) -> npt.NDArray[np.float64]:
-    """How many of each of INTERRUPTS this core has taken since boot; NaN for those that this machine does not have."""
+    """The count of each of INTERRUPTS on this core since boot; NaN for those that this machine does not have."""
     lines = Path("/proc/interrupts").read_text().splitlines()
     column = lines[0].split().index(f"CPU{cpu}") + 1
     rows = {name: line.split()[column] for line in lines for name in INTERRUPTS if line.endswith(name)}
@@ -45,7 +45,7 @@ def memory_kb(pid: int) -> dict[str, int]:
 
 @dataclass
 class StealWatch:
-    """When the hypervisor's share of some cores grew; look() is called every few milliseconds by whoever has time."""
+    """The times at which the stolen time of some cores grew; call look() every few milliseconds."""
 
     cpus: tuple[int, ...]
 
@@ -61,16 +61,16 @@ class StealWatch:
         self.times_ns.append(time.monotonic_ns())
 
     def share(self, cpu: int) -> float:
-        """Of the core's time since the start."""
+        """Stolen share of the core's time since the start."""
         (stolen, total), (stolen_before, total_before) = stolen_ticks(cpu), self.first[cpu]
         return (stolen - stolen_before) / max(total - total_before, 1)
 
     def stolen_spans(self, cpu: int) -> list[tuple[int, int]]:
-        """When the core was taken, and SETTLE_NS after it.
+        """The spans in which the core was stolen, each with SETTLE_NS after it.
 
-        The kernel adds what was stolen when the core is back: a pause of 100 ms grows the count at its end. So a span
-        begins as long before the look that saw it as was stolen, one step more for what is cut off, and one for the
-        time until the kernel counts.
+        The kernel adds the stolen time when the core is back: a pause of 100 ms increases the count at its end. So a
+        span begins before the look that saw it, by the stolen time, plus one step because the count is rounded down,
+        plus one for the time until the kernel counts.
         """
         grown = np.diff([row[self.cpus.index(cpu)] for row in self.counts])
         return [
@@ -84,7 +84,7 @@ class StealWatch:
 
 @contextlib.contextmanager
 def compiling(cpu: int, commands: list[list[str]], most_s: float) -> Iterator[None]:
-    """Real compiles, one after the other, with the lowest priority on one core; they end with us or after `most_s`."""
+    """Real compilations, one after the other, with the lowest priority on one core, until the end or for `most_s`."""
     lines = [" ".join(f"'{word}'" for word in ["timeout", str(MOST_COMPILE_S), *command]) for command in commands]
     script = f"while [ $SECONDS -lt {int(most_s)} ]; do {'; '.join(lines)}; done"
     words = [*DIE_WITH_US, "taskset", "-c", str(cpu), "nice", "-n", "19", "bash", "-c", script]
@@ -93,5 +93,5 @@ def compiling(cpu: int, commands: list[list[str]], most_s: float) -> Iterator[No
         yield
     finally:
         with contextlib.suppress(ProcessLookupError):
-            os.killpg(load.pid, signal.SIGKILL)  # the compiler that is at work too
+            os.killpg(load.pid, signal.SIGKILL)  # also the compiler that is running
         load.wait()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a swap costs the Spine's core: interrupts and loading time, laws placed in the arena against dlopen.
+"""Interrupts on the Spine's core and loading time per swap, with the arena and with dlopen.
 
-Swaps of a running robot alternate with pauses of the same length; what the pauses count is the machine's own noise and
-is taken off. Writes out/bench/swap_interrupts.json.
+Swaps of a running robot alternate with pauses of the same length. The interrupts in the pauses come from the machine,
+and are subtracted. Writes out/bench/swap_interrupts.json.
 """
 
 import contextlib
@@ -23,8 +23,8 @@ from bench.tables import table
 
 BIN = Path(os.environ.get("LITHE_BIN_DIR", ROOT / "build/release/bin"))
 LAWS = ("pd", "hold")
-VARIANTS = 12  # more than stay resident: dlopen would find one of those loaded already
-WARM_UP = 2 * VARIANTS  # every one is compiled, and the history of laws is full
+VARIANTS = 12  # more than stay resident: a resident one would already be loaded for dlopen
+WARM_UP = 2 * VARIANTS  # after that every one is compiled, and the list of earlier laws is full
 KINDS = ("TLB", "CAL")
 START_S = 90.0
 
@@ -41,7 +41,7 @@ class Robot:
         self.cpu = int(self.status["cpus"]["spine"])
 
     def ask(self, verb: str, **args: Any) -> Any:
-        """One verb, its result."""
+        """Sends one verb; returns its result."""
         self.link.sendall(json.dumps({"id": 1, "verb": verb, "args": args}).encode() + b"\n")
         answer = json.loads(self.lines.readline())
         if not answer["ok"]:
@@ -49,7 +49,7 @@ class Robot:
         return answer["result"]
 
     def interrupts(self) -> list[int]:
-        """What the Spine's core has been interrupted by so far, in the order of KINDS."""
+        """Interrupts on the Spine's core so far, in the order of KINDS."""
         counts = {}
         for line in Path("/proc/interrupts").read_text().splitlines():
             name, _, rest = line.strip().partition(":")
@@ -60,7 +60,7 @@ class Robot:
 
 @contextlib.contextmanager
 def running(loader: str) -> Iterator[Robot]:
-    """The desk arm with its laws loaded this way."""
+    """The desk arm with this loader."""
     with tempfile.TemporaryDirectory(prefix="lithe-") as name:
         folder = Path(name)
         text = (ROOT / "robots/arm.toml").read_text().replace('"../laws/', f'"{ROOT}/laws/')
@@ -92,7 +92,7 @@ def mean_error(values: list[int]) -> float:
 
 
 def measure(loader: str, swaps: int) -> Figures:
-    """Figures of one back end, its name before each."""
+    """Figures of one loader; its name is the first part of each key."""
     with running(loader) as robot:
         if robot.status["loader"] != loader:
             sys.exit(f"bench: asked for {loader}, got {robot.status['loader']}: {robot.status['lost']}")
@@ -104,7 +104,7 @@ def measure(loader: str, swaps: int) -> Figures:
         for i in range(WARM_UP + swaps):
             before, began_s = robot.interrupts(), time.monotonic()
             swap = robot.ask("swap", source=sources[i % VARIANTS], name=f"{LAWS[i % 2]}.cpp")
-            time.sleep(0.003)  # the old law is retired meanwhile
+            time.sleep(0.003)  # time for retiring the old law
             middle, lasted_s = robot.interrupts(), time.monotonic() - began_s
             time.sleep(lasted_s)
             after = robot.interrupts()

@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Laws replaced the usual ways, in a plain loop at 1 kHz with LITHE's own release: the peers of `make bench-swap`.
+// Laws replaced in the usual ways, in a simple loop at 1 kHz with LITHE's release: the peers of `make bench-swap`.
 //
 //   bench_swap_peers CORE LOADER_CORE TICKS_FILE COMPILE_COMMAND LAW.so LAW.so ...
 //
 // Reads lines `WAY SWAPS GAP_TICKS PAUSE_TICKS` and runs a block for each: that many swaps, GAP_TICKS apart, and a
 // pause. Every tick goes to TICKS_FILE as a TickRecord; the answer is {"windows":[[asked_ns, done_ns], ...]}. Ways:
-//   dlopen   in the loop's own thread, between two ticks, as plugin systems do: once a tick's command has left
+//   dlopen   in the loop's own thread, between two ticks, like plugin systems: after a tick's command has been sent
 //   mutex    a second thread loads, swaps and closes behind a mutex that the loop takes every tick
-//   brief    likewise, but it loads before and closes after: the lock covers the exchange alone
-//   compile  as dlopen, after the compiler has run, in the loop's thread too: the control, which must lose ticks
-// Nothing is carried over and nothing blends, as it is in those systems.
+//   brief    the same, but it loads before and closes after: only the exchange is inside the lock
+//   compile  as dlopen, but the loop's thread also runs the compiler: the negative control, which must lose ticks
+// No state is carried and no output is blended, as in those systems.
 #include <dlfcn.h>
 #include <spawn.h>
 #include <sys/wait.h>
@@ -48,7 +48,7 @@ constexpr std::uint32_t kSettleTicks = 20;
   std::exit(2);
 }
 
-// bench/swap_peers.py reads these as they lie in the file.
+// bench/swap_peers.py reads these bytes from the file.
 struct TickRecord {
   std::int64_t release_ns, woke_ns, output_ns;
   std::uint32_t skipped, switches, faults, pad;
@@ -69,7 +69,7 @@ Loaded load(const std::string& path) {
   return loaded;
 }
 
-// The law that runs, from its defaults on.
+// The law that runs, started from its defaults.
 class Active {
  public:
   Loaded exchange(Loaded next) {
@@ -235,7 +235,7 @@ void Peer::run(const Order& order, std::vector<Window>& windows, std::vector<Tic
     if (idle && windows.size() < order.swaps && ticks.size() > due) {
       due = static_cast<std::uint32_t>(ticks.size()) - 1 + order.gap_ticks;
       windows.push_back({monotonic_ns(), 0});
-      ask(order.way);  // now and not before the law: what is late then is the next tick, if anything
+      ask(order.way);  // after the command: only the next tick can be late because of it
     }
   };
   run_while(clock, kPeriodNs, kPhaseNs, more, cycles, tick);
@@ -261,7 +261,7 @@ int serve_orders(int core, bool shared, const char* ticks_file, Peer& peer) {
   std::FILE* file = std::fopen(ticks_file, "wb");
   if (file == nullptr) give_up(ticks_file, "cannot be written");
   pin_or_exit(core);
-  if (!shared) raise_priority();  // a spinning loop would starve whoever gives the orders
+  if (!shared) raise_priority();  // a spinning loop would take all time from the process that controls it
   if (const auto locked = lock_memory(); !locked) std::fprintf(stderr, "bench: %s\n", locked.message().c_str());
   Peer::Order order;
   while (std::cin >> order.way >> order.swaps >> order.gap_ticks >> order.pause_ticks && order.swaps > 0) {

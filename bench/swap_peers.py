@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The same laws, replaced the usual ways: drives bench_swap_peers and reads what it has seen."""
+"""The same laws, replaced in the usual ways: controls bench_swap_peers and reads its ticks."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ RECORD = np.dtype(
 
 
 def compile_command(source: Path, library: Path) -> list[str]:
-    """A law as a shared object, as any plugin is built."""
+    """Builds a law as a shared object, like a usual plugin."""
     contract = ROOT / "spine/law/include"
     return ["g++", "-std=c++20", "-O2", "-shared", "-fPIC", "-fno-gnu-unique", "-fvisibility=hidden", "-fno-exceptions",
             f"-I{contract}", "-o", str(library), str(source)]  # fmt: skip
@@ -44,14 +44,14 @@ def build_laws(sources: list[Path], folder: Path) -> list[Path]:
 
 @dataclass
 class Way:
-    """What one way of swapping has done so far."""
+    """The results of one way of swapping so far."""
 
     rounds: list[Round] = field(default_factory=list)
     ticks: list[npt.NDArray[Any]] = field(default_factory=list)
-    swap_ns: list[int] = field(default_factory=list)  # from asked to done
+    swap_ns: list[int] = field(default_factory=list)  # from request to end
 
     def releases(self) -> Releases:
-        """All releases, skipped ones among them."""
+        """All releases, including skipped ones."""
         parts = [releases(shaped(part), PERIOD_NS) for part in self.ticks]
         return Releases(
             np.concatenate([part.due_ns for part in parts]),
@@ -61,7 +61,7 @@ class Way:
 
 
 def shaped(ticks: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Under the names that telemetry has."""
+    """With the field names of telemetry."""
     out = np.zeros(
         len(ticks),
         [("tick", "<i8"), ("release_ns", "<i8"), ("release_jitter_ns", "<i8"), ("missed_releases", "<i8"),
@@ -78,7 +78,7 @@ def shaped(ticks: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 class Peers:
-    """The program that swaps the usual ways, on a core of its own."""
+    """The program that swaps in the usual ways, on a separate core."""
 
     def __init__(self, core: int, loader_core: int, sources: list[Path], folder: Path) -> None:
         self.core = core
@@ -94,7 +94,7 @@ class Peers:
         self.ways: dict[str, Way] = {}
 
     def run(self, name: str, swaps: int, pause_ticks: int, gap_ticks: int = GAP_TICKS) -> int:
-        """One group of swaps and the pause after it; how many swaps there were time for."""
+        """One group of swaps and the pause after it; returns the number of swaps done."""
         assert self._process.stdin is not None and self._process.stdout is not None
         self._process.stdin.write(f"{name} {swaps} {gap_ticks} {pause_ticks + AFTER_NS // PERIOD_NS}\n")
         self._process.stdin.flush()

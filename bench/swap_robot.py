@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""LITHE's own side of `make bench-swap`: a robot that follows a sine while its laws are replaced."""
+"""The LITHE part of `make bench-swap`: a robot that follows a sine while its laws are swapped."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from bench.swap_host import interrupts, memory_kb, minor_faults
 from bench.swap_stats import AFTER_NS, Figures, Round
 
 CENTRE_RAD, AMPLITUDE_RAD, FREQUENCY_HZ = 0.6, 0.8, 0.5
-WIDE_NM_S = "10000.0"  # a slew bound that cuts no step: what leaves is what the law, blended after a swap, asked for
-HORIZON_NS, POINTS = 60_000_000, 16  # a plan reaches almost a second ahead: this process may be late
+WIDE_NM_S = "10000.0"  # a slew bound that limits no step: the output is what the law commands, blended after a swap
+HORIZON_NS, POINTS = 60_000_000, 16  # a plan covers almost a second, because this process may be late
 TICK = np.dtype(
     [("tick", "<i8"), ("release_ns", "<i8"), ("release_jitter_ns", "<i8"), ("missed_releases", "<i8"),
      ("output_late_ns", "<i8"), ("torque_nm", "<f8"), ("active", "?"), ("law_id", "<i8"), ("flags", "<i8"),
@@ -38,15 +38,15 @@ TICK = np.dtype(
 
 
 def robot_file(folder: Path, **changes: str) -> Path:
-    """robots/arm.toml with some of its values replaced, and patient with a machine that stalls."""
-    # An arm that a stall has sent past its limit could never be armed again: nobody is there to bring it back.
+    """robots/arm.toml with some of its values replaced, and with long time-outs for a machine with stalls."""
+    # An arm that passed its limit in a stall could not be armed again, because nobody recovers it.
     patience = {
         "late_ticks_to_stop": "300",
         "watchdog_s": "1.0",
         "stale_after_s": "1.0",
         "position_overrun_rad": "1000.0",
         "velocity_overrun": "10.0",
-        "ideal": "true",  # what is measured is the swap
+        "ideal": "true",  # only the effect of the swap is measured
     }
     law = {"law": f'"{ROOT}/laws/pd.cpp"'}
     lines = (ROOT / "robots/arm.toml").read_text(encoding="utf-8").splitlines()
@@ -61,7 +61,7 @@ def robot_file(folder: Path, **changes: str) -> Path:
 
 
 def shipped_slew_bound_nm() -> float:
-    """The largest step from one tick to the next that the guard of robots/arm.toml lets through."""
+    """The largest step from one tick to the next that the guard of robots/arm.toml permits."""
     robot = tomllib.loads((ROOT / "robots/arm.toml").read_text(encoding="utf-8"))
     joint = {**robot.get("defaults", {}).get("joint", {}), **robot["joint"][0]}
     return float(joint["torque_slew_nm_s"]) / float(robot["rate_hz"])
@@ -76,21 +76,21 @@ WAKE_S = 600.0
 
 
 def wake(robot: lithe.Robot) -> None:
-    """Arms a robot that has stopped, because the machine stalled for longer than even a patient one bears."""
+    """Arms a robot that has stopped, because the machine stalled for longer than its time-outs."""
     end_s = time.monotonic() + WAKE_S
     while (mode := robot.status()["mode"]) != "active":
         try:
             if mode in ("safe_stop", "estop"):
                 robot.reset()
             robot.arm()
-        except lithe.Refused:  # the stall may last: nothing is fresh yet, or it has stopped once more
+        except lithe.Refused:  # the stall may continue: no fresh sample yet, or the robot has stopped again
             if time.monotonic() > end_s:
                 raise
             time.sleep(0.1)
 
 
 class Background:
-    """A thread that calls something again and again until stop()."""
+    """A thread that calls a function periodically until stop()."""
 
     def __init__(self, call: Callable[[], None], every_s: float) -> None:
         self._call, self._every_s = call, every_s
@@ -103,20 +103,20 @@ class Background:
             self._call()
 
     def stop(self) -> None:
-        """Returns when the last call is over."""
+        """Returns after the last call."""
         self._stop.set()
         self._thread.join()
 
 
 class TickLog:
-    """Every tick of a run, by the few figures that are asked of it."""
+    """The fields of every tick of a run that the bench needs."""
 
     def __init__(self, robot: str) -> None:
         self._cursor = SpineView(robot).telemetry()
         self._parts: list[npt.NDArray[Any]] = []
 
     def look(self) -> None:
-        """Takes what has come; the ring holds four seconds."""
+        """Takes the new records; the ring holds four seconds."""
         records = self._cursor.drain()
         part = np.zeros(len(records), TICK)
         for name in ("tick", "release_ns", "release_jitter_ns", "missed_releases", "law_id", "flags"):
@@ -140,14 +140,14 @@ class TickLog:
 
 @dataclass
 class Tally:
-    """Interrupts and page faults while swapping, and while not."""
+    """Interrupts and page faults, and the time in which they were counted."""
 
     counts: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(5))  # INTERRUPTS, minor faults
     seconds: float = 0.0
 
 
 class Subject:
-    """A running robot, and all that is seen of it."""
+    """A running robot, and all that is recorded about it."""
 
     def __init__(
         self, robot: lithe.Robot, sources: list[Path], looks: Callable[[], None] = lambda: None, variants: int = 1
@@ -169,7 +169,7 @@ class Subject:
         self._looks = looks
         self._threads = [Background(self._plan, 0.1), Background(self._look, 0.025)]
         keep_off(robot)
-        for _ in self.laws:  # compiled now; from here on the cache answers
+        for _ in self.laws:  # compiled now; from here on they come from the cache
             self._swap()
         self.records = []
         self.memory_seen = {"start": self._memory()}
@@ -199,7 +199,7 @@ class Subject:
         return np.append(interrupts(self.cpu), minor_faults(self.pid, self.tid))
 
     def group(self, swaps: int, pause_s: float) -> None:
-        """So many swaps one right after the other, then none for a while."""
+        """This many swaps without a pause between them, then a pause."""
         wake(self.robot)
         from_ns, before = time.monotonic_ns(), self._counts()
         done = len(self.records)
@@ -216,7 +216,7 @@ class Subject:
         self.rounds.append(Round((from_ns, between_ns), (between_ns, until_ns), len(self.records) - done))
 
     def per_swap(self) -> Figures:
-        """Interrupts on the Spine's core and page faults of its thread, less what comes without swaps."""
+        """Interrupts on the Spine's core and page faults of its thread, minus those without swaps."""
         swaps = max(len(self.records), 1)
         expected = self.resting.counts * (self.swapping.seconds / max(self.resting.seconds, 1e-9))
         names = ("interrupts_tlb", "interrupts_cal", "interrupts_res", "interrupts_loc", "page_faults")
@@ -229,11 +229,11 @@ class Subject:
         return {f"{name}_{kind}": size for name, kinds in sizes.items() for kind, size in kinds.items()}
 
     def note_memory(self, when: str) -> None:
-        """Of all three processes; the first note was taken when the laws were compiled."""
+        """Records the memory of all three processes; the first record was made after the laws were compiled."""
         self.memory_seen[when] = self._memory()
 
     def memory(self) -> Figures:
-        """All that was noted, and the arena."""
+        """All recorded sizes, and the arena."""
         told: Figures = {f"{key}_{when}": kb for when, seen in self.memory_seen.items() for key, kb in seen.items()}
         info = self.robot.spine.info
         told["arena_kb"] = int(info["arena_slots"]) * int(info["arena_slot_bytes"]) // 1024
@@ -242,23 +242,23 @@ class Subject:
         return told
 
     def preempted_share(self) -> float:
-        """Of the ticks: how often another thread got the Spine's core."""
+        """How often another thread got the Spine's core, as a share of the ticks."""
         ticks = max(len(self.log.ticks()), 1)
         return (made_to_wait(self.pid, self.tid) - self.waits_before) / ticks
 
     def releases(self) -> Releases:
-        """All of them."""
+        """All releases."""
         return releases(self.log.ticks(), round(1e9 / float(self.robot.spine.info["rate_hz"])))
 
     def stop(self) -> None:
-        """Ends the threads; the robot runs on."""
+        """Ends the threads; the robot continues."""
         for thread in self._threads:
             thread.stop()
         self.log.look()
 
 
 def keep_off(robot: lithe.Robot) -> None:
-    """All threads of this process to the housekeeping core: the Brain's is the peers'."""
+    """Moves all threads of this process to the housekeeping core: the peers use the Brain's."""
     info = robot.spine.info
     mine = {int(info["cpu_housekeeping"])}
     for task in Path("/proc/self/task").iterdir():

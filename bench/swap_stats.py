@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Do swaps cost ticks? Windows of equal length in which there are swaps, beside such in which there are none."""
+"""Do swaps cost ticks? Compares windows with swaps and windows without, all of equal length."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ import numpy.typing as npt
 from lithe.demo.losses import Comparison, Releases, Window, elsewhere
 
 WINDOW_NS = 50_000_000
-AFTER_NS = 50_000_000  # a swap's window reaches from its request to so long after its commit
+AFTER_NS = 50_000_000  # a swap's window is from its request to this time after its commit
 SIGNS = 4000
 SURE = 0.95
-LEAST_ROUNDS = 8  # with fewer, no difference at all could be refuted
-LIMITS_US = (1, 5, 20, 100)  # a tick that comes later than that is counted
-NONE_SEEN = 3.69  # events that may have been expected where none was seen (Poisson, both sides 2.5 %)
+LEAST_ROUNDS = 8  # with fewer, no difference could be refuted
+LIMITS_US = (1, 5, 20, 100)  # ticks that are later than this are counted
+NONE_SEEN = 3.69  # upper limit of the expected count when no event was seen (Poisson, 2.5 % on both sides)
 Figures = dict[str, Any]
 Spans = npt.NDArray[np.int64]  # (n, 2): from, to [ns]
 
@@ -32,19 +32,19 @@ class Round:
 
 
 def windows(spans: list[Window]) -> Spans:
-    """As many of WINDOW_NS as fit into each span."""
+    """Windows of WINDOW_NS, as many as fit into each span."""
     cut = [window for span in spans for window in elsewhere(span, [], WINDOW_NS)]
     return np.array(cut, dtype=np.int64).reshape(-1, 2)
 
 
 def counts_in(at_ns: npt.NDArray[np.int64], spans: Spans) -> npt.NDArray[np.int64]:
-    """How many of some sorted instants lie in each span."""
+    """How many of the sorted times are in each span."""
     counts: npt.NDArray[np.int64] = np.searchsorted(at_ns, spans[:, 1]) - np.searchsorted(at_ns, spans[:, 0])
     return counts
 
 
 def untouched(spans: Spans, by: list[Window]) -> Spans:
-    """Those that share no instant with any of `by`."""
+    """The spans that do not overlap any of `by`."""
     keep = np.ones(len(spans), dtype=bool)
     for left, right in by:
         keep &= (spans[:, 1] <= left) | (spans[:, 0] >= right)
@@ -53,7 +53,7 @@ def untouched(spans: Spans, by: list[Window]) -> Spans:
 
 
 def inside(at_ns: npt.NDArray[np.int64], spans: Spans) -> npt.NDArray[np.bool_]:
-    """Which of some instants lie in any of some spans, which do not overlap."""
+    """Which times are in any of the spans; the spans do not overlap."""
     if not len(spans):
         return np.zeros(len(at_ns), dtype=bool)
     ordered = spans[np.argsort(spans[:, 0])]
@@ -63,9 +63,10 @@ def inside(at_ns: npt.NDArray[np.int64], spans: Spans) -> npt.NDArray[np.bool_]:
 
 
 def permutation_interval(differences: npt.NDArray[np.float64], sure: float = SURE) -> tuple[float, float]:
-    """Of the mean difference: every value that is not refuted by exchanging swaps and rest within rounds at random.
+    """Confidence interval of the mean difference, from a permutation test: all values x that it does not refute.
 
-    If a swap costs x, then what is left of a round's difference after x is as likely of either sign.
+    If a swap costs x, then the difference of a round minus x has either sign with the same probability. So the test
+    exchanges swaps and rest within rounds at random.
     """
     n = len(differences)
     if n < LEAST_ROUNDS:
@@ -91,22 +92,22 @@ def permutation_interval(differences: npt.NDArray[np.float64], sure: float = SUR
 
 
 def bursts(lost_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """When each pause began: ticks lost less than a window apart are lost in one."""
+    """The start of each pause: lost ticks that are less than a window apart belong to one pause."""
     return lost_ns[np.diff(lost_ns, prepend=lost_ns[:1] - WINDOW_NS) >= WINDOW_NS]
 
 
 def chance_of(hits: int, of: int, share: float) -> float:
-    """How likely at least so many of some events fall into this share of the time, if they come whenever they like."""
+    """Probability that at least `hits` of `of` events are in this share of the time, if they occur at random times."""
     return float(sum(comb(of, k) * share**k * (1 - share) ** (of - k) for k in range(hits, of + 1)))
 
 
 @dataclass
 class Sides:
-    """Windows of both kinds, and what was lost in each."""
+    """Windows with and without swaps, and the ticks lost in each."""
 
     rounds: list[Round]
     made: Releases
-    without: list[Window] = field(default_factory=list)  # windows that touch these are left out
+    without: list[Window] = field(default_factory=list)  # windows that overlap these are left out
 
     def __post_init__(self) -> None:
         self.lost_ns = self.made.due_ns[self.made.skipped]
@@ -114,7 +115,7 @@ class Sides:
         self.resting = untouched(windows([each.resting for each in self.rounds]), self.without)
 
     def differences_per_s(self) -> npt.NDArray[np.float64]:
-        """Lost ticks per second while swapping, less those at rest, round by round."""
+        """Lost ticks per second while swapping, minus those at rest, for each round."""
         found = []
         for each in self.rounds:
             both = [untouched(windows([span]), self.without) for span in (each.swapping, each.resting)]
@@ -136,8 +137,8 @@ class Sides:
         )
         expected = counts[1].sum() * seconds[0] / seconds[1] if seconds[1] > 0 else float("nan")
         excess = float(counts[0].sum() - expected)
-        # A pause of the machine takes many ticks, and rest is shorter than swapping: the interval alone takes a few
-        # pauses for the swaps' own. Pauses are counted too, by the time there was for them.
+        # A pause of the machine loses many ticks, and rest is shorter than swapping: the interval alone would attribute
+        # a few pauses to the swaps. So pauses are counted too, in relation to the time of each side.
         began = [int(counts_in(bursts(self.lost_ns), spans).sum()) for spans in (self.swapping, self.resting)]
         chance = chance_of(began[0], sum(began), seconds[0] / max(sum(seconds), 1e-9))
         own = low > 0 and chance < (1 - SURE) / 2
@@ -162,8 +163,8 @@ class Sides:
         }
 
     def late_us(self, late_ns: npt.NDArray[np.int64], at_ns: npt.NDArray[np.int64], name: str) -> Figures:
-        """p50, p99 and p99.9 of some lateness on both sides. They lie on the flank of the host's noise: shares() can
-        be judged.
+        """p50, p99 and p99.9 of a delay on both sides. They depend strongly on disturbances by the host; use
+        shares() for a verdict.
         """
         told: Figures = {}
         for side, spans in (("in", self.swapping), ("out", self.resting)):
@@ -175,7 +176,7 @@ class Sides:
     def shares(self, late_ns: npt.NDArray[np.int64], at_ns: npt.NDArray[np.int64], name: str) -> Figures:
         """Share of ticks that are later than each of LIMITS_US, on both sides; their difference, and its interval.
 
-        The difference is the mean over the rounds, each of which compares its own swaps with its own rest.
+        The difference is the mean over the rounds; each round compares its swaps with its own rest.
         """
         pairs = [
             [inside(at_ns, untouched(windows([span]), self.without)) for span in (each.swapping, each.resting)]
@@ -196,22 +197,22 @@ class Sides:
 
 
 def on_the_move(rounds: list[Round], ticks: npt.NDArray[Any]) -> list[Round]:
-    """Those in which the law ran in every tick: a robot that has stopped says nothing about a swap."""
+    """The rounds in which the law ran in every tick: a stopped robot is no evidence about a swap."""
     still_ns = np.sort(ticks["release_ns"][~ticks["active"]])
     spans = np.array([(each.swapping[0], each.resting[1]) for each in rounds], dtype=np.int64).reshape(-1, 2)
     return [each for each, still in zip(rounds, counts_in(still_ns, spans), strict=True) if not still]
 
 
 def stops_in(ticks: npt.NDArray[Any]) -> int:
-    """How often the robot left its law."""
+    """How often the robot stopped running its law."""
     return int(np.count_nonzero(ticks["active"][:-1] & ~ticks["active"][1:]))
 
 
 def largest_step_nm(ticks: npt.NDArray[Any], spans: list[Window] | None = None) -> float:
-    """Of the torque, from one tick to the next, wherever the law ran in both; in some spans only, if they are given.
+    """The largest torque step from one tick to the next, if the law ran in both; in some spans only, if they are given.
 
-    Not over a release that was missed: the robot went on meanwhile, and the law with it. (The Spine numbers the ticks
-    that it ran, so their numbers do not tell.)
+    Steps over a missed release are left out, because the robot moved meanwhile. (The Spine numbers only the ticks that
+    it ran, so tick numbers do not show a missed release.)
     """
     apart_ns = np.diff(ticks["release_ns"])
     ran = (ticks["active"][1:] & ticks["active"][:-1]) & (np.diff(ticks["tick"]) == 1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of `make bench-swap` as people read them."""
+"""Prints the figures of `make bench-swap` as tables."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ WAYS = (
     ("LITHE", ""),
     ("dlopen in the loop", "peer_dlopen_"),
     ("behind a mutex", "peer_mutex_"),
-    ("behind a brief mutex", "peer_brief_"),
+    ("mutex for the exchange only", "peer_brief_"),
     ("control: compiles in the loop", "peer_compile_"),
 )
 STAGES = ("started", "compiled", "admitted", "placed", "tried", "staged", "shadow", "committed")
@@ -29,7 +29,7 @@ def show(told: Figures) -> None:
 
 
 def show_verdict(told: Figures) -> None:
-    """Whether it is worth anything, and whether it holds."""
+    """The verdict and its reasons."""
     why = f" ({told['swap_reason']})" if told["swap_reason"] else ""
     print(f"\n  swap: {told['swap_verdict']}{why}; load {cell(told, 'swap_load_before', '.1f')} before, ", end="")
     print(f"{cell(told, 'swap_load_after', '.1f')} after")
@@ -51,13 +51,21 @@ def show_lost(told: Figures) -> None:
                 cell(told, f"{key}max_output_step_nm", ".4f"),
             ]
         )
-    head = ["", "swaps", "lost, swapping", "lost, at rest", "difference/s, 95 %", "swaps' own", "largest step [Nm]"]
+    head = [
+        "",
+        "swaps",
+        "lost, swapping",
+        "lost, at rest",
+        "difference/s, 95 %",
+        "caused by swaps",
+        "largest step [Nm]",
+    ]
     table("lost ticks at 1 kHz, while swapping and at rest in the same run", head, rows)
     print(
-        f"  largest step at rest: {cell(told, 'max_output_step_at_rest_nm', '.4f')} Nm; the shipped arm's slew bound, ",
+        f"  largest step at rest: {cell(told, 'max_output_step_at_rest_nm', '.4f')} Nm; slew bound of the arm, ",
         end="",
     )
-    print(f"opened wide here: {cell(told, 'slew_bound_nm', '.4f')} Nm a tick; certificates: ", end="")
+    print(f"set very high here: {cell(told, 'slew_bound_nm', '.4f')} Nm per tick; certificates: ", end="")
     print(f"{cell(told, 'certificates', '.0f')} of {cell(told, 'swaps_wanted', '.0f')}; rolled back: ", end="")
     print(f"{cell(told, 'swaps_rolled_back', '.0f')}; safe stops: ", end="")
     print(f"{cell(told, 'safe_stops', '.0f')}; windows with a loss: ", end="")
@@ -66,8 +74,8 @@ def show_lost(told: Figures) -> None:
 
 
 def show_late(told: Figures) -> None:
-    """Share of ticks that come late, and p99.9, of the release and of the command that leaves."""
-    for what, words in (("jitter", "the release"), ("output", "the command that leaves")):
+    """Share of late ticks, and p99.9, for the release and for the output of the command."""
+    for what, words in (("jitter", "the release"), ("output", "the output of the command")):
         rows = []
         for name, key in WAYS:
             row = [name, *(cell(told, f"{key}{what}_p999_{side}_us", ".1f") for side in ("in", "out"))]
@@ -77,19 +85,19 @@ def show_late(told: Figures) -> None:
                 row.append(f"{cell(told, f'{at}_in', '.3%')} - {cell(told, f'{at}_out', '.3%')} ({low} .. {high})")
             rows.append(row)
         head = ["", "p99.9 [us]", "at rest", *(f"> {limit_us} us: swapping - at rest (95 %)" for limit_us in LIMITS_US)]
-        table(f"ticks that are late, steal-aware: {words}", head, rows)
+        table(f"late ticks, steal-aware: {words}", head, rows)
     print(f"  the Spine's core: stolen {cell(told, 'stolen_share', '.2%')}, ", end="")
     print(f"preempted {cell(told, 'preempted_share', '.2%')}")
 
 
 def show_core(told: Figures) -> None:
-    """What a swap does to the Spine's core, and to memory."""
+    """The effect of a swap on the Spine's core and on memory."""
     rows = []
     for name, key in (("arena", ""), ("[spine] loader = dlopen", "loader_dlopen_")):
         names = ("interrupts_tlb", "interrupts_cal", "interrupts_res", "interrupts_loc", "page_faults")
         rows.append([name, cell(told, f"{key}swaps", ".0f"), *(cell(told, f"{key}{n}_per_swap") for n in names)])
     head = ["", "swaps", "TLB", "CAL", "RES", "LOC", "page faults"]
-    table("interrupts on the Spine's core and faults of its thread, per swap, less those at rest", head, rows)
+    table("interrupts on the Spine's core and faults of its thread, per swap, minus those at rest", head, rows)
     grown = ", ".join(
         f"{name} {' -> '.join(cell(told, f'{name}_rss_kb_{when}', '.0f') for when in ('start', 'middle', 'end'))} kB"
         for name in ("spine", "supervisor", "lawd")
@@ -99,8 +107,8 @@ def show_core(told: Figures) -> None:
 
 
 def show_stages(told: Figures) -> None:
-    """Where the time of a swap goes."""
+    """The time of a swap by stage."""
     known = [(stage, f"stage_{stage}") for stage in STAGES] + [("requested to committed", "requested_to_committed")]
     known = [(name, key) for name, key in known if f"{key}_p50_ms" in told]
     rows = [[name, cell(told, f"{key}_p50_ms"), cell(told, f"{key}_p99_ms")] for name, key in known]
-    table("requested to committed, law compiled before, by the stage that ends [ms]", ["", "p50", "p99"], rows)
+    table("from request to commit, law compiled before, time of each stage [ms]", ["", "p50", "p99"], rows)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Is a run of `make bench-swap` worth anything, and does what is claimed of a swap hold in it?
+"""Is a run of `make bench-swap` valid, and do the claims about a swap hold in it?
 
-Every comparison is written so that a figure that is missing or no number fails it.
+Every comparison fails when its figure is missing or NaN.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ CLAIMS = ("lost_ticks_attributable", "lost_ticks_attributable_steal_aware", *LAT
 
 
 def reasons_to_doubt(told: Figures) -> list[str]:
-    """What makes this run worth nothing."""
+    """The reasons why this run is INCONCLUSIVE."""
     found = [
         f"{key} is {told[key]:.1%}, above {DISTURBED:.0%}"
         for key in ("stolen_share", "preempted_share")
@@ -46,36 +46,36 @@ def later(told: Figures, limit_us: int) -> str:
 
 
 def stepped(told: Figures) -> bool:
-    """While swapping, by more than the guard of the shipped arm lets through."""
+    """A torque step while swapping was larger than the guard of robots/arm.toml permits."""
     return not told["max_output_step_nm"] <= told["slew_bound_nm"]
 
 
 def at_rest_too(told: Figures) -> bool:
-    """The same without any swap: then it was not the swaps that did it."""
+    """The same without any swap: then the cause was not a swap."""
     return bool(told["max_output_step_at_rest_nm"] > told["slew_bound_nm"])
 
 
 def undecided(told: Figures) -> list[str]:
-    """What this run neither shows nor refutes."""
+    """The claims that this run neither confirms nor refutes."""
     steps = []
     if stepped(told) and at_rest_too(told):
         steps.append(
             f"the torque stepped by {told['max_output_step_nm']:.4f} N m while swapping, and by "
-            f"{told['max_output_step_at_rest_nm']:.4f} at rest, after pauses of the machine: it takes a calmer one"
+            f"{told['max_output_step_at_rest_nm']:.4f} at rest, after pauses of the machine: use a less busy machine"
         )
     return steps + [
-        f"{later(told, limit_us)}; whether it is at most {MOST_LATER:+.1%} takes more rounds or a calmer machine"
+        f"{later(told, limit_us)}; to decide about {MOST_LATER:+.1%}, use more rounds or a less busy machine"
         for limit_us, key in zip(LIMITS_US, LATER, strict=True)
         if not told[f"{key}_high"] <= MOST_LATER
     ]
 
 
 def shortcomings(told: Figures) -> list[str]:
-    """What is claimed of a swap and does not hold here, or was not done."""
+    """The claims about a swap that do not hold here, and what was not done."""
     found = []
     wanted = told["swaps_wanted"]
     if not told["certificates"] == told["swaps"] == told["swaps_asked"] == wanted:
-        done = f"{told['swaps_asked']} asked, {told['swaps']} done, {told['certificates']} certified"
+        done = f"{told['swaps_asked']} requested, {told['swaps']} done, {told['certificates']} with a certificate"
         found.append(f"{wanted} swaps wanted, {done}")
     for name in PEERS:
         if told[f"peer_{name}_swaps"] != wanted:
@@ -84,15 +84,15 @@ def shortcomings(told: Figures) -> list[str]:
         found.append(f"{told['swaps_rolled_back']} swaps were rolled back by their probation")
     for key in ("safe_stops", "loader_dlopen_safe_stops"):
         if told[key] != 0:
-            found.append(f"{key} is {told[key]}: swaps that follow a stop cost a robot that stands still nothing")
+            found.append(f"{key} is {told[key]}: swaps after a stop are no evidence, because the robot does not move")
     if told["lost_ticks_attributable_steal_aware"] != 0:
         found.append("ticks are lost more often while swapping")
     found += [later(told, us) for us, key in zip(LIMITS_US, LATER, strict=True) if not told[f"{key}_low"] <= MOST_LATER]
     if stepped(told) and not at_rest_too(told):
         found.append(
             f"while swapping the torque stepped by {told['max_output_step_nm']:.4f} N m in one tick, "
-            f"of which the guard of the shipped arm would cut all beyond {told['slew_bound_nm']:.4f}"
+            f"and the guard of robots/arm.toml would limit it to {told['slew_bound_nm']:.4f}"
         )
     if not (told["continuity_step_ratio"] or 0) >= continuity.LEAST_RATIO:
-        found.append(f"a cold swap's step is less than {continuity.LEAST_RATIO:.0f} times LITHE's")
+        found.append(f"the torque step of a cold swap is less than {continuity.LEAST_RATIO:.0f} times that of LITHE")
     return found

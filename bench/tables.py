@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The figures as people read them. What was not measured is a dash, never a number."""
+"""Prints the figures as tables. A figure that was not measured is a dash."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ def quantile_row(name: str, figures: Figures, key: str) -> list[str]:
 
 
 def show_channel(figures: Figures) -> None:
-    """The Channel among its peers."""
+    """The Channel and its peers."""
     plan = f"{cell(figures, 'plan_bytes', '.0f')} bytes"
     kinds = [
         ("raw cache line, 56 bytes (floor)", "cache_line"),
@@ -50,19 +50,19 @@ def show_channel(figures: Figures) -> None:
         f"  control: both sides on one core: {cell(figures, 'control_same_core_over_pingpong', '.0f')} x floor; ",
         end="",
     )
-    print(f"middle half of the rounds within {cell(figures, 'channel_round_spread', '.0%')}")
+    print(f"interquartile range of the rounds {cell(figures, 'channel_round_spread', '.0%')}")
 
 
 def show_jitter(figures: Figures) -> None:
-    """Release jitter beside its floor and cyclictest."""
+    """Release jitter, its floor, and cyclictest."""
     kinds = [
         ("bare spin, steal-aware (floor)", "floor"),
         ("LITHE, steal-aware", "lithe"),
         ("bare spin, raw", "floor_raw"),
         ("LITHE, raw", "lithe_raw"),
         ("cyclictest, raw", "cyclictest"),
-        ("control: a competitor on the core", "control"),
-        ("hand-off: woken to command out", "handoff"),
+        ("control: another thread on the core", "control"),
+        ("hand-off: wake-up to command out", "handoff"),
         ("hand-off, raw", "handoff_raw"),
     ]
     table(
@@ -80,24 +80,24 @@ def show_jitter(figures: Figures) -> None:
 
 
 def show_cost(figures: Figures) -> None:
-    """What a tick costs without its law."""
+    """The time of a tick without its law."""
     rows = [quantile_row(f"{joints} joints", figures, f"tick_cost_{joints}j") for joints in (1, 8, 32)]
     table("the tick's own cost, without the law [us]", HEAD, rows)
     print(f"  control: 32 joints over 1 joint: {cell(figures, 'cost_control_32j_over_1j')}")
 
 
 def show_contain(figures: Figures) -> None:
-    """What containment costs, and what it takes to come back."""
+    """The time of containment, and from a fault to the end of the replacement step."""
     ways = [
         ("plain", "plain"),
         ("contained", "contained"),
         ("contained, vault by keys", "contained_keys"),
         ("contained, 4 KiB copied", "contained_copies_4k"),
-        ("contained, no system calls", "contained_gated"),
+        ("contained, system calls blocked", "contained_gated"),
         ("control: signal mask saved", "control"),
     ]
     rows = [[name, cell(figures, f"contain_call_ns_{key}", ".1f")] for name, key in ways]
-    table("one call of a law that does next to nothing [ns]", ["", "p50"], rows)
+    table("one call of a law that does almost nothing [ns]", ["", "p50"], rows)
     kinds = [
         ("SIGSEGV", "write_null"),
         ("SIGFPE", "divide_by_zero"),
@@ -109,19 +109,19 @@ def show_contain(figures: Figures) -> None:
         ("the same, spinning watchdog", "loop_past_deadline_spun"),
     ]
     rows = [quantile_row(name, figures, f"contain_{key}") for name, key in kinds]
-    table("a law's fault until its stand-in is done [us]", HEAD, rows)
+    table("from a law's fault to the end of the replacement step [us]", HEAD, rows)
     print(f"  the watchdog takes {cell(figures, 'contain_watchdog_core_share', '.1%')} of its core")
 
 
 def show_scale(figures: Figures) -> None:
-    """What more joints cost, and our codec beside others."""
+    """The time that more joints take, and our codec compared with others."""
     sizes = (1, 4, 12, 32)
     rows = [[*quantile_row("no joints (floor)", figures, "exchange_empty"), "1.00"]]
     for key, name in (("exchange", ""), ("simulated", ", 1 ms of physics each")):
         for n in sizes:
             row = quantile_row(f"{n} joints{name}", figures, f"{key}_{n}j")
             rows.append([*row, cell(figures, f"{key}_{n}j_over_empty")])
-    table("one exchange with simulated moteus drives on a bus in memory, back to back [us]", [*HEAD, "x floor"], rows)
+    table("one exchange with simulated moteus drives on a bus in memory, without pauses [us]", [*HEAD, "x floor"], rows)
     for key, title in (("transport", "the Transport's exchange"), ("tick", "the tick, without its law")):
         rows = [quantile_row(f"{n} joints", figures, f"scale_{key}_{n}j") for n in sizes]
         table(f"{title}, in a Spine at 1 kHz [us]", HEAD, rows)
@@ -131,7 +131,7 @@ def show_scale(figures: Figures) -> None:
         row = [name, *(cell(figures, f"codec_{key}_{part}_ns", ".0f") for part in ("encode", "parse"))]
         rows.append([*row, *(cell(figures, f"codec_{key}_over_lithe_{part}", ".1f") for part in ("encode", "parse"))])
     head = ["", "command", "answer", "x LITHE", "x LITHE"]
-    table("a moteus command written and its answer read, the same frames [ns a frame]", head, rows)
+    table("writing a moteus command and reading its answer, the same frames [ns per frame]", head, rows)
     for key in ("codec_absent", "codec_upstream_absent"):
         if figures.get(key):
             print(f"  not measured: {figures[key]}")
@@ -140,31 +140,31 @@ def show_scale(figures: Figures) -> None:
 
 
 def show_host(figures: Figures) -> None:
-    """What the machine does, without LITHE: the numbers of docs/rt.md."""
+    """The machine without LITHE: the numbers of docs/rt.md."""
     rows = [quantile_row(name, figures, f"host_touch_{key}") for name, key in (("first", "first"), ("again", "again"))]
     table("a write to a page of new memory [us]", HEAD, rows)
-    names = {"whole": "on whole milliseconds", "moved": "moved by 500 us", "quarter": "control: moved by 250 us"}
+    names = {"whole": "on whole milliseconds", "moved": "shifted by 500 us", "quarter": "control: shifted by 250 us"}
     rows = [
         [name, cell(figures, f"host_grid_{key}_late_share", ".2%"), cell(figures, f"host_grid_{key}_p99_us")]
         for key, name in names.items()
     ]
     table("releases of a bare spin at 1 kHz", ["", "more than 2 us late", "p99 [us]"], rows)
-    names = {"alone": "alone", "ordinary": "beside one thread", "raised": "the same, with nice -20"}
+    names = {"alone": "alone", "ordinary": "with another thread", "raised": "the same, with nice -20"}
     rows = [[name, cell(figures, f"host_nice_{key}_skipped_share", ".2%")] for key, name in names.items()]
     table("releases of a bare spin that were skipped", ["", "share"], rows)
     names = {"plain": "the session at 0", "raised": "the session at -20"}
     rows = [[name, cell(figures, f"host_session_{key}_core_share", ".1%")] for key, name in names.items()]
-    table("a spin with nice -20 beside nice 10 of another session", ["", "of the core"], rows)
+    table("a spin with nice -20, and nice 10 in another session", ["", "share of the core"], rows)
     rows = [
         [
             f"{name}, threads: {cell(figures, f'host_brain_{key}_threads', '.0f')}",
             *(cell(figures, f"host_brain_{key}_{rest}", ".1f") for rest in ("alone_per_s", "beside_per_s", "slower")),
             *(cell(figures, f"host_brain_{key}_slower_{end}", ".1f") for end in ("least", "most")),
         ]
-        for name, key in (("as numpy likes", "own"), ("control: on the Brain's core", "one"))
+        for name, key in (("numpy's default", "own"), ("control: on the Brain's core", "one"))
     ]
-    head = ["", "alone", "beside a spin", "x slower", "least", "most"]
-    table("numpy: inversions of 600 x 600 a second", head, rows)
+    head = ["", "alone", "with a spin", "x slower", "least", "most"]
+    table("numpy: inversions of 600 x 600 per second", head, rows)
     for key in ("host_nice_absent", "host_session_absent"):
         if figures.get(key):
             print(f"  not measured: {figures[key]}")
@@ -175,11 +175,11 @@ def show_host(figures: Figures) -> None:
 
 
 def show_run(figures: Figures) -> None:
-    """The process people run."""
+    """The real process, `lithe run`."""
     kinds = [
         ("release jitter, raw", "run_release_jitter"),
         ("hand-off, raw", "run_handoff"),
-        ("control: a competitor on the core", "run_control"),
+        ("control: another thread on the core", "run_control"),
     ]
     table(
         "lithe run robots/arm.toml, from its own histograms [us]", HEAD, [quantile_row(n, figures, k) for n, k in kinds]
@@ -192,7 +192,7 @@ def show_run(figures: Figures) -> None:
 
 
 def show_machine(figures: Figures) -> None:
-    """Where all this was measured: without it no figure means anything."""
+    """The machine on which all this was measured."""
     kind = "virtual machine" if figures["machine_virtual"] else "bare metal"
     usable = figures.get("machine_usable_cores", figures["machine_cores"])
     some = "" if usable == figures["machine_cores"] else f" ({usable} of them usable)"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A constant torque on every joint, damped: torque = tau - kd dq. Pushes a joint to where gravity balances it, which is
-// how an unknown mgl is measured: at rest mgl sin(q) = tau (plus friction).
+// A constant torque on every joint, damped: torque = tau - kd dq. Moves a joint to where gravity balances it. This
+// is how an unknown mgl is measured: at rest mgl sin(q) = tau (plus friction).
 // Params: tau_nm the torque, kd_nm_s_rad damping that brings the joint to rest, ramp_s time to the full torque.
 #include <lithe/law.hpp>
 

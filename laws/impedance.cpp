@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Joint impedance (Hogan 1985): the joint feels like a mass M on a spring K and a damper D tied to the setpoint:
+// Joint impedance (Hogan 1985): the joint behaves like a mass M with a spring K and a damper D to the setpoint:
 // torque = M ddq* + K (q* - q) + D (dq* - dq), with D = 2 zeta sqrt(K M) so that one number sets the damping.
-// Params: inertia_kg_m2 of the joint as felt, stiffness_nm_rad K, damping_ratio zeta (1 = no overshoot),
-// torque_limit_nm most the spring may pull, so that contact stays gentle.
+// Params: inertia_kg_m2 M, stiffness_nm_rad K, damping_ratio zeta (1 = no overshoot), torque_limit_nm the largest
+// torque of the spring, so that contact forces stay small.
 #include <lithe/law.hpp>
 
 struct Impedance {

@@ -14,7 +14,7 @@ struct Lqr {
   };
   struct State {};
   struct Probes {
-    double kp_nm_rad = 0, kd_nm_s_rad = 0;  // the gains the weights amount to
+    double kp_nm_rad = 0, kd_nm_s_rad = 0;  // the gains that result from the weights
   };
 
   static void step(const lithe::Tick& t, const Params& p, State&, lithe::Effort& u, Probes& k) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Joint PD with velocity reference: torque = kp (q* - q) + kd (dq* - dq). The everyday tracking law.
+// Joint PD with velocity reference: torque = kp (q* - q) + kd (dq* - dq). The usual tracking law.
 // Params: kp_nm_rad stiffness, kd_nm_s_rad damping, one pair for all joints.
 #include <lithe/law.hpp>
 

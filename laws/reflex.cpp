@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reflex: a PD to the setpoint, until a sensor reaches its threshold. In that very tick, faster than any plan, every
-// joint turns back from where it was going: to withdraw_rad before the place where it was touched. hold_s after the
+// Reflex: a PD to the setpoint, until a sensor reaches its threshold. In the same tick, faster than any plan, every
+// joint moves back against its direction of motion, by withdraw_rad from its position at the touch. hold_s after the
 // last touch it follows the setpoint again. A sensor that is not valid (NaN) triggers nothing. Params: kp, kd of the
 // PD; sensor is the number of the [[sensor]] in the robot file, from 0; threshold in its unit.
 #include <lithe/law.hpp>

@@ -1,25 +1,25 @@
 /* SPDX-License-Identifier: Apache-2.0
  * The four-slot Channel. Code: spine/ipc/channel.hpp, its records: spine/ipc/words.hpp.
  *
- * Writer  stands for ChannelWriter::write and Record::write, of a process that may die between any two stores; another
- *         one then goes on from what lies in memory (the lease of the segment orders the two).
- * Reader  stands for ChannelReader::read, newest and resume and for Record::read. Readers store nothing that anybody
- *         else loads, so one of them sees all that any of many would see.
+ * Writer  stands for ChannelWriter::write and Record::write, of a process that may die between any two stores; then
+ *         another one continues with the contents of the memory (the lease of the segment orders the two).
+ * Reader  stands for ChannelReader::read, newest and resume and for Record::read. Readers store nothing that others
+ *         load, so one reader in the model stands for many.
  *
- * Memory. SPIN runs every store and load at once and in order (SC). The orders in the code leave three liberties, and
+ * Memory. SPIN executes every store and load in order (SC). The orders in the code permit three reorderings, and
  * all three are in the model: the writer's words among each other, the reader's words among each other, and the odd
- * mark of the next value, which a CPU may show while the announcement of this one is still on its way (a release store
- * does not hold back what follows). Reorderings that the code forbids are twins below. A writer that dies after a store
- * has made all its earlier ones: they drain before its successor starts.
+ * mark of the next value, which may become visible before the announcement of this one (a release store
+ * does not delay later stores). Reorderings that the code forbids are twins below. When a writer dies after a store,
+ * all its earlier stores are done: they become visible before its successor starts.
  *
  * Constants: a value has 2 words, not up to 500; a reader gives up after TRIES, asks `latest` after IDLE.
  *
  * claim torn       a read that succeeds gives words of one value only
  * claim backwards  each value read is younger than the one before
- * claim stale      a read that was not given up leaves the reader at the newest announced value or beyond
- * claim disturbed  a copy of the newest value fails only when the writer has got three values ahead meanwhile
- * claim blocked    a read ends after TRIES tries, whatever the writer does or leaves behind
- * claim lost       when nobody writes any more, a reader has the newest whole value after two reads
+ * claim stale      after a read that was not given up, the reader has the newest announced value or a newer one
+ * claim disturbed  a copy of the newest value fails only when the writer has written three more values meanwhile
+ * claim blocked    a read ends after TRIES tries, whatever the writer does or has left in memory
+ * claim lost       after the last write, a reader has the newest whole value after two reads
  */
 //: model -DWRITES=8 -DKILLS=1
 //: model -DWRITES=7 -DKILLS=2
@@ -31,8 +31,8 @@
 //: twin ANNOUNCE_BEFORE_FILL stale      `latest` is stored before the record is written
 //: twin THREE_SLOTS          disturbed  three slots instead of four
 //: twin SAME_NUMBER          lost       a successor writes a finished number again
-//: twin SKIP_UNANNOUNCED     backwards  a successor passes over a finished number and does not announce it
-//: twin ASK_LATEST           backwards  a reader believes `latest` more than the records
+//: twin SKIP_UNANNOUNCED     backwards  a successor skips a finished number and does not announce it
+//: twin ASK_LATEST           backwards  a reader trusts `latest` more than the records
 //: twin WAIT_WHILE_ODD       blocked    a reader waits for a record to be finished, as with a plain seqlock
 
 #ifdef TWIN_THREE_SLOTS
@@ -57,7 +57,7 @@ byte sequence[SLOTS];
 byte word0[SLOTS];
 byte word1[SLOTS];
 
-/* Nobody in the code knows these. Every write() has a stamp of its own, which stands for its value. */
+/* Only in the model, not in the code. Every write() has its own stamp, which stands for its value. */
 byte stamp;          /* of the write begun last */
 byte finished;       /* number of the newest value whose even sequence has been stored */
 byte finished_stamp; /* and which value that is */
@@ -102,7 +102,7 @@ alive:
     if
 #ifndef TWIN_SAME_NUMBER
     :: sequence[SLOT(count)] == 2 * count ->
-      /* This one begins with its mark, which may show before the announcement of its predecessor's. */
+      /* This one begins with its mark, which may become visible before the announcement of the value before. */
       if
       :: !early -> early = true; sequence[SLOT(count + 1)] = 2 * (count + 1) + 1
       :: true
@@ -148,7 +148,7 @@ alive:
 #ifndef TWIN_ANNOUNCE_BEFORE_FILL
     STORE(latest = count)
 #endif
-  :: !early -> goto gone /* has nothing more to say */
+  :: !early -> goto gone /* the writer is done */
   od;
 
 dead:

@@ -2,25 +2,25 @@
  * The double buffer between the tick and the Transport. Code: spine/loop/handover.hpp.
  *
  * Tick       stands for Spine::exchange, look and compose (spine/loop/tick.cpp) with Handover::idle, latest_sample,
- *            dispatch and next_command; its loop runs for ever.
+ *            dispatch and next_command; its loop never ends.
  * Transport  stands for run_transport and serve_once (spine/loop/transport.cpp) with pending, command, sample, finish.
- *            It may be late by any number of ticks, and hang for good anywhere.
+ *            It may be late by any number of ticks, and hang forever at any point.
  *
- * Memory. SPIN is sequentially consistent. The code's release stores do not hold back what follows them: the words of
- * the next command may show before the dispatch of this one. That liberty is in the model; what the orders forbid are
- * the twins FINISH_BEFORE_SAMPLE and DISPATCH_BEFORE_FILL.
+ * Memory. SPIN is sequentially consistent. The code's release stores do not delay later stores: the words of
+ * the next command may become visible before the dispatch of this one. This is in the model; the reorderings that the orders
+ * forbid are the twins FINISH_BEFORE_SAMPLE and DISPATCH_BEFORE_FILL.
  *
- * Constants: a buffer has 2 words. Counters and stamps count modulo 4 and 8: the two sides are at most one apart, which
- * is claimed as well, so nothing is confused, and the model runs for ever in finitely many states.
+ * Constants: a buffer has 2 words. Counters and stamps count modulo 4 and 8: the two sides differ by at most one (this
+ * is a claim, too), so values are never confused, and the model runs without end in finitely many states.
  *
  * claim torn       a command or sample that is read is one that was written as a whole
- * claim order      commands are applied in the order of their dispatch, each once, none left out
- * claim answer     the sample the tick works with answers the command it dispatched last, and stays whole while it does
- * claim apart      the counters are never more than one apart
- * claim endstate   (SPIN's own) the tick never waits: it goes on when the Transport hangs
+ * claim order      commands are applied in the order of their dispatch, each exactly once
+ * claim answer     the sample that the tick uses answers the command it dispatched last, and does not change meanwhile
+ * claim apart      the counters never differ by more than one
+ * claim endstate   (SPIN's own) the tick never waits: it continues when the Transport hangs
  */
 //: model
-//: twin DO_NOT_ASK            apart     a late Transport is handed the next command all the same
+//: twin DO_NOT_ASK            apart     a late Transport gets the next command nevertheless
 //: twin ONE_BUFFER            torn      one buffer a side instead of two
 //: twin SAMPLE_OF_NEXT        torn      latest_sample() is the buffer the Transport writes to
 //: twin DISPATCH_BEFORE_FILL  torn      a command is dispatched before its last word (no release store)
@@ -40,7 +40,7 @@ byte dispatched, done;
 byte command0[2], command1[2];
 byte state0[2], state1[2];
 
-/* Nobody in the code knows these. */
+/* Only in the model, not in the code. */
 byte ordered; /* stamp of the command dispatched last */
 byte orders;  /* dispatched and not yet applied */
 
@@ -91,7 +91,7 @@ active proctype Tick() {
 #endif
     fi;
 
-    /* look(), publish(): the tick uses the sample to its end, a late one still that of an earlier tick. */
+    /* look(), publish(): the tick uses the sample until its end; a late tick still uses that of an earlier tick. */
     got0 = state0[sample];
     got1 = state1[sample];
     d_step {
@@ -101,7 +101,7 @@ active proctype Tick() {
       got1 = 0
     }
 
-    /* compose(): also when the one before has not left yet; it is written over. */
+    /* compose(): also when the one before was not sent yet; it is overwritten. */
     stamp = (stamp + 1) % 8;
     if
     :: early -> early = false
@@ -113,7 +113,7 @@ active proctype Tick() {
   od
 }
 
-/* The Transport may hang here for good. */
+/* The Transport may hang here forever. */
 #define MAY_HANG \
   if \
   :: goto end_hung \

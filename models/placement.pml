@@ -1,19 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0
- * Who may write into which slot of the code arena, and when. Code: supervisor/swap/placement.cpp.
+ * Which process may write into which slot of the code arena, and when. Code: supervisor/swap/placement.cpp.
  *
  * Supervisor  stands for Placement::place, free_slot, asked and forget, for Swaps::stage (supervisor/swap/swap.cpp)
  *             and for lawd, which writes the image (spine/arena/arena.cpp) while the Placement waits for its answer. It
- *             may be killed anywhere, and lawd with it; the next one adopts the Spine.
+ *             may be killed at any point, and lawd with it; the next one adopts the Spine.
  * Loader      stands for Loader::poll, stage, release and publish_info (spine/load/loader.cpp) and for ArenaStore::load
- *             and unload (spine/load/arena_store.cpp). Letters may wait, a law may be refused or let go, whenever they
- *             like; how the tick lets go is in slot.pml.
+ *             and unload (spine/load/arena_store.cpp). Letters may wait, and a law may be refused or released, at any
+ *             time; how the tick releases it is in slot.pml.
  *
- * Memory. Mailbox and Channel order what lies on both sides of them; channel.pml is about how.
+ * Memory. Mailbox and Channel order the accesses on both sides; channel.pml shows how.
  *
  * Constants: SLOTS instead of 16, PLACES instead of 8, LETTERS instead of 4. An image has 2 words.
  *
- * claim untouched  nobody writes to the slot of a law from the moment that the Loader has checked it until it has gone
- * claim alone      two laws never have one slot
+ * claim untouched  nobody writes to the slot of a law from its check by the Loader until its end
+ * claim alone      two laws never have the same slot
  */
 //: model
 //: twin ADOPT_AT_ONCE        untouched  a new supervisor does not wait for the answers to its predecessor's letters
@@ -33,9 +33,9 @@
 chan letters = [LETTERS] of { byte, byte }; /* ticket, slot */
 bool answered[TICKETS] = true;
 byte head;
-byte info[PLACES + 1]; /* the slot it tells */
+byte info[PLACES + 1]; /* the slot of the law there */
 
-/* The arena: whether a slot still holds, word by word, the image that a letter promises. */
+/* The arena: whether each word of a slot is still that of the image in a letter. */
 byte slot_in[TICKETS];
 bool word0[TICKETS], word1[TICKETS];
 
@@ -46,7 +46,7 @@ byte kills;
 bool untouched, alone;
 #define CLAIM(name, holds) assert(name || (holds))
 
-/* lawd writes a word. Every image is another one, so whoever has the slot has it no more. */
+/* lawd writes a word. Every image is different, so the image that was in the slot is no longer complete. */
 #define WRITE(word, s) \
   d_step { \
     CLAIM(untouched, slot_of[1] != s && slot_of[2] != s); \
@@ -81,7 +81,7 @@ inline read_laws() {
   resident[NONE] = false
 }
 
-/* Loader::release(), of a law that the tick has let go */
+/* Loader::release(), of a law that the tick has released */
 inline release() {
 #ifdef TWIN_EMPTY_INFO_EARLY
   info[p] = NONE;
@@ -196,7 +196,7 @@ end_idle:
     :: p <= PLACES && slot_of[p] != NONE -> p++
     :: else -> break
     od;
-    /* ArenaStore::load(): the image may be another one by now, or half a one */
+    /* ArenaStore::load(): the image may be a different or an incomplete one by now */
     if
     :: p > PLACES || slot_of[1] == s || slot_of[2] == s -> goto refused
     :: else

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0
- * How a law gets from the Loader to the tick and back. Code: spine/law/slot.hpp.
+ * The way of a law from the Loader to the tick and back. Code: spine/law/slot.hpp.
  *
  * Loader  stands for Loader::poll, retire_one, candidate_waits, stage, prepare and release (spine/load/loader.cpp) with
  *         Slot::collect_retired, active_id, withdraw and offer. Time-outs and refused loads come whenever they like.
@@ -7,18 +7,18 @@
  *         swap, step_shadow, end_shadow, commit; with Slot::take, commit, refuse and rollback(n). Faults,
  *         commands and opinions come whenever they like.
  *
- * A law's code belongs to its place: what is said of a place holds for its arena slot, which the Loader gives back
- * (LawStore::unload) in the same moment as the place.
+ * A law's code belongs to its place: statements about a place are also true for its arena slot, which the Loader frees
+ * (LawStore::unload) together with the place.
  *
- * Memory. SPIN is sequentially consistent. The orders in the code keep every use of a Resident between the two edges
- * that hand it over; the twins PUBLISH_BEFORE_FILL and RETIRE_BEFORE_CARRY are what weaker orders would allow.
+ * Memory. SPIN is sequentially consistent. With the orders in the code, every use of a Resident is between the two
+ * accesses that hand it over; the twins PUBLISH_BEFORE_FILL and RETIRE_BEFORE_CARRY are what weaker orders would permit.
  *
- * Constants: HISTORY 2 instead of 4, and the fewest PLACES that slot.hpp allows for it. Law ids count up for ever in
- * the code. Here a law's id is its place, and once the place is free an `active_id` that still says so is made NO_MORE:
- * it equals no id, as in the code.
+ * Constants: HISTORY 2 instead of 4, and the fewest PLACES that slot.hpp allows for it. In the code, law ids increase
+ * without end. Here a law's id is its place, and when the place is free, an `active_id` with this id is set to NO_MORE: it
+ * equals no id, as in the code.
  *
 * claim one_owner  who reads, writes or hands over a Resident owns it; so it has one owner at a time
- * claim whole      a law that runs was filled to its end, and its code is there
+ * claim whole      a law that runs was filled completely, and its code is loaded
  * claim offered    an offer finds the slot empty (the Loader drops the result)
  * claim room       there is a free place for each request
  * claim lost       once the tick has stopped, each place is free but those of the active law, of those before it, and of
@@ -62,10 +62,10 @@ byte shadow;               /* Shadow::law_, the tick's own */
 
 /* Resident, and its code. */
 bool used[PLACES + 1];     /* Loader::used_ */
-bool code[PLACES + 1];     /* LawStore has it */
+bool code[PLACES + 1];     /* loaded in the LawStore */
 bool filled[PLACES + 1];
 
-/* Nobody in the code knows these. */
+/* Only in the model, not in the code. */
 mtype = { loader, slot, tick };
 mtype owner[PLACES + 1] = loader;
 bool stop, tick_stopped;
@@ -272,7 +272,7 @@ inline release(r) {
   }
 }
 
-/* Slot::collect_retired(). Only the Loader empties a place, so what it has seen there is still there. */
+/* Slot::collect_retired(). Only the Loader empties a place, so a law that it has seen there is still there. */
 inline collect_retired() {
   i = 1;
   do
@@ -345,7 +345,7 @@ active proctype Loader() {
         :: waiting = NONE
 #endif
         :: goto next
-        :: /* for too long */
+        :: /* time-out */
 #ifdef TWIN_RELEASE_ON_TIMEOUT
           gone = waiting;
 #else

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // PI with a low-pass on the measured velocity: torque = kp e + integral + kd (dq* - filtered dq). The integral carries
-// the arm's weight. Coming after a law without one, it starts from the torque that held the arm lately.
+// the arm's weight. After a law without an integral, it starts from the torque that held the arm during the last ticks.
 #include <lithe/law.hpp>
 
 struct PiLowpass {

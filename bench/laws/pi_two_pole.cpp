@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// PI whose velocity goes through two low-passes in a row: quieter than pi_lowpass, and of another structure. The
-// integral has the name it has there and is carried over; the filters are new, and run through the past to be warm.
+// PI with two low-passes in series on the velocity: less noise than pi_lowpass, and another structure. The integral has
+// the same name as there and is carried; the filters are new, and init() runs them on the last ticks.
 #include <lithe/law.hpp>
 
 struct PiTwoPole {

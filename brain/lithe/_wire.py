@@ -329,7 +329,7 @@ class Plan(ctypes.Structure):
 
 
 class Command(ctypes.Structure):
-    """What must not be lost."""
+    """A request that must not be lost."""
 
     _fields_ = [
         ("kind", ctypes.c_uint32),

@@ -14,7 +14,7 @@ import lithe
 LAWS = Path(__file__).resolve().parents[2] / "laws"
 
 with lithe.connect() as robot:
-    # error_ratio=0: it ignores plans on purpose, so that "it tracks worse than the law before" is no reason to undo it.
+    # error_ratio=0: this law ignores plans on purpose, so the probation must not judge its tracking error.
     swap = robot.swap(LAWS / "hold.cpp", error_ratio=0)
     print(f"law '{swap['law']}' runs, mode {robot.status()['mode']}")
 

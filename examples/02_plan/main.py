@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stream a plan: every 20 ms the next 240 ms of a sine, as waypoints at absolute times. Then look at what was tracked.
+"""Stream a plan: every 20 ms the next 240 ms of a sine, as waypoints at absolute times. Then print the tracking error.
 
-The Spine draws a smooth curve through the waypoints, so the Brain may be late by 200 ms and the arm does not notice.
+The Spine computes a smooth curve through the waypoints, so the Brain may be 200 ms late without an effect on the arm.
 
 In another shell:  lithe run robots/arm.toml
 Then:              .venv/bin/python examples/02_plan/main.py
@@ -11,7 +11,7 @@ import math
 import time
 from pathlib import Path
 
-import lithe  # before numpy: it keeps numpy's threads off the Spine's core
+import lithe  # before numpy: it limits numpy to one thread, so that none runs on the Spine's core
 import numpy as np
 
 LAWS = Path(__file__).resolve().parents[2] / "laws"

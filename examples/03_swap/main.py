@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Replace the law of a loaded arm, look at the tick where it happened, and go back.
+"""Swap the law of an arm under load, look at the torque around the commit, and roll back.
 
 In another shell:  lithe run robots/arm.toml
 Then:              .venv/bin/python examples/03_swap/main.py
@@ -8,7 +8,7 @@ Then:              .venv/bin/python examples/03_swap/main.py
 import time
 from pathlib import Path
 
-import lithe  # before numpy: it keeps numpy's threads off the Spine's core
+import lithe  # before numpy: it limits numpy to one thread, so that none runs on the Spine's core
 import numpy as np
 
 LAWS = Path(__file__).resolve().parents[2] / "laws"

@@ -21,7 +21,7 @@ struct Pid {
     double integral_rad_s = 0;  // a later law with a field of this name and type takes over its value
   };
   struct Probes {
-    double integral_nm = 0;  // shows up in telemetry as probe[0]
+    double integral_nm = 0;  // in telemetry as probe[0]
   };
   static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& u, Probes& probe) {
     const double error_rad = t.setpoint_position_rad[0] - t.position_rad[0];
@@ -42,14 +42,14 @@ def sag_deg(robot: lithe.Robot) -> float:
 
 
 with lithe.connect() as robot:
-    # error_ratio=0: it sags at first, so that "it tracks worse than the law before" is no reason to undo it.
+    # error_ratio=0: the arm sags at first, so the probation must not judge the tracking error.
     robot.swap(LAW, name="pid.cpp", error_ratio=0)
     robot.go_to([math.pi / 2], in_s=1.0)
     print(f"PD alone sags by more than 3 degrees: {sag_deg(robot) > 3}")
 
-    robot.params["ki_nm_rad_s"] = 2.0  # live, between two ticks, nothing is compiled
+    robot.params["ki_nm_rad_s"] = 2.0  # between two ticks; nothing is compiled
     print(f"with the integral less than 1 degree: {abs(sag_deg(robot)) < 1}")
 
     probe_nm = float(robot.telemetry.latest()["probe"][0])
-    # What the file says of its weight is 0.165; payload, friction and the drive's torque constant add or take some.
+    # The robot file says 0.165; payload, friction and the drive's torque constant change it.
     print(f"the integral has learnt the arm's weight, 0.12 to 0.23 N m: {0.12 < probe_nm < 0.23}")

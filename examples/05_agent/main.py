@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An agent at the other end of a TCP connection: it makes a mistake, reads the compiler's words, and does better.
+"""An agent on a TCP connection: its first law has an error; it reads the compiler's message and corrects the law.
 
 Here gateway and agent share a process to keep the example short; `python -m lithe.gateway` opens the robot to agents
 in other processes or on other machines (ssh -L 7423:localhost:7423 is a good way to reach it).

@@ -17,7 +17,7 @@ constexpr int kChannels = 16;
 // All analog inputs but 22 and 23, which are CAN1.
 constexpr uint8_t kAnalogPins[kChannels] = {14, 15, 16, 17, 18, 19, 20, 21, 24, 25, 26, 27, 38, 39, 40, 41};
 constexpr uint8_t kDigitalPins[kChannels] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 28, 29, 32};
-constexpr int kRailLow = 4, kRailHigh = 4091;  // of 12 bits: a reading at a rail is a broken wire, not a value
+constexpr int kRailLow = 4, kRailHigh = 4091;  // of 12 bits: a reading at a rail means a broken wire
 constexpr int16_t kInvalid = -32768;
 
 FlexCAN_T4FD<CAN3, RX_SIZE_256, TX_SIZE_16> g_fd;
@@ -45,7 +45,7 @@ uint8_t fill(uint8_t* data, uint32_t block, uint8_t first, int channels) {
     uint16_t values = 0;
     for (int i = 0; i < kChannels; ++i) values |= static_cast<uint16_t>(digitalRead(kDigitalPins[i]) ? 1u << i : 0u);
     put(data + 4, values);
-    put(data + 6, 0xffff);  // an input with a pull-up always reads something
+    put(data + 6, 0xffff);  // all valid: an input with a pull-up always has a value
     return 8;
   }
   for (int i = 0; i < channels; ++i) put(data + 4 + 2 * i, static_cast<uint16_t>(analog(first + i)));
@@ -60,8 +60,8 @@ void send_fd() {
   frame.brs = true;
   frame.edl = true;
   const uint8_t used = fill(frame.buf, block, 0, kChannels);
-  frame.seq = true;                // one mailbox: frames leave in the order of their sequence
-  frame.len = used <= 8 ? 8 : 48;  // lengths that CAN FD knows
+  frame.seq = true;                // one mailbox: frames are sent in the order of their sequence
+  frame.len = used <= 8 ? 8 : 48;  // lengths that CAN FD permits
   for (uint8_t at = used; at + 1 < frame.len; at += 2) put(frame.buf + at, static_cast<uint16_t>(kInvalid));
   g_fd.write(frame);
 }
@@ -84,7 +84,7 @@ void setup() {
   for (uint8_t pin : kDigitalPins) pinMode(pin, INPUT_PULLUP);
   if (kFd) {
     g_fd.begin();
-    g_fd.setRegions(64);  // bytes of a mailbox; it cuts what is longer, and has 8 after begin()
+    g_fd.setRegions(64);  // bytes of a mailbox: 8 after begin(); longer frames would be cut
     CANFD_timings_t timing;
     timing.clock = CLK_40MHz;
     timing.baudrate = 1000000;
@@ -101,10 +101,10 @@ void setup() {
 }
 
 void loop() {
-  kFd ? g_fd.events() : g_classic.events();  // what found the mailbox busy goes on its way
+  kFd ? g_fd.events() : g_classic.events();  // sends frames that found the mailbox busy
   const int32_t late_us = static_cast<int32_t>(micros() - g_next_us);
   if (late_us < 0) return;
-  if (late_us > kMostLateUs) g_next_us = micros();  // what was left out is not made good
+  if (late_us > kMostLateUs) g_next_us = micros();  // missed frames are not sent later
   g_next_us += kFramePeriodUs;
   kFd ? send_fd() : send_classic();
 }

@@ -74,21 +74,21 @@ TEST(Histogram, QuantilesAreWithinABinOfTheTruth) {
   Counters counters;
   HistogramWriter writer(counters);
   for (int i = 1; i <= 10'000; ++i) writer.add(i);
-  writer.add(-5);  // a negative duration is a clock's mistake, never a negative index
+  writer.add(-5);  // a negative duration is an error of the clock and must not be a negative index
   EXPECT_EQ(counters.count, 10'001u);
   EXPECT_EQ(counters.max_ns, 10'000u);
   EXPECT_NEAR(static_cast<double>(histogram_quantile_ns(counters.bin, 0.5)), 5000, 5000 * 0.04);
   EXPECT_NEAR(static_cast<double>(histogram_quantile_ns(counters.bin, 0.999)), 9990, 9990 * 0.04);
 }
 
-// Out of the optimizer's sight: a pair of new and delete may be left out.
+// Hidden from the optimizer, which may remove a pair of new and delete.
 void allocate() {
   void* volatile memory = std::malloc(8);
   std::free(memory);
 }
 
 TEST(NoAllocScope, FailsTheTestThatAllocatesInIt) {
-  if (!NoAllocScope::kCounts) GTEST_SKIP() << "a sanitizer has the allocator's place";
+  if (!NoAllocScope::kCounts) GTEST_SKIP() << "a sanitizer replaces the allocator";
   EXPECT_NONFATAL_FAILURE(
       {
         const NoAllocScope scope;
@@ -96,7 +96,7 @@ TEST(NoAllocScope, FailsTheTestThatAllocatesInIt) {
       },
       "2 calls of the allocator");
   allocate();
-  const NoAllocScope scope;  // what was before, and nothing, is no reason
+  const NoAllocScope scope;  // earlier calls, and an empty scope, are no failure
 }
 
 TEST(Host, PinningToACoreThatIsNotThereSaysWhichAre) {

@@ -16,7 +16,7 @@ namespace {
 namespace fs = std::filesystem;
 using Cpus = std::vector<int>;
 
-// The files of a kernel that has booted otherwise than this one.
+// The files of a kernel with other boot options than this one.
 class FakeKernel : public ::testing::Test {
  protected:
   ~FakeKernel() override { fs::remove_all(root_); }
@@ -70,7 +70,7 @@ TEST_F(FakeKernel, AnIsolatedPartitionHoldsForTheGroupsInIt) {
   EXPECT_EQ(isolated_cores(43, root_).all(), Cpus{});
 }
 
-// The twins: what only looks like isolation.
+// The twins: cores that only seem to be isolated.
 TEST_F(FakeKernel, APartitionThatIsInvalidOrBalancedIsNoIsolation) {
   put("/proc/self/cgroup", "0::/robot");
   group("/robot", "isolated invalid (Cpu list in cpuset.cpus not exclusive)", "2-3");
@@ -87,7 +87,7 @@ MachineCores booted_with_isolcpus() {
   MachineCores cores;
   cores.online = cores.granted = {0, 1, 2, 3};
   cores.isolated.boot = {1, 2, 3};
-  cores.affinity = {0};  // what the kernel gives to init, and init to all
+  cores.affinity = {0};  // the kernel gives it to init, and init to all processes
   return cores;
 }
 
@@ -102,7 +102,7 @@ TEST(MachineCores, ThoseOfAnotherCpusetAreNot) {
   cores.granted = {0, 2};
   EXPECT_EQ(cores.usable(), (Cpus{0, 2}));
   EXPECT_EQ(cores.automatic(), (Cpus{0, 2}));
-  cores.granted = {};  // nobody could ask
+  cores.granted = {};  // the kernel could not be asked
   EXPECT_EQ(cores.usable(), (Cpus{0}));
 }
 
@@ -113,7 +113,7 @@ TEST(MachineCores, AnAffinityThatSomebodyHasSetIsKept) {
   cores.isolated.boot = {2, 3};  // and of the cores that are not isolated, one: taskset -c 0
   cores.affinity = {0};
   EXPECT_EQ(cores.automatic(), (Cpus{0}));
-  EXPECT_EQ(cores.usable(), (Cpus{0, 2, 3})) << "to be named";
+  EXPECT_EQ(cores.usable(), (Cpus{0, 2, 3})) << "can be set in [spine]";
 }
 
 TEST(MachineCores, WithoutIsolationAreTheAffinity) {
@@ -131,7 +131,7 @@ TEST(MachineCores, AskingTheKernelChangesNothing) {
   EXPECT_EQ(cores.affinity, before);
   EXPECT_TRUE(std::includes(cores.granted.begin(), cores.granted.end(), before.begin(), before.end()));
   EXPECT_EQ(granted_cpus({before.front()}), Cpus{before.front()});
-  EXPECT_EQ(granted_cpus({1023}), Cpus{}) << "no machine of ours has it";
+  EXPECT_EQ(granted_cpus({1023}), Cpus{}) << "no machine has this core";
 }
 
 }  // namespace

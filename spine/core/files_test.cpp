@@ -47,7 +47,7 @@ TEST_F(FilesTest, WhatIsNoFileIsNamedAndNotRead) {
   EXPECT_EQ(why(in("pipe")), in("pipe") + ": is a device, a pipe or a socket, not a file");
   EXPECT_EQ(why(in("absent")), in("absent") + ": No such file or directory");
   EXPECT_NE(why("/proc/self/mem"), "was read");
-  EXPECT_NE(why("/proc/self/smaps"), "was read") << "a file that says 0 bytes and has more than the limit";
+  EXPECT_NE(why("/proc/self/smaps"), "was read") << "a file whose size is given as 0 and that has more than the limit";
 }
 
 TEST_F(FilesTest, WhatIsLeftBehindIsNotForEverybody) {

@@ -24,7 +24,7 @@ class Interrupts : public ::testing::Test {
     put(folder + "/smp_affinity_list", allowed);
     put(folder + "/effective_affinity_list", effective);
   }
-  // "24 eth0, 25 i2c": those of a core; or what could not be read.
+  // "24 eth0, 25 i2c": those of a core; or the file that could not be read.
   std::string of(int cpu) const {
     const auto found = interrupts_of(cpu, root_);
     if (!found) return "unknown: " + found.message().substr(root_.size());
@@ -38,7 +38,7 @@ class Interrupts : public ::testing::Test {
   std::string root_ = testing::TempDir() + "lithe_interrupts_" + std::to_string(getpid());
 };
 
-// As Linux writes it on a PC.
+// The contents on a PC.
 constexpr const char* kPc =
     "            CPU0       CPU1       \n"
     "   4:          0       3055  IO-APIC   4-edge      ttyS0\n"
@@ -61,12 +61,12 @@ TEST_F(Interrupts, LandWhereTheKernelSendsThemNotWhereverTheyWereAllowed) {
   put("/proc/interrupts", kPc);
   for (const int number : {4, 24, 25}) allow(number, "0-1", "0");
   EXPECT_EQ(of(1), "");
-  fs::remove(root_ + "/proc/irq/24/effective_affinity_list");  // a kernel that does not tell
-  allow(25, "0-1", "");                                        // a controller that does not
+  fs::remove(root_ + "/proc/irq/24/effective_affinity_list");  // a kernel without this file
+  allow(25, "0-1", "");                                        // a controller that leaves it empty
   EXPECT_EQ(of(1), "24 i2c / a b, 25 eth0-rx, eth0-tx");
 }
 
-// As Linux writes it on a Raspberry Pi 4: the timer of each core is an interrupt with a number.
+// The contents on a Raspberry Pi 4: the timer of each core is an interrupt with a number.
 TEST_F(Interrupts, ThatEachCoreHasForItselfAreNoDevices) {
   put("/proc/interrupts",
       "           CPU0       CPU1       \n"
@@ -79,10 +79,10 @@ TEST_F(Interrupts, ThatEachCoreHasForItselfAreNoDevices) {
   EXPECT_EQ(of(1), "33 fe00b880.mailbox");
 }
 
-// The twins: where nobody can know, the answer is not "none".
+// The twins: where it is unknown, the answer is not "none".
 TEST_F(Interrupts, ThatCannotBeReadAreUnknownNotNone) {
   EXPECT_EQ(of(1), "unknown: /proc/interrupts: No such file or directory");
-  put("/proc/interrupts", "");  // a container hides it so
+  put("/proc/interrupts", "");  // in some containers it is empty
   EXPECT_EQ(of(1), "unknown: /proc/interrupts: has no column of a core");
   put("/proc/interrupts", kPc);
   allow(4, "0");

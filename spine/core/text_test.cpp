@@ -10,7 +10,7 @@ namespace {
 
 constexpr std::size_t kAllText = std::string_view::npos;
 
-// What a terminal, a log or a reader may take otherwise than it stands there. tests/unprintable.py has the same list.
+// Characters that a terminal, a log or a reader may misinterpret. tests/unprintable.py has the same list.
 const std::string_view kUnprintable[] = {"\x1b[2J",
                                          "a\nb",
                                          "a\tb",
@@ -50,8 +50,8 @@ TEST(Text, TextIsText) {
 TEST(Text, TheFirstBrokenByteIsFound) {
   EXPECT_EQ(first_non_text("ab\xFF"), 2U);
   EXPECT_EQ(first_non_text("ab\x80"), 2U);            // continuation without a start
-  EXPECT_EQ(first_non_text("ab\xC3"), 2U);            // cut short by the end
-  EXPECT_EQ(first_non_text("\xE2\x82z"), 0U);         // cut short by another character
+  EXPECT_EQ(first_non_text("ab\xC3"), 2U);            // ended by the end of the text
+  EXPECT_EQ(first_non_text("\xE2\x82z"), 0U);         // ended by another character
   EXPECT_EQ(first_non_text("\xC0\xAF"), 0U);          // overlong
   EXPECT_EQ(first_non_text("\xE0\x80\x80"), 0U);      // overlong
   EXPECT_EQ(first_non_text("\xED\xA0\x80"), 0U);      // surrogate

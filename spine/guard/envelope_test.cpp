@@ -27,7 +27,7 @@ constexpr double kStep = 0.12;
 
 struct Joint {
   explicit Joint(const robot::RobotConfig& robot = arm()) { envelope.configure(robot, robot.joints[0]); }
-  // One tick: the torque that the slew bound, the limits and the envelope leave of what is wanted.
+  // One tick: the wanted torque after the slew bound, the limits and the envelope.
   double ask(double wanted_nm) {
     envelope.in_flight(last_nm, last_nm);
     const double least = std::max(last_nm - kStep, -0.6), most = std::min(last_nm + kStep, 0.6);
@@ -56,21 +56,21 @@ TEST(Envelope, WhatCouldNotStopAnyMoreIsBrakedFully) {
   joint.seen = {1, 29, 0};
   EXPECT_EQ(joint.settle(0.6), -0.6);
   joint.seen = {-1, -29, 0};
-  EXPECT_EQ(joint.settle(-0.6), 0.6) << "to the other side as well";
+  EXPECT_EQ(joint.settle(-0.6), 0.6) << "in the other direction as well";
 }
 
 TEST(Envelope, InwardTorqueIsFreeAtALimit) {
   Joint joint;
   joint.seen = {2.999, 0, 0};
   EXPECT_EQ(joint.settle(-0.3), -0.3);
-  EXPECT_LT(joint.settle(0.6), 0.0) << "the worst load would push it through";
+  EXPECT_LT(joint.settle(0.6), 0.0) << "the largest load would push it beyond the limit";
 }
 
 TEST(Envelope, BeyondALimitItComesBackSlowly) {
   Joint joint;
   joint.seen = {3.1, 0, 0};
   const double back_nm = joint.settle(0.6);
-  EXPECT_LT(back_nm, -0.165) << "more than the worst load";
+  EXPECT_LT(back_nm, -0.165) << "more than the largest load";
   joint.seen.velocity_rad_s = -6;
   EXPECT_GT(joint.settle(0.6), back_nm) << "that is fast enough";
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What one joint's fault does to its group, and what it does not do to the others.
+// The effect of a joint's fault on its group; it has no effect on the other groups.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -29,7 +29,7 @@ TEST(GuardGroups, AFaultStopsItsGroupAndTheOthersGoOn) {
   bench.status[1] = wire::joint_status::kLost;
   const Verdict verdict = bench.check();
   EXPECT_EQ(verdict.fault, Fault::drive_lost);
-  EXPECT_FALSE(verdict.use_safe_law) << "not the robot";
+  EXPECT_FALSE(verdict.use_safe_law) << "not for the whole robot";
   EXPECT_NE(verdict.flags & flag::kGroupStopped, 0U);
   EXPECT_EQ(bench.out.rung[0], Rung::safe_law);
   EXPECT_EQ(bench.out.rung[1], Rung::safe_law);
@@ -48,12 +48,12 @@ TEST(GuardGroups, ItIsToldOnceAndLatchedUntilAPersonResets) {
   Bench bench(with_groups());
   bench.status[2] = wire::joint_status::kFault;
   EXPECT_EQ(bench.check().fault, Fault::drive_fault);
-  EXPECT_EQ(bench.check().fault, Fault::none) << "the loop knows";
+  EXPECT_EQ(bench.check().fault, Fault::none) << "the loop has this fault already";
   bench.status[2] = 0;
   bench.settle();
   EXPECT_EQ(bench.out.rung[3], Rung::safe_law);
   EXPECT_EQ(bench.guard.joint_fault(2), Fault::drive_fault);
-  EXPECT_EQ(bench.guard.joint_fault(3), Fault::none) << "it did nothing";
+  EXPECT_EQ(bench.guard.joint_fault(3), Fault::none) << "this joint has no fault";
   bench.guard.forget_faults();
   bench.check();
   EXPECT_EQ(bench.out.rung[3], Rung::law);
@@ -67,7 +67,7 @@ TEST(GuardGroups, TheLastGroupThatStopsIsTheRobot) {
   bench.velocity[2] = 13;  // 12.5 is too fast
   const Verdict verdict = bench.check();
   EXPECT_TRUE(verdict.use_safe_law);
-  EXPECT_EQ(verdict.fault, Fault::velocity_limit) << "what is new, not the older story of another joint";
+  EXPECT_EQ(verdict.fault, Fault::velocity_limit) << "the new fault, not the older one of another joint";
 }
 
 TEST(GuardGroups, WhereTheOthersShallStopTheyStop) {
@@ -110,7 +110,7 @@ TEST(GuardGroups, WhatALawWantsOfAStoppedJointIsNobodysBusiness) {
   verdict = bench.settle();
   EXPECT_EQ(verdict.law_flags, 0U);
   bench.torque[2] = kNan;
-  EXPECT_EQ(bench.check().fault, Fault::law_not_finite) << "and not the older story of another joint";
+  EXPECT_EQ(bench.check().fault, Fault::law_not_finite) << "and not the older fault of another joint";
 }
 
 TEST(GuardGroups, AnEstopKeepsTheRungsAndArmingForgetsThem) {
@@ -140,7 +140,7 @@ TEST(GuardGroups, EachGroupGoesDownTheLadderInItsOwnTime) {
   bench.torque.fill(0.5);
   bench.status[0] = wire::joint_status::kFault;
   bench.velocity[1] = 1;
-  bench.velocity[3] = 2;  // the arm's business
+  bench.velocity[3] = 2;  // a joint of the arm
   EXPECT_EQ(bench.rung_after(200, 1), Rung::safe_law) << "its group still moves";
   bench.velocity[1] = 0;
   EXPECT_EQ(bench.rung_after(50, 1), Rung::safe_law);
@@ -175,7 +175,7 @@ TEST(GuardGroups, AJointThatMustBeHomedAndNoLongerIsStopsItsGroup) {
   Bench bench(robot);
   bench.status.fill(wire::joint_status::kNotHomed);
   EXPECT_EQ(bench.check().fault, Fault::drive_not_homed);
-  EXPECT_EQ(bench.out.rung[0], Rung::law) << "nobody asked it to be";
+  EXPECT_EQ(bench.out.rung[0], Rung::law) << "it need not be homed";
   EXPECT_EQ(bench.out.rung[2], Rung::safe_law);
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the guard promises for any input at all.
+// Invariants of the guard for any input.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -14,14 +14,14 @@ namespace {
 
 using wire::Mode;
 
-// Runs `step` on wild proposals and returns the largest change of torque when a command takes over from the one before
-// that left, both reckoned where the joint then is; with a usable sample: what a joint does that nobody sees is its
-// drive's business. The bus is late now and then.
+// Runs `step` on random proposals. Returns the largest change of torque from one sent command to the next, both
+// computed for the state of the joint at the change. Only with a usable sample: without one, the drive alone
+// determines the torque. The bus is sometimes late.
 template <class Step>
 double largest_step_nm(Step step) {
   std::mt19937_64 random(3);
   std::uniform_real_distribution<double> wild(-5, 5);
-  Output sent;  // the last one that left
+  Output sent;  // the last one that was sent
   bool was_blind = false, comparable = true;
   double largest = 0;
   Bench bench;

@@ -25,7 +25,7 @@ TEST(GuardPower, WhatDrivesAJointIsBoundedAndWhatBrakesItIsNot) {
   bench.velocity[0] = 1;
   EXPECT_EQ(bench.settle().flags, 0U);
   EXPECT_NEAR(bench.felt_nm(), 0.9, 1e-9);
-  // The limit is of the whole torque: the drive's own PD counts.
+  // The limit is for the whole torque, including the drive's own PD.
   bench.torque[0] = 0;
   bench.velocity[0] = 5;
   bench.position_target[0] = 1;
@@ -94,12 +94,13 @@ TEST(GuardLadder, AtRestTheDrivesBrakeAndThenAreOff) {
   EXPECT_EQ(bench.rung_after(1), Rung::brake);
   EXPECT_EQ(bench.out.torque_nm[0], 0);
   bench.velocity[1] = 3;
-  EXPECT_EQ(bench.rung_after(200), Rung::brake) << "a push does not let it go again, and nothing that moves is let go";
+  EXPECT_EQ(bench.rung_after(200), Rung::brake)
+      << "after a push it still brakes, and nothing that moves is switched off";
   bench.velocity[1] = 0;
   EXPECT_EQ(bench.rung_after(80), Rung::brake);
   EXPECT_EQ(bench.rung_after(1), Rung::off);
   bench.velocity[1] = 3;
-  EXPECT_EQ(bench.rung_after(100), Rung::off) << "nothing drives it any more";
+  EXPECT_EQ(bench.rung_after(100), Rung::off) << "no torque on it any more";
   bench.guard.reset_output();
   bench.velocity[1] = 0;
   bench.mode = wire::Mode::active;
@@ -114,10 +115,10 @@ TEST(GuardLadder, WithoutARungTheSafeLawGoesOnForEver) {
   robot.guard.off_after_s = 0.01;
   Bench off(robot);
   off.mode = wire::Mode::safe_stop;
-  EXPECT_EQ(off.rung_after(11), Rung::off) << "and no brake in between";
+  EXPECT_EQ(off.rung_after(11), Rung::off) << "without the rung brake in between";
 }
 
-// Its drive may be damping it on its way down: a brake that slips, or a cable that comes back and says "off".
+// Its drive may damp it while it sinks: a brake that slips, or a drive that is heard again and reports "off".
 TEST(GuardLadder, NothingIsLetGoWhileAJointIsUnseen) {
   robot::RobotConfig robot = robot_with(2);
   robot.guard.brake_after_s = 0.02;
@@ -128,7 +129,7 @@ TEST(GuardLadder, NothingIsLetGoWhileAJointIsUnseen) {
   EXPECT_EQ(bench.rung_after(1000), Rung::brake);
   bench.status[0] = 0;
   bench.velocity[0] = 4;
-  EXPECT_EQ(bench.rung_after(1000), Rung::brake) << "seen again, and falling";
+  EXPECT_EQ(bench.rung_after(1000), Rung::brake) << "heard again, and falling";
   bench.velocity[0] = 0;
   EXPECT_EQ(bench.rung_after(51), Rung::off);
 }

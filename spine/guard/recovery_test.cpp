@@ -18,14 +18,14 @@ constexpr double kCapNm = 0.5, kSlowRadS = 0.3;  // the defaults, of robot_with(
 
 robot::RobotConfig quick_robot() {
   robot::RobotConfig robot = robot_with(1);
-  robot.joints[0].torque_slew_nm_s = 1e6;  // so that every tick's torque is the one that it wants
+  robot.joints[0].torque_slew_nm_s = 1e6;  // so that the slew bound has no effect
   return robot;
 }
 
 struct Recovering : Bench {
   explicit Recovering(const robot::RobotConfig& robot) : Bench(robot) {
     mode = Mode::recover;
-    torque.fill(1000);  // whatever a law would want
+    torque.fill(1000);  // the torque of any law
     guard.start_recovery();
   }
 };
@@ -69,7 +69,7 @@ TEST(Recovery, ItsTorqueStartsFromTheLastOneAndKeepsTheSlewBound) {
   for (int i = 0; i < 1000; ++i) {
     bench.check();
     ASSERT_LE(std::abs(bench.felt_nm() - last_nm), kSlewPerTick + 1e-12);
-    ASSERT_GE(bench.out.max_torque_nm[0], std::abs(bench.felt_nm())) << "the drive's own limit is no step either";
+    ASSERT_GE(bench.out.max_torque_nm[0], std::abs(bench.felt_nm())) << "the drive's own limit causes no step either";
     last_nm = bench.felt_nm();
   }
   EXPECT_LT(last_nm, 0) << "inwards";

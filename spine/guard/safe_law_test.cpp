@@ -74,7 +74,7 @@ TEST(SafeLaw, StandingStillItAsksForNothing) {
 TEST(SafeLaw, ItNeverSteersBeyondAPositionLimit) {
   Arm arm(robot::SafeEnd::hold, 0.0);
   arm.position[0] = 2.9;
-  arm.velocity[0] = 10;  // would need 2.5 rad
+  arm.velocity[0] = 10;  // needs 2.5 rad to stop
   arm.run(3.0);
   EXPECT_NEAR(arm.position[0], 3.0, 0.01);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A reader may see a value before it is announced; a writer that dies in between must not confuse anyone.
+// A reader may see a value before it is announced; a writer that dies in between must not confuse a reader.
 #include <gtest/gtest.h>
 
 #include <memory>
@@ -58,7 +58,7 @@ TEST(ChannelResume, NewWriterAnnouncesItsPredecessorsValueBeforeItWritesItsOwn) 
   ASSERT_TRUE(reader.read(value));
   EXPECT_EQ(value.a, 3u);
   memory->latest = 2;  // and this one dies before announcing
-  for (int i = 0; i < 1000; ++i) ASSERT_FALSE(reader.read(value)) << "went back to " << value.a;
+  for (int i = 0; i < 1000; ++i) ASSERT_FALSE(reader.read(value)) << "back to the older value " << value.a;
 }
 
 TEST(ChannelResume, ReaderThatFellBehindGetsTheNewest) {
@@ -83,8 +83,8 @@ TEST(ChannelResume, LateAnnouncementNeverTakesAReaderBack) {
   Pair value{};
   for (std::uint64_t i = 1; i <= 3; ++i) writer.write({i, i});
   ASSERT_TRUE(reader.read(value));
-  memory->latest = 1;                            // as if it were still under way
-  memory->slots[0].record.sequence = 2 * 8 | 1;  // and the record of the next value already far ahead
+  memory->latest = 1;                            // as if it were still being written
+  memory->slots[0].record.sequence = 2 * 8 | 1;  // and the record of the next value is already a much later one
   EXPECT_FALSE(reader.read(value));
 }
 

@@ -16,7 +16,7 @@ namespace {
 using test::Halfway;
 using test::Shared;
 
-// A value that shows when it is torn: all its words are equal.
+// A value whose words are all equal, unless it is torn.
 struct Even {
   std::uint64_t word[32];
 
@@ -34,7 +34,7 @@ struct Even {
 };
 using Memory = ChannelMemory<Even>;
 
-// Writes 2, 3, 4 and then value 5, which lies where value 1 lies, and dies in the middle of it.
+// Writes 2, 3, 4 and then value 5, which has the slot of value 1, and dies in the middle of it.
 void die_in_value_five(Memory& memory) {
   test::in_child([&memory] {
     ChannelWriter<Even> writer(memory);
@@ -50,7 +50,7 @@ TEST(Channel, ReaderGetsEachValueOnceAndOnlyTheNewest) {
   ChannelWriter<Even> writer(*memory);
   ChannelReader<Even> reader(*memory);
   Even value{};
-  EXPECT_FALSE(reader.read(value)) << "there is nothing yet";
+  EXPECT_FALSE(reader.read(value)) << "nothing was written yet";
   writer.write(Even::of(7));
   writer.write(Even::of(8));
   ASSERT_TRUE(reader.read(value));
@@ -67,7 +67,7 @@ TEST(Channel, AValueOfWhichOnlySomeWordsAreUsedLeavesTheOthers) {
   writer.write(Even::of(7));
   wire::WordRanges used;
   used.add(0, 20);                                                         // widened to three words
-  for (std::uint64_t i = 2; i <= 5; ++i) writer.write(Even::of(i), used);  // value 5 lies where value 1 lay
+  for (std::uint64_t i = 2; i <= 5; ++i) writer.write(Even::of(i), used);  // value 5 has the slot of value 1
   Even value{};
   ASSERT_TRUE(reader.read(value));
   EXPECT_EQ(value.word[0], 5u);
@@ -90,7 +90,7 @@ TEST(Channel, WriterThatOvertakesACopyIsNoticedAndTheNewestIsRead) {
   EXPECT_EQ((*copy).word[0], 5u);
 }
 
-// The broken twin of Record::read: does not look at the sequence again after the copy.
+// The broken twin of Record::read: does not check the sequence again after the copy.
 bool read_without_recheck(const Record<Even>& record, std::uint64_t count, Even& value) {
   if (load_word(record.sequence, std::memory_order_acquire) != 2 * count) return false;
   for (std::size_t i = 0; i < 32; ++i) value.word[i] = load_word(record.words[i], std::memory_order_relaxed);
@@ -106,7 +106,7 @@ TEST(Channel, TwinWithoutTheSecondLookAtTheSequenceAcceptsATornValue) {
     for (std::uint64_t i = 2; i <= 5; ++i) writer.write(Even::of(i));
   });
   ASSERT_TRUE(read_without_recheck(memory->slots[1].record, 1, *copy));
-  EXPECT_FALSE((*copy).whole()) << "the torn value this file must catch was not torn";
+  EXPECT_FALSE((*copy).whole()) << "the value that this file must detect as torn was not torn";
 }
 
 TEST(Channel, HalfAValueUnderAReadersCopyIsNoticed) {
@@ -121,7 +121,7 @@ TEST(Channel, HalfAValueUnderAReadersCopyIsNoticed) {
   EXPECT_EQ((*copy).word[0], 4u) << "the newest value that was finished";
 }
 
-// The broken twin of Record::write: does not mark the record before it touches the words.
+// The broken twin of Record::write: does not mark the record before it writes the words.
 void write_without_mark(Record<Even>& record, std::uint64_t count, const Even& value) {
   for (std::size_t i = 0; i < 32; ++i) store_word(record.words[i], value.word[i], std::memory_order_relaxed);
   store_word(record.sequence, 2 * count, std::memory_order_release);
@@ -145,7 +145,7 @@ TEST(Channel, WriterKilledInMidWriteHarmsNobody) {
   ChannelReader<Even> reader(*memory);
   ChannelWriter<Even>(*memory).write(Even::of(1));
   die_in_value_five(*memory);
-  EXPECT_EQ(memory->slots[1].record.sequence, 2 * 5 + 1u) << "the child should have died with the slot odd";
+  EXPECT_EQ(memory->slots[1].record.sequence, 2 * 5 + 1u) << "the child must have died while the sequence was odd";
   Even value{};
   ASSERT_TRUE(reader.read(value));
   EXPECT_EQ(value.word[0], 4u);
@@ -242,7 +242,7 @@ TEST(Channel, WriterProcessesKilledAtRandomMomentsNeverTearOrStall) {
          last == before || std::chrono::steady_clock::now() < end;) {
       if (!reader.read(value)) continue;
       ASSERT_TRUE(value.whole()) << "torn in round " << round;
-      ASSERT_GE(value.word[0], last) << "went back in round " << round;
+      ASSERT_GE(value.word[0], last) << "an older value in round " << round;
       last = value.word[0];
     }
     kill(writer, SIGKILL);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The Spine maps what the Brain and the supervisor write. Whatever lies there, every read comes back.
+// The Spine maps memory that the Brain and the supervisor write. With any contents, every read must return.
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -15,7 +15,7 @@ namespace {
 
 using Random = std::mt19937_64;
 
-// What the Spine does in a tick with the segments of others.
+// The accesses of the Spine in a tick to the segments of other processes.
 class SpineSide {
  public:
   SpineSide(const ControlMemory& control, const BrainMemory& brain, SpineMemory& spine)
@@ -24,7 +24,7 @@ class SpineSide {
         control_(control.commands, spine.control_ack),
         stage_(control.stage, spine.stage_ack) {}
 
-  // Letters that one look took out. A letter is data and may say anything; a ticket must be answerable.
+  // The number of letters that one call took out. A letter is data and may have any contents; a ticket must be valid.
   int look() {
     int letters = 0;
     std::uint64_t ticket = 0;
@@ -47,7 +47,7 @@ class SpineSide {
   MailboxReceiver<wire::StageRequest, wire::control_segment::kStageDepth> stage_;
 };
 
-// Random words, with many small, huge and neighbouring numbers among them: those are what indices break on.
+// Random words, with many small, huge and neighbouring numbers among them: these are critical for indices.
 void scribble(void* memory, std::size_t bytes, Random& random) {
   auto* words = static_cast<std::uint64_t*>(memory);
   const std::uint64_t shape = random() % 4;
@@ -122,7 +122,7 @@ TEST(Hostile, ScribblingWhileTheSpineReadsIsHarmless) {
   });
   for (int tick = 0; tick < 20'000; ++tick) {
     if (side.look() >= 100) {
-      ADD_FAILURE() << "a mailbox that never runs empty";
+      ADD_FAILURE() << "the mailbox never became empty";
       break;
     }
   }

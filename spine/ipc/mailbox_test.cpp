@@ -16,7 +16,7 @@ namespace {
 using test::Halfway;
 using test::Shared;
 
-// All words are equal, or it is torn.
+// All words are equal, unless it is torn.
 struct CommandTicket {
   std::uint64_t word[16];
 
@@ -82,7 +82,7 @@ TEST(Mailbox, NewReceiverPassesOverLettersOfAnEarlierRun) {
   Sender sender(box->letters, box->ack);
   Receiver first(box->letters, box->ack);
   ASSERT_TRUE(sender.send(CommandTicket::of(1)));
-  box->ack = {};  // the receiver's segment was made anew
+  box->ack = {};  // the receiver's segment was created again
   Receiver second(box->letters, box->ack);
   CommandTicket letter{};
   std::uint64_t ticket = 0;
@@ -107,7 +107,7 @@ TEST(Mailbox, LetterIsNotAnnouncedBeforeItIsWhole) {
   EXPECT_EQ(receiver.violations(), 0u);
 }
 
-// The broken twin of MailboxSender::send: moves the head before it writes the letter.
+// The broken twin of MailboxSender::send: increments the head before it writes the letter.
 TEST(Mailbox, TwinThatAnnouncesFirstLosesTheLetter) {
   auto box = std::make_unique<Box>();
   Receiver receiver(box->letters, box->ack);
@@ -118,7 +118,7 @@ TEST(Mailbox, TwinThatAnnouncesFirstLosesTheLetter) {
   store_word(box->letters.head, 1, std::memory_order_release);
   box->letters.slots[0].record.write(1, *half, all_words<CommandTicket>());
   EXPECT_EQ(receiver.violations(), 1u);
-  EXPECT_FALSE(receiver.receive(letter, ticket)) << "what must not be lost was lost";
+  EXPECT_FALSE(receiver.receive(letter, ticket)) << "the letter was lost";
 }
 
 TEST(Mailbox, SenderCannotOverwriteALetterThatIsBeingCopied) {
@@ -135,10 +135,10 @@ TEST(Mailbox, SenderCannotOverwriteALetterThatIsBeingCopied) {
   ASSERT_TRUE(receiver.receive(*copy, ticket));
   ASSERT_TRUE(copy.fired());
   EXPECT_TRUE((*copy).whole());
-  EXPECT_EQ(accepted, 3) << "the fourth would have landed on the letter under the copy";
+  EXPECT_EQ(accepted, 3) << "the fourth would overwrite the letter that is being copied";
 }
 
-// The broken twin of MailboxReceiver::receive: gives the slot back before it has copied the letter.
+// The broken twin of MailboxReceiver::receive: frees the slot before it has copied the letter.
 TEST(Mailbox, TwinThatGivesTheSlotBackFirstLosesTheLetter) {
   auto box = std::make_unique<Box>();
   Sender sender(box->letters, box->ack);
@@ -180,7 +180,7 @@ TEST(Mailbox, ImpossibleHeadIsCountedAndSkipped) {
     box->letters.head = head;
     for (int i = 0; i < 10; ++i) EXPECT_FALSE(receiver.receive(letter, ticket));
     EXPECT_GT(receiver.violations(), before) << "head " << head;
-    ASSERT_TRUE(sender.send(CommandTicket::of(7))) << "an honest sender must be heard again";
+    ASSERT_TRUE(sender.send(CommandTicket::of(7))) << "letters of a correct sender must arrive again";
     ASSERT_TRUE(receiver.receive(letter, ticket));
     EXPECT_EQ(letter.word[0], 7u);
   }

@@ -17,7 +17,7 @@ namespace {
 using test::Halfway;
 using test::Shared;
 
-// All words are equal, or it is torn.
+// All words are equal, unless it is torn.
 struct Even {
   std::uint64_t word[16];
 
@@ -109,7 +109,7 @@ TEST(Ring, RecordOverwrittenUnderACopyCountsAsLost) {
   RingReader<Even, kDepth> reader(*memory);
   push(*memory, 1, 1);
   Halfway<Even> copy;
-  copy.arm([&] { push(*memory, 2, 9); });  // 9 lies where 1 lies
+  copy.arm([&] { push(*memory, 2, 9); });  // 9 has the slot of 1
   EXPECT_FALSE(reader.next(*copy));
   ASSERT_TRUE(copy.fired());
   EXPECT_EQ(reader.lost(), 1u);
@@ -118,7 +118,7 @@ TEST(Ring, RecordOverwrittenUnderACopyCountsAsLost) {
   EXPECT_EQ(record.word[0], 2u);
 }
 
-// The broken twin of Record::read: trusts the first look at the sequence.
+// The broken twin of Record::read: checks the sequence only before the copy.
 bool read_without_recheck(const Record<Even>& record, std::uint64_t count, Even& value) {
   if (load_word(record.sequence, std::memory_order_acquire) != 2 * count) return false;
   for (std::size_t i = 0; i < 16; ++i) value.word[i] = load_word(record.words[i], std::memory_order_relaxed);
@@ -144,7 +144,7 @@ TEST(Ring, WriterKilledInMidRecordLeavesTheRestReadable) {
     RingWriter<Even, kDepth>(*memory).push(*four);
   });
   Even record{};
-  EXPECT_FALSE(reader.next(record)) << "half a record was announced";
+  EXPECT_FALSE(reader.next(record)) << "an incomplete record was announced";
   ASSERT_TRUE(reader.latest(record));
   EXPECT_EQ(record.word[0], 3u);
   push(*memory, 44, 44);
@@ -154,7 +154,7 @@ TEST(Ring, WriterKilledInMidRecordLeavesTheRestReadable) {
   EXPECT_EQ(reader.lost(), 0u);
 }
 
-// The broken twin of RingWriter::push: announces the record before it is there.
+// The broken twin of RingWriter::push: announces the record before it is written.
 TEST(Ring, TwinThatAnnouncesFirstLosesTheRecord) {
   auto memory = std::make_unique<Memory>();
   RingReader<Even, kDepth> reader(*memory);

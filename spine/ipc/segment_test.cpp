@@ -85,7 +85,7 @@ TEST_F(SegmentTest, StaleSegmentOfACrashedRunIsReplaced) {
   ASSERT_TRUE(std::filesystem::exists(segment_path()));
   auto lease = Lease::try_take(segment_path());
   ASSERT_TRUE(lease) << lease.message();
-  EXPECT_TRUE(lease->has_value()) << "the kernel gives the lease back when its holder is killed";
+  EXPECT_TRUE(lease->has_value()) << "the kernel frees the lease when its holder is killed";
   auto segment = Brain::create("arm");
   ASSERT_TRUE(segment) << segment.message();
   EXPECT_EQ((*segment)->estop.value, 0u);
@@ -105,12 +105,12 @@ TEST_F(SegmentTest, OnlyOneMayHoldTheLease) {
 }
 
 TEST_F(SegmentTest, WhoLooksKeepsNobodyFromTakingTheLease) {
-  ASSERT_TRUE(Lease::try_take(segment_path()));  // its file is there
+  ASSERT_TRUE(Lease::try_take(segment_path()));  // its file exists
   std::atomic<bool> done{false};
   std::thread looker([&] {
     while (!done) {
       Lease::is_held(segment_path());
-      usleep(50);  // whoever looks does other things too
+      usleep(50);  // a real caller does other things too
     }
   });
   int refused = 0;
@@ -151,7 +151,7 @@ TEST_F(SegmentTest, WhoMayNotLookIsNotToldThatNobodyIsThere) {
   EXPECT_EQ(status, 0);
 }
 
-// Who sees every process of the machine need not fear the files of one that has crashed.
+// A process of another user that sees all processes of the machine can tell that the owner has crashed.
 TEST_F(SegmentTest, FilesOfACrashedRootAreNobodys) {
   char space[64] = {};
   const bool sees_all = readlink("/proc/self/ns/pid", space, sizeof space - 1) > 0 &&

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "spine/core/joints.hpp"  // must stand beside the contract in one file
+#include "spine/core/joints.hpp"  // must compile together with the contract in one file
 #include "spine/law/resident.hpp"
 
 namespace {
@@ -93,7 +93,7 @@ TEST(Resident, StepRunsTheLawOnHostMemory) {
   std::array<double, lithe::kMaxProbes> probes{};
   resident.step(tick, effort, probes);
   EXPECT_EQ(effort.torque_nm[0], 1.0);
-  EXPECT_EQ(effort.kp_nm_rad[0], 0.0) << "the effort of the tick before must not leak into this one";
+  EXPECT_EQ(effort.kp_nm_rad[0], 0.0) << "the effort of the tick before must not remain in this one";
   EXPECT_TRUE(std::isnan(effort.position_rad[0]));
   EXPECT_EQ(probes[0], 0.25);
   std::uint16_t count = 0;

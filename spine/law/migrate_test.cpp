@@ -48,7 +48,7 @@ TEST(Migrate, CarriesFieldsByNameAndTypeAndLeavesTheOthers) {
   EXPECT_EQ(to.narrower_nm, (std::array<double, 2>{}));
 }
 
-// What `To` has after following a law whose only field was `From{value}` under the same name.
+// The value in `To` after a law whose only field of the same name was `From{value}`.
 template <class From, class To>
 To followed(From value) {
   struct Before {
@@ -89,7 +89,7 @@ TEST(Migrate, WhatCouldLoseSomethingStartsFromItsDefault) {
   EXPECT_EQ((followed<double, float>(1.5)), 0.f);
   EXPECT_EQ((followed<std::int32_t, float>(1)), 0.f) << "a float holds 24 bits";
   EXPECT_EQ((followed<std::int64_t, double>(1)), 0.0) << "a double holds 53";
-  EXPECT_EQ((followed<std::int8_t, std::uint16_t>(1)), 0u) << "no negative ones there";
+  EXPECT_EQ((followed<std::int8_t, std::uint16_t>(1)), 0u) << "an unsigned type has no negative values";
   EXPECT_EQ((followed<std::uint64_t, std::int64_t>(1)), 0);
   EXPECT_EQ((followed<float, std::int64_t>(1)), 0);
   EXPECT_EQ((followed<bool, std::int32_t>(true)), 0);
@@ -101,7 +101,7 @@ TEST(Migrate, ALongerArrayKeepsItsDefaultsBehindTheOldOnes) {
   EXPECT_EQ((followed<Three, Five>({1, 2, 3})), (Five{1, 2, 3, 0, 0}));
   EXPECT_EQ((followed<std::array<float, 2>, Three>({1, 2})), (Three{1, 2, 0}));
   EXPECT_EQ((followed<double, Three>(4)), (Three{4, 0, 0}));
-  EXPECT_EQ((followed<Five, Three>({1, 2, 3, 4, 5})), (Three{})) << "which of them should go?";
+  EXPECT_EQ((followed<Five, Three>({1, 2, 3, 4, 5})), (Three{})) << "an array is never shortened";
 }
 
 TEST(Migrate, AnotherUnitIsAnotherField) {

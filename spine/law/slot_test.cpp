@@ -72,7 +72,7 @@ TEST(Slot, CommitCarriesState) {
   EXPECT_EQ(slot.try_commit()->fields_carried, 1u);
   EXPECT_EQ(state_of<Counting::State>(b).words[63], 1u);
   ASSERT_TRUE(slot.offer(&c));
-  EXPECT_EQ(slot.try_commit()->fields_carried, 0u) << "no bridge: the law starts from its defaults";
+  EXPECT_EQ(slot.try_commit()->fields_carried, 0u) << "no planned copies: the law starts from its defaults";
   EXPECT_EQ(slot.active_id(), 3u);
 }
 
@@ -81,7 +81,7 @@ struct Filter {
   struct State {
     double integral_nm = 0.5;
     double mean_rad_s = 0.25;
-    double unknown_rad = kAbsent;  // marked as not known yet
+    double unknown_rad = kAbsent;  // NaN means: not known yet
   };
   static void step(const Tick&, const Params&, State&, Effort&) {}
 };
@@ -106,7 +106,7 @@ TEST(Slot, AFieldThatIsNoNumberIsNotCarriedAndIsNamed) {
     EXPECT_EQ(done->fields_carried, 1u);
     EXPECT_EQ(state_of<Filter::State>(b).integral_nm, 0.5) << "its default";
     EXPECT_EQ(state_of<Filter::State>(b).mean_rad_s, 7);
-    EXPECT_TRUE(std::isnan(state_of<Filter::State>(b).unknown_rad)) << "and so does a mark that a law sets itself";
+    EXPECT_TRUE(std::isnan(state_of<Filter::State>(b).unknown_rad)) << "the NaN that is the law's own default stays";
   }
 }
 
@@ -116,7 +116,7 @@ TEST(Slot, ALawThatComesBackStartsAPoisonedFieldFromItsDefault) {
     Resident a = make(kFilter, 0, 1), b = make(kFilter, 1, 2);
     slot.offer(&a);
     slot.try_commit();
-    poison(a, std::nan(""));  // hidden: its output does not show it
+    poison(a, std::nan(""));  // not visible in its output
     build_bridge(b, a);
     slot.offer(&b);
     slot.try_commit();
@@ -175,7 +175,7 @@ TEST(Slot, ACandidateThatIsRefusedGoesBackToTheLoader) {
   Resident* taken = slot.take();
   ASSERT_EQ(taken, &a);
   EXPECT_EQ(slot.take(), nullptr);
-  EXPECT_EQ(slot.withdraw(), nullptr) << "the tick has it";
+  EXPECT_EQ(slot.withdraw(), nullptr) << "the tick has taken it";
   slot.refuse(*taken);
   EXPECT_EQ(slot.collect_retired(), &a);
   EXPECT_EQ(slot.active(), nullptr);
@@ -223,7 +223,7 @@ struct Tally {
   bool sound() const { return broken == 0 && offered == withdrawn + committed; }
 };
 
-// The Loader half: fills free residents, offers them, sometimes takes one back, collects what the tick let go.
+// The Loader half: fills free residents, offers them, sometimes withdraws one, collects those that the tick retired.
 template <class AnySlot>
 void run_loader(AnySlot& slot, std::array<Resident, kResidents>& house, std::uint32_t laws, Tally& tally) {
   std::vector<Resident*> free;
@@ -266,7 +266,7 @@ void run_loader(AnySlot& slot, std::array<Resident, kResidents>& house, std::uin
   }
 }
 
-// The tick half: runs the active law, checks that it is whole, commits, sometimes rolls back.
+// The tick half: runs the active law, checks that it is complete, commits, sometimes rolls back.
 template <class AnySlot>
 void run_tick(AnySlot& slot, const std::atomic<bool>& stop, Tally& tally) {
   Effort effort;
@@ -278,7 +278,7 @@ void run_tick(AnySlot& slot, const std::atomic<bool>& stop, Tally& tally) {
       if (!std::all_of(words.begin(), words.end(), [&](std::uint64_t w) { return w == words[0]; })) ++tally.broken;
       if (k % 7 == 0) slot.rollback(Carry::named, 1 + static_cast<std::uint32_t>(k % 3));
     }
-    // acquire: partner of the Loader's release below; a last look at the slot comes after its last offer.
+    // acquire: partner of the Loader's release below; the last check of the slot is after its last offer.
     const bool last = stop.load(std::memory_order_acquire);
     if (slot.try_commit()) {
       ++tally.committed;
@@ -311,9 +311,9 @@ TEST(Slot, EveryCandidateHasOneOwnerUnderFullSpeedSwaps) {
   EXPECT_EQ(tally.offered, tally.withdrawn + tally.committed);
 }
 
-// --- Broken twins: the harness must see what they do wrong. They race on purpose, so not under ThreadSanitizer. ---
+// --- Broken twins: the test must detect their errors. They have data races on purpose: not under ThreadSanitizer. ---
 
-// What both twins leave as it is.
+// The parts that both twins have in common with Slot.
 class TwinOfSlot {
  public:
   Resident* active() LITHE_RT { return slot_.active(); }
@@ -324,7 +324,7 @@ class TwinOfSlot {
   Slot slot_;
 };
 
-// Loads and stores where Slot exchanges: the Loader can withdraw what the tick is committing.
+// Loads and stores where Slot exchanges: the Loader can withdraw a law that the tick is committing.
 class LoadThenStoreSlot : public TwinOfSlot {
  public:
   bool offer(Resident* r) LITHE_RT {
@@ -345,7 +345,7 @@ class LoadThenStoreSlot : public TwinOfSlot {
   std::atomic<Resident*> twin_{nullptr};
 };
 
-// Publishes before the params are written: what a relaxed store in offer() allows a weakly ordered CPU to do.
+// Publishes before the params are written: with a relaxed store in offer(), a weakly ordered CPU may do this.
 class EarlyPublishSlot : public TwinOfSlot {
  public:
   bool offer(Resident* r) {

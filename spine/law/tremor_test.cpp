@@ -14,14 +14,14 @@ using Kind = Tremor::Finding::Kind;
 
 constexpr double kTwoPi = 2 * std::numbers::pi;
 
-// What one joint does in `seconds`, a function of the time [s] each: velocity, setpoint velocity, torque.
+// The motion of one joint in `seconds`; each a function of the time [s]: velocity, setpoint velocity, torque.
 struct Motion {
   std::function<double(double)> velocity_rad_s = [](double) { return 0.0; };
   std::function<double(double)> setpoint_rad_s = [](double) { return 0.0; };
   std::function<double(double)> torque_nm = [](double) { return 0.0; };
 };
 
-// The first finding; a joint with 1 N m and 10 rad/s.
+// The first result of Tremor, for a joint with 1 N m and 10 rad/s.
 Tremor::Finding watch(const Motion& motion, double rate_hz = 1000, double seconds = 3) {
   Tremor tremor;
   tremor.configure(rate_hz, 0, {1.0, 10.0});
@@ -83,7 +83,7 @@ TEST(Tremor, ADecayingASmallAndASlowOscillationAreNone) {
   motion.velocity_rad_s = sine(8, 10, -0.25 * 10);  // 0.88 of the swing before
   EXPECT_EQ(watch(motion).kind, Kind::none);
   motion.velocity_rad_s = sine(0.4, 10);
-  EXPECT_EQ(watch(motion).kind, Kind::none) << "0.8 rad/s from turn to turn, of 1.0";
+  EXPECT_EQ(watch(motion).kind, Kind::none) << "swings of 0.8 rad/s; the least is 1.0";
   motion.velocity_rad_s = sine(3, 1);
   EXPECT_EQ(watch(motion).kind, Kind::none) << "motion";
 }
@@ -94,7 +94,7 @@ TEST(Tremor, AMotionThatWasAskedForIsNoOscillation) {
   motion.velocity_rad_s = [](double t_s) { return 4 * std::sin(kTwoPi * 4 * t_s - 0.8); };
   EXPECT_EQ(watch(motion).kind, Kind::none);
   motion.setpoint_rad_s = sine(0.3, 4);
-  EXPECT_EQ(watch(motion).kind, Kind::oscillation) << "of this one, a small part was asked for";
+  EXPECT_EQ(watch(motion).kind, Kind::oscillation) << "only a small part of this motion is in the setpoint";
 }
 
 TEST(Tremor, WhatShookBeforeIsNotTheNewLaws) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A setpoint that is far from its plan comes to it within the joint's limits, and is then the plan's, exactly.
+// A setpoint that is far from its plan moves to it within the joint's limits, and then follows the plan exactly.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -39,14 +39,14 @@ double between(std::mt19937_64& random, double low, double high) {
 }
 
 struct Tally {
-  int caught_up = 0;       // times that the setpoint was far away and came to the motion
+  int caught_up = 0;       // how often the setpoint was far away and reached the motion
   double fastest = 0;      // [rad/s]
   double hardest = 0;      // [rad/s2], by second differences
-  double hardest_far = 0;  // the same, while the way left is more than a blend can take
-  double late_error = 0;   // [rad], when it should long have caught up
+  double hardest_far = 0;  // the same, while the remaining distance is too large for a blend
+  double late_error = 0;   // [rad], at a time when it must have caught up
 };
 
-// One setpoint at 1 kHz, and what was seen of it.
+// One setpoint at 1 kHz, and the figures recorded about it.
 class Follower {
  public:
   Follower(Tally& tally, double position_rad) : bench_(robot_of_joint(), position_rad), tally_(tally) {}
@@ -116,7 +116,7 @@ TEST(CatchUp, WhateverTheStreamDidTheSetpointStaysWithinItsLimitsAndComesBackToT
   EXPECT_LT(tally.late_error, 2e-3);
 }
 
-// What the limits above are there to refuse: everything blended within half a second, however far away.
+// The limits above must refuse this: a blend of half a second for any distance.
 TEST(CatchUp, ABlendOfHalfASecondAloneWouldBreakTheseLimits) {
   const Decay decay = Decay::over(4.0, 5.0, 0.5);
   double hardest = 0;

@@ -93,7 +93,7 @@ TEST(Check, VelocitiesBeyondTheLimitAreRefusedGivenOrImplied) {
   EXPECT_EQ(verdict(make_plan({{60, 2.9}}, false, 2)), PlanReject::velocity_limit);
 }
 
-// Random bytes, and good plans with random damage: refused or followed within the limits, never anything else.
+// Random bytes, and valid plans with random damage: they are refused, or followed within the limits.
 TEST(Check, HostileBytesNeverBringTheSetpointOutOfItsLimits) {
   std::mt19937_64 random(8);
   Bench bench(robot_with(kMaxJoints));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Why the curve is this one: against the alternatives, on uneven waypoints and on plans replaced in flight.
+// Compares the curve with its alternatives, on uneven waypoints and on plans that are replaced while they run.
 #include <gtest/gtest.h>
 
 #include <functional>
@@ -36,7 +36,7 @@ double hermite(double u, double h, double p0, double p1, double v0, double v1) {
 
 using Tangents = std::function<std::array<double, 2>(const std::vector<Knot>&, std::size_t)>;
 
-// Both end slopes of segment i, by the rule of the house.
+// Both end slopes of segment i, as the interpolator computes them.
 std::array<double, 2> non_uniform(const std::vector<Knot>& k, std::size_t i) {
   const auto at = [&](std::size_t n) {
     const double before = k[n].t_s - k[n - 1].t_s;
@@ -47,7 +47,7 @@ std::array<double, 2> non_uniform(const std::vector<Knot>& k, std::size_t i) {
   return {at(i), at(i + 1)};
 }
 
-// The twin: textbook Catmull-Rom, which takes waypoints to be evenly spaced.
+// The twin: textbook Catmull-Rom, which assumes evenly spaced waypoints.
 std::array<double, 2> uniform(const std::vector<Knot>& k, std::size_t i) {
   const double h = k[i + 1].t_s - k[i].t_s;
   return {(k[i + 1].position_rad - k[i - 1].position_rad) / (2 * h),
@@ -132,7 +132,7 @@ TEST(Curve, MonotoneNeverOvershootsAWaypointAndTheDefaultDoes) {
   EXPECT_TRUE(default_overshot);
 }
 
-// A sine replanned at 50 Hz with noise on every plan. `restart` forgets the present motion: the hard switch.
+// A sine replanned at 50 Hz with noise on every plan. `restart` ignores the present motion: no blend.
 double peak_acceleration_when_replanned(bool restart) {
   std::mt19937 random(7);
   std::normal_distribution<double> noise(0, 0.005);

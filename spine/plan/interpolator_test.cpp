@@ -86,7 +86,7 @@ TEST(Interpolator, PositionAndVelocityAreContinuousOverEveryKnotAndState) {
   for (double t = 0; t < 1500; t += trace.step_ms) trace.add(bench.at(t));
   double peak = 0;
   for (const double a : trace.acceleration) peak = std::max(peak, std::abs(a));
-  EXPECT_LE(Trace::largest_step(trace.velocity), peak * 1e-4 * 1.01);  // no more than acceleration explains
+  EXPECT_LE(Trace::largest_step(trace.velocity), peak * 1e-4 * 1.01);  // no more than the acceleration causes
   EXPECT_LT(trace.velocity_mismatch(), peak * 1e-4);
 }
 
@@ -132,7 +132,7 @@ TEST(Interpolator, CoastingBrakesHarderOnlyWhereALimitIsNear) {
   Trace trace{0.1, {}, {}, {}};
   for (double t = 100; t < 400; t += trace.step_ms) trace.add(bench.at(t));
   EXPECT_NEAR(trace.position.back(), 3.0, 1e-9);
-  EXPECT_LT(Trace::largest_step(trace.velocity), 0.01);  // 80 rad/s2, and no knock at the limit
+  EXPECT_LT(Trace::largest_step(trace.velocity), 0.01);  // 80 rad/s2, and no velocity step at the limit
 }
 
 TEST(Interpolator, AFinishedPlanEndsAtRest) {
@@ -180,7 +180,7 @@ TEST(Interpolator, ARefusedPlanChangesNothing) {
   wire::Plan bad = make_plan({{300, 0.2}, {200, 0.3}});
   bad.plan_id = 2;
   EXPECT_EQ(bench.accept(bad, 100), PlanReject::time_order);
-  EXPECT_EQ(bench.accept(make_plan({{160, -2.9}}), 100), PlanReject::velocity_limit);  // no way to be there in time
+  EXPECT_EQ(bench.accept(make_plan({{160, -2.9}}), 100), PlanReject::velocity_limit);  // impossible to be there in time
   EXPECT_EQ(bench.interpolator.plan_id(), 1U);
   for (double t = 100; t < 700; t += 7) {
     EXPECT_EQ(bench.at(t).position_rad[0], twin.at(t).position_rad[0]);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The setpoint never moves faster than the joint may, whatever is accepted and whenever; and slow plans are accepted.
+// With any sequence of accepted plans, the setpoint is never faster than the joint's limit. Slow plans are accepted.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -30,8 +30,8 @@ double between(std::mt19937_64& random, double low, double high) {
   return std::uniform_real_distribution<double>(low, high)(random);
 }
 
-// Waypoints anywhere, gaps of 2 to 400 ms, given velocities here and there; between two waypoints no joint's mean speed
-// is above `most_rad_s`, and no given one is.
+// Random waypoints, gaps of 2 to 400 ms, some with given velocities. No joint's mean speed between two waypoints is
+// above `most_rad_s`, and no given velocity is.
 wire::Plan random_plan(std::mt19937_64& random, double now_ms, const JointArray& from_rad, double range_rad,
                        double most_rad_s) {
   wire::Plan plan = make_plan({}, random() % 2 == 0, kJoints);
@@ -57,7 +57,7 @@ wire::Plan random_plan(std::mt19937_64& random, double now_ms, const JointArray&
 struct Tally {
   int accepted = 0, refused = 0;
   double fastest = 0;        // reported velocity over the limit
-  double fastest_move = 0;   // the same of the position itself, from sample to sample
+  double fastest_move = 0;   // the same, computed from two samples of the position
   double position_jump = 0;  // at a splice
   double velocity_jump = 0;  // at a splice
 };
@@ -66,7 +66,7 @@ class Follower {
  public:
   Follower(double range_rad, Tally& tally) : bench_(robot_of(range_rad)), tally_(tally) {}
 
-  // Offers a plan and compares the setpoint at this very moment before and after.
+  // Offers a plan and compares the setpoint before and after, at the same time.
   void offer(std::mt19937_64& random, double range_rad, double most_rad_s) {
     const Setpoint before = bench_.at(t_ms_);
     const wire::Plan plan = random_plan(random, t_ms_, before.position_rad, range_rad, most_rad_s);
@@ -104,7 +104,7 @@ class Follower {
   double t_ms_ = 0;
 };
 
-// 200 motions of 50 plans each, every one thrown at whatever the one before left behind.
+// 200 motions of 50 plans each; every plan starts in the state that the one before has left.
 Tally follow_random_plans(double range_rad, double most_rad_s) {
   std::mt19937_64 random(11);
   Tally tally;
@@ -112,7 +112,7 @@ Tally follow_random_plans(double range_rad, double most_rad_s) {
     Follower follower(range_rad, tally);
     for (int i = 0; i < 50; ++i) {
       follower.offer(random, range_rad, most_rad_s);
-      follower.follow(random, random() % 8 == 0 ? 900 : between(random, 0, 120));  // over, or in flight
+      follower.follow(random, random() % 8 == 0 ? 900 : between(random, 0, 120));  // ended, or still running
     }
   }
   return tally;
@@ -153,7 +153,7 @@ TEST(Speed, AGoToNeedsHalfAsMuchTimeAgainAsItsMeanSpeedSays) {
 
 TEST(Speed, ASpliceThatMustCatchUpNeverExceedsTheLimitAndArrivesWhenThePlanSlowsDown) {
   Bench bench(robot_of(30));
-  // Already under way at 28 rad/s: whoever stands still must be faster than that to get there.
+  // The setpoint moves at 28 rad/s already; from rest it would have to be faster to arrive in time.
   const wire::Plan running = make_plan({{-20, -0.56, 28}, {580, 16.24, 28}}, true, kJoints);
   ASSERT_EQ(bench.accept(running, 0), PlanReject::none);
   double fastest = 0;

@@ -53,7 +53,7 @@ TEST(CpuPlan, FoldsFourRolesOntoFewerCores) {
   EXPECT_EQ(roles(fold_cpus(machine({7}))), (Cpus{7, 7, 7, 7}));
 }
 
-// The affinity is {0} there: without asking for more, one core for everything.
+// The affinity is {0} there: a process that does not ask for more has one core for everything.
 TEST(CpuPlan, AMachineBootedWithIsolcpusGivesTheSpineAnIsolatedCore) {
   const CpuPlan plan = fold_cpus(machine({0, 1, 2, 3}, {1, 2, 3}));
   EXPECT_EQ(roles(plan), (Cpus{0, 1, 2, 3}));
@@ -68,7 +68,7 @@ TEST(CpuPlan, IsolatedCoresGoToTheSpineAndThenToTheTransport) {
   EXPECT_EQ(roles(fold_cpus(machine({0, 1, 2}, {1, 2}))), (Cpus{0, 1, 0, 2}));
   EXPECT_EQ(roles(fold_cpus(machine({0, 1}, {1}))), (Cpus{0, 1, 0, 1}));
   MachineCores partition = machine({2, 3});
-  partition.isolated.cpuset = {2, 3};  // all that this process has
+  partition.isolated.cpuset = {2, 3};  // all cores of this process
   EXPECT_EQ(roles(fold_cpus(partition)), (Cpus{2, 3, 2, 3}));
 }
 

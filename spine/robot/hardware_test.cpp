@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Buses, devices and sensors that do not go together are refused with what to do.
+// Buses, devices and sensors that do not fit together are refused; the message says what to do.
 #include "spine/robot/hardware.hpp"
 
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a robot file says about load and inertia, and what becomes of limits that cannot be kept.
+// Load and inertia in a robot file, and limits that cannot be kept.
 #include "spine/robot/limits.hpp"
 
 #include <gtest/gtest.h>
@@ -103,8 +103,8 @@ TEST(Limits, ADriveThatIsAskedTooSeldomIsTold) {
   EXPECT_TRUE(says(slow.notes.back(), "200 times a second; below 250")) << slow.notes.back();
 }
 
-// The joint itself, sampled and late: what the formula calls stable is, and what it refuses with all of its margin
-// gone swings up.
+// A simulation of the joint with sampling and delay: it is stable where the formula says so, and its oscillation grows
+// where the formula finds no margin left.
 double swing(double inertia, double kp, double kd, int late_ticks) {
   constexpr double kTickS = 1e-3;
   double x = 0.01, v = 0.1;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What simulated joints hang on: keys of one kind of plant are refused in another, with the reason.
+// [plant]: keys of one kind of plant are refused in another, with the reason.
 #include "spine/robot/plants.hpp"
 
 #include <gtest/gtest.h>
@@ -16,7 +16,7 @@ const std::string kTop = "name = \"r\"\n[[bus]]\nname = \"b\"\nkind = \"loop\"\n
 const std::string kChain = "[plant]\nkind = \"chain\"\n";
 const std::string kModel = "[plant]\nkind = \"mujoco\"\nmodel = \"leg.xml\"\n";
 
-// A joint and its drive; `sim` is what stands under [joint.sim], none without.
+// A joint and its drive; `sim` is the text of [joint.sim]; without it there is none.
 std::string joint(int number, const std::string& sim = "") {
   const std::string n = std::to_string(number);
   return "[[device]]\nname = \"d" + n + "\"\nkind = \"moteus\"\nbus = \"b\"\nid = " + n + "\n[[joint]]\nname = \"j" +

@@ -13,7 +13,7 @@
 namespace lithe::robot {
 namespace {
 
-// The smallest robot: every other test breaks or extends it.
+// The smallest robot; every other test damages or extends it.
 const std::string kSmallest = R"(name = "r"
 [[bus]]
 name = "can0"
@@ -41,7 +41,7 @@ std::string replaced(const std::string& from, const std::string& to) {
   return text.replace(at, from.size(), to);
 }
 
-// The message for a broken file, which must hold `place` (line:column) and every phrase.
+// The message for an invalid file; it must have `place` (line:column) and every phrase.
 void expect_refused(const std::string& text, const std::string& place, const std::vector<std::string>& phrases) {
   const Result<RobotConfig> robot = parse_robot(text, "r.toml");
   ASSERT_FALSE(robot) << "accepted, but should say: " << phrases.front();
@@ -280,7 +280,7 @@ TEST(Robot, BytesThatAreNoTextAreRefusedAtTheirPlace) {
   expect_refused("name = \"r\"\n[[\xFF\n", "2:3", {"byte 0xFF is no text", "UTF-8"});
 }
 
-// TOML can write what no terminal should be sent: "\\u001b". Refused wherever a string stands, and quoted harmlessly.
+// TOML can contain characters that must not be sent to a terminal: "\\u001b". Refused in every string, quoted safely.
 TEST(Robot, EveryStringIsPrintable) {
   for (const char* escape : {"\\u001b[2J", "\\n", "\\u0000", "\\u007f", "\\u009b", "\\u202e", "\\u2066", "\\u200b"}) {
     const std::string bad = std::string("\"a") + escape + "b\"";

@@ -16,7 +16,7 @@ constexpr Brakes kArm{.load_nm = 0.165,
                       .inertia_min_kg_m2 = 2.55e-3,
                       .inertia_max_kg_m2 = 2.55e-3};
 
-// The same motion in small steps.
+// The same motion, integrated in small steps.
 Stop stepped(const Brakes& brakes, double velocity_rad_s, Stretch first, Stretch next) {
   constexpr double kStepS = 2e-6;
   Stop stop{0, velocity_rad_s};
@@ -37,7 +37,7 @@ Stop stepped(const Brakes& brakes, double velocity_rad_s, Stretch first, Stretch
 
 TEST(Stopping, TheStockArmNeedsAlmostThreeRadiansFromItsTopSpeed) {
   EXPECT_NEAR(stop_of(kArm, 30, {}, {-0.6, 0}).way_rad, 30.0 * 30.0 / (2 * 0.435 / 2.55e-3), 1e-9);
-  EXPECT_NEAR(stop_of(kArm, 30, {}, {0.6, 0}).way_rad, 3.06, 0.01) << "the torque has to turn round first";
+  EXPECT_NEAR(stop_of(kArm, 30, {}, {0.6, 0}).way_rad, 3.06, 0.01) << "the torque must reverse first";
 }
 
 TEST(Stopping, AtRestUnderFullBrakingItGoesNowhere) {

@@ -621,12 +621,12 @@ struct SegmentHeader {
   std::uint32_t header_bytes = {};  // size of this header
   std::uint64_t segment_bytes = {};  // size of the whole segment
   std::uint64_t layout_hash = {};  // first 8 bytes of SHA-256 of the canonical schema text
-  std::uint64_t schema_offset = {};  // where the canonical schema text lies
+  std::uint64_t schema_offset = {};  // where the canonical schema text begins
   std::uint64_t schema_bytes = {};  // and how long it is
   std::uint64_t epoch = {};  // counts the writers that have held the lease
   std::uint64_t writer_pid = {};  // process that holds the lease
   std::int64_t created_ns = {};  // [ns] CLOCK_MONOTONIC of creation
-  std::int64_t heartbeat_ns = {};  // [ns] CLOCK_MONOTONIC of the writer's last sign of life
+  std::int64_t heartbeat_ns = {};  // [ns] CLOCK_MONOTONIC of the writer's last heartbeat
   std::uint32_t joint_capacity = {};  // NJ of the build that created it
   std::array<std::uint8_t, 4> pad0{};
 };
@@ -652,7 +652,7 @@ struct Telemetry {
   std::uint64_t tick = {};  // number of the tick since the Spine started
   std::int64_t release_ns = {};  // [ns] when the tick was due, CLOCK_MONOTONIC
   std::int64_t sample_ns = {};  // [ns] when the sample was taken
-  std::int64_t brain_age_ns = {};  // [ns] age of the Brain's last sign of life; -1 before the first
+  std::int64_t brain_age_ns = {};  // [ns] age of the Brain's last heartbeat; -1 before the first
   std::uint32_t mode = {};  // Mode
   std::uint32_t fault = {};  // Fault
   std::uint32_t law_id = {};  // law that ran in this tick; 0 = none
@@ -660,12 +660,12 @@ struct Telemetry {
   std::uint32_t plan_state = {};  // PlanState
   std::uint32_t missed_releases = {};  // releases skipped since the start
   std::uint32_t late_samples = {};  // ticks without a fresh sample since the start
-  std::uint32_t joint_count = {};  // entries of the joint arrays that mean something
-  std::uint32_t release_jitter_ns = {};  // [ns] woken minus due
-  std::uint32_t handoff_ns = {};  // [ns] woken to u_k handed to the Transport; inline: previous tick, to the bus
+  std::uint32_t joint_count = {};  // valid entries of the joint arrays
+  std::uint32_t release_jitter_ns = {};  // [ns] wake-up time minus release time
+  std::uint32_t handoff_ns = {};  // [ns] from wake-up to the hand-over of u_k to the Transport; inline: previous tick, to the bus
   std::uint32_t law_ns = {};  // [ns] the law's step
   std::uint32_t guard_ns = {};  // [ns] the guard's check
-  std::uint32_t tick_ns = {};  // [ns] the whole previous tick, woken to done
+  std::uint32_t tick_ns = {};  // [ns] the whole previous tick, from wake-up to its end
   std::uint32_t bus_ns = {};  // [ns] the bus exchange that brought this sample
   std::uint64_t plan_id = {};  // plan the setpoint comes from; 0 = none
   std::array<double, 8> probe{};  // [1] probe signals of the law
@@ -674,16 +674,16 @@ struct Telemetry {
   std::array<double, 32> torque_nm{};  // [N m] measured
   std::array<double, 32> setpoint_position_rad{};  // [rad] what the law tracks
   std::array<double, 32> setpoint_velocity_rad_s{};  // [rad/s] what the law tracks
-  std::array<double, 32> command_torque_nm{};  // [N m] torque at the joint that the guard let through for the next release
+  std::array<double, 32> command_torque_nm{};  // [N m] torque at the joint after the guard, for the next release
   std::array<std::uint32_t, 32> joint_status{};  // JointStatus
   std::array<double, 16> sensor{};  // [1] in the units of robot.toml; NaN = not valid, or there is none
-  std::array<std::uint32_t, 32> joint_fault{};  // Fault of this very joint since the last reset, the first; 0 = none
+  std::array<std::uint32_t, 32> joint_fault{};  // first Fault of this joint since the last reset; 0 = none
   std::array<std::uint32_t, 32> joint_rung{};  // Rung of its group; law while nothing is driven
-  std::array<std::uint32_t, 32> drive_state{};  // DriveState, as the joint's drive said last
-  std::array<double, 32> drive_current_a{};  // [A] in the motor's windings, signed like the joint's torque; NaN = not told by this drive
-  std::array<double, 32> drive_voltage_v{};  // [V] of the drive's supply; NaN = not told by this drive
-  std::array<double, 32> drive_power_w{};  // [W] the drive puts into its motor; NaN = not told by this drive
-  std::array<double, 32> drive_temperature_degc{};  // [degC] of the drive's board; NaN = not told by this drive
+  std::array<std::uint32_t, 32> drive_state{};  // DriveState, as last reported by the joint's drive
+  std::array<double, 32> drive_current_a{};  // [A] in the motor's windings, signed like the joint's torque; NaN = not reported by this drive
+  std::array<double, 32> drive_voltage_v{};  // [V] of the drive's supply; NaN = not reported by this drive
+  std::array<double, 32> drive_power_w{};  // [W] from the drive into its motor; NaN = not reported by this drive
+  std::array<double, 32> drive_temperature_degc{};  // [degC] of the drive's board; NaN = not reported by this drive
 };
 static_assert(std::is_trivially_copyable_v<Telemetry>);
 static_assert(std::is_standard_layout_v<Telemetry>);
@@ -732,7 +732,7 @@ struct Event {
   std::uint32_t kind = {};  // EventKind
   std::uint32_t code = {};  // Fault, CommandResult, StageResult, PlanReject or law id, as the kind says
   double value = {};  // [1] a number that belongs to it
-  std::array<char, 96> text{};  // words for a person, zero-terminated
+  std::array<char, 96> text{};  // for people, zero-terminated
 };
 static_assert(std::is_trivially_copyable_v<Event>);
 static_assert(std::is_standard_layout_v<Event>);
@@ -768,10 +768,10 @@ static_assert(offsetof(Plan, t_ns) == 24);
 static_assert(offsetof(Plan, position_rad) == 152);
 static_assert(offsetof(Plan, velocity_rad_s) == 4248);
 
-// What must not be lost.
+// A request that must not be lost.
 struct Command {
   std::uint32_t kind = {};  // CommandKind
-  std::uint32_t law_id = {};  // set_params: the law they are meant for; 0 = whichever runs
+  std::uint32_t law_id = {};  // set_params: the law that they are for; 0 = the running one
   std::uint32_t count = {};  // set_params: how many
   std::array<std::uint8_t, 4> pad0{};
   std::uint64_t request_id = {};  // comes back in the event
@@ -800,9 +800,9 @@ struct StageRequest {
   std::uint64_t entry = {};  // address of the law's descriptor in the arena
   std::uint64_t image_hash = {};  // FNV-1a of the image
   std::uint32_t budget_ns = {};  // [ns] of one step; 0 = the robot's
-  std::uint32_t shadow_ticks = {};  // run beside the active law for so long before the commit; 0 = no shadow
+  std::uint32_t shadow_ticks = {};  // ticks as a shadow of the active law before the commit; 0 = no shadow
   std::uint32_t blend_ticks = {};  // from the old output to the new one; 0 = the slew bound alone
-  std::uint32_t probation_ticks = {};  // automatic rollback for so long after the commit; 0 = none
+  std::uint32_t probation_ticks = {};  // ticks with automatic rollback after the commit; 0 = none
   double shadow_tolerance_nm = {};  // [N m] largest difference that is still agreement
   double probation_error_ratio = {};  // [1] roll back when the tracking error grows beyond this ratio; 0 = never
   std::uint32_t param_count = {};  // parameters that differ from the compiled ones, in force from the first tick on
@@ -842,7 +842,7 @@ struct LawFault {
   std::uint32_t to_law_id = {};  // the law that took over; 0 = the safe law
   std::uint32_t took_ns = {};  // [ns] from the law's start to the end of the fallback's step; 0 = that one runs from the next tick on
   std::uint64_t pc = {};  // where it happened; 0 = unknown
-  std::uint64_t address = {};  // what it touched; 0 = unknown
+  std::uint64_t address = {};  // address of the access; 0 = unknown
   std::uint32_t slot = {};  // arena slot of the law, counted from 1; 0 = none
   std::uint32_t pc_offset = {};  // from the start of the slot; 0 = outside
 };
@@ -937,8 +937,8 @@ static_assert(offsetof(LawInfo, state_elements) == 3440);
 
 // The State of the running law, a hundred times a second.
 struct LawState {
-  std::uint32_t law_id = {};  // whose; its LawInfo says what lies where
-  std::uint32_t state_bytes = {};  // how many of them mean something
+  std::uint32_t law_id = {};  // whose State; its LawInfo has the fields and their offsets
+  std::uint32_t state_bytes = {};  // number of valid bytes
   std::uint64_t tick = {};  // at whose end it was so
   std::array<std::uint8_t, 4096> bytes{};
 };

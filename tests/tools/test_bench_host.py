@@ -43,7 +43,7 @@ def test_one_round_is_measured(host: ModuleType, capsys: pytest.CaptureFixture[s
     assert ("host_session_raised_core_share" in told) == (told["host_session_absent"] == "")
     assert told["host_brain_one_threads"] == 1
     host.report.tables.show_host(told)
-    assert "moved by 500 us" in capsys.readouterr().out
+    assert "shifted by 500 us" in capsys.readouterr().out
 
 
 def test_who_may_not_have_nice_20_gets_the_reason_and_the_rest() -> None:

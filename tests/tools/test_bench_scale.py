@@ -71,8 +71,8 @@ def test_every_codec_lives_on_the_core_of_the_spine(scale: ModuleType, monkeypat
 @pytest.mark.parametrize(
     ("twin", "why"),
     [
-        ({"frames": ["0a", "0c"], "reads": TOLD["reads"]}, "other frames"),
-        ({"frames": TOLD["frames"], "reads": [[1.0, 2.0], [3.0, 0.2501]]}, "other numbers"),
+        ({"frames": ["0a", "0c"], "reads": TOLD["reads"]}, "different frames"),
+        ({"frames": TOLD["frames"], "reads": [[1.0, 2.0], [3.0, 0.2501]]}, "different numbers"),
     ],
 )
 def test_a_codec_that_does_something_else_is_no_peer(scale: ModuleType, twin: dict[str, Any], why: str) -> None:

@@ -6,7 +6,7 @@
 #include <cstddef>
 #include <cstdlib>
 
-// A sanitizer brings its own allocator; taking its place as well crashes the program before main.
+// A sanitizer has its own allocator; replacing that one too crashes the program before main.
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 #define LITHE_FOREIGN_ALLOCATOR 1
 #elif defined(__has_feature)

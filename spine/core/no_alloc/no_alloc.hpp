@@ -8,8 +8,8 @@ namespace lithe {
 
 // While an instance lives, every malloc, calloc, realloc, free and operator new of this thread is counted. If there was
 // one, the end of the scope fails the test, at the line where the scope was opened.
-// Works on every compiler: a test links lithe_no_alloc, which takes the allocator's place; a sanitizer has that place
-// already, and then nothing is counted (kCounts).
+// Works with every compiler: a test links lithe_no_alloc, which replaces the allocator. A sanitizer has already
+// replaced it; then nothing is counted (kCounts).
 // Contract: test programs only · may be nested.
 class NoAllocScope {
  public:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the plan tests share: a robot, a way to write plans, and a recorder that samples at 1 kHz.
+// Common parts of the plan tests: a robot, a way to write plans, and a recorder that samples at 1 kHz.
 #pragma once
 
 #include <algorithm>
@@ -78,7 +78,7 @@ struct Trace {
     velocity.push_back(setpoint.velocity_rad_s[0]);
     acceleration.push_back(setpoint.acceleration_rad_s2[0]);
   }
-  // The largest change from sample to sample: bounds any jump between them.
+  // The largest change from sample to sample: an upper limit of any jump.
   static double largest_step(const std::vector<double>& values) {
     double largest = 0;
     for (std::size_t i = 1; i < values.size(); ++i) largest = std::max(largest, std::abs(values[i] - values[i - 1]));
@@ -93,7 +93,7 @@ struct Trace {
     }
     return peak;
   }
-  // How far the velocity reported is from the slope of the position reported.
+  // Largest difference between the reported velocity and the slope of the reported position.
   double velocity_mismatch() const {
     double worst = 0;
     for (std::size_t i = 1; i + 1 < position.size(); ++i) {
