@@ -96,6 +96,11 @@ TEST(BrokenTwin, OneBitOfOneInputIsSeen) {
     if (given.tick == 2000) flip_last_bit(given.sample.position_rad[0]);
   });
   EXPECT_TRUE(begins(sample, "replay, tick 2000: ")) << sample;
+  // Of a waypoint 20 ms ahead, which is in no record.
+  const std::string plan = Runs("chain").first_difference(3, [](Given& given) {
+    if (given.tick == 2007) flip_last_bit(given.plan->position_rad[wire::kNj]);
+  });
+  EXPECT_TRUE(begins(plan, "replay, tick 20")) << plan;
 }
 
 TEST(BrokenTwin, AnAnswerOfTheHostIsAnInputToo) {
