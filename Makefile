@@ -19,7 +19,8 @@ test: PACKAGES := build test
 test: TARGETS := $(if $(ROOM),--target $(ROOM)_tests)
 test: release  ## every test: C++ (ctest), then Python and across processes (pytest); ROOM=guard for the C++ tests of one room
 	@ctest --preset release -j $(JOBS) --progress $(if $(ROOM),-L '(^|[.])$(ROOM)$$')
-	@$(if $(ROOM),,$(PYTHON) -m pytest)
+	@$(if $(ROOM),,$(PYTHON) -m pytest -n $(JOBS) --dist loadfile -m 'not alone and not long')
+	@$(if $(ROOM),,$(PYTHON) -m pytest -m 'alone and not long')
 
 test-fast: PACKAGES := build test
 test-fast: release  ## what takes minutes left out: no property of thousands of runs, no robot started from Python
@@ -30,7 +31,7 @@ check:  ## what CI asks: format, tidy, rooms, schema, limits, types, ASan+UBSan,
 	@tools/setup build test check bench
 	@$(PYTHON) tools/check.py
 
-check-all:  ## check, and what takes too long for every merge: all tests under ASan, a minute of each fuzzer
+check-all:  ## check, and what takes too long for every merge: all tests under ASan, a minute of each fuzzer, tests in their long form
 	@tools/setup build test check bench
 	@$(PYTHON) tools/check.py --all
 

@@ -5,14 +5,32 @@
 find_package(GTest REQUIRED)
 include(GoogleTest)
 
-# Half of what a test costs to compile is reading GoogleTest and the standard library. All tests share one reading of them.
-# Not with clang: it refuses it where a test has definitions of its own.
-if(LITHE_TESTS AND CMAKE_CXX_COMPILER_ID STREQUAL GNU)
-  file(CONFIGURE OUTPUT ${CMAKE_BINARY_DIR}/test_headers.cpp CONTENT "// nothing\n")
-  add_library(lithe_test_headers OBJECT ${CMAKE_BINARY_DIR}/test_headers.cpp)
-  target_link_libraries(lithe_test_headers PRIVATE lithe_flags GTest::gtest)
-  target_precompile_headers(lithe_test_headers PRIVATE <gtest/gtest.h> <algorithm> <array> <atomic> <cmath> <filesystem>
-    <fstream> <functional> <random> <string> <thread> <vector>)
+# Half of what a file costs to compile is reading GoogleTest, nlohmann/json and the standard library, so all that need the
+# same read them once. Not with clang: it refuses a precompiled header where a target has definitions of its own.
+# lithe_headers(<name> OPTIONS <option>... LINKS <target>... HEADERS <header>...): one such reading.
+function(lithe_headers name)
+  cmake_parse_arguments(READ "" "" "OPTIONS;LINKS;HEADERS" ${ARGN})
+  file(CONFIGURE OUTPUT ${CMAKE_BINARY_DIR}/${name}.cpp CONTENT "// nothing\n")
+  add_library(${name} OBJECT ${CMAKE_BINARY_DIR}/${name}.cpp)
+  target_link_libraries(${name} PRIVATE lithe_flags ${READ_LINKS})
+  target_compile_options(${name} PRIVATE ${READ_OPTIONS})
+  target_precompile_headers(${name} PRIVATE ${READ_HEADERS})
+endfunction()
+
+# Tests are compiled without optimisation, in half the time. Not those whose own code races with other threads, or takes
+# millions of steps: their labels are these.
+set(LITHE_OPTIMISED_TESTS "^(tick.)?(ipc|law|contain|plan|limits|faults)$")
+if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)
+  find_package(fmt REQUIRED)
+  find_package(nlohmann_json REQUIRED)
+  set(test_headers <gtest/gtest.h> <algorithm> <array> <atomic> <cmath> <filesystem> <fstream> <functional> <random>
+    <string> <thread> <vector>)
+  lithe_headers(lithe_json_headers LINKS fmt::fmt HEADERS <nlohmann/json.hpp> <fmt/format.h>)
+  if(LITHE_TESTS)
+    lithe_headers(lithe_test_headers LINKS GTest::gtest OPTIONS -O0 HEADERS ${test_headers})
+    lithe_headers(lithe_test_json_headers LINKS GTest::gtest OPTIONS -O0 HEADERS ${test_headers} <nlohmann/json.hpp>)
+    lithe_headers(lithe_optimised_test_headers LINKS GTest::gtest HEADERS ${test_headers})
+  endif()
 endif()
 
 # lithe_room(<name> [TICK] [DIRS <folder>...] [LINKS <target>...] [PLAIN <x_test>...])
@@ -39,8 +57,14 @@ function(lithe_room name)
   if(sources)
     add_library(lithe_${name} STATIC ${sources})
     target_link_libraries(lithe_${name} PUBLIC lithe_flags ${ROOM_LINKS})
-    if(nlohmann_json::nlohmann_json IN_LIST ROOM_LINKS)  # a third of what these files cost is reading it
-      target_precompile_headers(lithe_${name} PRIVATE <nlohmann/json.hpp> <fmt/format.h>)
+    if(nlohmann_json::nlohmann_json IN_LIST ROOM_LINKS)
+      # Most of what these files cost is reading json and making code of it: with LITHE_UNITY five are compiled as one.
+      set_target_properties(lithe_${name} PROPERTIES UNITY_BUILD ${LITHE_UNITY} UNITY_BUILD_BATCH_SIZE 5)
+      if(TARGET lithe_json_headers AND fmt::fmt IN_LIST ROOM_LINKS)
+        target_precompile_headers(lithe_${name} REUSE_FROM lithe_json_headers)
+      else()
+        target_precompile_headers(lithe_${name} PRIVATE <nlohmann/json.hpp> <fmt/format.h>)
+      endif()
       if(CMAKE_CXX_COMPILER_ID STREQUAL GNU AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)
         # From a precompiled header, <string> is no system header to it any more: it reports copies of short texts there.
         target_compile_options(lithe_${name} PRIVATE -Wno-array-bounds -Wno-stringop-overflow -Wno-stringop-overread)
@@ -53,6 +77,10 @@ function(lithe_room name)
     add_library(lithe_${name} INTERFACE)
     target_link_libraries(lithe_${name} INTERFACE lithe_flags ${ROOM_LINKS})
   endif()
+  set(json)
+  if(nlohmann_json::nlohmann_json IN_LIST ROOM_LINKS)
+    set(json JSON)
+  endif()
   add_custom_target(${name}_tests)
   set(label ${name})
   if(ROOM_TICK)
@@ -64,24 +92,33 @@ function(lithe_room name)
     if(LITHE_SANITIZE AND stem IN_LIST ROOM_PLAIN)
       continue()
     endif()
-    lithe_test(${name}_${stem} SOURCES ${test} LINKS lithe_${name} LABEL ${label})
+    lithe_test(${name}_${stem} SOURCES ${test} LINKS lithe_${name} LABEL ${label} ${json})
     if(TARGET ${name}_${stem})
       add_dependencies(${name}_tests ${name}_${stem})
     endif()
   endforeach()
 endfunction()
 
-# lithe_test(<name> SOURCES <file>... LINKS <target>... [LABEL <label>]): one GoogleTest program, one ctest
-# entry per test.
+# lithe_test(<name> SOURCES <file>... LINKS <target>... [LABEL <label>] [JSON]): one GoogleTest program, one ctest
+# entry per test. JSON: its room reads nlohmann/json.
 function(lithe_test name)
-  cmake_parse_arguments(TEST "" "LABEL" "SOURCES;LINKS" ${ARGN})
+  cmake_parse_arguments(TEST "JSON" "LABEL" "SOURCES;LINKS" ${ARGN})
   if(NOT LITHE_TESTS)
     return()
   endif()
   add_executable(${name} ${TEST_SOURCES})
   target_link_libraries(${name} PRIVATE ${TEST_LINKS} GTest::gtest GTest::gtest_main)
-  if(TARGET lithe_test_headers)
-    target_precompile_headers(${name} REUSE_FROM lithe_test_headers)
+  if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)
+    if(TEST_LABEL MATCHES "${LITHE_OPTIMISED_TESTS}")
+      target_precompile_headers(${name} REUSE_FROM lithe_optimised_test_headers)
+    else()
+      target_compile_options(${name} PRIVATE -O0)
+      set(headers lithe_test_headers)
+      if(TEST_JSON)
+        set(headers lithe_test_json_headers)
+      endif()
+      target_precompile_headers(${name} REUSE_FROM ${headers})
+    endif()
     if(CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)  # see lithe_room
       target_compile_options(${name} PRIVATE -Wno-array-bounds -Wno-stringop-overflow -Wno-stringop-overread)
     endif()

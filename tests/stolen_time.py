@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from _pytest.runner import runtestprotocol
+from told import told
 
 MOST_STOLEN_S = (
     0.05  # of all processors together, since the first test of the file began: its robot may live since then
@@ -33,7 +34,6 @@ class StolenTime:
         self.file: Path | None = None
         self.before_s = 0.0
         self.again: Counter[Path] = Counter()
-        self.told: list[str] = []
 
     def stolen_s(self) -> float:
         """Since the file's first test, or since its fixtures were made anew."""
@@ -50,7 +50,8 @@ class StolenTime:
         failed = any(report.failed for report in reports)
         if failed and lost_s > MOST_STOLEN_S and self.again[item.path] < MOST_AGAIN:
             self.again[item.path] += 1
-            self.told.append(f"{item.nodeid}: failed when {lost_s:.2f} s of the processors' time were stolen")
+            line = f"{item.nodeid}: failed when {lost_s:.2f} s of the processors' time were stolen"
+            item.user_properties.append(("run once more", line))
             item.session._setupstate.teardown_exact(None)  # a robot that fell over is not good for the next test either
             self.before_s = stolen_s()
             reports = runtestprotocol(item, nextitem=nextitem, log=False)
@@ -61,10 +62,7 @@ class StolenTime:
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         """What ran twice."""
-        if self.told:
-            terminalreporter.section("run once more")
-            for line in self.told:
-                terminalreporter.write_line(line)
+        told(terminalreporter, "run once more")
 
 
 def pytest_configure(config: pytest.Config) -> None:

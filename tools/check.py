@@ -85,6 +85,12 @@ STEPS = [
         "the command behind `again:`; then a test of its own for what it found",
         long=True,
     ),
+    Step(
+        "pytest-long",
+        f"{build('release')} && {PYTHON} -m pytest -m long",
+        f"{PYTHON} -m pytest -m long -x -k NAME",
+        long=True,
+    ),
 ]
 FIXES = [
     f"{PYTHON} -m ruff check --quiet --fix .; {PYTHON} -m ruff format --quiet .",

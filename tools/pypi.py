@@ -29,7 +29,7 @@ def install(requirement: str) -> Path:
         pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-input"]
         try:
             ran = subprocess.run(
-                [*pip, "--upgrade", "--target", folder, requirement],
+                [*pip, "--upgrade", "--no-compile", "--target", folder, requirement],
                 check=False,
                 capture_output=True,
                 text=True,

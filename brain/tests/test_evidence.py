@@ -16,6 +16,8 @@ from lithe.demo import losses
 from lithe.demo.evidence import STEAL_STEP_NS, Evidence, Thread, Watch, tally, threads_of
 from lithe.demo.recorder import Recorder
 
+pytestmark = pytest.mark.alone
+
 MS = 1_000_000
 SPINNING = "import os, sys\nos.sched_setaffinity(0, {int(sys.argv[1])})\nwhile True: pass"
 CORE = max(os.sched_getaffinity(0))

@@ -20,7 +20,7 @@ from lithe.heartbeat import LONGEST_S, SHORTEST_S, Heartbeat, period_s
 from lithe.shm import SpineView
 from system.house import House
 
-PLAN_S = 6.0  # three times what the calm robot waits for a sign of life
+PLAN_S = 4.0  # twice what the calm robot waits for a sign of life
 GOAL_RAD = 0.5
 
 

@@ -20,7 +20,7 @@ def texts(*folders: str) -> Iterator[str]:
     """Sources, without the tests."""
     for folder in folders:
         for path in sorted((ROOT / folder).rglob("*")):
-            if path.suffix in ENDINGS and "test" not in path.name and "tests" not in path.parts:
+            if path.suffix in ENDINGS and "test" not in path.name and "tests" not in path.relative_to(ROOT).parts:
                 yield path.read_text(encoding="utf-8")
 
 

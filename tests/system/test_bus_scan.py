@@ -12,6 +12,8 @@ import pytest
 from system.house import BIN, ROOT, House, need
 from system.simulated import Simulated
 
+pytestmark = pytest.mark.alone
+
 ROBOTS = ROOT / "robots"
 QUICK = ("--listen", "0.3")
 

@@ -24,6 +24,7 @@ def patience(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(SdoClient, "RESPONSE_TIMEOUT", LONG_S)
     for name in ("CHECK_TPDO", "SWITCH_OP_MODE", "SWITCH_STATE_SINGLE", "SWITCH_STATE_FINAL"):
         monkeypatch.setattr(BaseNode402, f"TIMEOUT_{name}", LONG_S)
+    monkeypatch.setattr(canopen.Network, "NOTIFIER_CYCLE", 0.05)  # seconds until it notices that it is to end
 
 
 @pytest.fixture

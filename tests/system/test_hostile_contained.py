@@ -25,6 +25,8 @@ from lithe.shm import RingCursor
 from system.house import ROOT, alive
 from system.test_hostile_admission import CORPUS, header
 
+pytestmark = pytest.mark.alone
+
 # A law goes bad this long after its first tick, not before: else the Loader's dry steps would meet it, not the tick.
 GOOD_S = 0.05
 LATER = """

@@ -19,12 +19,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from calm import calm_robot
 from lithe import _wire, place, shm
 from lithe._wire import EventKind, Mode, PlanReject
 from lithe.demo import losses
 from lithe.shm import BrainWriter, SpineView
 from segments import channel_slots
+
+pytestmark = pytest.mark.alone
 
 ROOT = Path(__file__).resolve().parents[2]
 KILLS = 500

@@ -216,6 +216,7 @@ def test_a_full_disk_under_the_certificates_costs_no_swap_and_is_told(house: Hou
     assert house.ask("law", "show", "2", "--folder", swaps)["law"] in ("gravity_pd", "pd")
 
 
+@pytest.mark.alone
 def test_a_loader_that_is_starved_on_its_core_makes_a_swap_slow_and_no_worse(arm: House) -> None:
     """Six processes that want its core for themselves; done or refused with a reason, and the law runs."""
     core = arm.ask("status")["cpus"]["housekeeping"]

@@ -25,6 +25,8 @@ from lithe.demo.recorder import Recorder
 from system.house import ROOT
 from system.simulated import Simulated, at_terminals, running
 
+pytestmark = pytest.mark.alone
+
 SWAPS, STALLED_SWAPS = 60, 20
 BEFORE_NS, AFTER_NS = 5_000_000, 6_000_000
 STALL_S = 0.003
@@ -96,6 +98,7 @@ MOUNTED_THE_OTHER_WAY_ROUND = {
 }
 
 
+@pytest.mark.long
 def test_the_demo_holds_on_a_robot_mounted_the_other_way_round(tmp_path: Path, tell: Callable[[str], None]) -> None:
     """As a left leg is: where a joint has one heavy place only, that is on the negative side."""
     robot = tmp_path / "mirrored.toml"

@@ -14,6 +14,8 @@ import calm
 import pytest
 from system.house import BIN, ROOT, need
 
+pytestmark = pytest.mark.alone
+
 NOBODY = 65534
 
 

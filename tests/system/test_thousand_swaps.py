@@ -6,10 +6,13 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 from calm import calm_robot, connected
 from lithe.demo import losses
 from lithe.demo.recorder import Recorder
 from system.house import ROOT
+
+pytestmark = pytest.mark.alone
 
 SWAPS = 1000
 PERIOD_S = 0.03

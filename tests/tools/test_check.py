@@ -30,6 +30,6 @@ def test_every_step_says_how_to_fix_it() -> None:
 def test_long_steps_run_only_when_all_are_asked_for_or_by_name() -> None:
     every_merge = check.chosen([], everything=False)
     assert not any(step.long for step in every_merge)
-    assert [step.name for step in check.STEPS if step not in every_merge] == ["asan-all", "fuzz-long"]
+    assert [step.name for step in check.STEPS if step not in every_merge] == ["asan-all", "fuzz-long", "pytest-long"]
     assert check.chosen([], everything=True) == check.STEPS
     assert [step.name for step in check.chosen(["asan-all"], everything=False)] == ["asan-all"]

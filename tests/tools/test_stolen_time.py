@@ -51,6 +51,18 @@ def test_one_stall_in_a_long_file_is_enough(pytester: pytest.Pytester, monkeypat
     assert "0.30 s of the processors' time" in result.stdout.str()
 
 
+def test_what_a_process_of_xdist_ran_twice_is_told_too(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`make test` runs several files at a time; their lines arrive with the reports."""
+    monkeypatch.setenv("PYTHONPATH", str(Path(stolen_time.__file__).parent))
+    pytester.makeconftest("import stolen_time\nstolen_time.StolenTime.stolen_s = lambda _: 0.3\n")
+    pytester.makepyfile(FLAKY)
+    result = pytester.runpytest_subprocess("-p", "stolen_time", "-p", "no:cacheprovider", "-n", "1")
+    result.assert_outcomes(passed=2, failed=1)
+    assert result.stdout.str().count("0.30 s of the processors' time") == 2
+
+
 def test_stolen_time_is_read_from_proc_stat(tmp_path: Path) -> None:
     """Steal is the eighth number."""
     stat = tmp_path / "stat"
