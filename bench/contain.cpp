@@ -18,8 +18,8 @@
 #include "bench/machine.hpp"
 #include "bench/samples.hpp"
 #include "spine/contain/bad_laws.hpp"
-#include "spine/contain/cell.hpp"
-#include "spine/contain/vault.hpp"
+#include "spine/contain/fault_barrier.hpp"
+#include "spine/contain/protected_memory.hpp"
 #include "spine/contain/watchdog.hpp"
 #include "spine/core/host.hpp"
 #include "spine/core/time.hpp"
@@ -36,7 +36,7 @@ constexpr double kControlAtLeast = 2.0;
 // One way of calling a law.
 struct Way {
   const char* key;
-  void (*calls)(contain::Cell* cell);  // kCallsPerBlock of them
+  void (*calls)(contain::FaultBarrier* barrier);  // kCallsPerBlock of them
   bool in_cell = true, in_vault = false, gated = false;
   std::size_t copied_bytes = 0;
   std::vector<std::int64_t> block_ns = {};
@@ -82,16 +82,16 @@ class Guarded {
 
 int g_runs = 0;
 
-void call_plain(contain::Cell*) {
+void call_plain(contain::FaultBarrier*) {
   void (*volatile law)(void*) = contain::bad::count;  // nobody knows at compile time which law it is
   for (int i = 0; i < kCallsPerBlock; ++i) law(&g_runs);
 }
 
-void call_contained(contain::Cell* cell) {
-  for (int i = 0; i < kCallsPerBlock; ++i) cell->run(kNoDeadline, contain::bad::count, &g_runs);
+void call_contained(contain::FaultBarrier* barrier) {
+  for (int i = 0; i < kCallsPerBlock; ++i) barrier->run(kNoDeadline, contain::bad::count, &g_runs);
 }
 
-void call_saving_mask(contain::Cell*) {
+void call_saving_mask(contain::FaultBarrier*) {
   static sigjmp_buf back;
   static int i = 0;  // setjmp may forget a local
   for (i = 0; i < kCallsPerBlock; ++i) {
@@ -99,20 +99,20 @@ void call_saving_mask(contain::Cell*) {
   }
 }
 
-// A thread for each block, because a thread has one Cell; all on one core, one after the other.
+// A thread for each block, because a thread has one FaultBarrier; all on one core, one after the other.
 void measure_block(Way& way, int cpu, contain::Watchdog& dog) {
   on_core(cpu, [&] {
     raise_priority();
     const bool copies = way.copied_bytes > 0;
-    auto vault =
-        or_exit(contain::Vault::make(1 << 16, copies ? contain::Protection::copies : contain::Protection::best));
-    if (copies) or_exit(vault->guard(vault->allocate(way.copied_bytes), way.copied_bytes));
-    contain::Cell cell = or_exit(contain::Cell::open(way.in_vault ? vault.get() : nullptr));
-    or_exit(dog.watch(cell));
-    if (way.gated) or_exit(cell.forbid_system_calls());
-    way.calls(&cell);
+    auto protected_memory =
+        or_exit(contain::ProtectedMemory::make(1 << 16, copies ? contain::Protection::copies : contain::Protection::best));
+    if (copies) or_exit(protected_memory->guard(protected_memory->allocate(way.copied_bytes), way.copied_bytes));
+    contain::FaultBarrier barrier = or_exit(contain::FaultBarrier::open(way.in_vault ? protected_memory.get() : nullptr));
+    or_exit(dog.watch(barrier));
+    if (way.gated) or_exit(barrier.forbid_system_calls());
+    way.calls(&barrier);
     const std::int64_t from_ns = monotonic_ns();
-    way.calls(&cell);
+    way.calls(&barrier);
     way.block_ns.push_back(monotonic_ns() - from_ns);
   }).join();
 }
@@ -137,10 +137,10 @@ void report_calls(Cores cores, JsonLine& line) {
 }
 
 // From the start of a law that fails to the end of the step that stands in for it.
-std::int64_t away_ns(contain::Cell& cell, const contain::bad::Case& bad, std::int64_t deadline_ns) {
+std::int64_t away_ns(contain::FaultBarrier& barrier, const contain::bad::Case& bad, std::int64_t deadline_ns) {
   const std::int64_t from_ns = monotonic_ns();
-  const contain::Trouble trouble = cell.run(deadline_ns, bad.call, nullptr);
-  cell.run(kNoDeadline, contain::bad::count, &g_runs);
+  const contain::Failure trouble = barrier.run(deadline_ns, bad.call, nullptr);
+  barrier.run(kNoDeadline, contain::bad::count, &g_runs);
   const std::int64_t to_ns = monotonic_ns();
   if (trouble.kind != bad.kind) {
     std::fprintf(stderr, "bench: %s ended as %u\n", bad.name, static_cast<unsigned>(trouble.kind));
@@ -154,10 +154,10 @@ void report_crashes(Cores cores, JsonLine& line) {
   use_small_stacks();  // as the Spine does
   on_core(cores.spine, [&] {
     raise_priority();
-    contain::Cell cell = or_exit(contain::Cell::open());
+    contain::FaultBarrier barrier = or_exit(contain::FaultBarrier::open());
     for (int round = 0; round < kFaults; ++round) {
       for (std::size_t i = 0; i < taken_ns.size(); ++i)
-        taken_ns[i].push_back(away_ns(cell, contain::bad::kCrashes[i], kNoDeadline));
+        taken_ns[i].push_back(away_ns(barrier, contain::bad::kCrashes[i], kNoDeadline));
     }
   }).join();
   for (std::size_t i = 0; i < taken_ns.size(); ++i)
@@ -171,10 +171,10 @@ void report_loops(Cores cores, const char* key, const contain::WatchdogConfig& c
   Guarded guarded(cores.partner, config);
   on_core(cores.spine, [&] {
     raise_priority();
-    contain::Cell cell = or_exit(contain::Cell::open());
-    or_exit(guarded.dog.watch(cell));
+    contain::FaultBarrier barrier = or_exit(contain::FaultBarrier::open());
+    or_exit(guarded.dog.watch(barrier));
     for (int i = 0; i < kFaults; ++i) {
-      late_ns.push_back(away_ns(cell, kLoop, monotonic_ns() + kBudgetNs) - kBudgetNs);
+      late_ns.push_back(away_ns(barrier, kLoop, monotonic_ns() + kBudgetNs) - kBudgetNs);
       const timespec rest{0, 300'000 + i * 1'000};  // not in step with the Watchdog
       nanosleep(&rest, nullptr);
     }
@@ -186,10 +186,10 @@ void report_loops(Cores cores, const char* key, const contain::WatchdogConfig& c
 void report_watchdog(Cores cores, JsonLine& line) {
   Guarded guarded(cores.partner, {});
   on_core(cores.spine, [&] {
-    contain::Cell cell = or_exit(contain::Cell::open());
-    or_exit(guarded.dog.watch(cell));
+    contain::FaultBarrier barrier = or_exit(contain::FaultBarrier::open());
+    or_exit(guarded.dog.watch(barrier));
     for (int i = 0; i < 2000; ++i) {
-      cell.run(monotonic_ns() + kBudgetNs, contain::bad::count, &g_runs);
+      barrier.run(monotonic_ns() + kBudgetNs, contain::bad::count, &g_runs);
       const timespec rest{0, 1'000'000};
       nanosleep(&rest, nullptr);
     }

@@ -11,7 +11,7 @@
 
 #include "bench/cycles.hpp"
 #include "bench/machine.hpp"
-#include "spine/contain/cell.hpp"
+#include "spine/contain/fault_barrier.hpp"
 #include "spine/hal/actuators.hpp"
 #include "spine/ipc/layout.hpp"
 #include "spine/law/resident.hpp"
@@ -57,7 +57,7 @@ class SpineRig {
   ipc::MailboxSender<wire::Command, wire::control_segment::kCommandsDepth> commands_{control_->commands,
                                                                                      memory_->control_ack};
   law::Slot slot_;
-  std::optional<contain::Cell> cell_;  // the law runs contained, as in the real process
+  std::optional<contain::FaultBarrier> barrier_;  // the law runs contained, as in the real process
   std::optional<law::SandboxMemory> sandbox_;
   loop::Handover handover_;
   std::unique_ptr<hal::Actuators> actuators_;

@@ -91,7 +91,7 @@ def show_contain(figures: Figures) -> None:
     ways = [
         ("plain", "plain"),
         ("contained", "contained"),
-        ("contained, vault by keys", "contained_keys"),
+        ("contained, memory protected by keys", "contained_keys"),
         ("contained, 4 KiB copied", "contained_copies_4k"),
         ("contained, system calls blocked", "contained_gated"),
         ("control: signal mask saved", "control"),

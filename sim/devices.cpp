@@ -12,25 +12,25 @@
 namespace lithe::simulator {
 namespace {
 
-using hal::Mishap;
-using Kind = Order::Kind;
+using hal::InjectedFault;
+using Kind = FaultRequest::Kind;
 
-std::optional<Mishap> mishap_of(Kind kind) {
+std::optional<InjectedFault> mishap_of(Kind kind) {
   switch (kind) {
     case Kind::reset:
-      return Mishap::power_loss;
+      return InjectedFault::power_loss;
     case Kind::over_temperature:
-      return Mishap::over_temperature;
+      return InjectedFault::over_temperature;
     case Kind::encoder:
-      return Mishap::encoder_lost;
+      return InjectedFault::encoder_lost;
     case Kind::device_fault:
-      return Mishap::device_fault;
+      return InjectedFault::device_fault;
     case Kind::watchdog:
-      return Mishap::watchdog_trip;
+      return InjectedFault::watchdog_trip;
     case Kind::homing:
-      return Mishap::homing_lost;
+      return InjectedFault::homing_lost;
     case Kind::register_map:
-      return Mishap::other_map;
+      return InjectedFault::other_map;
     default:
       return std::nullopt;
   }
@@ -38,8 +38,8 @@ std::optional<Mishap> mishap_of(Kind kind) {
 
 // False for faults that this kind of device does not have.
 bool can_suffer(robot::DeviceKind device, Kind kind) {
-  if (const std::optional<Mishap> mishap = mishap_of(kind)) {
-    return (hal::type_of(device).mishaps & hal::bit_of(*mishap)) != 0;
+  if (const std::optional<InjectedFault> injected = mishap_of(kind)) {
+    return (hal::type_of(device).injected & hal::bit_of(*injected)) != 0;
   }
   return robot::facts(device).on_bus;  // twin, wrong id
 }
@@ -62,7 +62,7 @@ Result<std::unique_ptr<Devices>> Devices::make(const robot::RobotConfig& config,
   return made;
 }
 
-Result<> Devices::check(const Order& order) const {
+Result<> Devices::check(const FaultRequest& order) const {
   const auto named = [](const auto& all, const std::string& name) {
     return name.empty() || std::any_of(all.begin(), all.end(), [&](const auto& each) { return each.name == name; });
   };
@@ -79,7 +79,7 @@ Result<> Devices::check(const Order& order) const {
   return done();
 }
 
-void Devices::act(const Order& order, std::int64_t now_ns) {
+void Devices::act(const FaultRequest& order, std::int64_t now_ns) {
   if (order.kind == Kind::clear) return clear(now_ns);
   if (!is_of_device(order.kind)) {
     for (std::size_t i = 0; i < wires_.size(); ++i) {
@@ -95,9 +95,9 @@ void Devices::act(const Order& order, std::int64_t now_ns) {
   }
 }
 
-void Devices::suffer(std::size_t device, const Order& order, std::int64_t now_ns) {
-  if (const std::optional<Mishap> mishap = mishap_of(order.kind)) {
-    nodes_.devices[device]->befall(*mishap, order.on, now_ns);
+void Devices::suffer(std::size_t device, const FaultRequest& order, std::int64_t now_ns) {
+  if (const std::optional<InjectedFault> injected = mishap_of(order.kind)) {
+    nodes_.devices[device]->inject(*injected, order.on, now_ns);
   } else {
     meet_stranger(device, order);
   }
@@ -105,7 +105,7 @@ void Devices::suffer(std::size_t device, const Order& order, std::int64_t now_ns
 
 // twin: a second device with the same id and another position. wrong_id: a device with another id replaces the right
 // one.
-void Devices::meet_stranger(std::size_t index, const Order& order) {
+void Devices::meet_stranger(std::size_t index, const FaultRequest& order) {
   hal::BusNode& device = *nodes_.devices[index];
   Company& company = company_[index];
   hal::sim::SimWire& wire = *wires_[config_.devices[index].bus];
@@ -129,7 +129,7 @@ void Devices::meet_stranger(std::size_t index, const Order& order) {
   wire.attach(*company.stranger);
 }
 
-void Devices::spoil(const Order& order, std::size_t bus) {
+void Devices::spoil(const FaultRequest& order, std::size_t bus) {
   hal::sim::WireFaults faults = wires_[bus]->faults();
   switch (order.kind) {
     case Kind::drop:
@@ -157,13 +157,13 @@ void Devices::spoil(const Order& order, std::size_t bus) {
 }
 
 void Devices::clear(std::int64_t now_ns) {
-  Order over;
+  FaultRequest over;
   over.on = false;
   for (const auto& wire : wires_) wire->set_faults({});
   for (std::size_t i = 0; i < nodes_.devices.size(); ++i) {
-    for (const Mishap mishap : {Mishap::over_temperature, Mishap::encoder_lost, Mishap::device_fault,
-                                Mishap::homing_lost, Mishap::other_map}) {
-      nodes_.devices[i]->befall(mishap, false, now_ns);
+    for (const InjectedFault injected : {InjectedFault::over_temperature, InjectedFault::encoder_lost, InjectedFault::device_fault,
+                                InjectedFault::homing_lost, InjectedFault::other_map}) {
+      nodes_.devices[i]->inject(injected, false, now_ns);
     }
     if (company_[i].stranger != nullptr) meet_stranger(i, over);
   }

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "sim/order.hpp"
+#include "sim/fault_request.hpp"
 #include "spine/core/result.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/bus/loop/sim_wire.hpp"
@@ -26,10 +26,10 @@ class Devices {
   hal::sim::SimWire& wire(std::size_t bus) { return *wires_[bus]; }
 
   // The error: no such bus or device, or it does not have this fault.
-  Result<> check(const Order& order) const;
+  Result<> check(const FaultRequest& order) const;
 
   // Applies a checked order now, without its times. `unplug` is handled elsewhere.
-  void act(const Order& order, std::int64_t now_ns);
+  void act(const FaultRequest& order, std::int64_t now_ns);
 
  private:
   // An injected second device on a device's wire (twin or wrong id).
@@ -38,9 +38,9 @@ class Devices {
     bool here = true;                        // false: the original device is disconnected
   };
 
-  void suffer(std::size_t device, const Order& order, std::int64_t now_ns);
-  void meet_stranger(std::size_t device, const Order& order);
-  void spoil(const Order& order, std::size_t bus);
+  void suffer(std::size_t device, const FaultRequest& order, std::int64_t now_ns);
+  void meet_stranger(std::size_t device, const FaultRequest& order);
+  void spoil(const FaultRequest& order, std::size_t bus);
   void clear(std::int64_t now_ns);
 
   robot::RobotConfig config_;

@@ -64,7 +64,7 @@ class Orders {
 
   void obey(simulator::World& world, std::int64_t now_ns) {
     if (line_.find_first_not_of(" \r\t") == std::string::npos) return;
-    const Result<simulator::Order> order = simulator::parse_order(line_);
+    const Result<simulator::FaultRequest> order = simulator::parse_order(line_);
     const Result<> did = order ? world.obey(*order, now_ns) : Result<>(order.error());
     say(did ? Json{{"ok", true}}.dump() : Json{{"ok", false}, {"error", did.message()}}.dump());
   }
@@ -144,7 +144,7 @@ int run(const std::string& path, const simulator::Options& options, const std::v
   auto world = simulator::World::open(*config, options, say);
   if (!world) return refuse(world.message());
   for (const std::string& fault : faults) {
-    const Result<simulator::Order> order = simulator::parse_order(fault);
+    const Result<simulator::FaultRequest> order = simulator::parse_order(fault);
     const Result<> did = order ? (*world)->obey(*order, monotonic_ns()) : Result<>(order.error());
     if (!did) return refuse("--fault " + fault + ": " + did.message());
   }
@@ -165,7 +165,7 @@ int main(int argc, char** argv) {
     app.add_option("--fault", faults, "a fault from the start, as JSON; as often as you like")
         ->type_name("JSON")
         ->allow_extra_args(false);
-    app.add_option("--seed", options.seed, "of what befalls frames by chance")->type_name("N");
+    app.add_option("--seed", options.seed, "of the faults that come to frames by chance")->type_name("N");
     bool truth = false;
     app.add_flag(
         "--truth", truth,

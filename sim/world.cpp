@@ -10,7 +10,7 @@
 namespace lithe::simulator {
 namespace {
 
-using Kind = Order::Kind;
+using Kind = FaultRequest::Kind;
 
 // An order names one bus or device, or none, which means all.
 bool is_meant(const std::string& named, const std::string& name) { return named.empty() || named == name; }
@@ -68,7 +68,7 @@ void World::tell_places() {
   }
 }
 
-Result<> World::check(const Order& order) const {
+Result<> World::check(const FaultRequest& order) const {
   if (Result<> known = devices_->check(order); !known) return known;
   if (order.kind != Kind::unplug) return done();
   for (const Line& line : lines_) {
@@ -79,7 +79,7 @@ Result<> World::check(const Order& order) const {
   return done();
 }
 
-Result<> World::obey(const Order& order, std::int64_t now_ns) {
+Result<> World::obey(const FaultRequest& order, std::int64_t now_ns) {
   if (Result<> sound = check(order); !sound) return sound;
   if (order.after_s > 0) {
     due_.push_back({now_ns + ns_of(order.after_s), order});
@@ -93,7 +93,7 @@ Result<> World::obey(const Order& order, std::int64_t now_ns) {
   return done();
 }
 
-void World::act(const Order& order, std::int64_t now_ns) {
+void World::act(const FaultRequest& order, std::int64_t now_ns) {
   if (order.kind == Kind::clear) due_.clear();
   if (order.kind != Kind::unplug) devices_->act(order, now_ns);
   constexpr double kMomentS = 1;

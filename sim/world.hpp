@@ -12,7 +12,7 @@
 
 #include "sim/devices.hpp"
 #include "sim/end.hpp"
-#include "sim/order.hpp"
+#include "sim/fault_request.hpp"
 #include "spine/core/result.hpp"
 #include "spine/robot/config.hpp"
 
@@ -31,7 +31,7 @@ class World {
   static Result<std::unique_ptr<World>> open(const robot::RobotConfig& config, const Options& options, Say say);
 
   // Applies an order now, or schedules it. The error: no such bus or device, or it does not have this fault.
-  Result<> obey(const Order& order, std::int64_t now_ns);
+  Result<> obey(const FaultRequest& order, std::int64_t now_ns);
 
   // Advances time: devices send by themselves, scheduled orders are applied. Call about once a millisecond.
   void tick(std::int64_t now_ns);
@@ -46,12 +46,12 @@ class World {
   };
   struct Due {
     std::int64_t at_ns;
-    Order order;
+    FaultRequest order;
   };
 
   Result<> add_bus(const robot::RobotConfig& config, std::size_t index, const Options& options);
-  Result<> check(const Order& order) const;
-  void act(const Order& order, std::int64_t now_ns);
+  Result<> check(const FaultRequest& order) const;
+  void act(const FaultRequest& order, std::int64_t now_ns);
   void tell_places();
 
   Say say_;

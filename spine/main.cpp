@@ -17,9 +17,9 @@
 #include <thread>
 
 #include "spine/code_arena.hpp"
-#include "spine/contain/cell.hpp"
+#include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/constants.hpp"
-#include "spine/contain/vault.hpp"
+#include "spine/contain/protected_memory.hpp"
 #include "spine/contain/watchdog.hpp"
 #include "spine/core/host.hpp"
 #include "spine/core/time.hpp"
@@ -90,32 +90,32 @@ void remove_memory(const std::string& robot) {
   ipc::remove_segment(ipc::Segment<ipc::FramesMemory>::path(robot));
 }
 
-// Memory around laws: the two sandboxes, which a law may write, and the Vault (Spine, Slot, Residents), which it may
+// Memory around laws: the two sandboxes, which a law may write, and the protected memory (Spine, Slot, Residents), which it may
 // not.
 struct Containment {
-  std::unique_ptr<contain::Vault> vault;
+  std::unique_ptr<contain::ProtectedMemory> protected_memory;
   law::SandboxMemory ticking, loading;
 };
 
 Result<Containment> contain_laws() {
   if (const Result<> handlers = contain::install_handlers(); !handlers) return handlers.error();
-  Result<std::unique_ptr<contain::Vault>> vault = contain::Vault::make(kVaultBytes);
-  if (!vault) return vault.error();
+  Result<std::unique_ptr<contain::ProtectedMemory>> protected_memory = contain::ProtectedMemory::make(kVaultBytes);
+  if (!protected_memory) return protected_memory.error();
   Result<law::SandboxMemory> ticking = law::SandboxMemory::make();
   if (!ticking) return ticking.error();
   Result<law::SandboxMemory> loading = law::SandboxMemory::make();
   if (!loading) return loading.error();
-  return Containment{std::move(*vault), std::move(*ticking), std::move(*loading)};
+  return Containment{std::move(*protected_memory), std::move(*ticking), std::move(*loading)};
 }
 
-// The arena's store, in the Vault; nullptr without an arena.
-load::LawStore* keep_store(const Result<std::unique_ptr<load::ArenaStore>>& arena, contain::Vault& vault) {
+// The arena's store, in the protected memory; nullptr without an arena.
+load::LawStore* keep_store(const Result<std::unique_ptr<load::ArenaStore>>& arena, contain::ProtectedMemory& protected_memory) {
   if (!arena || *arena == nullptr) return nullptr;
   (void)(*arena)->arena().lock();  // locked at least in part; the notes say what was not
-  return vault.create<load::ArenaStore>((*arena)->take_arena());
+  return protected_memory.create<load::ArenaStore>((*arena)->take_arena());
 }
 
-// Registers the memory to be checked: constant data that is neither in the Vault nor on read-only pages.
+// Registers the memory to be checked: constant data that is neither in the protected memory nor on read-only pages.
 Result<> watch_constants(contain::Constants& constants, const robot::RobotConfig& robot, const Memory& memory) {
   const ipc::SpineMemory& shared = *memory.spine;
   const struct {
@@ -171,19 +171,19 @@ class Threads {
       const contain::Canary canary(constants_, "the stack of the thread that ticks");
       thread.set_value(gettid());
       go_.get_future().wait();
-      Result<contain::Cell> cell = open_cell(!cpus_.transport_inline);
+      Result<contain::FaultBarrier> barrier = open_cell(!cpus_.transport_inline);
       const loop::Wiring wiring{robot_,
                                 *memory_.spine,
                                 *memory_.control,
                                 *memory_.brain,
                                 slot_,
                                 *containment_.ticking,
-                                cell ? &*cell : nullptr,
+                                barrier ? &*barrier : nullptr,
                                 handover_,
                                 clock_,
                                 cpus_.transport_inline ? &actuators_ : nullptr,
                                 &constants_};
-      loop::Spine* spine = containment_.vault->create<loop::Spine>(wiring);
+      loop::Spine* spine = containment_.protected_memory->create<loop::Spine>(wiring);
       all_off_sent_ = spine->run(stop_tick_);
       std::destroy_at(spine);
     });
@@ -226,8 +226,8 @@ class Threads {
     loading_ = std::thread([this] {
       enter(cpus_.housekeeping, false);
       const contain::Canary canary(constants_, "the Loader's stack");
-      Result<contain::Cell> cell = open_cell(false);
-      rehearsal_.use(cell ? &*cell : nullptr);
+      Result<contain::FaultBarrier> barrier = open_cell(false);
+      rehearsal_.use(barrier ? &*barrier : nullptr);
       loader_.run(stop_helpers_);
     });
   }
@@ -247,24 +247,24 @@ class Threads {
     }
   }
 
-  // Opens this thread's Cell. Without a Cell a crash of a law ends the process; this is logged once. A seccomp filter
+  // Opens this thread's FaultBarrier. Without a FaultBarrier a crash of a law ends the process; this is logged once. A seccomp filter
   // would also limit this thread's own calls, so it is used only for a thread that makes none.
-  Result<contain::Cell> open_cell(bool only_waits) {
-    Result<contain::Cell> cell = contain::Cell::open(containment_.vault.get());
-    if (!cell) {
-      fmt::print(stderr, "lithe-spine: a law that crashes will end this process: {}\n", cell.message());
-      return cell;
+  Result<contain::FaultBarrier> open_cell(bool only_waits) {
+    Result<contain::FaultBarrier> barrier = contain::FaultBarrier::open(containment_.protected_memory.get());
+    if (!barrier) {
+      fmt::print(stderr, "lithe-spine: a law that crashes will end this process: {}\n", barrier.message());
+      return barrier;
     }
-    if (const Result<> watched = watchdog_.watch(*cell); !watched)
+    if (const Result<> watched = watchdog_.watch(*barrier); !watched)
       fmt::print(stderr, "lithe-spine: an endless law will not be stopped: {}\n", watched.message());
-    if (const Result<> watched = cell->watch_entrance(constants_); !watched)
+    if (const Result<> watched = barrier->watch_entrance(constants_); !watched)
       fmt::print(stderr, "lithe-spine: {}\n", watched.message());
     if (!only_waits) {
-      cell->dispatch_system_calls();
-    } else if (const auto gate = cell->forbid_system_calls(); !gate) {
+      barrier->dispatch_system_calls();
+    } else if (const auto gate = barrier->forbid_system_calls(); !gate) {
       fmt::print(stderr, "lithe-spine: a law can make system calls: {}\n", gate.message());
     }
-    return cell;
+    return barrier;
   }
 
   const robot::RobotConfig& robot_;
@@ -358,9 +358,9 @@ int run(const std::string& path) {
     remove_memory(robot->name);
     return refuse(kExitRefused, containment.message());
   }
-  load::LawStore* const code = keep_store(arena, *containment->vault);
-  auto* threads = containment->vault->create<Threads>(*robot, *cpus, *memory, *containment, code, **actuators);
-  Own own{threads->start(), containment->vault->protection() == contain::Protection::keys, code != nullptr};
+  load::LawStore* const code = keep_store(arena, *containment->protected_memory);
+  auto* threads = containment->protected_memory->create<Threads>(*robot, *cpus, *memory, *containment, code, **actuators);
+  Own own{threads->start(), containment->protected_memory->protection() == contain::Protection::keys, code != nullptr};
   write_robot_info(memory->spine->robot_info, *robot, *cpus, notes, own);
   if (const Result<> watched = watch_constants(threads->constants(), *robot, *memory); !watched)
     fmt::print(stderr, "lithe-spine: {}\n", watched.message());

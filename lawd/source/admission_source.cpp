@@ -57,13 +57,13 @@ class Source {
       return;
     }
     tokens_ = tokenise(text_);
-    if (tokens_.list.empty() && tokens_.troubles.empty()) {
+    if (tokens_.list.empty() && tokens_.ambiguities.empty()) {
       out_.refuse(gate_,
                   "the file holds no code: a law is a struct with Params, State and a static step(), and ends with "
                   "LITHE_LAW(Type, \"name\"); see laws/pd.cpp",
                   1, 1);
     }
-    for (const Trouble& trouble : tokens_.troubles) out_.refuse(gate_, trouble.message, trouble.line, trouble.column);
+    for (const Ambiguity& ambiguity : tokens_.ambiguities) out_.refuse(gate_, ambiguity.message, ambiguity.line, ambiguity.column);
   }
 
   template <class Body>

@@ -74,9 +74,9 @@ class Reader {
   }
 
  private:
-  void trouble(std::size_t at, std::string message) {
-    if (out_.troubles.size() < 8) {
-      out_.troubles.push_back(
+  void ambiguity(std::size_t at, std::string message) {
+    if (out_.ambiguities.size() < 8) {
+      out_.ambiguities.push_back(
           {std::move(message), static_cast<int>(joined_.line[at]), static_cast<int>(joined_.column[at])});
     }
   }
@@ -86,13 +86,13 @@ class Reader {
       const char c = text_[i];
       const bool odd_return = c == '\r' && i + 1 < text_.size() && text_[i + 1] != '\n';
       if ((static_cast<unsigned char>(c) < 0x20 && c != '\n' && !is_blank(c)) || c == '\x7f' || odd_return) {
-        trouble(i, "a control character in the text: remove it");
+        ambiguity(i, "a control character in the text: remove it");
       } else if (is_bidi(text_, i)) {
-        trouble(i,
+        ambiguity(i,
                 "a character that changes the direction of writing: remove it, the text must read as it is compiled");
       } else if (c == '?' && i + 2 < text_.size() && text_[i + 1] == '?' &&
                  std::string_view("=/'()!<>-").find(text_[i + 2]) != std::string_view::npos) {
-        trouble(i, "a trigraph (two question marks): write the character itself");
+        ambiguity(i, "a trigraph (two question marks): write the character itself");
       }
     }
   }
@@ -137,7 +137,7 @@ class Reader {
 
   void comment() {
     const std::size_t end = text_.find("*/", at_ + 2);
-    if (end == std::string_view::npos) trouble(at_, "a comment without an end: close it with */");
+    if (end == std::string_view::npos) ambiguity(at_, "a comment without an end: close it with */");
     at_ = end == std::string_view::npos ? text_.size() : end + 2;
   }
 
@@ -148,7 +148,7 @@ class Reader {
     const bool prefix = name == "u8" || name == "u" || name == "U" || name == "L";
     const bool raw = name == "R" || name == "u8R" || name == "uR" || name == "UR" || name == "LR";
     if (raw && peek() == '"') {
-      trouble(from, "a raw string: write an ordinary string literal, a law needs no other");
+      ambiguity(from, "a raw string: write an ordinary string literal, a law needs no other");
       at_ = text_.size();
     } else if (prefix && (peek() == '"' || peek() == '\'')) {
       literal(from, peek());
@@ -173,7 +173,7 @@ class Reader {
     ++at_;
     while (peek() != quote && peek() != '\n') at_ += peek() == '\\' ? 2 : 1;
     if (peek() != quote || at_ >= text_.size()) {
-      trouble(from, std::string("a literal without an end: close it with ") + quote + " on its own line");
+      ambiguity(from, std::string("a literal without an end: close it with ") + quote + " on its own line");
     } else {
       ++at_;
     }
@@ -205,7 +205,7 @@ class Reader {
     const std::size_t from = at_;
     // The standard's one exception: "<::" is "<" and "::" unless ":" or ">" follows.
     const bool less = text_.substr(at_).starts_with("<::") && peek(3) != ':' && peek(3) != '>';
-    if (peek() == '\\') trouble(from, "a backslash outside a literal: write plain names");
+    if (peek() == '\\') ambiguity(from, "a backslash outside a literal: write plain names");
     for (const Spelling& spelling : kLong) {
       if (less || !text_.substr(at_).starts_with(spelling.written)) continue;
       at_ += spelling.written.size();

@@ -21,7 +21,7 @@ struct Token {
   bool glued = false;      // directly after the token before it
 };
 
-struct Trouble {
+struct Ambiguity {
   std::string message;
   int line = 0;
   int column = 0;
@@ -29,7 +29,7 @@ struct Trouble {
 
 struct Tokens {
   std::vector<Token> list;
-  std::vector<Trouble> troubles;  // text that a person and the compiler could read differently
+  std::vector<Ambiguity> ambiguities;  // text that a person and the compiler could read differently
 };
 
 // Contract: any bytes are safe · linear in the size of `source`

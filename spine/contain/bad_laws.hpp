@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Faulty laws for tests and the bench. Each one is a callback for Cell::run().
+// Faulty laws for tests and the bench. Each one is a callback for FaultBarrier::run().
 #pragma once
 
 #include <signal.h>

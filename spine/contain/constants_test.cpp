@@ -12,7 +12,7 @@
 #include <thread>
 #include <utility>
 
-#include "spine/contain/cell.hpp"
+#include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/core.hpp"
 
 namespace lithe::contain {
@@ -95,13 +95,13 @@ TEST(Constants, TheWayBackFromALawIsWatchedAsLongAsItsCellLives) {
   Constants constants;
   ASSERT_TRUE(install_handlers());
   {
-    Result<Cell> cell = Cell::open();
-    ASSERT_TRUE(cell && cell->watch_entrance(constants));
+    Result<FaultBarrier> barrier = FaultBarrier::open();
+    ASSERT_TRUE(barrier && barrier->watch_entrance(constants));
     EXPECT_EQ(constants.look(), nullptr);
   }
-  EXPECT_EQ(constants.look(), nullptr) << "it was empty when the Cell had gone";
-  Result<Cell> cell = Cell::open();
-  ASSERT_TRUE(cell && cell->watch_entrance(constants));
+  EXPECT_EQ(constants.look(), nullptr) << "it was empty when the FaultBarrier had gone";
+  Result<FaultBarrier> barrier = FaultBarrier::open();
+  ASSERT_TRUE(barrier && barrier->watch_entrance(constants));
   entrance().key.closed ^= 2;  // as a wild write would
   EXPECT_STREQ(constants.look(), "how a thread comes back from a law");
   entrance().key.closed ^= 2;

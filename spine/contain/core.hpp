@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The data of a Cell: shared by run(), the signal handlers on its thread, and the Watchdog. Private to this room.
+// The data of a FaultBarrier: shared by run(), the signal handlers on its thread, and the Watchdog. Private to this room.
 #pragma once
 
 #include <setjmp.h>
@@ -11,11 +11,11 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "spine/contain/cell.hpp"
+#include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/environment.hpp"
 #include "spine/contain/law_stack.hpp"
 #include "spine/contain/memory_key.hpp"
-#include "spine/contain/vault.hpp"
+#include "spine/contain/protected_memory.hpp"
 
 namespace lithe::contain {
 
@@ -30,11 +30,11 @@ struct Core {
   volatile std::uint8_t system_calls = 0;  // the kernel reads it: 0 = allowed, 1 = each one is a SIGSYS
   bool gated = false;
   std::atomic<std::uint64_t> late_signals{0};
-  Vault* vault = nullptr;
-  bool guards = false;  // this thread owns the Vault's guarded blocks
+  ProtectedMemory* protected_memory = nullptr;
+  bool guards = false;  // this thread owns the protected memory's guarded blocks
   MemoryKey key;
   Environment environment;
-  Trouble trouble;
+  Failure failure;
   sigjmp_buf back;
   LawStack law_stack;
 
@@ -43,13 +43,13 @@ struct Core {
   clockid_t cpu_clock = CLOCK_THREAD_CPUTIME_ID;  // the thread's, for others to read
   Watchdog* watchdog = nullptr;
   Constants* constants = nullptr;  // they watch this thread's Entrance
-  void* mapping = nullptr;         // [guard page][alternate stack][this, unless in the vault]
+  void* mapping = nullptr;         // [guard page][alternate stack][this, unless in the protected memory]
   std::size_t mapping_bytes = 0;
   stack_t stack_before{};
   sigset_t mask{};  // signals that the thread blocks itself
 };
 
-// What a handler needs before it can access the Vault: one per thread, in ordinary memory.
+// What a handler needs before it can access the protected memory: one per thread, in ordinary memory.
 struct Entrance {
   Core* core = nullptr;
   MemoryKey key;
@@ -84,7 +84,7 @@ inline void claim(Core& core) noexcept {
 }
 
 // Ends the claimed call: run() returns with this fault.
-[[noreturn]] void break_off(Core& core, const Trouble& trouble) noexcept;
+[[noreturn]] void break_off(Core& core, const Failure& failure) noexcept;
 std::uint64_t program_counter(const void* context) noexcept;
 
 template <class Rule>

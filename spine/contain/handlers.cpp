@@ -13,7 +13,7 @@
 #include <mutex>
 #include <string>
 
-#include "spine/contain/cell.hpp"
+#include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/core.hpp"
 
 namespace lithe::contain {
@@ -45,23 +45,23 @@ bool comes_from_here(const siginfo_t& info) {
   return info.si_code > 0 || (info.si_code == SI_TKILL && info.si_pid == getpid());
 }
 
-Trouble describe(std::size_t which, const siginfo_t& info, const void* context) {
-  Trouble trouble{kFaults[which].kind, program_counter(context), 0};
+Failure describe(std::size_t which, const siginfo_t& info, const void* context) {
+  Failure failure{kFaults[which].kind, program_counter(context), 0};
   switch (kFaults[which].signal) {
     case SIGSEGV:
-      if (info.si_code == kKeyFault) trouble.kind = LawFaultKind::state_broken;
+      if (info.si_code == kKeyFault) failure.kind = LawFaultKind::state_broken;
       [[fallthrough]];
     case SIGBUS:
-      trouble.address = reinterpret_cast<std::uintptr_t>(info.si_addr);
+      failure.address = reinterpret_cast<std::uintptr_t>(info.si_addr);
       break;
     case SIGSYS:
-      trouble.pc = reinterpret_cast<std::uintptr_t>(info.si_call_addr);
-      trouble.address = static_cast<std::uint32_t>(info.si_syscall);
+      failure.pc = reinterpret_cast<std::uintptr_t>(info.si_call_addr);
+      failure.address = static_cast<std::uint32_t>(info.si_syscall);
       break;
     default:
       break;
   }
-  return trouble;
+  return failure;
 }
 
 // Passes the signal to the previous handler. A faulting instruction is executed again with unchanged registers, now
@@ -121,8 +121,8 @@ std::uint64_t program_counter(const void* context) noexcept {
 #endif
 }
 
-void break_off(Core& core, const Trouble& trouble) noexcept {
-  core.trouble = trouble;
+void break_off(Core& core, const Failure& failure) noexcept {
+  core.failure = failure;
   pthread_sigmask(SIG_SETMASK, &core.mask,
                   nullptr);  // here and not in siglongjmp: otherwise sigsetjmp would need a system call too
   siglongjmp(core.back, 1);

@@ -21,7 +21,7 @@
 #include <sanitizer/asan_interface.h>
 #endif
 
-extern "C" [[gnu::visibility("hidden")]] void lithe_contain_run_on(std::byte* top, lithe::contain::Cell::Call call,
+extern "C" [[gnu::visibility("hidden")]] void lithe_contain_run_on(std::byte* top, lithe::contain::FaultBarrier::Call call,
                                                                    void* context, void** way_back) LITHE_RT;
 
 // Saves the callee-saved registers on the thread's stack, and the stack pointer in `way_back`; then runs the law on the
@@ -145,7 +145,7 @@ void LawStack::forget_frames() const LITHE_RT {
 #endif
 }
 
-LITHE_LEFT_BY_A_JUMP void LawStack::run(Cell::Call call, void* context) LITHE_RT {
+LITHE_LEFT_BY_A_JUMP void LawStack::run(FaultBarrier::Call call, void* context) LITHE_RT {
   lithe_contain_run_on(base_ + kLawGuardBytes + kLawStackBytes, call, context, &way_back_);
 }
 

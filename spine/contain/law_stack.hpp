@@ -4,7 +4,7 @@
 
 #include <cstddef>
 
-#include "spine/contain/cell.hpp"
+#include "spine/contain/fault_barrier.hpp"
 #include "spine/core/result.hpp"
 
 // Called from the assembly in law_stack.cpp, on the law's stack.
@@ -29,9 +29,9 @@ class LawStack {
   LawStack& operator=(LawStack&& other) noexcept;
   ~LawStack();
 
-  // Runs call(context) on it, with the Vault closed. Returns through the data in `Core`: the law may have overwritten
+  // Runs call(context) on it, with the protected memory closed. Returns through the data in `Core`: the law may have overwritten
   // its whole stack and the callee-saved registers.
-  void run(Cell::Call call, void* context) LITHE_RT;
+  void run(FaultBarrier::Call call, void* context) LITHE_RT;
 
   // After an ended call: tells AddressSanitizer that the abandoned frames are free.
   void forget_frames() const LITHE_RT;

@@ -17,9 +17,9 @@ class LawStackTest : public WithCell {
   void SetUp() override {
     if (kReportsFaults) GTEST_SKIP() << "the sanitizer's own handler ends the process";
   }
-  static void expect_goes_on(Cell& cell) {
+  static void expect_goes_on(FaultBarrier& barrier) {
     int runs = 0;
-    EXPECT_FALSE(cell.run(kNoDeadline, bad::count, &runs));
+    EXPECT_FALSE(barrier.run(kNoDeadline, bad::count, &runs));
     EXPECT_EQ(runs, 1);
   }
 };
@@ -29,9 +29,9 @@ LITHE_BAD void tell_frame(void* out) {
   *static_cast<std::uintptr_t*>(out) = reinterpret_cast<std::uintptr_t>(__builtin_frame_address(0));
 }
 
-std::uintptr_t frame_in(Cell& cell) {
+std::uintptr_t frame_in(FaultBarrier& barrier) {
   std::uintptr_t frame = 0;
-  EXPECT_FALSE(cell.run(kNoDeadline, tell_frame, &frame));
+  EXPECT_FALSE(barrier.run(kNoDeadline, tell_frame, &frame));
   return frame;
 }
 
@@ -45,38 +45,38 @@ LITHE_BAD void write_past_a_local(void* slip) {
 }
 
 TEST_F(LawStackTest, ASlipPastALocalReachesNoFrameOfTheThread) {
-  Cell cell = open_cell();
+  FaultBarrier barrier = open_cell();
   std::array<volatile std::uint64_t, 64> ours{};
   int faults = 0;
   for (std::size_t words = 1; words <= 2000; ++words) {
     Slip slip{words};
-    faults += cell.run(kNoDeadline, write_past_a_local, &slip) ? 1 : 0;
+    faults += barrier.run(kNoDeadline, write_past_a_local, &slip) ? 1 : 0;
     for (const volatile std::uint64_t& word : ours) ASSERT_EQ(word, 0u) << words;
   }
   EXPECT_GE(faults, 1998);  // the first words may be ones that nobody misses
-  expect_goes_on(cell);
+  expect_goes_on(barrier);
 }
 
 TEST_F(LawStackTest, BothEndsAreGuardedFurtherThanAFrameReaches) {
-  Cell cell = open_cell();
-  const std::uintptr_t frame = frame_in(cell);
+  FaultBarrier barrier = open_cell();
+  const std::uintptr_t frame = frame_in(barrier);
   const auto ours = reinterpret_cast<std::uintptr_t>(__builtin_frame_address(0));
   EXPECT_GT(frame > ours ? frame - ours : ours - frame, kLawStackBytes);
   const std::uintptr_t top = (frame + 4095) / 4096 * 4096;
   const auto store = [](void* at) { bad::store_at(*static_cast<std::uintptr_t*>(at)); };
   std::uintptr_t inside = top - kLawStackBytes, below = inside - 4, above = top, far_below = inside - kLawGuardBytes;
-  EXPECT_FALSE(cell.run(kNoDeadline, store, &inside));
+  EXPECT_FALSE(barrier.run(kNoDeadline, store, &inside));
   for (std::uintptr_t* at : {&below, &above, &far_below}) {
-    EXPECT_EQ(cell.run(kNoDeadline, store, at).kind, LawFaultKind::bad_access);
+    EXPECT_EQ(barrier.run(kNoDeadline, store, at).kind, LawFaultKind::bad_access);
   }
-  expect_goes_on(cell);
+  expect_goes_on(barrier);
 }
 
 TEST_F(LawStackTest, EachCallBeginsAtItsTopWhateverTheOneBeforeDid) {
-  Cell cell = open_cell();
-  const std::uintptr_t frame = frame_in(cell);
-  EXPECT_EQ(cell.run(kNoDeadline, bad::overflow_stack, nullptr).kind, LawFaultKind::bad_access);
-  EXPECT_EQ(frame_in(cell), frame);
+  FaultBarrier barrier = open_cell();
+  const std::uintptr_t frame = frame_in(barrier);
+  EXPECT_EQ(barrier.run(kNoDeadline, bad::overflow_stack, nullptr).kind, LawFaultKind::bad_access);
+  EXPECT_EQ(frame_in(barrier), frame);
 }
 
 #if defined(__x86_64__)
@@ -86,13 +86,13 @@ TEST_F(LawStackTest, EachCallBeginsAtItsTopWhateverTheOneBeforeDid) {
 }
 
 TEST_F(LawStackTest, RegistersThatALawPromisedToKeepArePutRight) {
-  Cell cell = open_cell();
+  FaultBarrier barrier = open_cell();
   std::uint64_t a = 1, b = 2, c = 3, d = 4, e = 5;
   asm volatile("" : "+r"(a), "+r"(b), "+r"(c), "+r"(d), "+r"(e));
-  EXPECT_FALSE(cell.run(kNoDeadline, keep_no_promise, nullptr));
+  EXPECT_FALSE(barrier.run(kNoDeadline, keep_no_promise, nullptr));
   asm volatile("" : "+r"(a), "+r"(b), "+r"(c), "+r"(d), "+r"(e));
   EXPECT_EQ(a + b + c + d + e, 15u);
-  expect_goes_on(cell);
+  expect_goes_on(barrier);
 }
 #endif
 

@@ -32,16 +32,16 @@ LITHE_BAD void write_word(void* word) { *static_cast<volatile std::uint64_t*>(wo
 
 int write_from_a_law(volatile std::uint64_t& word) {
   if (!install_handlers()) return kNoCell;
-  Result<Cell> cell = Cell::open();
-  if (!cell) return kNoCell;
+  Result<FaultBarrier> barrier = FaultBarrier::open();
+  if (!barrier) return kNoCell;
   const Result<SealedStatics> sealed = SealedStatics::seal();
   if (!sealed) return kNotSealed;
   auto* const address = const_cast<std::uint64_t*>(&word);
   const std::uint64_t before = word;
-  const Trouble trouble = cell->run(kNoDeadline, write_word, address);
+  const Failure failure = barrier->run(kNoDeadline, write_word, address);
   if (word != before) return kWasWritten;
   const bool named =
-      trouble.kind == wire::LawFaultKind::bad_access && trouble.address == reinterpret_cast<std::uintptr_t>(address);
+      failure.kind == wire::LawFaultKind::bad_access && failure.address == reinterpret_cast<std::uintptr_t>(address);
   return named ? kFine : kWrongTrouble;
 }
 
@@ -54,10 +54,10 @@ TEST(SealedStatics, ALawThatWritesAVariableOfTheProgramFaultsThere) {
 TEST(SealedStatics, WithoutItTheWriteIsNotNoticed) {
   const auto unsealed = [] {
     if (!install_handlers()) return kNoCell;
-    Result<Cell> cell = Cell::open();
-    if (!cell) return kNoCell;
-    const Trouble trouble = cell->run(kNoDeadline, write_word, const_cast<std::uint64_t*>(&g_zero));
-    return !trouble && g_zero == 0xbad ? kWasWritten : kWrongTrouble;
+    Result<FaultBarrier> barrier = FaultBarrier::open();
+    if (!barrier) return kNoCell;
+    const Failure failure = barrier->run(kNoDeadline, write_word, const_cast<std::uint64_t*>(&g_zero));
+    return !failure && g_zero == 0xbad ? kWasWritten : kWrongTrouble;
   };
   EXPECT_EQ(in_a_child(unsealed), kWasWritten);
 }

@@ -14,7 +14,7 @@
 #include <string>
 #include <vector>
 
-#include "spine/contain/cell.hpp"
+#include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/core.hpp"
 
 namespace lithe::contain {
@@ -107,7 +107,7 @@ void stop_dispatch() noexcept {
 #endif
 }
 
-Result<CallGate> Cell::forbid_system_calls(std::span<const int> also, CallGate wanted) {
+Result<CallGate> FaultBarrier::forbid_system_calls(std::span<const int> also, CallGate wanted) {
   if (wanted == CallGate::none) return CallGate::none;
   if (wanted == CallGate::dispatch && dispatch_system_calls() == CallGate::dispatch) return CallGate::dispatch;
   const Result<> filter = filter_here(also);
@@ -115,7 +115,7 @@ Result<CallGate> Cell::forbid_system_calls(std::span<const int> also, CallGate w
   return Error{filter.message() + "; laws are kept from the kernel by admission alone"};
 }
 
-CallGate Cell::dispatch_system_calls() {
+CallGate FaultBarrier::dispatch_system_calls() {
   core_->gated = dispatch_here(*core_).operator bool();
   return core_->gated ? CallGate::dispatch : CallGate::none;
 }

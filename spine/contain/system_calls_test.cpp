@@ -13,10 +13,10 @@
 #include <thread>
 
 #include "spine/contain/bad_laws.hpp"
-#include "spine/contain/cell.hpp"
+#include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/core.hpp"
 #include "spine/contain/test/contain_rig.hpp"
-#include "spine/contain/vault.hpp"
+#include "spine/contain/protected_memory.hpp"
 #include "spine/contain/watchdog.hpp"
 #include "spine/core/time.hpp"
 
@@ -29,20 +29,20 @@ constexpr int kHeld = 0, kNotHeld = 1, kNoSuchGate = 2;
 
 // A gated thread, with a Watchdog and somebody who keeps sending it signals for calls that are over.
 struct Scene {
-  Cell& cell;
+  FaultBarrier& barrier;
   Watchdog& dog;
   std::atomic<bool>& hail;
 };
 using Story = bool (*)(Scene&);
 
-int play(CallGate gate, Story story, Vault* vault, Watchdog& dog, std::atomic<pid_t>& thread, std::atomic<bool>& hail) {
+int play(CallGate gate, Story story, ProtectedMemory* protected_memory, Watchdog& dog, std::atomic<pid_t>& thread, std::atomic<bool>& hail) {
   if (!install_handlers()) return kNotHeld;
-  Result<Cell> cell = Cell::open(vault);
-  if (!cell || !dog.watch(*cell)) return kNotHeld;
+  Result<FaultBarrier> barrier = FaultBarrier::open(protected_memory);
+  if (!barrier || !dog.watch(*barrier)) return kNotHeld;
   thread.store(static_cast<pid_t>(syscall(SYS_gettid)));
-  const Result<CallGate> got = cell->forbid_system_calls({}, gate);
+  const Result<CallGate> got = barrier->forbid_system_calls({}, gate);
   if (!got || *got != gate) return kNoSuchGate;
-  Scene scene{*cell, dog, hail};
+  Scene scene{*barrier, dog, hail};
   const bool held = story(scene);
   hail.store(false);
   return held ? kHeld : kNotHeld;
@@ -51,8 +51,8 @@ int play(CallGate gate, Story story, Vault* vault, Watchdog& dog, std::atomic<pi
 // Runs in the child: exits 0 when `story` is true on a gated thread of its own.
 [[noreturn]] void tell(CallGate gate, Story story, bool in_vault = false) {
   int result = kNotHeld;
-  std::unique_ptr<Vault> vault;
-  if (in_vault) vault = std::move(*Vault::make(1 << 16));
+  std::unique_ptr<ProtectedMemory> protected_memory;
+  if (in_vault) protected_memory = std::move(*ProtectedMemory::make(1 << 16));
   Watchdog dog;
   std::atomic<bool> stop{false}, hail{false};
   std::atomic<pid_t> target{0};
@@ -63,7 +63,7 @@ int play(CallGate gate, Story story, Vault* vault, Watchdog& dog, std::atomic<pi
       std::this_thread::sleep_for(std::chrono::microseconds(1));
     }
   });
-  std::thread([&] { result = play(gate, story, vault.get(), dog, target, hail); }).join();  // it ends by system calls
+  std::thread([&] { result = play(gate, story, protected_memory.get(), dog, target, hail); }).join();  // it ends by system calls
   stop.store(true);
   watching.join();
   hailing.join();
@@ -86,24 +86,24 @@ class Gate : public testing::TestWithParam<CallGate> {
 
 bool law_is_caught(Scene& scene) {
   for (int i = 0; i < 100; ++i) {
-    const Trouble trouble = scene.cell.run(kNoDeadline, bad::ask_for_parent, nullptr);
-    if (trouble.kind != LawFaultKind::system_call || trouble.address != SYS_getppid) return false;
+    const Failure failure = scene.barrier.run(kNoDeadline, bad::ask_for_parent, nullptr);
+    if (failure.kind != LawFaultKind::system_call || failure.address != SYS_getppid) return false;
     const auto call = reinterpret_cast<std::uintptr_t>(&bad::call_kernel);
-    if (trouble.pc < call || trouble.pc > call + 256) return false;
-    if (scene.cell.run(kNoDeadline, bad::nothing, nullptr)) return false;
+    if (failure.pc < call || failure.pc > call + 256) return false;
+    if (scene.barrier.run(kNoDeadline, bad::nothing, nullptr)) return false;
   }
   return true;
 }
 
 TEST_P(Gate, ALawsSystemCallIsItsFault) {
   EXPECT_EXIT(tell(GetParam(), law_is_caught), held, "");
-  EXPECT_EXIT(tell(GetParam(), law_is_caught, true), held, "") << "with the gate's switch in a vault";
+  EXPECT_EXIT(tell(GetParam(), law_is_caught, true), held, "") << "with the gate's switch in a protected memory";
 }
 
 bool crashes_are_contained(Scene& scene) {
   for (std::size_t i = 0; i < 20 * bad::kCrashes.size(); ++i) {
     const bad::Case& each = bad::kCrashes[i % bad::kCrashes.size()];
-    const LawFaultKind kind = scene.cell.run(kNoDeadline, each.call, nullptr).kind;
+    const LawFaultKind kind = scene.barrier.run(kNoDeadline, each.call, nullptr).kind;
     // abort() asks the kernel to send the signal: a gate may see that first.
     const bool gated = each.kind == LawFaultKind::aborted && kind == LawFaultKind::system_call;
     if (kind != each.kind && !gated) return false;
@@ -120,7 +120,7 @@ bool thread_still_sleeps(Scene& scene) {
   for (int i = 0; i < 5; ++i) {
     const timespec pause{0, 100'000};
     if (clock_nanosleep(CLOCK_MONOTONIC, 0, &pause, nullptr) != 0) return false;
-    if (scene.cell.run(kNoDeadline, i % 2 == 0 ? bad::nothing : bad::write_null, nullptr).kind ==
+    if (scene.barrier.run(kNoDeadline, i % 2 == 0 ? bad::nothing : bad::write_null, nullptr).kind ==
         LawFaultKind::system_call)
       return false;
   }
@@ -131,8 +131,8 @@ TEST_P(Gate, TheThreadItselfStillWaitsAndEnds) { EXPECT_EXIT(tell(GetParam(), th
 
 bool loop_is_broken_off(Scene& scene) {
   for (int i = 0; i < 20; ++i) {
-    const Trouble trouble = scene.cell.run(monotonic_ns() + 200'000, bad::loop_forever, nullptr);
-    if (trouble.kind != LawFaultKind::overran) return false;
+    const Failure failure = scene.barrier.run(monotonic_ns() + 200'000, bad::loop_forever, nullptr);
+    if (failure.kind != LawFaultKind::overran) return false;
   }
   return true;
 }
@@ -144,15 +144,15 @@ TEST_P(Gate, AnEndlessLoopIsBrokenOffBehindIt) {
 
 // A handler returns by a system call, also while the law's own are shut; and shut they are still when it has.
 bool late_signals_change_nothing(Scene& scene) {
-  const auto wait_and_call = [](void* cell) {
-    const auto* own = static_cast<Cell*>(cell);
+  const auto wait_and_call = [](void* barrier) {
+    const auto* own = static_cast<FaultBarrier*>(barrier);
     const std::uint64_t from = own->late_signals();
     while (own->late_signals() < from + 3) spin_pause();
     bad::ask_for_parent(nullptr);
   };
   scene.hail.store(true);
   for (int i = 0; i < 20; ++i) {
-    if (scene.cell.run(kNoDeadline, wait_and_call, &scene.cell).kind != LawFaultKind::system_call) return false;
+    if (scene.barrier.run(kNoDeadline, wait_and_call, &scene.barrier).kind != LawFaultKind::system_call) return false;
   }
   return true;
 }
@@ -163,7 +163,7 @@ TEST_P(Gate, LateSignalsNeitherEndALawNorOpenTheGate) {
 }
 
 bool thread_breaks_the_rule(Scene& scene) {
-  const Trouble fault = scene.cell.run(kNoDeadline, bad::ask_for_parent, nullptr);
+  const Failure fault = scene.barrier.run(kNoDeadline, bad::ask_for_parent, nullptr);
   bad::ask_for_parent(nullptr);
   return static_cast<bool>(fault);
 }

@@ -44,13 +44,13 @@ bool send_watch_signal(pid_t thread, std::uint64_t serial, Ask ask) noexcept {
   return syscall(SYS_rt_tgsigqueueinfo, message.si_pid, thread, message.si_signo, &message) == 0;
 }
 
-Result<> Watchdog::watch(Cell& cell) {
+Result<> Watchdog::watch(FaultBarrier& barrier) {
   const std::lock_guard lock(mutex_);
   for (Watched& place : watched_) {
     if (place.core != nullptr) continue;
-    place.core = cell.core_.get();
-    place.vault = place.core->vault;
-    cell.core_->watchdog = this;
+    place.core = barrier.core_.get();
+    place.protected_memory = place.core->protected_memory;
+    barrier.core_->watchdog = this;
     return done();
   }
   return Error{"the watchdog watches " + std::to_string(watched_.size()) + " threads already (kMaxWatched)"};
@@ -117,9 +117,9 @@ void Watchdog::tell(Watched& watched, std::uint64_t call, Ask ask, std::int64_t 
 
 // Time until the next look at this call [ns].
 std::int64_t Watchdog::look_at(Watched& watched, std::int64_t now_ns, bool on_time) noexcept {
-  if (watched.vault != nullptr) watched.vault->open_for_this_thread();  // the Vault may be made after this thread
+  if (watched.protected_memory != nullptr) watched.protected_memory->open_for_this_thread();  // the protected memory may be made after this thread
   Core& core = *watched.core;
-  // acquire: partner of the release in Cell::run(). A later call has a later deadline, so mixing the two values only
+  // acquire: partner of the release in FaultBarrier::run(). A later call has a later deadline, so mixing the two values only
   // delays the end.
   const std::uint64_t call = core.call.load(std::memory_order_acquire);
   const std::int64_t deadline_ns = core.deadline_ns.load(std::memory_order_relaxed);

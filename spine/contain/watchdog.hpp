@@ -9,7 +9,7 @@
 #include <ctime>
 #include <mutex>
 
-#include "spine/contain/cell.hpp"
+#include "spine/contain/fault_barrier.hpp"
 #include "spine/core/result.hpp"
 
 namespace lithe::contain {
@@ -45,8 +45,8 @@ class Watchdog {
   Watchdog(const Watchdog&) = delete;
   Watchdog& operator=(const Watchdog&) = delete;
 
-  // Until the Cell is destroyed.
-  Result<> watch(Cell& cell);
+  // Until the FaultBarrier is destroyed.
+  Result<> watch(FaultBarrier& barrier);
 
   void run(const std::atomic<bool>& stop) noexcept;
 
@@ -56,12 +56,12 @@ class Watchdog {
   std::uint64_t signals_sent() const { return sent_.load(std::memory_order_relaxed); }
 
  private:
-  friend class Cell;
+  friend class FaultBarrier;
   void forget(const Core& core);
 
   struct Watched {
     Core* core = nullptr;
-    const Vault* vault = nullptr;  // the Vault that holds the core
+    const ProtectedMemory* protected_memory = nullptr;  // the protected memory that holds the core
     std::int64_t deadline_ns = 0;  // at the last look
     std::uint64_t met = 0;         // the call that the next three are about
     std::int64_t met_ns = 0;       // time of the first look at it

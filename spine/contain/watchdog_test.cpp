@@ -23,14 +23,14 @@ using wire::LawFaultKind;
 
 TEST_F(WatchdogTest, AnEndlessLoopIsBrokenOffAgainAndAgain) {
   Guarded guarded;
-  Cell cell = open_cell();
-  watch(guarded.dog, cell);
+  FaultBarrier barrier = open_cell();
+  watch(guarded.dog, barrier);
   int runs = 0;
   for (int i = 0; i < 200; ++i) {
     const std::int64_t from_ns = monotonic_ns();
-    ASSERT_EQ(cell.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran) << i;
+    ASSERT_EQ(barrier.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran) << i;
     ASSERT_GE(monotonic_ns() - from_ns, kBudgetNs) << "broken off before its deadline";
-    ASSERT_FALSE(cell.run(kNoDeadline, bad::count, &runs));
+    ASSERT_FALSE(barrier.run(kNoDeadline, bad::count, &runs));
   }
   EXPECT_EQ(runs, 200);
 }
@@ -39,10 +39,10 @@ TEST_F(WatchdogTest, ASpinningWatchdogDoesTheSame) {
   WatchdogConfig spinning;
   spinning.look_every_ns = 0;
   Guarded guarded(spinning);
-  Cell cell = open_cell();
-  watch(guarded.dog, cell);
+  FaultBarrier barrier = open_cell();
+  watch(guarded.dog, barrier);
   for (int i = 0; i < 20; ++i) {
-    ASSERT_EQ(cell.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran) << i;
+    ASSERT_EQ(barrier.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran) << i;
   }
 }
 
@@ -50,22 +50,22 @@ TEST_F(WatchdogTest, TheFirstCallAfterALongPauseIsWatchedToo) {
   WatchdogConfig config;
   config.idle_after_ns = 1'000'000;
   Guarded guarded(config);
-  Cell cell = open_cell();
-  watch(guarded.dog, cell);
+  FaultBarrier barrier = open_cell();
+  watch(guarded.dog, barrier);
   for (int i = 0; i < 3; ++i) {
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    ASSERT_EQ(cell.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran);
+    ASSERT_EQ(barrier.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran);
   }
 }
 
 TEST_F(WatchdogTest, TheTroubleNamesTheLoop) {
   Guarded guarded;
-  Cell cell = open_cell();
-  watch(guarded.dog, cell);
-  const Trouble trouble = cell.run(deadline(), bad::loop_forever, nullptr);
+  FaultBarrier barrier = open_cell();
+  watch(guarded.dog, barrier);
+  const Failure failure = barrier.run(deadline(), bad::loop_forever, nullptr);
   const auto loop = reinterpret_cast<std::uintptr_t>(&bad::loop_forever);
-  EXPECT_GE(trouble.pc, loop);
-  EXPECT_LT(trouble.pc, loop + 256);
+  EXPECT_GE(failure.pc, loop);
+  EXPECT_LT(failure.pc, loop + 256);
 }
 
 TEST_F(WatchdogTest, SeveralThreadsAreWatchedAndNoMoreThanItHasPlacesFor) {
@@ -74,29 +74,29 @@ TEST_F(WatchdogTest, SeveralThreadsAreWatchedAndNoMoreThanItHasPlacesFor) {
   std::vector<std::thread> threads;
   for (std::size_t i = 0; i <= kMaxWatched; ++i) {
     threads.emplace_back([&] {
-      Cell cell = open_cell();
-      const bool has_place = static_cast<bool>(guarded.dog.watch(cell));
+      FaultBarrier barrier = open_cell();
+      const bool has_place = static_cast<bool>(guarded.dog.watch(barrier));
       ++(has_place ? watched : refused);
       while (watched + refused <= static_cast<int>(kMaxWatched)) std::this_thread::yield();
-      if (has_place && cell.run(deadline(), bad::loop_forever, nullptr).kind == LawFaultKind::overran) ++broken;
+      if (has_place && barrier.run(deadline(), bad::loop_forever, nullptr).kind == LawFaultKind::overran) ++broken;
     });
   }
   for (std::thread& thread : threads) thread.join();
   EXPECT_EQ(watched, static_cast<int>(kMaxWatched));
   EXPECT_EQ(refused, 1);
   EXPECT_EQ(broken, static_cast<int>(kMaxWatched));
-  Cell cell = open_cell();
-  EXPECT_TRUE(guarded.dog.watch(cell)) << "places of threads that are gone are free again";
+  FaultBarrier barrier = open_cell();
+  EXPECT_TRUE(guarded.dog.watch(barrier)) << "places of threads that are gone are free again";
 }
 
 TEST_F(WatchdogTest, AVaultYoungerThanTheWatchdogsThreadIsOpenToIt) {
   Guarded guarded;
-  const Result<std::unique_ptr<Vault>> vault = Vault::make(1 << 14);
-  ASSERT_TRUE(vault) << vault.message();
-  Cell cell = open_cell(vault->get());
-  watch(guarded.dog, cell);
+  const Result<std::unique_ptr<ProtectedMemory>> protected_memory = ProtectedMemory::make(1 << 14);
+  ASSERT_TRUE(protected_memory) << protected_memory.message();
+  FaultBarrier barrier = open_cell(protected_memory->get());
+  watch(guarded.dog, barrier);
   for (int i = 0; i < 20; ++i) {
-    ASSERT_EQ(cell.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran);
+    ASSERT_EQ(barrier.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran);
   }
 }
 
@@ -106,10 +106,10 @@ TEST_F(WithCell, AWatchdogLooksOnWhileCallsBeginAndEndAndCellsComeAndGo) {
   spinning.look_every_ns = 0;
   Guarded guarded(spinning);
   int runs = 0;
-  for (int cells = 0; cells < 20; ++cells) {
-    Cell cell = open_cell();
-    ASSERT_TRUE(guarded.dog.watch(cell));
-    for (int i = 0; i < 1000; ++i) ASSERT_FALSE(cell.run(monotonic_ns() + kNsPerS, bad::count, &runs));
+  for (int barriers = 0; barriers < 20; ++barriers) {
+    FaultBarrier barrier = open_cell();
+    ASSERT_TRUE(guarded.dog.watch(barrier));
+    for (int i = 0; i < 1000; ++i) ASSERT_FALSE(barrier.run(monotonic_ns() + kNsPerS, bad::count, &runs));
   }
   EXPECT_EQ(runs, 20'000);
   EXPECT_EQ(guarded.dog.signals_sent(), 0u);
@@ -132,26 +132,26 @@ void meet(void* context) {
 }
 
 TEST_F(WatchdogTest, ASignalForAnotherCallBreaksNothingOff) {
-  Cell cell = open_cell();
+  FaultBarrier barrier = open_cell();
   for (std::uint64_t call = 1; call <= 100; ++call) {
     Meeting before(call - 1), after(call);
-    ASSERT_FALSE(cell.run(kNoDeadline, meet, &before)) << call;
+    ASSERT_FALSE(barrier.run(kNoDeadline, meet, &before)) << call;
     ASSERT_EQ(before.result, 0);
     meet(&after);  // its own, but it is over
   }
-  EXPECT_EQ(cell.late_signals(), 200u);
+  EXPECT_EQ(barrier.late_signals(), 200u);
   Meeting own(101);
-  EXPECT_EQ(cell.run(kNoDeadline, meet, &own).kind, LawFaultKind::overran);
+  EXPECT_EQ(barrier.run(kNoDeadline, meet, &own).kind, LawFaultKind::overran);
 }
 
 TEST_F(WatchdogTest, ANoticeIsTakenAndBreaksNothingOff) {
-  Cell cell = open_cell();
+  FaultBarrier barrier = open_cell();
   for (std::uint64_t call = 1; call <= 100; ++call) {
     Meeting notice(call, Ask::notice);
-    ASSERT_FALSE(cell.run(kNoDeadline, meet, &notice)) << call;
+    ASSERT_FALSE(barrier.run(kNoDeadline, meet, &notice)) << call;
     ASSERT_EQ(notice.result, 0);
   }
-  EXPECT_EQ(cell.late_signals(), 0u);
+  EXPECT_EQ(barrier.late_signals(), 0u);
 }
 
 // The broken twin: without the comparison the innocent call is cut off.
@@ -160,25 +160,25 @@ struct AnyCall {
 };
 
 TEST_F(WatchdogTest, WithoutTheSerialNumberAnInnocentCallIsBrokenOff) {
-  Cell cell = open_cell();
+  FaultBarrier barrier = open_cell();
   struct sigaction action{}, proper{};
   action.sa_sigaction = on_watch_signal<AnyCall>;
   action.sa_flags = SA_ONSTACK | SA_SIGINFO;
   sigfillset(&action.sa_mask);
   ASSERT_EQ(sigaction(watch_signal(), &action, &proper), 0);
   Meeting before(0);
-  EXPECT_EQ(cell.run(kNoDeadline, meet, &before).kind, LawFaultKind::overran);
+  EXPECT_EQ(barrier.run(kNoDeadline, meet, &before).kind, LawFaultKind::overran);
   sigaction(watch_signal(), &proper, nullptr);
-  EXPECT_FALSE(cell.run(kNoDeadline, meet, &before));
+  EXPECT_FALSE(barrier.run(kNoDeadline, meet, &before));
 }
 
 TEST_F(WatchdogTest, SomebodyElsesSignalBreaksNothingOff) {
-  Cell cell = open_cell();
+  FaultBarrier barrier = open_cell();
   Meeting own(1);
   own.message.si_code = SI_TKILL;  // the right number, but not queued by a Watchdog
-  EXPECT_FALSE(cell.run(kNoDeadline, meet, &own));
+  EXPECT_FALSE(barrier.run(kNoDeadline, meet, &own));
   EXPECT_EQ(own.result, 0);
-  EXPECT_EQ(cell.late_signals(), 1u);
+  EXPECT_EQ(barrier.late_signals(), 1u);
 }
 
 // --- two troubles at once ---
@@ -194,22 +194,22 @@ TEST_F(WatchdogTest, AFaultAtTheDeadlineIsOneTrouble) {
   WatchdogConfig spinning;
   spinning.look_every_ns = 0;
   Guarded guarded(spinning);
-  Cell cell = open_cell();
-  watch(guarded.dog, cell);
+  FaultBarrier barrier = open_cell();
+  watch(guarded.dog, barrier);
   int faults = 0, overruns = 0, runs = 0;
   for (int i = 0; i < 1000; ++i) {
     std::int64_t at_ns = monotonic_ns() + 20'000;
-    const Trouble trouble = cell.run(at_ns - 2'000 + i % 20 * 400, die_at, &at_ns);
-    faults += trouble.kind == LawFaultKind::bad_access ? 1 : 0;
-    overruns += trouble.kind == LawFaultKind::overran ? 1 : 0;
-    ASSERT_FALSE(cell.run(kNoDeadline, bad::count, &runs));
+    const Failure failure = barrier.run(at_ns - 2'000 + i % 20 * 400, die_at, &at_ns);
+    faults += failure.kind == LawFaultKind::bad_access ? 1 : 0;
+    overruns += failure.kind == LawFaultKind::overran ? 1 : 0;
+    ASSERT_FALSE(barrier.run(kNoDeadline, bad::count, &runs));
   }
   EXPECT_EQ(faults + overruns, 1000);
   EXPECT_EQ(runs, 1000);
 }
 
 TEST_F(WatchdogTest, CrashesUnderAHailOfLateSignalsAreContained) {
-  Cell cell = open_cell();
+  FaultBarrier barrier = open_cell();
   std::atomic<bool> stop{false};
   const auto target = static_cast<pid_t>(syscall(SYS_gettid));
   std::thread hail([&] {
@@ -221,13 +221,13 @@ TEST_F(WatchdogTest, CrashesUnderAHailOfLateSignalsAreContained) {
   int runs = 0;
   for (std::size_t i = 0; i < 2000; ++i) {
     const bad::Case& each = bad::kCrashes[i % bad::kCrashes.size()];
-    ASSERT_EQ(cell.run(kNoDeadline, each.call, nullptr).kind, each.kind) << each.name;
-    ASSERT_FALSE(cell.run(kNoDeadline, bad::count, &runs));
+    ASSERT_EQ(barrier.run(kNoDeadline, each.call, nullptr).kind, each.kind) << each.name;
+    ASSERT_FALSE(barrier.run(kNoDeadline, bad::count, &runs));
   }
   stop.store(true);
   hail.join();
   EXPECT_EQ(runs, 2000);
-  EXPECT_GT(cell.late_signals(), 0u);
+  EXPECT_GT(barrier.late_signals(), 0u);
 }
 
 }  // namespace

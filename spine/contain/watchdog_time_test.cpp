@@ -52,17 +52,17 @@ void be_held_up(void* context) {
 
 TEST_F(WatchdogTest, ACallIsNotChargedForTheTimeItsThreadWasAway) {
   Guarded guarded;
-  Cell cell = open_cell();
-  watch(guarded.dog, cell);
+  FaultBarrier barrier = open_cell();
+  watch(guarded.dog, barrier);
   Away away{{0, 10 * kNsPerMs}, 0};
   // On a busy machine the dog itself may come so late that nothing is left of the budget it met.
   int broken_off = 0;
-  for (int i = 0; i < 20; ++i) broken_off += cell.run(deadline(), be_away_then_work, &away) ? 1 : 0;
-  for (int i = 0; i < 5; ++i) broken_off += cell.run(monotonic_ns() - 1, be_away_then_work, &away) ? 1 : 0;
+  for (int i = 0; i < 20; ++i) broken_off += barrier.run(deadline(), be_away_then_work, &away) ? 1 : 0;
+  for (int i = 0; i < 5; ++i) broken_off += barrier.run(monotonic_ns() - 1, be_away_then_work, &away) ? 1 : 0;
   EXPECT_LT(broken_off, 13) << "of 25, the last five met past their deadline only; by the wall clock it is all of them";
   away.work_ns = kForEver;
   const std::int64_t from_ns = monotonic_ns();
-  EXPECT_EQ(cell.run(deadline(), be_away_then_work, &away).kind, LawFaultKind::overran);
+  EXPECT_EQ(barrier.run(deadline(), be_away_then_work, &away).kind, LawFaultKind::overran);
   EXPECT_GE(monotonic_ns() - from_ns, away.away.tv_nsec);
 }
 
@@ -77,11 +77,11 @@ WatchdogConfig by_the_wall_clock() {
 // The broken twin of the one before: what has work left when it comes back is broken off.
 TEST_F(WatchdogTest, ByTheWallClockACallWithWorkLeftIsBrokenOff) {
   Guarded guarded(by_the_wall_clock());
-  Cell cell = open_cell();
-  watch(guarded.dog, cell);
+  FaultBarrier barrier = open_cell();
+  watch(guarded.dog, barrier);
   Away away{{0, 10 * kNsPerMs}, 10 * kNsPerMs};
   for (int i = 0; i < 5; ++i) {
-    EXPECT_EQ(cell.run(deadline(), be_away_then_work, &away).kind, LawFaultKind::overran) << i;
+    EXPECT_EQ(barrier.run(deadline(), be_away_then_work, &away).kind, LawFaultKind::overran) << i;
   }
 }
 
@@ -89,11 +89,11 @@ TEST_F(WatchdogTest, ByTheWallClockACallWithWorkLeftIsBrokenOff) {
 int broken_off_when_held_up(const WatchdogConfig& config) {
   Guarded guarded(config);
   const Result<> installed = install_handlers();
-  Result<Cell> cell = Cell::open();
-  if (!installed || !cell || !guarded.dog.watch(*cell)) return -1;
+  Result<FaultBarrier> barrier = FaultBarrier::open();
+  if (!installed || !barrier || !guarded.dog.watch(*barrier)) return -1;
   HeldUp law;
   int broken_off = 0;
-  for (int i = 0; i < 20; ++i) broken_off += cell->run(monotonic_ns() + kBudgetNs, be_held_up, &law) ? 1 : 0;
+  for (int i = 0; i < 20; ++i) broken_off += barrier->run(monotonic_ns() + kBudgetNs, be_held_up, &law) ? 1 : 0;
   return broken_off;
 }
 
@@ -112,20 +112,20 @@ TEST_F(WatchdogTest, WithoutAThreadsClockTheWallClockCounts) {
   WatchdogConfig blind;
   blind.cpu_ns = [](clockid_t) noexcept { return std::int64_t{-1}; };
   Guarded guarded(blind);
-  Cell cell = open_cell();
-  watch(guarded.dog, cell);
-  EXPECT_EQ(cell.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran);
+  FaultBarrier barrier = open_cell();
+  watch(guarded.dog, barrier);
+  EXPECT_EQ(barrier.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran);
 }
 
 TEST_F(WatchdogTest, ACallThatNeverComesBackFromTheKernelEndsAtTheHardLimit) {
   WatchdogConfig config;
   config.most_wall_ns = 20 * kNsPerMs;
   Guarded guarded(config);
-  Cell cell = open_cell();
-  watch(guarded.dog, cell);
+  FaultBarrier barrier = open_cell();
+  watch(guarded.dog, barrier);
   Away away{{3600, 0}, 0};
   const std::int64_t from_ns = monotonic_ns();
-  EXPECT_EQ(cell.run(deadline(), be_away_then_work, &away).kind, LawFaultKind::overran);
+  EXPECT_EQ(barrier.run(deadline(), be_away_then_work, &away).kind, LawFaultKind::overran);
   EXPECT_GE(monotonic_ns() - from_ns, config.most_wall_ns);
 }
 
@@ -147,12 +147,12 @@ TEST_F(WatchdogTest, ACallWhoseThreadIsPreemptedAllTheTimeIsNotBrokenOff) {
   int late = 0, broken_off = 0;
   std::thread victim([&] {
     sched_setaffinity(0, sizeof one, &one);
-    Cell cell = open_cell();
-    watch(guarded.dog, cell);
+    FaultBarrier barrier = open_cell();
+    watch(guarded.dog, barrier);
     Away law{{0, 0}, 5 * kNsPerMs};
     for (int i = 0; i < 400 && late < kLate; ++i) {
       const std::int64_t from_ns = monotonic_ns();
-      broken_off += cell.run(from_ns + 5 * law.work_ns, be_away_then_work, &law) ? 1 : 0;
+      broken_off += barrier.run(from_ns + 5 * law.work_ns, be_away_then_work, &law) ? 1 : 0;
       late += monotonic_ns() - from_ns > 5 * law.work_ns ? 1 : 0;
     }
   });

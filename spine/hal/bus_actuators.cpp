@@ -172,16 +172,16 @@ void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
   Joint& joint = joints_[index];
   JointSample sample;
   switch (joint.drive->take(frame, exchange_, sample)) {
-    case Heard::part:
+    case ReplyKind::part:
       return;
-    case Heard::late:
+    case ReplyKind::late:
       ++late_answers_;
       return compare(joint, frame);  // the slower of two devices answers after the wait
-    case Heard::malformed:
+    case ReplyKind::malformed:
       ++spoilt_answers_;
       joint.garbled = true;
       return;
-    case Heard::answer:
+    case ReplyKind::answer:
       if (!joint.asked) {  // not asked by us
         ++late_answers_;
         return compare(joint, frame);

@@ -103,9 +103,9 @@ PlannedFrames imu_frames(const robot::DeviceConfig& /*device*/, const robot::Bus
   return {{.what = "attitude", .size = 4 * kImuChannels + 2, .per_tick = 1, .on_bus = false}};
 }
 
-constexpr std::uint32_t kOfDrives = bit_of(Mishap::power_loss) | bit_of(Mishap::over_temperature) |
-                                    bit_of(Mishap::encoder_lost) | bit_of(Mishap::device_fault) |
-                                    bit_of(Mishap::watchdog_trip) | bit_of(Mishap::other_map);
+constexpr std::uint32_t kOfDrives = bit_of(InjectedFault::power_loss) | bit_of(InjectedFault::over_temperature) |
+                                    bit_of(InjectedFault::encoder_lost) | bit_of(InjectedFault::device_fault) |
+                                    bit_of(InjectedFault::watchdog_trip) | bit_of(InjectedFault::other_map);
 
 constexpr std::array<DeviceType, robot::kDeviceFacts.size()> kDevices{{
     {.kind = DeviceKind::moteus,
@@ -113,7 +113,7 @@ constexpr std::array<DeviceType, robot::kDeviceFacts.size()> kDevices{{
      .make_sim = sim::make_sim_moteus,
      .couple = sim::couple_moteus,
      .motor_torque_max_nm = sim::moteus_torque_max_nm,
-     .mishaps = kOfDrives | bit_of(Mishap::homing_lost),
+     .injected = kOfDrives | bit_of(InjectedFault::homing_lost),
      .frames = moteus::planned_frames,
      .state_words = moteus::state_words},
     {.kind = DeviceKind::cia402,
@@ -122,7 +122,7 @@ constexpr std::array<DeviceType, robot::kDeviceFacts.size()> kDevices{{
      .make_sim = sim::make_sim_cia402,
      .couple = sim::couple_cia402,
      .motor_torque_max_nm = sim::cia402_torque_max_nm,
-     .mishaps = kOfDrives,
+     .injected = kOfDrives,
      .frames = cia402::planned_frames,
      .bus_frames = cia402::bus_frames,
      .profile = cia402::kDeviceProfile,
@@ -134,13 +134,13 @@ constexpr std::array<DeviceType, robot::kDeviceFacts.size()> kDevices{{
     {.kind = DeviceKind::gateway,
      .make_sensors = gateway::make_gateway,
      .make_sim = make_sim_gateway,
-     .mishaps = bit_of(Mishap::power_loss) | bit_of(Mishap::other_map),
+     .injected = bit_of(InjectedFault::power_loss) | bit_of(InjectedFault::other_map),
      .frames = gateway::planned_frames},
     {.kind = DeviceKind::imu, .make_on_board = make_imu, .make_sim = make_nobody, .frames = imu_frames},
     {.kind = DeviceKind::cia401,
      .make_sensors = cia401::make_module,
      .make_sim = sim::make_sim_cia401,
-     .mishaps = bit_of(Mishap::power_loss) | bit_of(Mishap::other_map),
+     .injected = bit_of(InjectedFault::power_loss) | bit_of(InjectedFault::other_map),
      .frames = cia401::planned_frames,
      .profile = cia401::kDeviceProfile,
      .unfit = "it is no CiA 401 module, and cannot be read as one",

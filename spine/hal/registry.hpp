@@ -39,7 +39,7 @@ struct DeviceType {
   std::unique_ptr<BusNode> (*make_sim)(const sim::SimPlace&) = nullptr;
   void (*couple)(sim::Coupling&, BusNode& node) = nullptr;
   double (*motor_torque_max_nm)(const robot::DeviceConfig&) = nullptr;
-  std::uint32_t mishaps = 0;  // bits `bit_of` of those that its simulation knows
+  std::uint32_t injected = 0;  // bits `bit_of` of those that its simulation knows
 
   // Planner: the frames of one device, and those that a bus with such devices needs in addition.
   PlannedFrames (*frames)(const robot::DeviceConfig&, const robot::BusConfig&) = nullptr;
@@ -68,7 +68,7 @@ struct BusType {
   double echo_bytes = 0;
 };
 
-constexpr std::uint32_t bit_of(Mishap mishap) { return 1U << static_cast<unsigned>(mishap); }
+constexpr std::uint32_t bit_of(InjectedFault injected) { return 1U << static_cast<unsigned>(injected); }
 
 const DeviceType& type_of(robot::DeviceKind kind);
 const BusType& type_of(robot::BusKind kind);

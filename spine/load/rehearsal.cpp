@@ -106,14 +106,14 @@ bool Rehearsal::dry_steps(const law::Resident& law, std::span<char> why) {
   return true;
 }
 
-bool Rehearsal::contained(contain::Cell::Call call, void* context, const char* what, std::span<char> why) {
-  if (cell_ == nullptr) {
+bool Rehearsal::contained(contain::FaultBarrier::Call call, void* context, const char* what, std::span<char> why) {
+  if (barrier_ == nullptr) {
     call(context);
     return true;
   }
-  const contain::Trouble trouble = cell_->run(monotonic_ns() + kMostNs, call, context);
-  if (!trouble) return true;
-  const std::string_view kind = wire::to_string(trouble.kind);
+  const contain::Failure failure = barrier_->run(monotonic_ns() + kMostNs, call, context);
+  if (!failure) return true;
+  const std::string_view kind = wire::to_string(failure.kind);
   std::snprintf(why.data(), why.size(), "%s failed before its first tick: %.*s", what, static_cast<int>(kind.size()),
                 kind.data());
   return false;

@@ -138,9 +138,9 @@ TEST_F(RehearsalTest, AStartThatCrashesIsRefused) {
   GTEST_SKIP() << "the sanitizer wants SIGSEGV for itself";
 #endif
   ASSERT_TRUE(contain::install_handlers());
-  auto cell = contain::Cell::open();
-  ASSERT_TRUE(cell) << cell.message();
-  rehearsal_.use(&*cell);
+  auto barrier = contain::FaultBarrier::open();
+  ASSERT_TRUE(barrier) << barrier.message();
+  rehearsal_.use(&*barrier);
   EXPECT_FALSE(prepare(kBadStart));
   EXPECT_STREQ(why_.data(), "init failed before its first tick: bad_access");
   EXPECT_EQ(started(3).seen, 3u) << "and the next one starts as if nothing had happened";

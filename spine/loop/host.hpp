@@ -4,7 +4,7 @@
 
 #include <cstdint>
 
-#include "spine/contain/cell.hpp"
+#include "spine/contain/fault_barrier.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/law/sandbox.hpp"
 #include "spine/loop/clock.hpp"
@@ -15,13 +15,13 @@ namespace lithe::loop {
 // Contract: RT · owned by the tick thread
 class CellHost final : public step::Host {
  public:
-  // Without a Cell a crash of a law ends the process, and no law is ended.
-  CellHost(const SteeredClock& clock, contain::Cell* cell) : clock_(clock), cell_(cell) {}
+  // Without a FaultBarrier a crash of a law ends the process, and no law is ended.
+  CellHost(const SteeredClock& clock, contain::FaultBarrier* barrier) : clock_(clock), barrier_(barrier) {}
 
   std::int64_t now_ns() LITHE_RT override { return clock_.now_ns(); }
 
-  contain::Trouble run(law::Sandbox& sandbox, std::int64_t deadline_ns) LITHE_RT override {
-    if (cell_ != nullptr) return cell_->run(deadline_ns, &call_law, &sandbox);
+  contain::Failure run(law::Sandbox& sandbox, std::int64_t deadline_ns) LITHE_RT override {
+    if (barrier_ != nullptr) return barrier_->run(deadline_ns, &call_law, &sandbox);
     sandbox.call();
     return {};
   }
@@ -30,7 +30,7 @@ class CellHost final : public step::Host {
   LITHE_LEFT_BY_A_JUMP static void call_law(void* sandbox) LITHE_RT { static_cast<law::Sandbox*>(sandbox)->call(); }
 
   const SteeredClock& clock_;
-  contain::Cell* cell_;
+  contain::FaultBarrier* barrier_;
 };
 
 }  // namespace lithe::loop

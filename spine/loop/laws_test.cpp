@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the tick does with laws that fail, with every real part around it.
-#include "spine/contain/cell.hpp"
-#include "spine/contain/vault.hpp"
+#include "spine/contain/fault_barrier.hpp"
+#include "spine/contain/protected_memory.hpp"
 #include "spine/loop/test/laws_rig.hpp"
 
 namespace lithe::loop {
@@ -148,9 +148,9 @@ TEST_F(LawsTest, ALawThatCrashesIsReplacedInTheSameTick) {
   GTEST_SKIP() << "the sanitizer wants SIGSEGV for itself";
 #endif
   ASSERT_TRUE(contain::install_handlers());
-  auto cell = contain::Cell::open();
-  ASSERT_TRUE(cell) << cell.message();
-  use_cell(&*cell);
+  auto barrier = contain::FaultBarrier::open();
+  ASSERT_TRUE(barrier) << barrier.message();
+  use_cell(&*barrier);
   arm_with(kPd);
   for (int round = 0; round < 50; ++round) {
     stage(kCrash);
@@ -171,9 +171,9 @@ TEST_F(LawsTest, AFaultInASlotSaysHowFarFromItsStart) {
   GTEST_SKIP() << "the sanitizer wants SIGSEGV for itself";
 #endif
   ASSERT_TRUE(contain::install_handlers());
-  auto cell = contain::Cell::open();
-  ASSERT_TRUE(cell) << cell.message();
-  use_cell(&*cell);
+  auto barrier = contain::FaultBarrier::open();
+  ASSERT_TRUE(barrier) << barrier.message();
+  use_cell(&*barrier);
   arm_with(kPd);
   std::uint64_t pc = 0;
   for (const std::uint32_t before : {0u, 64u, 128u}) {
@@ -201,12 +201,12 @@ TEST_F(LawsTest, ALawsTimeGoesOnAfterItsReturn) {
 
 // Where the processor has no keys for it.
 TEST_F(LawsTest, ALawThatRaisesTheGuardsLimitsIsFoundOutAndTheyArePutBack) {
-  auto vault = contain::Vault::make(1 << 16, contain::Protection::copies);
-  ASSERT_TRUE(vault) << vault.message();
+  auto protected_memory = contain::ProtectedMemory::make(1 << 16, contain::Protection::copies);
+  ASSERT_TRUE(protected_memory) << protected_memory.message();
   ASSERT_TRUE(contain::install_handlers());
-  auto cell = contain::Cell::open(vault->get());
-  ASSERT_TRUE(cell) << cell.message();
-  use_cell(&*cell);
+  auto barrier = contain::FaultBarrier::open(protected_memory->get());
+  ASSERT_TRUE(barrier) << barrier.message();
+  use_cell(&*barrier);
   arm_with(kPd);
   publish(0.5);
   kPrey = std::as_writable_bytes(std::span(spine_.get(), 1));

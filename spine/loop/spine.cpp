@@ -26,16 +26,16 @@ Spine::Spine(const Wiring& wiring)
       grid_(std::llround(1e9 / wiring.robot.rate_hz), wiring.robot.spine.phase_ns),
       inbox_(wiring.spine, wiring.control, wiring.brain),
       out_(wiring.spine, static_cast<std::uint32_t>(wiring.robot.joints.size())),
-      host_(clock_, wiring.cell),
+      host_(clock_, wiring.barrier),
       step_(wiring.robot, wiring.slot, wiring.sandbox),
       sample_(&wiring.handover.latest_sample()),
       state_ticks_(static_cast<std::uint64_t>(std::max(1.0, std::round(wiring.robot.rate_hz / kStateHz)))) {
   hal::ActuatorCommand& first = handover_.next_command();
   first.joints = static_cast<std::uint32_t>(robot_.joints.size());
   first.act(hal::DriveAction::off);
-  if (wiring.cell == nullptr) return;
+  if (wiring.barrier == nullptr) return;
   for (const std::span<std::byte> block : step_.guarded()) {
-    if (const Result<> guarded = wiring.cell->guard(block.data(), block.size()); !guarded)
+    if (const Result<> guarded = wiring.barrier->guard(block.data(), block.size()); !guarded)
       std::fprintf(stderr, "lithe-spine: a law can reach the guard's limits: %s\n", guarded.message().c_str());
   }
 }

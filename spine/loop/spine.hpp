@@ -6,7 +6,7 @@
 #include <atomic>
 #include <cstdint>
 
-#include "spine/contain/cell.hpp"
+#include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/constants.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/hal/actuators.hpp"
@@ -32,7 +32,7 @@ struct Wiring {
   const ipc::BrainMemory& brain;
   law::Slot& slot;
   law::Sandbox& sandbox;  // the memory that a law may write
-  contain::Cell* cell;    // of the tick thread; null: a crash of a law ends the process
+  contain::FaultBarrier* barrier;    // of the tick thread; null: a crash of a law ends the process
   Handover& handover;
   const ClockMemory& clock;
   hal::Actuators* inline_actuators;               // set when the tick thread serves the buses itself, else null

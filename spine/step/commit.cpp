@@ -7,7 +7,7 @@
 
 namespace lithe::step {
 
-using contain::Trouble;
+using contain::Failure;
 using wire::CommandResult;
 using wire::EventKind;
 namespace flag = wire::telemetry_flag;
@@ -109,10 +109,10 @@ void Laws::step_shadow(Host& host) LITHE_RT {
   }
   report_.flags |= flag::kShadowing;
   const std::int64_t from_ns = host.now_ns();
-  const Trouble trouble = run(*shadow_.law(), shadow_effort_, host);
-  if (trouble) {
+  const Failure failure = run(*shadow_.law(), shadow_effort_, host);
+  if (failure) {
     shadow_.fail();
-    return end_shadow(false, wire::to_string(trouble.kind));
+    return end_shadow(false, wire::to_string(failure.kind));
   }
   const std::int64_t took_ns = host.now_ns() - from_ns;
   switch (shadow_.compare(in_, effort_, shadow_effort_, took_ns)) {

@@ -4,13 +4,13 @@
 
 #include <cstdint>
 
-#include "spine/contain/cell.hpp"
+#include "spine/contain/fault_barrier.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/law/sandbox.hpp"
 
 namespace lithe::step {
 
-// Its answers are inputs of the step, as its samples and commands are. The Spine's host has the Cell and the clock.
+// Its answers are inputs of the step, as its samples and commands are. The Spine's host has the FaultBarrier and the clock.
 // Contract: RT · one thread
 class Host {
  public:
@@ -18,7 +18,7 @@ class Host {
   virtual std::int64_t now_ns() LITHE_RT = 0;
 
   // Calls the law that is in `sandbox`. It is ended at `deadline_ns` of this clock, or when it crashes.
-  virtual contain::Trouble run(law::Sandbox& sandbox, std::int64_t deadline_ns) LITHE_RT = 0;
+  virtual contain::Failure run(law::Sandbox& sandbox, std::int64_t deadline_ns) LITHE_RT = 0;
 
  protected:
   ~Host() = default;

@@ -9,7 +9,7 @@
 
 namespace lithe::step {
 
-using contain::Trouble;
+using contain::Failure;
 using wire::EventKind;
 using wire::LawFaultKind;
 namespace flag = wire::telemetry_flag;
@@ -60,34 +60,34 @@ void Laws::step(Host& host) LITHE_RT {
     bumpless_.start(0);  // the rest of a blend belongs to the old motion
     return effort_.clear(in_.joints);
   }
-  const Trouble trouble = run(*slot_.active(), effort_, host);
-  if (trouble && !fall_back(trouble, host)) return effort_.clear(in_.joints);
+  const Failure failure = run(*slot_.active(), effort_, host);
+  if (failure && !fall_back(failure, host)) return effort_.clear(in_.joints);
   std::copy(sandbox_.probes.begin(), sandbox_.probes.end(), probes_.begin());
   if (bumpless_.fading()) report_.flags |= flag::kBlending;
   bumpless_.apply(in_, guard_.expected_torque_nm(), effort_);
 }
 
 // Runs `law` on copies of its inputs. Its state and output are kept only if it did not fail.
-Trouble Laws::run(law::Resident& law, Effort& effort, Host& host) LITHE_RT {
+Failure Laws::run(law::Resident& law, Effort& effort, Host& host) LITHE_RT {
   if (law.since_ns == 0) law.since_ns = in_.t_ns;
   in_.t_s = static_cast<double>(in_.t_ns - law.since_ns) * 1e-9;
   sandbox_.enter(law, in_);
   from_ns_ = host.now_ns();
   const std::int64_t budget_ns = law.terms.budget_ns > 0 ? law.terms.budget_ns : budget_ns_;
-  const Trouble trouble = host.run(sandbox_, from_ns_ + std::min(budget_ns, period_ns_));
-  if (trouble) return trouble;
+  const Failure failure = host.run(sandbox_, from_ns_ + std::min(budget_ns, period_ns_));
+  if (failure) return failure;
   const bool sound_input = input_is_finite(in_);
   // A non-finite output that comes from a broken sensor is not a law fault: the guard handles it. The state of this
   // step is not kept.
   if (sound_input && !guard_.is_finite(sandbox_.effort)) return {LawFaultKind::not_finite, 0, 0};
   if (sound_input) sandbox_.keep_state(law);
   copy_effort(sandbox_.effort, effort, in_.joints);
-  return trouble;
+  return failure;
 }
 
 // Runs the law before the failed one in this same tick. False: there is none, or it fails too; then the safe law takes
 // over.
-bool Laws::fall_back(const Trouble& first, Host& host) LITHE_RT {
+bool Laws::fall_back(const Failure& first, Host& host) LITHE_RT {
   wire::LawFault fault = fault_of(first);
   const std::int64_t from_ns = from_ns_;
   if (!resume_previous()) {
@@ -95,7 +95,7 @@ bool Laws::fall_back(const Trouble& first, Host& host) LITHE_RT {
     stop_for(first.kind);
     return false;
   }
-  const Trouble second = run(*slot_.active(), effort_, host);
+  const Failure second = run(*slot_.active(), effort_, host);
   report(fault, slot_.active()->law_id, host.now_ns() - from_ns);
   tell_rollback(first.kind);
   if (!second) return true;
@@ -182,18 +182,18 @@ void Laws::stop_for(LawFaultKind kind) LITHE_RT {
 }
 
 // Copied from the active law: the Loader may unload it as soon as another one is active.
-wire::LawFault Laws::fault_of(const Trouble& trouble) const LITHE_RT {
+wire::LawFault Laws::fault_of(const Failure& failure) const LITHE_RT {
   const law::Resident& law = *slot_.active();
   wire::LawFault fault{};
   fault.tick = report_.tick();
   fault.t_ns = report_.now_ns();
   fault.request_id = law.request_id;
-  fault.kind = static_cast<std::uint32_t>(trouble.kind);
+  fault.kind = static_cast<std::uint32_t>(failure.kind);
   fault.law_id = law.law_id;
-  fault.pc = trouble.pc;
-  fault.address = trouble.address;
+  fault.pc = failure.pc;
+  fault.address = failure.address;
   fault.slot = law.slot;
-  const std::uint64_t offset = trouble.pc - law.code_address;
+  const std::uint64_t offset = failure.pc - law.code_address;
   fault.pc_offset = law.code_address != 0 && offset < law.code_bytes ? static_cast<std::uint32_t>(offset) : 0;
   return fault;
 }

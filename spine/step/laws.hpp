@@ -7,7 +7,7 @@
 #include <string_view>
 
 #include "lithe/law.hpp"
-#include "spine/contain/cell.hpp"
+#include "spine/contain/fault_barrier.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/guard/guard.hpp"
 #include "spine/law/sandbox.hpp"
@@ -61,8 +61,8 @@ class Laws {
   const wire::ShadowReport& shadow() const LITHE_RT { return shadow_.report(); }
 
  private:
-  contain::Trouble run(law::Resident& law, Effort& effort, Host& host) LITHE_RT;
-  bool fall_back(const contain::Trouble& first, Host& host) LITHE_RT;
+  contain::Failure run(law::Resident& law, Effort& effort, Host& host) LITHE_RT;
+  bool fall_back(const contain::Failure& first, Host& host) LITHE_RT;
   void replace(wire::LawFaultKind why) LITHE_RT;
   bool resume_previous() LITHE_RT;
   void greet(std::uint32_t blend_ticks) LITHE_RT;
@@ -78,7 +78,7 @@ class Laws {
   void tell_probation(const Probation::News& news) LITHE_RT;
   void name_evidence(const Probation::News& news) LITHE_RT;
   Words in_words(wire::LawFaultKind why) const LITHE_RT;
-  wire::LawFault fault_of(const contain::Trouble& trouble) const LITHE_RT;
+  wire::LawFault fault_of(const contain::Failure& failure) const LITHE_RT;
   void report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t took_ns) LITHE_RT;
 
   const robot::RobotConfig& robot_;

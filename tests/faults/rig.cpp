@@ -11,7 +11,7 @@
 namespace lithe::faults {
 namespace {
 
-using simulator::Order;
+using simulator::FaultRequest;
 using wire::CommandKind;
 using wire::CommandResult;
 
@@ -118,10 +118,10 @@ class Rig : private loop::TickBench {
 
   void strike() {
     if (cell_.order.empty()) return tick(true, kStallTicks);
-    Result<Order> order = simulator::parse_order(cell_.order);
+    Result<FaultRequest> order = simulator::parse_order(cell_.order);
     ASSERT_TRUE(order) << order.message();
     // For those behind it, an adapter that is gone is a wire that carries nothing.
-    if (order->kind == Order::Kind::unplug) order->kind = Order::Kind::bus_off;
+    if (order->kind == FaultRequest::Kind::unplug) order->kind = FaultRequest::Kind::bus_off;
     const std::string device = cell_.kind == "moteus" ? "m1" : cell_.kind == "cia402" ? "c1" : "inputs";
     (simulator::is_of_device(order->kind) ? order->device : order->bus) =
         simulator::is_of_device(order->kind) ? device : "bus_" + device;
@@ -130,8 +130,8 @@ class Rig : private loop::TickBench {
     devices_.act(*order, now_ns_);
   }
   void clear() {
-    Order order;
-    order.kind = Order::Kind::clear;
+    FaultRequest order;
+    order.kind = FaultRequest::Kind::clear;
     devices_.act(order, now_ns_);
   }
 

@@ -26,11 +26,11 @@ void comes_to_an_end(SdoClient& client, std::int64_t now_ns) {
   for (int i = 0; i < 32 && client.outcome() == Outcome::busy; ++i) {
     client.next(now_ns += SdoClient::kTimeoutNs, frame);
   }
-  demand(client.outcome() != Outcome::busy, "a transfer that nobody answers ends");
+  require(client.outcome() != Outcome::busy, "a transfer that nobody answers ends");
 }
 
 void check_sent(const Frame& frame) {
-  demand(is_canopen(frame) && frame.size == 8 && frame.id == cob::kSdoRequest + kNode, "a request is one, to the node");
+  require(is_canopen(frame) && frame.size == 8 && frame.id == cob::kSdoRequest + kNode, "a request is one, to the node");
 }
 
 void client_hears(Input& input) {
@@ -54,15 +54,15 @@ void client_hears(Input& input) {
       heard.data[3] = client.address().subindex;
     }
     const bool taken = client.take(heard);
-    demand(taken == (client.strays() == strays), "what answers nothing is counted");
-    demand(taken || client.outcome() == before, "what answers nothing changes nothing");
-    demand(!taken || before == Outcome::busy, "nothing is taken that was not asked for");
-    demand(!taken || (heard.id == cob::kSdoAnswer + kNode && is_canopen(heard) && heard.size == 8), "it was an answer");
+    require(taken == (client.strays() == strays), "what answers nothing is counted");
+    require(taken || client.outcome() == before, "what answers nothing changes nothing");
+    require(!taken || before == Outcome::busy, "nothing is taken that was not asked for");
+    require(!taken || (heard.id == cob::kSdoAnswer + kNode && is_canopen(heard) && heard.size == 8), "it was an answer");
     const bool segment = heard.data[0] >> 5 == 0;
-    demand(!taken || segment || heard.data[0] == 0x80 || sdo_address(heard) == client.address(),
+    require(!taken || segment || heard.data[0] == 0x80 || sdo_address(heard) == client.address(),
            "it is of that object");
-    demand(client.data().size() <= SdoClient::kLongest, "an upload has an end");
-    demand(client.value() <= std::numeric_limits<std::uint32_t>::max(), "a value can be read");
+    require(client.data().size() <= SdoClient::kLongest, "an upload has an end");
+    require(client.value() <= std::numeric_limits<std::uint32_t>::max(), "a value can be read");
   }
   comes_to_an_end(client, now_ns);
 }
@@ -74,8 +74,8 @@ void other_frames(Input& input) {
     const Frame frame = input.frame(kLikely, true);
     NmtState state{0x33};
     const bool beat = parse_heartbeat(frame, state);
-    demand(beat || state == NmtState{0x33}, "only a heartbeat changes the state");
-    demand(!beat || same(heartbeat_frame(node_of(frame), state),
+    require(beat || state == NmtState{0x33}, "only a heartbeat changes the state");
+    require(!beat || same(heartbeat_frame(node_of(frame), state),
                          [&] {
                            Frame plain = frame;
                            plain.data[0] &= 0x7f;
@@ -84,12 +84,12 @@ void other_frames(Input& input) {
            "a heartbeat is read as it is said");
     Emergency what{0x1234, 0x56};
     const bool emergency = parse_emergency(frame, what);
-    demand(emergency || (what.code == 0x1234 && what.error_register == 0x56), "only an emergency changes it");
-    demand(!emergency || (node_of(frame) >= 1 && frame.size == 8), "an emergency is somebody's");
+    require(emergency || (what.code == 0x1234 && what.error_register == 0x56), "only an emergency changes it");
+    require(!emergency || (node_of(frame) >= 1 && frame.size == 8), "an emergency is somebody's");
     now_ns += input.byte() * 1'000'000;
     consumer.set_timeout(input.byte() * 1'000'000);
     if (beat) consumer.beat(now_ns);
-    demand(!consumer.lost(now_ns) || !beat || consumer.deadline_ns() > now_ns, "what beats is not lost");
+    require(!consumer.lost(now_ns) || !beat || consumer.deadline_ns() > now_ns, "what beats is not lost");
   }
 }
 
@@ -100,19 +100,19 @@ void process_data(Input& input) {
     const std::uint8_t bytes = std::array<std::uint8_t, 3>{1, 2, 4}[input.byte() % 3];
     const std::size_t before = map.bytes();
     const bool added = map.add({{input.number<std::uint16_t>(), i}, bytes});
-    demand(map.bytes() == before + (added ? bytes : 0) && map.bytes() <= 8 && map.objects().size() <= PdoMap::kMost,
+    require(map.bytes() == before + (added ? bytes : 0) && map.bytes() <= 8 && map.objects().size() <= PdoMap::kMost,
            "a map holds what fits");
   }
   for (std::uint32_t& value : values) value = input.number<std::uint32_t>();
   const Frame packed = map.pack(0x185, values);
   std::array<std::uint32_t, PdoMap::kMost> again{};
-  demand(is_canopen(packed) && map.unpack(packed, again), "what is packed is unpacked");
+  require(is_canopen(packed) && map.unpack(packed, again), "what is packed is unpacked");
   for (std::size_t i = 0; i < map.objects().size(); ++i) {
     const std::size_t bytes = map.objects()[i].bytes;
-    demand(signed_of(again[i], bytes) == signed_of(values[i], bytes), "a value comes back");
+    require(signed_of(again[i], bytes) == signed_of(values[i], bytes), "a value comes back");
   }
   const Frame heard = input.frame(kLikely, true);
-  demand(map.unpack(heard, again) == (is_canopen(heard) && heard.size >= map.bytes()), "a short frame is refused");
+  require(map.unpack(heard, again) == (is_canopen(heard) && heard.size >= map.bytes()), "a short frame is refused");
 }
 
 // Client and drive over a whole wire. The drive ends every transfer, and its numbers arrive.
@@ -137,13 +137,13 @@ void client_asks_a_drive(Input& input) {
       if (client.next(now_ns, frame)) drive.on_frame(frame, now_ns, said);
       for (; const Frame* each = said.front(); said.pop()) client.take(*each);
     }
-    demand(client.outcome() == Outcome::done || client.outcome() == Outcome::failed, "a drive ends every transfer");
-    demand(client.abort() != abort_code::kTimedOut, "a drive answers every request");
+    require(client.outcome() == Outcome::done || client.outcome() == Outcome::failed, "a drive ends every transfer");
+    require(client.abort() != abort_code::kTimedOut, "a drive answers every request");
     const auto slot = drive.dictionary().find(address);
     if (client.outcome() != Outcome::done || !slot) continue;
-    demand(writes ? drive.dictionary().writable(*slot) : client.data().size() == drive.dictionary().bytes(*slot),
+    require(writes ? drive.dictionary().writable(*slot) : client.data().size() == drive.dictionary().bytes(*slot),
            "an object is read in its length, and written where that is allowed");
-    if (!writes) demand(client.value() == drive.dictionary().raw(*slot), "an object is read as the dictionary has it");
+    if (!writes) require(client.value() == drive.dictionary().raw(*slot), "an object is read as the dictionary has it");
   }
 }
 

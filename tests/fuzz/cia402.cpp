@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The CiA 402 driver fed with any frames between commands of any numbers, at any moment of its setup.
-#include "spine/hal/cia402/cia402_demand.hpp"
+#include "spine/hal/cia402/cia402_setpoint_limiter.hpp"
 #include "spine/hal/cia402/cia402_drive.hpp"
 #include "spine/wire/wire.hpp"
 #include "tests/fuzz/hal_input.hpp"
@@ -62,8 +62,8 @@ class Bench {
     exchange_.asked = false;
     outbox_.begin(0);
     const bool sound = drive_.command(command, exchange_, outbox_);
-    demand(sound == is_sound(command), "what is not finite is not sound");
-    demand(outbox_.sent().size() <= 2, "a driver sends two frames at most");
+    require(sound == is_sound(command), "what is not finite is not sound");
+    require(outbox_.sent().size() <= 2, "a driver sends two frames at most");
     for (const Frame& frame : outbox_.sent()) check_sent(frame, command, sound);
     exchange_.asked = true;
   }
@@ -84,40 +84,40 @@ class Bench {
     untouched.position_rad = 0.125;
     untouched.status = 0x5a;
     JointSample sample = untouched;
-    if (drive_.take(frame, exchange_, sample) != Heard::answer) {
-      demand(sample.position_rad == untouched.position_rad && sample.status == untouched.status && !sample.measured,
+    if (drive_.take(frame, exchange_, sample) != ReplyKind::answer) {
+      require(sample.position_rad == untouched.position_rad && sample.status == untouched.status && !sample.measured,
              "only an answer changes the sample");
       return;
     }
-    demand(exchange_.asked && drive_.running() && frame.id == pdo::transmit_id(pdo::kAnswer, kNode) &&
+    require(exchange_.asked && drive_.running() && frame.id == pdo::transmit_id(pdo::kAnswer, kNode) &&
                canopen::is_canopen(frame),
            "an answer is the drive's process data, asked for, when it is set up");
-    demand((sample.status >> 16) < 8, "the state is one of the profile's");
+    require((sample.status >> 16) < 8, "the state is one of the profile's");
     const double most_rev = 2147483648.0 / params_.counts_per_rev;
     if (sample.measured) check_measured(sample, params_.joint, most_rev, 10 * params_.rated_torque_nm);
   }
 
   void late() { exchange_.asked = false; }
   void says_why() const {
-    demand(drive_.running() || !drive_.why_not_ready().empty(), "a drive that is not ready says why");
+    require(drive_.running() || !drive_.why_not_ready().empty(), "a drive that is not ready says why");
   }
 
  private:
   void check_sent(const Frame& frame, const JointCommand& command, bool sound) const {
-    demand(canopen::is_canopen(frame), "what is sent is CANopen");
+    require(canopen::is_canopen(frame), "what is sent is CANopen");
     const bool network = frame.id == cob::kNmt && frame.data[1] == kNode;
     const bool ours = frame.id == cob::kHeartbeat + params_.host_id;
     const bool to_it = frame.id == cob::kSdoRequest + kNode || frame.id == pdo::command_id(kNode);
-    demand(network || ours || to_it, "what is sent concerns this drive only");
+    require(network || ours || to_it, "what is sent concerns this drive only");
     if (frame.id != pdo::command_id(kNode)) return;
     const std::uint32_t word = canopen::get(frame.data.data(), 2);
     const bool drives = sound && command.action == DriveAction::torque;
-    demand(drives || word == control::kQuickStop || word == control::kDisableVoltage,
+    require(drives || word == control::kQuickStop || word == control::kDisableVoltage,
            "what is not sound, or not driving, enables nothing");
     const std::size_t at = params_.mode == Mode::torque ? 2 : 6;
     const double thousandths = canopen::signed_of(canopen::get(frame.data.data() + at, 2), 2);
     const double limit = 1000 * std::max(command.max_torque_nm, 0.0) / params_.joint.ratio / params_.rated_torque_nm;
-    demand(thousandths == 0 || (drives && std::abs(thousandths) <= limit + 0.5),
+    require(thousandths == 0 || (drives && std::abs(thousandths) <= limit + 0.5),
            "no torque beyond the command's limit");
   }
 
@@ -129,7 +129,7 @@ class Bench {
 
 // Whatever is commanded one after the other: what the drive is told keeps to the joint's velocity, and to the torque.
 void demands(const DriverParams& params, Input& input) {
-  Demand demand_of(params);
+  SetpointLimiter demand_of(params);
   const auto start = input.number<std::uint32_t>();
   demand_of.rest(start);
   const double per_rad = std::abs(params.joint.rev_per_rad()) * params.counts_per_rev;
@@ -147,10 +147,10 @@ void demands(const DriverParams& params, Input& input) {
     const double limit_nm = std::clamp(command.max_torque_nm, 0.0, params.torque_max_nm);
     const double limit = 1000 * limit_nm / params.joint.ratio / params.rated_torque_nm + 0.5;
     const std::uint32_t torque = params.mode == Mode::torque ? raw.target : raw.torque;
-    demand(std::abs(canopen::signed_of(torque, 2)) <= limit, "no torque beyond the joint's, and the command's");
-    if (params.mode == Mode::velocity) demand(std::abs(target) <= most_counts_s + 1, "no speed beyond the joint's");
+    require(std::abs(canopen::signed_of(torque, 2)) <= limit, "no torque beyond the joint's, and the command's");
+    if (params.mode == Mode::velocity) require(std::abs(target) <= most_counts_s + 1, "no speed beyond the joint's");
     if (params.mode != Mode::position) continue;
-    demand(std::abs(target - at) <= most_counts_s * params.period_s + 2, "no step beyond the joint's speed");
+    require(std::abs(target - at) <= most_counts_s * params.period_s + 2, "no step beyond the joint's speed");
     at = target;
   }
 }

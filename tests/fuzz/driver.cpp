@@ -13,7 +13,7 @@
 
 namespace lithe::fuzz {
 
-void demand(bool holds, const char* what) {
+void require(bool holds, const char* what) {
   if (holds) return;
   std::fprintf(stderr, "refuted: %s\n", what);
 #ifdef LITHE_FUZZ

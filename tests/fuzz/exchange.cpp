@@ -78,11 +78,11 @@ class Robot {
   void recovers() {
     for (int i = 0; i < 4; ++i) honest_cycle();
     for (std::size_t i = 0; i < kMoteus; ++i) {
-      demand((state_.status[i] & status::kFresh) != 0, "a drive is heard again when the bus is good again");
+      require((state_.status[i] & status::kFresh) != 0, "a drive is heard again when the bus is good again");
     }
     for (std::size_t bus = 0; bus < buses_.size(); ++bus) {
       const BusStatistics& count = buses_[bus]->statistics();
-      demand(count.received + count.late == peer_[bus].pushed(), "every frame on the bus is received or late");
+      require(count.received + count.late == peer_[bus].pushed(), "every frame on the bus is received or late");
     }
   }
 
@@ -132,7 +132,7 @@ class Robot {
   }
 
   void check_map(const ActuatorState& before) const {
-    demand(state_.tick == number_ && state_.sample_ns == now_ns_ && state_.joints == kJoints,
+    require(state_.tick == number_ && state_.sample_ns == now_ns_ && state_.joints == kJoints,
            "the map is of this exchange");
     for (std::size_t i = 0; i < kJoints; ++i) {
       const bool is_moteus = i < kMoteus;
@@ -140,20 +140,20 @@ class Robot {
       check_measured(sample, kTransforms[i], is_moteus ? kMotorRev : 2147483648.0 / kCounts,
                      is_moteus ? 1000 : 10 * kRatedNm);
       if ((state_.status[i] & status::kFresh) != 0) {
-        demand((state_.status[i] & status::kLost) == 0, "what is fresh is not lost");
+        require((state_.status[i] & status::kLost) == 0, "what is fresh is not lost");
         continue;
       }
-      demand(state_.position_rad[i] == before.position_rad[i] && state_.velocity_rad_s[i] == before.velocity_rad_s[i] &&
+      require(state_.position_rad[i] == before.position_rad[i] && state_.velocity_rad_s[i] == before.velocity_rad_s[i] &&
                  state_.torque_nm[i] == before.torque_nm[i],
              "what is not fresh stays as it was");
     }
     for (std::size_t i = 0; i < kSensors; ++i) {
       const double value = state_.sensor[i];
-      demand(std::isnan(value) || std::abs(value - kOffset) <= kScale * 32767,
+      require(std::isnan(value) || std::abs(value - kOffset) <= kScale * 32767,
              "a sensor is not valid, or in its range");
     }
     for (std::size_t i = kSensors; i < state_.sensor.size(); ++i)
-      demand(std::isnan(state_.sensor[i]), "no such sensor");
+      require(std::isnan(state_.sensor[i]), "no such sensor");
   }
 
   // What the product counts, against what passed by.
@@ -169,13 +169,13 @@ class Robot {
       used += ledger.used;
       gateway += ledger.gateway;
       taken += ledger.taken();
-      demand(!ledger.old_was_used, "an answer that is known to be old is not used");
+      require(!ledger.old_was_used, "an answer that is known to be old is not used");
     }
-    demand(received == taken + gateway + count.stray, "every frame is a driver's, the gateway's or a stray");
-    demand(count.late == late, "every late frame is counted");
-    demand(count.malformed == malformed, "every spoilt frame is counted");
-    demand(count.duplicate == repeated, "every repeated frame is counted");
-    demand(count.missed + used <= number_ * kJoints, "a joint answers, or is missed, once an exchange");
+    require(received == taken + gateway + count.stray, "every frame is a driver's, the gateway's or a stray");
+    require(count.late == late, "every late frame is counted");
+    require(count.malformed == malformed, "every spoilt frame is counted");
+    require(count.duplicate == repeated, "every repeated frame is counted");
+    require(count.missed + used <= number_ * kJoints, "a joint answers, or is missed, once an exchange");
   }
 
   std::array<Peer, 2> peer_;

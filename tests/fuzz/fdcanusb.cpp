@@ -36,23 +36,23 @@ Sum sum_in(std::string_view line) {
 
 // A frame survives being said in each of the ways there are.
 void there_and_back(const Frame& frame) {
-  demand(is_can(frame), "a parsed frame is one that CAN has");
+  require(is_can(frame), "a parsed frame is one that CAN has");
   std::array<char, fdcanusb::kLongestLine> text{};
   Line line;
   for (const bool sums : {false, true}) {
     std::size_t size = fdcanusb::format_received(frame, text);
     if (sums) size = fdcanusb::append_sum(text, size);
     const bool parsed = fdcanusb::parse_line({text.data(), size}, sums, line);
-    demand(size > 0 && parsed && line.kind == Line::Kind::received && same(line.frame, frame),
+    require(size > 0 && parsed && line.kind == Line::Kind::received && same(line.frame, frame),
            "a received frame is read as it was said");
     size = fdcanusb::format_send(frame, sums, text);
     if (frame.size == 0) continue;  // cannot be said
     std::string_view command(text.data(), size - 1);
-    demand(size > 0 && text[size - 1] == '\n', "a command ends its line");
-    demand(fdcanusb::strip_sum(command) == (sums ? Sum::right : Sum::absent), "a command has the sum it was to have");
+    require(size > 0 && text[size - 1] == '\n', "a command ends its line");
+    require(fdcanusb::strip_sum(command) == (sums ? Sum::right : Sum::absent), "a command has the sum it was to have");
     Request request;
     const char* wrong = fdcanusb::parse_request(command, {!frame.fd, !frame.brs}, request);
-    demand(wrong == nullptr && request.kind == Request::Kind::send && same(request.frame, frame),
+    require(wrong == nullptr && request.kind == Request::Kind::send && same(request.frame, frame),
            "a command is read as it was said, whatever the adapter's defaults");
   }
 }
@@ -62,9 +62,9 @@ void one_line(std::string_view text) {
   for (const bool wanted : {false, true}) {
     Line line;
     if (!fdcanusb::parse_line(text, wanted, line)) continue;
-    demand(sum != Sum::wrong, "no line with a wrong sum is believed");
-    demand(!wanted || sum == Sum::right, "no line without the sum that is wanted is believed");
-    demand(text.size() <= fdcanusb::kLongestLine, "no line is longer than the longest");
+    require(sum != Sum::wrong, "no line with a wrong sum is believed");
+    require(!wanted || sum == Sum::right, "no line without the sum that is wanted is believed");
+    require(text.size() <= fdcanusb::kLongestLine, "no line is longer than the longest");
     if (line.kind == Line::Kind::received) there_and_back(line.frame);
   }
   Request request;
@@ -107,7 +107,7 @@ Told expected_of(std::string_view text, bool sums) {
 void terminal(std::string_view text, bool sums, Input& cuts) {
   pty().heard();
   auto bus = FdcanusbBus::open({pty().device(), sums ? Checksums::on : Checksums::automatic, 0});
-  demand(bool(bus), "a terminal opens");
+  require(bool(bus), "a terminal opens");
   const std::string whole = std::string(text.substr(0, kMostText)) + "\n";
   through_terminal(**bus, whole, cuts, expected_of(whole, sums));
 }
@@ -115,9 +115,9 @@ void terminal(std::string_view text, bool sums, Input& cuts) {
 void adapter(std::string_view text, Input& cuts) {
   sim::SimFdcanusb adapter;
   each_line(adapter_says(adapter, text, cuts), "\n", [](std::string_view line) {
-    demand(line.ends_with("\r\n"), "an adapter ends its lines");
+    require(line.ends_with("\r\n"), "an adapter ends its lines");
     Line said;
-    demand(fdcanusb::parse_line(line.substr(0, line.size() - 2), false, said), "a host understands the adapter");
+    require(fdcanusb::parse_line(line.substr(0, line.size() - 2), false, said), "a host understands the adapter");
   });
 }
 

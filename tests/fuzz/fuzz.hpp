@@ -24,7 +24,7 @@ using List = std::initializer_list<T>;  // numbers of this type
 
 // ---- What a target gives (driver.cpp calls it)
 
-// Does with the code under test what the bytes say. Comes back, or demand() refutes it.
+// Does with the code under test what the bytes say. Comes back, or require() refutes it.
 void run(Bytes bytes);
 // Inputs that reach what must be reached: made from the frames that the tests know.
 std::vector<Seed> seeds();
@@ -32,7 +32,7 @@ std::vector<Seed> seeds();
 // ---- What a target is given
 
 // Ends the program with these words when it does not hold.
-void demand(bool holds, const char* what);
+void require(bool holds, const char* what);
 
 // Numbers that code breaks on.
 inline constexpr std::array<double, 16> kSharp{0.0,

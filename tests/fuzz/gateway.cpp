@@ -82,14 +82,14 @@ void compare(const Gateway& gateway, const Plain& plain, std::int64_t now_ns) {
       const bool valid = gateway.read(static_cast<Block>(block), channel, now_ns, raw);
       const double* expected = plain.read(block, channel, now_ns);
       // By its stamp a value may be older than its frame, never newer.
-      demand(!valid || expected != nullptr, "a channel is valid only when the frames say so");
-      demand(valid || expected == nullptr || !plain.began(), "a channel is valid when the frames say so");
-      demand(raw == (valid ? *expected : 0.5), "a channel reads as the frames say");
-      demand(!valid || (raw >= -32767 && raw <= 32767), "a channel is a number of its range");
+      require(!valid || expected != nullptr, "a channel is valid only when the frames say so");
+      require(valid || expected == nullptr || !plain.began(), "a channel is valid when the frames say so");
+      require(raw == (valid ? *expected : 0.5), "a channel reads as the frames say");
+      require(!valid || (raw >= -32767 && raw <= 32767), "a channel is a number of its range");
     }
   }
   const gateway::Counters& count = gateway.counters();
-  demand(count.frames + count.repeated + count.malformed == plain.frames, "every frame is counted once");
+  require(count.frames + count.repeated + count.malformed == plain.frames, "every frame is counted once");
 }
 
 }  // namespace

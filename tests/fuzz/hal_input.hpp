@@ -60,7 +60,7 @@ class Outbox final : public hal::Bus {
   }
   bool receive(hal::Frame& /*frame*/) LITHE_RT override { return false; }
   std::span<const hal::Frame> sent() const {
-    demand(size_ <= kMost, "a driver sends few frames at a time");
+    require(size_ <= kMost, "a driver sends few frames at a time");
     return {frames_.data(), size_};
   }
 
@@ -74,12 +74,12 @@ inline void check_measured(const hal::JointSample& sample, const hal::JointTrans
                            double most_motor_nm) {
   constexpr double kRounding = 1 + 1e-9;
   const double rad_per_rev = 1 / std::abs(joint.rev_per_rad());
-  demand(std::isfinite(sample.position_rad) && std::isfinite(sample.velocity_rad_s) && std::isfinite(sample.torque_nm),
+  require(std::isfinite(sample.position_rad) && std::isfinite(sample.velocity_rad_s) && std::isfinite(sample.torque_nm),
          "what is measured is finite");
-  demand(std::abs(sample.position_rad) <= (most_rev * rad_per_rev + std::abs(joint.zero_rad)) * kRounding,
+  require(std::abs(sample.position_rad) <= (most_rev * rad_per_rev + std::abs(joint.zero_rad)) * kRounding,
          "no position beyond what a drive counts");
-  demand(std::abs(sample.velocity_rad_s) <= kMotorRevPerS * rad_per_rev * kRounding, "no speed beyond any motor's");
-  demand(std::abs(sample.torque_nm) <= most_motor_nm * joint.ratio * kRounding, "no torque beyond any motor's");
+  require(std::abs(sample.velocity_rad_s) <= kMotorRevPerS * rad_per_rev * kRounding, "no speed beyond any motor's");
+  require(std::abs(sample.torque_nm) <= most_motor_nm * joint.ratio * kRounding, "no torque beyond any motor's");
 }
 
 }  // namespace lithe::fuzz

@@ -46,11 +46,11 @@ void walk(const Frame& frame) {
   Subframe s;
   std::size_t subframes = 0;
   while (reader.next(s)) {
-    demand(++subframes <= payload.size(), "at most one subframe per byte");
+    require(++subframes <= payload.size(), "at most one subframe per byte");
     if (s.data == nullptr) continue;
     const bool values = s.kind == Kind::write || s.kind == Kind::reply;
     const std::size_t bytes = s.count * (values ? bytes_of(s.format) : 1);
-    demand(s.data >= payload.data() && s.data + bytes <= payload.data() + payload.size(), "values lie in the frame");
+    require(s.data >= payload.data() && s.data + bytes <= payload.data() + payload.size(), "values lie in the frame");
     for (std::uint32_t i = 0; values && i < s.count; ++i) {
       const double value = s.value(i);
       std::array<std::uint8_t, 4> again{};
@@ -59,17 +59,17 @@ void walk(const Frame& frame) {
       // Towards zero: one count may be lost, and none is won.
       const double count = count_worth(quantity_of(s.start + i), s.format);
       const bool close = std::abs(back) <= std::abs(value) && std::abs(back - value) <= 1.001 * count;
-      demand(back == value || (std::isnan(value) && std::isnan(back)) || (s.format != Format::float32 && close),
+      require(back == value || (std::isnan(value) && std::isnan(back)) || (s.format != Format::float32 && close),
              "a value is written as it was read");
     }
   }
   Found found;
-  if (take_discovery(frame, found)) demand(found.id >= 1 && found.id <= 126, "a drive that is found has an address");
+  if (take_discovery(frame, found)) require(found.id >= 1 && found.id <= 126, "a drive that is found has an address");
 }
 
 // No number leaves that is none, but for a position that is not meant.
 void check_sent(const Frame& frame, bool driven) {
-  demand(is_can(frame), "a command is a frame that CAN has");
+  require(is_can(frame), "a command is a frame that CAN has");
   SubframeReader reader(frame.payload());
   Subframe s;
   bool torque = false;
@@ -78,18 +78,18 @@ void check_sent(const Frame& frame, bool driven) {
       const std::uint32_t number = s.start + i;
       const double value = s.value(i);
       const bool position = number == reg::kCommandPosition || number == reg::kLowerBound || number == reg::kUpperBound;
-      demand(std::isfinite(value) || (position && std::isnan(value)), "no number leaves that is not finite");
+      require(std::isfinite(value) || (position && std::isnan(value)), "no number leaves that is not finite");
       torque |= number != reg::kMode && number != reg::kKdScale;
     }
   }
-  demand(reader.well_formed(), "a command is well-formed");
-  demand(driven || !torque, "what is not sound is damped and nothing else");
+  require(reader.well_formed(), "a command is well-formed");
+  require(driven || !torque, "what is not sound is damped and nothing else");
 }
 
 void one_command(const Driver& driver, const JointCommand& command, Input& input) {
   Frame frame;
   const bool sound = driver.encode(command, input.byte(), frame);
-  demand(sound <= is_sound(command), "what is not finite is not sound");
+  require(sound <= is_sound(command), "what is not finite is not sound");
   check_sent(frame, sound && command.action == DriveAction::torque);
   const double lower_rad = input.real(), upper_rad = input.real();
   const bool within = driver.encode_within(command, lower_rad, upper_rad, input.byte(), frame);
@@ -108,7 +108,7 @@ class Bench {
     exchange_.asked = false;
     outbox_.begin(0);
     const bool sound = drive_.command(command, exchange_, outbox_);
-    demand(outbox_.sent().size() == 1, "one command in one exchange");
+    require(outbox_.sent().size() == 1, "one command in one exchange");
     check_sent(outbox_.sent()[0], sound && is_sound(command) && command.action == DriveAction::torque);
     exchange_.asked = true;
   }
@@ -129,15 +129,15 @@ class Bench {
     untouched.position_rad = 0.125;
     untouched.status = 0x5a;
     JointSample sample = untouched;
-    if (drive_.take(frame, exchange_, sample) != Heard::answer) {
-      demand(sample.position_rad == untouched.position_rad && sample.status == untouched.status && !sample.measured,
+    if (drive_.take(frame, exchange_, sample) != ReplyKind::answer) {
+      require(sample.position_rad == untouched.position_rad && sample.status == untouched.status && !sample.measured,
              "only an answer changes the sample");
       return;
     }
-    demand(exchange_.asked && (frame.id >> 8) == kId && (frame.id & 0xff) == exchange_.source,
+    require(exchange_.asked && (frame.id >> 8) == kId && (frame.id & 0xff) == exchange_.source,
            "an answer is to us, from it");
     if (sample.measured) check_measured(sample, params_.joint, kMotorRev, kMotorNm);
-    demand(((sample.status & wire::joint_status::kNotReady) != 0) == !drive_.why_not_ready().empty(),
+    require(((sample.status & wire::joint_status::kNotReady) != 0) == !drive_.why_not_ready().empty(),
            "a drive that is not ready says why");
   }
 

@@ -68,7 +68,7 @@ void run(Bytes bytes) {
   Mouth mouth(frames_of(input), way);
   std::int64_t looks = 0;
   const Terminal::Time time{[&] {
-                              demand(++looks < kMostLooks, "a terminal comes back");
+                              require(++looks < kMostLooks, "a terminal comes back");
                               return looks * 10'000'000;
                             },
                             [] {}};
@@ -76,22 +76,22 @@ void run(Bytes bytes) {
   if (verb == 0) {
     std::uint32_t last = 0;
     for (const Found& found : terminal.discover()) {
-      demand(found.id >= std::max(last, 1U) && found.id <= 126, "drives are told in order of their addresses");
+      require(found.id >= std::max(last, 1U) && found.id <= 126, "drives are told in order of their addresses");
       last = found.id;
     }
   } else if (verb == 4) {
     Found who{kId, {}, (way & kForEver) != 0};
     std::copy_n(words.begin(), std::min(words.size(), who.uuid.size()), who.uuid.begin());
     const Result<Identity> identity = terminal.identify(who);
-    demand(identity || !identity.message().empty(), "an error has words");
+    require(identity || !identity.message().empty(), "an error has words");
   } else if (verb == 3) {
     const Result<> done = terminal.set(kId, "servo.pid_position.kp", words);
-    demand(done || !done.message().empty(), "an error has words");
+    require(done || !done.message().empty(), "an error has words");
   } else {
     const Result<std::string> said = verb == 1 ? terminal.command(kId, words) : terminal.setting(kId, "id.id");
-    demand(said || !said.message().empty(), "an error has words");
+    require(said || !said.message().empty(), "an error has words");
   }
-  demand(mouth.sane(), "what is sent is a frame that CAN has");
+  require(mouth.sane(), "what is sent is a frame that CAN has");
 }
 
 std::vector<Seed> seeds() {

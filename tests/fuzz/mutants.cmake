@@ -55,9 +55,9 @@ lithe_mutant(says_another_number canopen ${hal}/cia402/sim/sim_cia402_objects.cp
   "foreign ? kInputsAndOutputs : dictionary_.raw(*slot)" "dictionary_.raw(*slot) + 1")
 lithe_mutant(believes_any_speed cia402 ${hal}/cia402/cia402_answers.cpp
   "if (std::abs(motor_rev_s) > kMaxMotorRevPerS ||" "if (")
-lithe_mutant(forgets_the_torque_limit cia402 ${hal}/cia402/cia402_demand.cpp
+lithe_mutant(forgets_the_torque_limit cia402 ${hal}/cia402/cia402_setpoint_limiter.cpp
   "std::clamp(joint_nm, -limit_nm, limit_nm)" "joint_nm")
-lithe_mutant(steps_as_it_likes cia402 ${hal}/cia402/cia402_demand.cpp
+lithe_mutant(steps_as_it_likes cia402 ${hal}/cia402/cia402_setpoint_limiter.cpp
   "catches_up_ = std::abs(gap) > (catches_up_ ? std::min(slow_counts_, reach) : reach);" "catches_up_ = false;")
 lithe_mutant(takes_what_came_before cia402 ${hal}/cia402/cia402_answers.cpp
   "if (!exchange.asked || commanded_" "if (commanded_")

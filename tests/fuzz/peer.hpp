@@ -205,12 +205,12 @@ class WatchedDrive final : public hal::Drive {
     asked_ = exchange.number;
     return drive_->command(command, exchange, bus);
   }
-  hal::Heard take(const hal::Frame& frame, const hal::Exchange& exchange, hal::JointSample& sample) LITHE_RT override {
-    const hal::Heard heard = drive_->take(frame, exchange, sample);
-    ledger_.parts += heard == hal::Heard::part ? 1 : 0;
-    ledger_.late += heard == hal::Heard::late ? 1 : 0;
-    ledger_.malformed += heard == hal::Heard::malformed ? 1 : 0;
-    if (heard == hal::Heard::answer) note(exchange.number, sample.measured);
+  hal::ReplyKind take(const hal::Frame& frame, const hal::Exchange& exchange, hal::JointSample& sample) LITHE_RT override {
+    const hal::ReplyKind heard = drive_->take(frame, exchange, sample);
+    ledger_.parts += heard == hal::ReplyKind::part ? 1 : 0;
+    ledger_.late += heard == hal::ReplyKind::late ? 1 : 0;
+    ledger_.malformed += heard == hal::ReplyKind::malformed ? 1 : 0;
+    if (heard == hal::ReplyKind::answer) note(exchange.number, sample.measured);
     return heard;
   }
 

@@ -14,33 +14,33 @@ namespace {
 constexpr std::string_view kName = "fuzz.toml";
 
 void check_refusal(const std::string& message) {
-  demand(!message.empty() && message.find('\0') == std::string::npos, "a refusal has words");
-  demand(message.starts_with(std::string(kName) + ":"), "a refusal names the place");
+  require(!message.empty() && message.find('\0') == std::string::npos, "a refusal has words");
+  require(message.starts_with(std::string(kName) + ":"), "a refusal names the place");
 }
 
 bool within(double value, double least, double most) { return value >= least && value <= most; }
 
 void check_config(const robot::RobotConfig& robot) {
-  demand(!robot.name.empty() && robot.name.size() <= 31, "a robot has a name");
-  demand(within(robot.rate_hz, 100, 10'000), "a rate is one that can be kept");
-  demand(!robot.joints.empty() && robot.joints.size() <= kMaxJoints, "a robot has joints, and not too many");
-  demand(robot.sensors.size() <= robot::kMaxSensors, "no more sensors than the map holds");
+  require(!robot.name.empty() && robot.name.size() <= 31, "a robot has a name");
+  require(within(robot.rate_hz, 100, 10'000), "a rate is one that can be kept");
+  require(!robot.joints.empty() && robot.joints.size() <= kMaxJoints, "a robot has joints, and not too many");
+  require(robot.sensors.size() <= robot::kMaxSensors, "no more sensors than the map holds");
   for (const robot::DeviceConfig& device : robot.devices) {
-    demand(device.bus < robot.buses.size(), "a device is on a bus that is there");
+    require(device.bus < robot.buses.size(), "a device is on a bus that is there");
     const bool addressed = !robot::facts(device.kind).on_bus || within(device.id, 1, 126);
-    demand(addressed && device.rate_divider >= 1, "a device has an address, and is asked");
-    demand(within(device.watchdog_s, 0.005, 10) && within(device.counts_per_rev, 1, 1e9), "a device is in range");
+    require(addressed && device.rate_divider >= 1, "a device has an address, and is asked");
+    require(within(device.watchdog_s, 0.005, 10) && within(device.counts_per_rev, 1, 1e9), "a device is in range");
   }
   for (const robot::JointConfig& joint : robot.joints) {
-    demand(joint.device < robot.devices.size(), "a joint has a device that is there");
-    demand((joint.sign == 1 || joint.sign == -1) && within(joint.ratio, 1e-3, 1e4), "a joint turns one way");
-    demand(joint.position_min_rad < joint.position_max_rad, "a joint has room to move");
-    demand(within(joint.velocity_max_rad_s, 1e-9, 1e4) && within(joint.torque_max_nm, 1e-9, 1e6), "limits are limits");
-    demand(within(joint.torque_slew_nm_s, 1e-9, 1e9) && within(joint.kp_max_nm_rad, 0, 1e6), "limits are limits");
+    require(joint.device < robot.devices.size(), "a joint has a device that is there");
+    require((joint.sign == 1 || joint.sign == -1) && within(joint.ratio, 1e-3, 1e4), "a joint turns one way");
+    require(joint.position_min_rad < joint.position_max_rad, "a joint has room to move");
+    require(within(joint.velocity_max_rad_s, 1e-9, 1e4) && within(joint.torque_max_nm, 1e-9, 1e6), "limits are limits");
+    require(within(joint.torque_slew_nm_s, 1e-9, 1e9) && within(joint.kp_max_nm_rad, 0, 1e6), "limits are limits");
   }
   for (const robot::SensorConfig& sensor : robot.sensors) {
-    demand(sensor.device < robot.devices.size() && sensor.channel < 16, "a sensor is a channel of a device");
-    demand(!robot::is_drive(robot.devices[sensor.device].kind), "a sensor is a gateway's or a board's");
+    require(sensor.device < robot.devices.size() && sensor.channel < 16, "a sensor is a channel of a device");
+    require(!robot::is_drive(robot.devices[sensor.device].kind), "a sensor is a gateway's or a board's");
   }
 }
 
@@ -48,7 +48,7 @@ void check_config(const robot::RobotConfig& robot) {
 void run_robot(const robot::RobotConfig& robot) {
   const auto actuators = hal::simulate_actuators(robot);
   if (!actuators && robot.plant.kind == robot::PlantKind::mujoco) return check_refusal(actuators.message());
-  demand(bool(actuators), "a robot that is taken can be opened");
+  require(bool(actuators), "a robot that is taken can be opened");
   hal::ActuatorCommand command;
   command.joints = static_cast<std::uint32_t>(robot.joints.size());
   hal::ActuatorState state;
@@ -58,7 +58,7 @@ void run_robot(const robot::RobotConfig& robot) {
     command.action.fill(tick == 2 ? hal::DriveAction::torque : hal::DriveAction::off);
     (*actuators)->cycle(command, state, now_ns += 1'000'000);
     for (std::size_t i = 0; i < robot.joints.size(); ++i) {
-      demand(std::isfinite(state.position_rad[i]) && std::isfinite(state.velocity_rad_s[i]) &&
+      require(std::isfinite(state.position_rad[i]) && std::isfinite(state.velocity_rad_s[i]) &&
                  std::isfinite(state.torque_nm[i]),
              "a simulated robot is somewhere");
     }

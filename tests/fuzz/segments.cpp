@@ -46,7 +46,7 @@ class SpineSide {
   static void drain(Box& box, CommandTicket& letter, std::size_t depth, std::uint64_t& ticket) {
     std::size_t letters = 0;
     while (box.receive(letter, ticket)) {
-      demand(++letters <= depth, "no more letters than a mailbox holds");
+      require(++letters <= depth, "no more letters than a mailbox holds");
       box.answer(ticket, 1);
     }
   }
@@ -55,13 +55,13 @@ class SpineSide {
   void follow() {
     const wire::PlanReject verdict = plan::check(plan, limits_, 5'000'000'000);
     if (verdict != wire::PlanReject::none) return;
-    demand(plan.waypoint_count >= 1 && plan.waypoint_count <= wire::kNw && plan.joint_count == limits_.joints,
+    require(plan.waypoint_count >= 1 && plan.waypoint_count <= wire::kNw && plan.joint_count == limits_.joints,
            "a plan that passes is of this robot");
     for (std::size_t point = 0; point < plan.waypoint_count; ++point) {
-      demand(point == 0 || plan.t_ns[point] > plan.t_ns[point - 1], "a plan that passes goes forward");
+      require(point == 0 || plan.t_ns[point] > plan.t_ns[point - 1], "a plan that passes goes forward");
       for (std::size_t joint = 0; joint < limits_.joints; ++joint) {
         const double position_rad = plan.position_rad[point * kMaxJoints + joint];
-        demand(std::abs(position_rad) <= 2 + 1e-8, "a plan that passes stays within the limits");
+        require(std::abs(position_rad) <= 2 + 1e-8, "a plan that passes stays within the limits");
       }
     }
   }
@@ -110,7 +110,7 @@ void run(Bytes bytes) {
   SpineSide side(*control, *brain, *spine);
   Input input(bytes);
   const std::string_view theirs = input.text(input.byte());
-  demand(schema_difference(theirs, theirs).empty(), "a layout does not differ from itself");
+  require(schema_difference(theirs, theirs).empty(), "a layout does not differ from itself");
   schema_difference(wire::kCanonicalSchema, theirs);
   for (int i = 0; i < kMostPokes && !input.empty(); ++i) {
     const std::uint8_t what = input.byte();

@@ -39,7 +39,7 @@ class Bench {
     wire_.on_frame(frame, now_ns_, said_);
     check();
   }
-  void befall(std::uint8_t what) { drive_.befall(static_cast<Mishap>(what % 7), what / 7 % 2 != 0, now_ns_); }
+  void inject(std::uint8_t what) { drive_.inject(static_cast<InjectedFault>(what % 7), what / 7 % 2 != 0, now_ns_); }
   void spoil(std::uint8_t what) {
     const auto share = [&](unsigned bit) { return (what >> bit & 1) != 0 ? 0.5 : 0.0; };
     wire_.set_faults({.drop = share(0),
@@ -63,15 +63,15 @@ class Bench {
   void check() {
     const bool spoilt = wire_.faults().corrupt > 0;
     for (; const Frame* each = said_.front(); said_.pop()) {
-      demand(is_can(*each), "what is said is a frame that CAN has");
+      require(is_can(*each), "what is said is a frame that CAN has");
       if (spoilt || gateway::is_gateway(*each)) continue;
-      demand(is_canopen(*each), "what a drive says is CANopen");
+      require(is_canopen(*each), "what a drive says is CANopen");
     }
     const sim::Plant& plant = drive_.servo().plant();
-    demand(std::isfinite(plant.position_rad()) && std::isfinite(plant.velocity_rad_s()), "the joint is somewhere");
-    demand(std::abs(plant.torque_nm()) <= kMostNm * 1.0001, "no torque beyond the motor's");
+    require(std::isfinite(plant.position_rad()) && std::isfinite(plant.velocity_rad_s()), "the joint is somewhere");
+    require(std::abs(plant.torque_nm()) <= kMostNm * 1.0001, "no torque beyond the motor's");
     cia402::State state{};
-    demand(cia402::decode_state(drive_.servo().statusword(), state), "its status word is that of a state");
+    require(cia402::decode_state(drive_.servo().statusword(), state), "its status word is that of a state");
   }
 
   static constexpr double kMostNm = sim::Cia402ServoParams{}.motor_torque_max_nm;
@@ -97,7 +97,7 @@ void run(Bytes bytes) {
         bench.pass(what / 8 * 1'000'000);
         break;
       case 1:
-        bench.befall(what / 8);
+        bench.inject(what / 8);
         break;
       case 2:
         bench.spoil(input.byte());

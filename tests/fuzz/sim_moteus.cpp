@@ -26,17 +26,17 @@ class Bench {
     spent_ns_ += ns;
     now_ns_ += spent_ns_ < kMostNs ? ns : 0;
     drive_.on_time(now_ns_, said_);
-    demand(said_.size() == 0, "a drive that nobody asks says nothing");
+    require(said_.size() == 0, "a drive that nobody asks says nothing");
     check_motor();
   }
 
   void hear(const Frame& frame) {
     const std::uint32_t id = drive_.config().id(), prefix = drive_.config().prefix();
     drive_.on_frame(frame, now_ns_, said_);
-    demand(said_.size() <= 1, "one answer to one frame");
+    require(said_.size() <= 1, "one answer to one frame");
     if (const Frame* answer = said_.front()) {
       const std::uint32_t destination = frame.id & 0xff;
-      demand((frame.id & 0x8000) != 0 && (destination == id || destination == 0x7f) && frame.id >> 16 == prefix,
+      require((frame.id & 0x8000) != 0 && (destination == id || destination == 0x7f) && frame.id >> 16 == prefix,
              "an answer is to whoever asked for one");
       check_answer(*answer, frame);
     }
@@ -56,7 +56,7 @@ class Bench {
     for (int i = 0; i < 4; ++i) hear(frame_to(id, {}));
   }
 
-  void befall(std::uint8_t what) { drive_.befall(static_cast<Mishap>(what % 7), what / 7 % 2 != 0, now_ns_); }
+  void inject(std::uint8_t what) { drive_.inject(static_cast<InjectedFault>(what % 7), what / 7 % 2 != 0, now_ns_); }
 
  private:
   static sim::SimMoteusParams params() {
@@ -78,26 +78,26 @@ class Bench {
   }
 
   void check_answer(const Frame& answer, const Frame& question) {
-    demand(is_can(answer), "an answer is a frame that CAN has");
+    require(is_can(answer), "an answer is a frame that CAN has");
     const std::uint32_t ids = drive_.config().prefix() << 16 | drive_.config().id() << 8 | (question.id >> 8 & 0x7f);
     // A setting counts from the next frame on, or from this one: both are in the answer's favour.
-    demand((answer.id & 0x7f) == (ids & 0x7f), "an answer goes to the address that asked");
+    require((answer.id & 0x7f) == (ids & 0x7f), "an answer goes to the address that asked");
     SubframeReader reader(answer.payload());
     Subframe s;
     while (reader.next(s)) {
       const bool fits = s.kind == Kind::reply || s.kind == Kind::read_error || s.kind == Kind::write_error ||
                         s.kind == Kind::server_data;
-      demand(fits, "a drive answers, and does not ask");
+      require(fits, "a drive answers, and does not ask");
     }
-    demand(reader.well_formed(), "an answer is well-formed");
+    require(reader.well_formed(), "an answer is well-formed");
   }
 
   void check_motor() {
     sim::Servo& servo = drive_.servo();
     const sim::Plant& plant = servo.plant();
-    demand(std::isfinite(plant.position_rad()) && std::isfinite(plant.velocity_rad_s()), "the joint is somewhere");
-    demand(std::abs(plant.torque_nm()) <= servo.params().motor_torque_max_nm * 1.0001, "no torque beyond the motor's");
-    demand(static_cast<unsigned>(servo.mode()) <= 15, "a mode is one of the protocol's");
+    require(std::isfinite(plant.position_rad()) && std::isfinite(plant.velocity_rad_s()), "the joint is somewhere");
+    require(std::abs(plant.torque_nm()) <= servo.params().motor_torque_max_nm * 1.0001, "no torque beyond the motor's");
+    require(static_cast<unsigned>(servo.mode()) <= 15, "a mode is one of the protocol's");
   }
 
   sim::SimMoteus drive_;
@@ -121,7 +121,7 @@ void run(Bytes bytes) {
         bench.type(input.text(input.byte()));
         break;
       case 2:
-        bench.befall(what / 8);
+        bench.inject(what / 8);
         break;
       default:
         bench.hear(input.frame(kLikely, what % 8 == 3));

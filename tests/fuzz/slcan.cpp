@@ -15,16 +15,16 @@ enum Way : std::uint8_t { kTerminal = 1, kAdapter = 2, kSilent = 4 };
 constexpr std::string_view kEnds = "\r\a";
 
 void there_and_back(const Frame& frame) {
-  demand(is_can(frame), "a parsed frame is one that CAN has");
+  require(is_can(frame), "a parsed frame is one that CAN has");
   std::array<char, slcan::kLongestLine> text{};
   const std::string_view line(text.data(), slcan::format_frame(frame, text));
-  demand(!line.empty() && line.size() <= slcan::kLongestLine, "every frame can be said");
+  require(!line.empty() && line.size() <= slcan::kLongestLine, "every frame can be said");
   Frame again;
-  demand(slcan::parse_answer(line, again) == Answer::frame && same(again, frame), "a host reads what was said");
-  demand(slcan::parse_request(line.substr(0, line.size() - 1), again) == slcan::Request::send && same(again, frame),
+  require(slcan::parse_answer(line, again) == Answer::frame && same(again, frame), "a host reads what was said");
+  require(slcan::parse_request(line.substr(0, line.size() - 1), again) == slcan::Request::send && same(again, frame),
          "an adapter reads what was said");
   for (std::size_t room = 0; room < line.size(); ++room) {
-    demand(slcan::format_frame(frame, std::span(text).first(room)) == 0, "what does not fit is not said");
+    require(slcan::format_frame(frame, std::span(text).first(room)) == 0, "what does not fit is not said");
   }
 }
 
@@ -35,13 +35,13 @@ void one_line(std::string_view line) {
   if (slcan::parse_answer(line, frame) == Answer::frame) {
     there_and_back(frame);
   } else {
-    demand(same(frame, untouched), "only a frame changes the frame");
+    require(same(frame, untouched), "only a frame changes the frame");
   }
   frame = untouched;
   if (slcan::parse_request(line.substr(0, line.size() - 1), frame) == slcan::Request::send) {
     there_and_back(frame);
   } else {
-    demand(same(frame, untouched), "only a frame changes the frame");
+    require(same(frame, untouched), "only a frame changes the frame");
   }
 }
 
@@ -64,7 +64,7 @@ Told expected_of(std::string_view text) {
 void terminal(std::string_view text, Input& cuts) {
   pty().heard();
   auto bus = SlcanBus::open({pty().device(), 1'000'000, 5'000'000, 0});
-  demand(bool(bus), "a terminal opens");
+  require(bool(bus), "a terminal opens");
   const std::string whole = std::string(text.substr(0, kMostText)) + "\r";
   const Told expected = expected_of(whole);
   through_terminal(**bus, whole, cuts, expected);
@@ -77,8 +77,8 @@ void adapter(std::string_view text, bool silent, Input& cuts) {
   each_line(adapter_says(adapter, text, cuts), kEnds, [&](std::string_view line) {
     Frame frame;
     const Answer answer = slcan::parse_answer(line, frame);
-    demand(answer != Answer::malformed, "a host understands the adapter");
-    demand(!silent || answer == Answer::frame || answer == Answer::other, "a silent adapter says what it must only");
+    require(answer != Answer::malformed, "a host understands the adapter");
+    require(!silent || answer == Answer::frame || answer == Answer::other, "a silent adapter says what it must only");
   });
 }
 

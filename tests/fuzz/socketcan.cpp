@@ -24,13 +24,13 @@ struct Told {
 };
 
 void there_and_back(const Frame& frame) {
-  demand(is_can(frame), "a frame of the kernel's is one that CAN has");
+  require(is_can(frame), "a frame of the kernel's is one that CAN has");
   canfd_frame raw;
   const std::size_t size = socketcan::encode(frame, raw);
   socketcan::Troubles troubles;
   Frame again;
-  demand(size == (frame.fd ? CANFD_MTU : CAN_MTU), "every frame can be sent");
-  demand(socketcan::decode(std::as_bytes(std::span(&raw, 1)).first(size), again, troubles) == Kind::frame &&
+  require(size == (frame.fd ? CANFD_MTU : CAN_MTU), "every frame can be sent");
+  require(socketcan::decode(std::as_bytes(std::span(&raw, 1)).first(size), again, troubles) == Kind::frame &&
              same(again, frame),
          "a frame is read as it was sent");
 }
@@ -41,15 +41,15 @@ void one_packet(std::span<const std::byte> packet, Told& told) {
   Frame frame = untouched;
   socketcan::Troubles troubles;
   const Kind kind = socketcan::decode(packet, frame, troubles);
-  demand(kind == Kind::frame || same(frame, untouched), "only a frame changes the frame");
-  demand(kind == Kind::error || std::memcmp(&troubles, "\0\0\0\0\0\0\0", 8) == 0,
+  require(kind == Kind::frame || same(frame, untouched), "only a frame changes the frame");
+  require(kind == Kind::error || std::memcmp(&troubles, "\0\0\0\0\0\0\0", 8) == 0,
          "only an error frame tells of trouble");
-  demand(kind == Kind::malformed || packet.size() == CAN_MTU || packet.size() == CANFD_MTU, "a packet is whole");
+  require(kind == Kind::malformed || packet.size() == CAN_MTU || packet.size() == CANFD_MTU, "a packet is whole");
   if (kind == Kind::frame) {
     std::uint32_t id = 0;
     std::memcpy(&id, packet.data(), sizeof(id));
     const auto data = std::as_bytes(frame.payload());
-    demand(frame.id == (id & kLargestId) && std::equal(data.begin(), data.end(), packet.begin() + 8),
+    require(frame.id == (id & kLargestId) && std::equal(data.begin(), data.end(), packet.begin() + 8),
            "it is all there");
     there_and_back(frame);
     told.frames.push_back(frame);
@@ -63,7 +63,7 @@ void one_packet(std::span<const std::byte> packet, Told& told) {
 
 void run(Bytes bytes) {
   std::array<int, 2> ends{};
-  demand(socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_NONBLOCK, 0, ends.data()) == 0, "a socket opens");
+  require(socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_NONBLOCK, 0, ends.data()) == 0, "a socket opens");
   auto bus = SocketCanBus::open(
       {"can0"}, [&]() -> Result<Descriptor> { return Descriptor(ends[0]); }, [] { return SocketCanBus::Carrier::on; });
   Told told;
@@ -72,7 +72,7 @@ void run(Bytes bytes) {
     const auto packet = std::as_bytes(input.bytes(input.byte() % (kLongestPacket + 1)));
     if (packet.empty()) continue;
     one_packet(packet, told);
-    demand(write(ends[1], packet.data(), packet.size()) == static_cast<ssize_t>(packet.size()), "a packet is sent");
+    require(write(ends[1], packet.data(), packet.size()) == static_cast<ssize_t>(packet.size()), "a packet is sent");
   }
   std::vector<Frame> frames;
   Frame frame;
@@ -81,10 +81,10 @@ void run(Bytes bytes) {
     while ((*bus)->receive(frame)) frames.push_back(frame);
   }
   const BusStatistics& count = (*bus)->statistics();
-  demand(count.received == frames.size() && count.errors == told.errors && count.malformed == told.malformed &&
+  require(count.received == frames.size() && count.errors == told.errors && count.malformed == told.malformed &&
              count.ignored == told.ignored,
          "every packet is counted once, as what it is");
-  demand(frames.size() == told.frames.size() && std::equal(frames.begin(), frames.end(), told.frames.begin(), same),
+  require(frames.size() == told.frames.size() && std::equal(frames.begin(), frames.end(), told.frames.begin(), same),
          "the frames of the socket are those of the packets");
   close(ends[1]);
 }

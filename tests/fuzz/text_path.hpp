@@ -73,11 +73,11 @@ inline void through_terminal(hal::TextBus& bus, std::string_view text, Input& cu
   const auto until = std::chrono::steady_clock::now() + kPatience;
   while (lines() < counted && std::chrono::steady_clock::now() < until) take();
   take();
-  demand(lines() == counted, "every line that came over the terminal is counted once");
-  demand(count.malformed == expected.malformed, "lines without sense are counted as such");
-  demand(count.errors == expected.errors + expected.noticed, "refusals of the adapter are counted as such");
-  demand(count.ignored == expected.ignored, "lines that nobody waits for are counted as such");
-  demand(frames.size() == expected.frames.size() &&
+  require(lines() == counted, "every line that came over the terminal is counted once");
+  require(count.malformed == expected.malformed, "lines without sense are counted as such");
+  require(count.errors == expected.errors + expected.noticed, "refusals of the adapter are counted as such");
+  require(count.ignored == expected.ignored, "lines that nobody waits for are counted as such");
+  require(frames.size() == expected.frames.size() &&
              std::equal(frames.begin(), frames.end(), expected.frames.begin(), same),
          "the frames of the terminal are those of the lines");
 }
@@ -110,7 +110,7 @@ inline std::string adapter_says(hal::sim::SimAdapter& adapter, std::string_view 
     text.remove_prefix(size);
     adapter.idle(now_ns += 1'000'000, out);
   }
-  demand(echo.sane(), "what an adapter puts on the bus is a frame that CAN has");
+  require(echo.sane(), "what an adapter puts on the bus is a frame that CAN has");
   return out;
 }
 

@@ -50,7 +50,7 @@ def kind_of(name: str, before: str, kib: int) -> str:
 
 
 def writable_kib(house: House) -> dict[str, int]:
-    """How much of each kind the process may write, the Vault apart."""
+    """How much of each kind the process may write, the protected memory apart."""
     sizes: dict[str, int] = {}
     end, before = 0, ""
     for start, to, rights, name in maps(house):

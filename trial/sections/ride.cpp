@@ -40,7 +40,7 @@ class RiderHost final : public step::Host {
  public:
   explicit RiderHost(Rider& rider) : rider_(rider) {}
   std::int64_t now_ns() LITHE_RT override { return 0; }
-  contain::Trouble run(law::Sandbox& sandbox, std::int64_t) LITHE_RT override {
+  contain::Failure run(law::Sandbox& sandbox, std::int64_t) LITHE_RT override {
     rider_.step(sandbox.tick, sandbox.effort);
     return {};
   }

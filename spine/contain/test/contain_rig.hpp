@@ -8,7 +8,7 @@
 #include <cstdint>
 #include <thread>
 
-#include "spine/contain/cell.hpp"
+#include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/watchdog.hpp"
 #include "spine/core/time.hpp"
 
@@ -39,15 +39,15 @@ inline constexpr bool kHoldsSignals = false;
 
 inline constexpr std::int64_t kNoDeadline = INT64_MAX;
 
-// A Cell on the test's own thread.
+// A FaultBarrier on the test's own thread.
 class WithCell : public testing::Test {
  protected:
-  static Cell open_cell(Vault* vault = nullptr) {
+  static FaultBarrier open_cell(ProtectedMemory* protected_memory = nullptr) {
     const Result<> installed = install_handlers();
     if (!installed) ADD_FAILURE() << installed.message();
-    Result<Cell> cell = Cell::open(vault);
-    if (!cell) ADD_FAILURE() << cell.message();
-    return std::move(*cell);
+    Result<FaultBarrier> barrier = FaultBarrier::open(protected_memory);
+    if (!barrier) ADD_FAILURE() << barrier.message();
+    return std::move(*barrier);
   }
 };
 
@@ -75,8 +75,8 @@ class WatchdogTest : public WithCell {
   void SetUp() override {
     if (kHoldsSignals) GTEST_SKIP() << "ThreadSanitizer delivers no asynchronous signal to a busy thread";
   }
-  static void watch(Watchdog& dog, Cell& cell) {
-    const Result<> watched = dog.watch(cell);
+  static void watch(Watchdog& dog, FaultBarrier& barrier) {
+    const Result<> watched = dog.watch(barrier);
     ASSERT_TRUE(watched) << watched.message();
   }
   static std::int64_t deadline() { return monotonic_ns() + kBudgetNs; }

@@ -58,7 +58,7 @@ void Module::judge_setup(std::int64_t now_ns) LITHE_RT {
   const Setup::Progress progress = setup_.advance();
   if (progress == Setup::Progress::done) stage_ = Stage::start;
   if (progress != Setup::Progress::failed) return;
-  tell(setup_.trouble());
+  tell(setup_.not_ready());
   stage_ = Stage::refused;
   since_ns_ = now_ns;
 }

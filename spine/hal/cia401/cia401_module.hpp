@@ -36,7 +36,7 @@ class Module final : public SensorDevice {
   bool read(Block block, std::size_t channel, std::int64_t now_ns, double& raw) const LITHE_RT override;
   std::uint64_t malformed() const LITHE_RT override { return malformed_; }
   std::string why_not_ready() const override {
-    return describe(Trouble::unpacked(trouble_.load(std::memory_order_relaxed)));
+    return describe(NotReadyReason::unpacked(not_ready_.load(std::memory_order_relaxed)));
   }
 
   bool running() const LITHE_RT { return stage_ == Stage::running; }
@@ -50,7 +50,7 @@ class Module final : public SensorDevice {
   void set_up_anew() LITHE_RT;
   void judge_setup(std::int64_t now_ns) LITHE_RT;
   // Relaxed: the word is self-contained. Pairs with why_not_ready().
-  void tell(const Trouble& trouble) LITHE_RT { trouble_.store(trouble.packed(), std::memory_order_relaxed); }
+  void tell(const NotReadyReason& not_ready) LITHE_RT { not_ready_.store(not_ready.packed(), std::memory_order_relaxed); }
 
   ModuleParams params_;
   std::array<canopen::PdoMap, kPdos> maps_;
@@ -63,7 +63,7 @@ class Module final : public SensorDevice {
   std::array<std::uint8_t, kDigital / 8> digital_{};
   std::array<std::int16_t, kAnalog> analog_{};
   std::uint64_t malformed_ = 0;
-  std::atomic<std::uint64_t> trouble_{};  // Trouble::packed(); stored by the exchange's thread, loaded by any
+  std::atomic<std::uint64_t> not_ready_{};  // NotReadyReason::packed(); stored by the exchange's thread, loaded by any
 };
 
 }  // namespace lithe::hal::cia401

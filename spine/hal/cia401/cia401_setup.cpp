@@ -22,21 +22,21 @@ std::uint32_t milliseconds(double seconds) {
 
 }  // namespace
 
-std::uint64_t Trouble::packed() const LITHE_RT {
+std::uint64_t NotReadyReason::packed() const LITHE_RT {
   return std::uint64_t{value} << 32 | std::uint64_t{address.index} << 16 | std::uint64_t{address.subindex} << 8 |
          static_cast<std::uint8_t>(kind);
 }
 
-Trouble Trouble::unpacked(std::uint64_t word) LITHE_RT {
+NotReadyReason NotReadyReason::unpacked(std::uint64_t word) LITHE_RT {
   return {static_cast<TroubleKind>(word & 0xff),
           {static_cast<std::uint16_t>(word >> 16), static_cast<std::uint8_t>(word >> 8)},
           static_cast<std::uint32_t>(word >> 32)};
 }
 
-std::string describe(const Trouble& trouble) {
+std::string describe(const NotReadyReason& not_ready) {
   const std::string object =
-      "object " + canopen::hex(trouble.address.index, 4) + "h:" + std::to_string(trouble.address.subindex);
-  switch (trouble.kind) {
+      "object " + canopen::hex(not_ready.address.index, 4) + "h:" + std::to_string(not_ready.address.subindex);
+  switch (not_ready.kind) {
     case TroubleKind::none:
       break;
     case TroubleKind::not_booted:
@@ -44,10 +44,10 @@ std::string describe(const Trouble& trouble) {
     case TroubleKind::no_answer:
       return "it does not answer when " + object + " is set: check its power and its id";
     case TroubleKind::refused:
-      return "it refuses " + object + ": " + std::string(canopen::abort_name(trouble.value)) +
+      return "it refuses " + object + ": " + std::string(canopen::abort_name(not_ready.value)) +
              "; has it as many inputs as the robot file says?";
     case TroubleKind::no_module:
-      return "its profile is " + std::to_string(trouble.value & 0xffff) +
+      return "its profile is " + std::to_string(not_ready.value & 0xffff) +
              ", not 401: name the right device, or its kind";
     case TroubleKind::not_operational:
       return "it left its operational state by itself; it is set up again";
@@ -87,7 +87,7 @@ void Setup::add_pdo(std::size_t number, const ModuleParams& params) {
 
 void Setup::begin() LITHE_RT {
   at_ = 0;
-  trouble_ = {};
+  not_ready_ = {};
   client_.forget();
 }
 
@@ -105,7 +105,7 @@ bool Setup::next(std::int64_t now_ns, Frame& frame) LITHE_RT {
 }
 
 Setup::Progress Setup::advance() LITHE_RT {
-  if (trouble_.kind != TroubleKind::none) return Progress::failed;
+  if (not_ready_.kind != TroubleKind::none) return Progress::failed;
   if (at_ >= count_) return Progress::done;
   const Step& step = steps_[at_];
   const SdoClient::Outcome outcome = client_.outcome();
@@ -115,11 +115,11 @@ Setup::Progress Setup::advance() LITHE_RT {
     const bool nobody = why == canopen::abort_code::kTimedOut;
     const bool lacks = why == canopen::abort_code::kNoObject || why == canopen::abort_code::kNoSubindex;
     if (!lacks || !step.may_lack) {
-      trouble_ = {nobody ? TroubleKind::no_answer : TroubleKind::refused, step.address, why};
+      not_ready_ = {nobody ? TroubleKind::no_answer : TroubleKind::refused, step.address, why};
       return Progress::failed;
     }
   } else if (step.bytes == 0 && (client_.value() & 0xffff) != kDeviceProfile) {
-    trouble_ = {TroubleKind::no_module, step.address, client_.value()};
+    not_ready_ = {TroubleKind::no_module, step.address, client_.value()};
     return Progress::failed;
   }
   client_.forget();

@@ -33,19 +33,19 @@ enum class TroubleKind : std::uint8_t {
   silent,           // no heartbeat
 };
 
-struct Trouble {
+struct NotReadyReason {
   TroubleKind kind = TroubleKind::none;
   canopen::Address address{};
   std::uint32_t value = 0;
 
   // In one word of 64 bits, so that other threads may read it.
   std::uint64_t packed() const LITHE_RT;
-  static Trouble unpacked(std::uint64_t word) LITHE_RT;
+  static NotReadyReason unpacked(std::uint64_t word) LITHE_RT;
 };
 
 // One sentence; empty for none.
 // Contract: never in an exchange's thread
-std::string describe(const Trouble& trouble);
+std::string describe(const NotReadyReason& not_ready);
 
 // Executes the list, one transfer at a time.
 // Contract: RT but for the constructor · one thread · time is an argument
@@ -62,7 +62,7 @@ class Setup {
   bool take(const Frame& frame) LITHE_RT { return client_.take(frame); }
   // Call after an answer, and once per exchange: a request may have timed out.
   Progress advance() LITHE_RT;
-  const Trouble& trouble() const LITHE_RT { return trouble_; }
+  const NotReadyReason& not_ready() const LITHE_RT { return not_ready_; }
 
  private:
   struct Step {
@@ -80,7 +80,7 @@ class Setup {
   std::array<Step, kMostSteps> steps_{};
   std::size_t count_ = 0;
   std::size_t at_ = 0;
-  Trouble trouble_;
+  NotReadyReason not_ready_;
 };
 
 }  // namespace lithe::hal::cia401

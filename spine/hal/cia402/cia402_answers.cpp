@@ -30,8 +30,8 @@ void Cia402Drive::start_setup() LITHE_RT {
   setup_.begin(sdo_);
 }
 
-Heard Cia402Drive::take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT {
-  if (!canopen::is_canopen(frame) || canopen::node_of(frame) != params_.id) return Heard::malformed;
+ReplyKind Cia402Drive::take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT {
+  if (!canopen::is_canopen(frame) || canopen::node_of(frame) != params_.id) return ReplyKind::malformed;
   switch (canopen::function_of(frame)) {
     case canopen::cob::kHeartbeat:
       return take_heartbeat(frame, exchange.now_ns);
@@ -44,81 +44,81 @@ Heard Cia402Drive::take(const Frame& frame, const Exchange& exchange, JointSampl
   }
   if (frame.id == pdo::transmit_id(pdo::kVelocity, params_.id)) return take_velocity(frame, exchange);
   if (frame.id == pdo::transmit_id(pdo::kAnswer, params_.id)) return take_answer(frame, exchange, sample);
-  return Heard::malformed;
+  return ReplyKind::malformed;
 }
 
-Heard Cia402Drive::take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT {
+ReplyKind Cia402Drive::take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT {
   NmtState state{};
-  if (!canopen::parse_heartbeat(frame, state)) return Heard::malformed;
+  if (!canopen::parse_heartbeat(frame, state)) return ReplyKind::malformed;
   heartbeat_.beat(now_ns);
   const bool was_silent = std::exchange(silent_, false);
   doubted_ = (was_silent || doubted_) && state == NmtState::boot_up;
   if (state == NmtState::boot_up) {
-    if (stage_ == Stage::running) set_trouble({TroubleKind::left_operational, {}, static_cast<std::uint8_t>(state)});
+    if (stage_ == Stage::running) set_not_ready({TroubleKind::left_operational, {}, static_cast<std::uint8_t>(state)});
     start_setup();  // it has lost its configuration
     stopped_ = false;
     units_wrong_ = false;
     error_code_ = 0;
-    return Heard::part;
+    return ReplyKind::part;
   }
   // It still sends heartbeats: it did not get the reset.
   if (stage_ == Stage::await_boot_up && now_ns - reset_ns_ >= kResetNs) stage_ = Stage::reset;
-  if (stage_ != Stage::running) return Heard::part;
+  if (stage_ != Stage::running) return ReplyKind::part;
   if (state == NmtState::operational) {
-    if (was_silent && !units_wrong_) set_trouble({});
+    if (was_silent && !units_wrong_) set_not_ready({});
     if (last_action_ == DriveAction::off) forgive();
-    return Heard::part;
+    return ReplyKind::part;
   }
   start_setup();
   watchdog_ = true;  // it does this by itself only when it loses our heartbeat; we may have missed its EMCY frame
   stopped_ = state == NmtState::stopped;
-  set_trouble({TroubleKind::left_operational, {}, static_cast<std::uint8_t>(state)});
-  return Heard::part;
+  set_not_ready({TroubleKind::left_operational, {}, static_cast<std::uint8_t>(state)});
+  return ReplyKind::part;
 }
 
-Heard Cia402Drive::take_emergency(const Frame& frame) LITHE_RT {
+ReplyKind Cia402Drive::take_emergency(const Frame& frame) LITHE_RT {
   canopen::Emergency what;
-  if (!canopen::parse_emergency(frame, what)) return Heard::malformed;
+  if (!canopen::parse_emergency(frame, what)) return ReplyKind::malformed;
   if (what.code == canopen::emergency::kHeartbeatLost) {
     watchdog_ = true;
     may_enable_ = false;
   }
   error_code_ = what.code;
-  return Heard::part;
+  return ReplyKind::part;
 }
 
 // It leaves OPERATIONAL when it loses our heartbeat, and then answers nothing.
 std::uint32_t Cia402Drive::alarm() const LITHE_RT { return watchdog_ ? wire::joint_status::kWatchdog : 0; }
 
-Heard Cia402Drive::take_sdo(const Frame& frame) LITHE_RT {
-  if (!sdo_.take(frame)) return Heard::late;
+ReplyKind Cia402Drive::take_sdo(const Frame& frame) LITHE_RT {
+  if (!sdo_.take(frame)) return ReplyKind::late;
   const SdoClient::Outcome outcome = sdo_.outcome();
   const bool over = outcome == SdoClient::Outcome::done || outcome == SdoClient::Outcome::failed;
-  if (stage_ != Stage::running || !over || report_.take(sdo_)) return Heard::part;
+  if (stage_ != Stage::running || !over || report_.take(sdo_)) return ReplyKind::part;
   if (outcome == SdoClient::Outcome::done) error_code_ = static_cast<std::uint16_t>(sdo_.value());
-  return Heard::part;
+  return ReplyKind::part;
 }
 
-Heard Cia402Drive::take_velocity(const Frame& frame, const Exchange& exchange) LITHE_RT {
+ReplyKind Cia402Drive::take_velocity(const Frame& frame, const Exchange& exchange) LITHE_RT {
   std::array<std::uint32_t, 1> raw{};
-  if (!velocity_map_.unpack(frame, raw)) return Heard::malformed;
+  if (!velocity_map_.unpack(frame, raw)) return ReplyKind::malformed;
   velocity_raw_ = canopen::signed_of(raw[0], 4);
   velocity_exchange_ = exchange.number;
-  return Heard::part;
+  return ReplyKind::part;
 }
 
-Heard Cia402Drive::take_answer(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT {
+ReplyKind Cia402Drive::take_answer(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT {
   std::array<std::uint32_t, 3> raw{};
   State state{};
-  if (!answer_map_.unpack(frame, raw)) return Heard::malformed;
+  if (!answer_map_.unpack(frame, raw)) return ReplyKind::malformed;
   const auto word = static_cast<std::uint16_t>(raw[0]);
-  if (!decode_state(word, state)) return Heard::malformed;
+  if (!decode_state(word, state)) return ReplyKind::malformed;
   // Nothing in it tells which SYNC it answers: but ours is the only one, and what is here before it, or in an exchange
   // that had none, answers an older one.
-  if (!exchange.asked || commanded_ != exchange.number) return Heard::late;
+  if (!exchange.asked || commanded_ != exchange.number) return ReplyKind::late;
   note_state(state, (word & status_bit::kFollows) != 0);
   position_raw_ = raw[1];
-  if (stage_ != Stage::running || !told_) return Heard::part;
+  if (stage_ != Stage::running || !told_) return ReplyKind::part;
   const bool heard = velocity_exchange_ > 0 && exchange.number - velocity_exchange_ <= kVelocityAge * params_.divider;
   last_.measured = measure(canopen::signed_of(raw[1], 4), canopen::signed_of(raw[2], 2)) && heard;
   if (last_.measured) {
@@ -128,7 +128,7 @@ Heard Cia402Drive::take_answer(const Frame& frame, const Exchange& exchange, Joi
   last_.status = status();
   last_.drive = report();
   sample = last_;
-  return Heard::answer;
+  return ReplyKind::answer;
 }
 
 // An implausible value is not a measurement: neither the samples nor our own control loop may use it.

@@ -26,11 +26,11 @@ Cia402Drive::Cia402Drive(const DriverParams& params)
       command_map_(pdo::command_map(params.mode)),
       sdo_(params.id),
       setup_(params),
-      demand_(params),
+      limiter_(params),
       units_(params.counts_per_rev, params.period_s),
       silence_ns_(static_cast<std::int64_t>(kBeatsToLost * params.heartbeat_s * kNsPerS)) {
   heartbeat_.set_timeout(silence_ns_);
-  set_trouble({TroubleKind::not_booted, {}, 0});
+  set_not_ready({TroubleKind::not_booted, {}, 0});
 }
 
 bool Cia402Drive::command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT {
@@ -53,15 +53,15 @@ bool Cia402Drive::command(const JointCommand& command, const Exchange& exchange,
 
 void Cia402Drive::forgive() LITHE_RT {
   if (units_wrong_ || silent_) return;  // it would not be supervised
-  if (dropped_ && stage_ == Stage::running) set_trouble({});
+  if (dropped_ && stage_ == Stage::running) set_not_ready({});
   may_enable_ = true;
   dropped_ = false;
   watchdog_ = false;
 }
 
 // The drive is not in the commanded state, or must not be: report it as a fault.
-void Cia402Drive::drop(const Trouble& why) LITHE_RT {
-  set_trouble(why);
+void Cia402Drive::drop(const NotReadyReason& why) LITHE_RT {
+  set_not_ready(why);
   may_enable_ = false;
   dropped_ = true;
 }
@@ -132,12 +132,12 @@ void Cia402Drive::progress(const Exchange& exchange, Bus& bus) LITHE_RT {
       stage_ = Stage::running;
       reset_after_refusal_ = false;
       // No heartbeat during the set-up: report the reason.
-      silent_ ? drop({TroubleKind::silent, {}, 0}) : set_trouble({});
+      silent_ ? drop({TroubleKind::silent, {}, 0}) : set_not_ready({});
       return;
     case Setup::Progress::failed:
-      set_trouble(setup_.trouble());
+      set_not_ready(setup_.not_ready());
       // A lost drive may have been replaced, so it is set up again; one that refused will refuse again.
-      stage_ = setup_.trouble().kind == TroubleKind::no_answer ? Stage::reset : Stage::refused;
+      stage_ = setup_.not_ready().kind == TroubleKind::no_answer ? Stage::reset : Stage::refused;
   }
 }
 
@@ -147,20 +147,20 @@ bool Cia402Drive::reset_node(std::int64_t now_ns, Bus& bus) LITHE_RT {
   return bus.send(canopen::nmt_frame(NmtCommand::reset_node, params_.id));
 }
 
-void Cia402Drive::set_trouble(const Trouble& trouble) LITHE_RT {
+void Cia402Drive::set_not_ready(const NotReadyReason& not_ready) LITHE_RT {
   // Relaxed: the word is self-contained. Pairs with why_not_ready().
-  trouble_.store(trouble.packed(), std::memory_order_relaxed);
+  not_ready_.store(not_ready.packed(), std::memory_order_relaxed);
 }
 
 std::string Cia402Drive::why_not_ready() const {
-  // Relaxed: pairs with set_trouble().
-  return describe(Trouble::unpacked(trouble_.load(std::memory_order_relaxed)));
+  // Relaxed: pairs with set_not_ready().
+  return describe(NotReadyReason::unpacked(not_ready_.load(std::memory_order_relaxed)));
 }
 
 void Cia402Drive::say(const JointCommand& command, DriveAction action, Bus& bus) LITHE_RT {
   last_control_ = action == DriveAction::off && command.clear_fault ? clearing_word() : control_word(action);
   const bool active = last_control_ == control::kEnable && state_ == State::operation_enabled;
-  const RawDemand demand = active ? demand_.next(command, last_) : demand_.rest(position_raw_);
+  const RawDemand demand = active ? limiter_.next(command, last_) : limiter_.rest(position_raw_);
   const std::array<std::uint32_t, 3> values{last_control_, demand.target, demand.torque};
   // If the bus refuses the command, the drive still answers the SYNC and continues its last command (take_answer).
   told_ = bus.send(command_map_.pack(pdo::command_id(params_.id), values));

@@ -10,7 +10,7 @@
 #include "spine/hal/canopen/canopen.hpp"
 #include "spine/hal/canopen/canopen_sdo.hpp"
 #include "spine/hal/cia402/cia402.hpp"
-#include "spine/hal/cia402/cia402_demand.hpp"
+#include "spine/hal/cia402/cia402_setpoint_limiter.hpp"
 #include "spine/hal/cia402/cia402_report.hpp"
 #include "spine/hal/cia402/cia402_setup.hpp"
 #include "spine/hal/cia402/cia402_unit_check.hpp"
@@ -35,7 +35,7 @@ namespace lithe::hal::cia402 {
 //   - its heartbeat is lost. While it is off and goes on being silent, it is reset and set up anew, every kBootNs at
 //   most,
 //     and it is not ready before it has beaten
-//   - so many answers of a torque drive are missing that its joint is lost: its PD loop is closed here (Demand), and on
+//   - so many answers of a torque drive are missing that its joint is lost: its PD loop is closed here (SetpointLimiter), and on
 //     an old sample it is no loop but a constant torque
 //   - its velocity is not that of its position (UnitCheck): for good, until it restarts. Off with clear_fault resets it
 // A drive that was refused at its set-up is reset and set up anew by off with clear_fault, too. Position and velocity
@@ -48,7 +48,7 @@ class Cia402Drive final : public Drive {
   explicit Cia402Drive(const DriverParams& params);
 
   bool command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT override;
-  Heard take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT override;
+  ReplyKind take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT override;
   std::uint32_t alarm() const LITHE_RT override;
 
   // Empty when the drive can be commanded.
@@ -65,23 +65,23 @@ class Cia402Drive final : public Drive {
 
   void forgive() LITHE_RT;
   void find_way_out(const JointCommand& command, DriveAction action, std::int64_t now_ns) LITHE_RT;
-  void drop(const Trouble& why) LITHE_RT;
+  void drop(const NotReadyReason& why) LITHE_RT;
   void watch(const Exchange& exchange) LITHE_RT;
   void watch_enabling(DriveAction action, std::int64_t now_ns) LITHE_RT;
   void progress(const Exchange& exchange, Bus& bus) LITHE_RT;
   bool reset_node(std::int64_t now_ns, Bus& bus) LITHE_RT;
   void start_setup() LITHE_RT;
-  void set_trouble(const Trouble& trouble) LITHE_RT;
+  void set_not_ready(const NotReadyReason& not_ready) LITHE_RT;
   void say(const JointCommand& command, DriveAction action, Bus& bus) LITHE_RT;
   void ask(std::int64_t now_ns, Bus& bus) LITHE_RT;
   std::uint16_t control_word(DriveAction action) LITHE_RT;
   std::uint16_t clearing_word() LITHE_RT;
 
-  Heard take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT;
-  Heard take_emergency(const Frame& frame) LITHE_RT;
-  Heard take_sdo(const Frame& frame) LITHE_RT;
-  Heard take_velocity(const Frame& frame, const Exchange& exchange) LITHE_RT;
-  Heard take_answer(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT;
+  ReplyKind take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT;
+  ReplyKind take_emergency(const Frame& frame) LITHE_RT;
+  ReplyKind take_sdo(const Frame& frame) LITHE_RT;
+  ReplyKind take_velocity(const Frame& frame, const Exchange& exchange) LITHE_RT;
+  ReplyKind take_answer(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT;
   bool measure(std::int32_t position_raw, std::int32_t torque_raw) LITHE_RT;
   void note_state(State state, bool follows) LITHE_RT;
   void check_units(std::int64_t now_ns) LITHE_RT;
@@ -95,7 +95,7 @@ class Cia402Drive final : public Drive {
   canopen::PdoMap answer_map_ = pdo::answer_map();
   canopen::SdoClient sdo_;
   Setup setup_;
-  Demand demand_;
+  SetpointLimiter limiter_;
   UnitCheck units_;
   ReportClient report_;
   canopen::HeartbeatConsumer heartbeat_;
@@ -133,7 +133,7 @@ class Cia402Drive final : public Drive {
   std::uint64_t velocity_exchange_ = 0;  // in which it came; 0: never
   JointSample last_;
 
-  std::atomic<std::uint64_t> trouble_{};  // Trouble::packed(); stored by the exchange's thread, loaded by any
+  std::atomic<std::uint64_t> not_ready_{};  // NotReadyReason::packed(); stored by the exchange's thread, loaded by any
 };
 
 }  // namespace lithe::hal::cia402

@@ -138,7 +138,7 @@ void Setup::add_pdo(std::uint16_t communication, std::uint16_t mapping, std::uin
 void Setup::begin(SdoClient& client) LITHE_RT {
   at_ = 0;
   looks_ = 0;
-  trouble_ = {};
+  not_ready_ = {};
   client.forget();
 }
 
@@ -184,16 +184,16 @@ Setup::Progress Setup::advance(SdoClient& client) LITHE_RT {
   }
   client.forget();
   if (passed) ++at_;
-  if (trouble_.kind != TroubleKind::none) return Progress::failed;
+  if (not_ready_.kind != TroubleKind::none) return Progress::failed;
   return at_ >= count_ ? Progress::done : Progress::busy;
 }
 
 bool Setup::refuse(TroubleKind kind, const Step& step, std::uint32_t value) LITHE_RT {
-  trouble_ = {kind, step.address, value};
+  not_ready_ = {kind, step.address, value};
   return false;
 }
 
-// What was read. False: not yet, or with a trouble: never.
+// What was read. False: not yet, or with a reason that it is not ready: never.
 bool Setup::judge(const Step& step, std::uint32_t value) LITHE_RT {
   constexpr double kRatingTolerance = 0.05;
   switch (step.kind) {

@@ -58,18 +58,18 @@ enum class TroubleKind : std::uint8_t {
   velocity_unit,     // object 606Ch is not how fast 6064h changes; value: how much of that it is [thousandths]
 };
 
-struct Trouble {
+struct NotReadyReason {
   TroubleKind kind = TroubleKind::none;
   canopen::Address address;
   std::uint32_t value = 0;
 
   // In one word of 64 bits, so that other threads may read it.
   std::uint64_t packed() const LITHE_RT;
-  static Trouble unpacked(std::uint64_t word) LITHE_RT;
+  static NotReadyReason unpacked(std::uint64_t word) LITHE_RT;
 };
 
 // One sentence; empty for none. Contract: never in an exchange's thread
-std::string describe(const Trouble& trouble);
+std::string describe(const NotReadyReason& not_ready);
 
 // The process data of a drive in each mode. Its answer is 6041 + 6064 + 6077: 8 bytes, full. The velocity needs a
 // second frame, and that one is the first TPDO, whose identifier wins the bus: when the answer is here, the velocity of
@@ -98,7 +98,7 @@ class Setup {
   bool next(std::int64_t now_ns, canopen::SdoClient& client, Frame& frame) LITHE_RT;
   // Call after the client has got an answer or aborted.
   Progress advance(canopen::SdoClient& client) LITHE_RT;
-  const Trouble& trouble() const LITHE_RT { return trouble_; }
+  const NotReadyReason& not_ready() const LITHE_RT { return not_ready_; }
 
  private:
   enum class Kind : std::uint8_t {
@@ -141,7 +141,7 @@ class Setup {
   std::size_t count_ = 0;
   std::size_t at_ = 0;
   std::uint32_t looks_ = 0;
-  Trouble trouble_;
+  NotReadyReason not_ready_;
 };
 
 }  // namespace lithe::hal::cia402

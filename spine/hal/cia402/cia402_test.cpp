@@ -68,11 +68,11 @@ TEST(Cia402, CommandsFitOneFrameInEveryMode) {
 }
 
 TEST(Cia402, ATroubleSurvivesItsWordAndSaysWhatToDo) {
-  const Trouble trouble{TroubleKind::refused, {0x6007, 2}, 0x06020000};
-  const Trouble same = Trouble::unpacked(trouble.packed());
-  EXPECT_EQ(same.kind, trouble.kind);
-  EXPECT_EQ(same.address, trouble.address);
-  EXPECT_EQ(same.value, trouble.value);
+  const NotReadyReason not_ready{TroubleKind::refused, {0x6007, 2}, 0x06020000};
+  const NotReadyReason same = NotReadyReason::unpacked(not_ready.packed());
+  EXPECT_EQ(same.kind, not_ready.kind);
+  EXPECT_EQ(same.address, not_ready.address);
+  EXPECT_EQ(same.value, not_ready.value);
   EXPECT_EQ(
       describe(same),
       "object 6007h:02 is refused with abort 0x06020000 (no such object); the drive lacks what LITHE needs of it");

@@ -75,7 +75,7 @@ struct JointSample {
   DriveReport drive{};
 };
 
-enum class Heard : std::uint8_t {
+enum class ReplyKind : std::uint8_t {
   answer,     // complete: `sample` is filled in
   part,       // part of an answer, or another frame; kept by the driver
   late,       // an answer to an earlier exchange
@@ -96,7 +96,7 @@ class Drive {
   virtual bool command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT = 0;
 
   // Handles a frame from this drive's address. `sample` is changed by an answer only.
-  virtual Heard take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT = 0;
+  virtual ReplyKind take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT = 0;
 
   // Bits of wire::joint_status known from other frames than answers, for example why no answer comes.
   virtual std::uint32_t alarm() const LITHE_RT { return 0; }

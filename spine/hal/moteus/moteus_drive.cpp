@@ -42,10 +42,10 @@ bool MoteusDrive::command(const JointCommand& command, const Exchange& exchange,
   return sound;
 }
 
-Heard MoteusDrive::take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT {
-  if (!exchange.asked || source_of(frame) != exchange.source) return Heard::late;
+ReplyKind MoteusDrive::take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT {
+  if (!exchange.asked || source_of(frame) != exchange.source) return ReplyKind::late;
   Answer answer;
-  if (!driver_.decode(frame, answer)) return Heard::malformed;
+  if (!driver_.decode(frame, answer)) return ReplyKind::malformed;
   unanswered_ = 0;
   if (asked_) {
     asked_ = false;  // a duplicate frame is used once
@@ -62,7 +62,7 @@ Heard MoteusDrive::take(const Frame& frame, const Exchange& exchange, JointSampl
   sample.status = status_of(answer) | (ready() ? 0 : wire::joint_status::kNotReady);
   sample.measured = answer.measured;
   sample.drive = answer.drive;
-  return Heard::answer;
+  return ReplyKind::answer;
 }
 
 }  // namespace lithe::hal::moteus

@@ -22,15 +22,15 @@ class MoteusDrive final : public Drive {
   explicit MoteusDrive(const DriverParams& params);
 
   bool command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT override;
-  Heard take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT override;
-  std::string why_not_ready() const override { return describe_lack(lack_.load(std::memory_order_relaxed)); }
+  ReplyKind take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT override;
+  std::string why_not_ready() const override { return describe_lack(not_ready_.load(std::memory_order_relaxed)); }
 
  private:
   static constexpr std::uint32_t kForgets = 10;  // exchanges without an answer
 
   bool ready() const LITHE_RT { return !asks_ || setup_.ready(); }
   // Relaxed: the word is self-contained. Pairs with why_not_ready().
-  void tell() LITHE_RT { lack_.store(asks_ ? setup_.packed() : 0, std::memory_order_relaxed); }
+  void tell() LITHE_RT { not_ready_.store(asks_ ? setup_.packed() : 0, std::memory_order_relaxed); }
 
   Driver driver_;
   const bool asks_;
@@ -41,7 +41,7 @@ class MoteusDrive final : public Drive {
   double velocity_rad_s_ = 0;     // last measured
   const double torque_step_nm_;
   double torque_allowed_nm_;           // its torque limit while it grows after calibration
-  std::atomic<std::uint64_t> lack_{};  // Setup::packed(); stored by the exchange's thread, loaded by any
+  std::atomic<std::uint64_t> not_ready_{};  // Setup::packed(); stored by the exchange's thread, loaded by any
 };
 
 }  // namespace lithe::hal::moteus

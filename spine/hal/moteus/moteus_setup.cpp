@@ -61,7 +61,7 @@ void Setup::ask(SubframeWriter& writer) LITHE_RT {
     if (exchanges_ < kRest) return;
     const Setup before = *this;
     restart();
-    lack_ = before.lack_;  // until there is a new answer
+    not_ready_ = before.not_ready_;  // until there is a new answer
     lacking_ = before.lacking_;
     value_ = before.value_;
   }
@@ -104,7 +104,7 @@ void Setup::take(const Frame& answer) LITHE_RT {
   } else if (asked == Phase::empty && !heard && question_ != kMap) {
     phase_ = Phase::say;
   } else if (exchanges_ > kPatience) {
-    refuse(Lack::unsaid, 0);
+    refuse(NotReady::unsaid, 0);
   }
 }
 
@@ -143,13 +143,13 @@ void Setup::take_line() LITHE_RT {
   // "No such setting", or output for another client. The ratio setting is newer than the others: without it no ratio is
   // assumed.
   if (question_ == kRatio && begins(line, "ERR")) return answered(std::numeric_limits<double>::quiet_NaN());
-  refuse(Lack::unsaid, 0);
+  refuse(NotReady::unsaid, 0);
 }
 
 void Setup::answered(double value) LITHE_RT {
   switch (question_) {
     case kMap:
-      return value == kKnownMap ? next() : refuse(Lack::register_map, value);
+      return value == kKnownMap ? next() : refuse(NotReady::register_map, value);
     case kKp:
       return answered_gain(value, expected_.least_kp_nm_rev, settings_.kp_nm_rev);
     case kKd:
@@ -157,19 +157,19 @@ void Setup::answered(double value) LITHE_RT {
     case kTimeoutMode: {
       const bool holds = value == static_cast<double>(Mode::position) ||
                          value == static_cast<double>(Mode::zero_velocity) || value == static_cast<double>(Mode::brake);
-      return holds ? next() : refuse(Lack::limp, value);
+      return holds ? next() : refuse(NotReady::limp, value);
     }
     case kTimeoutTorque:
-      return value > 0 ? limit_damping(value) : refuse(Lack::limp, value);
+      return value > 0 ? limit_damping(value) : refuse(NotReady::limp, value);
     case kTimeout: {
       constexpr double kAlike = 1e-3;  // s; the console has six digits
-      return std::abs(value - expected_.watchdog_s) <= kAlike ? next() : refuse(Lack::setting, value);
+      return std::abs(value - expected_.watchdog_s) <= kAlike ? next() : refuse(NotReady::setting, value);
     }
     case kVelocityLimit:
     case kAccelerationLimit:
-      return std::isnan(value) ? next() : refuse(Lack::setting, value);
+      return std::isnan(value) ? next() : refuse(NotReady::setting, value);
     case kIntegralLimit:
-      return value == 0 ? next() : refuse(Lack::setting, value);
+      return value == 0 ? next() : refuse(NotReady::setting, value);
     default:
       settings_.rotor_to_output_ratio = value;
       next();
@@ -178,14 +178,14 @@ void Setup::answered(double value) LITHE_RT {
 
 void Setup::answered_gain(double value, double least, double& gain) LITHE_RT {
   gain = value;
-  if (!can_scale(value)) return refuse(Lack::gain, value);
-  value < least ? refuse(Lack::weak, value) : next();
+  if (!can_scale(value)) return refuse(NotReady::gain, value);
+  value < least ? refuse(NotReady::weak, value) : next();
 }
 
 void Setup::limit_damping(double value) LITHE_RT {
   constexpr double kRounding = 1.001;
   if (value <= expected_.damp_torque_max_nm * kRounding) return next();
-  if (was_set_) return refuse(Lack::too_strong, value);
+  if (was_set_) return refuse(NotReady::too_strong, value);
   setting_ = was_set_ = true;
   phase_ = Phase::empty;
   exchanges_ = 0;
@@ -195,11 +195,11 @@ void Setup::next() LITHE_RT {
   ++question_;
   phase_ = Phase::empty;
   exchanges_ = 0;
-  if (ready()) lack_ = Lack::none;
+  if (ready()) not_ready_ = NotReady::none;
 }
 
-void Setup::refuse(Lack lack, double value) LITHE_RT {
-  lack_ = lack;
+void Setup::refuse(NotReady not_ready, double value) LITHE_RT {
+  not_ready_ = not_ready;
   lacking_ = static_cast<std::uint8_t>(question_);
   value_ = static_cast<float>(value);
   phase_ = Phase::rest;
@@ -207,7 +207,7 @@ void Setup::refuse(Lack lack, double value) LITHE_RT {
 }
 
 std::uint64_t Setup::packed() const LITHE_RT {
-  return std::uint64_t{static_cast<std::uint8_t>(lack_)} << 40 | std::uint64_t{lacking_} << 32 |
+  return std::uint64_t{static_cast<std::uint8_t>(not_ready_)} << 40 | std::uint64_t{lacking_} << 32 |
          std::bit_cast<std::uint32_t>(value_);
 }
 
@@ -217,32 +217,32 @@ std::string describe_lack(std::uint64_t packed) {
   std::snprintf(number.data(), number.size(), "%g",
                 static_cast<double>(std::bit_cast<float>(static_cast<std::uint32_t>(packed))));
   const std::string said = name + " is " + number.data();
-  switch (static_cast<Lack>(packed >> 40)) {
-    case Lack::none:
+  switch (static_cast<NotReady>(packed >> 40)) {
+    case NotReady::none:
       return "";
-    case Lack::silent:
+    case NotReady::silent:
       return "has not yet said how it is set; check its power, cable and id";
-    case Lack::register_map:
+    case NotReady::register_map:
       return said + ", LITHE knows 5: update the drive's firmware";
-    case Lack::unsaid:
+    case NotReady::unsaid:
       return "does not answer 'conf get " + name + "' with a number; end other programs that use its console";
-    case Lack::gain:
+    case NotReady::gain:
       return said + ", and a command can only scale it: set it above 0, as its motor needs it (conf set, conf write)";
-    case Lack::too_strong:
+    case NotReady::too_strong:
       return said +
              ": left alone it would damp with more than the joint's torque_max_nm, and it does not take less from "
              "here; "
              "set it lower (conf set, conf write)";
-    case Lack::limp:
+    case NotReady::limp:
       return said +
              ": the joint would fall when this computer dies; set servo.timeout_mode to 12 and "
              "servo.timeout_max_torque_Nm above 0 (conf set, conf write)";
-    case Lack::weak:
+    case NotReady::weak:
       return said +
              ", less than the joint's kp_max_nm_rad, kd_max_nm_s_rad or safe_kd_nm_s_rad, and [device.frames] command "
              "in whole numbers can ask for no more than the drive's own gain: raise the gain (conf set, conf write), "
              "lower those, or say command = \"float\"";
-    case Lack::setting:
+    case NotReady::setting:
       return said +
              ", and [device.frames] settings = \"drive\" leaves it to the drive: set servo.default_timeout_s to the "
              "device's watchdog_s, servo.default_velocity_limit and servo.default_accel_limit to nan, "

@@ -21,7 +21,7 @@ struct Settings {
 };
 
 // Why a drive may not be commanded.
-enum class Lack : std::uint8_t {
+enum class NotReady : std::uint8_t {
   none,
   silent,        // no answer yet
   register_map,  // its register map is another one
@@ -59,7 +59,7 @@ class Setup {
   void restart() LITHE_RT;
   bool ready() const LITHE_RT { return question_ == (expected_.settings ? kAllQuestions : kQuestions); }
   const Settings& settings() const LITHE_RT { return settings_; }
-  Lack lack() const LITHE_RT { return lack_; }
+  NotReady not_ready() const LITHE_RT { return not_ready_; }
 
   // Appends this exchange's question.
   void ask(SubframeWriter& writer) LITHE_RT;
@@ -85,7 +85,7 @@ class Setup {
   void answered(double value) LITHE_RT;
   void answered_gain(double value, double least, double& gain) LITHE_RT;
   void limit_damping(double value) LITHE_RT;
-  void refuse(Lack lack, double value) LITHE_RT;
+  void refuse(NotReady not_ready, double value) LITHE_RT;
   void next() LITHE_RT;
 
   Expected expected_;
@@ -93,7 +93,7 @@ class Setup {
   std::size_t question_ = 0;
   Phase phase_ = Phase::empty;
   std::uint32_t exchanges_ = 0;  // in this phase
-  Lack lack_ = Lack::silent;
+  NotReady not_ready_ = NotReady::silent;
   std::uint8_t lacking_ = 0;                // index of the question
   float value_ = 0;                         // the unsuitable answer
   bool setting_ = false, was_set_ = false;  // of the damping

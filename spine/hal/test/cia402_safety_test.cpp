@@ -232,7 +232,7 @@ TEST_F(Cia402Safety, ADriveThatDoesNotBeatSaysSoAndIsNotSwitchedOn) {
   build();
   act(DriveAction::off, 2);
   cables_[0]->back = [](Frame& frame) { return frame.id != 0x701 || frame.data[0] == 0; };  // but for its boot-up
-  drive().befall(Mishap::power_loss, true, now_ns_);
+  drive().inject(InjectedFault::power_loss, true, now_ns_);
   cycle(600);
   EXPECT_NE(drivers_[0]->why_not_ready().find("heartbeat"), std::string::npos) << drivers_[0]->why_not_ready();
   act(DriveAction::torque, 50);

@@ -23,7 +23,7 @@ class Cia402Trouble : public Cia402Line {
       return true;
     };
   }
-  void lose_power() { EXPECT_TRUE(drive().befall(Mishap::power_loss, true, now_ns_)); }
+  void lose_power() { EXPECT_TRUE(drive().inject(InjectedFault::power_loss, true, now_ns_)); }
   void expect_refused(const std::vector<std::string>& words) {
     act(DriveAction::off, 1000);
     act(DriveAction::torque, 50);
@@ -240,11 +240,11 @@ TEST_F(Cia402Trouble, AnAnswerOfBeforeTheSyncIsLate) {
   EXPECT_FALSE(fresh());
   JointSample sample;
   Exchange next{.number = command_.tick + 1, .now_ns = now_ns_, .source = 0, .asked = false};
-  EXPECT_EQ(drivers_[0]->take(held, next, sample), Heard::late);
+  EXPECT_EQ(drivers_[0]->take(held, next, sample), ReplyKind::late);
   next.asked = true;  // the others are asked, this joint is not
-  EXPECT_EQ(drivers_[0]->take(held, next, sample), Heard::late);
+  EXPECT_EQ(drivers_[0]->take(held, next, sample), ReplyKind::late);
   --next.number;
-  EXPECT_EQ(drivers_[0]->take(held, next, sample), Heard::answer);
+  EXPECT_EQ(drivers_[0]->take(held, next, sample), ReplyKind::answer);
 }
 
 TEST_F(Cia402Trouble, ADriveThatStartsAnewSaysSoUntilItIsSetUp) {
@@ -319,8 +319,8 @@ TEST_F(Cia402Trouble, NoBytesMakeTheDriverSayNonsense) {
     exchange.now_ns += static_cast<std::int64_t>(random() % kMs);
     exchange.asked = random() % 4 != 0;
     JointSample sample;
-    const Heard heard = drivers_[0]->take(random_frame(random), exchange, sample);
-    if (heard == Heard::answer) {
+    const ReplyKind heard = drivers_[0]->take(random_frame(random), exchange, sample);
+    if (heard == ReplyKind::answer) {
       ASSERT_TRUE(std::isfinite(sample.position_rad) && std::isfinite(sample.velocity_rad_s));
       ASSERT_TRUE(std::isfinite(sample.torque_nm));
     }

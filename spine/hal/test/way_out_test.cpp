@@ -94,15 +94,15 @@ INSTANTIATE_TEST_SUITE_P(Drives, Cia402Latches,
                                                  }},
                                          Latched{"a fault whose cause goes away",
                                                  [](Cia402WayOut& line) {
-                                                   line.sim().befall(Mishap::over_temperature, true, line.now_ns());
+                                                   line.sim().inject(InjectedFault::over_temperature, true, line.now_ns());
                                                    line.pass(50);
                                                  },
                                                  [](Cia402WayOut& line) {
-                                                   line.sim().befall(Mishap::over_temperature, false, line.now_ns());
+                                                   line.sim().inject(InjectedFault::over_temperature, false, line.now_ns());
                                                  }},
                                          Latched{"for it, its host was silent",
                                                  [](Cia402WayOut& line) {
-                                                   line.sim().befall(Mishap::watchdog_trip, true, line.now_ns());
+                                                   line.sim().inject(InjectedFault::watchdog_trip, true, line.now_ns());
                                                    line.pass(300);
                                                  }},
                                          Latched{"its torque was taken away and given back",
@@ -113,7 +113,7 @@ INSTANTIATE_TEST_SUITE_P(Drives, Cia402Latches,
                                                  [](Cia402WayOut& line) { line.sim().servo().take_torque(false); }},
                                          Latched{"a restart",
                                                  [](Cia402WayOut& line) {
-                                                   line.sim().befall(Mishap::power_loss, true, line.now_ns());
+                                                   line.sim().inject(InjectedFault::power_loss, true, line.now_ns());
                                                    line.pass(300);
                                                  }},
                                          Latched{"refused at the set-up after a restart",
@@ -126,7 +126,7 @@ INSTANTIATE_TEST_SUITE_P(Drives, Cia402Latches,
                                                      }
                                                      return true;
                                                    };
-                                                   line.sim().befall(Mishap::power_loss, true, line.now_ns());
+                                                   line.sim().inject(InjectedFault::power_loss, true, line.now_ns());
                                                    line.pass(1500);
                                                  }},
                                          // Seen as if the drive told turns per minute, until somebody sets it right.
@@ -198,11 +198,11 @@ struct MoteusLatched {
 TEST(MoteusWayOut, EveryLatchedStateHasOne) {
   const MoteusLatched all[] = {
       {"a fault whose cause goes away",
-       [](MoteusLine& line) { line.node.drive.befall(Mishap::over_temperature, true, line.now_ns); },
-       [](MoteusLine& line) { line.node.drive.befall(Mishap::over_temperature, false, line.now_ns); }},
+       [](MoteusLine& line) { line.node.drive.inject(InjectedFault::over_temperature, true, line.now_ns); },
+       [](MoteusLine& line) { line.node.drive.inject(InjectedFault::over_temperature, false, line.now_ns); }},
       {"for it, its host was silent",
-       [](MoteusLine& line) { line.node.drive.befall(Mishap::watchdog_trip, true, line.now_ns); }},
-      {"a restart", [](MoteusLine& line) { line.node.drive.befall(Mishap::power_loss, true, line.now_ns); }},
+       [](MoteusLine& line) { line.node.drive.inject(InjectedFault::watchdog_trip, true, line.now_ns); }},
+      {"a restart", [](MoteusLine& line) { line.node.drive.inject(InjectedFault::power_loss, true, line.now_ns); }},
       {"nothing at all for a while",
        [](MoteusLine& line) { line.node.meddle = [](Frame&) LITHE_RT { return false; }; }},
       {"a setting that will not do, and is mended",

@@ -102,9 +102,9 @@ class TickBench {
     command_ = std::make_unique<ipc::MailboxSender<wire::Command, 16>>(control_memory_->commands, memory_->control_ack);
   }
 
-  // A new Spine, as after a start; with a Cell it survives laws that crash.
-  void use_cell(contain::Cell* cell) {
-    spine_ = std::make_unique<Spine>(Wiring{robot_, *memory_, *control_memory_, *brain_memory_, slot_, **sandbox_, cell,
+  // A new Spine, as after a start; with a FaultBarrier it survives laws that crash.
+  void use_cell(contain::FaultBarrier* barrier) {
+    spine_ = std::make_unique<Spine>(Wiring{robot_, *memory_, *control_memory_, *brain_memory_, slot_, **sandbox_, barrier,
                                             handover_, clock_, nullptr});
   }
 

@@ -14,6 +14,7 @@
 #include <string>
 
 #include "spine/core/time.hpp"
+#include "spine/hal/robot_hardware.hpp"
 #include "spine/robot/robot.hpp"
 #include "spine/step/step.hpp"
 
@@ -97,7 +98,7 @@ struct Given {
   const LitheLaw* law = nullptr;  // staged before this step
   law::Terms terms;
   std::array<std::int64_t, 16> times_ns{};  // the answers of the Host
-  std::array<contain::Trouble, 4> troubles{};
+  std::array<contain::Failure, 4> troubles{};
 
   Input input() const {
     return {.tick = tick,
@@ -120,11 +121,11 @@ class LiveHost final : public Host {
     if (looks_ < given_->times_ns.size()) given_->times_ns[looks_++] = time_ns_;
     return time_ns_;
   }
-  contain::Trouble run(law::Sandbox& sandbox, std::int64_t) LITHE_RT override {
+  contain::Failure run(law::Sandbox& sandbox, std::int64_t) LITHE_RT override {
     sandbox.call();
-    const contain::Trouble trouble{++runs_ % 7001 == 0 ? wire::LawFaultKind::overran : wire::LawFaultKind::none, 0, 0};
-    if (calls_ < given_->troubles.size()) given_->troubles[calls_++] = trouble;
-    return trouble;
+    const contain::Failure failure{++runs_ % 7001 == 0 ? wire::LawFaultKind::overran : wire::LawFaultKind::none, 0, 0};
+    if (calls_ < given_->troubles.size()) given_->troubles[calls_++] = failure;
+    return failure;
   }
   void note_in(Given& given) {
     given_ = &given;
@@ -143,9 +144,9 @@ class ReplayHost final : public Host {
  public:
   explicit ReplayHost(const Given& given) : given_(given) {}
   std::int64_t now_ns() LITHE_RT override { return looks_ < given_.times_ns.size() ? given_.times_ns[looks_++] : 0; }
-  contain::Trouble run(law::Sandbox& sandbox, std::int64_t) LITHE_RT override {
+  contain::Failure run(law::Sandbox& sandbox, std::int64_t) LITHE_RT override {
     sandbox.call();
-    return calls_ < given_.troubles.size() ? given_.troubles[calls_++] : contain::Trouble{};
+    return calls_ < given_.troubles.size() ? given_.troubles[calls_++] : contain::Failure{};
   }
 
  private:

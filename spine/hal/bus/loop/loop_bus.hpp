@@ -46,7 +46,7 @@ class FrameQueue {
 };
 
 // Faults that can be injected into a device, for tests and `lithe sim`.
-enum class Mishap : std::uint8_t {
+enum class InjectedFault : std::uint8_t {
   power_loss,        // power off, and on after a moment; has no "off"
   over_temperature,  // above its temperature limit
   encoder_lost,      // it no longer knows its position
@@ -69,7 +69,7 @@ class BusNode {
   // Puts its joint back to the start position, at rest. Its command stays.
   virtual void to_start() LITHE_RT {}
   // Injects the fault or ends it. False: this device does not have this fault.
-  virtual bool befall(Mishap /*mishap*/, bool /*begins*/, std::int64_t /*now_ns*/) LITHE_RT { return false; }
+  virtual bool inject(InjectedFault /*injected*/, bool /*begins*/, std::int64_t /*now_ns*/) LITHE_RT { return false; }
 };
 
 // Lossless and in order up to FrameQueue::kCapacity frames each way; beyond that it refuses and counts.

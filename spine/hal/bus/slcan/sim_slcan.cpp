@@ -32,7 +32,7 @@ std::string_view answer_to(Request request, bool is_open) {
 
 void SimSlcan::reset() {
   channel_ = Channel::closed;
-  has_bitrate_ = fd_ = stamps_ = too_long_ = told_off_ = false;
+  has_bitrate_ = fd_ = stamps_ = too_long_ = confirmed_off_ = false;
   length_ = 0;
   recover();
 }
@@ -57,9 +57,9 @@ void SimSlcan::feed(std::span<const char> bytes, std::int64_t now_ns, std::strin
 
 void SimSlcan::idle(std::int64_t now_ns, std::string& out) {
   time_to_bus(now_ns);
-  if (bus_off() && is_open() && !told_off_) {
+  if (bus_off() && is_open() && !confirmed_off_) {
     out += "sb255000\r";
-    told_off_ = true;
+    confirmed_off_ = true;
   }
   pass_on(now_ns, out);
 }
@@ -112,7 +112,7 @@ bool SimSlcan::obey(Request request) {
 bool SimSlcan::open(Channel channel) {
   if (is_open() || !has_bitrate_) return false;
   channel_ = channel;
-  told_off_ = false;
+  confirmed_off_ = false;
   recover();
   return true;
 }

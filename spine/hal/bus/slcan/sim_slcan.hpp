@@ -49,7 +49,7 @@ class SimSlcan final : public SimAdapter {
   bool has_bitrate_ = false;
   bool fd_ = false;
   bool stamps_ = false;
-  bool told_off_ = false;
+  bool confirmed_off_ = false;
   std::array<char, slcan::kLongestLine> line_{};
   std::size_t length_ = 0;
   bool too_long_ = false;

@@ -104,7 +104,7 @@ TEST_F(Cia401Module, ALostHeartbeatIsToldAndTheModuleIsSetUpWhenItIsBack) {
 
 TEST_F(Cia401Module, AModuleThatBootsAgainIsSetUpAgain) {
   cycle(200);
-  sim_.befall(Mishap::power_loss, true, now_ns_);
+  sim_.inject(InjectedFault::power_loss, true, now_ns_);
   cycle(100);
   EXPECT_EQ(sim_.value({0x1017, 0}), 0U) << "it forgot its settings";
   cycle(200);
@@ -115,11 +115,11 @@ TEST_F(Cia401Module, AModuleThatBootsAgainIsSetUpAgain) {
 
 TEST_F(Cia401Module, ProcessDataOfAWrongLengthIsCountedAndNotUsed) {
   cycle(200);
-  sim_.befall(Mishap::other_map, true, now_ns_);
+  sim_.inject(InjectedFault::other_map, true, now_ns_);
   cycle(150);
   EXPECT_FALSE(valid());
   EXPECT_GT(module_.malformed(), 10U);
-  sim_.befall(Mishap::other_map, false, now_ns_);
+  sim_.inject(InjectedFault::other_map, false, now_ns_);
   cycle(20);
   EXPECT_TRUE(valid());
 }

@@ -75,12 +75,12 @@ void SimCia401::restart(std::int64_t back_ns) LITHE_RT {
   for (Object& each : objects_) each.value = each.initial;
 }
 
-bool SimCia401::befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT {
-  if (mishap == Mishap::other_map) {
+bool SimCia401::inject(InjectedFault injected, bool begins, std::int64_t now_ns) LITHE_RT {
+  if (injected == InjectedFault::other_map) {
     other_map_ = begins;
     return true;
   }
-  if (mishap != Mishap::power_loss) return false;
+  if (injected != InjectedFault::power_loss) return false;
   if (begins) restart(now_ns + kPowerLossNs);
   return true;
 }

@@ -30,7 +30,7 @@ class SimCia401 final : public BusNode {
 
   void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
   void on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
-  bool befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT override;
+  bool inject(InjectedFault injected, bool begins, std::int64_t now_ns) LITHE_RT override;
 
   canopen::NmtState state() const LITHE_RT { return state_; }
   // For tests: says nothing any more; falls back by itself.

@@ -79,31 +79,31 @@ void SimCia402::inject(std::uint16_t code) LITHE_RT {
   servo_.fail(code, true);
 }
 
-bool SimCia402::befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT {
+bool SimCia402::inject(InjectedFault injected, bool begins, std::int64_t now_ns) LITHE_RT {
   constexpr std::int64_t kOutageNs = 100'000'000;
-  switch (mishap) {
-    case Mishap::power_loss:
+  switch (injected) {
+    case InjectedFault::power_loss:
       if (!begins) return true;
       reset(true);  // resets all objects
       boot_end_ns_ = now_ns + kOutageNs + params_.boot_ns;
       return true;
-    case Mishap::over_temperature:
+    case InjectedFault::over_temperature:
       begins ? servo_.fail(emergency::kTooHot, true) : servo_.cause_gone(emergency::kTooHot);
       return true;
-    case Mishap::encoder_lost:
+    case InjectedFault::encoder_lost:
       begins ? servo_.fail(emergency::kSensor, true) : servo_.cause_gone(emergency::kSensor);
       return true;
-    case Mishap::device_fault:
+    case InjectedFault::device_fault:
       begins ? servo_.fail(emergency::kOverCurrent, true) : servo_.cause_gone(emergency::kOverCurrent);
       return true;
-    case Mishap::watchdog_trip:
+    case InjectedFault::watchdog_trip:
       host_silent_ = begins;
       return true;
-    case Mishap::other_map:
-      if (other_map_ && !begins) befall(Mishap::power_loss, true, now_ns);  // the original device comes back
+    case InjectedFault::other_map:
+      if (other_map_ && !begins) inject(InjectedFault::power_loss, true, now_ns);  // the original device comes back
       other_map_ = begins;
       return true;
-    case Mishap::homing_lost:
+    case InjectedFault::homing_lost:
       break;  // it does not report homing
   }
   return false;

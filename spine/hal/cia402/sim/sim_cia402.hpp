@@ -73,7 +73,7 @@ class SimCia402 final : public BusNode {
 
   // Injects a fault whose cause stays; inject(0) ends all.
   void inject(std::uint16_t code) LITHE_RT;
-  bool befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT override;
+  bool inject(InjectedFault injected, bool begins, std::int64_t now_ns) LITHE_RT override;
   void to_start() LITHE_RT override { servo_.to_start(); }
 
   Cia402Servo& servo() LITHE_RT { return servo_; }

@@ -58,31 +58,31 @@ TEST_F(Drive402, AFaultSlowsDownStaysAndIsResetByARisingEdgeOnly) {
 }
 
 TEST_F(Drive402, WhatBefallsItIsToldByItsCode) {
-  EXPECT_TRUE(drive_.befall(Mishap::over_temperature, true, now_ns_));
+  EXPECT_TRUE(drive_.inject(InjectedFault::over_temperature, true, now_ns_));
   EXPECT_EQ(canopen::get(wait(1).at(0).data.data(), 2), 0x4210U);
-  drive_.befall(Mishap::over_temperature, false, now_ns_);
+  drive_.inject(InjectedFault::over_temperature, false, now_ns_);
   control(0x80);
   EXPECT_EQ(state(), State::switch_on_disabled);
   said();
-  EXPECT_TRUE(drive_.befall(Mishap::encoder_lost, true, now_ns_));
+  EXPECT_TRUE(drive_.inject(InjectedFault::encoder_lost, true, now_ns_));
   EXPECT_EQ(canopen::get(wait(1).at(0).data.data(), 2), 0x7300U);
-  EXPECT_TRUE(drive_.befall(Mishap::power_loss, true, now_ns_));
+  EXPECT_TRUE(drive_.inject(InjectedFault::power_loss, true, now_ns_));
   EXPECT_TRUE(wait(90).empty());
   EXPECT_EQ(wait(20).at(0).id, 0x705U);
 }
 
 TEST_F(Drive402, ARestartHelpsAgainstNoCauseThatStays) {
-  drive_.befall(Mishap::over_temperature, true, now_ns_);
-  drive_.befall(Mishap::encoder_lost, true, now_ns_);
+  drive_.inject(InjectedFault::over_temperature, true, now_ns_);
+  drive_.inject(InjectedFault::encoder_lost, true, now_ns_);
   nmt(NmtCommand::reset_node);
   EXPECT_FALSE(wait(10).empty());
   EXPECT_EQ(state(), State::fault);
   EXPECT_EQ(read(0x603f), 0x4210U);
-  drive_.befall(Mishap::over_temperature, false, now_ns_);
+  drive_.inject(InjectedFault::over_temperature, false, now_ns_);
   control(0x80);
   EXPECT_EQ(state(), State::fault) << "its encoder is still lost";
   control(0x00);
-  drive_.befall(Mishap::encoder_lost, false, now_ns_);
+  drive_.inject(InjectedFault::encoder_lost, false, now_ns_);
   control(0x80);
   EXPECT_EQ(state(), State::switch_on_disabled);
 }

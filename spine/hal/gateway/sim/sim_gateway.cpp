@@ -55,13 +55,13 @@ void SimGateway::on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
   send(now_ns, answers);
 }
 
-bool SimGateway::befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT {
+bool SimGateway::inject(InjectedFault injected, bool begins, std::int64_t now_ns) LITHE_RT {
   constexpr std::int64_t kBootNs = 100'000'000;
-  if (mishap == Mishap::other_map) {
+  if (injected == InjectedFault::other_map) {
     other_map_ = begins;
     return true;
   }
-  if (mishap != Mishap::power_loss) return false;
+  if (injected != InjectedFault::power_loss) return false;
   if (begins) {
     next_ns_ = now_ns + kBootNs;
     sequence_ = 0;

@@ -21,7 +21,7 @@ class SimGateway final : public BusNode {
 
   void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
   void on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
-  bool befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT override;
+  bool inject(InjectedFault injected, bool begins, std::int64_t now_ns) LITHE_RT override;
 
   void unplug_input(gateway::Block block, std::size_t channel) LITHE_RT {
     unplugged_[static_cast<std::size_t>(block)] |= 1U << channel;

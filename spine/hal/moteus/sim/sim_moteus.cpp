@@ -53,30 +53,30 @@ void SimMoteus::restart(std::int64_t back_ns) LITHE_RT {
   deaf_until_ns_ = back_ns;
 }
 
-bool SimMoteus::befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT {
+bool SimMoteus::inject(InjectedFault injected, bool begins, std::int64_t now_ns) LITHE_RT {
   constexpr std::int64_t kBootNs = 100'000'000;
   constexpr double kTooHotC = 20;  // above the fault's threshold
   constexpr double kRoomC = 25;
-  switch (mishap) {
-    case Mishap::power_loss:
+  switch (injected) {
+    case InjectedFault::power_loss:
       if (begins) restart(now_ns + kBootNs);
       return true;
-    case Mishap::over_temperature:
+    case InjectedFault::over_temperature:
       inside_.servo.set_temperature_c(begins ? inside_.servo.params().fault_temperature_c + kTooHotC : kRoomC);
       return true;
-    case Mishap::encoder_lost:
+    case InjectedFault::encoder_lost:
       inside_.servo.set_encoder_lost(begins);
       return true;
-    case Mishap::device_fault:
+    case InjectedFault::device_fault:
       inside_.servo.set_driver_failed(begins);
       return true;
-    case Mishap::watchdog_trip:
+    case InjectedFault::watchdog_trip:
       if (begins) inside_.servo.expire_watchdog();
       return true;
-    case Mishap::homing_lost:
+    case InjectedFault::homing_lost:
       homed_ = !begins;
       return true;
-    case Mishap::other_map:
+    case InjectedFault::other_map:
       other_map_ = begins;
       return true;
   }

@@ -38,7 +38,7 @@ class SimMoteus final : public BusNode {
 
   void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
   void on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
-  bool befall(Mishap mishap, bool begins, std::int64_t now_ns) LITHE_RT override;
+  bool inject(InjectedFault injected, bool begins, std::int64_t now_ns) LITHE_RT override;
   void to_start() LITHE_RT override { inside_.servo.to_start(); }
 
   // Power cycle: no answers and limp until `back_ns`, then stopped, with the stored settings.

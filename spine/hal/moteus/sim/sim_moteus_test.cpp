@@ -168,15 +168,15 @@ TEST(SimMoteus, TwoDevicesDiffer) {
 TEST(SimMoteus, MishapsBeginAndEnd) {
   Bench bench;
   bench.stream(kTorque, 20);
-  EXPECT_TRUE(bench.drive().befall(Mishap::over_temperature, true, 0));
+  EXPECT_TRUE(bench.drive().inject(InjectedFault::over_temperature, true, 0));
   EXPECT_EQ(bench.stream(kTorque, 2).at(reg::kFault), moteus::fault::kOverTemperature);
-  bench.drive().befall(Mishap::over_temperature, false, 0);
+  bench.drive().inject(InjectedFault::over_temperature, false, 0);
   bench.stream(kStop, 2);
   EXPECT_EQ(bench.stream(kTorque, 20).at(reg::kMode), 10);
-  EXPECT_TRUE(bench.drive().befall(Mishap::encoder_lost, true, 0));
+  EXPECT_TRUE(bench.drive().inject(InjectedFault::encoder_lost, true, 0));
   EXPECT_EQ(bench.stream(kTorque, 2).at(reg::kFault), moteus::fault::kEncoder);
-  bench.drive().befall(Mishap::encoder_lost, false, 0);
-  EXPECT_TRUE(bench.drive().befall(Mishap::power_loss, true, 1'000 * kMs));
+  bench.drive().inject(InjectedFault::encoder_lost, false, 0);
+  EXPECT_TRUE(bench.drive().inject(InjectedFault::power_loss, true, 1'000 * kMs));
   bench.wait_ms(100);
   EXPECT_EQ(bench.mode(), Mode::stopped);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/hal/cia402/cia402_demand.hpp"
+#include "spine/hal/cia402/cia402_setpoint_limiter.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -14,7 +14,7 @@ double slowed(double value, double change) LITHE_RT {
 
 }  // namespace
 
-Demand::Demand(const DriverParams& params)
+SetpointLimiter::SetpointLimiter(const DriverParams& params)
     : mode_(params.mode),
       joint_(params.joint),
       counts_per_rev_(params.counts_per_rev),
@@ -30,14 +30,14 @@ Demand::Demand(const DriverParams& params)
   torque_step_nm_ = std::min(params.torque_slew_nm_s * params.period_s, params.torque_max_nm * share_step_);
 }
 
-RawDemand Demand::rest(std::uint32_t position_raw) LITHE_RT {
+RawDemand SetpointLimiter::rest(std::uint32_t position_raw) LITHE_RT {
   allowed_nm_ = share_ = last_step_ = at_counts_s_ = 0;
   at_counts_ = last_wanted_ = static_cast<std::int32_t>(position_raw);
   catches_up_ = false;
   return {mode_ == Mode::position ? position_raw : 0, 0};
 }
 
-RawDemand Demand::next(const JointCommand& command, const JointSample& last) LITHE_RT {
+RawDemand SetpointLimiter::next(const JointCommand& command, const JointSample& last) LITHE_RT {
   allowed_nm_ = std::min(allowed_nm_ + torque_step_nm_, torque_max_nm_);
   share_ = std::min(share_ + share_step_, 1.0);
   const double limit_nm = std::clamp(command.max_torque_nm, 0.0, allowed_nm_);
@@ -55,7 +55,7 @@ RawDemand Demand::next(const JointCommand& command, const JointSample& last) LIT
   return {torque_raw(closed_loop_nm(command, last), limit_nm), 0};
 }
 
-void Demand::move_position(const JointCommand& command) LITHE_RT {
+void SetpointLimiter::move_position(const JointCommand& command) LITHE_RT {
   if (!has_target(command.position_rad)) {
     last_step_ = slowed(last_step_, slow_counts_);
     last_wanted_ = at_counts_;
@@ -71,7 +71,7 @@ void Demand::move_position(const JointCommand& command) LITHE_RT {
 
 // A path that the joint can follow is passed unchanged. To a more distant target it accelerates and decelerates by the
 // joint's deceleration.
-double Demand::step_to(double wanted, double reach) LITHE_RT {
+double SetpointLimiter::step_to(double wanted, double reach) LITHE_RT {
   const double gap = wanted - at_counts_;
   catches_up_ = std::abs(gap) > (catches_up_ ? std::min(slow_counts_, reach) : reach);
   if (!catches_up_) return gap;
@@ -80,20 +80,20 @@ double Demand::step_to(double wanted, double reach) LITHE_RT {
   return std::clamp(std::clamp(wish, last_step_ - slow_counts_, last_step_ + slow_counts_), -reach, reach);
 }
 
-void Demand::move_velocity(const JointCommand& command) LITHE_RT {
+void SetpointLimiter::move_velocity(const JointCommand& command) LITHE_RT {
   const double most = velocity_counts_s_ * share_;
   const double wanted = std::clamp(command.velocity_rad_s * counts_per_rad_, -most, most);
   at_counts_s_ += std::clamp(wanted - at_counts_s_, -velocity_change_counts_s_, velocity_change_counts_s_);
 }
 
-double Demand::closed_loop_nm(const JointCommand& command, const JointSample& last) const LITHE_RT {
+double SetpointLimiter::closed_loop_nm(const JointCommand& command, const JointSample& last) const LITHE_RT {
   const Pd pd{command.torque_nm, command.position_rad, command.velocity_rad_s, std::max(command.kp_nm_rad, 0.0),
               std::max(command.kd_nm_s_rad, 0.0)};
   return pd.felt_nm(last.position_rad, last.velocity_rad_s);
 }
 
 // Thousandths of the motor's rated torque. The sum of finite numbers may be infinite.
-std::uint32_t Demand::torque_raw(double joint_nm, double limit_nm) const LITHE_RT {
+std::uint32_t SetpointLimiter::torque_raw(double joint_nm, double limit_nm) const LITHE_RT {
   constexpr double kMost = 32767;
   if (!std::isfinite(joint_nm)) return 0;
   const double motor_nm = std::clamp(joint_nm, -limit_nm, limit_nm) / joint_.gear();

@@ -20,7 +20,7 @@ namespace lithe::simulator {
 //   {"fault": "clear"}                                      all faults end
 // Without "bus" or "device": all of them. "after_s" puts it off; "for_s" ends it by itself (but reset, watchdog and
 // clear).
-struct Order {
+struct FaultRequest {
   enum class Kind {
     drop,
     corrupt,
@@ -51,12 +51,12 @@ struct Order {
 
 // The error says what is wrong with the line, and what is expected.
 // Contract: any bytes · never in the tick
-Result<Order> parse_order(std::string_view line);
+Result<FaultRequest> parse_order(std::string_view line);
 
 // True for orders about devices, false about buses.
-bool is_of_device(Order::Kind kind);
+bool is_of_device(FaultRequest::Kind kind);
 
 // The order that ends this one.
-Order undone(const Order& order);
+FaultRequest undone(const FaultRequest& order);
 
 }  // namespace lithe::simulator

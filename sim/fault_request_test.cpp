@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "sim/order.hpp"
+#include "sim/fault_request.hpp"
 
 #include <gtest/gtest.h>
 
@@ -8,10 +8,10 @@
 namespace lithe::simulator {
 namespace {
 
-TEST(Order, SaysWhatShallHappenToWhat) {
+TEST(FaultRequest, SaysWhatShallHappenToWhat) {
   const auto drop = parse_order(R"({"fault": "drop", "bus": "can0", "share": 0.25, "for_s": 2, "after_s": 1})");
   ASSERT_TRUE(drop) << drop.message();
-  EXPECT_EQ(drop->kind, Order::Kind::drop);
+  EXPECT_EQ(drop->kind, FaultRequest::Kind::drop);
   EXPECT_EQ(drop->bus, "can0");
   EXPECT_EQ(drop->amount, 0.25);
   EXPECT_EQ(drop->for_s, 2);
@@ -23,7 +23,7 @@ TEST(Order, SaysWhatShallHappenToWhat) {
   EXPECT_TRUE(parse_order(R"({"fault": "reset"})")->on);
 }
 
-TEST(Order, RefusesWithWhatWouldBeRight) {
+TEST(FaultRequest, RefusesWithWhatWouldBeRight) {
   const std::pair<const char*, const char*> cases[] = {
       {"", "not a JSON object"},
       {"[]", "not a JSON object"},
@@ -43,7 +43,7 @@ TEST(Order, RefusesWithWhatWouldBeRight) {
       {R"({"fault": "drop", "device": "m1", "share": 1})", "say \"bus\""},
       {R"({"fault": "delay", "ms": 5, "on": false})", "\"ms\": 0 ends it"},
       {R"({"fault": "reset", "share": 1})", "some frames"},
-      {R"({"fault": "clear", "bus": "can0"})", "befalls a bus"},
+      {R"({"fault": "clear", "bus": "can0"})", "faults of a bus"},
   };
   for (const auto& [line, words] : cases) {
     const auto order = parse_order(line);
@@ -52,7 +52,7 @@ TEST(Order, RefusesWithWhatWouldBeRight) {
   }
 }
 
-TEST(Order, AnyBytesAreRefusedOrUnderstood) {
+TEST(FaultRequest, AnyBytesAreRefusedOrUnderstood) {
   std::mt19937_64 random(8);
   const std::string good = R"({"fault": "drop", "bus": "can0", "share": 0.25})";
   for (int round = 0; round < 20'000; ++round) {

@@ -7,7 +7,7 @@
 #include <memory>
 #include <span>
 
-#include "spine/contain/vault.hpp"
+#include "spine/contain/protected_memory.hpp"
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/wire/wire.hpp"
@@ -19,7 +19,7 @@ class Constants;
 class Watchdog;
 
 // Result of a call.
-struct Trouble {
+struct Failure {
   wire::LawFaultKind kind = wire::LawFaultKind::none;
   std::uint64_t pc = 0;       // 0 = unknown
   std::uint64_t address = 0;  // the accessed address, or the system call number; 0 = unknown
@@ -43,16 +43,16 @@ enum class CallGate : std::uint8_t {
 // One per contained thread. The callback is a plain function pointer, so the compiler's effect analysis ends at the
 // law.
 // Contract: made, used and destroyed on one thread, which blocks every other signal that has a handler before it opens
-// its Cell, and changes its mask no more · run() RT
-class Cell {
+// its FaultBarrier, and changes its mask no more · run() RT
+class FaultBarrier {
  public:
   using Call = void (*)(void* context);
 
-  // An alternate stack for the handlers, behind a guard page, touched and locked. With a Vault the Cell's own data is
-  // in it, and the Vault is closed while a law runs. The processor's present rounding and denormal modes are the ones
+  // An alternate stack for the handlers, behind a guard page, touched and locked. With a protected memory the FaultBarrier's own data is
+  // in it, and the protected memory is closed while a law runs. The processor's present rounding and denormal modes are the ones
   // restored later.
-  static Result<Cell> open(Vault* vault = nullptr);
-  Cell(Cell&&) = default;
+  static Result<FaultBarrier> open(ProtectedMemory* protected_memory = nullptr);
+  FaultBarrier(FaultBarrier&&) = default;
 
   // Blocks system calls inside run(). `also`: calls that a seccomp filter must allow because this thread makes them,
   // besides waiting, futexes and exit. A filter cannot be removed.
@@ -62,18 +62,18 @@ class Cell {
   // dispatch.
   CallGate dispatch_system_calls();
 
-  // Registers memory that only this thread writes, never during a call. It is compared around every call when the Vault
-  // has no keys (see Vault::guard). Without a Vault this does nothing.
+  // Registers memory that only this thread writes, never during a call. It is compared around every call when the protected memory
+  // has no keys (see ProtectedMemory::guard). Without a protected memory this does nothing.
   Result<> guard(void* block, std::size_t bytes);
 
-  // Registers with `constants` the data that a handler reads first: it is outside the Vault and must not change until
-  // the Cell is destroyed.
+  // Registers with `constants` the data that a handler reads first: it is outside the protected memory and must not change until
+  // the FaultBarrier is destroyed.
   Result<> watch_entrance(Constants& constants);
 
-  // Runs call(context). Trouble::kind is none when the call returned by itself; otherwise it was ended where it was,
+  // Runs call(context). Failure::kind is none when the call returned by itself; otherwise it was ended where it was,
   // after `deadline_ns` [CLOCK_MONOTONIC] by a Watchdog that charges CPU time. Not reentrant. No system call unless
   // there is a fault.
-  Trouble run(std::int64_t deadline_ns, Call call, void* context) LITHE_RT;
+  Failure run(std::int64_t deadline_ns, Call call, void* context) LITHE_RT;
 
   // Number of Watchdog signals that arrived after their call had ended, and were ignored.
   std::uint64_t late_signals() const LITHE_RT;
@@ -83,7 +83,7 @@ class Cell {
   struct Close {
     void operator()(Core* core) const;
   };
-  explicit Cell(Core* core) : core_(core) {}
+  explicit FaultBarrier(Core* core) : core_(core) {}
   std::unique_ptr<Core, Close> core_;
 };
 

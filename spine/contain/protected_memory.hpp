@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Vault: memory of this process that a law cannot write.
+// ProtectedMemory: memory of this process that a law cannot write.
 #pragma once
 
 #include <array>
@@ -27,18 +27,18 @@ inline constexpr std::size_t kMaxGuardedBlocks = 8;
 // stacks, thread-local variables and the C library's data cannot be inside: a law's stray write there is not detected.
 // Contract: made once, before the threads that use it (they inherit the write permission) · lives as long as they do ·
 // allocate() and guard() off the tick, one thread at a time · the rest RT
-class Vault {
+class ProtectedMemory {
  public:
   // `bytes` of prefaulted memory, locked where the limit allows it.
-  static Result<std::unique_ptr<Vault>> make(std::size_t bytes, Protection wanted = Protection::best);
-  ~Vault();
-  Vault(const Vault&) = delete;
-  Vault& operator=(const Vault&) = delete;
+  static Result<std::unique_ptr<ProtectedMemory>> make(std::size_t bytes, Protection wanted = Protection::best);
+  ~ProtectedMemory();
+  ProtectedMemory(const ProtectedMemory&) = delete;
+  ProtectedMemory& operator=(const ProtectedMemory&) = delete;
 
-  // Zeroed memory for the life of the Vault; nullptr when it is full.
+  // Zeroed memory for the life of the protected memory; nullptr when it is full.
   void* allocate(std::size_t bytes, std::size_t alignment = 64);
 
-  // An object in the Vault; nullptr when it is full. Its destructor is the caller's (std::destroy_at).
+  // An object in the protected memory; nullptr when it is full. Its destructor is the caller's (std::destroy_at).
   template <class T, class... Args>
   T* create(Args&&... args) {
     void* place = allocate(sizeof(T), alignof(T) < 64 ? 64 : alignof(T));
@@ -46,10 +46,10 @@ class Vault {
   }
 
   // Without keys: these bytes are copied around every call (8 bytes cost about 1/2 ns). Only for blocks of one thread,
-  // registered with Cell::guard. With keys they must be in the Vault, and nothing is copied.
+  // registered with FaultBarrier::guard. With keys they must be in the protected memory, and nothing is copied.
   Result<> guard(void* block, std::size_t bytes);
 
-  // Gives write permission to the calling thread, which was started before the Vault was made.
+  // Gives write permission to the calling thread, which was started before the protected memory was made.
   void open_for_this_thread() const;
 
   Protection protection() const LITHE_RT { return key_ < 0 ? Protection::copies : Protection::keys; }
@@ -74,7 +74,7 @@ class Vault {
     std::byte *original, *copy, *second;
     std::size_t bytes;
   };
-  Vault(void* base, std::size_t bytes, int key) : base_(static_cast<std::byte*>(base)), bytes_(bytes), key_(key) {}
+  ProtectedMemory(void* base, std::size_t bytes, int key) : base_(static_cast<std::byte*>(base)), bytes_(bytes), key_(key) {}
   static void remember(const Block& block) LITHE_RT;
   static const void* check(const Block& block) LITHE_RT;
 

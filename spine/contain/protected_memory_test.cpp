@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/contain/vault.hpp"
+#include "spine/contain/protected_memory.hpp"
 
 #include <sys/syscall.h>
 #include <unistd.h>
@@ -26,19 +26,19 @@ struct Critical {
 class VaultTest : public WithCell, public testing::WithParamInterface<Protection> {
  protected:
   void SetUp() override {
-    Result<std::unique_ptr<Vault>> made = Vault::make(1 << 16, GetParam());
+    Result<std::unique_ptr<ProtectedMemory>> made = ProtectedMemory::make(1 << 16, GetParam());
     if (!made && GetParam() == Protection::keys) GTEST_SKIP() << made.message();
     ASSERT_TRUE(made) << made.message();
-    vault = std::move(*made);
-    critical = vault->create<Critical>();
+    protected_memory = std::move(*made);
+    critical = protected_memory->create<Critical>();
     ASSERT_NE(critical, nullptr);
     for (std::size_t i = 0; i < critical->word.size(); ++i) critical->word[i] = i;
   }
-  Cell guarding_cell() {
-    Cell cell = open_cell(vault.get());
-    const Result<> guarded = cell.guard(critical, sizeof *critical);
+  FaultBarrier guarding_cell() {
+    FaultBarrier barrier = open_cell(protected_memory.get());
+    const Result<> guarded = barrier.guard(critical, sizeof *critical);
     EXPECT_TRUE(guarded) << guarded.message();
-    return cell;
+    return barrier;
   }
   bool is_whole() const {
     for (std::size_t i = 0; i < critical->word.size(); ++i) {
@@ -46,47 +46,47 @@ class VaultTest : public WithCell, public testing::WithParamInterface<Protection
     }
     return true;
   }
-  std::unique_ptr<Vault> vault;
+  std::unique_ptr<ProtectedMemory> protected_memory;
   Critical* critical = nullptr;
 };
 
 LITHE_BAD void write_word(void* word) { *static_cast<volatile std::uint64_t*>(word) = 0xbad; }
 
 TEST_P(VaultTest, AWildWriteIsReportedWithItsAddressAndUndone) {
-  Cell cell = guarding_cell();
+  FaultBarrier barrier = guarding_cell();
   for (std::size_t i = 0; i < critical->word.size(); ++i) {
-    const Trouble trouble = cell.run(kNoDeadline, write_word, &critical->word[i]);
-    ASSERT_EQ(trouble.kind, LawFaultKind::state_broken) << i;
-    ASSERT_EQ(trouble.address, reinterpret_cast<std::uintptr_t>(&critical->word[i]));
+    const Failure failure = barrier.run(kNoDeadline, write_word, &critical->word[i]);
+    ASSERT_EQ(failure.kind, LawFaultKind::state_broken) << i;
+    ASSERT_EQ(failure.address, reinterpret_cast<std::uintptr_t>(&critical->word[i]));
     ASSERT_TRUE(is_whole());
-    ASSERT_FALSE(cell.run(kNoDeadline, bad::nothing, nullptr));
+    ASSERT_FALSE(barrier.run(kNoDeadline, bad::nothing, nullptr));
   }
 }
 
 TEST_P(VaultTest, ALawThatBreaksItAndThenCrashesLeavesItWhole) {
-  Cell cell = guarding_cell();
+  FaultBarrier barrier = guarding_cell();
   const auto both = [](void* word) {
     write_word(word);
     bad::write_null(nullptr);
   };
-  EXPECT_TRUE(cell.run(kNoDeadline, both, &critical->word[3]));
+  EXPECT_TRUE(barrier.run(kNoDeadline, both, &critical->word[3]));
   EXPECT_TRUE(is_whole());
 }
 
 TEST_P(VaultTest, TheThreadItselfWritesBetweenCallsAlsoAfterACrash) {
-  Cell cell = guarding_cell();
+  FaultBarrier barrier = guarding_cell();
   for (std::uint64_t i = 1; i <= 100; ++i) {
     critical->word[0] = i;
-    ASSERT_TRUE(cell.run(kNoDeadline, bad::kCrashes[i % bad::kCrashes.size()].call, nullptr));
+    ASSERT_TRUE(barrier.run(kNoDeadline, bad::kCrashes[i % bad::kCrashes.size()].call, nullptr));
     critical->word[1] = i;
-    ASSERT_FALSE(cell.run(kNoDeadline, bad::nothing, nullptr));
+    ASSERT_FALSE(barrier.run(kNoDeadline, bad::nothing, nullptr));
     ASSERT_EQ(critical->word[0], i);
     ASSERT_EQ(critical->word[1], i);
   }
 }
 
 TEST_P(VaultTest, ALawReadsItAndWritesOutside) {
-  Cell cell = guarding_cell();
+  FaultBarrier barrier = guarding_cell();
   struct Read {
     const Critical* from;
     std::uint64_t sum;
@@ -95,14 +95,14 @@ TEST_P(VaultTest, ALawReadsItAndWritesOutside) {
     auto* r = static_cast<Read*>(context);
     for (const std::uint64_t word : r->from->word) r->sum += word;
   };
-  EXPECT_FALSE(cell.run(kNoDeadline, add_up, &read));
+  EXPECT_FALSE(barrier.run(kNoDeadline, add_up, &read));
   EXPECT_EQ(read.sum, 63u * 64 / 2);
 }
 
 TEST_P(VaultTest, AnotherThreadMayWriteWhileALawRuns) {
-  auto* shared = vault->create<std::atomic<std::uint64_t>>(0u);
+  auto* shared = protected_memory->create<std::atomic<std::uint64_t>>(0u);
   ASSERT_NE(shared, nullptr);
-  Cell cell = guarding_cell();
+  FaultBarrier barrier = guarding_cell();
   std::atomic<bool> stop{false};
   std::thread other([&] {
     while (!stop.load()) shared->fetch_add(1);
@@ -112,15 +112,15 @@ TEST_P(VaultTest, AnotherThreadMayWriteWhileALawRuns) {
     const std::uint64_t from = value->load();
     while (value->load() < from + 10) spin_pause();
   };
-  for (int i = 0; i < 10; ++i) EXPECT_FALSE(cell.run(kNoDeadline, wait_for_more, shared));
+  for (int i = 0; i < 10; ++i) EXPECT_FALSE(barrier.run(kNoDeadline, wait_for_more, shared));
   stop.store(true);
   other.join();
 }
 
-// A signal that comes too late must not leave the vault open for the rest of the call.
+// A signal that comes too late must not leave the protected memory open for the rest of the call.
 TEST_P(VaultTest, ALateSignalDoesNotOpenIt) {
   if (kHoldsSignals) GTEST_SKIP() << "ThreadSanitizer delivers no asynchronous signal to a busy thread";
-  Cell cell = guarding_cell();
+  FaultBarrier barrier = guarding_cell();
   struct Law {
     siginfo_t message = watch_message(UINT64_MAX, Ask::end);
     long thread = syscall(SYS_gettid);
@@ -133,20 +133,20 @@ TEST_P(VaultTest, ALateSignalDoesNotOpenIt) {
                      reinterpret_cast<long>(&own->message));
     write_word(own->word);
   };
-  EXPECT_EQ(cell.run(kNoDeadline, late_then_write, &law).kind, LawFaultKind::state_broken);
-  EXPECT_EQ(cell.late_signals(), 1u);
+  EXPECT_EQ(barrier.run(kNoDeadline, late_then_write, &law).kind, LawFaultKind::state_broken);
+  EXPECT_EQ(barrier.late_signals(), 1u);
   EXPECT_TRUE(is_whole());
 }
 
 TEST_P(VaultTest, AFullVaultSaysSo) {
-  EXPECT_EQ(vault->allocate(1 << 16), nullptr);
-  EXPECT_NE(vault->allocate(1 << 10), nullptr);
+  EXPECT_EQ(protected_memory->allocate(1 << 16), nullptr);
+  EXPECT_NE(protected_memory->allocate(1 << 10), nullptr);
   std::array<std::uint64_t, 8> outside{};
   if (GetParam() == Protection::keys) {
-    EXPECT_FALSE(vault->guard(outside.data(), sizeof outside));
+    EXPECT_FALSE(protected_memory->guard(outside.data(), sizeof outside));
   } else {
-    for (std::size_t i = 0; i < kMaxGuardedBlocks; ++i) EXPECT_TRUE(vault->guard(outside.data(), sizeof outside));
-    EXPECT_FALSE(vault->guard(outside.data(), sizeof outside));
+    for (std::size_t i = 0; i < kMaxGuardedBlocks; ++i) EXPECT_TRUE(protected_memory->guard(outside.data(), sizeof outside));
+    EXPECT_FALSE(protected_memory->guard(outside.data(), sizeof outside));
   }
 }
 
@@ -156,18 +156,18 @@ INSTANTIATE_TEST_SUITE_P(Both, VaultTest, testing::Values(Protection::keys, Prot
 
 // A wild write can hit the copy as well as the block: the block, which nobody touched, must win.
 TEST(VaultCopies, AWriteIntoACopyIsNoticedAndNeverCopiedBack) {
-  Result<std::unique_ptr<Vault>> vault = Vault::make(4096, Protection::copies);
-  ASSERT_TRUE(vault);
-  auto* block = static_cast<unsigned char*>((*vault)->allocate(64));
+  Result<std::unique_ptr<ProtectedMemory>> protected_memory = ProtectedMemory::make(4096, Protection::copies);
+  ASSERT_TRUE(protected_memory);
+  auto* block = static_cast<unsigned char*>((*protected_memory)->allocate(64));
   std::memset(block, 7, 64);
-  ASSERT_TRUE((*vault)->guard(block, 64));
+  ASSERT_TRUE((*protected_memory)->guard(block, 64));
   for (int which = 0; which < 3; ++which) {
-    (*vault)->remember();
+    (*protected_memory)->remember();
     block[64 * which + 5] = 9;  // the block, its copy, its second copy: one after the other
-    EXPECT_EQ((*vault)->check(), block + 64 * which + 5);
+    EXPECT_EQ((*protected_memory)->check(), block + 64 * which + 5);
     for (int i = 0; i < 64; ++i) EXPECT_EQ(block[i], 7);
-    (*vault)->remember();
-    EXPECT_EQ((*vault)->check(), nullptr);
+    (*protected_memory)->remember();
+    EXPECT_EQ((*protected_memory)->check(), nullptr);
   }
 }
 

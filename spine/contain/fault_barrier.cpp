@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/contain/cell.hpp"
+#include "spine/contain/fault_barrier.hpp"
 
 #include <pthread.h>
 #include <sys/auxv.h>
@@ -38,8 +38,8 @@ void touch(void* from, std::size_t bytes, std::size_t page) {
 
 }  // namespace
 
-Result<Cell> Cell::open(Vault* vault) {
-  if (entrance().core != nullptr) return Error{"this thread has a Cell already: one is enough for all its laws"};
+Result<FaultBarrier> FaultBarrier::open(ProtectedMemory* protected_memory) {
+  if (entrance().core != nullptr) return Error{"this thread has a FaultBarrier already: one is enough for all its laws"};
   Result<LawStack> law_stack = LawStack::make();
   if (!law_stack) return law_stack.error();
   const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
@@ -49,13 +49,13 @@ Result<Cell> Cell::open(Vault* vault) {
   void* base = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
   if (base == MAP_FAILED) return Error{std::string("no memory for a handler's stack: ") + std::strerror(errno)};
   auto* stack = static_cast<std::byte*>(base) + page;
-  void* place = vault == nullptr ? stack + stack_bytes : vault->allocate(sizeof(Core), alignof(Core));
+  void* place = protected_memory == nullptr ? stack + stack_bytes : protected_memory->allocate(sizeof(Core), alignof(Core));
   stack_t alternate{};
   alternate.ss_sp = stack;
   alternate.ss_size = stack_bytes;
   stack_t before{};
   if (place == nullptr || mprotect(base, page, PROT_NONE) != 0 || sigaltstack(&alternate, &before) != 0) {
-    const std::string why = place == nullptr ? "the vault is full" : std::strerror(errno);
+    const std::string why = place == nullptr ? "the protected memory is full" : std::strerror(errno);
     munmap(base, bytes);
     return Error{"no alternate stack for this thread's signal handlers: " + why};
   }
@@ -64,8 +64,8 @@ Result<Cell> Cell::open(Vault* vault) {
 
   Core* core = ::new (place) Core;
   core->law_stack = std::move(*law_stack);
-  core->vault = vault;
-  if (vault != nullptr && vault->key() >= 0) core->key = MemoryKey::of(vault->key());
+  core->protected_memory = protected_memory;
+  if (protected_memory != nullptr && protected_memory->key() >= 0) core->key = MemoryKey::of(protected_memory->key());
   core->environment = Environment::now();
   core->thread = static_cast<pid_t>(syscall(SYS_gettid));
   pthread_getcpuclockid(pthread_self(), &core->cpu_clock);
@@ -74,10 +74,10 @@ Result<Cell> Cell::open(Vault* vault) {
   core->stack_before = before;
   pthread_sigmask(SIG_SETMASK, nullptr, &core->mask);
   entrance() = {core, core->key};
-  return Cell(core);
+  return FaultBarrier(core);
 }
 
-void Cell::Close::operator()(Core* core) const {
+void FaultBarrier::Close::operator()(Core* core) const {
   if (core->watchdog != nullptr) core->watchdog->forget(*core);
   if (core->gated) stop_dispatch();
   if (core->constants != nullptr) core->constants->forget(&entrance());
@@ -91,22 +91,22 @@ void Cell::Close::operator()(Core* core) const {
   munmap(mapping, bytes);
 }
 
-Result<> Cell::watch_entrance(Constants& constants) {
+Result<> FaultBarrier::watch_entrance(Constants& constants) {
   core_->constants = &constants;
   return constants.watch("how a thread comes back from a law", &entrance(), sizeof(Entrance));
 }
 
-Result<> Cell::guard(void* block, std::size_t bytes) {
-  if (core_->vault == nullptr) return done();
+Result<> FaultBarrier::guard(void* block, std::size_t bytes) {
+  if (core_->protected_memory == nullptr) return done();
   core_->guards = true;
-  return core_->vault->guard(block, bytes);
+  return core_->protected_memory->guard(block, bytes);
 }
 
 // A separate function, so that no value in a register has to survive the jump.
-[[gnu::noinline]] Trouble Cell::run(std::int64_t deadline_ns, Call call, void* context) LITHE_RT {
+[[gnu::noinline]] Failure FaultBarrier::run(std::int64_t deadline_ns, Call call, void* context) LITHE_RT {
   Core& core = *core_;
-  core.trouble = {};
-  if (core.guards) core.vault->remember();
+  core.failure = {};
+  if (core.guards) core.protected_memory->remember();
   core.deadline_ns.store(deadline_ns, std::memory_order_relaxed);
   LITHE_RT_EXEMPT("sigsetjmp(env, 0) saves registers only; how long a law takes is the Watchdog's business", {
     if (sigsetjmp(core.back, 0) == 0) {
@@ -124,14 +124,14 @@ Result<> Cell::guard(void* block, std::size_t bytes) {
       core.law_stack.forget_frames();
     }
   });
-  if (!core.guards) return core.trouble;
-  const void* broken = core.vault->check();
-  if (broken != nullptr && !core.trouble) {
-    core.trouble = {wire::LawFaultKind::state_broken, 0, reinterpret_cast<std::uintptr_t>(broken)};
+  if (!core.guards) return core.failure;
+  const void* broken = core.protected_memory->check();
+  if (broken != nullptr && !core.failure) {
+    core.failure = {wire::LawFaultKind::state_broken, 0, reinterpret_cast<std::uintptr_t>(broken)};
   }
-  return core.trouble;
+  return core.failure;
 }
 
-std::uint64_t Cell::late_signals() const LITHE_RT { return core_->late_signals.load(std::memory_order_relaxed); }
+std::uint64_t FaultBarrier::late_signals() const LITHE_RT { return core_->late_signals.load(std::memory_order_relaxed); }
 
 }  // namespace lithe::contain

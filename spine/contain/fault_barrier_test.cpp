@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/contain/cell.hpp"
+#include "spine/contain/fault_barrier.hpp"
 
 #include <signal.h>
 #include <unistd.h>
@@ -24,94 +24,94 @@ using wire::LawFaultKind;
 class CellTest : public WithCell {
  protected:
   // The thread goes on: a law that is in order runs, and its stack and handlers are whole.
-  static void expect_goes_on(Cell& cell) {
+  static void expect_goes_on(FaultBarrier& barrier) {
     int runs = 0;
-    EXPECT_EQ(cell.run(kNoDeadline, bad::count, &runs).kind, LawFaultKind::none);
+    EXPECT_EQ(barrier.run(kNoDeadline, bad::count, &runs).kind, LawFaultKind::none);
     EXPECT_EQ(runs, 1);
   }
 };
 
 TEST_F(CellTest, EveryCrashIsContainedAndTheThreadGoesOn) {
-  Cell cell = open_cell();
+  FaultBarrier barrier = open_cell();
   for (const bad::Case& each : bad::kCrashes) {
     SCOPED_TRACE(each.name);
-    EXPECT_EQ(cell.run(kNoDeadline, each.call, nullptr).kind, each.kind);
-    expect_goes_on(cell);
+    EXPECT_EQ(barrier.run(kNoDeadline, each.call, nullptr).kind, each.kind);
+    expect_goes_on(barrier);
   }
   void* page = bad::page_without_file();
   ASSERT_NE(page, MAP_FAILED);
-  EXPECT_EQ(cell.run(kNoDeadline, bad::leave_file, page).kind, LawFaultKind::bus_error);
-  expect_goes_on(cell);
+  EXPECT_EQ(barrier.run(kNoDeadline, bad::leave_file, page).kind, LawFaultKind::bus_error);
+  expect_goes_on(barrier);
   munmap(page, 4096);
 }
 
 TEST_F(CellTest, AThousandCrashesInTurnLeaveNothingBehind) {
-  Cell cell = open_cell();
+  FaultBarrier barrier = open_cell();
   int runs = 0;
   for (std::size_t i = 0; i < 1000; ++i) {
     const bad::Case& each = bad::kCrashes[i % bad::kCrashes.size()];
-    ASSERT_EQ(cell.run(kNoDeadline, each.call, nullptr).kind, each.kind) << each.name << " at " << i;
-    ASSERT_FALSE(cell.run(kNoDeadline, bad::count, &runs));
+    ASSERT_EQ(barrier.run(kNoDeadline, each.call, nullptr).kind, each.kind) << each.name << " at " << i;
+    ASSERT_FALSE(barrier.run(kNoDeadline, bad::count, &runs));
   }
   EXPECT_EQ(runs, 1000);
 }
 
 TEST_F(CellTest, AnotherThreadHasItsOwnCell) {
-  Cell cell = open_cell();
+  FaultBarrier barrier = open_cell();
   std::thread other([] {
-    Cell own = open_cell();
+    FaultBarrier own = open_cell();
     for (int i = 0; i < 100; ++i) {
       EXPECT_EQ(own.run(kNoDeadline, bad::overflow_stack, nullptr).kind, LawFaultKind::bad_access);
     }
   });
   for (int i = 0; i < 100; ++i) {
-    EXPECT_EQ(cell.run(kNoDeadline, bad::overflow_stack, nullptr).kind, LawFaultKind::bad_access);
+    EXPECT_EQ(barrier.run(kNoDeadline, bad::overflow_stack, nullptr).kind, LawFaultKind::bad_access);
   }
   other.join();
 }
 
 TEST_F(CellTest, AThreadHasOneCellAtATimeAndMayOpenAnotherAfterIt) {
   {
-    Cell cell = open_cell();
-    EXPECT_FALSE(Cell::open());
+    FaultBarrier barrier = open_cell();
+    EXPECT_FALSE(FaultBarrier::open());
   }
-  Cell again = open_cell();
+  FaultBarrier again = open_cell();
   EXPECT_TRUE(again.run(kNoDeadline, bad::write_null, nullptr));
 }
 
 TEST_F(CellTest, TroubleSaysWhereAndWhatWasTouched) {
-  Cell cell = open_cell();
-  const Trouble trouble = cell.run(kNoDeadline, bad::write_null, nullptr);
-  EXPECT_EQ(trouble.address, 0x10u);
+  FaultBarrier barrier = open_cell();
+  const Failure failure = barrier.run(kNoDeadline, bad::write_null, nullptr);
+  EXPECT_EQ(failure.address, 0x10u);
   const auto store = reinterpret_cast<std::uintptr_t>(&bad::store_at);
-  EXPECT_GE(trouble.pc, store);
-  EXPECT_LT(trouble.pc, store + 256);
+  EXPECT_GE(failure.pc, store);
+  EXPECT_LT(failure.pc, store + 256);
 }
 
 TEST_F(CellTest, AGoodCallsReportIsEmptyAlsoAfterACrash) {
-  Cell cell = open_cell();
-  EXPECT_TRUE(cell.run(kNoDeadline, bad::write_null, nullptr));
-  const Trouble none = cell.run(kNoDeadline, bad::nothing, nullptr);
+  FaultBarrier barrier = open_cell();
+  EXPECT_TRUE(barrier.run(kNoDeadline, bad::write_null, nullptr));
+  const Failure none = barrier.run(kNoDeadline, bad::nothing, nullptr);
   EXPECT_EQ(none.kind, LawFaultKind::none);
   EXPECT_EQ(none.pc, 0u);
   EXPECT_EQ(none.address, 0u);
 }
 
 TEST_F(CellTest, HandlersRunOnAStackBehindAGuardPage) {
-  Cell cell = open_cell();
+  FaultBarrier barrier = open_cell();
   stack_t stack{};
   ASSERT_EQ(sigaltstack(nullptr, &stack), 0);
   EXPECT_EQ(stack.ss_flags, 0);
   EXPECT_GE(stack.ss_size, std::size_t{64} << 10);
   const auto below = reinterpret_cast<std::uintptr_t>(stack.ss_sp) - 1;
-  const Trouble trouble = cell.run(
+  const Failure failure = barrier.run(
       kNoDeadline, [](void* at) { bad::store_at(*static_cast<std::uintptr_t*>(at) & ~std::uintptr_t{15}); },
       const_cast<std::uintptr_t*>(&below));
-  EXPECT_EQ(trouble.kind, LawFaultKind::bad_access);
+  EXPECT_EQ(failure.kind, LawFaultKind::bad_access);
 }
 
 TEST_F(CellTest, AMaskALawDiesWithIsPutRight) {
-  Cell cell = open_cell();
+  FaultBarrier barrier = open_cell();
   sigset_t before, after;
   pthread_sigmask(SIG_SETMASK, nullptr, &before);
   const auto block_and_die = [](void*) {
@@ -119,7 +119,7 @@ TEST_F(CellTest, AMaskALawDiesWithIsPutRight) {
     bad::call_kernel(SYS_rt_sigprocmask, SIG_BLOCK, reinterpret_cast<long>(&kUsers), 0, sizeof kUsers);
     bad::write_null(nullptr);
   };
-  EXPECT_EQ(cell.run(kNoDeadline, block_and_die, nullptr).kind, LawFaultKind::bad_access);
+  EXPECT_EQ(barrier.run(kNoDeadline, block_and_die, nullptr).kind, LawFaultKind::bad_access);
   pthread_sigmask(SIG_SETMASK, nullptr, &after);
   for (int signal = 1; signal < SIGRTMAX; ++signal) {
     EXPECT_EQ(sigismember(&before, signal), sigismember(&after, signal)) << signal;
@@ -147,21 +147,21 @@ LITHE_BAD void upset_arithmetic(void*) {
 }
 
 TEST_F(CellTest, AnEnvironmentALawLeavesBehindIsPutRight) {
-  Cell cell = open_cell();
+  FaultBarrier barrier = open_cell();
   ASSERT_TRUE(is_in_order());
-  EXPECT_FALSE(cell.run(kNoDeadline, upset_arithmetic, nullptr));
+  EXPECT_FALSE(barrier.run(kNoDeadline, upset_arithmetic, nullptr));
   EXPECT_TRUE(is_in_order());
-  for (int i = 0; i < 20; ++i) cell.run(kNoDeadline, upset_arithmetic, nullptr);  // the x87 stack has eight places
+  for (int i = 0; i < 20; ++i) barrier.run(kNoDeadline, upset_arithmetic, nullptr);  // the x87 stack has eight places
   EXPECT_TRUE(is_in_order());
 }
 
 TEST_F(CellTest, AnEnvironmentALawDiesInIsPutRight) {
-  Cell cell = open_cell();
+  FaultBarrier barrier = open_cell();
   const auto upset_and_die = [](void*) {
     upset_arithmetic(nullptr);
     bad::write_null(nullptr);
   };
-  EXPECT_TRUE(cell.run(kNoDeadline, upset_and_die, nullptr));
+  EXPECT_TRUE(barrier.run(kNoDeadline, upset_and_die, nullptr));
   EXPECT_TRUE(is_in_order());
 }
 
@@ -171,8 +171,8 @@ TEST_F(CellTest, WhatTheThreadChoseItselfIsKept) {
   const unsigned before = _mm_getcsr();
   _mm_setcsr(before | 0x8040);
   {
-    Cell cell = open_cell();
-    EXPECT_TRUE(cell.run(kNoDeadline, bad::write_null, nullptr));
+    FaultBarrier barrier = open_cell();
+    EXPECT_TRUE(barrier.run(kNoDeadline, bad::write_null, nullptr));
     EXPECT_EQ(_mm_getcsr() & 0x8040u, 0x8040u);
   }
   _mm_setcsr(before);
@@ -183,13 +183,13 @@ TEST_F(CellTest, WhatTheThreadChoseItselfIsKept) {
 
 TEST_F(CellTest, AnUnmaskedExceptionInALawIsItsFault) {
 #if defined(__x86_64__)
-  Cell cell = open_cell();
+  FaultBarrier barrier = open_cell();
   const auto divide = [](void*) {
     _mm_setcsr(_mm_getcsr() & ~0x200u);
     volatile double one = 1, zero = 0;
     one = one / zero;
   };
-  EXPECT_EQ(cell.run(kNoDeadline, divide, nullptr).kind, LawFaultKind::arithmetic);
+  EXPECT_EQ(barrier.run(kNoDeadline, divide, nullptr).kind, LawFaultKind::arithmetic);
   EXPECT_TRUE(is_in_order());
 #else
   GTEST_SKIP() << "not every AArch64 core can trap on arithmetic";
@@ -200,16 +200,16 @@ TEST_F(CellTest, AnUnmaskedExceptionInALawIsItsFault) {
 constexpr std::uint64_t kDirection = 1u << 10, kNestedTask = 1u << 14, kAlignment = 1u << 18;
 
 TEST_F(CellTest, DirectionAndAlignmentFlagsArePutRight) {
-  Cell cell = open_cell();
+  FaultBarrier barrier = open_cell();
   const auto set_flags = [](void*) { asm volatile("pushfq\n\torq $0x44400, (%%rsp)\n\tpopfq" : : : "cc", "memory"); };
   const auto set_and_die = [](void*) {
     asm volatile("pushfq\n\torq $0x44400, (%%rsp)\n\tpopfq\n\tmovl $1, 0x10" : : : "cc", "memory");
   };
-  EXPECT_FALSE(cell.run(kNoDeadline, set_flags, nullptr));
+  EXPECT_FALSE(barrier.run(kNoDeadline, set_flags, nullptr));
   EXPECT_EQ(__builtin_ia32_readeflags_u64() & (kDirection | kNestedTask | kAlignment), 0u);
   serialise_core();  // faults while a law's nested-task flag is up
   if (kHoldsSignals) GTEST_SKIP() << "ThreadSanitizer's own handler runs before ours, and trips over the flag";
-  EXPECT_TRUE(cell.run(kNoDeadline, set_and_die, nullptr));
+  EXPECT_TRUE(barrier.run(kNoDeadline, set_and_die, nullptr));
   EXPECT_EQ(__builtin_ia32_readeflags_u64() & (kDirection | kNestedTask | kAlignment), 0u);
 }
 #endif
@@ -245,14 +245,14 @@ TEST_P(OwnFault, EndsTheProcessWithItsOwnSignal) {
   const auto ended = [signal](int status) { return ended_by(status, signal); };
   EXPECT_EXIT(
       {
-        Cell cell = open_cell();
-        cell.run(kNoDeadline, bad::write_null, nullptr);  // a law's fault before must not excuse ours after
+        FaultBarrier barrier = open_cell();
+        barrier.run(kNoDeadline, bad::write_null, nullptr);  // a law's fault before must not excuse ours after
         fail_with(signal);
       },
       ended, "");
   EXPECT_EXIT(
       {
-        Cell cell = open_cell();
+        FaultBarrier barrier = open_cell();
         std::thread([signal] { fail_with(signal); }).join();  // a thread that runs no laws
       },
       ended, "");
@@ -264,14 +264,14 @@ TEST_P(OwnFault, OfAnotherProcessEndsThisOne) {
   const auto ended = [signal](int status) { return ended_by(status, signal); };
   EXPECT_EXIT(
       {
-        Cell cell = open_cell();
+        FaultBarrier barrier = open_cell();
         const pid_t target = getpid();
         if (fork() == 0) {
           std::this_thread::sleep_for(std::chrono::milliseconds(20));
           if (getppid() == target) kill(target, signal);
           _exit(0);
         }
-        cell.run(kNoDeadline, bad::loop_forever, nullptr);
+        barrier.run(kNoDeadline, bad::loop_forever, nullptr);
       },
       ended, "");
 }

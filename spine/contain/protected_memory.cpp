@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/contain/vault.hpp"
+#include "spine/contain/protected_memory.hpp"
 
 #include <sys/mman.h>
 #include <unistd.h>
@@ -27,7 +27,7 @@ int new_key() {
 
 }  // namespace
 
-Result<std::unique_ptr<Vault>> Vault::make(std::size_t bytes, Protection wanted) {
+Result<std::unique_ptr<ProtectedMemory>> ProtectedMemory::make(std::size_t bytes, Protection wanted) {
   const int key = wanted == Protection::copies ? -1 : new_key();
   if (key < 0 && wanted == Protection::keys) {
     return Error{std::string("memory protection keys were refused (") + std::strerror(errno) +
@@ -40,7 +40,7 @@ Result<std::unique_ptr<Vault>> Vault::make(std::size_t bytes, Protection wanted)
 #if defined(__x86_64__)
     if (key >= 0) pkey_free(key);
 #endif
-    return Error{"no " + std::to_string(size) + " bytes for the vault: " + std::strerror(error)};
+    return Error{"no " + std::to_string(size) + " bytes for the protected memory: " + std::strerror(error)};
   }
   mlock(base, size);  // without the right to lock it is at least resident now
 #if defined(__x86_64__)
@@ -48,55 +48,55 @@ Result<std::unique_ptr<Vault>> Vault::make(std::size_t bytes, Protection wanted)
     const int error = errno;
     munmap(base, size);
     pkey_free(key);
-    return Error{std::string("the vault's pages take no protection key: ") + std::strerror(error)};
+    return Error{std::string("the protected memory's pages take no protection key: ") + std::strerror(error)};
   }
 #endif
-  return std::unique_ptr<Vault>(new Vault(base, size, key));
+  return std::unique_ptr<ProtectedMemory>(new ProtectedMemory(base, size, key));
 }
 
-Vault::~Vault() {
+ProtectedMemory::~ProtectedMemory() {
   munmap(base_, bytes_);
 #if defined(__x86_64__)
   if (key_ >= 0) pkey_free(key_);
 #endif
 }
 
-void* Vault::allocate(std::size_t bytes, std::size_t alignment) {
+void* ProtectedMemory::allocate(std::size_t bytes, std::size_t alignment) {
   const std::size_t from = (used_ + alignment - 1) / alignment * alignment;
   if (from > bytes_ || bytes > bytes_ - from) return nullptr;
   used_ = from + bytes;
   return base_ + from;
 }
 
-Result<> Vault::guard(void* block, std::size_t bytes) {
+Result<> ProtectedMemory::guard(void* block, std::size_t bytes) {
   auto* from = static_cast<std::byte*>(block);
   if (key_ >= 0) {
     if (from >= base_ && from + bytes <= base_ + bytes_) return done();
-    return Error{"a guarded block lies outside the vault, where its key does not reach: allocate it there"};
+    return Error{"a guarded block lies outside the protected memory, where its key does not reach: allocate it there"};
   }
   if (blocks_used_ == blocks_.size()) {
-    return Error{"the vault guards " + std::to_string(blocks_.size()) + " blocks already: join some of them"};
+    return Error{"the protected memory guards " + std::to_string(blocks_.size()) + " blocks already: join some of them"};
   }
   Block guarded{from, static_cast<std::byte*>(allocate(bytes)), static_cast<std::byte*>(allocate(bytes)), bytes};
   if (guarded.copy == nullptr || guarded.second == nullptr) {
-    return Error{"the vault is too small for two copies of a block of " + std::to_string(bytes) + " bytes"};
+    return Error{"the protected memory is too small for two copies of a block of " + std::to_string(bytes) + " bytes"};
   }
   blocks_[blocks_used_++] = guarded;
   return done();
 }
 
-void Vault::open_for_this_thread() const {
+void ProtectedMemory::open_for_this_thread() const {
 #if defined(__x86_64__)
   if (key_ >= 0) pkey_set(key_, 0);
 #endif
 }
 
-void Vault::remember(const Block& block) LITHE_RT {
+void ProtectedMemory::remember(const Block& block) LITHE_RT {
   std::memcpy(block.copy, block.original, block.bytes);
   std::memcpy(block.second, block.original, block.bytes);
 }
 
-const void* Vault::check(const Block& block) LITHE_RT {
+const void* ProtectedMemory::check(const Block& block) LITHE_RT {
   if (std::memcmp(block.original, block.copy, block.bytes) == 0 &&
       std::memcmp(block.copy, block.second, block.bytes) == 0) {
     return nullptr;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/hal/cia402/cia402_demand.hpp"
+#include "spine/hal/cia402/cia402_setpoint_limiter.hpp"
 
 #include <gtest/gtest.h>
 
@@ -11,7 +11,7 @@ TEST(Cia402Demand, APositionBeyondAllNumbersDoesNotSpoilTheOnesAfterIt) {
   params.mode = Mode::position;
   params.counts_per_rev = 1e9;
   params.joint.ratio = 1e4;
-  Demand demand(params);
+  SetpointLimiter demand(params);
   demand.rest(1000);
   JointCommand command{.action = DriveAction::torque, .position_rad = 1e300};
   for (int i = 0; i < 3; ++i) demand.next(command, {});

@@ -24,9 +24,9 @@ struct RawDemand {
 //              joint's deceleration; without a target it comes to rest in the same way.
 //   velocity   stays below that velocity and changes by the joint's deceleration.
 // Contract: RT but for the constructor · one thread · once per command of the drive
-class Demand {
+class SetpointLimiter {
  public:
-  explicit Demand(const DriverParams& params);
+  explicit SetpointLimiter(const DriverParams& params);
 
   // While the drive is off: resets the start of the next motion. Returns the setpoint that holds the present state.
   RawDemand rest(std::uint32_t position_raw) LITHE_RT;

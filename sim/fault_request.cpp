@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "sim/order.hpp"
+#include "sim/fault_request.hpp"
 
 #include <array>
 #include <nlohmann/json.hpp>
@@ -9,7 +9,7 @@ namespace lithe::simulator {
 namespace {
 
 using Json = nlohmann::json;
-using Kind = Order::Kind;
+using Kind = FaultRequest::Kind;
 
 constexpr std::array<std::pair<std::string_view, Kind>, 17> kKinds{{{"drop", Kind::drop},
                                                                     {"corrupt", Kind::corrupt},
@@ -51,7 +51,7 @@ Result<> name(const Json& json, const char* key, std::string& value) {
   return done();
 }
 
-Result<> fill(const Json& json, Order& order) {
+Result<> fill(const Json& json, FaultRequest& order) {
   for (const auto& item : json.items()) {
     constexpr std::array kKnown{"fault", "bus", "device", "share", "ms", "on", "after_s", "for_s"};
     bool known = false;
@@ -74,9 +74,9 @@ Result<> fill(const Json& json, Order& order) {
   const auto useless = [&](const char* key, bool used) { return json.contains(key) && !used; };
   const bool all = order.kind == Kind::clear;
   if (useless("bus", !is_of_device(order.kind) && !all))
-    return Error{"\"bus\" is for what befalls a bus; say \"device\""};
-  if (useless("device", is_of_device(order.kind))) return Error{"\"device\" is for what befalls a device; say \"bus\""};
-  if (useless("share", is_share(order.kind))) return Error{"\"share\" is for what befalls some frames"};
+    return Error{"\"bus\" is for faults of a bus; say \"device\""};
+  if (useless("device", is_of_device(order.kind))) return Error{"\"device\" is for faults of a device; say \"bus\""};
+  if (useless("share", is_share(order.kind))) return Error{"\"share\" is for faults of some frames"};
   if (useless("ms", order.kind == Kind::delay)) return Error{"\"ms\" is for \"delay\""};
   if (useless("on", !is_share(order.kind) && order.kind != Kind::delay && !all)) {
     return Error{"\"on\" is not for this; \"share\": 0 or \"ms\": 0 ends it"};
@@ -89,11 +89,11 @@ Result<> fill(const Json& json, Order& order) {
 
 }  // namespace
 
-Result<Order> parse_order(std::string_view line) {
+Result<FaultRequest> parse_order(std::string_view line) {
   const Json json = Json::parse(line, nullptr, false);
   if (!json.is_object()) return Error{"not a JSON object; for example {\"fault\": \"drop\", \"share\": 0.1}"};
   const auto fault = json.find("fault");
-  Order order;
+  FaultRequest order;
   std::string words;
   bool known = false;
   for (const auto& [word, kind] : kKinds) {
@@ -109,8 +109,8 @@ Result<Order> parse_order(std::string_view line) {
 
 bool is_of_device(Kind kind) { return kind >= Kind::reset && kind <= Kind::wrong_id; }
 
-Order undone(const Order& order) {
-  Order end = order;
+FaultRequest undone(const FaultRequest& order) {
+  FaultRequest end = order;
   end.amount = end.after_s = end.for_s = 0;
   end.on = false;
   return end;
