@@ -143,7 +143,7 @@ TEST(Guard, AboveTheVelocityLimitOnlyBrakingIsFreeAndFarAboveIsAFault) {
   EXPECT_EQ(bench.check().fault, Fault::velocity_limit);
 }
 
-// The gains fade within the slew bound, so for a while there is a stiffness and no target.
+// Here the stiffness goes in one tick. In a slow loop with light joints it fades, and is there without a target.
 TEST(Guard, ALawThatDropsItsPositionTargetGetsAFiniteTorqueWithinTheSlewBound) {
   robot::RobotConfig robot = robot_with(1);
   robot.joints[0].inertia_max_kg_m2 = robot.joints[0].inertia_min_kg_m2 = 0.01;
