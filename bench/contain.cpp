@@ -104,10 +104,11 @@ void measure_block(Way& way, int cpu, contain::Watchdog& dog) {
   on_core(cpu, [&] {
     raise_priority();
     const bool copies = way.copied_bytes > 0;
-    auto protected_memory =
-        or_exit(contain::ProtectedMemory::make(1 << 16, copies ? contain::Protection::copies : contain::Protection::best));
+    auto protected_memory = or_exit(
+        contain::ProtectedMemory::make(1 << 16, copies ? contain::Protection::copies : contain::Protection::best));
     if (copies) or_exit(protected_memory->guard(protected_memory->allocate(way.copied_bytes), way.copied_bytes));
-    contain::FaultBarrier barrier = or_exit(contain::FaultBarrier::open(way.in_vault ? protected_memory.get() : nullptr));
+    contain::FaultBarrier barrier =
+        or_exit(contain::FaultBarrier::open(way.in_vault ? protected_memory.get() : nullptr));
     or_exit(dog.watch(barrier));
     if (way.gated) or_exit(barrier.forbid_system_calls());
     way.calls(&barrier);

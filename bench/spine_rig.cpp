@@ -58,8 +58,8 @@ SpineRig::SpineRig(robot::RobotConfig config, Cores cores) : config_(std::move(c
   or_exit(contain::install_handlers());
   barrier_.emplace(or_exit(contain::FaultBarrier::open()));
   sandbox_.emplace(or_exit(law::SandboxMemory::make()));
-  const loop::Wiring wiring{config_,    *memory_, *control_, *brain_, slot_,
-                            **sandbox_, &*barrier_,  handover_, *clock_, nullptr};
+  const loop::Wiring wiring{config_,    *memory_,   *control_, *brain_, slot_,
+                            **sandbox_, &*barrier_, handover_, *clock_, nullptr};
   spine_ = std::make_unique<loop::Spine>(wiring);
   transport_ = on_core(cores.partner, [this] { serve_buses(); });
   brain_thread_ = on_core(cores.partner, [this] { publish_plans(); });

@@ -208,7 +208,7 @@ def stops_in(ticks: npt.NDArray[Any]) -> int:
     return int(np.count_nonzero(ticks["active"][:-1] & ~ticks["active"][1:]))
 
 
-def largest_step_nm(ticks: npt.NDArray[Any], spans: list[Window] | None = None) -> float:
+def largest_step_nm(ticks: npt.NDArray[Any], spans: list[Window] | Spans | None = None) -> float:
     """The largest torque step from one tick to the next, if the law ran in both; in some spans only, if they are given.
 
     Steps over a missed release are left out, because the robot moved meanwhile. (The Spine numbers only the ticks that

@@ -161,8 +161,9 @@ void Devices::clear(std::int64_t now_ns) {
   over.on = false;
   for (const auto& wire : wires_) wire->set_faults({});
   for (std::size_t i = 0; i < nodes_.devices.size(); ++i) {
-    for (const InjectedFault injected : {InjectedFault::over_temperature, InjectedFault::encoder_lost, InjectedFault::device_fault,
-                                InjectedFault::homing_lost, InjectedFault::other_map}) {
+    for (const InjectedFault injected :
+         {InjectedFault::over_temperature, InjectedFault::encoder_lost, InjectedFault::device_fault,
+          InjectedFault::homing_lost, InjectedFault::other_map}) {
       nodes_.devices[i]->inject(injected, false, now_ns);
     }
     if (company_[i].stranger != nullptr) meet_stranger(i, over);

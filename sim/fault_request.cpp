@@ -73,8 +73,7 @@ Result<> fill(const Json& json, FaultRequest& order) {
   // A key that would be ignored is an error.
   const auto useless = [&](const char* key, bool used) { return json.contains(key) && !used; };
   const bool all = order.kind == Kind::clear;
-  if (useless("bus", !is_of_device(order.kind) && !all))
-    return Error{"\"bus\" is for faults of a bus; say \"device\""};
+  if (useless("bus", !is_of_device(order.kind) && !all)) return Error{"\"bus\" is for faults of a bus; say \"device\""};
   if (useless("device", is_of_device(order.kind))) return Error{"\"device\" is for faults of a device; say \"bus\""};
   if (useless("share", is_share(order.kind))) return Error{"\"share\" is for faults of some frames"};
   if (useless("ms", order.kind == Kind::delay)) return Error{"\"ms\" is for \"delay\""};

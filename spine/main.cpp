@@ -17,8 +17,8 @@
 #include <thread>
 
 #include "spine/code_arena.hpp"
-#include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/constants.hpp"
+#include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/protected_memory.hpp"
 #include "spine/contain/watchdog.hpp"
 #include "spine/core/host.hpp"
@@ -109,7 +109,8 @@ Result<Containment> contain_laws() {
 }
 
 // The arena's store, in the protected memory; nullptr without an arena.
-load::LawStore* keep_store(const Result<std::unique_ptr<load::ArenaStore>>& arena, contain::ProtectedMemory& protected_memory) {
+load::LawStore* keep_store(const Result<std::unique_ptr<load::ArenaStore>>& arena,
+                           contain::ProtectedMemory& protected_memory) {
   if (!arena || *arena == nullptr) return nullptr;
   (void)(*arena)->arena().lock();  // locked at least in part; the notes say what was not
   return protected_memory.create<load::ArenaStore>((*arena)->take_arena());
@@ -359,7 +360,8 @@ int run(const std::string& path) {
     return refuse(kExitRefused, containment.message());
   }
   load::LawStore* const code = keep_store(arena, *containment->protected_memory);
-  auto* threads = containment->protected_memory->create<Threads>(*robot, *cpus, *memory, *containment, code, **actuators);
+  auto* threads =
+      containment->protected_memory->create<Threads>(*robot, *cpus, *memory, *containment, code, **actuators);
   Own own{threads->start(), containment->protected_memory->protection() == contain::Protection::keys, code != nullptr};
   write_robot_info(memory->spine->robot_info, *robot, *cpus, notes, own);
   if (const Result<> watched = watch_constants(threads->constants(), *robot, *memory); !watched)

@@ -14,7 +14,7 @@ PYTHON = ".venv/bin/python"
 JOBS = str(len(os.sched_getaffinity(0)))
 CPP_FILES = "git ls-files -co --exclude-standard '*.cpp' '*.hpp' '*.c' '*.h' | grep -v -e ^spine/wire/ -e /_shm/"
 # What must be free of data races, and what runs in the tick (cmake/rooms.cmake labels every test with its room).
-# In `contain` ThreadSanitizer sees the words that FaultBarrier and Watchdog share, and the protected memory; it holds asynchronous signals
+# In `contain` ThreadSanitizer sees the words that FaultBarrier and Watchdog share; it holds asynchronous signals
 # back and wants faults for itself, so tests of those skip themselves there (spine/contain/test/contain_rig.hpp). In the
 # rooms of buses it sees the Link between exchange and housekeeping.
 RACE_ROOMS = "ipc law load loop contain hal_core hal_bus_serial hal_bus_fdcanusb hal_bus_slcan hal_bus_socketcan"

@@ -63,7 +63,8 @@ class Source {
                   "LITHE_LAW(Type, \"name\"); see laws/pd.cpp",
                   1, 1);
     }
-    for (const Ambiguity& ambiguity : tokens_.ambiguities) out_.refuse(gate_, ambiguity.message, ambiguity.line, ambiguity.column);
+    for (const Ambiguity& ambiguity : tokens_.ambiguities)
+      out_.refuse(gate_, ambiguity.message, ambiguity.line, ambiguity.column);
   }
 
   template <class Body>

@@ -89,7 +89,7 @@ class Reader {
         ambiguity(i, "a control character in the text: remove it");
       } else if (is_bidi(text_, i)) {
         ambiguity(i,
-                "a character that changes the direction of writing: remove it, the text must read as it is compiled");
+                  "a character that changes the direction of writing: remove it, the text must read as it is compiled");
       } else if (c == '?' && i + 2 < text_.size() && text_[i + 1] == '?' &&
                  std::string_view("=/'()!<>-").find(text_[i + 2]) != std::string_view::npos) {
         ambiguity(i, "a trigraph (two question marks): write the character itself");

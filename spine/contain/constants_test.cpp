@@ -12,8 +12,8 @@
 #include <thread>
 #include <utility>
 
-#include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/core.hpp"
+#include "spine/contain/fault_barrier.hpp"
 
 namespace lithe::contain {
 namespace {

@@ -11,8 +11,8 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/environment.hpp"
+#include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/law_stack.hpp"
 #include "spine/contain/memory_key.hpp"
 #include "spine/contain/protected_memory.hpp"

@@ -39,7 +39,8 @@ void touch(void* from, std::size_t bytes, std::size_t page) {
 }  // namespace
 
 Result<FaultBarrier> FaultBarrier::open(ProtectedMemory* protected_memory) {
-  if (entrance().core != nullptr) return Error{"this thread has a FaultBarrier already: one is enough for all its laws"};
+  if (entrance().core != nullptr)
+    return Error{"this thread has a FaultBarrier already: one is enough for all its laws"};
   Result<LawStack> law_stack = LawStack::make();
   if (!law_stack) return law_stack.error();
   const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
@@ -49,7 +50,8 @@ Result<FaultBarrier> FaultBarrier::open(ProtectedMemory* protected_memory) {
   void* base = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
   if (base == MAP_FAILED) return Error{std::string("no memory for a handler's stack: ") + std::strerror(errno)};
   auto* stack = static_cast<std::byte*>(base) + page;
-  void* place = protected_memory == nullptr ? stack + stack_bytes : protected_memory->allocate(sizeof(Core), alignof(Core));
+  void* place =
+      protected_memory == nullptr ? stack + stack_bytes : protected_memory->allocate(sizeof(Core), alignof(Core));
   stack_t alternate{};
   alternate.ss_sp = stack;
   alternate.ss_size = stack_bytes;
@@ -132,6 +134,8 @@ Result<> FaultBarrier::guard(void* block, std::size_t bytes) {
   return core.failure;
 }
 
-std::uint64_t FaultBarrier::late_signals() const LITHE_RT { return core_->late_signals.load(std::memory_order_relaxed); }
+std::uint64_t FaultBarrier::late_signals() const LITHE_RT {
+  return core_->late_signals.load(std::memory_order_relaxed);
+}
 
 }  // namespace lithe::contain

@@ -13,8 +13,8 @@
 #include <mutex>
 #include <string>
 
-#include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/core.hpp"
+#include "spine/contain/fault_barrier.hpp"
 
 namespace lithe::contain {
 

@@ -21,7 +21,8 @@
 #include <sanitizer/asan_interface.h>
 #endif
 
-extern "C" [[gnu::visibility("hidden")]] void lithe_contain_run_on(std::byte* top, lithe::contain::FaultBarrier::Call call,
+extern "C" [[gnu::visibility("hidden")]] void lithe_contain_run_on(std::byte* top,
+                                                                   lithe::contain::FaultBarrier::Call call,
                                                                    void* context, void** way_back) LITHE_RT;
 
 // Saves the callee-saved registers on the thread's stack, and the stack pointer in `way_back`; then runs the law on the

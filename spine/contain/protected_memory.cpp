@@ -75,7 +75,8 @@ Result<> ProtectedMemory::guard(void* block, std::size_t bytes) {
     return Error{"a guarded block lies outside the protected memory, where its key does not reach: allocate it there"};
   }
   if (blocks_used_ == blocks_.size()) {
-    return Error{"the protected memory guards " + std::to_string(blocks_.size()) + " blocks already: join some of them"};
+    return Error{"the protected memory guards " + std::to_string(blocks_.size()) +
+                 " blocks already: join some of them"};
   }
   Block guarded{from, static_cast<std::byte*>(allocate(bytes)), static_cast<std::byte*>(allocate(bytes)), bytes};
   if (guarded.copy == nullptr || guarded.second == nullptr) {

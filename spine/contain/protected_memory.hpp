@@ -74,7 +74,8 @@ class ProtectedMemory {
     std::byte *original, *copy, *second;
     std::size_t bytes;
   };
-  ProtectedMemory(void* base, std::size_t bytes, int key) : base_(static_cast<std::byte*>(base)), bytes_(bytes), key_(key) {}
+  ProtectedMemory(void* base, std::size_t bytes, int key)
+      : base_(static_cast<std::byte*>(base)), bytes_(bytes), key_(key) {}
   static void remember(const Block& block) LITHE_RT;
   static const void* check(const Block& block) LITHE_RT;
 

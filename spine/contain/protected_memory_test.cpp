@@ -145,7 +145,8 @@ TEST_P(VaultTest, AFullVaultSaysSo) {
   if (GetParam() == Protection::keys) {
     EXPECT_FALSE(protected_memory->guard(outside.data(), sizeof outside));
   } else {
-    for (std::size_t i = 0; i < kMaxGuardedBlocks; ++i) EXPECT_TRUE(protected_memory->guard(outside.data(), sizeof outside));
+    for (std::size_t i = 0; i < kMaxGuardedBlocks; ++i)
+      EXPECT_TRUE(protected_memory->guard(outside.data(), sizeof outside));
     EXPECT_FALSE(protected_memory->guard(outside.data(), sizeof outside));
   }
 }

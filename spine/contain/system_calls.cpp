@@ -14,8 +14,8 @@
 #include <string>
 #include <vector>
 
-#include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/core.hpp"
+#include "spine/contain/fault_barrier.hpp"
 
 namespace lithe::contain {
 namespace {

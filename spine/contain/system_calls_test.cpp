@@ -13,10 +13,10 @@
 #include <thread>
 
 #include "spine/contain/bad_laws.hpp"
-#include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/core.hpp"
-#include "spine/contain/test/contain_rig.hpp"
+#include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/protected_memory.hpp"
+#include "spine/contain/test/contain_rig.hpp"
 #include "spine/contain/watchdog.hpp"
 #include "spine/core/time.hpp"
 
@@ -35,7 +35,8 @@ struct Scene {
 };
 using Story = bool (*)(Scene&);
 
-int play(CallGate gate, Story story, ProtectedMemory* protected_memory, Watchdog& dog, std::atomic<pid_t>& thread, std::atomic<bool>& hail) {
+int play(CallGate gate, Story story, ProtectedMemory* protected_memory, Watchdog& dog, std::atomic<pid_t>& thread,
+         std::atomic<bool>& hail) {
   if (!install_handlers()) return kNotHeld;
   Result<FaultBarrier> barrier = FaultBarrier::open(protected_memory);
   if (!barrier || !dog.watch(*barrier)) return kNotHeld;
@@ -63,7 +64,9 @@ int play(CallGate gate, Story story, ProtectedMemory* protected_memory, Watchdog
       std::this_thread::sleep_for(std::chrono::microseconds(1));
     }
   });
-  std::thread([&] { result = play(gate, story, protected_memory.get(), dog, target, hail); }).join();  // it ends by system calls
+  std::thread([&] {
+    result = play(gate, story, protected_memory.get(), dog, target, hail);
+  }).join();  // it ends by system calls
   stop.store(true);
   watching.join();
   hailing.join();

@@ -117,7 +117,8 @@ void Watchdog::tell(Watched& watched, std::uint64_t call, Ask ask, std::int64_t 
 
 // Time until the next look at this call [ns].
 std::int64_t Watchdog::look_at(Watched& watched, std::int64_t now_ns, bool on_time) noexcept {
-  if (watched.protected_memory != nullptr) watched.protected_memory->open_for_this_thread();  // the protected memory may be made after this thread
+  if (watched.protected_memory != nullptr)
+    watched.protected_memory->open_for_this_thread();  // the protected memory may be made after this thread
   Core& core = *watched.core;
   // acquire: partner of the release in FaultBarrier::run(). A later call has a later deadline, so mixing the two values only
   // delays the end.

@@ -62,15 +62,15 @@ class Watchdog {
   struct Watched {
     Core* core = nullptr;
     const ProtectedMemory* protected_memory = nullptr;  // the protected memory that holds the core
-    std::int64_t deadline_ns = 0;  // at the last look
-    std::uint64_t met = 0;         // the call that the next three are about
-    std::int64_t met_ns = 0;       // time of the first look at it
-    std::int64_t met_cpu_ns = -1;  // its thread's CPU time at that look
-    std::int64_t left_ns = 0;      // CPU time left from then on
-    bool noticed = false;          // it has confirmed its notice: left_ns is final
-    std::uint64_t told = 0;        // the call that the last signal was sent to, ...
-    Ask asked{};                   // ... its request, ...
-    std::int64_t again_ns = 0;     // ... and the time to send it again
+    std::int64_t deadline_ns = 0;                       // at the last look
+    std::uint64_t met = 0;                              // the call that the next three are about
+    std::int64_t met_ns = 0;                            // time of the first look at it
+    std::int64_t met_cpu_ns = -1;                       // its thread's CPU time at that look
+    std::int64_t left_ns = 0;                           // CPU time left from then on
+    bool noticed = false;                               // it has confirmed its notice: left_ns is final
+    std::uint64_t told = 0;                             // the call that the last signal was sent to, ...
+    Ask asked{};                                        // ... its request, ...
+    std::int64_t again_ns = 0;                          // ... and the time to send it again
   };
   std::int64_t look_at(Watched& watched, std::int64_t now_ns, bool on_time) noexcept;
   void open_account(Watched& watched, std::int64_t now_ns, std::int64_t left_ns) const noexcept;

@@ -6,8 +6,8 @@
 #include <atomic>
 #include <cstdint>
 
-#include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/constants.hpp"
+#include "spine/contain/fault_barrier.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/hal/actuators.hpp"
 #include "spine/ipc/layout.hpp"
@@ -31,8 +31,8 @@ struct Wiring {
   const ipc::ControlMemory& control;
   const ipc::BrainMemory& brain;
   law::Slot& slot;
-  law::Sandbox& sandbox;  // the memory that a law may write
-  contain::FaultBarrier* barrier;    // of the tick thread; null: a crash of a law ends the process
+  law::Sandbox& sandbox;           // the memory that a law may write
+  contain::FaultBarrier* barrier;  // of the tick thread; null: a crash of a law ends the process
   Handover& handover;
   const ClockMemory& clock;
   hal::Actuators* inline_actuators;               // set when the tick thread serves the buses itself, else null

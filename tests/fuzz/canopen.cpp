@@ -30,7 +30,8 @@ void comes_to_an_end(SdoClient& client, std::int64_t now_ns) {
 }
 
 void check_sent(const Frame& frame) {
-  require(is_canopen(frame) && frame.size == 8 && frame.id == cob::kSdoRequest + kNode, "a request is one, to the node");
+  require(is_canopen(frame) && frame.size == 8 && frame.id == cob::kSdoRequest + kNode,
+          "a request is one, to the node");
 }
 
 void client_hears(Input& input) {
@@ -57,10 +58,11 @@ void client_hears(Input& input) {
     require(taken == (client.strays() == strays), "what answers nothing is counted");
     require(taken || client.outcome() == before, "what answers nothing changes nothing");
     require(!taken || before == Outcome::busy, "nothing is taken that was not asked for");
-    require(!taken || (heard.id == cob::kSdoAnswer + kNode && is_canopen(heard) && heard.size == 8), "it was an answer");
+    require(!taken || (heard.id == cob::kSdoAnswer + kNode && is_canopen(heard) && heard.size == 8),
+            "it was an answer");
     const bool segment = heard.data[0] >> 5 == 0;
     require(!taken || segment || heard.data[0] == 0x80 || sdo_address(heard) == client.address(),
-           "it is of that object");
+            "it is of that object");
     require(client.data().size() <= SdoClient::kLongest, "an upload has an end");
     require(client.value() <= std::numeric_limits<std::uint32_t>::max(), "a value can be read");
   }
@@ -76,12 +78,12 @@ void other_frames(Input& input) {
     const bool beat = parse_heartbeat(frame, state);
     require(beat || state == NmtState{0x33}, "only a heartbeat changes the state");
     require(!beat || same(heartbeat_frame(node_of(frame), state),
-                         [&] {
-                           Frame plain = frame;
-                           plain.data[0] &= 0x7f;
-                           return plain;
-                         }()),
-           "a heartbeat is read as it is said");
+                          [&] {
+                            Frame plain = frame;
+                            plain.data[0] &= 0x7f;
+                            return plain;
+                          }()),
+            "a heartbeat is read as it is said");
     Emergency what{0x1234, 0x56};
     const bool emergency = parse_emergency(frame, what);
     require(emergency || (what.code == 0x1234 && what.error_register == 0x56), "only an emergency changes it");
@@ -101,7 +103,7 @@ void process_data(Input& input) {
     const std::size_t before = map.bytes();
     const bool added = map.add({{input.number<std::uint16_t>(), i}, bytes});
     require(map.bytes() == before + (added ? bytes : 0) && map.bytes() <= 8 && map.objects().size() <= PdoMap::kMost,
-           "a map holds what fits");
+            "a map holds what fits");
   }
   for (std::uint32_t& value : values) value = input.number<std::uint32_t>();
   const Frame packed = map.pack(0x185, values);
@@ -142,7 +144,7 @@ void client_asks_a_drive(Input& input) {
     const auto slot = drive.dictionary().find(address);
     if (client.outcome() != Outcome::done || !slot) continue;
     require(writes ? drive.dictionary().writable(*slot) : client.data().size() == drive.dictionary().bytes(*slot),
-           "an object is read in its length, and written where that is allowed");
+            "an object is read in its length, and written where that is allowed");
     if (!writes) require(client.value() == drive.dictionary().raw(*slot), "an object is read as the dictionary has it");
   }
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The CiA 402 driver fed with any frames between commands of any numbers, at any moment of its setup.
-#include "spine/hal/cia402/cia402_setpoint_limiter.hpp"
 #include "spine/hal/cia402/cia402_drive.hpp"
+#include "spine/hal/cia402/cia402_setpoint_limiter.hpp"
 #include "spine/wire/wire.hpp"
 #include "tests/fuzz/hal_input.hpp"
 
@@ -86,12 +86,12 @@ class Bench {
     JointSample sample = untouched;
     if (drive_.take(frame, exchange_, sample) != ReplyKind::answer) {
       require(sample.position_rad == untouched.position_rad && sample.status == untouched.status && !sample.measured,
-             "only an answer changes the sample");
+              "only an answer changes the sample");
       return;
     }
     require(exchange_.asked && drive_.running() && frame.id == pdo::transmit_id(pdo::kAnswer, kNode) &&
-               canopen::is_canopen(frame),
-           "an answer is the drive's process data, asked for, when it is set up");
+                canopen::is_canopen(frame),
+            "an answer is the drive's process data, asked for, when it is set up");
     require((sample.status >> 16) < 8, "the state is one of the profile's");
     const double most_rev = 2147483648.0 / params_.counts_per_rev;
     if (sample.measured) check_measured(sample, params_.joint, most_rev, 10 * params_.rated_torque_nm);
@@ -113,12 +113,12 @@ class Bench {
     const std::uint32_t word = canopen::get(frame.data.data(), 2);
     const bool drives = sound && command.action == DriveAction::torque;
     require(drives || word == control::kQuickStop || word == control::kDisableVoltage,
-           "what is not sound, or not driving, enables nothing");
+            "what is not sound, or not driving, enables nothing");
     const std::size_t at = params_.mode == Mode::torque ? 2 : 6;
     const double thousandths = canopen::signed_of(canopen::get(frame.data.data() + at, 2), 2);
     const double limit = 1000 * std::max(command.max_torque_nm, 0.0) / params_.joint.ratio / params_.rated_torque_nm;
     require(thousandths == 0 || (drives && std::abs(thousandths) <= limit + 0.5),
-           "no torque beyond the command's limit");
+            "no torque beyond the command's limit");
   }
 
   DriverParams params_;

@@ -133,7 +133,7 @@ class Robot {
 
   void check_map(const ActuatorState& before) const {
     require(state_.tick == number_ && state_.sample_ns == now_ns_ && state_.joints == kJoints,
-           "the map is of this exchange");
+            "the map is of this exchange");
     for (std::size_t i = 0; i < kJoints; ++i) {
       const bool is_moteus = i < kMoteus;
       const JointSample sample{state_.position_rad[i], state_.velocity_rad_s[i], state_.torque_nm[i], 0, true};
@@ -143,14 +143,14 @@ class Robot {
         require((state_.status[i] & status::kLost) == 0, "what is fresh is not lost");
         continue;
       }
-      require(state_.position_rad[i] == before.position_rad[i] && state_.velocity_rad_s[i] == before.velocity_rad_s[i] &&
-                 state_.torque_nm[i] == before.torque_nm[i],
-             "what is not fresh stays as it was");
+      require(state_.position_rad[i] == before.position_rad[i] &&
+                  state_.velocity_rad_s[i] == before.velocity_rad_s[i] && state_.torque_nm[i] == before.torque_nm[i],
+              "what is not fresh stays as it was");
     }
     for (std::size_t i = 0; i < kSensors; ++i) {
       const double value = state_.sensor[i];
       require(std::isnan(value) || std::abs(value - kOffset) <= kScale * 32767,
-             "a sensor is not valid, or in its range");
+              "a sensor is not valid, or in its range");
     }
     for (std::size_t i = kSensors; i < state_.sensor.size(); ++i)
       require(std::isnan(state_.sensor[i]), "no such sensor");

@@ -44,7 +44,7 @@ void there_and_back(const Frame& frame) {
     if (sums) size = fdcanusb::append_sum(text, size);
     const bool parsed = fdcanusb::parse_line({text.data(), size}, sums, line);
     require(size > 0 && parsed && line.kind == Line::Kind::received && same(line.frame, frame),
-           "a received frame is read as it was said");
+            "a received frame is read as it was said");
     size = fdcanusb::format_send(frame, sums, text);
     if (frame.size == 0) continue;  // cannot be said
     std::string_view command(text.data(), size - 1);
@@ -53,7 +53,7 @@ void there_and_back(const Frame& frame) {
     Request request;
     const char* wrong = fdcanusb::parse_request(command, {!frame.fd, !frame.brs}, request);
     require(wrong == nullptr && request.kind == Request::Kind::send && same(request.frame, frame),
-           "a command is read as it was said, whatever the adapter's defaults");
+            "a command is read as it was said, whatever the adapter's defaults");
   }
 }
 

@@ -75,9 +75,9 @@ inline void check_measured(const hal::JointSample& sample, const hal::JointTrans
   constexpr double kRounding = 1 + 1e-9;
   const double rad_per_rev = 1 / std::abs(joint.rev_per_rad());
   require(std::isfinite(sample.position_rad) && std::isfinite(sample.velocity_rad_s) && std::isfinite(sample.torque_nm),
-         "what is measured is finite");
+          "what is measured is finite");
   require(std::abs(sample.position_rad) <= (most_rev * rad_per_rev + std::abs(joint.zero_rad)) * kRounding,
-         "no position beyond what a drive counts");
+          "no position beyond what a drive counts");
   require(std::abs(sample.velocity_rad_s) <= kMotorRevPerS * rad_per_rev * kRounding, "no speed beyond any motor's");
   require(std::abs(sample.torque_nm) <= most_motor_nm * joint.ratio * kRounding, "no torque beyond any motor's");
 }

@@ -60,7 +60,7 @@ void walk(const Frame& frame) {
       const double count = count_worth(quantity_of(s.start + i), s.format);
       const bool close = std::abs(back) <= std::abs(value) && std::abs(back - value) <= 1.001 * count;
       require(back == value || (std::isnan(value) && std::isnan(back)) || (s.format != Format::float32 && close),
-             "a value is written as it was read");
+              "a value is written as it was read");
     }
   }
   Found found;
@@ -131,14 +131,14 @@ class Bench {
     JointSample sample = untouched;
     if (drive_.take(frame, exchange_, sample) != ReplyKind::answer) {
       require(sample.position_rad == untouched.position_rad && sample.status == untouched.status && !sample.measured,
-             "only an answer changes the sample");
+              "only an answer changes the sample");
       return;
     }
     require(exchange_.asked && (frame.id >> 8) == kId && (frame.id & 0xff) == exchange_.source,
-           "an answer is to us, from it");
+            "an answer is to us, from it");
     if (sample.measured) check_measured(sample, params_.joint, kMotorRev, kMotorNm);
     require(((sample.status & wire::joint_status::kNotReady) != 0) == !drive_.why_not_ready().empty(),
-           "a drive that is not ready says why");
+            "a drive that is not ready says why");
   }
 
   // What its console says, beside a whole answer.

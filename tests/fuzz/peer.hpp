@@ -205,7 +205,8 @@ class WatchedDrive final : public hal::Drive {
     asked_ = exchange.number;
     return drive_->command(command, exchange, bus);
   }
-  hal::ReplyKind take(const hal::Frame& frame, const hal::Exchange& exchange, hal::JointSample& sample) LITHE_RT override {
+  hal::ReplyKind take(const hal::Frame& frame, const hal::Exchange& exchange, hal::JointSample& sample)
+      LITHE_RT override {
     const hal::ReplyKind heard = drive_->take(frame, exchange, sample);
     ledger_.parts += heard == hal::ReplyKind::part ? 1 : 0;
     ledger_.late += heard == hal::ReplyKind::late ? 1 : 0;

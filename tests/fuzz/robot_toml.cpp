@@ -59,8 +59,8 @@ void run_robot(const robot::RobotConfig& robot) {
     (*actuators)->cycle(command, state, now_ns += 1'000'000);
     for (std::size_t i = 0; i < robot.joints.size(); ++i) {
       require(std::isfinite(state.position_rad[i]) && std::isfinite(state.velocity_rad_s[i]) &&
-                 std::isfinite(state.torque_nm[i]),
-             "a simulated robot is somewhere");
+                  std::isfinite(state.torque_nm[i]),
+              "a simulated robot is somewhere");
     }
   }
 }

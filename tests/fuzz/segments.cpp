@@ -56,7 +56,7 @@ class SpineSide {
     const wire::PlanReject verdict = plan::check(plan, limits_, 5'000'000'000);
     if (verdict != wire::PlanReject::none) return;
     require(plan.waypoint_count >= 1 && plan.waypoint_count <= wire::kNw && plan.joint_count == limits_.joints,
-           "a plan that passes is of this robot");
+            "a plan that passes is of this robot");
     for (std::size_t point = 0; point < plan.waypoint_count; ++point) {
       require(point == 0 || plan.t_ns[point] > plan.t_ns[point - 1], "a plan that passes goes forward");
       for (std::size_t joint = 0; joint < limits_.joints; ++joint) {

@@ -37,7 +37,7 @@ class Bench {
     if (const Frame* answer = said_.front()) {
       const std::uint32_t destination = frame.id & 0xff;
       require((frame.id & 0x8000) != 0 && (destination == id || destination == 0x7f) && frame.id >> 16 == prefix,
-             "an answer is to whoever asked for one");
+              "an answer is to whoever asked for one");
       check_answer(*answer, frame);
     }
     said_.clear();

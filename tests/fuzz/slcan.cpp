@@ -22,7 +22,7 @@ void there_and_back(const Frame& frame) {
   Frame again;
   require(slcan::parse_answer(line, again) == Answer::frame && same(again, frame), "a host reads what was said");
   require(slcan::parse_request(line.substr(0, line.size() - 1), again) == slcan::Request::send && same(again, frame),
-         "an adapter reads what was said");
+          "an adapter reads what was said");
   for (std::size_t room = 0; room < line.size(); ++room) {
     require(slcan::format_frame(frame, std::span(text).first(room)) == 0, "what does not fit is not said");
   }

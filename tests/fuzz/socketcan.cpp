@@ -31,8 +31,8 @@ void there_and_back(const Frame& frame) {
   Frame again;
   require(size == (frame.fd ? CANFD_MTU : CAN_MTU), "every frame can be sent");
   require(socketcan::decode(std::as_bytes(std::span(&raw, 1)).first(size), again, troubles) == Kind::frame &&
-             same(again, frame),
-         "a frame is read as it was sent");
+              same(again, frame),
+          "a frame is read as it was sent");
 }
 
 void one_packet(std::span<const std::byte> packet, Told& told) {
@@ -43,14 +43,14 @@ void one_packet(std::span<const std::byte> packet, Told& told) {
   const Kind kind = socketcan::decode(packet, frame, troubles);
   require(kind == Kind::frame || same(frame, untouched), "only a frame changes the frame");
   require(kind == Kind::error || std::memcmp(&troubles, "\0\0\0\0\0\0\0", 8) == 0,
-         "only an error frame tells of trouble");
+          "only an error frame tells of trouble");
   require(kind == Kind::malformed || packet.size() == CAN_MTU || packet.size() == CANFD_MTU, "a packet is whole");
   if (kind == Kind::frame) {
     std::uint32_t id = 0;
     std::memcpy(&id, packet.data(), sizeof(id));
     const auto data = std::as_bytes(frame.payload());
     require(frame.id == (id & kLargestId) && std::equal(data.begin(), data.end(), packet.begin() + 8),
-           "it is all there");
+            "it is all there");
     there_and_back(frame);
     told.frames.push_back(frame);
   }
@@ -82,10 +82,10 @@ void run(Bytes bytes) {
   }
   const BusStatistics& count = (*bus)->statistics();
   require(count.received == frames.size() && count.errors == told.errors && count.malformed == told.malformed &&
-             count.ignored == told.ignored,
-         "every packet is counted once, as what it is");
+              count.ignored == told.ignored,
+          "every packet is counted once, as what it is");
   require(frames.size() == told.frames.size() && std::equal(frames.begin(), frames.end(), told.frames.begin(), same),
-         "the frames of the socket are those of the packets");
+          "the frames of the socket are those of the packets");
   close(ends[1]);
 }
 

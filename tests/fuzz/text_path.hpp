@@ -78,8 +78,8 @@ inline void through_terminal(hal::TextBus& bus, std::string_view text, Input& cu
   require(count.errors == expected.errors + expected.noticed, "refusals of the adapter are counted as such");
   require(count.ignored == expected.ignored, "lines that nobody waits for are counted as such");
   require(frames.size() == expected.frames.size() &&
-             std::equal(frames.begin(), frames.end(), expected.frames.begin(), same),
-         "the frames of the terminal are those of the lines");
+              std::equal(frames.begin(), frames.end(), expected.frames.begin(), same),
+          "the frames of the terminal are those of the lines");
 }
 
 // A device that says again what it hears.

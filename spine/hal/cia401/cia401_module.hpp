@@ -50,7 +50,9 @@ class Module final : public SensorDevice {
   void set_up_anew() LITHE_RT;
   void judge_setup(std::int64_t now_ns) LITHE_RT;
   // Relaxed: the word is self-contained. Pairs with why_not_ready().
-  void tell(const NotReadyReason& not_ready) LITHE_RT { not_ready_.store(not_ready.packed(), std::memory_order_relaxed); }
+  void tell(const NotReadyReason& not_ready) LITHE_RT {
+    not_ready_.store(not_ready.packed(), std::memory_order_relaxed);
+  }
 
   ModuleParams params_;
   std::array<canopen::PdoMap, kPdos> maps_;

@@ -13,7 +13,9 @@ std::string hex(std::uint32_t value, int digits) {
   return text.data();
 }
 
-std::string state_of(const NotReadyReason& not_ready) { return std::string(state_name(static_cast<State>(not_ready.value))); }
+std::string state_of(const NotReadyReason& not_ready) {
+  return std::string(state_name(static_cast<State>(not_ready.value)));
+}
 
 std::string per_mille(std::uint32_t value) {
   std::array<char, 16> text{};
@@ -40,7 +42,8 @@ NotReadyReason NotReadyReason::unpacked(std::uint64_t word) LITHE_RT {
 
 std::string describe(const NotReadyReason& not_ready) {
   const std::string where = object_name(not_ready.address);
-  const std::string why = "0x" + hex(not_ready.value, 8) + " (" + std::string(canopen::abort_name(not_ready.value)) + ")";
+  const std::string why =
+      "0x" + hex(not_ready.value, 8) + " (" + std::string(canopen::abort_name(not_ready.value)) + ")";
   switch (not_ready.kind) {
     case TroubleKind::none:
       return "";

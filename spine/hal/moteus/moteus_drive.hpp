@@ -40,7 +40,7 @@ class MoteusDrive final : public Drive {
   bool forgotten_ = false;        // it was silent for kForgets exchanges: read the settings again
   double velocity_rad_s_ = 0;     // last measured
   const double torque_step_nm_;
-  double torque_allowed_nm_;           // its torque limit while it grows after calibration
+  double torque_allowed_nm_;                // its torque limit while it grows after calibration
   std::atomic<std::uint64_t> not_ready_{};  // Setup::packed(); stored by the exchange's thread, loaded by any
 };
 

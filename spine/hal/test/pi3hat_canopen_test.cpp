@@ -57,7 +57,8 @@ class Pi3hatCanopen : public testing::Test {
     return count;
   }
   void lose_both() {
-    for (const std::size_t device : {6, 7}) board_.nodes.devices[device]->inject(InjectedFault::power_loss, true, now_ns_);
+    for (const std::size_t device : {6, 7})
+      board_.nodes.devices[device]->inject(InjectedFault::power_loss, true, now_ns_);
   }
 
   Board board_;

@@ -70,75 +70,74 @@ TEST_P(Cia402Latches, HaveAWayOut) {
   EXPECT_EQ(why(), "") << state.name;
 }
 
-INSTANTIATE_TEST_SUITE_P(Drives, Cia402Latches,
-                         testing::Values(Latched{"no heartbeat for a while",
-                                                 [](Cia402WayOut& line) {
-                                                   line.deafen(0x701);
-                                                   line.pass(500);
-                                                 }},
-                                         Latched{"no heartbeat until it is told again to beat",
-                                                 [](Cia402WayOut& line) {
-                                                   line.stop_beating();
-                                                   line.pass(5000);
-                                                 }},
-                                         Latched{"no answers",
-                                                 [](Cia402WayOut& line) {
-                                                   line.deafen(0x281);
-                                                   line.pass(50);
-                                                 }},
-                                         Latched{"nothing at all for a while",
-                                                 [](Cia402WayOut& line) {
-                                                   line.cable().there =
-                                                       line.cable().back = [](Frame&) { return false; };
-                                                   line.pass(1500);
-                                                 }},
-                                         Latched{"a fault whose cause goes away",
-                                                 [](Cia402WayOut& line) {
-                                                   line.sim().inject(InjectedFault::over_temperature, true, line.now_ns());
-                                                   line.pass(50);
-                                                 },
-                                                 [](Cia402WayOut& line) {
-                                                   line.sim().inject(InjectedFault::over_temperature, false, line.now_ns());
-                                                 }},
-                                         Latched{"for it, its host was silent",
-                                                 [](Cia402WayOut& line) {
-                                                   line.sim().inject(InjectedFault::watchdog_trip, true, line.now_ns());
-                                                   line.pass(300);
-                                                 }},
-                                         Latched{"its torque was taken away and given back",
-                                                 [](Cia402WayOut& line) {
-                                                   line.sim().servo().take_torque(true);
-                                                   line.pass(50);
-                                                 },
-                                                 [](Cia402WayOut& line) { line.sim().servo().take_torque(false); }},
-                                         Latched{"a restart",
-                                                 [](Cia402WayOut& line) {
-                                                   line.sim().inject(InjectedFault::power_loss, true, line.now_ns());
-                                                   line.pass(300);
-                                                 }},
-                                         Latched{"refused at the set-up after a restart",
-                                                 [](Cia402WayOut& line) {
-                                                   line.cable().back = [](Frame& frame) {
-                                                     const canopen::Address at = canopen::sdo_address(frame);
-                                                     if (frame.id == 0x581 && at.index == 0x6007) {
-                                                       frame =
-                                                           canopen::sdo_abort(0x581, at, canopen::abort_code::kState);
-                                                     }
-                                                     return true;
-                                                   };
-                                                   line.sim().inject(InjectedFault::power_loss, true, line.now_ns());
-                                                   line.pass(1500);
-                                                 }},
-                                         // Seen as if the drive told turns per minute, until somebody sets it right.
-                                         Latched{"a velocity that is not that of its position", [](Cia402WayOut& line) {
-                                                   line.cable().back = [](Frame& frame) {
-                                                     if (frame.id == 0x181) canopen::put(frame.data.data(), 1, 4);
-                                                     return true;
-                                                   };
-                                                   line.torque(0.3);
-                                                   line.pass(1500);
-                                                   line.torque(0);
-                                                 }}));
+INSTANTIATE_TEST_SUITE_P(
+    Drives, Cia402Latches,
+    testing::Values(Latched{"no heartbeat for a while",
+                            [](Cia402WayOut& line) {
+                              line.deafen(0x701);
+                              line.pass(500);
+                            }},
+                    Latched{"no heartbeat until it is told again to beat",
+                            [](Cia402WayOut& line) {
+                              line.stop_beating();
+                              line.pass(5000);
+                            }},
+                    Latched{"no answers",
+                            [](Cia402WayOut& line) {
+                              line.deafen(0x281);
+                              line.pass(50);
+                            }},
+                    Latched{"nothing at all for a while",
+                            [](Cia402WayOut& line) {
+                              line.cable().there = line.cable().back = [](Frame&) { return false; };
+                              line.pass(1500);
+                            }},
+                    Latched{"a fault whose cause goes away",
+                            [](Cia402WayOut& line) {
+                              line.sim().inject(InjectedFault::over_temperature, true, line.now_ns());
+                              line.pass(50);
+                            },
+                            [](Cia402WayOut& line) {
+                              line.sim().inject(InjectedFault::over_temperature, false, line.now_ns());
+                            }},
+                    Latched{"for it, its host was silent",
+                            [](Cia402WayOut& line) {
+                              line.sim().inject(InjectedFault::watchdog_trip, true, line.now_ns());
+                              line.pass(300);
+                            }},
+                    Latched{"its torque was taken away and given back",
+                            [](Cia402WayOut& line) {
+                              line.sim().servo().take_torque(true);
+                              line.pass(50);
+                            },
+                            [](Cia402WayOut& line) { line.sim().servo().take_torque(false); }},
+                    Latched{"a restart",
+                            [](Cia402WayOut& line) {
+                              line.sim().inject(InjectedFault::power_loss, true, line.now_ns());
+                              line.pass(300);
+                            }},
+                    Latched{"refused at the set-up after a restart",
+                            [](Cia402WayOut& line) {
+                              line.cable().back = [](Frame& frame) {
+                                const canopen::Address at = canopen::sdo_address(frame);
+                                if (frame.id == 0x581 && at.index == 0x6007) {
+                                  frame = canopen::sdo_abort(0x581, at, canopen::abort_code::kState);
+                                }
+                                return true;
+                              };
+                              line.sim().inject(InjectedFault::power_loss, true, line.now_ns());
+                              line.pass(1500);
+                            }},
+                    // Seen as if the drive told turns per minute, until somebody sets it right.
+                    Latched{"a velocity that is not that of its position", [](Cia402WayOut& line) {
+                              line.cable().back = [](Frame& frame) {
+                                if (frame.id == 0x181) canopen::put(frame.data.data(), 1, 4);
+                                return true;
+                              };
+                              line.torque(0.3);
+                              line.pass(1500);
+                              line.torque(0);
+                            }}));
 
 class Cia402Silence : public Cia402WayOut {};
 

@@ -104,8 +104,8 @@ class TickBench {
 
   // A new Spine, as after a start; with a FaultBarrier it survives laws that crash.
   void use_cell(contain::FaultBarrier* barrier) {
-    spine_ = std::make_unique<Spine>(Wiring{robot_, *memory_, *control_memory_, *brain_memory_, slot_, **sandbox_, barrier,
-                                            handover_, clock_, nullptr});
+    spine_ = std::make_unique<Spine>(Wiring{robot_, *memory_, *control_memory_, *brain_memory_, slot_, **sandbox_,
+                                            barrier, handover_, clock_, nullptr});
   }
 
   // One period: the tick, then the Transport, unless the test makes it late.
