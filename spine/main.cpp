@@ -26,68 +26,23 @@
 #include "spine/frames.hpp"
 #include "spine/hal/robot_hardware.hpp"
 #include "spine/info.hpp"
-#include "spine/ipc/frames.hpp"
-#include "spine/ipc/segment.hpp"
 #include "spine/law/slot.hpp"
 #include "spine/load/dlopen_store.hpp"
 #include "spine/load/loader.hpp"
 #include "spine/loop/spine.hpp"
 #include "spine/loop/transport.hpp"
+#include "spine/memory.hpp"
 #include "spine/robot/robot.hpp"
 
 namespace lithe {
 namespace {
 
-constexpr std::size_t kVaultBytes = std::size_t{1} << 20;
+constexpr std::size_t kProtectedBytes = std::size_t{1} << 20;
 constexpr int kExitRefused = 1, kExitUsage = 2, kExitFault = 3;
 
 int refuse(int code, const std::string& message) {
   fmt::print(stderr, "lithe-spine: {}\n", message);
   return code;
-}
-
-// The segments of a running robot, and its Spine lease.
-struct Memory {
-  ipc::Lease lease;
-  ipc::Segment<ipc::SpineMemory> spine;
-  ipc::Segment<ipc::ControlMemory> control;
-  ipc::Segment<ipc::BrainMemory> brain;
-  ipc::Segment<ipc::FramesMemory> frames;
-};
-
-Result<Memory> make_memory(const std::string& robot) {
-  const std::string path = ipc::Segment<ipc::SpineMemory>::path(robot);
-  Result<std::optional<ipc::Lease>> lease = ipc::Lease::try_take(path);
-  if (!lease) return lease.error();
-  if (!lease->has_value()) {
-    const auto other = ipc::Segment<ipc::SpineMemory>::attach(robot, ipc::Access::read);
-    const std::uint64_t pid = other ? (*other)->header.writer_pid : 0;
-    return Error{fmt::format("robot '{}' already has a Spine (pid {}); stop it first, or give this robot another name",
-                             robot, pid)};
-  }
-  // Segments of a crashed run are replaced. A process that still maps the old ones sees their heartbeat get old.
-  auto spine = ipc::Segment<ipc::SpineMemory>::create(robot);
-  if (!spine) return spine.error();
-  auto control = ipc::Segment<ipc::ControlMemory>::create(robot);
-  if (!control) return control.error();
-  auto brain = ipc::Segment<ipc::BrainMemory>::create(robot);
-  if (!brain) return brain.error();
-  auto frames = ipc::Segment<ipc::FramesMemory>::create(robot);
-  if (!frames) return frames.error();
-  ipc::sign_in((*spine)->header, monotonic_ns());
-  // Made here, written by supervisor and Brain. Read-only in this process, so that a law cannot set an e-stop word or
-  // send a command.
-  for (const ipc::Mapping* theirs : {&control->mapping(), &brain->mapping()}) {
-    if (const Result<> kept = theirs->make_read_only(); !kept) return kept.error();
-  }
-  return Memory{std::move(**lease), std::move(*spine), std::move(*control), std::move(*brain), std::move(*frames)};
-}
-
-void remove_memory(const std::string& robot) {
-  ipc::remove_segment(ipc::Segment<ipc::SpineMemory>::path(robot));
-  ipc::remove_segment(ipc::Segment<ipc::ControlMemory>::path(robot));
-  ipc::remove_segment(ipc::Segment<ipc::BrainMemory>::path(robot));
-  ipc::remove_segment(ipc::Segment<ipc::FramesMemory>::path(robot));
 }
 
 // Memory around laws: the two sandboxes, which a law may write, and the protected memory (Spine, Slot, Residents), which it may
@@ -99,7 +54,7 @@ struct Containment {
 
 Result<Containment> contain_laws() {
   if (const Result<> handlers = contain::install_handlers(); !handlers) return handlers.error();
-  Result<std::unique_ptr<contain::ProtectedMemory>> protected_memory = contain::ProtectedMemory::make(kVaultBytes);
+  Result<std::unique_ptr<contain::ProtectedMemory>> protected_memory = contain::ProtectedMemory::make(kProtectedBytes);
   if (!protected_memory) return protected_memory.error();
   Result<law::SandboxMemory> ticking = law::SandboxMemory::make();
   if (!ticking) return ticking.error();
@@ -137,6 +92,19 @@ Result<> watch_constants(contain::Constants& constants, const robot::RobotConfig
   return done();
 }
 
+// What of the containment of laws cannot be set up: told once, in the log and in the robot's status.
+struct Missing {
+  std::string words;
+  void add(const std::string& sentence) {
+    fmt::print(stderr, "lithe-spine: {}\n", sentence);
+    if (words.find(sentence) == std::string::npos) words += (words.empty() ? "" : "; ") + sentence;
+  }
+  template <class T>
+  void add_if(const Result<T>& result, const char* consequence) {
+    if (!result) add(std::string(consequence) + ": " + result.message());
+  }
+};
+
 // The threads. Stop order: first the tick (it switches the drives off), then the Transport.
 class Threads {
  public:
@@ -172,7 +140,7 @@ class Threads {
       const contain::Canary canary(constants_, "the stack of the thread that ticks");
       thread.set_value(gettid());
       go_.get_future().wait();
-      Result<contain::FaultBarrier> barrier = open_cell(!cpus_.transport_inline);
+      Result<contain::FaultBarrier> barrier = open_barrier(!cpus_.transport_inline, tick_lacks_);
       const loop::Wiring wiring{robot_,
                                 *memory_.spine,
                                 *memory_.control,
@@ -190,7 +158,13 @@ class Threads {
     });
     return thread.get_future().get();
   }
-  void go() { go_.set_value(); }
+  // Lets the tick begin. Returns what of the containment of laws is missing, of both threads that run laws; "" =
+  // nothing.
+  std::string go() {
+    go_.set_value();
+    const std::string tick = tick_lacks_.get_future().get(), loader = loader_lacks_.get_future().get();
+    return tick.empty() || loader == tick ? loader : tick + (loader.empty() ? "" : "; ") + loader;
+  }
   contain::Constants& constants() { return constants_; }
 
   // False: not every drive got the "off" command.
@@ -227,7 +201,7 @@ class Threads {
     loading_ = std::thread([this] {
       enter(cpus_.housekeeping, false);
       const contain::Canary canary(constants_, "the Loader's stack");
-      Result<contain::FaultBarrier> barrier = open_cell(false);
+      Result<contain::FaultBarrier> barrier = open_barrier(false, loader_lacks_);
       rehearsal_.use(barrier ? &*barrier : nullptr);
       loader_.run(stop_helpers_);
     });
@@ -248,23 +222,22 @@ class Threads {
     }
   }
 
-  // Opens this thread's FaultBarrier. Without a FaultBarrier a crash of a law ends the process; this is logged once. A seccomp filter
-  // would also limit this thread's own calls, so it is used only for a thread that makes none.
-  Result<contain::FaultBarrier> open_cell(bool only_waits) {
+  // Opens this thread's FaultBarrier. Without it a crash of a law ends the process. A seccomp filter would also limit
+  // this thread's own calls, so it is used only for a thread that makes none.
+  Result<contain::FaultBarrier> open_barrier(bool only_waits, std::promise<std::string>& told) {
+    Missing missing;
     Result<contain::FaultBarrier> barrier = contain::FaultBarrier::open(containment_.protected_memory.get());
-    if (!barrier) {
-      fmt::print(stderr, "lithe-spine: a law that crashes will end this process: {}\n", barrier.message());
-      return barrier;
+    missing.add_if(barrier, "a law that crashes will end this process");
+    if (barrier) {
+      missing.add_if(watchdog_.watch(*barrier), "an endless law will not be stopped");
+      missing.add_if(barrier->watch_entrance(constants_), "what a handler reads first is not checked");
+      if (only_waits) {
+        missing.add_if(barrier->forbid_system_calls(), "a law can make system calls");
+      } else if (barrier->dispatch_system_calls() == contain::CallGate::none) {
+        missing.add("a law can make system calls: this kernel has no syscall user dispatch");
+      }
     }
-    if (const Result<> watched = watchdog_.watch(*barrier); !watched)
-      fmt::print(stderr, "lithe-spine: an endless law will not be stopped: {}\n", watched.message());
-    if (const Result<> watched = barrier->watch_entrance(constants_); !watched)
-      fmt::print(stderr, "lithe-spine: {}\n", watched.message());
-    if (!only_waits) {
-      barrier->dispatch_system_calls();
-    } else if (const auto gate = barrier->forbid_system_calls(); !gate) {
-      fmt::print(stderr, "lithe-spine: a law can make system calls: {}\n", gate.message());
-    }
+    told.set_value(missing.words);
     return barrier;
   }
 
@@ -282,6 +255,7 @@ class Threads {
   contain::Watchdog watchdog_;
   contain::Constants constants_;
   std::promise<void> go_;
+  std::promise<std::string> tick_lacks_, loader_lacks_;  // of the containment; "" = nothing
   std::atomic<bool> stop_tick_{false}, stop_transport_{false}, stop_helpers_{false};
   bool all_off_sent_ = false;  // result of the tick thread's shutdown
   std::thread keeper_, watching_, loading_, transport_, ticking_;
@@ -302,13 +276,26 @@ void look_after(hal::Actuators& actuators, const sigset_t& signals) {
 }
 
 // Runs until a signal ends it. Every static variable must have its value before: the pages are read-only then.
-void run_sealed(Threads& threads, hal::Actuators& actuators, const std::string& ready, const sigset_t& signals) {
+// `announce` is called when the tick has begun, with what of the containment of laws is missing ("" = nothing).
+template <class Announce>
+void run_sealed(Threads& threads, hal::Actuators& actuators, const sigset_t& signals, Announce announce) {
   const Result<contain::SealedStatics> sealed = contain::SealedStatics::seal();
-  if (!sealed) fmt::print(stderr, "lithe-spine: a law can write the Spine's variables: {}\n", sealed.message());
-  threads.go();
-  fmt::print("{}\n", ready);
-  std::fflush(stdout);
+  Missing missing;
+  missing.add_if(sealed, "a law can write the Spine's variables");
+  const std::string lacks = threads.go();
+  announce(missing.words + (missing.words.empty() || lacks.empty() ? "" : "; ") + lacks);
   look_after(actuators, signals);
+}
+
+// Those that end the Spine. Every thread inherits the mask: only the one that waits for them handles them.
+sigset_t block_signals() {
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGINT);
+  sigaddset(&signals, SIGTERM);
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  signal(SIGPIPE, SIG_IGN);
+  return signals;
 }
 
 // --check: errors of the file that the start would find, without starting: cores, and the joints of a model.
@@ -326,13 +313,7 @@ int run(const std::string& path) {
   Result<robot::RobotConfig> robot = robot::load_robot(path);
   if (!robot) return refuse(kExitUsage, robot.message());
 
-  sigset_t signals;
-  sigemptyset(&signals);
-  sigaddset(&signals, SIGINT);
-  sigaddset(&signals, SIGTERM);
-  pthread_sigmask(SIG_BLOCK, &signals, nullptr);  // inherited by every thread: only this one handles them
-  signal(SIGPIPE, SIG_IGN);
-
+  const sigset_t signals = block_signals();
   use_small_stacks();  // before the first thread: glibc reuses its stack
   const MachineCores cores = machine_cores();
   const Result<robot::CpuPlan> cpus = robot::plan_cpus(*robot, cores);
@@ -350,7 +331,7 @@ int run(const std::string& path) {
   freeze_malloc();
   const Result<std::unique_ptr<load::ArenaStore>> arena = attach_code_arena(*robot);
   if (!arena) robot->notes.push_back(arena.message());
-  const std::string notes = describe_host(robot->notes);
+  std::string notes = describe_host(robot->notes);
   if (const Result<> pinned = pin_this_thread(cpus->housekeeping); !pinned)
     fmt::print(stderr, "{}\n", pinned.message());
 
@@ -364,9 +345,16 @@ int run(const std::string& path) {
       containment->protected_memory->create<Threads>(*robot, *cpus, *memory, *containment, code, **actuators);
   Own own{threads->start(), containment->protected_memory->protection() == contain::Protection::keys, code != nullptr};
   write_robot_info(memory->spine->robot_info, *robot, *cpus, notes, own);
-  if (const Result<> watched = watch_constants(threads->constants(), *robot, *memory); !watched)
-    fmt::print(stderr, "lithe-spine: {}\n", watched.message());
-  run_sealed(*threads, **actuators, ready_line(*robot, *cpus, notes), signals);
+  run_sealed(*threads, **actuators, signals, [&](const std::string& lacks) {
+    if (!lacks.empty()) {
+      notes = lacks + (notes.empty() ? "" : "; ") + notes;
+      write_robot_info(memory->spine->robot_info, *robot, *cpus, notes, own);
+    }
+    if (const Result<> watched = watch_constants(threads->constants(), *robot, *memory); !watched)
+      fmt::print(stderr, "lithe-spine: {}\n", watched.message());
+    fmt::print("{}\n", ready_line(*robot, *cpus, notes));
+    std::fflush(stdout);
+  });
   const bool all_off_sent = threads->stop();
   std::destroy_at(threads);
   if (code != nullptr) std::destroy_at(code);

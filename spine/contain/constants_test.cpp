@@ -91,7 +91,7 @@ TEST(Constants, ACanaryIsWatchedAsLongAsItLives) {
   EXPECT_EQ(others.look(), nullptr);
 }
 
-TEST(Constants, TheWayBackFromALawIsWatchedAsLongAsItsCellLives) {
+TEST(Constants, TheWayBackFromALawIsWatchedAsLongAsItsBarrierLives) {
   Constants constants;
   ASSERT_TRUE(install_handlers());
   {

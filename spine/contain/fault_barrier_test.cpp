@@ -21,7 +21,7 @@ namespace {
 
 using wire::LawFaultKind;
 
-class CellTest : public WithCell {
+class FaultBarrierTest : public WithBarrier {
  protected:
   // The thread goes on: a law that is in order runs, and its stack and handlers are whole.
   static void expect_goes_on(FaultBarrier& barrier) {
@@ -31,7 +31,7 @@ class CellTest : public WithCell {
   }
 };
 
-TEST_F(CellTest, EveryCrashIsContainedAndTheThreadGoesOn) {
+TEST_F(FaultBarrierTest, EveryCrashIsContainedAndTheThreadGoesOn) {
   FaultBarrier barrier = open_cell();
   for (const bad::Case& each : bad::kCrashes) {
     SCOPED_TRACE(each.name);
@@ -45,7 +45,7 @@ TEST_F(CellTest, EveryCrashIsContainedAndTheThreadGoesOn) {
   munmap(page, 4096);
 }
 
-TEST_F(CellTest, AThousandCrashesInTurnLeaveNothingBehind) {
+TEST_F(FaultBarrierTest, AThousandCrashesInTurnLeaveNothingBehind) {
   FaultBarrier barrier = open_cell();
   int runs = 0;
   for (std::size_t i = 0; i < 1000; ++i) {
@@ -56,7 +56,7 @@ TEST_F(CellTest, AThousandCrashesInTurnLeaveNothingBehind) {
   EXPECT_EQ(runs, 1000);
 }
 
-TEST_F(CellTest, AnotherThreadHasItsOwnCell) {
+TEST_F(FaultBarrierTest, AnotherThreadHasItsOwnBarrier) {
   FaultBarrier barrier = open_cell();
   std::thread other([] {
     FaultBarrier own = open_cell();
@@ -70,7 +70,7 @@ TEST_F(CellTest, AnotherThreadHasItsOwnCell) {
   other.join();
 }
 
-TEST_F(CellTest, AThreadHasOneCellAtATimeAndMayOpenAnotherAfterIt) {
+TEST_F(FaultBarrierTest, AThreadHasOneBarrierAtATimeAndMayOpenAnotherAfterIt) {
   {
     FaultBarrier barrier = open_cell();
     EXPECT_FALSE(FaultBarrier::open());
@@ -79,7 +79,7 @@ TEST_F(CellTest, AThreadHasOneCellAtATimeAndMayOpenAnotherAfterIt) {
   EXPECT_TRUE(again.run(kNoDeadline, bad::write_null, nullptr));
 }
 
-TEST_F(CellTest, TroubleSaysWhereAndWhatWasTouched) {
+TEST_F(FaultBarrierTest, TroubleSaysWhereAndWhatWasTouched) {
   FaultBarrier barrier = open_cell();
   const Failure failure = barrier.run(kNoDeadline, bad::write_null, nullptr);
   EXPECT_EQ(failure.address, 0x10u);
@@ -88,7 +88,7 @@ TEST_F(CellTest, TroubleSaysWhereAndWhatWasTouched) {
   EXPECT_LT(failure.pc, store + 256);
 }
 
-TEST_F(CellTest, AGoodCallsReportIsEmptyAlsoAfterACrash) {
+TEST_F(FaultBarrierTest, AGoodCallsReportIsEmptyAlsoAfterACrash) {
   FaultBarrier barrier = open_cell();
   EXPECT_TRUE(barrier.run(kNoDeadline, bad::write_null, nullptr));
   const Failure none = barrier.run(kNoDeadline, bad::nothing, nullptr);
@@ -97,7 +97,7 @@ TEST_F(CellTest, AGoodCallsReportIsEmptyAlsoAfterACrash) {
   EXPECT_EQ(none.address, 0u);
 }
 
-TEST_F(CellTest, HandlersRunOnAStackBehindAGuardPage) {
+TEST_F(FaultBarrierTest, HandlersRunOnAStackBehindAGuardPage) {
   FaultBarrier barrier = open_cell();
   stack_t stack{};
   ASSERT_EQ(sigaltstack(nullptr, &stack), 0);
@@ -110,7 +110,7 @@ TEST_F(CellTest, HandlersRunOnAStackBehindAGuardPage) {
   EXPECT_EQ(failure.kind, LawFaultKind::bad_access);
 }
 
-TEST_F(CellTest, AMaskALawDiesWithIsPutRight) {
+TEST_F(FaultBarrierTest, AMaskALawDiesWithIsPutRight) {
   FaultBarrier barrier = open_cell();
   sigset_t before, after;
   pthread_sigmask(SIG_SETMASK, nullptr, &before);
@@ -146,7 +146,7 @@ LITHE_BAD void upset_arithmetic(void*) {
 #endif
 }
 
-TEST_F(CellTest, AnEnvironmentALawLeavesBehindIsPutRight) {
+TEST_F(FaultBarrierTest, AnEnvironmentALawLeavesBehindIsPutRight) {
   FaultBarrier barrier = open_cell();
   ASSERT_TRUE(is_in_order());
   EXPECT_FALSE(barrier.run(kNoDeadline, upset_arithmetic, nullptr));
@@ -155,7 +155,7 @@ TEST_F(CellTest, AnEnvironmentALawLeavesBehindIsPutRight) {
   EXPECT_TRUE(is_in_order());
 }
 
-TEST_F(CellTest, AnEnvironmentALawDiesInIsPutRight) {
+TEST_F(FaultBarrierTest, AnEnvironmentALawDiesInIsPutRight) {
   FaultBarrier barrier = open_cell();
   const auto upset_and_die = [](void*) {
     upset_arithmetic(nullptr);
@@ -166,7 +166,7 @@ TEST_F(CellTest, AnEnvironmentALawDiesInIsPutRight) {
 }
 
 // Had the thread flushed denormals before, so it does afterwards: the handler's own environment is the kernel's.
-TEST_F(CellTest, WhatTheThreadChoseItselfIsKept) {
+TEST_F(FaultBarrierTest, WhatTheThreadChoseItselfIsKept) {
 #if defined(__x86_64__)
   const unsigned before = _mm_getcsr();
   _mm_setcsr(before | 0x8040);
@@ -181,7 +181,7 @@ TEST_F(CellTest, WhatTheThreadChoseItselfIsKept) {
 #endif
 }
 
-TEST_F(CellTest, AnUnmaskedExceptionInALawIsItsFault) {
+TEST_F(FaultBarrierTest, AnUnmaskedExceptionInALawIsItsFault) {
 #if defined(__x86_64__)
   FaultBarrier barrier = open_cell();
   const auto divide = [](void*) {
@@ -199,7 +199,7 @@ TEST_F(CellTest, AnUnmaskedExceptionInALawIsItsFault) {
 #if defined(__x86_64__)
 constexpr std::uint64_t kDirection = 1u << 10, kNestedTask = 1u << 14, kAlignment = 1u << 18;
 
-TEST_F(CellTest, DirectionAndAlignmentFlagsArePutRight) {
+TEST_F(FaultBarrierTest, DirectionAndAlignmentFlagsArePutRight) {
   FaultBarrier barrier = open_cell();
   const auto set_flags = [](void*) { asm volatile("pushfq\n\torq $0x44400, (%%rsp)\n\tpopfq" : : : "cc", "memory"); };
   const auto set_and_die = [](void*) {
@@ -216,7 +216,7 @@ TEST_F(CellTest, DirectionAndAlignmentFlagsArePutRight) {
 
 // --- what is not a law's fault ---
 
-class OwnFault : public CellTest, public testing::WithParamInterface<int> {};
+class OwnFault : public FaultBarrierTest, public testing::WithParamInterface<int> {};
 
 bool ended_by(int status, int signal) {
   if (WIFSIGNALED(status)) return WTERMSIG(status) == signal;

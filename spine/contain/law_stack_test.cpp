@@ -12,7 +12,7 @@ namespace {
 
 using wire::LawFaultKind;
 
-class LawStackTest : public WithCell {
+class LawStackTest : public WithBarrier {
  protected:
   void SetUp() override {
     if (kReportsFaults) GTEST_SKIP() << "the sanitizer's own handler ends the process";

@@ -23,7 +23,7 @@ struct Critical {
   std::array<std::uint64_t, 64> word{};
 };
 
-class VaultTest : public WithCell, public testing::WithParamInterface<Protection> {
+class ProtectedMemoryTest : public WithBarrier, public testing::WithParamInterface<Protection> {
  protected:
   void SetUp() override {
     Result<std::unique_ptr<ProtectedMemory>> made = ProtectedMemory::make(1 << 16, GetParam());
@@ -52,7 +52,7 @@ class VaultTest : public WithCell, public testing::WithParamInterface<Protection
 
 LITHE_BAD void write_word(void* word) { *static_cast<volatile std::uint64_t*>(word) = 0xbad; }
 
-TEST_P(VaultTest, AWildWriteIsReportedWithItsAddressAndUndone) {
+TEST_P(ProtectedMemoryTest, AWildWriteIsReportedWithItsAddressAndUndone) {
   FaultBarrier barrier = guarding_cell();
   for (std::size_t i = 0; i < critical->word.size(); ++i) {
     const Failure failure = barrier.run(kNoDeadline, write_word, &critical->word[i]);
@@ -63,7 +63,7 @@ TEST_P(VaultTest, AWildWriteIsReportedWithItsAddressAndUndone) {
   }
 }
 
-TEST_P(VaultTest, ALawThatBreaksItAndThenCrashesLeavesItWhole) {
+TEST_P(ProtectedMemoryTest, ALawThatBreaksItAndThenCrashesLeavesItWhole) {
   FaultBarrier barrier = guarding_cell();
   const auto both = [](void* word) {
     write_word(word);
@@ -73,7 +73,7 @@ TEST_P(VaultTest, ALawThatBreaksItAndThenCrashesLeavesItWhole) {
   EXPECT_TRUE(is_whole());
 }
 
-TEST_P(VaultTest, TheThreadItselfWritesBetweenCallsAlsoAfterACrash) {
+TEST_P(ProtectedMemoryTest, TheThreadItselfWritesBetweenCallsAlsoAfterACrash) {
   FaultBarrier barrier = guarding_cell();
   for (std::uint64_t i = 1; i <= 100; ++i) {
     critical->word[0] = i;
@@ -85,7 +85,7 @@ TEST_P(VaultTest, TheThreadItselfWritesBetweenCallsAlsoAfterACrash) {
   }
 }
 
-TEST_P(VaultTest, ALawReadsItAndWritesOutside) {
+TEST_P(ProtectedMemoryTest, ALawReadsItAndWritesOutside) {
   FaultBarrier barrier = guarding_cell();
   struct Read {
     const Critical* from;
@@ -99,7 +99,7 @@ TEST_P(VaultTest, ALawReadsItAndWritesOutside) {
   EXPECT_EQ(read.sum, 63u * 64 / 2);
 }
 
-TEST_P(VaultTest, AnotherThreadMayWriteWhileALawRuns) {
+TEST_P(ProtectedMemoryTest, AnotherThreadMayWriteWhileALawRuns) {
   auto* shared = protected_memory->create<std::atomic<std::uint64_t>>(0u);
   ASSERT_NE(shared, nullptr);
   FaultBarrier barrier = guarding_cell();
@@ -118,7 +118,7 @@ TEST_P(VaultTest, AnotherThreadMayWriteWhileALawRuns) {
 }
 
 // A signal that comes too late must not leave the protected memory open for the rest of the call.
-TEST_P(VaultTest, ALateSignalDoesNotOpenIt) {
+TEST_P(ProtectedMemoryTest, ALateSignalDoesNotOpenIt) {
   if (kHoldsSignals) GTEST_SKIP() << "ThreadSanitizer delivers no asynchronous signal to a busy thread";
   FaultBarrier barrier = guarding_cell();
   struct Law {
@@ -138,7 +138,7 @@ TEST_P(VaultTest, ALateSignalDoesNotOpenIt) {
   EXPECT_TRUE(is_whole());
 }
 
-TEST_P(VaultTest, AFullVaultSaysSo) {
+TEST_P(ProtectedMemoryTest, WhenItIsFullItSaysSo) {
   EXPECT_EQ(protected_memory->allocate(1 << 16), nullptr);
   EXPECT_NE(protected_memory->allocate(1 << 10), nullptr);
   std::array<std::uint64_t, 8> outside{};
@@ -151,12 +151,13 @@ TEST_P(VaultTest, AFullVaultSaysSo) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Both, VaultTest, testing::Values(Protection::keys, Protection::copies), [](const auto& how) {
-  return std::string(how.param == Protection::keys ? "Keys" : "Copies");
-});
+INSTANTIATE_TEST_SUITE_P(Both, ProtectedMemoryTest, testing::Values(Protection::keys, Protection::copies),
+                         [](const auto& how) {
+                           return std::string(how.param == Protection::keys ? "Keys" : "Copies");
+                         });
 
 // A wild write can hit the copy as well as the block: the block, which nobody touched, must win.
-TEST(VaultCopies, AWriteIntoACopyIsNoticedAndNeverCopiedBack) {
+TEST(ProtectedMemoryCopies, AWriteIntoACopyIsNoticedAndNeverCopiedBack) {
   Result<std::unique_ptr<ProtectedMemory>> protected_memory = ProtectedMemory::make(4096, Protection::copies);
   ASSERT_TRUE(protected_memory);
   auto* block = static_cast<unsigned char*>((*protected_memory)->allocate(64));

@@ -16,7 +16,7 @@ namespace {
 
 volatile std::uint64_t g_zero = 0, g_seven = 7;  // in .bss and in .data
 
-enum Exit : int { kFine = 0, kNotSealed = 10, kWasWritten = 11, kWrongTrouble = 12, kNoCell = 13 };
+enum Exit : int { kFine = 0, kNotSealed = 10, kWasWritten = 11, kWrongTrouble = 12, kNoBarrier = 13 };
 
 // Runs `what` in a child: its exit code, or minus the signal that ended it.
 template <class What>
@@ -31,9 +31,9 @@ int in_a_child(What what) {
 LITHE_BAD void write_word(void* word) { *static_cast<volatile std::uint64_t*>(word) = 0xbad; }
 
 int write_from_a_law(volatile std::uint64_t& word) {
-  if (!install_handlers()) return kNoCell;
+  if (!install_handlers()) return kNoBarrier;
   Result<FaultBarrier> barrier = FaultBarrier::open();
-  if (!barrier) return kNoCell;
+  if (!barrier) return kNoBarrier;
   const Result<SealedStatics> sealed = SealedStatics::seal();
   if (!sealed) return kNotSealed;
   auto* const address = const_cast<std::uint64_t*>(&word);
@@ -53,9 +53,9 @@ TEST(SealedStatics, ALawThatWritesAVariableOfTheProgramFaultsThere) {
 // The twin: unsealed, the same write goes through.
 TEST(SealedStatics, WithoutItTheWriteIsNotNoticed) {
   const auto unsealed = [] {
-    if (!install_handlers()) return kNoCell;
+    if (!install_handlers()) return kNoBarrier;
     Result<FaultBarrier> barrier = FaultBarrier::open();
-    if (!barrier) return kNoCell;
+    if (!barrier) return kNoBarrier;
     const Failure failure = barrier->run(kNoDeadline, write_word, const_cast<std::uint64_t*>(&g_zero));
     return !failure && g_zero == 0xbad ? kWasWritten : kWrongTrouble;
   };

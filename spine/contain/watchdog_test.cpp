@@ -89,7 +89,7 @@ TEST_F(WatchdogTest, SeveralThreadsAreWatchedAndNoMoreThanItHasPlacesFor) {
   EXPECT_TRUE(guarded.dog.watch(barrier)) << "places of threads that are gone are free again";
 }
 
-TEST_F(WatchdogTest, AVaultYoungerThanTheWatchdogsThreadIsOpenToIt) {
+TEST_F(WatchdogTest, ProtectedMemoryYoungerThanTheWatchdogsThreadIsOpenToIt) {
   Guarded guarded;
   const Result<std::unique_ptr<ProtectedMemory>> protected_memory = ProtectedMemory::make(1 << 14);
   ASSERT_TRUE(protected_memory) << protected_memory.message();
@@ -101,7 +101,7 @@ TEST_F(WatchdogTest, AVaultYoungerThanTheWatchdogsThreadIsOpenToIt) {
 }
 
 // What the two threads share without a signal: for ThreadSanitizer too, which holds signals back.
-TEST_F(WithCell, AWatchdogLooksOnWhileCallsBeginAndEndAndCellsComeAndGo) {
+TEST_F(WithBarrier, AWatchdogLooksOnWhileCallsBeginAndEndAndBarriersComeAndGo) {
   WatchdogConfig spinning;
   spinning.look_every_ns = 0;
   Guarded guarded(spinning);

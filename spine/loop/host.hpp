@@ -13,10 +13,10 @@
 namespace lithe::loop {
 
 // Contract: RT · owned by the tick thread
-class CellHost final : public step::Host {
+class BarrierHost final : public step::Host {
  public:
   // Without a FaultBarrier a crash of a law ends the process, and no law is ended.
-  CellHost(const SteeredClock& clock, contain::FaultBarrier* barrier) : clock_(clock), barrier_(barrier) {}
+  BarrierHost(const SteeredClock& clock, contain::FaultBarrier* barrier) : clock_(clock), barrier_(barrier) {}
 
   std::int64_t now_ns() LITHE_RT override { return clock_.now_ns(); }
 

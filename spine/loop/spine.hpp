@@ -77,7 +77,7 @@ class Spine {
   ReleaseGrid grid_;
   Inbox inbox_;
   Publisher out_;
-  CellHost host_;
+  BarrierHost host_;
   step::ControlStep step_;
   std::uint64_t tick_ = 0;
   const hal::ActuatorState* sample_;  // x_k: the newest sample, fresh or not

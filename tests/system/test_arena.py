@@ -104,7 +104,7 @@ def test_dlopen_is_a_word_in_the_robot_file(house: House) -> None:
 
 def test_without_memfd_laws_are_loaded_with_dlopen_and_the_notes_say_so(house: House) -> None:
     """A system that refuses the arena costs interrupts, not the robot."""
-    house.wrapper = [sys.executable, str(Path(__file__).with_name("without_memfd.py"))]
+    house.wrapper = [sys.executable, str(Path(__file__).with_name("without_call.py")), "memfd"]
     house.run(wait=False)
     house.wait_for(lambda: house.socket.exists() or house.started[0].poll() is not None, 90)
     if "no seccomp filters" in house.log():
@@ -114,3 +114,15 @@ def test_without_memfd_laws_are_loaded_with_dlopen_and_the_notes_say_so(house: H
     assert "laws are loaded with dlopen" in status["lost"]
     assert "cannot make the code arena" in house.log()
     assert [house.ask("swap", law)["law"] for law in LAWS] == ["hold", "pd", "gravity_pd"]
+
+
+def test_a_gate_that_the_kernel_lacks_is_told_in_status(house: House) -> None:
+    """Without syscall user dispatch a law is kept from the kernel by less: the user must see that, not only a log."""
+    house.wrapper = [sys.executable, str(Path(__file__).with_name("without_call.py")), "dispatch"]
+    house.run(wait=False)
+    house.wait_for(lambda: house.socket.exists() or house.started[0].poll() is not None, 90)
+    if "no seccomp filters" in house.log():
+        pytest.skip(f"no privilege to install a filter: {house.log()}")
+    status = house.ask("status")
+    assert "a law can make system calls" in status["lost"], status["lost"]
+    assert house.ask("swap", LAWS[0])["law"] == "hold"

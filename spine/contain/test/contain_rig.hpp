@@ -40,7 +40,7 @@ inline constexpr bool kHoldsSignals = false;
 inline constexpr std::int64_t kNoDeadline = INT64_MAX;
 
 // A FaultBarrier on the test's own thread.
-class WithCell : public testing::Test {
+class WithBarrier : public testing::Test {
  protected:
   static FaultBarrier open_cell(ProtectedMemory* protected_memory = nullptr) {
     const Result<> installed = install_handlers();
@@ -70,7 +70,7 @@ class Guarded {
   std::thread thread_;
 };
 
-class WatchdogTest : public WithCell {
+class WatchdogTest : public WithBarrier {
  protected:
   void SetUp() override {
     if (kHoldsSignals) GTEST_SKIP() << "ThreadSanitizer delivers no asynchronous signal to a busy thread";

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs a program in a world without memfd_create, as some containers and older kernels are."""
+"""Runs a program where the kernel lacks a call, as in some containers and with older kernels.
+
+`without_call.py memfd PROGRAM ...` has no memfd_create, `without_call.py dispatch PROGRAM ...` no syscall user dispatch.
+"""
 
 import ctypes
 import os
@@ -9,6 +12,8 @@ import sys
 from typing import ClassVar
 
 MEMFD_CREATE = {"x86_64": 319, "aarch64": 279}
+PRCTL, PR_SET_SYSCALL_USER_DISPATCH = {"x86_64": 157, "aarch64": 167}, 59
+FIRST_ARGUMENT = 16  # struct seccomp_data
 PR_SET_SECCOMP, PR_SET_NO_NEW_PRIVS = 22, 38
 SECCOMP_MODE_FILTER, SECCOMP_RET_ERRNO, SECCOMP_RET_ALLOW = 2, 0x00050000, 0x7FFF0000
 LOAD_WORD, JUMP_IF_EQUAL, RETURN = 0x20, 0x15, 0x06
@@ -21,11 +26,21 @@ class Program(ctypes.Structure):
     _fields_: ClassVar = [("length", ctypes.c_ushort), ("filter", ctypes.c_char_p)]
 
 
-def forbid_memfd() -> None:
-    """From here on memfd_create does not exist, for this process and its children."""
+REFUSED = {
+    "memfd": [(JUMP_IF_EQUAL, 0, 1, MEMFD_CREATE[platform.machine()])],
+    "dispatch": [
+        (JUMP_IF_EQUAL, 0, 3, PRCTL[platform.machine()]),
+        (LOAD_WORD, 0, 0, FIRST_ARGUMENT),
+        (JUMP_IF_EQUAL, 0, 1, PR_SET_SYSCALL_USER_DISPATCH),
+    ],
+}
+
+
+def forbid(what: str) -> None:
+    """From here on this call does not exist, for this process and its children."""
     steps = [
         (LOAD_WORD, 0, 0, 0),
-        (JUMP_IF_EQUAL, 0, 1, MEMFD_CREATE[platform.machine()]),
+        *REFUSED[what],
         (RETURN, 0, 0, SECCOMP_RET_ERRNO | ENOSYS),
         (RETURN, 0, 0, SECCOMP_RET_ALLOW),
     ]
@@ -38,5 +53,5 @@ def forbid_memfd() -> None:
 
 
 if __name__ == "__main__":
-    forbid_memfd()
-    os.execv(sys.argv[1], sys.argv[1:])
+    forbid(sys.argv[1])
+    os.execv(sys.argv[2], sys.argv[2:])

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// The shared memory of a running robot, as its Spine makes it.
+#pragma once
+
+#include <string>
+
+#include "spine/core/result.hpp"
+#include "spine/ipc/frames.hpp"
+#include "spine/ipc/segment.hpp"
+
+namespace lithe {
+
+// The segments of a running robot, and its Spine lease.
+struct Memory {
+  ipc::Lease lease;
+  ipc::Segment<ipc::SpineMemory> spine;
+  ipc::Segment<ipc::ControlMemory> control;
+  ipc::Segment<ipc::BrainMemory> brain;
+  ipc::Segment<ipc::FramesMemory> frames;
+};
+
+// Replaces what a crashed run left. Error: another Spine of this robot lives.
+Result<Memory> make_memory(const std::string& robot);
+void remove_memory(const std::string& robot);
+
+}  // namespace lithe
