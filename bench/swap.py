@@ -205,7 +205,7 @@ def main_run(folder: Path, swaps: int, load: list[list[str]]) -> Figures:
         told["stolen_share"] = steal.share(subject.cpu)
         told["preempted_share"] = subject.preempted_share()
         told["peers_share_a_core"] = len({int(info[f"cpu_{role}"]) for role in ("brain", "housekeeping")}) == 1
-        told["control_failed_as_it_must"] = told["peer_compile_lost_ticks_attributable"] > 0
+        told["control_failed_as_it_must"] = told["peer_compile_lost_rate_difference_low_per_s"] > 0
         return told
 
 

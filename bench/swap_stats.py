@@ -13,6 +13,7 @@ from lithe.demo.losses import Comparison, Releases, Window, elsewhere
 
 WINDOW_NS = 50_000_000
 AFTER_NS = 50_000_000  # a swap's window is from its request to this time after its commit
+BURST_NS = 5_000_000  # a pause of the machine takes every tick; two swaps are further apart
 SIGNS = 4000
 SURE = 0.95
 LEAST_ROUNDS = 8  # with fewer, no difference could be refuted
@@ -92,8 +93,8 @@ def permutation_interval(differences: npt.NDArray[np.float64], sure: float = SUR
 
 
 def bursts(lost_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """The start of each pause: lost ticks that are less than a window apart belong to one pause."""
-    return lost_ns[np.diff(lost_ns, prepend=lost_ns[:1] - WINDOW_NS) >= WINDOW_NS]
+    """When each pause began: ticks lost less than BURST_NS apart are lost in one."""
+    return lost_ns[np.diff(lost_ns, prepend=lost_ns[:1] - BURST_NS) >= BURST_NS]
 
 
 def chance_of(hits: int, of: int, share: float) -> float:

@@ -83,6 +83,15 @@ def test_pauses_of_the_machine_are_not_the_swaps_where_rest_is_short(stats: Modu
     assert blamed <= 10, "2.5 % are expected"
 
 
+def test_a_short_stall_at_every_swap_is_found(stats: ModuleType) -> None:
+    """Three ticks every 50 ms of swapping, and a pause of the machine now and then."""
+    rng = np.random.default_rng(7)
+    own = np.array([i * ROUND_MS + at + k for i in range(20) for at in range(10, 850, 50) for k in range(3)])
+    pauses = np.concatenate([at + np.arange(100) for at in rng.integers(0, 20 * ROUND_MS - 100, 6)])
+    assert sides(stats, np.unique(np.concatenate([own, pauses])), 20, swapping_ms=860).lost()["lost_bursts_in"] > 250
+    assert sides(stats, own, 20, swapping_ms=860).lost()["lost_ticks_attributable"] > 900
+
+
 def test_a_pause_is_known_though_the_kernel_counts_it_at_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
     host = module("swap_host", monkeypatch)
     watch = host.StealWatch((0,))
