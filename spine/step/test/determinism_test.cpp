@@ -20,7 +20,7 @@ namespace lithe::step {
 namespace {
 
 #ifdef LITHE_SLOW
-constexpr double kSeconds = 5;
+constexpr double kSeconds = 10;  // the Brain pauses after eight
 #else
 constexpr double kSeconds = 60;  // of the robot's time
 #endif
