@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs a program where the kernel lacks a call, as in some containers and with older kernels.
 
-`without_call.py memfd PROGRAM ...` has no memfd_create, `without_call.py dispatch PROGRAM ...` no syscall user dispatch.
+`without_call.py memfd PROGRAM ...` has no memfd_create; with `dispatch` there is no syscall user dispatch.
 """
 
 import ctypes
