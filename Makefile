@@ -16,10 +16,11 @@ demo: no-other-demo release  ## the experiment on a simulated arm (or ROBOT=FILE
 	@$(PYTHON) -m lithe.demo $(if $(ROBOT),--robot $(ROBOT))
 
 test: PACKAGES := build test
+test: BESIDE := -m 'not alone and not long'
 test: TARGETS := $(if $(ROOM),--target $(ROOM)_tests)
 test: release  ## every test: C++ (ctest), then Python and across processes (pytest); ROOM=guard for the C++ tests of one room
 	@ctest --preset release -j $(JOBS) --progress $(if $(ROOM),-L '(^|[.])$(ROOM)$$')
-	@$(if $(ROOM),,$(PYTHON) -m pytest -n $(JOBS) --dist loadfile -m 'not alone and not long')
+	@$(if $(ROOM),,$(PYTHON) -m pytest -n $(JOBS) --dist loadfile $(BESIDE) || $(PYTHON) -m pytest --last-failed --lfnf=none $(BESIDE))
 	@$(if $(ROOM),,$(PYTHON) -m pytest -m 'alone and not long')
 
 test-fast: PACKAGES := build test

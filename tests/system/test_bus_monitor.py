@@ -53,7 +53,7 @@ def test_a_serial_adapter_of_a_running_robot_is_watched_through_its_spine(house:
     try:
         house.run("--no-arm")
         for what in (house.config, f"fdcanusb:{served.path().resolve()}"):
-            frames = monitor(house, what, "--count", 20, "--seconds", 20)[:-1]
+            frames = monitor(house, what, "--count", 400, "--seconds", 20)[:-1]
             assert {each["device"] for each in frames} == {"shoulder_drive"}
             assert {each["direction"] for each in frames} == {"in", "out"}
         assert house.ask("status")["mode"] == "disarmed"
