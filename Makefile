@@ -11,7 +11,7 @@ help:  ## this list
 	@echo "LITHE: a real-time Spine whose control law can be replaced while the robot moves"
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
 
-demo: TARGETS := --target lithe lithe-spine lawd lithe-trial lithe-sim
+demo: TARGETS := --target lithe lithe-spine lithe-spine-sim lawd lithe-trial lithe-sim
 demo: no-other-demo release  ## the experiment on a simulated arm (or ROBOT=FILE): probe, learn, swap laws live, survive a dead Brain -> out/demo/
 	@$(PYTHON) -m lithe.demo $(if $(ROBOT),--robot $(ROBOT))
 
@@ -42,7 +42,7 @@ bench:  ## jitter, tick cost, scale, Channel latency, each against a peer and a 
 	@cmake --build --preset bench -j $(JOBS)
 	@$(PYTHON) -m bench.report
 
-bench-swap: TARGETS := --target lithe lithe-spine lawd lithe-trial bench_swap_peers
+bench-swap: TARGETS := --target lithe lithe-spine lithe-spine-sim lawd lithe-trial bench_swap_peers
 bench-swap: release  ## what a swap costs, beside dlopen in the loop and behind a mutex; SWAPS=10000 -> out/bench/swap.json
 	@$(PYTHON) -m bench.swap --swaps $(or $(SWAPS),10000)
 

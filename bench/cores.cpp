@@ -4,7 +4,7 @@
 #include "bench/machine.hpp"
 #include "bench/samples.hpp"
 #include "spine/core/interrupts.hpp"
-#include "spine/robot/cpu_plan.hpp"
+#include "spine/robot/cores/cpu_plan.hpp"
 
 int main() {
   using namespace lithe::bench;

@@ -10,7 +10,7 @@
 
 #include "spine/core/host.hpp"
 #include "spine/core/time.hpp"
-#include "spine/robot/cpu_plan.hpp"
+#include "spine/robot/cores/cpu_plan.hpp"
 
 namespace lithe::bench {
 

@@ -21,7 +21,7 @@
 #include "spine/core/host.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/bus_actuators.hpp"
-#include "spine/hal/robot_hardware.hpp"
+#include "spine/hal/sim/simulate.hpp"
 #include "spine/robot/robot.hpp"
 
 namespace lithe::bench {
@@ -52,7 +52,7 @@ std::unique_ptr<hal::Actuators> open(std::size_t joints) {
     none->add_bus(std::make_unique<hal::LoopBus>(), hal::Addressing::moteus);
     return none;
   }
-  auto opened = hal::open_actuators(robot_of(joints));
+  auto opened = hal::sim::open_actuators(robot_of(joints));
   if (!opened) {
     std::fprintf(stderr, "bench: %s\n", opened.message().c_str());
     std::exit(2);

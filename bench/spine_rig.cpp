@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "spine/core/host.hpp"
-#include "spine/hal/robot_hardware.hpp"
+#include "spine/hal/sim/simulate.hpp"
 #include "spine/loop/transport.hpp"
 #include "spine/robot/robot.hpp"
 
@@ -50,7 +50,7 @@ SpineRig::SpineRig(const std::string& robot_file, Cores cores)
     : SpineRig(or_exit(robot::load_robot(robot_file)), cores) {}
 
 SpineRig::SpineRig(robot::RobotConfig config, Cores cores) : config_(std::move(config)) {
-  actuators_ = or_exit(hal::open_actuators(config_));
+  actuators_ = or_exit(hal::sim::open_actuators(config_));
   loop::start_clock(*clock_);  // and no keeper: the tick and the bench must read one and the same fit
   law::reset_resident(*law_, lithe_law);
   law_->law_id = 1;

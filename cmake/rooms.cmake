@@ -33,16 +33,17 @@ if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)
   endif()
 endif()
 
-# lithe_room(<name> [TICK] [DIRS <folder>...] [LINKS <target>...] [PLAIN <x_test>...])
+# lithe_room(<name> [TICK] [DIRS <folder>...] [LINKS <target>...] [TEST_LINKS <target>...] [PLAIN <x_test>...])
 #   Every *.cpp of the folders (this one, if DIRS is not given) but *_test.cpp and main.cpp becomes the library
 #   lithe_<name>; every x_test.cpp becomes the test program <name>_x_test.
 #   TICK: runs in the tick, so built without exceptions and RTTI.
+#   TEST_LINKS: of its tests alone.
 #   PLAIN: tests that a sanitizer build leaves out, because what they test cannot live with one.
 #   The target <name>_tests builds a room's tests, tick_tests those of all TICK rooms; its label in ctest is
 #   <name>, or tick.<name>.
 add_custom_target(tick_tests)
 function(lithe_room name)
-  cmake_parse_arguments(ROOM "TICK" "" "DIRS;LINKS;PLAIN" ${ARGN})
+  cmake_parse_arguments(ROOM "TICK" "" "DIRS;LINKS;TEST_LINKS;PLAIN" ${ARGN})
   if(NOT ROOM_DIRS)
     set(ROOM_DIRS .)
   endif()
@@ -92,7 +93,7 @@ function(lithe_room name)
     if(LITHE_SANITIZE AND stem IN_LIST ROOM_PLAIN)
       continue()
     endif()
-    lithe_test(${name}_${stem} SOURCES ${test} LINKS lithe_${name} LABEL ${label} ${json})
+    lithe_test(${name}_${stem} SOURCES ${test} LINKS lithe_${name} ${ROOM_TEST_LINKS} LABEL ${label} ${json})
     if(TARGET ${name}_${stem})
       add_dependencies(${name}_tests ${name}_${stem})
     endif()

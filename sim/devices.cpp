@@ -7,7 +7,7 @@
 #include <optional>
 #include <utility>
 
-#include "spine/hal/registry.hpp"
+#include "spine/hal/sim/sim_registry.hpp"
 
 namespace lithe::simulator {
 namespace {
@@ -39,7 +39,7 @@ std::optional<InjectedFault> mishap_of(Kind kind) {
 // False for faults that this kind of device does not have.
 bool can_suffer(robot::DeviceKind device, Kind kind) {
   if (const std::optional<InjectedFault> injected = mishap_of(kind)) {
-    return (hal::type_of(device).injected & hal::bit_of(*injected)) != 0;
+    return (hal::sim::type_of(device).injected & hal::sim::bit_of(*injected)) != 0;
   }
   return robot::facts(device).on_bus;  // twin, wrong id
 }

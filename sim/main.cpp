@@ -20,7 +20,7 @@
 #include "spine/core/host.hpp"
 #include "spine/core/time.hpp"
 #include "spine/hal/physics/truth.hpp"
-#include "spine/robot/cpu_plan.hpp"
+#include "spine/robot/cores/cpu_plan.hpp"
 #include "spine/robot/robot.hpp"
 
 namespace {

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <filesystem>
 
-#include "spine/hal/registry.hpp"
+#include "spine/hal/sim/sim_registry.hpp"
 
 namespace lithe::simulator {
 namespace {
@@ -41,7 +41,7 @@ Result<std::unique_ptr<World>> World::open(const robot::RobotConfig& config, con
 Result<> World::add_bus(const robot::RobotConfig& config, std::size_t index, const Options& options) {
   const robot::BusConfig& bus = config.buses[index];
   hal::sim::SimWire& wire = devices_->wire(index);
-  const hal::BusType& type = hal::type_of(bus.kind);
+  const hal::sim::SimBusType& type = hal::sim::type_of(bus.kind);
   if (type.make_adapter == nullptr) {
     auto end =
         CanEnd::open({.interface = bus.interface, .bitrate = bus.bitrate, .data_bitrate = bus.data_bitrate}, wire);

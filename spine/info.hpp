@@ -8,7 +8,7 @@
 #include "spine/hal/actuators.hpp"
 #include "spine/ipc/layout.hpp"
 #include "spine/robot/config.hpp"
-#include "spine/robot/cpu_plan.hpp"
+#include "spine/robot/cores/cpu_plan.hpp"
 
 namespace lithe {
 

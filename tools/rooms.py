@@ -19,7 +19,7 @@ DEVICES = "spine/hal/canopen " + " ".join(KINDS)
 SIMULATED = "spine/hal/physics " + " ".join(f"{kind}/sim" for kind in KINDS)
 DEVICE = BASE + " spine/robot spine/hal/core spine/hal/bus/serial spine/hal/canopen"
 LAWD = BASE + " spine/ipc spine/law spine/arena"
-TRIAL = LAWD + " spine/load spine/robot spine/hal spine/step"
+TRIAL = LAWD + " spine/load spine/robot spine/hal spine/hal/sim spine/step"
 BUS_TOOLS = f"{BASE} spine/robot spine/hal {BUSES} {DEVICES}"
 ALLOWED = {
     room: frozenset(allowed.split())
@@ -43,14 +43,16 @@ ALLOWED = {
         **dict.fromkeys(KINDS, DEVICE),
         **{f"{kind}/sim": f"{DEVICE} spine/hal/bus/loop spine/hal/physics {kind}" for kind in KINDS},
         "spine/hal/physics": BASE + " spine/robot spine/hal/core spine/hal/bus/loop",
-        "spine/hal": f"{BASE} spine/robot {BUSES} {DEVICES} {SIMULATED}",
+        "spine/hal": f"{BASE} spine/robot {BUSES} {DEVICES}",
+        "spine/hal/sim": f"{BASE} spine/robot spine/hal spine/hal/core {BUSES} {SIMULATED}",
         "spine/contain": BASE,
         "spine/arena": "spine/core",
         "spine/load": BASE + " spine/ipc spine/law spine/arena spine/contain",
         "spine/step": BASE + " spine/law spine/plan spine/guard spine/robot spine/hal spine/contain",
         "spine/loop": BASE + " spine/ipc spine/law spine/robot spine/hal spine/contain spine/step",
         "spine": BASE
-        + " spine/ipc spine/law spine/robot spine/hal spine/hal/core spine/contain spine/arena spine/loop spine/load",
+        + " spine/ipc spine/law spine/robot spine/hal spine/hal/core spine/hal/sim spine/contain spine/arena"
+        + " spine/loop spine/load",
         "lawd/run": LAWD,
         "lawd/core": LAWD,
         "lawd/compile": LAWD + " lawd/run",
@@ -61,7 +63,7 @@ ALLOWED = {
         "trial/sandbox": BASE,
         "trial/sections": TRIAL + " trial/core",
         "trial": TRIAL + " trial/core trial/sandbox trial/sections",
-        "sim": f"{BASE} spine/robot spine/hal spine/hal/physics {BUSES}",
+        "sim": f"{BASE} spine/robot spine/hal/sim spine/hal/physics {BUSES}",
         "laws": "spine/law",
         "supervisor/bus": BUS_TOOLS,
         "supervisor/bus/plan": BUS_TOOLS,

@@ -56,7 +56,7 @@ def run(out: Path, robot: Path, *words: str, **environment: str) -> subprocess.P
 
 @pytest.fixture
 def robot_file(tmp_path: Path) -> Path:
-    need("lithe", "lithe-spine", "lawd")
+    need("lithe", "lithe-spine", "lithe-spine-sim", "lawd")
     path = tmp_path / "arm.toml"
     path.write_text(calm.calm_text(ideal=False), encoding="utf-8")
     return path

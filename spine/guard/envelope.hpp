@@ -8,7 +8,7 @@
 
 #include "spine/core/rt.hpp"
 #include "spine/robot/config.hpp"
-#include "spine/robot/stopping.hpp"
+#include "spine/robot/limits/stopping.hpp"
 
 namespace lithe::guard {
 

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "spine/robot/stopping.hpp"
+#include "spine/robot/limits/stopping.hpp"
 
 namespace lithe::guard {
 

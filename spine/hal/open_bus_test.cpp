@@ -5,8 +5,8 @@
 #include <gtest/gtest.h>
 #include <termios.h>
 
+#include "spine/hal/bus/test/pty_rig.hpp"
 #include "spine/hal/core/descriptor.hpp"
-#include "spine/hal/test/pty_rig.hpp"
 
 namespace lithe::hal {
 namespace {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kinds of devices and buses: one row each with all that differs between them. Nothing else chooses by kind. What
-// must be known without a driver is in spine/robot/kinds.hpp.
+// must be known without a driver is in spine/robot/kinds.hpp, what is simulated in spine/hal/sim/sim_registry.hpp.
 #pragma once
 
 #include <cstddef>
@@ -12,14 +12,11 @@
 
 #include "spine/core/result.hpp"
 #include "spine/hal/bus/pi3hat/imu.hpp"
-#include "spine/hal/bus/serial/sim_adapter.hpp"
 #include "spine/hal/canopen/canopen_pdo.hpp"
 #include "spine/hal/core/bus.hpp"
 #include "spine/hal/core/drive.hpp"
 #include "spine/hal/core/planned_frame.hpp"
 #include "spine/hal/core/sensors.hpp"
-#include "spine/hal/physics/coupling.hpp"
-#include "spine/hal/physics/sim_place.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe::hal {
@@ -28,18 +25,12 @@ namespace lithe::hal {
 struct DeviceType {
   robot::DeviceKind kind;
 
-  // One of these: it drives, it measures, it is on a board and measures. `board` null: the board is simulated.
+  // One of these: it drives, it measures, it is on a board and measures.
   std::unique_ptr<Drive> (*make_drive)(const robot::RobotConfig&, const robot::JointConfig&) = nullptr;
   std::unique_ptr<SensorDevice> (*make_sensors)(const robot::DeviceConfig&) = nullptr;
-  std::unique_ptr<SensorDevice> (*make_on_board)(const robot::DeviceConfig&, ImuSource* board) = nullptr;
+  std::unique_ptr<SensorDevice> (*make_on_board)(const robot::DeviceConfig&, ImuSource& board) = nullptr;
   // For all devices of this kind on a bus that has at least one.
   std::unique_ptr<BusMaster> (*make_master)(const robot::RobotConfig&, std::size_t bus) = nullptr;
-
-  // The same device at the far end of a bus. `couple`: `node` was made by make_sim.
-  std::unique_ptr<BusNode> (*make_sim)(const sim::SimPlace&) = nullptr;
-  void (*couple)(sim::Coupling&, BusNode& node) = nullptr;
-  double (*motor_torque_max_nm)(const robot::DeviceConfig&) = nullptr;
-  std::uint32_t injected = 0;  // bits `bit_of` of those that its simulation knows
 
   // Planner: the frames of one device, and those that a bus with such devices needs in addition.
   PlannedFrames (*frames)(const robot::DeviceConfig&, const robot::BusConfig&) = nullptr;
@@ -60,15 +51,10 @@ struct BusType {
   robot::BusKind kind;
   // Null: a loop, or a board, which BusOpener opens once for all its buses.
   Result<std::unique_ptr<Bus>> (*open)(const robot::BusConfig&) = nullptr;
-  // What `lithe sim` offers such a bus as. Null: an interface of the kernel.
-  std::string_view adapter{};
-  std::unique_ptr<sim::SimAdapter> (*make_adapter)() = nullptr;
   // Bytes of a frame on the line to the adapter, and of what the adapter answers to each command.
   double (*text_bytes)(const Frame&, bool outbound) = nullptr;
   double echo_bytes = 0;
 };
-
-constexpr std::uint32_t bit_of(InjectedFault injected) { return 1U << static_cast<unsigned>(injected); }
 
 const DeviceType& type_of(robot::DeviceKind kind);
 const BusType& type_of(robot::BusKind kind);

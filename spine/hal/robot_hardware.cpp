@@ -8,29 +8,25 @@
 #include <utility>
 #include <vector>
 
-#include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/bus_actuators.hpp"
-#include "spine/hal/nodes.hpp"
 #include "spine/hal/open_bus.hpp"
 #include "spine/hal/registry.hpp"
 
 namespace lithe::hal {
 namespace {
 
-// The hardware of one robot: buses, simulated devices, drivers.
+// The hardware of one robot: buses, drivers, devices that measure.
 // Contract: as BusActuators
 class Hardware final : public Actuators {
  public:
-  Hardware(const robot::RobotConfig& config, std::unique_ptr<Pi3hatPort> pi3hat, FrameTap* tap,
-           const std::vector<BusNode*>& far_ends)
+  Hardware(const robot::RobotConfig& config, FrameTap* tap, std::unique_ptr<Pi3hatPort> pi3hat)
       : config_(config),
-        far_ends_(far_ends),
         tap_(tap),
         opener_(config.buses, false, std::move(pi3hat)),
         actuators_(RawClock::calibrate(), config.guard.lost_after_misses) {}
 
-  Result<> open() {
-    if (Result<> simulated = simulate(); !simulated) return simulated;
+  Result<> open(const MakeSimulation& make_simulation) {
+    if (Result<> simulated = simulate(make_simulation); !simulated) return simulated;
     for (std::size_t i = 0; i < config_.buses.size(); ++i) {
       if (Result<> opened = add_bus(i); !opened) return opened;
     }
@@ -40,7 +36,7 @@ class Hardware final : public Actuators {
   }
 
   void cycle(const ActuatorCommand& command, ActuatorState& state, std::int64_t now_ns) LITHE_RT override {
-    if (command.reset_simulation) nodes_.to_start();
+    if (command.reset_simulation && simulation_ != nullptr) simulation_->to_start();
     actuators_.cycle(command, state, now_ns);
   }
   const ReplyCounters& counters() const LITHE_RT override { return actuators_.counters(); }
@@ -80,19 +76,16 @@ class Hardware final : public Actuators {
 
  private:
   // The devices behind simulated buses, if there are any.
-  Result<> simulate() {
-    if (!far_ends_.empty()) return done();
-    if (std::all_of(config_.buses.begin(), config_.buses.end(), robot::is_real)) return done();
-    if (config_.plant.kind != robot::PlantKind::independent) {
-      const auto real = std::find_if(config_.buses.begin(), config_.buses.end(), robot::is_real);
-      if (real != config_.buses.end()) {
-        return Error{"[plant] joins all joints, but bus '" + real->name +
-                     "' is real and others are simulated; make all of them a \"loop\", or none"};
-      }
+  Result<> simulate(const MakeSimulation& make_simulation) {
+    const auto loop = std::find_if_not(config_.buses.begin(), config_.buses.end(), robot::is_real);
+    if (loop == config_.buses.end()) return done();
+    if (!make_simulation) {
+      return Error{"bus '" + loop->name +
+                   "' is simulated, and this program drives real buses only; start lithe-spine-sim"};
     }
-    Result<sim::Nodes> made = sim::make_nodes(config_);
+    Result<std::unique_ptr<Simulation>> made = make_simulation(config_);
     if (!made) return made.error();
-    nodes_ = std::move(*made);
+    simulation_ = std::move(*made);
     return done();
   }
 
@@ -110,13 +103,7 @@ class Hardware final : public Actuators {
     }
     std::unique_ptr<Bus> bus;
     if (!robot::is_real(config)) {
-      auto loop = std::make_unique<LoopBus>();
-      if (far_ends_.empty()) {
-        nodes_.attach(config_, index, *loop);
-      } else {
-        loop->attach(*far_ends_[index]);
-      }
-      bus = std::move(loop);
+      bus = simulation_->open_bus(config_, index);
     } else {
       Result<std::unique_ptr<Bus>> opened = opener_.open(config);
       if (!opened) return opened.error();
@@ -136,7 +123,7 @@ class Hardware final : public Actuators {
       const DeviceType& type = type_of(device.kind);
       std::unique_ptr<SensorDevice> made;
       if (type.make_sensors != nullptr) made = type.make_sensors(device);
-      if (type.make_on_board != nullptr) made = type.make_on_board(device, board_of(device));
+      if (type.make_on_board != nullptr) made = type.make_on_board(device, imu_of(device));
       if (made == nullptr) continue;
       measuring_.emplace_back(device.name, made.get());
       place_of[i] = actuators_.add_sensors(device.bus, std::move(made));
@@ -147,11 +134,10 @@ class Hardware final : public Actuators {
     }
   }
 
-  // Null for a simulated board.
-  ImuSource* board_of(const robot::DeviceConfig& device) {
-    if (!robot::facts(config_.buses[device.bus].kind).is_board) return nullptr;
+  ImuSource& imu_of(const robot::DeviceConfig& device) {
+    if (!robot::is_real(config_.buses[device.bus])) return simulation_->imu();
     opener_.board()->want_imu();
-    return opener_.board().get();
+    return *opener_.board();
   }
 
   void add_joint(const robot::JointConfig& joint) {
@@ -162,10 +148,9 @@ class Hardware final : public Actuators {
   }
 
   const robot::RobotConfig config_;
-  const std::vector<BusNode*> far_ends_;
   FrameTap* tap_;
   BusOpener opener_;
-  sim::Nodes nodes_;  // must outlive the buses
+  std::unique_ptr<Simulation> simulation_;  // must outlive the buses
   std::vector<Bus*> real_buses_;
   std::vector<std::pair<std::string, const Bus*>> named_buses_;
   std::vector<std::pair<std::string, const Drive*>> drives_;
@@ -209,8 +194,13 @@ Result<> check_joints(const robot::RobotConfig& config) {
 
 Result<> check_sensors(const robot::RobotConfig& config) {
   for (const robot::DeviceConfig& device : config.devices) {
-    if (robot::is_drive(device.kind) || !robot::facts(device.kind).on_bus) continue;
-    if (Result<> sound = check_device(config, device, config.path + ": "); !sound) return sound;
+    if (robot::is_drive(device.kind)) continue;
+    if (robot::facts(device.kind).on_bus) {
+      if (Result<> sound = check_device(config, device, config.path + ": "); !sound) return sound;
+    } else if (device.bus >= config.buses.size() ||
+               (robot::is_real(config.buses[device.bus]) && !robot::facts(config.buses[device.bus].kind).is_board)) {
+      return Error{config.path + ": device '" + device.name + "' is on no board; name a bus of the pi3hat"};
+    }
   }
   if (config.sensors.size() > robot::kMaxSensors) {
     return Error{config.path + ": " + std::to_string(config.sensors.size()) + " sensors; a law is given " +
@@ -241,29 +231,15 @@ Result<> check(const robot::RobotConfig& config) {
   return check_sensors(config);
 }
 
-Result<std::unique_ptr<Actuators>> open(const robot::RobotConfig& config, std::unique_ptr<Pi3hatPort> pi3hat,
-                                        FrameTap* tap, const std::vector<BusNode*>& far_ends) {
-  if (const Result<> sound = check(config); !sound) return sound.error();
-  auto hardware = std::make_unique<Hardware>(config, std::move(pi3hat), tap, far_ends);
-  if (Result<> opened = hardware->open(); !opened) return Error{config.path + ": " + opened.message()};
-  return std::unique_ptr<Actuators>(std::move(hardware));
-}
-
 }  // namespace
 
-Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config, std::unique_ptr<Pi3hatPort> pi3hat,
-                                                  FrameTap* tap) {
-  return open(config, std::move(pi3hat), tap, {});
-}
-
-Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config,
-                                                      const std::vector<BusNode*>& far_ends) {
-  for (robot::BusConfig& bus : config.buses) bus.kind = robot::BusKind::loop;
-  if (!far_ends.empty() && far_ends.size() != config.buses.size()) {
-    return Error{config.path + ": " + std::to_string(config.buses.size()) + " buses, but far ends for " +
-                 std::to_string(far_ends.size())};
+Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config, HardwareOptions options) {
+  if (const Result<> sound = check(config); !sound) return sound.error();
+  auto hardware = std::make_unique<Hardware>(config, options.tap, std::move(options.pi3hat));
+  if (Result<> opened = hardware->open(options.make_simulation); !opened) {
+    return Error{config.path + ": " + opened.message()};
   }
-  return open(config, nullptr, nullptr, far_ends);
+  return std::unique_ptr<Actuators>(std::move(hardware));
 }
 
 }  // namespace lithe::hal

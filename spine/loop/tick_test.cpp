@@ -5,7 +5,6 @@
 #include <random>
 
 #include "spine/core/no_alloc/no_alloc.hpp"
-#include "spine/hal/robot_hardware.hpp"
 #include "spine/loop/test/tick_rig.hpp"
 
 namespace lithe::loop {
@@ -147,7 +146,7 @@ TEST_F(TickTest, TheRungsBelowTheSafeLawReachTheDrive) {
 }
 
 TEST_F(TickTest, ADriveThatHasNotSaidHowItIsSetIsNotArmed) {
-  actuators_ = std::move(*hal::open_actuators(robot_));
+  actuators_ = std::move(*hal::sim::open_actuators(robot_));
   stage(kPd);
   ticks(3);
   EXPECT_EQ(send(CommandKind::arm), CommandResult::refused_not_ready);

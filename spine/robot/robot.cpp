@@ -10,12 +10,12 @@
 #include "spine/core/files.hpp"
 #include "spine/core/joints.hpp"
 #include "spine/core/text.hpp"
-#include "spine/robot/device_keys.hpp"
-#include "spine/robot/hardware.hpp"
-#include "spine/robot/limits.hpp"
-#include "spine/robot/plants.hpp"
-#include "spine/robot/reader.hpp"
-#include "spine/robot/sections.hpp"
+#include "spine/robot/keys/device_keys.hpp"
+#include "spine/robot/keys/hardware.hpp"
+#include "spine/robot/keys/plants.hpp"
+#include "spine/robot/keys/sections.hpp"
+#include "spine/robot/limits/limits.hpp"
+#include "spine/robot/read/reader.hpp"
 
 namespace lithe::robot {
 namespace {

@@ -296,7 +296,7 @@ TEST(Robot, EveryStringIsPrintable) {
   }
 }
 
-// Each of these is undefined behaviour in plain toml++ 3.3 (spine/robot/toml.hpp).
+// Each of these is undefined behaviour in plain toml++ 3.3 (spine/robot/read/toml.hpp).
 TEST(Robot, BrokenHeadersAndStrayLettersAreReportedLikeAnyOtherMistake) {
   for (const char* text : {"[[)oint]]\n", "[)oint]\n", "[[{evice]]\n", "name = \"r\" \xC3\xA9\n", "\xC3\xA9 = 1\n"}) {
     expect_refused(text, "1:", {"not TOML"});

@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "spine/core/time.hpp"
-#include "spine/robot/report.hpp"
+#include "spine/robot/read/report.hpp"
 #include "supervisor/link/spine_link.hpp"
 
 namespace lithe::cli {

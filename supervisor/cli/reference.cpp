@@ -8,7 +8,7 @@
 #include <set>
 #include <string_view>
 
-#include "spine/robot/report.hpp"
+#include "spine/robot/read/report.hpp"
 #include "spine/wire/wire.hpp"
 
 namespace lithe::cli {

@@ -21,7 +21,7 @@
 #include "spine/core/host.hpp"
 #include "spine/core/paths.hpp"
 #include "spine/core/time.hpp"
-#include "spine/robot/cpu_plan.hpp"
+#include "spine/robot/cores/cpu_plan.hpp"
 #include "spine/robot/robot.hpp"
 #include "supervisor/bus/plan/advice.hpp"
 #include "supervisor/core/cores.hpp"
@@ -148,7 +148,7 @@ void Supervisor::check_robot() {
   const Fd ours(err[0]);
   Fd theirs(err[1]);
   Launch launch;
-  launch.argv = {program_dir() + "/lithe-spine", "--check", fs::absolute(options_.config_path).string()};
+  launch.argv = {program_dir() + "/lithe-spine-sim", "--check", fs::absolute(options_.config_path).string()};
   launch.stderr_fd = theirs.get();
   launch.dies_with_parent = true;
   launch.cpus = all_cpus_;
@@ -208,7 +208,9 @@ void Supervisor::start_spine() {
   ::fcntl(out[0], F_SETFL, O_NONBLOCK);
   const Fd theirs(out[1]);
   Launch launch;
-  launch.argv = {program_dir() + "/lithe-spine", fs::absolute(options_.config_path).string()};
+  const bool real = std::ranges::all_of(config_.buses, robot::is_real);  // the other has simulated devices, too
+  launch.argv = {program_dir() + (real ? "/lithe-spine" : "/lithe-spine-sim"),
+                 fs::absolute(options_.config_path).string()};
   launch.stdout_fd = theirs.get();
   launch.stderr_fd = log.get();  // a file and not a pipe: the Spine may outlive us
   launch.extra_fd = arena_.get();

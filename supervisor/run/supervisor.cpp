@@ -17,7 +17,7 @@
 #include "spine/core/paths.hpp"
 #include "spine/core/text.hpp"
 #include "spine/core/time.hpp"
-#include "spine/robot/cpu_plan.hpp"
+#include "spine/robot/cores/cpu_plan.hpp"
 #include "supervisor/core/cores.hpp"
 
 namespace lithe::control {

@@ -16,7 +16,7 @@
 #include "spine/core/time.hpp"
 #include "spine/ipc/frames.hpp"
 #include "spine/ipc/segment.hpp"
-#include "spine/robot/cpu_plan.hpp"
+#include "spine/robot/cores/cpu_plan.hpp"
 #include "supervisor/bus/drive_words.hpp"
 
 namespace lithe::control {

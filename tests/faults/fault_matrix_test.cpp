@@ -7,7 +7,7 @@
 #include <iostream>
 #include <sstream>
 
-#include "spine/robot/toml.hpp"
+#include "spine/robot/read/toml.hpp"
 #include "tests/faults/rig.hpp"
 
 namespace lithe::faults {

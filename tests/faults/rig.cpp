@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/faults/rig.hpp"
-#include "spine/hal/robot_hardware.hpp"
+#include "spine/hal/sim/simulate.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -67,7 +67,7 @@ class Ladder {
 class Rig : private loop::TickBench {
  public:
   Rig(const Cell& cell, const robot::RobotConfig& robot, simulator::Devices& devices)
-      : TickBench(robot, std::move(*hal::simulate_actuators(robot, wires_of(devices, robot)))),
+      : TickBench(robot, std::move(*hal::sim::simulate_actuators(robot, wires_of(devices, robot)))),
         cell_(cell),
         devices_(devices),
         target_(cell.kind == "cia402" ? 2 : 0),

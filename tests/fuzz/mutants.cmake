@@ -77,7 +77,7 @@ lithe_mutant(is_fresh_for_ever exchange ${hal}/bus_actuators.cpp
   "last_.status[index] &= ~wire::joint_status::kFresh;" "")
 lithe_mutant(has_no_room_to_move robot_toml spine/robot/robot.cpp
   "if (joint.position_min_rad >= joint.position_max_rad &&" "if (false &&")
-lithe_mutant(asks_never robot_toml spine/robot/sections.cpp
+lithe_mutant(asks_never robot_toml spine/robot/keys/sections.cpp
   "device.rate_divider, {1, 1000}" "device.rate_divider, {0, 1000}")
 lithe_mutant(follows_beyond_the_limits segments spine/plan/check.cpp
   "if (!inside) return PlanReject::position_limit;" "")

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "spine/core/joints.hpp"
-#include "spine/hal/robot_hardware.hpp"
+#include "spine/hal/sim/simulate.hpp"
 #include "spine/robot/robot.hpp"
 #include "tests/fuzz/fuzz.hpp"
 
@@ -46,7 +46,7 @@ void check_config(const robot::RobotConfig& robot) {
 
 // Simulated, whatever the file says: nothing real is opened.
 void run_robot(const robot::RobotConfig& robot) {
-  const auto actuators = hal::simulate_actuators(robot);
+  const auto actuators = hal::sim::simulate_actuators(robot);
   if (!actuators && robot.plant.kind == robot::PlantKind::mujoco) return check_refusal(actuators.message());
   require(bool(actuators), "a robot that is taken can be opened");
   hal::ActuatorCommand command;

@@ -11,7 +11,7 @@
 #include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/bus/serial/sim_adapter.hpp"
 #include "spine/hal/bus/serial/text_bus.hpp"
-#include "spine/hal/test/pty_rig.hpp"
+#include "spine/hal/bus/test/pty_rig.hpp"
 #include "tests/fuzz/fuzz.hpp"
 
 namespace lithe::fuzz {

@@ -12,8 +12,8 @@
 #include <random>
 #include <string>
 
+#include "spine/robot/limits/stopping.hpp"
 #include "spine/robot/robot.hpp"
-#include "spine/robot/stopping.hpp"
 #include "tests/limits/rig.hpp"
 
 namespace lithe::limits {

@@ -12,7 +12,7 @@
 #include <memory>
 #include <numbers>
 
-#include "spine/hal/robot_hardware.hpp"
+#include "spine/hal/sim/simulate.hpp"
 #include "spine/robot/robot.hpp"
 
 namespace lithe {
@@ -79,7 +79,7 @@ int main_(int argc, char** argv) {
   if (argc != 4) return 2;
   const auto robot = robot::load_robot(argv[1]);
   if (!robot) return std::fprintf(stderr, "%s\n", robot.message().c_str()), 1;
-  auto actuators = hal::simulate_actuators(*robot);
+  auto actuators = hal::sim::simulate_actuators(*robot);
   if (!actuators) return std::fprintf(stderr, "%s\n", actuators.message().c_str()), 1;
   Probing(*robot, **actuators).run({std::atof(argv[2]), std::atof(argv[3])});
   return 0;

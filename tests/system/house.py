@@ -29,7 +29,7 @@ class House:
 
     def __init__(self) -> None:
         """Make empty directories; nothing runs yet but who clears up when the test run dies."""
-        need("lithe", "lithe-spine", "lawd")
+        need("lithe", "lithe-spine", "lithe-spine-sim", "lawd")
         self.dir = Path(tempfile.mkdtemp(prefix="lithe-"))
         self.prefix = f"t{self.dir.name[6:]}"
         janitor = [sys.executable, "-IS", Path(__file__).with_name("janitor.py"), self.prefix, self.dir]

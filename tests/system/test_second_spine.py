@@ -11,7 +11,7 @@ def test_a_second_spine_of_the_same_robot_is_refused_and_the_first_ticks_on(hous
     house.run()
     before = house.ask("status")
     files = {path: path.stat().st_ino for path in house.segments()}
-    command = [BIN / "lithe-spine", house.config]
+    command = [BIN / "lithe-spine-sim", house.config]
     second = subprocess.run(command, env=house.env, capture_output=True, text=True, timeout=30, check=False)
     assert second.returncode == 1
     assert second.stderr == (
@@ -30,7 +30,7 @@ def test_another_name_is_another_robot(house: House) -> None:
     house.run()
     other = house.dir / "arm2.toml"
     other.write_text(house.config.read_text().replace('name = "arm" ', 'name = "arm2"'))
-    with subprocess.Popen([BIN / "lithe-spine", other], env=house.env, stdout=subprocess.PIPE, text=True) as second:
+    with subprocess.Popen([BIN / "lithe-spine-sim", other], env=house.env, stdout=subprocess.PIPE, text=True) as second:
         assert second.stdout is not None
         assert '"event":"ready"' in second.stdout.readline().replace(" ", "")
         second.terminate()

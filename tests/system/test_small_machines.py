@@ -57,7 +57,7 @@ def as_ordinary_user() -> tuple[str, ...]:
 
 def test_the_demo_works_as_an_ordinary_user_on_two_cores(home: Path, tell: Callable[[str], None]) -> None:
     """It holds, says what it lost, and keeps to its cores."""
-    need("lithe", "lithe-spine", "lawd")
+    need("lithe", "lithe-spine", "lithe-spine-sim", "lawd")
     cores = sorted(os.sched_getaffinity(0))[:2]
     if len(cores) < 2:
         pytest.skip("this machine has one core")

@@ -281,7 +281,7 @@ def test_a_robot_without_its_trial_does_not_start_unless_the_gates_are_opened(ho
     """A missing program is no reason to load laws untried."""
     other = house.dir / "bin"
     other.mkdir()
-    for program in ("lithe", "lawd", "lithe-spine"):
+    for program in ("lithe", "lawd", "lithe-spine-sim"):
         shutil.copy(BIN / program, other)
     command = [other / "lithe", "run", house.config]
     refused = subprocess.run(command, check=False, env=house.env, capture_output=True, text=True, timeout=60)

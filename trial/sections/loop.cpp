@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "spine/hal/robot_hardware.hpp"
+#include "spine/hal/sim/simulate.hpp"
 #include "trial/sections/ride.hpp"
 #include "trial/sections/sections.hpp"
 
@@ -214,7 +214,7 @@ constexpr const char* kRough =
 }  // namespace
 
 Result<> open_ready(const robot::RobotConfig& robot, SimulatedRobot& simulated) {
-  auto actuators = hal::simulate_actuators(robot);
+  auto actuators = hal::sim::simulate_actuators(robot);
   if (!actuators) return actuators.error();
   const auto from_ns = make_ready(robot, **actuators);
   if (!from_ns) return from_ns.error();

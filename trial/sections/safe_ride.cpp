@@ -8,7 +8,7 @@
 #include <cmath>
 
 #include "spine/law/tremor.hpp"
-#include "spine/robot/limits.hpp"
+#include "spine/robot/limits/limits.hpp"
 #include "trial/sections/ride.hpp"
 
 namespace lithe::trial {

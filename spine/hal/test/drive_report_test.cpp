@@ -4,8 +4,8 @@
 
 #include <cmath>
 
-#include "spine/hal/test/cia402_line_rig.hpp"
-#include "spine/hal/test/moteus_line_rig.hpp"
+#include "spine/hal/cia402/test/cia402_line_rig.hpp"
+#include "spine/hal/moteus/test/moteus_line_rig.hpp"
 
 namespace lithe::hal {
 namespace {

@@ -13,7 +13,7 @@
 
 #include "spine/core/no_alloc/no_alloc.hpp"
 #include "spine/core/time.hpp"
-#include "spine/hal/robot_hardware.hpp"
+#include "spine/hal/sim/simulate.hpp"
 #include "spine/robot/robot.hpp"
 #include "spine/wire/wire.hpp"
 
@@ -105,7 +105,7 @@ robot::RobotConfig model_robot(const std::vector<Link>& links, const std::string
 // One tick at a time, on a clock that only cycle() turns.
 struct Robot {
   explicit Robot(const robot::RobotConfig& config) {
-    Result<std::unique_ptr<Actuators>> opened = open_actuators(config);
+    Result<std::unique_ptr<Actuators>> opened = sim::open_actuators(config);
     std::remove(config.plant.model.c_str());
     why = opened ? "" : opened.message();
     if (!opened) return;

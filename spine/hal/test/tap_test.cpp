@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "spine/core/no_alloc/no_alloc.hpp"
-#include "spine/hal/robot_hardware.hpp"
+#include "spine/hal/sim/simulate.hpp"
 #include "spine/robot/robot.hpp"
 
 namespace lithe::hal {
@@ -35,8 +35,8 @@ TEST(Tap, SeesEveryFrameOfEveryBusByItsNumberAndAllocatesNothing) {
   const auto config = robot::load_robot(LITHE_ROBOTS "/frankenstein.toml");
   ASSERT_TRUE(config) << config.message();
   Watcher watcher;
-  auto with = open_actuators(*config, nullptr, &watcher);
-  auto without = open_actuators(*config);
+  auto with = sim::open_actuators(*config, &watcher);
+  auto without = sim::open_actuators(*config);
   ASSERT_TRUE(with && without);
   ActuatorCommand command;
   ActuatorState seen, unseen;

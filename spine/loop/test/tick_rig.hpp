@@ -11,7 +11,7 @@
 #include <limits>
 #include <memory>
 
-#include "spine/hal/robot_hardware.hpp"
+#include "spine/hal/sim/simulate.hpp"
 #include "spine/loop/spine.hpp"
 #include "spine/robot/robot.hpp"
 
@@ -92,7 +92,7 @@ inline constexpr LitheLaw kNotFinite = describe<NotFinite>("not_finite");
 
 class TickBench {
  public:
-  explicit TickBench(const robot::RobotConfig& robot) : TickBench(robot, std::move(*hal::open_actuators(robot))) {}
+  explicit TickBench(const robot::RobotConfig& robot) : TickBench(robot, std::move(*hal::sim::open_actuators(robot))) {}
   TickBench(const robot::RobotConfig& robot, std::unique_ptr<hal::Actuators> actuators)
       : robot_(robot), actuators_(std::move(actuators)) {
     start_clock(clock_);

@@ -14,7 +14,7 @@
 #include <string>
 
 #include "spine/core/time.hpp"
-#include "spine/hal/robot_hardware.hpp"
+#include "spine/hal/sim/simulate.hpp"
 #include "spine/robot/robot.hpp"
 #include "spine/step/step.hpp"
 
@@ -257,7 +257,7 @@ class Loop {
 
  private:
   static std::unique_ptr<hal::Actuators> open(const robot::RobotConfig& robot) {
-    auto actuators = hal::open_actuators(robot);
+    auto actuators = hal::sim::open_actuators(robot);
     EXPECT_TRUE(actuators);
     return std::move(*actuators);
   }

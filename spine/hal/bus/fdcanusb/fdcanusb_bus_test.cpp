@@ -9,8 +9,8 @@
 #include <utility>
 
 #include "spine/hal/bus/fdcanusb/fdcanusb_codec.hpp"
-#include "spine/hal/test/pty_rig.hpp"
-#include "spine/hal/test/sys_rig.hpp"
+#include "spine/hal/bus/test/pty_rig.hpp"
+#include "spine/hal/bus/test/sys_rig.hpp"
 
 namespace lithe::hal {
 namespace {

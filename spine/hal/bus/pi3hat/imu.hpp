@@ -32,26 +32,12 @@ class ImuSource {
   virtual const ImuReading& imu(std::int64_t now_ns) LITHE_RT = 0;
 };
 
-// Simulated IMU for a board that is not there: level and at rest.
-class LevelImu final : public ImuSource {
- public:
-  const ImuReading& imu(std::int64_t now_ns) LITHE_RT override {
-    reading_.taken_ns = now_ns;
-    return reading_;
-  }
-
- private:
-  static constexpr double kGravityMps2 = 9.80665;  // an accelerometer at rest measures gravity upwards
-  ImuReading reading_{{1, 0, 0, 0, 0, 0, 0, 0, 0, kGravityMps2}, 0, true};
-};
-
 // The IMU of a board as a device. It is on no bus.
 // Contract: as SensorDevice · the source outlives it
 class BoardImu final : public SensorDevice {
  public:
-  // `board` null: a LevelImu. Readings older than `stale_ns` are not valid.
-  BoardImu(ImuSource* board, std::int64_t stale_ns)
-      : source_(board != nullptr ? *board : level_), stale_ns_(stale_ns) {}
+  // Readings older than `stale_ns` are not valid.
+  BoardImu(ImuSource& source, std::int64_t stale_ns) : source_(source), stale_ns_(stale_ns) {}
 
   bool sent(const Frame& /*frame*/) const LITHE_RT override { return false; }
   void take(const Frame& /*frame*/, std::int64_t /*now_ns*/) LITHE_RT override {}
@@ -65,7 +51,6 @@ class BoardImu final : public SensorDevice {
   }
 
  private:
-  LevelImu level_;
   ImuSource& source_;
   std::int64_t stale_ns_;
 };

@@ -4,9 +4,9 @@
 #include <fcntl.h>
 #include <gtest/gtest.h>
 
+#include "spine/hal/bus/test/pty_rig.hpp"
+#include "spine/hal/bus/test/sys_rig.hpp"
 #include "spine/hal/core/descriptor.hpp"
-#include "spine/hal/test/pty_rig.hpp"
-#include "spine/hal/test/sys_rig.hpp"
 
 namespace lithe::hal {
 namespace {

@@ -7,8 +7,8 @@
 #include <array>
 #include <cerrno>
 
-#include "spine/hal/test/pty_rig.hpp"
-#include "spine/hal/test/sys_rig.hpp"
+#include "spine/hal/bus/test/pty_rig.hpp"
+#include "spine/hal/bus/test/sys_rig.hpp"
 
 namespace lithe::hal {
 namespace {

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "spine/hal/test/pty_rig.hpp"
+#include "spine/hal/bus/test/pty_rig.hpp"
 
 namespace lithe::hal {
 namespace {

@@ -14,7 +14,7 @@
 #include <thread>
 
 #include "spine/core/no_alloc/no_alloc.hpp"
-#include "spine/hal/test/pty_rig.hpp"
+#include "spine/hal/bus/test/pty_rig.hpp"
 
 namespace lithe::hal {
 namespace {

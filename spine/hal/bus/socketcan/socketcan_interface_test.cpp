@@ -12,7 +12,7 @@
 #include <string>
 
 #include "spine/hal/bus/socketcan/socketcan_bus.hpp"
-#include "spine/hal/test/pty_rig.hpp"
+#include "spine/hal/bus/test/pty_rig.hpp"
 
 namespace lithe::hal {
 namespace {

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "spine/hal/registry.hpp"
-#include "spine/hal/robot_hardware.hpp"
+#include "spine/hal/sim/simulate.hpp"
 #include "spine/robot/robot.hpp"
 #include "spine/wire/wire.hpp"
 
@@ -42,7 +42,7 @@ std::string error_of(const std::string& from, const std::string& to) {
 TEST(Cia401Robot, ItsInputsAreTheRobotsSensorsBesideADrive) {
   const auto config = robot::load_robot(kFile);
   ASSERT_TRUE(config) << config.message();
-  auto opened = open_actuators(*config);
+  auto opened = sim::open_actuators(*config);
   ASSERT_TRUE(opened) << opened.message();
   Actuators& actuators = **opened;
   ActuatorCommand command;

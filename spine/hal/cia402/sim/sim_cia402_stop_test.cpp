@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // How a simulated CiA 402 drive stops: told to, failing, or left alone.
-#include "spine/hal/test/drive402_rig.hpp"
+#include "spine/hal/cia402/test/drive402_rig.hpp"
 
 namespace lithe::hal::sim {
 namespace {

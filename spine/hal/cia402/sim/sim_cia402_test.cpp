@@ -2,7 +2,7 @@
 // A simulated CiA 402 drive, asked frame by frame as any master would.
 #include "spine/hal/cia402/sim/sim_cia402.hpp"
 
-#include "spine/hal/test/drive402_rig.hpp"
+#include "spine/hal/cia402/test/drive402_rig.hpp"
 
 namespace lithe::hal::sim {
 namespace {

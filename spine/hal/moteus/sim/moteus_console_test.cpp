@@ -9,7 +9,7 @@
 #include <string>
 
 #include "spine/hal/moteus/numbers.hpp"
-#include "spine/hal/test/sim_rig.hpp"
+#include "spine/hal/moteus/test/sim_rig.hpp"
 
 namespace lithe::hal::sim {
 namespace {

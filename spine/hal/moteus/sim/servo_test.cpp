@@ -8,7 +8,7 @@
 #include <limits>
 #include <vector>
 
-#include "spine/hal/test/sim_rig.hpp"
+#include "spine/hal/moteus/test/sim_rig.hpp"
 
 namespace lithe::hal::sim {
 namespace {

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "spine/hal/moteus/sim/servo.hpp"
-#include "spine/hal/test/sim_rig.hpp"
+#include "spine/hal/moteus/test/sim_rig.hpp"
 
 namespace lithe::hal::sim {
 namespace {

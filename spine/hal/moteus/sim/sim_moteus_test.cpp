@@ -10,7 +10,7 @@
 #include <random>
 #include <vector>
 
-#include "spine/hal/test/sim_rig.hpp"
+#include "spine/hal/moteus/test/sim_rig.hpp"
 
 namespace lithe::hal::sim {
 namespace {

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "spine/hal/sim/sim_registry.hpp"
+
+#include <array>
+
+#include "spine/hal/bus/fdcanusb/sim_fdcanusb.hpp"
+#include "spine/hal/bus/slcan/sim_slcan.hpp"
+#include "spine/hal/cia401/sim/sim_cia401.hpp"
+#include "spine/hal/cia402/sim/make_sim_cia402.hpp"
+#include "spine/hal/gateway/sim/sim_gateway.hpp"
+#include "spine/hal/moteus/sim/make_sim_moteus.hpp"
+
+namespace lithe::hal::sim {
+namespace {
+
+using robot::BusKind;
+using robot::DeviceKind;
+
+template <class Adapter>
+std::unique_ptr<SimAdapter> make_adapter() {
+  return std::make_unique<Adapter>();
+}
+
+std::unique_ptr<BusNode> make_sim_gateway(const SimPlace& place) {
+  constexpr std::int64_t kPeriodNs = 1'000'000;
+  return std::make_unique<SimGateway>(place.device.id, kPeriodNs, robot::is_fd(place.bus));
+}
+
+// The IMU of a board is on no bus: Simulation::imu() is its reading.
+class Nobody final : public BusNode {
+ public:
+  void on_frame(const Frame& /*frame*/, std::int64_t /*now_ns*/, FrameQueue& /*answers*/) LITHE_RT override {}
+};
+
+std::unique_ptr<BusNode> make_nobody(const SimPlace& /*place*/) { return std::make_unique<Nobody>(); }
+
+constexpr std::uint32_t kOfDrives = bit_of(InjectedFault::power_loss) | bit_of(InjectedFault::over_temperature) |
+                                    bit_of(InjectedFault::encoder_lost) | bit_of(InjectedFault::device_fault) |
+                                    bit_of(InjectedFault::watchdog_trip) | bit_of(InjectedFault::other_map);
+constexpr std::uint32_t kOfSensors = bit_of(InjectedFault::power_loss) | bit_of(InjectedFault::other_map);
+
+constexpr std::array<SimDeviceType, robot::kDeviceFacts.size()> kDevices{{
+    {.kind = DeviceKind::moteus,
+     .make = make_sim_moteus,
+     .couple = couple_moteus,
+     .motor_torque_max_nm = moteus_torque_max_nm,
+     .injected = kOfDrives | bit_of(InjectedFault::homing_lost)},
+    {.kind = DeviceKind::cia402,
+     .make = make_sim_cia402,
+     .couple = couple_cia402,
+     .motor_torque_max_nm = cia402_torque_max_nm,
+     .injected = kOfDrives},
+    {.kind = DeviceKind::gateway, .make = make_sim_gateway, .injected = kOfSensors},
+    {.kind = DeviceKind::imu, .make = make_nobody},
+    {.kind = DeviceKind::cia401, .make = make_sim_cia401, .injected = kOfSensors},
+}};
+
+constexpr std::array<SimBusType, robot::kBusFacts.size()> kBuses{{
+    {.kind = BusKind::loop, .adapter = "fdcanusb", .make_adapter = make_adapter<SimFdcanusb>},
+    {.kind = BusKind::fdcanusb, .adapter = "fdcanusb", .make_adapter = make_adapter<SimFdcanusb>},
+    {.kind = BusKind::slcan, .adapter = "slcan", .make_adapter = make_adapter<SimSlcan>},
+    {.kind = BusKind::socketcan, .adapter = "socketcan"},
+    {.kind = BusKind::pi3hat, .adapter = "fdcanusb", .make_adapter = make_adapter<SimFdcanusb>},
+}};
+
+static_assert(robot::in_order(kDevices) && robot::in_order(kBuses));
+
+}  // namespace
+
+const SimDeviceType& type_of(robot::DeviceKind kind) { return kDevices[static_cast<std::size_t>(kind)]; }
+const SimBusType& type_of(robot::BusKind kind) { return kBuses[static_cast<std::size_t>(kind)]; }
+
+}  // namespace lithe::hal::sim

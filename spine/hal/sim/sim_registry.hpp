@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// The simulated side of each kind of device and bus: one row each. The drivers' rows are in spine/hal/registry.hpp.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string_view>
+
+#include "spine/hal/bus/loop/loop_bus.hpp"
+#include "spine/hal/bus/serial/sim_adapter.hpp"
+#include "spine/hal/physics/coupling.hpp"
+#include "spine/hal/physics/sim_place.hpp"
+#include "spine/robot/config.hpp"
+
+namespace lithe::hal::sim {
+
+// A null function: the kind has no such thing.
+struct SimDeviceType {
+  robot::DeviceKind kind;
+  // The device at the far end of a bus. `couple`: `node` was made by `make`.
+  std::unique_ptr<BusNode> (*make)(const SimPlace&) = nullptr;
+  void (*couple)(Coupling&, BusNode& node) = nullptr;
+  double (*motor_torque_max_nm)(const robot::DeviceConfig&) = nullptr;
+  std::uint32_t injected = 0;  // bits `bit_of` of the faults that it knows
+};
+
+struct SimBusType {
+  robot::BusKind kind;
+  // What `lithe sim` offers such a bus as. Null: an interface of the kernel.
+  std::string_view adapter{};
+  std::unique_ptr<SimAdapter> (*make_adapter)() = nullptr;
+};
+
+constexpr std::uint32_t bit_of(InjectedFault injected) { return 1U << static_cast<unsigned>(injected); }
+
+const SimDeviceType& type_of(robot::DeviceKind kind);
+const SimBusType& type_of(robot::BusKind kind);
+
+}  // namespace lithe::hal::sim
