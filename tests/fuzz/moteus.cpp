@@ -77,7 +77,7 @@ void check_sent(const Frame& frame, bool driven) {
     for (std::uint32_t i = 0; s.kind == Kind::write && i < s.count; ++i) {
       const std::uint32_t number = s.start + i;
       const double value = s.value(i);
-      const bool position = number == reg::kCommandPosition || number == reg::kLowerBound || number == reg::kUpperBound;
+      const bool position = number == reg::kCommandPosition;
       require(std::isfinite(value) || (position && std::isnan(value)), "no number leaves that is not finite");
       torque |= number != reg::kMode && number != reg::kKdScale;
     }
@@ -91,9 +91,6 @@ void one_command(const Driver& driver, const JointCommand& command, Input& input
   const bool sound = driver.encode(command, input.byte(), frame);
   require(sound <= is_sound(command), "what is not finite is not sound");
   check_sent(frame, sound && command.action == DriveAction::torque);
-  const double lower_rad = input.real(), upper_rad = input.real();
-  const bool within = driver.encode_within(command, lower_rad, upper_rad, input.byte(), frame);
-  check_sent(frame, within);
 }
 
 // The driver in its exchanges: questions first, if it asks any, then commands.

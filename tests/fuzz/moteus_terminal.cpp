@@ -63,7 +63,7 @@ std::vector<Frame> frames_of(Input& input) {
 
 void run(Bytes bytes) {
   Input input(bytes);
-  const std::uint8_t way = input.byte(), verb = input.byte() % 5;
+  const std::uint8_t way = input.byte(), verb = input.byte() % 2;
   const std::string words(input.text(input.byte() % 100));
   Mouth mouth(frames_of(input), way);
   std::int64_t looks = 0;
@@ -79,17 +79,11 @@ void run(Bytes bytes) {
       require(found.id >= std::max(last, 1U) && found.id <= 126, "drives are told in order of their addresses");
       last = found.id;
     }
-  } else if (verb == 4) {
+  } else {
     Found who{kId, {}, (way & kForEver) != 0};
     std::copy_n(words.begin(), std::min(words.size(), who.uuid.size()), who.uuid.begin());
     const Result<Identity> identity = terminal.identify(who);
     require(identity || !identity.message().empty(), "an error has words");
-  } else if (verb == 3) {
-    const Result<> done = terminal.set(kId, "servo.pid_position.kp", words);
-    require(done || !done.message().empty(), "an error has words");
-  } else {
-    const Result<std::string> said = verb == 1 ? terminal.command(kId, words) : terminal.setting(kId, "id.id");
-    require(said || !said.message().empty(), "an error has words");
   }
   require(mouth.sane(), "what is sent is a frame that CAN has");
 }
@@ -118,30 +112,7 @@ std::vector<Seed> seeds() {
   is.pad();
   std::vector<Seed> all;
   for (unsigned way = 0; way < 8; ++way) {
-    for (unsigned verb = 0; verb < 5; ++verb) {
-      // Nothing old, the line taken, the answer in pieces.
-      all.push_back(Script()
-                        .byte(way)
-                        .byte(verb)
-                        .byte(6)
-                        .text("d stop")
-                        .frame(says(""))
-                        .frame(says(""))
-                        .frame(says("12.5 is\r\nwhat it"))
-                        .frame(says(" is\nOK\r\n"))
-                        .frame(found));
-      all.push_back(Script().byte(way).byte(verb).byte(1).text("x").frame(says("")).frame(says("")).frame(
-          says("ERR unknown\r\n")));
-      all.push_back(Script()
-                        .byte(way)
-                        .byte(verb)
-                        .byte(3)
-                        .text("tel")
-                        .frame(says(""))
-                        .frame(says(""))
-                        .frame(says("emit servo\r\n"))
-                        .frame(says("and more and more and more"))
-                        .frame(says("of it")));
+    for (unsigned verb = 0; verb < 2; ++verb) {
       all.push_back(Script().byte(way).byte(verb).byte(3).text("tel").frame(found).frame(identity).frame(says("a\n")));
     }
   }

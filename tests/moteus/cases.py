@@ -236,7 +236,6 @@ class Cases:
         formats = [self.resolution() for _ in range(7)]
         answer = [self.resolution() for _ in range(3)] + [self.lot.choice([None, 0, 1, 2, 3]) for _ in range(2)]
         settings = self.lot.random() < 0.7  # in the command, else the drive's own
-        within = self.lot.random() < 0.3
         command = {
             "action": self.lot.choice([0, 1, 1, 1, 2, 3]),
             "position_rad": self.lot.choice([math.nan, self.lot.uniform(-1, 1) * turn]),
@@ -246,8 +245,6 @@ class Cases:
             "kd_nm_s_rad": self.lot.uniform(0, 1),
             "max_torque_nm": self.lot.uniform(0, 3),
         }
-        if within:
-            command |= {"lower_rad": -self.lot.random() * turn, "upper_rad": self.lot.random() * turn}
         watchdog = self.lot.choice([0.02, 0.1, 0.2])
         frame = self.same(command, formats, answer, watchdog if settings else None)
         texts = {key: value if key == "action" else float(value).hex() for key, value in command.items()}
@@ -283,9 +280,6 @@ class Cases:
             scales |= {"watchdog_timeout": watchdog, "ilimit_scale": 0.0}
             limits = {"velocity_limit": -1.0, "accel_limit": -1.0}
         rev = 1 / turn
-        if "lower_rad" in c:
-            bounds = {"lower_bound": c["lower_rad"] * rev, "upper_bound": c["upper_rad"] * rev}
-            return self.controller.make_stay_within(**bounds, **scales)
         if c["action"] == 1:
             if math.isnan(c["position_rad"]):
                 scales["kp_scale"] = 0.0

@@ -117,9 +117,7 @@ Json drive(const Json& request) {
   command.max_torque_nm = number(j["max_torque_nm"]);
   const moteus::Driver driver(params);
   Frame frame;
-  const bool sound = j.contains("lower_rad")
-                         ? driver.encode_within(command, number(j["lower_rad"]), number(j["upper_rad"]), 0, frame)
-                         : driver.encode(command, 0, frame);
+  const bool sound = driver.encode(command, 0, frame);
   return {{"hex", hex_of(frame)}, {"id", frame.id}, {"ok", sound}};
 }
 

@@ -2,6 +2,7 @@
 #include "spine/hal/gateway/gateway.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 namespace lithe::hal::gateway {
 namespace {
@@ -93,6 +94,21 @@ bool Gateway::read(Block block, std::size_t channel, std::int64_t now_ns, double
   if (!found.valid || now_ns - found.taken_ns > stale_ns_) return false;
   raw = found.raw;
   return true;
+}
+
+std::unique_ptr<SensorDevice> make_gateway(const robot::DeviceConfig& device) {
+  return std::make_unique<Gateway>(device.id, std::llround(1e9 * device.watchdog_s));
+}
+
+PlannedFrames planned_frames(const robot::DeviceConfig& device, const robot::BusConfig& bus) {
+  constexpr double kFramesPerS = 2000;
+  const bool fd = is_fd(bus);
+  const auto block = [&](const char* what, std::size_t size, double per_s) {
+    return PlannedFrame{
+        .what = what, .size = size, .id = kIdBase | device.id << 8, .fd = fd, .per_s = per_s, .unasked = true};
+  };
+  if (!fd) return {block("inputs", 8, kFramesPerS)};
+  return {block("analog", fd_size(4 + 2 * kChannels), kFramesPerS / 2), block("digital", 8, kFramesPerS / 2)};
 }
 
 }  // namespace lithe::hal::gateway

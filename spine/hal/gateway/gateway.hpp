@@ -15,10 +15,13 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 
 #include "spine/core/rt.hpp"
 #include "spine/hal/core/frame.hpp"
+#include "spine/hal/core/planned_frame.hpp"
 #include "spine/hal/core/sensors.hpp"
+#include "spine/robot/config.hpp"
 
 namespace lithe::hal::gateway {
 
@@ -79,5 +82,9 @@ class Gateway final : public SensorDevice {
   std::array<std::array<Channel, kChannels>, kBlocks> channels_{};
   Counters counters_;
 };
+
+// Of a robot file. It sends at the rate of the sketch in firmware/, one block after the other.
+std::unique_ptr<SensorDevice> make_gateway(const robot::DeviceConfig& device);
+PlannedFrames planned_frames(const robot::DeviceConfig& device, const robot::BusConfig& bus);
 
 }  // namespace lithe::hal::gateway

@@ -117,6 +117,17 @@ wire::DriveState state_of(Mode mode) LITHE_RT {
   }
 }
 
+// wire::joint_status bits: fault, watchdog, not_homed, the fault code and the mode.
+std::uint32_t status_of(Mode mode, double fault, bool homed) LITHE_RT {
+  const auto code = static_cast<std::uint32_t>(std::min(fault, 255.0));
+  std::uint32_t status = code << 8 | std::uint32_t{static_cast<std::uint8_t>(mode)} << 16;
+  // A fault code alone is not a fault: while a limit is active, the code names it and the drive continues.
+  if (mode == Mode::fault) status |= wire::joint_status::kFault;
+  if (mode == Mode::timeout) status |= wire::joint_status::kWatchdog;
+  if (!homed) status |= wire::joint_status::kNotHomed;
+  return status;
+}
+
 // A value that is not finite, or does not fit a float, is reported as NaN.
 double told(double value) LITHE_RT { return possible(value) ? value : DriveReport::kUntold; }
 
@@ -141,24 +152,14 @@ Expected expected_of(const DriverParams& params) {
   return expected;
 }
 
-std::uint32_t status_of(const Answer& sample) LITHE_RT {
-  std::uint32_t status = std::uint32_t{sample.fault} << 8 | std::uint32_t{sample.mode} << 16;
-  // A fault code alone is not a fault: while a limit is active, the code names it and the drive continues.
-  if (sample.mode == static_cast<std::uint8_t>(Mode::fault)) status |= wire::joint_status::kFault;
-  if (sample.mode == static_cast<std::uint8_t>(Mode::timeout)) status |= wire::joint_status::kWatchdog;
-  if (!sample.homed) status |= wire::joint_status::kNotHomed;
-  return status;
-}
-
 bool Driver::can_say(double position_rad) const LITHE_RT {
   const double position_rev = std::abs(params_.joint.motor_rev(position_rad));
-  return !has_target(position_rad) ||
-         (possible(position_rad) && position_rev <= largest(Quantity::position_rev, params_.command.position));
+  return !has_target(position_rad) || position_rev <= largest(Quantity::position_rev, params_.command.position);
 }
 
-Driver::MotorCommand Driver::to_motor(const JointCommand& command, bool stiff) const LITHE_RT {
+Driver::MotorCommand Driver::to_motor(const JointCommand& command) const LITHE_RT {
   const JointTransform& joint = params_.joint;
-  const double kp = stiff ? std::max(command.kp_nm_rad, 0.0) : 0.0;
+  const double kp = has_target(command.position_rad) ? std::max(command.kp_nm_rad, 0.0) : 0.0;
   return {joint.motor_rev(command.position_rad), command.velocity_rad_s * joint.rev_per_rad(),
           command.torque_nm / joint.gear(),      kp * to_motor_gain(joint) / params_.kp_nm_rev,
           kd_scale(command.kd_nm_s_rad),         std::max(command.max_torque_nm, 0.0) / joint.ratio};
@@ -230,7 +231,7 @@ void Driver::ask(std::uint32_t source, const AnswerFormats& as, SubframeWriter& 
 }
 
 void Driver::write_torque(const JointCommand& command, SubframeWriter& writer) const LITHE_RT {
-  const MotorCommand motor = to_motor(command, has_target(command.position_rad));
+  const MotorCommand motor = to_motor(command);
   const CommandFormats& as = params_.command;
   const std::array<SubframeWriter::Choice, 6> formats{as.position, as.velocity, as.torque,
                                                       as.kp_scale, as.kd_scale, as.max_torque};
@@ -245,37 +246,7 @@ void Driver::write_torque(const JointCommand& command, SubframeWriter& writer) c
   writer.write_each(reg::kWatchdog, how, rest);
 }
 
-bool Driver::encode_within(const JointCommand& command, double lower_rad, double upper_rad, std::uint32_t source,
-                           Frame& frame) const LITHE_RT {
-  const bool sound = possible(command) && can_say(lower_rad) && can_say(upper_rad) && !(lower_rad > upper_rad);
-  if (!sound) {
-    JointCommand damped;
-    damped.action = DriveAction::damp;
-    encode(damped, source, frame);
-    return false;
-  }
-  SubframeWriter writer(frame);
-  constexpr std::array<double, 1> kMode{static_cast<double>(Mode::stay_within)};
-  writer.write(Format::int8, reg::kMode, kMode);
-  JointCommand damped = command;  // no compensation for the damping here
-  damped.kd_nm_s_rad = std::max(command.kd_nm_s_rad, params_.damp_kd_nm_s_rad);
-  const MotorCommand motor = to_motor(damped, true);
-  const double a_rev = params_.joint.motor_rev(lower_rad);
-  const double b_rev = params_.joint.motor_rev(upper_rad);
-  const bool turned = params_.joint.gear() < 0;  // the motor's lower limit is the joint's upper one
-  const CommandFormats& as = params_.command;
-  const std::array<SubframeWriter::Choice, 8> formats{as.position, as.position,   as.torque,   as.kp_scale,
-                                                      as.kd_scale, as.max_torque, as.watchdog, Format::int8};
-  const std::array<double, 8> values{turned ? b_rev : a_rev, turned ? a_rev : b_rev, motor.torque_nm,    motor.kp_scale,
-                                     motor.kd_scale,         motor.max_torque_nm,    params_.watchdog_s, 0};
-  const std::size_t sent = params_.settings_in_drive ? 6 : formats.size();  // without watchdog and integral
-  writer.write_each(reg::kLowerBound, std::span(formats).first(sent), std::span(values).first(sent));
-  ask(source, params_.answer, writer, frame);
-  writer.pad();
-  return writer.ok();
-}
-
-bool Driver::decode(const Frame& frame, Answer& sample) const LITHE_RT {
+bool Driver::decode(const Frame& frame, JointSample& sample) const LITHE_RT {
   if (device_of(frame) != params_.id) return false;
   Registers answer;
   SubframeReader reader(frame.payload());
@@ -285,13 +256,12 @@ bool Driver::decode(const Frame& frame, Answer& sample) const LITHE_RT {
     for (std::uint32_t i = 0; i < subframe.count; ++i) answer.take(subframe.start + i, subframe.value(i));
   }
   if (!reader.well_formed() || !answer.whole()) return false;
-  sample.mode = static_cast<std::uint8_t>(answer.mode);
-  sample.fault = static_cast<std::uint8_t>(std::min(answer.fault, 255.0));
-  const double sign = params_.joint.gear() < 0 ? -1 : 1;
-  sample.drive = {state_of(static_cast<Mode>(sample.mode)), sign * told(answer.current_a), told(answer.voltage_v),
-                  told(answer.power_w), told(answer.temperature_degc)};
+  const Mode mode = static_cast<Mode>(static_cast<std::uint8_t>(answer.mode));
   // Behind a gear, a rotor's absolute encoder (1) does not tell the turn; an output encoder or a homing (2) does.
-  sample.homed = answer.home >= (params_.direct ? 1 : 2);
+  sample.status = status_of(mode, answer.fault, answer.home >= (params_.direct ? 1 : 2));
+  const double sign = params_.joint.gear() < 0 ? -1 : 1;
+  sample.drive = {state_of(mode), sign * told(answer.current_a), told(answer.voltage_v), told(answer.power_w),
+                  told(answer.temperature_degc)};
   // An integer at the end of its range is not a measurement.
   sample.measured = answer.measured() &&
                     std::abs(answer.position_rev) < largest(Quantity::position_rev, params_.answer.position) &&

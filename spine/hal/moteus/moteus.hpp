@@ -82,20 +82,8 @@ void use_frames(const FramesConfig& frames, DriverParams& params) {
 // The settings that Setup must find in the drive before it may be commanded with these parameters.
 Expected expected_of(const DriverParams& params);
 
-// One answer of a drive, in joint coordinates.
-struct Answer {
-  double position_rad = 0;
-  double velocity_rad_s = 0;
-  double torque_nm = 0;
-  std::uint8_t mode = 0;
-  std::uint8_t fault = 0;
-  bool measured = false;  // the three above are finite and possible; a drive without an encoder answers NaN
-  bool homed = false;     // the drive knows in which turn the joint is
-  DriveReport drive{};
-};
-
-// wire::joint_status bits of an answer: fault, watchdog, not_homed, the fault code and the mode.
-std::uint32_t status_of(const Answer& sample) LITHE_RT;
+// The mode in a joint's status.
+constexpr Mode mode_of(std::uint32_t status) LITHE_RT { return static_cast<Mode>(status >> 16 & 0xff); }
 
 // The device that sent an answer, and the source address of the command it answers.
 constexpr std::uint32_t device_of(const Frame& answer) LITHE_RT { return answer.id >> 8; }
@@ -122,21 +110,16 @@ class Driver {
   // Commands "off", and asks `setup`'s question in addition to the usual query.
   void encode_setup(Setup& setup, std::uint32_t source, Frame& frame) const LITHE_RT;
 
-  // The joint moves freely between two positions, and is driven back from beyond them with the command's gains and
-  // limits. The command's position and velocity are ignored. NaN: no bound on that side.
-  bool encode_within(const JointCommand& command, double lower_rad, double upper_rad, std::uint32_t source,
-                     Frame& frame) const LITHE_RT;
-
   // False: not a valid answer of this drive; `sample` is unchanged. The caller checks which command it answers
-  // (source_of).
-  bool decode(const Frame& frame, Answer& sample) const LITHE_RT;
+  // (source_of). A drive without an encoder answers NaN: not measured.
+  bool decode(const Frame& frame, JointSample& sample) const LITHE_RT;
 
  private:
   // In revolutions and torque of the motor, as the registers want them.
   struct MotorCommand {
     double position_rev, velocity_rev_s, torque_nm, kp_scale, kd_scale, max_torque_nm;
   };
-  MotorCommand to_motor(const JointCommand& command, bool stiff) const LITHE_RT;
+  MotorCommand to_motor(const JointCommand& command) const LITHE_RT;
   double kd_scale(double kd_nm_s_rad) const LITHE_RT;
   JointCommand with_damping(const JointCommand& command, double measured_rad_s) const LITHE_RT;
   void write_torque(const JointCommand& command, SubframeWriter& writer) const LITHE_RT;

@@ -82,7 +82,6 @@ inline constexpr std::uint32_t kErrorVelocity = 0x03c;
 inline constexpr std::uint32_t kErrorTorque = 0x03d;
 inline constexpr std::uint32_t kLowerBound = 0x040;  // 042-048 repeat 022 023 024 025 027 02b 02d
 inline constexpr std::uint32_t kUpperBound = 0x041;
-inline constexpr std::uint32_t kWithinIntegralScale = 0x047;
 inline constexpr std::uint32_t kEncoder = 0x050;  // position and velocity of three encoders
 inline constexpr std::uint32_t kEncoderValidity = 0x058;
 inline constexpr std::uint32_t kAuxGpioCommand = 0x05c;  // two ports

@@ -44,8 +44,7 @@ bool MoteusDrive::command(const JointCommand& command, const Exchange& exchange,
 
 ReplyKind MoteusDrive::take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT {
   if (!exchange.asked || source_of(frame) != exchange.source) return ReplyKind::late;
-  Answer answer;
-  if (!driver_.decode(frame, answer)) return ReplyKind::malformed;
+  if (!driver_.decode(frame, sample)) return ReplyKind::malformed;
   unanswered_ = 0;
   if (asked_) {
     asked_ = false;  // a duplicate frame is used once
@@ -53,15 +52,10 @@ ReplyKind MoteusDrive::take(const Frame& frame, const Exchange& exchange, JointS
     if (setup_.ready()) driver_.know(setup_.settings());
     tell();
   }
-  const bool drives = answer.mode == static_cast<std::uint8_t>(Mode::position);
+  const bool drives = mode_of(sample.status) == Mode::position;
   torque_allowed_nm_ = drives ? torque_allowed_nm_ + torque_step_nm_ : torque_step_nm_;
-  if (answer.measured) velocity_rad_s_ = answer.velocity_rad_s;
-  sample.position_rad = answer.position_rad;
-  sample.velocity_rad_s = answer.velocity_rad_s;
-  sample.torque_nm = answer.torque_nm;
-  sample.status = status_of(answer) | (ready() ? 0 : wire::joint_status::kNotReady);
-  sample.measured = answer.measured;
-  sample.drive = answer.drive;
+  if (sample.measured) velocity_rad_s_ = sample.velocity_rad_s;
+  if (!ready()) sample.status |= wire::joint_status::kNotReady;
   return ReplyKind::answer;
 }
 

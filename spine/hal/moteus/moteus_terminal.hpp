@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Maintenance of moteus drives: discovery and settings, through any bus. Not while a robot runs on it.
+// Finds moteus drives and reads who they are, through any bus. Not while a robot runs on it.
 #pragma once
 
 #include <array>
 #include <compare>
 #include <cstdint>
 #include <functional>
-#include <string>
-#include <string_view>
 #include <vector>
 
 #include "spine/core/result.hpp"
@@ -41,7 +39,6 @@ struct Identity {
 void make_discovery(Frame& frame);                       // to all, all answer
 bool take_discovery(const Frame& answer, Found& found);  // false: not an answer to it
 
-// A console conversation with one drive at a time.
 // Contract: not RT: waits, but always returns within a time limit · one thread, which alone uses the bus
 class Terminal {
  public:
@@ -58,22 +55,7 @@ class Terminal {
   // (Found::maskable).
   Result<Identity> identify(const Found& who);
 
-  // Sends one line to a drive's console ("d stop") and returns its output before "OK". The error has the drive's text,
-  // or says that there was no answer.
-  Result<std::string> command(std::uint32_t id, std::string_view line);
-
-  // A setting by the name the firmware gives it ("servo.pid_position.kp"). Setting it does not store it: command(id,
-  // "conf write") does, when the drive is stopped.
-  Result<std::string> setting(std::uint32_t id, std::string_view name);
-  Result<> set(std::uint32_t id, std::string_view name, std::string_view value);
-
  private:
-  Result<std::string> ask(std::uint32_t id, std::string_view line, bool one_line);
-  // Sends it and waits for a frame of that drive for which `is_it` is true.
-  Result<> await(std::uint32_t id, const Frame& question, const std::function<bool(const Frame&)>& is_it);
-  // The bytes received in one exchange with the drive's console. `piece` empty: a poll.
-  Result<std::string> exchange(std::uint32_t id, std::string_view piece);
-
   Bus& bus_;
   Time time_;
   std::uint32_t source_ = 0;  // our address; changes with each question, to recognise late answers

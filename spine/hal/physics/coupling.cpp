@@ -7,11 +7,19 @@
 
 namespace lithe::hal::sim {
 
+bool Coupling::add(CoupledDrive& drive) {
+  if (drives_.size() == mechanism_->joints()) return false;
+  drives_.push_back(&drive);
+  drive.plant().couple();
+  follow(drives_.size() - 1);
+  return true;
+}
+
 void Coupling::advance(std::int64_t now_ns) LITHE_RT {
   if (!started_) {
     started_ = true;
     time_ns_ = now_ns;
-    for (const auto& drive : drives_) drive->advance(now_ns);  // starts their time grids together
+    for (CoupledDrive* drive : drives_) drive->advance(now_ns);  // starts their time grids together
   }
   const std::int64_t lag_ns = now_ns - time_ns_;
   if (lag_ns <= 0) return;
@@ -19,7 +27,7 @@ void Coupling::advance(std::int64_t now_ns) LITHE_RT {
   for (std::int64_t i = 0; i < steps; ++i) step();
   if (lag_ns <= kMaxCatchUpNs) return;
   time_ns_ += (now_ns - time_ns_) / Plant::kStepNs * Plant::kStepNs;
-  for (const auto& drive : drives_) drive->skip(time_ns_);  // otherwise its controllers would wind up
+  for (CoupledDrive* drive : drives_) drive->skip(time_ns_);  // otherwise its controllers would wind up
 }
 
 void Coupling::step() LITHE_RT {

@@ -28,17 +28,9 @@ class Coupling final : public BusNode {
 
   explicit Coupling(std::unique_ptr<Mechanism> mechanism) : mechanism_(std::move(mechanism)) {}
 
-  // Attaches a drive to the mechanism's next joint. The drive has advance(now_ns), skip(now_ns) and plant(); the
-  // mechanism moves its plant from now on. False: there is no such joint.
+  // Attaches a drive to the mechanism's next joint, which moves its plant from now on. False: there is no such joint.
   // Contract: never in the tick
-  template <class AnyServo>
-  bool add(AnyServo& servo) {
-    if (drives_.size() == mechanism_->joints()) return false;
-    drives_.push_back(std::make_unique<DriveOf<AnyServo>>(servo));
-    servo.plant().couple();
-    follow(drives_.size() - 1);
-    return true;
-  }
+  bool add(CoupledDrive& drive);
 
   // Advances every drive to `now_ns`, before frames of that time reach any of them. Time that goes backwards is
   // ignored.
@@ -57,29 +49,11 @@ class Coupling final : public BusNode {
   const Mechanism& mechanism() const LITHE_RT { return *mechanism_; }
 
  private:
-  struct Drive {
-    Drive() = default;
-    Drive(const Drive&) = delete;
-    Drive& operator=(const Drive&) = delete;
-    virtual ~Drive() = default;
-    virtual void advance(std::int64_t now_ns) LITHE_RT = 0;
-    virtual void skip(std::int64_t now_ns) LITHE_RT = 0;
-    virtual Plant& plant() LITHE_RT = 0;
-  };
-  template <class AnyServo>
-  struct DriveOf final : Drive {
-    explicit DriveOf(AnyServo& which) : servo(which) {}
-    void advance(std::int64_t now_ns) LITHE_RT override { servo.advance(now_ns); }
-    void skip(std::int64_t now_ns) LITHE_RT override { servo.skip(now_ns); }
-    Plant& plant() LITHE_RT override { return servo.plant(); }
-    AnyServo& servo;
-  };
-
   void step() LITHE_RT;
   void follow(std::size_t joint) LITHE_RT;
 
   std::unique_ptr<Mechanism> mechanism_;
-  std::vector<std::unique_ptr<Drive>> drives_;
+  std::vector<CoupledDrive*> drives_;
   bool started_ = false;
   std::int64_t time_ns_ = 0;
 };

@@ -6,9 +6,9 @@
 #include "spine/hal/bus/fdcanusb/sim_fdcanusb.hpp"
 #include "spine/hal/bus/slcan/sim_slcan.hpp"
 #include "spine/hal/cia401/sim/sim_cia401.hpp"
-#include "spine/hal/cia402/sim/make_sim_cia402.hpp"
+#include "spine/hal/cia402/sim/sim_cia402.hpp"
 #include "spine/hal/gateway/sim/sim_gateway.hpp"
-#include "spine/hal/moteus/sim/make_sim_moteus.hpp"
+#include "spine/hal/moteus/sim/sim_moteus.hpp"
 
 namespace lithe::hal::sim {
 namespace {
@@ -19,6 +19,11 @@ using robot::DeviceKind;
 template <class Adapter>
 std::unique_ptr<SimAdapter> make_adapter() {
   return std::make_unique<Adapter>();
+}
+
+template <class Sim>
+void couple(Coupling& coupling, BusNode& node) {
+  coupling.add(static_cast<Sim&>(node).servo());
 }
 
 std::unique_ptr<BusNode> make_sim_gateway(const SimPlace& place) {
@@ -42,12 +47,12 @@ constexpr std::uint32_t kOfSensors = bit_of(InjectedFault::power_loss) | bit_of(
 constexpr std::array<SimDeviceType, robot::kDeviceFacts.size()> kDevices{{
     {.kind = DeviceKind::moteus,
      .make = make_sim_moteus,
-     .couple = couple_moteus,
+     .couple = couple<SimMoteus>,
      .motor_torque_max_nm = moteus_torque_max_nm,
      .injected = kOfDrives | bit_of(InjectedFault::homing_lost)},
     {.kind = DeviceKind::cia402,
      .make = make_sim_cia402,
-     .couple = couple_cia402,
+     .couple = couple<SimCia402>,
      .motor_torque_max_nm = cia402_torque_max_nm,
      .injected = kOfDrives},
     {.kind = DeviceKind::gateway, .make = make_sim_gateway, .injected = kOfSensors},

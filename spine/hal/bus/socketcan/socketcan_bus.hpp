@@ -53,7 +53,6 @@ class SocketCanBus final : public Bus {
   std::string why_down() const override;
   std::uint64_t overrun() const override { return overrun_before_ + socket_.dropped(); }
 
-  // Counts of error frames.
   const socketcan::Troubles& troubles() const LITHE_RT { return troubles_; }
 
  private:

@@ -223,7 +223,7 @@ TEST_F(SocketCanBusTest, ABusFullOfErrorsDoesNotKeepTheExchange) {
     raw.len = CAN_ERR_DLC;
     while (!over.load(std::memory_order_relaxed)) try_to_say(raw);
   });
-  EXPECT_TRUE(test::await([&] { return !bus->receive(frame) && bus->troubles().violations > 0; }));
+  EXPECT_TRUE(test::await([&] { return !bus->receive(frame) && bus->statistics().errors > 0; }));
   for (int i = 0; i < 200; ++i) EXPECT_FALSE(bus->receive(frame)) << "it comes back, though errors go on and on";
   over.store(true, std::memory_order_relaxed);
   wire.join();
@@ -234,7 +234,7 @@ TEST_F(SocketCanBusTest, ErrorsDoNotHideTheFrameBehindThem) {
   for (int i = 0; i < 100; ++i) say_trouble(CAN_ERR_PROT);
   say(command(1, 1));
   EXPECT_TRUE(bus->receive(frame)) << "in one drain";
-  EXPECT_EQ(bus->troubles().violations, 100U);
+  EXPECT_EQ(bus->statistics().errors, 100U);
 }
 
 TEST_F(SocketCanBusTest, AnInterfaceThatGoesAwayIsNamedAndTakenBack) {

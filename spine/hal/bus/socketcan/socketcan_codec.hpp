@@ -13,18 +13,10 @@
 
 namespace lithe::hal::socketcan {
 
-// Counts of error frames by meaning. One frame may have several.
+// Counts of error frames that tell these two.
 struct Troubles {
-  std::uint64_t bus_off = 0;         // bus-off; silent until the restart
-  std::uint64_t restarted = 0;       // restarts after bus-off
-  std::uint64_t passive = 0;         // 128 errors and more
-  std::uint64_t warning = 0;         // 96 errors and more
-  std::uint64_t unacknowledged = 0;  // sent without an acknowledgement by another node
-  std::uint64_t arbitration = 0;     // lost, where the controller tells
-  std::uint64_t overflow = 0;        // frames that the controller had no room for
-  std::uint64_t violations = 0;      // of the protocol: stuffing, form, bits, checksums
-  std::uint64_t timeouts = 0;        // of the transmitter
-  std::uint64_t transceiver = 0;     // a broken wire, a missing supply
+  std::uint64_t bus_off = 0;    // silent until the restart
+  std::uint64_t restarted = 0;  // after bus-off
 };
 
 // The number of bytes in `out`; 0: not a valid CAN frame.

@@ -51,8 +51,8 @@ TEST_F(Cia401Module, IsSetUpAndMeasures) {
   ASSERT_TRUE(module_.running());
   EXPECT_EQ(module_.why_not_ready(), "");
   EXPECT_EQ(sim_.state(), canopen::NmtState::operational);
-  EXPECT_EQ(sim_.value({0x1800, 5}), 10U) << "event timer [ms]";
-  EXPECT_EQ(sim_.value({0x6423, 0}), 1U);
+  EXPECT_EQ(sim_.objects().value(0x1800, 5), 10U) << "event timer [ms]";
+  EXPECT_EQ(sim_.objects().value(0x6423, 0), 1U);
   double first = 0, sixth = 0, bit = -1;
   ASSERT_TRUE(read(Block::analog, 0, first) && read(Block::analog, 5, sixth) && read(Block::digital, 15, bit));
   // Both swing with the same period; five radians lie between them.
@@ -106,11 +106,11 @@ TEST_F(Cia401Module, AModuleThatBootsAgainIsSetUpAgain) {
   cycle(200);
   sim_.inject(InjectedFault::power_loss, true, now_ns_);
   cycle(100);
-  EXPECT_EQ(sim_.value({0x1017, 0}), 0U) << "it forgot its settings";
+  EXPECT_EQ(sim_.objects().value(0x1017, 0), 0U) << "it forgot its settings";
   cycle(200);
   EXPECT_TRUE(module_.running());
   EXPECT_TRUE(valid());
-  EXPECT_EQ(sim_.value({0x1017, 0}), 100U);
+  EXPECT_EQ(sim_.objects().value(0x1017, 0), 100U);
 }
 
 TEST_F(Cia401Module, ProcessDataOfAWrongLengthIsCountedAndNotUsed) {

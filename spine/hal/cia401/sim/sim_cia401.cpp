@@ -26,7 +26,8 @@ constexpr std::uint8_t kEventTimerMs = 5;
 
 }  // namespace
 
-SimCia401::SimCia401(std::uint32_t node, const cia401::Inputs& inputs) : node_(node) {
+SimCia401::SimCia401(std::uint32_t node, const cia401::Inputs& inputs) : SdoServer(node, objects_), node_(node) {
+  const auto add = [this](auto... object) { objects_.add(object...); };
   add(common::kDeviceType, 0, 4, kReadOnly, kDeviceType);
   add(common::kProducerHeartbeatMs, 0, 2, kWritable, 0);
   add(common::kIdentity, 0, 1, kReadOnly, 4);
@@ -49,30 +50,12 @@ SimCia401::SimCia401(std::uint32_t node, const cia401::Inputs& inputs) : node_(n
   add(object::kAnalogInterrupt, 0, 1, kWritable, 0);
 }
 
-void SimCia401::add(std::uint16_t index, std::uint8_t subindex, std::uint8_t bytes, bool writable,
-                    std::uint32_t initial) {
-  objects_.push_back({{index, subindex}, bytes, writable, initial, initial});
-}
-
-SimCia401::Object* SimCia401::find(Address address) LITHE_RT {
-  for (Object& each : objects_) {
-    if (each.address == address) return &each;
-  }
-  return nullptr;
-}
-
-std::uint32_t SimCia401::value(Address address) const LITHE_RT {
-  for (const Object& each : objects_) {
-    if (each.address == address) return each.value;
-  }
-  return 0;
-}
-
 void SimCia401::restart(std::int64_t back_ns) LITHE_RT {
   state_ = NmtState::boot_up;
   boot_ns_ = back_ns;
   heartbeat_.set_period(0);
-  for (Object& each : objects_) each.value = each.initial;
+  objects_.restore(true);
+  forget_upload();
 }
 
 bool SimCia401::inject(InjectedFault injected, bool begins, std::int64_t now_ns) LITHE_RT {
@@ -89,7 +72,9 @@ void SimCia401::on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& an
   on_time(now_ns, answers);
   if (!canopen::is_canopen(frame) || state_ == NmtState::boot_up || muted_) return;
   if (frame.id == cob::kNmt) return obey(frame, now_ns);
-  if (frame.id == cob::kSdoRequest + node_ && state_ != NmtState::stopped) serve(frame, answers);
+  if (frame.id == cob::kSdoRequest + node_ && state_ != NmtState::stopped) {
+    if (Frame answer; serve(frame, answer)) answers.push(answer);
+  }
 }
 
 void SimCia401::obey(const Frame& frame, std::int64_t now_ns) LITHE_RT {
@@ -112,46 +97,19 @@ void SimCia401::obey(const Frame& frame, std::int64_t now_ns) LITHE_RT {
   }
 }
 
-void SimCia401::serve(const Frame& frame, FrameQueue& answers) LITHE_RT {
-  if (frame.size != 8) return;
-  const Address address = canopen::sdo_address(frame);
-  const std::uint8_t kind = frame.data[0] >> 5;
-  constexpr std::uint8_t kWrite = 1, kRead = 2;
-  Object* found = find(address);
-  std::uint32_t why = code::kNone;
-  if (kind != kWrite && kind != kRead) {
-    why = code::kCommand;
-  } else if (found == nullptr) {
-    why = code::kNoObject;
-  } else if (kind == kWrite) {
-    why = write(*found, frame);
+// A mapping is changed only while its PDO is off, and names only objects that are there.
+std::uint32_t SimCia401::write_object(ObjectDictionary::Slot slot, std::uint32_t value) LITHE_RT {
+  const Address address = objects_.address(slot);
+  if (address.index >= common::kTpdo1Mapping && address.index < common::kTpdo1Mapping + cia401::kPdos) {
+    const auto communication = static_cast<std::uint16_t>(address.index - common::kTpdo1Mapping + common::kTpdo1);
+    if ((objects_.value(communication, 1) & cob::kOff) == 0) return code::kUnsupportedAccess;
+    if (address.subindex == 0 && value > canopen::PdoMap::kMost) return code::kPdoTooLong;
+    const auto mapped = objects_.find({static_cast<std::uint16_t>(value >> 16), static_cast<std::uint8_t>(value >> 8)});
+    if (address.subindex > 0 && !mapped) return code::kNoObject;
+    if (address.subindex > 0 && objects_.bytes(*mapped) * 8U != (value & 0xff)) return code::kNotMappable;
   }
-  if (why != code::kNone) {
-    answers.push(canopen::sdo_abort(cob::kSdoAnswer + node_, address, why));
-  } else if (kind == kWrite) {
-    answers.push(canopen::sdo_written_answer(node_, address));
-  } else {
-    answers.push(canopen::sdo_read_answer(node_, address, found->value, found->bytes));
-  }
-}
-
-// 0 or an abort code. A mapping is changed only while its PDO is off, and names only objects that are there.
-std::uint32_t SimCia401::write(Object& object, const Frame& frame) LITHE_RT {
-  const std::uint16_t index = object.address.index;
-  if (!object.writable) return code::kReadOnly;
-  if (canopen::sdo_expedited_bytes(frame.data[0]) != object.bytes) return code::kLength;
-  const std::uint32_t value = canopen::get(frame.data.data() + 4, object.bytes);
-  if (index >= common::kTpdo1Mapping && index < common::kTpdo1Mapping + cia401::kPdos) {
-    const auto communication = static_cast<std::uint16_t>(index - common::kTpdo1Mapping + common::kTpdo1);
-    if ((number(communication, 1) & cob::kOff) == 0) return code::kUnsupportedAccess;
-    if (object.address.subindex == 0 && value > canopen::PdoMap::kMost) return code::kPdoTooLong;
-    const Object* mapped = find({static_cast<std::uint16_t>(value >> 16), static_cast<std::uint8_t>(value >> 8)});
-    if (object.address.subindex > 0 && (mapped == nullptr || mapped->bytes * 8U != (value & 0xff))) {
-      return mapped == nullptr ? code::kNoObject : code::kNotMappable;
-    }
-  }
-  object.value = value;
-  if (index == common::kProducerHeartbeatMs) heartbeat_.set_period(std::int64_t{value} * 1'000'000);
+  objects_.set_raw(slot, value);
+  if (address.index == common::kProducerHeartbeatMs) heartbeat_.set_period(std::int64_t{value} * 1'000'000);
   return code::kNone;
 }
 
@@ -173,17 +131,17 @@ void SimCia401::on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
 void SimCia401::send_inputs(std::size_t pdo, std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
   const auto communication = static_cast<std::uint16_t>(common::kTpdo1 + pdo);
   const auto mapping = static_cast<std::uint16_t>(common::kTpdo1Mapping + pdo);
-  const std::uint32_t id = number(communication, 1);
-  const std::int64_t every_ns = std::int64_t{number(communication, kEventTimerMs)} * 1'000'000;
+  const std::uint32_t id = objects_.value(communication, 1);
+  const std::int64_t every_ns = std::int64_t{objects_.value(communication, kEventTimerMs)} * 1'000'000;
   if ((id & cob::kOff) != 0 || every_ns == 0 || now_ns - sent_ns_[pdo] < every_ns) return;
   sent_ns_[pdo] = now_ns;
   Frame frame = canopen::blank(id & kLargestStandardId, 0);
-  const std::uint32_t count = number(mapping, 0);
+  const std::uint32_t count = objects_.value(mapping, 0);
   for (std::uint32_t i = 1; i <= count; ++i) {
-    const std::uint32_t entry = number(mapping, static_cast<std::uint8_t>(i));
+    const std::uint32_t entry = objects_.value(mapping, static_cast<std::uint8_t>(i));
     const Address address{static_cast<std::uint16_t>(entry >> 16), static_cast<std::uint8_t>(entry >> 8)};
     const std::size_t bytes = (entry & 0xff) / 8;
-    if (address.index == object::kAnalogInputs && number(object::kAnalogInterrupt, 0) == 0) return;
+    if (address.index == object::kAnalogInputs && objects_.value(object::kAnalogInterrupt, 0) == 0) return;
     if (frame.size + bytes > 8) break;
     canopen::put(frame.data.data() + frame.size, input(address, now_ns), bytes);
     frame.size = static_cast<std::uint8_t>(frame.size + bytes);

@@ -6,12 +6,11 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
-#include <vector>
 
 #include "spine/core/rt.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/canopen/canopen.hpp"
-#include "spine/hal/canopen/canopen_sdo.hpp"
+#include "spine/hal/canopen/sim_objects.hpp"
 #include "spine/hal/cia401/cia401.hpp"
 #include "spine/hal/physics/sim_place.hpp"
 
@@ -21,7 +20,7 @@ namespace lithe::hal::sim {
 // minute. It knows network states, SDO (expedited), TPDOs that can be remapped while they are off and are sent when
 // their event timer ends, and its heartbeat. Not simulated: events on a change, SYNC, emergencies, outputs.
 // Contract: RT but for the constructor · one thread · time comes from frames and on_time()
-class SimCia401 final : public BusNode {
+class SimCia401 final : public BusNode, private SdoServer {
  public:
   static constexpr std::int64_t kBootNs = 2'000'000;
   static constexpr std::int64_t kPowerLossNs = 100'000'000;
@@ -36,29 +35,18 @@ class SimCia401 final : public BusNode {
   // For tests: says nothing any more; falls back by itself.
   void mute(bool muted) LITHE_RT { muted_ = muted; }
   void fall_back(canopen::NmtState state) LITHE_RT { state_ = state; }
-  std::uint32_t value(canopen::Address address) const LITHE_RT;
+  const ObjectDictionary& objects() const LITHE_RT { return objects_; }
 
  private:
-  struct Object {
-    canopen::Address address;
-    std::uint8_t bytes;
-    bool writable;
-    std::uint32_t initial;
-    std::uint32_t value;
-  };
-
-  void add(std::uint16_t index, std::uint8_t subindex, std::uint8_t bytes, bool writable, std::uint32_t initial);
-  Object* find(canopen::Address address) LITHE_RT;
-  std::uint32_t number(std::uint16_t index, std::uint8_t subindex) const LITHE_RT { return value({index, subindex}); }
   void restart(std::int64_t back_ns) LITHE_RT;
   void obey(const Frame& frame, std::int64_t now_ns) LITHE_RT;
-  void serve(const Frame& frame, FrameQueue& answers) LITHE_RT;
-  std::uint32_t write(Object& object, const Frame& frame) LITHE_RT;
+  std::uint32_t read_object(ObjectDictionary::Slot slot) LITHE_RT override { return objects_.raw(slot); }
+  std::uint32_t write_object(ObjectDictionary::Slot slot, std::uint32_t value) LITHE_RT override;
   void send_inputs(std::size_t pdo, std::int64_t now_ns, FrameQueue& answers) LITHE_RT;
   std::uint32_t input(canopen::Address address, std::int64_t now_ns) const LITHE_RT;
 
   std::uint32_t node_;
-  std::vector<Object> objects_;
+  ObjectDictionary objects_;
   canopen::NmtState state_ = canopen::NmtState::boot_up;
   canopen::HeartbeatProducer heartbeat_;
   std::int64_t boot_ns_ = 0;  // 0: not known yet

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/cia402/sim/cia402_dictionary.hpp"
 
-#include <algorithm>
 #include <array>
 #include <utility>
 
@@ -21,8 +20,6 @@ constexpr bool kReadOnly = false;
 constexpr bool kWritable = true;
 constexpr std::uint32_t kPdos = 4;  // of each direction
 
-std::uint32_t key(Address address) LITHE_RT { return std::uint32_t{address.index} << 8 | address.subindex; }
-
 }  // namespace
 
 Cia402Dictionary::Cia402Dictionary(const Cia402Identity& identity) {
@@ -30,13 +27,6 @@ Cia402Dictionary::Cia402Dictionary(const Cia402Identity& identity) {
   add_pdos(identity.id);
   add_drive(identity);
   add_motion();
-  std::sort(objects_.begin(), objects_.end(),
-            [](const Object& a, const Object& b) { return key(a.address) < key(b.address); });
-}
-
-void Cia402Dictionary::add(std::uint16_t index, std::uint8_t subindex, std::uint8_t bytes, bool writable,
-                           std::uint32_t initial) {
-  objects_.push_back({{index, subindex}, bytes, writable, initial, initial});
 }
 
 void Cia402Dictionary::add_communication(const Cia402Identity& identity) {
@@ -144,45 +134,7 @@ void Cia402Dictionary::add_motion() {
   add(0x60fe, 1, 4, kWritable, 0);
 }
 
-void Cia402Dictionary::restore(bool all) LITHE_RT {
-  for (Object& object : objects_) {
-    if (all || object.address.index < 0x2000) object.value = object.initial;
-  }
-}
-
-std::optional<Cia402Dictionary::Slot> Cia402Dictionary::find(Address address) const LITHE_RT {
-  const auto at = std::lower_bound(objects_.begin(), objects_.end(), address,
-                                   [](const Object& a, Address b) { return key(a.address) < key(b); });
-  if (at == objects_.end() || at->address != address) return std::nullopt;
-  return static_cast<Slot>(at - objects_.begin());
-}
-
-bool Cia402Dictionary::has_index(std::uint16_t index) const LITHE_RT {
-  const auto at = std::lower_bound(objects_.begin(), objects_.end(), Address{index, 0},
-                                   [](const Object& a, Address b) { return key(a.address) < key(b); });
-  return at != objects_.end() && at->address.index == index;
-}
-
-void Cia402Dictionary::set_raw(Slot slot, std::uint32_t value) LITHE_RT {
-  const unsigned bits = 8U * objects_[slot].bytes;
-  objects_[slot].value = bits == 32 ? value : value & ((1U << bits) - 1);
-}
-
-std::uint32_t Cia402Dictionary::value(std::uint16_t index, std::uint8_t subindex) const LITHE_RT {
-  const std::optional<Slot> slot = find({index, subindex});
-  return slot ? raw(*slot) : 0;
-}
-
-std::int32_t Cia402Dictionary::signed_value(std::uint16_t index, std::uint8_t subindex) const LITHE_RT {
-  const std::optional<Slot> slot = find({index, subindex});
-  return slot ? canopen::signed_of(raw(*slot), bytes(*slot)) : 0;
-}
-
-void Cia402Dictionary::set(std::uint16_t index, std::uint32_t value, std::uint8_t subindex) LITHE_RT {
-  if (const std::optional<Slot> slot = find({index, subindex})) set_raw(*slot, value);
-}
-
-std::string_view Cia402Dictionary::text(Address address) const LITHE_RT {
+std::string_view Cia402Dictionary::text(Address address) LITHE_RT {
   if (address.subindex != 0) return {};
   switch (address.index) {
     case common::kDeviceName:

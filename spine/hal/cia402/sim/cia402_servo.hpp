@@ -48,7 +48,7 @@ struct Cia402Inputs {
 // Modes 8, 9 and 10. Positions, velocities and stops on a ramp use one loop: a demand that moves, and stiffness and
 // damping towards it, as the inertia asks for.
 // Contract: RT · one thread · time is an argument · same commands at the same times, same motion
-class Cia402Servo {
+class Cia402Servo final : public CoupledDrive {
  public:
   // Longest time that one advance() simulates; the rest is skipped for the plant.
   static constexpr std::int64_t kMaxCatchUpNs = 50'000'000;
@@ -57,11 +57,8 @@ class Cia402Servo {
   Cia402Servo(const Cia402ServoParams& params, const JointTransform& joint, const PlantParams& plant,
               const DriveErrors& errors = {});
 
-  // Simulates up to `now_ns` on a 50 us grid that starts with the first call. Time that goes backwards is ignored.
-  void advance(std::int64_t now_ns) LITHE_RT;
-  // Skips time without simulating it.
-  // Contract: after the first advance()
-  void skip(std::int64_t now_ns) LITHE_RT;
+  void advance(std::int64_t now_ns) LITHE_RT override;
+  void skip(std::int64_t now_ns) LITHE_RT override;
   // Restarts the drive; the joint stays where it is.
   void restart() LITHE_RT;
 
@@ -95,7 +92,7 @@ class Cia402Servo {
   std::int32_t velocity() const LITHE_RT;
   std::int32_t torque() const LITHE_RT;
   std::int32_t following_error() const LITHE_RT;
-  Plant& plant() LITHE_RT { return plant_; }
+  Plant& plant() LITHE_RT override { return plant_; }
 
  private:
   void step() LITHE_RT;

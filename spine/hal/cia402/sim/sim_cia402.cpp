@@ -46,7 +46,8 @@ void SimPdo::rebuild(const Cia402Dictionary& dictionary, std::uint16_t communica
 }
 
 SimCia402::SimCia402(const SimCia402Params& params)
-    : params_(params),
+    : SdoServer(params.id, dictionary_),
+      params_(params),
       dictionary_(identity_of(params)),
       servo_(params.servo, params.joint, params.plant, params.errors) {
   reset(true);
@@ -59,7 +60,7 @@ void SimCia402::reset(bool all) LITHE_RT {
   producer_.set_period(0);
   consumer_.set_timeout(0);
   connection_lost_ = false;
-  upload_ = {};
+  forget_upload();
   booting_ = true;
   boot_end_ns_ = kUnknown;
   errors_told_ = servo_.error_changes();
@@ -180,7 +181,8 @@ void SimCia402::on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& an
   } else if (frame.id == dictionary_.value(common::kSyncId)) {
     sync(now_ns_, answers);
   } else if (frame.id == cob::kSdoRequest + params_.id) {
-    serve(frame, answers);
+    Frame answer;
+    if (network_state_ != NmtState::stopped && serve(frame, answer)) answers.push(answer);
   } else if (canopen::function_of(frame) == cob::kHeartbeat) {
     hear_heartbeat(frame, now_ns_, answers);
   } else {
@@ -288,5 +290,19 @@ void SimCia402::transmit(SimPdo& pdo, std::int64_t now_ns, FrameQueue& answers) 
   pdo.never_told = false;
   pdo.told_ns = now_ns;
 }
+
+std::unique_ptr<BusNode> make_sim_cia402(const SimPlace& place) {
+  SimCia402Params params;
+  params.id = place.device.id;
+  params.servo.counts_per_rev = place.device.counts_per_rev;
+  params.servo.rated_torque_nm = place.device.rated_torque_nm;
+  params.servo.motor_torque_max_nm = cia402_torque_max_nm(place.device);
+  params.joint = place.joint;
+  params.plant = place.plant;
+  params.errors = place.errors;
+  return std::make_unique<SimCia402>(params);
+}
+
+double cia402_torque_max_nm(const robot::DeviceConfig& device) { return 3 * device.rated_torque_nm; }
 
 }  // namespace lithe::hal::sim

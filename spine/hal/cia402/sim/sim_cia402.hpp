@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <string_view>
 
 #include "spine/core/rt.hpp"
@@ -15,6 +16,7 @@
 #include "spine/hal/cia402/sim/cia402_dictionary.hpp"
 #include "spine/hal/cia402/sim/cia402_servo.hpp"
 #include "spine/hal/core/frame.hpp"
+#include "spine/hal/physics/sim_place.hpp"
 
 namespace lithe::hal::sim {
 
@@ -64,7 +66,7 @@ class SimPdo {
 // object 6007h says and falls back to pre-operational (1029h). Not simulated: block and segmented download, node
 // guarding, inhibit times, profile modes, homing.
 // Contract: RT but for the constructor · one thread · time comes from frames and on_time()
-class SimCia402 final : public BusNode {
+class SimCia402 final : public BusNode, private SdoServer {
  public:
   explicit SimCia402(const SimCia402Params& params);
 
@@ -93,13 +95,9 @@ class SimCia402 final : public BusNode {
 
   void obey_network(const Frame& frame) LITHE_RT;
   void hear_heartbeat(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT;
-  void serve(const Frame& frame, FrameQueue& answers) LITHE_RT;
-  void serve_read(const Frame& frame, FrameQueue& answers) LITHE_RT;
-  void serve_segment(const Frame& frame, FrameQueue& answers) LITHE_RT;
-  std::uint32_t serve_write(const Frame& frame) LITHE_RT;
-
-  // 0 or an abort code.
-  std::uint32_t write(Cia402Dictionary::Slot slot, std::uint32_t value) LITHE_RT;
+  std::uint32_t read_object(Cia402Dictionary::Slot slot) LITHE_RT override;
+  std::uint32_t write_object(Cia402Dictionary::Slot slot, std::uint32_t value) LITHE_RT override;
+  std::string_view text(canopen::Address address) const LITHE_RT override { return Cia402Dictionary::text(address); }
   std::uint32_t write_pdo(canopen::Address address, std::uint32_t value) LITHE_RT;
   bool is_settled(std::uint16_t index) const LITHE_RT;
   std::uint32_t check_mapping(canopen::Address count, std::uint32_t value) const LITHE_RT;
@@ -130,12 +128,12 @@ class SimCia402 final : public BusNode {
   bool connection_lost_ = false;
   bool host_silent_ = false;  // as after a heartbeat timeout of the host
   bool other_map_ = false;    // other PDO mapping and another device type
-  std::uint64_t refused_ = 0;
-
-  std::string_view upload_;  // rest of the text being uploaded
-  bool upload_toggle_ = false;
 
   static constexpr std::int64_t kUnknown = std::numeric_limits<std::int64_t>::max();
 };
+
+// Of a robot file.
+std::unique_ptr<BusNode> make_sim_cia402(const SimPlace& place);
+double cia402_torque_max_nm(const robot::DeviceConfig& device);
 
 }  // namespace lithe::hal::sim

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The SDO server of a simulated drive, and the effects of writes.
+// What the SDO server of a simulated drive reads, and the effects of writes.
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 #include "spine/hal/cia402/sim/sim_cia402.hpp"
@@ -9,7 +8,6 @@
 namespace lithe::hal::sim {
 
 using canopen::Address;
-using canopen::NmtState;
 namespace abort_code = canopen::abort_code;
 namespace cob = canopen::cob;
 namespace common = canopen::object;
@@ -17,12 +15,6 @@ namespace object = cia402::object;
 
 namespace {
 
-constexpr std::uint8_t kKind = 0xe0;
-constexpr std::uint8_t kSegmentRead = 0x60;
-constexpr std::uint8_t kWrite = 0x20;
-constexpr std::uint8_t kRead = 0x40;
-constexpr std::uint8_t kAbort = 0x80;
-constexpr std::uint8_t kExpedited = 0x02;
 constexpr std::uint16_t kPdoGroup = 0xfffc;  // four of each kind, one behind the other
 
 bool is_mapping(std::uint16_t index) LITHE_RT {
@@ -41,92 +33,14 @@ bool is_mode(std::uint32_t value) LITHE_RT {
 
 }  // namespace
 
-void SimCia402::serve(const Frame& frame, FrameQueue& answers) LITHE_RT {
-  if (network_state_ == NmtState::stopped) return;
-  if (frame.size != 8) {
-    ++refused_;
-    return;
-  }
-  const std::uint8_t command = frame.data[0];
-  switch (command & kKind) {
-    case kRead:
-      return serve_read(frame, answers);
-    case kSegmentRead:
-      return serve_segment(frame, answers);
-    case kWrite: {
-      const std::uint32_t why = serve_write(frame);
-      const Address address = canopen::sdo_address(frame);
-      answers.push(why == abort_code::kNone ? canopen::sdo_written_answer(params_.id, address)
-                                            : canopen::sdo_abort(cob::kSdoAnswer + params_.id, address, why));
-      return;
-    }
-    case kAbort:
-      upload_ = {};
-      return;
-    default:
-      ++refused_;
-      answers.push(canopen::sdo_abort(cob::kSdoAnswer + params_.id, canopen::sdo_address(frame), abort_code::kCommand));
-  }
-}
-
-void SimCia402::serve_read(const Frame& frame, FrameQueue& answers) LITHE_RT {
-  const Address address = canopen::sdo_address(frame);
-  const std::string_view text = dictionary_.text(address);
-  if (!text.empty()) {
-    upload_ = text;
-    upload_toggle_ = false;
-    answers.push(canopen::sdo_long_answer(params_.id, address, static_cast<std::uint32_t>(text.size())));
-    return;
-  }
-  const auto slot = dictionary_.find(address);
-  if (!slot) {
-    const bool known = dictionary_.has_index(address.index);
-    answers.push(canopen::sdo_abort(cob::kSdoAnswer + params_.id, address,
-                                    known ? abort_code::kNoSubindex : abort_code::kNoObject));
-    return;
-  }
+std::uint32_t SimCia402::read_object(Cia402Dictionary::Slot slot) LITHE_RT {
   constexpr std::uint32_t kInputsAndOutputs = 0x0003'0191;
   refresh_actuals();
-  const bool foreign = other_map_ && address.index == common::kDeviceType;
-  const std::uint32_t value = foreign ? kInputsAndOutputs : dictionary_.raw(*slot);
-  answers.push(canopen::sdo_read_answer(params_.id, address, value, dictionary_.bytes(*slot)));
+  const bool foreign = other_map_ && dictionary_.address(slot).index == common::kDeviceType;
+  return foreign ? kInputsAndOutputs : dictionary_.raw(slot);
 }
 
-void SimCia402::serve_segment(const Frame& frame, FrameQueue& answers) LITHE_RT {
-  constexpr std::size_t kSegment = 7;
-  const bool toggle = (frame.data[0] & 0x10) != 0;
-  if (upload_.empty() || toggle != upload_toggle_) {
-    const std::uint32_t why = upload_.empty() ? abort_code::kCommand : abort_code::kToggle;
-    upload_ = {};
-    answers.push(canopen::sdo_abort(cob::kSdoAnswer + params_.id, {}, why));
-    return;
-  }
-  std::array<std::uint8_t, kSegment> data{};
-  const std::size_t bytes = std::min(upload_.size(), kSegment);
-  std::transform(upload_.begin(), upload_.begin() + static_cast<std::ptrdiff_t>(bytes), data.begin(),
-                 [](char letter) { return static_cast<std::uint8_t>(letter); });
-  upload_ = {upload_.data() + bytes, upload_.size() - bytes};
-  answers.push(canopen::sdo_segment_answer(params_.id, toggle, {data.data(), bytes}, upload_.empty()));
-  upload_toggle_ = !toggle;
-}
-
-std::uint32_t SimCia402::serve_write(const Frame& frame) LITHE_RT {
-  const std::uint8_t command = frame.data[0];
-  const Address address = canopen::sdo_address(frame);
-  if ((command & kExpedited) == 0) return abort_code::kCommand;
-  const auto slot = dictionary_.find(address);
-  if (!slot) {
-    if (!dictionary_.text(address).empty()) return abort_code::kReadOnly;
-    return dictionary_.has_index(address.index) ? abort_code::kNoSubindex : abort_code::kNoObject;
-  }
-  if (!dictionary_.writable(*slot)) return abort_code::kReadOnly;
-  const bool says_size = (command & 1) != 0;
-  const std::size_t bytes = canopen::sdo_expedited_bytes(command);
-  if (says_size ? bytes != dictionary_.bytes(*slot) : bytes < dictionary_.bytes(*slot)) return abort_code::kLength;
-  return write(*slot, canopen::get(frame.data.data() + 4, dictionary_.bytes(*slot)));
-}
-
-std::uint32_t SimCia402::write(Cia402Dictionary::Slot slot, std::uint32_t value) LITHE_RT {
+std::uint32_t SimCia402::write_object(Cia402Dictionary::Slot slot, std::uint32_t value) LITHE_RT {
   const Address address = dictionary_.address(slot);
   if (params_.refuses_while_on && servo_.state() == cia402::State::operation_enabled && is_settled(address.index)) {
     return abort_code::kState;

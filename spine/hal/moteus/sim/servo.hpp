@@ -66,7 +66,7 @@ struct ServoCommand {
 };
 
 // Contract: RT · one thread · time is an argument · same commands at the same times, same motion
-class Servo {
+class Servo final : public CoupledDrive {
  public:
   // Longest time that one advance() simulates; the rest is skipped for the plant, not for the watchdog.
   static constexpr std::int64_t kMaxCatchUpNs = 50'000'000;
@@ -74,11 +74,8 @@ class Servo {
   Servo(const ServoParams& params, const JointTransform& joint, const PlantParams& plant,
         const DriveErrors& errors = {});
 
-  // Simulates up to `now_ns` on a 50 us grid that starts with the first call. Time that goes backwards is ignored.
-  void advance(std::int64_t now_ns) LITHE_RT;
-  // Skips time; only the watchdog runs.
-  // Contract: after the first advance()
-  void skip(std::int64_t now_ns) LITHE_RT;
+  void advance(std::int64_t now_ns) LITHE_RT override;
+  void skip(std::int64_t now_ns) LITHE_RT override;
 
   // Power cycle: stopped, without fault, command or own limits. The plant continues.
   void restart(const ServoParams& params) LITHE_RT;
@@ -145,7 +142,7 @@ class Servo {
   std::int64_t skipped_ns() const LITHE_RT { return skipped_ns_; }
   std::int64_t time_ns() const LITHE_RT { return time_ns_; }
   const ServoParams& params() const LITHE_RT { return params_; }
-  Plant& plant() LITHE_RT { return plant_; }
+  Plant& plant() LITHE_RT override { return plant_; }
 
  private:
   void step() LITHE_RT;

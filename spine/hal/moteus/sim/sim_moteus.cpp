@@ -178,4 +178,17 @@ void SimMoteus::stream(const Subframe& subframe, SubframeWriter& answer) LITHE_R
   answer.server_data(subframe.start, {bytes.data(), count});
 }
 
+std::unique_ptr<BusNode> make_sim_moteus(const SimPlace& place) {
+  SimMoteusParams params;
+  params.id = place.device.id;
+  params.serial = place.index + 1;
+  params.joint = place.joint;
+  params.servo.encoder_counts = place.encoder_counts;
+  params.plant = place.plant;
+  params.errors = place.errors;
+  return std::make_unique<SimMoteus>(params);
+}
+
+double moteus_torque_max_nm(const robot::DeviceConfig& /*device*/) { return ServoParams{}.motor_torque_max_nm; }
+
 }  // namespace lithe::hal::sim

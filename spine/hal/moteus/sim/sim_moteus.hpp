@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <memory>
 
 #include "spine/core/rt.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
@@ -13,6 +14,7 @@
 #include "spine/hal/moteus/sim/moteus_console.hpp"
 #include "spine/hal/moteus/sim/moteus_inside.hpp"
 #include "spine/hal/moteus/sim/servo.hpp"
+#include "spine/hal/physics/sim_place.hpp"
 
 namespace lithe::hal::sim {
 
@@ -79,5 +81,9 @@ class SimMoteus final : public BusNode {
   double clock_trim_ = 0;
   MoteusConsole console_;
 };
+
+// Of a robot file.
+std::unique_ptr<BusNode> make_sim_moteus(const SimPlace& place);
+double moteus_torque_max_nm(const robot::DeviceConfig& device);
 
 }  // namespace lithe::hal::sim

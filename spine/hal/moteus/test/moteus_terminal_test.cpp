@@ -60,50 +60,20 @@ TEST(MoteusTerminal, TheQuestionToAllIsTheMakersFrame) {
   EXPECT_TRUE(std::equal(golden.begin(), golden.end(), frame.data.begin()));
 }
 
-TEST(MoteusTerminal, ReadsSetsAndStoresSettings) {
-  House house({4});
-  Terminal terminal = house.terminal();
-  EXPECT_EQ(*terminal.setting(4, "servo.pid_position.kp"), "4.000000");
-  EXPECT_TRUE(terminal.set(4, "servo.pid_position.kp", "2.5"));
-  EXPECT_EQ(*terminal.setting(4, "servo.pid_position.kp"), "2.500000");
-  EXPECT_EQ(*terminal.command(4, "conf write"), "");
-  const std::string all = *terminal.command(4, "conf enumerate");
-  EXPECT_NE(all.find("servo.pid_position.kp 2.500000\n"), std::string::npos);
-  EXPECT_EQ(all.substr(0, 8), "id.id 4\n");
-}
-
-TEST(MoteusTerminal, TellsWhatTheDriveObjectsTo) {
-  House house({4});
-  Terminal terminal = house.terminal();
-  EXPECT_EQ(terminal.setting(4, "servo.nothing").message(),
-            "drive 4 answers to 'conf get servo.nothing': ERR error reading");
-  EXPECT_EQ(terminal.set(4, "id.id", "200").message(), "drive 4 answers to 'conf set id.id 200': ERR error setting");
-  EXPECT_EQ(terminal.command(5, "d stop").message(), "drive 5 does not answer");
-}
-
-TEST(MoteusTerminal, WhatNobodyFetchedBeforeIsNotTakenForTheAnswer) {
-  House house({4});
-  Terminal terminal = house.terminal();
-  EXPECT_EQ(*terminal.command(4, "tel stop\nconf get id.id"), "");  // leaves a line behind
-  EXPECT_EQ(*terminal.setting(4, "servo.default_timeout_s"), "0.100000");
-}
-
-// Says the same for ever, but that it has nothing to say from before; time passes only with each look at it.
+// Says that it has map 5 for ever; time passes only with each look at it.
 class Babble final : public Bus {
  public:
-  Babble(std::string_view text, bool to_whoever_asks) : to_whoever_asks_(to_whoever_asks) {
-    old_.id = said_.id = 4U << 8;
-    SubframeWriter(old_).server_data(1, {});
-    SubframeWriter(said_).server_data(1, {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
+  explicit Babble(bool to_whoever_asks) : to_whoever_asks_(to_whoever_asks) {
+    said_.id = 4U << 8;
+    SubframeWriter(said_).reply(Format::int32, reg::kRegisterMap, std::array{5.0}, false);
   }
   void begin(std::int64_t /*now_ns*/) LITHE_RT override {}
   bool send(const Frame& frame) LITHE_RT override {
     source_ = to_whoever_asks_ ? frame.id >> 8 & 0x7f : 0;
-    ++asked_;
     return true;
   }
   bool receive(Frame& frame) LITHE_RT override {
-    frame = asked_ == 1 ? old_ : said_;
+    frame = said_;
     frame.id |= source_;
     return true;
   }
@@ -112,29 +82,21 @@ class Babble final : public Bus {
   }
 
  private:
-  Frame old_, said_;
+  Frame said_;
   bool to_whoever_asks_;
   std::uint32_t source_ = 0;
-  int asked_ = 0;
   std::int64_t now_ns_ = 0;
 };
 
 TEST(MoteusTerminal, ABusOnWhichSomebodyAlwaysTalksIsGivenUp) {
-  Babble stranger("hello", false);
-  EXPECT_TRUE(stranger.terminal().discover().empty());
-  EXPECT_EQ(stranger.terminal().command(4, "d stop").message(), "drive 4 does not answer");
-}
-
-TEST(MoteusTerminal, ADriveThatNeverFinishesItsAnswerIsGivenUp) {
-  Babble drive("and more and ", true);
-  EXPECT_EQ(drive.terminal().command(4, "tel list").message(), "drive 4 does not finish its answer to 'tel list'");
+  Babble stranger(false);
+  EXPECT_FALSE(stranger.terminal().discover().empty());
+  EXPECT_EQ(stranger.terminal().identify({.id = 5}).message(), "drive 5 does not answer");
 }
 
 TEST(MoteusTerminal, WhatAnswersAnEarlierQuestionIsPassedOver) {
-  Babble late("OK\n", false);
-  EXPECT_EQ(late.terminal().command(4, "d stop").message(), "drive 4 does not answer");
-  Babble prompt("OK\n", true);
-  EXPECT_TRUE(prompt.terminal().command(4, "d stop"));
+  EXPECT_EQ(Babble(false).terminal().identify({.id = 4}).message(), "drive 4 does not answer");
+  EXPECT_EQ(Babble(true).terminal().identify({.id = 4})->register_map, 5U);
 }
 
 TEST(MoteusTerminal, NonsenseIsNoDiscovery) {
@@ -154,31 +116,6 @@ TEST(MoteusTerminal, NonsenseIsNoDiscovery) {
     ASSERT_TRUE(found.id >= 1 && found.id <= 126) << found.id;
   }
   EXPECT_GT(accepted, 100) << "or it shows nothing";
-}
-
-// Answers in the very frame that says the words.
-class Prompt final : public BusNode {
- public:
-  void on_frame(const Frame& frame, std::int64_t, FrameQueue& answers) LITHE_RT override {
-    SubframeReader reader(frame.payload());
-    Subframe s;
-    const bool spoken_to = reader.next(s) && s.kind == Kind::client_data;
-    constexpr std::array<std::uint8_t, 4> kSaid{'O', 'K', '\r', '\n'};
-    Frame answer;
-    answer.id = 4U << 8 | (frame.id >> 8 & 0x7f);
-    SubframeWriter writer(answer);
-    writer.server_data(1, {kSaid.data(), spoken_to ? kSaid.size() : 0});
-    answers.push(answer);
-  }
-};
-
-TEST(MoteusTerminal, ADriveMayAnswerInTheFrameThatAsksIt) {
-  Prompt prompt;
-  LoopBus bus;
-  bus.attach(prompt);
-  std::int64_t now_ns = 0;
-  Terminal terminal(bus, {[&] { return now_ns; }, [&] { now_ns += 1'000'000; }});
-  EXPECT_TRUE(terminal.command(4, "d stop"));
 }
 
 }  // namespace
