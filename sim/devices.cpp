@@ -15,30 +15,9 @@ namespace {
 using hal::InjectedFault;
 using Kind = FaultRequest::Kind;
 
-std::optional<InjectedFault> mishap_of(Kind kind) {
-  switch (kind) {
-    case Kind::reset:
-      return InjectedFault::power_loss;
-    case Kind::over_temperature:
-      return InjectedFault::over_temperature;
-    case Kind::encoder:
-      return InjectedFault::encoder_lost;
-    case Kind::device_fault:
-      return InjectedFault::device_fault;
-    case Kind::watchdog:
-      return InjectedFault::watchdog_trip;
-    case Kind::homing:
-      return InjectedFault::homing_lost;
-    case Kind::register_map:
-      return InjectedFault::other_map;
-    default:
-      return std::nullopt;
-  }
-}
-
 // False for faults that this kind of device does not have.
 bool can_suffer(robot::DeviceKind device, Kind kind) {
-  if (const std::optional<InjectedFault> injected = mishap_of(kind)) {
+  if (const std::optional<InjectedFault> injected = injected_of(kind)) {
     return (hal::sim::type_of(device).injected & hal::sim::bit_of(*injected)) != 0;
   }
   return robot::facts(device).on_bus;  // twin, wrong id
@@ -96,7 +75,7 @@ void Devices::act(const FaultRequest& order, std::int64_t now_ns) {
 }
 
 void Devices::suffer(std::size_t device, const FaultRequest& order, std::int64_t now_ns) {
-  if (const std::optional<InjectedFault> injected = mishap_of(order.kind)) {
+  if (const std::optional<InjectedFault> injected = injected_of(order.kind)) {
     nodes_.devices[device]->inject(*injected, order.on, now_ns);
   } else {
     meet_stranger(device, order);

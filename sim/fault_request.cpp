@@ -3,31 +3,36 @@
 
 #include <array>
 #include <nlohmann/json.hpp>
-#include <utility>
 
 namespace lithe::simulator {
 namespace {
 
 using Json = nlohmann::json;
 using Kind = FaultRequest::Kind;
+using hal::InjectedFault;
 
-constexpr std::array<std::pair<std::string_view, Kind>, 17> kKinds{{{"drop", Kind::drop},
-                                                                    {"corrupt", Kind::corrupt},
-                                                                    {"duplicate", Kind::duplicate},
-                                                                    {"replay", Kind::replay},
-                                                                    {"delay", Kind::delay},
-                                                                    {"bus_off", Kind::bus_off},
-                                                                    {"unplug", Kind::unplug},
-                                                                    {"reset", Kind::reset},
-                                                                    {"watchdog", Kind::watchdog},
-                                                                    {"over_temperature", Kind::over_temperature},
-                                                                    {"encoder", Kind::encoder},
-                                                                    {"device_fault", Kind::device_fault},
-                                                                    {"homing", Kind::homing},
-                                                                    {"register_map", Kind::register_map},
-                                                                    {"twin", Kind::twin},
-                                                                    {"wrong_id", Kind::wrong_id},
-                                                                    {"clear", Kind::clear}}};
+struct Row {
+  std::string_view word;
+  Kind kind;
+  std::optional<InjectedFault> injected = std::nullopt;
+};
+constexpr std::array<Row, 17> kKinds{{{"drop", Kind::drop},
+                                      {"corrupt", Kind::corrupt},
+                                      {"duplicate", Kind::duplicate},
+                                      {"replay", Kind::replay},
+                                      {"delay", Kind::delay},
+                                      {"bus_off", Kind::bus_off},
+                                      {"unplug", Kind::unplug},
+                                      {"reset", Kind::reset, InjectedFault::power_loss},
+                                      {"watchdog", Kind::watchdog, InjectedFault::watchdog_trip},
+                                      {"over_temperature", Kind::over_temperature, InjectedFault::over_temperature},
+                                      {"encoder", Kind::encoder, InjectedFault::encoder_lost},
+                                      {"device_fault", Kind::device_fault, InjectedFault::device_fault},
+                                      {"homing", Kind::homing, InjectedFault::homing_lost},
+                                      {"register_map", Kind::register_map, InjectedFault::other_map},
+                                      {"twin", Kind::twin},
+                                      {"wrong_id", Kind::wrong_id},
+                                      {"clear", Kind::clear}}};
 constexpr double kLongestS = 1e6;
 
 bool is_share(Kind kind) { return kind <= Kind::replay; }
@@ -95,7 +100,7 @@ Result<FaultRequest> parse_order(std::string_view line) {
   FaultRequest order;
   std::string words;
   bool known = false;
-  for (const auto& [word, kind] : kKinds) {
+  for (const auto& [word, kind, injected] : kKinds) {
     words += (words.empty() ? "" : ", ") + std::string(word);
     if (fault == json.end() || !fault->is_string() || fault->get<std::string>() != word) continue;
     order.kind = kind;
@@ -105,6 +110,8 @@ Result<FaultRequest> parse_order(std::string_view line) {
   if (Result<> filled = fill(json, order); !filled) return filled.error();
   return order;
 }
+
+std::optional<InjectedFault> injected_of(Kind kind) { return kKinds[static_cast<std::size_t>(kind)].injected; }
 
 bool is_of_device(Kind kind) { return kind >= Kind::reset && kind <= Kind::wrong_id; }
 

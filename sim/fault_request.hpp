@@ -2,10 +2,12 @@
 // Orders to simulated hardware: one JSON object per line.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <string_view>
 
 #include "spine/core/result.hpp"
+#include "spine/hal/bus/loop/loop_bus.hpp"
 
 namespace lithe::simulator {
 
@@ -52,6 +54,9 @@ struct FaultRequest {
 // The error says what is wrong with the line, and what is expected.
 // Contract: any bytes · never in the tick
 Result<FaultRequest> parse_order(std::string_view line);
+
+// The fault that a device itself can have; none: of its bus, or of another device.
+std::optional<hal::InjectedFault> injected_of(FaultRequest::Kind kind);
 
 // True for orders about devices, false about buses.
 bool is_of_device(FaultRequest::Kind kind);

@@ -10,10 +10,16 @@ from pathlib import Path
 # room -> rooms it may include (itself is always allowed). The most specific room that holds a file wins.
 BASE = "spine/core spine/wire"
 OUTSIDE = BASE + " spine/ipc spine/law spine/robot"  # what the processes beside the Spine may know
-BUS_KINDS = "spine/hal/bus/fdcanusb spine/hal/bus/slcan spine/hal/bus/socketcan spine/hal/bus/pi3hat"
-BUSES = "spine/hal/core spine/hal/bus/loop spine/hal/bus/serial " + BUS_KINDS
-# A kind of device: a folder of spine/hal with a folder sim/. A new one needs no line here.
 HAL = Path(__file__).parent.parent / "spine/hal"
+# A kind of bus: a folder of spine/hal/bus. A kind of device: a folder of spine/hal with a folder sim/. A new one needs
+# no line here.
+BUS = "spine/hal/core spine/hal/bus/loop spine/hal/bus/serial"
+BUS_KINDS = sorted(
+    f"spine/hal/bus/{folder.name}"
+    for folder in (HAL / "bus").iterdir()
+    if folder.is_dir() and folder.name not in ("loop", "serial", "test")
+)
+BUSES = f"{BUS} {' '.join(BUS_KINDS)}"
 KINDS = sorted(f"spine/hal/{folder.parent.name}" for folder in HAL.glob("*/sim"))
 DEVICES = "spine/hal/canopen " + " ".join(KINDS)
 SIMULATED = "spine/hal/physics " + " ".join(f"{kind}/sim" for kind in KINDS)
@@ -35,10 +41,7 @@ ALLOWED = {
         "spine/hal/core": BASE,
         "spine/hal/bus/loop": BASE + " spine/hal/core",
         "spine/hal/bus/serial": BASE + " spine/hal/core spine/hal/bus/loop",
-        "spine/hal/bus/fdcanusb": BASE + " spine/hal/core spine/hal/bus/serial",
-        "spine/hal/bus/slcan": BASE + " spine/hal/core spine/hal/bus/serial",
-        "spine/hal/bus/socketcan": BASE + " spine/hal/core",
-        "spine/hal/bus/pi3hat": BASE + " spine/hal/core spine/hal/bus/loop",
+        **dict.fromkeys(BUS_KINDS, f"{BASE} {BUS}"),
         "spine/hal/canopen": BASE + " spine/hal/core",
         **dict.fromkeys(KINDS, DEVICE),
         **{f"{kind}/sim": f"{DEVICE} spine/hal/bus/loop spine/hal/physics {kind}" for kind in KINDS},

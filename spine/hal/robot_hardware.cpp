@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -43,22 +42,16 @@ class Hardware final : public Actuators {
 
   void share_core() override { actuators_.share_core(); }
   void service() override {
-    for (Bus* bus : real_buses_) bus->service();
+    for (const auto& [name, bus] : named_buses_) bus->service();
   }
   std::string trouble() const override {
     std::string words;
-    for (const auto& [name, bus] : named_buses_) {
-      const std::string why = bus->why_down();
-      if (!why.empty()) words += (words.empty() ? "bus '" : "; bus '") + name + "': " + why;
-    }
-    for (const auto& [name, drive] : drives_) {
-      const std::string why = drive->why_not_ready();
-      if (!why.empty()) words += (words.empty() ? "drive '" : "; drive '") + name + "': " + why;
-    }
-    for (const auto& [name, device] : measuring_) {
-      const std::string why = device->why_not_ready();
-      if (!why.empty()) words += (words.empty() ? "device '" : "; device '") + name + "': " + why;
-    }
+    const auto add = [&words](const char* what, const std::string& name, const std::string& why) {
+      if (!why.empty()) words += (words.empty() ? "" : "; ") + std::string(what) + " '" + name + "': " + why;
+    };
+    for (const auto& [name, bus] : named_buses_) add("bus", name, bus->why_down());
+    for (const auto& [name, drive] : drives_) add("drive", name, drive->why_not_ready());
+    for (const auto& [name, device] : measuring_) add("device", name, device->why_not_ready());
     return words;
   }
   std::string tell_buses() const override {
@@ -108,7 +101,6 @@ class Hardware final : public Actuators {
       Result<std::unique_ptr<Bus>> opened = opener_.open(config);
       if (!opened) return opened.error();
       bus = std::move(*opened);
-      real_buses_.push_back(bus.get());
       named_buses_.emplace_back(config.name, bus.get());
     }
     if (tap_ != nullptr) bus = std::make_unique<TappedBus>(std::move(bus), static_cast<std::uint32_t>(index), *tap_);
@@ -150,91 +142,16 @@ class Hardware final : public Actuators {
   const robot::RobotConfig config_;
   FrameTap* tap_;
   BusOpener opener_;
-  std::unique_ptr<Simulation> simulation_;  // must outlive the buses
-  std::vector<Bus*> real_buses_;
-  std::vector<std::pair<std::string, const Bus*>> named_buses_;
+  std::unique_ptr<Simulation> simulation_;                 // must outlive the buses
+  std::vector<std::pair<std::string, Bus*>> named_buses_;  // the real ones
   std::vector<std::pair<std::string, const Drive*>> drives_;
   std::vector<std::pair<std::string, const SensorDevice*>> measuring_;
   BusActuators actuators_;
 };
 
-// load_robot checks all this too; a config made in code has not been checked.
-Result<> check_device(const robot::RobotConfig& config, const robot::DeviceConfig& device, const std::string& where) {
-  if (device.bus >= config.buses.size()) {
-    return Error{where + "device '" + device.name + "' has no bus; name one of the [[bus]] tables"};
-  }
-  if (device.id < 1 || device.id > 126) {
-    return Error{where + "device '" + device.name + "' has id " + std::to_string(device.id) + "; use 1 to 126"};
-  }
-  if (device.rate_divider < 1) return Error{where + "device '" + device.name + "' needs a rate_divider of 1 or more"};
-  return done();
-}
-
-Result<> check_joints(const robot::RobotConfig& config) {
-  std::set<std::pair<std::size_t, std::uint32_t>> taken;
-  for (const robot::JointConfig& joint : config.joints) {
-    const std::string where = config.path + ": joint '" + joint.name + "': ";
-    if (joint.device >= config.devices.size()) return Error{where + "has no device; name one of the [[device]] tables"};
-    const robot::DeviceConfig& device = config.devices[joint.device];
-    if (Result<> sound = check_device(config, device, where); !sound) return sound;
-    if (!robot::is_drive(device.kind)) {
-      return Error{where + std::string(robot::facts(device.kind).noun) + " drives nothing; name a drive"};
-    }
-    if (!taken.insert({device.bus, device.id}).second) {
-      return Error{where + "id " + std::to_string(device.id) + " is already taken on bus '" +
-                   config.buses[device.bus].name + "'; give each device its own"};
-    }
-    if (!(joint.ratio > 0) || (joint.sign != 1 && joint.sign != -1)) {
-      return Error{where + "needs a ratio above 0 and a sign of 1 or -1"};
-    }
-    if (!(joint.sim.inertia_kg_m2 > 0)) return Error{where + "needs an inertia above 0 to be simulated"};
-  }
-  return done();
-}
-
-Result<> check_sensors(const robot::RobotConfig& config) {
-  for (const robot::DeviceConfig& device : config.devices) {
-    if (robot::is_drive(device.kind)) continue;
-    if (robot::facts(device.kind).on_bus) {
-      if (Result<> sound = check_device(config, device, config.path + ": "); !sound) return sound;
-    } else if (device.bus >= config.buses.size() ||
-               (robot::is_real(config.buses[device.bus]) && !robot::facts(config.buses[device.bus].kind).is_board)) {
-      return Error{config.path + ": device '" + device.name + "' is on no board; name a bus of the pi3hat"};
-    }
-  }
-  if (config.sensors.size() > robot::kMaxSensors) {
-    return Error{config.path + ": " + std::to_string(config.sensors.size()) + " sensors; a law is given " +
-                 std::to_string(robot::kMaxSensors)};
-  }
-  for (const robot::SensorConfig& sensor : config.sensors) {
-    const std::string where = config.path + ": sensor '" + sensor.name + "': ";
-    if (sensor.device >= config.devices.size() || robot::is_drive(config.devices[sensor.device].kind)) {
-      return Error{where + "is on no gateway; name a [[device]] of kind \"gateway\" or \"imu\""};
-    }
-    const robot::DeviceConfig& device = config.devices[sensor.device];
-    const std::size_t channels = robot::inputs_of(device, sensor.kind);
-    if (sensor.channel >= channels) {
-      return Error{where + std::string(robot::facts(device.kind).noun) +
-                   (channels == 0 ? " has no such channels" : " has channels 0 to " + std::to_string(channels - 1))};
-    }
-  }
-  return done();
-}
-
-Result<> check(const robot::RobotConfig& config) {
-  if (config.joints.empty()) return Error{config.path + ": no joint to drive; add a [[joint]]"};
-  if (config.joints.size() > kMaxJoints) {
-    return Error{config.path + ": " + std::to_string(config.joints.size()) + " joints, built for " +
-                 std::to_string(kMaxJoints) + "; build with -DLITHE_NJ=" + std::to_string(config.joints.size())};
-  }
-  if (Result<> sound = check_joints(config); !sound) return sound;
-  return check_sensors(config);
-}
-
 }  // namespace
 
 Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config, HardwareOptions options) {
-  if (const Result<> sound = check(config); !sound) return sound.error();
   auto hardware = std::make_unique<Hardware>(config, options.tap, std::move(options.pi3hat));
   if (Result<> opened = hardware->open(options.make_simulation); !opened) {
     return Error{config.path + ": " + opened.message()};

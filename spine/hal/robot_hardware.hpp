@@ -22,7 +22,7 @@ struct HardwareOptions {
   std::unique_ptr<Pi3hatPort> pi3hat{};  // replaces the board, for tests; null: the board of this machine
 };
 
-// Opens every bus and device of the robot.
+// Opens every bus and device of the robot. `config` is as load_robot returned it, which has checked it.
 // Contract: never in the tick
 Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config, HardwareOptions options = {});
 

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/faults/rig.hpp"
-#include "spine/hal/sim/simulate.hpp"
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <map>
 #include <numbers>
 #include <utility>
+
+#include "spine/hal/robot_hardware.hpp"
 
 namespace lithe::faults {
 namespace {
@@ -43,10 +45,28 @@ robot::RobotConfig robot_for(const Cell& cell, void (*change)(robot::RobotConfig
   return *robot;
 }
 
-std::vector<hal::BusNode*> wires_of(simulator::Devices& devices, const robot::RobotConfig& robot) {
-  std::vector<hal::BusNode*> wires;
-  for (std::size_t i = 0; i < robot.buses.size(); ++i) wires.push_back(&devices.wire(i));
-  return wires;
+// The robot's buses end at the wires of these devices.
+class AtWires final : public hal::Simulation {
+ public:
+  explicit AtWires(simulator::Devices& devices) : devices_(devices) {}
+  std::unique_ptr<hal::Bus> open_bus(const robot::RobotConfig& /*robot*/, std::size_t index) override {
+    auto bus = std::make_unique<hal::LoopBus>();
+    bus->attach(devices_.wire(index));
+    return bus;
+  }
+  hal::ImuSource& imu() override { std::abort(); }  // the robot has none
+  void to_start() LITHE_RT override {}
+
+ private:
+  simulator::Devices& devices_;
+};
+
+std::unique_ptr<hal::Actuators> at_wires(robot::RobotConfig robot, simulator::Devices& devices) {
+  for (robot::BusConfig& bus : robot.buses) bus.kind = robot::BusKind::loop;
+  const auto make = [&devices](const robot::RobotConfig&) -> Result<std::unique_ptr<hal::Simulation>> {
+    return std::unique_ptr<hal::Simulation>(std::make_unique<AtWires>(devices));
+  };
+  return std::move(*hal::open_actuators(robot, {.make_simulation = make}));
 }
 
 // The rungs in the order in which they were reached.
@@ -67,7 +87,7 @@ class Ladder {
 class Rig : private loop::TickBench {
  public:
   Rig(const Cell& cell, const robot::RobotConfig& robot, simulator::Devices& devices)
-      : TickBench(robot, std::move(*hal::sim::simulate_actuators(robot, wires_of(devices, robot)))),
+      : TickBench(robot, at_wires(robot, devices)),
         cell_(cell),
         devices_(devices),
         target_(cell.kind == "cia402" ? 2 : 0),

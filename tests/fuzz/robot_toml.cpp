@@ -29,10 +29,15 @@ void check_config(const robot::RobotConfig& robot) {
     require(device.bus < robot.buses.size(), "a device is on a bus that is there");
     const bool addressed = !robot::facts(device.kind).on_bus || within(device.id, 1, 126);
     require(addressed && device.rate_divider >= 1, "a device has an address, and is asked");
+    for (const robot::DeviceConfig& other : robot.devices) {
+      const bool apart = &other == &device || other.bus != device.bus || other.id != device.id;
+      require(apart || !robot::facts(device.kind).on_bus, "no two devices of a bus have one address");
+    }
     require(within(device.watchdog_s, 0.005, 10) && within(device.counts_per_rev, 1, 1e9), "a device is in range");
   }
   for (const robot::JointConfig& joint : robot.joints) {
     require(joint.device < robot.devices.size(), "a joint has a device that is there");
+    require(robot::is_drive(robot.devices[joint.device].kind), "a joint's device is a drive");
     require((joint.sign == 1 || joint.sign == -1) && within(joint.ratio, 1e-3, 1e4), "a joint turns one way");
     require(joint.position_min_rad < joint.position_max_rad, "a joint has room to move");
     require(within(joint.velocity_max_rad_s, 1e-9, 1e4) && within(joint.torque_max_nm, 1e-9, 1e6), "limits are limits");
@@ -40,7 +45,9 @@ void check_config(const robot::RobotConfig& robot) {
   }
   for (const robot::SensorConfig& sensor : robot.sensors) {
     require(sensor.device < robot.devices.size() && sensor.channel < 16, "a sensor is a channel of a device");
-    require(!robot::is_drive(robot.devices[sensor.device].kind), "a sensor is a gateway's or a board's");
+    const robot::DeviceConfig& device = robot.devices[sensor.device];
+    require(!robot::is_drive(device.kind), "a sensor is a gateway's or a board's");
+    require(sensor.channel < robot::inputs_of(device, sensor.kind), "a sensor's channel is one that its device has");
   }
 }
 

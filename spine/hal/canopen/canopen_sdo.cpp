@@ -2,6 +2,7 @@
 #include "spine/hal/canopen/canopen_sdo.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "spine/hal/canopen/canopen.hpp"
 
@@ -69,6 +70,10 @@ std::string_view abort_name(std::uint32_t code) LITHE_RT {
     default:
       return "a reason of the maker's own";
   }
+}
+
+std::uint32_t milliseconds(double seconds) {
+  return static_cast<std::uint32_t>(std::clamp(std::round(1000 * seconds), 1.0, 65535.0));
 }
 
 Frame sdo_read_request(std::uint32_t node, Address address) LITHE_RT {

@@ -51,6 +51,29 @@ struct Address {
   bool operator==(const Address&) const = default;
 };
 
+// Why a node is not ready: a kind of its profile (0 = it is ready), the object it is about, and a number.
+template <class Kind>
+struct NotReady {
+  Kind kind{};
+  Address address{};
+  std::uint32_t value = 0;
+
+  // In one word of 64 bits, so that other threads may read it.
+  std::uint64_t packed() const LITHE_RT {
+    return std::uint64_t{static_cast<std::uint8_t>(kind)} << 56 | std::uint64_t{address.subindex} << 48 |
+           std::uint64_t{address.index} << 32 | value;
+  }
+  static NotReady unpacked(std::uint64_t word) LITHE_RT {
+    return {static_cast<Kind>(word >> 56),
+            {static_cast<std::uint16_t>(word >> 32), static_cast<std::uint8_t>(word >> 48)},
+            static_cast<std::uint32_t>(word)};
+  }
+};
+
+// Seconds as the milliseconds of an object, 1 to 65535.
+// Contract: never in the tick
+std::uint32_t milliseconds(double seconds);
+
 // Frames of both sides. `bytes` is 1 to 4.
 Frame sdo_read_request(std::uint32_t node, Address address) LITHE_RT;
 Frame sdo_write_request(std::uint32_t node, Address address, std::uint32_t value, std::size_t bytes) LITHE_RT;

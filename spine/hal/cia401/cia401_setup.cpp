@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/cia401/cia401_setup.hpp"
 
-#include <algorithm>
-#include <cmath>
-
 #include "spine/hal/canopen/canopen_words.hpp"
 
 namespace lithe::hal::cia401 {
@@ -16,22 +13,7 @@ namespace {
 constexpr std::uint32_t kByItsProfile = 255;  // transmission type: on a change, and when the event timer ends
 constexpr std::uint8_t kEventTimerMs = 5;     // subindex of 1800h
 
-std::uint32_t milliseconds(double seconds) {
-  return static_cast<std::uint32_t>(std::clamp(std::round(1000 * seconds), 1.0, 65535.0));
-}
-
 }  // namespace
-
-std::uint64_t NotReadyReason::packed() const LITHE_RT {
-  return std::uint64_t{value} << 32 | std::uint64_t{address.index} << 16 | std::uint64_t{address.subindex} << 8 |
-         static_cast<std::uint8_t>(kind);
-}
-
-NotReadyReason NotReadyReason::unpacked(std::uint64_t word) LITHE_RT {
-  return {static_cast<TroubleKind>(word & 0xff),
-          {static_cast<std::uint16_t>(word >> 16), static_cast<std::uint8_t>(word >> 8)},
-          static_cast<std::uint32_t>(word >> 32)};
-}
 
 std::string describe(const NotReadyReason& not_ready) {
   const std::string object =
@@ -59,7 +41,7 @@ std::string describe(const NotReadyReason& not_ready) {
 
 Setup::Setup(const ModuleParams& params) : client_(params.id) {
   add(common::kDeviceType, 0, 0, 0);
-  add(common::kProducerHeartbeatMs, 0, milliseconds(params.heartbeat_s), 2);
+  add(common::kProducerHeartbeatMs, 0, canopen::milliseconds(params.heartbeat_s), 2);
   if (params.inputs.analog > 0) add(object::kAnalogInterrupt, 0, 1, 1, true);
   for (std::size_t number = 0; number < kPdos; ++number) add_pdo(number, params);
 }
@@ -81,7 +63,7 @@ void Setup::add_pdo(std::size_t number, const ModuleParams& params) {
   for (const canopen::Mapped& mapped : map.objects()) add(mapping, ++entry, mapped.entry(), 4);
   add(mapping, 0, entry, 1);
   add(communication, 2, kByItsProfile, 1);
-  add(communication, kEventTimerMs, milliseconds(params.send_every_s), 2);
+  add(communication, kEventTimerMs, canopen::milliseconds(params.send_every_s), 2);
   add(communication, 1, id, 4);
 }
 

@@ -33,14 +33,12 @@ enum class TroubleKind : std::uint8_t {
   silent,           // no heartbeat
 };
 
-struct NotReadyReason {
-  TroubleKind kind = TroubleKind::none;
-  canopen::Address address{};
-  std::uint32_t value = 0;
+using NotReadyReason = canopen::NotReady<TroubleKind>;
+std::uint32_t value = 0;
 
-  // In one word of 64 bits, so that other threads may read it.
-  std::uint64_t packed() const LITHE_RT;
-  static NotReadyReason unpacked(std::uint64_t word) LITHE_RT;
+// In one word of 64 bits, so that other threads may read it.
+std::uint64_t packed() const LITHE_RT;
+static NotReadyReason unpacked(std::uint64_t word) LITHE_RT;
 };
 
 // One sentence; empty for none.

@@ -43,10 +43,6 @@ namespace {
 
 constexpr std::uint32_t kEverySync = 1;  // transmission type
 
-std::uint32_t milliseconds(double seconds) {
-  return static_cast<std::uint32_t>(std::clamp(std::round(1000 * seconds), 1.0, 65535.0));
-}
-
 }  // namespace
 
 Setup::Setup(const DriverParams& params)
@@ -90,8 +86,8 @@ void Setup::add(Kind kind, std::uint16_t index, std::uint8_t subindex, std::uint
 void Setup::add_safety(const DriverParams& params) {
   constexpr std::uint32_t kQuickStop = 3;    // of 6007h
   constexpr std::uint32_t kRampThenOff = 2;  // of 605Ah
-  add(Kind::write, common::kConsumerHeartbeat, 1, params.host_id << 16 | milliseconds(params.watchdog_s), 4);
-  add(Kind::write, common::kProducerHeartbeatMs, 0, milliseconds(params.heartbeat_s), 2);
+  add(Kind::write, common::kConsumerHeartbeat, 1, params.host_id << 16 | canopen::milliseconds(params.watchdog_s), 4);
+  add(Kind::write, common::kProducerHeartbeatMs, 0, canopen::milliseconds(params.heartbeat_s), 2);
   add(Kind::write, object::kAbortConnection, 0, kQuickStop, 2);
   add(Kind::write, object::kQuickStopOption, 0, kRampThenOff, 2);
   add(Kind::limit_torque, object::kMaxTorque, 0, 0, 2);
@@ -249,17 +245,6 @@ std::string object_name(const canopen::Address& address) {
 }
 
 }  // namespace
-
-std::uint64_t NotReadyReason::packed() const LITHE_RT {
-  return std::uint64_t{static_cast<std::uint8_t>(kind)} << 56 | std::uint64_t{address.subindex} << 48 |
-         std::uint64_t{address.index} << 32 | value;
-}
-
-NotReadyReason NotReadyReason::unpacked(std::uint64_t word) LITHE_RT {
-  return {static_cast<TroubleKind>(word >> 56),
-          {static_cast<std::uint16_t>(word >> 32), static_cast<std::uint8_t>(word >> 48)},
-          static_cast<std::uint32_t>(word)};
-}
 
 std::string describe(const NotReadyReason& not_ready) {
   const std::string where = object_name(not_ready.address);

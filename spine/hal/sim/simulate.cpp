@@ -6,6 +6,7 @@
 #include <string>
 #include <utility>
 
+#include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/sim/nodes.hpp"
 
 namespace lithe::hal::sim {
@@ -24,19 +25,13 @@ class LevelImu final : public ImuSource {
   ImuReading reading_{{1, 0, 0, 0, 0, 0, 0, 0, 0, kGravityMps2}, 0, true};
 };
 
-// `far_ends` replace the devices of the robot file; empty: they do not.
 class LoopSimulation final : public Simulation {
  public:
-  LoopSimulation(Nodes nodes, std::vector<BusNode*> far_ends)
-      : nodes_(std::move(nodes)), far_ends_(std::move(far_ends)) {}
+  explicit LoopSimulation(Nodes nodes) : nodes_(std::move(nodes)) {}
 
   std::unique_ptr<Bus> open_bus(const robot::RobotConfig& config, std::size_t index) override {
     auto bus = std::make_unique<LoopBus>();
-    if (far_ends_.empty()) {
-      nodes_.attach(config, index, *bus);
-    } else {
-      bus->attach(*far_ends_[index]);
-    }
+    nodes_.attach(config, index, *bus);
     return bus;
   }
   ImuSource& imu() override { return imu_; }
@@ -44,7 +39,6 @@ class LoopSimulation final : public Simulation {
 
  private:
   Nodes nodes_;
-  std::vector<BusNode*> far_ends_;
   LevelImu imu_;
 };
 
@@ -58,25 +52,16 @@ Result<std::unique_ptr<Simulation>> make_simulation(const robot::RobotConfig& co
   }
   Result<Nodes> made = make_nodes(config);
   if (!made) return made.error();
-  return std::unique_ptr<Simulation>(std::make_unique<LoopSimulation>(std::move(*made), std::vector<BusNode*>{}));
+  return std::unique_ptr<Simulation>(std::make_unique<LoopSimulation>(std::move(*made)));
 }
 
 Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config, FrameTap* tap) {
   return hal::open_actuators(config, {.make_simulation = make_simulation, .tap = tap});
 }
 
-Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config,
-                                                      const std::vector<BusNode*>& far_ends) {
+Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config) {
   for (robot::BusConfig& bus : config.buses) bus.kind = robot::BusKind::loop;
-  if (far_ends.empty()) return open_actuators(config);
-  if (far_ends.size() != config.buses.size()) {
-    return Error{config.path + ": " + std::to_string(config.buses.size()) + " buses, but far ends for " +
-                 std::to_string(far_ends.size())};
-  }
-  return hal::open_actuators(
-      config, {.make_simulation = [far_ends](const robot::RobotConfig&) -> Result<std::unique_ptr<Simulation>> {
-        return std::unique_ptr<Simulation>(std::make_unique<LoopSimulation>(Nodes{}, far_ends));
-      }});
+  return open_actuators(config);
 }
 
 }  // namespace lithe::hal::sim

@@ -3,11 +3,9 @@
 #pragma once
 
 #include <memory>
-#include <vector>
 
 #include "spine/core/result.hpp"
 #include "spine/hal/actuators.hpp"
-#include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/robot_hardware.hpp"
 #include "spine/hal/simulation.hpp"
 #include "spine/robot/config.hpp"
@@ -22,10 +20,8 @@ Result<std::unique_ptr<Simulation>> make_simulation(const robot::RobotConfig& co
 // Contract: never in the tick
 Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config, FrameTap* tap = nullptr);
 
-// The same robot with every bus and device simulated, whatever the file says. `far_ends`: for each bus the simulated
-// devices, which outlive the actuators; empty = made from the file.
+// The same robot with every bus and device simulated, whatever the file says.
 // Contract: never in the tick
-Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config,
-                                                      const std::vector<BusNode*>& far_ends = {});
+Result<std::unique_ptr<Actuators>> simulate_actuators(robot::RobotConfig config);
 
 }  // namespace lithe::hal::sim

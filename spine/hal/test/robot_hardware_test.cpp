@@ -247,64 +247,8 @@ TEST(Actuators, JointsBeyondTheCommandAreOff) {
   EXPECT_EQ(mode_of(robot.state), 0U);
 }
 
-TEST(Actuators, AConfigThatCannotBeOpenedSaysWhyAndWhatToDo) {
-  robot::RobotConfig none = desk_arm();
-  none.joints.clear();
-  EXPECT_NE(sim::open_actuators(none).message().find("add a [[joint]]"), std::string::npos);
-
-  robot::RobotConfig many = desk_arm();
-  many.joints.resize(kMaxJoints + 1, many.joints[0]);
-  EXPECT_NE(sim::open_actuators(many).message().find("LITHE_NJ"), std::string::npos);
-
-  robot::RobotConfig twice = desk_arm();
-  twice.joints.push_back(twice.joints[0]);
-  EXPECT_NE(sim::open_actuators(twice).message().find("already taken"), std::string::npos);
-
-  robot::RobotConfig address = desk_arm();
-  address.devices[0].id = 127;
-  EXPECT_NE(sim::open_actuators(address).message().find("use 1 to 126"), std::string::npos);
-
-  robot::RobotConfig lost = desk_arm();
-  lost.joints[0].device = 9;
-  EXPECT_NE(sim::open_actuators(lost).message().find("[[device]]"), std::string::npos);
-  lost = desk_arm();
-  lost.devices[0].bus = 9;
-  EXPECT_NE(sim::open_actuators(lost).message().find("[[bus]]"), std::string::npos);
-
-  robot::RobotConfig never = desk_arm();
-  never.devices[0].rate_divider = 0;
-  EXPECT_NE(sim::open_actuators(never).message().find("rate_divider"), std::string::npos);
-}
-
-TEST(Actuators, SensorsThatCannotBeReadSayWhyAndWhatToDo) {
-  robot::RobotConfig good = desk_arm();
-  good.devices.push_back({.name = "inputs", .kind = robot::DeviceKind::gateway, .bus = 0, .id = 9, .frames = {}});
-  good.sensors.push_back({.name = "grip", .device = 1, .channel = 15});
-  EXPECT_TRUE(sim::open_actuators(good));
-  const auto refused = [](const robot::RobotConfig& config, const char* words) {
-    const auto opened = sim::open_actuators(config);
-    return !opened && opened.message().find(words) != std::string::npos;
-  };
-  robot::RobotConfig bad = good;
-  bad.devices[1].bus = 3;
-  EXPECT_TRUE(refused(bad, "[[bus]]"));
-  bad = good;
-  bad.devices[1].id = 0;
-  EXPECT_TRUE(refused(bad, "use 1 to 126"));
-  for (const std::size_t device : {0U, 7U}) {
-    bad = good;
-    bad.sensors[0].device = device;
-    EXPECT_TRUE(refused(bad, "on no gateway")) << device;
-  }
-  bad = good;
-  bad.sensors[0].channel = 16;
-  EXPECT_TRUE(refused(bad, "channels 0 to 15"));
-  bad = good;
-  bad.sensors.resize(17, good.sensors[0]);
-  EXPECT_TRUE(refused(bad, "17 sensors"));
-  bad = good;
-  bad.joints[0].device = 1;
-  EXPECT_TRUE(refused(bad, "drives nothing"));
+TEST(Actuators, AProgramWithoutSimulatedDevicesRefusesASimulatedBus) {
+  EXPECT_NE(open_actuators(desk_arm()).message().find("bus 'can0' is simulated"), std::string::npos);
 }
 
 TEST(Actuators, WhatARealBusSaidOtherwiseThanAskedIsTold) {
