@@ -34,12 +34,6 @@ enum class TroubleKind : std::uint8_t {
 };
 
 using NotReadyReason = canopen::NotReady<TroubleKind>;
-std::uint32_t value = 0;
-
-// In one word of 64 bits, so that other threads may read it.
-std::uint64_t packed() const LITHE_RT;
-static NotReadyReason unpacked(std::uint64_t word) LITHE_RT;
-};
 
 // One sentence; empty for none.
 // Contract: never in an exchange's thread

@@ -118,9 +118,6 @@ class Plant {
 // A drive whose plant can be moved by a mechanism (Coupling).
 class CoupledDrive {
  public:
-  CoupledDrive() = default;
-  CoupledDrive(const CoupledDrive&) = delete;
-  CoupledDrive& operator=(const CoupledDrive&) = delete;
   virtual ~CoupledDrive() = default;
   // Simulates up to `now_ns` on a 50 us grid that starts with the first call. Time that goes backwards is ignored.
   virtual void advance(std::int64_t now_ns) LITHE_RT = 0;
@@ -128,6 +125,11 @@ class CoupledDrive {
   // Contract: after the first advance()
   virtual void skip(std::int64_t now_ns) LITHE_RT = 0;
   virtual Plant& plant() LITHE_RT = 0;
+
+ protected:
+  CoupledDrive() = default;
+  CoupledDrive(const CoupledDrive&) = default;
+  CoupledDrive& operator=(const CoupledDrive&) = default;
 };
 
 }  // namespace lithe::hal::sim

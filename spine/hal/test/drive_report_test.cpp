@@ -19,7 +19,7 @@ TEST(MoteusReport, SupplyAndTemperatureOfEveryAnswerReachTheMap) {
   EXPECT_EQ(line.state.drive[0].state, DriveState::off);
   EXPECT_DOUBLE_EQ(line.state.drive[0].voltage_v, 24);
   EXPECT_DOUBLE_EQ(line.state.drive[0].temperature_degc, 25);
-  line.node.drive.servo().set_temperature_c(61);
+  line.node.drive().servo().set_temperature_c(61);
   line.cycle();
   EXPECT_DOUBLE_EQ(line.state.drive[0].temperature_degc, 61);
   EXPECT_TRUE(std::isnan(line.state.drive[0].current_a)) << "not asked for: it would make the answer longer";
@@ -37,13 +37,13 @@ TEST(MoteusReport, TheStateOfADriveIsOneWord) {
   line.act(DriveAction::damp, 3);
   EXPECT_EQ(line.state.drive[0].state, DriveState::damped);
   line.act(DriveAction::torque, 3);
-  line.node.drive.servo().expire_watchdog();
+  line.node.drive().servo().expire_watchdog();
   line.cycle(2);
   EXPECT_EQ(line.state.drive[0].state, DriveState::damped);
   EXPECT_TRUE(line.has(wire::joint_status::kWatchdog));
   line.act(DriveAction::off, 3);
   line.act(DriveAction::torque, 20);
-  line.node.drive.servo().set_driver_failed(true);
+  line.node.drive().servo().set_driver_failed(true);
   line.cycle(3);
   EXPECT_EQ(line.state.drive[0].state, DriveState::fault);
 }

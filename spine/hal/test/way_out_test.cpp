@@ -191,26 +191,26 @@ TEST_F(Cia402Silence, ThatWasShortIsForgivenWithoutAReset) {
 struct MoteusLatched {
   const char* name;
   std::function<void(MoteusLine&)> begin;
-  std::function<void(MoteusLine&)> end = [](MoteusLine& line) { line.node.meddle = nullptr; };
+  std::function<void(MoteusLine&)> end = [](MoteusLine& line) { line.node.back = nullptr; };
 };
 
 TEST(MoteusWayOut, EveryLatchedStateHasOne) {
   const MoteusLatched all[] = {
       {"a fault whose cause goes away",
-       [](MoteusLine& line) { line.node.drive.inject(InjectedFault::over_temperature, true, line.now_ns); },
-       [](MoteusLine& line) { line.node.drive.inject(InjectedFault::over_temperature, false, line.now_ns); }},
+       [](MoteusLine& line) { line.node.drive().inject(InjectedFault::over_temperature, true, line.now_ns); },
+       [](MoteusLine& line) { line.node.drive().inject(InjectedFault::over_temperature, false, line.now_ns); }},
       {"for it, its host was silent",
-       [](MoteusLine& line) { line.node.drive.inject(InjectedFault::watchdog_trip, true, line.now_ns); }},
-      {"a restart", [](MoteusLine& line) { line.node.drive.inject(InjectedFault::power_loss, true, line.now_ns); }},
+       [](MoteusLine& line) { line.node.drive().inject(InjectedFault::watchdog_trip, true, line.now_ns); }},
+      {"a restart", [](MoteusLine& line) { line.node.drive().inject(InjectedFault::power_loss, true, line.now_ns); }},
       {"nothing at all for a while",
-       [](MoteusLine& line) { line.node.meddle = [](Frame&) LITHE_RT { return false; }; }},
+       [](MoteusLine& line) { line.node.back = [](Frame&) LITHE_RT { return false; }; }},
       {"a setting that will not do, and is mended",
        [](MoteusLine& line) {
          line.tell("conf set servo.timeout_mode 0");
-         line.node.meddle = [](Frame&) LITHE_RT { return false; };  // it was away, and is asked again
+         line.node.back = [](Frame&) LITHE_RT { return false; };  // it was away, and is asked again
        },
        [](MoteusLine& line) {
-         line.node.meddle = nullptr;
+         line.node.back = nullptr;
          line.act(DriveAction::off, 200);
          EXPECT_NE(line.moteus->why_not_ready().find("timeout_mode"), std::string::npos);
          line.tell("conf set servo.timeout_mode 12");

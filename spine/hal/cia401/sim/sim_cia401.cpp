@@ -27,27 +27,27 @@ constexpr std::uint8_t kEventTimerMs = 5;
 }  // namespace
 
 SimCia401::SimCia401(std::uint32_t node, const cia401::Inputs& inputs) : SdoServer(node, objects_), node_(node) {
-  const auto add = [this](auto... object) { objects_.add(object...); };
-  add(common::kDeviceType, 0, 4, kReadOnly, kDeviceType);
-  add(common::kProducerHeartbeatMs, 0, 2, kWritable, 0);
-  add(common::kIdentity, 0, 1, kReadOnly, 4);
-  for (std::uint8_t i = 1; i <= 4; ++i) add(common::kIdentity, i, 4, kReadOnly, i == 2 ? 0x401U : i == 4 ? node : 0U);
+  objects_.add(common::kDeviceType, 0, 4, kReadOnly, kDeviceType);
+  objects_.add(common::kProducerHeartbeatMs, 0, 2, kWritable, 0);
+  objects_.add(common::kIdentity, 0, 1, kReadOnly, 4);
+  for (std::uint8_t i = 1; i <= 4; ++i)
+    objects_.add(common::kIdentity, i, 4, kReadOnly, i == 2 ? 0x401U : i == 4 ? node : 0U);
   for (std::uint16_t i = 0; i < cia401::kPdos; ++i) {
-    add(common::kTpdo1 + i, 0, 1, kReadOnly, 5);
-    add(common::kTpdo1 + i, 1, 4, kWritable, cob::kOff | cia401::pdo_id(i, node));
-    add(common::kTpdo1 + i, 2, 1, kWritable, 255);
-    add(common::kTpdo1 + i, kEventTimerMs, 2, kWritable, 0);
+    objects_.add(common::kTpdo1 + i, 0, 1, kReadOnly, 5);
+    objects_.add(common::kTpdo1 + i, 1, 4, kWritable, cob::kOff | cia401::pdo_id(i, node));
+    objects_.add(common::kTpdo1 + i, 2, 1, kWritable, 255);
+    objects_.add(common::kTpdo1 + i, kEventTimerMs, 2, kWritable, 0);
     for (std::uint8_t n = 0; n <= canopen::PdoMap::kMost; ++n) {
-      add(common::kTpdo1Mapping + i, n, n == 0 ? 1 : 4, kWritable, 0);
+      objects_.add(common::kTpdo1Mapping + i, n, n == 0 ? 1 : 4, kWritable, 0);
     }
   }
   for (std::uint32_t i = 0; 8 * i < inputs.digital; ++i) {
-    add(object::kDigitalInputs, static_cast<std::uint8_t>(1 + i), 1, kReadOnly, 0);
+    objects_.add(object::kDigitalInputs, static_cast<std::uint8_t>(1 + i), 1, kReadOnly, 0);
   }
   for (std::uint32_t i = 0; i < inputs.analog; ++i) {
-    add(object::kAnalogInputs, static_cast<std::uint8_t>(1 + i), 2, kReadOnly, 0);
+    objects_.add(object::kAnalogInputs, static_cast<std::uint8_t>(1 + i), 2, kReadOnly, 0);
   }
-  add(object::kAnalogInterrupt, 0, 1, kWritable, 0);
+  objects_.add(object::kAnalogInterrupt, 0, 1, kWritable, 0);
 }
 
 void SimCia401::restart(std::int64_t back_ns) LITHE_RT {

@@ -18,6 +18,7 @@
 #include "spine/hal/canopen/canopen_master.hpp"
 #include "spine/hal/cia402/cia402_drive.hpp"
 #include "spine/hal/cia402/sim/sim_cia402.hpp"
+#include "spine/hal/test/cable_rig.hpp"
 #include "spine/wire/wire.hpp"
 
 namespace lithe::hal {
@@ -27,39 +28,6 @@ namespace lithe::hal {
 #pragma clang diagnostic push
 #pragma clang diagnostic ignored "-Wfunction-effects"
 #endif
-
-// Every frame passes here on its way to the drive and back, and may be changed; false: it is lost.
-class SpoiltCable final : public BusNode {
- public:
-  explicit SpoiltCable(const sim::SimCia402Params& params) : drive_(params) {}
-
-  void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT override {
-    Frame copy = frame;
-    if (!there(copy)) return;
-    drive_.on_frame(copy, now_ns, fresh_);
-    forward(answers);
-  }
-  void on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT override {
-    drive_.on_time(now_ns, fresh_);
-    forward(answers);
-  }
-
-  std::function<bool(Frame&)> there = [](Frame&) { return true; };
-  std::function<bool(Frame&)> back = [](Frame&) { return true; };
-  sim::SimCia402& drive() { return drive_; }
-
- private:
-  void forward(FrameQueue& answers) {
-    while (const Frame* answer = fresh_.front()) {
-      Frame copy = *answer;
-      fresh_.pop();
-      if (back(copy)) answers.push(copy);
-    }
-  }
-
-  sim::SimCia402 drive_;
-  FrameQueue fresh_;
-};
 
 // A loop that may have no room for a frame.
 class NarrowBus final : public Bus {
@@ -128,7 +96,7 @@ class Cia402Line : public testing::Test {
       params.plant.torque_lag_s = 1e-3;
       params.plant.mgl_nm = line.mgl_nm;
       params.plant.initial_position_rad = 0.2;
-      cables_.push_back(std::make_unique<SpoiltCable>(params));
+      cables_.push_back(std::make_unique<Cable<sim::SimCia402>>(params));
       bus->attach(*cables_.back());
     }
     actuators_.add_bus(std::move(bus), Addressing::canopen,
@@ -204,7 +172,7 @@ class Cia402Line : public testing::Test {
   sim::Plant& plant(std::size_t joint = 0) { return drive(joint).servo().plant(); }
 
   NarrowBus* bus_ = nullptr;
-  std::vector<std::unique_ptr<SpoiltCable>> cables_;
+  std::vector<std::unique_ptr<Cable<sim::SimCia402>>> cables_;
   std::vector<cia402::Cia402Drive*> drivers_;
   BusActuators actuators_;
   ActuatorCommand command_;

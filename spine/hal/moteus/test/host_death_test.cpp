@@ -34,8 +34,8 @@ class LevelArm {
     FrameQueue nobody;
     for (int ms = 0; ms < 3000; ++ms) {
       line_.now_ns += MoteusLine::kMs;
-      line_.node.drive.on_time(line_.now_ns, nobody);
-      peak = std::max(peak, std::abs(line_.node.drive.servo().plant().velocity_rad_s()));
+      line_.node.drive().on_time(line_.now_ns, nobody);
+      peak = std::max(peak, std::abs(line_.node.drive().servo().plant().velocity_rad_s()));
     }
     return peak;
   }

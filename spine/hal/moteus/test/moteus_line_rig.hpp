@@ -11,37 +11,10 @@
 #include "spine/hal/bus_actuators.hpp"
 #include "spine/hal/moteus/moteus_drive.hpp"
 #include "spine/hal/moteus/sim/sim_moteus.hpp"
+#include "spine/hal/test/cable_rig.hpp"
 #include "spine/wire/wire.hpp"
 
 namespace lithe::hal {
-
-// Each answer of the drive passes `meddle`; false drops it.
-class Meddler final : public BusNode {
- public:
-  explicit Meddler(const sim::SimMoteusParams& params) : drive(params) {}
-
-  void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT override {
-    drive.on_frame(frame, now_ns, said_);
-    pass(answers);
-  }
-  void on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT override {
-    drive.on_time(now_ns, said_);
-    pass(answers);
-  }
-
-  sim::SimMoteus drive;
-  bool (*meddle)(Frame&) LITHE_RT = nullptr;
-
- private:
-  void pass(FrameQueue& answers) LITHE_RT {
-    while (const Frame* front = said_.front()) {
-      Frame frame = *front;
-      said_.pop();
-      if (meddle == nullptr || meddle(frame)) answers.push(frame);
-    }
-  }
-  FrameQueue said_;
-};
 
 struct MoteusLine {
   static constexpr std::int64_t kMs = 1'000'000;
@@ -86,10 +59,10 @@ struct MoteusLine {
     const std::string text = line + "\n";
     writer.client_data(1, {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
     FrameQueue none;
-    node.drive.on_frame(frame, now_ns, none);
+    node.drive().on_frame(frame, now_ns, none);
   }
 
-  Meddler node;
+  Cable<sim::SimMoteus> node;
   LoopBus* bus;
   BusActuators actuators;
   moteus::MoteusDrive* moteus;

@@ -76,10 +76,10 @@ TEST(MoteusSetup, SettingsThatCommandsLeaveOutAreAskedForAndJudged) {
     EXPECT_EQ(line->mode(), 10U);
     EXPECT_NEAR(line->state.torque_nm[0], 0.1, 1e-3);
     FrameQueue none;  // the host is silent: the drive's own watchdog runs out after the time that was checked
-    line->node.drive.on_time(line->now_ns + 150 * MoteusLine::kMs, none);
-    EXPECT_EQ(line->node.drive.servo().mode(), moteus::Mode::position);
-    line->node.drive.on_time(line->now_ns + 250 * MoteusLine::kMs, none);
-    EXPECT_EQ(line->node.drive.servo().mode(), moteus::Mode::timeout);
+    line->node.drive().on_time(line->now_ns + 150 * MoteusLine::kMs, none);
+    EXPECT_EQ(line->node.drive().servo().mode(), moteus::Mode::position);
+    line->node.drive().on_time(line->now_ns + 250 * MoteusLine::kMs, none);
+    EXPECT_EQ(line->node.drive().servo().mode(), moteus::Mode::timeout);
   }
   struct Wrong {
     const char* says;
@@ -150,10 +150,10 @@ TEST(MoteusSetup, ADriveThatIsLeftAloneDampsWithNoMoreThanTheJointsTorqueLimit) 
   moteus::DriverParams driver = MoteusLine::asking();
   driver.damp_torque_max_nm = 0.6;
   MoteusLine line(driver);
-  EXPECT_EQ(line.node.drive.servo().params().timeout_max_torque_nm, 5.0) << "as from the factory";
+  EXPECT_EQ(line.node.drive().servo().params().timeout_max_torque_nm, 5.0) << "as from the factory";
   line.act(DriveAction::off, 50);
   EXPECT_TRUE(line.ready()) << line.moteus->why_not_ready();
-  EXPECT_NEAR(line.node.drive.servo().params().timeout_max_torque_nm, 0.6, 1e-9);
+  EXPECT_NEAR(line.node.drive().servo().params().timeout_max_torque_nm, 0.6, 1e-9);
 }
 
 TEST(MoteusSetup, ADriveThatIsSetToLessIsLeftAtIt) {
@@ -164,7 +164,7 @@ TEST(MoteusSetup, ADriveThatIsSetToLessIsLeftAtIt) {
   MoteusLine line(driver, params);
   line.act(DriveAction::off, 50);
   EXPECT_TRUE(line.ready());
-  EXPECT_EQ(line.node.drive.servo().params().timeout_max_torque_nm, 0.2);
+  EXPECT_EQ(line.node.drive().servo().params().timeout_max_torque_nm, 0.2);
 }
 
 TEST(MoteusSetup, WhatSomebodyMendsIsNoticed) {
@@ -183,7 +183,7 @@ TEST(MoteusSetup, WhatSomebodyMendsIsNoticed) {
 
 TEST(MoteusSetup, AnotherRegisterMapIsNamedAndNeverCommanded) {
   MoteusLine line(MoteusLine::asking());
-  line.node.meddle = [](Frame& frame) LITHE_RT {
+  line.node.back = [](Frame& frame) LITHE_RT {
     for (std::size_t i = 0; i + 7 <= frame.size; ++i) {
       if (frame.data[i] == 0x29 && frame.data[i + 1] == 0x82 && frame.data[i + 2] == 0x02) frame.data[i + 3] = 4;
     }
@@ -200,15 +200,15 @@ TEST(MoteusSetup, LostAnswersAreAskedForAgain) {
   sim::SimMoteusParams params;
   params.servo.kp_nm_rev = 12.345678;
   MoteusLine line(MoteusLine::asking(), params);
-  line.node.meddle = [](Frame&) LITHE_RT { return (answers_so_far = answers_so_far * 5 + 1) % 7 > 1; };
+  line.node.back = [](Frame&) LITHE_RT { return (answers_so_far = answers_so_far * 5 + 1) % 7 > 1; };
   line.act(DriveAction::off, 400);
-  line.node.meddle = nullptr;
+  line.node.back = nullptr;
   line.cycle(2);
   EXPECT_TRUE(line.ready());
   line.command.kp_nm_rad[0] = 12.345678 / kTurn;
   line.command.position_rad[0] = 0.001;
   line.act(DriveAction::torque, 20);
-  EXPECT_NEAR(line.node.drive.servo().command().kp_scale, 1, 1e-6);
+  EXPECT_NEAR(line.node.drive().servo().command().kp_scale, 1, 1e-6);
 }
 
 TEST(MoteusSetup, WhatAnotherProgramLeftInTheConsoleIsNoAnswer) {
@@ -218,7 +218,7 @@ TEST(MoteusSetup, WhatAnotherProgramLeftInTheConsoleIsNoAnswer) {
   ASSERT_TRUE(line.ready());
   line.command.kd_nm_s_rad[0] = 0.05 / kTurn;
   line.act(DriveAction::torque, 20);
-  EXPECT_NEAR(line.node.drive.servo().command().kd_scale, 1, 1e-6) << "0.05, and not 46";
+  EXPECT_NEAR(line.node.drive().servo().command().kd_scale, 1, 1e-6) << "0.05, and not 46";
 }
 
 TEST(MoteusSetup, AConsoleThatNeverStopsTalkingIsNamed) {
@@ -237,9 +237,9 @@ TEST(MoteusSetup, ADriveThatWasAwayIsAskedAgainWhenItIsOff) {
   MoteusLine line(MoteusLine::asking());
   line.act(DriveAction::off, 20);
   line.act(DriveAction::torque, 20);
-  line.node.meddle = [](Frame&) LITHE_RT { return false; };
+  line.node.back = [](Frame&) LITHE_RT { return false; };
   line.cycle(50);
-  line.node.meddle = nullptr;
+  line.node.back = nullptr;
   line.tell("conf set servo.pid_position.kp 8");
   line.cycle(20);
   EXPECT_TRUE(line.ready()) << "while it drives, it goes on with what is known of it";
@@ -250,7 +250,7 @@ TEST(MoteusSetup, ADriveThatWasAwayIsAskedAgainWhenItIsOff) {
   line.command.position_rad[0] = 0;
   line.command.kp_nm_rad[0] = 8 / kTurn;
   line.act(DriveAction::torque, 20);
-  EXPECT_NEAR(line.node.drive.servo().command().kp_scale, 1, 1e-6);
+  EXPECT_NEAR(line.node.drive().servo().command().kp_scale, 1, 1e-6);
 }
 
 TEST(MoteusSetup, NoBytesWhateverMakeItReadyWithGainsThatAreNone) {
