@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "supervisor/cli/reference.hpp"
-#include "supervisor/cli/talk.hpp"
-#include "supervisor/cli/words.hpp"
+#include "supervisor/cli/core/talk.hpp"
+#include "supervisor/cli/parse/reference.hpp"
+#include "supervisor/cli/parse/words.hpp"
 
 namespace {
 

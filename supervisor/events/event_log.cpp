@@ -5,7 +5,7 @@
 
 #include <algorithm>
 
-#include "supervisor/link/spine_link.hpp"
+#include "supervisor/link/spine/spine_link.hpp"
 
 namespace lithe::control {
 namespace {

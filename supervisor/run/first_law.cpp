@@ -63,7 +63,7 @@ void Supervisor::compile_first_law() {
   }
 }
 
-// The trial rides it while the first law is compiled. Without the gates nobody does.
+// The trial runs it while the first law is compiled. Without the gates nobody does.
 void Supervisor::try_safe_law() {
   if (!options_.gates) {
     return;
@@ -80,7 +80,7 @@ void Supervisor::try_safe_law() {
       monotonic_ns());
   turn_until([&answered] { return answered; }, TrialLink::kSafeLawNs + kNsPerS);
   if (!wrong) {
-    throw Halt{1, fmt::format("the trial could not ride the safe law: {}", why)};
+    throw Halt{1, fmt::format("the trial could not run the safe law: {}", why)};
   }
   if (!wrong->empty()) {
     throw Halt{2, fmt::format("{}: {}", options_.config_path, *wrong)};

@@ -4,7 +4,7 @@
 
 #include "spine/robot/config.hpp"
 #include "supervisor/core/answer.hpp"
-#include "supervisor/link/spine_link.hpp"
+#include "supervisor/link/spine/spine_link.hpp"
 
 namespace lithe::control {
 

@@ -10,10 +10,10 @@
 #include <string>
 #include <vector>
 
-#include "supervisor/link/spine_link.hpp"
-#include "supervisor/link/witness.hpp"
-#include "supervisor/swap/record.hpp"
-#include "supervisor/swap/transaction.hpp"
+#include "supervisor/link/spine/spine_link.hpp"
+#include "supervisor/link/spine/witness.hpp"
+#include "supervisor/swap/certificate/record.hpp"
+#include "supervisor/swap/certificate/transaction.hpp"
 
 namespace lithe::control {
 

@@ -7,7 +7,7 @@
 #include <map>
 #include <memory>
 
-#include "supervisor/link/test/spine_rig.hpp"
+#include "supervisor/link/spine/test/spine_rig.hpp"
 
 namespace lithe::control {
 namespace {

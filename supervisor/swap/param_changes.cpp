@@ -131,8 +131,8 @@ void ParamChanges::begin() {
     send(change);
     return;
   }
-  auto order = help_.laws.order_of(change.law, order_otherwise());
-  if (!order) {
+  auto request = help_.laws.request_of(change.law, request_otherwise());
+  if (!request) {
     refuse(change, {"trial_unavailable",
                     fmt::format("law '{}' was brought in by an earlier supervisor, and its object is not in the cache "
                                 "any more: its parameters cannot be tried",
@@ -140,17 +140,17 @@ void ParamChanges::begin() {
                     "nothing was changed; swap the law in again, with these parameters"});
     return;
   }
-  order->params = merged(change.law.values, change.values);
+  request->params = merged(change.law.values, change.values);
   help_.trial->attempt(
-      *order, [this, number = change.number](const Answer& answer) { tried(number, answer); }, monotonic_ns());
+      *request, [this, number = change.number](const Answer& answer) { tried(number, answer); }, monotonic_ns());
 }
 
-TrialOrder ParamChanges::order_otherwise() const {
-  TrialOrder order;
-  order.budget_ns = robots_terms_.budget_ns();
-  order.box_ms = static_cast<int>(robots_terms_.box_ms);
-  order.recording = text_of(help_.spine.info().robot);
-  return order;
+TrialRequest ParamChanges::request_otherwise() const {
+  TrialRequest request;
+  request.budget_ns = robots_terms_.budget_ns();
+  request.box_ms = static_cast<int>(robots_terms_.box_ms);
+  request.recording = text_of(help_.spine.info().robot);
+  return request;
 }
 
 void ParamChanges::tried(std::uint64_t number, const Answer& answer) {

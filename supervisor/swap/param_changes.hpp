@@ -11,9 +11,9 @@
 
 #include "spine/robot/config.hpp"
 #include "supervisor/events/event_log.hpp"
-#include "supervisor/link/commands.hpp"
-#include "supervisor/link/trial_link.hpp"
-#include "supervisor/swap/transaction.hpp"
+#include "supervisor/link/services/trial_link.hpp"
+#include "supervisor/link/spine/commands.hpp"
+#include "supervisor/swap/certificate/transaction.hpp"
 #include "supervisor/swap/tried_laws.hpp"
 
 namespace lithe::control {
@@ -87,7 +87,7 @@ class ParamChanges {
   void judge_open(std::uint32_t law_id, const char* verdict, const std::string& reason, bool newest_only = false);
   void tell(const Past& past);
   void log(const Change& change, const char* kind, const std::string& text);
-  TrialOrder order_otherwise() const;
+  TrialRequest request_otherwise() const;
 
   Helpers help_;
   swap::Terms robots_terms_;

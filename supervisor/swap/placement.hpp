@@ -11,8 +11,8 @@
 #include "spine/arena/layout.hpp"
 #include "spine/robot/config.hpp"
 #include "supervisor/core/fd.hpp"
-#include "supervisor/link/lawd_link.hpp"
-#include "supervisor/link/spine_link.hpp"
+#include "supervisor/link/services/lawd_link.hpp"
+#include "supervisor/link/spine/spine_link.hpp"
 
 namespace lithe::control {
 

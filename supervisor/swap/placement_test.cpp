@@ -12,7 +12,7 @@
 
 #include "spine/arena/arena.hpp"
 #include "spine/core/time.hpp"
-#include "supervisor/link/test/spine_rig.hpp"
+#include "supervisor/link/spine/test/spine_rig.hpp"
 
 namespace lithe::control {
 namespace {

@@ -225,23 +225,23 @@ Sequence::Reply<std::string> Swaps::attempt(const swap::Transaction& swap) {
         go_on(monotonic_ns());
       }
     };
-    help_.trial->attempt(order_of(swap), take, monotonic_ns());
+    help_.trial->attempt(request_of(swap), take, monotonic_ns());
   }
   return reply<std::string>(box, swap, "trying", kTrialNs);
 }
 
-TrialOrder Swaps::order_of(const swap::Transaction& swap) const {
-  TrialOrder order;
-  order.object = swap.compiled().object;
-  order.slot = placed_->slot;
-  order.code_bytes = placed_->code_bytes;
-  order.entry = placed_->entry;
-  order.image_hash = placed_->image_hash;
-  order.budget_ns = swap.request().terms.budget_ns();
-  order.box_ms = static_cast<int>(swap.request().terms.box_ms);
-  order.recording = text_of(help_.spine.info().robot);
-  order.params = swap.request().params;
-  return order;
+TrialRequest Swaps::request_of(const swap::Transaction& swap) const {
+  TrialRequest request;
+  request.object = swap.compiled().object;
+  request.slot = placed_->slot;
+  request.code_bytes = placed_->code_bytes;
+  request.entry = placed_->entry;
+  request.image_hash = placed_->image_hash;
+  request.budget_ns = swap.request().terms.budget_ns();
+  request.box_ms = static_cast<int>(swap.request().terms.box_ms);
+  request.recording = text_of(help_.spine.info().robot);
+  request.params = swap.request().params;
+  return request;
 }
 
 // The trial's words on success. Its report is in the certificate in any case.
@@ -265,7 +265,7 @@ std::variant<std::string, Refusal> Swaps::tried(swap::Transaction& swap, const A
   std::string words = fmt::format("passed in {:.0f} ms, a step takes {:.0f} ns (p99.9, best of 3), at most {:.0f} ns",
                                   report.value("ms", 0.0), timing.value("p999_ns", 0.0), timing.value("worst_ns", 0.0));
   note(swap, "swap_tried", words);
-  tried_laws_.passed(swap.request_id(), order_of(swap), all_params(swap.request().params, swap.compiled().descriptor),
+  tried_laws_.passed(swap.request_id(), request_of(swap), all_params(swap.request().params, swap.compiled().descriptor),
                      report);
   return words;
 }

@@ -12,15 +12,15 @@
 
 #include "supervisor/core/sequence.hpp"
 #include "supervisor/events/event_log.hpp"
-#include "supervisor/link/commands.hpp"
-#include "supervisor/link/lawd_link.hpp"
-#include "supervisor/link/spine_link.hpp"
-#include "supervisor/link/trial_link.hpp"
+#include "supervisor/link/services/lawd_link.hpp"
+#include "supervisor/link/services/trial_link.hpp"
+#include "supervisor/link/spine/commands.hpp"
+#include "supervisor/link/spine/spine_link.hpp"
+#include "supervisor/swap/certificate/record.hpp"
+#include "supervisor/swap/certificate/transaction.hpp"
 #include "supervisor/swap/law_lifecycle.hpp"
 #include "supervisor/swap/param_changes.hpp"
 #include "supervisor/swap/placement.hpp"
-#include "supervisor/swap/record.hpp"
-#include "supervisor/swap/transaction.hpp"
 #include "supervisor/swap/tried_laws.hpp"
 
 namespace lithe::control {
@@ -106,7 +106,7 @@ class Swaps {
   Sequence::Reply<Placed> place(const swap::Transaction& swap);
   void placed(swap::Transaction& swap, const Placed& where);
   Sequence::Reply<std::string> attempt(const swap::Transaction& swap);
-  TrialOrder order_of(const swap::Transaction& swap) const;
+  TrialRequest request_of(const swap::Transaction& swap) const;
   std::variant<std::string, swap::Refusal> tried(swap::Transaction& swap, const swap::Answer& answer);
   Sequence::Reply<swap::Json> line_of_crash(const swap::Transaction& swap, const swap::Refusal& refusal);
   std::optional<swap::Refusal> stage(swap::Transaction& swap);

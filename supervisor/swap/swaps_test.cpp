@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "spine/core/time.hpp"
-#include "supervisor/link/test/spine_rig.hpp"
+#include "supervisor/link/spine/test/spine_rig.hpp"
 
 namespace lithe::control {
 namespace {

@@ -9,7 +9,7 @@
 
 #include "spine/hal/core/frame.hpp"
 #include "spine/robot/config.hpp"
-#include "supervisor/bus/scan/seen.hpp"
+#include "supervisor/bus/scan/observation.hpp"
 
 namespace lithe::field {
 

@@ -14,8 +14,8 @@
 #include "spine/hal/core/bus.hpp"
 #include "spine/hal/core/frame.hpp"
 #include "supervisor/bus/plan/report.hpp"
+#include "supervisor/bus/scan/observation.hpp"
 #include "supervisor/bus/scan/place.hpp"
-#include "supervisor/bus/scan/seen.hpp"
 
 namespace lithe::field {
 
@@ -37,7 +37,7 @@ class FrameSource {
   FrameSource& operator=(const FrameSource&) = delete;
   virtual ~FrameSource() = default;
   // The next frame; false = none now.
-  virtual bool next(CapturedFrame& sighting) = 0;
+  virtual bool next(CapturedFrame& captured) = 0;
   // Reopens buses, about once a second. Returns why a bus delivers no frames; empty = all work.
   virtual std::string trouble() { return ""; }
   // Number of frames that were lost because they came too fast.
@@ -52,7 +52,7 @@ class BusListener final : public FrameSource {
  public:
   // The error names the bus that cannot be opened, and the next step.
   static Result<std::unique_ptr<BusListener>> open(const Choice& choice, const std::vector<std::size_t>& buses);
-  bool next(CapturedFrame& sighting) override;
+  bool next(CapturedFrame& captured) override;
   std::string trouble() override;
   std::uint64_t lost() const override;
   std::uint64_t errors(std::size_t bus) const override;
@@ -82,7 +82,7 @@ class Monitor {
   // The message for a requested device that does not exist; empty = all exist.
   std::string complaint() const;
   // The line for this frame; empty when it is filtered out.
-  std::optional<std::string> see(const CapturedFrame& sighting);
+  std::optional<std::string> see(const CapturedFrame& captured);
   bool finished(std::int64_t now_ns) const;
   // Statistics since the start. Load: the exact bits of every frame, at the bit rates of the file.
   Json statistics(const FrameSource& source, std::int64_t now_ns) const;

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "spine/robot/config.hpp"
-#include "supervisor/bus/scan/seen.hpp"
+#include "supervisor/bus/scan/observation.hpp"
 
 namespace lithe::field {
 
@@ -40,7 +40,7 @@ struct BusFindings {
 };
 
 // Contract: pure
-BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_file, const Seen& seen);
+BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_file, const BusObservation& observed);
 
 // True when the bus is as the file says.
 bool matches(const BusFindings& findings);

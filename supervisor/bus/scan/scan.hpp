@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "spine/hal/core/bus.hpp"
-#include "supervisor/bus/scan/seen.hpp"
+#include "supervisor/bus/scan/observation.hpp"
 
 namespace lithe::field {
 
@@ -22,7 +22,7 @@ Time real_time();
 struct Line {
   hal::Bus* bus = nullptr;  // null = could not be opened; left out
   Protocol protocol = Protocol::own;
-  Seen seen;
+  BusObservation observed;
   std::uint32_t bitrate = 1'000'000;
 };
 

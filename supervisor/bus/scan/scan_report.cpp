@@ -57,7 +57,7 @@ Scan scan(const Choice& choice, const ScanOptions& options) {
   for (std::size_t i = 0; i < lines.size(); ++i) {
     if (open[i] == nullptr) continue;
     ask(lines[i], time);
-    done.buses[i] = judge(choice.robot, choice.buses[i], choice.from_file, lines[i].seen);
+    done.buses[i] = judge(choice.robot, choice.buses[i], choice.from_file, lines[i].observed);
     note_errors(open[i]->statistics(), done.buses[i]);
   }
   done.matches = std::all_of(done.buses.begin(), done.buses.end(), matches) &&

@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+// `lithe bus scan`: refuses a bus that a running robot uses.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <cstdio>
+#include <iostream>
+#include <string>
+#include <vector>
+
+#include "supervisor/cli/buses/spines.hpp"
+#include "supervisor/cli/core/act.hpp"
+#include "supervisor/cli/core/talk.hpp"
+
+namespace lithe::cli {
+namespace {
+
+constexpr int kOtherwise = 1;
+constexpr int kUsage = 2;
+
+}  // namespace
+
+int bus_scan(const Context& context, const field::Words& words, const field::ScanOptions& options) {
+  const auto choice = field::choose(words);
+  if (!choice) {
+    refuse(context, {"bad_config", choice.message(), "name a robot file or a bus: lithe bus scan --help"});
+    return kUsage;
+  }
+  std::vector<std::string> spines;
+  for (const Occupied& each : spines_on(*choice, [](const std::string& doubt) { std::cerr << doubt << std::endl; })) {
+    const bool real = robot::is_real(each.config.buses[each.theirs]);
+    if (real) spines.push_back(each.words());
+  }
+  if (!spines.empty()) {
+    return refuse(context, {"robot_running", fmt::format("a Spine works on this hardware: {}", fmt::join(spines, ", ")),
+                            "stop it first: lithe stop; or watch its bus: lithe bus monitor"});
+  }
+  const field::Scan scan = field::scan(*choice, options);
+  if (context.json) {
+    std::cout << field::to_json(scan, *choice).dump(2, ' ', false, Json::error_handler_t::replace) << std::endl;
+  } else {
+    fmt::print("{}", field::to_text(scan, *choice));
+    std::fflush(stdout);
+  }
+  return scan.matches ? 0 : kOtherwise;
+}
+
+}  // namespace lithe::cli
