@@ -57,7 +57,7 @@ ALLOWED = {
         + " spine/ipc spine/law spine/robot spine/hal spine/hal/core spine/contain spine/arena spine/loop spine/load",
         "lawd/run": LAWD,
         "lawd/core": LAWD,
-        "lawd/compile": LAWD + " lawd/run",
+        "lawd/compile": LAWD + " lawd/core lawd/run",
         "lawd/source": LAWD + " lawd/core",
         "lawd/object": LAWD + " lawd/core lawd/run lawd/compile lawd/source",
         "lawd": LAWD + " lawd/core lawd/run lawd/compile lawd/source lawd/object",

@@ -9,7 +9,7 @@
 
 #include "spine/core/text.hpp"
 
-namespace lithe::swap {
+namespace lithe::control {
 
 // Key order is kept, so that a record reads in the order things happened.
 using Json = nlohmann::ordered_json;
@@ -53,4 +53,4 @@ inline Json printable_json(const Json& json) {
   return out;
 }
 
-}  // namespace lithe::swap
+}  // namespace lithe::control

@@ -27,6 +27,16 @@ constexpr int kExtraFd = 3;
 // Direct system calls: the C library's header for these has no C linkage in C++ before glibc 2.37.
 int open_pidfd(pid_t pid) { return static_cast<int>(::syscall(SYS_pidfd_open, pid, 0)); }
 
+// What /proc/PID/stat says after the name, which may hold anything: state, parent, group, session ... Empty when the
+// process has ended.
+std::string stat_of(const std::string& pid) {
+  std::string stat;
+  std::ifstream file("/proc/" + pid + "/stat");
+  std::getline(file, stat, '\0');
+  const std::size_t name_end = stat.rfind(") ");
+  return name_end == std::string::npos ? "" : stat.substr(name_end + 2);
+}
+
 cpu_set_t cpu_set_of(const std::vector<int>& cpus) {
   cpu_set_t set;
   CPU_ZERO(&set);
@@ -159,14 +169,10 @@ Work work_of_session(pid_t leader) {
   const double tick_s = 1.0 / static_cast<double>(::sysconf(_SC_CLK_TCK));
   std::error_code failure;
   for (std::filesystem::directory_iterator at("/proc", failure), end; !failure && at != end; at.increment(failure)) {
-    if (at->path().filename().string().find_first_not_of("0123456789") != std::string::npos) continue;
-    std::string stat;
-    std::ifstream file(at->path() / "stat");
-    std::getline(file, stat, '\0');  // empty when the process has ended
-    const std::size_t name_end = stat.rfind(") ");
-    if (name_end == std::string::npos) continue;
-    // proc(5): state, parent, group, session, then nine fields to utime, stime, cutime, cstime.
-    std::istringstream fields(stat.substr(name_end + 2));
+    const std::string pid = at->path().filename().string();
+    if (pid.find_first_not_of("0123456789") != std::string::npos) continue;
+    // proc(5): state, parent, group, session, then seven fields to utime, stime, cutime, cstime.
+    std::istringstream fields(stat_of(pid));
     char state = '?';
     long parent = 0, group = 0, session = 0, skipped = 0;
     fields >> state >> parent >> group >> session;
@@ -176,10 +182,25 @@ Work work_of_session(pid_t leader) {
     for (long& each : times) fields >> each;
     for (const long each : times) work.cpu_s += static_cast<double>(each) * tick_s;
     work.wants_to_run = work.wants_to_run || state == 'R' || state == 'D';
-    stopped = stopped || (at->path().filename() == std::to_string(leader) && (state == 'T' || state == 't'));
+    stopped = stopped || (pid == std::to_string(leader) && is_stopped(state));
   }
   work.wants_to_run = work.wants_to_run && !stopped;
   return work;
+}
+
+char state_of(pid_t pid) {
+  const std::string stat = pid > 0 ? stat_of(std::to_string(pid)) : "";
+  return stat.empty() ? '?' : stat.front();
+}
+
+std::vector<int> cores_beside(const std::vector<int>& allowed, int spine_cpu, int transport_cpu) {
+  std::vector<int> rest = allowed;
+  for (const int taken : {spine_cpu, transport_cpu}) {
+    std::vector<int> without = rest;
+    std::erase(without, taken);
+    if (!without.empty()) rest = std::move(without);
+  }
+  return rest;
 }
 
 std::string program_dir() {

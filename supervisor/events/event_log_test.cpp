@@ -10,8 +10,6 @@
 namespace lithe::control {
 namespace {
 
-using swap::Json;
-
 wire::Event event_of(wire::EventKind kind, std::uint32_t code = 0) {
   wire::Event event;
   event.t_ns = 5;

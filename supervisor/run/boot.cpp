@@ -24,7 +24,6 @@
 #include "spine/robot/cpu_plan.hpp"
 #include "spine/robot/robot.hpp"
 #include "supervisor/bus/plan/advice.hpp"
-#include "supervisor/core/cores.hpp"
 #include "supervisor/run/supervisor.hpp"
 
 namespace lithe::control {
@@ -47,27 +46,11 @@ std::string holder_of(const std::string& robot) {
   return control ? std::to_string((*control)->header.writer_pid) : pid;
 }
 
-int refuse_file(const std::string& why, bool json) {
-  std::cerr << why << '\n';
-  if (json) {
-    std::cout << Json{{"ok", false}, {"error", Refusal{"bad_config", why, "correct the file"}.to_json()}} << '\n';
-  }
-  return 2;
-}
-
-bool buses_can_carry(const robot::RobotConfig& config, bool json) {
-  const bus::Verdict verdict = bus::judge_for_run(config);
-  if (!verdict.refuse) {
-    if (!verdict.text.empty()) {
-      spdlog::warn("{}; {}", verdict.text, verdict.next);
-    }
-    return true;
-  }
-  std::cerr << verdict.text << "\nnext: " << verdict.next << '\n';
-  if (json) {
-    std::cout << Json{{"ok", false}, {"error", Refusal{"bus_overload", verdict.text, verdict.next}.to_json()}} << '\n';
-  }
-  return false;
+// Says why the robot is not started; returns the exit code.
+int refuse(const Refusal& why, int code, bool json) {
+  std::cerr << why.message << "\nnext: " << why.next << '\n';
+  if (json) std::cout << Json{{"ok", false}, {"error", why.to_json()}} << '\n';
+  return code;
 }
 
 }  // namespace
@@ -78,7 +61,7 @@ int run_robot(const RunOptions& options) {
   spdlog::set_pattern("%H:%M:%S.%e %^%l%$ %v");
   auto config = robot::load_robot(options.config_path);
   if (!config) {
-    return refuse_file(config.message(), options.json);
+    return refuse({"bad_config", config.message(), "correct the file"}, 2, options.json);
   }
   const MachineCores cores = machine_cores();
   if (const auto plan = robot::plan_cpus(*config, cores); plan) {
@@ -86,14 +69,14 @@ int run_robot(const RunOptions& options) {
       config->notes.push_back(std::move(cost));
     }
   } else if (!live_spine(config->name)) {  // a Spine that ticks has its cores already
-    return refuse_file(plan.message(), options.json);
+    return refuse({"bad_config", plan.message(), "correct the file"}, 2, options.json);
   }
   for (const std::string& note : config->notes) {
     spdlog::warn("{}", note);
   }
-  if (!buses_can_carry(*config, options.json)) {
-    return 1;
-  }
+  const bus::Verdict load = bus::judge_for_run(*config);
+  if (load.refuse) return refuse({"bus_overload", load.text, load.next}, 1, options.json);
+  if (!load.text.empty()) spdlog::warn("{}; {}", load.text, load.next);
   return Supervisor(options, std::move(*config)).run();
 }
 
@@ -177,7 +160,7 @@ void Supervisor::check_robot() {
 
 void Supervisor::start_lawd() {
   arena_ = open_arena(config_);
-  lawd_.give_arena(arena_.get());
+  lawd_.give(arena_.get());
   if (const auto started = lawd_.start(monotonic_ns()); !started) {
     throw Halt{1, started.message()};
   }
@@ -192,7 +175,7 @@ void Supervisor::start_trial() {
     lawd_.open_gates();
     return;
   }
-  trial_.give_arena(arena_.get());
+  trial_.give(arena_.get());
   if (const auto started = trial_.start(monotonic_ns()); !started) {
     throw Halt{1, started.message()};
   }
@@ -263,7 +246,7 @@ void Supervisor::serve_spine(SpineLink link) {
   const auto first_id = static_cast<std::uint64_t>(monotonic_ns() / kNsPerUs);
   commands_.emplace(*link_, first_id, &config_);
   swaps_.emplace(Swaps::Helpers{*link_, lawd_, options_.gates ? &trial_ : nullptr, *commands_, events_},
-                 swap::RecordBook(swap::records_of(config_.name)), first_id, config_);
+                 RecordBook(records_of(config_.name)), first_id, config_);
   const wire::RobotInfo& info = link_->info();
   const int transport = info.transport_inline != 0 ? -1 : static_cast<int>(info.cpu_transport);
   const std::vector<int> ours = cores_beside(all_cpus_, static_cast<int>(info.cpu_spine), transport);

@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <exception>
 #include <filesystem>
+#include <memory>
 #include <utility>
 
 #include "spine/core/host.hpp"
@@ -18,7 +19,6 @@
 #include "spine/core/text.hpp"
 #include "spine/core/time.hpp"
 #include "spine/robot/cpu_plan.hpp"
-#include "supervisor/core/cores.hpp"
 
 namespace lithe::control {
 namespace {
@@ -140,6 +140,13 @@ bool Supervisor::turn_until(const std::function<bool()>& done, std::int64_t time
   return true;
 }
 
+std::optional<Answer> Supervisor::answer_to(const std::function<void(const Take&)>& ask, std::int64_t timeout_ns) {
+  const auto answer = std::make_shared<std::optional<Answer>>();  // it may come when nobody waits for it any more
+  ask([answer](const Answer& got) { *answer = got; });
+  turn_until([&answer] { return answer->has_value(); }, timeout_ns);
+  return *answer;
+}
+
 void Supervisor::read_signals() {
   signalfd_siginfo info;
   while (::read(signals_.get(), &info, sizeof(info)) == sizeof(info)) {
@@ -197,11 +204,11 @@ void Supervisor::read_events() {
       swaps_->on_event(event, now_ns);
     }
     if (noise_.passes(event, now_ns)) {
-      note(event_json(event));
+      note(event_json(event, *link_));
     }
   }
   for (const NoiseFilter::Summary& more : noise_.summaries(now_ns)) {
-    Json json = event_json(more.last);
+    Json json = event_json(more.last, *link_);
     json["count"] = more.count;
     json["text"] = fmt::format("{} more within a second", more.count);
     note(json);

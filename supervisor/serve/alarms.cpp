@@ -10,8 +10,6 @@
 namespace lithe::control {
 namespace {
 
-using swap::Json;
-
 constexpr double kDegPerRad = 180.0 / std::numbers::pi;
 constexpr double kNearRad = 0.1;        // of a position limit: there the guard begins to fade torque
 constexpr double kFrozenAfterMs = 500;  // much longer than a tick that got too little processor time

@@ -30,7 +30,7 @@ std::string answer_line(const Json& id, const Answer& answer) {
     out["ok"] = false;
     out["error"] = std::get<Refusal>(answer).to_json();
   }
-  return swap::dump_line(out) + '\n';
+  return dump_line(out) + '\n';
 }
 
 // Names from a client reach logs, certificates and terminals. Returns the first argument that is not printable, in
@@ -147,21 +147,18 @@ void Server::read_from(std::uint64_t key, Client& client) {
     while (auto line = client.in.next()) {
       handle(key, client, *line);
     }
-    if (client.in.too_long()) {
-      reply({key, nullptr}, Refusal{"too_long", fmt::format("a request is at most {} bytes", kMaxRequestBytes),
-                                    "send the law's source without generated tables"});
-      client.closing = true;
-    }
+    if (client.in.too_long()) refuse_long(key, client);
   }
 }
 
+void Server::refuse_long(std::uint64_t key, Client& client) {
+  reply({key, nullptr}, Refusal{"too_long", fmt::format("a request is at most {} bytes", kMaxRequestBytes),
+                                "send the law's source without generated tables"});
+  client.closing = true;
+}
+
 void Server::handle(std::uint64_t key, Client& client, const std::string& line) {
-  if (line.size() > kMaxRequestBytes) {
-    reply({key, nullptr}, Refusal{"too_long", fmt::format("a request is at most {} bytes", kMaxRequestBytes),
-                                  "send the law's source without generated tables"});
-    client.closing = true;
-    return;
-  }
+  if (line.size() > kMaxRequestBytes) return refuse_long(key, client);
   bool too_deep = false;
   const auto note_depth = [&too_deep](int depth, Json::parse_event_t, Json&) {
     too_deep = too_deep || depth > kMostNested;

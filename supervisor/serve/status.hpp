@@ -9,10 +9,10 @@
 namespace lithe::control {
 
 // `robot`: gives the kind of each joint's drive.
-swap::Json status_json(const SpineLink& spine, const robot::RobotConfig& robot);
+Json status_json(const SpineLink& spine, const robot::RobotConfig& robot);
 // {"law","law_id","params":[{"name","value","min","max"}]} of the running law.
-swap::Answer params_json(const SpineLink& spine);
+Answer params_json(const SpineLink& spine);
 // Laws loaded in the Spine: [{"law","law_id","active","params":[...],"probes":[...]}]
-swap::Json resident_json(const SpineLink& spine);
+Json resident_json(const SpineLink& spine);
 
 }  // namespace lithe::control

@@ -8,14 +8,10 @@
 
 namespace lithe::control {
 
-using swap::Json;
-using swap::Stage;
-
 LawLifecycle::LawLifecycle(const SpineLink& spine, Keep keep, Locate locate)
     : spine_(spine), keep_(std::move(keep)), locate_(std::move(locate)), faults_(spine.memory().law_faults) {}
 
-void LawLifecycle::follow(swap::Transaction swap, swap::RecordBook::Page record, const CoreCounts& before,
-                          std::int64_t now_ns) {
+void LawLifecycle::follow(Transaction swap, RecordBook::Page record, const CoreCounts& before, std::int64_t now_ns) {
   measure_all();
   Life* last = running_.empty() ? nullptr : of_law(running_.back());
   if (last != nullptr && last->swap.request().terms.probation_s > 0 && !last->swap.reached(Stage::confirmed)) {
@@ -44,7 +40,7 @@ void LawLifecycle::measure(Life& life) {
   if (std::exchange(life.measure_at_ns, 0) == 0) {
     return;
   }
-  Json measured = look_around(spine_, life.swap.commit_tick());
+  Json measured = measure_commit(spine_, life.swap.commit_tick());
   if (measured.is_object()) {
     measured["core"] = counts_json(life.before, count_core(spine_.spine_pid(), spine_.info()));
     life.swap.note("measured", std::move(measured));
@@ -140,7 +136,7 @@ void LawLifecycle::faulted(const wire::Event& event) {
                      {"pc_offset", fault->pc_offset},
                      {"address", fmt::format("{:#x}", fault->address)}});
   if (fault->to_law_id == 0) {
-    leave(*life, kind + "; no law took over: the safe law", event);
+    leave(*life, kind + "; no law took over: the safe law", event, 0);
   }
   locate(*life, *fault);
 }
@@ -210,17 +206,19 @@ void LawLifecycle::rolled_back(const wire::Event& event) {
   for (auto each = first_out; each != running_.end(); ++each) {
     if (Life* life = of_law(*each)) {
       const bool told = !life->fault.empty() && text.starts_with(life->fault);
-      leave(*life, life->fault.empty() ? "asked for" : told ? text : life->fault, event);
+      leave(*life, life->fault.empty() ? "asked for" : told ? text : life->fault, event, event.code);
     }
   }
   running_.erase(first_out, running_.end());
 }
 
-void LawLifecycle::leave(Life& life, const std::string& why, const wire::Event& event) {
+void LawLifecycle::leave(Life& life, const std::string& why, const wire::Event& event, std::uint32_t runs_now) {
   if (life.swap.mark(Stage::rolled_back, why, event.t_ns)) {
+    const auto law = spine_.law(runs_now);
     life.swap.note("rolled_back", {{"tick", event.tick},
                                    {"ticks_after_commit", event.tick - std::min(event.tick, life.swap.commit_tick())},
-                                   {"why", why}});
+                                   {"why", why},
+                                   {"law", law ? Json(text_of(law->name)) : Json(nullptr)}});
     keep_(life.swap, life.record);
   }
 }

@@ -2,7 +2,6 @@
 #include "supervisor/swap/param_changes.hpp"
 
 #include <fmt/format.h>
-#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <utility>
@@ -12,9 +11,6 @@
 
 namespace lithe::control {
 
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
 using wire::EventKind;
 
 namespace {
@@ -206,7 +202,7 @@ void ParamChanges::answered(std::uint64_t number, const Answer& answer) {
       result[key] = change->record[key];
     }
   }
-  log(*change, "params_set", in_words(change->values, change->law.values));
+  help_.log.note(change->law.info.request_id, "params_set", in_words(change->values, change->law.values));
   settle(result);
 }
 
@@ -215,7 +211,7 @@ void ParamChanges::refuse(Change& change, const Refusal& refusal) {
   told.erase("detail");
   change.record["error"] = std::move(told);
   keep(change, outcome_is_known(refusal) ? "refused" : "not_confirmed");
-  log(change, "params_refused", refusal.message);
+  help_.log.note(change.law.info.request_id, "params_refused", refusal.message);
   settle(refusal);
 }
 
@@ -305,15 +301,6 @@ void ParamChanges::tell(const Past& past) {
   }
   last_ = all.back();
   keep_(past.request_id, all);
-}
-
-void ParamChanges::log(const Change& change, const char* kind, const std::string& text) {
-  help_.log.add({{"t_ns", monotonic_ns()},
-                 {"tick", 0},
-                 {"kind", kind},
-                 {"request_id", change.law.info.request_id},
-                 {"text", text}});
-  spdlog::info("{}: {}", kind, text);
 }
 
 }  // namespace lithe::control

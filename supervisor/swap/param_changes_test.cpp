@@ -21,9 +21,6 @@
 namespace lithe::control {
 namespace {
 
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
 using wire::EventKind;
 
 constexpr const char* kLaw =
@@ -58,7 +55,7 @@ class ParamChangesTest : public SpineRig {
     publish(7);
   }
   void make(TrialLink* trial) {
-    changes_.emplace(ParamChanges::Helpers{*link_, trial, *commands_, log_, *laws_}, swap::Terms{},
+    changes_.emplace(ParamChanges::Helpers{*link_, trial, *commands_, log_, *laws_}, Terms{},
                      [this](std::uint64_t request_id, const Json& all) {
                        EXPECT_EQ(request_id, kRequest);
                        kept_ = all;

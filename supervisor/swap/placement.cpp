@@ -10,10 +10,6 @@
 
 namespace lithe::control {
 
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
-
 Fd open_arena(const robot::RobotConfig& robot) {
   if (robot.spine.loader == robot::LawLoader::dlopen) {
     return Fd();
@@ -84,25 +80,16 @@ void Placement::place(const std::string& hash, Callback callback, std::int64_t n
   }
   last_ = slot;
   uses_[slot] = {Use::taken, 0};
-  lawd_.place(
-      hash, slot,
-      [this, slot, callback = std::move(callback)](const Answer& answer) {
-        if (const auto* refusal = std::get_if<Refusal>(&answer)) {
-          forget(slot);
-          if (refusal->code == "arena_failed") {
-            spdlog::warn("{}; laws are loaded with dlopen", refusal->message);
-            lawd_can_place_ = false;
-            callback(Placed{});
-          } else {
-            callback(*refusal);
-          }
-          return;
-        }
-        const Json& placed = std::get<Json>(answer);
-        callback(Placed{slot, placed.value("code_bytes", std::uint32_t{0}), placed.value("entry", std::uint64_t{0}),
-                        placed.value("image_hash", std::uint64_t{0}), placed.value("place_ms", 0.0)});
-      },
-      now_ns);
+  const auto take = [this, slot, callback = std::move(callback)](const std::variant<Placed, Refusal>& answer) {
+    const auto* refusal = std::get_if<Refusal>(&answer);
+    if (refusal == nullptr) return callback(answer);
+    forget(slot);
+    if (refusal->code != "arena_failed") return callback(answer);
+    spdlog::warn("{}; laws are loaded with dlopen", refusal->message);
+    lawd_can_place_ = false;
+    callback(Placed{});
+  };
+  lawd_.place(hash, slot, take, now_ns);
 }
 
 }  // namespace lithe::control

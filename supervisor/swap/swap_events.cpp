@@ -12,10 +12,6 @@
 namespace lithe::control {
 namespace {
 
-using swap::Json;
-using swap::Refusal;
-using swap::Stage;
-
 constexpr std::int64_t kWordsGraceNs = 50'000'000;  // for the event of what shared memory shows already
 
 // The field names in the event. The text may hold only some of them; `count` is the full number.
@@ -114,7 +110,7 @@ void Swaps::shadow_ended(const wire::Event& event) {
 }
 
 // The stages that the Spine told of: the tick may commit before the Loader's acknowledgement is read.
-void Swaps::mark_heard(swap::Transaction& swap) const {
+void Swaps::mark_heard(Transaction& swap) const {
   const std::int64_t later_ns = heard_.shadow_ns != 0 ? heard_.shadow_ns : heard_.commit ? heard_.commit->t_ns : 0;
   swap.mark(Stage::staged, "", heard_.staged_ns != 0 ? heard_.staged_ns : later_ns);
   if (heard_.shadow_ns != 0) {
@@ -170,7 +166,7 @@ void Swaps::come_late(const wire::Event& event) {
     return;
   }
   Entry late = std::move(*found);
-  swap::Transaction& swap = late.swap;
+  Transaction& swap = late.swap;
   unconfirmed_.erase(found);
   if (!committed) {
     swap.mark_refused(stage_refusal(static_cast<wire::StageResult>(event.code), text_of(event.text)), event.t_ns);

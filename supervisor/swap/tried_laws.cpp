@@ -12,8 +12,6 @@
 
 namespace lithe::control {
 
-using swap::Json;
-
 namespace {
 
 // The report of one of the two closed-loop runs; an empty object when there is none.
@@ -105,7 +103,7 @@ std::vector<std::string> TriedLaws::worse_than(const RunningLaw& law, const Json
   const wire::RobotInfo& info = spine_.info();
   std::vector<std::string> joints;
   for (std::size_t j = 0; j < std::min<std::size_t>(info.joint_count, wire::kNj); ++j) {
-    joints.push_back(text_of(info.joint_name, j * 32, 32));
+    joints.push_back(joint_name(info, j));
   }
   return worse_joints(loop_of(trial), run->loop, fmt::format("under {}, which runs now", text_of(law.info.name)),
                       joints);

@@ -22,7 +22,7 @@ inline constexpr double kMuchWorseRatio = 3.0;
 
 // One sentence for each joint whose tracking error is worse than before. `run`, `before`: report.loop of two trials,
 // whose inputs are the same for every law. Empty also when one of them ended early.
-std::vector<std::string> worse_joints(const swap::Json& run, const swap::Json& before, const std::string& whom,
+std::vector<std::string> worse_joints(const Json& run, const Json& before, const std::string& whom,
                                       const std::vector<std::string>& joints);
 
 // Contract: one thread · bounded: the last kMostRuns results of the newest kMostLaws laws
@@ -34,20 +34,20 @@ class TriedLaws {
   explicit TriedLaws(const SpineLink& spine) : spine_(spine) {}
 
   // Stores a law that has passed: its request, its parameter values, its report.
-  void passed(std::uint64_t request_id, TrialRequest request, const swap::Json& values, const swap::Json& trial);
+  void passed(std::uint64_t request_id, TrialRequest request, const Json& values, const Json& trial);
   // The same law with other values.
-  void passed_again(std::uint64_t request_id, const swap::Json& values, const swap::Json& trial);
+  void passed_again(std::uint64_t request_id, const Json& values, const Json& trial);
   void forget(std::uint64_t request_id) { laws_.erase(request_id); }
 
   // The request to try the running law again. A law committed under an earlier supervisor is taken from the law cache.
   std::optional<TrialRequest> request_of(const RunningLaw& law, const TrialRequest& otherwise) const;
   // worse_joints() of this trial against the trial of the running law with its present values; empty when that one is
   // unknown.
-  std::vector<std::string> worse_than(const RunningLaw& law, const swap::Json& trial) const;
+  std::vector<std::string> worse_than(const RunningLaw& law, const Json& trial) const;
 
  private:
   struct Run {
-    swap::Json values, loop;
+    Json values, loop;
   };
   struct Law {
     TrialRequest request;

@@ -6,7 +6,6 @@
 namespace lithe::control {
 namespace {
 
-using swap::Json;
 using Words = std::vector<std::string>;
 
 Json run(std::vector<double> plain_rad, std::vector<double> rough_rad, int ticks = 1000, int rough_ticks = 1000) {

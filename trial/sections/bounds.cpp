@@ -13,18 +13,6 @@ namespace {
 
 constexpr std::uint64_t kFirstStep = 100, kSteps = 8;  // of a robot that moves
 
-struct Input {
-  const char* name;
-  JointArray Tick::* values;
-};
-constexpr std::array kInputs =
-    std::to_array<Input>({{"position_rad", &Tick::position_rad},
-                          {"velocity_rad_s", &Tick::velocity_rad_s},
-                          {"torque_nm", &Tick::torque_nm},
-                          {"setpoint_position_rad", &Tick::setpoint_position_rad},
-                          {"setpoint_velocity_rad_s", &Tick::setpoint_velocity_rad_s},
-                          {"setpoint_acceleration_rad_s2", &Tick::setpoint_acceleration_rad_s2}});
-
 struct Output {
   const char* name;
   JointArray Effort::* values;
@@ -37,7 +25,7 @@ constexpr std::array kOutputs = std::to_array<Output>({{"torque_nm", &Effort::to
 
 // Runs the law on the same ordinary steps twice; the second time entries [from, to) of `input` hold something. False
 // when the output changes, or the law was refused.
-bool same_output(TrialContext& context, const Input& input, std::size_t from, std::size_t to) {
+bool same_output(TrialContext& context, const JointInput& input, std::size_t from, std::size_t to) {
   context.one.reset();
   context.other.reset();
   Tick tick, other;
@@ -77,7 +65,7 @@ bool TrialContext::within_joints(const LawHarness& harness) {
 
 bool reads_within_joints(TrialContext& context) {
   const std::size_t joints = context.joints();
-  for (const Input& input : kInputs) {
+  for (const JointInput& input : kJointInputs) {
     context.doing("%s beyond the robot's joints", input.name);
     if (same_output(context, input, joints, kMaxJoints)) continue;
     if (context.report.refused[0] != '\0') return false;

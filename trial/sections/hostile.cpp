@@ -39,17 +39,6 @@ constexpr std::array kTimes = std::to_array<Value>({{"NaN", kNan},
                                                     {"1e-12 s", 1e-12},
                                                     {"denormal", kDenormal}});
 
-struct Field {
-  const char* name;
-  JointArray Tick::* values;
-};
-constexpr std::array kFields =
-    std::to_array<Field>({{"position_rad", &Tick::position_rad},
-                          {"velocity_rad_s", &Tick::velocity_rad_s},
-                          {"torque_nm", &Tick::torque_nm},
-                          {"setpoint_position_rad", &Tick::setpoint_position_rad},
-                          {"setpoint_velocity_rad_s", &Tick::setpoint_velocity_rad_s},
-                          {"setpoint_acceleration_rad_s2", &Tick::setpoint_acceleration_rad_s2}});
 constexpr std::array kClock =
     std::to_array<std::pair<const char*, double Tick::*>>({{"dt_s", &Tick::dt_s},
                                                            {"t_s", &Tick::t_s},
@@ -61,7 +50,7 @@ class HostileInputs {
   explicit HostileInputs(TrialContext& context) : context_(context) {}
 
   bool run() {
-    for (const Field& field : kFields) {
+    for (const JointInput& field : kJointInputs) {
       for (const Value& value : kValues) {
         context_.doing("%s = %s", field.name, value.name);
         if (!one([&](Tick& tick, int) { fill(tick, field.values, value.value); })) return false;
@@ -85,7 +74,7 @@ class HostileInputs {
     for (const Value& value : kValues) {
       context_.doing("every measured value and setpoint %s", value.name);
       const bool fine = one([&](Tick& tick, int) {
-        for (const Field& field : kFields) fill(tick, field.values, value.value);
+        for (const JointInput& field : kJointInputs) fill(tick, field.values, value.value);
         tick.sensor.fill(value.value);
       });
       if (!fine) return false;

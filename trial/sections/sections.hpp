@@ -3,6 +3,7 @@
 // refused.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -44,6 +45,19 @@ struct TrialContext {
 };
 
 inline constexpr std::size_t kTimingInputs = 1000;
+
+// The inputs of a law that have an entry for each joint.
+struct JointInput {
+  const char* name;
+  JointArray Tick::* values;
+};
+inline constexpr std::array kJointInputs =
+    std::to_array<JointInput>({{"position_rad", &Tick::position_rad},
+                               {"velocity_rad_s", &Tick::velocity_rad_s},
+                               {"torque_nm", &Tick::torque_nm},
+                               {"setpoint_position_rad", &Tick::setpoint_position_rad},
+                               {"setpoint_velocity_rad_s", &Tick::setpoint_velocity_rad_s},
+                               {"setpoint_acceleration_rad_s2", &Tick::setpoint_acceleration_rad_s2}});
 
 // Whether entries of its inputs that belong to no joint of this robot leave its output alone; else refuses.
 bool reads_within_joints(TrialContext& context);

@@ -13,7 +13,7 @@
 #include "supervisor/bus/monitor/decode.hpp"
 #include "supervisor/bus/plan/frame_time.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 namespace {
 
 std::string hex(const hal::Frame& frame) {
@@ -200,4 +200,4 @@ int watch(FrameSource& source, Monitor& monitor, const MonitorOptions& options, 
   return any ? 0 : 1;
 }
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

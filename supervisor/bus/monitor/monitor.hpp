@@ -17,9 +17,7 @@
 #include "supervisor/bus/scan/observation.hpp"
 #include "supervisor/bus/scan/place.hpp"
 
-namespace lithe::field {
-
-using bus::Json;
+namespace lithe::bus {
 
 struct CapturedFrame {
   std::int64_t time_ns = 0;      // CLOCK_MONOTONIC
@@ -110,4 +108,4 @@ std::string statistics_text(const Json& statistics);
 int watch(FrameSource& source, Monitor& monitor, const MonitorOptions& options, const std::function<bool()>& stop,
           const std::function<void(const std::string&)>& say, const std::function<void(const std::string&)>& warn);
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

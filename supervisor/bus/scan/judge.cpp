@@ -12,9 +12,9 @@
 #include "spine/hal/moteus/moteus_faults.hpp"
 #include "spine/hal/registry.hpp"
 #include "supervisor/bus/plan/report.hpp"
-#include "supervisor/bus/state_words.hpp"
+#include "supervisor/bus/words.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 namespace {
 
 using robot::DeviceKind;
@@ -209,4 +209,4 @@ bool matches(const BusFindings& findings) {
          });
 }
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

@@ -11,7 +11,7 @@
 #include "spine/robot/config.hpp"
 #include "supervisor/bus/scan/observation.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 
 enum class Standing : std::uint8_t {
   expected,  // in the file and on the bus
@@ -45,4 +45,4 @@ BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_fi
 // True when the bus is as the file says.
 bool matches(const BusFindings& findings);
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

@@ -3,7 +3,7 @@
 
 #include "spine/hal/gateway/gateway.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 namespace {
 
 namespace canopen = hal::canopen;
@@ -66,4 +66,4 @@ void observe(const hal::Frame& frame, Protocol protocol, BusObservation& observe
                                                        : "";
 }
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

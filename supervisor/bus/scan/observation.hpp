@@ -14,7 +14,7 @@
 #include "spine/hal/moteus/moteus_terminal.hpp"
 #include "spine/robot/config.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 
 // In which the devices of a bus are asked. moteus and CANopen devices cannot share one, so that a question in the one
 // never reaches devices of the other.
@@ -55,4 +55,4 @@ Protocol protocol_of(const robot::RobotConfig& robot, std::size_t bus);
 // Contract: any frame is safe
 void observe(const hal::Frame& frame, Protocol protocol, BusObservation& observed);
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

@@ -11,7 +11,7 @@
 #include "spine/hal/canopen/canopen_sdo.hpp"
 #include "supervisor/bus/plan/frame_time.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 namespace {
 
 namespace canopen = hal::canopen;
@@ -182,4 +182,4 @@ void ask(Line& line, const Time& time) {
   if (std::string down = line.bus->why_down(); !down.empty()) line.observed.trouble = std::move(down);
 }
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

@@ -10,7 +10,7 @@
 #include "spine/hal/core/bus.hpp"
 #include "supervisor/bus/scan/observation.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 
 // Contract: not RT · one thread, which alone uses the bus · time is an argument
 struct Time {
@@ -33,4 +33,4 @@ void listen(std::vector<Line>& lines, std::int64_t for_ns, const Time& time);
 // apart. Takes about 0.3 s plus some milliseconds per device; on slow CANopen buses up to 4 s.
 void ask(Line& line, const Time& time);
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

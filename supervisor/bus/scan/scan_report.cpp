@@ -10,7 +10,7 @@
 #include "spine/hal/open_bus.hpp"
 #include "supervisor/bus/scan/scan.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 namespace {
 
 constexpr const char* kSimulated =
@@ -112,4 +112,4 @@ std::string to_text(const Scan& scan, const Choice& choice) {
   return text + (next.empty() ? "" : "next:\n" + next);
 }
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

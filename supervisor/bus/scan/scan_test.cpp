@@ -10,7 +10,7 @@
 #include "supervisor/bus/scan/judge.hpp"
 #include "supervisor/bus/test/scan_rig.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 namespace {
 
 using hal::Frame;
@@ -200,4 +200,4 @@ TEST(Scan, TheQuestionsFollowTheFileAndElseTheKindOfBus) {
 }
 
 }  // namespace
-}  // namespace lithe::field
+}  // namespace lithe::bus

@@ -9,7 +9,7 @@
 #include "spine/hal/canopen/canopen_sdo.hpp"
 #include "supervisor/bus/test/scan_rig.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 namespace {
 
 using hal::Frame;
@@ -165,4 +165,4 @@ TEST(ScanTrouble, ABusThatIsNeverQuietEndsNoScanLate) {
 }
 
 }  // namespace
-}  // namespace lithe::field
+}  // namespace lithe::bus

@@ -16,7 +16,7 @@
 #include "supervisor/bus/scan/judge.hpp"
 #include "supervisor/bus/scan/scan.hpp"
 
-namespace lithe::field::test {
+namespace lithe::bus::test {
 
 using hal::Frame;
 using robot::DeviceKind;
@@ -115,4 +115,4 @@ inline const Judged& of(const BusFindings& findings, std::uint32_t id) {
   return *std::find_if(findings.devices.begin(), findings.devices.end(), [id](const Judged& e) { return e.id == id; });
 }
 
-}  // namespace lithe::field::test
+}  // namespace lithe::bus::test

@@ -34,13 +34,13 @@ void end_with_statistics() {
 }
 
 // Each has its turn.
-class All final : public field::FrameSource {
+class All final : public bus::FrameSource {
  public:
-  void add(std::unique_ptr<field::FrameSource> source, bool of_spine) {
+  void add(std::unique_ptr<bus::FrameSource> source, bool of_spine) {
     (of_spine ? spine_ : others_).push_back(source.get());
     parts_.push_back(std::move(source));
   }
-  bool next(field::CapturedFrame& captured) override {
+  bool next(bus::CapturedFrame& captured) override {
     for (std::size_t i = 0; i < parts_.size(); ++i) {
       if (parts_[turn_++ % parts_.size()]->next(captured)) return true;
     }
@@ -67,22 +67,22 @@ class All final : public field::FrameSource {
   }
 
  private:
-  std::vector<std::unique_ptr<field::FrameSource>> parts_;
-  std::vector<const field::FrameSource*> spine_, others_;  // the same
+  std::vector<std::unique_ptr<bus::FrameSource>> parts_;
+  std::vector<const bus::FrameSource*> spine_, others_;  // the same
   std::size_t turn_ = 0;
 };
 
 void warn(const std::string& words) { std::cerr << words << std::endl; }
 
 // A bus given without a file, on which a robot runs, is that robot's bus: its file names the devices.
-void know_by_file(field::Choice& choice, std::vector<Occupied>& spines) {
+void know_by_file(bus::Choice& choice, std::vector<Occupied>& spines) {
   if (choice.from_file || spines.empty()) return;
   spines.resize(1);
   spines.front().ours = spines.front().theirs;
   choice = {spines.front().config, true, {spines.front().theirs}};
 }
 
-Result<> listen_in(const field::Choice& choice, const std::vector<Occupied>& spines, All& all) {
+Result<> listen_in(const bus::Choice& choice, const std::vector<Occupied>& spines, All& all) {
   std::vector<std::size_t> free;
   for (const std::size_t number : choice.buses) {
     const robot::BusConfig& bus = choice.robot.buses[number];
@@ -100,12 +100,12 @@ Result<> listen_in(const field::Choice& choice, const std::vector<Occupied>& spi
     all.add(std::move(*source), true);
   }
   if (free.empty()) return done();
-  auto listener = field::BusListener::open(choice, free);
+  auto listener = bus::BusListener::open(choice, free);
   if (!listener) return listener.error();
   all.add(std::move(*listener), false);
   for (const std::size_t number : free) {
     if (robot::facts(choice.robot.buses[number].kind).is_shared) continue;
-    std::cerr << "no Spine runs on " << field::place_of(choice.robot.buses[number])
+    std::cerr << "no Spine runs on " << bus::place_of(choice.robot.buses[number])
               << ": only this monitor can use it now, lithe run cannot\n";
   }
   return done();
@@ -113,16 +113,16 @@ Result<> listen_in(const field::Choice& choice, const std::vector<Occupied>& spi
 
 }  // namespace
 
-int bus_monitor(const Context& context, const field::Words& words, field::MonitorOptions options) {
+int bus_monitor(const Context& context, const bus::Words& words, bus::MonitorOptions options) {
   options.json = context.json;
-  auto choice = field::choose(words);
+  auto choice = bus::choose(words);
   if (!choice) {
     refuse(context, {"bad_config", choice.message(), "name a robot file or a bus: lithe bus monitor --help"});
     return kUsage;
   }
   std::vector<Occupied> spines = spines_on(*choice, warn);
   know_by_file(*choice, spines);
-  field::Monitor monitor(*choice, options, monotonic_ns());
+  bus::Monitor monitor(*choice, options, monotonic_ns());
   if (const std::string complaint = monitor.complaint(); !complaint.empty()) {
     refuse(context, {"usage", complaint, "see the robot file"});
     return kUsage;
@@ -132,7 +132,7 @@ int bus_monitor(const Context& context, const field::Words& words, field::Monito
     return refuse(context, {"no_bus", open.message(), "who uses it: lithe status, fuser -v"});
   }
   end_with_statistics();
-  return field::watch(
+  return bus::watch(
       all, monitor, options, [] { return ended != 0; }, [](const std::string& line) { std::cout << line << std::endl; },
       warn);
 }

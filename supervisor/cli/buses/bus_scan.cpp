@@ -20,8 +20,8 @@ constexpr int kUsage = 2;
 
 }  // namespace
 
-int bus_scan(const Context& context, const field::Words& words, const field::ScanOptions& options) {
-  const auto choice = field::choose(words);
+int bus_scan(const Context& context, const bus::Words& words, const bus::ScanOptions& options) {
+  const auto choice = bus::choose(words);
   if (!choice) {
     refuse(context, {"bad_config", choice.message(), "name a robot file or a bus: lithe bus scan --help"});
     return kUsage;
@@ -35,11 +35,11 @@ int bus_scan(const Context& context, const field::Words& words, const field::Sca
     return refuse(context, {"robot_running", fmt::format("a Spine works on this hardware: {}", fmt::join(spines, ", ")),
                             "stop it first: lithe stop; or watch its bus: lithe bus monitor"});
   }
-  const field::Scan scan = field::scan(*choice, options);
+  const bus::Scan scan = bus::scan(*choice, options);
   if (context.json) {
-    std::cout << field::to_json(scan, *choice).dump(2, ' ', false, Json::error_handler_t::replace) << std::endl;
+    std::cout << bus::to_json(scan, *choice).dump(2, ' ', false, Json::error_handler_t::replace) << std::endl;
   } else {
-    fmt::print("{}", field::to_text(scan, *choice));
+    fmt::print("{}", bus::to_text(scan, *choice));
     std::fflush(stdout);
   }
   return scan.matches ? 0 : kOtherwise;

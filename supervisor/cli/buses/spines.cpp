@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <filesystem>
 #include <system_error>
 #include <utility>
@@ -15,16 +14,14 @@
 #include "spine/ipc/segment.hpp"
 #include "spine/robot/robot.hpp"
 #include "supervisor/link/client/presence.hpp"
+#include "supervisor/link/spine/spine_link.hpp"
 
 namespace lithe::cli {
 namespace {
 
 using Spine = ipc::Segment<ipc::SpineMemory>;
 
-template <std::size_t N>
-std::string text_of(const std::array<char, N>& zero_terminated) {
-  return {zero_terminated.begin(), std::find(zero_terminated.begin(), zero_terminated.end(), '\0')};
-}
+using control::text_of;
 
 // True when the buses of the file are those of the running Spine.
 bool is_unchanged(const std::string& name, const robot::RobotConfig& robot) {
@@ -54,7 +51,7 @@ bool same_path(const std::string& a, const std::string& b) {
   return std::filesystem::weakly_canonical(a, unknown) == std::filesystem::weakly_canonical(b, unknown);
 }
 
-class SpineFrames final : public field::FrameSource {
+class SpineFrames final : public bus::FrameSource {
  public:
   SpineFrames(std::string robot, ipc::Segment<ipc::FramesMemory> memory, std::size_t theirs, std::size_t ours)
       : robot_(std::move(robot)),
@@ -66,7 +63,7 @@ class SpineFrames final : public field::FrameSource {
     ask();
   }
 
-  bool next(field::CapturedFrame& captured) override {
+  bool next(bus::CapturedFrame& captured) override {
     ask();
     ipc::FrameRecord record;
     while (ring_.next(record)) {
@@ -142,7 +139,7 @@ class SpineFrames final : public field::FrameSource {
 
 std::string Occupied::words() const { return fmt::format("robot '{}' (bus '{}')", robot, config.buses[theirs].name); }
 
-std::vector<Occupied> spines_on(const field::Choice& choice, const std::function<void(const std::string&)>& warn) {
+std::vector<Occupied> spines_on(const bus::Choice& choice, const std::function<void(const std::string&)>& warn) {
   std::vector<Occupied> found;
   for (const std::string& name : control::robots_with_memory()) {
     if (!ipc::Lease::is_held(Spine::path(name))) continue;
@@ -155,7 +152,7 @@ std::vector<Occupied> spines_on(const field::Choice& choice, const std::function
     const bool same_file = choice.from_file && same_path(choice.robot.path, robot->path);
     for (std::size_t theirs = 0; theirs < robot->buses.size(); ++theirs) {
       for (const std::size_t ours : choice.buses) {
-        const bool one = field::same_hardware(choice.robot.buses[ours], robot->buses[theirs]);
+        const bool one = bus::same_hardware(choice.robot.buses[ours], robot->buses[theirs]);
         if (one || (same_file && theirs == ours)) found.push_back({name, *robot, theirs, ours});
       }
     }
@@ -163,10 +160,10 @@ std::vector<Occupied> spines_on(const field::Choice& choice, const std::function
   return found;
 }
 
-Result<std::unique_ptr<field::FrameSource>> watch_spine(const Occupied& bus) {
+Result<std::unique_ptr<bus::FrameSource>> watch_spine(const Occupied& bus) {
   auto frames = ipc::Segment<ipc::FramesMemory>::attach(bus.robot, ipc::Access::write);
   if (!frames) return frames.error();
-  return std::unique_ptr<field::FrameSource>(
+  return std::unique_ptr<bus::FrameSource>(
       std::make_unique<SpineFrames>(bus.robot, std::move(*frames), bus.theirs, bus.ours));
 }
 

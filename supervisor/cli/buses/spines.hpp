@@ -28,11 +28,11 @@ struct Occupied {
 // All such buses. A loop bus belongs to its own robot file only. `warn` gets a sentence for each robot whose buses
 // cannot be known: it belongs to another user, or its file has changed since the start.
 // Contract: not RT · reads the robot files of all that run
-std::vector<Occupied> spines_on(const field::Choice& choice, const std::function<void(const std::string&)>& warn);
+std::vector<Occupied> spines_on(const bus::Choice& choice, const std::function<void(const std::string&)>& warn);
 
 // The frames of that bus, copied by its Spine while this object exists, and by the next Spine of the robot after a
 // restart. They are reported as frames of bus `ours`.
-// Contract: as field::FrameSource
-Result<std::unique_ptr<field::FrameSource>> watch_spine(const Occupied& bus);
+// Contract: as bus::FrameSource
+Result<std::unique_ptr<bus::FrameSource>> watch_spine(const Occupied& bus);
 
 }  // namespace lithe::cli

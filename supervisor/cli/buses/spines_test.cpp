@@ -52,7 +52,7 @@ TEST_F(SpinesTest, AMonitorFollowsItsBusByNameWhenTheFilesOrderChanges) {
   const auto source = watch_spine({"arm", {}, 0, 3});  // "left"
   ASSERT_TRUE(source) << source.message();
   show(first, 0, 17);
-  field::CapturedFrame captured;
+  bus::CapturedFrame captured;
   ASSERT_TRUE((*source)->next(captured));
   EXPECT_EQ(captured.frame.id, 17u);
   EXPECT_EQ(captured.bus, 3u);

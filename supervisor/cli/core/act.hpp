@@ -30,7 +30,7 @@ struct Motion {
   double in_s = 2.0;
 };
 
-int exit_code(const swap::Refusal& refusal);
+int exit_code(const control::Refusal& refusal);
 
 // The robots of this machine, also those whose Spine ticks without a supervisor.
 int list(const Context& context);
@@ -61,9 +61,9 @@ int simulate(const Context& context, const std::vector<std::string>& words);
 // Plans the buses of a robot file. 0 fits, 1 does not fit, 2 no robot file.
 int bus_plan(const Context& context, const std::string& file, const bus::PlanOptions& options);
 // Scans the buses. 0 as the file says, 1 otherwise or refused, 2 no such bus or file.
-int bus_scan(const Context& context, const field::Words& words, const field::ScanOptions& options);
+int bus_scan(const Context& context, const bus::Words& words, const bus::ScanOptions& options);
 // Shows the frames of the buses until it is stopped. 0, 1 nothing was received or no such bus, 2 no such file or
 // device.
-int bus_monitor(const Context& context, const field::Words& words, field::MonitorOptions options);
+int bus_monitor(const Context& context, const bus::Words& words, bus::MonitorOptions options);
 
 }  // namespace lithe::cli

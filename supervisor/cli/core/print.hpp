@@ -8,7 +8,7 @@
 
 namespace lithe::cli {
 
-using swap::Json;
+using control::Json;
 
 // A field of an answer; 0 and "-" when it is missing or null (JSON has no NaN).
 double number(const Json& object, const char* key);

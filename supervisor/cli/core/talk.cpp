@@ -97,7 +97,7 @@ int finish(const Context& context, const Answer& answer, const std::function<voi
   if (context.json) {
     print_json(result);
   } else {
-    print(swap::printable_json(result));
+    print(control::printable_json(result));
     std::fflush(stdout);
   }
   return 0;

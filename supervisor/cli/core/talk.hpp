@@ -10,9 +10,9 @@
 
 namespace lithe::cli {
 
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
+using control::Answer;
+using control::Json;
+using control::Refusal;
 
 inline constexpr int kQuickMs = 10'000;
 inline constexpr int kCompileMs = 180'000;

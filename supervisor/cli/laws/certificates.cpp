@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cctype>
 #include <cstdlib>
 #include <filesystem>
 #include <optional>
@@ -31,7 +30,7 @@ Refusal no_certificates(const fs::path& folder) {
 
 // The one robot that has left certificates below the working directory (or $LITHE_OUT_DIR).
 std::variant<fs::path, Refusal> only_folder() {
-  const fs::path all = swap::records_of("any").parent_path().parent_path();
+  const fs::path all = control::records_of("any").parent_path().parent_path();
   std::vector<std::string> robots;
   std::error_code failure;
   for (const auto& entry : fs::directory_iterator(all, failure)) {
@@ -40,7 +39,7 @@ std::variant<fs::path, Refusal> only_folder() {
     }
   }
   if (robots.size() == 1) {
-    return swap::records_of(robots.front());
+    return control::records_of(robots.front());
   }
   if (robots.empty()) {
     return no_certificates(all);
@@ -61,7 +60,7 @@ std::variant<fs::path, Refusal> find_folder(const Context& context, const std::s
   if (const auto* refusal = std::get_if<Refusal>(&answer); refusal != nullptr && refusal->code == "several_robots") {
     return *refusal;
   }
-  return context.robot.empty() ? only_folder() : swap::records_of(context.robot);
+  return context.robot.empty() ? only_folder() : control::records_of(context.robot);
 }
 
 // Newest first.
@@ -79,17 +78,14 @@ std::vector<fs::path> pages(const fs::path& folder) {
 }
 
 Json read(const fs::path& path) {
-  const auto text = read_regular_file(path.string(), swap::kMaxRecordBytes);
+  const auto text = read_regular_file(path.string(), control::kMaxRecordBytes);
   return Json::parse(text ? *text : "", nullptr, false);
-}
-
-bool all_digits(const std::string& word) {
-  return !word.empty() && std::all_of(word.begin(), word.end(), [](unsigned char c) { return std::isdigit(c) != 0; });
 }
 
 // `which`: last, a number, or a law: its own name, or its source file's with or without .cpp.
 bool means(const std::string& which, const fs::path& page, const Json& certificate) {
-  if (all_digits(which)) {
+  if (which == "last") return true;
+  if (!which.empty() && which.find_first_not_of("0123456789") == std::string::npos) {
     return std::atol(which.c_str()) == std::atol(page.stem().c_str());
   }
   const auto is = [&](const char* key) {
@@ -101,15 +97,8 @@ bool means(const std::string& which, const fs::path& page, const Json& certifica
 
 std::optional<std::pair<fs::path, Json>> find_page(const fs::path& folder, const std::string& which) {
   for (const fs::path& page : pages(folder)) {
-    if (which == "last" || (all_digits(which) && means(which, page, Json()))) {
-      return std::pair(page, read(page));
-    }
-    if (!all_digits(which)) {
-      Json certificate = read(page);
-      if (means(which, page, certificate)) {
-        return std::pair(page, std::move(certificate));
-      }
-    }
+    Json certificate = read(page);
+    if (means(which, page, certificate)) return std::pair(page, std::move(certificate));
   }
   return std::nullopt;
 }
@@ -145,7 +134,7 @@ int law_verify(const Context& context, const std::string& folder_word) {
     return refuse(context, *refusal);
   }
   const auto& place = std::get<fs::path>(folder);
-  const swap::Chain chain = swap::verify_chain(place);
+  const control::Chain chain = control::verify_chain(place);
   if (chain.writings == 0 && chain.problems.empty()) {
     return refuse(context, no_certificates(place));
   }

@@ -81,10 +81,6 @@ Answer check_alone(const Source& source) {
     ::poll(&wait, 1, 50);
     lawd.serve(monotonic_ns());
   }
-  if (Json* result = std::get_if<Json>(&*answer)) {
-    result->erase("id");
-    result->erase("ok");
-  }
   return *answer;
 }
 

@@ -11,9 +11,9 @@
 namespace lithe::cli {
 
 // {"kp": 2.5} from "kp=2.5" ...; else a Refusal that names the word, with this example.
-std::variant<swap::Json, swap::Refusal> param_values(const std::vector<std::string>& words, const char* example);
+std::variant<control::Json, control::Refusal> param_values(const std::vector<std::string>& words, const char* example);
 
 // A row for each: name, value, range.
-std::string param_rows(const swap::Json& params);
+std::string param_rows(const control::Json& params);
 
 }  // namespace lithe::cli

@@ -34,7 +34,7 @@ std::string text(const Json& value) {
   if (value.is_number_float()) {
     return fmt::format("{:.4g}", value.get<double>());
   }
-  return value.is_null() ? "-" : swap::dump_line(value);
+  return value.is_null() ? "-" : control::dump_line(value);
 }
 
 // A value that was not measured is shown as unknown, not as 0.

@@ -8,7 +8,7 @@
 
 namespace lithe::cli {
 
-using swap::Json;
+using control::Json;
 
 // Contract: prints to stdout and nothing else · any JSON object is safe: missing fields are left out
 void print_certificate(const std::string& file, const Json& certificate);

@@ -57,7 +57,7 @@ Walk walk(const CLI::App& app, const std::vector<std::string>& words) {
   return found;
 }
 
-swap::Refusal no_such_verb(const Walk& found) {
+control::Refusal no_such_verb(const Walk& found) {
   std::vector<std::string_view> names;
   std::vector<std::string> owned;
   for (const CLI::App* each : children(*found.at)) owned.push_back(each->get_name());
@@ -172,8 +172,8 @@ bool is_file(const Argument& argument) {
   return files.count(argument.type) != 0;
 }
 
-std::variant<std::string, swap::Refusal> help_text(const CLI::App& app, const std::vector<std::string>& verb,
-                                                   const std::string& form) {
+std::variant<std::string, control::Refusal> help_text(const CLI::App& app, const std::vector<std::string>& verb,
+                                                      const std::string& form) {
   if (form == "markdown") return to_markdown(app);
   if (form == "man") return to_man(app);
   if (form == "bash") return to_bash(app);
@@ -184,7 +184,7 @@ std::variant<std::string, swap::Refusal> help_text(const CLI::App& app, const st
   return found.at->get_formatter()->make_help(found.at, "lithe" + found.name, CLI::AppFormatMode::Normal);
 }
 
-std::optional<swap::Refusal> wrong_verb(const CLI::App& app, const std::vector<std::string>& words) {
+std::optional<control::Refusal> wrong_verb(const CLI::App& app, const std::vector<std::string>& words) {
   const Walk found = walk(app, words);
   return found.stranger.empty() ? std::nullopt : std::optional(no_such_verb(found));
 }

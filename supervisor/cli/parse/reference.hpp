@@ -16,11 +16,11 @@ namespace lithe::cli {
 std::string version_text();
 
 // Help for one verb ("law", "check") or for all: as --help prints it, or as markdown, man, bash or zsh.
-std::variant<std::string, swap::Refusal> help_text(const CLI::App& app, const std::vector<std::string>& verb,
-                                                   const std::string& form);
+std::variant<std::string, control::Refusal> help_text(const CLI::App& app, const std::vector<std::string>& verb,
+                                                      const std::string& form);
 
 // The first unknown verb, with the nearest known one. Empty when all verbs are known.
-std::optional<swap::Refusal> wrong_verb(const CLI::App& app, const std::vector<std::string>& words);
+std::optional<control::Refusal> wrong_verb(const CLI::App& app, const std::vector<std::string>& words);
 
 // " law check": the verb in these words; empty when there is none.
 std::string verb_of(const CLI::App& app, const std::vector<std::string>& words);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "supervisor/cli/parse/words.hpp"
 
+#include <functional>
 #include <iostream>
 #include <utility>
 
@@ -17,20 +18,43 @@ constexpr const char* kLaws = "Laws";
 constexpr const char* kHardware = "Hardware and simulation";
 constexpr const char* kHelp = "Help";
 
+using Act = std::function<int(Words&)>;
+
+// A verb: what it does gives the exit code.
+CLI::App* add_verb(CLI::App& parent, Words& words, const std::string& name, const char* about, Act act) {
+  CLI::App* verb = parent.add_subcommand(name, about)->fallthrough();
+  verb->callback([&words, act = std::move(act)] { words.code = act(words); });
+  return verb;
+}
+
+CLI::App* add_verb(CLI::App& app, Words& words, const char* group, const std::string& name, const char* about,
+                   Act act) {
+  return add_verb(app, words, name, about, std::move(act))->group(group);
+}
+
+CLI::App* add_group(CLI::App& app, const char* group, const char* name, const char* about) {
+  return app.add_subcommand(name, about)->require_subcommand(1)->fallthrough()->group(group);
+}
+
+// A verb that is one command of the Spine, by another name if `command` is given.
+void add_command(CLI::App& app, Words& words, const char* group, const char* name, const char* about,
+                 const char* command = nullptr) {
+  const std::string sent = command != nullptr ? command : name;
+  add_verb(app, words, group, name, about, [sent](Words& w) { return cli::command(w.context, sent); });
+}
+
 void add_run(CLI::App& app, Words& words) {
   CLI::App* run =
-      app.add_subcommand("run", "start a robot and supervise it until Ctrl-C; adopts a Spine that already ticks");
-  run->group(kRobot);
+      add_verb(app, words, kRobot, "run",
+               "start a robot and supervise it until Ctrl-C; adopts a Spine that already ticks", [](Words& w) {
+                 w.run.json = w.context.json;
+                 return control::run_robot(w.run);
+               });
   run->add_option("ROBOT", words.run.config_path, "robot file")->required();
   run->add_option("--law", words.run.law, "law to start with, instead of the file's")->type_name("FILE");
-  run->add_flag("--no-arm", words.no_arm, "leave the drives off until lithe arm");
-  run->add_flag("--ungated", words.ungated, "for tests: no admission, no dry run, no trial of laws");
-  run->callback([&words] {
-    words.run.arm = !words.no_arm;
-    words.run.gates = !words.ungated;
-    words.run.json = words.context.json;
-    words.code = control::run_robot(words.run);
-  });
+  run->add_flag_callback("--no-arm", [&words] { words.run.arm = false; }, "leave the drives off until lithe arm");
+  run->add_flag_callback(
+      "--ungated", [&words] { words.run.gates = false; }, "for tests: no admission, no dry run, no trial of laws");
 }
 
 CLI::AsNumberWithUnit seconds() {
@@ -43,60 +67,45 @@ void add_units(CLI::App& verb, Context& context) {
       ->check(CLI::IsMember({"deg", "rad"}));
 }
 
-void add_plain(CLI::App& app, Words& words, const char* group,
-               const std::vector<std::pair<const char*, const char*>>& verbs) {
-  for (const auto& [verb, about] : verbs) {
-    app.add_subcommand(verb, about)->group(group)->callback([&words, verb = verb] {
-      words.code = command(words.context, verb);
-    });
-  }
-}
-
 void add_robot(CLI::App& app, Words& words) {
-  app.add_subcommand("list", "running robots, with or without a supervisor")->group(kRobot)->callback([&words] {
-    words.code = list(words.context);
-  });
-  CLI::App* show = app.add_subcommand("status", "alarms, mode, law, timing, joints");
+  add_verb(app, words, kRobot, "list", "running robots, with or without a supervisor",
+           [](Words& w) { return list(w.context); });
+  CLI::App* show = add_verb(app, words, kRobot, "status", "alarms, mode, law, timing, joints",
+                            [](Words& w) { return status(w.context); });
   add_units(*show, words.context);
-  show->group(kRobot)->callback([&words] { words.code = status(words.context); });
-  CLI::App* live = app.add_subcommand("top", "status, live");
+  CLI::App* live =
+      add_verb(app, words, kRobot, "top", "status, live", [](Words& w) { return top(w.context, w.turns); });
   live->add_option("--turns", words.turns, "end after this many updates")->type_name("N");
   add_units(*live, words.context);
-  live->group(kRobot)->callback([&words] { words.code = top(words.context, words.turns); });
-  CLI::App* log = app.add_subcommand("events", "what happened");
+  CLI::App* log = add_verb(app, words, kRobot, "events", "what happened",
+                           [](Words& w) { return events(w.context, w.since, w.follow); });
   log->add_option("--since", words.since, "only events after this cursor")->type_name("CURSOR");
   log->add_flag("--follow,-f", words.follow, "go on until Ctrl-C");
-  log->group(kRobot)->callback([&words] { words.code = events(words.context, words.since, words.follow); });
-  app.add_subcommand("estop", "stop now, with or without a supervisor; latched")->group(kRobot)->callback([&words] {
-    words.code = estop(words.context);
-  });
-  app.add_subcommand("stop", "end `lithe run`, like Ctrl-C")->group(kRobot)->callback([&words] {
-    words.code = command(words.context, "shutdown");
-  });
+  add_verb(app, words, kRobot, "estop", "stop now, with or without a supervisor; latched",
+           [](Words& w) { return estop(w.context); });
+  add_command(app, words, kRobot, "stop", "end `lithe run`, like Ctrl-C", "shutdown");
 }
 
 void add_motion(CLI::App& app, Words& words, const char* name, bool relative, const char* about, const char* angle) {
-  CLI::App* verb = app.add_subcommand(name, about);
+  CLI::App* verb = add_verb(app, words, kMotion, name, about, [relative](Words& w) {
+    w.motion.relative = relative;
+    return move(w.context, w.motion);
+  });
   verb->add_option("JOINT", words.motion.joint, "name of a joint: lithe status")->required();
   verb->add_option("DEG", words.motion.angle_deg, angle)->required();
   verb->add_option("--in", words.motion.in_s, "duration (default 2s, at most 10s)")
       ->type_name("TIME")
       ->transform(seconds());
-  verb->group(kMotion)->callback([&words, relative] {
-    words.motion.relative = relative;
-    words.code = move(words.context, words.motion);
-  });
 }
 
 void add_motions(CLI::App& app, Words& words) {
-  add_plain(app, words, kMotion,
-            {{"arm", "switch the drives on; the law tracks the plan"},
-             {"disarm", "switch the drives off"},
-             {"hold", "stop the setpoint and hold, until lithe arm"},
-             {"reset", "leave a latched fault or e-stop, drives off"}});
-  app.add_subcommand("recover", "bring joints inside their limits: slowly, with little torque, without a law")
-      ->group(kMotion)
-      ->callback([&words] { words.code = recover(words.context); });
+  add_command(app, words, kMotion, "arm", "switch the drives on; the law tracks the plan");
+  add_command(app, words, kMotion, "disarm", "switch the drives off");
+  add_command(app, words, kMotion, "hold", "stop the setpoint and hold, until lithe arm");
+  add_command(app, words, kMotion, "reset", "leave a latched fault or e-stop, drives off");
+  add_verb(app, words, kMotion, "recover",
+           "bring joints inside their limits: slowly, with little torque, without a law",
+           [](Words& w) { return recover(w.context); });
   add_motion(app, words, "move", false, "move one joint to an angle; the others keep their setpoints",
              "target, in degrees");
   add_motion(app, words, "jog", true, "move one joint by an angle: lithe jog elbow -5", "distance, in degrees");
@@ -124,55 +133,55 @@ void add_terms(CLI::App& swap, std::map<std::string, double>& terms) {
   add("--box", "box_ms", "MS", "processor time of the trial");
 }
 
-void add_laws(CLI::App& app, Words& words) {
-  CLI::App* swap = app.add_subcommand("swap", "replace the running law");
-  swap->group(kLaws);
+void add_swap(CLI::App& app, Words& words) {
+  CLI::App* swap = add_verb(app, words, kLaws, "swap", "replace the running law",
+                            [](Words& w) { return swap_law(w.context, w.law, w.params, w.terms); });
   add_terms(*swap, words.terms);
   swap->add_option("LAW", words.law, "C++ file, or the name of a law that comes with LITHE")->required();
   swap->add_option("--param", words.params, "NAME=VALUE, tried with the law, in force on its first tick")
       ->type_name("NAME=VALUE");
-  swap->callback([&words] { words.code = swap_law(words.context, words.law, words.params, words.terms); });
+  add_verb(app, words, kLaws, "rollback", "back to the law before this one, with its state",
+           [](Words& w) { return rollback(w.context, w.steps); })
+      ->add_option("STEPS", words.steps, "number of laws to go back, 1 to 4")
+      ->check(CLI::Range(1, 4));
+}
 
-  CLI::App* rollback = app.add_subcommand("rollback", "back to the law before this one, with its state");
-  rollback->add_option("STEPS", words.steps, "number of laws to go back, 1 to 4")->check(CLI::Range(1, 4));
-  rollback->group(kLaws)->callback([&words] { words.code = cli::rollback(words.context, words.steps); });
-
-  CLI::App* law = app.add_subcommand("law", "laws as files")->require_subcommand(1)->fallthrough();
-  law->group(kLaws);
-  CLI::App* check =
-      law->add_subcommand("check", "compile a law, apply the admission rules, dry run; loads nothing")->fallthrough();
-  check->add_option("LAW", words.law, "C++ file")->required();
-  check->callback([&words] { words.code = law_check(words.context, words.law); });
-  law->add_subcommand("list", "laws that come with LITHE, and laws in the Spine")->fallthrough()->callback([&words] {
-    words.code = law_list(words.context);
-  });
-  CLI::App* show = law->add_subcommand("show", "show the certificate of a swap")->fallthrough();
+void add_laws(CLI::App& app, Words& words) {
+  CLI::App* law = add_group(app, kLaws, "law", "laws as files");
+  add_verb(*law, words, "check", "compile a law, apply the admission rules, dry run; loads nothing",
+           [](Words& w) { return law_check(w.context, w.law); })
+      ->add_option("LAW", words.law, "C++ file")
+      ->required();
+  add_verb(*law, words, "list", "laws that come with LITHE, and laws in the Spine",
+           [](Words& w) { return law_list(w.context); });
+  CLI::App* show = add_verb(*law, words, "show", "show the certificate of a swap",
+                            [](Words& w) { return law_show(w.context, w.which, w.folder); });
   show->add_option("WHICH", words.which, "last (default), a number, or the name of a law (its newest)");
-  show->callback([&words] { words.code = law_show(words.context, words.which, words.folder); });
-  CLI::App* verify = law->add_subcommand("verify", "verify all certificates against their chain")->fallthrough();
-  verify->callback([&words] { words.code = law_verify(words.context, words.folder); });
+  CLI::App* verify = add_verb(*law, words, "verify", "verify all certificates against their chain",
+                              [](Words& w) { return law_verify(w.context, w.folder); });
   for (CLI::App* each : {show, verify}) {
     each->add_option("--folder", words.folder, "folder of the certificates, instead of the robot's")->type_name("DIR");
   }
+}
 
-  CLI::App* param = app.add_subcommand("param", "parameters of the running law")->require_subcommand(1)->fallthrough();
-  param->group(kLaws);
-  CLI::App* get = param->add_subcommand("get", "values and ranges")->fallthrough();
-  get->add_option("NAME", words.name, "one of them");
-  get->callback([&words] { words.code = param_get(words.context, words.name); });
-  CLI::App* set = param->add_subcommand("set", "change one or more")->fallthrough();
-  set->add_option("PARAM", words.params, "NAME VALUE, or NAME=VALUE ...")->required();
-  set->callback([&words] { words.code = param_set(words.context, words.params); });
-  param->add_subcommand("revert", "the values before the last change")->fallthrough()->callback([&words] {
-    words.code = param_revert(words.context);
-  });
-  CLI::App* save = param->add_subcommand("save", "write the present values into the law's file")->fallthrough();
-  save->add_option("LAW", words.law, "C++ file of the running law")->required();
-  save->callback([&words] { words.code = param_save(words.context, words.law); });
+void add_params(CLI::App& app, Words& words) {
+  CLI::App* param = add_group(app, kLaws, "param", "parameters of the running law");
+  add_verb(*param, words, "get", "values and ranges", [](Words& w) {
+    return param_get(w.context, w.name);
+  })->add_option("NAME", words.name, "one of them");
+  add_verb(*param, words, "set", "change one or more", [](Words& w) { return param_set(w.context, w.params); })
+      ->add_option("PARAM", words.params, "NAME VALUE, or NAME=VALUE ...")
+      ->required();
+  add_verb(*param, words, "revert", "the values before the last change",
+           [](Words& w) { return param_revert(w.context); });
+  add_verb(*param, words, "save", "write the present values into the law's file",
+           [](Words& w) { return param_save(w.context, w.law); })
+      ->add_option("LAW", words.law, "C++ file of the running law")
+      ->required();
 }
 
 // The arguments that choose a bus.
-void add_place(CLI::App& verb, field::Words& bus) {
+void add_place(CLI::App& verb, bus::Words& bus) {
   verb.add_option("WHAT", bus.what, "robot file, or a bus: fdcanusb:PATH slcan:PATH socketcan:NAME pi3hat:N")
       ->required();
   verb.add_option("--bus", bus.bus, "this bus of the robot only")->type_name("NAME");
@@ -182,16 +191,17 @@ void add_place(CLI::App& verb, field::Words& bus) {
 }
 
 void add_scan(CLI::App& bus, Words& words) {
-  CLI::App* scan = bus.add_subcommand("scan", "scan the buses and compare with the robot file")->fallthrough();
+  CLI::App* scan = add_verb(bus, words, "scan", "scan the buses and compare with the robot file",
+                            [](Words& w) { return bus_scan(w.context, w.bus, w.scan); });
   add_place(*scan, words.bus);
   scan->add_option("--listen", words.scan.listen_s, "seconds to listen before asking (default 1.1)")
       ->type_name("S")
       ->check(CLI::Range(0.0, 60.0));
-  scan->callback([&words] { words.code = bus_scan(words.context, words.bus, words.scan); });
 }
 
 void add_monitor(CLI::App& bus, Words& words) {
-  CLI::App* monitor = bus.add_subcommand("monitor", "show passing frames as text; then statistics")->fallthrough();
+  CLI::App* monitor = add_verb(bus, words, "monitor", "show passing frames as text; then statistics",
+                               [](Words& w) { return bus_monitor(w.context, w.bus, w.monitor); });
   add_place(*monitor, words.bus);
   monitor->add_flag("--raw", words.monitor.raw, "with the bytes");
   monitor->add_option("--count", words.monitor.count, "end after this many frames")->type_name("N");
@@ -201,13 +211,12 @@ void add_monitor(CLI::App& bus, Words& words) {
   monitor->add_option("--device", words.monitor.devices, "show only this device, by name or id; can be repeated")
       ->type_name("NAME")
       ->allow_extra_args(false);
-  monitor->callback([&words] { words.code = bus_monitor(words.context, words.bus, words.monitor); });
 }
 
 void add_bus(CLI::App& app, Words& words) {
-  CLI::App* bus = app.add_subcommand("bus", "the robot's buses")->require_subcommand(1)->fallthrough();
-  bus->group(kHardware);
-  CLI::App* plan = bus->add_subcommand("plan", "whether a robot's buses can carry its traffic")->fallthrough();
+  CLI::App* bus = add_group(app, kHardware, "bus", "the robot's buses");
+  CLI::App* plan = add_verb(*bus, words, "plan", "whether a robot's buses can carry its traffic",
+                            [](Words& w) { return bus_plan(w.context, w.file, w.plan); });
   plan->add_option("ROBOT", words.file, "robot file")->required();
   plan->add_option("--rate", words.plan.rate_hz, "ticks per second, instead of the file's")
       ->type_name("HZ")
@@ -216,7 +225,6 @@ void add_bus(CLI::App& app, Words& words) {
                    "of serial adapters; without it: the file's, or 921600 of a UART; USB has none")
       ->type_name("BAUD")
       ->check(CLI::Range(1'200, 100'000'000));
-  plan->callback([&words] { words.code = bus_plan(words.context, words.file, words.plan); });
   add_scan(*bus, words);
   add_monitor(*bus, words);
 }
@@ -233,7 +241,12 @@ void add_sim(CLI::App& app, Words& words) {
 }
 
 void add_help(CLI::App& app, Words& words) {
-  CLI::App* help = app.add_subcommand("help", "this list, or the help of one verb");
+  CLI::App* help = add_verb(app, words, kHelp, "help", "this list, or the help of one verb", [&app](Words& w) {
+    const auto text = help_text(app, w.about, w.form);
+    if (const auto* refusal = std::get_if<Refusal>(&text)) return refuse(w.context, *refusal);
+    std::cout << std::get<std::string>(text) << std::flush;
+    return 0;
+  });
   help->add_option("VERB", words.about, "one verb: lithe help law check");
   CLI::Option* before = nullptr;
   const std::pair<const char*, const char*> forms[] = {
@@ -247,14 +260,6 @@ void add_help(CLI::App& app, Words& words) {
     if (before != nullptr) flag->excludes(before);
     before = flag;
   }
-  help->group(kHelp)->callback([&app, &words] {
-    const auto text = help_text(app, words.about, words.form);
-    if (const auto* refusal = std::get_if<Refusal>(&text)) {
-      words.code = refuse(words.context, *refusal);
-      return;
-    }
-    std::cout << std::get<std::string>(text) << std::flush;
-  });
 }
 
 }  // namespace
@@ -270,13 +275,12 @@ void add_words(CLI::App& app, Words& words) {
   add_run(app, words);
   add_robot(app, words);
   add_motions(app, words);
+  add_swap(app, words);
   add_laws(app, words);
+  add_params(app, words);
   add_bus(app, words);
   add_sim(app, words);
   add_help(app, words);
-  for (CLI::App* each : app.get_subcommands({})) {
-    each->fallthrough(each->get_name() != "sim");
-  }
 }
 
 }  // namespace lithe::cli

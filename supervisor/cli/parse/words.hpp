@@ -18,8 +18,6 @@ namespace lithe::cli {
 struct Words {
   Context context;
   control::RunOptions run;
-  bool no_arm = false;
-  bool ungated = false;
   std::string law;
   std::string name;
   std::string folder;
@@ -30,9 +28,9 @@ struct Words {
   bool follow = false;
   std::string file;
   bus::PlanOptions plan;
-  field::Words bus;
-  field::ScanOptions scan;
-  field::MonitorOptions monitor;
+  bus::Words bus;
+  bus::ScanOptions scan;
+  bus::MonitorOptions monitor;
   Motion motion;
   std::vector<std::string> about;  // the verb that help is wanted for
   std::string form;                // of the help: empty, or markdown, man, bash, zsh

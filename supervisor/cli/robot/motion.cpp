@@ -19,12 +19,11 @@
 namespace lithe::cli {
 namespace {
 
-using swap::Refusal;
+using control::Refusal;
 
 constexpr double kDegPerRad = 180.0 / std::numbers::pi;
 constexpr double kLeastS = 0.1, kMostS = 10.0;  // spine/plan/check.hpp: no waypoint is further away
 constexpr double kFastest = 1.5;                // of the mean speed of a cubic from rest to rest
-constexpr std::size_t kNameWidth = 32;
 
 std::optional<Refusal> wrong_mode(const wire::Telemetry& now) {
   const auto mode = static_cast<wire::Mode>(now.mode);
@@ -39,7 +38,7 @@ std::optional<Refusal> wrong_mode(const wire::Telemetry& now) {
 std::variant<std::size_t, Refusal> joint_named(const std::string& name, const wire::RobotInfo& info) {
   std::vector<std::string> names;
   for (std::size_t j = 0; j < std::min<std::size_t>(info.joint_count, wire::kNj); ++j) {
-    names.push_back(control::text_of(info.joint_name, j * kNameWidth, kNameWidth));
+    names.push_back(control::joint_name(info, j));
     if (names.back() == name) return j;
   }
   return Refusal{"unknown_joint",

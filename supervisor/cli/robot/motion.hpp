@@ -22,7 +22,7 @@ struct Move {
 // a mode other than active, an unknown joint, an angle beyond its limits, a time outside 0.1 to 10 s, a speed beyond
 // its limit (the curve's fastest is 1.5 times its mean).
 // Contract: pure
-std::variant<Move, swap::Refusal> plan_motion(const Motion& motion, const wire::RobotInfo& info,
-                                              const wire::Telemetry& now, std::int64_t now_ns);
+std::variant<Move, control::Refusal> plan_motion(const Motion& motion, const wire::RobotInfo& info,
+                                                 const wire::Telemetry& now, std::int64_t now_ns);
 
 }  // namespace lithe::cli

@@ -11,7 +11,7 @@
 namespace lithe::cli {
 namespace {
 
-using swap::Refusal;
+using control::Refusal;
 
 constexpr std::int64_t kNowNs = 5'000'000'000;
 constexpr double kRad = 3.14159265358979323846 / 180;

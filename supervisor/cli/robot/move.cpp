@@ -16,6 +16,7 @@
 #include "supervisor/cli/core/talk.hpp"
 #include "supervisor/cli/robot/motion.hpp"
 #include "supervisor/link/client/presence.hpp"
+#include "supervisor/link/spine/commands.hpp"
 #include "supervisor/link/spine/spine_link.hpp"
 
 namespace lithe::cli {
@@ -57,15 +58,19 @@ std::optional<Refusal> stops_without_brain(const std::string& name, const wire::
 }
 
 // Waits for the end of the plan and sends heartbeats. Empty = the joint has come to rest at the target.
-std::optional<Refusal> follow(View& view, const Brain& brain, const wire::Plan& plan, wire::Telemetry& now) {
+std::optional<Refusal> follow(View& view, const Brain& brain, const wire::Plan& plan, const wire::RobotInfo& info,
+                              wire::Telemetry& now) {
   const std::int64_t until_ns = plan.t_ns[0] + kSettleNs;
   while (monotonic_ns() < until_ns) {
     std::atomic_ref<std::int64_t>(brain->header.heartbeat_ns).store(monotonic_ns(), std::memory_order_release);
     for (wire::Event event; view.events.next(event);) {
       if (event.kind == static_cast<std::uint32_t>(wire::EventKind::plan_refused)) {
         const auto why = static_cast<wire::PlanReject>(event.code);
-        return Refusal{"refused_plan", fmt::format("the Spine refuses the move: {}", to_string(why)),
-                       "more time (--in), or a smaller angle"};
+        const std::string where = control::beyond_limits(plan, why, info);
+        return Refusal{
+            "refused_plan",
+            fmt::format("the Spine refuses the move: {}{}{}", to_string(why), where.empty() ? "" : "; ", where),
+            "more time (--in), or a smaller angle"};
       }
     }
     (void)view.telemetry.latest(now);
@@ -112,7 +117,7 @@ Answer go(const std::string& robot, const Motion& motion) {
   ipc::sign_in((*brain)->header, monotonic_ns());
   const Move& move = std::get<Move>(planned);
   ipc::ChannelWriter<wire::Plan>((*brain)->plan).write(move.plan);
-  if (auto refused = follow(view, *brain, move.plan, now)) return *refused;
+  if (auto refused = follow(view, *brain, move.plan, info, now)) return *refused;
   return Json{{"robot", robot},
               {"joint", motion.joint},
               {"from_rad", move.from_rad},

@@ -58,10 +58,10 @@ int events(const Context& context, std::uint64_t since, bool follow) {
     }
     if (context.json && !(*result)["events"].empty()) {
       for (const Json& each : (*result)["events"]) {
-        std::cout << swap::dump_line(each) << std::endl;  // following never ends, so it prints lines
+        std::cout << control::dump_line(each) << std::endl;  // following never ends, so it prints lines
       }
     } else if (!context.json) {
-      print_events(swap::printable_json(*result));
+      print_events(control::printable_json(*result));
       std::fflush(stdout);
     }
     since = (*result)["cursor"].get<std::uint64_t>();
@@ -90,7 +90,7 @@ int top(const Context& context, int turns) {
       return refuse(context, *refusal);
     }
     fmt::print("\x1b[H\x1b[2J");  // home, clear
-    fmt::print("{}", status_text(swap::printable_json(std::get<Json>(answer)), look_of(context)));
+    fmt::print("{}", status_text(control::printable_json(std::get<Json>(answer)), look_of(context)));
     fmt::print("\nCtrl-C leaves; the robot goes on\n");
     std::fflush(stdout);
   }

@@ -18,6 +18,6 @@ bool wants_color();
 
 // Whole lines.
 // Contract: pure · any JSON object is safe: a missing field is left out or shown as a dash
-std::string status_text(const swap::Json& status, const Look& look);
+std::string status_text(const control::Json& status, const Look& look);
 
 }  // namespace lithe::cli

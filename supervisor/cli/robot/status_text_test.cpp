@@ -10,7 +10,7 @@
 namespace lithe::cli {
 namespace {
 
-using swap::Json;
+using control::Json;
 
 std::vector<std::string> lines_of(const std::string& text) {
   std::vector<std::string> lines;

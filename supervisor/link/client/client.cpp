@@ -11,29 +11,18 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <set>
 #include <system_error>
 
 #include "spine/core/paths.hpp"
 #include "spine/core/time.hpp"
+#include "supervisor/core/process.hpp"
 
 namespace lithe::control {
 namespace {
 
 constexpr const char* kFull = "its queue of clients is full";
 constexpr int kLookMs = 100;
-
-// Process state R, S, D, T ... as in proc(5); '?' when it cannot be read.
-char state_of(pid_t pid) {
-  std::string stat;
-  std::ifstream file(fmt::format("/proc/{}/stat", pid));
-  std::getline(file, stat, '\0');  // empty when the process has ended
-  const std::size_t name_end = stat.rfind(") ");
-  return pid > 0 && name_end != std::string::npos && name_end + 2 < stat.size() ? stat[name_end + 2] : '?';
-}
-
-bool is_stopped(char state) { return state == 'T' || state == 't'; }
 
 // True when the descriptor is ready before the deadline.
 bool wait_for(int fd, short events, std::int64_t deadline_ns) {
@@ -107,7 +96,7 @@ std::uint64_t Client::send(const std::string& verb, const Json& args, std::int64
   const std::uint64_t id = next_id_++;
   // After a failed send still read: the server may have sent the reason already (for example a request that is too
   // long).
-  (void)send_all(swap::dump_line({{"id", id}, {"verb", verb}, {"args", args}}) + '\n', deadline_ns);
+  (void)send_all(dump_line({{"id", id}, {"verb", verb}, {"args", args}}) + '\n', deadline_ns);
   return id;
 }
 

@@ -16,10 +16,6 @@
 
 namespace lithe::control {
 
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
-
 // True for a verb that only reads: without an answer, nothing has changed.
 bool is_question(const std::string& verb);
 

@@ -111,12 +111,12 @@ std::string run_it(const Presence& there) {
   return fmt::format("lithe run {}", there.config.empty() ? "ROBOT.toml" : there.config);
 }
 
-swap::Refusal refusal(const Presence& there, const char* code, std::string message, std::string next) {
+Refusal refusal(const Presence& there, const char* code, std::string message, std::string next) {
   return {code, std::move(message), std::move(next), presence_json(there)};
 }
 
 // The refusal for a robot whose supervisor does not answer.
-swap::Refusal why_silent(const Presence& there) {
+Refusal why_silent(const Presence& there) {
   const std::string& name = there.robot;
   const std::string who = there.supervisor_pid > 0 ? fmt::format("pid {}", there.supervisor_pid) : "pid unknown";
   const std::string go_on = there.supervisor_pid > 0
@@ -178,7 +178,7 @@ Presence look_for(const std::string& robot) {
   return out;
 }
 
-std::variant<Client, swap::Refusal> reach(const std::string& robot) {
+std::variant<Client, Refusal> reach(const std::string& robot) {
   Presence there;
   there.robot = robot;
   if (auto client = look_at_supervisor(there)) {
@@ -188,17 +188,17 @@ std::variant<Client, swap::Refusal> reach(const std::string& robot) {
   return why_silent(there);
 }
 
-bool is_nobody(const swap::Refusal& refusal) {
+bool is_nobody(const Refusal& refusal) {
   static const std::set<std::string> codes = {"no_robot", "no_supervisor", "no_answer", "starting"};
   return codes.count(refusal.code) != 0;
 }
 
-swap::Json presence_json(const Presence& there) {
+Json presence_json(const Presence& there) {
   return {{"robot", there.robot},
           {"supervisor", word(there.supervisor)},
           {"supervisor_pid", there.supervisor_pid},
-          {"spine_pid", there.spine_pid ? swap::Json(*there.spine_pid) : swap::Json(nullptr)},
-          {"ticks", there.unreadable.empty() ? swap::Json(there.ticks) : swap::Json(nullptr)},
+          {"spine_pid", there.spine_pid ? Json(*there.spine_pid) : Json(nullptr)},
+          {"ticks", there.unreadable.empty() ? Json(there.ticks) : Json(nullptr)},
           {"tick", there.tick},
           {"mode", there.mode},
           {"fault", there.fault},

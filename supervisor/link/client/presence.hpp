@@ -35,12 +35,12 @@ const char* word(Presence::Supervisor supervisor);
 Presence look_for(const std::string& robot);
 
 // A connection to a supervisor that answers; otherwise a Refusal with the reason and the next step.
-std::variant<Client, swap::Refusal> reach(const std::string& robot);
+std::variant<Client, Refusal> reach(const std::string& robot);
 
 // True for the codes of reach(): the request was not delivered.
-bool is_nobody(const swap::Refusal& refusal);
+bool is_nobody(const Refusal& refusal);
 
-swap::Json presence_json(const Presence& presence);
+Json presence_json(const Presence& presence);
 
 // Robots that have a control segment, alive or not.
 std::set<std::string> robots_with_memory();

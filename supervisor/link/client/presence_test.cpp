@@ -66,7 +66,7 @@ class PresenceTest : public ::testing::Test {
   }
   static std::string refused(const char* code) {
     const auto answer = reach("arm");
-    const auto* refusal = std::get_if<swap::Refusal>(&answer);
+    const auto* refusal = std::get_if<Refusal>(&answer);
     if (refusal == nullptr) return "";
     EXPECT_EQ(refusal->code, code);
     EXPECT_TRUE(is_nobody(*refusal));

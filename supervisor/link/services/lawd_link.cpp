@@ -8,18 +8,6 @@
 namespace lithe::control {
 namespace {
 
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
-
-Launch launch_of(std::string program, std::vector<int> cpus) {
-  Launch launch;
-  launch.argv = {std::move(program)};
-  launch.idle_priority = true;
-  launch.cpus = std::move(cpus);
-  return launch;
-}
-
 // lawd names the stage that failed; the first error, with file and line, becomes the message.
 Refusal refusal_of(const Json& answer) {
   const std::string stage = answer.value("stage", "compile");
@@ -49,18 +37,24 @@ Refusal refusal_of(const Json& answer) {
   return {answer.value("starved", false) ? "compile_starved" : stage + "_failed", message, next, detail};
 }
 
-ServiceLink::Callback judged(LawdLink::Callback callback) {
+// lawd's own answer, or a refusal in its place.
+ServiceLink::Callback judged(ServiceLink::Callback callback) {
   return [callback = std::move(callback)](const Answer& answer) {
     const Json* json = std::get_if<Json>(&answer);
-    callback(json != nullptr && !json->value("ok", false) ? Answer(refusal_of(*json)) : answer);
+    if (json == nullptr) return callback(answer);
+    if (!json->value("ok", false)) return callback(refusal_of(*json));
+    Json result = *json;
+    result.erase("ok");
+    callback(result);
   };
 }
 
 }  // namespace
 
 LawdLink::LawdLink(std::string program, std::vector<int> cpus, std::size_t joints)
-    : joints_(joints),
-      service_("lawd", "compile service", "compile_starved", launch_of(std::move(program), std::move(cpus))) {}
+    : ServiceLink("lawd", "compile service", "compile_starved",
+                  {.argv = {std::move(program)}, .idle_priority = true, .cpus = std::move(cpus)}),
+      joints_(joints) {}
 
 Json LawdLink::compile_request(const LawText& law) const {
   Json request = {{"verb", "compile"}, {"name", law.name}, {"source", law.source}, {"joints", joints_}};
@@ -74,29 +68,33 @@ Json LawdLink::compile_request(const LawText& law) const {
 }
 
 void LawdLink::compile(const LawText& law, Callback callback, std::int64_t now_ns) {
-  service_.ask(compile_request(law), ServiceLink::Turn::in_line, kCompileTimeoutNs, judged(std::move(callback)),
-               now_ns);
+  ask(compile_request(law), Turn::in_line, kCompileTimeoutNs, judged(std::move(callback)), now_ns);
 }
 
 void LawdLink::check(const LawText& law, Callback callback, std::int64_t now_ns) {
-  if (service_.idle_waiting() >= kMaxChecks) {
-    callback(Refusal{"busy", fmt::format("{} laws wait already to be checked", service_.idle_waiting()),
+  if (idle_waiting() >= kMaxChecks) {
+    callback(Refusal{"busy", fmt::format("{} laws wait already to be checked", idle_waiting()),
                      "try again when one of them is answered"});
     return;
   }
-  service_.ask(compile_request(law), ServiceLink::Turn::idle, kCompileTimeoutNs, judged(std::move(callback)), now_ns);
+  ask(compile_request(law), Turn::idle, kCompileTimeoutNs, judged(std::move(callback)), now_ns);
 }
 
-void LawdLink::place(const std::string& hash, std::uint32_t slot, Callback callback, std::int64_t now_ns) {
+void LawdLink::place(const std::string& hash, std::uint32_t slot, PlacedCallback callback, std::int64_t now_ns) {
+  const auto take = [slot, callback = std::move(callback)](const Answer& answer) {
+    if (const auto* refusal = std::get_if<Refusal>(&answer)) return callback(*refusal);
+    const Json& placed = std::get<Json>(answer);
+    callback(Placed{slot, placed.value("code_bytes", std::uint32_t{0}), placed.value("entry", std::uint64_t{0}),
+                    placed.value("image_hash", std::uint64_t{0}), placed.value("place_ms", 0.0)});
+  };
   // The running check belongs to the law whose turn it is.
-  service_.ask({{"verb", "place"}, {"hash", hash}, {"slot", slot}}, ServiceLink::Turn::next, kCompileTimeoutNs,
-               judged(std::move(callback)), now_ns);
+  ask({{"verb", "place"}, {"hash", hash}, {"slot", slot}}, Turn::next, kCompileTimeoutNs, judged(take), now_ns);
 }
 
 void LawdLink::locate(const std::string& hash, std::uint64_t offset, bool placed, Callback callback,
                       std::int64_t now_ns) {
-  service_.ask({{"verb", "locate"}, {"hash", hash}, {"offset", offset}, {"placed", placed}}, ServiceLink::Turn::in_line,
-               kCompileTimeoutNs, judged(std::move(callback)), now_ns);
+  ask({{"verb", "locate"}, {"hash", hash}, {"offset", offset}, {"placed", placed}}, Turn::in_line, kCompileTimeoutNs,
+      judged(std::move(callback)), now_ns);
 }
 
 }  // namespace lithe::control

@@ -16,10 +16,6 @@
 namespace lithe::control {
 namespace {
 
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
-
 class LawdLinkTest : public testing::Test {
  protected:
   LawdLinkTest() { EXPECT_TRUE(lawd_.start(monotonic_ns())); }

@@ -12,10 +12,6 @@
 
 namespace lithe::control {
 
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
-
 Result<> ServiceLink::start(std::int64_t now_ns) {
   int pair[2];
   if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, pair) != 0) {
@@ -44,7 +40,7 @@ void ServiceLink::ask(Json request, Turn turn, std::int64_t limit_ns, Callback c
   const std::uint64_t id = next_id_++;
   Json numbered = {{"id", id}};
   numbered.update(request);
-  Job job{id, swap::dump_line(numbered) + '\n', limit_ns, std::move(callback)};
+  Job job{id, dump_line(numbered) + '\n', limit_ns, std::move(callback)};
   if (turn == Turn::next) {
     line_.push_front(std::move(job));
   } else {
@@ -108,7 +104,7 @@ void ServiceLink::read_answers() {
 }
 
 void ServiceLink::take(const std::string& line) {
-  const Json answer = Json::parse(line, nullptr, false);
+  Json answer = Json::parse(line, nullptr, false);
   if (!answer.is_object() || !answer.contains("id") || !answer["id"].is_number_unsigned()) {
     return;  // its start message, or output of a tool
   }
@@ -117,8 +113,9 @@ void ServiceLink::take(const std::string& line) {
   }
   const Callback callback = std::move(active_->callback);
   active_.reset();
+  answer.erase("id");
   try {
-    callback(swap::printable_json(answer));  // it contains text of compilers and laws
+    callback(printable_json(answer));  // it contains text of compilers and laws
   } catch (const Json::exception& wrong) {
     callback(Refusal{word_ + "_failed", fmt::format("the {} answered nonsense: {}", name_, wrong.what()),
                      "the running law is unchanged; is the build complete (make)?"});

@@ -20,7 +20,7 @@ namespace lithe::control {
 // Contract: one thread · never blocks after start() · every ask() is answered once, also when the service dies.
 class ServiceLink {
  public:
-  using Callback = std::function<void(const swap::Answer&)>;
+  using Callback = std::function<void(const Answer&)>;
   static constexpr std::int64_t kRestartPauseNs = 500'000'000;
 
   enum class Turn { next, in_line, idle };  // before all others; in order; only when no other request waits
@@ -31,13 +31,14 @@ class ServiceLink {
       : word_(std::move(word)), name_(std::move(name)), starved_(std::move(starved)), launch_(std::move(launch)) {}
   ~ServiceLink() { stop(); }
 
-  // Becomes descriptor 3 of the program; call before start(). -1 = none.
+  // Becomes descriptor 3 of the program and its successors; call before start(). -1 = none.
   void give(int fd) { launch_.extra_fd = fd; }
+  int given() const { return launch_.extra_fd; }
 
   Result<> start(std::int64_t now_ns);
-  // Answers with the service's own reply, or with a Refusal when there is no reply. `limit_ns` counts from the moment
-  // the request is sent; after that the service is killed.
-  void ask(swap::Json request, Turn turn, std::int64_t limit_ns, Callback callback, std::int64_t now_ns);
+  // Answers with the service's own reply, without its id, or with a Refusal when there is no reply. `limit_ns` counts
+  // from the moment the request is sent; after that the service is killed.
+  void ask(Json request, Turn turn, std::int64_t limit_ns, Callback callback, std::int64_t now_ns);
   std::size_t idle_waiting() const { return idle_.size(); }
   // Reads answers; restarts the service when it has died. Call after poll() and at least ten times a second.
   void serve(std::int64_t now_ns);

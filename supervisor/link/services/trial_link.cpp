@@ -10,18 +10,7 @@
 
 namespace lithe::control {
 
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
-
 namespace {
-
-Launch launch_of(std::string program, std::string robot_file, std::vector<int> cpus) {
-  Launch launch;
-  launch.argv = {std::move(program), std::move(robot_file)};
-  launch.cpus = std::move(cpus);
-  return launch;
-}
 
 Json request_of(const TrialRequest& trial) {
   Json request = {{"verb", "try"},
@@ -29,13 +18,13 @@ Json request_of(const TrialRequest& trial) {
                   {"budget_ns", trial.budget_ns},
                   {"box_ms", trial.box_ms},
                   {"params", trial.params}};
-  if (trial.slot == 0) {
+  if (trial.placed.slot == 0) {
     request["object"] = trial.object;
   } else {
-    request["slot"] = trial.slot;
-    request["code_bytes"] = trial.code_bytes;
-    request["entry"] = trial.entry;
-    request["image_hash"] = trial.image_hash;
+    request["slot"] = trial.placed.slot;
+    request["code_bytes"] = trial.placed.code_bytes;
+    request["entry"] = trial.placed.entry;
+    request["image_hash"] = trial.placed.image_hash;
   }
   return request;
 }
@@ -58,59 +47,40 @@ Refusal refusal_of(const Json& answer) {
 }  // namespace
 
 TrialLink::TrialLink(std::string program, std::string robot_file, std::vector<int> cpus)
-    : service_("trial", "trial", "trial_starved",
-               launch_of(std::move(program), std::move(robot_file), std::move(cpus))) {}
+    : ServiceLink("trial", "trial", "trial_starved",
+                  {.argv = {std::move(program), std::move(robot_file)}, .cpus = std::move(cpus)}) {}
 
 Result<> TrialLink::start(std::int64_t now_ns) {
-  const auto started = service_.start(now_ns);
-  if (!started || !arena_) {
-    return started;
-  }
-  service_.ask(
-      {{"verb", "ping"}}, ServiceLink::Turn::next, 10 * kNsPerS,
-      [](const Answer& answer) {
-        const Json* json = std::get_if<Json>(&answer);
-        if (json != nullptr && !json->value("arena", false)) {
-          spdlog::error("the trial cannot have the arena ({}): every placed law will be refused as trial_unavailable",
-                        json->value("arena_text", ""));
-        }
-      },
-      now_ns);
+  const auto started = ServiceLink::start(now_ns);
+  if (!started || given() < 0) return started;
+  const auto take = [](const Answer& answer) {
+    const Json* json = std::get_if<Json>(&answer);
+    if (json != nullptr && !json->value("arena", false)) {
+      spdlog::error("the trial cannot have the arena ({}): every placed law will be refused as trial_unavailable",
+                    json->value("arena_text", ""));
+    }
+  };
+  ask({{"verb", "ping"}}, Turn::next, 10 * kNsPerS, take, now_ns);
   return started;
 }
 
-void TrialLink::ask_safe_law(SafeLawTold told, std::int64_t now_ns) {
-  service_.ask(
-      {{"verb", "ping"}}, ServiceLink::Turn::next, kSafeLawNs,
-      [told = std::move(told)](const Answer& answer) {
-        if (const Json* json = std::get_if<Json>(&answer)) {
-          told(json->value("safe_law_text", ""), "");
-        } else {
-          told(std::nullopt, std::get<Refusal>(answer).message);
-        }
-      },
-      now_ns);
+void TrialLink::ask_safe_law(Callback callback, std::int64_t now_ns) {
+  ask({{"verb", "ping"}}, Turn::next, kSafeLawNs, std::move(callback), now_ns);
 }
 
-void TrialLink::attempt(const TrialRequest& trial, Callback callback, std::int64_t now_ns) {
-  ask(trial, 0, std::move(callback), now_ns);
-}
-
-void TrialLink::ask(const TrialRequest& trial, int starved, Callback callback, std::int64_t now_ns) {
+void TrialLink::attempt(const TrialRequest& trial, Callback callback, std::int64_t now_ns, int starved) {
   const std::int64_t limit_ns = 4 * trial.box_ms * kNsPerMs + 10 * kNsPerS;
-  service_.ask(
-      request_of(trial), ServiceLink::Turn::in_line, limit_ns,
-      [this, trial, starved, callback = std::move(callback)](const Answer& answer) {
-        const Json* json = std::get_if<Json>(&answer);
-        if (json == nullptr || json->value("ok", false)) {
-          callback(answer);
-        } else if (json->value("starved", false) && starved + 1 < kMostStarved) {
-          ask(trial, starved + 1, callback, monotonic_ns());
-        } else {
-          callback(refusal_of(*json));
-        }
-      },
-      now_ns);
+  const auto take = [this, trial, starved, callback = std::move(callback)](const Answer& answer) {
+    const Json* json = std::get_if<Json>(&answer);
+    if (json == nullptr || json->value("ok", false)) {
+      callback(answer);
+    } else if (json->value("starved", false) && starved + 1 < kMostStarved) {
+      attempt(trial, callback, monotonic_ns(), starved + 1);
+    } else {
+      callback(refusal_of(*json));
+    }
+  };
+  ask(request_of(trial), Turn::in_line, limit_ns, take, now_ns);
 }
 
 }  // namespace lithe::control

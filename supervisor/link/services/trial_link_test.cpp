@@ -15,10 +15,6 @@
 namespace lithe::control {
 namespace {
 
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
-
 std::string law(const std::string& step) {
   return "#include <lithe/law.hpp>\n"
          "struct Rest {\n"
@@ -94,7 +90,7 @@ TEST_F(TrialLinkTest, ALawThatCrashesIsRefusedWithItsLineAndTheReport) {
 
 TEST_F(TrialLinkTest, ATrialThatLacksTheArenaDoesNotBlameTheLaw) {
   TrialRequest request = request_of(kGood);
-  request.slot = 1;
+  request.placed.slot = 1;
   const Answer answer = attempt(request);
   ASSERT_TRUE(std::holds_alternative<Refusal>(answer));
   EXPECT_EQ(std::get<Refusal>(answer).code, "trial_unavailable") << std::get<Refusal>(answer).message;

@@ -9,9 +9,6 @@
 
 namespace lithe::control {
 
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
 using wire::CommandKind;
 using wire::CommandResult;
 
@@ -91,7 +88,7 @@ Refusal refused_outside(CommandKind kind, const wire::Telemetry& now, const wire
     const double rad = now.position_rad[j], min = info.position_min_rad[j], max = info.position_max_rad[j];
     if (rad >= min && rad <= max) continue;
     joints += fmt::format("{}{} is at {:.3f} rad, its limit is {:.3f} rad", joints.empty() ? "" : "; ",
-                          text_of(info.joint_name, j * 32, 32), rad, rad > max ? max : min);
+                          joint_name(info, j), rad, rad > max ? max : min);
   }
   if (joints.empty()) joints = "a joint was outside its limits";
   return {std::string(to_string(CommandResult::refused_outside)), fmt::format("cannot {}: {}", to_string(kind), joints),
@@ -124,7 +121,7 @@ Refusal refused_not_ready(CommandKind kind, const wire::Telemetry& now, const wi
     const robot::Advice why = why_not_ready(now.joint_status[j], drive);
     if (why.text.empty()) continue;
     if (next.empty()) next = why.next;
-    joints += fmt::format("{}joint {}{} {}", joints.empty() ? ": " : "; ", text_of(info.joint_name, j * 32, 32),
+    joints += fmt::format("{}joint {}{} {}", joints.empty() ? ": " : "; ", joint_name(info, j),
                           drive != nullptr ? fmt::format(" (drive {})", drive->name) : "", why.text);
   }
   return {std::string(to_string(CommandResult::refused_not_ready)),
@@ -174,6 +171,31 @@ Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry
   }
 }
 
+// As the Spine checks it: spine/plan/check.cpp.
+std::string beyond_limits(const wire::Plan& plan, wire::PlanReject reason, const wire::RobotInfo& info) {
+  constexpr double kRounding = 1e-9;
+  const auto joints = std::min<std::size_t>({plan.joint_count, info.joint_count, wire::kNj});
+  for (std::size_t w = 0; w < std::min<std::size_t>(plan.waypoint_count, wire::kNw); ++w) {
+    for (std::size_t j = 0; j < joints; ++j) {
+      const std::size_t at = w * wire::kNj + j;
+      const double rad = plan.position_rad[at], min = info.position_min_rad[j], max = info.position_max_rad[j];
+      const std::string who = fmt::format("joint {}, waypoint {}", joint_name(info, j), w + 1);
+      if (reason == wire::PlanReject::position_limit && !(rad >= min - kRounding && rad <= max + kRounding)) {
+        return fmt::format("{}: {:.3f} rad, its limits are {:.3f} and {:.3f} rad", who, rad, min, max);
+      }
+      const double gap_s = w > 0 ? static_cast<double>(plan.t_ns[w] - plan.t_ns[w - 1]) * 1e-9 : 1.0;
+      const double mean_rad_s = w > 0 ? std::abs(rad - plan.position_rad[at - wire::kNj]) / gap_s : 0.0;
+      const double own_rad_s = std::isnan(plan.velocity_rad_s[at]) ? 0.0 : std::abs(plan.velocity_rad_s[at]);
+      const double fastest_rad_s = std::max(mean_rad_s, own_rad_s);
+      if (reason == wire::PlanReject::velocity_limit && fastest_rad_s > info.velocity_max_rad_s[j] + kRounding) {
+        return fmt::format("{}: {:.3f} rad/s, its limit is {:.3f} rad/s", who, fastest_rad_s,
+                           info.velocity_max_rad_s[j]);
+      }
+    }
+  }
+  return "";
+}
+
 std::variant<wire::Command, Refusal> params_command(const Json& values, const wire::LawInfo& law) {
   wire::Command command;
   command.kind = static_cast<std::uint32_t>(CommandKind::set_params);
@@ -181,8 +203,8 @@ std::variant<wire::Command, Refusal> params_command(const Json& values, const wi
   for (const auto& [name, value] : values.items()) {
     std::uint32_t index = 0;
     std::string known;
-    while (index < law.param_count && text_of(law.param_name, index * 32, 32) != name) {
-      known += (known.empty() ? "" : ", ") + text_of(law.param_name, index * 32, 32);
+    while (index < law.param_count && name_at(law.param_name, index) != name) {
+      known += (known.empty() ? "" : ", ") + name_at(law.param_name, index);
       ++index;
     }
     if (index == law.param_count) {

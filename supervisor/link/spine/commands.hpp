@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <string>
 #include <variant>
 
 #include "spine/robot/config.hpp"
@@ -15,16 +16,19 @@
 namespace lithe::control {
 
 // The Spine's refusal as a sentence, with the next step. `robot`, if given, tells the drives behind the joints.
-swap::Refusal refusal_of(wire::CommandKind kind, wire::CommandResult result, const wire::Telemetry& now,
-                         const wire::RobotInfo& info = {}, const robot::RobotConfig* robot = nullptr);
+Refusal refusal_of(wire::CommandKind kind, wire::CommandResult result, const wire::Telemetry& now,
+                   const wire::RobotInfo& info = {}, const robot::RobotConfig* robot = nullptr);
+
+// The first joint of a refused plan that is beyond its limit, with value and limit; empty when the reason is another.
+std::string beyond_limits(const wire::Plan& plan, wire::PlanReject reason, const wire::RobotInfo& info);
 
 // Makes the command that sets these parameters of this law. A refusal names the parameter.
-std::variant<wire::Command, swap::Refusal> params_command(const swap::Json& values, const wire::LawInfo& law);
+std::variant<wire::Command, Refusal> params_command(const Json& values, const wire::LawInfo& law);
 
 // Contract: one thread · never blocks · serve() at least every millisecond while waiting().
 class Commands {
  public:
-  using Callback = std::function<void(const swap::Answer&)>;
+  using Callback = std::function<void(const Answer&)>;
   static constexpr std::int64_t kTimeoutNs = 2'000'000'000;
   // An `arm` that is refused because of one late sample is sent again for this long: on a busy machine commands often
   // arrive in a tick whose sample is late.
@@ -37,7 +41,7 @@ class Commands {
   // Returns the request id that the events carry; 0 = refused at once.
   std::uint64_t send(wire::Command command, Callback callback, std::int64_t now_ns);
   void serve(std::int64_t now_ns);
-  void refuse_all(const swap::Refusal& reason);
+  void refuse_all(const Refusal& reason);
   bool waiting() const { return !pending_.empty(); }
 
  private:
@@ -49,7 +53,7 @@ class Commands {
     Callback callback;
   };
 
-  swap::Json result_json(const wire::Telemetry& now) const;
+  Json result_json(const wire::Telemetry& now) const;
 
   SpineLink& spine_;
   std::uint64_t next_id_;

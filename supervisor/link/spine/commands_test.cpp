@@ -16,8 +16,6 @@
 namespace lithe::control {
 namespace {
 
-using swap::Answer;
-using swap::Refusal;
 using wire::CommandKind;
 using wire::CommandResult;
 using wire::Fault;

@@ -12,6 +12,7 @@
 #include "spine/core/histogram.hpp"
 #include "spine/core/time.hpp"
 #include "spine/ipc/frames.hpp"
+#include "supervisor/core/process.hpp"
 
 namespace lithe::control {
 
@@ -24,10 +25,8 @@ constexpr std::int64_t kMostDyingNs = 5 * kNsPerS;
 
 // A killed process keeps its lease until its last thread has ended.
 bool is_dying(pid_t pid) {
-  std::ifstream file(fmt::format("/proc/{}/stat", pid));
-  const std::string stat(std::istreambuf_iterator<char>(file), {});
-  const std::size_t name_end = stat.rfind(") ");
-  return name_end != std::string::npos && (stat[name_end + 2] == 'Z' || stat[name_end + 2] == 'X');
+  const char state = state_of(pid);
+  return state == 'Z' || state == 'X';
 }
 
 }  // namespace
@@ -149,9 +148,16 @@ std::optional<RunningLaw> SpineLink::running_law() const {
   const auto live = params();
   for (std::uint32_t i = 0; i < info->param_count; ++i) {
     const bool is_live = live && live->law_id == info->law_id && i < live->count;
-    running.values[text_of(info->param_name, i * 32, 32)] = is_live ? live->value[i] : info->param_value[i];
+    running.values[name_at(info->param_name, i)] = is_live ? live->value[i] : info->param_value[i];
   }
   return running;
+}
+
+std::optional<wire::Plan> SpineLink::plan() const {
+  const auto brain = ipc::Segment<ipc::BrainMemory>::attach(text_of(info_.robot), ipc::Access::read);
+  wire::Plan plan;
+  if (!brain || !ipc::ChannelReader<wire::Plan>((*brain)->plan).read(plan)) return std::nullopt;
+  return plan;
 }
 
 Quantiles SpineLink::quantiles(const ipc::HistogramMemory& histogram) const {

@@ -25,6 +25,16 @@ std::string text_of(const std::array<char, N>& field, std::size_t offset = 0, st
   return printable({field.data() + offset, ::strnlen(field.data() + offset, width)});
 }
 
+// Entry `i` of a field that holds names one behind the other.
+template <std::size_t N>
+std::string name_at(const std::array<char, N>& names, std::size_t i) {
+  constexpr std::size_t kWidth = 32;
+  return text_of(names, i * kWidth, kWidth);
+}
+inline std::string joint_name(const wire::RobotInfo& info, std::size_t joint) {
+  return name_at(info.joint_name, joint);
+}
+
 struct Quantiles {
   double p50_us, p99_us, p999_us, max_us;
   std::uint64_t count;
@@ -33,7 +43,7 @@ struct Quantiles {
 // The law that runs, and the values of its parameters now: name -> value, in the law's own order.
 struct RunningLaw {
   wire::LawInfo info;
-  swap::Json values = swap::Json::object();
+  Json values = Json::object();
 };
 
 // Pid of the holder of this robot's Spine lease; 0 when the pid cannot be read, empty when the lease is free.
@@ -63,6 +73,8 @@ class SpineLink {
   std::vector<wire::LawInfo> laws() const;
   std::optional<wire::Params> params() const;
   std::optional<RunningLaw> running_law() const;
+  // The newest plan of the Brain; empty when there is none.
+  std::optional<wire::Plan> plan() const;
   Quantiles quantiles(const ipc::HistogramMemory& histogram) const;
   const ipc::SpineMemory& memory() const { return *spine_; }
 

@@ -13,7 +13,7 @@
 #include "spine/core/files.hpp"
 #include "spine/core/sha256.hpp"
 
-namespace lithe::swap {
+namespace lithe::control {
 namespace {
 
 namespace fs = std::filesystem;
@@ -328,4 +328,4 @@ Json Chain::to_json() const {
           {"problems", std::move(list)}};
 }
 
-}  // namespace lithe::swap
+}  // namespace lithe::control

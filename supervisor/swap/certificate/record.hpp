@@ -19,7 +19,7 @@
 #include "spine/core/result.hpp"
 #include "supervisor/core/answer.hpp"
 
-namespace lithe::swap {
+namespace lithe::control {
 
 inline constexpr const char* kChain = "chain.jsonl";
 inline constexpr std::size_t kMaxRecordBytes = std::size_t{16} << 20;  // limit for reading one certificate
@@ -106,4 +106,4 @@ struct Chain {
 // their files is not detected
 Chain verify_chain(const std::filesystem::path& dir);
 
-}  // namespace lithe::swap
+}  // namespace lithe::control

@@ -16,7 +16,7 @@
 
 #include "spine/core/sha256.hpp"
 
-namespace lithe::swap {
+namespace lithe::control {
 namespace {
 
 namespace fs = std::filesystem;
@@ -363,4 +363,4 @@ TEST_F(ChainTest, AnEmptyFolderIsAnEmptyChain) {
 }
 
 }  // namespace
-}  // namespace lithe::swap
+}  // namespace lithe::control

@@ -11,7 +11,7 @@
 
 #include "spine/core/sha256.hpp"
 
-namespace lithe::swap {
+namespace lithe::control {
 namespace {
 
 bool may_follow(Stage from, Stage to) {
@@ -125,7 +125,7 @@ const char* to_string(Stage stage) {
   return kWords[static_cast<std::size_t>(stage)];
 }
 
-Transaction::Transaction(std::uint64_t request_id, Request request, std::int64_t now_ns)
+Transaction::Transaction(std::uint64_t request_id, SwapRequest request, std::int64_t now_ns)
     : request_id_(request_id),
       request_(std::move(request)),
       steps_{{Stage::submitted, now_ns, ""}},
@@ -322,4 +322,4 @@ Json summary_of(const Json& certificate) {
   return out;
 }
 
-}  // namespace lithe::swap
+}  // namespace lithe::control

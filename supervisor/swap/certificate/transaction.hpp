@@ -12,7 +12,7 @@
 #include "spine/wire/wire.hpp"
 #include "supervisor/core/answer.hpp"
 
-namespace lithe::swap {
+namespace lithe::control {
 
 // The terms of a swap: from the robot file, changed by the request.
 struct Terms {
@@ -62,7 +62,7 @@ enum class Stage {
 const char* to_string(Stage stage);
 
 // The client's request.
-struct Request {
+struct SwapRequest {
   std::string name;              // file name shown in diagnostics
   std::string source;            // C++ text of one law
   Json params = Json::object();  // name -> value, in its trial and in force on its first tick
@@ -93,7 +93,7 @@ class Transaction {
     std::string reason;
   };
 
-  Transaction(std::uint64_t request_id, Request request, std::int64_t now_ns);
+  Transaction(std::uint64_t request_id, SwapRequest request, std::int64_t now_ns);
 
   bool mark_started(std::int64_t now_ns);
   bool mark_compiled(Compiled compiled, std::int64_t now_ns);
@@ -113,7 +113,7 @@ class Transaction {
   void note(const std::string& section, Json what) { sections_[section] = std::move(what); }
 
   std::uint64_t request_id() const { return request_id_; }
-  const Request& request() const { return request_; }
+  const SwapRequest& request() const { return request_; }
   const Compiled& compiled() const { return compiled_; }
   std::uint32_t law_id() const { return law_id_; }  // 0 before the commit
   std::uint64_t commit_tick() const { return commit_tick_; }
@@ -140,7 +140,7 @@ class Transaction {
   Json times_ns() const;
 
   std::uint64_t request_id_;
-  Request request_;
+  SwapRequest request_;
   Compiled compiled_;
   std::vector<Step> steps_;  // never empty
   std::int64_t started_ns_ = 0;
@@ -157,4 +157,4 @@ class Transaction {
 // Summary of a certificate for `lithe status`: law, verdict, and the reason of a bad verdict.
 Json summary_of(const Json& certificate);
 
-}  // namespace lithe::swap
+}  // namespace lithe::control

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-namespace lithe::swap {
+namespace lithe::control {
 namespace {
 
 Transaction fresh() { return Transaction(7, {"pd.cpp", "text"}, 1'000'000); }
@@ -248,4 +248,4 @@ TEST(Terms, ZeroSwitchesOffWhatHasALeastValue) {
 }
 
 }  // namespace
-}  // namespace lithe::swap
+}  // namespace lithe::control

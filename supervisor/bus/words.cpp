@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/bus/state_words.hpp"
+#include "supervisor/bus/words.hpp"
 
-#include <algorithm>
+#include "spine/hal/registry.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 
 using hal::canopen::NmtCommand;
 using hal::canopen::NmtState;
@@ -38,4 +38,9 @@ std::string_view word(NmtCommand command) {
   return "no known command";
 }
 
-}  // namespace lithe::field
+std::string drive_words(robot::DeviceKind kind, std::uint32_t joint_status) {
+  const auto words = hal::type_of(kind).state_words;
+  return words == nullptr ? "" : words(joint_status >> 16 & 0xff, joint_status >> 8 & 0xff);
+}
+
+}  // namespace lithe::bus

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/link/spine/witness.hpp"
+#include "supervisor/link/spine/commit_metrics.hpp"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -20,7 +20,7 @@ constexpr const char* kText =
     " TLB:      79493      78667     193807   TLB shootdowns\n"
     "TLBX:          1          2          3   something else\n";
 
-TEST(Witness, FindsTheColumnOfTheSpinesCore) {
+TEST(CommitMetrics, FindsTheColumnOfTheSpinesCore) {
   CoreCounts counts;
   read_interrupts(kText, 2, counts);
   EXPECT_EQ(counts.interrupts[0], 78667U);
@@ -28,7 +28,7 @@ TEST(Witness, FindsTheColumnOfTheSpinesCore) {
   EXPECT_EQ(counts.interrupts[2], 649523U);
 }
 
-TEST(Witness, ACoreWithoutAColumnAndAFileWithoutLinesTellNothing) {
+TEST(CommitMetrics, ACoreWithoutAColumnAndAFileWithoutLinesTellNothing) {
   CoreCounts counts;
   read_interrupts(kText, 1, counts);
   read_interrupts("", 0, counts);
@@ -37,7 +37,7 @@ TEST(Witness, ACoreWithoutAColumnAndAFileWithoutLinesTellNothing) {
   EXPECT_TRUE(counts_json({}, {})["tlb"].is_null()) << "not 0: nobody knows";
 }
 
-TEST(Witness, ReadsFaultsBehindANameThatHoldsBrackets) {
+TEST(CommitMetrics, ReadsFaultsBehindANameThatHoldsBrackets) {
   CoreCounts counts;
   read_faults("42 (spine) 9 9) S 1 2 3 4 5 6 700 8 900 10 11", counts);
   EXPECT_EQ(counts.minor_faults, 700U);
@@ -45,19 +45,19 @@ TEST(Witness, ReadsFaultsBehindANameThatHoldsBrackets) {
   read_faults("nonsense", counts);
 }
 
-TEST(Witness, CountsWhatCameBetween) {
+TEST(CommitMetrics, CountsWhatCameBetween) {
   CoreCounts before, after;
   read_interrupts(kText, 0, before);
   after = before;
   after.interrupts[0] = *before.interrupts[0] + 3;
-  const swap::Json json = counts_json(before, after);
+  const Json json = counts_json(before, after);
   EXPECT_EQ(json["tlb"], 3);
   EXPECT_EQ(json["cal"], 0);
   EXPECT_TRUE(json["minor_faults"].is_null());
   EXPECT_TRUE(json["seconds"].is_null()) << "nobody looked at the clock";
 }
 
-TEST(Witness, TellsHowLongItCounted) {
+TEST(CommitMetrics, TellsHowLongItCounted) {
   CoreCounts before = count_core(::getpid(), {});
   CoreCounts after = before;
   EXPECT_NE(before.t_ns, 0);
@@ -94,7 +94,7 @@ class LookAround : public SpineRig {
 
 TEST_F(LookAround, TellsBothSidesOfACommit) {
   run(700);
-  swap::Json seen = look_around(*link_, 500);
+  Json seen = measure_commit(*link_, 500);
   EXPECT_EQ(seen["first_call_ns"], 777);
   EXPECT_EQ(seen["lost_ticks"], 3);
   EXPECT_EQ(seen["before"]["ticks"], 51);
@@ -109,12 +109,12 @@ TEST_F(LookAround, TellsBothSidesOfACommit) {
 
 TEST_F(LookAround, ACommitThatJustCameHasAShorterAfter) {
   run(505);
-  EXPECT_EQ(look_around(*link_, 500)["after"]["ticks"], 5);
+  EXPECT_EQ(measure_commit(*link_, 500)["after"]["ticks"], 5);
 }
 
 TEST_F(LookAround, OneThatIsLongPastHasNothingLeftToSee) {
   run(9000);
-  const swap::Json seen = look_around(*link_, 500);
+  const Json seen = measure_commit(*link_, 500);
   EXPECT_EQ(seen["after"]["ticks"], 0);
   EXPECT_TRUE(seen["first_call_ns"].is_null());
   EXPECT_TRUE(seen["lost_ticks"].is_null()) << "not 0: nobody knows";
@@ -128,12 +128,12 @@ TEST_F(LookAround, OneThatIsLongPastHasNothingLeftToSee) {
 TEST_F(LookAround, ARecordThatIsTornDoesNotHideWhatComesAfterIt) {
   run(700);
   (*spine_)->telemetry.slots[(490 - 1) % wire::spine_segment::kTelemetryDepth].record = {};
-  const swap::Json seen = look_around(*link_, 500);
+  const Json seen = measure_commit(*link_, 500);
   EXPECT_EQ(seen["before"]["ticks"], 50);
   EXPECT_EQ(seen["after"]["ticks"], 50);
 }
 
-TEST_F(LookAround, WithoutATickThereIsNothing) { EXPECT_TRUE(look_around(*link_, 500).is_null()); }
+TEST_F(LookAround, WithoutATickThereIsNothing) { EXPECT_TRUE(measure_commit(*link_, 500).is_null()); }
 
 }  // namespace
 }  // namespace lithe::control

@@ -30,12 +30,12 @@ void read_faults(std::string_view stat, CoreCounts& counts);
 
 // {"seconds", "minor_faults", "major_faults", "tlb", "cal", "res"}: time and differences between two readings; null =
 // not available.
-swap::Json counts_json(const CoreCounts& before, const CoreCounts& after);
+Json counts_json(const CoreCounts& before, const CoreCounts& after);
 
 inline constexpr double kWindowS = 0.05;  // window before and after a commit [s]
 
 // From the telemetry ring: time of the first call, release jitter and hand-off before and after, the largest torque
 // step with its slew bound, lost ticks.
-swap::Json look_around(const SpineLink& spine, std::uint64_t commit_tick);
+Json measure_commit(const SpineLink& spine, std::uint64_t commit_tick);
 
 }  // namespace lithe::control

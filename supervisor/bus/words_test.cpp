@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/bus/drive_words.hpp"
+#include "supervisor/bus/words.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/link/spine/witness.hpp"
+#include "supervisor/link/spine/commit_metrics.hpp"
 
 #include <fmt/format.h>
 
@@ -16,8 +16,6 @@
 
 namespace lithe::control {
 namespace {
-
-using swap::Json;
 
 std::string read(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
@@ -150,7 +148,7 @@ Json counts_json(const CoreCounts& before, const CoreCounts& after) {
           {"res", difference(before.interrupts[2], after.interrupts[2])}};
 }
 
-Json look_around(const SpineLink& spine, std::uint64_t commit_tick) {
+Json measure_commit(const SpineLink& spine, std::uint64_t commit_tick) {
   const wire::RobotInfo& info = spine.info();
   const auto window = static_cast<std::uint64_t>(std::max(1.0, kWindowS * info.rate_hz));
   auto now = std::make_unique<wire::Telemetry>();
