@@ -41,6 +41,8 @@ int main(int argc, char** argv) {
     Words words;
     try {
       return run(argc, argv, words);
+    } catch (const lithe::control::Refusal& refusal) {
+      return refuse(words.context, refusal);
     } catch (const std::exception& wrong) {
       return refuse(words.context, {"internal", std::string("lithe itself went wrong: ") + wrong.what(),
                                     "see how the robot is: lithe status"});

@@ -98,8 +98,13 @@ TEST_F(LawLifecycleTest, ConfirmsAndRetires) {
 TEST_F(LawLifecycleTest, AFaultIsNamedWhenTheLawBeforeTakesOver) {
   commit(1);
   commit(2);
+  wire::LawInfo law{};
+  law.law_id = 1;
+  std::copy_n("pd", 2, law.name.begin());
+  ipc::ChannelWriter<wire::LawInfo>((*spine_)->law_info[0]).write(law);
   fault(2, 1, wire::LawFaultKind::bad_access, 25);
   tell(EventKind::law_rolled_back, 101, 1, 25);
+  EXPECT_EQ(kept_[102]["rolled_back"]["law"], "pd") << "which runs now";
   EXPECT_EQ(verdict(2), "rolled_back");
   EXPECT_EQ(kept_[102]["fault"]["kind"], "bad_access");
   EXPECT_EQ(kept_[102]["fault"]["to_law_id"], 1);

@@ -22,8 +22,6 @@
 namespace lithe::cli {
 namespace {
 
-constexpr int kUsage = 2;
-
 volatile sig_atomic_t ended = 0;
 
 void end_with_statistics() {
@@ -116,20 +114,16 @@ Result<> listen_in(const bus::Choice& choice, const std::vector<Occupied>& spine
 int bus_monitor(const Context& context, const bus::Words& words, bus::MonitorOptions options) {
   options.json = context.json;
   auto choice = bus::choose(words);
-  if (!choice) {
-    refuse(context, {"bad_config", choice.message(), "name a robot file or a bus: lithe bus monitor --help"});
-    return kUsage;
-  }
+  if (!choice) throw Refusal{"bad_config", choice.message(), "name a robot file or a bus: lithe bus monitor --help"};
   std::vector<Occupied> spines = spines_on(*choice, warn);
   know_by_file(*choice, spines);
   bus::Monitor monitor(*choice, options, monotonic_ns());
   if (const std::string complaint = monitor.complaint(); !complaint.empty()) {
-    refuse(context, {"usage", complaint, "see the robot file"});
-    return kUsage;
+    throw Refusal{"usage", complaint, "see the robot file"};
   }
   All all;
   if (const Result<> open = listen_in(*choice, spines, all); !open) {
-    return refuse(context, {"no_bus", open.message(), "who uses it: lithe status, fuser -v"});
+    throw Refusal{"no_bus", open.message(), "who uses it: lithe status, fuser -v"};
   }
   end_with_statistics();
   return bus::watch(

@@ -17,7 +17,6 @@ namespace lithe::cli {
 namespace {
 
 constexpr int kDoesNotFit = 1;
-constexpr int kUsage = 2;
 
 std::string percent(double share) { return fmt::format("{:.0f} %", 100 * share); }
 
@@ -61,10 +60,7 @@ void print_plan(const bus::Plan& plan, const robot::RobotConfig& robot) {
 
 int bus_plan(const Context& context, const std::string& file, const bus::PlanOptions& options) {
   const auto robot = robot::load_robot(file);
-  if (!robot) {
-    refuse(context, {"bad_config", robot.message(), "correct the file"});
-    return kUsage;
-  }
+  if (!robot) throw control::Refusal{"bad_config", robot.message(), "correct the file"};
   bus::Plan plan = bus::plan(*robot, options);
   plan.advice = bus::advise(*robot, options);
   if (context.json) {

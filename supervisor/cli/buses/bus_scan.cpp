@@ -13,27 +13,18 @@
 #include "supervisor/cli/core/talk.hpp"
 
 namespace lithe::cli {
-namespace {
-
-constexpr int kOtherwise = 1;
-constexpr int kUsage = 2;
-
-}  // namespace
 
 int bus_scan(const Context& context, const bus::Words& words, const bus::ScanOptions& options) {
   const auto choice = bus::choose(words);
-  if (!choice) {
-    refuse(context, {"bad_config", choice.message(), "name a robot file or a bus: lithe bus scan --help"});
-    return kUsage;
-  }
+  if (!choice) throw Refusal{"bad_config", choice.message(), "name a robot file or a bus: lithe bus scan --help"};
   std::vector<std::string> spines;
   for (const Occupied& each : spines_on(*choice, [](const std::string& doubt) { std::cerr << doubt << std::endl; })) {
     const bool real = robot::is_real(each.config.buses[each.theirs]);
     if (real) spines.push_back(each.words());
   }
   if (!spines.empty()) {
-    return refuse(context, {"robot_running", fmt::format("a Spine works on this hardware: {}", fmt::join(spines, ", ")),
-                            "stop it first: lithe stop; or watch its bus: lithe bus monitor"});
+    throw Refusal{"robot_running", fmt::format("a Spine works on this hardware: {}", fmt::join(spines, ", ")),
+                  "stop it first: lithe stop; or watch its bus: lithe bus monitor"};
   }
   const bus::Scan scan = bus::scan(*choice, options);
   if (context.json) {
@@ -42,7 +33,7 @@ int bus_scan(const Context& context, const bus::Words& words, const bus::ScanOpt
     fmt::print("{}", bus::to_text(scan, *choice));
     std::fflush(stdout);
   }
-  return scan.matches ? 0 : kOtherwise;
+  return scan.matches ? 0 : 1;
 }
 
 }  // namespace lithe::cli

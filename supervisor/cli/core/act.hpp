@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One function per command. Each prints its own answer and returns the exit code: 0 done, 1 refused, 2 usage, 3 robot
-// fault.
+// One function per command. Each prints its own result and returns the exit code 0, or throws a Refusal, which main()
+// prints: 1 refused, 2 usage, 3 robot fault.
 #pragma once
 
 #include <cstdint>
@@ -56,8 +56,8 @@ int param_revert(const Context& context);
 int param_save(const Context& context, const std::string& path);
 int events(const Context& context, std::uint64_t since, bool follow);
 int top(const Context& context, int turns);
-// Replaces this process by `lithe-sim` with these arguments; returns only on failure.
-int simulate(const Context& context, const std::vector<std::string>& words);
+// Replaces this process by `lithe-sim` with these arguments; throws a Refusal when it cannot.
+[[noreturn]] void simulate(const std::vector<std::string>& words);
 // Plans the buses of a robot file. 0 fits, 1 does not fit, 2 no robot file.
 int bus_plan(const Context& context, const std::string& file, const bus::PlanOptions& options);
 // Scans the buses. 0 as the file says, 1 otherwise or refused, 2 no such bus or file.

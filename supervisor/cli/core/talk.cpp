@@ -22,7 +22,8 @@ void print_json(const Json& json) { std::cout << json.dump(2, ' ', true, Json::e
 }  // namespace
 
 int exit_code(const Refusal& refusal) {
-  static const std::set<std::string> usage = {"usage", "bad_request", "unknown_verb", "several_robots", "no_source"};
+  static const std::set<std::string> usage = {"usage",        "bad_request",    "bad_config",
+                                              "unknown_verb", "several_robots", "no_source"};
   static const std::set<std::string> fault = {"robot_fault", "refused_fault", "refused_damaged", "internal",
                                               "recover_failed"};
   return usage.count(refusal.code) != 0 ? 2 : fault.count(refusal.code) != 0 ? 3 : 1;
@@ -51,24 +52,24 @@ std::variant<std::string, Refusal> find_robot() {
 
 }  // namespace
 
-std::variant<std::string, Refusal> which_robot(const Context& context) {
-  return context.robot.empty() ? find_robot() : context.robot;
+std::string which_robot(const Context& context) {
+  return context.robot.empty() ? value_of(find_robot()) : context.robot;
 }
 
 std::variant<control::Client, Refusal> connect(const Context& context) {
-  const auto robot = which_robot(context);
-  if (const auto* refusal = std::get_if<Refusal>(&robot)) {
-    return *refusal;
-  }
+  const auto robot = context.robot.empty() ? find_robot() : context.robot;
+  if (const auto* refusal = std::get_if<Refusal>(&robot)) return *refusal;
   return control::reach(std::get<std::string>(robot));
 }
 
-Answer ask(const Context& context, const std::string& verb, const Json& args, int timeout_ms) {
+Answer try_ask(const Context& context, const std::string& verb, const Json& args, int timeout_ms) {
   auto client = connect(context);
-  if (const auto* refusal = std::get_if<Refusal>(&client)) {
-    return *refusal;
-  }
+  if (const auto* refusal = std::get_if<Refusal>(&client)) return *refusal;
   return std::get<control::Client>(client).call(verb, args, timeout_ms);
+}
+
+Json ask(const Context& context, const std::string& verb, const Json& args, int timeout_ms) {
+  return value_of(try_ask(context, verb, args, timeout_ms));
 }
 
 int refuse(const Context& context, const Refusal& refusal) {
@@ -89,11 +90,7 @@ int refuse(const Context& context, const Refusal& refusal) {
   return exit_code(refusal);
 }
 
-int finish(const Context& context, const Answer& answer, const std::function<void(const Json&)>& print) {
-  if (const auto* refusal = std::get_if<Refusal>(&answer)) {
-    return refuse(context, *refusal);
-  }
-  const Json& result = std::get<Json>(answer);
+int finish(const Context& context, const Json& result, const std::function<void(const Json&)>& print) {
   if (context.json) {
     print_json(result);
   } else {

@@ -29,7 +29,7 @@ Refusal no_certificates(const fs::path& folder) {
 }
 
 // The one robot that has left certificates below the working directory (or $LITHE_OUT_DIR).
-std::variant<fs::path, Refusal> only_folder() {
+fs::path only_folder() {
   const fs::path all = control::records_of("any").parent_path().parent_path();
   std::vector<std::string> robots;
   std::error_code failure;
@@ -38,27 +38,23 @@ std::variant<fs::path, Refusal> only_folder() {
       robots.push_back(entry.path().filename().string());
     }
   }
-  if (robots.size() == 1) {
-    return control::records_of(robots.front());
-  }
-  if (robots.empty()) {
-    return no_certificates(all);
-  }
-  return Refusal{"several_robots", fmt::format("several robots have left certificates in {}", all.string()),
-                 "say which: --robot NAME"};
+  if (robots.size() == 1) return control::records_of(robots.front());
+  if (robots.empty()) throw no_certificates(all);
+  throw Refusal{"several_robots", fmt::format("several robots have left certificates in {}", all.string()),
+                "say which: --robot NAME"};
 }
 
 // The folder of the command line, else that of the running robot's supervisor, else out/ below the working directory.
-std::variant<fs::path, Refusal> find_folder(const Context& context, const std::string& folder) {
+fs::path find_folder(const Context& context, const std::string& folder) {
   if (!folder.empty()) {
     return fs::path(folder);
   }
-  const Answer answer = ask(context, "status", Json::object());
+  const Answer answer = try_ask(context, "status", Json::object());
   if (const Json* status = std::get_if<Json>(&answer); status != nullptr && status->contains("records")) {
     return fs::path((*status)["records"].get<std::string>());
   }
   if (const auto* refusal = std::get_if<Refusal>(&answer); refusal != nullptr && refusal->code == "several_robots") {
-    return *refusal;
+    throw *refusal;
   }
   return context.robot.empty() ? only_folder() : control::records_of(context.robot);
 }
@@ -106,42 +102,30 @@ std::optional<std::pair<fs::path, Json>> find_page(const fs::path& folder, const
 }  // namespace
 
 int law_show(const Context& context, const std::string& which, const std::string& folder_word) {
-  const auto folder = find_folder(context, folder_word);
-  if (const auto* refusal = std::get_if<Refusal>(&folder)) {
-    return refuse(context, *refusal);
-  }
-  const auto& place = std::get<fs::path>(folder);
-  const auto found = find_page(place, which);
+  const fs::path folder = find_folder(context, folder_word);
+  const auto found = find_page(folder, which);
+  if (!found && pages(folder).empty()) throw no_certificates(folder);
   if (!found) {
-    const bool none = pages(place).empty();
-    return refuse(context, none ? no_certificates(place)
-                                : Refusal{"no_certificates",
-                                          fmt::format("no certificate in {} is of '{}'", place.string(), which),
-                                          "say last, a number, or the name of a law"});
+    throw Refusal{"no_certificates", fmt::format("no certificate in {} is of '{}'", folder.string(), which),
+                  "say last, a number, or the name of a law"};
   }
   const auto& [page, certificate] = *found;
   if (!certificate.is_object()) {
-    return refuse(context, {"bad_certificate", fmt::format("{} is not a certificate", page.string()),
-                            "see what else was changed: lithe law verify"});
+    throw Refusal{"bad_certificate", fmt::format("{} is not a certificate", page.string()),
+                  "see what else was changed: lithe law verify"};
   }
   return finish(context, certificate,
                 [&page = page](const Json& shown) { print_certificate(printable(page.filename().string()), shown); });
 }
 
 int law_verify(const Context& context, const std::string& folder_word) {
-  const auto folder = find_folder(context, folder_word);
-  if (const auto* refusal = std::get_if<Refusal>(&folder)) {
-    return refuse(context, *refusal);
-  }
-  const auto& place = std::get<fs::path>(folder);
-  const control::Chain chain = control::verify_chain(place);
-  if (chain.writings == 0 && chain.problems.empty()) {
-    return refuse(context, no_certificates(place));
-  }
-  Json result = {{"folder", fs::absolute(place).string()}};
+  const fs::path folder = find_folder(context, folder_word);
+  const control::Chain chain = control::verify_chain(folder);
+  if (chain.writings == 0 && chain.problems.empty()) throw no_certificates(folder);
+  Json result = {{"folder", fs::absolute(folder).string()}};
   result.update(chain.to_json());
-  const int code = finish(context, result, print_chain);
-  return code != 0 || chain.problems.empty() ? code : 1;
+  finish(context, result, print_chain);
+  return chain.problems.empty() ? 0 : 1;
 }
 
 }  // namespace lithe::cli

@@ -3,10 +3,10 @@
 #include <fmt/format.h>
 #include <poll.h>
 
-#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <optional>
+#include <set>
 #include <system_error>
 
 #include "spine/core/files.hpp"
@@ -35,8 +35,8 @@ struct Source {
   std::string text;
 };
 
-// A path, or the bare name of a law that comes with LITHE.
-std::variant<Source, Refusal> read_law(const std::string& law) {
+// A path, or the bare name of a law that comes with LITHE. Throws a Refusal.
+Source read_law(const std::string& law) {
   std::error_code failure;
   fs::path path = law;
   if (!fs::exists(path, failure) && law.find('/') == std::string::npos) {
@@ -45,7 +45,7 @@ std::variant<Source, Refusal> read_law(const std::string& law) {
   }
   const auto text = read_regular_file(path.string(), kMaxLawBytes);
   if (!text || text->empty()) {
-    return Refusal{
+    throw Refusal{
         "no_source", text ? path.string() + ":1: the file is empty" : "cannot read the law " + text.message(),
         text ? "a law is a struct with a static step() and ends with LITHE_LAW(Type, \"name\"); start from one that "
                "lithe law list shows"
@@ -126,59 +126,39 @@ int rollback(const Context& context, int steps) {
 
 int swap_law(const Context& context, const std::string& law, const std::vector<std::string>& params,
              const std::map<std::string, double>& terms) {
-  const auto source = read_law(law);
-  if (const auto* refusal = std::get_if<Refusal>(&source)) {
-    return refuse(context, *refusal);
-  }
-  const auto values = param_values(params, "lithe swap LAW.cpp --param kp=2.5");
-  if (const auto* refusal = std::get_if<Refusal>(&values)) return refuse(context, *refusal);
-  const Source& file = std::get<Source>(source);
-  Json args = {{"name", file.name}, {"source", file.text}, {"params", std::get<Json>(values)}};
-  for (const auto& [name, value] : terms) {
-    args[name] = value;
-  }
+  const Source file = read_law(law);
+  Json args = {{"name", file.name},
+               {"source", file.text},
+               {"params", param_values(params, "lithe swap LAW.cpp --param kp=2.5")}};
+  for (const auto& [name, value] : terms) args[name] = value;
   return finish(context, ask(context, "swap", args, kCompileMs), print_swap);
 }
 
 int law_check(const Context& context, const std::string& law) {
-  const auto source = read_law(law);
-  if (const auto* refusal = std::get_if<Refusal>(&source)) {
-    return refuse(context, *refusal);
-  }
-  const Source& file = std::get<Source>(source);
-  auto client = connect(context);
-  if (const auto* refusal = std::get_if<Refusal>(&client); refusal != nullptr && !control::is_nobody(*refusal)) {
-    return refuse(context, *refusal);
-  }
-  const Answer answer = std::holds_alternative<Refusal>(client)
-                            ? check_alone(file)
-                            : std::get<control::Client>(client).call(
-                                  "law_check", {{"name", file.name}, {"source", file.text}}, kCompileMs);
-  return finish(context, answer, print_check);
+  const Source file = read_law(law);
+  Answer answer = try_ask(context, "law_check", {{"name", file.name}, {"source", file.text}}, kCompileMs);
+  const auto* refusal = std::get_if<Refusal>(&answer);
+  if (refusal != nullptr && control::is_nobody(*refusal)) answer = check_alone(file);
+  return finish(context, value_of(answer), print_check);
 }
 
 int law_list(const Context& context) {
   Json files = Json::array();
-  std::vector<fs::path> paths;
+  std::set<fs::path> paths;
   std::error_code failure;
   for (const auto& entry : fs::directory_iterator(laws_dir(), failure)) {
-    const std::string stem = entry.path().stem().string();
-    if (entry.path().extension() == ".cpp" && (stem.size() < 5 || stem.substr(stem.size() - 5) != "_test")) {
-      paths.push_back(entry.path());
+    if (entry.path().extension() == ".cpp" && !entry.path().stem().string().ends_with("_test")) {
+      paths.insert(entry.path());
     }
   }
-  std::sort(paths.begin(), paths.end());
   for (const fs::path& path : paths) {
     files.push_back(
         {{"name", path.stem().string()}, {"path", path.lexically_normal().string()}, {"about", about(path)}});
   }
   Json laws = {{"files", files}, {"resident", Json::array()}};
-  const Answer resident = ask(context, "law_list", Json::object());
-  if (const Json* result = std::get_if<Json>(&resident)) {
-    laws["resident"] = (*result)["resident"];
-  } else if (!control::is_nobody(std::get<Refusal>(resident))) {
-    return refuse(context, std::get<Refusal>(resident));
-  }
+  const Answer resident = try_ask(context, "law_list", Json::object());
+  const auto* refusal = std::get_if<Refusal>(&resident);
+  if (refusal == nullptr || !control::is_nobody(*refusal)) laws["resident"] = value_of(resident)["resident"];
   return finish(context, laws, print_laws);
 }
 

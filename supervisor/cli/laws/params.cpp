@@ -67,7 +67,7 @@ std::string param_rows(const Json& params) {
   return rows;
 }
 
-std::variant<Json, Refusal> param_values(const std::vector<std::string>& words, const char* example) {
+Json param_values(const std::vector<std::string>& words, const char* example) {
   Json values = Json::object();
   for (const std::string& each : words) {
     const std::size_t at = each.find('=');
@@ -76,7 +76,7 @@ std::variant<Json, Refusal> param_values(const std::vector<std::string>& words, 
     const auto read = at == std::string::npos ? std::from_chars_result{end, std::errc::invalid_argument}
                                               : std::from_chars(each.data() + at + 1, end, value);
     if (at == 0 || read.ec != std::errc() || read.ptr != end || !std::isfinite(value)) {
-      return Refusal{"usage", fmt::format("'{}' is not NAME=VALUE with a finite number", each), example};
+      throw Refusal{"usage", fmt::format("'{}' is not NAME=VALUE with a finite number", each), example};
     }
     values[each.substr(0, at)] = value;
   }
@@ -84,26 +84,24 @@ std::variant<Json, Refusal> param_values(const std::vector<std::string>& words, 
 }
 
 int param_get(const Context& context, const std::string& name) {
-  Answer answer = ask(context, "params", Json::object());
-  if (Json* result = std::get_if<Json>(&answer); result != nullptr && !name.empty()) {
-    Json chosen = Json::array();
-    for (const Json& each : (*result)["params"]) {
-      if (each["name"] == name) chosen.push_back(each);
-    }
-    if (chosen.empty()) {
-      return refuse(context, {"unknown_param", fmt::format("the running law has no parameter '{}'", name),
-                              "see them all: lithe param get"});
-    }
-    (*result)["params"] = chosen;
+  Json result = ask(context, "params", Json::object());
+  if (name.empty()) return finish(context, result, print_params);
+  Json chosen = Json::array();
+  for (const Json& each : result["params"]) {
+    if (each["name"] == name) chosen.push_back(each);
   }
-  return finish(context, answer, print_params);
+  if (chosen.empty()) {
+    throw Refusal{"unknown_param", fmt::format("the running law has no parameter '{}'", name),
+                  "see them all: lithe param get"};
+  }
+  result["params"] = chosen;
+  return finish(context, result, print_params);
 }
 
 int param_set(const Context& context, const std::vector<std::string>& words) {
   const bool one = words.size() == 2 && words[0].find('=') == std::string::npos;  // NAME VALUE
-  const auto values = param_values(one ? std::vector{words[0] + "=" + words[1]} : words, "lithe param set kp 2.5");
-  if (const auto* refusal = std::get_if<Refusal>(&values)) return refuse(context, *refusal);
-  const Json args = {{"values", std::get<Json>(values)}};
+  const Json args = {
+      {"values", param_values(one ? std::vector{words[0] + "=" + words[1]} : words, "lithe param set kp 2.5")}};
   return finish(context, ask(context, "set_params", args, kCompileMs), print_params);  // behind swaps
 }
 
@@ -112,34 +110,30 @@ int param_revert(const Context& context) {
 }
 
 int param_save(const Context& context, const std::string& path) {
-  const Answer answer = ask(context, "params", Json::object());
-  const Json* running = std::get_if<Json>(&answer);
-  if (running == nullptr) {
-    return refuse(context, std::get<Refusal>(answer));
-  }
+  const Json running = ask(context, "params", Json::object());
   const auto read = read_regular_file(path, kMaxLawBytes);
   std::string text = read ? *read : "";
-  const std::string law = running->value("law", "");
+  const std::string law = running.value("law", "");
   if (text.empty() || !names_law(text, law)) {
-    return refuse(context, {"no_source",
-                            text.empty() ? "cannot read " + (read ? path + ": it is empty" : read.message())
-                                         : fmt::format("{} is not the running law '{}'", path, law),
-                            "give the file that ends in LITHE_LAW(..., \"" + law + "\")"});
+    throw Refusal{"no_source",
+                  text.empty() ? "cannot read " + (read ? path + ": it is empty" : read.message())
+                               : fmt::format("{} is not the running law '{}'", path, law),
+                  "give the file that ends in LITHE_LAW(..., \"" + law + "\")"};
   }
-  for (const Json& each : (*running)["params"]) {
+  for (const Json& each : running["params"]) {
     const std::string name = each["name"];
     const auto place = find_default(text, name);
     if (!place) {
-      return refuse(context, {"usage", fmt::format("{} has no default of {} as {}{{number, ...}}", path, name, name),
-                              "nothing was written; write it as lithe::Param " + name + "{value, least, most}"});
+      throw Refusal{"usage", fmt::format("{} has no default of {} as {}{{number, ...}}", path, name, name),
+                    "nothing was written; write it as lithe::Param " + name + "{value, least, most}"};
     }
     text.replace(place->first, place->second, fmt::format("{}", each["value"].get<double>()));
   }
   if (const auto failure = replace_file(path, text)) {
-    return refuse(context, {"no_source", fmt::format("cannot write {}: {}", path, failure.message()),
-                            "the file is as it was; is it writable, is the disk full?"});
+    throw Refusal{"no_source", fmt::format("cannot write {}: {}", path, failure.message()),
+                  "the file is as it was; is it writable, is the disk full?"};
   }
-  return finish(context, answer, [&path](const Json& result) {
+  return finish(context, running, [&path](const Json& result) {
     print_params(result);
     fmt::print("written to {}\n", path);
   });

@@ -3,15 +3,14 @@
 #pragma once
 
 #include <string>
-#include <variant>
 #include <vector>
 
 #include "supervisor/core/answer.hpp"
 
 namespace lithe::cli {
 
-// {"kp": 2.5} from "kp=2.5" ...; else a Refusal that names the word, with this example.
-std::variant<control::Json, control::Refusal> param_values(const std::vector<std::string>& words, const char* example);
+// {"kp": 2.5} from "kp=2.5" ...; else throws a Refusal that names the word, with this example.
+control::Json param_values(const std::vector<std::string>& words, const char* example);
 
 // A row for each: name, value, range.
 std::string param_rows(const control::Json& params);

@@ -235,16 +235,14 @@ void add_sim(CLI::App& app, Words& words) {
                                      "lithe sim reset: the joints of a simulated robot back to their start");
   sim->group(kHardware)->prefix_command()->set_help_flag();  // the rest of the line goes to lithe-sim
   sim->callback([&words, sim] {
-    const bool reset = sim->remaining() == std::vector<std::string>{"reset"};
-    words.code = reset ? command(words.context, "sim_reset") : simulate(words.context, sim->remaining());
+    if (sim->remaining() != std::vector<std::string>{"reset"}) simulate(sim->remaining());
+    words.code = command(words.context, "sim_reset");
   });
 }
 
 void add_help(CLI::App& app, Words& words) {
   CLI::App* help = add_verb(app, words, kHelp, "help", "this list, or the help of one verb", [&app](Words& w) {
-    const auto text = help_text(app, w.about, w.form);
-    if (const auto* refusal = std::get_if<Refusal>(&text)) return refuse(w.context, *refusal);
-    std::cout << std::get<std::string>(text) << std::flush;
+    std::cout << value_of(help_text(app, w.about, w.form)) << std::flush;
     return 0;
   });
   help->add_option("VERB", words.about, "one verb: lithe help law check");

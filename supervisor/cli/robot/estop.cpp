@@ -47,7 +47,7 @@ Answer confirm(const std::string& robot, std::int64_t deadline_ns) {
 // Without write permission, or with another memory layout, the supervisor is asked instead.
 Answer ask_supervisor(Context context, const std::string& robot, const std::string& why) {
   context.robot = robot;
-  const Answer answer = ask(context, "estop", Json::object(), kAskMs);
+  const Answer answer = try_ask(context, "estop", Json::object(), kAskMs);
   if (const auto* refusal = std::get_if<Refusal>(&answer)) {
     const bool ticks = ipc::Lease::is_held(Spine::path(robot));
     return Refusal{ticks ? "robot_fault" : refusal->code, fmt::format("{}; {}", why, refusal->message),
@@ -114,7 +114,8 @@ int report(const Context& context, const std::vector<std::pair<std::string, Answ
     }
   }
   if (answers.size() == 1) {
-    return finish(context, answers.front().second, [](const Json& result) { print_command("estop", result); });
+    return finish(context, value_of(answers.front().second),
+                  [](const Json& result) { print_command("estop", result); });
   }
   if (!context.json) {
     for (const auto& [robot, answer] : answers) {

@@ -5,7 +5,6 @@
 #include <atomic>
 #include <chrono>
 #include <numbers>
-#include <optional>
 #include <thread>
 #include <utility>
 
@@ -46,20 +45,19 @@ struct View {
 };
 
 // Refused for on_stale = "safe_stop": such a robot would stop at the end of every move.
-std::optional<Refusal> stops_without_brain(const std::string& name, const wire::RobotInfo& info) {
+void must_not_stop(const std::string& name, const wire::RobotInfo& info) {
   const auto robot = robot::load_robot(control::text_of(info.config_path));
-  if (!robot || robot->brain.on_stale != robot::StaleAction::safe_stop) return std::nullopt;
-  return Refusal{"refused_brain",
-                 fmt::format("robot '{}' is armed only while a Brain lives ([brain] on_stale = \"safe_stop\"); this "
-                             "command is one that leaves when the joint is there, and the robot would stop",
-                             name),
-                 "move it from Python, which stays: robot = lithe.connect(); robot.arm() (after a stop robot.reset() "
-                 "first); robot.go_to(...); or set on_stale = \"hold\""};
+  if (!robot || robot->brain.on_stale != robot::StaleAction::safe_stop) return;
+  throw Refusal{"refused_brain",
+                fmt::format("robot '{}' is armed only while a Brain lives ([brain] on_stale = \"safe_stop\"); this "
+                            "command is one that leaves when the joint is there, and the robot would stop",
+                            name),
+                "move it from Python, which stays: robot = lithe.connect(); robot.arm() (after a stop robot.reset() "
+                "first); robot.go_to(...); or set on_stale = \"hold\""};
 }
 
-// Waits for the end of the plan and sends heartbeats. Empty = the joint has come to rest at the target.
-std::optional<Refusal> follow(View& view, const Brain& brain, const wire::Plan& plan, const wire::RobotInfo& info,
-                              wire::Telemetry& now) {
+// Waits until the joint has come to rest at the target, and sends heartbeats.
+void follow(View& view, const Brain& brain, const wire::Plan& plan, const wire::RobotInfo& info, wire::Telemetry& now) {
   const std::int64_t until_ns = plan.t_ns[0] + kSettleNs;
   while (monotonic_ns() < until_ns) {
     std::atomic_ref<std::int64_t>(brain->header.heartbeat_ns).store(monotonic_ns(), std::memory_order_release);
@@ -67,7 +65,7 @@ std::optional<Refusal> follow(View& view, const Brain& brain, const wire::Plan& 
       if (event.kind == static_cast<std::uint32_t>(wire::EventKind::plan_refused)) {
         const auto why = static_cast<wire::PlanReject>(event.code);
         const std::string where = control::beyond_limits(plan, why, info);
-        return Refusal{
+        throw Refusal{
             "refused_plan",
             fmt::format("the Spine refuses the move: {}{}{}", to_string(why), where.empty() ? "" : "; ", where),
             "more time (--in), or a smaller angle"};
@@ -75,49 +73,46 @@ std::optional<Refusal> follow(View& view, const Brain& brain, const wire::Plan& 
     }
     (void)view.telemetry.latest(now);
     if (now.mode != static_cast<std::uint32_t>(wire::Mode::active)) {
-      return Refusal{
+      throw Refusal{
           "refused_mode",
           fmt::format("the move was ended: the robot is in mode {}, fault {}",
                       to_string(static_cast<wire::Mode>(now.mode)), to_string(static_cast<wire::Fault>(now.fault))),
           "see why: lithe status, lithe events"};
     }
     const bool rests = now.plan_state == static_cast<std::uint32_t>(wire::PlanState::hold);
-    if (now.plan_id == plan.plan_id && rests && monotonic_ns() > plan.t_ns[0]) return std::nullopt;
+    if (now.plan_id == plan.plan_id && rests && monotonic_ns() > plan.t_ns[0]) return;
     std::this_thread::sleep_for(kLookEvery);
   }
-  return Refusal{"timeout", "the Spine has not come to the end of the move in time", "see what it does: lithe status"};
+  throw Refusal{"timeout", "the Spine has not come to the end of the move in time", "see what it does: lithe status"};
 }
 
-Answer go(const std::string& robot, const Motion& motion) {
+Json go(const std::string& robot, const Motion& motion) {
   auto memory = Spine::attach(robot, ipc::Access::read);
   if (!memory || !ipc::Lease::is_held(Spine::path(robot))) {
-    auto nobody = control::reach(robot);
-    if (auto* refusal = std::get_if<Refusal>(&nobody)) return *refusal;
-    return Refusal{"robot_fault", memory ? "its Spine is not alive" : memory.message(), "see: lithe list"};
+    value_of(control::reach(robot));  // says why
+    throw Refusal{"robot_fault", memory ? "its Spine is not alive" : memory.message(), "see: lithe list"};
   }
   View view(std::move(*memory));
   wire::RobotInfo info{};
   wire::Telemetry now{};
   if (!view.info_reader.read(info) || !view.telemetry.latest(now)) {
-    return Refusal{"not_ready", fmt::format("robot '{}' has not ticked yet", robot), "try again in a moment"};
+    throw Refusal{"not_ready", fmt::format("robot '{}' has not ticked yet", robot), "try again in a moment"};
   }
   auto lease = ipc::Lease::try_take(Brain::path(robot));
   const auto brain = Brain::attach(robot, ipc::Access::write);
   if (!lease || !brain)
-    return Refusal{"no_right", lease ? brain.message() : lease.message(), "run it as the robot's owner"};
+    throw Refusal{"no_right", lease ? brain.message() : lease.message(), "run it as the robot's owner"};
   if (!lease->has_value()) {
-    return Refusal{"refused_brain",
-                   fmt::format("robot '{}' has a Brain already (pid {}): two would pull it to and fro", robot,
-                               (*brain)->header.writer_pid),
-                   "end that one first, or let it make the move"};
+    throw Refusal{"refused_brain",
+                  fmt::format("robot '{}' has a Brain already (pid {}): two would pull it to and fro", robot,
+                              (*brain)->header.writer_pid),
+                  "end that one first, or let it make the move"};
   }
-  if (auto refused = stops_without_brain(robot, info)) return *refused;
-  auto planned = plan_motion(motion, info, now, monotonic_ns());
-  if (const auto* refusal = std::get_if<Refusal>(&planned)) return *refusal;
+  must_not_stop(robot, info);
+  const Move move = value_of(plan_motion(motion, info, now, monotonic_ns()));
   ipc::sign_in((*brain)->header, monotonic_ns());
-  const Move& move = std::get<Move>(planned);
   ipc::ChannelWriter<wire::Plan>((*brain)->plan).write(move.plan);
-  if (auto refused = follow(view, *brain, move.plan, info, now)) return *refused;
+  follow(view, *brain, move.plan, info, now);
   return Json{{"robot", robot},
               {"joint", motion.joint},
               {"from_rad", move.from_rad},
@@ -129,9 +124,7 @@ Answer go(const std::string& robot, const Motion& motion) {
 }  // namespace
 
 int move(const Context& context, const Motion& motion) {
-  const auto robot = which_robot(context);
-  if (const auto* refusal = std::get_if<Refusal>(&robot)) return refuse(context, *refusal);
-  return finish(context, go(std::get<std::string>(robot), motion), [](const Json& done) {
+  return finish(context, go(which_robot(context), motion), [](const Json& done) {
     constexpr double kDegPerRad = 180.0 / std::numbers::pi;
     fmt::print("{}: from {:.2f} to {:.2f} deg; it is at {:.2f} deg\n", done["joint"].get<std::string>(),
                done["from_rad"].get<double>() * kDegPerRad, done["to_rad"].get<double>() * kDegPerRad,

@@ -16,7 +16,7 @@ constexpr auto kLookEvery = std::chrono::milliseconds(100);
 
 // The Spine's reason when recover failed.
 std::string last_stop(const Context& context) {
-  const Answer answer = ask(context, "events", Json::object());
+  const Answer answer = try_ask(context, "events", Json::object());
   std::string text;
   if (const Json* result = std::get_if<Json>(&answer)) {
     for (const Json& event : (*result)["events"]) {
@@ -42,18 +42,16 @@ Refusal why_not(const Context& context, const Json& status) {
 }  // namespace
 
 int recover(const Context& context) {
-  Answer answer = ask(context, "recover", Json::object());
-  while (std::holds_alternative<Json>(answer)) {
-    answer = ask(context, "status", Json::object());
-    const Json* status = std::get_if<Json>(&answer);
-    if (status == nullptr) break;
-    if (status->value("mode", "") != "recover") return refuse(context, why_not(context, *status));
-    if (!status->value("recovering", true)) break;
-    std::this_thread::sleep_for(kLookEvery);
-  }
-  return finish(context, answer, [](const Json& status) {
+  ask(context, "recover", Json::object());
+  Json status;
+  do {
+    if (!status.is_null()) std::this_thread::sleep_for(kLookEvery);
+    status = ask(context, "status", Json::object());
+    if (status.value("mode", "") != "recover") throw why_not(context, status);
+  } while (status.value("recovering", true));
+  return finish(context, status, [](const Json& now) {
     fmt::print("every joint is inside its limits and held there (mode {})\nnext: lithe arm, or lithe disarm\n",
-               status.value("mode", "?"));
+               now.value("mode", "?"));
   });
 }
 

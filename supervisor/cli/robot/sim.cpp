@@ -11,14 +11,13 @@
 
 namespace lithe::cli {
 
-int simulate(const Context& context, const std::vector<std::string>& words) {
+[[noreturn]] void simulate(const std::vector<std::string>& words) {
   const std::string program = control::program_dir() + "/lithe-sim";
   std::vector<char*> argv{const_cast<char*>(program.c_str())};
   for (const std::string& word : words) argv.push_back(const_cast<char*>(word.c_str()));
   argv.push_back(nullptr);
   ::execv(program.c_str(), argv.data());
-  return refuse(context,
-                {"no_program", "cannot start " + program + ": " + std::strerror(errno), "build it: make release"});
+  throw Refusal{"no_program", "cannot start " + program + ": " + std::strerror(errno), "build it: make release"};
 }
 
 }  // namespace lithe::cli

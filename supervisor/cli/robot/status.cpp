@@ -46,25 +46,19 @@ int command(const Context& context, const std::string& verb) {
 }
 
 int events(const Context& context, std::uint64_t since, bool follow) {
-  auto client = connect(context);
-  if (const auto* refusal = std::get_if<Refusal>(&client)) {
-    return refuse(context, *refusal);
-  }
+  auto client = value_of(connect(context));
   for (;;) {
-    const Answer answer = std::get<control::Client>(client).call("events", {{"since", since}}, kQuickMs);
-    const Json* result = std::get_if<Json>(&answer);
-    if (!follow || result == nullptr) {
-      return finish(context, answer, print_events);
-    }
-    if (context.json && !(*result)["events"].empty()) {
-      for (const Json& each : (*result)["events"]) {
+    const Json result = value_of(client.call("events", {{"since", since}}, kQuickMs));
+    if (!follow) return finish(context, result, print_events);
+    if (context.json) {
+      for (const Json& each : result["events"]) {
         std::cout << control::dump_line(each) << std::endl;  // following never ends, so it prints lines
       }
-    } else if (!context.json) {
-      print_events(control::printable_json(*result));
+    } else {
+      print_events(control::printable_json(result));
       std::fflush(stdout);
     }
-    since = (*result)["cursor"].get<std::uint64_t>();
+    since = result["cursor"].get<std::uint64_t>();
     std::this_thread::sleep_for(std::chrono::milliseconds(200));
   }
 }
@@ -73,24 +67,13 @@ int top(const Context& context, int turns) {
   if (context.json) {
     return status(context);
   }
-  auto client = connect(context);
-  if (const auto* refusal = std::get_if<Refusal>(&client)) {
-    return refuse(context, *refusal);
-  }
+  auto client = value_of(connect(context));
   for (int turn = 0; turns == 0 || turn < turns; ++turn) {
-    if (turn > 0) {
-      std::this_thread::sleep_for(std::chrono::milliseconds(250));
-    }
-    if (std::get<control::Client>(client).pulse() != control::Client::Pulse::answers) {
-      client = connect(context);  // says why
-      if (const auto* refusal = std::get_if<Refusal>(&client)) return refuse(context, *refusal);
-    }
-    const Answer answer = std::get<control::Client>(client).call("status", Json::object(), kQuickMs);
-    if (const auto* refusal = std::get_if<Refusal>(&answer)) {
-      return refuse(context, *refusal);
-    }
+    if (turn > 0) std::this_thread::sleep_for(std::chrono::milliseconds(250));
+    if (client.pulse() != control::Client::Pulse::answers) client = value_of(connect(context));  // says why
+    const Json status = value_of(client.call("status", Json::object(), kQuickMs));
     fmt::print("\x1b[H\x1b[2J");  // home, clear
-    fmt::print("{}", status_text(control::printable_json(std::get<Json>(answer)), look_of(context)));
+    fmt::print("{}", status_text(control::printable_json(status), look_of(context)));
     fmt::print("\nCtrl-C leaves; the robot goes on\n");
     std::fflush(stdout);
   }
