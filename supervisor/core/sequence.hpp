@@ -54,9 +54,7 @@ class Sequence {
         : Until([box](std::int64_t) { return box->has_value(); }, deadline_ns, std::move(late)), box_(std::move(box)) {}
 
     Outcome await_resume() {
-      if (auto why_not = Until::await_resume()) {
-        return std::move(*why_not);
-      }
+      if (auto why_not = Until::await_resume()) return std::move(*why_not);
       return std::move(**box_);
     }
 
@@ -70,9 +68,7 @@ class Sequence {
   Sequence& operator=(const Sequence&) = delete;
   Sequence& operator=(Sequence&&) = delete;
   ~Sequence() {
-    if (self_) {
-      self_.destroy();
-    }
+    if (self_) self_.destroy();
   }
 
   // Goes on when what it waits for has come, or its time is up. The first call starts it.
@@ -112,9 +108,7 @@ inline bool Sequence::Until::over(const promise_type& now) {
 }
 
 inline bool Sequence::Until::await_suspend(std::coroutine_handle<promise_type> self) {
-  if (over(self.promise())) {
-    return false;
-  }
+  if (over(self.promise())) return false;
   self.promise().until = this;
   self.promise().state = promise_type::State::waits;
   return true;
@@ -122,9 +116,7 @@ inline bool Sequence::Until::await_suspend(std::coroutine_handle<promise_type> s
 
 inline void Sequence::serve(std::int64_t now_ns) {
   promise_type& promise = self_.promise();
-  if (promise.state != promise_type::State::waits) {
-    return;
-  }
+  if (promise.state != promise_type::State::waits) return;
   promise.now_ns = now_ns;
   if (promise.until == nullptr || promise.until->over(promise)) {
     promise.state = promise_type::State::runs;

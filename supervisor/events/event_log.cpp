@@ -37,9 +37,7 @@ Json event_json(const wire::Event& event) {
   const auto kind = static_cast<wire::EventKind>(event.kind);
   Json out = {{"t_ns", event.t_ns}, {"tick", event.tick}, {"kind", std::string(to_string(kind))}};
   const std::string word = code_word(kind, event.code);
-  if (!word.empty()) {
-    out["reason"] = word;
-  }
+  if (!word.empty()) out["reason"] = word;
   out["code"] = event.code;
   out["value"] = event.value;
   out["request_id"] = event.request_id;
@@ -70,9 +68,7 @@ std::string event_line(const Json& event) {
   if (event.contains("reason")) {
     line += fmt::format(" ({})", event["reason"].get<std::string>());
   }
-  if (const std::string text = event.value("text", ""); !text.empty()) {
-    line += ": " + text;
-  }
+  if (const std::string text = event.value("text", ""); !text.empty()) line += ": " + text;
   if (const std::uint64_t tick = event.value("tick", std::uint64_t{0}); tick != 0) {
     line += fmt::format(" [tick {}]", tick);
   }
@@ -83,9 +79,7 @@ void EventLog::add(Json event) {
   Json numbered = {{"cursor", ++last_}};
   numbered.update(event);
   events_.push_back(std::move(numbered));
-  if (events_.size() > kDepth) {
-    events_.pop_front();
-  }
+  if (events_.size() > kDepth) events_.pop_front();
 }
 
 void EventLog::note(std::uint64_t request_id, const char* kind, const std::string& text) {
@@ -99,9 +93,7 @@ Json EventLog::since(std::uint64_t since, std::size_t limit) const {
   const std::uint64_t missed = since + 1 < oldest ? oldest - since - 1 : 0;
   Json list = Json::array();
   std::uint64_t cursor = begin - 1;
-  while (cursor < last_ && list.size() < limit) {
-    list.push_back(events_[static_cast<std::size_t>(++cursor - oldest)]);
-  }
+  while (cursor < last_ && list.size() < limit) list.push_back(events_[static_cast<std::size_t>(++cursor - oldest)]);
   return {{"events", std::move(list)}, {"cursor", cursor}, {"lost", missed + lost_in_ring_}};
 }
 

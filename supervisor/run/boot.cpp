@@ -39,9 +39,7 @@ std::string pid_path(const std::string& robot) { return fmt::format("{}/{}.pid",
 // Pid of the lease holder: from its pid file, else from the segment's header.
 std::string holder_of(const std::string& robot) {
   std::string pid = "unknown";
-  if (std::ifstream file(pid_path(robot)); file >> pid) {
-    return pid;
-  }
+  if (std::ifstream file(pid_path(robot)); file >> pid) return pid;
   const auto control = ipc::Segment<ipc::ControlMemory>::attach(robot, ipc::Access::read);
   return control ? std::to_string((*control)->header.writer_pid) : pid;
 }
@@ -60,14 +58,10 @@ int run_robot(const RunOptions& options) {
   spdlog::set_default_logger(spdlog::stderr_color_mt("lithe"));
   spdlog::set_pattern("%H:%M:%S.%e %^%l%$ %v");
   auto config = robot::load_robot(options.config_path);
-  if (!config) {
-    return refuse({"bad_config", config.message(), "correct the file"}, 2, options.json);
-  }
+  if (!config) return refuse({"bad_config", config.message(), "correct the file"}, 2, options.json);
   const MachineCores cores = machine_cores();
   if (const auto plan = robot::plan_cpus(*config, cores); plan) {
-    for (std::string& cost : robot::costs_of(*plan, config->spine, cores)) {
-      config->notes.push_back(std::move(cost));
-    }
+    for (std::string& cost : robot::costs_of(*plan, config->spine, cores)) config->notes.push_back(std::move(cost));
   } else if (!live_spine(config->name)) {  // a Spine that ticks has its cores already
     return refuse({"bad_config", plan.message(), "correct the file"}, 2, options.json);
   }
@@ -83,13 +77,9 @@ int run_robot(const RunOptions& options) {
 void Supervisor::take_lease() {
   std::error_code failure;
   fs::create_directories(run_dir(), failure);
-  if (failure) {
-    throw Halt{1, fmt::format("cannot create {}: {}; set LITHE_RUN_DIR", run_dir(), failure.message())};
-  }
+  if (failure) throw Halt{1, fmt::format("cannot create {}: {}; set LITHE_RUN_DIR", run_dir(), failure.message())};
   auto lease = ipc::Lease::try_take(ipc::Segment<ipc::ControlMemory>::path(config_.name));
-  if (!lease) {
-    throw Halt{1, lease.message()};
-  }
+  if (!lease) throw Halt{1, lease.message()};
   if (!*lease) {
     throw Halt{1, fmt::format("robot '{}' already has a supervisor (pid {}); use lithe status, or stop it first",
                               config_.name, holder_of(config_.name))};
@@ -114,9 +104,7 @@ void Supervisor::catch_signals() {
     sigaddset(&set, number);
   }
   struct sigaction hangup{};
-  if (::sigaction(SIGHUP, nullptr, &hangup) == 0 && hangup.sa_handler != SIG_IGN) {
-    sigaddset(&set, SIGHUP);
-  }
+  if (::sigaction(SIGHUP, nullptr, &hangup) == 0 && hangup.sa_handler != SIG_IGN) sigaddset(&set, SIGHUP);
   ::signal(SIGPIPE, SIG_IGN);
   ::sigprocmask(SIG_BLOCK, &set, nullptr);
   signals_.reset(::signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK));
@@ -125,9 +113,7 @@ void Supervisor::catch_signals() {
 // Reports errors of the file that the Spine would refuse, before the compile service starts.
 void Supervisor::check_robot() {
   int err[2];
-  if (::pipe2(err, O_CLOEXEC) != 0) {
-    throw Halt{1, fmt::format("cannot make a pipe: {}", std::strerror(errno))};
-  }
+  if (::pipe2(err, O_CLOEXEC) != 0) throw Halt{1, fmt::format("cannot make a pipe: {}", std::strerror(errno))};
   const Fd ours(err[0]);
   Fd theirs(err[1]);
   Launch launch;
@@ -137,9 +123,7 @@ void Supervisor::check_robot() {
   launch.cpus = all_cpus_;
   auto process = Process::start(launch);
   theirs.reset();
-  if (!process) {
-    throw Halt{1, process.message()};
-  }
+  if (!process) throw Halt{1, process.message()};
   std::string said;
   char chunk[4096];
   pollfd wait{ours.get(), POLLIN, 0};
@@ -161,9 +145,7 @@ void Supervisor::check_robot() {
 void Supervisor::start_lawd() {
   arena_ = open_arena(config_);
   lawd_.give(arena_.get());
-  if (const auto started = lawd_.start(monotonic_ns()); !started) {
-    throw Halt{1, started.message()};
-  }
+  if (const auto started = lawd_.start(monotonic_ns()); !started) throw Halt{1, started.message()};
 }
 
 // Started before the Spine, like lawd: it forks.
@@ -176,9 +158,7 @@ void Supervisor::start_trial() {
     return;
   }
   trial_.give(arena_.get());
-  if (const auto started = trial_.start(monotonic_ns()); !started) {
-    throw Halt{1, started.message()};
-  }
+  if (const auto started = trial_.start(monotonic_ns()); !started) throw Halt{1, started.message()};
 }
 
 void Supervisor::start_spine() {
@@ -198,9 +178,7 @@ void Supervisor::start_spine() {
   launch.own_session = true;
   launch.cpus = all_cpus_;
   auto process = Process::start(launch);
-  if (!process) {
-    throw Halt{1, process.message()};
-  }
+  if (!process) throw Halt{1, process.message()};
   spine_.emplace(std::move(*process));
   const auto ready = [this] { return spine_said_.find("\"ready\"") != std::string::npos; };
   if (!turn_until(ready, kReadyTimeoutNs)) {
@@ -219,24 +197,18 @@ void Supervisor::adopt_spine(pid_t pid) {
                                config_.name, who, why, how)};
   };
   auto process = pid > 0 ? Process::adopt(pid) : Result<Process>(Error{"its memory does not tell its process"});
-  if (!process) {
-    throw refuse(process.message());
-  }
+  if (!process) throw refuse(process.message());
   adopted_ = true;
   spine_.emplace(std::move(*process));
   auto link = SpineLink::attach(config_.name);
-  if (!link) {
-    throw refuse(link.message());
-  }
+  if (!link) throw refuse(link.message());
   serve_spine(std::move(*link));
   spdlog::info("robot '{}' is already ticking (Spine pid {}): adopted as it is", config_.name, pid);
 }
 
 void Supervisor::attach() {
   auto link = SpineLink::attach(config_.name);
-  if (!link) {
-    throw Halt{1, link.message()};
-  }
+  if (!link) throw Halt{1, link.message()};
   serve_spine(std::move(*link));
 }
 
@@ -261,16 +233,12 @@ void Supervisor::open_socket() {
   auto server = Server::listen(
       control_socket_path(config_.name),
       [this](const ReplyTo& to, const std::string& verb, const Json& args) { verbs_->handle(to, verb, args); });
-  if (!server) {
-    throw Halt{1, server.message()};
-  }
+  if (!server) throw Halt{1, server.message()};
   server_.emplace(std::move(*server));
   verbs_.emplace(
       Parts{config_, *link_, lawd_, trial_, *commands_, *swaps_, events_, adopted_},
       [this](const ReplyTo& to, const Answer& answer) {
-        if (server_) {
-          server_->reply(to, answer);
-        }
+        if (server_) server_->reply(to, answer);
       },
       [this] { stop_asked_ = true; });
 }

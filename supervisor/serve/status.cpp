@@ -35,13 +35,9 @@ Json joint_status_json(std::uint32_t status) {
       {wire::joint_status::kConflict, "conflict"}, {wire::joint_status::kGarbled, "garbled"},
       {wire::joint_status::kNotReady, "not_ready"}};
   for (const auto& [bit, word] : bits) {
-    if ((status & bit) != 0) {
-      words.push_back(word);
-    }
+    if ((status & bit) != 0) words.push_back(word);
   }
-  if ((status & wire::joint_status::kFresh) == 0) {
-    words.push_back("stale");
-  }
+  if ((status & wire::joint_status::kFresh) == 0) words.push_back("stale");
   return words;
 }
 
@@ -93,15 +89,11 @@ Json sensors_json(const wire::RobotInfo& info, const wire::Telemetry& now) {
 Json buses_json(const std::string& robot) {
   Json buses = Json::array();
   const auto frames = ipc::Segment<ipc::FramesMemory>::attach(robot, ipc::Access::read);
-  if (!frames) {
-    return buses;
-  }
+  if (!frames) return buses;
   const auto count = [](const std::uint64_t& word) { return ipc::load_word(word, std::memory_order_relaxed); };
   for (const ipc::BusCounts& bus : (*frames)->buses) {
     const std::string name = text_of(bus.name);
-    if (name.empty()) {
-      break;
-    }
+    if (name.empty()) break;
     buses.push_back({{"name", name},
                      {"sent", count(bus.sent)},
                      {"received", count(bus.received)},
@@ -222,9 +214,7 @@ Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
 Answer params_json(const SpineLink& spine) {
   wire::Telemetry now{};
   const auto law = spine.latest(now) ? spine.law(now.law_id) : std::nullopt;
-  if (!law) {
-    return Refusal{"refused_law", "no law is running, so there are no parameters", "swap a law in first"};
-  }
+  if (!law) return Refusal{"refused_law", "no law is running, so there are no parameters", "swap a law in first"};
   const auto live = spine.params();
   return Json{
       {"law", text_of(law->name)}, {"law_id", law->law_id}, {"params", params_of(*law, live ? &*live : nullptr)}};

@@ -109,9 +109,7 @@ void Verbs::handle(const ReplyTo& to, const std::string& verb, const Json& args)
     return;
   }
   std::string known;
-  for (const auto& [name, function] : verbs_) {
-    known += (known.empty() ? "" : ", ") + name;
-  }
+  for (const auto& [name, function] : verbs_) known += (known.empty() ? "" : ", ") + name;
   reply_(to, Refusal{"unknown_verb", fmt::format("there is no verb '{}'", verb), fmt::format("one of: {}", known)});
 }
 
@@ -163,17 +161,13 @@ void Verbs::revert_params(const ReplyTo& to) {
 
 void Verbs::set_params(const ReplyTo& to, const Json& args) {
   Json values = args.value("values", Json::object());
-  if (args.contains("name")) {
-    values[args["name"].get<std::string>()] = args.value("value", Json(nullptr));
-  }
+  if (args.contains("name")) values[args["name"].get<std::string>()] = args.value("value", Json(nullptr));
   parts_.swaps.set_params(
       values,
       [this, to](const Answer& answer) {
         const Json* done = std::get_if<Json>(&answer);
         Answer out = done != nullptr ? params_json(parts_.spine) : answer;
-        if (Json* params = done != nullptr ? std::get_if<Json>(&out) : nullptr) {
-          params->update(*done);
-        }
+        if (Json* params = done != nullptr ? std::get_if<Json>(&out) : nullptr) params->update(*done);
         reply_(to, out);
       },
       monotonic_ns());

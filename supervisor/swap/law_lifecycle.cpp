@@ -24,22 +24,16 @@ void LawLifecycle::follow(Transaction swap, RecordBook::Page record, const CoreC
 
 void LawLifecycle::serve(std::int64_t now_ns) {
   for (Life& each : lives_) {
-    if (each.measure_at_ns <= now_ns) {
-      measure(each);
-    }
+    if (each.measure_at_ns <= now_ns) measure(each);
   }
 }
 
 void LawLifecycle::measure_all() {
-  for (Life& each : lives_) {
-    measure(each);
-  }
+  for (Life& each : lives_) measure(each);
 }
 
 void LawLifecycle::measure(Life& life) {
-  if (std::exchange(life.measure_at_ns, 0) == 0) {
-    return;
-  }
+  if (std::exchange(life.measure_at_ns, 0) == 0) return;
   Json measured = measure_commit(spine_, life.swap.commit_tick());
   if (measured.is_object()) {
     measured["core"] = counts_json(life.before, count_core(spine_.spine_pid(), spine_.info()));
@@ -96,9 +90,7 @@ void LawLifecycle::on_event(const wire::Event& event) {
 std::optional<wire::LawFault> LawLifecycle::record_of(const wire::Event& event) {
   wire::LawFault fault{};
   while (!faults_.empty()) {
-    if (faults_.next(fault)) {
-      untold_.push_back(fault);
-    }
+    if (faults_.next(fault)) untold_.push_back(fault);
   }
   const auto is_it = [&](const wire::LawFault& each) {
     return each.request_id == event.request_id && each.tick == event.tick;
@@ -118,9 +110,7 @@ std::optional<wire::LawFault> LawLifecycle::record_of(const wire::Event& event) 
 void LawLifecycle::faulted(const wire::Event& event) {
   const std::optional<wire::LawFault> fault = record_of(event);
   Life* life = of_request(event.request_id);
-  if (life == nullptr) {
-    return;
-  }
+  if (life == nullptr) return;
   const std::string kind(to_string(static_cast<wire::LawFaultKind>(event.code)));
   life->fault = kind;
   if (!fault) {
@@ -135,9 +125,7 @@ void LawLifecycle::faulted(const wire::Event& event) {
                      {"pc", fmt::format("{:#x}", fault->pc)},
                      {"pc_offset", fault->pc_offset},
                      {"address", fmt::format("{:#x}", fault->address)}});
-  if (fault->to_law_id == 0) {
-    leave(*life, kind + "; no law took over: the safe law", event, 0);
-  }
+  if (fault->to_law_id == 0) leave(*life, kind + "; no law took over: the safe law", event, 0);
   locate(*life, *fault);
 }
 
@@ -154,9 +142,7 @@ void LawLifecycle::tell_fault(Life& life, Json fault) {
     return;
   }
   told_.push_back(std::move(fault));
-  if (told_.size() > kFaultsKept) {
-    told_.erase(told_.begin());
-  }
+  if (told_.size() > kFaultsKept) told_.erase(told_.begin());
 }
 
 void LawLifecycle::locate(Life& life, const wire::LawFault& fault) {
@@ -167,9 +153,7 @@ void LawLifecycle::locate(Life& life, const wire::LawFault& fault) {
   const std::uint64_t id = life.swap.request_id();
   locate_(life.swap, fault.pc_offset, [this, id](const Json& place) {
     Life* found = of_request(id);
-    if (found == nullptr) {
-      return;
-    }
+    if (found == nullptr) return;
     found->asked = false;
     if (place.is_object()) {
       Json known = found->swap.certificate().value("fault", Json::object());
@@ -186,13 +170,9 @@ void LawLifecycle::locate(Life& life, const wire::LawFault& fault) {
 void LawLifecycle::retired(const wire::Event& event) {
   std::erase(running_, event.code);
   Life* life = of_request(event.request_id);
-  if (life == nullptr) {
-    return;
-  }
+  if (life == nullptr) return;
   measure(*life);
-  if (!life->swap.mark(Stage::retired, "", event.t_ns)) {
-    return;
-  }
+  if (!life->swap.mark(Stage::retired, "", event.t_ns)) return;
   keep_(life->swap, life->record);
   life->retired = true;
   std::erase_if(lives_, [](const Life& each) { return each.retired && !each.asked; });
@@ -226,9 +206,7 @@ void LawLifecycle::leave(Life& life, const std::string& why, const wire::Event& 
 void LawLifecycle::end(const std::string& why, std::int64_t now_ns) {
   for (Life& each : lives_) {
     measure(each);
-    if (each.swap.mark(Stage::retired, why, now_ns)) {
-      keep_(each.swap, each.record);
-    }
+    if (each.swap.mark(Stage::retired, why, now_ns)) keep_(each.swap, each.record);
   }
   lives_.clear();
   running_.clear();

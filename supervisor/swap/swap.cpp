@@ -50,29 +50,21 @@ auto box_for() {
 std::int64_t admission_ns(const Json& compiled) {
   double ms = 0.0;
   if (!compiled.value("cached", false)) {
-    for (const Json& gate : compiled.value("gates", Json::array())) {
-      ms += gate.value("ms", 0.0);
-    }
+    for (const Json& gate : compiled.value("gates", Json::array())) ms += gate.value("ms", 0.0);
   }
   return static_cast<std::int64_t>(ms * 1e6);
 }
 
 // The answer of the compile service; what goes into the certificate is in `facts`.
 std::variant<Compiled, Refusal> read_compiled(const Answer& answer, const Json& params) {
-  if (const auto* refusal = std::get_if<Refusal>(&answer)) {
-    return *refusal;
-  }
+  if (const auto* refusal = std::get_if<Refusal>(&answer)) return *refusal;
   const Json& result = std::get<Json>(answer);
   const Json law = result.value("law", Json::object());
-  if (auto wrong = wrong_param(params, law)) {
-    return std::move(*wrong);
-  }
+  if (auto wrong = wrong_param(params, law)) return std::move(*wrong);
   Json facts = Json::object();
   for (const char* key :
        {"object_sha256", "placeable_sha256", "toolchain", "gates", "steps_ms", "dry_step_max_ns", "warnings"}) {
-    if (result.contains(key)) {
-      facts[key] = result[key];
-    }
+    if (result.contains(key)) facts[key] = result[key];
   }
   return Compiled{result.value("object", ""),
                   result.value("hash", ""),
@@ -95,9 +87,7 @@ Refusal at_line(Refusal refusal, const Json& place) {
 // Bounded copy into a zero-terminated field; false when the text does not fit.
 template <std::size_t N>
 bool put(std::array<char, N>& field, const std::string& text) {
-  if (text.size() >= N) {
-    return false;
-  }
+  if (text.size() >= N) return false;
   std::memcpy(field.data(), text.c_str(), text.size() + 1);
   return true;
 }
@@ -111,16 +101,12 @@ Sequence Swaps::swap_law(Transaction& swap) {
   swap.mark_started(now_ns());
   note(swap, "swap_submitted", swap.request().name);
   auto compiled = co_await compile(swap);
-  if (const auto* no = std::get_if<Refusal>(&compiled)) {
-    co_return refuse(swap, *no);
-  }
+  if (const auto* no = std::get_if<Refusal>(&compiled)) co_return refuse(swap, *no);
   admitted(swap, std::get<Compiled>(std::move(compiled)));
 
   // -> placed: lawd links the object for a free slot of the arena and writes it there.
   const auto where = co_await place(swap);
-  if (const auto* no = std::get_if<Refusal>(&where)) {
-    co_return refuse(swap, *no);
-  }
+  if (const auto* no = std::get_if<Refusal>(&where)) co_return refuse(swap, *no);
   placed(swap, std::get<Placed>(where));
 
   // -> tried: lithe-trial runs the placed law in its sandbox. A law that crashed there is told its line.
@@ -134,20 +120,14 @@ Sequence Swaps::swap_law(Transaction& swap) {
 
   // -> staged: the Loader checks and warms it, and offers it to the tick. From here on the Spine has the law: what is
   // given up may still be committed.
-  if (const auto no = stage(swap)) {
-    co_return refuse(swap, *no);
-  }
+  if (const auto no = stage(swap)) co_return refuse(swap, *no);
   for (const Stage next : kInTheSpine) {
     if (next == Stage::shadow && swap.request().terms.shadow_s == 0) {
       continue;  // on request only: first it runs beside the active law, without effect
     }
     const auto why_not = co_await spine_reaches(next, swap);
-    if (heard_.refusal) {
-      co_return refuse(swap, *heard_.refusal);
-    }
-    if (why_not && !find_commit(now_ns())) {
-      co_return give_up(swap, *why_not);
-    }
+    if (heard_.refusal) co_return refuse(swap, *heard_.refusal);
+    if (why_not && !find_commit(now_ns())) co_return give_up(swap, *why_not);
     mark_heard(swap);
   }
 
@@ -249,9 +229,7 @@ std::variant<std::string, Refusal> Swaps::tried(Transaction& swap, const Answer&
     }
     swap.note("trial", report);
   }
-  if (refusal != nullptr) {
-    return *refusal;
-  }
+  if (refusal != nullptr) return *refusal;
   const Json timing = report.value("report", Json::object()).value("timing", Json::object());
   std::string words = fmt::format("passed in {:.0f} ms, a step takes {:.0f} ns (p99.9, best of 3), at most {:.0f} ns",
                                   report.value("ms", 0.0), timing.value("p999_ns", 0.0), timing.value("worst_ns", 0.0));
@@ -298,12 +276,8 @@ std::optional<Refusal> Swaps::stage(Transaction& swap) {
   lifecycle_.measure_all();  // the counts of earlier laws must not include this one
   before_ = count_core(help_.spine.spine_pid(), help_.spine.info());
   const auto ticket = help_.spine.stage(request);
-  if (!ticket) {
-    return stage_refusal(wire::StageResult::busy, "the Loader does not take requests");
-  }
-  if (placed_->slot != 0) {
-    placement_.asked(placed_->slot, *ticket);
-  }
+  if (!ticket) return stage_refusal(wire::StageResult::busy, "the Loader does not take requests");
+  if (placed_->slot != 0) placement_.asked(placed_->slot, *ticket);
   placed_.reset();
   heard_.ticket = *ticket;
   return std::nullopt;

@@ -56,9 +56,7 @@ void Swaps::submit(SwapRequest request, Callback callback, std::int64_t now_ns) 
     callback(*refusal);
     return;
   }
-  if (request.supersede) {
-    supersede(request, now_ns);
-  }
+  if (request.supersede) supersede(request, now_ns);
   if (waiting_.size() + (head_ ? 1 : 0) >= kMaxWaiting) {
     callback(Refusal{"busy", fmt::format("{} swaps wait already", kMaxWaiting), "try again later"});
     return;
@@ -76,9 +74,7 @@ void Swaps::supersede(const SwapRequest& newer, std::int64_t now_ns) {
     return newer.client != 0 && older.client == newer.client && older.name == newer.name;
   };
   const auto found = std::find_if(waiting_.begin(), waiting_.end(), is_it);
-  if (found == waiting_.end()) {
-    return;
-  }
+  if (found == waiting_.end()) return;
   Entry gone = std::move(*found);
   waiting_.erase(found);
   gone.swap.mark_refused({"superseded", fmt::format("a newer request for '{}' takes its place", newer.name), ""},
@@ -99,16 +95,12 @@ void Swaps::begin_next(std::int64_t now_ns) {
 void Swaps::go_on(std::int64_t now_ns) {
   if (sequence_) {
     sequence_->serve(now_ns);
-    if (sequence_->done()) {
-      settle();
-    }
+    if (sequence_->done()) settle();
   }
 }
 
 void Swaps::settle() {
-  if (placed_ && placed_->slot != 0) {
-    placement_.forget(placed_->slot);
-  }
+  if (placed_ && placed_->slot != 0) placement_.forget(placed_->slot);
   placed_.reset();
   heard_ = {};
   sequence_.reset();
@@ -122,9 +114,7 @@ void Swaps::serve(std::int64_t now_ns) {
   go_on(now_ns);
   begin_next(now_ns);
   lifecycle_.serve(now_ns);
-  if (late_.waiting() > 0 && (late_.retry(book_, now_ns), late_.waiting() == 0)) {
-    write_failed_.clear();
-  }
+  if (late_.waiting() > 0 && (late_.retry(book_, now_ns), late_.waiting() == 0)) write_failed_.clear();
 }
 
 void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
@@ -146,9 +136,7 @@ void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
 // Only the newest swap is reported: the retirement of an older law does not change it.
 void Swaps::remember(const Transaction& swap) {
   const bool begun = swap.stage() != Stage::submitted;
-  if (begun && (last_.is_null() || last_["request_id"] <= swap.request_id())) {
-    last_ = summary_of(swap.certificate());
-  }
+  if (begun && (last_.is_null() || last_["request_id"] <= swap.request_id())) last_ = summary_of(swap.certificate());
 }
 
 void Swaps::keep_record(Entry& entry) {
@@ -237,9 +225,7 @@ void Swaps::finish(Entry entry) {
   note(swap, swap.outcome_is_known() ? "swap_refused" : "swap_not_confirmed",
        fmt::format("{}: {}", swap.request().name, swap.refusal()->message));
   Refusal refusal = *swap.refusal();
-  if (refusal.detail.is_null()) {
-    refusal.detail = Json::object();
-  }
+  if (refusal.detail.is_null()) refusal.detail = Json::object();
   certificate.erase("error");
   refusal.detail["swap"] = std::move(certificate);
   entry.callback(refusal);
@@ -247,9 +233,7 @@ void Swaps::finish(Entry entry) {
     tried_laws_.forget(swap.request_id());
   } else {
     unconfirmed_.push_back(std::move(entry));
-    if (unconfirmed_.size() > kMostUnconfirmed) {
-      unconfirmed_.pop_front();
-    }
+    if (unconfirmed_.size() > kMostUnconfirmed) unconfirmed_.pop_front();
   }
 }
 

@@ -26,9 +26,7 @@ void compare(const Json& run, const Json& before, const char* which, const std::
   }
   for (std::size_t j = 0; j < std::min({joints.size(), now.size(), then.size()}); ++j) {
     const double now_rad = now[j].get<double>(), then_rad = then[j].get<double>();
-    if (now_rad <= kWorseRatio * then_rad + kWorseRad) {
-      continue;
-    }
+    if (now_rad <= kWorseRatio * then_rad + kWorseRad) continue;
     worse.push_back(fmt::format("joint {} follows its setpoint {}worse than {}: {:.3f} rad against {:.3f} (rms), {}",
                                 joints[j], now_rad > kMuchWorseRatio * then_rad + kWorseRad ? "much " : "", whom,
                                 now_rad, then_rad, which));
@@ -41,9 +39,7 @@ std::string cached_object(std::uint64_t source_hash) {
   std::error_code failure;
   for (const auto& entry : std::filesystem::directory_iterator(cache_dir() + "/laws", failure)) {
     const std::string name = entry.path().filename().string();
-    if (source_hash != 0 && name.starts_with(begins) && name.ends_with(".so")) {
-      return entry.path().string();
-    }
+    if (source_hash != 0 && name.starts_with(begins) && name.ends_with(".so")) return entry.path().string();
   }
   return "";
 }
@@ -63,28 +59,20 @@ std::vector<std::string> worse_joints(const Json& run, const Json& before, const
 
 void TriedLaws::passed(std::uint64_t request_id, TrialRequest request, const Json& values, const Json& trial) {
   laws_[request_id] = Law{std::move(request), {Run{values, loop_of(trial)}}};
-  if (laws_.size() > kMostLaws) {
-    laws_.erase(laws_.begin());
-  }
+  if (laws_.size() > kMostLaws) laws_.erase(laws_.begin());
 }
 
 void TriedLaws::passed_again(std::uint64_t request_id, const Json& values, const Json& trial) {
   const auto law = laws_.find(request_id);
-  if (law == laws_.end()) {
-    return;
-  }
+  if (law == laws_.end()) return;
   std::deque<Run>& runs = law->second.runs;
   runs.push_back(Run{values, loop_of(trial)});
-  if (runs.size() > kMostRuns) {
-    runs.pop_front();
-  }
+  if (runs.size() > kMostRuns) runs.pop_front();
 }
 
 std::optional<TrialRequest> TriedLaws::request_of(const RunningLaw& law, const TrialRequest& otherwise) const {
   const auto known = laws_.find(law.info.request_id);
-  if (known != laws_.end()) {
-    return known->second.request;
-  }
+  if (known != laws_.end()) return known->second.request;
   TrialRequest request = otherwise;
   request.object = cached_object(law.info.source_hash);
   return request.object.empty() ? std::nullopt : std::optional(request);
@@ -92,14 +80,10 @@ std::optional<TrialRequest> TriedLaws::request_of(const RunningLaw& law, const T
 
 std::vector<std::string> TriedLaws::worse_than(const RunningLaw& law, const Json& trial) const {
   const auto known = laws_.find(law.info.request_id);
-  if (known == laws_.end()) {
-    return {};
-  }
+  if (known == laws_.end()) return {};
   const auto& runs = known->second.runs;
   const auto run = std::find_if(runs.rbegin(), runs.rend(), [&](const Run& each) { return each.values == law.values; });
-  if (run == runs.rend()) {
-    return {};
-  }
+  if (run == runs.rend()) return {};
   const wire::RobotInfo& info = spine_.info();
   std::vector<std::string> joints;
   for (std::size_t j = 0; j < std::min<std::size_t>(info.joint_count, wire::kNj); ++j) {

@@ -35,9 +35,7 @@ namespace {
 std::variant<std::string, Refusal> find_robot() {
   std::vector<std::string> running = control::running_robots();
   for (const std::string& robot : running.empty() ? control::robots_with_memory() : std::set<std::string>{}) {
-    if (control::spine_now(robot)) {
-      running.push_back(robot);
-    }
+    if (control::spine_now(robot)) running.push_back(robot);
   }
   if (running.empty()) {
     return Refusal{"no_robot", fmt::format("no robot is running here (looked in {})", run_dir()),
@@ -83,9 +81,7 @@ int refuse(const Context& context, const Refusal& refusal) {
         std::cerr << printable(text, true) << (text.back() == '\n' ? "" : "\n");
       }
     }
-    if (!refusal.next.empty()) {
-      std::cerr << "next: " << printable(refusal.next, true) << '\n';
-    }
+    if (!refusal.next.empty()) std::cerr << "next: " << printable(refusal.next, true) << '\n';
   }
   return exit_code(refusal);
 }

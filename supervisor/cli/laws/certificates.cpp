@@ -34,9 +34,7 @@ fs::path only_folder() {
   std::vector<std::string> robots;
   std::error_code failure;
   for (const auto& entry : fs::directory_iterator(all, failure)) {
-    if (fs::is_directory(entry.path() / "swaps", failure)) {
-      robots.push_back(entry.path().filename().string());
-    }
+    if (fs::is_directory(entry.path() / "swaps", failure)) robots.push_back(entry.path().filename().string());
   }
   if (robots.size() == 1) return control::records_of(robots.front());
   if (robots.empty()) throw no_certificates(all);
@@ -46,9 +44,7 @@ fs::path only_folder() {
 
 // The folder of the command line, else that of the running robot's supervisor, else out/ below the working directory.
 fs::path find_folder(const Context& context, const std::string& folder) {
-  if (!folder.empty()) {
-    return fs::path(folder);
-  }
+  if (!folder.empty()) return fs::path(folder);
   const Answer answer = try_ask(context, "status", Json::object());
   if (const Json* status = std::get_if<Json>(&answer); status != nullptr && status->contains("records")) {
     return fs::path((*status)["records"].get<std::string>());
@@ -64,9 +60,7 @@ std::vector<fs::path> pages(const fs::path& folder) {
   std::vector<fs::path> found;
   std::error_code failure;
   for (const auto& entry : fs::directory_iterator(folder, failure)) {
-    if (entry.path().extension() == ".json") {
-      found.push_back(entry.path());
-    }
+    if (entry.path().extension() == ".json") found.push_back(entry.path());
   }
   const auto number = [](const fs::path& path) { return std::atol(path.stem().c_str()); };
   std::sort(found.begin(), found.end(), [&](const fs::path& a, const fs::path& b) { return number(a) > number(b); });

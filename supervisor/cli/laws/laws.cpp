@@ -59,9 +59,7 @@ std::string about(const fs::path& path) {
   std::ifstream file(path);
   std::string line;
   while (std::getline(file, line)) {
-    if (line.rfind("// ", 0) == 0 && line.find("SPDX") == std::string::npos) {
-      return line.substr(3);
-    }
+    if (line.rfind("// ", 0) == 0 && line.find("SPDX") == std::string::npos) return line.substr(3);
   }
   return "";
 }

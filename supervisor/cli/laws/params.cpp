@@ -30,9 +30,7 @@ void print_params(const Json& params) {
 std::optional<std::pair<std::size_t, std::size_t>> find_default(const std::string& text, const std::string& name) {
   const std::regex pattern("\\b" + name + R"(\s*\{\s*([-+]?[0-9.][0-9.eE+\-]*))");
   std::smatch match;
-  if (!std::regex_search(text, match, pattern)) {
-    return std::nullopt;
-  }
+  if (!std::regex_search(text, match, pattern)) return std::nullopt;
   return std::pair(static_cast<std::size_t>(match.position(1)), static_cast<std::size_t>(match.length(1)));
 }
 

@@ -19,21 +19,15 @@ const Json& at(const Json& from, std::initializer_list<const char*> path) {
   static const Json nothing = nullptr;
   const Json* found = &from;
   for (const char* name : path) {
-    if (!found->is_object() || !found->contains(name)) {
-      return nothing;
-    }
+    if (!found->is_object() || !found->contains(name)) return nothing;
     found = &(*found)[name];
   }
   return *found;
 }
 
 std::string text(const Json& value) {
-  if (value.is_string()) {
-    return value.get<std::string>();
-  }
-  if (value.is_number_float()) {
-    return fmt::format("{:.4g}", value.get<double>());
-  }
+  if (value.is_string()) return value.get<std::string>();
+  if (value.is_number_float()) return fmt::format("{:.4g}", value.get<double>());
   return value.is_null() ? "-" : control::dump_line(value);
 }
 
@@ -117,9 +111,7 @@ void print_trial(const Json& c) {
                          number(at(timing, {"worst_ns"})));
   }
   row("trial", words);
-  for (const Json& each : at(trial, {"warnings"})) {
-    row("warning", text(each));
-  }
+  for (const Json& each : at(trial, {"warnings"})) row("warning", text(each));
 }
 
 void print_window(const char* name, const Json& measured, const char* key) {
@@ -131,17 +123,13 @@ void print_window(const char* name, const Json& measured, const char* key) {
 }
 
 void print_commit(const Json& c) {
-  if (!at(c, {"commit_tick"}).is_number()) {
-    return;
-  }
+  if (!at(c, {"commit_tick"}).is_number()) return;
   row("placed", reason(c, "placed"));
   row("shadow", all_of(at(c, {"shadow"})));
   row("committed", fmt::format("at tick {} as law {}; releases missed on the way: {}", text(at(c, {"commit_tick"})),
                                text(at(c, {"law_id"})), text(at(c, {"missed_releases"}))));
   const Json& measured = at(c, {"measured"});
-  if (!measured.is_object()) {
-    return;
-  }
+  if (!measured.is_object()) return;
   row("first call", text(at(measured, {"first_call_ns"})) + " ns");
   const auto core = [&](const char* key) { return text(at(measured, {"core", key})); };
   row("Spine's core", fmt::format("page faults {} (major {}); interrupts: TLB {}, function call {}, reschedule {}",
@@ -156,9 +144,7 @@ void print_commit(const Json& c) {
 }
 
 std::string probation(const Json& c, double lasts_s) {
-  if (lasts_s == 0) {
-    return "none";
-  }
+  if (lasts_s == 0) return "none";
   const Json& times = at(c, {"times_ns"});
   const char* how = !at(times, {"confirmed"}).is_null()     ? "passed"
                     : !at(times, {"rolled_back"}).is_null() ? "not passed"
@@ -171,9 +157,7 @@ std::string probation(const Json& c, double lasts_s) {
 
 void print_terms(const Json& c) {
   const Json& terms = at(c, {"terms"});
-  if (!terms.is_object() || !at(c, {"commit_tick"}).is_number()) {
-    return;
-  }
+  if (!terms.is_object() || !at(c, {"commit_tick"}).is_number()) return;
   row("blend", fmt::format("{:.0f} ms", number(at(terms, {"blend_s"})) * 1e3));
   row("probation", probation(c, number(at(terms, {"probation_s"}))));
 }

@@ -85,9 +85,7 @@ std::vector<Target> press_all(const Context& context) {
                          return pressed ? Answer(Json::object()) : Answer(Refusal{"no_robot", pressed.message(), ""});
                        })});
   }
-  if (!context.robot.empty()) {
-    return targets;
-  }
+  if (!context.robot.empty()) return targets;
   // Files of a crashed run do not count as robots; a supervisor without segments does.
   const std::vector<std::string> served = control::running_robots();
   std::erase_if(targets, [&served](const Target& each) {
@@ -130,9 +128,7 @@ int report(const Context& context, const std::vector<std::pair<std::string, Answ
   }
   if (!failed.empty()) {
     std::string names;
-    for (const auto& [robot, refusal] : failed) {
-      names += (names.empty() ? "" : ", ") + robot;
-    }
+    for (const auto& [robot, refusal] : failed) names += (names.empty() ? "" : ", ") + robot;
     return refuse(context, {"robot_fault",
                             fmt::format("{} of {} robots have not confirmed the e-stop: {}", failed.size(),
                                         answers.size(), names),

@@ -64,9 +64,7 @@ int events(const Context& context, std::uint64_t since, bool follow) {
 }
 
 int top(const Context& context, int turns) {
-  if (context.json) {
-    return status(context);
-  }
+  if (context.json) return status(context);
   auto client = value_of(connect(context));
   for (int turn = 0; turns == 0 || turn < turns; ++turn) {
     if (turn > 0) std::this_thread::sleep_for(std::chrono::milliseconds(250));

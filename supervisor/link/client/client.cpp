@@ -30,12 +30,8 @@ bool wait_for(int fd, short events, std::int64_t deadline_ns) {
     const std::int64_t left_ms = (deadline_ns - monotonic_ns()) / kNsPerMs + 1;
     pollfd wait{fd, events, 0};
     const int ready = ::poll(&wait, 1, static_cast<int>(std::clamp<std::int64_t>(left_ms, 0, 3'600'000)));
-    if (ready > 0) {
-      return true;
-    }
-    if (ready == 0 || errno != EINTR) {
-      return false;
-    }
+    if (ready > 0) return true;
+    if (ready == 0 || errno != EINTR) return false;
   }
 }
 
@@ -45,9 +41,7 @@ Refusal gone() {
 }
 
 Answer unpack(const Json& message) {
-  if (message.value("ok", false)) {
-    return message.value("result", Json::object());
-  }
+  if (message.value("ok", false)) return message.value("result", Json::object());
   const Json error = message.value("error", Json::object());
   return Refusal{error.value("code", "bad_answer"), error.value("message", "the supervisor gave no reason"),
                  error.value("next", ""), error.value("detail", Json(nullptr))};
@@ -82,9 +76,7 @@ bool Client::send_all(const std::string& text, std::int64_t deadline_ns) {
     if (n > 0) {
       sent += static_cast<std::size_t>(n);
     } else if (errno == EAGAIN) {
-      if (!wait_for(fd_.get(), POLLOUT, deadline_ns)) {
-        return false;
-      }
+      if (!wait_for(fd_.get(), POLLOUT, deadline_ns)) return false;
     } else if (errno != EINTR) {
       return false;
     }
@@ -108,23 +100,17 @@ std::optional<Answer> Client::receive(std::uint64_t id, std::int64_t deadline_ns
         return unpack(message);
       }
     }
-    if (!wait_for(fd_.get(), POLLIN, deadline_ns)) {
-      return std::nullopt;
-    }
+    if (!wait_for(fd_.get(), POLLIN, deadline_ns)) return std::nullopt;
     char chunk[65536];
     const ssize_t got = ::recv(fd_.get(), chunk, sizeof(chunk), 0);
-    if (got == 0 || (got < 0 && errno != EINTR && errno != EAGAIN)) {
-      return gone();
-    }
+    if (got == 0 || (got < 0 && errno != EINTR && errno != EAGAIN)) return gone();
     in_.feed({chunk, static_cast<std::size_t>(std::max<ssize_t>(got, 0))});
   }
 }
 
 Answer Client::call(const std::string& verb, const Json& args, int timeout_ms) {
   const std::int64_t deadline_ns = monotonic_ns() + timeout_ms * kNsPerMs;
-  if (auto answer = receive(send(verb, args, deadline_ns), deadline_ns)) {
-    return *answer;
-  }
+  if (auto answer = receive(send(verb, args, deadline_ns), deadline_ns)) return *answer;
   if (is_question(verb)) {
     return Refusal{"timeout", fmt::format("{}: no answer within {} ms; nothing was changed", verb, timeout_ms),
                    "is the supervisor stopped, or the machine busy? lithe list"};
@@ -144,12 +130,8 @@ Client::Pulse Client::pulse() {
     }
     const char state = state_of(peer_pid_);
     const std::int64_t quiet_ms = (monotonic_ns() - began_ns) / kNsPerMs;
-    if (is_stopped(state)) {
-      return Pulse::stopped;
-    }
-    if (quiet_ms >= kBusyMs || (quiet_ms >= kQuietMs && state != 'R' && state != 'D')) {
-      return Pulse::silent;
-    }
+    if (is_stopped(state)) return Pulse::stopped;
+    if (quiet_ms >= kBusyMs || (quiet_ms >= kQuietMs && state != 'R' && state != 'D')) return Pulse::silent;
   }
 }
 
@@ -162,13 +144,9 @@ std::vector<std::string> running_robots() {
   std::vector<std::string> names;
   std::error_code ignored;
   for (const auto& entry : std::filesystem::directory_iterator(run_dir(), ignored)) {
-    if (entry.path().extension() != ".sock") {
-      continue;
-    }
+    if (entry.path().extension() != ".sock") continue;
     const auto client = Client::connect(entry.path().string());
-    if (client || Client::is_full(client)) {
-      names.push_back(entry.path().stem().string());
-    }
+    if (client || Client::is_full(client)) names.push_back(entry.path().stem().string());
   }
   std::sort(names.begin(), names.end());
   return names;

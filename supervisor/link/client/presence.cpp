@@ -26,9 +26,7 @@ constexpr useconds_t kLookAgainUs = 2'000;
 
 void look_at_spine(Presence& out) {
   out.spine_pid = spine_now(out.robot);
-  if (!out.spine_pid) {
-    return;
-  }
+  if (!out.spine_pid) return;
   const auto spine = Spine::attach(out.robot, ipc::Access::read);
   if (!spine) {
     out.unreadable = spine.message();
@@ -50,9 +48,7 @@ void look_at_spine(Presence& out) {
     out.fault = to_string(static_cast<wire::Fault>(now.fault));
   }
   wire::RobotInfo info{};
-  if (ipc::ChannelReader<wire::RobotInfo>((*spine)->robot_info).read(info)) {
-    out.config = text_of(info.config_path);
-  }
+  if (ipc::ChannelReader<wire::RobotInfo>((*spine)->robot_info).read(info)) out.config = text_of(info.config_path);
   for (const auto& memory : (*spine)->law_info) {
     wire::LawInfo law{};
     if (ipc::ChannelReader<wire::LawInfo>(memory).read(law) && law.law_id != 0 && law.law_id == now.law_id) {
@@ -96,9 +92,7 @@ std::optional<Client> look_at_supervisor(Presence& out) {
 
 // "Spine pid 17 ticks: mode active, tick 4711".
 std::string about_spine(const Presence& there) {
-  if (!there.spine_pid) {
-    return "no Spine ticks";
-  }
+  if (!there.spine_pid) return "no Spine ticks";
   const std::string who = *there.spine_pid > 0 ? fmt::format("pid {}", *there.spine_pid) : "pid unknown";
   if (!there.unreadable.empty()) {
     return fmt::format("its Spine ({}) lives; what it does cannot be read: {}", who, there.unreadable);
@@ -181,9 +175,7 @@ Presence look_for(const std::string& robot) {
 std::variant<Client, Refusal> reach(const std::string& robot) {
   Presence there;
   there.robot = robot;
-  if (auto client = look_at_supervisor(there)) {
-    return std::move(*client);
-  }
+  if (auto client = look_at_supervisor(there)) return std::move(*client);
   look_at_spine(there);
   return why_silent(there);
 }

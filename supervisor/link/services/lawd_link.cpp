@@ -26,13 +26,9 @@ Refusal refusal_of(const Json& answer) {
       break;
     }
   }
-  if (message.empty()) {
-    message = "the compile service gave no reason";
-  }
+  if (message.empty()) message = "the compile service gave no reason";
   Json detail = {{"stage", stage}, {"diagnostics", diagnostics}, {"text", text}};
-  if (answer.contains("gates")) {
-    detail["gates"] = answer["gates"];
-  }
+  if (answer.contains("gates")) detail["gates"] = answer["gates"];
   const std::string next = answer.value("next", "the running law is unchanged; correct the source and swap again");
   return {answer.value("starved", false) ? "compile_starved" : stage + "_failed", message, next, detail};
 }

@@ -73,9 +73,7 @@ void ServiceLink::serve(std::int64_t now_ns) {
 }
 
 void ServiceLink::write_requests(std::int64_t now_ns) {
-  if (!process_) {
-    return;
-  }
+  if (!process_) return;
   if (!active_ && !(line_.empty() && idle_.empty())) {
     std::deque<Job>& from = line_.empty() ? idle_ : line_;
     out_ += from.front().request;
@@ -98,9 +96,7 @@ void ServiceLink::read_answers() {
   while ((got = ::recv(socket_.get(), chunk, sizeof(chunk), MSG_DONTWAIT)) > 0) {
     in_.feed({chunk, static_cast<std::size_t>(got)});
   }
-  while (const auto line = in_.next()) {
-    take(*line);
-  }
+  while (const auto line = in_.next()) take(*line);
 }
 
 void ServiceLink::take(const std::string& line) {
@@ -108,9 +104,7 @@ void ServiceLink::take(const std::string& line) {
   if (!answer.is_object() || !answer.contains("id") || !answer["id"].is_number_unsigned()) {
     return;  // its start message, or output of a tool
   }
-  if (!active_ || active_->id != answer["id"].get<std::uint64_t>()) {
-    return;
-  }
+  if (!active_ || active_->id != answer["id"].get<std::uint64_t>()) return;
   const Callback callback = std::move(active_->callback);
   active_.reset();
   answer.erase("id");
@@ -142,9 +136,7 @@ void ServiceLink::buried(std::string why, std::int64_t now_ns, bool starved) {
   process_.reset();
   socket_.reset();
   restart_at_ns_ = now_ns + kRestartPauseNs;
-  if (!active_) {
-    return;
-  }
+  if (!active_) return;
   // The request that was sent is refused; requests not sent yet wait for the next process.
   const Callback callback = std::move(active_->callback);
   active_.reset();
@@ -170,9 +162,7 @@ void ServiceLink::refuse_waiting(const std::string& why) {
 }
 
 void ServiceLink::stop() {
-  if (!process_) {
-    return;
-  }
+  if (!process_) return;
   socket_.reset();  // end of its input: it exits by itself
   if (!process_->wait(300)) {
     process_->signal(SIGTERM);

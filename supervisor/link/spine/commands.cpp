@@ -221,9 +221,7 @@ std::variant<wire::Command, Refusal> params_command(const Json& values, const wi
     command.value[command.count] = value.get<double>();
     ++command.count;
   }
-  if (command.count == 0) {
-    return Refusal{"usage", "no parameter was given", "lithe param set NAME VALUE"};
-  }
+  if (command.count == 0) return Refusal{"usage", "no parameter was given", "lithe param set NAME VALUE"};
   return command;
 }
 
@@ -239,9 +237,7 @@ std::uint64_t Commands::send(wire::Command command, Callback callback, std::int6
 }
 
 void Commands::refuse_all(const Refusal& reason) {
-  for (; !pending_.empty(); pending_.pop_front()) {
-    pending_.front().callback(reason);
-  }
+  for (; !pending_.empty(); pending_.pop_front()) pending_.front().callback(reason);
 }
 
 Json Commands::result_json(const wire::Telemetry& now) const {

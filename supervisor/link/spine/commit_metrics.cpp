@@ -66,9 +66,7 @@ struct Side {
     }
   }
   static Json quantiles(std::vector<std::uint32_t>& times_ns) {
-    if (times_ns.empty()) {
-      return nullptr;
-    }
+    if (times_ns.empty()) return nullptr;
     std::sort(times_ns.begin(), times_ns.end());
     return {{"p50_us", times_ns[times_ns.size() / 2] * 1e-3}, {"max_us", times_ns.back() * 1e-3}};
   }
@@ -102,9 +100,7 @@ void read_interrupts(std::string_view text, std::uint32_t cpu, CoreCounts& count
     const std::string_view name = word(line);
     for (std::size_t i = 0; i < kInterrupts.size(); ++i) {
       if (name.size() == kInterrupts[i].size() + 1 && name.starts_with(kInterrupts[i]) && name.back() == ':') {
-        for (std::size_t skipped = 0; skipped < column; ++skipped) {
-          (void)word(line);
-        }
+        for (std::size_t skipped = 0; skipped < column; ++skipped) (void)word(line);
         counts.interrupts[i] = number(word(line));
       }
     }
@@ -114,9 +110,7 @@ void read_interrupts(std::string_view text, std::uint32_t cpu, CoreCounts& count
 // Fields 10 and 12 of /proc/PID/stat; the name in parentheses before them may contain any character.
 void read_faults(std::string_view stat, CoreCounts& counts) {
   const std::size_t name_end = stat.rfind(')');
-  if (name_end == std::string_view::npos) {
-    return;
-  }
+  if (name_end == std::string_view::npos) return;
   stat.remove_prefix(name_end + 1);
   for (int field = 3; field <= 12; ++field) {
     const std::string_view text = word(stat);
@@ -153,9 +147,7 @@ Json measure_commit(const SpineLink& spine, std::uint64_t commit_tick) {
   const auto window = static_cast<std::uint64_t>(std::max(1.0, kWindowS * info.rate_hz));
   auto now = std::make_unique<wire::Telemetry>();
   auto last = std::make_unique<wire::Telemetry>();
-  if (!spine.latest(*now)) {
-    return nullptr;
-  }
+  if (!spine.latest(*now)) return nullptr;
   ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> ring(spine.memory().telemetry);
   const std::uint64_t from = commit_tick - std::min(commit_tick, window);
   ring.rewind(now->tick - std::min(now->tick, from) + 2);
@@ -165,20 +157,12 @@ Json measure_commit(const SpineLink& spine, std::uint64_t commit_tick) {
   std::uint32_t missed_after = 0;
   // Test empty(): next() is false also for a record that was overwritten while it was read.
   while (!ring.empty()) {
-    if (!ring.next(*now) || now->tick < from) {
-      continue;
-    }
-    if (now->tick > commit_tick + window) {
-      break;
-    }
+    if (!ring.next(*now) || now->tick < from) continue;
+    if (now->tick > commit_tick + window) break;
     Side& side = now->tick <= commit_tick ? before : after;
     side.add(*now);
-    if (last->tick != 0 && now->tick == last->tick + 1) {
-      side.step(*last, *now, info);
-    }
-    if (now->tick == commit_tick + 1) {
-      first_call_ns = now->law_ns;
-    }
+    if (last->tick != 0 && now->tick == last->tick + 1) side.step(*last, *now, info);
+    if (now->tick == commit_tick + 1) first_call_ns = now->law_ns;
     missed_before = missed_before.value_or(now->missed_releases);
     missed_after = now->missed_releases;
     std::swap(last, now);

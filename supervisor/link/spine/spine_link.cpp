@@ -32,9 +32,7 @@ bool is_dying(pid_t pid) {
 }  // namespace
 
 std::optional<pid_t> spine_now(const std::string& robot) {
-  if (!ipc::Lease::is_held(Spine::path(robot))) {
-    return std::nullopt;
-  }
+  if (!ipc::Lease::is_held(Spine::path(robot))) return std::nullopt;
   // Read as bytes: a Spine of another build has another layout, but the same header.
   wire::SegmentHeader header{};
   std::ifstream file(Spine::path(robot), std::ios::binary);
@@ -55,9 +53,7 @@ std::optional<pid_t> live_spine(const std::string& robot) {
 
 bool remove_segments(const std::string& robot) {
   const auto lease = ipc::Lease::try_take(Spine::path(robot));
-  if (!lease || !*lease) {
-    return false;
-  }
+  if (!lease || !*lease) return false;
   for (const std::string& path : {Spine::path(robot), Control::path(robot), ipc::Segment<ipc::BrainMemory>::path(robot),
                                   ipc::Segment<ipc::FramesMemory>::path(robot)}) {
     ipc::remove_segment(path);
@@ -67,9 +63,7 @@ bool remove_segments(const std::string& robot) {
 
 Result<> press_estop(const std::string& robot) {
   const Result<Control> control = Control::attach(robot, ipc::Access::write);
-  if (!control) {
-    return control.error();
-  }
+  if (!control) return control.error();
   // release: partner of the tick's acquire load; the word is sticky, so a second writer can only press it too.
   ipc::store_word((*control)->estop.value, 1, std::memory_order_release);
   return done();
@@ -77,13 +71,9 @@ Result<> press_estop(const std::string& robot) {
 
 Result<SpineLink> SpineLink::attach(const std::string& robot) {
   Result<Spine> spine = Spine::attach(robot, ipc::Access::read);
-  if (!spine) {
-    return spine.error();
-  }
+  if (!spine) return spine.error();
   Result<Control> control = Control::attach(robot, ipc::Access::write);
-  if (!control) {
-    return control.error();
-  }
+  if (!control) return control.error();
   ipc::sign_in((*control)->header, monotonic_ns());
   SpineLink link(std::move(*spine), std::move(*control));
   if (!ipc::ChannelReader<wire::RobotInfo>(link.spine_->robot_info).read(link.info_)) {
@@ -123,27 +113,21 @@ std::vector<wire::LawInfo> SpineLink::laws() const {
 
 std::optional<wire::LawInfo> SpineLink::law(std::uint32_t law_id) const {
   for (const wire::LawInfo& info : laws()) {
-    if (info.law_id == law_id) {
-      return info;
-    }
+    if (info.law_id == law_id) return info;
   }
   return std::nullopt;
 }
 
 std::optional<wire::Params> SpineLink::params() const {
   wire::Params params;
-  if (!ipc::ChannelReader<wire::Params>(spine_->params).read(params)) {
-    return std::nullopt;
-  }
+  if (!ipc::ChannelReader<wire::Params>(spine_->params).read(params)) return std::nullopt;
   return params;
 }
 
 std::optional<RunningLaw> SpineLink::running_law() const {
   wire::Telemetry now{};
   const auto info = latest(now) ? law(now.law_id) : std::nullopt;
-  if (!info) {
-    return std::nullopt;
-  }
+  if (!info) return std::nullopt;
   RunningLaw running{*info};
   const auto live = params();
   for (std::uint32_t i = 0; i < info->param_count; ++i) {
@@ -162,9 +146,7 @@ std::optional<wire::Plan> SpineLink::plan() const {
 
 Quantiles SpineLink::quantiles(const ipc::HistogramMemory& histogram) const {
   std::array<std::uint64_t, wire::kNbin> bins;
-  for (std::size_t i = 0; i < bins.size(); ++i) {
-    bins[i] = ipc::load_word(histogram.bin[i], std::memory_order_relaxed);
-  }
+  for (std::size_t i = 0; i < bins.size(); ++i) bins[i] = ipc::load_word(histogram.bin[i], std::memory_order_relaxed);
   const double max_us = static_cast<double>(ipc::load_word(histogram.max_ns, std::memory_order_relaxed)) * 1e-3;
   const auto at = [&](double q) {
     return std::min(static_cast<double>(histogram_quantile_ns(bins, q)) * 1e-3, max_us);
@@ -188,9 +170,7 @@ std::vector<wire::Event> SpineLink::drain_events() {
     // Test empty(), not next(): next() is false also for a record that was overwritten while it was read, and more
     // records may follow.
     for (std::size_t i = 0; i < depth && !ring.empty(); ++i) {
-      if (ring.next(event)) {
-        events.push_back(event);
-      }
+      if (ring.next(event)) events.push_back(event);
     }
     return events;
   };

@@ -42,9 +42,7 @@ std::string hash_before_last(const fs::path& chain, const std::string& name) {
   std::string last, before;
   std::ifstream file(chain, std::ios::binary);
   for (std::string line; std::getline(file, line);) {
-    if (string_of(line, "file") == name) {
-      before = std::exchange(last, string_of(line, "sha256"));
-    }
+    if (string_of(line, "file") == name) before = std::exchange(last, string_of(line, "sha256"));
   }
   return before;
 }
@@ -77,9 +75,7 @@ struct Writing {
 std::size_t count_lines(const fs::path& path) {
   std::ifstream file(path, std::ios::binary);
   std::size_t lines = 0;
-  for (std::string line; std::getline(file, line);) {
-    ++lines;
-  }
+  for (std::string line; std::getline(file, line);) ++lines;
   return lines;
 }
 
@@ -117,9 +113,7 @@ Fits fits(const std::string& hash, const std::vector<Writing>& writings, std::si
   const auto is_it = [&](const Writing& w) { return w.hash == hash; };
   const bool new_then = since == writings.begin() || (since - 1)->line == known;
   const auto oldest = since == writings.begin() ? since : since - 1;
-  if (std::any_of(oldest, writings.end(), is_it)) {
-    return Fits::yes;
-  }
+  if (std::any_of(oldest, writings.end(), is_it)) return Fits::yes;
   const std::string before = oldest != writings.begin() && oldest != writings.end() ? (oldest - 1)->hash : "";
   return new_then && hash == before ? Fits::cut : Fits::no;
 }
@@ -141,9 +135,7 @@ Result<> RecordBook::open() {
   }
   int highest = 0;
   for (const auto& entry : fs::directory_iterator(dir_, failure)) {
-    if (entry.path().extension() == ".json") {
-      highest = std::max(highest, std::atoi(entry.path().stem().c_str()));
-    }
+    if (entry.path().extension() == ".json") highest = std::max(highest, std::atoi(entry.path().stem().c_str()));
   }
   next_ = std::max(highest, used_) + 1;
   return find_end();
@@ -162,23 +154,17 @@ Result<> RecordBook::find_end() {
   // When the run ended between a line and its file, the file still holds the writing before; the chain then goes on
   // from that one. Any other content was not written by us.
   const std::string hash = sha256_hex(text);
-  if (text.empty() || string_of(last, "sha256") == hash || hash_before_last(dir_ / kChain, name) != hash) {
-    return done();
-  }
+  if (text.empty() || string_of(last, "sha256") == hash || hash_before_last(dir_ / kChain, name) != hash) return done();
   return add_line({dir_ / name, ""}, text);
 }
 
 Result<RecordBook::Page> RecordBook::write(const Json& certificate) {
   notice_removal();
   if (next_ == 0) {
-    if (const auto opened = open(); !opened) {
-      return opened.error();
-    }
+    if (const auto opened = open(); !opened) return opened.error();
   }
   const Page page{dir_ / fmt::format("{:04}.json", next_), last_line_, folders_};
-  if (const auto written = put(page, certificate); !written) {
-    return written.error();
-  }
+  if (const auto written = put(page, certificate); !written) return written.error();
   used_ = next_++;
   return page;
 }
@@ -186,9 +172,7 @@ Result<RecordBook::Page> RecordBook::write(const Json& certificate) {
 // The numbers continue and the chain starts anew, because the old chain was removed.
 void RecordBook::notice_removal() {
   std::error_code failure;
-  if (last_line_.empty() || fs::exists(dir_, failure) || failure) {
-    return;
-  }
+  if (last_line_.empty() || fs::exists(dir_, failure) || failure) return;
   fs::create_directories(dir_, failure);
   if (failure) {
     return;  // reported by the write
@@ -205,9 +189,7 @@ void RecordBook::notice_removal() {
 Result<> RecordBook::put(const Page& page, Json certificate) {
   notice_removal();
   if (next_ == 0) {
-    if (const auto opened = open(); !opened) {
-      return opened;
-    }
+    if (const auto opened = open(); !opened) return opened;
   }
   // In a folder made anew the certificate follows the last line that is there.
   certificate["previous"] = page.folder == folders_ ? page.previous : last_line_;
@@ -229,9 +211,7 @@ Result<> RecordBook::put(const Page& page, Json certificate) {
     return added;
   }
   fs::rename(draft, page.path, failure);
-  if (failure) {
-    return Error{fmt::format("cannot rename {}: {}", draft.string(), failure.message())};
-  }
+  if (failure) return Error{fmt::format("cannot rename {}: {}", draft.string(), failure.message())};
   return done();
 }
 
@@ -252,25 +232,17 @@ Result<> RecordBook::add_line(const Page& page, const std::string& text) {
 
 void LateRecords::hold(std::uint64_t request_id, Json certificate) {
   late_[request_id].certificate = std::move(certificate);
-  if (late_.size() > kMost) {
-    late_.erase(late_.begin());
-  }
+  if (late_.size() > kMost) late_.erase(late_.begin());
 }
 
 void LateRecords::retry(RecordBook& book, std::int64_t now_ns) {
-  if (now_ns < next_try_ns_ || waiting() == 0) {
-    return;
-  }
+  if (now_ns < next_try_ns_ || waiting() == 0) return;
   next_try_ns_ = now_ns + kPauseNs;
   for (auto& [id, late] : late_) {
-    if (late.certificate.is_null()) {
-      continue;
-    }
+    if (late.certificate.is_null()) continue;
     if (late.page.path.empty()) {
       const auto page = book.write(late.certificate);
-      if (!page) {
-        return;
-      }
+      if (!page) return;
       late.page = *page;
     } else if (!book.rewrite(late.page, late.certificate)) {
       return;
@@ -293,9 +265,7 @@ Chain verify_chain(const fs::path& dir) {
     chain.problems.push_back({what, file, line, fmt::format("{} {}", file, words)});
   };
   for (const auto& [name, found] : files) {
-    if (!lines.contains(name)) {
-      problem("extra", name, 0, "is not in the chain");
-    }
+    if (!lines.contains(name)) problem("extra", name, 0, "is not in the chain");
   }
   chain.certificates = lines.size();
   for (const auto& [name, writings] : lines) {

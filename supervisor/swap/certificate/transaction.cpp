@@ -63,9 +63,7 @@ std::uint32_t ticks(double seconds, double rate_hz) {
 
 Json Terms::to_json() const {
   Json out = Json::object();
-  for (const Argument& each : kArguments) {
-    out[each.name] = this->*each.field;
-  }
+  for (const Argument& each : kArguments) out[each.name] = this->*each.field;
   return out;
 }
 
@@ -76,9 +74,7 @@ Terms terms_of(const robot::RobotConfig& robot, double rate_hz) {
   terms.error_ratio = robot.swap.probation_error_ratio;
   terms.budget_us = robot.swap.budget_share * 1e6 / rate_hz;
   double weakest_nm = robot.joints.empty() ? 1.0 : robot.joints.front().torque_max_nm;
-  for (const robot::JointConfig& joint : robot.joints) {
-    weakest_nm = std::min(weakest_nm, joint.torque_max_nm);
-  }
+  for (const robot::JointConfig& joint : robot.joints) weakest_nm = std::min(weakest_nm, joint.torque_max_nm);
   terms.shadow_tolerance_nm = 0.1 * weakest_nm;
   return terms;
 }
@@ -92,9 +88,7 @@ std::variant<Terms, Refusal> read_terms(const Json& args, const Terms& robot, do
   Terms terms = robot;
   for (const Argument& each : kArguments) {
     const auto found = args.find(each.name);
-    if (found == args.end() || found->is_null()) {
-      continue;
-    }
+    if (found == args.end() || found->is_null()) continue;
     const double most = std::min(each.most, each.most == kTickLimit ? 1e6 / rate_hz : each.most);
     const double value = found->is_number() ? found->get<double>() : std::nan("");
     const bool in_range = value >= each.least && value <= most;
@@ -132,27 +126,21 @@ Transaction::Transaction(std::uint64_t request_id, SwapRequest request, std::int
       stage_since_ns_(now_ns) {}
 
 bool Transaction::enter(Stage stage, const std::string& reason, std::int64_t now_ns) {
-  if (started_ns_ == 0 ? stage != Stage::refused || finished() : !may_follow(this->stage(), stage)) {
-    return false;
-  }
+  if (started_ns_ == 0 ? stage != Stage::refused || finished() : !may_follow(this->stage(), stage)) return false;
   stage_since_ns_ = std::max(now_ns, stage_since_ns_);
   steps_.push_back({stage, stage_since_ns_, reason});
   return true;
 }
 
 bool Transaction::mark_started(std::int64_t now_ns) {
-  if (stage() != Stage::submitted || started_ns_ != 0) {
-    return false;
-  }
+  if (stage() != Stage::submitted || started_ns_ != 0) return false;
   started_ns_ = std::max(now_ns, stage_since_ns_);
   stage_since_ns_ = started_ns_;
   return true;
 }
 
 bool Transaction::mark_compiled(Compiled compiled, std::int64_t now_ns) {
-  if (!enter(Stage::compiled, compiled.cached ? "cached" : "", now_ns)) {
-    return false;
-  }
+  if (!enter(Stage::compiled, compiled.cached ? "cached" : "", now_ns)) return false;
   compiled_ = std::move(compiled);
   return true;
 }
@@ -167,29 +155,21 @@ bool Transaction::mark_committed(std::uint64_t tick, std::uint32_t law_id, std::
     reopen();
     enter(Stage::staged, "", now_ns);  // unless this was reported before
   }
-  if (!enter(Stage::committed, "", now_ns)) {
-    return false;
-  }
+  if (!enter(Stage::committed, "", now_ns)) return false;
   commit_tick_ = tick;
   law_id_ = law_id;
   return true;
 }
 
 bool Transaction::mark_refused(Refusal reason, std::int64_t now_ns) {
-  if (!outcome_is_known()) {
-    reopen();
-  }
-  if (!enter(Stage::refused, reason.code, now_ns)) {
-    return false;
-  }
+  if (!outcome_is_known()) reopen();
+  if (!enter(Stage::refused, reason.code, now_ns)) return false;
   refusal_ = std::move(reason);
   return true;
 }
 
 bool Transaction::mark_given_up(Refusal reason, std::int64_t now_ns) {
-  if (refusal_ || !mark_refused(std::move(reason), now_ns)) {
-    return false;
-  }
+  if (refusal_ || !mark_refused(std::move(reason), now_ns)) return false;
   given_up_ = true;
   return true;
 }
@@ -212,13 +192,9 @@ std::int64_t Transaction::time_of(Stage stage) const {
 }
 
 const char* Transaction::verdict() const {
-  if (refusal_) {
-    return outcome_is_known() ? "refused" : "not_confirmed";
-  }
+  if (refusal_) return outcome_is_known() ? "refused" : "not_confirmed";
   for (const Stage each : {Stage::rolled_back, Stage::confirmed, Stage::unproven, Stage::committed}) {
-    if (reached(each)) {
-      return to_string(each);
-    }
+    if (reached(each)) return to_string(each);
   }
   return to_string(Stage::submitted);
 }
@@ -230,9 +206,7 @@ double Transaction::ms_between(Stage from, Stage to) const {
 // Duration of each stage, from the end of the stage before it.
 Json Transaction::split_ms() const {
   Json split = Json::object();
-  if (started_ns_ == 0) {
-    return split;
-  }
+  if (started_ns_ == 0) return split;
   split["queued"] = ms(started_ns_ - steps_.front().t_ns);
   std::int64_t before_ns = started_ns_;
   for (const Step& each : steps_) {
@@ -246,9 +220,7 @@ Json Transaction::split_ms() const {
 
 Json Transaction::times_ns() const {
   Json times = {{"submitted", steps_.front().t_ns}};
-  if (started_ns_ != 0) {
-    times["started"] = started_ns_;
-  }
+  if (started_ns_ != 0) times["started"] = started_ns_;
   for (std::size_t i = 1; i < steps_.size(); ++i) {
     times[steps_[i].stage == Stage::refused ? verdict() : to_string(steps_[i].stage)] = steps_[i].t_ns;
   }
@@ -277,9 +249,7 @@ Json Transaction::certificate() const {
   out["times_ns"] = times_ns();
   Json reasons = Json::object();
   for (const Step& each : steps_) {
-    if (!each.reason.empty()) {
-      reasons[to_string(each.stage)] = each.reason;
-    }
+    if (!each.reason.empty()) reasons[to_string(each.stage)] = each.reason;
   }
   out["reasons"] = std::move(reasons);
   out["terms"] = request_.terms.to_json();
@@ -301,13 +271,9 @@ Json summary_of(const Json& certificate) {
   Json out = Json::object();
   for (const char* key :
        {"request_id", "law", "source", "verdict", "commit_tick", "requested_to_committed_ms", "refused_after"}) {
-    if (certificate.contains(key)) {
-      out[key] = certificate[key];
-    }
+    if (certificate.contains(key)) out[key] = certificate[key];
   }
-  if (certificate.contains("state_not_carried")) {
-    out["state_not_carried"] = certificate["state_not_carried"]["fields"];
-  }
+  if (certificate.contains("state_not_carried")) out["state_not_carried"] = certificate["state_not_carried"]["fields"];
   if (const Json trial = certificate.value("trial", Json::object()); !trial.value("warnings", Json::array()).empty()) {
     out["warnings"] = trial["warnings"];
   }
