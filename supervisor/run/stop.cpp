@@ -47,7 +47,7 @@ bool Supervisor::stop_spine() {
   const std::int64_t deadline_ns = monotonic_ns() + 5 * kNsPerS;
   while (!spine_->wait(20) && monotonic_ns() < deadline_ns) forward_spine_log();
   // An adopted Spine is not our child, so its exit code is unknown.
-  const int adopted_code = adopted_ && link_ && link_->told_off().value_or(false) ? 0 : 1;
+  const int adopted_code = adopted_ && link_ && link_->confirmed_off().value_or(false) ? 0 : 1;
   const bool in_order = spine_->ended() && spine_->exit_code().value_or(adopted_code) == 0;
   if (!spine_->ended()) {
     spdlog::error("the Spine did not stop within 5 s: killed; the drives' watchdogs switch off");

@@ -136,7 +136,7 @@ int law_check(const Context& context, const std::string& law) {
   const Source file = read_law(law);
   Answer answer = try_ask(context, "law_check", {{"name", file.name}, {"source", file.text}}, kCompileMs);
   const auto* refusal = std::get_if<Refusal>(&answer);
-  if (refusal != nullptr && control::is_nobody(*refusal)) answer = check_alone(file);
+  if (refusal != nullptr && control::is_unreachable(*refusal)) answer = check_alone(file);
   return finish(context, value_of(answer), print_check);
 }
 
@@ -156,7 +156,7 @@ int law_list(const Context& context) {
   Json laws = {{"files", files}, {"resident", Json::array()}};
   const Answer resident = try_ask(context, "law_list", Json::object());
   const auto* refusal = std::get_if<Refusal>(&resident);
-  if (refusal == nullptr || !control::is_nobody(*refusal)) laws["resident"] = value_of(resident)["resident"];
+  if (refusal == nullptr || !control::is_unreachable(*refusal)) laws["resident"] = value_of(resident)["resident"];
   return finish(context, laws, print_laws);
 }
 

@@ -34,8 +34,8 @@ bool takes_value(const CLI::App& app, const std::string& word) {
 // Follows the verbs of a command line: the last known verb, its full name, and the first unknown word.
 struct Walk {
   const CLI::App* at;
-  std::string name;      // " law check"
-  std::string stranger;  // the first unknown verb; empty = all are known
+  std::string name;     // " law check"
+  std::string unknown;  // the first unknown verb; empty = all are known
 };
 
 Walk walk(const CLI::App& app, const std::vector<std::string>& words) {
@@ -48,7 +48,7 @@ Walk walk(const CLI::App& app, const std::vector<std::string>& words) {
     }
     const CLI::App* next = child(*found.at, word);
     if (next == nullptr) {
-      found.stranger = word;
+      found.unknown = word;
       break;
     }
     found.at = next;
@@ -62,10 +62,9 @@ control::Refusal no_such_verb(const Walk& found) {
   std::vector<std::string> owned;
   for (const CLI::App* each : children(*found.at)) owned.push_back(each->get_name());
   names.assign(owned.begin(), owned.end());
-  return {
-      "unknown_verb",
-      fmt::format("lithe{} has no verb '{}'{}", found.name, found.stranger, robot::suggestion(found.stranger, names)),
-      "all verbs: lithe help" + found.name};
+  return {"unknown_verb",
+          fmt::format("lithe{} has no verb '{}'{}", found.name, found.unknown, robot::suggestion(found.unknown, names)),
+          "all verbs: lithe help" + found.name};
 }
 
 // "lithe swap [options] LAW".
@@ -179,14 +178,14 @@ std::variant<std::string, control::Refusal> help_text(const CLI::App& app, const
   if (form == "bash") return to_bash(app);
   if (form == "zsh") return to_zsh(app);
   const Walk found = walk(app, verb);
-  if (!found.stranger.empty()) return no_such_verb(found);
+  if (!found.unknown.empty()) return no_such_verb(found);
   // Not App::help(): it would describe the parsed verb, which is `help`.
   return found.at->get_formatter()->make_help(found.at, "lithe" + found.name, CLI::AppFormatMode::Normal);
 }
 
 std::optional<control::Refusal> wrong_verb(const CLI::App& app, const std::vector<std::string>& words) {
   const Walk found = walk(app, words);
-  return found.stranger.empty() ? std::nullopt : std::optional(no_such_verb(found));
+  return found.unknown.empty() ? std::nullopt : std::optional(no_such_verb(found));
 }
 
 std::string verb_of(const CLI::App& app, const std::vector<std::string>& words) { return walk(app, words).name; }

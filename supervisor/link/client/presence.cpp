@@ -180,7 +180,7 @@ std::variant<Client, Refusal> reach(const std::string& robot) {
   return why_silent(there);
 }
 
-bool is_nobody(const Refusal& refusal) {
+bool is_unreachable(const Refusal& refusal) {
   static const std::set<std::string> codes = {"no_robot", "no_supervisor", "no_answer", "starting"};
   return codes.count(refusal.code) != 0;
 }

@@ -38,7 +38,7 @@ Presence look_for(const std::string& robot);
 std::variant<Client, Refusal> reach(const std::string& robot);
 
 // True for the codes of reach(): the request was not delivered.
-bool is_nobody(const Refusal& refusal);
+bool is_unreachable(const Refusal& refusal);
 
 Json presence_json(const Presence& presence);
 

@@ -69,7 +69,7 @@ class PresenceTest : public ::testing::Test {
     const auto* refusal = std::get_if<Refusal>(&answer);
     if (refusal == nullptr) return "";
     EXPECT_EQ(refusal->code, code);
-    EXPECT_TRUE(is_nobody(*refusal));
+    EXPECT_TRUE(is_unreachable(*refusal));
     return refusal->message + "; next: " + refusal->next;
   }
 
@@ -77,7 +77,7 @@ class PresenceTest : public ::testing::Test {
   pid_t child_ = 0;
 };
 
-TEST_F(PresenceTest, NobodyIsNobody) {
+TEST_F(PresenceTest, ARobotThatIsNotThereIsUnreachable) {
   EXPECT_FALSE(look_for("arm").is_there());
   EXPECT_NE(refused("no_robot").find("no robot 'arm' is running here"), std::string::npos);
 }

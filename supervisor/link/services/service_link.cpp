@@ -56,14 +56,14 @@ void ServiceLink::serve(std::int64_t now_ns) {
     if (active_ && now_ns > active_->deadline_ns) {
       out_of_time(now_ns);
     } else if (process_->ended()) {
-      buried(process_->verdict(), now_ns);
+      on_death(process_->verdict(), now_ns);
     }
   }
   if (!process_ && now_ns >= restart_at_ns_) {
     ++restarts_;
     const Result<> started = start(now_ns);
     if (!started) {
-      buried(started.message(), now_ns);
+      on_death(started.message(), now_ns);
       refuse_waiting(started.message());
     } else {
       spdlog::warn("{} started again (pid {})", name_, pid());
@@ -125,13 +125,13 @@ void ServiceLink::out_of_time(std::int64_t now_ns) {
   process_->wait(1000);
   const std::string had = fmt::format("{:.1f} s of the processor in {:.1f} s", cpu_s, wall_s);
   if (work.wants_to_run && cpu_s < 0.5 * wall_s) {
-    buried("the machine is too busy: the " + name_ + " got " + had, now_ns, true);
+    on_death("the machine is too busy: the " + name_ + " got " + had, now_ns, true);
   } else {
-    buried("it had " + had + ", was not done and was stopped", now_ns);
+    on_death("it had " + had + ", was not done and was stopped", now_ns);
   }
 }
 
-void ServiceLink::buried(std::string why, std::int64_t now_ns, bool starved) {
+void ServiceLink::on_death(std::string why, std::int64_t now_ns, bool starved) {
   spdlog::error("{} is gone: {}", name_, why);
   process_.reset();
   socket_.reset();

@@ -67,7 +67,7 @@ class ServiceLink {
   void take(const std::string& line);
   void out_of_time(std::int64_t now_ns);
   // Refuses the request that the service was handling. By value: `why` may refer to the process that is being replaced.
-  void buried(std::string why, std::int64_t now_ns, bool starved = false);
+  void on_death(std::string why, std::int64_t now_ns, bool starved = false);
   void refuse_waiting(const std::string& why);
 
   std::string word_, name_, starved_;

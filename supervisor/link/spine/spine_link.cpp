@@ -154,7 +154,7 @@ Quantiles SpineLink::quantiles(const ipc::HistogramMemory& histogram) const {
   return {at(0.5), at(0.99), at(0.999), max_us, ipc::load_word(histogram.count, std::memory_order_relaxed)};
 }
 
-std::optional<bool> SpineLink::told_off() const {
+std::optional<bool> SpineLink::confirmed_off() const {
   ipc::RingReader<wire::Event, wire::spine_segment::kEventsTickDepth> events(spine_->events_tick);
   events.rewind(1);
   wire::Event last{};

@@ -79,7 +79,7 @@ class SpineLink {
   const ipc::SpineMemory& memory() const { return *spine_; }
 
   // The final report of a Spine that has ended: whether every drive was commanded off. Empty when there is no report.
-  std::optional<bool> told_off() const;
+  std::optional<bool> confirmed_off() const;
 
   // Events since the last call, both rings merged by time.
   std::vector<wire::Event> drain_events();

@@ -47,18 +47,18 @@ TEST_F(SpineLinkTest, MergesBothRingsByTime) {
 
 TEST_F(SpineLinkTest, TheLastWordOfASpineIsTheLastAndNoOther) {
   ipc::RingWriter<wire::Event, wire::spine_segment::kEventsTickDepth> tick((*spine_)->events_tick);
-  EXPECT_EQ(link_->told_off(), std::nullopt) << "it died without a word";
+  EXPECT_EQ(link_->confirmed_off(), std::nullopt) << "it died without a word";
   tick.push(event(EventKind::disarmed, 1));
-  EXPECT_EQ(link_->told_off(), std::nullopt) << "by command: it ran on";
+  EXPECT_EQ(link_->confirmed_off(), std::nullopt) << "by command: it ran on";
   wire::Event last = event(EventKind::disarmed, 2);
   last.code = 2;
   tick.push(last);
-  EXPECT_EQ(link_->told_off(), false);
+  EXPECT_EQ(link_->confirmed_off(), false);
   last.code = 1;
   tick.push(last);
-  EXPECT_EQ(link_->told_off(), true);
+  EXPECT_EQ(link_->confirmed_off(), true);
   tick.push(event(EventKind::armed, 3));
-  EXPECT_EQ(link_->told_off(), std::nullopt);
+  EXPECT_EQ(link_->confirmed_off(), std::nullopt);
 }
 
 // A Spine that rolls laws back and lets them go, as fast as it can, a ring's depth at most ahead of its reader.
