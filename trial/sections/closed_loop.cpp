@@ -7,10 +7,8 @@
 #include <ctime>
 #include <limits>
 #include <string>
-#include <utility>
 #include <vector>
 
-#include "spine/hal/robot_hardware.hpp"
 #include "trial/sections/sections.hpp"
 #include "trial/simulation/simulated_run.hpp"
 
@@ -24,11 +22,7 @@ constexpr double kRoughSeconds = 0.5;  // of the rough one: the push, and what c
 // A joint is worth a warning when without a law it is so far off, and a law leaves at least this share of that.
 constexpr double kWorthASecondLookRad = 0.02;
 constexpr double kNoBetter = 0.95;
-constexpr std::int64_t kStartNs = 1'000'000'000;
-constexpr double kReadySeconds = 10;
 constexpr double kMostRunMs = 750;  // of the processor's time for one run: who asks does not wait for ever
-constexpr std::int64_t kSwitchOnNs = 10'000'000;  // a moteus is on 5 ms after it is told
-constexpr int kExchangesToSwitchOn = 10;          // a CiA 402 drive goes one state a word
 
 // The guard limits every law, but a law that it must limit most of the time is not as its author intended.
 struct Bound {
@@ -110,38 +104,6 @@ bool judge(TrialContext& context) {
   return true;
 }
 
-// Runs until every drive is ready and on. Returns the simulated time then.
-Result<std::int64_t> make_ready(const robot::RobotConfig& robot, hal::Actuators& actuators) {
-  constexpr std::uint32_t kReady = wire::joint_status::kFresh, kAll = kReady | wire::joint_status::kNotReady;
-  const auto period_ns = static_cast<std::int64_t>(1e9 / robot.rate_hz);
-  hal::ActuatorCommand command;
-  hal::ActuatorState state;
-  std::int64_t now_ns = kStartNs;
-  command.joints = static_cast<std::uint32_t>(robot.joints.size());
-  command.position_rad.fill(kNoTarget);
-  const auto cycle = [&] {
-    ++command.tick;
-    actuators.cycle(command, state, now_ns);
-    now_ns += period_ns;
-  };
-  // A drive answers long before it is set up.
-  const auto joint_behind = [&] {
-    std::size_t joint = 0;
-    while (joint < command.joints && (state.status[joint] & kAll) == kReady) ++joint;
-    return joint;
-  };
-  for (; joint_behind() < command.joints; cycle()) {
-    if (now_ns - kStartNs <= static_cast<std::int64_t>(kReadySeconds * 1e9)) continue;
-    return Error{"the simulated robot is not ready, joint " + robot.joints[joint_behind()].name + ": " +
-                 actuators.trouble()};
-  }
-  const std::uint32_t divider = step::slowest_drive(robot);
-  command.act(hal::DriveAction::torque);
-  const std::int64_t on_ns = now_ns + std::max(kSwitchOnNs, kExchangesToSwitchOn * divider * period_ns);
-  while (now_ns < on_ns) cycle();
-  return now_ns;
-}
-
 // Its baseline, and what the whole run takes of the processor [ms].
 double run_baseline(const TrialSetup& setup, SimulatedRobot& simulated, bool rough) {
   const std::clock_t from = std::clock();  // processor time of this process, so that other load does not count
@@ -212,25 +174,6 @@ constexpr const char* kRough =
     "with the simulated robot pushed, 20 % heavier, its sensors noisy and everything one tick later,";
 
 }  // namespace
-
-Result<> open_ready(const robot::RobotConfig& robot, SimulatedRobot& simulated) {
-  auto actuators = hal::simulate_actuators(robot);
-  if (!actuators) return actuators.error();
-  const auto from_ns = make_ready(robot, **actuators);
-  if (!from_ns) return from_ns.error();
-  simulated.from_ns = *from_ns;
-  simulated.actuators = std::move(*actuators);
-  return done();
-}
-
-void start_inside(robot::RobotConfig& robot) {
-  for (robot::JointConfig& joint : robot.joints) {
-    const double width_rad = joint.position_max_rad - joint.position_min_rad;
-    const double margin_rad = std::min(robot.guard.soft_stop_rad, 0.25 * width_rad);
-    joint.sim.initial_position_rad = std::clamp(joint.sim.initial_position_rad, joint.position_min_rad + margin_rad,
-                                                joint.position_max_rad - margin_rad);
-  }
-}
 
 bool run_loop(TrialContext& context) {
   SimulatedRun plain(context.setup.robot, context.setup.plain, false);

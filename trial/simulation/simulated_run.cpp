@@ -5,13 +5,21 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <string>
+#include <utility>
+
+#include "spine/hal/robot_hardware.hpp"
 
 namespace lithe::trial {
 namespace {
 
 namespace flag = wire::telemetry_flag;
 
-constexpr double kHeldShare = 1e-3;  // of a joint's torque: by less the guard changes nothing worth a word
+constexpr std::int64_t kStartNs = 1'000'000'000;
+constexpr double kReadySeconds = 10;
+constexpr std::int64_t kSwitchOnNs = 10'000'000;  // a moteus is on 5 ms after it is told
+constexpr int kExchangesToSwitchOn = 10;          // a CiA 402 drive goes one state a word
+constexpr double kHeldShare = 1e-3;               // of a joint's torque: by less the guard changes nothing worth a word
 
 // From where the joint stands to a small distance and back, smoothly, well within its limits.
 wire::Plan gentle_plan(const robot::RobotConfig& robot, const JointArray& from_rad, std::int64_t now_ns) {
@@ -57,6 +65,38 @@ struct NoLaw {
 };
 constexpr LitheLaw kNoLaw = describe<NoLaw>("on_board");
 
+// Runs until every drive is ready and on. Returns the simulated time then.
+Result<std::int64_t> make_ready(const robot::RobotConfig& robot, hal::Actuators& actuators) {
+  constexpr std::uint32_t kReady = wire::joint_status::kFresh, kAll = kReady | wire::joint_status::kNotReady;
+  const auto period_ns = static_cast<std::int64_t>(1e9 / robot.rate_hz);
+  hal::ActuatorCommand command;
+  hal::ActuatorState state;
+  std::int64_t now_ns = kStartNs;
+  command.joints = static_cast<std::uint32_t>(robot.joints.size());
+  command.position_rad.fill(kNoTarget);
+  const auto cycle = [&] {
+    ++command.tick;
+    actuators.cycle(command, state, now_ns);
+    now_ns += period_ns;
+  };
+  // A drive answers long before it is set up.
+  const auto joint_behind = [&] {
+    std::size_t joint = 0;
+    while (joint < command.joints && (state.status[joint] & kAll) == kReady) ++joint;
+    return joint;
+  };
+  for (; joint_behind() < command.joints; cycle()) {
+    if (now_ns - kStartNs <= static_cast<std::int64_t>(kReadySeconds * 1e9)) continue;
+    return Error{"the simulated robot is not ready, joint " + robot.joints[joint_behind()].name + ": " +
+                 actuators.trouble()};
+  }
+  const std::uint32_t divider = step::slowest_drive(robot);
+  command.act(hal::DriveAction::torque);
+  const std::int64_t on_ns = now_ns + std::max(kSwitchOnNs, kExchangesToSwitchOn * divider * period_ns);
+  while (now_ns < on_ns) cycle();
+  return now_ns;
+}
+
 }  // namespace
 
 robot::RobotConfig with_payload(const robot::RobotConfig& robot) {
@@ -68,6 +108,25 @@ robot::RobotConfig with_payload(const robot::RobotConfig& robot) {
     }
   }
   return heavy;
+}
+
+Result<> open_ready(const robot::RobotConfig& robot, SimulatedRobot& simulated) {
+  auto actuators = hal::simulate_actuators(robot);
+  if (!actuators) return actuators.error();
+  const auto from_ns = make_ready(robot, **actuators);
+  if (!from_ns) return from_ns.error();
+  simulated.from_ns = *from_ns;
+  simulated.actuators = std::move(*actuators);
+  return done();
+}
+
+void start_inside(robot::RobotConfig& robot) {
+  for (robot::JointConfig& joint : robot.joints) {
+    const double width_rad = joint.position_max_rad - joint.position_min_rad;
+    const double margin_rad = std::min(robot.guard.soft_stop_rad, 0.25 * width_rad);
+    joint.sim.initial_position_rad = std::clamp(joint.sim.initial_position_rad, joint.position_min_rad + margin_rad,
+                                                joint.position_max_rad - margin_rad);
+  }
 }
 
 SimulatedRun::SimulatedRun(const robot::RobotConfig& robot, const SimulatedRobot& simulated, bool rough)

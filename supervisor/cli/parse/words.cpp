@@ -192,8 +192,8 @@ void add_place(CLI::App& verb, bus::Words& bus) {
 
 void add_scan(CLI::App& bus, Words& words) {
   CLI::App* scan = add_verb(bus, words, "scan", "scan the buses and compare with the robot file",
-                            [](Words& w) { return bus_scan(w.context, w.bus, w.scan); });
-  add_place(*scan, words.bus);
+                            [](Words& w) { return bus_scan(w.context, w.bus_words, w.scan); });
+  add_place(*scan, words.bus_words);
   scan->add_option("--listen", words.scan.listen_s, "seconds to listen before asking (default 1.1)")
       ->type_name("S")
       ->check(CLI::Range(0.0, 60.0));
@@ -201,8 +201,8 @@ void add_scan(CLI::App& bus, Words& words) {
 
 void add_monitor(CLI::App& bus, Words& words) {
   CLI::App* monitor = add_verb(bus, words, "monitor", "show passing frames as text; then statistics",
-                               [](Words& w) { return bus_monitor(w.context, w.bus, w.monitor); });
-  add_place(*monitor, words.bus);
+                               [](Words& w) { return bus_monitor(w.context, w.bus_words, w.monitor); });
+  add_place(*monitor, words.bus_words);
   monitor->add_flag("--raw", words.monitor.raw, "with the bytes");
   monitor->add_option("--count", words.monitor.count, "end after this many frames")->type_name("N");
   monitor->add_option("--seconds", words.monitor.seconds, "end after this time")

@@ -28,7 +28,7 @@ struct Words {
   bool follow = false;
   std::string file;
   bus::PlanOptions plan;
-  bus::Words bus;
+  bus::Words bus_words;
   bus::ScanOptions scan;
   bus::MonitorOptions monitor;
   Motion motion;
