@@ -32,7 +32,7 @@ def command_trouble(command: str, root: Path) -> str:
         targets = re.findall(r"^([a-z-]+):", (root / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
         return "" if words[1:] and words[1] in targets else f"the Makefile has no target '{' '.join(words[1:])}'"
     if words[0] == "lithe":
-        cli = "".join(path.read_text(encoding="utf-8") for path in sorted((root / "supervisor/cli").glob("*.cpp")))
+        cli = "".join(path.read_text(encoding="utf-8") for path in sorted((root / "supervisor/cli").rglob("*.cpp")))
         verbs = [word for word in words[1:] if not word.startswith("-")]
         missing = [verb for verb in verbs if f'"{verb}"' not in cli]
         return f"`lithe` has no verb '{missing[0]}'" if missing or not verbs else ""

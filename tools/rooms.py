@@ -27,6 +27,10 @@ DEVICE = BASE + " spine/robot spine/hal/core spine/hal/bus/serial spine/hal/cano
 LAWD = BASE + " spine/ipc spine/law spine/arena"
 TRIAL = LAWD + " spine/load spine/robot spine/hal spine/hal/sim spine/step"
 BUS_TOOLS = f"{BASE} spine/robot spine/hal {BUSES} {DEVICES}"
+LINKED = OUTSIDE + " supervisor/core supervisor/link/spine supervisor/link/services"
+SWAPPING = LINKED + " supervisor/events supervisor/swap/certificate"
+BUSES_SHOWN = " supervisor/bus/plan supervisor/bus/scan supervisor/bus/monitor"
+CLI = OUTSIDE + " supervisor/core supervisor/link/spine supervisor/link/client" + BUSES_SHOWN
 ALLOWED = {
     room: frozenset(allowed.split())
     for room, allowed in {
@@ -58,14 +62,15 @@ ALLOWED = {
         + " spine/loop spine/load",
         "lawd/run": LAWD,
         "lawd/core": LAWD,
-        "lawd/compile": LAWD + " lawd/run",
+        "lawd/compile": LAWD + " lawd/core lawd/run",
         "lawd/source": LAWD + " lawd/core",
         "lawd/object": LAWD + " lawd/core lawd/run lawd/compile lawd/source",
         "lawd": LAWD + " lawd/core lawd/run lawd/compile lawd/source lawd/object",
         "trial/core": TRIAL,
         "trial/sandbox": BASE,
-        "trial/sections": TRIAL + " trial/core",
-        "trial": TRIAL + " trial/core trial/sandbox trial/sections",
+        "trial/simulation": TRIAL + " trial/core",
+        "trial/sections": TRIAL + " trial/core trial/simulation",
+        "trial": TRIAL + " trial/core trial/sandbox trial/simulation trial/sections",
         "sim": f"{BASE} spine/robot spine/hal/sim spine/hal/physics {BUSES}",
         "laws": "spine/law",
         "supervisor/bus": BUS_TOOLS,
@@ -73,16 +78,20 @@ ALLOWED = {
         "supervisor/bus/scan": BUS_TOOLS + " supervisor/bus supervisor/bus/plan",
         "supervisor/bus/monitor": BUS_TOOLS + " supervisor/bus supervisor/bus/plan supervisor/bus/scan",
         "supervisor/core": OUTSIDE,
-        "supervisor/link": OUTSIDE + " supervisor/core",
-        "supervisor/events": OUTSIDE + " supervisor/core supervisor/link",
-        "supervisor/swap": OUTSIDE + " spine/arena supervisor/core supervisor/link supervisor/events",
-        "supervisor/serve": OUTSIDE
-        + " supervisor/core supervisor/link supervisor/events supervisor/swap supervisor/bus",
-        "supervisor/run": OUTSIDE
-        + " supervisor/core supervisor/link supervisor/events supervisor/swap supervisor/serve supervisor/bus/plan",
-        "supervisor/cli": OUTSIDE
-        + " supervisor/core supervisor/link supervisor/events supervisor/swap supervisor/run"
-        + " supervisor/bus/plan supervisor/bus/scan supervisor/bus/monitor",
+        "supervisor/link/spine": OUTSIDE + " supervisor/core",
+        "supervisor/link/services": OUTSIDE + " supervisor/core",
+        "supervisor/link/client": OUTSIDE + " supervisor/core supervisor/link/spine",
+        "supervisor/events": OUTSIDE + " supervisor/core supervisor/link/spine",
+        "supervisor/swap/certificate": OUTSIDE + " supervisor/core",
+        "supervisor/swap": LINKED + " spine/arena supervisor/events supervisor/swap/certificate",
+        "supervisor/serve": SWAPPING + " supervisor/link/client supervisor/swap supervisor/bus",
+        "supervisor/run": SWAPPING + " supervisor/swap supervisor/serve supervisor/bus/plan",
+        "supervisor/cli/core": CLI,
+        "supervisor/cli/robot": CLI + " supervisor/events supervisor/cli/core",
+        "supervisor/cli/laws": CLI + " supervisor/link/services supervisor/swap/certificate supervisor/cli/core",
+        "supervisor/cli/buses": CLI + " supervisor/cli/core",
+        "supervisor/cli/parse": CLI + " supervisor/run supervisor/cli/core",
+        "supervisor/cli": CLI + " supervisor/cli/core supervisor/cli/parse",
         "firmware": "",
     }.items()
 }
@@ -129,9 +138,9 @@ def check_cpp(path: str, text: str) -> Iterator[str]:
         target = included(line)
         if target is None or room is None:
             continue
-        if target.endswith("main.cpp") or target.startswith("supervisor/cli/"):
-            if room != "supervisor/cli" and not (room == "supervisor" and path.endswith("main.cpp")):
-                yield where + f"nothing includes main or cli, but {room} includes {target}"
+        inner = target.endswith("main.cpp") or target.startswith("supervisor/cli/")
+        if inner and not room.startswith("supervisor/cli"):
+            yield where + f"nothing includes main or cli, but {room} includes {target}"
             continue
         other = room_of(target)
         free = is_rig(path) or room in FREE

@@ -89,38 +89,40 @@ int give_up(const char* words) {
   return fail(words);
 }
 
-const LitheLaw* load(const Setting& setting, const Order& order, std::span<char> why) {
+const LitheLaw* load(const TrialSetup& setup, const TrialRequest& request, std::span<char> why) {
   const LitheLaw* law = nullptr;
-  if (order.stage.slot != 0) {
-    if (!setting.arena) {
+  if (request.stage.slot != 0) {
+    if (!setup.arena) {
       g_report.unable = 1;
       std::snprintf(why.data(), why.size(), "there is no arena here: send \"object\" instead of \"slot\"");
       return nullptr;
     }
-    g_report.image_base = arena::slot_address(order.stage.slot);
-    return setting.arena->load(0, order.stage, law, why) == wire::StageResult::staged ? law : nullptr;
+    g_report.image_base = arena::slot_address(request.stage.slot);
+    return setup.arena->load(0, request.stage, law, why) == wire::StageResult::staged ? law : nullptr;
   }
   auto store = new load::DlopenStore;  // lives as long as the process
-  if (store->load(0, order.stage, law, why) != wire::StageResult::staged) return nullptr;
+  if (store->load(0, request.stage, law, why) != wire::StageResult::staged) return nullptr;
   Dl_info info{};
   if (dladdr(law, &info) != 0) g_report.image_base = reinterpret_cast<std::uint64_t>(info.dli_fbase);
   return law;
 }
 
 // A placed law runs none of its code while it is loaded.
-Result<> guard_loading(const Order& order) { return order.stage.slot != 0 ? done() : allow_loading_only(kPipe); }
+Result<> guard_loading(const TrialRequest& request) {
+  return request.stage.slot != 0 ? done() : allow_loading_only(kPipe);
+}
 
-Result<> guard_computing(const Setting& setting) {
-  if (setting.walled && shut_all_but_the_gate()) return done();
+Result<> guard_computing(const TrialSetup& setup) {
+  if (setup.walled && shut_all_but_the_gate()) return done();
   return allow_computing_only(kPipe);
 }
 
 // The law's own values, and those the request wants; values outside their range are refused here already.
-bool fill_params(const LitheLaw& law, const Order& order, std::vector<Param>& params) {
+bool fill_params(const LitheLaw& law, const TrialRequest& request, std::vector<Param>& params) {
   for (std::uint32_t i = 0; i < law.param_count; ++i) {
     params.push_back({law.params[i].value, law.params[i].min, law.params[i].max});
   }
-  for (const auto& [name, value] : order.params) {
+  for (const auto& [name, value] : request.params) {
     std::size_t i = 0;
     while (i < params.size() && name != law.params[i].name) ++i;
     const bool known = i < params.size();
@@ -138,7 +140,7 @@ bool fill_params(const LitheLaw& law, const Order& order, std::vector<Param>& pa
 
 struct Part {
   Section section;
-  bool (*run)(Bench&);
+  bool (*run)(TrialContext&);
   double share;  // of the box
 };
 constexpr Part kParts[] = {{Section::benign, &run_benign, 0.1},
@@ -147,45 +149,45 @@ constexpr Part kParts[] = {{Section::benign, &run_benign, 0.1},
                            {Section::hostile, &run_hostile, 0.2},
                            {Section::timing, &run_timing, 0.15}};
 
-// The box is the law's; what its robot takes in the rides comes on top of it.
-void run_parts(Bench& bench, int box_ms) {
+// The box is the law's; what its robot takes in the runs comes on top of it.
+void run_parts(TrialContext& context, int box_ms) {
   for (const Part& part : kParts) {
-    bench.report.section = static_cast<std::uint32_t>(part.section);
-    const std::int64_t from_ns = bench.setting.clock.now_ns();
+    context.report.section = static_cast<std::uint32_t>(part.section);
+    const std::int64_t from_ns = context.setup.clock.now_ns();
     const auto share_ns = static_cast<std::int64_t>(part.share * box_ms * 1e6);
-    bench.deadline_ns = from_ns + share_ns;
-    bench.law_ns = share_ns;
-    const bool passed = part.run(bench);
-    bench.progress().ms = static_cast<double>(bench.setting.clock.now_ns() - from_ns) / 1e6;
+    context.deadline_ns = from_ns + share_ns;
+    context.law_ns = share_ns;
+    const bool passed = part.run(context);
+    context.progress().ms = static_cast<double>(context.setup.clock.now_ns() - from_ns) / 1e6;
     if (!passed) return;
-    bench.progress().done = 1;
+    context.progress().done = 1;
   }
 }
 
 }  // namespace
 
-int stand_trial(const Setting& setting, const Order& order, const Limits& limits, int pipe_fd) {
-  const Recording recording(order.recording, setting.joints(), setting.dt_s(), kRecordedSeconds);
+int run_trial(const TrialSetup& setup, const TrialRequest& request, const Limits& limits, int pipe_fd) {
+  const Recording recording(request.recording, setup.joints(), setup.dt_s(), kRecordedSeconds);
   if (const auto shed = shed_rights(pipe_fd, limits); !shed) return give_up(shed.message().c_str());
   if (!listen_for_signals()) return give_up("cannot catch the signals of a law");
-  if (const auto shut = guard_loading(order); !shut) return give_up(shut.message().c_str());
+  if (const auto shut = guard_loading(request); !shut) return give_up(shut.message().c_str());
   std::snprintf(g_report.doing.data(), g_report.doing.size(), "being loaded");
   char why[256] = "";
-  const LitheLaw* law = load(setting, order, why);
+  const LitheLaw* law = load(setup, request, why);
   if (law == nullptr) return fail(why);
   if (*law::describe_mismatch(*law, why, sizeof why) != '\0') return fail(why);
   std::vector<Param> params;
-  if (!fill_params(*law, order, params)) return fail(std::string(text_of(g_report.refused)).c_str());
+  if (!fill_params(*law, request, params)) return fail(std::string(text_of(g_report.refused)).c_str());
   const auto past =
-      law->init == nullptr ? std::vector<PastTick>{} : recording.past(kPastTicks, setting.joints(), setting.dt_s());
-  const History history{past.data(), static_cast<std::uint32_t>(past.size()), setting.joints(), setting.dt_s()};
-  Stand one(*law, params, history, setting.clock), other(*law, params, history, setting.clock);
-  Bench bench{setting, *law, recording, one, other, order.budget_ns, 0, g_report, {}, 0};
-  bench.times_ns.reserve(kTimingInputs);
+      law->init == nullptr ? std::vector<PastTick>{} : recording.past(kPastTicks, setup.joints(), setup.dt_s());
+  const History history{past.data(), static_cast<std::uint32_t>(past.size()), setup.joints(), setup.dt_s()};
+  LawHarness one(*law, params, history, setup.clock), other(*law, params, history, setup.clock);
+  TrialContext context{setup, *law, recording, one, other, request.budget_ns, 0, g_report, {}, 0};
+  context.times_ns.reserve(kTimingInputs);
   // A MuJoCo model allocates when meshes touch; the law must not get a system call for this.
-  if (setting.robot.plant.kind == robot::PlantKind::mujoco && !keep_heap(kHeapOfAModel)) return give_up("no memory");
-  if (const auto shut = guard_computing(setting); !shut) return give_up(shut.message().c_str());
-  run_parts(bench, order.box_ms);
+  if (setup.robot.plant.kind == robot::PlantKind::mujoco && !keep_heap(kHeapOfAModel)) return give_up("no memory");
+  if (const auto shut = guard_computing(setup); !shut) return give_up(shut.message().c_str());
+  run_parts(context, request.box_ms);
   g_report.ended = 1;
   tell();
   end(0);  // no destructor may want a system call now

@@ -2,7 +2,7 @@
 // One trial, in a child process that ends after it.
 #pragma once
 
-#include "trial/core/setting.hpp"
+#include "trial/core/trial_setup.hpp"
 #include "trial/sandbox/sandbox.hpp"
 
 namespace lithe::trial {
@@ -10,6 +10,6 @@ namespace lithe::trial {
 // Loads the law, runs all sections, writes one Report into the pipe: at the end, or from the handler of the signal that
 // ended it. Returns the exit code of the process.
 // Contract: in a child, once
-int stand_trial(const Setting& setting, const Order& order, const Limits& limits, int pipe_fd);
+int run_trial(const TrialSetup& setup, const TrialRequest& request, const Limits& limits, int pipe_fd);
 
 }  // namespace lithe::trial

@@ -1,52 +1,38 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "trial/verdict.hpp"
 
+#include <fmt/format.h>
 #include <signal.h>
 
-#include <cstdio>
 #include <cstring>
 
 namespace lithe::trial {
 namespace {
 
-std::string crash_text(const Report& report, const Limits& limits) {
-  const Crash& crash = report.crash;
-  char words[160];
+std::string crash_cause(const Crash& crash, const Limits& limits) {
   switch (crash.signal) {
     case SIGSEGV:
-      std::snprintf(words, sizeof words, "it touched memory that is not its own (SIGSEGV at 0x%llx)",
-                    static_cast<unsigned long long>(crash.address));
-      break;
+      return fmt::format("it touched memory that is not its own (SIGSEGV at {:#x})", crash.address);
     case SIGBUS:
-      std::snprintf(words, sizeof words, "it touched memory that is not there (SIGBUS)");
-      break;
+      return "it touched memory that is not there (SIGBUS)";
     case SIGFPE:
-      std::snprintf(words, sizeof words, "an integer division by zero, or one that overflows (SIGFPE)");
-      break;
+      return "an integer division by zero, or one that overflows (SIGFPE)";
     case SIGILL:
     case SIGTRAP:
-      std::snprintf(words, sizeof words,
-                    "an instruction that ends the program: a failed check, or a function without "
-                    "a return (%s)",
-                    crash.signal == SIGILL ? "SIGILL" : "SIGTRAP");
-      break;
+      return fmt::format("an instruction that ends the program: a failed check, or a function without a return ({})",
+                         crash.signal == SIGILL ? "SIGILL" : "SIGTRAP");
     case SIGABRT:
-      std::snprintf(words, sizeof words, "it aborted");
-      break;
+      return "it aborted";
     case SIGSYS:
-      std::snprintf(words, sizeof words, "it made system call %d: a law may only compute", crash.system_call);
-      break;
+      return fmt::format("it made system call {}: a law may only compute", crash.system_call);
     case SIGPROF:
-      std::snprintf(words, sizeof words,
-                    "it did not come to an end in the trial's %d ms of the processor: look for a loop without a bound, "
-                    "or far too "
-                    "much work",
-                    limits.cpu_ms);
-      break;
+      return fmt::format(
+          "it did not come to an end in the trial's {} ms of the processor: look for a loop without a "
+          "bound, or far too much work",
+          limits.cpu_ms);
     default:
-      std::snprintf(words, sizeof words, "it was ended by signal %d", crash.signal);
+      return fmt::format("it was ended by signal {}", crash.signal);
   }
-  return std::string(words) + " (" + text_of(report.doing) + ")";
 }
 
 bool is_report(const std::string& bytes, Report& report) {
@@ -57,11 +43,11 @@ bool is_report(const std::string& bytes, Report& report) {
 
 std::string death_text(const Outcome& outcome, const Limits& limits) {
   if (outcome.timed_out) {
-    return "the trial did not end in " + std::to_string(limits.wall_ms) + " ms: look for a loop without a bound";
+    return fmt::format("the trial did not end in {} ms: look for a loop without a bound", limits.wall_ms);
   }
   if (outcome.signal == SIGKILL) {
-    return "it used more than a trial has: " + std::to_string(limits.memory_bytes >> 20) + " MiB of memory, " +
-           std::to_string(limits.cpu_ms) + " ms of the processor";
+    return fmt::format("it used more than a trial has: {} MiB of memory, {} ms of the processor",
+                       limits.memory_bytes >> 20, limits.cpu_ms);
   }
   if (outcome.signal != 0) return "it was ended by signal " + std::to_string(outcome.signal);
   return "it ended its process (exit code " + std::to_string(outcome.exit_code) + "): a law may not call exit";
@@ -81,8 +67,9 @@ Verdict judge(const Outcome& outcome, const Limits& limits) {
   // Stopped before it got half of its processor time: no evidence against the law.
   verdict.starved = outcome.timed_out && outcome.cpu_ms < 0.5 * limits.cpu_ms;
   if (verdict.starved) {
-    verdict.reason = "the board is too busy: the trial got " + std::to_string(static_cast<int>(outcome.cpu_ms)) +
-                     " ms of the processor in " + std::to_string(static_cast<int>(outcome.wall_ms)) + " ms; try again";
+    verdict.reason =
+        fmt::format("the board is too busy: the trial got {:.0f} ms of the processor in {:.0f} ms; try again",
+                    outcome.cpu_ms, outcome.wall_ms);
     return verdict;
   }
   if (!whole) {
@@ -94,7 +81,7 @@ Verdict judge(const Outcome& outcome, const Limits& limits) {
   if (report.crash.signal != 0) {
     if (report.crash.pc > report.image_base) verdict.pc_offset = report.crash.pc - report.image_base;
     verdict.out_of_time = report.crash.signal == SIGPROF;
-    verdict.reason = crash_text(report, limits);
+    verdict.reason = fmt::format("{} ({})", crash_cause(report.crash, limits), text_of(report.doing));
   } else if (report.refused[0] != '\0') {
     verdict.unable = report.unable != 0;
     verdict.reason = text_of(report.refused);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a trial stands on: how its end is judged, the child's walls, the memory a law is given.
+// What a trial rests on: how its end is judged, the child's walls, the memory a law is given.
 #include "trial/verdict.hpp"
 
 #include <gtest/gtest.h>

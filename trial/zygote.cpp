@@ -11,8 +11,8 @@
 #include "spine/arena/arena.hpp"
 #include "spine/robot/robot.hpp"
 #include "trial/child.hpp"
-#include "trial/sections/safe_ride.hpp"
 #include "trial/sections/sections.hpp"
+#include "trial/simulation/safe_law_run.hpp"
 #include "trial/verdict.hpp"
 
 namespace lithe::trial {
@@ -51,26 +51,27 @@ std::uint64_t word(const json& request, const char* key) {
 }
 
 // "" or what is wrong with the request.
-std::string read_order(const json& request, const Setting& setting, Order& order) {
+std::string read_request(const json& request, const TrialSetup& setup, TrialRequest& wanted) {
   const std::string object = text(request, "object");
-  order.stage.slot = static_cast<std::uint32_t>(std::clamp<std::int64_t>(number(request, "slot", 0), 0, UINT32_MAX));
-  if (object.empty() && order.stage.slot == 0) return "try needs \"object\", or \"slot\" and what place answered";
-  if (object.size() >= order.stage.path.size()) return "the path of the object is too long";
-  std::copy(object.begin(), object.end(), order.stage.path.begin());
-  order.stage.code_bytes = static_cast<std::uint32_t>(number(request, "code_bytes", 0));
-  order.stage.entry = word(request, "entry");
-  order.stage.image_hash = word(request, "image_hash");
-  const auto budget_ns = static_cast<double>(setting.period_ns()) * setting.robot.swap.budget_share;
-  order.budget_ns = number(request, "budget_ns", 0);
-  if (order.budget_ns <= 0) order.budget_ns = static_cast<std::int64_t>(budget_ns);
-  order.box_ms = static_cast<int>(std::clamp<std::int64_t>(number(request, "box_ms", kBoxMs), kLeastBoxMs, kMostBoxMs));
-  order.recording = text(request, "robot");
+  wanted.stage.slot = static_cast<std::uint32_t>(std::clamp<std::int64_t>(number(request, "slot", 0), 0, UINT32_MAX));
+  if (object.empty() && wanted.stage.slot == 0) return "try needs \"object\", or \"slot\" and what place answered";
+  if (object.size() >= wanted.stage.path.size()) return "the path of the object is too long";
+  std::copy(object.begin(), object.end(), wanted.stage.path.begin());
+  wanted.stage.code_bytes = static_cast<std::uint32_t>(number(request, "code_bytes", 0));
+  wanted.stage.entry = word(request, "entry");
+  wanted.stage.image_hash = word(request, "image_hash");
+  const auto budget_ns = static_cast<double>(setup.period_ns()) * setup.robot.swap.budget_share;
+  wanted.budget_ns = number(request, "budget_ns", 0);
+  if (wanted.budget_ns <= 0) wanted.budget_ns = static_cast<std::int64_t>(budget_ns);
+  wanted.box_ms =
+      static_cast<int>(std::clamp<std::int64_t>(number(request, "box_ms", kBoxMs), kLeastBoxMs, kMostBoxMs));
+  wanted.recording = text(request, "robot");
   const auto params = request.find("params");
   if (params == request.end() || params->is_null()) return "";
   if (!params->is_object()) return "\"params\" must be an object of numbers";
   for (const auto& [name, value] : params->items()) {
     if (!value.is_number()) return "\"params\" must be an object of numbers";
-    order.params.emplace_back(name, value.get<double>());
+    wanted.params.emplace_back(name, value.get<double>());
   }
   return "";
 }
@@ -80,26 +81,26 @@ std::string read_order(const json& request, const Setting& setting, Order& order
 Result<Zygote> Zygote::make(const std::string& robot_path, int arena_fd) {
   auto robot = robot::load_robot(robot_path);
   if (!robot) return robot.error();
-  Setting setting;
-  setting.robot = std::move(*robot);
-  setting.clock = RawClock::calibrate();
-  if (const auto ready = prepare_ride(setting); !ready) return ready.error();
-  auto safe_law = ride_safe_law(setting.robot);
+  TrialSetup setup;
+  setup.robot = std::move(*robot);
+  setup.clock = RawClock::calibrate();
+  if (const auto ready = prepare_runs(setup); !ready) return ready.error();
+  auto safe_law = run_safe_law(setup.robot);
   if (!safe_law) return safe_law.error();
   std::string arena_text = "no arena was handed over";
   if (arena_fd >= 0 && arena::is_memory(arena_fd)) {
     auto arena = arena::Arena::attach_exec(arena_fd);
     arena_text = arena ? "" : arena.message();
-    if (arena) setting.arena = std::make_unique<load::ArenaStore>(std::move(*arena));
+    if (arena) setup.arena = std::make_unique<load::ArenaStore>(std::move(*arena));
     close(arena_fd);  // it could be written through; the mapping stays
   }
-  return Zygote(std::move(setting), std::move(arena_text), std::move(*safe_law));
+  return Zygote(std::move(setup), std::move(arena_text), std::move(*safe_law));
 }
 
 Result<> Zygote::wall_in() {
   if (kSanitized) return done();
   const Result<> walled = allow_trials_only();
-  setting_.walled = static_cast<bool>(walled);
+  setup_.walled = static_cast<bool>(walled);
   return walled;
 }
 
@@ -123,31 +124,30 @@ json Zygote::answer(const std::string& line, bool& quit) {
 
 json Zygote::ping() const {
   return {{"ok", true},
-          {"robot", setting_.robot.name},
-          {"joints", setting_.joints()},
+          {"robot", setup_.robot.name},
+          {"joints", setup_.joints()},
           {"arena", arena_text_.empty()},
           {"arena_text", arena_text_},
           {"safe_law_text", safe_law_text_}};
 }
 
-Outcome Zygote::run(const Order& order, const Limits& limits) const {
-  return run_sandboxed([&](int pipe_fd) { return stand_trial(setting_, order, limits, pipe_fd); }, limits,
-                       sizeof(Report));
+Outcome Zygote::run(const TrialRequest& wanted, const Limits& limits) const {
+  return run_sandboxed([&](int pipe_fd) { return run_trial(setup_, wanted, limits, pipe_fd); }, limits, sizeof(Report));
 }
 
 json Zygote::attempt(const json& request) {
-  Order order;
-  if (const std::string wrong = read_order(request, setting_, order); !wrong.empty()) return refuse("request", wrong);
+  TrialRequest wanted;
+  if (const std::string wrong = read_request(request, setup_, wanted); !wrong.empty()) return refuse("request", wrong);
   Limits limits;
   // What the robot takes is not the law's; under a law the guard has more to do than at rest.
-  limits.cpu_ms = order.box_ms + 2 * setting_.ride_ms;
+  limits.cpu_ms = wanted.box_ms + 2 * setup_.run_ms;
   limits.wall_ms = 4 * limits.cpu_ms;
-  Outcome outcome = run(order, limits);
+  Outcome outcome = run(wanted, limits);
   Verdict verdict = judge(outcome, limits);
-  if (verdict.out_of_time) {  // time that a hypervisor takes counts as the child's: nobody is judged by one stall
+  if (verdict.out_of_time) {  // time that a hypervisor takes counts as the child's: no_torque is judged by one stall
     limits.cpu_ms *= 2;
     limits.wall_ms *= 2;
-    outcome = run(order, limits);
+    outcome = run(wanted, limits);
     verdict = judge(outcome, limits);
   }
   json reply = {{"ok", verdict.ok},
@@ -157,9 +157,9 @@ json Zygote::attempt(const json& request) {
                 {"unavailable", verdict.unable},
                 {"ms", outcome.wall_ms},
                 {"cpu_ms", outcome.cpu_ms},
-                {"report", to_json(verdict.report, setting_.plain.baseline, setting_.heavy.baseline, setting_.joints(),
-                                   order.budget_ns)}};
-  if (verdict.ok) reply["warnings"] = warnings(verdict.report, setting_);
+                {"report", to_json(verdict.report, setup_.plain.baseline, setup_.heavy.baseline, setup_.joints(),
+                                   wanted.budget_ns)}};
+  if (verdict.ok) reply["warnings"] = warnings(verdict.report, setup_);
   if (!verdict.ok) reply["reason"] = verdict.reason;
   if (verdict.pc_offset != 0) reply["pc_offset"] = verdict.pc_offset;
   return reply;

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "spine/core/result.hpp"
-#include "trial/core/setting.hpp"
+#include "trial/core/trial_setup.hpp"
 #include "trial/sandbox/sandbox.hpp"
 
 namespace lithe::trial {
@@ -28,14 +28,14 @@ class Zygote {
   nlohmann::json answer(const std::string& line, bool& quit);
 
  private:
-  Zygote(Setting setting, std::string arena_text, std::string safe_law_text)
-      : setting_(std::move(setting)), arena_text_(std::move(arena_text)), safe_law_text_(std::move(safe_law_text)) {}
+  Zygote(TrialSetup setup, std::string arena_text, std::string safe_law_text)
+      : setup_(std::move(setup)), arena_text_(std::move(arena_text)), safe_law_text_(std::move(safe_law_text)) {}
 
   nlohmann::json ping() const;
   nlohmann::json attempt(const nlohmann::json& request);
-  Outcome run(const Order& order, const Limits& limits) const;
+  Outcome run(const TrialRequest& request, const Limits& limits) const;
 
-  Setting setting_;
+  TrialSetup setup_;
   std::string arena_text_;     // why there is no arena; empty = there is
   std::string safe_law_text_;  // what is wrong with its gains; empty = nothing
 };

@@ -46,10 +46,10 @@ struct Nothing {
 };
 
 // Asked again while a busy machine gives it less than its box.
-json answer_of(Zygote& zygote, const json& order) {
+json answer_of(Zygote& zygote, const json& request) {
   bool quit = false;
-  json reply = zygote.answer(order.dump(), quit);
-  for (int i = 0; i < 20 && reply.value("starved", false); ++i) reply = zygote.answer(order.dump(), quit);
+  json reply = zygote.answer(request.dump(), quit);
+  for (int i = 0; i < 20 && reply.value("starved", false); ++i) reply = zygote.answer(request.dump(), quit);
   return reply;
 }
 
@@ -62,9 +62,9 @@ class ZygoteTest : public ::testing::Test {
   }
 
   static json attempt(const std::string& object, const json& more = json::object()) {
-    json order = {{"id", 3}, {"verb", "try"}, {"object", object}, {"budget_ns", 300'000}};
-    order.update(more);
-    return answer_of(zygote(), order);
+    json request = {{"id", 3}, {"verb", "try"}, {"object", object}, {"budget_ns", 300'000}};
+    request.update(more);
+    return answer_of(zygote(), request);
   }
 
   // The reason, which must speak of `part`.
@@ -128,8 +128,8 @@ TEST(Zygote, TheTimeOfTheSimulatedRobotComesOnTopOfTheBox) {
   constexpr int kEnough = 250;  // of 1000; where processes share a core, their caches are cold and a step takes longer
   auto zygote = Zygote::make(LITHE_ROBOTS "/arm32.toml", -1);
   ASSERT_TRUE(zygote) << zygote.message();
-  const json order = {{"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 300'000}, {"box_ms", 20}};
-  const json reply = answer_of(*zygote, order);
+  const json request = {{"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 300'000}, {"box_ms", 20}};
+  const json reply = answer_of(*zygote, request);
   const json& loop = reply["report"]["loop"];
   EXPECT_GE(loop["ticks"].get<int>(), kEnough) << reply.dump();
   EXPECT_GE(loop["rough"]["ticks"].get<int>(), kEnough);
@@ -139,12 +139,12 @@ TEST(Zygote, TheTimeOfTheSimulatedRobotComesOnTopOfTheBox) {
 TEST(Zygote, ASmallBoxDoesNotHideWhatGrowsSlowly) {
   auto zygote = Zygote::make(LITHE_ROBOTS "/chain.toml", -1);
   ASSERT_TRUE(zygote) << zygote.message();
-  const json order = {
+  const json request = {
       {"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 300'000}, {"box_ms", 20}, {"params", {{"kp_nm_rad", 40}}}};
   bool quit = false;
   json reply = json::object();
   do {
-    reply = zygote->answer(order.dump(), quit);
+    reply = zygote->answer(request.dump(), quit);
   } while (reply.value("starved", false));
   EXPECT_FALSE(reply["ok"].get<bool>()) << reply.dump();
   EXPECT_NE(reply.value("reason", "").find("swings to and fro"), std::string::npos) << reply.dump();

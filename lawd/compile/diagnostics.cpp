@@ -8,6 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "lawd/core/admission.hpp"
+
 namespace lithe::lawd {
 namespace {
 
@@ -99,20 +101,6 @@ json entry(const json& raw, const Sources& sources, const std::vector<std::strin
   return out;
 }
 
-// One entry as text: position, message, source line, a caret under the column.
-std::string render(const json& d) {
-  const int line = d["line"], column = d["column"];
-  std::string where = d["file"].get<std::string>();
-  if (line > 0) where += ":" + std::to_string(line);
-  if (column > 0) where += ":" + std::to_string(column);
-  std::string out = where + ": " + d["severity"].get<std::string>() + ": " + d["message"].get<std::string>() + "\n";
-  const std::string text = d["text"];
-  if (text.empty()) return out;
-  out += "  " + text + "\n";
-  if (column > 0) out += "  " + std::string(static_cast<std::size_t>(column) - 1, ' ') + "^\n";
-  return out;
-}
-
 }  // namespace
 
 Diagnostics read_diagnostics(const std::string& output, const Sources& sources) {
@@ -145,7 +133,7 @@ Diagnostics read_diagnostics(const std::string& output, const Sources& sources) 
       const bool known = std::find(result.list.begin(), result.list.end(), d) != result.list.end();
       if (is_warning != warnings || consequence || known || d["severity"] == "note") continue;
       if (result.list.size() >= kMaxEntries) break;
-      result.text += render(d);
+      result.text += diagnostic_text(d);
       result.list.push_back(std::move(d));
     }
   }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lawd/core/admission.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <chrono>
 #include <utility>
@@ -60,19 +62,18 @@ json findings_json(const Admission& admission, const std::string& name, std::str
   return list;
 }
 
-std::string findings_text(const json& diagnostics) {
-  std::string text;
-  for (const json& entry : diagnostics) {
-    const int line = entry["line"], column = entry["column"];
-    text += entry["file"].get<std::string>();
-    if (line > 0) text.append(":").append(std::to_string(line));
-    if (column > 0) text.append(":").append(std::to_string(column));
-    text.append(": error: ").append(entry["message"].get<std::string>());
-    text.append(" [").append(entry["gate"].get<std::string>()).append("]\n");
-    const std::string own = entry["text"];
-    if (!own.empty()) text.append("    ").append(own).append("\n");
-  }
-  return text;
+std::string diagnostic_text(const json& diagnostic) {
+  const int line = diagnostic["line"], column = diagnostic["column"];
+  std::string out = diagnostic["file"].get<std::string>();
+  if (line > 0) out += fmt::format(":{}", line);
+  if (column > 0) out += fmt::format(":{}", column);
+  out += fmt::format(": {}: {}", diagnostic["severity"].get<std::string>(), diagnostic["message"].get<std::string>());
+  out += diagnostic.contains("gate") ? fmt::format(" [{}]\n", diagnostic["gate"].get<std::string>()) : "\n";
+  const std::string text = diagnostic["text"];
+  if (text.empty()) return out;
+  out += "  " + text + "\n";
+  if (column > 0) out += "  " + std::string(static_cast<std::size_t>(column) - 1, ' ') + "^\n";
+  return out;
 }
 
 }  // namespace lithe::lawd

@@ -53,8 +53,9 @@ struct Compiled {
 void admit_source(std::string_view source, Admission& out);
 void admit_object(const Compiled& compiled, Admission& out);
 
-// The findings as diagnostics: [{file, line, column, severity, message, text, gate}], and the same readable.
+// The findings as diagnostics: [{file, line, column, severity, message, text, gate}].
 nlohmann::json findings_json(const Admission& admission, const std::string& name, std::string_view source);
-std::string findings_text(const nlohmann::json& diagnostics);
+// A diagnostic as text: position, message, source line, a caret under the column.
+std::string diagnostic_text(const nlohmann::json& diagnostic);
 
 }  // namespace lithe::lawd

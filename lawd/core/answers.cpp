@@ -14,12 +14,14 @@ json refuse(const std::string& stage, const std::string& text, json diagnostics)
 json refuse_whole(const std::string& stage, const std::string& name, const std::string& reason) {
   const json entry = {{"file", name},        {"line", 0},         {"column", 0},
                       {"severity", "error"}, {"message", reason}, {"text", ""}};
-  return refuse(stage, name + ": error: " + reason + "\n", json::array({entry}));
+  return refuse(stage, diagnostic_text(entry), json::array({entry}));
 }
 
 json refuse_admission(const Admission& admission, const std::string& name, const std::string& source) {
   json list = findings_json(admission, name, source);
-  json refused = refuse("admission", findings_text(list), list);
+  std::string text;
+  for (const json& each : list) text += diagnostic_text(each);
+  json refused = refuse("admission", text, list);
   if (admission.findings.empty()) {
     refused = refuse("tools", "the law could not be examined: " + admission.not_applied);
     refused["next"] = "the running law is unchanged; nothing is known against the law: swap again";

@@ -63,8 +63,27 @@ class Source {
                   "LITHE_LAW(Type, \"name\"); see laws/pd.cpp",
                   1, 1);
     }
+    check_prose();
     for (const Ambiguity& ambiguity : tokens_.ambiguities)
       out_.refuse(gate_, ambiguity.message, ambiguity.line, ambiguity.column);
+  }
+
+  // Words around the code, as a language model writes them.
+  void check_prose() {
+    static const std::string kAlone = ": send the file's C++ alone, and put explanations into // comments";
+    const auto is_prose = [this](std::size_t i) { return at(i).kind == TokenKind::word && !is_keyword(at(i).text); };
+    for (std::size_t i = 0; i < tokens_.list.size(); ++i) {
+      if (is_mark(i, "`")) return refuse(at(i), "a code fence (```) is not C++" + kAlone);
+    }
+    if (is_prose(0)) return refuse(at(0), "'" + at(0).text + "' begins no C++ file" + kAlone);
+    std::size_t end = tokens_.list.size();
+    while (end > 0 && at(end - 1).text != "LITHE_LAW") --end;
+    if (end == 0) return;
+    while (end < tokens_.list.size() && !is_mark(end, ")")) ++end;
+    end += is_mark(end + 1, ";") ? 2 : 1;
+    if (is_prose(end) && at(end + 1).kind == TokenKind::word && at(end + 2).kind == TokenKind::word) {
+      refuse(at(end), "'" + at(end).text + "' after LITHE_LAW is no C++" + kAlone);
+    }
   }
 
   template <class Body>
@@ -148,6 +167,12 @@ class Source {
     if (const std::string_view why = why_word_is_refused(word); !why.empty()) {
       const bool deleted = word == "delete" && i > 0 && is_mark(i - 1, "=");
       if (!deleted) refuse(at(i), word + ": " + std::string(why));
+    } else if (const std::string_view no = why_std_name_is_refused(at(i + 2).text);
+               word == "std" && is_mark(i + 1, "::") && !no.empty()) {
+      refuse(at(i), "std::" + at(i + 2).text + ": " + std::string(no));
+    } else if (const std::string_view not_called = why_call_is_refused(word);
+               !not_called.empty() && is_mark(i + 1, "(") && !is_mark(i - 1, "::")) {
+      refuse(at(i), word + ": " + std::string(not_called));
     } else if (is_reserved(word)) {
       refuse(at(i), word +
                         " is a reserved name (it begins with two underscores, or one and a capital): a law uses the "

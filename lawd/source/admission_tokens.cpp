@@ -104,8 +104,6 @@ class Reader {
     token.first = fresh_line_;
     if (fresh_line_ && kind == TokenKind::mark && token.text == "#") in_directive_ = true;
     token.directive = in_directive_;
-    token.glued = from == end_;
-    end_ = at_;
     fresh_line_ = false;
     out_.list.push_back(std::move(token));
   }
@@ -219,7 +217,6 @@ class Reader {
   Joined joined_;
   std::string_view text_;
   std::size_t at_ = 0;
-  std::size_t end_ = SIZE_MAX;  // end of the token before
   bool fresh_line_ = true;
   bool in_directive_ = false;
   Tokens out_;

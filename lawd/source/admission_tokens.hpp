@@ -18,7 +18,6 @@ struct Token {
   int column = 0;
   bool first = false;      // first in its line: "#" there begins a directive
   bool directive = false;  // part of a directive (also the "#")
-  bool glued = false;      // directly after the token before it
 };
 
 struct Ambiguity {

@@ -19,87 +19,13 @@ constexpr std::array<std::string_view, 10> kHeaders = {"<lithe/law.hpp>", "<cmat
                                                        "<span>",          "<numbers>", "<type_traits>", "<cstddef>",
                                                        "<cstdint>",       "<limits>"};
 
-constexpr std::array<std::string_view, 81> kKeywords = {"alignas",
-                                                        "alignof",
-                                                        "auto",
-                                                        "bool",
-                                                        "break",
-                                                        "case",
-                                                        "char",
-                                                        "char16_t",
-                                                        "char32_t",
-                                                        "char8_t",
-                                                        "class",
-                                                        "concept",
-                                                        "const",
-                                                        "const_cast",
-                                                        "consteval",
-                                                        "constexpr",
-                                                        "constinit",
-                                                        "continue",
-                                                        "decltype",
-                                                        "default",
-                                                        "delete",
-                                                        "do",
-                                                        "double",
-                                                        "dynamic_cast",
-                                                        "else",
-                                                        "enum",
-                                                        "explicit",
-                                                        "export",
-                                                        "extern",
-                                                        "false",
-                                                        "final",
-                                                        "float",
-                                                        "for",
-                                                        "friend",
-                                                        "goto",
-                                                        "if",
-                                                        "inline",
-                                                        "int",
-                                                        "long",
-                                                        "mutable",
-                                                        "namespace",
-                                                        "new",
-                                                        "noexcept",
-                                                        "nullptr",
-                                                        "operator",
-                                                        "override",
-                                                        "private",
-                                                        "protected",
-                                                        "public",
-                                                        "register",
-                                                        "reinterpret_cast",
-                                                        "requires",
-                                                        "return",
-                                                        "short",
-                                                        "signed",
-                                                        "sizeof",
-                                                        "static",
-                                                        "static_assert",
-                                                        "static_cast",
-                                                        "struct",
-                                                        "switch",
-                                                        "template",
-                                                        "this",
-                                                        "thread_local",
-                                                        "throw",
-                                                        "true",
-                                                        "try",
-                                                        "typedef",
-                                                        "typeid",
-                                                        "typename",
-                                                        "union",
-                                                        "unsigned",
-                                                        "using",
-                                                        "virtual",
-                                                        "void",
-                                                        "volatile",
-                                                        "wchar_t",
-                                                        "while",
-                                                        "asm",
-                                                        "and",
-                                                        "or"};
+constexpr std::string_view kKeywords =
+    " alignas alignof auto bool break case char char16_t char32_t char8_t class concept const const_cast consteval "
+    "constexpr constinit continue decltype default delete do double dynamic_cast else enum explicit export extern "
+    "false final float for friend goto if inline int long mutable namespace new noexcept nullptr operator "
+    "override private protected public register reinterpret_cast requires return short signed sizeof static "
+    "static_assert static_cast struct switch template this thread_local throw true try typedef typeid typename "
+    "union unsigned using virtual void volatile wchar_t while asm and or ";
 
 constexpr std::array<std::string_view, 11> kHarmlessReserved = {
     "__x86_64__", "__aarch64__", "__restrict",  "__restrict__",     "__cplusplus", "__LINE__",
@@ -110,6 +36,9 @@ struct Word {
 };
 constexpr std::string_view kNoHeap =
     "a law allocates nothing: use a std::array of fixed size, in State if it must outlive the step";
+constexpr std::string_view kNoPrint =
+    "a law prints nothing: put the number into a field of Probes, it shows up in telemetry";
+constexpr std::string_view kNoThread = "a law has one thread and never waits: what takes long belongs in the Brain";
 constexpr std::string_view kNoThrow = "a law has no exceptions: test the value and return a safe torque";
 constexpr std::string_view kNoCast = "a law works on numbers and never on raw memory: keep the type, or copy the value";
 constexpr std::string_view kNoCoroutine = "coroutines allocate: keep what must be remembered in State";
@@ -144,6 +73,34 @@ constexpr std::array kWords = std::to_array<Word>({
     {"__TIMESTAMP__", "the same law must give the same object each time: write the text itself"},
 });
 
+// Of the standard library, outside the headers that a law may include.
+constexpr std::array kStdNames = std::to_array<Word>({
+    {"vector", kNoHeap},
+    {"string", kNoHeap},
+    {"map", kNoHeap},
+    {"unordered_map", kNoHeap},
+    {"set", kNoHeap},
+    {"unordered_set", kNoHeap},
+    {"list", kNoHeap},
+    {"deque", kNoHeap},
+    {"queue", kNoHeap},
+    {"function", kNoHeap},
+    {"unique_ptr", kNoHeap},
+    {"shared_ptr", kNoHeap},
+    {"make_unique", kNoHeap},
+    {"make_shared", kNoHeap},
+    {"cout", kNoPrint},
+    {"cerr", kNoPrint},
+    {"printf", kNoPrint},
+    {"print", kNoPrint},
+    {"println", kNoPrint},
+    {"thread", kNoThread},
+    {"mutex", kNoThread},
+    {"async", kNoThread},
+    {"chrono", "a law reads no clock: use t.t_s and t.dt_s"},
+});
+constexpr std::array<std::string_view, 5> kPrinting = {"printf", "fprintf", "puts", "snprintf", "sprintf"};
+
 constexpr std::array<std::string_view, 9> kAttributes = {
     "likely",     "unlikely",          "maybe_unused", "nodiscard",         "fallthrough",
     "deprecated", "no_unique_address", "noreturn",     "carries_dependency"};
@@ -165,10 +122,10 @@ constexpr std::array kAdvice = std::to_array<Word>({
     {"__gxx", kNoThrow},
     {"typeinfo", "there is no run-time type information in a law"},
     {"__tls", "a law has no memory but its State"},
-    {"std::cout", "a law prints nothing: put the number into a field of Probes, it shows up in telemetry"},
-    {"std::basic_ostream", "a law prints nothing: put the number into a field of Probes, it shows up in telemetry"},
-    {"std::ostream", "a law prints nothing: put the number into a field of Probes, it shows up in telemetry"},
-    {"std::ios_base", "a law prints nothing: put the number into a field of Probes, it shows up in telemetry"},
+    {"std::cout", kNoPrint},
+    {"std::basic_ostream", kNoPrint},
+    {"std::ostream", kNoPrint},
+    {"std::ios_base", kNoPrint},
     {"std::chrono", "a law reads no clock: use t.t_s and t.dt_s"},
     {"std::thread", "a law starts no thread: what takes long belongs in the Brain"},
 });
@@ -192,7 +149,7 @@ constexpr std::array kGroups = std::to_array<Group>({
     {kNoHeap,
      {"malloc", "calloc", "realloc", "free", "aligned_alloc", "posix_memalign", "strdup", "mmap", "munmap", "brk",
       "sbrk", "reallocarray", "mprotect", "madvise", "mremap"}},
-    {"a law prints nothing: put the number into a field of Probes, it shows up in telemetry",
+    {kNoPrint,
      {"printf", "fprintf", "puts", "putchar", "fputs", "fwrite", "write", "snprintf", "sprintf", "perror", "fputc",
       "fflush", "vprintf", "dprintf", "stdout", "stderr"}},
     {"a law opens no file and no socket: what it needs belongs in Params or comes through the setpoint",
@@ -205,7 +162,7 @@ constexpr std::array kGroups = std::to_array<Group>({
      {"exit",    "_exit",   "_Exit",       "abort",      "quick_exit", "atexit", "fork",      "vfork",
       "execve",  "execl",   "system",      "kill",       "raise",      "signal", "sigaction", "setjmp",
       "_setjmp", "longjmp", "__sigsetjmp", "siglongjmp", "waitpid",    "popen"}},
-    {"a law has one thread and never waits: what takes long belongs in the Brain",
+    {kNoThread,
      {"pthread_create", "pthread_mutex_lock", "pthread_mutex_unlock", "sem_wait", "pthread_cond_wait", "pthread_exit",
       "pthread_self", "pthread_kill", "pthread_mutex_trylock", "pthread_join", "pthread_once"}},
     {"the same input must give the same output: keep a generator's state in State and compute it yourself",
@@ -214,6 +171,12 @@ constexpr std::array kGroups = std::to_array<Group>({
     {"it writes a global variable: std::tgamma and std::erf are allowed", {"lgamma", "lgammaf", "signgam"}},
     {"std::errno is a global: test the argument before the call", {"__errno_location"}},
 });
+
+template <std::size_t N>
+std::string_view why_listed(const std::array<Word, N>& list, std::string_view word) {
+  const auto found = std::find_if(list.begin(), list.end(), [word](const Word& each) { return each.word == word; });
+  return found == list.end() ? "" : found->why;
+}
 
 }  // namespace
 
@@ -228,7 +191,9 @@ std::string allowed_headers_text() {
   return text + " and <Eigen/...>";
 }
 
-bool is_keyword(std::string_view word) { return holds(kKeywords, word); }
+bool is_keyword(std::string_view word) {
+  return kKeywords.find(" " + std::string(word) + " ") != std::string_view::npos;
+}
 
 bool is_reserved(std::string_view word) {
   const bool reserved =
@@ -236,12 +201,11 @@ bool is_reserved(std::string_view word) {
   return reserved && !holds(kHarmlessReserved, word);
 }
 
-std::string_view why_word_is_refused(std::string_view word) {
-  for (const Word& entry : kWords) {
-    if (entry.word == word) return entry.why;
-  }
-  return "";
-}
+std::string_view why_word_is_refused(std::string_view word) { return why_listed(kWords, word); }
+
+std::string_view why_std_name_is_refused(std::string_view name) { return why_listed(kStdNames, name); }
+
+std::string_view why_call_is_refused(std::string_view name) { return holds(kPrinting, name) ? kNoPrint : ""; }
 
 bool is_allowed_attribute(std::string_view name, bool in_namespace) {
   return in_namespace ? holds(kGnuAttributes, name) : holds(kAttributes, name);

@@ -16,6 +16,9 @@ bool is_keyword(std::string_view word);
 bool is_reserved(std::string_view word);
 // Why a law may not use this word; empty = allowed.
 std::string_view why_word_is_refused(std::string_view word);
+// The same for std::NAME, and for a function that is called by its bare name: printf(...).
+std::string_view why_std_name_is_refused(std::string_view name);
+std::string_view why_call_is_refused(std::string_view name);
 bool is_allowed_attribute(std::string_view name, bool in_namespace);
 
 // True for an external symbol that a law may call: mathematics and memory copies. None of them waits, allocates, writes

@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "supervisor/cli/reference.hpp"
-#include "supervisor/cli/talk.hpp"
-#include "supervisor/cli/words.hpp"
+#include "supervisor/cli/core/talk.hpp"
+#include "supervisor/cli/parse/reference.hpp"
+#include "supervisor/cli/parse/words.hpp"
 
 namespace {
 
@@ -41,6 +41,8 @@ int main(int argc, char** argv) {
     Words words;
     try {
       return run(argc, argv, words);
+    } catch (const lithe::control::Refusal& refusal) {
+      return refuse(words.context, refusal);
     } catch (const std::exception& wrong) {
       return refuse(words.context, {"internal", std::string("lithe itself went wrong: ") + wrong.what(),
                                     "see how the robot is: lithe status"});

@@ -9,7 +9,7 @@
 
 #include "spine/core/text.hpp"
 
-namespace lithe::swap {
+namespace lithe::control {
 
 // Key order is kept, so that a record reads in the order things happened.
 using Json = nlohmann::ordered_json;
@@ -22,9 +22,7 @@ struct Refusal {
 
   Json to_json() const {
     Json out = {{"code", code}, {"message", message}, {"next", next}};
-    if (!detail.is_null()) {
-      out["detail"] = detail;
-    }
+    if (!detail.is_null()) out["detail"] = detail;
     return out;
   }
 };
@@ -36,12 +34,8 @@ inline std::string dump_line(const Json& json) { return json.dump(-1, ' ', false
 
 // printable() for every key and string, line ends kept: for text from clients and compilers.
 inline Json printable_json(const Json& json) {
-  if (json.is_string()) {
-    return printable(json.get_ref<const std::string&>(), true);
-  }
-  if (!json.is_structured()) {
-    return json;
-  }
+  if (json.is_string()) return printable(json.get_ref<const std::string&>(), true);
+  if (!json.is_structured()) return json;
   Json out = json.is_array() ? Json::array() : Json::object();
   for (const auto& [key, value] : json.items()) {
     if (json.is_array()) {
@@ -53,4 +47,4 @@ inline Json printable_json(const Json& json) {
   return out;
 }
 
-}  // namespace lithe::swap
+}  // namespace lithe::control

@@ -27,27 +27,31 @@ constexpr int kExtraFd = 3;
 // Direct system calls: the C library's header for these has no C linkage in C++ before glibc 2.37.
 int open_pidfd(pid_t pid) { return static_cast<int>(::syscall(SYS_pidfd_open, pid, 0)); }
 
+// What /proc/PID/stat says after the name, which may hold anything: state, parent, group, session ... Empty when the
+// process has ended.
+std::string stat_of(const std::string& pid) {
+  std::string stat;
+  std::ifstream file("/proc/" + pid + "/stat");
+  std::getline(file, stat, '\0');
+  const std::size_t name_end = stat.rfind(") ");
+  return name_end == std::string::npos ? "" : stat.substr(name_end + 2);
+}
+
 cpu_set_t cpu_set_of(const std::vector<int>& cpus) {
   cpu_set_t set;
   CPU_ZERO(&set);
   for (const int cpu : cpus) {
-    if (cpu >= 0 && cpu < CPU_SETSIZE) {
-      CPU_SET(static_cast<unsigned>(cpu), &set);
-    }
+    if (cpu >= 0 && cpu < CPU_SETSIZE) CPU_SET(static_cast<unsigned>(cpu), &set);
   }
   return set;
 }
 
 // Runs in the child between fork and exec: only async-signal-safe calls.
 [[noreturn]] void become(const Launch& launch, char* const* argv, pid_t parent, int failure_fd) {
-  if (launch.own_session) {
-    ::setsid();
-  }
+  if (launch.own_session) ::setsid();
   if (launch.dies_with_parent) {
     ::prctl(PR_SET_PDEATHSIG, SIGKILL);
-    if (::getppid() != parent) {
-      ::_exit(127);
-    }
+    if (::getppid() != parent) ::_exit(127);
   }
   if (launch.idle_priority) {
     ::setpriority(PRIO_PROCESS, 0, 19);
@@ -65,9 +69,7 @@ cpu_set_t cpu_set_of(const std::vector<int>& cpus) {
   const int null_fd = ::open("/dev/null", O_RDWR | O_CLOEXEC);
   ::dup2(launch.stdin_fd >= 0 ? launch.stdin_fd : null_fd, STDIN_FILENO);
   ::dup2(launch.stdout_fd >= 0 ? launch.stdout_fd : null_fd, STDOUT_FILENO);
-  if (launch.stderr_fd >= 0) {
-    ::dup2(launch.stderr_fd, STDERR_FILENO);
-  }
+  if (launch.stderr_fd >= 0) ::dup2(launch.stderr_fd, STDERR_FILENO);
   if (launch.extra_fd >= 0) {
     // The pipe that reports a failed start may itself have this number.
     failure_fd = ::fcntl(failure_fd, F_DUPFD_CLOEXEC, kExtraFd + 1);
@@ -87,9 +89,7 @@ cpu_set_t cpu_set_of(const std::vector<int>& cpus) {
 
 Result<Process> Process::start(const Launch& launch) {
   std::vector<char*> argv;
-  for (const std::string& word : launch.argv) {
-    argv.push_back(const_cast<char*>(word.c_str()));
-  }
+  for (const std::string& word : launch.argv) argv.push_back(const_cast<char*>(word.c_str()));
   argv.push_back(nullptr);
   int pipe_fds[2];
   if (::pipe2(pipe_fds, O_CLOEXEC) != 0) {
@@ -99,13 +99,9 @@ Result<Process> Process::start(const Launch& launch) {
   Fd write_end(pipe_fds[1]);
   const pid_t parent = ::getpid();
   const pid_t pid = ::fork();
-  if (pid == 0) {
-    become(launch, argv.data(), parent, write_end.get());
-  }
+  if (pid == 0) become(launch, argv.data(), parent, write_end.get());
   write_end.reset();
-  if (pid < 0) {
-    return Error{fmt::format("cannot start {}: {}", launch.argv[0], std::strerror(errno))};
-  }
+  if (pid < 0) return Error{fmt::format("cannot start {}: {}", launch.argv[0], std::strerror(errno))};
   int reason = 0;
   if (::read(read_end.get(), &reason, sizeof(reason)) == sizeof(reason)) {
     ::waitpid(pid, nullptr, 0);
@@ -117,22 +113,16 @@ Result<Process> Process::start(const Launch& launch) {
 
 Result<Process> Process::adopt(pid_t pid) {
   Fd pidfd(open_pidfd(pid));
-  if (!pidfd) {
-    return Error{fmt::format("process {} cannot be watched: {}", pid, std::strerror(errno))};
-  }
+  if (!pidfd) return Error{fmt::format("process {} cannot be watched: {}", pid, std::strerror(errno))};
   return Process(pid, std::move(pidfd), false);
 }
 
 bool Process::ended() { return wait(0); }
 
 bool Process::wait(int timeout_ms) {
-  if (ended_) {
-    return true;
-  }
+  if (ended_) return true;
   pollfd wait{pidfd_.get(), POLLIN, 0};
-  if (::poll(&wait, 1, timeout_ms) <= 0) {
-    return false;
-  }
+  if (::poll(&wait, 1, timeout_ms) <= 0) return false;
   ended_ = true;
   verdict_ = "ended (not our child, so its exit code is unknown)";
   siginfo_t info{};
@@ -148,9 +138,7 @@ bool Process::wait(int timeout_ms) {
 }
 
 void Process::signal(int number) const {
-  if (!ended_) {
-    ::syscall(SYS_pidfd_send_signal, pidfd_.get(), number, nullptr, 0);
-  }
+  if (!ended_) ::syscall(SYS_pidfd_send_signal, pidfd_.get(), number, nullptr, 0);
 }
 
 Work work_of_session(pid_t leader) {
@@ -159,14 +147,10 @@ Work work_of_session(pid_t leader) {
   const double tick_s = 1.0 / static_cast<double>(::sysconf(_SC_CLK_TCK));
   std::error_code failure;
   for (std::filesystem::directory_iterator at("/proc", failure), end; !failure && at != end; at.increment(failure)) {
-    if (at->path().filename().string().find_first_not_of("0123456789") != std::string::npos) continue;
-    std::string stat;
-    std::ifstream file(at->path() / "stat");
-    std::getline(file, stat, '\0');  // empty when the process has ended
-    const std::size_t name_end = stat.rfind(") ");
-    if (name_end == std::string::npos) continue;
-    // proc(5): state, parent, group, session, then nine fields to utime, stime, cutime, cstime.
-    std::istringstream fields(stat.substr(name_end + 2));
+    const std::string pid = at->path().filename().string();
+    if (pid.find_first_not_of("0123456789") != std::string::npos) continue;
+    // proc(5): state, parent, group, session, then seven fields to utime, stime, cutime, cstime.
+    std::istringstream fields(stat_of(pid));
     char state = '?';
     long parent = 0, group = 0, session = 0, skipped = 0;
     fields >> state >> parent >> group >> session;
@@ -176,10 +160,25 @@ Work work_of_session(pid_t leader) {
     for (long& each : times) fields >> each;
     for (const long each : times) work.cpu_s += static_cast<double>(each) * tick_s;
     work.wants_to_run = work.wants_to_run || state == 'R' || state == 'D';
-    stopped = stopped || (at->path().filename() == std::to_string(leader) && (state == 'T' || state == 't'));
+    stopped = stopped || (pid == std::to_string(leader) && is_stopped(state));
   }
   work.wants_to_run = work.wants_to_run && !stopped;
   return work;
+}
+
+char state_of(pid_t pid) {
+  const std::string stat = pid > 0 ? stat_of(std::to_string(pid)) : "";
+  return stat.empty() ? '?' : stat.front();
+}
+
+std::vector<int> cores_beside(const std::vector<int>& allowed, int spine_cpu, int transport_cpu) {
+  std::vector<int> rest = allowed;
+  for (const int taken : {spine_cpu, transport_cpu}) {
+    std::vector<int> without = rest;
+    std::erase(without, taken);
+    if (!without.empty()) rest = std::move(without);
+  }
+  return rest;
 }
 
 std::string program_dir() {
@@ -189,9 +188,7 @@ std::string program_dir() {
 }
 
 Result<> set_affinity(pid_t pid, const std::vector<int>& cpus) {
-  if (cpus.empty()) {
-    return done();
-  }
+  if (cpus.empty()) return done();
   const cpu_set_t set = cpu_set_of(cpus);
   if (::sched_setaffinity(pid, sizeof(set), &set) != 0) {
     return Error{fmt::format("cannot pin process {}: {}", pid, std::strerror(errno))};

@@ -63,6 +63,14 @@ Work work_of_session(pid_t leader);
 // Directory of this executable; lithe-spine and lawd are in the same directory.
 std::string program_dir();
 
+// The cores of the supervisor and the compilers: `allowed` without the Spine's and the Transport's; never empty unless
+// `allowed` is.
+std::vector<int> cores_beside(const std::vector<int>& allowed, int spine_cpu, int transport_cpu);
+
+// State of a process as in proc(5): R, S, D, T ...; '?' when it cannot be read.
+char state_of(pid_t pid);
+inline bool is_stopped(char state) { return state == 'T' || state == 't'; }
+
 // Restricts a process (0: this one) to these cores; without effect when the list is empty.
 Result<> set_affinity(pid_t pid, const std::vector<int>& cpus);
 

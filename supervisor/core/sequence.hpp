@@ -26,12 +26,12 @@ class Sequence {
    public:
     using Ready = std::function<bool(std::int64_t now_ns)>;
 
-    Until(Ready ready, std::int64_t deadline_ns, swap::Refusal late)
+    Until(Ready ready, std::int64_t deadline_ns, Refusal late)
         : ready_(std::move(ready)), deadline_ns_(deadline_ns), late_(std::move(late)) {}
 
     bool await_ready() const noexcept { return false; }
     bool await_suspend(std::coroutine_handle<promise_type> self);
-    std::optional<swap::Refusal> await_resume() { return std::move(why_not_); }
+    std::optional<Refusal> await_resume() { return std::move(why_not_); }
 
    private:
     friend class Sequence;
@@ -39,24 +39,22 @@ class Sequence {
 
     Ready ready_;
     std::int64_t deadline_ns_;
-    swap::Refusal late_;
-    std::optional<swap::Refusal> why_not_;
+    Refusal late_;
+    std::optional<Refusal> why_not_;
   };
 
   // `co_await` waits until somebody has put an answer into the box. It returns that answer, or why there is none.
   template <class T>
   class Reply : public Until {
    public:
-    using Outcome = std::variant<T, swap::Refusal>;
+    using Outcome = std::variant<T, Refusal>;
     using Box = std::shared_ptr<std::optional<Outcome>>;
 
-    Reply(Box box, std::int64_t deadline_ns, swap::Refusal late)
+    Reply(Box box, std::int64_t deadline_ns, Refusal late)
         : Until([box](std::int64_t) { return box->has_value(); }, deadline_ns, std::move(late)), box_(std::move(box)) {}
 
     Outcome await_resume() {
-      if (auto why_not = Until::await_resume()) {
-        return std::move(*why_not);
-      }
+      if (auto why_not = Until::await_resume()) return std::move(*why_not);
       return std::move(**box_);
     }
 
@@ -70,15 +68,13 @@ class Sequence {
   Sequence& operator=(const Sequence&) = delete;
   Sequence& operator=(Sequence&&) = delete;
   ~Sequence() {
-    if (self_) {
-      self_.destroy();
-    }
+    if (self_) self_.destroy();
   }
 
   // Goes on when what it waits for has come, or its time is up. The first call starts it.
   void serve(std::int64_t now_ns);
   // Ends its present wait, and every later one that is not ready at once.
-  void abort(swap::Refusal reason, std::int64_t now_ns);
+  void abort(Refusal reason, std::int64_t now_ns);
   bool done() const;
   // The time of the serve() that runs.
   std::int64_t now_ns() const;
@@ -91,7 +87,7 @@ struct Sequence::promise_type {
   enum class State { waits, runs, done } state = State::waits;
   Until* until = nullptr;  // in the coroutine's frame; nullptr before the first wait
   std::int64_t now_ns = 0;
-  std::optional<swap::Refusal> aborted;
+  std::optional<Refusal> aborted;
 
   Sequence get_return_object() { return Sequence(std::coroutine_handle<promise_type>::from_promise(*this)); }
   std::suspend_always initial_suspend() noexcept { return {}; }
@@ -112,9 +108,7 @@ inline bool Sequence::Until::over(const promise_type& now) {
 }
 
 inline bool Sequence::Until::await_suspend(std::coroutine_handle<promise_type> self) {
-  if (over(self.promise())) {
-    return false;
-  }
+  if (over(self.promise())) return false;
   self.promise().until = this;
   self.promise().state = promise_type::State::waits;
   return true;
@@ -122,9 +116,7 @@ inline bool Sequence::Until::await_suspend(std::coroutine_handle<promise_type> s
 
 inline void Sequence::serve(std::int64_t now_ns) {
   promise_type& promise = self_.promise();
-  if (promise.state != promise_type::State::waits) {
-    return;
-  }
+  if (promise.state != promise_type::State::waits) return;
   promise.now_ns = now_ns;
   if (promise.until == nullptr || promise.until->over(promise)) {
     promise.state = promise_type::State::runs;
@@ -132,7 +124,7 @@ inline void Sequence::serve(std::int64_t now_ns) {
   }
 }
 
-inline void Sequence::abort(swap::Refusal reason, std::int64_t now_ns) {
+inline void Sequence::abort(Refusal reason, std::int64_t now_ns) {
   self_.promise().aborted = std::move(reason);
   serve(now_ns);
 }

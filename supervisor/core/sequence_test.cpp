@@ -9,7 +9,6 @@
 namespace lithe::control {
 namespace {
 
-using swap::Refusal;
 using Number = Sequence::Reply<int>;
 
 const Refusal kLate{"timeout", "", ""};

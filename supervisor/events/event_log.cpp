@@ -2,10 +2,12 @@
 #include "supervisor/events/event_log.hpp"
 
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
 
-#include "supervisor/link/spine_link.hpp"
+#include "spine/core/time.hpp"
+#include "supervisor/link/spine/commands.hpp"
 
 namespace lithe::control {
 namespace {
@@ -31,13 +33,11 @@ std::string code_word(wire::EventKind kind, std::uint32_t code) {
 
 }  // namespace
 
-swap::Json event_json(const wire::Event& event) {
+Json event_json(const wire::Event& event) {
   const auto kind = static_cast<wire::EventKind>(event.kind);
-  swap::Json out = {{"t_ns", event.t_ns}, {"tick", event.tick}, {"kind", std::string(to_string(kind))}};
+  Json out = {{"t_ns", event.t_ns}, {"tick", event.tick}, {"kind", std::string(to_string(kind))}};
   const std::string word = code_word(kind, event.code);
-  if (!word.empty()) {
-    out["reason"] = word;
-  }
+  if (!word.empty()) out["reason"] = word;
   out["code"] = event.code;
   out["value"] = event.value;
   out["request_id"] = event.request_id;
@@ -45,38 +45,55 @@ swap::Json event_json(const wire::Event& event) {
   return out;
 }
 
-std::string event_line(const swap::Json& event) {
+Json event_json(const wire::Event& event, const SpineLink& spine) {
+  Json out = event_json(event);
+  std::string more;
+  const auto kind = static_cast<wire::EventKind>(event.kind);
+  if (kind == wire::EventKind::law_rolled_back || kind == wire::EventKind::params_reverted) {
+    const auto law = spine.law(event.code);
+    out["law"] = law ? Json(text_of(law->name)) : Json(nullptr);
+    more = law ? fmt::format("law {} runs now", text_of(law->name)) : "no law runs now";
+  } else if (kind == wire::EventKind::plan_refused) {
+    const auto plan = spine.plan();  // unless a newer one has taken its place
+    const auto reason = static_cast<wire::PlanReject>(event.code);
+    if (plan && plan->plan_id == event.request_id) more = beyond_limits(*plan, reason, spine.info());
+  }
+  const std::string text = out["text"];
+  if (!more.empty()) out["text"] = text.empty() ? more : text + "; " + more;
+  return out;
+}
+
+std::string event_line(const Json& event) {
   std::string line = event.value("kind", "?");
   if (event.contains("reason")) {
     line += fmt::format(" ({})", event["reason"].get<std::string>());
   }
-  if (const std::string text = event.value("text", ""); !text.empty()) {
-    line += ": " + text;
-  }
+  if (const std::string text = event.value("text", ""); !text.empty()) line += ": " + text;
   if (const std::uint64_t tick = event.value("tick", std::uint64_t{0}); tick != 0) {
     line += fmt::format(" [tick {}]", tick);
   }
   return line;
 }
 
-void EventLog::add(swap::Json event) {
-  swap::Json numbered = {{"cursor", ++last_}};
+void EventLog::add(Json event) {
+  Json numbered = {{"cursor", ++last_}};
   numbered.update(event);
   events_.push_back(std::move(numbered));
-  if (events_.size() > kDepth) {
-    events_.pop_front();
-  }
+  if (events_.size() > kDepth) events_.pop_front();
 }
 
-swap::Json EventLog::since(std::uint64_t since, std::size_t limit) const {
+void EventLog::note(std::uint64_t request_id, const char* kind, const std::string& text) {
+  add({{"t_ns", monotonic_ns()}, {"tick", 0}, {"kind", kind}, {"request_id", request_id}, {"text", text}});
+  spdlog::info("{}: {}", kind, text);
+}
+
+Json EventLog::since(std::uint64_t since, std::size_t limit) const {
   const std::uint64_t oldest = last_ - events_.size() + 1;
   const std::uint64_t begin = std::max(std::min(since, last_) + 1, oldest);
   const std::uint64_t missed = since + 1 < oldest ? oldest - since - 1 : 0;
-  swap::Json list = swap::Json::array();
+  Json list = Json::array();
   std::uint64_t cursor = begin - 1;
-  while (cursor < last_ && list.size() < limit) {
-    list.push_back(events_[static_cast<std::size_t>(++cursor - oldest)]);
-  }
+  while (cursor < last_ && list.size() < limit) list.push_back(events_[static_cast<std::size_t>(++cursor - oldest)]);
   return {{"events", std::move(list)}, {"cursor", cursor}, {"lost", missed + lost_in_ring_}};
 }
 

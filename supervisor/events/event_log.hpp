@@ -9,29 +9,35 @@
 
 #include "spine/wire/wire.hpp"
 #include "supervisor/core/answer.hpp"
+#include "supervisor/link/spine/spine_link.hpp"
 
 namespace lithe::control {
 
 // An event of the Spine as text.
-swap::Json event_json(const wire::Event& event);
+Json event_json(const wire::Event& event);
+// With what the event has no room for: which law runs after a rollback or a revert ("law"), and which joint of a refused
+// plan is beyond which limit.
+Json event_json(const wire::Event& event, const SpineLink& spine);
 // One line for a person.
-std::string event_line(const swap::Json& event);
+std::string event_line(const Json& event);
 
 // Contract: one thread · keeps the last kDepth events; a reader with an old cursor learns how many it lost.
 class EventLog {
  public:
   static constexpr std::size_t kDepth = 4096;
 
-  void add(swap::Json event);
+  void add(Json event);
+  // An event of the supervisor itself, about a swap; also in the log file.
+  void note(std::uint64_t request_id, const char* kind, const std::string& text);
   // Number of Spine events that were overwritten before they were read, since the start.
   void set_lost(std::uint64_t count) { lost_in_ring_ = count; }
 
   // {"events":[{"cursor":n, ...}], "cursor":last, "lost":n}: at most `limit` events after `since`, oldest first.
-  swap::Json since(std::uint64_t since, std::size_t limit) const;
+  Json since(std::uint64_t since, std::size_t limit) const;
   std::uint64_t last() const { return last_; }
 
  private:
-  std::deque<swap::Json> events_;
+  std::deque<Json> events_;
   std::uint64_t last_ = 0;
   std::uint64_t lost_in_ring_ = 0;
 };

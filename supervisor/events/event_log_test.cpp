@@ -3,14 +3,14 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstring>
 
 #include "supervisor/events/noise.hpp"
+#include "supervisor/link/spine/test/spine_rig.hpp"
 
 namespace lithe::control {
 namespace {
-
-using swap::Json;
 
 wire::Event event_of(wire::EventKind kind, std::uint32_t code = 0) {
   wire::Event event;
@@ -18,6 +18,50 @@ wire::Event event_of(wire::EventKind kind, std::uint32_t code = 0) {
   event.kind = static_cast<std::uint32_t>(kind);
   event.code = code;
   return event;
+}
+
+class EventJsonTest : public SpineRig {
+ protected:
+  void SetUp() override {
+    attach([this](wire::RobotInfo& info) {
+      info.joint_count = 1;
+      std::copy(robot_.begin(), robot_.end(), info.robot.begin());
+      std::copy_n("hip", 3, info.joint_name.begin());
+      info.position_max_rad[0] = 1;
+    });
+  }
+  void TearDown() override { ipc::remove_segment(ipc::Segment<ipc::BrainMemory>::path(robot_)); }
+};
+
+TEST_F(EventJsonTest, ARollbackIsToldWithTheLawThatRunsNow) {
+  wire::LawInfo law{};
+  law.law_id = 3;
+  std::copy_n("pd", 2, law.name.begin());
+  ipc::ChannelWriter<wire::LawInfo>((*spine_)->law_info[0]).write(law);
+  wire::Event event = event_of(wire::EventKind::law_rolled_back, 3);
+  std::copy_n("shaking", 7, event.text.begin());
+  const Json told = event_json(event, *link_);
+  EXPECT_EQ(told["law"], "pd");
+  EXPECT_EQ(told["text"], "shaking; law pd runs now");
+  event.code = 4;
+  EXPECT_TRUE(event_json(event, *link_)["law"].is_null()) << "the safe law";
+}
+
+TEST_F(EventJsonTest, ARefusedPlanNamesItsJointUntilANewerOneIsThere) {
+  wire::Event event =
+      event_of(wire::EventKind::plan_refused, static_cast<std::uint32_t>(wire::PlanReject::position_limit));
+  event.request_id = 7;
+  EXPECT_EQ(event_json(event, *link_)["text"], "") << "no Brain's memory";
+  auto brain = ipc::Segment<ipc::BrainMemory>::create(robot_);
+  ASSERT_TRUE(brain) << brain.message();
+  wire::Plan plan;
+  plan.plan_id = 7;
+  plan.joint_count = plan.waypoint_count = 1;
+  plan.position_rad[0] = 1.5;
+  ipc::ChannelWriter<wire::Plan>((*brain)->plan).write(plan);
+  EXPECT_EQ(event_json(event, *link_)["text"], "joint hip, waypoint 1: 1.500 rad, its limits are 0.000 and 1.000 rad");
+  event.request_id = 6;
+  EXPECT_EQ(event_json(event, *link_)["text"], "") << "of an earlier plan";
 }
 
 TEST(EventLog, HandsOutEachEventOnceByCursor) {

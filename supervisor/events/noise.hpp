@@ -25,9 +25,7 @@ class NoiseFilter {
 
   bool passes(const wire::Event& event, std::int64_t now_ns) {
     const auto kind = static_cast<wire::EventKind>(event.kind);
-    if (!is_frequent(kind, event.code)) {
-      return true;
-    }
+    if (!is_frequent(kind, event.code)) return true;
     Window& window = windows_[kind];
     if (window.open) {
       ++window.held_back;

@@ -24,7 +24,6 @@
 #include "spine/robot/cores/cpu_plan.hpp"
 #include "spine/robot/robot.hpp"
 #include "supervisor/bus/plan/advice.hpp"
-#include "supervisor/core/cores.hpp"
 #include "supervisor/run/supervisor.hpp"
 
 namespace lithe::control {
@@ -40,34 +39,16 @@ std::string pid_path(const std::string& robot) { return fmt::format("{}/{}.pid",
 // Pid of the lease holder: from its pid file, else from the segment's header.
 std::string holder_of(const std::string& robot) {
   std::string pid = "unknown";
-  if (std::ifstream file(pid_path(robot)); file >> pid) {
-    return pid;
-  }
+  if (std::ifstream file(pid_path(robot)); file >> pid) return pid;
   const auto control = ipc::Segment<ipc::ControlMemory>::attach(robot, ipc::Access::read);
   return control ? std::to_string((*control)->header.writer_pid) : pid;
 }
 
-int refuse_file(const std::string& why, bool json) {
-  std::cerr << why << '\n';
-  if (json) {
-    std::cout << Json{{"ok", false}, {"error", Refusal{"bad_config", why, "correct the file"}.to_json()}} << '\n';
-  }
-  return 2;
-}
-
-bool buses_can_carry(const robot::RobotConfig& config, bool json) {
-  const bus::Verdict verdict = bus::judge_for_run(config);
-  if (!verdict.refuse) {
-    if (!verdict.text.empty()) {
-      spdlog::warn("{}; {}", verdict.text, verdict.next);
-    }
-    return true;
-  }
-  std::cerr << verdict.text << "\nnext: " << verdict.next << '\n';
-  if (json) {
-    std::cout << Json{{"ok", false}, {"error", Refusal{"bus_overload", verdict.text, verdict.next}.to_json()}} << '\n';
-  }
-  return false;
+// Says why the robot is not started; returns the exit code.
+int refuse(const Refusal& why, int code, bool json) {
+  std::cerr << why.message << "\nnext: " << why.next << '\n';
+  if (json) std::cout << Json{{"ok", false}, {"error", why.to_json()}} << '\n';
+  return code;
 }
 
 }  // namespace
@@ -77,36 +58,28 @@ int run_robot(const RunOptions& options) {
   spdlog::set_default_logger(spdlog::stderr_color_mt("lithe"));
   spdlog::set_pattern("%H:%M:%S.%e %^%l%$ %v");
   auto config = robot::load_robot(options.config_path);
-  if (!config) {
-    return refuse_file(config.message(), options.json);
-  }
+  if (!config) return refuse({"bad_config", config.message(), "correct the file"}, 2, options.json);
   const MachineCores cores = machine_cores();
   if (const auto plan = robot::plan_cpus(*config, cores); plan) {
-    for (std::string& cost : robot::costs_of(*plan, config->spine, cores)) {
-      config->notes.push_back(std::move(cost));
-    }
+    for (std::string& cost : robot::costs_of(*plan, config->spine, cores)) config->notes.push_back(std::move(cost));
   } else if (!live_spine(config->name)) {  // a Spine that ticks has its cores already
-    return refuse_file(plan.message(), options.json);
+    return refuse({"bad_config", plan.message(), "correct the file"}, 2, options.json);
   }
   for (const std::string& note : config->notes) {
     spdlog::warn("{}", note);
   }
-  if (!buses_can_carry(*config, options.json)) {
-    return 1;
-  }
+  const bus::Verdict load = bus::judge_for_run(*config);
+  if (load.refuse) return refuse({"bus_overload", load.text, load.next}, 1, options.json);
+  if (!load.text.empty()) spdlog::warn("{}; {}", load.text, load.next);
   return Supervisor(options, std::move(*config)).run();
 }
 
 void Supervisor::take_lease() {
   std::error_code failure;
   fs::create_directories(run_dir(), failure);
-  if (failure) {
-    throw Halt{1, fmt::format("cannot create {}: {}; set LITHE_RUN_DIR", run_dir(), failure.message())};
-  }
+  if (failure) throw Halt{1, fmt::format("cannot create {}: {}; set LITHE_RUN_DIR", run_dir(), failure.message())};
   auto lease = ipc::Lease::try_take(ipc::Segment<ipc::ControlMemory>::path(config_.name));
-  if (!lease) {
-    throw Halt{1, lease.message()};
-  }
+  if (!lease) throw Halt{1, lease.message()};
   if (!*lease) {
     throw Halt{1, fmt::format("robot '{}' already has a supervisor (pid {}); use lithe status, or stop it first",
                               config_.name, holder_of(config_.name))};
@@ -131,9 +104,7 @@ void Supervisor::catch_signals() {
     sigaddset(&set, number);
   }
   struct sigaction hangup{};
-  if (::sigaction(SIGHUP, nullptr, &hangup) == 0 && hangup.sa_handler != SIG_IGN) {
-    sigaddset(&set, SIGHUP);
-  }
+  if (::sigaction(SIGHUP, nullptr, &hangup) == 0 && hangup.sa_handler != SIG_IGN) sigaddset(&set, SIGHUP);
   ::signal(SIGPIPE, SIG_IGN);
   ::sigprocmask(SIG_BLOCK, &set, nullptr);
   signals_.reset(::signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK));
@@ -142,9 +113,7 @@ void Supervisor::catch_signals() {
 // Reports errors of the file that the Spine would refuse, before the compile service starts.
 void Supervisor::check_robot() {
   int err[2];
-  if (::pipe2(err, O_CLOEXEC) != 0) {
-    throw Halt{1, fmt::format("cannot make a pipe: {}", std::strerror(errno))};
-  }
+  if (::pipe2(err, O_CLOEXEC) != 0) throw Halt{1, fmt::format("cannot make a pipe: {}", std::strerror(errno))};
   const Fd ours(err[0]);
   Fd theirs(err[1]);
   Launch launch;
@@ -154,9 +123,7 @@ void Supervisor::check_robot() {
   launch.cpus = all_cpus_;
   auto process = Process::start(launch);
   theirs.reset();
-  if (!process) {
-    throw Halt{1, process.message()};
-  }
+  if (!process) throw Halt{1, process.message()};
   std::string said;
   char chunk[4096];
   pollfd wait{ours.get(), POLLIN, 0};
@@ -177,10 +144,8 @@ void Supervisor::check_robot() {
 
 void Supervisor::start_lawd() {
   arena_ = open_arena(config_);
-  lawd_.give_arena(arena_.get());
-  if (const auto started = lawd_.start(monotonic_ns()); !started) {
-    throw Halt{1, started.message()};
-  }
+  lawd_.give(arena_.get());
+  if (const auto started = lawd_.start(monotonic_ns()); !started) throw Halt{1, started.message()};
 }
 
 // Started before the Spine, like lawd: it forks.
@@ -192,10 +157,8 @@ void Supervisor::start_trial() {
     lawd_.open_gates();
     return;
   }
-  trial_.give_arena(arena_.get());
-  if (const auto started = trial_.start(monotonic_ns()); !started) {
-    throw Halt{1, started.message()};
-  }
+  trial_.give(arena_.get());
+  if (const auto started = trial_.start(monotonic_ns()); !started) throw Halt{1, started.message()};
 }
 
 void Supervisor::start_spine() {
@@ -217,9 +180,7 @@ void Supervisor::start_spine() {
   launch.own_session = true;
   launch.cpus = all_cpus_;
   auto process = Process::start(launch);
-  if (!process) {
-    throw Halt{1, process.message()};
-  }
+  if (!process) throw Halt{1, process.message()};
   spine_.emplace(std::move(*process));
   const auto ready = [this] { return spine_said_.find("\"ready\"") != std::string::npos; };
   if (!turn_until(ready, kReadyTimeoutNs)) {
@@ -238,24 +199,18 @@ void Supervisor::adopt_spine(pid_t pid) {
                                config_.name, who, why, how)};
   };
   auto process = pid > 0 ? Process::adopt(pid) : Result<Process>(Error{"its memory does not tell its process"});
-  if (!process) {
-    throw refuse(process.message());
-  }
+  if (!process) throw refuse(process.message());
   adopted_ = true;
   spine_.emplace(std::move(*process));
   auto link = SpineLink::attach(config_.name);
-  if (!link) {
-    throw refuse(link.message());
-  }
+  if (!link) throw refuse(link.message());
   serve_spine(std::move(*link));
   spdlog::info("robot '{}' is already ticking (Spine pid {}): adopted as it is", config_.name, pid);
 }
 
 void Supervisor::attach() {
   auto link = SpineLink::attach(config_.name);
-  if (!link) {
-    throw Halt{1, link.message()};
-  }
+  if (!link) throw Halt{1, link.message()};
   serve_spine(std::move(*link));
 }
 
@@ -265,7 +220,7 @@ void Supervisor::serve_spine(SpineLink link) {
   const auto first_id = static_cast<std::uint64_t>(monotonic_ns() / kNsPerUs);
   commands_.emplace(*link_, first_id, &config_);
   swaps_.emplace(Swaps::Helpers{*link_, lawd_, options_.gates ? &trial_ : nullptr, *commands_, events_},
-                 swap::RecordBook(swap::records_of(config_.name)), first_id, config_);
+                 RecordBook(records_of(config_.name)), first_id, config_);
   const wire::RobotInfo& info = link_->info();
   const int transport = info.transport_inline != 0 ? -1 : static_cast<int>(info.cpu_transport);
   const std::vector<int> ours = cores_beside(all_cpus_, static_cast<int>(info.cpu_spine), transport);
@@ -280,16 +235,12 @@ void Supervisor::open_socket() {
   auto server = Server::listen(
       control_socket_path(config_.name),
       [this](const ReplyTo& to, const std::string& verb, const Json& args) { verbs_->handle(to, verb, args); });
-  if (!server) {
-    throw Halt{1, server.message()};
-  }
+  if (!server) throw Halt{1, server.message()};
   server_.emplace(std::move(*server));
   verbs_.emplace(
       Parts{config_, *link_, lawd_, trial_, *commands_, *swaps_, events_, adopted_},
       [this](const ReplyTo& to, const Answer& answer) {
-        if (server_) {
-          server_->reply(to, answer);
-        }
+        if (server_) server_->reply(to, answer);
       },
       [this] { stop_asked_ = true; });
 }

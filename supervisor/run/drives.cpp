@@ -29,18 +29,14 @@ std::size_t joints_of(const wire::Telemetry& now) { return std::min<std::size_t>
 
 Drives drives_of(const wire::Telemetry& now) {
   Drives least = joints_of(now) == 0 ? Drives::driven : Drives::off;
-  for (std::size_t j = 0; j < joints_of(now); ++j) {
-    least = std::min(least, drive_of(now, j));
-  }
+  for (std::size_t j = 0; j < joints_of(now); ++j) least = std::min(least, drive_of(now, j));
   return least;
 }
 
 std::string joints_not_off(const robot::RobotConfig& robot, const wire::Telemetry& now) {
   std::string names;
   for (std::size_t j = 0; j < std::min(joints_of(now), robot.joints.size()); ++j) {
-    if (drive_of(now, j) != Drives::off) {
-      names += (names.empty() ? "" : ", ") + robot.joints[j].name;
-    }
+    if (drive_of(now, j) != Drives::off) names += (names.empty() ? "" : ", ") + robot.joints[j].name;
   }
   return names;
 }

@@ -38,109 +38,79 @@ std::string words_of(const Refusal& refusal) {
 
 }  // namespace
 
-void Supervisor::compile_first_law() {
-  const std::string path = options_.law.empty() ? config_.law : options_.law;
-  if (path.empty()) {
-    return;
-  }
-  auto source = read_regular_file(path, kMaxLawBytes);
-  if (!source || source->empty()) {
-    throw Halt{1, fmt::format("cannot read the law {}; give another with --law FILE",
-                              source ? path + ": it is empty" : source.message())};
-  }
-  first_source_ = std::move(*source);
-  spdlog::info("compiling {}", path);
-  std::optional<Answer> answer;
-  lawd_.compile(
-      {fs::path(path).filename().string(), first_source_}, [&answer](const Answer& got) { answer = got; },
-      monotonic_ns());
-  turn_until([&answer] { return answer.has_value(); }, LawdLink::kCompileTimeoutNs + kNsPerS);
-  if (!answer) {
-    throw Halt{1, "the compile service does not answer"};
-  }
+// Refuses the start when the law was refused, or nothing was answered.
+void Supervisor::must_run(const std::optional<Answer>& answer, const char* silence) const {
+  if (!answer) throw Halt{1, silence};
   if (const auto* refusal = std::get_if<Refusal>(&*answer)) {
-    throw Halt{1, fmt::format("the law {} cannot run: {}", path, words_of(*refusal))};
+    throw Halt{1, fmt::format("the law {} cannot run: {}", first_law_, words_of(*refusal))};
   }
 }
 
-// The trial rides it while the first law is compiled. Without the gates nobody does.
+void Supervisor::compile_first_law() {
+  first_law_ = options_.law.empty() ? config_.law : options_.law;
+  if (first_law_.empty()) return;
+  auto source = read_regular_file(first_law_, kMaxLawBytes);
+  if (!source || source->empty()) {
+    throw Halt{1, fmt::format("cannot read the law {}; give another with --law FILE",
+                              source ? first_law_ + ": it is empty" : source.message())};
+  }
+  first_source_ = std::move(*source);
+  spdlog::info("compiling {}", first_law_);
+  const LawText law{fs::path(first_law_).filename().string(), first_source_};
+  must_run(answer_to([&](const auto& take) { lawd_.compile(law, take, monotonic_ns()); },
+                     LawdLink::kCompileTimeoutNs + kNsPerS),
+           "the compile service does not answer");
+}
+
+// The trial simulates it while the first law is compiled. Without the gates nobody does.
 void Supervisor::try_safe_law() {
-  if (!options_.gates) {
-    return;
+  if (!options_.gates) return;
+  const auto answer = answer_to([this](const auto& take) { trial_.ask_safe_law(take, monotonic_ns()); },
+                                TrialLink::kSafeLawNs + kNsPerS);
+  const Json* told = answer ? std::get_if<Json>(&*answer) : nullptr;
+  if (told == nullptr) {
+    throw Halt{1, fmt::format("the trial could not run the safe law: {}",
+                              answer ? std::get<Refusal>(*answer).message : "it does not answer")};
   }
-  bool answered = false;
-  std::optional<std::string> wrong;
-  std::string why = "it does not answer";
-  trial_.ask_safe_law(
-      [&](const std::optional<std::string>& text, const std::string& silent) {
-        answered = true;
-        wrong = text;
-        why = silent;
-      },
-      monotonic_ns());
-  turn_until([&answered] { return answered; }, TrialLink::kSafeLawNs + kNsPerS);
-  if (!wrong) {
-    throw Halt{1, fmt::format("the trial could not ride the safe law: {}", why)};
-  }
-  if (!wrong->empty()) {
-    throw Halt{2, fmt::format("{}: {}", options_.config_path, *wrong)};
+  if (const std::string wrong = told->value("safe_law_text", ""); !wrong.empty()) {
+    throw Halt{2, fmt::format("{}: {}", options_.config_path, wrong)};
   }
 }
 
 void Supervisor::swap_first_law() {
-  if (first_source_.empty()) {
-    return;
-  }
-  const std::string path = options_.law.empty() ? config_.law : options_.law;
-  std::optional<Answer> answer;
-  swaps_->submit(
-      {fs::path(path).filename().string(), first_source_, Json::object(),
-       std::get<swap::Terms>(swaps_->read_terms(Json::object()))},
-      [&answer](const Answer& got) { answer = got; }, monotonic_ns());
-  turn_until([&answer] { return answer.has_value(); }, 4 * LawdLink::kCompileTimeoutNs);
-  if (!answer) {
-    throw Halt{1, "the first law was not committed"};
-  }
-  if (const auto* refusal = std::get_if<Refusal>(&*answer)) {
-    throw Halt{1, fmt::format("the law {} cannot run: {}", path, words_of(*refusal))};
-  }
+  if (first_source_.empty()) return;
+  SwapRequest request{fs::path(first_law_).filename().string(), first_source_};
+  request.terms = std::get<Terms>(swaps_->read_terms(Json::object()));
+  must_run(answer_to([&](const auto& take) { swaps_->submit(request, take, monotonic_ns()); },
+                     4 * LawdLink::kCompileTimeoutNs),
+           "the first law was not committed");
 }
 
 void Supervisor::swap_adopted_law() {
-  if (options_.law.empty()) {
-    return;
-  }
+  if (options_.law.empty()) return;
   try {
     compile_first_law();
     swap_first_law();
   } catch (const Halt& halt) {
-    if (stop_asked_ || halt.code == 3) {
-      throw;
-    }
+    if (stop_asked_ || halt.code == 3) throw;
     spdlog::error("{}; the adopted robot keeps the law it has", halt.message);
   }
 }
 
 void Supervisor::arm() {
-  if (!options_.arm) {
-    return;
-  }
+  if (!options_.arm) return;
   if (first_source_.empty()) {
     spdlog::warn("not armed: {} names no law; swap one in, then: lithe arm", options_.config_path);
     return;
   }
   const std::int64_t deadline_ns = monotonic_ns() + arm_timeout_ns(config_);
-  std::optional<Answer> answer;
+  wire::Command command;
+  command.kind = static_cast<std::uint32_t>(wire::CommandKind::arm);
   do {
-    answer.reset();
-    wire::Command command;
-    command.kind = static_cast<std::uint32_t>(wire::CommandKind::arm);
-    commands_->send(command, [&answer](const Answer& got) { answer = got; }, monotonic_ns());
-    turn_until([&answer] { return answer.has_value(); }, kArmTimeoutNs);
+    const auto answer =
+        answer_to([&](const auto& take) { commands_->send(command, take, monotonic_ns()); }, kArmTimeoutNs);
     const auto* refusal = answer ? std::get_if<Refusal>(&*answer) : nullptr;
-    if (answer && refusal == nullptr) {
-      return;
-    }
+    if (answer && refusal == nullptr) return;
     if (refusal != nullptr && refusal->code == "refused_outside") {  // `recover` needs a running robot
       spdlog::warn("not armed: {}; {}", refusal->message, refusal->next);
       return;

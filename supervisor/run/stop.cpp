@@ -16,9 +16,7 @@ void Supervisor::stop() {
   stopping_ = true;
   bool known_off = true;
   // A Spine that we could not adopt is left running.
-  if (spine_ && !spine_->ended() && (link_ || !adopted_)) {
-    known_off = stop_spine();
-  }
+  if (spine_ && !spine_->ended() && (link_ || !adopted_)) known_off = stop_spine();
   if (server_) {
     server_->flush(200);
     server_.reset();
@@ -47,11 +45,9 @@ bool Supervisor::stop_spine() {
   }
   spine_->signal(SIGTERM);
   const std::int64_t deadline_ns = monotonic_ns() + 5 * kNsPerS;
-  while (!spine_->wait(20) && monotonic_ns() < deadline_ns) {
-    forward_spine_log();
-  }
+  while (!spine_->wait(20) && monotonic_ns() < deadline_ns) forward_spine_log();
   // An adopted Spine is not our child, so its exit code is unknown.
-  const int adopted_code = adopted_ && link_ && link_->told_off().value_or(false) ? 0 : 1;
+  const int adopted_code = adopted_ && link_ && link_->confirmed_off().value_or(false) ? 0 : 1;
   const bool in_order = spine_->ended() && spine_->exit_code().value_or(adopted_code) == 0;
   if (!spine_->ended()) {
     spdlog::error("the Spine did not stop within 5 s: killed; the drives' watchdogs switch off");
@@ -68,9 +64,7 @@ bool Supervisor::stop_spine() {
 Drives Supervisor::switch_off() {
   const Refusal stopping{"stopping", "the robot is being stopped", "start it again: lithe run"};
   const auto refuse_swaps = [&] {
-    if (swaps_) {
-      swaps_->refuse_all(stopping, monotonic_ns());
-    }
+    if (swaps_) swaps_->refuse_all(stopping, monotonic_ns());
   };
   refuse_swaps();
   bool answered = false;

@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <exception>
 #include <filesystem>
+#include <memory>
 #include <utility>
 
 #include "spine/core/host.hpp"
@@ -18,7 +19,6 @@
 #include "spine/core/text.hpp"
 #include "spine/core/time.hpp"
 #include "spine/robot/cores/cpu_plan.hpp"
-#include "supervisor/core/cores.hpp"
 
 namespace lithe::control {
 namespace {
@@ -68,9 +68,7 @@ int Supervisor::code_of(const std::function<void()>& part) {
 void Supervisor::live() {
   take_lease();
   catch_signals();
-  if (!live_spine(config_.name)) {
-    check_robot();
-  }
+  if (!live_spine(config_.name)) check_robot();
   start_lawd();
   start_trial();
   if (const auto pid = live_spine(config_.name)) {
@@ -86,9 +84,7 @@ void Supervisor::live() {
   }
   open_socket();
   announce();
-  while (!stop_asked_) {
-    turn(kIdleTurnMs);
-  }
+  while (!stop_asked_) turn(kIdleTurnMs);
 }
 
 void Supervisor::turn(int timeout_ms) {
@@ -98,46 +94,39 @@ void Supervisor::turn(int timeout_ms) {
   fds.push_back({trial_.poll_fd(), POLLIN, 0});
   fds.push_back({spine_ ? spine_->poll_fd() : -1, POLLIN, 0});
   fds.push_back({spine_out_.get(), POLLIN, 0});
-  if (server_) {
-    server_->add_poll_fds(fds);
-  }
+  if (server_) server_->add_poll_fds(fds);
   const bool hurry = (commands_ && commands_->waiting()) || (swaps_ && swaps_->waiting());
   ::poll(fds.data(), fds.size(), hurry ? 1 : timeout_ms);
   const std::int64_t now_ns = monotonic_ns();
   read_signals();
   lawd_.serve(now_ns);
-  if (options_.gates) {
-    trial_.serve(now_ns);
-  }
+  if (options_.gates) trial_.serve(now_ns);
   read_spine();
   if (link_) {
     link_->heartbeat(now_ns);
     read_events();
     commands_->serve(now_ns);
-    if (swaps_) {
-      swaps_->serve(now_ns);
-    }
+    if (swaps_) swaps_->serve(now_ns);
   }
-  if (server_) {
-    server_->serve();
-  }
-  if (spine_ && !stopping_ && spine_->ended()) {
-    spine_died();
-  }
+  if (server_) server_->serve();
+  if (spine_ && !stopping_ && spine_->ended()) spine_died();
 }
 
 bool Supervisor::turn_until(const std::function<bool()>& done, std::int64_t timeout_ns) {
   const std::int64_t deadline_ns = monotonic_ns() + timeout_ns;
   while (!done()) {
-    if (monotonic_ns() > deadline_ns) {
-      return false;
-    }
+    if (monotonic_ns() > deadline_ns) return false;
     turn(5);
-    if (stop_asked_ && !stopping_) {
-      throw Halt{0, ""};
-    }
+    if (stop_asked_ && !stopping_) throw Halt{0, ""};
   }
   return true;
+}
+
+std::optional<Answer> Supervisor::answer_to(const std::function<void(const Take&)>& ask, std::int64_t timeout_ns) {
+  const auto answer = std::make_shared<std::optional<Answer>>();  // it may come when nobody waits for it any more
+  ask([answer](const Answer& got) { *answer = got; });
+  turn_until([&answer] { return answer->has_value(); }, timeout_ns);
+  return *answer;
 }
 
 void Supervisor::read_signals() {
@@ -152,9 +141,7 @@ void Supervisor::read_signals() {
 
 void Supervisor::read_spine() {
   forward_spine_log();
-  if (!spine_out_) {
-    return;
-  }
+  if (!spine_out_) return;
   char chunk[4096];
   const ssize_t got = ::read(spine_out_.get(), chunk, sizeof(chunk));
   if (got > 0) {
@@ -166,9 +153,7 @@ void Supervisor::read_spine() {
 
 void Supervisor::forward_spine_log() {
   const Fd file(::open(log_path_.c_str(), O_RDONLY | O_CLOEXEC));
-  if (!file || !spine_) {
-    return;
-  }
+  if (!file || !spine_) return;
   char chunk[4096];
   ssize_t got = 0;
   while ((got = ::pread(file.get(), chunk, sizeof(chunk), log_read_)) > 0) {
@@ -196,12 +181,10 @@ void Supervisor::read_events() {
     if (swaps_) {  // absent when start-up failed before they were made; the drives are switched off in any case
       swaps_->on_event(event, now_ns);
     }
-    if (noise_.passes(event, now_ns)) {
-      note(event_json(event));
-    }
+    if (noise_.passes(event, now_ns)) note(event_json(event, *link_));
   }
   for (const NoiseFilter::Summary& more : noise_.summaries(now_ns)) {
-    Json json = event_json(more.last);
+    Json json = event_json(more.last, *link_);
     json["count"] = more.count;
     json["text"] = fmt::format("{} more within a second", more.count);
     note(json);
@@ -221,9 +204,7 @@ void Supervisor::spine_died() {
                       to_string(static_cast<wire::Fault>(last.fault)));
     }
     const Refusal reason{"robot_fault", why, "the drives' own watchdogs stop the robot; start again: lithe run"};
-    if (swaps_) {
-      swaps_->refuse_all(reason, monotonic_ns());
-    }
+    if (swaps_) swaps_->refuse_all(reason, monotonic_ns());
     commands_->refuse_all(reason);
   }
   why += fmt::format("; the drives' own watchdogs stop the robot; its last words are in {}", log_path_);

@@ -15,10 +15,10 @@
 #include "supervisor/core/process.hpp"
 #include "supervisor/events/event_log.hpp"
 #include "supervisor/events/noise.hpp"
-#include "supervisor/link/commands.hpp"
-#include "supervisor/link/lawd_link.hpp"
-#include "supervisor/link/spine_link.hpp"
-#include "supervisor/link/trial_link.hpp"
+#include "supervisor/link/services/lawd_link.hpp"
+#include "supervisor/link/services/trial_link.hpp"
+#include "supervisor/link/spine/commands.hpp"
+#include "supervisor/link/spine/spine_link.hpp"
 #include "supervisor/run/drives.hpp"
 #include "supervisor/serve/server.hpp"
 #include "supervisor/serve/verbs.hpp"
@@ -64,6 +64,7 @@ class Supervisor {
   void start_lawd();
   void start_trial();
   void compile_first_law();
+  void must_run(const std::optional<Answer>& answer, const char* silence) const;
   void try_safe_law();
   void start_spine();
   void adopt_spine(pid_t pid);
@@ -79,6 +80,9 @@ class Supervisor {
   void turn(int timeout_ms);
   // Runs the event loop until `done` returns true. False when the time is over; throws Halt when a signal asks to stop.
   bool turn_until(const std::function<bool()>& done, std::int64_t timeout_ns);
+  // Asks, and runs the event loop until the answer has come. Empty when the time is over; throws Halt as turn_until().
+  using Take = std::function<void(const Answer&)>;
+  std::optional<Answer> answer_to(const std::function<void(const Take&)>& ask, std::int64_t timeout_ns);
   void read_signals();
   void read_spine();
   void read_events();
@@ -104,7 +108,7 @@ class Supervisor {
   Fd arena_;  // the code arena, handed to lawd, to the trial and to the Spine
   LawdLink lawd_;
   TrialLink trial_;
-  std::string first_source_;
+  std::string first_law_, first_source_;  // path and text; empty: none
   std::optional<Process> spine_;
   Fd spine_out_;  // its stdout, until its "ready" line
   std::string spine_said_;

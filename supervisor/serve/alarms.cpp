@@ -10,8 +10,6 @@
 namespace lithe::control {
 namespace {
 
-using swap::Json;
-
 constexpr double kDegPerRad = 180.0 / std::numbers::pi;
 constexpr double kNearRad = 0.1;        // of a position limit: there the guard begins to fade torque
 constexpr double kFrozenAfterMs = 500;  // much longer than a tick that got too little processor time
@@ -32,9 +30,7 @@ class Alarms {
   void warn(const std::string& text) { warnings_.push_back({{"level", "warn"}, {"text", text}}); }
   Json all() const {
     Json all = stops_;
-    for (const Json& each : warnings_) {
-      all.push_back(each);
-    }
+    for (const Json& each : warnings_) all.push_back(each);
     return all;
   }
 
@@ -63,17 +59,13 @@ void see_mode(const Json& status, Alarms& out) {
 // Distance of the joint to its nearer limit [rad], and which limit that is.
 void see_limits(const Json& joint, Alarms& out) {
   for (const char* key : {"position_rad", "position_min_rad", "position_max_rad"}) {
-    if (!has_number(joint, key)) {
-      return;
-    }
+    if (!has_number(joint, key)) return;
   }
   const double at = joint["position_rad"];
   const double up = joint["position_max_rad"].get<double>() - at, down = at - joint["position_min_rad"].get<double>();
   const bool upper = up < down;
   const double left = upper ? up : down;
-  if (!(left < kNearRad)) {
-    return;
-  }
+  if (!(left < kNearRad)) return;
   const double limit = joint[upper ? "position_max_rad" : "position_min_rad"];
   const std::string which =
       fmt::format("its {} limit of {:.3f} rad ({:.1f} deg)", upper ? "upper" : "lower", limit, limit * kDegPerRad);
@@ -114,9 +106,7 @@ void see_health(const Json& status, Alarms& out) {
       found += fmt::format("{}{}: {}", found.empty() ? "" : ", ", text, count);
     }
   }
-  if (!found.empty()) {
-    out.warn("BROKEN MESSAGES since the start: " + found);
-  }
+  if (!found.empty()) out.warn("BROKEN MESSAGES since the start: " + found);
 }
 
 }  // namespace
@@ -124,12 +114,8 @@ void see_health(const Json& status, Alarms& out) {
 Json alarms_of(const Json& status) {
   Alarms out;
   see_mode(status, out);
-  for (const Json& joint : status.value("joints", Json::array())) {
-    see_joint(joint, out);
-  }
-  if (word(status, "gates") == "open") {
-    out.warn("THE GATES ARE OPEN: laws are neither admitted nor tried");
-  }
+  for (const Json& joint : status.value("joints", Json::array())) see_joint(joint, out);
+  if (word(status, "gates") == "open") out.warn("THE GATES ARE OPEN: laws are neither admitted nor tried");
   if (const std::string trouble = word(status, "records_trouble"); !trouble.empty()) {
     out.warn("CERTIFICATES: " + trouble);
   }

@@ -10,6 +10,6 @@ namespace lithe::control {
 // supervisor runs. "warn": a condition that can lead to a stop, or that weakens a guarantee. `status`: the answer of
 // the verb `status`; a missing field raises no alarm.
 // Contract: pure
-swap::Json alarms_of(const swap::Json& status);
+Json alarms_of(const Json& status);
 
 }  // namespace lithe::control

@@ -8,8 +8,6 @@
 namespace lithe::control {
 namespace {
 
-using swap::Json;
-
 Json joint(double at_rad) {
   return {{"name", "elbow"}, {"position_rad", at_rad}, {"position_min_rad", -2.0}, {"position_max_rad", 2.0}};
 }

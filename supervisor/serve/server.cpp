@@ -30,24 +30,20 @@ std::string answer_line(const Json& id, const Answer& answer) {
     out["ok"] = false;
     out["error"] = std::get<Refusal>(answer).to_json();
   }
-  return swap::dump_line(out) + '\n';
+  return dump_line(out) + '\n';
 }
 
 // Names from a client reach logs, certificates and terminals. Returns the first argument that is not printable, in
 // escaped form. The source text of a law is checked by lawd.
 std::optional<std::string> unprintable_in(const Json& value, std::string_view name = {}) {
   const auto shown = [](const std::string& text) { return printable(text.substr(0, kMaxShownBytes)); };
-  if (!is_printable(name)) {
-    return shown(std::string(name));
-  }
+  if (!is_printable(name)) return shown(std::string(name));
   if (value.is_string() && name != "source" && !is_printable(value.get_ref<const std::string&>())) {
     return shown(value.get_ref<const std::string&>());
   }
   if (value.is_structured()) {
     for (const auto& [key, item] : value.items()) {
-      if (auto found = unprintable_in(item, key)) {
-        return found;
-      }
+      if (auto found = unprintable_in(item, key)) return found;
     }
   }
   return std::nullopt;
@@ -83,9 +79,7 @@ Server::Server(Server&& other) noexcept
       next_client_(other.next_client_) {}
 
 Server::~Server() {
-  if (!path_.empty()) {
-    ::unlink(path_.c_str());
-  }
+  if (!path_.empty()) ::unlink(path_.c_str());
 }
 
 void Server::add_poll_fds(std::vector<pollfd>& fds) const {
@@ -99,12 +93,8 @@ void Server::add_poll_fds(std::vector<pollfd>& fds) const {
 void Server::accept_new() {
   for (;;) {
     Fd fd(::accept4(listener_.get(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK));
-    if (!fd) {
-      return;
-    }
-    if (clients_.size() < kMaxClients) {
-      clients_[next_client_++].fd = std::move(fd);
-    }
+    if (!fd) return;
+    if (clients_.size() < kMaxClients) clients_[next_client_++].fd = std::move(fd);
   }
 }
 
@@ -119,9 +109,7 @@ void Server::serve() {
 }
 
 bool Server::finished(const Client& client) {
-  if (client.out.size() > kMaxUnreadBytes) {
-    return true;
-  }
+  if (client.out.size() > kMaxUnreadBytes) return true;
   if (client.ended) {
     // A half-closed client (`nc -N`) still gets its answers; POLLHUP means it has left.
     pollfd state{client.fd.get(), 0, 0};
@@ -140,28 +128,21 @@ void Server::read_from(std::uint64_t key, Client& client) {
       client.ended = true;
       return;
     }
-    if (got < 0) {
-      return;
-    }
+    if (got < 0) return;
     client.in.feed({chunk, static_cast<std::size_t>(got)});
-    while (auto line = client.in.next()) {
-      handle(key, client, *line);
-    }
-    if (client.in.too_long()) {
-      reply({key, nullptr}, Refusal{"too_long", fmt::format("a request is at most {} bytes", kMaxRequestBytes),
-                                    "send the law's source without generated tables"});
-      client.closing = true;
-    }
+    while (auto line = client.in.next()) handle(key, client, *line);
+    if (client.in.too_long()) refuse_long(key, client);
   }
 }
 
+void Server::refuse_long(std::uint64_t key, Client& client) {
+  reply({key, nullptr}, Refusal{"too_long", fmt::format("a request is at most {} bytes", kMaxRequestBytes),
+                                "send the law's source without generated tables"});
+  client.closing = true;
+}
+
 void Server::handle(std::uint64_t key, Client& client, const std::string& line) {
-  if (line.size() > kMaxRequestBytes) {
-    reply({key, nullptr}, Refusal{"too_long", fmt::format("a request is at most {} bytes", kMaxRequestBytes),
-                                  "send the law's source without generated tables"});
-    client.closing = true;
-    return;
-  }
+  if (line.size() > kMaxRequestBytes) return refuse_long(key, client);
   bool too_deep = false;
   const auto note_depth = [&too_deep](int depth, Json::parse_event_t, Json&) {
     too_deep = too_deep || depth > kMostNested;

@@ -17,10 +17,6 @@
 
 namespace lithe::control {
 
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
-
 // The address of an answer. When the client has left, the answer is dropped without an error.
 struct ReplyTo {
   std::uint64_t client = 0;
@@ -62,6 +58,7 @@ class Server {
   Server(Fd listener, std::string path, Handler handler);
   void accept_new();
   void read_from(std::uint64_t key, Client& client);
+  void refuse_long(std::uint64_t key, Client& client);
   void handle(std::uint64_t key, Client& client, const std::string& line);
   static void write_to(Client& client);
   static bool finished(const Client& client);

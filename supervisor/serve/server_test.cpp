@@ -13,7 +13,7 @@
 #include <stdexcept>
 #include <thread>
 
-#include "supervisor/link/client.hpp"
+#include "supervisor/link/client/client.hpp"
 
 namespace lithe::control {
 namespace {

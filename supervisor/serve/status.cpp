@@ -17,17 +17,11 @@
 #include "spine/ipc/frames.hpp"
 #include "spine/ipc/segment.hpp"
 #include "spine/robot/cores/cpu_plan.hpp"
-#include "supervisor/bus/drive_words.hpp"
+#include "supervisor/bus/words.hpp"
 
 namespace lithe::control {
 
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
-
 namespace {
-
-constexpr std::size_t kNameWidth = 32;
 
 Json quantiles_json(const Quantiles& q) {
   return {{"p50", q.p50_us}, {"p99", q.p99_us}, {"p999", q.p999_us}, {"max", q.max_us}};
@@ -41,13 +35,9 @@ Json joint_status_json(std::uint32_t status) {
       {wire::joint_status::kConflict, "conflict"}, {wire::joint_status::kGarbled, "garbled"},
       {wire::joint_status::kNotReady, "not_ready"}};
   for (const auto& [bit, word] : bits) {
-    if ((status & bit) != 0) {
-      words.push_back(word);
-    }
+    if ((status & bit) != 0) words.push_back(word);
   }
-  if ((status & wire::joint_status::kFresh) == 0) {
-    words.push_back("stale");
-  }
+  if ((status & wire::joint_status::kFresh) == 0) words.push_back("stale");
   return words;
 }
 
@@ -65,8 +55,8 @@ Json joints_json(const wire::RobotInfo& info, const robot::RobotConfig& robot, c
   Json joints = Json::array();
   const std::size_t count = std::min<std::size_t>(now.joint_count, wire::kNj);
   for (std::size_t j = 0; j < count; ++j) {
-    joints.push_back({{"name", text_of(info.joint_name, j * kNameWidth, kNameWidth)},
-                      {"group", text_of(info.joint_group, j * kNameWidth, kNameWidth)},
+    joints.push_back({{"name", name_at(info.joint_name, j)},
+                      {"group", name_at(info.joint_group, j)},
                       {"rung", std::string(to_string(static_cast<wire::Rung>(now.joint_rung[j])))},
                       {"fault", std::string(to_string(static_cast<wire::Fault>(now.joint_fault[j])))},
                       {"position_rad", now.position_rad[j]},
@@ -90,7 +80,7 @@ Json joints_json(const wire::RobotInfo& info, const robot::RobotConfig& robot, c
 Json sensors_json(const wire::RobotInfo& info, const wire::Telemetry& now) {
   Json sensors = Json::object();
   for (std::size_t i = 0; i < std::min<std::size_t>(info.sensor_count, wire::kNs); ++i) {
-    sensors[text_of(info.sensor_name, i * kNameWidth, kNameWidth)] = number_or_null(now.sensor[i]);
+    sensors[name_at(info.sensor_name, i)] = number_or_null(now.sensor[i]);
   }
   return sensors;
 }
@@ -99,15 +89,11 @@ Json sensors_json(const wire::RobotInfo& info, const wire::Telemetry& now) {
 Json buses_json(const std::string& robot) {
   Json buses = Json::array();
   const auto frames = ipc::Segment<ipc::FramesMemory>::attach(robot, ipc::Access::read);
-  if (!frames) {
-    return buses;
-  }
+  if (!frames) return buses;
   const auto count = [](const std::uint64_t& word) { return ipc::load_word(word, std::memory_order_relaxed); };
   for (const ipc::BusCounts& bus : (*frames)->buses) {
-    const std::string name(bus.name.data(), ::strnlen(bus.name.data(), bus.name.size()));
-    if (name.empty()) {
-      break;
-    }
+    const std::string name = text_of(bus.name);
+    if (name.empty()) break;
     buses.push_back({{"name", name},
                      {"sent", count(bus.sent)},
                      {"received", count(bus.received)},
@@ -132,7 +118,7 @@ Json params_of(const wire::LawInfo& law, const wire::Params* live) {
   Json list = Json::array();
   for (std::uint32_t i = 0; i < law.param_count; ++i) {
     const bool is_live = live != nullptr && live->law_id == law.law_id && i < live->count;
-    list.push_back({{"name", text_of(law.param_name, i * kNameWidth, kNameWidth)},
+    list.push_back({{"name", name_at(law.param_name, i)},
                     {"value", is_live ? live->value[i] : law.param_value[i]},
                     {"min", law.param_min[i]},
                     {"max", law.param_max[i]}});
@@ -228,9 +214,7 @@ Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
 Answer params_json(const SpineLink& spine) {
   wire::Telemetry now{};
   const auto law = spine.latest(now) ? spine.law(now.law_id) : std::nullopt;
-  if (!law) {
-    return Refusal{"refused_law", "no law is running, so there are no parameters", "swap a law in first"};
-  }
+  if (!law) return Refusal{"refused_law", "no law is running, so there are no parameters", "swap a law in first"};
   const auto live = spine.params();
   return Json{
       {"law", text_of(law->name)}, {"law_id", law->law_id}, {"params", params_of(*law, live ? &*live : nullptr)}};
@@ -243,7 +227,7 @@ Json resident_json(const SpineLink& spine) {
   for (const wire::LawInfo& law : spine.laws()) {
     Json probes = Json::array();
     for (std::uint32_t i = 0; i < std::min<std::uint32_t>(law.probe_count, wire::kNp); ++i) {
-      probes.push_back(text_of(law.probe_name, i * kNameWidth, kNameWidth));
+      probes.push_back(name_at(law.probe_name, i));
     }
     list.push_back({{"law", text_of(law.name)},
                     {"law_id", law.law_id},

@@ -4,15 +4,15 @@
 
 #include "spine/robot/config.hpp"
 #include "supervisor/core/answer.hpp"
-#include "supervisor/link/spine_link.hpp"
+#include "supervisor/link/spine/spine_link.hpp"
 
 namespace lithe::control {
 
 // `robot`: gives the kind of each joint's drive.
-swap::Json status_json(const SpineLink& spine, const robot::RobotConfig& robot);
+Json status_json(const SpineLink& spine, const robot::RobotConfig& robot);
 // {"law","law_id","params":[{"name","value","min","max"}]} of the running law.
-swap::Answer params_json(const SpineLink& spine);
+Answer params_json(const SpineLink& spine);
 // Laws loaded in the Spine: [{"law","law_id","active","params":[...],"probes":[...]}]
-swap::Json resident_json(const SpineLink& spine);
+Json resident_json(const SpineLink& spine);
 
 }  // namespace lithe::control

@@ -18,12 +18,12 @@ namespace {
 constexpr int kMostSteps = 4;  // earlier laws that stay in the Spine
 
 // A request as text. The supervisor opens no file for a client: it may read more than the client may.
-std::variant<swap::Request, Refusal> read_request(const Json& args) {
+std::variant<SwapRequest, Refusal> read_request(const Json& args) {
   if (args.contains("path")) {
     return Refusal{"usage", "a law is sent as text: the supervisor opens no files for its clients",
                    R"(read the file yourself and send its text: args {"source":"...","name":"pd.cpp"})"};
   }
-  swap::Request request{args.value("name", ""), args.value("source", ""), args.value("params", Json::object())};
+  SwapRequest request{args.value("name", ""), args.value("source", ""), args.value("params", Json::object())};
   if (request.source.empty()) {
     return Refusal{"usage", "no law was given: source is empty",
                    R"(send its text: args {"source":"...","name":"pd.cpp"})"};
@@ -109,9 +109,7 @@ void Verbs::handle(const ReplyTo& to, const std::string& verb, const Json& args)
     return;
   }
   std::string known;
-  for (const auto& [name, function] : verbs_) {
-    known += (known.empty() ? "" : ", ") + name;
-  }
+  for (const auto& [name, function] : verbs_) known += (known.empty() ? "" : ", ") + name;
   reply_(to, Refusal{"unknown_verb", fmt::format("there is no verb '{}'", verb), fmt::format("one of: {}", known)});
 }
 
@@ -141,9 +139,9 @@ void Verbs::roll_back(const ReplyTo& to, const Json& args) {
       [this, to](const Answer& result) {
         Answer out = result;
         if (Json* json = std::get_if<Json>(&out)) {
-          const Json status = status_json(parts_.spine, parts_.robot);
-          (*json)["law"] = status["law"];
-          (*json)["law_id"] = status["law_id"];
+          const auto law = parts_.spine.running_law();
+          (*json)["law"] = law ? Json(text_of(law->info.name)) : Json(nullptr);
+          (*json)["law_id"] = law ? law->info.law_id : 0;
         }
         reply_(to, out);
       },
@@ -163,17 +161,13 @@ void Verbs::revert_params(const ReplyTo& to) {
 
 void Verbs::set_params(const ReplyTo& to, const Json& args) {
   Json values = args.value("values", Json::object());
-  if (args.contains("name")) {
-    values[args["name"].get<std::string>()] = args.value("value", Json(nullptr));
-  }
+  if (args.contains("name")) values[args["name"].get<std::string>()] = args.value("value", Json(nullptr));
   parts_.swaps.set_params(
       values,
       [this, to](const Answer& answer) {
         const Json* done = std::get_if<Json>(&answer);
         Answer out = done != nullptr ? params_json(parts_.spine) : answer;
-        if (Json* params = done != nullptr ? std::get_if<Json>(&out) : nullptr) {
-          params->update(*done);
-        }
+        if (Json* params = done != nullptr ? std::get_if<Json>(&out) : nullptr) params->update(*done);
         reply_(to, out);
       },
       monotonic_ns());
@@ -190,11 +184,11 @@ void Verbs::swap_law(const ReplyTo& to, const Json& args) {
     reply_(to, *refusal);
     return;
   }
-  auto& wanted = std::get<swap::Request>(request);
-  wanted.terms = std::get<swap::Terms>(terms);
+  auto& wanted = std::get<SwapRequest>(request);
+  wanted.terms = std::get<Terms>(terms);
   wanted.client = to.client;
   wanted.supersede = args.value("supersede", false);
-  parts_.swaps.submit(std::move(std::get<swap::Request>(request)), later(to), monotonic_ns());
+  parts_.swaps.submit(std::move(std::get<SwapRequest>(request)), later(to), monotonic_ns());
 }
 
 void Verbs::check_law(const ReplyTo& to, const Json& args) {
@@ -203,18 +197,8 @@ void Verbs::check_law(const ReplyTo& to, const Json& args) {
     reply_(to, *refusal);
     return;
   }
-  const swap::Request& law = std::get<swap::Request>(request);
-  parts_.lawd.check(
-      {law.name, law.source},
-      [this, to](const Answer& answer) {
-        Answer out = answer;
-        if (Json* json = std::get_if<Json>(&out)) {
-          json->erase("id");
-          json->erase("ok");
-        }
-        reply_(to, out);
-      },
-      monotonic_ns());
+  const SwapRequest& law = std::get<SwapRequest>(request);
+  parts_.lawd.check({law.name, law.source}, later(to), monotonic_ns());
 }
 
 }  // namespace lithe::control

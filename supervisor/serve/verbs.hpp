@@ -8,10 +8,10 @@
 #include <string>
 
 #include "supervisor/events/event_log.hpp"
-#include "supervisor/link/commands.hpp"
-#include "supervisor/link/lawd_link.hpp"
-#include "supervisor/link/spine_link.hpp"
-#include "supervisor/link/trial_link.hpp"
+#include "supervisor/link/services/lawd_link.hpp"
+#include "supervisor/link/services/trial_link.hpp"
+#include "supervisor/link/spine/commands.hpp"
+#include "supervisor/link/spine/spine_link.hpp"
 #include "supervisor/serve/server.hpp"
 #include "supervisor/swap/swaps.hpp"
 

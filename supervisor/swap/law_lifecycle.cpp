@@ -8,14 +8,10 @@
 
 namespace lithe::control {
 
-using swap::Json;
-using swap::Stage;
-
 LawLifecycle::LawLifecycle(const SpineLink& spine, Keep keep, Locate locate)
     : spine_(spine), keep_(std::move(keep)), locate_(std::move(locate)), faults_(spine.memory().law_faults) {}
 
-void LawLifecycle::follow(swap::Transaction swap, swap::RecordBook::Page record, const CoreCounts& before,
-                          std::int64_t now_ns) {
+void LawLifecycle::follow(Transaction swap, RecordBook::Page record, const CoreCounts& before, std::int64_t now_ns) {
   measure_all();
   Life* last = running_.empty() ? nullptr : of_law(running_.back());
   if (last != nullptr && last->swap.request().terms.probation_s > 0 && !last->swap.reached(Stage::confirmed)) {
@@ -28,23 +24,17 @@ void LawLifecycle::follow(swap::Transaction swap, swap::RecordBook::Page record,
 
 void LawLifecycle::serve(std::int64_t now_ns) {
   for (Life& each : lives_) {
-    if (each.measure_at_ns <= now_ns) {
-      measure(each);
-    }
+    if (each.measure_at_ns <= now_ns) measure(each);
   }
 }
 
 void LawLifecycle::measure_all() {
-  for (Life& each : lives_) {
-    measure(each);
-  }
+  for (Life& each : lives_) measure(each);
 }
 
 void LawLifecycle::measure(Life& life) {
-  if (std::exchange(life.measure_at_ns, 0) == 0) {
-    return;
-  }
-  Json measured = look_around(spine_, life.swap.commit_tick());
+  if (std::exchange(life.measure_at_ns, 0) == 0) return;
+  Json measured = measure_commit(spine_, life.swap.commit_tick());
   if (measured.is_object()) {
     measured["core"] = counts_json(life.before, count_core(spine_.spine_pid(), spine_.info()));
     life.swap.note("measured", std::move(measured));
@@ -100,9 +90,7 @@ void LawLifecycle::on_event(const wire::Event& event) {
 std::optional<wire::LawFault> LawLifecycle::record_of(const wire::Event& event) {
   wire::LawFault fault{};
   while (!faults_.empty()) {
-    if (faults_.next(fault)) {
-      untold_.push_back(fault);
-    }
+    if (faults_.next(fault)) untold_.push_back(fault);
   }
   const auto is_it = [&](const wire::LawFault& each) {
     return each.request_id == event.request_id && each.tick == event.tick;
@@ -122,9 +110,7 @@ std::optional<wire::LawFault> LawLifecycle::record_of(const wire::Event& event) 
 void LawLifecycle::faulted(const wire::Event& event) {
   const std::optional<wire::LawFault> fault = record_of(event);
   Life* life = of_request(event.request_id);
-  if (life == nullptr) {
-    return;
-  }
+  if (life == nullptr) return;
   const std::string kind(to_string(static_cast<wire::LawFaultKind>(event.code)));
   life->fault = kind;
   if (!fault) {
@@ -139,9 +125,7 @@ void LawLifecycle::faulted(const wire::Event& event) {
                      {"pc", fmt::format("{:#x}", fault->pc)},
                      {"pc_offset", fault->pc_offset},
                      {"address", fmt::format("{:#x}", fault->address)}});
-  if (fault->to_law_id == 0) {
-    leave(*life, kind + "; no law took over: the safe law", event);
-  }
+  if (fault->to_law_id == 0) leave(*life, kind + "; no law took over: the safe law", event, 0);
   locate(*life, *fault);
 }
 
@@ -158,9 +142,7 @@ void LawLifecycle::tell_fault(Life& life, Json fault) {
     return;
   }
   told_.push_back(std::move(fault));
-  if (told_.size() > kFaultsKept) {
-    told_.erase(told_.begin());
-  }
+  if (told_.size() > kFaultsKept) told_.erase(told_.begin());
 }
 
 void LawLifecycle::locate(Life& life, const wire::LawFault& fault) {
@@ -171,9 +153,7 @@ void LawLifecycle::locate(Life& life, const wire::LawFault& fault) {
   const std::uint64_t id = life.swap.request_id();
   locate_(life.swap, fault.pc_offset, [this, id](const Json& place) {
     Life* found = of_request(id);
-    if (found == nullptr) {
-      return;
-    }
+    if (found == nullptr) return;
     found->asked = false;
     if (place.is_object()) {
       Json known = found->swap.certificate().value("fault", Json::object());
@@ -190,13 +170,9 @@ void LawLifecycle::locate(Life& life, const wire::LawFault& fault) {
 void LawLifecycle::retired(const wire::Event& event) {
   std::erase(running_, event.code);
   Life* life = of_request(event.request_id);
-  if (life == nullptr) {
-    return;
-  }
+  if (life == nullptr) return;
   measure(*life);
-  if (!life->swap.mark(Stage::retired, "", event.t_ns)) {
-    return;
-  }
+  if (!life->swap.mark(Stage::retired, "", event.t_ns)) return;
   keep_(life->swap, life->record);
   life->retired = true;
   std::erase_if(lives_, [](const Life& each) { return each.retired && !each.asked; });
@@ -210,17 +186,19 @@ void LawLifecycle::rolled_back(const wire::Event& event) {
   for (auto each = first_out; each != running_.end(); ++each) {
     if (Life* life = of_law(*each)) {
       const bool told = !life->fault.empty() && text.starts_with(life->fault);
-      leave(*life, life->fault.empty() ? "asked for" : told ? text : life->fault, event);
+      leave(*life, life->fault.empty() ? "asked for" : told ? text : life->fault, event, event.code);
     }
   }
   running_.erase(first_out, running_.end());
 }
 
-void LawLifecycle::leave(Life& life, const std::string& why, const wire::Event& event) {
+void LawLifecycle::leave(Life& life, const std::string& why, const wire::Event& event, std::uint32_t runs_now) {
   if (life.swap.mark(Stage::rolled_back, why, event.t_ns)) {
+    const auto law = spine_.law(runs_now);
     life.swap.note("rolled_back", {{"tick", event.tick},
                                    {"ticks_after_commit", event.tick - std::min(event.tick, life.swap.commit_tick())},
-                                   {"why", why}});
+                                   {"why", why},
+                                   {"law", law ? Json(text_of(law->name)) : Json(nullptr)}});
     keep_(life.swap, life.record);
   }
 }
@@ -228,9 +206,7 @@ void LawLifecycle::leave(Life& life, const std::string& why, const wire::Event& 
 void LawLifecycle::end(const std::string& why, std::int64_t now_ns) {
   for (Life& each : lives_) {
     measure(each);
-    if (each.swap.mark(Stage::retired, why, now_ns)) {
-      keep_(each.swap, each.record);
-    }
+    if (each.swap.mark(Stage::retired, why, now_ns)) keep_(each.swap, each.record);
   }
   lives_.clear();
   running_.clear();

@@ -10,10 +10,10 @@
 #include <string>
 #include <vector>
 
-#include "supervisor/link/spine_link.hpp"
-#include "supervisor/link/witness.hpp"
-#include "supervisor/swap/record.hpp"
-#include "supervisor/swap/transaction.hpp"
+#include "supervisor/link/spine/commit_metrics.hpp"
+#include "supervisor/link/spine/spine_link.hpp"
+#include "supervisor/swap/certificate/record.hpp"
+#include "supervisor/swap/certificate/transaction.hpp"
 
 namespace lithe::control {
 
@@ -21,34 +21,34 @@ namespace lithe::control {
 class LawLifecycle {
  public:
   // Called when a certificate has changed.
-  using Keep = std::function<void(const swap::Transaction&, const swap::RecordBook::Page&)>;
+  using Keep = std::function<void(const Transaction&, const RecordBook::Page&)>;
   // Finds the source line of a law fault at this offset from the start of its slot [bytes]. Answers at any time with
   // {"where", "function"}, or null when the line cannot be found.
-  using Found = std::function<void(const swap::Json& place)>;
-  using Locate = std::function<void(const swap::Transaction& swap, std::uint32_t offset, Found found)>;
+  using Found = std::function<void(const Json& place)>;
+  using Locate = std::function<void(const Transaction& swap, std::uint32_t offset, Found found)>;
   static constexpr std::size_t kFaultsKept = 8;
-  static constexpr std::int64_t kMeasureAfterNs = 60'000'000;  // a little more than kWindowS of witness.hpp
+  static constexpr std::int64_t kMeasureAfterNs = 60'000'000;  // a little more than kWindowS of commit_metrics.hpp
 
   LawLifecycle(const SpineLink& spine, Keep keep, Locate locate = {});
 
   // `before`: the counters when the request was sent to the Loader.
-  void follow(swap::Transaction swap, swap::RecordBook::Page record, const CoreCounts& before, std::int64_t now_ns);
+  void follow(Transaction swap, RecordBook::Page record, const CoreCounts& before, std::int64_t now_ns);
   // Measures every law whose measuring time has come.
   void serve(std::int64_t now_ns);
   // Measures all laws that are still unmeasured now: counts after this moment belong to the next law.
   void measure_all();
   void on_event(const wire::Event& event);
   // Sets a section in the certificate of a law that is still in the Spine.
-  void note(std::uint64_t request_id, const std::string& section, swap::Json what);
+  void note(std::uint64_t request_id, const std::string& section, Json what);
   // The newest law faults (at most kFaultsKept), oldest first, as in their certificates.
-  const swap::Json& faults() const { return told_; }
+  const Json& faults() const { return told_; }
   // The robot stops, or its Spine has ended: writes the final verdict of every law.
   void end(const std::string& why, std::int64_t now_ns);
 
  private:
   struct Life {
-    swap::Transaction swap;
-    swap::RecordBook::Page record;
+    Transaction swap;
+    RecordBook::Page record;
     CoreCounts before;
     std::int64_t measure_at_ns;  // 0 = it was done
     std::string fault;           // why it is about to be replaced; empty = no fault
@@ -61,16 +61,17 @@ class LawLifecycle {
   Life* of_law(std::uint32_t law_id);
   std::optional<wire::LawFault> record_of(const wire::Event& event);
   void faulted(const wire::Event& event);
-  void tell_fault(Life& life, swap::Json fault);
+  void tell_fault(Life& life, Json fault);
   void locate(Life& life, const wire::LawFault& fault);
   void retired(const wire::Event& event);
   void rolled_back(const wire::Event& event);
-  void leave(Life& life, const std::string& why, const wire::Event& event);
+  // `runs_now`: id of the law that took over; 0 = none.
+  void leave(Life& life, const std::string& why, const wire::Event& event, std::uint32_t runs_now);
 
   const SpineLink& spine_;
   Keep keep_;
   Locate locate_;
-  swap::Json told_ = swap::Json::array();
+  Json told_ = Json::array();
   ipc::RingReader<wire::LawFault, wire::spine_segment::kLawFaultsDepth> faults_;
   std::deque<wire::LawFault> untold_;   // read from the ring, their events not seen yet
   std::deque<Life> lives_;              // oldest commit first

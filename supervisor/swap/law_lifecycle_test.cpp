@@ -7,24 +7,21 @@
 #include <map>
 #include <memory>
 
-#include "supervisor/link/test/spine_rig.hpp"
+#include "supervisor/link/spine/test/spine_rig.hpp"
 
 namespace lithe::control {
 namespace {
 
-using swap::Json;
 using wire::EventKind;
 
-class AftermathTest : public SpineRig {
+class LawLifecycleTest : public SpineRig {
  protected:
   void SetUp() override {
     attach([](wire::RobotInfo& info) { info.rate_hz = 1000; });
     lifecycle_.emplace(
         *link_,
-        [this](const swap::Transaction& each, const swap::RecordBook::Page&) {
-          kept_[each.request_id()] = each.certificate();
-        },
-        [this](const swap::Transaction&, std::uint32_t offset, LawLifecycle::Found found) {
+        [this](const Transaction& each, const RecordBook::Page&) { kept_[each.request_id()] = each.certificate(); },
+        [this](const Transaction&, std::uint32_t offset, LawLifecycle::Found found) {
           asked_.push_back(offset);
           answers_.push_back(std::move(found));
         });
@@ -32,13 +29,12 @@ class AftermathTest : public SpineRig {
 
   // A law committed at tick 10 times its id; its request is 100 + its id.
   void commit(std::uint32_t law_id, double probation_s = 1.0) {
-    swap::Request request{"x.cpp", "text"};
+    SwapRequest request{"x.cpp", "text"};
     request.terms.probation_s = probation_s;
-    swap::Transaction swap(100 + law_id, request, 1);
+    Transaction swap(100 + law_id, request, 1);
     swap.mark_started(1);
     swap.mark_compiled({}, 2);
-    for (const swap::Stage each :
-         {swap::Stage::admitted, swap::Stage::placed, swap::Stage::tried, swap::Stage::staged}) {
+    for (const Stage each : {Stage::admitted, Stage::placed, Stage::tried, Stage::staged}) {
       swap.mark(each, "", 3);
     }
     swap.mark_committed(10 * law_id, law_id, 4);
@@ -77,7 +73,7 @@ class AftermathTest : public SpineRig {
   std::optional<LawLifecycle> lifecycle_;
 };
 
-TEST_F(AftermathTest, AtRestALawIsUnprovenAndStillOnProbation) {
+TEST_F(LawLifecycleTest, AtRestALawIsUnprovenAndStillOnProbation) {
   commit(1);
   tell(EventKind::law_unproven, 101, 1);
   EXPECT_EQ(verdict(1), "unproven");
@@ -87,7 +83,7 @@ TEST_F(AftermathTest, AtRestALawIsUnprovenAndStillOnProbation) {
   EXPECT_EQ(verdict(1), "unproven") << "what became of it, not that it is gone";
 }
 
-TEST_F(AftermathTest, ConfirmsAndRetires) {
+TEST_F(LawLifecycleTest, ConfirmsAndRetires) {
   commit(1);
   tell(EventKind::law_confirmed, 101, 1);
   EXPECT_EQ(verdict(1), "confirmed");
@@ -99,11 +95,16 @@ TEST_F(AftermathTest, ConfirmsAndRetires) {
   EXPECT_TRUE(kept_.empty()) << "it is gone";
 }
 
-TEST_F(AftermathTest, AFaultIsNamedWhenTheLawBeforeTakesOver) {
+TEST_F(LawLifecycleTest, AFaultIsNamedWhenTheLawBeforeTakesOver) {
   commit(1);
   commit(2);
+  wire::LawInfo law{};
+  law.law_id = 1;
+  std::copy_n("pd", 2, law.name.begin());
+  ipc::ChannelWriter<wire::LawInfo>((*spine_)->law_info[0]).write(law);
   fault(2, 1, wire::LawFaultKind::bad_access, 25);
   tell(EventKind::law_rolled_back, 101, 1, 25);
+  EXPECT_EQ(kept_[102]["rolled_back"]["law"], "pd") << "which runs now";
   EXPECT_EQ(verdict(2), "rolled_back");
   EXPECT_EQ(kept_[102]["fault"]["kind"], "bad_access");
   EXPECT_EQ(kept_[102]["fault"]["to_law_id"], 1);
@@ -112,7 +113,7 @@ TEST_F(AftermathTest, AFaultIsNamedWhenTheLawBeforeTakesOver) {
   EXPECT_NE(verdict(1), "rolled_back");
 }
 
-TEST_F(AftermathTest, TwoFaultsInOneTickAreBothNamedBeforeEitherEventIsRead) {
+TEST_F(LawLifecycleTest, TwoFaultsInOneTickAreBothNamedBeforeEitherEventIsRead) {
   commit(1);
   commit(2);
   write_fault(2, 1, wire::LawFaultKind::bad_access, 25);
@@ -128,7 +129,7 @@ TEST_F(AftermathTest, TwoFaultsInOneTickAreBothNamedBeforeEitherEventIsRead) {
   EXPECT_EQ(verdict(1), "rolled_back") << "nobody tells more of the safe law";
 }
 
-TEST_F(AftermathTest, ARecordWhoseEventWasLostIsNotTakenForALaterFault) {
+TEST_F(LawLifecycleTest, ARecordWhoseEventWasLostIsNotTakenForALaterFault) {
   commit(1);
   commit(2);
   write_fault(2, 1, wire::LawFaultKind::overran, 25);
@@ -137,21 +138,21 @@ TEST_F(AftermathTest, ARecordWhoseEventWasLostIsNotTakenForALaterFault) {
   EXPECT_EQ(kept_[102]["fault"]["tick"], 99);
 }
 
-TEST_F(AftermathTest, AFaultWhoseRecordWasLostIsStillNamed) {
+TEST_F(LawLifecycleTest, AFaultWhoseRecordWasLostIsStillNamed) {
   commit(1);
   tell(EventKind::law_faulted, 101, static_cast<std::uint32_t>(wire::LawFaultKind::overran), 25);
   EXPECT_EQ(kept_[101]["fault"]["kind"], "overran");
   EXPECT_EQ(kept_[101]["fault"]["record_lost"], true);
 }
 
-TEST_F(AftermathTest, WithoutALawBeforeItTheSafeLawTakesOver) {
+TEST_F(LawLifecycleTest, WithoutALawBeforeItTheSafeLawTakesOver) {
   commit(1);
   fault(1, 0, wire::LawFaultKind::overran, 30);
   EXPECT_EQ(verdict(1), "rolled_back");
   EXPECT_NE(kept_[101]["rolled_back"]["why"].get<std::string>().find("safe law"), std::string::npos);
 }
 
-TEST_F(AftermathTest, ARollbackOverSeveralLawsTakesAllOfThemOut) {
+TEST_F(LawLifecycleTest, ARollbackOverSeveralLawsTakesAllOfThemOut) {
   for (std::uint32_t law = 1; law <= 4; ++law) {
     commit(law);
   }
@@ -165,7 +166,7 @@ TEST_F(AftermathTest, ARollbackOverSeveralLawsTakesAllOfThemOut) {
   EXPECT_EQ(verdict(5), "rolled_back");
 }
 
-TEST_F(AftermathTest, ARollbackToALawOfAnEarlierSupervisorTakesOutTheNewestOnly) {
+TEST_F(LawLifecycleTest, ARollbackToALawOfAnEarlierSupervisorTakesOutTheNewestOnly) {
   commit(8);
   commit(9);
   tell(EventKind::law_rolled_back, 1, 7, 100);
@@ -173,14 +174,14 @@ TEST_F(AftermathTest, ARollbackToALawOfAnEarlierSupervisorTakesOutTheNewestOnly)
   EXPECT_NE(verdict(8), "rolled_back");
 }
 
-TEST_F(AftermathTest, AnotherCommitEndsAProbation) {
+TEST_F(LawLifecycleTest, AnotherCommitEndsAProbation) {
   commit(1);
   commit(2);
   EXPECT_NE(kept_[101]["probation"].get<std::string>().find("102"), std::string::npos);
   EXPECT_EQ(verdict(1), "committed");
 }
 
-TEST_F(AftermathTest, MeasuresOnceWhenItIsTimeOrWhenAnotherLawIsOnItsWay) {
+TEST_F(LawLifecycleTest, MeasuresOnceWhenItIsTimeOrWhenAnotherLawIsOnItsWay) {
   ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth> ring((*spine_)->telemetry);
   auto record = std::make_unique<wire::Telemetry>();
   for (record->tick = 1; record->tick < 100; ++record->tick) {
@@ -200,7 +201,7 @@ TEST_F(AftermathTest, MeasuresOnceWhenItIsTimeOrWhenAnotherLawIsOnItsWay) {
   EXPECT_TRUE(kept_.empty());
 }
 
-TEST_F(AftermathTest, WhenTheRobotStopsEveryLawIsRetiredWithTheReason) {
+TEST_F(LawLifecycleTest, WhenTheRobotStopsEveryLawIsRetiredWithTheReason) {
   commit(1);
   commit(2);
   lifecycle_->end("the robot is being stopped", 60);
@@ -208,7 +209,7 @@ TEST_F(AftermathTest, WhenTheRobotStopsEveryLawIsRetiredWithTheReason) {
   EXPECT_EQ(kept_[102]["reasons"]["retired"], "the robot is being stopped");
 }
 
-TEST_F(AftermathTest, TheLineOfAFaultIsToldWhenItIsKnownAlsoOfALawThatIsGoneByThen) {
+TEST_F(LawLifecycleTest, TheLineOfAFaultIsToldWhenItIsKnownAlsoOfALawThatIsGoneByThen) {
   commit(1);
   commit(2);
   pc_offset_ = 77;
@@ -229,7 +230,7 @@ TEST_F(AftermathTest, TheLineOfAFaultIsToldWhenItIsKnownAlsoOfALawThatIsGoneByTh
   EXPECT_TRUE(kept_.empty()) << "it is gone";
 }
 
-TEST_F(AftermathTest, AFaultOutsideTheLawsCodeOrWithoutAnAnswerKeepsWhatIsKnown) {
+TEST_F(LawLifecycleTest, AFaultOutsideTheLawsCodeOrWithoutAnAnswerKeepsWhatIsKnown) {
   commit(1);
   fault(1, 7, wire::LawFaultKind::not_finite, 25);
   EXPECT_TRUE(asked_.empty());

@@ -2,7 +2,6 @@
 #include "supervisor/swap/param_changes.hpp"
 
 #include <fmt/format.h>
-#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <utility>
@@ -12,9 +11,6 @@
 
 namespace lithe::control {
 
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
 using wire::EventKind;
 
 namespace {
@@ -30,9 +26,7 @@ std::string in_words(const Json& values, const Json& before) {
 }
 
 Json merged(Json values, const Json& newer) {
-  for (const auto& [name, value] : newer.items()) {
-    values[name] = value;
-  }
+  for (const auto& [name, value] : newer.items()) values[name] = value;
   return values;
 }
 
@@ -104,9 +98,7 @@ void ParamChanges::set(const Json& values, Callback callback, std::int64_t now_n
   Change change{next_number_++, *law, values, std::get<wire::Command>(command), std::move(callback)};
   change.record = {{"asked_ns", now_ns}, {"verdict", "submitted"}, {"values", values}};
   waiting_.push_back(std::move(change));
-  if (waiting_.size() == 1) {
-    begin();
-  }
+  if (waiting_.size() == 1) begin();
 }
 
 ParamChanges::Change* ParamChanges::head(std::uint64_t number) {
@@ -123,16 +115,14 @@ void ParamChanges::begin() {
   }
   change.law = std::move(*law);
   Json before = Json::object();
-  for (const auto& [name, value] : change.values.items()) {
-    before[name] = change.law.values[name];
-  }
+  for (const auto& [name, value] : change.values.items()) before[name] = change.law.values[name];
   change.record["before"] = std::move(before);
   if (help_.trial == nullptr) {
     send(change);
     return;
   }
-  auto order = help_.laws.order_of(change.law, order_otherwise());
-  if (!order) {
+  auto request = help_.laws.request_of(change.law, request_otherwise());
+  if (!request) {
     refuse(change, {"trial_unavailable",
                     fmt::format("law '{}' was brought in by an earlier supervisor, and its object is not in the cache "
                                 "any more: its parameters cannot be tried",
@@ -140,24 +130,22 @@ void ParamChanges::begin() {
                     "nothing was changed; swap the law in again, with these parameters"});
     return;
   }
-  order->params = merged(change.law.values, change.values);
+  request->params = merged(change.law.values, change.values);
   help_.trial->attempt(
-      *order, [this, number = change.number](const Answer& answer) { tried(number, answer); }, monotonic_ns());
+      *request, [this, number = change.number](const Answer& answer) { tried(number, answer); }, monotonic_ns());
 }
 
-TrialOrder ParamChanges::order_otherwise() const {
-  TrialOrder order;
-  order.budget_ns = robots_terms_.budget_ns();
-  order.box_ms = static_cast<int>(robots_terms_.box_ms);
-  order.recording = text_of(help_.spine.info().robot);
-  return order;
+TrialRequest ParamChanges::request_otherwise() const {
+  TrialRequest request;
+  request.budget_ns = robots_terms_.budget_ns();
+  request.box_ms = static_cast<int>(robots_terms_.box_ms);
+  request.recording = text_of(help_.spine.info().robot);
+  return request;
 }
 
 void ParamChanges::tried(std::uint64_t number, const Answer& answer) {
   Change* change = head(number);
-  if (change == nullptr) {
-    return;
-  }
+  if (change == nullptr) return;
   if (const auto* found = std::get_if<Refusal>(&answer)) {
     Refusal refusal = *found;
     refusal.message = fmt::format("{}: {}", in_words(change->values, change->law.values), found->message);
@@ -170,9 +158,7 @@ void ParamChanges::tried(std::uint64_t number, const Answer& answer) {
   change->trial = std::get<Json>(answer);
   change->record["trial_ms"] = change->trial.value("ms", 0.0);
   Json warnings = change->trial.value("warnings", Json::array());
-  for (const std::string& each : help_.laws.worse_than(change->law, change->trial)) {
-    warnings.push_back(each);
-  }
+  for (const std::string& each : help_.laws.worse_than(change->law, change->trial)) warnings.push_back(each);
   change->record["warnings"] = std::move(warnings);
   send(*change);
 }
@@ -189,9 +175,7 @@ void ParamChanges::send(Change& change) {
 
 void ParamChanges::answered(std::uint64_t number, const Answer& answer) {
   Change* change = head(number);
-  if (change == nullptr) {
-    return;
-  }
+  if (change == nullptr) return;
   if (const auto* refusal = std::get_if<Refusal>(&answer)) {
     refuse(*change, *refusal);
     return;
@@ -202,11 +186,9 @@ void ParamChanges::answered(std::uint64_t number, const Answer& answer) {
   help_.laws.passed_again(change->law.info.request_id, merged(change->law.values, change->values), change->trial);
   Json result = Json::object();
   for (const char* key : {"trial_ms", "warnings"}) {
-    if (change->record.contains(key)) {
-      result[key] = change->record[key];
-    }
+    if (change->record.contains(key)) result[key] = change->record[key];
   }
-  log(*change, "params_set", in_words(change->values, change->law.values));
+  help_.log.note(change->law.info.request_id, "params_set", in_words(change->values, change->law.values));
   settle(result);
 }
 
@@ -215,7 +197,7 @@ void ParamChanges::refuse(Change& change, const Refusal& refusal) {
   told.erase("detail");
   change.record["error"] = std::move(told);
   keep(change, outcome_is_known(refusal) ? "refused" : "not_confirmed");
-  log(change, "params_refused", refusal.message);
+  help_.log.note(change.law.info.request_id, "params_refused", refusal.message);
   settle(refusal);
 }
 
@@ -223,16 +205,12 @@ void ParamChanges::settle(const Answer& answer) {
   const Change done = std::move(waiting_.front());
   waiting_.pop_front();
   done.callback(answer);
-  if (!waiting_.empty()) {
-    begin();
-  }
+  if (!waiting_.empty()) begin();
 }
 
 void ParamChanges::refuse_all(const Refusal& reason) {
   const std::deque<Change> all = std::exchange(waiting_, {});
-  for (const Change& each : all) {
-    each.callback(reason);
-  }
+  for (const Change& each : all) each.callback(reason);
 }
 
 void ParamChanges::on_event(const wire::Event& event) {
@@ -268,52 +246,31 @@ void ParamChanges::keep(Change& change, const char* verdict) {
   past.request_id = change.law.info.request_id;
   Json& record = past.records[change.number] = change.record;
   record["law"] = text_of(change.law.info.name);
-  if (past.records.size() > kMostKept) {
-    past.records.erase(past.records.begin());
-  }
+  if (past.records.size() > kMostKept) past.records.erase(past.records.begin());
   tell(past);
 }
 
 // Changes that are in force and whose verdict is still open.
 void ParamChanges::judge_open(std::uint32_t law_id, const char* verdict, const std::string& reason, bool newest_only) {
   const auto past = past_.find(law_id);
-  if (past == past_.end()) {
-    return;
-  }
+  if (past == past_.end()) return;
   bool changed = false;
   for (auto each = past->second.records.rbegin(); each != past->second.records.rend(); ++each) {
     Json& record = each->second;
-    if ((record["verdict"] != "taken" && record["verdict"] != "unproven") || (changed && newest_only)) {
-      continue;
-    }
+    if ((record["verdict"] != "taken" && record["verdict"] != "unproven") || (changed && newest_only)) continue;
     changed = true;
     record["verdict"] = verdict;
     record.erase("reason");
-    if (!reason.empty()) {
-      record["reason"] = reason;
-    }
+    if (!reason.empty()) record["reason"] = reason;
   }
-  if (changed) {
-    tell(past->second);
-  }
+  if (changed) tell(past->second);
 }
 
 void ParamChanges::tell(const Past& past) {
   Json all = Json::array();
-  for (const auto& [number, record] : past.records) {
-    all.push_back(record);
-  }
+  for (const auto& [number, record] : past.records) all.push_back(record);
   last_ = all.back();
   keep_(past.request_id, all);
-}
-
-void ParamChanges::log(const Change& change, const char* kind, const std::string& text) {
-  help_.log.add({{"t_ns", monotonic_ns()},
-                 {"tick", 0},
-                 {"kind", kind},
-                 {"request_id", change.law.info.request_id},
-                 {"text", text}});
-  spdlog::info("{}: {}", kind, text);
 }
 
 }  // namespace lithe::control

@@ -11,32 +11,32 @@
 
 #include "spine/robot/config.hpp"
 #include "supervisor/events/event_log.hpp"
-#include "supervisor/link/commands.hpp"
-#include "supervisor/link/trial_link.hpp"
-#include "supervisor/swap/transaction.hpp"
+#include "supervisor/link/services/trial_link.hpp"
+#include "supervisor/link/spine/commands.hpp"
+#include "supervisor/swap/certificate/transaction.hpp"
 #include "supervisor/swap/tried_laws.hpp"
 
 namespace lithe::control {
 
 // The first parameter that the compiled law does not have or does not allow. `law`: its descriptor, as lawd gives it.
-std::optional<swap::Refusal> wrong_param(const swap::Json& params, const swap::Json& law);
+std::optional<Refusal> wrong_param(const Json& params, const Json& law);
 
 // The value of each parameter of a law, in its own order: as asked for, else as compiled.
-swap::Json all_params(const swap::Json& params, const swap::Json& law);
+Json all_params(const Json& params, const Json& law);
 
 // The parameter values by index, as the Spine takes them.
 // Contract: wrong_param() found nothing
-void put_params(const swap::Json& params, const swap::Json& law, wire::StageRequest& request);
+void put_params(const Json& params, const Json& law, wire::StageRequest& request);
 
 // Handles one change at a time, on top of the values that are in force then. Values that fail the trial never reach the
 // Spine.
 // Contract: one thread · never blocks · every set() is answered once
 class ParamChanges {
  public:
-  using Callback = std::function<void(const swap::Answer&)>;
+  using Callback = std::function<void(const Answer&)>;
   // Called when the list of a law's parameter changes has changed. It goes into the certificate of the swap that
   // committed the law.
-  using Keep = std::function<void(std::uint64_t request_id, const swap::Json& changes)>;
+  using Keep = std::function<void(std::uint64_t request_id, const Json& changes)>;
   static constexpr std::size_t kMostWaiting = 64;
   static constexpr std::size_t kMostKept = 16;  // of each law, the newest
 
@@ -49,53 +49,52 @@ class ParamChanges {
     TriedLaws& laws;
   };
 
-  ParamChanges(const Helpers& helpers, swap::Terms robots_terms, Keep keep)
+  ParamChanges(const Helpers& helpers, Terms robots_terms, Keep keep)
       : help_(helpers), robots_terms_(robots_terms), keep_(std::move(keep)) {}
 
   // Answers {"trial_ms", "warnings"} once the values are in force. Refused with trial_failed: the old values stay.
-  void set(const swap::Json& values, Callback callback, std::int64_t now_ns);
+  void set(const Json& values, Callback callback, std::int64_t now_ns);
   void on_event(const wire::Event& event);
-  void refuse_all(const swap::Refusal& reason);
+  void refuse_all(const Refusal& reason);
   // The newest change that was tried, with its law; null before the first.
-  const swap::Json& last() const { return last_; }
+  const Json& last() const { return last_; }
 
  private:
   struct Change {
     std::uint64_t number;
     RunningLaw law;  // at the request; its values are read again when the turn comes
-    swap::Json values;
+    Json values;
     wire::Command command;
     Callback callback;
-    swap::Json record = swap::Json::object();
-    swap::Json trial = swap::Json::object();  // the report of the trial
+    Json record = Json::object();
+    Json trial = Json::object();  // the report of the trial
     std::uint64_t command_id = 0;
   };
   struct Past {
     std::uint64_t request_id = 0;
-    std::map<std::uint64_t, swap::Json> records;  // by number, so oldest first
+    std::map<std::uint64_t, Json> records;  // by number, so oldest first
   };
 
   Change* head(std::uint64_t number);
   void begin();
-  void tried(std::uint64_t number, const swap::Answer& answer);
+  void tried(std::uint64_t number, const Answer& answer);
   void send(Change& change);
-  void answered(std::uint64_t number, const swap::Answer& answer);
+  void answered(std::uint64_t number, const Answer& answer);
   void applied(const wire::Event& event);
-  void settle(const swap::Answer& answer);
-  void refuse(Change& change, const swap::Refusal& refusal);
+  void settle(const Answer& answer);
+  void refuse(Change& change, const Refusal& refusal);
   void keep(Change& change, const char* verdict);
   void judge_open(std::uint32_t law_id, const char* verdict, const std::string& reason, bool newest_only = false);
   void tell(const Past& past);
-  void log(const Change& change, const char* kind, const std::string& text);
-  TrialOrder order_otherwise() const;
+  TrialRequest request_otherwise() const;
 
   Helpers help_;
-  swap::Terms robots_terms_;
+  Terms robots_terms_;
   Keep keep_;
   std::uint64_t next_number_ = 1;
   std::deque<Change> waiting_;          // the first one is being handled
   std::map<std::uint32_t, Past> past_;  // by law
-  swap::Json last_ = nullptr;
+  Json last_ = nullptr;
 };
 
 }  // namespace lithe::control

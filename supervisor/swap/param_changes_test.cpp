@@ -15,15 +15,12 @@
 
 #include "spine/core/time.hpp"
 #include "spine/ipc/segment.hpp"
-#include "supervisor/link/lawd_link.hpp"
-#include "supervisor/link/test/spine_rig.hpp"
+#include "supervisor/link/services/lawd_link.hpp"
+#include "supervisor/link/spine/test/spine_rig.hpp"
 
 namespace lithe::control {
 namespace {
 
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
 using wire::EventKind;
 
 constexpr const char* kLaw =
@@ -58,7 +55,7 @@ class ParamChangesTest : public SpineRig {
     publish(7);
   }
   void make(TrialLink* trial) {
-    changes_.emplace(ParamChanges::Helpers{*link_, trial, *commands_, log_, *laws_}, swap::Terms{},
+    changes_.emplace(ParamChanges::Helpers{*link_, trial, *commands_, log_, *laws_}, Terms{},
                      [this](std::uint64_t request_id, const Json& all) {
                        EXPECT_EQ(request_id, kRequest);
                        kept_ = all;
@@ -76,20 +73,20 @@ class ParamChangesTest : public SpineRig {
     }
     EXPECT_TRUE(over);
   }
-  // The law, and how it rode as it is compiled.
+  // The law, and how it tried as it is compiled.
   void compile() {
-    std::optional<Answer> got, rode;
+    std::optional<Answer> got, tried;
     lawd_.compile({"spring.cpp", kLaw}, [&](const Answer& answer) { got = answer; }, monotonic_ns());
     wait_for([&] { return got.has_value(); });
     ASSERT_TRUE(std::holds_alternative<Json>(*got)) << std::get<Refusal>(*got).message;
-    TrialOrder order;
-    order.object = std::get<Json>(*got).value("object", "");
-    order.budget_ns = 300'000;
-    order.box_ms = 2000;
-    trial_.attempt(order, [&](const Answer& answer) { rode = answer; }, monotonic_ns());
-    wait_for([&] { return rode.has_value(); });
-    ASSERT_TRUE(std::holds_alternative<Json>(*rode)) << std::get<Refusal>(*rode).message;
-    laws_->passed(kRequest, order, {{"kp", 2.0}, {"kd", 0.05}}, std::get<Json>(*rode));
+    TrialRequest request;
+    request.object = std::get<Json>(*got).value("object", "");
+    request.budget_ns = 300'000;
+    request.box_ms = 2000;
+    trial_.attempt(request, [&](const Answer& answer) { tried = answer; }, monotonic_ns());
+    wait_for([&] { return tried.has_value(); });
+    ASSERT_TRUE(std::holds_alternative<Json>(*tried)) << std::get<Refusal>(*tried).message;
+    laws_->passed(kRequest, request, {{"kp", 2.0}, {"kd", 0.05}}, std::get<Json>(*tried));
   }
   // What the Spine shows: this law runs, with these values.
   void publish(std::uint32_t law_id, double kp = 2.0, double kd = 0.05) {

@@ -10,14 +10,8 @@
 
 namespace lithe::control {
 
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
-
 Fd open_arena(const robot::RobotConfig& robot) {
-  if (robot.spine.loader == robot::LawLoader::dlopen) {
-    return Fd();
-  }
+  if (robot.spine.loader == robot::LawLoader::dlopen) return Fd();
   const pid_t pid = live_spine(robot.name).value_or(0);
   const Result<int> memory = pid != 0 ? arena::memory_of(pid) : arena::make_memory();
   if (!memory) {
@@ -38,35 +32,25 @@ bool Placement::has_arena() const {
 bool Placement::predecessors_requests_are_answered() {
   constexpr std::uint64_t kDepth = wire::control_segment::kStageDepth;
   for (std::uint64_t ticket = inherited_ > kDepth ? inherited_ - kDepth + 1 : 1; ticket <= inherited_; ++ticket) {
-    if (spine_.poll_stage(ticket) == wire::StageResult::pending) {
-      return false;
-    }
+    if (spine_.poll_stage(ticket) == wire::StageResult::pending) return false;
   }
   inherited_ = 0;
   return true;
 }
 
 std::uint32_t Placement::free_slot() {
-  if (!predecessors_requests_are_answered()) {
-    return 0;
-  }
+  if (!predecessors_requests_are_answered()) return 0;
   // Read the answers first: the Loader publishes a law before it answers the request.
   for (Use& use : uses_) {
-    if (use.state == Use::asked && spine_.poll_stage(use.ticket) != wire::StageResult::pending) {
-      use = {};
-    }
+    if (use.state == Use::asked && spine_.poll_stage(use.ticket) != wire::StageResult::pending) use = {};
   }
   std::array<bool, arena::kSlots + 1> resident{};
   for (const wire::LawInfo& law : spine_.laws()) {
-    if (arena::is_slot(law.slot)) {
-      resident[law.slot] = true;
-    }
+    if (arena::is_slot(law.slot)) resident[law.slot] = true;
   }
   for (std::uint32_t i = 0; i < arena::kSlots; ++i) {
     const std::uint32_t slot = 1 + (last_ + i) % arena::kSlots;
-    if (!resident[slot] && uses_[slot].state == Use::free) {
-      return slot;
-    }
+    if (!resident[slot] && uses_[slot].state == Use::free) return slot;
   }
   return 0;
 }
@@ -84,25 +68,16 @@ void Placement::place(const std::string& hash, Callback callback, std::int64_t n
   }
   last_ = slot;
   uses_[slot] = {Use::taken, 0};
-  lawd_.place(
-      hash, slot,
-      [this, slot, callback = std::move(callback)](const Answer& answer) {
-        if (const auto* refusal = std::get_if<Refusal>(&answer)) {
-          forget(slot);
-          if (refusal->code == "arena_failed") {
-            spdlog::warn("{}; laws are loaded with dlopen", refusal->message);
-            lawd_can_place_ = false;
-            callback(Placed{});
-          } else {
-            callback(*refusal);
-          }
-          return;
-        }
-        const Json& placed = std::get<Json>(answer);
-        callback(Placed{slot, placed.value("code_bytes", std::uint32_t{0}), placed.value("entry", std::uint64_t{0}),
-                        placed.value("image_hash", std::uint64_t{0}), placed.value("place_ms", 0.0)});
-      },
-      now_ns);
+  const auto take = [this, slot, callback = std::move(callback)](const std::variant<Placed, Refusal>& answer) {
+    const auto* refusal = std::get_if<Refusal>(&answer);
+    if (refusal == nullptr) return callback(answer);
+    forget(slot);
+    if (refusal->code != "arena_failed") return callback(answer);
+    spdlog::warn("{}; laws are loaded with dlopen", refusal->message);
+    lawd_can_place_ = false;
+    callback(Placed{});
+  };
+  lawd_.place(hash, slot, take, now_ns);
 }
 
 }  // namespace lithe::control

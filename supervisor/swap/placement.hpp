@@ -4,15 +4,13 @@
 
 #include <array>
 #include <cstdint>
-#include <functional>
 #include <string>
-#include <variant>
 
 #include "spine/arena/layout.hpp"
 #include "spine/robot/config.hpp"
 #include "supervisor/core/fd.hpp"
-#include "supervisor/link/lawd_link.hpp"
-#include "supervisor/link/spine_link.hpp"
+#include "supervisor/link/services/lawd_link.hpp"
+#include "supervisor/link/spine/spine_link.hpp"
 
 namespace lithe::control {
 
@@ -20,22 +18,13 @@ namespace lithe::control {
 // be loaded with dlopen.
 Fd open_arena(const robot::RobotConfig& robot);
 
-// Location of a law, as lawd reported it. slot 0: not in the arena; it is loaded with dlopen.
-struct Placed {
-  std::uint32_t slot = 0;
-  std::uint32_t code_bytes = 0;
-  std::uint64_t entry = 0;
-  std::uint64_t image_hash = 0;
-  double place_ms = 0.0;
-};
-
 // A slot is free when no law in the Spine uses it, lawd is not writing to it, and the Loader has answered every request
 // that names it. This includes requests of an earlier supervisor: their slots are unknown, so all of them must be
 // answered first.
 // Contract: one thread · never blocks · every place() is answered once
 class Placement {
  public:
-  using Callback = std::function<void(const std::variant<Placed, swap::Refusal>&)>;
+  using Callback = LawdLink::PlacedCallback;
 
   Placement(SpineLink& spine, LawdLink& lawd) : spine_(spine), lawd_(lawd), inherited_(spine.last_stage_ticket()) {}
 

@@ -12,14 +12,10 @@
 
 #include "spine/arena/arena.hpp"
 #include "spine/core/time.hpp"
-#include "supervisor/link/test/spine_rig.hpp"
+#include "supervisor/link/spine/test/spine_rig.hpp"
 
 namespace lithe::control {
 namespace {
-
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
 
 class PlacementTest : public SpineRig {
  protected:
@@ -110,7 +106,7 @@ TEST_F(PlacementTest, LawdWritesIntoOneSlotAfterTheOther) {
   auto memory = arena::make_memory();
   ASSERT_TRUE(memory) << memory.message();
   const Fd arena(*memory);
-  lawd_.give_arena(arena.get());
+  lawd_.give(arena.get());
   ASSERT_TRUE(lawd_.start(monotonic_ns()));
   const Answer compiled =
       wait_for([&](const LawdLink::Callback& then) { lawd_.compile({"rest.cpp", kRestLaw}, then, monotonic_ns()); });

@@ -14,11 +14,6 @@
 namespace lithe::control {
 namespace {
 
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
-using swap::Stage;
-
 // Time limits of the steps. The compile service has its own, shorter ones for compiler and linker.
 constexpr std::int64_t kCompileNs = 2 * LawdLink::kCompileTimeoutNs;
 constexpr std::int64_t kPlaceNs = 2 * LawdLink::kCompileTimeoutNs;
@@ -30,7 +25,7 @@ constexpr Stage kInTheSpine[] = {Stage::staged, Stage::shadow, Stage::committed}
 constexpr const char* kSkipped = "skipped: the gates are open";
 
 // Once the Loader has the law it cannot be cancelled: it may still be committed.
-Refusal too_late(const swap::Transaction& swap, const char* doing, std::int64_t limit_ns) {
+Refusal too_late(const Transaction& swap, const char* doing, std::int64_t limit_ns) {
   const std::string what =
       fmt::format("{} '{}' took longer than {} s", doing, swap.request().name, limit_ns / 1'000'000'000);
   return swap.stage() < Stage::tried
@@ -41,7 +36,7 @@ Refusal too_late(const swap::Transaction& swap, const char* doing, std::int64_t 
 
 // The present step, until there is an answer or its time is up.
 template <class T>
-Sequence::Reply<T> reply(const typename Sequence::Reply<T>::Box& box, const swap::Transaction& swap, const char* doing,
+Sequence::Reply<T> reply(const typename Sequence::Reply<T>::Box& box, const Transaction& swap, const char* doing,
                          std::int64_t limit_ns) {
   return {box, swap.stage_since_ns() + limit_ns, too_late(swap, doing, limit_ns)};
 }
@@ -55,38 +50,30 @@ auto box_for() {
 std::int64_t admission_ns(const Json& compiled) {
   double ms = 0.0;
   if (!compiled.value("cached", false)) {
-    for (const Json& gate : compiled.value("gates", Json::array())) {
-      ms += gate.value("ms", 0.0);
-    }
+    for (const Json& gate : compiled.value("gates", Json::array())) ms += gate.value("ms", 0.0);
   }
   return static_cast<std::int64_t>(ms * 1e6);
 }
 
 // The answer of the compile service; what goes into the certificate is in `facts`.
-std::variant<swap::Compiled, Refusal> read_compiled(const Answer& answer, const Json& params) {
-  if (const auto* refusal = std::get_if<Refusal>(&answer)) {
-    return *refusal;
-  }
+std::variant<Compiled, Refusal> read_compiled(const Answer& answer, const Json& params) {
+  if (const auto* refusal = std::get_if<Refusal>(&answer)) return *refusal;
   const Json& result = std::get<Json>(answer);
   const Json law = result.value("law", Json::object());
-  if (auto wrong = wrong_param(params, law)) {
-    return std::move(*wrong);
-  }
+  if (auto wrong = wrong_param(params, law)) return std::move(*wrong);
   Json facts = Json::object();
   for (const char* key :
        {"object_sha256", "placeable_sha256", "toolchain", "gates", "steps_ms", "dry_step_max_ns", "warnings"}) {
-    if (result.contains(key)) {
-      facts[key] = result[key];
-    }
+    if (result.contains(key)) facts[key] = result[key];
   }
-  return swap::Compiled{result.value("object", ""),
-                        result.value("hash", ""),
-                        law.value("name", ""),
-                        result.value("cached", false),
-                        result.value("compile_ms", 0.0),
-                        admission_ns(result),
-                        law,
-                        std::move(facts)};
+  return Compiled{result.value("object", ""),
+                  result.value("hash", ""),
+                  law.value("name", ""),
+                  result.value("cached", false),
+                  result.value("compile_ms", 0.0),
+                  admission_ns(result),
+                  law,
+                  std::move(facts)};
 }
 
 Refusal at_line(Refusal refusal, const Json& place) {
@@ -100,9 +87,7 @@ Refusal at_line(Refusal refusal, const Json& place) {
 // Bounded copy into a zero-terminated field; false when the text does not fit.
 template <std::size_t N>
 bool put(std::array<char, N>& field, const std::string& text) {
-  if (text.size() >= N) {
-    return false;
-  }
+  if (text.size() >= N) return false;
   std::memcpy(field.data(), text.c_str(), text.size() + 1);
   return true;
 }
@@ -111,21 +96,17 @@ bool put(std::array<char, N>& field, const std::string& text) {
 
 // Each co_await starts a step in another process and goes on with its answer, or with the reason why there is none.
 // Whatever the end, the transaction has it: settle() answers the client and writes the certificate.
-Sequence Swaps::swap_law(swap::Transaction& swap) {
+Sequence Swaps::swap_law(Transaction& swap) {
   // queued -> compiled -> admitted: lawd runs the compiler and every gate.
   swap.mark_started(now_ns());
   note(swap, "swap_submitted", swap.request().name);
   auto compiled = co_await compile(swap);
-  if (const auto* no = std::get_if<Refusal>(&compiled)) {
-    co_return refuse(swap, *no);
-  }
-  admitted(swap, std::get<swap::Compiled>(std::move(compiled)));
+  if (const auto* no = std::get_if<Refusal>(&compiled)) co_return refuse(swap, *no);
+  admitted(swap, std::get<Compiled>(std::move(compiled)));
 
   // -> placed: lawd links the object for a free slot of the arena and writes it there.
   const auto where = co_await place(swap);
-  if (const auto* no = std::get_if<Refusal>(&where)) {
-    co_return refuse(swap, *no);
-  }
+  if (const auto* no = std::get_if<Refusal>(&where)) co_return refuse(swap, *no);
   placed(swap, std::get<Placed>(where));
 
   // -> tried: lithe-trial runs the placed law in its sandbox. A law that crashed there is told its line.
@@ -139,20 +120,14 @@ Sequence Swaps::swap_law(swap::Transaction& swap) {
 
   // -> staged: the Loader checks and warms it, and offers it to the tick. From here on the Spine has the law: what is
   // given up may still be committed.
-  if (const auto no = stage(swap)) {
-    co_return refuse(swap, *no);
-  }
+  if (const auto no = stage(swap)) co_return refuse(swap, *no);
   for (const Stage next : kInTheSpine) {
     if (next == Stage::shadow && swap.request().terms.shadow_s == 0) {
       continue;  // on request only: first it runs beside the active law, without effect
     }
     const auto why_not = co_await spine_reaches(next, swap);
-    if (heard_.refusal) {
-      co_return refuse(swap, *heard_.refusal);
-    }
-    if (why_not && !find_commit(now_ns())) {
-      co_return give_up(swap, *why_not);
-    }
+    if (heard_.refusal) co_return refuse(swap, *heard_.refusal);
+    if (why_not && !find_commit(now_ns())) co_return give_up(swap, *why_not);
     mark_heard(swap);
   }
 
@@ -160,22 +135,22 @@ Sequence Swaps::swap_law(swap::Transaction& swap) {
   swap.mark_committed(heard_.commit->tick, heard_.commit->code, heard_.commit->t_ns);
 }
 
-void Swaps::refuse(swap::Transaction& swap, const Refusal& reason) { swap.mark_refused(reason, now_ns()); }
+void Swaps::refuse(Transaction& swap, const Refusal& reason) { swap.mark_refused(reason, now_ns()); }
 
-void Swaps::give_up(swap::Transaction& swap, const Refusal& reason) { swap.mark_given_up(reason, now_ns()); }
+void Swaps::give_up(Transaction& swap, const Refusal& reason) { swap.mark_given_up(reason, now_ns()); }
 
-Sequence::Reply<swap::Compiled> Swaps::compile(const swap::Transaction& swap) {
-  const auto box = box_for<swap::Compiled>();
+Sequence::Reply<Compiled> Swaps::compile(const Transaction& swap) {
+  const auto box = box_for<Compiled>();
   const auto take = [this, box, params = swap.request().params](const Answer& answer) {
     *box = read_compiled(answer, params);
     go_on(monotonic_ns());
   };
   help_.lawd.compile({swap.request().name, swap.request().source, swap.request().terms.budget_ns()}, take,
                      monotonic_ns());
-  return reply<swap::Compiled>(box, swap, "compiling", kCompileNs);
+  return reply<Compiled>(box, swap, "compiling", kCompileNs);
 }
 
-void Swaps::admitted(swap::Transaction& swap, swap::Compiled compiled) {
+void Swaps::admitted(Transaction& swap, Compiled compiled) {
   note(swap, "swap_compiled",
        fmt::format("{} in {:.0f} ms{}", compiled.law, compiled.compile_ms, compiled.cached ? " (cached)" : ""));
   const std::string words =
@@ -186,7 +161,7 @@ void Swaps::admitted(swap::Transaction& swap, swap::Compiled compiled) {
   swap.mark(Stage::admitted, words, now_ns());
 }
 
-Sequence::Reply<Placed> Swaps::place(const swap::Transaction& swap) {
+Sequence::Reply<Placed> Swaps::place(const Transaction& swap) {
   const auto box = box_for<Placed>();
   const auto take = [this, box, id = swap.request_id()](const std::variant<Placed, Refusal>& answer) {
     if (const auto* where = std::get_if<Placed>(&answer); where != nullptr && !is_head(id)) {
@@ -200,7 +175,7 @@ Sequence::Reply<Placed> Swaps::place(const swap::Transaction& swap) {
   return reply<Placed>(box, swap, "placing", kPlaceNs);
 }
 
-void Swaps::placed(swap::Transaction& swap, const Placed& where) {
+void Swaps::placed(Transaction& swap, const Placed& where) {
   placed_ = where;
   std::string words = "not in the arena: loaded with dlopen";
   if (where.slot != 0) {
@@ -214,7 +189,7 @@ void Swaps::placed(swap::Transaction& swap, const Placed& where) {
   swap.mark(Stage::placed, words, now_ns());
 }
 
-Sequence::Reply<std::string> Swaps::attempt(const swap::Transaction& swap) {
+Sequence::Reply<std::string> Swaps::attempt(const Transaction& swap) {
   const auto box = box_for<std::string>();
   if (gates_are_open()) {
     *box = kSkipped;
@@ -225,53 +200,47 @@ Sequence::Reply<std::string> Swaps::attempt(const swap::Transaction& swap) {
         go_on(monotonic_ns());
       }
     };
-    help_.trial->attempt(order_of(swap), take, monotonic_ns());
+    help_.trial->attempt(request_of(swap), take, monotonic_ns());
   }
   return reply<std::string>(box, swap, "trying", kTrialNs);
 }
 
-TrialOrder Swaps::order_of(const swap::Transaction& swap) const {
-  TrialOrder order;
-  order.object = swap.compiled().object;
-  order.slot = placed_->slot;
-  order.code_bytes = placed_->code_bytes;
-  order.entry = placed_->entry;
-  order.image_hash = placed_->image_hash;
-  order.budget_ns = swap.request().terms.budget_ns();
-  order.box_ms = static_cast<int>(swap.request().terms.box_ms);
-  order.recording = text_of(help_.spine.info().robot);
-  order.params = swap.request().params;
-  return order;
+TrialRequest Swaps::request_of(const Transaction& swap) const {
+  TrialRequest request;
+  request.object = swap.compiled().object;
+  request.placed = *placed_;
+  request.budget_ns = swap.request().terms.budget_ns();
+  request.box_ms = static_cast<int>(swap.request().terms.box_ms);
+  request.recording = text_of(help_.spine.info().robot);
+  request.params = swap.request().params;
+  return request;
 }
 
 // The trial's words on success. Its report is in the certificate in any case.
-std::variant<std::string, Refusal> Swaps::tried(swap::Transaction& swap, const Answer& answer) {
+std::variant<std::string, Refusal> Swaps::tried(Transaction& swap, const Answer& answer) {
   const auto* refusal = std::get_if<Refusal>(&answer);
   Json report = refusal == nullptr            ? std::get<Json>(answer)
                 : refusal->detail.is_object() ? refusal->detail.value("trial", Json())
                                               : Json();
   if (report.is_object()) {
-    report.erase("id");
     const auto running = refusal == nullptr ? help_.spine.running_law() : std::nullopt;
     for (const std::string& worse : running ? tried_laws_.worse_than(*running, report) : std::vector<std::string>{}) {
       report["warnings"].push_back(worse);
     }
     swap.note("trial", report);
   }
-  if (refusal != nullptr) {
-    return *refusal;
-  }
+  if (refusal != nullptr) return *refusal;
   const Json timing = report.value("report", Json::object()).value("timing", Json::object());
   std::string words = fmt::format("passed in {:.0f} ms, a step takes {:.0f} ns (p99.9, best of 3), at most {:.0f} ns",
                                   report.value("ms", 0.0), timing.value("p999_ns", 0.0), timing.value("worst_ns", 0.0));
   note(swap, "swap_tried", words);
-  tried_laws_.passed(swap.request_id(), order_of(swap), all_params(swap.request().params, swap.compiled().descriptor),
+  tried_laws_.passed(swap.request_id(), request_of(swap), all_params(swap.request().params, swap.compiled().descriptor),
                      report);
   return words;
 }
 
 // The source line of a crash in the trial, as for a crash in the Spine; null when there was none.
-Sequence::Reply<Json> Swaps::line_of_crash(const swap::Transaction& swap, const Refusal& refusal) {
+Sequence::Reply<Json> Swaps::line_of_crash(const Transaction& swap, const Refusal& refusal) {
   const auto box = box_for<Json>();
   const Json trial = refusal.detail.is_object() ? refusal.detail.value("trial", Json::object()) : Json::object();
   const auto found = trial.find("pc_offset");
@@ -288,7 +257,7 @@ Sequence::Reply<Json> Swaps::line_of_crash(const swap::Transaction& swap, const 
 }
 
 // Sends the law to the Loader.
-std::optional<Refusal> Swaps::stage(swap::Transaction& swap) {
+std::optional<Refusal> Swaps::stage(Transaction& swap) {
   swap.note_missed_before(missed_releases());
   wire::StageRequest request;
   request.request_id = swap.request_id();
@@ -297,7 +266,7 @@ std::optional<Refusal> Swaps::stage(swap::Transaction& swap) {
   request.code_bytes = placed_->code_bytes;
   request.entry = placed_->entry;
   request.image_hash = placed_->image_hash;
-  swap::put_terms(swap.request().terms, help_.spine.info().rate_hz, request);
+  control::put_terms(swap.request().terms, help_.spine.info().rate_hz, request);
   put_params(swap.request().params, swap.compiled().descriptor, request);
   const std::string& object = swap.compiled().object;
   if (!put(request.path, object) || !put(request.name, swap.compiled().law)) {
@@ -307,18 +276,14 @@ std::optional<Refusal> Swaps::stage(swap::Transaction& swap) {
   lifecycle_.measure_all();  // the counts of earlier laws must not include this one
   before_ = count_core(help_.spine.spine_pid(), help_.spine.info());
   const auto ticket = help_.spine.stage(request);
-  if (!ticket) {
-    return stage_refusal(wire::StageResult::busy, "the Loader does not take requests");
-  }
-  if (placed_->slot != 0) {
-    placement_.asked(placed_->slot, *ticket);
-  }
+  if (!ticket) return stage_refusal(wire::StageResult::busy, "the Loader does not take requests");
+  if (placed_->slot != 0) placement_.asked(placed_->slot, *ticket);
   placed_.reset();
   heard_.ticket = *ticket;
   return std::nullopt;
 }
 
-Sequence::Until Swaps::spine_reaches(Stage stage, const swap::Transaction& swap) {
+Sequence::Until Swaps::spine_reaches(Stage stage, const Transaction& swap) {
   const auto ready = [this, stage](std::int64_t now_ns) {
     look(now_ns);
     return heard_.refusal.has_value() || heard_.stage() >= stage;

@@ -12,10 +12,6 @@
 namespace lithe::control {
 namespace {
 
-using swap::Json;
-using swap::Refusal;
-using swap::Stage;
-
 constexpr std::int64_t kWordsGraceNs = 50'000'000;  // for the event of what shared memory shows already
 
 // The field names in the event. The text may hold only some of them; `count` is the full number.
@@ -57,18 +53,14 @@ Refusal stage_refusal(wire::StageResult result, const std::string& words) {
 
 void Swaps::on_event(const wire::Event& event, std::int64_t now_ns) {
   const auto kind = static_cast<wire::EventKind>(event.kind);
-  if (kind == wire::EventKind::state_not_carried) {
-    return not_carried(event);
-  }
+  if (kind == wire::EventKind::state_not_carried) return not_carried(event);
   if (heard_.commit && kind != wire::EventKind::law_committed) {
     heard_.shown = true;  // this event may be about the committed law
     go_on(now_ns);
   }
   lifecycle_.on_event(event);
   params_.on_event(event);
-  if (kind == wire::EventKind::law_retired) {
-    tried_laws_.forget(event.request_id);
-  }
+  if (kind == wire::EventKind::law_retired) tried_laws_.forget(event.request_id);
   if (is_head(event.request_id)) {
     hear(event);
     go_on(now_ns);
@@ -101,9 +93,7 @@ void Swaps::hear(const wire::Event& event) {
 void Swaps::shadow_ended(const wire::Event& event) {
   wire::ShadowReport report{};
   ipc::ChannelReader<wire::ShadowReport> reader(help_.spine.memory().shadow);
-  if (reader.read(report) && report.request_id == event.request_id) {
-    head_->swap.note("shadow", shadow_json(report));
-  }
+  if (reader.read(report) && report.request_id == event.request_id) head_->swap.note("shadow", shadow_json(report));
   if (event.code == 0) {
     heard_.refusal =
         Refusal{"shadow_failed",
@@ -114,12 +104,10 @@ void Swaps::shadow_ended(const wire::Event& event) {
 }
 
 // The stages that the Spine told of: the tick may commit before the Loader's acknowledgement is read.
-void Swaps::mark_heard(swap::Transaction& swap) const {
+void Swaps::mark_heard(Transaction& swap) const {
   const std::int64_t later_ns = heard_.shadow_ns != 0 ? heard_.shadow_ns : heard_.commit ? heard_.commit->t_ns : 0;
   swap.mark(Stage::staged, "", heard_.staged_ns != 0 ? heard_.staged_ns : later_ns);
-  if (heard_.shadow_ns != 0) {
-    swap.mark(Stage::shadow, "", heard_.shadow_ns);
-  }
+  if (heard_.shadow_ns != 0) swap.mark(Stage::shadow, "", heard_.shadow_ns);
 }
 
 // What shared memory shows of the head's law, which the Spine has.
@@ -135,9 +123,7 @@ void Swaps::look(std::int64_t now_ns) {
     heard_.staged_ns = now_ns - since_ns > kWordsGraceNs ? now_ns : 0;
   } else if (result != wire::StageResult::pending) {
     heard_.refused_ns = heard_.refused_ns == 0 ? now_ns : heard_.refused_ns;
-    if (now_ns - heard_.refused_ns > kWordsGraceNs) {
-      heard_.refusal = stage_refusal(result, "");
-    }
+    if (now_ns - heard_.refused_ns > kWordsGraceNs) heard_.refusal = stage_refusal(result, "");
   }
 }
 
@@ -145,13 +131,9 @@ void Swaps::look(std::int64_t now_ns) {
 // commit tick is then an estimate.
 bool Swaps::find_commit(std::int64_t now_ns) {
   wire::Telemetry now{};
-  if (heard_.commit || !help_.spine.latest(now)) {
-    return heard_.commit.has_value();
-  }
+  if (heard_.commit || !help_.spine.latest(now)) return heard_.commit.has_value();
   const auto law = help_.spine.law(now.law_id);
-  if (!law || law->request_id != head_->swap.request_id()) {
-    return false;
-  }
+  if (!law || law->request_id != head_->swap.request_id()) return false;
   head_->swap.note("commit_tick_is_estimate", true);
   heard_.commit.emplace();
   heard_.commit->tick = now.tick;
@@ -166,11 +148,9 @@ void Swaps::come_late(const wire::Event& event) {
                                   [&](const Entry& each) { return each.swap.request_id() == event.request_id; });
   const auto kind = static_cast<wire::EventKind>(event.kind);
   const bool committed = kind == wire::EventKind::law_committed;
-  if (found == unconfirmed_.end() || (!committed && kind != wire::EventKind::law_refused)) {
-    return;
-  }
+  if (found == unconfirmed_.end() || (!committed && kind != wire::EventKind::law_refused)) return;
   Entry late = std::move(*found);
-  swap::Transaction& swap = late.swap;
+  Transaction& swap = late.swap;
   unconfirmed_.erase(found);
   if (!committed) {
     swap.mark_refused(stage_refusal(static_cast<wire::StageResult>(event.code), text_of(event.text)), event.t_ns);

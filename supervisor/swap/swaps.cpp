@@ -12,20 +12,14 @@
 
 namespace lithe::control {
 
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
-
-Swaps::Swaps(const Helpers& helpers, swap::RecordBook book, std::uint64_t first_request_id,
-             const robot::RobotConfig& robot)
+Swaps::Swaps(const Helpers& helpers, RecordBook book, std::uint64_t first_request_id, const robot::RobotConfig& robot)
     : help_(helpers),
       placement_(helpers.spine, helpers.lawd),
       book_(std::move(book)),
-      robots_terms_(swap::terms_of(robot, helpers.spine.info().rate_hz)),
+      robots_terms_(terms_of(robot, helpers.spine.info().rate_hz)),
       lifecycle_(
-          helpers.spine,
-          [this](const swap::Transaction& each, const swap::RecordBook::Page& record) { rewrite(each, record); },
-          [this](const swap::Transaction& each, std::uint32_t offset, LawLifecycle::Found found) {
+          helpers.spine, [this](const Transaction& each, const RecordBook::Page& record) { rewrite(each, record); },
+          [this](const Transaction& each, std::uint32_t offset, LawLifecycle::Found found) {
             locate(each, offset, std::move(found));
           }),
       tried_laws_(helpers.spine),
@@ -35,17 +29,17 @@ Swaps::Swaps(const Helpers& helpers, swap::RecordBook book, std::uint64_t first_
               }),
       next_id_(first_request_id) {}
 
-std::variant<swap::Terms, Refusal> Swaps::read_terms(const Json& args) const {
+std::variant<Terms, Refusal> Swaps::read_terms(const Json& args) const {
   for (const auto& [name, value] : args.items()) {
-    if (!swap::is_term(name) && name != "source" && name != "name" && name != "params" && name != "supersede") {
+    if (!is_term(name) && name != "source" && name != "name" && name != "params" && name != "supersede") {
       return Refusal{"usage", fmt::format("swap has no argument '{}'", name), "see docs/reference/verbs.md"};
     }
   }
-  return swap::read_terms(args, robots_terms_, help_.spine.info().rate_hz);
+  return control::read_terms(args, robots_terms_, help_.spine.info().rate_hz);
 }
 
 // A shadow run needs a law that is active.
-std::optional<Refusal> Swaps::no_shadow(const swap::Terms& terms) const {
+std::optional<Refusal> Swaps::no_shadow(const Terms& terms) const {
   wire::Telemetry now{};
   (void)help_.spine.latest(now);
   const auto mode = static_cast<wire::Mode>(now.mode);
@@ -57,34 +51,30 @@ std::optional<Refusal> Swaps::no_shadow(const swap::Terms& terms) const {
                  "arm first: lithe arm; or swap without a shadow"};
 }
 
-void Swaps::submit(swap::Request request, Callback callback, std::int64_t now_ns) {
+void Swaps::submit(SwapRequest request, Callback callback, std::int64_t now_ns) {
   if (const auto refusal = no_shadow(request.terms)) {
     callback(*refusal);
     return;
   }
-  if (request.supersede) {
-    supersede(request, now_ns);
-  }
+  if (request.supersede) supersede(request, now_ns);
   if (waiting_.size() + (head_ ? 1 : 0) >= kMaxWaiting) {
     callback(Refusal{"busy", fmt::format("{} swaps wait already", kMaxWaiting), "try again later"});
     return;
   }
-  waiting_.push_back({swap::Transaction(next_id_++, std::move(request), now_ns), std::move(callback)});
+  waiting_.push_back({Transaction(next_id_++, std::move(request), now_ns), std::move(callback)});
   keep_record(waiting_.back());
   go_on(now_ns);
   begin_next(now_ns);
 }
 
 // Only a waiting request is replaced, at most one; the head has already started.
-void Swaps::supersede(const swap::Request& newer, std::int64_t now_ns) {
+void Swaps::supersede(const SwapRequest& newer, std::int64_t now_ns) {
   const auto is_it = [&](const Entry& each) {
-    const swap::Request& older = each.swap.request();
+    const SwapRequest& older = each.swap.request();
     return newer.client != 0 && older.client == newer.client && older.name == newer.name;
   };
   const auto found = std::find_if(waiting_.begin(), waiting_.end(), is_it);
-  if (found == waiting_.end()) {
-    return;
-  }
+  if (found == waiting_.end()) return;
   Entry gone = std::move(*found);
   waiting_.erase(found);
   gone.swap.mark_refused({"superseded", fmt::format("a newer request for '{}' takes its place", newer.name), ""},
@@ -105,16 +95,12 @@ void Swaps::begin_next(std::int64_t now_ns) {
 void Swaps::go_on(std::int64_t now_ns) {
   if (sequence_) {
     sequence_->serve(now_ns);
-    if (sequence_->done()) {
-      settle();
-    }
+    if (sequence_->done()) settle();
   }
 }
 
 void Swaps::settle() {
-  if (placed_ && placed_->slot != 0) {
-    placement_.forget(placed_->slot);
-  }
+  if (placed_ && placed_->slot != 0) placement_.forget(placed_->slot);
   placed_.reset();
   heard_ = {};
   sequence_.reset();
@@ -128,9 +114,7 @@ void Swaps::serve(std::int64_t now_ns) {
   go_on(now_ns);
   begin_next(now_ns);
   lifecycle_.serve(now_ns);
-  if (late_.waiting() > 0 && (late_.retry(book_, now_ns), late_.waiting() == 0)) {
-    write_failed_.clear();
-  }
+  if (late_.waiting() > 0 && (late_.retry(book_, now_ns), late_.waiting() == 0)) write_failed_.clear();
 }
 
 void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
@@ -150,11 +134,9 @@ void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
 }
 
 // Only the newest swap is reported: the retirement of an older law does not change it.
-void Swaps::remember(const swap::Transaction& swap) {
-  const bool begun = swap.stage() != swap::Stage::submitted;
-  if (begun && (last_.is_null() || last_["request_id"] <= swap.request_id())) {
-    last_ = swap::summary_of(swap.certificate());
-  }
+void Swaps::remember(const Transaction& swap) {
+  const bool begun = swap.stage() != Stage::submitted;
+  if (begun && (last_.is_null() || last_["request_id"] <= swap.request_id())) last_ = summary_of(swap.certificate());
 }
 
 void Swaps::keep_record(Entry& entry) {
@@ -171,12 +153,12 @@ void Swaps::keep_record(Entry& entry) {
   }
 }
 
-swap::Json Swaps::records_trouble() const {
+Json Swaps::records_trouble() const {
   const std::string& told = late_.waiting() > 0 || !write_failed_.empty() ? write_failed_ : book_.begun_anew();
   return told.empty() ? Json() : Json(told);
 }
 
-void Swaps::rewrite(const swap::Transaction& swap, const swap::RecordBook::Page& record) {
+void Swaps::rewrite(const Transaction& swap, const RecordBook::Page& record) {
   remember(swap);
   if (record.path.empty()) {
     late_.hold(swap.request_id(), swap.certificate());
@@ -194,18 +176,13 @@ std::uint64_t Swaps::missed_releases() const {
   return now.missed_releases;
 }
 
-void Swaps::note(const swap::Transaction& swap, const char* kind, const std::string& text) {
-  log(swap.request_id(), kind, text);
-}
-
-void Swaps::log(std::uint64_t request_id, const char* kind, const std::string& text) {
-  help_.log.add({{"t_ns", monotonic_ns()}, {"tick", 0}, {"kind", kind}, {"request_id", request_id}, {"text", text}});
-  spdlog::info("{}: {}", kind, text);
+void Swaps::note(const Transaction& swap, const char* kind, const std::string& text) {
+  help_.log.note(swap.request_id(), kind, text);
 }
 
 // Asks the compile service for the source line. `offset` [bytes]: from the start of the slot, or of the object when not
 // `placed`.
-void Swaps::find_line(const swap::Transaction& swap, std::uint64_t offset, bool placed, LawLifecycle::Found found) {
+void Swaps::find_line(const Transaction& swap, std::uint64_t offset, bool placed, LawLifecycle::Found found) {
   const auto located = [file = swap.request().name, found = std::move(found)](const Answer& answer) {
     const Json* place = std::get_if<Json>(&answer);
     if (place == nullptr) {
@@ -219,12 +196,12 @@ void Swaps::find_line(const swap::Transaction& swap, std::uint64_t offset, bool 
 }
 
 // The source line of a law fault in the Spine. This event comes after the event of the fault.
-void Swaps::locate(const swap::Transaction& swap, std::uint32_t offset, LawLifecycle::Found found) {
+void Swaps::locate(const Transaction& swap, std::uint32_t offset, LawLifecycle::Found found) {
   const auto tell = [this, id = swap.request_id(), law = swap.compiled().law,
                      found = std::move(found)](const Json& place) {
     if (place.is_object()) {
-      log(id, "law_fault_located",
-          fmt::format("{} at {}, in {}", law, place.value("where", "?"), place.value("function", "?")));
+      help_.log.note(id, "law_fault_located",
+                     fmt::format("{} at {}, in {}", law, place.value("where", "?"), place.value("function", "?")));
     }
     found(place);
   };
@@ -233,7 +210,7 @@ void Swaps::locate(const swap::Transaction& swap, std::uint32_t offset, LawLifec
 
 // The last certificate before the answer, the answer, and who follows the law from here.
 void Swaps::finish(Entry entry) {
-  swap::Transaction& swap = entry.swap;
+  Transaction& swap = entry.swap;
   keep_record(entry);
   Json certificate = swap.certificate();
   if (!entry.record_lost.empty()) {
@@ -248,9 +225,7 @@ void Swaps::finish(Entry entry) {
   note(swap, swap.outcome_is_known() ? "swap_refused" : "swap_not_confirmed",
        fmt::format("{}: {}", swap.request().name, swap.refusal()->message));
   Refusal refusal = *swap.refusal();
-  if (refusal.detail.is_null()) {
-    refusal.detail = Json::object();
-  }
+  if (refusal.detail.is_null()) refusal.detail = Json::object();
   certificate.erase("error");
   refusal.detail["swap"] = std::move(certificate);
   entry.callback(refusal);
@@ -258,9 +233,7 @@ void Swaps::finish(Entry entry) {
     tried_laws_.forget(swap.request_id());
   } else {
     unconfirmed_.push_back(std::move(entry));
-    if (unconfirmed_.size() > kMostUnconfirmed) {
-      unconfirmed_.pop_front();
-    }
+    if (unconfirmed_.size() > kMostUnconfirmed) unconfirmed_.pop_front();
   }
 }
 

@@ -15,15 +15,12 @@
 #include <vector>
 
 #include "spine/core/time.hpp"
-#include "supervisor/link/test/spine_rig.hpp"
+#include "supervisor/link/spine/test/spine_rig.hpp"
 
 namespace lithe::control {
 namespace {
 
 namespace fs = std::filesystem;
-using swap::Answer;
-using swap::Json;
-using swap::Refusal;
 using wire::EventKind;
 
 constexpr std::uint64_t kFirst = 100;  // request id
@@ -38,7 +35,7 @@ class SwapsTest : public SpineRig {
     commands_.emplace(*link_, 1);
     lawd_.open_gates();
     ASSERT_TRUE(lawd_.start(monotonic_ns()));
-    swaps_.emplace(Swaps::Helpers{*link_, lawd_, nullptr, *commands_, log_}, swap::RecordBook(dir_), kFirst,
+    swaps_.emplace(Swaps::Helpers{*link_, lawd_, nullptr, *commands_, log_}, RecordBook(dir_), kFirst,
                    robot::RobotConfig{});
   }
   void TearDown() override { fs::remove_all(dir_); }
@@ -56,13 +53,13 @@ class SwapsTest : public SpineRig {
     turn_until([&] { return answers_.size() >= count; });
     ASSERT_EQ(answers_.size(), count);
   }
-  void submit(const swap::Request& request) {
+  void submit(const SwapRequest& request) {
     swaps_->submit(request, [this](const Answer& answer) { answers_.push_back(answer); }, monotonic_ns());
   }
   const Refusal& refusal(std::size_t i) const { return std::get<Refusal>(answers_.at(i)); }
   // A swap, up to the request that the Loader finds in its mailbox.
   void ask(Json params = Json::object(), double shadow_s = 0) {
-    swap::Request request{"rest.cpp", kRestLaw, std::move(params)};
+    SwapRequest request{"rest.cpp", kRestLaw, std::move(params)};
     request.terms.shadow_s = shadow_s;
     submit(request);
     wire::StageRequest staged;
@@ -293,11 +290,11 @@ TEST_F(SwapsTest, AShadowThatAgreedIsCommittedAndOneThatDidNotIsRefused) {
 }
 
 TEST_F(SwapsTest, ANewerRequestTakesThePlaceOfOneThatStillWaits) {
-  swap::Request request{"mine.cpp", kRestLaw};
+  SwapRequest request{"mine.cpp", kRestLaw};
   request.client = 5;
   submit(request);
   submit(request);
-  swap::Request others = request;
+  SwapRequest others = request;
   others.client = 6;
   submit(others);
   request.supersede = true;

@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "supervisor/link/spine_link.hpp"
-#include "supervisor/link/trial_link.hpp"
+#include "supervisor/link/services/trial_link.hpp"
+#include "supervisor/link/spine/spine_link.hpp"
 
 namespace lithe::control {
 
@@ -20,38 +20,38 @@ inline constexpr double kWorseRatio = 1.2;
 inline constexpr double kWorseRad = 0.01;
 inline constexpr double kMuchWorseRatio = 3.0;
 
-// One sentence for each joint whose tracking error is worse than before. `ride`, `before`: report.loop of two trials,
+// One sentence for each joint whose tracking error is worse than before. `run`, `before`: report.loop of two trials,
 // whose inputs are the same for every law. Empty also when one of them ended early.
-std::vector<std::string> worse_joints(const swap::Json& ride, const swap::Json& before, const std::string& whom,
+std::vector<std::string> worse_joints(const Json& run, const Json& before, const std::string& whom,
                                       const std::vector<std::string>& joints);
 
-// Contract: one thread · bounded: the last kMostRides results of the newest kMostLaws laws
+// Contract: one thread · bounded: the last kMostRuns results of the newest kMostLaws laws
 class TriedLaws {
  public:
   static constexpr std::size_t kMostLaws = 32;  // more than the laws in the Spine plus those in the queue
-  static constexpr std::size_t kMostRides = 4;
+  static constexpr std::size_t kMostRuns = 4;
 
   explicit TriedLaws(const SpineLink& spine) : spine_(spine) {}
 
   // Stores a law that has passed: its request, its parameter values, its report.
-  void passed(std::uint64_t request_id, TrialOrder order, const swap::Json& values, const swap::Json& trial);
+  void passed(std::uint64_t request_id, TrialRequest request, const Json& values, const Json& trial);
   // The same law with other values.
-  void passed_again(std::uint64_t request_id, const swap::Json& values, const swap::Json& trial);
+  void passed_again(std::uint64_t request_id, const Json& values, const Json& trial);
   void forget(std::uint64_t request_id) { laws_.erase(request_id); }
 
   // The request to try the running law again. A law committed under an earlier supervisor is taken from the law cache.
-  std::optional<TrialOrder> order_of(const RunningLaw& law, const TrialOrder& otherwise) const;
+  std::optional<TrialRequest> request_of(const RunningLaw& law, const TrialRequest& otherwise) const;
   // worse_joints() of this trial against the trial of the running law with its present values; empty when that one is
   // unknown.
-  std::vector<std::string> worse_than(const RunningLaw& law, const swap::Json& trial) const;
+  std::vector<std::string> worse_than(const RunningLaw& law, const Json& trial) const;
 
  private:
-  struct Ride {
-    swap::Json values, loop;
+  struct Run {
+    Json values, loop;
   };
   struct Law {
-    TrialOrder order;
-    std::deque<Ride> rides;  // oldest first
+    TrialRequest request;
+    std::deque<Run> runs;  // oldest first
   };
 
   const SpineLink& spine_;

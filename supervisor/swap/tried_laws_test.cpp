@@ -6,10 +6,9 @@
 namespace lithe::control {
 namespace {
 
-using swap::Json;
 using Words = std::vector<std::string>;
 
-Json ride(std::vector<double> plain_rad, std::vector<double> rough_rad, int ticks = 1000, int rough_ticks = 1000) {
+Json run(std::vector<double> plain_rad, std::vector<double> rough_rad, int ticks = 1000, int rough_ticks = 1000) {
   return {{"ticks", ticks},
           {"joint_rms_error_rad", std::move(plain_rad)},
           {"rough", {{"ticks", rough_ticks}, {"joint_rms_error_rad", std::move(rough_rad)}}}};
@@ -17,24 +16,24 @@ Json ride(std::vector<double> plain_rad, std::vector<double> rough_rad, int tick
 
 TEST(WorseJoints, AreNamedWithBothNumbersAndTheRide) {
   const Words found =
-      worse_joints(ride({0.1, 0.02}, {0.1, 0.2}), ride({0.05, 0.02}, {0.1, 0.02}), "under pd", {"hip", "knee"});
+      worse_joints(run({0.1, 0.02}, {0.1, 0.2}), run({0.05, 0.02}, {0.1, 0.02}), "under pd", {"hip", "knee"});
   EXPECT_EQ(
       found,
       (Words{"joint hip follows its setpoint worse than under pd: 0.100 rad against 0.050 (rms), on the simulated "
              "robot",
              "joint knee follows its setpoint much worse than under pd: 0.200 rad against 0.020 (rms), in the "
-             "rough ride"}));
+             "rough run"}));
 }
 
 TEST(WorseJoints, ALittleIsNotWorse) {
-  EXPECT_TRUE(worse_joints(ride({0.069}, {0.009}), ride({0.05}, {0.0}), "", {"hip"}).empty());
-  EXPECT_TRUE(worse_joints(ride({0.01}, {0.01}), ride({0.5}, {0.5}), "", {"hip"}).empty());
+  EXPECT_TRUE(worse_joints(run({0.069}, {0.009}), run({0.05}, {0.0}), "", {"hip"}).empty());
+  EXPECT_TRUE(worse_joints(run({0.01}, {0.01}), run({0.5}, {0.5}), "", {"hip"}).empty());
 }
 
-TEST(WorseJoints, RidesOfDifferentLengthAreNotCompared) {
-  EXPECT_TRUE(worse_joints(ride({0.5}, {0.0}, 400), ride({0.0}, {0.0}), "", {"hip"}).empty());
-  EXPECT_EQ(worse_joints(ride({0.5}, {0.5}, 400), ride({0.0}, {0.0}), "", {"hip"}).size(), 1U) << "but the other is";
-  EXPECT_TRUE(worse_joints(nullptr, ride({0.0}, {0.0}), "", {"hip"}).empty());
+TEST(WorseJoints, RunsOfDifferentLengthAreNotCompared) {
+  EXPECT_TRUE(worse_joints(run({0.5}, {0.0}, 400), run({0.0}, {0.0}), "", {"hip"}).empty());
+  EXPECT_EQ(worse_joints(run({0.5}, {0.5}, 400), run({0.0}, {0.0}), "", {"hip"}).size(), 1U) << "but the other is";
+  EXPECT_TRUE(worse_joints(nullptr, run({0.0}, {0.0}), "", {"hip"}).empty());
   EXPECT_TRUE(worse_joints(Json::object(), Json::object(), "", {"hip"}).empty());
 }
 

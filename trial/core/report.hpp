@@ -29,7 +29,7 @@ struct Crash {
 
 // Number of ticks in which the guard changed the law's output.
 struct LoopStats {
-  std::uint32_t whole_ticks = 0;  // of a ride that nothing cuts short
+  std::uint32_t whole_ticks = 0;  // of a run that nothing cuts short
   std::uint32_t ticks = 0, torque_clamped = 0, slew_clamped = 0, position_clamped = 0, velocity_clamped = 0;
   std::uint32_t fault = 0;  // wire::Fault, 0 = none
   std::uint32_t fault_tick = 0;
@@ -76,7 +76,7 @@ struct Report {
   double reset_difference_nm = 0;  // between a state that has run 100 steps and a fresh one, same input
 };
 
-// `alone`, `alone_rough`: the same rides without a law.
+// `alone`, `alone_rough`: the same runs without a law.
 nlohmann::json to_json(const Report& report, const LoopStats& alone, const LoopStats& alone_rough, std::uint32_t joints,
                        std::int64_t budget_ns);
 

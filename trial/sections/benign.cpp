@@ -20,7 +20,7 @@ constexpr std::uint64_t kSteps = 200, kResetAt = 100;
   for (auto& word : junk) word = value;
 }
 
-bool same_bits(Stand& one, Stand& other, const LitheLaw& law, std::uint32_t joints) {
+bool same_bits(LawHarness& one, LawHarness& other, const LitheLaw& law, std::uint32_t joints) {
   const auto same = [&](const JointArray& a, const JointArray& b) {
     return std::memcmp(a.data(), b.data(), joints * sizeof(double)) == 0;
   };
@@ -31,7 +31,7 @@ bool same_bits(Stand& one, Stand& other, const LitheLaw& law, std::uint32_t join
          std::memcmp(one.probes().data(), other.probes().data(), law.probe_count * sizeof(double)) == 0;
 }
 
-double largest_difference(const Stand& one, const Stand& other, std::uint32_t joints) {
+double largest_difference(const LawHarness& one, const LawHarness& other, std::uint32_t joints) {
   double most = 0;
   for (std::uint32_t j = 0; j < joints; ++j) {
     most = std::max(most, std::abs(one.effort().torque_nm[j] - other.effort().torque_nm[j]));
@@ -40,28 +40,28 @@ double largest_difference(const Stand& one, const Stand& other, std::uint32_t jo
 }
 
 // A law that has just been started without a past.
-bool starts_without_a_past(Bench& bench) {
-  bench.doing("its init without a past");
-  bench.one.reset(false);
+bool starts_without_a_past(TrialContext& context) {
+  context.doing("its init without a past");
+  context.one.reset(false);
   Tick tick;
   for (std::uint64_t k = 0; k < law::kDryStepsAtRest; ++k) {
-    law::dry_input(tick, k, bench.joints());
-    bench.one.step(tick);
-    if (!bench.sound(bench.one)) return false;
+    law::dry_input(tick, k, context.joints());
+    context.one.step(tick);
+    if (!context.sound(context.one)) return false;
   }
   return true;
 }
 
 }  // namespace
 
-void Bench::doing(const char* format, ...) {
+void TrialContext::doing(const char* format, ...) {
   va_list values;
   va_start(values, format);
   std::vsnprintf(report.doing.data(), report.doing.size(), format, values);
   va_end(values);
 }
 
-bool Bench::refuse(const char* format, ...) {
+bool TrialContext::refuse(const char* format, ...) {
   va_list values;
   va_start(values, format);
   std::vsnprintf(report.refused.data(), report.refused.size(), format, values);
@@ -69,13 +69,13 @@ bool Bench::refuse(const char* format, ...) {
   return false;
 }
 
-bool Bench::sound(Stand& stand) {
-  if (const char* damage = stand.damage(); *damage != '\0') {
+bool TrialContext::sound(LawHarness& harness) {
+  if (const char* damage = harness.damage(); *damage != '\0') {
     return refuse("%s (%s): look for an index below zero", damage, report.doing.data());
   }
   char bad[64];
-  if (law::outputs_are_finite(stand.effort(), stand.probes(), law, joints(), bad, sizeof bad)) {
-    return within_joints(stand);
+  if (law::outputs_are_finite(harness.effort(), harness.probes(), law, joints(), bad, sizeof bad)) {
+    return within_joints(harness);
   }
   return refuse(
       "%s is not finite (%s): look for a division by zero, sqrt or log of a negative number, a sensor that is not "
@@ -83,33 +83,34 @@ bool Bench::sound(Stand& stand) {
       bad, report.doing.data());
 }
 
-bool run_benign(Bench& bench) {
-  bench.doing("its init");
-  bench.one.reset();
-  bench.other.reset();
+bool run_benign(TrialContext& context) {
+  context.doing("its init");
+  context.one.reset();
+  context.other.reset();
   Tick tick;
-  bench.report.same_bits = 1;
+  context.report.same_bits = 1;
   for (std::uint64_t k = 0; k < kSteps; ++k) {
-    bench.doing("harmless input %u", static_cast<unsigned>(k));
-    law::dry_input(tick, k, bench.joints());
-    if (k == kResetAt) bench.other.reset();  // from here on the two differ by the effect of the state
+    context.doing("harmless input %u", static_cast<unsigned>(k));
+    law::dry_input(tick, k, context.joints());
+    if (k == kResetAt) context.other.reset();  // from here on the two differ by the effect of the state
     scribble(0);
-    const double first_ns = bench.one.step(tick);
-    if (k == 0) bench.report.first_ns = first_ns;
+    const double first_ns = context.one.step(tick);
+    if (k == 0) context.report.first_ns = first_ns;
     scribble(0x4141'4141'4141'4141);
-    bench.other.step(tick);
-    ++bench.progress().steps;
-    if (!bench.sound(bench.one) || !bench.sound(bench.other)) return false;
-    if (k == kResetAt) bench.report.reset_difference_nm = largest_difference(bench.one, bench.other, bench.joints());
-    if (k >= kResetAt || same_bits(bench.one, bench.other, bench.law, bench.joints())) continue;
-    bench.report.same_bits = 0;
-    return bench.refuse(
+    context.other.step(tick);
+    ++context.progress().steps;
+    if (!context.sound(context.one) || !context.sound(context.other)) return false;
+    if (k == kResetAt)
+      context.report.reset_difference_nm = largest_difference(context.one, context.other, context.joints());
+    if (k >= kResetAt || same_bits(context.one, context.other, context.law, context.joints())) continue;
+    context.report.same_bits = 0;
+    return context.refuse(
         "the same input gave another output the second time (harmless input %u): look for a variable "
         "that is read before it is written, or an address used as a number",
         static_cast<unsigned>(k));
   }
-  if (!reads_within_joints(bench)) return false;
-  return bench.law.init == nullptr || starts_without_a_past(bench);
+  if (!reads_within_joints(context)) return false;
+  return context.law.init == nullptr || starts_without_a_past(context);
 }
 
 }  // namespace lithe::trial

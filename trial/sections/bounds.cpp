@@ -13,18 +13,6 @@ namespace {
 
 constexpr std::uint64_t kFirstStep = 100, kSteps = 8;  // of a robot that moves
 
-struct Input {
-  const char* name;
-  JointArray Tick::* values;
-};
-constexpr std::array kInputs =
-    std::to_array<Input>({{"position_rad", &Tick::position_rad},
-                          {"velocity_rad_s", &Tick::velocity_rad_s},
-                          {"torque_nm", &Tick::torque_nm},
-                          {"setpoint_position_rad", &Tick::setpoint_position_rad},
-                          {"setpoint_velocity_rad_s", &Tick::setpoint_velocity_rad_s},
-                          {"setpoint_acceleration_rad_s2", &Tick::setpoint_acceleration_rad_s2}});
-
 struct Output {
   const char* name;
   JointArray Effort::* values;
@@ -37,23 +25,23 @@ constexpr std::array kOutputs = std::to_array<Output>({{"torque_nm", &Effort::to
 
 // Runs the law on the same ordinary steps twice; the second time entries [from, to) of `input` hold something. False
 // when the output changes, or the law was refused.
-bool same_output(Bench& bench, const Input& input, std::size_t from, std::size_t to) {
-  bench.one.reset();
-  bench.other.reset();
+bool same_output(TrialContext& context, const JointInput& input, std::size_t from, std::size_t to) {
+  context.one.reset();
+  context.other.reset();
   Tick tick, other;
   for (std::uint64_t k = 0; k < kSteps; ++k) {
-    law::dry_input(tick, kFirstStep + k, bench.joints());
+    law::dry_input(tick, kFirstStep + k, context.joints());
     other = tick;
     for (std::size_t j = from; j < to; ++j) (other.*input.values)[j] = 1 + 0.5 * static_cast<double>(j + k);
-    bench.one.step(tick);
-    bench.other.step(other);
-    if (!bench.sound(bench.one) || !bench.sound(bench.other)) return false;
+    context.one.step(tick);
+    context.other.step(other);
+    if (!context.sound(context.one) || !context.sound(context.other)) return false;
     for (const Output& output : kOutputs) {
-      const JointArray &a = bench.one.effort().*output.values, &b = bench.other.effort().*output.values;
-      if (std::memcmp(a.data(), b.data(), bench.joints() * sizeof(double)) != 0) return false;
+      const JointArray &a = context.one.effort().*output.values, &b = context.other.effort().*output.values;
+      if (std::memcmp(a.data(), b.data(), context.joints() * sizeof(double)) != 0) return false;
     }
-    const std::size_t probes = bench.law.probe_count * sizeof(double);
-    if (std::memcmp(bench.one.probes().data(), bench.other.probes().data(), probes) != 0) return false;
+    const std::size_t probes = context.law.probe_count * sizeof(double);
+    if (std::memcmp(context.one.probes().data(), context.other.probes().data(), probes) != 0) return false;
   }
   return true;
 }
@@ -61,9 +49,9 @@ bool same_output(Bench& bench, const Input& input, std::size_t from, std::size_t
 }  // namespace
 
 // Unchanged entries are accepted, and zeros too (a law may clear the whole array).
-bool Bench::within_joints(const Stand& stand) {
+bool TrialContext::within_joints(const LawHarness& harness) {
   for (const Output& output : kOutputs) {
-    const JointArray& values = stand.effort().*output.values;
+    const JointArray& values = harness.effort().*output.values;
     for (std::size_t j = joints(); j < kMaxJoints; ++j) {
       const bool absent = output.values == &Effort::position_rad && std::isnan(values[j]);
       if (absent || values[j] == 0) continue;
@@ -75,15 +63,15 @@ bool Bench::within_joints(const Stand& stand) {
   return true;
 }
 
-bool reads_within_joints(Bench& bench) {
-  const std::size_t joints = bench.joints();
-  for (const Input& input : kInputs) {
-    bench.doing("%s beyond the robot's joints", input.name);
-    if (same_output(bench, input, joints, kMaxJoints)) continue;
-    if (bench.report.refused[0] != '\0') return false;
+bool reads_within_joints(TrialContext& context) {
+  const std::size_t joints = context.joints();
+  for (const JointInput& input : kJointInputs) {
+    context.doing("%s beyond the robot's joints", input.name);
+    if (same_output(context, input, joints, kMaxJoints)) continue;
+    if (context.report.refused[0] != '\0') return false;
     std::size_t first = joints;
-    while (first + 1 < kMaxJoints && same_output(bench, input, first, first + 1)) ++first;
-    return bench.refuse(
+    while (first + 1 < kMaxJoints && same_output(context, input, first, first + 1)) ++first;
+    return context.refuse(
         "it reads %s[%zu], but this robot has %zu joints, 0 to %zu: count to t.joints, not to kMaxJoints", input.name,
         first, joints, joints - 1);
   }

@@ -62,15 +62,15 @@ constexpr LitheLaw kCopiesWholeArrays = describe<CopiesWholeArrays>("copies_whol
 
 // Why the trial refuses it on harmless inputs; empty: it does not.
 std::string refused(const LitheLaw& law, std::uint32_t joints = kJoints) {
-  Setting setting;
-  setting.robot.joints.resize(joints);
-  setting.robot.rate_hz = 1000;
-  setting.clock = RawClock::calibrate();
+  TrialSetup setup;
+  setup.robot.joints.resize(joints);
+  setup.robot.rate_hz = 1000;
+  setup.clock = RawClock::calibrate();
   const Recording none;
-  Stand one(law, {}, {}, setting.clock), other(law, {}, {}, setting.clock);
+  LawHarness one(law, {}, {}, setup.clock), other(law, {}, {}, setup.clock);
   Report report;
-  Bench bench{setting, law, none, one, other, 300'000, std::numeric_limits<std::int64_t>::max(), report, {}};
-  const bool passed = run_benign(bench);
+  TrialContext context{setup, law, none, one, other, 300'000, std::numeric_limits<std::int64_t>::max(), report, {}};
+  const bool passed = run_benign(context);
   EXPECT_EQ(passed, report.refused[0] == '\0');
   return text_of(report.refused);
 }

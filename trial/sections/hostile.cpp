@@ -39,37 +39,26 @@ constexpr std::array kTimes = std::to_array<Value>({{"NaN", kNan},
                                                     {"1e-12 s", 1e-12},
                                                     {"denormal", kDenormal}});
 
-struct Field {
-  const char* name;
-  JointArray Tick::* values;
-};
-constexpr std::array kFields =
-    std::to_array<Field>({{"position_rad", &Tick::position_rad},
-                          {"velocity_rad_s", &Tick::velocity_rad_s},
-                          {"torque_nm", &Tick::torque_nm},
-                          {"setpoint_position_rad", &Tick::setpoint_position_rad},
-                          {"setpoint_velocity_rad_s", &Tick::setpoint_velocity_rad_s},
-                          {"setpoint_acceleration_rad_s2", &Tick::setpoint_acceleration_rad_s2}});
 constexpr std::array kClock =
     std::to_array<std::pair<const char*, double Tick::*>>({{"dt_s", &Tick::dt_s},
                                                            {"t_s", &Tick::t_s},
                                                            {"sample_age_s", &Tick::sample_age_s},
                                                            {"brain_age_s", &Tick::brain_age_s}});
 
-class Ordeal {
+class HostileInputs {
  public:
-  explicit Ordeal(Bench& bench) : bench_(bench) {}
+  explicit HostileInputs(TrialContext& context) : context_(context) {}
 
   bool run() {
-    for (const Field& field : kFields) {
+    for (const JointInput& field : kJointInputs) {
       for (const Value& value : kValues) {
-        bench_.doing("%s = %s", field.name, value.name);
+        context_.doing("%s = %s", field.name, value.name);
         if (!one([&](Tick& tick, int) { fill(tick, field.values, value.value); })) return false;
       }
     }
     for (const auto& [name, time] : kClock) {
       for (const Value& value : kTimes) {
-        bench_.doing("%s = %s", name, value.name);
+        context_.doing("%s = %s", name, value.name);
         if (!one([&](Tick& tick, int) { tick.*time = value.value; })) return false;
       }
     }
@@ -78,14 +67,14 @@ class Ordeal {
 
  private:
   void fill(Tick& tick, JointArray Tick::* values, double value) const {
-    std::fill_n((tick.*values).begin(), bench_.joints(), value);
+    std::fill_n((tick.*values).begin(), context_.joints(), value);
   }
 
   bool everything_at_once() {
     for (const Value& value : kValues) {
-      bench_.doing("every measured value and setpoint %s", value.name);
+      context_.doing("every measured value and setpoint %s", value.name);
       const bool fine = one([&](Tick& tick, int) {
-        for (const Field& field : kFields) fill(tick, field.values, value.value);
+        for (const JointInput& field : kJointInputs) fill(tick, field.values, value.value);
         tick.sensor.fill(value.value);
       });
       if (!fine) return false;
@@ -97,8 +86,8 @@ class Ordeal {
   bool limits_and_jumps() {
     const auto at_limit = [this](Tick& tick, int k, bool jump) {
       const double side = k % 2 == 0 ? 1 : -1;
-      for (std::uint32_t j = 0; j < bench_.joints(); ++j) {
-        const robot::JointConfig& joint = bench_.setting.robot.joints[j];
+      for (std::uint32_t j = 0; j < context_.joints(); ++j) {
+        const robot::JointConfig& joint = context_.setup.robot.joints[j];
         tick.position_rad[j] = side > 0 ? joint.position_max_rad : joint.position_min_rad;
         tick.velocity_rad_s[j] = side * joint.velocity_max_rad_s;
         if (!jump) continue;
@@ -106,72 +95,73 @@ class Ordeal {
         tick.velocity_rad_s[j] = -side * 1000;
       }
     };
-    bench_.doing("every joint at its limits");
+    context_.doing("every joint at its limits");
     if (!one([&](Tick& tick, int k) { at_limit(tick, k, false); })) return false;
-    bench_.doing("jumps by 200 rad from tick to tick");
+    context_.doing("jumps by 200 rad from tick to tick");
     return one([&](Tick& tick, int k) { at_limit(tick, k, true); });
   }
 
   bool counters() {
-    bench_.doing("stale sample, no Brain");
+    context_.doing("stale sample, no Brain");
     const auto stale = [](Tick& tick, int) {
       tick.flags = ~0u;
       tick.sample_age_s = tick.brain_age_s = kInf;
     };
     if (!one(stale)) return false;
-    bench_.doing("the first tick again and again");
+    context_.doing("the first tick again and again");
     if (!one([](Tick& tick, int) { tick.tick = 0, tick.t_ns = 0, tick.t_s = 0; })) return false;
-    bench_.doing("the largest tick number");
+    context_.doing("the largest tick number");
     return one([](Tick& tick, int) { tick.tick = ~0ull, tick.t_ns = std::numeric_limits<std::int64_t>::max(); });
   }
 
   // A fresh law, one ordinary step, two of these, two ordinary ones.
   template <class Change>
   bool one(Change change) {
-    double slowest_ns = ride(change);
-    ++bench_.report.hostile_cases;
-    if (after_finite_ == 0) ++bench_.report.hostile_not_recovered;
-    if (!during_finite_) ++bench_.report.hostile_not_finite;
+    double slowest_ns = five_steps(change);
+    ++context_.report.hostile_cases;
+    if (after_finite_ == 0) ++context_.report.hostile_not_recovered;
+    if (!during_finite_) ++context_.report.hostile_not_finite;
     // The process may have been preempted: only a step that is slow each time counts against the law.
-    for (int again = 0; again < 4 && slowest_ns > limit_ns(); ++again) slowest_ns = std::min(slowest_ns, ride(change));
-    if (const char* damage = bench_.one.damage(); *damage != '\0') {
-      return bench_.refuse("%s with %s: check an index before it is used", damage, bench_.report.doing.data());
+    for (int again = 0; again < 4 && slowest_ns > limit_ns(); ++again)
+      slowest_ns = std::min(slowest_ns, five_steps(change));
+    if (const char* damage = context_.one.damage(); *damage != '\0') {
+      return context_.refuse("%s with %s: check an index before it is used", damage, context_.report.doing.data());
     }
-    if (slowest_ns > bench_.report.hostile_worst_ns) {
-      bench_.report.hostile_worst_ns = slowest_ns;
-      bench_.report.hostile_slowest = bench_.report.doing;
+    if (slowest_ns > context_.report.hostile_worst_ns) {
+      context_.report.hostile_worst_ns = slowest_ns;
+      context_.report.hostile_slowest = context_.report.doing;
     }
     if (slowest_ns <= limit_ns()) return true;
-    return bench_.refuse(
+    return context_.refuse(
         "a step takes %.0f us with %s; its budget is %.0f us: bound every loop by a number, whatever the "
         "input",
-        slowest_ns / 1e3, bench_.report.doing.data(), limit_ns() / 1e3);
+        slowest_ns / 1e3, context_.report.doing.data(), limit_ns() / 1e3);
   }
-  double limit_ns() const { return static_cast<double>(bench_.budget_ns); }
+  double limit_ns() const { return static_cast<double>(context_.budget_ns); }
 
   template <class Change>
-  double ride(Change& change) {
+  double five_steps(Change& change) {
     double slowest_ns = 0;
     during_finite_ = true;
-    bench_.one.reset();
+    context_.one.reset();
     for (int k = 0; k < 5; ++k) {
       const bool changed = k == 1 || k == 2;
-      law::dry_input(tick_, static_cast<std::uint64_t>(k) + 100, bench_.joints());
+      law::dry_input(tick_, static_cast<std::uint64_t>(k) + 100, context_.joints());
       in_ = tick_;
       if (changed) change(in_, k);
-      const double ns = bench_.one.step(in_);
+      const double ns = context_.one.step(in_);
       if (changed) slowest_ns = std::max(slowest_ns, ns);
       char bad[64];
-      const bool finite = law::outputs_are_finite(bench_.one.effort(), bench_.one.probes(), bench_.law, bench_.joints(),
-                                                  bad, sizeof bad);
+      const bool finite = law::outputs_are_finite(context_.one.effort(), context_.one.probes(), context_.law,
+                                                  context_.joints(), bad, sizeof bad);
       if (changed && !finite) during_finite_ = false;
       after_finite_ = finite ? 1 : 0;
-      ++bench_.progress().steps;
+      ++context_.progress().steps;
     }
     return slowest_ns;
   }
 
-  Bench& bench_;
+  TrialContext& context_;
   Tick tick_, in_;
   bool during_finite_ = true;
   int after_finite_ = 1;
@@ -179,6 +169,6 @@ class Ordeal {
 
 }  // namespace
 
-bool run_hostile(Bench& bench) { return Ordeal(bench).run(); }
+bool run_hostile(TrialContext& context) { return HostileInputs(context).run(); }
 
 }  // namespace lithe::trial

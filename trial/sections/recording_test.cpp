@@ -82,7 +82,7 @@ TEST_F(RecordingTest, AnotherRobotOrNoneGivesNoRecords) {
   EXPECT_EQ(Recording("", 2, 1e-3, 2.0).size(), 0u);
   EXPECT_EQ(Recording("no_such_robot", 2, 1e-3, 2.0).size(), 0u);
   lease_ = ipc::Lease();
-  EXPECT_EQ(Recording(robot_, 2, 1e-3, 2.0).size(), 0u) << "nobody runs it";
+  EXPECT_EQ(Recording(robot_, 2, 1e-3, 2.0).size(), 0u) << "no_torque runs it";
 }
 
 TEST(RecordingWithoutASpine, PastIsARobotThatMovesSlowly) {

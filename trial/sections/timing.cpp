@@ -21,45 +21,45 @@ double quantile(const std::vector<double>& sorted, double q) {
 
 // Each input is run several times from the same state, and the fastest counts: a hypervisor does not interrupt at the
 // same place each time, but the law's own work is the same. The longest of all is reported too.
-bool run_timing(Bench& bench) {
+bool run_timing(TrialContext& context) {
   Tick tick;
-  bench.one.reset();
+  context.one.reset();
   std::array<std::byte, kMaxStateBytes> before;
-  const std::span<std::byte> state = bench.one.state();
-  const std::size_t records = bench.recording.size();
-  auto& times = bench.times_ns;
+  const std::span<std::byte> state = context.one.state();
+  const std::size_t records = context.recording.size();
+  auto& times = context.times_ns;
   times.clear();
-  while (times.size() < kTimingInputs && (times.size() < kMandatoryInputs || !bench.out_of_time())) {
+  while (times.size() < kTimingInputs && (times.size() < kMandatoryInputs || !context.out_of_time())) {
     const std::size_t k = times.size();
-    bench.doing("input %u of the timing", static_cast<unsigned>(k));
+    context.doing("input %u of the timing", static_cast<unsigned>(k));
     if (k % 2 == 1 && records > 0) {
-      bench.recording.fill(tick, records - 1 - (k / 2) % records);
+      context.recording.fill(tick, records - 1 - (k / 2) % records);
     } else {
-      law::dry_input(tick, k, bench.joints());
+      law::dry_input(tick, k, context.joints());
     }
     std::memcpy(before.data(), state.data(), state.size());
-    double best_ns = bench.one.step(tick);
-    bench.report.worst_ns = std::max(bench.report.worst_ns, best_ns);
+    double best_ns = context.one.step(tick);
+    context.report.worst_ns = std::max(context.report.worst_ns, best_ns);
     for (int again = 1; again < kRepeats; ++again) {
       std::memcpy(state.data(), before.data(), state.size());
-      const double step_ns = bench.one.step(tick);
-      bench.report.worst_ns = std::max(bench.report.worst_ns, step_ns);
+      const double step_ns = context.one.step(tick);
+      context.report.worst_ns = std::max(context.report.worst_ns, step_ns);
       best_ns = std::min(best_ns, step_ns);
     }
     times.push_back(best_ns);
-    bench.progress().steps += kRepeats;
+    context.progress().steps += kRepeats;
   }
   std::sort(times.begin(), times.end());
-  bench.report.timing_inputs = static_cast<std::uint32_t>(times.size());
-  bench.report.p50_ns = quantile(times, 0.5);
-  bench.report.p999_ns = quantile(times, 0.999);
-  bench.report.worst_best_of_3_ns = times.back();
-  if (bench.report.p999_ns <= static_cast<double>(bench.budget_ns)) return true;
-  return bench.refuse(
+  context.report.timing_inputs = static_cast<std::uint32_t>(times.size());
+  context.report.p50_ns = quantile(times, 0.5);
+  context.report.p999_ns = quantile(times, 0.999);
+  context.report.worst_best_of_3_ns = times.back();
+  if (context.report.p999_ns <= static_cast<double>(context.budget_ns)) return true;
+  return context.refuse(
       "a step takes %.0f us on this board (99.9 %% of %u inputs; half of them %.0f us); its budget is "
       "%.0f us: fewer iterations, smaller matrices, tables instead of functions",
-      bench.report.p999_ns / 1e3, bench.report.timing_inputs, bench.report.p50_ns / 1e3,
-      static_cast<double>(bench.budget_ns) / 1e3);
+      context.report.p999_ns / 1e3, context.report.timing_inputs, context.report.p50_ns / 1e3,
+      static_cast<double>(context.budget_ns) / 1e3);
 }
 
 }  // namespace lithe::trial

@@ -27,18 +27,18 @@ TEST_P(Margins, EveryLawThatComesWithLithePasses) {
   for (const char* object : {LAW_pd, LAW_hold, LAW_gravity_pd, LAW_impedance, LAW_lqr, LAW_constant_torque}) {
     json reply;
     bool quit = false;
-    const json order = {{"verb", "try"}, {"object", object}, {"budget_ns", 300'000}, {"box_ms", 1000}};
+    const json request = {{"verb", "try"}, {"object", object}, {"budget_ns", 300'000}, {"box_ms", 1000}};
     do {
-      reply = zygote->answer(order.dump(), quit);
+      reply = zygote->answer(request.dump(), quit);
     } while (reply.value("starved", false));
     const std::string law = std::string(object).substr(std::string(object).rfind("trial_law_") + 10);
     EXPECT_TRUE(reply["ok"].get<bool>()) << file << " " << law << ": " << reply.value("reason", "");
     for (const char* which : {"plain", "rough"}) {
-      const json loop = reply["report"]["loop"], &ride = which[0] == 'p' ? loop : loop["rough"];
+      const json loop = reply["report"]["loop"], &run = which[0] == 'p' ? loop : loop["rough"];
       std::printf("%-18s %-20s %-5s chatter %5.1f Hz of %.0f, undamped swings %u of %u, error %.3f rad (alone %.3f)\n",
-                  file.c_str(), law.c_str(), which, ride.value("most_chatter_hz", 0.0), law::Tremor::kChatterHz,
-                  ride.value("most_swings", 0u), law::Tremor::kMostSwings, ride.value("rms_error_rad", 0.0),
-                  ride["without_a_law"].value("rms_error_rad", 0.0));
+                  file.c_str(), law.c_str(), which, run.value("most_chatter_hz", 0.0), law::Tremor::kChatterHz,
+                  run.value("most_swings", 0u), law::Tremor::kMostSwings, run.value("rms_error_rad", 0.0),
+                  run["without_a_law"].value("rms_error_rad", 0.0));
     }
     for (const json& each : reply.value("warnings", json::array())) std::printf("  warning: %s\n", each.dump().c_str());
   }

@@ -12,9 +12,9 @@
 #include "spine/hal/canopen/canopen_words.hpp"
 #include "spine/hal/gateway/gateway.hpp"
 #include "spine/hal/registry.hpp"
-#include "supervisor/bus/state_words.hpp"
+#include "supervisor/bus/words.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 namespace {
 
 namespace canopen = hal::canopen;
@@ -180,4 +180,4 @@ Decoded decode(const hal::Frame& frame, Protocol protocol, const robot::RobotCon
   return protocol == Protocol::canopen ? decode_canopen(frame, robot, bus) : decode_moteus(frame);
 }
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

@@ -9,9 +9,9 @@
 
 #include "spine/hal/core/frame.hpp"
 #include "spine/robot/config.hpp"
-#include "supervisor/bus/scan/seen.hpp"
+#include "supervisor/bus/scan/observation.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 
 struct Decoded {
   bool outbound = false;  // towards a device, guessed from the content; used when the true direction is unknown
@@ -28,4 +28,4 @@ Decoded decode_gateway(const hal::Frame& frame);
 // Decoded by the protocol of the bus; frames of gateways are recognised on every bus.
 Decoded decode(const hal::Frame& frame, Protocol protocol, const robot::RobotConfig& robot, std::size_t bus);
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

@@ -9,9 +9,9 @@
 #include "spine/core/text.hpp"
 #include "spine/hal/moteus/moteus_faults.hpp"
 #include "supervisor/bus/monitor/decode.hpp"
-#include "supervisor/bus/state_words.hpp"
+#include "supervisor/bus/words.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 namespace {
 
 namespace moteus = hal::moteus;
@@ -171,4 +171,4 @@ Decoded decode_moteus(const hal::Frame& frame) {
   return decoded;
 }
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

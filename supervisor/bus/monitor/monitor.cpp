@@ -13,7 +13,7 @@
 #include "supervisor/bus/monitor/decode.hpp"
 #include "supervisor/bus/plan/frame_time.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 namespace {
 
 std::string hex(const hal::Frame& frame) {
@@ -108,19 +108,19 @@ bool Monitor::shows(const std::string& name, std::optional<std::uint32_t> device
   });
 }
 
-std::optional<std::string> Monitor::see(const CapturedFrame& sighting) {
-  if (sighting.bus >= tallies_.size()) return std::nullopt;
-  const hal::Frame& frame = sighting.frame;
-  const robot::BusConfig& bus = choice_.robot.buses[sighting.bus];
-  const Decoded decoded = decode(frame, protocols_[sighting.bus], choice_.robot, sighting.bus);
-  const bool outbound = sighting.outbound.value_or(decoded.outbound);
-  Tally& tally = tallies_[sighting.bus];
+std::optional<std::string> Monitor::see(const CapturedFrame& captured) {
+  if (captured.bus >= tallies_.size()) return std::nullopt;
+  const hal::Frame& frame = captured.frame;
+  const robot::BusConfig& bus = choice_.robot.buses[captured.bus];
+  const Decoded decoded = decode(frame, protocols_[captured.bus], choice_.robot, captured.bus);
+  const bool outbound = captured.outbound.value_or(decoded.outbound);
+  Tally& tally = tallies_[captured.bus];
   ++(outbound ? tally.out : tally.in);
   tally.busy_ns += hal::duration_ns(hal::exact_bits(frame), rates_of(bus));
-  const std::string name = name_of(sighting.bus, decoded.device);
+  const std::string name = name_of(captured.bus, decoded.device);
   if (!shows(name, decoded.device)) return std::nullopt;
   ++shown_;
-  const double time_s = 1e-9 * static_cast<double>(sighting.time_ns - start_ns_);
+  const double time_s = 1e-9 * static_cast<double>(captured.time_ns - start_ns_);
   if (options_.json) {
     Json line = {{"time_s", time_s},
                  {"bus", bus.name},
@@ -187,17 +187,17 @@ int watch(FrameSource& source, Monitor& monitor, const MonitorOptions& options, 
       if (now != trouble) warn(now.empty() ? "all is heard again" : now);
       trouble = now;
     }
-    CapturedFrame sighting;
-    if (!source.next(sighting)) {
+    CapturedFrame captured;
+    if (!source.next(captured)) {
       std::this_thread::sleep_for(kPause);
       continue;
     }
     any = true;
-    if (const auto line = monitor.see(sighting)) say(*line);
+    if (const auto line = monitor.see(captured)) say(*line);
   }
   const Json statistics = monitor.statistics(source, monotonic_ns());
   say(options.json ? statistics.dump() : statistics_text(statistics));
   return any ? 0 : 1;
 }
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

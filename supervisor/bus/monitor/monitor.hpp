@@ -14,12 +14,10 @@
 #include "spine/hal/core/bus.hpp"
 #include "spine/hal/core/frame.hpp"
 #include "supervisor/bus/plan/report.hpp"
+#include "supervisor/bus/scan/observation.hpp"
 #include "supervisor/bus/scan/place.hpp"
-#include "supervisor/bus/scan/seen.hpp"
 
-namespace lithe::field {
-
-using bus::Json;
+namespace lithe::bus {
 
 struct CapturedFrame {
   std::int64_t time_ns = 0;      // CLOCK_MONOTONIC
@@ -37,7 +35,7 @@ class FrameSource {
   FrameSource& operator=(const FrameSource&) = delete;
   virtual ~FrameSource() = default;
   // The next frame; false = none now.
-  virtual bool next(CapturedFrame& sighting) = 0;
+  virtual bool next(CapturedFrame& captured) = 0;
   // Reopens buses, about once a second. Returns why a bus delivers no frames; empty = all work.
   virtual std::string trouble() { return ""; }
   // Number of frames that were lost because they came too fast.
@@ -52,7 +50,7 @@ class BusListener final : public FrameSource {
  public:
   // The error names the bus that cannot be opened, and the next step.
   static Result<std::unique_ptr<BusListener>> open(const Choice& choice, const std::vector<std::size_t>& buses);
-  bool next(CapturedFrame& sighting) override;
+  bool next(CapturedFrame& captured) override;
   std::string trouble() override;
   std::uint64_t lost() const override;
   std::uint64_t errors(std::size_t bus) const override;
@@ -82,7 +80,7 @@ class Monitor {
   // The message for a requested device that does not exist; empty = all exist.
   std::string complaint() const;
   // The line for this frame; empty when it is filtered out.
-  std::optional<std::string> see(const CapturedFrame& sighting);
+  std::optional<std::string> see(const CapturedFrame& captured);
   bool finished(std::int64_t now_ns) const;
   // Statistics since the start. Load: the exact bits of every frame, at the bit rates of the file.
   Json statistics(const FrameSource& source, std::int64_t now_ns) const;
@@ -110,4 +108,4 @@ std::string statistics_text(const Json& statistics);
 int watch(FrameSource& source, Monitor& monitor, const MonitorOptions& options, const std::function<bool()>& stop,
           const std::function<void(const std::string&)>& say, const std::function<void(const std::string&)>& warn);
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

@@ -18,7 +18,7 @@
 #include "supervisor/bus/monitor/decode.hpp"
 #include "supervisor/bus/plan/frame_time.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 namespace {
 
 using hal::Frame;
@@ -217,4 +217,4 @@ TEST(Monitor, EndsAfterSoManyFramesOrSoLong) {
 }
 
 }  // namespace
-}  // namespace lithe::field
+}  // namespace lithe::bus

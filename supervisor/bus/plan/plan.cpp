@@ -56,21 +56,18 @@ struct Sums {
     spi_us += frames * each.spi_us;
   }
   Sums& operator+=(const Sums& other) {
-    average_us += other.average_us;
-    worst_us += other.worst_us;
-    out_bytes += other.out_bytes;
-    in_bytes += other.in_bytes;
-    spi_us += other.spi_us;
+    for (double Sums::* each : kAll) this->*each += other.*each;
     return *this;
   }
   void raise_to(const Sums& other) {
-    average_us = std::max(average_us, other.average_us);
-    worst_us = std::max(worst_us, other.worst_us);
-    out_bytes = std::max(out_bytes, other.out_bytes);
-    in_bytes = std::max(in_bytes, other.in_bytes);
-    spi_us = std::max(spi_us, other.spi_us);
+    for (double Sums::* each : kAll) this->*each = std::max(this->*each, other.*each);
   }
+
+ private:
+  static const std::array<double Sums::*, 5> kAll;
 };
+const std::array<double Sums::*, 5> Sums::kAll = {&Sums::average_us, &Sums::worst_us, &Sums::out_bytes, &Sums::in_bytes,
+                                                  &Sums::spi_us};
 
 // Load of a bus: on average, and in the busiest ticks.
 struct Use {

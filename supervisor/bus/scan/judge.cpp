@@ -12,9 +12,9 @@
 #include "spine/hal/moteus/moteus_faults.hpp"
 #include "spine/hal/registry.hpp"
 #include "supervisor/bus/plan/report.hpp"
-#include "supervisor/bus/state_words.hpp"
+#include "supervisor/bus/words.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 namespace {
 
 using robot::DeviceKind;
@@ -27,7 +27,7 @@ std::string uuid_text(const std::array<std::uint8_t, 16>& uuid) {
   return text;
 }
 
-std::string moteus_text(const MoteusSeen& one) {
+std::string moteus_text(const ObservedMoteus& one) {
   if (!one.identity) return one.why_unknown;
   const hal::moteus::Identity& is = *one.identity;
   std::string text = fmt::format("firmware {}.{}.{}, register map {}, serial {:08x}{:08x}{:08x}, ", is.firmware >> 16,
@@ -40,7 +40,7 @@ std::string moteus_text(const MoteusSeen& one) {
   return text;
 }
 
-std::string node_text(const NodeSeen& node) {
+std::string node_text(const ObservedNode& node) {
   std::string text;
   const auto add = [&text](const std::string& more) { text += (text.empty() ? "" : ", ") + more; };
   if (!node.name.empty()) add("'" + printable(node.name) + "'");
@@ -54,14 +54,14 @@ std::string node_text(const NodeSeen& node) {
   return text;
 }
 
-std::string gateway_text(const GatewaySeen& seen) {
+std::string gateway_text(const ObservedGateway& observed) {
   std::string blocks;
   constexpr std::array kNames{"analog", "digital", "imu"};
   static_assert(kNames.size() == hal::gateway::kBlocks);
   for (std::size_t i = 0; i < kNames.size(); ++i) {
-    if ((seen.blocks >> i & 1) != 0) blocks += fmt::format("{}{}", blocks.empty() ? "" : ", ", kNames[i]);
+    if ((observed.blocks >> i & 1) != 0) blocks += fmt::format("{}{}", blocks.empty() ? "" : ", ", kNames[i]);
   }
-  return fmt::format("{} frames heard: {}", seen.frames, blocks.empty() ? "no known channels" : blocks);
+  return fmt::format("{} frames heard: {}", observed.frames, blocks.empty() ? "no known channels" : blocks);
 }
 
 void unfit(Judged& device, const std::string& advice) {
@@ -70,11 +70,11 @@ void unfit(Judged& device, const std::string& advice) {
   device.advice = advice;
 }
 
-void judge_moteus(const Seen& seen, std::vector<Judged>& all) {
-  for (const MoteusSeen& one : seen.moteus) {
+void judge_moteus(const BusObservation& observed, std::vector<Judged>& all) {
+  for (const ObservedMoteus& one : observed.moteus) {
     Judged device{DeviceKind::moteus, one.found.id, "", Standing::present, moteus_text(one), ""};
-    const auto same_id = [&](const MoteusSeen& other) { return other.found.id == one.found.id; };
-    if (std::count_if(seen.moteus.begin(), seen.moteus.end(), same_id) > 1) {
+    const auto same_id = [&](const ObservedMoteus& other) { return other.found.id == one.found.id; };
+    if (std::count_if(observed.moteus.begin(), observed.moteus.end(), same_id) > 1) {
       device.standing = Standing::twice;
       device.advice = fmt::format(
           "several drives have id {}: leave one of them on the bus, give it an id of its own "
@@ -92,7 +92,7 @@ void judge_moteus(const Seen& seen, std::vector<Judged>& all) {
 
 // The kind that the file says; else that of its profile; else the first CANopen one, which it does not fit.
 const hal::DeviceType& type_of_node(const robot::RobotConfig& robot, std::size_t bus, std::uint32_t id,
-                                    const NodeSeen& node) {
+                                    const ObservedNode& node) {
   for (const robot::DeviceConfig& device : robot.devices) {
     const hal::DeviceType& type = hal::type_of(device.kind);
     if (device.bus == bus && device.id == id && type.profile != 0) return type;
@@ -106,8 +106,9 @@ const hal::DeviceType& type_of_node(const robot::RobotConfig& robot, std::size_t
   return *first;
 }
 
-void judge_nodes(const robot::RobotConfig& robot, std::size_t bus, const Seen& seen, std::vector<Judged>& all) {
-  for (const auto& [id, node] : seen.nodes) {
+void judge_nodes(const robot::RobotConfig& robot, std::size_t bus, const BusObservation& observed,
+                 std::vector<Judged>& all) {
+  for (const auto& [id, node] : observed.nodes) {
     const hal::DeviceType& type = type_of_node(robot, bus, id, node);
     Judged device{type.kind, id, "", Standing::present, node_text(node), ""};
     if (node.answers > 1) {
@@ -116,7 +117,7 @@ void judge_nodes(const robot::RobotConfig& robot, std::size_t bus, const Seen& s
           "{} answers came to one question: several nodes have id {}; take one off the bus and "
           "give it another id (its switches, or its maker's tool)",
           node.answers, id);
-    } else if (node.answers == 0 && seen.trouble.empty() && seen.commander.empty()) {
+    } else if (node.answers == 0 && observed.trouble.empty() && observed.commander.empty()) {
       unfit(device, "it does not answer SDO requests: switch it off and on");
     } else if (node.device_type && (*node.device_type & 0xffff) != type.profile) {
       unfit(device, std::string(type.unfit));
@@ -147,7 +148,7 @@ void add_missing(const robot::RobotConfig& robot, std::size_t bus, std::vector<J
   }
 }
 
-const Judged* stranger_of_kind(const std::vector<Judged>& all, DeviceKind kind) {
+const Judged* unknown_of_kind(const std::vector<Judged>& all, DeviceKind kind) {
   const auto found = std::find_if(all.begin(), all.end(), [kind](const Judged& each) {
     return each.kind == kind && each.standing == Standing::unknown;
   });
@@ -163,10 +164,10 @@ void advise(const std::string& file, std::vector<Judged>& all) {
                                 file, robot::word(each.kind), each.id);
     }
     if (each.standing != Standing::missing) continue;
-    const Judged* stranger = stranger_of_kind(all, each.kind);
-    if (stranger != nullptr) {
+    const Judged* unknown = unknown_of_kind(all, each.kind);
+    if (unknown != nullptr) {
       each.advice = fmt::format("nothing has id {}; if it is the one with id {}, write id = {} in {}", each.id,
-                                stranger->id, stranger->id, file);
+                                unknown->id, unknown->id, file);
     } else if (silence) {
       each.advice = "nothing at all is heard on this bus: check power, wires, termination at both ends and bit rates";
     } else {
@@ -182,22 +183,22 @@ std::string_view word(Standing standing) {
   return kWords[static_cast<std::size_t>(standing)];
 }
 
-BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_file, const Seen& seen) {
+BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_file, const BusObservation& observed) {
   BusFindings findings{bus, {}, "", ""};
-  judge_moteus(seen, findings.devices);
-  judge_nodes(robot, bus, seen, findings.devices);
-  for (const auto& [id, one] : seen.gateways) {
+  judge_moteus(observed, findings.devices);
+  judge_nodes(robot, bus, observed, findings.devices);
+  for (const auto& [id, one] : observed.gateways) {
     findings.devices.push_back({DeviceKind::gateway, id, "", Standing::present, gateway_text(one), ""});
   }
-  if (!seen.commander.empty()) {
-    findings.trouble = "another program commands this bus (" + seen.commander +
+  if (!observed.commander.empty()) {
+    findings.trouble = "another program commands this bus (" + observed.commander +
                        " was heard), so nothing was asked; end that program, or watch it: lithe bus monitor";
   }
-  if (!seen.trouble.empty()) findings.trouble = seen.trouble;
+  if (!observed.trouble.empty()) findings.trouble = observed.trouble;
   if (!from_file) return findings;
   compare(robot, bus, findings.devices);
   // A device that could not be asked is not called missing: the bus has the error.
-  if (seen.trouble.empty()) add_missing(robot, bus, findings.devices);
+  if (observed.trouble.empty()) add_missing(robot, bus, findings.devices);
   advise(robot.path, findings.devices);
   return findings;
 }
@@ -208,4 +209,4 @@ bool matches(const BusFindings& findings) {
          });
 }
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

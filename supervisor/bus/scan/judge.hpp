@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "spine/robot/config.hpp"
-#include "supervisor/bus/scan/seen.hpp"
+#include "supervisor/bus/scan/observation.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 
 enum class Standing : std::uint8_t {
   expected,  // in the file and on the bus
@@ -40,9 +40,9 @@ struct BusFindings {
 };
 
 // Contract: pure
-BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_file, const Seen& seen);
+BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_file, const BusObservation& observed);
 
 // True when the bus is as the file says.
 bool matches(const BusFindings& findings);
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

@@ -9,7 +9,7 @@
 #include "spine/robot/robot.hpp"
 #include "supervisor/bus/plan/report.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 namespace {
 
 using robot::PlaceKey;
@@ -112,4 +112,4 @@ bool same_hardware(const robot::BusConfig& a, const robot::BusConfig& b) {
   return robot::facts(a.kind).is_board;  // one board, used by one program as a whole
 }
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

@@ -12,7 +12,7 @@
 #include "spine/core/result.hpp"
 #include "spine/robot/config.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 
 // The arguments of the command line.
 struct Words {
@@ -39,4 +39,4 @@ std::string place_of(const robot::BusConfig& bus);
 // True when both are the same hardware, also under two names; two loop buses are never the same.
 bool same_hardware(const robot::BusConfig& a, const robot::BusConfig& b);
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

@@ -8,7 +8,7 @@
 #include <filesystem>
 #include <string>
 
-namespace lithe::field {
+namespace lithe::bus {
 namespace {
 
 using robot::BusKind;
@@ -74,4 +74,4 @@ TEST(Place, OneDeviceUnderTwoNamesIsOne) {
 }
 
 }  // namespace
-}  // namespace lithe::field
+}  // namespace lithe::bus

@@ -11,7 +11,7 @@
 #include "spine/hal/canopen/canopen_sdo.hpp"
 #include "supervisor/bus/plan/frame_time.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 namespace {
 
 namespace canopen = hal::canopen;
@@ -44,20 +44,20 @@ std::vector<moteus::Found> discover_twice(moteus::Terminal& terminal) {
 void ask_moteus(Line& line, const Time& time) {
   moteus::Terminal terminal(*line.bus, {time.now_ns, time.pause});
   for (const moteus::Found& found : discover_twice(terminal)) {
-    MoteusSeen one{found, std::nullopt, ""};
+    ObservedMoteus one{found, std::nullopt, ""};
     const Result<moteus::Identity> identity = terminal.identify(found);
     if (identity) {
       one.identity = *identity;
     } else {
       one.why_unknown = identity.message();
     }
-    line.seen.moteus.push_back(std::move(one));
+    line.observed.moteus.push_back(std::move(one));
   }
 }
 
 // Receives frames for this long; `take` gets the answers to SDO requests.
-void hear_nodes(Line& line, std::int64_t for_ns, const Time& time,
-                const std::function<bool(const hal::Frame&)>& finished) {
+void receive_for(Line& line, std::int64_t for_ns, const Time& time,
+                 const std::function<bool(const hal::Frame&)>& finished) {
   const std::int64_t end_ns = time.now_ns() + for_ns;
   while (true) {
     hal::Frame frame;
@@ -65,7 +65,7 @@ void hear_nodes(Line& line, std::int64_t for_ns, const Time& time,
     if (heard && canopen::is_canopen(frame) && canopen::function_of(frame) == canopen::cob::kSdoAnswer) {
       if (finished(frame)) return;
     } else if (heard) {
-      hear(frame, line.protocol, line.seen);
+      observe(frame, line.protocol, line.observed);
     }
     if (time.now_ns() >= end_ns) return;
     if (!heard) time.pause();
@@ -78,9 +78,9 @@ constexpr const char* kNotAsked =
 constexpr canopen::Address kDeviceType{canopen::object::kDeviceType, 0};
 
 // An SDO abort is an answer too.
-bool note_device_type(const hal::Frame& frame, Seen& seen) {
+bool note_device_type(const hal::Frame& frame, BusObservation& observed) {
   if (frame.size != 8 || !(canopen::sdo_address(frame) == kDeviceType)) return false;
-  NodeSeen& node = seen.nodes[canopen::node_of(frame)];
+  ObservedNode& node = observed.nodes[canopen::node_of(frame)];
   ++node.answers;
   if ((frame.data[0] & 0xe0) == 0x40) node.device_type = canopen::get(frame.data.data() + 4, 4);
   return false;  // there may be more
@@ -98,8 +98,8 @@ std::optional<std::string> read_object(Line& line, std::uint32_t node, canopen::
       line.bus->send(frame);
       line.bus->flush();
     }
-    hear_nodes(line, kBatchNs, time,
-               [&](const hal::Frame& answer) { return canopen::node_of(answer) == node && client.take(answer); });
+    receive_for(line, kBatchNs, time,
+                [&](const hal::Frame& answer) { return canopen::node_of(answer) == node && client.take(answer); });
   }
   if (client.outcome() != canopen::SdoClient::Outcome::done) return std::nullopt;
   const auto data = client.data();
@@ -121,7 +121,8 @@ std::int64_t batch_ns(const Line& line) {
 // Finds the nodes. A question that the bus refuses is sent again.
 void ask_all_nodes(Line& line, const Time& time) {
   const auto hear_for = [&](std::int64_t for_ns) {
-    hear_nodes(line, for_ns, time, [&line](const hal::Frame& answer) { return note_device_type(answer, line.seen); });
+    receive_for(line, for_ns, time,
+                [&line](const hal::Frame& answer) { return note_device_type(answer, line.observed); });
   };
   std::uint32_t node = 1;
   for (int in_vain = 0; node <= kLastNode && in_vain < kMostInVain;) {
@@ -134,12 +135,12 @@ void ask_all_nodes(Line& line, const Time& time) {
     hear_for(batch_ns(line));
   }
   hear_for(kLastNs);
-  if (node <= kLastNode) line.seen.trouble = kNotAsked + std::to_string(node) + " to " + std::to_string(kLastNode);
+  if (node <= kLastNode) line.observed.trouble = kNotAsked + std::to_string(node) + " to " + std::to_string(kLastNode);
 }
 
 void ask_canopen(Line& line, const Time& time) {
   ask_all_nodes(line, time);
-  for (auto& [id, node] : line.seen.nodes) {
+  for (auto& [id, node] : line.observed.nodes) {
     if (node.answers == 0) continue;
     node.vendor = read_number(line, id, 1, time);
     node.product = read_number(line, id, 2, time);
@@ -165,7 +166,7 @@ void listen(std::vector<Line>& lines, std::int64_t for_ns, const Time& time) {
     for (Line& line : lines) {
       hal::Frame frame;
       if (line.bus == nullptr || !line.bus->receive(frame)) continue;
-      hear(frame, line.protocol, line.seen);
+      observe(frame, line.protocol, line.observed);
       heard = true;
     }
     if (!heard) time.pause();
@@ -174,11 +175,11 @@ void listen(std::vector<Line>& lines, std::int64_t for_ns, const Time& time) {
 
 void ask(Line& line, const Time& time) {
   if (line.bus == nullptr) return;
-  const bool ours = line.seen.commander.empty();
+  const bool ours = line.observed.commander.empty();
   if (ours && line.protocol == Protocol::moteus) ask_moteus(line, time);
   if (ours && line.protocol == Protocol::canopen) ask_canopen(line, time);
   line.bus->begin(time.now_ns());  // some adapters notice only here that nothing is sent
-  if (std::string down = line.bus->why_down(); !down.empty()) line.seen.trouble = std::move(down);
+  if (std::string down = line.bus->why_down(); !down.empty()) line.observed.trouble = std::move(down);
 }
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

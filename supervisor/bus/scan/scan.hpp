@@ -8,9 +8,9 @@
 #include <vector>
 
 #include "spine/hal/core/bus.hpp"
-#include "supervisor/bus/scan/seen.hpp"
+#include "supervisor/bus/scan/observation.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 
 // Contract: not RT · one thread, which alone uses the bus · time is an argument
 struct Time {
@@ -22,7 +22,7 @@ Time real_time();
 struct Line {
   hal::Bus* bus = nullptr;  // null = could not be opened; left out
   Protocol protocol = Protocol::own;
-  Seen seen;
+  BusObservation observed;
   std::uint32_t bitrate = 1'000'000;
 };
 
@@ -33,4 +33,4 @@ void listen(std::vector<Line>& lines, std::int64_t for_ns, const Time& time);
 // apart. Takes about 0.3 s plus some milliseconds per device; on slow CANopen buses up to 4 s.
 void ask(Line& line, const Time& time);
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

@@ -10,7 +10,7 @@
 #include "spine/hal/open_bus.hpp"
 #include "supervisor/bus/scan/scan.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 namespace {
 
 constexpr const char* kSimulated =
@@ -57,7 +57,7 @@ Scan scan(const Choice& choice, const ScanOptions& options) {
   for (std::size_t i = 0; i < lines.size(); ++i) {
     if (open[i] == nullptr) continue;
     ask(lines[i], time);
-    done.buses[i] = judge(choice.robot, choice.buses[i], choice.from_file, lines[i].seen);
+    done.buses[i] = judge(choice.robot, choice.buses[i], choice.from_file, lines[i].observed);
     note_errors(open[i]->statistics(), done.buses[i]);
   }
   done.matches = std::all_of(done.buses.begin(), done.buses.end(), matches) &&
@@ -112,4 +112,4 @@ std::string to_text(const Scan& scan, const Choice& choice) {
   return text + (next.empty() ? "" : "next:\n" + next);
 }
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

@@ -9,9 +9,7 @@
 #include "supervisor/bus/scan/judge.hpp"
 #include "supervisor/bus/scan/place.hpp"
 
-namespace lithe::field {
-
-using bus::Json;
+namespace lithe::bus {
 
 struct ScanOptions {
   double listen_s = 1.1;  // longer than the pause between two heartbeats of most devices
@@ -30,4 +28,4 @@ Scan scan(const Choice& choice, const ScanOptions& options);
 Json to_json(const Scan& scan, const Choice& choice);
 std::string to_text(const Scan& scan, const Choice& choice);
 
-}  // namespace lithe::field
+}  // namespace lithe::bus

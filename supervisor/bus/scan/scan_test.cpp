@@ -8,57 +8,57 @@
 
 #include "spine/hal/canopen/canopen_sdo.hpp"
 #include "supervisor/bus/scan/judge.hpp"
-#include "supervisor/bus/test/house_rig.hpp"
+#include "supervisor/bus/test/scan_rig.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 namespace {
 
 using hal::Frame;
 using robot::DeviceKind;
-using test::House;
 using test::of;
 using test::robot_with;
+using test::ScanRig;
 
 TEST(Scan, FindsDrivesAndGatewaysAndWhatTheyAre) {
-  House house;
-  house.add_moteus(1, 11);
-  house.add_moteus(9, 12);
-  house.add_gateway(20);
-  const Seen seen = house.scan(Protocol::moteus);
-  ASSERT_EQ(seen.moteus.size(), 2U);
-  ASSERT_TRUE(seen.moteus[1].identity);
-  EXPECT_EQ(seen.moteus[1].identity->firmware, 0x010000U);
-  EXPECT_EQ(seen.moteus[1].identity->register_map, hal::moteus::kKnownRegisterMap);
-  EXPECT_EQ(seen.moteus[1].identity->serial, hal::sim::MoteusIdentity::of(12).serial);
-  EXPECT_TRUE(seen.gateways.contains(20));
+  ScanRig rig;
+  rig.add_moteus(1, 11);
+  rig.add_moteus(9, 12);
+  rig.add_gateway(20);
+  const BusObservation observed = rig.scan(Protocol::moteus);
+  ASSERT_EQ(observed.moteus.size(), 2U);
+  ASSERT_TRUE(observed.moteus[1].identity);
+  EXPECT_EQ(observed.moteus[1].identity->firmware, 0x010000U);
+  EXPECT_EQ(observed.moteus[1].identity->register_map, hal::moteus::kKnownRegisterMap);
+  EXPECT_EQ(observed.moteus[1].identity->serial, hal::sim::MoteusIdentity::of(12).serial);
+  EXPECT_TRUE(observed.gateways.contains(20));
   const auto robot = robot_with({{DeviceKind::moteus, 1}, {DeviceKind::moteus, 9}, {DeviceKind::gateway, 20}});
-  const BusFindings findings = judge(robot, 0, true, seen);
+  const BusFindings findings = judge(robot, 0, true, observed);
   EXPECT_TRUE(matches(findings)) << findings.trouble;
   EXPECT_NE(of(findings, 9).what.find("firmware 1.0.0, register map 5, serial "), std::string::npos);
   EXPECT_NE(of(findings, 20).what.find("analog, digital, imu"), std::string::npos) << of(findings, 20).what;
 }
 
 TEST(Scan, OfTwoWithOneIdEachIsAskedForItself) {
-  House house;
-  house.add_moteus(9, 1);
-  house.add_moteus(9, 2);
-  const Seen seen = house.scan(Protocol::moteus);
-  ASSERT_EQ(seen.moteus.size(), 2U);
-  ASSERT_TRUE(seen.moteus[0].identity && seen.moteus[1].identity);
-  EXPECT_NE(seen.moteus[0].identity->serial, seen.moteus[1].identity->serial);
-  const BusFindings findings = judge(robot_with({{DeviceKind::moteus, 9}}), 0, true, seen);
+  ScanRig rig;
+  rig.add_moteus(9, 1);
+  rig.add_moteus(9, 2);
+  const BusObservation observed = rig.scan(Protocol::moteus);
+  ASSERT_EQ(observed.moteus.size(), 2U);
+  ASSERT_TRUE(observed.moteus[0].identity && observed.moteus[1].identity);
+  EXPECT_NE(observed.moteus[0].identity->serial, observed.moteus[1].identity->serial);
+  const BusFindings findings = judge(robot_with({{DeviceKind::moteus, 9}}), 0, true, observed);
   EXPECT_FALSE(matches(findings));
   EXPECT_EQ(findings.devices[0].standing, Standing::twice);
   EXPECT_EQ(findings.devices[1].standing, Standing::twice);
 }
 
 TEST(Scan, NothingIsSaidThatCouldMoveAMotor) {
-  House house;
-  house.add_moteus(1, 1);
-  house.add_moteus(1, 2);
-  house.scan(Protocol::moteus);
-  ASSERT_FALSE(house.bus().sent().empty());
-  for (const Frame& frame : house.bus().sent()) {
+  ScanRig rig;
+  rig.add_moteus(1, 1);
+  rig.add_moteus(1, 2);
+  rig.scan(Protocol::moteus);
+  ASSERT_FALSE(rig.bus().sent().empty());
+  for (const Frame& frame : rig.bus().sent()) {
     hal::moteus::SubframeReader reader(frame.payload());
     hal::moteus::Subframe s;
     while (reader.next(s)) {
@@ -67,7 +67,7 @@ TEST(Scan, NothingIsSaidThatCouldMoveAMotor) {
       EXPECT_TRUE(s.kind == hal::moteus::Kind::read || picks_one);
     }
   }
-  House drives;
+  ScanRig drives;
   drives.add_drive(1);
   drives.scan(Protocol::canopen);
   for (const Frame& frame : drives.bus().sent()) {
@@ -78,26 +78,26 @@ TEST(Scan, NothingIsSaidThatCouldMoveAMotor) {
 }
 
 TEST(Scan, ReadsTheIdentityOfCanopenNodes) {
-  House house;
-  house.add_drive(1);
-  house.add_drive(126);
-  const Seen seen = house.scan(Protocol::canopen);
-  ASSERT_EQ(seen.nodes.size(), 2U);
-  const NodeSeen& node = seen.nodes.at(126);
+  ScanRig rig;
+  rig.add_drive(1);
+  rig.add_drive(126);
+  const BusObservation observed = rig.scan(Protocol::canopen);
+  ASSERT_EQ(observed.nodes.size(), 2U);
+  const ObservedNode& node = observed.nodes.at(126);
   EXPECT_EQ(*node.device_type & 0xffff, 402U);
   EXPECT_TRUE(node.vendor && node.product && node.revision);
   EXPECT_EQ(node.serial, 126U);
   EXPECT_FALSE(node.name.empty());
-  EXPECT_TRUE(matches(judge(robot_with({{DeviceKind::cia402, 1}, {DeviceKind::cia402, 126}}), 0, true, seen)));
+  EXPECT_TRUE(matches(judge(robot_with({{DeviceKind::cia402, 1}, {DeviceKind::cia402, 126}}), 0, true, observed)));
 }
 
 TEST(Scan, TwoNodesWithOneIdGiveTwoAnswers) {
-  House house;
-  house.add_drive(5);
-  house.add_drive(5);
-  const Seen seen = house.scan(Protocol::canopen);
-  EXPECT_EQ(seen.nodes.at(5).answers, 2U);
-  EXPECT_EQ(judge(robot_with({{DeviceKind::cia402, 5}}), 0, true, seen).devices.at(0).standing, Standing::twice);
+  ScanRig rig;
+  rig.add_drive(5);
+  rig.add_drive(5);
+  const BusObservation observed = rig.scan(Protocol::canopen);
+  EXPECT_EQ(observed.nodes.at(5).answers, 2U);
+  EXPECT_EQ(judge(robot_with({{DeviceKind::cia402, 5}}), 0, true, observed).devices.at(0).standing, Standing::twice);
 }
 
 // Answers SDO requests for one object and has no other.
@@ -117,11 +117,11 @@ class Sensor final : public hal::BusNode {
 };
 
 TEST(Scan, AnotherProfileAndANodeThatOnlyBeatsAreUnfit) {
-  House house;
-  house.add(std::make_unique<Sensor>());
-  const Seen seen = house.scan(Protocol::canopen);
+  ScanRig rig;
+  rig.add(std::make_unique<Sensor>());
+  const BusObservation observed = rig.scan(Protocol::canopen);
   const auto robot = robot_with({{DeviceKind::cia402, 10}, {DeviceKind::cia402, 11}});
-  const BusFindings findings = judge(robot, 0, true, seen);
+  const BusFindings findings = judge(robot, 0, true, observed);
   EXPECT_EQ(of(findings, 10).standing, Standing::unfit);
   EXPECT_EQ(of(findings, 10).what, "profile 401, heartbeat: stopped");
   EXPECT_EQ(of(findings, 11).standing, Standing::unfit);
@@ -129,24 +129,24 @@ TEST(Scan, AnotherProfileAndANodeThatOnlyBeatsAreUnfit) {
 }
 
 TEST(Scan, TheMissingAndTheUnknownAreBroughtTogether) {
-  House house;
-  house.add_moteus(7, 1);
-  const Seen seen = house.scan(Protocol::moteus);
-  const BusFindings findings = judge(robot_with({{DeviceKind::moteus, 1}}), 0, true, seen);
+  ScanRig rig;
+  rig.add_moteus(7, 1);
+  const BusObservation observed = rig.scan(Protocol::moteus);
+  const BusFindings findings = judge(robot_with({{DeviceKind::moteus, 1}}), 0, true, observed);
   EXPECT_FALSE(matches(findings));
   EXPECT_EQ(of(findings, 7).standing, Standing::unknown);
   EXPECT_EQ(of(findings, 1).standing, Standing::missing);
   EXPECT_NE(of(findings, 1).advice.find("write id = 7 in robot.toml"), std::string::npos);
-  const BusFindings silence = judge(robot_with({{DeviceKind::moteus, 1}}), 0, true, Seen{});
+  const BusFindings silence = judge(robot_with({{DeviceKind::moteus, 1}}), 0, true, BusObservation{});
   EXPECT_NE(of(silence, 1).advice.find("power"), std::string::npos);
 }
 
 TEST(Scan, AnotherRegisterMapIsUnfit) {
-  House house;
-  house.add_moteus(1, 1);
-  Seen seen = house.scan(Protocol::moteus);
-  seen.moteus[0].identity->register_map = 4;
-  const BusFindings findings = judge(robot_with({{DeviceKind::moteus, 1}}), 0, true, seen);
+  ScanRig rig;
+  rig.add_moteus(1, 1);
+  BusObservation observed = rig.scan(Protocol::moteus);
+  observed.moteus[0].identity->register_map = 4;
+  const BusFindings findings = judge(robot_with({{DeviceKind::moteus, 1}}), 0, true, observed);
   EXPECT_EQ(of(findings, 1).standing, Standing::unfit);
   EXPECT_NE(of(findings, 1).advice.find("register map 4"), std::string::npos);
 }
@@ -169,22 +169,22 @@ TEST(Scan, NothingIsAskedWhereSomebodyElseCommands) {
   answer.id = 0x100;
   answer.fd = true;
   for (const Frame& heard : {query, answer}) {
-    House house;
-    house.add_moteus(1, 1);
-    house.add(std::make_unique<Commander>(heard));
-    const Seen seen = house.scan(Protocol::moteus);
-    EXPECT_TRUE(house.bus().sent().empty());
-    EXPECT_FALSE(judge(robot_with({}), 0, false, seen).trouble.empty());
+    ScanRig rig;
+    rig.add_moteus(1, 1);
+    rig.add(std::make_unique<Commander>(heard));
+    const BusObservation observed = rig.scan(Protocol::moteus);
+    EXPECT_TRUE(rig.bus().sent().empty());
+    EXPECT_FALSE(judge(robot_with({}), 0, false, observed).trouble.empty());
   }
   for (const Frame& heard :
        {hal::canopen::sync_frame(), hal::canopen::blank(0x203, 8), hal::canopen::sdo_read_request(3, {0x1000, 0})}) {
-    House house;
-    house.add_drive(1);
-    house.add(std::make_unique<Commander>(heard));
-    const Seen seen = house.scan(Protocol::canopen);
-    EXPECT_FALSE(seen.commander.empty());
-    EXPECT_TRUE(house.bus().sent().empty());
-    for (const Judged& each : judge(robot_with({{DeviceKind::cia402, 1}}), 0, true, seen).devices) {
+    ScanRig rig;
+    rig.add_drive(1);
+    rig.add(std::make_unique<Commander>(heard));
+    const BusObservation observed = rig.scan(Protocol::canopen);
+    EXPECT_FALSE(observed.commander.empty());
+    EXPECT_TRUE(rig.bus().sent().empty());
+    for (const Judged& each : judge(robot_with({{DeviceKind::cia402, 1}}), 0, true, observed).devices) {
       EXPECT_NE(each.standing, Standing::unfit) << "who was not asked cannot answer";
     }
   }
@@ -200,4 +200,4 @@ TEST(Scan, TheQuestionsFollowTheFileAndElseTheKindOfBus) {
 }
 
 }  // namespace
-}  // namespace lithe::field
+}  // namespace lithe::bus

@@ -7,15 +7,15 @@
 #include <utility>
 
 #include "spine/hal/canopen/canopen_sdo.hpp"
-#include "supervisor/bus/test/house_rig.hpp"
+#include "supervisor/bus/test/scan_rig.hpp"
 
-namespace lithe::field {
+namespace lithe::bus {
 namespace {
 
 using hal::Frame;
 using robot::DeviceKind;
-using test::HouseOn;
 using test::robot_with;
+using test::ScanRigOn;
 
 // As an interface at 10 kbit/s: a frame takes 13 ms, and while one of an earlier exchange waits, all are refused.
 class Slow final : public test::Watched {
@@ -43,13 +43,13 @@ class Slow final : public test::Watched {
 };
 
 TEST(ScanTrouble, OnASlowBusEveryNodeIsAskedAndTheBusHasItsTime) {
-  HouseOn<Slow> house;
-  for (const std::uint32_t id : {1U, 64U, 127U}) house.add_drive(id);
-  const Seen seen = house.scan(Protocol::canopen);
-  EXPECT_EQ(seen.nodes.size(), 3U);
-  EXPECT_EQ(seen.trouble, "");
-  EXPECT_EQ(house.bus().too_early, 0);
-  for (const auto& [id, node] : seen.nodes) EXPECT_EQ(node.answers, 1U) << id;
+  ScanRigOn<Slow> rig;
+  for (const std::uint32_t id : {1U, 64U, 127U}) rig.add_drive(id);
+  const BusObservation observed = rig.scan(Protocol::canopen);
+  EXPECT_EQ(observed.nodes.size(), 3U);
+  EXPECT_EQ(observed.trouble, "");
+  EXPECT_EQ(rig.bus().too_early, 0);
+  for (const auto& [id, node] : observed.nodes) EXPECT_EQ(node.answers, 1U) << id;
 }
 
 // A short queue: it takes three frames between two looks.
@@ -66,13 +66,13 @@ class Short final : public test::Watched {
 };
 
 TEST(ScanTrouble, AQuestionThatIsRefusedIsPutAgain) {
-  HouseOn<Short> house;
-  for (std::uint32_t id = 1; id <= 9; ++id) house.add_drive(id);
-  house.add_drive(127);
-  const Seen seen = house.scan(Protocol::canopen);
-  EXPECT_EQ(seen.nodes.size(), 10U);
-  for (const auto& [id, node] : seen.nodes) EXPECT_EQ(node.answers, 1U) << id;
-  EXPECT_EQ(seen.trouble, "");
+  ScanRigOn<Short> rig;
+  for (std::uint32_t id = 1; id <= 9; ++id) rig.add_drive(id);
+  rig.add_drive(127);
+  const BusObservation observed = rig.scan(Protocol::canopen);
+  EXPECT_EQ(observed.nodes.size(), 10U);
+  for (const auto& [id, node] : observed.nodes) EXPECT_EQ(node.answers, 1U) << id;
+  EXPECT_EQ(observed.trouble, "");
 }
 
 // Takes so many frames, and no more for ever.
@@ -85,16 +85,16 @@ class Stuck final : public test::Watched {
 };
 
 TEST(ScanTrouble, WhoCouldNotBeAskedIsNeitherMissingNorUnfit) {
-  HouseOn<Stuck> house;
-  house.add_drive(5);
-  house.add_drive(100);
-  const Seen seen = house.scan(Protocol::canopen);
-  EXPECT_NE(seen.trouble.find("nodes 21 to 127"), std::string::npos) << seen.trouble;
-  const BusFindings findings =
-      judge(robot_with({{DeviceKind::cia402, 5}, {DeviceKind::cia402, 100}, {DeviceKind::cia402, 101}}), 0, true, seen);
+  ScanRigOn<Stuck> rig;
+  rig.add_drive(5);
+  rig.add_drive(100);
+  const BusObservation observed = rig.scan(Protocol::canopen);
+  EXPECT_NE(observed.trouble.find("nodes 21 to 127"), std::string::npos) << observed.trouble;
+  const BusFindings findings = judge(
+      robot_with({{DeviceKind::cia402, 5}, {DeviceKind::cia402, 100}, {DeviceKind::cia402, 101}}), 0, true, observed);
   ASSERT_EQ(findings.devices.size(), 2U) << "of node 100 the heartbeat is heard, of 101 nothing";
   for (const Judged& each : findings.devices) EXPECT_EQ(each.standing, Standing::expected) << each.id;
-  EXPECT_EQ(findings.trouble, seen.trouble);
+  EXPECT_EQ(findings.trouble, observed.trouble);
   EXPECT_FALSE(matches(findings));
 }
 
@@ -109,9 +109,9 @@ class Gone final : public test::Watched {
 TEST(ScanTrouble, AnAdapterThatWentAwayIsNoFaultOfTheDevices) {
   for (const auto& [kind, protocol] :
        {std::pair{DeviceKind::moteus, Protocol::moteus}, std::pair{DeviceKind::cia402, Protocol::canopen}}) {
-    HouseOn<Gone> house;
-    const Seen seen = house.scan(protocol);
-    const BusFindings findings = judge(robot_with({{kind, 1}}), 0, true, seen);
+    ScanRigOn<Gone> rig;
+    const BusObservation observed = rig.scan(protocol);
+    const BusFindings findings = judge(robot_with({{kind, 1}}), 0, true, observed);
     EXPECT_EQ(findings.trouble, "/dev/ttyACM0: the adapter went away");
     EXPECT_TRUE(findings.devices.empty()) << findings.devices[0].advice;
   }
@@ -130,13 +130,13 @@ class Lossy final : public test::Watched {
 };
 
 TEST(ScanTrouble, OneLostAnswerMakesNoDriveAMissingOne) {
-  HouseOn<Lossy> house;
-  house.add_moteus(1, 1);
-  house.add_moteus(2, 2);
-  house.add_moteus(2, 3);
-  const Seen seen = house.scan(Protocol::moteus);
-  ASSERT_EQ(seen.moteus.size(), 3U) << "each once, though each was asked twice";
-  EXPECT_EQ(seen.moteus[0].found.id, 1U);
+  ScanRigOn<Lossy> rig;
+  rig.add_moteus(1, 1);
+  rig.add_moteus(2, 2);
+  rig.add_moteus(2, 3);
+  const BusObservation observed = rig.scan(Protocol::moteus);
+  ASSERT_EQ(observed.moteus.size(), 3U) << "each once, though each was asked twice";
+  EXPECT_EQ(observed.moteus[0].found.id, 1U);
 }
 
 // Something comes with every look, and time goes on by itself.
@@ -153,16 +153,16 @@ class Babbler final : public test::Watched {
 
 TEST(ScanTrouble, ABusThatIsNeverQuietEndsNoScanLate) {
   for (const Protocol protocol : {Protocol::moteus, Protocol::canopen}) {
-    HouseOn<Babbler> house;
-    house.add_moteus(1, 1);
-    const Time time{[&] { return house.bus().looks * 10'000; }, [] { FAIL() << "it is never quiet"; }};
-    std::vector<Line> lines{{&house.bus(), protocol, {}}};
+    ScanRigOn<Babbler> rig;
+    rig.add_moteus(1, 1);
+    const Time time{[&] { return rig.bus().looks * 10'000; }, [] { FAIL() << "it is never quiet"; }};
+    std::vector<Line> lines{{&rig.bus(), protocol, {}}};
     listen(lines, 20'000'000, time);
     ask(lines.front(), time);
     EXPECT_LT(time.now_ns(), 1'500'000'000) << "0.02 s to listen, 0.3 s to find, 0.2 s for an answer; or 16 batches";
-    EXPECT_EQ(lines.front().seen.moteus.size(), protocol == Protocol::moteus ? 1U : 0U);
+    EXPECT_EQ(lines.front().observed.moteus.size(), protocol == Protocol::moteus ? 1U : 0U);
   }
 }
 
 }  // namespace
-}  // namespace lithe::field
+}  // namespace lithe::bus

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+// One function per command. Each prints its own result and returns the exit code 0, or throws a Refusal, which main()
+// prints: 1 refused, 2 usage, 3 robot fault.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "supervisor/bus/monitor/monitor.hpp"
+#include "supervisor/bus/plan/plan.hpp"
+#include "supervisor/bus/scan/place.hpp"
+#include "supervisor/bus/scan/scan_report.hpp"
+#include "supervisor/core/answer.hpp"
+
+namespace lithe::cli {
+
+struct Context {
+  bool json = false;
+  std::string robot;          // empty: the only one that runs
+  std::string units = "deg";  // of angles shown to a person: deg or rad
+};
+
+// A move of one joint, which ends at rest.
+struct Motion {
+  std::string joint;
+  double angle_deg = 0;
+  bool relative = false;  // relative to the setpoint
+  double in_s = 2.0;
+};
+
+int exit_code(const control::Refusal& refusal);
+
+// The robots of this machine, also those whose Spine ticks without a supervisor.
+int list(const Context& context);
+int status(const Context& context);
+// Acts as the robot's Brain during the move.
+int move(const Context& context, const Motion& motion);
+int command(const Context& context, const std::string& verb);  // arm, disarm, hold, reset, sim_reset, shutdown
+int estop(const Context& context);
+// Brings joints inside their limits and waits until they are, or until the Spine says why not.
+int recover(const Context& context);
+int rollback(const Context& context, int steps);
+// `terms`: arguments of the verb swap that are numbers (docs/reference/verbs.md).
+int swap_law(const Context& context, const std::string& law, const std::vector<std::string>& params,
+             const std::map<std::string, double>& terms);
+int law_check(const Context& context, const std::string& law);
+int law_list(const Context& context);
+// Certificates; `folder`: where, or empty: those of the robot the context means, running or not.
+int law_show(const Context& context, const std::string& which, const std::string& folder);
+int law_verify(const Context& context, const std::string& folder);
+int param_get(const Context& context, const std::string& name);
+int param_set(const Context& context, const std::vector<std::string>& words);
+int param_revert(const Context& context);
+int param_save(const Context& context, const std::string& path);
+int events(const Context& context, std::uint64_t since, bool follow);
+int top(const Context& context, int turns);
+// Replaces this process by `lithe-sim` with these arguments; throws a Refusal when it cannot.
+[[noreturn]] void simulate(const std::vector<std::string>& words);
+// Plans the buses of a robot file. 0 fits, 1 does not fit, 2 no robot file.
+int bus_plan(const Context& context, const std::string& file, const bus::PlanOptions& options);
+// Scans the buses. 0 as the file says, 1 otherwise or refused, 2 no such bus or file.
+int bus_scan(const Context& context, const bus::Words& words, const bus::ScanOptions& options);
+// Shows the frames of the buses until it is stopped. 0, 1 nothing was received or no such bus, 2 no such file or
+// device.
+int bus_monitor(const Context& context, const bus::Words& words, bus::MonitorOptions options);
+
+}  // namespace lithe::cli

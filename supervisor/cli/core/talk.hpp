@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+// Requests from the command line to a robot, and their answers.
+#pragma once
+
+#include <functional>
+#include <string>
+#include <utility>
+#include <variant>
+
+#include "supervisor/cli/core/act.hpp"
+#include "supervisor/link/client/client.hpp"
+
+namespace lithe::cli {
+
+using control::Answer;
+using control::Json;
+using control::Refusal;
+
+inline constexpr int kQuickMs = 10'000;
+inline constexpr int kCompileMs = 180'000;
+
+// What was asked for; else throws the Refusal, which ends the verb: main() prints it.
+template <class T>
+T value_of(std::variant<T, Refusal> outcome) {
+  if (auto* refusal = std::get_if<Refusal>(&outcome)) throw std::move(*refusal);
+  return std::get<T>(std::move(outcome));
+}
+
+// Sends one request to the context's robot. Throws the Refusal.
+Json ask(const Context& context, const std::string& verb, const Json& args, int timeout_ms = kQuickMs);
+// The same, for who goes on after a refusal.
+Answer try_ask(const Context& context, const std::string& verb, const Json& args, int timeout_ms = kQuickMs);
+
+// The name of the context's robot, also when its supervisor does not answer. Throws the Refusal.
+std::string which_robot(const Context& context);
+
+// The connection, for more than one request. A stopped or silent supervisor, or a Spine without one, is reported within
+// 2 s.
+std::variant<control::Client, Refusal> connect(const Context& context);
+
+// Prints a refusal (stderr, or one JSON document on stdout) and returns its exit code.
+int refuse(const Context& context, const Refusal& refusal);
+
+// Prints a result: JSON as it is, else through `print`. Returns 0.
+int finish(const Context& context, const Json& result, const std::function<void(const Json&)>& print);
+
+}  // namespace lithe::cli

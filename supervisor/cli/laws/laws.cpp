@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+// Laws as files: finding, listing, checking, swapping in.
+#include <fmt/format.h>
+#include <poll.h>
+
+#include <filesystem>
+#include <fstream>
+#include <optional>
+#include <set>
+#include <system_error>
+
+#include "spine/core/files.hpp"
+#include "spine/core/time.hpp"
+#include "supervisor/cli/core/act.hpp"
+#include "supervisor/cli/core/print.hpp"
+#include "supervisor/cli/core/talk.hpp"
+#include "supervisor/cli/laws/params.hpp"
+#include "supervisor/core/process.hpp"
+#include "supervisor/link/client/presence.hpp"
+#include "supervisor/link/services/lawd_link.hpp"
+
+namespace lithe::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Installed beside the program, else the source tree it was built from.
+fs::path laws_dir() {
+  const fs::path installed = fs::path(control::program_dir()) / "../share/lithe/laws";
+  return fs::is_directory(installed) ? installed : fs::path(LITHE_LAWS_DIR);
+}
+
+struct Source {
+  std::string name;
+  std::string text;
+};
+
+// A path, or the bare name of a law that comes with LITHE. Throws a Refusal.
+Source read_law(const std::string& law) {
+  std::error_code failure;
+  fs::path path = law;
+  if (!fs::exists(path, failure) && law.find('/') == std::string::npos) {
+    const fs::path known = laws_dir() / (path.extension() == ".cpp" ? law : law + ".cpp");
+    path = fs::exists(known, failure) ? known : path;
+  }
+  const auto text = read_regular_file(path.string(), kMaxLawBytes);
+  if (!text || text->empty()) {
+    throw Refusal{
+        "no_source", text ? path.string() + ":1: the file is empty" : "cannot read the law " + text.message(),
+        text ? "a law is a struct with a static step() and ends with LITHE_LAW(Type, \"name\"); start from one that "
+               "lithe law list shows"
+             : "give the path of one C++ file, or a name that lithe law list shows"};
+  }
+  return Source{path.filename().string(), *text};
+}
+
+// The first comment after the licence line says what the law is for.
+std::string about(const fs::path& path) {
+  std::ifstream file(path);
+  std::string line;
+  while (std::getline(file, line)) {
+    if (line.rfind("// ", 0) == 0 && line.find("SPDX") == std::string::npos) return line.substr(3);
+  }
+  return "";
+}
+
+constexpr std::size_t kJointsWithoutARobot = 6;  // as an arm: a small number shows a law that indexes beyond its joints
+
+// Without a robot the check starts its own compile service.
+Answer check_alone(const Source& source) {
+  control::LawdLink lawd(control::program_dir() + "/lawd", {}, kJointsWithoutARobot);
+  if (const auto started = lawd.start(monotonic_ns()); !started) {
+    return Refusal{"lawd_failed", started.message(), "is the build complete (make)?"};
+  }
+  std::optional<Answer> answer;
+  lawd.compile({source.name, source.text}, [&answer](const Answer& got) { answer = got; }, monotonic_ns());
+  while (!answer) {
+    pollfd wait{lawd.poll_fd(), POLLIN, 0};
+    ::poll(&wait, 1, 50);
+    lawd.serve(monotonic_ns());
+  }
+  return *answer;
+}
+
+void print_swap(const Json& c) {
+  fmt::print(
+      "law {} committed at tick {}: compiled in {:.0f} ms{}, loaded in {:.1f} ms, {:.0f} ms from request to commit, "
+      "{} releases missed\n",
+      word(c, "law"), c.value("commit_tick", std::uint64_t{0}), number(c, "compile_ms"),
+      c.value("cached", false) ? " (cached)" : "", number(c, "load_ms"), number(c, "requested_to_committed_ms"),
+      c.value("missed_releases", std::uint64_t{0}));
+  if (c.contains("record_lost")) {
+    fmt::print("its certificate is not on disk yet: {}\n", word(c, "record_lost"));
+  }
+  if (c.contains("state_not_carried")) {
+    fmt::print("State not carried: {}\n", listed(c["state_not_carried"]["fields"]));
+  }
+  fmt::print("{}", warning_lines(c.value("trial", Json::object()), ""));
+}
+
+void print_check(const Json& result) {
+  const Json law = result.value("law", Json::object());
+  fmt::print("law {} is fine: compiled in {:.0f} ms{}, dry run passed\n{}", word(law, "name"),
+             number(result, "compile_ms"), result.value("cached", false) ? " (cached)" : "",
+             param_rows(law.value("params", Json::array())));
+}
+
+void print_laws(const Json& laws) {
+  for (const Json& each : laws["files"]) {
+    fmt::print("  {:<20} {}\n", word(each, "name"), word(each, "about"));
+  }
+  for (const Json& each : laws["resident"]) {
+    fmt::print("in the Spine: {} ({}){}\n", word(each, "law"), each.value("law_id", 0),
+               each.value("active", false) ? ", running" : "");
+  }
+}
+
+}  // namespace
+
+int rollback(const Context& context, int steps) {
+  return finish(context, ask(context, "rollback", {{"steps", steps}}),
+                [](const Json& result) { print_command("rollback", result); });
+}
+
+int swap_law(const Context& context, const std::string& law, const std::vector<std::string>& params,
+             const std::map<std::string, double>& terms) {
+  const Source file = read_law(law);
+  Json args = {{"name", file.name},
+               {"source", file.text},
+               {"params", param_values(params, "lithe swap LAW.cpp --param kp=2.5")}};
+  for (const auto& [name, value] : terms) args[name] = value;
+  return finish(context, ask(context, "swap", args, kCompileMs), print_swap);
+}
+
+int law_check(const Context& context, const std::string& law) {
+  const Source file = read_law(law);
+  Answer answer = try_ask(context, "law_check", {{"name", file.name}, {"source", file.text}}, kCompileMs);
+  const auto* refusal = std::get_if<Refusal>(&answer);
+  if (refusal != nullptr && control::is_unreachable(*refusal)) answer = check_alone(file);
+  return finish(context, value_of(answer), print_check);
+}
+
+int law_list(const Context& context) {
+  Json files = Json::array();
+  std::set<fs::path> paths;
+  std::error_code failure;
+  for (const auto& entry : fs::directory_iterator(laws_dir(), failure)) {
+    if (entry.path().extension() == ".cpp" && !entry.path().stem().string().ends_with("_test")) {
+      paths.insert(entry.path());
+    }
+  }
+  for (const fs::path& path : paths) {
+    files.push_back(
+        {{"name", path.stem().string()}, {"path", path.lexically_normal().string()}, {"about", about(path)}});
+  }
+  Json laws = {{"files", files}, {"resident", Json::array()}};
+  const Answer resident = try_ask(context, "law_list", Json::object());
+  const auto* refusal = std::get_if<Refusal>(&resident);
+  if (refusal == nullptr || !control::is_unreachable(*refusal)) laws["resident"] = value_of(resident)["resident"];
+  return finish(context, laws, print_laws);
+}
+
+}  // namespace lithe::cli

@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// Parameter values as words of a command line, and as text.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "supervisor/core/answer.hpp"
+
+namespace lithe::cli {
+
+// {"kp": 2.5} from "kp=2.5" ...; else throws a Refusal that names the word, with this example.
+control::Json param_values(const std::vector<std::string>& words, const char* example);
+
+// A row for each: name, value, range.
+std::string param_rows(const control::Json& params);
+
+}  // namespace lithe::cli

@@ -1,0 +1,284 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/cli/parse/words.hpp"
+
+#include <functional>
+#include <iostream>
+#include <utility>
+
+#include "supervisor/cli/core/talk.hpp"
+#include "supervisor/cli/parse/reference.hpp"
+
+namespace lithe::cli {
+namespace {
+
+// Headings of `lithe help`, in the order in which they are shown.
+constexpr const char* kRobot = "The robot";
+constexpr const char* kMotion = "Motion";
+constexpr const char* kLaws = "Laws";
+constexpr const char* kHardware = "Hardware and simulation";
+constexpr const char* kHelp = "Help";
+
+using Act = std::function<int(Words&)>;
+
+// A verb: what it does gives the exit code.
+CLI::App* add_verb(CLI::App& parent, Words& words, const std::string& name, const char* about, Act act) {
+  CLI::App* verb = parent.add_subcommand(name, about)->fallthrough();
+  verb->callback([&words, act = std::move(act)] { words.code = act(words); });
+  return verb;
+}
+
+CLI::App* add_verb(CLI::App& app, Words& words, const char* group, const std::string& name, const char* about,
+                   Act act) {
+  return add_verb(app, words, name, about, std::move(act))->group(group);
+}
+
+CLI::App* add_group(CLI::App& app, const char* group, const char* name, const char* about) {
+  return app.add_subcommand(name, about)->require_subcommand(1)->fallthrough()->group(group);
+}
+
+// A verb that is one command of the Spine, by another name if `command` is given.
+void add_command(CLI::App& app, Words& words, const char* group, const char* name, const char* about,
+                 const char* command = nullptr) {
+  const std::string sent = command != nullptr ? command : name;
+  add_verb(app, words, group, name, about, [sent](Words& w) { return cli::command(w.context, sent); });
+}
+
+void add_run(CLI::App& app, Words& words) {
+  CLI::App* run =
+      add_verb(app, words, kRobot, "run",
+               "start a robot and supervise it until Ctrl-C; adopts a Spine that already ticks", [](Words& w) {
+                 w.run.json = w.context.json;
+                 return control::run_robot(w.run);
+               });
+  run->add_option("ROBOT", words.run.config_path, "robot file")->required();
+  run->add_option("--law", words.run.law, "law to start with, instead of the file's")->type_name("FILE");
+  run->add_flag_callback("--no-arm", [&words] { words.run.arm = false; }, "leave the drives off until lithe arm");
+  run->add_flag_callback(
+      "--ungated", [&words] { words.run.gates = false; }, "for tests: no admission, no dry run, no trial of laws");
+}
+
+CLI::AsNumberWithUnit seconds() {
+  return CLI::AsNumberWithUnit(std::map<std::string, double>{{"s", 1.0}, {"ms", 1e-3}, {"us", 1e-6}});
+}
+
+void add_units(CLI::App& verb, Context& context) {
+  verb.add_option("--units", context.units, "of angles: deg (default) or rad")
+      ->type_name("UNITS")
+      ->check(CLI::IsMember({"deg", "rad"}));
+}
+
+void add_robot(CLI::App& app, Words& words) {
+  add_verb(app, words, kRobot, "list", "running robots, with or without a supervisor",
+           [](Words& w) { return list(w.context); });
+  CLI::App* show = add_verb(app, words, kRobot, "status", "alarms, mode, law, timing, joints",
+                            [](Words& w) { return status(w.context); });
+  add_units(*show, words.context);
+  CLI::App* live =
+      add_verb(app, words, kRobot, "top", "status, live", [](Words& w) { return top(w.context, w.turns); });
+  live->add_option("--turns", words.turns, "end after this many updates")->type_name("N");
+  add_units(*live, words.context);
+  CLI::App* log = add_verb(app, words, kRobot, "events", "what happened",
+                           [](Words& w) { return events(w.context, w.since, w.follow); });
+  log->add_option("--since", words.since, "only events after this cursor")->type_name("CURSOR");
+  log->add_flag("--follow,-f", words.follow, "go on until Ctrl-C");
+  add_verb(app, words, kRobot, "estop", "stop now, with or without a supervisor; latched",
+           [](Words& w) { return estop(w.context); });
+  add_command(app, words, kRobot, "stop", "end `lithe run`, like Ctrl-C", "shutdown");
+}
+
+void add_motion(CLI::App& app, Words& words, const char* name, bool relative, const char* about, const char* angle) {
+  CLI::App* verb = add_verb(app, words, kMotion, name, about, [relative](Words& w) {
+    w.motion.relative = relative;
+    return move(w.context, w.motion);
+  });
+  verb->add_option("JOINT", words.motion.joint, "name of a joint: lithe status")->required();
+  verb->add_option("DEG", words.motion.angle_deg, angle)->required();
+  verb->add_option("--in", words.motion.in_s, "duration (default 2s, at most 10s)")
+      ->type_name("TIME")
+      ->transform(seconds());
+}
+
+void add_motions(CLI::App& app, Words& words) {
+  add_command(app, words, kMotion, "arm", "switch the drives on; the law tracks the plan");
+  add_command(app, words, kMotion, "disarm", "switch the drives off");
+  add_command(app, words, kMotion, "hold", "stop the setpoint and hold, until lithe arm");
+  add_command(app, words, kMotion, "reset", "leave a latched fault or e-stop, drives off");
+  add_verb(app, words, kMotion, "recover",
+           "bring joints inside their limits: slowly, with little torque, without a law",
+           [](Words& w) { return recover(w.context); });
+  add_motion(app, words, "move", false, "move one joint to an angle; the others keep their setpoints",
+             "target, in degrees");
+  add_motion(app, words, "jog", true, "move one joint by an angle: lithe jog elbow -5", "distance, in degrees");
+}
+
+// "20ms", "2s", or a plain number of seconds.
+void add_terms(CLI::App& swap, std::map<std::string, double>& terms) {
+  const auto add = [&](const char* flag, const char* name, const char* type, const char* about) {
+    return swap.add_option_function<double>(
+                   flag, [&terms, name](double value) { terms[name] = value; }, about)
+        ->type_name(type);
+  };
+  add("--shadow", "shadow_s", "TIME", "run it in the shadow of the active law first, for this time")
+      ->transform(seconds());
+  add("--tolerance", "shadow_tolerance_nm", "NM", "largest accepted torque difference in the shadow");
+  add("--blend", "blend_s", "TIME", "from the old law's torque to the new one's")->transform(seconds());
+  CLI::Option* probation =
+      add("--probation", "probation_s", "TIME", "time in which it can be rolled back automatically")
+          ->transform(seconds());
+  swap.add_flag_callback(
+          "--no-probation", [&terms] { terms["probation_s"] = 0; }, "no automatic rollback")
+      ->excludes(probation);
+  add("--error-ratio", "error_ratio", "X", "roll back when the tracking error grows by this factor; 0 = never");
+  add("--budget", "budget_us", "US", "time limit of a step, in microseconds");
+  add("--box", "box_ms", "MS", "processor time of the trial");
+}
+
+void add_swap(CLI::App& app, Words& words) {
+  CLI::App* swap = add_verb(app, words, kLaws, "swap", "replace the running law",
+                            [](Words& w) { return swap_law(w.context, w.law, w.params, w.terms); });
+  add_terms(*swap, words.terms);
+  swap->add_option("LAW", words.law, "C++ file, or the name of a law that comes with LITHE")->required();
+  swap->add_option("--param", words.params, "NAME=VALUE, tried with the law, in force on its first tick")
+      ->type_name("NAME=VALUE");
+  add_verb(app, words, kLaws, "rollback", "back to the law before this one, with its state",
+           [](Words& w) { return rollback(w.context, w.steps); })
+      ->add_option("STEPS", words.steps, "number of laws to go back, 1 to 4")
+      ->check(CLI::Range(1, 4));
+}
+
+void add_laws(CLI::App& app, Words& words) {
+  CLI::App* law = add_group(app, kLaws, "law", "laws as files");
+  add_verb(*law, words, "check", "compile a law, apply the admission rules, dry run; loads nothing",
+           [](Words& w) { return law_check(w.context, w.law); })
+      ->add_option("LAW", words.law, "C++ file")
+      ->required();
+  add_verb(*law, words, "list", "laws that come with LITHE, and laws in the Spine",
+           [](Words& w) { return law_list(w.context); });
+  CLI::App* show = add_verb(*law, words, "show", "show the certificate of a swap",
+                            [](Words& w) { return law_show(w.context, w.which, w.folder); });
+  show->add_option("WHICH", words.which, "last (default), a number, or the name of a law (its newest)");
+  CLI::App* verify = add_verb(*law, words, "verify", "verify all certificates against their chain",
+                              [](Words& w) { return law_verify(w.context, w.folder); });
+  for (CLI::App* each : {show, verify}) {
+    each->add_option("--folder", words.folder, "folder of the certificates, instead of the robot's")->type_name("DIR");
+  }
+}
+
+void add_params(CLI::App& app, Words& words) {
+  CLI::App* param = add_group(app, kLaws, "param", "parameters of the running law");
+  add_verb(*param, words, "get", "values and ranges", [](Words& w) {
+    return param_get(w.context, w.name);
+  })->add_option("NAME", words.name, "one of them");
+  add_verb(*param, words, "set", "change one or more", [](Words& w) { return param_set(w.context, w.params); })
+      ->add_option("PARAM", words.params, "NAME VALUE, or NAME=VALUE ...")
+      ->required();
+  add_verb(*param, words, "revert", "the values before the last change",
+           [](Words& w) { return param_revert(w.context); });
+  add_verb(*param, words, "save", "write the present values into the law's file",
+           [](Words& w) { return param_save(w.context, w.law); })
+      ->add_option("LAW", words.law, "C++ file of the running law")
+      ->required();
+}
+
+// The arguments that choose a bus.
+void add_place(CLI::App& verb, bus::Words& bus) {
+  verb.add_option("WHAT", bus.what, "robot file, or a bus: fdcanusb:PATH slcan:PATH socketcan:NAME pi3hat:N")
+      ->required();
+  verb.add_option("--bus", bus.bus, "this bus of the robot only")->type_name("NAME");
+  verb.add_option("--bitrate", bus.bitrate, "bit rate without a robot file (default 1000000)")->type_name("BIT/S");
+  verb.add_option("--data-bitrate", bus.data_bitrate, "the same, of CAN FD's data; 0 = classic CAN")
+      ->type_name("BIT/S");
+}
+
+void add_scan(CLI::App& bus, Words& words) {
+  CLI::App* scan = add_verb(bus, words, "scan", "scan the buses and compare with the robot file",
+                            [](Words& w) { return bus_scan(w.context, w.bus_words, w.scan); });
+  add_place(*scan, words.bus_words);
+  scan->add_option("--listen", words.scan.listen_s, "seconds to listen before asking (default 1.1)")
+      ->type_name("S")
+      ->check(CLI::Range(0.0, 60.0));
+}
+
+void add_monitor(CLI::App& bus, Words& words) {
+  CLI::App* monitor = add_verb(bus, words, "monitor", "show passing frames as text; then statistics",
+                               [](Words& w) { return bus_monitor(w.context, w.bus_words, w.monitor); });
+  add_place(*monitor, words.bus_words);
+  monitor->add_flag("--raw", words.monitor.raw, "with the bytes");
+  monitor->add_option("--count", words.monitor.count, "end after this many frames")->type_name("N");
+  monitor->add_option("--seconds", words.monitor.seconds, "end after this time")
+      ->type_name("S")
+      ->check(CLI::Range(0.0, 1e9));
+  monitor->add_option("--device", words.monitor.devices, "show only this device, by name or id; can be repeated")
+      ->type_name("NAME")
+      ->allow_extra_args(false);
+}
+
+void add_bus(CLI::App& app, Words& words) {
+  CLI::App* bus = add_group(app, kHardware, "bus", "the robot's buses");
+  CLI::App* plan = add_verb(*bus, words, "plan", "whether a robot's buses can carry its traffic",
+                            [](Words& w) { return bus_plan(w.context, w.file, w.plan); });
+  plan->add_option("ROBOT", words.file, "robot file")->required();
+  plan->add_option("--rate", words.plan.rate_hz, "ticks per second, instead of the file's")
+      ->type_name("HZ")
+      ->check(CLI::Range(1.0, 100'000.0));
+  plan->add_option("--baud", words.plan.baud,
+                   "of serial adapters; without it: the file's, or 921600 of a UART; USB has none")
+      ->type_name("BAUD")
+      ->check(CLI::Range(1'200, 100'000'000));
+  add_scan(*bus, words);
+  add_monitor(*bus, words);
+}
+
+void add_sim(CLI::App& app, Words& words) {
+  CLI::App* sim = app.add_subcommand("sim",
+                                     "simulated devices on terminals, for other programs: lithe sim --help; "
+                                     "lithe sim reset: the joints of a simulated robot back to their start");
+  sim->group(kHardware)->prefix_command()->set_help_flag();  // the rest of the line goes to lithe-sim
+  sim->callback([&words, sim] {
+    if (sim->remaining() != std::vector<std::string>{"reset"}) simulate(sim->remaining());
+    words.code = command(words.context, "sim_reset");
+  });
+}
+
+void add_help(CLI::App& app, Words& words) {
+  CLI::App* help = add_verb(app, words, kHelp, "help", "this list, or the help of one verb", [&app](Words& w) {
+    std::cout << value_of(help_text(app, w.about, w.form)) << std::flush;
+    return 0;
+  });
+  help->add_option("VERB", words.about, "one verb: lithe help law check");
+  CLI::Option* before = nullptr;
+  const std::pair<const char*, const char*> forms[] = {
+      {"markdown", "all verbs, as docs/reference/cli.md"},
+      {"man", "all verbs, as a manual page: lithe help --man | man -l -"},
+      {"bash", "completion: eval \"$(lithe help --bash)\""},
+      {"zsh", "completion: source <(lithe help --zsh)"}};
+  for (const auto& [form, about] : forms) {
+    CLI::Option* flag =
+        help->add_flag_callback(std::string("--") + form, [&words, form = form] { words.form = form; }, about);
+    if (before != nullptr) flag->excludes(before);
+    before = flag;
+  }
+}
+
+}  // namespace
+
+void add_words(CLI::App& app, Words& words) {
+  app.name("lithe");
+  app.description("LITHE: a robot whose law can be replaced while it moves");
+  app.require_subcommand(1);
+  app.set_version_flag("--version", version_text());
+  app.add_flag("--json", words.context.json, "print one JSON document");
+  app.add_option("--robot", words.context.robot, "which robot, when several run")->type_name("NAME");
+  app.footer("exit code: 0 done, 1 refused, 2 usage, 3 robot fault");
+  add_run(app, words);
+  add_robot(app, words);
+  add_motions(app, words);
+  add_swap(app, words);
+  add_laws(app, words);
+  add_params(app, words);
+  add_bus(app, words);
+  add_sim(app, words);
+  add_help(app, words);
+}
+
+}  // namespace lithe::cli

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// Makes a plan from the arguments of `lithe move` and `lithe jog`, or refuses them.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <variant>
+
+#include "spine/wire/wire.hpp"
+#include "supervisor/cli/core/act.hpp"
+#include "supervisor/core/answer.hpp"
+
+namespace lithe::cli {
+
+struct Move {
+  wire::Plan plan;
+  std::size_t joint = 0;
+  double from_rad = 0, to_rad = 0;
+};
+
+// A plan of one waypoint: the joint at its target, all others at their setpoints. Refuses, with joint, value and limit:
+// a mode other than active, an unknown joint, an angle beyond its limits, a time outside 0.1 to 10 s, a speed beyond
+// its limit (the curve's fastest is 1.5 times its mean).
+// Contract: pure
+std::variant<Move, control::Refusal> plan_motion(const Motion& motion, const wire::RobotInfo& info,
+                                                 const wire::Telemetry& now, std::int64_t now_ns);
+
+}  // namespace lithe::cli

@@ -1,0 +1,285 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/link/spine/commands.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace lithe::control {
+
+using wire::CommandKind;
+using wire::CommandResult;
+
+namespace {
+
+constexpr const char* kNewStart = "find the cause (lithe events), then start again: lithe stop, lithe run";
+
+// When a joint is outside its limits, the next step is `recover`.
+std::string way_out_of(wire::Fault fault) {
+  if (fault == wire::Fault::memory_damaged) return kNewStart;
+  const bool outside = fault == wire::Fault::position_limit || fault == wire::Fault::recover_failed;
+  return fmt::format("find the cause of {} (lithe events), then: {}, then lithe arm", to_string(fault),
+                     outside ? "lithe recover" : "lithe reset");
+}
+
+// The next step that leads from this mode and latched fault to a running law.
+std::string way_to_active(wire::Mode mode, wire::Fault fault) {
+  switch (mode) {
+    case wire::Mode::estop:
+      return "when it is safe: lithe reset, then lithe arm";
+    case wire::Mode::safe_stop:
+      return way_out_of(fault);
+    case wire::Mode::recover:
+      return "wait until every joint is inside (lithe status), then: lithe arm";
+    case wire::Mode::disarmed:
+      return fault == wire::Fault::none ? "arm first: lithe arm" : way_out_of(fault);
+    default:
+      return "the robot is running again by now: try once more";
+  }
+}
+
+Refusal refused_by_mode(CommandKind kind, wire::Mode mode, wire::Fault fault) {
+  const std::string code(to_string(CommandResult::refused_mode));
+  if (kind == CommandKind::recover || kind == CommandKind::sim_reset) {
+    return {code, fmt::format("cannot {} in mode {}", to_string(kind), to_string(mode)),
+            fmt::format("switch the drives off first: lithe {}, then: lithe {}",
+                        mode == wire::Mode::estop ? "reset" : "disarm",
+                        kind == CommandKind::recover ? "recover" : "sim reset")};
+  }
+  if (kind != CommandKind::reset) {
+    return {code, fmt::format("cannot {} in mode {}", to_string(kind), to_string(mode)), way_to_active(mode, fault)};
+  }
+  const bool off = mode == wire::Mode::disarmed;
+  return {code, fmt::format("there is nothing to reset: no fault is latched in mode {}", to_string(mode)),
+          off ? "arm the robot: lithe arm" : "nothing is in its way; lithe disarm switches the drives off"};
+}
+
+Refusal refused_by_estop(CommandKind kind) {
+  const std::string code(to_string(CommandResult::refused_estop));
+  const std::string message = fmt::format("cannot {}: the e-stop is pressed", to_string(kind));
+  if (kind == CommandKind::reset) {
+    return {code, message, "a Brain holds it: reset from there (robot.reset()), or end that Brain and reset again"};
+  }
+  return {code, message,
+          kind == CommandKind::disarm ? "the law is off already; lithe reset leaves the e-stop with the drives off"
+                                      : "when it is safe: lithe reset, then lithe arm"};
+}
+
+Refusal refused_by_law(CommandKind kind) {
+  const std::string code(to_string(CommandResult::refused_law));
+  switch (kind) {
+    case CommandKind::rollback:
+      return {code, "there are not so many laws to go back to", "see which are there: lithe law list; or swap one in"};
+    case CommandKind::revert_params:
+    case CommandKind::set_params:
+      return {code, "another law runs by now, or none; no parameter was changed", "see what runs: lithe param get"};
+    default:
+      return {code, fmt::format("cannot {}: no law is loaded", to_string(kind)),
+              "swap a law in (lithe swap hold), then: lithe arm"};
+  }
+}
+
+// Names the joints that are outside their limits, with angle and limit.
+Refusal refused_outside(CommandKind kind, const wire::Telemetry& now, const wire::RobotInfo& info) {
+  std::string joints;
+  for (std::size_t j = 0; j < std::min<std::size_t>(now.joint_count, wire::kNj); ++j) {
+    const double rad = now.position_rad[j], min = info.position_min_rad[j], max = info.position_max_rad[j];
+    if (rad >= min && rad <= max) continue;
+    joints += fmt::format("{}{} is at {:.3f} rad, its limit is {:.3f} rad", joints.empty() ? "" : "; ",
+                          joint_name(info, j), rad, rad > max ? max : min);
+  }
+  if (joints.empty()) joints = "a joint was outside its limits";
+  return {std::string(to_string(CommandResult::refused_outside)), fmt::format("cannot {}: {}", to_string(kind), joints),
+          static_cast<wire::Mode>(now.mode) == wire::Mode::recover
+              ? "wait until every joint is inside (lithe status), then: lithe arm"
+              : "bring it inside: lithe recover (slow, little torque), or by hand; then: lithe arm"};
+}
+
+constexpr std::string_view kTryAgain = "try again; lithe status names the joints that are stale";
+
+// What keeps a joint from being armed, and the next step; no text = nothing.
+robot::Advice why_not_ready(std::uint32_t status, const robot::DeviceConfig* drive) {
+  if ((status & wire::joint_status::kFresh) == 0) return {"does not answer, or is being set up", ""};
+  if ((status & wire::joint_status::kNotReady) == 0) return {};
+  const robot::Advice own = drive != nullptr ? robot::facts(drive->kind).not_ready : robot::Advice{};
+  return own.text.empty() ? robot::Advice{"is not set up as a command would need it; the log says what to set", ""}
+                          : own;
+}
+
+// Names the joints and their drives. None: it was one late sample.
+Refusal refused_not_ready(CommandKind kind, const wire::Telemetry& now, const wire::RobotInfo& info,
+                          const robot::RobotConfig* robot) {
+  std::string joints;
+  std::string_view next;
+  for (std::size_t j = 0; j < std::min<std::size_t>(now.joint_count, wire::kNj); ++j) {
+    const robot::DeviceConfig* drive = nullptr;
+    if (robot != nullptr && j < robot->joints.size() && robot->joints[j].device < robot->devices.size()) {
+      drive = &robot->devices[robot->joints[j].device];
+    }
+    const robot::Advice why = why_not_ready(now.joint_status[j], drive);
+    if (why.text.empty()) continue;
+    if (next.empty()) next = why.next;
+    joints += fmt::format("{}joint {}{} {}", joints.empty() ? ": " : "; ", joint_name(info, j),
+                          drive != nullptr ? fmt::format(" (drive {})", drive->name) : "", why.text);
+  }
+  return {std::string(to_string(CommandResult::refused_not_ready)),
+          fmt::format("cannot {}: not every drive answers yet{}", to_string(kind), joints),
+          std::string(next.empty() ? kTryAgain : next)};
+}
+
+}  // namespace
+
+Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry& now, const wire::RobotInfo& info,
+                   const robot::RobotConfig* robot) {
+  const std::string code(to_string(result));
+  const auto mode = static_cast<wire::Mode>(now.mode);
+  const auto fault = static_cast<wire::Fault>(now.fault);
+  switch (result) {
+    case CommandResult::refused_mode:
+      return refused_by_mode(kind, mode, fault);
+    case CommandResult::refused_estop:
+      return refused_by_estop(kind);
+    case CommandResult::refused_fault:
+      return {code, fmt::format("cannot {}: fault {} is latched", to_string(kind), to_string(fault)),
+              way_to_active(mode, fault)};
+    case CommandResult::refused_law:
+      return refused_by_law(kind);
+    case CommandResult::refused_range:
+      return {code, "a parameter is outside its range or does not exist", "see the ranges: lithe param get"};
+    case CommandResult::refused_not_ready:
+      return refused_not_ready(kind, now, info, robot);
+    case CommandResult::refused_not_homed:
+      return {code,
+              fmt::format("cannot {}: a joint with must_be_homed does not know in which turn it is", to_string(kind)),
+              "home it (lithe status names the joints that are not_homed), then: lithe arm"};
+    case CommandResult::refused_damaged:
+      return {code, fmt::format("cannot {}: memory of the Spine that must not change has changed", to_string(kind)),
+              kNewStart};
+    case CommandResult::refused_outside:
+      return refused_outside(kind, now, info);
+    case CommandResult::refused_untried:
+      return {code, "parameters in the Brain's mailbox are refused while a supervisor lives: it tries them first",
+              "lithe param set, robot.params.set()"};
+    case CommandResult::refused_not_simulated:
+      return {code, "cannot put the joints back: the robot has a bus that is real",
+              "bring them inside: lithe recover; only a robot whose buses are all of kind \"loop\" can be reset"};
+    default:
+      return {code, fmt::format("the Spine does not know the command {}", to_string(kind)),
+              "build both from the same source"};
+  }
+}
+
+// As the Spine checks it: spine/plan/check.cpp.
+std::string beyond_limits(const wire::Plan& plan, wire::PlanReject reason, const wire::RobotInfo& info) {
+  constexpr double kRounding = 1e-9;
+  const auto joints = std::min<std::size_t>({plan.joint_count, info.joint_count, wire::kNj});
+  for (std::size_t w = 0; w < std::min<std::size_t>(plan.waypoint_count, wire::kNw); ++w) {
+    for (std::size_t j = 0; j < joints; ++j) {
+      const std::size_t at = w * wire::kNj + j;
+      const double rad = plan.position_rad[at], min = info.position_min_rad[j], max = info.position_max_rad[j];
+      const std::string who = fmt::format("joint {}, waypoint {}", joint_name(info, j), w + 1);
+      if (reason == wire::PlanReject::position_limit && !(rad >= min - kRounding && rad <= max + kRounding)) {
+        return fmt::format("{}: {:.3f} rad, its limits are {:.3f} and {:.3f} rad", who, rad, min, max);
+      }
+      const double gap_s = w > 0 ? static_cast<double>(plan.t_ns[w] - plan.t_ns[w - 1]) * 1e-9 : 1.0;
+      const double mean_rad_s = w > 0 ? std::abs(rad - plan.position_rad[at - wire::kNj]) / gap_s : 0.0;
+      const double own_rad_s = std::isnan(plan.velocity_rad_s[at]) ? 0.0 : std::abs(plan.velocity_rad_s[at]);
+      const double fastest_rad_s = std::max(mean_rad_s, own_rad_s);
+      if (reason == wire::PlanReject::velocity_limit && fastest_rad_s > info.velocity_max_rad_s[j] + kRounding) {
+        return fmt::format("{}: {:.3f} rad/s, its limit is {:.3f} rad/s", who, fastest_rad_s,
+                           info.velocity_max_rad_s[j]);
+      }
+    }
+  }
+  return "";
+}
+
+std::variant<wire::Command, Refusal> params_command(const Json& values, const wire::LawInfo& law) {
+  wire::Command command;
+  command.kind = static_cast<std::uint32_t>(CommandKind::set_params);
+  command.law_id = law.law_id;
+  for (const auto& [name, value] : values.items()) {
+    std::uint32_t index = 0;
+    std::string known;
+    while (index < law.param_count && name_at(law.param_name, index) != name) {
+      known += (known.empty() ? "" : ", ") + name_at(law.param_name, index);
+      ++index;
+    }
+    if (index == law.param_count) {
+      return Refusal{"unknown_param", fmt::format("law '{}' has no parameter '{}'", text_of(law.name), name),
+                     known.empty() ? "it has none" : fmt::format("it has: {}", known)};
+    }
+    if (!value.is_number() || !(value >= law.param_min[index]) || !(value <= law.param_max[index])) {
+      return Refusal{
+          "refused_range",
+          fmt::format("{} = {} is outside [{}, {}]", name, value.dump(), law.param_min[index], law.param_max[index]),
+          "nothing was changed; choose a value inside the range"};
+    }
+    command.index[command.count] = index;
+    command.value[command.count] = value.get<double>();
+    ++command.count;
+  }
+  if (command.count == 0) return Refusal{"usage", "no parameter was given", "lithe param set NAME VALUE"};
+  return command;
+}
+
+std::uint64_t Commands::send(wire::Command command, Callback callback, std::int64_t now_ns) {
+  command.request_id = next_id_++;
+  const auto ticket = spine_.send(command);
+  if (!ticket) {
+    callback(Refusal{"busy", "the Spine has sixteen unread commands", "try again; if it stays so, lithe status"});
+    return 0;
+  }
+  pending_.push_back({command, *ticket, now_ns, 0, std::move(callback)});
+  return command.request_id;
+}
+
+void Commands::refuse_all(const Refusal& reason) {
+  for (; !pending_.empty(); pending_.pop_front()) pending_.front().callback(reason);
+}
+
+Json Commands::result_json(const wire::Telemetry& now) const {
+  return {{"mode", std::string(to_string(static_cast<wire::Mode>(now.mode)))},
+          {"fault", std::string(to_string(static_cast<wire::Fault>(now.fault)))},
+          {"tick", now.tick}};
+}
+
+void Commands::serve(std::int64_t now_ns) {
+  wire::Telemetry now{};
+  (void)spine_.latest(now);
+  // Answers may come out of order, and a callback may send a new command; so each pending command is checked once per
+  // turn.
+  for (std::size_t left = pending_.size(); left > 0; --left) {
+    Pending each = std::move(pending_.front());
+    pending_.pop_front();
+    const auto kind = static_cast<CommandKind>(each.command.kind);
+    const CommandResult result = spine_.poll(each.ticket);
+    const bool in_time = now_ns - each.sent_ns < kTimeoutNs;
+    const bool again =
+        kind == CommandKind::arm && result == CommandResult::refused_not_ready && now_ns - each.sent_ns < kArmAgainNs;
+    if (const auto ticket = again ? spine_.send(each.command) : std::nullopt) {
+      each.ticket = *ticket;
+      pending_.push_back(std::move(each));
+    } else if (result == CommandResult::pending && in_time) {
+      pending_.push_back(std::move(each));
+    } else if (result == CommandResult::pending) {
+      each.callback(
+          Refusal{"timeout",
+                  fmt::format("{} is not confirmed: no answer within 2 s; it may still take effect", to_string(kind)),
+                  "see what the robot does: lithe status"});
+    } else if (result != CommandResult::done) {
+      each.callback(refusal_of(kind, result, now, spine_.info(), robot_));
+    } else if (each.seen_at_tick == 0) {
+      each.seen_at_tick = now.tick + 1;  // the tick that handled the command publishes its record after its answer
+      pending_.push_back(std::move(each));
+    } else if (now.tick < each.seen_at_tick && in_time) {
+      pending_.push_back(std::move(each));
+    } else {
+      each.callback(result_json(now));
+    }
+  }
+}
+
+}  // namespace lithe::control

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+// Sends commands to the Spine's mailbox and answers each of them once.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <string>
+#include <variant>
+
+#include "spine/robot/config.hpp"
+#include "spine/wire/wire.hpp"
+#include "supervisor/core/answer.hpp"
+#include "supervisor/link/spine/spine_link.hpp"
+
+namespace lithe::control {
+
+// The Spine's refusal as a sentence, with the next step. `robot`, if given, tells the drives behind the joints.
+Refusal refusal_of(wire::CommandKind kind, wire::CommandResult result, const wire::Telemetry& now,
+                   const wire::RobotInfo& info = {}, const robot::RobotConfig* robot = nullptr);
+
+// The first joint of a refused plan that is beyond its limit, with value and limit; empty when the reason is another.
+std::string beyond_limits(const wire::Plan& plan, wire::PlanReject reason, const wire::RobotInfo& info);
+
+// Makes the command that sets these parameters of this law. A refusal names the parameter.
+std::variant<wire::Command, Refusal> params_command(const Json& values, const wire::LawInfo& law);
+
+// Contract: one thread · never blocks · serve() at least every millisecond while waiting().
+class Commands {
+ public:
+  using Callback = std::function<void(const Answer&)>;
+  static constexpr std::int64_t kTimeoutNs = 2'000'000'000;
+  // An `arm` that is refused because of one late sample is sent again for this long: on a busy machine commands often
+  // arrive in a tick whose sample is late.
+  static constexpr std::int64_t kArmAgainNs = 200'000'000;
+
+  // `robot`: outlives it; for the words of refusals.
+  Commands(SpineLink& spine, std::uint64_t first_request_id, const robot::RobotConfig* robot = nullptr)
+      : spine_(spine), next_id_(first_request_id), robot_(robot) {}
+
+  // Returns the request id that the events carry; 0 = refused at once.
+  std::uint64_t send(wire::Command command, Callback callback, std::int64_t now_ns);
+  void serve(std::int64_t now_ns);
+  void refuse_all(const Refusal& reason);
+  bool waiting() const { return !pending_.empty(); }
+
+ private:
+  struct Pending {
+    wire::Command command;
+    std::uint64_t ticket;
+    std::int64_t sent_ns;
+    std::uint64_t seen_at_tick;  // the first tick whose telemetry shows the effect; 0 = not answered yet
+    Callback callback;
+  };
+
+  Json result_json(const wire::Telemetry& now) const;
+
+  SpineLink& spine_;
+  std::uint64_t next_id_;
+  const robot::RobotConfig* robot_;
+  std::deque<Pending> pending_;
+};
+
+}  // namespace lithe::control

@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: Apache-2.0
+// With the segments of a Spine that is not there: what is answered, and how.
+#include "supervisor/link/spine/commands.hpp"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "spine/ipc/segment.hpp"
+
+namespace lithe::control {
+namespace {
+
+using wire::CommandKind;
+using wire::CommandResult;
+using wire::Fault;
+using wire::Mode;
+
+wire::Telemetry in_mode(Mode mode, Fault fault = Fault::none) {
+  wire::Telemetry now{};
+  now.mode = static_cast<std::uint32_t>(mode);
+  now.fault = static_cast<std::uint32_t>(fault);
+  return now;
+}
+
+TEST(BeyondLimits, NamesTheFirstJointWithItsWaypointValueAndLimit) {
+  wire::RobotInfo info{};
+  info.joint_count = 2;
+  std::copy_n("hip", 3, info.joint_name.begin());
+  std::copy_n("knee", 4, info.joint_name.begin() + 32);
+  info.position_min_rad = {-1, -1};
+  info.position_max_rad = {1, 2};
+  info.velocity_max_rad_s = {10, 10};
+  wire::Plan plan;
+  plan.joint_count = plan.waypoint_count = 2;
+  plan.t_ns = {1'000'000'000, 1'100'000'000};
+  plan.velocity_rad_s.fill(std::nan(""));
+  EXPECT_EQ(beyond_limits(plan, wire::PlanReject::position_limit, info), "");
+  plan.position_rad[wire::kNj + 1] = 2.5;
+  EXPECT_EQ(beyond_limits(plan, wire::PlanReject::position_limit, info),
+            "joint knee, waypoint 2: 2.500 rad, its limits are -1.000 and 2.000 rad");
+  EXPECT_EQ(beyond_limits(plan, wire::PlanReject::velocity_limit, info),
+            "joint knee, waypoint 2: 25.000 rad/s, its limit is 10.000 rad/s");
+  EXPECT_EQ(beyond_limits(plan, wire::PlanReject::too_old, info), "") << "that is about no joint";
+  plan.joint_count = plan.waypoint_count = ~0U;  // a broken Brain wrote it
+  EXPECT_NE(beyond_limits(plan, wire::PlanReject::position_limit, info), "");
+}
+
+TEST(RefusalOf, AdvisesByTheModeTheRobotIsIn) {
+  struct Case {
+    CommandKind kind;
+    CommandResult result;
+    wire::Telemetry now;
+    std::string next;   // must occur in the advice
+    std::string never;  // must not
+  };
+  const std::vector<Case> cases = {
+      {CommandKind::hold, CommandResult::refused_mode, in_mode(Mode::disarmed), "lithe arm", "reset"},
+      {CommandKind::hold, CommandResult::refused_mode, in_mode(Mode::disarmed, Fault::velocity_limit), "lithe reset",
+       "arm first"},
+      {CommandKind::hold, CommandResult::refused_mode, in_mode(Mode::safe_stop, Fault::drive_lost), "lithe reset",
+       "arm first"},
+      {CommandKind::hold, CommandResult::refused_mode, in_mode(Mode::estop, Fault::estop_pressed), "lithe reset",
+       "arm first"},
+      {CommandKind::reset, CommandResult::refused_mode, in_mode(Mode::disarmed), "lithe arm", "reset"},
+      {CommandKind::reset, CommandResult::refused_mode, in_mode(Mode::active), "lithe disarm", "lithe arm"},
+      {CommandKind::arm, CommandResult::refused_fault, in_mode(Mode::disarmed, Fault::drive_lost), "lithe reset",
+       "first"},
+      {CommandKind::arm, CommandResult::refused_estop, in_mode(Mode::estop, Fault::estop_pressed), "lithe reset",
+       "Brain"},
+      {CommandKind::disarm, CommandResult::refused_estop, in_mode(Mode::estop, Fault::estop_pressed), "lithe reset",
+       "lithe arm"},
+      {CommandKind::reset, CommandResult::refused_estop, in_mode(Mode::estop, Fault::estop_pressed), "Brain",
+       "lithe arm"},
+      {CommandKind::arm, CommandResult::refused_law, in_mode(Mode::disarmed), "lithe swap", "rollback"},
+      {CommandKind::sim_reset, CommandResult::refused_mode, in_mode(Mode::estop, Fault::estop_pressed), "lithe reset",
+       "disarm"},
+      {CommandKind::sim_reset, CommandResult::refused_mode, in_mode(Mode::active), "lithe disarm", "lithe reset"},
+      {CommandKind::set_params, CommandResult::refused_law, in_mode(Mode::active), "lithe param get", "swap"},
+  };
+  for (const Case& each : cases) {
+    const Refusal refusal = refusal_of(each.kind, each.result, each.now);
+    const std::string where = std::string(to_string(each.kind)) + " in " + std::to_string(each.now.mode) + ": " +
+                              refusal.message + " / " + refusal.next;
+    EXPECT_EQ(refusal.code, to_string(each.result));
+    EXPECT_NE(refusal.next.find(each.next), std::string::npos) << where;
+    EXPECT_EQ(refusal.next.find(each.never), std::string::npos) << where;
+  }
+}
+
+TEST(RefusalOf, NamesTheFaultThatIsLatched) {
+  const Refusal refusal =
+      refusal_of(CommandKind::arm, CommandResult::refused_fault, in_mode(Mode::safe_stop, Fault::velocity_limit));
+  EXPECT_NE((refusal.message + refusal.next).find("velocity_limit"), std::string::npos);
+}
+
+TEST(RefusalOf, DamagedMemoryNeedsANewStartAndNothingElseIsAdvised) {
+  const wire::Telemetry stopped = in_mode(Mode::safe_stop, Fault::memory_damaged);
+  for (const CommandResult result :
+       {CommandResult::refused_damaged, CommandResult::refused_fault, CommandResult::refused_mode}) {
+    const Refusal refusal = refusal_of(CommandKind::hold, result, stopped);
+    EXPECT_NE(refusal.next.find("lithe run"), std::string::npos) << refusal.next;
+    EXPECT_EQ(refusal.next.find("lithe reset"), std::string::npos) << refusal.next;
+  }
+}
+
+TEST(RefusalOf, NamesTheJointThatIsOutsideWithAngleLimitAndNextStep) {
+  wire::Telemetry now = in_mode(Mode::disarmed);
+  now.joint_count = 2;
+  now.position_rad[1] = -3.5;
+  wire::RobotInfo info{};
+  std::copy_n("hip", 3, info.joint_name.begin());
+  std::copy_n("knee", 4, info.joint_name.begin() + 32);
+  info.position_min_rad.fill(-3);
+  info.position_max_rad.fill(3);
+  const Refusal refusal = refusal_of(CommandKind::arm, CommandResult::refused_outside, now, info);
+  EXPECT_EQ(refusal.code, "refused_outside");
+  EXPECT_EQ(refusal.message, "cannot arm: knee is at -3.500 rad, its limit is -3.000 rad");
+  EXPECT_NE(refusal.next.find("lithe recover"), std::string::npos);
+}
+
+TEST(RefusalOf, NamesTheJointTheDriveAndWhyItIsNotReady) {
+  namespace bit = wire::joint_status;
+  wire::Telemetry now = in_mode(Mode::disarmed);
+  now.joint_count = 3;
+  now.joint_status[0] = bit::kFresh;
+  now.joint_status[1] = bit::kFresh | bit::kNotReady | bit::kFault;
+  wire::RobotInfo info{};
+  std::copy_n("hip", 3, info.joint_name.begin());
+  std::copy_n("knee", 4, info.joint_name.begin() + 32);
+  std::copy_n("toe", 3, info.joint_name.begin() + 64);
+  robot::RobotConfig robot;
+  for (std::size_t j = 0; j < 3; ++j) {
+    robot.devices.push_back({.name = "drive" + std::to_string(j), .kind = robot::DeviceKind::cia402});
+    robot.joints.emplace_back().device = j;
+  }
+  const Refusal refusal = refusal_of(CommandKind::arm, CommandResult::refused_not_ready, now, info, &robot);
+  EXPECT_EQ(
+      refusal.message,
+      "cannot arm: not every drive answers yet: joint knee (drive drive1) has no heartbeat (1017h); joint toe (drive "
+      "drive2) does not answer, or is being set up");
+  EXPECT_NE(refusal.next.find("its power and cable"), std::string::npos);
+  EXPECT_NE(refusal.next.find("lithe arm"), std::string::npos);
+}
+
+class CommandsTest : public testing::Test {
+ protected:
+  CommandsTest() {
+    ::setenv("LITHE_SHM_PREFIX", ("lithe-commands-" + std::to_string(::getpid())).c_str(), 1);
+    auto spine = ipc::Segment<ipc::SpineMemory>::create("ghost");
+    EXPECT_TRUE(spine && ipc::Segment<ipc::ControlMemory>::create("ghost"));
+    ipc::ChannelWriter<wire::RobotInfo>((*spine)->robot_info).write(wire::RobotInfo{});
+    auto link = SpineLink::attach("ghost");
+    EXPECT_TRUE(link) << link.message();
+    link_.emplace(std::move(*link));
+  }
+  ~CommandsTest() override {
+    ipc::remove_segment(ipc::Segment<ipc::SpineMemory>::path("ghost"));
+    ipc::remove_segment(ipc::Segment<ipc::ControlMemory>::path("ghost"));
+  }
+  std::optional<SpineLink> link_;
+};
+
+TEST_F(CommandsTest, AnAnswerThatDoesNotComeIsNotConfirmedAndNotCalledAFailure) {
+  Commands commands(*link_, 1);
+  std::optional<Answer> answer;
+  wire::Command arm;
+  arm.kind = static_cast<std::uint32_t>(CommandKind::arm);
+  commands.send(arm, [&answer](const Answer& got) { answer = got; }, 0);
+  commands.serve(Commands::kTimeoutNs - 1);
+  EXPECT_FALSE(answer);
+  commands.serve(Commands::kTimeoutNs);
+  ASSERT_TRUE(answer && std::holds_alternative<Refusal>(*answer));
+  const Refusal& refusal = std::get<Refusal>(*answer);
+  EXPECT_EQ(refusal.code, "timeout");
+  EXPECT_NE(refusal.message.find("arm is not confirmed"), std::string::npos);
+  EXPECT_NE(refusal.message.find("may still take effect"), std::string::npos);
+  EXPECT_FALSE(commands.waiting());
+}
+
+TEST_F(CommandsTest, AFullMailboxIsBusy) {
+  Commands commands(*link_, 1);
+  std::vector<std::string> codes;
+  for (std::size_t i = 0; i <= wire::control_segment::kCommandsDepth; ++i) {
+    commands.send(wire::Command{}, [&codes](const Answer& got) { codes.push_back(std::get<Refusal>(got).code); }, 0);
+  }
+  EXPECT_EQ(codes, (std::vector<std::string>{"busy"}));
+}
+
+}  // namespace
+}  // namespace lithe::control

@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/link/spine/commit_metrics.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <fstream>
+#include <iterator>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "spine/core/time.hpp"
+
+namespace lithe::control {
+namespace {
+
+std::string read(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  return std::string(std::istreambuf_iterator<char>(file), {});
+}
+
+// The next word, cut off the front; empty at the end.
+std::string_view word(std::string_view& text) {
+  const std::size_t from = std::min(text.find_first_not_of(' '), text.size());
+  const std::size_t to = std::min(text.find(' ', from), text.size());
+  const std::string_view found = text.substr(from, to - from);
+  text.remove_prefix(to);
+  return found;
+}
+
+std::optional<std::uint64_t> number(std::string_view text) {
+  std::uint64_t value = 0;
+  const auto [end, failure] = std::from_chars(text.data(), text.data() + text.size(), value);
+  return failure == std::errc() && end == text.data() + text.size() && !text.empty() ? std::optional(value)
+                                                                                     : std::nullopt;
+}
+
+Json difference(const std::optional<std::uint64_t>& before, const std::optional<std::uint64_t>& after) {
+  return before && after ? Json(*after - std::min(*before, *after)) : Json(nullptr);
+}
+
+// The window before or after the commit, one value per tick.
+struct Side {
+  std::vector<std::uint32_t> jitter_ns, handoff_ns;
+  double step_share = -1.0;  // largest torque step, as a share of the slew bound
+  double step_nm = 0.0, bound_nm = 0.0;
+  std::size_t joint = 0;
+
+  void add(const wire::Telemetry& record) {
+    jitter_ns.push_back(record.release_jitter_ns);
+    handoff_ns.push_back(record.handoff_ns);
+  }
+  void step(const wire::Telemetry& from, const wire::Telemetry& to, const wire::RobotInfo& info) {
+    for (std::size_t j = 0; j < std::min<std::size_t>(to.joint_count, wire::kNj); ++j) {
+      const double by_nm = std::abs(to.command_torque_nm[j] - from.command_torque_nm[j]);
+      const double most_nm = info.torque_slew_nm_s[j] / info.rate_hz;
+      if (most_nm > 0 && by_nm / most_nm > step_share) {
+        step_share = by_nm / most_nm;
+        step_nm = by_nm;
+        bound_nm = most_nm;
+        joint = j;
+      }
+    }
+  }
+  static Json quantiles(std::vector<std::uint32_t>& times_ns) {
+    if (times_ns.empty()) return nullptr;
+    std::sort(times_ns.begin(), times_ns.end());
+    return {{"p50_us", times_ns[times_ns.size() / 2] * 1e-3}, {"max_us", times_ns.back() * 1e-3}};
+  }
+  // Null when there are no two consecutive ticks to compare.
+  Json to_json() {
+    const bool stepped = step_share >= 0;
+    return {{"ticks", jitter_ns.size()},
+            {"release_jitter", quantiles(jitter_ns)},
+            {"handoff", quantiles(handoff_ns)},
+            {"largest_step_nm", stepped ? Json(step_nm) : Json(nullptr)},
+            {"slew_bound_nm", stepped ? Json(bound_nm) : Json(nullptr)},
+            {"step_joint", stepped ? Json(joint) : Json(nullptr)}};
+  }
+};
+
+}  // namespace
+
+void read_interrupts(std::string_view text, std::uint32_t cpu, CoreCounts& counts) {
+  std::string_view head = text.substr(0, text.find('\n'));
+  const std::string wanted = fmt::format("CPU{}", cpu);
+  std::size_t column = 0;
+  for (std::string_view each = word(head); each != wanted; each = word(head), ++column) {
+    if (each.empty()) {
+      return;  // /proc/interrupts has no column for this core
+    }
+  }
+  while (!text.empty()) {
+    const std::size_t end = std::min(text.find('\n'), text.size());
+    std::string_view line = text.substr(0, end);
+    text.remove_prefix(std::min(end + 1, text.size()));
+    const std::string_view name = word(line);
+    for (std::size_t i = 0; i < kInterrupts.size(); ++i) {
+      if (name.size() == kInterrupts[i].size() + 1 && name.starts_with(kInterrupts[i]) && name.back() == ':') {
+        for (std::size_t skipped = 0; skipped < column; ++skipped) (void)word(line);
+        counts.interrupts[i] = number(word(line));
+      }
+    }
+  }
+}
+
+// Fields 10 and 12 of /proc/PID/stat; the name in parentheses before them may contain any character.
+void read_faults(std::string_view stat, CoreCounts& counts) {
+  const std::size_t name_end = stat.rfind(')');
+  if (name_end == std::string_view::npos) return;
+  stat.remove_prefix(name_end + 1);
+  for (int field = 3; field <= 12; ++field) {
+    const std::string_view text = word(stat);
+    if (field == 10) {
+      counts.minor_faults = number(text);
+    } else if (field == 12) {
+      counts.major_faults = number(text);
+    }
+  }
+}
+
+CoreCounts count_core(pid_t spine, const wire::RobotInfo& info) {
+  CoreCounts counts;
+  counts.t_ns = monotonic_ns();
+  read_interrupts(read("/proc/interrupts"), info.cpu_spine, counts);
+  if (info.tid_spine != 0) {
+    read_faults(read(fmt::format("/proc/{}/task/{}/stat", spine, info.tid_spine)), counts);
+  }
+  return counts;
+}
+
+Json counts_json(const CoreCounts& before, const CoreCounts& after) {
+  const bool both = before.t_ns != 0 && after.t_ns != 0;
+  return {{"seconds", both ? Json(static_cast<double>(after.t_ns - before.t_ns) * 1e-9) : Json(nullptr)},
+          {"minor_faults", difference(before.minor_faults, after.minor_faults)},
+          {"major_faults", difference(before.major_faults, after.major_faults)},
+          {"tlb", difference(before.interrupts[0], after.interrupts[0])},
+          {"cal", difference(before.interrupts[1], after.interrupts[1])},
+          {"res", difference(before.interrupts[2], after.interrupts[2])}};
+}
+
+Json measure_commit(const SpineLink& spine, std::uint64_t commit_tick) {
+  const wire::RobotInfo& info = spine.info();
+  const auto window = static_cast<std::uint64_t>(std::max(1.0, kWindowS * info.rate_hz));
+  auto now = std::make_unique<wire::Telemetry>();
+  auto last = std::make_unique<wire::Telemetry>();
+  if (!spine.latest(*now)) return nullptr;
+  ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> ring(spine.memory().telemetry);
+  const std::uint64_t from = commit_tick - std::min(commit_tick, window);
+  ring.rewind(now->tick - std::min(now->tick, from) + 2);
+  Side before, after;
+  Json first_call_ns = nullptr;
+  std::optional<std::uint32_t> missed_before;
+  std::uint32_t missed_after = 0;
+  // Test empty(): next() is false also for a record that was overwritten while it was read.
+  while (!ring.empty()) {
+    if (!ring.next(*now) || now->tick < from) continue;
+    if (now->tick > commit_tick + window) break;
+    Side& side = now->tick <= commit_tick ? before : after;
+    side.add(*now);
+    if (last->tick != 0 && now->tick == last->tick + 1) side.step(*last, *now, info);
+    if (now->tick == commit_tick + 1) first_call_ns = now->law_ns;
+    missed_before = missed_before.value_or(now->missed_releases);
+    missed_after = now->missed_releases;
+    std::swap(last, now);
+  }
+  return {{"first_call_ns", first_call_ns},
+          {"lost_ticks", missed_before ? Json(missed_after - *missed_before) : Json(nullptr)},
+          {"before", before.to_json()},
+          {"after", after.to_json()}};
+}
+
+}  // namespace lithe::control

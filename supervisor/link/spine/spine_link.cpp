@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/link/spine/spine_link.hpp"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <fstream>
+#include <iterator>
+
+#include "spine/core/histogram.hpp"
+#include "spine/core/time.hpp"
+#include "spine/ipc/frames.hpp"
+#include "supervisor/core/process.hpp"
+
+namespace lithe::control {
+
+using Spine = ipc::Segment<ipc::SpineMemory>;
+using Control = ipc::Segment<ipc::ControlMemory>;
+
+namespace {
+
+constexpr std::int64_t kMostDyingNs = 5 * kNsPerS;
+
+// A killed process keeps its lease until its last thread has ended.
+bool is_dying(pid_t pid) {
+  const char state = state_of(pid);
+  return state == 'Z' || state == 'X';
+}
+
+}  // namespace
+
+std::optional<pid_t> spine_now(const std::string& robot) {
+  if (!ipc::Lease::is_held(Spine::path(robot))) return std::nullopt;
+  // Read as bytes: a Spine of another build has another layout, but the same header.
+  wire::SegmentHeader header{};
+  std::ifstream file(Spine::path(robot), std::ios::binary);
+  file.read(reinterpret_cast<char*>(&header), sizeof(header));
+  const bool known = file.gcount() == sizeof(header) && header.magic == wire::kMagic;
+  return known ? static_cast<pid_t>(header.writer_pid) : 0;
+}
+
+std::optional<pid_t> live_spine(const std::string& robot) {
+  const std::int64_t until_ns = monotonic_ns() + kMostDyingNs;
+  std::optional<pid_t> pid = spine_now(robot);
+  while (pid && *pid > 0 && is_dying(*pid) && monotonic_ns() < until_ns) {
+    ::usleep(10'000);
+    pid = spine_now(robot);
+  }
+  return pid;
+}
+
+bool remove_segments(const std::string& robot) {
+  const auto lease = ipc::Lease::try_take(Spine::path(robot));
+  if (!lease || !*lease) return false;
+  for (const std::string& path : {Spine::path(robot), Control::path(robot), ipc::Segment<ipc::BrainMemory>::path(robot),
+                                  ipc::Segment<ipc::FramesMemory>::path(robot)}) {
+    ipc::remove_segment(path);
+  }
+  return true;
+}
+
+Result<> press_estop(const std::string& robot) {
+  const Result<Control> control = Control::attach(robot, ipc::Access::write);
+  if (!control) return control.error();
+  // release: partner of the tick's acquire load; the word is sticky, so a second writer can only press it too.
+  ipc::store_word((*control)->estop.value, 1, std::memory_order_release);
+  return done();
+}
+
+Result<SpineLink> SpineLink::attach(const std::string& robot) {
+  Result<Spine> spine = Spine::attach(robot, ipc::Access::read);
+  if (!spine) return spine.error();
+  Result<Control> control = Control::attach(robot, ipc::Access::write);
+  if (!control) return control.error();
+  ipc::sign_in((*control)->header, monotonic_ns());
+  SpineLink link(std::move(*spine), std::move(*control));
+  if (!ipc::ChannelReader<wire::RobotInfo>(link.spine_->robot_info).read(link.info_)) {
+    return Error{fmt::format("the Spine of '{}' has not published what it runs; is it still starting?", robot)};
+  }
+  return link;
+}
+
+SpineLink::SpineLink(Spine spine, Control control)
+    : spine_(std::move(spine)),
+      control_(std::move(control)),
+      telemetry_(spine_->telemetry),
+      events_tick_(spine_->events_tick),
+      events_loader_(spine_->events_loader),
+      commands_(control_->commands, spine_->control_ack),
+      stage_(control_->stage, spine_->stage_ack) {
+  events_tick_.rewind();
+  events_loader_.rewind();
+}
+
+pid_t SpineLink::spine_pid() const {
+  return static_cast<pid_t>(ipc::load_word(spine_->header.writer_pid, std::memory_order_relaxed));
+}
+
+std::vector<wire::LawInfo> SpineLink::laws() const {
+  std::vector<wire::LawInfo> found;
+  for (const auto& channel : spine_->law_info) {
+    wire::LawInfo info;
+    if (ipc::ChannelReader<wire::LawInfo>(channel).read(info) && info.law_id != 0) {
+      info.param_count = std::min<std::uint32_t>(info.param_count, wire::kNparam);
+      found.push_back(info);
+    }
+  }
+  std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.law_id < b.law_id; });
+  return found;
+}
+
+std::optional<wire::LawInfo> SpineLink::law(std::uint32_t law_id) const {
+  for (const wire::LawInfo& info : laws()) {
+    if (info.law_id == law_id) return info;
+  }
+  return std::nullopt;
+}
+
+std::optional<wire::Params> SpineLink::params() const {
+  wire::Params params;
+  if (!ipc::ChannelReader<wire::Params>(spine_->params).read(params)) return std::nullopt;
+  return params;
+}
+
+std::optional<RunningLaw> SpineLink::running_law() const {
+  wire::Telemetry now{};
+  const auto info = latest(now) ? law(now.law_id) : std::nullopt;
+  if (!info) return std::nullopt;
+  RunningLaw running{*info};
+  const auto live = params();
+  for (std::uint32_t i = 0; i < info->param_count; ++i) {
+    const bool is_live = live && live->law_id == info->law_id && i < live->count;
+    running.values[name_at(info->param_name, i)] = is_live ? live->value[i] : info->param_value[i];
+  }
+  return running;
+}
+
+std::optional<wire::Plan> SpineLink::plan() const {
+  const auto brain = ipc::Segment<ipc::BrainMemory>::attach(text_of(info_.robot), ipc::Access::read);
+  wire::Plan plan;
+  if (!brain || !ipc::ChannelReader<wire::Plan>((*brain)->plan).read(plan)) return std::nullopt;
+  return plan;
+}
+
+Quantiles SpineLink::quantiles(const ipc::HistogramMemory& histogram) const {
+  std::array<std::uint64_t, wire::kNbin> bins;
+  for (std::size_t i = 0; i < bins.size(); ++i) bins[i] = ipc::load_word(histogram.bin[i], std::memory_order_relaxed);
+  const double max_us = static_cast<double>(ipc::load_word(histogram.max_ns, std::memory_order_relaxed)) * 1e-3;
+  const auto at = [&](double q) {
+    return std::min(static_cast<double>(histogram_quantile_ns(bins, q)) * 1e-3, max_us);
+  };
+  return {at(0.5), at(0.99), at(0.999), max_us, ipc::load_word(histogram.count, std::memory_order_relaxed)};
+}
+
+std::optional<bool> SpineLink::confirmed_off() const {
+  ipc::RingReader<wire::Event, wire::spine_segment::kEventsTickDepth> events(spine_->events_tick);
+  events.rewind(1);
+  wire::Event last{};
+  if (!events.next(last) || last.kind != static_cast<std::uint32_t>(wire::EventKind::disarmed) || last.code == 0)
+    return std::nullopt;
+  return last.code == 1;
+}
+
+std::vector<wire::Event> SpineLink::drain_events() {
+  const auto drain = [](auto& ring, std::size_t depth) {
+    std::vector<wire::Event> events;
+    wire::Event event;
+    // Test empty(), not next(): next() is false also for a record that was overwritten while it was read, and more
+    // records may follow.
+    for (std::size_t i = 0; i < depth && !ring.empty(); ++i) {
+      if (ring.next(event)) events.push_back(event);
+    }
+    return events;
+  };
+  // Read the Loader's ring first. The Loader retires a law after the tick's event about it, so the reason is always
+  // read before, or together with, the retirement.
+  const std::vector<wire::Event> loader = drain(events_loader_, wire::spine_segment::kEventsLoaderDepth);
+  const std::vector<wire::Event> tick = drain(events_tick_, wire::spine_segment::kEventsTickDepth);
+  std::vector<wire::Event> merged;
+  std::merge(loader.begin(), loader.end(), tick.begin(), tick.end(), std::back_inserter(merged),
+             [](const wire::Event& a, const wire::Event& b) { return a.t_ns < b.t_ns; });
+  return merged;
+}
+
+void SpineLink::heartbeat(std::int64_t now_ns) {
+  std::atomic_ref<std::int64_t>(control_->header.heartbeat_ns).store(now_ns, std::memory_order_release);
+}
+
+void SpineLink::press_estop() { ipc::store_word(control_->estop.value, 1, std::memory_order_release); }
+
+void SpineLink::release_estop() {
+  ipc::store_word(control_->estop.value, 0, std::memory_order_release);
+  // A Brain that died with its e-stop word set cannot clear it. Its lease is free then, so we clear it.
+  using Brain = ipc::Segment<ipc::BrainMemory>;
+  const std::string robot = text_of(info_.robot);
+  const auto lease = ipc::Lease::try_take(Brain::path(robot));
+  if (lease && *lease) {
+    if (const auto brain = Brain::attach(robot, ipc::Access::write)) {
+      ipc::store_word((*brain)->estop.value, 0, std::memory_order_release);
+    }
+  }
+}
+
+}  // namespace lithe::control

@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+// The certificates a robot's swaps leave on disk: <dir>/0001.json, 0002.json ... and <dir>/chain.jsonl, which binds
+// them (verify_chain() checks it).
+//
+// A certificate goes on changing while its law lives (committed, measured, confirmed, rolled back, retired), so the
+// chain contains writings, not files. Each writing adds a line to chain.jsonl:
+//   {"file":"0007.json","sha256":<of the text as written>,"previous":<sha256 of the line before, without its newline>}
+// and every certificate carries, as "previous", the hash of the line before its own first one. A later change of a
+// certificate, a line, or their order breaks a hash.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "spine/core/result.hpp"
+#include "supervisor/core/answer.hpp"
+
+namespace lithe::control {
+
+inline constexpr const char* kChain = "chain.jsonl";
+inline constexpr std::size_t kMaxRecordBytes = std::size_t{16} << 20;  // limit for reading one certificate
+
+// Where the records of a robot are: below $LITHE_OUT_DIR, else below out/ of the working directory. Absolute.
+std::filesystem::path records_of(const std::string& robot);
+
+// Contract: one thread · a file appears complete or not at all · numbers go on where an earlier run stopped.
+class RecordBook {
+ public:
+  explicit RecordBook(std::filesystem::path dir) : dir_(std::move(dir)) {}
+
+  struct Page {
+    std::filesystem::path path;  // empty: it could not be written
+    std::string previous;        // the hash its certificate carries
+    int folder = 0;              // which of the folders it was written to: see begun_anew()
+  };
+
+  // Writes a new file. On a full disk it returns an Error; the caller warns and continues.
+  Result<Page> write(const Json& certificate);
+  // Replaces a file of write() atomically.
+  Result<> rewrite(const Page& page, const Json& certificate) { return put(page, certificate); }
+  const std::filesystem::path& folder() const { return dir_; }
+  // The folder was removed while we used it, and was made again with an empty chain: the first certificate in it. Empty
+  // = this has not happened.
+  const std::string& begun_anew() const { return begun_anew_; }
+
+ private:
+  Result<> open();
+  Result<> find_end();
+  void notice_removal();
+  Result<> put(const Page& page, Json certificate);
+  Result<> add_line(const Page& page, const std::string& text);
+
+  std::filesystem::path dir_;
+  int next_ = 0;              // 0 = not opened yet
+  int used_ = 0;              // the last number given
+  std::string last_line_;     // hash of the last line of the chain; empty = there is none
+  bool line_is_cut_ = false;  // its newline is missing: full disk, or a crash
+  int folders_ = 0;           // number of times the folder was made again
+  std::string begun_anew_;
+};
+
+// Certificates that could not be written: they wait until the disk has room.
+// Contract: one thread · holds kMost certificates; the oldest goes when there are more.
+class LateRecords {
+ public:
+  static constexpr std::size_t kMost = 256;
+  static constexpr std::int64_t kPauseNs = 1'000'000'000;  // between two tries
+
+  // Stores the newest version of a certificate that has no file.
+  void hold(std::uint64_t request_id, Json certificate);
+  // Writes waiting certificates until one fails again; most calls do nothing.
+  void retry(RecordBook& book, std::int64_t now_ns);
+  std::size_t waiting() const;
+
+ private:
+  struct Late {
+    Json certificate;  // null = it has been written
+    RecordBook::Page page;
+  };
+  std::map<std::uint64_t, Late> late_;
+  std::int64_t next_try_ns_ = 0;
+};
+
+struct ChainProblem {
+  std::string what;      // changed, missing, extra or order
+  std::string file;      // of the certificate; empty: a line that names none
+  std::size_t line = 0;  // of the chain; 0: none
+  std::string text;      // one sentence
+};
+
+struct Chain {
+  std::size_t writings = 0;
+  std::size_t certificates = 0;        // that the chain names
+  std::size_t cut = 0;                 // writings that a full disk or a crash cut short: no problem, but worth a look
+  std::vector<ChainProblem> problems;  // empty = nothing was changed
+
+  Json to_json() const;
+};
+
+// Reads what a RecordBook has written.
+// Contract: any bytes are safe · a supervisor may write at the same time · removal of the newest lines together with
+// their files is not detected
+Chain verify_chain(const std::filesystem::path& dir);
+
+}  // namespace lithe::control

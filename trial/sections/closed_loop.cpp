@@ -1,0 +1,220 @@
+// SPDX-License-Identifier: Apache-2.0
+// Closed-loop section: two runs of the law with the simulated robot and the guard; one second of simulated time each.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <ctime>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "trial/sections/sections.hpp"
+#include "trial/simulation/simulated_run.hpp"
+
+namespace lithe::trial {
+namespace {
+
+// A run lasts kRunSeconds, however fast the processor is. These are the least of the robot's time, for a law whose
+// own steps use up their share of the box, and for a robot that takes too long to simulate.
+constexpr double kMandatorySeconds = 0.1;
+constexpr double kRoughSeconds = 0.5;  // of the rough one: the push, and what comes of it
+// A joint is worth a warning when without a law it is so far off, and a law leaves at least this share of that.
+constexpr double kWorthASecondLookRad = 0.02;
+constexpr double kNoBetter = 0.95;
+constexpr double kMostRunMs = 750;  // of the processor's time for one run: who asks does not wait for ever
+
+// The guard limits every law, but a law that it must limit most of the time is not as its author intended.
+struct Bound {
+  std::uint32_t LoopStats::* count;
+  double share;
+  const char* what;
+};
+constexpr Bound kBounds[] = {
+    {&LoopStats::position_clamped, 0.1, "pushes a joint against its position limit"},
+    {&LoopStats::velocity_clamped, 0.1, "drives a joint to its velocity limit"},
+    {&LoopStats::slew_clamped, 0.25, "changes its torque faster than torque_slew_nm_s allows"},
+    {&LoopStats::torque_clamped, 0.8, "asks for more than torque_max_nm"},
+};
+
+// "velocity_limit: joint wrist at 19.3 rad/s, at most 18.8".
+std::array<char, 160> fault_words(const robot::RobotConfig& robot, const LoopStats& stats) {
+  std::array<char, 160> text{};
+  const auto fault = static_cast<wire::Fault>(stats.fault);
+  const robot::JointConfig& joint = robot.joints[stats.fault_joint];
+  const char *what = wire::to_string(fault).data(), *name = joint.name.c_str();
+  if (fault == wire::Fault::velocity_limit) {
+    std::snprintf(text.data(), text.size(), "%s: joint %s at %.3g rad/s, at most %.3g", what, name,
+                  stats.fault_velocity_rad_s, joint.velocity_max_rad_s * robot.guard.velocity_overrun);
+  } else if (fault == wire::Fault::position_limit) {
+    std::snprintf(text.data(), text.size(), "%s: joint %s at %.3g rad, limits %.3g and %.3g", what, name,
+                  stats.fault_position_rad, joint.position_min_rad, joint.position_max_rad);
+  } else {
+    std::snprintf(text.data(), text.size(), "%s", what);
+  }
+  return text;
+}
+
+// A robot that leaves its limits without a law is stopped in any case; a law must not make this earlier. The same for a
+// shaking joint.
+bool goes_on(TrialContext& context, const LoopStats& law, const LoopStats& alone, const char* where) {
+  if (law.fault != 0 && (alone.fault == 0 || law.fault_tick < alone.fault_tick)) {
+    std::array<char, 64> otherwise{"nothing happened"};
+    if (alone.fault != 0) std::snprintf(otherwise.data(), otherwise.size(), "it took %u ticks", alone.fault_tick);
+    return context.refuse(
+        "%s the guard had to stop it after %u ticks (%s); without a law %s: look at the sign and the size "
+        "of its gains",
+        where, law.fault_tick, fault_words(context.setup.robot, law).data(), otherwise.data());
+  }
+  if (law.tremor == 0 || (alone.tremor == law.tremor && alone.tremor_joint == law.tremor_joint)) return true;
+  const robot::JointConfig& shaking = context.setup.robot.joints[law.tremor_joint];
+  const char* joint = shaking.name.c_str();
+  using Kind = law::Tremor::Finding::Kind;
+  if (Kind{static_cast<std::uint8_t>(law.tremor)} == Kind::chatter) {
+    return context.refuse(
+        "%s the torque of joint %s jumps up and down by %.2g N m, %.0f times a second (after %u ticks; from %.2g N m "
+        "on, "
+        "%.0f are too many): filter what it differentiates, and let no sign of an error switch a torque",
+        where, joint, law.tremor_size, law.tremor_hz, law.ticks, law::Tremor::kJumpShare * shaking.torque_max_nm,
+        std::min(law::Tremor::kChatterHz, law::Tremor::kChatterOfRate * context.setup.robot.rate_hz));
+  }
+  return context.refuse(
+      "%s joint %s swings to and fro by %.2g rad/s at %.1f Hz without decay (after %u ticks; from %.2g rad/s on, %u "
+      "swings are too many): lower its stiffness, or raise its damping",
+      where, joint, law.tremor_size, law.tremor_hz, law.ticks, law::Tremor::kSwingShare * shaking.velocity_max_rad_s,
+      law::Tremor::kMostSwings);
+}
+
+bool judge(TrialContext& context) {
+  const LoopStats &law = context.report.loop, &alone = context.setup.plain.baseline;
+  if (!goes_on(context, law, alone, "with the simulated robot")) return false;
+  for (const Bound& bound : kBounds) {
+    const double share = law.*bound.count / std::max(1.0, static_cast<double>(law.ticks));
+    // What happened before that run was broken off is no excuse for all of a longer one.
+    const double anyway =
+        alone.*bound.count / std::max({1.0, static_cast<double>(alone.ticks), static_cast<double>(law.ticks)});
+    if (share <= bound.share + anyway) continue;
+    return context.refuse(
+        "with the simulated robot it %s in %.0f %% of %u ticks (at most %.0f %%), joint %s most of all: look at the "
+        "sign "
+        "and the size of its gains, and filter what it differentiates",
+        bound.what, 100 * share, law.ticks, 100 * (bound.share + anyway),
+        context.setup.robot.joints[law.held_joint].name.c_str());
+  }
+  return true;
+}
+
+// Its baseline, and what the whole run takes of the processor [ms].
+double run_baseline(const TrialSetup& setup, SimulatedRobot& simulated, bool rough) {
+  const std::clock_t from = std::clock();  // processor time of this process, so that other load does not count
+  const auto took_ms = [from] { return 1e3 * static_cast<double>(std::clock() - from) / CLOCKS_PER_SEC; };
+  simulated.run_ticks = std::numeric_limits<std::uint32_t>::max();
+  SimulatedRun run(setup.robot, simulated, rough);
+  const std::uint32_t whole = run.stats.whole_ticks;
+  const std::uint32_t least = run.ticks_in(rough ? kRoughSeconds : kMandatorySeconds);
+  NoTorque no_torque;
+  bool goes_on = true;
+  do {
+    goes_on = run.tick(no_torque);
+  } while (goes_on && run.stats.ticks < whole && (run.stats.ticks < least || took_ms() < kMostRunMs));
+  simulated.baseline = run.stats;
+  const double tick_ms = took_ms() / run.stats.ticks;
+  // The guard may have broken it off: a law may keep the robot going to the end.
+  const double most = std::clamp(kMostRunMs / tick_ms, 1.0 * least, 1.0 * whole);
+  simulated.run_ticks = goes_on ? run.stats.ticks : static_cast<std::uint32_t>(most);
+  return tick_ms * simulated.run_ticks;
+}
+
+// The law under trial.
+struct LawUnderTrial final : TorqueSource {
+  explicit LawUnderTrial(LawHarness& on) : harness(on) {}
+  void step(const Tick& in, Effort& effort) LITHE_RT override {
+    took_ns = harness.step(in);
+    effort = harness.effort();
+  }
+  LawHarness& harness;
+  double took_ns = 0;
+};
+
+// False: an output was not sound, and it is refused. What bounds it is the law's own time: what the robot takes, and
+// whether the machine is slow or busy, is no reason to look at less of the law.
+bool run_law(TrialContext& context, SimulatedRun& run, double mandatory_s, const char* where, LoopStats& stats) {
+  const auto step_at_most_ns = static_cast<double>(context.budget_ns);  // the rest of a longer one the machine took
+  const double most_ns = 0.5 * static_cast<double>(context.law_ns);     // half for each run
+  double law_ns = 0;
+  context.one.reset();
+  LawUnderTrial law(context.one);
+  bool going = true;
+  while (going && !run.over()) {
+    if (run.stats.ticks >= run.ticks_in(mandatory_s) && law_ns > most_ns) break;
+    context.doing("tick %u %s", run.stats.ticks, where);
+    going = run.tick(law);
+    law_ns += std::min(law.took_ns, step_at_most_ns);
+    if (!context.sound(context.one)) return false;
+    stats = run.stats;
+    ++context.progress().steps;
+  }
+  return true;
+}
+
+// What a short run has not seen.
+void warn_if_short(const LoopStats& law, const SimulatedRobot& simulated, const char* which,
+                   std::vector<std::string>& found) {
+  if (law.ticks == 0 || law.ticks >= law.whole_ticks || law.fault != 0 || law.tremor != 0) return;
+  std::array<char, 200> text{};
+  std::snprintf(text.data(), text.size(), "tried for %.2g s only, not %.2g s, in the %s run: %s",
+                kRunSeconds * law.ticks / law.whole_ticks, kRunSeconds, which,
+                law.ticks < simulated.run_ticks ? "its steps use up the trial's box (--box)"
+                                                : "this robot takes too long to simulate");
+  found.emplace_back(text.data());
+}
+
+constexpr const char* kPlain = "with the simulated robot";
+constexpr const char* kRough =
+    "with the simulated robot pushed, 20 % heavier, its sensors noisy and everything one tick later,";
+
+}  // namespace
+
+bool run_loop(TrialContext& context) {
+  SimulatedRun plain(context.setup.robot, context.setup.plain, false);
+  if (!run_law(context, plain, kMandatorySeconds, kPlain, context.report.loop) || !judge(context)) return false;
+  SimulatedRun rough(context.setup.robot, context.setup.heavy, true);
+  return run_law(context, rough, kRoughSeconds, "of the rough run", context.report.rough) &&
+         goes_on(context, context.report.rough, context.setup.heavy.baseline, kRough);
+}
+
+std::vector<std::string> warnings(const Report& report, const TrialSetup& setup) {
+  std::vector<std::string> found;
+  const LoopStats &law = report.loop, &alone = setup.plain.baseline;
+  warn_if_short(law, setup.plain, "gentle", found);
+  warn_if_short(report.rough, setup.heavy, "rough", found);
+  if (law.ticks < alone.ticks) return found;  // over the same time only
+  for (std::uint32_t j = 0; j < setup.joints(); ++j) {
+    const double with_rad = law.joint_rms_error_rad[j], without_rad = alone.joint_rms_error_rad[j];
+    if (without_rad < kWorthASecondLookRad || with_rad < kNoBetter * without_rad) continue;
+    std::array<char, 200> text{};
+    std::snprintf(
+        text.data(), text.size(),
+        "joint %s is no nearer to its setpoint than without a law: %.3f rad against %.3f (rms) on the simulated "
+        "robot",
+        setup.robot.joints[j].name.c_str(), with_rad, without_rad);
+    found.emplace_back(text.data());
+  }
+  return found;
+}
+
+Result<> prepare_runs(TrialSetup& setup) {
+  setup.robot.guard.soft_start_s = 0;  // a law that is swapped in while the robot moves has none either
+  robot::RobotConfig model = setup.robot;
+  model.plant.ideal = true;  // what is uncertain about the robot the rough run adds itself
+  start_inside(model);
+  const robot::RobotConfig heavy = with_payload(model);
+  if (auto opened = open_ready(model, setup.plain); !opened) return opened;
+  if (auto opened = open_ready(heavy, setup.heavy); !opened) return opened;
+  const double whole_ms = run_baseline(setup, setup.plain, false) + run_baseline(setup, setup.heavy, true);
+  setup.run_ms = static_cast<int>(std::ceil(whole_ms));
+  if (auto opened = open_ready(model, setup.plain); !opened) return opened;
+  return open_ready(heavy, setup.heavy);
+}
+
+}  // namespace lithe::trial

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+// Harness of a law under trial: each of its arguments is in guarded memory of exactly its size.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <cstring>
+#include <span>
+#include <vector>
+
+#include "lithe/law.hpp"
+#include "spine/core/time.hpp"
+#include "trial/sections/guarded.hpp"
+
+namespace lithe::trial {
+
+// One law with its own state. Two harnesses of the same law have different addresses.
+// Contract: allocates when made, never after · one thread
+class LawHarness {
+ public:
+  // `params`: the law's own values, or those of the request; param_count of them.
+  LawHarness(const LitheLaw& law, std::span<const Param> params, const History& past, const RawClock& clock);
+
+  // A fresh state: the defaults, then the law's init on the recorded past, or on none.
+  void reset(bool with_past = true);
+
+  // One step on `in`. Returns how long the law took [ns].
+  double step(const Tick& in) LITHE_RT;
+
+  const Effort& effort() const { return *reinterpret_cast<const Effort*>(effort_.data()); }
+  const std::array<double, kMaxProbes>& probes();
+
+  std::span<std::byte> state() { return {state_.data(), law_.state_size}; }
+
+  // Names the memory that the law overwrote illegally; "" = none. Writes beyond the ends cause a page fault.
+  const char* damage() const;
+
+ private:
+  const LitheLaw& law_;
+  const RawClock& clock_;
+  Guarded tick_, params_, state_, effort_, probes_, past_;
+  History history_;
+  std::array<double, kMaxProbes> probe_values_{};
+};
+
+}  // namespace lithe::trial

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+// The safe law alone, on the robots that come with LITHE and on some that must be refused.
+#include "trial/simulation/safe_law_run.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <fstream>
+#include <sstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "spine/robot/robot.hpp"
+
+namespace lithe::trial {
+namespace {
+
+using Changes = std::vector<std::pair<std::string, std::string>>;
+
+std::string arm_text(const Changes& changes) {
+  std::ostringstream text;
+  text << std::ifstream(LITHE_ROBOTS "/arm.toml").rdbuf();
+  std::string arm = text.str();
+  for (const auto& [key, value] : changes) {
+    const std::size_t at = arm.find("\n" + key + " = ");
+    EXPECT_NE(at, std::string::npos) << key;
+    const std::size_t from = at + key.size() + 4, to = arm.find_first_of(" \n", from);
+    arm.replace(from, to - from, value);
+  }
+  return arm;
+}
+
+// Read as a robot file: what its static checks refuse does not get here.
+Result<robot::RobotConfig> read(const Changes& changes) { return robot::parse_robot(arm_text(changes), "arm.toml"); }
+
+std::string run(const Changes& changes) {
+  const auto robot = read(changes);
+  EXPECT_TRUE(robot) << robot.message();
+  const auto said = run_safe_law(*robot);
+  EXPECT_TRUE(said) << said.message();
+  return *said;
+}
+
+bool says(const std::string& text, const std::string& phrase) { return text.find(phrase) != std::string::npos; }
+
+TEST(SafeLawRun, TheRobotsThatComeWithLitheAreStoppedByTheirSafeLaw) {
+  for (const char* file :
+       {"arm.toml", "arm8.toml", "arm32.toml", "chain.toml", "frankenstein.toml", "quadruped.toml"}) {
+    const auto robot = robot::load_robot(std::string(LITHE_ROBOTS "/") + file);
+    ASSERT_TRUE(robot) << robot.message();
+    const auto said = run_safe_law(*robot);
+    if (!said && robot->plant.kind == robot::PlantKind::mujoco) continue;
+    ASSERT_TRUE(said) << said.message();
+    EXPECT_EQ(*said, "") << file;
+  }
+}
+
+// The file's own check passes: it believes an inertia_min_kg_m2 that its simulated joint does not have.
+TEST(SafeLawRun, AGainThatShakesALighterJointThanDeclaredIsRefusedWithTheNumberThatWouldDo) {
+  Changes light{{"safe_kd_nm_s_rad", "0.3"}, {"inertia_kg_m2", "3e-4"}};
+  const std::string said = run(light);
+  EXPECT_TRUE(says(said, "joint shoulder: safe_kd_nm_s_rad = 0.3 shakes it")) << said;
+  EXPECT_TRUE(says(said, "are too many")) << said;
+  ASSERT_TRUE(says(said, "write safe_kd_nm_s_rad = ")) << said;
+  const std::size_t from = said.find("write safe_kd_nm_s_rad = ") + 25;
+  light[0].second = said.substr(from, said.find(',', from) - from);
+  EXPECT_EQ(run(light), "") << light[0].second;
+}
+
+TEST(SafeLawRun, AGainThatStopsNothingIsRefused) {
+  const Changes limp{{"safe_kd_nm_s_rad", "1e-6"},  {"safe_kp_nm_rad", "0"},     {"mgl_nm", "0"},
+                     {"coulomb_nm", "0"},           {"stribeck_nm", "0"},        {"cogging_nm", "0"},
+                     {"position_min_rad", "-3000"}, {"position_max_rad", "3000"}};
+  const std::string said = run(limp);
+  EXPECT_TRUE(says(said, "joint shoulder: safe_kd_nm_s_rad = 1e-06 does not slow it down")) << said;
+  EXPECT_TRUE(says(said, "write safe_kd_nm_s_rad = ")) << said;
+}
+
+// A real joint of which nothing is declared is not judged by what was assumed.
+TEST(SafeLawRun, ARealJointIsSimulatedAsItIsDeclaredAndNotAsItIsAssumed) {
+  const Changes real{{"safe_kd_nm_s_rad", "0.3"}, {"inertia_kg_m2", "3e-4"}};
+  std::string text = arm_text(real);
+  text.replace(text.find("kind = \"loop\""), 13, "kind = \"socketcan\"\ninterface = \"can0\"");
+  auto robot = robot::parse_robot(text, "arm.toml");
+  ASSERT_TRUE(robot) << robot.message();
+  EXPECT_EQ(*run_safe_law(*robot), "") << "its declared inertia counts, not that of a simulation";
+  robot->joints[0].safe_kd_nm_s_rad = 0.95;
+  EXPECT_NE(*run_safe_law(*robot), "");
+  robot->joints[0].inertia_declared = false;
+  EXPECT_EQ(*run_safe_law(*robot), "");
+}
+
+// How far the check of the file and the run agree: where the simulation is what the file declares, no gain that the
+// file's check lets pass shakes, for kd and the delay. Where it is lighter than declared, only the run finds out.
+TEST(SafeLawRun, WhatTheFilesCheckLetsPassStopsWellWhereTheFileIsTrue) {
+  double passes = 0, shakes = 0;
+  for (double kd = 0.02; kd < 1; kd *= 1.25) {
+    const std::string gain = std::to_string(kd);
+    const auto robot = read({{"safe_kd_nm_s_rad", gain}});
+    if (robot) {
+      passes = kd;
+      EXPECT_EQ(*run_safe_law(*robot), "") << kd;
+    }
+    auto anyway = read({});
+    anyway->joints[0].safe_kd_nm_s_rad = kd;
+    if (shakes == 0 && !run_safe_law(*anyway)->empty()) shakes = kd;
+  }
+  std::printf("safe_kd_nm_s_rad of the arm: the file's check lets %.3f pass, the run refuses from %.3f on (0: none)\n",
+              passes, shakes);
+  EXPECT_GT(passes, 0.3);
+  EXPECT_TRUE(shakes == 0 || shakes > passes);
+}
+
+}  // namespace
+}  // namespace lithe::trial

@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+// Closed-loop trial: the law controls the simulated robot through the same control step as in the Spine.
+#pragma once
+
+#include <cstdint>
+#include <limits>
+
+#include "spine/core/result.hpp"
+#include "spine/law/resident.hpp"
+#include "spine/law/sandbox.hpp"
+#include "spine/law/slot.hpp"
+#include "spine/law/tremor.hpp"
+#include "spine/step/step.hpp"
+#include "trial/core/trial_setup.hpp"
+
+namespace lithe::trial {
+
+inline constexpr double kRunSeconds = 1.0;  // of the robot's time
+
+// What the second, rough run adds to the first: each output leaves one tick late, and the following. All of it is the
+// same in every trial.
+struct Rough {
+  static constexpr std::uint64_t kSeed = 1;
+  // Standard deviations of what the law measures: half a count of a 14-bit encoder, the velocity noise of a moteus at
+  // rest, and its torque noise.
+  static constexpr double kPositionRad = 2e-4;
+  static constexpr double kVelocityRadS = 0.02;
+  static constexpr double kTorqueShare = 0.01;  // of torque_max_nm
+  // One push by a third of the joint's torque, as long as a knock with a hand lasts.
+  static constexpr double kKickShare = 0.3;
+  static constexpr double kKickFromS = 0.2, kKickS = 0.02;
+  // Heavier by this share than the robot file says. A model (MJCF) stays as it is.
+  static constexpr double kPayload = 0.2;
+};
+
+// The robot file's own plant with Rough::kPayload more of everything that has mass.
+robot::RobotConfig with_payload(const robot::RobotConfig& robot);
+
+// Opens it and lives until every drive is set up and on. Errors: it cannot be simulated, or a drive never gets there.
+Result<> open_ready(const robot::RobotConfig& robot, SimulatedRobot& simulated);
+
+// A joint that stands outside its limits, or at one, would be stopped in the first tick whatever the law does: nothing
+// would be tried.
+void start_inside(robot::RobotConfig& robot);
+
+// Whatever acts in a run: a law under trial, or something in its place.
+class TorqueSource {
+ public:
+  // One step: `effort` is clear before it.
+  virtual void step(const Tick& in, Effort& effort) LITHE_RT = 0;
+
+ protected:
+  ~TorqueSource() = default;
+};
+// No torque at all.
+struct NoTorque final : TorqueSource {
+  void step(const Tick&, Effort&) LITHE_RT override {}
+};
+
+// Contract: allocates nothing once made
+class SimulatedRun {
+ public:
+  SimulatedRun(const robot::RobotConfig& robot, const SimulatedRobot& simulated, bool rough);
+  SimulatedRun(const SimulatedRun&) = delete;
+  SimulatedRun& operator=(const SimulatedRun&) = delete;
+
+  std::uint32_t ticks_in(double seconds) const;
+  bool over() const { return stats.ticks >= run_ticks_; }
+
+  // One tick: what the source wants goes through the control step to the drives. False when the guard takes over for
+  // good, or a joint shakes.
+  bool tick(TorqueSource& source);
+
+  // From now on the Brain is silent. A robot with on_stale = "safe_stop" is stopped by the safe law; faults end nothing,
+  // and what shook before is forgotten.
+  void stop();
+
+  const hal::ActuatorState& state() const { return state_; }  // as the drives tell it
+
+  LoopStats stats;
+
+ private:
+  void watch();
+  void exchange();
+  void measure();
+  bool fault();
+  void count(const step::Report& report);
+  void compose(const hal::ActuatorCommand& next);
+  void disturb();
+  double noise();
+
+  const robot::RobotConfig& robot_;
+  hal::Actuators& actuators_;
+  std::int64_t now_ns_, period_ns_;
+  std::uint32_t run_ticks_;
+  bool rough_, stopping_ = false;
+  std::uint64_t random_ = Rough::kSeed;
+  hal::ActuatorCommand command_, next_, late_;  // to the drives; of this tick's step; of the one before
+  hal::ActuatorState state_, seen_;             // as it is, and as it is measured
+  law::Slot slot_;
+  law::Resident resident_;
+  law::Sandbox sandbox_;
+  step::ControlStep step_;
+  wire::Telemetry record_{};
+  wire::Plan plan_;
+  law::Tremor tremor_;
+  JointArray squares_rad2_{};
+  std::array<std::uint32_t, kMaxJoints> held_ticks_{};
+};
+
+}  // namespace lithe::trial
