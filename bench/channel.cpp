@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "bench/channel_links.hpp"
-#include "bench/machine.hpp"
-#include "bench/samples.hpp"
+#include "bench/rig/machine.hpp"
+#include "bench/rig/samples.hpp"
 #include "spine/core/time.hpp"
 #include "spine/wire/wire.hpp"
 

@@ -11,11 +11,11 @@
 #include <string>
 #include <vector>
 
-#include "bench/cycles.hpp"
-#include "bench/cyclictest.hpp"
-#include "bench/machine.hpp"
-#include "bench/samples.hpp"
-#include "bench/spine_rig.hpp"
+#include "bench/rig/cycles.hpp"
+#include "bench/rig/cyclictest.hpp"
+#include "bench/rig/machine.hpp"
+#include "bench/rig/samples.hpp"
+#include "bench/rig/spine_rig.hpp"
 #include "spine/core/host.hpp"
 
 namespace lithe::bench {

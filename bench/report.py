@@ -153,7 +153,7 @@ def machine() -> Figures:
 
 
 def cores() -> Figures:
-    """The cores that bench/machine.cpp selects, and whether they are isolated; empty if there are none."""
+    """The cores that bench/rig/machine.cpp selects, and whether they are isolated; empty if there are none."""
     try:
         done = subprocess.run(program("cores"), capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):  # not built, or fewer than two cores

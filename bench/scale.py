@@ -78,7 +78,7 @@ class Peer:
 
 
 def core_of_the_spine() -> int:
-    """As bench/machine.cpp selects it; if there are no two cores, the last one that this process may use."""
+    """As bench/rig/machine.cpp selects it; if there are no two cores, the last one that this process may use."""
     return int(report.cores().get("machine_spine_core", max(os.sched_getaffinity(0))))
 
 

@@ -27,14 +27,15 @@ from lithe.certificates import verify
 from lithe.demo.processes import Stage
 from lithe.programs import ROOT
 
-from bench import continuity, report, swap_table
-from bench.swap_host import StealWatch, compiling
-from bench.swap_peers import Peers, Way, shaped
-from bench.swap_robot import WIDE_NM_S, Subject, robot_file, shipped_slew_bound_nm
-from bench.swap_stats import Figures, Sides, largest_step_nm, on_the_move, stops_in
-from bench.swap_verdict import CLAIMS, PEERS, reasons_to_doubt, shortcomings, undecided
+from bench import report
+from bench.swap import continuity, table
+from bench.swap.host import StealWatch, compiling
+from bench.swap.peers import Peers, Way, shaped
+from bench.swap.robot import WIDE_NM_S, Subject, robot_file, shipped_slew_bound_nm
+from bench.swap.stats import Figures, Sides, largest_step_nm, on_the_move, stops_in
+from bench.swap.verdict import CLAIMS, PEERS, reasons_to_doubt, shortcomings, undecided
 
-LAWS = [ROOT / "bench/laws/pi_lowpass.cpp", ROOT / "bench/laws/pi_two_pole.cpp", ROOT / "laws/pd.cpp"]
+LAWS = [ROOT / "bench/swap/laws/pi_lowpass.cpp", ROOT / "bench/swap/laws/pi_two_pole.cpp", ROOT / "laws/pd.cpp"]
 MOST_IN_GROUP, LEAST_IN_GROUP = 50, 8
 PAUSE_S, LEAST_PAUSE_S = 0.4, 0.15
 PEERS_PAUSE = 0.6  # of LITHE's: their groups are shorter too
@@ -273,12 +274,8 @@ def main(words: list[str]) -> int:
     told = report.machine() | {key: plain(value) for key, value in measure(asked.swaps, asked.out / "swap").items()}
     path = asked.out / "swap.json"
     path.write_text(json.dumps(told, indent=2) + "\n")
-    swap_table.show(told)
+    table.show(told)
     continuity.show(told)
-    swap_table.show_verdict(told)
+    table.show_verdict(told)
     print(f"\nall figures: {path}")
     return 0 if told["swap_verdict"] == "measured" else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

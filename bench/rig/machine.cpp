@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "bench/machine.hpp"
+#include "bench/rig/machine.hpp"
 
 #include <sys/resource.h>
 #include <time.h>

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from bench.swap_stats import LIMITS_US
+from bench.swap.stats import LIMITS_US
 from bench.tables import cell, show_machine, table
 
 Figures = dict[str, Any]

@@ -24,8 +24,8 @@ from lithe.errors import Refused
 from lithe.programs import ROOT
 from lithe.shm import SpineView
 
-from bench.swap_host import interrupts, memory_kb, minor_faults
-from bench.swap_stats import AFTER_NS, Figures, Round
+from bench.swap.host import interrupts, memory_kb, minor_faults
+from bench.swap.stats import AFTER_NS, Figures, Round
 
 CENTRE_RAD, AMPLITUDE_RAD, FREQUENCY_HZ = 0.6, 0.8, 0.5
 WIDE_NM_S = "10000.0"  # a slew bound that limits no step: the output is what the law commands, blended after a swap

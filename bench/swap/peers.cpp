@@ -29,8 +29,8 @@
 #include <utility>
 #include <vector>
 
-#include "bench/cycles.hpp"
-#include "bench/machine.hpp"
+#include "bench/rig/cycles.hpp"
+#include "bench/rig/machine.hpp"
 #include "lithe/law.hpp"
 #include "spine/core/host.hpp"
 #include "spine/hal/physics/plant.hpp"
@@ -48,7 +48,7 @@ constexpr std::uint32_t kSettleTicks = 20;
   std::exit(2);
 }
 
-// bench/swap_peers.py reads these bytes from the file.
+// bench/swap/peers.py reads these bytes from the file.
 struct TickRecord {
   std::int64_t release_ns, woke_ns, output_ns;
   std::uint32_t skipped, switches, faults, pad;

@@ -16,11 +16,11 @@ from lithe.demo.losses import Releases, releases
 from lithe.demo.processes import DIE_WITH_US
 from lithe.programs import ROOT, binary
 
-from bench.swap_stats import AFTER_NS, Round
+from bench.swap.stats import AFTER_NS, Round
 
 PERIOD_NS = 1_000_000
 GAP_TICKS = 5
-# TickRecord of bench/swap_peers.cpp
+# TickRecord of bench/swap/peers.cpp
 RECORD = np.dtype(
     [("release_ns", "<i8"), ("woke_ns", "<i8"), ("output_ns", "<i8"), ("skipped", "<u4"), ("switches", "<u4"),
      ("faults", "<u4"), ("pad", "<u4"), ("torque_nm", "<f8")]

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from bench import continuity
 from bench.report import DISTURBED
-from bench.swap_stats import LEAST_ROUNDS, LIMITS_US
+from bench.swap import continuity
+from bench.swap.stats import LEAST_ROUNDS, LIMITS_US
 
 Figures = dict[str, Any]
 MOST_LATER = 0.001  # of the ticks: how many more may be later than a limit while swapping than at rest

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The effect of a swap on the motion: PI with one low-pass replaced by PI with two, at full speed, warm and cold.
 
-`python -m bench.continuity [--figure PATH]` -> out/bench/continuity.json, a figure and a table; `make bench-swap` runs
-it too. The integral compensates the arm's weight in both laws. Four ways: state carried and initialised from the past,
-or from defaults; output blended, or not. The slew bound is always set very high; otherwise it would hide the step.
+`python -m bench.swap.continuity [--figure PATH]` -> out/bench/continuity.json, a figure and a table; `make bench-swap`
+runs it too. The integral compensates the arm's weight in both laws. Four ways: state carried and initialised from the
+past, or from defaults; output blended, or not. The slew bound is always set very high: else it would hide the step.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from lithe.demo.processes import Stage
 from lithe.programs import ROOT
 
 from bench import report
-from bench.swap_robot import HORIZON_NS, POINTS, WIDE_NM_S, Background, TickLog, robot_file, sine_rad, wake
+from bench.swap.robot import HORIZON_NS, POINTS, WIDE_NM_S, Background, TickLog, robot_file, sine_rad, wake
 from bench.tables import cell, table
 
 Figures = dict[str, Any]
-OLD, NEW = ROOT / "bench/laws/pi_lowpass.cpp", ROOT / "bench/laws/pi_two_pole.cpp"
+OLD, NEW = ROOT / "bench/swap/laws/pi_lowpass.cpp", ROOT / "bench/swap/laws/pi_two_pole.cpp"
 SINE = {"centre_rad": 1.2, "amplitude_rad": 0.8, "frequency_hz": 1.0}
 BLEND_S = 0.02
 LEAST_SPEED_RAD_S = 4.5  # the largest speed of the sine is 5
@@ -246,7 +246,7 @@ def show(told: Figures) -> None:
 
 def main(words: list[str]) -> int:
     """Measure, draw, write, print."""
-    parser = argparse.ArgumentParser(prog="python -m bench.continuity", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m bench.swap.continuity", description=__doc__)
     parser.add_argument("--repeats", type=int, default=REPEATS, help=f"swaps of each way (default {REPEATS})")
     parser.add_argument("--figure", type=Path, help="another place for the figure, for instance docs/img")
     asked = parser.parse_args(words)
