@@ -9,15 +9,13 @@ python tools/timing_figure.py [--cached] [--robot robots/arm.toml] [--out docs/i
 from __future__ import annotations
 
 import argparse
-import contextlib
 import math
 import os
 import platform
 import sys
 import tempfile
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -30,13 +28,14 @@ import lithe  # noqa: E402  (before numpy: it keeps numpy off the Spine's core)
 import numpy as np  # noqa: E402
 import numpy.typing as npt  # noqa: E402
 from lithe._wire import TelemetryFlags  # noqa: E402
-from lithe.demo.processes import Stage  # noqa: E402
+from lithe.demo.processes import Stage, start_brain  # noqa: E402
 
 Records = npt.NDArray[Any]
 
 INK, GREY, PALE = "#24292f", "#6e7781", "#d0d7de"
 BLUE, ORANGE, GREEN, VIOLET, RED = "#2f6fb7", "#d9822b", "#3f8f5f", "#8661c1", "#b3382c"
 WIDTH, LEFT, RIGHT = 960, 130, 930
+SINE = {"centre_rad": 0.0, "amplitude_rad": 0.8, "frequency_hz": 0.5}
 SETTLE_S, AFTER_S = 2.0, 0.6
 MOST_MS = 800.0  # of a swap: more is cut off at its beginning, in the stages too
 AROUND_MS = 12.0  # of the commit, in the last panel
@@ -281,33 +280,14 @@ def draw(run: Run) -> str:
     return sheet.svg("Two ticks and a swap, measured")
 
 
-@contextlib.contextmanager
-def streamed_sine(robot: Any) -> Iterator[None]:
-    """The arm swings while the block runs."""
-    over = threading.Event()
-
-    def stream() -> None:
-        while not over.wait(0.02):
-            times_ns = time.monotonic_ns() + np.arange(1, 11, dtype=np.int64) * 20_000_000
-            angles = 0.8 * np.sin(2 * np.pi * 0.5 * times_ns / 1e9)
-            robot.publish(times_ns, np.tile(angles[:, None], (1, robot.spine.joint_count)))
-
-    thread = threading.Thread(target=stream, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
-
-
 def measure(robot_file: Path, cached: bool, say: Callable[[str], None]) -> Run:
     """Runs the robot and swaps once."""
     law = (ROOT / "laws/gravity_pd.cpp").read_text(encoding="utf-8")
 
     with tempfile.TemporaryDirectory() as out, Stage(robot_file, Path(out) / "run.log") as stage:
         say(f"{stage.robot} runs")
-        with lithe.connect(stage.robot) as robot, streamed_sine(robot):
+        start_brain(stage, Path(out) / "token", SINE)
+        with lithe.connect(stage.robot, writes_plans=False) as robot:
             time.sleep(SETTLE_S)
             before = robot.status()["law"]
             fresh = "" if cached else f"// {time.time_ns()}: in no cache, so that it is compiled\n"

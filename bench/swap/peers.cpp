@@ -263,6 +263,7 @@ int serve_orders(int core, bool shared, const char* ticks_file, Peer& peer) {
   pin_or_exit(core);
   if (!shared) raise_priority();  // a spinning loop would take all time from the process that controls it
   if (const auto locked = lock_memory(); !locked) std::fprintf(stderr, "bench: %s\n", locked.message().c_str());
+  answer({});  // ready
   Peer::Order order;
   while (std::cin >> order.way >> order.swaps >> order.gap_ticks >> order.pause_ticks && order.swaps > 0) {
     std::vector<Peer::Window> windows;

@@ -15,23 +15,19 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import lithe
 import numpy as np
 from lithe.certificates import verify
-from lithe.demo.processes import Stage
 from lithe.programs import ROOT
 
 from bench import report
 from bench.swap import continuity, table
 from bench.swap.host import StealWatch, compiling
 from bench.swap.peers import Peers, Way, shaped
-from bench.swap.robot import WIDE_NM_S, Subject, robot_file, shipped_slew_bound_nm
+from bench.swap.robot import WIDE_NM_S, Subject, running, shipped_slew_bound_nm
 from bench.swap.stats import Figures, Sides, largest_step_nm, on_the_move, stops_in
 from bench.swap.verdict import CLAIMS, PEERS, reasons_to_doubt, shortcomings, undecided
 
@@ -49,17 +45,6 @@ VARIANTS = 4  # of each law: for one that is still resident, dlopen would only i
 MOST_S, MOST_PER_SWAP_S = 120.0, 0.3
 # Verdicts of a swap that was committed.
 FOUND = ("committed", "unproven", "confirmed", "rolled_back")
-
-
-@contextmanager
-def running(folder: Path, **changes: str) -> Iterator[lithe.Robot]:
-    """`lithe run` of a desk arm with long time-outs, and a connected Brain."""
-    with Stage(robot_file(folder, **changes), folder / "run.log"):
-        robot = lithe.connect("arm")
-        try:
-            yield robot
-        finally:
-            robot.close()
 
 
 def stages_ms(records: list[dict[str, Any]]) -> Figures:

@@ -213,11 +213,10 @@ def initramfs(kernel: Kernel, cargo: Cargo) -> bytes:
         for applet in APPLETS:
             yield f"bin/{applet}", b"/bin/busybox", stat.S_IFLNK | 0o777
         yield "bin/busybox", busybox.read_bytes(), executable
-        for program in (cargo.program, *cargo.beside):
+        programs = (cargo.program, *cargo.beside)
+        for program in programs:
             yield f"bin/{program.name}", program.read_bytes(), executable
-        for library in sorted(
-            {library for program in (cargo.program, *cargo.beside) for library in libraries(program)}
-        ):
+        for library in sorted({library for program in programs for library in libraries(program)}):
             yield str(library)[1:], library.read_bytes(), executable
         for name, content in cargo.files.items():
             yield name, content, executable
@@ -237,19 +236,7 @@ def boot(kernel: Kernel, cargo: Cargo, cache: Path) -> tuple[int | None, str]:
     """How the program ended in the machine (None: it never did), and all that the machine said."""
     archive = cache / f"initramfs.{os.getpid()}"
     archive.write_bytes(initramfs(kernel, cargo))
-    command = [
-        QEMU,
-        "-accel",
-        "tcg",
-        "-smp",
-        str(cargo.cores),
-        "-m",
-        "1024",
-        "-nographic",
-        "-no-reboot",
-        "-nic",
-        "none",
-    ]
+    command = [QEMU, *f"-accel tcg -smp {cargo.cores} -m 1024 -nographic -no-reboot -nic none".split()]
     options = f"console=ttyS0 quiet panic=-1 {cargo.options}"
     command += ["-kernel", str(kernel.image), "-initrd", str(archive), "-append", options]
     try:
