@@ -38,6 +38,14 @@ void pin_or_exit(int cpu) {
   }
 }
 
+Cores become_a_spine() {
+  const Cores cores = pick_cores();
+  pin_or_exit(cores.spine);
+  raise_priority();
+  if (const auto locked = lock_memory(); !locked) std::fprintf(stderr, "bench: %s\n", locked.message().c_str());
+  return cores;
+}
+
 std::thread on_core(int cpu, std::function<void()> body) {
   return std::thread([cpu, body = std::move(body)] {
     pin_or_exit(cpu);
