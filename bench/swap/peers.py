@@ -79,7 +79,6 @@ class Peers(Asked):
     """The program that swaps in the usual ways, on a separate core."""
 
     def __init__(self, core: int, loader_core: int, sources: list[Path], folder: Path) -> None:
-        self.core = core
         self.ways: dict[str, Way] = {}
         self._file = folder / "peers.ticks"
         self._read = 0

@@ -5,11 +5,10 @@ from __future__ import annotations
 
 import math
 import os
-import threading
 import time
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +22,7 @@ from lithe.demo.evidence import made_to_wait
 from lithe.demo.losses import Releases, releases
 from lithe.demo.processes import Stage
 from lithe.errors import Refused
+from lithe.heartbeat import Repeat
 from lithe.programs import ROOT
 from lithe.shm import SpineView
 
@@ -93,25 +93,6 @@ def wake(robot: lithe.Robot) -> None:
             time.sleep(0.1)
 
 
-class Background:
-    """A thread that calls a function periodically until stop()."""
-
-    def __init__(self, call: Callable[[], None], every_s: float) -> None:
-        self._call, self._every_s = call, every_s
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
-        while not self._stop.wait(self._every_s):
-            self._call()
-
-    def stop(self) -> None:
-        """Returns after the last call."""
-        self._stop.set()
-        self._thread.join()
-
-
 class TickLog:
     """The fields of every tick of a run that the bench needs."""
 
@@ -145,11 +126,11 @@ class TickLog:
 class Mover:
     """A robot that follows a sine, and its ticks in `log`."""
 
-    def __init__(self, robot: lithe.Robot, sine: dict[str, float], looks: Callable[[], None] = lambda: None) -> None:
-        """`looks` is called as often as the log is filled."""
+    def __init__(self, robot: lithe.Robot, sine: dict[str, float], looks: Sequence[Callable[[], None]] = ()) -> None:
+        """`looks` are called as often as the log is filled."""
         self.robot, self.log = robot, TickLog(robot.name)
-        self._sine, self._looks = sine, looks
-        self._threads = [Background(self._plan, 0.1), Background(self._look, 0.025)]
+        self._sine, self._looks = sine, (self.log.look, *looks)
+        self._threads = [Repeat(self._plan, 0.1), Repeat(self._look, 0.025)]
 
     def _plan(self) -> None:
         now_ns = time.monotonic_ns()
@@ -159,8 +140,8 @@ class Mover:
         self.robot.publish(times, [centre_rad + amplitude_rad * math.sin(omega * t) for t in times])
 
     def _look(self) -> None:
-        self.log.look()
-        self._looks()
+        for look in self._looks:
+            look()
 
     def stop(self) -> None:
         """Ends the threads; the robot continues."""
@@ -181,7 +162,7 @@ class Subject(Mover):
     """A running robot whose laws are swapped, and all that is recorded about it."""
 
     def __init__(
-        self, robot: lithe.Robot, sources: list[Path], looks: Callable[[], None] = lambda: None, variants: int = 1
+        self, robot: lithe.Robot, sources: list[Path], looks: Sequence[Callable[[], None]] = (), variants: int = 1
     ) -> None:
         super().__init__(robot, SINE, looks)
         info = robot.spine.info

@@ -21,11 +21,12 @@ from typing import Any
 
 import numpy as np
 from lithe.certificates import verify
+from lithe.demo.losses import Window
 from lithe.programs import ROOT
 
 from bench import report
 from bench.swap import continuity, table
-from bench.swap.host import StealWatch, compiling
+from bench.swap.host import compiling, stolen_share, stolen_spans, watch_steal
 from bench.swap.peers import Peers, Way, shaped
 from bench.swap.robot import WIDE_NM_S, Subject, running, shipped_slew_bound_nm
 from bench.swap.stats import Figures, Sides, largest_step_nm, on_the_move, stops_in
@@ -94,10 +95,9 @@ def both_sides(sides: Sides, calm: Sides, ticks: Any) -> Figures:
     return told
 
 
-def lithe_figures(subject: Subject, steal: StealWatch) -> Figures:
+def lithe_figures(subject: Subject, stolen: list[Window]) -> Figures:
     """All figures of LITHE."""
     ticks, made = subject.log.ticks(), subject.releases()
-    stolen = steal.stolen_spans(subject.cpu)
     rounds = on_the_move(subject.rounds, ticks)
     calm = Sides(rounds, made, stolen)
     told = both_sides(Sides(rounds, made), calm, ticks)
@@ -119,10 +119,10 @@ def lithe_figures(subject: Subject, steal: StealWatch) -> Figures:
     }
 
 
-def peer_figures(name: str, way: Way, steal: StealWatch, core: int) -> Figures:
+def peer_figures(name: str, way: Way, stolen: list[Window]) -> Figures:
     """The same for one peer."""
     ticks, made = np.concatenate([shaped(part) for part in way.ticks]), way.releases()
-    told = both_sides(Sides(way.rounds, made), Sides(way.rounds, made, steal.stolen_spans(core)), ticks)
+    told = both_sides(Sides(way.rounds, made), Sides(way.rounds, made, stolen), ticks)
     p50, p999 = np.percentile(way.swap_ns, [50, 99.9])
     told |= {
         "swaps": len(way.swap_ns),
@@ -172,8 +172,8 @@ def main_run(folder: Path, swaps: int, load: list[list[str]]) -> Figures:
     with running(folder, torque_slew_nm_s=WIDE_NM_S) as robot:  # otherwise the guard would limit the measured steps
         info = robot.spine.info
         housekeeping = int(info["cpu_housekeeping"])
-        steal = StealWatch((int(info["cpu_spine"]), int(info["cpu_brain"])))
-        subject = Subject(robot, LAWS, steal.look)
+        steal, peers_steal = (watch_steal(int(info[f"cpu_{role}"])) for role in ("spine", "brain"))
+        subject = Subject(robot, LAWS, (steal.look, peers_steal.look))
         try:
             with (
                 Peers(int(info["cpu_brain"]), housekeeping, LAWS, folder) as peers,
@@ -184,11 +184,12 @@ def main_run(folder: Path, swaps: int, load: list[list[str]]) -> Figures:
                     peers.run("compile", 1, CONTROL_TICKS, gap_ticks=CONTROL_TICKS)
         finally:
             subject.stop()
-        told = lithe_figures(subject, steal) | subject.memory() | subject.per_swap()
+        seen = steal.evidence()
+        told = lithe_figures(subject, stolen_spans(seen)) | subject.memory() | subject.per_swap()
         told |= certificates(folder / "arm/swaps", subject.records)
         for name, way in peers.ways.items():
-            told |= peer_figures(name, way, steal, peers.core)
-        told["stolen_share"] = steal.share(subject.cpu)
+            told |= peer_figures(name, way, stolen_spans(peers_steal.evidence()))
+        told["stolen_share"] = stolen_share(seen)
         told["preempted_share"] = subject.preempted_share()
         told["peers_share_a_core"] = len({int(info[f"cpu_{role}"]) for role in ("brain", "housekeeping")}) == 1
         told["control_failed_as_it_must"] = told["peer_compile_lost_rate_difference_low_per_s"] > 0

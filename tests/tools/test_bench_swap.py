@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from lithe.demo.evidence import Evidence
 from lithe.demo.losses import Releases
 from system.house import need
 
@@ -94,10 +95,10 @@ def test_a_short_stall_at_every_swap_is_found(stats: ModuleType) -> None:
 
 def test_a_pause_is_known_though_the_kernel_counts_it_at_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
     host = module("host", monkeypatch)
-    watch = host.StealWatch((0,))
-    watch.times_ns = [at * MS for at in (1000, 1040, 1080, 1104, 1110, 1200)]
-    watch.counts = [[7], [7], [7], [17], [17], [17]]  # the core was away from 1001 to 1101
-    assert watch.stolen_spans(0) == [(984 * MS, 1104 * MS + host.SETTLE_NS)]
+    at_ns, stolen_ms = np.array((1000, 1040, 1080, 1104, 1110, 1200)) * MS, np.array((70, 70, 70, 170, 170, 170))
+    seen = Evidence(at_ns, np.zeros(6, np.int64), stolen_ms * MS)  # the core was away from 1001 to 1101
+    assert host.stolen_spans(seen) == [(984 * MS, 1104 * MS + host.SETTLE_NS)]
+    assert host.stolen_share(seen) == 0.5
 
 
 def test_a_swap_that_costs_ticks_is_found(stats: ModuleType) -> None:
