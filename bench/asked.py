@@ -14,6 +14,7 @@ from lithe.demo.processes import DIE_WITH_US
 from lithe.programs import ROOT
 
 from bench import report
+from bench.tables import Figures
 
 
 class Asked:
@@ -58,7 +59,7 @@ class Asked:
         self.close()
 
 
-def bench_of_its_own(name: str, words: list[str], usage: str, figures: Callable[[bool], report.Figures]) -> int:
+def bench_of_its_own(name: str, words: list[str], usage: str, figures: Callable[[bool], Figures]) -> int:
     """`python -m bench.NAME [--short]` measures and shows; with `--figures`, for bench.report, it prints one line."""
     if set(words) - {"--short", "--figures"}:
         print(usage, file=sys.stderr)

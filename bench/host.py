@@ -20,7 +20,7 @@ from lithe.place import THREAD_VARIABLES
 
 from bench import report
 from bench.asked import Asked, bench_of_its_own
-from bench.report import Figures
+from bench.tables import Figures
 
 ROUNDS, BLOCK_S = 5, 1.0
 SPIN = """

@@ -20,7 +20,8 @@ from pathlib import Path
 
 from bench import report
 from bench.asked import Asked, bench_of_its_own
-from bench.report import ROOT, Figures
+from bench.report import ROOT
+from bench.tables import Figures
 
 CASES = 200
 TOLERANCE = 1e-5  # of the values read: some codecs use floats, some doubles

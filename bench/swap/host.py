@@ -49,7 +49,7 @@ def watch_steal(cpu: int) -> Watch:
 
 def stolen_share(seen: Evidence) -> float:
     """Stolen share of the core's time."""
-    return float(np.ptp(seen.stolen_ns) / max(np.ptp(seen.at_ns), 1))
+    return float(np.ptp(seen.stolen_ns)) / max(float(np.ptp(seen.at_ns)), 1.0)
 
 
 def stolen_spans(seen: Evidence) -> list[Window]:

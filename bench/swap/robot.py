@@ -27,7 +27,8 @@ from lithe.programs import ROOT
 from lithe.shm import SpineView
 
 from bench.swap.host import interrupts, memory_kb, minor_faults
-from bench.swap.stats import AFTER_NS, Figures, Round
+from bench.swap.stats import AFTER_NS, Round
+from bench.tables import Figures
 
 SINE = {"centre_rad": 0.6, "amplitude_rad": 0.8, "frequency_hz": 0.5}
 WIDE_NM_S = "10000.0"  # a slew bound that limits no step: the output is what the law commands, blended after a swap

@@ -29,8 +29,9 @@ from bench.swap import continuity, table
 from bench.swap.host import compiling, stolen_share, stolen_spans, watch_steal
 from bench.swap.peers import Peers, Way, shaped
 from bench.swap.robot import WIDE_NM_S, Subject, running, shipped_slew_bound_nm
-from bench.swap.stats import Figures, Sides, largest_step_nm, on_the_move, stops_in
+from bench.swap.stats import Sides, largest_step_nm, on_the_move, stops_in
 from bench.swap.verdict import CLAIMS, PEERS, reasons_to_doubt, shortcomings, undecided
+from bench.tables import Figures
 
 LAWS = [ROOT / "bench/swap/laws/pi_lowpass.cpp", ROOT / "bench/swap/laws/pi_two_pole.cpp", ROOT / "laws/pd.cpp"]
 MOST_IN_GROUP, LEAST_IN_GROUP = 50, 8

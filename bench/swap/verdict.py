@@ -6,9 +6,10 @@ Every comparison fails when its figure is missing or NaN.
 
 from __future__ import annotations
 
-from bench.report import DISTURBED, Figures
+from bench.report import DISTURBED
 from bench.swap import continuity
 from bench.swap.stats import LEAST_ROUNDS, LIMITS_US
+from bench.tables import Figures
 
 MOST_LATER = 0.001  # of the ticks: how many more may be later than a limit while swapping than at rest
 PEERS = ("dlopen", "mutex", "brief")
