@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "bench/channel_links.hpp"
-#include "bench/machine.hpp"
-#include "bench/samples.hpp"
+#include "bench/rig/machine.hpp"
+#include "bench/rig/samples.hpp"
 #include "spine/core/time.hpp"
 #include "spine/wire/wire.hpp"
 
@@ -104,7 +104,8 @@ void report(const std::vector<Subject>& subjects, const std::vector<std::int64_t
   }
   const double floor_ns = static_cast<double>(std::max<std::int64_t>(quantile_ns(floor.latency_ns, 0.5), 1));
   const double control = static_cast<double>(quantile_ns(control_ns, 0.5)) / floor_ns;
-  line.number("channel_56_over_one_word", ratio(channel, named(subjects, "one_word")))
+  line.number("channel_latency_over_pingpong", ratio(channel, floor))
+      .number("channel_56_over_one_word", ratio(channel, named(subjects, "one_word")))
       .number("channel_plan_over_raw", ratio(named(subjects, "channel_plan"), named(subjects, "raw_plan")))
       .number("channel_round_spread", spread(ratios_pm(channel, floor)))
       .number("plan_bytes", static_cast<double>(sizeof(wire::Plan)))

@@ -15,8 +15,8 @@
 #include <thread>
 #include <vector>
 
-#include "bench/machine.hpp"
-#include "bench/samples.hpp"
+#include "bench/rig/machine.hpp"
+#include "bench/rig/samples.hpp"
 #include "spine/contain/bad_laws.hpp"
 #include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/protected_memory.hpp"

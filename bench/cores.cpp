@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The cores of the benches: the Spine's core, whether it is isolated, and which devices may interrupt it.
 // One line of JSON.
-#include "bench/machine.hpp"
-#include "bench/samples.hpp"
+#include "bench/rig/machine.hpp"
+#include "bench/rig/samples.hpp"
 #include "spine/core/interrupts.hpp"
 #include "spine/robot/cores/cpu_plan.hpp"
 

@@ -8,11 +8,10 @@
 #include <string>
 #include <vector>
 
-#include "bench/cycles.hpp"
-#include "bench/machine.hpp"
-#include "bench/samples.hpp"
-#include "bench/spine_rig.hpp"
-#include "spine/core/host.hpp"
+#include "bench/rig/cycles.hpp"
+#include "bench/rig/machine.hpp"
+#include "bench/rig/samples.hpp"
+#include "bench/rig/spine_rig.hpp"
 
 namespace lithe::bench {
 namespace {
@@ -60,10 +59,7 @@ void report(const std::vector<Subject>& subjects) {
 
 int main() {
   using namespace lithe::bench;
-  const Cores cores = pick_cores();
-  pin_or_exit(cores.spine);
-  lithe::raise_priority();
-  if (const auto locked = lithe::lock_memory(); !locked) std::fprintf(stderr, "bench: %s\n", locked.message().c_str());
+  const Cores cores = become_a_spine();
   std::vector<Subject> subjects{{"1j", LITHE_ROBOTS "/arm.toml", {}},
                                 {"8j", LITHE_ROBOTS "/arm8.toml", {}},
                                 {"32j", LITHE_ROBOTS "/arm32.toml", {}}};

@@ -23,9 +23,9 @@
 #include <utility>
 #include <vector>
 
-#include "bench/cycles.hpp"
-#include "bench/machine.hpp"
-#include "bench/samples.hpp"
+#include "bench/rig/cycles.hpp"
+#include "bench/rig/machine.hpp"
+#include "bench/rig/samples.hpp"
 #include "spine/core/files.hpp"
 #include "spine/core/host.hpp"
 

@@ -9,20 +9,19 @@ kernel does not permit, such as nice -20 without root, is left out, with the rea
 """
 
 import contextlib
-import json
 import os
 import statistics
 import subprocess
 import sys
 from collections.abc import Iterator
-from typing import Any
 
 from lithe.demo.processes import DIE_WITH_US
 from lithe.place import THREAD_VARIABLES
 
 from bench import report
+from bench.asked import Asked, bench_of_its_own
+from bench.tables import Figures
 
-Figures = dict[str, Any]
 ROUNDS, BLOCK_S = 5, 1.0
 SPIN = """
 import os
@@ -49,38 +48,16 @@ for _ in sys.stdin:
 """
 
 
-class Brain:
-    """A process that computes for the time of a block on request."""
+class Brain(Asked):
+    """A process that computes for the time of a block on request; `told` is the number of its threads."""
 
     def __init__(self, core: int | None) -> None:
         """With one thread on that core; or, without a core, with numpy's default threads on any core."""
         env = {name: value for name, value in os.environ.items() if name not in THREAD_VARIABLES}
-        pinned = ["taskset", "-c", str(core)] if core is not None else []
         if core is not None:
             env |= dict.fromkeys(THREAD_VARIABLES, "1")
-        words = [*DIE_WITH_US, *pinned, sys.executable, "-c", BRAIN, str(BLOCK_S)]
-        self.process = subprocess.Popen(words, env=env, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        self.threads = int(self.answer())
-
-    def answer(self) -> float:
-        """Reads one line of its output."""
-        assert self.process.stdout is not None
-        line = self.process.stdout.readline()
-        if not line:
-            raise report.Unmeasured(f"numpy's process ended with {self.process.wait()}")
-        return float(line)
-
-    def rate(self) -> float:
-        """Inversions per second in one block."""
-        assert self.process.stdin is not None
-        self.process.stdin.write("\n")
-        self.process.stdin.flush()
-        return self.answer()
-
-    def close(self) -> None:
-        """Ends it."""
-        self.process.kill()
-        self.process.communicate()
+        pinned = ["taskset", "-c", str(core)] if core is not None else []
+        super().__init__("numpy's process", [*pinned, sys.executable, "-c", BRAIN, str(BLOCK_S)], env)
 
 
 @contextlib.contextmanager
@@ -107,47 +84,33 @@ def brains(cores: Figures, rounds: int) -> Figures:
         running["one"] = Brain(partner)
         for _ in range(rounds):
             for name, brain in running.items():
-                rates.setdefault(f"{name}_alone", []).append(brain.rate())
+                rates.setdefault(f"{name}_alone", []).append(brain.ask())
             with spinning(spine):
                 for name, brain in running.items():
-                    rates.setdefault(f"{name}_beside", []).append(brain.rate())
-        figures: Figures = {f"host_brain_{key}_per_s": statistics.median(each) for key, each in rates.items()}
+                    rates.setdefault(f"{name}_beside", []).append(brain.ask())
+        told: Figures = {f"host_brain_{key}_per_s": statistics.median(each) for key, each in rates.items()}
         for name, brain in running.items():
             ratios = [a / b for a, b in zip(rates[f"{name}_alone"], rates[f"{name}_beside"], strict=True)]
-            figures[f"host_brain_{name}_slower"] = statistics.median(ratios)
-            figures[f"host_brain_{name}_slower_least"], figures[f"host_brain_{name}_slower_most"] = (
-                min(ratios),
-                max(ratios),
-            )
-            figures[f"host_brain_{name}_threads"] = brain.threads
-        return figures
+            key = f"host_brain_{name}"
+            told |= {f"{key}_slower": statistics.median(ratios), f"{key}_threads": brain.told}
+            told |= {f"{key}_slower_least": min(ratios), f"{key}_slower_most": max(ratios)}
+        return told
     finally:
         for brain in running.values():
             brain.close()
 
 
-def main(words: list[str]) -> int:
-    """Measure and show, or (`--figures`, for bench.report) measure and print one line."""
-    if set(words) - {"--short", "--figures"}:
-        print(__doc__, file=sys.stderr)
-        return 2
-    short = "--short" in words or bool(os.environ.get("LITHE_BENCH_SHORT"))
-    if "--figures" not in words:
-        if short:
-            os.environ["LITHE_BENCH_SHORT"] = "1"
-        return report.main(["host"])
+def figures(short: bool) -> Figures:
+    """All of them."""
     cores = report.cores()
     if not cores:
-        print("bench: host needs bench_cores (make bench builds it) and two cores", file=sys.stderr)
-        return 1
-    try:
-        figures = report.measure((*report.program("host"), "1" if short else "12"))
-        figures |= brains(cores, 1 if short else ROUNDS)
-    except report.Unmeasured as why:
-        print(f"bench: {why}", file=sys.stderr)
-        return 1
-    print(json.dumps({"host_short": short} | figures))
-    return 0
+        raise report.Unmeasured("host needs bench_cores (make bench builds it) and two cores")
+    return report.measure((*report.program("host"), "1" if short else "12")) | brains(cores, 1 if short else ROUNDS)
+
+
+def main(words: list[str]) -> int:
+    """Measure and show."""
+    return bench_of_its_own("host", words, __doc__ or "", figures)
 
 
 if __name__ == "__main__":

@@ -11,12 +11,11 @@
 #include <string>
 #include <vector>
 
-#include "bench/cycles.hpp"
-#include "bench/cyclictest.hpp"
-#include "bench/machine.hpp"
-#include "bench/samples.hpp"
-#include "bench/spine_rig.hpp"
-#include "spine/core/host.hpp"
+#include "bench/rig/cycles.hpp"
+#include "bench/rig/cyclictest.hpp"
+#include "bench/rig/machine.hpp"
+#include "bench/rig/samples.hpp"
+#include "bench/rig/spine_rig.hpp"
 
 namespace lithe::bench {
 namespace {
@@ -101,11 +100,6 @@ void report(const Runs& runs) {
 
 int main() {
   using namespace lithe::bench;
-  const Cores cores = pick_cores();
-  pin_or_exit(cores.spine);
-  // Neither is required: without permission for them the figures are those of this machine as it is.
-  lithe::raise_priority();
-  if (const auto locked = lithe::lock_memory(); !locked) std::fprintf(stderr, "bench: %s\n", locked.message().c_str());
-  report(measure(cores));
+  report(measure(become_a_spine()));
   return 0;
 }

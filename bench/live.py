@@ -6,7 +6,6 @@ these figures are raw. The negative control runs another busy thread on the Spin
 """
 
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from lithe._wire import Mode
+from lithe.demo.evidence import made_to_wait, stolen_ticks
 from lithe.demo.processes import DIE_WITH_US, Stage, start_brain
 from lithe.programs import ROOT
 
@@ -49,23 +49,6 @@ def quantiles(key: str, bins: Bins) -> dict[str, float]:
     return {f"{key}_{name}_us": quantile_us(bins, q) for name, q in named.items()}
 
 
-def steal(cpu: int) -> tuple[int, int]:
-    """Stolen clock ticks of a core, and all its clock ticks, since boot."""
-    lines = Path("/proc/stat").read_text().splitlines()
-    ticks = next([int(word) for word in line.split()[1:9]] for line in lines if line.split()[0] == f"cpu{cpu}")
-    return ticks[7], sum(ticks)
-
-
-def preemptions(pid: int, cpu: int) -> int:
-    """How often a thread that is pinned to this core was preempted there."""
-    counts = [0]
-    for task in Path(f"/proc/{pid}/task").iterdir():
-        if os.sched_getaffinity(int(task.name)) == {cpu}:
-            status = (task / "status").read_text().splitlines()
-            counts += [int(line.split()[1]) for line in status if line.startswith("nonvoluntary_ctxt_switches")]
-    return max(counts)
-
-
 class Probe:
     """What happened to the Spine and its core since start()."""
 
@@ -74,14 +57,15 @@ class Probe:
         self.stage = stage
         self.cpu = int(stage.spine.info["cpu_spine"])
         self.pid = int(stage.spine.mapping.header().writer_pid)
+        self.tid = int(stage.spine.info["tid_spine"])
         self.start()
 
     def start(self) -> None:
         """Count from now on."""
         spine = self.stage.spine
         self.jitter, self.handoff = spine.histogram("release_jitter"), spine.histogram("handoff")
-        self.stolen, self.total = steal(self.cpu)
-        self.switches = preemptions(self.pid, self.cpu)
+        self.stolen, self.total = stolen_ticks(self.cpu)
+        self.switches = made_to_wait(self.pid, self.tid)
         self.looks = self.inactive = 0
 
     def wait(self, seconds: float) -> None:
@@ -98,7 +82,7 @@ class Probe:
         spine = self.stage.spine
         jitter = spine.histogram("release_jitter") - self.jitter
         handoff = spine.histogram("handoff") - self.handoff
-        stolen, total = steal(self.cpu)
+        stolen, total = stolen_ticks(self.cpu)
         releases, ticks = int(jitter.sum()), int(handoff.sum())
         return {
             **quantiles("run_release_jitter", jitter),
@@ -106,7 +90,7 @@ class Probe:
             "run_releases": releases,
             "run_skipped_releases": releases - ticks,
             "run_stolen_share": (stolen - self.stolen) / max(total - self.total, 1),
-            "run_preempted_share": (preemptions(self.pid, self.cpu) - self.switches) / max(ticks, 1),
+            "run_preempted_share": (made_to_wait(self.pid, self.tid) - self.switches) / max(ticks, 1),
             "run_inactive_share": self.inactive / max(self.looks, 1),
         }
 

@@ -14,9 +14,9 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from bench import tables
+from bench.tables import Figures
 
 ROOT = Path(__file__).resolve().parent.parent
 OUT = ROOT / "out/bench"
@@ -25,7 +25,6 @@ DISTURBED = 0.05  # above this share of stolen or preempted ticks a run is INCON
 RESTING = 0.3  # of the exchanges: a joint that reverses is at rest for a moment
 BESIDE = 2.0  # times slower: a Spine on another core has almost no effect on one thread on the Brain's core
 UNSTEADY = 0.25  # a figure whose rounds differ by more is INCONCLUSIVE
-Figures = dict[str, Any]
 
 
 class Unmeasured(Exception):
@@ -40,12 +39,8 @@ class Bench:
     show: Callable[[Figures], None]
     claims: tuple[str, ...]  # figures; null if INCONCLUSIVE
     most: dict[str, float] = field(default_factory=dict)  # a figure above this is a reason to measure again
-    names: dict[str, str] = field(
-        default_factory=dict
-    )  # a claim that is a copy of another figure, under its published name
-    steady: dict[str, str] = field(
-        default_factory=dict
-    )  # a figure, and the spread of its rounds: null if above UNSTEADY
+    # A figure, and the spread of its rounds: null if that is above UNSTEADY.
+    steady: dict[str, str] = field(default_factory=dict)
 
 
 def program(name: str) -> tuple[str, ...]:
@@ -66,7 +61,6 @@ BENCHES = {
         tables.show_channel,
         ("channel_latency_over_pingpong", "channel_56_over_one_word", "channel_plan_over_raw"),
         {"channel_round_spread": UNSTEADY},
-        {"channel_latency_over_pingpong": "channel_56_over_pingpong"},
     ),
     "jitter": Bench(
         program("jitter"),
@@ -153,7 +147,7 @@ def machine() -> Figures:
 
 
 def cores() -> Figures:
-    """The cores that bench/machine.cpp selects, and whether they are isolated; empty if there are none."""
+    """The cores that bench/rig/machine.cpp selects, and whether they are isolated; empty if there are none."""
     try:
         done = subprocess.run(program("cores"), capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):  # not built, or fewer than two cores
@@ -212,7 +206,6 @@ def examine(name: str, bench: Bench) -> Figures:
         reasons, doubts = disturbances(bench, figures), unsteady(bench, figures)
         for reason in (*reasons, *doubts.values()):
             print(f"bench: {name}: {reason}", file=sys.stderr)
-    figures |= {claim: figures.get(key) for claim, key in bench.names.items()}
     if reasons:
         figures |= dict.fromkeys(bench.claims)
     else:

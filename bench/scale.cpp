@@ -14,11 +14,10 @@
 #include <string>
 #include <vector>
 
-#include "bench/cycles.hpp"
-#include "bench/machine.hpp"
-#include "bench/samples.hpp"
-#include "bench/spine_rig.hpp"
-#include "spine/core/host.hpp"
+#include "bench/rig/cycles.hpp"
+#include "bench/rig/machine.hpp"
+#include "bench/rig/samples.hpp"
+#include "bench/rig/spine_rig.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/bus_actuators.hpp"
 #include "spine/hal/sim/simulate.hpp"
@@ -187,10 +186,7 @@ int main(int argc, char** argv) {
   using namespace lithe::bench;
   const int exchange_rounds = argc > 1 ? std::atoi(argv[1]) : 40;
   const int spine_rounds = argc > 2 ? std::atoi(argv[2]) : 6;
-  const Cores cores = pick_cores();
-  pin_or_exit(cores.spine);
-  lithe::raise_priority();
-  if (const auto locked = lithe::lock_memory(); !locked) std::fprintf(stderr, "bench: %s\n", locked.message().c_str());
+  const Cores cores = become_a_spine();
   JsonLine line;
   exchanges(exchange_rounds, line);
   spines(spine_rounds, cores, line);

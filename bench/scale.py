@@ -10,7 +10,6 @@ it brings the codec back into the caches.
 """
 
 import contextlib
-import json
 import os
 import statistics
 import subprocess
@@ -18,67 +17,33 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from bench import report
+from bench.asked import Asked, bench_of_its_own
+from bench.report import ROOT
+from bench.tables import Figures
 
-ROOT = report.ROOT
 CASES = 200
 TOLERANCE = 1e-5  # of the values read: some codecs use floats, some doubles
-Figures = dict[str, Any]
 
 
-class Peer:
-    """One codec: a program that writes and reads the cases, and is timed when asked."""
+class Peer(Asked):
+    """One codec: it writes and reads the cases, and is timed when asked; `told` is what it wrote and read."""
 
-    def __init__(self, name: str, core: int, command: list[str], env: dict[str, str] | None = None) -> None:
-        """Starts it on that core; its first line has the frames that it writes and the values that it reads."""
-        self.name = name
+    def __init__(self, name: str, core: int, words: list[str], env: dict[str, str] | None = None) -> None:
+        """Starts it on that core."""
+        super().__init__(f"codec of {name}", ["taskset", "-c", str(core), *words], env)
+        self.key = f"codec_{name}"
         self.rounds: list[Figures] = []
-        self.process = subprocess.Popen(
-            ["taskset", "-c", str(core), *command],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env=env or dict(os.environ),
-            cwd=ROOT,
-        )
-        self.told = self.answer()
-
-    def answer(self) -> Figures:
-        """Reads one line of JSON from it."""
-        assert self.process.stdout is not None
-        line = self.process.stdout.readline()
-        if not line:
-            self.close()
-            raise report.Unmeasured(f"codec of {self.name} ended with {self.process.returncode}")
-        told: Figures = json.loads(line)
-        return told
-
-    def ask(self) -> Figures:
-        """The time of one pass over all cases."""
-        assert self.process.stdin is not None
-        self.process.stdin.write("\n")
-        self.process.stdin.flush()
-        return self.answer()
 
     def measure(self) -> None:
         """One turn: a pass that is not counted, because other codecs used the caches, and one that is."""
         self.ask()
         self.rounds.append(self.ask())
 
-    def median(self, key: str) -> float:
-        """The median of all rounds."""
-        return statistics.median(float(each[key]) for each in self.rounds)
-
-    def close(self) -> None:
-        """Ends it."""
-        with contextlib.suppress(OSError):
-            self.process.communicate(timeout=20)
-
 
 def core_of_the_spine() -> int:
-    """As bench/machine.cpp selects it; if there are no two cores, the last one that this process may use."""
+    """As bench/rig/machine.cpp selects it; if there are no two cores, the last one that this process may use."""
     return int(report.cores().get("machine_spine_core", max(os.sched_getaffinity(0))))
 
 
@@ -129,20 +94,19 @@ def compare(running: list[Peer], absent: list[str], rounds: int) -> Figures:
     reference, ours = running[0], running[1]
     for peer in running[1:]:
         if wrong := differences(reference.told, peer.told):
-            raise report.Unmeasured(f"codec of {peer.name} against {reference.name}: {wrong}")
+            raise report.Unmeasured(f"{peer.name} against {reference.name}: {wrong}")
     for _ in range(rounds):
         for peer in running:
             peer.measure()
-    figures: Figures = {"codec_frames": len(ours.told["frames"]), "codec_upstream_absent": "; ".join(absent)}
-    for key in ("encode_ns", "parse_ns"):
-        for peer in running:
-            figures[f"codec_{peer.name}_{key}"] = peer.median(key)
-            if peer is ours:
-                continue
-            ratios = [a[key] / b[key] for a, b in zip(peer.rounds, ours.rounds, strict=True)]
-            figures[f"codec_{peer.name}_over_lithe_{key.removesuffix('_ns')}"] = statistics.median(ratios)
-            figures[f"codec_{peer.name}_{key.removesuffix('_ns')}_spread"] = spread(ratios)
-    return figures
+    told: Figures = {"codec_frames": len(ours.told["frames"]), "codec_upstream_absent": "; ".join(absent)}
+    for part in ("encode", "parse"):
+        times = {peer.key: [each[f"{part}_ns"] for each in peer.rounds] for peer in running}
+        told |= {f"{key}_{part}_ns": statistics.median(each) for key, each in times.items()}
+        mine = times.pop(ours.key)
+        for key, theirs in times.items():
+            ratios = [a / b for a, b in zip(theirs, mine, strict=True)]
+            told |= {f"{key}_over_lithe_{part}": statistics.median(ratios), f"{key}_{part}_spread": spread(ratios)}
+    return told
 
 
 def codecs(rounds: int) -> Figures:
@@ -155,24 +119,16 @@ def codecs(rounds: int) -> Figures:
             return {"codec_absent": str(why)}
 
 
-def main(words: list[str]) -> int:
-    """Measure and show, or (`--figures`, for bench.report) measure and print one line."""
-    if set(words) - {"--short", "--figures"}:
-        print(__doc__, file=sys.stderr)
-        return 2
-    short = "--short" in words or bool(os.environ.get("LITHE_BENCH_SHORT"))
-    if "--figures" not in words:
-        if short:
-            os.environ["LITHE_BENCH_SHORT"] = "1"
-        return report.main(["scale"])
+def figures(short: bool) -> Figures:
+    """All of them."""
     exchange_rounds, spine_rounds, codec_rounds = (8, 1, 8) if short else (40, 6, 25)
-    try:
-        figures = report.measure((*report.program("scale"), str(exchange_rounds), str(spine_rounds)))
-    except report.Unmeasured as why:
-        print(f"bench: {why}", file=sys.stderr)
-        return 1
-    print(json.dumps({"scale_short": short} | figures | codecs(codec_rounds)))
-    return 0
+    told = report.measure((*report.program("scale"), str(exchange_rounds), str(spine_rounds)))
+    return told | codecs(codec_rounds)
+
+
+def main(words: list[str]) -> int:
+    """Measure and show."""
+    return bench_of_its_own("scale", words, __doc__ or "", figures)
 
 
 if __name__ == "__main__":

@@ -5,14 +5,23 @@ import ast
 import re
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
 import silent_tests
 from cpp_text import cpp_functions
 
+ROOT = Path(__file__).parent.parent
 MAX_FILE_LINES = 400
 MAX_FUNCTION_LINES = 60
+MAX_FOLDER_FILES = 20
+# A corpus: each file is one of many of a kind, complete in itself, and found by its name.
+CORPORA = {
+    "tests/laws_hostile": "a law in each that must be refused or contained",
+    "tests/system": "a test of whole processes in each",
+    "docs/adr": "a decision in each, numbered and never removed",
+}
 MAX_EXEMPTIONS = 5
 GENERATED = re.compile(r"^spine/wire/|^brain/lithe/_wire\.py$|^brain/lithe/_shm/|^docs/reference/|/golden/|\.msg$")
 CPP = (".cpp", ".hpp", ".c", ".h")
@@ -56,6 +65,13 @@ def check_unfinished(path: str, text: str) -> Iterator[str]:
             yield f"{path}:{number}: unfinished work in the source; finish it or open an issue"
 
 
+def check_folders(paths: list[str]) -> Iterator[str]:
+    """Folders in which nobody finds anything: too many files that are not in a folder of their own."""
+    for folder, files in sorted(Counter(path.rpartition("/")[0] for path in paths).items()):
+        if files > MAX_FOLDER_FILES and folder not in CORPORA:
+            yield f"{folder}: {files} files; {MAX_FOLDER_FILES} at most: give what belongs together a folder"
+
+
 def exemptions(path: str, text: str) -> Iterator[str]:
     """The reasons given for stepping out of the real-time contract."""
     if path.endswith(("core/rt.hpp", "_test.cpp")):
@@ -75,7 +91,8 @@ def main(root: Path) -> int:
     """Check the tree; print each problem on a line of its own."""
     problems: list[str] = []
     excuses: list[str] = []
-    for path in tracked(root):
+    paths = tracked(root)
+    for path in paths:
         if not path.endswith((*CPP, ".py")) and not NEEDS_SPDX.search(path):
             continue
         text = (root / path).read_text()
@@ -84,7 +101,7 @@ def main(root: Path) -> int:
             problems += check_lengths(path, text)
         if path.endswith(CPP):
             excuses += exemptions(path, text)
-    problems += silent_tests.problems(root, tracked(root))
+    problems += silent_tests.problems(root, paths)
     if len(excuses) > MAX_EXEMPTIONS:
         problems.append(f"{len(excuses)} RT exemptions; {MAX_EXEMPTIONS} at most: make the call real-time, or move it")
     for excuse in excuses:
@@ -95,4 +112,4 @@ def main(root: Path) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(__file__).parent.parent))
+    sys.exit(main(ROOT))

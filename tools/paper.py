@@ -37,8 +37,9 @@ def command_trouble(command: str, root: Path) -> str:
         missing = [verb for verb in verbs if f'"{verb}"' not in cli]
         return f"`lithe` has no verb '{missing[0]}'" if missing or not verbs else ""
     if words[0] == "python" and words[1:2] == ["-m"]:
-        module = root / (words[2].replace(".", "/") + ".py")
-        return "" if module.exists() else f"there is no module {words[2]}"
+        module = root / words[2].replace(".", "/")
+        there = module.with_suffix(".py").exists() or (module / "__main__.py").exists()
+        return "" if there else f"there is no module {words[2]}"
     file = words[1] if words[0] in ("pytest", "python") and len(words) > 1 else words[0]
     return "" if (root / file).exists() else f"there is no file {file}"
 

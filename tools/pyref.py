@@ -74,7 +74,7 @@ def page() -> str:
     """The whole page."""
     sys.path.insert(0, str(ROOT / "brain"))
     import lithe
-    from lithe import certificates, control, gateway, gateway_token, place, robot, shm, telemetry
+    from lithe import certificates, control, gateway, place, robot, shm, telemetry
 
     parts = [HEAD.rstrip(), "## Connecting", f"**`lithe.{signature_of(lithe.connect, 'connect')}`**"]
     parts.append(text_of(lithe.connect, "connect"))
@@ -96,7 +96,7 @@ def page() -> str:
         (certificates.verify, "lithe.certificates.verify"),
         (control.find_robot, "lithe.control.find_robot"),
         (control.run_dir, "lithe.control.run_dir"),
-        (gateway_token.write_token, "lithe.gateway_token.write_token"),
+        (gateway.write_token, "lithe.gateway.write_token"),
         (place.pin, "lithe.place.pin"),
     ):
         parts.append(f"**`{signature_of(function, name)}`**\n\n{text_of(function, name)}")

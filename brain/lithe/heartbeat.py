@@ -24,21 +24,25 @@ def period_s(robot_file: Path) -> float:
     return min(LONGEST_S, max(SHORTEST_S, limit_s / BEATS_PER_LIMIT))
 
 
-class Heartbeat:
-    """Calls `beat` every `every_s` from a daemon thread until stop(). Beating is one store to shared memory."""
+class Repeat:
+    """Calls a function every `every_s` from a daemon thread, at once for the first time, until stop()."""
 
-    def __init__(self, beat: Callable[[], None], every_s: float) -> None:
-        self._beat, self._every_s = beat, every_s
+    def __init__(self, call: Callable[[], None], every_s: float) -> None:
+        self._call, self._every_s = call, every_s
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="lithe-heartbeat", daemon=True)
+        self._thread = threading.Thread(target=self._run, name=f"lithe-{type(self).__name__.lower()}", daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
         while not self._stop.is_set():
-            self._beat()
+            self._call()
             self._stop.wait(self._every_s)
 
     def stop(self) -> None:
-        """Returns when the last beat is over."""
+        """Returns when the last call is over."""
         self._stop.set()
         self._thread.join()
+
+
+class Heartbeat(Repeat):
+    """The Brain's sign of life: each beat is one store to shared memory."""

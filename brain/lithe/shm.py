@@ -331,30 +331,18 @@ class BrainWriter:
         speeds = np.full(positions.shape, np.nan) if velocity_rad_s is None else np.asarray(velocity_rad_s, np.float64)
         if speeds.shape != positions.shape:
             raise BadPlan(f"a plan needs as many velocities as positions {positions.shape}, not {speeds.shape}")
+        count, joints = positions.shape
         with self._publishing:
             self._check_lease()
-            self._write(plan_id, times, positions, speeds, streaming)
+            plan = self._plan
+            plan["plan_id"], plan["waypoint_count"], plan["joint_count"] = plan_id, count, joints
+            plan["streaming"] = int(streaming)
+            plan["t_ns"][:count] = times
+            plan["position_rad"][:count, :joints] = positions
+            plan["velocity_rad_s"] = np.nan
+            plan["velocity_rad_s"][:count, :joints] = speeds
+            shim().lithe_channel_write(self.mapping.item("plan")[1], plan.ctypes.data, plan.dtype.itemsize)
             self.beat()
-
-    def _write(
-        self,
-        plan_id: int,
-        times: npt.NDArray[np.int64],
-        positions: npt.NDArray[np.float64],
-        speeds: npt.NDArray[np.float64],
-        streaming: bool,
-    ) -> None:
-        plan = self._plan
-        plan["plan_id"], plan["waypoint_count"], plan["joint_count"] = plan_id, len(times), positions.shape[1]
-        plan["streaming"] = int(streaming)
-        plan["t_ns"][: len(times)] = times
-        by_waypoint = plan["position_rad"].reshape(_wire.NW, _wire.NJ)
-        by_waypoint[: len(times), : positions.shape[1]] = positions
-        velocities = plan["velocity_rad_s"].reshape(_wire.NW, _wire.NJ)
-        velocities[...] = np.nan
-        velocities[: len(times), : positions.shape[1]] = speeds
-        _, address = self.mapping.item("plan")
-        shim().lithe_channel_write(address, plan.ctypes.data, plan.dtype.itemsize)
 
     def send(self, letter: npt.NDArray[Any], spine: SpineView) -> int:
         """Puts a Command into the Brain's mailbox; its ticket for SpineView.answer(), 0 while the mailbox is full."""

@@ -16,8 +16,8 @@ from typing import Any
 import lithe
 import pytest
 from lithe.gateway import Gateway, encode
-from lithe.gateway_client import MOST_REQUEST_BYTES
-from lithe.gateway_token import write_token
+from lithe.gateway.client import MOST_REQUEST_BYTES
+from lithe.gateway.token import write_token
 from lithe.remote import Remote
 from system.house import ROOT, House
 from talk import ask, lines
@@ -85,7 +85,7 @@ def test_one_client_too_many_is_told_so_and_finds_a_place_later(
 
 
 def test_who_never_shows_a_token_is_shown_the_door(gateway: Gateway, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lithe.gateway_lobby.HELLO_S", 0.2)
+    monkeypatch.setattr("lithe.gateway.lobby.HELLO_S", 0.2)
     with socket.create_connection(("127.0.0.1", gateway.port), 30) as link:
         assert link.recv(100) == b""
 

@@ -16,8 +16,8 @@ from typing import Any
 import lithe
 import pytest
 from lithe.gateway import MOST_CLIENTS, Gateway
-from lithe.gateway_lobby import MOST_OF_ONE_ADDRESS
-from lithe.gateway_turns import MOST_UNSENT_BYTES, Turns
+from lithe.gateway.lobby import MOST_OF_ONE_ADDRESS
+from lithe.gateway.turns import MOST_UNSENT_BYTES, Turns
 from lithe.remote import Remote
 from system.house import ROOT, House
 from talk import lines
@@ -99,7 +99,7 @@ ALL = json.dumps({"id": 1, "verb": "history", "args": {"seconds": 4.0, "fields":
 def test_who_does_not_read_is_disconnected_and_the_log_says_why(
     robot: lithe.Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("lithe.gateway_client.UNREAD_S", 1)
+    monkeypatch.setattr("lithe.gateway.client.UNREAD_S", 1)
     said: list[str] = []
     gateway = Gateway(robot, {"long": lambda _: "x" * (16 << 20)}, token="sesame", say=said.append)
     gateway.start()
@@ -142,7 +142,7 @@ class Unfair(Turns):
 def test_a_long_answer_waits_while_a_moving_verb_is_served(
     gateway: Gateway, monkeypatch: pytest.MonkeyPatch, fair: bool
 ) -> None:
-    monkeypatch.setattr("lithe.gateway_turns.MOST_PAUSE_S", 600.0)
+    monkeypatch.setattr("lithe.gateway.turns.MOST_PAUSE_S", 600.0)
     monkeypatch.setattr("lithe.gateway.PIECE_TICKS", 8)
     turns = gateway.turns = Turns() if fair else Unfair()
     moving, done = threading.Event(), threading.Event()

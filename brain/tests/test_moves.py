@@ -12,7 +12,7 @@ from arm_sim import SimArm
 from lithe.demo import brain, moves, sources
 from lithe.demo.joints import most_share
 from lithe.demo.sources import Gains
-from lithe.gateway_client import MOST_REQUEST_BYTES
+from lithe.gateway.client import MOST_REQUEST_BYTES
 from lithe.identify import Arm, Motion
 from system.house import ROOT
 

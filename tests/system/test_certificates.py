@@ -152,7 +152,8 @@ def test_the_bench_counts_no_certificate_that_was_tampered_with(copy: Path, monk
     """`make bench-swap` says certificates N of N: a forged one is not among them."""
     monkeypatch.syspath_prepend(str(ROOT))
     monkeypatch.setenv("LITHE_BIN_DIR", str(BIN))
-    count: Callable[[Path, list[dict[str, Any]]], dict[str, int]] = importlib.import_module("bench.swap").certificates
+    run = importlib.import_module("bench.swap.run")
+    count: Callable[[Path, list[dict[str, Any]]], dict[str, int]] = run.certificates
     records = [json.loads((copy / f"{number:04}.json").read_text()) for number in (1, 2)]
     assert count(copy, records)["certificates"] == 2
     path = copy / "0002.json"

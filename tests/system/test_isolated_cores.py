@@ -10,8 +10,8 @@ from typing import Any
 
 import calm
 import pytest
-import vcan
 from system.house import BIN, ROOT
+from vm import vcan
 
 SCRIPT = Path(__file__).with_name("isolated_cores.sh")
 LAW = f'law = "{ROOT}/laws/pd.cpp"'  # there is no compiler

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import vcan
+from vm import vcan
 
 OF_CAN0 = {"shoulder", "upper_arm", "elbow"}
 
@@ -25,7 +25,7 @@ def kernel() -> vcan.Kernel:
 
 @pytest.fixture(scope="module")
 def booted(kernel: vcan.Kernel) -> tuple[int | None, str]:
-    """The verdict of the C++ tests, and all that was said: theirs and the robot's (tools/vcan_robot.sh)."""
+    """The verdict of the C++ tests, and all that was said: theirs and the robot's (tools/vm/vcan_robot.sh)."""
     return vcan.boot(kernel, vcan.robot_cargo(), vcan.CACHE)
 
 
@@ -149,7 +149,7 @@ def test_what_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert "tools/setup vcan" in vcan.why_not()
     for tool in (vcan.QEMU, "busybox"):
         (tmp_path / tool).touch(mode=0o755)
-    assert "tools/vcan.py --fetch" in vcan.why_not(tmp_path)
+    assert "tools/vm/vcan.py --fetch" in vcan.why_not(tmp_path)
     monkeypatch.setattr(vcan.platform, "machine", lambda: "aarch64")
     assert "aarch64" in vcan.why_not()
 

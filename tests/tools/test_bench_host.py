@@ -82,12 +82,12 @@ def test_a_brain_that_a_spine_slows_down_although_it_is_pinned_is_no_measurement
 
 def test_the_ratio_is_of_the_same_round(host: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     class Fake:
-        threads = 2
+        told = 2
 
         def __init__(self, core: int | None) -> None:
             self.rates = iter([60.0, 5.0, 30.0, 2.0, 90.0, 6.0] if core is None else [25.0] * 6)
 
-        def rate(self) -> float:
+        def ask(self) -> float:
             return next(self.rates)
 
         def close(self) -> None:

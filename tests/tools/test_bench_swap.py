@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from lithe.demo.evidence import Evidence
 from lithe.demo.losses import Releases
 from system.house import need
 
@@ -23,12 +24,12 @@ ROUND_MS, SWAPPING_MS = 1000, 600
 
 def module(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     monkeypatch.syspath_prepend(str(ROOT))
-    return importlib.import_module(f"bench.{name}")
+    return importlib.import_module(f"bench.swap.{name}")
 
 
 @pytest.fixture
 def stats(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    return module("swap_stats", monkeypatch)
+    return module("stats", monkeypatch)
 
 
 def sides(
@@ -93,11 +94,11 @@ def test_a_short_stall_at_every_swap_is_found(stats: ModuleType) -> None:
 
 
 def test_a_pause_is_known_though_the_kernel_counts_it_at_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    host = module("swap_host", monkeypatch)
-    watch = host.StealWatch((0,))
-    watch.times_ns = [at * MS for at in (1000, 1040, 1080, 1104, 1110, 1200)]
-    watch.counts = [[7], [7], [7], [17], [17], [17]]  # the core was away from 1001 to 1101
-    assert watch.stolen_spans(0) == [(984 * MS, 1104 * MS + host.SETTLE_NS)]
+    host = module("host", monkeypatch)
+    at_ns, stolen_ms = np.array((1000, 1040, 1080, 1104, 1110, 1200)) * MS, np.array((70, 70, 70, 170, 170, 170))
+    seen = Evidence(at_ns, np.zeros(6, np.int64), stolen_ms * MS)  # the core was away from 1001 to 1101
+    assert host.stolen_spans(seen) == [(984 * MS, 1104 * MS + host.SETTLE_NS)]
+    assert host.stolen_share(seen) == 0.5
 
 
 def test_a_swap_that_costs_ticks_is_found(stats: ModuleType) -> None:
@@ -160,7 +161,7 @@ def test_the_step_is_judged_where_the_guard_cuts_none(
     stats: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """A law that jumps by 1 N m at its swap: a guard with the shipped bound sends 0.12 N m a tick, whatever comes."""
-    robot = module("swap_robot", monkeypatch)
+    robot = module("robot", monkeypatch)
     assert robot.shipped_slew_bound_nm() == pytest.approx(0.12)
     file = robot.robot_file(tmp_path, torque_slew_nm_s=robot.WIDE_NM_S)
     assert f"torque_slew_nm_s = {robot.WIDE_NM_S}" in file.read_text()
@@ -197,7 +198,7 @@ def test_too_few_rounds_are_known_as_such(stats: ModuleType) -> None:
 
 
 def test_a_disturbed_run_claims_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    verdict = module("swap_verdict", monkeypatch)
+    verdict = module("verdict", monkeypatch)
     nan = float("nan")
     good = {
         "stolen_share": 0.0, "preempted_share": 0.0, "control_failed_as_it_must": True, "ticks_not_recorded": 0,
@@ -251,7 +252,7 @@ def test_a_disturbed_run_claims_nothing(monkeypatch: pytest.MonkeyPatch) -> None
 def test_ten_thousand_swaps_have_the_time_they_need_even_where_each_trial_is_slow(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    swap, peers = module("swap", monkeypatch), module("swap_peers", monkeypatch)
+    swap, peers = module("run", monkeypatch), module("peers", monkeypatch)
     group, pause_s = swap.turns(10_000)
     groups = 10_000 / group
     ours_s = 10_000 * 0.120 + groups * (pause_s + 0.05)
@@ -263,7 +264,7 @@ def test_a_peer_is_not_asked_to_swap_before_the_ticks_command_has_left(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     need("bench_swap_peers")
-    peers, swap = module("swap_peers", monkeypatch), module("swap", monkeypatch)
+    peers, swap = module("peers", monkeypatch), module("run", monkeypatch)
     core = sorted(os.sched_getaffinity(0))[0]
     with peers.Peers(core, core, swap.LAWS, tmp_path) as program:
         for _ in range(10):
@@ -276,7 +277,7 @@ def test_a_peer_is_not_asked_to_swap_before_the_ticks_command_has_left(
 
 
 def test_the_time_of_a_swap_is_split_by_stage(monkeypatch: pytest.MonkeyPatch) -> None:
-    swap = module("swap", monkeypatch)
+    swap = module("run", monkeypatch)
     times = {"submitted": 1 * MS, "compiled": 4 * MS, "staged": 5 * MS, "committed": 8 * MS, "confirmed": 900 * MS}
     told = swap.stages_ms([{"times_ns": times, "asked_ns": 0}])
     stages = {name: told[f"{name}_p50_ms"] for name in ("stage_compiled", "stage_staged", "stage_committed")}

@@ -45,6 +45,17 @@ def test_a_python_function_over_the_limit_is_refused() -> None:
     assert "a function of 61 lines" in next(lint.check_lengths("tools/a.py", text))
 
 
+def test_a_folder_over_the_limit_is_refused_and_one_at_the_limit_or_a_corpus_is_not() -> None:
+    full = [f"spine/a/{number}.cpp" for number in range(20)]
+    assert list(lint.check_folders([*full, "spine/a/test/rig.hpp", "Makefile"])) == []
+    assert list(lint.check_folders([*full, "spine/a/README.md"])) == [
+        "spine/a: 21 files; 20 at most: give what belongs together a folder"
+    ]
+    for corpus in lint.CORPORA:
+        assert (lint.ROOT / corpus).is_dir(), f"{corpus} is gone: it needs no exception"
+        assert list(lint.check_folders([f"{corpus}/{number}" for number in range(21)])) == []
+
+
 def test_a_file_without_the_licence_line_is_refused() -> None:
     assert list(lint.check_licence("spine/a.cpp", "#include <a>\n"))
     assert list(lint.check_licence("spine/a.cpp", "// SPDX-License-Identifier: Apache-2.0\n")) == []

@@ -58,16 +58,12 @@ def emit(schema: Schema) -> str:
             out += ["", f"class {name}({kind}):"]
             out += [f"    {key} = {value}" for key, value in values.items()]
             out += [""]
-    for m in schema.messages.values():
-        out += ["", f"class {m.name}(ctypes.Structure):", f'    """{m.text}"""', "", "    _fields_ = ["]
-        for f in m.fields:
-            kind = CTYPES[f.type] + (f" * {f.count}" if f.dims else "")
-            out += [f'        ("{f.name}", {kind}),']
-        out += ["    ]", ""]
-    out += [
-        "",
-        "# numpy dtypes as data, so that importing this module needs no numpy: name -> (format, shape), offset.",
-    ]
+    header = schema.messages["SegmentHeader"]
+    out += ["", "class SegmentHeader(ctypes.Structure):", f'    """{header.text}"""', "", "    _fields_ = ["]
+    for f in header.fields:
+        out += [f'        ("{f.name}", {CTYPES[f.type]}{f" * {f.count}" if f.dims else ""}),']
+    out += ["    ]", "", ""]
+    out += ["# numpy dtypes as data, so that importing this module needs no numpy: name -> (format, shape), offset."]
     out += ["DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {"]
     for m in schema.messages.values():
         out += [f'    "{m.name}": [']
@@ -76,19 +72,9 @@ def emit(schema: Schema) -> str:
             out += [f'        ("{f.name}", {fmt}, {f.offset}),']
         out += ["    ],"]
     out += ["}", "SIZES = {"] + [f'    "{m.name}": {m.size},' for m in schema.messages.values()] + ["}", ""]
-    out += ["UNITS = {"]
-    out += [f'    "{m.name}.{f.name}": "{f.unit}",' for m in schema.messages.values() for f in m.fields if f.unit]
-    out += ["}", ""]
     out += ["", "class Item(NamedTuple):", '    """One item of a segment."""', ""]
-    out += [
-        "    kind: str",
-        "    message: str",
-        "    depth: int",
-        "    times: int",
-        "    offset: int",
-        "    stride: int",
-        "",
-    ]
+    out += [f"    {name}" for name in ("kind: str", "message: str", "depth: int", "times: int", "offset: int")]
+    out += ["    stride: int", ""]
     out += ["", "SEGMENTS: dict[str, dict[str, Item]] = {"]
     for s in schema.segments.values():
         out += [f'    "{s.name}": {{']
@@ -99,8 +85,7 @@ def emit(schema: Schema) -> str:
         out += ["    },"]
     out += ["}", "SEGMENT_BYTES = {"] + [f'    "{s.name}": {s.size},' for s in schema.segments.values()] + ["}", ""]
     out += ["CANONICAL_SCHEMA = (", *[f'    "{line}\\n"' for line in schema.canonical().splitlines()], ")", ""]
-    out += ["for _type in (" + ", ".join(schema.messages) + "):"]
-    out += ["    assert ctypes.sizeof(_type) == SIZES[_type.__name__], _type"]
-    out += ["    for _name, _format, _shape, _offset in DTYPES[_type.__name__]:"]
-    out += ["        assert getattr(_type, _name).offset == _offset, (_type, _name)", ""]
+    out += ['assert ctypes.sizeof(SegmentHeader) == SIZES["SegmentHeader"]']
+    out += ['for _name, _format, _shape, _offset in DTYPES["SegmentHeader"]:']
+    out += ["    assert getattr(SegmentHeader, _name).offset == _offset, _name", ""]
     return "\n".join(out)

@@ -21,8 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 import lithe
-from lithe.gateway import Gateway
-from lithe.gateway_token import write_token
+from lithe.gateway import Gateway, write_token
 
 PERIOD_NS = 20_000_000
 POINTS = 12

@@ -37,7 +37,7 @@ class Releases:
 
 
 def releases(records: npt.NDArray[Any], period_ns: int) -> Releases:
-    """A release that was skipped is late by all the time until the tick that ran instead, as in bench/cycles.hpp."""
+    """A skipped release is late by all the time until the tick that ran instead, as in bench/rig/cycles.hpp."""
     due_ns = records["release_ns"].astype(np.int64)
     late_ns = records["release_jitter_ns"].astype(np.int64)
     total = records["missed_releases"].astype(np.int64)

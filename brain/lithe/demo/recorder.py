@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lithe._wire import SEGMENTS
+from lithe.heartbeat import Repeat
 from lithe.shm import SpineView
 
 from .evidence import Evidence, Watch, threads_of
@@ -33,16 +33,12 @@ class Recorder:
         self._cursor = spine.telemetry()
         self._watch = Watch(threads_of(spine.info, int(spine.mapping.header().writer_pid)))
         ring_s = SEGMENTS["spine"]["telemetry"].depth / float(spine.info["rate_hz"])
-        self._pause_s = min(0.05, ring_s / 8)
         self._pieces: list[npt.NDArray[Any]] = []
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
-        self._thread.start()
+        self._looks = Repeat(self._look, min(0.05, ring_s / 8))
 
-    def _run(self) -> None:
-        while not self._stop.wait(self._pause_s):
-            self._pieces.append(self._cursor.drain())
-            self._watch.look()
+    def _look(self) -> None:
+        self._pieces.append(self._cursor.drain())
+        self._watch.look()
 
     @property
     def lost(self) -> int:
@@ -52,15 +48,12 @@ class Recorder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        self._thread.join()
+        self._looks.stop()
 
     def finish(self) -> npt.NDArray[Any]:
         """Stops and returns all records, oldest first."""
-        self._stop.set()
-        self._thread.join()
-        self._pieces.append(self._cursor.drain())
-        self._watch.look()
+        self._looks.stop()
+        self._look()
         return np.concatenate(self._pieces)
 
     def evidence(self) -> Evidence:

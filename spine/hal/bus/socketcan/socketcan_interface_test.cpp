@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // On a CAN interface of the kernel's, which LITHE_CAN_INTERFACE names and which the tests take down and away: as root,
-// in a machine of its own (tools/vcan.py boots one).
+// in a machine of its own (tools/vm/vcan.py boots one).
 #include <gtest/gtest.h>
 #include <linux/can/error.h>
 #include <net/if.h>
@@ -23,7 +23,7 @@ class SocketCanInterface : public ::testing::Test {
  protected:
   void SetUp() override {
     const char* name = std::getenv("LITHE_CAN_INTERFACE");
-    if (name == nullptr) GTEST_SKIP() << "LITHE_CAN_INTERFACE names no CAN interface (python tools/vcan.py has one)";
+    if (name == nullptr) GTEST_SKIP() << "LITHE_CAN_INTERFACE names no CAN interface (python tools/vm/vcan.py has one)";
     interface = name;
     set_up(true);
     bus = open();

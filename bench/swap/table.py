@@ -3,12 +3,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from bench.swap.stats import LIMITS_US
+from bench.tables import Figures, cell, show_machine, table
 
-from bench.swap_stats import LIMITS_US
-from bench.tables import cell, show_machine, table
-
-Figures = dict[str, Any]
 WAYS = (
     ("LITHE", ""),
     ("dlopen in the loop", "peer_dlopen_"),
@@ -95,8 +92,9 @@ def show_core(told: Figures) -> None:
     rows = []
     for name, key in (("arena", ""), ("[spine] loader = dlopen", "loader_dlopen_")):
         names = ("interrupts_tlb", "interrupts_cal", "interrupts_res", "interrupts_loc", "page_faults")
-        rows.append([name, cell(told, f"{key}swaps", ".0f"), *(cell(told, f"{key}{n}_per_swap") for n in names)])
-    head = ["", "swaps", "TLB", "CAL", "RES", "LOC", "page faults"]
+        counts = (cell(told, f"{key}{n}_per_swap") for n in names)
+        rows.append([name, cell(told, f"{key}swaps", ".0f"), *counts, cell(told, f"{key}load_p50_us", ".0f")])
+    head = ["", "swaps", "TLB", "CAL", "RES", "LOC", "page faults", "load [us]"]
     table("interrupts on the Spine's core and faults of its thread, per swap, minus those at rest", head, rows)
     grown = ", ".join(
         f"{name} {' -> '.join(cell(told, f'{name}_rss_kb_{when}', '.0f') for when in ('start', 'middle', 'end'))} kB"

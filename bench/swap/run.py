@@ -15,26 +15,25 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import lithe
 import numpy as np
 from lithe.certificates import verify
-from lithe.demo.processes import Stage
+from lithe.demo.losses import Window
 from lithe.programs import ROOT
 
-from bench import continuity, report, swap_table
-from bench.swap_host import StealWatch, compiling
-from bench.swap_peers import Peers, Way, shaped
-from bench.swap_robot import WIDE_NM_S, Subject, robot_file, shipped_slew_bound_nm
-from bench.swap_stats import Figures, Sides, largest_step_nm, on_the_move, stops_in
-from bench.swap_verdict import CLAIMS, PEERS, reasons_to_doubt, shortcomings, undecided
+from bench import report
+from bench.swap import continuity, table
+from bench.swap.host import compiling, stolen_share, stolen_spans, watch_steal
+from bench.swap.peers import Peers, Way, shaped
+from bench.swap.robot import WIDE_NM_S, Subject, running, shipped_slew_bound_nm
+from bench.swap.stats import Sides, largest_step_nm, on_the_move, stops_in
+from bench.swap.verdict import CLAIMS, PEERS, reasons_to_doubt, shortcomings, undecided
+from bench.tables import Figures
 
-LAWS = [ROOT / "bench/laws/pi_lowpass.cpp", ROOT / "bench/laws/pi_two_pole.cpp", ROOT / "laws/pd.cpp"]
+LAWS = [ROOT / "bench/swap/laws/pi_lowpass.cpp", ROOT / "bench/swap/laws/pi_two_pole.cpp", ROOT / "laws/pd.cpp"]
 MOST_IN_GROUP, LEAST_IN_GROUP = 50, 8
 PAUSE_S, LEAST_PAUSE_S = 0.4, 0.15
 PEERS_PAUSE = 0.6  # of LITHE's: their groups are shorter too
@@ -48,17 +47,6 @@ VARIANTS = 4  # of each law: for one that is still resident, dlopen would only i
 MOST_S, MOST_PER_SWAP_S = 120.0, 0.3
 # Verdicts of a swap that was committed.
 FOUND = ("committed", "unproven", "confirmed", "rolled_back")
-
-
-@contextmanager
-def running(folder: Path, **changes: str) -> Iterator[lithe.Robot]:
-    """`lithe run` of a desk arm with long time-outs, and a connected Brain."""
-    with Stage(robot_file(folder, **changes), folder / "run.log"):
-        robot = lithe.connect("arm")
-        try:
-            yield robot
-        finally:
-            robot.close()
 
 
 def stages_ms(records: list[dict[str, Any]]) -> Figures:
@@ -108,10 +96,9 @@ def both_sides(sides: Sides, calm: Sides, ticks: Any) -> Figures:
     return told
 
 
-def lithe_figures(subject: Subject, steal: StealWatch) -> Figures:
+def lithe_figures(subject: Subject, stolen: list[Window]) -> Figures:
     """All figures of LITHE."""
     ticks, made = subject.log.ticks(), subject.releases()
-    stolen = steal.stolen_spans(subject.cpu)
     rounds = on_the_move(subject.rounds, ticks)
     calm = Sides(rounds, made, stolen)
     told = both_sides(Sides(rounds, made), calm, ticks)
@@ -133,10 +120,10 @@ def lithe_figures(subject: Subject, steal: StealWatch) -> Figures:
     }
 
 
-def peer_figures(name: str, way: Way, steal: StealWatch, core: int) -> Figures:
+def peer_figures(name: str, way: Way, stolen: list[Window]) -> Figures:
     """The same for one peer."""
     ticks, made = np.concatenate([shaped(part) for part in way.ticks]), way.releases()
-    told = both_sides(Sides(way.rounds, made), Sides(way.rounds, made, steal.stolen_spans(core)), ticks)
+    told = both_sides(Sides(way.rounds, made), Sides(way.rounds, made, stolen), ticks)
     p50, p999 = np.percentile(way.swap_ns, [50, 99.9])
     told |= {
         "swaps": len(way.swap_ns),
@@ -186,8 +173,8 @@ def main_run(folder: Path, swaps: int, load: list[list[str]]) -> Figures:
     with running(folder, torque_slew_nm_s=WIDE_NM_S) as robot:  # otherwise the guard would limit the measured steps
         info = robot.spine.info
         housekeeping = int(info["cpu_housekeeping"])
-        steal = StealWatch((int(info["cpu_spine"]), int(info["cpu_brain"])))
-        subject = Subject(robot, LAWS, steal.look)
+        steal, peers_steal = (watch_steal(int(info[f"cpu_{role}"])) for role in ("spine", "brain"))
+        subject = Subject(robot, LAWS, (steal.look, peers_steal.look))
         try:
             with (
                 Peers(int(info["cpu_brain"]), housekeeping, LAWS, folder) as peers,
@@ -198,11 +185,12 @@ def main_run(folder: Path, swaps: int, load: list[list[str]]) -> Figures:
                     peers.run("compile", 1, CONTROL_TICKS, gap_ticks=CONTROL_TICKS)
         finally:
             subject.stop()
-        told = lithe_figures(subject, steal) | subject.memory() | subject.per_swap()
+        seen = steal.evidence()
+        told = lithe_figures(subject, stolen_spans(seen)) | subject.memory() | subject.per_swap()
         told |= certificates(folder / "arm/swaps", subject.records)
         for name, way in peers.ways.items():
-            told |= peer_figures(name, way, steal, peers.core)
-        told["stolen_share"] = steal.share(subject.cpu)
+            told |= peer_figures(name, way, stolen_spans(peers_steal.evidence()))
+        told["stolen_share"] = stolen_share(seen)
         told["preempted_share"] = subject.preempted_share()
         told["peers_share_a_core"] = len({int(info[f"cpu_{role}"]) for role in ("brain", "housekeeping")}) == 1
         told["control_failed_as_it_must"] = told["peer_compile_lost_rate_difference_low_per_s"] > 0
@@ -273,12 +261,8 @@ def main(words: list[str]) -> int:
     told = report.machine() | {key: plain(value) for key, value in measure(asked.swaps, asked.out / "swap").items()}
     path = asked.out / "swap.json"
     path.write_text(json.dumps(told, indent=2) + "\n")
-    swap_table.show(told)
+    table.show(told)
     continuity.show(told)
-    swap_table.show_verdict(told)
+    table.show_verdict(told)
     print(f"\nall figures: {path}")
     return 0 if told["swap_verdict"] == "measured" else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from lithe.demo.losses import Comparison, Releases, Window, elsewhere
 
+from bench.tables import Figures
+
 WINDOW_NS = 50_000_000
 AFTER_NS = 50_000_000  # a swap's window is from its request to this time after its commit
 BURST_NS = 5_000_000  # a pause of the machine takes every tick; two swaps are further apart
@@ -19,7 +21,6 @@ SURE = 0.95
 LEAST_ROUNDS = 8  # with fewer, no difference could be refuted
 LIMITS_US = (1, 5, 20, 100)  # ticks that are later than this are counted
 NONE_SEEN = 3.69  # upper limit of the expected count when no event was seen (Poisson, 2.5 % on both sides)
-Figures = dict[str, Any]
 Spans = npt.NDArray[np.int64]  # (n, 2): from, to [ns]
 
 

@@ -29,8 +29,8 @@
 #include <utility>
 #include <vector>
 
-#include "bench/cycles.hpp"
-#include "bench/machine.hpp"
+#include "bench/rig/cycles.hpp"
+#include "bench/rig/machine.hpp"
 #include "lithe/law.hpp"
 #include "spine/core/host.hpp"
 #include "spine/hal/physics/plant.hpp"
@@ -48,7 +48,7 @@ constexpr std::uint32_t kSettleTicks = 20;
   std::exit(2);
 }
 
-// bench/swap_peers.py reads these bytes from the file.
+// bench/swap/peers.py reads these bytes from the file.
 struct TickRecord {
   std::int64_t release_ns, woke_ns, output_ns;
   std::uint32_t skipped, switches, faults, pad;
@@ -263,6 +263,7 @@ int serve_orders(int core, bool shared, const char* ticks_file, Peer& peer) {
   pin_or_exit(core);
   if (!shared) raise_priority();  // a spinning loop would take all time from the process that controls it
   if (const auto locked = lock_memory(); !locked) std::fprintf(stderr, "bench: %s\n", locked.message().c_str());
+  answer({});  // ready
   Peer::Order order;
   while (std::cin >> order.way >> order.swaps >> order.gap_ticks >> order.pause_ticks && order.swaps > 0) {
     std::vector<Peer::Window> windows;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "bench/spine_rig.hpp"
+#include "bench/rig/spine_rig.hpp"
 
 #include <cmath>
 #include <cstdio>

@@ -18,7 +18,7 @@ Who is served when: an e-stop ahead of everything, also of this client's own req
 taken (hello {"token": "...", "estop": true}, which is answered as the verb is, and hung up on). Then verbs that move or
 stop the robot. Long answers are made one at a time, in pieces, in turn.
 
-Bounds: 32 clients; who has not shown the token waits apart from them, 2 s at most (gateway_lobby.py). A client has
+Bounds: 32 clients; who has not shown the token waits apart from them, 2 s at most (lobby.py). A client has
 256 KiB of requests pending; a long answer has 8 MiB at most, all that are not yet read 32 MiB together; who does not
 read for 5 s is disconnected, and the gateway says so on stderr. Nothing a client sends ends more than its own
 connection.
@@ -26,30 +26,29 @@ connection.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import json
 import math
-import signal
 import socket
 import sys
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .control import plain, run_dir
-from .errors import LitheError, NotRunning, Refused
-from .gateway_client import MOST_REQUEST_BYTES, Client
-from .gateway_lobby import Hello, Lobby
-from .gateway_token import new_token, write_token
-from .gateway_turns import MOST_UNSENT_BYTES, Turns
-from .robot import Robot, connect
-from .shm import dtype
-from .text import unprintable_in
+from ..control import plain
+from ..errors import LitheError, NotRunning, Refused
+from ..robot import Robot
+from ..shm import dtype
+from ..text import unprintable_in
+from .client import MOST_REQUEST_BYTES, Client
+from .lobby import Hello, Lobby
+from .token import write_token
+from .turns import MOST_UNSENT_BYTES, Turns
+
+__all__ = ["Gateway", "write_token"]
 
 MOST_CLIENTS = 32  # each may keep a connection to the supervisor, which serves 64
 MOST_LONG_BYTES = MOST_UNSENT_BYTES // 4
@@ -64,7 +63,6 @@ FIRST = (
     "rollback",
     "revert_params",
 )  # they move or stop the robot
-SWITCH_S = 0.001  # how long Python may let another thread wait
 Verb = Callable[[dict[str, Any]], Any]
 
 
@@ -305,41 +303,3 @@ class Gateway:
             bool(args.get("streaming", True)),
         )
         return {"plan_id": plan_id}
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m lithe.gateway", description="Opens a running robot to agents over TCP."
-    )
-    parser.add_argument("--robot", help="name; the only one running if left out")
-    parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
-    parser.add_argument("--port", type=int, default=7423)
-    parser.add_argument("--token-file", type=Path, default=run_dir() / "gateway.token")
-    args = parser.parse_args()
-    # A shell starts background jobs with SIGINT ignored; here SIGINT must end the gateway.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    sys.setswitchinterval(SWITCH_S)
-    try:
-        robot = connect(args.robot)
-        gateway = Gateway(robot, host=args.host, port=args.port, token=new_token())
-        write_token(
-            args.token_file, gateway.token
-        )  # not before it listens: another gateway's clients may need the old one
-    except (LitheError, OSError) as error:
-        print(f"lithe.gateway: {error}")
-        return 1
-    gateway.start()
-    print(f"robot {robot.name} at {args.host}:{gateway.port}, token in {args.token_file}", flush=True)
-    with contextlib.suppress(KeyboardInterrupt):
-        while True:
-            time.sleep(0.2)
-            if not robot.attached:
-                with contextlib.suppress(LitheError):  # not yet
-                    robot.reconnect()
-    gateway.close()
-    robot.close()
-    return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

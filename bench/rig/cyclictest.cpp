@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "bench/cyclictest.hpp"
+#include "bench/rig/cyclictest.hpp"
 
 #include <sched.h>
 

@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from .gateway_turns import Turns
+from .turns import Turns
 
 MOST_REQUEST_BYTES = 1 << 20
 MOST_PENDING_BYTES = 256 << 10  # requests that wait for their turn; one longer than that waits alone

@@ -6,13 +6,11 @@ Every comparison fails when its figure is missing or NaN.
 
 from __future__ import annotations
 
-from typing import Any
-
-from bench import continuity
 from bench.report import DISTURBED
-from bench.swap_stats import LEAST_ROUNDS, LIMITS_US
+from bench.swap import continuity
+from bench.swap.stats import LEAST_ROUNDS, LIMITS_US
+from bench.tables import Figures
 
-Figures = dict[str, Any]
 MOST_LATER = 0.001  # of the ticks: how many more may be later than a limit while swapping than at rest
 PEERS = ("dlopen", "mutex", "brief")
 LATER = [f"jitter_over_{limit_us}us_difference" for limit_us in LIMITS_US]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# Run by /init of the machine that tools/vcan.py boots, after the program of its own: a robot whose buses are CAN
+# Run by /init of the machine that tools/vm/vcan.py boots, after the program of its own: a robot whose buses are CAN
 # interfaces, from `lithe sim` to the Spine. tests/system/test_vcan.py holds its steps against what must be.
 served() { grep -q "can2 socketcan vcan3" "$1"; }
 well() { grep -q '"sent"' "$1" && ! grep -q '"problems": \[$' "$1"; }

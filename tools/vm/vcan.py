@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs our SocketCAN bus, and a whole robot, on real CAN interfaces: a Debian kernel with `vcan`, booted under QEMU.
 
-    python tools/vcan.py            exit 0 passed, 1 failed, 77 skipped: the reason is printed
-    python tools/vcan.py --fetch    first get the kernel: 70 MB into build/vcan, nothing is installed
+    python tools/vm/vcan.py            exit 0 passed, 1 failed, 77 skipped: the reason is printed
+    python tools/vm/vcan.py --fetch    first get the kernel: 70 MB into build/vcan, nothing is installed
 
 The machine is emulated (-accel tcg): /dev/kvm may exist and hang. It shows what works, never how fast.
 """
@@ -20,12 +20,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 CACHE = ROOT / "build/vcan"
 BIN = Path(os.environ.get("LITHE_BIN_DIR", ROOT / "build/release/bin"))
 PROGRAM = BIN / "hal_bus_socketcan_socketcan_interface_test"
 LITHE = ("lithe", "lithe-sim", "lithe-spine", "lithe-spine-sim", "lithe-trial", "lawd")
-STEPS = Path(__file__).with_name("vm_steps.sh")  # the words of such scripts
+STEPS = Path(__file__).with_name("steps.sh")  # the words of such scripts
 ROBOT_SCRIPT = Path(__file__).with_name("vcan_robot.sh")
 REFUSED = {"scan-less": 1, "scan-wrong": 1, "scan-beside": 1}  # steps of it that end with another code than 0
 QEMU = "qemu-system-x86_64"
@@ -182,7 +182,7 @@ def why_not(cache: Path = CACHE, program: Path = PROGRAM) -> str:
         if shutil.which(tool) is None:
             return f"no {tool}: tools/setup vcan (Debian's {package})"
     if find_kernel(cache) is None:
-        return "no kernel: python tools/vcan.py --fetch"
+        return "no kernel: python tools/vm/vcan.py --fetch"
     for each in (program, *(BIN / name for name in LITHE)):
         if not each.exists():
             return f"no {each.name}: make test builds it"
@@ -213,11 +213,10 @@ def initramfs(kernel: Kernel, cargo: Cargo) -> bytes:
         for applet in APPLETS:
             yield f"bin/{applet}", b"/bin/busybox", stat.S_IFLNK | 0o777
         yield "bin/busybox", busybox.read_bytes(), executable
-        for program in (cargo.program, *cargo.beside):
+        programs = (cargo.program, *cargo.beside)
+        for program in programs:
             yield f"bin/{program.name}", program.read_bytes(), executable
-        for library in sorted(
-            {library for program in (cargo.program, *cargo.beside) for library in libraries(program)}
-        ):
+        for library in sorted({library for program in programs for library in libraries(program)}):
             yield str(library)[1:], library.read_bytes(), executable
         for name, content in cargo.files.items():
             yield name, content, executable
@@ -237,19 +236,7 @@ def boot(kernel: Kernel, cargo: Cargo, cache: Path) -> tuple[int | None, str]:
     """How the program ended in the machine (None: it never did), and all that the machine said."""
     archive = cache / f"initramfs.{os.getpid()}"
     archive.write_bytes(initramfs(kernel, cargo))
-    command = [
-        QEMU,
-        "-accel",
-        "tcg",
-        "-smp",
-        str(cargo.cores),
-        "-m",
-        "1024",
-        "-nographic",
-        "-no-reboot",
-        "-nic",
-        "none",
-    ]
+    command = [QEMU, *f"-accel tcg -smp {cargo.cores} -m 1024 -nographic -no-reboot -nic none".split()]
     options = f"console=ttyS0 quiet panic=-1 {cargo.options}"
     command += ["-kernel", str(kernel.image), "-initrd", str(archive), "-append", options]
     try:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The effect of a swap on the motion: PI with one low-pass replaced by PI with two, at full speed, warm and cold.
 
-`python -m bench.continuity [--figure PATH]` -> out/bench/continuity.json, a figure and a table; `make bench-swap` runs
-it too. The integral compensates the arm's weight in both laws. Four ways: state carried and initialised from the past,
-or from defaults; output blended, or not. The slew bound is always set very high; otherwise it would hide the step.
+`python -m bench.swap.continuity [--figure PATH]` -> out/bench/continuity.json, a figure and a table; `make bench-swap`
+runs it too. The integral compensates the arm's weight in both laws. Four ways: state carried and initialised from the
+past, or from defaults; output blended, or not. The slew bound is always set very high: else it would hide the step.
 """
 
 from __future__ import annotations
@@ -21,20 +21,18 @@ import lithe
 import numpy as np
 import numpy.typing as npt
 from lithe._wire import TelemetryFlags
-from lithe.demo.processes import Stage
 from lithe.programs import ROOT
 
 from bench import report
-from bench.swap_robot import HORIZON_NS, POINTS, WIDE_NM_S, Background, TickLog, robot_file, sine_rad, wake
-from bench.tables import cell, table
+from bench.swap.robot import WIDE_NM_S, Mover, running, wake
+from bench.tables import Figures, cell, table
 
-Figures = dict[str, Any]
-OLD, NEW = ROOT / "bench/laws/pi_lowpass.cpp", ROOT / "bench/laws/pi_two_pole.cpp"
+OLD, NEW = ROOT / "bench/swap/laws/pi_lowpass.cpp", ROOT / "bench/swap/laws/pi_two_pole.cpp"
 SINE = {"centre_rad": 1.2, "amplitude_rad": 0.8, "frequency_hz": 1.0}
 BLEND_S = 0.02
 LEAST_SPEED_RAD_S = 4.5  # the largest speed of the sine is 5
 SETTLE_S = 1.5
-LOOK_S = 0.1
+LOOK_S = 0.1  # longer than the log waits for new ticks
 STEP_TICKS = 50  # after the commit: the blend, and the transient of a filter that starts from defaults
 ERROR_TICKS = 300  # after the commit, and as many one period of the sine earlier
 PERIOD_TICKS = 1000
@@ -94,18 +92,12 @@ class Crossing:
         return float(np.diff(ends["position_rad"])[0] / (np.diff(ends["release_ns"])[0] * 1e-9))
 
 
-class Experiment:
+class Experiment(Mover):
     """A robot on a sine, and swaps at its largest speed."""
 
     def __init__(self, robot: lithe.Robot) -> None:
-        self.robot, self.log = robot, TickLog(robot.name)
-        self._threads = [Background(self._plan, 0.1), Background(self.log.look, LOOK_S)]
+        super().__init__(robot, SINE)
         self._commit_after_s = 0.01
-
-    def _plan(self) -> None:
-        now_ns = time.monotonic_ns()
-        times = [now_ns + HORIZON_NS * k for k in range(POINTS)]
-        self.robot.publish(times, [sine_rad(t, **SINE) for t in times])
 
     def _wait_for_full_speed(self) -> None:
         period_s = 1.0 / SINE["frequency_hz"]
@@ -132,11 +124,6 @@ class Experiment:
         slow = crossing.speed_rad_s() < LEAST_SPEED_RAD_S  # the commit came late
         return None if disturbed or slow or not around["active"].all() else crossing
 
-    def stop(self) -> None:
-        """Ends the threads."""
-        for thread in self._threads:
-            thread.stop()
-
 
 def cross_all(folder: Path, blend_s: float, repeats: int) -> dict[str, list[Crossing]]:
     """One robot; all ways with this blend, taking turns."""
@@ -146,22 +133,17 @@ def cross_all(folder: Path, blend_s: float, repeats: int) -> dict[str, list[Cros
     found: dict[str, list[Crossing]] = {way.key: [] for way in ways}
     folder.mkdir(parents=True)
     # A cold swap fails its probation: here it must be measured to its end, and not be rolled back.
-    file = robot_file(folder, torque_slew_nm_s=WIDE_NM_S, blend_s=str(blend_s), probation_error_ratio="0.0")
-    with Stage(file, folder / "run.log"):
-        robot = lithe.connect("arm")
+    with running(folder, torque_slew_nm_s=WIDE_NM_S, blend_s=str(blend_s), probation_error_ratio="0.0") as robot:
+        for text in texts.values():
+            robot.swap(text, name="new.cpp")  # compiled now; later it comes from the cache
+        experiment = Experiment(robot)
         try:
-            for text in texts.values():
-                robot.swap(text, name="new.cpp")  # compiled now; later it comes from the cache
-            experiment = Experiment(robot)
-            try:
-                for _ in range(TRIES * repeats):
-                    for way in ways:
-                        if len(found[way.key]) < repeats and (crossing := experiment.cross(old, texts[way.key])):
-                            found[way.key].append(crossing)
-            finally:
-                experiment.stop()
+            for _ in range(TRIES * repeats):
+                for way in ways:
+                    if len(found[way.key]) < repeats and (crossing := experiment.cross(old, texts[way.key])):
+                        found[way.key].append(crossing)
         finally:
-            robot.close()
+            experiment.stop()
     return found
 
 
@@ -246,7 +228,7 @@ def show(told: Figures) -> None:
 
 def main(words: list[str]) -> int:
     """Measure, draw, write, print."""
-    parser = argparse.ArgumentParser(prog="python -m bench.continuity", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m bench.swap.continuity", description=__doc__)
     parser.add_argument("--repeats", type=int, default=REPEATS, help=f"swaps of each way (default {REPEATS})")
     parser.add_argument("--figure", type=Path, help="another place for the figure, for instance docs/img")
     asked = parser.parse_args(words)

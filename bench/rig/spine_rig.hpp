@@ -9,8 +9,8 @@
 #include <string>
 #include <thread>
 
-#include "bench/cycles.hpp"
-#include "bench/machine.hpp"
+#include "bench/rig/cycles.hpp"
+#include "bench/rig/machine.hpp"
 #include "spine/contain/fault_barrier.hpp"
 #include "spine/hal/actuators.hpp"
 #include "spine/ipc/layout.hpp"

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import math
 import os
-import threading
 import time
 import tomllib
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,14 +20,17 @@ import numpy.typing as npt
 from lithe._wire import Mode
 from lithe.demo.evidence import made_to_wait
 from lithe.demo.losses import Releases, releases
+from lithe.demo.processes import Stage
 from lithe.errors import Refused
+from lithe.heartbeat import Repeat
 from lithe.programs import ROOT
 from lithe.shm import SpineView
 
-from bench.swap_host import interrupts, memory_kb, minor_faults
-from bench.swap_stats import AFTER_NS, Figures, Round
+from bench.swap.host import interrupts, memory_kb, minor_faults
+from bench.swap.stats import AFTER_NS, Round
+from bench.tables import Figures
 
-CENTRE_RAD, AMPLITUDE_RAD, FREQUENCY_HZ = 0.6, 0.8, 0.5
+SINE = {"centre_rad": 0.6, "amplitude_rad": 0.8, "frequency_hz": 0.5}
 WIDE_NM_S = "10000.0"  # a slew bound that limits no step: the output is what the law commands, blended after a swap
 HORIZON_NS, POINTS = 60_000_000, 16  # a plan covers almost a second, because this process may be late
 TICK = np.dtype(
@@ -67,12 +70,14 @@ def shipped_slew_bound_nm() -> float:
     return float(joint["torque_slew_nm_s"]) / float(robot["rate_hz"])
 
 
-def sine_rad(t_ns: int, centre_rad: float, amplitude_rad: float, frequency_hz: float) -> float:
-    """The setpoint."""
-    return centre_rad + amplitude_rad * math.sin(2 * math.pi * frequency_hz * t_ns * 1e-9)
-
-
 WAKE_S = 600.0
+
+
+@contextmanager
+def running(folder: Path, **changes: str) -> Iterator[lithe.Robot]:
+    """`lithe run` of a desk arm with long time-outs, and a connected Brain."""
+    with Stage(robot_file(folder, **changes), folder / "run.log"), lithe.connect("arm") as robot:
+        yield robot
 
 
 def wake(robot: lithe.Robot) -> None:
@@ -87,25 +92,6 @@ def wake(robot: lithe.Robot) -> None:
             if time.monotonic() > end_s:
                 raise
             time.sleep(0.1)
-
-
-class Background:
-    """A thread that calls a function periodically until stop()."""
-
-    def __init__(self, call: Callable[[], None], every_s: float) -> None:
-        self._call, self._every_s = call, every_s
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
-        while not self._stop.wait(self._every_s):
-            self._call()
-
-    def stop(self) -> None:
-        """Returns after the last call."""
-        self._stop.set()
-        self._thread.join()
 
 
 class TickLog:
@@ -138,6 +124,33 @@ class TickLog:
         return np.concatenate(self._parts)
 
 
+class Mover:
+    """A robot that follows a sine, and its ticks in `log`."""
+
+    def __init__(self, robot: lithe.Robot, sine: dict[str, float], looks: Sequence[Callable[[], None]] = ()) -> None:
+        """`looks` are called as often as the log is filled."""
+        self.robot, self.log = robot, TickLog(robot.name)
+        self._sine, self._looks = sine, (self.log.look, *looks)
+        self._threads = [Repeat(self._plan, 0.1), Repeat(self._look, 0.025)]
+
+    def _plan(self) -> None:
+        now_ns = time.monotonic_ns()
+        times = [now_ns + HORIZON_NS * k for k in range(POINTS)]
+        omega = 2e-9 * math.pi * self._sine["frequency_hz"]
+        centre_rad, amplitude_rad = self._sine["centre_rad"], self._sine["amplitude_rad"]
+        self.robot.publish(times, [centre_rad + amplitude_rad * math.sin(omega * t) for t in times])
+
+    def _look(self) -> None:
+        for look in self._looks:
+            look()
+
+    def stop(self) -> None:
+        """Ends the threads; the robot continues."""
+        for thread in self._threads:
+            thread.stop()
+        self.log.look()
+
+
 @dataclass
 class Tally:
     """Interrupts and page faults, and the time in which they were counted."""
@@ -146,13 +159,14 @@ class Tally:
     seconds: float = 0.0
 
 
-class Subject:
-    """A running robot, and all that is recorded about it."""
+class Subject(Mover):
+    """A running robot whose laws are swapped, and all that is recorded about it."""
 
     def __init__(
-        self, robot: lithe.Robot, sources: list[Path], looks: Callable[[], None] = lambda: None, variants: int = 1
+        self, robot: lithe.Robot, sources: list[Path], looks: Sequence[Callable[[], None]] = (), variants: int = 1
     ) -> None:
-        self.robot, info = robot, robot.spine.info
+        super().__init__(robot, SINE, looks)
+        info = robot.spine.info
         self.cpu, self.tid = int(info["cpu_spine"]), int(info["tid_spine"])
         self.pid = int(robot.spine.mapping.header().writer_pid)
         status = robot.status()
@@ -163,26 +177,16 @@ class Subject:
         self.rounds: list[Round] = []
         self.records: list[dict[str, Any]] = []
         self.refused: Counter[str] = Counter()
+        self.load_us: list[float] = []
         self.swapping, self.resting = Tally(), Tally()
-        self.log = TickLog(robot.name)
         self._asked = 0
-        self._looks = looks
-        self._threads = [Background(self._plan, 0.1), Background(self._look, 0.025)]
         keep_off(robot)
         for _ in self.laws:  # compiled now; from here on they come from the cache
             self._swap()
         self.records = []
+        self._events = robot.events()["cursor"]
         self.memory_seen = {"start": self._memory()}
         self.waits_before = made_to_wait(self.pid, self.tid)
-
-    def _plan(self) -> None:
-        now_ns = time.monotonic_ns()
-        times = [now_ns + HORIZON_NS * k for k in range(POINTS)]
-        self.robot.publish(times, [sine_rad(t, CENTRE_RAD, AMPLITUDE_RAD, FREQUENCY_HZ) for t in times])
-
-    def _look(self) -> None:
-        self.log.look()
-        self._looks()
 
     def _swap(self) -> None:
         name, source = self.laws[self._asked % len(self.laws)]
@@ -193,7 +197,7 @@ class Subject:
         except Refused as refusal:
             self.refused[refusal.code] += 1
             return
-        self.records.append({**record, "asked_ns": asked_ns, "answered_ns": time.monotonic_ns()})
+        self.records.append({**record, "asked_ns": asked_ns})
 
     def _counts(self) -> npt.NDArray[np.float64]:
         return np.append(interrupts(self.cpu), minor_faults(self.pid, self.tid))
@@ -214,15 +218,19 @@ class Subject:
         self.resting.counts += after - between
         self.resting.seconds += (until_ns - between_ns) * 1e-9
         self.rounds.append(Round((from_ns, between_ns), (between_ns, until_ns), len(self.records) - done))
+        told = self.robot.events(self._events)
+        self._events = told["cursor"]
+        self.load_us += [1e3 * event["value"] for event in told["events"] if event["kind"] == "law_staged"]
 
     def per_swap(self) -> Figures:
-        """Interrupts on the Spine's core and page faults of its thread, minus those without swaps."""
+        """Interrupts on the Spine's core and page faults of its thread, minus those without swaps; time of loading."""
         swaps = max(len(self.records), 1)
         expected = self.resting.counts * (self.swapping.seconds / max(self.resting.seconds, 1e-9))
         names = ("interrupts_tlb", "interrupts_cal", "interrupts_res", "interrupts_loc", "page_faults")
         raw, excess = self.swapping.counts / swaps, (self.swapping.counts - expected) / swaps
         told = {f"{name}_per_swap": float(value) for name, value in zip(names, excess, strict=True)}
-        return told | {f"{name}_per_swap_raw": float(value) for name, value in zip(names, raw, strict=True)}
+        told |= {f"{name}_per_swap_raw": float(value) for name, value in zip(names, raw, strict=True)}
+        return told | {"load_p50_us": float(np.median(self.load_us))} if self.load_us else told
 
     def _memory(self) -> dict[str, int]:
         sizes = {name: memory_kb(pid) for name, pid in self.processes.items()}

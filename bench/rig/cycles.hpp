@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "bench/machine.hpp"
+#include "bench/rig/machine.hpp"
 #include "spine/core/time.hpp"
 #include "spine/loop/clock.hpp"
 #include "spine/loop/release.hpp"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# The words of a script that runs in the machine of tools/vcan.py. Each step prints `vcan: begin NAME`, what it says,
+# The words of a script that runs in the machine of tools/vm/vcan.py. Each step prints `vcan: begin NAME`, what it says,
 # `vcan: end NAME CODE`.
 step() {
   name=$1

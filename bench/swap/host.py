@@ -7,14 +7,13 @@ import contextlib
 import os
 import signal
 import subprocess
-import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from lithe.demo.evidence import STEAL_STEP_NS, stolen_ticks
+from lithe.demo.evidence import STEAL_STEP_NS, Evidence, Thread, Watch
+from lithe.demo.losses import Window
 from lithe.demo.processes import DIE_WITH_US
 
 # On x86 their names are TLB, CAL, RES and LOC, on ARM IPI0, IPI1 ...; the descriptions after the counts are the same.
@@ -43,43 +42,28 @@ def memory_kb(pid: int) -> dict[str, int]:
     return {"rss_kb": sizes["VmRSS"], "size_kb": sizes["VmSize"]}
 
 
-@dataclass
-class StealWatch:
-    """The times at which the stolen time of some cores grew; call look() every few milliseconds."""
+def watch_steal(cpu: int) -> Watch:
+    """Samples the time that the hypervisor takes from a core; call look() every few milliseconds."""
+    return Watch([Thread(0, 0, cpu, alone=False)])
 
-    cpus: tuple[int, ...]
 
-    def __post_init__(self) -> None:
-        self.times_ns: list[int] = []
-        self.counts: list[list[int]] = []
-        self.first = {cpu: stolen_ticks(cpu) for cpu in self.cpus}
-        self.look()
+def stolen_share(seen: Evidence) -> float:
+    """Stolen share of the core's time."""
+    return float(np.ptp(seen.stolen_ns)) / max(float(np.ptp(seen.at_ns)), 1.0)
 
-    def look(self) -> None:
-        """Takes a sample."""
-        self.counts.append([stolen_ticks(cpu)[0] for cpu in self.cpus])
-        self.times_ns.append(time.monotonic_ns())
 
-    def share(self, cpu: int) -> float:
-        """Stolen share of the core's time since the start."""
-        (stolen, total), (stolen_before, total_before) = stolen_ticks(cpu), self.first[cpu]
-        return (stolen - stolen_before) / max(total - total_before, 1)
+def stolen_spans(seen: Evidence) -> list[Window]:
+    """The spans in which the core was stolen, each with SETTLE_NS after it.
 
-    def stolen_spans(self, cpu: int) -> list[tuple[int, int]]:
-        """The spans in which the core was stolen, each with SETTLE_NS after it.
-
-        The kernel adds the stolen time when the core is back: a pause of 100 ms increases the count at its end. So a
-        span begins before the look that saw it, by the stolen time, plus one step because the count is rounded down,
-        plus one for the time until the kernel counts.
-        """
-        grown = np.diff([row[self.cpus.index(cpu)] for row in self.counts])
-        return [
-            (
-                min(self.times_ns[i], self.times_ns[i + 1] - (int(grown[i]) + 2) * STEAL_STEP_NS),
-                self.times_ns[i + 1] + SETTLE_NS,
-            )
-            for i in np.flatnonzero(grown)
-        ]
+    The kernel adds the stolen time when the core is back: a pause of 100 ms increases the count at its end. So a
+    span begins before the look that saw it, by the stolen time, plus one step because the count is rounded down,
+    plus one for the time until the kernel counts.
+    """
+    grown_ns, at_ns = np.diff(seen.stolen_ns), seen.at_ns
+    return [
+        (int(min(at_ns[i], at_ns[i + 1] - grown_ns[i] - 2 * STEAL_STEP_NS)), int(at_ns[i + 1]) + SETTLE_NS)
+        for i in np.flatnonzero(grown_ns)
+    ]
 
 
 @contextlib.contextmanager

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "bench/machine.hpp"
+#include "bench/rig/machine.hpp"
 
 #include <sys/resource.h>
 #include <time.h>
@@ -36,6 +36,14 @@ void pin_or_exit(int cpu) {
     std::fprintf(stderr, "bench: %s\n", pinned.message().c_str());
     std::exit(2);
   }
+}
+
+Cores become_a_spine() {
+  const Cores cores = pick_cores();
+  pin_or_exit(cores.spine);
+  raise_priority();
+  if (const auto locked = lock_memory(); !locked) std::fprintf(stderr, "bench: %s\n", locked.message().c_str());
+  return cores;
 }
 
 std::thread on_core(int cpu, std::function<void()> body) {

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import subprocess
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,14 +11,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from lithe.demo.losses import Releases, releases
-from lithe.demo.processes import DIE_WITH_US
 from lithe.programs import ROOT, binary
 
-from bench.swap_stats import AFTER_NS, Round
+from bench.asked import Asked
+from bench.swap.stats import AFTER_NS, Round
 
 PERIOD_NS = 1_000_000
 GAP_TICKS = 5
-# TickRecord of bench/swap_peers.cpp
+# TickRecord of bench/swap/peers.cpp
 RECORD = np.dtype(
     [("release_ns", "<i8"), ("woke_ns", "<i8"), ("output_ns", "<i8"), ("skipped", "<u4"), ("switches", "<u4"),
      ("faults", "<u4"), ("pad", "<u4"), ("torque_nm", "<f8")]
@@ -77,31 +75,21 @@ def shaped(ticks: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return out
 
 
-class Peers:
+class Peers(Asked):
     """The program that swaps in the usual ways, on a separate core."""
 
     def __init__(self, core: int, loader_core: int, sources: list[Path], folder: Path) -> None:
-        self.core = core
-        self._file = folder / "peers.ticks"
-        libraries = build_laws(sources, folder)
-        compile_one = compile_command(sources[0], folder / "control.so")
-        words = [str(core), str(loader_core), str(self._file), " ".join(f"'{word}'" for word in compile_one)]
-        self._process = subprocess.Popen(
-            [*DIE_WITH_US, str(binary("bench_swap_peers")), *words, *map(str, libraries)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True,
-        )  # fmt: skip
-        self._read = 0
         self.ways: dict[str, Way] = {}
+        self._file = folder / "peers.ticks"
+        self._read = 0
+        libraries = build_laws(sources, folder)
+        compile_one = " ".join(f"'{word}'" for word in compile_command(sources[0], folder / "control.so"))
+        words = [str(core), str(loader_core), str(self._file), compile_one, *map(str, libraries)]
+        super().__init__("bench_swap_peers", [str(binary("bench_swap_peers")), *words], session=True)
 
     def run(self, name: str, swaps: int, pause_ticks: int, gap_ticks: int = GAP_TICKS) -> int:
         """One group of swaps and the pause after it; returns the number of swaps done."""
-        assert self._process.stdin is not None and self._process.stdout is not None
-        self._process.stdin.write(f"{name} {swaps} {gap_ticks} {pause_ticks + AFTER_NS // PERIOD_NS}\n")
-        self._process.stdin.flush()
-        line = self._process.stdout.readline()
-        if not line:
-            raise RuntimeError(f"bench_swap_peers ended with {self._process.wait()}")
-        asked = json.loads(line)["windows"]
+        asked = self.ask(f"{name} {swaps} {gap_ticks} {pause_ticks + AFTER_NS // PERIOD_NS}")["windows"]
         with self._file.open("rb") as file:
             file.seek(self._read * RECORD.itemsize)
             ticks = np.fromfile(file, RECORD)
@@ -112,20 +100,3 @@ class Peers:
         calm_ns = asked[-1][1] + AFTER_NS
         way.rounds.append(Round((asked[0][0], calm_ns), (calm_ns, int(ticks["release_ns"][-1])), len(asked)))
         return len(asked)
-
-    def close(self) -> None:
-        """Ends the program."""
-        assert self._process.stdin is not None and self._process.stdout is not None
-        self._process.stdin.close()
-        try:
-            self._process.wait(10)
-        except subprocess.TimeoutExpired:
-            os.kill(self._process.pid, 9)
-            self._process.wait()
-        self._process.stdout.close()
-
-    def __enter__(self) -> Peers:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A release at which nothing ran counts as late; only delays by the hypervisor are left out.
-#include "bench/cycles.hpp"
+#include "bench/rig/cycles.hpp"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 #include <memory>
 #include <vector>
 
-#include "bench/samples.hpp"
+#include "bench/rig/samples.hpp"
 
 namespace lithe::bench {
 namespace {

@@ -9,7 +9,7 @@ import os
 import secrets
 from pathlib import Path
 
-from .errors import LitheError
+from ..errors import LitheError
 
 _HELD: dict[Path, int] = {}  # token files of this process, open and locked
 

@@ -1,0 +1,8 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m bench.swap`, which `make bench-swap` runs."""
+
+import sys
+
+from bench.swap.run import main
+
+sys.exit(main(sys.argv[1:]))
