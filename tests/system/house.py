@@ -43,6 +43,14 @@ class House:
         self.wrapper: list[str] = []  # what `lithe run` is started through
         self.config = ROOT / "robots" / "arm.toml"
 
+    def __enter__(self) -> "House":
+        """It is there already."""
+        return self
+
+    def __exit__(self, *_why: object) -> None:
+        """Also when a test, or a fixture, has failed."""
+        self.close()
+
     def run(self, *words: str, wait: bool = True) -> subprocess.Popen[str]:
         """`lithe run` on the arm; waits until its socket is there."""
         log = (self.dir / f"run{len(self.started)}.log").open("w")
