@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import lithe
-import pytest
+from inconclusive import inconclusive
 from lithe.demo import verdict
 from system.house import ROOT, House
 
@@ -26,9 +26,11 @@ ARM = {
 # Of the robots that do not say what they leave as it is. They take the name by which a House finds its robot.
 OTHERS = {
     "watchdog_s = 0.2 ": "watchdog_s = 10.0 ",
-    'law = "../laws/pd.cpp"': f'law = "{ROOT}/laws/pd.cpp"\n\n[spine]\nlate_ticks_to_stop = 10000\n\n'
-    "[brain]\nstale_after_s = 2.0\n",
+    'law = "../laws/pd.cpp"': f'law = "{ROOT}/laws/pd.cpp"\n\n'
+    '[spine]\nrelease = "sleep"\nlate_ticks_to_stop = 10000\n\n[brain]\nstale_after_s = 2.0\n',
 }
+SPINS = {'release = "sleep"': 'release = "spin"'}  # a test's own change, for a robot with nothing beside it
+CORES = sorted(os.sched_getaffinity(0))
 
 
 def changed(text: str, changes: dict[str, str], what: str) -> str:
@@ -39,47 +41,59 @@ def changed(text: str, changes: dict[str, str], what: str) -> str:
     return text
 
 
-def calm_text(changes: dict[str, str] | None = None, robot: str = "arm", ideal: bool = True) -> str:
+def spread(robot: str) -> dict[str, str]:
+    """Beside other tests: compilers and supervisors of all robots would have the machine's first core, and no other."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "")
+    if not worker or len(CORES) < 2:
+        return {}
+    word = f"cpu_housekeeping = {CORES[int(worker.removeprefix('gw')) % len(CORES)]}"
+    return {'cpu_housekeeping = "auto"': word} if robot == "arm" else {"[spine]\n": f"[spine]\n{word}\n"}
+
+
+def calm_text(
+    changes: dict[str, str] | None = None, robot: str = "arm", ideal: bool = True, any_core: bool = True
+) -> str:
     """A robot file with what a busy machine would trip over made patient, and with a test's own changes.
 
-    The arm is exactly its model unless `ideal` is False; other robots are as their files say.
+    The arm is exactly its model unless `ideal` is False; other robots are as their files say. Without `any_core` it may
+    run on another machine, or on some cores of this one.
     """
     text = (ROOT / f"robots/{robot}.toml").read_text(encoding="utf-8")
     if robot == "arm" and ideal:
         text = changed(text, {"ideal = false ": "ideal = true "}, "robots/arm.toml")
     patience = ARM if robot == "arm" else {**OTHERS, f'name = "{robot}"': 'name = "arm"'}
-    return changed(text, {**patience, **(changes or {})}, f"robots/{robot}.toml")
+    cores = spread(robot) if any_core else {}
+    return changed(text, {**patience, **cores, **(changes or {})}, f"robots/{robot}.toml")
 
 
 def falls_short(summary: dict[str, Any]) -> list[str]:
     """What a demo on this patient robot fell short of, timing apart: no test sets a maximum time.
 
     Where the kernel's counts say that the machine took more than one release in a hundred, tracking proves nothing:
-    then a run that fell short skips its test and says why.
+    then a run that fell short is inconclusive and says why.
     """
     assert "stopped" not in summary, summary
     wrong = verdict.experiment(summary)
     if wrong and verdict.disturbed(summary):
-        pytest.skip(f"INCONCLUSIVE: {'; '.join(summary['inconclusive'])}")
+        inconclusive("; ".join(summary["inconclusive"]))
     return wrong
 
 
 @contextmanager
 def calm_robot(*words: str, changes: dict[str, str] | None = None, ideal: bool = True) -> Iterator[House]:
     """The running, armed robot; this process sees it as `lithe.connect()` would. `words` are for `lithe run`."""
-    house = House()
-    house.config = house.dir / "arm.toml"
-    house.config.write_text(calm_text(changes, ideal=ideal), encoding="utf-8")
     before = dict(os.environ)
-    os.environ.update({key: value for key, value in house.env.items() if key.startswith("LITHE_")})
-    try:
-        house.run(*words)
-        house.wait_for(lambda: house.ask("status")["mode"] == "active")
-        yield house
-    finally:
-        house.close()
-        os.environ.clear()
-        os.environ.update(before)
+    with House() as house:
+        house.config = house.dir / "arm.toml"
+        house.config.write_text(calm_text(changes, ideal=ideal), encoding="utf-8")
+        os.environ.update({key: value for key, value in house.env.items() if key.startswith("LITHE_")})
+        try:
+            house.run(*words)
+            house.wait_for(lambda: house.ask("status")["mode"] == "active")
+            yield house
+        finally:
+            os.environ.clear()
+            os.environ.update(before)
 
 
 @contextmanager

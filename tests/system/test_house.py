@@ -62,7 +62,7 @@ COMPUTED = (  # the reason is computed there, and only there
     "test_first_day.py: pytest.skip('no zsh here (Debian: apt-get install zsh)')",
     "simulated.py: pytest.skip(house.log().strip().splitlines()[-1])",  # no MuJoCo
     # The kernel's counts say that the machine took the core away, and the run fell short.
-    "calm.py: pytest.skip(f\"INCONCLUSIVE: {'; '.join(summary['inconclusive'])}\")",
+    "inconclusive.py: pytest.skip(f'{WORD}: {why}')",
 )
 
 
