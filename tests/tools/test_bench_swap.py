@@ -286,7 +286,7 @@ def test_the_time_of_a_swap_is_split_by_stage(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.alone
-@pytest.mark.parametrize("swaps", [60, pytest.param(200, marks=pytest.mark.long)])
+@pytest.mark.parametrize("swaps", [24, pytest.param(200, marks=pytest.mark.long)])
 def test_swaps_from_end_to_end(tmp_path: Path, swaps: int) -> None:
     """No figure is judged here: the machine that runs tests is busy with others."""
     need("lithe", "lithe-spine", "lawd", "bench_swap_peers")
