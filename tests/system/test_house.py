@@ -11,6 +11,8 @@ from system import house as houses
 from system.house import ROOT, House
 from system.janitor import inhabitants
 
+pytest_plugins = ["pytester"]
+
 TESTS = [path for folder in ("tests", "brain/tests", "examples") for path in (ROOT / folder).rglob("*.py")]
 RUNNER = """
 import sys, time
@@ -42,6 +44,31 @@ def test_a_killed_test_run_leaves_no_robot() -> None:
     House.wait_for(lambda: not Path(directory).exists())
     assert inhabitants(prefix) == []
     assert list(Path("/dev/shm").glob(f"{prefix}.*")) == []
+
+
+LEAVES = """
+import gc, subprocess
+
+def test_fails_and_leaves_a_process():
+    process = subprocess.Popen(["sleep", "5"])
+    ring = [process]
+    ring.append(ring)
+    assert False
+
+def test_makes_many_objects():
+    gc.collect()
+"""
+
+
+def test_what_a_failed_test_left_fails_no_other(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its process is collected with a warning, and warnings are errors here."""
+    monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
+    pytester.makepyfile(LEAVES)
+    words = ("-p", "no:cacheprovider", "-W", "error")
+    pytester.makeconftest('pytest_plugins = ["stolen_time"]')
+    pytester.runpytest_subprocess(*words).assert_outcomes(failed=2)
+    pytester.makeconftest((ROOT / "conftest.py").read_text())
+    pytester.runpytest_subprocess(*words).assert_outcomes(failed=1, passed=1)
 
 
 def skips(path: Path) -> list[str]:
