@@ -30,7 +30,6 @@ OTHERS = {
     '[spine]\nrelease = "sleep"\nlate_ticks_to_stop = 10000\n\n[brain]\nstale_after_s = 2.0\n',
 }
 SPINS = {'release = "sleep"': 'release = "spin"'}  # a test's own change, for a robot with nothing beside it
-CORES = sorted(os.sched_getaffinity(0))
 
 
 def changed(text: str, changes: dict[str, str], what: str) -> str:
@@ -41,29 +40,16 @@ def changed(text: str, changes: dict[str, str], what: str) -> str:
     return text
 
 
-def spread(robot: str) -> dict[str, str]:
-    """Beside other tests: compilers and supervisors of all robots would have the machine's first core, and no other."""
-    worker = os.environ.get("PYTEST_XDIST_WORKER", "")
-    if not worker or len(CORES) < 2:
-        return {}
-    word = f"cpu_housekeeping = {CORES[int(worker.removeprefix('gw')) % len(CORES)]}"
-    return {'cpu_housekeeping = "auto"': word} if robot == "arm" else {"[spine]\n": f"[spine]\n{word}\n"}
-
-
-def calm_text(
-    changes: dict[str, str] | None = None, robot: str = "arm", ideal: bool = True, any_core: bool = True
-) -> str:
+def calm_text(changes: dict[str, str] | None = None, robot: str = "arm", ideal: bool = True) -> str:
     """A robot file with what a busy machine would trip over made patient, and with a test's own changes.
 
-    The arm is exactly its model unless `ideal` is False; other robots are as their files say. Without `any_core` it may
-    run on another machine, or on some cores of this one.
+    The arm is exactly its model unless `ideal` is False; other robots are as their files say.
     """
     text = (ROOT / f"robots/{robot}.toml").read_text(encoding="utf-8")
     if robot == "arm" and ideal:
         text = changed(text, {"ideal = false ": "ideal = true "}, "robots/arm.toml")
     patience = ARM if robot == "arm" else {**OTHERS, f'name = "{robot}"': 'name = "arm"'}
-    cores = spread(robot) if any_core else {}
-    return changed(text, {**patience, **cores, **(changes or {})}, f"robots/{robot}.toml")
+    return changed(text, {**patience, **(changes or {})}, f"robots/{robot}.toml")
 
 
 def falls_short(summary: dict[str, Any]) -> list[str]:

@@ -21,7 +21,7 @@ SLOWLY = {"rate_hz = 1000 ": "rate_hz = 100 ", "safe_kp_nm_rad = 1.0 ": "safe_kp
 
 def robot(core: str = '"auto"') -> bytes:
     """The arm in simulation, with a core for the Spine."""
-    text = calm.changed(calm.calm_text(any_core=False), SLOWLY, "the calm arm")
+    text = calm.changed(calm.calm_text(), SLOWLY, "the calm arm")
     return calm.changed(text, {'cpu_spine = "auto" ': f"cpu_spine = {core} "}, "robots/arm.toml").encode()
 
 

@@ -33,7 +33,7 @@ def home() -> Iterator[Path]:
     """A home of the user's own: pytest's directories are closed to others."""
     folder = Path(tempfile.mkdtemp(prefix="lithe-"))
     folder.chmod(0o755)
-    (folder / "arm.toml").write_text(calm.calm_text(ideal=False, any_core=False), encoding="utf-8")
+    (folder / "arm.toml").write_text(calm.calm_text(ideal=False), encoding="utf-8")
     if os.geteuid() == 0:
         os.chown(folder, NOBODY, NOBODY)
     yield folder
