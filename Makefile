@@ -3,6 +3,7 @@
 MAKEFLAGS += --no-print-directory
 PYTHON := .venv/bin/python
 JOBS ?= $(shell nproc)
+WORKERS ?= $(shell expr 2 \* $(JOBS))
 
 .PHONY: help demo no-other-demo test test-fast check check-all bench bench-swap format clean setup release
 .DEFAULT_GOAL := help
@@ -20,7 +21,7 @@ test: BESIDE := -m 'not alone and not long'
 test: TARGETS := $(if $(ROOM),--target $(ROOM)_tests)
 test: release  ## every test: C++ (ctest), then Python and across processes (pytest); ROOM=guard for the C++ tests of one room
 	@ctest --preset release -j $(JOBS) --progress $(if $(ROOM),-L '(^|[.])$(ROOM)$$')
-	@$(if $(ROOM),,$(PYTHON) -m pytest -n $(JOBS) --dist loadfile $(BESIDE) || $(PYTHON) -m pytest --last-failed --lfnf=none $(BESIDE))
+	@$(if $(ROOM),,$(PYTHON) -m pytest -n $(WORKERS) --dist loadfile $(BESIDE) || $(PYTHON) -m pytest --last-failed --lfnf=none $(BESIDE))
 	@$(if $(ROOM),,$(PYTHON) -m pytest -m 'alone and not long')
 
 test-fast: PACKAGES := build test

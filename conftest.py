@@ -1,12 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
 """What all tests have in common, wherever they lie."""
 
+import gc
 import os
-from collections.abc import Iterator
+import sys
+import warnings
+from collections.abc import Generator, Iterator
 
 import pytest
 
-pytest_plugins = ["stolen_time"]
+pytest_plugins = ["stolen_time", "inconclusive"]
+FAILED = pytest.StashKey[bool]()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files with an early test come first; `--dist loadfile` begins the files in this order."""
+    early = {item.path for item in items if item.get_closest_marker("early")}
+    items.sort(key=lambda item: item.path not in early)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Remembers that a test has failed."""
+    report = yield
+    item.config.stash[FAILED] = item.config.stash.get(FAILED, False) or report.failed
+    return report
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """What a failed test did not close fails no other test: it is collected here, and not in the midst of that."""
+    if not item.config.stash.get(FAILED, False):
+        return
+    item.config.stash[FAILED] = False
+    for name in ("last_type", "last_value", "last_traceback", "last_exc"):
+        vars(sys).pop(name, None)  # they hold the frames of the failed test
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)
+        gc.collect()
 
 
 @pytest.fixture(autouse=True)

@@ -25,6 +25,8 @@ from lithe.demo.joints import SimJoint
 from lithe.demo.processes import Disturbed, Stage, raise_unless_active
 from system.house import BIN, ROOT, need
 
+pytestmark = pytest.mark.early
+
 LAWS = ["detuned_pd", "probe_1", "probe_2", "gravity_only", "evolved"]
 
 

@@ -16,8 +16,6 @@ from lithe.demo import losses
 from lithe.demo.evidence import STEAL_STEP_NS, Evidence, Thread, Watch, tally, threads_of
 from lithe.demo.recorder import Recorder
 
-pytestmark = pytest.mark.alone
-
 MS = 1_000_000
 SPINNING = "import os, sys\nos.sched_setaffinity(0, {int(sys.argv[1])})\nwhile True: pass"
 CORE = max(os.sched_getaffinity(0))
@@ -90,6 +88,7 @@ def missed(recording: Recorder, period_ns: int) -> dict[str, float]:
     return tally(made, losses.slices(span, 1000 * MS), recording.evidence(), period_ns)
 
 
+@pytest.mark.alone
 def test_a_real_spine_that_is_starved_is_told_from_one_that_is_stopped(
     robot: lithe.Robot, spin: Callable[[int], int]
 ) -> None:

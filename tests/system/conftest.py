@@ -11,11 +11,10 @@ from system.house import House
 @pytest.fixture
 def house() -> Iterator[House]:
     """A place for one robot that does not mind a busy machine; nothing runs yet."""
-    place = House()
-    place.config = place.dir / "arm.toml"
-    place.config.write_text(calm_text())
-    yield place
-    place.close()
+    with House() as place:
+        place.config = place.dir / "arm.toml"
+        place.config.write_text(calm_text())
+        yield place
 
 
 @pytest.fixture

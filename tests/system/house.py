@@ -43,6 +43,14 @@ class House:
         self.wrapper: list[str] = []  # what `lithe run` is started through
         self.config = ROOT / "robots" / "arm.toml"
 
+    def __enter__(self) -> "House":
+        """It is there already."""
+        return self
+
+    def __exit__(self, *_why: object) -> None:
+        """Also when a test, or a fixture, has failed."""
+        self.close()
+
     def run(self, *words: str, wait: bool = True) -> subprocess.Popen[str]:
         """`lithe run` on the arm; waits until its socket is there."""
         log = (self.dir / f"run{len(self.started)}.log").open("w")
@@ -89,11 +97,12 @@ class House:
 
     @staticmethod
     def wait_for(condition: Any, timeout_s: float = START_S) -> None:
-        """Poll until the condition holds."""
-        end = time.monotonic() + timeout_s
+        """Poll until the condition holds: the longer it takes, the more seldom, since each question costs a process."""
+        start = time.monotonic()
         while not condition():
-            assert time.monotonic() < end, "waited in vain"
-            time.sleep(0.02)
+            waited_s = time.monotonic() - start
+            assert waited_s < timeout_s, "waited in vain"
+            time.sleep(min(max(0.02, 0.1 * waited_s), 0.2))
 
     def wait_for_event(self, kind: str, since: int) -> None:
         """Until the supervisor has noted such an event after this cursor, and has done what it does in that turn."""

@@ -21,20 +21,28 @@ BUSES = {"can0": "fdcanusb", "can1": "fdcanusb", "can2": "slcan"}  # of frankens
 
 
 class Simulated:
-    """The devices of a robot file, served until close()."""
+    """The devices of a robot file, served until close(), the end of `with`, or the end of this process."""
 
     def __init__(self, robot: Path, folder: Path, *words: str, orders: bool = True) -> None:
         """Starts `lithe sim`; `folder` gets a link for each bus. Without `orders` its standard input has ended."""
         need("lithe", "lithe-sim")
         self.folder = folder
         self.process = subprocess.Popen(
-            [BIN / "lithe", "sim", robot, "--link", folder, *words],
+            ["setpriv", "--pdeathsig", "TERM", BIN / "lithe", "sim", robot, "--link", folder, *words],
             stdin=subprocess.PIPE if orders else subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
         )
         self.lines: list[str] = []
+
+    def __enter__(self) -> "Simulated":
+        """It serves already."""
+        return self
+
+    def __exit__(self, *_why: object) -> None:
+        """Also when the test has failed."""
+        self.close()
 
     def line(self) -> str:
         """The next line it prints."""
@@ -65,7 +73,9 @@ class Simulated:
         return answer
 
     def close(self) -> int:
-        """Ends it as Ctrl-C would; its exit code. One that does not end is ended."""
+        """Ends it as Ctrl-C would; its exit code. One that does not end is killed. A second call changes nothing."""
+        if self.process.returncode is not None:
+            return self.process.returncode
         self.process.terminate()
         try:
             self.process.communicate(timeout=20)
@@ -93,13 +103,10 @@ def at_terminals(folder: Path) -> Iterator[tuple[str, Simulated]]:
     }
     text = calm.calm_text({**terminals, **slower}, robot="frankenstein")
     (folder / "served.toml").write_text(text, encoding="utf-8")
-    sim = Simulated(folder / "served.toml", folder / "buses")
-    try:
+    with Simulated(folder / "served.toml", folder / "buses") as sim:
         for bus in BUSES:
             sim.path(bus)
         yield text, sim
-    finally:
-        sim.close()
 
 
 @contextlib.contextmanager
@@ -107,12 +114,11 @@ def running(
     text: str, monkeypatch: pytest.MonkeyPatch, excuse: str | None = None
 ) -> Iterator[tuple[House, lithe.Robot]]:
     """A robot of that file, armed, and this process its Brain. Skipped where it says this excuse for not starting."""
-    house = House()
-    house.config = house.dir / "arm.toml"
-    house.config.write_text(text, encoding="utf-8")
-    for key in ("LITHE_RUN_DIR", "LITHE_SHM_PREFIX", "LITHE_OUT_DIR"):
-        monkeypatch.setenv(key, house.env[key])
-    try:
+    with House() as house:
+        house.config = house.dir / "arm.toml"
+        house.config.write_text(text, encoding="utf-8")
+        for key in ("LITHE_RUN_DIR", "LITHE_SHM_PREFIX", "LITHE_OUT_DIR"):
+            monkeypatch.setenv(key, house.env[key])
         try:
             house.run()
         except AssertionError:
@@ -122,5 +128,3 @@ def running(
         house.wait_for(lambda: house.ask("status")["mode"] == "active")
         with connected() as robot:
             yield house, robot
-    finally:
-        house.close()

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from calm import calm_text
 from system.house import BIN, ROOT, House, need
 from system.simulated import Simulated
 from system.test_bus_scan import FRANKENSTEIN, ROBOTS, on_wires
@@ -48,26 +49,22 @@ def test_frames_of_a_running_robot_in_memory_are_seen_both_ways(house: House, te
 def test_a_serial_adapter_of_a_running_robot_is_watched_through_its_spine(house: House, tmp_path: Path) -> None:
     folder = tmp_path / "wires"
     house.config = on_wires("arm", folder, {"can0": "fdcanusb"})
-    served = Simulated(house.config, folder)
-    served.path()
-    try:
+    with Simulated(house.config, folder) as served:
+        served.path()
         house.run("--no-arm")
         for what in (house.config, f"fdcanusb:{served.path().resolve()}"):
             frames = monitor(house, what, "--count", 400, "--seconds", 20)[:-1]
             assert {each["device"] for each in frames} == {"shoulder_drive"}
             assert {each["direction"] for each in frames} == {"in", "out"}
         assert house.ask("status")["mode"] == "disarmed"
-    finally:
-        served.close()
 
 
 def test_a_bus_that_nobody_owns_is_the_monitors(house: House, tmp_path: Path) -> None:
     folder = tmp_path / "wires"
     file = on_wires("frankenstein", folder, FRANKENSTEIN)
-    served = Simulated(file, folder)
-    for bus in FRANKENSTEIN:
-        served.path(bus)
-    try:
+    with Simulated(file, folder) as served:
+        for bus in FRANKENSTEIN:
+            served.path(bus)
         lines = monitor(house, file, "--count", 20, "--seconds", 20, "--device", "hand_inputs")
         assert {each["device"] for each in lines[:-1]} == {"hand_inputs"}
         assert {each["says"].split(" ")[0] for each in lines[:-1]} <= {"analog", "digital", "imu"}
@@ -77,29 +74,26 @@ def test_a_bus_that_nobody_owns_is_the_monitors(house: House, tmp_path: Path) ->
         assert (
             monitor(house, file, "--bus", "can2", "--seconds", "0.2", code=1)[-1]["statistics"]["buses"][0]["in"] == 0
         )
-    finally:
-        served.close()
 
 
 def test_it_ends_with_statistics_when_it_is_told_to(house: House, tmp_path: Path) -> None:
     folder = tmp_path / "wires"
-    served = Simulated(on_wires("frankenstein", folder, FRANKENSTEIN), folder)
-    place = f"fdcanusb:{served.path('can1')}"
-    watching = subprocess.Popen(
-        [BIN / "lithe", "--json", "bus", "monitor", place], env=house.env, stdout=subprocess.PIPE, text=True
-    )
-    try:
-        assert watching.stdout is not None
-        assert watching.stdout.readline().startswith("{")
-        time.sleep(0.05)
-        watching.send_signal(signal.SIGINT)
-        rest = watching.stdout.read()
-        assert "statistics" in json.loads(rest.splitlines()[-1])
-        assert watching.wait(20) == 0
-    finally:
-        watching.kill()
-        watching.communicate()
-        served.close()
+    with Simulated(on_wires("frankenstein", folder, FRANKENSTEIN), folder) as served:
+        place = f"fdcanusb:{served.path('can1')}"
+        watching = subprocess.Popen(
+            [BIN / "lithe", "--json", "bus", "monitor", place], env=house.env, stdout=subprocess.PIPE, text=True
+        )
+        try:
+            assert watching.stdout is not None
+            assert watching.stdout.readline().startswith("{")
+            time.sleep(0.05)
+            watching.send_signal(signal.SIGINT)
+            rest = watching.stdout.read()
+            assert "statistics" in json.loads(rest.splitlines()[-1])
+            assert watching.wait(20) == 0
+        finally:
+            watching.kill()
+            watching.communicate()
 
 
 class Watching:
@@ -145,23 +139,22 @@ def test_a_spine_that_goes_is_told_of_and_its_next_one_is_watched(house: House) 
 def test_an_adapter_that_is_pulled_out_is_told_of_and_taken_back(house: House, tmp_path: Path) -> None:
     folder = tmp_path / "wires"
     file = on_wires("frankenstein", folder, FRANKENSTEIN)
-    served = Simulated(file, folder)
-    watching = Watching(house, f"fdcanusb:{served.path('can1')}")
-    try:
-        watching.more(house)
-        served.close()
-        house.wait_for(lambda: str(folder / "can1") in watching.words.read_text())
-        served = Simulated(file, folder)
-        served.path("can1")
-        watching.more(house)
-    finally:
-        watching.close()
-        served.close()
+    with Simulated(file, folder) as served:
+        watching = Watching(house, f"fdcanusb:{served.path('can1')}")
+        try:
+            watching.more(house)
+            served.close()
+            house.wait_for(lambda: str(folder / "can1") in watching.words.read_text())
+            with Simulated(file, folder) as again:
+                again.path("can1")
+                watching.more(house)
+        finally:
+            watching.close()
 
 
 def test_a_robot_whose_file_has_changed_is_not_passed_over_in_silence(house: House, tmp_path: Path) -> None:
     house.config = tmp_path / "arm.toml"
-    text = (ROBOTS / "arm.toml").read_text().replace('law = "../laws/pd.cpp"', "")
+    text = calm_text({f'law = "{ROOT}/laws/pd.cpp"': ""})
     house.config.write_text(text)
     house.run("--no-arm")
     for changed in ("no longer a robot", text.replace('"can0"', '"canX"')):

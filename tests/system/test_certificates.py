@@ -21,23 +21,24 @@ HOSTILE = ROOT / "tests/laws_hostile"
 @pytest.fixture(scope="module")
 def ended() -> Iterator[House]:
     """A robot that has run, has swapped (pd; gravity_pd, refused twice, gravity_pd again) and has ended."""
-    house = House()
-    house.config = house.dir / "arm.toml"
-    house.config.write_text(calm_text())
-    house.run()
-    house.wait_for(lambda: house.ask("status")["mode"] == "active")
-    done = house.ask("swap", "gravity_pd", "--probation", "200ms", "--blend", "10ms")
-    path = swaps(house) / "0002.json"
-    sway(house)
-    house.wait_for(lambda: {"measured", "confirmed"} <= {*(told := json.loads(path.read_text())), *told["times_ns"]})
-    assert house.ask("law", "show")["request_id"] == done["request_id"]
-    house.ask("swap", HOSTILE / "global_counter.cpp", code=1)
-    house.ask("swap", HOSTILE / "negative_damping.cpp", code=1)
-    assert house.ask("law", "verify")["holds"], "while the robot runs"
-    house.ask("stop")
-    house.started[0].wait(60)
-    yield house
-    house.close()
+    with House() as house:
+        house.config = house.dir / "arm.toml"
+        house.config.write_text(calm_text())
+        house.run()
+        house.wait_for(lambda: house.ask("status")["mode"] == "active")
+        done = house.ask("swap", "gravity_pd", "--probation", "200ms", "--blend", "10ms")
+        path = swaps(house) / "0002.json"
+        sway(house)
+        house.wait_for(
+            lambda: {"measured", "confirmed"} <= {*(told := json.loads(path.read_text())), *told["times_ns"]}
+        )
+        assert house.ask("law", "show")["request_id"] == done["request_id"]
+        house.ask("swap", HOSTILE / "global_counter.cpp", code=1)
+        house.ask("swap", HOSTILE / "negative_damping.cpp", code=1)
+        assert house.ask("law", "verify")["holds"], "while the robot runs"
+        house.ask("stop")
+        house.started[0].wait(60)
+        yield house
 
 
 def swaps(house: House) -> Path:

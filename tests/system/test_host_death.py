@@ -64,9 +64,8 @@ class Drive:
 @pytest.fixture
 def sim(tmp_path: Path) -> Iterator[Simulated]:
     """The arm's drive, in a process of its own."""
-    served = Simulated(ROOT / "robots/arm.toml", tmp_path / "buses")
-    yield served
-    served.close()
+    with Simulated(ROOT / "robots/arm.toml", tmp_path / "buses") as served:
+        yield served
 
 
 def held_level(house: House, sim: Simulated, monkeypatch: pytest.MonkeyPatch) -> None:

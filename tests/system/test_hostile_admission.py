@@ -4,6 +4,7 @@
 Each is tried as a shared object and, where this system has a code arena, placed in a slot of it, as a robot would do.
 """
 
+import contextlib
 import errno
 import json
 import os
@@ -17,6 +18,8 @@ from typing import Any
 
 import pytest
 from system.house import BIN, ROOT, House
+
+pytestmark = pytest.mark.early
 
 CORPUS = sorted((ROOT / "tests" / "laws_hostile").glob("*.cpp"))
 STAGES = ["compile", "admission", "trial"]
@@ -105,37 +108,44 @@ def bring(law: Path, lawd: Talk, trial: Talk) -> list[dict[str, Any]]:
     return answers
 
 
+def compiler_and_trial(house: House, env: dict[str, str], started: contextlib.ExitStack) -> tuple[Talk, Talk]:
+    """A lawd and a lithe-trial with one arena; `started` ends them."""
+    arena = make_arena()
+    try:
+        lawd = Talk(BIN / "lawd", env=env, arena=arena)
+        started.callback(lawd.close)
+        trial = Talk(BIN / "lithe-trial", house.config, env=env, arena=arena)
+        started.callback(trial.close)
+    finally:
+        os.close(arena)
+    return lawd, trial
+
+
 @pytest.fixture(scope="module")
 def answers() -> Iterator[dict[str, list[dict[str, Any]]]]:
     """What became of each law of the corpus, two at a time."""
     if not (BIN / "lithe-trial").exists():
         pytest.fail(f"no binaries in {BIN}: make, or set LITHE_BIN_DIR")
-    house = House()
-    env = house.env | {"LITHE_CACHE_DIR": str(house.dir / "cache")}
     pairs: queue.Queue[tuple[Talk, Talk]] = queue.Queue()
-    started: list[Talk] = []
-    for _ in range(2):
-        arena = make_arena()  # the second lawd finds the contract precompiled
-        pair = (Talk(BIN / "lawd", env=env, arena=arena), Talk(BIN / "lithe-trial", house.config, env=env, arena=arena))
-        os.close(arena)
-        if not (pair[0].has_arena and pair[1].has_arena):
-            print("this system refuses the code arena: laws are tried as shared objects only")
-        pairs.put(pair)
-        started += pair
-
-    def one(law: Path) -> list[dict[str, Any]]:
-        pair = pairs.get()
-        try:
-            return bring(law, *pair)
-        finally:
+    with contextlib.ExitStack() as started:
+        house = started.enter_context(House())
+        env = house.env | {"LITHE_CACHE_DIR": str(house.dir / "cache")}
+        for _ in range(2):
+            pair = compiler_and_trial(house, env, started)  # the second lawd finds the contract precompiled
+            if not (pair[0].has_arena and pair[1].has_arena):
+                print("this system refuses the code arena: laws are tried as shared objects only")
             pairs.put(pair)
 
-    with ThreadPoolExecutor(2) as two:
-        results = dict(zip([law.stem for law in CORPUS], two.map(one, CORPUS), strict=True))
-    yield results
-    for talk in started:
-        talk.close()
-    house.close()
+        def one(law: Path) -> list[dict[str, Any]]:
+            pair = pairs.get()
+            try:
+                return bring(law, *pair)
+            finally:
+                pairs.put(pair)
+
+        with ThreadPoolExecutor(2) as two:
+            results = dict(zip([law.stem for law in CORPUS], two.map(one, CORPUS), strict=True))
+        yield results
 
 
 def test_the_corpus_is_large_and_says_what_it_expects() -> None:
@@ -173,23 +183,16 @@ def check(law: Path, answer: dict[str, Any]) -> None:
 def test_good_laws_pass_every_gate(answers: dict[str, list[dict[str, Any]]]) -> None:
     """The laws LITHE ships are not refused by rules meant for others."""
     assert answers  # the programs are there
-    house = House()
-    env = house.env | {"LITHE_CACHE_DIR": str(house.dir / "cache")}
-    arena = make_arena()
-    lawd, trial = (
-        Talk(BIN / "lawd", env=env, arena=arena),
-        Talk(BIN / "lithe-trial", house.config, env=env, arena=arena),
-    )
-    os.close(arena)
-    for law in sorted((ROOT / "laws").glob("*.cpp")):
-        if law.name.endswith("_test.cpp"):
-            continue
-        compiled = attempt(lawd, verb="compile", source=law.read_text(), name=law.name, joints=1)
-        assert compiled["ok"], compiled.get("text")
-        assert [gate["gate"] for gate in compiled["gates"] if not gate["ok"]] == []
-        assert len(compiled["gates"]) == 13
-        tried = attempt(trial, verb="try", object=compiled["object"], box_ms=1000)
-        assert tried["ok"], tried.get("reason")
-    lawd.close()
-    trial.close()
-    house.close()
+    with contextlib.ExitStack() as started:
+        house = started.enter_context(House())
+        env = house.env | {"LITHE_CACHE_DIR": str(house.dir / "cache")}
+        lawd, trial = compiler_and_trial(house, env, started)
+        for law in sorted((ROOT / "laws").glob("*.cpp")):
+            if law.name.endswith("_test.cpp"):
+                continue
+            compiled = attempt(lawd, verb="compile", source=law.read_text(), name=law.name, joints=1)
+            assert compiled["ok"], compiled.get("text")
+            assert [gate["gate"] for gate in compiled["gates"] if not gate["ok"]] == []
+            assert len(compiled["gates"]) == 13
+            tried = attempt(trial, verb="try", object=compiled["object"], box_ms=1000)
+            assert tried["ok"], tried.get("reason")

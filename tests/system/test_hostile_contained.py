@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Admission and trial are off: every hostile law runs in one robot that moves, and the tick's own containment holds."""
+"""Admission and trial are off: hostile laws run in a robot that moves, and the tick's own containment holds.
+
+Those that fault or push live one day with nothing beside them: their ticks are counted. The others live another day.
+"""
 
 import contextlib
 import json
@@ -24,8 +27,6 @@ from lithe.errors import Refused
 from lithe.shm import RingCursor
 from system.house import ROOT, alive
 from system.test_hostile_admission import CORPUS, header
-
-pytestmark = pytest.mark.alone
 
 # A law goes bad this long after its first tick, not before: else the Loader's dry steps would meet it, not the tick.
 GOOD_S = 0.05
@@ -191,8 +192,28 @@ def later(text: str) -> str:
     return text if "init(" in text or "Probes" in text else text.replace("LITHE_LAW(Hostile,", LATER)
 
 
+def is_bad(law: Path) -> bool:
+    """Whether it does something, once it runs."""
+    return is_fault(expected(law)) or expected(law) == "clamp"
+
+
+BAD, REST = [law for law in CASES if is_bad(law)], [law for law in CASES if not is_bad(law)]
+BOTH_DAYS = pytest.mark.parametrize("which", [pytest.param("day", marks=pytest.mark.alone), "quiet_day"])
+
+
 @pytest.fixture(scope="module")
 def day() -> Iterator[Day]:
+    """Of the laws that fault or push."""
+    yield from live(BAD)
+
+
+@pytest.fixture(scope="module")
+def quiet_day() -> Iterator[Day]:
+    """Of those that cannot be loaded, or only look bad."""
+    yield from live(REST)
+
+
+def live(laws: list[Path]) -> Iterator[Day]:
     """One long-lived robot with open gates: each law in turn, those that fail several times."""
     fates: dict[str, list[Fate]] = defaultdict(list)
     as_written = {}
@@ -200,7 +221,7 @@ def day() -> Iterator[Day]:
         info = link.spine.info
         robot, recorder = Robot(link), Recorder("arm")
         try:
-            for law in CASES:
+            for law in laws:
                 want, text = expected(law), law.read_text()
                 if is_fault(want):
                     as_written[law.stem] = robot.bring(text, law.name, GOOD_S)
@@ -223,9 +244,21 @@ def day() -> Iterator[Day]:
         )  # fmt: skip
 
 
-@pytest.mark.parametrize("law", CASES, ids=lambda law: law.stem)
+@pytest.mark.alone
+@pytest.mark.parametrize("law", BAD, ids=lambda law: law.stem)
 def test_what_the_law_does_is_contained(law: Path, day: Day) -> None:
     """It ends as its header says, the fault has its name, and afterwards another law runs, or the safe law."""
+    ends_as_it_says(law, day)
+
+
+@pytest.mark.parametrize("law", REST, ids=lambda law: law.stem)
+def test_a_law_that_does_nothing_bad_ends_as_it_says(law: Path, quiet_day: Day) -> None:
+    """It is not loaded, or runs on."""
+    ends_as_it_says(law, quiet_day)
+
+
+def ends_as_it_says(law: Path, day: Day) -> None:
+    """What became of a law, against its header."""
     want = expected(law)
     for fate in day.fates[law.stem]:
         if want in NEVER_THERE:
@@ -243,6 +276,7 @@ def test_what_the_law_does_is_contained(law: Path, day: Day) -> None:
     assert not is_fault(want) or any(want in fate.kinds or fate.refused for fate in day.fates[law.stem])
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize("law", [law for law in CASES if is_fault(expected(law))], ids=lambda law: law.stem)
 def test_the_loader_survives_it_too(law: Path, day: Day) -> None:
     """Without the good start it fails in its dry steps, and is refused with the reason; else the tick deals with it."""
@@ -254,6 +288,7 @@ def test_the_loader_survives_it_too(law: Path, day: Day) -> None:
         assert fate.kinds in ([], [want])
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize("name", FAULTY_LINE)
 def test_a_fault_is_told_with_its_line(name: str, day: Day) -> None:
     """In the certificate, which is written again when the law is long gone."""
@@ -266,16 +301,22 @@ def test_a_fault_is_told_with_its_line(name: str, day: Day) -> None:
         assert FAULTY_LINE[name] in source[int(line) - 1], fault
 
 
-def test_the_spine_lives_on_and_the_robot_works(day: Day) -> None:
+@BOTH_DAYS
+def test_the_spine_lives_on_and_the_robot_works(which: str, request: pytest.FixtureRequest) -> None:
     """The same process, armed, without a fault, with the law it had in the morning."""
+    day: Day = request.getfixturevalue(which)
     assert day.alive
     everyone = [fate for fates in day.fates.values() for fate in fates] + list(day.as_written.values())
     assert {fate.spine for fate in everyone} == {day.status["spine_pid"]}
     assert (day.status["mode"], day.status["fault"], day.status["law"]) == ("active", "none", "pd")
 
 
-def test_no_law_gets_a_torque_past_the_guard(day: Day, tell: Callable[[str], None]) -> None:
+@BOTH_DAYS
+def test_no_law_gets_a_torque_past_the_guard(
+    which: str, request: pytest.FixtureRequest, tell: Callable[[str], None]
+) -> None:
     """What left the Spine: within the joint's limit, and no further from what left before than the slew bound."""
+    day: Day = request.getfixturevalue(which)
     assert day.lost_records == 0, "every tick was recorded"
     assert (np.diff(day.records["tick"].astype(np.int64)) == 1).all()
     # What a tick decides leaves with the next one, unless the bus is still busy then: nobody ever gets that.
@@ -290,7 +331,7 @@ def test_no_law_gets_a_torque_past_the_guard(day: Day, tell: Callable[[str], Non
     drifted_nm = KP_MAX_NM_RAD * changed_rad + KD_MAX_NM_S_RAD * changed_rad_s
     most_nm, step_nm = np.abs(torque_nm).max(), np.maximum(np.abs(np.diff(torque_nm)) - drifted_nm, 0.0).max()
     tell(
-        f"{len(CASES)} laws in {len(torque_nm)} ticks: torque up to {most_nm:.4f} of {day.torque_max_nm:g} N m, "
+        f"{len(day.fates)} laws in {len(torque_nm)} ticks: torque up to {most_nm:.4f} of {day.torque_max_nm:g} N m, "
         f"step up to {step_nm:.4f}, slew bound {day.step_max_nm:.4f} N m"
     )
     assert np.isfinite(torque_nm).all()
@@ -298,13 +339,14 @@ def test_no_law_gets_a_torque_past_the_guard(day: Day, tell: Callable[[str], Non
     assert step_nm <= day.step_max_nm + 1e-9
 
 
+@pytest.mark.alone
 def test_a_containment_costs_no_ticks(day: Day, tell: Callable[[str], None]) -> None:
     """Ticks are lost around a fault no more often than while the same laws still behaved."""
     made = losses.releases(day.records, day.period_ns)
     windows: dict[str, list[losses.Window]] = defaultdict(list)
     took_us: dict[str, list[float]] = defaultdict(list)
     others: list[losses.Window] = []
-    for law in CASES:
+    for law in BAD:
         for fate in day.fates[law.stem]:
             if expected(law) not in fate.kinds:
                 continue

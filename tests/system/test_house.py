@@ -11,6 +11,8 @@ from system import house as houses
 from system.house import ROOT, House
 from system.janitor import inhabitants
 
+pytest_plugins = ["pytester"]
+
 TESTS = [path for folder in ("tests", "brain/tests", "examples") for path in (ROOT / folder).rglob("*.py")]
 RUNNER = """
 import sys, time
@@ -44,6 +46,31 @@ def test_a_killed_test_run_leaves_no_robot() -> None:
     assert list(Path("/dev/shm").glob(f"{prefix}.*")) == []
 
 
+LEAVES = """
+import gc, subprocess
+
+def test_fails_and_leaves_a_process():
+    process = subprocess.Popen(["sleep", "5"])
+    ring = [process]
+    ring.append(ring)
+    assert False
+
+def test_makes_many_objects():
+    gc.collect()
+"""
+
+
+def test_what_a_failed_test_left_fails_no_other(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its process is collected with a warning, and warnings are errors here."""
+    monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
+    pytester.makepyfile(LEAVES)
+    words = ("-p", "no:cacheprovider", "-W", "error")
+    pytester.makeconftest('pytest_plugins = ["stolen_time"]')
+    assert pytester.runpytest_subprocess(*words).parseoutcomes() == {"failed": 2}
+    pytester.makeconftest((ROOT / "conftest.py").read_text())
+    assert pytester.runpytest_subprocess(*words).parseoutcomes() == {"failed": 1, "passed": 1}
+
+
 def skips(path: Path) -> list[str]:
     """The reasons for which tests in a file may be skipped, as they stand in its text."""
     calls = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
@@ -62,7 +89,7 @@ COMPUTED = (  # the reason is computed there, and only there
     "test_first_day.py: pytest.skip('no zsh here (Debian: apt-get install zsh)')",
     "simulated.py: pytest.skip(house.log().strip().splitlines()[-1])",  # no MuJoCo
     # The kernel's counts say that the machine took the core away, and the run fell short.
-    "calm.py: pytest.skip(f\"INCONCLUSIVE: {'; '.join(summary['inconclusive'])}\")",
+    "inconclusive.py: pytest.skip(f'{WORD}: {why}')",
 )
 
 

@@ -217,14 +217,20 @@ def test_a_full_disk_under_the_certificates_costs_no_swap_and_is_told(house: Hou
 
 
 @pytest.mark.alone
-def test_a_loader_that_is_starved_on_its_core_makes_a_swap_slow_and_no_worse(arm: House) -> None:
+@pytest.mark.parametrize(
+    ("names", "load_s"),
+    [(["gravity_pd"], 6), pytest.param(["gravity_pd", "pd", "hold"], 20, marks=pytest.mark.long)],
+)
+def test_a_loader_that_is_starved_on_its_core_makes_a_swap_slow_and_no_worse(
+    arm: House, names: list[str], load_s: int
+) -> None:
     """Six processes that want its core for themselves; done or refused with a reason, and the law runs."""
     core = arm.ask("status")["cpus"]["housekeeping"]
-    busy = "import os, sys, time; os.sched_setaffinity(0, [int(sys.argv[1])]); end = time.monotonic() + 20\n"
+    busy = f"import os, sys, time; os.sched_setaffinity(0, [int(sys.argv[1])]); end = time.monotonic() + {load_s}\n"
     busy += "while time.monotonic() < end: pass"
     load = [subprocess.Popen([sys.executable, "-IS", "-c", busy, str(core)]) for _ in range(6)]
     try:
-        for name in ("gravity_pd", "pd", "hold"):
+        for name in names:
             before = law(arm)
             path = arm.dir / f"{name}.cpp"
             path.write_text((ROOT / f"laws/{name}.cpp").read_text() + f"// {arm.dir.name}\n")  # not in the cache

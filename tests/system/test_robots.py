@@ -25,7 +25,7 @@ from lithe.demo.recorder import Recorder
 from system.house import ROOT
 from system.simulated import Simulated, at_terminals, running
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.early
 
 SWAPS, STALLED_SWAPS = 60, 20
 BEFORE_NS, AFTER_NS = 5_000_000, 6_000_000
@@ -54,18 +54,14 @@ def demo(robot: Path, out: Path, *words: str) -> dict[str, Any]:
 
 def test_the_demo_runs_unchanged_over_an_fdcanusb(tmp_path: Path, tell: Callable[[str], None]) -> None:
     """The simulated drive is in another process, at the far end of a serial device."""
-    sim = Simulated(ROOT / "robots/arm.toml", tmp_path / "buses")
-    try:
-        path = sim.path()
+    with Simulated(ROOT / "robots/arm.toml", tmp_path / "buses") as sim:
         changes = {
-            'kind = "loop" ': f'kind = "fdcanusb"\npath = "{path}" ',
+            'kind = "loop" ': f'kind = "fdcanusb"\npath = "{sim.path()}" ',
             "lost_after_misses = 3 ": "lost_after_misses = 2000 ",
         }
         robot = tmp_path / "usb.toml"
         robot.write_text(calm.calm_text(changes, ideal=False), encoding="utf-8")
         summary = demo(robot, tmp_path / "out", "--over-real-buses")
-    finally:
-        sim.close()
     lost = f"{summary['lost_ticks']} of {summary['ticks']} ticks lost"
     tell(f"RMSE of the last law {summary['phases'][-1]['rmse_deg']:.2f} deg, {lost}")
 
@@ -229,12 +225,13 @@ def stalled_at_each_commit(robot: lithe.Robot) -> Iterator[None]:
         watcher.join()
 
 
+@pytest.mark.alone
 def test_a_swap_on_twelve_joints_loses_nothing(monkeypatch: pytest.MonkeyPatch, tell: Callable[[str], None]) -> None:
     """Five buses, twelve drives, 1 kHz, released as the robot's file has it.
 
     Ticks are lost near a swap no more often than elsewhere. The same comparison refutes swaps that cost ticks.
     """
-    with running(calm.calm_text(robot="quadruped"), monkeypatch) as (_, robot):
+    with running(calm.calm_text(calm.SPINS, robot="quadruped"), monkeypatch) as (_, robot):
         assert float(robot.spine.info["rate_hz"]) == 1000.0
         laws = [(ROOT / f"laws/{name}.cpp").read_text() for name in ("pd", "gravity_pd")]
         for source in laws:

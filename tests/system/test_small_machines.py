@@ -14,7 +14,7 @@ import calm
 import pytest
 from system.house import BIN, ROOT, need
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.early
 
 NOBODY = 65534
 

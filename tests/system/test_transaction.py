@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from calm import connected
+from lithe._wire import TelemetryFlags
 from system.house import BIN, ROOT, House, alive
 from system.swapping import Asks, assert_chained, becomes, certificate, certificates, law, swap_request, sway
 
@@ -131,6 +132,25 @@ def test_a_law_that_crashes_after_its_commit_is_replaced_and_its_certificate_nam
     assert told["fault"]["to_law_id"] != 0 and told["fault"]["took_us"] > 0
     shown = arm.lithe("law", "show", "moody").stdout
     assert "  fault         kind bad_access" in shown and "why bad_access" in shown and ": not passed" in shown
+    assert law(arm) == "pd" and arm.ask("status")["mode"] == "active"
+
+
+def test_without_a_probation_a_law_that_drives_away_stays_and_its_crash_is_contained(arm: House) -> None:
+    """`probation_s = 0`: nobody judges how it follows; the fault barrier is there all the same."""
+    os.environ.update({key: value for key, value in arm.env.items() if key.startswith("LITHE_")})
+    with connected() as robot:
+        terms = ("--param", "lean_nm=0.12", "--param", "lean_after=4500", "--param", "crash_after=7000")
+        done = moody(arm, "--no-probation", *terms)
+        assert done["terms"]["probation_s"] == 0 and arm.ask("status")["probation"]["of"] == "none"
+        told = becomes(arm, done["request_id"], lambda each: each["verdict"] == "rolled_back")
+        records = robot.telemetry.history(3.5)
+    assert told["rolled_back"]["why"] == told["fault"]["kind"] == "bad_access"
+    assert told["rolled_back"]["ticks_after_commit"] >= 6900, "not before it crashed"
+    assert not {"unproven", "confirmed"} & set(told["times_ns"])
+    ours = records[records["law_id"] == done["law_id"]]
+    error_rad = np.abs(ours["setpoint_position_rad"][:, 0] - ours["position_rad"][:, 0])
+    assert (error_rad > 0.15).sum() > 500, "under a probation it would have gone at the first such tick"
+    assert (ours["flags"] & TelemetryFlags.on_probation == 0).all()
     assert law(arm) == "pd" and arm.ask("status")["mode"] == "active"
 
 

@@ -46,6 +46,7 @@ def test_one_round_is_measured(host: ModuleType, capsys: pytest.CaptureFixture[s
     assert "shifted by 500 us" in capsys.readouterr().out
 
 
+@pytest.mark.alone  # it compares what a core gives to two
 def test_who_may_not_have_nice_20_gets_the_reason_and_the_rest() -> None:
     two_cores()
     need("bench_host")

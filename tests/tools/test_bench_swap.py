@@ -287,9 +287,10 @@ def test_the_time_of_a_swap_is_split_by_stage(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.alone
-@pytest.mark.parametrize("swaps", [60, pytest.param(200, marks=pytest.mark.long)])
-def test_swaps_from_end_to_end(tmp_path: Path, swaps: int) -> None:
+@pytest.mark.long
+def test_swaps_from_end_to_end(tmp_path: Path) -> None:
     """No figure is judged here: the machine that runs tests is busy with others."""
+    swaps = 200
     need("lithe", "lithe-spine", "lithe-spine-sim", "lawd", "bench_swap_peers")
     words = [sys.executable, "-m", "bench.swap", "--swaps", str(swaps), "--out", str(tmp_path)]
     env = os.environ | {"PYTHONPATH": f"{ROOT}/brain"}
