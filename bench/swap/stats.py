@@ -16,6 +16,7 @@ from bench.tables import Figures
 WINDOW_NS = 50_000_000
 AFTER_NS = 50_000_000  # a swap's window is from its request to this time after its commit
 BURST_NS = 5_000_000  # a pause of the machine takes every tick; two swaps are further apart
+AFTER_LOSS_TICKS = 2  # the law that runs late uses the old sample; the next one jumps to the new one
 SIGNS = 4000
 SURE = 0.95
 LEAST_ROUNDS = 8  # with fewer, no difference could be refuted
@@ -213,12 +214,16 @@ def stops_in(ticks: npt.NDArray[Any]) -> int:
 def largest_step_nm(ticks: npt.NDArray[Any], spans: list[Window] | Spans | None = None) -> float:
     """The largest torque step from one tick to the next, if the law ran in both; in some spans only, if they are given.
 
-    Steps over a missed release are left out, because the robot moved meanwhile. (The Spine numbers only the ticks that
-    it ran, so tick numbers do not show a missed release.)
+    Steps over a missed release are left out, and those of AFTER_LOSS_TICKS ticks after it, because the robot moved
+    meanwhile and a law's sample is one exchange old: the first sample from after a pause comes a tick later. (The Spine
+    numbers only the ticks that it ran, so tick numbers do not show a missed release.)
     """
     apart_ns = np.diff(ticks["release_ns"])
     ran = (ticks["active"][1:] & ticks["active"][:-1]) & (np.diff(ticks["tick"]) == 1)
-    ran &= apart_ns < 1.5 * np.median(apart_ns) if len(apart_ns) else True
+    if len(apart_ns):
+        missed = apart_ns >= 1.5 * np.median(apart_ns)
+        for later in range(1 + AFTER_LOSS_TICKS):
+            ran[later:] &= ~missed[: len(missed) - later]
     if spans is not None:
         ran &= inside(ticks["release_ns"][1:], np.array(spans, dtype=np.int64).reshape(-1, 2))
     steps = np.abs(np.diff(ticks["torque_nm"]))[ran]

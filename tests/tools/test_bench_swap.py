@@ -181,6 +181,16 @@ def test_the_largest_step_is_not_taken_over_a_tick_that_is_missing(stats: Module
     assert stats.largest_step_nm(ticks) == pytest.approx(0.1)
 
 
+@pytest.mark.parametrize(("at", "judged"), [(10, False), (11, False), (12, False), (13, True), (9, True)])
+def test_a_step_right_after_a_pause_is_the_robots_own_motion(stats: ModuleType, at: int, judged: bool) -> None:
+    """Release 10 came 12 ms late; the law's first fresh sample reaches the torque one or two ticks after it."""
+    ticks = np.zeros(30, [("tick", "<i8"), ("release_ns", "<i8"), ("torque_nm", "<f8"), ("active", "?")])
+    ticks["tick"], ticks["active"] = np.arange(30), True
+    ticks["release_ns"] = (np.arange(30) + np.where(np.arange(30) >= 10, 12, 0)) * MS
+    ticks["torque_nm"] = np.where(np.arange(30) >= at, 0.4, 0.0)
+    assert stats.largest_step_nm(ticks) == pytest.approx(0.4 if judged else 0.0)
+
+
 def test_a_round_in_which_the_robot_stopped_is_not_compared(stats: ModuleType) -> None:
     ticks = np.zeros(3 * ROUND_MS, [("release_ns", "<i8"), ("active", "?")])
     ticks["release_ns"], ticks["active"] = np.arange(len(ticks)) * MS, True
