@@ -202,8 +202,7 @@ TEST(MoteusWayOut, EveryLatchedStateHasOne) {
       {"for it, its host was silent",
        [](MoteusLine& line) { line.node.drive().inject(InjectedFault::watchdog_trip, true, line.now_ns); }},
       {"a restart", [](MoteusLine& line) { line.node.drive().inject(InjectedFault::power_loss, true, line.now_ns); }},
-      {"nothing at all for a while",
-       [](MoteusLine& line) { line.node.back = [](Frame&) LITHE_RT { return false; }; }},
+      {"nothing at all for a while", [](MoteusLine& line) { line.node.back = [](Frame&) LITHE_RT { return false; }; }},
       {"a setting that will not do, and is mended",
        [](MoteusLine& line) {
          line.tell("conf set servo.timeout_mode 0");
