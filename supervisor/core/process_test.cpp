@@ -11,7 +11,6 @@
 #include <algorithm>
 #include <fstream>
 
-#include "supervisor/core/cores.hpp"
 
 namespace lithe::control {
 namespace {
