@@ -144,7 +144,7 @@ def draw_swap(axes: Any, run: Run) -> None:
         ("release_jitter_ns", ORANGE, "release jitter"),
     ):
         values_us = np.maximum(run.records[name][shown], 10) / 1e3
-        axes.plot(since_ms[shown], values_us, ".", ms=1.8, mew=0, color=colour, label=label)
+        axes.plot(since_ms[shown], values_us, ".", ms=2.6, mew=0, color=colour, label=label)
     axes.axvline(0, color=RED, lw=0.9, ls=(0, (4, 3)))
     axes.text(0, 0.84, " commit", fontsize=8, color=RED, transform=axes.get_xaxis_transform())
     axes.set_yscale("log")
