@@ -3,7 +3,7 @@
 MAKEFLAGS += --no-print-directory
 PYTHON := .venv/bin/python
 JOBS ?= $(shell nproc)
-WORKERS ?= $(shell expr 2 \* $(JOBS))
+WORKERS ?= $(shell expr 3 \* $(JOBS) / 2)
 
 .PHONY: help demo no-other-demo test test-fast check check-all bench bench-swap format clean setup release
 .DEFAULT_GOAL := help

@@ -14,7 +14,7 @@ import calm
 import pytest
 from system.house import BIN, ROOT, need
 
-pytestmark = pytest.mark.early
+pytestmark = pytest.mark.alone
 
 NOBODY = 65534
 

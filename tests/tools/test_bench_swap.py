@@ -270,6 +270,7 @@ def test_ten_thousand_swaps_have_the_time_they_need_even_where_each_trial_is_slo
     assert ours_s + theirs_s < swap.most_s(10_000)
 
 
+@pytest.mark.alone  # a peer that is held up in a tick is asked in it
 def test_a_peer_is_not_asked_to_swap_before_the_ticks_command_has_left(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
