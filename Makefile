@@ -18,11 +18,15 @@ demo: no-other-demo release  ## the experiment on a simulated arm (or ROBOT=FILE
 
 test: PACKAGES := build test
 test: BESIDE := -m 'not alone and not long'
+test: SAID := build/said
 test: TARGETS := $(if $(ROOM),--target $(ROOM)_tests)
 test: release  ## every test: C++ (ctest), then Python and across processes (pytest); ROOM=guard for the C++ tests of one room
-	@ctest --preset release -j $(JOBS) --progress $(if $(ROOM),-L '(^|[.])$(ROOM)$$')
-	@$(if $(ROOM),,$(PYTHON) -m pytest -n $(WORKERS) --dist loadfile $(BESIDE) || $(PYTHON) -m pytest --last-failed --lfnf=none $(BESIDE))
-	@$(if $(ROOM),,$(PYTHON) -m pytest -m 'alone and not long')
+	@rm -rf $(SAID) && mkdir -p $(SAID)
+	@ctest --preset release -j $(JOBS) --progress --output-junit $(CURDIR)/$(SAID)/ctest.xml $(if $(ROOM),-L '(^|[.])$(ROOM)$$')
+	@$(if $(ROOM),,$(PYTHON) -m pytest -n $(WORKERS) --dist loadfile $(BESIDE) --junitxml=$(SAID)/pytest.xml || \
+	  $(PYTHON) -m pytest --last-failed --lfnf=none $(BESIDE) --junitxml=$(SAID)/again.xml)
+	@$(if $(ROOM),,$(PYTHON) -m pytest -m 'alone and not long' --junitxml=$(SAID)/alone.xml)
+	@$(PYTHON) tools/summary.py $(foreach runner,ctest pytest again alone,$(SAID)/$(runner).xml)
 
 test-fast: PACKAGES := build test
 test-fast: release  ## what takes minutes left out: no property of thousands of runs, no robot started from Python
