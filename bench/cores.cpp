@@ -3,7 +3,7 @@
 // One line of JSON.
 #include "bench/machine.hpp"
 #include "bench/samples.hpp"
-#include "spine/core/interrupts.hpp"
+#include "spine/core/host/interrupts.hpp"
 #include "spine/robot/cpu_plan.hpp"
 
 int main() {

@@ -12,7 +12,7 @@
 #include "bench/machine.hpp"
 #include "bench/samples.hpp"
 #include "bench/spine_rig.hpp"
-#include "spine/core/host.hpp"
+#include "spine/core/host/realtime.hpp"
 
 namespace lithe::bench {
 namespace {

@@ -26,8 +26,8 @@
 #include "bench/cycles.hpp"
 #include "bench/machine.hpp"
 #include "bench/samples.hpp"
-#include "spine/core/files.hpp"
-#include "spine/core/host.hpp"
+#include "spine/core/host/files.hpp"
+#include "spine/core/host/realtime.hpp"
 
 namespace lithe::bench {
 namespace {

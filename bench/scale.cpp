@@ -18,7 +18,7 @@
 #include "bench/machine.hpp"
 #include "bench/samples.hpp"
 #include "bench/spine_rig.hpp"
-#include "spine/core/host.hpp"
+#include "spine/core/host/realtime.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/bus_actuators.hpp"
 #include "spine/hal/robot_hardware.hpp"

@@ -14,8 +14,8 @@
 #include "spine/contain/environment.hpp"
 #include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/law_stack.hpp"
-#include "spine/contain/memory_key.hpp"
-#include "spine/contain/protected_memory.hpp"
+#include "spine/contain/memory/memory_key.hpp"
+#include "spine/contain/memory/protected_memory.hpp"
 
 namespace lithe::contain {
 

@@ -15,8 +15,8 @@
 #include <string>
 #include <utility>
 
-#include "spine/contain/constants.hpp"
 #include "spine/contain/core.hpp"
+#include "spine/contain/memory/constants.hpp"
 #include "spine/contain/watchdog.hpp"
 
 namespace lithe::contain {

@@ -8,7 +8,7 @@
 #include <limits>
 #include <numbers>
 
-#include "spine/core/no_alloc/no_alloc.hpp"
+#include "spine/core/test/no_alloc.hpp"
 #include "spine/hal/test/pty_rig.hpp"
 #include "spine/robot/robot.hpp"
 #include "spine/wire/wire.hpp"

@@ -9,7 +9,7 @@
 #include <string_view>
 #include <utility>
 
-#include "spine/core/paths.hpp"
+#include "spine/core/host/paths.hpp"
 #include "spine/core/result.hpp"
 #include "spine/ipc/layout.hpp"
 

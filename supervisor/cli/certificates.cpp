@@ -12,7 +12,7 @@
 #include <variant>
 #include <vector>
 
-#include "spine/core/files.hpp"
+#include "spine/core/host/files.hpp"
 #include "spine/core/text.hpp"
 #include "supervisor/cli/act.hpp"
 #include "supervisor/cli/show.hpp"

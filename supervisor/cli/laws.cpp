@@ -10,7 +10,7 @@
 #include <optional>
 #include <system_error>
 
-#include "spine/core/files.hpp"
+#include "spine/core/host/files.hpp"
 #include "spine/core/time.hpp"
 #include "supervisor/cli/act.hpp"
 #include "supervisor/cli/print.hpp"

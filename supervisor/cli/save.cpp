@@ -8,7 +8,7 @@
 #include <regex>
 #include <system_error>
 
-#include "spine/core/files.hpp"
+#include "spine/core/host/files.hpp"
 #include "supervisor/cli/act.hpp"
 #include "supervisor/cli/print.hpp"
 #include "supervisor/cli/talk.hpp"

@@ -15,7 +15,7 @@
 #include <set>
 #include <system_error>
 
-#include "spine/core/paths.hpp"
+#include "spine/core/host/paths.hpp"
 #include "spine/core/time.hpp"
 
 namespace lithe::control {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/contain/protected_memory.hpp"
+#include "spine/contain/memory/protected_memory.hpp"
 
 #include <sys/mman.h>
 #include <unistd.h>

@@ -9,7 +9,7 @@
 #include <new>
 #include <utility>
 
-#include "spine/contain/memory_key.hpp"
+#include "spine/contain/memory/memory_key.hpp"
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
 
