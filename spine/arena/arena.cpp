@@ -44,7 +44,8 @@ Result<Mapping> map_exec(int fd, std::uint64_t address, std::size_t bytes, const
   const Fd read_only = reopen(fd);
   if (!read_only) return failure(std::string("cannot reopen ") + what);
   void* wanted = reinterpret_cast<void*>(address);
-  void* got = mmap(wanted, bytes, PROT_READ | PROT_EXEC, MAP_SHARED | MAP_POPULATE | MAP_FIXED_NOREPLACE, read_only.get(), 0);
+  void* got =
+      mmap(wanted, bytes, PROT_READ | PROT_EXEC, MAP_SHARED | MAP_POPULATE | MAP_FIXED_NOREPLACE, read_only.get(), 0);
   if (got == MAP_FAILED && errno == EEXIST) return Error{std::string("the address of ") + what + " is taken"};
   if (got == MAP_FAILED) return failure(std::string("cannot map ") + what + " for execution");
   Mapping mapping(got, bytes);

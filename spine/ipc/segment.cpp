@@ -123,7 +123,8 @@ Result<Mapping> create_mapping(const std::string& path, std::size_t bytes) {
   const std::size_t size = total_bytes(bytes);
   // posix_fallocate and not ftruncate: a full /dev/shm must fail here and not as a SIGBUS in the tick.
   errno = posix_fallocate(file.get(), 0, static_cast<off_t>(size));
-  void* data = errno == 0 ? mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, file.get(), 0) : MAP_FAILED;
+  void* data =
+      errno == 0 ? mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, file.get(), 0) : MAP_FAILED;
   if (data == MAP_FAILED) {
     Error error = system_error(making, "cannot get " + std::to_string(size) + " bytes of shared memory",
                                "free some space in /dev/shm");
@@ -153,7 +154,8 @@ Result<Mapping> attach_mapping(const std::string& path, std::size_t bytes, Acces
     return Error{path + ": too short for a LITHE segment; remove the file and start the robot again"};
   }
   const auto size = static_cast<std::size_t>(status.st_size);
-  void* data = mmap(nullptr, size, write ? PROT_READ | PROT_WRITE : PROT_READ, MAP_SHARED | MAP_POPULATE, file.get(), 0);
+  void* data =
+      mmap(nullptr, size, write ? PROT_READ | PROT_WRITE : PROT_READ, MAP_SHARED | MAP_POPULATE, file.get(), 0);
   if (data == MAP_FAILED) return system_error(path, "cannot map shared memory", "check `ulimit -v`");
   Mapping mapping(data, size);
   if (size < bytes) {
