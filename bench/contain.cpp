@@ -17,11 +17,11 @@
 
 #include "bench/rig/machine.hpp"
 #include "bench/rig/samples.hpp"
-#include "spine/contain/bad_laws.hpp"
 #include "spine/contain/fault_barrier.hpp"
-#include "spine/contain/protected_memory.hpp"
+#include "spine/contain/memory/protected_memory.hpp"
+#include "spine/contain/test/bad_laws.hpp"
 #include "spine/contain/watchdog.hpp"
-#include "spine/core/host.hpp"
+#include "spine/core/host/realtime.hpp"
 #include "spine/core/time.hpp"
 
 namespace lithe::bench {

@@ -3,7 +3,7 @@
 // One line of JSON.
 #include "bench/rig/machine.hpp"
 #include "bench/rig/samples.hpp"
-#include "spine/core/interrupts.hpp"
+#include "spine/core/host/interrupts.hpp"
 #include "spine/robot/cores/cpu_plan.hpp"
 
 int main() {

@@ -12,6 +12,7 @@
 #include "bench/rig/machine.hpp"
 #include "bench/rig/samples.hpp"
 #include "bench/rig/spine_rig.hpp"
+#include "spine/core/host/realtime.hpp"
 
 namespace lithe::bench {
 namespace {

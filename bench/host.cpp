@@ -26,8 +26,8 @@
 #include "bench/rig/cycles.hpp"
 #include "bench/rig/machine.hpp"
 #include "bench/rig/samples.hpp"
-#include "spine/core/files.hpp"
-#include "spine/core/host.hpp"
+#include "spine/core/host/files.hpp"
+#include "spine/core/host/realtime.hpp"
 
 namespace lithe::bench {
 namespace {

@@ -18,6 +18,7 @@
 #include "bench/rig/machine.hpp"
 #include "bench/rig/samples.hpp"
 #include "bench/rig/spine_rig.hpp"
+#include "spine/core/host/realtime.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/bus_actuators.hpp"
 #include "spine/hal/sim/simulate.hpp"

@@ -6,8 +6,8 @@
 #include <string>
 
 #include "lawd/service.hpp"
-#include "spine/core/files.hpp"
-#include "spine/core/paths.hpp"
+#include "spine/core/host/files.hpp"
+#include "spine/core/host/paths.hpp"
 
 int main(int argc, char** argv) {
   if (argc > 1) {

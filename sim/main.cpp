@@ -16,8 +16,8 @@
 #include <vector>
 
 #include "sim/world.hpp"
-#include "spine/core/cores.hpp"
-#include "spine/core/host.hpp"
+#include "spine/core/host/cores.hpp"
+#include "spine/core/host/realtime.hpp"
 #include "spine/core/time.hpp"
 #include "spine/hal/physics/truth.hpp"
 #include "spine/robot/cores/cpu_plan.hpp"

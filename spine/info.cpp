@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "spine/arena/layout.hpp"
-#include "spine/core/host.hpp"
+#include "spine/core/host/realtime.hpp"
 
 namespace lithe {
 namespace {

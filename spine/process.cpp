@@ -18,11 +18,11 @@
 #include <thread>
 
 #include "spine/code_arena.hpp"
-#include "spine/contain/constants.hpp"
 #include "spine/contain/fault_barrier.hpp"
-#include "spine/contain/protected_memory.hpp"
+#include "spine/contain/memory/constants.hpp"
+#include "spine/contain/memory/protected_memory.hpp"
 #include "spine/contain/watchdog.hpp"
-#include "spine/core/host.hpp"
+#include "spine/core/host/realtime.hpp"
 #include "spine/core/time.hpp"
 #include "spine/frames.hpp"
 #include "spine/hal/robot_hardware.hpp"

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "spine/arena/layout.hpp"
-#include "spine/core/files.hpp"
+#include "spine/core/host/files.hpp"
 #include "trial/zygote.hpp"
 
 int main(int argc, char** argv) {

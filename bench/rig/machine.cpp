@@ -8,7 +8,7 @@
 #include <cstdlib>
 #include <utility>
 
-#include "spine/core/host.hpp"
+#include "spine/core/host/realtime.hpp"
 #include "spine/core/time.hpp"
 #include "spine/robot/cores/cpu_plan.hpp"
 

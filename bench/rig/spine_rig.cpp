@@ -7,7 +7,7 @@
 #include <ctime>
 #include <utility>
 
-#include "spine/core/host.hpp"
+#include "spine/core/host/realtime.hpp"
 #include "spine/hal/sim/simulate.hpp"
 #include "spine/loop/transport.hpp"
 #include "spine/robot/robot.hpp"

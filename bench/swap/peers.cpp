@@ -32,7 +32,7 @@
 #include "bench/rig/cycles.hpp"
 #include "bench/rig/machine.hpp"
 #include "lithe/law.hpp"
-#include "spine/core/host.hpp"
+#include "spine/core/host/realtime.hpp"
 #include "spine/hal/physics/plant.hpp"
 #include "spine/loop/clock.hpp"
 

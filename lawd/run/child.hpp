@@ -7,7 +7,7 @@
 #include <string_view>
 #include <vector>
 
-#include "spine/core/child.hpp"
+#include "spine/core/host/child.hpp"
 
 namespace lithe::lawd {
 

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "spine/arena/veneers.hpp"
+#include "spine/core/host/fd.hpp"
 
 namespace lithe::arena {
 namespace {
@@ -24,33 +25,29 @@ constexpr unsigned kExecutable = 0x10;  // MFD_EXEC, Linux 6.3
 Error failure(const std::string& what) { return Error{what + ": " + std::strerror(errno)}; }
 
 // A memfd of a fixed size whose pages may be executed.
-int make_memfd(const char* name, std::uint64_t bytes) {
+Result<Fd> make_memfd(const char* name, std::uint64_t bytes, const char* what) {
   constexpr unsigned kFlags = MFD_CLOEXEC | MFD_ALLOW_SEALING;
-  int fd = memfd_create(name, kFlags | kExecutable);
-  if (fd < 0 && errno == EINVAL) fd = memfd_create(name, kFlags);  // an older kernel needs no such flag
-  if (fd < 0) return -1;
-  if (ftruncate(fd, static_cast<off_t>(bytes)) == 0 &&
-      fcntl(fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) == 0) {
-    return fd;
+  Fd fd(memfd_create(name, kFlags | kExecutable));
+  if (!fd && errno == EINVAL) fd = Fd(memfd_create(name, kFlags));  // an older kernel needs no such flag
+  if (!fd || ftruncate(fd.get(), static_cast<off_t>(bytes)) != 0 ||
+      fcntl(fd.get(), F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) != 0) {
+    return failure(std::string("cannot make ") + what);
   }
-  const int reason = errno;
-  close(fd);
-  errno = reason;
-  return -1;
+  return fd;
 }
 
-int reopen(int fd, int flags) { return open(("/proc/self/fd/" + std::to_string(fd)).c_str(), flags | O_CLOEXEC); }
+// Read-only.
+Fd reopen(int fd) { return Fd(open(("/proc/self/fd/" + std::to_string(fd)).c_str(), O_RDONLY | O_CLOEXEC)); }
 
 // Read+execute at exactly this address, from a descriptor that cannot write.
 Result<Mapping> map_exec(int fd, std::uint64_t address, std::size_t bytes, const char* what) {
-  const int read_only = reopen(fd, O_RDONLY);
-  if (read_only < 0) return failure(std::string("cannot reopen ") + what);
+  const Fd read_only = reopen(fd);
+  if (!read_only) return failure(std::string("cannot reopen ") + what);
   void* wanted = reinterpret_cast<void*>(address);
-  void* got = mmap(wanted, bytes, PROT_READ | PROT_EXEC, MAP_SHARED | MAP_POPULATE | MAP_FIXED_NOREPLACE, read_only, 0);
-  const int reason = errno;
-  close(read_only);
-  if (got == MAP_FAILED && reason == EEXIST) return Error{std::string("the address of ") + what + " is taken"};
-  if (got == MAP_FAILED) return Error{std::string("cannot map ") + what + " for execution: " + std::strerror(reason)};
+  void* got =
+      mmap(wanted, bytes, PROT_READ | PROT_EXEC, MAP_SHARED | MAP_POPULATE | MAP_FIXED_NOREPLACE, read_only.get(), 0);
+  if (got == MAP_FAILED && errno == EEXIST) return Error{std::string("the address of ") + what + " is taken"};
+  if (got == MAP_FAILED) return failure(std::string("cannot map ") + what + " for execution");
   Mapping mapping(got, bytes);
   if (got != wanted) return Error{std::string("the address of ") + what + " is taken"};  // kernels before 4.17
   return mapping;
@@ -60,21 +57,20 @@ Result<Mapping> map_exec(int fd, std::uint64_t address, std::size_t bytes, const
 Result<Mapping> map_stubs() {
   std::vector<std::byte> page(kStubBytes);
   write_stubs(page);
-  const int fd = make_memfd("lithe-veneers", kStubBytes);
-  if (fd < 0) return failure("cannot make memory for stubs");
-  const bool written = pwrite(fd, page.data(), page.size(), 0) == static_cast<ssize_t>(page.size());
-  Result<Mapping> stubs = written ? map_exec(fd, kStubs, kStubBytes, "the arena's stubs")
-                                  : Result<Mapping>(failure("cannot write the arena's stubs"));
-  close(fd);
-  return stubs;
+  const Result<Fd> fd = make_memfd("lithe-veneers", kStubBytes, "memory for stubs");
+  if (!fd) return fd.error();
+  if (pwrite(fd->get(), page.data(), page.size(), 0) != static_cast<ssize_t>(page.size())) {
+    return failure("cannot write the arena's stubs");
+  }
+  return map_exec(fd->get(), kStubs, kStubBytes, "the arena's stubs");
 }
 
 }  // namespace
 
 Result<int> make_memory() {
-  const int fd = make_memfd(kName, kBytes);
-  if (fd < 0) return failure("cannot make the code arena (memfd)");
-  return fd;
+  Result<Fd> fd = make_memfd(kName, kBytes, "the code arena (memfd)");
+  if (!fd) return fd.error();
+  return fd->release();
 }
 
 bool is_memory(int fd) {
@@ -89,24 +85,16 @@ bool is_memory(int fd) {
 
 Result<int> memory_of(pid_t pid) {
   const std::string path = "/proc/" + std::to_string(pid) + "/fd/" + std::to_string(kHandedFd);
-  const int fd = open(path.c_str(), O_RDWR | O_CLOEXEC);
-  if (fd < 0) return failure("cannot open the arena of process " + std::to_string(pid));
-  if (is_memory(fd)) return fd;
-  close(fd);
+  Fd fd(open(path.c_str(), O_RDWR | O_CLOEXEC));
+  if (!fd) return failure("cannot open the arena of process " + std::to_string(pid));
+  if (is_memory(fd.get())) return fd.release();
   return Error{"process " + std::to_string(pid) + " has no code arena"};
 }
 
 Result<> make_read_only(int fd) {
-  const int read_only = reopen(fd, O_RDONLY);
-  if (read_only < 0) return failure("cannot reopen the arena");
-  const bool replaced = dup3(read_only, fd, O_CLOEXEC) == fd;
-  close(read_only);
-  if (!replaced) return failure("cannot replace the arena's descriptor");
-  return done();
-}
-
-Mapping::~Mapping() {
-  if (at_ != nullptr) munmap(at_, bytes_);
+  const Fd read_only = reopen(fd);
+  if (!read_only) return failure("cannot reopen the arena");
+  return dup3(read_only.get(), fd, O_CLOEXEC) == fd ? done() : failure("cannot replace the arena's descriptor");
 }
 
 Result<Arena> Arena::attach_exec(int fd) {
@@ -119,7 +107,7 @@ Result<Arena> Arena::attach_exec(int fd) {
 }
 
 Result<> Arena::lock() const {
-  if (mlock(stubs_.get(), kStubBytes) != 0 || mlock(code_.get(), kBytes) != 0)
+  if (mlock(stubs_.data(), kStubBytes) != 0 || mlock(code_.data(), kBytes) != 0)
     return failure("the arena is not locked");
   return done();
 }
@@ -137,7 +125,7 @@ Result<Writer> Writer::attach(int fd) {
 
 bool Writer::place(std::uint32_t slot, std::span<const std::byte> image) {
   if (!is_slot(slot) || image.size() > kSlotBytes) return false;
-  std::byte* to = static_cast<std::byte*>(view_.get()) + (slot_address(slot) - kBase);
+  std::byte* to = view_.bytes() + (slot_address(slot) - kBase);
   std::memcpy(to, image.data(), image.size());
   std::memset(to + image.size(), 0, kSlotBytes - image.size());
 #if defined(__aarch64__)

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "spine/arena/layout.hpp"
+#include "spine/core/mapping.hpp"
 #include "spine/core/result.hpp"
 
 namespace lithe::arena {
@@ -27,25 +28,6 @@ Result<int> memory_of(pid_t pid);
 // Replaces a descriptor by a read-only one: no mapping of it can ever be writable.
 Result<> make_read_only(int fd);
 
-// A mapping that is unmapped with this object.
-class Mapping {
- public:
-  Mapping() = default;
-  Mapping(void* at, std::size_t bytes) : at_(at), bytes_(bytes) {}
-  Mapping(Mapping&& other) noexcept : at_(std::exchange(other.at_, nullptr)), bytes_(other.bytes_) {}
-  Mapping& operator=(Mapping&& other) noexcept {
-    std::swap(at_, other.at_);
-    std::swap(bytes_, other.bytes_);
-    return *this;
-  }
-  ~Mapping();
-  void* get() const { return at_; }
-
- private:
-  void* at_ = nullptr;
-  std::size_t bytes_ = 0;
-};
-
 // All slots, read+execute at their fixed address, and the stubs of this process below them. Every page is present when
 // attach_exec() returns, and the mapping never changes afterwards.
 // Contract: attach before the first tick; one per process · its contents change when a Writer places a law
@@ -59,7 +41,7 @@ class Arena {
 
   // The bytes of a slot; is_slot(slot) must be true.
   std::span<const std::byte> slot(std::uint32_t slot) const {
-    return {static_cast<const std::byte*>(code_.get()) + (slot_address(slot) - kBase), kSlotBytes};
+    return {code_.bytes() + (slot_address(slot) - kBase), kSlotBytes};
   }
 
  private:

@@ -38,12 +38,6 @@ inline constexpr int kHandedFd = 3;
 constexpr bool is_slot(std::uint32_t slot) { return slot >= 1 && slot <= kSlots; }
 constexpr std::uint64_t slot_address(std::uint32_t slot) { return kBase + std::uint64_t{slot - 1} * kSlotBytes; }
 
-// What is written into a slot: code and constants from the slot's start on; the law's descriptor lies at `entry`.
-struct Image {
-  std::uint64_t entry = 0;       // address
-  std::uint32_t code_bytes = 0;  // from the slot's start
-};
-
 // FNV-1a of an image, begun with the hash of the veneers it was linked against: so an image linked against another list
 // of functions never has a valid hash.
 // Contract: allocates nothing

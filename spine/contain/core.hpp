@@ -14,8 +14,8 @@
 #include "spine/contain/environment.hpp"
 #include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/law_stack.hpp"
-#include "spine/contain/memory_key.hpp"
-#include "spine/contain/protected_memory.hpp"
+#include "spine/contain/memory/memory_key.hpp"
+#include "spine/contain/memory/protected_memory.hpp"
 
 namespace lithe::contain {
 
@@ -43,8 +43,7 @@ struct Core {
   clockid_t cpu_clock = CLOCK_THREAD_CPUTIME_ID;  // the thread's, for others to read
   Watchdog* watchdog = nullptr;
   Constants* constants = nullptr;  // they watch this thread's Entrance
-  void* mapping = nullptr;         // [guard page][alternate stack][this, unless in the protected memory]
-  std::size_t mapping_bytes = 0;
+  Mapping mapping;                 // [guard page][alternate stack][this, unless in the protected memory]
   stack_t stack_before{};
   sigset_t mask{};  // signals that the thread blocks itself
 };
@@ -69,10 +68,6 @@ struct SameCall {
   }
 };
 
-// Handler of the Watchdog's signal. The rule is a parameter, so that a test can show what a wrong rule does.
-template <class Rule>
-void on_watch_signal(int signal, siginfo_t* info, void* context) noexcept;
-
 // Allows the thread's system calls again, before the selector word that the kernel reads is freed.
 void stop_dispatch() noexcept;
 
@@ -87,6 +82,7 @@ inline void claim(Core& core) noexcept {
 [[noreturn]] void break_off(Core& core, const Failure& failure) noexcept;
 std::uint64_t program_counter(const void* context) noexcept;
 
+// Handler of the Watchdog's signal. The rule is a parameter, so that a test can show what a wrong rule does.
 template <class Rule>
 void on_watch_signal(int, siginfo_t* info, void* context) noexcept {
   Environment::allow_unaligned();

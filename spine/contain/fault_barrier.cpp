@@ -3,7 +3,6 @@
 
 #include <pthread.h>
 #include <sys/auxv.h>
-#include <sys/mman.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
@@ -15,21 +14,21 @@
 #include <string>
 #include <utility>
 
-#include "spine/contain/constants.hpp"
 #include "spine/contain/core.hpp"
+#include "spine/contain/memory/constants.hpp"
 #include "spine/contain/watchdog.hpp"
 
 namespace lithe::contain {
 namespace {
 
 // A handler's frames are small; the kernel's own frame holds every vector register of the processor.
-std::size_t handler_stack_bytes(std::size_t page) {
+std::size_t handler_stack_bytes() {
 #ifdef AT_MINSIGSTKSZ
   const std::size_t frame = getauxval(AT_MINSIGSTKSZ);
 #else
   const std::size_t frame = 0;
 #endif
-  return ((std::size_t{64} << 10) + frame + page - 1) / page * page;
+  return whole_pages((std::size_t{64} << 10) + frame);
 }
 
 void touch(void* from, std::size_t bytes, std::size_t page) {
@@ -43,22 +42,18 @@ Result<FaultBarrier> FaultBarrier::open(ProtectedMemory* protected_memory) {
     return Error{"this thread has a FaultBarrier already: one is enough for all its laws"};
   Result<LawStack> law_stack = LawStack::make();
   if (!law_stack) return law_stack.error();
-  const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
-  const std::size_t stack_bytes = handler_stack_bytes(page);
-  const std::size_t core_bytes = (sizeof(Core) + page - 1) / page * page;
-  const std::size_t bytes = page + stack_bytes + core_bytes;
-  void* base = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-  if (base == MAP_FAILED) return Error{std::string("no memory for a handler's stack: ") + std::strerror(errno)};
-  auto* stack = static_cast<std::byte*>(base) + page;
+  const std::size_t page = whole_pages(1), stack_bytes = handler_stack_bytes(), core_bytes = whole_pages(sizeof(Core));
+  Mapping mapping = Mapping::make(page + stack_bytes + core_bytes, PROT_READ | PROT_WRITE);
+  if (!mapping) return Error{std::string("no memory for a handler's stack: ") + std::strerror(errno)};
+  std::byte* stack = mapping.bytes() + page;
   void* place =
       protected_memory == nullptr ? stack + stack_bytes : protected_memory->allocate(sizeof(Core), alignof(Core));
   stack_t alternate{};
   alternate.ss_sp = stack;
   alternate.ss_size = stack_bytes;
   stack_t before{};
-  if (place == nullptr || mprotect(base, page, PROT_NONE) != 0 || sigaltstack(&alternate, &before) != 0) {
+  if (place == nullptr || mprotect(mapping.data(), page, PROT_NONE) != 0 || sigaltstack(&alternate, &before) != 0) {
     const std::string why = place == nullptr ? "the protected memory is full" : std::strerror(errno);
-    munmap(base, bytes);
     return Error{"no alternate stack for this thread's signal handlers: " + why};
   }
   mlock(stack, stack_bytes + core_bytes);  // without permission to lock, it is at least resident now
@@ -71,8 +66,7 @@ Result<FaultBarrier> FaultBarrier::open(ProtectedMemory* protected_memory) {
   core->environment = Environment::now();
   core->thread = static_cast<pid_t>(syscall(SYS_gettid));
   pthread_getcpuclockid(pthread_self(), &core->cpu_clock);
-  core->mapping = base;
-  core->mapping_bytes = bytes;
+  core->mapping = std::move(mapping);
   core->stack_before = before;
   pthread_sigmask(SIG_SETMASK, nullptr, &core->mask);
   entrance() = {core, core->key};
@@ -87,10 +81,9 @@ void FaultBarrier::Close::operator()(Core* core) const {
   stack_t before = core->stack_before;
   before.ss_flags &= ~SS_ONSTACK;
   sigaltstack(&before, nullptr);
-  void* mapping = core->mapping;
-  const std::size_t bytes = core->mapping_bytes;
+  core->law_stack.forget_frames();
+  const Mapping mapping = std::move(core->mapping);  // which may hold the core itself
   std::destroy_at(core);
-  munmap(mapping, bytes);
 }
 
 Result<> FaultBarrier::watch_entrance(Constants& constants) {

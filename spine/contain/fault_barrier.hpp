@@ -7,7 +7,7 @@
 #include <memory>
 #include <span>
 
-#include "spine/contain/protected_memory.hpp"
+#include "spine/contain/memory/protected_memory.hpp"
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/wire/wire.hpp"

@@ -11,8 +11,8 @@
 #include <string>
 #include <thread>
 
-#include "spine/contain/bad_laws.hpp"
 #include "spine/contain/environment.hpp"
+#include "spine/contain/test/bad_laws.hpp"
 #include "spine/contain/test/contain_rig.hpp"
 #include "spine/core/serialise.hpp"
 

@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/contain/law_stack.hpp"
 
-#include <sys/mman.h>
-
 #include <cerrno>
 #include <cstring>
 #include <string>
-#include <utility>
 
 #include "spine/contain/core.hpp"
 
@@ -106,48 +103,28 @@ lithe_contain_run_on:
 #endif
 
 namespace lithe::contain {
-namespace {
-
-constexpr std::size_t kMappingBytes = kLawStackBytes + 2 * kLawGuardBytes;
-
-}  // namespace
 
 Result<LawStack> LawStack::make() {
-  void* base = mmap(nullptr, kMappingBytes, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
-  if (base == MAP_FAILED) return Error{std::string("no memory for a law's stack: ") + std::strerror(errno)};
   LawStack stack;
-  stack.base_ = static_cast<std::byte*>(base);
-  std::byte* bottom = stack.base_ + kLawGuardBytes;
-  if (mprotect(bottom, kLawStackBytes, PROT_READ | PROT_WRITE) != 0) {
+  stack.memory_ = Mapping::make(kLawStackBytes + 2 * kLawGuardBytes, PROT_NONE, MAP_NORESERVE);
+  if (!stack.memory_ || mprotect(stack.memory_.bytes() + kLawGuardBytes, kLawStackBytes, PROT_READ | PROT_WRITE) != 0) {
     return Error{std::string("no memory for a law's stack: ") + std::strerror(errno)};
   }
+  std::byte* bottom = stack.memory_.bytes() + kLawGuardBytes;
   mlock(bottom, kLawStackBytes);  // without the right to lock it is at least resident now
   std::memset(bottom, 0, kLawStackBytes);
   return stack;
 }
 
-LawStack::LawStack(LawStack&& other) noexcept : base_(std::exchange(other.base_, nullptr)) {}
-
-LawStack& LawStack::operator=(LawStack&& other) noexcept {
-  std::swap(base_, other.base_);
-  return *this;
-}
-
-LawStack::~LawStack() {
-  if (base_ == nullptr) return;
-  forget_frames();
-  munmap(base_, kMappingBytes);
-}
-
 void LawStack::forget_frames() const LITHE_RT {
 #ifdef LITHE_ASAN
   LITHE_RT_EXEMPT("AddressSanitizer's own, in its builds only",
-                  { __asan_unpoison_memory_region(base_ + kLawGuardBytes, kLawStackBytes); });
+                  { __asan_unpoison_memory_region(memory_.bytes() + kLawGuardBytes, kLawStackBytes); });
 #endif
 }
 
 LITHE_LEFT_BY_A_JUMP void LawStack::run(FaultBarrier::Call call, void* context) LITHE_RT {
-  lithe_contain_run_on(base_ + kLawGuardBytes + kLawStackBytes, call, context, &way_back_);
+  lithe_contain_run_on(memory_.bytes() + kLawGuardBytes + kLawStackBytes, call, context, &way_back_);
 }
 
 }  // namespace lithe::contain

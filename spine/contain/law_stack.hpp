@@ -5,6 +5,7 @@
 #include <cstddef>
 
 #include "spine/contain/fault_barrier.hpp"
+#include "spine/core/mapping.hpp"
 #include "spine/core/result.hpp"
 
 // Called from the assembly in law_stack.cpp, on the law's stack.
@@ -20,25 +21,21 @@ inline constexpr std::size_t kLawStackBytes = std::size_t{256} << 10;
 // Guard area below and above; larger than the largest allowed frame, so that no frame skips it.
 inline constexpr std::size_t kLawGuardBytes = std::size_t{64} << 10;
 
-// Contract: made and freed off the tick · touched and locked
+// Contract: made and freed off the tick · touched and locked · forget_frames() before it is freed
 class LawStack {
  public:
   static Result<LawStack> make();
-  LawStack() = default;
-  LawStack(LawStack&& other) noexcept;
-  LawStack& operator=(LawStack&& other) noexcept;
-  ~LawStack();
 
   // Runs call(context) on it, with the protected memory closed. Returns through the data in `Core`: the law may have overwritten
   // its whole stack and the callee-saved registers.
   void run(FaultBarrier::Call call, void* context) LITHE_RT;
 
-  // After an ended call: tells AddressSanitizer that the abandoned frames are free.
+  // After an ended call, and the last one: tells AddressSanitizer that the abandoned frames are free.
   void forget_frames() const LITHE_RT;
 
  private:
   friend void* ::lithe_contain_way_back() noexcept;
-  std::byte* base_ = nullptr;
+  Mapping memory_;
   void* way_back_ = nullptr;  // the thread's own stack pointer, while a law runs
 };
 

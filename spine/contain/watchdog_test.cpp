@@ -11,8 +11,8 @@
 #include <thread>
 #include <vector>
 
-#include "spine/contain/bad_laws.hpp"
 #include "spine/contain/core.hpp"
+#include "spine/contain/test/bad_laws.hpp"
 #include "spine/contain/test/contain_rig.hpp"
 #include "spine/core/time.hpp"
 

@@ -9,10 +9,10 @@
 #include <vector>
 
 #include "spine/core/histogram.hpp"
-#include "spine/core/host.hpp"
-#include "spine/core/no_alloc/no_alloc.hpp"
-#include "spine/core/paths.hpp"
+#include "spine/core/host/paths.hpp"
+#include "spine/core/host/realtime.hpp"
 #include "spine/core/result.hpp"
+#include "spine/core/test/no_alloc.hpp"
 #include "spine/core/time.hpp"
 
 namespace lithe {

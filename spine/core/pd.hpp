@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <limits>
 
+#include "spine/core/joints.hpp"
 #include "spine/core/rt.hpp"
 
 namespace lithe {
@@ -33,10 +34,29 @@ struct Pd {
   }
 };
 
-// Joint j of a law's Effort, of the guard's output, or of a command to the drives.
+// Joint j of a law's Effort, or of the commands to the drives.
 template <class Joints>
 Pd pd_of(const Joints& all, std::size_t j) LITHE_RT {
   return {all.torque_nm[j], all.position_rad[j], all.velocity_rad_s[j], all.kp_nm_rad[j], all.kd_nm_s_rad[j]};
 }
+
+// What every drive is told: the output of the guard, sent as it is.
+struct JointCommands {
+  JointArray torque_nm{};     // feed-forward
+  JointArray position_rad{};  // of the drive's own PD loop; kNoTarget = none
+  JointArray velocity_rad_s{};
+  JointArray kp_nm_rad{};
+  JointArray kd_nm_s_rad{};
+  JointArray max_torque_nm{};  // torque limit of the drive itself
+
+  void set(std::size_t j, const Pd& pd, double most_nm) LITHE_RT {
+    torque_nm[j] = pd.torque_nm;
+    position_rad[j] = pd.target_rad;
+    velocity_rad_s[j] = pd.target_rad_s;
+    kp_nm_rad[j] = pd.kp_nm_rad;
+    kd_nm_s_rad[j] = pd.kd_nm_s_rad;
+    max_torque_nm[j] = most_nm;
+  }
+};
 
 }  // namespace lithe

@@ -57,69 +57,69 @@ Envelope::Range Envelope::flying() const LITHE_RT {
 }
 
 // kp pulls outwards what moves inwards, kd what slows down.
-Envelope::Drift Envelope::drift(const Seen& seen, double torque_nm, double kp_nm_rad, double kd_nm_s_rad) const
+Envelope::Drift Envelope::drift(const Measured& now, double torque_nm, double kp_nm_rad, double kd_nm_s_rad) const
     LITHE_RT {
   if (!on()) return {};
-  const double time_s = seen.age_s + reaction_s_;
+  const double time_s = now.age_s + reaction_s_;
   const double kd = std::max(kd_nm_s_rad, damping_nm_s_rad_) / brakes_.inertia_min_kg_m2;
-  const double v = seen.velocity_rad_s;
+  const double v = now.velocity_rad_s;
   return {.down_nm = time_s * (kp_nm_rad * std::max(v, 0.0) + kd * std::max(brakes_.load_nm + torque_nm, 0.0)),
           .up_nm = time_s * (kp_nm_rad * std::max(-v, 0.0) + kd * std::max(brakes_.load_nm - torque_nm, 0.0))};
 }
 
-robot::Stop Envelope::stop(const Seen& seen, const Range& flying, double torque_nm, bool up) const LITHE_RT {
+robot::Stop Envelope::stop(const Measured& now, const Range& flying, double torque_nm, bool up) const LITHE_RT {
   const double side = up ? 1 : -1;
-  return robot::stop_of(brakes_, side * seen.velocity_rad_s,
-                        {up ? flying.most_nm : -flying.least_nm, seen.age_s + reaction_s_},
+  return robot::stop_of(brakes_, side * now.velocity_rad_s,
+                        {up ? flying.most_nm : -flying.least_nm, now.age_s + reaction_s_},
                         {side * torque_nm, period_s_});
 }
 
-double Envelope::way_left_rad(const Seen& seen, bool up) const LITHE_RT {
-  return std::max(up ? position_max_rad_ - seen.position_rad : seen.position_rad - position_min_rad_, 0.0);
+double Envelope::way_left_rad(const Measured& now, bool up) const LITHE_RT {
+  return std::max(up ? position_max_rad_ - now.position_rad : now.position_rad - position_min_rad_, 0.0);
 }
 
-bool Envelope::stops(const Seen& seen, const Range& flying, double torque_nm, bool up) const LITHE_RT {
-  const robot::Stop found = stop(seen, flying, torque_nm, up);
-  return found.way_rad <= way_left_rad(seen, up) && found.peak_rad_s <= speed_max_rad_s_;
+bool Envelope::stops(const Measured& now, const Range& flying, double torque_nm, bool up) const LITHE_RT {
+  const robot::Stop found = stop(now, flying, torque_nm, up);
+  return found.way_rad <= way_left_rad(now, up) && found.peak_rad_s <= speed_max_rad_s_;
 }
 
 // From `torque_nm` towards `far_nm` until it stops.
-double Envelope::restrict(const Seen& seen, const Range& flying, double far_nm, double torque_nm, bool up) const
+double Envelope::restrict(const Measured& now, const Range& flying, double far_nm, double torque_nm, bool up) const
     LITHE_RT {
-  if (stops(seen, flying, torque_nm, up)) return torque_nm;
+  if (stops(now, flying, torque_nm, up)) return torque_nm;
   double good = far_nm, bad = torque_nm;
-  if (!stops(seen, flying, good, up)) return good;
+  if (!stops(now, flying, good, up)) return good;
   for (int i = 0; i < kBisections; ++i) {
     const double middle = 0.5 * (good + bad);
-    (stops(seen, flying, middle, up) ? good : bad) = middle;
+    (stops(now, flying, middle, up) ? good : bad) = middle;
   }
   return good;
 }
 
 // When no torque stops the joint on both sides: the torque with the same overrun on both sides.
-double Envelope::balance(const Seen& seen, const Range& flying, double least_nm, double most_nm) const LITHE_RT {
+double Envelope::balance(const Measured& now, const Range& flying, double least_nm, double most_nm) const LITHE_RT {
   for (int i = 0; i < kBisections; ++i) {
     const double middle = 0.5 * (least_nm + most_nm);
-    const double above = stop(seen, flying, middle, true).way_rad - way_left_rad(seen, true);
-    const double below = stop(seen, flying, middle, false).way_rad - way_left_rad(seen, false);
+    const double above = stop(now, flying, middle, true).way_rad - way_left_rad(now, true);
+    const double below = stop(now, flying, middle, false).way_rad - way_left_rad(now, false);
     (above > below ? most_nm : least_nm) = middle;
   }
   return 0.5 * (least_nm + most_nm);
 }
 
-double Envelope::bound_one(const Seen& seen, double least_nm, double wanted_nm, double most_nm, bool up) const
+double Envelope::bound_one(const Measured& now, double least_nm, double wanted_nm, double most_nm, bool up) const
     LITHE_RT {
-  return on() ? restrict(seen, flying(), up ? least_nm : most_nm, wanted_nm, up) : wanted_nm;
+  return on() ? restrict(now, flying(), up ? least_nm : most_nm, wanted_nm, up) : wanted_nm;
 }
 
-double Envelope::bound(const Seen& seen, double least_nm, double wanted_nm, double most_nm) const LITHE_RT {
+double Envelope::bound(const Measured& now, double least_nm, double wanted_nm, double most_nm) const LITHE_RT {
   if (!on()) return wanted_nm;
   const Range all = flying();
-  const bool up = seen.velocity_rad_s > 0;
-  const double other = restrict(seen, all, up ? most_nm : least_nm, wanted_nm, !up);
-  const double bounded = restrict(seen, all, up ? least_nm : most_nm, other, up);
-  if (bounded == wanted_nm || stop(seen, all, bounded, !up).way_rad <= way_left_rad(seen, !up)) return bounded;
-  return balance(seen, all, least_nm, most_nm);
+  const bool up = now.velocity_rad_s > 0;
+  const double other = restrict(now, all, up ? most_nm : least_nm, wanted_nm, !up);
+  const double bounded = restrict(now, all, up ? least_nm : most_nm, other, up);
+  if (bounded == wanted_nm || stop(now, all, bounded, !up).way_rad <= way_left_rad(now, !up)) return bounded;
+  return balance(now, all, least_nm, most_nm);
 }
 
 }  // namespace lithe::guard

@@ -12,8 +12,8 @@
 
 namespace lithe::guard {
 
-// Inputs for the next torque of a joint.
-struct Seen {
+// A joint as it was measured, or is predicted.
+struct Measured {
   double position_rad = 0;
   double velocity_rad_s = 0;
   double age_s = 0;  // of both
@@ -44,12 +44,12 @@ class Envelope {
   struct Drift {
     double down_nm = 0, up_nm = 0;
   };
-  Drift drift(const Seen& seen, double torque_nm, double kp_nm_rad, double kd_nm_s_rad) const LITHE_RT;
+  Drift drift(const Measured& now, double torque_nm, double kp_nm_rad, double kd_nm_s_rad) const LITHE_RT;
 
   // least_nm <= wanted_nm <= most_nm.
-  double bound(const Seen& seen, double least_nm, double wanted_nm, double most_nm) const LITHE_RT;
+  double bound(const Measured& now, double least_nm, double wanted_nm, double most_nm) const LITHE_RT;
   // The same of one limit alone: of a joint that is beyond the other one, or comes from there.
-  double bound_one(const Seen& seen, double least_nm, double wanted_nm, double most_nm, bool up) const LITHE_RT;
+  double bound_one(const Measured& now, double least_nm, double wanted_nm, double most_nm, bool up) const LITHE_RT;
 
   // Uncertainty of the joint's state when the next command takes effect.
   double unknown_rad(double ahead_s) const LITHE_RT { return 0.5 * ahead_s * unknown_rad_s(ahead_s); }
@@ -63,11 +63,11 @@ class Envelope {
     double least_nm = 0, most_nm = 0;
   };
 
-  robot::Stop stop(const Seen& seen, const Range& flying, double torque_nm, bool up) const LITHE_RT;
-  double way_left_rad(const Seen& seen, bool up) const LITHE_RT;
-  bool stops(const Seen& seen, const Range& flying, double torque_nm, bool up) const LITHE_RT;
-  double restrict(const Seen& seen, const Range& flying, double far_nm, double torque_nm, bool up) const LITHE_RT;
-  double balance(const Seen& seen, const Range& flying, double least_nm, double most_nm) const LITHE_RT;
+  robot::Stop stop(const Measured& now, const Range& flying, double torque_nm, bool up) const LITHE_RT;
+  double way_left_rad(const Measured& now, bool up) const LITHE_RT;
+  bool stops(const Measured& now, const Range& flying, double torque_nm, bool up) const LITHE_RT;
+  double restrict(const Measured& now, const Range& flying, double far_nm, double torque_nm, bool up) const LITHE_RT;
+  double balance(const Measured& now, const Range& flying, double least_nm, double most_nm) const LITHE_RT;
   Range flying() const LITHE_RT;
 
   robot::Brakes brakes_;

@@ -31,7 +31,7 @@ struct Joint {
   double ask(double wanted_nm) {
     envelope.in_flight(last_nm, last_nm);
     const double least = std::max(last_nm - kStep, -0.6), most = std::min(last_nm + kStep, 0.6);
-    last_nm = envelope.bound(seen, least, std::clamp(wanted_nm, least, most), most);
+    last_nm = envelope.bound(now, least, std::clamp(wanted_nm, least, most), most);
     return last_nm;
   }
   double settle(double wanted_nm) {
@@ -39,54 +39,54 @@ struct Joint {
     return last_nm;
   }
   Envelope envelope;
-  Seen seen;
+  Measured now;
   double last_nm = 0;
 };
 
 TEST(Envelope, FarFromTheLimitsNothingChanges) {
   Joint joint;
   EXPECT_EQ(joint.settle(0.6), 0.6);
-  joint.seen.velocity_rad_s = 20;
-  joint.seen.position_rad = -2.9;
+  joint.now.velocity_rad_s = 20;
+  joint.now.position_rad = -2.9;
   EXPECT_EQ(joint.settle(0.6), 0.6);
 }
 
 TEST(Envelope, WhatCouldNotStopAnyMoreIsBrakedFully) {
   Joint joint;
-  joint.seen = {1, 29, 0};
+  joint.now = {1, 29, 0};
   EXPECT_EQ(joint.settle(0.6), -0.6);
-  joint.seen = {-1, -29, 0};
+  joint.now = {-1, -29, 0};
   EXPECT_EQ(joint.settle(-0.6), 0.6) << "in the other direction as well";
 }
 
 TEST(Envelope, InwardTorqueIsFreeAtALimit) {
   Joint joint;
-  joint.seen = {2.999, 0, 0};
+  joint.now = {2.999, 0, 0};
   EXPECT_EQ(joint.settle(-0.3), -0.3);
   EXPECT_LT(joint.settle(0.6), 0.0) << "the largest load would push it beyond the limit";
 }
 
 TEST(Envelope, BeyondALimitItComesBackSlowly) {
   Joint joint;
-  joint.seen = {3.1, 0, 0};
+  joint.now = {3.1, 0, 0};
   const double back_nm = joint.settle(0.6);
   EXPECT_LT(back_nm, -0.165) << "more than the largest load";
-  joint.seen.velocity_rad_s = -6;
+  joint.now.velocity_rad_s = -6;
   EXPECT_GT(joint.settle(0.6), back_nm) << "that is fast enough";
 }
 
 TEST(Envelope, TheSpeedThatIsAFaultIsNotReached) {
   Joint joint;
-  joint.seen = {-3, 35.5, 0};
+  joint.now = {-3, 35.5, 0};
   EXPECT_LT(joint.settle(0.6), 0.6);
-  joint.seen.velocity_rad_s = 37;
+  joint.now.velocity_rad_s = 37;
   EXPECT_EQ(joint.settle(0.6), -0.6);
 }
 
 TEST(Envelope, AnOlderSampleBrakesEarlier) {
   Joint fresh, old;
-  fresh.seen = {0, 22, 0};
-  old.seen = {0, 22, 0.02};
+  fresh.now = {0, 22, 0};
+  old.now = {0, 22, 0.02};
   EXPECT_GT(fresh.settle(0.6), old.settle(0.6));
 }
 
@@ -94,7 +94,7 @@ TEST(Envelope, WithNothingKnownItBoundsNothing) {
   robot::RobotConfig robot = arm();
   robot.joints[0].inertia_max_kg_m2 = 0;
   Joint joint(robot);
-  joint.seen = {2.9, 29, 0};
+  joint.now = {2.9, 29, 0};
   EXPECT_EQ(joint.settle(0.6), 0.6);
 }
 

@@ -10,6 +10,7 @@ namespace {
 
 using wire::Fault;
 using wire::Mode;
+namespace flag = wire::telemetry_flag;
 
 double reciprocal(double width) { return 1.0 / std::max(width, 1.0e-9); }
 
@@ -20,20 +21,21 @@ double room(double distance, double per_width) LITHE_RT { return std::clamp(dist
 
 void Guard::configure(const robot::RobotConfig& robot) {
   joints_ = std::min(robot.joints.size(), kMaxJoints);
-  late_ticks_to_stop_ = robot.spine.late_ticks_to_stop;
-  brain_stale_ns_ = static_cast<std::int64_t>(robot.brain.stale_after_s * 1.0e9);
-  stop_when_brain_stale_ = robot.brain.on_stale == robot::StaleAction::safe_stop;
+  period_s_ = 1.0 / robot.rate_hz;
   const auto ticks_of = [&robot](double time_s) {
     return static_cast<std::uint64_t>(std::ceil(time_s * robot.rate_hz));
   };
-  period_s_ = 1.0 / robot.rate_hz;
-  brake_after_ticks_ = ticks_of(robot.guard.brake_after_s);
-  off_after_ticks_ = ticks_of(robot.guard.off_after_s);
-  soft_start_step_ = 1.0 / std::max(robot.guard.soft_start_s * robot.rate_hz, 1.0);
+  rules_ = {.late_ticks_to_stop = robot.spine.late_ticks_to_stop,
+            .brain_stale_ns = static_cast<std::int64_t>(robot.brain.stale_after_s * 1.0e9),
+            .stop_when_brain_stale = robot.brain.on_stale == robot::StaleAction::safe_stop,
+            .soft_start_step = 1.0 / std::max(robot.guard.soft_start_s * robot.rate_hz, 1.0),
+            .brake_after_ticks = ticks_of(robot.guard.brake_after_s),
+            .off_after_ticks = ticks_of(robot.guard.off_after_s),
+            .others_go_on = robot.guard.other_groups == robot::OtherGroups::go_on};
   for (std::size_t j = 0; j < joints_; ++j) {
     const robot::JointConfig& joint = robot.joints[j];
     const double fault_rad_s = joint.velocity_max_rad_s * robot.guard.velocity_overrun;
-    limits_[j] =
+    joint_[j].limit =
         Limits{.position_min_rad = joint.position_min_rad,
                .position_max_rad = joint.position_max_rad,
                .soft_stop_per_rad = reciprocal(robot.guard.soft_stop_rad),
@@ -49,7 +51,7 @@ void Guard::configure(const robot::RobotConfig& robot) {
                .blind_kd_nm_s_rad = joint.safe_kd_nm_s_rad,
                .blind_kd_step_nm_s_rad = joint.torque_slew_nm_s / robot.rate_hz / fault_rad_s,
                .must_be_homed = joint.must_be_homed};
-    envelope_[j].configure(robot, joint);
+    joint_[j].envelope.configure(robot, joint);
   }
   configure_groups(robot);
   safe_law_.configure(robot);
@@ -58,43 +60,37 @@ void Guard::configure(const robot::RobotConfig& robot) {
 }
 
 void Guard::configure_groups(const robot::RobotConfig& robot) {
-  others_go_on_ = robot.guard.other_groups == robot::OtherGroups::go_on;
   groups_ = 0;
   for (std::size_t j = 0; j < joints_; ++j) {
     const auto first = std::find_if(robot.joints.begin(), robot.joints.end(), [&](const robot::JointConfig& joint) {
       return joint.group == robot.joints[j].group;
     });
     const auto leader = static_cast<std::size_t>(first - robot.joints.begin());
-    group_of_[j] = leader < j ? group_of_[leader] : static_cast<std::uint8_t>(groups_++);
+    joint_[j].group = leader < j ? joint_[leader].group : static_cast<std::uint8_t>(groups_++);
   }
   forget_faults();
 }
 
 void Guard::reset_output() LITHE_RT {
-  last_nm_.fill(0.0);
-  last_.fill({});
-  at_envelope_.fill(false);
-  blind_kd_nm_s_rad_.fill(0.0);
   soft_start_ = 0;
   for (Group& group : group_) {
     group.ticks_at_rest = group.ticks_seen_at_rest = 0;
     group.rung = Rung::law;
   }
-  dispatched();
   for (std::size_t j = 0; j < joints_; ++j) {
+    Joint& joint = joint_[j];
+    joint.last = joint.sent = {};
+    joint.at_envelope = false;
+    joint.envelope.forget();
     safe_law_.rearm(j);
-    envelope_[j].forget();
   }
 }
 
 void Guard::dispatched() LITHE_RT {
-  for (std::size_t j = 0; j < joints_; ++j) {
-    sent_[j] = last_[j];
-    sent_blind_kd_nm_s_rad_[j] = blind_kd_nm_s_rad_[j];
-  }
+  for (std::size_t j = 0; j < joints_; ++j) joint_[j].sent = joint_[j].last;
 }
 
-Verdict Guard::check(const Input& in, Output& out) LITHE_RT {
+Verdict Guard::check(const Input& in, JointCommands& out) LITHE_RT {
   Verdict verdict;
   const Fault fault = judge(in, verdict);
   const bool driven =
@@ -102,11 +98,13 @@ Verdict Guard::check(const Input& in, Output& out) LITHE_RT {
   if (!driven) {
     for (std::size_t j = 0; j < joints_; ++j) {
       switch_off(j, out);
-      out.rung[j] = in.mode == Mode::estop ? group_[group_of_[j]].rung : Rung::law;
+      joint_[j].rung = in.mode == Mode::estop ? group_[joint_[j].group].rung : Rung::law;
     }
     return {.flags = verdict.flags};
   }
-  for (std::size_t j = 0; j < joints_; ++j) envelope_[j].in_flight(sent_[j].least_nm, sent_[j].most_nm);
+  for (std::size_t j = 0; j < joints_; ++j) {
+    joint_[j].envelope.in_flight(joint_[j].sent.least_nm, joint_[j].sent.most_nm);
+  }
   verdict.fault = fault;
   verdict.recovering = in.mode == Mode::recover;
   descend_all(in, verdict.use_safe_law);
@@ -115,14 +113,14 @@ Verdict Guard::check(const Input& in, Output& out) LITHE_RT {
     return verdict;
   }
   if (!verdict.use_safe_law) {
-    soft_start_ = std::min(soft_start_ + soft_start_step_, 1.0);
-    if (soft_start_ < 1) verdict.flags |= wire::telemetry_flag::kSoftStarting;
+    soft_start_ = std::min(soft_start_ + rules_.soft_start_step, 1.0);
+    if (soft_start_ < 1) verdict.flags |= flag::kSoftStarting;
   }
   for (std::size_t j = 0; j < joints_; ++j) {
-    out.rung[j] = group_[group_of_[j]].rung;
-    if (out.rung[j] == Rung::law) {
+    Rung& rung = joint_[j].rung = group_[joint_[j].group].rung;
+    if (rung == Rung::law) {
       apply_law(j, in, out, verdict.law_flags);
-    } else if (out.rung[j] == Rung::safe_law) {
+    } else if (rung == Rung::safe_law) {
       apply_safe_law(j, in, out, verdict.flags);
     } else {
       switch_off(j, out);
@@ -132,99 +130,90 @@ Verdict Guard::check(const Input& in, Output& out) LITHE_RT {
   return verdict;
 }
 
-// Braking takes power out of a joint and is not limited.
-double Guard::powered(std::size_t j, double torque_nm, double velocity_rad_s, std::uint32_t& flags) const LITHE_RT {
-  if (torque_nm * velocity_rad_s <= limits_[j].power_max_w) return torque_nm;
-  flags |= wire::telemetry_flag::kPowerClamped;
-  return limits_[j].power_max_w / velocity_rad_s;
-}
-
-Seen Guard::seen(std::size_t j, const Input& in) const LITHE_RT {
+Measured Guard::measured(std::size_t j, const Input& in) const LITHE_RT {
   constexpr std::int64_t kOldestNs = 1'000'000'000;
   return {in.position_rad[j], in.velocity_rad_s[j],
           1e-9 * static_cast<double>(std::clamp<std::int64_t>(in.sample_age_ns, 0, kOldestNs))};
 }
 
 // Predicted position when the next command reaches the drive.
-Seen Guard::ahead(const Seen& seen) const LITHE_RT {
-  return {seen.position_rad + seen.velocity_rad_s * (seen.age_s + period_s_), seen.velocity_rad_s, 0};
+Measured Guard::ahead(const Measured& now) const LITHE_RT {
+  return {now.position_rad + now.velocity_rad_s * (now.age_s + period_s_), now.velocity_rad_s, 0};
 }
 
-double Guard::bound(std::size_t j, double wanted_nm, const Seen& seen, double torque_max_nm, double step_nm,
-                    std::uint32_t& flags) LITHE_RT {
-  const Limits& limit = limits_[j];
+Guard::Reach Guard::reach(const Joint& joint, const Measured& now, double step_nm) const LITHE_RT {
+  const double most_nm = joint.limit.torque_max_nm;
+  const double now_nm = std::clamp(joint.sent.felt_nm(ahead(now)), -most_nm, most_nm);
+  return {now_nm, std::max(now_nm - step_nm, -most_nm), std::min(now_nm + step_nm, most_nm)};
+}
+
+double Guard::bound(Joint& joint, double wanted_nm, const Measured& now, double torque_max_nm, double step_nm,
+                    std::uint32_t& flags) const LITHE_RT {
+  const Limits& limit = joint.limit;
   const bool up = wanted_nm > 0;
   const double way_left_rad =
-      up ? limit.position_max_rad - seen.position_rad : seen.position_rad - limit.position_min_rad;
-  const double speed_left = limit.velocity_fault_rad_s - (up ? seen.velocity_rad_s : -seen.velocity_rad_s);
+      up ? limit.position_max_rad - now.position_rad : now.position_rad - limit.position_min_rad;
+  const double speed_left = limit.velocity_fault_rad_s - (up ? now.velocity_rad_s : -now.velocity_rad_s);
   const double position_room = room(way_left_rad, limit.soft_stop_per_rad);
   const double velocity_room = room(speed_left, limit.velocity_fade_s_rad);
   const double clamped = std::clamp(wanted_nm, -torque_max_nm, torque_max_nm);
-  const double faded = powered(j, clamped, seen.velocity_rad_s, flags) * position_room * velocity_room;
-  // Torque at the joint when the new command takes over.
-  const double now_nm = std::clamp(sent_[j].felt_nm(ahead(seen)), -limit.torque_max_nm, limit.torque_max_nm);
-  const double least_nm = std::max(now_nm - step_nm, -limit.torque_max_nm);
-  const double most_nm = std::min(now_nm + step_nm, limit.torque_max_nm);
-  const double slewed = std::clamp(faded, least_nm, most_nm);
-  const double bounded = envelope_[j].bound(seen, least_nm, slewed, most_nm);
+  // Braking takes power out of a joint and is not limited.
+  const bool strong = !(clamped * now.velocity_rad_s <= limit.power_max_w);
+  const double powered = strong ? limit.power_max_w / now.velocity_rad_s : clamped;
+  const double faded = powered * position_room * velocity_room;
+  const Reach within = reach(joint, now, step_nm);
+  const double slewed = std::clamp(faded, within.least_nm, within.most_nm);
+  const double bounded = joint.envelope.bound(now, within.least_nm, slewed, within.most_nm);
 
-  at_envelope_[j] = bounded != slewed;
-  if (clamped != wanted_nm) flags |= wire::telemetry_flag::kTorqueClamped;
-  if ((wanted_nm != 0 && position_room < 1) || at_envelope_[j]) flags |= wire::telemetry_flag::kPositionClamped;
-  if (wanted_nm != 0 && velocity_room < 1) flags |= wire::telemetry_flag::kVelocityClamped;
-  if (slewed != faded) flags |= wire::telemetry_flag::kSlewClamped;
+  joint.at_envelope = bounded != slewed;
+  if (strong) flags |= flag::kPowerClamped;
+  if (clamped != wanted_nm) flags |= flag::kTorqueClamped;
+  if ((wanted_nm != 0 && position_room < 1) || joint.at_envelope) flags |= flag::kPositionClamped;
+  if (wanted_nm != 0 && velocity_room < 1) flags |= flag::kVelocityClamped;
+  if (slewed != faded) flags |= flag::kSlewClamped;
   return bounded;
 }
 
-void Guard::remember(std::size_t j, const Seen& seen, Command command) LITHE_RT {
-  const double most_nm = limits_[j].torque_max_nm;
-  command.decided_nm = std::clamp(command.felt_nm(ahead(seen)), -most_nm, most_nm);
-  const Envelope::Drift drift = envelope_[j].drift(seen, command.decided_nm, command.kp_nm_rad, command.kd_nm_s_rad);
+void Guard::remember(Joint& joint, const Measured& now, Command command) const LITHE_RT {
+  const double most_nm = joint.limit.torque_max_nm;
+  command.decided_nm = std::clamp(command.felt_nm(ahead(now)), -most_nm, most_nm);
+  const Envelope::Drift drift = joint.envelope.drift(now, command.decided_nm, command.kp_nm_rad, command.kd_nm_s_rad);
   command.least_nm = std::max(command.decided_nm - drift.down_nm, -most_nm);
   command.most_nm = std::min(command.decided_nm + drift.up_nm, most_nm);
-  last_[j] = command;
-  last_nm_[j] = command.decided_nm;
-  blind_kd_nm_s_rad_[j] = 0.0;
-}
-
-Guard::Command Guard::wanted_pd(std::size_t j, const Effort& effort) const LITHE_RT {
-  const Limits& limit = limits_[j];
-  Command pd;
-  pd.torque_nm = effort.torque_nm[j];
-  pd.kp_nm_rad = has_target(effort.position_rad[j]) ? std::clamp(effort.kp_nm_rad[j], 0.0, limit.kp_max_nm_rad) : 0.0;
-  pd.kd_nm_s_rad = std::clamp(effort.kd_nm_s_rad[j], 0.0, limit.kd_max_nm_s_rad);
-  pd.target_rad = std::clamp(effort.position_rad[j], limit.position_min_rad, limit.position_max_rad);  // NaN stays NaN
-  pd.target_rad_s = std::clamp(effort.velocity_rad_s[j], -limit.velocity_max_rad_s, limit.velocity_max_rad_s);
-  return pd;
+  joint.last = command;
 }
 
 // Limits the gains of the drive's PD. They change only so fast that the uncertainty of the joint's next state is a
 // small part of a slew step; at the limits they are 0; and a stiffness may not change the torque with the joint's
 // motion faster than the slew bound. Returns the rest of the slew step.
-double Guard::settle_gains(std::size_t j, const Seen& seen, Command& command) const LITHE_RT {
+double Guard::settle_gains(const Joint& joint, const Measured& now, Command& command) const LITHE_RT {
   constexpr double kPart = 0.25;
-  const Limits& limit = limits_[j];
-  const double ahead_s = seen.age_s + period_s_;
-  const double unknown_rad = envelope_[j].unknown_rad(ahead_s), unknown_rad_s = envelope_[j].unknown_rad_s(ahead_s);
-  if (unknown_rad_s <= 0) return limit.slew_nm;
-  if (at_envelope_[j]) command.kp_nm_rad = command.kd_nm_s_rad = 0;
-  const double kp_step = kPart * limit.slew_nm / unknown_rad, kd_step = kPart * limit.slew_nm / unknown_rad_s;
-  const Command& sent = sent_[j];
-  command.kp_nm_rad = std::min(command.kp_nm_rad, limit.slew_nm / (period_s_ * std::abs(seen.velocity_rad_s) + 1e-12));
+  const double slew_nm = joint.limit.slew_nm, ahead_s = now.age_s + period_s_;
+  const double unknown_rad = joint.envelope.unknown_rad(ahead_s), unknown_rad_s = joint.envelope.unknown_rad_s(ahead_s);
+  if (unknown_rad_s <= 0) return slew_nm;
+  if (joint.at_envelope) command.kp_nm_rad = command.kd_nm_s_rad = 0;
+  const double kp_step = kPart * slew_nm / unknown_rad, kd_step = kPart * slew_nm / unknown_rad_s;
+  const Command& sent = joint.sent;
+  command.kp_nm_rad = std::min(command.kp_nm_rad, slew_nm / (period_s_ * std::abs(now.velocity_rad_s) + 1e-12));
   command.kp_nm_rad = std::clamp(command.kp_nm_rad, sent.kp_nm_rad - kp_step, sent.kp_nm_rad + kp_step);
   command.kd_nm_s_rad = std::clamp(command.kd_nm_s_rad, sent.kd_nm_s_rad - kd_step, sent.kd_nm_s_rad + kd_step);
-  return limit.slew_nm - std::abs(command.kp_nm_rad - sent.kp_nm_rad) * unknown_rad -
+  return slew_nm - std::abs(command.kp_nm_rad - sent.kp_nm_rad) * unknown_rad -
          std::abs(command.kd_nm_s_rad - sent.kd_nm_s_rad) * unknown_rad_s;
 }
 
-void Guard::apply_law(std::size_t j, const Input& in, Output& out, std::uint32_t& flags) LITHE_RT {
+void Guard::apply_law(std::size_t j, const Input& in, JointCommands& out, std::uint32_t& flags) LITHE_RT {
   safe_law_.rearm(j);
-  const Limits& limit = limits_[j];
-  const Seen now = seen(j, in), then = ahead(now);
-  Command command = wanted_pd(j, in.effort);
+  Joint& joint = joint_[j];
+  const Limits& limit = joint.limit;
+  const Measured now = measured(j, in), then = ahead(now);
+  Command command{pd_of(in.effort, j)};
+  command.kp_nm_rad = has_target(command.target_rad) ? std::clamp(command.kp_nm_rad, 0.0, limit.kp_max_nm_rad) : 0.0;
+  command.kd_nm_s_rad = std::clamp(command.kd_nm_s_rad, 0.0, limit.kd_max_nm_s_rad);
+  command.target_rad = std::clamp(command.target_rad, limit.position_min_rad, limit.position_max_rad);  // NaN stays NaN
+  command.target_rad_s = std::clamp(command.target_rad_s, -limit.velocity_max_rad_s, limit.velocity_max_rad_s);
   const double wanted_nm = command.felt_nm(then);
-  const double step_nm = settle_gains(j, now, command);
-  const double total_nm = bound(j, wanted_nm, now, limit.torque_max_nm * soft_start_, step_nm, flags);
+  const double step_nm = settle_gains(joint, now, command);
+  const double total_nm = bound(joint, wanted_nm, now, limit.torque_max_nm * soft_start_, step_nm, flags);
   // The feed-forward compensates the drive's PD beyond the bound; where it cannot, the gains are reduced.
   const double drive_nm = command.pd_nm(then);
   command.torque_nm = total_nm - drive_nm;
@@ -234,62 +223,81 @@ void Guard::apply_law(std::size_t j, const Input& in, Output& out, std::uint32_t
     command.kp_nm_rad *= share;
     command.kd_nm_s_rad *= share;
   }
-  remember(j, now, command);
-  out.torque_nm[j] = command.torque_nm;
-  out.position_rad[j] = command.target_rad;
-  out.velocity_rad_s[j] = command.target_rad_s;
-  out.kp_nm_rad[j] = command.kp_nm_rad;
-  out.kd_nm_s_rad[j] = command.kd_nm_s_rad;
+  remember(joint, now, command);
   // Also valid if no other command follows. Braking torque may exceed the soft-start limit of a law.
-  out.max_torque_nm[j] = std::max(limit.torque_max_nm * soft_start_, std::abs(total_nm));
+  out.set(j, command, std::max(limit.torque_max_nm * soft_start_, std::abs(total_nm)));
 }
 
-void Guard::apply_safe_law(std::size_t j, const Input& in, Output& out, std::uint32_t& flags) LITHE_RT {
-  out.position_rad[j] = kNoTarget;
-  out.velocity_rad_s[j] = 0.0;
-  out.kp_nm_rad[j] = 0.0;
-  out.kd_nm_s_rad[j] = 0.0;
-  out.max_torque_nm[j] = limits_[j].torque_max_nm;
-  if (!usable_[j]) {
+void Guard::apply_safe_law(std::size_t j, const Input& in, JointCommands& out, std::uint32_t& flags) LITHE_RT {
+  Joint& joint = joint_[j];
+  const double most_nm = joint.limit.torque_max_nm;
+  if (!joint.usable) {
     safe_law_.rearm(j);  // its old reference is too old to resume
     return brake_blindly(j, out, flags);
   }
-  const Seen now = seen(j, in);
+  const Measured now = measured(j, in);
   Command command;
-  const double step_nm = settle_gains(j, now, command);
+  const double step_nm = settle_gains(joint, now, command);
   command.kp_nm_rad = 0;  // the position target is the law's
   const double wanted_nm = safe_law_.torque_nm(j, now.position_rad, now.velocity_rad_s);
-  const double total_nm = bound(j, wanted_nm, now, limits_[j].torque_max_nm, step_nm, flags);
+  const double total_nm = bound(joint, wanted_nm, now, most_nm, step_nm, flags);
   command.torque_nm = total_nm - command.pd_nm(ahead(now));
-  remember(j, now, command);
-  out.torque_nm[j] = command.torque_nm;
-  out.kd_nm_s_rad[j] = command.kd_nm_s_rad;
+  remember(joint, now, command);
+  out.set(j, command, most_nm);
 }
 
 // Without a sample only the drive can brake the joint; without any torque it would fall.
-void Guard::brake_blindly(std::size_t j, Output& out, std::uint32_t& flags) LITHE_RT {
-  const double grown =
-      std::min(sent_blind_kd_nm_s_rad_[j] + limits_[j].blind_kd_step_nm_s_rad, limits_[j].blind_kd_nm_s_rad);
-  const Limits& limit = limits_[j];
+void Guard::brake_blindly(std::size_t j, JointCommands& out, std::uint32_t& flags) LITHE_RT {
+  Joint& joint = joint_[j];
+  const Limits& limit = joint.limit;
+  const double sent_nm = joint.sent.decided_nm, sent_kd = joint.sent.blind_kd_nm_s_rad;
   Command command;
-  command.torque_nm = command.decided_nm = last_nm_[j] =
-      std::copysign(std::max(std::abs(sent_[j].decided_nm) - limit.slew_nm, 0.0), sent_[j].decided_nm);
-  command.kd_nm_s_rad = sent_[j].decided_nm == 0.0 ? grown : sent_blind_kd_nm_s_rad_[j];
+  command.torque_nm = command.decided_nm = std::copysign(std::max(std::abs(sent_nm) - limit.slew_nm, 0.0), sent_nm);
+  command.kd_nm_s_rad =
+      sent_nm == 0.0 ? std::min(sent_kd + limit.blind_kd_step_nm_s_rad, limit.blind_kd_nm_s_rad) : sent_kd;
+  command.blind_kd_nm_s_rad = command.kd_nm_s_rad;
   const double damping_nm = std::min(command.kd_nm_s_rad * limit.velocity_fault_rad_s, limit.torque_max_nm);
   command.least_nm = command.torque_nm - damping_nm;
   command.most_nm = command.torque_nm + damping_nm;
-  if (command.torque_nm != 0) flags |= wire::telemetry_flag::kSlewClamped;
-  last_[j] = command;
-  out.torque_nm[j] = command.torque_nm;
-  out.kd_nm_s_rad[j] = blind_kd_nm_s_rad_[j] = command.kd_nm_s_rad;
+  if (command.torque_nm != 0) flags |= flag::kSlewClamped;
+  joint.last = command;
+  out.set(j, command, limit.torque_max_nm);
 }
 
-void Guard::switch_off(std::size_t j, Output& out) LITHE_RT {
+void Guard::switch_off(std::size_t j, JointCommands& out) LITHE_RT {
   safe_law_.rearm(j);
-  out.torque_nm[j] = out.velocity_rad_s[j] = out.kp_nm_rad[j] = out.kd_nm_s_rad[j] = out.max_torque_nm[j] = 0.0;
-  out.position_rad[j] = kNoTarget;
-  last_[j] = {};
-  last_nm_[j] = blind_kd_nm_s_rad_[j] = 0.0;
+  joint_[j].last = {};
+  out.set(j, {}, 0.0);
+}
+
+void Guard::start_recovery() LITHE_RT { recovery_.restart(); }
+
+// Slew-bounded from what each joint feels now, as every other output is, and bounded as every other by what still stops
+// before a limit: both, or of a joint that comes from beyond one of them, the other. So a load above the torque of the
+// recovery does not carry it through its range.
+void Guard::recover(const Input& in, JointCommands& out, Verdict& verdict) LITHE_RT {
+  verdict.recovered = true;
+  for (std::size_t j = 0; j < joints_; ++j) {
+    Joint& joint = joint_[j];
+    const Measured now = measured(j, in);
+    const Reach within = reach(joint, now, joint.limit.slew_nm);
+    const double wanted_nm = recovery_.torque_nm(j, now.position_rad, now.velocity_rad_s, within.now_nm);
+    const double slewed_nm = std::clamp(wanted_nm, within.least_nm, within.most_nm);
+    const int from = recovery_.from(j);
+    Command command;
+    command.torque_nm = from == 0 ? joint.envelope.bound(now, within.least_nm, slewed_nm, within.most_nm)
+                                  : joint.envelope.bound_one(now, within.least_nm, slewed_nm, within.most_nm, from < 0);
+    if (slewed_nm != wanted_nm) verdict.flags |= flag::kSlewClamped;
+    if (command.torque_nm != slewed_nm) verdict.flags |= flag::kPositionClamped;
+    safe_law_.rearm(j);
+    remember(joint, now, command);
+    joint.at_envelope = false;
+    joint.rung = Rung::law;
+    out.set(j, command, std::max(recovery_.torque_cap_nm(j), std::abs(command.torque_nm)));
+    verdict.recovered = verdict.recovered && recovery_.recovered(j);
+  }
+  if (!verdict.recovered) verdict.flags |= flag::kRecovering;
+  soft_start_ = recovery_.share();  // a law that follows has at least the torque that holds the joints now
 }
 
 }  // namespace lithe::guard

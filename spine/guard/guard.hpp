@@ -34,17 +34,6 @@ struct Input {
 // only `reset` leads back up.
 using wire::Rung;
 
-// The commands to the drives. Always finite (position kNoTarget = none) and within the limits, for any input.
-struct Output {
-  JointArray torque_nm{};
-  JointArray position_rad{};
-  JointArray velocity_rad_s{};
-  JointArray kp_nm_rad{};
-  JointArray kd_nm_s_rad{};
-  JointArray max_torque_nm{};           // torque limit of the drive itself
-  std::array<Rung, kMaxJoints> rung{};  // at brake and off the other fields are not used
-};
-
 struct Verdict {
   wire::Fault fault = wire::Fault::none;  // the worst fault; the loop must latch it
   std::uint32_t flags = 0;                // bits of wire::telemetry_flag
@@ -93,23 +82,26 @@ class Guard {
 
   // In mode recover, whatever the proposal, every joint is brought inside its limits (recovery.hpp). All that is a
   // fault of a joint in the mode active is one here, except its position; any fault of any joint stops all.
-  Verdict check(const Input& in, Output& out) LITHE_RT;
+  // `out`: always finite (position kNoTarget = none) and within the limits, for any input.
+  Verdict check(const Input& in, JointCommands& out) LITHE_RT;
+  // Of this joint in the last check; at brake and off its command is not used.
+  Rung rung(std::size_t joint) const LITHE_RT { return joint_[joint].rung; }
 
   // Call before the mode recover begins.
   void start_recovery() LITHE_RT;
   const Recovery& recovery() const LITHE_RT { return recovery_; }
 
-  // Expected torque at each joint by the last output.
-  const JointArray& expected_torque_nm() const LITHE_RT { return last_nm_; }
+  // Expected torque at the joint by the last output.
+  double expected_torque_nm(std::size_t joint) const LITHE_RT { return joint_[joint].last.decided_nm; }
 
   // In order of their first use in the robot file.
   std::span<const Group> groups() const LITHE_RT { return {group_.data(), groups_}; }
   bool any_stopped() const LITHE_RT { return any_stopped_; }
-  bool stopped(std::size_t joint) const LITHE_RT { return group_[group_of_[joint]].fault != wire::Fault::none; }
+  bool stopped(std::size_t joint) const LITHE_RT { return group_[joint_[joint].group].fault != wire::Fault::none; }
   // Of a law's output. For stopped joints it is ignored.
   bool is_finite(const Effort& effort) const LITHE_RT;
   // The first fault of this joint since the last reset.
-  wire::Fault joint_fault(std::size_t joint) const LITHE_RT { return joint_fault_[joint]; }
+  wire::Fault joint_fault(std::size_t joint) const LITHE_RT { return joint_[joint].fault; }
 
  private:
   struct Limits {
@@ -123,6 +115,38 @@ class Guard {
     double blind_kd_nm_s_rad, blind_kd_step_nm_s_rad;  // damping of an unusable joint, and its growth per tick
     bool must_be_homed;
   };
+  // For a joint without a usable sample, whose torque is unknown, only its damping is used.
+  struct Command : Pd {
+    double decided_nm = 0;             // the intended torque at the joint
+    double least_nm = 0, most_nm = 0;  // its range until another command acts
+    double blind_kd_nm_s_rad = 0;      // damping without a usable sample
+
+    double pd_nm(const Measured& at) const LITHE_RT { return Pd::pd_nm(at.position_rad, at.velocity_rad_s); }
+    double felt_nm(const Measured& at) const LITHE_RT { return Pd::felt_nm(at.position_rad, at.velocity_rad_s); }
+  };
+  struct Joint {
+    Limits limit{};
+    Envelope envelope;
+    bool at_envelope = false;  // in the last tick the envelope changed the law's torque
+    bool usable = false;       // the sample of this tick
+    Command last, sent;        // by the last output, and by the last one that was dispatched
+    wire::Fault fault = wire::Fault::none;
+    Rung rung = Rung::law;
+    std::uint8_t group = 0;
+  };
+  // Of the whole robot, from its file.
+  struct Rules {
+    std::uint32_t late_ticks_to_stop = 20;
+    std::int64_t brain_stale_ns = 0;
+    bool stop_when_brain_stale = false;
+    double soft_start_step = 1;
+    std::uint64_t brake_after_ticks = 0, off_after_ticks = 0;  // at rest in the safe stop; 0 = never
+    bool others_go_on = false;
+  };
+  // Torques that the slew bound allows, around what the joint feels when the new command takes over.
+  struct Reach {
+    double now_nm, least_nm, most_nm;
+  };
 
   void configure_groups(const robot::RobotConfig& robot);
 
@@ -131,57 +155,35 @@ class Guard {
   wire::Fault judge_joints(const Input& in, bool too_late) LITHE_RT;
   wire::Fault judge_joint(const Input& in, std::size_t j) const LITHE_RT;
   wire::Fault judge_robot(const Input& in, bool too_late, std::uint32_t& flags) const LITHE_RT;
-  void latch(std::size_t j, wire::Fault fault) LITHE_RT;
+  void latch(const Joint& joint, std::size_t j, wire::Fault fault) LITHE_RT;
   void descend(Group& group, bool at_rest, bool seen_at_rest) LITHE_RT;
   void descend_all(const Input& in, bool all) LITHE_RT;
 
-  void apply_law(std::size_t j, const Input& in, Output& out, std::uint32_t& flags) LITHE_RT;
-  void apply_safe_law(std::size_t j, const Input& in, Output& out, std::uint32_t& flags) LITHE_RT;
-  void brake_blindly(std::size_t j, Output& out, std::uint32_t& flags) LITHE_RT;
-  void recover(const Input& in, Output& out, Verdict& verdict) LITHE_RT;
-  void switch_off(std::size_t j, Output& out) LITHE_RT;
-  struct Command : Pd {
-    double decided_nm = 0;             // the intended torque at the joint
-    double least_nm = 0, most_nm = 0;  // its range until another command acts
+  void apply_law(std::size_t j, const Input& in, JointCommands& out, std::uint32_t& flags) LITHE_RT;
+  void apply_safe_law(std::size_t j, const Input& in, JointCommands& out, std::uint32_t& flags) LITHE_RT;
+  void brake_blindly(std::size_t j, JointCommands& out, std::uint32_t& flags) LITHE_RT;
+  void recover(const Input& in, JointCommands& out, Verdict& verdict) LITHE_RT;
+  void switch_off(std::size_t j, JointCommands& out) LITHE_RT;
 
-    double pd_nm(const Seen& at) const LITHE_RT { return Pd::pd_nm(at.position_rad, at.velocity_rad_s); }
-    double felt_nm(const Seen& at) const LITHE_RT { return Pd::felt_nm(at.position_rad, at.velocity_rad_s); }
-  };
-
-  double powered(std::size_t j, double torque_nm, double velocity_rad_s, std::uint32_t& flags) const LITHE_RT;
-  Seen seen(std::size_t j, const Input& in) const LITHE_RT;
-  Seen ahead(const Seen& seen) const LITHE_RT;
-  Command wanted_pd(std::size_t j, const Effort& effort) const LITHE_RT;
-  double settle_gains(std::size_t j, const Seen& seen, Command& command) const LITHE_RT;
+  Measured measured(std::size_t j, const Input& in) const LITHE_RT;
+  Measured ahead(const Measured& now) const LITHE_RT;
+  Reach reach(const Joint& joint, const Measured& now, double step_nm) const LITHE_RT;
+  double settle_gains(const Joint& joint, const Measured& now, Command& command) const LITHE_RT;
   // The torque nearest to `wanted_nm` within limits and slew.
-  double bound(std::size_t j, double wanted_nm, const Seen& seen, double torque_max_nm, double step_nm,
-               std::uint32_t& flags) LITHE_RT;
-  void remember(std::size_t j, const Seen& seen, Command command) LITHE_RT;
+  double bound(Joint& joint, double wanted_nm, const Measured& now, double torque_max_nm, double step_nm,
+               std::uint32_t& flags) const LITHE_RT;
+  void remember(Joint& joint, const Measured& now, Command command) const LITHE_RT;
 
-  std::array<Limits, kMaxJoints> limits_{};
+  Rules rules_;
   std::size_t joints_ = 0;
-  std::uint32_t late_ticks_to_stop_ = 20;
-  std::int64_t brain_stale_ns_ = 0;
-  bool stop_when_brain_stale_ = false;
   double period_s_ = 0.001;
-  double soft_start_ = 1, soft_start_step_ = 1;                // share of the torque limits that a law may use
-  std::uint64_t brake_after_ticks_ = 0, off_after_ticks_ = 0;  // at rest in the safe stop; 0 = never
-  SafeLaw safe_law_;
-  Recovery recovery_;
-  bool others_go_on_ = false;
-  bool any_stopped_ = false;  // a group, latched
+  std::array<Joint, kMaxJoints> joint_{};
   std::size_t groups_ = 0;
   std::array<Group, kMaxJoints> group_{};
-  std::array<std::uint8_t, kMaxJoints> group_of_{};  // by joint
-  std::array<wire::Fault, kMaxJoints> joint_fault_{};
-  std::array<Envelope, kMaxJoints> envelope_;
-  std::array<bool, kMaxJoints> at_envelope_{};  // in the last tick the envelope changed the law's torque
-  JointArray last_nm_{};
-  // By the last output, and by the last one that was dispatched. For a joint without a usable sample, whose torque is
-  // unknown, only its damping is used.
-  std::array<Command, kMaxJoints> last_{}, sent_{};
-  JointArray blind_kd_nm_s_rad_{}, sent_blind_kd_nm_s_rad_{};
-  std::array<bool, kMaxJoints> usable_{};
+  bool any_stopped_ = false;  // a group, latched
+  double soft_start_ = 1;     // share of the torque limits that a law may use
+  SafeLaw safe_law_;
+  Recovery recovery_;
 };
 
 }  // namespace lithe::guard

@@ -96,7 +96,7 @@ TEST(GuardInvariant, OutputIsFiniteAndWithinLimitsForAnyBitsWhatsoever) {
       ASSERT_TRUE(bench.out.kp_nm_rad[j] >= 0 && bench.out.kp_nm_rad[j] <= 50);
       ASSERT_TRUE(bench.out.kd_nm_s_rad[j] >= 0 && bench.out.kd_nm_s_rad[j] <= 2);
       ASSERT_TRUE(bench.out.max_torque_nm[j] >= 0 && bench.out.max_torque_nm[j] <= 1);
-      ASSERT_LE(std::abs(bench.guard.expected_torque_nm()[j]), 1.0);
+      ASSERT_LE(std::abs(bench.guard.expected_torque_nm(j)), 1.0);
     }
   }
 }

@@ -43,14 +43,14 @@ bool is_sane(const Input& in, std::size_t j) LITHE_RT {
 
 void Guard::forget_faults() LITHE_RT {
   group_.fill({});
-  joint_fault_.fill(Fault::none);
+  for (Joint& joint : joint_) joint.fault = Fault::none;
   any_stopped_ = false;
 }
 
 // The worst fault of this tick, without earlier faults of groups that the robot continues without.
 Fault Guard::judge(const Input& in, Verdict& verdict) LITHE_RT {
   for (std::size_t g = 0; g < groups_; ++g) group_[g].news = false;
-  const bool too_late = in.stale_ticks >= late_ticks_to_stop_;
+  const bool too_late = in.stale_ticks >= rules_.late_ticks_to_stop;
   const Fault of_joints = judge_joints(in, too_late);
   const Fault of_all = judge_robot(in, too_late, verdict.flags);
   bool all_stopped = true;
@@ -59,7 +59,8 @@ Fault Guard::judge(const Input& in, Verdict& verdict) LITHE_RT {
     all_stopped = all_stopped && group_[g].fault != Fault::none;
     if (group_[g].news) news = worse(news, group_[g].fault);
   }
-  const bool joints_stop_all = of_joints != Fault::none && (!others_go_on_ || all_stopped || in.mode == Mode::recover);
+  const bool joints_stop_all =
+      of_joints != Fault::none && (!rules_.others_go_on || all_stopped || in.mode == Mode::recover);
   verdict.use_safe_law = of_all != Fault::none || joints_stop_all || in.mode == Mode::safe_stop;
   if (any_stopped_ && !verdict.use_safe_law) verdict.flags |= wire::telemetry_flag::kGroupStopped;
   if (news == Fault::none && of_all == Fault::none && verdict.use_safe_law) news = of_joints;
@@ -70,20 +71,21 @@ Fault Guard::judge(const Input& in, Verdict& verdict) LITHE_RT {
 Fault Guard::judge_joints(const Input& in, bool too_late) LITHE_RT {
   Fault worst = Fault::none;
   for (std::size_t j = 0; j < joints_; ++j) {
-    usable_[j] = !too_late && is_sane(in, j) && (in.joint_status[j] & (bit::kLost | bit::kConflict)) == 0;
+    Joint& joint = joint_[j];
+    joint.usable = !too_late && is_sane(in, j) && (in.joint_status[j] & (bit::kLost | bit::kConflict)) == 0;
     const Fault fault = judge_joint(in, j);
     if (fault == Fault::none) continue;
     worst = worse(worst, fault);
-    const bool told = joint_fault_[j] != Fault::none;
-    if (!told && (latches(in.mode) || in.mode == Mode::safe_stop)) joint_fault_[j] = fault;
-    if (latches(in.mode)) latch(j, fault);
+    const bool told = joint.fault != Fault::none;
+    if (!told && (latches(in.mode) || in.mode == Mode::safe_stop)) joint.fault = fault;
+    if (latches(in.mode)) latch(joint, j, fault);
   }
   return worst;
 }
 
 Fault Guard::judge_joint(const Input& in, std::size_t j) const LITHE_RT {
   const std::uint32_t status = in.joint_status[j];
-  const Limits& limit = limits_[j];
+  const Limits& limit = joint_[j].limit;
   if ((status & bit::kFault) != 0) return Fault::drive_fault;
   if ((status & bit::kWatchdog) != 0) return Fault::drive_watchdog;
   if ((status & bit::kConflict) != 0) return Fault::drive_conflict;
@@ -98,8 +100,8 @@ Fault Guard::judge_joint(const Input& in, std::size_t j) const LITHE_RT {
 }
 
 // The first fault of a group is kept.
-void Guard::latch(std::size_t j, Fault fault) LITHE_RT {
-  Group& group = group_[group_of_[j]];
+void Guard::latch(const Joint& joint, std::size_t j, Fault fault) LITHE_RT {
+  Group& group = group_[joint.group];
   if (group.fault != Fault::none) return;
   group.fault = fault;
   group.joint = static_cast<std::uint8_t>(j);
@@ -109,13 +111,13 @@ void Guard::latch(std::size_t j, Fault fault) LITHE_RT {
 // Faults of the whole robot.
 Fault Guard::judge_robot(const Input& in, bool too_late, std::uint32_t& flags) const LITHE_RT {
   if (in.stale_ticks > 0) flags |= wire::telemetry_flag::kSampleStale;
-  const bool brain_stale = in.brain_age_ns < 0 || in.brain_age_ns > brain_stale_ns_;
+  const bool brain_stale = in.brain_age_ns < 0 || in.brain_age_ns > rules_.brain_stale_ns;
   if (brain_stale) flags |= wire::telemetry_flag::kBrainStale;
   const bool finite = !law_runs(in.mode) || is_finite(in.effort);
   if (!finite) flags |= wire::telemetry_flag::kNotFinite;
   if (too_late) return Fault::sample_stale;
   if (!finite) return Fault::law_not_finite;
-  const bool needs_brain = stop_when_brain_stale_ && in.mode != Mode::recover;
+  const bool needs_brain = rules_.stop_when_brain_stale && in.mode != Mode::recover;
   return brain_stale && needs_brain ? Fault::brain_stale : Fault::none;
 }
 
@@ -137,9 +139,9 @@ bool Guard::is_finite(const Effort& effort) const LITHE_RT {
 void Guard::descend_all(const Input& in, bool all) LITHE_RT {
   std::array<bool, kMaxJoints> moves{}, unseen{};
   for (std::size_t j = 0; j < joints_; ++j) {
-    const std::size_t g = group_of_[j];
-    moves[g] = moves[g] || (usable_[j] && std::abs(in.velocity_rad_s[j]) >= kAtRestRadS);
-    unseen[g] = unseen[g] || !usable_[j];
+    const std::size_t g = joint_[j].group;
+    moves[g] = moves[g] || (joint_[j].usable && std::abs(in.velocity_rad_s[j]) >= kAtRestRadS);
+    unseen[g] = unseen[g] || !joint_[j].usable;
   }
   for (std::size_t g = 0; g < groups_; ++g) {
     Group& group = group_[g];
@@ -154,8 +156,8 @@ void Guard::descend_all(const Input& in, bool all) LITHE_RT {
 }
 
 void Guard::descend(Group& group, bool at_rest, bool seen_at_rest) LITHE_RT {
-  const bool braked = brake_after_ticks_ != 0 && group.ticks_at_rest >= brake_after_ticks_;
-  const bool off = off_after_ticks_ != 0 && group.ticks_seen_at_rest >= off_after_ticks_;
+  const bool braked = rules_.brake_after_ticks != 0 && group.ticks_at_rest >= rules_.brake_after_ticks;
+  const bool off = rules_.off_after_ticks != 0 && group.ticks_seen_at_rest >= rules_.off_after_ticks;
   // A push does not leave the rung `brake`.
   group.ticks_at_rest = at_rest || braked ? group.ticks_at_rest + 1 : 0;
   group.ticks_seen_at_rest = seen_at_rest || off ? group.ticks_seen_at_rest + 1 : 0;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "spine/core/pd.hpp"
 #include "spine/robot/limits/stopping.hpp"
 
 namespace lithe::guard {
@@ -53,8 +54,8 @@ double SafeLaw::torque_nm(std::size_t index, double position_rad, double velocit
 
   const bool at_rest = joint.reference_rad_s == 0;
   const double stiffness = at_rest && !hold_ ? 0.0 : joint.kp_nm_rad;
-  return stiffness * (joint.reference_rad - position_rad) +
-         joint.kd_nm_s_rad * (joint.reference_rad_s - velocity_rad_s);
+  const Pd pd{0.0, joint.reference_rad, joint.reference_rad_s, stiffness, joint.kd_nm_s_rad};
+  return pd.pd_nm(position_rad, velocity_rad_s);
 }
 
 }  // namespace lithe::guard

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "spine/core/joints.hpp"
+#include "spine/core/pd.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/hal/core/drive.hpp"
 #include "spine/robot/config.hpp"
@@ -15,18 +16,12 @@
 namespace lithe::hal {
 
 // One command for the whole robot, in joint coordinates (after sign, zero and ratio). The first `joints` entries count.
-struct ActuatorCommand {
+struct ActuatorCommand : JointCommands {
   std::uint64_t tick = 0;
   std::uint32_t joints = 0;
   std::array<DriveAction, kMaxJoints> action{};
   bool clear_faults = false;      // after `reset`: drives that are off clear their faults
   bool reset_simulation = false;  // simulated joints go back to their start; real ones ignore it
-  JointArray torque_nm{};         // feed-forward
-  JointArray position_rad{};      // of the drive's own PD loop; kNoTarget = none
-  JointArray velocity_rad_s{};
-  JointArray kp_nm_rad{};
-  JointArray kd_nm_s_rad{};
-  JointArray max_torque_nm{};
 
   void act(DriveAction all) LITHE_RT { action.fill(all); }
 };

@@ -5,7 +5,7 @@
 #include <memory>
 
 #include "spine/ipc/channel.hpp"
-#include "spine/ipc/halfway.hpp"
+#include "spine/ipc/test/halfway.hpp"
 
 namespace lithe::ipc {
 namespace {

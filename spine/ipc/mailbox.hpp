@@ -11,7 +11,7 @@
 
 namespace lithe::ipc {
 
-// The sender's half, in the sender's segment. CommandTicket n (from 1, its ticket) lies at (n - 1) % N.
+// The sender's half, in the sender's segment. Letter n (from 1, its ticket) lies at (n - 1) % N.
 template <Payload T, std::size_t N>
   requires(N >= 2 && (N & (N - 1)) == 0)
 struct MailboxMemory {

@@ -8,7 +8,7 @@
 #include <random>
 #include <thread>
 
-#include "spine/ipc/halfway.hpp"
+#include "spine/ipc/test/halfway.hpp"
 
 namespace lithe::ipc {
 namespace {

@@ -90,101 +90,72 @@ Result<> check(const std::string& path, const unsigned char* data, std::size_t s
 
 }  // namespace
 
-Lease::~Lease() {
-  if (fd_ >= 0) close(fd_);
-}
-
-Lease& Lease::operator=(Lease&& other) noexcept {
-  std::swap(fd_, other.fd_);
-  return *this;
-}
-
 Result<std::optional<Lease>> Lease::try_take(const std::string& segment_path) {
   const std::string path = segment_path + ".lock";
-  const int fd = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0660);
-  if (fd < 0) return system_error(path, "cannot open the lock file", "check the rights of /dev/shm");
-  share_with_group(fd);
-  for (int tries = 1; flock(fd, LOCK_EX | LOCK_NB) != 0; ++tries) {
-    if (tries == kMostTries) {
-      close(fd);
-      return std::optional<Lease>();
-    }
+  Fd lock(open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0660));
+  if (!lock) return system_error(path, "cannot open the lock file", "check the rights of /dev/shm");
+  share_with_group(lock.get());
+  for (int tries = 1; flock(lock.get(), LOCK_EX | LOCK_NB) != 0; ++tries) {
+    if (tries == kMostTries) return std::optional<Lease>();
     usleep(kTryAgainUs);
   }
-  return std::optional<Lease>(Lease(fd));
+  return std::optional<Lease>(Lease(std::move(lock)));
 }
 
 bool Lease::is_held(const std::string& segment_path) {
   const std::string path = segment_path + ".lock";
-  const int fd = open(path.c_str(), O_RDWR | O_CLOEXEC);
-  if (fd < 0) return errno == EACCES && may_be_locked(path);
-  const bool held = flock(fd, LOCK_SH | LOCK_NB) != 0;  // shared: two checks at the same time do not see each other
-  close(fd);
-  return held;
+  const Fd lock(open(path.c_str(), O_RDWR | O_CLOEXEC));
+  if (!lock) return errno == EACCES && may_be_locked(path);
+  return flock(lock.get(), LOCK_SH | LOCK_NB) != 0;  // shared: two checks at the same time do not see each other
 }
 
-Mapping::~Mapping() {
-  if (data_ != nullptr) munmap(data_, size_);
-}
-
-Result<> Mapping::make_read_only() const {
-  if (mprotect(data_, size_, PROT_READ) == 0) return done();
+Result<> make_read_only(const Mapping& mapping) {
+  if (mprotect(mapping.data(), mapping.size(), PROT_READ) == 0) return done();
   return Error{std::string("a segment stays writable: ") + std::strerror(errno)};
 }
 
-Mapping::Mapping(Mapping&& other) noexcept
-    : data_(std::exchange(other.data_, nullptr)), size_(std::exchange(other.size_, 0)) {}
-
-Mapping& Mapping::operator=(Mapping&& other) noexcept {
-  std::swap(data_, other.data_);
-  std::swap(size_, other.size_);
-  return *this;
-}
-
-Result<Mapping> Mapping::create(const std::string& path, std::size_t bytes) {
+Result<Mapping> create_mapping(const std::string& path, std::size_t bytes) {
   const std::string making = path + "." + std::to_string(getpid());
   unlink(making.c_str());  // left by a process that died while making it, and had our pid
-  const int fd = open(making.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0660);
-  if (fd < 0) return system_error(making, "cannot create shared memory", "check the rights and the space of /dev/shm");
-  share_with_group(fd);
+  const Fd file(open(making.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0660));
+  if (!file) return system_error(making, "cannot create shared memory", "check the rights and the space of /dev/shm");
+  share_with_group(file.get());
   const std::size_t size = total_bytes(bytes);
   // posix_fallocate and not ftruncate: a full /dev/shm must fail here and not as a SIGBUS in the tick.
-  errno = posix_fallocate(fd, 0, static_cast<off_t>(size));
-  void* data = errno == 0 ? mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, fd, 0) : MAP_FAILED;
-  close(fd);
+  errno = posix_fallocate(file.get(), 0, static_cast<off_t>(size));
+  void* data =
+      errno == 0 ? mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, file.get(), 0) : MAP_FAILED;
   if (data == MAP_FAILED) {
     Error error = system_error(making, "cannot get " + std::to_string(size) + " bytes of shared memory",
                                "free some space in /dev/shm");
     unlink(making.c_str());
     return error;
   }
-  auto* text = static_cast<unsigned char*>(data) + bytes;
-  std::memcpy(text, wire::kCanonicalSchema.data(), wire::kCanonicalSchema.size());
+  Mapping mapping(data, size);
+  std::memcpy(mapping.bytes() + bytes, wire::kCanonicalSchema.data(), wire::kCanonicalSchema.size());
   fill_header(*static_cast<wire::SegmentHeader*>(data), bytes);
   if (rename(making.c_str(), path.c_str()) != 0) {
     Error error = system_error(path, "cannot put the segment in place", "check the rights of /dev/shm");
-    munmap(data, size);
     unlink(making.c_str());
     return error;
   }
-  return Mapping(data, size);
+  return mapping;
 }
 
-Result<Mapping> Mapping::attach(const std::string& path, std::size_t bytes, Access access) {
+Result<Mapping> attach_mapping(const std::string& path, std::size_t bytes, Access access) {
   const bool write = access == Access::write;
-  const int fd = open(path.c_str(), (write ? O_RDWR : O_RDONLY) | O_CLOEXEC);
-  if (fd < 0) {
+  const Fd file(open(path.c_str(), (write ? O_RDWR : O_RDONLY) | O_CLOEXEC));
+  if (!file) {
     return system_error(path, "cannot open shared memory",
                         errno == ENOENT ? "start the robot first: lithe run ROBOT.toml" : "are you in group 'lithe'?");
   }
   struct stat status{};
-  if (fstat(fd, &status) != 0 || static_cast<std::size_t>(status.st_size) < sizeof(Header)) {
-    close(fd);
+  if (fstat(file.get(), &status) != 0 || static_cast<std::size_t>(status.st_size) < sizeof(Header)) {
     return Error{path + ": too short for a LITHE segment; remove the file and start the robot again"};
   }
   const auto size = static_cast<std::size_t>(status.st_size);
-  void* data = mmap(nullptr, size, write ? PROT_READ | PROT_WRITE : PROT_READ, MAP_SHARED | MAP_POPULATE, fd, 0);
-  close(fd);
+  void* data =
+      mmap(nullptr, size, write ? PROT_READ | PROT_WRITE : PROT_READ, MAP_SHARED | MAP_POPULATE, file.get(), 0);
   if (data == MAP_FAILED) return system_error(path, "cannot map shared memory", "check `ulimit -v`");
   Mapping mapping(data, size);
   if (size < bytes) {

@@ -9,7 +9,9 @@
 #include <string_view>
 #include <utility>
 
-#include "spine/core/paths.hpp"
+#include "spine/core/host/fd.hpp"
+#include "spine/core/host/paths.hpp"
+#include "spine/core/mapping.hpp"
 #include "spine/core/result.hpp"
 #include "spine/ipc/layout.hpp"
 
@@ -20,11 +22,6 @@ namespace lithe::ipc {
 // Contract: movable · never in the tick
 class Lease {
  public:
-  Lease() = default;
-  ~Lease();
-  Lease(Lease&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-  Lease& operator=(Lease&& other) noexcept;
-
   // Empty if another process holds it, also at a second try: a check holds it for an instant. An error if the lock file
   // cannot be made.
   static Result<std::optional<Lease>> try_take(const std::string& segment_path);
@@ -33,39 +30,19 @@ class Lease {
   static bool is_held(const std::string& segment_path);
 
  private:
-  explicit Lease(int fd) : fd_(fd) {}
-  int fd_ = -1;
+  explicit Lease(Fd lock) : lock_(std::move(lock)) {}
+  Fd lock_;
 };
 
 enum class Access { read, write };
 
-// The untyped half of Segment.
-// Contract: owns the mapping · movable · never in the tick
-class Mapping {
- public:
-  Mapping() = default;
-  ~Mapping();
-  Mapping(Mapping&& other) noexcept;
-  Mapping& operator=(Mapping&& other) noexcept;
-
-  // A fresh object of `bytes` zeros and a filled header, built under a temporary name and renamed, so that no process
-  // sees it incomplete. Mode 0660, group `lithe` where there is one.
-  static Result<Mapping> create(const std::string& path, std::size_t bytes);
-  // Maps what is there after checking magic, size and layout. A different layout is refused with the fields that
-  // differ.
-  static Result<Mapping> attach(const std::string& path, std::size_t bytes, Access access);
-
-  // Makes it read-only for this process: for a creator of a segment that others write.
-  Result<> make_read_only() const;
-
-  void* data() const { return data_; }
-  std::size_t size() const { return size_; }
-
- private:
-  Mapping(void* data, std::size_t size) : data_(data), size_(size) {}
-  void* data_ = nullptr;
-  std::size_t size_ = 0;
-};
+// A fresh object of `bytes` zeros and a filled header, built under a temporary name and renamed, so that no process sees
+// it incomplete. Mode 0660, group `lithe` where there is one.
+Result<Mapping> create_mapping(const std::string& path, std::size_t bytes);
+// Maps what is there after checking magic, size and layout. A different layout is refused with the fields that differ.
+Result<Mapping> attach_mapping(const std::string& path, std::size_t bytes, Access access);
+// Makes it read-only for this process: for a creator of a segment that others write.
+Result<> make_read_only(const Mapping& mapping);
 
 // Text with the schema lines that `theirs` lacks or has differently; empty if all our fields match. A schema that only
 // grew at its end passes.
@@ -77,9 +54,9 @@ class Segment {
  public:
   static std::string path(std::string_view robot) { return shm_path(robot, Memory::kName); }
 
-  static Result<Segment> create(std::string_view robot) { return wrap(Mapping::create(path(robot), sizeof(Memory))); }
+  static Result<Segment> create(std::string_view robot) { return wrap(create_mapping(path(robot), sizeof(Memory))); }
   static Result<Segment> attach(std::string_view robot, Access access) {
-    return wrap(Mapping::attach(path(robot), sizeof(Memory), access));
+    return wrap(attach_mapping(path(robot), sizeof(Memory), access));
   }
 
   Memory& operator*() const { return *static_cast<Memory*>(mapping_.data()); }

@@ -18,7 +18,7 @@
 #include <string>
 #include <thread>
 
-#include "spine/ipc/halfway.hpp"
+#include "spine/ipc/test/halfway.hpp"
 
 namespace lithe::ipc {
 namespace {

@@ -4,42 +4,52 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 
 namespace lithe::law {
 namespace {
 
-struct Shape {
-  std::uint32_t bits;  // number of bits it holds exactly: 53 for a double
-  bool is_signed, is_float;
-};
-
-Shape shape(FieldKind kind) {
+// What f gives for a value of the kind's type; {} for kinds that are carried as they are or not at all.
+template <class F>
+auto with_type(FieldKind kind, F f) LITHE_RT {
   switch (kind) {
     case FieldKind::i8:
-      return {7, true, false};
+      return f(std::int8_t{});
     case FieldKind::u8:
-      return {8, false, false};
+      return f(std::uint8_t{});
     case FieldKind::i16:
-      return {15, true, false};
+      return f(std::int16_t{});
     case FieldKind::u16:
-      return {16, false, false};
+      return f(std::uint16_t{});
     case FieldKind::i32:
-      return {31, true, false};
+      return f(std::int32_t{});
     case FieldKind::u32:
-      return {32, false, false};
+      return f(std::uint32_t{});
     case FieldKind::i64:
-      return {63, true, false};
+      return f(std::int64_t{});
     case FieldKind::u64:
-      return {64, false, false};
+      return f(std::uint64_t{});
     case FieldKind::f32:
-      return {24, true, true};
+      return f(float{});
     case FieldKind::f64:
-      return {53, true, true};
+      return f(double{});
     case FieldKind::boolean:
     case FieldKind::none:
       break;
   }
-  return {0, false, false};
+  return decltype(f(double{})){};
+}
+
+struct Shape {
+  int bits = 0;  // number of bits it holds exactly: 53 for a double
+  bool is_signed = false, is_float = false;
+};
+
+Shape shape(FieldKind kind) {
+  return with_type(kind, [](auto value) LITHE_RT {
+    using Limits = std::numeric_limits<decltype(value)>;
+    return Shape{Limits::digits, Limits::is_signed, !Limits::is_integer};
+  });
 }
 
 template <class T>
@@ -65,62 +75,15 @@ bool carried(const LitheStateField& from, const LitheStateField& to) {
          std::strncmp(from.name, to.name, sizeof from.name) == 0;
 }
 
-template <class T>
-T read(const std::byte* at) LITHE_RT {
-  T value;
-  std::memcpy(&value, at, sizeof value);
-  return value;
-}
-
-template <class To, class From>
-void write_as(const std::byte* from, std::byte* to) LITHE_RT {
-  const To value = static_cast<To>(read<From>(from));  // NOLINT(bugprone-signed-char-misuse): it widens a number
-  std::memcpy(to, &value, sizeof value);
-}
-
-template <class From>
-void convert_from(const std::byte* from, std::byte* to, FieldKind to_kind) LITHE_RT {
-  switch (to_kind) {
-    case FieldKind::i16:
-      return write_as<std::int16_t, From>(from, to);
-    case FieldKind::u16:
-      return write_as<std::uint16_t, From>(from, to);
-    case FieldKind::i32:
-      return write_as<std::int32_t, From>(from, to);
-    case FieldKind::u32:
-      return write_as<std::uint32_t, From>(from, to);
-    case FieldKind::i64:
-      return write_as<std::int64_t, From>(from, to);
-    case FieldKind::u64:
-      return write_as<std::uint64_t, From>(from, to);
-    case FieldKind::f32:
-      return write_as<float, From>(from, to);
-    case FieldKind::f64:
-      return write_as<double, From>(from, to);
-    default:  // no type widens to the others
-      return;
-  }
-}
-
 void convert(const std::byte* from, FieldKind from_kind, std::byte* to, FieldKind to_kind) LITHE_RT {
-  switch (from_kind) {
-    case FieldKind::i8:
-      return convert_from<std::int8_t>(from, to, to_kind);
-    case FieldKind::u8:
-      return convert_from<std::uint8_t>(from, to, to_kind);
-    case FieldKind::i16:
-      return convert_from<std::int16_t>(from, to, to_kind);
-    case FieldKind::u16:
-      return convert_from<std::uint16_t>(from, to, to_kind);
-    case FieldKind::i32:
-      return convert_from<std::int32_t>(from, to, to_kind);
-    case FieldKind::u32:
-      return convert_from<std::uint32_t>(from, to, to_kind);
-    case FieldKind::f32:
-      return convert_from<float>(from, to, to_kind);
-    default:  // the widest types are only copied
-      return;
-  }
+  with_type(from_kind, [&](auto value) LITHE_RT {
+    std::memcpy(&value, from, sizeof value);
+    return with_type(to_kind, [&](auto wider) LITHE_RT {
+      wider = static_cast<decltype(wider)>(value);  // NOLINT(bugprone-signed-char-misuse): it widens a number
+      std::memcpy(to, &wider, sizeof wider);
+      return true;
+    });
+  });
 }
 
 }  // namespace
@@ -144,7 +107,6 @@ Migration plan_migration(const LitheLaw& from, const LitheLaw& to) {
                                    i,
                                    static_cast<std::uint16_t>(old.kind),
                                    static_cast<std::uint16_t>(now.kind)};
-      plan.bytes += old.count * kind_bytes(FieldKind{now.kind});
       break;
     }
   }

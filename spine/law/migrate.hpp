@@ -22,7 +22,6 @@ struct Copy {
 
 struct Migration {
   std::uint32_t count = 0;
-  std::uint32_t bytes = 0;  // written, over all copies
   std::array<Copy, kMaxStateFields> copies{};
 };
 

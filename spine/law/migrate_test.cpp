@@ -37,7 +37,6 @@ constexpr LitheLaw kNew = lithe::describe<New>("new");
 TEST(Migrate, CarriesFieldsByNameAndTypeAndLeavesTheOthers) {
   const lithe::law::Migration plan = lithe::law::plan_migration(kOld, kNew);
   EXPECT_EQ(plan.count, 2u);
-  EXPECT_EQ(plan.bytes, 4 * sizeof(double));
   const Old::State from;
   New::State to;
   lithe::law::apply_migration(plan, reinterpret_cast<const std::byte*>(&from), reinterpret_cast<std::byte*>(&to));
@@ -143,7 +142,6 @@ TEST(Migrate, AFieldThatIsNoNumberStartsFromItsDefault) {
 TEST(Migrate, SameStateIsCarriedWhole) {
   const lithe::law::Migration plan = lithe::law::plan_migration(kOld, kOld);
   EXPECT_EQ(plan.count, 5u);
-  EXPECT_EQ(plan.bytes, 8 * sizeof(double) + sizeof(float));
 }
 
 }  // namespace

@@ -87,15 +87,10 @@ const char* describe_mismatch(const LitheLaw& law, char* text, std::size_t size)
 }
 
 void reset_resident(Resident& resident, const LitheLaw& descriptor) {
+  const std::uint32_t index = resident.index;
+  resident = {};
+  resident.index = index;
   resident.descriptor = &descriptor;
-  resident.bridges = {};
-  resident.params = {};
-  resident.terms = {};
-  resident.since_ns = 0;
-  resident.slot = 0;
-  resident.code_bytes = 0;
-  resident.code_address = 0;
-  resident.state = {};
   for (std::uint32_t i = 0; i < descriptor.param_count; ++i) {
     const LitheParam& p = descriptor.params[i];
     resident.params[i] = Param{p.value, p.min, p.max};

@@ -9,6 +9,8 @@
 #include <cstring>
 
 #include "lithe/law.hpp"
+#include "spine/core/joints.hpp"
+#include "spine/core/mapping.hpp"
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/law/resident.hpp"
@@ -39,16 +41,12 @@ struct Sandbox {
 class SandboxMemory {
  public:
   static Result<SandboxMemory> make();
-  SandboxMemory(SandboxMemory&& other) noexcept;
-  SandboxMemory& operator=(SandboxMemory&&) = delete;
-  ~SandboxMemory();
 
   Sandbox& operator*() const { return *sandbox_; }
 
  private:
-  SandboxMemory(void* pages, std::size_t bytes, Sandbox* sandbox) : pages_(pages), bytes_(bytes), sandbox_(sandbox) {}
-  void* pages_;
-  std::size_t bytes_;
+  SandboxMemory(Mapping pages, Sandbox* sandbox) : pages_(std::move(pages)), sandbox_(sandbox) {}
+  Mapping pages_;
   Sandbox* sandbox_;
 };
 

@@ -19,9 +19,8 @@ struct Commit {
   std::uint32_t previous_id = 0;  // 0 = none
   std::uint64_t request_id = 0;
   std::uint32_t fields_carried = 0;
-  std::uint32_t bytes_carried = 0;
-  FieldBits not_carried =
-      0;  // fields of the candidate that start from their default: the old value is no usable number
+  // Fields of the candidate that start from their default: the old value is no usable number.
+  FieldBits not_carried = 0;
 };
 
 enum class Carry : std::uint8_t { named, none };
@@ -79,7 +78,7 @@ class Slot {
 
   // Makes a candidate active. It gets the State fields of the law before it by name, unless it has run in the shadow.
   Commit commit(Resident& candidate, Carry carry = Carry::named) LITHE_RT {
-    Commit done{candidate.law_id, active_ == nullptr ? 0 : active_->law_id, candidate.request_id, 0, 0};
+    Commit done{candidate.law_id, active_ == nullptr ? 0 : active_->law_id, candidate.request_id};
     if (carry == Carry::named) carry_into(candidate, done);
     if (active_ != nullptr) {
       if (depth_ == kHistory) retire(history_[--depth_]);
@@ -97,7 +96,6 @@ class Slot {
     if (bridge == nullptr) return;
     done.not_carried = apply_migration(bridge->in, active_->state.data(), candidate.state.data());
     done.fields_carried = bridge->in.count - static_cast<std::uint32_t>(std::popcount(done.not_carried));
-    done.bytes_carried = bridge->in.bytes;
   }
 
   // Refuses a candidate that was taken: the Loader gets it back.

@@ -13,6 +13,8 @@
 #include <cstdio>
 #include <cstring>
 
+#include "spine/core/host/fd.hpp"
+
 namespace lithe::load {
 namespace {
 
@@ -23,20 +25,6 @@ constexpr Elf64_Half kMachine = EM_X86_64;
 #elif defined(__aarch64__)
 constexpr Elf64_Half kMachine = EM_AARCH64;
 #endif
-
-class Fd {
- public:
-  explicit Fd(int fd) : fd_(fd) {}
-  ~Fd() {
-    if (fd_ >= 0) close(fd_);
-  }
-  Fd(const Fd&) = delete;
-  Fd& operator=(const Fd&) = delete;
-  int get() const { return fd_; }
-
- private:
-  int fd_;
-};
 
 bool fits(std::uint64_t offset, std::uint64_t bytes, std::uint64_t size) {
   return offset <= size && bytes <= size - offset;
@@ -83,7 +71,7 @@ void touch_pages(const void* inside) {
 const char* check_object(const char* path) {
   // O_NONBLOCK: opening a named pipe must not block the Loader.
   const Fd fd(::open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK));
-  if (fd.get() < 0) return errno == ENOENT ? "there is no such file" : "the file cannot be opened";
+  if (!fd) return errno == ENOENT ? "there is no such file" : "the file cannot be opened";
   struct stat status{};
   if (fstat(fd.get(), &status) != 0 || !S_ISREG(status.st_mode)) return "it is not a regular file";
   if (status.st_size > kMaxObjectBytes) return "the object is larger than 64 MiB";

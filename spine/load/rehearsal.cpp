@@ -3,9 +3,9 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <cstring>
 #include <string_view>
 
+#include "spine/core/joints.hpp"
 #include "spine/core/time.hpp"
 #include "spine/law/dry_inputs.hpp"
 
@@ -27,26 +27,21 @@ void call_init(void* context) {
 
 void call_step(void* context) { static_cast<law::Sandbox*>(context)->call(); }
 
-// A law's init() gets finite numbers only. x - x is 0 for every finite x, NaN for all others.
+// A law's init() gets finite numbers only.
 bool is_finite(const wire::Telemetry& record, std::uint32_t joints) {
-  double sum = 0;
-  for (const double* values :
-       {record.position_rad.data(), record.velocity_rad_s.data(), record.torque_nm.data(),
-        record.setpoint_position_rad.data(), record.setpoint_velocity_rad_s.data(), record.command_torque_nm.data()}) {
-    for (std::uint32_t j = 0; j < joints; ++j) sum += values[j] - values[j];
-  }
-  return sum == 0;
+  return all_finite(record.position_rad, joints) && all_finite(record.velocity_rad_s, joints) &&
+         all_finite(record.torque_nm, joints) && all_finite(record.setpoint_position_rad, joints) &&
+         all_finite(record.setpoint_velocity_rad_s, joints) && all_finite(record.command_torque_nm, joints);
 }
 
 void copy(const wire::Telemetry& record, std::int64_t now_ns, std::uint32_t joints, PastTick& tick) {
-  const std::size_t bytes = joints * sizeof(double);
   tick.age_s = static_cast<double>(now_ns - record.release_ns) * 1e-9;
-  std::memcpy(tick.position_rad.data(), record.position_rad.data(), bytes);
-  std::memcpy(tick.velocity_rad_s.data(), record.velocity_rad_s.data(), bytes);
-  std::memcpy(tick.torque_nm.data(), record.torque_nm.data(), bytes);
-  std::memcpy(tick.setpoint_position_rad.data(), record.setpoint_position_rad.data(), bytes);
-  std::memcpy(tick.setpoint_velocity_rad_s.data(), record.setpoint_velocity_rad_s.data(), bytes);
-  std::memcpy(tick.command_torque_nm.data(), record.command_torque_nm.data(), bytes);
+  copy_joints(record.position_rad, tick.position_rad, joints);
+  copy_joints(record.velocity_rad_s, tick.velocity_rad_s, joints);
+  copy_joints(record.torque_nm, tick.torque_nm, joints);
+  copy_joints(record.setpoint_position_rad, tick.setpoint_position_rad, joints);
+  copy_joints(record.setpoint_velocity_rad_s, tick.setpoint_velocity_rad_s, joints);
+  copy_joints(record.command_torque_nm, tick.command_torque_nm, joints);
   tick.sensor = record.sensor;
 }
 

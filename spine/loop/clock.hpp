@@ -33,7 +33,7 @@ class SteeredClock {
 };
 
 // Publishes a first fit. Call once before any SteeredClock is made.
-void start_clock(ClockMemory& memory);
+inline void start_clock(ClockMemory& memory) { ipc::ChannelWriter<RawClock>(memory).write(RawClock::calibrate()); }
 
 // Publishes new fits.
 // Contract: off the tick, one thread · after start_clock()
@@ -41,8 +41,13 @@ class ClockKeeper {
  public:
   static constexpr std::int64_t kEveryNs = 50 * kNsPerMs;
 
-  explicit ClockKeeper(ClockMemory& memory);
-  void renew();  // every kEveryNs
+  explicit ClockKeeper(ClockMemory& memory) : writer_(memory) { ipc::ChannelReader<RawClock>(memory).read(clock_); }
+
+  // Every kEveryNs.
+  void renew() {
+    clock_ = clock_.resample();
+    writer_.write(clock_);
+  }
 
  private:
   ipc::ChannelWriter<RawClock> writer_;

@@ -22,17 +22,13 @@ Inbox::Inbox(ipc::SpineMemory& spine, const ipc::ControlMemory& control, const i
       plan_reader_(brain.plan),
       health_(&spine.health) {}
 
-std::optional<CommandTicket> Inbox::next_command() LITHE_RT {
-  CommandTicket letter;
-  if (control_.receive(command_, letter.ticket)) {
-    letter.sender = Sender::control;
-    return letter;
+const wire::Command* Inbox::next_command() LITHE_RT {
+  for (Receiver* sender : {&control_, &brain_}) {
+    if (!sender->receive(command_, ticket_)) continue;
+    from_ = sender;
+    return &command_;
   }
-  if (brain_.receive(command_, letter.ticket)) {
-    letter.sender = Sender::brain;
-    return letter;
-  }
-  return std::nullopt;
+  return nullptr;
 }
 
 bool Inbox::new_plan() LITHE_RT {
@@ -52,11 +48,6 @@ void Inbox::tell() LITHE_RT {
   tell_one(plan_reader_.failures(), told_.plans_torn, health_->plans_torn);
   tell_one(brain_.violations(), told_.brain_violations, health_->brain_violations);
   tell_one(control_.violations(), told_.control_violations, health_->control_violations);
-}
-
-void Inbox::answer(const CommandTicket& letter, wire::CommandResult result) LITHE_RT {
-  Receiver& receiver = letter.sender == Sender::control ? control_ : brain_;
-  receiver.answer(letter.ticket, static_cast<std::uint32_t>(result));
 }
 
 bool Inbox::estop_pressed() const LITHE_RT {

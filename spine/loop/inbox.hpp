@@ -3,7 +3,6 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
 
 #include "spine/core/rt.hpp"
 #include "spine/ipc/layout.hpp"
@@ -11,23 +10,18 @@
 
 namespace lithe::loop {
 
-enum class Sender : std::uint8_t { control, brain };
-
-struct CommandTicket {
-  Sender sender = Sender::control;
-  std::uint64_t ticket = 0;
-};
-
 // Every byte it reads may be hostile. Its outputs are bounded; their values are checked by the caller.
 // Contract: RT · owned by the tick thread · every call bounded
 class Inbox {
  public:
   Inbox(ipc::SpineMemory& spine, const ipc::ControlMemory& control, const ipc::BrainMemory& brain);
+  Inbox(const Inbox&) = delete;
+  Inbox& operator=(const Inbox&) = delete;
 
-  // The next command, at most one per call; command() holds it until the next call.
-  std::optional<CommandTicket> next_command() LITHE_RT;
-  const wire::Command& command() const LITHE_RT { return command_; }
-  void answer(const CommandTicket& letter, wire::CommandResult result) LITHE_RT;
+  // The next command, at most one per call; null = none. It holds until the next call, and must be answered before.
+  const wire::Command* next_command() LITHE_RT;
+  bool is_from_brain() const LITHE_RT { return from_ == &brain_; }
+  void answer(wire::CommandResult result) LITHE_RT { from_->answer(ticket_, static_cast<std::uint32_t>(result)); }
 
   // True while any sticky e-stop word is set.
   bool estop_pressed() const LITHE_RT;
@@ -59,6 +53,8 @@ class Inbox {
   wire::Health told_{};
   ipc::HealthMemory* health_;
   wire::Command command_{};
+  Receiver* from_ = &control_;  // the last command
+  std::uint64_t ticket_ = 0;    // likewise
   wire::Plan plan_{};
   bool plan_torn_ = false;
 };

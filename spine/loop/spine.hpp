@@ -6,8 +6,8 @@
 #include <atomic>
 #include <cstdint>
 
-#include "spine/contain/constants.hpp"
 #include "spine/contain/fault_barrier.hpp"
+#include "spine/contain/memory/constants.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/hal/actuators.hpp"
 #include "spine/ipc/layout.hpp"

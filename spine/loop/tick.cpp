@@ -52,16 +52,13 @@ bool Spine::exchange() LITHE_RT {
 const step::Report& Spine::decide(step::Input in) LITHE_RT {
   in.estop_pressed = inbox_.estop_pressed();
   in.damaged = constants_ == nullptr ? nullptr : constants_->damaged();
-  const std::optional<CommandTicket> letter = inbox_.next_command();
-  if (letter) {
-    in.command = &inbox_.command();
-    in.untried = letter->sender == Sender::brain && inbox_.supervised(in.now_ns);
-  }
+  in.command = inbox_.next_command();
+  in.untried = in.command != nullptr && inbox_.is_from_brain() && inbox_.supervised(in.now_ns);
   in.brain_age_ns = inbox_.brain_age_ns(in.now_ns);
   if (inbox_.new_plan()) in.plan = &inbox_.plan();
   in.plan_torn = inbox_.plan_torn();
   const step::Report& report = step_.run(in, host_, handover_.next_command(), out_.record());  // u_{k+1}
-  if (letter) inbox_.answer(*letter, report.answer);
+  if (in.command != nullptr) inbox_.answer(report.answer);
   return report;
 }
 

@@ -38,9 +38,9 @@ PlanReject check_limits(const wire::Plan& plan, const Limits& limits) LITHE_RT {
     const double* before = w > 0 ? position - wire::kNj : position;
     const double gap_s = w > 0 ? static_cast<double>(plan.t_ns[w] - plan.t_ns[w - 1]) * 1e-9 : 0.0;
     for (std::size_t j = 0; j < limits.joints; ++j) {
-      const double fastest = limits.velocity_max_rad_s[j] * (1 + kRounding);
-      inside &= position[j] >= limits.position_min_rad[j] - kRounding &&
-                position[j] <= limits.position_max_rad[j] + kRounding;
+      const double fastest = limits.joint[j].velocity_max_rad_s * (1 + kRounding);
+      inside &= position[j] >= limits.joint[j].position_min_rad - kRounding &&
+                position[j] <= limits.joint[j].position_max_rad + kRounding;
       slow_enough &= !(std::abs(velocity[j]) > fastest);
       slow_enough &= std::abs(position[j] - before[j]) <= fastest * gap_s + kRounding;
     }

@@ -2,6 +2,7 @@
 // Checks a plan. The Brain's bytes are hostile until this check has passed.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 
@@ -13,10 +14,12 @@ namespace lithe::plan {
 
 inline constexpr std::int64_t kHorizonNs = 10'000'000'000;  // no waypoint further away than this, before or behind
 
+// Of one joint's setpoint.
+struct JointLimits {
+  double position_min_rad = 0, position_max_rad = 0, velocity_max_rad_s = 0;
+};
 struct Limits {
-  JointArray position_min_rad{};
-  JointArray position_max_rad{};
-  JointArray velocity_max_rad_s{};
+  std::array<JointLimits, kMaxJoints> joint{};
   std::size_t joints = 0;
 };
 

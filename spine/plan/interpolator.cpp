@@ -24,9 +24,7 @@ void Interpolator::configure(const robot::RobotConfig& robot) {
   limits_.joints = std::min(robot.joints.size(), kMaxJoints);
   for (std::size_t j = 0; j < limits_.joints; ++j) {
     const robot::JointConfig& joint = robot.joints[j];
-    limits_.position_min_rad[j] = joint.position_min_rad;
-    limits_.position_max_rad[j] = joint.position_max_rad;
-    limits_.velocity_max_rad_s[j] = joint.velocity_max_rad_s;
+    limits_.joint[j] = {joint.position_min_rad, joint.position_max_rad, joint.velocity_max_rad_s};
     deceleration_rad_s2_[j] = joint.deceleration_rad_s2;
     monotone_[j] = joint.monotone;
   }
@@ -34,20 +32,21 @@ void Interpolator::configure(const robot::RobotConfig& robot) {
 
 PlanReject Interpolator::accept(const wire::Plan& plan, std::int64_t now_ns) LITHE_RT {
   if (const PlanReject reject = check(plan, limits_, now_ns); reject != PlanReject::none) return reject;
-  JointArray position{}, velocity{}, acceleration{}, most_rad_s{};
+  Setpoint from;
+  JointArray most_rad_s{};
   const bool moving_on = state_ != PlanState::none;
   if (moving_on) {
     advance(now_ns);
-    evaluate(now_ns, position, velocity, acceleration);
+    evaluate(now_ns, from);
   }
   for (std::size_t j = 0; j < limits_.joints; ++j) {
-    most_rad_s[j] = std::max(limits_.velocity_max_rad_s[j] * (1 + kRounding), std::abs(velocity[j]));
+    most_rad_s[j] = std::max(limits_.joint[j].velocity_max_rad_s * (1 + kRounding), std::abs(from.velocity_rad_s[j]));
   }
   bool leads = moving_on && plan.t_ns[0] - now_ns > kBlendNs;
-  lay_knots(plan, now_ns, leads ? &position : nullptr, &velocity);
+  lay_knots(plan, now_ns, leads ? &from : nullptr);
   if (leads && plan.streaming != 0 && plan.waypoint_count > 2 && lead_is_harsh(most_rad_s)) {
     leads = false;
-    lay_knots(plan, now_ns, nullptr, nullptr);
+    lay_knots(plan, now_ns, nullptr);
   }
   const Knots& next = knots_[1 - used_];
   JointArray bound_rad_s{};
@@ -57,7 +56,7 @@ PlanReject Interpolator::accept(const wire::Plan& plan, std::int64_t now_ns) LIT
   }
 
   if (moving_on && !leads) {
-    join(next, now_ns, position, velocity, bound_rad_s, most_rad_s);
+    join(next, now_ns, from, bound_rad_s, most_rad_s);
   } else {
     blend_ = Blend{};
     stop_catching_up();
@@ -74,28 +73,27 @@ PlanReject Interpolator::accept(const wire::Plan& plan, std::int64_t now_ns) LIT
   return PlanReject::none;
 }
 
-// The knots of `plan`, where the next plan is tried; behind the present motion, unless there is no `position`.
-void Interpolator::lay_knots(const wire::Plan& plan, std::int64_t now_ns, const JointArray* position,
-                             const JointArray* velocity) LITHE_RT {
+// The knots of `plan`, where the next plan is tried; behind the present motion, if it is given.
+void Interpolator::lay_knots(const wire::Plan& plan, std::int64_t now_ns, const Setpoint* from) LITHE_RT {
   Knots& next = knots_[1 - used_];
   next.count = 0;
-  if (position != nullptr) next.add(now_ns, *position, *velocity);
+  if (from != nullptr) next.add(now_ns, from->position_rad, from->velocity_rad_s);
   next.add(plan, limits_.joints);
   next.choose_velocities(limits_, monotone_, plan.streaming != 0, next.segment_at(now_ns));
 }
 
-void Interpolator::sample(std::int64_t now_ns, Setpoint& out) LITHE_RT {
+const Setpoint& Interpolator::sample(std::int64_t now_ns) LITHE_RT {
   advance(now_ns);
-  evaluate(now_ns, out.position_rad, out.velocity_rad_s, out.acceleration_rad_s2);
-  out.state = state_;
+  evaluate(now_ns, setpoint_);
+  setpoint_.state = state_;
+  return setpoint_;
 }
 
 void Interpolator::hold_at(const JointArray& position_rad) LITHE_RT {
   for (std::size_t j = 0; j < limits_.joints; ++j) {
-    if (!std::isnan(position_rad[j])) {
-      piece_.c0[j] = std::clamp(position_rad[j], limits_.position_min_rad[j], limits_.position_max_rad[j]);
-    }
-    piece_.c1[j] = piece_.c2[j] = piece_.c3[j] = piece_.last_s[j] = 0;
+    const double rad = std::isnan(position_rad[j]) ? piece_.arc[j].c0 : position_rad[j];
+    piece_.arc[j] = {std::clamp(rad, limits_.joint[j].position_min_rad, limits_.joint[j].position_max_rad), 0, 0, 0};
+    piece_.last_s[j] = 0;
   }
   blend_.until_ns = 0;
   stop_catching_up();
@@ -104,12 +102,12 @@ void Interpolator::hold_at(const JointArray& position_rad) LITHE_RT {
 
 void Interpolator::stop(std::int64_t now_ns) LITHE_RT {
   if (state_ == PlanState::none) return;
-  JointArray position{}, velocity{}, acceleration{};
+  Setpoint from;
   advance(now_ns);
-  evaluate(now_ns, position, velocity, acceleration);
+  evaluate(now_ns, from);
   blend_.until_ns = 0;
   stop_catching_up();
-  enter_coast(now_ns, position, velocity);
+  enter_coast(now_ns, from.position_rad, from.velocity_rad_s);
 }
 
 // Moves on to the segment or state that holds at `now_ns`.
@@ -129,51 +127,51 @@ void Interpolator::advance(std::int64_t now_ns) LITHE_RT {
   if (state_ == PlanState::coast && now_ns >= coast_until_ns_ && !catching_up_) state_ = PlanState::hold;
 }
 
-void Interpolator::evaluate(std::int64_t now_ns, JointArray& position, JointArray& velocity,
-                            JointArray& acceleration) const LITHE_RT {
-  follow_curve(now_ns, position, velocity, acceleration);
+void Interpolator::evaluate(std::int64_t now_ns, Setpoint& out) const LITHE_RT {
+  follow_curve(now_ns, out);
   if (catching_up_) {
     for (std::size_t j = 0; j < limits_.joints; ++j) {
       if (!catch_up_[j].on) continue;
-      position[j] = catch_up_[j].position_rad;
-      velocity[j] = catch_up_[j].velocity_rad_s;
-      acceleration[j] = catch_up_[j].acceleration_rad_s2;
+      out.position_rad[j] = catch_up_[j].position_rad;
+      out.velocity_rad_s[j] = catch_up_[j].velocity_rad_s;
+      out.acceleration_rad_s2[j] = catch_up_[j].acceleration_rad_s2;
     }
   }
-  keep_inside(position, velocity, acceleration);
+  keep_inside(out);
 }
 
-void Interpolator::follow_curve(std::int64_t now_ns, JointArray& position, JointArray& velocity,
-                                JointArray& acceleration) const LITHE_RT {
+void Interpolator::follow_curve(std::int64_t now_ns, Setpoint& out) const LITHE_RT {
   const double since_s = seconds(now_ns - piece_.since_ns);
   for (std::size_t j = 0; j < limits_.joints; ++j) {
     const double u = std::min(since_s, piece_.last_s[j]);
     const double moves = since_s < piece_.last_s[j] ? 1.0 : 0.0;
-    position[j] = piece_.c0[j] + u * (piece_.c1[j] + u * (piece_.c2[j] + u * piece_.c3[j]));
-    velocity[j] = moves * (piece_.c1[j] + u * (2 * piece_.c2[j] + u * 3 * piece_.c3[j]));
-    acceleration[j] = moves * (2 * piece_.c2[j] + u * 6 * piece_.c3[j]);
+    out.position_rad[j] = piece_.arc[j].position(u);
+    out.velocity_rad_s[j] = moves * piece_.arc[j].velocity(u);
+    out.acceleration_rad_s2[j] = moves * piece_.arc[j].acceleration(u);
   }
   if (now_ns < blend_.until_ns) {
     for (std::size_t j = 0; j < limits_.joints; ++j) {
       const Decay& decay = blend_.joint[j];
       const double s = decay.left(seconds(now_ns - blend_.since_ns[j]));
-      position[j] += decay.position(s);
-      velocity[j] += decay.velocity(s);
-      acceleration[j] += decay.acceleration(s);
+      out.position_rad[j] += decay.position(s);
+      out.velocity_rad_s[j] += decay.velocity(s);
+      out.acceleration_rad_s2[j] += decay.acceleration(s);
     }
   }
 }
 
-void Interpolator::keep_inside(JointArray& position, JointArray& velocity, JointArray& acceleration) const LITHE_RT {
+void Interpolator::keep_inside(Setpoint& out) const LITHE_RT {
   for (std::size_t j = 0; j < limits_.joints; ++j) {
+    const JointLimits& limit = limits_.joint[j];
     // At a limit the setpoint stands still until the curve comes back: no velocity that leads outwards.
-    const double inside = std::clamp(position[j], limits_.position_min_rad[j], limits_.position_max_rad[j]);
-    const bool outwards = (velocity[j] > 0 && inside >= limits_.position_max_rad[j]) ||
-                          (velocity[j] < 0 && inside <= limits_.position_min_rad[j]);
-    const double free = inside == position[j] && !outwards ? 1.0 : 0.0;
-    position[j] = inside;
-    velocity[j] *= free;
-    acceleration[j] *= free;
+    const double rad = out.position_rad[j], rad_s = out.velocity_rad_s[j];
+    const double inside = std::clamp(rad, limit.position_min_rad, limit.position_max_rad);
+    const bool outwards =
+        (rad_s > 0 && inside >= limit.position_max_rad) || (rad_s < 0 && inside <= limit.position_min_rad);
+    const double free = inside == rad && !outwards ? 1.0 : 0.0;
+    out.position_rad[j] = inside;
+    out.velocity_rad_s[j] *= free;
+    out.acceleration_rad_s2[j] *= free;
   }
 }
 
@@ -181,9 +179,7 @@ void Interpolator::keep_inside(JointArray& position, JointArray& velocity, Joint
 void Interpolator::lead_to_first() LITHE_RT {
   piece_.since_ns = knots().t_ns[0];
   for (std::size_t j = 0; j < limits_.joints; ++j) {
-    piece_.c0[j] = knots().rad[0][j];
-    piece_.c1[j] = knots().rad_s[0][j];
-    piece_.c2[j] = piece_.c3[j] = 0;
+    piece_.arc[j] = {knots().rad[0][j], knots().rad_s[0][j], 0, 0};
     piece_.last_s[j] = 0;  // only negative times are asked for; marks the piece as no segment
   }
 }
@@ -192,19 +188,15 @@ void Interpolator::enter_segment(std::size_t knot) LITHE_RT {
   segment_ = knot;
   piece_.since_ns = knots().t_ns[knot];
   for (std::size_t j = 0; j < limits_.joints; ++j) {
-    const Arc arc = knots().arc(knot, j);
-    piece_.c0[j] = arc.c0;
-    piece_.c1[j] = arc.c1;
-    piece_.c2[j] = arc.c2;
-    piece_.c3[j] = arc.c3;
+    piece_.arc[j] = knots().arc(knot, j);
     piece_.last_s[j] = kForever;
   }
 }
 
 // How hard joint j brakes when it is left alone: by its own deceleration, harder only to stop before its limit.
 double Interpolator::slowing(std::size_t j, double position_rad, double velocity_rad_s) const LITHE_RT {
-  const double way_rad =
-      velocity_rad_s > 0 ? limits_.position_max_rad[j] - position_rad : position_rad - limits_.position_min_rad[j];
+  const double way_rad = velocity_rad_s > 0 ? limits_.joint[j].position_max_rad - position_rad
+                                            : position_rad - limits_.joint[j].position_min_rad;
   return std::max(deceleration_rad_s2_[j], velocity_rad_s * velocity_rad_s / (2 * std::max(way_rad, 1e-9)));
 }
 
@@ -213,10 +205,7 @@ void Interpolator::enter_coast(std::int64_t from_ns, const JointArray& position,
   piece_.since_ns = from_ns;
   for (std::size_t j = 0; j < limits_.joints; ++j) {
     const double brake = slowing(j, position[j], velocity[j]);
-    piece_.c0[j] = position[j];
-    piece_.c1[j] = velocity[j];
-    piece_.c2[j] = -0.5 * std::copysign(brake, velocity[j]);
-    piece_.c3[j] = 0;
+    piece_.arc[j] = {position[j], velocity[j], -0.5 * std::copysign(brake, velocity[j]), 0};
     piece_.last_s[j] = std::abs(velocity[j]) / brake;
     longest_s = std::max(longest_s, piece_.last_s[j]);
   }

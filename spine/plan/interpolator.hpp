@@ -47,8 +47,9 @@ class Interpolator {
   // Follows `plan` from now on; or returns the reason and continues as before. The plan is copied.
   wire::PlanReject accept(const wire::Plan& plan, std::int64_t now_ns) LITHE_RT;
 
-  // The setpoint for `now_ns`, which never goes back between calls.
-  void sample(std::int64_t now_ns, Setpoint& out) LITHE_RT;
+  // The setpoint for `now_ns`, which never goes back between calls; and that of the last call.
+  const Setpoint& sample(std::int64_t now_ns) LITHE_RT;
+  const Setpoint& setpoint() const LITHE_RT { return setpoint_; }
 
   // Stand still at `position_rad`, clamped to the limits, from now on. A joint given NaN stays where it was.
   void hold_at(const JointArray& position_rad) LITHE_RT;
@@ -59,10 +60,10 @@ class Interpolator {
   std::uint64_t plan_id() const LITHE_RT { return plan_id_; }  // of the plan last accepted; 0 = none yet
 
  private:
-  // position = c0 + u (c1 + u (c2 + u c3)), u in seconds since since_ns, standing still after last_s.
+  // What each joint follows from since_ns on, standing still after last_s.
   struct Piece {
     std::int64_t since_ns = 0;
-    JointArray c0{}, c1{}, c2{}, c3{};
+    std::array<Arc, kMaxJoints> arc{};
     JointArray last_s{};
   };
   // The rest of the blend from the motion before a new plan.
@@ -74,25 +75,22 @@ class Interpolator {
     void add(std::size_t j, std::int64_t now_ns, const Decay& decay) LITHE_RT;
   };
 
-  void evaluate(std::int64_t now_ns, JointArray& position, JointArray& velocity, JointArray& acceleration) const
-      LITHE_RT;
+  void evaluate(std::int64_t now_ns, Setpoint& out) const LITHE_RT;
   // For joints that catch up: the motion they catch up with.
-  void follow_curve(std::int64_t now_ns, JointArray& position, JointArray& velocity, JointArray& acceleration) const
-      LITHE_RT;
-  void keep_inside(JointArray& position, JointArray& velocity, JointArray& acceleration) const LITHE_RT;
+  void follow_curve(std::int64_t now_ns, Setpoint& out) const LITHE_RT;
+  void keep_inside(Setpoint& out) const LITHE_RT;
   void advance(std::int64_t now_ns) LITHE_RT;
   void lead_to_first() LITHE_RT;
   void enter_segment(std::size_t knot) LITHE_RT;
   void enter_coast(std::int64_t from_ns, const JointArray& position, const JointArray& velocity) LITHE_RT;
   double slowing(std::size_t j, double position_rad, double velocity_rad_s) const LITHE_RT;
-  void lay_knots(const wire::Plan& plan, std::int64_t now_ns, const JointArray* position, const JointArray* velocity)
-      LITHE_RT;
+  void lay_knots(const wire::Plan& plan, std::int64_t now_ns, const Setpoint* from) LITHE_RT;
   bool lead_is_harsh(const JointArray& most_rad_s) const LITHE_RT;
   double most_rad_s2(const Knots& knots, std::size_t first, std::size_t j) const LITHE_RT;
   // The gentlest way of each joint from the present motion onto `next`: a blend, or catching up. What stays below
   // `bound_rad_s` without any blend needs no closer look.
-  void join(const Knots& next, std::int64_t now_ns, const JointArray& position, const JointArray& velocity,
-            const JointArray& bound_rad_s, const JointArray& most_rad_s) LITHE_RT;
+  void join(const Knots& next, std::int64_t now_ns, const Setpoint& from, const JointArray& bound_rad_s,
+            const JointArray& most_rad_s) LITHE_RT;
   void stop_catching_up() LITHE_RT;
   void catch_up(std::int64_t now_ns) LITHE_RT;
   bool blend_the_rest(std::size_t j, std::int64_t now_ns, double gap_rad, double gap_rad_s, double curve_rad_s)
@@ -115,6 +113,7 @@ class Interpolator {
   std::array<CatchUp, kMaxJoints> catch_up_{};
   bool catching_up_ = false;  // one of them
   std::int64_t caught_up_to_ns_ = 0;
+  Setpoint setpoint_;
 };
 
 }  // namespace lithe::plan

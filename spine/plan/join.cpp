@@ -41,8 +41,8 @@ bool Interpolator::lead_is_harsh(const JointArray& most_rad_s) const LITHE_RT {
   return false;
 }
 
-void Interpolator::join(const Knots& next, std::int64_t now_ns, const JointArray& position, const JointArray& velocity,
-                        const JointArray& bound_rad_s, const JointArray& most_rad_s) LITHE_RT {
+void Interpolator::join(const Knots& next, std::int64_t now_ns, const Setpoint& from, const JointArray& bound_rad_s,
+                        const JointArray& most_rad_s) LITHE_RT {
   const std::size_t last = next.count - 1;
   const std::size_t first = next.segment_at(now_ns);
   Blend blend;
@@ -50,15 +50,15 @@ void Interpolator::join(const Knots& next, std::int64_t now_ns, const JointArray
   for (std::size_t j = 0; j < limits_.joints; ++j) {
     const Course course{next, now_ns, j, slowing(j, next.rad[last][j], next.rad_s[last][j])};
     const Arc start = course.start();
-    const double gap_rad = position[j] - start.c0;
-    const double gap_rad_s = velocity[j] - start.c1;
+    const double gap_rad = from.position_rad[j] - start.c0;
+    const double gap_rad_s = from.velocity_rad_s[j] - start.c1;
     const auto too_fast = [&](const Decay& decay) LITHE_RT {
       return bound_rad_s[j] + decay.bound_speed() > most_rad_s[j] && course.fastest_under(decay) > most_rad_s[j];
     };
     // Long enough to stay near the joint's own deceleration and well below its velocity limit.
     const double gentle = std::max(std::sqrt(6 * std::abs(gap_rad) / deceleration_rad_s2_[j]),
                                    4 * std::abs(gap_rad_s) / deceleration_rad_s2_[j]);
-    const double slow = 3 * std::abs(gap_rad) / limits_.velocity_max_rad_s[j];
+    const double slow = 3 * std::abs(gap_rad) / limits_.joint[j].velocity_max_rad_s;
     const double lasts_s = std::max({gentle, slow, kShortestBlendS});
     Decay decay = Decay::over(gap_rad, gap_rad_s, std::min(lasts_s, kLongestBlendS));
     const bool fits = lasts_s <= kLongestBlendS && !catch_up_[j].on;
@@ -67,8 +67,8 @@ void Interpolator::join(const Knots& next, std::int64_t now_ns, const JointArray
       blend.add(j, now_ns, decay);
       continue;
     }
-    catch_up_[j] = {true, position[j], velocity[j], catch_up_[j].on ? catch_up_[j].acceleration_rad_s2 : 0.0,
-                    most_rad_s2(next, first, j)};
+    const double was_rad_s2 = catch_up_[j].on ? catch_up_[j].acceleration_rad_s2 : 0.0;
+    catch_up_[j] = {true, from.position_rad[j], from.velocity_rad_s[j], was_rad_s2, most_rad_s2(next, first, j)};
     catching_up_ = true;
   }
   blend_ = blend;
@@ -84,19 +84,19 @@ void Interpolator::catch_up(std::int64_t now_ns) LITHE_RT {
   const double dt_s = static_cast<double>(now_ns - caught_up_to_ns_) * 1e-9;
   if (dt_s <= 0) return;
   caught_up_to_ns_ = now_ns;
-  JointArray curve_rad{}, curve_rad_s{}, curve_rad_s2{};
-  follow_curve(now_ns, curve_rad, curve_rad_s, curve_rad_s2);
-  JointArray goal_rad = curve_rad, goal_rad_s = curve_rad_s;
-  keep_inside(goal_rad, goal_rad_s, curve_rad_s2);
+  Setpoint curve;
+  follow_curve(now_ns, curve);
+  Setpoint goal = curve;
+  keep_inside(goal);
   catching_up_ = false;
   for (std::size_t j = 0; j < limits_.joints; ++j) {
     CatchUp& joint = catch_up_[j];
     if (!joint.on) continue;
-    joint.step(goal_rad[j], goal_rad_s[j], dt_s,
-               {limits_.position_min_rad[j], limits_.position_max_rad[j], limits_.velocity_max_rad_s[j]});
+    joint.step(goal.position_rad[j], goal.velocity_rad_s[j], dt_s, limits_.joint[j]);
     // A blend lies on top of the curve itself, which may be beyond a limit.
-    joint.on = !blend_the_rest(j, now_ns, joint.position_rad - curve_rad[j], joint.velocity_rad_s - curve_rad_s[j],
-                               curve_rad_s[j]);
+    const double curve_rad_s = curve.velocity_rad_s[j];
+    joint.on = !blend_the_rest(j, now_ns, joint.position_rad - curve.position_rad[j],
+                               joint.velocity_rad_s - curve_rad_s, curve_rad_s);
     catching_up_ = catching_up_ || joint.on;
   }
 }
@@ -109,7 +109,7 @@ bool Interpolator::blend_the_rest(std::size_t j, std::int64_t now_ns, double gap
       std::max(std::sqrt(12 * std::abs(gap_rad) / half_rad_s2), 8 * std::abs(gap_rad_s) / half_rad_s2);
   if (gentle > kLongestBlendS) return false;
   const Decay decay = Decay::over(gap_rad, gap_rad_s, std::max(gentle, kShortestBlendS));
-  const double limit_rad_s = limits_.velocity_max_rad_s[j];
+  const double limit_rad_s = limits_.joint[j].velocity_max_rad_s;
   if (state_ != PlanState::track && std::abs(curve_rad_s) + decay.bound_speed() > limit_rad_s) return false;
   if (state_ == PlanState::track) {
     const std::size_t last = knots().count - 1;

@@ -40,7 +40,7 @@ void Knots::choose_velocities(const Limits& limits, const std::array<bool, kMaxJ
     const bool rests = count == 1 || (knot + 1 == count && !streaming);
     for (std::size_t j = 0; j < limits.joints; ++j) {
       if (!std::isnan(rad_s[knot][j])) continue;
-      const double most = limits.velocity_max_rad_s[j];
+      const double most = limits.joint[j].velocity_max_rad_s;
       rad_s[knot][j] = rests ? 0.0 : std::clamp(velocity_from_neighbours(knot, j, monotone[j]), -most, most);
     }
   }

@@ -15,9 +15,10 @@ namespace lithe::plan {
 
 // One joint between two knots: position = c0 + u (c1 + u (c2 + u c3)), u in seconds since the first of them.
 struct Arc {
-  double c0, c1, c2, c3;
+  double c0 = 0, c1 = 0, c2 = 0, c3 = 0;
   double position(double u) const LITHE_RT { return c0 + u * (c1 + u * (c2 + u * c3)); }
   double velocity(double u) const LITHE_RT { return c1 + u * (2 * c2 + u * 3 * c3); }
+  double acceleration(double u) const LITHE_RT { return 2 * c2 + u * 6 * c3; }
 };
 
 // Contract: RT · plain data; one thread

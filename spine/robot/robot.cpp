@@ -7,7 +7,7 @@
 #include <filesystem>
 #include <sstream>
 
-#include "spine/core/files.hpp"
+#include "spine/core/host/files.hpp"
 #include "spine/core/joints.hpp"
 #include "spine/core/text.hpp"
 #include "spine/robot/keys/device_keys.hpp"

@@ -9,6 +9,7 @@
 #include "spine/core/joints.hpp"
 #include "spine/core/pd.hpp"
 #include "spine/core/rt.hpp"
+#include "spine/guard/guard.hpp"
 
 namespace lithe::step {
 
@@ -28,13 +29,12 @@ class Bumpless {
   }
   bool fading() const LITHE_RT { return left_ > 0; }
 
-  // Once per tick, after the law: adds the remaining difference to its feed-forward. `last_nm`: torque at each joint by
-  // the last output.
-  void apply(const Tick& in, const JointArray& last_nm, Effort& effort) LITHE_RT {
+  // Once per tick, after the law: adds the remaining difference to its feed-forward.
+  void apply(const Tick& in, const guard::Guard& guard, Effort& effort) LITHE_RT {
     if (left_ == 0) return;
     if (fresh_) {
       for (std::uint32_t j = 0; j < in.joints; ++j) {
-        const double difference_nm = last_nm[j] - wanted_nm(effort, in, j);
+        const double difference_nm = guard.expected_torque_nm(j) - wanted_nm(effort, in, j);
         offset_nm_[j] = std::isfinite(difference_nm) ? difference_nm : 0.0;
       }
       fresh_ = false;

@@ -7,7 +7,6 @@
 
 namespace lithe::step {
 
-using contain::Failure;
 using wire::CommandResult;
 using wire::EventKind;
 namespace flag = wire::telemetry_flag;
@@ -25,18 +24,7 @@ CommandResult Laws::set_params(const wire::Command& command) LITHE_RT {
   if (!probation_.of_params()) law->trust_params();
   law->remember_params();
   for (std::uint32_t i = 0; i < command.count; ++i) law->set_param(command.index[i], command.value[i]);
-  report_.params_changed = true;
-  report_.event(EventKind::params_applied, law->law_id, command.request_id, command.count, "");
-  watch_params(command.request_id);
-  return CommandResult::done;
-}
-
-// New values are on probation; the previous ones are kept.
-void Laws::watch_params(std::uint64_t request_id) LITHE_RT {
-  // While the law itself is unconfirmed, law and values are judged together.
-  if (probation_.of_law()) return;
-  params_request_id_ = request_id;
-  probation_.start_params();
+  return params_set(command, command.count, "");
 }
 
 CommandResult Laws::revert_params(const wire::Command& command) LITHE_RT {
@@ -44,10 +32,14 @@ CommandResult Laws::revert_params(const wire::Command& command) LITHE_RT {
   if (law == nullptr || (command.law_id != 0 && command.law_id != law->law_id)) return CommandResult::refused_law;
   if (!probation_.of_params()) law->trust_params();
   law->revert_params();
+  return params_set(command, law->descriptor->param_count, "as before the last change");
+}
+
+// New values are on probation; the previous ones are kept.
+CommandResult Laws::params_set(const wire::Command& command, std::uint32_t count, std::string_view text) LITHE_RT {
   report_.params_changed = true;
-  report_.event(EventKind::params_applied, law->law_id, command.request_id, law->descriptor->param_count,
-                "as before the last change");
-  watch_params(command.request_id);
+  report_.event(EventKind::params_applied, slot_.active()->law_id, command.request_id, count, text);
+  probation_.start_params(command.request_id);
   return CommandResult::done;
 }
 
@@ -109,13 +101,13 @@ void Laws::step_shadow(Host& host) LITHE_RT {
   }
   report_.flags |= flag::kShadowing;
   const std::int64_t from_ns = host.now_ns();
-  const Failure failure = run(*shadow_.law(), shadow_effort_, host);
-  if (failure) {
+  const Run ran = run(*shadow_.law(), shadow_.effort, host);
+  if (ran.failure) {
     shadow_.fail();
-    return end_shadow(false, wire::to_string(failure.kind));
+    return end_shadow(false, wire::to_string(ran.failure.kind));
   }
   const std::int64_t took_ns = host.now_ns() - from_ns;
-  switch (shadow_.compare(in_, effort_, shadow_effort_, took_ns)) {
+  switch (shadow_.compare(in_, effort_, took_ns)) {
     case Shadow::Opinion::go_on:
       report_.shadow_changed = true;
       return;

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 
 #include "spine/core/serialise.hpp"
 
@@ -16,23 +15,12 @@ namespace flag = wire::telemetry_flag;
 
 namespace {
 
-// x - x is 0 for every finite x and NaN for all others.
-bool input_is_finite(const Tick& in) LITHE_RT {
-  double sum = 0;
-  for (std::uint32_t j = 0; j < in.joints; ++j) {
-    sum += (in.position_rad[j] - in.position_rad[j]) + (in.velocity_rad_s[j] - in.velocity_rad_s[j]) +
-           (in.torque_nm[j] - in.torque_nm[j]);
-  }
-  return sum == 0;
-}
-
 void copy_effort(const Effort& from, Effort& to, std::uint32_t joints) LITHE_RT {
-  const std::size_t bytes = joints * sizeof(double);
-  std::memcpy(to.torque_nm.data(), from.torque_nm.data(), bytes);
-  std::memcpy(to.position_rad.data(), from.position_rad.data(), bytes);
-  std::memcpy(to.velocity_rad_s.data(), from.velocity_rad_s.data(), bytes);
-  std::memcpy(to.kp_nm_rad.data(), from.kp_nm_rad.data(), bytes);
-  std::memcpy(to.kd_nm_s_rad.data(), from.kd_nm_s_rad.data(), bytes);
+  copy_joints(from.torque_nm, to.torque_nm, joints);
+  copy_joints(from.position_rad, to.position_rad, joints);
+  copy_joints(from.velocity_rad_s, to.velocity_rad_s, joints);
+  copy_joints(from.kp_nm_rad, to.kp_nm_rad, joints);
+  copy_joints(from.kd_nm_s_rad, to.kd_nm_s_rad, joints);
 }
 
 bool is_runaway(wire::Fault fault) LITHE_RT {
@@ -54,87 +42,88 @@ Laws::Laws(const Wiring& wiring)
   probation_.configure(wiring.robot);
 }
 
-void Laws::step(Host& host) LITHE_RT {
-  probes_.fill(0.0);
+void Laws::step(Host& host, std::array<double, kMaxProbes>& probes) LITHE_RT {
+  probes.fill(0.0);
   if (slot_.active() == nullptr || !mode_.law_runs()) {
     bumpless_.start(0);  // the rest of a blend belongs to the old motion
     return effort_.clear(in_.joints);
   }
-  const Failure failure = run(*slot_.active(), effort_, host);
-  if (failure && !fall_back(failure, host)) return effort_.clear(in_.joints);
-  std::copy(sandbox_.probes.begin(), sandbox_.probes.end(), probes_.begin());
+  const Run first = run(*slot_.active(), effort_, host);
+  if (first.failure && !fall_back(first, host)) return effort_.clear(in_.joints);
+  probes = sandbox_.probes;
   if (bumpless_.fading()) report_.flags |= flag::kBlending;
-  bumpless_.apply(in_, guard_.expected_torque_nm(), effort_);
+  bumpless_.apply(in_, guard_, effort_);
 }
 
 // Runs `law` on copies of its inputs. Its state and output are kept only if it did not fail.
-Failure Laws::run(law::Resident& law, Effort& effort, Host& host) LITHE_RT {
+Laws::Run Laws::run(law::Resident& law, Effort& effort, Host& host) LITHE_RT {
   if (law.since_ns == 0) law.since_ns = in_.t_ns;
   in_.t_s = static_cast<double>(in_.t_ns - law.since_ns) * 1e-9;
   sandbox_.enter(law, in_);
-  from_ns_ = host.now_ns();
+  const std::int64_t from_ns = host.now_ns();
   const std::int64_t budget_ns = law.terms.budget_ns > 0 ? law.terms.budget_ns : budget_ns_;
-  const Failure failure = host.run(sandbox_, from_ns_ + std::min(budget_ns, period_ns_));
-  if (failure) return failure;
-  const bool sound_input = input_is_finite(in_);
+  const Failure failure = host.run(sandbox_, from_ns + std::min(budget_ns, period_ns_));
+  if (failure) return {failure, from_ns};
+  const bool sound_input = all_finite(in_.position_rad, in_.joints) && all_finite(in_.velocity_rad_s, in_.joints) &&
+                           all_finite(in_.torque_nm, in_.joints);
   // A non-finite output that comes from a broken sensor is not a law fault: the guard handles it. The state of this
   // step is not kept.
-  if (sound_input && !guard_.is_finite(sandbox_.effort)) return {LawFaultKind::not_finite, 0, 0};
+  if (sound_input && !guard_.is_finite(sandbox_.effort)) return {{LawFaultKind::not_finite, 0, 0}, from_ns};
   if (sound_input) sandbox_.keep_state(law);
   copy_effort(sandbox_.effort, effort, in_.joints);
-  return failure;
+  return {{}, from_ns};
 }
 
 // Runs the law before the failed one in this same tick. False: there is none, or it fails too; then the safe law takes
 // over.
-bool Laws::fall_back(const Failure& first, Host& host) LITHE_RT {
-  wire::LawFault fault = fault_of(first);
-  const std::int64_t from_ns = from_ns_;
-  if (!resume_previous()) {
-    report(fault, 0, host.now_ns() - from_ns);
-    stop_for(first.kind);
+bool Laws::fall_back(const Run& first, Host& host) LITHE_RT {
+  const LawFaultKind kind = first.failure.kind;
+  wire::LawFault fault = fault_of(first.failure);
+  const Back back = step_back();
+  if (back == Back::nowhere) {
+    report(fault, 0, host.now_ns() - first.from_ns, wire::to_string(kind));
+    stop_for(kind);
     return false;
   }
-  const Failure second = run(*slot_.active(), effort_, host);
-  report(fault, slot_.active()->law_id, host.now_ns() - from_ns);
-  tell_rollback(first.kind);
-  if (!second) return true;
+  const Run second = run(*slot_.active(), effort_, host);
+  report(fault, slot_.active()->law_id, host.now_ns() - first.from_ns, wire::to_string(kind));
+  tell_back(back, wire::to_string(kind));
+  if (!second.failure) return true;
   // At most two laws per tick: a third would cost a third time budget.
-  fault = fault_of(second);
-  report(fault, 0, host.now_ns() - from_ns_);
-  if (resume_previous()) tell_rollback(second.kind);  // the law that runs after a reset
-  stop_for(second.kind);
+  const LawFaultKind its_kind = second.failure.kind;
+  fault = fault_of(second.failure);
+  report(fault, 0, host.now_ns() - second.from_ns, wire::to_string(its_kind));
+  tell_back(step_back(), wire::to_string(its_kind));  // the law that runs after a reset
+  stop_for(its_kind);
   return false;
 }
 
 // Rollback without a law fault: from the next tick on the law before the active one runs again.
-void Laws::replace(LawFaultKind why) LITHE_RT {
-  wire::LawFault fault = fault_of({why, 0, 0});
-  const bool resumed = resume_previous();
-  report(fault, resumed ? slot_.active()->law_id : 0, 0);
-  resumed ? tell_rollback(why) : stop_for(why);
-  why_ = {};
+void Laws::replace(const Probation::News& why) LITHE_RT {
+  const Words words = in_words(why);
+  wire::LawFault fault = fault_of({why.kind, 0, 0});
+  const Back back = step_back();
+  report(fault, back == Back::nowhere ? 0 : slot_.active()->law_id, 0, words.text());
+  back == Back::nowhere ? stop_for(why.kind) : tell_back(back, words.text());
 }
 
 // Goes back by one step: to the previous parameters while the last ones are on probation, else to the law before the
-// active one, whose own state is used. False: there is no such law.
-bool Laws::resume_previous() LITHE_RT {
-  params_went_ = probation_.of_params();
-  if (params_went_) {
+// active one, whose own state is used, if there is one.
+Laws::Back Laws::step_back() LITHE_RT {
+  if (probation_.of_params()) {
     probation_.end_params();
     slot_.active()->restore_trusted_params();
     report_.params_changed = true;
-    return true;
+    return Back::params;
   }
   probation_.end();
-  if (slot_.before(1) == nullptr) return false;
   law::FieldBits mended = 0;
-  slot_.rollback(law::Carry::none, 1, &mended);
+  if (!slot_.rollback(law::Carry::none, 1, &mended)) return Back::nowhere;
   report_.flags |= flag::kRolledBack;
   greet(0);
   report_.params_changed = true;
   tell_not_carried(*slot_.active(), mended);
-  return true;
+  return Back::law;
 }
 
 // The State fields that start from their defaults, because the old value was not usable.
@@ -157,20 +146,13 @@ void Laws::mend() LITHE_RT {
   tell_not_carried(law, law::mend_state(*law.descriptor, law.state.data()));
 }
 
-void Laws::tell_rollback(LawFaultKind why) LITHE_RT {
-  if (params_went_) {
-    report_.event(EventKind::params_reverted, slot_.active()->law_id, params_request_id_, 0, in_words(why).text());
-    return;
+void Laws::tell_back(Back back, std::string_view why) LITHE_RT {
+  const law::Resident& law = *slot_.active();
+  if (back == Back::params) {
+    report_.event(EventKind::params_reverted, law.law_id, probation_.params_request_id(), 0, why);
+  } else if (back == Back::law) {
+    report_.event(EventKind::law_rolled_back, law.law_id, law.request_id, 1, why);
   }
-  report_.event(EventKind::law_rolled_back, slot_.active()->law_id, slot_.active()->request_id, 1,
-                in_words(why).text());
-}
-
-// "oscillating: joint wrist, 31 Hz".
-Words Laws::in_words(LawFaultKind why) const LITHE_RT {
-  Words words;
-  words << wire::to_string(why) << (why_.text().empty() ? "" : ": ") << why_.text();
-  return words;
 }
 
 void Laws::stop_for(LawFaultKind kind) LITHE_RT {
@@ -198,13 +180,12 @@ wire::LawFault Laws::fault_of(const Failure& failure) const LITHE_RT {
   return fault;
 }
 
-void Laws::report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t took_ns) LITHE_RT {
+void Laws::report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t took_ns, std::string_view why) LITHE_RT {
   fault.to_law_id = to_law_id;
   fault.took_ns = clamp_ns(took_ns);
   report_.law_fault(fault);
   report_.flags |= flag::kLawFaulted;
-  report_.event(EventKind::law_faulted, fault.kind, fault.request_id, static_cast<double>(fault.took_ns) * 1e-3,
-                in_words(static_cast<LawFaultKind>(fault.kind)).text());
+  report_.event(EventKind::law_faulted, fault.kind, fault.request_id, static_cast<double>(fault.took_ns) * 1e-3, why);
 }
 
 void Laws::judge(const guard::Verdict& verdict) LITHE_RT {
@@ -212,27 +193,27 @@ void Laws::judge(const guard::Verdict& verdict) LITHE_RT {
   // The guard has just stopped joints because of this law: it must not be the law that runs after the reset.
   const auto ran_away = [](const guard::Group& group) { return group.news && is_runaway(group.fault); };
   if (probation_.on() && !verdict.recovering && std::ranges::any_of(guard_.groups(), ran_away)) {
-    return replace(LawFaultKind::guard_stopped);
+    return replace({.kind = LawFaultKind::guard_stopped});
   }
   if (!mode_.law_runs()) return;
   if (probation_.on()) report_.flags |= flag::kOnProbation;
   if (probation_.of_params()) report_.flags |= flag::kParamsOnProbation;
-  for (std::uint32_t j = 0; j < in_.joints; ++j) wanted_nm_[j] = wanted_nm(effort_, in_, j);
-  const Probation::News news = probation_.watch({in_, wanted_nm_, report_.law_ns, verdict.law_flags});
+  JointArray torque_nm;
+  for (std::uint32_t j = 0; j < in_.joints; ++j) torque_nm[j] = wanted_nm(effort_, in_, j);
+  const Probation::News news = probation_.watch({in_, torque_nm, report_.law_ns, verdict.law_flags});
   if (probation_.unproven()) report_.flags |= flag::kUnproven;
   tell_probation(news);
-  if (news.kind == LawFaultKind::none) return;
-  name_evidence(news);
-  replace(news.kind);
+  if (news.kind != LawFaultKind::none) replace(news);
 }
 
 void Laws::tell_probation(const Probation::News& news) LITHE_RT {
   const law::Resident& law = *slot_.active();
   constexpr std::string_view kAtRest = "the robot moved too little to judge by; its probation goes on";
   if (news.law_unproven) report_.event(EventKind::law_unproven, law.law_id, law.request_id, 0, kAtRest);
-  if (news.params_unproven) report_.event(EventKind::law_unproven, law.law_id, params_request_id_, 1, kAtRest);
+  const std::uint64_t params_id = probation_.params_request_id();
+  if (news.params_unproven) report_.event(EventKind::law_unproven, law.law_id, params_id, 1, kAtRest);
   if (news.params_confirmed) {
-    report_.event(EventKind::params_confirmed, law.law_id, params_request_id_, 0, "their probation is over");
+    report_.event(EventKind::params_confirmed, law.law_id, params_id, 0, "their probation is over");
   }
   if (!news.law_confirmed) return;
   report_.event(
@@ -240,34 +221,34 @@ void Laws::tell_probation(const Probation::News& news) LITHE_RT {
       guard_.any_stopped() ? "its probation is over, with a part of the robot stopped" : "its probation is over");
 }
 
-// "joint wrist, 31 Hz"; "joint elbow, error 0.312 rad, allowed 0.150".
-void Laws::name_evidence(const Probation::News& news) LITHE_RT {
+// "oscillating: joint wrist, 31 Hz"; "tracking_lost: joint elbow, error 0.312 rad, allowed 0.150".
+Words Laws::in_words(const Probation::News& news) const LITHE_RT {
   const Probation::Evidence& evidence = news.evidence;
-  const bool trembles = news.kind == LawFaultKind::chattering || news.kind == LawFaultKind::oscillating;
-  why_ = {};
+  Words words;
+  words << wire::to_string(news.kind);
   switch (news.kind) {
     case LawFaultKind::chattering:
     case LawFaultKind::oscillating:
+      words << ": joint " << robot_.joints[evidence.tremor.joint].name << ", ";
+      words.number(evidence.tremor.frequency_hz, 0) << " Hz";
+      break;
     case LawFaultKind::tracking_lost:
-      why_ << "joint " << robot_.joints[trembles ? evidence.tremor.joint : evidence.joint].name << ", ";
-      if (trembles) {
-        why_.number(evidence.tremor.frequency_hz, 0) << " Hz";
-      } else {
-        (why_ << "error ").number(evidence.value, 3) << " rad, allowed ";
-        why_.number(evidence.allowed, 3);
-      }
+      words << ": joint " << robot_.joints[evidence.joint].name << ", error ";
+      words.number(evidence.value, 3) << " rad, allowed ";
+      words.number(evidence.allowed, 3);
       break;
     case LawFaultKind::guard_busy:
-      (why_ << "it clamped ").number(100 * evidence.value, 0) << " % of the last ticks, allowed ";
-      why_.number(100 * evidence.allowed, 0);
+      (words << ": it clamped ").number(100 * evidence.value, 0) << " % of the last ticks, allowed ";
+      words.number(100 * evidence.allowed, 0);
       break;
     case LawFaultKind::overran:
-      (why_ << "a step took ").number(1e6 * evidence.value, 1) << " us, allowed ";
-      why_.number(1e6 * evidence.allowed, 1);
+      (words << ": a step took ").number(1e6 * evidence.value, 1) << " us, allowed ";
+      words.number(1e6 * evidence.allowed, 1);
       break;
     default:
       break;
   }
+  return words;
 }
 
 }  // namespace lithe::step

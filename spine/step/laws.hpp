@@ -36,9 +36,9 @@ class Laws {
   };
   explicit Laws(const Wiring& wiring);
 
-  // Before the guard: effort() and probes() are those of the active law. If it fails, it is replaced in this same tick
+  // Before the guard: effort() and `probes` are those of the active law. If it fails, it is replaced in this same tick
   // by the law before it, else by the safe law.
-  void step(Host& host) LITHE_RT;
+  void step(Host& host, std::array<double, kMaxProbes>& probes) LITHE_RT;
   // After the guard: a law on probation that does worse than the one before it is replaced from the next tick on.
   void judge(const guard::Verdict& verdict) LITHE_RT;
   // At the end of the tick: the next one runs the new law.
@@ -57,29 +57,34 @@ class Laws {
   const law::Resident* active() const LITHE_RT { return slot_.active(); }
   std::uint32_t active_id() const LITHE_RT { return active() == nullptr ? 0 : active()->law_id; }
   const Effort& effort() const LITHE_RT { return effort_; }
-  const std::array<double, kMaxProbes>& probes() const LITHE_RT { return probes_; }
   const wire::ShadowReport& shadow() const LITHE_RT { return shadow_.report(); }
 
  private:
-  contain::Failure run(law::Resident& law, Effort& effort, Host& host) LITHE_RT;
-  bool fall_back(const contain::Failure& first, Host& host) LITHE_RT;
-  void replace(wire::LawFaultKind why) LITHE_RT;
-  bool resume_previous() LITHE_RT;
+  struct Run {
+    contain::Failure failure;
+    std::int64_t from_ns;
+  };
+  // A step back: to the previous parameters, or to the law before.
+  enum class Back : std::uint8_t { nowhere, params, law };
+
+  Run run(law::Resident& law, Effort& effort, Host& host) LITHE_RT;
+  bool fall_back(const Run& first, Host& host) LITHE_RT;
+  void replace(const Probation::News& why) LITHE_RT;
+  Back step_back() LITHE_RT;
   void greet(std::uint32_t blend_ticks) LITHE_RT;
   void stop_for(wire::LawFaultKind kind) LITHE_RT;
   void commit(law::Resident& candidate, law::Carry carry) LITHE_RT;
   void start_shadow(law::Resident& candidate) LITHE_RT;
   void step_shadow(Host& host) LITHE_RT;
   void end_shadow(bool promoted, std::string_view why) LITHE_RT;
-  void watch_params(std::uint64_t request_id) LITHE_RT;
+  wire::CommandResult params_set(const wire::Command& command, std::uint32_t count, std::string_view text) LITHE_RT;
 
   void tell_not_carried(const law::Resident& law, law::FieldBits fields) LITHE_RT;
-  void tell_rollback(wire::LawFaultKind why) LITHE_RT;
+  void tell_back(Back back, std::string_view why) LITHE_RT;
   void tell_probation(const Probation::News& news) LITHE_RT;
-  void name_evidence(const Probation::News& news) LITHE_RT;
-  Words in_words(wire::LawFaultKind why) const LITHE_RT;
+  Words in_words(const Probation::News& news) const LITHE_RT;
   wire::LawFault fault_of(const contain::Failure& failure) const LITHE_RT;
-  void report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t took_ns) LITHE_RT;
+  void report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t took_ns, std::string_view why) LITHE_RT;
 
   const robot::RobotConfig& robot_;
   law::Slot& slot_;
@@ -92,15 +97,8 @@ class Laws {
   std::int64_t budget_ns_;  // for a law without a budget of its own
   Bumpless bumpless_;
   Probation probation_;
-  std::uint64_t params_request_id_ = 0;  // of the command whose parameters are on probation
-  bool params_went_ = false;             // the last step back reverted parameters; false: a law
-  Words why_;                            // details of the last replacement
   Shadow shadow_;
-  std::int64_t from_ns_ = 0;  // when the last law began to step
   Effort effort_;
-  Effort shadow_effort_;
-  JointArray wanted_nm_{};  // the torque at each joint that effort_ wants
-  std::array<double, kMaxProbes> probes_{};
 };
 
 }  // namespace lithe::step

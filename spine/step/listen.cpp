@@ -14,9 +14,6 @@ namespace flag = wire::telemetry_flag;
 
 namespace {
 
-// After a reset the fault-reset command is sent this many times: some drives need it more than once.
-constexpr std::uint32_t kTurnsToClear = 200;
-
 // Arming accepts a sample this many ticks old.
 constexpr std::uint32_t kStaleTicksToArm = 3;
 
@@ -94,9 +91,9 @@ Conditions ControlStep::conditions(const Input& in) const LITHE_RT {
   // One late exchange does not refuse the command: the previous sample is only a few milliseconds old.
   bool all_fresh = sample.sample_ns != 0 && stale_ticks_ <= kStaleTicksToArm;
   // The slew bound of the first torque starts at zero, so every drive must have got the "off" command.
-  if (mode_.mode() == wire::Mode::disarmed) all_fresh = all_fresh && ticks_off_ >= slowest_;
+  if (mode_.mode() == wire::Mode::disarmed) all_fresh = all_fresh && drives_.got_off();
   bool homed = true, inside = true;
-  for (std::uint32_t j = 0; j < joints_; ++j) {
+  for (std::uint32_t j = 0; j < in_.joints; ++j) {
     if (mode_.law_runs() && guard_.stopped(j)) continue;  // other groups may continue
     constexpr std::uint32_t kReady = wire::joint_status::kFresh;
     all_fresh = all_fresh && (sample.status[j] & (kReady | wire::joint_status::kNotReady)) == kReady;
@@ -115,7 +112,7 @@ CommandResult ControlStep::change_mode(CommandKind kind, const Input& in) LITHE_
   if (kind == CommandKind::arm && before != wire::Mode::active && before != wire::Mode::hold) laws_.mend();
   if (kind == CommandKind::reset) {
     guard_.forget_faults();
-    clear_ticks_left_ = kTurnsToClear * slowest_;
+    drives_.clear_faults();
   }
   if (kind == CommandKind::recover) {
     guard_.forget_faults();
@@ -128,9 +125,9 @@ CommandResult ControlStep::change_mode(CommandKind kind, const Input& in) LITHE_
 
 // Puts simulated joints back to their start, as a person could with drives that are off.
 CommandResult ControlStep::reset_simulation(const wire::Command& command) LITHE_RT {
-  if (!simulated_) return CommandResult::refused_not_simulated;
+  if (!drives_.simulated()) return CommandResult::refused_not_simulated;
   if (mode_.mode() != wire::Mode::disarmed) return CommandResult::refused_mode;
-  reset_simulation_ = true;
+  drives_.reset_simulation();
   report_.event(EventKind::sim_reset, 0, command.request_id, 0, "");
   return CommandResult::done;
 }
@@ -154,8 +151,8 @@ void ControlStep::take_plan(const wire::Plan& plan) LITHE_RT {
   const wire::Plan* taken = &plan;
   if (guard_.any_stopped()) {
     resting_plan_ = plan;
-    for (std::uint32_t j = 0; j < joints_; ++j) {
-      if (guard_.stopped(j)) plan::rest_joint(resting_plan_, j, planned_rad_[j]);
+    for (std::uint32_t j = 0; j < in_.joints; ++j) {
+      if (guard_.stopped(j)) plan::rest_joint(resting_plan_, j, plan_.setpoint().position_rad[j]);
     }
     taken = &resting_plan_;
   }

@@ -50,12 +50,14 @@ void Probation::start(const law::Terms& terms) LITHE_RT {
   compare_from_here();
 }
 
-void Probation::start_params() LITHE_RT {
+void Probation::start_params(std::uint64_t request_id) LITHE_RT {
+  if (of_law()) return;
+  params_request_id_ = request_id;
   // Several changes in a row are compared with the time before the first of them.
   const bool first = params_.left == 0;
   params_.start(params_ticks_);
   if (!first) return;
-  if (law_.left == 0) error_ratio_ = params_error_ratio_;
+  error_ratio_ = params_error_ratio_;
   compare_from_here();
 }
 
@@ -72,13 +74,13 @@ void Probation::compare_from_here() LITHE_RT {
   tremor_.start();
 }
 
-Probation::News Probation::watch(const Seen& seen) LITHE_RT {
+Probation::News Probation::watch(const Observed& tick) LITHE_RT {
   News news;
-  remember(seen);
+  remember(tick);
   if (!on()) return news;
-  news.kind = judge(seen, news.evidence);
+  news.kind = judge(tick, news.evidence);
   if (news.kind != LawFaultKind::none) return news;
-  const bool moves = in_motion(seen.in) && !catching_up(seen.in), law_was = law_.unproven(),
+  const bool moves = in_motion(tick.in) && !catching_up(tick.in), law_was = law_.unproven(),
              params_were = params_.unproven();
   news.law_confirmed = law_.count(moves);
   news.params_confirmed = params_.count(moves);
@@ -87,13 +89,13 @@ Probation::News Probation::watch(const Seen& seen) LITHE_RT {
   return news;
 }
 
-LawFaultKind Probation::judge(const Seen& seen, Evidence& evidence) const LITHE_RT {
-  if (tracking_is_lost(seen.in, evidence)) return LawFaultKind::tracking_lost;
+LawFaultKind Probation::judge(const Observed& tick, Evidence& evidence) const LITHE_RT {
+  if (tracking_is_lost(tick.in, evidence)) return LawFaultKind::tracking_lost;
   evidence = {0, guard_activity_, kBusy, {}};
   if (guard_activity_ > kBusy && guard_before_ < kCalm) return LawFaultKind::guard_busy;
-  evidence = {0, 1e-9 * static_cast<double>(seen.law_ns), 1e-9 * static_cast<double>(terms_.budget_ns), {}};
+  evidence = {0, 1e-9 * static_cast<double>(tick.law_ns), 1e-9 * static_cast<double>(terms_.budget_ns), {}};
   if (long_steps_ >= kMostLong) return LawFaultKind::overran;
-  evidence = {0, 0, 0, tremor_.find(seen.in.joints)};
+  evidence = {0, 0, 0, tremor_.find(tick.in.joints)};
   const law::Tremor::Finding& finding = evidence.tremor;
   if (finding.kind == law::Tremor::Finding::Kind::chatter) return LawFaultKind::chattering;
   if (finding.kind == law::Tremor::Finding::Kind::oscillation) return LawFaultKind::oscillating;
@@ -110,18 +112,18 @@ bool Probation::tracking_is_lost(const Tick& in, Evidence& evidence) const LITHE
   return false;
 }
 
-void Probation::remember(const Seen& seen) LITHE_RT {
+void Probation::remember(const Observed& tick) LITHE_RT {
   constexpr auto kCatchUpNs = static_cast<std::int64_t>(1e9 * kCatchUpS);
-  if (last_ns_ > 0 && seen.in.t_ns - last_ns_ >= pause_ns_) catching_up_ns_ = seen.in.t_ns + kCatchUpNs;
-  last_ns_ = seen.in.t_ns;
-  const bool counts = !catching_up(seen.in);
-  for (std::uint32_t j = 0; j < seen.in.joints; ++j) {
-    if (counts) most_error_rad_[j] = std::max(error_rad(seen.in, j), most_error_rad_[j] * forget_error_);
-    tremor_.see(seen.in, j, seen.torque_nm[j]);
+  if (last_ns_ > 0 && tick.in.t_ns - last_ns_ >= pause_ns_) catching_up_ns_ = tick.in.t_ns + kCatchUpNs;
+  last_ns_ = tick.in.t_ns;
+  const bool counts = !catching_up(tick.in);
+  for (std::uint32_t j = 0; j < tick.in.joints; ++j) {
+    if (counts) most_error_rad_[j] = std::max(error_rad(tick.in, j), most_error_rad_[j] * forget_error_);
+    tremor_.see(tick.in, j, tick.torque_nm[j]);
   }
-  const double clamped = (seen.flags & kClamped) != 0 ? 1.0 : 0.0;
+  const double clamped = (tick.flags & kClamped) != 0 ? 1.0 : 0.0;
   guard_activity_ = clamped + (guard_activity_ - clamped) * forget_guard_;
-  const bool too_long = terms_.budget_ns > 0 && seen.law_ns > terms_.budget_ns;
+  const bool too_long = terms_.budget_ns > 0 && tick.law_ns > terms_.budget_ns;
   long_steps_ = too_long ? long_steps_ + 1 : 0;
 }
 

@@ -44,8 +44,10 @@ class Probation {
 
   // A law was committed: from now on it is compared with the time before.
   void start(const law::Terms& terms) LITHE_RT;
-  // The parameters of the active law were set: likewise, with the robot file's terms.
-  void start_params() LITHE_RT;
+  // The parameters of the active law were set by this command: likewise, with the robot file's terms. While the law
+  // itself is unconfirmed, law and values are judged together.
+  void start_params(std::uint64_t request_id) LITHE_RT;
+  std::uint64_t params_request_id() const LITHE_RT { return params_request_id_; }
   // Another law runs.
   void end() LITHE_RT { law_ = params_ = {}; }
   // The previous parameters are in force again. The probation of a law starts again.
@@ -57,7 +59,7 @@ class Probation {
   // The duration is over, but the robot has not moved enough.
   bool unproven() const LITHE_RT { return law_.unproven() || params_.unproven(); }
 
-  struct Seen {
+  struct Observed {
     const Tick& in;
     const JointArray& torque_nm;  // what the law wants at each joint
     std::int64_t law_ns;
@@ -71,12 +73,12 @@ class Probation {
   };
   struct News {
     wire::LawFaultKind kind = wire::LawFaultKind::none;  // not none: replace the law or its parameters
-    Evidence evidence;
+    Evidence evidence{};
     bool law_confirmed = false, params_confirmed = false;
     bool law_unproven = false, params_unproven = false;  // as of this tick
   };
   // Once per tick in which a law ran.
-  News watch(const Seen& seen) LITHE_RT;
+  News watch(const Observed& tick) LITHE_RT;
 
  private:
   struct Term {
@@ -96,9 +98,9 @@ class Probation {
 
   bool catching_up(const Tick& in) const LITHE_RT { return in.t_ns < catching_up_ns_; }
   void compare_from_here() LITHE_RT;
-  wire::LawFaultKind judge(const Seen& seen, Evidence& evidence) const LITHE_RT;
+  wire::LawFaultKind judge(const Observed& tick, Evidence& evidence) const LITHE_RT;
   bool tracking_is_lost(const Tick& in, Evidence& evidence) const LITHE_RT;
-  void remember(const Seen& seen) LITHE_RT;
+  void remember(const Observed& tick) LITHE_RT;
 
   double forget_error_ = 0;  // per tick, of the largest error
   double forget_guard_ = 0;  // per tick, of the guard's activity
@@ -113,6 +115,7 @@ class Probation {
 
   law::Terms terms_;
   Term law_, params_;
+  std::uint64_t params_request_id_ = 0;  // of the command whose parameters are on probation
   double error_ratio_ = 0;
   std::uint32_t long_steps_ = 0;
   JointArray error_before_rad_{};

@@ -9,11 +9,8 @@
 #include "spine/step/report.hpp"
 
 namespace lithe::step {
-namespace {
 
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
-
-}  // namespace
 
 void Shadow::start(law::Resident& candidate, std::uint64_t tick, std::uint32_t joints) LITHE_RT {
   law_ = &candidate;
@@ -26,15 +23,14 @@ void Shadow::start(law::Resident& candidate, std::uint64_t tick, std::uint32_t j
   total_ns_ = 0;
 }
 
-Shadow::Opinion Shadow::compare(const Tick& in, const Effort& active, const Effort& candidate, std::int64_t law_ns)
-    LITHE_RT {
+Shadow::Opinion Shadow::compare(const Tick& in, const Effort& active, std::int64_t law_ns) LITHE_RT {
   ++report_.ticks;
   const std::uint32_t step_ns = clamp_ns(law_ns);
   total_ns_ += step_ns;
   report_.most_ns = std::max(report_.most_ns, step_ns);
   report_.mean_ns = static_cast<std::uint32_t>(total_ns_ / report_.ticks);
   for (std::uint32_t j = 0; j < in.joints; ++j) {
-    const double difference_nm = wanted_nm(candidate, in, j) - wanted_nm(active, in, j);
+    const double difference_nm = wanted_nm(effort, in, j) - wanted_nm(active, in, j);
     square_nm2_[j] += difference_nm * difference_nm;
     // Torques may be infinite here and their difference NaN: that counts as the largest difference.
     const double apart_nm = std::isfinite(difference_nm) ? std::abs(difference_nm) : kInfinite;

@@ -19,9 +19,12 @@ class Shadow {
 
   void start(law::Resident& candidate, std::uint64_t tick, std::uint32_t joints) LITHE_RT;
 
+  // The candidate's output, to be compared.
+  Effort effort;
+
   enum class Opinion : std::uint8_t { go_on, promote, refuse };
   // Compares one step of the candidate on `in`, which took `law_ns`, with the active law's output `active`.
-  Opinion compare(const Tick& in, const Effort& active, const Effort& candidate, std::int64_t law_ns) LITHE_RT;
+  Opinion compare(const Tick& in, const Effort& active, std::int64_t law_ns) LITHE_RT;
   // The candidate failed: it is refused, also if it agreed so far.
   void fail() LITHE_RT { report_.faults = 1; }
   void end() LITHE_RT { law_ = nullptr; }

@@ -12,21 +12,11 @@ namespace lithe::step {
 using wire::EventKind;
 namespace flag = wire::telemetry_flag;
 
-std::uint32_t slowest_drive(const robot::RobotConfig& robot) {
-  std::uint32_t divider = 1;
-  for (const robot::DeviceConfig& device : robot.devices) divider = std::max(divider, device.rate_divider);
-  return divider;
-}
-
 ControlStep::ControlStep(const robot::RobotConfig& robot, law::Slot& slot, law::Sandbox& sandbox)
-    : robot_(robot),
-      joints_(static_cast<std::uint32_t>(robot.joints.size())),
-      slowest_(slowest_drive(robot)),
-      simulated_(std::ranges::none_of(robot.buses, robot::is_real)),
-      laws_({robot, slot, sandbox, guard_, mode_, in_, report_}) {
+    : robot_(robot), drives_(robot), laws_({robot, slot, sandbox, guard_, mode_, in_, report_}) {
   plan_.configure(robot);
   guard_.configure(robot);
-  in_.joints = joints_;
+  in_.joints = static_cast<std::uint32_t>(robot.joints.size());
   in_.dt_s = static_cast<double>(std::llround(1e9 / robot.rate_hz)) * 1e-9;
 }
 
@@ -38,14 +28,14 @@ const Report& ControlStep::run(const Input& in, Host& host, hal::ActuatorCommand
   look(in);    // what the law will see
 
   const std::int64_t law_from_ns = host.now_ns();
-  laws_.step(host);
+  laws_.step(host, record.probe);
   const std::int64_t guard_from_ns = host.now_ns();
-  const guard::Verdict verdict = check(in);
+  const guard::Verdict verdict = check(in, command);
   report_.guard_ns = host.now_ns() - guard_from_ns;
   report_.law_ns = guard_from_ns - law_from_ns;
 
   react(verdict);
-  compose(command);
+  drives_.compose(in_, mode_, guard_, command);
   record.law_id = laws_.active_id();  // the law that ran in this tick
   laws_.judge(verdict);
   laws_.swap(host);  // at the end of the tick: the next one runs the new law
@@ -60,7 +50,7 @@ void ControlStep::count_exchange(const Input& in, wire::Telemetry& record) LITHE
   }
   if (in.exchanged) {
     guard_.dispatched();
-    ticks_off_ = all_off_ ? ticks_off_ + 1 : 0;
+    drives_.dispatched();
     stale_ticks_ = 0;
     return;
   }
@@ -77,9 +67,7 @@ void ControlStep::fail(wire::Fault fault, std::string_view text) LITHE_RT {
 void ControlStep::look(const Input& in) LITHE_RT {
   const hal::ActuatorState& sample = in.sample;
   if (!mode_.law_runs()) plan_.hold_at(sample.position_rad);  // so that arming starts where the joint is
-  plan_.sample(in.now_ns, setpoint_);
-  planned_rad_ = setpoint_.position_rad;
-  if (guard_.any_stopped()) forget_stopped_joints(sample);
+  const plan::Setpoint& planned = plan_.sample(in.now_ns);
   const bool fresh = in.exchanged && sample.sample_ns != 0;  // 0 before the first exchange
   in_.tick = in.tick;
   in_.t_ns = in.now_ns;
@@ -87,33 +75,26 @@ void ControlStep::look(const Input& in) LITHE_RT {
   in_.sample_age_s = static_cast<double>(in.now_ns - sample.sample_ns) * 1e-9;
   in_.brain_age_s =
       in.brain_age_ns < 0 ? std::numeric_limits<double>::infinity() : static_cast<double>(in.brain_age_ns) * 1e-9;
-  for (std::uint32_t j = 0; j < joints_; ++j) {
+  for (std::uint32_t j = 0; j < in_.joints; ++j) {
     in_.position_rad[j] = sample.position_rad[j];
     in_.velocity_rad_s[j] = sample.velocity_rad_s[j];
     in_.torque_nm[j] = sample.torque_nm[j];
-    in_.setpoint_position_rad[j] = setpoint_.position_rad[j];
-    in_.setpoint_velocity_rad_s[j] = setpoint_.velocity_rad_s[j];
-    in_.setpoint_acceleration_rad_s2[j] = setpoint_.acceleration_rad_s2[j];
+    // For a joint that the guard has stopped, the setpoint is its measured position: so a law's integrator does not wind
+    // up, and the law is not blamed for the error.
+    const bool stopped = guard_.stopped(j);
+    in_.setpoint_position_rad[j] = stopped ? sample.position_rad[j] : planned.position_rad[j];
+    in_.setpoint_velocity_rad_s[j] = stopped ? 0.0 : planned.velocity_rad_s[j];
+    in_.setpoint_acceleration_rad_s2[j] = stopped ? 0.0 : planned.acceleration_rad_s2[j];
   }
   static_assert(kMaxSensors == robot::kMaxSensors && kMaxSensors == wire::kNs);
   in_.sensor = sample.sensor;
 }
 
-// For a joint that the guard has stopped, the setpoint is its measured position: so a law's integrator does not wind
-// up, and the law is not blamed for the error.
-void ControlStep::forget_stopped_joints(const hal::ActuatorState& sample) LITHE_RT {
-  for (std::uint32_t j = 0; j < joints_; ++j) {
-    if (!guard_.stopped(j)) continue;
-    setpoint_.position_rad[j] = sample.position_rad[j];
-    setpoint_.velocity_rad_s[j] = setpoint_.acceleration_rad_s2[j] = 0;
-  }
-}
-
-guard::Verdict ControlStep::check(const Input& in) LITHE_RT {
+guard::Verdict ControlStep::check(const Input& in, JointCommands& out) LITHE_RT {
   const hal::ActuatorState& sample = in.sample;
   return guard_.check({mode_.mode(), stale_ticks_, in.brain_age_ns, sample.position_rad, sample.velocity_rad_s,
                        sample.status, laws_.effort(), in.now_ns - sample.sample_ns},
-                      output_);
+                      out);
 }
 
 void ControlStep::react(const guard::Verdict& verdict) LITHE_RT {
@@ -142,37 +123,6 @@ void ControlStep::name(const guard::Group& group, Words& words) const LITHE_RT {
   if (group.fault == wire::Fault::recover_failed) words << ": " << guard_.recovery().why_stuck(group.joint);
 }
 
-hal::DriveAction ControlStep::action_of(std::uint32_t j) const LITHE_RT {
-  if (!mode_.energised() && !mode_.damps()) return hal::DriveAction::off;
-  switch (output_.rung[j]) {  // the e-stop only goes down the ladder
-    case wire::Rung::brake:
-      return hal::DriveAction::brake;
-    case wire::Rung::off:
-      return hal::DriveAction::off;
-    default:
-      return mode_.damps() ? hal::DriveAction::damp : hal::DriveAction::torque;
-  }
-}
-
-void ControlStep::compose(hal::ActuatorCommand& command) LITHE_RT {
-  command.tick = in_.tick + 1;
-  command.joints = joints_;
-  command.clear_faults = clear_ticks_left_ > 0 && mode_.mode() == wire::Mode::disarmed;
-  command.reset_simulation = reset_simulation_;
-  reset_simulation_ = false;
-  clear_ticks_left_ = command.clear_faults ? clear_ticks_left_ - 1 : 0;  // later faults need another reset
-  all_off_ = !mode_.energised() && !mode_.damps();
-  for (std::uint32_t j = 0; j < joints_; ++j) {
-    command.action[j] = action_of(j);
-    command.torque_nm[j] = output_.torque_nm[j];
-    command.position_rad[j] = output_.position_rad[j];
-    command.velocity_rad_s[j] = output_.velocity_rad_s[j];
-    command.kp_nm_rad[j] = output_.kp_nm_rad[j];
-    command.kd_nm_s_rad[j] = output_.kd_nm_s_rad[j];
-    command.max_torque_nm[j] = output_.max_torque_nm[j];
-  }
-}
-
 void ControlStep::fill(const Input& in, wire::Telemetry& record) const LITHE_RT {
   const hal::ActuatorState& sample = in.sample;
   record.tick = in.tick;
@@ -181,20 +131,18 @@ void ControlStep::fill(const Input& in, wire::Telemetry& record) const LITHE_RT 
   record.mode = static_cast<std::uint32_t>(mode_.mode());
   record.fault = static_cast<std::uint32_t>(mode_.fault());
   record.flags = report_.flags | (brain_stale_ ? flag::kBrainStale : 0);
-  record.plan_state = static_cast<std::uint32_t>(setpoint_.state);
+  record.plan_state = static_cast<std::uint32_t>(plan_.setpoint().state);
   record.plan_id = plan_.plan_id();
-  std::copy(laws_.probes().begin(), laws_.probes().end(), record.probe.begin());
-  const JointArray& torque_nm = guard_.expected_torque_nm();
-  for (std::uint32_t j = 0; j < joints_; ++j) {
+  for (std::uint32_t j = 0; j < in_.joints; ++j) {
     record.position_rad[j] = sample.position_rad[j];
     record.velocity_rad_s[j] = sample.velocity_rad_s[j];
     record.torque_nm[j] = sample.torque_nm[j];
-    record.setpoint_position_rad[j] = setpoint_.position_rad[j];
-    record.setpoint_velocity_rad_s[j] = setpoint_.velocity_rad_s[j];
-    record.command_torque_nm[j] = torque_nm[j];
+    record.setpoint_position_rad[j] = in_.setpoint_position_rad[j];
+    record.setpoint_velocity_rad_s[j] = in_.setpoint_velocity_rad_s[j];
+    record.command_torque_nm[j] = guard_.expected_torque_nm(j);
     record.joint_status[j] = sample.status[j];
     record.joint_fault[j] = static_cast<std::uint32_t>(guard_.joint_fault(j));
-    record.joint_rung[j] = static_cast<std::uint32_t>(output_.rung[j]);
+    record.joint_rung[j] = static_cast<std::uint32_t>(guard_.rung(j));
     const hal::DriveReport& drive = sample.drive[j];
     record.drive_state[j] = static_cast<std::uint32_t>(drive.state);
     record.drive_current_a[j] = drive.current_a;

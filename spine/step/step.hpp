@@ -16,6 +16,7 @@
 #include "spine/law/slot.hpp"
 #include "spine/plan/interpolator.hpp"
 #include "spine/robot/config.hpp"
+#include "spine/step/drives.hpp"
 #include "spine/step/host.hpp"
 #include "spine/step/laws.hpp"
 #include "spine/step/mode.hpp"
@@ -65,12 +66,9 @@ class ControlStep {
  private:
   void count_exchange(const Input& in, wire::Telemetry& record) LITHE_RT;
   void look(const Input& in) LITHE_RT;
-  void forget_stopped_joints(const hal::ActuatorState& sample) LITHE_RT;
-  guard::Verdict check(const Input& in) LITHE_RT;
+  guard::Verdict check(const Input& in, JointCommands& out) LITHE_RT;
   void react(const guard::Verdict& verdict) LITHE_RT;
   void name(const guard::Group& group, Words& words) const LITHE_RT;
-  hal::DriveAction action_of(std::uint32_t joint) const LITHE_RT;
-  void compose(hal::ActuatorCommand& command) LITHE_RT;
   void fill(const Input& in, wire::Telemetry& record) const LITHE_RT;
 
   // listen.cpp
@@ -87,31 +85,19 @@ class ControlStep {
   void fail(wire::Fault fault, std::string_view text) LITHE_RT;
 
   const robot::RobotConfig& robot_;
-  std::uint32_t joints_;
-  std::uint32_t slowest_;  // ticks until every drive has been asked
-  bool simulated_;         // every bus is
   plan::Interpolator plan_;
   guard::Guard guard_;
   ModeMachine mode_;
+  Drives drives_;
   Report report_;
   Tick in_;
   Laws laws_;
 
-  std::uint32_t stale_ticks_ = 0;       // ticks in a row without a fresh sample
-  std::uint32_t clear_ticks_left_ = 0;  // since the last reset
-  bool reset_simulation_ = false;       // with the next command
-  bool recovered_ = false;              // in mode recover: all joints are inside their limits
-  bool all_off_ = true;                 // the next command is "off" for all drives
-  std::uint64_t ticks_off_ = 0;         // such commands sent in a row
+  std::uint32_t stale_ticks_ = 0;  // ticks in a row without a fresh sample
+  bool recovered_ = false;         // in mode recover: all joints are inside their limits
   bool memory_whole_ = true;
   bool brain_stale_ = true;
-  plan::Setpoint setpoint_;
-  JointArray planned_rad_{};  // the plan's setpoint position, also of stopped joints
-  wire::Plan resting_plan_;   // a plan, with the joints that are stopped at rest
-  guard::Output output_;
+  wire::Plan resting_plan_;  // a plan, with the joints that are stopped at rest
 };
-
-// Every drive gets at least one command in this many ticks.
-std::uint32_t slowest_drive(const robot::RobotConfig& robot);
 
 }  // namespace lithe::step

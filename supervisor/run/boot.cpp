@@ -17,9 +17,9 @@
 #include <iostream>
 #include <utility>
 
-#include "spine/core/files.hpp"
-#include "spine/core/host.hpp"
-#include "spine/core/paths.hpp"
+#include "spine/core/host/files.hpp"
+#include "spine/core/host/paths.hpp"
+#include "spine/core/host/realtime.hpp"
 #include "spine/core/time.hpp"
 #include "spine/robot/cores/cpu_plan.hpp"
 #include "spine/robot/robot.hpp"

@@ -9,7 +9,7 @@
 #include <filesystem>
 #include <utility>
 
-#include "spine/core/files.hpp"
+#include "spine/core/host/files.hpp"
 #include "spine/core/time.hpp"
 #include "supervisor/run/supervisor.hpp"
 

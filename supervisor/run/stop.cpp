@@ -6,7 +6,7 @@
 
 #include <filesystem>
 
-#include "spine/core/paths.hpp"
+#include "spine/core/host/paths.hpp"
 #include "spine/core/time.hpp"
 #include "supervisor/run/supervisor.hpp"
 

@@ -14,8 +14,8 @@
 #include <memory>
 #include <utility>
 
-#include "spine/core/host.hpp"
-#include "spine/core/paths.hpp"
+#include "spine/core/host/paths.hpp"
+#include "spine/core/host/realtime.hpp"
 #include "spine/core/text.hpp"
 #include "spine/core/time.hpp"
 #include "spine/robot/cores/cpu_plan.hpp"

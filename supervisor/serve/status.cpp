@@ -10,9 +10,9 @@
 #include <utility>
 #include <vector>
 
-#include "spine/core/cores.hpp"
-#include "spine/core/host.hpp"
-#include "spine/core/interrupts.hpp"
+#include "spine/core/host/cores.hpp"
+#include "spine/core/host/interrupts.hpp"
+#include "spine/core/host/realtime.hpp"
 #include "spine/core/time.hpp"
 #include "spine/ipc/frames.hpp"
 #include "spine/ipc/segment.hpp"

@@ -8,7 +8,7 @@
 #include <system_error>
 #include <utility>
 
-#include "spine/core/paths.hpp"
+#include "spine/core/host/paths.hpp"
 
 namespace lithe::control {
 

@@ -27,9 +27,9 @@ class SpineSide {
         stage_(control.stage, spine.stage_ack) {
     limits_.joints = 2;
     for (std::size_t i = 0; i < limits_.joints; ++i) {
-      limits_.position_min_rad[i] = -2;
-      limits_.position_max_rad[i] = 2;
-      limits_.velocity_max_rad_s[i] = 10;
+      limits_.joint[i].position_min_rad = -2;
+      limits_.joint[i].position_max_rad = 2;
+      limits_.joint[i].velocity_max_rad_s = 10;
     }
   }
 

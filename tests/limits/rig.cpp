@@ -302,7 +302,7 @@ class Player {
   Joints joints_;
   std::size_t count_;
   guard::Guard guard_;
-  guard::Output output_;
+  JointCommands output_;
   Law law_;
   std::mt19937_64 random_;
   hal::sim::Draws draws_;

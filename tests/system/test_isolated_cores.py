@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A real kernel, booted with isolcpus=1-3: the Spine has an isolated core and says so, also in a partition of cgroup
-v2. Skipped, with the reason, where no machine can be booted. What faked files say: spine/core/cores_test.cpp,
-spine/core/interrupts_test.cpp, spine/robot/cores/cpu_plan_test.cpp."""
+v2. Skipped, with the reason, where no machine can be booted. What faked files say: spine/core/host/cores_test.cpp,
+spine/core/host/interrupts_test.cpp, spine/robot/cores/cpu_plan_test.cpp."""
 
 import json
 import re

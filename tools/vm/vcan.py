@@ -23,7 +23,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 CACHE = ROOT / "build/vcan"
 BIN = Path(os.environ.get("LITHE_BIN_DIR", ROOT / "build/release/bin"))
-PROGRAM = BIN / "hal_bus_socketcan_socketcan_interface_test"
+PROGRAM = BIN / "hal_bus_socketcan_tests"
 LITHE = ("lithe", "lithe-sim", "lithe-spine", "lithe-spine-sim", "lithe-trial", "lawd")
 STEPS = Path(__file__).with_name("steps.sh")  # the words of such scripts
 ROBOT_SCRIPT = Path(__file__).with_name("vcan_robot.sh")

@@ -9,7 +9,7 @@
 #include <functional>
 #include <string>
 
-#include "spine/core/child.hpp"
+#include "spine/core/host/child.hpp"
 #include "spine/core/result.hpp"
 
 namespace lithe::trial {

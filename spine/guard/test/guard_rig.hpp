@@ -32,6 +32,11 @@ inline robot::RobotConfig robot_with(std::size_t joints) {
   return robot;
 }
 
+// The guard's output, and what became of each joint.
+struct Output : JointCommands {
+  std::array<Rung, kMaxJoints> rung{};
+};
+
 // Inputs of a guard with normal values, which a test changes.
 struct Bench {
   explicit Bench(const robot::RobotConfig& robot = robot_with(1)) {
@@ -42,7 +47,9 @@ struct Bench {
   // One tick: the previous output was sent, unless the bus was late.
   Verdict check(bool bus_in_time = true) {
     if (bus_in_time) guard.dispatched();
-    return guard.check({mode, stale_ticks, brain_age_ns, position, velocity, status, effort}, out);
+    const Verdict verdict = guard.check({mode, stale_ticks, brain_age_ns, position, velocity, status, effort}, out);
+    for (std::size_t j = 0; j < kMaxJoints; ++j) out.rung[j] = guard.rung(j);
+    return verdict;
   }
   // The torque joint j will feel by an output: feed-forward and the drive's own PD, where the joint is when the next
   // command reaches it.

@@ -14,7 +14,7 @@
 #include <limits>
 #include <utility>
 
-#include "spine/core/files.hpp"
+#include "spine/core/host/files.hpp"
 #include "spine/core/text.hpp"
 
 namespace lithe::hal::sim {

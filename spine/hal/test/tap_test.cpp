@@ -8,7 +8,7 @@
 #include <memory>
 #include <vector>
 
-#include "spine/core/no_alloc/no_alloc.hpp"
+#include "spine/core/test/no_alloc.hpp"
 #include "spine/hal/sim/simulate.hpp"
 #include "spine/robot/robot.hpp"
 

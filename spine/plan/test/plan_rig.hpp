@@ -57,11 +57,7 @@ struct Bench {
     position.fill(position_rad);
     interpolator.hold_at(position);
   }
-  Setpoint at(double t_ms) {
-    Setpoint setpoint;
-    interpolator.sample(kStart + std::llround(t_ms * 1e6), setpoint);
-    return setpoint;
-  }
+  Setpoint at(double t_ms) { return interpolator.sample(kStart + std::llround(t_ms * 1e6)); }
   wire::PlanReject accept(const wire::Plan& plan, double t_ms) {
     return interpolator.accept(plan, kStart + std::llround(t_ms * 1e6));
   }

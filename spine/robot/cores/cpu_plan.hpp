@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "spine/core/cores.hpp"
+#include "spine/core/host/cores.hpp"
 #include "spine/core/result.hpp"
 #include "spine/robot/config.hpp"
 

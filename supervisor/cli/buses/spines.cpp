@@ -8,7 +8,7 @@
 #include <system_error>
 #include <utility>
 
-#include "spine/core/paths.hpp"
+#include "spine/core/host/paths.hpp"
 #include "spine/core/time.hpp"
 #include "spine/ipc/frames.hpp"
 #include "spine/ipc/segment.hpp"

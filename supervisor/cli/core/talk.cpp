@@ -8,7 +8,7 @@
 #include <set>
 #include <vector>
 
-#include "spine/core/paths.hpp"
+#include "spine/core/host/paths.hpp"
 #include "spine/core/text.hpp"
 #include "supervisor/link/client/presence.hpp"
 #include "supervisor/link/spine/spine_link.hpp"

@@ -11,7 +11,7 @@
 #include <variant>
 #include <vector>
 
-#include "spine/core/files.hpp"
+#include "spine/core/host/files.hpp"
 #include "spine/core/text.hpp"
 #include "supervisor/cli/core/act.hpp"
 #include "supervisor/cli/core/talk.hpp"

@@ -9,7 +9,7 @@
 #include <set>
 #include <system_error>
 
-#include "spine/core/files.hpp"
+#include "spine/core/host/files.hpp"
 #include "spine/core/time.hpp"
 #include "supervisor/cli/core/act.hpp"
 #include "supervisor/cli/core/print.hpp"

@@ -9,7 +9,7 @@
 #include <set>
 #include <thread>
 
-#include "spine/core/paths.hpp"
+#include "spine/core/host/paths.hpp"
 #include "spine/core/time.hpp"
 #include "spine/ipc/segment.hpp"
 #include "supervisor/cli/core/act.hpp"

@@ -8,7 +8,7 @@
 #include <system_error>
 #include <vector>
 
-#include "spine/core/paths.hpp"
+#include "spine/core/host/paths.hpp"
 #include "supervisor/cli/core/act.hpp"
 #include "supervisor/cli/core/talk.hpp"
 #include "supervisor/link/client/presence.hpp"

@@ -14,7 +14,7 @@
 #include <set>
 #include <system_error>
 
-#include "spine/core/paths.hpp"
+#include "spine/core/host/paths.hpp"
 #include "spine/core/time.hpp"
 #include "supervisor/core/process.hpp"
 

@@ -14,7 +14,7 @@
 #include <string>
 #include <vector>
 
-#include "spine/core/paths.hpp"
+#include "spine/core/host/paths.hpp"
 #include "spine/ipc/segment.hpp"
 
 namespace lithe::control {

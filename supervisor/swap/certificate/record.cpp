@@ -10,7 +10,7 @@
 #include <system_error>
 #include <utility>
 
-#include "spine/core/files.hpp"
+#include "spine/core/host/files.hpp"
 #include "spine/core/sha256.hpp"
 
 namespace lithe::control {

@@ -6,7 +6,7 @@
 #include <string>
 #include <utility>
 
-#include "spine/core/no_alloc/no_alloc.hpp"
+#include "spine/core/test/no_alloc.hpp"
 #include "spine/hal/bus/test/pi3hat_rig.hpp"
 #include "spine/hal/robot_hardware.hpp"
 #include "spine/robot/robot.hpp"

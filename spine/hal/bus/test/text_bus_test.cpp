@@ -12,7 +12,7 @@
 #include <memory>
 #include <thread>
 
-#include "spine/core/no_alloc/no_alloc.hpp"
+#include "spine/core/test/no_alloc.hpp"
 #include "spine/hal/bus/slcan/slcan_bus.hpp"
 #include "spine/hal/bus/slcan/slcan_codec.hpp"
 #include "spine/hal/bus/test/pty_rig.hpp"

@@ -13,26 +13,9 @@ enum class FieldKind : std::uint32_t { none = 0, boolean, i8, u8, i16, u16, i32,
 
 // Bytes of one element; 0 for a kind that does not exist.
 constexpr std::uint32_t kind_bytes(FieldKind kind) LITHE_RT {
-  switch (kind) {
-    case FieldKind::boolean:
-    case FieldKind::i8:
-    case FieldKind::u8:
-      return 1;
-    case FieldKind::i16:
-    case FieldKind::u16:
-      return 2;
-    case FieldKind::i32:
-    case FieldKind::u32:
-    case FieldKind::f32:
-      return 4;
-    case FieldKind::i64:
-    case FieldKind::u64:
-    case FieldKind::f64:
-      return 8;
-    case FieldKind::none:
-      break;
-  }
-  return 0;
+  constexpr std::array<std::uint32_t, 12> kBytes{0, 1, 1, 1, 2, 2, 4, 4, 8, 8, 4, 8};
+  const auto i = static_cast<std::size_t>(kind);
+  return i < kBytes.size() ? kBytes[i] : 0;
 }
 
 }  // namespace lithe

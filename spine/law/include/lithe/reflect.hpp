@@ -67,136 +67,65 @@ consteval bool has_c_array() {
 template <class T>
 inline constexpr T kDefaults{};
 
+template <class... Field>
+constexpr auto addresses_of(const Field&... field) {
+  return std::tuple(&field...);
+}
+
+// clang-format off
+// A structured binding needs a name for each field: one list of names, and one arm of field_addresses, for each count.
+#define LITHE_FIELDS_1 f0
+#define LITHE_FIELDS_2 LITHE_FIELDS_1, f1
+#define LITHE_FIELDS_3 LITHE_FIELDS_2, f2
+#define LITHE_FIELDS_4 LITHE_FIELDS_3, f3
+#define LITHE_FIELDS_5 LITHE_FIELDS_4, f4
+#define LITHE_FIELDS_6 LITHE_FIELDS_5, f5
+#define LITHE_FIELDS_7 LITHE_FIELDS_6, f6
+#define LITHE_FIELDS_8 LITHE_FIELDS_7, f7
+#define LITHE_FIELDS_9 LITHE_FIELDS_8, f8
+#define LITHE_FIELDS_10 LITHE_FIELDS_9, f9
+#define LITHE_FIELDS_11 LITHE_FIELDS_10, f10
+#define LITHE_FIELDS_12 LITHE_FIELDS_11, f11
+#define LITHE_FIELDS_13 LITHE_FIELDS_12, f12
+#define LITHE_FIELDS_14 LITHE_FIELDS_13, f13
+#define LITHE_FIELDS_15 LITHE_FIELDS_14, f14
+#define LITHE_FIELDS_16 LITHE_FIELDS_15, f15
+#define LITHE_FIELDS_17 LITHE_FIELDS_16, f16
+#define LITHE_FIELDS_18 LITHE_FIELDS_17, f17
+#define LITHE_FIELDS_19 LITHE_FIELDS_18, f18
+#define LITHE_FIELDS_20 LITHE_FIELDS_19, f19
+#define LITHE_FIELDS_21 LITHE_FIELDS_20, f20
+#define LITHE_FIELDS_22 LITHE_FIELDS_21, f21
+#define LITHE_FIELDS_23 LITHE_FIELDS_22, f22
+#define LITHE_FIELDS_24 LITHE_FIELDS_23, f23
+#define LITHE_FIELDS_25 LITHE_FIELDS_24, f24
+#define LITHE_FIELDS_26 LITHE_FIELDS_25, f25
+#define LITHE_FIELDS_27 LITHE_FIELDS_26, f26
+#define LITHE_FIELDS_28 LITHE_FIELDS_27, f27
+#define LITHE_FIELDS_29 LITHE_FIELDS_28, f28
+#define LITHE_FIELDS_30 LITHE_FIELDS_29, f29
+#define LITHE_FIELDS_31 LITHE_FIELDS_30, f30
+#define LITHE_FIELDS_32 LITHE_FIELDS_31, f31
+#define LITHE_ARM(count)                         \
+  if constexpr (n == count) {                    \
+    const auto& [LITHE_FIELDS_##count] = object; \
+    return addresses_of(LITHE_FIELDS_##count);   \
+  } else
+
 // The addresses of all fields of `object`, as a tuple of typed pointers.
 template <class T>
 constexpr auto field_addresses(const T& object) {
   constexpr std::size_t n = field_count<T>();
-  if constexpr (n == 1) {
-    const auto& [f0] = object;
-    return std::tuple(&f0);
-  } else if constexpr (n == 2) {
-    const auto& [f0, f1] = object;
-    return std::tuple(&f0, &f1);
-  } else if constexpr (n == 3) {
-    const auto& [f0, f1, f2] = object;
-    return std::tuple(&f0, &f1, &f2);
-  } else if constexpr (n == 4) {
-    const auto& [f0, f1, f2, f3] = object;
-    return std::tuple(&f0, &f1, &f2, &f3);
-  } else if constexpr (n == 5) {
-    const auto& [f0, f1, f2, f3, f4] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4);
-  } else if constexpr (n == 6) {
-    const auto& [f0, f1, f2, f3, f4, f5] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5);
-  } else if constexpr (n == 7) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6);
-  } else if constexpr (n == 8) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7);
-  } else if constexpr (n == 9) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8);
-  } else if constexpr (n == 10) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9);
-  } else if constexpr (n == 11) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10);
-  } else if constexpr (n == 12) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11);
-  } else if constexpr (n == 13) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12);
-  } else if constexpr (n == 14) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13);
-  } else if constexpr (n == 15) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13, f14] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13, &f14);
-  } else if constexpr (n == 16) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13, f14, f15] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13, &f14, &f15);
-  } else if constexpr (n == 17) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13, f14, f15, f16] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13, &f14, &f15, &f16);
-  } else if constexpr (n == 18) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13, f14, f15, f16, f17] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13, &f14, &f15, &f16, &f17);
-  } else if constexpr (n == 19) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13, f14, f15, f16, f17, f18] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13, &f14, &f15, &f16, &f17,
-                      &f18);
-  } else if constexpr (n == 20) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13, f14, f15, f16, f17, f18, f19] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13, &f14, &f15, &f16, &f17,
-                      &f18, &f19);
-  } else if constexpr (n == 21) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13, f14, f15, f16, f17, f18, f19, f20] =
-        object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13, &f14, &f15, &f16, &f17,
-                      &f18, &f19, &f20);
-  } else if constexpr (n == 22) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13, f14, f15, f16, f17, f18, f19, f20, f21] =
-        object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13, &f14, &f15, &f16, &f17,
-                      &f18, &f19, &f20, &f21);
-  } else if constexpr (n == 23) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13, f14, f15, f16, f17, f18, f19, f20, f21,
-                 f22] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13, &f14, &f15, &f16, &f17,
-                      &f18, &f19, &f20, &f21, &f22);
-  } else if constexpr (n == 24) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13, f14, f15, f16, f17, f18, f19, f20, f21,
-                 f22, f23] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13, &f14, &f15, &f16, &f17,
-                      &f18, &f19, &f20, &f21, &f22, &f23);
-  } else if constexpr (n == 25) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13, f14, f15, f16, f17, f18, f19, f20, f21,
-                 f22, f23, f24] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13, &f14, &f15, &f16, &f17,
-                      &f18, &f19, &f20, &f21, &f22, &f23, &f24);
-  } else if constexpr (n == 26) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13, f14, f15, f16, f17, f18, f19, f20, f21,
-                 f22, f23, f24, f25] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13, &f14, &f15, &f16, &f17,
-                      &f18, &f19, &f20, &f21, &f22, &f23, &f24, &f25);
-  } else if constexpr (n == 27) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13, f14, f15, f16, f17, f18, f19, f20, f21,
-                 f22, f23, f24, f25, f26] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13, &f14, &f15, &f16, &f17,
-                      &f18, &f19, &f20, &f21, &f22, &f23, &f24, &f25, &f26);
-  } else if constexpr (n == 28) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13, f14, f15, f16, f17, f18, f19, f20, f21,
-                 f22, f23, f24, f25, f26, f27] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13, &f14, &f15, &f16, &f17,
-                      &f18, &f19, &f20, &f21, &f22, &f23, &f24, &f25, &f26, &f27);
-  } else if constexpr (n == 29) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13, f14, f15, f16, f17, f18, f19, f20, f21,
-                 f22, f23, f24, f25, f26, f27, f28] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13, &f14, &f15, &f16, &f17,
-                      &f18, &f19, &f20, &f21, &f22, &f23, &f24, &f25, &f26, &f27, &f28);
-  } else if constexpr (n == 30) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13, f14, f15, f16, f17, f18, f19, f20, f21,
-                 f22, f23, f24, f25, f26, f27, f28, f29] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13, &f14, &f15, &f16, &f17,
-                      &f18, &f19, &f20, &f21, &f22, &f23, &f24, &f25, &f26, &f27, &f28, &f29);
-  } else if constexpr (n == 31) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13, f14, f15, f16, f17, f18, f19, f20, f21,
-                 f22, f23, f24, f25, f26, f27, f28, f29, f30] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13, &f14, &f15, &f16, &f17,
-                      &f18, &f19, &f20, &f21, &f22, &f23, &f24, &f25, &f26, &f27, &f28, &f29, &f30);
-  } else if constexpr (n == 32) {
-    const auto& [f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, f11, f12, f13, f14, f15, f16, f17, f18, f19, f20, f21,
-                 f22, f23, f24, f25, f26, f27, f28, f29, f30, f31] = object;
-    return std::tuple(&f0, &f1, &f2, &f3, &f4, &f5, &f6, &f7, &f8, &f9, &f10, &f11, &f12, &f13, &f14, &f15, &f16, &f17,
-                      &f18, &f19, &f20, &f21, &f22, &f23, &f24, &f25, &f26, &f27, &f28, &f29, &f30, &f31);
-  } else {
+  LITHE_ARM(1) LITHE_ARM(2) LITHE_ARM(3) LITHE_ARM(4) LITHE_ARM(5) LITHE_ARM(6) LITHE_ARM(7) LITHE_ARM(8)
+  LITHE_ARM(9) LITHE_ARM(10) LITHE_ARM(11) LITHE_ARM(12) LITHE_ARM(13) LITHE_ARM(14) LITHE_ARM(15) LITHE_ARM(16)
+  LITHE_ARM(17) LITHE_ARM(18) LITHE_ARM(19) LITHE_ARM(20) LITHE_ARM(21) LITHE_ARM(22) LITHE_ARM(23) LITHE_ARM(24)
+  LITHE_ARM(25) LITHE_ARM(26) LITHE_ARM(27) LITHE_ARM(28) LITHE_ARM(29) LITHE_ARM(30) LITHE_ARM(31) LITHE_ARM(32)
+  {
     return std::tuple<>();
   }
 }
+#undef LITHE_ARM
+// clang-format on
 
 // The compiler's own text for "address of that field" ends in the name of the field.
 template <auto Address>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/core/cores.hpp"
+#include "spine/core/host/cores.hpp"
 
 #include <sched.h>
 
@@ -9,8 +9,8 @@
 #include <string_view>
 #include <thread>
 
-#include "spine/core/files.hpp"
-#include "spine/core/host.hpp"
+#include "spine/core/host/files.hpp"
+#include "spine/core/host/realtime.hpp"
 
 namespace lithe {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/core/files.hpp"
+#include "spine/core/host/files.hpp"
 
 #include <fcntl.h>
 #include <signal.h>
@@ -9,6 +9,8 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+
+#include "spine/core/host/fd.hpp"
 
 namespace lithe {
 namespace {
@@ -22,20 +24,13 @@ Error too_large(const std::string& path, std::size_t most_bytes) {
   return wrong(path, "is larger than " + std::to_string(most_bytes) + " bytes");
 }
 
-struct Descriptor {
-  int fd;
-  ~Descriptor() {
-    if (fd >= 0) close(fd);
-  }
-};
-
 }  // namespace
 
 Result<std::string> read_regular_file(const std::string& path, std::size_t most_bytes) {
-  const Descriptor file{open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY)};
-  if (file.fd < 0) return wrong(path, std::strerror(errno));
+  const Fd file(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY));
+  if (!file) return wrong(path, std::strerror(errno));
   struct stat about{};
-  if (fstat(file.fd, &about) != 0) return wrong(path, std::strerror(errno));
+  if (fstat(file.get(), &about) != 0) return wrong(path, std::strerror(errno));
   if (S_ISDIR(about.st_mode)) return wrong(path, "is a directory, not a file");
   if (!S_ISREG(about.st_mode)) return wrong(path, "is a device, a pipe or a socket, not a file");
   if (about.st_size > static_cast<off_t>(most_bytes)) return too_large(path, most_bytes);
@@ -45,7 +40,7 @@ Result<std::string> read_regular_file(const std::string& path, std::size_t most_
     const std::size_t had = bytes.size();
     bytes.resize(had + std::min(kChunkBytes, most_bytes + 1 - had));
     ssize_t got = -1;
-    do got = read(file.fd, bytes.data() + had, bytes.size() - had);
+    do got = read(file.get(), bytes.data() + had, bytes.size() - had);
     while (got < 0 && errno == EINTR);
     if (got < 0) return wrong(path, std::strerror(errno));
     bytes.resize(had + static_cast<std::size_t>(got));

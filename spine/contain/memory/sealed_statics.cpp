@@ -11,7 +11,7 @@
 #include <string>
 #include <utility>
 
-#include "spine/contain/constants.hpp"
+#include "spine/contain/memory/constants.hpp"
 
 namespace lithe::contain {
 namespace {

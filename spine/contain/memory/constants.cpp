@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/contain/constants.hpp"
+#include "spine/contain/memory/constants.hpp"
 
 #include <cstring>
 #include <string>

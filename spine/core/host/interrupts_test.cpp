@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/core/interrupts.hpp"
+#include "spine/core/host/interrupts.hpp"
 
 #include <gtest/gtest.h>
 #include <unistd.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/core/paths.hpp"
+#include "spine/core/host/paths.hpp"
 
 #include <unistd.h>
 

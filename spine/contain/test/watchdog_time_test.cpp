@@ -11,7 +11,7 @@
 #include <thread>
 #include <vector>
 
-#include "spine/contain/bad_laws.hpp"
+#include "spine/contain/test/bad_laws.hpp"
 #include "spine/contain/test/contain_rig.hpp"
 #include "spine/contain/watchdog.hpp"
 #include "spine/core/time.hpp"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/core/host.hpp"
+#include "spine/core/host/realtime.hpp"
 
 #include <malloc.h>
 #include <pthread.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/core/files.hpp"
+#include "spine/core/host/files.hpp"
 
 #include <fcntl.h>
 #include <gtest/gtest.h>

@@ -7,8 +7,8 @@
 #include <csignal>
 #include <cstdint>
 
-#include "spine/contain/bad_laws.hpp"
-#include "spine/contain/constants.hpp"
+#include "spine/contain/memory/constants.hpp"
+#include "spine/contain/test/bad_laws.hpp"
 #include "spine/contain/test/contain_rig.hpp"
 
 namespace lithe::contain {

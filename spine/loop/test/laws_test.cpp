@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the tick does with laws that fail, with every real part around it.
 #include "spine/contain/fault_barrier.hpp"
-#include "spine/contain/protected_memory.hpp"
+#include "spine/contain/memory/protected_memory.hpp"
 #include "spine/loop/test/laws_rig.hpp"
 
 namespace lithe::loop {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/contain/protected_memory.hpp"
+#include "spine/contain/memory/protected_memory.hpp"
 
 #include <sys/syscall.h>
 #include <unistd.h>
@@ -9,8 +9,8 @@
 #include <string>
 #include <thread>
 
-#include "spine/contain/bad_laws.hpp"
 #include "spine/contain/core.hpp"
+#include "spine/contain/test/bad_laws.hpp"
 #include "spine/contain/test/contain_rig.hpp"
 #include "spine/core/time.hpp"
 

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <random>
 
-#include "spine/core/no_alloc/no_alloc.hpp"
+#include "spine/core/test/no_alloc.hpp"
 #include "spine/loop/test/tick_rig.hpp"
 
 namespace lithe::loop {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/core/no_alloc/no_alloc.hpp"
+#include "spine/core/test/no_alloc.hpp"
 
 #include <gtest/gtest.h>
 

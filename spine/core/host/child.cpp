@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/core/child.hpp"
+#include "spine/core/host/child.hpp"
 
 #include <fcntl.h>
 #include <poll.h>

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/core/interrupts.hpp"
+#include "spine/core/host/interrupts.hpp"
 
 #include <algorithm>
 #include <cstddef>
 #include <sstream>
 
-#include "spine/core/cores.hpp"
-#include "spine/core/files.hpp"
+#include "spine/core/host/cores.hpp"
+#include "spine/core/host/files.hpp"
 #include "spine/core/text.hpp"
 
 namespace lithe {

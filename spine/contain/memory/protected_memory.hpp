@@ -9,7 +9,8 @@
 #include <new>
 #include <utility>
 
-#include "spine/contain/memory_key.hpp"
+#include "spine/contain/memory/memory_key.hpp"
+#include "spine/core/mapping.hpp"
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
 
@@ -74,14 +75,12 @@ class ProtectedMemory {
     std::byte *original, *copy, *second;
     std::size_t bytes;
   };
-  ProtectedMemory(void* base, std::size_t bytes, int key)
-      : base_(static_cast<std::byte*>(base)), bytes_(bytes), key_(key) {}
+  explicit ProtectedMemory(int key) : key_(key) {}
   static void remember(const Block& block) LITHE_RT;
   static const void* check(const Block& block) LITHE_RT;
 
-  std::byte* base_;
-  std::size_t bytes_;
-  int key_;
+  Mapping pages_;
+  int key_;  // -1 = none
   std::size_t used_ = 0;
   std::array<Block, kMaxGuardedBlocks> blocks_{};
   std::size_t blocks_used_ = 0;

@@ -1,8 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/contain/protected_memory.hpp"
-
-#include <sys/mman.h>
-#include <unistd.h>
+#include "spine/contain/memory/protected_memory.hpp"
 
 #include <cerrno>
 #include <cstring>
@@ -10,11 +7,6 @@
 
 namespace lithe::contain {
 namespace {
-
-std::size_t whole_pages(std::size_t bytes) {
-  const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
-  return (bytes + page - 1) / page * page;
-}
 
 int new_key() {
 #if defined(__x86_64__)
@@ -33,29 +25,23 @@ Result<std::unique_ptr<ProtectedMemory>> ProtectedMemory::make(std::size_t bytes
     return Error{std::string("memory protection keys were refused (") + std::strerror(errno) +
                  "): this machine has none, or all are in use; take Protection::best"};
   }
-  const std::size_t size = whole_pages(bytes);
-  void* base = mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_POPULATE, -1, 0);
-  if (base == MAP_FAILED) {
-    const int error = errno;
-#if defined(__x86_64__)
-    if (key >= 0) pkey_free(key);
-#endif
-    return Error{"no " + std::to_string(size) + " bytes for the protected memory: " + std::strerror(error)};
+  std::unique_ptr<ProtectedMemory> memory(new ProtectedMemory(key));
+  Mapping& pages = memory->pages_ = Mapping::make(whole_pages(bytes), PROT_READ | PROT_WRITE, MAP_POPULATE);
+  if (!pages) {
+    return Error{"no " + std::to_string(whole_pages(bytes)) +
+                 " bytes for the protected memory: " + std::strerror(errno)};
   }
-  mlock(base, size);  // without the right to lock it is at least resident now
+  mlock(pages.data(), pages.size());  // without the right to lock it is at least resident now
 #if defined(__x86_64__)
-  if (key >= 0 && pkey_mprotect(base, size, PROT_READ | PROT_WRITE, key) != 0) {
-    const int error = errno;
-    munmap(base, size);
-    pkey_free(key);
-    return Error{std::string("the protected memory's pages take no protection key: ") + std::strerror(error)};
+  if (key >= 0 && pkey_mprotect(pages.data(), pages.size(), PROT_READ | PROT_WRITE, key) != 0) {
+    return Error{std::string("the protected memory's pages take no protection key: ") + std::strerror(errno)};
   }
 #endif
-  return std::unique_ptr<ProtectedMemory>(new ProtectedMemory(base, size, key));
+  return memory;
 }
 
 ProtectedMemory::~ProtectedMemory() {
-  munmap(base_, bytes_);
+  pages_ = Mapping();  // before its key
 #if defined(__x86_64__)
   if (key_ >= 0) pkey_free(key_);
 #endif
@@ -63,15 +49,15 @@ ProtectedMemory::~ProtectedMemory() {
 
 void* ProtectedMemory::allocate(std::size_t bytes, std::size_t alignment) {
   const std::size_t from = (used_ + alignment - 1) / alignment * alignment;
-  if (from > bytes_ || bytes > bytes_ - from) return nullptr;
+  if (from > pages_.size() || bytes > pages_.size() - from) return nullptr;
   used_ = from + bytes;
-  return base_ + from;
+  return pages_.bytes() + from;
 }
 
 Result<> ProtectedMemory::guard(void* block, std::size_t bytes) {
   auto* from = static_cast<std::byte*>(block);
   if (key_ >= 0) {
-    if (from >= base_ && from + bytes <= base_ + bytes_) return done();
+    if (from >= pages_.bytes() && from + bytes <= pages_.bytes() + pages_.size()) return done();
     return Error{"a guarded block lies outside the protected memory, where its key does not reach: allocate it there"};
   }
   if (blocks_used_ == blocks_.size()) {

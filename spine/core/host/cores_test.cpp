@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/core/cores.hpp"
+#include "spine/core/host/cores.hpp"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -8,7 +8,7 @@
 #include <filesystem>
 #include <fstream>
 
-#include "spine/core/host.hpp"
+#include "spine/core/host/realtime.hpp"
 
 namespace lithe {
 namespace {
