@@ -265,6 +265,15 @@ def test_what_is_no_robot_file_is_started_by_nobody(tmp_path: Path, text: str) -
         demo.simulated_joints(tmp_path / "arm.toml")
 
 
+def test_a_robot_file_that_cannot_be_read_is_named_with_the_reason(tmp_path: Path) -> None:
+    for path, reason in ((tmp_path, "is a directory"), (tmp_path / "absent.toml", "No such file")):
+        with pytest.raises(
+            demo.LitheError, match=f"(?s)cannot read the robot file {path}: {reason}.*next: give a"
+        ) as told:
+            demo.simulated_joints(path)
+        assert "Errno" not in str(told.value)
+
+
 @pytest.mark.parametrize("mode", ["position", "velocity"])
 def test_a_drive_that_takes_no_torques_is_refused_by_name(tmp_path: Path, mode: str) -> None:
     text = (ROOT / "robots/frankenstein.toml").read_text(encoding="utf-8")

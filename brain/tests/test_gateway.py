@@ -23,6 +23,16 @@ from system.house import ROOT, House
 from talk import ask, lines
 
 
+def test_a_file_that_is_no_token_file_is_left_as_it_is(tmp_path: Path) -> None:
+    thesis = tmp_path / "thesis.txt"
+    thesis.write_text("years of work")
+    thesis.chmod(0o644)
+    for path in (thesis, tmp_path):
+        with pytest.raises(lithe.LitheError, match="is no token file"):
+            write_token(path)
+    assert thesis.read_text() == "years of work"
+
+
 def test_the_token_file_is_for_its_owner_alone(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "token"
     first, second = write_token(path), write_token(path)

@@ -218,8 +218,14 @@ def test_a_gateway_that_cannot_listen_leaves_the_token_alone(house: House, tmp_p
         port = str(taken.getsockname()[1])
         second = gateway_process(house, "--port", port, "--token-file", str(token))
         words, _ = second.communicate(timeout=60)
-    assert second.returncode == 1 and "choose another port" in words, words
+    assert second.returncode == 1 and "choose another host or port" in words, words
     assert token.read_text() == "of another gateway\n"
+
+
+@pytest.mark.parametrize("words", [("--port", "99999"), ("--host", "192.0.2.1")])
+def test_an_address_that_nobody_can_listen_on_is_one_line_not_a_traceback(house: House, words: tuple[str, ...]) -> None:
+    told, _ = (gateway := gateway_process(house, *words)).communicate(timeout=60)
+    assert gateway.returncode == 1 and len(told.splitlines()) == 1 and "choose another host or port" in told, told
 
 
 def test_a_token_file_that_a_gateway_serves_with_is_not_overwritten(house: House, tmp_path: Path) -> None:

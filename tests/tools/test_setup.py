@@ -80,15 +80,49 @@ def test_nothing_missing_says_nothing(machine: Path) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-def test_without_rights_exactly_one_line_to_type_and_exit_1(machine: Path) -> None:
+def test_without_rights_what_is_wrong_then_exactly_one_line_to_type_and_exit_1(machine: Path) -> None:
     forget(machine, "ninja-build")
     forget(machine, "libgtest-dev")
     done = setup(machine)
     assert done.returncode == 1
     assert (done.stdout + done.stderr).splitlines() == [
-        "sudo apt-get update && sudo apt-get install -y --no-install-recommends libgtest-dev ninja-build"
+        "setup: Debian packages are missing; install them (or ask who may), then repeat your command:",
+        "sudo apt-get update && sudo apt-get install -y --no-install-recommends libgtest-dev ninja-build",
     ]
     assert not (machine / "apt.log").exists()
+
+
+def test_when_apt_cannot_install_the_last_line_says_what_to_do(machine: Path) -> None:
+    executable(machine / "bin/id", "echo 0\n")
+    executable(machine / "bin/apt-get", "exit 100\n")
+    forget(machine, "cmake")
+    done = setup(machine)
+    assert done.returncode == 1 and not (machine / ".venv").exists()
+    assert "apt-get could not install cmake" in done.stderr.splitlines()[-1] and "connect" in done.stderr
+
+
+def test_without_a_package_index_the_last_line_says_what_to_do_and_the_next_try_begins_anew(machine: Path) -> None:
+    executable(
+        machine / "bin/python3",
+        f'case "$*" in *sys.executable*) echo {machine}/bin/python3 ;; *"-m venv"*) mkdir -p .venv/bin &&\n'
+        f"cp {machine}/bin/no_index .venv/bin/python ;; esac\n",
+    )
+    executable(machine / "bin/no_index", "echo No matching distribution >&2; exit 1\n")
+    for _ in range(2):
+        done = setup(machine)
+        assert done.returncode == 1
+        assert "pip could not fill .venv" in done.stderr.splitlines()[-1] and "connect" in done.stderr
+        assert not (machine / ".venv/setup.stamp").exists()
+
+
+@pytest.mark.skipif(os.getuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_cannot_be_written_is_named_before_anything_is_installed(machine: Path) -> None:
+    forget(machine, "cmake")
+    machine.chmod(0o555)
+    done = setup(machine)
+    machine.chmod(0o755)
+    assert done.returncode == 1
+    assert f"{machine} cannot be written" in done.stderr and "clone" in done.stderr
 
 
 def test_a_missing_package_of_another_group_does_not_matter(machine: Path) -> None:

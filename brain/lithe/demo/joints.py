@@ -107,6 +107,11 @@ def simulated_joints(robot_file: Path, over_real_buses: bool = False) -> list[Si
                 'give it a robot whose joints swing each on its own ("independent")'
             )
         joints = _joints(robot_file, config)
+    except OSError as error:
+        raise LitheError(
+            f"cannot read the robot file {robot_file}: {error.strerror}\n"
+            "  next: give a .toml file, like those in robots/"
+        ) from None
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise LitheError(
             f"{robot_file} is not what a robot file is ({type(error).__name__}: {error})\n"

@@ -138,8 +138,9 @@ class Gateway:
         no = _refusal(None, "token", "wrong token", "read it from the token file")
         try:
             self._lobby = Lobby(host, port, self.token, self._admit, no)
-        except OSError as error:
-            raise LitheError(f"cannot listen on {host}:{port} ({error.strerror}): choose another port") from None
+        except (OSError, OverflowError) as error:  # OverflowError: no number of a port
+            why = error.strerror if isinstance(error, OSError) else error
+            raise LitheError(f"cannot listen on {host}:{port} ({why}): choose another host or port") from None
         self.port = self._lobby.port
 
     def start(self) -> None:

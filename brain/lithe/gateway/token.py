@@ -7,6 +7,7 @@ import contextlib
 import fcntl
 import os
 import secrets
+import stat
 from pathlib import Path
 
 from ..errors import LitheError
@@ -27,7 +28,7 @@ def write_token(path: Path, token: str | None = None) -> str:
     token = token or new_token()
     path.parent.mkdir(mode=0o750, parents=True, exist_ok=True)
     with contextlib.suppress(FileNotFoundError):
-        before = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        before = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
         try:
             fcntl.flock(before, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -35,6 +36,12 @@ def write_token(path: Path, token: str | None = None) -> str:
                 raise LitheError(
                     f"another gateway's clients read their token from {path}\n  next: --token-file with another name"
                 ) from None
+        else:
+            if os.fstat(before).st_mode != stat.S_IFREG | 0o600:  # those that we write are for their owner alone
+                raise LitheError(
+                    f"{path} is there, and is no token file (mode 0600): it is left as it is\n"
+                    "  next: --token-file with another name"
+                )
         finally:
             os.close(before)
         path.unlink()
