@@ -12,7 +12,7 @@
 #include <regex>
 #include <system_error>
 
-#include "spine/core/files.hpp"
+#include "spine/core/host/files.hpp"
 #include "supervisor/cli/core/act.hpp"
 #include "supervisor/cli/core/print.hpp"
 #include "supervisor/cli/core/talk.hpp"
