@@ -73,6 +73,7 @@ Drives Supervisor::switch_off() {
     }
   };
   refuse_swaps();
+  commands_->close(stopping);  // or a client could arm the robot again while its drives go off
   bool answered = false;
   bool obeyed = false;
   wire::Command disarm;
