@@ -67,6 +67,7 @@ Drives Supervisor::switch_off() {
     if (swaps_) swaps_->refuse_all(stopping, monotonic_ns());
   };
   refuse_swaps();
+  commands_->close(stopping);  // or a client could arm the robot again while its drives go off
   bool answered = false;
   bool obeyed = false;
   wire::Command disarm;

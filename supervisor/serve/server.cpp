@@ -19,7 +19,8 @@ namespace lithe::control {
 namespace {
 
 constexpr std::size_t kMaxShownBytes = 100;
-constexpr int kMostNested = 32;  // arguments are two objects deep; the JSON reader and writer are recursive
+constexpr int kRequestsPerTurn = 16;  // of one client; in between the others are served and the heartbeat is sent
+constexpr int kMostNested = 32;       // arguments are two objects deep; the JSON reader and writer are recursive
 
 std::string answer_line(const Json& id, const Answer& answer) {
   Json out = {{"id", id}};
@@ -85,7 +86,8 @@ Server::~Server() {
 void Server::add_poll_fds(std::vector<pollfd>& fds) const {
   fds.push_back({listener_.get(), POLLIN, 0});
   for (const auto& [key, client] : clients_) {
-    const int events = (client.ended ? 0 : POLLIN) | (client.out.empty() ? 0 : POLLOUT);
+    const bool writes = !client.out.empty() || client.behind;  // behind: so that poll() returns at once
+    const int events = (client.ended ? 0 : POLLIN) | (writes ? POLLOUT : 0);
     fds.push_back({client.fd.get(), static_cast<short>(events), 0});
   }
 }
@@ -121,8 +123,19 @@ bool Server::finished(const Client& client) {
 
 void Server::read_from(std::uint64_t key, Client& client) {
   char chunk[65536];
-  // A bounded number of reads per turn, so that one busy client does not starve the others.
-  for (int turn = 0; turn < 16 && !client.closing && !client.ended; ++turn) {
+  // A bounded number of reads and requests per turn, so that one busy client does not starve the others.
+  int left = kRequestsPerTurn;
+  const auto handle_lines = [&] {
+    while (left > 0 && !client.closing) {
+      const auto line = client.in.next();
+      if (!line) break;
+      handle(key, client, *line);
+      --left;
+    }
+    client.behind = left == 0;  // there may be more
+  };
+  handle_lines();
+  for (int turn = 0; turn < 16 && left > 0 && !client.closing && !client.ended; ++turn) {
     const ssize_t got = ::recv(client.fd.get(), chunk, sizeof(chunk), 0);
     if (got == 0 || (got < 0 && errno != EAGAIN && errno != EINTR)) {
       client.ended = true;
@@ -130,8 +143,8 @@ void Server::read_from(std::uint64_t key, Client& client) {
     }
     if (got < 0) return;
     client.in.feed({chunk, static_cast<std::size_t>(got)});
-    while (auto line = client.in.next()) handle(key, client, *line);
-    if (client.in.too_long()) refuse_long(key, client);
+    handle_lines();
+    if (!client.behind && client.in.too_long()) refuse_long(key, client);
   }
 }
 

@@ -52,6 +52,7 @@ class Server {
     std::string out;
     std::size_t owed = 0;  // requests not answered yet
     bool ended = false;    // half closed: sends no more, may still wait for answers
+    bool behind = false;   // requests that were read are left for the next turn
     bool closing = false;  // close once `out` is written
   };
 

@@ -200,6 +200,29 @@ TEST_F(ServerTest, AClientThatSendsNoMoreStillGetsItsAnswer) {
   EXPECT_EQ(line_from(fd)["result"]["late"], true);
 }
 
+// What one client asks at once must not keep the supervisor from its heartbeat and its other clients.
+TEST_F(ServerTest, AFloodOfOneClientIsHandledInPieces) {
+  stop_ = true;
+  thread_.join();
+  const Fd flood = raw();
+  const Fd other = raw();
+  constexpr std::size_t kRequests = 1000;
+  std::string text;
+  for (std::size_t i = 0; i < kRequests; ++i) {
+    text += "{\"id\":1,\"verb\":\"later\"}\n";
+  }
+  send(flood, text);
+  send(other, "{\"id\":2,\"verb\":\"later\"}\n");
+  server_->serve();
+  EXPECT_LT(waiting_.size(), kRequests / 10) << "handled in one turn";
+  EXPECT_EQ(waiting_.back().id, 2) << "the other client is served in the same turn";
+  for (std::size_t turn = 0; turn < kRequests; ++turn) {
+    server_->serve();
+  }
+  EXPECT_EQ(waiting_.size(), kRequests + 1);
+  thread_ = std::thread([] {});
+}
+
 TEST_F(ServerTest, TheSocketIsForOwnerAndGroupAlone) {
   struct stat status{};
   ASSERT_EQ(::stat(path_.c_str(), &status), 0);

@@ -7,9 +7,11 @@ import signal
 import socket
 import subprocess
 import threading
+import time
 from pathlib import Path
 
 import pytest
+from calm import calm_text
 from system.house import BIN, ROOT, House, alive
 
 LAYOUT_HASH_OFFSET_BYTES = 24  # docs/reference/wire.md: SegmentHeader
@@ -49,6 +51,23 @@ def test_a_swap_that_comes_while_the_robot_stops_is_refused_and_not_left_without
     assert answer, "it hung up"
     assert json.loads(answer)["error"]["code"] == "stopping"
     assert process.wait(30) == 3
+
+
+def test_a_disarm_is_not_undone_by_an_arm_before_it(house: House) -> None:
+    """The arm waits for drives that are asked every fourth tick only."""
+    changes = {"rate_divider = 1 ": "rate_divider = 4 ", "safe_kp_nm_rad = 1.0 ": "safe_kp_nm_rad = 0.2 "}
+    house.config.write_text(calm_text(changes))
+    house.run()
+    house.wait_for(lambda: house.ask("status")["mode"] == "active")
+    verbs = ("disarm", "arm", "disarm")
+    with socket.socket(socket.AF_UNIX) as link, link.makefile("rb") as answers:
+        link.connect(str(house.socket))
+        link.settimeout(30)
+        link.sendall(b"".join(json.dumps({"id": i, "verb": verb}).encode() + b"\n" for i, verb in enumerate(verbs)))
+        for _ in verbs:
+            answers.readline()
+    time.sleep(0.3)  # an arm is sent again for 0.2 s
+    assert house.ask("status")["mode"] == "disarmed"
 
 
 def test_an_error_of_the_supervisor_itself_stops_the_robot_and_exits_3(house: House) -> None:

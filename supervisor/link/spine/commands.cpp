@@ -226,7 +226,16 @@ std::variant<wire::Command, Refusal> params_command(const Json& values, const wi
 }
 
 std::uint64_t Commands::send(wire::Command command, Callback callback, std::int64_t now_ns) {
+  const auto kind = static_cast<CommandKind>(command.kind);
+  const bool stops = kind == CommandKind::disarm || kind == CommandKind::estop;
+  if (closed_ && !stops) {
+    callback(*closed_);
+    return 0;
+  }
   command.request_id = next_id_++;
+  if (stops) {
+    newest_stop_ = command.request_id;
+  }
   const auto ticket = spine_.send(command);
   if (!ticket) {
     callback(Refusal{"busy", "the Spine has sixteen unread commands", "try again; if it stays so, lithe status"});
@@ -257,8 +266,8 @@ void Commands::serve(std::int64_t now_ns) {
     const auto kind = static_cast<CommandKind>(each.command.kind);
     const CommandResult result = spine_.poll(each.ticket);
     const bool in_time = now_ns - each.sent_ns < kTimeoutNs;
-    const bool again =
-        kind == CommandKind::arm && result == CommandResult::refused_not_ready && now_ns - each.sent_ns < kArmAgainNs;
+    const bool again = kind == CommandKind::arm && result == CommandResult::refused_not_ready &&
+                       now_ns - each.sent_ns < kArmAgainNs && newest_stop_ < each.command.request_id;
     if (const auto ticket = again ? spine_.send(each.command) : std::nullopt) {
       each.ticket = *ticket;
       pending_.push_back(std::move(each));

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <optional>
 #include <string>
 #include <variant>
 
@@ -31,7 +32,7 @@ class Commands {
   using Callback = std::function<void(const Answer&)>;
   static constexpr std::int64_t kTimeoutNs = 2'000'000'000;
   // An `arm` that is refused because of one late sample is sent again for this long: on a busy machine commands often
-  // arrive in a tick whose sample is late.
+  // arrive in a tick whose sample is late. A `disarm` or `estop` that was sent after it ends that.
   static constexpr std::int64_t kArmAgainNs = 200'000'000;
 
   // `robot`: outlives it; for the words of refusals.
@@ -42,6 +43,8 @@ class Commands {
   std::uint64_t send(wire::Command command, Callback callback, std::int64_t now_ns);
   void serve(std::int64_t now_ns);
   void refuse_all(const Refusal& reason);
+  // From now on every command but `disarm` and `estop` is refused.
+  void close(const Refusal& reason) { closed_ = reason; }
   bool waiting() const { return !pending_.empty(); }
 
  private:
@@ -57,6 +60,8 @@ class Commands {
 
   SpineLink& spine_;
   std::uint64_t next_id_;
+  std::uint64_t newest_stop_ = 0;  // request id of the last `disarm` or `estop`
+  std::optional<Refusal> closed_;
   const robot::RobotConfig* robot_;
   std::deque<Pending> pending_;
 };

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "spine/ipc/mailbox.hpp"
 #include "spine/ipc/segment.hpp"
 
 namespace lithe::control {
@@ -191,6 +192,49 @@ TEST_F(CommandsTest, AFullMailboxIsBusy) {
     commands.send(wire::Command{}, [&codes](const Answer& got) { codes.push_back(std::get<Refusal>(got).code); }, 0);
   }
   EXPECT_EQ(codes, (std::vector<std::string>{"busy"}));
+}
+
+wire::Command of(CommandKind kind) {
+  wire::Command command;
+  command.kind = static_cast<std::uint32_t>(kind);
+  return command;
+}
+
+TEST_F(CommandsTest, AnArmThatIsSentAgainDoesNotOutliveTheDisarmAfterIt) {
+  for (const CommandKind stop : {CommandKind::disarm, CommandKind::estop}) {
+    Commands commands(*link_, 1);
+    auto spine = ipc::Segment<ipc::SpineMemory>::attach("ghost", ipc::Access::write);
+    auto control = ipc::Segment<ipc::ControlMemory>::attach("ghost", ipc::Access::read);
+    ASSERT_TRUE(spine && control);
+    ipc::MailboxReceiver inbox((*control)->commands, (*spine)->control_ack);
+    wire::Command letter;
+    std::uint64_t ticket = 0;
+    std::string code;
+    commands.send(of(CommandKind::arm), [&code](const Answer& got) { code = std::get<Refusal>(got).code; }, 0);
+    ASSERT_TRUE(inbox.receive(letter, ticket));
+    inbox.answer(ticket, static_cast<std::uint32_t>(CommandResult::refused_not_ready));
+    commands.serve(1);
+    ASSERT_TRUE(inbox.receive(letter, ticket)) << "it is sent again";
+    commands.send(of(stop), [](const Answer&) {}, 2);
+    inbox.answer(ticket, static_cast<std::uint32_t>(CommandResult::refused_not_ready));
+    ASSERT_TRUE(inbox.receive(letter, ticket));
+    inbox.answer(ticket, static_cast<std::uint32_t>(CommandResult::done));
+    commands.serve(3);
+    EXPECT_FALSE(inbox.receive(letter, ticket)) << "armed after " << to_string(stop);
+    EXPECT_EQ(code, "refused_not_ready");
+  }
+}
+
+TEST_F(CommandsTest, WhileTheRobotIsShutDownOnlyAStopIsSent) {
+  Commands commands(*link_, 1);
+  commands.close({"stopping", "the robot is being stopped", ""});
+  std::vector<std::string> codes;
+  const auto note = [&codes](const Answer& got) { codes.push_back(std::get<Refusal>(got).code); };
+  EXPECT_EQ(commands.send(of(CommandKind::arm), note, 0), 0u);
+  EXPECT_EQ(commands.send(of(CommandKind::recover), note, 0), 0u);
+  EXPECT_EQ(codes, (std::vector<std::string>{"stopping", "stopping"}));
+  EXPECT_NE(commands.send(of(CommandKind::disarm), note, 0), 0u);
+  EXPECT_NE(commands.send(of(CommandKind::estop), note, 0), 0u);
 }
 
 }  // namespace
