@@ -19,6 +19,9 @@ void Supervisor::stop() {
   if (spine_ && !spine_->ended() && (link_ || !adopted_)) {
     known_off = stop_spine();
   }
+  if (swaps_) {
+    swaps_->write_last_records(monotonic_ns());
+  }
   if (server_) {
     server_->flush(200);
     server_.reset();
