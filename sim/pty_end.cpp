@@ -37,6 +37,10 @@ Result<> make_raw(const std::string& path) {
 // Atomic: the link always leads to the old or the new terminal.
 Result<> point(const std::string& link, const std::string& at) {
   std::error_code wrong;
+  if (std::filesystem::exists(std::filesystem::symlink_status(link, wrong)) &&
+      !std::filesystem::is_symlink(link, wrong)) {
+    return Error{link + " is in the way: it is no link, so it is not ours to replace; move it, or name another folder"};
+  }
   const std::filesystem::path fresh = link + ".new";
   std::filesystem::remove(fresh, wrong);
   std::filesystem::create_symlink(at, fresh, wrong);

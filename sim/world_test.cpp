@@ -11,6 +11,7 @@
 #include <bit>
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 
 #include "spine/robot/robot.hpp"
 
@@ -185,6 +186,17 @@ TEST(World, ALinkThatAnotherProgramHasMadeSinceIsLeftAlone) {
     EXPECT_EQ(std::filesystem::read_symlink(folder + "/can0"), "/dev/null");
   }
   EXPECT_EQ(std::filesystem::read_symlink(folder + "/can0"), "/dev/null");
+  std::filesystem::remove_all(folder);
+}
+
+TEST(World, AFileInThePlaceOfALinkIsLeftAloneAndNamed) {
+  const std::string folder = testing::TempDir() + "lithe-sim-file-" + std::to_string(::getpid());
+  std::filesystem::create_directories(folder);
+  std::ofstream(folder + "/can0") << "somebody's";
+  const auto world = World::open(arm(), {.link_folder = folder}, [](const std::string&) {});
+  ASSERT_FALSE(world);
+  EXPECT_NE(world.message().find("/can0 is in the way"), std::string::npos) << world.message();
+  EXPECT_EQ(std::filesystem::file_size(folder + "/can0"), 10U);
   std::filesystem::remove_all(folder);
 }
 

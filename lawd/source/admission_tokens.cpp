@@ -82,6 +82,10 @@ class Reader {
   }
 
   void look_for_odd_bytes() {
+    if (const std::size_t zero = text_.find('\0'); zero != std::string::npos) {
+      ambiguity(zero, "a zero byte, so this is no plain text: a law is C++, saved as UTF-8");
+      return;
+    }
     for (std::size_t i = 0; i < text_.size(); ++i) {
       const char c = text_[i];
       const bool odd_return = c == '\r' && i + 1 < text_.size() && text_[i + 1] != '\n';

@@ -86,6 +86,17 @@ TEST(AdmissionSource, TextThatTwoReadersUnderstandDifferentlyIsRefused) {
   EXPECT_EQ(verdict(source(std::string(300 << 10, ' '))), "text:0");
 }
 
+TEST(AdmissionSource, AFileThatIsNoTextIsToldSoOnce) {
+  std::string utf16 = "\xFF\xFE";
+  for (const char c : std::string("// a law\nstruct A {};\n")) utf16.append({c, '\0'});
+  const std::string png("\x89PNG\r\n\x1A\n\0\0\0\rIHDR\n\0\0", 20);
+  for (const std::string& text : {utf16, png}) {
+    const Admission refused = source(text);
+    ASSERT_EQ(refused.findings.size(), 1u) << text;
+    EXPECT_NE(refused.findings[0].message.find("saved as UTF-8"), std::string::npos) << refused.findings[0].message;
+  }
+}
+
 TEST(AdmissionSource, AnyBytesAreSafe) {
   std::mt19937 random(7);
   using namespace std::string_literals;

@@ -17,6 +17,7 @@ void Supervisor::stop() {
   bool known_off = true;
   // A Spine that we could not adopt is left running.
   if (spine_ && !spine_->ended() && (link_ || !adopted_)) known_off = stop_spine();
+  if (swaps_) swaps_->write_last_records(monotonic_ns());
   if (server_) {
     server_->flush(200);
     server_.reset();

@@ -153,6 +153,15 @@ void Swaps::keep_record(Entry& entry) {
   }
 }
 
+void Swaps::write_last_records(std::int64_t now_ns) {
+  late_.retry(book_, now_ns + LateRecords::kPauseNs);
+  if (const std::size_t lost = late_.waiting(); lost > 0)
+    spdlog::error(
+        "{} certificate{} lost: nothing could be written to {} until the end; free space there, or set "
+        "LITHE_OUT_DIR, before the next lithe run",
+        lost, lost == 1 ? " is" : "s are", records().string());
+}
+
 Json Swaps::records_trouble() const {
   const std::string& told = late_.waiting() > 0 || !write_failed_.empty() ? write_failed_ : book_.begun_anew();
   return told.empty() ? Json() : Json(told);

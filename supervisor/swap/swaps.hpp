@@ -57,6 +57,8 @@ class Swaps {
   void serve(std::int64_t now_ns);
   // The robot stops, or the Spine has ended. A law that was committed by then is answered as committed.
   void refuse_all(const Refusal& reason, std::int64_t now_ns);
+  // The last try to write certificates that wait for room on the disk; says which are lost. After refuse_all().
+  void write_last_records(std::int64_t now_ns);
   // True while an answer in shared memory is expected, for which poll() does not wake up: call serve() every
   // millisecond then.
   bool waiting() const { return head_ && head_->swap.reached(Stage::tried); }

@@ -216,6 +216,18 @@ def test_a_full_disk_under_the_certificates_costs_no_swap_and_is_told(house: Hou
     assert house.ask("law", "show", "2", "--folder", swaps)["law"] in ("gravity_pd", "pd")
 
 
+def test_certificates_that_found_no_room_until_the_end_are_told_as_lost(house: House) -> None:
+    """The robot stops in order; the log says how many there were, and where they should have been."""
+    disk = SmallDisk(house, "out", "256k")
+    process = house.run()
+    house.wait_for(lambda: house.ask("status")["mode"] == "active")
+    disk.fill()
+    assert "record_lost" in house.ask("swap", "gravity_pd")
+    process.terminate()
+    assert process.wait(60) == 0
+    assert f"lost: nothing could be written to {disk.dir}/arm/swaps" in house.log()
+
+
 @pytest.mark.alone
 @pytest.mark.parametrize(
     ("names", "load_s"),
