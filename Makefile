@@ -31,7 +31,7 @@ test: release  ## every test: C++ (ctest), then Python and across processes (pyt
 test-fast: PACKAGES := build test
 test-fast: release  ## what takes minutes left out: no property of thousands of runs, no robot started from Python
 	@ctest --preset release -j $(JOBS) --progress -LE '^(limits|fuzz)$$'
-	@$(PYTHON) -m pytest tests/tools tests/test_schema_roundtrip.py --ignore-glob=*/test_bench_*.py
+	@$(PYTHON) -m pytest tests/tools tests/test_schema_roundtrip.py
 
 check:  ## what CI asks: format, tidy, rooms, schema, limits, types, ASan+UBSan, TSan, RTSan, fuzzers
 	@tools/setup build test check bench

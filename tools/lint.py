@@ -101,6 +101,7 @@ def main(root: Path) -> int:
             problems += check_lengths(path, text)
         if path.endswith(CPP):
             excuses += exemptions(path, text)
+    problems += check_folders(paths)
     problems += silent_tests.problems(root, paths)
     if len(excuses) > MAX_EXEMPTIONS:
         problems.append(f"{len(excuses)} RT exemptions; {MAX_EXEMPTIONS} at most: make the call real-time, or move it")
