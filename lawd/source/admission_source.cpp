@@ -75,7 +75,9 @@ class Source {
     for (std::size_t i = 0; i < tokens_.list.size(); ++i) {
       if (is_mark(i, "`")) return refuse(at(i), "a code fence (```) is not C++" + kAlone);
     }
-    if (is_prose(0)) return refuse(at(0), "'" + at(0).text + "' begins no C++ file" + kAlone);
+    const bool has_own_rule = is_reserved(at(0).text) || !why_word_is_refused(at(0).text).empty();
+    if (is_prose(0) && !has_own_rule && !is_mark(1, "::") && !is_mark(1, "("))
+      return refuse(at(0), "'" + at(0).text + "' begins no C++ file" + kAlone);
     std::size_t end = tokens_.list.size();
     while (end > 0 && at(end - 1).text != "LITHE_LAW") --end;
     if (end == 0) return;
