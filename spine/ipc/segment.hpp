@@ -22,6 +22,8 @@ namespace lithe::ipc {
 // Contract: movable · never in the tick
 class Lease {
  public:
+  Lease() = default;
+
   // Empty if another process holds it, also at a second try: a check holds it for an instant. An error if the lock file
   // cannot be made.
   static Result<std::optional<Lease>> try_take(const std::string& segment_path);
