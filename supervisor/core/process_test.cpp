@@ -11,7 +11,6 @@
 #include <algorithm>
 #include <fstream>
 
-
 namespace lithe::control {
 namespace {
 
