@@ -63,7 +63,7 @@ class Source {
                   "LITHE_LAW(Type, \"name\"); see laws/pd.cpp",
                   1, 1);
     }
-    check_prose();
+    if (tokens_.ambiguities.empty()) check_prose();
     for (const Ambiguity& ambiguity : tokens_.ambiguities)
       out_.refuse(gate_, ambiguity.message, ambiguity.line, ambiguity.column);
   }
