@@ -96,11 +96,32 @@ void Server::accept_new() {
   for (;;) {
     Fd fd(::accept4(listener_.get(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK));
     if (!fd) return;
-    if (clients_.size() < kMaxClients) clients_[next_client_++].fd = std::move(fd);
+    if (clients_.size() >= kMaxClients && !make_room()) {
+      const std::string busy = answer_line(nullptr, Refusal{"busy", "64 other clients wait for answers", "try again"});
+      (void)::send(fd.get(), busy.data(), busy.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
+      continue;
+    }
+    Client& client = clients_[next_client_++];
+    client.fd = std::move(fd);
+    client.heard_turn = turn_;
   }
 }
 
+bool Server::make_room() {
+  auto silent = clients_.end();
+  for (auto it = clients_.begin(); it != clients_.end(); ++it) {
+    const Client& client = it->second;
+    const bool waits = client.owed > 0 || client.behind || !client.out.empty();
+    if (waits || client.heard_turn == turn_) continue;
+    if (silent == clients_.end() || client.heard_turn < silent->second.heard_turn) silent = it;
+  }
+  if (silent == clients_.end()) return false;
+  clients_.erase(silent);
+  return true;
+}
+
 void Server::serve() {
+  ++turn_;
   accept_new();
   for (auto it = clients_.begin(); it != clients_.end();) {
     Client& client = it->second;
@@ -142,6 +163,7 @@ void Server::read_from(std::uint64_t key, Client& client) {
       return;
     }
     if (got < 0) return;
+    client.heard_turn = turn_;
     client.in.feed({chunk, static_cast<std::size_t>(got)});
     handle_lines();
     if (!client.behind && client.in.too_long()) refuse_long(key, client);

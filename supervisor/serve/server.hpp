@@ -54,10 +54,13 @@ class Server {
     bool ended = false;    // half closed: sends no more, may still wait for answers
     bool behind = false;   // requests that were read are left for the next turn
     bool closing = false;  // close once `out` is written
+    std::uint64_t heard_turn = 0;  // of serve(), when it last sent something
   };
 
   Server(Fd listener, std::string path, Handler handler);
   void accept_new();
+  // Makes room for one more: ends the client that has been silent longest and waits for no answer.
+  bool make_room();
   void read_from(std::uint64_t key, Client& client);
   void refuse_long(std::uint64_t key, Client& client);
   void handle(std::uint64_t key, Client& client, const std::string& line);
@@ -68,7 +71,7 @@ class Server {
   std::string path_;
   Handler handler_;
   std::map<std::uint64_t, Client> clients_;
-  std::uint64_t next_client_ = 1;
+  std::uint64_t next_client_ = 1, turn_ = 0;
 };
 
 }  // namespace lithe::control

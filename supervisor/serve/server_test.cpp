@@ -223,6 +223,21 @@ TEST_F(ServerTest, AFloodOfOneClientIsHandledInPieces) {
   thread_ = std::thread([] {});
 }
 
+TEST_F(ServerTest, SilentClientsLockNobodyOut) {
+  const Fd patient = raw();
+  send(patient, "{\"id\":7,\"verb\":\"later\",\"args\":{}}\n");
+  std::vector<Fd> silent;
+  for (std::size_t i = 0; i < 2 * Server::kMaxClients; ++i) {
+    silent.push_back(raw());
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  const Fd operating = raw();
+  send(operating, "{\"id\":1,\"verb\":\"disarm\",\"args\":{}}\n");
+  EXPECT_EQ(line_from(operating).value("id", 0), 1);
+  answer_later_ = true;
+  EXPECT_EQ(line_from(patient).value("id", 0), 7) << "who waits for an answer keeps its place";
+}
+
 TEST_F(ServerTest, TheSocketIsForOwnerAndGroupAlone) {
   struct stat status{};
   ASSERT_EQ(::stat(path_.c_str(), &status), 0);

@@ -67,6 +67,13 @@ Refusal refused_by_estop(CommandKind kind) {
                                       : "when it is safe: lithe reset, then lithe arm"};
 }
 
+// The law, or what the drives report, ended it in the very tick that armed: doing the same again will do the same again.
+Refusal stopped_at_once(wire::Fault fault) {
+  return {std::string(to_string(CommandResult::refused_fault)),
+          fmt::format("armed, and in safe_stop at once: {}", to_string(fault)),
+          "if its law fails in every first tick, put another in: lithe swap hold; then lithe reset, lithe arm"};
+}
+
 Refusal refused_by_law(CommandKind kind) {
   const std::string code(to_string(CommandResult::refused_law));
   switch (kind) {
@@ -285,6 +292,8 @@ void Commands::serve(std::int64_t now_ns) {
       pending_.push_back(std::move(each));
     } else if (now.tick < each.seen_at_tick && in_time) {
       pending_.push_back(std::move(each));
+    } else if (kind == CommandKind::arm && static_cast<wire::Mode>(now.mode) == wire::Mode::safe_stop) {
+      each.callback(stopped_at_once(static_cast<wire::Fault>(now.fault)));
     } else {
       each.callback(result_json(now));
     }

@@ -225,6 +225,33 @@ TEST_F(CommandsTest, AnArmThatIsSentAgainDoesNotOutliveTheDisarmAfterIt) {
   }
 }
 
+TEST_F(CommandsTest, AnArmThatEndsInTheSafeStopAtOnceIsNoSuccess) {
+  for (const Mode mode : {Mode::active, Mode::safe_stop}) {
+    Commands commands(*link_, 1);
+    auto spine = ipc::Segment<ipc::SpineMemory>::attach("ghost", ipc::Access::write);
+    auto control = ipc::Segment<ipc::ControlMemory>::attach("ghost", ipc::Access::read);
+    ASSERT_TRUE(spine && control);
+    ipc::MailboxReceiver inbox((*control)->commands, (*spine)->control_ack);
+    wire::Command letter;
+    std::uint64_t ticket = 0;
+    std::optional<Answer> answer;
+    commands.send(of(CommandKind::arm), [&answer](const Answer& got) { answer = got; }, 0);
+    ASSERT_TRUE(inbox.receive(letter, ticket));
+    inbox.answer(ticket, static_cast<std::uint32_t>(CommandResult::done));
+    commands.serve(1);
+    wire::Telemetry now = in_mode(mode, mode == Mode::active ? Fault::none : Fault::law_faulted);
+    now.tick = mode == Mode::active ? 5 : 50;
+    ipc::RingWriter((*spine)->telemetry).push(now);
+    commands.serve(2);
+    ASSERT_TRUE(answer);
+    ASSERT_EQ(std::holds_alternative<Refusal>(*answer), mode == Mode::safe_stop);
+    if (mode == Mode::safe_stop) {
+      EXPECT_NE(std::get<Refusal>(*answer).message.find("law_faulted"), std::string::npos);
+      EXPECT_NE(std::get<Refusal>(*answer).next.find("lithe swap"), std::string::npos);
+    }
+  }
+}
+
 TEST_F(CommandsTest, WhileTheRobotIsShutDownOnlyAStopIsSent) {
   Commands commands(*link_, 1);
   commands.close({"stopping", "the robot is being stopped", ""});
