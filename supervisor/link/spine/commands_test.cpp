@@ -153,10 +153,7 @@ TEST(RefusalOf, NamesTheJointTheDriveAndWhyItIsNotReady) {
 class CommandsTest : public testing::Test {
  protected:
   CommandsTest() {
-    ::setenv("LITHE_SHM_PREFIX", ("lithe-commands-" + std::to_string(::getpid())).c_str(), 1);
-    auto spine = ipc::Segment<ipc::SpineMemory>::create("ghost");
-    EXPECT_TRUE(spine && ipc::Segment<ipc::ControlMemory>::create("ghost"));
-    ipc::ChannelWriter<wire::RobotInfo>((*spine)->robot_info).write(wire::RobotInfo{});
+    ipc::ChannelWriter<wire::RobotInfo>(spine_->robot_info).write(wire::RobotInfo{});
     auto link = SpineLink::attach("ghost");
     EXPECT_TRUE(link) << link.message();
     link_.emplace(std::move(*link));
@@ -165,6 +162,25 @@ class CommandsTest : public testing::Test {
     ipc::remove_segment(ipc::Segment<ipc::SpineMemory>::path("ghost"));
     ipc::remove_segment(ipc::Segment<ipc::ControlMemory>::path("ghost"));
   }
+  // The Spine's part: takes the next command, and answers it.
+  bool receive_and_answer(CommandResult result) {
+    wire::Command command;
+    std::uint64_t ticket = 0;
+    if (!inbox_.receive(command, ticket)) return false;
+    inbox_.answer(ticket, static_cast<std::uint32_t>(result));
+    return true;
+  }
+  template <class Memory>
+  static ipc::Segment<Memory> made() {
+    ::setenv("LITHE_SHM_PREFIX", ("lithe-commands-" + std::to_string(::getpid())).c_str(), 1);
+    auto segment = ipc::Segment<Memory>::create("ghost");
+    EXPECT_TRUE(segment) << segment.message();
+    return std::move(*segment);
+  }
+  ipc::Segment<ipc::SpineMemory> spine_ = made<ipc::SpineMemory>();
+  ipc::Segment<ipc::ControlMemory> control_ = made<ipc::ControlMemory>();
+  decltype(ipc::MailboxReceiver(control_->commands, spine_->control_ack)) inbox_{control_->commands,
+                                                                                 spine_->control_ack};
   std::optional<SpineLink> link_;
 };
 
@@ -203,24 +219,15 @@ wire::Command of(CommandKind kind) {
 TEST_F(CommandsTest, AnArmThatIsSentAgainDoesNotOutliveTheDisarmAfterIt) {
   for (const CommandKind stop : {CommandKind::disarm, CommandKind::estop}) {
     Commands commands(*link_, 1);
-    auto spine = ipc::Segment<ipc::SpineMemory>::attach("ghost", ipc::Access::write);
-    auto control = ipc::Segment<ipc::ControlMemory>::attach("ghost", ipc::Access::read);
-    ASSERT_TRUE(spine && control);
-    ipc::MailboxReceiver inbox((*control)->commands, (*spine)->control_ack);
-    wire::Command letter;
-    std::uint64_t ticket = 0;
     std::string code;
     commands.send(of(CommandKind::arm), [&code](const Answer& got) { code = std::get<Refusal>(got).code; }, 0);
-    ASSERT_TRUE(inbox.receive(letter, ticket));
-    inbox.answer(ticket, static_cast<std::uint32_t>(CommandResult::refused_not_ready));
+    ASSERT_TRUE(receive_and_answer(CommandResult::refused_not_ready));
     commands.serve(1);
-    ASSERT_TRUE(inbox.receive(letter, ticket)) << "it is sent again";
     commands.send(of(stop), [](const Answer&) {}, 2);
-    inbox.answer(ticket, static_cast<std::uint32_t>(CommandResult::refused_not_ready));
-    ASSERT_TRUE(inbox.receive(letter, ticket));
-    inbox.answer(ticket, static_cast<std::uint32_t>(CommandResult::done));
+    ASSERT_TRUE(receive_and_answer(CommandResult::refused_not_ready)) << "it is sent again";
+    ASSERT_TRUE(receive_and_answer(CommandResult::done));
     commands.serve(3);
-    EXPECT_FALSE(inbox.receive(letter, ticket)) << "armed after " << to_string(stop);
+    EXPECT_FALSE(receive_and_answer(CommandResult::done)) << "armed after " << to_string(stop);
     EXPECT_EQ(code, "refused_not_ready");
   }
 }
@@ -228,20 +235,13 @@ TEST_F(CommandsTest, AnArmThatIsSentAgainDoesNotOutliveTheDisarmAfterIt) {
 TEST_F(CommandsTest, AnArmThatEndsInTheSafeStopAtOnceIsNoSuccess) {
   for (const Mode mode : {Mode::active, Mode::safe_stop}) {
     Commands commands(*link_, 1);
-    auto spine = ipc::Segment<ipc::SpineMemory>::attach("ghost", ipc::Access::write);
-    auto control = ipc::Segment<ipc::ControlMemory>::attach("ghost", ipc::Access::read);
-    ASSERT_TRUE(spine && control);
-    ipc::MailboxReceiver inbox((*control)->commands, (*spine)->control_ack);
-    wire::Command letter;
-    std::uint64_t ticket = 0;
     std::optional<Answer> answer;
     commands.send(of(CommandKind::arm), [&answer](const Answer& got) { answer = got; }, 0);
-    ASSERT_TRUE(inbox.receive(letter, ticket));
-    inbox.answer(ticket, static_cast<std::uint32_t>(CommandResult::done));
+    ASSERT_TRUE(receive_and_answer(CommandResult::done));
     commands.serve(1);
     wire::Telemetry now = in_mode(mode, mode == Mode::active ? Fault::none : Fault::law_faulted);
     now.tick = mode == Mode::active ? 5 : 50;
-    ipc::RingWriter((*spine)->telemetry).push(now);
+    ipc::RingWriter(spine_->telemetry).push(now);
     commands.serve(2);
     ASSERT_TRUE(answer);
     ASSERT_EQ(std::holds_alternative<Refusal>(*answer), mode == Mode::safe_stop);
