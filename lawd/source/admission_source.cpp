@@ -70,21 +70,21 @@ class Source {
 
   // Words around the code, as a language model writes them.
   void check_prose() {
-    static const std::string kAlone = ": send the file's C++ alone, and put explanations into // comments";
+    static const std::string alone = ": send the file's C++ alone, and put explanations into // comments";
     const auto is_prose = [this](std::size_t i) { return at(i).kind == TokenKind::word && !is_keyword(at(i).text); };
     for (std::size_t i = 0; i < tokens_.list.size(); ++i) {
-      if (is_mark(i, "`")) return refuse(at(i), "a code fence (```) is not C++" + kAlone);
+      if (is_mark(i, "`")) return refuse(at(i), "a code fence (```) is not C++" + alone);
     }
     const bool has_own_rule = is_reserved(at(0).text) || !why_word_is_refused(at(0).text).empty();
     if (is_prose(0) && !has_own_rule && !is_mark(1, "::") && !is_mark(1, "("))
-      return refuse(at(0), "'" + at(0).text + "' begins no C++ file" + kAlone);
+      return refuse(at(0), "'" + at(0).text + "' begins no C++ file" + alone);
     std::size_t end = tokens_.list.size();
     while (end > 0 && at(end - 1).text != "LITHE_LAW") --end;
     if (end == 0) return;
     while (end < tokens_.list.size() && !is_mark(end, ")")) ++end;
     end += is_mark(end + 1, ";") ? 2 : 1;
     if (is_prose(end) && at(end + 1).kind == TokenKind::word && at(end + 2).kind == TokenKind::word) {
-      refuse(at(end), "'" + at(end).text + "' after LITHE_LAW is no C++" + kAlone);
+      refuse(at(end), "'" + at(end).text + "' after LITHE_LAW is no C++" + alone);
     }
   }
 

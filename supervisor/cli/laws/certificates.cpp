@@ -45,12 +45,12 @@ fs::path only_folder() {
 // The folder of the command line, else that of the running robot's supervisor, else out/ below the working directory.
 fs::path find_folder(const Context& context, const std::string& folder) {
   if (!folder.empty()) return fs::path(folder);
-  const Answer answer = try_ask(context, "status", Json::object());
+  Answer answer = try_ask(context, "status", Json::object());
   if (const Json* status = std::get_if<Json>(&answer); status != nullptr && status->contains("records")) {
     return fs::path((*status)["records"].get<std::string>());
   }
-  if (const auto* refusal = std::get_if<Refusal>(&answer); refusal != nullptr && refusal->code == "several_robots") {
-    throw *refusal;
+  if (auto* refusal = std::get_if<Refusal>(&answer); refusal != nullptr && refusal->code == "several_robots") {
+    throw std::move(*refusal);
   }
   return context.robot.empty() ? only_folder() : control::records_of(context.robot);
 }

@@ -55,12 +55,12 @@ namespace contract {
 template <class T>
 struct Element {
   using type = T;
-  static constexpr std::uint32_t count = 1;
+  static constexpr std::uint32_t kCount = 1;
 };
 template <class T, std::size_t N>
 struct Element<std::array<T, N>> {
   using type = T;
-  static constexpr std::uint32_t count = N;
+  static constexpr std::uint32_t kCount = N;
 };
 
 template <class T>
@@ -68,8 +68,8 @@ consteval FieldKind kind_of() {
   if constexpr (std::is_same_v<T, bool>) {
     return FieldKind::boolean;
   } else if constexpr (std::is_integral_v<T>) {
-    constexpr std::uint32_t log2 = sizeof(T) == 1 ? 0 : sizeof(T) == 2 ? 1 : sizeof(T) == 4 ? 2 : 3;
-    return FieldKind{static_cast<std::uint32_t>(FieldKind::i8) + 2 * log2 + (std::is_unsigned_v<T> ? 1 : 0)};
+    constexpr std::uint32_t kLog2 = sizeof(T) == 1 ? 0 : sizeof(T) == 2 ? 1 : sizeof(T) == 4 ? 2 : 3;
+    return FieldKind{static_cast<std::uint32_t>(FieldKind::i8) + 2 * kLog2 + (std::is_unsigned_v<T> ? 1 : 0)};
   } else if constexpr (std::is_same_v<T, float>) {
     return FieldKind::f32;
   } else if constexpr (std::is_same_v<T, double>) {
@@ -219,16 +219,16 @@ consteval void describe_state(LitheLaw& law, std::index_sequence<I...>) {
   ((copy_text(law.state[I].name, reflect::field_name<State, I>()),
     law.state[I].kind = static_cast<std::uint32_t>(kind_of<typename Element<reflect::FieldType<State, I>>::type>()),
     law.state[I].offset = static_cast<std::uint32_t>(reflect::field_offset<State, I>()),
-    law.state[I].count = Element<reflect::FieldType<State, I>>::count),
+    law.state[I].count = Element<reflect::FieldType<State, I>>::kCount),
    ...);
 }
 
 template <class Params, std::size_t... I>
 consteval void describe_params(LitheLaw& law, std::index_sequence<I...>) {
   (check_param<Params, I>(), ...);
-  [[maybe_unused]] constexpr auto fields = reflect::field_addresses(reflect::kDefaults<Params>);
-  ((copy_text(law.params[I].name, reflect::field_name<Params, I>()), law.params[I].value = std::get<I>(fields)->value,
-    law.params[I].min = std::get<I>(fields)->min, law.params[I].max = std::get<I>(fields)->max),
+  [[maybe_unused]] constexpr auto kFields = reflect::field_addresses(reflect::kDefaults<Params>);
+  ((copy_text(law.params[I].name, reflect::field_name<Params, I>()), law.params[I].value = std::get<I>(kFields)->value,
+    law.params[I].min = std::get<I>(kFields)->min, law.params[I].max = std::get<I>(kFields)->max),
    ...);
 }
 
@@ -239,10 +239,10 @@ consteval void describe_probes(LitheLaw& law, std::index_sequence<I...>) {
 }
 
 consteval bool ranges_hold(const LitheLaw& law) {
-  constexpr double largest = std::numeric_limits<double>::max();
+  constexpr double kLargest = std::numeric_limits<double>::max();
   for (std::uint32_t i = 0; i < law.param_count && i < kMaxParams; ++i) {
     const LitheParam& p = law.params[i];
-    if (!(-largest <= p.min && p.min <= p.value && p.value <= p.max && p.max <= largest)) return false;
+    if (!(-kLargest <= p.min && p.min <= p.value && p.value <= p.max && p.max <= kLargest)) return false;
   }
   return true;
 }

@@ -107,7 +107,7 @@ constexpr auto addresses_of(const Field&... field) {
 #define LITHE_FIELDS_31 LITHE_FIELDS_30, f30
 #define LITHE_FIELDS_32 LITHE_FIELDS_31, f31
 #define LITHE_ARM(count)                         \
-  if constexpr (n == count) {                    \
+  if constexpr (n == (count)) {                  \
     const auto& [LITHE_FIELDS_##count] = object; \
     return addresses_of(LITHE_FIELDS_##count);   \
   } else
@@ -145,8 +145,8 @@ consteval std::string_view last_identifier(std::string_view text) {
 
 template <class T, std::size_t I>
 consteval std::string_view field_name() {
-  constexpr auto address = std::get<I>(field_addresses(kDefaults<T>));
-  return last_identifier(pretty<address>());
+  constexpr auto kAddress = std::get<I>(field_addresses(kDefaults<T>));
+  return last_identifier(pretty<kAddress>());
 }
 
 template <class T, std::size_t I>
@@ -155,23 +155,23 @@ using FieldType = std::remove_cvref_t<decltype(*std::get<I>(field_addresses(std:
 // Offset of field I. A plain struct puts each field at the next multiple of its alignment.
 template <class T, std::size_t I>
 consteval std::size_t field_offset() {
-  constexpr std::size_t align = alignof(FieldType<T, I>);
+  constexpr std::size_t kAlign = alignof(FieldType<T, I>);
   if constexpr (I == 0) {
     return 0;
   } else {
-    return (field_offset<T, I - 1>() + sizeof(FieldType<T, I - 1>) + align - 1) / align * align;
+    return (field_offset<T, I - 1>() + sizeof(FieldType<T, I - 1>) + kAlign - 1) / kAlign * kAlign;
   }
 }
 
 // True when the layout is the one field_offset computes (false for alignas on a field).
 template <class T>
 consteval bool has_plain_layout() {
-  constexpr std::size_t n = field_count<T>();
-  if constexpr (n == 0) {
+  constexpr std::size_t kN = field_count<T>();
+  if constexpr (kN == 0) {
     return true;
   } else {
-    constexpr std::size_t end = field_offset<T, n - 1>() + sizeof(FieldType<T, n - 1>);
-    return (end + alignof(T) - 1) / alignof(T) * alignof(T) == sizeof(T);
+    constexpr std::size_t kEnd = field_offset<T, kN - 1>() + sizeof(FieldType<T, kN - 1>);
+    return (kEnd + alignof(T) - 1) / alignof(T) * alignof(T) == sizeof(T);
   }
 }
 
