@@ -64,14 +64,27 @@ def tidy(file: Path) -> tuple[Path, str]:
     return file, done.stdout or done.stderr
 
 
+def reads_our_headers() -> bool:
+    """A bad name in a header of ours is a complaint. (A HeaderFilterRegex that matches nothing says nothing, too.)"""
+    folder = BUILD / "tidy-probe" / "spine"
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "probe.hpp").write_text("inline int BadName() { return 1; }\n")
+    (folder / "probe.cpp").write_text('#include "probe.hpp"\nint main() { return BadName(); }\n')
+    command = [TIDY, "--quiet", f"--config-file={ROOT / '.clang-tidy'}", str(folder / "probe.cpp"), "--"]
+    return "BadName" in subprocess.run(command, capture_output=True, text=True, check=False).stdout
+
+
 def main() -> int:
-    """Check the names, then the sources."""
+    """Check the names, that headers are read, then the sources."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-j", type=int, default=os.cpu_count() or 1)
     jobs: int = parser.parse_args().j
     unknown = unknown_globs(globs_of((ROOT / ".clang-tidy").read_text()), known_checks())
     if unknown:
         print(f".clang-tidy: no such check: {', '.join(unknown)}; see {TIDY} --list-checks --checks='*'")
+        return 1
+    if not reads_our_headers():
+        print(".clang-tidy: HeaderFilterRegex matches no header of ours (it knows no lookahead)")
         return 1
     commands = json.loads((BUILD / "compile_commands.json").read_text())
     files = sorted({Path(entry["file"]) for entry in commands})
