@@ -63,7 +63,7 @@ class Source {
                   "LITHE_LAW(Type, \"name\"); see laws/pd.cpp",
                   1, 1);
     }
-    if (tokens_.ambiguities.empty()) check_prose();
+    if (text_.find('\0') == std::string_view::npos) check_prose();  // else it is no text at all, and told so
     for (const Ambiguity& ambiguity : tokens_.ambiguities)
       out_.refuse(gate_, ambiguity.message, ambiguity.line, ambiguity.column);
   }
