@@ -67,7 +67,13 @@ Refusal refused_by_estop(CommandKind kind) {
                                       : "when it is safe: lithe reset, then lithe arm"};
 }
 
-// The law, or what the drives report, ended it in the very tick that armed: doing the same again will do the same again.
+bool stopped_by_its_law(const wire::Telemetry& now) {
+  const auto fault = static_cast<wire::Fault>(now.fault);
+  return static_cast<wire::Mode>(now.mode) == wire::Mode::safe_stop &&
+         (fault == wire::Fault::law_faulted || fault == wire::Fault::law_not_finite);
+}
+
+// The law failed in the very tick that armed: to reset and arm again will end in the same way.
 Refusal stopped_at_once(wire::Fault fault) {
   return {std::string(to_string(CommandResult::refused_fault)),
           fmt::format("armed, and in safe_stop at once: {}", to_string(fault)),
@@ -292,7 +298,7 @@ void Commands::serve(std::int64_t now_ns) {
       pending_.push_back(std::move(each));
     } else if (now.tick < each.seen_at_tick && in_time) {
       pending_.push_back(std::move(each));
-    } else if (kind == CommandKind::arm && static_cast<wire::Mode>(now.mode) == wire::Mode::safe_stop) {
+    } else if (kind == CommandKind::arm && stopped_by_its_law(now)) {
       each.callback(stopped_at_once(static_cast<wire::Fault>(now.fault)));
     } else {
       each.callback(result_json(now));

@@ -232,21 +232,24 @@ TEST_F(CommandsTest, AnArmThatIsSentAgainDoesNotOutliveTheDisarmAfterIt) {
   }
 }
 
-TEST_F(CommandsTest, AnArmThatEndsInTheSafeStopAtOnceIsNoSuccess) {
-  for (const Mode mode : {Mode::active, Mode::safe_stop}) {
+TEST_F(CommandsTest, AnArmWhoseLawFailsInItsFirstTickIsNoSuccess) {
+  std::uint64_t tick = 0;
+  for (const Fault fault : {Fault::none, Fault::law_faulted, Fault::brain_stale, Fault::law_not_finite}) {
+    const Mode mode = fault == Fault::none ? Mode::active : Mode::safe_stop;
+    const bool of_its_law = fault == Fault::law_faulted || fault == Fault::law_not_finite;
     Commands commands(*link_, 1);
     std::optional<Answer> answer;
     commands.send(of(CommandKind::arm), [&answer](const Answer& got) { answer = got; }, 0);
     ASSERT_TRUE(receive_and_answer(CommandResult::done));
     commands.serve(1);
-    wire::Telemetry now = in_mode(mode, mode == Mode::active ? Fault::none : Fault::law_faulted);
-    now.tick = mode == Mode::active ? 5 : 50;
+    wire::Telemetry now = in_mode(mode, fault);
+    now.tick = tick += 10;
     ipc::RingWriter(spine_->telemetry).push(now);
     commands.serve(2);
     ASSERT_TRUE(answer);
-    ASSERT_EQ(std::holds_alternative<Refusal>(*answer), mode == Mode::safe_stop);
-    if (mode == Mode::safe_stop) {
-      EXPECT_NE(std::get<Refusal>(*answer).message.find("law_faulted"), std::string::npos);
+    ASSERT_EQ(std::holds_alternative<Refusal>(*answer), of_its_law) << to_string(fault);
+    if (of_its_law) {
+      EXPECT_NE(std::get<Refusal>(*answer).message.find(to_string(fault)), std::string::npos);
       EXPECT_NE(std::get<Refusal>(*answer).next.find("lithe swap"), std::string::npos);
     }
   }
