@@ -50,10 +50,10 @@ class Server {
     Fd fd;
     LineBuffer in;
     std::string out;
-    std::size_t owed = 0;  // requests not answered yet
-    bool ended = false;    // half closed: sends no more, may still wait for answers
-    bool behind = false;   // requests that were read are left for the next turn
-    bool closing = false;  // close once `out` is written
+    std::size_t owed = 0;          // requests not answered yet
+    bool ended = false;            // half closed: sends no more, may still wait for answers
+    bool behind = false;           // requests that were read are left for the next turn
+    bool closing = false;          // close once `out` is written
     std::uint64_t heard_turn = 0;  // of serve(), when it last sent something
   };
 
