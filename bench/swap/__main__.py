@@ -3,6 +3,8 @@
 
 import sys
 
+import lithe  # noqa: F401  (before numpy, whose threads it limits)
+
 from bench.swap.run import main
 
 sys.exit(main(sys.argv[1:]))
