@@ -24,7 +24,8 @@ struct ReplyTo {
 };
 
 // Contract: one thread · never blocks · an invalid request gets an error answer; a client that sends a line of more
-// than 1 MiB, or does not read its answers, is disconnected; other clients are not affected
+// than 1 MiB, or does not read its answers, is disconnected, and so is the one silent longest when a 65th comes; other
+// clients are not affected
 class Server {
  public:
   using Handler = std::function<void(const ReplyTo&, const std::string& verb, const Json& args)>;
