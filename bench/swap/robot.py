@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +71,7 @@ def shipped_slew_bound_nm() -> float:
     return float(joint["torque_slew_nm_s"]) / float(robot["rate_hz"])
 
 
+REFUSED_LAST = ROOT / "bench/swap/laws/refused_last.cpp"
 WAKE_S = 600.0
 
 
@@ -177,13 +179,15 @@ class Subject(Mover):
         self.rounds: list[Round] = []
         self.records: list[dict[str, Any]] = []
         self.refused: Counter[str] = Counter()
+        self.trials = self.trials_wrong = 0  # without a swap; and those that did not end in the trial
         self.load_us: list[float] = []
         self.swapping, self.resting = Tally(), Tally()
         self._asked = 0
         keep_off(robot)
         for _ in self.laws:  # compiled now; from here on they come from the cache
             self._swap()
-        self.records = []
+        self._try()
+        self.records, self.trials = [], 0
         self._events = robot.events()["cursor"]
         self.memory_seen = {"start": self._memory()}
         self.waits_before = made_to_wait(self.pid, self.tid)
@@ -199,11 +203,20 @@ class Subject(Mover):
             return
         self.records.append({**record, "asked_ns": asked_ns})
 
+    def _try(self) -> None:
+        """All that a swap does beside the Spine; then the trial refuses the law."""
+        self.trials += 1
+        try:
+            self.robot.swap(REFUSED_LAST.read_text(encoding="utf-8"), name=REFUSED_LAST.name)
+            self.trials_wrong += 1
+        except Refused as refusal:
+            self.trials_wrong += refusal.code != "trial_failed"
+
     def _counts(self) -> npt.NDArray[np.float64]:
         return np.append(interrupts(self.cpu), minor_faults(self.pid, self.tid))
 
     def group(self, swaps: int, pause_s: float) -> None:
-        """This many swaps without a pause between them, then a pause."""
+        """This many swaps without a pause between them, half as many trials without a swap, then a pause."""
         wake(self.robot)
         from_ns, before = time.monotonic_ns(), self._counts()
         done = len(self.records)
@@ -211,13 +224,18 @@ class Subject(Mover):
             self._swap()
         time.sleep(AFTER_NS * 1e-9)
         between_ns, between = time.monotonic_ns(), self._counts()
+        for _ in range((swaps + 1) // 2):
+            self._try()
+        time.sleep(AFTER_NS * 1e-9)
+        tried_ns, tried = time.monotonic_ns(), self._counts()
         time.sleep(pause_s)
         until_ns, after = time.monotonic_ns(), self._counts()
         self.swapping.counts += between - before
         self.swapping.seconds += (between_ns - from_ns) * 1e-9
-        self.resting.counts += after - between
-        self.resting.seconds += (until_ns - between_ns) * 1e-9
-        self.rounds.append(Round((from_ns, between_ns), (between_ns, until_ns), len(self.records) - done))
+        self.resting.counts += after - tried
+        self.resting.seconds += (until_ns - tried_ns) * 1e-9
+        swapping, trying, resting = pairwise((from_ns, between_ns, tried_ns, until_ns))
+        self.rounds.append(Round(swapping, resting, len(self.records) - done, trying))
         told = self.robot.events(self._events)
         self._events = told["cursor"]
         self.load_us += [1e3 * event["value"] for event in told["events"] if event["kind"] == "law_staged"]

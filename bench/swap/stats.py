@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import comb
 from typing import Any
 
@@ -27,11 +27,16 @@ Spans = npt.NDArray[np.int64]  # (n, 2): from, to [ns]
 
 @dataclass
 class Round:
-    """One group of swaps, and the pause after it."""
+    """One group of swaps, and the pause after it; LITHE's has trials without a swap between them."""
 
     swapping: Window  # from the first request to AFTER_NS after the last commit
     resting: Window
     swaps: int
+    trying: Window = (0, 0)  # laws are tried and refused: the work of swaps on the other cores, and no swap
+
+    def beside_trials(self) -> Round:
+        """The same swaps, to be compared with the trials."""
+        return replace(self, resting=self.trying)
 
 
 def windows(spans: list[Window]) -> Spans:

@@ -72,9 +72,10 @@ def show_lost(told: Figures) -> None:
 
 def show_late(told: Figures) -> None:
     """Share of late ticks, and p99.9, for the release and for the output of the command."""
+    beside = ("LITHE, beside trials alone", "trial_")
     for what, words in (("jitter", "the release"), ("output", "the output of the command")):
         rows = []
-        for name, key in WAYS:
+        for name, key in (WAYS[0], beside, *WAYS[1:]) if what == "jitter" else WAYS:
             row = [name, *(cell(told, f"{key}{what}_p999_{side}_us", ".1f") for side in ("in", "out"))]
             for limit_us in LIMITS_US:
                 at = f"{key}{what}_over_{limit_us}us"

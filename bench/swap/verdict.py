@@ -11,9 +11,10 @@ from bench.swap import continuity
 from bench.swap.stats import LEAST_ROUNDS, LIMITS_US
 from bench.tables import Figures
 
-MOST_LATER = 0.001  # of the ticks: how many more may be later than a limit while swapping than at rest
+# Of the ticks: how many more may be later than a limit while swapping than beside the same trials without a swap.
+MOST_LATER = 0.001
 PEERS = ("dlopen", "mutex", "brief")
-LATER = [f"jitter_over_{limit_us}us_difference" for limit_us in LIMITS_US]
+LATER = [f"trial_jitter_over_{limit_us}us_difference" for limit_us in LIMITS_US]
 CLAIMS = ("lost_ticks_attributable", "lost_ticks_attributable_steal_aware", *LATER)  # null in an inconclusive run
 
 
@@ -28,6 +29,8 @@ def reasons_to_doubt(told: Figures) -> list[str]:
         found.append("the control (a compiler in the loop's thread) lost no ticks")
     if told["ticks_not_recorded"]:
         found.append(f"{told['ticks_not_recorded']} ticks were not recorded")
+    if told["trials_not_refused"]:
+        found.append(f"{told['trials_not_refused']} of the trials that must be refused were not")
     if not told["rounds_compared"] >= LEAST_ROUNDS:
         found.append(f"only {told['rounds_compared']} rounds could be compared, of at least {LEAST_ROUNDS}")
     for key, wanted in (("loader", "arena"), ("loader_dlopen_loader", "dlopen")):
@@ -38,9 +41,11 @@ def reasons_to_doubt(told: Figures) -> list[str]:
 
 def later(told: Figures, limit_us: int) -> str:
     """The difference at one limit, and its interval."""
-    key = f"jitter_over_{limit_us}us_difference"
+    key = f"trial_jitter_over_{limit_us}us_difference"
     low, high = (told[f"{key}_{end}"] for end in ("low", "high"))
-    return f"ticks later than {limit_us} us: {told[key]:+.3%} while swapping ({low:+.3%} .. {high:+.3%})"
+    return (
+        f"ticks later than {limit_us} us: {told[key]:+.3%} with swaps, beside trials alone ({low:+.3%} .. {high:+.3%})"
+    )
 
 
 def stepped(told: Figures) -> bool:
