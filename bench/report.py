@@ -113,6 +113,15 @@ BENCHES = {
         dict.fromkeys(("host_stolen_share", "host_preempted_share", "host_grid_control_difference"), DISTURBED)
         | {"host_brain_one_slower": BESIDE},
     ),
+    "release": Bench(
+        program("release"),
+        tables.show_release,
+        tuple(
+            f"release_{way}_{figure}"
+            for way in ("spin", "hybrid", "sleep")
+            for figure in ("p50_us", "p99_us", "over_20us", "over_100us", "processor_share")
+        ),
+    ),
     "run": Bench(
         (sys.executable, "-m", "bench.live"),
         tables.show_run,

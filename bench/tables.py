@@ -139,6 +139,22 @@ def show_scale(figures: Figures) -> None:
         print("  a short run: few rounds")
 
 
+def show_release(figures: Figures) -> None:
+    """Jitter against processor time, for each way in which the Spine can wait."""
+    rows = [
+        [
+            *quantile_row(way, figures, f"release_{way}"),
+            cell(figures, f"release_{way}_over_20us", ".3%"),
+            cell(figures, f"release_{way}_over_100us", ".3%"),
+            cell(figures, f"release_{way}_processor_share", ".1%"),
+        ]
+        for way in ("spin", "hybrid", "sleep")
+    ]
+    head = [*HEAD, "> 20 us", "> 100 us", "processor"]
+    table("late releases at 1 kHz by the way of waiting, raw [us]", head, rows)
+    print(f"  a hybrid wait spins through the last {cell(figures, 'release_window_us', '.0f')} us here")
+
+
 def show_host(figures: Figures) -> None:
     """The machine without LITHE: the numbers of docs/rt.md."""
     rows = [quantile_row(name, figures, f"host_touch_{key}") for name, key in (("first", "first"), ("again", "again"))]

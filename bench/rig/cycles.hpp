@@ -31,18 +31,20 @@ struct Cycle {
 inline std::int64_t spine_period_ns(double rate_hz) { return static_cast<std::int64_t>(1e9 / rate_hz + 0.5); }
 
 // Runs `body(release_ns, woke_ns, skipped, cycle, cycle_before)` at every release as long as `more(release_ns)` holds,
-// and appends a Cycle for each of them. A skipped release has a Cycle too; it is late by the whole time until the next
+// and appends a Cycle for each of them. Waits by spinning, if no other way is given: then the time asleep counts as stolen,
+// and only the raw figures mean something. A skipped release has a Cycle too; it is late by the whole time until the next
 // tick that ran.
 template <class More, class Body>
 void run_while(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t phase_ns, More&& more,
-               std::vector<Cycle>& cycles, Body&& body) {
+               std::vector<Cycle>& cycles, Body&& body, loop::ReleaseWait* wait = nullptr) {
   loop::ReleaseGrid grid(period_ns, phase_ns);
   grid.start(clock.now_ns());
   const std::size_t first = cycles.size();
   ThreadToll before = thread_toll();
   for (std::uint32_t skipped = 0; more(grid.release_ns());) {
     const std::int64_t release_ns = grid.release_ns();
-    const std::int64_t woke_ns = loop::wait_spinning(clock.raw(), release_ns);
+    const std::int64_t woke_ns =
+        wait != nullptr ? wait->until(clock.raw(), release_ns) : loop::wait_spinning(clock.raw(), release_ns);
     Cycle cycle;
     body(release_ns, woke_ns, skipped, cycle, cycles.size() == first ? nullptr : &cycles.back());
     const ThreadToll after = thread_toll();
@@ -67,13 +69,13 @@ void run_while(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t p
 // The same for one block of a given length.
 template <class Body>
 void run_block(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t phase_ns, std::int64_t block_ns,
-               std::vector<Cycle>& cycles, Body&& body) {
+               std::vector<Cycle>& cycles, Body&& body, loop::ReleaseWait* wait = nullptr) {
   std::int64_t end_ns = INT64_MAX;
   const auto more = [&](std::int64_t release_ns) {
     if (end_ns == INT64_MAX) end_ns = release_ns + block_ns;  // from the first release
     return release_ns < end_ns;
   };
-  run_while(clock, period_ns, phase_ns, more, cycles, body);
+  run_while(clock, period_ns, phase_ns, more, cycles, body, wait);
 }
 
 // One figure of all cycles that have it, or only of those without stolen time.

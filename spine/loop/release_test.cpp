@@ -56,13 +56,40 @@ TEST(ReleaseGrid, EveryReleaseIsEitherRunOrCountedAsSkipped) {
   EXPECT_GT(skipped, 0);
 }
 
+// What one wake-up costs on a board: mostly `usual_ns`, and one in 500 costs `rare_ns`.
+std::int64_t learnt_window_ns(std::int64_t usual_ns, std::int64_t rare_ns, std::int64_t period_ns = kPeriodNs) {
+  ReleaseWait wait(robot::Release::hybrid, period_ns);
+  for (int i = 0; i < 100'000; ++i) wait.learn(i % 500 == 0 ? rare_ns : usual_ns + i % 1000);
+  return wait.window_ns();
+}
+
+TEST(ReleaseWait, LearnsTheLatencyThatFewWakeUpsExceed) {
+  EXPECT_NEAR(learnt_window_ns(60'000, 60'000), 60'000 + 30'000, 25'000);
+  EXPECT_NEAR(learnt_window_ns(10'000, 250'000), 250'000 + 30'000, 25'000) << "one in 500 is above the p99.9";
+}
+
+TEST(ReleaseWait, ForgetsASlowTime) {
+  ReleaseWait wait(robot::Release::hybrid, kPeriodNs);
+  for (int i = 0; i < 100; ++i) wait.learn(400'000);
+  EXPECT_GT(wait.window_ns(), 400'000);
+  for (int i = 0; i < 30'000; ++i) wait.learn(10'000);
+  EXPECT_EQ(wait.window_ns(), 50'000);
+}
+
+TEST(ReleaseWait, TheWindowIsAtMostHalfAPeriod) {
+  EXPECT_EQ(learnt_window_ns(5'000'000, 5'000'000), kPeriodNs / 2);
+  EXPECT_EQ(learnt_window_ns(5'000'000, 5'000'000, 125'000), 62'500);
+  EXPECT_GT(learnt_window_ns(5'000'000, 5'000'000, 10 * kPeriodNs), kPeriodNs) << "a slow robot may wait longer";
+}
+
 class Wait : public testing::TestWithParam<robot::Release> {};
 
 TEST_P(Wait, NeverReturnsBeforeTheRelease) {
   const RawClock clock = RawClock::calibrate(kNsPerMs);
+  ReleaseWait wait(GetParam(), kPeriodNs);
   for (int i = 0; i < 20; ++i) {
     const std::int64_t release_ns = clock.now_ns() + 300'000;
-    EXPECT_GE(wait_for_release(GetParam(), clock, release_ns, 100'000), release_ns);
+    EXPECT_GE(wait.until(clock, release_ns), release_ns);
   }
 }
 

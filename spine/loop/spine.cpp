@@ -9,9 +9,6 @@
 namespace lithe::loop {
 namespace {
 
-// A hybrid wait stops sleeping this long before the release: longer than the usual wake-up latency.
-constexpr std::int64_t kHybridWindowNs = 100'000;
-
 // How often the law's State is published: as often as a Brain publishes plans.
 constexpr double kStateHz = 100.0;
 
@@ -42,10 +39,10 @@ Spine::Spine(const Wiring& wiring)
 
 bool Spine::run(const std::atomic<bool>& stop) noexcept {
   grid_.start(clock_.now_ns());
+  ReleaseWait wait(robot_.spine.release, grid_.period_ns());
   std::uint32_t skipped = 0;
   while (!stop.load(std::memory_order_relaxed)) {
-    const std::int64_t woke_ns =
-        wait_for_release(robot_.spine.release, clock_.raw(), grid_.release_ns(), kHybridWindowNs);
+    const std::int64_t woke_ns = wait.until(clock_.raw(), grid_.release_ns());
     tick(grid_.release_ns(), woke_ns, skipped);
     serve_inline();
     clock_.follow();
