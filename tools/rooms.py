@@ -61,6 +61,7 @@ ALLOWED = {
         "spine": BASE
         + " spine/ipc spine/law spine/robot spine/hal spine/hal/core spine/hal/sim spine/contain spine/arena"
         + " spine/loop spine/load",
+        "host": "",
         "host/read": "spine/core",
         "host/doctor": "spine/core host/read",
         "host/tune": "spine/core host/read",
