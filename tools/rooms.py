@@ -30,6 +30,7 @@ BUS_TOOLS = f"{BASE} spine/robot spine/hal {BUSES} {DEVICES}"
 LINKED = OUTSIDE + " supervisor/core supervisor/link/spine supervisor/link/services"
 SWAPPING = LINKED + " supervisor/events supervisor/swap/certificate"
 BUSES_SHOWN = " supervisor/bus/plan supervisor/bus/scan supervisor/bus/monitor"
+HOST = " host/read host/doctor host/tune"
 CLI = OUTSIDE + " supervisor/core supervisor/link/spine supervisor/link/client" + BUSES_SHOWN
 ALLOWED = {
     room: frozenset(allowed.split())
@@ -60,6 +61,10 @@ ALLOWED = {
         "spine": BASE
         + " spine/ipc spine/law spine/robot spine/hal spine/hal/core spine/hal/sim spine/contain spine/arena"
         + " spine/loop spine/load",
+        "host": "",
+        "host/read": "spine/core",
+        "host/doctor": "spine/core host/read",
+        "host/tune": "spine/core host/read",
         "lawd/run": LAWD,
         "lawd/core": LAWD,
         "lawd/compile": LAWD + " lawd/core lawd/run",
@@ -85,11 +90,12 @@ ALLOWED = {
         "supervisor/swap/certificate": OUTSIDE + " supervisor/core",
         "supervisor/swap": LINKED + " spine/arena supervisor/events supervisor/swap/certificate",
         "supervisor/serve": SWAPPING + " supervisor/link/client supervisor/swap supervisor/bus",
-        "supervisor/run": SWAPPING + " supervisor/swap supervisor/serve supervisor/bus/plan",
+        "supervisor/run": SWAPPING + " supervisor/swap supervisor/serve supervisor/bus/plan host/tune",
         "supervisor/cli/core": CLI,
         "supervisor/cli/robot": CLI + " supervisor/events supervisor/cli/core",
         "supervisor/cli/laws": CLI + " supervisor/link/services supervisor/swap/certificate supervisor/cli/core",
         "supervisor/cli/buses": CLI + " supervisor/cli/core",
+        "supervisor/cli/host": CLI + HOST + " supervisor/cli/core",
         "supervisor/cli/parse": CLI + " supervisor/run supervisor/cli/core",
         "supervisor/cli": CLI + " supervisor/cli/core supervisor/cli/parse",
         "firmware": "",

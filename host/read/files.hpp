@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// Files of the kernel and of the system, below a folder that a test or a mounted image can replace. Off the tick.
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace lithe::host {
+
+// The text of one file, or why there is none. A file that cannot be read never counts as "in order".
+struct Reading {
+  std::string path;   // without the root: what a person would type
+  std::string value;  // without the newline at its end; empty if unread
+  int error = 0;      // errno of the attempt; 0: read
+
+  bool known() const { return error == 0; }
+  bool is_absent() const;  // there is no such file: this kernel does not have it
+};
+
+// Reads below `root`: "" for this machine.
+class HostFiles {
+ public:
+  explicit HostFiles(std::string root = "") : root_(std::move(root)) {}
+
+  const std::string& root() const { return root_; }
+
+  // At most 64 KiB. `path` is absolute: "/sys/devices/system/cpu/isolated".
+  Reading read(const std::string& path) const;
+
+  // Names in a folder, sorted; empty if there is none or it cannot be read.
+  std::vector<std::string> list(const std::string& folder) const;
+
+ private:
+  std::string root_;
+};
+
+}  // namespace lithe::host
