@@ -238,7 +238,7 @@ void Supervisor::open_socket() {
   if (!server) throw Halt{1, server.message()};
   server_.emplace(std::move(*server));
   verbs_.emplace(
-      Parts{config_, *link_, lawd_, trial_, *commands_, *swaps_, events_, adopted_},
+      Parts{config_, *link_, lawd_, trial_, *commands_, *swaps_, events_, throttle_, adopted_},
       [this](const ReplyTo& to, const Answer& answer) {
         if (server_) server_->reply(to, answer);
       },

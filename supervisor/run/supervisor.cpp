@@ -24,6 +24,7 @@ namespace lithe::control {
 namespace {
 
 constexpr int kIdleTurnMs = 20;
+constexpr std::int64_t kThrottleNs = kNsPerS;  // between two readings
 
 std::vector<int> beside_the_spine(const std::vector<int>& allowed, const robot::SpineConfig& wanted) {
   const robot::CpuPlan plan = robot::fold_cpus(machine_cores(), wanted);
@@ -109,6 +110,7 @@ void Supervisor::turn(int timeout_ms) {
     if (swaps_) swaps_->serve(now_ns);
   }
   if (server_) server_->serve();
+  watch_throttling(now_ns);
   if (spine_ && !stopping_ && spine_->ended()) spine_died();
 }
 
@@ -190,6 +192,13 @@ void Supervisor::read_events() {
     note(json);
   }
   events_.set_lost(link_->lost_events());
+}
+
+void Supervisor::watch_throttling(std::int64_t now_ns) {
+  if (now_ns - throttle_read_ns_ < kThrottleNs) return;
+  throttle_read_ns_ = now_ns;
+  const std::string changed = throttle_.look(host::read_throttle(host::HostFiles()));
+  if (!changed.empty()) events_.note(0, throttle_.active() ? "throttled" : "not_throttled", changed);
 }
 
 void Supervisor::spine_died() {

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "host/read/throttle.hpp"
 #include "spine/ipc/segment.hpp"
 #include "spine/robot/config.hpp"
 #include "supervisor/core/process.hpp"
@@ -88,6 +89,7 @@ class Supervisor {
   void read_events();
   void note(const Json& event);
   void forward_spine_log();
+  void watch_throttling(std::int64_t now_ns);
   [[noreturn]] void spine_died();
 
   // Halts with 3 when not every drive is known to be off.
@@ -120,6 +122,8 @@ class Supervisor {
   bool stop_asked_ = false;
   EventLog events_;
   NoiseFilter noise_;
+  host::ThrottleWatch throttle_;
+  std::int64_t throttle_read_ns_ = 0;
   std::optional<SpineLink> link_;
   std::optional<Commands> commands_;
   std::optional<Swaps> swaps_;

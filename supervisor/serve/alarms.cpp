@@ -119,6 +119,9 @@ Json alarms_of(const Json& status) {
   if (const std::string trouble = word(status, "records_trouble"); !trouble.empty()) {
     out.warn("CERTIFICATES: " + trouble);
   }
+  if (const Json slow = status.value("throttled", Json::object()); slow.value("now", false)) {
+    out.warn("THE PROCESSOR IS SLOWED DOWN (" + word(slow, "why") + "): ticks take longer; cool it, or lower rate_hz");
+  }
   see_health(status, out);
   return out.all();
 }

@@ -28,6 +28,7 @@ TEST(Alarms, ASoundRobotHasNone) {
                   {"gates", "closed"},
                   {"records_trouble", nullptr},
                   {"health", {{"plans_torn", 0}}},
+                  {"throttled", {{"now", false}, {"times", 3}, {"why", "firmware: throttled"}}},
                   {"joints", Json::array({joint(0)})}}),
             "");
   EXPECT_EQ(said(Json::object()), "");
@@ -43,6 +44,9 @@ TEST(Alarms, EachNamesJointValueAndWhatToDo) {
             "warn: elbow is 0.050 rad (2.9 deg) from its upper limit of 2.000 rad (114.6 deg)\n");
   EXPECT_EQ(said({{"joints", Json::array({joint(-2.5)})}}),
             "stop: elbow is 0.500 rad (28.6 deg) beyond its lower limit of -2.000 rad (-114.6 deg): lithe recover\n");
+  EXPECT_NE(said({{"throttled", {{"now", true}, {"why", "firmware: under-voltage"}}}})
+                .find("warn: THE PROCESSOR IS SLOWED DOWN (firmware: under-voltage)"),
+            std::string::npos);
   Json lost = joint(0);
   lost["problems"] = Json::array({"lost", "not_ready"});
   lost["drive"] = "fault 33";

@@ -64,6 +64,8 @@ void Verbs::add_looks() {
     status["last_params"] = parts_.swaps.last_params();
     status["records"] = parts_.swaps.records().string();
     status["records_trouble"] = parts_.swaps.records_trouble();
+    status["throttled"] = {
+        {"now", parts_.throttle.active()}, {"times", parts_.throttle.times()}, {"why", parts_.throttle.why()}};
     status["alarms"] = alarms_of(status);
     reply_(to, status);
   };

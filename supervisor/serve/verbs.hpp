@@ -7,6 +7,7 @@
 #include <map>
 #include <string>
 
+#include "host/read/throttle.hpp"
 #include "supervisor/events/event_log.hpp"
 #include "supervisor/link/services/lawd_link.hpp"
 #include "supervisor/link/services/trial_link.hpp"
@@ -26,6 +27,7 @@ struct Parts {
   Commands& commands;
   Swaps& swaps;
   EventLog& log;
+  const host::ThrottleWatch& throttle;
   bool adopted;  // the Spine was started by an earlier supervisor
 };
 
