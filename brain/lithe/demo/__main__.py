@@ -133,9 +133,9 @@ def main() -> int:
     os.umask(os.umask(0o027) | 0o027)  # logs and laws are not for every user of this machine
     try:
         with alone_in(args.out):
-            prepare(args.out)
             robot_file = args.robot.resolve()
             sims = with_truth(robot_file, simulated_joints(robot_file, args.over_real_buses))
+            prepare(args.out)  # a wrong robot file costs no earlier results
             summary = run(robot_file, sims, args.out)
             write_summary(summary, args.out)
             (report_stop if "stopped" in summary else report)(summary, args.out)

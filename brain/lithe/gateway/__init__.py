@@ -183,7 +183,7 @@ class Gateway:
         kept: list[int] = []
         try:
             if len(line) > MOST_REQUEST_BYTES:
-                raise Refused("too_long", f"a request has at most {MOST_REQUEST_BYTES} bytes")
+                raise Refused("too_long", f"a request has at most {MOST_REQUEST_BYTES} bytes", "send less at once")
             request = json.loads(line)
             if not isinstance(request, dict):
                 raise Refused("bad_request", "a request is an object with id, verb and args")
@@ -202,7 +202,8 @@ class Gateway:
         except NotRunning as error:
             return _refusal(name, "disconnected", str(error), "start the robot, then ask again"), 0
         except RecursionError:
-            return _refusal(None, "bad_request", "bad request: nested too deeply"), sum(kept)
+            next_step = "verbs and arguments: docs/reference/verbs.md"
+            return _refusal(None, "bad_request", "bad request: nested too deeply", next_step), sum(kept)
         except (ValueError, TypeError, KeyError, ArithmeticError) as error:
             what = f"missing: {error}" if isinstance(error, KeyError) else str(error)
             next_step = "verbs and arguments: docs/reference/verbs.md"

@@ -176,10 +176,18 @@ def test_every_fault_may_be_the_machines_or_is_the_robots(fault: Fault) -> None:
 def test_an_old_success_is_never_read_as_a_new_one(tmp_path: Path) -> None:
     for name in (*demo.PRODUCTS, "mine.txt"):
         (tmp_path / name).write_text("old")
+    demo.prepare(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"log.txt", "mine.txt"}
+    assert (tmp_path / "log.txt").read_text() == ""
+
+
+def test_a_wrong_robot_file_costs_no_earlier_results(tmp_path: Path) -> None:
+    for name in demo.PRODUCTS:
+        (tmp_path / name).write_text("old")
     process = run(tmp_path, ROOT / "robots/no_such_robot.toml")
     words, _ = process.communicate(timeout=60)
     assert process.returncode == 1 and "no_such_robot.toml" in words and "Traceback" not in words
-    assert {path.name for path in tmp_path.glob("*.*")} == {".lock", "log.txt", "mine.txt"}
+    assert [(tmp_path / name).read_text() for name in demo.PRODUCTS] == ["old"] * len(demo.PRODUCTS)
 
 
 def test_a_disk_that_is_full_in_the_end_is_named(tmp_path: Path) -> None:
