@@ -6,6 +6,7 @@
 #include <signal.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <cstddef>
@@ -106,6 +107,12 @@ struct Missing {
   }
 };
 
+// Looks at a law once in its budget: what it sees before the deadline ends exactly there. Each look wakes a core.
+contain::WatchdogConfig watching(const robot::RobotConfig& robot) {
+  const std::int64_t budget_ns = std::llround(1e9 / robot.rate_hz * robot.swap.budget_share);
+  return {.look_every_ns = std::clamp<std::int64_t>(budget_ns * 3 / 4, 100'000, kNsPerMs), .grace_ns = budget_ns};
+}
+
 // The threads. Stop order: first the tick (it switches the drives off), then the Transport.
 class Threads {
  public:
@@ -119,7 +126,7 @@ class Threads {
         rehearsal_(*memory.spine, static_cast<std::uint32_t>(robot.joints.size()), 1.0 / robot.rate_hz,
                    *containment.loading),
         loader_(slot_, store_, *memory.spine, *memory.control, rehearsal_, arena),
-        watchdog_({.grace_ns = std::llround(1e9 / robot.rate_hz * robot.swap.budget_share)}) {
+        watchdog_(watching(robot)) {
     loop::start_clock(clock_);
   }
 
