@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <utility>
 
+#include "spine/core/host/paths.hpp"
 #include "spine/core/host/realtime.hpp"
 #include "spine/core/time.hpp"
 #include "spine/robot/cores/cpu_plan.hpp"
@@ -21,10 +22,10 @@ Cores pick_cores() {
     std::exit(2);
   }
   Cores wanted;
-  if (const char* named = std::getenv("LITHE_BENCH_CORES")) {
-    if (std::sscanf(named, "%d,%d", &wanted.spine, &wanted.partner) == 2 && wanted.spine != wanted.partner)
+  if (const std::string named = environment("LITHE_BENCH_CORES"); !named.empty()) {
+    if (std::sscanf(named.c_str(), "%d,%d", &wanted.spine, &wanted.partner) == 2 && wanted.spine != wanted.partner)
       return wanted;
-    std::fprintf(stderr, "bench: LITHE_BENCH_CORES names two different cores, as in 1,3; it says '%s'\n", named);
+    std::fprintf(stderr, "bench: LITHE_BENCH_CORES names two different cores, as in 1,3; it says '%s'\n", named.c_str());
     std::exit(2);
   }
   const robot::CpuPlan plan = robot::fold_cpus(machine);

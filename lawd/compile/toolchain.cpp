@@ -8,6 +8,7 @@
 #include "lawd/run/files.hpp"
 #include "lithe/law.hpp"
 #include "spine/arena/veneers.hpp"
+#include "spine/core/host/paths.hpp"
 #include "spine/core/sha256.hpp"
 
 namespace lithe::lawd {
@@ -52,7 +53,7 @@ std::string ask(const std::string& command) {
 }  // namespace
 
 std::string find_contract_dir() {
-  if (const char* dir = std::getenv("LITHE_CONTRACT_DIR")) return dir;
+  if (const std::string dir = environment("LITHE_CONTRACT_DIR"); !dir.empty()) return dir;
   std::error_code failed;
   const fs::path here = fs::read_symlink("/proc/self/exe", failed).parent_path();
   for (const fs::path& dir : {here / "../include", fs::path(LITHE_SOURCE_CONTRACT_DIR)}) {
@@ -86,8 +87,8 @@ Toolchain::Toolchain(std::string contract_dir, std::string cache)
 }
 
 void Toolchain::find_programs() {
-  const char* chosen = std::getenv("LITHE_CXX");
-  compiler_ = chosen != nullptr ? chosen : "g++";
+  const std::string chosen = environment("LITHE_CXX");
+  compiler_ = chosen.empty() ? "g++" : chosen;
   const std::string quoted = "'" + compiler_ + "'";
   version_ = ask(quoted + " --version");
   if (version_.empty()) {

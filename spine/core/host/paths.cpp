@@ -6,14 +6,11 @@
 #include <cstdlib>
 
 namespace lithe {
-namespace {
 
 std::string environment(const char* name) {
   const char* value = std::getenv(name);
   return value != nullptr ? value : "";
 }
-
-}  // namespace
 
 std::string run_dir() {
   if (const std::string dir = environment("LITHE_RUN_DIR"); !dir.empty()) return dir;

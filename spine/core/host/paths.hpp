@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Paths and names of sockets, shared memory and compiled laws.
+// Variables of the environment; paths and names of sockets, shared memory and compiled laws.
 #pragma once
 
 #include <string>
 #include <string_view>
 
 namespace lithe {
+
+// A variable of the environment; one that is set to nothing is like one that is not set.
+std::string environment(const char* name);
 
 // $LITHE_RUN_DIR, else /run/lithe (root), else $XDG_RUNTIME_DIR/lithe, else /tmp/lithe-<uid>. Not created.
 std::string run_dir();

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "spine/core/host/files.hpp"
+#include "spine/core/host/paths.hpp"
 #include "spine/core/sha256.hpp"
 
 namespace lithe::control {
@@ -121,8 +122,8 @@ Fits fits(const std::string& hash, const std::vector<Writing>& writings, std::si
 }  // namespace
 
 fs::path records_of(const std::string& robot) {
-  const char* chosen = std::getenv("LITHE_OUT_DIR");
-  return fs::absolute(chosen != nullptr ? chosen : "out") / robot / "swaps";
+  const std::string chosen = environment("LITHE_OUT_DIR");
+  return fs::absolute(chosen.empty() ? "out" : chosen) / robot / "swaps";
 }
 
 // Where an earlier run stopped.

@@ -7,6 +7,8 @@
 #include <unistd.h>
 
 #include <atomic>
+#include <cstdlib>
+#include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <sstream>
@@ -33,6 +35,14 @@ class RecordTest : public testing::Test {
 Json at(const fs::path& path) {
   std::ifstream file(path);
   return Json::parse(file, nullptr, false);
+}
+
+TEST_F(RecordTest, AnEmptyVariableIsLikeNone) {
+  ::setenv("LITHE_OUT_DIR", "", 1);
+  EXPECT_EQ(records_of("arm"), std::filesystem::absolute("out/arm/swaps"));
+  ::setenv("LITHE_OUT_DIR", "/somewhere", 1);
+  EXPECT_EQ(records_of("arm"), "/somewhere/arm/swaps");
+  ::unsetenv("LITHE_OUT_DIR");
 }
 
 TEST_F(RecordTest, NumbersFilesAndGoesOnWhereAnEarlierRunStopped) {
