@@ -22,7 +22,8 @@ constexpr std::size_t kMostBytes = std::size_t{64} << 10;
 bool Reading::is_absent() const { return error == ENOENT || error == ENOTDIR; }
 
 Reading HostFiles::read(const std::string& path) const {
-  Reading reading{.path = path};
+  Reading reading;
+  reading.path = path;
   const Fd file(::open((root_ + path).c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   std::string text(kMostBytes, '\0');
   std::size_t filled = 0;
