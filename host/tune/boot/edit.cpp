@@ -48,11 +48,13 @@ std::vector<Line> lines_of(std::string_view text) {
 
 std::string trimmed(std::string_view text) { return std::string(text.substr(0, text.find_last_not_of(kBlanks) + 1)); }
 
-// The only line with that word, if that is so.
+// The only line with that word, if that is so. `lines` is not empty.
 Result<Line> only(const std::vector<Line>& lines, const std::string& path, std::string_view word) {
   const auto is_it = [&](const Line& line) { return line.word == word; };
   const auto found = std::find_if(lines.begin(), lines.end(), is_it);
-  if (found == lines.end()) return refusal(path, fmt::format("no line \"{} ...\"", word));
+  if (found == lines.end()) {
+    return refusal(place(path, lines.front().number), fmt::format("no line \"{} ...\" from here on", word));
+  }
   const auto again = std::find_if(found + 1, lines.end(), is_it);
   if (again == lines.end()) return *found;
   return refusal(place(path, again->number),
@@ -104,7 +106,7 @@ Result<Edit> edit_extlinux(const std::string& path, const std::string& text, con
   if (const Result<> good = check_boot_text(path, text); !good) return good.error();
   const Result<std::vector<Line>> entry = default_entry(lines_of(text), path);
   if (!entry) return entry.error();
-  const Result<Line> append = only(*entry, place(path, entry->front().number), "append");
+  const Result<Line> append = only(*entry, path, "append");
   if (!append) return append.error();
   const Result<std::string> line = with_flags(append->argument, wanted, place(path, append->number));
   if (!line) return line.error();
