@@ -175,6 +175,9 @@ Result<BootPlan> boot_plan(const HostFiles& files, const BootCores& cores) {
        .why = fmt::format("from boot on, the kernel keeps cores {} free for the robot", cpu_list(cores.isolated)),
        .reboot = true});
   plan.commands = boot->commands;
+  if (!files.root().empty() && !plan.commands.empty()) {
+    plan.notes.push_back(fmt::format("run the commands within the image: `chroot {} COMMAND`", files.root()));
+  }
   return plan;
 }
 
