@@ -32,6 +32,12 @@ bool holds(const std::vector<int>& cores, int core) {
   return std::find(cores.begin(), cores.end(), core) != cores.end();
 }
 
+std::vector<int> ascending(std::vector<int> cores) {
+  std::sort(cores.begin(), cores.end());
+  cores.erase(std::unique(cores.begin(), cores.end()), cores.end());
+  return cores;
+}
+
 Result<> check_cores(const BootCores& cores) {
   if (cores.isolated.empty()) return Error{"no core to isolate: a machine with one core keeps it for everything"};
   if (cores.housekeeping < 0) return Error{"no housekeeping core: the kernel needs one that is not isolated"};
@@ -53,7 +59,11 @@ Result<std::string> read_boot(const HostFiles& files, const std::string& path) {
   if (fs::is_symlink(files.root() + path, ignored)) {
     return Error{fmt::format("{} is a symbolic link: nothing is written. Replace it by the file it means", path)};
   }
-  return read_regular_file(files.root() + path, kMostBootBytes);
+  Result<std::string> text = read_regular_file(files.root() + path, kMostBootBytes);
+  if (text) return text;
+  const bool denied = files.read(path).error == EACCES;
+  return Error{text.message() + ": nothing is written. " +
+               (denied ? "Plan again as root" : "Correct the file and plan again")};
 }
 
 Result<> check_writable(const HostFiles& files, const std::string& path) {
@@ -146,7 +156,8 @@ std::vector<std::string> notes_of(const HostFiles& files, const FoundBoard& foun
 
 }  // namespace
 
-Result<BootPlan> boot_plan(const HostFiles& files, const BootCores& cores) {
+Result<BootPlan> boot_plan(const HostFiles& files, const BootCores& wanted) {
+  const BootCores cores{ascending(wanted.isolated), ascending(wanted.tickless), wanted.housekeeping};
   if (const Result<> good = check_cores(cores); !good) return good.error();
   const Result<std::vector<Board>> boards = load_boards(boards_folder());
   if (!boards) return boards.error();

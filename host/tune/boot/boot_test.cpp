@@ -224,6 +224,13 @@ TEST_F(BootTest, OurLinesWithoutTheirEndAreHalfEdited) {
   EXPECT_TRUE(says(refusal(), "a line of ours that is not whole")) << refusal();
 }
 
+TEST_F(BootTest, AFolderInPlaceOfABootFileIsNamed) {
+  trees::pi5_bookworm(root_);
+  std::filesystem::remove(root_.path() + "/boot/firmware/cmdline.txt");
+  root_.write("/boot/firmware/cmdline.txt/x", "");
+  EXPECT_TRUE(says(refusal(), "/boot/firmware/cmdline.txt: is a directory, not a file")) << refusal();
+}
+
 TEST_F(BootTest, ALinkIsNotFollowed) {
   trees::pi5_bookworm(root_);
   root_.write("/elsewhere", trees::kPiBookworm);
@@ -256,6 +263,9 @@ TEST_F(BootTest, CoresMustMakeSense) {
   EXPECT_FALSE(boot_plan(files, {.isolated = {1}, .tickless = {2}, .housekeeping = 0}));
   EXPECT_FALSE(boot_plan(files, {.isolated = {-1}, .tickless = {}, .housekeeping = 0}));
   EXPECT_TRUE(boot_plan(files, {.isolated = {1}, .tickless = {}, .housekeeping = 0}));
+  const Result<BootPlan> mixed = boot_plan(files, {.isolated = {3, 1, 3}, .tickless = {1}, .housekeeping = 0});
+  ASSERT_TRUE(mixed) << mixed.message();
+  EXPECT_EQ(mixed->changes.at(0).after, trees::kDebian12Grub + kOurLines);
 }
 
 }  // namespace
