@@ -64,7 +64,7 @@ ALLOWED = {
         "host": "",
         "host/read": "spine/core",
         "host/doctor": "spine/core host/read",
-        "host/tune": "spine/core host/read",
+        "host/tune": "spine/core spine/robot host/read",  # board profiles are read as robot files are
         "lawd/run": LAWD,
         "lawd/core": LAWD,
         "lawd/compile": LAWD + " lawd/core lawd/run",

@@ -108,6 +108,20 @@ void Reader::text(std::string_view key, std::string& out, Need need) {
   out.clear();
 }
 
+void Reader::texts(std::string_view key, std::vector<std::string>& out, Need need) {
+  const toml::node* node = find(key, need);
+  if (node == nullptr) return;
+  const std::string_view wanted = "a list of strings: [\"one\", \"two\"]";
+  if (!node->is_array()) return wrong_type(key, *node, wanted);
+  for (const toml::node& each : *node->as_array()) {
+    if (!each.is_string()) return wrong_type(key, each, wanted);
+    const std::string text = each.value<std::string>().value_or(std::string());
+    if (!is_printable(text))
+      return complain(key, "one of its strings is not printable; write it without such characters");
+    out.push_back(text);
+  }
+}
+
 void Reader::identifier(std::string_view key, std::string& out, Need need) {
   text(key, out, need);
   const toml::node* node = table_.get(key);

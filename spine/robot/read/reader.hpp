@@ -37,6 +37,7 @@ class Reader {
   }
   void boolean(std::string_view key, bool& out);
   void text(std::string_view key, std::string& out, Need need = Need::optional);
+  void texts(std::string_view key, std::vector<std::string>& out, Need need = Need::optional);  // a list of strings
   void identifier(std::string_view key, std::string& out, Need need = Need::required);  // a-z A-Z 0-9 - _, at most 31
   void core(std::string_view key, int& out);                                            // a core number or "auto"
 

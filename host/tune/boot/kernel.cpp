@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/tune/boot/kernel.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cstddef>
+
+#include "spine/core/host/cores.hpp"
+#include "spine/core/host/files.hpp"
+#include "spine/core/text.hpp"
+
+namespace lithe::host {
+namespace {
+
+constexpr std::size_t kMostConfigFileBytes = std::size_t{4} << 20;  // Debian's has 260 kB
+constexpr std::size_t kMostCpuInfoBytes = std::size_t{4} << 20;
+constexpr const char* kConfigPrefix = "config-";
+constexpr int kManagedIrqSince = 5006;
+
+bool has_line(const std::string& text, const std::string& line) {
+  return ("\n" + text + "\n").find("\n" + line + "\n") != std::string::npos;
+}
+
+// 5006 for "5.6.1-v8+"; 0 if it is no release.
+int version_of(std::string_view release) {
+  int major = 0;
+  int minor = 0;
+  const char* const end = release.data() + release.size();
+  const auto first = std::from_chars(release.data(), end, major);
+  if (first.ec != std::errc() || first.ptr == end || *first.ptr != '.') return 0;
+  if (std::from_chars(first.ptr + 1, end, minor).ec != std::errc()) return 0;
+  return major * 1000 + minor;
+}
+
+std::vector<std::string> releases(const HostFiles& files) {
+  const Reading running = files.read("/proc/sys/kernel/osrelease");
+  if (running.known() && !running.value.empty()) return {running.value};
+  std::vector<std::string> found;
+  for (const std::string& name : files.list("/boot")) {
+    if (name.starts_with(kConfigPrefix)) found.push_back(name.substr(std::string_view(kConfigPrefix).size()));
+  }
+  return found.empty() ? files.list("/lib/modules") : found;
+}
+
+std::string advice(const HostFiles& files, const std::string& path, const std::string& why) {
+  const bool packed = !files.read("/proc/config.gz").is_absent();
+  return fmt::format(
+      "how the kernel was built is not known ({}): only flags that every kernel knows are planned{}", why,
+      packed ? fmt::format("; `zcat /proc/config.gz | sudo tee {} >/dev/null` tells, then plan again", path) : "");
+}
+
+// Beyond isolcpus and irqaffinity, in the order in which they are written. `option`: the kernel knows the flag by it.
+struct Extra {
+  Flag flag;
+  const char* option;
+};
+
+std::vector<Extra> extras(const Kernel& kernel, const BootCores& cores) {
+  std::vector<Extra> all;
+  if (!cores.tickless.empty()) all.push_back({{"nohz_full", cpu_list(cores.tickless), true}, "NO_HZ_FULL"});
+  all.push_back({{"rcu_nocbs", cpu_list(cores.isolated), true}, "RCU_NOCB_CPU"});
+  all.push_back({{"nosoftlockup", ""}, "SOFTLOCKUP_DETECTOR"});
+  all.push_back({{"nmi_watchdog", "0"}, "HARDLOCKUP_DETECTOR"});
+  all.push_back({{"skew_tick", "1"}, "TICK_ONESHOT"});
+  if (kernel.steady_tsc) all.push_back({{"tsc", "reliable"}, "X86_TSC"});
+  return all;
+}
+
+}  // namespace
+
+bool has_cpu_flag(const HostFiles& files, const std::string& flag) {
+  const Result<std::string> info = read_regular_file(files.root() + "/proc/cpuinfo", kMostCpuInfoBytes);
+  const std::size_t at = info ? info->find("\nflags") : std::string::npos;
+  if (at == std::string::npos) return false;
+  const std::string flags = info->substr(at + 1, info->find('\n', at + 1) - at - 1) + " ";
+  return flags.find(" " + flag + " ") != std::string::npos;
+}
+
+bool Kernel::has(std::string_view option) const {
+  return !configs.empty() && std::all_of(configs.begin(), configs.end(), [&](const std::string& config) {
+    return has_line(config, fmt::format("CONFIG_{}=y", option));
+  });
+}
+
+bool Kernel::lacks(std::string_view option) const {
+  return std::any_of(configs.begin(), configs.end(), [&](const std::string& config) {
+    return has_line(config, fmt::format("# CONFIG_{} is not set", option));
+  });
+}
+
+Kernel read_kernel(const HostFiles& files) {
+  Kernel kernel;
+  kernel.steady_tsc = has_cpu_flag(files, "constant_tsc") && has_cpu_flag(files, "nonstop_tsc");
+  const std::vector<std::string> installed = releases(files);
+  for (const std::string& release : installed) {
+    const int version = version_of(release);
+    kernel.version = kernel.configs.empty() ? version : std::min(kernel.version, version);
+    const std::string path = "/boot/" + (kConfigPrefix + release);
+    Result<std::string> config = read_regular_file(files.root() + path, kMostConfigFileBytes);
+    if (!config && kernel.not_known.empty())
+      kernel.not_known.push_back(advice(files, path, printable(config.message())));
+    kernel.configs.push_back(config ? *config : "");
+  }
+  if (installed.empty()) {
+    kernel.not_known.push_back(
+        advice(files, "", "no /proc/sys/kernel/osrelease, no /boot/config-*, no folder in /lib/modules"));
+  }
+  if (!kernel.not_known.empty()) kernel.configs.clear();
+  return kernel;
+}
+
+Result<KernelFlags> flags_for(const Kernel& kernel, const BootCores& cores) {
+  if (kernel.lacks("CPU_ISOLATION")) {
+    return Error{
+        "this kernel is built without CONFIG_CPU_ISOLATION: it ignores isolcpus. Install another kernel, or isolate "
+        "cores at run time (`lithe run --shield`)"};
+  }
+  KernelFlags result{.flags = {}, .notes = kernel.not_known};
+  std::string isolated = cpu_list(cores.isolated);
+  if (kernel.version >= kManagedIrqSince) {
+    isolated = "managed_irq,domain," + isolated;
+  } else {
+    // An older kernel drops the whole flag when it meets a word it does not know.
+    result.notes.push_back(fmt::format("{}: isolcpus is planned without managed_irq, which kernels know since 5.6",
+                                       kernel.version == 0 ? "the kernel's version is not known" : "an older kernel"));
+  }
+  result.flags.push_back({"isolcpus", isolated, true});
+  std::vector<std::string> left_out;
+  if (kernel.has("NO_HZ_FULL")) {
+    for (const Extra& extra : extras(kernel, cores)) {
+      if (kernel.has(extra.option)) {
+        result.flags.push_back(extra.flag);
+      } else {
+        left_out.push_back(fmt::format("{} (CONFIG_{})", extra.flag.text(), extra.option));
+      }
+    }
+  } else if (!kernel.configs.empty()) {
+    result.notes.push_back(
+        "the kernel is built without CONFIG_NO_HZ_FULL: the timer's tick stays on the isolated cores");
+  }
+  if (!left_out.empty()) {
+    result.notes.push_back(
+        fmt::format("left out, because this kernel does not know it: {}", fmt::join(left_out, ", ")));
+  }
+  // Written behind rcu_nocbs, where people expect it; to the kernel the order means nothing.
+  const auto behind =
+      std::find_if(result.flags.begin(), result.flags.end(), [](const Flag& flag) { return !flag.isolates; });
+  result.flags.insert(behind, {"irqaffinity", std::to_string(cores.housekeeping), true});
+  return result;
+}
+
+}  // namespace lithe::host

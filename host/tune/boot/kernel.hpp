@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the kernel that will boot can do, and the flags it gets: never one that it does not know. Off the tick.
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "host/read/files.hpp"
+#include "host/tune/boot/boot.hpp"
+#include "host/tune/boot/line.hpp"
+
+namespace lithe::host {
+
+// Whether the first processor of /proc/cpuinfo has a flag (x86: "constant_tsc").
+bool has_cpu_flag(const HostFiles& files, const std::string& flag);
+
+// The running kernel; below a root without /proc, all kernels installed there: each of them may boot.
+struct Kernel {
+  int version = 0;                     // 5006 is 5.6; of several the oldest; 0: not known
+  std::vector<std::string> configs;    // how each was built; empty: not known
+  bool steady_tsc = false;             // x86: /proc/cpuinfo has constant_tsc and nonstop_tsc
+  std::vector<std::string> not_known;  // sentences: what could not be read, and what to do
+
+  bool has(std::string_view option) const;    // "NO_HZ_FULL": each has CONFIG_NO_HZ_FULL=y
+  bool lacks(std::string_view option) const;  // one says "# CONFIG_NO_HZ_FULL is not set"
+};
+
+Kernel read_kernel(const HostFiles& files);
+
+struct KernelFlags {
+  std::vector<Flag> flags;
+  std::vector<std::string> notes;  // what was left out, and why
+};
+
+// An error when the kernel cannot isolate cores at boot.
+Result<KernelFlags> flags_for(const Kernel& kernel, const BootCores& cores);
+
+}  // namespace lithe::host
