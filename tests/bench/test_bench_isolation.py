@@ -244,6 +244,7 @@ def test_what_is_no_result_is_refused(table: ModuleType, tmp_path: Path, capsys:
         assert capsys.readouterr().err
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of what matplotlib uses
 def test_a_figure_and_a_page_with_everything_inside(
     figures: ModuleType, verdict: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
