@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,8 @@ from lithe.place import THREAD_VARIABLES
 from lithe.programs import ROOT
 
 WORKLOADS = ("stress", "numpy", "compile", "swap", "idle")
+SETTLE_S, READY_S = 2.0, 120.0
+SWAPS = "swaps of the second robot"  # storm.py counts them in the log
 END_S = 20.0  # after SIGINT; then SIGKILL. The swap storm has a robot to stop
 APT = "sudo apt-get install -y --no-install-recommends"
 BY_HAND = "move all tasks off the Spine's core with taskset first (docs/rt.md)"
@@ -55,6 +58,7 @@ class Load:
 
     words: str
     commands: tuple[tuple[str, ...], ...] = ()
+    ready: str = ""  # when this is in the log, it has started
 
 
 def stress(cores: str, most_s: float) -> Load:
@@ -91,7 +95,7 @@ def swap_storm(partner: int, folder: Path, most_s: float) -> Load:
         f"{partner} a second robot (`lithe run`, release sleep) compiles, tries, places and swaps laws without pause"
     )
     storm = (sys.executable, "-m", "bench.isolation.storm", str(folder), f"{most_s:.0f}")
-    return Load(words, (("taskset", "-c", str(partner), *storm),))
+    return Load(words, (("taskset", "-c", str(partner), *storm),), ready=f"1 {SWAPS}")
 
 
 def load_of(workload: str, cores: str, every_core: str, partner: int, folder: Path, most_s: float) -> Load:
@@ -129,11 +133,19 @@ def running(load: Load, log: Path) -> Iterator[list[subprocess.Popen[bytes]]]:
                 started.append(subprocess.Popen(
                     words, stdout=file, stderr=file, stdin=subprocess.DEVNULL, env=env, cwd=ROOT, start_new_session=True
                 ))  # fmt: skip
+        end_s = time.monotonic() + (READY_S if load.ready else SETTLE_S)
+        while time.monotonic() < end_s and not (load.ready and load.ready in log.read_text(errors="replace")):
+            time.sleep(0.1)
         yield started
     finally:
         with undisturbed():
             for process in started:
                 end(process)
+
+
+def swaps_in(log: Path) -> int:
+    """How many swaps of the second robot the log counts."""
+    return log.read_text(errors="replace").count(SWAPS)
 
 
 def ended_early(started: list[subprocess.Popen[bytes]]) -> bool:

@@ -39,7 +39,7 @@ def draw(seen: dict[str, dict[str, Rounds]], told: Figures, path: Path) -> None:
             late_us = np.concatenate(calm(programs_seen["lithe"])) / 1e3
             for axes, values, bins in ((panels[0], handoff_us, handoff_bins), (panels[1], late_us, jitter_bins)):
                 outside = np.mean(values > bins[-1])
-                label = f"{name}, max {values.max():.3g} µs" + (f", {outside:.2%} beyond" if outside else "")
+                label = f"{name}, max {values.max():,.3f} µs" + (f", {outside:.2%} beyond" if outside else "")
                 axes.stairs(np.histogram(values, bins)[0], bins, color=colours[name], label=label)
         for axes, paper_us, title in (
             (panels[0], PAPER_HANDOFF_US, "(a) Hand-off time of LITHE"),

@@ -35,7 +35,6 @@ from bench.tables import Figures
 PAPER_S = 300.0  # 300,000 cycles at 1 kHz
 SECONDS = 60.0  # of LITHE in each workload
 PAIRS = 5  # in a round: 500 ms of the floor and 500 ms of LITHE each
-SETTLE_S = 2.0  # until a load has started
 CONTROL_BLOCKS = 6
 SHIELDED = "LITHE_BENCH_SHIELDED"
 Seen = dict[str, dict[str, Rounds]]  # by workload and program
@@ -100,19 +99,14 @@ class Bench:
         self.told |= {f"load_{workload}": load.words, "loads_log": str(log)}
         before = subject.swaps(workload == "swap")
         with loads.running(load, log) as started:
-            time.sleep(SETTLE_S)
             for number in range(self.plan.rounds):
-                print(
-                    f"\rbench: {workload}, round {number + 1} of {self.plan.rounds} ",
-                    end="",
-                    file=sys.stderr,
-                    flush=True,
-                )
+                words = f"\rbench: {workload}, round {number + 1} of {self.plan.rounds} "
+                print(words, end="", file=sys.stderr, flush=True)
                 one_round(subject, peers, self.plan, self.seen.setdefault(workload, {}))
             self.told[f"load_ended_{workload}"] = loads.ended_early(started)
         swaps = subject.swaps(False) - before
         if workload == "swap":
-            self.told["rig_swaps"] = swaps
+            self.told |= {"rig_swaps": swaps, "second_robot_swaps": loads.swaps_in(log)}
         print(file=sys.stderr)
 
     def run(self) -> None:
@@ -208,7 +202,8 @@ def main(words: list[str]) -> int:
     if words[:1] in (["compare"], ["table"]):
         return table.main(words)
     asked = options(words)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # loads are ended then, too
+    for number in (signal.SIGINT, signal.SIGTERM):  # also where a shell let both be ignored: the loads must end
+        signal.signal(number, signal.default_int_handler)
     try:
         if asked.shield and not os.environ.get(SHIELDED):
             command = shielded(words)

@@ -14,6 +14,7 @@ from pathlib import Path
 import lithe
 from lithe.programs import ROOT
 
+from bench.isolation.loads import SWAPS
 from bench.swap.robot import running, wake
 
 LAWS = [ROOT / "laws/pd.cpp", ROOT / "bench/swap/laws/pi_lowpass.cpp"]
@@ -32,7 +33,7 @@ def main(folder: Path, most_s: float) -> None:
             source = LAWS[number % len(LAWS)]
             with contextlib.suppress(lithe.Refused):  # a busy machine may make a trial late; the load continues
                 robot.swap(f"{source.read_text(encoding='utf-8')}// {time.time_ns()}\n", name=source.name)
-            print(f"{number + 1} swaps", flush=True)
+            print(f"{number + 1} {SWAPS}", flush=True)
 
 
 if __name__ == "__main__":

@@ -45,6 +45,10 @@ def ratios(told: Figures) -> None:
 def shares(told: Figures, name: str) -> None:
     """One workload: quantiles and shares of all programs."""
     print(f"\n{name}: {told.get(f'load_{name}', '')}")
+    if name == "swap":
+        print(
+            f"  {cell(told, 'rig_swaps', '.0f')} commits; {cell(told, 'second_robot_swaps', '.0f')} swaps of the other"
+        )
     rows = []
     for program, words in WORDS.items():
         if told.get(f"{program}_{name}_p50_us") is not None:

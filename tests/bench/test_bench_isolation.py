@@ -324,6 +324,6 @@ def test_a_short_run_from_end_to_end(tmp_path: Path) -> None:
     for name in ("stress", "numpy", "compile", "swap", "idle"):
         assert told[f"cycles_{name}"] >= 900 and told[f"handoff_{name}_p50_us"] > 0, name
         assert told[f"r999_plain_loop_{name}"] > 0 and not told[f"load_ended_{name}"], name
-    assert told["rig_swaps"] >= 10 and told["control_over_floor"] > 0
+    assert told["rig_swaps"] >= 10 and told["second_robot_swaps"] >= 1 and told["control_over_floor"] > 0
     assert (tmp_path / "isolation.html").stat().st_size > 50_000
     assert not (tmp_path / "isolation/records").exists()
