@@ -154,7 +154,9 @@ def shielded(words: list[str]) -> list[str]:
     if known.returncode != 0 or "shield" not in known.stdout:
         raise report.Unmeasured(f"{lithe} has no `tune shield`: measure without --shield, or {loads.BY_HAND}")
     rest = [word for word in words if word != "--shield"]
-    return [lithe, "tune", "shield", "--", sys.executable, "-m", "bench.isolation", *rest]
+    named = os.environ.get("LITHE_BENCH_CORES", "").partition(",")[0]  # else the shield takes the Spine's own choice
+    cores = ["--cores", named] if named else []
+    return [lithe, "tune", "shield", *cores, "--", sys.executable, "-m", "bench.isolation", *rest]
 
 
 def measure(plan: Plan, out: Path) -> Figures:

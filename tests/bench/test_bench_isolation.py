@@ -283,7 +283,10 @@ def test_without_the_verb_shield_says_so(
         signal.signal(signal.SIGTERM, before)
     assert "has no `tune shield`" in capsys.readouterr().err
     lithe.write_text("#!/bin/sh\necho 'lithe tune shield -- COMMAND'\n")
+    monkeypatch.delenv("LITHE_BENCH_CORES", raising=False)
     assert run.shielded(["--shield", "--short"])[1:4] == ["tune", "shield", "--"]
+    monkeypatch.setenv("LITHE_BENCH_CORES", "1,3")
+    assert run.shielded(["--shield", "--short"])[1:6] == ["tune", "shield", "--cores", "1", "--"]
 
 
 def children_of(group: int) -> int:
