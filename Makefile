@@ -5,7 +5,7 @@ PYTHON := .venv/bin/python
 JOBS ?= $(shell nproc)
 WORKERS ?= $(shell expr 3 \* $(JOBS) / 2)
 
-.PHONY: help demo no-other-demo test test-fast check check-all bench bench-swap format clean setup release
+.PHONY: help demo no-other-demo test test-fast check check-all bench bench-isolation bench-swap format clean setup release
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -46,6 +46,13 @@ bench:  ## jitter, tick cost, scale, Channel latency, each against a peer and a 
 	@cmake --preset bench --log-level=WARNING >/dev/null
 	@cmake --build --preset bench -j $(JOBS)
 	@$(PYTHON) -m bench.report
+
+bench-isolation:  ## release jitter under five loads, beside cyclictest, a sleeping loop and moteus; SHIELD=1 PAPER=1 SHORT=1 -> out/bench/isolation.*
+	@tools/setup build bench
+	@cmake --preset bench --log-level=WARNING >/dev/null
+	@cmake --build --preset bench -j $(JOBS) --target bench_isolation bench_plain_loop bench_cores lithe lithe-spine lithe-spine-sim lithe-sim \
+	  lawd lithe-trial
+	@$(PYTHON) -m bench.isolation $(if $(SHORT),--short) $(if $(PAPER),--paper) $(if $(SHIELD),--shield)
 
 bench-swap: TARGETS := --target lithe lithe-spine lithe-spine-sim lawd lithe-trial bench_swap_peers
 bench-swap: release  ## what a swap costs, beside dlopen in the loop and behind a mutex; SWAPS=10000 -> out/bench/swap.json

@@ -49,25 +49,29 @@ void fill_plan(wire::Plan& plan, std::uint32_t joints, std::int64_t now_ns) {
 SpineRig::SpineRig(const std::string& robot_file, Cores cores)
     : SpineRig(or_exit(robot::load_robot(robot_file)), cores) {}
 
-SpineRig::SpineRig(robot::RobotConfig config, Cores cores) : config_(std::move(config)) {
+SpineRig::SpineRig(robot::RobotConfig config, Cores cores, bool transport_inline) : config_(std::move(config)) {
   actuators_ = or_exit(hal::sim::open_actuators(config_));
   loop::start_clock(*clock_);  // and no keeper: the tick and the bench must read one and the same fit
-  law::reset_resident(*law_, lithe_law);
-  law_->law_id = 1;
-  slot_.offer(law_.get());
+  for (std::uint32_t i = 0; i < law::kResidents; ++i) {
+    (*laws_)[i].index = i;
+    free_.push_back(&(*laws_)[i]);
+  }
+  offer_copy();
   or_exit(contain::install_handlers());
   barrier_.emplace(or_exit(contain::FaultBarrier::open()));
   sandbox_.emplace(or_exit(law::SandboxMemory::make()));
   const loop::Wiring wiring{config_,    *memory_,   *control_, *brain_, slot_,
-                            **sandbox_, &*barrier_, handover_, *clock_, nullptr};
+                            **sandbox_, &*barrier_, handover_, *clock_, transport_inline ? actuators_.get() : nullptr};
   spine_ = std::make_unique<loop::Spine>(wiring);
-  transport_ = on_core(cores.partner, [this] { serve_buses(); });
+  if (!transport_inline) transport_ = on_core(cores.partner, [this] { serve_buses(); });
   brain_thread_ = on_core(cores.partner, [this] { publish_plans(); });
 }
 
 SpineRig::~SpineRig() {
   stop_.store(true);
-  for (std::thread* thread : {&transport_, &brain_thread_}) thread->join();
+  for (std::thread* thread : {&transport_, &brain_thread_}) {
+    if (thread->joinable()) thread->join();
+  }
 }
 
 void SpineRig::serve_buses() { loop::run_transport(handover_, *actuators_, *clock_, false, stop_); }
@@ -80,9 +84,31 @@ void SpineRig::publish_plans() {
     const std::int64_t now_ns = monotonic_ns();
     fill_plan(*plan, static_cast<std::uint32_t>(config_.joints.size()), now_ns);
     writer.write(*plan);
+    if (swapping_.load(std::memory_order_relaxed)) offer_copy();
     std::atomic_ref<std::int64_t>(brain_->header.heartbeat_ns).store(now_ns, std::memory_order_release);
     nanosleep(&kInterval, nullptr);
   }
+}
+
+// As the Loader does it, but without code to load: a fresh copy of the law, and how its State is carried.
+void SpineRig::offer_copy() {
+  while (law::Resident* gone = slot_.collect_retired()) {
+    gone->law_id = 0;
+    free_.push_back(gone);
+  }
+  if (free_.empty()) return;
+  law::Resident& copy = *free_.back();
+  law::reset_resident(copy, lithe_law);
+  copy.law_id = static_cast<std::uint32_t>(swaps_.load()) + 1;
+  for (const law::Resident& peer : *laws_) {
+    if (&peer != &copy && peer.law_id != 0) law::build_bridge(copy, peer);
+  }
+  if (!slot_.offer(&copy)) {
+    copy.law_id = 0;  // the tick has not taken the one before
+    return;
+  }
+  free_.pop_back();
+  ++swaps_;
 }
 
 void SpineRig::order(wire::CommandKind kind) {

@@ -2,12 +2,14 @@
 // All parts of a Spine without its process: real loop, guard, law and simulated drives, ticked by the bench.
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "bench/rig/cycles.hpp"
 #include "bench/rig/machine.hpp"
@@ -29,8 +31,9 @@ namespace lithe::bench {
 // Contract: made, ticked and destroyed on one thread, pinned to the Spine's core
 class SpineRig {
  public:
+  // `transport_inline`: the calling thread does the exchange too, after its tick, as `lithe run` does on two cores.
   SpineRig(const std::string& robot_file, Cores cores);
-  SpineRig(robot::RobotConfig config, Cores cores);
+  SpineRig(robot::RobotConfig config, Cores cores, bool transport_inline = false);
   ~SpineRig();
   SpineRig(const SpineRig&) = delete;
   SpineRig& operator=(const SpineRig&) = delete;
@@ -41,9 +44,15 @@ class SpineRig {
   // Waits like the Spine, but does nothing: the floor.
   void run_bare_block(std::int64_t block_ns, std::vector<Cycle>& cycles);
 
+  // While `on`, the Brain's thread offers another copy of the law with every plan, and the tick commits it.
+  // Contract: any thread
+  void swap_laws(bool on) { swapping_.store(on); }
+  std::uint64_t swaps() const { return swaps_.load(); }
+
  private:
   void serve_buses();
   void publish_plans();
+  void offer_copy();
   void arm();
   void order(wire::CommandKind kind);
   void tick_block(std::int64_t block_ns, std::vector<Cycle>& cycles);
@@ -53,7 +62,9 @@ class SpineRig {
   std::unique_ptr<ipc::ControlMemory> control_ = std::make_unique<ipc::ControlMemory>();
   std::unique_ptr<ipc::BrainMemory> brain_ = std::make_unique<ipc::BrainMemory>();
   std::unique_ptr<loop::ClockMemory> clock_ = std::make_unique<loop::ClockMemory>();
-  std::unique_ptr<law::Resident> law_ = std::make_unique<law::Resident>();
+  using Residents = std::array<law::Resident, law::kResidents>;
+  std::unique_ptr<Residents> laws_ = std::make_unique<Residents>();
+  std::vector<law::Resident*> free_;  // used by the Brain's thread only
   ipc::MailboxSender<wire::Command, wire::control_segment::kCommandsDepth> commands_{control_->commands,
                                                                                      memory_->control_ack};
   law::Slot slot_;
@@ -62,7 +73,8 @@ class SpineRig {
   loop::Handover handover_;
   std::unique_ptr<hal::Actuators> actuators_;
   std::unique_ptr<loop::Spine> spine_;
-  std::atomic<bool> stop_{false};
+  std::atomic<bool> stop_{false}, swapping_{false};
+  std::atomic<std::uint64_t> swaps_{0};
   std::thread transport_, brain_thread_;
 };
 

@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Release jitter and hand-off of LITHE under load, beside the floor and what people use today: the paper's experiment.
+
+`python -m bench.isolation [--seconds N | --short | --paper] [--workload NAME ...] [--shield]` writes
+out/bench/isolation.json, .png and .html. Under each workload the programs take turns in rounds of a few seconds.
+`compare A.json B.json` prints two results beside each other, `table DIR` a table of all results in a folder.
+Exit 0: holds. 1: falls short, or INCONCLUSIVE. 2: usage, or it cannot be measured here.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from lithe.demo.processes import undisturbed
+from lithe.errors import LitheError
+from lithe.programs import binary
+
+from bench import report
+from bench.isolation import loads, plot, table
+from bench.isolation.figures import CONTROL, FLOOR, LITHE, PEERS, Rounds, calm, ratio, workload_figures
+from bench.isolation.programs import Peers, Subject
+from bench.isolation.verdict import judge
+from bench.swap.run import plain
+from bench.tables import Figures
+
+PAPER_S = 300.0  # 300,000 cycles at 1 kHz
+SECONDS = 60.0  # of LITHE in each workload
+PAIRS = 5  # in a round: 500 ms of the floor and 500 ms of LITHE each
+CONTROL_BLOCKS = 6
+SHIELDED = "LITHE_BENCH_SHIELDED"
+Seen = dict[str, dict[str, Rounds]]  # by workload and program
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is measured: so many rounds of so many pairs and of so many seconds of each peer, under each workload."""
+
+    workloads: list[str]
+    rounds: int
+    pairs: int
+    peer_s: float
+
+    def most_s(self) -> float:
+        """No load runs longer than this."""
+        return 120.0 + 3 * self.rounds * (self.pairs + len(PEERS) * (self.peer_s + 1))
+
+
+def plan_of(asked: argparse.Namespace) -> Plan:
+    """The plan that the options ask for."""
+    workloads = asked.workload or list(loads.WORKLOADS)
+    if asked.short:
+        return Plan(workloads, rounds=1, pairs=2, peer_s=1.0)
+    seconds = PAPER_S if asked.paper else asked.seconds
+    return Plan(workloads, rounds=max(1, round(seconds / (PAIRS * 0.5))), pairs=PAIRS, peer_s=1.0)
+
+
+def one_round(subject: Subject, peers: Peers, plan: Plan, seen: dict[str, Rounds]) -> None:
+    """The floor and LITHE in turns, then each peer."""
+    records = subject.run("pairs", plan.pairs, plan.pairs)
+    for program, number in (("floor", FLOOR), ("lithe", LITHE)):
+        seen.setdefault(program, []).append(records[records["program"] == number])
+    for peer in PEERS:
+        block = peers.records(peer, plan.peer_s)
+        if block is not None:
+            seen.setdefault(peer, []).append(block)
+
+
+class Bench:
+    """The programs, the cores, and everything seen so far."""
+
+    def __init__(self, plan: Plan, folder: Path) -> None:
+        here = report.cores()
+        if not here:
+            raise report.Unmeasured("needs bench_cores (`make bench-isolation` builds it) and two cores")
+        self.plan, self.folder = plan, folder
+        self.spine, self.partner = int(here["machine_spine_core"]), int(here["machine_partner_core"])
+        self.all = sorted(os.sched_getaffinity(0) | {self.spine, self.partner})
+        others = [core for core in self.all if core != self.spine]
+        self.confined = bool(os.environ.get(SHIELDED))
+        self.load_cores = ",".join(map(str, others if self.confined else self.all))
+        os.sched_setaffinity(0, set(others) & os.sched_getaffinity(0) or set(others))  # this process measures nothing
+        self.seen: Seen = {}
+        self.told: Figures = {"shielded": self.confined, "loads_cores": self.load_cores}
+
+    def under(self, workload: str, subject: Subject, peers: Peers) -> None:
+        """All rounds of one workload."""
+        cores, folder = (self.load_cores, ",".join(map(str, self.all))), self.folder / "storm"
+        load = loads.load_of(workload, *cores, self.partner, folder, self.plan.most_s())
+        log = self.folder / "loads.log"
+        self.told |= {f"load_{workload}": load.words, "loads_log": str(log)}
+        before = subject.swaps(workload == "swap")
+        with loads.running(load, log) as started:
+            for number in range(self.plan.rounds):
+                words = f"\rbench: {workload}, round {number + 1} of {self.plan.rounds} "
+                print(words, end="", file=sys.stderr, flush=True)
+                one_round(subject, peers, self.plan, self.seen.setdefault(workload, {}))
+            self.told[f"load_ended_{workload}"] = loads.ended_early(started)
+        swaps = subject.swaps(False) - before
+        if workload == "swap":
+            self.told |= {"rig_swaps": swaps, "second_robot_swaps": loads.swaps_in(log)}
+        print(file=sys.stderr)
+
+    def run(self) -> None:
+        """All workloads, then the control."""
+        with Subject(",".join(map(str, self.all)), self.folder / "records") as subject:
+            peers = Peers(subject, self.all, self.spine, self.folder)
+            try:
+                for workload in self.plan.workloads:
+                    self.under(workload, subject, peers)
+            finally:
+                with undisturbed():
+                    peers.close()
+            control = subject.run("control", CONTROL_BLOCKS, CONTROL_BLOCKS)
+        self.told |= {f"{name}_absent": why for name, why in peers.absent.items()}
+        last = self.seen[self.plan.workloads[-1]]  # idle, unless it was left out
+        self.told["control_over_floor"] = ratio(calm([control[control["program"] == CONTROL]]), calm(last["floor"]))
+
+    def figures(self) -> Figures:
+        """All of them, and the verdict."""
+        for workload, seen in self.seen.items():
+            whole = {name: rounds for name, rounds in seen.items() if len(rounds) == self.plan.rounds}
+            self.told |= workload_figures(workload, whole)
+        return self.told | judge(self.told, self.plan.workloads)
+
+
+def doctor() -> str:
+    """What `lithe doctor` says about this machine, as JSON text; or why it says nothing."""
+    try:
+        words = [str(binary("lithe")), "--json", "doctor"]
+        done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=120)
+        return json.dumps(json.loads(done.stdout), indent=1)
+    except (LitheError, OSError, subprocess.TimeoutExpired) as why:
+        return f"not asked: {why}"
+    except ValueError:
+        return f"`lithe --json doctor` gave no JSON (exit {done.returncode}): {done.stderr.strip()[:300]}"
+
+
+def shielded(words: list[str]) -> list[str]:
+    """The command that does the same under `lithe tune shield`; report.Unmeasured when there is no such verb."""
+    try:
+        lithe = str(binary("lithe"))
+        known = subprocess.run([lithe, "tune", "shield", "--help"], capture_output=True, text=True, check=False)
+    except (LitheError, OSError) as why:
+        raise report.Unmeasured(str(why)) from None
+    if known.returncode != 0 or "shield" not in known.stdout:
+        raise report.Unmeasured(f"{lithe} has no `tune shield`: measure without --shield, or {loads.BY_HAND}")
+    rest = [word for word in words if word != "--shield"]
+    named = os.environ.get("LITHE_BENCH_CORES", "").partition(",")[0]  # else the shield takes the Spine's own choice
+    cores = ["--cores", named] if named else []
+    return [lithe, "tune", "shield", *cores, "--", sys.executable, "-m", "bench.isolation", *rest]
+
+
+def measure(plan: Plan, out: Path) -> Figures:
+    """One run; its files stay in `out`/isolation."""
+    folder = out / "isolation"
+    shutil.rmtree(folder, ignore_errors=True)
+    (folder / "buses").mkdir(parents=True)
+    began, load = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), os.getloadavg()[0]
+    here = report.machine()
+    bench = Bench(plan, folder)
+    try:
+        bench.run()
+    finally:
+        (folder / "records").unlink(missing_ok=True)
+    told = here | {"isolation_measured_at": began, "isolation_load_before": load} | bench.figures()
+    told = {key: plain(value) for key, value in told.items()}
+    (out / "isolation.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    plot.draw(bench.seen, told, out / "isolation.png")
+    plot.page(told, table.text(told), doctor(), out / "isolation.png", out / "isolation.html")
+    return told
+
+
+def options(words: list[str]) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m bench.isolation", description=__doc__)
+    length = parser.add_mutually_exclusive_group()
+    length.add_argument("--short", action="store_true", help="a few seconds of each; no verdict")
+    length.add_argument("--paper", action="store_true", help="300,000 cycles of each, as in the paper")
+    length.add_argument(
+        "--seconds", type=float, default=SECONDS, help=f"of LITHE in each workload (default {SECONDS:.0f})"
+    )
+    parser.add_argument("--workload", action="append", choices=loads.WORKLOADS, help="only this one; may be repeated")
+    parser.add_argument(
+        "--shield", action="store_true", help="under `lithe tune shield`: needs root, undone at the end"
+    )
+    parser.add_argument("--out", type=Path, default=report.OUT, help="folder for the results (default out/bench)")
+    asked = parser.parse_args(words)
+    if not 1 <= asked.seconds <= 86_400:
+        parser.error("--seconds is from 1 to 86400")
+    return asked
+
+
+def main(words: list[str]) -> int:
+    """Measure, write, print; or one of the other verbs."""
+    if words[:1] in (["compare"], ["table"]):
+        return table.main(words)
+    asked = options(words)
+    for number in (signal.SIGINT, signal.SIGTERM):  # also where a shell let both be ignored: the loads must end
+        signal.signal(number, signal.default_int_handler)
+    try:
+        if asked.shield and not os.environ.get(SHIELDED):
+            command = shielded(words)
+            os.execve(command[0], command, os.environ | {SHIELDED: "1"})
+        told = measure(plan_of(asked), asked.out)
+    except report.Unmeasured as why:
+        print(f"bench: {why}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("\nbench: stopped; the loads are ended, and nothing was written", file=sys.stderr)
+        return 130
+    print(table.text(told))
+    print(f"\nall figures: {asked.out / 'isolation.json'}; page: {asked.out / 'isolation.html'}")
+    return 0 if told["verdict"] == "holds" else 1

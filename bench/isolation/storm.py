@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A robot whose laws are swapped without pause: `python -m bench.isolation.storm FOLDER SECONDS`. Ends at SIGINT.
+
+Every law has a new comment, so each swap has a real compilation, admission, trial and placement.
+"""
+
+import contextlib
+import shutil
+import sys
+import time
+from itertools import count
+from pathlib import Path
+
+import lithe
+from lithe.programs import ROOT
+
+from bench.isolation.loads import SWAPS
+from bench.swap.robot import running, wake
+
+LAWS = [ROOT / "laws/pd.cpp", ROOT / "bench/swap/laws/pi_lowpass.cpp"]
+
+
+def main(folder: Path, most_s: float) -> None:
+    """Swap until the time is over."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    until = time.monotonic() + most_s
+    with running(folder, release='"sleep"') as robot:
+        for number in count():
+            if time.monotonic() > until:
+                break
+            wake(robot)
+            source = LAWS[number % len(LAWS)]
+            with contextlib.suppress(lithe.Refused):  # a busy machine may make a trial late; the load continues
+                robot.swap(f"{source.read_text(encoding='utf-8')}// {time.time_ns()}\n", name=source.name)
+            print(f"{number + 1} {SWAPS}", flush=True)
+
+
+if __name__ == "__main__":
+    with contextlib.suppress(KeyboardInterrupt):
+        main(Path(sys.argv[1]), float(sys.argv[2]))

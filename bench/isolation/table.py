@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Results of `make bench-isolation` as text: one, two beside each other, or all of a folder for docs/host.md."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import sys
+from pathlib import Path
+
+from bench.isolation.figures import CAUSES, PEERS
+from bench.isolation.loads import WORKLOADS
+from bench.isolation.plot import PAPER_HANDOFF_US, PAPER_JITTER_US, WORDS
+from bench.swap.stats import LIMITS_US
+from bench.tables import HEAD, Figures, cell, quantile_row, show_machine, table
+
+USAGE = "usage: python -m bench.isolation compare A.json B.json | table DIR"
+
+
+class Unreadable(Exception):
+    """A file that is no result of this bench; the text says why."""
+
+
+def measured(told: Figures) -> list[str]:
+    """The workloads of a result."""
+    return [name for name in WORKLOADS if f"cycles_{name}" in told]
+
+
+def over(told: Figures, key: str) -> str:
+    """A ratio and its interval."""
+    if told.get(key) is None:
+        return "-"
+    low, high = (cell(told, f"{key}_{end}", ".3g") for end in ("low", "high"))
+    return f"{told[key]:.3g} ({low} .. {high})"
+
+
+def ratios(told: Figures) -> None:
+    """The claims: p99.9 over the floor and over each peer."""
+    names = {"floor": "the floor", **{peer: WORDS[peer] for peer in PEERS}}
+    rows = [[name, *(over(told, f"r999_{each}_{name}") for each in names)] for name in measured(told)]
+    table("p99.9 of LITHE's release jitter, steal-aware, over that of (95 % interval)", ["", *names.values()], rows)
+
+
+def shares(told: Figures, name: str) -> None:
+    """One workload: quantiles and shares of all programs."""
+    print(f"\n{name}: {told.get(f'load_{name}', '')}")
+    if name == "swap":
+        print(
+            f"  {cell(told, 'rig_swaps', '.0f')} commits; {cell(told, 'second_robot_swaps', '.0f')} swaps of the other"
+        )
+    rows = []
+    for program, words in WORDS.items():
+        if told.get(f"{program}_{name}_p50_us") is not None:
+            late = [cell(told, f"{program}_{name}_over_{limit_us}us", ".3%") for limit_us in LIMITS_US]
+            rows.append([*quantile_row(words, told, f"{program}_{name}"), *late])
+    head = [*HEAD, *(f"> {limit_us} us" for limit_us in LIMITS_US)]
+    table("release jitter, steal-aware [us], and shares of cycles later than", head, rows)
+    counts = ", ".join(f"{each}: {told[f'lithe_{name}_over_20us_{each}']}" for each in CAUSES)
+    missed = ", ".join(f"{each}: {told[f'missed_deadlines_{name}_{each}']}" for each in CAUSES)
+    print(f"  LITHE: {told[f'cycles_{name}']} cycles, stolen {cell(told, f'steal_share_{name}', '.2%')}, ", end="")
+    print(f"preempted {cell(told, f'preempted_share_{name}', '.2%')}; cycles above 20 us by cause: {counts}")
+    print(f"  missed deadlines: {told[f'missed_deadlines_{name}']} ({missed})")
+
+
+def show(told: Figures) -> None:
+    """Everything about one result."""
+    show_machine(told)
+    print(f"  shielded: {told['shielded']}; loads on cores {told['loads_cores']}")
+    ratios(told)
+    for name in measured(told):
+        shares(told, name)
+    rows = [quantile_row(name, told, f"handoff_{name}") for name in measured(told)]
+    table(f"hand-off time of LITHE [us]; the paper's worst is {PAPER_HANDOFF_US:.1f}", HEAD, rows)
+    worst = max((told[f"lithe_{name}_max_us"] for name in measured(told)), default=None)
+    print(f"  release jitter: worst {worst:.2f} us steal-aware; the paper's worst is {PAPER_JITTER_US:.2f}")
+    print(f"  negative control, another busy thread on the core: {cell(told, 'control_over_floor', '.0f')} x the floor")
+    for peer in PEERS:
+        if told.get(f"{peer}_absent"):
+            print(f"  not measured: {WORDS[peer]}: {told[f'{peer}_absent']}")
+    print(f"\nverdict: {told['verdict']}" + (f": {told['reason']}" if told["reason"] else ""))
+    if told["conclusive_with"]:
+        print(f"  next: {told['conclusive_with']}")
+
+
+def text(told: Figures) -> str:
+    """The same as text."""
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        show(told)
+    return out.getvalue()
+
+
+def load(path: Path) -> Figures:
+    """A result; Unreadable when it is none."""
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as why:
+        raise Unreadable(f"{path}: {why}") from None
+    if not isinstance(told, dict) or "verdict" not in told or not measured(told):
+        raise Unreadable(f"{path}: no result of `make bench-isolation`")
+    return told
+
+
+def compare(one: Figures, other: Figures) -> str:
+    """Two results beside each other, and the second over the first."""
+    rows = [["verdict", str(one["verdict"]), str(other["verdict"]), ""]]
+    rows += [[key, str(one.get(key)), str(other.get(key)), ""] for key in ("machine_cpu", "machine_kernel", "shielded")]
+    for name in WORKLOADS:
+        keys = [f"r999_{each}_{name}" for each in ("floor", *PEERS)]
+        keys += [f"{each}_{name}_p999_us" for each in ("floor", "lithe", "handoff", *PEERS)]
+        for key in (*keys, f"missed_deadlines_{name}", f"steal_share_{name}", f"preempted_share_{name}"):
+            a, b = one.get(key), other.get(key)
+            if a is not None or b is not None:
+                change = f"{b / a:.2f}" if a and b is not None else "-"
+                rows.append([key, cell(one, key, ".4g"), cell(other, key, ".4g"), change])
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        table("two results", ["", "A", "B", "B / A"], rows)
+    return out.getvalue()
+
+
+def worst(told: Figures, key: str) -> str:
+    """The largest of all workloads, and whose it is; a dash when one of them has no figure."""
+    found = {name: told.get(key.format(name)) for name in measured(told)}
+    if None in found.values():
+        return "-"
+    name = max(found, key=lambda each: found[each] or 0.0)
+    return f"{found[name]:.3g} ({name})"
+
+
+def boards(folder: Path) -> str:
+    """The table of docs/host.md: a row for each result in the folder, the worst of its workloads in each column."""
+    lines = [
+        "| board | kernel | Spine's core | over the floor | over cyclictest | over a plain loop | "
+        "release jitter p99.9 [µs] | hand-off p99.9 [µs] | verdict |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    keys = [f"r999_{each}_{{}}" for each in ("floor", "cyclictest", "plain_loop")]
+    for path in sorted(folder.glob("*.json")):
+        told = load(path)
+        isolation = str(told.get("machine_spine_core_isolation", "unknown")) + (", shield" if told["shielded"] else "")
+        board = f"{path.stem}: {told['machine_cpu']}, {told['machine_cores']} cores"
+        cells = [board, str(told["machine_kernel"]), isolation]
+        cells += [worst(told, key) for key in (*keys, "lithe_{}_p999_us", "handoff_{}_p999_us")]
+        lines.append("| " + " | ".join(each.replace("|", "/") for each in (*cells, str(told["verdict"]))) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def main(words: list[str]) -> int:
+    """`compare A.json B.json` or `table DIR`."""
+    try:
+        match words:
+            case ["compare", one, other]:
+                print(compare(load(Path(one)), load(Path(other))), end="")
+            case ["table", folder] if Path(folder).is_dir():
+                print(boards(Path(folder)), end="")
+            case ["table", folder]:
+                raise Unreadable(f"{folder} is no folder")
+            case _:
+                print(USAGE, file=sys.stderr)
+                return 2
+    except Unreadable as why:
+        print(f"bench: {why}", file=sys.stderr)
+        return 2
+    return 0

@@ -1,0 +1,332 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`make bench-isolation`: figures tell what is there, each rule of the verdict can fail, missing programs are named."""
+
+import importlib
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from system.house import need
+
+ROOT = Path(__file__).parents[2]
+NAMES = ["stress", "idle"]
+LIMITS_US = (1, 5, 20, 100)
+
+
+def module(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(ROOT))
+    return importlib.import_module(f"bench.isolation.{name}")
+
+
+@pytest.fixture
+def figures(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    return module("figures", monkeypatch)
+
+
+@pytest.fixture
+def verdict(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    return module("verdict", monkeypatch)
+
+
+@pytest.fixture
+def table(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    return module("table", monkeypatch)
+
+
+def records(figures: ModuleType, late_us: Any, switches: int = 0, stolen_us: float = 0) -> npt.NDArray[Any]:
+    """Releases that were so late."""
+    made = np.zeros(len(late_us), figures.RECORD)
+    made["late_ns"] = np.asarray(late_us) * 1e3
+    made["handoff_ns"], made["switches"], made["stolen_ns"] = 10_000, switches, stolen_us * 1e3
+    return made
+
+
+def good() -> dict[str, Any]:
+    """Figures of a run in which every claim holds."""
+    told: dict[str, Any] = {"control_over_floor": 900.0, "shielded": True, "loads_log": "loads.log"}
+    for name in NAMES:
+        told |= {f"steal_share_{name}": 0.01, f"floor_preempted_share_{name}": 0.001, f"cycles_{name}": 60_000}
+        told |= {f"r999_floor_{name}": 1.0, f"r999_floor_{name}_low": 0.9, f"r999_floor_{name}_high": 1.05}
+        told |= {f"r999_cyclictest_{name}": 0.03, f"r999_plain_loop_{name}": 0.01, f"load_ended_{name}": False}
+        for limit_us in LIMITS_US:
+            key = f"late_{name}_over_{limit_us}us_difference"
+            told |= {key: 0.0, f"{key}_low": -0.0004, f"{key}_high": 0.0004}
+    return told
+
+
+def test_a_good_run_holds(verdict: ModuleType) -> None:
+    assert verdict.judge(good(), NAMES) == {"verdict": "holds", "reason": "", "conclusive_with": ""}
+
+
+@pytest.mark.parametrize(
+    ("bad", "named", "remedy"),
+    [
+        ({"steal_share_stress": 0.06}, "stress: 6.0% stolen", "bare metal"),
+        ({"steal_share_idle": math.nan}, "idle: nan% stolen", "bare metal"),
+        ({"floor_preempted_share_idle": 0.06}, "idle: 6.0% of the floor preempted", "lithe tune plan"),
+        ({"floor_preempted_share_idle": 0.06, "shielded": False}, "preempted", "--shield"),
+        ({"control_over_floor": 19.0}, "the negative control did not fail", "lithe tune plan"),
+        ({"control_over_floor": None, "shielded": False}, "the negative control did not fail", "--shield"),
+        ({"cycles_stress": 9_999}, "stress: 9999 cycles, 10000 are needed", "--paper"),
+        (
+            {"r999_cyclictest_stress": None, "cyclictest_absent": "it is missing"},
+            "stress: no cyclictest (it is missing)",
+            "apt-get install -y --no-install-recommends rt-tests",
+        ),
+        ({"r999_plain_loop_idle": None}, "idle: no plain_loop", "make bench-isolation"),
+        ({"load_ended_stress": True}, "stress: the load ended by itself", "loads.log"),
+    ],
+)
+def test_a_disturbed_run_is_inconclusive_and_says_what_would_help(
+    verdict: ModuleType, bad: dict[str, Any], named: str, remedy: str
+) -> None:
+    told = verdict.judge(good() | bad, NAMES)
+    assert told["verdict"] == "INCONCLUSIVE"
+    assert named in told["reason"] and remedy in told["conclusive_with"]
+    assert told["reason"].count(";") == 0, "one rule at a time"
+
+
+@pytest.mark.parametrize(
+    ("bad", "named"),
+    [
+        ({"r999_floor_stress": 1.3, "r999_floor_stress_low": 1.11}, "stress: 1.30 x the floor"),
+        ({"r999_floor_idle": None}, "idle: nan x the floor"),
+        ({"r999_cyclictest_idle": 0.11}, "idle: 0.110 x cyclictest"),
+        ({"r999_plain_loop_stress": 0.2}, "stress: 0.200 x plain_loop"),
+        ({"late_idle_over_20us_difference_low": 0.0011}, "later than 20 us"),
+        ({"late_idle_over_1us_difference_low": math.nan}, "later than 1 us"),
+    ],
+)
+def test_a_claim_that_does_not_hold_is_named(verdict: ModuleType, bad: dict[str, Any], named: str) -> None:
+    told = verdict.judge(good() | bad, NAMES)
+    assert told["verdict"] == "falls short" and named in told["reason"]
+
+
+@pytest.mark.parametrize(
+    "open_claim",
+    [
+        {"r999_floor_idle": 1.3, "r999_floor_idle_high": 2.0},  # its interval holds 1.1
+        {"r999_floor_idle_high": 9.0, "late_idle_over_1us_difference_high": 0.0011},
+        {"r999_floor_idle_high": math.inf, "late_idle_over_5us_difference_high": math.inf},  # too few rounds
+    ],
+)
+def test_a_ratio_that_the_host_makes_undecidable_is_not_passed(verdict: ModuleType, open_claim: dict[str, Any]) -> None:
+    told = verdict.judge(good() | open_claim, NAMES)
+    assert told["verdict"] == "INCONCLUSIVE" and "undecided" in told["reason"] and told["conclusive_with"]
+
+
+def test_the_shares_decide_where_the_ratio_cannot(verdict: ModuleType) -> None:
+    assert verdict.judge(good() | {"r999_floor_idle_high": 9.0}, NAMES)["verdict"] == "holds"
+
+
+def test_releases_are_attributed_by_what_the_kernel_counted(figures: ModuleType) -> None:
+    rounds = [records(figures, [200.0], stolen_us=150), records(figures, [200.0], 1, 150), records(figures, [200.0])]
+    assert [figures.cause(each)[0] for each in rounds] == [0, 1, 2]
+    told = figures.cause_figures("lithe", rounds)
+    assert [told[f"lithe_over_100us_{name}"] for name in figures.CAUSES] == [1, 1, 1]
+    assert [len(each) for each in figures.calm(rounds)] == [0, 1, 1], "what the hypervisor took is left out"
+    assert not figures.stolen(records(figures, [1.0], stolen_us=4.9))[0], "smaller than the cost of asking"
+
+
+def test_stolen_time_excuses_the_latest_cycles_of_a_program_that_sleeps(figures: ModuleType) -> None:
+    made = figures.peer_records([10, 40_000_000, 20, 39_000_000, 30], 1_500_000)
+    assert sorted(made["late_ns"][~figures.stolen(made)]) == [10, 20, 30]
+    assert len(figures.calm([figures.peer_records([10, 20], 0)])[0]) == 2
+    assert len(figures.calm([figures.peer_records([10, 20], 10**9)])[0]) == 0
+
+
+def test_ratios_and_shares_find_what_was_made(figures: ModuleType) -> None:
+    rng = np.random.default_rng(1)
+    rounds = [records(figures, np.where(rng.random(2500) < 0.01, 50.0, 0.1)) for _ in range(20)]
+    quiet = [records(figures, np.full(2500, 0.2)) for _ in range(20)]
+    told = figures.ratio_figures("r", figures.calm(rounds), figures.calm(quiet))
+    assert told == {"r": 50.0, "r_low": 50.0, "r_high": 50.0}, "less than 1 us counts as 1 us"
+    shares = figures.share_figures("s", figures.calm(rounds))
+    assert shares["s_over_20us_low"] <= 0.01 <= shares["s_over_20us_high"] < 0.013
+    assert shares["s_over_20us_low"] > 0.007 and shares["s_over_100us"] == 0
+    gap = figures.difference_figures("d", figures.calm(rounds), figures.calm(quiet))
+    assert gap["d_over_5us_difference_low"] > 0 and gap["d_over_100us_difference"] == 0
+
+
+def test_an_interval_of_shares_holds_the_truth(figures: ModuleType) -> None:
+    rng, missed, missed_by_half = np.random.default_rng(2), 0, 0
+    for _ in range(60):
+        rounds = [np.where(rng.random(500) < 0.02, 30_000, 100) for _ in range(24)]
+        told = figures.share_figures("s", rounds)
+        low, high, value = (told[f"s_over_20us{end}"] for end in ("_low", "_high", ""))
+        missed += not low <= 0.02 <= high
+        missed_by_half += not (low + value) / 2 <= 0.02 <= (high + value) / 2
+    assert missed <= 9, "of 60; 3 are expected"
+    assert missed_by_half > 9, "an interval half as wide is found out"
+
+
+def test_few_rounds_give_no_interval(figures: ModuleType) -> None:
+    few = [np.full(100, 1000)] * 7
+    told = figures.ratio_figures("r", few, few)
+    assert told["r"] == 1.0 and told["r_low"] == -math.inf and told["r_high"] == math.inf
+
+
+def workload(figures: ModuleType, late_us: float = 0.5) -> dict[str, Any]:
+    """What a small run has seen: the moteus loop was not there."""
+    rng = np.random.default_rng(3)
+    spine = [records(figures, rng.random(500) * late_us) for _ in range(9)]
+    peer = [figures.peer_records((rng.random(500) * 90_000).astype(int), 0) for _ in range(9)]
+    return {"floor": spine, "lithe": spine, "cyclictest": peer, "plain_loop": peer}
+
+
+def result(figures: ModuleType, verdict: ModuleType, late_us: float = 0.5) -> dict[str, Any]:
+    """A whole result of the workloads NAMES."""
+    told: dict[str, Any] = {"machine_cpu": "A|B", "machine_cores": 2, "machine_kernel": "6.1", "machine_virtual": True}
+    told |= {"machine_isolated_cores": "", "machine_governor": "?", "machine_clock_source": "tsc"}
+    told |= {"measured_as_root": True, "shielded": True, "loads_cores": "0", "control_over_floor": 900.0}
+    told |= {"moteus_loop_absent": "no network"} | {f"load_{name}": "nothing" for name in NAMES}
+    for name in NAMES:
+        told |= figures.workload_figures(name, workload(figures, late_us))
+    return told | verdict.judge(told, NAMES)
+
+
+def test_a_late_release_is_a_missed_deadline_with_a_cause(figures: ModuleType) -> None:
+    seen = workload(figures)
+    late = records(figures, [999.0, 1000.0, 2500.0], switches=1)
+    late["handoff_ns"][1:] = -1
+    told = figures.workload_figures(
+        "idle", seen | {"lithe": [np.concatenate([late, seen["lithe"][0]]), *seen["lithe"][1:]]}
+    )
+    assert told["missed_deadlines_idle"] == told["missed_deadlines_idle_other_task"] == 2
+    assert told["handoff_idle_p50_us"] == 10.0 and told["preempted_share_idle"] == pytest.approx(3 / 4503)
+
+
+def test_every_figure_that_the_issue_names_is_there(figures: ModuleType, verdict: ModuleType) -> None:
+    told = result(figures, verdict)
+    assert told["verdict"] == "INCONCLUSIVE" and "4500 cycles" in told["reason"]
+    for name in NAMES:
+        for program in ("floor", "cyclictest", "plain_loop"):
+            assert told[f"r999_{program}_{name}"] > 0
+        for key in ("steal_share", "preempted_share", "missed_deadlines", "late", "handoff"):
+            assert any(each.startswith(f"{key}_{name}") for each in told), key
+        for limit_us in LIMITS_US:
+            share = told[f"cyclictest_{name}_over_{limit_us}us"]
+            low, high = (told[f"cyclictest_{name}_over_{limit_us}us_{end}"] for end in ("low", "high"))
+            assert low <= share <= high
+
+
+def test_results_are_shown_compared_and_put_into_a_table(
+    figures: ModuleType, verdict: ModuleType, table: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one, other = result(figures, verdict), result(figures, verdict, late_us=30.0)
+    text = table.text(one)
+    assert "98.3" in text and "3.11" in text and "no network" in text and "verdict: INCONCLUSIVE" in text
+    for name, told in (("a", one), ("b", other)):
+        (tmp_path / f"{name}.json").write_text(json.dumps(told))
+    assert table.main(["compare", str(tmp_path / "a.json"), str(tmp_path / "b.json")]) == 0
+    row = next(line.split() for line in capsys.readouterr().out.splitlines() if "lithe_stress_p999_us" in line)
+    assert float(row[3]) == pytest.approx(60, rel=0.02), "B / A"
+    assert table.main(["table", str(tmp_path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 4 and lines[2].startswith("| a: A/B, 2 cores | 6.1 |")
+    assert {line.count("|") for line in lines} == {10}
+
+
+def test_what_is_no_result_is_refused(table: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "bad.json").write_text("[]")
+    for words in (["table", str(tmp_path)], ["compare", "/nowhere.json", "x"], ["table", "/nowhere"], ["compare", "x"]):
+        assert table.main(words) == 2
+        assert capsys.readouterr().err
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of what matplotlib uses
+def test_a_figure_and_a_page_with_everything_inside(
+    figures: ModuleType, verdict: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    plot = module("plot", monkeypatch)
+    told = result(figures, verdict)
+    plot.draw({name: workload(figures) for name in NAMES}, told, tmp_path / "f.png")
+    plot.page(told, "a < b", '{"tier": "D"}', tmp_path / "f.png", tmp_path / "f.html")
+    page = (tmp_path / "f.html").read_text()
+    assert "data:image/png;base64," in page and "a &lt; b" in page and "tier" in page and "http" not in page
+
+
+def test_programs_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    programs, loads = module("programs", monkeypatch), module("loads", monkeypatch)
+    monkeypatch.setenv("LITHE_BIN_DIR", str(tmp_path))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(programs.subprocess, "run", lambda *_, **__: subprocess.CompletedProcess([], 1, "", "no pip"))
+    peers = programs.Peers(None, [0], 0, tmp_path)
+    assert "bench_plain_loop is missing" in peers.absent["plain_loop"] and peers.absent["moteus_loop"] == "no pip"
+    assert "install -y --no-install-recommends rt-tests" in peers.absent["cyclictest"]
+    assert all(peers.records(name, 1.0) is None for name in ("cyclictest", "plain_loop", "moteus_loop"))
+    assert "stress-ng is missing: sudo apt-get install" in loads.stress("0", 1).words
+
+
+def test_without_the_verb_shield_says_so(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = module("run", monkeypatch)
+    lithe = tmp_path / "lithe"
+    lithe.write_text("#!/bin/sh\nexit 2\n")
+    lithe.chmod(0o755)
+    monkeypatch.setenv("LITHE_BIN_DIR", str(tmp_path))
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        assert run.main(["--shield", "--short"]) == 2
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert "has no `tune shield`" in capsys.readouterr().err
+    lithe.write_text("#!/bin/sh\necho 'lithe tune shield -- COMMAND'\n")
+    monkeypatch.delenv("LITHE_BENCH_CORES", raising=False)
+    assert run.shielded(["--shield", "--short"])[1:4] == ["tune", "shield", "--"]
+    monkeypatch.setenv("LITHE_BENCH_CORES", "1,3")
+    assert run.shielded(["--shield", "--short"])[1:6] == ["tune", "shield", "--cores", "1", "--"]
+
+
+def children_of(group: int) -> int:
+    """Processes in a process group that are not dead."""
+    found = subprocess.run(["ps", "-eo", "pgid=,stat="], capture_output=True, text=True, check=True).stdout
+    return sum(line.split()[0] == str(group) and "Z" not in line.split()[1] for line in found.splitlines())
+
+
+@pytest.mark.parametrize("name", ["stress", "numpy", "compile"])
+def test_a_load_and_all_it_started_end_with_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str) -> None:
+    loads = module("loads", monkeypatch)
+    cores = ",".join(map(str, sorted(os.sched_getaffinity(0))))
+    load = loads.load_of(name, cores, cores, min(os.sched_getaffinity(0)), tmp_path, 60.0)
+    with pytest.raises(KeyboardInterrupt), loads.running(load, tmp_path / "log") as started:
+        end = time.monotonic() + 30
+        while not all(children_of(process.pid) for process in started) and time.monotonic() < end:
+            time.sleep(0.05)
+        assert started and not loads.ended_early(started), (tmp_path / "log").read_text()
+        raise KeyboardInterrupt
+    assert all(process.poll() is not None and children_of(process.pid) == 0 for process in started)
+
+
+@pytest.mark.alone
+@pytest.mark.long
+def test_a_short_run_from_end_to_end(tmp_path: Path) -> None:
+    """No figure is judged here: the machine that runs tests is busy with others."""
+    need("lithe", "lithe-spine-sim", "lawd", "lithe-sim", "lithe-trial")
+    binaries = Path(os.environ.get("LITHE_BIN_DIR", ROOT / "build/release/bin"))
+    if not (binaries / "bench_isolation").exists():
+        pytest.skip("bench_isolation is not built: make bench-isolation")
+    words = [sys.executable, "-m", "bench.isolation", "--short", "--out", str(tmp_path)]
+    env = os.environ | {"PYTHONPATH": f"{ROOT}/brain"}
+    done = subprocess.run(words, check=False, cwd=ROOT, env=env, capture_output=True, text=True, timeout=400)
+    assert done.returncode == 1, done.stdout + done.stderr
+    told = json.loads((tmp_path / "isolation.json").read_text())
+    assert not any(isinstance(value, dict | list) for value in told.values()), "flat"
+    assert told["verdict"] == "INCONCLUSIVE" and "cycles" in told["reason"]
+    for name in ("stress", "numpy", "compile", "swap", "idle"):
+        assert told[f"cycles_{name}"] >= 900 and told[f"handoff_{name}_p50_us"] > 0, name
+        assert told[f"r999_plain_loop_{name}"] > 0 and not told[f"load_ended_{name}"], name
+    assert told["rig_swaps"] >= 10 and told["second_robot_swaps"] >= 1 and told["control_over_floor"] > 0
+    assert (tmp_path / "isolation.html").stat().st_size > 50_000
+    assert not (tmp_path / "isolation/records").exists()
