@@ -5,12 +5,12 @@ PYTHON := .venv/bin/python
 JOBS ?= $(shell nproc)
 WORKERS ?= $(shell expr 3 \* $(JOBS) / 2)
 
-.PHONY: help demo no-other-demo test test-fast check check-all bench bench-isolation bench-swap format clean setup release
+.PHONY: help demo no-other-demo test test-fast test-arm64 check check-all bench bench-isolation bench-swap format clean setup release
 .DEFAULT_GOAL := help
 
 help:  ## this list
 	@echo "LITHE: a real-time Spine whose control law can be replaced while the robot moves"
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
 
 demo: TARGETS := --target lithe lithe-spine lithe-spine-sim lawd lithe-trial lithe-sim
 demo: no-other-demo release  ## the experiment on a simulated arm (or ROBOT=FILE): probe, learn, swap laws live, survive a dead Brain -> out/demo/
@@ -33,12 +33,16 @@ test-fast: release  ## what takes minutes left out: no property of thousands of 
 	@ctest --preset release -j $(JOBS) --progress -LE '^(limits|fuzz)$$'
 	@$(PYTHON) -m pytest tests/tools tests/test_schema_roundtrip.py
 
+test-arm64:  ## the C++ tests for 64-bit ARM: cross-built, run under QEMU; ROOM=guard for those of one room
+	@tools/setup build
+	@$(PYTHON) tools/cross.py --jobs $(JOBS) $(if $(ROOM),--room $(ROOM))
+
 check:  ## what CI asks: format, tidy, rooms, schema, limits, types, ASan+UBSan, TSan, RTSan, fuzzers
 	@tools/setup build test check bench
 	@$(PYTHON) tools/check.py
 
-check-all:  ## check, and what takes too long for every merge: all tests under ASan, a minute of each fuzzer, tests in their long form
-	@tools/setup build test check bench
+check-all:  ## check, and what takes too long for every merge: all tests under ASan and for ARM, a minute of each fuzzer, tests in their long form
+	@tools/setup build test check bench arm64
 	@$(PYTHON) tools/check.py --all
 
 bench:  ## jitter, tick cost, scale, Channel latency, each against a peer and a control that must fail -> out/bench/

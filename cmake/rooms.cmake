@@ -2,8 +2,10 @@
 # One CMake target per room. A room links only what the table in ARCHITECTURE.md allows it;
 # tools/rooms.py holds the includes to the same table.
 
-find_package(GTest REQUIRED)
-include(GoogleTest)
+if(LITHE_TESTS)
+  find_package(GTest REQUIRED)
+  include(GoogleTest)
+endif()
 
 # Half of what a file costs to compile is reading GoogleTest, nlohmann/json and the standard library, so all that need the
 # same read them once. Not with clang: it refuses a precompiled header where a target has definitions of its own.
@@ -154,4 +156,13 @@ function(lithe_test name)
     endif()
   endif()
   gtest_discover_tests(${name} DISCOVERY_TIMEOUT 600 PROPERTIES TIMEOUT 600 LABELS "${TEST_LABEL}")
+endfunction()
+
+# lithe_stress(<room> <filter>): those tests of a room ten times over, where a processor is emulated: its threads meet at
+# other instructions there. Label: stress.
+function(lithe_stress room filter)
+  if(LITHE_TESTS AND CMAKE_CROSSCOMPILING)
+    add_test(NAME Stress.${room} COMMAND ${room}_tests --gtest_filter=${filter} --gtest_repeat=10 --gtest_brief=1)
+    set_tests_properties(Stress.${room} PROPERTIES TIMEOUT 1800 LABELS stress PROCESSORS 2)
+  endif()
 endfunction()

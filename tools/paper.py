@@ -29,7 +29,7 @@ def command_trouble(command: str, root: Path) -> str:
     """What is missing of a command or file; empty when nothing is."""
     words = command.split()
     if words[0] == "make":
-        targets = re.findall(r"^([a-z-]+):", (root / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+        targets = re.findall(r"^([a-z0-9-]+):", (root / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
         return "" if words[1:] and words[1] in targets else f"the Makefile has no target '{' '.join(words[1:])}'"
     if words[0] == "lithe":
         cli = "".join(path.read_text(encoding="utf-8") for path in sorted((root / "supervisor/cli").rglob("*.cpp")))

@@ -22,6 +22,18 @@ def test_a_passing_step_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert len(capsys.readouterr().out.splitlines()) == 1
 
 
+def test_a_step_that_this_machine_cannot_run_is_neither_passed_nor_failed(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps = [check.Step("here", "true", "nothing"), check.Step("elsewhere", "echo no QEMU here; exit 77", "nothing")]
+    monkeypatch.setattr(check, "STEPS", steps)
+    monkeypatch.setattr("sys.argv", ["check.py"])
+    assert check.main() == 0
+    printed = capsys.readouterr().out
+    assert "no QEMU here" in printed and "skip elsewhere" in printed
+    assert printed.splitlines()[-1] == "check: 1 of 2 passed, skipped: elsewhere"
+
+
 def test_every_step_says_how_to_fix_it() -> None:
     assert all(step.fix for step in check.STEPS)
     assert len({step.name for step in check.STEPS}) == len(check.STEPS)
@@ -30,6 +42,11 @@ def test_every_step_says_how_to_fix_it() -> None:
 def test_long_steps_run_only_when_all_are_asked_for_or_by_name() -> None:
     every_merge = check.chosen([], everything=False)
     assert not any(step.long for step in every_merge)
-    assert [step.name for step in check.STEPS if step not in every_merge] == ["asan-all", "fuzz-long", "pytest-long"]
+    assert [step.name for step in check.STEPS if step not in every_merge] == [
+        "asan-all",
+        "fuzz-long",
+        "arm64",
+        "pytest-long",
+    ]
     assert check.chosen([], everything=True) == check.STEPS
     assert [step.name for step in check.chosen(["asan-all"], everything=False)] == ["asan-all"]

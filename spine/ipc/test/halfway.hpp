@@ -61,7 +61,8 @@ class Halfway {
   bool fired() const { return fired_; }
 
  private:
-  static constexpr std::size_t kHalf = (sizeof(T) / 4096 + 1) * 4096;
+  static constexpr std::size_t kPage = 65536;  // a multiple of every page size Linux has
+  static constexpr std::size_t kHalf = (sizeof(T) / kPage + 1) * kPage;
 
   static void on_fault(int) {
     LITHE_TEST_INTERRUPTION;
