@@ -9,7 +9,8 @@ namespace lithe::host {
 namespace {
 
 constexpr std::int64_t kBinNs = kNsPerMs / kPhaseBins;
-constexpr double kEquallyQuiet = 0.005;  // shares of gap time that differ by less are equal
+constexpr std::int64_t kLongNs = kNsPerMs / 2;  // a longer gap meets every phase and tells about none
+constexpr double kEquallyQuiet = 0.005;         // shares of gap time that differ by less are equal
 
 }  // namespace
 
@@ -17,6 +18,7 @@ std::vector<double> phase_shares(std::span<const Gap> gaps) {
   std::vector<double> shares(kPhaseBins, 0.0);
   double all_ns = 0;
   for (const Gap& gap : gaps) {
+    if (gap.length_ns > kLongNs) continue;
     const std::int64_t end_ns = gap.start_ns + gap.length_ns;
     for (std::int64_t at_ns = gap.start_ns; at_ns < end_ns;) {
       const std::int64_t part_ns = std::min(end_ns, (at_ns / kBinNs + 1) * kBinNs) - at_ns;

@@ -18,7 +18,7 @@ struct Gap {
 
 inline constexpr int kPhaseBins = 20;  // of a millisecond
 
-// The share of all gap time in each bin of a millisecond; all 0 without gaps.
+// The share of gap time in each bin of a millisecond; all 0 without gaps. Gaps above 500 us do not count.
 std::vector<double> phase_shares(std::span<const Gap> gaps);
 
 // The middle of the longest run of bins that are as quiet as the quietest one, in microseconds, 0 to 1000.

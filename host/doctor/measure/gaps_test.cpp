@@ -40,6 +40,12 @@ TEST(Gaps, ThatSpanBinsCountInEach) {
   EXPECT_DOUBLE_EQ(shares[1], 0.5);
 }
 
+TEST(Gaps, OfManyPeriodsTellNothingAboutAPhase) {
+  std::vector<Gap> gaps = ticks();
+  gaps.push_back({7'000 * kMs, 20 * kMs});
+  EXPECT_DOUBLE_EQ(phase_shares(gaps)[0], 1.0);
+}
+
 TEST(Gaps, WithoutAnyAllPhasesAreEqual) {
   EXPECT_EQ(phase_shares({}), std::vector<double>(20, 0.0));
   EXPECT_EQ(lost_share({}, 0, 1000 * kMs, 1000), 0);

@@ -32,7 +32,7 @@ struct Measured {
   double stolen_share = 0;          // time in gaps without a switch that was not the thread's own: see docs/host.md
   std::optional<double> stolen_s;   // by the hypervisor, as /proc/stat counts it
   double quietest_phase_us = 0;     // 0 to 1000: the release phase with the least gap time around it
-  std::vector<double> phase_share;  // of all gap time, in each 50 us of a millisecond of CLOCK_MONOTONIC
+  std::vector<double> phase_share;  // of gap time, in each 50 us of a millisecond of CLOCK_MONOTONIC
   std::vector<RateShare> rates;
 };
 
