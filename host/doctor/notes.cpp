@@ -21,6 +21,7 @@ std::string shown(const Reading& reading) {
   if (!reading.known()) return fmt::format("({})", std::strerror(reading.error));
   std::string value = reading.value.substr(0, kMostShown);
   std::replace(value.begin(), value.end(), '\n', ' ');
+  std::erase(value, '\0');  // texts of a device tree end with one
   return value + (reading.value.size() > kMostShown ? "..." : "");
 }
 

@@ -33,7 +33,7 @@ struct TierVerdict {
 };
 
 // `findings`: of the whole checklist, in its order. A gate needs `ok` or `not_applicable`: what is unknown closes it. A
-// measurement can only close gates.
+// measurement has gates of its own.
 TierVerdict judge_tier(const Subject& subject, std::span<const Finding> findings);
 
 }  // namespace lithe::host

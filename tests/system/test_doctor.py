@@ -4,13 +4,14 @@ line with it. Also in a user namespace, where nothing may be set and root is nob
 host/doctor/."""
 
 import json
+import re
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from system.house import BIN, need
+from system.house import BIN, ROOT, need
 
 SCRIPT = Path(__file__).with_name("doctor_expected.sh")
 pytestmark = pytest.mark.alone  # the script is for a machine without a robot, and a measurement uses up a core
@@ -40,7 +41,7 @@ def states(told: dict[str, Any]) -> dict[str, str]:
 def expected(way: tuple[str, ...], cpu: int) -> dict[str, str]:
     """The same, as the shell script says."""
     done = subprocess.run([*way, "bash", SCRIPT, str(cpu)], check=True, capture_output=True, text=True, timeout=120)
-    return dict(line.split() for line in done.stdout.splitlines())  # type: ignore[misc]
+    return dict(line.split() for line in done.stdout.splitlines())
 
 
 @pytest.fixture(autouse=True)
@@ -108,6 +109,13 @@ def test_a_core_or_a_time_that_cannot_be_is_an_error(words: tuple[str, str]) -> 
     done = subprocess.run([BIN / "lithe", "doctor", *words], check=False, capture_output=True, text=True, timeout=60)
     assert done.returncode == 2, done.stdout + done.stderr
     assert done.stdout == "" and done.stderr, "one message, on stderr"
+
+
+def test_the_page_lists_the_same_items() -> None:
+    page = (ROOT / "docs/host.md").read_text()
+    rows = re.findall(r"^\| (\d+) \| `(\w+)` \|.*\| (boot)? ?\|$", page, re.MULTILINE)
+    listed = [(int(number), name, boot == "boot") for number, name, boot in rows]
+    assert listed == [(item["number"], item["id"], item["reboot"]) for item in read(())["items"]]
 
 
 def test_the_text_begins_with_the_tier() -> None:
