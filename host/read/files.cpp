@@ -13,19 +13,14 @@
 #include "spine/core/host/fd.hpp"
 
 namespace lithe::host {
-namespace {
-
-constexpr std::size_t kMostBytes = std::size_t{64} << 10;
-
-}  // namespace
 
 bool Reading::is_absent() const { return error == ENOENT || error == ENOTDIR; }
 
-Reading HostFiles::read(const std::string& path) const {
+Reading HostFiles::read(const std::string& path, std::size_t most_bytes) const {
   Reading reading;
   reading.path = path;
   const Fd file(::open((root_ + path).c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
-  std::string text(kMostBytes, '\0');
+  std::string text(most_bytes, '\0');
   std::size_t filled = 0;
   while (file.get() >= 0 && filled < text.size()) {
     const ssize_t got = ::read(file.get(), text.data() + filled, text.size() - filled);
@@ -43,6 +38,11 @@ Reading HostFiles::read(const std::string& path) const {
   }
   reading.error = filled == text.size() ? EFBIG : errno;
   return reading;
+}
+
+bool HostFiles::is_folder(const std::string& path) const {
+  std::error_code failed;
+  return std::filesystem::is_directory(root_ + path, failed);
 }
 
 std::vector<std::string> HostFiles::list(const std::string& folder) const {

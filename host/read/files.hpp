@@ -2,6 +2,7 @@
 // Files of the kernel and of the system, below a folder that a test or a mounted image can replace. Off the tick.
 #pragma once
 
+#include <cstddef>
 #include <string>
 #include <vector>
 
@@ -24,8 +25,11 @@ class HostFiles {
 
   const std::string& root() const { return root_; }
 
-  // At most 64 KiB. `path` is absolute: "/sys/devices/system/cpu/isolated".
-  Reading read(const std::string& path) const;
+  // A larger file is an error (EFBIG). `path` is absolute: "/sys/devices/system/cpu/isolated".
+  Reading read(const std::string& path, std::size_t most_bytes = std::size_t{64} << 10) const;
+
+  // Whether there is such a folder. A feature that a kernel does not have has no folder.
+  bool is_folder(const std::string& path) const;
 
   // Names in a folder, sorted; empty if there is none or it cannot be read.
   std::vector<std::string> list(const std::string& folder) const;

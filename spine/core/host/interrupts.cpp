@@ -35,8 +35,24 @@ std::string last_column(std::string about) {
   return printable(gap == std::string::npos ? about : about.substr(gap + 2));
 }
 
+// Where the kernel sends it now; empty in a kernel or for a controller that does not tell. Else where it is allowed to.
+Result<std::vector<int>> cores_of(int number, const std::string& root) {
+  const std::string folder = root + "/proc/irq/" + std::to_string(number);
+  if (const auto effective = read_regular_file(folder + "/effective_affinity_list", kMostListBytes)) {
+    if (std::vector<int> cpus = parse_cpu_list(*effective); !cpus.empty()) return cpus;
+  }
+  const std::string path = folder + "/smp_affinity_list";
+  const Result<std::string> allowed = read_regular_file(path, kMostListBytes);
+  if (!allowed) return Error{allowed.message()};
+  std::vector<int> cpus = parse_cpu_list(*allowed);
+  if (cpus.empty()) return Error{path + ": is no list of cores"};
+  return cpus;
+}
+
+}  // namespace
+
 // The rows of /proc/interrupts that have a number: the others count what the kernel and the cores do among themselves.
-Result<std::vector<Interrupt>> handled(const std::string& root) {
+Result<std::vector<Interrupt>> device_interrupts(const std::string& root) {
   const std::string path = root + "/proc/interrupts";
   const Result<std::string> table = read_regular_file(path, kMostTableBytes);
   if (!table) return Error{table.message()};
@@ -60,24 +76,8 @@ Result<std::vector<Interrupt>> handled(const std::string& root) {
   return all;
 }
 
-// Where the kernel sends it now; empty in a kernel or for a controller that does not tell. Else where it is allowed to.
-Result<std::vector<int>> cores_of(int number, const std::string& root) {
-  const std::string folder = root + "/proc/irq/" + std::to_string(number);
-  if (const auto effective = read_regular_file(folder + "/effective_affinity_list", kMostListBytes)) {
-    if (std::vector<int> cpus = parse_cpu_list(*effective); !cpus.empty()) return cpus;
-  }
-  const std::string path = folder + "/smp_affinity_list";
-  const Result<std::string> allowed = read_regular_file(path, kMostListBytes);
-  if (!allowed) return Error{allowed.message()};
-  std::vector<int> cpus = parse_cpu_list(*allowed);
-  if (cpus.empty()) return Error{path + ": is no list of cores"};
-  return cpus;
-}
-
-}  // namespace
-
 Result<std::vector<Interrupt>> interrupts_of(int cpu, const std::string& root) {
-  const Result<std::vector<Interrupt>> all = handled(root);
+  const Result<std::vector<Interrupt>> all = device_interrupts(root);
   if (!all) return all;
   std::vector<Interrupt> here;
   for (const Interrupt& each : *all) {

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -28,6 +29,12 @@ struct Motion {
   double angle_deg = 0;
   bool relative = false;  // relative to the setpoint
   double in_s = 2.0;
+};
+
+struct DoctorOptions {
+  std::optional<int> cpu;  // nothing: the core that the Spine would get
+  double measure_s = 0;    // 0: no measurement
+  bool all = false;        // also what is in order
 };
 
 int exit_code(const control::Refusal& refusal);
@@ -65,5 +72,7 @@ int bus_scan(const Context& context, const bus::Words& words, const bus::ScanOpt
 // Shows the frames of the buses until it is stopped. 0, 1 nothing was received or no such bus, 2 no such file or
 // device.
 int bus_monitor(const Context& context, const bus::Words& words, bus::MonitorOptions options);
+// Judges this machine. 0 tier A or B, 1 below, 2 the core cannot be judged or measured.
+int doctor(const Context& context, const DoctorOptions& options);
 
 }  // namespace lithe::cli

@@ -16,6 +16,7 @@ constexpr const char* kRobot = "The robot";
 constexpr const char* kMotion = "Motion";
 constexpr const char* kLaws = "Laws";
 constexpr const char* kHardware = "Hardware and simulation";
+constexpr const char* kMachine = "This machine";
 constexpr const char* kHelp = "Help";
 
 using Act = std::function<int(Words&)>;
@@ -240,6 +241,19 @@ void add_sim(CLI::App& app, Words& words) {
   });
 }
 
+void add_doctor(CLI::App& app, Words& words) {
+  CLI::App* verb = add_verb(app, words, kMachine, "doctor", "how well the Spine's core is protected; changes nothing",
+                            [](Words& w) { return doctor(w.context, w.doctor); });
+  verb->add_option("--cpu", words.doctor.cpu, "judge this core, instead of the one that the Spine would get")
+      ->type_name("N")
+      ->check(CLI::Range(0, 8191));
+  verb->add_option("--measure", words.doctor.measure_s, "also look for gaps on the core, for so many seconds")
+      ->type_name("SECONDS")
+      ->check(CLI::Range(0.1, 600.0));
+  verb->add_flag("--all", words.doctor.all, "also list what is in order");
+  verb->footer("exit code: 0 tier A or B, 1 below, 2 the core cannot be judged or measured; docs/host.md");
+}
+
 void add_help(CLI::App& app, Words& words) {
   CLI::App* help = add_verb(app, words, kHelp, "help", "this list, or the help of one verb", [&app](Words& w) {
     std::cout << value_of(help_text(app, w.about, w.form)) << std::flush;
@@ -278,6 +292,7 @@ void add_words(CLI::App& app, Words& words) {
   add_params(app, words);
   add_bus(app, words);
   add_sim(app, words);
+  add_doctor(app, words);
   add_help(app, words);
 }
 

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+// Items 19 to 24: what the kernel does on a core on its own account, and the clock.
+#include <fmt/format.h>
+
+#include <array>
+
+#include "host/doctor/checks/checks.hpp"
+#include "host/doctor/notes.hpp"
+#include "host/read/words.hpp"
+
+namespace lithe::host {
+namespace {
+
+constexpr double kCoreInterruptsPerS = 10;
+constexpr long long kVmstatS = 10;
+constexpr long long kWritebackCs = 1500;
+
+// The kernel's periodic write-back is unbound work: harmless where that stays on other cores, or where it is rare.
+State judge_writeback(const Subject& subject, Notes& notes) {
+  const std::optional<long long> centiseconds = notes.number("/proc/sys/vm/dirty_writeback_centisecs");
+  if (centiseconds && (*centiseconds == 0 || *centiseconds >= kWritebackCs)) return State::ok;
+  const auto work = parse_mask(notes.read("/sys/devices/virtual/workqueue/cpumask").value);
+  if (work && !holds(*work, subject.cpu)) return State::ok;
+  return work && centiseconds ? State::warn : State::unknown;
+}
+
+// x86 asks its memory for errors every five minutes, on each core.
+State judge_machine_check(const Subject& subject, Notes& notes) {
+  if (has_no(subject, "/sys/devices/system", "machinecheck")) {
+    notes.add("/sys/devices/system/machinecheck", "(absent)");
+    return State::not_applicable;
+  }
+  const std::optional<long long> seconds =
+      notes.number(fmt::format("/sys/devices/system/machinecheck/machinecheck{}/check_interval", subject.cpu));
+  return !seconds ? State::unknown : *seconds == 0 ? State::ok : State::warn;
+}
+
+}  // namespace
+
+Finding check_watchdogs(const Subject& subject) {
+  constexpr const char* on_path = "/proc/sys/kernel/watchdog";
+  constexpr const char* cores_path = "/proc/sys/kernel/watchdog_cpumask";
+  Notes notes(subject);
+  const std::optional<long long> on = notes.number(on_path);
+  const std::vector<int> cores = parse_cpu_list(notes.read(cores_path).value);
+  notes.read("/proc/sys/kernel/nmi_watchdog");
+  if (on == 0) return notes.say(State::ok, "the kernel's watchdogs are off");
+  if (!cores.empty() && !holds(cores, subject.cpu)) return notes.say(State::ok, "the watchdogs leave the core alone");
+  if (!on || cores.empty()) return notes.unread(on ? cores_path : on_path);
+  return notes.say(State::warn, "a watchdog of the kernel wakes up on the core");
+}
+
+Finding check_vmstat(const Subject& subject) {
+  constexpr const char* path = "/proc/sys/vm/stat_interval";
+  Notes notes(subject);
+  const std::optional<long long> seconds = notes.number(path);
+  if (!seconds) return notes.unread(path);
+  return notes.say(*seconds >= kVmstatS ? State::ok : State::warn,
+                   fmt::format("memory statistics are gathered every {} s, on each core", *seconds));
+}
+
+Finding check_periodic_work(const Subject& subject) {
+  Notes notes(subject);
+  const State write_back = judge_writeback(subject, notes), machine_check = judge_machine_check(subject, notes);
+  const State state = worst({write_back, machine_check});
+  if (state == State::unknown) return notes.say(state, "not all of these settings can be read");
+  if (state != State::warn) return notes.say(state, "neither write-back nor memory checks come to the core often");
+  std::string words = write_back == State::warn ? "write-back of files may run on the core" : "";
+  if (machine_check == State::warn) words += std::string(words.empty() ? "" : "; ") + "memory checks run on the core";
+  return notes.say(state, words);
+}
+
+Finding check_core_interrupts(const Subject& subject) {
+  Notes notes(subject);
+  if (!subject.measured || !subject.measured->core_interrupts_per_s) {
+    return notes.say(State::unknown, "only a measurement tells: lithe doctor --measure 10");
+  }
+  const double rate = *subject.measured->core_interrupts_per_s;
+  notes.add("--measure", fmt::format("{:.1f} interrupts/s from other cores", rate));
+  return notes.say(rate <= kCoreInterruptsPerS ? State::ok : State::warn,
+                   fmt::format("other cores interrupted it {:.1f} times a second", rate));
+}
+
+Finding check_tracing(const Subject& subject) {
+  constexpr const char* tracer_path = "/sys/kernel/tracing/current_tracer";
+  constexpr const char* events_path = "/sys/kernel/tracing/set_event";
+  Notes notes(subject);
+  const Reading tracer = notes.read(tracer_path), events = notes.read(events_path);
+  if (tracer.known() && tracer.value != "nop") return notes.say(State::warn, "tracer " + tracer.value + " is on");
+  if (!events.value.empty()) return notes.say(State::warn, "events are being traced");
+  if (!tracer.known() || !events.known()) return notes.unread(tracer.known() ? events_path : tracer_path);
+  return notes.say(tracer.value.empty() ? State::unknown : State::ok, "nothing is being traced");
+}
+
+Finding check_clocksource(const Subject& subject) {
+  constexpr const char* path = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
+  Notes notes(subject);
+  const std::string name = notes.read(path).value;
+  if (name.empty()) return notes.unread(path);
+  if (name == "tsc" || name == "arch_sys_counter") return notes.say(State::ok, "the clock is read without the kernel");
+  const bool slow = name == "hpet" || name == "acpi_pm" || name == "jiffies" || name == "refined-jiffies";
+  return notes.say(slow ? State::fail : State::warn,
+                   fmt::format("clock source {}{}", name, slow ? ": each reading costs a microsecond or more" : ""));
+}
+
+}  // namespace lithe::host

@@ -1,0 +1,194 @@
+// SPDX-License-Identifier: Apache-2.0
+// Items 1 to 7: who else may run on the core.
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <sstream>
+
+#include "host/doctor/checks/checks.hpp"
+#include "host/doctor/notes.hpp"
+#include "host/read/partitions.hpp"
+#include "host/read/words.hpp"
+
+namespace lithe::host {
+namespace {
+
+constexpr const char* kIsolated = "/sys/devices/system/cpu/isolated";
+constexpr const char* kOwnGroup = "/proc/self/cgroup";
+constexpr const char* kSchedStat = "/proc/schedstat";
+constexpr const char* kV1Balance = "/sys/fs/cgroup/cpuset/cpuset.sched_load_balance";
+constexpr double kBoundSwitchesPerS = 2;  // what only the core's own kernel threads cause
+
+// Whether the scheduler balances over this core, as its statistics list it: a core without a domain is isolated.
+bool has_no_domain(const Subject& subject, const std::string& text) {
+  if (subject.online.size() < 2) return false;
+  bool seen = false, here = false;
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    if (line.starts_with("cpu")) here = line.starts_with(fmt::format("cpu{} ", subject.cpu));
+    if (here && line.starts_with("domain")) return false;
+    seen = seen || here;
+  }
+  return seen;
+}
+
+// Words about an option isolcpus that names this core and is not in force; empty if there is none.
+std::string dropped_option(const Subject& subject, Notes& notes) {
+  for (const std::string& option : split(subject.files.read(kCommandLine).value)) {
+    if (!option.starts_with("isolcpus=")) continue;
+    notes.add(kCommandLine, option);
+    std::string cpus = option.substr(option.find('=') + 1);
+    while (!cpus.empty() && (cpus[0] < '0' || cpus[0] > '9')) {
+      const std::size_t comma = cpus.find(',');
+      cpus.erase(0, comma == std::string::npos ? comma : comma + 1);
+    }
+    if (!holds(parse_cpu_list(cpus), subject.cpu)) return fmt::format("; {} does not name it", option);
+    if (option.find("nohz") == std::string::npos) return fmt::format("; the kernel did not take {}", option);
+    return fmt::format("; a kernel without CONFIG_NO_HZ_FULL drops all of {} because of its flag nohz", option);
+  }
+  return "";
+}
+
+// Threads that are not ours, that somebody could move away, and that may run on the core.
+std::vector<std::string> movable(const Subject& subject, bool kernel, Notes& notes) {
+  std::vector<std::string> names;
+  for (const Task& each : subject.tasks.all) {
+    const bool ours = each.is_spine() || (subject.files.root().empty() && each.pid == ::getpid());
+    if (ours || each.is_kernel != kernel || each.is_bound || !each.may_run_on(subject.cpu)) continue;
+    if (names.empty()) {
+      notes.add(fmt::format("/proc/{}/task/{}/status", each.pid, each.tid),
+                fmt::format("{}: Cpus_allowed_list {}", each.name, cpu_list(each.cpus)));
+    }
+    names.push_back(fmt::format("{} {}", each.tid, each.name));
+  }
+  return names;
+}
+
+Finding judge_movable(const Subject& subject, bool kernel, State when_some) {
+  Notes notes(subject);
+  const std::vector<std::string> names = movable(subject, kernel, notes);
+  const char* noun = kernel ? "movable kernel thread" : "user thread";
+  if (!names.empty())
+    return notes.say(when_some, some_of(names, noun) + fmt::format(" may run on core {}", subject.cpu));
+  if (!subject.tasks.is_whole()) {
+    notes.add(kAllTasks, subject.tasks.why_not_whole);
+    return notes.say(State::unknown, subject.tasks.why_not_whole);
+  }
+  notes.add(kAllTasks, fmt::format("{} threads, none of these on core {}", subject.tasks.all.size(), subject.cpu));
+  return notes.say(State::ok, fmt::format("no {} may run on core {}", noun, subject.cpu));
+}
+
+// Whether cpusets belong to cgroup v1 here. Nothing when that cannot be read.
+std::optional<bool> is_v1(Notes& notes) {
+  const Reading groups = notes.read(kOwnGroup);
+  if (groups.value.empty()) return std::nullopt;
+  return groups.value.find(":cpuset:") != std::string::npos;
+}
+
+}  // namespace
+
+Finding check_domain_isolation(const Subject& subject) {
+  Notes notes(subject);
+  const int cpu = subject.cpu;
+  const Reading boot = notes.read(kIsolated);
+  const Isolation how = subject.isolated.how(cpu);
+  if (how == Isolation::boot) return notes.say(State::ok, fmt::format("core {} is isolated since the boot", cpu));
+  if (how == Isolation::cpuset) {
+    notes.read(kOwnGroup);
+    return notes.say(State::ok, fmt::format("core {} is in the isolated partition that this process is in", cpu));
+  }
+  bool all_read = boot.known();
+  for (const Partition& each : read_partitions(subject.files)) {
+    all_read = all_read && each.kind.known() && each.wanted.known();
+    if (!each.is_isolated() || !holds(each.cpus, cpu)) continue;
+    notes.add(each.kind.path, each.kind.value);
+    return notes.say(State::ok, fmt::format("core {} is in an isolated partition", cpu));
+  }
+  if (has_no_domain(subject, notes.read(kSchedStat).value)) {
+    return notes.say(State::ok, fmt::format("core {} is in no scheduling domain", cpu));
+  }
+  if (!all_read) return notes.say(State::unknown, "not everything that tells isolated cores can be read");
+  return notes.say(State::fail, fmt::format("core {} is not isolated", cpu) + dropped_option(subject, notes));
+}
+
+Finding check_isolated_partition(const Subject& subject) {
+  Notes notes(subject);
+  bool all_read = true;
+  const Partition* good = nullptr;
+  const std::vector<Partition> partitions = read_partitions(subject.files);
+  for (const Partition& each : partitions) {
+    all_read = all_read && each.kind.known() && each.wanted.known();
+    if (each.kind.value.empty()) continue;
+    notes.add(each.kind.path, each.kind.value);
+    if (each.is_invalid() && holds(parse_cpu_list(each.wanted.value), subject.cpu)) {
+      return notes.say(State::fail, fmt::format("the partition is not in force: {}", each.kind.value));
+    }
+    if (each.is_isolated() && holds(each.cpus, subject.cpu)) good = &each;
+  }
+  const std::optional<bool> v1 = is_v1(notes);
+  if (!all_read || !v1) return notes.say(State::unknown, "the files of a partition cannot be read");
+  if (good != nullptr) return notes.say(State::ok, fmt::format("core {} is in an isolated partition", subject.cpu));
+  if (*v1) return notes.say(State::not_applicable, "cpusets belong to cgroup v1 here");
+  if (subject.isolated.how(subject.cpu) == Isolation::boot) {
+    notes.read(kIsolated);
+    return notes.say(State::not_applicable, "the core is isolated since the boot");
+  }
+  const std::string folder = cgroup2_folder(subject.files);
+  if (folder.empty()) return notes.say(State::unknown, "cgroup v2 is not found below /sys/fs/cgroup");
+  const std::string path = folder + "/cgroup.controllers";
+  const Reading controllers = notes.read(path);
+  if (!controllers.known()) return notes.unread(path);
+  if (!has_word(controllers.value, "cpuset")) return notes.say(State::warn, "cgroup v2 has no cpuset here");
+  return notes.say(State::warn, fmt::format("no isolated partition has core {}", subject.cpu));
+}
+
+Finding check_v1_shield(const Subject& subject) {
+  Notes notes(subject);
+  const std::optional<bool> v1 = is_v1(notes);
+  if (!v1) return notes.unread(kOwnGroup);
+  if (!*v1) return notes.say(State::not_applicable, "cpusets belong to cgroup v2 here");
+  if (subject.isolated.how(subject.cpu) == Isolation::boot) {
+    notes.read(kIsolated);
+    return notes.say(State::not_applicable, "the core is isolated since the boot");
+  }
+  const std::optional<long long> balance = notes.number(kV1Balance);
+  if (!balance) return notes.unread(kV1Balance);
+  if (*balance != 0) return notes.say(State::warn, "the root cpuset balances over all cores");
+  std::vector<std::string> left = movable(subject, false, notes);
+  for (std::string& each : movable(subject, true, notes)) left.push_back(std::move(each));
+  if (!left.empty()) {
+    return notes.say(State::fail, "balancing is off, and tasks were left behind, which is worse than no shield: " +
+                                      some_of(left, "thread"));
+  }
+  if (!subject.tasks.is_whole()) return notes.say(State::unknown, subject.tasks.why_not_whole);
+  return notes.say(State::ok, "balancing is off and no movable task is left on the core");
+}
+
+Finding check_user_tasks(const Subject& subject) { return judge_movable(subject, false, State::fail); }
+
+Finding check_kernel_threads(const Subject& subject) { return judge_movable(subject, true, State::warn); }
+
+Finding check_bound_kernel_threads(const Subject& subject) {
+  Notes notes(subject);
+  std::size_t bound = 0;
+  for (const Task& each : subject.tasks.all) bound += each.is_bound && each.may_run_on(subject.cpu) ? 1 : 0;
+  notes.add(kAllTasks, fmt::format("{} kernel threads are bound to core {}", bound, subject.cpu));
+  if (!subject.measured) {
+    return notes.say(State::unknown, "how often they run is not in a file: lithe doctor --measure 10 counts it");
+  }
+  const double rate = subject.measured->switches_per_s;
+  notes.add("--measure", fmt::format("{:.1f} involuntary switches/s", rate));
+  return notes.say(rate <= kBoundSwitchesPerS ? State::ok : State::warn,
+                   fmt::format("other tasks took the core {:.1f} times a second", rate));
+}
+
+Finding check_workqueues(const Subject& subject) {
+  constexpr const char* path = "/sys/devices/virtual/workqueue/cpumask";
+  Notes notes(subject);
+  const std::optional<std::vector<int>> cpus = parse_mask(notes.read(path).value);
+  if (!cpus) return notes.unread(path);
+  if (!holds(*cpus, subject.cpu)) return notes.say(State::ok, "unbound work of the kernel runs on other cores");
+  return notes.say(State::warn, fmt::format("unbound work of the kernel may run on core {}", subject.cpu));
+}
+
+}  // namespace lithe::host

@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: Apache-2.0
+// The traps of the checklist: what looks right and is not, and what cannot be known.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <string>
+
+#include "host/doctor/item.hpp"
+#include "host/test/machines.hpp"
+
+namespace lithe::host {
+namespace {
+
+class Traps : public ::testing::Test {
+ protected:
+  Finding find(const std::string& id) const {
+    const Subject subject = read_subject(HostFiles(root_.path()), kJudged, measured_);
+    const auto item =
+        std::find_if(checklist().begin(), checklist().end(), [&](const Item& each) { return each.id == id; });
+    EXPECT_NE(item, checklist().end()) << id;
+    return item->check(subject);
+  }
+  State state(const std::string& id) const { return find(id).state; }
+  void remove(const std::string& path) const { std::filesystem::remove_all(root_.path() + path); }
+  void make_unreadable(const std::string& path) const {
+    remove(path);
+    std::filesystem::create_symlink(root_.path() + path, root_.path() + path);
+  }
+
+  const FakeRoot root_;
+  std::optional<Measured> measured_;
+};
+
+bool says(const Finding& finding, const std::string& part) { return finding.words.find(part) != std::string::npos; }
+
+TEST_F(Traps, IsolcpusWithTheFlagNohzIsDroppedByAKernelWithoutIt) {
+  put_pi(root_);
+  const Finding finding = find("domain_isolation");
+  EXPECT_EQ(finding.state, State::fail);
+  EXPECT_TRUE(says(finding, "CONFIG_NO_HZ_FULL drops all of isolcpus=nohz,domain,1")) << finding.words;
+  EXPECT_EQ(state("tickless"), State::warn) << "the file nohz_full is absent";
+}
+
+TEST_F(Traps, IsolationIsFoundInThePartitionTheRootAndTheSchedulersStatistics) {
+  put_desktop(root_);
+  EXPECT_EQ(state("domain_isolation"), State::fail);
+  root_.write("/proc/schedstat", "version 15\ncpu0 0 0\ndomain0 d 0\ncpu1 0 0\ncpu2 0 0\ndomain0 d 0\n");
+  EXPECT_EQ(state("domain_isolation"), State::ok);
+  root_.write("/sys/devices/system/cpu/online", "1");
+  EXPECT_EQ(state("domain_isolation"), State::fail) << "a machine of one core has no domains either";
+}
+
+TEST_F(Traps, APartitionThatTheKernelCallsInvalidIsolatesNothing) {
+  put_partition(root_);
+  EXPECT_EQ(state("isolated_partition"), State::ok);
+  EXPECT_EQ(state("domain_isolation"), State::ok);
+  root_.write("/sys/fs/cgroup/spine/cpuset.cpus.partition", "isolated invalid (Cpu list in cpuset.cpus not exclusive)");
+  EXPECT_EQ(state("isolated_partition"), State::fail);
+  EXPECT_EQ(state("domain_isolation"), State::fail);
+  make_unreadable("/sys/fs/cgroup/spine/cpuset.cpus.partition");
+  EXPECT_EQ(state("isolated_partition"), State::unknown);
+  EXPECT_EQ(state("domain_isolation"), State::unknown);
+}
+
+TEST_F(Traps, AShieldOfCgroupV1WithTasksLeftBehindIsWorseThanNone) {
+  put_fifo(root_);
+  EXPECT_EQ(state("v1_shield"), State::fail);
+  for (const int pid : {1, 2, 3, 400, 500}) {
+    root_.write("/proc/" + std::to_string(pid) + "/task/" + std::to_string(pid) + "/status",
+                "Cpus_allowed_list:\t0,2-3\n");
+  }
+  EXPECT_EQ(state("v1_shield"), State::ok);
+  root_.write("/sys/fs/cgroup/cpuset/cpuset.sched_load_balance", "1");
+  EXPECT_EQ(state("v1_shield"), State::warn);
+}
+
+TEST_F(Traps, ThreadsThatNobodyCanMoveDoNotCount) {
+  put_pinned(root_);
+  EXPECT_EQ(state("user_tasks"), State::ok);
+  EXPECT_EQ(state("kernel_threads"), State::ok) << "ksoftirqd/1 is bound";
+  add_task(root_, {.pid = 31, .name = "kcompactd0", .cpus = "0-3", .flags = kKernelThread});
+  EXPECT_EQ(state("kernel_threads"), State::warn);
+  EXPECT_EQ(state("user_tasks"), State::ok);
+}
+
+TEST_F(Traps, InAContainerTheTasksOfOthersAreUnknown) {
+  put_pinned(root_);
+  remove("/proc/2");
+  EXPECT_EQ(state("user_tasks"), State::unknown);
+  EXPECT_EQ(state("irqbalance"), State::warn) << "what is seen is there";
+  EXPECT_EQ(state("memory_lock"), State::unknown) << "a Spine may run unseen";
+}
+
+TEST_F(Traps, AThrottledRealTimeSpineFailsAndAnOrdinaryOneDoesNotCare) {
+  put_fifo(root_);
+  EXPECT_EQ(state("rt_throttling"), State::fail);
+  EXPECT_EQ(state("fair_server"), State::fail);
+  root_.write("/proc/sys/kernel/sched_rt_runtime_us", "-1");
+  EXPECT_EQ(state("rt_throttling"), State::ok);
+  EXPECT_EQ(state("fair_server"), State::fail) << "the fair server works without throttling, too";
+  make_unreadable("/sys/kernel/debug/sched/fair_server/cpu1/runtime");
+  EXPECT_EQ(state("fair_server"), State::unknown);
+  root_.write("/proc/sys/kernel/osrelease", "6.1.0");
+  EXPECT_EQ(state("fair_server"), State::not_applicable);
+  root_.write("/proc/sys/kernel/osrelease", "6.18.0");
+  add_task(root_, {.pid = 600, .name = "lithe-spine", .cpus = "1"});
+  EXPECT_EQ(state("fair_server"), State::not_applicable);
+}
+
+TEST_F(Traps, WhereTheControllerDoesNotTellTheCountersDecide) {
+  put_pi(root_);
+  EXPECT_EQ(state("irq_affinity"), State::unknown) << "7 interrupts of eth0 came to core 1, whatever its mask says";
+  measured_ = Measured{};
+  measured_->device_interrupts_per_s = 0.0;
+  EXPECT_EQ(state("irq_affinity"), State::ok);
+  measured_->device_interrupts_per_s = 3.0;
+  EXPECT_EQ(state("irq_affinity"), State::fail);
+  measured_->device_interrupts_per_s = std::nullopt;
+  EXPECT_EQ(state("irq_affinity"), State::unknown);
+}
+
+TEST_F(Traps, AMaskThatCannotBeReadLeavesInterruptsUnknown) {
+  put_partition(root_);
+  EXPECT_EQ(state("irq_affinity"), State::ok);
+  root_.write("/proc/irq/default_smp_affinity", "f");
+  EXPECT_EQ(state("irq_affinity"), State::warn);
+  make_unreadable("/proc/irq/24/effective_affinity_list");
+  EXPECT_EQ(state("irq_affinity"), State::unknown);
+}
+
+TEST_F(Traps, SinceLinux612TheOptionNohzFullProvesNothing) {
+  put_booted(root_);
+  EXPECT_EQ(state("tickless"), State::ok);
+  root_.write("/proc/sys/kernel/osrelease", "6.12.0");
+  EXPECT_EQ(state("tickless"), State::unknown);
+  measured_ = Measured{};
+  measured_->ticks_per_s = 0.2;
+  EXPECT_EQ(state("tickless"), State::ok);
+  measured_->ticks_per_s = 250;
+  EXPECT_EQ(state("tickless"), State::fail);
+}
+
+TEST_F(Traps, APiWithAWeakSupplyIsNotFixed) {
+  put_pi(root_);
+  EXPECT_TRUE(says(find("governor"), "supply"));
+  root_.write("/sys/class/hwmon/hwmon1/in0_lcrit_alarm", "0");
+  EXPECT_EQ(state("governor"), State::ok);
+  EXPECT_EQ(state("turbo"), State::not_applicable);
+  EXPECT_EQ(state("jetson_mode"), State::not_applicable);
+}
+
+TEST_F(Traps, ADriverThatChoosesItselfNeedsAFixedRange) {
+  put_booted(root_);
+  EXPECT_EQ(state("governor"), State::ok);
+  root_.write("/sys/devices/system/cpu/cpu1/cpufreq/scaling_driver", "intel_pstate");
+  EXPECT_EQ(state("governor"), State::warn);
+  root_.write("/sys/devices/system/cpu/cpu1/cpufreq/scaling_min_freq", "4000000");
+  EXPECT_EQ(state("governor"), State::ok);
+}
+
+TEST_F(Traps, WithoutCpufreqThereIsNothingToSet) {
+  put_booted(root_);
+  remove("/sys/devices/system/cpu/cpu1/cpufreq");
+  remove("/sys/devices/system/cpu/cpufreq");
+  EXPECT_EQ(state("governor"), State::not_applicable);
+  EXPECT_EQ(state("turbo"), State::not_applicable);
+}
+
+TEST_F(Traps, TheCapabilitiesOfAUserNamespaceLockNoMemory) {
+  put_desktop(root_);
+  EXPECT_EQ(state("memory_lock"), State::fail);
+  root_.write("/proc/self/status", "CapEff:\t000001ffffffffff\n");
+  EXPECT_EQ(state("memory_lock"), State::ok);
+  root_.write("/proc/self/uid_map", "         0       1000          1\n");
+  EXPECT_EQ(state("memory_lock"), State::fail);
+}
+
+TEST_F(Traps, ARunningSpineTellsWhetherItsMemoryIsLocked) {
+  put_partition(root_);
+  add_task(root_, {.pid = 600, .name = "lithe-spine-sim", .cpus = "1"});
+  EXPECT_EQ(state("memory_lock"), State::fail);
+  EXPECT_EQ(state("spine_pinned"), State::ok);
+  add_task(root_, {.pid = 600, .name = "lithe-spine-sim", .cpus = "0-3", .locked = "90000 kB"});
+  EXPECT_EQ(state("memory_lock"), State::ok);
+  EXPECT_EQ(state("spine_pinned"), State::fail);
+}
+
+TEST_F(Traps, ALimitOfMemoryCountsOnEveryLevel) {
+  put_desktop(root_);
+  EXPECT_EQ(state("memory_limit"), State::ok);
+  root_.write("/sys/fs/cgroup/user.slice/memory.high", "4000000000");
+  EXPECT_EQ(state("memory_limit"), State::warn);
+  put_fifo(root_);
+  EXPECT_EQ(state("memory_limit"), State::warn);
+  root_.write("/sys/fs/cgroup/memory/box/memory.limit_in_bytes", "9223372036854771712");
+  EXPECT_EQ(state("memory_limit"), State::ok);
+}
+
+TEST_F(Traps, AnAbsentFileIsNeverInOrder) {
+  put_booted(root_);
+  for (const auto& [id, path] : {std::pair{"vmstat", "/proc/sys/vm/stat_interval"},
+                                 {"timer_migration", "/proc/sys/kernel/timer_migration"},
+                                 {"swap", "/proc/swaps"},
+                                 {"clocksource", "/sys/devices/system/clocksource/clocksource0/current_clocksource"},
+                                 {"workqueues", "/sys/devices/virtual/workqueue/cpumask"},
+                                 {"tracing", "/sys/kernel/tracing/set_event"},
+                                 {"smt", "/sys/devices/system/cpu/cpu1/topology/thread_siblings_list"}}) {
+    EXPECT_EQ(state(id), State::ok) << id;
+    remove(path);
+    EXPECT_NE(state(id), State::ok) << id;
+  }
+}
+
+}  // namespace
+}  // namespace lithe::host

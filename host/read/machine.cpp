@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/read/machine.hpp"
+
+#include <cstdio>
+#include <sstream>
+
+#include "host/read/words.hpp"
+
+namespace lithe::host {
+namespace {
+
+constexpr const char* kCpuInfo = "/proc/cpuinfo";
+constexpr const char* kModel = "/proc/device-tree/model";
+constexpr const char* kStat = "/proc/stat";
+constexpr std::size_t kMostCpuInfoBytes = std::size_t{2} << 20;
+constexpr std::size_t kMostStatBytes = std::size_t{1} << 20;
+constexpr std::size_t kStolen = 8;  // word of a line "cpu1 user nice system idle iowait irq softirq steal ..."
+
+bool holds(const std::string& text, const char* part) { return text.find(part) != std::string::npos; }
+
+// What stands in a device tree of a virtual machine: QEMU's board `virt`, and a node for the hypervisor.
+std::string virtual_words(const HostFiles& files) {
+  if (const Reading node = files.read("/proc/device-tree/hypervisor/compatible"); node.known()) return node.value;
+  const Reading model = files.read(kModel);
+  return holds(model.value, "dummy-virt") ? model.value : "";
+}
+
+}  // namespace
+
+Board board_of(const HostFiles& files) {
+  if (!field_of(files.read(kCpuInfo, kMostCpuInfoBytes).value, "vendor_id").empty()) return Board::x86;
+  const Reading model = files.read(kModel);
+  if (!model.known()) return Board::unknown;
+  if (holds(model.value, "Raspberry Pi")) return Board::raspberry_pi;
+  return holds(model.value, "Jetson") || holds(model.value, "NVIDIA") ? Board::jetson : Board::other;
+}
+
+Hypervisor hypervisor_of(const HostFiles& files) {
+  Hypervisor found;
+  const Reading cpus = files.read(kCpuInfo, kMostCpuInfoBytes), type = files.read("/sys/hypervisor/type");
+  const Reading stat = files.read(kStat, kMostStatBytes);
+  if (has_word(field_of(cpus.value, "flags"), "hypervisor")) found.evidence.emplace_back(kCpuInfo, "flag hypervisor");
+  if (!type.value.empty()) found.evidence.emplace_back(type.path, type.value);
+  if (const std::string words = virtual_words(files); !words.empty()) found.evidence.emplace_back(kModel, words);
+  std::istringstream lines(stat.value);
+  std::string line;
+  std::getline(lines, line);
+  const std::vector<std::string> all = split(line);
+  const std::optional<long long> stolen = all.size() > kStolen ? whole_number(all[kStolen]) : std::nullopt;
+  if (stolen.value_or(0) > 0) found.evidence.emplace_back(kStat, "stolen " + all[kStolen]);
+  if (!found.evidence.empty()) {
+    found.present = true;
+  } else if (stolen && (!field_of(cpus.value, "flags").empty() || board_of(files) != Board::unknown)) {
+    found.present = false;
+  }
+  return found;
+}
+
+std::optional<long long> stolen_ticks(const HostFiles& files, int cpu) {
+  std::istringstream lines(files.read(kStat, kMostStatBytes).value);
+  for (std::string line; std::getline(lines, line);) {
+    const std::vector<std::string> words = split(line);
+    if (words.size() > kStolen && words[0] == "cpu" + std::to_string(cpu)) return whole_number(words[kStolen]);
+  }
+  return std::nullopt;
+}
+
+std::optional<std::pair<int, int>> kernel_version(const HostFiles& files) {
+  int major = 0, minor = 0;
+  const Reading release = files.read("/proc/sys/kernel/osrelease");
+  if (std::sscanf(release.value.c_str(), "%d.%d", &major, &minor) != 2) return std::nullopt;
+  return std::pair{major, minor};
+}
+
+}  // namespace lithe::host

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+// What kind of machine this is. Off the tick.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "host/read/files.hpp"
+
+namespace lithe::host {
+
+// `unknown` until a file says otherwise: what only another board has is then unknown, too, and not "not applicable".
+enum class Board : std::uint8_t { unknown, x86, raspberry_pi, jetson, other };
+Board board_of(const HostFiles& files);
+
+struct Hypervisor {
+  std::optional<bool> present;                                // nothing: it cannot be known from what was read
+  std::vector<std::pair<std::string, std::string>> evidence;  // path and value
+};
+
+// From the flag `hypervisor` in /proc/cpuinfo, /sys/hypervisor, stolen time in /proc/stat, and the device tree.
+Hypervisor hypervisor_of(const HostFiles& files);
+
+// Stolen time of a core since the boot, in ticks of 1/100 s; nothing when unread.
+std::optional<long long> stolen_ticks(const HostFiles& files, int cpu);
+
+// The running kernel's version: {6, 12}. Nothing when unread.
+std::optional<std::pair<int, int>> kernel_version(const HostFiles& files);
+
+}  // namespace lithe::host

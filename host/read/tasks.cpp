@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/read/tasks.hpp"
+
+#include <algorithm>
+#include <optional>
+#include <sstream>
+
+#include "host/read/words.hpp"
+#include "spine/core/host/cores.hpp"
+
+namespace lithe::host {
+namespace {
+
+constexpr unsigned long kKernelThread = 0x00200000;  // PF_KTHREAD
+constexpr unsigned long kBound = 0x04000000;         // PF_NO_SETAFFINITY
+// Fields of /proc/PID/stat behind the name: flags is field 9, policy field 41 (man 5 proc_pid_stat).
+constexpr std::size_t kFlags = 9 - 3, kPolicy = 41 - 3;
+
+bool is_number(const std::string& text) {
+  return !text.empty() && text.size() < 10 && text.find_first_not_of("0123456789") == std::string::npos;
+}
+
+// "12 (a name) S 1 ...": the name may contain any character.
+std::optional<Task> parse_task(const std::string& stat, const std::string& status) {
+  const std::size_t open = stat.find('('), close = stat.rfind(')');
+  if (open == std::string::npos || close == std::string::npos || close < open) return std::nullopt;
+  std::vector<std::string> fields;
+  std::istringstream rest(stat.substr(close + 1));
+  for (std::string word; rest >> word;) fields.push_back(word);
+  const std::string cpus = field_of(status, "Cpus_allowed_list");
+  if (fields.size() <= kPolicy || cpus.empty()) return std::nullopt;
+  const std::optional<long long> flags = whole_number(fields[kFlags]), policy = whole_number(fields[kPolicy]);
+  if (!flags || !policy) return std::nullopt;
+  Task task;
+  task.name = stat.substr(open + 1, close - open - 1);
+  task.is_kernel = (static_cast<unsigned long>(*flags) & kKernelThread) != 0;
+  task.is_bound = (static_cast<unsigned long>(*flags) & kBound) != 0;
+  task.policy = static_cast<int>(*policy);
+  task.cpus = parse_cpu_list(cpus);
+  return task;
+}
+
+void read_process(const HostFiles& files, const std::string& pid, Tasks& tasks) {
+  const std::string folder = "/proc/" + pid + "/task";
+  for (const std::string& tid : files.list(folder)) {
+    const std::string each = folder + "/" + tid;
+    const Reading stat = files.read(each + "/stat"), status = files.read(each + "/status");
+    std::optional<Task> task;
+    if (stat.known() && status.known()) task = parse_task(stat.value, status.value);
+    if (task && is_number(tid)) {
+      task->pid = std::stoi(pid);
+      task->tid = std::stoi(tid);
+      tasks.all.push_back(std::move(*task));
+    } else if (files.is_folder(each)) {  // else it has ended meanwhile
+      tasks.why_not_whole = each + " cannot be read";
+    }
+  }
+}
+
+}  // namespace
+
+bool Task::may_run_on(int cpu) const { return std::binary_search(cpus.begin(), cpus.end(), cpu); }
+
+Tasks read_tasks(const HostFiles& files) {
+  Tasks tasks;
+  for (const std::string& pid : files.list("/proc")) {
+    if (is_number(pid)) read_process(files, pid, tasks);
+  }
+  const auto named = [&](int pid, const char* name) {
+    return std::any_of(tasks.all.begin(), tasks.all.end(),
+                       [&](const Task& each) { return each.pid == pid && (*name == '\0' || each.name == name); });
+  };
+  // Only the first process id namespace has the kernel's own threads; hidepid hides them as it hides process 1.
+  if (tasks.is_whole() && (!named(2, "kthreadd") || !named(1, ""))) {
+    tasks.why_not_whole = "/proc shows a part of the machine's tasks only (a container, or hidepid)";
+  }
+  return tasks;
+}
+
+}  // namespace lithe::host

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+// `lithe doctor`: reads this machine; no robot needs to run.
+#include "host/doctor/diagnosis.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <iostream>
+
+#include "host/doctor/measure/measure.hpp"
+#include "spine/core/host/cores.hpp"
+#include "spine/core/text.hpp"
+#include "spine/robot/cores/cpu_plan.hpp"
+#include "supervisor/cli/core/act.hpp"
+#include "supervisor/cli/core/talk.hpp"
+
+namespace lithe::cli {
+namespace {
+
+constexpr int kBelowTierB = 1;
+
+// The core that a Spine which is started here gets, unless another one is asked for.
+int core_for(const DoctorOptions& options) {
+  const MachineCores cores = machine_cores();
+  if (!options.cpu) return robot::fold_cpus(cores).spine;
+  if (std::find(cores.online.begin(), cores.online.end(), *options.cpu) == cores.online.end()) {
+    throw Refusal{"bad_request", fmt::format("this machine has no core {} that is on", *options.cpu),
+                  fmt::format("name one of {}: lithe doctor --cpu N", cpu_list(cores.online))};
+  }
+  return *options.cpu;
+}
+
+// A thread that spins on the core of a running Spine would stop its robot.
+void refuse_beside_spine(const host::HostFiles& files, int cpu) {
+  for (const host::Task& each : host::read_tasks(files).all) {
+    if (!each.is_spine() || each.cpus != std::vector<int>{cpu}) continue;
+    throw Refusal{"bad_request",
+                  fmt::format("a Spine (pid {}) runs on core {}: a measurement would stop it", each.pid, cpu),
+                  "stop the robot first: lithe stop; or measure another core: --cpu N"};
+  }
+}
+
+std::optional<host::Measured> measured(const host::HostFiles& files, int cpu, double seconds) {
+  if (seconds <= 0) return std::nullopt;
+  refuse_beside_spine(files, cpu);
+  const Result<host::Measured> seen = host::measure(files, cpu, seconds);
+  if (!seen) throw Refusal{"bad_request", seen.message(), "measure a core that this process may use: --cpu N"};
+  return *seen;
+}
+
+}  // namespace
+
+int doctor(const Context& context, const DoctorOptions& options) {
+  const host::HostFiles files;
+  const int cpu = core_for(options);
+  const host::Diagnosis diagnosis = host::diagnose(files, cpu, measured(files, cpu, options.measure_s));
+  if (context.json) {
+    std::cout << host::to_json(diagnosis).dump(2, ' ', false, Json::error_handler_t::replace) << std::endl;
+  } else {
+    fmt::print("{}", printable(host::to_text(diagnosis, options.all), true));
+    std::fflush(stdout);
+  }
+  return diagnosis.is_isolated() ? 0 : kBelowTierB;
+}
+
+}  // namespace lithe::cli

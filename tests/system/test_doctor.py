@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`lithe doctor` on the machine of the tests, beside what a shell script reads: doctor_expected.sh, which shares no
+line with it. Also in a user namespace, where nothing may be set and root is nobody. Faked machines, with each trap:
+host/doctor/."""
+
+import json
+import re
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from system.house import BIN, ROOT, need
+
+SCRIPT = Path(__file__).with_name("doctor_expected.sh")
+pytestmark = pytest.mark.alone  # the script is for a machine without a robot, and a measurement uses up a core
+
+NAMESPACE = ("unshare", "-r")
+ITEMS = 37
+TIERS = "ABCD"
+# A task that starts or ends between the two readings may change these; they agree at one of three attempts.
+ATTEMPTS = 3
+
+
+def read(way: tuple[str, ...], *words: str) -> dict[str, Any]:
+    """The answer of the doctor; its exit code must fit the tier."""
+    command = [*way, BIN / "lithe", "--json", "doctor", *words]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=120)
+    assert done.returncode in (0, 1), done.stdout + done.stderr
+    told: dict[str, Any] = json.loads(done.stdout)
+    assert done.returncode == (0 if told["tier"] in "AB" else 1), told["tier"]
+    return told
+
+
+def states(told: dict[str, Any]) -> dict[str, str]:
+    """State of each item, by its name."""
+    return {item["id"]: item["state"] for item in told["items"]}
+
+
+def expected(way: tuple[str, ...], cpu: int) -> dict[str, str]:
+    """The same, as the shell script says."""
+    done = subprocess.run([*way, "bash", SCRIPT, str(cpu)], check=True, capture_output=True, text=True, timeout=120)
+    return dict(line.split() for line in done.stdout.splitlines())
+
+
+@pytest.fixture(autouse=True)
+def _no_robot() -> None:
+    """The doctor judges a robot that runs, too; the script does not."""
+    need("lithe")
+    for name in Path("/proc").glob("[0-9]*/comm"):
+        if name.read_text().startswith("lithe-spine"):
+            pytest.skip(f"a robot runs on this machine: {name}")
+
+
+def compare(way: tuple[str, ...], tell: Callable[[str], None]) -> dict[str, Any]:
+    """Both readings of the same core, item by item."""
+    for _ in range(ATTEMPTS):
+        told = read(way)
+        reported, wanted = states(told), expected(way, told["cpu"])
+        assert len(reported) == len(told["items"]) == ITEMS and reported.keys() == wanted.keys()
+        different = {name: (wanted[name], reported[name]) for name in wanted if wanted[name] != reported[name]}
+        if not different:
+            break
+    assert different == {}, f"(expected, reported) on core {told['cpu']}"
+    tell(f"tier {told['label']} on core {told['cpu']}; {len(wanted)} items as the script says")
+    tell("; ".join(f"{name} expected {wanted[name]} reported {reported[name]}" for name in wanted))
+    return told
+
+
+def test_each_item_is_as_a_shell_script_reads_it(tell: Callable[[str], None]) -> None:
+    told = compare((), tell)
+    assert told["measured"] is None
+    for item in told["items"]:
+        assert item["words"] and item["why"] and item["fix"], item
+        if item["state"] in ("ok", "warn", "fail"):
+            assert item["evidence"], f"{item['id']}: a verdict without a path"
+    gates = {"fail", "warn", "unknown"}
+    if told["tier"] != "A":
+        assert told["missing"] and all(each["tier"] == TIERS[TIERS.index(told["tier"]) - 1] for each in told["missing"])
+        reported = states(told)
+        assert all(reported.get(each["id"], "fail") in gates for each in told["missing"]), told["missing"]
+
+
+def test_a_namespace_without_rights_makes_nothing_better(tell: Callable[[str], None]) -> None:
+    tried = subprocess.run([*NAMESPACE, "true"], check=False, capture_output=True, text=True)
+    if tried.returncode != 0:
+        pytest.skip(f"no user namespace here: {tried.stderr.strip()}")
+    inside, outside = compare(NAMESPACE, tell), read(())
+    assert inside["tier"] >= outside["tier"], "A is the best tier"
+    good = {name for name, state in states(outside).items() if state == "ok"}
+    better = {name for name, state in states(inside).items() if state == "ok"} - good
+    assert better == set(), f"better without rights: {better}"
+
+
+def test_a_measurement_fills_in_what_no_file_tells() -> None:
+    told = read((), "--measure", "0.5")
+    seen = told["measured"]
+    assert seen["cpu"] == told["cpu"] and seen["seconds"] >= 0.5
+    assert 0 <= seen["gap_share"] < 1 and seen["gaps_per_s"] >= 0
+    assert [each["rate_hz"] for each in seen["rates"]] == [250, 500, 1000, 2000, 4000, 8000]
+    assert all(each["holds"] == (each["lost_share"] <= 1e-3) for each in seen["rates"])
+    assert states(told)["bound_kernel_threads"] in ("ok", "warn")
+    assert states(told)["release_phase"] in ("ok", "warn")
+
+
+@pytest.mark.parametrize("words", [("--cpu", "8000"), ("--cpu", "x"), ("--measure", "-1"), ("--measure", "1e9")])
+def test_a_core_or_a_time_that_cannot_be_is_an_error(words: tuple[str, str]) -> None:
+    done = subprocess.run([BIN / "lithe", "doctor", *words], check=False, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert done.stdout == "" and done.stderr, "one message, on stderr"
+
+
+def test_the_page_lists_the_same_items() -> None:
+    page = (ROOT / "docs/host.md").read_text()
+    rows = re.findall(r"^\| (\d+) \| `(\w+)` \|.*\| (boot)? ?\|$", page, re.MULTILINE)
+    listed = [(int(number), name, boot == "boot") for number, name, boot in rows]
+    assert listed == [(item["number"], item["id"], item["reboot"]) for item in read(())["items"]]
+
+
+def test_the_text_begins_with_the_tier() -> None:
+    done = subprocess.run([BIN / "lithe", "doctor", "--all"], check=False, capture_output=True, text=True, timeout=60)
+    lines = done.stdout.splitlines()
+    assert lines[0].startswith("tier ") and ": core " in lines[0], lines[0]
+    assert "not applicable" in lines[-1], lines[-1]
+    assert all(f" {name}: " in done.stdout for name in states(read(()))), done.stdout
