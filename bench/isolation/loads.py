@@ -21,7 +21,7 @@ from lithe.programs import ROOT
 WORKLOADS = ("stress", "numpy", "compile", "swap", "idle")
 SETTLE_S, READY_S = 2.0, 120.0
 SWAPS = "swaps of the second robot"  # storm.py counts them in the log
-END_S = 20.0  # after SIGINT; then SIGKILL. The swap storm has a robot to stop
+END_S = 60.0  # after SIGINT; then SIGKILL. The swap storm has a robot to stop, on a busy core
 APT = "sudo apt-get install -y --no-install-recommends"
 BY_HAND = "move all tasks off the Spine's core with taskset first (docs/rt.md)"
 

@@ -126,7 +126,7 @@ def worst(told: Figures, key: str) -> str:
     if None in found.values():
         return "-"
     name = max(found, key=lambda each: found[each] or 0.0)
-    return f"{found[name]:.3g} ({name})"
+    return f"{format(found[name], ',.0f' if (found[name] or 0.0) >= 1000 else '.3g')} ({name})"
 
 
 def boards(folder: Path) -> str:
