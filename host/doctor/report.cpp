@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "host/doctor/diagnosis.hpp"
 
 namespace lithe::host {
 namespace {
 
 using nlohmann::json;
+
+constexpr std::size_t kEvidenceShown = 5;
 
 const char* meaning(Tier tier) {
   switch (tier) {
@@ -44,10 +48,15 @@ std::string head(const Diagnosis& diagnosis) {
   return text + "\n";
 }
 
-std::string one_item(const Item& item, const Finding& finding, const Subject& subject) {
+std::string one_item(const Item& item, const Finding& finding, const Subject& subject, bool all) {
   std::string text = fmt::format("  {:>2} {}: {}\n", item.number, item.id, finding.words);
-  for (const Evidence& each : finding.evidence) {
+  const std::size_t shown = all ? finding.evidence.size() : std::min(finding.evidence.size(), kEvidenceShown);
+  for (std::size_t i = 0; i < shown; ++i) {
+    const Evidence& each = finding.evidence[i];
     text += fmt::format("       {} = {}\n", each.path, each.value.empty() ? "(empty)" : each.value);
+  }
+  if (shown < finding.evidence.size()) {
+    text += fmt::format("       and {} more: --all\n", finding.evidence.size() - shown);
   }
   if (finding.state == State::warn || finding.state == State::fail) {
     text += fmt::format("     why: {}\n     mend{}: {}\n", for_core(item.why, subject),
@@ -125,7 +134,7 @@ std::string to_text(const Diagnosis& diagnosis, bool all) {
     for (std::size_t i = 0; i < diagnosis.findings.size(); ++i) {
       if (diagnosis.findings[i].state != state) continue;
       ++count;
-      part += one_item(checklist()[i], diagnosis.findings[i], diagnosis.subject);
+      part += one_item(checklist()[i], diagnosis.findings[i], diagnosis.subject, all);
     }
     if (state == State::ok) ok = count;
     if (state == State::not_applicable) none = count;

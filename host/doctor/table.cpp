@@ -139,8 +139,8 @@ void replace_all(std::string& text, const std::string& name, const std::string& 
 }  // namespace
 
 const char* word(State state) {
-  constexpr std::array words = {"ok", "not_applicable", "unknown", "warn", "fail"};
-  return words.at(static_cast<std::size_t>(state));
+  constexpr std::array kWords = {"ok", "not_applicable", "unknown", "warn", "fail"};
+  return kWords.at(static_cast<std::size_t>(state));
 }
 
 std::span<const Item> checklist() {

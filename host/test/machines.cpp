@@ -195,6 +195,9 @@ void put_pi(const FakeRoot& root) {
              {"/sys/class/hwmon/hwmon1/name", "rpi_volt"},
              {"/sys/class/hwmon/hwmon1/in0_lcrit_alarm", "1"}});
   std::filesystem::remove(root.path() + "/sys/devices/system/cpu/nohz_full");
+  // One of each kind that may come to the core: when it cannot be read, nothing wrong is seen any more.
+  add_task(root, {.pid = 31, .name = "kcompactd0", .cpus = "0-3", .flags = kKernelThread});
+  add_task(root, {.pid = 501, .name = "stray", .cpus = "1-2"});
 }
 
 void put_fifo(const FakeRoot& root) {
@@ -204,7 +207,13 @@ void put_fifo(const FakeRoot& root) {
              {"/proc/self/cgroup", "3:cpuset:/\n4:memory:/box\n0::/"},
              {"/sys/fs/cgroup/cpuset/cpuset.sched_load_balance", "0"},
              {"/sys/fs/cgroup/memory/box/memory.limit_in_bytes", "1000000"},
-             {"/sys/kernel/debug/sched/fair_server/cpu1/runtime", "50000000"}});
+             {"/sys/kernel/debug/sched/fair_server/cpu1/runtime", "50000000"},
+             // Its mask was changed, it still goes to core 1, and has not come yet.
+             {"/proc/irq/24/smp_affinity_list", "0,2-3"},
+             {"/proc/interrupts",
+              "            CPU0  CPU1  CPU2  CPU3\n"
+              " 24:      10  0  0  0  PCI-MSI 1-edge  eth0\n"
+              "LOC:     100 200 300 400  Local timer interrupts"}});
   add_task(root, {.pid = 600, .name = "lithe-spine", .cpus = "1", .policy = 1});
 }
 

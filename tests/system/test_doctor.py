@@ -5,13 +5,14 @@ host/doctor/."""
 
 import json
 import re
+import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from system.house import BIN, ROOT, need
+from system.house import BIN, ROOT, House, need
 
 SCRIPT = Path(__file__).with_name("doctor_expected.sh")
 pytestmark = pytest.mark.alone  # the script is for a machine without a robot, and a measurement uses up a core
@@ -102,6 +103,24 @@ def test_a_measurement_fills_in_what_no_file_tells() -> None:
     assert all(each["holds"] == (each["lost_share"] <= 1e-3) for each in seen["rates"])
     assert states(told)["bound_kernel_threads"] in ("ok", "warn")
     assert states(told)["release_phase"] in ("ok", "warn")
+
+
+def test_beside_a_spine_it_reads_and_does_not_measure(tmp_path: Path) -> None:
+    """A program with the name of a Spine, pinned to the core, without locked memory."""
+    cpu = str(read(())["cpu"])
+    program = tmp_path / "lithe-spine"
+    shutil.copy(shutil.which("sleep") or "/bin/sleep", program)
+    with subprocess.Popen(["taskset", "-c", cpu, program, "100"]) as spine:
+        try:
+            House.wait_for(lambda: Path(f"/proc/{spine.pid}/comm").read_text().strip() == program.name)
+            told = states(read((), "--cpu", cpu))
+            assert (told["spine_pinned"], told["memory_lock"]) == ("ok", "fail")
+            command = [BIN / "lithe", "doctor", "--cpu", cpu, "--measure", "1"]
+            refused = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
+            assert refused.returncode == 2, refused.stdout
+            assert f"pid {spine.pid}" in refused.stderr, refused.stderr
+        finally:
+            spine.kill()
 
 
 @pytest.mark.parametrize("words", [("--cpu", "8000"), ("--cpu", "x"), ("--measure", "-1"), ("--measure", "1e9")])

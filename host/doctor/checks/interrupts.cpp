@@ -82,11 +82,11 @@ Finding check_irqbalance(const Subject& subject) {
   for (const Task& each : subject.tasks.all) {
     if (each.name != "irqbalance") continue;
     const std::string path = fmt::format("/proc/{}/environ", each.pid);
-    constexpr std::string_view key = "IRQBALANCE_BANNED_CPULIST=";
+    constexpr std::string_view kKey = "IRQBALANCE_BANNED_CPULIST=";
     const std::string environment = subject.files.read(path).value;
-    const std::size_t at = environment.find(key);
-    const std::string banned = at == std::string::npos ? "" : environment.c_str() + at + key.size();
-    notes.add(path, banned.empty() ? "no IRQBALANCE_BANNED_CPULIST seen" : fmt::format("{}{}", key, banned));
+    const std::size_t at = environment.find(kKey);
+    const std::string banned = at == std::string::npos ? "" : environment.c_str() + at + kKey.size();
+    notes.add(path, banned.empty() ? "no IRQBALANCE_BANNED_CPULIST seen" : fmt::format("{}{}", kKey, banned));
     if (holds(parse_cpu_list(banned), subject.cpu)) {
       return notes.say(State::ok, fmt::format("irqbalance leaves core {} alone", subject.cpu));
     }
@@ -157,7 +157,7 @@ Finding check_release_phase(const Subject& subject) {
 }
 
 Finding check_timer_migration(const Subject& subject) {
-  constexpr const char* path = "/proc/sys/kernel/timer_migration";
+  const std::string path = "/proc/sys/kernel/timer_migration";
   Notes notes(subject);
   const std::optional<long long> value = notes.number(path);
   if (value == 0) return notes.say(State::ok, "timers stay where they were started");

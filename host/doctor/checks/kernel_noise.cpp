@@ -38,8 +38,8 @@ State judge_machine_check(const Subject& subject, Notes& notes) {
 }  // namespace
 
 Finding check_watchdogs(const Subject& subject) {
-  constexpr const char* on_path = "/proc/sys/kernel/watchdog";
-  constexpr const char* cores_path = "/proc/sys/kernel/watchdog_cpumask";
+  const std::string on_path = "/proc/sys/kernel/watchdog";
+  const std::string cores_path = "/proc/sys/kernel/watchdog_cpumask";
   Notes notes(subject);
   const std::optional<long long> on = notes.number(on_path);
   const std::vector<int> cores = parse_cpu_list(notes.read(cores_path).value);
@@ -51,7 +51,7 @@ Finding check_watchdogs(const Subject& subject) {
 }
 
 Finding check_vmstat(const Subject& subject) {
-  constexpr const char* path = "/proc/sys/vm/stat_interval";
+  const std::string path = "/proc/sys/vm/stat_interval";
   Notes notes(subject);
   const std::optional<long long> seconds = notes.number(path);
   if (!seconds) return notes.unread(path);
@@ -82,8 +82,8 @@ Finding check_core_interrupts(const Subject& subject) {
 }
 
 Finding check_tracing(const Subject& subject) {
-  constexpr const char* tracer_path = "/sys/kernel/tracing/current_tracer";
-  constexpr const char* events_path = "/sys/kernel/tracing/set_event";
+  const std::string tracer_path = "/sys/kernel/tracing/current_tracer";
+  const std::string events_path = "/sys/kernel/tracing/set_event";
   Notes notes(subject);
   const Reading tracer = notes.read(tracer_path), events = notes.read(events_path);
   if (tracer.known() && tracer.value != "nop") return notes.say(State::warn, "tracer " + tracer.value + " is on");
@@ -93,7 +93,7 @@ Finding check_tracing(const Subject& subject) {
 }
 
 Finding check_clocksource(const Subject& subject) {
-  constexpr const char* path = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
+  const std::string path = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
   Notes notes(subject);
   const std::string name = notes.read(path).value;
   if (name.empty()) return notes.unread(path);

@@ -103,7 +103,7 @@ State judge_group(Notes& notes, const HostFiles& files, const std::string& folde
 }  // namespace
 
 Finding check_memory_lock(const Subject& subject) {
-  constexpr const char* limits_path = "/proc/self/limits";
+  const std::string limits_path = "/proc/self/limits";
   Notes notes(subject);
   if (const auto running = judge_running_spine(subject, notes)) return *running;
   if (!subject.tasks.is_whole()) return notes.say(State::unknown, subject.tasks.why_not_whole);
@@ -143,7 +143,7 @@ Finding check_memory_scans(const Subject& subject) {
 }
 
 Finding check_swap(const Subject& subject) {
-  constexpr const char* path = "/proc/swaps";
+  const std::string path = "/proc/swaps";
   Notes notes(subject);
   const Reading swaps = notes.read(path);
   if (!swaps.known() || !swaps.value.starts_with("Filename")) return notes.unread(path);
@@ -155,7 +155,7 @@ Finding check_swap(const Subject& subject) {
 }
 
 Finding check_shared_memory(const Subject& subject) {
-  constexpr const char* path = "/proc/self/mounts";
+  const std::string path = "/proc/self/mounts";
   Notes notes(subject);
   const Reading mounts = subject.files.read(path);
   std::string kind;
@@ -171,7 +171,7 @@ Finding check_shared_memory(const Subject& subject) {
 }
 
 Finding check_cache_partition(const Subject& subject) {
-  constexpr const char* folder = "/sys/fs/resctrl";
+  const std::string folder = "/sys/fs/resctrl";
   Notes notes(subject);
   const Board board = board_of(subject.files);
   const std::string flags = field_of(subject.files.read("/proc/cpuinfo", kMostFlagsBytes).value, "flags");
@@ -195,7 +195,7 @@ Finding check_cache_partition(const Subject& subject) {
 }
 
 Finding check_memory_limit(const Subject& subject) {
-  constexpr const char* path = "/proc/self/cgroup";
+  const std::string path = "/proc/self/cgroup";
   Notes notes(subject);
   const Reading groups = notes.read(path);
   State state = State::unknown;

@@ -131,7 +131,7 @@ Finding check_bus_power(const Subject& subject) {
 }
 
 Finding check_jetson_mode(const Subject& subject) {
-  constexpr const char* path = "/var/lib/nvpmodel/status";
+  const std::string path = "/var/lib/nvpmodel/status";
   Notes notes(subject);
   const Board board = board_of(subject.files);
   notes.read("/proc/device-tree/model");

@@ -52,7 +52,7 @@ Finding check_spine_pinned(const Subject& subject) {
 }
 
 Finding check_rt_throttling(const Subject& subject) {
-  constexpr const char* path = "/proc/sys/kernel/sched_rt_runtime_us";
+  const std::string path = "/proc/sys/kernel/sched_rt_runtime_us";
   Notes notes(subject);
   const std::optional<long long> runtime_us = notes.number(path);
   if (!runtime_us) return notes.unread(path);

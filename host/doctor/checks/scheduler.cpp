@@ -183,7 +183,7 @@ Finding check_bound_kernel_threads(const Subject& subject) {
 }
 
 Finding check_workqueues(const Subject& subject) {
-  constexpr const char* path = "/sys/devices/virtual/workqueue/cpumask";
+  const std::string path = "/sys/devices/virtual/workqueue/cpumask";
   Notes notes(subject);
   const std::optional<std::vector<int>> cpus = parse_mask(notes.read(path).value);
   if (!cpus) return notes.unread(path);

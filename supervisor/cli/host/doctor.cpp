@@ -34,9 +34,9 @@ int core_for(const DoctorOptions& options) {
 // A thread that spins on the core of a running Spine would stop its robot.
 void refuse_beside_spine(const host::HostFiles& files, int cpu) {
   for (const host::Task& each : host::read_tasks(files).all) {
-    if (!each.is_spine() || each.cpus != std::vector<int>{cpu}) continue;
+    if (!each.is_spine() || !each.may_run_on(cpu)) continue;
     throw Refusal{"bad_request",
-                  fmt::format("a Spine (pid {}) runs on core {}: a measurement would stop it", each.pid, cpu),
+                  fmt::format("a Spine (pid {}) may run on core {}: a measurement would delay it", each.pid, cpu),
                   "stop the robot first: lithe stop; or measure another core: --cpu N"};
   }
 }
