@@ -79,22 +79,48 @@ TEST_F(LawStackTest, EachCallBeginsAtItsTopWhateverTheOneBeforeDid) {
   EXPECT_EQ(frame_in(barrier), frame);
 }
 
+// A law that clears every register that a function must keep.
 #if defined(__x86_64__)
 [[gnu::naked]] void keep_no_promise(void*) {
   asm("xorl %ebx, %ebx\n\txorl %ebp, %ebp\n\txorl %r12d, %r12d\n\txorl %r13d, %r13d\n\txorl %r14d, %r14d\n\t"
       "xorl %r15d, %r15d\n\tret");
 }
+#else
+asm(R"(
+  .text
+  .p2align 2
+  .type lithe_test_keep_no_promise, %function
+lithe_test_keep_no_promise:
+  .irp number, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29
+  mov x\number, xzr
+  .endr
+  .irp number, 8, 9, 10, 11, 12, 13, 14, 15
+  fmov d\number, xzr
+  .endr
+  ret
+  .size lithe_test_keep_no_promise, . - lithe_test_keep_no_promise
+)");
+extern "C" void lithe_test_keep_no_promise(void*);
+constexpr auto keep_no_promise = &lithe_test_keep_no_promise;
+#endif
 
 TEST_F(LawStackTest, RegistersThatALawPromisedToKeepArePutRight) {
   FaultBarrier barrier = open_cell();
   std::uint64_t a = 1, b = 2, c = 3, d = 4, e = 5;
   asm volatile("" : "+r"(a), "+r"(b), "+r"(c), "+r"(d), "+r"(e));
+#if defined(__aarch64__)
+  double p = 1, q = 2, r = 3, s = 4;
+  asm volatile("" : "+w"(p), "+w"(q), "+w"(r), "+w"(s));
+#endif
   EXPECT_FALSE(barrier.run(kNoDeadline, keep_no_promise, nullptr));
   asm volatile("" : "+r"(a), "+r"(b), "+r"(c), "+r"(d), "+r"(e));
   EXPECT_EQ(a + b + c + d + e, 15u);
+#if defined(__aarch64__)
+  asm volatile("" : "+w"(p), "+w"(q), "+w"(r), "+w"(s));
+  EXPECT_EQ(p + q + r + s, 10);
+#endif
   expect_goes_on(barrier);
 }
-#endif
 
 }  // namespace
 }  // namespace lithe::contain

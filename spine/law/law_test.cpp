@@ -82,6 +82,13 @@ TEST(Law, LawWithoutStateParamsOrProbesIsALaw) {
   EXPECT_EQ(kEmpty.param_count + kEmpty.probe_count + kEmpty.state_count, 0u);
 }
 
+// One instruction of AArch64 multiplies and adds, and rounds once: to -2^-60 here. This file is compiled optimised.
+TEST(Arithmetic, AProductIsRoundedBeforeItIsAddedOnEveryMachine) {
+  volatile double above = 1 + 0x1p-30, below = 1 - 0x1p-30, minus_one = -1;
+  const double a = above, b = below, c = minus_one;
+  EXPECT_EQ(a * b + c, 0);
+}
+
 TEST(Resident, StepRunsTheLawOnHostMemory) {
   lithe::law::Resident resident;
   lithe::law::reset_resident(resident, kFiltered);
