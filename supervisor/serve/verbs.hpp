@@ -27,6 +27,7 @@ struct Parts {
   Swaps& swaps;
   EventLog& log;
   bool adopted;  // the Spine was started by an earlier supervisor
+  Json shield;   // of `lithe run --shield`; null without
 };
 
 // Contract: one thread · every request is answered once, now or later, through `reply`.

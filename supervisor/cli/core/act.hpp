@@ -30,6 +30,14 @@ struct Motion {
   double in_s = 2.0;
 };
 
+// `lithe tune`.
+struct TuneWords {
+  std::string root;                  // empty: this machine
+  std::string cores;                 // "1,3"; empty: those that lithe run would take
+  bool force = false;                // of revert
+  std::vector<std::string> command;  // of shield
+};
+
 int exit_code(const control::Refusal& refusal);
 
 // The robots of this machine, also those whose Spine ticks without a supervisor.
@@ -65,5 +73,11 @@ int bus_scan(const Context& context, const bus::Words& words, const bus::ScanOpt
 // Shows the frames of the buses until it is stopped. 0, 1 nothing was received or no such bus, 2 no such file or
 // device.
 int bus_monitor(const Context& context, const bus::Words& words, bus::MonitorOptions options);
+// The machine's settings and files. 0 done, 1 not everything or refused, 2 usage.
+int tune_plan(const Context& context, const TuneWords& words);
+int tune_apply(const Context& context, const TuneWords& words);
+int tune_revert(const Context& context, const TuneWords& words);
+// The exit code of the command; 128 + its signal when that ended it.
+int tune_shield(const Context& context, const TuneWords& words);
 
 }  // namespace lithe::cli

@@ -32,6 +32,7 @@ struct Words {
   bus::ScanOptions scan;
   bus::MonitorOptions monitor;
   Motion motion;
+  TuneWords tune;
   std::vector<std::string> about;  // the verb that help is wanted for
   std::string form;                // of the help: empty, or markdown, man, bash, zsh
   int turns = 0;
