@@ -9,6 +9,7 @@
 #include <filesystem>
 
 #include "spine/core/host/cores.hpp"
+#include "spine/core/text.hpp"
 #include "supervisor/cli/core/act.hpp"
 #include "supervisor/cli/core/talk.hpp"
 #include "supervisor/cli/host/target.hpp"
@@ -93,7 +94,7 @@ std::string shown(const host::TunePlan& plan) {
   if (!plan.not_done.empty()) text += "not possible here\n";
   for (const host::NotDone& each : plan.not_done) text += fmt::format("  {}: {}\n", each.path, each.why);
   for (const std::string& each : plan.notes) text += fmt::format("note: {}\n", each);
-  return text;
+  return printable(text, true);  // a file may hold anything
 }
 
 std::string shown_commands(const std::vector<std::string>& commands) {
@@ -126,6 +127,7 @@ std::string shown(const host::TuneResult& result, const char* verb) {
     if (!each.well()) text += fmt::format("  {}: not {}: {}\n", each.change.path, verb, each.why());
   }
   for (const std::string& each : result.notes) text += fmt::format("note: {}\n", each);
+  text = printable(text, true);
   if (result.steps.empty()) return text + fmt::format("nothing had to be {}\n", verb);
   return text + fmt::format("{} of {} {}\n", made, result.steps.size(), verb);
 }
