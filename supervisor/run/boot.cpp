@@ -24,6 +24,7 @@
 #include "spine/robot/cores/cpu_plan.hpp"
 #include "spine/robot/robot.hpp"
 #include "supervisor/bus/plan/advice.hpp"
+#include "supervisor/run/shield.hpp"
 #include "supervisor/run/supervisor.hpp"
 
 namespace lithe::control {
@@ -59,6 +60,12 @@ int run_robot(const RunOptions& options) {
   spdlog::set_pattern("%H:%M:%S.%e %^%l%$ %v");
   auto config = robot::load_robot(options.config_path);
   if (!config) return refuse({"bad_config", config.message(), "correct the file"}, 2, options.json);
+  if (options.shield) {  // first: what a killed one left narrows the cores that we may use
+    const auto left = host::Shield::lower_left_over();
+    if (!left)
+      return refuse({"no_shield", left.message(), "stop the other robot, or leave out --shield"}, 1, options.json);
+    if (left->count > 0) spdlog::warn("a killed robot left its shield: {} changes undone", left->count);
+  }
   const MachineCores cores = machine_cores();
   if (const auto plan = robot::plan_cpus(*config, cores); plan) {
     for (std::string& cost : robot::costs_of(*plan, config->spine, cores)) config->notes.push_back(std::move(cost));
@@ -238,7 +245,8 @@ void Supervisor::open_socket() {
   if (!server) throw Halt{1, server.message()};
   server_.emplace(std::move(*server));
   verbs_.emplace(
-      Parts{config_, *link_, lawd_, trial_, *commands_, *swaps_, events_, throttle_, adopted_},
+      Parts{config_, *link_, lawd_, trial_, *commands_, *swaps_, events_, throttle_, adopted_,
+            shield_json(shield_ ? &*shield_ : nullptr)},
       [this](const ReplyTo& to, const Answer& answer) {
         if (server_) server_->reply(to, answer);
       },
@@ -259,6 +267,7 @@ void Supervisor::announce() const {
                       {"rate_hz", link_->info().rate_hz},
                       {"adopted", adopted_},
                       {"gates", options_.gates},
+                      {"shield", shield_json(shield_ ? &*shield_ : nullptr)},
                       {"supervisor_pid", ::getpid()},
                       {"spine_pid", spine_->pid()},
                       {"socket", control_socket_path(config_.name)}}

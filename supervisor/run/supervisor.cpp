@@ -19,6 +19,7 @@
 #include "spine/core/text.hpp"
 #include "spine/core/time.hpp"
 #include "spine/robot/cores/cpu_plan.hpp"
+#include "supervisor/run/shield.hpp"
 
 namespace lithe::control {
 namespace {
@@ -37,6 +38,7 @@ Supervisor::Supervisor(RunOptions options, robot::RobotConfig config)
     : options_(std::move(options)),
       config_(std::move(config)),
       all_cpus_(allowed_cpus()),
+      shield_cpus_(cores_to_shield(robot::fold_cpus(machine_cores(), config_.spine))),
       our_cpus_(beside_the_spine(all_cpus_, config_.spine)),
       born_ns_(monotonic_ns()),
       lawd_(program_dir() + "/lawd", our_cpus_, config_.joints.size()),
@@ -48,6 +50,7 @@ Supervisor::~Supervisor() = default;
 int Supervisor::run() {
   const int lived = code_of([this] { live(); });
   const int ended = code_of([this] { stop(); });  // also after an error: the drives must be switched off
+  lower_shield();
   return std::max(lived, ended);
 }
 
@@ -70,6 +73,7 @@ void Supervisor::live() {
   take_lease();
   catch_signals();
   if (!live_spine(config_.name)) check_robot();
+  raise_shield();
   start_lawd();
   start_trial();
   if (const auto pid = live_spine(config_.name)) {

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "host/read/throttle.hpp"
+#include "host/tune/shield/shield.hpp"
 #include "spine/ipc/segment.hpp"
 #include "spine/robot/config.hpp"
 #include "supervisor/core/process.hpp"
@@ -29,10 +30,11 @@ namespace lithe::control {
 
 struct RunOptions {
   std::string config_path;
-  std::string law;    // overrides the file's; empty: the file's
-  bool arm = true;    // arm once the law runs
-  bool json = false;  // announce in JSON on stdout
-  bool gates = true;  // false: no admission, no dry run, no trial; for tests of containment only
+  std::string law;      // overrides the file's; empty: the file's
+  bool arm = true;      // arm once the law runs
+  bool json = false;    // announce in JSON on stdout
+  bool shield = false;  // keep all other tasks off the Spine's core for the life of the robot
+  bool gates = true;    // false: no admission, no dry run, no trial; for tests of containment only
 };
 
 // Checks, starts, serves until SIGINT, SIGTERM or a shutdown request, stops. Returns the exit code of `lithe run`:
@@ -61,6 +63,7 @@ class Supervisor {
   // Boot, in this order; each throws Halt when the robot cannot run.
   void take_lease();
   void catch_signals();
+  void raise_shield();
   void check_robot();
   void start_lawd();
   void start_trial();
@@ -96,18 +99,21 @@ class Supervisor {
   void stop();
   // True when the drives are known to be off.
   bool stop_spine();
+  void lower_shield();
   // Commands the drives off and waits until their replies confirm it. Returns their last state.
   Drives switch_off();
 
   RunOptions options_;
   robot::RobotConfig config_;
-  std::vector<int> all_cpus_;  // the affinity at start
-  std::vector<int> our_cpus_;  // the supervisor's own, until the Spine has reported its cores
+  std::vector<int> all_cpus_;     // the affinity at start
+  std::vector<int> shield_cpus_;  // of the Spine and the Transport; empty: they share theirs
+  std::vector<int> our_cpus_;     // the supervisor's own, until the Spine has reported its cores
   std::int64_t born_ns_;
   ipc::Lease lease_;
   bool owns_files_ = false;
   Fd signals_;
   Fd arena_;  // the code arena, handed to lawd, to the trial and to the Spine
+  std::optional<host::Shield> shield_;
   LawdLink lawd_;
   TrialLink trial_;
   std::string first_law_, first_source_;  // path and text; empty: none

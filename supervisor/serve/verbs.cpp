@@ -59,6 +59,7 @@ void Verbs::add_looks() {
     status["trial_restarts"] = parts_.trial.restarts();
     status["gates"] = parts_.swaps.gates_are_open() ? "open" : "closed";
     status["adopted"] = parts_.adopted;
+    status["shield"] = parts_.shield;
     status["law_faults"] = parts_.swaps.law_faults();
     status["last_swap"] = parts_.swaps.last();
     status["last_params"] = parts_.swaps.last_params();

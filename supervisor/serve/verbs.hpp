@@ -29,6 +29,7 @@ struct Parts {
   EventLog& log;
   const host::ThrottleWatch& throttle;
   bool adopted;  // the Spine was started by an earlier supervisor
+  Json shield;   // of `lithe run --shield`; null without
 };
 
 // Contract: one thread · every request is answered once, now or later, through `reply`.

@@ -37,6 +37,14 @@ struct DoctorOptions {
   bool all = false;        // also what is in order
 };
 
+// `lithe tune`.
+struct TuneWords {
+  std::string root;                  // empty: this machine
+  std::string cores;                 // "1,3"; empty: those that lithe run would take
+  bool force = false;                // of revert
+  std::vector<std::string> command;  // of shield
+};
+
 int exit_code(const control::Refusal& refusal);
 
 // The robots of this machine, also those whose Spine ticks without a supervisor.
@@ -74,5 +82,11 @@ int bus_scan(const Context& context, const bus::Words& words, const bus::ScanOpt
 int bus_monitor(const Context& context, const bus::Words& words, bus::MonitorOptions options);
 // Judges this machine. 0 tier A or B, 1 below, 2 the core cannot be judged or measured.
 int doctor(const Context& context, const DoctorOptions& options);
+// The machine's settings and files. 0 done, 1 not everything or refused, 2 usage.
+int tune_plan(const Context& context, const TuneWords& words);
+int tune_apply(const Context& context, const TuneWords& words);
+int tune_revert(const Context& context, const TuneWords& words);
+// The exit code of the command; 128 + its signal when that ended it.
+int tune_shield(const Context& context, const TuneWords& words);
 
 }  // namespace lithe::cli

@@ -54,6 +54,8 @@ void add_run(CLI::App& app, Words& words) {
   run->add_option("ROBOT", words.run.config_path, "robot file")->required();
   run->add_option("--law", words.run.law, "law to start with, instead of the file's")->type_name("FILE");
   run->add_flag_callback("--no-arm", [&words] { words.run.arm = false; }, "leave the drives off until lithe arm");
+  run->add_flag("--shield", words.run.shield,
+                "keep all other tasks off the Spine's core while the robot runs (needs root); undone at its end");
   run->add_flag_callback(
       "--ungated", [&words] { words.run.gates = false; }, "for tests: no admission, no dry run, no trial of laws");
 }
@@ -254,6 +256,35 @@ void add_doctor(CLI::App& app, Words& words) {
   verb->footer("exit code: 0 tier A or B, 1 below, 2 the core cannot be judged or measured; docs/host.md");
 }
 
+void add_root(CLI::App& verb, Words& words) {
+  verb.add_option("--root", words.tune.root, "a mounted image instead of this machine: only its files are planned")
+      ->type_name("DIR");
+}
+
+void add_target(CLI::App& verb, Words& words) {
+  add_root(verb, words);
+  verb.add_option("--cores", words.tune.cores, "the robot's cores, instead of those that lithe run would take: 1,3")
+      ->type_name("LIST");
+}
+
+void add_tune(CLI::App& app, Words& words) {
+  CLI::App* tune = add_group(app, kMachine, "tune", "set this machine up for a robot, and back");
+  add_target(*add_verb(*tune, words, "plan", "show every change and its reason; changes nothing",
+                       [](Words& w) { return tune_plan(w.context, w.tune); }),
+             words);
+  add_target(*add_verb(*tune, words, "apply", "make the changes of the plan, with a journal",
+                       [](Words& w) { return tune_apply(w.context, w.tune); }),
+             words);
+  CLI::App* revert = add_verb(*tune, words, "revert", "undo them; what somebody else changed since stays",
+                              [](Words& w) { return tune_revert(w.context, w.tune); });
+  add_root(*revert, words);
+  revert->add_flag("--force", words.tune.force, "forget what somebody else changed: the journal is dropped");
+  CLI::App* shield = add_verb(*tune, words, "shield", "run a command while all other tasks keep off the robot's core",
+                              [](Words& w) { return tune_shield(w.context, w.tune); });
+  shield->add_option("--cores", words.tune.cores, "the cores to keep free, instead of the Spine's")->type_name("LIST");
+  shield->add_option("COMMAND", words.tune.command, "after --: a program and its arguments")->required();
+}
+
 void add_help(CLI::App& app, Words& words) {
   CLI::App* help = add_verb(app, words, kHelp, "help", "this list, or the help of one verb", [&app](Words& w) {
     std::cout << value_of(help_text(app, w.about, w.form)) << std::flush;
@@ -293,6 +324,7 @@ void add_words(CLI::App& app, Words& words) {
   add_bus(app, words);
   add_sim(app, words);
   add_doctor(app, words);
+  add_tune(app, words);
   add_help(app, words);
 }
 

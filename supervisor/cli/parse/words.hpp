@@ -33,6 +33,7 @@ struct Words {
   bus::MonitorOptions monitor;
   Motion motion;
   DoctorOptions doctor;
+  TuneWords tune;
   std::vector<std::string> about;  // the verb that help is wanted for
   std::string form;                // of the help: empty, or markdown, man, bash, zsh
   int turns = 0;

@@ -100,6 +100,16 @@ std::string core_line(const Json& status) {
          (interrupts.empty() ? "" : fmt::format("    interrupts: {}\n", word(interrupts, "words")));
 }
 
+// Empty without a shield.
+std::string shield_lines(const Json& status) {
+  const Json shield = part(status, "shield");
+  if (shield.empty()) return "";
+  std::string text = fmt::format("    shield: {}\n", word(shield, "words"));
+  for (const Json& note : shield.value("notes", Json::array()))
+    text += fmt::format("      {}\n", note.get<std::string>());
+  return text;
+}
+
 // Frames of each bus, and its errors if there were any.
 std::string bus_lines(const Json& status) {
   const std::pair<const char*, const char*> troubles[] = {
@@ -204,7 +214,7 @@ std::string status_text(const Json& s, const Look& look) {
   text += fmt::format("  missed releases {}, late samples {}, Brain {}\n", s.value("missed_releases", 0),
                       s.value("late_samples", 0),
                       seen ? fmt::format("{:.1f} ms ago", number(s, "brain_age_ms")) : "never seen");
-  text += bus_lines(s) + quantile_lines(s) + joint_lines(s, look) + core_line(s);
+  text += bus_lines(s) + quantile_lines(s) + joint_lines(s, look) + core_line(s) + shield_lines(s);
   if (const std::string lost = s.value("lost", ""); !lost.empty()) {
     text += fmt::format("  this machine could not give: {}\n", lost);
   }

@@ -78,6 +78,16 @@ TEST(StatusText, InterruptsStandBelowTheCoreTheyMayLandOn) {
       << status_text(status, {});
 }
 
+TEST(StatusText, AShieldIsToldWithWhatItCouldNotDo) {
+  Json status = robot();
+  EXPECT_EQ(status_text(status, {}).find("shield"), std::string::npos);
+  status["shield"] = {{"words", "core 1, affinity: 59 tasks moved"}, {"notes", {"/proc/irq/36 stays 0-1"}}};
+  const std::string text = status_text(status, {});
+  EXPECT_NE(text.find("    shield: core 1, affinity: 59 tasks moved\n      /proc/irq/36 stays 0-1\n"),
+            std::string::npos)
+      << text;
+}
+
 TEST(StatusText, NothingIsNeeded) { EXPECT_NE(status_text(Json::object(), {}).find("robot -: -"), std::string::npos); }
 
 }  // namespace

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/tune/journal/apply.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <utility>
+
+namespace lithe::host {
+namespace {
+
+bool is_ours(const Entry& entry, const Now& now) {
+  return !now.absent && std::find(entry.ours.begin(), entry.ours.end(), now.value) != entry.ours.end();
+}
+
+// A file that vanished was removed by somebody; a task that ended and a setting without its file are just gone.
+bool may_be_gone(const Change& change) {
+  return change.kind == ChangeKind::affinity || change.kind == ChangeKind::setting;
+}
+
+Step undo(const Writer& writer, const Entry& entry) {
+  const Change& change = entry.change;
+  Step step{.change = change};
+  writer.clean(change);
+  const Now now = writer.now(change), wanted = before(change);
+  if (now.error != 0) {
+    step.outcome = Outcome::refused;
+    step.error = now.error;
+  } else if (now == wanted) {
+    step.outcome = Outcome::already;
+  } else if (now.absent && may_be_gone(change)) {
+    step.outcome = Outcome::gone;
+  } else if (!is_ours(entry, now)) {
+    step.outcome = Outcome::foreign;
+    step.found = now.absent ? "nothing: it was removed" : now.value;
+  } else {
+    step.error = writer.set(change, wanted);
+    if (step.error != 0) step.outcome = step.error == ESRCH ? Outcome::gone : Outcome::refused;
+  }
+  return step;
+}
+
+}  // namespace
+
+std::string Step::why() const {
+  if (outcome == Outcome::refused) return std::strerror(error);
+  if (outcome != Outcome::foreign) return "";
+  const bool short_enough = found.size() <= 40 && found.find('\n') == std::string::npos;
+  return "somebody else changed it" + (short_enough ? " to " + found : "");
+}
+
+Result<std::vector<Step>> apply(Journal& journal, const Writer& writer, const std::vector<Change>& changes) {
+  std::vector<Step> steps;
+  for (const Change& change : changes) {
+    Step step{.change = change};
+    const Now now = writer.now(change);
+    if (now == after(change)) {
+      step.outcome = Outcome::already;
+    } else if (change.kind == ChangeKind::affinity && now.absent) {
+      step.outcome = Outcome::gone;
+    } else if (now.error != 0) {
+      step.outcome = Outcome::refused;
+      step.error = now.error;
+    } else if (!(now == before(change))) {
+      step.outcome = Outcome::foreign;
+      step.found = now.absent ? "nothing: it was removed" : now.value;
+    } else {
+      const Result<std::uint64_t> number = journal.begin(change);
+      if (!number) return number.error();
+      step.error = writer.set(change, after(change));
+      const Now then = writer.now(change);
+      // The kernel may write a value in its own way, or take the write without doing it.
+      if (step.error == 0 && then == before(change)) step.error = EINVAL;
+      if (step.error != 0) step.outcome = step.error == ESRCH ? Outcome::gone : Outcome::refused;
+      const Result<> noted = journal.finish(*number, step.error, then.error == 0 ? then.value : change.after);
+      if (!noted) return noted.error();
+    }
+    steps.push_back(std::move(step));
+  }
+  return steps;
+}
+
+Result<std::vector<Step>> revert_entries(Journal& journal, const Writer& writer, std::vector<Entry> entries,
+                                         bool forget) {
+  std::vector<Step> steps;
+  std::reverse(entries.begin(), entries.end());
+  for (const Entry& entry : entries) {
+    Step step = undo(writer, entry);
+    if (step.well() || (forget && step.outcome == Outcome::foreign)) {
+      const Result<> noted = journal.drop(entry.number, step.well() ? "undone" : "left to who changed it");
+      if (!noted) return noted.error();
+    }
+    steps.push_back(std::move(step));
+  }
+  return steps;
+}
+
+Result<std::vector<Step>> revert(Journal& journal, const Writer& writer, bool forget) {
+  auto steps = revert_entries(journal, writer, journal.entries(), forget);
+  if (steps) journal.remove();
+  return steps;
+}
+
+}  // namespace lithe::host

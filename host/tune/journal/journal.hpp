@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+// What was changed, on disk before it is changed: a process that is killed in between can be undone by the next one.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "host/tune/change.hpp"
+#include "host/tune/journal/writer.hpp"
+#include "spine/core/host/fd.hpp"
+#include "spine/core/result.hpp"
+
+namespace lithe::host {
+
+// One change that is not undone yet. Several changes of one path are one entry: the first value before, every value after.
+struct Entry {
+  std::uint64_t number = 0;
+  Change change{};                  // `before` and `was_absent`: of the first
+  std::vector<std::string> ours{};  // values that we wrote
+  std::int64_t at_ticks = 0;        // clock ticks since boot, as start_time_ticks counts
+};
+
+// A file of JSON lines. Three kinds, in the order in which they are written:
+//   {"number": 1, "boot": ID, "at_ticks": T, "change": {...}}   before the change; on disk before it begins
+//   {"number": 1, "done": true, "after": VALUE}                 after it; or "done": false and "error"
+//   {"number": 1, "dropped": WHY}                               it is undone, or no longer ours
+// A last line without its end is ignored: its change had not begun. Contract: one process at a time, by flock(2), for as
+// long as the object lives; one thread.
+class Journal {
+ public:
+  // `boot`: the entries are of this boot only, those of another are void; "": they are of files that survive it. `make`:
+  // makes the file and its folder where there are none; else an absent journal is an empty one. Errors: no permission, or
+  // another process holds it.
+  static Result<Journal> open(const std::string& path, const std::string& boot, bool make, StepHook hook = {});
+
+  Result<std::uint64_t> begin(const Change& change);
+  Result<> finish(std::uint64_t number, int error, const std::string& after);
+  Result<> drop(std::uint64_t number, const std::string& why);
+
+  // In the order of their first change.
+  const std::vector<Entry>& entries() const { return entries_; }
+  std::size_t unreadable_lines() const { return unreadable_; }
+  const std::string& path() const { return path_; }
+
+  // Removes the file; only without entries.
+  void remove();
+
+ private:
+  Journal(std::string path, std::string boot, StepHook hook)
+      : path_(std::move(path)), boot_(std::move(boot)), steps_("", std::move(hook)) {}
+
+  Result<> lock(bool make);
+  Result<> load();
+  void take(const std::string& line);
+  void merge(Entry entry);
+  Result<> append(const std::string& line, bool to_disk);
+
+  std::string path_, boot_;
+  Writer steps_;
+  Fd file_;
+  std::vector<Entry> entries_;
+  std::uint64_t last_ = 0;
+  std::size_t unreadable_ = 0;
+};
+
+// This boot's id; "" when it cannot be read.
+std::string boot_id();
+
+// Every byte as one character, so that text of any encoding fits into JSON and comes back as it was.
+std::string bytes_as_text(const std::string& bytes);
+std::string text_as_bytes(const std::string& text);
+
+}  // namespace lithe::host

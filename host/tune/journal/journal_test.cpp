@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/tune/journal/journal.hpp"
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include "host/test/fake_machine.hpp"
+
+namespace lithe::host {
+namespace {
+
+class JournalTest : public ::testing::Test {
+ protected:
+  Journal open(const std::string& boot = kFakeBoot) const {
+    auto journal = Journal::open(path_, boot, true);
+    EXPECT_TRUE(journal) << journal.message();
+    return std::move(*journal);
+  }
+
+  static Change change(const std::string& path, const std::string& before, const std::string& after) {
+    return {.item = "vmstat", .path = path, .before = before, .after = after, .why = "because"};
+  }
+
+  FakeRoot root_;
+  std::string path_ = root_.path() + "/run/lithe/tune.journal";
+};
+
+TEST_F(JournalTest, EveryByteComesBackAndIsText) {
+  std::string all;
+  for (int byte = 0; byte < 256; ++byte) all += static_cast<char>(byte);
+  EXPECT_EQ(text_as_bytes(bytes_as_text(all)), all);
+  EXPECT_EQ(bytes_as_text("\xff"), "\xc3\xbf");
+}
+
+TEST_F(JournalTest, WhatWasBegunIsThereAfterReopening) {
+  {
+    Journal journal = open();
+    const auto number = journal.begin(change("/proc/sys/vm/stat_interval", "1\xff", "10"));
+    ASSERT_TRUE(number);
+    ASSERT_TRUE(journal.finish(*number, 0, "10"));
+  }
+  const Journal journal = open();
+  ASSERT_EQ(journal.entries().size(), 1u);
+  EXPECT_EQ(journal.entries()[0].change.before, "1\xff");
+  EXPECT_EQ(journal.entries()[0].change.item, "vmstat");
+}
+
+TEST_F(JournalTest, AFailedChangeLeavesNothingToUndo) {
+  {
+    Journal journal = open();
+    ASSERT_TRUE(journal.finish(*journal.begin(change("/a", "1", "2")), EIO, ""));
+  }
+  EXPECT_TRUE(open().entries().empty());
+}
+
+TEST_F(JournalTest, TheFirstValueBeforeIsKept) {
+  Journal journal = open();
+  ASSERT_TRUE(journal.begin(change("/a", "first", "ours")));
+  ASSERT_TRUE(journal.begin(change("/a", "theirs", "ours too")));
+  ASSERT_EQ(journal.entries().size(), 1u);
+  EXPECT_EQ(journal.entries()[0].change.before, "first");
+  EXPECT_EQ(journal.entries()[0].ours, (std::vector<std::string>{"ours", "ours too"}));
+}
+
+TEST_F(JournalTest, ATornLastLineIsIgnoredAndCutOff) {
+  {
+    ASSERT_TRUE(open().begin(change("/a", "1", "2")));
+  }
+  std::ofstream(path_, std::ios::app) << R"({"number": 2, "boot": "1111)";
+  {
+    Journal journal = open();
+    EXPECT_EQ(journal.entries().size(), 1u);
+    EXPECT_EQ(journal.unreadable_lines(), 0u);
+    ASSERT_TRUE(journal.begin(change("/b", "1", "2")));
+  }
+  const Journal again = open();
+  EXPECT_EQ(again.entries().size(), 2u) << "the next line must not be glued to the torn one";
+  EXPECT_EQ(again.unreadable_lines(), 0u);
+}
+
+TEST_F(JournalTest, AJournalTornAtEveryByteKeepsItsWholeLines) {
+  {
+    Journal journal = open();
+    ASSERT_TRUE(journal.begin(change("/a", "1", "2")));
+    ASSERT_TRUE(journal.begin(change("/b", "1", "2")));
+  }
+  std::ifstream file(path_);
+  const std::string whole(std::istreambuf_iterator<char>(file), {});
+  const std::size_t first = whole.find('\n') + 1;
+  for (std::size_t size = 0; size <= whole.size(); ++size) {
+    std::ofstream(path_, std::ios::trunc) << whole.substr(0, size);
+    const std::size_t lines = (size >= first ? 1u : 0u) + (size == whole.size() ? 1u : 0u);
+    ASSERT_EQ(open().entries().size(), lines) << "cut at byte " << size;
+  }
+}
+
+TEST_F(JournalTest, ALineThatIsNoneOfOursIsCounted) {
+  std::filesystem::create_directories(root_.path() + "/run/lithe");
+  std::ofstream(path_) << "what?\n{\"number\": 1, \"change\": {}}\n[]\n{}\n";
+  {
+    ASSERT_TRUE(open().begin(change("/a", "1", "2")));
+  }
+  const Journal journal = open();
+  EXPECT_EQ(journal.unreadable_lines(), 4u);
+  EXPECT_EQ(journal.entries().size(), 1u);
+}
+
+TEST_F(JournalTest, AnotherBootsEntriesAreVoid) {
+  {
+    ASSERT_TRUE(open("yesterday").begin(change("/a", "1", "2")));
+  }
+  EXPECT_TRUE(open().entries().empty());
+  EXPECT_EQ(open("yesterday").entries().size(), 1u);
+}
+
+TEST_F(JournalTest, ASecondProcessIsRefused) {
+  const Journal held = open();
+  const auto second = Journal::open(path_, kFakeBoot, true);
+  ASSERT_FALSE(second);
+  EXPECT_NE(second.message().find("in use"), std::string::npos) << second.message();
+}
+
+TEST_F(JournalTest, AnAbsentJournalIsEmptyAndIsNotMade) {
+  const auto journal = Journal::open(path_, kFakeBoot, false);
+  ASSERT_TRUE(journal);
+  EXPECT_TRUE(journal->entries().empty());
+  EXPECT_FALSE(std::filesystem::exists(root_.path() + "/run"));
+}
+
+TEST_F(JournalTest, ItIsRemovedOnlyWhenNothingIsLeftInIt) {
+  Journal journal = open();
+  const auto number = journal.begin(change("/a", "1", "2"));
+  journal.remove();
+  EXPECT_TRUE(std::filesystem::exists(path_));
+  ASSERT_TRUE(journal.drop(*number, "undone"));
+  journal.remove();
+  EXPECT_FALSE(std::filesystem::exists(path_));
+}
+
+}  // namespace
+}  // namespace lithe::host

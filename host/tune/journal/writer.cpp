@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/tune/journal/writer.hpp"
+
+#include <fcntl.h>
+#include <sched.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstddef>
+#include <cstdlib>
+
+#include "host/read/files.hpp"
+#include "host/tune/shield/tasks.hpp"
+#include "host/tune/values.hpp"
+#include "spine/core/host/cores.hpp"
+#include "spine/core/host/fd.hpp"
+#include "spine/core/host/files.hpp"
+
+namespace lithe::host {
+namespace {
+
+constexpr std::size_t kMostFileBytes = std::size_t{16} << 20;
+
+// Beside the file, so that rename() replaces it at once.
+std::string new_name(const std::string& path) { return path + ".lithe-new"; }
+
+Now text_of_file(const std::string& path) {
+  struct stat about{};
+  if (::lstat(path.c_str(), &about) != 0) return {.absent = errno == ENOENT, .error = errno == ENOENT ? 0 : errno};
+  if (S_ISLNK(about.st_mode)) return {.error = ELOOP};
+  const Result<std::string> text = read_regular_file(path, kMostFileBytes);
+  return text ? Now{.value = *text} : Now{.error = EIO};
+}
+
+Now cores_of_task(const Change& change) {
+  const std::optional<Task> task = read_task(HostFiles(), change.path);
+  const bool same = task && task->start_time_ticks == change.start_time_ticks;
+  return same ? Now{.value = cpu_list(task->cores)} : Now{.absent = true};
+}
+
+}  // namespace
+
+Now before(const Change& change) { return {.absent = change.was_absent, .value = change.before}; }
+
+Now after(const Change& change) { return {.value = change.after}; }
+
+int write_all(int fd, const std::string& bytes) {
+  for (std::size_t written = 0; written < bytes.size();) {
+    const ssize_t put = ::write(fd, bytes.data() + written, bytes.size() - written);
+    if (put < 0 && errno != EINTR) return errno;
+    written += static_cast<std::size_t>(put > 0 ? put : 0);
+  }
+  return 0;
+}
+
+void sync_folder_of(const std::string& path) {
+  const Fd folder(::open(path.substr(0, path.rfind('/')).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (folder) ::fsync(folder.get());
+}
+
+Now Writer::now(const Change& change) const {
+  const std::string path = root_ + change.path;
+  if (change.kind == ChangeKind::affinity) return cores_of_task(change);
+  if (change.kind == ChangeKind::file) return text_of_file(path);
+  if (change.kind == ChangeKind::folder) {
+    struct stat about{};
+    if (::lstat(path.c_str(), &about) == 0) return {};
+    return {.absent = errno == ENOENT, .error = errno == ENOENT ? 0 : errno};
+  }
+  const Reading reading = HostFiles(root_).read(change.path);
+  if (reading.is_absent()) return {.absent = true};
+  return {.value = value_in_force(reading.value), .error = reading.error};
+}
+
+int Writer::set(const Change& change, const Now& wanted) const {
+  const std::string path = root_ + change.path;
+  switch (change.kind) {
+    case ChangeKind::file:
+      return set_file(path, wanted);
+    case ChangeKind::folder:
+      return set_folder(path, wanted);
+    case ChangeKind::affinity:
+      return set_cores(change, wanted.value);
+    case ChangeKind::setting:
+      break;
+  }
+  return set_value(path, wanted.value);
+}
+
+int Writer::set_file(const std::string& path, const Now& wanted) const {
+  struct stat old{};
+  const bool exists = ::lstat(path.c_str(), &old) == 0;
+  if (exists && S_ISLNK(old.st_mode)) return ELOOP;
+  if (wanted.absent) {
+    step();
+    if (exists && ::unlink(path.c_str()) != 0) return errno;
+    sync_folder_of(path);
+    return 0;
+  }
+  const std::string fresh = new_name(path);
+  step();
+  const Fd file(::open(fresh.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0600));
+  if (!file) return errno;
+  const auto give_up = [&](int error) {
+    ::unlink(fresh.c_str());
+    return error;
+  };
+  step();
+  if (const int error = write_all(file.get(), wanted.value); error != 0) return give_up(error);
+  struct stat made{};
+  if (::fstat(file.get(), &made) != 0) return give_up(errno);
+  if (exists && (made.st_uid != old.st_uid || made.st_gid != old.st_gid)) {
+    step();
+    if (::fchown(file.get(), old.st_uid, old.st_gid) != 0) return give_up(errno);
+  }
+  // Not on a file system without modes (FAT of a boot partition), where they are equal already.
+  const mode_t mode = exists ? old.st_mode & 07777U : 0644U;
+  step();
+  if ((made.st_mode & 07777U) != mode && ::fchmod(file.get(), mode) != 0 && !exists) return give_up(errno);
+  step();
+  if (::fsync(file.get()) != 0) return give_up(errno);
+  step();
+  if (::rename(fresh.c_str(), path.c_str()) != 0) return give_up(errno);
+  sync_folder_of(path);
+  return 0;
+}
+
+int Writer::set_value(const std::string& path, const std::string& value) const {
+  step();
+  const Fd file(::open(path.c_str(), O_WRONLY | O_CLOEXEC | O_TRUNC));
+  if (!file) return errno;
+  return write_all(file.get(), value + "\n");  // one call: the kernel takes one write as one value
+}
+
+int Writer::set_folder(const std::string& path, const Now& wanted) const {
+  step();
+  return (wanted.absent ? ::rmdir(path.c_str()) : ::mkdir(path.c_str(), 0755)) == 0 ? 0 : errno;
+}
+
+int Writer::set_cores(const Change& change, const std::string& cores) const {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  for (const int core : parse_cpu_list(cores)) CPU_SET(static_cast<unsigned>(core), &set);
+  const int tid = std::atoi(change.path.substr(change.path.rfind('/') + 1).c_str());
+  if (tid <= 0) return ESRCH;
+  step();
+  return ::sched_setaffinity(tid, sizeof set, &set) == 0 ? 0 : errno;
+}
+
+void Writer::clean(const Change& change) const {
+  if (change.kind != ChangeKind::file) return;
+  const std::string fresh = new_name(root_ + change.path);
+  if (::access(fresh.c_str(), F_OK) != 0) return;
+  step();
+  ::unlink(fresh.c_str());
+}
+
+}  // namespace lithe::host

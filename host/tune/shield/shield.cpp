@@ -1,0 +1,201 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/tune/shield/shield.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <map>
+#include <set>
+#include <utility>
+
+#include "host/tune/runtime.hpp"
+#include "host/tune/shield/tasks.hpp"
+#include "host/tune/values.hpp"
+#include "spine/core/host/cores.hpp"
+
+namespace lithe::host {
+namespace {
+
+constexpr int kMostRounds = 8;  // a task may be born while others are moved
+constexpr const char* kGroups = "cpuset";
+
+constexpr const char* kNoRight =
+    "a shield moves the tasks of all users, which needs root: start with sudo, or leave out --shield";
+
+using TaskKey = std::pair<std::string, std::uint64_t>;
+
+// What the moves of a journal did: from which mask to which.
+struct Moves {
+  std::map<std::string, std::string> back;  // narrow mask -> the widest one before it
+  std::set<TaskKey> tasks;
+  std::int64_t since_ticks = 0;
+};
+
+Moves moves_in(const std::vector<Entry>& entries) {
+  Moves moves;
+  for (const Entry& entry : entries) {
+    const Change& change = entry.change;
+    if (change.kind != ChangeKind::affinity) continue;
+    moves.since_ticks = moves.tasks.empty() ? entry.at_ticks : std::min(moves.since_ticks, entry.at_ticks);
+    moves.tasks.emplace(change.path, change.start_time_ticks);
+    std::string& widest = moves.back[change.after];
+    if (parse_cpu_list(change.before).size() > parse_cpu_list(widest).size()) widest = change.before;
+  }
+  return moves;
+}
+
+// A process with a thread on a shielded core alone is a robot's: its other threads chose their cores themselves.
+std::set<int> robots_among(const std::vector<Task>& tasks, const Moves& moves) {
+  std::set<int> robots;
+  for (const Task& task : tasks) {
+    for (const auto& [narrow, wide] : moves.back) {
+      const std::vector<int> shielded = cores_without(parse_cpu_list(wide), parse_cpu_list(narrow));
+      if (cores_without(task.cores, shielded).empty()) robots.insert(task.pid);
+    }
+  }
+  return robots;
+}
+
+// Tasks that were born under the shield inherited the narrow mask of their parents.
+std::size_t widen_the_born(const Writer& writer, const Moves& moves, const std::vector<int>& only) {
+  if (moves.tasks.empty()) return 0;
+  const std::vector<Task> tasks = all_tasks(HostFiles(), only);
+  const std::set<int> robots = robots_among(tasks, moves);
+  std::size_t widened = 0;
+  for (const Task& task : tasks) {
+    const auto wide = moves.back.find(cpu_list(task.cores));
+    const bool young = static_cast<std::int64_t>(task.start_time_ticks) >= moves.since_ticks;
+    const bool known = moves.tasks.contains({task.path(), task.start_time_ticks});
+    if (wide == moves.back.end() || !young || known || task.bound || robots.contains(task.pid)) continue;
+    const Change change{.kind = ChangeKind::affinity, .path = task.path(), .start_time_ticks = task.start_time_ticks};
+    if (writer.set(change, {.value = wide->second}) == 0) ++widened;
+  }
+  return widened;
+}
+
+Result<Lowered> undo_all(Journal& journal, const Writer& writer, const std::vector<int>& only) {
+  const Moves moves = moves_in(journal.entries());
+  const auto steps = revert_entries(journal, writer, journal.entries(), true);
+  if (!steps) return steps.error();
+  Lowered undone;
+  for (const Step& step : *steps) {
+    undone.count += step.outcome == Outcome::done ? 1 : 0;
+    if (step.outcome == Outcome::refused) undone.failed.push_back(step.change.path + ": " + step.why());
+  }
+  undone.count += widen_the_born(writer, moves, only);
+  return undone;
+}
+
+}  // namespace
+
+Result<Shield> Shield::raise(const ShieldOptions& options) {
+  const HostFiles files;
+  auto journal = Journal::open(options.journal, boot_id(), true, options.hook);
+  if (!journal) return Error{journal.message() + "; " + kNoRight};
+  Shield shield(std::move(*journal), options);
+  if (const auto left = undo_all(shield.journal_, shield.writer_, options.only); !left) return left.error();
+  const ShieldPlan plan = options.machine ? shield_plan(files, options.cores) : ShieldPlan{};
+  shield.facts_ = {.mechanism = plan.mechanism, .cores = options.cores, .notes = plan.notes};
+  const auto in_order = [&](Result<> part) {
+    if (part) return true;
+    const Result<> lowered = shield.lower();
+    if (!lowered) part = Error{part.message() + "; " + lowered.message()};
+    return false;
+  };
+  Result<> part = plan.mechanism <= Mechanism::cpuset2 ? done() : shield.move_tasks();
+  if (!in_order(part)) return part.error();
+  if (options.machine) {
+    if (part = shield.change_settings(); !in_order(part)) return part.error();
+    if (part = shield.take_out_of_balancing(plan); !in_order(part)) return part.error();
+  }
+  return shield;
+}
+
+Result<Lowered> Shield::lower_left_over(const std::string& path, const std::vector<int>& only) {
+  auto journal = Journal::open(path, boot_id(), false);
+  if (!journal) return journal.error();
+  auto undone = undo_all(*journal, Writer(""), only);
+  if (undone) journal->remove();
+  return undone;
+}
+
+Shield::~Shield() { (void)lower(); }
+
+Result<> Shield::move_tasks() {
+  std::set<TaskKey> tried;
+  for (int round = 0; round < kMostRounds; ++round) {
+    std::vector<Change> moves = moves_plan(HostFiles(), options_.cores, options_.leave, options_.only);
+    std::erase_if(moves, [&](const Change& each) { return tried.contains({each.path, each.start_time_ticks}); });
+    if (moves.empty()) return done();
+    const auto steps = apply(journal_, writer_, moves);
+    if (!steps) return steps.error();
+    for (const Step& step : *steps) {
+      tried.emplace(step.change.path, step.change.start_time_ticks);
+      if (step.outcome == Outcome::refused && step.error == EPERM) return Error{kNoRight};
+      facts_.moved += step.outcome == Outcome::done ? 1 : 0;
+      facts_.refused += step.outcome == Outcome::refused ? 1 : 0;
+    }
+  }
+  facts_.notes.push_back("tasks are born faster than they are moved: some may still run on the robot's core");
+  return done();
+}
+
+Result<> Shield::change_settings() {
+  const Plan plan = runtime_plan(HostFiles(), options_.cores);
+  const auto steps = apply(journal_, writer_, plan.changes);
+  if (!steps) return steps.error();
+  for (const Step& step : *steps) {
+    if (step.well()) {
+      ++facts_.settings;
+    } else {
+      facts_.notes.push_back(fmt::format("{} stays {}: {}", step.change.path, step.change.before, step.why()));
+    }
+  }
+  for (const NotDone& each : plan.not_done) facts_.notes.push_back(each.path + ": " + each.why);
+  facts_.notes.insert(facts_.notes.end(), plan.notes.begin(), plan.notes.end());
+  return done();
+}
+
+// All of the groups, or none of them.
+Result<> Shield::take_out_of_balancing(const ShieldPlan& plan) {
+  if (plan.groups.empty()) return done();
+  const auto give_up = [&](const std::string& why) -> Result<> {
+    facts_.notes.push_back(why + ": affinity alone keeps tasks away");
+    facts_.mechanism = Mechanism::affinity;
+    std::vector<Entry> groups = journal_.entries();
+    std::erase_if(groups, [](const Entry& each) { return each.change.item != kGroups; });
+    const auto undone = revert_entries(journal_, writer_, groups, true);
+    return undone ? done() : undone.error();
+  };
+  // What is left on the core once it is not balanced is left there for good.
+  if (facts_.refused > 0) return give_up(fmt::format("{} tasks could not be moved", facts_.refused));
+  for (const Change& change : plan.groups) {
+    const auto steps = apply(journal_, writer_, {change});
+    if (!steps) return steps.error();
+    if (!steps->front().well()) return give_up(change.path + ": " + steps->front().why());
+  }
+  return done();
+}
+
+Result<> Shield::lower() {
+  if (!up_) return done();
+  up_ = false;
+  const auto undone = undo_all(journal_, writer_, options_.only);
+  if (!undone) return Error{"the shield could not be lowered: " + undone.message() + "; next: lithe tune revert"};
+  journal_.remove();
+  if (undone->failed.empty()) return done();
+  return Error{fmt::format("the shield could not be lowered in full: {}; next: lithe tune revert",
+                           fmt::join(undone->failed, "; "))};
+}
+
+std::string shield_words(const ShieldFacts& facts) {
+  const std::string cores = cpu_list(facts.cores);
+  std::string text = fmt::format("core{} {}, {}", facts.cores.size() == 1 ? "" : "s", cores, word_of(facts.mechanism));
+  text += fmt::format(": {} tasks moved", facts.moved);
+  if (facts.refused > 0) text += fmt::format(", {} refused", facts.refused);
+  return text + fmt::format(", {} settings", facts.settings);
+}
+
+}  // namespace lithe::host

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// The changes that keep all other tasks off a robot's cores for the life of the robot.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "host/read/files.hpp"
+#include "host/tune/change.hpp"
+
+namespace lithe::host {
+
+// How far other tasks are kept away. The first that this machine allows is taken.
+enum class Mechanism : std::uint8_t {
+  boot,      // isolcpus holds the cores: nothing has to be moved
+  cpuset2,   // this process is in an isolated partition of cgroup v2 with the cores: nothing has to be moved
+  cpuset1,   // cgroup v1: tasks are moved, and the cores are out of the kernel's load balancing
+  affinity,  // tasks are moved, each by itself; a task that asks for the core gets it
+};
+
+const char* word_of(Mechanism mechanism);
+
+struct ShieldPlan {
+  Mechanism mechanism = Mechanism::affinity;
+  std::vector<Change> groups{};      // in order, after the tasks are moved; empty with boot and affinity
+  std::vector<std::string> notes{};  // why not a stronger mechanism
+};
+
+// Which mechanism, and its groups. Pure: reads `files` alone. `cores`: the robot's, ascending.
+ShieldPlan shield_plan(const HostFiles& files, const std::vector<int>& cores);
+
+// One change for each task that may run on `cores` and elsewhere, and that the kernel lets move; kthreadd among them, so
+// that new kernel threads inherit. A task on these cores alone was pinned there by somebody and stays. `leave`: processes
+// that keep the cores (the robot's). `only`: these processes instead of all.
+std::vector<Change> moves_plan(const HostFiles& files, const std::vector<int>& cores,
+                               const std::vector<int>& leave = {}, const std::vector<int>& only = {});
+
+}  // namespace lithe::host

@@ -1,0 +1,177 @@
+// SPDX-License-Identifier: Apache-2.0
+// The shield with real tasks: a child of this test and its threads, and no other task of the machine.
+#include "host/tune/shield/shield.hpp"
+
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <memory>
+#include <set>
+#include <thread>
+
+#include "host/test/fake_root.hpp"
+#include "host/tune/shield/tasks.hpp"
+#include "spine/core/host/cores.hpp"
+#include "spine/core/host/realtime.hpp"
+
+namespace lithe::host {
+namespace {
+
+// A process with one thread more for every call of bear().
+class Parent {
+ public:
+  Parent() {
+    int down[2], up[2];
+    EXPECT_EQ(::pipe(down), 0);
+    EXPECT_EQ(::pipe(up), 0);
+    pid_ = ::fork();
+    if (pid_ == 0) {
+      ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+      for (char word = 0; ::read(down[0], &word, 1) == 1;) {
+        std::thread([] { std::this_thread::sleep_for(std::chrono::hours(1)); }).detach();
+        (void)!::write(up[1], &word, 1);
+      }
+      ::_exit(0);
+    }
+    order_ = Fd(down[1]);
+    answer_ = Fd(up[0]);
+    ::close(down[0]);
+    ::close(up[1]);
+    bear();
+  }
+  Parent(const Parent&) = delete;
+  Parent& operator=(const Parent&) = delete;
+  ~Parent() {
+    ::kill(pid_, SIGKILL);
+    ::waitpid(pid_, nullptr, 0);
+  }
+
+  int pid() const { return pid_; }
+
+  void bear() {
+    char word = 'x';
+    EXPECT_EQ(::write(order_.get(), &word, 1), 1);
+    EXPECT_EQ(::read(answer_.get(), &word, 1), 1);
+  }
+
+  // The masks of its threads, without repetition.
+  std::set<std::vector<int>> masks() const {
+    std::set<std::vector<int>> masks;
+    for (const Task& task : all_tasks(HostFiles(), {pid_})) masks.insert(task.cores);
+    return masks;
+  }
+
+ private:
+  pid_t pid_ = 0;
+  Fd order_, answer_;
+};
+
+class ShieldTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (all_.size() < 2) GTEST_SKIP() << "one core: nothing can be kept free";
+    parent_ = std::make_unique<Parent>();
+    options_ = {.cores = {all_.back()},
+                .only = {parent_->pid()},
+                .machine = false,
+                .journal = folder_.path() + "/shield.journal"};
+    rest_.assign(all_.begin(), all_.end() - 1);
+  }
+
+  std::vector<int> all_ = allowed_cpus(), rest_;
+  FakeRoot folder_;
+  std::unique_ptr<Parent> parent_;
+  ShieldOptions options_;
+};
+
+using Masks = std::set<std::vector<int>>;
+
+TEST_F(ShieldTest, TasksLeaveTheCoreAndComeBack) {
+  {
+    const auto shield = Shield::raise(options_);
+    ASSERT_TRUE(shield) << shield.message();
+    EXPECT_EQ(shield->facts().moved, 2u);
+    EXPECT_EQ(shield->facts().mechanism, Mechanism::affinity);
+    EXPECT_EQ(parent_->masks(), Masks{rest_});
+  }
+  EXPECT_EQ(parent_->masks(), Masks{all_});
+  EXPECT_FALSE(std::filesystem::exists(options_.journal));
+}
+
+TEST_F(ShieldTest, AThreadBornUnderItInheritsAndGetsTheCoreAtItsEnd) {
+  auto shield = Shield::raise(options_);
+  ASSERT_TRUE(shield) << shield.message();
+  parent_->bear();
+  EXPECT_EQ(parent_->masks(), Masks{rest_});
+  EXPECT_TRUE(shield->lower());
+  EXPECT_EQ(parent_->masks(), Masks{all_});
+}
+
+TEST_F(ShieldTest, ATaskThatSomebodyElseMovedStaysThere) {
+  auto shield = Shield::raise(options_);
+  ASSERT_TRUE(shield);
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  CPU_SET(static_cast<unsigned>(all_.back()), &set);
+  ASSERT_EQ(::sched_setaffinity(parent_->pid(), sizeof set, &set), 0);
+  EXPECT_TRUE(shield->lower());
+  EXPECT_EQ(parent_->masks(), (Masks{{all_.back()}, all_}));
+}
+
+TEST_F(ShieldTest, ASecondOneIsRefusedWhileTheFirstIsUp) {
+  const auto first = Shield::raise(options_);
+  ASSERT_TRUE(first);
+  EXPECT_FALSE(Shield::raise(options_));
+  EXPECT_FALSE(Shield::lower_left_over(options_.journal, options_.only));
+  EXPECT_EQ(parent_->masks(), Masks{rest_}) << "the refused one must not undo it";
+}
+
+TEST_F(ShieldTest, WhateverAKilledHolderLeftIsGivenBack) {
+  int kills = 0;
+  for (bool killed = true; killed; kills += killed ? 1 : 0) {
+    const pid_t holder = ::fork();
+    if (holder == 0) {
+      int steps = 0;
+      options_.hook = [&] {
+        if (++steps == kills + 1) ::kill(::getpid(), SIGKILL);
+      };
+      {
+        const auto shield = Shield::raise(options_);
+      }
+      ::_exit(0);
+    }
+    int status = 0;
+    ::waitpid(holder, &status, 0);
+    killed = WIFSIGNALED(status);
+    const auto lowered = Shield::lower_left_over(options_.journal, options_.only);
+    ASSERT_TRUE(lowered && lowered->failed.empty()) << "killed before system call " << kills + 1;
+    ASSERT_EQ(parent_->masks(), Masks{all_}) << "killed before system call " << kills + 1;
+  }
+  std::printf("%d kills of a shield\n", kills);
+  EXPECT_GT(kills, 8);
+}
+
+TEST_F(ShieldTest, TheNextOneFindsWhatAKilledHolderLeft) {
+  const pid_t holder = ::fork();
+  if (holder == 0) {
+    const auto shield = Shield::raise(options_);
+    ::kill(::getpid(), SIGKILL);
+  }
+  ::waitpid(holder, nullptr, 0);
+  EXPECT_EQ(parent_->masks(), Masks{rest_});
+  {
+    const auto next = Shield::raise(options_);
+    ASSERT_TRUE(next) << next.message();
+    EXPECT_EQ(next->facts().moved, 2u) << "they were given back first";
+  }
+  EXPECT_EQ(parent_->masks(), Masks{all_});
+}
+
+}  // namespace
+}  // namespace lithe::host

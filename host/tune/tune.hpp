@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// `lithe tune`: the whole plan of a machine or of a mounted image, made and undone.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "host/tune/journal/apply.hpp"
+#include "host/tune/runtime.hpp"
+
+namespace lithe::host {
+
+// Void after a boot, as the settings are.
+inline constexpr const char* kRunJournal = "/run/lithe/tune.journal";
+// Of files, which survive a boot.
+inline constexpr const char* kLastingJournal = "/var/lib/lithe/tune.journal";
+
+struct Target {
+  std::string root{};            // "": this machine
+  bool image = false;            // a mounted image: only its files are planned
+  std::vector<int> all_cores{};  // of the machine, ascending
+  std::vector<int> cores{};      // the robot's among them
+};
+
+struct TunePlan {
+  std::string board{};  // "" when no boot file of a known board was found
+  std::vector<Change> changes{};
+  std::vector<NotDone> not_done{};
+  std::vector<std::string> notes{};
+  std::vector<std::string> commands{};  // to run afterwards; shown, never run
+};
+
+struct TuneResult {
+  std::vector<Step> steps{};
+  std::vector<std::string> notes{};
+  std::vector<std::string> commands{};  // of revert: to run afterwards
+
+  bool well() const;  // every step is in order
+};
+
+// Only reads.
+TunePlan tune_plan(const Target& target);
+
+// Makes the changes. Errors: a journal cannot be opened (no permission, or another process tunes).
+Result<TuneResult> tune_apply(const Target& target, const std::vector<Change>& changes, const StepHook& hook = {});
+
+// Undoes what tune_apply() did and is still as it left it; also the shield that a killed robot left. The robot's cores
+// do not matter.
+Result<TuneResult> tune_revert(const Target& target, bool forget, const StepHook& hook = {});
+
+}  // namespace lithe::host

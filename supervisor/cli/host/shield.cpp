@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: Apache-2.0
+// `lithe tune shield -- COMMAND`, and the cores that `lithe tune` means.
+#include <fmt/format.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <iostream>
+
+#include "host/tune/shield/shield.hpp"
+#include "spine/core/host/cores.hpp"
+#include "spine/robot/cores/cpu_plan.hpp"
+#include "supervisor/cli/core/talk.hpp"
+#include "supervisor/cli/host/target.hpp"
+
+namespace lithe::cli {
+namespace {
+
+constexpr int kNotStarted = 127, kSignalled = 128;
+
+// An image does not say how many cores its machine has.
+constexpr const char* kImageCores = "0-3";
+
+std::vector<int> online_cores(const std::string& root) {
+  const host::Reading online = host::HostFiles(root).read("/sys/devices/system/cpu/online");
+  return parse_cpu_list(online.known() ? online.value : kImageCores);
+}
+
+std::vector<int> robots_cores(const std::vector<int>& all, bool image) {
+  MachineCores machine =
+      image ? MachineCores{.online = all, .affinity = all, .granted = all, .isolated = {}} : machine_cores();
+  const robot::CpuPlan plan = robot::fold_cpus(machine);
+  if (plan.spine_shares) return {};
+  std::vector<int> cores = {plan.spine};
+  if (!plan.transport_inline && plan.transport != plan.housekeeping) cores.push_back(plan.transport);
+  std::sort(cores.begin(), cores.end());
+  return cores;
+}
+
+void stop_and_wait(pid_t child, const sigset_t& awaited, int& status) {
+  while (::waitpid(child, &status, WNOHANG) == 0) {
+    siginfo_t info{};
+    const int number = ::sigwaitinfo(&awaited, &info);
+    // A terminal sends Ctrl-C to the command as well: only what was sent to us alone is passed on.
+    if (number > 0 && number != SIGCHLD && info.si_code <= 0) ::kill(child, number);
+  }
+}
+
+// Runs the command; its exit code as a shell tells it.
+int run_command(const std::vector<std::string>& words, const sigset_t& awaited, const sigset_t& before) {
+  std::vector<char*> argv;
+  for (const std::string& word : words) argv.push_back(const_cast<char*>(word.c_str()));
+  argv.push_back(nullptr);
+  const pid_t child = ::fork();
+  if (child == 0) {
+    ::sigprocmask(SIG_SETMASK, &before, nullptr);
+    ::execvp(argv[0], argv.data());
+    std::cerr << "lithe tune shield: cannot start " << words[0] << ": " << std::strerror(errno) << std::endl;
+    ::_exit(kNotStarted);
+  }
+  if (child < 0) throw control::Refusal{"no_process", fmt::format("cannot start {}", words[0]), std::strerror(errno)};
+  int status = 0;
+  stop_and_wait(child, awaited, status);
+  return WIFEXITED(status) ? WEXITSTATUS(status) : kSignalled + WTERMSIG(status);
+}
+
+}  // namespace
+
+host::Target place_of(const TuneWords& words) {
+  host::Target target{.image = !words.root.empty()};
+  if (target.image) {
+    std::error_code failed;
+    target.root = std::filesystem::canonical(words.root, failed).string();
+    if (failed || !std::filesystem::is_directory(target.root)) {
+      throw control::Refusal{"usage", fmt::format("--root {}: is no folder", words.root), "mount the image there"};
+    }
+    if (target.root == "/") throw control::Refusal{"usage", "--root / is this machine", "leave out --root"};
+  }
+  target.all_cores = online_cores(target.root);
+  return target;
+}
+
+host::Target target_of(const TuneWords& words) {
+  host::Target target = place_of(words);
+  target.cores = words.cores.empty() ? robots_cores(target.all_cores, target.image) : parse_cpu_list(words.cores);
+  const bool known =
+      std::includes(target.all_cores.begin(), target.all_cores.end(), target.cores.begin(), target.cores.end());
+  if (target.cores.empty() || !known || target.cores.size() == target.all_cores.size()) {
+    throw control::Refusal{"usage",
+                           words.cores.empty() ? "this machine has no core to spare for a robot"
+                                               : fmt::format("--cores {}: the cores are {}, and one must be left",
+                                                             words.cores, cpu_list(target.all_cores)),
+                           "name some of them: lithe tune plan --cores 1"};
+  }
+  return target;
+}
+
+int tune_shield(const Context&, const TuneWords& words) {
+  // Before anything is changed: from here on the shield is lowered whichever signal comes.
+  sigset_t awaited, before;
+  ::sigemptyset(&awaited);
+  for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGCHLD}) ::sigaddset(&awaited, number);
+  ::sigprocmask(SIG_BLOCK, &awaited, &before);
+  // What a killed shield left narrows the cores that we and the command inherit.
+  const auto left = host::Shield::lower_left_over();
+  if (!left) throw control::Refusal{"no_shield", left.message(), "wait for its end, or stop it"};
+  const host::Target target = target_of(words);
+  auto shield = host::Shield::raise({.cores = target.cores, .leave = {::getpid()}});
+  if (!shield) throw control::Refusal{"no_shield", shield.message(), "sudo lithe tune shield -- COMMAND"};
+  std::cerr << "shield: " << host::shield_words(shield->facts()) << std::endl;
+  for (const std::string& note : shield->facts().notes) std::cerr << "shield: " << note << std::endl;
+  const int code = run_command(words.command, awaited, before);
+  if (const auto lowered = shield->lower(); !lowered) std::cerr << lowered.message() << std::endl;
+  return code;
+}
+
+}  // namespace lithe::cli
