@@ -74,3 +74,13 @@ def test_a_public_name_without_words_is_not_let_through(monkeypatch: pytest.Monk
     monkeypatch.setattr(lithe.Robot, "dance", lambda self: None, raising=False)
     with pytest.raises(pyref.Undocumented, match=r"Robot\.dance"):
         pyref.page()
+
+
+def test_the_verbs_that_come_first_are_those_of_the_page() -> None:
+    from lithe.gateway import FIRST
+
+    text = (ROOT / "docs/reference/verbs.md").read_text()
+    told = re.search(r"verbs that move or stop the robot \(`([a-z_ ]+)`\)", text)
+    assert told is not None
+    assert {*told[1].split(), "estop"} == set(FIRST)
+    assert {"recover", "set_params"} <= set(FIRST), "both can move the robot"

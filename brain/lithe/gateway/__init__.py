@@ -60,7 +60,9 @@ FIRST = (
     "disarm",
     "reset",
     "arm",
+    "recover",
     "rollback",
+    "set_params",
     "revert_params",
 )  # they move or stop the robot
 Verb = Callable[[dict[str, Any]], Any]
