@@ -9,6 +9,7 @@ import lithe
 import pyref
 import pytest
 from lithe._wire import CommandResult, StageResult
+from lithe.gateway import FIRST
 from system.house import ROOT
 
 REFERENCE = ROOT / "docs" / "reference"
@@ -77,8 +78,6 @@ def test_a_public_name_without_words_is_not_let_through(monkeypatch: pytest.Monk
 
 
 def test_the_verbs_that_come_first_are_those_of_the_page() -> None:
-    from lithe.gateway import FIRST
-
     text = (ROOT / "docs/reference/verbs.md").read_text()
     told = re.search(r"verbs that move or stop the robot \(`([a-z_ ]+)`\)", text)
     assert told is not None

@@ -62,7 +62,7 @@ int run_command(const std::vector<std::string>& words, const sigset_t& awaited, 
     std::cerr << "lithe tune shield: cannot start " << words[0] << ": " << std::strerror(errno) << std::endl;
     ::_exit(kNotStarted);
   }
-  if (child < 0) throw control::Refusal{"no_process", fmt::format("cannot start {}", words[0]), std::strerror(errno)};
+  if (child < 0) throw control::Refusal{"no_program", fmt::format("cannot start {}", words[0]), std::strerror(errno)};
   int status = 0;
   stop_and_wait(child, awaited, status);
   return WIFEXITED(status) ? WEXITSTATUS(status) : kSignalled + WTERMSIG(status);
