@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 #include <signal.h>
+#include <sys/prctl.h>
 #include <sys/stat.h>
 
 #include <ctime>
@@ -11,6 +12,7 @@
 
 #include "lawd/run/files.hpp"
 #include "lawd/test/lawd_rig.hpp"
+#include "spine/core/test/emulation.hpp"
 
 namespace lithe::lawd {
 namespace {
@@ -121,6 +123,7 @@ TEST_F(ServiceTest, FileWithoutALawIsRefused) {
 
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // there the compiler's memory is not limited
 TEST_F(ServiceTest, CompilerThatNeedsAllMemoryIsStoppedWithTheReason) {
+  if (const std::string why = test::why_memory_is_unlimited(); !why.empty()) GTEST_SKIP() << why;
   std::string bomb = "#define A0 x\n";
   for (int i = 1; i < 40; ++i) {
     const std::string last = " A" + std::to_string(i - 1);
@@ -300,6 +303,8 @@ TEST(Child, EndlessWorkIsKilledWithAllItStarted) {
 
 // As a compiler's driver does, which waits for the process that compiles.
 TEST(Child, ProcessorTimeOfWhatItStartedCounts) {
+  int adopts = 0;
+  if (prctl(PR_GET_CHILD_SUBREAPER, &adopts) != 0) GTEST_SKIP() << "PR_SET_CHILD_SUBREAPER is unknown here (qemu-user)";
   Limits limits;
   limits.wall_ms = 3'000;
   const Outcome outcome = run_child(

@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <cstring>
 
+#include "spine/core/test/emulation.hpp"
 #include "trial/sandbox/sandbox.hpp"
 #include "trial/sections/guarded.hpp"
 
@@ -96,6 +97,7 @@ TEST(Sandbox, ChildThatDoesNotEndIsKilled) {
 
 TEST(Sandbox, MemoryThatLiesReadyIsAllocatedWithoutTheKernel) {
   if (kSanitized) GTEST_SKIP() << "a sanitizer has an allocator of its own";
+  if (const std::string why = test::why_no_trial(); !why.empty()) GTEST_SKIP() << why;
   for (const bool ready : {true, false}) {
     const auto allocate = [&](int pipe_fd) {
       if (!shed_rights(pipe_fd, {}) || (ready && !keep_heap(8 << 20)) || !allow_computing_only(3)) return 2;

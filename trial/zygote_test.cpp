@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "spine/arena/arena.hpp"
+#include "spine/core/test/emulation.hpp"
 #include "trial/sections/guarded.hpp"
 #include "trial/verdict.hpp"
 
@@ -53,7 +54,14 @@ json answer_of(Zygote& zygote, const json& request) {
   return reply;
 }
 
-class ZygoteTest : public ::testing::Test {
+class TrialTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (const std::string why = test::why_no_trial(); !why.empty()) GTEST_SKIP() << why;
+  }
+};
+
+class ZygoteTest : public TrialTest {
  protected:
   static Zygote& zygote() {
     static auto made = Zygote::make(LITHE_ROBOTS "/arm.toml", -1);
@@ -91,7 +99,7 @@ TEST_F(ZygoteTest, GoodLawsPassAndAllSectionsReport) {
 }
 
 // Its CANopen drives are set up by some hundred frames each before they can be commanded.
-TEST(Zygote, ARobotWhoseDrivesAreSetUpFirstIsRiddenWhenTheyAreReady) {
+TEST_F(TrialTest, ARobotWhoseDrivesAreSetUpFirstIsRiddenWhenTheyAreReady) {
   auto zygote = Zygote::make(LITHE_ROBOTS "/frankenstein.toml", -1);
   ASSERT_TRUE(zygote) << zygote.message();
   const json reply = answer_of(*zygote, {{"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 300'000}});
@@ -124,7 +132,7 @@ TEST_F(ZygoteTest, TrialThatRanOutOfTimeIsDoneOnceMoreInTwiceTheBox) {
 }
 
 // Its 32 drives alone take longer than this box: that is not the law's fault, and no reason to look at less of it.
-TEST(Zygote, TheTimeOfTheSimulatedRobotComesOnTopOfTheBox) {
+TEST_F(TrialTest, TheTimeOfTheSimulatedRobotComesOnTopOfTheBox) {
   constexpr int kEnough = 250;  // of 1000; where processes share a core, their caches are cold and a step takes longer
   auto zygote = Zygote::make(LITHE_ROBOTS "/arm32.toml", -1);
   ASSERT_TRUE(zygote) << zygote.message();
@@ -136,7 +144,7 @@ TEST(Zygote, TheTimeOfTheSimulatedRobotComesOnTopOfTheBox) {
   EXPECT_EQ(loop["rough"]["whole_ticks"].get<int>(), 1000);
 }
 
-TEST(Zygote, ASmallBoxDoesNotHideWhatGrowsSlowly) {
+TEST_F(TrialTest, ASmallBoxDoesNotHideWhatGrowsSlowly) {
   auto zygote = Zygote::make(LITHE_ROBOTS "/chain.toml", -1);
   ASSERT_TRUE(zygote) << zygote.message();
   const json request = {
@@ -170,7 +178,7 @@ std::string robot_with_touching_meshes() {
   return stem;
 }
 
-TEST(Zygote, AModelWhoseMeshesTouchIsRidden) {
+TEST_F(TrialTest, AModelWhoseMeshesTouchIsRidden) {
   const std::string stem = robot_with_touching_meshes();
   auto zygote = Zygote::make(stem + ".toml", -1);
   for (const char* end : {".toml", ".xml"}) std::remove((stem + end).c_str());

@@ -25,6 +25,7 @@ const std::vector<std::string>& flags() {
                                                "-fno-gnu-unique",  // otherwise dlclose keeps the old law loaded
                                                "-fvisibility=hidden",
                                                "-fno-math-errno",
+                                               "-ffp-contract=off",  // the same bits on every machine
                                                "-fno-asynchronous-unwind-tables",
                                                "-fno-threadsafe-statics",
                                                "-g1",                     // for the source line of a crash

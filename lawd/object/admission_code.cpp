@@ -42,6 +42,7 @@ constexpr std::array kRules = std::to_array<Rule>({
     {"hvc", false, kKernel},
     {"smc", false, kKernel},
     {"msr", false, kContainment},
+    {"mrs", false, kRandom},  // of a counter, or a random number; a compiler reads no register this way by itself
     {"hlt", false, kPrivileged},
     {"eret", true, kPrivileged},
     {"dcps", true, kPrivileged},

@@ -11,6 +11,12 @@ constexpr std::uint16_t kMachine = EM_X86_64;
 #else
 constexpr std::uint16_t kMachine = EM_AARCH64;
 #endif
+// Local symbols that are in no source and name nothing: AArch64 marks where code and data begin ($x, $d), and where the
+// variables of a section are counted from (.LANCHOR0).
+bool is_mark(const GElf_Sym& symbol, std::string_view name) {
+  return GELF_ST_BIND(symbol.st_info) == STB_LOCAL && (name.starts_with('$') || name.starts_with('.'));
+}
+
 constexpr std::size_t kMaxSections = 4096, kMaxSymbols = 65536, kMaxRelocations = 262144;
 
 class Parser {
@@ -73,7 +79,8 @@ class Parser {
       GElf_Sym raw;
       for (int k = 0; gelf_getsym(data, k, &raw) != nullptr; ++k) {
         if (raw.st_shndx == SHN_XINDEX) return false;
-        out_.symbols.push_back({name(table.sh_link, raw.st_name), raw.st_value, raw.st_size, raw.st_shndx,
+        const std::string_view text = name(table.sh_link, raw.st_name);
+        out_.symbols.push_back({is_mark(raw, text) ? "" : text, raw.st_value, raw.st_size, raw.st_shndx,
                                 static_cast<std::uint8_t>(GELF_ST_TYPE(raw.st_info)),
                                 static_cast<std::uint8_t>(GELF_ST_BIND(raw.st_info)),
                                 static_cast<std::uint8_t>(GELF_ST_VISIBILITY(raw.st_other))});

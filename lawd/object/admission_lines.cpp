@@ -31,7 +31,8 @@ std::string_view last_word(std::string_view name) {
 
 // Lines of the contract and of the library are skipped: the law's author did not write them.
 bool is_library(const std::string& path) {
-  return path.starts_with(find_contract_dir()) || path.starts_with("/usr/include/") || path.starts_with("/usr/lib/");
+  return path.starts_with(find_contract_dir()) || path.starts_with("/usr/include/") || path.starts_with("/usr/lib/") ||
+         path.find("/include/c++/") != std::string::npos;  // of a compiler somewhere else
 }
 
 }  // namespace

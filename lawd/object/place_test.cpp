@@ -112,6 +112,20 @@ TEST_F(PlaceTest, MathsOfAPlacedLawHasTheBitsOfADirectCall) {
   }
 }
 
+// AArch64 can multiply and add in one instruction, which rounds once: to -2^-60 here.
+TEST_F(PlaceTest, AProductIsRoundedBeforeItIsAddedOnEveryMachine) {
+  LawText text;
+  text.body = "s.sum_rad += 0; u.torque_nm[0] = t.position_rad[0] * t.position_rad[1] + t.velocity_rad_s[0];";
+  const auto law = resident(text, 2);
+  ASSERT_NE(law, nullptr);
+  tick_.joints = 2;
+  tick_.position_rad[0] = 1 + 0x1p-30;
+  tick_.position_rad[1] = 1 - 0x1p-30;
+  tick_.velocity_rad_s[0] = -1;
+  law->step(tick_, effort_, probes_);
+  EXPECT_EQ(effort_.torque_nm[0], 0);
+}
+
 // Where a placed law's instructions come from, as a fault at each of them would be reported.
 TEST_F(PlaceTest, EachLineOfALawIsFoundAgainFromItsPlaceInTheSlot) {
   LawText text;

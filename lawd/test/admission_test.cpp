@@ -194,6 +194,7 @@ TEST_F(AdmissionObject, DangerousInstructionIsFoundWithItsLine) {
   EXPECT_EQ(verdict(object(LawText{.body = "asm volatile(\"wrpkru\");"}.source())), "instructions:6");
 #else
   EXPECT_EQ(verdict(object(LawText{.body = "\nasm volatile(\"svc #0\");"}.source())), "instructions:7");
+  EXPECT_EQ(verdict(object(LawText{.body = "asm volatile(\"mrs x0, cntvct_el0\");"}.source())), "instructions:6");
 #endif
 }
 

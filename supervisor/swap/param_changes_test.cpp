@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "spine/core/test/emulation.hpp"
 #include "spine/core/time.hpp"
 #include "spine/ipc/segment.hpp"
 #include "supervisor/link/services/lawd_link.hpp"
@@ -41,6 +42,7 @@ class ParamChangesTest : public SpineRig {
 #if defined(__SANITIZE_ADDRESS__)
     GTEST_SKIP() << "a sanitizer cannot live in the sandbox";
 #endif
+    if (const std::string why = test::why_no_trial(); !why.empty()) GTEST_SKIP() << why;
     attach([](wire::RobotInfo& info) {
       info.rate_hz = 1000;
       info.joint_count = 1;

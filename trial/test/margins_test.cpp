@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <string>
 
+#include "spine/core/test/emulation.hpp"
 #include "spine/law/tremor.hpp"
 #include "spine/robot/robot.hpp"
 #include "trial/zygote.hpp"
@@ -18,6 +19,7 @@ using nlohmann::json;
 class Margins : public ::testing::TestWithParam<const char*> {};
 
 TEST_P(Margins, EveryLawThatComesWithLithePasses) {
+  if (const std::string why = test::why_no_trial(); !why.empty()) GTEST_SKIP() << why;
   const std::string file = GetParam();
   auto robot = robot::load_robot(LITHE_ROBOTS "/" + file);
   ASSERT_TRUE(robot) << robot.message();

@@ -9,6 +9,7 @@
 #include <optional>
 #include <string>
 
+#include "spine/core/test/emulation.hpp"
 #include "spine/core/time.hpp"
 #include "supervisor/link/services/lawd_link.hpp"
 
@@ -37,6 +38,7 @@ class TrialLinkTest : public testing::Test {
 #if defined(__SANITIZE_ADDRESS__)
     GTEST_SKIP() << "a sanitizer cannot live in the sandbox";
 #endif
+    if (const std::string why = test::why_no_trial(); !why.empty()) GTEST_SKIP() << why;
     lawd_.open_gates();  // the dry run would find some of them
     EXPECT_TRUE(lawd_.start(monotonic_ns()));
     EXPECT_TRUE(trial_.start(monotonic_ns()));
