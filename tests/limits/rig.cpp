@@ -248,17 +248,27 @@ class Player {
       if (!asked(j)) continue;
       Drive& drive = drives_[j];
       const double before_nm = drive.wanted_nm();
+      drive.max_nm = output_.max_torque_nm[j];
+      if (run_.robot.devices[run_.robot.joints[j].device].kind == robot::DeviceKind::cia402) {
+        // Our driver closes this PD loop once in an exchange, and the drive holds the torque until the next one.
+        drive.told = {.torque_nm = pd_of(output_, j).felt_nm(sample_.position[j], sample_.velocity[j])};
+        note_step(drive, j, before_nm);
+        continue;
+      }
       const double floor = std::max(output_.kd_nm_s_rad[j], run_.robot.joints[j].safe_kd_nm_s_rad);
       const double balance = (floor - output_.kd_nm_s_rad[j]) * sample_.velocity[j];
       drive.told = pd_of(output_, j);
       drive.told.torque_nm += balance;
       drive.told.kd_nm_s_rad = floor;
       if (floor > output_.kd_nm_s_rad[j]) drive.told.target_rad_s *= output_.kd_nm_s_rad[j] / floor;
-      drive.max_nm = output_.max_torque_nm[j];
-      const double step = run_.robot.joints[j].torque_slew_nm_s / run_.robot.rate_hz * dividers_[j];
-      const double jump = std::abs(drive.wanted_nm() - before_nm);
-      extremes_.step_share = std::max(extremes_.step_share, jump / step);
+      note_step(drive, j, before_nm);
     }
+  }
+
+  void note_step(const Drive& drive, std::size_t j, double before_nm) {
+    const double step = run_.robot.joints[j].torque_slew_nm_s / run_.robot.rate_hz * dividers_[j];
+    const double jump = std::abs(drive.wanted_nm() - before_nm);
+    extremes_.step_share = std::max(extremes_.step_share, jump / step);
   }
 
   void decide(double t, std::uint32_t stale) {
