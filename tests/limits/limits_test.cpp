@@ -20,8 +20,7 @@ namespace lithe::limits {
 namespace {
 
 robot::RobotConfig load(const std::string& name) {
-  Result<robot::RobotConfig> robot = robot::load_robot(
-      (std::getenv("LITHE_DIR") ? std::getenv("LITHE_DIR") : std::string(LITHE_ROBOTS)) + "/" + name + ".toml");
+  Result<robot::RobotConfig> robot = robot::load_robot(std::string(LITHE_ROBOTS) + "/" + name + ".toml");
   EXPECT_TRUE(robot) << robot.message();
   return *robot;
 }
