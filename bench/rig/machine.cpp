@@ -25,7 +25,8 @@ Cores pick_cores() {
   if (const std::string named = environment("LITHE_BENCH_CORES"); !named.empty()) {
     if (std::sscanf(named.c_str(), "%d,%d", &wanted.spine, &wanted.partner) == 2 && wanted.spine != wanted.partner)
       return wanted;
-    std::fprintf(stderr, "bench: LITHE_BENCH_CORES names two different cores, as in 1,3; it says '%s'\n", named.c_str());
+    std::fprintf(stderr, "bench: LITHE_BENCH_CORES names two different cores, as in 1,3; it says '%s'\n",
+                 named.c_str());
     std::exit(2);
   }
   const robot::CpuPlan plan = robot::fold_cpus(machine);
