@@ -81,7 +81,9 @@ def numpy(cores: str, every_core: str, partner: int, most_s: float) -> Load:
 def compile_storm(cores: str, most_s: float) -> Load:
     """As many compilers as cores, one law after the other."""
     laws = sorted((ROOT / "laws").glob("*.cpp"))
-    one = "; ".join(f"g++ -std=c++20 -O2 -I'{ROOT}/spine/law/include' -c '{law}' -o /dev/null" for law in laws)
+    # One that cannot compile is no load: then the storm ends, and the run says so.
+    compiler = f"g++ -std=c++20 -O2 -I'{ROOT}/spine/law/include'"
+    one = "; ".join(f"{compiler} -c '{law}' -o /dev/null || exit 1" for law in laws)
     script = f"while [ $SECONDS -lt {int(most_s)} ]; do {one}; done"
     count = os.cpu_count() or 1
     words = f"{count} x g++ -O2, {len(laws)} laws one after the other, at nice 0"

@@ -52,6 +52,8 @@ def doubts(told: Figures, workloads: list[str]) -> list[tuple[str, str]]:
                 found.append(
                     (f"{name}: no {peer} ({why})", MISSING if peer == "cyclictest" else "make bench-isolation")
                 )
+        if name == "swap" and not (number(told, "rig_swaps") > 0 and number(told, "second_robot_swaps") > 0):
+            found.append(("swap: no law was swapped", f"read {told.get('loads_log')}"))
         if told.get(f"load_ended_{name}"):
             found.append((f"{name}: the load ended by itself", f"read {told.get('loads_log')}"))
     if not number(told, "control_over_floor") >= CONTROL_AT_LEAST:

@@ -63,6 +63,7 @@ Result<> lower_old_shield(const Target& target, TuneResult& result) {
         fmt::format("the shield that a killed robot left was lowered: {} changes undone", lowered->count));
   }
   for (const std::string& each : lowered->failed) result.notes.push_back("still shielded: " + each);
+  result.still_shielded = !lowered->failed.empty();
   return done();
 }
 
@@ -98,7 +99,7 @@ Result<> revert_in(const Book& book, const Target& target, bool forget, const St
 }  // namespace
 
 bool TuneResult::well() const {
-  return std::all_of(steps.begin(), steps.end(), [](const Step& each) { return each.well(); });
+  return !still_shielded && std::all_of(steps.begin(), steps.end(), [](const Step& each) { return each.well(); });
 }
 
 TunePlan tune_plan(const Target& target) {

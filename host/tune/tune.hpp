@@ -34,8 +34,9 @@ struct TuneResult {
   std::vector<Step> steps{};
   std::vector<std::string> notes{};
   std::vector<std::string> commands{};  // of revert: to run afterwards
+  bool still_shielded = false;          // a killed robot's shield could not be lowered in full
 
-  bool well() const;  // every step is in order
+  bool well() const;  // every step is in order, and no shield was left
 };
 
 // Only reads.

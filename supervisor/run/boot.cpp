@@ -60,11 +60,16 @@ int run_robot(const RunOptions& options) {
   spdlog::set_pattern("%H:%M:%S.%e %^%l%$ %v");
   auto config = robot::load_robot(options.config_path);
   if (!config) return refuse({"bad_config", config.message(), "correct the file"}, 2, options.json);
-  if (options.shield) {  // first: what a killed one left narrows the cores that we may use
+  // First: what a killed robot's shield left narrows the cores that we may use. A robot that lives on keeps it until it is
+  // raised anew, or stays without.
+  if (!live_spine(config->name) || !options.shield) {
     const auto left = host::Shield::lower_left_over();
-    if (!left)
+    if (!left && options.shield)
       return refuse({"no_shield", left.message(), "stop the other robot, or leave out --shield"}, 1, options.json);
-    if (left->count > 0) spdlog::warn("a killed robot left its shield: {} changes undone", left->count);
+    if (!left)
+      spdlog::warn("the shield of another robot, or one that a killed robot left: {}; sudo lithe tune revert",
+                   left.message());
+    if (left && left->count > 0) spdlog::warn("a killed robot left its shield: {} changes undone", left->count);
   }
   const MachineCores cores = machine_cores();
   if (const auto plan = robot::plan_cpus(*config, cores); plan) {

@@ -22,8 +22,25 @@ std::vector<int> cores_to_shield(const robot::CpuPlan& plan) {
   return cores;
 }
 
+namespace {
+
+std::vector<int> cores_of(const wire::RobotInfo& spine) {
+  std::vector<int> cores = {static_cast<int>(spine.cpu_spine)};
+  const auto transport = static_cast<int>(spine.cpu_transport);
+  const bool own = transport != cores[0] && transport != static_cast<int>(spine.cpu_housekeeping) &&
+                   transport != static_cast<int>(spine.cpu_brain);
+  if (own && spine.transport_inline == 0) cores.push_back(transport);
+  std::sort(cores.begin(), cores.end());
+  return spine.cpu_spine == spine.cpu_housekeeping ? std::vector<int>{} : cores;
+}
+
+}  // namespace
+
 void Supervisor::raise_shield() {
   if (!options_.shield) return;
+  if (live_spine(config_.name)) {  // it has its cores already, whatever the file and our affinity say
+    if (const auto spine = SpineLink::attach(config_.name)) shield_cpus_ = cores_of(spine->info());
+  }
   if (shield_cpus_.empty()) {
     throw Halt{
         1, "no shield: the Spine has no core of its own here; it needs a machine (or a cpuset) of two cores or more"};

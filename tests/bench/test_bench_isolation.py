@@ -96,6 +96,15 @@ def test_a_disturbed_run_is_inconclusive_and_says_what_would_help(
     assert told["reason"].count(";") == 0, "one rule at a time"
 
 
+@pytest.mark.parametrize("missing", ["rig_swaps", "second_robot_swaps"])
+def test_a_swap_storm_in_which_nothing_is_swapped_proves_nothing(verdict: ModuleType, missing: str) -> None:
+    told = good()
+    told |= {key.replace("idle", "swap"): value for key, value in told.items() if "idle" in key}
+    told |= {"rig_swaps": 100, "second_robot_swaps": 20}
+    assert verdict.judge(told, [*NAMES, "swap"])["verdict"] == "holds"
+    assert "no law was swapped" in verdict.judge(told | {missing: 0}, [*NAMES, "swap"])["reason"]
+
+
 @pytest.mark.parametrize(
     ("bad", "named"),
     [

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -269,6 +270,54 @@ TEST(SimulatedRun, BothRunsAreTheSameEachTime) {
   EXPECT_EQ(one.report.loop.rms_error_rad, other.report.loop.rms_error_rad);
   EXPECT_EQ(one.report.rough.rms_error_rad, other.report.rough.rms_error_rad);
   EXPECT_NE(one.report.rough.rms_error_rad, one.report.loop.rms_error_rad);
+}
+
+// What a law sees of joint 0 in each of the two runs: how much a value jumps from tick to tick (second differences), and
+// the mean error of the last third.
+struct Seen {
+  std::array<double, 3> position_rad{}, velocity_rad_s{};
+  double position_jumps = 0, velocity_jumps = 0, error_rad = 0;
+  int ticks = 0, late_ticks = 0;
+
+  static void push(std::array<double, 3>& last, double value, double& jumps, int ticks) {
+    last = {value, last[0], last[1]};
+    if (ticks >= 2) jumps += std::pow(last[0] - 2 * last[1] + last[2], 2);
+  }
+  double jump(double jumps) const { return std::sqrt(jumps / ticks); }
+};
+std::array<Seen, 2> g_seen;
+int g_run = -1;
+std::uint64_t g_tick = ~0ull;
+struct Looks : NoParamsNoState {
+  static void step(const Tick& t, const Params&, State&, Effort& u) {
+    if (t.tick < g_tick) ++g_run;
+    g_tick = t.tick;
+    Seen& seen = g_seen.at(static_cast<std::size_t>(std::clamp(g_run, 0, 1)));
+    Seen::push(seen.position_rad, t.position_rad[0], seen.position_jumps, seen.ticks);
+    Seen::push(seen.velocity_rad_s, t.velocity_rad_s[0], seen.velocity_jumps, seen.ticks);
+    if (++seen.ticks > 650) {
+      seen.error_rad += t.setpoint_position_rad[0] - t.position_rad[0];
+      ++seen.late_ticks;
+    }
+    Holds::State none;
+    Holds::step(t, {}, none, u);
+  }
+};
+
+TEST(SimulatedRun, TheRoughRunHasNoiseAndAPayload) {
+  constexpr LitheLaw kLooks = describe<Looks>("looks");
+  Rig rig(raised_arm());
+  EXPECT_TRUE(rig.run(kLooks)) << text_of(rig.report.refused);
+  ASSERT_EQ(g_run, 1) << "a plain run and a rough one";
+  const Seen &plain = g_seen[0], &rough = g_seen[1];
+  ASSERT_GT(plain.late_ticks, 100);
+  ASSERT_GT(rough.late_ticks, 100);
+  // What independent noise adds to the mean square of a second difference: 6 of its variance.
+  const auto added = [](double with, double without) { return std::sqrt((with * with - without * without) / 6); };
+  EXPECT_NEAR(added(rough.jump(rough.velocity_jumps), plain.jump(plain.velocity_jumps)), 0.02, 0.01);
+  EXPECT_NEAR(added(rough.jump(rough.position_jumps), plain.jump(plain.position_jumps)), 2e-4, 1e-4);
+  const double plain_rad = plain.error_rad / plain.late_ticks, rough_rad = rough.error_rad / rough.late_ticks;
+  EXPECT_GT(rough_rad / plain_rad, 1.1) << "a fifth more weight: " << plain_rad << ", " << rough_rad;
 }
 
 Tick g_last;

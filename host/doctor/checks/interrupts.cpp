@@ -126,12 +126,17 @@ Finding check_tickless(const Subject& subject) {
 Finding check_rcu_callbacks(const Subject& subject) {
   Notes notes(subject);
   const std::string suffix = fmt::format("/{}", subject.cpu);
+  const std::string asked = option(subject.files.read(kCommandLine).value, "rcu_nocbs");
+  // Since Linux 5.17 every core has such a thread once one core is named: it may be parked.
+  const std::vector<int> named = parse_cpu_list(asked.substr(std::min(asked.find('=') + 1, asked.size())));
+  const bool offloaded =
+      subject.isolated.is_tickless(subject.cpu) || std::find(named.begin(), named.end(), subject.cpu) != named.end();
   for (const Task& each : subject.tasks.all) {
     if (!each.is_kernel || !each.name.starts_with("rcuo") || !each.name.ends_with(suffix)) continue;
     notes.add(fmt::format("/proc/{}/task/{}/stat", each.pid, each.tid), each.name);
+    if (!offloaded) break;
     return notes.say(State::ok, fmt::format("a thread ({}) does the callbacks of the core", each.name));
   }
-  const std::string asked = option(subject.files.read(kCommandLine).value, "rcu_nocbs");
   if (!asked.empty()) notes.add(kCommandLine, asked);
   notes.add(kAllTasks, subject.tasks.is_whole() ? fmt::format("no rcuo*{}", suffix) : subject.tasks.why_not_whole);
   if (!subject.tasks.is_whole()) return notes.say(State::unknown, subject.tasks.why_not_whole);

@@ -128,6 +128,17 @@ TEST_F(Traps, AMaskThatCannotBeReadLeavesInterruptsUnknown) {
   EXPECT_EQ(state("irq_affinity"), State::unknown);
 }
 
+TEST_F(Traps, AParkedThreadForCallbacksProvesNothing) {
+  put_booted(root_);
+  EXPECT_EQ(state("rcu_callbacks"), State::ok);
+  // Since Linux 5.17 every core has its thread, once one core is named.
+  root_.write("/proc/cmdline", "isolcpus=managed_irq,domain,1 rcu_nocbs=3");
+  root_.write("/sys/devices/system/cpu/nohz_full", "");
+  EXPECT_EQ(state("rcu_callbacks"), State::warn);
+  root_.write("/proc/cmdline", "isolcpus=managed_irq,domain,1 rcu_nocbs=1,3");
+  EXPECT_EQ(state("rcu_callbacks"), State::ok);
+}
+
 TEST_F(Traps, SinceLinux612TheOptionNohzFullProvesNothing) {
   put_booted(root_);
   EXPECT_EQ(state("tickless"), State::ok);

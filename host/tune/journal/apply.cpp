@@ -97,7 +97,7 @@ Result<std::vector<Step>> revert_entries(Journal& journal, const Writer& writer,
 
 Result<std::vector<Step>> revert(Journal& journal, const Writer& writer, bool forget) {
   auto steps = revert_entries(journal, writer, journal.entries(), forget);
-  if (steps) journal.remove();
+  if (steps) journal.remove(forget);
   return steps;
 }
 

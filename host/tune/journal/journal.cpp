@@ -219,8 +219,9 @@ Result<> Journal::append(const std::string& line, bool to_disk) {
   return Error{fmt::format("cannot write the journal {}: {}", path_, std::strerror(error))};
 }
 
-void Journal::remove() {
-  if (!file_ || !entries_.empty()) return;
+void Journal::remove(bool unreadable_too) {
+  if (!file_ || !entries_.empty() || (unreadable_ > 0 && !unreadable_too))
+    return;  // the only record of what those lines say
   steps_.step();
   ::unlink(path_.c_str());
   sync_folder_of(path_);

@@ -43,8 +43,8 @@ class Journal {
   std::size_t unreadable_lines() const { return unreadable_; }
   const std::string& path() const { return path_; }
 
-  // Removes the file; only without entries.
-  void remove();
+  // Removes the file; only without entries, and without lines that cannot be read if those are not given up.
+  void remove(bool unreadable_too = false);
 
  private:
   Journal(std::string path, std::string boot, StepHook hook)

@@ -34,7 +34,7 @@ Now text_of_file(const std::string& path) {
 }
 
 Now cores_of_task(const Change& change) {
-  const std::optional<Task> task = read_task(HostFiles(), change.path);
+  const std::optional<MovableTask> task = read_task(HostFiles(), change.path);
   const bool same = task && task->start_time_ticks == change.start_time_ticks;
   return same ? Now{.value = cpu_list(task->cores)} : Now{.absent = true};
 }

@@ -47,9 +47,9 @@ Moves moves_in(const std::vector<Entry>& entries) {
 }
 
 // A process with a thread on a shielded core alone is a robot's: its other threads chose their cores themselves.
-std::set<int> robots_among(const std::vector<Task>& tasks, const Moves& moves) {
+std::set<int> robots_among(const std::vector<MovableTask>& tasks, const Moves& moves) {
   std::set<int> robots;
-  for (const Task& task : tasks) {
+  for (const MovableTask& task : tasks) {
     for (const auto& [narrow, wide] : moves.back) {
       const std::vector<int> shielded = cores_without(parse_cpu_list(wide), parse_cpu_list(narrow));
       if (cores_without(task.cores, shielded).empty()) robots.insert(task.pid);
@@ -61,10 +61,10 @@ std::set<int> robots_among(const std::vector<Task>& tasks, const Moves& moves) {
 // Tasks that were born under the shield inherited the narrow mask of their parents.
 std::size_t widen_the_born(const Writer& writer, const Moves& moves, const std::vector<int>& only) {
   if (moves.tasks.empty()) return 0;
-  const std::vector<Task> tasks = all_tasks(HostFiles(), only);
+  const std::vector<MovableTask> tasks = all_tasks(HostFiles(), only);
   const std::set<int> robots = robots_among(tasks, moves);
   std::size_t widened = 0;
-  for (const Task& task : tasks) {
+  for (const MovableTask& task : tasks) {
     const auto wide = moves.back.find(cpu_list(task.cores));
     const bool young = static_cast<std::int64_t>(task.start_time_ticks) >= moves.since_ticks;
     const bool known = moves.tasks.contains({task.path(), task.start_time_ticks});
@@ -104,6 +104,10 @@ Result<Shield> Shield::raise(const ShieldOptions& options) {
     if (!lowered) part = Error{part.message() + "; " + lowered.message()};
     return false;
   };
+  if (files.read("/proc/2/comm").value != "kthreadd") {
+    shield.facts_.notes.push_back(
+        "only the tasks of this container were moved: those of its host may still run on the robot's core");
+  }
   Result<> part = plan.mechanism <= Mechanism::cpuset2 ? done() : shield.move_tasks();
   if (!in_order(part)) return part.error();
   if (options.machine) {

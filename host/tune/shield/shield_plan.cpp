@@ -102,7 +102,7 @@ ShieldPlan shield_plan(const HostFiles& files, const std::vector<int>& cores) {
 std::vector<Change> moves_plan(const HostFiles& files, const std::vector<int>& cores, const std::vector<int>& leave,
                                const std::vector<int>& only) {
   std::vector<Change> moves;
-  for (const Task& task : all_tasks(files, only)) {
+  for (const MovableTask& task : all_tasks(files, only)) {
     const std::vector<int> rest = cores_without(task.cores, cores);
     const bool stays = std::find(leave.begin(), leave.end(), task.pid) != leave.end();
     if (task.bound || stays || rest.empty() || rest.size() == task.cores.size()) continue;

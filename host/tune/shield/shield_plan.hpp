@@ -30,8 +30,8 @@ struct ShieldPlan {
 // Which mechanism, and its groups. Pure: reads `files` alone. `cores`: the robot's, ascending.
 ShieldPlan shield_plan(const HostFiles& files, const std::vector<int>& cores);
 
-// One change for each task that may run on `cores` and elsewhere, and that the kernel lets move; kthreadd among them, so
-// that new kernel threads inherit. A task on these cores alone was pinned there by somebody and stays. `leave`: processes
+// One change for each task that may run on `cores` and elsewhere, and that the kernel lets move. Kernel
+// threads that are born later may come back: the kernel gives them the mask of its housekeeping cores. A task on these cores alone was pinned there by somebody and stays. `leave`: processes
 // that keep the cores (the robot's). `only`: these processes instead of all.
 std::vector<Change> moves_plan(const HostFiles& files, const std::vector<int>& cores,
                                const std::vector<int>& leave = {}, const std::vector<int>& only = {});

@@ -63,7 +63,7 @@ class Parent {
   // The masks of its threads, without repetition.
   std::set<std::vector<int>> masks() const {
     std::set<std::vector<int>> masks;
-    for (const Task& task : all_tasks(HostFiles(), {pid_})) masks.insert(task.cores);
+    for (const MovableTask& task : all_tasks(HostFiles(), {pid_})) masks.insert(task.cores);
     return masks;
   }
 

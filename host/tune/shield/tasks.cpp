@@ -28,8 +28,8 @@ bool is_pid(const std::string& name) {
 
 }  // namespace
 
-std::optional<Task> read_task(const HostFiles& files, const std::string& path) {
-  Task task;
+std::optional<MovableTask> read_task(const HostFiles& files, const std::string& path) {
+  MovableTask task;
   std::istringstream numbers(path.substr(std::string("/proc/").size()));
   std::string word;
   numbers >> task.pid;
@@ -48,11 +48,11 @@ std::optional<Task> read_task(const HostFiles& files, const std::string& path) {
   return task;
 }
 
-std::vector<Task> all_tasks(const HostFiles& files, const std::vector<int>& pids) {
+std::vector<MovableTask> all_tasks(const HostFiles& files, const std::vector<int>& pids) {
   std::vector<std::string> processes;
   for (const int pid : pids) processes.push_back(std::to_string(pid));
   if (pids.empty()) processes = files.list("/proc");
-  std::vector<Task> tasks;
+  std::vector<MovableTask> tasks;
   for (const std::string& pid : processes) {
     if (!is_pid(pid)) continue;
     for (const std::string& tid : files.list("/proc/" + pid + "/task")) {

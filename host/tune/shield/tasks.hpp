@@ -11,7 +11,7 @@
 
 namespace lithe::host {
 
-struct Task {
+struct MovableTask {
   int pid = 0;
   int tid = 0;
   std::string name{};
@@ -23,9 +23,9 @@ struct Task {
 };
 
 // `path`: /proc/PID/task/TID. Empty when there is no such task (any more).
-std::optional<Task> read_task(const HostFiles& files, const std::string& path);
+std::optional<MovableTask> read_task(const HostFiles& files, const std::string& path);
 
 // All that run, or those of `pids`; a task that ends meanwhile is left out.
-std::vector<Task> all_tasks(const HostFiles& files, const std::vector<int>& pids = {});
+std::vector<MovableTask> all_tasks(const HostFiles& files, const std::vector<int>& pids = {});
 
 }  // namespace lithe::host

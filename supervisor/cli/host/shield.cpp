@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // `lithe tune shield -- COMMAND`, and the cores that `lithe tune` means.
 #include <fmt/format.h>
+#include <sched.h>
 #include <signal.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -33,6 +34,7 @@ std::vector<int> online_cores(const std::string& root) {
 std::vector<int> robots_cores(const std::vector<int>& all, bool image) {
   MachineCores machine =
       image ? MachineCores{.online = all, .affinity = all, .granted = all, .isolated = {}} : machine_cores();
+  machine.affinity = machine.granted;  // of this shell it may be narrowed: the plan is one for the machine
   const robot::CpuPlan plan = robot::fold_cpus(machine);
   if (plan.spine_shares) return {};
   std::vector<int> cores = {plan.spine};
@@ -66,6 +68,16 @@ int run_command(const std::vector<std::string>& words, const sigset_t& awaited, 
   int status = 0;
   stop_and_wait(child, awaited, status);
   return WIFEXITED(status) ? WEXITSTATUS(status) : kSignalled + WTERMSIG(status);
+}
+
+// Off `cores` and onto the others of `all`.
+void leave_cores(const std::vector<int>& all, const std::vector<int>& cores) {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  for (const int cpu : all) {
+    if (!std::binary_search(cores.begin(), cores.end(), cpu)) CPU_SET(cpu, &set);
+  }
+  ::sched_setaffinity(0, sizeof set, &set);  // refused: then it may stay, and the command starts there
 }
 
 }  // namespace
@@ -103,13 +115,16 @@ int tune_shield(const Context&, const TuneWords& words) {
   // Before anything is changed: from here on the shield is lowered whichever signal comes.
   sigset_t awaited, before;
   ::sigemptyset(&awaited);
-  for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGCHLD}) ::sigaddset(&awaited, number);
+  for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGPIPE, SIGCHLD}) ::sigaddset(&awaited, number);
   ::sigprocmask(SIG_BLOCK, &awaited, &before);
   // What a killed shield left narrows the cores that we and the command inherit.
   const auto left = host::Shield::lower_left_over();
   if (!left) throw control::Refusal{"no_shield", left.message(), "wait for its end, or stop it"};
   const host::Target target = target_of(words);
+  // Out of balancing, the core would keep whoever runs there now: us, and the command that we start.
+  leave_cores(target.all_cores, target.cores);
   auto shield = host::Shield::raise({.cores = target.cores, .leave = {::getpid()}});
+  leave_cores(target.all_cores, {});
   if (!shield) throw control::Refusal{"no_shield", shield.message(), "sudo lithe tune shield -- COMMAND"};
   std::cerr << "shield: " << host::shield_words(shield->facts()) << std::endl;
   for (const std::string& note : shield->facts().notes) std::cerr << "shield: " << note << std::endl;

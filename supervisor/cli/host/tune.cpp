@@ -128,6 +128,7 @@ std::string shown(const host::TuneResult& result, const char* verb) {
   }
   for (const std::string& each : result.notes) text += fmt::format("note: {}\n", each);
   text = printable(text, true);
+  if (result.steps.empty() && !result.well()) return text;
   if (result.steps.empty()) return text + fmt::format("nothing had to be {}\n", verb);
   return text + fmt::format("{} of {} {}\n", made, result.steps.size(), verb);
 }
@@ -149,6 +150,9 @@ int tune_plan(const Context& context, const TuneWords& words) {
 }
 
 int tune_apply(const Context& context, const TuneWords& words) {
+  if (::geteuid() == 0 && words.root.empty()) {  // a killed shield narrows the cores, and holds some of the settings
+    if (const auto left = host::Shield::lower_left_over(); !left) throw refusal_of(left.error(), "apply");
+  }
   const host::Target target = target_of(words);
   const host::TunePlan plan = host::tune_plan(target);
   if (::geteuid() != 0 && target.root.empty() && !plan.changes.empty()) {
