@@ -130,6 +130,12 @@ Result<> Journal::lock(bool make) {
                                      path_)
                        : fmt::format("cannot lock the journal {}: {}", path_, std::strerror(error))};
     }
+    struct stat about{};
+    if (::fstat(file_.get(), &about) != 0 || about.st_uid != ::geteuid() || (about.st_mode & 022U) != 0) {
+      file_ = Fd();
+      return Error{
+          fmt::format("{} can be written by others, so it is not replayed: see what it says, and remove it", path_)};
+    }
     if (is_still_this_file(file_.get(), path_)) return done();  // else its holder removed it while we waited
   }
 }

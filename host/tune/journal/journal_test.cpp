@@ -2,12 +2,16 @@
 #include "host/tune/journal/journal.hpp"
 
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
+#include <cerrno>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 
 #include "host/test/fake_machine.hpp"
+#include "host/test/fake_root.hpp"
+#include "host/tune/journal/writer.hpp"
 
 namespace lithe::host {
 namespace {
@@ -109,6 +113,28 @@ TEST_F(JournalTest, ALineThatIsNoneOfOursIsCounted) {
   ASSERT_TRUE(journal.drop(journal.entries()[0].number, "for the test"));
   journal.remove();
   EXPECT_TRUE(std::filesystem::exists(path_)) << "it is the only record of what those lines say";
+}
+
+TEST_F(JournalTest, OneThatOthersMayWriteIsNotReplayed) {
+  {
+    ASSERT_TRUE(open().begin(change("/a", "1", "2")));
+  }
+  ASSERT_EQ(::chmod(path_.c_str(), 0666), 0);
+  const auto opened = Journal::open(path_, kFakeBoot, false);
+  ASSERT_FALSE(opened);
+  EXPECT_NE(opened.message().find("can be written by others"), std::string::npos) << opened.message();
+}
+
+TEST_F(JournalTest, ALinkThatLeadsOutOfAnImageIsNotFollowed) {
+  const FakeRoot outside;
+  std::filesystem::create_directories(root_.path() + "/etc");
+  std::filesystem::create_symlink(outside.path(), root_.path() + "/etc/sysctl.d");
+  const Writer writer(root_.path());
+  Change change{.kind = ChangeKind::file, .item = "sysctl", .path = "/etc/sysctl.d/lithe.conf"};
+  EXPECT_EQ(writer.set(change, {.value = "x"}), ELOOP);
+  change.path = "/../" + outside.path().substr(outside.path().rfind('/') + 1) + "/lithe.conf";
+  EXPECT_EQ(writer.set(change, {.value = "x"}), ELOOP);
+  EXPECT_FALSE(std::filesystem::exists(outside.path() + "/lithe.conf"));
 }
 
 TEST_F(JournalTest, AnotherBootsEntriesAreVoid) {

@@ -9,6 +9,7 @@
 #include <cerrno>
 #include <cstddef>
 #include <cstdlib>
+#include <filesystem>
 
 #include "host/read/files.hpp"
 #include "host/tune/shield/tasks.hpp"
@@ -73,8 +74,18 @@ Now Writer::now(const Change& change) const {
   return {.value = value_in_force(reading.value), .error = reading.error};
 }
 
+// The links of an image, and "..", must not lead out of it.
+bool Writer::is_inside(const std::string& path) const {
+  if (root_.empty()) return true;
+  std::error_code no_root, no_folder;
+  const std::string root = std::filesystem::canonical(root_, no_root).string();
+  const auto folder = std::filesystem::weakly_canonical(std::filesystem::path(path).parent_path(), no_folder).string();
+  return !no_root && !no_folder && (folder + "/").starts_with(root + "/");
+}
+
 int Writer::set(const Change& change, const Now& wanted) const {
   const std::string path = root_ + change.path;
+  if (change.kind != ChangeKind::affinity && !is_inside(path)) return ELOOP;
   switch (change.kind) {
     case ChangeKind::file:
       return set_file(path, wanted);

@@ -46,6 +46,7 @@ class Writer {
   }
 
  private:
+  bool is_inside(const std::string& path) const;
   int set_file(const std::string& path, const Now& wanted) const;
   int set_value(const std::string& path, const std::string& value) const;
   int set_folder(const std::string& path, const Now& wanted) const;
