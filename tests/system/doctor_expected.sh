@@ -39,6 +39,10 @@ worst() {
   done
 }
 
+# A thread for RCU callbacks may be parked: the kernel must have been told to use it.
+named=$(tr ' ' '\n' </proc/cmdline | sed -n 's/^rcu_nocbs=//p') offloaded=no
+{ lists "$named" "$cpu" || lists "$(get $cpus/nohz_full)" "$cpu"; } && offloaded=yes
+
 # Tasks: PF_KTHREAD is 0x200000, PF_NO_SETAFFINITY 0x4000000.
 user=ok kernel=ok balance=ok rcu=warn whole=no
 grep -qs kthreadd /proc/2/comm && [[ -r /proc/1/status ]] && whole=yes
@@ -49,7 +53,7 @@ for task in /proc/[0-9]*/task/[0-9]*; do
   read -ra fields <<<"${stat##*) }"
   flags=${fields[6]}
   [[ $name == irqbalance ]] && balance=warn
-  ((flags & 0x200000)) && [[ $name == rcuo*/$cpu ]] && rcu=ok
+  ((flags & 0x200000)) && [[ $name == rcuo*/$cpu && $offloaded == yes ]] && rcu=ok
   ((flags & 0x4000000)) && continue
   lists "$list" "$cpu" || continue
   if ((flags & 0x200000)); then kernel=warn; else user=fail; fi
