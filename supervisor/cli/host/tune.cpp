@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "host/tune/shield/shield.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/text.hpp"
 #include "supervisor/cli/core/act.hpp"
