@@ -88,6 +88,12 @@ COMPUTED = (  # the reason is computed there, and only there
     "pypi.py: pytest.skip(str(why))",  # no network
     "test_first_day.py: pytest.skip('no zsh here (Debian: apt-get install zsh)')",
     "simulated.py: pytest.skip(house.log().strip().splitlines()[-1])",  # no MuJoCo
+    # A kernel may refuse one to an ordinary user.
+    "test_doctor.py: pytest.skip(f'no user namespace here: {tried.stderr.strip()}')",
+    # The doctor judges a robot that runs, too; the script beside it does not. No test leaves one.
+    "test_doctor.py: pytest.skip(f'a robot runs on this machine: {name}')",
+    # A long form, of a program that only `make bench-isolation` builds.
+    "test_bench_isolation.py: pytest.skip('bench_isolation is not built: make bench-isolation')",
     # The kernel's counts say that the machine took the core away, and the run fell short.
     "inconclusive.py: pytest.skip(f'{WORD}: {why}')",
 )

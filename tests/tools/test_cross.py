@@ -51,6 +51,7 @@ def test_the_packages_it_names_are_in_the_list_of_packages() -> None:
 def package(folder: Path, name: str, files: dict[str, str], links: dict[str, str]) -> Path:
     root = folder / name
     (root / "DEBIAN").mkdir(parents=True)
+    (root / "DEBIAN").chmod(0o755)  # dpkg-deb wants it so, whatever the umask is
     (root / "DEBIAN/control").write_text(
         f"Package: {name}\nVersion: 1\nArchitecture: arm64\nMaintainer: me\nDescription: x\n"
     )
