@@ -148,7 +148,8 @@ def test_an_unknown_bench_is_a_usage_error(
     report: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert report.main(["jitters"]) == 2
-    assert "no bench 'jitters'; there are channel, jitter, cost, contain, scale, host, release, run" in capsys.readouterr().err
+    told = "no bench 'jitters'; there are channel, jitter, cost, contain, scale, host, release, run"
+    assert told in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
