@@ -13,8 +13,8 @@ namespace {
 
 constexpr unsigned long kKernelThread = 0x00200000;  // PF_KTHREAD
 constexpr unsigned long kBound = 0x04000000;         // PF_NO_SETAFFINITY
-// Fields of /proc/PID/stat behind the name: flags is field 9, policy field 41 (man 5 proc_pid_stat).
-constexpr std::size_t kFlags = 9 - 3, kPolicy = 41 - 3;
+// Fields of /proc/PID/stat behind the name: flags is field 9, start time 22, policy 41 (man 5 proc_pid_stat).
+constexpr std::size_t kFlags = 9 - 3, kStartTime = 22 - 3, kPolicy = 41 - 3;
 
 bool is_number(const std::string& text) {
   return !text.empty() && text.size() < 10 && text.find_first_not_of("0123456789") == std::string::npos;
@@ -30,12 +30,14 @@ std::optional<Task> parse_task(const std::string& stat, const std::string& statu
   const std::string cpus = field_of(status, "Cpus_allowed_list");
   if (fields.size() <= kPolicy || cpus.empty()) return std::nullopt;
   const std::optional<long long> flags = whole_number(fields[kFlags]), policy = whole_number(fields[kPolicy]);
-  if (!flags || !policy) return std::nullopt;
+  const std::optional<long long> start = whole_number(fields[kStartTime]);
+  if (!flags || !policy || !start) return std::nullopt;
   Task task;
   task.name = stat.substr(open + 1, close - open - 1);
   task.is_kernel = (static_cast<unsigned long>(*flags) & kKernelThread) != 0;
   task.is_bound = (static_cast<unsigned long>(*flags) & kBound) != 0;
   task.policy = static_cast<int>(*policy);
+  task.start_time_ticks = static_cast<std::uint64_t>(*start);
   task.cpus = parse_cpu_list(cpus);
   return task;
 }
@@ -44,12 +46,7 @@ void read_process(const HostFiles& files, const std::string& pid, Tasks& tasks) 
   const std::string folder = "/proc/" + pid + "/task";
   for (const std::string& tid : files.list(folder)) {
     const std::string each = folder + "/" + tid;
-    const Reading stat = files.read(each + "/stat"), status = files.read(each + "/status");
-    std::optional<Task> task;
-    if (stat.known() && status.known()) task = parse_task(stat.value, status.value);
-    if (task && is_number(tid)) {
-      task->pid = std::stoi(pid);
-      task->tid = std::stoi(tid);
+    if (std::optional<Task> task = read_task(files, each)) {
       tasks.all.push_back(std::move(*task));
     } else if (files.is_folder(each)) {  // else it has ended meanwhile
       tasks.why_not_whole = each + " cannot be read";
@@ -61,8 +58,24 @@ void read_process(const HostFiles& files, const std::string& pid, Tasks& tasks) 
 
 bool Task::may_run_on(int cpu) const { return std::binary_search(cpus.begin(), cpus.end(), cpu); }
 
-Tasks read_tasks(const HostFiles& files) {
+std::optional<Task> read_task(const HostFiles& files, const std::string& path) {
+  const std::string pid = path.substr(6, path.find('/', 6) - 6), tid = path.substr(path.rfind('/') + 1);  // "/proc/"
+  const Reading stat = files.read(path + "/stat"), status = files.read(path + "/status");
+  if (!is_number(pid) || !is_number(tid) || !stat.known() || !status.known()) return std::nullopt;
+  std::optional<Task> task = parse_task(stat.value, status.value);
+  if (!task) return std::nullopt;
+  task->pid = std::stoi(pid);
+  task->tid = std::stoi(tid);
+  return task;
+}
+
+Tasks read_tasks(const HostFiles& files, const std::vector<int>& pids) {
   Tasks tasks;
+  for (const int pid : pids) read_process(files, std::to_string(pid), tasks);
+  if (!pids.empty()) {
+    tasks.why_not_whole = "only some processes were read";
+    return tasks;
+  }
   for (const std::string& pid : files.list("/proc")) {
     if (is_number(pid)) read_process(files, pid, tasks);
   }

@@ -6,6 +6,7 @@
 #include <functional>
 #include <utility>
 
+#include "host/read/words.hpp"
 #include "host/tune/values.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/files.hpp"
@@ -46,7 +47,7 @@ class Planner {
   }
 
   std::string mask_off(const std::string& mask) const {
-    const std::vector<int> now = cores_of_mask(mask);
+    const std::vector<int> now = parse_mask(mask).value_or(std::vector<int>());
     if (now.empty() || !share_a_core(now, cores_)) return now.empty() ? "" : mask;
     const std::vector<int> rest = cores_without(now, cores_);
     const std::vector<int>& kept = rest.empty() ? others_ : rest;

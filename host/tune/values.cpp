@@ -10,12 +10,6 @@ namespace {
 
 constexpr std::size_t kCoresInADigit = 4;
 
-int digit_of(char letter) {
-  if (letter >= '0' && letter <= '9') return letter - '0';
-  if (letter >= 'a' && letter <= 'f') return letter - 'a' + 10;
-  return letter >= 'A' && letter <= 'F' ? letter - 'A' + 10 : -1;
-}
-
 }  // namespace
 
 bool share_a_core(const std::vector<int>& some, const std::vector<int>& others) {
@@ -27,21 +21,6 @@ std::vector<int> cores_without(const std::vector<int>& cores, const std::vector<
   std::vector<int> rest;
   std::set_difference(cores.begin(), cores.end(), others.begin(), others.end(), std::back_inserter(rest));
   return rest;
-}
-
-std::vector<int> cores_of_mask(const std::string& mask) {
-  std::vector<int> cores;
-  std::size_t first = 0;  // core of the digit
-  for (std::size_t i = mask.size(); i-- > 0;) {
-    if (mask[i] == ',') continue;
-    const int digit = digit_of(mask[i]);
-    if (digit < 0) return {};
-    for (std::size_t bit = 0; bit < kCoresInADigit; ++bit) {
-      if ((digit >> bit & 1) != 0) cores.push_back(static_cast<int>(first + bit));
-    }
-    first += kCoresInADigit;
-  }
-  return cores;
 }
 
 std::string mask_of(const std::vector<int>& cores, const std::string& like) {

@@ -13,9 +13,6 @@ bool share_a_core(const std::vector<int>& some, const std::vector<int>& others);
 // The cores that are in `cores` and not in `others`; both ascending.
 std::vector<int> cores_without(const std::vector<int>& cores, const std::vector<int>& others);
 
-// The cores of a mask in hexadecimal digits ("00000000,0000000f"), ascending; empty if it is no mask.
-std::vector<int> cores_of_mask(const std::string& mask);
-
 // A mask of these cores with as many digits and commas as `like` has. Empty when a core does not fit into it.
 std::string mask_of(const std::vector<int>& cores, const std::string& like);
 

@@ -3,15 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include "host/read/words.hpp"
+
 namespace lithe::host {
 namespace {
-
-TEST(Values, AMaskGivesItsCores) {
-  EXPECT_EQ(cores_of_mask("f"), (std::vector<int>{0, 1, 2, 3}));
-  EXPECT_EQ(cores_of_mask("00000001,00000002"), (std::vector<int>{1, 32}));
-  EXPECT_TRUE(cores_of_mask("0-3").empty());
-  EXPECT_TRUE(cores_of_mask("").empty());
-}
 
 TEST(Values, AMaskKeepsItsWidth) {
   EXPECT_EQ(mask_of({0, 2, 3}, "f"), "d");
@@ -21,7 +16,7 @@ TEST(Values, AMaskKeepsItsWidth) {
 
 TEST(Values, EveryMaskComesBackFromItsCores) {
   for (const char* mask : {"1", "3", "d", "0f", "00000000,80000001", "ffffffff"}) {
-    EXPECT_EQ(mask_of(cores_of_mask(mask), mask), mask);
+    EXPECT_EQ(mask_of(*parse_mask(mask), mask), mask);
   }
 }
 

@@ -59,7 +59,6 @@ Result<Board> parse_board(std::string_view text, const std::string& path) {
   board.name = fs::path(path).stem().string();
   Reader file(parsed.table(), "", report);
   file.text("title", board.title, Need::required);
-  file.text("governor", board.governor);
   file.texts("notes", board.notes);
   file.texts("sources", board.sources, Need::required);
   if (const toml::table* detect = file.table("detect"); detect != nullptr) read_detect(*detect, board, report);

@@ -33,7 +33,6 @@ struct Board {
   std::vector<std::string> models;   // how /proc/device-tree/model begins
   std::vector<std::string> files;    // one of them is there: for an image that does not run
   std::string cpu_flag;              // among the flags of /proc/cpuinfo
-  std::string governor;              // of the frequency; empty: leave it
   std::vector<BootFile> boot;        // the first that counts is the one
   std::vector<std::string> notes;    // sentences
   std::vector<std::string> sources;  // where each fact can be looked up: URLs

@@ -12,7 +12,7 @@
 #include <filesystem>
 
 #include "host/read/files.hpp"
-#include "host/tune/shield/tasks.hpp"
+#include "host/read/tasks.hpp"
 #include "host/tune/values.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/fd.hpp"
@@ -35,9 +35,9 @@ Now text_of_file(const std::string& path) {
 }
 
 Now cores_of_task(const Change& change) {
-  const std::optional<MovableTask> task = read_task(HostFiles(), change.path);
+  const std::optional<Task> task = read_task(HostFiles(), change.path);
   const bool same = task && task->start_time_ticks == change.start_time_ticks;
-  return same ? Now{.value = cpu_list(task->cores)} : Now{.absent = true};
+  return same ? Now{.value = cpu_list(task->cpus)} : Now{.absent = true};
 }
 
 }  // namespace

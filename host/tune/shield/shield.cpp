@@ -10,8 +10,8 @@
 #include <set>
 #include <utility>
 
+#include "host/read/tasks.hpp"
 #include "host/tune/runtime.hpp"
-#include "host/tune/shield/tasks.hpp"
 #include "host/tune/values.hpp"
 #include "spine/core/host/cores.hpp"
 
@@ -40,19 +40,20 @@ Moves moves_in(const std::vector<Entry>& entries) {
     if (change.kind != ChangeKind::affinity) continue;
     moves.since_ticks = moves.tasks.empty() ? entry.at_ticks : std::min(moves.since_ticks, entry.at_ticks);
     moves.tasks.emplace(change.path, change.start_time_ticks);
-    std::string& widest = moves.back[change.after];
+    // What the kernel made of it: it leaves out cores that are off.
+    std::string& widest = moves.back[entry.ours.empty() ? change.after : entry.ours.back()];
     if (parse_cpu_list(change.before).size() > parse_cpu_list(widest).size()) widest = change.before;
   }
   return moves;
 }
 
 // A process with a thread on a shielded core alone is a robot's: its other threads chose their cores themselves.
-std::set<int> robots_among(const std::vector<MovableTask>& tasks, const Moves& moves) {
+std::set<int> robots_among(const std::vector<Task>& tasks, const Moves& moves) {
   std::set<int> robots;
-  for (const MovableTask& task : tasks) {
+  for (const Task& task : tasks) {
     for (const auto& [narrow, wide] : moves.back) {
       const std::vector<int> shielded = cores_without(parse_cpu_list(wide), parse_cpu_list(narrow));
-      if (cores_without(task.cores, shielded).empty()) robots.insert(task.pid);
+      if (cores_without(task.cpus, shielded).empty()) robots.insert(task.pid);
     }
   }
   return robots;
@@ -61,14 +62,14 @@ std::set<int> robots_among(const std::vector<MovableTask>& tasks, const Moves& m
 // Tasks that were born under the shield inherited the narrow mask of their parents.
 std::size_t widen_the_born(const Writer& writer, const Moves& moves, const std::vector<int>& only) {
   if (moves.tasks.empty()) return 0;
-  const std::vector<MovableTask> tasks = all_tasks(HostFiles(), only);
+  const std::vector<Task> tasks = read_tasks(HostFiles(), only).all;
   const std::set<int> robots = robots_among(tasks, moves);
   std::size_t widened = 0;
-  for (const MovableTask& task : tasks) {
-    const auto wide = moves.back.find(cpu_list(task.cores));
+  for (const Task& task : tasks) {
+    const auto wide = moves.back.find(cpu_list(task.cpus));
     const bool young = static_cast<std::int64_t>(task.start_time_ticks) >= moves.since_ticks;
     const bool known = moves.tasks.contains({task.path(), task.start_time_ticks});
-    if (wide == moves.back.end() || !young || known || task.bound || robots.contains(task.pid)) continue;
+    if (wide == moves.back.end() || !young || known || task.is_bound || robots.contains(task.pid)) continue;
     const Change change{.kind = ChangeKind::affinity, .path = task.path(), .start_time_ticks = task.start_time_ticks};
     if (writer.set(change, {.value = wide->second}) == 0) ++widened;
   }

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <sstream>
 
-#include "host/tune/shield/tasks.hpp"
+#include "host/read/tasks.hpp"
 #include "host/tune/values.hpp"
 #include "spine/core/host/cores.hpp"
 
@@ -102,14 +102,14 @@ ShieldPlan shield_plan(const HostFiles& files, const std::vector<int>& cores) {
 std::vector<Change> moves_plan(const HostFiles& files, const std::vector<int>& cores, const std::vector<int>& leave,
                                const std::vector<int>& only) {
   std::vector<Change> moves;
-  for (const MovableTask& task : all_tasks(files, only)) {
-    const std::vector<int> rest = cores_without(task.cores, cores);
+  for (const Task& task : read_tasks(files, only).all) {
+    const std::vector<int> rest = cores_without(task.cpus, cores);
     const bool stays = std::find(leave.begin(), leave.end(), task.pid) != leave.end();
-    if (task.bound || stays || rest.empty() || rest.size() == task.cores.size()) continue;
+    if (task.is_bound || stays || rest.empty() || rest.size() == task.cpus.size()) continue;
     moves.push_back({.kind = ChangeKind::affinity,
                      .item = "tasks",
                      .path = task.path(),
-                     .before = cpu_list(task.cores),
+                     .before = cpu_list(task.cpus),
                      .after = cpu_list(rest),
                      .why = task.name + " could run on the robot's core",
                      .start_time_ticks = task.start_time_ticks});

@@ -3,8 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include "host/read/tasks.hpp"
 #include "host/test/fake_machine.hpp"
-#include "host/tune/shield/tasks.hpp"
 
 namespace lithe::host {
 namespace {
@@ -14,9 +14,11 @@ constexpr const char* kMovableFlags = "2129984";  // of kthreadd
 
 void write_task(const FakeRoot& root, int pid, int tid, const std::string& name, const char* flags,
                 const std::string& cores) {
+  std::string zeros;  // the fields behind the start time
+  for (int field = 25; field <= 52; ++field) zeros += " 0";
   const std::string folder = "/proc/" + std::to_string(pid) + "/task/" + std::to_string(tid);
-  root.write(folder + "/stat",
-             std::to_string(tid) + " (" + name + ") S 1 0 0 0 -1 " + flags + " 0 0 0 0 0 0 0 0 20 0 1 0 4711 0 0\n");
+  root.write(folder + "/stat", std::to_string(tid) + " (" + name + ") S 1 0 0 0 -1 " + flags +
+                                   " 0 0 0 0 0 0 0 0 20 0 1 0 4711 0 0" + zeros + "\n");
   root.write(folder + "/status", "Name:\tx\nCpus_allowed:\tf\nCpus_allowed_list:\t" + cores + "\n");
 }
 
@@ -52,12 +54,12 @@ TEST_F(ShieldPlanTest, ATaskIsReadWithAnyName) {
   EXPECT_EQ(task->tid, 701);
   EXPECT_EQ(task->name, "a) b (c");
   EXPECT_EQ(task->start_time_ticks, 4711u);
-  EXPECT_EQ(task->cores, (std::vector<int>{1}));
-  EXPECT_FALSE(task->bound);
+  EXPECT_EQ(task->cpus, (std::vector<int>{1}));
+  EXPECT_FALSE(task->is_bound);
   EXPECT_FALSE(read_task(files(), "/proc/700/task/9"));
 }
 
-TEST_F(ShieldPlanTest, EveryMovableTaskIsMovedAndNoOther) {
+TEST_F(ShieldPlanTest, EveryTaskIsMovedAndNoOther) {
   const std::vector<Change> moves = moves_plan(files(), {1});
   ASSERT_EQ(moves.size(), 2u);
   EXPECT_EQ(moves[0].path, "/proc/2/task/2") << "kthreadd";

@@ -15,8 +15,8 @@
 #include <set>
 #include <thread>
 
+#include "host/read/tasks.hpp"
 #include "host/test/fake_root.hpp"
-#include "host/tune/shield/tasks.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/realtime.hpp"
 
@@ -63,7 +63,7 @@ class Parent {
   // The masks of its threads, without repetition.
   std::set<std::vector<int>> masks() const {
     std::set<std::vector<int>> masks;
-    for (const MovableTask& task : all_tasks(HostFiles(), {pid_})) masks.insert(task.cores);
+    for (const Task& task : read_tasks(HostFiles(), {pid_}).all) masks.insert(task.cpus);
     return masks;
   }
 
