@@ -1,39 +1,47 @@
 /* SPDX-License-Identifier: Apache-2.0
  * The four-slot Channel. Code: spine/ipc/channel.hpp, its records: spine/ipc/words.hpp.
  *
- * Writer  stands for ChannelWriter::write and Record::write, of a process that may die between any two stores; then
- *         another one continues with the contents of the memory (the lease of the segment orders the two).
- * Reader  stands for ChannelReader::read, newest and resume and for Record::read. Readers store nothing that others
- *         load, so one reader in the model stands for many.
+ * First the writer: ChannelWriter::write. It may die after any store; then another one continues with the contents of
+ * the memory (the lease of the segment orders the two: what the first has done happens before what the second does).
+ * Then the reader: ChannelReader::read. It stores nothing that others load, so one reader stands for many, and
+ * the writer may run first: what a load finds in the meantime are the older messages.
  *
- * Memory. SPIN executes every store and load in order (SC). The orders in the code permit three reorderings, and
- * all three are in the model: the writer's words among each other, the reader's words among each other, and the odd
- * mark of the next value, which may become visible before the announcement of this one (a release store
- * does not delay later stores). Reorderings that the code forbids are twins below. When a writer dies after a store,
- * all its earlier stores are done: they become visible before its successor starts.
- *
- * Constants: a value has 2 words, not up to 500; a reader gives up after TRIES, asks `latest` after IDLE.
+ * Constants: a value has 2 words, not up to 500; a reader asks `latest` after IDLE reads. It may give up after any try.
  *
  * claim torn       a read that succeeds gives words of one value only
  * claim backwards  each value read is younger than the one before
- * claim stale      after a read that was not given up, the reader has the newest announced value or a newer one
- * claim disturbed  a copy of the newest value fails only when the writer has written three more values meanwhile
- * claim blocked    a read ends after TRIES tries, whatever the writer does or has left in memory
- * claim lost       after the last write, a reader has the newest whole value after two reads
+ * claim stale      a reader that has seen `latest` does not say that there is nothing newer than an older value
+ * claim disturbed  a copy fails only when the writer has begun the value four later
+ * claim blocked    a read ends within TRIES tries, whatever the writer does or has left in memory
+ * claim lost       once everything is visible, a reader has the newest whole value after two reads
+ *
+ * Stronger than needed: the acquire loads in newest() (sequence_of) and at the start of Record::read are of the same sequence, and
+ * either is enough; in write(), the lease already does what the acquire load does.
  */
-//: model -DWRITES=8 -DKILLS=1
-//: model -DWRITES=7 -DKILLS=2
-//: twin ONE_LOOK             torn       read() does not look at the sequence again after the copy
-//: twin LOOK_BEFORE_COPY     torn       that look comes before the last word (no acquire fence)
-//: twin NO_MARK              torn       write() does not mark the record odd
-//: twin WORD_BEFORE_MARK     torn       a word is stored before the mark (no release fence)
-//: twin NUMBER_BEFORE_VALUE  torn       the even sequence is stored before the last word (no release store)
-//: twin ANNOUNCE_BEFORE_FILL stale      `latest` is stored before the record is written
-//: twin THREE_SLOTS          disturbed  three slots instead of four
-//: twin SAME_NUMBER          lost       a successor writes a finished number again
-//: twin SKIP_UNANNOUNCED     backwards  a successor skips a finished number and does not announce it
-//: twin ASK_LATEST           backwards  a reader trusts `latest` more than the records
-//: twin WAIT_WHILE_ODD       blocked    a reader waits for a record to be finished, as with a plain seqlock
+//: code spine/ipc/channel.hpp ChannelWriter::write write
+//: code spine/ipc/channel.hpp ChannelReader::newest newest
+//: code spine/ipc/channel.hpp ChannelReader::resume resume
+//: code spine/ipc/channel.hpp ChannelReader::sequence_of sequence_of
+//: model -DWRITES=6 -DKILLS=1
+//: model -DWRITES=5 -DKILLS=2
+//: model -DWRITES=5 -DKILLS=1 -DSPARE_READ
+//: model -DWRITES=5 -DKILLS=1 -DSPARE_SEQUENCE_OF
+//: twin NO_RELEASE_FENCE       torn       no fence between the odd mark and the words
+//: twin EVEN_RELAXED           backwards  the even sequence is stored without release
+//: twin NO_ACQUIRE             backwards  neither newest() nor Record::read acquires the sequence
+//: twin NO_ACQUIRE_FENCE       torn       no fence between the copy and the second look at the sequence
+//: twin LATEST_RELAXED         stale      `latest` is stored without release
+//: twin REPAIR_RELAXED         stale      a successor announces a finished value without release
+//: twin ASK_RELAXED            disturbed  newest() loads `latest` without acquire
+//: twin RESUME_RELAXED         stale      resume() loads `latest` without acquire
+//: twin ONE_LOOK               torn       read() does not look at the sequence again after the copy
+//: twin NO_MARK                torn       write() does not mark the record odd
+//: twin ANNOUNCE_BEFORE_FILL   stale      `latest` is stored before the record is written
+//: twin THREE_SLOTS            disturbed  three slots instead of four
+//: twin SAME_NUMBER            lost       a successor writes a finished number again
+//: twin SKIP_UNANNOUNCED       backwards  a successor skips a finished number and does not announce it
+//: twin ASK_LATEST             backwards  a reader trusts `latest` more than the records
+//: twin WAIT_WHILE_ODD         blocked    a reader waits for a record to be finished, as with a plain seqlock
 
 #ifdef TWIN_THREE_SLOTS
 #define SLOTS 3
@@ -41,244 +49,218 @@
 #define SLOTS 4
 #endif
 #ifndef WRITES
-#define WRITES 7 /* begun by all writers together */
+#define WRITES 5 /* begun by all writers together */
 #endif
 #ifndef KILLS
 #define KILLS 2
 #endif
-#define TRIES 2
+#define TRIES 4
 #define IDLE 2
+#ifdef TWIN_NO_ACQUIRE
+#define SPARE_READ 1
+#define SPARE_SEQUENCE_OF 1
+#endif
 
+/* ChannelMemory */
+#define LATEST 0
+#define SEQUENCE(slot) (1 + (slot))
+#define WORD(slot, word) (1 + SLOTS + WORDS * (slot) + (word))
+#define WORDS 2
+#define OBJECTS (1 + SLOTS + WORDS * SLOTS)
+#define MESSAGES (WRITES + 1)
+#define USES 1
+#include "memory.inc"
+
+#define writer 0
+#define reader 1
 #define SLOT(count) ((count) % SLOTS)
+#define MAY_DIE \
+  if \
+  :: true \
+  :: kills < KILLS -> kills++; goto dead \
+  fi
+#include "record.inc"
 
-/* The segment: ChannelMemory. */
-byte latest;
-byte sequence[SLOTS];
-byte word0[SLOTS];
-byte word1[SLOTS];
-
+byte kills, count;
 /* Only in the model, not in the code. Every write() has its own stamp, which stands for its value. */
 byte stamp;          /* of the write begun last */
-byte finished;       /* number of the newest value whose even sequence has been stored */
+byte finished;       /* number of the newest value whose even sequence is stored */
 byte finished_stamp; /* and which value that is */
-byte kills;
-bool writers_gone;
 
-/* A claim that fails shows its name in SPIN's message. These stay 0. */
 bool torn, backwards, stale, disturbed, blocked, lost;
-#define CLAIM(name, holds) assert(name || (holds))
 
-/* One store, and perhaps the last of this writer. */
-#define STORE(what) \
-  atomic { \
-    what; \
-    if \
-    :: kills < KILLS && !early -> kills++; goto dead \
-    :: true \
-    fi \
-  }
-
-/* The mark of the next record may be visible already. It was stored after all of this write, so this writer lives. */
-#define MARK_OF_NEXT_MAY_SHOW \
-  if \
-  :: stamp < WRITES && !early -> \
-    d_step { \
-      early = true; \
-      sequence[SLOT(count + 1)] = 2 * (count + 1) + 1; \
-      finished = count; \
-      finished_stamp = stamp \
-    } \
-  :: true \
-  fi
-
-active proctype Writer() {
-  byte count;
-  bool early, word0_done;
-
-alive:
-  do
-  :: stamp < WRITES ->
-    d_step { stamp++; count = latest + 1 }
-    if
+inline write() {
+  load_own(writer, LATEST, relaxed, count);
+  count++;
+  load_own(writer, SEQUENCE(SLOT(count)), acquire, there);
 #ifndef TWIN_SAME_NUMBER
-    :: sequence[SLOT(count)] == 2 * count ->
-      /* This one begins with its mark, which may become visible before the announcement of the value before. */
-      if
-      :: !early -> early = true; sequence[SLOT(count + 1)] = 2 * (count + 1) + 1
-      :: true
-      fi;
+  if
+  :: there == WHOLE(count) ->
 #ifndef TWIN_SKIP_UNANNOUNCED
-      STORE(latest = count);
+    store(writer, LATEST, count, ORDER(release, TWIN_REPAIR_RELAXED));
+    MAY_DIE;
 #endif
-      count++
+    count++
+  :: else
+  fi;
 #endif
-    :: else
-    fi;
 #ifdef TWIN_ANNOUNCE_BEFORE_FILL
-    STORE(latest = count);
+  store(writer, LATEST, count, ORDER(release, TWIN_LATEST_RELAXED));
 #endif
-#ifdef TWIN_WORD_BEFORE_MARK
-    STORE(word0[SLOT(count)] = stamp);
-#endif
-    if
-    :: early -> early = false
-    :: else ->
-#ifndef TWIN_NO_MARK
-      STORE(sequence[SLOT(count)] = 2 * count + 1)
-#endif
-    fi;
-    if
-    :: word0_done = true; STORE(word0[SLOT(count)] = stamp)
-    :: word0_done = false
-    fi;
-    MARK_OF_NEXT_MAY_SHOW;
-#ifdef TWIN_NUMBER_BEFORE_VALUE
-    STORE(sequence[SLOT(count)] = 2 * count; finished = count; finished_stamp = stamp);
-#endif
-    STORE(word1[SLOT(count)] = stamp);
-    if
-    :: !word0_done -> STORE(word0[SLOT(count)] = stamp)
-    :: else -> word0_done = false
-    fi;
-    MARK_OF_NEXT_MAY_SHOW;
-#ifndef TWIN_NUMBER_BEFORE_VALUE
-    STORE(sequence[SLOT(count)] = 2 * count; finished = count; finished_stamp = stamp);
-#endif
-    MARK_OF_NEXT_MAY_SHOW;
+  record_write(writer, SLOT(count), count, stamp);
 #ifndef TWIN_ANNOUNCE_BEFORE_FILL
-    STORE(latest = count)
+  store(writer, LATEST, count, ORDER(release, TWIN_LATEST_RELAXED));
+  MAY_DIE
 #endif
-  :: !early -> goto gone /* the writer is done */
-  od;
-
-dead:
-  atomic {
-    count = 0;
-    word0_done = false;
-    if
-    :: goto alive /* its successor */
-    :: goto gone
-    fi
-  }
-gone:
-  writers_gone = true
 }
 
-active proctype Reader() {
-  byte seen, idle;
-  byte count, there, got0, got1, tries;
-  byte last;  /* ghost: the value read last */
-  byte floor; /* ghost: `latest` when this read began */
-  byte reads_when_gone;
+inline sequence_of(number) {
+  load(reader, SEQUENCE(SLOT(number)), ORDER(acquire, SPARE_SEQUENCE_OF), there)
+}
 
+/* Sets `count`. */
+inline newest() {
+#ifdef TWIN_WAIT_WHILE_ODD
   do
-  :: reads_when_gone == 2 -> break
-  :: reads_when_gone < 2 ->
-    atomic {
+  :: sequence_of(seen + 1);
+    if
+    :: there == WRITING(seen + 1) -> tries++; CLAIM(blocked, tries <= TRIES)
+    :: else -> break
+    fi
+  od;
+#endif
+  sequence_of(seen + 1);
+  count = seen;
+  ask = (there > WRITING(seen + 1));
+#ifdef TWIN_ASK_LATEST
+  ask = (there != WHOLE(seen + 1));
+#endif
+  if
+  :: there == WHOLE(seen + 1) ->
+    sequence_of(seen + 2);
+    if
+    :: there < WHOLE(seen + 2) -> count = seen + 1
+    :: else -> ask = true
+    fi
+  :: else
+  fi;
+  if
+  :: ask ->
+    load(reader, LATEST, ORDER(acquire, TWIN_ASK_RELAXED), count);
+    told = count;
+#ifndef TWIN_ASK_LATEST
+    count = MOST(count, seen);
+#endif
+    ask = false
+  :: else
+  fi
+}
+
+inline resume() {
+  load(reader, LATEST, ORDER(acquire, TWIN_RESUME_RELAXED), count);
+  told = count;
+  if
+  :: count != seen && count + 1 != seen -> seen = (count == 0 -> 0 : count - 1)
+  :: else
+  fi
+}
+
+inline note_finished() {
+  d_step {
+    count = 0;
+    do
+    :: count < SLOTS ->
+      there = NEWEST(SEQUENCE(count));
       if
-      :: writers_gone -> reads_when_gone++
+      :: there % 2 == 0 && there / 2 > finished ->
+        finished = there / 2;
+        finished_stamp = NEWEST(WORD(count, 0))
       :: else
       fi;
-      floor = latest;
-      tries = 0
-    }
-again:
-    if
-    :: tries == TRIES -> count = 0; goto done /* given up */
-    :: else -> tries++
-    fi;
+      count++
+    :: else -> break
+    od
+  }
+}
 
-    /* newest() */
-#ifdef TWIN_WAIT_WHILE_ODD
+init {
+  byte seen, idle, tries;
+  bool ask;
+  byte last; /* ghost: the value read last */
+  byte told; /* ghost: the newest `latest` this reader has loaded */
+  byte ends; /* ghost: reads since everything is visible */
+
+  atomic {
+alive:
     do
-    :: there = sequence[SLOT(seen + 1)];
-      CLAIM(blocked, tries < 4 * TRIES);
-      if
-      :: there == 2 * (seen + 1) + 1 -> tries++
-      :: else -> break
-      fi
+    :: stamp < WRITES ->
+      stamp++;
+      write()
+    :: else -> break
     od;
-#else
-    there = sequence[SLOT(seen + 1)];
-#endif
+    goto gone;
+dead:
+    word = 0;
+    thread[writer].fenced = 0; /* the fence of one thread is none of the next */
     if
-#ifdef TWIN_ASK_LATEST
-    :: there < 2 * (seen + 1) || there == 2 * (seen + 1) + 1 -> count = latest
-#else
-    :: there < 2 * (seen + 1) || there == 2 * (seen + 1) + 1 -> count = seen
-#endif
-    :: there == 2 * (seen + 1) ->
-      there = sequence[SLOT(seen + 2)];
-      if
-      :: there < 2 * (seen + 2) -> count = seen + 1
-      :: else -> count = latest; count = (count > seen -> count : seen)
-      fi
-    :: else -> count = latest; count = (count > seen -> count : seen)
+    :: goto alive
+    :: goto gone
     fi;
+gone:
+    note_finished();
+    count = 0;
+    there = 0
+  }
 
+  do
+  :: ends == 2 -> break
+  :: ends < 2 ->
+    if
+    :: ends > 0 -> ends++
+    :: ends == 0
+    :: ends == 0 -> all_visible(reader); ends = 1
+    fi;
+again: /* read() */
+    tries++;
+    newest();
     if
     :: count == seen ->
-      CLAIM(stale, seen >= floor);
+      CLAIM(stale, seen >= told);
       idle = (idle + 1) % IDLE;
       if
-      :: idle == 0 -> /* resume() */
-        there = latest;
-        if
-        :: there != seen && there + 1 != seen -> seen = (there == 0 -> 0 : there - 1)
-        :: else
-        fi
+      :: idle == 0 -> resume()
       :: else
       fi;
       goto done
     :: else
     fi;
-
-    /* Record::read() */
-    there = sequence[SLOT(count)];
+    record_read(reader, SLOT(count), count);
     if
-    :: there != 2 * count -> goto failed
+    :: !whole ->
+      CLAIM(disturbed, there >= WHOLE(count + 4));
+      if
+      :: tries < TRIES -> goto again
+      :: goto done /* given up */
+      fi
     :: else
     fi;
-    if
-    :: got0 = word0[SLOT(count)];
-#ifdef TWIN_LOOK_BEFORE_COPY
-      there = sequence[SLOT(count)];
-#endif
-      got1 = word1[SLOT(count)]
-    :: got1 = word1[SLOT(count)];
-#ifdef TWIN_LOOK_BEFORE_COPY
-      there = sequence[SLOT(count)];
-#endif
-      got0 = word0[SLOT(count)]
-    fi;
-#if !defined(TWIN_LOOK_BEFORE_COPY) && !defined(TWIN_ONE_LOOK)
-    there = sequence[SLOT(count)];
-#endif
-    if
-    :: there != 2 * count -> goto failed
-    :: else
-    fi;
-
     d_step {
-      CLAIM(torn, got0 == got1);
-      CLAIM(backwards, got0 > last);
-      CLAIM(stale, count >= floor);
-      last = got0;
+      CLAIM(torn, got[0] == got[1]);
+      CLAIM(backwards, got[0] > last);
+      last = got[0];
       seen = count;
       idle = 0
-    }
-    goto done;
-failed:
-    atomic {
-      CLAIM(disturbed, finished >= count + 3);
-      count = 0;
-      there = 0;
-      got0 = 0;
-      got1 = 0;
-      goto again
     };
 done:
-    atomic { count = 0; there = 0; got0 = 0; got1 = 0; tries = 0; floor = 0 }
+    atomic {
+      forget_known(reader);
+      count = 0;
+      there = 0;
+      got[0] = 0;
+      got[1] = 0;
+      whole = false;
+      tries = 0
+    }
   od;
   CLAIM(lost, last == finished_stamp)
 }

@@ -11,7 +11,7 @@
  * (LawStore::unload) together with the place.
  *
  * Memory. SPIN is sequentially consistent. With the orders in the code, every use of a Resident is between the two
- * accesses that hand it over; the twins PUBLISH_BEFORE_FILL and RETIRE_BEFORE_CARRY are what weaker orders would permit.
+ * accesses that hand it over: slot_order.pml shows this.
  *
  * Constants: HISTORY 2 instead of 4, and the fewest PLACES that slot.hpp allows for it. In the code, law ids increase
  * without end. Here a law's id is its place, and when the place is free, an `active_id` with this id is set to NO_MORE: it

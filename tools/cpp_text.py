@@ -36,3 +36,29 @@ def cpp_functions(text: str) -> Iterator[tuple[int, int]]:
                 yield text.count("\n", 0, start) + 1, text.count("\n", start, at) + 1
         if char in "{};" and depth_of_function is None:
             head = at + 1
+
+
+SCOPE = re.compile(r"\b(?:class|struct)\s+(?:alignas\([^)]*\)\s*)?(\w+)[^;{}()<>]*\{")
+
+
+def closing_brace(text: str, opening: int) -> int:
+    """Where the brace that opens there is closed."""
+    depth = 0
+    for match in re.finditer(r"[{}]", text[opening:]):
+        depth += 1 if match[0] == "{" else -1
+        if depth == 0:
+            return opening + match.start()
+    return len(text)
+
+
+def named_functions(text: str) -> Iterator[tuple[str, str]]:
+    """(name, code without comments) of every function body in C++ text; members as Class::name, overloads apart."""
+    code = NOISE.sub(blank, text)
+    scopes = [(match[1], match.start(), closing_brace(code, match.end() - 1)) for match in SCOPE.finditer(code)]
+    lines = code.splitlines(keepends=True)
+    for line, length in cpp_functions(text):
+        start = sum(map(len, lines[: line - 1]))
+        body = "".join(lines[line - 1 : line - 1 + length])
+        around = [name for name, begin, end in scopes if begin < start < end]
+        if name := re.search(r"(\w+)\s*\(", body):
+            yield "::".join([*around[-1:], name[1]]), body

@@ -4,6 +4,10 @@
 A model says in its own text what is to be run:
     //: model -DWRITES=8                       the true one, with these constants; may be given several times
     //: twin THREE_SLOTS  disturbed  reason    with -DTWIN_THREE_SLOTS, where the claim `disturbed` must fail
+    //: code FILE Class::function inline       the inline has the loads, stores and memory orders of this function
+
+An inline that stands for code gives each acquire and release as ORDER(order, flag): with -Dflag it is relaxed. The flag
+is TWIN_..., of a twin, or SPARE_..., of a //: model line (the claims hold without that order, too).
 """
 
 import argparse
@@ -19,14 +23,24 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from cpp_text import named_functions
+
 ROOT = Path(__file__).parent.parent
 LEAST_TWINS = 2
 MEMORY_MB = 2000  # of one run
 DEPTH = 1_000_000
 TIMEOUT_S = 300
-ORDER = re.compile(r"^//: (model|twin)\b *(.*)$", re.M)
+ORDER = re.compile(r"^//: (model|twin|code)\b *(.*)$", re.M)
+INCLUDE = re.compile(r'^#include "([\w.]+)"', re.M)
 CODE_FILE = re.compile(r"\b(?:spine|supervisor|lawd)/[\w/]+\.[ch]pp\b")
-TWIN_IN_CODE = re.compile(r"\bTWIN_(\w+)")
+FLAG = re.compile(r"\b(?:TWIN|SPARE)_\w+")
+# An access to an atomic object, and its memory order, in C++ and in a model.
+ACCESS = r"\b(?:atomic_(?:thread_)?)?(load|store|fence|exchange|compare_exchange)(?:_\w+)?\s*\("
+IN_CPP = re.compile(rf"{ACCESS}|\bmemory_order(?:_|::)(\w+)")
+IN_MODEL = re.compile(rf"{ACCESS}|\b(relaxed|acquire|release|acq_rel|seq_cst)\b")
+INLINE = re.compile(r"^inline (\w+)\([^)]*\) *\{\n(.*?)^\}", re.M | re.S)
+# What a thread reads of its own stores has no order to weaken.
+HAS_A_FLAG = re.compile(r"\bORDER\(\w+, (?:TWIN|SPARE)_\w+\)|\bload_own\([^;]*|/\*.*?\*/", re.S)
 # Whatever else SPIN says, one of these means that it has not seen every state.
 INCOMPLETE = ("max search depth too small", "Search not completed", "out of memory", "interrupted", "Bit statespace")
 
@@ -57,19 +71,25 @@ class ModelError(Exception):
     """A model that cannot be run as it stands."""
 
 
-def runs_of(model: Path) -> Iterator[Run]:
-    """All runs that a model asks for. The table of its twins and the twins in its code must be the same."""
+def text_of(model: Path) -> str:
+    """The text of a model and of what it includes."""
     text = model.read_text()
+    return text + "".join((model.parent / name).read_text() for name in INCLUDE.findall(text))
+
+
+def runs_of(model: Path) -> Iterator[Run]:
+    """All runs that a model asks for. Its flags in these lines and those in its code must be the same."""
+    own, text = model.read_text(), text_of(model)
     twins: list[str] = []
     true_ones = 0
-    for kind, rest in ORDER.findall(text):
+    for kind, rest in ORDER.findall(own):
         words = shlex.split(rest) if kind == "model" else rest.split()
         if kind == "model":
             true_ones += 1
             yield Run(model, " ".join(["model", *words]), tuple(words))
-        elif len(words) < 3:
+        elif kind == "twin" and len(words) < 3:
             raise ModelError(f"{model.name}: a twin needs NAME, claim and what is broken, but has '{rest}'")
-        else:
+        elif kind == "twin":
             twins.append(words[0])
             yield Run(model, words[0], (f"-DTWIN_{words[0]}",), words[1])
     if true_ones == 0:
@@ -80,8 +100,54 @@ def runs_of(model: Path) -> Iterator[Run]:
         )
     if gone := [name for name in CODE_FILE.findall(text) if not (ROOT / name).is_file()]:
         raise ModelError(f"{model.name}: stands for files that are gone: {', '.join(gone)}")
-    if odd := set(twins) ^ set(TWIN_IN_CODE.findall(ORDER.sub("", text))):
+    asked = asked_flags(own)
+    if odd := (flags_of(own) - asked) | (asked - flags_of(text)):
         raise ModelError(f"{model.name}: in the code or in the table only: {', '.join(sorted(odd))}")
+    if problems := list(out_of_step(model)):
+        raise ModelError("\n".join(f"{model.name}: {problem}" for problem in problems))
+
+
+def flags_of(text: str) -> set[str]:
+    """What can be broken or weakened in this text."""
+    return set(FLAG.findall(ORDER.sub("", text)))
+
+
+def asked_flags(text: str) -> set[str]:
+    """What the lines of a model break or weaken."""
+    table = ORDER.findall(text)
+    named = {f"TWIN_{rest.split()[0]}" for kind, rest in table if kind == "twin"}
+    return named | {flag for kind, rest in table if kind == "model" for flag in FLAG.findall(rest.replace("-D", " "))}
+
+
+def accesses(pattern: re.Pattern[str], text: str) -> list[str]:
+    """The accesses to atomic objects in this text, and their orders."""
+    return [access or order for access, order in pattern.findall(text)]
+
+
+def out_of_step(model: Path) -> Iterator[str]:
+    """Where a model's inlines differ from the C++ functions they stand for; and orders without a flag."""
+    raw = text_of(model)
+    stands_for = [rest.split() for kind, rest in ORDER.findall(raw) if kind == "code"]
+    if not stands_for:
+        return
+    code, without_twins = say(["cc", "-E", "-P", "-x", "c", str(model.resolve())], ".")
+    if code != 0:
+        yield f"cc cannot read it: {without_twins}"
+    inlines, unweakened = dict(INLINE.findall(without_twins)), dict(INLINE.findall(raw))
+    for file in sorted({file for file, _, _ in stands_for}):
+        functions: dict[str, str] = {}
+        for name, body in named_functions((ROOT / file).read_text()):
+            functions[name] = functions.get(name, "") + body
+        pairs = {function: inline for where, function, inline in stands_for if where == file}
+        for function, inline in pairs.items():
+            there, here = accesses(IN_CPP, functions.get(function, "")), accesses(IN_MODEL, inlines.get(inline, ""))
+            if there != here or not there:
+                yield f"{inline} is '{' '.join(here)}', but {function} in {file} is '{' '.join(there)}'"
+            if re.search(r"\b(acquire|release)\b", HAS_A_FLAG.sub("", unweakened.get(inline, ""))):
+                yield f"{inline}: an order that nothing weakens; write ORDER(order, TWIN_...) or SPARE_..."
+        for function in sorted(functions.keys() - pairs.keys()):
+            if "memory_order_" in functions[function]:
+                yield f"{function} in {file} has memory orders, but no line '//: code'"
 
 
 def broken_claim(said: str) -> str:
@@ -106,8 +172,10 @@ def judge(run: Run, said: str) -> str:
         return f"not every state was seen: {cut}"
     if "Full statespace search" not in said:
         return "SPIN did not finish"
-    # What is never reached proves nothing. A process that runs for ever does not reach its end.
-    if idle := [line.strip() for line in re.findall(r"^\t(.*, state \d+, .*)$", said, re.M) if '"-end-"' not in line]:
+    # What is never reached proves nothing. A process that runs for ever does not reach its end, and not every model
+    # needs all that a shared file offers.
+    lines = re.findall(rf"^\t(.*\b{re.escape(run.model.name)}:.*, state \d+, .*)$", said, re.M)
+    if idle := [line.strip() for line in lines if '"-end-"' not in line]:
         return "never reached: " + "; ".join(idle)
     return ""
 

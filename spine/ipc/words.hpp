@@ -29,7 +29,7 @@ inline void store_word(std::uint64_t& word, std::uint64_t value, std::memory_ord
 }
 
 // One record: a sequence word, 2c while it holds value c (c counts from 1), odd while it is being written; and the
-// value. The orders are the ones the C++ model proves (facts of the README of this room); each names its partner.
+// value. Each order names its partner; models/record.inc has them all, and what breaks without each.
 template <Payload T>
 struct Record {
   std::uint64_t sequence;

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The runner of the models fails whenever SPIN has not proved, or not refuted, what the model says it must."""
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from cpp_text import named_functions
 
 import models
 
@@ -68,7 +71,7 @@ REFUSED = [
     ("byte seen;", "byte seen;\n  if\n  :: counted == 9 -> counted = 0\n  :: else\n  fi;", "never reached: "),
     ("//: model\n", "", "no line '//: model'"),
     ("//: twin COUNT_TWICE", "// twin COUNT_TWICE", "1 twins, 2 at least"),
-    ("#ifdef TWIN_COUNT_TWICE", "#ifdef TWIN_COUNT_THRICE", "COUNT_THRICE, COUNT_TWICE"),
+    ("#ifdef TWIN_COUNT_TWICE", "#ifdef TWIN_COUNT_THRICE", "TWIN_COUNT_THRICE, TWIN_COUNT_TWICE"),
     ("byte counted", "/* stands for spine/law/gone.hpp */ byte counted", "files that are gone: spine/law/gone.hpp"),
 ]
 
@@ -110,3 +113,138 @@ def test_every_model_of_the_tree_can_be_run() -> None:
     assert len(found) >= 3
     for model in found:
         assert len(list(models.runs_of(model))) >= 3
+
+
+# A flag is passed by release and acquire. The model stands for this code.
+CODE = """
+template <class T>
+class Flag {
+ public:
+  Flag() { word_.store(0, std::memory_order_relaxed); }
+  // acquire, with memory_order_release in set().
+  bool get() const { return word_.load(std::memory_order_acquire) != 0; }
+  void set() { std::atomic_ref(word_).store(1, std::memory_order_release); }
+};
+"""
+PASSING = """
+//: code spine/ipc/flag.hpp Flag::Flag clear
+//: code spine/ipc/flag.hpp Flag::get get
+//: code spine/ipc/flag.hpp Flag::set set
+//: model
+//: twin SET_RELAXED  passed  the flag is stored without release
+//: twin GET_RELAXED  passed  the flag is loaded without acquire
+#define OBJECTS 2
+#define MESSAGES 3
+#define USES 1
+#include "memory.inc"
+bool passed;
+byte flag, data;
+inline clear() {
+  store(0, 0, 0, relaxed)
+}
+inline get() {
+  load(1, 0, ORDER(acquire, TWIN_GET_RELAXED), flag)
+}
+inline set() {
+  store(0, 0, 1, ORDER(release, TWIN_SET_RELAXED))
+}
+active proctype Writer() {
+  clear();
+  store(0, 1, 1, relaxed);
+  set()
+}
+active proctype Reader() {
+  get();
+  load(1, 1, relaxed, data);
+  CLAIM(passed, data >= flag)
+}
+"""
+
+
+@pytest.fixture
+def check_passing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, str], int]:
+    """Checks the model of a tree that has only that and the flag's code."""
+    (tmp_path / "spine/ipc").mkdir(parents=True)
+    (tmp_path / "memory.inc").write_text((models.ROOT / "models/memory.inc").read_text())
+    monkeypatch.setattr(models, "ROOT", tmp_path)
+
+    def run(code: str, model: str) -> int:
+        (tmp_path / "spine/ipc/flag.hpp").write_text(code)
+        (tmp_path / "flag.pml").write_text(model)
+        return models.check([tmp_path / "flag.pml"], jobs=2)
+
+    return run
+
+
+def test_a_model_in_step_with_its_code_passes(
+    check_passing: Callable[[str, str], int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert check_passing(CODE, PASSING) == 0
+    assert "2 twins of 1 models" in capsys.readouterr().out
+
+
+OUT_OF_STEP = [
+    ("acquire) != 0", "relaxed) != 0", "get is 'load acquire', but Flag::get in spine/ipc/flag.hpp is 'load relaxed'"),
+    ("std::memory_order_acquire", "", "get is 'load acquire', but Flag::get in spine/ipc/flag.hpp is 'load'"),
+    (
+        "  void set() {",
+        "  void set() { std::atomic_thread_fence(std::memory_order_release);",
+        "is 'fence release store release'",
+    ),
+    ("void set()", "void put()", "Flag::put in spine/ipc/flag.hpp has memory orders, but no line '//: code'"),
+    (
+        "ORDER(acquire, TWIN_GET_RELAXED), flag",
+        "acquire, flag); load(1, 0, ORDER(relaxed, TWIN_GET_RELAXED), flag",
+        "get: an order that nothing weakens",
+    ),
+    ("ORDER(release, TWIN_SET_RELAXED)", "ORDER(release, SPARE_SET)", "SPARE_SET, TWIN_SET_RELAXED"),
+    ("//: model\n", "//: model -DSPARE_GET\n", "in the code or in the table only: SPARE_GET"),
+]
+
+
+@pytest.mark.parametrize("case", OUT_OF_STEP, ids=lambda case: case[-1])
+def test_code_and_model_that_differ_fail(
+    check_passing: Callable[[str, str], int], capsys: pytest.CaptureFixture[str], case: tuple[str, str, str]
+) -> None:
+    old, new, words = case
+    assert old in CODE + PASSING
+    assert check_passing(CODE.replace(old, new), PASSING.replace(old, new)) == 1
+    assert words in capsys.readouterr().out
+
+
+def test_some_model_weakens_every_order_of_a_shared_file() -> None:
+    folder = models.ROOT / "models"
+    asked = {flag for model in folder.glob("*.pml") for flag in models.asked_flags(model.read_text())}
+    shared = {flag for file in folder.glob("*.inc") for flag in models.flags_of(file.read_text())}
+    assert len(shared) >= 4
+    assert shared <= asked
+
+
+def orders_in(file: str) -> dict[str, str]:
+    """Accesses and orders of each function. The copy of a payload is written where it is called."""
+    functions: dict[str, str] = {}
+    for name, body in named_functions((models.ROOT / file).read_text()):
+        functions[name] = functions.get(name, "") + body
+    for copy in ("copy_in", "copy_out"):
+        if copy in functions:
+            functions = {name: re.sub(rf"\b{copy}\([^;]*;", functions[copy], body) for name, body in functions.items()}
+    return {name: " ".join(models.accesses(models.IN_CPP, body)) for name, body in functions.items()}
+
+
+SAME_ORDERS = [
+    ("read_record", "words", "Record::read"),
+    ("write_record", "words", "Record::write"),
+    ("lithe_channel_write", "channel", "ChannelWriter::write"),
+    ("lithe_channel_read", "ring", "RingReader::latest"),  # asks `latest` only, as the Ring's asks `head`
+    ("lithe_ring_head", "ring", "RingReader::next"),
+    ("lithe_mailbox_send", "mailbox", "MailboxSender::send"),
+    ("lithe_mailbox_poll", "mailbox", "MailboxSender::poll"),
+]
+
+
+@pytest.mark.parametrize("case", SAME_ORDERS, ids=lambda case: case[0])
+def test_the_c_code_of_the_brain_has_the_orders_of_the_spine(case: tuple[str, str, str]) -> None:
+    ours, file, theirs = case
+    found = orders_in("brain/lithe/_shm/lithe_shm.c")[ours]
+    assert found
+    assert found == orders_in(f"spine/ipc/{file}.hpp")[theirs]
