@@ -118,8 +118,10 @@ Verdict Guard::check(const Input& in, JointCommands& out) LITHE_RT {
   }
   for (std::size_t j = 0; j < joints_; ++j) {
     Rung& rung = joint_[j].rung = group_[joint_[j].group].rung;
+    std::uint32_t& law_flags = joint_[j].law_flags = 0;
     if (rung == Rung::law) {
-      apply_law(j, in, out, verdict.law_flags);
+      apply_law(j, in, out, law_flags);
+      verdict.law_flags |= law_flags;
     } else if (rung == Rung::safe_law) {
       apply_safe_law(j, in, out, verdict.flags);
     } else {

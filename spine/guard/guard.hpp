@@ -98,8 +98,10 @@ class Guard {
   std::span<const Group> groups() const LITHE_RT { return {group_.data(), groups_}; }
   bool any_stopped() const LITHE_RT { return any_stopped_; }
   bool stopped(std::size_t joint) const LITHE_RT { return group_[joint_[joint].group].fault != wire::Fault::none; }
-  // Of a law's output. For stopped joints it is ignored.
-  bool is_finite(const Effort& effort) const LITHE_RT;
+  // The first joint for which a law's output is not finite; kMaxJoints = none. Stopped joints are ignored.
+  std::size_t not_finite_at(const Effort& effort) const LITHE_RT;
+  // Bits of wire::telemetry_flag: what the law's output made the guard do at this joint in the last check.
+  std::uint32_t law_flags(std::size_t joint) const LITHE_RT { return joint_[joint].law_flags; }
   // The first fault of this joint since the last reset.
   wire::Fault joint_fault(std::size_t joint) const LITHE_RT { return joint_[joint].fault; }
 
@@ -127,6 +129,7 @@ class Guard {
   struct Joint {
     Limits limit{};
     Envelope envelope;
+    std::uint32_t law_flags = 0;
     bool at_envelope = false;  // in the last tick the envelope changed the law's torque
     bool usable = false;       // the sample of this tick
     Command last, sent;        // by the last output, and by the last one that was dispatched

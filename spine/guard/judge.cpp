@@ -113,7 +113,7 @@ Fault Guard::judge_robot(const Input& in, bool too_late, std::uint32_t& flags) c
   if (in.stale_ticks > 0) flags |= wire::telemetry_flag::kSampleStale;
   const bool brain_stale = in.brain_age_ns < 0 || in.brain_age_ns > rules_.brain_stale_ns;
   if (brain_stale) flags |= wire::telemetry_flag::kBrainStale;
-  const bool finite = !law_runs(in.mode) || is_finite(in.effort);
+  const bool finite = !law_runs(in.mode) || not_finite_at(in.effort) == kMaxJoints;
   if (!finite) flags |= wire::telemetry_flag::kNotFinite;
   if (too_late) return Fault::sample_stale;
   if (!finite) return Fault::law_not_finite;
@@ -121,16 +121,16 @@ Fault Guard::judge_robot(const Input& in, bool too_late, std::uint32_t& flags) c
   return brain_stale && needs_brain ? Fault::brain_stale : Fault::none;
 }
 
-bool Guard::is_finite(const Effort& effort) const LITHE_RT {
-  bool finite = true;
+std::size_t Guard::not_finite_at(const Effort& effort) const LITHE_RT {
   for (std::size_t j = 0; j < joints_; ++j) {
     // x - x is 0 for every finite x and NaN for the others; a position may be absent (NaN) but not infinite.
     const double sum = (effort.torque_nm[j] - effort.torque_nm[j]) +
                        (effort.velocity_rad_s[j] - effort.velocity_rad_s[j]) +
                        (effort.kp_nm_rad[j] - effort.kp_nm_rad[j]) + (effort.kd_nm_s_rad[j] - effort.kd_nm_s_rad[j]);
-    finite = finite && (stopped(j) || (sum == 0.0 && !std::isinf(effort.position_rad[j])));
+    const bool finite = sum == 0.0 && !std::isinf(effort.position_rad[j]);
+    if (!finite && !stopped(j)) return j;
   }
-  return finite;
+  return kMaxJoints;
 }
 
 // The rung of each group. For `brake`, joints without usable samples do not count as moving: the drive damps them, and

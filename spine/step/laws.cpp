@@ -62,13 +62,15 @@ Laws::Run Laws::run(law::Resident& law, Effort& effort, Host& host) LITHE_RT {
   sandbox_.enter(law, in_);
   const std::int64_t from_ns = host.now_ns();
   const std::int64_t budget_ns = law.terms.budget_ns > 0 ? law.terms.budget_ns : budget_ns_;
-  const Failure failure = host.run(sandbox_, from_ns + std::min(budget_ns, period_ns_));
-  if (failure) return {failure, from_ns};
+  const std::int64_t most_ns = std::min(budget_ns, period_ns_);
+  const Failure failure = host.run(sandbox_, from_ns + most_ns);
+  if (failure) return {failure, from_ns, host.now_ns() - from_ns, most_ns};
   const bool sound_input = all_finite(in_.position_rad, in_.joints) && all_finite(in_.velocity_rad_s, in_.joints) &&
                            all_finite(in_.torque_nm, in_.joints);
   // A non-finite output that comes from a broken sensor is not a law fault: the guard handles it. The state of this
   // step is not kept.
-  if (sound_input && !guard_.is_finite(sandbox_.effort)) return {{LawFaultKind::not_finite, 0, 0}, from_ns};
+  const std::size_t odd = sound_input ? guard_.not_finite_at(sandbox_.effort) : kMaxJoints;
+  if (odd != kMaxJoints) return {.failure = {LawFaultKind::not_finite, 0, 0}, .from_ns = from_ns, .joint = odd};
   if (sound_input) sandbox_.keep_state(law);
   copy_effort(sandbox_.effort, effort, in_.joints);
   return {{}, from_ns};
@@ -78,22 +80,24 @@ Laws::Run Laws::run(law::Resident& law, Effort& effort, Host& host) LITHE_RT {
 // over.
 bool Laws::fall_back(const Run& first, Host& host) LITHE_RT {
   const LawFaultKind kind = first.failure.kind;
+  const Words why = in_words(first);
   wire::LawFault fault = fault_of(first.failure);
   const Back back = step_back();
   if (back == Back::nowhere) {
-    report(fault, 0, host.now_ns() - first.from_ns, wire::to_string(kind));
+    report(fault, 0, host.now_ns() - first.from_ns, why.text());
     stop_for(kind);
     return false;
   }
   const Run second = run(*slot_.active(), effort_, host);
-  report(fault, slot_.active()->law_id, host.now_ns() - first.from_ns, wire::to_string(kind));
-  tell_back(back, wire::to_string(kind));
+  report(fault, slot_.active()->law_id, host.now_ns() - first.from_ns, why.text());
+  tell_back(back, why.text());
   if (!second.failure) return true;
   // At most two laws per tick: a third would cost a third time budget.
   const LawFaultKind its_kind = second.failure.kind;
+  const Words its_why = in_words(second);
   fault = fault_of(second.failure);
-  report(fault, 0, host.now_ns() - second.from_ns, wire::to_string(its_kind));
-  tell_back(step_back(), wire::to_string(its_kind));  // the law that runs after a reset
+  report(fault, 0, host.now_ns() - second.from_ns, its_why.text());
+  tell_back(step_back(), its_why.text());  // the law that runs after a reset
   stop_for(its_kind);
   return false;
 }
@@ -192,15 +196,21 @@ void Laws::judge(const guard::Verdict& verdict) LITHE_RT {
   if (slot_.active() == nullptr) return;
   // The guard has just stopped joints because of this law: it must not be the law that runs after the reset.
   const auto ran_away = [](const guard::Group& group) { return group.news && is_runaway(group.fault); };
-  if (probation_.on() && !verdict.recovering && std::ranges::any_of(guard_.groups(), ran_away)) {
-    return replace({.kind = LawFaultKind::guard_stopped});
+  const auto groups = guard_.groups();
+  const auto stopped = std::ranges::find_if(groups, ran_away);
+  if (probation_.on() && !verdict.recovering && stopped != groups.end()) {
+    return replace({.kind = LawFaultKind::guard_stopped, .evidence = {.joint = stopped->joint}});
   }
   if (!mode_.law_runs()) return;
   if (probation_.on()) report_.flags |= flag::kOnProbation;
   if (probation_.of_params()) report_.flags |= flag::kParamsOnProbation;
   JointArray torque_nm;
-  for (std::uint32_t j = 0; j < in_.joints; ++j) torque_nm[j] = wanted_nm(effort_, in_, j);
-  const Probation::News news = probation_.watch({in_, torque_nm, report_.law_ns, verdict.law_flags});
+  std::array<std::uint32_t, kMaxJoints> clamped{};
+  for (std::uint32_t j = 0; j < in_.joints; ++j) {
+    torque_nm[j] = wanted_nm(effort_, in_, j);
+    clamped[j] = guard_.law_flags(j) & Probation::kClamped;
+  }
+  const Probation::News news = probation_.watch({in_, torque_nm, report_.law_ns, clamped});
   if (probation_.unproven()) report_.flags |= flag::kUnproven;
   tell_probation(news);
   if (news.kind != LawFaultKind::none) replace(news);
@@ -221,7 +231,39 @@ void Laws::tell_probation(const Probation::News& news) LITHE_RT {
       guard_.any_stopped() ? "its probation is over, with a part of the robot stopped" : "its probation is over");
 }
 
-// "oscillating: joint wrist, 31 Hz"; "tracking_lost: joint elbow, error 0.312 rad, allowed 0.150".
+// "overran: ended after 812.0 us, allowed 800.0"; "not_finite: joint elbow".
+Words Laws::in_words(const Run& failed) const LITHE_RT {
+  Words words;
+  words << wire::to_string(failed.failure.kind);
+  if (failed.failure.kind == LawFaultKind::overran) {
+    (words << ": ended after ").number(1e-3 * static_cast<double>(failed.took_ns), 1) << " us, allowed ";
+    words.number(1e-3 * static_cast<double>(failed.budget_ns), 1);
+  } else if (failed.joint < robot_.joints.size()) {
+    words << ": joint " << robot_.joints[failed.joint].name;
+  }
+  return words;
+}
+
+// What the guard clamps now, with the value and its limit: "wants 12.000 N m of 0.600".
+void Laws::tell_clamped(const Probation::Evidence& evidence, Words& words) const LITHE_RT {
+  const robot::JointConfig& joint = robot_.joints[evidence.joint];
+  const double torque_nm = wanted_nm(effort_, in_, evidence.joint), speed_rad_s = in_.velocity_rad_s[evidence.joint];
+  // The guard brakes ahead of both limits, with one flag: at half the speed limit the speed is the more telling one.
+  const bool fast = std::abs(speed_rad_s) > 0.5 * joint.velocity_max_rad_s;
+  if ((evidence.clamped & flag::kTorqueClamped) != 0) {
+    (words << "wants ").number(torque_nm, 3) << " N m of ";
+    words.number(joint.torque_max_nm, 3);
+  } else if ((evidence.clamped & flag::kVelocityClamped) != 0 || fast) {
+    (words << "at ").number(speed_rad_s, 1) << " rad/s of ";
+    words.number(joint.velocity_max_rad_s, 1);
+  } else {
+    (words << "at ").number(in_.position_rad[evidence.joint], 3) << " rad of ";
+    words.number(torque_nm > 0 ? joint.position_max_rad : joint.position_min_rad, 3);
+  }
+}
+
+// "oscillating: joint wrist, 31 Hz"; "tracking_lost: joint elbow, error 0.312 rad, allowed 0.150"; "guard_busy: joint
+// elbow clamped in 80.1 % of ticks, allowed 80: wants 12.000 N m of 0.600".
 Words Laws::in_words(const Probation::News& news) const LITHE_RT {
   const Probation::Evidence& evidence = news.evidence;
   Words words;
@@ -238,12 +280,18 @@ Words Laws::in_words(const Probation::News& news) const LITHE_RT {
       words.number(evidence.allowed, 3);
       break;
     case LawFaultKind::guard_busy:
-      (words << ": it clamped ").number(100 * evidence.value, 0) << " % of the last ticks, allowed ";
-      words.number(100 * evidence.allowed, 0);
+      words << ": joint " << robot_.joints[evidence.joint].name << " clamped in ";
+      words.number(100 * evidence.value, 1) << " % of ticks, allowed ";
+      words.number(100 * evidence.allowed, 0) << ": ";
+      tell_clamped(evidence, words);
+      break;
+    case LawFaultKind::guard_stopped:
+      words << ": joint " << robot_.joints[evidence.joint].name << ", "
+            << wire::to_string(guard_.joint_fault(evidence.joint));
       break;
     case LawFaultKind::overran:
       (words << ": a step took ").number(1e6 * evidence.value, 1) << " us, allowed ";
-      words.number(1e6 * evidence.allowed, 1);
+      (words.number(1e6 * evidence.allowed, 1) << ", ").number(Probation::kMostLong, 0) << " times in a row";
       break;
     default:
       break;

@@ -3,11 +3,13 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <string_view>
 
 #include "lithe/law.hpp"
 #include "spine/contain/fault_barrier.hpp"
+#include "spine/core/joints.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/guard/guard.hpp"
 #include "spine/law/sandbox.hpp"
@@ -63,6 +65,8 @@ class Laws {
   struct Run {
     contain::Failure failure;
     std::int64_t from_ns;
+    std::int64_t took_ns = 0, budget_ns = 0;  // of one that failed
+    std::size_t joint = kMaxJoints;           // whose output is not finite
   };
   // A step back: to the previous parameters, or to the law before.
   enum class Back : std::uint8_t { nowhere, params, law };
@@ -83,6 +87,8 @@ class Laws {
   void tell_back(Back back, std::string_view why) LITHE_RT;
   void tell_probation(const Probation::News& news) LITHE_RT;
   Words in_words(const Probation::News& news) const LITHE_RT;
+  Words in_words(const Run& failed) const LITHE_RT;
+  void tell_clamped(const Probation::Evidence& evidence, Words& words) const LITHE_RT;
   wire::LawFault fault_of(const contain::Failure& failure) const LITHE_RT;
   void report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t took_ns, std::string_view why) LITHE_RT;
 

@@ -12,8 +12,6 @@ using wire::LawFaultKind;
 constexpr double kErrorMemoryS = 1.0;
 constexpr double kGuardMemoryS = 0.2;  // a setpoint step may saturate a good law for 0.1 s
 constexpr double kBusy = 0.8, kCalm = 0.4;
-constexpr std::uint32_t kClamped = wire::telemetry_flag::kTorqueClamped | wire::telemetry_flag::kVelocityClamped |
-                                   wire::telemetry_flag::kPositionClamped;
 
 double error_rad(const Tick& in, std::uint32_t j) LITHE_RT {
   return std::abs(in.setpoint_position_rad[j] - in.position_rad[j]);
@@ -70,7 +68,7 @@ void Probation::end_params() LITHE_RT {
 void Probation::compare_from_here() LITHE_RT {
   long_steps_ = 0;
   error_before_rad_ = most_error_rad_;
-  guard_before_ = guard_activity_;
+  clamped_before_ = clamped_share_;
   tremor_.start();
 }
 
@@ -91,11 +89,11 @@ Probation::News Probation::watch(const Observed& tick) LITHE_RT {
 
 LawFaultKind Probation::judge(const Observed& tick, Evidence& evidence) const LITHE_RT {
   if (tracking_is_lost(tick.in, evidence)) return LawFaultKind::tracking_lost;
-  evidence = {0, guard_activity_, kBusy, {}};
-  if (guard_activity_ > kBusy && guard_before_ < kCalm) return LawFaultKind::guard_busy;
-  evidence = {0, 1e-9 * static_cast<double>(tick.law_ns), 1e-9 * static_cast<double>(terms_.budget_ns), {}};
+  if (guard_is_busy(tick, evidence)) return LawFaultKind::guard_busy;
+  evidence = {.value = 1e-9 * static_cast<double>(tick.law_ns),
+              .allowed = 1e-9 * static_cast<double>(terms_.budget_ns)};
   if (long_steps_ >= kMostLong) return LawFaultKind::overran;
-  evidence = {0, 0, 0, tremor_.find(tick.in.joints)};
+  evidence = {.tremor = tremor_.find(tick.in.joints)};
   const law::Tremor::Finding& finding = evidence.tremor;
   if (finding.kind == law::Tremor::Finding::Kind::chatter) return LawFaultKind::chattering;
   if (finding.kind == law::Tremor::Finding::Kind::oscillation) return LawFaultKind::oscillating;
@@ -106,8 +104,16 @@ bool Probation::tracking_is_lost(const Tick& in, Evidence& evidence) const LITHE
   if (!(error_ratio_ > 0) || catching_up(in)) return false;
   for (std::uint32_t j = 0; j < in.joints; ++j) {
     const double allowed_rad = error_ratio_ * std::max(error_before_rad_[j], kLeastErrorRad);
-    evidence = {j, error_rad(in, j), allowed_rad, {}};
+    evidence = {.joint = j, .value = error_rad(in, j), .allowed = allowed_rad};
     if (evidence.value > allowed_rad) return true;
+  }
+  return false;
+}
+
+bool Probation::guard_is_busy(const Observed& tick, Evidence& evidence) const LITHE_RT {
+  for (std::uint32_t j = 0; j < tick.in.joints; ++j) {
+    evidence = {.joint = j, .value = clamped_share_[j], .allowed = kBusy, .clamped = tick.clamped[j]};
+    if (clamped_share_[j] > kBusy && clamped_before_[j] < kCalm) return true;
   }
   return false;
 }
@@ -119,10 +125,10 @@ void Probation::remember(const Observed& tick) LITHE_RT {
   const bool counts = !catching_up(tick.in);
   for (std::uint32_t j = 0; j < tick.in.joints; ++j) {
     if (counts) most_error_rad_[j] = std::max(error_rad(tick.in, j), most_error_rad_[j] * forget_error_);
+    const double clamped = tick.clamped[j] != 0 ? 1.0 : 0.0;
+    clamped_share_[j] = clamped + (clamped_share_[j] - clamped) * forget_guard_;
     tremor_.see(tick.in, j, tick.torque_nm[j]);
   }
-  const double clamped = (tick.flags & kClamped) != 0 ? 1.0 : 0.0;
-  guard_activity_ = clamped + (guard_activity_ - clamped) * forget_guard_;
   const bool too_long = terms_.budget_ns > 0 && tick.law_ns > terms_.budget_ns;
   long_steps_ = too_long ? long_steps_ + 1 : 0;
 }

@@ -2,6 +2,7 @@
 // Probation: judges a law that has just been committed, or parameters that have just been set, against the time before.
 #pragma once
 
+#include <array>
 #include <cstdint>
 
 #include "lithe/law.hpp"
@@ -17,7 +18,8 @@ namespace lithe::step {
 // The criteria (besides a law fault, which always replaces the law):
 //   tracking    a joint's error grows beyond error_ratio times the largest of the time before the commit; a joint that
 //               tracked better than kLeastErrorRad counts as having been that far off
-//   guard       it had to clamp torque, velocity or position in most ticks of the last while, and did not before
+//   guard       it had to clamp a joint's torque, velocity or position in most ticks of the last while, and did not
+//               before
 //   chatter     a joint's torque jumps up and down from tick to tick (law::Tremor)
 //   oscillation a joint swings to and fro without decay (law::Tremor)
 //   budget      the step took longer than allowed kMostLong times in a row: once may be the machine's fault
@@ -63,13 +65,18 @@ class Probation {
     const Tick& in;
     const JointArray& torque_nm;  // what the law wants at each joint
     std::int64_t law_ns;
-    std::uint32_t flags;  // the guard's, bits of wire::telemetry_flag
+    std::array<std::uint32_t, kMaxJoints> clamped;  // per joint: kClamped bits of what the guard did to the law
   };
-  // Measured value and limit: tracking_lost [rad] at `joint`, guard_busy [share of ticks], overran [s].
+  // What the guard clamps, of wire::telemetry_flag.
+  static constexpr std::uint32_t kClamped = wire::telemetry_flag::kTorqueClamped |
+                                            wire::telemetry_flag::kVelocityClamped |
+                                            wire::telemetry_flag::kPositionClamped;
+  // Measured value and limit: tracking_lost [rad] and guard_busy [share of ticks] at `joint`, overran [s].
   struct Evidence {
     std::uint32_t joint = 0;
     double value = 0, allowed = 0;
-    law::Tremor::Finding tremor;  // of chattering and oscillating
+    std::uint32_t clamped = 0;      // of guard_busy: what the guard clamps now
+    law::Tremor::Finding tremor{};  // of chattering and oscillating
   };
   struct News {
     wire::LawFaultKind kind = wire::LawFaultKind::none;  // not none: replace the law or its parameters
@@ -100,17 +107,18 @@ class Probation {
   void compare_from_here() LITHE_RT;
   wire::LawFaultKind judge(const Observed& tick, Evidence& evidence) const LITHE_RT;
   bool tracking_is_lost(const Tick& in, Evidence& evidence) const LITHE_RT;
+  bool guard_is_busy(const Observed& tick, Evidence& evidence) const LITHE_RT;
   void remember(const Observed& tick) LITHE_RT;
 
   double forget_error_ = 0;  // per tick, of the largest error
-  double forget_guard_ = 0;  // per tick, of the guard's activity
+  double forget_guard_ = 0;  // per tick, of what the guard clamped
   std::uint32_t params_ticks_ = 0;
   double params_error_ratio_ = 0;
   JointArray most_error_rad_{};
   std::int64_t pause_ns_ = 0;        // between two ticks
   std::int64_t last_ns_ = 0;         // of the tick before
   std::int64_t catching_up_ns_ = 0;  // until then
-  double guard_activity_ = 0;        // share of recent ticks in which it clamped
+  JointArray clamped_share_{};       // of recent ticks in which the guard clamped the joint
   law::Tremor tremor_;
 
   law::Terms terms_;
@@ -119,7 +127,7 @@ class Probation {
   double error_ratio_ = 0;
   std::uint32_t long_steps_ = 0;
   JointArray error_before_rad_{};
-  double guard_before_ = 0;
+  JointArray clamped_before_{};
 };
 
 }  // namespace lithe::step

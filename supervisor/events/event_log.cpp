@@ -5,6 +5,8 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <iterator>
+#include <utility>
 
 #include "spine/core/time.hpp"
 #include "supervisor/link/spine/commands.hpp"
@@ -33,6 +35,20 @@ std::string code_word(wire::EventKind kind, std::uint32_t code) {
 
 }  // namespace
 
+std::string_view next_step(std::string_view why) {
+  constexpr std::pair<std::string_view, std::string_view> kSteps[] = {
+      {"tracking_lost", "make the law follow its setpoint better, or allow more (probation_error_ratio)"},
+      {"guard_busy", "command less at this joint, or plan it slower; the robot file has its limits"},
+      {"guard_stopped", "slow the joint down before its limits; the robot goes on after: lithe reset, lithe arm"},
+      {"chattering", "lower the joint's damping, or smooth the speed that it uses"},
+      {"oscillating", "lower the joint's stiffness, or raise its damping"},
+      {"overran", "make its step shorter; the robot file says what it may take (swap.budget_share)"},
+      {"not_finite", "look for a division by 0, or an input that is NaN (std::isnan)"}};
+  const auto found = std::ranges::find_if(
+      kSteps, [why](const auto& each) { return why.substr(0, why.find_first_of(":;")) == each.first; });
+  return found == std::end(kSteps) ? std::string_view() : found->second;
+}
+
 Json event_json(const wire::Event& event) {
   const auto kind = static_cast<wire::EventKind>(event.kind);
   Json out = {{"t_ns", event.t_ns}, {"tick", event.tick}, {"kind", std::string(to_string(kind))}};
@@ -53,6 +69,7 @@ Json event_json(const wire::Event& event, const SpineLink& spine) {
     const auto law = spine.law(event.code);
     out["law"] = law ? Json(text_of(law->name)) : Json(nullptr);
     more = law ? fmt::format("law {} runs now", text_of(law->name)) : "no law runs now";
+    if (const std::string_view next = next_step(text_of(event.text)); !next.empty()) out["next"] = std::string(next);
   } else if (kind == wire::EventKind::plan_refused) {
     const auto plan = spine.plan();  // unless a newer one has taken its place
     const auto reason = static_cast<wire::PlanReject>(event.code);
@@ -69,6 +86,7 @@ std::string event_line(const Json& event) {
     line += fmt::format(" ({})", event["reason"].get<std::string>());
   }
   if (const std::string text = event.value("text", ""); !text.empty()) line += ": " + text;
+  if (const std::string next = event.value("next", ""); !next.empty()) line += "; next: " + next;
   if (const std::uint64_t tick = event.value("tick", std::uint64_t{0}); tick != 0) {
     line += fmt::format(" [tick {}]", tick);
   }

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <deque>
 #include <string>
+#include <string_view>
 
 #include "spine/wire/wire.hpp"
 #include "supervisor/core/answer.hpp"
@@ -15,9 +16,11 @@ namespace lithe::control {
 
 // An event of the Spine as text.
 Json event_json(const wire::Event& event);
-// With what the event has no room for: which law runs after a rollback or a revert ("law"), and which joint of a refused
-// plan is beyond which limit.
+// With what the event has no room for: after a rollback or a revert which law runs ("law") and what to do ("next"), and
+// which joint of a refused plan is beyond which limit.
 Json event_json(const wire::Event& event, const SpineLink& spine);
+// What to do about the reason of a rollback or a revert, as the Spine's event tells it; empty: nothing, or it says more.
+std::string_view next_step(std::string_view why);
 // One line for a person.
 std::string event_line(const Json& event);
 

@@ -47,6 +47,22 @@ TEST_F(EventJsonTest, ARollbackIsToldWithTheLawThatRunsNow) {
   EXPECT_TRUE(event_json(event, *link_)["law"].is_null()) << "the safe law";
 }
 
+TEST_F(EventJsonTest, ARollbackIsToldWithWhatToDo) {
+  for (const std::string why :
+       {"tracking_lost: joint hip, error 0.312 rad, allowed 0.150",
+        "guard_busy: joint hip clamped in 80.1 % of ticks, allowed 80: wants 12.000 N m of 0.600",
+        "guard_stopped: joint hip, velocity_limit", "chattering: joint hip, 210 Hz", "oscillating: joint hip, 31 Hz",
+        "overran: a step took 812.0 us, allowed 300.0, 3 times in a row", "overran", "not_finite: joint hip"}) {
+    wire::Event event = event_of(wire::EventKind::law_rolled_back, 3);
+    std::copy(why.begin(), why.end(), event.text.begin());
+    const Json told = event_json(event, *link_);
+    ASSERT_TRUE(told.contains("next")) << why;
+    EXPECT_NE(event_line(told).find("; next: " + told["next"].get<std::string>()), std::string::npos) << why;
+  }
+  wire::Event event = event_of(wire::EventKind::law_rolled_back, 3);
+  EXPECT_FALSE(event_json(event, *link_).contains("next")) << "somebody asked for it";
+}
+
 TEST_F(EventJsonTest, ARefusedPlanNamesItsJointUntilANewerOneIsThere) {
   wire::Event event =
       event_of(wire::EventKind::plan_refused, static_cast<std::uint32_t>(wire::PlanReject::position_limit));

@@ -1,7 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the tick does with laws that fail, with every real part around it.
+#include <atomic>
+#include <cstdio>
+#include <thread>
+
 #include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/memory/protected_memory.hpp"
+#include "spine/contain/watchdog.hpp"
 #include "spine/loop/test/laws_rig.hpp"
 
 namespace lithe::loop {
@@ -164,6 +169,44 @@ TEST_F(LawsTest, ALawThatCrashesIsReplacedInTheSameTick) {
     ASSERT_NE(fault->pc, 0u);
     ASSERT_EQ(fault->pc_offset, 0u) << "it lies in no slot";
   }
+}
+
+struct Endless {
+  struct Params {};
+  struct State {};
+  static void step(const Tick& t, const Params&, State&, Effort&) {
+    const volatile bool goes_on = t.dt_s > 0;
+    while (goes_on) {
+    }
+  }
+};
+constexpr LitheLaw kEndless = describe<Endless>("endless");
+
+TEST_F(LawsTest, AnEndlessLawIsToldWithItsTimeAndWhatItMayTake) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  GTEST_SKIP() << "the sanitizer wants SIGSEGV for itself";
+#endif
+  ASSERT_TRUE(contain::install_handlers());
+  auto barrier = contain::FaultBarrier::open();
+  ASSERT_TRUE(barrier) << barrier.message();
+  contain::Watchdog dog(contain::WatchdogConfig{});
+  ASSERT_TRUE(dog.watch(*barrier));
+  std::atomic<bool> stop{false};
+  std::thread watching([&] { dog.run(stop); });
+  use_cell(&*barrier);
+  arm_with(kPd);
+  stage(kEndless);
+  ticks(2);
+  EXPECT_EQ(record_.law_id, 1u);
+  for (const EventKind kind : {EventKind::law_faulted, EventKind::law_rolled_back}) {
+    ASSERT_EQ(events(kind).size(), 1u);
+    double took_us = 0;
+    ASSERT_EQ(std::sscanf(events(kind)[0].text.data(), "overran: ended after %lf us, allowed 300.0", &took_us), 1)
+        << events(kind)[0].text.data();
+    EXPECT_GE(took_us, 300);
+  }
+  stop = true;
+  watching.join();
 }
 
 TEST_F(LawsTest, AFaultInASlotSaysHowFarFromItsStart) {

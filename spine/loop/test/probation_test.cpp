@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // A new law's first second: blend, probation, and what becomes of it.
 #include <cstdio>
+#include <string>
 
+#include "spine/core/time.hpp"
 #include "spine/loop/test/laws_rig.hpp"
 
 namespace lithe::loop {
@@ -65,6 +67,113 @@ TEST_F(LawsTest, ALawThatLosesTrackOnProbationIsReplacedWithinTwoTicks) {
   EXPECT_LE(record_.tick - breach_tick, 2u);
   tick();
   EXPECT_EQ(record_.law_id, 1u);
+}
+
+// Lifts the arm with a constant torque beside what its weight needs.
+struct Lifts {
+  struct Params {};
+  struct State {};
+  static void step(const Tick& t, const Params&, State&, Effort& u) {
+    u.torque_nm[0] = 0.165 * std::sin(t.position_rad[0]) + 0.3;
+  }
+};
+const RawClock kClock = RawClock::calibrate(kNsPerMs);
+struct Slow {  // takes 50 us
+  struct Params {};
+  struct State {};
+  static void step(const Tick& t, const Params&, State&, Effort& u) {
+    const std::int64_t until_ns = kClock.now_ns() + 50'000;
+    while (kClock.now_ns() < until_ns) {
+    }
+    u.torque_nm[0] = -0.2 * t.velocity_rad_s[0];
+  }
+};
+constexpr LitheLaw kLifts = describe<Lifts>("lifts");
+constexpr LitheLaw kSlow = describe<Slow>("slow");
+
+class GuardBusyTest : public LawsTest {
+ protected:
+  // The reason for which this law was replaced: the share of clamped ticks in it is taken out and checked.
+  std::string why_not(const LitheLaw& law, int within_ticks) {
+    arm_with(kPd);
+    ticks(300);
+    terms_.probation_ticks = 60'000;
+    stage(law);
+    tick();
+    for (int i = 0; i < within_ticks && slot_.active()->law_id == 2; ++i) tick();
+    EXPECT_EQ(slot_.active()->law_id, 1u);
+    const auto told = events(EventKind::law_rolled_back);
+    if (told.size() != 1) return "";
+    EXPECT_EQ(next_fault()->kind, static_cast<std::uint32_t>(LawFaultKind::guard_busy));
+    std::string text = told[0].text.data();
+    double share = 0;
+    EXPECT_EQ(std::sscanf(text.c_str(), "guard_busy: joint shoulder clamped in %lf", &share), 1) << text;
+    EXPECT_GE(share, 80) << text;
+    EXPECT_LT(share, 81) << text;
+    return text.substr(std::min(text.find(" % of"), text.size()));
+  }
+};
+
+TEST_F(GuardBusyTest, ATorqueThatIsTooLargeIsNamedWithItsLimit) {
+  EXPECT_EQ(why_not(kPush, 2000), " % of ticks, allowed 80: wants -1000.000 N m of 0.600");
+}
+
+TEST_F(GuardBusyTest, APositionAtItsLimitIsNamedWithIt) {
+  const std::string why = why_not(kLifts, 20'000);
+  double at_rad = 0;
+  ASSERT_EQ(std::sscanf(why.c_str(), " %% of ticks, allowed 80: at %lf rad of 3.000", &at_rad), 1) << why;
+  EXPECT_NEAR(at_rad, 3, 0.11) << why;
+}
+
+TEST_F(GuardBusyTest, ASpeedAboveItsLimitIsNamedWithIt) {
+  robot_.joints[0].velocity_max_rad_s = 3;
+  use_cell(nullptr);
+  const std::string why = why_not(kLifts, 4000);
+  double speed_rad_s = 0;
+  ASSERT_EQ(std::sscanf(why.c_str(), " %% of ticks, allowed 80: at %lf rad%*[/]s of 3.0", &speed_rad_s), 1) << why;
+  EXPECT_NE(why.find(" rad/s of 3.0"), std::string::npos) << why;
+  EXPECT_GT(speed_rad_s, 1.5) << why;
+}
+
+TEST_F(GuardBusyTest, WhatTheGuardClampedBeforeTheLawIsNotBlamedOnIt) {
+  arm_with(kPush);
+  ticks(1000);
+  terms_.probation_ticks = 60'000;
+  stage(kPush);
+  ticks(1000);
+  EXPECT_EQ(slot_.active()->law_id, 2u);
+  EXPECT_TRUE(events(EventKind::law_rolled_back).empty());
+}
+
+TEST_F(LawsTest, ALawThatIsTooSlowThreeTimesInARowIsReplacedAndTheTimesAreTold) {
+  arm_with(kPd);
+  ticks(100);
+  terms_.probation_ticks = 60'000;
+  terms_.budget_ns = 10'000;
+  stage(kSlow);
+  ticks(1 + static_cast<int>(step::Probation::kMostLong));
+  EXPECT_EQ(slot_.active()->law_id, 1u);
+  EXPECT_EQ(next_fault()->kind, static_cast<std::uint32_t>(LawFaultKind::overran));
+  const auto told = events(EventKind::law_rolled_back);
+  ASSERT_EQ(told.size(), 1u);
+  double took_us = 0, times = 0;
+  EXPECT_EQ(std::sscanf(told[0].text.data(), "overran: a step took %lf us, allowed 10.0, %lf times in a row", &took_us,
+                        &times),
+            2)
+      << told[0].text.data();
+  EXPECT_GE(took_us, 50);
+  EXPECT_EQ(times, step::Probation::kMostLong);
+}
+
+TEST_F(LawsTest, ALawThatGivesNoNumberIsReplacedAndTheJointNamed) {
+  arm_with(kPd);
+  stage(kNotFinite);
+  ticks(2);
+  ASSERT_EQ(record_.law_id, 1u);
+  for (const EventKind kind : {EventKind::law_faulted, EventKind::law_rolled_back}) {
+    ASSERT_EQ(events(kind).size(), 1u);
+    EXPECT_STREQ(events(kind)[0].text.data(), "not_finite: joint shoulder");
+  }
 }
 
 // The machine takes the tick away for 0.1 s: the setpoint is 0.4 rad further when the law is back, through no fault of its.
@@ -229,6 +338,8 @@ TEST_F(LawsTest, ALawOnProbationThatTheGuardHasToStopDoesNotRunAfterTheReset) {
   ASSERT_TRUE(fault);
   EXPECT_EQ(fault->kind, static_cast<std::uint32_t>(LawFaultKind::guard_stopped));
   EXPECT_EQ(fault->to_law_id, 1u);
+  ASSERT_EQ(events(EventKind::law_rolled_back).size(), 1u);
+  EXPECT_STREQ(events(EventKind::law_rolled_back)[0].text.data(), "guard_stopped: joint shoulder, velocity_limit");
 }
 
 TEST_F(LawsTest, WhatIsLeftOfABlendEndsWithTheMotion) {

@@ -13,6 +13,7 @@ namespace lithe::loop {
 
 struct JointText {
   double min_rad = -3, max_rad = 3, start_rad = 0, mgl_nm = 0.165;
+  robot::DeviceKind drive = robot::DeviceKind::moteus;  // or cia402
 };
 
 inline constexpr double kRecoverRadS = 1.0, kTorqueMaxNm = 0.6, kRecoverShare = 0.5;
@@ -45,13 +46,19 @@ torque_lag_s = 0.001
 [[bus]]
 name = "can0"
 kind = "loop"
+[[bus]]
+name = "can1"
+kind = "loop"
+data_bitrate = 0
 )",
                                  rate_hz, kRecoverRadS, kRecoverShare, kTorqueMaxNm);
   for (std::size_t j = 0; j < joints.size(); ++j) {
-    text += fmt::format(R"(
+    text += fmt::format(
+        R"(
 [[device]]
 name = "drive{0}"
 id = {1}
+{6}
 [[joint]]
 name = "joint{0}"
 device = "drive{0}"
@@ -61,7 +68,8 @@ position_max_rad = {3}
 mgl_nm = {4}
 initial_position_rad = {5}
 )",
-                        j, j + 1, joints[j].min_rad, joints[j].max_rad, joints[j].mgl_nm, joints[j].start_rad);
+        j, j + 1, joints[j].min_rad, joints[j].max_rad, joints[j].mgl_nm, joints[j].start_rad,
+        joints[j].drive == robot::DeviceKind::moteus ? "" : "kind = \"cia402\"\nbus = \"can1\"\nrated_torque_nm = 0.6");
   }
   Result<robot::RobotConfig> robot = robot::parse_robot(text, "probe.toml");
   EXPECT_TRUE(robot) << robot.message();

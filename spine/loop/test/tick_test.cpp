@@ -3,12 +3,43 @@
 
 #include <cmath>
 #include <random>
+#include <string>
 
 #include "spine/core/test/no_alloc.hpp"
 #include "spine/loop/test/tick_rig.hpp"
 
 namespace lithe::loop {
 namespace {
+
+class SoftRig : public TickBench {
+ public:
+  using TickBench::stage;
+  using TickBench::TickBench;
+
+  void arm_with(const LitheLaw& law) {
+    stage(law);
+    ticks(3);
+    ASSERT_EQ(send(CommandKind::arm), CommandResult::done);
+    soft_ = is_soft() ? 1 : 0;
+  }
+  // How many of these ticks start softly. What a drive may give, and what the law gives, grow by `step_nm` a tick.
+  int soft_ticks(int count, double step_nm) {
+    int soft = 0;
+    for (int i = 0; i < count; ++i) {
+      tick();
+      soft += is_soft() ? 1 : 0;
+      if (!is_soft()) continue;
+      ++soft_;
+      EXPECT_LE(std::abs(record_.command_torque_nm[0]), soft_ * step_nm + 1e-9) << soft_;
+      EXPECT_LE(sent_.max_torque_nm[0], soft_ * step_nm + 1e-9) << soft_;
+    }
+    return soft;
+  }
+
+ private:
+  bool is_soft() const { return (record_.flags & wire::telemetry_flag::kSoftStarting) != 0; }
+  int soft_ = 0;
+};
 
 TEST_F(TickTest, DrivesAreOffUntilSomebodyArms) {
   stage(kPd);
@@ -202,6 +233,27 @@ TEST_F(TickTest, SkippedReleasesAreCounted) {
   EXPECT_EQ(record_.flags & wire::telemetry_flag::kDeadlineMissed, 0u);
 }
 
+// The same robot, whose file calls a missed deadline a fault. Its ticks are long, so that none of this test misses its own.
+class MissedDeadlineTest : public testing::Test, protected TickBench {
+ protected:
+  MissedDeadlineTest() : TickBench(robot_that_stops()) {}
+
+  static robot::RobotConfig robot_that_stops() {
+    robot::RobotConfig robot = *robot::parse_robot(kRobot, "probe.toml");
+    robot.rate_hz = 100;
+    robot.spine.miss_policy = robot::MissPolicy::stop;
+    return robot;
+  }
+};
+
+TEST_F(MissedDeadlineTest, StopsTheRobotInTheTickThatSawIt) {
+  arm_with(kPd);
+  ASSERT_EQ(mode(), Mode::active);
+  tick(true, 1);
+  EXPECT_EQ(mode(), Mode::safe_stop);
+  EXPECT_EQ(static_cast<wire::Fault>(record_.fault), wire::Fault::deadline_missed);
+}
+
 TEST_F(TickTest, EitherEstopWordStopsTheDrivesAndStaysUntilReleasedAndReset) {
   for (std::uint64_t* word : {&control_memory_->estop.value, &brain_memory_->estop.value}) {
     if (mode() != Mode::active) arm_with(kPd);
@@ -260,6 +312,23 @@ TEST_F(TickTest, ALawsTimeBeginsAtZeroAndItsProbesLeaveWithIt) {
   stage(kPd);
   ticks(2);
   EXPECT_EQ(record_.probe[1], 0.0);
+}
+
+// The default is also in docs/hardware.md; tests/system/test_limits.py compares them.
+TEST(SoftStart, ARobotFileWithoutTheKeyHasHalfASecondOfIt) {
+  for (const int rate_hz : {250, 1000}) {
+    std::string text = kRobot;
+    text.replace(text.find("soft_start_s = 0.0"), 18, "");
+    text.replace(text.find("rate_hz = 1000"), 14, "rate_hz = " + std::to_string(rate_hz));
+    const auto robot = robot::parse_robot(text, "probe.toml");
+    ASSERT_TRUE(robot) << robot.message();
+    SoftRig rig(*robot);
+    rig.arm_with(kPush);
+    const int all = rate_hz / 2;
+    EXPECT_EQ(rig.soft_ticks(all / 4, 0.6 / all), all / 4) << "a quarter of it: the law pushes with a quarter at most";
+    rig.stage(kPd);
+    EXPECT_NEAR(rig.soft_ticks(2 * all, 0.6 / all), all - all / 4, 2) << rate_hz;
+  }
 }
 
 TEST_F(TickTest, AReleaseNobodyServedCountsAsLate) {
