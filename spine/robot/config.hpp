@@ -119,7 +119,8 @@ struct DeviceConfig {
   DriveMode mode = DriveMode::torque;  // these three: cia402
   double counts_per_rev = 4096;        // of the motor's position
   double rated_torque_nm = 1.0;        // of the motor: object 6076h, of which torques are thousandths
-  FramesConfig frames{};               // moteus
+  FramesConfig frames{};               // these two: moteus
+  bool may_hold_alone = false;         // when this computer dies it may hold its joint, with no limit from LITHE
   std::uint32_t digital_inputs = 8;    // these three: cia401
   std::uint32_t analog_inputs = 0;
   double send_every_s = 0.01;

@@ -137,6 +137,7 @@ Expected expected_of(const DriverParams& params) {
   Expected expected;
   expected.settings = params.settings_in_drive;
   expected.watchdog_s = params.watchdog_s;
+  expected.may_hold = params.may_hold_alone;
   // An integer format ends at a scale of 1, the drive's configured gain.
   const double least = to_motor_gain(params.joint);
   if (params.command.kp_scale != Format::float32) expected.least_kp_nm_rev = least * params.kp_max_nm_rad;

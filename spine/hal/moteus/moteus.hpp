@@ -49,6 +49,7 @@ struct DriverParams {
   // At the motor: largest damping torque after `damp` or a watchdog timeout (servo.timeout_max_torque_Nm). A larger
   // setting is reduced to this at set-up, until the drive is switched off.
   double damp_torque_max_nm = std::numeric_limits<double>::infinity();
+  bool may_hold_alone = false;  // a drive with servo.timeout_mode 10 may be commanded
   // Gains the drive itself is configured with: a command scales them.
   double kp_nm_rev = 4.0;
   double kd_nm_s_rev = 0.05;

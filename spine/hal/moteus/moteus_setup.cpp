@@ -155,9 +155,10 @@ void Setup::answered(double value) LITHE_RT {
     case kKd:
       return answered_gain(value, expected_.least_kd_nm_s_rev, settings_.kd_nm_s_rev);
     case kTimeoutMode: {
-      const bool holds = value == static_cast<double>(Mode::position) ||
-                         value == static_cast<double>(Mode::zero_velocity) || value == static_cast<double>(Mode::brake);
-      return holds ? next() : refuse(NotReady::limp, value);
+      if (value == static_cast<double>(Mode::position))
+        return expected_.may_hold ? next() : refuse(NotReady::holds, value);
+      const bool stops = value == static_cast<double>(Mode::zero_velocity) || value == static_cast<double>(Mode::brake);
+      return stops ? next() : refuse(NotReady::limp, value);
     }
     case kTimeoutTorque:
       return value > 0 ? limit_damping(value) : refuse(NotReady::limp, value);
@@ -237,6 +238,11 @@ std::string describe_lack(std::uint64_t packed) {
       return said +
              ": the joint would fall when this computer dies; set servo.timeout_mode to 12 and "
              "servo.timeout_max_torque_Nm above 0 (conf set, conf write)";
+    case NotReady::holds:
+      return said +
+             ": when this computer dies, the drive would go on and hold the joint with its own gains, without a limit; "
+             "set it to damp (conf set servo.timeout_mode 12, then conf write), or permit it: may_hold_alone = true in "
+             "its [[device]]";
     case NotReady::weak:
       return said +
              ", less than the joint's kp_max_nm_rad, kd_max_nm_s_rad or safe_kd_nm_s_rad, and [device.frames] command "

@@ -28,6 +28,7 @@ enum class NotReady : std::uint8_t {
   unsaid,        // an answer is not a number
   gain,          // one of its gains is 0 or implausible, so it cannot be scaled
   limp,          // after a watchdog timeout it would let the joint go limp
+  holds,         // after a watchdog timeout it would go on with its own gains, and the robot file does not permit that
   weak,          // one of its gains is smaller than needed with integer formats
   setting,       // a setting that commands leave to the drive is wrong
   too_strong,    // its timeout damping exceeds the joint's torque limit and cannot be changed
@@ -37,6 +38,7 @@ enum class NotReady : std::uint8_t {
 struct Expected {
   double least_kp_nm_rev = 0;
   double least_kd_nm_s_rev = 0;
+  bool may_hold = false;  // after a watchdog timeout
   bool settings = false;  // watchdog time, no planner, no integral are the drive's own
   double watchdog_s = 0.1;
   // At the motor: a larger damping torque after a timeout is reduced to this, with that console line.

@@ -38,6 +38,7 @@ std::unique_ptr<Drive> make_drive(const robot::RobotConfig& robot, const robot::
   params.damp_torque_max_nm = joint.torque_max_nm / joint.ratio;
   params.velocity_max_rad_s = joint.velocity_max_rad_s;
   params.torque_step_nm = joint.torque_slew_nm_s * device.rate_divider / robot.rate_hz;
+  params.may_hold_alone = device.may_hold_alone;
   params.ask_settings = true;
   params.kp_max_nm_rad = joint.kp_max_nm_rad;
   params.kd_max_nm_s_rad = joint.kd_max_nm_s_rad;

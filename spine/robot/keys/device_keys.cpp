@@ -45,6 +45,10 @@ void check_frames(Reader& in, const RobotConfig& robot, const JointConfig& joint
   }
 }
 
+void read_moteus(Reader& in, DeviceConfig& device, Need /*need*/) {
+  in.boolean("may_hold_alone", device.may_hold_alone);
+}
+
 void read_cia402(Reader& in, DeviceConfig& device, Need need) {
   in.choice<DriveMode>(
       "mode", device.mode,
@@ -99,7 +103,7 @@ struct KeysOf {
 };
 
 constexpr std::array<KeysOf, kDeviceFacts.size()> kKeys{{
-    {.kind = DeviceKind::moteus, .check_joint = check_frames},
+    {.kind = DeviceKind::moteus, .read = read_moteus, .check_joint = check_frames},
     {.kind = DeviceKind::cia402, .read = read_cia402, .check_joint = check_cia402},
     {.kind = DeviceKind::gateway},
     {.kind = DeviceKind::imu},

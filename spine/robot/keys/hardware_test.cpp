@@ -59,6 +59,17 @@ TEST(Hardware, ARobotMixesBusesDevicesAndSensors) {
   EXPECT_TRUE(robot->notes.empty()) << robot->notes.front();
 }
 
+TEST(Hardware, OnlyAMoteusMayHoldAloneAndOnlyWhereItSaysSo) {
+  const auto parsed = [&](const std::string& more) {
+    return parse_robot(kTop + kFd + device("d", "moteus", "fd", 1, more) + joint("j", "d"), "r.toml");
+  };
+  EXPECT_FALSE(parsed("")->devices[0].may_hold_alone);
+  EXPECT_TRUE(parsed("may_hold_alone = true\n")->devices[0].may_hold_alone);
+  expect_refused(
+      kTop + kClassic + device("d", "cia402", "classic", 1, kRated + "may_hold_alone = true\n") + joint("j", "d"),
+      {"may_hold_alone"});
+}
+
 TEST(Hardware, WhatABusNeedsToBeFoundIsAskedFor) {
   expect_refused(kTop + "[[bus]]\nname = \"b\"\nkind = \"fdcanusb\"\n", {"path"});
   expect_refused(kTop + "[[bus]]\nname = \"b\"\nkind = \"socketcan\"\n", {"interface"});

@@ -127,6 +127,7 @@ TEST(MoteusSetup, ADriveThatWouldLetTheJointFallOrCannotBeScaledStaysOff) {
   const Unfit all[] = {
       {"servo.timeout_mode is 0", [](sim::ServoParams& p) { p.timeout_mode = 0; }},
       {"servo.timeout_mode is 7", [](sim::ServoParams& p) { p.timeout_mode = 7; }},
+      {"servo.timeout_mode is 10", [](sim::ServoParams& p) { p.timeout_mode = 10; }},
       {"servo.timeout_max_torque_Nm is 0", [](sim::ServoParams& p) { p.timeout_max_torque_nm = 0; }},
       {"servo.pid_position.kd is 0", [](sim::ServoParams& p) { p.kd_nm_s_rev = 0; }},
       {"servo.pid_position.kp is 0", [](sim::ServoParams& p) { p.kp_nm_rev = 0; }},
@@ -143,6 +144,24 @@ TEST(MoteusSetup, ADriveThatWouldLetTheJointFallOrCannotBeScaledStaysOff) {
     EXPECT_TRUE(line.has(wire::joint_status::kFresh)) << "but it is seen";
     EXPECT_EQ(line.mode(), 0U);
     EXPECT_NE(line.moteus->why_not_ready().find(unfit.name), std::string::npos) << line.moteus->why_not_ready();
+  }
+}
+
+TEST(MoteusSetup, ADriveThatGoesOnWithoutAHostIsCommandedOnlyWhereTheRobotFilePermitsIt) {
+  sim::SimMoteusParams params;
+  params.servo.timeout_mode = 10;
+  for (const bool may : {false, true}) {
+    moteus::DriverParams driver = MoteusLine::asking();
+    driver.may_hold_alone = may;
+    MoteusLine line(driver, params);
+    line.act(DriveAction::torque, 50);
+    EXPECT_EQ(line.ready(), may) << line.moteus->why_not_ready();
+    EXPECT_EQ(line.mode(), may ? 10U : 0U);
+    if (may) continue;
+    const std::string why = line.moteus->why_not_ready();
+    for (const char* part : {"servo.timeout_mode is 10", "conf set servo.timeout_mode 12", "may_hold_alone = true"}) {
+      EXPECT_NE(why.find(part), std::string::npos) << why;
+    }
   }
 }
 
