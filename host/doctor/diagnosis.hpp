@@ -15,6 +15,7 @@ namespace lithe::host {
 
 struct Diagnosis {
   Subject subject;
+  KernelFacts kernel;
   Hypervisor hypervisor;
   std::vector<Finding> findings;  // of the checklist, in its order
   TierVerdict verdict;

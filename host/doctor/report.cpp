@@ -34,6 +34,7 @@ std::string label(const Diagnosis& diagnosis) {
 std::string head(const Diagnosis& diagnosis) {
   std::string text =
       fmt::format("tier {}: core {} {}\n", label(diagnosis), diagnosis.subject.cpu, meaning(diagnosis.verdict.tier));
+  text += fmt::format("  kernel {}\n", diagnosis.kernel.words());
   if (diagnosis.hypervisor.present.value_or(true)) {
     text += fmt::format("  {} hypervisor: what it takes away no file here tells, so times are relative only\n",
                         diagnosis.hypervisor.present ? "v: below a" : "v?: perhaps below a");
@@ -163,6 +164,10 @@ json to_json(const Diagnosis& diagnosis) {
   const Subject& subject = diagnosis.subject;
   return {{"tier", std::string(1, letter(diagnosis.verdict.tier))},
           {"label", label(diagnosis)},
+          {"kernel",
+           {{"release", diagnosis.kernel.release},
+            {"preempt_rt", optional_json(diagnosis.kernel.is_realtime)},
+            {"words", diagnosis.kernel.words()}}},
           {"virtual", optional_json(diagnosis.hypervisor.present)},
           {"virtual_evidence", virtual_evidence},
           {"cpu", subject.cpu},

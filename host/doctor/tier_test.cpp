@@ -104,6 +104,7 @@ TEST(Report, TellsTheTierFirstAndWhatIsMissing) {
   const std::string text = to_text(of(put_fifo), false);
   EXPECT_TRUE(text.starts_with("tier D-v: core 1 is not protected")) << text;
   EXPECT_NE(text.find("missing for tier C: user_tasks (4), rt_throttling (9), fair_server (10)"), std::string::npos);
+  EXPECT_NE(text.find("\n  kernel 6."), std::string::npos) << text;
   EXPECT_EQ(text.find("irqbalance leaves"), std::string::npos);
   EXPECT_NE(text.find("lithe doctor --all lists them"), std::string::npos);
 }
@@ -119,6 +120,8 @@ TEST(Report, InJsonHasPathAndValueOfEveryVerdict) {
   const nlohmann::json told = to_json(of(put_partition, quiet()));
   EXPECT_EQ(told["tier"], "B");
   EXPECT_EQ(told["virtual"], false);
+  EXPECT_EQ(told["kernel"]["release"], "6.1.0-56-amd64");
+  EXPECT_TRUE(told["kernel"]["preempt_rt"].is_null()) << "this machine does not say";
   EXPECT_EQ(told["items"].size(), 37U);
   EXPECT_EQ(told["measured"]["ticks_per_s"], 0.5);
   for (const nlohmann::json& item : told["items"]) {

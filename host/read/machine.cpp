@@ -56,6 +56,19 @@ Hypervisor hypervisor_of(const HostFiles& files) {
   return found;
 }
 
+std::string KernelFacts::words() const {
+  const std::string name = release.empty() ? "of unknown release" : release;
+  if (!is_realtime) return name + ", PREEMPT_RT or not is unknown";
+  return *is_realtime ? name + ", PREEMPT_RT" : name;
+}
+
+KernelFacts kernel_facts(const HostFiles& files) {
+  const Reading version = files.read("/proc/sys/kernel/version");  // "#1 SMP PREEMPT_RT Debian 6.1.76-1 (2024-02-01)"
+  KernelFacts facts{files.read("/proc/sys/kernel/osrelease").value, std::nullopt};
+  if (version.known()) facts.is_realtime = has_word(version.value, "PREEMPT_RT");
+  return facts;
+}
+
 std::optional<long long> stolen_ticks(const HostFiles& files, int cpu) {
   std::istringstream lines(files.read(kStat, kMostStatBytes).value);
   for (std::string line; std::getline(lines, line);) {

@@ -106,6 +106,17 @@ TEST(Machine, IsKnownByWhatItSays) {
   EXPECT_EQ(kernel_version(HostFiles(pi.path())), (std::pair{6, 12}));
 }
 
+TEST(Machine, TellsARealTimeKernelFromAnotherAndFromOneThatCannotBeRead) {
+  const FakeRoot root;
+  EXPECT_EQ(kernel_facts(HostFiles(root.path())).words(), "of unknown release, PREEMPT_RT or not is unknown");
+  root.write("/proc/sys/kernel/osrelease", "6.1.0-18-rt-amd64\n");
+  root.write("/proc/sys/kernel/version", "#1 SMP PREEMPT_RT Debian 6.1.76-1 (2024-02-01)\n");
+  EXPECT_EQ(kernel_facts(HostFiles(root.path())).words(), "6.1.0-18-rt-amd64, PREEMPT_RT");
+  root.write("/proc/sys/kernel/version", "#1 SMP PREEMPT_DYNAMIC Debian 6.1.76-1 (2024-02-01)\n");
+  EXPECT_EQ(kernel_facts(HostFiles(root.path())).words(), "6.1.0-18-rt-amd64");
+  EXPECT_EQ(kernel_facts(HostFiles(root.path())).is_realtime, false);
+}
+
 TEST(Machine, BelowAHypervisorAlsoWithStolenTimeAndQemusBoard) {
   const FakeRoot pi;
   put_pi(pi);

@@ -13,7 +13,12 @@ enum class ChangeKind : std::uint8_t {
   setting,   // one value written to a file of the kernel: /proc/sys, /sys
   affinity,  // the cores of a task: path is /proc/PID/task/TID, values are cpu lists ("0,2-3")
   folder,    // a folder that is made: a group of tasks. `was_absent` is true; the values are empty
+  group,     // the same, a group of threads of cgroup v2 (cgroup.type is "threaded")
+  controller,  // one word of a cgroup.subtree_control: `was_absent` is true, `after` is the controller
 };
+
+// As in journals and in JSON.
+inline constexpr const char* kChangeKinds[] = {"file", "setting", "affinity", "folder", "group", "controller"};
 
 struct Change {
   ChangeKind kind = ChangeKind::setting;

@@ -9,7 +9,6 @@
 #include "host/read/words.hpp"
 #include "host/tune/values.hpp"
 #include "spine/core/host/cores.hpp"
-#include "spine/core/host/files.hpp"
 
 namespace lithe::host {
 namespace {
@@ -154,30 +153,6 @@ void note_irqbalance(Planner& plan) {
   }
 }
 
-constexpr std::size_t kMostBytes = std::size_t{64} << 10;  // of a file below /etc
-constexpr const char* kWritten = "# Written by lithe tune. lithe tune revert removes it.\n";
-
-void plan_text(const HostFiles& files, Plan& plan, const char* item, const std::string& folder, const char* name,
-               const std::string& text, const char* why) {
-  if (files.list(folder).empty() && files.read(folder).error != EISDIR) return;  // this system has no such folder
-  const std::string path = folder + "/" + name;
-  const Reading now = files.read(path);
-  if (!now.known() && !now.is_absent()) {
-    plan.not_done.push_back({item, path, std::strerror(now.error)});
-    return;
-  }
-  Change change{ChangeKind::file, item, path, now.is_absent(), "", text, why};
-  if (now.known()) {
-    const Result<std::string> bytes = read_regular_file(files.root() + path, kMostBytes);
-    if (!bytes) {
-      plan.not_done.push_back({item, path, bytes.message()});
-      return;
-    }
-    change.before = *bytes;
-  }
-  if (change.was_absent || change.before != change.after) plan.changes.push_back(std::move(change));
-}
-
 }  // namespace
 
 Plan runtime_plan(const HostFiles& files, const std::vector<int>& cores) {
@@ -189,20 +164,6 @@ Plan runtime_plan(const HostFiles& files, const std::vector<int>& cores) {
   plan_frequency(plan);
   note_irqbalance(plan);
   return plan.take();
-}
-
-Plan lasting_plan(const HostFiles& files) {
-  Plan plan;
-  plan_text(files, plan, "limits", "/etc/security/limits.d", "lithe.conf",
-            std::string(kWritten) + "* - memlock unlimited\n* - nice -20\n",
-            "every user may lock a robot's memory and raise its priority (after the next login)");
-  // The dash: a key that the kernel does not have is no error.
-  plan_text(files, plan, "sysctl", "/etc/sysctl.d", "90-lithe.conf",
-            std::string(kWritten) +
-                "-kernel.timer_migration = 0\n-kernel.nmi_watchdog = 0\n-kernel.numa_balancing = 0\n"
-                "-vm.stat_interval = 10\n",
-            "these settings hold after every boot");
-  return plan;
 }
 
 }  // namespace lithe::host

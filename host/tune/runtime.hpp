@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The settings of the kernel that keep work off the robot's cores until the next boot, and the files that keep some of
-// them after it. Both only read.
+// The settings of the kernel that keep work off the robot's cores until the next boot.
 #pragma once
 
 #include <vector>
@@ -11,11 +10,8 @@
 namespace lithe::host {
 
 // The settings that differ: interrupts, workqueues, watchdogs, timers, memory scanning, frequency. `cores`: the robot's,
-// ascending. A setting that this kernel does not have is left out; one that cannot be read is `not_done`, with the reason.
+// ascending. A setting that this kernel does not have is left out; one that cannot be read is `not_done`, with the
+// reason. Only reads.
 Plan runtime_plan(const HostFiles& files, const std::vector<int>& cores);
-
-// Files below /etc that do not have this text yet: limits of locked memory and of priority, and the settings of /proc/sys
-// for every boot. Only where the system has the folder for them.
-Plan lasting_plan(const HostFiles& files);
 
 }  // namespace lithe::host

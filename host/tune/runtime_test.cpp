@@ -95,14 +95,5 @@ TEST_F(RuntimePlanTest, IrqbalanceIsNamedBecauseItMovesThemBack) {
   EXPECT_NE(plan.notes[0].find("612"), std::string::npos);
 }
 
-TEST_F(RuntimePlanTest, FilesAreWrittenOnlyIntoFoldersThatTheSystemHas) {
-  EXPECT_EQ(lasting_plan(HostFiles(root_.path())).changes.size(), 2u);
-  std::filesystem::remove_all(root_.path() + "/etc/security");
-  const Plan plan = lasting_plan(HostFiles(root_.path()));
-  ASSERT_EQ(plan.changes.size(), 1u);
-  EXPECT_EQ(plan.changes[0].path, "/etc/sysctl.d/90-lithe.conf");
-  EXPECT_TRUE(plan.changes[0].was_absent);
-}
-
 }  // namespace
 }  // namespace lithe::host

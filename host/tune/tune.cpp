@@ -9,12 +9,17 @@
 #include <utility>
 
 #include "host/tune/boot/boot.hpp"
+#include "host/tune/lasting.hpp"
+#include "host/tune/shield/partition.hpp"
 #include "host/tune/shield/shield.hpp"
 #include "host/tune/values.hpp"
 #include "spine/core/host/cores.hpp"
+#include "spine/core/host/shield_group.hpp"
 
 namespace lithe::host {
 namespace {
+
+constexpr const char* kReloadRules = "udevadm control --reload && udevadm trigger";
 
 void add(TunePlan& plan, Plan part) {
   std::move(part.changes.begin(), part.changes.end(), std::back_inserter(plan.changes));
@@ -36,8 +41,36 @@ void add_boot_line(const Target& target, TunePlan& plan) {
     return;
   }
   plan.board = boot->board;
-  plan.commands = boot->commands;
+  plan.commands.insert(plan.commands.end(), boot->commands.begin(), boot->commands.end());
   add(plan, {.changes = std::move(boot->changes), .not_done = {}, .notes = std::move(boot->notes)});
+}
+
+void add_partition(const Target& target, TunePlan& plan) {
+  const HostFiles files(target.root);
+  add(plan, {.changes = partition_plan(files, target.cores), .not_done = {}, .notes = {}});
+  const bool has_one =
+      partition_state(files) == "isolated" || (!plan.changes.empty() && plan.changes.back().item == kPartitionItem);
+  if (has_one) {
+    plan.notes.push_back(fmt::format("with a partition, only what root starts can have cores {}: sudo lithe run",
+                                     cpu_list(target.cores)));
+  } else {
+    plan.not_done.push_back({kPartitionItem, kShieldGroup, "this machine has no cpusets of cgroup v2"});
+  }
+}
+
+// Repeats the settings at every start.
+void add_unit(const Target& target, TunePlan& plan) {
+  if (target.program.empty()) return;
+  Plan unit = unit_plan(HostFiles(target.root), target.program, target.cores, target.partition);
+  const std::string root = target.image ? fmt::format("--root={} ", target.root) : "";
+  if (!unit.changes.empty()) plan.commands.push_back(fmt::format("systemctl {}enable {}", root, kUnit));
+  add(plan, std::move(unit));
+}
+
+void add_rules(const Target& target, TunePlan& plan) {
+  Plan rules = rules_plan(HostFiles(target.root), *target.robot);
+  if (!rules.changes.empty()) plan.commands.push_back(kReloadRules);
+  add(plan, std::move(rules));
 }
 
 // One of the two journals, and the changes that it keeps.
@@ -56,12 +89,13 @@ constexpr Book kRun{false}, kLasting{true};
 // A shield that is up changes the same settings; one that was left over is undone first.
 Result<> lower_old_shield(const Target& target, TuneResult& result) {
   if (target.image) return done();
-  const auto lowered = Shield::lower_left_over(target.root + kShieldJournal);
+  const auto lowered = Shield::lower_left_over({.root = target.root, .journal = target.root + kShieldJournal});
   if (!lowered) return lowered.error();
   if (lowered->count > 0) {
     result.notes.push_back(
         fmt::format("the shield that a killed robot left was lowered: {} changes undone", lowered->count));
   }
+  if (!lowered->born.empty()) result.notes.push_back(born_words(*lowered));
   for (const std::string& each : lowered->failed) result.notes.push_back("still shielded: " + each);
   result.still_shielded = !lowered->failed.empty();
   return done();
@@ -73,11 +107,22 @@ Result<> apply_to(const Book& book, const Target& target, const std::vector<Chan
   std::copy_if(changes.begin(), changes.end(), std::back_inserter(its),
                [&](const Change& each) { return book.keeps(each); });
   if (its.empty()) return done();
+  const auto partition =
+      std::stable_partition(its.begin(), its.end(), [](const Change& each) { return each.item != kPartitionItem; });
+  const std::vector<Change> groups(partition, its.end());
+  its.erase(partition, its.end());
   auto journal = Journal::open(book.path(target), book.boot(target), true, hook);
   if (!journal) return journal.error();
   auto steps = apply(*journal, Writer(target.root, hook), its);
   if (!steps) return steps.error();
   std::move(steps->begin(), steps->end(), std::back_inserter(result.steps));
+  if (!groups.empty()) {
+    auto made = make_partition(*journal, Writer(target.root, hook), groups);
+    if (!made) return made.error();
+    std::move(made->steps.begin(), made->steps.end(), std::back_inserter(result.steps));
+    if (!made->why_not.empty()) result.notes.push_back("no partition of cgroup v2: " + made->why_not);
+    result.no_partition = !made->why_not.empty();
+  }
   journal->remove();  // only when nothing was changed
   return done();
 }
@@ -89,6 +134,10 @@ Result<> revert_in(const Book& book, const Target& target, bool forget, const St
     result.notes.push_back(fmt::format("{}: {} lines cannot be read: what they say is not undone", journal->path(),
                                        journal->unreadable_lines()));
   }
+  auto partition = unmake_partition(*journal, Writer(target.root, hook));
+  if (!partition) return partition.error();
+  std::copy_if(partition->begin(), partition->end(), std::back_inserter(result.steps),
+               [](const Step& each) { return each.well(); });  // the rest is tried again
   auto steps = revert(*journal, Writer(target.root, hook), forget);
   if (!steps) return steps.error();
   std::move(steps->begin(), steps->end(), std::back_inserter(result.steps));
@@ -99,14 +148,19 @@ Result<> revert_in(const Book& book, const Target& target, bool forget, const St
 }  // namespace
 
 bool TuneResult::well() const {
-  return !still_shielded && std::all_of(steps.begin(), steps.end(), [](const Step& each) { return each.well(); });
+  return !still_shielded && !no_partition &&
+         std::all_of(steps.begin(), steps.end(), [](const Step& each) { return each.well(); });
 }
 
 TunePlan tune_plan(const Target& target) {
   const HostFiles files(target.root);
   TunePlan plan;
   if (!target.image) add(plan, runtime_plan(files, target.cores));
+  if (target.partition && !target.image) add_partition(target, plan);
+  if (!target.files) return plan;
   add(plan, lasting_plan(files));
+  add_unit(target, plan);
+  if (target.robot) add_rules(target, plan);
   if (target.image) {
     plan.notes.push_back(fmt::format(
         "an image does not tell how many cores its machine has: planned for {}, the robot's are {} (--cores)",
@@ -133,14 +187,19 @@ Result<TuneResult> tune_revert(const Target& target, bool forget, const StepHook
       if (const Result<> part = revert_in(book, target, forget, hook, result); !part) return part.error();
     }
   }
-  const bool boots = std::any_of(result.steps.begin(), result.steps.end(), [](const Step& each) {
-    return each.change.item == "boot_line" && each.outcome == Outcome::done;
-  });
-  if (boots && target.all_cores.size() > 1) {  // the commands are the same for any core
+  const auto undone = [&](const char* item) {
+    return std::any_of(result.steps.begin(), result.steps.end(),
+                       [&](const Step& each) { return each.change.item == item && each.outcome == Outcome::done; });
+  };
+  if (undone(kRulesItem)) result.commands.push_back(kReloadRules);
+  if (undone(kUnitItem)) {
+    result.commands.push_back(fmt::format("rm -f {}{}/multi-user.target.wants/{}", target.root, kUnitFolder, kUnit));
+  }
+  if (undone("boot_line") && target.all_cores.size() > 1) {  // the commands are the same for any core
     Target any = target;
     any.cores = {target.all_cores.back()};
     const Result<BootPlan> boot = boot_line(any);
-    if (boot) result.commands = boot->commands;
+    if (boot) result.commands.insert(result.commands.end(), boot->commands.begin(), boot->commands.end());
   }
   return result;
 }

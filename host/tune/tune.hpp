@@ -2,11 +2,13 @@
 // `lithe tune`: the whole plan of a machine or of a mounted image, made and undone.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "host/tune/journal/apply.hpp"
 #include "host/tune/runtime.hpp"
+#include "spine/robot/config.hpp"
 
 namespace lithe::host {
 
@@ -16,10 +18,14 @@ inline constexpr const char* kRunJournal = "/run/lithe/tune.journal";
 inline constexpr const char* kLastingJournal = "/var/lib/lithe/tune.journal";
 
 struct Target {
-  std::string root{};            // "": this machine
-  bool image = false;            // a mounted image: only its files are planned
-  std::vector<int> all_cores{};  // of the machine, ascending
-  std::vector<int> cores{};      // the robot's among them
+  std::string root{};                         // "": this machine
+  bool image = false;                         // a mounted image: only its files are planned
+  std::vector<int> all_cores{};               // of the machine, ascending
+  std::vector<int> cores{};                   // the robot's among them
+  bool partition = false;                     // also an isolated partition of cgroup v2, until the next boot
+  bool files = true;                          // also what outlives a boot
+  std::string program{};                      // lithe itself, for the unit of systemd; empty: no unit
+  std::optional<robot::RobotConfig> robot{};  // whose devices keep their names
 };
 
 struct TunePlan {
@@ -34,6 +40,7 @@ struct TuneResult {
   std::vector<Step> steps{};
   std::vector<std::string> notes{};
   std::vector<std::string> commands{};  // of revert: to run afterwards
+  bool no_partition = false;            // it was planned, and the kernel made none; a note says why
   bool still_shielded = false;          // a killed robot's shield could not be lowered in full
 
   bool well() const;  // every step is in order, and no shield was left

@@ -70,6 +70,7 @@ int run_robot(const RunOptions& options) {
       spdlog::warn("the shield of another robot, or one that a killed robot left: {}; sudo lithe tune revert",
                    left.message());
     if (left && left->count > 0) spdlog::warn("a killed robot left its shield: {} changes undone", left->count);
+    if (left && !left->born.empty()) spdlog::warn("{}", host::born_words(*left));
   }
   const MachineCores cores = machine_cores();
   if (const auto plan = robot::plan_cpus(*config, cores); plan) {
@@ -230,7 +231,7 @@ void Supervisor::serve_spine(SpineLink link) {
   link_.emplace(std::move(link));
   // Request ids start at the monotonic time [us]: two supervisors of one boot never use the same id.
   const auto first_id = static_cast<std::uint64_t>(monotonic_ns() / kNsPerUs);
-  commands_.emplace(*link_, first_id, &config_);
+  commands_.emplace(*link_, first_id, &config_, &drives_told_);
   swaps_.emplace(Swaps::Helpers{*link_, lawd_, options_.gates ? &trial_ : nullptr, *commands_, events_},
                  RecordBook(records_of(config_.name)), first_id, config_);
   const wire::RobotInfo& info = link_->info();
@@ -250,8 +251,7 @@ void Supervisor::open_socket() {
   if (!server) throw Halt{1, server.message()};
   server_.emplace(std::move(*server));
   verbs_.emplace(
-      Parts{config_, *link_, lawd_, trial_, *commands_, *swaps_, events_, throttle_, adopted_,
-            shield_json(shield_ ? &*shield_ : nullptr)},
+      Parts{config_, *link_, lawd_, trial_, *commands_, *swaps_, events_, throttle_, adopted_, shield_told_},
       [this](const ReplyTo& to, const Answer& answer) {
         if (server_) server_->reply(to, answer);
       },
@@ -272,7 +272,7 @@ void Supervisor::announce() const {
                       {"rate_hz", link_->info().rate_hz},
                       {"adopted", adopted_},
                       {"gates", options_.gates},
-                      {"shield", shield_json(shield_ ? &*shield_ : nullptr)},
+                      {"shield", shield_told_},
                       {"supervisor_pid", ::getpid()},
                       {"spine_pid", spine_->pid()},
                       {"socket", control_socket_path(config_.name)}}

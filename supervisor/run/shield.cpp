@@ -6,32 +6,24 @@
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
-#include <algorithm>
-
 #include "spine/core/host/cores.hpp"
+#include "spine/core/time.hpp"
+#include "spine/robot/cores/cpu_plan.hpp"
 #include "supervisor/run/supervisor.hpp"
 
 namespace lithe::control {
 
-std::vector<int> cores_to_shield(const robot::CpuPlan& plan) {
-  if (plan.spine_shares) return {};
-  std::vector<int> cores = {plan.spine};
-  const bool own = !plan.transport_inline && plan.transport != plan.housekeeping && plan.transport != plan.brain;
-  if (own && plan.transport != plan.spine) cores.push_back(plan.transport);
-  std::sort(cores.begin(), cores.end());
-  return cores;
-}
-
 namespace {
 
-std::vector<int> cores_of(const wire::RobotInfo& spine) {
-  std::vector<int> cores = {static_cast<int>(spine.cpu_spine)};
-  const auto transport = static_cast<int>(spine.cpu_transport);
-  const bool own = transport != cores[0] && transport != static_cast<int>(spine.cpu_housekeeping) &&
-                   transport != static_cast<int>(spine.cpu_brain);
-  if (own && spine.transport_inline == 0) cores.push_back(transport);
-  std::sort(cores.begin(), cores.end());
-  return spine.cpu_spine == spine.cpu_housekeeping ? std::vector<int>{} : cores;
+constexpr std::int64_t kShieldNs = 10 * kNsPerS;  // between two looks for kernel threads that were born
+
+// Of a Spine that ticks already.
+robot::CpuPlan plan_of(const wire::RobotInfo& spine) {
+  return {.housekeeping = static_cast<int>(spine.cpu_housekeeping),
+          .spine = static_cast<int>(spine.cpu_spine),
+          .brain = static_cast<int>(spine.cpu_brain),
+          .transport = static_cast<int>(spine.cpu_transport),
+          .transport_inline = spine.transport_inline != 0};
 }
 
 }  // namespace
@@ -39,7 +31,7 @@ std::vector<int> cores_of(const wire::RobotInfo& spine) {
 void Supervisor::raise_shield() {
   if (!options_.shield) return;
   if (live_spine(config_.name)) {  // it has its cores already, whatever the file and our affinity say
-    if (const auto spine = SpineLink::attach(config_.name)) shield_cpus_ = cores_of(spine->info());
+    if (const auto spine = SpineLink::attach(config_.name)) shield_cpus_ = robot::own_cores(plan_of(spine->info()));
   }
   if (shield_cpus_.empty()) {
     throw Halt{
@@ -48,6 +40,7 @@ void Supervisor::raise_shield() {
   auto shield = host::Shield::raise({.cores = shield_cpus_, .leave = {::getpid()}});
   if (!shield) throw Halt{1, fmt::format("no shield, so the robot was not started: {}", shield.message())};
   shield_.emplace(std::move(*shield));
+  shield_told_ = shield_json(*shield_);
   spdlog::info("shield: {}", host::shield_words(shield_->facts()));
   for (const std::string& note : shield_->facts().notes) spdlog::warn("shield: {}", note);
 }
@@ -58,13 +51,22 @@ void Supervisor::lower_shield() {
     spdlog::error("{}", lowered.message());
   } else {
     spdlog::info("shield: lowered");
+    if (const std::string born = host::born_words(*lowered); !born.empty()) spdlog::info("shield: {}", born);
   }
   shield_.reset();
 }
 
-Json shield_json(const host::Shield* shield) {
-  if (shield == nullptr) return nullptr;
-  const host::ShieldFacts& facts = shield->facts();
+void Supervisor::keep_shield_up(std::int64_t now_ns) {
+  if (!shield_ || now_ns - shield_kept_ns_ < kShieldNs) return;
+  shield_kept_ns_ = now_ns;
+  const auto kept = shield_->keep_up();
+  if (!kept) spdlog::warn("shield: {}", kept.message());
+  if (kept && !kept->empty()) spdlog::warn("shield: {}", *kept);
+  shield_told_ = shield_json(*shield_);
+}
+
+Json shield_json(const host::Shield& shield) {
+  const host::ShieldFacts& facts = shield.facts();
   return {{"mechanism", host::word_of(facts.mechanism)},
           {"cores", cpu_list(facts.cores)},
           {"tasks_moved", facts.moved},

@@ -27,8 +27,14 @@ namespace {
 constexpr int kIdleTurnMs = 20;
 constexpr std::int64_t kThrottleNs = kNsPerS;  // between two readings
 
-std::vector<int> beside_the_spine(const std::vector<int>& allowed, const robot::SpineConfig& wanted) {
-  const robot::CpuPlan plan = robot::fold_cpus(machine_cores(), wanted);
+// The Spine's own plan. One that cannot be was refused before, but for a Spine that ticks already.
+robot::CpuPlan plan_of(const robot::RobotConfig& robot) {
+  const MachineCores cores = machine_cores();
+  const Result<robot::CpuPlan> plan = robot::plan_cpus(robot, cores);
+  return plan ? *plan : robot::fold_cpus(cores, robot.spine);
+}
+
+std::vector<int> beside_the_spine(const std::vector<int>& allowed, const robot::CpuPlan& plan) {
   return cores_beside(allowed, plan.spine, plan.transport);
 }
 
@@ -38,8 +44,8 @@ Supervisor::Supervisor(RunOptions options, robot::RobotConfig config)
     : options_(std::move(options)),
       config_(std::move(config)),
       all_cpus_(allowed_cpus()),
-      shield_cpus_(cores_to_shield(robot::fold_cpus(machine_cores(), config_.spine))),
-      our_cpus_(beside_the_spine(all_cpus_, config_.spine)),
+      shield_cpus_(robot::own_cores(plan_of(config_))),
+      our_cpus_(beside_the_spine(all_cpus_, plan_of(config_))),
       born_ns_(monotonic_ns()),
       lawd_(program_dir() + "/lawd", our_cpus_, config_.joints.size()),
       trial_(program_dir() + "/lithe-trial", std::filesystem::absolute(options_.config_path).string(), our_cpus_),
@@ -115,6 +121,7 @@ void Supervisor::turn(int timeout_ms) {
   }
   if (server_) server_->serve();
   watch_throttling(now_ns);
+  keep_shield_up(now_ns);
   if (spine_ && !stopping_ && spine_->ended()) spine_died();
 }
 
@@ -168,7 +175,9 @@ void Supervisor::forward_spine_log() {
   }
   std::size_t end = 0;
   while ((end = log_tail_.find('\n')) != std::string::npos) {
-    spdlog::info("spine: {}", printable(log_tail_.substr(0, end)));
+    const std::string line = printable(log_tail_.substr(0, end));
+    spdlog::info("spine: {}", line);
+    if (tells_drives(line)) drives_told_ = line;
     log_tail_.erase(0, end + 1);
   }
 }

@@ -100,6 +100,7 @@ class Supervisor {
   // True when the drives are known to be off.
   bool stop_spine();
   void lower_shield();
+  void keep_shield_up(std::int64_t now_ns);
   // Commands the drives off and waits until their replies confirm it. Returns their last state.
   Drives switch_off();
 
@@ -114,6 +115,8 @@ class Supervisor {
   Fd signals_;
   Fd arena_;  // the code arena, handed to lawd, to the trial and to the Spine
   std::optional<host::Shield> shield_;
+  std::int64_t shield_kept_ns_ = 0;
+  Json shield_told_ = nullptr;  // for status
   LawdLink lawd_;
   TrialLink trial_;
   std::string first_law_, first_source_;  // path and text; empty: none
@@ -123,6 +126,7 @@ class Supervisor {
   std::string log_path_;
   std::int64_t log_read_ = 0;
   std::string log_tail_;
+  std::string drives_told_;  // its last line that says what is wrong with buses and drives
   bool adopted_ = false;
   bool stopping_ = false;
   bool stop_asked_ = false;

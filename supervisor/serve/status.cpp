@@ -141,7 +141,9 @@ Json interrupts_json(int cpu) {
 // Whether the kernel keeps other threads off the Spine's core, read now for the tick thread.
 Json spine_core_json(const SpineLink& spine, const robot::SpineConfig& wanted) {
   const wire::RobotInfo& info = spine.info();
-  const IsolatedCores isolated = isolated_cores(spine.spine_pid());
+  // The thread's group: under a shield, only threads that asked for the core have joined the partition.
+  const IsolatedCores isolated =
+      isolated_cores(info.tid_spine != 0 ? static_cast<pid_t>(info.tid_spine) : spine.spine_pid());
   const int cpu = static_cast<int>(info.cpu_spine);
   const bool shared = info.cpu_spine == info.cpu_housekeeping || info.cpu_spine == info.cpu_brain ||
                       (info.transport_inline == 0 && info.cpu_spine == info.cpu_transport);

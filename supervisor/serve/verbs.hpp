@@ -28,8 +28,8 @@ struct Parts {
   Swaps& swaps;
   EventLog& log;
   const host::ThrottleWatch& throttle;
-  bool adopted;  // the Spine was started by an earlier supervisor
-  Json shield;   // of `lithe run --shield`; null without
+  bool adopted;        // the Spine was started by an earlier supervisor
+  const Json& shield;  // of `lithe run --shield`; null without
 };
 
 // Contract: one thread · every request is answered once, now or later, through `reply`.

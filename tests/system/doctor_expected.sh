@@ -66,16 +66,38 @@ if [[ $whole == no ]]; then
 fi
 
 # 1-7
-boot=no partition=no invalid=no
+boot=no partition=no invalid=no parts=""
 lists "$(get $cpus/isolated)" "$cpu" && boot=yes
 while read -r file; do
   folder=${file%/*} kind=$(get "$file")
+  [[ $kind == isolated ]] && parts+=",$(get "$folder/cpuset.cpus.effective")"
   [[ $kind == isolated ]] && lists "$(get "$folder/cpuset.cpus.effective")" "$cpu" && partition=yes
   [[ $kind == *invalid* ]] && lists "$(get "$folder/cpuset.cpus")" "$cpu" && invalid=yes
 done < <(find /sys/fs/cgroup -name cpuset.cpus.partition 2>/dev/null)
+# Cores in no isolated partition and not isolated at boot.
+left=0
+for each in "$cpus"/cpu[0-9]*; do
+  number=${each##*/cpu}
+  lists "$(get $cpus/online)" "$number" && ! lists "$(get $cpus/isolated)" "$number" && ! lists "$parts" "$number" &&
+    left=$((left + 1))
+done
 domains=$(sed -n "/^cpu$cpu /,/^cpu[^$cpu]/p" /proc/schedstat 2>/dev/null)
-if [[ $boot == yes || $partition == yes || (-n $domains && $domains != *domain* && $(nproc --all) -gt 1) ]]; then
+v1_root=/sys/fs/cgroup/cpuset
+v1_free=no
+if [[ $(get $v1_root/cpuset.sched_load_balance) == 0 ]]; then
+  v1_free=yes
+  for group in "$v1_root"/*/; do
+    [[ $(get "$group/cpuset.sched_load_balance") != 0 ]] && lists "$(get "$group/cpuset.cpus")" "$cpu" && v1_free=no
+  done
+fi
+if [[ $boot == yes || $partition == yes ]]; then
   say domain_isolation ok
+elif [[ -z $domains || $domains == *domain* ]]; then
+  say domain_isolation fail
+elif grep -qs ^domain /proc/schedstat || [[ $left -gt 1 && $v1_free == yes ]]; then
+  say domain_isolation ok
+elif [[ $left -gt 1 ]]; then
+  say domain_isolation unknown
 else
   say domain_isolation fail
 fi
@@ -151,6 +173,8 @@ lists "$(get $cpus/nohz_full)" "$cpu" && tickless=yes
 if [[ $tickless == no ]]; then
   say tickless warn
 elif [[ $since_612 == yes ]]; then
+  say tickless unknown
+elif ! grep -qsE '^(tsc|arch_sys_counter)$' /sys/devices/system/clocksource/clocksource0/current_clocksource; then
   say tickless unknown
 else
   say tickless ok

@@ -16,6 +16,7 @@ partition() {
     cat $group/cpuset.cpus.partition
 }
 
+step benches bench_cores
 step isolated cat /sys/devices/system/cpu/isolated
 step affinity grep Cpus_allowed_list /proc/self/status
 start /robot.toml

@@ -20,7 +20,9 @@ pytestmark = pytest.mark.alone  # the script is for a machine without a robot, a
 NAMESPACE = ("unshare", "-r")
 ITEMS = 37
 TIERS = "ABCD"
-# A task that starts or ends between the two readings may change these; they agree at one of three attempts.
+# What a task that starts or ends between the two readings may change: these agree at one of three attempts, all others
+# at the first.
+OF_TASKS = {"v1_shield", "user_tasks", "kernel_threads", "irqbalance", "rcu_callbacks"}
 ATTEMPTS = 3
 
 
@@ -61,7 +63,7 @@ def compare(way: tuple[str, ...], tell: Callable[[str], None]) -> dict[str, Any]
         reported, wanted = states(told), expected(way, told["cpu"])
         assert len(reported) == len(told["items"]) == ITEMS and reported.keys() == wanted.keys()
         different = {name: (wanted[name], reported[name]) for name in wanted if wanted[name] != reported[name]}
-        if not different:
+        if not different or different.keys() - OF_TASKS:
             break
     assert different == {}, f"(expected, reported) on core {told['cpu']}"
     tell(f"tier {told['label']} on core {told['cpu']}; {len(wanted)} items as the script says")
@@ -121,6 +123,24 @@ def test_beside_a_spine_it_reads_and_does_not_measure(tmp_path: Path) -> None:
             assert f"pid {spine.pid}" in refused.stderr, refused.stderr
         finally:
             spine.kill()
+
+
+def test_two_spines_on_one_core_are_told_with_both_pids(tmp_path: Path) -> None:
+    """Two programs with the name of a Spine."""
+    cpu = str(read(())["cpu"])
+    program = tmp_path / "lithe-spine"
+    shutil.copy(shutil.which("sleep") or "/bin/sleep", program)
+    spines = [subprocess.Popen(["taskset", "-c", cpu, program, "100"]) for _ in range(2)]
+    try:
+        for each in spines:
+            House.wait_for(lambda pid=each.pid: Path(f"/proc/{pid}/comm").read_text().strip() == program.name)
+        (item,) = [item for item in read((), "--cpu", cpu)["items"] if item["id"] == "spine_pinned"]
+        assert item["state"] == "fail"
+        assert all(str(each.pid) in item["words"] for each in spines), item["words"]
+    finally:
+        for each in spines:
+            each.kill()
+            each.wait()
 
 
 @pytest.mark.parametrize("words", [("--cpu", "8000"), ("--cpu", "x"), ("--measure", "-1"), ("--measure", "1e9")])

@@ -11,7 +11,7 @@ from typing import Any
 import calm
 import pytest
 from system.house import BIN, ROOT
-from vm import vcan
+from vm import machine, vcan
 
 SCRIPT = Path(__file__).with_name("isolated_cores.sh")
 LAW = f'law = "{ROOT}/laws/pd.cpp"'  # there is no compiler
@@ -26,47 +26,36 @@ def robot(core: str = '"auto"') -> bytes:
 
 
 @pytest.fixture(scope="module")
-def booted() -> tuple[int | None, str]:
-    """The verdict of bench_cores, and all that was said."""
+def steps() -> dict[str, machine.Step]:
+    """What the script did, each step ended as it must."""
     reason = vcan.why_not(program=BIN / "bench_cores")
-    kernel = vcan.find_kernel(vcan.CACHE)
+    kernel = vcan.find_kernel()
     if reason or kernel is None:
         pytest.skip(reason)
     files = {"robot.toml": robot(), "named.toml": robot("2"), "absent.toml": robot("999")}
-    cargo = vcan.Cargo(
-        BIN / "bench_cores",
-        tuple(BIN / name for name in vcan.LITHE),
-        files | {"robot.sh": vcan.script(SCRIPT)},
-        cores=4,
-        options="isolcpus=1-3",
-    )
-    return vcan.boot(kernel, cargo, vcan.CACHE)
+    programs = tuple(BIN / name for name in ("bench_cores", *machine.LITHE))
+    said = machine.boot(kernel, machine.Cargo(SCRIPT, programs, files, cores=4, options="isolcpus=1-3"), vcan.CACHE)
+    assert machine.wrong_steps(said, SCRIPT, {"absent": 2}) == [], said
+    return machine.steps(said)
 
 
-@pytest.fixture(scope="module")
-def steps(booted: tuple[int | None, str]) -> dict[str, vcan.Step]:
-    """What the script did, each step ended as it must."""
-    assert vcan.wrong_steps(booted[1], SCRIPT, {"absent": 2}) == [], booted[1]
-    return vcan.steps(booted[1])
-
-
-def cpus(step: vcan.Step) -> dict[str, Any]:
+def cpus(step: machine.Step) -> dict[str, Any]:
     """Which cores `lithe status` tells."""
     told: dict[str, Any] = json.loads(step.text)["cpus"]
     return told
 
 
-def pinned(step: vcan.Step) -> set[str]:
+def pinned(step: machine.Step) -> set[str]:
     """The affinities of the Spine's threads."""
     return set(re.findall(r"Cpus_allowed_list:\s*(\S+)", step.text))
 
 
-def test_the_kernel_is_one_that_gives_only_core_0_to_who_does_not_ask(steps: dict[str, vcan.Step]) -> None:
+def test_the_kernel_is_one_that_gives_only_core_0_to_who_does_not_ask(steps: dict[str, machine.Step]) -> None:
     assert steps["isolated"].text.strip() == "1-3"
     assert steps["affinity"].text.split() == ["Cpus_allowed_list:", "0"]
 
 
-def test_each_role_has_a_core_and_the_spines_is_isolated(steps: dict[str, vcan.Step]) -> None:
+def test_each_role_has_a_core_and_the_spines_is_isolated(steps: dict[str, machine.Step]) -> None:
     told = cpus(steps["status"])
     assert [told[role] for role in ("housekeeping", "spine", "brain", "transport")] == [0, 1, 2, 3]
     assert told["transport_inline"] is False
@@ -82,14 +71,14 @@ def test_each_role_has_a_core_and_the_spines_is_isolated(steps: dict[str, vcan.S
     assert "shares core" not in steps["words"].text and "shares core" not in steps["run-log"].text
 
 
-def test_an_isolated_core_can_be_named(steps: dict[str, vcan.Step]) -> None:
+def test_an_isolated_core_can_be_named(steps: dict[str, machine.Step]) -> None:
     told = cpus(steps["named"])
     assert (told["spine"], told["spine_core"]["isolation"]) == (2, "boot")
     assert told["spine_core"]["why"] == "the robot file names it"
     assert "2" in pinned(steps["named-threads"])
 
 
-def test_a_real_partition_of_cgroup_v2_is_told(steps: dict[str, vcan.Step]) -> None:
+def test_a_real_partition_of_cgroup_v2_is_told(steps: dict[str, machine.Step]) -> None:
     assert steps["partition"].text.strip() == "isolated"
     told = cpus(steps["inside"])
     assert told["spine"] in (2, 3) and told["spine_core"]["isolation"] == "cpuset", told
@@ -97,15 +86,12 @@ def test_a_real_partition_of_cgroup_v2_is_told(steps: dict[str, vcan.Step]) -> N
     assert "isolated by its cpuset (a partition of cgroup v2)" in steps["inside-words"].text
 
 
-def test_a_core_that_is_not_there_is_refused_with_those_that_are(steps: dict[str, vcan.Step]) -> None:
+def test_a_core_that_is_not_there_is_refused_with_those_that_are(steps: dict[str, machine.Step]) -> None:
     assert steps["absent"].code == 2
     assert "spine.cpu_spine = 999, but this machine has cores 0-3; name one of 0-3" in steps["absent"].text
 
 
-def test_the_benches_take_the_same_core(booted: tuple[int | None, str]) -> None:
-    status, said = booted
-    assert status == 0, said
-    (line,) = [line for line in said.splitlines() if "machine_spine_core" in line]
-    told = json.loads(line[line.index("{") :])  # behind what the firmware says
+def test_the_benches_take_the_same_core(steps: dict[str, machine.Step]) -> None:
+    told = json.loads(steps["benches"].text)
     assert (told["machine_spine_core"], told["machine_partner_core"], told["machine_usable_cores"]) == (1, 3, 4)
     assert told["machine_spine_core_isolation"] == "isolated at boot (isolcpus)"

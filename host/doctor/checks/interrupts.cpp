@@ -17,6 +17,7 @@ namespace {
 constexpr const char* kTable = "/proc/interrupts";
 constexpr const char* kDefaultMask = "/proc/irq/default_smp_affinity";
 constexpr const char* kTickless = "/sys/devices/system/cpu/nohz_full";
+constexpr const char* kClock = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
 constexpr double kTicksPerS = 4;  // a core without a tick has 1 or 2
 constexpr std::pair<int, int> kTickMayReturnSince = {6, 12};
 constexpr double kSpinePhaseUs = 500;  // [spine] phase_ns, unless the robot file says otherwise
@@ -119,6 +120,15 @@ Finding check_tickless(const Subject& subject) {
     return notes.say(
         State::unknown,
         "nohz_full names the core, but kernels since 6.12 may tick there: lithe doctor --measure 10 counts");
+  }
+  // A TSC that the kernel does not trust is not its clock; then the tick stays on every core, to correct the time.
+  const Reading clock = notes.read(kClock);
+  if (!clock.known()) return notes.unread(kClock);
+  if (clock.value != "tsc" && clock.value != "arch_sys_counter") {
+    return notes.say(State::unknown,
+                     fmt::format("nohz_full names the core, but the clock is {}: where the kernel does not trust the "
+                                 "processor's counter, the tick stays; lithe doctor --measure 10 counts",
+                                 clock.value));
   }
   return notes.say(State::ok, "the core has no timer tick while one thread runs there");
 }

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Items 8 to 11: the Spine's own thread, and what the kernel does to real-time threads.
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
+#include <set>
 
 #include "host/doctor/checks/checks.hpp"
 #include "host/doctor/notes.hpp"
@@ -35,12 +37,19 @@ std::optional<bool> spins_realtime(const Subject& subject, Notes& notes) {
 Finding check_spine_pinned(const Subject& subject) {
   Notes notes(subject);
   bool runs = false;
+  std::set<int> pinned;  // processes
   for (const Task& each : subject.tasks.all) {
     if (!each.is_spine()) continue;
     runs = true;
-    if (each.cpus != std::vector<int>{subject.cpu}) continue;
+    if (each.cpus != std::vector<int>{subject.cpu} || !pinned.insert(each.pid).second) continue;
     notes.add(fmt::format("/proc/{}/task/{}/status", each.pid, each.tid),
               fmt::format("{}: Cpus_allowed_list {}", each.name, subject.cpu));
+  }
+  if (pinned.size() > 1) {
+    return notes.say(State::fail, fmt::format("{} Spines are pinned to core {}, and each delays the others: pids {}",
+                                              pinned.size(), subject.cpu, fmt::join(pinned, ", ")));
+  }
+  if (!pinned.empty() && subject.tasks.is_whole()) {
     return notes.say(State::ok, fmt::format("a thread of the running Spine is pinned to core {}", subject.cpu));
   }
   notes.add(kAllTasks, subject.tasks.is_whole() ? fmt::format("{} threads", subject.tasks.all.size())

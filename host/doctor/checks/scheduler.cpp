@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <set>
 #include <sstream>
 
 #include "host/doctor/checks/checks.hpp"
@@ -16,20 +17,43 @@ namespace {
 constexpr const char* kIsolated = "/sys/devices/system/cpu/isolated";
 constexpr const char* kOwnGroup = "/proc/self/cgroup";
 constexpr const char* kSchedStat = "/proc/schedstat";
+constexpr const char* kV1 = "/sys/fs/cgroup/cpuset";
 constexpr const char* kV1Balance = "/sys/fs/cgroup/cpuset/cpuset.sched_load_balance";
 constexpr double kBoundSwitchesPerS = 2;  // what only the core's own kernel threads cause
 
-// Whether the scheduler balances over this core, as its statistics list it: a core without a domain is isolated.
-bool has_no_domain(const Subject& subject, const std::string& text) {
-  if (subject.online.size() < 2) return false;
-  bool seen = false, here = false;
+// Which cores the scheduler balances over, as its statistics list them.
+struct Domains {
+  bool listed = false;  // this core is in the list
+  bool here = false;    // it has a domain
+  bool others = false;  // another core has one
+
+  // The last core that is not isolated has no domain either: there is none to balance with.
+  bool isolate() const { return listed && !here && others; }
+};
+
+Domains read_domains(const Subject& subject, const std::string& text) {
+  Domains domains;
+  bool here = false;
   std::istringstream lines(text);
   for (std::string line; std::getline(lines, line);) {
     if (line.starts_with("cpu")) here = line.starts_with(fmt::format("cpu{} ", subject.cpu));
-    if (here && line.starts_with("domain")) return false;
-    seen = seen || here;
+    domains.listed = domains.listed || here;
+    if (line.starts_with("domain")) (here ? domains.here : domains.others) = true;
   }
-  return seen;
+  return domains;
+}
+
+// Whether cgroup v1 has taken the core out of the balancing: the root balances nothing, and no group with the core does.
+bool is_out_of_v1(const Subject& subject, Notes& notes) {
+  if (subject.files.read(kV1Balance).value != "0") return false;
+  notes.read(kV1Balance);
+  for (const std::string& group : subject.files.list(kV1)) {
+    const std::string folder = fmt::format("{}/{}", kV1, group);
+    const Reading cpus = subject.files.read(folder + "/cpuset.cpus");
+    const bool balances = cpus.known() && subject.files.read(folder + "/cpuset.sched_load_balance").value != "0";
+    if (balances && holds(parse_cpu_list(cpus.value), subject.cpu)) return false;
+  }
+  return true;
 }
 
 // Words about an option isolcpus that names this core and is not in force; empty if there is none.
@@ -95,19 +119,32 @@ Finding check_domain_isolation(const Subject& subject) {
   if (how == Isolation::boot) return notes.say(State::ok, fmt::format("core {} is isolated since the boot", cpu));
   if (how == Isolation::cpuset) {
     notes.read(kOwnGroup);
-    return notes.say(State::ok, fmt::format("core {} is in the isolated partition that this process is in", cpu));
+    return notes.say(State::ok,
+                     fmt::format("core {} is in the isolated partition that this process is in or may join", cpu));
   }
   bool all_read = boot.known();
+  std::set<int> left(subject.online.begin(), subject.online.end());  // the cores that nothing says are isolated
+  for (const int each : subject.isolated.all()) left.erase(each);
   for (const Partition& each : read_partitions(subject.files)) {
     all_read = all_read && each.kind.known() && each.wanted.known();
-    if (!each.is_isolated() || !holds(each.cpus, cpu)) continue;
+    if (!each.is_isolated()) continue;
+    for (const int its : each.cpus) left.erase(its);
+    if (!holds(each.cpus, cpu)) continue;
     notes.add(each.kind.path, each.kind.value);
     return notes.say(State::ok, fmt::format("core {} is in an isolated partition", cpu));
   }
-  if (has_no_domain(subject, notes.read(kSchedStat).value)) {
+  const Domains domains = read_domains(subject, notes.read(kSchedStat).value);
+  if (domains.isolate() && subject.online.size() > 1)
     return notes.say(State::ok, fmt::format("core {} is in no scheduling domain", cpu));
-  }
   if (!all_read) return notes.say(State::unknown, "not everything that tells isolated cores can be read");
+  if (left.size() == 1 && subject.online.size() > 1) {
+    return notes.say(State::fail,
+                     fmt::format("core {} is the last one that is not isolated: all tasks run there", cpu));
+  }
+  if (domains.listed && !domains.here && left.size() > 1) {
+    if (is_out_of_v1(subject, notes)) return notes.say(State::ok, fmt::format("no cpuset balances core {}", cpu));
+    return notes.say(State::unknown, "no core has a scheduling domain: which of them are isolated is not known");
+  }
   return notes.say(State::fail, fmt::format("core {} is not isolated", cpu) + dropped_option(subject, notes));
 }
 

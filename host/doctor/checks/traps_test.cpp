@@ -50,6 +50,37 @@ TEST_F(Traps, IsolationIsFoundInThePartitionTheRootAndTheSchedulersStatistics) {
   EXPECT_EQ(state("domain_isolation"), State::fail) << "a machine of one core has no domains either";
 }
 
+TEST_F(Traps, TheLastCoreThatIsNotIsolatedHasNoDomainEither) {
+  put_desktop(root_);
+  root_.write("/proc/schedstat", "version 15\ncpu0 0 0\ncpu1 0 0\ncpu2 0 0\ncpu3 0 0\n");
+  EXPECT_EQ(state("domain_isolation"), State::unknown) << "it may be any of them";
+  root_.write("/sys/devices/system/cpu/isolated", "0,2-3");
+  EXPECT_EQ(state("domain_isolation"), State::fail);
+  EXPECT_TRUE(says(find("domain_isolation"), "core 1 is the last one that is not isolated"));
+  // Two cores and a shield of cgroup v1: no core has a domain, and one of them is free.
+  root_.write("/sys/devices/system/cpu/isolated", "");
+  root_.write("/sys/devices/system/cpu/online", "0-1");
+  remove("/sys/fs/cgroup/cgroup.controllers");
+  root_.write("/sys/fs/cgroup/cpuset/cpuset.sched_load_balance", "0");
+  root_.write("/sys/fs/cgroup/cpuset/lithe.rest/cpuset.cpus", "0");
+  root_.write("/sys/fs/cgroup/cpuset/lithe.rest/cpuset.sched_load_balance", "1");
+  EXPECT_EQ(state("domain_isolation"), State::ok);
+  root_.write("/sys/fs/cgroup/cpuset/lithe.rest/cpuset.cpus", "1");
+  EXPECT_EQ(state("domain_isolation"), State::unknown);
+}
+
+TEST_F(Traps, TwoSpinesOnOneCoreFailWithBothPids) {
+  put_partition(root_);
+  add_task(root_, {.pid = 600, .name = "lithe-spine-sim", .cpus = "1"});
+  EXPECT_EQ(state("spine_pinned"), State::ok);
+  add_task(root_, {.pid = 700, .name = "lithe-spine", .cpus = "1"});
+  EXPECT_EQ(state("spine_pinned"), State::fail);
+  EXPECT_TRUE(says(find("spine_pinned"), "pids 600, 700")) << find("spine_pinned").words;
+  remove("/proc/700");
+  remove("/proc/2");
+  EXPECT_EQ(state("spine_pinned"), State::unknown) << "another one may run unseen";
+}
+
 TEST_F(Traps, APartitionThatTheKernelCallsInvalidIsolatesNothing) {
   put_partition(root_);
   EXPECT_EQ(state("isolated_partition"), State::ok);
@@ -149,6 +180,22 @@ TEST_F(Traps, SinceLinux612TheOptionNohzFullProvesNothing) {
   EXPECT_EQ(state("tickless"), State::ok);
   measured_->ticks_per_s = 250;
   EXPECT_EQ(state("tickless"), State::fail);
+}
+
+TEST_F(Traps, WithAClockThatIsNotTheProcessorsTheTickMayStay) {
+  put_booted(root_);
+  const std::string clock = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
+  root_.write(clock, "hpet\n");
+  const Finding finding = find("tickless");
+  EXPECT_EQ(finding.state, State::unknown);
+  EXPECT_TRUE(std::any_of(finding.evidence.begin(), finding.evidence.end(),
+                          [&](const Evidence& each) { return each.path == clock && each.value == "hpet"; }));
+  measured_ = Measured{};
+  measured_->ticks_per_s = 0.2;
+  EXPECT_EQ(state("tickless"), State::ok);
+  measured_.reset();
+  remove(clock);
+  EXPECT_EQ(state("tickless"), State::unknown);
 }
 
 TEST_F(Traps, APiWithAWeakSupplyIsNotFixed) {

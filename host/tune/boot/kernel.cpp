@@ -7,6 +7,7 @@
 #include <charconv>
 #include <cstddef>
 
+#include "host/read/unpack.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/files.hpp"
 #include "spine/core/text.hpp"
@@ -17,6 +18,10 @@ namespace {
 constexpr std::size_t kMostConfigFileBytes = std::size_t{4} << 20;  // Debian's has 260 kB
 constexpr std::size_t kMostCpuInfoBytes = std::size_t{4} << 20;
 constexpr const char* kConfigPrefix = "config-";
+constexpr const char* kPacked = "/proc/config.gz";
+constexpr const char* kRelease = "/proc/sys/kernel/osrelease";
+constexpr const char* kAskModule =
+    "; where the kernel has it as a module, `sudo modprobe configs` tells: then plan again";
 constexpr int kManagedIrqSince = 5006;
 
 bool has_line(const std::string& text, const std::string& line) {
@@ -35,7 +40,7 @@ int version_of(std::string_view release) {
 }
 
 std::vector<std::string> releases(const HostFiles& files) {
-  const Reading running = files.read("/proc/sys/kernel/osrelease");
+  const Reading running = files.read(kRelease);
   if (running.known() && !running.value.empty()) return {running.value};
   std::vector<std::string> found;
   for (const std::string& name : files.list("/boot")) {
@@ -44,11 +49,18 @@ std::vector<std::string> releases(const HostFiles& files) {
   return found.empty() ? files.list("/lib/modules") : found;
 }
 
-std::string advice(const HostFiles& files, const std::string& path, const std::string& why) {
-  const bool packed = !files.read("/proc/config.gz").is_absent();
-  return fmt::format(
-      "how the kernel was built is not known ({}): only flags that every kernel knows are planned{}", why,
-      packed ? fmt::format("; `zcat /proc/config.gz | sudo tee {} >/dev/null` tells, then plan again", path) : "");
+std::string advice(const std::string& why, const char* next = "") {
+  return fmt::format("how the kernel was built is not known ({}): only flags that every kernel knows are planned{}",
+                     why, next);
+}
+
+// Below /boot; of the running kernel also what it tells itself: Raspberry Pi OS and Jetson Linux have no file in /boot.
+Result<std::string> config_of(const HostFiles& files, const std::string& release, bool running) {
+  Result<std::string> config =
+      read_regular_file(files.root() + "/boot/" + (kConfigPrefix + release), kMostConfigFileBytes);
+  if (config || !running) return config;
+  Result<std::string> packed = read_packed(files, kPacked, kMostConfigFileBytes);
+  return packed ? packed : Result<std::string>(Error{config.message() + "; " + packed.message()});
 }
 
 // Beyond isolcpus and irqaffinity, in the order in which they are written. `option`: the kernel knows the flag by it.
@@ -94,18 +106,19 @@ Kernel read_kernel(const HostFiles& files) {
   Kernel kernel;
   kernel.steady_tsc = has_cpu_flag(files, "constant_tsc") && has_cpu_flag(files, "nonstop_tsc");
   const std::vector<std::string> installed = releases(files);
+  const bool running = files.read(kRelease).known();
   for (const std::string& release : installed) {
     const int version = version_of(release);
     kernel.version = kernel.configs.empty() ? version : std::min(kernel.version, version);
-    const std::string path = "/boot/" + (kConfigPrefix + release);
-    Result<std::string> config = read_regular_file(files.root() + path, kMostConfigFileBytes);
-    if (!config && kernel.not_known.empty())
-      kernel.not_known.push_back(advice(files, path, printable(config.message())));
+    const Result<std::string> config = config_of(files, release, running);
+    if (!config && kernel.not_known.empty()) {
+      const bool may_tell = running && files.read(kPacked).is_absent();  // Raspberry Pi OS: a module
+      kernel.not_known.push_back(advice(printable(config.message()), may_tell ? kAskModule : ""));
+    }
     kernel.configs.push_back(config ? *config : "");
   }
   if (installed.empty()) {
-    kernel.not_known.push_back(
-        advice(files, "", "no /proc/sys/kernel/osrelease, no /boot/config-*, no folder in /lib/modules"));
+    kernel.not_known.push_back(advice("no /proc/sys/kernel/osrelease, no /boot/config-*, no folder in /lib/modules"));
   }
   if (!kernel.not_known.empty()) kernel.configs.clear();
   return kernel;

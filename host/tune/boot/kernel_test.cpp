@@ -2,6 +2,7 @@
 #include "host/tune/boot/kernel.hpp"
 
 #include <gtest/gtest.h>
+#include <zlib.h>
 
 #include <string>
 
@@ -9,6 +10,13 @@
 
 namespace lithe::host {
 namespace {
+
+void pack(const FakeRoot& root, const std::string& text) {
+  root.write("/proc/config.gz", "");
+  const gzFile file = gzopen((root.path() + "/proc/config.gz").c_str(), "wb");
+  EXPECT_EQ(gzwrite(file, text.data(), static_cast<unsigned>(text.size())), static_cast<int>(text.size()));
+  EXPECT_EQ(gzclose(file), Z_OK);
+}
 
 const BootCores kTwo{.isolated = {1, 2}, .tickless = {1}, .housekeeping = 0};
 
@@ -62,10 +70,29 @@ TEST(Kernel, WithoutNoHzFullThereIsNoNohzAnywhere) {
 TEST(Kernel, OptionsThatCannotBeReadGiveTheSafeFlagsAndANote) {
   const FakeRoot root;
   root.write("/proc/sys/kernel/osrelease", "5.15.148-tegra\n");
+  EXPECT_EQ(flags(root), "isolcpus=managed_irq,domain,1-2 irqaffinity=0");
+  EXPECT_NE(notes(root).find("`sudo modprobe configs` tells"), std::string::npos) << notes(root);
   root.write("/proc/config.gz", "\x1f\x8b");
   EXPECT_EQ(flags(root), "isolcpus=managed_irq,domain,1-2 irqaffinity=0");
-  EXPECT_NE(notes(root).find("`zcat /proc/config.gz | sudo tee /boot/config-5.15.148-tegra"), std::string::npos)
-      << notes(root);
+  EXPECT_NE(notes(root).find("/proc/config.gz: is damaged"), std::string::npos) << notes(root);
+}
+
+TEST(Kernel, WithoutAFileInBootTellsItsOptionsItself) {
+  const FakeRoot root;  // Jetson Linux
+  root.write("/proc/sys/kernel/osrelease", "5.15.148-tegra\n");
+  pack(root, trees::kTickingConfig);
+  EXPECT_EQ(flags(root), "isolcpus=managed_irq,domain,1-2 irqaffinity=0");
+  EXPECT_EQ(notes(root),
+            "the kernel is built without CONFIG_NO_HZ_FULL: the timer's tick stays on the isolated cores\n");
+  pack(root, trees::kDebianConfig);
+  EXPECT_NE(flags(root).find("nohz_full=1"), std::string::npos) << flags(root);
+}
+
+TEST(Kernel, ThatRunsSaysNothingAboutThoseOfAnImage) {
+  const FakeRoot root;
+  root.write("/lib/modules/6.1.0-38-amd64/x", "");
+  pack(root, trees::kDebianConfig);
+  EXPECT_EQ(flags(root).find("nohz_full"), std::string::npos);
 }
 
 TEST(Kernel, AnOldOneGetsNoWordThatItDoesNotKnow) {

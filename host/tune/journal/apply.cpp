@@ -35,7 +35,9 @@ Step undo(const Writer& writer, const Entry& entry) {
     step.found = now.absent ? "nothing: it was removed" : now.value;
   } else {
     step.error = writer.set(change, wanted);
-    if (step.error != 0) step.outcome = step.error == ESRCH ? Outcome::gone : Outcome::refused;
+    // A controller that another group uses by now is that group's.
+    const bool taken = change.kind == ChangeKind::controller && step.error == EBUSY;
+    if (step.error != 0) step.outcome = step.error == ESRCH || taken ? Outcome::gone : Outcome::refused;
   }
   return step;
 }
@@ -68,6 +70,7 @@ Result<std::vector<Step>> apply(Journal& journal, const Writer& writer, const st
       const Result<std::uint64_t> number = journal.begin(change);
       if (!number) return number.error();
       step.error = writer.set(change, after(change));
+      writer.step();
       const Now then = writer.now(change);
       // The kernel may write a value in its own way, or take the write without doing it.
       if (step.error == 0 && then == before(change)) step.error = EINVAL;

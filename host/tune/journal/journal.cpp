@@ -24,7 +24,6 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr std::size_t kMostJournalBytes = std::size_t{64} << 20;
-constexpr const char* kKinds[] = {"file", "setting", "affinity", "folder"};
 
 std::int64_t ticks_since_boot() {
   timespec now{};
@@ -34,7 +33,7 @@ std::int64_t ticks_since_boot() {
 }
 
 Json json_of(const Change& change) {
-  return {{"kind", kKinds[static_cast<std::size_t>(change.kind)]},
+  return {{"kind", kChangeKinds[static_cast<std::size_t>(change.kind)]},
           {"item", change.item},
           {"path", change.path},
           {"was_absent", change.was_absent},
@@ -47,10 +46,11 @@ Json json_of(const Change& change) {
 
 // Throws on a line that is not ours.
 Change change_of(const Json& json) {
-  const auto* const kind = std::find(std::begin(kKinds), std::end(kKinds), json.at("kind").get<std::string>());
-  if (kind == std::end(kKinds)) throw std::out_of_range("kind");
+  const auto* const kind =
+      std::find(std::begin(kChangeKinds), std::end(kChangeKinds), json.at("kind").get<std::string>());
+  if (kind == std::end(kChangeKinds)) throw std::out_of_range("kind");
   Change change;
-  change.kind = static_cast<ChangeKind>(kind - std::begin(kKinds));
+  change.kind = static_cast<ChangeKind>(kind - std::begin(kChangeKinds));
   change.item = json.at("item");
   change.path = json.at("path");
   change.was_absent = json.at("was_absent");

@@ -13,6 +13,7 @@
 
 #include "host/read/files.hpp"
 #include "host/read/tasks.hpp"
+#include "host/read/words.hpp"
 #include "host/tune/values.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/fd.hpp"
@@ -64,13 +65,16 @@ Now Writer::now(const Change& change) const {
   const std::string path = root_ + change.path;
   if (change.kind == ChangeKind::affinity) return cores_of_task(change);
   if (change.kind == ChangeKind::file) return text_of_file(path);
-  if (change.kind == ChangeKind::folder) {
+  if (change.kind == ChangeKind::folder || change.kind == ChangeKind::group) {
     struct stat about{};
     if (::lstat(path.c_str(), &about) == 0) return {};
     return {.absent = errno == ENOENT, .error = errno == ENOENT ? 0 : errno};
   }
   const Reading reading = HostFiles(root_).read(change.path);
   if (reading.is_absent()) return {.absent = true};
+  if (change.kind == ChangeKind::controller && reading.known()) {
+    return has_word(reading.value, change.after) ? Now{.value = change.after} : Now{.absent = true};
+  }
   return {.value = value_in_force(reading.value), .error = reading.error};
 }
 
@@ -93,6 +97,10 @@ int Writer::set(const Change& change, const Now& wanted) const {
       return set_folder(path, wanted);
     case ChangeKind::affinity:
       return set_cores(change, wanted.value);
+    case ChangeKind::group:
+      return set_group(path, wanted);
+    case ChangeKind::controller:
+      return set_value(path, (wanted.absent ? "-" : "+") + change.after);
     case ChangeKind::setting:
       break;
   }
@@ -147,6 +155,13 @@ int Writer::set_value(const std::string& path, const std::string& value) const {
 int Writer::set_folder(const std::string& path, const Now& wanted) const {
   step();
   return (wanted.absent ? ::rmdir(path.c_str()) : ::mkdir(path.c_str(), 0755)) == 0 ? 0 : errno;
+}
+
+int Writer::set_group(const std::string& path, const Now& wanted) const {
+  if (const int error = set_folder(path, wanted); error != 0 || wanted.absent) return error;
+  const int error = set_value(path + "/cgroup.type", "threaded");
+  if (error != 0) (void)set_folder(path, {.absent = true});
+  return error;
 }
 
 int Writer::set_cores(const Change& change, const std::string& cores) const {

@@ -31,6 +31,8 @@ class Writer {
  public:
   explicit Writer(std::string root, StepHook hook = {}) : root_(std::move(root)), hook_(std::move(hook)) {}
 
+  const std::string& root() const { return root_; }
+
   Now now(const Change& change) const;
 
   // Sets it; returns 0, or the errno of the call that failed. A file is replaced at once and reaches the disk before
@@ -50,6 +52,7 @@ class Writer {
   int set_file(const std::string& path, const Now& wanted) const;
   int set_value(const std::string& path, const std::string& value) const;
   int set_folder(const std::string& path, const Now& wanted) const;
+  int set_group(const std::string& path, const Now& wanted) const;
   int set_cores(const Change& change, const std::string& cores) const;
 
   std::string root_;

@@ -12,8 +12,11 @@
 
 #include "host/read/tasks.hpp"
 #include "host/tune/runtime.hpp"
+#include "host/tune/shield/partition.hpp"
 #include "host/tune/values.hpp"
+#include "spine/core/host/child.hpp"
 #include "spine/core/host/cores.hpp"
+#include "spine/core/host/realtime.hpp"
 
 namespace lithe::host {
 namespace {
@@ -37,7 +40,7 @@ Moves moves_in(const std::vector<Entry>& entries) {
   Moves moves;
   for (const Entry& entry : entries) {
     const Change& change = entry.change;
-    if (change.kind != ChangeKind::affinity) continue;
+    if (change.item != kTaskItem) continue;
     moves.since_ticks = moves.tasks.empty() ? entry.at_ticks : std::min(moves.since_ticks, entry.at_ticks);
     moves.tasks.emplace(change.path, change.start_time_ticks);
     // What the kernel made of it: it leaves out cores that are off.
@@ -59,40 +62,68 @@ std::set<int> robots_among(const std::vector<Task>& tasks, const Moves& moves) {
   return robots;
 }
 
-// Tasks that were born under the shield inherited the narrow mask of their parents.
-std::size_t widen_the_born(const Writer& writer, const Moves& moves, const std::vector<int>& only) {
-  if (moves.tasks.empty()) return 0;
+// They pin themselves beside their Spine.
+bool is_of_lithe(const Task& task) {
+  return task.is_spine() || task.name == "lithe" || task.name == "lawd" || task.name == "lithe-trial";
+}
+
+// Tasks that were born under the shield inherited the narrow mask of their parents; kernel threads have no parents.
+std::vector<std::string> widen_the_born(const Writer& writer, const Moves& moves, const std::vector<int>& only) {
+  if (moves.tasks.empty()) return {};
   const std::vector<Task> tasks = read_tasks(HostFiles(), only).all;
   const std::set<int> robots = robots_among(tasks, moves);
-  std::size_t widened = 0;
+  std::vector<std::string> widened;
   for (const Task& task : tasks) {
     const auto wide = moves.back.find(cpu_list(task.cpus));
     const bool young = static_cast<std::int64_t>(task.start_time_ticks) >= moves.since_ticks;
     const bool known = moves.tasks.contains({task.path(), task.start_time_ticks});
-    if (wide == moves.back.end() || !young || known || task.is_bound || robots.contains(task.pid)) continue;
+    const bool chose = is_of_lithe(task) || robots.contains(task.pid);
+    if (wide == moves.back.end() || !young || known || chose || task.is_bound || task.is_kernel) continue;
     const Change change{.kind = ChangeKind::affinity, .path = task.path(), .start_time_ticks = task.start_time_ticks};
-    if (writer.set(change, {.value = wide->second}) == 0) ++widened;
+    if (writer.set(change, {.value = wide->second}) == 0) widened.push_back(fmt::format("{} {}", task.name, task.tid));
   }
   return widened;
 }
 
-Result<Lowered> undo_all(Journal& journal, const Writer& writer, const std::vector<int>& only) {
-  const Moves moves = moves_in(journal.entries());
-  const auto steps = revert_entries(journal, writer, journal.entries(), true);
-  if (!steps) return steps.error();
-  Lowered undone;
-  for (const Step& step : *steps) {
+// Whether a thread of a child gets the core, as a thread of the Spine will ask for it; empty: it does.
+std::string why_not_joined(int core) {
+  const auto ask = [core](int out) {
+    const Result<> pinned = pin_this_thread(core);
+    if (!pinned) (void)write_all(out, pinned.message());
+    return pinned ? 0 : 1;
+  };
+  const ChildEnd end = run_forked(ask, {.wall_ms = 5000, .output_bytes = 1000});
+  if (end.started && end.signal == 0 && end.exit_code == 0) return "";
+  return "a thread cannot join it: " + (end.output.empty() ? "it ended early" : end.output);
+}
+
+void count(const std::vector<Step>& steps, Lowered& undone) {
+  for (const Step& step : steps) {
     undone.count += step.outcome == Outcome::done ? 1 : 0;
     if (step.outcome == Outcome::refused) undone.failed.push_back(step.change.path + ": " + step.why());
   }
-  undone.count += widen_the_born(writer, moves, only);
+}
+
+Result<Lowered> undo_all(Journal& journal, const Writer& writer, const std::vector<int>& only) {
+  const Moves moves = moves_in(journal.entries());
+  const auto partition = unmake_partition(journal, writer, only);
+  if (!partition) return partition.error();
+  Lowered undone;
+  const auto steps = revert_entries(journal, writer, journal.entries(), true);
+  if (!steps) return steps.error();
+  count(*partition, undone);
+  undone.failed.clear();  // they are tried a second time
+  count(*steps, undone);
+  // In a partition no task had to be moved, so none inherited it.
+  if (partition->empty()) undone.born = widen_the_born(writer, moves, only);
+  undone.count += undone.born.size();
   return undone;
 }
 
 }  // namespace
 
 Result<Shield> Shield::raise(const ShieldOptions& options) {
-  const HostFiles files;
+  const HostFiles files(options.root);
   auto journal = Journal::open(options.journal, boot_id(), true, options.hook);
   if (!journal) return Error{journal.message() + "; " + kNoRight};
   Shield shield(std::move(*journal), options);
@@ -101,43 +132,79 @@ Result<Shield> Shield::raise(const ShieldOptions& options) {
   shield.facts_ = {.mechanism = plan.mechanism, .cores = options.cores, .notes = plan.notes};
   const auto in_order = [&](Result<> part) {
     if (part) return true;
-    const Result<> lowered = shield.lower();
+    const auto lowered = shield.lower();
     if (!lowered) part = Error{part.message() + "; " + lowered.message()};
     return false;
   };
-  if (files.read("/proc/2/comm").value != "kthreadd") {
+  if (HostFiles().read("/proc/2/comm").value != "kthreadd") {
     shield.facts_.notes.push_back(
         "only the tasks of this container were moved: those of its host may still run on the robot's core");
   }
-  Result<> part = plan.mechanism <= Mechanism::cpuset2 ? done() : shield.move_tasks();
+  shield.moves_ = plan.mechanism > Mechanism::cpuset2;
+  Result<> part = shield.make_partition(plan);
+  if (!in_order(part)) return part.error();
+  if (shield.moves_) part = shield.move_tasks();
   if (!in_order(part)) return part.error();
   if (options.machine) {
     if (part = shield.change_settings(); !in_order(part)) return part.error();
-    if (part = shield.take_out_of_balancing(plan); !in_order(part)) return part.error();
+    if (!shield.partition_) part = shield.take_out_of_balancing(plan);
+    if (!in_order(part)) return part.error();
   }
   return shield;
 }
 
-Result<Lowered> Shield::lower_left_over(const std::string& path, const std::vector<int>& only) {
-  auto journal = Journal::open(path, boot_id(), false);
+Result<Lowered> Shield::lower_left_over(const ShieldOptions& left) {
+  auto journal = Journal::open(left.journal, boot_id(), false, left.hook);
   if (!journal) return journal.error();
-  auto undone = undo_all(*journal, Writer(""), only);
+  auto undone = undo_all(*journal, Writer(left.root, left.hook), left.only);
   if (undone) journal->remove();
   return undone;
 }
 
 Shield::~Shield() { (void)lower(); }
 
-Result<> Shield::move_tasks() {
-  std::set<TaskKey> tried;
+// Falls through to the next mechanism, and says so.
+Result<> Shield::make_partition(const ShieldPlan& plan) {
+  if (plan.partition.empty() || !options_.partition) return done();
+  const auto made = host::make_partition(journal_, writer_, plan.partition, options_.only);
+  if (!made) return made.error();
+  partition_ = made->why_not.empty();
+  std::string why_not = made->why_not;
+  if (partition_ && options_.root.empty()) why_not = why_not_joined(options_.cores.front());
+  if (partition_ && !why_not.empty()) {
+    partition_ = false;
+    if (const auto undone = unmake_partition(journal_, writer_, options_.only); !undone) return undone.error();
+  }
+  if (partition_) facts_.mechanism = Mechanism::cpuset2;
+  if (!partition_) facts_.notes.push_back("no partition of cgroup v2: " + why_not);
+  return done();
+}
+
+Result<std::string> Shield::keep_up() {
+  if (!up_ || !moves_) return std::string();
+  const std::string state = partition_ ? partition_state(HostFiles(options_.root)) : "isolated";
+  if (state != "isolated") {
+    partition_ = false;
+    facts_.mechanism = Mechanism::affinity;
+    facts_.notes.push_back(
+        fmt::format("the kernel ended the partition of cgroup v2 (\"{}\"): affinity alone keeps tasks away", state));
+    const Result<> moved = move_tasks();
+    return moved ? Result<std::string>(facts_.notes.back()) : moved.error();
+  }
+  const Result<> moved = move_tasks(true);
+  return moved ? Result<std::string>(std::string()) : moved.error();
+}
+
+Result<> Shield::move_tasks(bool kernel) {
+  const Who who{.leave = options_.leave, .only = options_.only, .kernel = kernel};
   for (int round = 0; round < kMostRounds; ++round) {
-    std::vector<Change> moves = moves_plan(HostFiles(), options_.cores, options_.leave, options_.only);
-    std::erase_if(moves, [&](const Change& each) { return tried.contains({each.path, each.start_time_ticks}); });
+    std::vector<Change> moves = moves_plan(HostFiles(), options_.cores, who);
+    std::erase_if(moves, [&](const Change& each) { return tried_.contains({each.path, each.start_time_ticks}); });
     if (moves.empty()) return done();
     const auto steps = apply(journal_, writer_, moves);
     if (!steps) return steps.error();
     for (const Step& step : *steps) {
-      tried.emplace(step.change.path, step.change.start_time_ticks);
+      tried_.emplace(step.change.path, step.change.start_time_ticks);
       if (step.outcome == Outcome::refused && step.error == EPERM) return Error{kNoRight};
       facts_.moved += step.outcome == Outcome::done ? 1 : 0;
       facts_.refused += step.outcome == Outcome::refused ? 1 : 0;
@@ -148,7 +215,7 @@ Result<> Shield::move_tasks() {
 }
 
 Result<> Shield::change_settings() {
-  const Plan plan = runtime_plan(HostFiles(), options_.cores);
+  const Plan plan = runtime_plan(HostFiles(options_.root), options_.cores);
   const auto steps = apply(journal_, writer_, plan.changes);
   if (!steps) return steps.error();
   for (const Step& step : *steps) {
@@ -184,15 +251,25 @@ Result<> Shield::take_out_of_balancing(const ShieldPlan& plan) {
   return done();
 }
 
-Result<> Shield::lower() {
-  if (!up_) return done();
+Result<Lowered> Shield::lower() {
+  if (!up_) return Lowered();
   up_ = false;
-  const auto undone = undo_all(journal_, writer_, options_.only);
+  auto undone = undo_all(journal_, writer_, options_.only);
   if (!undone) return Error{"the shield could not be lowered: " + undone.message() + "; next: lithe tune revert"};
   journal_.remove();
-  if (undone->failed.empty()) return done();
+  if (undone->failed.empty()) return undone;
   return Error{fmt::format("the shield could not be lowered in full: {}; next: lithe tune revert",
                            fmt::join(undone->failed, "; "))};
+}
+
+std::string born_words(const Lowered& lowered) {
+  const std::size_t count = lowered.born.size(), named = std::min<std::size_t>(count, 8);
+  if (count == 0) return "";
+  const std::vector<std::string> names(lowered.born.begin(), lowered.born.begin() + static_cast<std::ptrdiff_t>(named));
+  return fmt::format(
+      "tasks born under the shield have all cores again: {}{}; one that chose fewer itself in that time has to do so "
+      "anew",
+      fmt::join(names, ", "), count > named ? fmt::format(" and {} more", count - named) : "");
 }
 
 std::string shield_words(const ShieldFacts& facts) {

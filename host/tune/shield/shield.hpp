@@ -3,6 +3,8 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -19,7 +21,9 @@ struct ShieldOptions {
   std::vector<int> cores{};  // the robot's, ascending
   std::vector<int> leave{};  // processes that keep the cores; their children inherit
   std::vector<int> only{};   // these processes alone, instead of every one; for tests
-  bool machine = true;       // also the settings of runtime_plan() and the groups of shield_plan(); not in tests
+  bool machine = true;       // also the settings of runtime_plan() and the groups of shield_plan()
+  bool partition = true;     // also a partition of cgroup v2, where `machine` and the kernel allow one
+  std::string root{};        // of the files that `machine` means; for tests
   std::string journal = kShieldJournal;
   StepHook hook{};
 };
@@ -37,7 +41,12 @@ struct ShieldFacts {
 struct Lowered {
   std::size_t count = 0;              // tasks and settings that were given back
   std::vector<std::string> failed{};  // what could not be, and why
+  std::vector<std::string> born{};  // tasks that were born under the shield and may use its cores again: "cc1plus 4711"
 };
+
+// "tasks born under the shield have all cores again: cc1plus 4711, make 4700 and 3 more; ..."; empty when there are none.
+// One that chose just the shield's cores itself cannot be told from one that inherited them, so they are named.
+std::string born_words(const Lowered& lowered);
 
 // Contract: one thread. The destructor lowers the shield; a kill leaves the journal.
 class Shield {
@@ -46,30 +55,38 @@ class Shield {
   // nothing stays changed).
   static Result<Shield> raise(const ShieldOptions& options);
 
-  // Undoes what a killed holder left. An error when a living process holds it.
-  static Result<Lowered> lower_left_over(const std::string& journal = kShieldJournal,
-                                         const std::vector<int>& only = {});
+  // Undoes what a killed holder left, whatever its cores were. An error when a living process holds it.
+  static Result<Lowered> lower_left_over(const ShieldOptions& left = {});
 
   Shield(Shield&& other) noexcept
       : journal_(std::move(other.journal_)),
         writer_(std::move(other.writer_)),
         options_(std::move(other.options_)),
         facts_(std::move(other.facts_)),
+        tried_(std::move(other.tried_)),
+        moves_(other.moves_),
+        partition_(other.partition_),
         up_(std::exchange(other.up_, false)) {}
   Shield& operator=(Shield&&) = delete;
   ~Shield();
 
   const ShieldFacts& facts() const { return facts_; }
+  bool has_partition() const { return partition_; }  // made by this shield: its cores are for the members of its group
 
-  // Gives everything back, also to tasks that were born meanwhile and inherited the narrow mask (one that chose just this
-  // mask itself cannot be told from them). What somebody else changed stays. The error names what could not be undone.
-  Result<> lower();
+  // To be called every few seconds. Moves kernel threads that were born since: the kernel gives them all cores. Returns
+  // a sentence when the kernel ended the partition, and moves all tasks instead; else an empty text.
+  Result<std::string> keep_up();
+
+  // Gives everything back, also to tasks that were born meanwhile and inherited the narrow mask; not to LITHE's own
+  // programs, which choose their cores. What somebody else changed stays. The error names what could not be undone.
+  Result<Lowered> lower();
 
  private:
   Shield(Journal journal, ShieldOptions options)
-      : journal_(std::move(journal)), writer_("", options.hook), options_(std::move(options)) {}
+      : journal_(std::move(journal)), writer_(options.root, options.hook), options_(std::move(options)) {}
 
-  Result<> move_tasks();
+  Result<> make_partition(const ShieldPlan& plan);
+  Result<> move_tasks(bool kernel = false);
   Result<> change_settings();
   Result<> take_out_of_balancing(const ShieldPlan& plan);
 
@@ -77,6 +94,9 @@ class Shield {
   Writer writer_;
   ShieldOptions options_;
   ShieldFacts facts_;
+  std::set<std::pair<std::string, std::uint64_t>> tried_;  // tasks: path, start time
+  bool moves_ = false;                                     // tasks are kept away by us, not by a boot option
+  bool partition_ = false;                                 // of our own
   bool up_ = true;
 };
 

@@ -5,6 +5,7 @@
 #include <sstream>
 
 #include "host/read/tasks.hpp"
+#include "host/tune/shield/partition.hpp"
 #include "host/tune/values.hpp"
 #include "spine/core/host/cores.hpp"
 
@@ -88,26 +89,20 @@ ShieldPlan shield_plan(const HostFiles& files, const std::vector<int>& cores) {
     plan.mechanism = holds_all(isolated.boot, cores) ? Mechanism::boot : Mechanism::cpuset2;
     return plan;
   }
-  const std::string unified = mount_of(files, "cgroup2", "");
-  const std::string controllers = " " + files.read(unified + "/cgroup.controllers").value + " ";
-  if (!unified.empty() && controllers.find(" cpuset ") != std::string::npos) {
-    plan.notes.push_back(
-        "a partition of cgroup v2 is not made: a group has one set of cores, and a robot's other threads "
-        "need others than its Spine");
-  }
+  plan.partition = partition_plan(files, cores);
   plan_cpuset1(files, cores, plan);
   return plan;
 }
 
-std::vector<Change> moves_plan(const HostFiles& files, const std::vector<int>& cores, const std::vector<int>& leave,
-                               const std::vector<int>& only) {
+std::vector<Change> moves_plan(const HostFiles& files, const std::vector<int>& cores, const Who& who) {
   std::vector<Change> moves;
-  for (const Task& task : read_tasks(files, only).all) {
+  for (const Task& task : read_tasks(files, who.only).all) {
     const std::vector<int> rest = cores_without(task.cpus, cores);
-    const bool stays = std::find(leave.begin(), leave.end(), task.pid) != leave.end();
+    const bool left_out = who.kernel && !task.is_kernel;
+    const bool stays = left_out || std::find(who.leave.begin(), who.leave.end(), task.pid) != who.leave.end();
     if (task.is_bound || stays || rest.empty() || rest.size() == task.cpus.size()) continue;
     moves.push_back({.kind = ChangeKind::affinity,
-                     .item = "tasks",
+                     .item = kTaskItem,
                      .path = task.path(),
                      .before = cpu_list(task.cpus),
                      .after = cpu_list(rest),

@@ -70,8 +70,16 @@ TEST_F(ShieldPlanTest, EveryTaskIsMovedAndNoOther) {
 }
 
 TEST_F(ShieldPlanTest, TheRobotsProcessesKeepTheCore) {
-  EXPECT_EQ(moves_plan(files(), {1}, {700}).size(), 1u);
-  EXPECT_EQ(moves_plan(files(), {1}, {}, {700}).size(), 1u);
+  EXPECT_EQ(moves_plan(files(), {1}, {.leave = {700}}).size(), 1u);
+  EXPECT_EQ(moves_plan(files(), {1}, {.only = {700}}).size(), 1u);
+}
+
+TEST_F(ShieldPlanTest, KernelThreadsThatWereBornSinceAreFound) {
+  write_task(root_, 2, 2, "kthreadd", kMovableFlags, "0,2-3");
+  write_task(root_, 900, 900, "kcompactd1", kMovableFlags, "0-3");
+  const std::vector<Change> moves = moves_plan(files(), {1}, {.kernel = true});
+  ASSERT_EQ(moves.size(), 1u) << "bash asked for its cores itself";
+  EXPECT_EQ(moves[0].path, "/proc/900/task/900");
 }
 
 TEST_F(ShieldPlanTest, AnIsolatedCoreNeedsNothing) {
@@ -92,12 +100,17 @@ TEST_F(ShieldPlanTest, AnIsolatedPartitionAroundUsNeedsNothing) {
   EXPECT_EQ(shield_plan(files(), {1, 3}).mechanism, Mechanism::affinity);
 }
 
-TEST_F(ShieldPlanTest, VersionTwoIsNotUsedAndSaysWhy) {
-  root_.write("/proc/mounts", "cgroup2 /sys/fs/cgroup cgroup2 rw 0 0\n");
+TEST_F(ShieldPlanTest, APartitionOfVersionTwoIsTriedFirst) {
   root_.write("/sys/fs/cgroup/cgroup.controllers", "cpuset cpu io\n");
+  root_.write("/sys/fs/cgroup/cgroup.subtree_control", "cpu\n");
   const ShieldPlan plan = shield_plan(files(), {1});
-  EXPECT_EQ(plan.mechanism, Mechanism::affinity);
-  ASSERT_EQ(plan.notes.size(), 1u);
+  EXPECT_EQ(plan.mechanism, Mechanism::affinity) << "when the kernel makes none";
+  ASSERT_EQ(plan.partition.size(), 5u);
+  EXPECT_EQ(plan.partition[0].path, "/sys/fs/cgroup/cgroup.subtree_control");
+  EXPECT_EQ(plan.partition[2].after, "1");
+  EXPECT_EQ(plan.partition[3].path, "/sys/fs/cgroup/lithe.spine/cpuset.cpus.partition");
+  root_.write("/sys/fs/cgroup/cgroup.subtree_control", "cpuset cpu\n");
+  EXPECT_EQ(shield_plan(files(), {1}).partition.size(), 4u);
 }
 
 TEST_F(ShieldPlanTest, WithoutGroupsAffinityIsLeft) {

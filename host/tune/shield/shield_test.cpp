@@ -26,13 +26,14 @@ namespace {
 // A process with one thread more for every call of bear().
 class Parent {
  public:
-  Parent() {
+  explicit Parent(const char* name = "parent") {
     int down[2], up[2];
     EXPECT_EQ(::pipe(down), 0);
     EXPECT_EQ(::pipe(up), 0);
     pid_ = ::fork();
     if (pid_ == 0) {
       ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+      ::prctl(PR_SET_NAME, name);  // its threads inherit it
       for (char word = 0; ::read(down[0], &word, 1) == 1;) {
         std::thread([] { std::this_thread::sleep_for(std::chrono::hours(1)); }).detach();
         (void)!::write(up[1], &word, 1);
@@ -109,8 +110,21 @@ TEST_F(ShieldTest, AThreadBornUnderItInheritsAndGetsTheCoreAtItsEnd) {
   ASSERT_TRUE(shield) << shield.message();
   parent_->bear();
   EXPECT_EQ(parent_->masks(), Masks{rest_});
-  EXPECT_TRUE(shield->lower());
+  const auto lowered = shield->lower();
+  ASSERT_TRUE(lowered);
   EXPECT_EQ(parent_->masks(), Masks{all_});
+  ASSERT_EQ(lowered->born.size(), 1u) << "it may have chosen just these cores: it is named";
+  EXPECT_NE(born_words(*lowered).find("parent "), std::string::npos) << born_words(*lowered);
+}
+
+TEST_F(ShieldTest, LithesOwnProgramsChooseTheirCoresAndKeepThem) {
+  parent_ = std::make_unique<Parent>("lawd");
+  options_.only = {parent_->pid()};
+  auto shield = Shield::raise(options_);
+  ASSERT_TRUE(shield) << shield.message();
+  parent_->bear();  // as of another robot, started under this shield
+  EXPECT_TRUE(shield->lower());
+  EXPECT_EQ(parent_->masks(), (Masks{rest_, all_}));
 }
 
 TEST_F(ShieldTest, ATaskThatSomebodyElseMovedStaysThere) {
@@ -128,7 +142,7 @@ TEST_F(ShieldTest, ASecondOneIsRefusedWhileTheFirstIsUp) {
   const auto first = Shield::raise(options_);
   ASSERT_TRUE(first);
   EXPECT_FALSE(Shield::raise(options_));
-  EXPECT_FALSE(Shield::lower_left_over(options_.journal, options_.only));
+  EXPECT_FALSE(Shield::lower_left_over(options_));
   EXPECT_EQ(parent_->masks(), Masks{rest_}) << "the refused one must not undo it";
 }
 
@@ -149,7 +163,7 @@ TEST_F(ShieldTest, WhateverAKilledHolderLeftIsGivenBack) {
     int status = 0;
     ::waitpid(holder, &status, 0);
     killed = WIFSIGNALED(status);
-    const auto lowered = Shield::lower_left_over(options_.journal, options_.only);
+    const auto lowered = Shield::lower_left_over(options_);
     ASSERT_TRUE(lowered && lowered->failed.empty()) << "killed before system call " << kills + 1;
     ASSERT_EQ(parent_->masks(), Masks{all_}) << "killed before system call " << kills + 1;
   }

@@ -11,6 +11,7 @@
 
 #include "spine/core/host/files.hpp"
 #include "spine/core/host/realtime.hpp"
+#include "spine/core/host/shield_group.hpp"
 
 namespace lithe {
 namespace {
@@ -30,6 +31,12 @@ std::vector<int> without(const std::vector<int>& cpus, const std::vector<int>& o
   std::vector<int> rest;
   std::set_difference(cpus.begin(), cpus.end(), others.begin(), others.end(), std::back_inserter(rest));
   return rest;
+}
+
+std::vector<int> both(const std::vector<int>& cpus, const std::vector<int>& others) {
+  std::vector<int> all;
+  std::set_union(cpus.begin(), cpus.end(), others.begin(), others.end(), std::back_inserter(all));
+  return all;
 }
 
 // The whole of a text as a number; -1 if it is none that a core may have.
@@ -72,11 +79,7 @@ Isolation IsolatedCores::how(int cpu) const {
 
 bool IsolatedCores::is_tickless(int cpu) const { return holds(tickless, cpu); }
 
-std::vector<int> IsolatedCores::all() const {
-  std::vector<int> cpus;
-  std::set_union(boot.begin(), boot.end(), cpuset.begin(), cpuset.end(), std::back_inserter(cpus));
-  return cpus;
-}
+std::vector<int> IsolatedCores::all() const { return both(boot, cpuset); }
 
 std::vector<int> MachineCores::usable() const {
   std::vector<int> cpus = affinity;
@@ -88,7 +91,8 @@ std::vector<int> MachineCores::usable() const {
 }
 
 std::vector<int> MachineCores::automatic() const {
-  return affinity == without(granted, isolated.boot) ? usable() : affinity;
+  const bool whole = affinity == without(granted, isolated.boot) || affinity == without(granted, isolated.all());
+  return whole ? usable() : affinity;
 }
 
 std::vector<int> parse_cpu_list(const std::string& text) {
@@ -121,9 +125,10 @@ std::string cpu_list(const std::vector<int>& cpus) {
 }
 
 IsolatedCores isolated_cores(pid_t pid, const std::string& root) {
-  return {.boot = parse_cpu_list(read_or_empty(root + kCpus + "isolated")),
-          .cpuset = isolated_partition(group_of(pid, root), root),
-          .tickless = parse_cpu_list(read_or_empty(root + kCpus + "nohz_full"))};
+  return {
+      .boot = parse_cpu_list(read_or_empty(root + kCpus + "isolated")),
+      .cpuset = both(isolated_partition(group_of(pid, root), root), pid == 0 ? shield_cores(root) : std::vector<int>()),
+      .tickless = parse_cpu_list(read_or_empty(root + kCpus + "nohz_full"))};
 }
 
 std::vector<int> granted_cpus(const std::vector<int>& wanted) {
@@ -143,7 +148,7 @@ MachineCores machine_cores() {
   cores.affinity = allowed_cpus();
   cores.online = parse_cpu_list(read_or_empty(std::string(kCpus) + "online"));
   if (cores.online.empty()) cores.online = cores.affinity;
-  cores.granted = granted_cpus(cores.online);
+  cores.granted = both(granted_cpus(cores.online), shield_cores());  // the latter: to threads that join
   cores.isolated = isolated_cores();
   return cores;
 }

@@ -20,7 +20,7 @@ enum class Isolation : std::uint8_t {
 // Cores have the kernel's numbers; lists are ascending.
 struct IsolatedCores {
   std::vector<int> boot;
-  std::vector<int> cpuset;    // of the partition that the process is in
+  std::vector<int> cpuset;  // of the partition that the process is in, or that its threads may join (shield_group.hpp)
   std::vector<int> tickless;  // nohz_full: while one thread runs there, no timer interrupts it
 
   Isolation how(int cpu) const;

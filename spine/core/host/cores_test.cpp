@@ -9,6 +9,7 @@
 #include <fstream>
 
 #include "spine/core/host/realtime.hpp"
+#include "spine/core/host/shield_group.hpp"
 
 namespace lithe {
 namespace {
@@ -23,6 +24,12 @@ class FakeKernel : public ::testing::Test {
   void put(const std::string& path, const std::string& text) const {
     fs::create_directories(fs::path(root_ + path).parent_path());
     std::ofstream(root_ + path) << text << '\n';
+  }
+  std::string text(const std::string& path) const {
+    std::ifstream file(root_ + path);
+    std::string word;
+    file >> word;
+    return word;
   }
   void group(const std::string& path, const std::string& partition, const std::string& cpus) const {
     put("/sys/fs/cgroup" + path + "/cpuset.cpus.partition", partition);
@@ -83,6 +90,41 @@ TEST_F(FakeKernel, APartitionThatIsInvalidOrBalancedIsNoIsolation) {
   EXPECT_EQ(isolated_cores(0, root_).all(), Cpus{});
 }
 
+// What a shield makes (host/tune/shield/partition.hpp): the process is outside, and its threads may join.
+TEST_F(FakeKernel, TheCoresOfAShieldAreThereForThreadsThatJoin) {
+  put("/sys/fs/cgroup/cgroup.procs", "");
+  put("/sys/fs/cgroup/cgroup.threads", "");
+  put("/sys/fs/cgroup/lithe.spine/cgroup.threads", "");
+  put("/proc/thread-self/cgroup", "0::/user.slice/shell");
+  group("/lithe.spine", "isolated", "1,3");
+  EXPECT_EQ(shield_cores(root_), (Cpus{1, 3}));
+  EXPECT_EQ(isolated_cores(0, root_).how(3), Isolation::cpuset);
+  EXPECT_EQ(isolated_cores(1, root_).how(3), Isolation::none) << "of another process nobody knows";
+  EXPECT_FALSE(join_group_with(2, root_)) << "it is outside already";
+  EXPECT_TRUE(join_group_with(3, root_));
+  EXPECT_EQ(text("/sys/fs/cgroup/cgroup.procs"), std::to_string(getpid())) << "first to the root's domain";
+  EXPECT_EQ(text("/sys/fs/cgroup/lithe.spine/cgroup.threads"), std::to_string(gettid()));
+  put("/proc/thread-self/cgroup", "0::/lithe.spine");
+  EXPECT_FALSE(join_group_with(1, root_));
+  EXPECT_TRUE(join_group_with(0, root_));
+  EXPECT_EQ(text("/sys/fs/cgroup/cgroup.threads"), std::to_string(gettid()));
+}
+
+TEST_F(FakeKernel, AShieldThatTheKernelCallsInvalidOrThatIsClosedHasNoCores) {
+  put("/sys/fs/cgroup/cgroup.procs", "");
+  put("/sys/fs/cgroup/lithe.spine/cgroup.threads", "");
+  group("/lithe.spine", "isolated invalid (Parent is not a partition root)", "1");
+  EXPECT_EQ(shield_cores(root_), Cpus{});
+  group("/lithe.spine", "isolated", "1");
+  EXPECT_EQ(shield_cores(root_), Cpus{1});
+  put("/sys/fs/cgroup/lithe.spine/cgroup.threads", "4711");
+  EXPECT_EQ(shield_cores(root_), Cpus{}) << "another robot's";
+  put("/proc/self/task/4711/comm", "ours");
+  EXPECT_EQ(shield_cores(root_), Cpus{1});
+  fs::remove(root_ + "/sys/fs/cgroup/cgroup.procs");
+  EXPECT_EQ(shield_cores(root_), Cpus{});
+}
+
 MachineCores booted_with_isolcpus() {
   MachineCores cores;
   cores.online = cores.granted = {0, 1, 2, 3};
@@ -114,6 +156,16 @@ TEST(MachineCores, AnAffinityThatSomebodyHasSetIsKept) {
   cores.affinity = {0};
   EXPECT_EQ(cores.automatic(), (Cpus{0}));
   EXPECT_EQ(cores.usable(), (Cpus{0, 2, 3})) << "can be set in [spine]";
+}
+
+TEST(MachineCores, ThoseOfAShieldComeToAWholeAffinity) {
+  MachineCores cores;
+  cores.online = cores.granted = {0, 1, 2, 3};
+  cores.isolated.cpuset = {1};
+  cores.affinity = {0, 2, 3};  // the kernel took the core from every other task
+  EXPECT_EQ(cores.automatic(), (Cpus{0, 1, 2, 3}));
+  cores.affinity = {2, 3};
+  EXPECT_EQ(cores.automatic(), (Cpus{2, 3}));
 }
 
 TEST(MachineCores, WithoutIsolationAreTheAffinity) {

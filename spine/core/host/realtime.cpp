@@ -12,6 +12,8 @@
 #include <cstdio>
 #include <cstring>
 
+#include "spine/core/host/shield_group.hpp"
+
 namespace lithe {
 
 std::vector<int> allowed_cpus(pid_t thread) {
@@ -30,7 +32,9 @@ Result<> pin_this_thread(int cpu) {
   CPU_ZERO(&set);
   if (cpu < 0 || cpu >= CPU_SETSIZE) return Error{"cpu " + std::to_string(cpu) + " is not a core number"};
   CPU_SET(cpu, &set);
-  const int error = pthread_setaffinity_np(pthread_self(), sizeof set, &set);
+  int error = pthread_setaffinity_np(pthread_self(), sizeof set, &set);
+  // Under a shield that is a partition, only its members have its cores, and they have no others.
+  if (error == EINVAL && join_group_with(cpu)) error = pthread_setaffinity_np(pthread_self(), sizeof set, &set);
   if (error == 0) return done();
   std::string allowed;
   for (const int each : allowed_cpus()) allowed += (allowed.empty() ? "" : ",") + std::to_string(each);

@@ -15,7 +15,8 @@ namespace lithe {
 // The affinity of a thread (0: the calling one): the cores it may run on now, ascending; empty if unknown.
 std::vector<int> allowed_cpus(pid_t thread = 0);
 
-// Pins the calling thread. The error names the core and those allowed.
+// Pins the calling thread; it joins the group of a shield (shield_group.hpp) for a core that only its members have, and
+// leaves it for another core. The error names the core and those allowed.
 Result<> pin_this_thread(int cpu);
 
 // Asks for nice -20 for the calling thread; returns the nice value now in force.

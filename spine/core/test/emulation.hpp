@@ -5,15 +5,18 @@
 
 #include <elf.h>
 #include <fcntl.h>
+#include <signal.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/syscall.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <ctime>
 #include <string>
 
 #include "spine/core/host/fd.hpp"
@@ -78,6 +81,47 @@ inline std::string why_code_stays_old() {
   }
 #endif
   return "";
+}
+
+// Why a child still has memory that its parent keeps from it (MADV_DONTFORK); "" when it has not. Tried: a child touches
+// such a page, and ends by it or not. qemu-user forgets it; a kernel that does is no reason to skip a test.
+inline std::string why_children_keep_memory() {
+  constexpr std::size_t kBytes = 65536;
+  const Mapping page(::mmap(nullptr, kBytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0), kBytes);
+  if (page.data() == MAP_FAILED || ::madvise(page.data(), kBytes, MADV_DONTFORK) != 0) return "";
+  const pid_t child = ::fork();
+  if (child == 0) {
+    ::signal(SIGSEGV, SIG_DFL);
+    ::_exit(*static_cast<volatile char*>(page.data()) == 0 ? 0 : 1);
+  }
+  int status = 0;
+  ::waitpid(child, &status, 0);
+  return WIFEXITED(status) && is_emulated() ? "MADV_DONTFORK has no effect in this qemu-user" : "";
+}
+
+// Why a thread needs more than `limit_ns` of its CPU time to take a signal and to come back from its handler; "" when it
+// does not. Tried: it sends itself twenty, and the fastest counts. A real kernel that is so slow is no reason to skip a
+// test.
+inline std::string why_signals_are_slow(std::int64_t limit_ns) {
+  if (!is_emulated()) return "";
+  const auto now_ns = [] {
+    timespec now{};
+    ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
+  };
+  struct sigaction ours{}, before{};
+  ours.sa_handler = [](int) {};
+  ::sigaction(SIGUSR2, &ours, &before);
+  std::int64_t best_ns = INT64_MAX;
+  for (int i = 0; i < 20; ++i) {
+    const std::int64_t sent_ns = now_ns();
+    ::syscall(SYS_tgkill, ::getpid(), ::gettid(), SIGUSR2);  // taken before the call returns
+    best_ns = std::min(best_ns, now_ns() - sent_ns);
+  }
+  ::sigaction(SIGUSR2, &before, nullptr);
+  if (best_ns <= limit_ns) return "";
+  return "this qemu-user needs " + std::to_string(best_ns / 1000) + " us for a signal, and a notice lasts " +
+         std::to_string(limit_ns / 1000) + " us";
 }
 
 }  // namespace lithe::test

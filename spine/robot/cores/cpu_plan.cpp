@@ -114,6 +114,15 @@ Result<CpuPlan> plan_cpus(const RobotConfig& robot, const MachineCores& cores) {
   return plan;
 }
 
+std::vector<int> own_cores(const CpuPlan& plan) {
+  if (shares(plan)) return {};
+  std::vector<int> cores = {plan.spine};
+  const bool own = plan.transport != plan.housekeeping && plan.transport != plan.brain;
+  if (!plan.transport_inline && own) cores.push_back(plan.transport);
+  std::sort(cores.begin(), cores.end());
+  return cores;
+}
+
 std::vector<std::string> costs_of(const CpuPlan& plan, const SpineConfig& wanted, const MachineCores& cores) {
   std::vector<std::string> costs;
   const std::size_t here = cores.automatic().size();

@@ -30,6 +30,10 @@ CpuPlan fold_cpus(const MachineCores& cores, const SpineConfig& wanted = {});
 // The same for a robot and its buses. The error names the key, the core, and the cores that are possible.
 Result<CpuPlan> plan_cpus(const RobotConfig& robot, const MachineCores& cores);
 
+// The cores that a robot needs for itself: the Spine's, and the Transport's where it shares none. Ascending; empty when
+// the Spine shares its core. What a shield keeps free, and what `lithe tune` sets up.
+std::vector<int> own_cores(const CpuPlan& plan);
+
 // The disadvantages of this plan, one sentence each; may be empty.
 std::vector<std::string> costs_of(const CpuPlan& plan, const SpineConfig& wanted, const MachineCores& cores);
 

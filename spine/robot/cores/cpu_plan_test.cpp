@@ -120,6 +120,25 @@ TEST(CpuPlan, HardwareIsNeverServedByTheThreadThatTicks) {
   EXPECT_NE(refusal(asked, machine({0, 1})).find("for simulated buses only"), std::string::npos);
 }
 
+// What a shield keeps free and what `lithe tune` sets up is what the Spine's plan takes, [spine] transport included.
+TEST(CpuPlan, ARobotsOwnCoresAreTheSpinesAndThoseOfATransportThatSharesNone) {
+  const auto own = [](const RobotConfig& robot, const Cpus& cpus) {
+    return own_cores(*plan_cpus(robot, machine(cpus)));
+  };
+  RobotConfig robot = robot_on();
+  EXPECT_EQ(own(robot, {0, 1, 2, 3}), (Cpus{1, 3}));
+  EXPECT_EQ(own(robot, {0, 1, 2}), (Cpus{1, 2}));
+  EXPECT_EQ(own(robot, {0, 1}), Cpus{1});
+  EXPECT_EQ(own(robot, {0}), Cpus{});
+  robot.spine.transport = TransportPlace::inlined;
+  EXPECT_EQ(own(robot, {0, 1, 2, 3}), Cpus{1}) << "the Transport is in the tick: its core is everybody's";
+  robot.spine.transport = TransportPlace::automatic;
+  robot.spine.cpu_transport = 2;
+  robot.spine.cpu_brain = 2;
+  EXPECT_EQ(own(robot, {0, 1, 2, 3}), Cpus{1}) << "the Brain runs on the Transport's core";
+  EXPECT_EQ(own(robot_on(BusKind::socketcan), {0, 1}), Cpus{1}) << "the Transport is on the housekeeping core";
+}
+
 TEST(CpuPlan, OneCoreOfATwoCoreMachineIsCalledOne) {
   MachineCores cores = machine({0, 1});
   cores.affinity = {1};

@@ -41,6 +41,9 @@ struct DoctorOptions {
 struct TuneWords {
   std::string root;                  // empty: this machine
   std::string cores;                 // "1,3"; empty: those that lithe run would take
+  std::string robot;                 // a robot file, for its cores and devices; empty: any robot
+  bool partition = false;            // with an isolated partition of cgroup v2
+  bool no_files = false;             // of plan and apply: only what ends with this boot
   bool force = false;                // of revert
   std::vector<std::string> command;  // of shield
 };

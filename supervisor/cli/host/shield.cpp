@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // `lithe tune shield -- COMMAND`, and the cores that `lithe tune` means.
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <sched.h>
 #include <signal.h>
@@ -11,10 +12,14 @@
 #include <cstring>
 #include <filesystem>
 #include <iostream>
+#include <optional>
 
 #include "host/tune/shield/shield.hpp"
 #include "spine/core/host/cores.hpp"
+#include "spine/core/host/fd.hpp"
+#include "spine/core/host/shield_group.hpp"
 #include "spine/robot/cores/cpu_plan.hpp"
+#include "spine/robot/robot.hpp"
 #include "supervisor/cli/core/talk.hpp"
 #include "supervisor/cli/host/target.hpp"
 
@@ -31,42 +36,62 @@ std::vector<int> online_cores(const std::string& root) {
   return parse_cpu_list(online.known() ? online.value : kImageCores);
 }
 
-std::vector<int> robots_cores(const std::vector<int>& all, bool image) {
+std::optional<robot::RobotConfig> robot_of(const TuneWords& words) {
+  if (words.robot.empty()) return std::nullopt;
+  auto robot = robot::load_robot(words.robot);
+  if (!robot) throw control::Refusal{"bad_config", robot.message(), "correct the file"};
+  return *robot;
+}
+
+// What the Spine's own plan takes.
+std::vector<int> robots_cores(const std::vector<int>& all, bool image, const std::optional<robot::RobotConfig>& robot) {
   MachineCores machine =
       image ? MachineCores{.online = all, .affinity = all, .granted = all, .isolated = {}} : machine_cores();
   machine.affinity = machine.granted;  // of this shell it may be narrowed: the plan is one for the machine
-  const robot::CpuPlan plan = robot::fold_cpus(machine);
-  if (plan.spine_shares) return {};
-  std::vector<int> cores = {plan.spine};
-  if (!plan.transport_inline && plan.transport != plan.housekeeping) cores.push_back(plan.transport);
-  std::sort(cores.begin(), cores.end());
-  return cores;
+  if (!robot) return robot::own_cores(robot::fold_cpus(machine));
+  const Result<robot::CpuPlan> plan = robot::plan_cpus(*robot, machine);
+  if (!plan) throw control::Refusal{"bad_config", plan.message(), "correct the file"};
+  return robot::own_cores(*plan);
 }
 
-void stop_and_wait(pid_t child, const sigset_t& awaited, int& status) {
+void stop_and_wait(pid_t child, const sigset_t& awaited, host::Shield& shield, int& status) {
+  constexpr timespec kBetweenLooks = {10, 0};
   while (::waitpid(child, &status, WNOHANG) == 0) {
     siginfo_t info{};
-    const int number = ::sigwaitinfo(&awaited, &info);
+    const int number = ::sigtimedwait(&awaited, &info, &kBetweenLooks);
+    const auto kept = shield.keep_up();
+    if (!kept || !kept->empty()) std::cerr << "shield: " << (kept ? *kept : kept.message()) << std::endl;
     // A terminal sends Ctrl-C to the command as well: only what was sent to us alone is passed on.
     if (number > 0 && number != SIGCHLD && info.si_code <= 0) ::kill(child, number);
   }
 }
 
+// All threads of the command: it has the robot's cores then, and no others.
+bool join_partition() {
+  const Fd group(::open((std::string(kShieldGroup) + "/cgroup.procs").c_str(), O_WRONLY | O_CLOEXEC));
+  return group && ::write(group.get(), "0", 1) == 1;
+}
+
 // Runs the command; its exit code as a shell tells it.
-int run_command(const std::vector<std::string>& words, const sigset_t& awaited, const sigset_t& before) {
+int run_command(const std::vector<std::string>& words, const sigset_t& awaited, const sigset_t& before,
+                host::Shield& shield) {
+  const bool inside = shield.has_partition();
   std::vector<char*> argv;
   for (const std::string& word : words) argv.push_back(const_cast<char*>(word.c_str()));
   argv.push_back(nullptr);
   const pid_t child = ::fork();
   if (child == 0) {
     ::sigprocmask(SIG_SETMASK, &before, nullptr);
+    if (inside && !join_partition()) {
+      std::cerr << "lithe tune shield: the command is not in the partition: " << std::strerror(errno) << std::endl;
+    }
     ::execvp(argv[0], argv.data());
     std::cerr << "lithe tune shield: cannot start " << words[0] << ": " << std::strerror(errno) << std::endl;
     ::_exit(kNotStarted);
   }
   if (child < 0) throw control::Refusal{"no_program", fmt::format("cannot start {}", words[0]), std::strerror(errno)};
   int status = 0;
-  stop_and_wait(child, awaited, status);
+  stop_and_wait(child, awaited, shield, status);
   return WIFEXITED(status) ? WEXITSTATUS(status) : kSignalled + WTERMSIG(status);
 }
 
@@ -78,6 +103,16 @@ void leave_cores(const std::vector<int>& all, const std::vector<int>& cores) {
     if (!std::binary_search(cores.begin(), cores.end(), cpu)) CPU_SET(cpu, &set);
   }
   ::sched_setaffinity(0, sizeof set, &set);  // refused: then it may stay, and the command starts there
+}
+
+// For the unit of systemd: this program; of an image, the one that is installed there.
+std::string program_of(const host::Target& target) {
+  std::error_code failed;
+  if (!target.image) return std::filesystem::read_symlink("/proc/self/exe", failed).string();
+  for (const char* path : {"/usr/local/bin/lithe", "/usr/bin/lithe"}) {
+    if (std::filesystem::exists(target.root + path, failed)) return path;
+  }
+  return "";
 }
 
 }  // namespace
@@ -98,7 +133,13 @@ host::Target place_of(const TuneWords& words) {
 
 host::Target target_of(const TuneWords& words) {
   host::Target target = place_of(words);
-  target.cores = words.cores.empty() ? robots_cores(target.all_cores, target.image) : parse_cpu_list(words.cores);
+  const std::optional<robot::RobotConfig> robot = robot_of(words);
+  target.cores =
+      words.cores.empty() ? robots_cores(target.all_cores, target.image, robot) : parse_cpu_list(words.cores);
+  target.robot = robot;
+  target.partition = words.partition;
+  target.files = !words.no_files;
+  target.program = program_of(target);
   const bool known =
       std::includes(target.all_cores.begin(), target.all_cores.end(), target.cores.begin(), target.cores.end());
   if (target.cores.empty() || !known || target.cores.size() == target.all_cores.size()) {
@@ -123,13 +164,15 @@ int tune_shield(const Context&, const TuneWords& words) {
   const host::Target target = target_of(words);
   // The kernel moves no task away from a core that it no longer balances: this process and the command must leave it first.
   leave_cores(target.all_cores, target.cores);
-  auto shield = host::Shield::raise({.cores = target.cores, .leave = {::getpid()}});
+  auto shield = host::Shield::raise({.cores = target.cores, .leave = {::getpid()}, .partition = words.partition});
   leave_cores(target.all_cores, {});
   if (!shield) throw control::Refusal{"no_shield", shield.message(), "sudo lithe tune shield -- COMMAND"};
   std::cerr << "shield: " << host::shield_words(shield->facts()) << std::endl;
   for (const std::string& note : shield->facts().notes) std::cerr << "shield: " << note << std::endl;
-  const int code = run_command(words.command, awaited, before);
-  if (const auto lowered = shield->lower(); !lowered) std::cerr << lowered.message() << std::endl;
+  const int code = run_command(words.command, awaited, before, *shield);
+  const auto lowered = shield->lower();
+  const std::string last = lowered ? host::born_words(*lowered) : lowered.message();
+  if (!last.empty()) std::cerr << "shield: " << last << std::endl;
   return code;
 }
 

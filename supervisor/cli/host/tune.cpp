@@ -59,8 +59,7 @@ std::string shown(const host::Change& change) {
 }
 
 Json json_of(const host::Change& change) {
-  const char* const kinds[] = {"file", "setting", "affinity", "folder"};
-  return {{"kind", kinds[static_cast<std::size_t>(change.kind)]},
+  return {{"kind", host::kChangeKinds[static_cast<std::size_t>(change.kind)]},
           {"item", change.item},
           {"path", change.path},
           {"before", change.was_absent ? Json(nullptr) : Json(change.before)},

@@ -265,6 +265,10 @@ void add_target(CLI::App& verb, Words& words) {
   add_root(verb, words);
   verb.add_option("--cores", words.tune.cores, "the robot's cores, instead of those that lithe run would take: 1,3")
       ->type_name("LIST");
+  verb.add_option("ROBOT", words.tune.robot, "a robot file: its cores, and rules for the devices of its buses");
+  verb.add_flag("--partition", words.tune.partition,
+                "also an isolated partition of cgroup v2; then only root starts a robot on its cores");
+  verb.add_flag("--no-files", words.tune.no_files, "only what ends with this boot");
 }
 
 void add_tune(CLI::App& app, Words& words) {
@@ -282,6 +286,9 @@ void add_tune(CLI::App& app, Words& words) {
   CLI::App* shield = add_verb(*tune, words, "shield", "run a command while all other tasks keep off the robot's core",
                               [](Words& w) { return tune_shield(w.context, w.tune); });
   shield->add_option("--cores", words.tune.cores, "the cores to keep free, instead of the Spine's")->type_name("LIST");
+  shield->add_flag(
+      "--partition", words.tune.partition,
+      "in an isolated partition of cgroup v2, where there is one: the command has the robot's cores alone");
   shield->add_option("COMMAND", words.tune.command, "after --: a program and its arguments")->required();
 }
 

@@ -110,20 +110,30 @@ Refusal refused_outside(CommandKind kind, const wire::Telemetry& now, const wire
               : "bring it inside: lithe recover (slow, little torque), or by hand; then: lithe arm"};
 }
 
+constexpr robot::Advice kNotSetUp{"is not set up as a command would need it; the log says what to set", ""};
 constexpr std::string_view kTryAgain = "try again; lithe status names the joints that are stale";
+
+// What the Spine said last of this drive: "drive 'knee_drive': REASON; drive 'toe_drive': REASON".
+std::string told_of(std::string_view drives_told, std::string_view drive) {
+  const std::string head = fmt::format("drive '{}': ", drive);
+  const std::size_t at = drives_told.find(head);
+  if (at == std::string_view::npos) return "";
+  std::string_view told = drives_told.substr(at + head.size());
+  for (const std::string_view other : {"; drive '", "; device '", "; bus '"}) told = told.substr(0, told.find(other));
+  return std::string(told);
+}
 
 // What keeps a joint from being armed, and the next step; no text = nothing.
 robot::Advice why_not_ready(std::uint32_t status, const robot::DeviceConfig* drive) {
   if ((status & wire::joint_status::kFresh) == 0) return {"does not answer, or is being set up", ""};
   if ((status & wire::joint_status::kNotReady) == 0) return {};
   const robot::Advice own = drive != nullptr ? robot::facts(drive->kind).not_ready : robot::Advice{};
-  return own.text.empty() ? robot::Advice{"is not set up as a command would need it; the log says what to set", ""}
-                          : own;
+  return own.text.empty() ? kNotSetUp : own;
 }
 
 // Names the joints and their drives. None: it was one late sample.
 Refusal refused_not_ready(CommandKind kind, const wire::Telemetry& now, const wire::RobotInfo& info,
-                          const robot::RobotConfig* robot) {
+                          const robot::RobotConfig* robot, std::string_view drives_told) {
   std::string joints;
   std::string_view next;
   for (std::size_t j = 0; j < std::min<std::size_t>(now.joint_count, wire::kNj); ++j) {
@@ -133,19 +143,30 @@ Refusal refused_not_ready(CommandKind kind, const wire::Telemetry& now, const wi
     }
     const robot::Advice why = why_not_ready(now.joint_status[j], drive);
     if (why.text.empty()) continue;
-    if (next.empty()) next = why.next;
-    joints += fmt::format("{}joint {}{} {}", joints.empty() ? ": " : "; ", joint_name(info, j),
-                          drive != nullptr ? fmt::format(" (drive {})", drive->name) : "", why.text);
+    const std::string told =
+        drive != nullptr && why.text == kNotSetUp.text ? told_of(drives_told, drive->name) : std::string();
+    if (next.empty()) next = told.empty() ? why.next : "when that is done: lithe arm";
+    joints += fmt::format("{}joint {}{}{}", joints.empty() ? ": " : "; ", joint_name(info, j),
+                          drive != nullptr ? fmt::format(" (drive {})", drive->name) : "",
+                          told.empty() ? fmt::format(" {}", why.text) : ": " + told);
   }
   return {std::string(to_string(CommandResult::refused_not_ready)),
-          fmt::format("cannot {}: not every drive answers yet{}", to_string(kind), joints),
+          fmt::format("cannot {}: not every drive is ready{}", to_string(kind), joints),
           std::string(next.empty() ? kTryAgain : next)};
 }
 
 }  // namespace
 
+bool tells_drives(std::string_view line) {
+  constexpr std::string_view kFrom = "lithe-spine: ";
+  if (!line.starts_with(kFrom)) return false;
+  line.remove_prefix(kFrom.size());
+  return line.starts_with("drive '") || line.starts_with("device '") || line.starts_with("bus '") ||
+         line.starts_with("all buses and drives are well");
+}
+
 Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry& now, const wire::RobotInfo& info,
-                   const robot::RobotConfig* robot) {
+                   const robot::RobotConfig* robot, std::string_view drives_told) {
   const std::string code(to_string(result));
   const auto mode = static_cast<wire::Mode>(now.mode);
   const auto fault = static_cast<wire::Fault>(now.fault);
@@ -162,7 +183,7 @@ Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry
     case CommandResult::refused_range:
       return {code, "a parameter is outside its range or does not exist", "see the ranges: lithe param get"};
     case CommandResult::refused_not_ready:
-      return refused_not_ready(kind, now, info, robot);
+      return refused_not_ready(kind, now, info, robot, drives_told);
     case CommandResult::refused_not_homed:
       return {code,
               fmt::format("cannot {}: a joint with must_be_homed does not know in which turn it is", to_string(kind)),
@@ -292,7 +313,8 @@ void Commands::serve(std::int64_t now_ns) {
                   fmt::format("{} is not confirmed: no answer within 2 s; it may still take effect", to_string(kind)),
                   "see what the robot does: lithe status"});
     } else if (result != CommandResult::done) {
-      each.callback(refusal_of(kind, result, now, spine_.info(), robot_));
+      each.callback(refusal_of(kind, result, now, spine_.info(), robot_,
+                               drives_told_ != nullptr ? std::string_view(*drives_told_) : ""));
     } else if (each.seen_at_tick == 0) {
       each.seen_at_tick = now.tick + 1;  // the tick that handled the command publishes its record after its answer
       pending_.push_back(std::move(each));

@@ -7,6 +7,7 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <variant>
 
 #include "spine/robot/config.hpp"
@@ -16,9 +17,14 @@
 
 namespace lithe::control {
 
-// The Spine's refusal as a sentence, with the next step. `robot`, if given, tells the drives behind the joints.
+// Whether this line of the Spine's log says what is wrong with buses and drives, or that nothing is.
+bool tells_drives(std::string_view line);
+
+// The Spine's refusal as a sentence, with the next step. `robot`, if given, tells the drives behind the joints;
+// `drives_told` is the last line that tells_drives().
 Refusal refusal_of(wire::CommandKind kind, wire::CommandResult result, const wire::Telemetry& now,
-                   const wire::RobotInfo& info = {}, const robot::RobotConfig* robot = nullptr);
+                   const wire::RobotInfo& info = {}, const robot::RobotConfig* robot = nullptr,
+                   std::string_view drives_told = {});
 
 // The first joint of a refused plan that is beyond its limit, with value and limit; empty when the reason is another.
 std::string beyond_limits(const wire::Plan& plan, wire::PlanReject reason, const wire::RobotInfo& info);
@@ -35,9 +41,10 @@ class Commands {
   // arrive in a tick whose sample is late. A `disarm` or `estop` that was sent after it ends that.
   static constexpr std::int64_t kArmAgainNs = 200'000'000;
 
-  // `robot`: outlives it; for the words of refusals.
-  Commands(SpineLink& spine, std::uint64_t first_request_id, const robot::RobotConfig* robot = nullptr)
-      : spine_(spine), next_id_(first_request_id), robot_(robot) {}
+  // `robot`, `drives_told`: outlive it; for the words of refusals.
+  Commands(SpineLink& spine, std::uint64_t first_request_id, const robot::RobotConfig* robot = nullptr,
+           const std::string* drives_told = nullptr)
+      : spine_(spine), next_id_(first_request_id), robot_(robot), drives_told_(drives_told) {}
 
   // Returns the request id that the events carry; 0 = refused at once.
   std::uint64_t send(wire::Command command, Callback callback, std::int64_t now_ns);
@@ -63,6 +70,7 @@ class Commands {
   std::uint64_t newest_stop_ = 0;  // request id of the last `disarm` or `estop`
   std::optional<Refusal> closed_;
   const robot::RobotConfig* robot_;
+  const std::string* drives_told_;
   std::deque<Pending> pending_;
 };
 

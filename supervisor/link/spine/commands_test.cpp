@@ -144,10 +144,38 @@ TEST(RefusalOf, NamesTheJointTheDriveAndWhyItIsNotReady) {
   const Refusal refusal = refusal_of(CommandKind::arm, CommandResult::refused_not_ready, now, info, &robot);
   EXPECT_EQ(
       refusal.message,
-      "cannot arm: not every drive answers yet: joint knee (drive drive1) has no heartbeat (1017h); joint toe (drive "
+      "cannot arm: not every drive is ready: joint knee (drive drive1) has no heartbeat (1017h); joint toe (drive "
       "drive2) does not answer, or is being set up");
   EXPECT_NE(refusal.next.find("its power and cable"), std::string::npos);
   EXPECT_NE(refusal.next.find("lithe arm"), std::string::npos);
+}
+
+TEST(RefusalOf, SaysWhatTheSpineToldOfADriveThatIsNotReady) {
+  namespace bit = wire::joint_status;
+  wire::Telemetry now = in_mode(Mode::disarmed);
+  now.joint_count = 2;
+  now.joint_status[0] = now.joint_status[1] = bit::kFresh | bit::kNotReady;
+  wire::RobotInfo info{};
+  std::copy_n("hip", 3, info.joint_name.begin());
+  std::copy_n("knee", 4, info.joint_name.begin() + 32);
+  robot::RobotConfig robot;
+  for (std::size_t j = 0; j < 2; ++j) {
+    robot.devices.push_back({.name = "drive" + std::to_string(j)});
+    robot.joints.emplace_back().device = j;
+  }
+  const std::string line =
+      "lithe-spine: bus 'can0': down; drive 'drive1': servo.timeout_mode is 10: it would go on; set it to 12; "
+      "device 'drive1x': silent";
+  ASSERT_TRUE(tells_drives(line));
+  const Refusal refusal = refusal_of(CommandKind::arm, CommandResult::refused_not_ready, now, info, &robot, line);
+  EXPECT_EQ(refusal.message,
+            "cannot arm: not every drive is ready: joint hip (drive drive0) is not set up as a command would need it; "
+            "the log says what to set; joint knee (drive drive1): servo.timeout_mode is 10: it would go on; set it to "
+            "12");
+  EXPECT_NE(refusal.next.find("lithe arm"), std::string::npos);
+  EXPECT_TRUE(tells_drives("lithe-spine: all buses and drives are well")) << "nothing is kept of what is over";
+  EXPECT_FALSE(tells_drives("lithe-spine: a law can make system calls"));
+  EXPECT_FALSE(tells_drives("drive 'drive1': from elsewhere"));
 }
 
 class CommandsTest : public testing::Test {

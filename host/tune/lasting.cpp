@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/tune/lasting.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <system_error>
+#include <utility>
+
+#include "spine/core/host/cores.hpp"
+#include "spine/core/host/files.hpp"
+
+namespace lithe::host {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kMostBytes = std::size_t{64} << 10;  // of a file below /etc
+constexpr const char* kWritten = "# Written by lithe tune. lithe tune revert removes it.\n";
+constexpr const char* kRulesFolder = "/etc/udev/rules.d";
+
+struct Text {
+  const char* item;
+  std::string folder, name, text;
+  const char* why;
+};
+
+void plan_text(const HostFiles& files, Plan& plan, const Text& wanted) {
+  if (!files.is_folder(wanted.folder)) return;  // this system has no such folder
+  const std::string path = wanted.folder + "/" + wanted.name;
+  const Reading now = files.read(path);
+  if (!now.known() && !now.is_absent()) {
+    plan.not_done.push_back({wanted.item, path, std::strerror(now.error)});
+    return;
+  }
+  Change change{ChangeKind::file, wanted.item, path, now.is_absent(), "", kWritten + wanted.text, wanted.why};
+  if (now.known()) {
+    const Result<std::string> bytes = read_regular_file(files.root() + path, kMostBytes);
+    if (!bytes) {
+      plan.not_done.push_back({wanted.item, path, bytes.message()});
+      return;
+    }
+    change.before = *bytes;
+  }
+  if (change.was_absent || change.before != change.after) plan.changes.push_back(std::move(change));
+}
+
+// Its folder below /etc alone tells little: packages bring it along.
+bool is_installed(const HostFiles& files, const char* program, const char* same) {
+  return !files.read(program).is_absent() || !files.read(same).is_absent();
+}
+
+// What may stand between the quotes of a rule.
+bool is_plain(const std::string& text) {
+  return !text.empty() && std::all_of(text.begin(), text.end(), [](unsigned char each) {
+    return std::isalnum(each) != 0 || std::strchr("._:-", each) != nullptr;
+  });
+}
+
+// The folder of the device in /sys/devices; empty when there is none.
+fs::path device_of(const HostFiles& files, const std::string& path) {
+  std::error_code failed;
+  const fs::path folder = fs::canonical(files.root() + path + "/device", failed);
+  return failed ? fs::path() : folder;
+}
+
+std::string attribute(const fs::path& folder, const char* name) {
+  return HostFiles().read((folder / name).string()).value;
+}
+
+// `KERNELS=="spi0.0", `; two channels of one device differ in their port.
+std::string net_match(const HostFiles& files, const std::string& interface) {
+  const std::string folder = "/sys/class/net/" + interface;
+  const std::string parent = device_of(files, folder).filename().string(),
+                    port = files.read(folder + "/dev_port").value;
+  if (!is_plain(parent)) return "";
+  return fmt::format("KERNELS==\"{}\", {}", parent,
+                     is_plain(port) ? fmt::format("ATTR{{dev_port}}==\"{}\", ", port) : "");
+}
+
+// By the number of the USB device, wherever it is plugged in; without one, by the port.
+std::string serial_match(const HostFiles& files, const std::string& path) {
+  std::error_code failed;
+  const fs::path node = fs::canonical(files.root() + path, failed);  // /dev/serial/by-id/... is a link
+  if (failed) return "";
+  const fs::path device = device_of(files, "/sys/class/tty/" + node.filename().string());
+  for (fs::path folder = device; folder.has_relative_path(); folder = folder.parent_path()) {
+    const std::string vendor = attribute(folder, "idVendor"), product = attribute(folder, "idProduct");
+    if (!is_plain(vendor) || !is_plain(product)) continue;
+    const std::string serial = attribute(folder, "serial");
+    if (!is_plain(serial)) return fmt::format("KERNELS==\"{}\", ", folder.filename().string());
+    return fmt::format("ATTRS{{idVendor}}==\"{}\", ATTRS{{idProduct}}==\"{}\", ATTRS{{serial}}==\"{}\", ", vendor,
+                       product, serial);
+  }
+  const std::string parent = device.filename().string();
+  return is_plain(parent) ? fmt::format("KERNELS==\"{}\", ", parent) : "";
+}
+
+}  // namespace
+
+Plan lasting_plan(const HostFiles& files) {
+  Plan plan;
+  plan_text(files, plan,
+            {"limits", "/etc/security/limits.d", "lithe.conf", "* - memlock unlimited\n* - nice -20\n",
+             "every user may lock a robot's memory and raise its priority (after the next login)"});
+  // The dash: a key that the kernel does not have is no error.
+  plan_text(files, plan,
+            {"sysctl", "/etc/sysctl.d", "90-lithe.conf",
+             "-kernel.timer_migration = 0\n-kernel.nmi_watchdog = 0\n-kernel.numa_balancing = 0\n"
+             "-vm.stat_interval = 10\n",
+             "these settings hold after every boot"});
+  return plan;
+}
+
+Plan unit_plan(const HostFiles& files, const std::string& program, const std::vector<int>& cores, bool partition) {
+  Plan plan;
+  if (!is_installed(files, "/usr/lib/systemd/systemd", "/lib/systemd/systemd")) return plan;
+  const std::string text = fmt::format(
+      "[Unit]\nDescription=Settings of the kernel for a robot\n\n[Service]\nType=oneshot\nRemainAfterExit=yes\n"
+      "# 1: not every setting is possible here.\nSuccessExitStatus=1\n"
+      "ExecStart=\"{}\" tune apply --no-files --cores {}{}\n\n[Install]\nWantedBy=multi-user.target\n",
+      program, cpu_list(cores), partition ? " --partition" : "");
+  plan_text(
+      files, plan,
+      {kUnitItem, kUnitFolder, kUnit, text, "makes the settings of the kernel again at every start, once enabled"});
+  return plan;
+}
+
+Plan rules_plan(const HostFiles& files, const robot::RobotConfig& robot) {
+  Plan plan;
+  if (!is_installed(files, "/usr/bin/udevadm", "/bin/udevadm")) return plan;
+  std::string rules;
+  for (const robot::BusConfig& bus : robot.buses) {
+    const bool serial = robot::is_serial(bus);
+    if (!robot::is_real(bus) || (!serial && bus.interface.empty())) continue;
+    const std::string device = serial ? bus.path : "/sys/class/net/" + bus.interface;
+    const std::string match = serial ? serial_match(files, bus.path) : net_match(files, bus.interface);
+    if (match.empty()) {
+      plan.not_done.push_back({kRulesItem, device, "no such device is there now, or it is a virtual one: no rule"});
+    } else if (serial) {
+      rules += fmt::format("SUBSYSTEM==\"tty\", {}SYMLINK+=\"lithe/{}\", GROUP=\"dialout\", MODE=\"0660\"\n", match,
+                           bus.name);
+      if (bus.path != "/dev/lithe/" + bus.name) {
+        plan.notes.push_back(
+            fmt::format("once the rules are in force: path = \"/dev/lithe/{}\" in {}, instead of \"{}\"", bus.name,
+                        robot.path, bus.path));
+      }
+    } else {
+      rules += fmt::format("SUBSYSTEM==\"net\", ACTION==\"add\", {}NAME=\"{}\"\n", match, bus.interface);
+    }
+  }
+  if (!rules.empty()) {
+    plan_text(files, plan,
+              {kRulesItem, kRulesFolder, "70-lithe-" + robot.name + ".rules", rules,
+               "the devices of the robot's buses keep their names, and its user may open them"});
+  }
+  return plan;
+}
+
+}  // namespace lithe::host

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// Files below /etc that outlive a boot. Each is written only where the system has the folder for it. All only read.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "host/read/files.hpp"
+#include "host/tune/change.hpp"
+#include "spine/robot/config.hpp"
+
+namespace lithe::host {
+
+// Limits of locked memory and of priority, and the settings of /proc/sys for every boot.
+Plan lasting_plan(const HostFiles& files);
+
+inline constexpr const char* kUnitFolder = "/etc/systemd/system";
+inline constexpr const char* kUnit = "lithe-tune.service";
+inline constexpr const char* kUnitItem = "systemd_unit";
+inline constexpr const char* kRulesItem = "udev_rules";
+
+// A unit of systemd that makes the settings of the kernel for these cores again at every start. `program`: the path of
+// lithe.
+Plan unit_plan(const HostFiles& files, const std::string& program, const std::vector<int>& cores, bool partition);
+
+// Rules of udev for the devices that a robot's buses name: a CAN interface keeps its name, an adapter behind a serial
+// device gets a name that stays (/dev/lithe/BUS) and rights for the group dialout. A device that is not there is
+// `not_done`.
+Plan rules_plan(const HostFiles& files, const robot::RobotConfig& robot);
+
+}  // namespace lithe::host

@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/tune/lasting.hpp"
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+
+#include "host/test/fake_machine.hpp"
+#include "host/tune/tune.hpp"
+
+namespace lithe::host {
+namespace {
+
+namespace fs = std::filesystem;
+
+class LastingTest : public ::testing::Test {
+ protected:
+  LastingTest() { write_board(root_); }
+
+  HostFiles files() const { return HostFiles(root_.path()); }
+  void folder(const std::string& path) const { fs::create_directories(root_.path() + path); }
+  void systemd() const {
+    folder("/etc/systemd/system");
+    root_.write("/usr/lib/systemd/systemd", "");
+  }
+  void udev() const {
+    folder("/etc/udev/rules.d");
+    root_.write("/bin/udevadm", "");
+  }
+  // A device below /sys/devices, and the link of its class to it.
+  void device(const std::string& node, const std::string& place) const {
+    folder("/sys/devices/" + place);
+    folder(node);
+    fs::create_symlink(root_.path() + "/sys/devices/" + place, root_.path() + node + "/device");
+  }
+  static robot::RobotConfig robot(const robot::BusConfig& bus) {
+    robot::RobotConfig robot;
+    robot.name = "leg";
+    robot.path = "leg.toml";
+    robot.buses = {bus};
+    return robot;
+  }
+  static robot::BusConfig can(const std::string& interface) {
+    robot::BusConfig bus;
+    bus.name = "left";
+    bus.kind = robot::BusKind::socketcan;
+    bus.interface = interface;
+    return bus;
+  }
+  static robot::BusConfig serial(const std::string& path) {
+    robot::BusConfig bus;
+    bus.name = "left";
+    bus.kind = robot::BusKind::fdcanusb;
+    bus.path = path;
+    return bus;
+  }
+
+  FakeRoot root_;
+};
+
+TEST_F(LastingTest, FilesAreWrittenOnlyIntoFoldersThatTheSystemHas) {
+  EXPECT_EQ(lasting_plan(files()).changes.size(), 2u);
+  fs::remove_all(root_.path() + "/etc/security");
+  const Plan plan = lasting_plan(files());
+  ASSERT_EQ(plan.changes.size(), 1u);
+  EXPECT_EQ(plan.changes[0].path, "/etc/sysctl.d/90-lithe.conf");
+  EXPECT_TRUE(plan.changes[0].was_absent);
+  folder(kUnitFolder);
+  EXPECT_TRUE(unit_plan(files(), "/usr/bin/lithe", {1}, false).changes.empty()) << "no systemd";
+  folder("/etc/udev/rules.d");
+  device("/sys/class/net/can0", "platform/spi0.0");
+  EXPECT_TRUE(rules_plan(files(), robot(can("can0"))).changes.empty()) << "no udev";
+}
+
+TEST_F(LastingTest, AUnitRepeatsTheSettingsAndNotTheFiles) {
+  systemd();
+  const Plan plan = unit_plan(files(), "/opt/my tools/lithe", {1, 3}, true);
+  ASSERT_EQ(plan.changes.size(), 1u);
+  EXPECT_EQ(plan.changes[0].path, "/etc/systemd/system/lithe-tune.service");
+  EXPECT_NE(
+      plan.changes[0].after.find("ExecStart=\"/opt/my tools/lithe\" tune apply --no-files --cores 1,3 --partition\n"),
+      std::string::npos)
+      << plan.changes[0].after;
+}
+
+TEST_F(LastingTest, ACanInterfaceKeepsItsNameByItsPlace) {
+  udev();
+  device("/sys/class/net/can0", "platform/spi0.0");
+  root_.write("/sys/class/net/can0/dev_port", "0\n");
+  const Plan plan = rules_plan(files(), robot(can("can0")));
+  ASSERT_EQ(plan.changes.size(), 1u);
+  EXPECT_EQ(plan.changes[0].path, "/etc/udev/rules.d/70-lithe-leg.rules");
+  EXPECT_NE(plan.changes[0].after.find(
+                "\nSUBSYSTEM==\"net\", ACTION==\"add\", KERNELS==\"spi0.0\", ATTR{dev_port}==\"0\", NAME=\"can0\"\n"),
+            std::string::npos)
+      << plan.changes[0].after;
+}
+
+TEST_F(LastingTest, ASerialAdapterGetsANameByItsNumberElseByItsPort) {
+  udev();
+  root_.write("/dev/ttyACM0", "");
+  device("/sys/class/tty/ttyACM0", "usb1/1-1/1-1:1.0");
+  root_.write("/sys/devices/usb1/1-1/idVendor", "0483\n");
+  root_.write("/sys/devices/usb1/1-1/idProduct", "5740\n");
+  const auto rule = [&] { return rules_plan(files(), robot(serial("/dev/ttyACM0"))).changes.at(0).after; };
+  EXPECT_NE(
+      rule().find("SUBSYSTEM==\"tty\", KERNELS==\"1-1\", SYMLINK+=\"lithe/left\", GROUP=\"dialout\", MODE=\"0660\"\n"),
+      std::string::npos)
+      << rule();
+  root_.write("/sys/devices/usb1/1-1/serial", "A1\", RUN+=\"x\n");
+  EXPECT_EQ(rule().find("RUN"), std::string::npos) << "a device may say anything of itself";
+  root_.write("/sys/devices/usb1/1-1/serial", "A1B2\n");
+  EXPECT_NE(rule().find("ATTRS{idVendor}==\"0483\", ATTRS{idProduct}==\"5740\", ATTRS{serial}==\"A1B2\", SYMLINK"),
+            std::string::npos)
+      << rule();
+  const Plan plan = rules_plan(files(), robot(serial("/dev/ttyACM0")));
+  ASSERT_EQ(plan.notes.size(), 1u);
+  EXPECT_NE(plan.notes[0].find("path = \"/dev/lithe/left\" in leg.toml"), std::string::npos) << plan.notes[0];
+}
+
+TEST_F(LastingTest, ADeviceThatIsNotThereIsNamed) {
+  udev();
+  folder("/sys/class/net/vcan0");
+  for (const robot::BusConfig& bus : {can("vcan0"), can("can7"), serial("/dev/ttyACM3")}) {
+    const Plan plan = rules_plan(files(), robot(bus));
+    EXPECT_TRUE(plan.changes.empty());
+    ASSERT_EQ(plan.not_done.size(), 1u);
+  }
+}
+
+TEST_F(LastingTest, UnitAndRulesAreRevertedToTheByte) {
+  systemd();
+  udev();
+  root_.write("/etc/udev/rules.d/70-lithe-leg.rules", std::string("by hand \xff\n", 10));
+  root_.write("/sys/kernel/mm/transparent_hugepage/enabled", "madvise\n");
+  device("/sys/class/net/can0", "platform/spi0.0");
+  const auto before = content_of(root_);
+  Target target{.root = root_.path(), .all_cores = {0, 1, 2, 3}, .cores = {1}, .program = "/usr/bin/lithe"};
+  target.robot = robot(can("can0"));
+  const TunePlan plan = tune_plan(target);
+  EXPECT_EQ(plan.commands, (std::vector<std::string>{"systemctl enable lithe-tune.service",
+                                                     "udevadm control --reload && udevadm trigger"}));
+  const auto made = tune_apply(target, plan.changes);
+  ASSERT_TRUE(made && made->well());
+  EXPECT_TRUE(fs::exists(root_.path() + "/etc/systemd/system/lithe-tune.service"));
+  EXPECT_TRUE(tune_plan(target).changes.empty());
+  target.files = false;
+  EXPECT_TRUE(tune_plan(target).changes.empty());
+  const auto undone = tune_revert(target, false);
+  ASSERT_TRUE(undone && undone->well());
+  EXPECT_EQ(undone->commands.size(), 2u);
+  EXPECT_EQ(content_of(root_), before);
+}
+
+}  // namespace
+}  // namespace lithe::host

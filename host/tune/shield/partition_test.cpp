@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: Apache-2.0
+// The partition of cgroup v2 on a machine made of files, with a real child as the only task. A real kernel: docs/host.md.
+#include "host/tune/shield/partition.hpp"
+
+#include <gtest/gtest.h>
+#include <sched.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+
+#include "host/read/tasks.hpp"
+#include "host/test/fake_groups.hpp"
+#include "host/test/fake_machine.hpp"
+#include "host/tune/shield/shield.hpp"
+#include "host/tune/tune.hpp"
+#include "host/tune/values.hpp"
+#include "spine/core/host/cores.hpp"
+#include "spine/core/host/realtime.hpp"
+
+namespace lithe::host {
+namespace {
+
+using Content = std::map<std::string, std::string>;
+
+// A process that sleeps.
+class Sleeper {
+ public:
+  Sleeper() : pid_(::fork()) {
+    if (pid_ != 0) return;
+    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+    for (;;) ::pause();
+  }
+  Sleeper(const Sleeper&) = delete;
+  Sleeper& operator=(const Sleeper&) = delete;
+  ~Sleeper() {
+    ::kill(pid_, SIGKILL);
+    ::waitpid(pid_, nullptr, 0);
+  }
+  int pid() const { return pid_; }
+  void choose(const std::vector<int>& cores) const {
+    cpu_set_t set;
+    CPU_ZERO(&set);
+    for (const int core : cores) CPU_SET(static_cast<unsigned>(core), &set);
+    EXPECT_EQ(::sched_setaffinity(pid_, sizeof set, &set), 0);
+  }
+
+ private:
+  pid_t pid_;
+};
+
+class PartitionTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (all_.size() < 2) GTEST_SKIP() << "one core: nothing can be kept free";
+    write_board(root_);
+    root_.write("/sys/devices/system/cpu/online", cpu_list(all_) + "\n");
+    root_.write("/sys/kernel/mm/transparent_hugepage/enabled", "madvise\n");  // its brackets are the kernel's own
+    use(FakeGroups::Kernel::isolates);
+  }
+
+  void use(FakeGroups::Kernel kernel) {
+    groups_ = std::make_unique<FakeGroups>(root_, kernel);
+    options_ = {.cores = {all_.back()},
+                .only = {task_.pid()},
+                .root = root_.path(),
+                .journal = folder_.path() + "/shield.journal",
+                .hook = [this] { hook_(); }};
+    hook_ = [this] { groups_->settle(); };
+  }
+  std::string text(const std::string& path) const { return HostFiles(root_.path()).read(path).value; }
+  bool has_group() const { return std::filesystem::exists(root_.path() + kShieldGroup); }
+
+  std::vector<int> all_ = allowed_cpus();
+  FakeRoot root_, folder_;
+  Sleeper task_;
+  std::unique_ptr<FakeGroups> groups_;
+  std::function<void()> hook_;
+  ShieldOptions options_;
+};
+
+constexpr const char* kControl = "/sys/fs/cgroup/cgroup.subtree_control";
+
+TEST_F(PartitionTest, AShieldMakesItAndTakesItDown) {
+  const Content before = content_of(root_);
+  {
+    const auto shield = Shield::raise(options_);
+    ASSERT_TRUE(shield) << shield.message();
+    EXPECT_EQ(shield->facts().mechanism, Mechanism::cpuset2);
+    EXPECT_TRUE(shield->has_partition());
+    EXPECT_EQ(text(std::string(kShieldGroup) + "/cpuset.cpus.partition"), "isolated");
+    EXPECT_EQ(text(std::string(kShieldGroup) + "/cgroup.type"), "threaded");
+    EXPECT_EQ(text(kControl), "cpuset cpu memory");
+    EXPECT_TRUE(partition_plan(HostFiles(root_.path()), options_.cores).empty()) << "it is in force";
+  }
+  groups_->settle();
+  EXPECT_FALSE(has_group());
+  EXPECT_EQ(content_of(root_), before);
+}
+
+TEST_F(PartitionTest, OneThatTheKernelCallsInvalidIsUndoneAndTheNextMechanismTaken) {
+  use(FakeGroups::Kernel::says_invalid);
+  const auto shield = Shield::raise(options_);
+  ASSERT_TRUE(shield) << shield.message();
+  EXPECT_EQ(shield->facts().mechanism, Mechanism::affinity);
+  EXPECT_FALSE(has_group());
+  ASSERT_FALSE(shield->facts().notes.empty());
+  EXPECT_NE(shield->facts().notes.front().find("isolated invalid (Cpu list in cpuset.cpus not exclusive)"),
+            std::string::npos)
+      << shield->facts().notes.front();
+  EXPECT_EQ(shield->facts().moved, 1u) << "the task was moved instead";
+}
+
+TEST_F(PartitionTest, AKernelWithoutPartitionsGivesTheNextMechanism) {
+  use(FakeGroups::Kernel::refuses);
+  const auto shield = Shield::raise(options_);
+  ASSERT_TRUE(shield) << shield.message();
+  EXPECT_EQ(shield->facts().mechanism, Mechanism::affinity);
+  EXPECT_FALSE(has_group());
+}
+
+TEST_F(PartitionTest, OneThatTheKernelEndsIsToldAndTheTasksAreMoved) {
+  auto shield = Shield::raise(options_);
+  ASSERT_TRUE(shield) << shield.message();
+  EXPECT_EQ(shield->keep_up()->size(), 0u);
+  root_.write(std::string(kShieldGroup) + "/cpuset.cpus.partition",
+              "isolated invalid (Parent is not a partition root)\n");
+  const auto told = shield->keep_up();
+  ASSERT_TRUE(told);
+  EXPECT_NE(told->find("Parent is not a partition root"), std::string::npos) << *told;
+  EXPECT_EQ(shield->facts().mechanism, Mechanism::affinity);
+  EXPECT_EQ(read_tasks(HostFiles(), {task_.pid()}).all[0].cpus, cores_without(all_, options_.cores));
+}
+
+// Kernels before 6.2 give every task all cores when a partition ends.
+TEST_F(PartitionTest, ATasksOwnChoiceIsGivenBackByOldKernelsToo) {
+  for (const bool later : {false, true}) {
+    use(FakeGroups::Kernel::isolates);
+    root_.write("/proc/sys/kernel/osrelease", "6.1.0\n");
+    task_.choose(later ? all_ : std::vector<int>{all_.back()});
+    auto shield = Shield::raise(options_);
+    ASSERT_TRUE(shield) << shield.message();
+    task_.choose(later ? options_.cores : cores_without(all_, options_.cores));  // somebody, or the kernel
+    bool ended = false;
+    // The kernel, as soon as the partition has ended.
+    hook_ = [&] {
+      groups_->settle();
+      if (!ended && text(std::string(kShieldGroup) + "/cpuset.cpus.partition") == "member") {
+        ended = true;
+        task_.choose(all_);
+      }
+    };
+    ASSERT_TRUE(shield->lower());
+    EXPECT_EQ(read_tasks(HostFiles(), {task_.pid()}).all[0].cpus, std::vector<int>{all_.back()})
+        << (later ? "chosen under the partition" : "chosen before it");
+  }
+}
+
+TEST_F(PartitionTest, AShieldKilledBeforeAnySystemCallLeavesNoGroup) {
+  const Content before = content_of(root_);
+  int kills = 0;
+  for (bool killed = true; killed; kills += killed ? 1 : 0) {
+    const pid_t holder = ::fork();
+    if (holder == 0) {
+      int steps = 0;
+      options_.hook = [&] {
+        groups_->settle();
+        if (++steps == kills + 1) ::kill(::getpid(), SIGKILL);
+      };
+      {
+        const auto shield = Shield::raise(options_);
+      }
+      ::_exit(0);
+    }
+    int status = 0;
+    ::waitpid(holder, &status, 0);
+    killed = WIFSIGNALED(status);
+    ShieldOptions again = options_;
+    again.hook = [&] { groups_->settle(true); };
+    const auto lowered = Shield::lower_left_over(again);
+    ASSERT_TRUE(lowered && lowered->failed.empty()) << "killed before system call " << kills + 1;
+    groups_->settle(true);
+    ASSERT_EQ(content_of(root_), before) << "killed before system call " << kills + 1;
+  }
+  std::printf("%d kills of a shield with a partition\n", kills);
+  EXPECT_GT(kills, 30);
+}
+
+TEST_F(PartitionTest, TuneMakesItOnRequestAndTakesItBack) {
+  Target target{.root = root_.path(), .all_cores = all_, .cores = {all_.back()}, .partition = true};
+  const Content before = content_of(root_);
+  const auto raising = [&] { groups_->settle(); };
+  const auto made = tune_apply(target, tune_plan(target).changes, raising);
+  ASSERT_TRUE(made && made->well()) << made.message();
+  EXPECT_EQ(partition_state(HostFiles(root_.path())), "isolated");
+  EXPECT_TRUE(tune_plan(target).changes.empty()) << "a second apply";
+  const auto undone = tune_revert(target, false, [&] { groups_->settle(true); });
+  ASSERT_TRUE(undone && undone->well()) << undone.message();
+  groups_->settle(true);
+  EXPECT_EQ(content_of(root_), before);
+}
+
+TEST_F(PartitionTest, TuneSaysWhyThereIsNone) {
+  use(FakeGroups::Kernel::says_invalid);
+  const Target target{.root = root_.path(), .all_cores = all_, .cores = {all_.back()}, .partition = true};
+  const auto made = tune_apply(target, tune_plan(target).changes, [&] { groups_->settle(); });
+  ASSERT_TRUE(made);
+  EXPECT_FALSE(made->well());
+  EXPECT_FALSE(has_group());
+}
+
+}  // namespace
+}  // namespace lithe::host

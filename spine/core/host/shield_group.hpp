@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// The group of cgroup v2 that a shield makes for the threads of a robot (host/tune/shield/partition.hpp): an isolated
+// partition with the robot's cores. Its members are threads, not processes: a Spine's other threads need other cores.
+// Off the tick.
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace lithe {
+
+inline constexpr const char* kGroupsRoot = "/sys/fs/cgroup";
+inline constexpr const char* kShieldGroup = "/sys/fs/cgroup/lithe.spine";
+
+// The cores of that group that a thread of this process may have by joining it, ascending. Empty: there is no such
+// group, the kernel does not isolate it, another robot's threads are in it, or this process has no right to join.
+std::vector<int> shield_cores(const std::string& root = "");
+
+// Moves the calling thread to the group that has the core: that of the shield, or back to the root of all groups. False
+// when there is no shield, or no right; then nothing has changed for this thread.
+bool join_group_with(int cpu, const std::string& root = "");
+
+}  // namespace lithe
