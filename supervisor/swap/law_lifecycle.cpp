@@ -4,7 +4,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <string_view>
 #include <utility>
+
+#include "supervisor/events/event_log.hpp"
 
 namespace lithe::control {
 
@@ -125,7 +128,10 @@ void LawLifecycle::faulted(const wire::Event& event) {
                      {"pc", fmt::format("{:#x}", fault->pc)},
                      {"pc_offset", fault->pc_offset},
                      {"address", fmt::format("{:#x}", fault->address)}});
-  if (fault->to_law_id == 0) leave(*life, kind + "; no law took over: the safe law", event, 0);
+  if (fault->to_law_id == 0) {
+    const std::string said = text_of(event.text);
+    leave(*life, (said.starts_with(kind) ? said : kind) + "; no law took over: the safe law", event, 0);
+  }
   locate(*life, *fault);
 }
 
@@ -195,10 +201,12 @@ void LawLifecycle::rolled_back(const wire::Event& event) {
 void LawLifecycle::leave(Life& life, const std::string& why, const wire::Event& event, std::uint32_t runs_now) {
   if (life.swap.mark(Stage::rolled_back, why, event.t_ns)) {
     const auto law = spine_.law(runs_now);
-    life.swap.note("rolled_back", {{"tick", event.tick},
-                                   {"ticks_after_commit", event.tick - std::min(event.tick, life.swap.commit_tick())},
-                                   {"why", why},
-                                   {"law", law ? Json(text_of(law->name)) : Json(nullptr)}});
+    Json told = {{"tick", event.tick},
+                 {"ticks_after_commit", event.tick - std::min(event.tick, life.swap.commit_tick())},
+                 {"why", why},
+                 {"law", law ? Json(text_of(law->name)) : Json(nullptr)}};
+    if (const std::string_view next = next_step(why); !next.empty()) told["next"] = std::string(next);
+    life.swap.note("rolled_back", std::move(told));
     keep_(life.swap, life.record);
   }
 }

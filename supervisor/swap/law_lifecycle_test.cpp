@@ -4,8 +4,10 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <map>
 #include <memory>
+#include <string_view>
 
 #include "supervisor/link/spine/test/spine_rig.hpp"
 
@@ -40,8 +42,10 @@ class LawLifecycleTest : public SpineRig {
     swap.mark_committed(10 * law_id, law_id, 4);
     lifecycle_->follow(std::move(swap), {}, {}, 4);
   }
-  void tell(EventKind kind, std::uint64_t request_id, std::uint32_t code, std::uint64_t tick = 99) {
+  void tell(EventKind kind, std::uint64_t request_id, std::uint32_t code, std::uint64_t tick = 99,
+            std::string_view text = "") {
     wire::Event event;
+    std::copy(text.begin(), text.end(), event.text.begin());
     event.kind = static_cast<std::uint32_t>(kind);
     event.request_id = request_id;
     event.code = code;
@@ -111,6 +115,24 @@ TEST_F(LawLifecycleTest, AFaultIsNamedWhenTheLawBeforeTakesOver) {
   EXPECT_EQ(kept_[102]["rolled_back"]["ticks_after_commit"], 5);
   EXPECT_EQ(kept_[102]["rolled_back"]["why"], "bad_access");
   EXPECT_NE(verdict(1), "rolled_back");
+}
+
+TEST_F(LawLifecycleTest, WhatEndedAProbationIsToldWithWhatToDo) {
+  constexpr std::string_view kWhy =
+      "guard_busy: joint hip clamped in 80.1 % of ticks, allowed 80: wants 12.000 N m of 0.600";
+  commit(1);
+  commit(2);
+  write_fault(2, 1, wire::LawFaultKind::guard_busy, 25);
+  tell(EventKind::law_faulted, 102, static_cast<std::uint32_t>(wire::LawFaultKind::guard_busy), 25, kWhy);
+  tell(EventKind::law_rolled_back, 101, 1, 25, kWhy);
+  EXPECT_EQ(kept_[102]["rolled_back"]["why"], std::string(kWhy));
+  EXPECT_NE(kept_[102]["rolled_back"]["next"].get<std::string>().find("command less at this joint"), std::string::npos);
+  write_fault(1, 0, wire::LawFaultKind::overran, 35);
+  tell(EventKind::law_faulted, 101, static_cast<std::uint32_t>(wire::LawFaultKind::overran), 35,
+       "overran: ended after 812.0 us, allowed 300.0");
+  EXPECT_EQ(kept_[101]["rolled_back"]["why"],
+            "overran: ended after 812.0 us, allowed 300.0; no law took over: the safe law");
+  EXPECT_NE(kept_[101]["rolled_back"]["next"].get<std::string>().find("shorter"), std::string::npos);
 }
 
 TEST_F(LawLifecycleTest, TwoFaultsInOneTickAreBothNamedBeforeEitherEventIsRead) {
