@@ -96,9 +96,23 @@ def shortcomings(told: Figures, workloads: list[str]) -> list[str]:
             found.append("; ".join([words, *later(told, name, "low")]))
         for peer in JUDGED_PEERS:
             value = number(told, f"r999_{peer}_{name}")
-            if not value <= MOST_OVER_PEER:
+            if not value <= MOST_OVER_PEER and not spin_over_peer(told, peer, name) > MOST_OVER_PEER:
                 found.append(f"{name}: {value:.3f} x {peer}, at most {MOST_OVER_PEER}")
     return found
+
+
+def spin_over_peer(told: Figures, peer: str, name: str) -> float:
+    """The floor's p99.9 over a peer's. Above MOST_OVER_PEER, no program could have held the claim here."""
+    return number(told, f"r999_{peer}_{name}") / number(told, f"r999_floor_{name}")
+
+
+def beyond_any_program(told: Figures, name: str) -> list[tuple[str, str]]:
+    """The peers that a program which only spins does not beat here either, and what would help."""
+    return [
+        (f"{name}: a bare spin is itself {spin_over_peer(told, peer, name):.2f} x {peer} here", HOST)
+        for peer in JUDGED_PEERS
+        if not number(told, f"r999_{peer}_{name}") <= MOST_OVER_PEER
+    ]
 
 
 def judge(told: Figures, workloads: list[str]) -> Figures:
@@ -108,12 +122,15 @@ def judge(told: Figures, workloads: list[str]) -> Figures:
         if short := shortcomings(told, workloads):
             return {"verdict": "falls short", "reason": "; ".join(short), "conclusive_with": ""}
         for name in workloads:
+            found += beyond_any_program(told, name)
             if over_floor(told, name) == "undecided":
                 low, high = (number(told, f"r999_floor_{name}_{end}") for end in ("low", "high"))
+                few = math.isinf(low)
                 words = f"{name}: p99.9 over the floor's is undecided ({low:.2f} .. {high:.2f})"
-                found.append(
-                    ("; ".join([words, *later(told, name, "high")]), LONGER if told.get("shielded") else SHIELD)
+                words = (
+                    f"{name}: too few rounds for an interval" if few else "; ".join([words, *later(told, name, "high")])
                 )
+                found.append((words, LONGER if few or told.get("shielded") else SHIELD))
     if found:
         remedies = "; ".join(dict.fromkeys(remedy for _, remedy in found))
         return {"verdict": "INCONCLUSIVE", "reason": "; ".join(why for why, _ in found), "conclusive_with": remedies}

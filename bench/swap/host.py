@@ -18,16 +18,19 @@ from lithe.demo.processes import DIE_WITH_US
 
 # On x86 their names are TLB, CAL, RES and LOC, on ARM IPI0, IPI1 ...; the descriptions after the counts are the same.
 INTERRUPTS = ("TLB shootdowns", "Function call interrupts", "Rescheduling interrupts", "Local timer interrupts")
+COUNTED = ("interrupts_tlb", "interrupts_cal", "interrupts_res", "interrupts_loc", "interrupts_device")
 MOST_COMPILE_S = 60
 SETTLE_NS = 50_000_000  # after a pause, a law's output may have steps for this time
 
 
-def interrupts(cpu: int) -> npt.NDArray[np.float64]:
-    """The count of each of INTERRUPTS on this core since boot; NaN for those that this machine does not have."""
-    lines = Path("/proc/interrupts").read_text().splitlines()
+def interrupts(cpu: int, table: Path = Path("/proc/interrupts")) -> npt.NDArray[np.float64]:
+    """The count of each of INTERRUPTS on this core since boot, NaN for those that this machine does not have; then the
+    sum over all devices: the rows with a number."""
+    lines = table.read_text().splitlines()
     column = lines[0].split().index(f"CPU{cpu}") + 1
     rows = {name: line.split()[column] for line in lines for name in INTERRUPTS if line.endswith(name)}
-    return np.array([float(rows.get(name, "nan")) for name in INTERRUPTS])
+    devices = sum(float(line.split()[column]) for line in lines if line.split(":")[0].strip().isdecimal())
+    return np.array([*(float(rows.get(name, "nan")) for name in INTERRUPTS), devices])
 
 
 def minor_faults(pid: int, tid: int) -> int:

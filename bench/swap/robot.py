@@ -27,7 +27,7 @@ from lithe.heartbeat import Repeat
 from lithe.programs import ROOT
 from lithe.shm import SpineView
 
-from bench.swap.host import interrupts, memory_kb, minor_faults
+from bench.swap.host import COUNTED, interrupts, memory_kb, minor_faults
 from bench.swap.stats import AFTER_NS, Round
 from bench.tables import Figures
 
@@ -157,7 +157,7 @@ class Mover:
 class Tally:
     """Interrupts and page faults, and the time in which they were counted."""
 
-    counts: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(5))  # INTERRUPTS, minor faults
+    counts: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(COUNTED) + 1))  # and minor faults
     seconds: float = 0.0
 
 
@@ -244,7 +244,7 @@ class Subject(Mover):
         """Interrupts on the Spine's core and page faults of its thread, minus those without swaps; time of loading."""
         swaps = max(len(self.records), 1)
         expected = self.resting.counts * (self.swapping.seconds / max(self.resting.seconds, 1e-9))
-        names = ("interrupts_tlb", "interrupts_cal", "interrupts_res", "interrupts_loc", "page_faults")
+        names = (*COUNTED, "page_faults")
         raw, excess = self.swapping.counts / swaps, (self.swapping.counts - expected) / swaps
         told = {f"{name}_per_swap": float(value) for name, value in zip(names, excess, strict=True)}
         told |= {f"{name}_per_swap_raw": float(value) for name, value in zip(names, raw, strict=True)}

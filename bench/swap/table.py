@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from bench.swap.host import COUNTED
 from bench.swap.stats import LIMITS_US
 from bench.tables import Figures, cell, show_machine, table
 
@@ -92,10 +93,10 @@ def show_core(told: Figures) -> None:
     """The effect of a swap on the Spine's core and on memory."""
     rows = []
     for name, key in (("arena", ""), ("[spine] loader = dlopen", "loader_dlopen_")):
-        names = ("interrupts_tlb", "interrupts_cal", "interrupts_res", "interrupts_loc", "page_faults")
+        names = (*COUNTED, "page_faults")
         counts = (cell(told, f"{key}{n}_per_swap") for n in names)
         rows.append([name, cell(told, f"{key}swaps", ".0f"), *counts, cell(told, f"{key}load_p50_us", ".0f")])
-    head = ["", "swaps", "TLB", "CAL", "RES", "LOC", "page faults", "load [us]"]
+    head = ["", "swaps", "TLB", "CAL", "RES", "LOC", "devices", "page faults", "load [us]"]
     table("interrupts on the Spine's core and faults of its thread, per swap, minus those at rest", head, rows)
     grown = ", ".join(
         f"{name} {' -> '.join(cell(told, f'{name}_rss_kb_{when}', '.0f') for when in ('start', 'middle', 'end'))} kB"

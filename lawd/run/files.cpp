@@ -31,7 +31,6 @@ std::string write_file_whole(const std::string& path, std::string_view bytes) {
     if (put < 0 && errno != EINTR) failed = errno;
     if (put > 0) bytes.remove_prefix(static_cast<std::size_t>(put));
   }
-  if (failed == 0 && fsync(fd) != 0 && errno != EINVAL) failed = errno;
   close(fd);
   if (failed == 0 && rename(part.c_str(), path.c_str()) != 0) failed = errno;
   if (failed == 0) return "";

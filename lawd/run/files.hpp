@@ -11,7 +11,8 @@ namespace lithe::lawd {
 // The bytes of a file; empty when it cannot be read.
 std::optional<std::string> read_file(const std::string& path);
 
-// Writes to a temporary name, flushes to disk, renames. Returns "" or the error ("No space left on device").
+// Writes to a temporary name, renames. Returns "" or the error ("No space left on device"). Not flushed to disk: a file that
+// a power cut spoils is found by its hash and made again, and a disk's interrupts may come to the Spine's core.
 std::string write_file_whole(const std::string& path, std::string_view bytes);
 
 // A temporary directory, removed with this object.

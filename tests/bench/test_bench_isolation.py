@@ -110,8 +110,8 @@ def test_a_swap_storm_in_which_nothing_is_swapped_proves_nothing(verdict: Module
     [
         ({"r999_floor_stress": 1.3, "r999_floor_stress_low": 1.11}, "stress: 1.30 x the floor"),
         ({"r999_floor_idle": None}, "idle: nan x the floor"),
-        ({"r999_cyclictest_idle": 0.11}, "idle: 0.110 x cyclictest"),
-        ({"r999_plain_loop_stress": 0.2}, "stress: 0.200 x plain_loop"),
+        ({"r999_cyclictest_idle": 0.105, "r999_floor_idle": 1.08}, "idle: 0.105 x cyclictest"),
+        ({"r999_plain_loop_stress": 0.105, "r999_floor_stress": 1.08}, "stress: 0.105 x plain_loop"),
         ({"late_idle_over_20us_difference_low": 0.0011}, "later than 20 us"),
         ({"late_idle_over_1us_difference_low": math.nan}, "later than 1 us"),
     ],
@@ -132,6 +132,21 @@ def test_a_claim_that_does_not_hold_is_named(verdict: ModuleType, bad: dict[str,
 def test_a_ratio_that_the_host_makes_undecidable_is_not_passed(verdict: ModuleType, open_claim: dict[str, Any]) -> None:
     told = verdict.judge(good() | open_claim, NAMES)
     assert told["verdict"] == "INCONCLUSIVE" and "undecided" in told["reason"] and told["conclusive_with"]
+
+
+def test_too_few_rounds_are_said_to_be_too_few(verdict: ModuleType) -> None:
+    few = {f"r999_floor_idle{end}": value for end, value in (("_low", -math.inf), ("_high", math.inf))}
+    few |= {f"late_idle_over_{limit_us}us_difference_high": math.inf for limit_us in LIMITS_US}
+    told = verdict.judge(good() | few | {"shielded": False}, NAMES)
+    assert (told["verdict"], told["reason"]) == ("INCONCLUSIVE", "idle: too few rounds for an interval")
+    assert "--seconds 60" in told["conclusive_with"]
+
+
+def test_a_peer_that_no_program_could_beat_here_decides_nothing(verdict: ModuleType) -> None:
+    told = verdict.judge(good() | {"r999_floor_idle": 1.0, "r999_cyclictest_idle": 0.23}, NAMES)
+    assert told["verdict"] == "INCONCLUSIVE" and "a bare spin is itself 0.23 x cyclictest" in told["reason"]
+    told = verdict.judge(good() | {"r999_floor_idle": 3.0, "r999_cyclictest_idle": 0.23}, NAMES)
+    assert told["verdict"] == "falls short" and "0.230 x cyclictest" in told["reason"], "a bare spin holds it here"
 
 
 def test_the_shares_decide_where_the_ratio_cannot(verdict: ModuleType) -> None:

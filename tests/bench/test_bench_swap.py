@@ -51,6 +51,24 @@ def sides(
     return stats.Sides(made, Releases(due_ns, np.zeros(len(due_ns), dtype=np.int64), skipped), list(without))
 
 
+def test_interrupts_of_devices_are_those_with_a_number(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "interrupts").write_text(
+        """           CPU0       CPU1
+ 24:          1          7  IO-APIC   5-edge      ACPI:Ged
+ 36:          0       2000 PCI-MSIX-0000:00:02.0   1-edge      virtio1-req.0
+NMI:          0          9   Non-maskable interrupts
+LOC:      82603       5764   Local timer interrupts
+TLB:       2595       4894   TLB shootdowns
+ERR:          0
+""",
+        encoding="utf-8",
+    )
+    host = module("host", monkeypatch)
+    told = dict(zip(host.COUNTED, host.interrupts(1, tmp_path / "interrupts"), strict=True))
+    assert told["interrupts_device"] == 2007 and told["interrupts_loc"] == 5764 and told["interrupts_tlb"] == 4894
+    assert np.isnan(told["interrupts_cal"])
+
+
 def test_the_windows_are_of_one_length_and_do_not_overlap(stats: ModuleType) -> None:
     both = sides(stats, np.array([], dtype=np.int64), 5)
     assert len(both.swapping) == 5 * 12 and len(both.resting) == 5 * 8
