@@ -84,7 +84,8 @@ def test_one_client_too_many_is_told_so_and_finds_a_place_later(
     def there_is_a_place() -> bool:
         try:
             clients.append(Remote("127.0.0.1", gateway.port, "sesame"))
-        except lithe.Refused:
+        except lithe.Refused as refused:
+            assert refused.code == "busy", refused
             return False
         return True
 

@@ -10,6 +10,7 @@ import pyref
 import pytest
 from lithe._wire import CommandResult, StageResult
 from lithe.gateway import FIRST
+from lithe.vocabulary import BY_NAME
 from system.house import ROOT
 
 REFERENCE = ROOT / "docs" / "reference"
@@ -49,6 +50,7 @@ def test_every_verb_is_on_its_page() -> None:
     verbs |= set(re.findall(r'^ {12}"(\w+)": (?:self\._\w+,|lambda _)', gateway, re.M))
     assert {"swap", "arm", "estop", "history"} <= verbs, "the search finds them"
     assert verbs - first_column("verbs.md") == set()
+    assert verbs == set(BY_NAME), "the gateway refuses what is not in its table"
 
 
 def test_every_code_of_a_refusal_is_on_its_page() -> None:

@@ -4,7 +4,7 @@
 JSON lines. The first line is {"token": "..."}; then requests {"id", "verb", "args"}, answered as on the control socket:
 {"id", "ok": true, "result"} or {"id", "ok": false, "error": {"code", "message", "next"}}. The gateway's own verbs:
 
-    describe  {}                                        robot, rate, joints with their limits, time now
+    describe  {}                                        robot, rate, joints with their limits, all verbs, time now
     latest    {fields?}                                 the newest telemetry record
     history   {seconds? or since_tick?, every?, fields?}    columns of records, at most the last 4096 ticks, and `lost`
     publish   {t_ns, position_rad, velocity_rad_s?, streaming?}   a plan of up to 16 waypoints
@@ -43,6 +43,7 @@ from ..errors import LitheError, NotRunning, Refused
 from ..robot import Robot
 from ..shm import dtype
 from ..text import unprintable_in
+from ..vocabulary import BY_NAME, VERBS, Effect, check_names, nearest
 from .client import MOST_REQUEST_BYTES, Client
 from .lobby import Hello, Lobby
 from .token import write_token
@@ -53,18 +54,7 @@ __all__ = ["Gateway", "write_token"]
 MOST_CLIENTS = 32  # each may keep a connection to the supervisor, which serves 64
 MOST_LONG_BYTES = MOST_UNSENT_BYTES // 4
 PIECE_TICKS = 128  # of a history, made at a time
-FIRST = (
-    "estop",
-    "publish",
-    "hold",
-    "disarm",
-    "reset",
-    "arm",
-    "recover",
-    "rollback",
-    "set_params",
-    "revert_params",
-)  # they move or stop the robot
+FIRST = frozenset(each.name for each in VERBS if each.first)  # they move or stop the robot
 Verb = Callable[[dict[str, Any]], Any]
 
 
@@ -127,7 +117,7 @@ class Gateway:
         self.turns = Turns()
         self._say = say or (lambda words: print(f"lithe.gateway: {words}", file=sys.stderr, flush=True))
         self._places = threading.BoundedSemaphore(MOST_CLIENTS)
-        self.verbs: dict[str, Verb] = {
+        self._ours: dict[str, Verb] = {
             "describe": self._describe,
             "latest": self._latest,
             "history": self._history,
@@ -135,8 +125,8 @@ class Gateway:
             "estop": lambda _: robot.estop(),
             "reset": lambda _: robot.reset(),
             "state": lambda _: robot.state(),
-            **(verbs or {}),
         }
+        self.verbs: dict[str, Verb] = {**self._ours, **(verbs or {})}
         no = _refusal(None, "token", "wrong token", "read it from the token file")
         try:
             self._lobby = Lobby(host, port, self.token, self._admit, no)
@@ -217,6 +207,13 @@ class Gateway:
 
     def _call(self, verb: str, args: dict[str, Any]) -> Any:
         own = self.verbs.get(verb)
+        if own is None and verb not in BY_NAME:
+            raise Refused("unknown_verb", f"there is no verb '{verb}'", nearest(verb, {*BY_NAME, *self.verbs}))
+        if own is self._ours.get(verb):  # else it is the application's, whose arguments are not in the table
+            known = BY_NAME[verb]
+            # What stops the robot is never refused for an argument too many.
+            if known.effect is not Effect.stops:
+                check_names(known, args)
         with self.turns.moving() if verb in FIRST else contextlib.nullcontext():
             return own(args) if own is not None else self.robot.call(verb, **args)
 
@@ -235,6 +232,8 @@ class Gateway:
                 for j in joints
             ],
             "sensors": self.robot.spine.sensor_names,
+            "verbs": [each.described() for each in VERBS],
+            "application_verbs": sorted(name for name, one in self.verbs.items() if one is not self._ours.get(name)),
             "now_ns": time.monotonic_ns(),
         }
 

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Serves MCP on stdin and stdout, or gives and takes back the permission to move."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from .. import mcp
+from ..control import run_dir
+from ..errors import LitheError
+from ..remote import Remote
+from . import permission
+from .server import MOST_LINE_BYTES, Json, Server
+
+
+class Robot:
+    """Connects at the first call, so that a client can list the tools before the robot runs."""
+
+    def __init__(self, host: str, port: int, token: Path) -> None:
+        self._connect: Callable[[], Remote] = lambda: Remote(host, port, token)
+        self._remote: Remote | None = None
+
+    def call(self, verb: str, args: Json) -> Any:
+        """One verb of the gateway."""
+        if self._remote is None:
+            self._remote = self._connect()
+        return self._remote.call(verb, **args)
+
+
+def send(answer: Json) -> None:
+    """One line on stdout; the client may have left."""
+    sys.stdout.buffer.write(json.dumps(answer).encode() + b"\n")
+    sys.stdout.buffer.flush()
+
+
+def serve(args: argparse.Namespace) -> int:
+    """Until stdin ends."""
+    server = Server(Robot(args.host, args.port, args.token_file).call, permission.path_of(args.port), send)
+    try:
+        while line := sys.stdin.buffer.readline(MOST_LINE_BYTES + 1):
+            server.line(line.strip()) if line.strip() else None
+            while not line.endswith(b"\n") and line:  # the rest of a line that was too long
+                line = sys.stdin.buffer.readline(MOST_LINE_BYTES)
+        server.finish()
+    except (BrokenPipeError, KeyboardInterrupt):
+        pass
+    return 0
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m lithe.mcp", description=mcp.__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--host", default="127.0.0.1", help="the gateway's address")
+    parser.add_argument("--port", type=int, default=7423, help="the gateway's port")
+    parser.add_argument("--token-file", type=Path, default=run_dir() / "gateway.token", help="the gateway wrote it")
+    jobs = parser.add_subparsers(dest="job")
+    allow = jobs.add_parser("allow", help="permit agents to move the robot, for a time")
+    allow.add_argument("--minutes", type=float, default=15.0)
+    jobs.add_parser("forbid", help="take the permission back")
+    args = parser.parse_args()
+    file = permission.path_of(args.port)
+    if args.job is None:
+        return serve(args)
+    try:
+        if args.job == "forbid":
+            permission.take_back(file)
+            print("agents may no longer move the robot")
+        else:
+            until = time.strftime("%H:%M:%S", time.localtime(permission.give(file, args.minutes)))
+            print(f"agents may move the robot at port {args.port} until {until}; `python -m lithe.mcp forbid` ends it")
+    except (LitheError, OSError) as error:
+        print(f"lithe.mcp: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

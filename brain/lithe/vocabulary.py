@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every verb that the gateway offers: its arguments as JSON Schema, what it does, and what it may do to the robot.
+
+`describe`, the gateway's order of service and the tools of `lithe.mcp` all come from this one table.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from .errors import Refused
+
+Schema = dict[str, Any]
+
+
+class Effect(Enum):
+    """What a verb may do to the robot."""
+
+    reads = "reads"
+    stops = "stops"  # it stops the robot, or goes back to a law or values that ran before
+    moves = "moves"  # the robot may move after it, otherwise than before
+
+
+@dataclass(frozen=True)
+class Verb:
+    """`first`: handled ahead of what only reads. `required`: names of arguments that must be there."""
+
+    name: str
+    what: str
+    effect: Effect = Effect.reads
+    args: tuple[tuple[str, Schema], ...] = ()
+    required: tuple[str, ...] = ()
+    first: bool = False
+
+    def schema(self) -> Schema:
+        """The arguments, as one JSON Schema."""
+        return {
+            "type": "object",
+            "properties": dict(self.args),
+            "required": list(self.required),
+            "additionalProperties": False,
+        }
+
+    def described(self) -> dict[str, Any]:
+        """What `describe` says of it."""
+        return {"verb": self.name, "what": self.what, "effect": self.effect.value, "args": self.schema()}
+
+
+def _number(what: str, **more: Any) -> Schema:
+    return {"type": "number", "description": what, **more}
+
+
+def _integer(what: str, **more: Any) -> Schema:
+    return {"type": "integer", "description": what, **more}
+
+
+def _text(what: str) -> Schema:
+    return {"type": "string", "description": what}
+
+
+_VALUES: Schema = {
+    "type": "object",
+    "description": "parameter name -> value; all are set in one tick, or none",
+    "additionalProperties": {"type": "number"},
+}
+_FIELDS: Schema = {
+    "type": "array",
+    "items": {"type": "string"},
+    "description": "telemetry fields (docs/reference/wire.md); a wrong name is refused with the list of all",
+}
+_SOURCE = ("source", _text("the whole law: C++ that includes <lithe/law.hpp>"))
+_NAME = ("name", _text("its name in diagnostics and certificate, for example pd.cpp"))
+_WAYPOINTS: Schema = {
+    "type": "array",
+    "description": "one row per waypoint, one number per joint",
+    "items": {"type": "array", "items": {"type": "number"}},
+    "maxItems": 16,
+}
+
+VERBS = (
+    Verb("describe", "The robot: rate, joints with limits, sensors, time now, and every verb with its arguments."),
+    Verb("ping", "The supervisor's process id."),
+    Verb("status", "Mode, fault, law, alarms (the worst first), joints and drives with their problems, lost ticks."),
+    Verb(
+        "events",
+        "What happened: events with kind and text, the newest last.",
+        args=(
+            ("since", _integer("the cursor of an earlier answer", minimum=0)),
+            ("limit", _integer("at most so many", minimum=1)),
+        ),
+    ),
+    Verb("latest", "The newest telemetry record.", args=(("fields", _FIELDS),)),
+    Verb(
+        "history",
+        "Columns of telemetry, at most the last 4096 ticks.",
+        args=(
+            ("seconds", _number("how far back", exclusiveMinimum=0)),
+            ("since_tick", _integer("only ticks after this one", minimum=0)),
+            ("every", _integer("every n-th tick only", minimum=1)),
+            ("fields", _FIELDS),
+        ),
+    ),
+    Verb("state", "The running law's State, name -> value."),
+    Verb("params", "The running law's parameters: value, min, max."),
+    Verb("law_list", "The laws in the Spine, and which one runs."),
+    Verb(
+        "law_check",
+        "Compiles a law and runs it on harmless inputs. Nothing reaches the robot.",
+        args=(_SOURCE, _NAME),
+        required=("source",),
+    ),
+    Verb(
+        "swap",
+        "Replaces the running law, once the new one has passed compiler, admission and trial. Returns the certificate.",
+        Effect.moves,
+        args=(
+            _SOURCE,
+            _NAME,
+            ("params", _VALUES),
+            (
+                "supersede",
+                {"type": "boolean", "description": "replaces this client's older waiting request of this name"},
+            ),
+            ("blend_s", _number("from the old torque to the new one's", minimum=0)),
+            ("probation_s", _number("automatic rollback during this time", minimum=0)),
+            ("error_ratio", _number("how much worse tracking may get before the rollback", minimum=0)),
+            ("shadow_s", _number("first computes beside the running law for this time", minimum=0)),
+            ("shadow_tolerance_nm", _number("how far it may differ meanwhile", minimum=0)),
+            ("budget_us", _number("longest step", exclusiveMinimum=0)),
+            ("box_ms", _number("time of the trial", exclusiveMinimum=0)),
+        ),
+        required=("source",),
+    ),
+    Verb(
+        "set_params",
+        "Changes parameters of the running law, after a trial.",
+        Effect.moves,
+        args=(("values", _VALUES), ("name", _text("of one parameter")), ("value", _number("its value"))),
+        first=True,
+    ),
+    Verb(
+        "publish",
+        "A plan: up to 16 waypoints that the Spine follows.",
+        Effect.moves,
+        args=(
+            (
+                "t_ns",
+                {
+                    "type": "array",
+                    "items": {"type": "integer"},
+                    "description": "CLOCK_MONOTONIC, ns; see describe.now_ns",
+                },
+            ),
+            ("position_rad", _WAYPOINTS),
+            ("velocity_rad_s", _WAYPOINTS),
+            (
+                "streaming",
+                {"type": "boolean", "description": "more plans follow: the last waypoint is passed, not a rest"},
+            ),
+        ),
+        required=("t_ns", "position_rad"),
+        first=True,
+    ),
+    Verb("arm", "Torque on: the law runs from the next tick.", Effect.moves, first=True),
+    Verb(
+        "recover",
+        "Brings joints that are outside their limits inside, slowly and without a law.",
+        Effect.moves,
+        first=True,
+    ),
+    Verb("reset", "Clears an e-stop or a safe stop; the robot is disarmed then.", Effect.moves, first=True),
+    Verb("sim_reset", "Simulated robots only, disarmed: the joints go back to their start positions.", Effect.moves),
+    Verb("hold", "The setpoint slows down and rests; the law keeps it there.", Effect.stops, first=True),
+    Verb("disarm", "Torque off.", Effect.stops, first=True),
+    Verb("estop", "At once: the drives damp until `reset`.", Effect.stops, first=True),
+    Verb(
+        "rollback",
+        "An earlier law runs again, with its state.",
+        Effect.stops,
+        args=(("steps", _integer("how many laws back", minimum=1, maximum=4)),),
+        first=True,
+    ),
+    Verb("revert_params", "The parameters before the last change.", Effect.stops, first=True),
+    Verb("shutdown", "Stops robot and supervisor in order.", Effect.moves),
+)
+BY_NAME = {each.name: each for each in VERBS}
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """What to do about a wrong name: the nearest right one, and all."""
+    known = sorted(known)
+    near = difflib.get_close_matches(name, known, 1)
+    return (f"did you mean '{near[0]}'? " if near else "") + f"one of: {', '.join(known)}"
+
+
+def check_names(verb: Verb, args: dict[str, Any]) -> None:
+    """Raises Refused for the first argument that `verb` does not have. The values are for the verb to check."""
+    known = dict(verb.args)
+    for name in args:
+        if name not in known:
+            next_step = nearest(name, known) if known else "it takes none"
+            raise Refused("usage", f"'{verb.name}' has no argument '{name}'", next_step)

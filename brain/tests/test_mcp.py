@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The robot as tools of MCP: the protocol, the permission to move, and a swap by a client that knows nothing else."""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import lithe
+import pytest
+from lithe.errors import NotRunning, Refused
+from lithe.gateway import Gateway
+from lithe.gateway.token import write_token
+from lithe.mcp import permission
+from lithe.mcp.server import MOST_ANSWER_BYTES, MOST_CALLS, MOST_LINE_BYTES, VERSIONS, Server
+from lithe.vocabulary import BY_NAME, VERBS, Effect, check_names, nearest
+from system.house import ROOT
+
+Json = dict[str, Any]
+
+
+class Fake:
+    """A robot that answers what it was asked, and a server for it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.asked: list[tuple[str, Json]] = []
+        self.answers: list[Json] = []
+        self.permission = folder / "may-move"
+        self.result: Any = {"fine": True}
+        self.server = Server(self.call, self.permission, self.answers.append)
+
+    def call(self, verb: str, args: Json) -> Any:
+        self.asked.append((verb, args))
+        if isinstance(self.result, Exception):
+            raise self.result
+        return self.result
+
+    def send(self, method: str, params: Any = None, name: Any = 1) -> Json:
+        """The answer to one request."""
+        self.line(json.dumps({"jsonrpc": "2.0", "id": name, "method": method, "params": params or {}}).encode())
+        return self.answers[-1]
+
+    def line(self, line: bytes) -> None:
+        self.server.line(line)
+        self.server.finish()
+
+    def tool(self, name: str, /, **args: Any) -> Json:
+        result: Json = self.send("tools/call", {"name": name, "arguments": args})["result"]
+        return result
+
+
+@pytest.fixture
+def fake(tmp_path: Path) -> Fake:
+    return Fake(tmp_path)
+
+
+def text(result: Json) -> str:
+    return str(result["content"][0]["text"])
+
+
+@pytest.mark.parametrize(
+    ("asked", "given"), [(VERSIONS[2], VERSIONS[2]), ("1999-01-01", VERSIONS[0]), (7, VERSIONS[0])]
+)
+def test_both_sides_agree_on_a_version(fake: Fake, asked: Any, given: str) -> None:
+    told = fake.send("initialize", {"protocolVersion": asked, "capabilities": {}})["result"]
+    assert told["protocolVersion"] == given and told["serverInfo"] == {"name": "lithe", "version": lithe.__version__}
+    assert set(told["capabilities"]) == {"tools", "resources", "prompts"}
+    fake.line(b'{"jsonrpc": "2.0", "method": "notifications/initialized"}')
+    assert len(fake.answers) == 1, "a notification gets no answer"
+    assert fake.send("ping", name="a")["id"] == "a"
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        (b"{", -32700),
+        (b"[" * 100_000, -32700),
+        (b"\xff\xfe", -32700),
+        (b"[]", -32600),
+        (b'{"id": 1, "method": "ping"}', -32600),
+        (b'{"jsonrpc": "2.0", "id": null, "method": "ping"}', -32600),
+        (b'{"jsonrpc": "2.0", "id": 1, "method": "ping", "params": [1]}', -32600),
+        (b'{"jsonrpc": "2.0", "id": 1, "method": "dance"}', -32601),
+        (b'{"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": {"name": "dance"}}', -32602),
+        (b'{"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": {"name": "arm", "arguments": [1]}}', -32602),
+        (b'{"jsonrpc": "2.0", "id": 1, "method": "resources/read", "params": {"uri": "file:///etc/passwd"}}', -32602),
+        (b'{"jsonrpc": "2.0", "id": 1, "method": "resources/read", "params": {"uri": "lithe://laws/../x"}}', -32602),
+        (b'{"jsonrpc": "2.0", "id": 1, "method": "prompts/get", "params": {"name": "dance"}}', -32602),
+        (b" " * (MOST_LINE_BYTES + 1), -32600),
+    ],
+)
+def test_a_bad_message_gets_an_error_and_reaches_no_robot(fake: Fake, line: bytes, code: int) -> None:
+    fake.line(line)
+    assert fake.answers[-1]["error"]["code"] == code and fake.answers[-1]["error"]["message"]
+    assert fake.asked == []
+    assert fake.send("ping")["result"] == {}, "the next message is handled"
+
+
+def test_every_verb_is_a_tool_with_its_arguments(fake: Fake) -> None:
+    tools = {each["name"]: each for each in fake.send("tools/list")["result"]["tools"]}
+    assert set(tools) == set(BY_NAME)
+    assert tools["swap"]["inputSchema"]["required"] == ["source"]
+    assert tools["swap"]["annotations"] == {"readOnlyHint": False, "destructiveHint": True}
+    assert tools["status"]["annotations"] == {"readOnlyHint": True, "destructiveHint": False}
+
+
+def test_nothing_moves_without_a_persons_permission(fake: Fake) -> None:
+    moving = [each.name for each in VERBS if each.effect is Effect.moves]
+    assert {"swap", "arm", "publish", "set_params", "recover", "reset"} <= set(moving)
+    for name in moving:
+        told = fake.tool(name)
+        assert told["isError"] and text(told).startswith("no_permission") and "lithe.mcp allow" in text(told)
+    assert fake.asked == []
+    permission.give(fake.permission, 1)
+    assert not fake.tool("arm")["isError"] and fake.asked == [("arm", {})]
+    permission.take_back(fake.permission)
+    assert fake.tool("arm")["isError"] and len(fake.asked) == 1
+
+
+def test_a_stop_or_a_step_back_never_needs_one(fake: Fake) -> None:
+    stopping = [each.name for each in VERBS if each.effect is Effect.stops]
+    assert set(stopping) == {"hold", "disarm", "estop", "rollback", "revert_params"}
+    for name in stopping:
+        assert not fake.tool(name)["isError"]
+    assert [verb for verb, _ in fake.asked] == stopping
+
+
+def test_a_permission_ends_and_cannot_be_made_longer(tmp_path: Path) -> None:
+    file = tmp_path / "may-move"
+    for minutes in (0, -1, float("nan"), 1e9):
+        with pytest.raises(lithe.LitheError, match="minutes"):
+            permission.give(file, minutes)
+    permission.give(file, 5)
+    assert 0 < permission.remaining_s(file) <= 300
+    for spoilt in (
+        "",
+        "{",
+        "[]",
+        '{"until_unix_s": "x"}',
+        '{"until_unix_s": 1}',
+        '{"until_unix_s": 1e300}',
+        '{"until_unix_s": NaN}',
+    ):
+        file.write_text(spoilt)
+        assert permission.remaining_s(file) == 0, spoilt
+    permission.give(file, 5)
+    file.chmod(0o644)
+    assert permission.remaining_s(file) == 0, "others could have had it"
+    permission.give(file, 5)
+    file.rename(tmp_path / "other")
+    file.symlink_to(tmp_path / "other")
+    assert permission.remaining_s(file) == 0, "a link"
+
+
+def test_a_refusal_says_code_and_next_step(fake: Fake) -> None:
+    fake.result = Refused("trial_failed", "joint 1 swings", "less gain", {"section": "rough"})
+    told = fake.tool("law_check", source="x")
+    assert told["isError"] and text(told) == 'trial_failed: joint 1 swings\nnext: less gain\n{"section": "rough"}'
+    fake.result = NotRunning("no gateway at 127.0.0.1:7423: python -m lithe.gateway")
+    assert text(fake.tool("status")).startswith("not_running: no gateway")
+
+
+def test_an_answer_that_would_fill_the_context_is_refused_with_a_remedy(fake: Fake) -> None:
+    fake.result = ["x" * MOST_ANSWER_BYTES]
+    told = fake.tool("history", seconds=4)
+    assert told["isError"] and "too_long" in text(told) and "every=N" in text(told)
+
+
+def test_a_stop_does_not_wait_for_calls_that_last(tmp_path: Path) -> None:
+    slow, asked = threading.Event(), threading.Event()
+    answers: list[Json] = []
+
+    def call(verb: str, _: Json) -> Any:
+        if verb == "status":
+            asked.set()
+            slow.wait(60)
+        return verb
+
+    server = Server(call, tmp_path / "none", answers.append)
+    for name in range(MOST_CALLS + 1):
+        server.line(b'{"jsonrpc": "2.0", "id": %d, "method": "tools/call", "params": {"name": "status"}}' % name)
+    assert asked.wait(60)
+    assert [(each["id"], text(each["result"])[:4]) for each in answers] == [(MOST_CALLS, "busy")]
+    server.line(b'{"jsonrpc": "2.0", "id": "stop", "method": "tools/call", "params": {"name": "estop"}}')
+    until = time.monotonic() + 60
+    while len(answers) < 2 and time.monotonic() < until:
+        time.sleep(0.01)
+    assert answers[1]["id"] == "stop", "while all other calls still run"
+    slow.set()
+    server.finish()
+    assert len(answers) == MOST_CALLS + 2
+
+
+def test_contract_rules_laws_and_swaps_can_be_read(fake: Fake, tmp_path: Path) -> None:
+    uris = [each["uri"] for each in fake.send("resources/list")["result"]["resources"]]
+    assert {"lithe://contract", "lithe://rules", "lithe://swaps", "lithe://laws/pd.cpp"} <= set(uris)
+    (tmp_path / "0001.json").write_text('{"law": "pd", "verdict": "confirmed", "toolchain": {}}')
+    (tmp_path / "0002.json").write_text("{")
+    fake.result = {"records": str(tmp_path)}
+    for uri in uris:
+        one = fake.send("resources/read", {"uri": uri})["result"]["contents"][0]
+        assert one["uri"] == uri and one["text"]
+    swaps = json.loads(fake.send("resources/read", {"uri": "lithe://swaps"})["result"]["contents"][0]["text"])
+    assert swaps == [{"certificate": "0001.json", "law": "pd", "verdict": "confirmed"}]
+
+
+def test_prompts_take_the_words_of_the_person(fake: Fake) -> None:
+    for each in fake.send("prompts/list")["result"]["prompts"]:
+        told = fake.send("prompts/get", {"name": each["name"], "arguments": {"about": "joint 2"}})["result"]
+        assert told["messages"][0]["content"]["text"].endswith("\n\njoint 2")
+
+
+def test_wrong_names_of_arguments_are_named() -> None:
+    check_names(BY_NAME["swap"], {"source": "x", "blend_s": 0.1})
+    with pytest.raises(Refused, match="'swap' has no argument 'probation'") as wrong:
+        check_names(BY_NAME["swap"], {"source": "x", "probation": 1})
+    assert wrong.value.code == "usage" and wrong.value.next.startswith("did you mean 'probation_s'?")
+    with pytest.raises(Refused) as wrong:
+        check_names(BY_NAME["arm"], {"now": 1})
+    assert wrong.value.next == "it takes none"
+    assert nearest("statis", BY_NAME).startswith("did you mean 'status'?")
+
+
+class Process:
+    """`python -m lithe.mcp` as a client starts it."""
+
+    def __init__(self, gateway: Gateway, token: Path) -> None:
+        self.words = [sys.executable, "-m", "lithe.mcp", "--port", str(gateway.port), "--token-file", str(token)]
+        self.env = os.environ | {"PYTHONPATH": str(ROOT / "brain")}
+        pipe = subprocess.PIPE
+        self.process = subprocess.Popen(self.words, stdin=pipe, stdout=pipe, env=self.env)
+        self.id = 0
+
+    def person(self, *words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([*self.words, *words], check=False, env=self.env, capture_output=True, text=True)
+
+    def tool(self, name: str, /, **args: Any) -> Json:
+        assert self.process.stdin is not None and self.process.stdout is not None
+        self.id += 1
+        params = {"name": name, "arguments": args}
+        line = json.dumps({"jsonrpc": "2.0", "id": self.id, "method": "tools/call", "params": params})
+        self.process.stdin.write(line.encode() + b"\n")
+        self.process.stdin.flush()
+        answer = json.loads(self.process.stdout.readline())
+        assert answer["id"] == self.id
+        result: Json = answer["result"]
+        return result
+
+
+@pytest.fixture
+def process(robot: lithe.Robot, tmp_path: Path) -> Iterator[Process]:
+    gateway = Gateway(robot, token=write_token(tmp_path / "token"))
+    gateway.start()
+    started = Process(gateway, tmp_path / "token")
+    yield started
+    started.person("forbid")
+    assert started.process.stdin is not None and started.process.stdout is not None
+    started.process.stdin.close()
+    assert started.process.wait(60) == 0, "it ends with its client"
+    started.process.stdout.close()
+    gateway.close()
+
+
+def test_a_client_that_knows_only_mcp_changes_the_law_and_goes_back(process: Process) -> None:
+    told = json.loads(text(process.tool("describe")))
+    assert told["robot"] == "arm" and {each["verb"] for each in told["verbs"]} == set(BY_NAME)
+    law = (ROOT / "laws/gravity_pd.cpp").read_text()
+    assert not process.tool("law_check", source=law)["isError"]
+    assert text(process.tool("swap", source=law)).startswith("no_permission")
+    assert process.person("allow", "--minutes", "0").returncode == 1
+    allowed = process.person("allow", "--minutes", "5")
+    assert allowed.returncode == 0 and "agents may move the robot" in allowed.stdout
+    before = json.loads(text(process.tool("status")))["law"]
+    certificate = json.loads(text(process.tool("swap", source=law, name="gravity_pd.cpp")))
+    assert certificate["verdict"] in ("committed", "confirmed", "unproven")
+    assert json.loads(text(process.tool("status")))["law"] != before
+    assert not process.tool("rollback")["isError"]
+    wrong = process.tool("swap", source=law, probation=1)
+    assert wrong["isError"] and "did you mean 'probation_s'?" in text(wrong)
+    assert process.person("forbid").returncode == 0
+    assert text(process.tool("arm")).startswith("no_permission")
+    assert not process.tool("hold")["isError"] and not process.tool("estop")["isError"]
