@@ -5,7 +5,7 @@ PYTHON := .venv/bin/python
 JOBS ?= $(shell nproc)
 WORKERS ?= $(shell expr 3 \* $(JOBS) / 2)
 
-.PHONY: help demo no-other-demo test test-fast test-arm64 check check-all bench bench-isolation bench-swap format clean setup release
+.PHONY: help demo no-other-demo test test-fast test-arm64 boards check check-all bench bench-isolation bench-swap soak format clean setup release
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -37,12 +37,16 @@ test-arm64:  ## the C++ tests for 64-bit ARM: cross-built, run under QEMU; ROOM=
 	@tools/setup build
 	@$(PYTHON) tools/cross.py --jobs $(JOBS) $(if $(ROOM),--room $(ROOM))
 
+boards: TARGETS := --target lithe lithe-spine lithe-spine-sim lawd lithe-trial lithe-sim
+boards: release  ## LITHE on emulated boards: isolated cores, PREEMPT_RT, 64-bit ARM; BOARD=x, r or a for one of them -> out/boards.json
+	@$(PYTHON) tools/vm/boards.py $(if $(BOARD),--board $(BOARD))
+
 check:  ## what CI asks: format, tidy, rooms, schema, limits, types, ASan+UBSan, TSan, RTSan, fuzzers
 	@tools/setup build test check bench
 	@$(PYTHON) tools/check.py
 
-check-all:  ## check, and what takes too long for every merge: all tests under ASan and for ARM, a minute of each fuzzer, tests in their long form
-	@tools/setup build test check bench arm64
+check-all:  ## check, and what takes too long for every merge: all tests under ASan and for ARM, emulated boards, a minute of each fuzzer, long tests
+	@tools/setup build test check bench vcan arm64 boards
 	@$(PYTHON) tools/check.py --all
 
 bench:  ## jitter, tick cost, scale, Channel latency, each against a peer and a control that must fail -> out/bench/
@@ -61,6 +65,10 @@ bench-isolation:  ## release jitter under five loads, beside cyclictest, a sleep
 bench-swap: TARGETS := --target lithe lithe-spine lithe-spine-sim lawd lithe-trial bench_swap_peers
 bench-swap: release  ## what a swap costs, beside dlopen in the loop and behind a mutex; SWAPS=10000 -> out/bench/swap.json
 	@$(PYTHON) -m bench.swap --swaps $(or $(SWAPS),10000)
+
+soak: TARGETS := --target lithe lithe-spine lithe-spine-sim lithe-sim lawd lithe-trial
+soak: release  ## hours of random swaps, kills, bus faults and loads on a simulated arm (HOURS=2 SEED=7 RESUME=1) -> out/soak.json
+	@$(PYTHON) -m tools.soak $(if $(HOURS),--hours $(HOURS)) $(if $(SEED),--seed $(SEED)) $(if $(RESUME),--resume) $(if $(ROBOT),--robot $(ROBOT))
 
 format:  ## rewrite every file the way `make check` wants it
 	@tools/setup build check

@@ -26,6 +26,7 @@ RACE_TESTS = f"(^|[.])({RACE_ROOMS.replace(' ', '|')})$"
 MEMORY_ROOMS = "load arena robot"
 MEMORY_TARGETS = "tick_tests " + " ".join(f"{room}_tests" for room in MEMORY_ROOMS.split())
 MEMORY_TESTS = f"^(tick[.].*|{MEMORY_ROOMS.replace(' ', '|')})$"
+BOARD_TARGETS = "lithe lithe-spine lithe-spine-sim lawd lithe-trial lithe-sim"
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,12 @@ STEPS = [
         "arm64",
         f"{PYTHON} tools/cross.py --jobs {JOBS}",
         "make test-arm64 ROOM=guard repeats one room's tests (docs/arm64.md)",
+        long=True,
+    ),
+    Step(
+        "boards",
+        f"{build('release', BOARD_TARGETS)} && {PYTHON} tools/vm/boards.py",
+        "make boards BOARD=x repeats one board; build/boards/x/*.log is what it said",
         long=True,
     ),
     Step(

@@ -64,19 +64,37 @@ def run(command: list[str], what: str) -> None:
         raise Trouble(f"{what} failed ({' '.join(command[:5])} ...):\n{done.stdout[-8000:]}{done.stderr[-8000:]}")
 
 
-def apt(*words: str) -> list[str]:
-    """Return apt's command for an arm64 system of our own: this machine's mirrors and keys, no root needed."""
+def apt(*words: str, home: Path = HOME, architecture: str = "arm64") -> list[str]:
+    """Return apt's command for a system of our own: this machine's mirrors and keys, no root needed."""
     options = {
-        "APT::Architecture": "arm64",
-        "APT::Architectures": "arm64",
+        "APT::Architecture": architecture,
+        "APT::Architectures": architecture,
         "APT::Sandbox::User": "root",  # that user reads no folder of ours; what is loaded is still checked by its keys
-        "Dir::State": str(HOME / "apt"),
-        "Dir::State::status": str(HOME / "apt/status"),
-        "Dir::Cache": str(HOME / "apt"),
+        "Dir::State": str(home / "apt"),
+        "Dir::State::status": str(home / "apt/status"),
+        "Dir::Cache": str(home / "apt"),
         "Debug::NoLocking": "1",
     }
     given = [word for name, value in options.items() for word in ("-o", f"{name}={value}")]
     return ["apt-get", "-qq", *given, *words]
+
+
+def load(packages: list[str], home: Path = HOME, architecture: str = "arm64") -> list[Path]:
+    """Download packages and all that they depend on, into a folder that the caller removes; their files."""
+    for folder in ("lists/partial", "archives/partial"):
+        (home / "apt" / folder).mkdir(parents=True, exist_ok=True)
+    (home / "apt/status").touch()
+    command = apt("update", home=home, architecture=architecture)
+    updated = subprocess.run(command, capture_output=True, text=True, check=False)  # another list may be down
+    words = ("--no-install-recommends", "--download-only", "-y", "install", *packages)
+    command = apt(*words, home=home, architecture=architecture)
+    loaded = subprocess.run(command, capture_output=True, text=True, check=False)
+    if loaded.returncode != 0:
+        raise Trouble(
+            f"apt-get has no {architecture} packages for us:\n{updated.stderr[-4000:]}{loaded.stderr[-4000:]}"
+            f"These mirrors must serve {architecture} (Debian's do), and be reachable; then repeat your command"
+        )
+    return sorted((home / "apt/archives").glob("*.deb"))
 
 
 def relative_links(tree: Path) -> None:
@@ -106,18 +124,7 @@ def get_sysroot() -> None:
         return
     print("arm64: getting the libraries", flush=True)
     started = time.monotonic()
-    for folder in ("lists/partial", "archives/partial"):
-        (HOME / "apt" / folder).mkdir(parents=True, exist_ok=True)
-    (HOME / "apt/status").touch()
-    updated = subprocess.run(apt("update"), capture_output=True, text=True, check=False)  # another list may be down
-    load = apt("--no-install-recommends", "--download-only", "-y", "install", *wanted.split("\n"))
-    loaded = subprocess.run(load, capture_output=True, text=True, check=False)
-    if loaded.returncode != 0:
-        raise Trouble(
-            f"apt-get has no arm64 packages for us:\n{updated.stderr[-4000:]}{loaded.stderr[-4000:]}"
-            "These mirrors must serve arm64 (Debian's do), and be reachable; then repeat your command"
-        )
-    files = sorted((HOME / "apt/archives").glob("*.deb"))
+    files = load(wanted.split("\n"))
     unpack(files, HOME / "sysroot.part")
     shutil.rmtree(SYSROOT, ignore_errors=True)
     (HOME / "sysroot.part").rename(SYSROOT)

@@ -1,54 +1,201 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Holds docs/paper.md to the tree: every claim says where it stands and what shows it, and that exists. The same of
-the numbers in docs/rt.md: each names its command, or says when it was measured by hand. And every path of the tree
-that a page names exists.
+"""Holds docs/paper.md to the tree: every claim says where it stands, and names a command that shows it. The command's
+tests, verbs, options, targets and files exist; a file alone shows nothing. The same of the numbers in docs/rt.md: each
+names its command, or says when it was measured by hand. Every path of the tree that a page names exists, and every
+`lithe` command has the verb and the options that it is given.
 
 python tools/paper.py            exit code 0 when all is there, 1 with a line for each thing that is not
 """
 
 from __future__ import annotations
 
+import json
 import re
+import shlex
 import sys
+from fnmatch import fnmatch
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 PAGE = Path("docs/paper.md")
 HEAD = ["claim", "stands", "what is different", "shown by"]
 STANDS = ("yes", "more", "partly", "no")
-LEAST_ROWS = 50  # fewer, and claims have been dropped
+LEAST_ROWS = 108  # fewer, and claims have been dropped
+FILES_THAT_SHOW = re.compile(r"LICENSE|.*\.(svg|png)")  # a claim that is nothing but a file: the licence, a drawing
 NUMBERS = Path("docs/rt.md")
 NUMBERS_HEAD = ["number", "command"]
 BY_HAND = re.compile(r"measured once, 20\d\d-\d\d-\d\d: .")
-TREE = "spine supervisor lawd trial sim bench brain tools tests docs schema models laws robots examples cmake firmware"
+TREE = "host spine supervisor lawd trial sim bench brain tools tests docs schema models laws robots examples cmake"
+TREE += " firmware"
 NAMED_PATH = re.compile(rf"(?:{TREE.replace(' ', '|')})/[\w./*-]*")
-PROGRAMS = ("make", "lithe", "python", "pytest")
+PROGRAMS = ("make", "lithe", "python", "pytest", "ctest", "build/release/bin/")
+CLI = Path("docs/reference/cli.md")  # made from the table that parses; a test compares
+SIM = Path("docs/reference/sim.md")  # `lithe sim` reads its own words
+
+
+@cache
+def cpp_tests(root: Path) -> dict[str, list[Path]]:
+    """Suite.Name of each GoogleTest, as gtest names one, and the files that have it."""
+    found: dict[str, list[Path]] = {}
+    for top in TREE.split():
+        for path in sorted((root / top).rglob("*_test.cpp")):
+            for kind, suite, name in re.findall(
+                r"^(TEST|TEST_F|TEST_P)\(\s*(\w+),\s*(\w+)\)", path.read_text(encoding="utf-8"), re.MULTILINE
+            ):
+                full = f"each/{suite}.{name}/0" if kind == "TEST_P" else f"{suite}.{name}"
+                found.setdefault(full, []).append(path)
+    return found
+
+
+@cache
+def programs(root: Path) -> list[tuple[str, str, Path]]:
+    """What CMake makes test programs of: room or test, pattern of the name (a loop's variable is any word), folder."""
+    return [
+        (kind, re.sub(r"\$\{\w+\}", r"\\w+", name), path.parent)
+        for top in TREE.split()
+        for path in sorted((root / top).rglob("CMakeLists.txt"))
+        for kind, name in re.findall(r"lithe_(room|test)\((\S+)", path.read_text(encoding="utf-8"))
+    ]
+
+
+@cache
+def cli_verbs(root: Path) -> dict[str, set[str]]:
+    """Each verb of `lithe` ("law check"), with its options; "" has those before a verb."""
+    verbs: dict[str, set[str]] = {"": set()}
+    verb = ""
+    for line in (root / CLI).read_text(encoding="utf-8").splitlines():
+        if match := re.match(r"### `lithe ((?:[a-z]+ ?)+)", line):
+            verb = match[1].strip()
+            verbs[verb] = set()
+        elif line.startswith("| `-"):
+            verbs[verb] |= set(re.findall(r"--?[a-z-]+", line.split("|")[1]))
+    verbs["sim"] |= set(re.findall(r"--[a-z-]+", (root / SIM).read_text(encoding="utf-8")))
+    return verbs
+
+
+def make_trouble(words: list[str], root: Path) -> str:
+    text = (root / "Makefile").read_text(encoding="utf-8")
+    targets = re.findall(r"^([a-z0-9-]+):", text, re.MULTILINE)
+    if not words or words[0] not in targets:
+        return f"the Makefile has no target '{' '.join(words)}'"
+    given = dict(word.split("=", 1) for word in words[1:] if "=" in word)
+    if unknown := [name for name in given if f"$({name})" not in text and f"$(or $({name})" not in text]:
+        return f"the Makefile does not read {unknown[0]}"
+    if words[0].startswith("test"):
+        room = given.get("ROOM")
+        if room is None:
+            return f"`make {words[0]}` runs everything: name the room or the test"
+        if not any(kind == "room" and re.fullmatch(name, room) for kind, name, _ in programs(root)):
+            return f"there is no room {room}"
+    return ""
+
+
+def ctest_trouble(words: list[str], root: Path) -> str:
+    presets = json.loads((root / "CMakePresets.json").read_text(encoding="utf-8"))["testPresets"]
+    given = dict(zip(words[::2], words[1::2], strict=False))
+    if given.get("--preset") not in [each["name"] for each in presets]:
+        return f"CMakePresets.json has no test preset '{given.get('--preset')}'"
+    if "-R" not in given:
+        return "`ctest` without -R names no test"
+    for part in given["-R"].split("|"):
+        if not any(re.search(part, name) for name in cpp_tests(root)):
+            return f"no C++ test is called {part}"
+    return ""
+
+
+def gtest_trouble(words: list[str], root: Path) -> str:
+    program = Path(words[0]).name
+    folders = [
+        folder
+        for kind, name, folder in programs(root)
+        if re.fullmatch(f"{name}_tests" if kind == "room" else name, program)
+    ]
+    if not folders:
+        return f"no room makes the program {program}"
+    wanted = [word.removeprefix("--gtest_filter=") for word in words[1:] if word.startswith("--gtest_filter=")]
+    if not wanted:
+        return f"`{program}` without --gtest_filter names no test"
+    here = [
+        name
+        for name, paths in cpp_tests(root).items()
+        if any(path.is_relative_to(f) for path in paths for f in folders)
+    ]
+    for pattern in wanted[0].split(":"):
+        if not any(fnmatch(name, pattern) for name in here):
+            return f"{program} has no test {pattern}"
+    return ""
+
+
+def pytest_trouble(words: list[str], root: Path) -> str:
+    nodes = [word for word in words if not word.startswith("-")]
+    if not nodes:
+        return "`pytest` names no file"
+    for node in nodes:
+        file, *names = node.split("::")
+        if not (root / file).is_file():
+            return f"there is no file {file}"
+        tests = re.findall(r"^ *def (test_\w+)\(", (root / file).read_text(encoding="utf-8"), re.MULTILINE)
+        if not tests or (names and names[-1].split("[")[0] not in tests):
+            return f"{file} has no test {names[-1] if names else ''}".rstrip()
+    return ""
+
+
+def python_trouble(words: list[str], root: Path) -> str:
+    module = words[:1] == ["-m"]
+    what, rest = (words[1], words[2:]) if module else (words[0], words[1:])
+    path = root / what.replace(".", "/") if module else root / what
+    files = sorted(path.glob("*.py")) if (path / "__main__.py").exists() else [path.with_suffix(".py")]
+    if not all(file.exists() for file in files) or (not module and not path.exists()):
+        return f"there is no module {what}" if module else f"there is no file {what}"
+    text = "".join(file.read_text(encoding="utf-8") for file in files)
+    for word in rest:
+        there = (root / word).exists() if "/" in word else f'"{word}"' in text
+        if not there:
+            return f"{what} knows no {word}"
+    return ""
+
+
+def lithe_trouble(words: list[str], root: Path) -> str:
+    """Verb and options; of the other words those that are paths, where they look like ones of this tree."""
+    verbs = cli_verbs(root)
+    words = words[: words.index("--")] if "--" in words else words
+    while words and words[0] in verbs[""]:
+        words = words[2 if words[0] == "--robot" else 1 :]
+    name = " ".join(words[:2]) if " ".join(words[:2]) in verbs else "".join(words[:1])
+    if name not in verbs or not name:
+        return f"`lithe` has no verb '{name}'"
+    rest = words[len(name.split()) :]
+    if any(verb.startswith(f"{name} ") for verb in verbs) and not set(rest) & {"--help"}:
+        return f"`lithe {name}` has no verb '{' '.join(rest[:1])}'"
+    for word in rest:
+        option = word.split("=")[0]
+        if re.match(r"--?[a-z]", option) and option not in verbs[name] | verbs[""]:
+            return f"`lithe {name}` has no option {option}"
+        if NAMED_PATH.fullmatch(word) and not (root / word).exists():
+            return f"there is no file {word}"
+    return ""
 
 
 def command_trouble(command: str, root: Path) -> str:
     """What is missing of a command or file; empty when nothing is."""
-    words = command.split()
-    if words[0] == "make":
-        targets = re.findall(r"^([a-z0-9-]+):", (root / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
-        return "" if words[1:] and words[1] in targets else f"the Makefile has no target '{' '.join(words[1:])}'"
-    if words[0] == "lithe":
-        cli = "".join(path.read_text(encoding="utf-8") for path in sorted((root / "supervisor/cli").rglob("*.cpp")))
-        verbs = [word for word in words[1:] if not word.startswith("-")]
-        missing = [verb for verb in verbs if f'"{verb}"' not in cli]
-        return f"`lithe` has no verb '{missing[0]}'" if missing or not verbs else ""
-    if words[0] == "python" and words[1:2] == ["-m"]:
-        module = root / words[2].replace(".", "/")
-        there = module.with_suffix(".py").exists() or (module / "__main__.py").exists()
-        return "" if there else f"there is no module {words[2]}"
-    file = words[1] if words[0] in ("pytest", "python") and len(words) > 1 else words[0]
-    return "" if (root / file).exists() else f"there is no file {file}"
+    words = shlex.split(command)
+    checks = {
+        "make": make_trouble, "ctest": ctest_trouble, "pytest": pytest_trouble, "python": python_trouble,
+        "lithe": lithe_trouble,
+    }  # fmt: skip
+    if words[0] in checks:
+        return checks[words[0]](words[1:], root) if words[1:] else f"`{words[0]}` alone shows nothing"
+    if words[0].startswith("build/release/bin/"):
+        return gtest_trouble(words, root)
+    return "" if (root / words[0]).exists() else f"there is no file {words[0]}"
 
 
 def table_rows(text: str) -> list[tuple[int, list[str]]]:
     """Every row of every table, with the number of its line."""
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.startswith("|")]
     return [
-        (number, [cell.strip() for cell in line.strip("|").split("|")])
+        (number, [cell.strip().replace("\\|", "|") for cell in re.split(r"(?<!\\)\|", line.strip("|"))])
         for number, line in lines
         if not set(line) <= set("|- ")
     ]
@@ -63,7 +210,7 @@ def number_troubles(text: str, root: Path) -> list[str]:
     wrong = []
     for number, cells in rows[starts[-1] + 1 :]:
         where = f"{NUMBERS}:{number}: "
-        named = [each for each in re.findall(r"`([^`]+)`", cells[-1]) if each.split()[0] in PROGRAMS]
+        named = [each for each in re.findall(r"`([^`]+)`", cells[-1]) if each.startswith(PROGRAMS)]
         if not named and not BY_HAND.match(cells[-1]):
             wrong.append(f"{where}name a command, or say 'measured once, YYYY-MM-DD: how'")
         wrong += [f"{where}{trouble}" for command in named if (trouble := command_trouble(command, root))]
@@ -81,11 +228,35 @@ def path_troubles(page: Path, text: str, root: Path) -> list[str]:
     return wrong
 
 
+def cli_troubles(page: Path, text: str, root: Path) -> list[str]:
+    """One line for each `lithe` command, in backticks or in a block of code, with a verb or an option that is none."""
+    wrong = []
+    code = False
+    groups = {verb.split()[0] for verb in cli_verbs(root) if " " in verb}  # `lithe law` alone names all of them
+    for number, line in enumerate(text.splitlines(), 1):
+        code ^= line.lstrip().startswith("```")
+        whole = [line.split("#")[0]] if code or line.startswith("    ") else re.findall(r"`([^`]+)`", line)
+        for command in re.findall(r"(?:^|[\s/])lithe ([^|;&()\n]+)", "\n".join(whole)):
+            words = [word.strip('[]."') for word in command.split()]
+            if len(words) > 1 or (words and words[0] not in groups):
+                trouble = lithe_trouble(words, root)
+                wrong += [f"{page}:{number}: {trouble}"] if trouble else []
+    return wrong
+
+
 def pages(root: Path) -> list[Path]:
     """Every page that says where things are; decision records and the changelog tell of the past."""
     tops = [page for page in root.glob("*.md") if page.name != "CHANGELOG.md"]
     rooms = [page for top in TREE.split() for page in (root / top).rglob("*.md") if "adr" not in page.parts]
     return sorted(tops + rooms)
+
+
+def row_trouble(command: str, stands: str, root: Path) -> str:
+    """What is wrong with a command of a row; also a file where something has to be shown."""
+    trouble = command_trouble(command, root)
+    if not trouble and stands != "no" and not command.startswith(PROGRAMS) and not FILES_THAT_SHOW.fullmatch(command):
+        return f"{command} is a file, which shows nothing: name a command"
+    return trouble
 
 
 def troubles(text: str, root: Path) -> list[str]:
@@ -105,9 +276,9 @@ def troubles(text: str, root: Path) -> list[str]:
         if cells[1] not in STANDS:
             wrong.append(f"{where}stands: '{cells[1]}'; say one of {', '.join(STANDS)}")
         commands = re.findall(r"`([^`]+)`", cells[3])
-        if not commands:
+        if not commands and cells[1] != "no":
             wrong.append(f"{where}names neither a command nor a file that shows it")
-        wrong += [f"{where}{trouble}" for command in commands if (trouble := command_trouble(command, root))]
+        wrong += [f"{where}{trouble}" for command in commands if (trouble := row_trouble(command, cells[1], root))]
         for image in re.findall(r"\]\(([^)]+)\)", line):
             if not (root / PAGE.parent / image).exists():
                 wrong.append(f"{where}there is no file docs/{image}")
@@ -119,8 +290,10 @@ def troubles(text: str, root: Path) -> list[str]:
 def main() -> int:
     wrong = troubles((ROOT / PAGE).read_text(encoding="utf-8"), ROOT)
     wrong += number_troubles((ROOT / NUMBERS).read_text(encoding="utf-8"), ROOT)
-    for page in pages(ROOT):
-        wrong += path_troubles(page.relative_to(ROOT), page.read_text(encoding="utf-8"), ROOT)
+    for path in pages(ROOT):
+        page, text = path.relative_to(ROOT), path.read_text(encoding="utf-8")
+        wrong += path_troubles(page, text, ROOT)
+        wrong += [] if page == CLI else cli_troubles(page, text, ROOT)
     print("\n".join(wrong), end="\n" if wrong else "")
     return 1 if wrong else 0
 

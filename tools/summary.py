@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One line at the end of `make test`: what each runner counted, from the JUnit files that they wrote, in this order."""
+"""One line at the end of `make test`, from the JUnit files that its runners wrote: what each counted, in this order,
+and the name of every test that was run a second time, with what came of it."""
 
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
+
+AGAIN = "again"  # the file of the run that repeats what failed beside other tests
+ONCE_MORE = "run once more"  # the property of a test that tests/stolen_time.py repeated
 
 
 def counted(file: Path) -> str:
@@ -20,9 +24,32 @@ def counted(file: Path) -> str:
     return line + (f", {proves_nothing} inconclusive" if proves_nothing else "")
 
 
+def outcome(case: ElementTree.Element) -> str:
+    """What came of one test."""
+    if case.find("failure") is not None or case.find("error") is not None:
+        return "failed"
+    skipped = case.find("skipped")
+    if skipped is None:
+        return "passed"
+    return "inconclusive" if skipped.get("message", "").startswith("INCONCLUSIVE") else "skipped"
+
+
+def repeated(file: Path) -> list[str]:
+    """The tests of one runner that were run a second time: each says what came of it then."""
+    cases = ElementTree.parse(file).getroot().iter("testcase") if file.exists() else []
+    return [
+        f"{case.get('classname', '').replace('.', '/')}.py::{case.get('name')} ({outcome(case)})"
+        for case in cases
+        if file.stem == AGAIN or any(each.get("name") == ONCE_MORE for each in case.iter("property"))
+    ]
+
+
 def main() -> int:
     """Print the line."""
-    print("test: " + " · ".join(filter(None, (counted(Path(name)) for name in sys.argv[1:]))))
+    files = [Path(name) for name in sys.argv[1:]]
+    names = [name for file in files for name in repeated(file)]
+    line = " · ".join(filter(None, (counted(file) for file in files)))
+    print(f"test: {line}" + (f" · {len(names)} needed a repeat: {', '.join(names)}" if names else ""))
     return 0
 
 

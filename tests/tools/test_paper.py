@@ -15,26 +15,92 @@ def test_every_claim_says_where_it_stands_and_what_shows_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("row", "words"),
+    ("shown_by", "words"),
     [
-        ("| a | yes | | `make nothing` |", "no target 'nothing'"),
-        ("| a | yes | | `lithe fly` |", "no verb 'fly'"),
-        ("| a | yes | | `pytest tests/system/test_nothing.py` |", "there is no file tests/system/test_nothing.py"),
-        ("| a | yes | | `spine/nothing.cpp` |", "there is no file spine/nothing.cpp"),
-        ("| a | yes | | `python -m tools.nothing` |", "no module tools.nothing"),
-        ("| a | yes | | ask somebody |", "neither a command nor a file"),
-        ("| a | surely | | `LICENSE` |", "'surely'; say one of yes, more, partly, no"),
-        ("| a | yes | `LICENSE` |", "3 columns"),
-        ("| a | yes | ![x](img/nothing.svg) | `LICENSE` |", "docs/img/nothing.svg"),
+        ("`make nothing`", "no target 'nothing'"),
+        ("`make`", "`make` alone shows nothing"),
+        ("`make bench-isolation QUICK=1`", "the Makefile does not read QUICK"),
+        ("`make test`", "runs everything: name the room or the test"),
+        ("`make test ROOM=cellar`", "there is no room cellar"),
+        ("`make test-arm64`", "runs everything"),
+        ("`ctest --preset release -R Ring.WhatNobodyTests`", "no C++ test is called Ring.WhatNobodyTests"),
+        ("`ctest --preset release -R 'Ring.SlowReader\\|Ring.Nothing'`", "no C++ test is called Ring.Nothing"),
+        ("`ctest --preset slow -R Ring`", "no test preset 'slow'"),
+        ("`ctest --preset release`", "`ctest` without -R names no test"),
+        ("`build/release/bin/ipc_tests --gtest_filter=Ring.Nothing*`", "ipc_tests has no test Ring.Nothing*"),
+        ("`build/release/bin/ipc_tests --gtest_filter=Slot.*`", "ipc_tests has no test Slot.*"),
+        ("`build/release/bin/cellar_tests --gtest_filter=Ring.*`", "no room makes the program cellar_tests"),
+        ("`build/release/bin/ipc_tests`", "without --gtest_filter names no test"),
+        ("`pytest tests/system/test_nothing.py`", "there is no file tests/system/test_nothing.py"),
+        ("`pytest tests/system/test_cli.py::test_nothing`", "tests/system/test_cli.py has no test test_nothing"),
+        ("`pytest tests/system/house.py`", "tests/system/house.py has no test"),
+        ("`pytest tests/system`", "there is no file tests/system"),
+        ("`python -m tools.nothing`", "no module tools.nothing"),
+        ("`python -m bench.isolation --nothing`", "bench.isolation knows no --nothing"),
+        ("`python -m bench.report cellar`", "bench.report knows no cellar"),
+        ("`python tools/nothing.py`", "there is no file tools/nothing.py"),
+        ("`lithe fly`", "no verb 'fly'"),
+        ("`lithe law fly`", "`lithe law` has no verb 'fly'"),
+        ("`lithe param`", "`lithe param` has no verb ''"),
+        ("`lithe status --fast`", "`lithe status` has no option --fast"),
+        ("`lithe bus plan robots/nobody.toml`", "there is no file robots/nobody.toml"),
+        ("`spine/nothing.cpp`", "there is no file spine/nothing.cpp"),
+        ("`spine/ipc/channel.hpp`", "is a file, which shows nothing: name a command"),
+        ("`make demo`, `docs/swap.md`", "docs/swap.md is a file, which shows nothing"),
+        ("ask somebody", "neither a command nor a file"),
     ],
 )
-def test_a_page_that_promises_what_is_not_there_is_found(row: str, words: str) -> None:
-    wrong = paper.troubles(TEXT + row + "\n", ROOT)
+def test_a_command_that_shows_nothing_is_found(shown_by: str, words: str) -> None:
+    wrong = paper.troubles(f"{TEXT}| a | yes | | {shown_by} |\n", ROOT)
     assert len(wrong) == 1 and words in wrong[0], wrong
 
 
+@pytest.mark.parametrize(
+    "shown_by",
+    [
+        "`make test ROOM=guard`",
+        "`make test ROOM=hal_bus_slcan`",
+        "`make bench-isolation SHORT=1 PAPER=1`",
+        "`ctest --preset release -R '^Ring[.]SlowReaderLearnsHowMuchItLost$'`",
+        "`ctest --preset release -R Determinism.TwoRunsAndAReplayGiveTheSameBits`",  # a TEST_P
+        "`build/release/bin/ipc_tests --gtest_filter=Ring.*:Channel.ReaderGivesUp*`",
+        "`build/release/bin/step_tests --gtest_filter=*/Determinism.*`",
+        "`build/release/bin/limits_limits --gtest_filter=LimitsTwin.*`",
+        "`pytest tests/system/test_hostile_contained.py::test_what_the_law_does_is_contained[hangs_delayed]`",
+        "`python -m bench.isolation --workload stress`",
+        "`python tools/check.py models`",
+        "`lithe --json --robot arm status`",
+        "`lithe tune shield -- make bench`",
+        "`lithe sim robots/arm.toml --truth`",
+        "`LICENSE`",
+        "`docs/img/architecture.svg`",
+    ],
+)
+def test_a_command_that_shows_something_passes(shown_by: str) -> None:
+    assert paper.troubles(f"{TEXT}| a | yes | | {shown_by} |\n", ROOT) == []
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ("| a | surely | | `LICENSE` |", "'surely'; say one of yes, more, partly, no"),
+        ("| a | yes | `LICENSE` |", "3 columns"),
+        ("| a | yes | ![x](img/nothing.svg) | `LICENSE` |", "docs/img/nothing.svg"),
+        ("| a | partly | | `LICENSE`, `README.md` |", "README.md is a file"),
+    ],
+)
+def test_a_row_that_is_not_whole_is_found(row: str, words: str) -> None:
+    wrong = paper.troubles(f"{TEXT}{row}\n", ROOT)
+    assert len(wrong) == 1 and words in wrong[0], wrong
+
+
+def test_what_is_not_done_needs_no_command_but_no_wrong_one_either() -> None:
+    assert paper.troubles(f"{TEXT}| a | no | | |\n| b | no | | `README.md` |\n", ROOT) == []
+    assert "no file READMYOU.md" in paper.troubles(f"{TEXT}| a | no | | `READMYOU.md` |\n", ROOT)[0]
+
+
 def test_a_page_that_drops_claims_is_found() -> None:
-    assert "50 or more" in paper.troubles("\n".join(TEXT.splitlines()[:40]), ROOT)[-1]
+    assert f"{paper.LEAST_ROWS} or more" in paper.troubles("\n".join(TEXT.splitlines()[:40]), ROOT)[-1]
 
 
 NUMBERS = (ROOT / paper.NUMBERS).read_text(encoding="utf-8")
@@ -73,3 +139,15 @@ def test_a_path_that_a_page_names_and_the_tree_lacks_is_found(tmp_path: Path) ->
     wrong = paper.path_troubles(page, "one\n`spine/loop/tock.cpp`\n", tmp_path)
     assert wrong == ["ARCHITECTURE.md:2: there is no spine/loop/tock.cpp; name what is there, or leave it out"]
     assert ROOT / page in paper.pages(ROOT) and ROOT / "docs/swap.md" in paper.pages(ROOT)
+
+
+def test_a_lithe_command_that_a_page_names_and_the_program_lacks_is_found() -> None:
+    page = Path("docs/laws.md")
+    good = "`lithe law`, `lithe run FILE --no-arm`\n\n    build/release/bin/lithe swap my.cpp --param kp=1  # --none\n"
+    assert paper.cli_troubles(page, good, ROOT) == []
+    bad = "one\n`lithe law chek x.cpp`\n\n    sudo lithe run x.toml --shielded\n```\nlithe dance\n```\n"
+    assert paper.cli_troubles(page, bad, ROOT) == [
+        "docs/laws.md:2: `lithe law` has no verb 'chek'",
+        "docs/laws.md:4: `lithe run` has no option --shielded",
+        "docs/laws.md:6: `lithe` has no verb 'dance'",
+    ]

@@ -29,6 +29,12 @@ def test_that_never_passes():
 """
 
 
+@pytest.fixture(autouse=True)
+def _by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The inner runs have no pytest-xdist around them, unless they start one."""
+    monkeypatch.delenv("PYTEST_XDIST_WORKER", raising=False)
+
+
 @pytest.mark.parametrize(("stolen_s", "passed", "failed"), [(0.3, 2, 1), (0.0, 0, 3)])
 def test_a_failed_test_runs_again_after_stolen_time_only(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, stolen_s: float, passed: int, failed: int
@@ -51,16 +57,28 @@ def test_one_stall_in_a_long_file_is_enough(pytester: pytest.Pytester, monkeypat
     assert "0.30 s of the processors' time" in result.stdout.str()
 
 
-def test_what_a_process_of_xdist_ran_twice_is_told_too(
-    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """`make test` runs several files at a time; their lines arrive with the reports."""
+ONCE = """
+import pathlib
+
+def test_that_never_passes():
+    with pathlib.Path("runs").open("a") as runs:
+        runs.write("x")
+    assert False
+"""
+
+
+def test_no_test_has_more_than_one_repeat(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `make test` does it: beside others, then what failed there by itself. Time is stolen all along."""
     monkeypatch.setenv("PYTHONPATH", str(Path(stolen_time.__file__).parent))
     pytester.makeconftest("import stolen_time\nstolen_time.StolenTime.stolen_s = lambda _: 0.3\n")
-    pytester.makepyfile(FLAKY)
-    result = pytester.runpytest_subprocess("-p", "stolen_time", "-p", "no:cacheprovider", "-n", "1")
-    result.assert_outcomes(passed=2, failed=1)
-    assert result.stdout.str().count("0.30 s of the processors' time") == 2
+    pytester.makepyfile(ONCE)
+    for words in (("-n", "1"), ("--last-failed", "--lfnf=none")):
+        result = pytester.runpytest_subprocess("-p", "stolen_time", *words)
+        result.assert_outcomes(failed=1)
+        assert "run once more" not in result.stdout.str()
+    assert (pytester.path / "runs").read_text() == "xx"
+    pytester.runpytest_subprocess("-p", "stolen_time").assert_outcomes(failed=1)  # as what is marked alone runs
+    assert (pytester.path / "runs").read_text() == "xxxx"
 
 
 def test_stolen_time_is_read_from_proc_stat(tmp_path: Path) -> None:

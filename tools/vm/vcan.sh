@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# Run by /init of the machine that tools/vm/vcan.py boots, after the program of its own: a robot whose buses are CAN
+# Run in the machine that tools/vm/vcan.py boots: the tests of our SocketCAN bus; then a robot whose buses are CAN
 # interfaces, from `lithe sim` to the Spine. tests/system/test_vcan.py holds its steps against what must be.
 served() { grep -q "can2 socketcan vcan3" "$1"; }
 well() { grep -q '"sent"' "$1" && ! grep -q '"problems": \[$' "$1"; }
@@ -17,6 +17,10 @@ ended() {
   kill "$1"
   wait "$1"
 }
+
+ip link add dev vcan0 type vcan && ip link set vcan0 up
+export LITHE_CAN_INTERFACE=vcan0
+step program hal_bus_socketcan_tests --gtest_color=no
 
 for i in 1 2 3; do ip link add dev vcan$i type vcan; done
 ip link set vcan3 mtu 16 # classic CAN only

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Boards r and a: a whole Debian system in memory, with a compiler and Python, on another kernel or processor."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import cross
+from vm import debian, machine
+from vm.board_x import LAW, PATIENCE, kernel_of, need
+from vm.machine import HOME, LITHE, ROOT, Architecture, Cargo, changed
+from vm.verdict import Skipped, Verdict, document
+
+SCRIPT = Path(__file__).with_name("on_board.sh")
+PROGRAM = Path(__file__).with_name("on_board.py")
+STEPS_R = ("kernel", "doctor", "robot", "swaps", "brain", "stop")
+STEPS_A = (*STEPS_R[:2], "tests", *STEPS_R[2:5], "refused", "contained", "stop", "demo")
+# The rooms whose tests ask for what qemu-user does not have (docs/arm64.md), or for the order of memory.
+TESTS = ("arena_tests", "contain_tests", "ipc_tests", "load_tests", "trial_tests")
+# An arm that goes heavily: a law that pushes cannot carry it past its limits at once.
+HEAVY = {
+    "torque_max_nm = 0.6 ": "torque_max_nm = 0.3 ",
+    "viscous_nm_s_rad = 3.0e-5": "viscous_nm_s_rad = 2.0e-2",
+}
+# Where files of the tree are on the board: as in an installation, so that nothing needs to be told.
+PLACES = {"spine/law/include/lithe": "include/lithe", "host/boards": "share/lithe/boards"}
+FOLDERS = ("brain/lithe", "laws", "tests/laws_hostile", *PLACES)
+ON_BOARD_S = 1200  # at most, with the boot
+
+
+def sources() -> dict[str, bytes]:
+    """What of the tree a board needs."""
+    files = {}
+    for folder in FOLDERS:
+        for path in (ROOT / folder).rglob("*"):
+            if path.is_file() and "__pycache__" not in path.parts and not path.name.endswith("_test.cpp"):
+                within = path.relative_to(ROOT / folder)
+                files[f"{HOME}/{PLACES.get(folder, folder)}/{within}"] = path.read_bytes()
+    calm = changed((ROOT / "robots/arm.toml").read_text(), PATIENCE)
+    assert next(iter(LAW)) in calm
+    files[f"{HOME}/robots/calm.toml"] = calm.encode()
+    files[f"{HOME}/robots/heavy.toml"] = changed(calm, HEAVY).encode()
+    files[f"{HOME}/on_board.py"] = PROGRAM.read_bytes()
+    return files
+
+
+def for_tests(folder: Path) -> dict[str, bytes]:
+    """What the tests look for where it was when they were built: their laws as objects, and the robot files."""
+    found = [*(folder.parent / "lib").glob("*.so"), *(ROOT / "robots").glob("*.toml")]
+    return {str(path).lstrip("/"): path.read_bytes() for path in found}
+
+
+def chosen(steps: tuple[str, ...], only: str) -> tuple[str, ...]:
+    """Those of the steps that were asked for."""
+    wanted = set(only.split(",")) if only else set(steps)
+    return tuple(step for step in steps if step in wanted)
+
+
+class Seen:
+    """What a board has said, by step."""
+
+    def __init__(self, verdict: Verdict, said: str, names: tuple[str, ...]) -> None:
+        """Keep in the verdict which steps failed."""
+        self.verdict, self.names = verdict, names
+        steps = machine.steps(said)
+        verdict.expect_steps((name for name in names if name not in steps or steps[name].code != 0), "board", said)
+        self.told: dict[str, dict[str, Any]] = {name: document(steps, name) for name in names}
+        verdict.facts["steps"] = self.told
+
+    def get(self, name: str) -> dict[str, Any]:
+        """The document of a step; empty if it was not taken, or failed."""
+        told = self.told.get(name, {})
+        return {} if "error" in told else told
+
+    def expect(self, name: str, is_so: bool, sentence: str) -> None:
+        """Something that holds if that step was taken and ended."""
+        if self.get(name):
+            self.verdict.expect(is_so, f"{name}: {sentence}")
+
+
+def judge_common(seen: Seen) -> None:
+    """What holds on every board."""
+    status, swaps, brain = seen.get("robot"), seen.get("swaps"), seen.get("brain")
+    seen.expect("robot", status.get("mode") == "active", f"mode {status.get('mode')}")
+    made = swaps.get("swaps", {})
+    bad = {law: each for law, each in made.items() if each["verdict"] != "committed"}
+    seen.expect("swaps", not bad and len(made) >= 7, f"{len(made)} laws, not committed: {bad}")
+    placed = swaps.get("loader") == "arena" and all(None not in each["slots"] for each in made.values())
+    seen.expect("swaps", placed, f"laws are not in the arena: {swaps.get('loader')}, {made}")
+    seen.expect("swaps", swaps.get("same_spine") is True and swaps.get("mode") == "active", f"the Spine: {swaps}")
+    # How near depends on how many ticks a loaded computer lets pass: only that the joint follows is asked.
+    there_rad, back_rad = (brain.get("seen_rad") or [0.0, 0.0])[:2]
+    follows = there_rad - back_rad > 0.3 and brain.get("mode") == "active"
+    seen.expect("brain", follows, f"the joint did not go where plans said: {brain}")
+    seen.expect("stop", seen.get("stop").get("code") == 0, f"`lithe run` ended with {seen.get('stop').get('code')}")
+
+
+def swap_line(seen: Seen) -> str:
+    """What became of the laws, for people."""
+    swaps, made = seen.get("swaps"), seen.get("swaps").get("swaps", {})
+    committed = [law for law, each in made.items() if each["verdict"] == "committed"]
+    took = sorted(each["seconds"] for each in made.values()) or [0.0]
+    return (
+        f"swaps: {len(committed)} of {len(made)} laws committed ({', '.join(committed)}) in the {swaps.get('loader')}, "
+        f"{took[0]:.0f} to {took[-1]:.0f} s each; {swaps.get('certificates')} certificates, chain holds"
+    )
+
+
+def start(verdict: Verdict, cargo: Cargo, kernel: machine.Kernel, cache: Path, names: tuple[str, ...]) -> Seen:
+    """Boot, and read what was said."""
+    said = machine.boot(kernel, cargo, cache)
+    (cache / "said.log").write_text(said)
+    return Seen(verdict, said, names)
+
+
+def cargo_for(architecture: Architecture, programs: tuple[Path, ...], cache: Path, names: tuple[str, ...]) -> Cargo:
+    """A system with these programs, that takes these steps."""
+    files = {**sources(), **for_tests(programs[0].parent), f"{HOME}/steps": " ".join(names).encode()}
+    system = debian.get_system(architecture.debian, cache)
+    return Cargo(
+        SCRIPT, programs, files, (), system, architecture, cores=4, memory_mib=4096, timeout_s=ON_BOARD_S
+    )  # fmt: skip
+
+
+def told_kernel(diagnosis: dict[str, Any]) -> str:
+    """Which kernel the doctor says it has found."""
+    return str(diagnosis.get("kernel", {}).get("words", ""))
+
+
+def run_r(verdict: Verdict, cache: Path, only: str) -> None:
+    """Debian's PREEMPT_RT kernel."""
+    kernel = kernel_of("linux-image-rt-amd64", machine.AMD64, cache)
+    verdict.kernel = f"Debian {kernel.release}, 4 cores"
+    names = chosen(STEPS_R, only)
+    seen = start(verdict, cargo_for(machine.AMD64, need(LITHE), cache, names), kernel, cache, names)
+    about, diagnosis = seen.get("kernel"), seen.get("doctor")
+    seen.expect("kernel", about.get("realtime") is True, f"no PREEMPT_RT kernel: {about}")
+    words = told_kernel(diagnosis)
+    seen.expect("doctor", kernel.release in words and "PREEMPT_RT" in words, f"it says of the kernel: {words!r}")
+    judge_common(seen)
+    cpus = seen.get("robot").get("cpus", {})
+    verdict.lines += [
+        f"doctor: kernel {words}, tier {diagnosis.get('label')}",
+        f"lithe run: {seen.get('robot').get('mode')}, Spine on core {cpus.get('spine')}; plans from Python: "
+        f"{seen.get('brain').get('seen_rad')} rad of {seen.get('brain').get('wanted_rad')}",
+        swap_line(seen),
+    ]
+
+
+def build_arm(programs: tuple[str, ...]) -> Path:
+    """These programs of the cross-built release; their folder."""
+    if lacking := cross.missing():
+        raise Skipped(f"sudo apt-get install -y --no-install-recommends {' '.join(lacking)}")
+    cross.get_sysroot()
+    cross.run(["cmake", "--preset", "aarch64", "--log-level=WARNING"], "cmake")
+    jobs = str(len(os.sched_getaffinity(0)))
+    cross.run(["cmake", "--build", "--preset", "aarch64", "-j", jobs, "--target", *programs], "the build")
+    return ROOT / "build/aarch64/bin"
+
+
+def judge_arm(seen: Seen) -> None:
+    """What only board a is asked for."""
+    about, tests = seen.get("kernel"), seen.get("tests")
+    seen.expect("kernel", about.get("machine") == "aarch64" and about.get("cores") == 4, f"no such board: {about}")
+    seen.expect("tests", not tests.get("failures"), f"failed: {tests.get('failures')}")
+    refused = seen.get("refused")
+    otherwise = {law: each for law, each in refused.get("laws", {}).items() if each["refused"] != each["wanted"]}
+    seen.expect("refused", not otherwise, f"not refused where they must be: {otherwise}")
+    contained = seen.get("contained")
+    laws = contained.get("laws", {})
+    escaped = {law: fate for law, fate in laws.items() if not fate["as_said"]}
+    seen.expect("contained", len(laws) >= 4 and not escaped, f"{len(laws)} laws, ended otherwise: {escaped}")
+    for name in ("refused", "contained"):
+        told = seen.get(name)
+        seen.expect(
+            name, told.get("same_spine") is True and told.get("mode") == "active", f"the robot after it: {told}"
+        )
+    demo = seen.get("demo")
+    went_through = demo.get("verdict") in ("holds", "falls_short", "INCONCLUSIVE") and not demo.get("stopped")
+    seen.expect("demo", went_through and bool(demo.get("swaps")), f"it did not come to its end: {demo}")
+
+
+def arm_lines(seen: Seen) -> list[str]:
+    """For people."""
+    counts = seen.get("tests").get("tests", {})
+    sums = {kind: sum(each[kind] for each in counts.values()) for kind in ("passed", "failed", "skipped")}
+    laws = seen.get("contained").get("laws", {})
+    demo, diagnosis = seen.get("demo"), seen.get("doctor")
+    kinds = sorted({kind for fate in laws.values() for kind in fate["kinds"]})
+    return [
+        f"C++ tests: {sums['passed']} passed, {sums['failed']} failed, {sums['skipped']} skipped "
+        f"({', '.join(counts)}); doctor: kernel {told_kernel(diagnosis)}, tier {diagnosis.get('label')}",
+        swap_line(seen),
+        f"hostile laws: {len(seen.get('refused').get('laws', {}))} refused by the gates, {len(laws)} of "
+        f"{seen.get('contained').get('of')} contained with open gates ({', '.join(kinds)}); Brain in Python: "
+        f"{seen.get('brain').get('seen_rad')} rad; demo at 100 Hz: {demo.get('verdict')}, "
+        f"{len(demo.get('swaps') or [])} swaps",
+    ]
+
+
+def run_a(verdict: Verdict, cache: Path, only: str) -> None:
+    """Debian for 64-bit ARM on four emulated Cortex-A72."""
+    if lacking := machine.missing_tools(machine.ARM64):
+        raise Skipped(f"sudo apt-get install -y --no-install-recommends {' '.join(lacking)}")
+    names = chosen(STEPS_A, only)
+    wanted = (*LITHE, *(TESTS if "tests" in names else ()))
+    programs = need(wanted, build_arm(wanted))
+    kernel = kernel_of("linux-image-arm64", machine.ARM64, cache)
+    verdict.kernel = f"Debian {kernel.release}, 4 emulated Cortex-A72"
+    seen = start(verdict, cargo_for(machine.ARM64, programs, cache, names), kernel, cache, names)
+    judge_common(seen)
+    judge_arm(seen)
+    verdict.lines += arm_lines(seen)

@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: Apache-2.0
+# Run on board x (tools/vm/boards.py), which was booted with the line that `lithe tune apply` wrote into the files below
+# /etc: what is in force, a robot, and then everything given back.
+running() { grep -q '"spine_core"' "$1"; }
+threads() { grep Cpus_allowed_list /proc/$(sed -n 's/^ *"spine_pid": \([0-9]*\).*/\1/p' /tmp/answer)/task/*/status; }
+
+step cmdline cat /proc/cmdline
+step isolated cat /sys/devices/system/cpu/isolated
+step tickless cat /sys/devices/system/cpu/nohz_full
+step doctor told lithe --json doctor
+
+lithe run /robot.toml --no-arm >/tmp/run.log 2>&1 &
+robot=$!
+step status await running lithe --json status
+step threads threads
+step doctor-beside told lithe --json doctor
+step stop lithe stop
+step run-ends wait $robot
+
+step plan lithe --json tune plan --cores 1,3
+step settings settings
+step apply told lithe --json tune apply --cores 1,3
+step settings-tuned settings
+step revert lithe --json tune revert
+step settings-after settings
+step files-after find /etc/default /etc/sysctl.d /etc/security /boot -type f -exec md5sum {} +
