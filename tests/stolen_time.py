@@ -2,7 +2,10 @@
 """Runs a failed test once more when a hypervisor took the processors away meanwhile, and says so.
 
 On a shared virtual machine stalls of 0.3 s were seen: for so long no robot is controlled, and one that then stops has
-done what it should. On a machine of its own no time is stolen, and nothing is ever run twice.
+done what it should. On a machine of its own no time is stolen, and nothing is run twice here.
+
+No test has more than one repeat. `make test` repeats what failed beside other tests; so nothing is repeated here beside
+others, nor in that repeat.
 """
 
 from __future__ import annotations
@@ -19,6 +22,11 @@ MOST_STOLEN_S = (
     0.05  # of all processors together, since the first test of the file began: its robot may live since then
 )
 MOST_AGAIN = 2  # of the tests of one file: each time its fixtures are made anew
+
+
+def repeated_elsewhere(config: pytest.Config) -> bool:
+    """Beside other tests, and in the repeat of what failed there."""
+    return "PYTEST_XDIST_WORKER" in os.environ or bool(config.getoption("lf", False))
 
 
 def stolen_s(stat: Path = Path("/proc/stat")) -> float:
@@ -48,7 +56,8 @@ class StolenTime:
         reports = runtestprotocol(item, nextitem=nextitem, log=False)
         lost_s = self.stolen_s()
         failed = any(report.failed for report in reports)
-        if failed and lost_s > MOST_STOLEN_S and self.again[item.path] < MOST_AGAIN:
+        may = not repeated_elsewhere(item.config) and self.again[item.path] < MOST_AGAIN
+        if failed and may and lost_s > MOST_STOLEN_S:
             self.again[item.path] += 1
             line = f"{item.nodeid}: failed when {lost_s:.2f} s of the processors' time were stolen"
             item.user_properties.append(("run once more", line))

@@ -15,6 +15,7 @@ import pytest
 from calm import connected
 from system.house import BIN, House, need
 
+REFUSED = 2  # exit code of `lithe run` on a file that it does not take
 PATIENT = "lost_after_misses = 2000\n"  # a simulated device is a process among others here
 HEAVY = "inertia_max_kg_m2 = 1.3e-2\ninertia_min_kg_m2 = 8.0e-3"  # what simulated.at_terminals makes of light joints
 BUSES = {"can0": "fdcanusb", "can1": "fdcanusb", "can2": "slcan"}  # of frankenstein, at the ends of terminals
@@ -113,18 +114,17 @@ def at_terminals(folder: Path) -> Iterator[tuple[str, Simulated]]:
 def running(
     text: str, monkeypatch: pytest.MonkeyPatch, excuse: str | None = None
 ) -> Iterator[tuple[House, lithe.Robot]]:
-    """A robot of that file, armed, and this process its Brain. Skipped where it says this excuse for not starting."""
+    """A robot of that file, armed, and this process its Brain. Skipped where its file is refused with this excuse."""
     with House() as house:
         house.config = house.dir / "arm.toml"
         house.config.write_text(text, encoding="utf-8")
         for key in ("LITHE_RUN_DIR", "LITHE_SHM_PREFIX", "LITHE_OUT_DIR"):
             monkeypatch.setenv(key, house.env[key])
-        try:
-            house.run()
-        except AssertionError:
-            if excuse is None or excuse not in house.log():
-                raise
+        process = house.run(wait=excuse is None)
+        house.wait_for(lambda: house.socket.exists() or process.poll() is not None)
+        if process.poll() == REFUSED and excuse is not None and excuse in house.log():
             pytest.skip(house.log().strip().splitlines()[-1])
+        assert process.poll() is None, house.log()
         house.wait_for(lambda: house.ask("status")["mode"] == "active")
         with connected() as robot:
             yield house, robot

@@ -119,9 +119,16 @@ def test_the_control_an_arm_that_is_let_go_falls(
     drive.wire.close()
 
 
-def test_a_drive_that_would_let_go_is_not_armed(house: House, sim: Simulated) -> None:
-    """And the reason is in words, with what to do."""
-    line = b"conf set servo.timeout_mode 0\n"
+@pytest.mark.parametrize(
+    ("mode", "says"),
+    [
+        (0, "the joint would fall when this computer dies; set servo.timeout_mode to 12"),
+        (10, "when this computer dies, the drive would go on and hold the joint with its own gains, without a limit"),
+    ],
+)
+def test_a_drive_that_would_let_go_or_go_on_is_not_armed(house: House, sim: Simulated, mode: int, says: str) -> None:
+    """And the refusal says which drive, which value, and what to do; with the robot file's leave it may hold."""
+    line = b"conf set servo.timeout_mode %d\n" % mode
     frame = (b"\x40\x01" + bytes([len(line)]) + line).ljust(48, b"\x50")
     wire = Wire(sim.path())
     assert b"rcv" in wire.say(b"can send 8001 %s BF\n" % frame.hex().upper().encode(), b"rcv")
@@ -133,6 +140,15 @@ def test_a_drive_that_would_let_go_is_not_armed(house: House, sim: Simulated) ->
     house.config.write_text(calm.calm_text(changes), encoding="utf-8")
     house.run("--no-arm")
     house.wait_for(lambda: "not_ready" in house.ask("status")["joints"][0]["problems"])
+    house.wait_for(lambda: f"servo.timeout_mode is {mode}: {says}" in house.log())
     error = house.ask("arm", code=1)["error"]
     assert error["code"] == "refused_not_ready", json.dumps(error)
-    house.wait_for(lambda: "servo.timeout_mode is 0: the joint would fall" in house.log())
+    assert f"joint shoulder (drive shoulder_drive): servo.timeout_mode is {mode}: {says}" in error["message"]
+    assert "conf set" in error["message"] and "lithe arm" in error["next"]
+    if mode == 0:
+        return
+    house.ask("stop")
+    assert house.started[-1].wait(30) == 0
+    house.config.write_text(calm.calm_text(changes | {"may_hold_alone = false ": "may_hold_alone = true "}))
+    house.run()
+    house.wait_for(lambda: house.ask("status")["mode"] == "active")

@@ -86,8 +86,11 @@ class Talk:
 
 
 def attempt(who: Talk, **request: Any) -> dict[str, Any]:
-    """The answer of the compile service or the trial, once it had the time to find one."""
-    for _ in range(20):  # a busy machine gives it less than it may take
+    """The answer of the compile service or the trial, once it had the time to find one.
+
+    A starved one says so, and judges nothing: only that is asked again. The last answer counts, also if it is starved.
+    """
+    for _ in range(20):
         answer = who.ask(**request)
         if not answer.get("starved"):
             break

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A law that was admitted and tried pushes with all it has: the joint stays inside its limits."""
+"""A law that was admitted and tried pushes with all it has: the joint stays inside its limits. Robots start softly."""
+
+import re
 
 import numpy as np
 from calm import calm_robot, connected
+from lithe._wire import Mode, TelemetryFlags
 from lithe.shm import RingCursor
 from system.house import ROOT
 
@@ -33,3 +36,24 @@ def test_a_joint_under_full_torque_stays_inside_its_limits() -> None:
         assert farthest > 0.9 * LIMIT_RAD, "it did push"
         assert farthest <= LIMIT_RAD
         assert status["mode"] == "active"
+
+
+def test_a_robot_file_without_soft_start_s_starts_softly_for_the_time_that_is_documented() -> None:
+    """Counted in ticks of a running robot, from arming on."""
+    page = (ROOT / "docs/hardware.md").read_text(encoding="utf-8")
+    (default_s,) = re.findall(r"\| `soft_start_s` \|.*?\(default ([0-9.]+)", page)
+    with calm_robot(changes={"soft_start_s = 0.5 ": "# no soft_start_s "}) as house, connected() as robot:
+        house.ask("disarm")
+        cursor = RingCursor(robot.spine.mapping, "telemetry")
+        house.ask("arm")
+        soft: list[bool] = []
+
+        def is_over() -> bool:
+            records = cursor.drain()
+            driven = records["flags"][records["mode"] == Mode.active]
+            soft.extend(driven & TelemetryFlags.soft_starting != 0)
+            return any(soft) and not soft[-1]
+
+        house.wait_for(is_over)
+    print(f"soft for {sum(soft)} ticks of a millisecond")
+    assert abs(sum(soft) - 1000 * float(default_s)) <= 2

@@ -1,11 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an admitted law can write: nothing that is constant without being stopped, and the list of the rest is true."""
 
+import os
 import re
+import struct
+import subprocess
 from pathlib import Path
+from typing import NamedTuple
 
-from lithe._wire import SEGMENTS
-from system.house import ROOT, House
+import pytest
+from calm import calm_text
+from lithe._wire import SEGMENTS, SegmentHeader
+from system.house import BIN, ROOT, House
 from system.swapping import law, sway
 
 SOON = "6'000"  # steps: after trial and probation
@@ -23,6 +29,44 @@ LITHE_LAW(Late, "late");
 """
 LISTED = re.compile(r"^\| (?P<name>[a-z' ]+?)(?:,.*?|) \| (?P<kib>[\d,]+) KiB \|")
 VAULT_KIB = 1024
+SENSOR = """
+[[device]]
+name = "inputs"
+kind = "gateway"
+bus = "can0"
+id = 20
+[[sensor]]
+name = "grip"
+device = "inputs"
+kind = "analog"
+channel = 0
+scale = 12.3456789
+"""
+ODD = {  # values that are nowhere else in memory
+    'kind = "loop" ': 'kind = "loop"\nbitrate = 987654\ndata_bitrate = 4987654 ',
+    "recover_velocity_rad_s = 0.3 ": "recover_velocity_rad_s = 0.312345678 ",
+    "watchdog_s = 10.0 ": "watchdog_s = 9.87654321 ",
+    "deceleration_rad_s2 = 20.0 ": "deceleration_rad_s2 = 20.1234567 ",
+}
+
+
+class Block(NamedTuple):
+    """A block of memory that is watched, and something in it: the bytes of a value, or where a segment has them."""
+
+    name: str
+    value: bytes = b""
+    offset: int = 0
+
+
+BLOCKS = (
+    Block("the robot file's values", struct.pack("<d", 0.312345678)),
+    Block("the robot file's values of its joints", struct.pack("<d", 20.1234567)),
+    Block("the robot file's values of its devices", struct.pack("<d", 9.87654321)),
+    Block("the robot file's values of its buses", struct.pack("<II", 987654, 4987654)),
+    Block("the robot file's values of its sensors", struct.pack("<d", 12.3456789)),
+    Block("the head of the shared memory", offset=SegmentHeader.created_ns.offset),
+    Block("the robot's description in shared memory", offset=SEGMENTS["spine"]["robot_info"].offset + 16),
+)
 LIBRARY_KIB = 64  # of variables without a file, at most: a stack may happen to lie beside a library
 
 
@@ -33,8 +77,13 @@ def told(house: House, kind: str) -> list[str]:
 
 def maps(house: House) -> list[tuple[int, int, str, str]]:
     """From, to, rights and name of every piece of the Spine's memory."""
+    return maps_of(house.ask("status")["spine_pid"])
+
+
+def maps_of(pid: int) -> list[tuple[int, int, str, str]]:
+    """Likewise of any process."""
     pieces = []
-    for line in Path(f"/proc/{house.ask('status')['spine_pid']}/maps").read_text().splitlines():
+    for line in Path(f"/proc/{pid}/maps").read_text().splitlines():
         words = line.split(maxsplit=5)
         start, end = (int(word, 16) for word in words[0].split("-"))
         pieces.append((start, end, words[1], words[5] if len(words) == 6 else ""))
@@ -97,6 +146,53 @@ def test_damage_that_can_only_be_found_stops_the_robot_for_good_and_is_named(arm
     arm.wait_for(lambda: arm.ask("status")["mode"] == "active")
 
 
+def places_of(pid: int, memory: int, block: Block) -> list[int]:
+    """Where the block's value is in a process: also in copies and on used pieces of stacks, which nobody checks."""
+    if not block.value:
+        (segment,) = [start for start, _, _, name in maps_of(pid) if name.endswith(".arm.spine")]
+        return [segment + block.offset]
+    found = []
+    for start, end, _, name in maps_of(pid):
+        if name in ("[heap]", "[stack]"):
+            held = os.pread(memory, end - start, start)
+            found += [start + match.start() for match in re.finditer(re.escape(block.value), held)]
+    return found
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.name)
+def test_one_bit_of_any_block_that_is_watched_is_noticed_and_the_block_named(house: House, block: Block) -> None:
+    """In a real Spine, as an error in a driver or a broken memory chip would do it."""
+    text = calm_text(ODD)
+    house.config.write_text(text + SENSOR)
+    log = house.dir / "spine.log"
+    with (
+        log.open("w") as said,
+        subprocess.Popen(
+            [BIN / "lithe-spine-sim", house.config], env=house.env, stdout=subprocess.PIPE, stderr=said, text=True
+        ) as spine,
+    ):
+        assert spine.stdout is not None
+        assert '"ready"' in spine.stdout.readline()
+        memory = os.open(f"/proc/{spine.pid}/mem", os.O_RDWR)
+        places = places_of(spine.pid, memory, block)
+        assert places, "the value is not there"
+        assert "must not change" not in log.read_text()
+        for place in places:
+            (byte,) = os.pread(memory, 1, place)
+            os.pwrite(memory, bytes([byte ^ 1]), place)
+        os.close(memory)
+        house.wait_for(lambda: "must not change" in log.read_text())
+        spine.terminate()
+    told_by_it = re.findall("memory that must not change has changed: (.*)", log.read_text())
+    assert told_by_it == [block.name]
+
+
+def test_every_block_that_is_watched_is_damaged_here() -> None:
+    """The names as the Spine has them."""
+    source = (ROOT / "spine/process.cpp").read_text().split("blocks[] = {")[1].split("};")[0]
+    assert re.findall(r'\{"(.*?)",', source) == [block.name for block in BLOCKS]
+
+
 def test_the_list_of_writable_memory_is_true(arm: House) -> None:
     page = (ROOT / "docs/swap.md").read_text().split("## What is not contained")[1]
     rows = [match for match in map(LISTED.match, page.splitlines()) if match]
@@ -111,3 +207,10 @@ def test_what_others_write_the_spine_cannot(arm: House) -> None:
     rights = {Path(name).suffix: rights for _, _, rights, name in maps(arm) if name.startswith("/dev/shm/")}
     assert rights[".control"][1] == rights[".brain"][1] == "-"
     assert rights[".spine"][1] == "w"
+
+
+def test_it_is_locked_or_the_status_says_why_not(arm: House) -> None:
+    status = arm.ask("status")
+    words = Path(f"/proc/{status['spine_pid']}/status").read_text()
+    locked_kib = int(words.split("VmLck:")[1].split()[0])
+    assert (locked_kib > 0) != ("memory is not locked" in status["lost"]), f"{locked_kib} kB; {status['lost']}"

@@ -8,66 +8,60 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from vm import vcan
+from vm import machine, vcan
 
 OF_CAN0 = {"shoulder", "upper_arm", "elbow"}
 
 
 @pytest.fixture(scope="module")
-def kernel() -> vcan.Kernel:
+def kernel() -> machine.Kernel:
     """Something to boot, and something to run there."""
     reason = vcan.why_not()
-    found = vcan.find_kernel(vcan.CACHE)
+    found = vcan.find_kernel()
     if reason or found is None:
         pytest.skip(reason)
     return found
 
 
 @pytest.fixture(scope="module")
-def booted(kernel: vcan.Kernel) -> tuple[int | None, str]:
-    """The verdict of the C++ tests, and all that was said: theirs and the robot's (tools/vm/vcan_robot.sh)."""
-    return vcan.boot(kernel, vcan.robot_cargo(), vcan.CACHE)
+def steps(kernel: machine.Kernel) -> dict[str, machine.Step]:
+    """What tools/vm/vcan.sh did, each step ended as it must."""
+    said = machine.boot(kernel, vcan.cargo(), vcan.CACHE)
+    assert machine.wrong_steps(said, vcan.SCRIPT, vcan.REFUSED) == [], said
+    return machine.steps(said)
 
 
-@pytest.fixture(scope="module")
-def steps(booted: tuple[int | None, str]) -> dict[str, vcan.Step]:
-    """What the robot's script did, each step ended as it must."""
-    assert vcan.wrong_steps(booted[1]) == [], booted[1]
-    return vcan.steps(booted[1])
-
-
-def document(step: vcan.Step) -> Any:
+def document(step: machine.Step) -> Any:
     """The one JSON document that a step printed."""
     return json.loads(step.text)
 
 
-def standings(step: vcan.Step) -> dict[tuple[str, int], tuple[str, str]]:
+def standings(step: machine.Step) -> dict[tuple[str, int], tuple[str, str]]:
     """How each device of a scan stands, with the kind it was asked as, by bus and id."""
     buses = document(step)["buses"]
     return {(bus["name"], each["id"]): (each["kind"], each["standing"]) for bus in buses for each in bus["devices"]}
 
 
-def problems(step: vcan.Step) -> dict[str, list[str]]:
+def problems(step: machine.Step) -> dict[str, list[str]]:
     """What `lithe status` says of each joint."""
     return {joint["name"]: joint["problems"] for joint in document(step)["joints"]}
 
 
-def buses(step: vcan.Step) -> dict[str, dict[str, Any]]:
+def buses(step: machine.Step) -> dict[str, dict[str, Any]]:
     """Its counts of each bus."""
     return {bus["name"]: bus for bus in document(step)["buses"]}
 
 
 def test_frames_pass_on_a_real_interface(
-    kernel: vcan.Kernel, booted: tuple[int | None, str], tell: Callable[[str], None]
+    kernel: machine.Kernel, steps: dict[str, machine.Step], tell: Callable[[str], None]
 ) -> None:
     """Classic and FD, errors, down and up, gone and back: spine/hal/bus/socketcan/socketcan_interface_test.cpp."""
-    status, said = booted
-    assert status == 0, said
+    said = steps["program"].text
     assert "[  PASSED  ]" in said and "SKIPPED" not in said, said
     tell(f"{said.count('[       OK ]')} tests on a vcan of {kernel.image.name}")
 
 
-def test_a_scan_finds_simulated_devices_behind_real_interfaces(steps: dict[str, vcan.Step]) -> None:
+def test_a_scan_finds_simulated_devices_behind_real_interfaces(steps: dict[str, machine.Step]) -> None:
     found = standings(steps["scan"])
     moteus = {("can0", 1), ("can0", 2), ("can0", 3), ("can1", 1), ("can1", 2)}
     assert {place for place, what in found.items() if what == ("moteus", "expected")} == moteus
@@ -77,7 +71,7 @@ def test_a_scan_finds_simulated_devices_behind_real_interfaces(steps: dict[str, 
     assert [bus["place"] for bus in document(steps["scan"])["buses"]] == [f"socketcan:vcan{i}" for i in (1, 2, 3)]
 
 
-def test_a_scan_names_what_is_missing_and_what_has_another_id(steps: dict[str, vcan.Step]) -> None:
+def test_a_scan_names_what_is_missing_and_what_has_another_id(steps: dict[str, machine.Step]) -> None:
     assert standings(steps["scan-less"])["can1", 2] == ("moteus", "missing")
     assert [bus["matches"] for bus in document(steps["scan-less"])["buses"]][1] is False
     wrong = standings(steps["scan-wrong"])
@@ -85,7 +79,7 @@ def test_a_scan_names_what_is_missing_and_what_has_another_id(steps: dict[str, v
 
 
 def test_a_spine_drives_the_devices_and_no_drive_is_lost(
-    steps: dict[str, vcan.Step], tell: Callable[[str], None]
+    steps: dict[str, machine.Step], tell: Callable[[str], None]
 ) -> None:
     assert not any(problems(steps["well"]).values()) and len(problems(steps["well"])) == 7
     assert document(steps["well"])["mode"] == "disarmed"
@@ -98,7 +92,7 @@ def test_a_spine_drives_the_devices_and_no_drive_is_lost(
     tell(", ".join(f"{name}: {bus['sent']} frames out, {bus['received']} in" for name, bus in after.items()))
 
 
-def test_a_monitor_beside_the_spine_tells_frames_of_every_kind(steps: dict[str, vcan.Step]) -> None:
+def test_a_monitor_beside_the_spine_tells_frames_of_every_kind(steps: dict[str, machine.Step]) -> None:
     lines = [json.loads(line) for line in steps["monitor"].text.splitlines() if line]
     frames, statistics = lines[:-1], lines[-1]["statistics"]
     assert len(frames) == 120
@@ -112,7 +106,7 @@ def test_a_monitor_beside_the_spine_tells_frames_of_every_kind(steps: dict[str, 
     assert all(bus["in"] > 0 and bus["out"] > 0 and bus["errors"] == 0 for bus in statistics["buses"])
 
 
-def test_an_interface_that_goes_down_is_named_and_what_was_lost_comes_back(steps: dict[str, vcan.Step]) -> None:
+def test_an_interface_that_goes_down_is_named_and_what_was_lost_comes_back(steps: dict[str, machine.Step]) -> None:
     assert {name for name, what in problems(steps["lost"]).items() if "lost" in what} >= OF_CAN0
     assert not any(problems(steps["back"]).values())
     assert {name: bus["reopened"] for name, bus in buses(steps["back"]).items()} == {"can0": 1, "can1": 0, "can2": 0}
@@ -124,22 +118,28 @@ def test_an_interface_that_goes_down_is_named_and_what_was_lost_comes_back(steps
     assert steps["sim-log"].text.split("\n")[1:-1] == [*places, "can0 socketcan unplugged", places[0]]
 
 
-def test_a_program_that_fails_there_fails_here(kernel: vcan.Kernel) -> None:
+def test_a_program_that_fails_there_fails_here(kernel: machine.Kernel, tmp_path: Path) -> None:
     """The twin: what comes out of the machine is the program's own verdict."""
-    assert vcan.boot(kernel, vcan.Cargo(Path("/bin/false")), vcan.CACHE)[0] == 1
+    script = tmp_path / "script.sh"
+    script.write_text("step good sh -c 'exit 0'\nstep bad no_such_program\n")
+    said = machine.boot(kernel, machine.Cargo(script), vcan.CACHE)
+    assert machine.steps(said)["good"].code == 0, said
+    assert machine.wrong_steps(said, script) == ["bad"]
 
 
 def test_a_step_that_ended_otherwise_or_never_is_named() -> None:
     """The twin of the robot's steps."""
-    names = vcan.wrong_steps("")
+
+    def wrong(said: str) -> list[str]:
+        return machine.wrong_steps(said, vcan.SCRIPT, vcan.REFUSED)
+
+    names = wrong("")
     assert {"scan", "lost", "sim-log"} <= set(names)
-    right = "".join(
-        f"vcan: begin {name}\r\nwords\r\nvcan: end {name} {int(name in vcan.REFUSED)}\r\n" for name in names
-    )
-    assert vcan.wrong_steps(right) == []
-    assert vcan.steps(right)["scan"] == vcan.Step(0, "\nwords\n")
-    assert vcan.wrong_steps(right.replace("end scan-less 1", "end scan-less 0")) == ["scan-less"]
-    assert vcan.wrong_steps(right.replace("vcan: end back 0\r\n", "")) == ["back"]
+    right = "".join(f"vm: begin {name}\r\nwords\r\nvm: end {name} {int(name in vcan.REFUSED)}\r\n" for name in names)
+    assert wrong(right) == []
+    assert machine.steps(right)["scan"] == machine.Step(0, "\nwords\n")
+    assert wrong(right.replace("end scan-less 1", "end scan-less 0")) == ["scan-less"]
+    assert wrong(right.replace("vm: end back 0\r\n", "")) == ["back"]
 
 
 def test_what_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -147,7 +147,7 @@ def test_what_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(vcan.platform, "machine", lambda: "x86_64")
     monkeypatch.setenv("PATH", str(tmp_path))
     assert "tools/setup vcan" in vcan.why_not()
-    for tool in (vcan.QEMU, "busybox"):
+    for tool in (machine.AMD64.qemu, "busybox"):
         (tmp_path / tool).touch(mode=0o755)
     assert "tools/vm/vcan.py --fetch" in vcan.why_not(tmp_path)
     monkeypatch.setattr(vcan.platform, "machine", lambda: "aarch64")

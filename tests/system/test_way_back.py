@@ -95,7 +95,7 @@ def come_back(house: House) -> None:
     verb(house, "reset")
     verb(house, "disarm")
     assert verb(house, "swap", source=(ROOT / "laws/pd.cpp").read_text(), name="pd.cpp", probation_s=0)["ok"]
-    for _ in range(3):
+    for _ in range(3):  # the way may need more than one verb: a joint that recover has put inside may fall out again
         if verb(house, "arm")["ok"]:
             time.sleep(0.3)
             if house.ask("status")["mode"] == "active":

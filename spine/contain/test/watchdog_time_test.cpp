@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <atomic>
 #include <ctime>
+#include <string>
 #include <thread>
 #include <vector>
 
@@ -99,7 +100,8 @@ int broken_off_when_held_up(const WatchdogConfig& config) {
 }
 
 TEST_F(WatchdogTest, ACallThatWasHeldUpTakesItsNoticeAndEndsByItself) {
-  if (test::is_emulated()) GTEST_SKIP() << "qemu-user needs longer for a signal than a notice lasts";
+  const std::string slow = test::why_signals_are_slow(WatchdogConfig{}.notice_ns);
+  if (!slow.empty()) GTEST_SKIP() << slow;
   EXPECT_LT(broken_off_when_held_up(by_the_wall_clock()), 5) << "some, where a notice was all that ran for a while";
 }
 
@@ -133,7 +135,8 @@ TEST_F(WatchdogTest, ACallThatNeverComesBackFromTheKernelEndsAtTheHardLimit) {
 
 // The real thing: twelve threads that want the same core. Each call works for a fifth of its budget.
 TEST_F(WatchdogTest, ACallWhoseThreadIsPreemptedAllTheTimeIsNotBrokenOff) {
-  if (test::is_emulated()) GTEST_SKIP() << "qemu-user needs longer for a signal than a notice lasts";
+  const std::string slow = test::why_signals_are_slow(WatchdogConfig{}.notice_ns);
+  if (!slow.empty()) GTEST_SKIP() << slow;
   cpu_set_t allowed, one;
   ASSERT_EQ(sched_getaffinity(0, sizeof allowed, &allowed), 0);
   if (CPU_COUNT(&allowed) < 2) GTEST_SKIP() << "one core: the Watchdog would stand in the same queue";
