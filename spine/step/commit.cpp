@@ -52,9 +52,9 @@ CommandResult Laws::roll_back(const wire::Command& command) LITHE_RT {
   report_.flags |= flag::kRolledBack;
   probation_.end();
   greet(blend_ticks);
+  tell_not_carried(*slot_.active(), mended);
   report_.event(EventKind::law_rolled_back, slot_.active()->law_id, command.request_id, steps,
                 "an earlier law runs again");
-  tell_not_carried(*slot_.active(), mended);
   report_.params_changed = true;
   return CommandResult::done;
 }
@@ -75,9 +75,9 @@ void Laws::commit(law::Resident& candidate, law::Carry carry) LITHE_RT {
   probation_.end();
   if (follows) probation_.start(candidate.terms);
   report_.flags |= flag::kSwapCommitted;
+  tell_not_carried(candidate, done.not_carried);  // first: whoever reads of the commit answers with what it read so far
   report_.event(EventKind::law_committed, done.law_id, done.request_id, static_cast<double>(done.fields_carried),
                 "runs from the next tick");
-  tell_not_carried(candidate, done.not_carried);
   report_.params_changed = true;
 }
 

@@ -142,10 +142,13 @@ bool Swaps::find_commit(std::int64_t now_ns) {
   return heard_.shown = true;
 }
 
+std::deque<Swaps::Entry>::iterator Swaps::given_up(std::uint64_t request_id) {
+  return std::ranges::find_if(unconfirmed_, [&](const Entry& each) { return each.swap.request_id() == request_id; });
+}
+
 // A swap that timed out, and whose outcome the Spine reports later.
 void Swaps::come_late(const wire::Event& event) {
-  const auto found = std::find_if(unconfirmed_.begin(), unconfirmed_.end(),
-                                  [&](const Entry& each) { return each.swap.request_id() == event.request_id; });
+  const auto found = given_up(event.request_id);
   const auto kind = static_cast<wire::EventKind>(event.kind);
   const bool committed = kind == wire::EventKind::law_committed;
   if (found == unconfirmed_.end() || (!committed && kind != wire::EventKind::law_refused)) return;
@@ -166,11 +169,13 @@ void Swaps::come_late(const wire::Event& event) {
   lifecycle_.follow(std::move(swap), late.record, {}, monotonic_ns());  // without counts: other swaps came in between
 }
 
-// Writes into the certificate which State fields start from their defaults.
+// Writes into answer and certificate which State fields start from their defaults.
 void Swaps::not_carried(const wire::Event& event) {
   const Json what = not_carried_json(event);
   if (is_head(event.request_id)) {
     head_->swap.note("state_not_carried", what);
+  } else if (const auto late = given_up(event.request_id); late != unconfirmed_.end()) {
+    late->swap.note("state_not_carried", what);
   } else {
     lifecycle_.note(event.request_id, "state_not_carried", what);
   }

@@ -122,6 +122,7 @@ class Swaps {
   void shadow_ended(const wire::Event& event);
   void come_late(const wire::Event& event);
   void not_carried(const wire::Event& event);
+  std::deque<Entry>::iterator given_up(std::uint64_t request_id);
 
   // swaps.cpp: the queue, the answers and the certificates.
   bool is_head(std::uint64_t request_id) const { return head_ && head_->swap.request_id() == request_id; }

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the tick does with laws that fail, with every real part around it.
+#include <algorithm>
 #include <atomic>
 #include <cstdio>
 #include <thread>
+#include <utility>
 
 #include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/memory/protected_memory.hpp"
@@ -57,6 +59,9 @@ TEST_F(LawsTest, APoisonedStateDoesNotLockTheNextLawOut) {
   EXPECT_EQ(told[0].code, 2u);
   EXPECT_EQ(told[0].value, 1);
   EXPECT_STREQ(told[0].text.data(), "integral_nm: no finite number; starts from its default");
+  const auto kind_at = [](const wire::Event& each) { return std::pair(static_cast<EventKind>(each.kind), each.code); };
+  const auto position = [&](EventKind kind) { return std::ranges::find(all_, std::pair(kind, 2U), kind_at); };
+  EXPECT_LT(position(EventKind::state_not_carried), position(EventKind::law_committed)) << "its answer needs it";
   slot_.before(1)->state = {};
   EXPECT_EQ(send(CommandKind::rollback), CommandResult::done);
   EXPECT_EQ(events(EventKind::state_not_carried).size(), 1u) << "nothing is wrong on this way back";
