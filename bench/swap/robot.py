@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import os
+import os
 import time
 import tomllib
 from collections import Counter
@@ -54,7 +55,9 @@ def robot_file(folder: Path, **changes: str) -> Path:
     }
     law = {"law": f'"{ROOT}/laws/pd.cpp"'}
     lines = (ROOT / "robots/arm.toml").read_text(encoding="utf-8").splitlines()
-    for key, value in {**patience, **law, **changes}.items():
+    spine, _, partner = os.environ.get("LITHE_BENCH_CORES", "").partition(",")
+    cores = {"cpu_spine": spine, "cpu_brain": partner, "cpu_housekeeping": partner} if spine else {}
+    for key, value in {**patience, **law, **cores, **changes}.items():
         at = [i for i, line in enumerate(lines) if line.split("=")[0].strip() == key]
         if len(at) != 1:
             raise RuntimeError(f"robots/arm.toml no longer has one line '{key} = ...'")
