@@ -19,6 +19,8 @@ namespace {
 
 using nlohmann::json;
 constexpr std::size_t kMaxSourceBytes = std::size_t{1} << 20;
+constexpr std::uintmax_t kMostCacheBytes = std::uintmax_t{256} << 20;  // about 3,500 laws
+constexpr unsigned kStoresBetweenTidying = 100;
 
 // The hash of a law in the cache; empty when it is not a valid hash.
 std::string hash_in(const json& request) {
@@ -272,6 +274,7 @@ json Service::try_and_store(const Job& job, const std::string& object, const std
   std::string failed = write_file_whole(base + ".so", *bytes);
   if (failed.empty()) failed = write_file_whole(base + ".o", *placeable);
   if (failed.empty()) failed = write_file_whole(base + ".json", entry.dump());
+  if (stores_++ % kStoresBetweenTidying == 0) keep_newest(cache_ + "/laws", kMostCacheBytes);
   if (failed.empty()) return entry;
   return refuse("cache", disk_is_full(failed) ? full_disk_text(cache_) : "cannot write the law cache: " + failed);
 }
@@ -290,6 +293,8 @@ json Service::from_cache(const Job& job) const {
     const auto bytes = read_file(base + end);
     if (!bytes || entry.value(key, "") != sha256_hex(*bytes)) return nullptr;
   }
+  std::error_code failed;  // of no use longest: the first to go
+  std::filesystem::last_write_time(base + ".json", std::filesystem::file_time_type::clock::now(), failed);
   json moved = entry;
   moved["object"] = base + ".so";  // the cache folder may have been moved
   return moved;

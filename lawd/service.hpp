@@ -42,6 +42,7 @@ class Service {
                                const std::string& warnings, const nlohmann::json& gates);
 
   std::string cache_;
+  unsigned stores_ = 0;
   Limits compiler_;
   Toolchain toolchain_;
   Placer placer_;

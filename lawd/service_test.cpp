@@ -6,9 +6,14 @@
 #include <sys/prctl.h>
 #include <sys/stat.h>
 
+#include <chrono>
 #include <ctime>
+#include <filesystem>
 #include <fstream>
 #include <optional>
+#include <set>
+#include <string>
+#include <string_view>
 
 #include "lawd/run/files.hpp"
 #include "lawd/test/lawd_rig.hpp"
@@ -184,6 +189,31 @@ TEST_F(ServiceTest, RefusedLawLeavesNothingInTheCache) {
   std::size_t entries = 0;
   for (const auto& entry : std::filesystem::directory_iterator(cache_.path() + "/laws")) entries += entry.exists();
   EXPECT_EQ(entries, 0u);
+}
+
+TEST(KeepNewest, RemovesWholeLawsOldestFirstUntilTheRestFits) {
+  const TestCache cache;
+  const std::filesystem::path folder = cache.path();
+  const auto now = std::filesystem::file_time_type::clock::now();
+  for (int law = 0; law < 4; ++law) {
+    for (const char* end : {".so", ".o", ".json"}) {
+      const auto path = folder / ("law" + std::to_string(law) + end);
+      std::ofstream(path) << std::string(100, 'x');
+      // Law 0 is the oldest, but was used last: its .json was touched.
+      const bool used = law == 0 && std::string_view(end) == ".json";
+      std::filesystem::last_write_time(path, now - std::chrono::hours(used ? 0 : 4 - law));
+    }
+  }
+  const auto left = [&] {
+    std::set<std::string> names;
+    for (const auto& entry : std::filesystem::directory_iterator(folder)) names.insert(entry.path().filename());
+    return names;
+  };
+  keep_newest(folder, 1200);
+  EXPECT_EQ(left().size(), 12U) << "it fits";
+  keep_newest(folder, 899);
+  EXPECT_EQ(left(), (std::set<std::string>{"law0.json", "law0.o", "law0.so", "law3.json", "law3.o", "law3.so"}));
+  keep_newest(folder / "absent", 0);
 }
 
 TEST_F(ServiceTest, WhatAToolWasMissingForIsRefusedAndForgotten) {

@@ -147,7 +147,8 @@ def test_the_gateways_own_process_goes_on_with_the_new_robot(house: House) -> No
                 def plan_taken() -> bool:
                     try:
                         remote.call("publish", t_ns=[time.monotonic_ns() + 10**9], position_rad=[0.1])
-                    except lithe.Refused:
+                    except lithe.Refused as refused:
+                        assert refused.code == "disconnected", refused
                         return False
                     return True
 

@@ -4,13 +4,18 @@
 #include <fcntl.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <sstream>
+#include <vector>
 
 namespace lithe::lawd {
+
+namespace fs = std::filesystem;
 
 std::optional<std::string> read_file(const std::string& path) {
   std::ifstream in(path, std::ios::binary);
@@ -36,6 +41,37 @@ std::string write_file_whole(const std::string& path, std::string_view bytes) {
   if (failed == 0) return "";
   unlink(part.c_str());
   return std::strerror(failed);
+}
+
+void keep_newest(const std::string& folder, std::uintmax_t most_bytes) {
+  struct Group {
+    fs::file_time_type newest = fs::file_time_type::min();
+    std::uintmax_t bytes = 0;
+    std::vector<fs::path> files;
+  };
+  std::map<std::string, Group> by_name;
+  std::uintmax_t all_bytes = 0;
+  std::error_code error;
+  for (fs::directory_iterator at(folder, error); !error && at != fs::directory_iterator(); at.increment(error)) {
+    std::error_code gone;
+    if (!at->is_regular_file(gone)) continue;
+    const std::uintmax_t bytes = at->file_size(gone);
+    const fs::file_time_type written = at->last_write_time(gone);
+    if (gone) continue;
+    Group& group = by_name[at->path().stem().string()];
+    group.newest = std::max(group.newest, written);
+    group.bytes += bytes;
+    group.files.push_back(at->path());
+    all_bytes += bytes;
+  }
+  std::vector<const Group*> oldest_first;
+  for (const auto& [name, group] : by_name) oldest_first.push_back(&group);
+  std::ranges::sort(oldest_first, {}, &Group::newest);
+  for (const Group* group : oldest_first) {
+    if (all_bytes <= most_bytes) return;
+    for (const fs::path& file : group->files) fs::remove(file, error);
+    all_bytes -= group->bytes;
+  }
 }
 
 ScratchDir::ScratchDir(const std::string& parent) {

@@ -116,23 +116,28 @@ TEST_F(LawsTest, LqrGainsSolveTheRiccatiEquation) {
 
 TEST_F(LawsTest, ReflexTurnsBackInTheTickInWhichItIsTouched) {
   load("reflex");
-  set("sensor", 3);
   set("threshold", 5);
   set("hold_s", 0.002);
-  t_.sensor.fill(kAbsent);
+  set("back_s", 0.099);
   const auto pd_nm = [this](double target_rad, double target_rad_s, std::size_t j) {
     return 2.0 * (target_rad - t_.position_rad[j]) + 0.05 * (target_rad_s - t_.velocity_rad_s[j]);
   };
+  t_.sensor.fill(6);
+  EXPECT_DOUBLE_EQ(torque_nm(0), pd_nm(0.5, 0.4, 0)) << "no sensor is chosen";
+  set("sensor", 3);
+  t_.sensor.fill(kAbsent);
   EXPECT_DOUBLE_EQ(torque_nm(0), pd_nm(0.5, 0.4, 0)) << "a sensor that is not valid triggers nothing";
   t_.sensor[3] = 4.9;
+  t_.position_rad = {0.4, -0.9};
   EXPECT_DOUBLE_EQ(torque_nm(0), pd_nm(0.5, 0.4, 0));
+  const double behind_rad[] = {0.3 + 0.01 * 0.1, -0.7 - 0.01 * 0.2};
   t_.sensor[3] = 5;
-  EXPECT_DOUBLE_EQ(torque_nm(0), pd_nm(0.3 - 0.2, 0, 0)) << "its setpoint went up";
-  EXPECT_DOUBLE_EQ(u_.torque_nm[1], pd_nm(-0.7 - 0.2, 0, 1)) << "that one's too, although the joint still went down";
+  EXPECT_DOUBLE_EQ(torque_nm(0), pd_nm(behind_rad[0], 0, 0));
+  EXPECT_DOUBLE_EQ(u_.torque_nm[1], pd_nm(behind_rad[1], 0, 1)) << "each from where it came";
   t_.position_rad[0] = 0.25;
-  EXPECT_DOUBLE_EQ(torque_nm(0), pd_nm(0.1, 0, 0)) << "one touch, one retreat";
+  EXPECT_DOUBLE_EQ(torque_nm(0), pd_nm(behind_rad[0], 0, 0)) << "one touch, one way back";
   t_.sensor[3] = 0;
-  for (int k = 0; k < 2; ++k) EXPECT_DOUBLE_EQ(torque_nm(0), pd_nm(0.1, 0, 0)) << "for hold_s after the last touch";
+  for (int k = 0; k < 2; ++k) EXPECT_DOUBLE_EQ(torque_nm(0), pd_nm(behind_rad[0], 0, 0)) << "hold_s after the touch";
   torque_nm(0);
   EXPECT_DOUBLE_EQ(torque_nm(0), pd_nm(0.5, 0.4, 0));
   EXPECT_EQ(probes_[0], 0);

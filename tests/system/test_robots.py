@@ -181,6 +181,26 @@ def test_they_do_over_three_terminals(tmp_path: Path, monkeypatch: pytest.Monkey
         all_of_it_moves(text, monkeypatch)
 
 
+def test_a_touch_turns_the_joints_round_in_the_tick_that_reads_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the gateway's input to the torque at the drives, while the plan goes on."""
+    with running(calm.calm_text(robot="frankenstein"), monkeypatch) as (_, robot):
+        touch = robot.spine.sensor_names.index("palm_touch")
+        robot.swap(ROOT / "laws/reflex.cpp", params={"sensor": touch, "kp_nm_rad": 4, "hold_s": 0.1}, error_ratio=0)
+        with Recorder("arm") as recorder:
+            robot.go_to([0.3] * robot.spine.joint_count, in_s=4.0)
+            time.sleep(4.0)  # this input goes on once a second
+            records = recorder.finish()
+        assert robot.status()["law"] == "reflex"
+    on = records["sensor"][:, touch] >= 0.5
+    touched = np.flatnonzero(on[1:] & ~on[:-1] & (records["tick"][1:] == records["tick"][:-1] + 1)) + 1
+    upwards = records["setpoint_velocity_rad_s"][:, : robot.spine.joint_count] > 0.05
+    touched = touched[upwards[touched].all(axis=1)]
+    assert len(touched) >= 1
+    assert (records["probe"][touched, 0] > 0).all() and (records["probe"][touched - 1, 0] == 0).all()
+    torque_nm = records["command_torque_nm"][:, : robot.spine.joint_count]
+    assert (torque_nm[touched] < torque_nm[touched - 1]).all(), "each joint, against its motion, in this tick"
+
+
 def swap_often(robot: lithe.Robot, laws: list[str], swaps: int) -> tuple[npt.NDArray[Any], list[int]]:
     """What was recorded while two laws took turns on a robot that moves, and the ticks of the commits."""
     recorder, commits = Recorder("arm"), []

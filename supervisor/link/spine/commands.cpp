@@ -155,6 +155,21 @@ Refusal refused_not_ready(CommandKind kind, const wire::Telemetry& now, const wi
           std::string(next.empty() ? kTryAgain : next)};
 }
 
+// Names the joints. None: it has been homed since.
+Refusal refused_not_homed(CommandKind kind, const wire::Telemetry& now, const wire::RobotInfo& info,
+                          const robot::RobotConfig* robot) {
+  std::string joints;
+  for (std::size_t j = 0; j < std::min<std::size_t>(now.joint_count, wire::kNj); ++j) {
+    const bool must = robot == nullptr || j >= robot->joints.size() || robot->joints[j].must_be_homed;
+    if (!must || (now.joint_status[j] & wire::joint_status::kNotHomed) == 0) continue;
+    joints += fmt::format("{}{}", joints.empty() ? ": joint " : ", ", joint_name(info, j));
+  }
+  return {
+      std::string(to_string(CommandResult::refused_not_homed)),
+      fmt::format("cannot {}: a joint with must_be_homed does not know in which turn it is{}", to_string(kind), joints),
+      joints.empty() ? std::string(kTryAgain) : "home it, then: lithe arm"};
+}
+
 }  // namespace
 
 bool tells_drives(std::string_view line) {
@@ -185,9 +200,7 @@ Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry
     case CommandResult::refused_not_ready:
       return refused_not_ready(kind, now, info, robot, drives_told);
     case CommandResult::refused_not_homed:
-      return {code,
-              fmt::format("cannot {}: a joint with must_be_homed does not know in which turn it is", to_string(kind)),
-              "home it (lithe status names the joints that are not_homed), then: lithe arm"};
+      return refused_not_homed(kind, now, info, robot);
     case CommandResult::refused_damaged:
       return {code, fmt::format("cannot {}: memory of the Spine that must not change has changed", to_string(kind)),
               kNewStart};

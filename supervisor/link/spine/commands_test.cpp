@@ -150,6 +150,25 @@ TEST(RefusalOf, NamesTheJointTheDriveAndWhyItIsNotReady) {
   EXPECT_NE(refusal.next.find("lithe arm"), std::string::npos);
 }
 
+TEST(RefusalOf, NamesTheJointsThatAreNotHomed) {
+  wire::Telemetry now = in_mode(Mode::disarmed);
+  now.joint_count = 3;
+  now.joint_status[0] = now.joint_status[2] = wire::joint_status::kNotHomed;
+  wire::RobotInfo info{};
+  std::copy_n("hip", 3, info.joint_name.begin());
+  std::copy_n("knee", 4, info.joint_name.begin() + 32);
+  std::copy_n("toe", 3, info.joint_name.begin() + 64);
+  robot::RobotConfig robot;
+  robot.joints.resize(3);
+  robot.joints[1].must_be_homed = robot.joints[2].must_be_homed = true;
+  const Refusal refusal = refusal_of(CommandKind::arm, CommandResult::refused_not_homed, now, info, &robot);
+  EXPECT_EQ(refusal.message, "cannot arm: a joint with must_be_homed does not know in which turn it is: joint toe");
+  EXPECT_EQ(refusal.next, "home it, then: lithe arm");
+  now.joint_status[2] = 0;
+  const Refusal late = refusal_of(CommandKind::arm, CommandResult::refused_not_homed, now, info, &robot);
+  EXPECT_EQ(late.next, "try again; lithe status names the joints that are stale") << "homed since";
+}
+
 TEST(RefusalOf, SaysWhatTheSpineToldOfADriveThatIsNotReady) {
   namespace bit = wire::joint_status;
   wire::Telemetry now = in_mode(Mode::disarmed);
