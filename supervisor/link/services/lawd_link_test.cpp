@@ -126,7 +126,9 @@ TEST(LawdLink, WaitsAndLetsTheCompilerWorkAsLongAsTheRobotFileSays) {
   EXPECT_EQ(LawdLink(LITHE_LAWD, {}, 1).limit_ns(), 60 * kNsPerS);
   EXPECT_EQ(LawdLink(LITHE_LAWD, {}, 1, 200).limit_ns(), 600 * kNsPerS);
   for (const char* wrong : {"0", "601", "ten", "2x", "nan"}) {
-    auto lawd = Process::start({.argv = {LITHE_LAWD, wrong}});
+    Launch launch;
+    launch.argv = {LITHE_LAWD, wrong};
+    auto lawd = Process::start(launch);
     ASSERT_TRUE(lawd);
     EXPECT_TRUE(lawd->wait(20'000));
     EXPECT_EQ(lawd->exit_code(), 2) << wrong;
