@@ -228,12 +228,12 @@ json Service::run_compiler(const Job& job, const std::string& file, const std::s
   }
   if (outcome.starved) return refuse_starved(starved_text("the compiler", outcome));
   if (outcome.timed_out) {
-    char reason[192];
+    char reason[256];
     std::snprintf(
         reason, sizeof reason,
-        "the compiler had %.1f s of the processor in %.1f s (it may have %.0f s) and was not done: make the law "
-        "smaller, with fewer templates and constant expressions",
-        outcome.cpu_ms * 1e-3, outcome.wall_ms * 1e-3, static_cast<double>(compiler_.cpu_s));
+        "the compiler had %.1f s of the processor in %.1f s (it may have %.0f s: swap.compile_s of the robot file) and "
+        "was not done: make the law smaller, with fewer templates and constant expressions",
+        outcome.cpu_ms * 1e-3, outcome.wall_ms * 1e-3, patience() * compiler_.cpu_s);
     return refuse_whole("compile", job.name, reason);
   }
   if (!outcome.clean() && memory_is_full(outcome.output)) {

@@ -302,10 +302,13 @@ TEST(Service, CompilerWithoutProcessorTimeIsNotTheLawsFault) {
 }
 
 TEST(Service, CompilerThatUsedItsProcessorTimeIs) {
-  FakeCompiler works("while :; do :; done", {.wall_ms = 60'000, .cpu_s = 1});
+  FakeCompiler works("while :; do :; done", {.wall_ms = 2'000'000, .cpu_s = 20});
+  be_patient(0.05);
   const json reply = works.compile_a_law();
+  be_patient(1);
   EXPECT_FALSE(reply["ok"]) << reply;
   EXPECT_FALSE(reply.value("starved", false)) << reply;
+  EXPECT_NE(reply["text"].get<std::string>().find("it may have 1 s: swap.compile_s"), std::string::npos) << reply;
   EXPECT_NE(reply["text"].get<std::string>().find("make the law smaller"), std::string::npos) << reply;
 }
 

@@ -22,6 +22,8 @@ void limit(__rlimit_resource resource, std::size_t amount) {
   setrlimit(resource, &value);
 }
 
+double g_patience = 1;
+
 // In the child.
 void set_limits(const Limits& limits) {
   for (const int signal : {SIGPIPE, SIGINT, SIGTERM, SIGSEGV, SIGFPE, SIGILL, SIGBUS, SIGABRT}) {
@@ -41,7 +43,13 @@ void set_limits(const Limits& limits) {
 
 }  // namespace
 
-Outcome run_child(const std::function<int(int)>& body, const Limits& limits) {
+void be_patient(double factor) { g_patience = factor; }
+double patience() { return g_patience; }
+
+Outcome run_child(const std::function<int(int)>& body, const Limits& asked) {
+  Limits limits = asked;
+  limits.wall_ms = static_cast<int>(g_patience * asked.wall_ms);
+  limits.cpu_s = std::max(1, static_cast<int>(g_patience * asked.cpu_s));
   const auto limited = [&](int out_fd) {
     set_limits(limits);
     return body(out_fd);

@@ -11,6 +11,10 @@
 
 namespace lithe::lawd {
 
+// Multiplies the time limits of all later children: for a processor that is slow. Call before the first one.
+void be_patient(double factor);
+double patience();
+
 struct Limits {
   int wall_ms = 20'000;
   int cpu_s = 20;

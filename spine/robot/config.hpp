@@ -73,6 +73,7 @@ struct SwapConfig {
   double blend_s = 0.02;               // from the old law's torque to the new one's
   double probation_s = 1.0;            // during this time a law that does worse than the one before is replaced
   double probation_error_ratio = 3.0;  // worse: an error this many times the largest before; 0 = not judged
+  double compile_s = 20.0;             // of the processor, for the compiler of one law; other limits of lawd follow it
 };
 
 struct BusConfig {

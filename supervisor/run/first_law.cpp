@@ -57,16 +57,16 @@ void Supervisor::compile_first_law() {
   first_source_ = std::move(*source);
   spdlog::info("compiling {}", first_law_);
   const LawText law{fs::path(first_law_).filename().string(), first_source_};
-  must_run(answer_to([&](const auto& take) { lawd_.compile(law, take, monotonic_ns()); },
-                     LawdLink::kCompileTimeoutNs + kNsPerS),
+  must_run(answer_to([&](const auto& take) { lawd_.compile(law, take, monotonic_ns()); }, lawd_.limit_ns() + kNsPerS),
            "the compile service does not answer");
 }
 
 // The trial simulates it while the first law is compiled. Without the gates nobody does.
 void Supervisor::try_safe_law() {
   if (!options_.gates) return;
-  const auto answer = answer_to([this](const auto& take) { trial_.ask_safe_law(take, monotonic_ns()); },
-                                TrialLink::kSafeLawNs + kNsPerS);
+  const auto answer =
+      answer_to([this](const auto& take) { trial_.ask_safe_law(take, lawd_.limit_ns(), monotonic_ns()); },
+                lawd_.limit_ns() + kNsPerS);
   const Json* told = answer ? std::get_if<Json>(&*answer) : nullptr;
   if (told == nullptr) {
     throw Halt{1, fmt::format("the trial could not run the safe law: {}",
@@ -81,8 +81,7 @@ void Supervisor::swap_first_law() {
   if (first_source_.empty()) return;
   SwapRequest request{fs::path(first_law_).filename().string(), first_source_};
   request.terms = std::get<Terms>(swaps_->read_terms(Json::object()));
-  must_run(answer_to([&](const auto& take) { swaps_->submit(request, take, monotonic_ns()); },
-                     4 * LawdLink::kCompileTimeoutNs),
+  must_run(answer_to([&](const auto& take) { swaps_->submit(request, take, monotonic_ns()); }, 4 * lawd_.limit_ns()),
            "the first law was not committed");
 }
 

@@ -47,7 +47,7 @@ Supervisor::Supervisor(RunOptions options, robot::RobotConfig config)
       shield_cpus_(robot::own_cores(plan_of(config_))),
       our_cpus_(beside_the_spine(all_cpus_, plan_of(config_))),
       born_ns_(monotonic_ns()),
-      lawd_(program_dir() + "/lawd", our_cpus_, config_.joints.size()),
+      lawd_(program_dir() + "/lawd", our_cpus_, config_.joints.size(), config_.swap.compile_s),
       trial_(program_dir() + "/lithe-trial", std::filesystem::absolute(options_.config_path).string(), our_cpus_),
       log_path_(fmt::format("{}/{}.spine.log", run_dir(), config_.name)) {}
 

@@ -14,10 +14,7 @@
 namespace lithe::control {
 namespace {
 
-// Time limits of the steps. The compile service has its own, shorter ones for compiler and linker.
-constexpr std::int64_t kCompileNs = 2 * LawdLink::kCompileTimeoutNs;
-constexpr std::int64_t kPlaceNs = 2 * LawdLink::kCompileTimeoutNs;
-constexpr std::int64_t kTrialNs = 60'000'000'000;
+// Time limits of the steps. Those of the compile service and the trial follow the robot file's swap.compile_s.
 constexpr std::int64_t kStageNs = 10'000'000'000;
 constexpr std::int64_t kCommitNs = 5'000'000'000;  // plus twice the time in the shadow: ticks may be lost
 
@@ -147,7 +144,7 @@ Sequence::Reply<Compiled> Swaps::compile(const Transaction& swap) {
   };
   help_.lawd.compile({swap.request().name, swap.request().source, swap.request().terms.budget_ns()}, take,
                      monotonic_ns());
-  return reply<Compiled>(box, swap, "compiling", kCompileNs);
+  return reply<Compiled>(box, swap, "compiling", 2 * help_.lawd.limit_ns());
 }
 
 void Swaps::admitted(Transaction& swap, Compiled compiled) {
@@ -172,7 +169,7 @@ Sequence::Reply<Placed> Swaps::place(const Transaction& swap) {
     go_on(monotonic_ns());
   };
   placement_.place(swap.compiled().hash, take, monotonic_ns());
-  return reply<Placed>(box, swap, "placing", kPlaceNs);
+  return reply<Placed>(box, swap, "placing", 2 * help_.lawd.limit_ns());
 }
 
 void Swaps::placed(Transaction& swap, const Placed& where) {
@@ -202,7 +199,7 @@ Sequence::Reply<std::string> Swaps::attempt(const Transaction& swap) {
     };
     help_.trial->attempt(request_of(swap), take, monotonic_ns());
   }
-  return reply<std::string>(box, swap, "trying", kTrialNs);
+  return reply<std::string>(box, swap, "trying", help_.lawd.limit_ns());
 }
 
 TrialRequest Swaps::request_of(const Transaction& swap) const {
@@ -253,7 +250,7 @@ Sequence::Reply<Json> Swaps::line_of_crash(const Transaction& swap, const Refusa
       go_on(monotonic_ns());
     });
   }
-  return reply<Json>(box, swap, "trying", kTrialNs);
+  return reply<Json>(box, swap, "trying", help_.lawd.limit_ns());
 }
 
 // Sends the law to the Loader.

@@ -47,10 +47,12 @@ ServiceLink::Callback judged(ServiceLink::Callback callback) {
 
 }  // namespace
 
-LawdLink::LawdLink(std::string program, std::vector<int> cpus, std::size_t joints)
-    : ServiceLink("lawd", "compile service", "compile_starved",
-                  {.argv = {std::move(program)}, .idle_priority = true, .cpus = std::move(cpus)}),
-      joints_(joints) {}
+LawdLink::LawdLink(std::string program, std::vector<int> cpus, std::size_t joints, double compile_s)
+    : ServiceLink(
+          "lawd", "compile service", "compile_starved",
+          {.argv = {std::move(program), fmt::format("{}", compile_s)}, .idle_priority = true, .cpus = std::move(cpus)}),
+      joints_(joints),
+      limit_ns_(static_cast<std::int64_t>(3e9 * compile_s)) {}
 
 Json LawdLink::compile_request(const LawText& law) const {
   Json request = {{"verb", "compile"}, {"name", law.name}, {"source", law.source}, {"joints", joints_}};
@@ -64,7 +66,7 @@ Json LawdLink::compile_request(const LawText& law) const {
 }
 
 void LawdLink::compile(const LawText& law, Callback callback, std::int64_t now_ns) {
-  ask(compile_request(law), Turn::in_line, kCompileTimeoutNs, judged(std::move(callback)), now_ns);
+  ask(compile_request(law), Turn::in_line, limit_ns_, judged(std::move(callback)), now_ns);
 }
 
 void LawdLink::check(const LawText& law, Callback callback, std::int64_t now_ns) {
@@ -73,7 +75,7 @@ void LawdLink::check(const LawText& law, Callback callback, std::int64_t now_ns)
                      "try again when one of them is answered"});
     return;
   }
-  ask(compile_request(law), Turn::idle, kCompileTimeoutNs, judged(std::move(callback)), now_ns);
+  ask(compile_request(law), Turn::idle, limit_ns_, judged(std::move(callback)), now_ns);
 }
 
 void LawdLink::place(const std::string& hash, std::uint32_t slot, PlacedCallback callback, std::int64_t now_ns) {
@@ -84,12 +86,12 @@ void LawdLink::place(const std::string& hash, std::uint32_t slot, PlacedCallback
                     placed.value("image_hash", std::uint64_t{0}), placed.value("place_ms", 0.0)});
   };
   // The running check belongs to the law whose turn it is.
-  ask({{"verb", "place"}, {"hash", hash}, {"slot", slot}}, Turn::next, kCompileTimeoutNs, judged(take), now_ns);
+  ask({{"verb", "place"}, {"hash", hash}, {"slot", slot}}, Turn::next, limit_ns_, judged(take), now_ns);
 }
 
 void LawdLink::locate(const std::string& hash, std::uint64_t offset, bool placed, Callback callback,
                       std::int64_t now_ns) {
-  ask({{"verb", "locate"}, {"hash", hash}, {"offset", offset}, {"placed", placed}}, Turn::in_line, kCompileTimeoutNs,
+  ask({{"verb", "locate"}, {"hash", hash}, {"offset", offset}, {"placed", placed}}, Turn::in_line, limit_ns_,
       judged(std::move(callback)), now_ns);
 }
 

@@ -30,12 +30,14 @@ struct Placed {
 class LawdLink : public ServiceLink {
  public:
   using PlacedCallback = std::function<void(const std::variant<Placed, Refusal>&)>;
-  static constexpr std::int64_t kCompileTimeoutNs = 60'000'000'000;  // from when lawd receives the request
   static constexpr std::size_t kMaxChecks = 8;
 
   // `program`: path of lawd. `cpus`: cores that lawd and its compilers may use. `joints`: number of joints in the dry
-  // run.
-  LawdLink(std::string program, std::vector<int> cpus, std::size_t joints);
+  // run. `compile_s`: processor time for the compiler of one law.
+  LawdLink(std::string program, std::vector<int> cpus, std::size_t joints, double compile_s = 20.0);
+
+  // For one answer, from when lawd receives the request: the compiler waits for the processor, too.
+  std::int64_t limit_ns() const { return limit_ns_; }
 
   // Switches admission and dry run off: for tests of the containment in the Spine.
   void open_gates() { gates_ = false; }
@@ -52,6 +54,7 @@ class LawdLink : public ServiceLink {
   Json compile_request(const LawText& law) const;
 
   std::size_t joints_;
+  std::int64_t limit_ns_;
   bool gates_ = true;
 };
 

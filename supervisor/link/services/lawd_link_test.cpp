@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "spine/core/time.hpp"
+#include "supervisor/core/process.hpp"
 #include "supervisor/link/spine/test/spine_rig.hpp"
 
 namespace lithe::control {
@@ -113,12 +114,25 @@ TEST_F(LawdLinkTest, OnlyTheOldestRunsOutOfTimeAndTheOthersGetTheirs) {
   std::optional<Answer> first, second;
   lawd_.check({"rest.cpp", kRestLaw}, into(first), now_ns);
   lawd_.check({"rest.cpp", kRestLaw}, into(second), now_ns);
-  ahead_ns_ = LawdLink::kCompileTimeoutNs + kNsPerS;
+  ahead_ns_ = lawd_.limit_ns() + kNsPerS;
   serve_until([&] { return first.has_value(); });
   EXPECT_EQ(code_of(first), "lawd_died");
   EXPECT_EQ(code_of(second), "none");
   serve_until([&] { return second.has_value(); });
   EXPECT_EQ(code_of(second), "done");
+}
+
+TEST(LawdLink, WaitsAndLetsTheCompilerWorkAsLongAsTheRobotFileSays) {
+  EXPECT_EQ(LawdLink(LITHE_LAWD, {}, 1).limit_ns(), 60 * kNsPerS);
+  EXPECT_EQ(LawdLink(LITHE_LAWD, {}, 1, 200).limit_ns(), 600 * kNsPerS);
+  for (const char* wrong : {"0", "601", "ten", "2x", "nan"}) {
+    Launch launch;
+    launch.argv = {LITHE_LAWD, wrong};
+    auto lawd = Process::start(launch);
+    ASSERT_TRUE(lawd);
+    EXPECT_TRUE(lawd->wait(20'000));
+    EXPECT_EQ(lawd->exit_code(), 2) << wrong;
+  }
 }
 
 // It has work and goes on with it, but of the minute that seems to have passed it had next to nothing.
@@ -127,7 +141,7 @@ TEST_F(LawdLinkTest, AServiceThatGetsNoProcessorTimeKnowsNothingAgainstTheLaw) {
   std::optional<Answer> answer;
   lawd_.check({"rest.cpp", kRestLaw + ("// " + std::to_string(monotonic_ns()) + "\n")}, into(answer), monotonic_ns());
   serve_until([&] { return work_of_session(lawd_.pid()).wants_to_run; });
-  ahead_ns_ = LawdLink::kCompileTimeoutNs + kNsPerS;
+  ahead_ns_ = lawd_.limit_ns() + kNsPerS;
   serve_until([&] { return answer.has_value(); });
   EXPECT_EQ(code_of(answer), "compile_starved");
   ASSERT_TRUE(answer && std::holds_alternative<Refusal>(*answer));

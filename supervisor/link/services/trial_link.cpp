@@ -64,8 +64,8 @@ Result<> TrialLink::start(std::int64_t now_ns) {
   return started;
 }
 
-void TrialLink::ask_safe_law(Callback callback, std::int64_t now_ns) {
-  ask({{"verb", "ping"}}, Turn::next, kSafeLawNs, std::move(callback), now_ns);
+void TrialLink::ask_safe_law(Callback callback, std::int64_t limit_ns, std::int64_t now_ns) {
+  ask({{"verb", "ping"}}, Turn::next, limit_ns, std::move(callback), now_ns);
 }
 
 void TrialLink::attempt(const TrialRequest& trial, Callback callback, std::int64_t now_ns, int starved) {

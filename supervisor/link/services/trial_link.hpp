@@ -25,7 +25,6 @@ struct TrialRequest {
 class TrialLink : public ServiceLink {
  public:
   static constexpr int kMostStarved = 5;  // attempts without processor time before the law is refused
-  static constexpr std::int64_t kSafeLawNs = 60'000'000'000;  // for the answer, its simulated runs included
 
   // `program`: path of lithe-trial; `robot_file`: absolute.
   TrialLink(std::string program, std::string robot_file, std::vector<int> cpus);
@@ -33,7 +32,8 @@ class TrialLink : public ServiceLink {
   // Logs a warning when the trial cannot map the given arena.
   Result<> start(std::int64_t now_ns);
   // Answers {"safe_law_text"}: what was wrong when the safe law stopped the simulated robot; "" = nothing.
-  void ask_safe_law(Callback callback, std::int64_t now_ns);
+  // `limit_ns`: for the answer, its simulated runs included.
+  void ask_safe_law(Callback callback, std::int64_t limit_ns, std::int64_t now_ns);
   // On success: the trial's report. Refusal: trial_failed (the report in `detail.trial`, with "pc_offset" of a crash),
   // trial_starved, trial_died, or trial_unavailable (the sandbox does not work on this machine).
   void attempt(const TrialRequest& trial, Callback callback, std::int64_t now_ns, int starved = 0);

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "supervisor/swap/certificate/record.hpp"
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <stdio.h>
 
 #include <algorithm>
 #include <cstdlib>
@@ -24,6 +26,19 @@ Error cannot_write(const fs::path& path) {
       fmt::format("cannot write {}: disk full, over a limit (ulimit -f), or read-only? The robot keeps running; this "
                   "certificate waits for room",
                   path.string())};
+}
+
+// Exchanged with the file that is there, not renamed over it: for that, ext4 writes the new file to the disk at once,
+// several times a swap, and the disk's interrupts may come to the Spine's core. A power cut may spoil the certificates of
+// the last seconds; their hashes show it.
+std::error_code put_in_place(const fs::path& draft, const fs::path& path) {
+  std::error_code failure;
+  if (::renameat2(AT_FDCWD, draft.c_str(), AT_FDCWD, path.c_str(), RENAME_EXCHANGE) == 0) {
+    fs::remove(draft, failure);
+  } else {  // the first one, or a file system that cannot exchange
+    fs::rename(draft, path, failure);
+  }
+  return failure;
 }
 
 std::string read(const fs::path& path) {
@@ -211,8 +226,9 @@ Result<> RecordBook::put(const Page& page, Json certificate) {
     fs::remove(draft, failure);
     return added;
   }
-  fs::rename(draft, page.path, failure);
-  if (failure) return Error{fmt::format("cannot rename {}: {}", draft.string(), failure.message())};
+  if (const auto failed = put_in_place(draft, page.path)) {
+    return Error{fmt::format("cannot rename {}: {}", draft.string(), failed.message())};
+  }
   return done();
 }
 
