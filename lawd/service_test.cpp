@@ -193,7 +193,8 @@ TEST_F(ServiceTest, RefusedLawLeavesNothingInTheCache) {
 
 TEST(KeepNewest, RemovesWholeLawsOldestFirstUntilTheRestFits) {
   const TestCache cache;
-  const std::filesystem::path folder = cache.path();
+  const std::filesystem::path folder = std::filesystem::path(cache.path()) / "laws";
+  std::filesystem::create_directories(folder);
   const auto now = std::filesystem::file_time_type::clock::now();
   for (int law = 0; law < 4; ++law) {
     for (const char* end : {".so", ".o", ".json"}) {

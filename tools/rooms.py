@@ -87,12 +87,15 @@ ALLOWED = {
         "supervisor/link/services": OUTSIDE + " supervisor/core",
         "supervisor/link/client": OUTSIDE + " supervisor/core supervisor/link/spine",
         "supervisor/events": OUTSIDE + " supervisor/core supervisor/link/spine",
+        "supervisor/incident": OUTSIDE + " supervisor/core supervisor/link/spine supervisor/events",
         "supervisor/swap/certificate": OUTSIDE + " supervisor/core",
         "supervisor/swap": LINKED + " spine/arena supervisor/events supervisor/swap/certificate",
-        "supervisor/serve": SWAPPING + " supervisor/link/client supervisor/swap supervisor/bus host/read",
-        "supervisor/run": SWAPPING + " supervisor/swap supervisor/serve supervisor/bus/plan host/read host/tune",
+        "supervisor/serve": SWAPPING
+        + " supervisor/link/client supervisor/incident supervisor/swap supervisor/bus host/read",
+        "supervisor/run": SWAPPING
+        + " supervisor/incident supervisor/swap supervisor/serve supervisor/bus/plan host/read host/tune",
         "supervisor/cli/core": CLI,
-        "supervisor/cli/robot": CLI + " supervisor/events supervisor/cli/core",
+        "supervisor/cli/robot": CLI + " supervisor/events supervisor/incident supervisor/cli/core",
         "supervisor/cli/laws": CLI + " supervisor/link/services supervisor/swap/certificate supervisor/cli/core",
         "supervisor/cli/buses": CLI + " supervisor/cli/core",
         "supervisor/cli/host": CLI + HOST + " supervisor/cli/core",

@@ -234,6 +234,7 @@ void Supervisor::serve_spine(SpineLink link) {
   commands_.emplace(*link_, first_id, &config_, &drives_told_);
   swaps_.emplace(Swaps::Helpers{*link_, lawd_, options_.gates ? &trial_ : nullptr, *commands_, events_},
                  RecordBook(records_of(config_.name)), first_id, config_);
+  incidents_.emplace(incidents_of(config_.name), events_);
   const wire::RobotInfo& info = link_->info();
   const int transport = info.transport_inline != 0 ? -1 : static_cast<int>(info.cpu_transport);
   const std::vector<int> ours = cores_beside(all_cpus_, static_cast<int>(info.cpu_spine), transport);
@@ -251,7 +252,7 @@ void Supervisor::open_socket() {
   if (!server) throw Halt{1, server.message()};
   server_.emplace(std::move(*server));
   verbs_.emplace(
-      Parts{config_, *link_, lawd_, trial_, *commands_, *swaps_, events_, throttle_, adopted_, shield_told_},
+      Parts{config_, *link_, lawd_, trial_, *commands_, *swaps_, *incidents_, events_, throttle_, adopted_, shield_told_},
       [this](const ReplyTo& to, const Answer& answer) {
         if (server_) server_->reply(to, answer);
       },

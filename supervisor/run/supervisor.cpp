@@ -118,6 +118,7 @@ void Supervisor::turn(int timeout_ms) {
     read_events();
     commands_->serve(now_ns);
     if (swaps_) swaps_->serve(now_ns);
+    if (incidents_) incidents_->serve(*link_, now_ns);
   }
   if (server_) server_->serve();
   watch_throttling(now_ns);
@@ -196,7 +197,9 @@ void Supervisor::read_events() {
     if (swaps_) {  // absent when start-up failed before they were made; the drives are switched off in any case
       swaps_->on_event(event, now_ns);
     }
-    if (noise_.passes(event, now_ns)) note(event_json(event, *link_));
+    const Json told = event_json(event, *link_);
+    if (noise_.passes(event, now_ns)) note(told);
+    if (incidents_) incidents_->on_event(*link_, event, event_line(told));
   }
   for (const NoiseFilter::Summary& more : noise_.summaries(now_ns)) {
     Json json = event_json(more.last, *link_);
@@ -220,6 +223,7 @@ void Supervisor::spine_died() {
   wire::Telemetry last{};
   if (link_) {
     read_events();
+    if (incidents_) incidents_->finish(*link_);
     if (link_->latest(last)) {
       why +=
           fmt::format("; last tick {} in mode {}, fault {}", last.tick, to_string(static_cast<wire::Mode>(last.mode)),

@@ -17,6 +17,7 @@
 #include "supervisor/core/process.hpp"
 #include "supervisor/events/event_log.hpp"
 #include "supervisor/events/noise.hpp"
+#include "supervisor/incident/incidents.hpp"
 #include "supervisor/link/services/lawd_link.hpp"
 #include "supervisor/link/services/trial_link.hpp"
 #include "supervisor/link/spine/commands.hpp"
@@ -137,6 +138,7 @@ class Supervisor {
   std::optional<SpineLink> link_;
   std::optional<Commands> commands_;
   std::optional<Swaps> swaps_;
+  std::optional<Incidents> incidents_;
   std::optional<Verbs> verbs_;
   std::optional<Server> server_;
 };

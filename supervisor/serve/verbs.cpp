@@ -65,6 +65,7 @@ void Verbs::add_looks() {
     status["last_params"] = parts_.swaps.last_params();
     status["records"] = parts_.swaps.records().string();
     status["records_trouble"] = parts_.swaps.records_trouble();
+    status["incidents"] = parts_.incidents.brief();
     status["throttled"] = {
         {"now", parts_.throttle.active()}, {"times", parts_.throttle.times()}, {"why", parts_.throttle.why()}};
     status["alarms"] = alarms_of(status);
@@ -73,6 +74,11 @@ void Verbs::add_looks() {
   verbs_["events"] = [this](const ReplyTo& to, const Json& args) {
     const auto limit = std::min<std::uint64_t>(args.value("limit", std::uint64_t{EventLog::kDepth}), EventLog::kDepth);
     reply_(to, parts_.log.since(args.value("since", std::uint64_t{0}), limit));
+  };
+  verbs_["incidents"] = [this](const ReplyTo& to, const Json&) { reply_(to, parts_.incidents.list()); };
+  verbs_["incident"] = [this](const ReplyTo& to, const Json& args) {
+    const auto found = parts_.incidents.show(args.value("id", std::uint64_t{0}));
+    std::visit([&](const auto& each) { reply_(to, each); }, found);
   };
   verbs_["params"] = [this](const ReplyTo& to, const Json&) { reply_(to, params_json(parts_.spine)); };
   verbs_["law_list"] = [this](const ReplyTo& to, const Json&) {

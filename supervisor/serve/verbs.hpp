@@ -9,6 +9,7 @@
 
 #include "host/read/throttle.hpp"
 #include "supervisor/events/event_log.hpp"
+#include "supervisor/incident/incidents.hpp"
 #include "supervisor/link/services/lawd_link.hpp"
 #include "supervisor/link/services/trial_link.hpp"
 #include "supervisor/link/spine/commands.hpp"
@@ -26,6 +27,7 @@ struct Parts {
   TrialLink& trial;
   Commands& commands;
   Swaps& swaps;
+  const Incidents& incidents;
   EventLog& log;
   const host::ThrottleWatch& throttle;
   bool adopted;        // the Spine was started by an earlier supervisor

@@ -19,6 +19,11 @@ std::string run_dir() {
   return "/tmp/lithe-" + std::to_string(geteuid());
 }
 
+std::string out_dir() {
+  const std::string chosen = environment("LITHE_OUT_DIR");
+  return chosen.empty() ? "out" : chosen;
+}
+
 std::string cache_dir() {
   if (const std::string dir = environment("LITHE_CACHE_DIR"); !dir.empty()) return dir;
   if (const std::string dir = environment("XDG_CACHE_HOME"); !dir.empty()) return dir + "/lithe";

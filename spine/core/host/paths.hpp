@@ -16,6 +16,9 @@ std::string run_dir();
 // $LITHE_CACHE_DIR, else $XDG_CACHE_HOME/lithe, else $HOME/.cache/lithe, else <run_dir>/cache. Not created.
 std::string cache_dir();
 
+// $LITHE_OUT_DIR, else "out" below the working directory: results, one folder per robot. Not created.
+std::string out_dir();
+
 // Control socket of a robot: <run_dir>/<robot>.sock
 std::string control_socket_path(std::string_view robot);
 

@@ -73,6 +73,9 @@ int param_set(const Context& context, const std::vector<std::string>& words);
 int param_revert(const Context& context);
 int param_save(const Context& context, const std::string& path);
 int events(const Context& context, std::uint64_t since, bool follow);
+// What the flight recorder has kept. `which`: "last", or a number. `folder`: empty = the robot's.
+int incident_list(const Context& context, const std::string& folder);
+int incident_show(const Context& context, const std::string& which, const std::string& folder);
 int top(const Context& context, int turns);
 // Replaces this process by `lithe-sim` with these arguments; throws a Refusal when it cannot.
 [[noreturn]] void simulate(const std::vector<std::string>& words);

@@ -84,6 +84,16 @@ void add_robot(CLI::App& app, Words& words) {
                            [](Words& w) { return events(w.context, w.since, w.follow); });
   log->add_option("--since", words.since, "only events after this cursor")->type_name("CURSOR");
   log->add_flag("--follow,-f", words.follow, "go on until Ctrl-C");
+  CLI::App* incident =
+      add_group(app, kRobot, "incident", "telemetry kept around faults, rollbacks and changes of mode");
+  CLI::App* kept = add_verb(*incident, words, "list", "the newest last",
+                            [](Words& w) { return incident_list(w.context, w.folder); });
+  CLI::App* one = add_verb(*incident, words, "show", "one of them",
+                           [](Words& w) { return incident_show(w.context, w.which, w.folder); });
+  one->add_option("WHICH", words.which, "last (default), or a number");
+  for (CLI::App* each : {kept, one}) {
+    each->add_option("--folder", words.folder, "folder of the incidents, instead of the robot's")->type_name("DIR");
+  }
   add_verb(app, words, kRobot, "estop", "stop now, with or without a supervisor; latched",
            [](Words& w) { return estop(w.context); });
   add_command(app, words, kRobot, "stop", "end `lithe run`, like Ctrl-C", "shutdown");

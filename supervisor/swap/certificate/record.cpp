@@ -137,8 +137,7 @@ Fits fits(const std::string& hash, const std::vector<Writing>& writings, std::si
 }  // namespace
 
 fs::path records_of(const std::string& robot) {
-  const std::string chosen = environment("LITHE_OUT_DIR");
-  return fs::absolute(chosen.empty() ? "out" : chosen) / robot / "swaps";
+  return fs::absolute(out_dir()) / robot / "swaps";
 }
 
 // Where an earlier run stopped.

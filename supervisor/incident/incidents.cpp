@@ -1,0 +1,294 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "supervisor/incident/incidents.hpp"
+
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <ctime>
+#include <fstream>
+#include <system_error>
+#include <utility>
+
+#include "spine/core/host/files.hpp"
+#include "spine/core/host/paths.hpp"
+#include "spine/core/time.hpp"
+#include "spine/ipc/ring.hpp"
+#include "supervisor/incident/columns.hpp"
+
+namespace lithe::control {
+namespace {
+
+namespace fs = std::filesystem;
+using wire::EventKind;
+
+constexpr std::size_t kMostSummaryBytes = 4'000'000;
+constexpr std::size_t kMostEvents = 500, kMostLaws = 32;
+
+// Stops the robot or takes its law away.
+bool is_fault(EventKind kind) {
+  switch (kind) {
+    case EventKind::safe_stop:
+    case EventKind::fault:
+    case EventKind::estop:
+    case EventKind::group_stopped:
+    case EventKind::memory_damaged:
+    case EventKind::law_faulted:
+    case EventKind::law_rolled_back:
+    case EventKind::params_reverted:
+      return true;
+    default:
+      return false;
+  }
+}
+
+// Refused in the tick, or a change of mode.
+bool is_notable(EventKind kind) {
+  switch (kind) {
+    case EventKind::plan_refused:
+    case EventKind::command_refused:
+    case EventKind::params_refused:
+    case EventKind::armed:
+    case EventKind::disarmed:
+    case EventKind::held:
+    case EventKind::reset:
+    case EventKind::recovering:
+    case EventKind::recovered:
+      return true;
+    default:
+      return false;
+  }
+}
+
+std::string name_of(std::uint64_t id) { return fmt::format("{:04}", id); }
+
+// Number of an incident's file; 0 = it is not one.
+std::uint64_t id_of(const fs::path& path) {
+  const std::string stem = path.stem().string();
+  const bool is_one = path.extension() == ".json" && stem.size() >= 4 && stem.size() < 10 &&
+                      std::ranges::all_of(stem, [](char c) { return c >= '0' && c <= '9'; });
+  return is_one ? std::stoull(stem) : 0;
+}
+
+// Ascending.
+std::vector<std::uint64_t> ids_in(const fs::path& folder) {
+  std::vector<std::uint64_t> ids;
+  std::error_code failure;
+  for (fs::directory_iterator at(folder, failure), end; !failure && at != end; at.increment(failure)) {
+    if (const std::uint64_t id = id_of(at->path()); id != 0) ids.push_back(id);
+  }
+  std::ranges::sort(ids);
+  return ids;
+}
+
+Json read_one(const fs::path& folder, std::uint64_t id) {
+  const auto text = read_regular_file((folder / (name_of(id) + ".json")).string(), kMostSummaryBytes);
+  Json summary = text ? Json::parse(*text, nullptr, false) : Json();
+  return summary.is_object() && summary.contains("kind") ? summary : Json();
+}
+
+// "" or why not. A reader sees the whole file or none.
+std::string put(const fs::path& path, const std::string& bytes) {
+  const fs::path draft = path.string() + ".draft";
+  std::error_code failure;
+  std::ofstream file(draft, std::ios::binary | std::ios::trunc);
+  file << bytes;
+  file.close();
+  if (!file) {
+    fs::remove(draft, failure);
+    return fmt::format("cannot write {}: disk full, over a limit, or read-only?", path.string());
+  }
+  fs::rename(draft, path, failure);
+  return failure ? fmt::format("cannot rename {}: {}", draft.string(), failure.message()) : "";
+}
+
+Json span(double least, double most) { return Json::array({least, most}); }
+
+}  // namespace
+
+fs::path incidents_of(const std::string& robot) { return fs::absolute(out_dir()) / robot / "incidents"; }
+
+std::vector<Json> read_incidents(const fs::path& folder) {
+  std::vector<Json> found;
+  for (const std::uint64_t id : ids_in(folder)) {
+    if (Json summary = read_one(folder, id); !summary.is_null()) found.push_back(std::move(summary));
+  }
+  return found;
+}
+
+void Incidents::on_event(const SpineLink& spine, const wire::Event& event, const std::string& line) {
+  const auto kind = static_cast<EventKind>(event.kind);
+  if (kind == EventKind::law_committed) {
+    laws_[event.code] = law(spine, event.code);
+    if (laws_.size() > kMostLaws) laws_.erase(laws_.begin());
+  }
+  if (!is_fault(kind) && !is_notable(kind)) return;
+  // One at a time: what follows is in the events of the open one. A fault takes the place of what is none.
+  if (open_ && (is_fault(static_cast<EventKind>(open_->event.kind)) || !is_fault(kind))) return;
+  const auto last = last_ns_.find(event.kind);
+  if (last != last_ns_.end() && event.t_ns - last->second < kPauseNs) {
+    ++skipped_;
+    return;
+  }
+  last_ns_[event.kind] = event.t_ns;
+  open_ = Open{event, line, kHalfNs};
+}
+
+void Incidents::serve(const SpineLink& spine, std::int64_t now_ns) {
+  if (!open_) return;
+  // The ring must still hold what was before when what comes after is there.
+  constexpr double kShare = 0.45;
+  const double holds_s = kShare * wire::spine_segment::kTelemetryDepth / spine.info().rate_hz;
+  open_->half_ns = std::min(kHalfNs, static_cast<std::int64_t>(1e9 * holds_s));
+  if (now_ns - open_->event.t_ns > open_->half_ns) finish(spine);
+}
+
+void Incidents::finish(const SpineLink& spine) {
+  if (!open_) return;
+  write(spine);
+  open_.reset();
+}
+
+void Incidents::write(const SpineLink& spine) {
+  ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> reader(spine.memory().telemetry);
+  reader.rewind();
+  const std::int64_t from_ns = open_->event.t_ns - open_->half_ns, to_ns = open_->event.t_ns + open_->half_ns;
+  std::vector<wire::Telemetry> records;
+  records.reserve(static_cast<std::size_t>(2.1e-9 * static_cast<double>(open_->half_ns) * spine.info().rate_hz));
+  Columns columns(std::min<std::size_t>(spine.info().joint_count, wire::kNj));
+  wire::Telemetry record;
+  while (!reader.empty() && records.size() < wire::spine_segment::kTelemetryDepth) {
+    if (!reader.next(record) || record.release_ns < from_ns || record.release_ns > to_ns) continue;
+    columns.add(record);
+    records.push_back(record);
+  }
+  std::error_code failure;
+  fs::create_directories(folder_, failure);
+  make_room();
+  const auto ids = ids_in(folder_);
+  const std::uint64_t id = std::max(last_id_, ids.empty() ? 0 : ids.back()) + 1;
+  Json told = summary(spine, records);
+  told["id"] = id;
+  told["data"] = name_of(id) + ".npy";
+  trouble_ = put(folder_ / (name_of(id) + ".npy"), columns.npy());
+  if (trouble_.empty()) {
+    trouble_ = put(folder_ / (name_of(id) + ".json"), told.dump(2, ' ', false, Json::error_handler_t::replace) + '\n');
+  }
+  if (!trouble_.empty()) fs::remove(folder_ / (name_of(id) + ".npy"), failure);
+  if (trouble_.empty()) last_id_ = id;
+}
+
+// Deletes the oldest; also data without a summary, which a kill has left.
+void Incidents::make_room() const {
+  std::error_code failure;
+  auto ids = ids_in(folder_);
+  for (fs::directory_iterator at(folder_, failure), end; !failure && at != end; at.increment(failure)) {
+    const fs::path path = at->path();
+    std::error_code ignored;
+    const bool ours = path.extension() == ".npy" || path.extension() == ".draft";
+    if (ours && !fs::exists(fs::path(path).replace_extension(".json"), ignored)) fs::remove(path, ignored);
+  }
+  const auto bytes = [&] {
+    std::uintmax_t sum = 0;
+    for (const std::uint64_t id : ids) {
+      const std::uintmax_t size = fs::file_size(folder_ / (name_of(id) + ".npy"), failure);
+      sum += failure ? 0 : size;
+    }
+    return sum;
+  };
+  while (!ids.empty() && (ids.size() >= kMost || bytes() > kMostBytes)) {
+    fs::remove(folder_ / (name_of(ids.front()) + ".json"), failure);
+    fs::remove(folder_ / (name_of(ids.front()) + ".npy"), failure);
+    ids.erase(ids.begin());
+  }
+}
+
+Json Incidents::summary(const SpineLink& spine, const std::vector<wire::Telemetry>& records) const {
+  const wire::Event& event = open_->event;
+  const wire::RobotInfo& info = spine.info();
+  const auto ago_s = std::chrono::nanoseconds(monotonic_ns() - event.t_ns);
+  const std::time_t at = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now() - ago_s);
+  Json out = {{"kind", std::string(to_string(static_cast<EventKind>(event.kind)))},
+              {"what", open_->line},
+              {"t_ns", event.t_ns},
+              {"tick", event.tick},
+              {"time", fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(at))},
+              {"rate_hz", info.rate_hz},
+              {"ticks", records.size()},
+              {"skipped_before", skipped_}};
+  if (!records.empty()) {
+    const wire::Telemetry &first = records.front(), &last = records.back();
+    out["seconds_before"] = 1e-9 * static_cast<double>(event.t_ns - first.release_ns);
+    out["seconds_after"] = 1e-9 * static_cast<double>(last.release_ns - event.t_ns);
+    out["ticks_lost"] = last.missed_releases - first.missed_releases;
+    out["mode"] = {{"before", std::string(to_string(static_cast<wire::Mode>(first.mode)))},
+                   {"after", std::string(to_string(static_cast<wire::Mode>(last.mode)))}};
+    out["plan_id"] = last.plan_id;
+    out["law"] = {{"before", law(spine, first.law_id)}, {"after", law(spine, last.law_id)}};
+  }
+  if (const auto running = spine.running_law()) out["params"] = running->values;
+  out["joints"] = Json::array();
+  for (std::size_t j = 0; j < std::min<std::size_t>(info.joint_count, wire::kNj) && !records.empty(); ++j) {
+    const auto extremes = [&](const auto& field) {
+      const auto [least, most] = std::ranges::minmax(records, {}, [&](const auto& each) { return (each.*field)[j]; });
+      return span((least.*field)[j], (most.*field)[j]);
+    };
+    double error_rad = 0;
+    for (const wire::Telemetry& each : records) {
+      error_rad = std::max(error_rad, std::abs(each.setpoint_position_rad[j] - each.position_rad[j]));
+    }
+    out["joints"].push_back({{"name", joint_name(info, j)},
+                             {"position_rad", extremes(&wire::Telemetry::position_rad)},
+                             {"velocity_rad_s", extremes(&wire::Telemetry::velocity_rad_s)},
+                             {"command_torque_nm", extremes(&wire::Telemetry::command_torque_nm)},
+                             {"largest_error_rad", error_rad}});
+  }
+  out["events"] = Json::array();
+  const Json newest = log_.since(log_.last() > kMostEvents ? log_.last() - kMostEvents : 0, kMostEvents);
+  for (const Json& each : newest["events"]) {
+    if (std::abs(each.value("t_ns", std::int64_t{0}) - event.t_ns) <= open_->half_ns) out["events"].push_back(each);
+  }
+  return out;
+}
+
+// null: none, or nothing is known of it any more.
+Json Incidents::law(const SpineLink& spine, std::uint32_t law_id) const {
+  if (const auto info = spine.law(law_id)) {
+    return {{"name", text_of(info->name)}, {"law_id", law_id}, {"request_id", info->request_id}};
+  }
+  const auto found = laws_.find(law_id);
+  return found != laws_.end() ? found->second : Json();
+}
+
+Json Incidents::list() const {
+  Json out = brief();
+  out["skipped"] = skipped_;
+  out["incidents"] = Json::array();
+  for (Json& each : read_incidents(folder_)) {
+    for (const char* long_one : {"events", "joints", "params"}) each.erase(long_one);
+    out["incidents"].push_back(std::move(each));
+  }
+  return out;
+}
+
+std::variant<Json, Refusal> Incidents::show(std::uint64_t id) const {
+  const auto ids = ids_in(folder_);
+  const std::uint64_t wanted = id == 0 && !ids.empty() ? ids.back() : id;
+  Json found = read_one(folder_, wanted);
+  if (found.is_null()) {
+    return Refusal{"no_incident", fmt::format("there is no incident {} in {}", wanted, folder_.string()),
+                   "incidents lists them; the oldest are removed"};
+  }
+  found["folder"] = folder_.string();
+  return found;
+}
+
+Json Incidents::brief() const {
+  const auto ids = ids_in(folder_);
+  return {{"folder", folder_.string()},
+          {"last", ids.empty() ? Json() : Json(ids.back())},
+          {"trouble", trouble_.empty() ? Json() : Json(trouble_)}};
+}
+
+}  // namespace lithe::control
