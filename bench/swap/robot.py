@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import os
-import os
 import time
 import tomllib
 from collections import Counter
