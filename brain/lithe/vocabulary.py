@@ -72,6 +72,10 @@ _FIELDS: Schema = {
     "items": {"type": "string"},
     "description": "telemetry fields (docs/reference/wire.md); a wrong name is refused with the list of all",
 }
+_EACH: Schema = {
+    "description": "one number for all joints, or one for each",
+    "anyOf": [{"type": "number"}, {"type": "array", "items": {"type": "number"}}],
+}
 _SOURCE = ("source", _text("the whole law: C++ that includes <lithe/law.hpp>"))
 _NAME = ("name", _text("its name in diagnostics and certificate, for example pd.cpp"))
 _WAYPOINTS: Schema = {
@@ -92,6 +96,12 @@ VERBS = (
             ("since", _integer("the cursor of an earlier answer", minimum=0)),
             ("limit", _integer("at most so many", minimum=1)),
         ),
+    ),
+    Verb("incidents", "What was kept around faults, rollbacks, refusals in the tick and changes of mode."),
+    Verb(
+        "incident",
+        "One of them: what happened, extremes of each joint, the events of that time, the file of its telemetry.",
+        args=(("id", _integer("its number; 0 or left out: the newest", minimum=0)),),
     ),
     Verb("latest", "The newest telemetry record.", args=(("fields", _FIELDS),)),
     Verb(
@@ -165,6 +175,35 @@ VERBS = (
         required=("t_ns", "position_rad"),
         first=True,
     ),
+    Verb(
+        "set_reference",
+        "Streams a reference from now on; faded in from where the joints are, checked against their limits first.",
+        Effect.moves,
+        args=(
+            ("kind", {"type": "string", "enum": ["rest", "steps", "sine", "multisine", "chirp", "waypoints"]}),
+            ("centre_rad", _EACH),
+            ("amplitude_rad", _EACH),
+            ("phase_rad", _EACH),
+            ("frequency_hz", {**_EACH, "description": "sine: one; multisine: up to 64"}),
+            ("from_hz", _number("chirp: its first frequency", exclusiveMinimum=0)),
+            ("to_hz", _number("chirp: its last frequency", exclusiveMinimum=0)),
+            ("duration_s", _number("chirp: its length", exclusiveMinimum=0)),
+            ("t_s", {"type": "array", "items": {"type": "number"}, "description": "waypoints: ascending times"}),
+            (
+                "position_rad",
+                {**_WAYPOINTS, "description": "steps, waypoints: rows of one number per joint", "maxItems": 1000},
+            ),
+            ("every_s", _number("steps: from one to the next", exclusiveMinimum=0)),
+            ("rise_s", _number("steps: how long a step takes", exclusiveMinimum=0)),
+            ("ramp_s", _number("how long it takes to fade in", exclusiveMinimum=0)),
+            ("stay", {"type": "boolean", "description": "it goes on when this client leaves or is silent"}),
+            ("client_stale_s", _number("silence of this client after which it ends (default 5)", exclusiveMinimum=0)),
+        ),
+        required=("kind",),
+        first=True,
+    ),
+    Verb("reference", "The reference that is streamed, since when, and why the one before ended."),
+    Verb("stop_reference", "The reference comes to rest.", Effect.stops, first=True),
     Verb("arm", "Torque on: the law runs from the next tick.", Effect.moves, first=True),
     Verb(
         "recover",

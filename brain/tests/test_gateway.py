@@ -9,6 +9,7 @@ import socket
 import stat
 import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -272,3 +273,33 @@ def test_many_agents_at_once_are_all_served(gateway: Gateway) -> None:
 
     with ThreadPoolExecutor(8) as pool:
         assert sorted(pool.map(work, range(8))) == list(range(8))
+
+
+def test_a_reference_moves_the_joint_and_rests_when_its_client_leaves(robot: lithe.Robot) -> None:
+    """The gateway streams; what leaves the limits is refused, and changes nothing."""
+    gateway = Gateway(robot, token="sesame")
+    gateway.start()
+
+    def wait_for(what: Callable[[Any], bool]) -> None:
+        end = time.monotonic() + 60
+        while not ((record := robot.telemetry.latest()) is not None and what(record)):
+            assert time.monotonic() < end
+            time.sleep(0.05)
+
+    with lithe.Remote("127.0.0.1", gateway.port, "sesame") as remote:
+        if remote.call("status")["mode"] != "active":
+            remote.call("arm")
+        for refused in ({"amplitude_rad": 9.0}, {"amplitude_rad": 0.3, "from_hz": 1}):
+            with pytest.raises(lithe.Refused):
+                remote.call("set_reference", kind="sine", centre_rad=0.0, frequency_hz=0.5, **refused)
+        assert remote.call("reference")["streams"] is False
+        asked = {"kind": "sine", "centre_rad": 0.0, "amplitude_rad": 0.3, "frequency_hz": 1.0, "client_stale_s": 60}
+        told = remote.call("set_reference", **asked)
+        assert told["asked"] == asked
+        for sign in (1, -1):
+            wait_for(lambda record, sign=sign: sign * float(record["setpoint_position_rad"][0]) > 0.25)
+        assert remote.call("reference")["since_ns"] == told["since_ns"]
+    wait_for(lambda _: gateway.references.told()["ended"] == "its client has left")
+    wait_for(lambda record: float(record["setpoint_velocity_rad_s"][0]) == 0.0)
+    assert robot.status()["mode"] == "active"
+    gateway.close()

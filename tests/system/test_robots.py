@@ -183,12 +183,14 @@ def test_they_do_over_three_terminals(tmp_path: Path, monkeypatch: pytest.Monkey
 
 def test_a_touch_turns_the_joints_round_in_the_tick_that_reads_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """From the gateway's input to the torque at the drives, while the plan goes on."""
-    with running(calm.calm_text(robot="frankenstein"), monkeypatch) as (_, robot):
+    palm = 'name = "palm_touch"\ndevice = "hand_inputs"\nkind = "digital"\nchannel = '
+    text = calm.calm_text({f"{palm}0": f"{palm}5"}, robot="frankenstein")  # this one goes on every 1.9 s
+    with running(text, monkeypatch) as (_, robot):
         touch = robot.spine.sensor_names.index("palm_touch")
         robot.swap(ROOT / "laws/reflex.cpp", params={"sensor": touch, "kp_nm_rad": 4, "hold_s": 0.1}, error_ratio=0)
         with Recorder("arm") as recorder:
             robot.go_to([0.3] * robot.spine.joint_count, in_s=4.0)
-            time.sleep(4.0)  # this input goes on once a second
+            time.sleep(4.0)
             records = recorder.finish()
         assert robot.status()["law"] == "reflex"
     on = records["sensor"][:, touch] >= 0.5

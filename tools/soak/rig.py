@@ -139,7 +139,7 @@ class Rig:
         info = self.spine.info
         count = int(info["joint_count"])
         low, high = info["position_min_rad"][:count], info["position_max_rad"][:count]
-        sine = {"centre_rad": ((low + high) / 2).tolist(), "amplitude_rad": ((high - low) / 8).tolist()}
+        sine = {"kind": "sine", "centre_rad": ((low + high) / 2).tolist(), "amplitude_rad": ((high - low) / 8).tolist()}
         sine |= {"frequency_hz": 0.25, "ramp_s": 2.0}
         words = ["-m", "lithe.demo.brain", "--token-file", str(self.folder / "token"), "--reference", json.dumps(sine)]
         self.processes["brain"] = subprocess.Popen(

@@ -98,7 +98,7 @@ class Agent:
     def track(self) -> None:
         """Every joint follows its sine, once it has faded in."""
         sines = moves.sines(self.joints)
-        answer = self.remote.call("reference", **sines)
+        answer = self.remote.call("set_reference", stay=True, **sines)
         tell(reference={**sines, "since_ns": answer["since_ns"]})
         time.sleep(moves.RAMP_S)
 
@@ -128,14 +128,14 @@ class Agent:
 
     def rest(self, most_s: float = 2.0) -> None:
         """Until the setpoint rests where the robot does."""
-        self.remote.call("reference")  # from now on the setpoint waits for the robot
+        self.remote.call("set_reference", kind="rest", stay=True)  # from now on the setpoint waits for the robot
         until = time.monotonic() + most_s
         while time.monotonic() < until:
             time.sleep(0.1)
             motions = as_motions([self.remote.call("history", seconds=REST_S + 0.1, fields=FIELDS)])
             if motions[0].t_s[-1] > REST_S and all(map(rests, motions)):
                 break
-        self.remote.call("reference")
+        self.remote.call("set_reference", kind="rest", stay=True)
         self.wait_for_setpoint(most_s)
 
     def wait_for_setpoint(self, most_s: float) -> None:

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from lithe import references
 from lithe._wire import Fault, Mode
 from lithe.errors import LitheError
 
-from . import brain, judge
+from . import judge
 from .processes import Disturbed, Lines, Stage, raise_unless_active, start_brain
 from .recorder import Recorder
 
@@ -31,7 +32,7 @@ def freeze_phase_rad(reference: dict[str, Any], decelerations_rad_s2: npt.NDArra
     omega = 2 * np.pi * float(reference["frequency_hz"])
     amplitudes_rad = np.asarray(reference["amplitude_rad"])
     coast_shares = amplitudes_rad * omega**2 / (2 * decelerations_rad_s2)  # of the amplitude
-    ahead_s = (brain.POINTS - 1) * brain.PERIOD_NS * 1e-9
+    ahead_s = (references.POINTS - 1) * references.PERIOD_NS * 1e-9
     return float(max(np.pi - np.mean(np.arcsin(np.minimum(1.0, coast_shares))) - omega * ahead_s, np.pi / 2))
 
 

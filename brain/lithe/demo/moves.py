@@ -40,7 +40,7 @@ def phase_rad(loaded_rad: float, centre_rad: float, amplitude_rad: float) -> flo
 
 
 def sines(joints: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """What the verb `reference` takes: for each joint a sine about the heaviest place that its limits leave room for.
+    """What the verb `set_reference` takes: for each joint a sine about the heaviest place within its limits.
 
     The phases are such that all joints come through their heaviest angle at once, on their way down.
     """
@@ -58,6 +58,7 @@ def sines(joints: Sequence[dict[str, Any]]) -> dict[str, Any]:
         amplitudes.append(amplitude)
         phases.append(phase_rad(loaded_rad, centre, amplitude))
     return {
+        "kind": "sine",
         "centre_rad": centres,
         "amplitude_rad": amplitudes,
         "phase_rad": phases,

@@ -182,7 +182,8 @@ class Stage:
 
 def start_brain(stage: Stage, token_file: Path, reference: dict[str, Any]) -> tuple[subprocess.Popen[str], int]:
     """The Brain process and the port of its gateway."""
-    brain = stage.start("lithe.demo.brain", "--token-file", str(token_file), "--reference", json.dumps(reference))
+    asked = {name: value for name, value in reference.items() if name != "since_ns"} or {"kind": "rest"}
+    brain = stage.start("lithe.demo.brain", "--token-file", str(token_file), "--reference", json.dumps(asked))
     assert brain.stdout is not None
     with brain.stdout:
         line = brain.stdout.readline()

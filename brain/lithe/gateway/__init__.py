@@ -40,6 +40,7 @@ import numpy as np
 
 from ..control import plain
 from ..errors import LitheError, NotRunning, Refused
+from ..references import References
 from ..robot import Robot
 from ..shm import dtype
 from ..text import unprintable_in
@@ -117,6 +118,8 @@ class Gateway:
         self.turns = Turns()
         self._say = say or (lambda words: print(f"lithe.gateway: {words}", file=sys.stderr, flush=True))
         self._places = threading.BoundedSemaphore(MOST_CLIENTS)
+        self.references = References(robot)
+        self._asking = threading.local()  # .client: whose request this thread handles
         self._ours: dict[str, Verb] = {
             "describe": self._describe,
             "latest": self._latest,
@@ -125,6 +128,9 @@ class Gateway:
             "estop": lambda _: robot.estop(),
             "reset": lambda _: robot.reset(),
             "state": lambda _: robot.state(),
+            "set_reference": self._set_reference,
+            "reference": lambda _: self.references.told(),
+            "stop_reference": lambda _: self.references.stop(),
         }
         self.verbs: dict[str, Verb] = {**self._ours, **(verbs or {})}
         no = _refusal(None, "token", "wrong token", "read it from the token file")
@@ -161,16 +167,20 @@ class Gateway:
             link.sendall(self._answer(b'{"id": 1, "verb": "estop"}')[0])
 
     def _serve(self, link: socket.socket, rest: bytes) -> None:
+        me = object()
         try:
             with link:
-                Client(link, rest, self._answer, self.turns, self._say).serve()
+                Client(link, rest, lambda line: self._answer(line, me), self.turns, self._say).serve()
         except OSError:
             pass  # it has left already
         finally:
+            self.references.left(me)
             self._places.release()
 
-    def _answer(self, line: bytes) -> tuple[bytes, int]:
+    def _answer(self, line: bytes, client: object = None) -> tuple[bytes, int]:
         """The line that answers a request, and how much of it `turns` keeps as not yet sent."""
+        self._asking.client = client
+        self.references.heard(client)
         name: Any = None
         kept: list[int] = []
         try:
@@ -296,6 +306,9 @@ class Gateway:
             result = Encoded(b"{" + b", ".join([*parts, b'"lost": %d' % lost]) + b"}")
             self.turns.keep(len(result))
             return result
+
+    def _set_reference(self, args: dict[str, Any]) -> Any:
+        return self.references.set(args, self._asking.client)
 
     def _publish(self, args: dict[str, Any]) -> Any:
         velocity = args.get("velocity_rad_s")
