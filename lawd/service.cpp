@@ -11,6 +11,8 @@
 #include "lawd/object/admission_lines.hpp"
 #include "lawd/run/dry_run.hpp"
 #include "lawd/run/files.hpp"
+#include "lawd/source/clean.hpp"
+#include "lawd/source/help.hpp"
 #include "spine/core/joints.hpp"
 #include "spine/core/sha256.hpp"
 
@@ -128,6 +130,10 @@ json Service::compile(const json& request) {
   }
   Job job{request["source"], safe_name(name.is_string() ? name.get<std::string>() : ""), "", joints};
   if (job.source.size() > kMaxSourceBytes) return refuse_whole("compile", job.name, "the source is larger than 1 MiB");
+  Admission unclear;
+  const Cleaned cleaned = clean_source(job.source, unclear);
+  if (!unclear.ok()) return refuse_admission(unclear, job.name, job.source);
+  job.source = cleaned.text;
   job.admit = is_on(request, "admit", true);
   job.dry_run = is_on(request, "dry_run", true);
   const std::string rules = job.admit ? std::string(kAdmissionRules) : "not admitted";
@@ -138,6 +144,7 @@ json Service::compile(const json& request) {
   if (!cached) reply = build(job);
   if (json refused = over_budget(reply, job.name, budget_ns); !refused.is_null()) reply = std::move(refused);
   if (reply.value("ok", false)) reply["toolchain"] = toolchain_.to_json();
+  if (!cleaned.notes.empty()) reply["cleaned"] = cleaned.notes;
   reply["hash"] = job.hash;
   reply["cached"] = cached;
   reply["compile_ms"] = since_ms(start);
@@ -240,8 +247,10 @@ json Service::run_compiler(const Job& job, const std::string& file, const std::s
     return refuse_whole("compile", job.name,
                         "the compiler needs more than 1 GiB of memory: fewer macros and templates, smaller matrices");
   }
+  const Help help(job.source, read_file(toolchain_.contract_dir() + "/lithe/law.hpp").value_or(""));
+  const auto with_help = [&help](const std::string& message) { return help.with_help(message); };
   const Diagnostics diagnostics =
-      read_diagnostics(outcome.output, {file, job.name, job.source, toolchain_.contract_dir()});
+      read_diagnostics(outcome.output, {file, job.name, job.source, toolchain_.contract_dir(), with_help});
   warnings = diagnostics.text;
   if (outcome.clean()) return nullptr;
   if (disk_is_full(outcome.output)) return refuse("cache", full_disk_text(cache_));
@@ -256,7 +265,10 @@ json Service::try_and_store(const Job& job, const std::string& object, const std
                             const std::string& warnings, const json& gates) {
   const DryRun tried = dry_run(library, job.joints, job.dry_run ? kDrySteps : 0);
   if (tried.starved) return refuse_starved(tried.reason);
-  if (!tried.ok) return refuse_whole(tried.stage, job.name, tried.reason);
+  if (!tried.ok) {
+    const json place = tried.pc_offset == 0 ? json::object() : own_place(library, tried.pc_offset);
+    return refuse_at(tried.stage, job.name, job.source, place.value("line", 0), tried.reason);
+  }
   const auto bytes = read_file(library), placeable = read_file(object);
   if (!bytes || !placeable) return refuse("cache", "cannot read back " + library);
   const std::string base = cache_ + "/laws/" + job.hash;

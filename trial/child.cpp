@@ -7,6 +7,7 @@
 #include <sys/syscall.h>
 #include <ucontext.h>
 
+#include <algorithm>
 #include <array>
 #include <cstdio>
 #include <memory>
@@ -46,6 +47,13 @@ std::uint64_t pc_of(const void* context) {
 }
 
 void on_signal(int signal, siginfo_t* info, void* context) {
+  if (signal == SIGFPE &&
+      g_report.refused[0] != '\0') {  // LawHarness::repeat(): the verdict is known, this is its place
+    g_report.invalid_pc = pc_of(context);
+    g_report.ended = 1;
+    tell();
+    end(0);
+  }
   g_report.crash.signal = signal;
   g_report.crash.pc = pc_of(context);
   if (signal == SIGSYS) {
@@ -183,6 +191,9 @@ int run_trial(const TrialSetup& setup, const TrialRequest& request, const Limits
   const History history{past.data(), static_cast<std::uint32_t>(past.size()), setup.joints(), setup.dt_s()};
   LawHarness one(*law, params, history, setup.clock), other(*law, params, history, setup.clock);
   TrialContext context{setup, *law, recording, one, other, request.budget_ns, 0, g_report, {}, 0};
+  context.can_trap = true;
+  std::ranges::transform(params, g_report.param_values.begin(), &Param::value);
+  g_report.params = static_cast<std::uint32_t>(params.size());
   context.times_ns.reserve(kTimingInputs);
   // A MuJoCo model allocates when meshes touch; the law must not get a system call for this.
   if (setup.robot.plant.kind == robot::PlantKind::mujoco && !keep_heap(kHeapOfAModel)) return give_up("no memory");

@@ -85,6 +85,7 @@ Verdict judge(const Outcome& outcome, const Limits& limits) {
   } else if (report.refused[0] != '\0') {
     verdict.unable = report.unable != 0;
     verdict.reason = text_of(report.refused);
+    if (report.invalid_pc > report.image_base) verdict.pc_offset = report.invalid_pc - report.image_base;
   } else if (report.ended == 0 || outcome.signal != 0 || outcome.exit_code != 0) {
     verdict.reason = death_text(outcome, limits);
   }

@@ -12,11 +12,12 @@ namespace lithe::trial {
 
 struct Verdict {
   bool ok = false;
-  bool starved = false;         // the trial got too little processor time: no evidence against the law
-  bool unable = false;          // the sandbox does not work on this machine: likewise
-  bool out_of_time = false;     // it did not finish in time
-  std::string reason;           // empty when ok
-  std::uint64_t pc_offset = 0;  // of a crash: offset from the law's start [bytes]; 0 = unknown
+  bool starved = false;      // the trial got too little processor time: no evidence against the law
+  bool unable = false;       // the sandbox does not work on this machine: likewise
+  bool out_of_time = false;  // it did not finish in time
+  std::string reason;        // empty when ok
+  std::uint64_t pc_offset =
+      0;  // of a crash, or of the operation that gave no number: offset from the law's start [bytes]; 0 = unknown
   Report report;
 };
 

@@ -160,6 +160,7 @@ json Zygote::attempt(const json& request) {
                 {"report", to_json(verdict.report, setup_.plain.baseline, setup_.heavy.baseline, setup_.joints(),
                                    wanted.budget_ns)}};
   if (verdict.ok) reply["warnings"] = warnings(verdict.report, setup_);
+  if (!verdict.starved && !verdict.unable) reply["hints"] = hints(verdict.report, setup_, verdict.ok);
   if (!verdict.ok) reply["reason"] = verdict.reason;
   if (verdict.pc_offset != 0) reply["pc_offset"] = verdict.pc_offset;
   return reply;

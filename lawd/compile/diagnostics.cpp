@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lawd/compile/diagnostics.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <sstream>
@@ -14,7 +16,7 @@ namespace lithe::lawd {
 namespace {
 
 using nlohmann::json;
-constexpr std::size_t kMaxEntries = 20;
+constexpr std::size_t kMaxEntries = 6;  // the first ones: most of the others follow from them
 
 std::vector<std::string> lines_of(const std::string& text) {
   std::vector<std::string> lines;
@@ -87,7 +89,7 @@ json entry(const json& raw, const Sources& sources, const std::vector<std::strin
     out["contract"] = true;
     out["line"] = line_about(message, lines);
   } else {
-    out["message"] = message;
+    out["message"] = sources.with_help ? sources.with_help(message) : message;
     if (!file.empty()) {
       if (file != sources.path) out["file"] = file;
       out["line"] = caret.value("line", 0);
@@ -122,6 +124,7 @@ Diagnostics read_diagnostics(const std::string& output, const Sources& sources) 
     }
   }
   Diagnostics result;
+  std::size_t more = 0;
   result.list = json::array();
   for (const bool warnings : {false, true}) {  // errors first
     for (json d : all) {
@@ -132,11 +135,15 @@ Diagnostics read_diagnostics(const std::string& output, const Sources& sources) 
       if (holds(d["message"], "<expression error>")) continue;  // follows from an error that is reported itself
       const bool known = std::find(result.list.begin(), result.list.end(), d) != result.list.end();
       if (is_warning != warnings || consequence || known || d["severity"] == "note") continue;
-      if (result.list.size() >= kMaxEntries) break;
+      if (result.list.size() >= kMaxEntries) {
+        ++more;
+        continue;
+      }
       result.text += diagnostic_text(d);
       result.list.push_back(std::move(d));
     }
   }
+  if (more > 0) result.text += fmt::format("... and {} more\n", more);
   if (result.list.empty()) result.text = rest;
   return result;
 }

@@ -8,11 +8,9 @@
 #include <utility>
 
 namespace lithe::lawd {
-namespace {
 
 using nlohmann::json;
 
-// Line `wanted`, from 1; empty when there is none.
 std::string line_of(std::string_view source, int wanted) {
   for (int line = 1; !source.empty(); ++line) {
     const std::size_t end = std::min(source.find('\n'), source.size());
@@ -21,8 +19,6 @@ std::string line_of(std::string_view source, int wanted) {
   }
   return "";
 }
-
-}  // namespace
 
 void Admission::refuse(std::string_view gate, std::string message, int line, int column) {
   const auto same = [&](const Finding& finding) { return finding.message == message && finding.line == line; };

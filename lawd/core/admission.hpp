@@ -53,6 +53,8 @@ struct Compiled {
 void admit_source(std::string_view source, Admission& out);
 void admit_object(const Compiled& compiled, Admission& out);
 
+// Line `wanted` of a text, from 1, at most 200 bytes of it; empty when there is none.
+std::string line_of(std::string_view source, int wanted);
 // The findings as diagnostics: [{file, line, column, severity, message, text, gate}].
 nlohmann::json findings_json(const Admission& admission, const std::string& name, std::string_view source);
 // A diagnostic as text: position, message, source line, a caret under the column.

@@ -12,8 +12,13 @@ json refuse(const std::string& stage, const std::string& text, json diagnostics)
 }
 
 json refuse_whole(const std::string& stage, const std::string& name, const std::string& reason) {
-  const json entry = {{"file", name},        {"line", 0},         {"column", 0},
-                      {"severity", "error"}, {"message", reason}, {"text", ""}};
+  return refuse_at(stage, name, "", 0, reason);
+}
+
+json refuse_at(const std::string& stage, const std::string& name, const std::string& source, int line,
+               const std::string& reason) {
+  const json entry = {{"file", name},        {"line", line},      {"column", 0},
+                      {"severity", "error"}, {"message", reason}, {"text", line_of(source, line)}};
   return refuse(stage, diagnostic_text(entry), json::array({entry}));
 }
 

@@ -15,6 +15,10 @@ nlohmann::json refuse(const std::string& stage, const std::string& text,
 // A refusal about the law as a whole, not one line.
 nlohmann::json refuse_whole(const std::string& stage, const std::string& name, const std::string& reason);
 
+// The same about one line of `source`; 0 = none.
+nlohmann::json refuse_at(const std::string& stage, const std::string& name, const std::string& source, int line,
+                         const std::string& reason);
+
 // An object that could not be examined is refused too; this is not the law's fault and is not cached.
 nlohmann::json refuse_admission(const Admission& admission, const std::string& name, const std::string& source);
 

@@ -2,10 +2,14 @@
 #include "lawd/run/dry_run.hpp"
 
 #include <dlfcn.h>
+#include <fenv.h>
+#include <signal.h>
+#include <ucontext.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <array>
+#include <cstdio>
 #include <ctime>
 #include <limits>
 #include <memory>
@@ -70,6 +74,48 @@ std::uint64_t dry_steps(const LitheLaw& law, std::uint32_t joints, std::uint64_t
   return steps;
 }
 
+// The child's, for its handler.
+int g_pipe = -1;
+std::uint64_t g_base = 0;
+
+void on_invalid(int, siginfo_t*, void* context) {
+  const auto& machine = static_cast<const ucontext_t*>(context)->uc_mcontext;
+#if defined(__x86_64__)
+  const auto pc = static_cast<std::uint64_t>(machine.gregs[REG_RIP]);
+#else
+  const std::uint64_t pc = machine.pc;
+#endif
+  char line[48];
+  const int length = std::snprintf(line, sizeof line, "{\"pc\": %llu}\n", static_cast<unsigned long long>(pc - g_base));
+  _exit(write(g_pipe, line, static_cast<std::size_t>(length)) == length ? 1 : 3);
+}
+
+// Repeats the steps up to a bad one, and in that one lets the processor stop at the first invalid operation (a division
+// by zero, 0/0, the root of a negative number). Not every processor can; then nothing is told.
+void tell_place(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t bad_step, law::Resident& resident) {
+  Dl_info info{};
+  if (dladdr(&law, &info) == 0) return;
+  g_pipe = fd;
+  g_base = reinterpret_cast<std::uint64_t>(info.dli_fbase);
+  struct sigaction action{};
+  action.sa_sigaction = &on_invalid;
+  action.sa_flags = SA_SIGINFO;
+  if (sigaction(SIGFPE, &action, nullptr) != 0) return;
+  law::reset_resident(resident, law);
+  Tick tick;
+  Effort effort;
+  std::array<double, kMaxProbes> probes{};
+  for (std::uint64_t k = 0; k <= bad_step; ++k) {
+    law::dry_input(tick, k, joints);
+    if (k == bad_step) {
+      feclearexcept(FE_ALL_EXCEPT);
+      feenableexcept(FE_INVALID | FE_DIVBYZERO);
+    }
+    resident.step(tick, effort, probes);
+  }
+  fedisableexcept(FE_ALL_EXCEPT);
+}
+
 // A law does the same work in every repetition; a disturbance of the machine is different each time. So only a step
 // that is slow every time counts.
 int try_steps(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t steps) {
@@ -83,6 +129,7 @@ int try_steps(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t s
       tell(fd, {{"refused", std::string(bad.data()) + " is not finite in dry step " + std::to_string(done) +
                                 ", on harmless inputs: look for a division by zero, sqrt or log of a negative number, "
                                 "a sensor that is not valid (NaN), or a gain that diverges"}});
+      tell_place(fd, law, joints, done, *resident);
       return 1;
     }
     if (now_ns() - start > kPatienceNs) break;  // the step is so slow that noise does not matter
@@ -148,6 +195,7 @@ DryRun read_outcome(const Outcome& outcome) {
     if (!line.is_object()) continue;
     if (line.contains("law")) result.law = line["law"], result.stage = "dry_run";
     if (line.contains("refused")) result.reason = line["refused"].get<std::string>();
+    if (line.contains("pc")) result.pc_offset = line.value("pc", std::uint64_t{0});
     if (line.contains("done")) done = true, result.step_ns = line.value("step_ns", 0.0);
   }
   result.ok = done && outcome.clean() && result.reason.empty();

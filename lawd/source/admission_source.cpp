@@ -106,8 +106,15 @@ class Source {
     const Token& target = at(name + 1);
     if (target.kind == TokenKind::header && is_allowed_header(target.text)) return;
     if (target.kind == TokenKind::header || target.kind == TokenKind::text) {
-      refuse(at(name), "a law may not include " + target.text + ": it may include " + allowed_headers_text() +
-                           ". What it must remember belongs in State, what is tuned in Params");
+      const std::string quoted = target.kind == TokenKind::text && target.text.size() > 2
+                                     ? "<" + target.text.substr(1, target.text.size() - 2) + ">"
+                                     : target.text;
+      const std::string_view why = why_header_is_refused(quoted);
+      refuse(at(name), "a law may not include " + target.text + ": " +
+                           (is_allowed_header(quoted) ? "write " + quoted
+                            : !why.empty() ? std::string(why)
+                                           : "it may include " + allowed_headers_text() +
+                                                 ". What it must remember belongs in State, what is tuned in Params"));
     } else {
       refuse(at(name), "an #include must name its file itself, not through a macro");
     }
@@ -173,7 +180,7 @@ class Source {
                word == "std" && is_mark(i + 1, "::") && !no.empty()) {
       refuse(at(i), "std::" + at(i + 2).text + ": " + std::string(no));
     } else if (const std::string_view not_called = why_call_is_refused(word);
-               !not_called.empty() && is_mark(i + 1, "(") && !is_mark(i - 1, "::")) {
+               !not_called.empty() && is_mark(i + 1, "(") && is_call(i)) {
       refuse(at(i), word + ": " + std::string(not_called));
     } else if (is_reserved(word)) {
       refuse(at(i), word +
@@ -195,6 +202,12 @@ class Source {
                         " is the inside of the contract: a law uses lithe::Tick, lithe::Effort, "
                         "lithe::Param, lithe::JointArray and the constants");
     }
+  }
+
+  // Not a member, not of a namespace, and not a function of the law's own: double rand(...).
+  bool is_call(std::size_t i) const {
+    if (is_mark(i - 1, "::") || is_mark(i - 1, ".")) return false;
+    return at(i - 1).kind != TokenKind::word || at(i - 1).text == "return";
   }
 
   // [[ ... ]]: two tokens, possibly with blanks between them.

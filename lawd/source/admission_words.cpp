@@ -39,6 +39,12 @@ constexpr std::string_view kNoHeap =
 constexpr std::string_view kNoPrint =
     "a law prints nothing: put the number into a field of Probes, it shows up in telemetry";
 constexpr std::string_view kNoThread = "a law has one thread and never waits: what takes long belongs in the Brain";
+constexpr std::string_view kNoClock = "a law never waits and reads no clock: time is in t.t_s and t.dt_s";
+constexpr std::string_view kNoFile =
+    "a law opens no file and no socket: what it needs belongs in Params or comes through the setpoint";
+constexpr std::string_view kNoChance =
+    "the same input must give the same output: keep a generator's state in State and compute it yourself";
+constexpr std::string_view kNoEnd = "a law may not end, copy or signal its process: to stop, return zero torque";
 constexpr std::string_view kNoThrow = "a law has no exceptions: test the value and return a safe torque";
 constexpr std::string_view kNoCast = "a law works on numbers and never on raw memory: keep the type, or copy the value";
 constexpr std::string_view kNoCoroutine = "coroutines allocate: keep what must be remembered in State";
@@ -97,9 +103,82 @@ constexpr std::array kStdNames = std::to_array<Word>({
     {"thread", kNoThread},
     {"mutex", kNoThread},
     {"async", kNoThread},
-    {"chrono", "a law reads no clock: use t.t_s and t.dt_s"},
+    {"chrono", kNoClock},
+    {"jthread", kNoThread},
+    {"this_thread", kNoThread},
+    {"lock_guard", kNoThread},
+    {"atomic", kNoThread},
+    {"future", kNoThread},
+    {"multimap", kNoHeap},
+    {"stack", kNoHeap},
+    {"valarray", kNoHeap},
+    {"to_string", kNoHeap},
+    {"stringstream", kNoHeap},
+    {"any", kNoHeap},
+    {"endl", kNoPrint},
+    {"clog", kNoPrint},
+    {"format", kNoPrint},
+    {"ifstream", kNoFile},
+    {"ofstream", kNoFile},
+    {"fstream", kNoFile},
+    {"exception", kNoThrow},
+    {"runtime_error", kNoThrow},
+    {"mt19937", kNoChance},
+    {"random_device", kNoChance},
+    {"default_random_engine", kNoChance},
+    {"uniform_real_distribution", kNoChance},
+    {"normal_distribution", kNoChance},
+    {"rand", kNoChance},
+    {"srand", kNoChance},
 });
-constexpr std::array<std::string_view, 5> kPrinting = {"printf", "fprintf", "puts", "snprintf", "sprintf"};
+// Functions by their bare names.
+constexpr std::array kCalls = std::to_array<Word>({
+    {"printf", kNoPrint},       {"fprintf", kNoPrint}, {"puts", kNoPrint},      {"snprintf", kNoPrint},
+    {"sprintf", kNoPrint},      {"malloc", kNoHeap},   {"calloc", kNoHeap},     {"realloc", kNoHeap},
+    {"free", kNoHeap},          {"rand", kNoChance},   {"srand", kNoChance},    {"fopen", kNoFile},
+    {"sleep", kNoClock},        {"usleep", kNoClock},  {"nanosleep", kNoClock}, {"clock_gettime", kNoClock},
+    {"gettimeofday", kNoClock}, {"exit", kNoEnd},      {"abort", kNoEnd},       {"assert", kNoEnd},
+});
+constexpr std::array kRefusedHeaders = std::to_array<Word>({
+    {"<vector>", kNoHeap},
+    {"<string>", kNoHeap},
+    {"<map>", kNoHeap},
+    {"<unordered_map>", kNoHeap},
+    {"<set>", kNoHeap},
+    {"<list>", kNoHeap},
+    {"<deque>", kNoHeap},
+    {"<queue>", kNoHeap},
+    {"<memory>", kNoHeap},
+    {"<functional>", "call the function itself, or a lambda: std::function allocates"},
+    {"<iostream>", kNoPrint},
+    {"<cstdio>", kNoPrint},
+    {"<stdio.h>", kNoPrint},
+    {"<sstream>", kNoPrint},
+    {"<iomanip>", kNoPrint},
+    {"<format>", kNoPrint},
+    {"<fstream>", kNoFile},
+    {"<filesystem>", kNoFile},
+    {"<thread>", kNoThread},
+    {"<mutex>", kNoThread},
+    {"<atomic>", kNoThread},
+    {"<future>", kNoThread},
+    {"<condition_variable>", kNoThread},
+    {"<chrono>", kNoClock},
+    {"<ctime>", kNoClock},
+    {"<time.h>", kNoClock},
+    {"<random>", kNoChance},
+    {"<cstdlib>", "std::abs, std::fabs and the rest of mathematics are in <cmath>"},
+    {"<stdlib.h>", "std::abs, std::fabs and the rest of mathematics are in <cmath>"},
+    {"<math.h>", "write <cmath>"},
+    {"<stdint.h>", "write <cstdint>"},
+    {"<cassert>", kNoEnd},
+    {"<stdexcept>", kNoThrow},
+    {"<exception>", kNoThrow},
+    {"<cstring>", "assign structs and arrays, without memcpy"},
+    {"<utility>", "<algorithm> brings std::swap, std::pair and std::move"},
+    {"<optional>", "use a bool field beside the value"},
+    {"<eigen3/Eigen/Dense>", "write <Eigen/Dense>"},
+});
 
 constexpr std::array<std::string_view, 9> kAttributes = {
     "likely",     "unlikely",          "maybe_unused", "nodiscard",         "fallthrough",
@@ -126,7 +205,7 @@ constexpr std::array kAdvice = std::to_array<Word>({
     {"std::basic_ostream", kNoPrint},
     {"std::ostream", kNoPrint},
     {"std::ios_base", kNoPrint},
-    {"std::chrono", "a law reads no clock: use t.t_s and t.dt_s"},
+    {"std::chrono", kNoClock},
     {"std::thread", "a law starts no thread: what takes long belongs in the Brain"},
 });
 
@@ -152,21 +231,19 @@ constexpr std::array kGroups = std::to_array<Group>({
     {kNoPrint,
      {"printf", "fprintf", "puts", "putchar", "fputs", "fwrite", "write", "snprintf", "sprintf", "perror", "fputc",
       "fflush", "vprintf", "dprintf", "stdout", "stderr"}},
-    {"a law opens no file and no socket: what it needs belongs in Params or comes through the setpoint",
+    {kNoFile,
      {"open",   "fopen", "close",  "fclose", "read",  "fread",  "socket",   "connect", "send",   "recv", "ioctl",
       "openat", "poll",  "select", "getenv", "fgets", "sendto", "shm_open", "fcntl",   "dlopen", "dlsym"}},
-    {"a law never waits and reads no clock: time is in t.t_s and t.dt_s",
+    {kNoClock,
      {"sleep", "usleep", "nanosleep", "clock_gettime", "clock_nanosleep", "gettimeofday", "time", "clock",
       "sched_yield", "pause", "localtime", "gmtime", "times"}},
-    {"a law may not end, copy or signal its process: to stop, return zero torque",
-     {"exit",    "_exit",   "_Exit",       "abort",      "quick_exit", "atexit", "fork",      "vfork",
-      "execve",  "execl",   "system",      "kill",       "raise",      "signal", "sigaction", "setjmp",
-      "_setjmp", "longjmp", "__sigsetjmp", "siglongjmp", "waitpid",    "popen"}},
+    {kNoEnd, {"exit",    "_exit",   "_Exit",       "abort",      "quick_exit", "atexit", "fork",      "vfork",
+              "execve",  "execl",   "system",      "kill",       "raise",      "signal", "sigaction", "setjmp",
+              "_setjmp", "longjmp", "__sigsetjmp", "siglongjmp", "waitpid",    "popen"}},
     {kNoThread,
      {"pthread_create", "pthread_mutex_lock", "pthread_mutex_unlock", "sem_wait", "pthread_cond_wait", "pthread_exit",
       "pthread_self", "pthread_kill", "pthread_mutex_trylock", "pthread_join", "pthread_once"}},
-    {"the same input must give the same output: keep a generator's state in State and compute it yourself",
-     {"rand", "srand", "random", "drand48", "rand_r", "getrandom", "getentropy", "arc4random", "srandom"}},
+    {kNoChance, {"rand", "srand", "random", "drand48", "rand_r", "getrandom", "getentropy", "arc4random", "srandom"}},
     {"it makes system calls, which the tick may not: leave it out", {"syscall", "prctl", "setitimer", "timer_create"}},
     {"it writes a global variable: std::tgamma and std::erf are allowed", {"lgamma", "lgammaf", "signgam"}},
     {"std::errno is a global: test the argument before the call", {"__errno_location"}},
@@ -205,7 +282,9 @@ std::string_view why_word_is_refused(std::string_view word) { return why_listed(
 
 std::string_view why_std_name_is_refused(std::string_view name) { return why_listed(kStdNames, name); }
 
-std::string_view why_call_is_refused(std::string_view name) { return holds(kPrinting, name) ? kNoPrint : ""; }
+std::string_view why_call_is_refused(std::string_view name) { return why_listed(kCalls, name); }
+
+std::string_view why_header_is_refused(std::string_view header) { return why_listed(kRefusedHeaders, header); }
 
 bool is_allowed_attribute(std::string_view name, bool in_namespace) {
   return in_namespace ? holds(kGnuAttributes, name) : holds(kAttributes, name);

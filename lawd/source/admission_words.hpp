@@ -10,6 +10,8 @@ namespace lithe::lawd {
 // `header` with its <> or "".
 bool is_allowed_header(std::string_view header);
 std::string allowed_headers_text();
+// What to use instead of what this header brings; empty when that is not known.
+std::string_view why_header_is_refused(std::string_view header);
 
 bool is_keyword(std::string_view word);
 // True for a name reserved for the compiler and its library, except the harmless ones.

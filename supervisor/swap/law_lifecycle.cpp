@@ -4,30 +4,91 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <limits>
 #include <string_view>
 #include <utility>
 
+#include "spine/law/diagnosis.hpp"
 #include "supervisor/events/event_log.hpp"
 
 namespace lithe::control {
+namespace {
+
+constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
+
+double rounded(double value) { return std::round(value * 1e5) / 1e5; }
+
+Json side_json(const LawControl& side, std::size_t joint) {
+  if (side.ticks == 0) return nullptr;
+  const JointControl& seen = side.joints[joint];
+  return {{"rms_error_rad", rounded(seen.rms_error_rad)}, {"max_error_rad", rounded(seen.max_error_rad)},
+          {"rms_torque_nm", rounded(seen.rms_torque_nm)}, {"max_torque_nm", rounded(seen.max_torque_nm)},
+          {"at_limit", rounded(seen.at_limit)},           {"moved_rad", rounded(seen.moved_rad)}};
+}
+
+// The trial's own run of this law, if it had one: its rms error at this joint.
+Json predicted(const Json& trial, std::size_t joint) {
+  const Json loop = trial.value("report", Json::object()).value("loop", Json::object());
+  const Json errors = loop.value("joint_rms_error_rad", Json::array());
+  return joint < errors.size() && errors[joint].is_number() ? Json(rounded(errors[joint])) : Json(nullptr);
+}
+
+Json control_json(const LawControl& before, const LawControl& after, const wire::RobotInfo& info, const Json& trial) {
+  Json joints = Json::array();
+  for (std::size_t j = 0; j < after.joints.size(); ++j) {
+    joints.push_back({{"joint", joint_name(info, j)},
+                      {"before", side_json(before, j)},
+                      {"after", side_json(after, j)},
+                      {"predicted_rms_error_rad", predicted(trial, j)}});
+  }
+  const auto whole = [](const LawControl& side) {
+    return Json{{"ticks", side.ticks}, {"missed_ticks", side.missed}, {"clamped", rounded(side.clamped)}};
+  };
+  return {{"before", whole(before)}, {"after", whole(after)}, {"joints", std::move(joints)}};
+}
+
+// What the joints did under a law that was rolled back, one sentence for each whose numbers are clear. `why` may name a
+// frequency: "oscillating: joint wrist, 31 Hz".
+Json explained(const LawControl& after, const wire::RobotInfo& info, const std::string& why) {
+  const std::size_t comma = why.rfind(", ");
+  const bool swings = why.starts_with("oscillating") && comma != std::string::npos;
+  const double swing_hz = swings ? std::strtod(why.c_str() + comma + 2, nullptr) : 0;
+  Json told = Json::array();
+  for (std::size_t j = 0; j < after.joints.size(); ++j) {
+    const std::string name = joint_name(info, j);
+    if (why.find("joint " + name) == std::string::npos) continue;
+    const law::Diagnosis found =
+        law::diagnose(after.joints[j].sums, {name.c_str(), info.torque_max_nm[j], swing_hz, true, {}});
+    if (found.kind != law::Diagnosis::Kind::none) told.push_back(text_of(found.text));
+  }
+  return told;
+}
+
+}  // namespace
 
 LawLifecycle::LawLifecycle(const SpineLink& spine, Keep keep, Locate locate)
     : spine_(spine), keep_(std::move(keep)), locate_(std::move(locate)), faults_(spine.memory().law_faults) {}
 
 void LawLifecycle::follow(Transaction swap, RecordBook::Page record, const CoreCounts& before, std::int64_t now_ns) {
   measure_all();
+  for (Life& each : lives_) measure_control(each);
   Life* last = running_.empty() ? nullptr : of_law(running_.back());
   if (last != nullptr && last->swap.request().terms.probation_s > 0 && !last->swap.reached(Stage::confirmed)) {
     last->swap.note("probation", fmt::format("cut short by request {}", swap.request_id()));
     keep_(last->swap, last->record);
   }
   running_.push_back(swap.law_id());
-  lives_.push_back({std::move(swap), std::move(record), before, now_ns + kMeasureAfterNs, ""});
+  const double control_s = std::clamp(swap.request().terms.probation_s, 0.1, kControlS);
+  const auto control_at_ns = now_ns + kMeasureAfterNs + static_cast<std::int64_t>(control_s * 1e9);
+  lives_.push_back({std::move(swap), std::move(record), before, now_ns + kMeasureAfterNs, control_at_ns, ""});
 }
 
 void LawLifecycle::serve(std::int64_t now_ns) {
   for (Life& each : lives_) {
     if (each.measure_at_ns <= now_ns) measure(each);
+    if (each.control_at_ns <= now_ns) measure_control(each);
   }
 }
 
@@ -43,6 +104,22 @@ void LawLifecycle::measure(Life& life) {
     life.swap.note("measured", std::move(measured));
     keep_(life.swap, life.record);
   }
+}
+
+void LawLifecycle::measure_control(Life& life, const std::string& why) {
+  if (std::exchange(life.control_at_ns, kNever) == kNever) return;
+  const std::uint64_t commit = life.swap.commit_tick();
+  const double control_s = std::clamp(life.swap.request().terms.probation_s, 0.1, kControlS);
+  const auto window = static_cast<std::uint64_t>(control_s * spine_.info().rate_hz);
+  const LawControl before =
+      control::measure_control(spine_, law_in(spine_, commit), commit - std::min(commit, window), commit);
+  const LawControl after = control::measure_control(spine_, life.swap.law_id(), commit, commit + window);
+  if (after.ticks == 0) return;
+  Json told = control_json(before, after, spine_.info(), life.swap.certificate().value("trial", Json::object()));
+  if (Json seen = why.empty() ? Json::array() : explained(after, spine_.info(), why); !seen.empty())
+    told["seen"] = seen;
+  life.swap.note("control", std::move(told));
+  keep_(life.swap, life.record);
 }
 
 LawLifecycle::Life* LawLifecycle::of_request(std::uint64_t request_id) {
@@ -178,6 +255,7 @@ void LawLifecycle::retired(const wire::Event& event) {
   Life* life = of_request(event.request_id);
   if (life == nullptr) return;
   measure(*life);
+  measure_control(*life);
   if (!life->swap.mark(Stage::retired, "", event.t_ns)) return;
   keep_(life->swap, life->record);
   life->retired = true;
@@ -200,12 +278,16 @@ void LawLifecycle::rolled_back(const wire::Event& event) {
 
 void LawLifecycle::leave(Life& life, const std::string& why, const wire::Event& event, std::uint32_t runs_now) {
   if (life.swap.mark(Stage::rolled_back, why, event.t_ns)) {
+    measure_control(life, why);
     const auto law = spine_.law(runs_now);
     Json told = {{"tick", event.tick},
                  {"ticks_after_commit", event.tick - std::min(event.tick, life.swap.commit_tick())},
                  {"why", why},
                  {"law", law ? Json(text_of(law->name)) : Json(nullptr)}};
-    if (const std::string_view next = next_step(why); !next.empty()) told["next"] = std::string(next);
+    std::string next(next_step(why));
+    const Json seen = life.swap.certificate().value("control", Json::object()).value("seen", Json::array());
+    if (!seen.empty()) next = seen[0];  // what was measured says more than the kind of its fault
+    if (!next.empty()) told["next"] = next;
     life.swap.note("rolled_back", std::move(told));
     keep_(life.swap, life.record);
   }
@@ -214,6 +296,7 @@ void LawLifecycle::leave(Life& life, const std::string& why, const wire::Event& 
 void LawLifecycle::end(const std::string& why, std::int64_t now_ns) {
   for (Life& each : lives_) {
     measure(each);
+    measure_control(each);
     if (each.swap.mark(Stage::retired, why, now_ns)) keep_(each.swap, each.record);
   }
   lives_.clear();

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "supervisor/link/spine/commit_metrics.hpp"
+#include "supervisor/link/spine/control_metrics.hpp"
 #include "supervisor/link/spine/spine_link.hpp"
 #include "supervisor/swap/certificate/record.hpp"
 #include "supervisor/swap/certificate/transaction.hpp"
@@ -27,6 +28,8 @@ class LawLifecycle {
   using Found = std::function<void(const Json& place)>;
   using Locate = std::function<void(const Transaction& swap, std::uint32_t offset, Found found)>;
   static constexpr std::size_t kFaultsKept = 8;
+  // Control is compared over the probation, at most so long before and after the commit: both are in the ring then.
+  static constexpr double kControlS = 1.5;
   static constexpr std::int64_t kMeasureAfterNs = 60'000'000;  // a little more than kWindowS of commit_metrics.hpp
 
   LawLifecycle(const SpineLink& spine, Keep keep, Locate locate = {});
@@ -51,12 +54,15 @@ class LawLifecycle {
     RecordBook::Page record;
     CoreCounts before;
     std::int64_t measure_at_ns;  // 0 = it was done
+    std::int64_t control_at_ns;  // likewise, of its control
     std::string fault;           // why it is about to be replaced; empty = no fault
     bool asked = false;          // the source line was asked for, the answer is not here yet
     bool retired = false;        // it has left the Spine; only that answer is missing
   };
 
   void measure(Life& life);
+  // Writes old law beside new into the certificate. `why`: of its rollback; then what the joints did is explained.
+  void measure_control(Life& life, const std::string& why = "");
   Life* of_request(std::uint64_t request_id);
   Life* of_law(std::uint32_t law_id);
   std::optional<wire::LawFault> record_of(const wire::Event& event);

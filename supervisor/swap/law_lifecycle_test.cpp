@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <memory>
 #include <string_view>
@@ -19,7 +20,12 @@ using wire::EventKind;
 class LawLifecycleTest : public SpineRig {
  protected:
   void SetUp() override {
-    attach([](wire::RobotInfo& info) { info.rate_hz = 1000; });
+    attach([](wire::RobotInfo& info) {
+      info.rate_hz = 1000;
+      info.joint_count = 1;
+      std::copy_n("elbow", 5, info.joint_name.begin());
+      info.torque_max_nm[0] = 2;
+    });
     lifecycle_.emplace(
         *link_,
         [this](const Transaction& each, const RecordBook::Page&) { kept_[each.request_id()] = each.certificate(); },
@@ -85,6 +91,55 @@ TEST_F(LawLifecycleTest, AtRestALawIsUnprovenAndStillOnProbation) {
   EXPECT_EQ(kept_[101]["probation"], "cut short by request 102");
   tell(EventKind::law_retired, 101, 1);
   EXPECT_EQ(verdict(1), "unproven") << "what became of it, not that it is gone";
+}
+
+TEST_F(LawLifecycleTest, ComparesOldLawAndNewPerJoint) {
+  ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth> ring((*spine_)->telemetry);
+  auto record = std::make_unique<wire::Telemetry>();
+  commit(2);
+  for (std::uint64_t tick = 1; tick <= 40; ++tick) {
+    record->tick = tick;
+    record->law_id = tick <= 20 ? 1 : 2;
+    record->mode = static_cast<std::uint32_t>(wire::Mode::active);
+    record->position_rad[0] = tick <= 20 ? 0.2 : -0.1;
+    ring.push(*record);
+  }
+  lifecycle_->serve(500'000'000);
+  EXPECT_FALSE(kept_[102].contains("control")) << "its probation is not over";
+  lifecycle_->serve(2'000'000'000);
+  const Json& control = kept_[102]["control"];
+  EXPECT_EQ(control["before"]["ticks"], 20);
+  EXPECT_EQ(control["after"]["ticks"], 20);
+  const Json& joint = control["joints"][0];
+  EXPECT_EQ(joint["joint"], "elbow");
+  EXPECT_DOUBLE_EQ(joint["before"]["rms_error_rad"].get<double>(), 0.2);
+  EXPECT_DOUBLE_EQ(joint["after"]["rms_error_rad"].get<double>(), 0.1);
+  EXPECT_TRUE(joint["predicted_rms_error_rad"].is_null()) << "it had no trial";
+  EXPECT_EQ(summary_of(kept_[102])["rms_error_rad"]["elbow"], (Json{0.2, 0.1}));
+}
+
+// A joint whose torque grows with its error, to the other side.
+TEST_F(LawLifecycleTest, ARollbackSaysWhatTheJointDid) {
+  ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth> ring((*spine_)->telemetry);
+  auto record = std::make_unique<wire::Telemetry>();
+  commit(1);
+  commit(2);
+  for (std::uint64_t tick = 1; tick <= 120; ++tick) {
+    record->tick = tick;
+    record->law_id = tick <= 20 ? 1 : 2;
+    record->mode = static_cast<std::uint32_t>(wire::Mode::active);
+    const double s = static_cast<double>(tick) * 1e-3;
+    record->position_rad[0] = 3 * s * s;
+    record->velocity_rad_s[0] = 6 * s + 0.1 * std::sin(400 * s);
+    record->command_torque_nm[0] = 4 * record->position_rad[0];
+    ring.push(*record);
+  }
+  fault(2, 1, wire::LawFaultKind::tracking_lost, 110);
+  tell(EventKind::law_rolled_back, 101, 1, 110, "tracking_lost: joint elbow, error 0.312 rad, allowed 0.150");
+  EXPECT_EQ(verdict(2), "rolled_back");
+  EXPECT_NE(kept_[102]["rolled_back"]["next"].get<std::string>().find("its torque grows with its position"),
+            std::string::npos)
+      << kept_[102]["rolled_back"];
 }
 
 TEST_F(LawLifecycleTest, ConfirmsAndRetires) {

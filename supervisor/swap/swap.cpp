@@ -59,8 +59,8 @@ std::variant<Compiled, Refusal> read_compiled(const Answer& answer, const Json& 
   const Json law = result.value("law", Json::object());
   if (auto wrong = wrong_param(params, law)) return std::move(*wrong);
   Json facts = Json::object();
-  for (const char* key :
-       {"object_sha256", "placeable_sha256", "toolchain", "gates", "steps_ms", "dry_step_max_ns", "warnings"}) {
+  for (const char* key : {"object_sha256", "placeable_sha256", "toolchain", "gates", "steps_ms", "dry_step_max_ns",
+                          "warnings", "cleaned"}) {
     if (result.contains(key)) facts[key] = result[key];
   }
   return Compiled{result.value("object", ""),

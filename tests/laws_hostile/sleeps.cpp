@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // stopped-by: admission
 // without-gates: unplaceable
-// gate: calls
+// gate: words
 // Waits a millisecond in each step.
 #include <lithe/law.hpp>
 

@@ -7,7 +7,9 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "lithe/law.hpp"
 #include "spine/core/joints.hpp"
+#include "spine/law/diagnosis.hpp"
 
 namespace lithe::trial {
 
@@ -58,9 +60,13 @@ struct Report {
   std::array<char, 400> refused{};  // why; empty = nothing against it
   std::array<char, 96> doing{};     // what was being tried, for the words of a crash
   Crash crash;
+  std::uint64_t invalid_pc = 0;  // of the first invalid operation of a step that was not finite; 0 = unknown
   std::uint64_t image_base = 0;  // where the law lies: its slot's start, or where dlopen put it
 
   LoopStats loop, rough;
+  std::array<law::JointSums, kMaxJoints> sums{};  // of the first run; of the rough one when it was refused there
+  std::array<double, kMaxParams> param_values{};
+  std::uint32_t params = 0;
   std::uint32_t hostile_cases = 0, hostile_not_finite = 0, hostile_not_recovered = 0;
   double hostile_worst_ns = 0;
   std::array<char, 96> hostile_slowest{};

@@ -77,10 +77,12 @@ bool TrialContext::sound(LawHarness& harness) {
   if (law::outputs_are_finite(harness.effort(), harness.probes(), law, joints(), bad, sizeof bad)) {
     return within_joints(harness);
   }
-  return refuse(
+  refuse(
       "%s is not finite (%s): look for a division by zero, sqrt or log of a negative number, a sensor that is not "
       "valid (NaN), or a gain that diverges",
       bad, report.doing.data());
+  if (can_trap) harness.repeat(true);  // the handler of SIGFPE reports the place, and ends the trial
+  return false;
 }
 
 bool run_benign(TrialContext& context) {

@@ -177,10 +177,14 @@ constexpr const char* kRough =
 
 bool run_loop(TrialContext& context) {
   SimulatedRun plain(context.setup.robot, context.setup.plain, false);
-  if (!run_law(context, plain, kMandatorySeconds, kPlain, context.report.loop) || !judge(context)) return false;
+  const bool fine = run_law(context, plain, kMandatorySeconds, kPlain, context.report.loop) && judge(context);
+  context.report.sums = plain.sums;
+  if (!fine) return false;
   SimulatedRun rough(context.setup.robot, context.setup.heavy, true);
-  return run_law(context, rough, kRoughSeconds, "of the rough run", context.report.rough) &&
-         goes_on(context, context.report.rough, context.setup.heavy.baseline, kRough);
+  const bool calm = run_law(context, rough, kRoughSeconds, "of the rough run", context.report.rough) &&
+                    goes_on(context, context.report.rough, context.setup.heavy.baseline, kRough);
+  if (!calm) context.report.sums = rough.sums;
+  return calm;
 }
 
 std::vector<std::string> warnings(const Report& report, const TrialSetup& setup) {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "trial/sections/law_harness.hpp"
 
+#include <fenv.h>
+
 #include <algorithm>
 #include <memory>
 
@@ -14,7 +16,8 @@ LawHarness::LawHarness(const LitheLaw& law, std::span<const Param> params, const
       state_(law.state_size, Guarded::Kind::plain),
       effort_(sizeof(Effort), Guarded::Kind::plain),
       probes_(law.probe_count * sizeof(double), Guarded::Kind::plain),
-      past_(past.count * sizeof(PastTick), Guarded::Kind::with_read_only_view) {
+      past_(past.count * sizeof(PastTick), Guarded::Kind::with_read_only_view),
+      before_(law.state_size) {
   new (tick_.data()) Tick;
   new (effort_.data()) Effort;
   if (!params.empty()) std::memcpy(params_.data(), params.data(), params.size_bytes());
@@ -31,6 +34,7 @@ void LawHarness::reset(bool with_past) {
 
 double LawHarness::step(const Tick& in) LITHE_RT {
   std::memcpy(tick_.data(), &in, sizeof in);
+  if (!before_.empty()) std::memcpy(before_.data(), state_.data(), before_.size());
   auto* effort = reinterpret_cast<Effort*>(effort_.data());
   auto* probes = reinterpret_cast<double*>(probes_.data());
   effort->clear(kMaxJoints);
@@ -38,6 +42,16 @@ double LawHarness::step(const Tick& in) LITHE_RT {
   const std::int64_t from_ns = clock_.now_ns();
   law_.step(reinterpret_cast<const Tick*>(tick_.law_view()), params_.law_view(), state_.data(), effort, probes);
   return static_cast<double>(clock_.now_ns() - from_ns);
+}
+
+void LawHarness::repeat(bool trap) {
+  if (!before_.empty()) std::memcpy(state_.data(), before_.data(), before_.size());
+  Tick again;
+  std::memcpy(&again, tick_.data(), sizeof again);
+  feclearexcept(FE_ALL_EXCEPT);
+  if (trap) feenableexcept(FE_INVALID | FE_DIVBYZERO);
+  step(again);
+  if (trap) fedisableexcept(FE_ALL_EXCEPT);
 }
 
 const std::array<double, kMaxProbes>& LawHarness::probes() {

@@ -27,6 +27,10 @@ class LawHarness {
   // One step on `in`. Returns how long the law took [ns].
   double step(const Tick& in) LITHE_RT;
 
+  // Repeats the last step from the State before it. With `trap`, the processor ends it with SIGFPE at its first invalid
+  // operation, if it can.
+  void repeat(bool trap);
+
   const Effort& effort() const { return *reinterpret_cast<const Effort*>(effort_.data()); }
   const std::array<double, kMaxProbes>& probes();
 
@@ -40,6 +44,7 @@ class LawHarness {
   const RawClock& clock_;
   Guarded tick_, params_, state_, effort_, probes_, past_;
   History history_;
+  std::vector<std::byte> before_;  // the State before the last step
   std::array<double, kMaxProbes> probe_values_{};
 };
 

@@ -29,6 +29,7 @@ struct TrialContext {
   Report& report;
   std::vector<double> times_ns;  // room for kTimingInputs
   std::int64_t law_ns = 0;       // of the runs: what the law's own steps may take
+  bool can_trap = false;         // SIGFPE is caught: it tells the place of an invalid operation
 
   std::uint32_t joints() const { return setup.joints(); }
   bool out_of_time() const { return setup.clock.now_ns() > deadline_ns; }
@@ -71,6 +72,10 @@ bool run_timing(TrialContext& context);   // how long a step takes on this board
 // Of a law that passed: a run that was cut short, and the joints that it brings no nearer to their setpoint than no
 // law does, one sentence each.
 std::vector<std::string> warnings(const Report& report, const TrialSetup& setup);
+
+// What is wrong with the law's control, one sentence per joint, as far as the numbers of its runs show it: of the joint
+// that it was refused for; of a law that passed, joints that stay away from their setpoint.
+std::vector<std::string> hints(const Report& report, const TrialSetup& setup, bool passed);
 
 // Opens the simulated robot, runs it until every drive is set up and on, and measures the baseline without a law. Then
 // opens it again for the trials. Errors: it cannot be simulated, or a drive does not become ready.

@@ -263,6 +263,11 @@ void SimulatedRun::count(const step::Report& report) {
       if (++held_ticks_[j] > held_ticks_[stats.held_joint]) stats.held_joint = j;
     }
     tremor_.see(tick, j, wanted_nm);
+    if (!stopping_) {
+      sums[j].see({tick.setpoint_position_rad[j], tick.position_rad[j], tick.velocity_rad_s[j],
+                   tick.setpoint_velocity_rad_s[j], wanted_nm},
+                  robot_.joints[j].torque_max_nm);
+    }
     stats.most_chatter_hz = std::max(stats.most_chatter_hz, tremor_.chatter_hz(j));
     stats.most_swings = std::max(stats.most_swings, tremor_.swings(j));
   }

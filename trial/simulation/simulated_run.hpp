@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "spine/core/result.hpp"
+#include "spine/law/diagnosis.hpp"
 #include "spine/law/resident.hpp"
 #include "spine/law/sandbox.hpp"
 #include "spine/law/slot.hpp"
@@ -78,6 +79,7 @@ class SimulatedRun {
   const hal::ActuatorState& state() const { return state_; }  // as the drives tell it
 
   LoopStats stats;
+  std::array<law::JointSums, kMaxJoints> sums{};  // until stop()
 
  private:
   void watch();

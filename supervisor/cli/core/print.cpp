@@ -30,6 +30,15 @@ std::string warning_lines(const Json& from, const char* indent) {
   std::string lines;
   const Json warnings = from.value("warnings", Json::array());
   for (const Json& each : warnings) lines += fmt::format("{}warning: {}\n", indent, text(each));
+  const Json hints = from.value("hints", Json::array());
+  for (const Json& each : hints) lines += fmt::format("{}hint: {}\n", indent, text(each));
+  return lines;
+}
+
+std::string cleaned_lines(const Json& from) {
+  std::string lines;
+  const Json notes = from.value("cleaned", Json::array());
+  for (const Json& each : notes) lines += fmt::format("cleaned: {}\n", text(each));
   return lines;
 }
 

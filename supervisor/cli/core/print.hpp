@@ -17,8 +17,10 @@ std::string word(const Json& object, const char* key);
 // "a, b": the texts of an array.
 std::string listed(const Json& words);
 
-// A line for each of the `warnings` of this object.
+// A line for each of the `warnings` and `hints` of this object.
 std::string warning_lines(const Json& from, const char* indent);
+// What the compile service took off or replaced around a law's code, one line each.
+std::string cleaned_lines(const Json& from);
 
 // Prints what a command of the Spine has done.
 void print_command(const std::string& verb, const Json& result);

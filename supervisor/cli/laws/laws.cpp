@@ -95,13 +95,13 @@ void print_swap(const Json& c) {
   if (c.contains("state_not_carried")) {
     fmt::print("State not carried: {}\n", listed(c["state_not_carried"]["fields"]));
   }
-  fmt::print("{}", warning_lines(c.value("trial", Json::object()), ""));
+  fmt::print("{}{}", cleaned_lines(c), warning_lines(c.value("trial", Json::object()), ""));
 }
 
 void print_check(const Json& result) {
   const Json law = result.value("law", Json::object());
-  fmt::print("law {} is fine: compiled in {:.0f} ms{}, dry run passed\n{}", word(law, "name"),
-             number(result, "compile_ms"), result.value("cached", false) ? " (cached)" : "",
+  fmt::print("law {} is fine: compiled in {:.0f} ms{}, dry run passed\n{}{}", word(law, "name"),
+             number(result, "compile_ms"), result.value("cached", false) ? " (cached)" : "", cleaned_lines(result),
              param_rows(law.value("params", Json::array())));
 }
 

@@ -112,6 +112,7 @@ void print_trial(const Json& c) {
   }
   row("trial", words);
   for (const Json& each : at(trial, {"warnings"})) row("warning", text(each));
+  for (const Json& each : at(trial, {"hints"})) row("hint", text(each));
 }
 
 void print_window(const char* name, const Json& measured, const char* key) {
@@ -141,6 +142,23 @@ void print_commit(const Json& c) {
       fmt::format("{} N m in a tick, at most {} allowed (before the commit {})",
                   decimals(at(after, {"largest_step_nm"}), 4), decimals(at(after, {"slew_bound_nm"}), 4),
                   decimals(at(measured, {"before", "largest_step_nm"}), 4)));
+}
+
+// Old law beside new, per joint.
+void print_control(const Json& c) {
+  const Json& control = at(c, {"control"});
+  if (!control.is_object()) return;
+  for (const Json& joint : at(control, {"joints"})) {
+    const auto pair = [&](const char* key, int digits) {
+      const auto side = [&](const char* which) { return decimals(at(joint, {which, key}), digits); };
+      return fmt::format("{} -> {}", side("before"), side("after"));
+    };
+    row(("joint " + text(at(joint, {"joint"}))).c_str(),
+        fmt::format("rms error {} rad (predicted {}), largest {}; torque rms {} N m, largest {}",
+                    pair("rms_error_rad", 4), decimals(at(joint, {"predicted_rms_error_rad"}), 4),
+                    pair("max_error_rad", 4), pair("rms_torque_nm", 3), pair("max_torque_nm", 3)));
+  }
+  for (const Json& each : at(control, {"seen"})) row("seen", text(each));
 }
 
 std::string probation(const Json& c, double lasts_s) {
@@ -191,6 +209,7 @@ void print_certificate(const std::string& file, const Json& c) {
   print_gates(c);
   print_trial(c);
   print_commit(c);
+  print_control(c);
   print_terms(c);
   print_end(c);
 }

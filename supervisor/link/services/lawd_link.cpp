@@ -28,7 +28,9 @@ Refusal refusal_of(const Json& answer) {
   }
   if (message.empty()) message = "the compile service gave no reason";
   Json detail = {{"stage", stage}, {"diagnostics", diagnostics}, {"text", text}};
-  if (answer.contains("gates")) detail["gates"] = answer["gates"];
+  for (const char* key : {"gates", "cleaned"}) {
+    if (answer.contains(key)) detail[key] = answer[key];
+  }
   const std::string next = answer.value("next", "the running law is unchanged; correct the source and swap again");
   return {answer.value("starved", false) ? "compile_starved" : stage + "_failed", message, next, detail};
 }

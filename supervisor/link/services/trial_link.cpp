@@ -32,15 +32,17 @@ Json request_of(const TrialRequest& trial) {
 Refusal refusal_of(const Json& answer) {
   const bool starved = answer.value("starved", false), unavailable = answer.value("unavailable", false);
   const std::string reason = answer.value("reason", "the trial gave no reason");
+  const Json hints = answer.value("hints", Json::array());
+  const std::string hint = hints.empty() ? "correct the source and swap again" : hints[0].get<std::string>();
   return {starved       ? "trial_starved"
           : unavailable ? "trial_unavailable"
                         : "trial_failed",
           fmt::format("{}: {}", answer.value("section", "?"), reason),
-          starved ? "the running law is unchanged; try again when the machine is less busy"
+          starved ? std::string("the running law is unchanged; try again when the machine is less busy")
           : unavailable
               ? "the running law is unchanged, and nothing is known against the new one: a trial needs seccomp, "
                 "resource limits and, with [spine] loader = arena, the arena: see docs/swap.md"
-              : "the running law is unchanged; correct the source and swap again",
+              : "the running law is unchanged; " + hint,
           {{"stage", "trial"}, {"trial", answer}}};
 }
 

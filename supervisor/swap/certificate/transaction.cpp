@@ -277,6 +277,17 @@ Json summary_of(const Json& certificate) {
   if (const Json trial = certificate.value("trial", Json::object()); !trial.value("warnings", Json::array()).empty()) {
     out["warnings"] = trial["warnings"];
   }
+  // Old law beside new; the certificate has the rest.
+  if (const Json control = certificate.value("control", Json::object()); !control.empty()) {
+    for (const Json& joint : control.value("joints", Json::array())) {
+      Json rms = Json::array();
+      for (const char* side : {"before", "after"}) {
+        rms.push_back(joint[side].is_object() ? joint[side]["rms_error_rad"] : Json(nullptr));
+      }
+      out["rms_error_rad"][joint.value("joint", "?")] = std::move(rms);
+    }
+  }
+  if (certificate.contains("cleaned")) out["cleaned"] = certificate["cleaned"];
   const Json reasons = certificate.value("reasons", Json::object());
   if (certificate.contains("error")) {
     out["reason"] = certificate["error"].value("message", "");
