@@ -134,8 +134,8 @@ class Model:
         try:
             link.request(method, path, data, headers)
             sock = link.sock  # taken away from `link` where the server closes after its answer
-            answer = link.getresponse()
-            raw = self._read(answer, sock, until_s)
+            with link.getresponse() as answer:
+                raw = self._read(answer, sock, until_s)
         except TimeoutError:
             raise ModelError(
                 "timeout",
