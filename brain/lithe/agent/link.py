@@ -25,7 +25,7 @@ FIELDS = [
 ]  # fmt: skip
 LEAST_SHARE = 0.25  # of the window's ticks that must have been in mode active, under the law in question
 PROBATION_S = 2.0  # asked for in every swap: an agent never gets along without it
-OVER = ("confirmed", "unproven", "rolled_back", "not_confirmed", "refused")
+OVER = ("confirmed", "rolled_back", "not_confirmed", "refused")  # an unproven law is still on probation
 
 
 class Stopped(LitheError):
@@ -167,12 +167,12 @@ class Link:
         return done.law_id if done.runs else self.law_id()
 
 
-def identified(names: list[str], motions: list[Motion]) -> list[dict[str, Any]]:
-    """What `lithe.identify` finds of each joint; where the motion does not tell, why."""
+def identified(names: list[str], motions: list[list[Motion]]) -> list[dict[str, Any]]:
+    """What `lithe.identify` finds of each joint in all its motions; where they do not tell, why."""
     found: list[dict[str, Any]] = []
-    for name, motion in zip(names, motions, strict=True):
+    for name, those in zip(names, motions, strict=True):
         try:
-            arm: Arm = identify_joint([motion])
+            arm: Arm = identify_joint(those)
         except (ValueError, np.linalg.LinAlgError) as error:
             found.append({"joint": name, "unknown": str(error)})
             continue

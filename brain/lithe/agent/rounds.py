@@ -14,13 +14,15 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..errors import LitheError, Refused
+from ..identify import Motion
 from . import prompt
 from .extract import NoLaw, law_in
-from .link import Link, Stopped, Vector, identified
+from .link import Link, Stopped, identified
 from .model import ModelError, Reply
 from .prompt import Try
 from .reference import grown
 
+MOST_MOTIONS = 6  # measurements that are identified together
 SETTLE_S = 0.4  # after a commit; the blend is over by then
 LEAST_GAIN = 0.99  # of the score, that makes a law the new best
 MOST_WORSE, FREE_DEG = 2.0, 0.1  # no joint of a new best may become so many times worse, beyond so much
@@ -103,6 +105,7 @@ class Rounds:
         self.share = min(1.0, limits.share)
         self.result = Result(source=source)
         self._best_id = 0
+        self._motions: list[list[Motion]] = []
 
     def run(self) -> Result:
         """Never raises LitheError: what ended it is in the result, and the best law runs, if any can."""
@@ -121,16 +124,21 @@ class Rounds:
 
     def _start(self) -> None:
         self.moves.start(self.frequency_hz, self.share)
-        rmse_deg, motions, self._best_id = self._measured()
-        self.result.plant = identified(self.link.names, motions)
-        self._say("identified", plant=self.result.plant)
+        rmse_deg, self._best_id = self._measured()
+        self._identify()
         self._note(Try(0, "start", "confirmed", share=self.share, rmse_deg=rmse_deg, kept=True))
 
-    def _measured(self) -> tuple[list[float], list[Any], int]:
+    def _identify(self) -> None:
+        """From the last measurements, whatever law ran in them."""
+        self.result.plant = identified(self.link.names, [list(each) for each in zip(*self._motions, strict=True)])
+        self._say("identified", plant=self.result.plant)
+
+    def _measured(self) -> tuple[list[float], int]:
         if self.moves.trouble:
             raise Stopped(f"the reference could not be published: {self.moves.trouble}")
         rmse_rad, motions, law_id = self.link.measure(self.limits.window_s)
-        return _degrees(rmse_rad), motions, law_id
+        self._motions = [*self._motions, motions][-MOST_MOTIONS:]
+        return [float(each) for each in np.degrees(rmse_rad)], law_id
 
     def _rounds(self) -> None:
         failures = 0
@@ -178,7 +186,8 @@ class Rounds:
         self.link.sleep(SETTLE_S)
         rmse_deg: list[float] = []
         try:
-            rmse_deg, _, measured_id = self._measured()
+            rmse_deg, measured_id = self._measured()
+            self._identify()
             rmse_deg = rmse_deg if measured_id == law_id else []
         except Stopped:
             raise
@@ -198,7 +207,7 @@ class Rounds:
             return
         self.moves.start(self.frequency_hz, share)
         self.share = share
-        rmse_deg, _, law_id = self._measured()
+        rmse_deg, law_id = self._measured()
         if law_id != self._best_id:
             raise LitheError("the best law was replaced by another client while its amplitude grew")
         best = self.result.tries[self.result.best]
@@ -221,7 +230,3 @@ class Rounds:
             except (LitheError, Refused, KeyboardInterrupt) as error:
                 self._say("trouble", message=str(error))
         self._say("end", why=self.result.why, best=self.result.best, swaps=self.result.swaps)
-
-
-def _degrees(rmse_rad: Vector) -> list[float]:
-    return [float(each) for each in np.degrees(rmse_rad)]
