@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`lithe agent` on a simulated arm, with a model's server that fails in every way real ones do, and is right at last."""
+"""`lithe agent` on a simulated arm, with a model's server that fails in every way real ones do, and right at last."""
 
 import json
 import subprocess
@@ -21,7 +21,7 @@ SCRIPT: list[Any] = [
     "The arm lags behind; I would raise the stiffness and add gravity compensation.",
     fenced(MIDDLING) + "or, simpler:\n" + fenced(WEAK),
     fenced(MIDDLING.replace("Tick& t, const Params&, State& s, lithe", "Tick& t, lithe").replace("(void)s;", "")),
-    fenced(law("std::vector<double> gains(t.joints, 4.0); u.torque_nm[j] = gains[j] * e;").replace("#", "#include <vector>\n#", 1)),
+    fenced("#include <vector>\n" + law("std::vector<double> gains(t.joints, 4.0); u.torque_nm[j] = gains[j] * e;")),
     fenced(law("u.torque_nm[j] = -2.0 * e - 0.05 * de;", "wrong_sign")),
     fenced(law("u.torque_nm[j] = 57.3 * (6.0 * e) + 0.15 * de;", "degrees")),
     fenced(law("while (e < 10.0) { u.torque_nm[j] = e; }", "endless")),

@@ -7,11 +7,7 @@ Exit codes: 0 the best law is better than the one at the start, 4 it is not, 3 t
 from __future__ import annotations
 
 import argparse
-import math
-import os
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,87 +18,13 @@ from ..programs import ROOT
 from ..remote import Remote
 from . import report
 from .link import Link
-from .model import Model
-from .reference import Streamer, bad_share, frequency_in
+from .options import model_of, model_options, new_transcript, seconds, share
+from .reference import Streamer, frequency_in
 from .rounds import Limits, Result, Rounds
 from .transcript import Transcript
 
 NEITHER, LOST = 4, 3
 SHOWN = ("generation", "verdict", "proposed", "refused", "model_error", "disconnected", "grown", "end", "trouble")
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"'{text}' is no whole number from 1 on")
-    return int(text)
-
-
-def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 < value <= 3600:
-        raise argparse.ArgumentTypeError(f"'{text}' is no time from 0 to 3600 s")
-    return value
-
-
-def _share(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if wrong := bad_share(value):
-        raise argparse.ArgumentTypeError(wrong)
-    return value
-
-
-def model_options(parser: argparse.ArgumentParser, required: bool = True) -> None:
-    """The options of a model's server; also of the demo."""
-    parser.add_argument(
-        "--url", required=required, help="http://127.0.0.1:11434 (Ollama), http://HOST:PORT/v1 (OpenAI)"
-    )
-    parser.add_argument("--model", required=required, help="its name, for example qwen2.5-coder:7b")
-    parser.add_argument("--api", choices=("auto", "openai", "ollama"), default="auto")
-    parser.add_argument("--key-file", type=Path, help="holds the key of the model's server; it is never recorded")
-    parser.add_argument("--model-timeout", type=_seconds, default=180.0, metavar="S", help="of one answer")
-    parser.add_argument("--context-tokens", type=_count, default=16384, help="num_ctx of Ollama")
-    parser.add_argument("--answer-tokens", type=_count, default=4096)
-    parser.add_argument("--rounds", type=_count, default=10, help="questions to the model")
-    parser.add_argument("--swaps", type=_count, default=25, help="budget of swaps")
-    parser.add_argument(
-        "--failures", type=_count, default=5, help="generations in a row that are no better: then it ends"
-    )
-
-
-def model_of(args: argparse.Namespace, say: Callable[..., None]) -> Model:
-    """LitheError: the key cannot be read, or the URL is none."""
-    key = ""
-    if args.key_file is not None:
-        try:
-            key = read_regular(args.key_file).strip()
-        except (OSError, ValueError) as error:
-            raise LitheError(f"cannot read the key ({error})\n  next: --key-file FILE with the key alone") from None
-        if not key.isascii() or not key.isprintable():
-            raise LitheError(f"{args.key_file} holds no key\n  next: one line of ASCII")
-    return Model(
-        args.url, args.model, api=args.api, key=key, timeout_s=args.model_timeout, context_tokens=args.context_tokens,
-        answer_tokens=args.answer_tokens, say=say,
-    )  # fmt: skip
-
-
-def new_transcript(out: Path) -> Transcript:
-    """In a folder of its own below `out`, named by the time."""
-    os.umask(os.umask(0o027) | 0o027)
-    name = time.strftime("%Y%m%d-%H%M%S")
-    for number in range(1, 100):
-        try:
-            return Transcript(out / (name if number == 1 else f"{name}-{number}"))
-        except FileExistsError:
-            continue
-        except OSError as error:
-            raise LitheError(f"cannot write to {out}: {error.strerror}\n  next: --out DIR") from None
-    raise LitheError(f"{out} is full of runs of this second\n  next: --out DIR")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -112,9 +34,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--connect", default="127.0.0.1:7423", metavar="HOST:PORT", help="the robot's gateway")
     parser.add_argument("--token-file", type=Path, default=run_dir() / "gateway.token")
     parser.add_argument("--law", type=Path, help="the source of the law that runs now: the model is shown it")
-    parser.add_argument("--window", type=_seconds, default=4.0, metavar="S", help="of one measurement")
-    parser.add_argument("--amplitude", type=_share, default=0.5, help="share of the largest motion to begin with")
-    parser.add_argument("--growth", type=_seconds, default=1.5, help="of the amplitude after a better law, at most 2")
+    parser.add_argument("--window", type=seconds, default=4.0, metavar="S", help="of one measurement")
+    parser.add_argument("--amplitude", type=share, default=0.5, help="share of the largest motion to begin with")
+    parser.add_argument("--growth", type=seconds, default=1.5, help="of the amplitude after a better law, at most 2")
     parser.add_argument("--out", type=Path, default=ROOT / "out/agent")
     return parser
 

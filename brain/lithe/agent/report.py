@@ -63,6 +63,8 @@ def draw(result: Result, path: Path) -> bool:
             those = [one for one in measured if one.kept is kept]
             scores = [max(score(one.rmse_deg), figures.LEAST_DEG) for one in those]
             axes.semilogy([one.number for one in those], scores, "o", color=colour, label=word)
+        axes.minorticks_off()
+        figures.plain_numbers(axes.yaxis)
         axes.set_xlabel("generation")
         axes.set_ylabel("RMSE [deg]")
         axes.set_title("RMSE of each generation that was measured")

@@ -3,6 +3,7 @@
 
 import json
 import random
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from lithe.agent.prompt import Try
 from lithe.agent.reference import MOST_GROWTH, Streamer, frequency_in, grown, sine
 from lithe.agent.rounds import Limits, Result, Rounds
 from lithe.agent.transcript import Transcript, broken_at
+from lithe.demo.brain import Reference
 from lithe.errors import LitheError, NotRunning, Refused
 from model_server import fenced, law
 
@@ -167,7 +169,7 @@ def test_the_amplitude_grows_by_a_bound_and_only_after_a_better_law() -> None:
     result, _, _ = run(robot, [0.3, 0.35, 0.2, 0.1, 0.05], share=0.2, growth=50.0)
     assert [one.share for one in result.tries] == pytest.approx([0.2, 0.4, 0.4, 0.8, 1.0, 1.0])
     asked = [args["amplitude_rad"][0] for verb, args in robot.asked if verb == "reference" and args]
-    assert all(after <= MOST_GROWTH * before + 1e-9 for before, after in zip(asked, asked[1:], strict=False))
+    assert all(after <= MOST_GROWTH * before + 1e-9 for before, after in pairwise(asked))
     assert grown(0.5, 0.1) == 0.5
 
 
@@ -197,8 +199,6 @@ def test_plans_reach_over_the_delay_of_the_connection(delay_s: float) -> None:
     streamer.delay_s = delay_s
     terms = sine([{"name": "a", **JOINT}], 0.5, 1.0)
     goal = [np.array(terms[name]) for name in ("centre_rad", "amplitude_rad", "phase_rad")]
-    from lithe.demo.brain import Reference
-
     plan = streamer.plan(Reference(0, np.zeros(1), goal[0], goal[1], goal[2], 0.5, 1.0), 10**10)
     ahead_s = (plan["t_ns"][-1] - 10**10) * 1e-9
     assert ahead_s >= min(max(0.2, delay_s), 2.7) and len(plan["t_ns"]) <= 16
