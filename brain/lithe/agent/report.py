@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import html
 import re
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from .rounds import Result, score
 def _cell(text: str, most: int = 160) -> str:
     """Foreign text in a table: one line, nothing that Markdown or HTML would take for its own."""
     shown = "".join(char if char.isprintable() else " " for char in text[:most])
-    return re.sub(r"([|`<>\[\]\\!*_])", r"\\\1", shown)
+    return re.sub(r"([|`\[\]\\!*_])", r"\\\1", html.escape(shown))
 
 
 def markdown(result: Result, goal: str, model: str, names: list[str], figure: bool) -> str:

@@ -106,6 +106,7 @@ class Rounds:
         self.result = Result(source=source)
         self._best_id = 0
         self._motions: list[list[Motion]] = []
+        self._seen = {source}
 
     def run(self) -> Result:
         """Never raises LitheError: what ended it is in the result, and the best law runs, if any can."""
@@ -166,6 +167,9 @@ class Rounds:
             source, told = law_in(self.model.ask(asked))
         except (ModelError, NoLaw) as error:
             return Try(number, name, error.kind, error.message, self.share)
+        if source in self._seen:
+            return Try(number, name, "repeated", "the same law was answered before; write another one", self.share)
+        self._seen.add(source)
         self._say("proposed", name=name, sha256=self._keep(f"laws/{name}", source), mended=told)
         self.result.swaps += 1
         before = self._best_id

@@ -151,6 +151,11 @@ def test_failures_in_a_row_the_budget_of_swaps_and_a_silent_model_end_it_with_th
     assert "budget of 2 swaps" in result.why and result.best == 2
 
 
+def test_a_law_that_was_answered_before_costs_no_swap() -> None:
+    result, _, _ = run(FakeRobot(), [0.3, 0.3, 0.2])
+    assert [one.verdict for one in result.tries[1:]] == ["confirmed", "repeated", "confirmed"] and result.swaps == 2
+
+
 def test_a_robot_that_stops_ends_it_and_no_verb_moves_it_again() -> None:
     robot = FakeRobot()
     result, _, _ = run(robot, [0.3, lambda: setattr(robot, "mode", 3), 0.1])
