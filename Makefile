@@ -14,7 +14,8 @@ help:  ## this list
 
 demo: TARGETS := --target lithe lithe-spine lithe-spine-sim lawd lithe-trial lithe-sim
 demo: no-other-demo release  ## the experiment on a simulated arm (or ROBOT=FILE): probe, learn, swap laws live, survive a dead Brain -> out/demo/
-	@$(PYTHON) -m lithe.demo $(if $(ROBOT),--robot $(ROBOT))
+	@$(PYTHON) -m lithe.demo $(if $(ROBOT),--robot $(ROBOT)) $(if $(AGENT),$(if $(filter llm,$(AGENT)),--llm-url '$(LLM_URL)' \
+	  --model '$(MODEL)',$(error AGENT=$(AGENT) is none: leave it out, or AGENT=llm LLM_URL=URL MODEL=NAME)))
 
 test: PACKAGES := build test
 test: BESIDE := -m 'not alone and not long'

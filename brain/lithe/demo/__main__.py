@@ -78,14 +78,14 @@ def prepare(out: Path) -> None:
         raise LitheError(f"{out} has {free >> 20} MiB left, {NEEDED_BYTES >> 20} are needed: free some, or --out DIR")
 
 
-def run(robot_file: Path, sims: list[SimJoint], out: Path) -> dict[str, Any]:
+def run(robot_file: Path, sims: list[SimJoint], out: Path, agent_words: list[str]) -> dict[str, Any]:
     """The experiment, once; the summary with its verdict. A robot that stopped itself ends it, with a verdict too."""
     print(f"supervised evolution on {robot_file.name}", flush=True)
     story = judge.Story()
     with Stage(robot_file, out / "log.txt") as stage, recorder.Recorder(stage.robot) as recording:
         info = stage.spine.info
         try:
-            records, lost = Experiment(stage, recording, story).run()
+            records, lost = Experiment(stage, recording, story, agent_words).run()
         except Disturbed as stop:
             records = recording.finish()
             if not len(records):
@@ -128,7 +128,15 @@ def main() -> int:
         action="store_true",
         help="also where motors may hang on the buses: every joint swings, under laws that are bad on purpose",
     )
+    parser.add_argument("--llm-url", help="a language model's server: it writes the laws (docs/agents.md)")
+    parser.add_argument("--model", help="the model's name")
     args = parser.parse_args()
+    if (args.llm_url is None) is not (args.model is None):
+        parser.error("a language model needs both: --llm-url URL --model NAME")
+    if args.llm_url is not None and not (args.llm_url and args.model):
+        parser.error("make demo AGENT=llm LLM_URL=http://127.0.0.1:11434 MODEL=qwen2.5-coder:7b")
+    transcripts = str((args.out / "../agent").resolve())
+    words = ["--url", args.llm_url, "--model", args.model, "--out", transcripts] if args.llm_url else []
     signal.signal(signal.SIGTERM, leave)
     os.umask(os.umask(0o027) | 0o027)  # logs and laws are not for every user of this machine
     try:
@@ -136,7 +144,7 @@ def main() -> int:
             robot_file = args.robot.resolve()
             sims = with_truth(robot_file, simulated_joints(robot_file, args.over_real_buses))
             prepare(args.out)  # a wrong robot file costs no earlier results
-            summary = run(robot_file, sims, args.out)
+            summary = run(robot_file, sims, args.out, words)
             write_summary(summary, args.out)
             (report_stop if "stopped" in summary else report)(summary, args.out)
     except (LitheError, OSError) as error:

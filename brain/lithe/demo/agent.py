@@ -20,6 +20,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from lithe.agent import options, report
+from lithe.agent.link import Link
+from lithe.agent.reference import Streamer
+from lithe.agent.rounds import Limits, Rounds
 from lithe.errors import LitheError
 from lithe.identify import Arm, Motion, identify_arm, identify_joint, mgl_at_rest, torque_lag_s
 from lithe.remote import Remote
@@ -88,12 +92,14 @@ class Agent:
         self.torque_max_nm = [float(joint["torque_max_nm"]) for joint in self.joints]
         self.weak = [WEAK.times(most_nm) for most_nm in self.torque_max_nm]
         self.lag_s = [0.0 for _ in self.joints]
+        self.source = ""  # of the newest law
 
     def swap(self, name: str, source: str, **terms: float) -> None:
         tell(doing=f"asks for a swap to {name}")
         sent_ns = time.monotonic_ns()
         record = self.remote.call("swap", source=source, name=f"{name}.cpp", **terms)
         tell(swap={"law": name, "sent_ns": sent_ns, **record})
+        self.source = source
 
     def track(self) -> None:
         """Every joint follows its sine, once it has faded in."""
@@ -266,6 +272,46 @@ class Agent:
         time.sleep(6.0)
 
 
+class ModelAgent(Agent):
+    """The same measurements; then a language model writes the laws, round after round (lithe.agent)."""
+
+    def __init__(self, remote: Remote, args: argparse.Namespace) -> None:
+        super().__init__(remote)
+        self.args = args
+        self.sent_ns = 0
+
+    def evolve(self, arms: list[Arm]) -> None:
+        self.phase("evolving")
+        transcript = options.new_transcript(self.args.out)
+
+        def say(kind: str, /, **what: Any) -> None:
+            transcript.add(kind, **what)
+            if kind == "swap":
+                self.sent_ns = time.monotonic_ns()
+            elif kind == "committed":
+                tell(swap={"sent_ns": self.sent_ns, **what["certificate"]})
+            elif kind == "generation":
+                tell(doing=f"tried generation {what['number']}: {what['verdict']}, RMSE {what['rmse_deg']} deg")
+
+        link = Link(self.remote, say)
+        limits = Limits(self.args.rounds, self.args.swaps, self.args.failures, 1 / moves.FREQUENCY_HZ, 1.0)
+        goal = f"track {moves.FREQUENCY_HZ} Hz with the least error"
+        model = options.model_of(self.args, say)
+        result = Rounds(
+            link, Streamer(link), model, goal, moves.FREQUENCY_HZ, limits, say, transcript.keep, self.source
+        ).run()
+        path = report.write(result, transcript.folder, goal, self.args.model, self.names)
+        transcript.close()
+        tell(doing=f"wrote {path}: {result.why}")
+        if result.stopped:
+            raise LitheError(result.why)
+        tell(source=result.source)
+        self.track()
+        time.sleep(0.5)
+        self.phase("evolved")
+        time.sleep(6.0)
+
+
 def at_rest(arm: Arm, motions: list[Motion], name: str) -> dict[str, Any]:
     """What the rests that the torques led to say by themselves."""
     torques = [float(np.mean(motion.torque_nm[last(motion, REST_S)])) for motion in motions]
@@ -286,9 +332,12 @@ def main() -> int:
     parser.add_argument("--host", default="127.0.0.1")
     parser.add_argument("--port", type=int, required=True)
     parser.add_argument("--token-file", type=Path, required=True)
+    parser.add_argument("--out", type=Path, help="where a model's transcripts go")
+    options.model_options(parser, required=False)
     args = parser.parse_args()
     try:
-        agent = Agent(Remote(args.host, args.port, args.token_file.read_text().strip()))
+        remote = Remote(args.host, args.port, args.token_file.read_text().strip())
+        agent = Agent(remote) if args.url is None else ModelAgent(remote, args)
         arms = agent.probe(agent.baseline())
         agent.gravity_only(arms)
         agent.evolve(arms)

@@ -44,8 +44,11 @@ def next_at(reference: dict[str, Any], phase_rad: float, after_ns: int) -> int:
 
 
 class Experiment:
-    def __init__(self, stage: Stage, recording: Recorder, story: judge.Story) -> None:
+    """`agent_words`: more of the agent's command line, such as a language model's server."""
+
+    def __init__(self, stage: Stage, recording: Recorder, story: judge.Story, agent_words: list[str]) -> None:
         self.stage = stage
+        self.agent_words = agent_words
         self.recording = recording
         self.token_file = stage.folder / "token"
         self.story = story
@@ -84,7 +87,9 @@ class Experiment:
         return self.recording.finish(), self.recording.lost
 
     def follow_agent(self, port: int) -> None:
-        agent = self.stage.start("lithe.demo.agent", "--port", str(port), "--token-file", str(self.token_file))
+        agent = self.stage.start(
+            "lithe.demo.agent", "--port", str(port), "--token-file", str(self.token_file), *self.agent_words
+        )
         lines = Lines(agent)
         while (line := lines.next(0.2)) is not None:
             self.check()

@@ -44,7 +44,7 @@ def _us(value: float) -> str:
     return f"{value:,.0f} µs" if value >= 100 else f"{value:.3g} µs"
 
 
-def _plain(axis: Any) -> None:
+def plain_numbers(axis: Any) -> None:
     """0.01, 0.1, 1, 10 on a logarithmic axis."""
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,g}"))
 
@@ -84,8 +84,8 @@ def distributions(records: npt.NDArray[Any], late_ns: npt.NDArray[Any], summary:
             ha="right", fontsize=7, color=GREY, rotation=90,
         )  # fmt: skip
         axes.legend(facecolor="white", edgecolor="none", framealpha=0.9, fontsize=8, loc="upper right")
-        _plain(axes.xaxis)
-        _plain(axes.yaxis)
+        plain_numbers(axes.xaxis)
+        plain_numbers(axes.yaxis)
         axes.set_title(title)
         axes.set_xlabel("µs")
     panels[0].set_ylabel("ticks")
@@ -146,7 +146,7 @@ class _Timeline:
         axes.set_ylim(min(0.5 * float(values_us.min()), 0.01), max(3 * float(values_us.max()), 10.0))
         q = self.summary[key]
         axes.set_title(f"{title}: p50 {_us(q['p50'])}, p99.9 {_us(q['p999'])}, max {_us(q['max'])}")
-        _plain(axes.yaxis)
+        plain_numbers(axes.yaxis)
 
     def tracking(self) -> None:
         """The setpoint and the arm; of several joints the error of each."""
@@ -184,7 +184,7 @@ class _Timeline:
         axes.set_ylim(LEAST_DEG / 10 ** -(-len(joints) // columns), 2000)  # room for words below and above the lines
         axes.set_yticks(LEAST_DEG * 10.0 ** np.arange(7))
         axes.minorticks_off()
-        _plain(axes.yaxis)
+        plain_numbers(axes.yaxis)
         axes.set_ylabel("degrees off the setpoint")
         axes.legend(loc="lower left", fontsize=7.5, frameon=False, ncols=columns)
         axes.set_title("(d) Tracking of each joint that bears gravity")

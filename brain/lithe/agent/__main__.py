@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Improves the law of a running robot with a language model: `python -m lithe.agent --url URL --model NAME`.
+
+Exit codes: 0 the best law is better than the one at the start, 4 it is not, 3 the robot stopped or was lost, 1 error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from ..control import run_dir
+from ..errors import LitheError
+from ..files import read_regular
+from ..programs import ROOT
+from ..remote import Remote
+from . import report
+from .link import Link
+from .options import model_of, model_options, new_transcript, seconds, share
+from .reference import Streamer, frequency_in
+from .rounds import Limits, Result, Rounds
+from .transcript import Transcript
+
+NEITHER, LOST = 4, 3
+SHOWN = ("generation", "verdict", "proposed", "refused", "model_error", "disconnected", "grown", "end", "trouble")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m lithe.agent", description=__doc__)
+    model_options(parser)
+    parser.add_argument("--goal", default="track 0.5 Hz with the least error", help="in your own words; N Hz is obeyed")
+    parser.add_argument("--connect", default="127.0.0.1:7423", metavar="HOST:PORT", help="the robot's gateway")
+    parser.add_argument("--token-file", type=Path, default=run_dir() / "gateway.token")
+    parser.add_argument("--law", type=Path, help="the source of the law that runs now: the model is shown it")
+    parser.add_argument("--window", type=seconds, default=4.0, metavar="S", help="of one measurement")
+    parser.add_argument("--amplitude", type=share, default=0.5, help="share of the largest motion to begin with")
+    parser.add_argument("--growth", type=seconds, default=1.5, help="of the amplitude after a better law, at most 2")
+    parser.add_argument("--out", type=Path, default=ROOT / "out/agent")
+    return parser
+
+
+def _address(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise LitheError(f"'{text}' is no HOST:PORT\n  next: for example --connect 127.0.0.1:7423")
+    return host.strip("[]"), int(port)
+
+
+def run(args: argparse.Namespace, transcript: Transcript) -> Result:
+    """One run against a gateway; its report is written."""
+
+    def say(kind: str, /, **what: Any) -> None:
+        transcript.add(kind, **what)
+        if kind in SHOWN:
+            words = {key: value for key, value in what.items() if key not in ("detail", "diagnostics")}
+            print(f"{kind}: {repr(words)[:300]}", flush=True)
+
+    source = ""
+    if args.law is not None:
+        try:
+            source = read_regular(args.law)
+        except (OSError, ValueError) as error:
+            raise LitheError(f"cannot read the law {args.law} ({error})\n  next: --law FILE.cpp") from None
+    frequency_hz = frequency_in(args.goal)
+    model = model_of(args, say)
+    limits = Limits(args.rounds, args.swaps, args.failures, args.window, args.amplitude, args.growth)
+    with Remote(*_address(args.connect), args.token_file) as remote:
+        link = Link(remote, say)
+        say("begin", goal=args.goal, model=args.model, url=args.url, joints=link.joints, limits=vars(limits))
+        rounds = Rounds(
+            link, Streamer(link), model, args.goal, frequency_hz, limits, say, transcript.keep, source
+        )  # fmt: skip
+        result = rounds.run()
+    path = report.write(result, transcript.folder, args.goal, args.model, link.names)
+    print(f"report: {path}", flush=True)
+    return result
+
+
+def main() -> int:
+    args = _parser().parse_args()
+    try:
+        transcript = new_transcript(args.out)
+        try:
+            result = run(args, transcript)
+        finally:
+            transcript.close()
+    except (LitheError, OSError) as error:
+        print(f"lithe agent: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    if result.stopped or not result.tries:
+        print(f"lithe agent: {result.why}", file=sys.stderr)
+        return LOST
+    return 0 if result.best else NEITHER
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

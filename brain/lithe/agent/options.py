@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Options of the command line that `lithe.agent` and the demo's agent share, and what is made of them."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from ..errors import LitheError
+from ..files import read_regular
+from .model import Model
+from .reference import bad_share
+from .transcript import Transcript
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"'{text}' is no whole number from 1 on")
+    return int(text)
+
+
+def seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value <= 3600:
+        raise argparse.ArgumentTypeError(f"'{text}' is no time from 0 to 3600 s")
+    return value
+
+
+def share(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if wrong := bad_share(value):
+        raise argparse.ArgumentTypeError(wrong)
+    return value
+
+
+def model_options(parser: argparse.ArgumentParser, required: bool = True) -> None:
+    """The options of a model's server; also of the demo."""
+    parser.add_argument(
+        "--url", required=required, help="http://127.0.0.1:11434 (Ollama), http://HOST:PORT/v1 (OpenAI)"
+    )
+    parser.add_argument("--model", required=required, help="its name, for example qwen2.5-coder:7b")
+    parser.add_argument("--api", choices=("auto", "openai", "ollama"), default="auto")
+    parser.add_argument("--key-file", type=Path, help="holds the key of the model's server; it is never recorded")
+    parser.add_argument("--model-timeout", type=seconds, default=180.0, metavar="S", help="of one answer")
+    parser.add_argument("--context-tokens", type=_count, default=16384, help="num_ctx of Ollama")
+    parser.add_argument("--answer-tokens", type=_count, default=4096)
+    parser.add_argument("--rounds", type=_count, default=10, help="questions to the model")
+    parser.add_argument("--swaps", type=_count, default=25, help="budget of swaps")
+    parser.add_argument(
+        "--failures", type=_count, default=5, help="generations in a row that are no better: then it ends"
+    )
+
+
+def model_of(args: argparse.Namespace, say: Callable[..., None]) -> Model:
+    """LitheError: the key cannot be read, or the URL is none."""
+    key = ""
+    if args.key_file is not None:
+        try:
+            key = read_regular(args.key_file).strip()
+        except (OSError, ValueError) as error:
+            raise LitheError(f"cannot read the key ({error})\n  next: --key-file FILE with the key alone") from None
+        if not key.isascii() or not key.isprintable():
+            raise LitheError(f"{args.key_file} holds no key\n  next: one line of ASCII")
+    return Model(
+        args.url, args.model, api=args.api, key=key, timeout_s=args.model_timeout, context_tokens=args.context_tokens,
+        answer_tokens=args.answer_tokens, say=say,
+    )  # fmt: skip
+
+
+def new_transcript(out: Path) -> Transcript:
+    """In a folder of its own below `out`, named by the time."""
+    os.umask(os.umask(0o027) | 0o027)
+    name = time.strftime("%Y%m%d-%H%M%S")
+    for number in range(1, 100):
+        try:
+            return Transcript(out / (name if number == 1 else f"{name}-{number}"))
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise LitheError(f"cannot write to {out}: {error.strerror}\n  next: --out DIR") from None
+    raise LitheError(f"{out} is full of runs of this second\n  next: --out DIR")
