@@ -65,7 +65,6 @@ class Link:
         self.rate_hz = float(about["rate_hz"])
         self.joints: list[dict[str, Any]] = about["joints"]
         self.names = [str(joint["name"]) for joint in self.joints]
-        self.application_verbs: list[str] = about.get("application_verbs", [])
 
     def call(self, verb: str, /, **args: Any) -> Any:
         """Any verb but `swap`, as long as needed over a connection that breaks. Stopped: for too long."""

@@ -61,9 +61,9 @@ class Result:
 class Moves(Protocol):
     """The reference; see Streamer."""
 
-    trouble: str
-
     def start(self, frequency_hz: float, share: float) -> None: ...
+
+    def go_on(self) -> None: ...
 
     def stop(self) -> None: ...
 
@@ -135,8 +135,7 @@ class Rounds:
         self._say("identified", plant=self.result.plant)
 
     def _measured(self) -> tuple[list[float], int]:
-        if self.moves.trouble:
-            raise Stopped(f"the reference could not be published: {self.moves.trouble}")
+        self.moves.go_on()
         rmse_rad, motions, law_id = self.link.measure(self.limits.window_s)
         self._motions = [*self._motions, motions][-MOST_MOTIONS:]
         return [float(each) for each in np.degrees(rmse_rad)], law_id

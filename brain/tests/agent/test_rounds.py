@@ -17,7 +17,6 @@ from lithe.agent.prompt import Try
 from lithe.agent.reference import MOST_GROWTH, Streamer, frequency_in, grown, sine
 from lithe.agent.rounds import Limits, Result, Rounds
 from lithe.agent.transcript import Transcript, broken_at
-from lithe.demo.brain import Reference
 from lithe.errors import LitheError, NotRunning, Refused
 from model_server import fenced, law
 
@@ -39,6 +38,7 @@ class FakeRobot:
         self.before = [1]
         self.last: dict[str, Any] = {}
         self.mode = 1
+        self.moves: dict[str, Any] = {"kind": "rest"}
         self.asked: list[tuple[str, dict[str, Any]]] = []
 
     def sleep(self, seconds: float) -> None:
@@ -56,10 +56,18 @@ class FakeRobot:
         return answer
 
     def describe(self) -> dict[str, Any]:
-        return {"rate_hz": 100.0, "joints": [{"name": HOSTILE, **JOINT}], "application_verbs": ["reference"]}
+        return {"rate_hz": 100.0, "joints": [{"name": HOSTILE, **JOINT}]}
 
-    def reference(self, **_: Any) -> dict[str, Any]:
-        return {"since_ns": 0}
+    def set_reference(self, **terms: Any) -> dict[str, Any]:
+        self.moves = terms
+        return {"asked": terms, "since_ns": 0, "ramp_s": 1.0}
+
+    def reference(self) -> dict[str, Any]:
+        return {"asked": self.moves}
+
+    def stop_reference(self) -> dict[str, Any]:
+        self.moves = {"kind": "rest"}
+        return {"asked": self.moves}
 
     def latest(self, fields: list[str]) -> dict[str, Any]:
         row = {"tick": int(self.now * 100), "mode": self.mode, "law_id": self.active, "setpoint_position_rad": [0.0]}
@@ -160,7 +168,9 @@ def test_a_robot_that_stops_ends_it_and_no_verb_moves_it_again() -> None:
     robot = FakeRobot()
     result, _, _ = run(robot, [0.3, lambda: setattr(robot, "mode", 3), 0.1])
     assert result.stopped and "safe_stop" in result.why
-    assert {verb for verb, _ in robot.asked} <= {"describe", "latest", "history", "status", "swap", "reference"}
+    verbs = [verb for verb, _ in robot.asked]
+    harmless = {"describe", "latest", "history", "status", "swap", "reference", "stop_reference"}
+    assert set(verbs) - harmless == {"set_reference"} and verbs.count("set_reference") == 1, "the one before it stopped"
 
 
 def test_a_robot_that_is_gone_is_given_up() -> None:
@@ -197,17 +207,20 @@ def test_a_goal_names_its_frequency_and_a_faster_sine_is_smaller() -> None:
     assert fast["amplitude_rad"][0] == pytest.approx(slow["amplitude_rad"][0] / 16)
 
 
-@pytest.mark.parametrize("delay_s", [0.0, 0.5, 4.0])
-def test_plans_reach_over_the_delay_of_the_connection(delay_s: float) -> None:
+def test_a_reference_that_ended_is_started_again_and_one_that_runs_is_not() -> None:
     robot = FakeRobot()
     streamer = Streamer(Link(robot, sleep=robot.sleep, now_s=lambda: robot.now))
-    streamer.delay_s = delay_s
-    terms = sine([{"name": "a", **JOINT}], 0.5, 1.0)
-    goal = [np.array(terms[name]) for name in ("centre_rad", "amplitude_rad", "phase_rad")]
-    plan = streamer.plan(Reference(0, np.zeros(1), goal[0], goal[1], goal[2], 0.5, 1.0), 10**10)
-    ahead_s = (plan["t_ns"][-1] - 10**10) * 1e-9
-    assert ahead_s >= min(max(0.2, delay_s), 2.7) and len(plan["t_ns"]) <= 16
-    assert np.shape(plan["position_rad"]) == np.shape(plan["velocity_rad_s"]) == (len(plan["t_ns"]), 1)
+    streamer.go_on()
+    assert robot.moves["kind"] == "rest", "none was asked for"
+    streamer.start(0.5, 1.0)
+    streamer.go_on()
+    assert [verb for verb, _ in robot.asked].count("set_reference") == 1
+    robot.moves = {"kind": "rest"}
+    streamer.go_on()
+    assert robot.moves["kind"] == "sine"
+    streamer.stop()
+    streamer.go_on()
+    assert robot.moves["kind"] == "rest"
 
 
 def test_the_transcript_shows_a_changed_line_and_the_report_escapes(tmp_path: Path) -> None:
