@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lithe import references
 from lithe._wire import Mode
 from lithe.errors import NotRunning, Refused
-from lithe.references import KINDS, References
+from lithe.gateway import references
+from lithe.gateway.references import KINDS, References
 
 SINE: dict[str, Any] = {"kind": "sine", "centre_rad": 0.1, "amplitude_rad": [0.5, 0.3], "frequency_hz": 0.5}
 GOOD: list[dict[str, Any]] = [

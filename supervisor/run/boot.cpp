@@ -252,7 +252,8 @@ void Supervisor::open_socket() {
   if (!server) throw Halt{1, server.message()};
   server_.emplace(std::move(*server));
   verbs_.emplace(
-      Parts{config_, *link_, lawd_, trial_, *commands_, *swaps_, *incidents_, events_, throttle_, adopted_, shield_told_},
+      Parts{config_, *link_, lawd_, trial_, *commands_, *swaps_, *incidents_, events_, throttle_, adopted_,
+            shield_told_},
       [this](const ReplyTo& to, const Answer& answer) {
         if (server_) server_->reply(to, answer);
       },

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lithe import references
 from lithe._wire import Fault, Mode
 from lithe.errors import LitheError
+from lithe.gateway import references
 
 from . import judge
 from .processes import Disturbed, Lines, Stage, raise_unless_active, start_brain

@@ -40,13 +40,13 @@ import numpy as np
 
 from ..control import plain
 from ..errors import LitheError, NotRunning, Refused
-from ..references import References
 from ..robot import Robot
 from ..shm import dtype
 from ..text import unprintable_in
 from ..vocabulary import BY_NAME, VERBS, Effect, check_names, nearest
 from .client import MOST_REQUEST_BYTES, Client
 from .lobby import Hello, Lobby
+from .references import References
 from .token import write_token
 from .turns import MOST_UNSENT_BYTES, Turns
 

@@ -56,8 +56,9 @@ void print_incident(const Json& incident) {
   fmt::print("  mode {}, law {}, {} ticks, lost {}\n", text_at(incident, "mode"), text_at(incident, "law"),
              text_at(incident, "ticks"), text_at(incident, "ticks_lost"));
   for (const Json& joint : incident.value("joints", Json::array())) {
-    fmt::print("  {:<12} rad {}  rad/s {}  N m {}  error {} rad\n", text_at(joint, "name"), text_at(joint, "position_rad"),
-               text_at(joint, "velocity_rad_s"), text_at(joint, "command_torque_nm"), text_at(joint, "largest_error_rad"));
+    fmt::print("  {:<12} rad {}  rad/s {}  N m {}  error {} rad\n", text_at(joint, "name"),
+               text_at(joint, "position_rad"), text_at(joint, "velocity_rad_s"), text_at(joint, "command_torque_nm"),
+               text_at(joint, "largest_error_rad"));
   }
   for (const Json& event : incident.value("events", Json::array())) {
     fmt::print("  tick {:<8} {} {}\n", text_at(event, "tick"), text_at(event, "kind"), text_at(event, "text"));

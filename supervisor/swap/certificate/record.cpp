@@ -136,9 +136,7 @@ Fits fits(const std::string& hash, const std::vector<Writing>& writings, std::si
 
 }  // namespace
 
-fs::path records_of(const std::string& robot) {
-  return fs::absolute(out_dir()) / robot / "swaps";
-}
+fs::path records_of(const std::string& robot) { return fs::absolute(out_dir()) / robot / "swaps"; }
 
 // Where an earlier run stopped.
 Result<> RecordBook::open() {

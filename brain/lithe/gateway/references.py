@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ._wire import Mode
-from .errors import LitheError, Refused
-from .robot import Robot
+from .._wire import Mode
+from ..errors import LitheError, Refused
+from ..robot import Robot
 
 PERIOD_NS = 20_000_000  # between two points of a plan
 POINTS = 12
