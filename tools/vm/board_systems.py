@@ -193,7 +193,7 @@ def arm_lines(seen: Seen) -> list[str]:
         swap_line(seen),
         f"hostile laws: {len(seen.get('refused').get('laws', {}))} refused by the gates, {len(laws)} of "
         f"{seen.get('contained').get('of')} contained with open gates ({', '.join(kinds)}); Brain in Python: "
-        f"{seen.get('brain').get('seen_rad')} rad; demo at 100 Hz: {demo.get('verdict')}, "
+        f"{seen.get('brain').get('seen_rad')} rad; demo at 250 Hz: {demo.get('verdict')}, "
         f"{len(demo.get('swaps') or [])} swaps",
     ]
 

@@ -35,7 +35,7 @@ echo "$GRUB_CMDLINE_LINUX $GRUB_CMDLINE_LINUX_DEFAULT"
 # Patient with an emulated machine; without a law, since there is no compiler.
 PATIENCE = {
     "compile_s = 20 ": "compile_s = 200 ",
-    "rate_hz = 1000 ": "rate_hz = 100 ",
+    "rate_hz = 1000 ": "rate_hz = 250 ",
     'release = "spin"': 'release = "sleep"',
     "late_ticks_to_stop = 20 ": "late_ticks_to_stop = 10000 ",
     "watchdog_s = 0.2 ": "watchdog_s = 10.0 ",
