@@ -115,6 +115,13 @@ VERBS = (
         ),
     ),
     Verb("state", "The running law's State, name -> value."),
+    Verb("documents", "What there is to read: the contract of a law, rules, usual mistakes, laws, swaps so far."),
+    Verb(
+        "document",
+        "The text of one of them.",
+        args=(("name", _text("as documents lists it: contract, rules, mistakes, swaps, laws/pd.cpp ...")),),
+        required=("name",),
+    ),
     Verb("params", "The running law's parameters: value, min, max."),
     Verb("law_list", "The laws in the Spine, and which one runs."),
     Verb(

@@ -14,7 +14,7 @@ from typing import Any
 import lithe
 import pytest
 from lithe.errors import NotRunning, Refused
-from lithe.gateway import Gateway
+from lithe.gateway import Gateway, documents
 from lithe.gateway.token import write_token
 from lithe.mcp import permission
 from lithe.mcp.server import MOST_ANSWER_BYTES, MOST_CALLS, MOST_LINE_BYTES, VERSIONS, Server
@@ -36,6 +36,10 @@ class Fake:
 
     def call(self, verb: str, args: Json) -> Any:
         self.asked.append((verb, args))
+        if verb == "documents":
+            return {"documents": documents.listed()}
+        if verb == "document":
+            return documents.read(args["name"], lambda: Path(self.result["records"]))
         if isinstance(self.result, Exception):
             raise self.result
         return self.result

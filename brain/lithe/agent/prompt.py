@@ -7,7 +7,7 @@ import json
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..mcp.library import CONTRACT
+from ..gateway.documents import CONTRACT
 from .model import Json
 
 MOST_DATA_CHARS = 1200

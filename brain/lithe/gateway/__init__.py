@@ -34,6 +34,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,7 @@ from ..robot import Robot
 from ..shm import dtype
 from ..text import unprintable_in
 from ..vocabulary import BY_NAME, VERBS, Effect, check_names, nearest
+from . import documents
 from .client import MOST_REQUEST_BYTES, Client
 from .lobby import Hello, Lobby
 from .references import References
@@ -128,6 +130,8 @@ class Gateway:
             "estop": lambda _: robot.estop(),
             "reset": lambda _: robot.reset(),
             "state": lambda _: robot.state(),
+            "documents": lambda _: {"documents": documents.listed()},
+            "document": self._document,
             "set_reference": self._set_reference,
             "reference": lambda _: self.references.told(),
             "stop_reference": lambda _: self.references.stop(),
@@ -306,6 +310,9 @@ class Gateway:
             result = Encoded(b"{" + b", ".join([*parts, b'"lost": %d' % lost]) + b"}")
             self.turns.keep(len(result))
             return result
+
+    def _document(self, args: dict[str, Any]) -> Any:
+        return documents.read(str(args["name"]), lambda: Path(self.robot.call("status")["records"]))
 
     def _set_reference(self, args: dict[str, Any]) -> Any:
         return self.references.set(args, self._asking.client)

@@ -1,21 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an agent can read: the contract of a law, the laws that come with LITHE, the swaps so far; and prompts."""
+"""The gateway's documents as resources, and prompts."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-from ..programs import ROOT
-
 Json = dict[str, Any]
-CONTRACT = ROOT / "spine/law/include/lithe/law.hpp"
-LAWS = ROOT / "laws"
-RULES = ROOT / "docs/laws.md"
-CPP, MARKDOWN, JSON = "text/x-c++src", "text/markdown", "application/json"
-MOST_SWAPS = 100
+SCHEME = "lithe://"
 
 PROMPTS = {
     "identify_then_compensate": (
@@ -39,51 +31,25 @@ PROMPTS = {
 }
 
 
-def _templates() -> dict[str, Path]:
-    return {f"lithe://laws/{path.name}": path for path in sorted(LAWS.glob("*.cpp"))}
-
-
-def resources() -> list[Json]:
-    """For resources/list."""
-    fixed = [
-        ("lithe://contract", "contract", CPP, "the header that every law includes"),
-        ("lithe://rules", "rules", MARKDOWN, "what a law may use, and how it is tried"),
-        (
-            "lithe://swaps",
-            "swaps",
-            JSON,
-            f"the last {MOST_SWAPS} swaps of this robot: law, verdict, terms, what was measured",
-        ),
-    ]
-    laws = [(uri, path.name, CPP, "a law that comes with LITHE") for uri, path in _templates().items()]
+def resources(call: Callable[[str, Json], Any]) -> list[Json]:
+    """For resources/list: what the gateway has."""
     return [
-        {"uri": uri, "name": name, "mimeType": mime, "description": words} for uri, name, mime, words in fixed + laws
+        {
+            "uri": SCHEME + each["name"],
+            "name": each["name"].removeprefix("laws/"),
+            "mimeType": each["type"],
+            "description": each["what"],
+        }
+        for each in call("documents", {})["documents"]
     ]
 
 
 def read(uri: str, call: Callable[[str, Json], Any]) -> tuple[str, str]:
     """Its type and text. KeyError: there is no such resource."""
-    if uri == "lithe://swaps":
-        return JSON, json.dumps(swaps(Path(call("status", {})["records"])))
-    files = {"lithe://contract": (CPP, CONTRACT), "lithe://rules": (MARKDOWN, RULES)}
-    files |= {each: (CPP, path) for each, path in _templates().items()}
-    mime, path = files[uri]
-    return mime, path.read_text(encoding="utf-8")
-
-
-def swaps(folder: Path) -> list[Json]:
-    """The certificates of a folder, the oldest first; what cannot be read is left out."""
-    told = []
-    for path in sorted(folder.glob("[0-9]*.json"))[-MOST_SWAPS:]:
-        try:
-            one = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            continue
-        told.append({"certificate": path.name, **{key: one[key] for key in SHOWN if key in one}})
-    return told
-
-
-SHOWN = ("law", "source", "source_sha256", "verdict", "reason", "params", "terms", "measured", "rolled_back")
+    if not uri.startswith(SCHEME):
+        raise KeyError(uri)
+    found = call("document", {"name": uri.removeprefix(SCHEME)})
+    return str(found["type"]), str(found["text"])
 
 
 def prompts() -> list[Json]:

@@ -66,7 +66,7 @@ class Server:
             "initialize": self._initialize,
             "ping": lambda _: {},
             "tools/list": lambda _: {"tools": [tool(each) for each in VERBS]},
-            "resources/list": lambda _: {"resources": library.resources()},
+            "resources/list": lambda _: {"resources": library.resources(self._call)},
             "resources/templates/list": lambda _: {"resourceTemplates": []},
             "resources/read": self._read,
             "prompts/list": lambda _: {"prompts": library.prompts()},

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an agent can read without the robot's files: the contract of a law, rules, laws that come with LITHE, swaps."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ..errors import Refused
+from ..programs import ROOT
+from ..vocabulary import nearest
+
+Json = dict[str, Any]
+LAWS = ROOT / "laws"
+CONTRACT = ROOT / "spine/law/include/lithe/law.hpp"
+CPP, MARKDOWN, JSON = "text/x-c++src", "text/markdown", "application/json"
+MOST_SWAPS = 100
+SHOWN = ("law", "source", "source_sha256", "verdict", "reason", "params", "terms", "control", "measured", "rolled_back")
+FIXED = {
+    "contract": (CPP, "the header that every law includes", CONTRACT),
+    "rules": (MARKDOWN, "what a law may use, and how it is tried", ROOT / "docs/laws.md"),
+    "mistakes": (MARKDOWN, "what LITHE says of usual mistakes, and what to write instead", ROOT / "docs/mistakes.md"),
+}
+
+
+def listed() -> list[Json]:
+    """Name, media type and a sentence of each."""
+    laws = [(f"laws/{path.name}", CPP, "a law that comes with LITHE") for path in sorted(LAWS.glob("*.cpp"))]
+    swaps = f"the last {MOST_SWAPS} swaps of this robot: law, verdict, terms, old law and new per joint"
+    all_of_them = [(name, kind, what) for name, (kind, what, _) in FIXED.items()] + [("swaps", JSON, swaps), *laws]
+    return [{"name": name, "type": kind, "what": what} for name, kind, what in all_of_them]
+
+
+def read(name: str, records: Callable[[], Path]) -> Json:
+    """`name`, `type` and `text` of one. Refused: there is none of that name. `records`: the folder of certificates."""
+    kinds = {each["name"]: each["type"] for each in listed()}
+    if name not in kinds:
+        raise Refused("unknown_document", f"there is no document '{name}'", nearest(name, kinds))
+    if name == "swaps":
+        text = json.dumps(swaps(records()))
+    else:
+        path = FIXED[name][2] if name in FIXED else LAWS / name.removeprefix("laws/")
+        try:
+            text = path.read_text(encoding="utf-8")
+        except OSError as error:
+            words = f"cannot read {path.name}: {error.strerror}"
+            raise Refused("unknown_document", words, "install LITHE whole") from None
+    return {"name": name, "type": kinds[name], "text": text}
+
+
+def swaps(folder: Path) -> list[Json]:
+    """The certificates of a folder, the oldest first; what cannot be read is left out."""
+    told = []
+    for path in sorted(folder.glob("[0-9]*.json"))[-MOST_SWAPS:]:
+        try:
+            one = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue
+        told.append({"certificate": path.name, **{key: one[key] for key in SHOWN if key in one}})
+    return told
