@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from arm_sim import SimArm
-from lithe.demo import brain, moves, sources
+from lithe.demo import moves, sources
 from lithe.demo.joints import most_share
 from lithe.demo.sources import Gains
+from lithe.gateway import references
 from lithe.gateway.client import MOST_REQUEST_BYTES
 from lithe.identify import Arm, Motion
 from system.house import ROOT
@@ -41,10 +42,10 @@ def test_the_arms_sine_is_the_wide_one() -> None:
 @pytest.mark.parametrize("robot", ["arm", "arm8", "arm32", "frankenstein", "quadruped"])
 def test_every_joint_stays_within_its_limits_and_comes_to_its_heaviest_place(robot: str) -> None:
     joints, sine = reference(robot)
-    keeper = brain.Reference(
-        0, np.zeros(len(joints)), *(np.array(sine[key]) for key in ("centre_rad", "amplitude_rad", "phase_rad")),
-        sine["frequency_hz"], sine["ramp_s"],
-    )  # fmt: skip
+    assert sine["kind"] == "sine"
+    curve = references.KINDS["sine"](references._Args(sine, len(joints)))
+    rest = np.zeros(len(joints))
+    keeper = references.Reference(0, rest, rest, curve, sine["ramp_s"])
     times = np.arange(0, 6_000_000_000, 5_000_000)
     angles = keeper.at([int(t) for t in times])
     assert angles.shape == (len(times), len(joints))
