@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import pytest
 from calm import calm_robot, connected
 from lithe.agent.transcript import broken_at
 from lithe.gateway import Gateway
@@ -38,7 +37,6 @@ SCRIPT: list[Any] = [
 ]  # fmt: skip
 
 
-@pytest.mark.early
 def test_the_agent_meets_every_failure_and_keeps_the_best_law(tmp_path: Path) -> None:
     with calm_robot() as house, ModelServer(SCRIPT) as server, connected() as robot:
         robot.call("swap", source=WEAK, name="weak.cpp", probation_s=0.0)
