@@ -209,7 +209,9 @@ def boot(kernel: Kernel, cargo: Cargo, cache: Path) -> str:
     machine = cargo.architecture
     command = [machine.qemu, *f"{machine.words} -accel tcg,thread=multi -smp {cargo.cores}".split()]
     command += f"-m {cargo.memory_mib} -nographic -no-reboot -nic none".split()
-    options = f"console={machine.console} quiet panic=-1 {cargo.options}"
+    # An emulated counter jitters with the host's load. Without tsc=reliable the kernel gives it up for a slow clock, on
+    # some hosts and not on others (on ARM the word means nothing).
+    options = f"console={machine.console} quiet panic=-1 tsc=reliable {cargo.options}"
     command += ["-kernel", str(kernel.image), "-initrd", str(archive), "-append", options]
     late = ""
     try:
