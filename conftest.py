@@ -5,9 +5,10 @@ import gc
 import os
 import sys
 import warnings
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 
 import pytest
+from told import told
 
 pytest_plugins = ["stolen_time", "inconclusive"]
 FAILED = pytest.StashKey[bool]()
@@ -48,3 +49,14 @@ def _cores_are_given_back() -> Iterator[None]:
     after = os.sched_getaffinity(0)
     os.sched_setaffinity(0, before)
     assert after == before, f"the test left this process on cores {sorted(after)} of {sorted(before)}"
+
+
+@pytest.fixture
+def tell(request: pytest.FixtureRequest) -> Callable[[str], None]:
+    """Keeps what a test has measured for the end of the run, passed or not."""
+    return lambda line: request.node.user_properties.append(("measured", f"{request.node.name}: {line}"))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """The lines, below the results."""
+    told(terminalreporter, "measured")

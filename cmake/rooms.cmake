@@ -19,6 +19,9 @@ function(lithe_headers name)
   target_precompile_headers(${name} PRIVATE ${READ_HEADERS})
 endfunction()
 
+# Rooms that use json wait for people, files and other processes. Optimised less, they compile in PLACEHOLDER of the time.
+set(LITHE_LIGHT $<$<CONFIG:Release>:-O1>)
+
 # Tests are compiled without optimisation, in half the time. Not those whose own code races with other threads, or takes
 # millions of steps: their labels are these.
 set(LITHE_OPTIMISED_TESTS "^(tick.)?(ipc|law|contain|plan|limits|faults)$")
@@ -27,7 +30,7 @@ if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)
   find_package(nlohmann_json REQUIRED)
   set(test_headers <gtest/gtest.h> <algorithm> <array> <atomic> <cmath> <filesystem> <fstream> <functional> <random>
     <string> <thread> <vector>)
-  lithe_headers(lithe_json_headers LINKS fmt::fmt HEADERS <nlohmann/json.hpp> <fmt/format.h>)
+  lithe_headers(lithe_json_headers LINKS fmt::fmt OPTIONS ${LITHE_LIGHT} HEADERS <nlohmann/json.hpp> <fmt/format.h>)
   if(LITHE_TESTS)
     lithe_headers(lithe_test_headers LINKS GTest::gtest OPTIONS -O0 HEADERS ${test_headers})
     lithe_headers(lithe_test_json_headers LINKS GTest::gtest OPTIONS -O0 HEADERS ${test_headers} <nlohmann/json.hpp>)
@@ -76,6 +79,7 @@ function(lithe_room name)
     target_link_libraries(lithe_${name} PUBLIC lithe_flags ${ROOM_LINKS})
     if(json)
       # Most of what these files cost is reading json and making code of it.
+      target_compile_options(lithe_${name} PRIVATE ${LITHE_LIGHT})
       set_target_properties(lithe_${name} PROPERTIES UNITY_BUILD ${LITHE_UNITY} UNITY_BUILD_BATCH_SIZE 5)
       if(TARGET lithe_json_headers AND fmt::fmt IN_LIST ROOM_LINKS)
         target_precompile_headers(lithe_${name} REUSE_FROM lithe_json_headers)

@@ -14,7 +14,7 @@ function(lithe_mutant name target source line spoilt)
     file(CONFIGURE OUTPUT ${copy} CONTENT "${mutated}" @ONLY)
     get_target_property(links fuzz_${target} LINK_LIBRARIES)
     # Before the library that holds the sound object, which is then not taken from there.
-    add_executable(mutant_${name} ${copy} $<TARGET_OBJECTS:fuzz_${target}_code>)
+    add_executable(mutant_${name} ${copy} $<TARGET_OBJECTS:fuzz_${target}_code> $<TARGET_OBJECTS:fuzz_driver>)
     target_link_libraries(mutant_${name} PRIVATE ${links})
     target_compile_options(mutant_${name} PRIVATE -w)
     add_test(NAME ${test} COMMAND mutant_${name})
