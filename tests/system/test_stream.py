@@ -120,7 +120,7 @@ def test_setpoint_and_joint_catch_up_with_a_stream_within_the_velocity_limit(
 ) -> None:
     told, stepped, joint = speeds(SLOW, story)
     tell(f"limit {LIMIT_RAD_S} rad/s: setpoint {told:.3f}, from its angles {stepped:.3f}, joint {joint:.3f} rad/s")
-    # Half of it is enough to tell that the limit was in the way: a busy machine may release too few ticks for all of it.
+    # Half of it shows that the limit was in the way: a busy machine may release too few ticks for all of it.
     assert 0.5 * LIMIT_RAD_S < told <= LIMIT_RAD_S + 1e-9, "it had far to go, and went as fast as it may"
     assert stepped <= 1.01 * LIMIT_RAD_S, "no jump that the told speed hides"
     assert joint <= JOINT_RAD_S
