@@ -32,6 +32,7 @@ CHECKED_S = 60.0  # of a reference, in steps of CHECK_STEP_S
 CHECK_STEP_S = 0.005
 ROUNDING_RAD = 1e-9
 _RESTS: dict[str, Any] = {"kind": "rest"}
+_OF_ALL = ("stay", "client_stale_s", "ramp_s")  # arguments of every kind
 
 Vector = npt.NDArray[np.float64]
 Curve = Callable[[Vector], Vector]
@@ -222,6 +223,18 @@ KINDS: dict[str, Callable[[_Args], Curve]] = {
 }  # fmt: skip
 
 
+def curve_of(args: dict[str, Any], joints: int) -> Curve:
+    """The curve of a reference: its `kind` and that kind's arguments. Raises Refused where they are wrong."""
+    rest = dict(args)
+    kind = str(rest.pop("kind", ""))
+    if kind not in KINDS:
+        raise Refused("usage", f"there is no reference of kind '{kind}'", f"one of: rest, {', '.join(KINDS)}")
+    given = _Args(rest, joints)
+    curve = KINDS[kind](given)
+    given.end(kind)
+    return curve
+
+
 def least_ramp_s(curve: Curve, start_rad: Vector, limits: Limits) -> float:
     """A time [s] to fade in that takes at most half of each joint's speed limit; a minimum jerk peaks at 15/8."""
     way_rad = np.abs(curve(np.arange(0.0, CHECKED_S, CHECK_STEP_S, dtype=np.float64)) - start_rad).max(axis=0)
@@ -284,15 +297,17 @@ class References:
 
         stay: it goes on without its client. client_stale_s: without it, it ends after this time without a word.
         """
-        rest = dict(args)
-        kind, stay = str(rest.pop("kind", "")), bool(rest.pop("stay", False))
-        if kind != "rest" and kind not in KINDS:
-            raise Refused("usage", f"there is no reference of kind '{kind}'", f"one of: rest, {', '.join(KINDS)}")
-        given = _Args(rest, self._robot.spine.joint_count)
+        joints = self._robot.spine.joint_count
+        kind, stay = str(args.get("kind", "")), bool(args.get("stay", False))
+        given = _Args({name: value for name, value in args.items() if name in _OF_ALL}, joints)
         stale_s = given.number("client_stale_s", 5.0, 0.1, 3600.0)
         ramp_s = given.number("ramp_s", USUAL_RAMP_S, 0.1, 60.0)
-        curve = None if kind == "rest" else KINDS[kind](given)
-        given.end(kind)
+        own = {name: value for name, value in args.items() if name not in _OF_ALL}
+        if kind == "rest":
+            curve = None
+            _Args({name: value for name, value in own.items() if name != "kind"}, joints).end(kind)
+        else:
+            curve = curve_of(own, joints)
         start_rad, speed_rad_s = self._where(curve is None)
         limits = self.limits()
         if curve is not None:

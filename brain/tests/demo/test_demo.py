@@ -46,9 +46,7 @@ def end_what_was_started() -> Iterator[None]:
             process.communicate(timeout=60)
 
 
-def run(
-    out: Path, robot: Path, *words: str, before: tuple[str, ...] = (), **environment: str
-) -> subprocess.Popen[str]:
+def run(out: Path, robot: Path, *words: str, before: tuple[str, ...] = (), **environment: str) -> subprocess.Popen[str]:
     """The demo; `before`: what is put before its command. Settings of who runs the tests are left out."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("XDG_", "LITHE_", "MPL"))}
     process = subprocess.Popen(

@@ -70,18 +70,19 @@ class Arm:
         return self.mgl_nm - INTERVAL_SE * self.mgl_se_nm, self.mgl_nm + INTERVAL_SE * self.mgl_se_nm
 
 
-def _running_integral(values: Vector, t_s: Vector) -> Vector:
+def running_integral(values: Vector, t_s: Vector) -> Vector:
     return np.concatenate(([0.0], np.cumsum((values[1:] + values[:-1]) / 2 * np.diff(t_s))))
 
 
-def _velocity(motion: Motion) -> Vector:
+def velocity(motion: Motion, share: float = 1.0) -> Vector:
     """Slope of the angle over the samples near each one, so without the delay of the drive's own filter.
 
-    Near is within SLOPE_S, or the time of SLOPE_TICKS where ticks are slow: some may be missing on a busy machine.
+    Near is within SLOPE_S, or the time of SLOPE_TICKS where ticks are slow (some may be missing on a busy machine);
+    of this a `share`, at least a half.
     NaN where there are too few of them: at both ends, and beside gaps.
     """
     t, q = motion.t_s, motion.position_rad
-    near_s = max(SLOPE_S, SLOPE_TICKS * float(np.median(np.diff(t))) if len(t) > 1 else 0.0)
+    near_s = share * max(SLOPE_S, SLOPE_TICKS * float(np.median(np.diff(t))) if len(t) > 1 else 0.0)
     first = np.searchsorted(t, t - near_s)
     after = np.searchsorted(t, t + near_s, side="right")
     count = after - first
@@ -99,10 +100,10 @@ def _velocity(motion: Motion) -> Vector:
 
 def _rows(motion: Motion, window_s: float, moving_rad_s: float) -> tuple[list[list[float]], list[float]]:
     t, q = motion.t_s, motion.position_rad
-    v = _velocity(motion)
-    sine = _running_integral(np.sin(q), t)
-    cosine = _running_integral(np.cos(q), t)
-    impulse = _running_integral(motion.torque_nm, t)
+    v = velocity(motion)
+    sine = running_integral(np.sin(q), t)
+    cosine = running_integral(np.cos(q), t)
+    impulse = running_integral(motion.torque_nm, t)
     rows, impulses = [], []
     for start_s in np.arange(t[0], t[-1] - window_s, window_s / OVERLAP):
         a, b = np.searchsorted(t, [start_s, start_s + window_s])

@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fits the parameters of a planar chain (`regressor`) to its motion, with intervals and with a warning where the motion
+tells too little.
+
+Robust: Huber's weights (Huber 1964), each joint's equations in units of its own residuals. The standard errors allow
+for residuals that are alike in neighbouring windows and in all joints at once: they come from fits that leave out one
+stretch of time after another (the jackknife; Miller, Biometrika 61, 1974).
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import LitheError
+from ..files import read_regular
+from .joint import OVERLAP, Motion, Vector, velocity
+from .regressor import Description, Matrix, Rows, names_of, rows_of
+
+WINDOW_S = 0.16
+MOVING_RAD_S = 0.15
+HUBER = 1.345  # 95 % as good as least squares where the noise is normal
+STRETCHES = 12
+FEW = 2.201 / 1.96  # so few stretches: Student's interval with 11 degrees of freedom is that much wider
+ROUNDS = 8
+ENTANGLED = 100.0  # condition number of the columns, each of length 1 (Gautier and Khalil 1992)
+VAGUE = 0.5  # of a value
+BOUNDED = ("viscous", "coulomb", "stribeck")  # friction never drives
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One estimate. `low` to `high`: its interval, with a confidence of 95 %."""
+
+    joint: str
+    name: str
+    unit: str
+    value: float
+    error: float  # standard error
+
+    @property
+    def low(self) -> float:
+        """The least that it may be."""
+        return self.value - 1.96 * self.error
+
+    @property
+    def high(self) -> float:
+        """The most that it may be."""
+        return self.value + 1.96 * self.error
+
+
+@dataclass(frozen=True)
+class ChainFit:
+    """What a motion told. `residual_nm`: of each joint, torque that the model leaves, root of the mean square."""
+
+    parameters: tuple[Parameter, ...]
+    residual_nm: dict[str, float]
+    condition: float  # of the equations, columns of length 1
+    windows: int
+    warnings: tuple[str, ...]
+
+    def __getitem__(self, key: tuple[str, str]) -> Parameter:
+        """That of (joint, name)."""
+        return next(each for each in self.parameters if (each.joint, each.name) == key)
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A point mass on the last link, `reach_m` from its joint, with standard errors."""
+
+    mass_kg: float
+    mass_error_kg: float
+    reach_m: float
+    reach_error_m: float
+
+
+def describe(robot_file: str | Path) -> Description:
+    """The chain of a robot file with `[plant] kind = "chain"`. LitheError where it has none."""
+    try:
+        config: dict[str, Any] = tomllib.loads(read_regular(Path(robot_file)))
+        plant, common = config.get("plant", {}), config.get("defaults", {}).get("joint", {}).get("sim", {})
+        if plant.get("kind") != "chain":
+            raise LitheError(
+                f'{robot_file} has no [plant] kind = "chain"\n'
+                "  next: joints that swing each on its own: lithe.identify.identify_joint"
+            )
+        sims = [(joint["name"], {**common, **joint.get("sim", {})}) for joint in config["joint"]]
+        return Description(
+            tuple(name for name, _ in sims),
+            tuple(float(sim["length_m"]) for _, sim in sims),
+            float(plant.get("gravity_m_s2", 9.81)),
+            max(float(sim.get("stribeck_rad_s", 0.1)) if sim.get("stribeck_nm", 0) else 0.0 for _, sim in sims),
+            max(float(sim.get("cogging_per_rev", 0.0)) if sim.get("cogging_nm", 0) else 0.0 for _, sim in sims),
+        )
+    except (OSError, KeyError, TypeError, ValueError, AttributeError) as error:
+        raise LitheError(
+            f"cannot read a chain from {robot_file}: {type(error).__name__}: {error}\n"
+            f"  next: `lithe bus plan {robot_file}` names the mistakes of a robot file"
+        ) from None
+
+
+def _equations(chain: Description, motions: Sequence[Sequence[Motion]], window_s: float, moving_rad_s: float) -> Rows:
+    found: list[Rows] = []
+    after = 0
+    for joints in motions:
+        if len(joints) != len(chain.names):
+            raise ValueError(f"a motion has {len(joints)} joints, the chain {len(chain.names)}: one Motion for each")
+        if any(len(joint.t_s) != len(joints[0].t_s) or (joint.t_s != joints[0].t_s).any() for joint in joints):
+            raise ValueError("the joints of a motion differ in their times: take all from the same records")
+        whole = [joint.without_repeats() for joint in joints]
+        if len(whole[0].t_s) < 2:
+            continue
+        columns = [
+            np.stack([getattr(joint, name) for joint in whole], axis=1) for name in ("position_rad", "torque_nm")
+        ]
+        # The slope over 2 h is too small by the third derivative times h^2 / 10; two of them tell by how much.
+        v = np.stack([(4 * velocity(joint, 0.5) - velocity(joint)) / 3 for joint in whole], axis=1)
+        rows = rows_of(chain, whole[0].t_s, columns[0], v, columns[1], window_s, moving_rad_s)
+        if len(rows.y):
+            found.append(Rows(rows.a, rows.y, rows.joint, rows.window + after))
+            after += int(rows.window.max()) + 1
+    if not found:
+        raise ValueError("no window with motion: excite the chain more, or record longer")
+    a, y, joint, window = (
+        np.concatenate([getattr(each, name) for each in found]) for name in ("a", "y", "joint", "window")
+    )
+    return Rows(a, y, joint, window)
+
+
+def _spread(residual: Vector) -> float:
+    """Standard deviation of normal noise that has this median; large values count no more than small ones."""
+    return max(float(1.4826 * np.median(np.abs(residual))), 1e-12)
+
+
+def _solve(a: Matrix, y: Vector, joint: npt.NDArray[np.int64]) -> Vector:
+    """Robust estimates. `a`: the columns that are fitted."""
+    weight = np.ones(len(y))
+    solution = np.zeros(a.shape[1])
+    for _ in range(ROUNDS):
+        root = np.sqrt(weight)
+        solution, *_rest = np.linalg.lstsq(a * root[:, None], y * root, rcond=None)
+        residual = y - a @ solution
+        for k in np.unique(joint):
+            of = joint == k
+            spread = _spread(residual[of])
+            weight[of] = np.minimum(1.0, HUBER * spread / np.maximum(np.abs(residual[of]), 1e-300)) / spread**2
+    return np.asarray(solution, dtype=np.float64)
+
+
+def _errors(a: Matrix, rows: Rows) -> Vector:
+    """Standard errors: how much the estimates change when one stretch of time after another is left out."""
+    edges = np.quantile(rows.window, np.arange(1, STRETCHES) / STRETCHES)
+    stretch = np.searchsorted(edges, rows.window)
+    without = np.array([
+        _solve(a[stretch != each], rows.y[stretch != each], rows.joint[stretch != each]) for each in range(STRETCHES)
+    ])  # fmt: skip
+    spread = np.sum((without - without.mean(axis=0)) ** 2, axis=0) * (STRETCHES - 1) / STRETCHES
+    return np.asarray(FEW * np.sqrt(spread))
+
+
+def _check_rank(a: Matrix, names: list[tuple[str, str, str]]) -> float:
+    """The condition number. ValueError names the parameters that the motion does not tell apart, or not at all."""
+    length = np.linalg.norm(a, axis=0)
+    silent = [f"{joint} {name}" for (joint, name, _), size in zip(names, length, strict=True) if size == 0]
+    if silent:
+        raise ValueError(f"the motion tells nothing of {', '.join(silent)}: move these joints")
+    _, values, directions = np.linalg.svd(a / length, full_matrices=False)
+    if len(values) < a.shape[1] or values[-1] < 1e-9 * values[0]:
+        mixed = [f"{names[i][0]} {names[i][1]}" for i in np.argsort(-np.abs(directions[-1])) if
+                 abs(directions[-1][i]) > 0.2]  # fmt: skip
+        raise ValueError(f"the motion does not tell {', '.join(mixed)} apart: move all joints, with more frequencies")
+    return float(values[0] / values[-1])
+
+
+def _warnings(parameters: Sequence[Parameter], condition: float, windows: dict[str, int]) -> list[str]:
+    found = []
+    for each in parameters:
+        if each.name in ("inertia", "moment") and 1.96 * each.error > VAGUE * abs(each.value):
+            share = 1.96 * each.error / max(abs(each.value), 1e-300)
+            found.append(
+                f"{each.joint}: its {each.name} is known to +-{min(share, 9.99):.0%} only ({windows[each.joint]} "
+                "windows with motion): move this joint farther and faster (lithe.identify.design_multisine)"
+            )
+    if condition > ENTANGLED:
+        found.append(
+            f"the motion hardly tells the parameters apart (condition number {condition:.0f}, good is below "
+            f"{ENTANGLED:.0f}): move all joints at once, with several frequencies (lithe.identify.design_multisine)"
+        )
+    return found
+
+
+def identify_chain(
+    chain: Description,
+    motions: Sequence[Sequence[Motion]],
+    window_s: float = WINDOW_S,
+    moving_rad_s: float = MOVING_RAD_S,
+) -> ChainFit:
+    """Fits one or more motions, each a Motion per joint with the same times.
+
+    ValueError where shapes differ, or where the motion tells nothing of a parameter; the words name it. Where it tells
+    little, `warnings` say of what, and what to do.
+    """
+    rows = _equations(chain, motions, window_s, moving_rad_s)
+    names = names_of(chain)
+    if len(rows.y) < 4 * OVERLAP * len(chain.names) + len(names):
+        raise ValueError(f"only {len(rows.y)} equations for {len(names)} parameters: record longer, or move more")
+    condition = _check_rank(rows.a, names)
+    kept = list(range(len(names)))
+    while True:
+        solution, errors = _solve(rows.a[:, kept], rows.y, rows.joint), _errors(rows.a[:, kept], rows)
+        drives = [i for i, column in enumerate(kept) if names[column][1] in BOUNDED and solution[i] < 0]
+        if not drives:
+            break
+        del kept[min(drives, key=lambda i: float(solution[i] / errors[i]))]  # within the noise it is 0
+    value, error = np.zeros(len(names)), np.zeros(len(names))
+    value[kept], error[kept] = solution, errors
+    parameters = tuple(Parameter(*name, float(value[i]), float(error[i])) for i, name in enumerate(names))
+    residual = (rows.y - rows.a @ value) / window_s
+    of = {name: rows.joint == k for k, name in enumerate(chain.names)}
+    windows = {name: int(here.sum()) for name, here in of.items()}
+    return ChainFit(
+        parameters,
+        {name: float(np.sqrt(np.mean(residual[here] ** 2))) if here.any() else 0.0 for name, here in of.items()},
+        condition,
+        len(np.unique(rows.window)),
+        tuple(_warnings(parameters, condition, windows)),
+    )
+
+
+def payload(chain: Description, before: ChainFit, after: ChainFit) -> Payload:
+    """The point mass on the last link by which two fits of the same chain differ.
+
+    A mass m at r adds L_i m to the moment of each inner link and m r to that of the last. ValueError for a single link
+    (only m r can be told) and where the difference is within its errors.
+    """
+    *inner, last = chain.names
+    if not inner:
+        raise ValueError("a chain of one link tells only mass times reach: the difference of its moments")
+
+    def difference(joint: str) -> tuple[float, float]:
+        a, b = before[joint, "moment"], after[joint, "moment"]
+        return b.value - a.value, float(np.hypot(a.error, b.error))
+
+    each = [(gain / length, error / length) for (gain, error), length in
+            ((difference(name), chain.length_m[i]) for i, name in enumerate(inner))]  # fmt: skip
+    weights = np.array([1 / max(error, 1e-12) ** 2 for _, error in each])
+    mass = float(weights @ [value for value, _ in each] / weights.sum())
+    mass_error = float(1 / np.sqrt(weights.sum()))
+    if mass < 2 * mass_error:
+        raise ValueError(
+            f"the payload is {mass:.4f} +- {mass_error:.4f} kg: no difference that stands clear of its error"
+        )
+    gain, error = difference(last)
+    return Payload(mass, mass_error, gain / mass, float(np.hypot(error, gain / mass * mass_error) / mass))

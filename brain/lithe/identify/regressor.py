@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The momentum of a planar chain, linear in its parameters.
+
+Angles theta_i of the links from straight down are sums of the joint angles q_1 .. q_i, L_i is the length of link i.
+With the angular velocity w_i of link i the energies are (Lagrange; as in Siciliano et al., Robotics, 2009, 7.2)
+
+    T = 1/2 sum_i C_i w_i^2 + sum_{i<j} L_i mu_j cos(theta_i - theta_j) w_i w_j + 1/2 sum_k R_k (dq_k/dt)^2
+    V = -g sum_i mu_i cos theta_i
+
+    C_i  = inertia of link i about its joint + L_i^2 times all mass farther out           [kg m^2]
+    mu_i = mass of link i times the way to its centre + L_i times all mass farther out    [kg m]
+    R_k  = rotor of joint k, behind its gear [kg m^2]; that of the first joint cannot be told from C_1 and is part of it
+
+The momentum p_k of joint k changes by its torque, without friction, and by dT/dq_k - dV/dq_k. Integrated over a window
+from a to b, this needs no acceleration:
+
+    [p_k] - integral of (dT/dq_k - dV/dq_k) dt + friction_k = integral of tau_k dt
+    friction_k = b_k [q_k] + c_k * integral of sgn q_k' dt + s_k * integral of exp(-(q_k'/v_s)^2) sgn q_k' dt
+                 + integral of (x_k cos n q_k + y_k sin n q_k) dt
+
+with viscous b, Coulomb c, Stribeck s (v_s is given) and cogging x, y (n periods in a turn are given).
+
+A torque that acts d_k before it is reported (drive, bus, half a tick of the hold) is, to first order, the reported one
+and d_k times its change, so that the delay is one more parameter:  - d_k [tau_k].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .joint import LONGEST_GAP_S, OVERLAP, Vector, running_integral
+
+Matrix = npt.NDArray[np.float64]
+NEAR = 9  # samples
+
+
+@dataclass(frozen=True)
+class Description:
+    """What is known of a chain before anything is measured; one entry a joint, from the base outwards."""
+
+    names: tuple[str, ...]
+    length_m: tuple[float, ...]  # from its joint to the next; that of the last link is not used
+    gravity_m_s2: float = 9.81
+    stribeck_rad_s: float = 0.0  # 0: no Stribeck friction is fitted
+    cogging_per_turn: float = 0.0  # periods in a turn of the joint; 0: no cogging is fitted
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Equations: `a` (n, parameters), `y` (n,) [N m s]; of each its joint, and its window, counted in order of time."""
+
+    a: Matrix
+    y: Vector
+    joint: npt.NDArray[np.int64]
+    window: npt.NDArray[np.int64]
+
+
+def names_of(chain: Description) -> list[tuple[str, str, str]]:
+    """Of each column: joint, parameter, unit."""
+    joints = chain.names
+    found = [(name, "inertia", "kg m2") for name in joints] + [(name, "moment", "kg m") for name in joints]
+    found += [(name, "rotor", "kg m2") for name in joints[1:]]
+    found += [(name, "viscous", "N m s/rad") for name in joints] + [(name, "coulomb", "N m") for name in joints]
+    found += [(name, "delay", "s") for name in joints]
+    if chain.stribeck_rad_s > 0:
+        found += [(name, "stribeck", "N m") for name in joints]
+    if chain.cogging_per_turn > 0:
+        found += [(name, which, "N m") for which in ("cogging_cos", "cogging_sin") for name in joints]
+    return found
+
+
+def _momenta(chain: Description, q: Matrix, v: Matrix) -> tuple[Matrix, Matrix]:
+    """Of each sample and each of C, mu, R: momentum of each joint, and dT/dq - dV/dq -> (n, parameters, joints)."""
+    theta, w = np.cumsum(q, axis=1), np.cumsum(v, axis=1)
+    n, joints = q.shape
+    momentum, pull = np.zeros((n, 3 * joints - 1, joints)), np.zeros((n, 3 * joints - 1, joints))
+    for j in range(joints):
+        momentum[:, j, j] = w[:, j]
+        mu = joints + j
+        pull[:, mu, j] -= chain.gravity_m_s2 * np.sin(theta[:, j])
+        for i in range(j):
+            apart, length = theta[:, i] - theta[:, j], chain.length_m[i]
+            turn = length * np.sin(apart) * w[:, i] * w[:, j]
+            momentum[:, mu, i] += length * np.cos(apart) * w[:, j]
+            momentum[:, mu, j] += length * np.cos(apart) * w[:, i]
+            pull[:, mu, i] -= turn
+            pull[:, mu, j] += turn
+    for values in (momentum, pull):  # link angles are sums of joint angles
+        values[:] = np.cumsum(values[:, :, ::-1], axis=2)[:, :, ::-1]
+    for k in range(1, joints):
+        momentum[:, 2 * joints + k - 1, k] = v[:, k]
+    return momentum, pull
+
+
+def _friction(chain: Description, q: Matrix, v: Matrix, t: Vector, torque: Matrix) -> tuple[Matrix, ...]:
+    """What a joint's own parameters are multiplied with, since the start (n, joints): [q], sgn, delay, others."""
+    sign = np.sign(v)
+    inside = []
+    if chain.stribeck_rad_s > 0:
+        inside.append(sign * np.exp(-((v / chain.stribeck_rad_s) ** 2)))
+    if chain.cogging_per_turn > 0:
+        inside += [np.cos(chain.cogging_per_turn * q), np.sin(chain.cogging_per_turn * q)]
+
+    def integral(values: Matrix) -> Matrix:
+        return np.stack([running_integral(values[:, k], t) for k in range(q.shape[1])], axis=1)
+
+    # Of the torque's mean nearby: its noise would make the delay look shorter.
+    smooth = np.stack(
+        [np.convolve(torque[:, k], np.full(NEAR, 1 / NEAR), mode="same") for k in range(q.shape[1])], axis=1
+    )
+    return (q, integral(sign), -smooth, *(integral(each) for each in inside))
+
+
+def rows_of(
+    chain: Description, t: Vector, q: Matrix, v: Matrix, torque: Matrix, window_s: float, moving_rad_s: float
+) -> Rows:
+    """The equations of one motion. t (n,) [s]; q, v, torque (n, joints); v may be NaN where nothing is known of it.
+
+    An equation of a joint is left out where the joint nearly rests or turns back: its friction has no known sign there.
+    """
+    joints = q.shape[1]
+    known = np.where(np.isfinite(v), v, 0.0)
+    momentum, pull = _momenta(chain, q, known)
+    rigid = momentum.shape[1]
+    steps = np.diff(t)[:, None, None]
+    pulled = np.concatenate((np.zeros((1, rigid, joints)), np.cumsum((pull[1:] + pull[:-1]) / 2 * steps, axis=0)))
+    friction = _friction(chain, q, known, t, torque)
+    impulse = np.stack([running_integral(torque[:, k], t) for k in range(joints)], axis=1)
+    a: list[Vector] = []
+    y: list[float] = []
+    of_joint: list[int] = []
+    of_window: list[int] = []
+    whole = np.asarray(np.isfinite(v).all(axis=1))
+    for number, start_s in enumerate(np.arange(t[0], t[-1] - window_s, window_s / OVERLAP)):
+        first, last = (int(at) for at in np.searchsorted(t, [start_s, start_s + window_s]))
+        part = slice(first, last + 1)
+        if first == last or not np.all(whole[part]) or np.max(np.diff(t[part])) > LONGEST_GAP_S:
+            continue
+        for k in range(joints):
+            if np.min(np.sign(v[first, k]) * v[part, k]) <= moving_rad_s:
+                continue
+            row = np.zeros(rigid + len(friction) * joints)
+            row[:rigid] = momentum[last, :, k] - momentum[first, :, k] - (pulled[last, :, k] - pulled[first, :, k])
+            for which, integral in enumerate(friction):
+                row[rigid + which * joints + k] = integral[last, k] - integral[first, k]
+            a.append(row)
+            y.append(float(impulse[last, k] - impulse[first, k]))
+            of_joint.append(k)
+            of_window.append(number)
+    return Rows(
+        np.array(a).reshape(len(a), rigid + len(friction) * joints),
+        np.array(y),
+        np.array(of_joint, int),
+        np.array(of_window, int),
+    )

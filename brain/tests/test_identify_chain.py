@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of chains that the estimator has never seen, and what it says when the motion tells too little."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import lithe.identify.chain as fit_module
+import numpy as np
+import pytest
+from chain_sim import Chains
+from lithe.errors import LitheError
+from lithe.gateway.references import Limits, curve_of
+from lithe.identify import ChainFit, Description, Motion, describe, design_multisine, identify_chain, payload
+from lithe.identify.design import information
+from lithe.identify.regressor import Matrix, Rows, Vector
+
+ROOT = Path(__file__).resolve().parents[2]
+ROBOTS = 50
+LIMITS = Limits([f"joint{k}" for k in range(3)], np.full(3, -1.2), np.full(3, 1.2), np.full(3, 5.0))
+# What design_multisine finds for LIMITS in 20 s; here as numbers, so that a test of the fit is none of the design.
+REFERENCE: dict[str, Any] = {
+    "kind": "multisine", "centre_rad": [0.2, -0.1, 0.1], "amplitude_rad": [1.0, 1.1, 1.2],
+    "frequency_hz": [0.3, 0.7, 1.1, 1.9],
+}  # fmt: skip
+
+
+Found = tuple[Chains, list[ChainFit], list[list[Motion]]]
+
+
+@pytest.fixture(scope="module")
+def chains() -> Found:
+    """Fifty robots, what was found of each, and from which motion."""
+    made = Chains.drawn(ROBOTS, 3, seed=5)
+    motions = made.follow(curve_of(REFERENCE, 3), 10.0, seed=1)
+    return made, [identify_chain(made.description(i), [motion]) for i, motion in enumerate(motions)], motions
+
+
+def covered(made: Chains, fits: list[ChainFit], factor: float = 1.0) -> float:
+    """Share of all true parameters that lie in their intervals, made `factor` times as wide."""
+    inside = [
+        abs(each.value - made.truth(i)[each.joint, each.name]) <= factor * 1.96 * each.error
+        for i, fit in enumerate(fits) for each in fit.parameters
+    ]  # fmt: skip
+    return float(np.mean(inside))
+
+
+def test_the_intervals_hold_the_truth_in_nine_of_ten(chains: Found, tell: Any) -> None:
+    made, fits, _ = chains
+    held, half = covered(made, fits), covered(made, fits, 0.3)
+    tell(f"95 % intervals hold {held:.1%} of the parameters of {ROBOTS} robots, a third as wide {half:.1%}")
+    assert held >= 0.9
+    assert half < 0.9, "intervals that are much too narrow are seen"
+
+
+def test_they_are_narrow_enough_to_be_of_use(chains: Found, tell: Any) -> None:
+    _, fits, _ = chains
+    shares = {name: float(np.median([1.96 * each.error / each.value for fit in fits for each in fit.parameters
+                                     if each.name == name])) for name in ("moment", "inertia")}  # fmt: skip
+    tell(", ".join(f"{name} +-{share:.1%}" for name, share in shares.items()))
+    assert shares["moment"] < 0.03 and shares["inertia"] < 0.1
+    assert not any(fit.warnings for fit in fits)
+
+
+def independent(a: Matrix, rows: Rows) -> Vector:
+    """The standard errors of least squares where each residual is new, in units of its joint's spread."""
+    residual = rows.y - a @ fit_module._solve(a, rows.y, rows.joint)
+    spread = np.array([1.4826 * np.median(np.abs(residual[rows.joint == k])) for k in range(3)])[rows.joint]
+    return np.asarray(np.sqrt(np.diag(np.linalg.inv((a / spread[:, None] ** 2).T @ a))))
+
+
+def test_residuals_counted_as_independent_give_intervals_that_are_wrong(
+    chains: Found, monkeypatch: pytest.MonkeyPatch, tell: Any
+) -> None:
+    """The twin: windows that overlap, and joints that disturb each other, told as if they were as many witnesses."""
+    monkeypatch.setattr(fit_module, "_errors", independent)
+    made, fits, motions = chains
+    wrong = [identify_chain(made.description(i), [motion]) for i, motion in enumerate(motions)]
+    tell(f"residuals counted as independent: {covered(made, wrong):.1%}")
+    assert covered(made, wrong) < 0.85
+
+
+@pytest.fixture(scope="module")
+def one() -> tuple[Chains, Description]:
+    """A single chain."""
+    made = Chains.drawn(1, 3, seed=11)
+    return made, made.description(0)
+
+
+def test_a_joint_that_hardly_moves_is_warned_of(one: tuple[Chains, Description]) -> None:
+    made, chain = one
+    slow = {**REFERENCE, "amplitude_rad": [0.9, 0.9, 0.05], "frequency_hz": [0.25, 1.5]}
+    (motion,) = made.follow(curve_of(slow, 3), 8.0, torque_noise_nm=0.3)
+    warnings = identify_chain(chain, [motion]).warnings
+    assert any("joint2: its inertia is known to" in each and "design_multisine" in each for each in warnings), warnings
+    assert any("hardly tells the parameters apart" in each for each in warnings), warnings
+
+
+def test_what_cannot_be_told_is_named(one: tuple[Chains, Description]) -> None:
+    made, chain = one
+    (motion,) = made.follow(curve_of({**REFERENCE, "amplitude_rad": [0.8, 0.8, 0.0]}, 3), 6.0)
+    still = [*motion[:2], replace(motion[2], position_rad=np.zeros(len(motion[2].t_s)))]
+    with pytest.raises(ValueError, match=r"joint2 rotor, joint2 viscous, joint2 coulomb.*move"):
+        identify_chain(chain, [still])
+
+
+def test_motions_that_do_not_fit_the_chain_are_refused(one: tuple[Chains, Description]) -> None:
+    made, chain = one
+    (motion,) = made.follow(curve_of(REFERENCE, 3), 0.5)
+    with pytest.raises(ValueError, match="a motion has 2 joints, the chain 3"):
+        identify_chain(chain, [motion[:2]])
+    late = replace(motion[1], t_s=motion[1].t_s + 0.01)
+    with pytest.raises(ValueError, match="differ in their times"):
+        identify_chain(chain, [[motion[0], late, motion[2]]])
+    with pytest.raises(ValueError, match="record longer"):
+        identify_chain(chain, [motion])
+
+
+def test_outliers_do_not_move_it(one: tuple[Chains, Description]) -> None:
+    made, chain = one
+    (motion,) = made.follow(curve_of(REFERENCE, 3), 8.0)
+    at = np.random.default_rng(3).choice(len(motion[0].t_s), 8, replace=False)
+    torque = motion[0].torque_nm.copy()
+    torque[at] += 20.0
+    spoilt = identify_chain(chain, [[replace(motion[0], torque_nm=torque), *motion[1:]]])
+    truth = made.truth(0)
+    for k in range(3):
+        assert spoilt[f"joint{k}", "moment"].value == pytest.approx(truth[f"joint{k}", "moment"], rel=0.05)
+
+
+def test_a_payload_is_the_difference_of_two_fits(one: tuple[Chains, Description]) -> None:
+    made, chain = one
+    curve = curve_of(REFERENCE, 3)
+    (before,) = made.follow(curve, 8.0, seed=1)
+    mass, reach = 0.15, 0.09
+    total = made.mass_kg[0, 2] + mass
+    centre = (made.mass_kg[0, 2] * made.centre_m[0, 2] + mass * reach) / total
+    inertia = (
+        made.inertia_kg_m2[0, 2] + made.mass_kg[0, 2] * made.centre_m[0, 2] ** 2 + mass * reach**2 - total * centre**2
+    )
+
+    def with_last(values: np.ndarray[Any, Any], value: float) -> np.ndarray[Any, Any]:
+        changed = values.copy()
+        changed[0, 2] = value
+        return changed
+
+    loaded = replace(made, mass_kg=with_last(made.mass_kg, total), centre_m=with_last(made.centre_m, centre),
+                     inertia_kg_m2=with_last(made.inertia_kg_m2, inertia))  # fmt: skip
+    (after,) = loaded.follow(curve, 8.0, seed=2)
+    fits = [identify_chain(chain, [motion]) for motion in (before, after)]
+    found = payload(chain, *fits)
+    assert abs(found.mass_kg - mass) < 3 * found.mass_error_kg < 0.05
+    assert abs(found.reach_m - reach) < max(3 * found.reach_error_m, 0.01)
+    with pytest.raises(ValueError, match="clear of its error"):
+        payload(chain, fits[0], fits[0])
+
+
+def test_the_design_keeps_the_limits_and_tells_more_than_a_usual_sine(one: tuple[Chains, Description]) -> None:
+    _, chain = one
+    found = design_multisine(chain, LIMITS, seconds=8.0, seed=2, candidates=12)
+    assert found == design_multisine(chain, LIMITS, seconds=8.0, seed=2, candidates=12), (
+        "the same seed, the same answer"
+    )
+    t = np.arange(0.0, 8.0, 0.002)
+    q = curve_of(found["reference"], 3)(t)
+    assert (np.abs(q) <= 1.2).all() and (np.abs(np.gradient(q, 0.002, axis=0)) <= 5.0).all()
+    usual = {"kind": "multisine", "centre_rad": 0, "amplitude_rad": 0.5, "frequency_hz": [0.5, 0.8]}
+    assert found["information"] > information(chain, usual, 8.0)
+
+
+def test_a_robot_file_describes_its_chain(tmp_path: Path) -> None:
+    assert describe(ROOT / "robots/chain.toml") == Description(("shoulder", "elbow", "wrist"), (0.25, 0.2, 0.12), 9.81)
+    with pytest.raises(LitheError, match=r"no \[plant\] kind"):
+        describe(ROOT / "robots/arm.toml")
+    (tmp_path / "bad.toml").write_text("joint = 3\n[plant]\nkind = 'chain'\n")
+    with pytest.raises(LitheError, match="cannot read a chain"):
+        describe(tmp_path / "bad.toml")
