@@ -162,6 +162,33 @@ class Robot:
             self._plan_id += 1
             return self._plan_id
 
+    def decided(self, plan_id: int, wait_s: float = 0.1) -> bool:
+        """What the Spine made of a plan: True when it follows it, or followed it before a newer one took its place.
+
+        Refused with the reason when it does not: `refused_mode` (it follows plans in mode active only), `refused_plan`
+        (which joint, which limit). False when neither is known within wait_s: the Spine is late.
+        """
+        end_s, first = time.monotonic() + wait_s, -1
+        while True:
+            record = self.telemetry.latest()
+            if record is not None and int(record["plan_id"]) >= plan_id:
+                return True
+            if record is not None:
+                first = int(record["tick"]) if first < 0 else first
+                if int(record["tick"]) > first + 2:  # it was seen by a tick
+                    if (mode := Mode(int(record["mode"]))) != Mode.active:
+                        raise Refused("refused_mode", f"in mode {mode.name} no plan is followed", "arm, then publish again")
+                    self._raise_refusal(plan_id)
+            if time.monotonic() > end_s:
+                return False
+            time.sleep(0.001)
+
+    def _raise_refusal(self, plan_id: int) -> None:
+        for event in reversed(self.call("events", limit=32)["events"]):
+            if event["kind"] == "plan_refused" and event.get("request_id") == plan_id:
+                why = str(event.get("text") or event.get("reason"))
+                raise Refused("refused_plan", f"the Spine refused the plan: {why}", "keep every waypoint within its limits")
+
     def go_to(self, position_rad: npt.ArrayLike, in_s: float) -> int:
         """Moves to a position (joints,), arriving `in_s` seconds from now and resting there; returns the plan's id."""
         return self.publish(
@@ -200,6 +227,10 @@ class Robot:
     def rollback(self, steps: int = 1) -> Any:
         """Goes back by 1 to 4 laws, to one that is still in the Spine, with its last state."""
         return self.call("rollback", steps=steps)
+
+    def activate(self, law: str) -> Any:
+        """Goes back to an earlier law by its name, as rollback() does by steps; nothing changes if it runs already."""
+        return self.call("activate", law=law)
 
     # ---- verbs
     def call(self, verb: str, /, **args: Any) -> Any:

@@ -230,6 +230,14 @@ VERBS = (
         args=(("steps", _integer("how many laws back", minimum=1, maximum=4)),),
         first=True,
     ),
+    Verb(
+        "activate",
+        "That law runs again, with its state; one of those that ran before and are still loaded (law_list).",
+        Effect.stops,
+        args=(("law", _text("its name")),),
+        required=("law",),
+        first=True,
+    ),
     Verb("revert_params", "The parameters before the last change.", Effect.stops, first=True),
     Verb("shutdown", "Stops robot and supervisor in order.", Effect.moves),
 )

@@ -98,6 +98,7 @@ void Verbs::add_commands() {
     verbs_[name] = [this, kind = kind](const ReplyTo& to, const Json&) { command(kind, to); };
   }
   verbs_["rollback"] = [this](const ReplyTo& to, const Json& args) { roll_back(to, args); };
+  verbs_["activate"] = [this](const ReplyTo& to, const Json& args) { activate(to, args); };
   verbs_["revert_params"] = [this](const ReplyTo& to, const Json&) { revert_params(to); };
   verbs_["set_params"] = [this](const ReplyTo& to, const Json& args) { set_params(to, args); };
   verbs_["shutdown"] = [this](const ReplyTo& to, const Json&) {
@@ -140,18 +141,46 @@ void Verbs::roll_back(const ReplyTo& to, const Json& args) {
                        "see which are still there: lithe law list"});
     return;
   }
+  go_back(to, steps.get<std::uint32_t>());
+}
+
+// Laws before the running one have smaller numbers, and those that a rollback passed over are gone.
+void Verbs::activate(const ReplyTo& to, const Json& args) {
+  const Json law = args.value("law", Json(nullptr));
+  if (!law.is_string()) {
+    return reply_(to, Refusal{"usage", fmt::format("law = {}: the name of a law", law.dump()), "lithe law list has them"});
+  }
+  const std::string name = law.get<std::string>();
+  const auto running = parts_.spine.running_law();
+  const std::uint32_t now = running ? running->info.law_id : 0;
+  if (running && name == text_of(running->info.name)) return reply_(to, law_that_runs());
+  std::vector<wire::LawInfo> earlier = parts_.spine.laws();
+  std::erase_if(earlier, [now](const wire::LawInfo& law) { return law.law_id >= now; });
+  const auto found = std::find_if(earlier.rbegin(), earlier.rend(),
+                                  [&name](const wire::LawInfo& law) { return text_of(law.name) == name; });
+  if (found == earlier.rend()) {
+    std::vector<std::string> names;
+    for (const wire::LawInfo& law : earlier) names.push_back(fmt::format("'{}'", text_of(law.name)));
+    return reply_(to, Refusal{"unknown_law", fmt::format("no law '{}' ran before this one and is still loaded", name),
+                              fmt::format("{}swap its text", names.empty() ? "" : fmt::format("one of {}, or ", fmt::join(names, ", ")))});
+  }
+  go_back(to, static_cast<std::uint32_t>(found - earlier.rbegin()) + 1);
+}
+
+Json Verbs::law_that_runs() const {
+  const auto law = parts_.spine.running_law();
+  return {{"law", law ? Json(text_of(law->info.name)) : Json(nullptr)}, {"law_id", law ? law->info.law_id : 0}};
+}
+
+void Verbs::go_back(const ReplyTo& to, std::uint32_t steps) {
   wire::Command command;
   command.kind = static_cast<std::uint32_t>(wire::CommandKind::rollback);
-  command.count = steps.get<std::uint32_t>();
+  command.count = steps;
   parts_.commands.send(
       command,
       [this, to](const Answer& result) {
         Answer out = result;
-        if (Json* json = std::get_if<Json>(&out)) {
-          const auto law = parts_.spine.running_law();
-          (*json)["law"] = law ? Json(text_of(law->info.name)) : Json(nullptr);
-          (*json)["law_id"] = law ? law->info.law_id : 0;
-        }
+        if (Json* json = std::get_if<Json>(&out)) json->update(law_that_runs());
         reply_(to, out);
       },
       monotonic_ns());

@@ -54,6 +54,9 @@ class Verbs {
   void swap_law(const ReplyTo& to, const Json& args);
   void check_law(const ReplyTo& to, const Json& args);
   void roll_back(const ReplyTo& to, const Json& args);
+  void activate(const ReplyTo& to, const Json& args);
+  void go_back(const ReplyTo& to, std::uint32_t steps);
+  Json law_that_runs() const;
   void revert_params(const ReplyTo& to);
   void set_params(const ReplyTo& to, const Json& args);
 

@@ -325,4 +325,7 @@ class Gateway:
             None if velocity is None else np.asarray(velocity, dtype=np.float64),
             bool(args.get("streaming", True)),
         )
-        return {"plan_id": plan_id}
+        try:
+            return {"plan_id": plan_id, "accepted": self.robot.decided(plan_id) or None}
+        except NotRunning:
+            return {"plan_id": plan_id, "accepted": None}  # no supervisor that could tell the reason

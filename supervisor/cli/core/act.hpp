@@ -60,6 +60,7 @@ int estop(const Context& context);
 // Brings joints inside their limits and waits until they are, or until the Spine says why not.
 int recover(const Context& context);
 int rollback(const Context& context, int steps);
+int law_activate(const Context& context, const std::string& law);
 // `terms`: arguments of the verb swap that are numbers (docs/reference/verbs.md).
 int swap_law(const Context& context, const std::string& law, const std::vector<std::string>& params,
              const std::map<std::string, double>& terms);

@@ -122,6 +122,11 @@ int rollback(const Context& context, int steps) {
                 [](const Json& result) { print_command("rollback", result); });
 }
 
+int law_activate(const Context& context, const std::string& law) {
+  return finish(context, ask(context, "activate", {{"law", law}}),
+                [](const Json& result) { print_command("activate", result); });
+}
+
 int swap_law(const Context& context, const std::string& law, const std::vector<std::string>& params,
              const std::map<std::string, double>& terms) {
   const Source file = read_law(law);

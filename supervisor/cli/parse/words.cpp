@@ -161,6 +161,10 @@ void add_swap(CLI::App& app, Words& words) {
 
 void add_laws(CLI::App& app, Words& words) {
   CLI::App* law = add_group(app, kLaws, "law", "laws as files");
+  add_verb(*law, words, "activate", "an earlier law runs again, with its state",
+           [](Words& w) { return law_activate(w.context, w.which); })
+      ->add_option("NAME", words.which, "as `lithe law list` has it")
+      ->required();
   add_verb(*law, words, "check", "compile a law, apply the admission rules, dry run; loads nothing",
            [](Words& w) { return law_check(w.context, w.law); })
       ->add_option("LAW", words.law, "C++ file")
