@@ -168,26 +168,28 @@ class Robot:
         Refused with the reason when it does not: `refused_mode` (it follows plans in mode active only), `refused_plan`
         (which joint, which limit). False when neither is known within wait_s: the Spine is late.
         """
-        end_s, first = time.monotonic() + wait_s, -1
-        while True:
+        end_s, first, cursor = time.monotonic() + wait_s, -1, 0
+        while time.monotonic() < end_s:
             record = self.telemetry.latest()
             if record is not None and int(record["plan_id"]) >= plan_id:
                 return True
-            if record is not None:
-                first = int(record["tick"]) if first < 0 else first
-                if int(record["tick"]) > first + 2:  # it was seen by a tick
-                    if (mode := Mode(int(record["mode"]))) != Mode.active:
-                        raise Refused("refused_mode", f"in mode {mode.name} no plan is followed", "arm, then publish again")
-                    self._raise_refusal(plan_id)
-            if time.monotonic() > end_s:
-                return False
+            if record is not None and first < 0:
+                first = int(record["tick"])
+            if record is not None and int(record["tick"]) > first + 2:  # a tick has seen it
+                if (mode := Mode(int(record["mode"]))) != Mode.active:
+                    raise Refused("refused_mode", f"in mode {mode.name} no plan is followed", "arm, then publish again")
+                cursor = self._raise_refusal(plan_id, cursor)
+                time.sleep(0.005)
             time.sleep(0.001)
+        return False
 
-    def _raise_refusal(self, plan_id: int) -> None:
-        for event in reversed(self.call("events", limit=32)["events"]):
+    def _raise_refusal(self, plan_id: int, since: int) -> int:
+        answer = self.call("events", since=since)
+        for event in answer["events"]:
             if event["kind"] == "plan_refused" and event.get("request_id") == plan_id:
-                why = str(event.get("text") or event.get("reason"))
-                raise Refused("refused_plan", f"the Spine refused the plan: {why}", "keep every waypoint within its limits")
+                why = event.get("text") or event.get("reason")
+                raise Refused("refused_plan", f"the Spine refused the plan: {why}", "keep waypoints inside the limits")
+        return int(answer["cursor"])
 
     def go_to(self, position_rad: npt.ArrayLike, in_s: float) -> int:
         """Moves to a position (joints,), arriving `in_s` seconds from now and resting there; returns the plan's id."""

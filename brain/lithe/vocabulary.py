@@ -153,6 +153,17 @@ VERBS = (
         required=("source",),
     ),
     Verb(
+        "lease",
+        "Who has the right to move the robot; with take: true, this client takes it, and others are refused (leased).",
+        args=(
+            ("take", {"type": "boolean", "description": "true: take or prolong it; false: give it back"}),
+            (
+                "seconds",
+                _number("it ends so long after the holder's last moving verb", exclusiveMinimum=0, maximum=600),
+            ),
+        ),
+    ),
+    Verb(
         "set_params",
         "Changes parameters of the running law, after a trial.",
         Effect.moves,

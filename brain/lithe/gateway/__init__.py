@@ -47,6 +47,7 @@ from ..text import unprintable_in
 from ..vocabulary import BY_NAME, VERBS, Effect, check_names, nearest
 from . import documents
 from .client import MOST_REQUEST_BYTES, Client
+from .lease import USUAL_S, Lease
 from .lobby import Hello, Lobby
 from .references import References
 from .token import write_token
@@ -94,6 +95,17 @@ def _refusal(name: Any, code: str, message: str, next_step: str = "", detail: di
     return encode({"id": name, "ok": False, "error": body})
 
 
+class _Peer:
+    """A connection, by the address at its other end."""
+
+    def __init__(self, link: socket.socket) -> None:
+        try:
+            host, port = link.getpeername()[:2]
+            self.name = f"client {host}:{port}"
+        except OSError:
+            self.name = "a client that has left"
+
+
 class Gateway:
     """Serves one Robot on `host`:`port` (0: any free one, see .port) to clients with `token`.
 
@@ -121,6 +133,7 @@ class Gateway:
         self._say = say or (lambda words: print(f"lithe.gateway: {words}", file=sys.stderr, flush=True))
         self._places = threading.BoundedSemaphore(MOST_CLIENTS)
         self.references = References(robot)
+        self.lease = Lease()
         self._asking = threading.local()  # .client: whose request this thread handles
         self._ours: dict[str, Verb] = {
             "describe": self._describe,
@@ -135,6 +148,7 @@ class Gateway:
             "set_reference": self._set_reference,
             "reference": lambda _: self.references.told(),
             "stop_reference": lambda _: self.references.stop(),
+            "lease": self._lease_verb,
         }
         self.verbs: dict[str, Verb] = {**self._ours, **(verbs or {})}
         no = _refusal(None, "token", "wrong token", "read it from the token file")
@@ -171,7 +185,7 @@ class Gateway:
             link.sendall(self._answer(b'{"id": 1, "verb": "estop"}')[0])
 
     def _serve(self, link: socket.socket, rest: bytes) -> None:
-        me = object()
+        me = _Peer(link)
         try:
             with link:
                 Client(link, rest, lambda line: self._answer(line, me), self.turns, self._say).serve()
@@ -179,6 +193,7 @@ class Gateway:
             pass  # it has left already
         finally:
             self.references.left(me)
+            self.lease.give_back(me)
             self._places.release()
 
     def _answer(self, line: bytes, client: object = None) -> tuple[bytes, int]:
@@ -228,6 +243,8 @@ class Gateway:
             # What stops the robot is never refused for an argument too many.
             if known.effect is not Effect.stops:
                 check_names(known, args)
+        if verb in BY_NAME and BY_NAME[verb].effect is Effect.moves:
+            self.lease.moves(self._asking.client)
         with self.turns.moving() if verb in FIRST else contextlib.nullcontext():
             return own(args) if own is not None else self.robot.call(verb, **args)
 
@@ -313,6 +330,15 @@ class Gateway:
 
     def _document(self, args: dict[str, Any]) -> Any:
         return documents.read(str(args["name"]), lambda: Path(self.robot.call("status")["records"]))
+
+    def _lease_verb(self, args: dict[str, Any]) -> Any:
+        who = self._asking.client
+        take = args.get("take")
+        if take is False:
+            self.lease.give_back(who)
+        elif take is not None or "seconds" in args:
+            return self.lease.take(who, who.name, float(args.get("seconds", USUAL_S)))
+        return self.lease.told(who)
 
     def _set_reference(self, args: dict[str, Any]) -> Any:
         return self.references.set(args, self._asking.client)

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several clients of one gateway: who may move the robot, what became of a plan, and back to a law by its name."""
+
+import time
+from collections.abc import Iterator
+
+import lithe
+import pytest
+from lithe.errors import Refused
+from lithe.gateway import Gateway
+from lithe.gateway.lease import Lease
+from lithe.remote import Remote
+from system.house import ROOT, House
+
+
+@pytest.fixture
+def other(gateway: Gateway) -> Iterator[Remote]:
+    client = Remote("127.0.0.1", gateway.port, "sesame")
+    yield client
+    client.close()
+
+
+def soon(remote: Remote, in_s: float = 0.4, rad: float = 0.1) -> dict[str, object]:
+    """A plan of one waypoint."""
+    at_ns = remote.call("describe")["now_ns"] + int(in_s * 1e9)
+    return {"t_ns": [at_ns], "position_rad": [[rad]], "streaming": False}
+
+
+def test_one_moves_and_the_others_read_until_it_gives_the_right_back(remote: Remote, other: Remote) -> None:
+    assert remote.call("lease") == {"holder": None, "yours": False, "left_s": 0.0}
+    assert other.call("publish", **soon(other))["accepted"], "without a lease everybody moves it"
+    assert remote.call("lease", take=True, seconds=60)["yours"]
+    told = other.call("lease")
+    assert not told["yours"] and told["holder"].startswith("client 127.0.0.1:") and 0 < told["left_s"] <= 60
+    for verb, args in (("publish", soon(other)), ("lease", {"take": True}), ("set_reference", {"kind": "rest"})):
+        with pytest.raises(Refused) as refusal:
+            other.call(verb, **args)
+        assert refusal.value.code == "leased" and "127.0.0.1" in refusal.value.message
+    assert other.call("status")["mode"] == "active"
+    other.call("hold")  # never needs it
+    remote.call("arm")
+    other.call("lease", take=False)  # what it does not have, it cannot give back
+    assert remote.call("lease")["yours"]
+    remote.call("lease", take=False)
+    assert other.call("publish", **soon(other))["accepted"]
+
+
+def test_a_lease_ends_with_its_client(remote: Remote, other: Remote) -> None:
+    remote.call("lease", take=True, seconds=600)
+    remote.close()
+    House.wait_for(lambda: other.call("lease")["holder"] is None)
+    other.call("publish", **soon(other))
+
+
+def test_a_lease_ends_by_itself_and_lasts_while_its_client_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now_s[0])
+    lease, me, other = Lease(), object(), object()
+    lease.take(me, "me", 10)
+    now_s[0] += 9
+    lease.moves(me)
+    now_s[0] += 9
+    with pytest.raises(Refused, match="me has the right to move this robot for another 1.0 s"):
+        lease.moves(other)
+    now_s[0] += 2
+    lease.moves(other)
+    assert lease.take(other, "other")["yours"]
+    for seconds in (0, -1, 601, float("nan")):
+        with pytest.raises(Refused, match="seconds"):
+            lease.take(other, "other", seconds)
+
+
+def test_publish_says_what_the_spine_decided(remote: Remote) -> None:
+    assert remote.call("publish", **soon(remote))["accepted"] is True
+    with pytest.raises(Refused) as refusal:
+        remote.call("publish", **soon(remote, rad=100.0))
+    assert refusal.value.code == "refused_plan" and "shoulder" in refusal.value.message, refusal.value.message
+    remote.call("disarm")
+    with pytest.raises(Refused) as refusal:
+        remote.call("publish", **soon(remote))
+    assert refusal.value.code == "refused_mode" and "disarmed" in refusal.value.message
+    remote.call("arm")
+
+
+def test_a_law_that_ran_before_runs_again_by_its_name(remote: Remote, robot: lithe.Robot) -> None:
+    first = str(robot.status()["law"])
+    for law in ("gravity_pd", "hold"):
+        robot.swap(ROOT / f"laws/{law}.cpp", probation_s=0)
+    assert robot.activate("hold")["law"] == "hold", "it runs already"
+    with pytest.raises(Refused) as refusal:
+        remote.call("activate", law="nobody")
+    assert refusal.value.code == "unknown_law" and "'gravity_pd'" in refusal.value.next
+    assert remote.call("activate", law=first)["law"] == first
+    with pytest.raises(Refused, match="still loaded"):
+        robot.activate("hold")  # a step back passed over it
+    with pytest.raises(Refused, match="law = 3"):
+        robot.call("activate", law=3)
