@@ -15,7 +15,7 @@
 namespace lithe::lawd {
 namespace {
 
-constexpr const char* kGate = "text";
+constexpr const char* kTextGate = "text";
 constexpr std::string_view kBlanks = " \t\r\v\f";
 
 std::string_view trimmed(std::string_view line) {
@@ -191,13 +191,13 @@ class Cleaner {
     if (laws.size() > 1) {
       std::string where;
       for (const Block& each : laws) where += (where.empty() ? "" : ", ") + line_range(each);
-      out.refuse(kGate,
+      out.refuse(kTextGate,
                  fmt::format("{} code blocks have LITHE_LAW ({}), and a swap takes one law", laws.size(), where) + send,
                  static_cast<int>(laws[1].from) + 1, 1);
     } else if (inside.size() == 1) {
       return inside.front();
     } else {
-      out.refuse(kGate,
+      out.refuse(kTextGate,
                  fmt::format("none of the {} code blocks has LITHE_LAW(Type, \"name\"), so none is a whole law",
                              inside.size()) +
                      send,

@@ -69,8 +69,7 @@ bool goes_on(TrialContext& context, const LoopStats& law, const LoopStats& alone
   if (law.tremor == 0 || (alone.tremor == law.tremor && alone.tremor_joint == law.tremor_joint)) return true;
   const robot::JointConfig& shaking = context.setup.robot.joints[law.tremor_joint];
   const char* joint = shaking.name.c_str();
-  using Kind = law::Tremor::Finding::Kind;
-  if (Kind{static_cast<std::uint8_t>(law.tremor)} == Kind::chatter) {
+  if (law.tremor == static_cast<std::uint32_t>(law::Tremor::Finding::Kind::chatter)) {
     return context.refuse(
         "%s the torque of joint %s jumps up and down by %.2g N m, %.0f times a second (after %u ticks; from %.2g N m "
         "on, "
