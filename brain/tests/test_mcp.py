@@ -128,7 +128,7 @@ def test_nothing_moves_without_a_persons_permission(fake: Fake) -> None:
 
 def test_a_stop_or_a_step_back_never_needs_one(fake: Fake) -> None:
     stopping = [each.name for each in VERBS if each.effect is Effect.stops]
-    assert set(stopping) == {"hold", "disarm", "estop", "stop_reference", "rollback", "revert_params"}
+    assert set(stopping) == {"hold", "disarm", "estop", "stop_reference", "rollback", "activate", "revert_params"}
     for name in stopping:
         assert not fake.tool(name)["isError"]
     assert [verb for verb, _ in fake.asked] == stopping

@@ -146,11 +146,12 @@ void Verbs::roll_back(const ReplyTo& to, const Json& args) {
 
 // Laws before the running one have smaller numbers, and those that a rollback passed over are gone.
 void Verbs::activate(const ReplyTo& to, const Json& args) {
-  const Json law = args.value("law", Json(nullptr));
-  if (!law.is_string()) {
-    return reply_(to, Refusal{"usage", fmt::format("law = {}: the name of a law", law.dump()), "lithe law list has them"});
+  const Json wanted = args.value("law", Json(nullptr));
+  if (!wanted.is_string()) {
+    return reply_(
+        to, Refusal{"usage", fmt::format("law = {}: the name of a law", wanted.dump()), "lithe law list has them"});
   }
-  const std::string name = law.get<std::string>();
+  const std::string name = wanted.get<std::string>();
   const auto running = parts_.spine.running_law();
   const std::uint32_t now = running ? running->info.law_id : 0;
   if (running && name == text_of(running->info.name)) return reply_(to, law_that_runs());
@@ -162,7 +163,8 @@ void Verbs::activate(const ReplyTo& to, const Json& args) {
     std::vector<std::string> names;
     for (const wire::LawInfo& law : earlier) names.push_back(fmt::format("'{}'", text_of(law.name)));
     return reply_(to, Refusal{"unknown_law", fmt::format("no law '{}' ran before this one and is still loaded", name),
-                              fmt::format("{}swap its text", names.empty() ? "" : fmt::format("one of {}, or ", fmt::join(names, ", ")))});
+                              fmt::format("{}swap its text",
+                                          names.empty() ? "" : fmt::format("one of {}, or ", fmt::join(names, ", ")))});
   }
   go_back(to, static_cast<std::uint32_t>(found - earlier.rbegin()) + 1);
 }

@@ -68,6 +68,7 @@ def run(args: argparse.Namespace, transcript: Transcript) -> Result:
     limits = Limits(args.rounds, args.swaps, args.failures, args.window, args.amplitude, args.growth)
     with Remote(*_address(args.connect), args.token_file) as remote:
         link = Link(remote, say)
+        link.call("lease", take=True, seconds=120)
         say("begin", goal=args.goal, model=args.model, url=args.url, joints=link.joints, limits=vars(limits))
         rounds = Rounds(
             link, Streamer(link), model, args.goal, frequency_hz, limits, say, transcript.keep, source
