@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m lithe.evolve ROBOT.toml LAW.cpp ... [--budget N] [--seed N] [--processes N | --dask [ADDRESS]] [--live]`
+
+Searches the parameters of these laws on the simulated robot of the file. OUT/journal.jsonl has every candidate,
+OUT/result.json the best of each law. Exit 0: a winner was found; 1: every candidate was refused, or --live did not
+confirm it; 2: it cannot run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tomllib
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import asdict
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from ..errors import LitheError, Refused
+from ..files import read_regular
+from .evaluate import Candidate, Score, compile_laws, evaluate
+from .search import Found, Journal, Map, Plan, Search
+
+
+@contextmanager
+def processes(count: int) -> Iterator[Map]:
+    """Evaluates in so many processes of this machine."""
+    with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
+        yield lambda candidates: list(pool.map(evaluate, candidates))
+
+
+@contextmanager
+def dask(address: str, count: int) -> Iterator[Map]:
+    """Evaluates on a Dask cluster, or without an address on one of `count` processes here."""
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError:
+        raise LitheError("Dask is missing\n  next: pip install distributed, or leave --dask out") from None
+    if address:
+        with Client(address) as client:
+            yield lambda candidates: list(client.gather(client.map(evaluate, candidates, pure=False)))
+        return
+    with (
+        LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None) as cluster,
+        Client(cluster) as client,
+    ):
+        yield lambda candidates: list(client.gather(client.map(evaluate, candidates, pure=False)))
+
+
+def one_after_the_other(candidates: Sequence[Candidate]) -> list[Score]:
+    """Evaluates in this process."""
+    return [evaluate(candidate) for candidate in candidates]
+
+
+def arguments(words: Sequence[str]) -> argparse.Namespace:
+    """What is asked for."""
+    parser = argparse.ArgumentParser(prog="python -m lithe.evolve", description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("robot", type=Path, help="a robot file; its buses are not used")
+    parser.add_argument("laws", type=Path, nargs="+", help="laws, C++")
+    parser.add_argument("--budget", type=int, default=64, help="candidates in all (default 64)")
+    parser.add_argument("--seed", type=int, default=1, help="the same seed finds the same winner (default 1)")
+    parser.add_argument("--processes", type=int, default=1, help="evaluate in so many processes (default 1)")
+    parser.add_argument("--dask", nargs="?", const="", metavar="ADDRESS",
+                        help="on a Dask cluster; without an address on one here, of --processes processes")  # fmt: skip
+    parser.add_argument(
+        "--torque-weight", type=float, default=0.0, help="rad of error that a N m of torque is worth (default 0)"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/evolve"), help="folder of the results (default out/evolve)"
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="go on where a search with the same words was interrupted"
+    )
+    parser.add_argument(
+        "--live", action="store_true", help="swap the winner into the running robot and tell what was measured"
+    )
+    asked = parser.parse_args(words)
+    if asked.budget < 1 or asked.processes < 1 or asked.seed < 1 or not 0 <= asked.torque_weight < 1e6:
+        parser.error("--budget, --processes and --seed are at least 1, --torque-weight is not negative")
+    return asked
+
+
+def joints_of(robot: Path) -> int:
+    """How many the robot file has. LitheError where it is none."""
+    try:
+        return len(tomllib.loads(read_regular(robot))["joint"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise LitheError(f"cannot read {robot}: {error}\n  next: `lithe bus plan {robot}` names its mistakes") from None
+
+
+def swap_in(found: Found, source: str) -> bool:
+    """The winner through the whole transaction of the running robot, with its usual probation."""
+    import lithe
+
+    with lithe.connect(heartbeat=False) as robot:
+        try:
+            certificate = robot.swap(source, name=found.law, params=found.params)
+        except Refused as refusal:
+            print(f"live: refused ({refusal.code}): {refusal.message}")
+            return False
+    measured = json.dumps(certificate.get("control") or certificate.get("rms_error_rad"))
+    print(f"live: {certificate.get('verdict')}; predicted {found.score.error_rad:.5f} rad, measured {measured}")
+    return True
+
+
+def run(asked: argparse.Namespace) -> int:
+    """The search as asked."""
+    try:
+        sources = [(path.name, read_regular(path)) for path in asked.laws]
+    except (OSError, ValueError) as error:
+        raise LitheError(f"cannot read a law: {error}\n  next: give C++ files, as in laws/") from None
+    if len({name for name, _ in sources}) < len(sources):
+        raise LitheError("two laws have the same file name\n  next: rename one")
+    joints, cache = joints_of(asked.robot), str((asked.out / "cache").resolve())
+    os.makedirs(cache, exist_ok=True)
+    units = compile_laws(sources, joints, cache)
+    plan = Plan(str(asked.robot.resolve()), cache, asked.seed, asked.budget, asked.torque_weight)
+    journal = Journal(asked.out / "journal.jsonl", plan.fingerprint(units), asked.resume)
+    search = Search(plan, units, journal, lambda words: print(words, flush=True))
+    try:
+        if asked.dask is not None:
+            with dask(asked.dask, asked.processes) as scores_of:
+                winner = search.run(scores_of)
+        elif asked.processes > 1:
+            with processes(asked.processes) as scores_of:
+                winner = search.run(scores_of)
+        else:
+            winner = search.run(one_after_the_other)
+    finally:
+        journal.close()
+    result: dict[str, Any] = {
+        "winner": asdict(winner) if winner else None,
+        "best": [asdict(found) for found in search.best.values()],
+        "refused": search.refused,
+        "candidates": search.done,
+    }
+    (asked.out / "result.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    for why, count in sorted(search.refused.items(), key=lambda each: -each[1])[:5]:
+        print(f"refused {count} times: {why.splitlines()[0]}")
+    if winner is None:
+        print("every candidate was refused")
+        return 1
+    params = " ".join(f"--param {name}={value:.6g}" for name, value in winner.params.items())
+    print(f"winner: {winner.score.value:.5f} rad: lithe swap {winner.law} {params}".rstrip())
+    return 0 if not asked.live or swap_in(winner, dict(sources)[winner.law]) else 1
+
+
+def main(words: Sequence[str]) -> int:
+    """Entry point."""
+    asked = arguments(words)
+    try:
+        return run(asked)
+    except LitheError as error:
+        print(f"lithe.evolve: {error}", file=sys.stderr)
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The search of laws and parameters, on the programs that a swap goes through."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+from lithe.evolve.__main__ import main
+from system.house import BIN, ROOT, need
+
+CHAIN, PD, GRAVITY = ROOT / "robots/chain.toml", ROOT / "laws/pd.cpp", ROOT / "laws/gravity_pd.cpp"
+BUDGET = 64
+# Whatever its parameter is, it pushes each joint away from its setpoint.
+WRONG = """
+#include <lithe/law.hpp>
+struct Wrong {
+  struct Params {
+    lithe::Param kp_nm_rad{30, 20, 40};
+  };
+  struct State {};
+  static void step(const lithe::Tick& t, const Params& p, State&, lithe::Effort& u) {
+    for (std::uint32_t j = 0; j < t.joints; ++j) {
+      u.torque_nm[j] = p.kp_nm_rad * (t.position_rad[j] - t.setpoint_position_rad[j] + 0.1);
+    }
+  }
+};
+LITHE_LAW(Wrong, "wrong");
+"""
+
+
+@pytest.fixture(autouse=True)
+def programs(monkeypatch: pytest.MonkeyPatch) -> None:
+    need("lawd", "lithe-trial")
+    monkeypatch.setenv("LITHE_BIN_DIR", str(BIN))
+
+
+def search(out: Path, *words: str | Path) -> dict[str, Any]:
+    """The result of a search by command."""
+    done = evolve(out, *words)
+    assert done.returncode == 0, done.stdout + done.stderr
+    result: dict[str, Any] = json.loads((out / "result.json").read_text())
+    return result
+
+
+def evolve(out: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
+    env = os.environ | {"PYTHONPATH": str(ROOT / "brain")}
+    command = [sys.executable, "-m", "lithe.evolve", CHAIN, PD, GRAVITY, "--budget", str(BUDGET), "--out", out, *words]
+    return subprocess.run(command, env=env, capture_output=True, text=True, timeout=300, check=False)
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The search in one process."""
+    return search(tmp_path_factory.mktemp("alone"), "--seed", "7")
+
+
+def test_it_is_better_than_the_defaults(alone: dict[str, Any], tmp_path: Path, tell: Any) -> None:
+    assert {one["law"] for one in alone["best"]} == {"pd.cpp", "gravity_pd.cpp"} and alone["candidates"] == BUDGET
+    done = evolve(tmp_path, "--budget", "1")
+    default = json.loads((tmp_path / "result.json").read_text())["winner"]
+    assert done.returncode == 0 and default["params"]["kp_nm_rad"] == 4.0, "the first candidate has the defaults"
+    tell(f"from {default['score']['value']:.4f} rad to {alone['winner']['score']['value']:.4f} rad")
+    assert alone["winner"]["score"]["value"] < 0.6 * default["score"]["value"]
+
+
+def test_two_processes_find_the_same_winner(alone: dict[str, Any], tmp_path: Path) -> None:
+    assert search(tmp_path, "--seed", "7", "--processes", "2") == alone
+
+
+def test_a_dask_cluster_finds_the_same_winner(alone: dict[str, Any], tmp_path: Path) -> None:
+    if find_spec("distributed") is None:
+        pytest.skip("Dask is not installed: pip install distributed")
+    assert search(tmp_path, "--seed", "7", "--dask", "--processes", "2") == alone
+
+
+def test_another_seed_draws_other_candidates(alone: dict[str, Any], tmp_path: Path) -> None:
+    assert search(tmp_path, "--seed", "8", "--budget", "32")["winner"] != alone["winner"]
+
+
+def test_a_killed_search_is_resumed_and_finds_the_same_winner(alone: dict[str, Any], tmp_path: Path) -> None:
+    env = os.environ | {"PYTHONPATH": str(ROOT / "brain")}
+    command = [sys.executable, "-m", "lithe.evolve", CHAIN, PD, GRAVITY, "--budget", str(BUDGET), "--out", tmp_path]
+    with subprocess.Popen([*command, "--seed", "7"], env=env, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            if line.startswith("24 of"):
+                process.send_signal(signal.SIGKILL)
+                break
+        process.wait()
+    journal = tmp_path / "journal.jsonl"
+    whole = len(journal.read_text().splitlines())
+    assert 24 < whole <= BUDGET, "it was killed half-way"
+    journal.write_text(journal.read_text() + '{"law": "pd.c')  # the last line was being written
+    assert search(tmp_path, "--seed", "7", "--resume") == alone
+    assert len(journal.read_text().splitlines()) == BUDGET + 1
+    other = evolve(tmp_path, "--seed", "9", "--resume")
+    assert other.returncode == 2 and "seed differ" in other.stderr
+
+
+def test_refused_candidates_are_counted_with_the_reason(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    law = tmp_path / "wrong.cpp"
+    law.write_text(WRONG)
+    assert main([str(CHAIN), str(law), "--budget", "16", "--out", str(tmp_path)]) == 1
+    said = capsys.readouterr().out
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert result["winner"] is None and sum(result["refused"].values()) == 16
+    assert "every candidate was refused" in said and "refused" in said.splitlines()[-2]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ([ROOT / "README.md", PD], "cannot read"),
+        ([CHAIN, ROOT / "laws/missing.cpp"], "No such file"),
+        ([CHAIN, PD, "--resume"], "nothing to resume"),
+    ],
+)
+def test_bad_input_is_named(
+    words: list[str | Path], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*map(str, words), "--out", str(tmp_path)]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_law_that_does_not_compile_is_told_as_the_compiler_does(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    law = tmp_path / "bad.cpp"
+    law.write_text(PD.read_text().replace("kp_nm_rad *", "kq_nm_rad *"))
+    assert main([str(CHAIN), str(law), "--out", str(tmp_path)]) == 2
+    assert "kq_nm_rad" in capsys.readouterr().err
