@@ -75,7 +75,8 @@ void Laws::commit(law::Resident& candidate, law::Carry carry) LITHE_RT {
   probation_.end();
   if (follows) probation_.start(candidate.terms);
   report_.flags |= flag::kSwapCommitted;
-  tell_not_carried(candidate, done.not_carried);  // first: whoever reads of the commit answers with what it read so far
+  // Before the commit's event: the supervisor answers the swap when it reads that, with the fields that it knows then.
+  tell_not_carried(candidate, done.not_carried);
   report_.event(EventKind::law_committed, done.law_id, done.request_id, static_cast<double>(done.fields_carried),
                 "runs from the next tick");
   report_.params_changed = true;

@@ -84,8 +84,7 @@ def skips(path: Path) -> list[str]:
 EXCUSES = ("privilege", "root", "core")
 COMPUTED = (  # the reason is computed there, and only there
     "test_vcan.py: pytest.skip(reason)",  # no QEMU, no kernel
-    "test_isolated_cores.py: pytest.skip(reason)",  # the same
-    "test_shield_partition.py: pytest.skip(reason)",  # the same
+    "booted.py: pytest.skip(reason)",  # the same
     "pypi.py: pytest.skip(str(why))",  # no network
     "test_evolve.py: pytest.skip('Dask is not installed: pip install distributed')",  # 20 packages for one test
     "test_first_day.py: pytest.skip('no zsh here (Debian: apt-get install zsh)')",

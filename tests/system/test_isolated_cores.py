@@ -10,8 +10,9 @@ from typing import Any
 
 import calm
 import pytest
-from system.house import BIN, ROOT
-from vm import machine, vcan
+from system.booted import booted
+from system.house import ROOT
+from vm import machine
 
 SCRIPT = Path(__file__).with_name("isolated_cores.sh")
 LAW = f'law = "{ROOT}/laws/pd.cpp"'  # there is no compiler
@@ -28,15 +29,8 @@ def robot(core: str = '"auto"') -> bytes:
 @pytest.fixture(scope="module")
 def steps() -> dict[str, machine.Step]:
     """What the script did, each step ended as it must."""
-    reason = vcan.why_not(program=BIN / "bench_cores")
-    kernel = vcan.find_kernel()
-    if reason or kernel is None:
-        pytest.skip(reason)
     files = {"robot.toml": robot(), "named.toml": robot("2"), "absent.toml": robot("999")}
-    programs = tuple(BIN / name for name in ("bench_cores", *machine.LITHE))
-    said = machine.boot(kernel, machine.Cargo(SCRIPT, programs, files, cores=4, options="isolcpus=1-3"), vcan.CACHE)
-    assert machine.wrong_steps(said, SCRIPT, {"absent": 2}) == [], said
-    return machine.steps(said)
+    return booted(SCRIPT, files, {"absent": 2}, options="isolcpus=1-3")
 
 
 def cpus(step: machine.Step) -> dict[str, Any]:

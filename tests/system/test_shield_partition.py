@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from system.house import BIN
+from system.booted import booted
 from system.test_isolated_cores import pinned, robot
-from vm import machine, vcan
+from vm import machine
 
 SCRIPT = Path(__file__).with_name("shield_partition.sh")
 PINNED = ["0", "1", "0-3"]  # two tasks that chose a core, and one that chose nothing
@@ -18,14 +18,7 @@ PINNED = ["0", "1", "0-3"]  # two tasks that chose a core, and one that chose no
 @pytest.fixture(scope="module")
 def steps() -> dict[str, machine.Step]:
     """What the script did, each step ended as it must."""
-    reason = vcan.why_not(program=BIN / "bench_cores")
-    kernel = vcan.find_kernel()
-    if reason or kernel is None:
-        pytest.skip(reason)
-    programs = tuple(BIN / name for name in ("bench_cores", *machine.LITHE))
-    said = machine.boot(kernel, machine.Cargo(SCRIPT, programs, {"robot.toml": robot()}, cores=4), vcan.CACHE)
-    assert machine.wrong_steps(said, SCRIPT, {"taken": 1}) == [], said
-    return machine.steps(said)
+    return booted(SCRIPT, {"robot.toml": robot()}, {"taken": 1})
 
 
 def lines(step: machine.Step) -> list[str]:

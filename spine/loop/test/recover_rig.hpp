@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -95,6 +96,38 @@ struct PdAll {
     }
   }
 };
+struct WrongSign {  // unstable: pushes away from the setpoint, and adds to the speed
+  struct Params {};
+  struct State {};
+  static void step(const Tick& t, const Params&, State&, Effort& u) {
+    for (std::uint32_t j = 0; j < t.joints; ++j) {
+      u.torque_nm[j] = 4.0 * (t.position_rad[j] - t.setpoint_position_rad[j]) + 0.1 * t.velocity_rad_s[j];
+    }
+  }
+};
+struct Shake {  // full torque, the other way in each tick
+  struct Params {};
+  struct State {
+    double sign = 1;
+  };
+  static void step(const Tick& t, const Params&, State& s, Effort& u) {
+    s.sign = -s.sign;
+    for (std::uint32_t j = 0; j < t.joints; ++j) u.torque_nm[j] = 1000.0 * s.sign;
+  }
+};
+struct NotFiniteLate {
+  struct Params {};
+  struct State {
+    double steps = 0;
+  };
+  static void step(const Tick& t, const Params&, State& s, Effort& u) {
+    s.steps += 1;
+    if (s.steps > 20) u.torque_nm[t.joints - 1] = std::numeric_limits<double>::infinity();
+  }
+};
+inline constexpr LitheLaw kWrongSign = describe<WrongSign>("wrong_sign");
+inline constexpr LitheLaw kShake = describe<Shake>("shake");
+inline constexpr LitheLaw kNotFiniteLate = describe<NotFiniteLate>("not_finite_late");
 inline constexpr LitheLaw kPushUp = describe<PushUp>("push_up");
 inline constexpr LitheLaw kPdAll = describe<PdAll>("pd_all");
 

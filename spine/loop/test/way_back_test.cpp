@@ -26,7 +26,7 @@ namespace {
 #ifdef LITHE_SLOW
 constexpr int kRobots = 6;
 #else
-constexpr int kRobots = 40;
+constexpr int kRobots = 110;
 #endif
 constexpr int kSequences = 25;  // of one joint at 250 Hz, one after another; the others have fewer in the same time
 constexpr std::size_t kMostJoints = 4;
@@ -81,7 +81,7 @@ class Rig : public RecoverBench {
     constexpr CommandKind verbs[] = {CommandKind::arm,      CommandKind::disarm, CommandKind::hold,
                                      CommandKind::reset,    CommandKind::estop,  CommandKind::recover,
                                      CommandKind::rollback, CommandKind::arm};
-    constexpr const LitheLaw* laws[] = {&kPdAll, &kPush, &kPushUp, &kNotFinite};
+    constexpr const LitheLaw* laws[] = {&kPdAll, &kPush, &kPushUp, &kNotFinite, &kWrongSign, &kShake, &kNotFiniteLate};
     switch (random() % 6) {
       case 0:
         stage(*laws[random() % std::size(laws)]);
@@ -208,6 +208,7 @@ TEST(WayBack, VerbsAloneLeadBackToActiveFromWhereverVerbsAndLawsCanLead) {
   EXPECT_EQ(drawn.joints.size(), kMostJoints);
   EXPECT_EQ(drawn.rates.size(), 5u);
   EXPECT_GT(drawn.cia402_only, 0);
+  EXPECT_GE(drawn.sequences, 2000);
 #endif
 }
 
