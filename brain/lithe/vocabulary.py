@@ -86,7 +86,10 @@ _WAYPOINTS: Schema = {
 }
 
 VERBS = (
-    Verb("describe", "The robot: rate, joints with limits, sensors, time now, and every verb with its arguments."),
+    Verb(
+        "describe",
+        "The robot: rate, joints with limits and drives, sensors, documents, time now, every verb with its arguments.",
+    ),
     Verb("ping", "The supervisor's process id."),
     Verb("status", "Mode, fault, law, alarms (the worst first), joints and drives with their problems, lost ticks."),
     Verb(

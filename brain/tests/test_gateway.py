@@ -18,6 +18,7 @@ import lithe
 import pytest
 from lithe.gateway import Gateway, encode
 from lithe.gateway.client import MOST_REQUEST_BYTES
+from lithe.gateway.parts import parts_of
 from lithe.gateway.token import write_token
 from lithe.remote import Remote
 from system.house import ROOT, House
@@ -209,6 +210,19 @@ def test_describe_tells_what_an_agent_must_know(remote: Remote) -> None:
     about = remote.call("describe")
     assert about["robot"] == "arm" and about["rate_hz"] == 1000.0
     assert about["joints"][0]["name"] == "shoulder" and about["joints"][0]["torque_max_nm"] == 0.6
+    (joint,) = about["joints"]
+    assert joint["group"] == "" and joint["drive"] == {"device": "shoulder_drive", "kind": "moteus", "bus": "can0"}
+    assert {"contract", "rules", "mistakes", "laws/pd.cpp"} <= set(about["documents"])
+
+
+def test_a_robot_file_that_is_gone_or_another_one_takes_nothing_else_away(tmp_path: Path) -> None:
+    drives, sensors = parts_of(ROOT / "robots/frankenstein.toml")
+    assert drives["hand"]["kind"] == "moteus" and drives["column"]["kind"] == "cia402"
+    assert sensors["grip_n"] == {"kind": "analog", "device": "hand_inputs"}
+    assert parts_of(tmp_path / "gone.toml") == ({}, {})
+    for text in ("joint = 3", "[[joint]]\nname = 3\n[defaults]\ndevice = 1", "not toml"):
+        (tmp_path / "bad.toml").write_text(text)
+        assert parts_of(tmp_path / "bad.toml") == ({}, {})
 
 
 def test_history_goes_on_where_the_last_answer_ended(remote: Remote) -> None:

@@ -49,6 +49,7 @@ from . import documents
 from .client import MOST_REQUEST_BYTES, Client
 from .lease import USUAL_S, Lease
 from .lobby import Hello, Lobby
+from .parts import parts_of
 from .references import References
 from .token import write_token
 from .turns import MOST_UNSENT_BYTES, Turns
@@ -93,6 +94,10 @@ def _with_nulls(value: Any) -> Any:
 def _refusal(name: Any, code: str, message: str, next_step: str = "", detail: dict[str, Any] | None = None) -> bytes:
     body = {"code": code, "message": message, "next": next_step, "detail": detail or {}}
     return encode({"id": name, "ok": False, "error": body})
+
+
+def _text(raw: Any) -> str:
+    return bytes(raw).split(b"\0", 1)[0].decode(errors="replace")
 
 
 class _Peer:
@@ -253,16 +258,25 @@ class Gateway:
         if not self.robot.attached:
             raise NotRunning(f"robot '{self.robot.name}' has ended, or was started again")
         info = self.robot.spine.info
-        joints = range(self.robot.spine.joint_count)
+        names, sensors = self.robot.spine.joint_names, self.robot.spine.sensor_names
+        drives, kinds = parts_of(Path(_text(info["config_path"])))
+        groups = np.array(info["joint_group"]).reshape(-1)
         limits = ("position_min_rad", "position_max_rad", "velocity_max_rad_s", "torque_max_nm", "torque_slew_nm_s")
         return {
             "robot": self.robot.name,
             "rate_hz": float(info["rate_hz"]),
             "joints": [
-                {"name": self.robot.spine.joint_names[j], **{key: float(info[key][j]) for key in limits}}
-                for j in joints
+                {
+                    "name": name,
+                    "group": _text(groups[j]),
+                    "drive": drives.get(name),
+                    **{key: float(info[key][j]) for key in limits},
+                }
+                for j, name in enumerate(names)
             ],
-            "sensors": self.robot.spine.sensor_names,
+            "sensors": sensors,
+            "sensor_kinds": {name: kinds.get(name) for name in sensors},
+            "documents": [each["name"] for each in documents.listed()],
             "verbs": [each.described() for each in VERBS],
             "application_verbs": sorted(name for name, one in self.verbs.items() if one is not self._ours.get(name)),
             "now_ns": time.monotonic_ns(),
