@@ -100,6 +100,13 @@ STEPS = [
         long=True,
     ),
     Step(
+        "ctest-long",
+        f"{build('release', 'loop_tests')} && "
+        "build/release/bin/loop_tests --gtest_also_run_disabled_tests --gtest_filter='*.DISABLED_*'",
+        "the same command",
+        long=True,
+    ),
+    Step(
         "pytest-long",
         f"{build('release')} && {PYTHON} -m pytest -m long",
         f"{PYTHON} -m pytest -m long -x -k NAME",

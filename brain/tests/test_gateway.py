@@ -220,7 +220,7 @@ def test_a_robot_file_that_is_gone_or_another_one_takes_nothing_else_away(tmp_pa
     assert drives["hand"]["kind"] == "moteus" and drives["column"]["kind"] == "cia402"
     assert sensors["grip_n"] == {"kind": "analog", "device": "hand_inputs"}
     assert parts_of(tmp_path / "gone.toml") == ({}, {})
-    for text in ("joint = 3", "[[joint]]\nname = 3\n[defaults]\ndevice = 1", "not toml"):
+    for text in ("joint = 3", "device = 3\n[[joint]]\nname = 'x'", "not toml"):
         (tmp_path / "bad.toml").write_text(text)
         assert parts_of(tmp_path / "bad.toml") == ({}, {})
 

@@ -47,6 +47,7 @@ def test_long_steps_run_only_when_all_are_asked_for_or_by_name() -> None:
         "fuzz-long",
         "arm64",
         "boards",
+        "ctest-long",
         "pytest-long",
     ]
     assert check.chosen([], everything=True) == check.STEPS
