@@ -32,7 +32,7 @@ class Fake:
         self.answers: list[Json] = []
         self.permission = folder / "may-move"
         self.result: Any = {"fine": True}
-        self.server = Server(self.call, self.permission, self.answers.append)
+        self.server = Server(self.call, self.permission)
 
     def call(self, verb: str, args: Json) -> Any:
         self.asked.append((verb, args))
@@ -50,7 +50,7 @@ class Fake:
         return self.answers[-1]
 
     def line(self, line: bytes) -> None:
-        self.server.line(line)
+        self.server.line(line, self.answers.append)
         self.server.finish()
 
     def tool(self, name: str, /, **args: Any) -> Json:
@@ -185,12 +185,16 @@ def test_a_stop_does_not_wait_for_calls_that_last(tmp_path: Path) -> None:
             slow.wait(60)
         return verb
 
-    server = Server(call, tmp_path / "none", answers.append)
+    server = Server(call, tmp_path / "none")
     for name in range(MOST_CALLS + 1):
-        server.line(b'{"jsonrpc": "2.0", "id": %d, "method": "tools/call", "params": {"name": "status"}}' % name)
+        server.line(
+            b'{"jsonrpc": "2.0", "id": %d, "method": "tools/call", "params": {"name": "status"}}' % name, answers.append
+        )
     assert asked.wait(60)
     assert [(each["id"], text(each["result"])[:4]) for each in answers] == [(MOST_CALLS, "busy")]
-    server.line(b'{"jsonrpc": "2.0", "id": "stop", "method": "tools/call", "params": {"name": "estop"}}')
+    server.line(
+        b'{"jsonrpc": "2.0", "id": "stop", "method": "tools/call", "params": {"name": "estop"}}', answers.append
+    )
     until = time.monotonic() + 60
     while len(answers) < 2 and time.monotonic() < until:
         time.sleep(0.01)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +16,7 @@ from .. import mcp
 from ..control import run_dir
 from ..errors import LitheError
 from ..remote import Remote
-from . import permission
+from . import http, permission
 from .server import MOST_LINE_BYTES, Json, Server
 
 
@@ -33,18 +34,24 @@ class Robot:
         return self._remote.call(verb, **args)
 
 
+_writing = threading.Lock()
+
+
 def send(answer: Json) -> None:
     """One line on stdout; the client may have left."""
-    sys.stdout.buffer.write(json.dumps(answer).encode() + b"\n")
-    sys.stdout.buffer.flush()
+    with _writing:
+        sys.stdout.buffer.write(json.dumps(answer).encode() + b"\n")
+        sys.stdout.buffer.flush()
 
 
 def serve(args: argparse.Namespace) -> int:
-    """Until stdin ends."""
-    server = Server(Robot(args.host, args.port, args.token_file).call, permission.path_of(args.port), send)
+    """Until stdin ends; over HTTP, until Ctrl-C."""
+    server = Server(Robot(args.host, args.port, args.token_file).call, permission.path_of(args.port))
+    if args.http is not None:
+        return http.serve(server, args.http)
     try:
         while line := sys.stdin.buffer.readline(MOST_LINE_BYTES + 1):
-            server.line(line.strip()) if line.strip() else None
+            server.line(line.strip(), send) if line.strip() else None
             while not line.endswith(b"\n") and line:  # the rest of a line that was too long
                 line = sys.stdin.buffer.readline(MOST_LINE_BYTES)
         server.finish()
@@ -60,15 +67,18 @@ def main() -> int:
     parser.add_argument("--host", default="127.0.0.1", help="the gateway's address")
     parser.add_argument("--port", type=int, default=7423, help="the gateway's port")
     parser.add_argument("--token-file", type=Path, default=run_dir() / "gateway.token", help="the gateway wrote it")
+    parser.add_argument(
+        "--http", type=int, metavar="PORT", help="serve over HTTP on this port of 127.0.0.1; 0: any free one"
+    )
     jobs = parser.add_subparsers(dest="job")
     allow = jobs.add_parser("allow", help="permit agents to move the robot, for a time")
     allow.add_argument("--minutes", type=float, default=15.0)
     jobs.add_parser("forbid", help="take the permission back")
     args = parser.parse_args()
     file = permission.path_of(args.port)
-    if args.job is None:
-        return serve(args)
     try:
+        if args.job is None:
+            return serve(args)
         if args.job == "forbid":
             permission.take_back(file)
             print("agents may no longer move the robot")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Model Context Protocol: JSON-RPC 2.0, one message per line. Tools are the verbs of the gateway.
 
-Threads: one reads; each call of a tool has its own, so that a stop never waits for a swap. One `send` at a time.
+Threads: one reads; each call of a tool has its own, so that a stop never waits for a swap.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from .permission import remaining_s
 
 Json = dict[str, Any]
 VERSIONS = ("2025-06-18", "2025-03-26", "2024-11-05")  # the newest first
+Send = Callable[[Json], None]  # takes one answer; from any thread
 MOST_LINE_BYTES = 1 << 20
 MOST_CALLS = 16  # at a time; what stops the robot is not counted
 MOST_ANSWER_BYTES = 64 << 10  # of one tool: a model reads it all
@@ -52,14 +53,17 @@ def said(text: str, error: bool = False) -> Json:
     return {"content": [{"type": "text", "text": text}], "isError": error}
 
 
-class Server:
-    """`call(verb, args)` reaches the robot; moving verbs need the file `permission`; `send` gets each answer."""
+def answer(send: Send, name: Any, **what: Json) -> None:
+    """The result or the error of the request with this id."""
+    send({"jsonrpc": "2.0", "id": name, **what})
 
-    def __init__(self, call: Callable[[str, Json], Any], permission: Path, send: Callable[[Json], None]) -> None:
+
+class Server:
+    """`call(verb, args)` reaches the robot; moving verbs need the file `permission`."""
+
+    def __init__(self, call: Callable[[str, Json], Any], permission: Path) -> None:
         self._call = call
         self._permission = permission
-        self._send_now = send
-        self._lock = threading.Lock()
         self._free = threading.BoundedSemaphore(MOST_CALLS)
         self._running: set[threading.Thread] = set()
         self._methods: dict[str, Callable[[Json], Json]] = {
@@ -73,8 +77,8 @@ class Server:
             "prompts/get": self._prompt,
         }
 
-    def line(self, line: bytes) -> None:
-        """Handles one line; the answer, if one is due, goes to `send`, perhaps later and from another thread."""
+    def line(self, line: bytes, send: Send) -> bool:
+        """Handles one message. Whether an answer is due: it goes to `send`, perhaps later and from another thread."""
         name: Any = None
         try:
             if len(line) > MOST_LINE_BYTES:
@@ -86,29 +90,26 @@ class Server:
             if not isinstance(message, dict) or message.get("jsonrpc") != "2.0":
                 raise Wrong(REQUEST, 'a message is one object with "jsonrpc": "2.0"')
             if "method" not in message:
-                return  # an answer; nothing was asked
+                return False  # an answer; nothing was asked
             name, method, params = message.get("id"), message["method"], message.get("params", {})
             if "id" not in message:
-                return  # a notification
+                return False  # a notification
             if not isinstance(params, dict) or not isinstance(method, str) or not isinstance(name, str | int):
                 raise Wrong(REQUEST, "id is a string or an integer, method a string, params an object")
             if method == "tools/call":
-                self._start_tool(name, params)
-                return
+                self._start_tool(name, params, send)
+                return True
             if method not in self._methods:
                 raise Wrong(METHOD, f"there is no method '{method}'")
-            self._send({"id": name, "result": self._methods[method](params)})
+            answer(send, name, result=self._methods[method](params))
         except Wrong as error:
-            self._send({"id": name, "error": {"code": error.code, "message": str(error)}})
+            answer(send, name, error={"code": error.code, "message": str(error)})
+        return True
 
     def finish(self) -> None:
         """Waits for the calls that still run."""
         for thread in list(self._running):
             thread.join()
-
-    def _send(self, answer: Json) -> None:
-        with self._lock:
-            self._send_now({"jsonrpc": "2.0", **answer})
 
     def _initialize(self, params: Json) -> Json:
         asked = params.get("protocolVersion")
@@ -120,7 +121,7 @@ class Server:
         }
 
     # ---- tools
-    def _start_tool(self, name: str | int, params: Json) -> None:
+    def _start_tool(self, name: str | int, params: Json, send: Send) -> None:
         verb, args = BY_NAME.get(str(params.get("name"))), params.get("arguments") or {}
         if verb is None:
             raise Wrong(PARAMS, f"there is no tool '{params.get('name')}': see tools/list")
@@ -128,17 +129,17 @@ class Server:
             raise Wrong(PARAMS, "arguments is an object")
         counted = verb.effect is not Effect.stops
         if counted and not self._free.acquire(blocking=False):
-            self._send({"id": name, "result": said(f"busy: {MOST_CALLS} calls run already\nnext: wait for one", True)})
+            answer(send, name, result=said(f"busy: {MOST_CALLS} calls run already\nnext: wait for one", True))
             return
         thread = threading.Thread(
-            target=self._run_tool, args=(name, verb, args, counted), name=f"lithe-mcp-{verb.name}"
+            target=self._run_tool, args=(name, verb, args, counted, send), name=f"lithe-mcp-{verb.name}"
         )
         self._running.add(thread)
         thread.start()
 
-    def _run_tool(self, name: str | int, verb: Verb, args: Json, counted: bool) -> None:
+    def _run_tool(self, name: str | int, verb: Verb, args: Json, counted: bool, send: Send) -> None:
         try:
-            self._send({"id": name, "result": self._tool(verb, args)})
+            answer(send, name, result=self._tool(verb, args))
         finally:
             if counted:
                 self._free.release()
