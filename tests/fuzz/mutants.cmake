@@ -16,7 +16,7 @@ function(lithe_mutant name target source line spoilt)
     # Before the library that holds the sound object, which is then not taken from there.
     add_executable(mutant_${name} ${copy} $<TARGET_OBJECTS:fuzz_${target}_code> $<TARGET_OBJECTS:fuzz_driver>)
     target_link_libraries(mutant_${name} PRIVATE ${links})
-    target_compile_options(mutant_${name} PRIVATE -w)
+    target_compile_options(mutant_${name} PRIVATE -w ${LITHE_LIGHT})
     add_test(NAME ${test} COMMAND mutant_${name})
   endif()
   set_tests_properties(${test} PROPERTIES PASS_REGULAR_EXPRESSION "refuted: " TIMEOUT 300 LABELS fuzz)
