@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Does an agent that never pauses disturb the Spine? `python -m bench.busy_agent [--rounds N] [--block SECONDS]`
+"""Does an agent that never pauses disturb the Spine? `python -m bench.agent [--rounds N] [--block SECONDS]`
 
 A robot follows a sine. In each round one block has an agent at the gateway, which reads, asks for history and checks
 laws without pause, and one has none; which comes first is drawn. Told of both: release jitter from the Spine's own
@@ -74,7 +74,7 @@ def measure(asked: argparse.Namespace) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as name, Stage(ROOT / "robots/arm.toml", Path(name) / "run.log") as stage:
         token = Path(name) / "token"
         _, port = start_brain(stage, token, SINE)
-        words = [*DIE_WITH_US, sys.executable, "-m", "bench.busy_agent", "--agent", str(port), str(token)]
+        words = [*DIE_WITH_US, sys.executable, "-m", "bench.agent", "--agent", str(port), str(token)]
         pipe = subprocess.PIPE
         with subprocess.Popen(words, stdin=pipe, stdout=pipe, text=True, cwd=ROOT) as child:
             assert child.stdin is not None and child.stdout is not None
@@ -122,7 +122,7 @@ def measure(asked: argparse.Namespace) -> dict[str, Any]:
 
 def main(words: list[str]) -> int:
     """Measure and print the line."""
-    parser = argparse.ArgumentParser(prog="python -m bench.busy_agent", description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser(prog="python -m bench.agent", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--rounds", type=int, default=ROUNDS)
     parser.add_argument("--block", type=float, default=BLOCK_S, help="seconds")
     parser.add_argument("--agent", nargs=2, metavar=("PORT", "TOKEN"), help=argparse.SUPPRESS)
