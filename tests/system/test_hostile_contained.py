@@ -134,6 +134,8 @@ class Robot:
             self._watch(fate, done["request_id"], look_s)
         status = self.robot.status()
         fate.law_after, fate.spine = status["law"], status["spine_pid"]
+        if status["mode"] != "active":  # it is told after the fault of the law
+            fate.stopped = status["fault"]
         time.sleep(QUIET_S)
         self._repair(status)
         return fate

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -43,12 +44,11 @@ def ask(
     endpoint: Endpoint, body: bytes = PING, method: str = "POST", path: str = "/mcp", **headers: str
 ) -> tuple[int, Json]:
     """Status and body of one request, with the right token if `headers` do not say otherwise."""
-    link = http.client.HTTPConnection("127.0.0.1", endpoint.server_port, timeout=60)
-    named = {"Authorization": "Bearer sesame", **{key.replace("_", "-"): value for key, value in headers.items()}}
-    link.request(method, path, body, named)
-    answer = link.getresponse()
-    text = answer.read()
-    link.close()
+    with closing(http.client.HTTPConnection("127.0.0.1", endpoint.server_port, timeout=60)) as link:
+        named = {"Authorization": "Bearer sesame", **{key.replace("_", "-"): value for key, value in headers.items()}}
+        link.request(method, path, body, named)
+        answer = link.getresponse()
+        text = answer.read()
     return answer.status, json.loads(text) if text else {}
 
 
