@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m lithe.identify ROBOT.toml DATA.npy ... [--json]`: what recorded motion tells of a chain of links.
 
-DATA.npy: telemetry as the flight recorder and `lithe.Robot.history` keep it. Each file is a motion of its own.
+DATA.npy: telemetry as the flight recorder and `robot.telemetry.history` have it. Each file is a motion of its own.
 Exit 0: fitted, also with warnings; 1: the motion tells too little; 2: a file cannot be read.
 """
 

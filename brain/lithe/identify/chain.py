@@ -31,12 +31,14 @@ FEW = 2.201 / 1.96  # so few stretches: Student's interval with 11 degrees of fr
 ROUNDS = 8
 ENTANGLED = 100.0  # condition number of the columns, each of length 1 (Gautier and Khalil 1992)
 VAGUE = 0.5  # of a value
+FELT = 0.2  # of a joint's torque: what is not known of a parameter that may be 0 may do that much
+MIXED = 0.3  # of the direction in which the equations tell least
 BOUNDED = ("viscous", "coulomb", "stribeck")  # friction never drives
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One estimate. `low` to `high`: its interval, with a confidence of 95 %."""
+    """One estimate. `low` to `high`: its interval, with a confidence of 95 %; that of friction begins at 0 or above."""
 
     joint: str
     name: str
@@ -47,7 +49,8 @@ class Parameter:
     @property
     def low(self) -> float:
         """The least that it may be."""
-        return self.value - 1.96 * self.error
+        least = self.value - 1.96 * self.error
+        return max(least, 0.0) if self.name in BOUNDED else least
 
     @property
     def high(self) -> float:
@@ -164,32 +167,45 @@ def _errors(a: Matrix, rows: Rows) -> Vector:
     return np.asarray(FEW * np.sqrt(spread))
 
 
-def _check_rank(a: Matrix, names: list[tuple[str, str, str]]) -> float:
-    """The condition number. ValueError names the parameters that the motion does not tell apart, or not at all."""
+def _check_rank(a: Matrix, names: list[tuple[str, str, str]]) -> tuple[float, list[str]]:
+    """The condition number, and the parameters that are told apart least.
+
+    ValueError names those that the motion does not tell apart, or not at all.
+    """
     length = np.linalg.norm(a, axis=0)
     silent = [f"{joint} {name}" for (joint, name, _), size in zip(names, length, strict=True) if size == 0]
     if silent:
         raise ValueError(f"the motion tells nothing of {', '.join(silent)}: move these joints")
     _, values, directions = np.linalg.svd(a / length, full_matrices=False)
+    least = np.abs(directions[-1])
+    mixed = [f"{names[i][0]} {names[i][1]}" for i in np.argsort(-least) if least[i] > MIXED * least.max()]
     if len(values) < a.shape[1] or values[-1] < 1e-9 * values[0]:
-        mixed = [f"{names[i][0]} {names[i][1]}" for i in np.argsort(-np.abs(directions[-1])) if
-                 abs(directions[-1][i]) > 0.2]  # fmt: skip
         raise ValueError(f"the motion does not tell {', '.join(mixed)} apart: move all joints, with more frequencies")
-    return float(values[0] / values[-1])
+    return float(values[0] / values[-1]), mixed
 
 
-def _warnings(parameters: Sequence[Parameter], condition: float, windows: dict[str, int]) -> list[str]:
+def _is_vague(each: Parameter, column: Vector, y: Vector) -> bool:
+    """Whether what is not known of it matters: of its value where that cannot be 0, else of its joint's torque."""
+    half = 1.96 * each.error
+    if each.name in ("inertia", "moment"):
+        return half > VAGUE * abs(each.value)
+    return half * float(np.sqrt(np.mean(column**2))) > FELT * float(np.sqrt(np.mean(y**2)))
+
+
+def _warnings(parameters: Sequence[Parameter], rows: Rows, condition: float, mixed: list[str]) -> list[str]:
     found = []
-    for each in parameters:
-        if each.name in ("inertia", "moment") and 1.96 * each.error > VAGUE * abs(each.value):
-            share = 1.96 * each.error / max(abs(each.value), 1e-300)
+    joints = list(dict.fromkeys(each.joint for each in parameters))
+    for column, each in enumerate(parameters):
+        of = rows.joint == joints.index(each.joint)
+        if of.any() and _is_vague(each, rows.a[of, column], rows.y[of]):
             found.append(
-                f"{each.joint}: its {each.name} is known to +-{min(share, 9.99):.0%} only ({windows[each.joint]} "
-                "windows with motion): move this joint farther and faster (lithe.identify.design_multisine)"
+                f"{each.joint}: its {each.name} is known to +-{1.96 * each.error:.2g} {each.unit} only "
+                f"({int(of.sum())} windows with motion): move this joint farther and faster "
+                "(lithe.identify.design_multisine)"
             )
     if condition > ENTANGLED:
         found.append(
-            f"the motion hardly tells the parameters apart (condition number {condition:.0f}, good is below "
+            f"the motion hardly tells {', '.join(mixed)} apart (condition number {condition:.0f}, good is below "
             f"{ENTANGLED:.0f}): move all joints at once, with several frequencies (lithe.identify.design_multisine)"
         )
     return found
@@ -210,26 +226,27 @@ def identify_chain(
     names = names_of(chain)
     if len(rows.y) < 4 * OVERLAP * len(chain.names) + len(names):
         raise ValueError(f"only {len(rows.y)} equations for {len(names)} parameters: record longer, or move more")
-    condition = _check_rank(rows.a, names)
+    condition, mixed = _check_rank(rows.a, names)
     kept = list(range(len(names)))
+    value, error = np.zeros(len(names)), np.zeros(len(names))
     while True:
         solution, errors = _solve(rows.a[:, kept], rows.y, rows.joint), _errors(rows.a[:, kept], rows)
         drives = [i for i, column in enumerate(kept) if names[column][1] in BOUNDED and solution[i] < 0]
         if not drives:
             break
-        del kept[min(drives, key=lambda i: float(solution[i] / errors[i]))]  # within the noise it is 0
-    value, error = np.zeros(len(names)), np.zeros(len(names))
+        least = min(drives, key=lambda i: float(solution[i] / errors[i]))
+        error[kept[least]] = errors[least]  # within the noise it is 0, and no better known than that
+        del kept[least]
     value[kept], error[kept] = solution, errors
     parameters = tuple(Parameter(*name, float(value[i]), float(error[i])) for i, name in enumerate(names))
     residual = (rows.y - rows.a @ value) / window_s
     of = {name: rows.joint == k for k, name in enumerate(chain.names)}
-    windows = {name: int(here.sum()) for name, here in of.items()}
     return ChainFit(
         parameters,
         {name: float(np.sqrt(np.mean(residual[here] ** 2))) if here.any() else 0.0 for name, here in of.items()},
         condition,
         len(np.unique(rows.window)),
-        tuple(_warnings(parameters, condition, windows)),
+        tuple(_warnings(parameters, rows, condition, mixed)),
     )
 
 
