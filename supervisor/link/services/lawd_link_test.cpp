@@ -6,6 +6,8 @@
 #include <poll.h>
 #include <signal.h>
 
+#include <filesystem>
+#include <fstream>
 #include <optional>
 #include <string>
 #include <vector>
@@ -85,6 +87,26 @@ TEST_F(LawdLinkTest, ADeathRefusesWhatItHadInHandsAndANewOneServesTheNext) {
   EXPECT_TRUE(std::holds_alternative<Json>(compile(kRestLaw)));
   EXPECT_NE(lawd_.pid(), first);
   EXPECT_EQ(lawd_.restarts(), 1U);
+}
+
+// It lives on, as one that is killed does until it gets the processor: nobody may wait for it without pause.
+TEST(LawdLink, AServiceThatClosesItsEndIsNotPolledAnyMoreAndIsReplaced) {
+  const std::filesystem::path script = std::filesystem::path(testing::TempDir()) / "closes_its_end.sh";
+  std::ofstream(script) << "#!/bin/sh\nexec sleep 60 <&- >&-\n";
+  std::filesystem::permissions(script, std::filesystem::perms::owner_all);
+  LawdLink lawd(script.string(), {}, 1);
+  ASSERT_TRUE(lawd.start(monotonic_ns()));
+  const std::int64_t deadline_ns = monotonic_ns() + 60 * kNsPerS;
+  while (lawd.restarts() == 0 && monotonic_ns() < deadline_ns) {
+    const int before = lawd.poll_fd();
+    pollfd wait{before, POLLIN, 0};
+    ::poll(&wait, 1, 10);
+    lawd.serve(monotonic_ns());
+    if ((wait.revents & POLLHUP) != 0 && lawd.restarts() == 0) {
+      EXPECT_EQ(lawd.poll_fd(), -1);
+    }
+  }
+  EXPECT_GE(lawd.restarts(), 1U);
 }
 
 TEST_F(LawdLinkTest, EightChecksWaitAndTheNinthIsRefusedAtOnce) {

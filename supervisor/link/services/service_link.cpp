@@ -97,6 +97,11 @@ void ServiceLink::read_answers() {
     in_.feed({chunk, static_cast<std::size_t>(got)});
   }
   while (const auto line = in_.next()) take(*line);
+  if (got != 0) return;
+  // It has closed its end, so it is dying, or of no use any more. poll() would return at once until it is dead; and a
+  // service of idle priority gets no processor time to die beside a loop that never waits.
+  socket_.reset();
+  process_->signal(SIGKILL);
 }
 
 void ServiceLink::take(const std::string& line) {
