@@ -25,7 +25,7 @@ RUN_S = 30.0
 CONTROL_S = 5.0
 CONTROL_AT_LEAST = 3.0
 LEAST_US = 1.0  # smaller differences are not significant
-SINE = {"centre_rad": 0.0, "amplitude_rad": 0.5, "frequency_hz": 0.5}
+SINE = {"kind": "sine", "centre_rad": 0.0, "amplitude_rad": 0.5, "frequency_hz": 0.5}
 Bins = npt.NDArray[np.uint64]
 
 
