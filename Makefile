@@ -23,7 +23,7 @@ test: SAID := build/said
 test: TARGETS := $(if $(ROOM),--target $(ROOM)_tests)
 test: release  ## every test: C++ (ctest), then Python and across processes (pytest); ROOM=guard for the C++ tests of one room
 	@rm -rf $(SAID) && mkdir -p $(SAID)
-	@ctest --preset release -j $(JOBS) --progress --output-junit $(CURDIR)/$(SAID)/ctest.xml $(if $(ROOM),-L '(^|[.])$(ROOM)$$')
+	@ctest --preset release -j $(WORKERS) --progress --output-junit $(CURDIR)/$(SAID)/ctest.xml $(if $(ROOM),-L '(^|[.])$(ROOM)$$')
 	@$(if $(ROOM),,$(PYTHON) -m pytest -n $(WORKERS) --dist loadfile $(BESIDE) --junitxml=$(SAID)/pytest.xml || \
 	  $(PYTHON) -m pytest --last-failed --lfnf=none $(BESIDE) --junitxml=$(SAID)/again.xml)
 	@$(if $(ROOM),,$(PYTHON) -m pytest -m 'alone and not long' --junitxml=$(SAID)/alone.xml)
@@ -31,7 +31,7 @@ test: release  ## every test: C++ (ctest), then Python and across processes (pyt
 
 test-fast: PACKAGES := build test
 test-fast: release  ## what takes minutes left out: no property of thousands of runs, no robot started from Python
-	@ctest --preset release -j $(JOBS) --progress -LE '^(limits|fuzz)$$'
+	@ctest --preset release -j $(WORKERS) --progress -LE '^(limits|fuzz)$$'
 	@$(PYTHON) -m pytest tests/tools tests/test_schema_roundtrip.py
 
 test-arm64:  ## the C++ tests for 64-bit ARM: cross-built, run under QEMU; ROOM=guard for those of one room

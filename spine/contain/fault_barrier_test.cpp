@@ -21,7 +21,7 @@ namespace {
 
 using wire::LawFaultKind;
 
-class FaultBarrierTest : public WithBarrier {
+class FaultBarrierTest : public testing::Test {
  protected:
   // The thread goes on: a law that is in order runs, and its stack and handlers are whole.
   static void expect_goes_on(FaultBarrier& barrier) {
@@ -32,7 +32,7 @@ class FaultBarrierTest : public WithBarrier {
 };
 
 TEST_F(FaultBarrierTest, EveryCrashIsContainedAndTheThreadGoesOn) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   for (const bad::Case& each : bad::kCrashes) {
     SCOPED_TRACE(each.name);
     EXPECT_EQ(barrier.run(kNoDeadline, each.call, nullptr).kind, each.kind);
@@ -46,7 +46,7 @@ TEST_F(FaultBarrierTest, EveryCrashIsContainedAndTheThreadGoesOn) {
 }
 
 TEST_F(FaultBarrierTest, AThousandCrashesInTurnLeaveNothingBehind) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   int runs = 0;
   for (std::size_t i = 0; i < 1000; ++i) {
     const bad::Case& each = bad::kCrashes[i % bad::kCrashes.size()];
@@ -57,9 +57,9 @@ TEST_F(FaultBarrierTest, AThousandCrashesInTurnLeaveNothingBehind) {
 }
 
 TEST_F(FaultBarrierTest, AnotherThreadHasItsOwnBarrier) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   std::thread other([] {
-    FaultBarrier own = open_cell();
+    FaultBarrier own = open_barrier();
     for (int i = 0; i < 100; ++i) {
       EXPECT_EQ(own.run(kNoDeadline, bad::overflow_stack, nullptr).kind, LawFaultKind::bad_access);
     }
@@ -72,15 +72,15 @@ TEST_F(FaultBarrierTest, AnotherThreadHasItsOwnBarrier) {
 
 TEST_F(FaultBarrierTest, AThreadHasOneBarrierAtATimeAndMayOpenAnotherAfterIt) {
   {
-    FaultBarrier barrier = open_cell();
+    FaultBarrier barrier = open_barrier();
     EXPECT_FALSE(FaultBarrier::open());
   }
-  FaultBarrier again = open_cell();
+  FaultBarrier again = open_barrier();
   EXPECT_TRUE(again.run(kNoDeadline, bad::write_null, nullptr));
 }
 
 TEST_F(FaultBarrierTest, TroubleSaysWhereAndWhatWasTouched) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   const Failure failure = barrier.run(kNoDeadline, bad::write_null, nullptr);
   EXPECT_EQ(failure.address, 0x10u);
   const auto store = reinterpret_cast<std::uintptr_t>(&bad::store_at);
@@ -89,7 +89,7 @@ TEST_F(FaultBarrierTest, TroubleSaysWhereAndWhatWasTouched) {
 }
 
 TEST_F(FaultBarrierTest, AGoodCallsReportIsEmptyAlsoAfterACrash) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   EXPECT_TRUE(barrier.run(kNoDeadline, bad::write_null, nullptr));
   const Failure none = barrier.run(kNoDeadline, bad::nothing, nullptr);
   EXPECT_EQ(none.kind, LawFaultKind::none);
@@ -98,7 +98,7 @@ TEST_F(FaultBarrierTest, AGoodCallsReportIsEmptyAlsoAfterACrash) {
 }
 
 TEST_F(FaultBarrierTest, HandlersRunOnAStackBehindAGuardPage) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   stack_t stack{};
   ASSERT_EQ(sigaltstack(nullptr, &stack), 0);
   EXPECT_EQ(stack.ss_flags, 0);
@@ -111,7 +111,7 @@ TEST_F(FaultBarrierTest, HandlersRunOnAStackBehindAGuardPage) {
 }
 
 TEST_F(FaultBarrierTest, AMaskALawDiesWithIsPutRight) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   sigset_t before, after;
   pthread_sigmask(SIG_SETMASK, nullptr, &before);
   const auto block_and_die = [](void*) {
@@ -147,7 +147,7 @@ LITHE_BAD void upset_arithmetic(void*) {
 }
 
 TEST_F(FaultBarrierTest, AnEnvironmentALawLeavesBehindIsPutRight) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   ASSERT_TRUE(is_in_order());
   EXPECT_FALSE(barrier.run(kNoDeadline, upset_arithmetic, nullptr));
   EXPECT_TRUE(is_in_order());
@@ -156,7 +156,7 @@ TEST_F(FaultBarrierTest, AnEnvironmentALawLeavesBehindIsPutRight) {
 }
 
 TEST_F(FaultBarrierTest, AnEnvironmentALawDiesInIsPutRight) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   const auto upset_and_die = [](void*) {
     upset_arithmetic(nullptr);
     bad::write_null(nullptr);
@@ -184,7 +184,7 @@ TEST_F(FaultBarrierTest, WhatTheThreadChoseItselfIsKept) {
   const std::uint64_t before = arithmetic();
   set_arithmetic(before | kFlushDenormals);
   {
-    FaultBarrier barrier = open_cell();
+    FaultBarrier barrier = open_barrier();
     EXPECT_TRUE(barrier.run(kNoDeadline, bad::write_null, nullptr));
     EXPECT_EQ(arithmetic() & kFlushDenormals, kFlushDenormals);
   }
@@ -193,7 +193,7 @@ TEST_F(FaultBarrierTest, WhatTheThreadChoseItselfIsKept) {
 
 TEST_F(FaultBarrierTest, AnUnmaskedExceptionInALawIsItsFault) {
 #if defined(__x86_64__)
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   const auto divide = [](void*) {
     _mm_setcsr(_mm_getcsr() & ~0x200u);
     volatile double one = 1, zero = 0;
@@ -210,7 +210,7 @@ TEST_F(FaultBarrierTest, AnUnmaskedExceptionInALawIsItsFault) {
 constexpr std::uint64_t kDirection = 1u << 10, kNestedTask = 1u << 14, kAlignment = 1u << 18;
 
 TEST_F(FaultBarrierTest, DirectionAndAlignmentFlagsArePutRight) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   const auto set_flags = [](void*) { asm volatile("pushfq\n\torq $0x44400, (%%rsp)\n\tpopfq" : : : "cc", "memory"); };
   const auto set_and_die = [](void*) {
     asm volatile("pushfq\n\torq $0x44400, (%%rsp)\n\tpopfq\n\tmovl $1, 0x10" : : : "cc", "memory");
@@ -255,14 +255,14 @@ TEST_P(OwnFault, EndsTheProcessWithItsOwnSignal) {
   const auto ended = [signal](int status) { return ended_by(status, signal); };
   EXPECT_EXIT(
       {
-        FaultBarrier barrier = open_cell();
+        FaultBarrier barrier = open_barrier();
         barrier.run(kNoDeadline, bad::write_null, nullptr);  // a law's fault before must not excuse ours after
         fail_with(signal);
       },
       ended, "");
   EXPECT_EXIT(
       {
-        FaultBarrier barrier = open_cell();
+        FaultBarrier barrier = open_barrier();
         std::thread([signal] { fail_with(signal); }).join();  // a thread that runs no laws
       },
       ended, "");
@@ -274,7 +274,7 @@ TEST_P(OwnFault, OfAnotherProcessEndsThisOne) {
   const auto ended = [signal](int status) { return ended_by(status, signal); };
   EXPECT_EXIT(
       {
-        FaultBarrier barrier = open_cell();
+        FaultBarrier barrier = open_barrier();
         const pid_t target = getpid();
         if (fork() == 0) {
           std::this_thread::sleep_for(std::chrono::milliseconds(20));

@@ -12,7 +12,7 @@ namespace {
 
 using wire::LawFaultKind;
 
-class LawStackTest : public WithBarrier {
+class LawStackTest : public testing::Test {
  protected:
   void SetUp() override {
     if (kReportsFaults) GTEST_SKIP() << "the sanitizer's own handler ends the process";
@@ -45,7 +45,7 @@ LITHE_BAD void write_past_a_local(void* slip) {
 }
 
 TEST_F(LawStackTest, ASlipPastALocalReachesNoFrameOfTheThread) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   std::array<volatile std::uint64_t, 64> ours{};
   int faults = 0;
   for (std::size_t words = 1; words <= 2000; ++words) {
@@ -58,7 +58,7 @@ TEST_F(LawStackTest, ASlipPastALocalReachesNoFrameOfTheThread) {
 }
 
 TEST_F(LawStackTest, BothEndsAreGuardedFurtherThanAFrameReaches) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   const std::uintptr_t frame = frame_in(barrier);
   const auto ours = reinterpret_cast<std::uintptr_t>(__builtin_frame_address(0));
   EXPECT_GT(frame > ours ? frame - ours : ours - frame, kLawStackBytes);
@@ -73,7 +73,7 @@ TEST_F(LawStackTest, BothEndsAreGuardedFurtherThanAFrameReaches) {
 }
 
 TEST_F(LawStackTest, EachCallBeginsAtItsTopWhateverTheOneBeforeDid) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   const std::uintptr_t frame = frame_in(barrier);
   EXPECT_EQ(barrier.run(kNoDeadline, bad::overflow_stack, nullptr).kind, LawFaultKind::bad_access);
   EXPECT_EQ(frame_in(barrier), frame);
@@ -105,7 +105,7 @@ constexpr auto keep_no_promise = &lithe_test_keep_no_promise;
 #endif
 
 TEST_F(LawStackTest, RegistersThatALawPromisedToKeepArePutRight) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   std::uint64_t a = 1, b = 2, c = 3, d = 4, e = 5;
   asm volatile("" : "+r"(a), "+r"(b), "+r"(c), "+r"(d), "+r"(e));
 #if defined(__aarch64__)

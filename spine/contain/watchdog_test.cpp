@@ -23,7 +23,7 @@ using wire::LawFaultKind;
 
 TEST_F(WatchdogTest, AnEndlessLoopIsBrokenOffAgainAndAgain) {
   Guarded guarded;
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   watch(guarded.dog, barrier);
   int runs = 0;
   for (int i = 0; i < 200; ++i) {
@@ -39,7 +39,7 @@ TEST_F(WatchdogTest, ASpinningWatchdogDoesTheSame) {
   WatchdogConfig spinning;
   spinning.look_every_ns = 0;
   Guarded guarded(spinning);
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   watch(guarded.dog, barrier);
   for (int i = 0; i < 20; ++i) {
     ASSERT_EQ(barrier.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran) << i;
@@ -50,7 +50,7 @@ TEST_F(WatchdogTest, TheFirstCallAfterALongPauseIsWatchedToo) {
   WatchdogConfig config;
   config.idle_after_ns = 1'000'000;
   Guarded guarded(config);
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   watch(guarded.dog, barrier);
   for (int i = 0; i < 3; ++i) {
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
@@ -60,7 +60,7 @@ TEST_F(WatchdogTest, TheFirstCallAfterALongPauseIsWatchedToo) {
 
 TEST_F(WatchdogTest, TheTroubleNamesTheLoop) {
   Guarded guarded;
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   watch(guarded.dog, barrier);
   const Failure failure = barrier.run(deadline(), bad::loop_forever, nullptr);
   const auto loop = reinterpret_cast<std::uintptr_t>(&bad::loop_forever);
@@ -74,7 +74,7 @@ TEST_F(WatchdogTest, SeveralThreadsAreWatchedAndNoMoreThanItHasPlacesFor) {
   std::vector<std::thread> threads;
   for (std::size_t i = 0; i <= kMaxWatched; ++i) {
     threads.emplace_back([&] {
-      FaultBarrier barrier = open_cell();
+      FaultBarrier barrier = open_barrier();
       const bool has_place = static_cast<bool>(guarded.dog.watch(barrier));
       ++(has_place ? watched : refused);
       while (watched + refused <= static_cast<int>(kMaxWatched)) std::this_thread::yield();
@@ -85,7 +85,7 @@ TEST_F(WatchdogTest, SeveralThreadsAreWatchedAndNoMoreThanItHasPlacesFor) {
   EXPECT_EQ(watched, static_cast<int>(kMaxWatched));
   EXPECT_EQ(refused, 1);
   EXPECT_EQ(broken, static_cast<int>(kMaxWatched));
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   EXPECT_TRUE(guarded.dog.watch(barrier)) << "places of threads that are gone are free again";
 }
 
@@ -93,7 +93,7 @@ TEST_F(WatchdogTest, ProtectedMemoryYoungerThanTheWatchdogsThreadIsOpenToIt) {
   Guarded guarded;
   const Result<std::unique_ptr<ProtectedMemory>> protected_memory = ProtectedMemory::make(1 << 14);
   ASSERT_TRUE(protected_memory) << protected_memory.message();
-  FaultBarrier barrier = open_cell(protected_memory->get());
+  FaultBarrier barrier = open_barrier(protected_memory->get());
   watch(guarded.dog, barrier);
   for (int i = 0; i < 20; ++i) {
     ASSERT_EQ(barrier.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran);
@@ -101,13 +101,13 @@ TEST_F(WatchdogTest, ProtectedMemoryYoungerThanTheWatchdogsThreadIsOpenToIt) {
 }
 
 // What the two threads share without a signal: for ThreadSanitizer too, which holds signals back.
-TEST_F(WithBarrier, AWatchdogLooksOnWhileCallsBeginAndEndAndBarriersComeAndGo) {
+TEST(Watchdog, AWatchdogLooksOnWhileCallsBeginAndEndAndBarriersComeAndGo) {
   WatchdogConfig spinning;
   spinning.look_every_ns = 0;
   Guarded guarded(spinning);
   int runs = 0;
   for (int barriers = 0; barriers < 20; ++barriers) {
-    FaultBarrier barrier = open_cell();
+    FaultBarrier barrier = open_barrier();
     ASSERT_TRUE(guarded.dog.watch(barrier));
     for (int i = 0; i < 1000; ++i) ASSERT_FALSE(barrier.run(monotonic_ns() + kNsPerS, bad::count, &runs));
   }
@@ -132,7 +132,7 @@ void meet(void* context) {
 }
 
 TEST_F(WatchdogTest, ASignalForAnotherCallBreaksNothingOff) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   for (std::uint64_t call = 1; call <= 100; ++call) {
     Meeting before(call - 1), after(call);
     ASSERT_FALSE(barrier.run(kNoDeadline, meet, &before)) << call;
@@ -145,7 +145,7 @@ TEST_F(WatchdogTest, ASignalForAnotherCallBreaksNothingOff) {
 }
 
 TEST_F(WatchdogTest, ANoticeIsTakenAndBreaksNothingOff) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   for (std::uint64_t call = 1; call <= 100; ++call) {
     Meeting notice(call, Ask::notice);
     ASSERT_FALSE(barrier.run(kNoDeadline, meet, &notice)) << call;
@@ -160,7 +160,7 @@ struct AnyCall {
 };
 
 TEST_F(WatchdogTest, WithoutTheSerialNumberAnInnocentCallIsBrokenOff) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   struct sigaction action{}, proper{};
   action.sa_sigaction = on_watch_signal<AnyCall>;
   action.sa_flags = SA_ONSTACK | SA_SIGINFO;
@@ -173,7 +173,7 @@ TEST_F(WatchdogTest, WithoutTheSerialNumberAnInnocentCallIsBrokenOff) {
 }
 
 TEST_F(WatchdogTest, SomebodyElsesSignalBreaksNothingOff) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   Meeting own(1);
   own.message.si_code = SI_TKILL;  // the right number, but not queued by a Watchdog
   EXPECT_FALSE(barrier.run(kNoDeadline, meet, &own));
@@ -194,7 +194,7 @@ TEST_F(WatchdogTest, AFaultAtTheDeadlineIsOneTrouble) {
   WatchdogConfig spinning;
   spinning.look_every_ns = 0;
   Guarded guarded(spinning);
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   watch(guarded.dog, barrier);
   int faults = 0, overruns = 0, runs = 0;
   for (int i = 0; i < 1000; ++i) {
@@ -209,7 +209,7 @@ TEST_F(WatchdogTest, AFaultAtTheDeadlineIsOneTrouble) {
 }
 
 TEST_F(WatchdogTest, CrashesUnderAHailOfLateSignalsAreContained) {
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   std::atomic<bool> stop{false};
   const auto target = static_cast<pid_t>(syscall(SYS_gettid));
   std::thread hail([&] {

@@ -128,7 +128,7 @@ def test_a_wire_that_carries_nothing_is_not_taken_for_success(moteus: Package, a
     transport = ["--force-transport", "fdcanusb", "--fdcanusb", str(path)]
     command = moteus.command("-m", "moteus.moteus_tool", *transport, "-t", "1", "--info")
     try:
-        ran = subprocess.run(command, check=False, env=moteus.env, capture_output=True, timeout=6)
+        ran = subprocess.run(command, check=False, env=moteus.env, capture_output=True, timeout=3)
     except subprocess.TimeoutExpired:
         return  # it waits for ever
     assert ran.returncode != 0

@@ -52,6 +52,7 @@ def demo(robot: Path, out: Path, *words: str) -> dict[str, Any]:
     return summary
 
 
+@pytest.mark.long
 def test_the_demo_runs_unchanged_over_an_fdcanusb(tmp_path: Path, tell: Callable[[str], None]) -> None:
     """The simulated drive is in another process, at the far end of a serial device."""
     with Simulated(ROOT / "robots/arm.toml", tmp_path / "buses") as sim:

@@ -23,7 +23,7 @@ struct Critical {
   std::array<std::uint64_t, 64> word{};
 };
 
-class ProtectedMemoryTest : public WithBarrier, public testing::WithParamInterface<Protection> {
+class ProtectedMemoryTest : public testing::Test, public testing::WithParamInterface<Protection> {
  protected:
   void SetUp() override {
     Result<std::unique_ptr<ProtectedMemory>> made = ProtectedMemory::make(1 << 16, GetParam());
@@ -35,7 +35,7 @@ class ProtectedMemoryTest : public WithBarrier, public testing::WithParamInterfa
     for (std::size_t i = 0; i < critical->word.size(); ++i) critical->word[i] = i;
   }
   FaultBarrier guarding_cell() {
-    FaultBarrier barrier = open_cell(protected_memory.get());
+    FaultBarrier barrier = open_barrier(protected_memory.get());
     const Result<> guarded = barrier.guard(critical, sizeof *critical);
     EXPECT_TRUE(guarded) << guarded.message();
     return barrier;

@@ -39,17 +39,14 @@ inline constexpr bool kHoldsSignals = false;
 
 inline constexpr std::int64_t kNoDeadline = INT64_MAX;
 
-// A FaultBarrier on the test's own thread.
-class WithBarrier : public testing::Test {
- protected:
-  static FaultBarrier open_cell(ProtectedMemory* protected_memory = nullptr) {
-    const Result<> installed = install_handlers();
-    if (!installed) ADD_FAILURE() << installed.message();
-    Result<FaultBarrier> barrier = FaultBarrier::open(protected_memory);
-    if (!barrier) ADD_FAILURE() << barrier.message();
-    return std::move(*barrier);
-  }
-};
+// A FaultBarrier on the test's own thread, with the handlers of this process.
+inline FaultBarrier open_barrier(ProtectedMemory* protected_memory = nullptr) {
+  const Result<> installed = install_handlers();
+  if (!installed) ADD_FAILURE() << installed.message();
+  Result<FaultBarrier> barrier = FaultBarrier::open(protected_memory);
+  if (!barrier) ADD_FAILURE() << barrier.message();
+  return std::move(*barrier);
+}
 
 inline constexpr std::int64_t kBudgetNs = 200'000;
 
@@ -70,7 +67,7 @@ class Guarded {
   std::thread thread_;
 };
 
-class WatchdogTest : public WithBarrier {
+class WatchdogTest : public testing::Test {
  protected:
   void SetUp() override {
     if (kHoldsSignals) GTEST_SKIP() << "ThreadSanitizer delivers no asynchronous signal to a busy thread";

@@ -54,7 +54,7 @@ void be_held_up(void* context) {
 
 TEST_F(WatchdogTest, ACallIsNotChargedForTheTimeItsThreadWasAway) {
   Guarded guarded;
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   watch(guarded.dog, barrier);
   Away away{{0, 10 * kNsPerMs}, 0};
   // On a busy machine the dog itself may come so late that nothing is left of the budget it met.
@@ -79,7 +79,7 @@ WatchdogConfig by_the_wall_clock() {
 // The broken twin of the one before: what has work left when it comes back is broken off.
 TEST_F(WatchdogTest, ByTheWallClockACallWithWorkLeftIsBrokenOff) {
   Guarded guarded(by_the_wall_clock());
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   watch(guarded.dog, barrier);
   Away away{{0, 10 * kNsPerMs}, 10 * kNsPerMs};
   for (int i = 0; i < 5; ++i) {
@@ -116,7 +116,7 @@ TEST_F(WatchdogTest, WithoutAThreadsClockTheWallClockCounts) {
   WatchdogConfig blind;
   blind.cpu_ns = [](clockid_t) noexcept { return std::int64_t{-1}; };
   Guarded guarded(blind);
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   watch(guarded.dog, barrier);
   EXPECT_EQ(barrier.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran);
 }
@@ -125,7 +125,7 @@ TEST_F(WatchdogTest, ACallThatNeverComesBackFromTheKernelEndsAtTheHardLimit) {
   WatchdogConfig config;
   config.most_wall_ns = 20 * kNsPerMs;
   Guarded guarded(config);
-  FaultBarrier barrier = open_cell();
+  FaultBarrier barrier = open_barrier();
   watch(guarded.dog, barrier);
   Away away{{3600, 0}, 0};
   const std::int64_t from_ns = monotonic_ns();
@@ -153,7 +153,7 @@ TEST_F(WatchdogTest, ACallWhoseThreadIsPreemptedAllTheTimeIsNotBrokenOff) {
   int late = 0, broken_off = 0;
   std::thread victim([&] {
     sched_setaffinity(0, sizeof one, &one);
-    FaultBarrier barrier = open_cell();
+    FaultBarrier barrier = open_barrier();
     watch(guarded.dog, barrier);
     Away law{{0, 0}, 5 * kNsPerMs};
     for (int i = 0; i < 400 && late < kLate; ++i) {

@@ -8,6 +8,7 @@
 
 #include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/memory/protected_memory.hpp"
+#include "spine/contain/test/contain_rig.hpp"
 #include "spine/contain/watchdog.hpp"
 #include "spine/loop/test/laws_rig.hpp"
 
@@ -154,13 +155,9 @@ TEST_F(LawsTest, ParamsRevertToTheSetBeforeTheLastChange) {
 }
 
 TEST_F(LawsTest, ALawThatCrashesIsReplacedInTheSameTick) {
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-  GTEST_SKIP() << "the sanitizer wants SIGSEGV for itself";
-#endif
-  ASSERT_TRUE(contain::install_handlers());
-  auto barrier = contain::FaultBarrier::open();
-  ASSERT_TRUE(barrier) << barrier.message();
-  use_cell(&*barrier);
+  if (contain::kReportsFaults) GTEST_SKIP() << "the sanitizer wants SIGSEGV for itself";
+  contain::FaultBarrier barrier = contain::open_barrier();
+  use_cell(&barrier);
   arm_with(kPd);
   for (int round = 0; round < 50; ++round) {
     stage(kCrash);
@@ -188,17 +185,13 @@ struct Endless {
 constexpr LitheLaw kEndless = describe<Endless>("endless");
 
 TEST_F(LawsTest, AnEndlessLawIsToldWithItsTimeAndWhatItMayTake) {
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-  GTEST_SKIP() << "the sanitizer wants SIGSEGV for itself";
-#endif
-  ASSERT_TRUE(contain::install_handlers());
-  auto barrier = contain::FaultBarrier::open();
-  ASSERT_TRUE(barrier) << barrier.message();
+  if (contain::kReportsFaults) GTEST_SKIP() << "the sanitizer wants SIGSEGV for itself";
+  contain::FaultBarrier barrier = contain::open_barrier();
   contain::Watchdog dog(contain::WatchdogConfig{});
-  ASSERT_TRUE(dog.watch(*barrier));
+  ASSERT_TRUE(dog.watch(barrier));
   std::atomic<bool> stop{false};
   std::thread watching([&] { dog.run(stop); });
-  use_cell(&*barrier);
+  use_cell(&barrier);
   arm_with(kPd);
   stage(kEndless);
   ticks(2);
@@ -215,13 +208,9 @@ TEST_F(LawsTest, AnEndlessLawIsToldWithItsTimeAndWhatItMayTake) {
 }
 
 TEST_F(LawsTest, AFaultInASlotSaysHowFarFromItsStart) {
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-  GTEST_SKIP() << "the sanitizer wants SIGSEGV for itself";
-#endif
-  ASSERT_TRUE(contain::install_handlers());
-  auto barrier = contain::FaultBarrier::open();
-  ASSERT_TRUE(barrier) << barrier.message();
-  use_cell(&*barrier);
+  if (contain::kReportsFaults) GTEST_SKIP() << "the sanitizer wants SIGSEGV for itself";
+  contain::FaultBarrier barrier = contain::open_barrier();
+  use_cell(&barrier);
   arm_with(kPd);
   std::uint64_t pc = 0;
   for (const std::uint32_t before : {0u, 64u, 128u}) {
@@ -251,10 +240,8 @@ TEST_F(LawsTest, ALawsTimeGoesOnAfterItsReturn) {
 TEST_F(LawsTest, ALawThatRaisesTheGuardsLimitsIsFoundOutAndTheyArePutBack) {
   auto protected_memory = contain::ProtectedMemory::make(1 << 16, contain::Protection::copies);
   ASSERT_TRUE(protected_memory) << protected_memory.message();
-  ASSERT_TRUE(contain::install_handlers());
-  auto barrier = contain::FaultBarrier::open(protected_memory->get());
-  ASSERT_TRUE(barrier) << barrier.message();
-  use_cell(&*barrier);
+  contain::FaultBarrier barrier = contain::open_barrier(protected_memory->get());
+  use_cell(&barrier);
   arm_with(kPd);
   publish(0.5);
   kPrey = std::as_writable_bytes(std::span(spine_.get(), 1));
