@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <filesystem>
 #include <functional>
 
@@ -154,6 +155,18 @@ TEST_F(TuneTest, AVanishedInterruptIsNoTrouble) {
   const std::vector<Step> undone = revert();
   EXPECT_EQ(step_of(undone, "/proc/irq/24/smp_affinity_list")->outcome, Outcome::gone);
   EXPECT_TRUE(revert().empty());
+}
+
+TEST(TuneOutcome, AnInterruptThatNobodyMayMoveIsNoTrouble) {
+  const Change interrupt{.item = "irq_affinity", .path = "/proc/irq/0/smp_affinity_list"};
+  for (const int error : {EIO, EPERM}) {
+    Step step{.change = interrupt, .outcome = outcome_of(interrupt, error), .error = error};
+    EXPECT_EQ(step.outcome, Outcome::fixed) << error;
+    EXPECT_TRUE(step.well());
+  }
+  EXPECT_EQ(outcome_of(interrupt, EACCES), Outcome::refused) << "missing rights stay an error";
+  EXPECT_EQ(outcome_of({.item = "governor"}, EIO), Outcome::refused);
+  EXPECT_EQ(outcome_of(interrupt, 0), Outcome::done);
 }
 
 TEST_F(TuneTest, AStalePlanDoesNotOverwrite) {

@@ -37,12 +37,21 @@ Step undo(const Writer& writer, const Entry& entry) {
     step.error = writer.set(change, wanted);
     // A controller that another group uses by now is that group's.
     const bool taken = change.kind == ChangeKind::controller && step.error == EBUSY;
-    if (step.error != 0) step.outcome = step.error == ESRCH || taken ? Outcome::gone : Outcome::refused;
+    step.outcome = taken ? Outcome::gone : outcome_of(change, step.error);
   }
   return step;
 }
 
 }  // namespace
+
+// Of an interrupt, EIO says that nobody may move it, EPERM that its driver has given each core one of its own; missing
+// rights are EACCES, as they are found when the file is opened.
+Outcome outcome_of(const Change& change, int error) {
+  if (error == 0) return Outcome::done;
+  if (error == ESRCH) return Outcome::gone;
+  const bool is_fixed = change.item == "irq_affinity" && (error == EIO || error == EPERM);
+  return is_fixed ? Outcome::fixed : Outcome::refused;
+}
 
 std::string Step::why() const {
   if (outcome == Outcome::refused) return std::strerror(error);
@@ -74,7 +83,7 @@ Result<std::vector<Step>> apply(Journal& journal, const Writer& writer, const st
       const Now then = writer.now(change);
       // The kernel may write a value in its own way, or take the write without doing it.
       if (step.error == 0 && then == before(change)) step.error = EINVAL;
-      if (step.error != 0) step.outcome = step.error == ESRCH ? Outcome::gone : Outcome::refused;
+      step.outcome = outcome_of(change, step.error);
       const Result<> noted = journal.finish(*number, step.error, then.error == 0 ? then.value : change.after);
       if (!noted) return noted.error();
     }

@@ -14,6 +14,7 @@ enum class Outcome : std::uint8_t {
   done,     // changed, or undone
   already,  // it had the value
   gone,     // the task, or the file of the kernel, is there no longer: nothing is left to undo
+  fixed,    // an interrupt that the kernel or its driver keeps where it is (a timer, one of a queue for each core)
   refused,  // the kernel or the file system did not take it; `error`
   foreign,  // somebody else changed it meanwhile: left as it is, and kept in the journal
 };
@@ -25,10 +26,13 @@ struct Step {
   std::string found{};  // the value that was found, with foreign
 
   // In order, or nothing to do.
-  bool well() const { return outcome == Outcome::done || outcome == Outcome::already || outcome == Outcome::gone; }
+  bool well() const { return outcome <= Outcome::fixed; }
   // Why not: "Permission denied", "somebody else set it to 3".
   std::string why() const;
 };
+
+// How a write ended that gave this errno (0: none).
+Outcome outcome_of(const Change& change, int error);
 
 // One step for each change, in order. A change whose `before` is not there any more is `foreign`. The error is the
 // journal's: then nothing more was changed.

@@ -104,7 +104,7 @@ std::string shown_commands(const std::vector<std::string>& commands) {
 }
 
 const char* word_of(host::Outcome outcome) {
-  const char* const words[] = {"done", "already", "gone", "refused", "foreign"};
+  const char* const words[] = {"done", "already", "gone", "fixed", "refused", "foreign"};
   return words[static_cast<std::size_t>(outcome)];
 }
 
@@ -122,10 +122,13 @@ Json json_of(const host::TuneResult& result) {
 std::string shown(const host::TuneResult& result, const char* verb) {
   std::string text;
   std::size_t made = 0;
+  std::string fixed;
   for (const host::Step& each : result.steps) {
     made += each.outcome == host::Outcome::done ? 1 : 0;
+    if (each.outcome == host::Outcome::fixed) fixed += (fixed.empty() ? "" : ", ") + each.change.path;
     if (!each.well()) text += fmt::format("  {}: not {}: {}\n", each.change.path, verb, each.why());
   }
+  if (!fixed.empty()) text += fmt::format("  the kernel keeps these interrupts where they are: {}\n", fixed);
   for (const std::string& each : result.notes) text += fmt::format("note: {}\n", each);
   text = printable(text, true);
   if (result.steps.empty() && !result.well()) return text;
