@@ -19,7 +19,7 @@ NLAW = 8
 NS = 16
 NF = 32
 NSTATE = 4096
-LAYOUT_HASH = 0x9217365EF91F1F66
+LAYOUT_HASH = 0xD109CB33A8CDF57E
 
 
 class Mode(IntEnum):
@@ -310,6 +310,8 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("drive_voltage_v", "<f8", (32,), 2592),
         ("drive_power_w", "<f8", (32,), 2848),
         ("drive_temperature_degc", "<f8", (32,), 3104),
+        ("law_torque_nm", "<f8", (32,), 3360),
+        ("setpoint_acceleration_rad_s2", "<f8", (32,), 3616),
     ],
     "Event": [
         ("t_ns", "<i8", (), 0),
@@ -355,7 +357,7 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("shadow_tolerance_nm", "<f8", (), 376),
         ("probation_error_ratio", "<f8", (), 384),
         ("param_count", "<u4", (), 392),
-        ("pad0", "u1", (4,), 396),
+        ("shadow_only", "<u4", (), 396),
         ("param_index", "<u4", (32,), 400),
         ("param_value", "<f8", (32,), 528),
     ],
@@ -462,7 +464,7 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
 }
 SIZES = {
     "SegmentHeader": 88,
-    "Telemetry": 3360,
+    "Telemetry": 3872,
     "Event": 136,
     "Plan": 8344,
     "Command": 408,
@@ -492,24 +494,24 @@ class Item(NamedTuple):
 SEGMENTS: dict[str, dict[str, Item]] = {
     "spine": {
         "robot_info": Item("channel", "RobotInfo", 0, 1, 128, 20608),
-        "telemetry": Item("ring", "Telemetry", 4096, 1, 20736, 13893760),
-        "events_tick": Item("ring", "Event", 256, 1, 13914496, 49280),
-        "events_loader": Item("ring", "Event", 256, 1, 13963776, 49280),
-        "params": Item("channel", "Params", 0, 1, 14013056, 1664),
-        "law_info": Item("channel", "LawInfo", 0, 8, 14014720, 14464),
-        "law_faults": Item("ring", "LawFault", 64, 1, 14130432, 8320),
-        "shadow": Item("channel", "ShadowReport", 0, 1, 14138752, 2688),
-        "law_state": Item("channel", "LawState", 0, 1, 14141440, 17024),
-        "release_jitter": Item("plain", "Histogram", 0, 1, 14158464, 7936),
-        "handoff": Item("plain", "Histogram", 0, 1, 14166400, 7936),
-        "law": Item("plain", "Histogram", 0, 1, 14174336, 7936),
-        "guard": Item("plain", "Histogram", 0, 1, 14182272, 7936),
-        "tick": Item("plain", "Histogram", 0, 1, 14190208, 7936),
-        "bus": Item("plain", "Histogram", 0, 1, 14198144, 7936),
-        "control_ack": Item("ack", "Command", 16, 1, 14206080, 256),
-        "brain_ack": Item("ack", "Command", 16, 1, 14206336, 256),
-        "stage_ack": Item("ack", "StageRequest", 4, 1, 14206592, 256),
-        "health": Item("plain", "Health", 0, 1, 14206848, 128),
+        "telemetry": Item("ring", "Telemetry", 4096, 1, 20736, 15990912),
+        "events_tick": Item("ring", "Event", 256, 1, 16011648, 49280),
+        "events_loader": Item("ring", "Event", 256, 1, 16060928, 49280),
+        "params": Item("channel", "Params", 0, 1, 16110208, 1664),
+        "law_info": Item("channel", "LawInfo", 0, 8, 16111872, 14464),
+        "law_faults": Item("ring", "LawFault", 64, 1, 16227584, 8320),
+        "shadow": Item("channel", "ShadowReport", 0, 1, 16235904, 2688),
+        "law_state": Item("channel", "LawState", 0, 1, 16238592, 17024),
+        "release_jitter": Item("plain", "Histogram", 0, 1, 16255616, 7936),
+        "handoff": Item("plain", "Histogram", 0, 1, 16263552, 7936),
+        "law": Item("plain", "Histogram", 0, 1, 16271488, 7936),
+        "guard": Item("plain", "Histogram", 0, 1, 16279424, 7936),
+        "tick": Item("plain", "Histogram", 0, 1, 16287360, 7936),
+        "bus": Item("plain", "Histogram", 0, 1, 16295296, 7936),
+        "control_ack": Item("ack", "Command", 16, 1, 16303232, 256),
+        "brain_ack": Item("ack", "Command", 16, 1, 16303488, 256),
+        "stage_ack": Item("ack", "StageRequest", 4, 1, 16303744, 256),
+        "health": Item("plain", "Health", 0, 1, 16304000, 128),
     },
     "control": {
         "commands": Item("mailbox", "Command", 16, 1, 128, 7296),
@@ -523,7 +525,7 @@ SEGMENTS: dict[str, dict[str, Item]] = {
     },
 }
 SEGMENT_BYTES = {
-    "spine": 14206976,
+    "spine": 16304128,
     "control": 11008,
     "brain": 41472,
 }
@@ -578,6 +580,8 @@ CANONICAL_SCHEMA = (
     "Telemetry.drive_voltage_v:float64[32]:2592:256:V\n"
     "Telemetry.drive_power_w:float64[32]:2848:256:W\n"
     "Telemetry.drive_temperature_degc:float64[32]:3104:256:degC\n"
+    "Telemetry.law_torque_nm:float64[32]:3360:256:N m\n"
+    "Telemetry.setpoint_acceleration_rad_s2:float64[32]:3616:256:rad/s^2\n"
     "Event.t_ns:int64[1]:0:8:ns\n"
     "Event.tick:uint64[1]:8:8:-\n"
     "Event.request_id:uint64[1]:16:8:-\n"
@@ -615,7 +619,7 @@ CANONICAL_SCHEMA = (
     "StageRequest.shadow_tolerance_nm:float64[1]:376:8:N m\n"
     "StageRequest.probation_error_ratio:float64[1]:384:8:1\n"
     "StageRequest.param_count:uint32[1]:392:4:-\n"
-    "StageRequest.pad0:uint8[4]:396:4:-\n"
+    "StageRequest.shadow_only:uint32[1]:396:4:-\n"
     "StageRequest.param_index:uint32[32]:400:128:-\n"
     "StageRequest.param_value:float64[32]:528:256:1\n"
     "LawFault.tick:uint64[1]:0:8:-\n"
@@ -704,23 +708,23 @@ CANONICAL_SCHEMA = (
     "Health.stage_violations:uint64[1]:24:8:-\n"
     "spine/robot_info:channel:RobotInfo:0x1:128\n"
     "spine/telemetry:ring:Telemetry:4096x1:20736\n"
-    "spine/events_tick:ring:Event:256x1:13914496\n"
-    "spine/events_loader:ring:Event:256x1:13963776\n"
-    "spine/params:channel:Params:0x1:14013056\n"
-    "spine/law_info:channel:LawInfo:0x8:14014720\n"
-    "spine/law_faults:ring:LawFault:64x1:14130432\n"
-    "spine/shadow:channel:ShadowReport:0x1:14138752\n"
-    "spine/law_state:channel:LawState:0x1:14141440\n"
-    "spine/release_jitter:plain:Histogram:0x1:14158464\n"
-    "spine/handoff:plain:Histogram:0x1:14166400\n"
-    "spine/law:plain:Histogram:0x1:14174336\n"
-    "spine/guard:plain:Histogram:0x1:14182272\n"
-    "spine/tick:plain:Histogram:0x1:14190208\n"
-    "spine/bus:plain:Histogram:0x1:14198144\n"
-    "spine/control_ack:ack:Command:16x1:14206080\n"
-    "spine/brain_ack:ack:Command:16x1:14206336\n"
-    "spine/stage_ack:ack:StageRequest:4x1:14206592\n"
-    "spine/health:plain:Health:0x1:14206848\n"
+    "spine/events_tick:ring:Event:256x1:16011648\n"
+    "spine/events_loader:ring:Event:256x1:16060928\n"
+    "spine/params:channel:Params:0x1:16110208\n"
+    "spine/law_info:channel:LawInfo:0x8:16111872\n"
+    "spine/law_faults:ring:LawFault:64x1:16227584\n"
+    "spine/shadow:channel:ShadowReport:0x1:16235904\n"
+    "spine/law_state:channel:LawState:0x1:16238592\n"
+    "spine/release_jitter:plain:Histogram:0x1:16255616\n"
+    "spine/handoff:plain:Histogram:0x1:16263552\n"
+    "spine/law:plain:Histogram:0x1:16271488\n"
+    "spine/guard:plain:Histogram:0x1:16279424\n"
+    "spine/tick:plain:Histogram:0x1:16287360\n"
+    "spine/bus:plain:Histogram:0x1:16295296\n"
+    "spine/control_ack:ack:Command:16x1:16303232\n"
+    "spine/brain_ack:ack:Command:16x1:16303488\n"
+    "spine/stage_ack:ack:StageRequest:4x1:16303744\n"
+    "spine/health:plain:Health:0x1:16304000\n"
     "control/commands:mailbox:Command:16x1:128\n"
     "control/stage:mailbox:StageRequest:4x1:7424\n"
     "control/estop:word:-:0x1:10880\n"

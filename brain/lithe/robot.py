@@ -212,7 +212,8 @@ class Robot:
 
         terms replace those of the robot file: blend_s (from the old torque to the new one's), probation_s
         (automatic rollback during this time; 0 = none), error_ratio (how much worse tracking may get),
-        shadow_s (run beside the active law first) with shadow_tolerance_nm, budget_us (of a step), box_ms (of a trial).
+        shadow_s (run beside the active law first) with shadow_tolerance_nm and promote (False: it is only compared,
+        and never runs), budget_us (of a step), box_ms (of a trial).
         """
         text = str(law)
         if isinstance(law, Path) or (text.endswith(".cpp") and "\n" not in text):

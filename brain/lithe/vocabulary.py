@@ -150,6 +150,7 @@ VERBS = (
             ("error_ratio", _number("how much worse tracking may get before the rollback", minimum=0)),
             ("shadow_s", _number("first computes beside the running law for this time", minimum=0)),
             ("shadow_tolerance_nm", _number("how far it may differ meanwhile", minimum=0)),
+            ("promote", {"type": "boolean", "description": "false: it is only compared, for shadow_s, and never runs"}),
             ("budget_us", _number("longest step", exclusiveMinimum=0)),
             ("box_ms", _number("time of the trial", exclusiveMinimum=0)),
         ),

@@ -32,6 +32,7 @@ struct Terms {
   std::uint32_t probation_ticks = 0;  // automatic rollback for so long
   double shadow_tolerance_nm = 0;
   double probation_error_ratio = 0;  // 0 = tracking is not judged
+  bool shadow_only = false;          // it never commits: its shadow is measured
 };
 
 // Contract: RT once offered · owned by exactly one thread at a time: the Loader until Slot::offer and from

@@ -44,7 +44,8 @@ law::Terms terms_of(const wire::StageRequest& request) {
           std::min(request.blend_ticks, kMostTicks),
           std::min(request.probation_ticks, kMostTicks),
           positive(request.shadow_tolerance_nm),
-          positive(request.probation_error_ratio)};
+          positive(request.probation_error_ratio),
+          request.shadow_only != 0};
 }
 
 }  // namespace

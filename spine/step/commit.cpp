@@ -95,17 +95,17 @@ void Laws::start_shadow(law::Resident& candidate) LITHE_RT {
 // Runs the shadow candidate, after the active law's output has been handed over.
 void Laws::step_shadow(Host& host) LITHE_RT {
   if (!mode_.law_runs() || (report_.flags & (flag::kRolledBack | flag::kLawFaulted)) != 0) {
-    return end_shadow(false, "the active law was replaced");
+    return end_shadow(Shadow::Opinion::refuse, "the active law was replaced");
   }
   if (guard_.any_stopped()) {
-    return end_shadow(false, "a part of the robot is stopped: nothing can be compared there");
+    return end_shadow(Shadow::Opinion::refuse, "a part of the robot is stopped: nothing can be compared there");
   }
   report_.flags |= flag::kShadowing;
   const std::int64_t from_ns = host.now_ns();
   const Run ran = run(*shadow_.law(), shadow_.effort, host);
   if (ran.failure) {
     shadow_.fail();
-    return end_shadow(false, wire::to_string(ran.failure.kind));
+    return end_shadow(Shadow::Opinion::refuse, wire::to_string(ran.failure.kind));
   }
   const std::int64_t took_ns = host.now_ns() - from_ns;
   switch (shadow_.compare(in_, effort_, took_ns)) {
@@ -113,18 +113,22 @@ void Laws::step_shadow(Host& host) LITHE_RT {
       report_.shadow_changed = true;
       return;
     case Shadow::Opinion::refuse:
-      return end_shadow(false, "it disagrees with the active law by more than the tolerance");
+      return end_shadow(Shadow::Opinion::refuse, "it disagrees with the active law by more than the tolerance");
     case Shadow::Opinion::promote:
-      return end_shadow(true, "it agrees with the active law");
+      return end_shadow(Shadow::Opinion::promote, "it agrees with the active law");
+    case Shadow::Opinion::measured:
+      return end_shadow(Shadow::Opinion::measured, "compared as long as asked; it was not to be promoted");
   }
 }
 
-void Laws::end_shadow(bool promoted, std::string_view why) LITHE_RT {
+void Laws::end_shadow(Shadow::Opinion opinion, std::string_view why) LITHE_RT {
   law::Resident& candidate = *shadow_.law();
   report_.shadow_changed = true;
-  report_.event(EventKind::shadow_ended, promoted ? 1 : 0, candidate.request_id, shadow_.largest_difference_nm(), why);
+  report_.event(EventKind::shadow_ended, static_cast<std::uint32_t>(opinion), candidate.request_id,
+                shadow_.largest_difference_nm(), why);
   shadow_.end();
-  if (promoted) return commit(candidate, law::Carry::none);  // its state is warm: it ran in the shadow
+  if (opinion == Shadow::Opinion::promote)
+    return commit(candidate, law::Carry::none);  // its state is warm: it ran in the shadow
   slot_.refuse(candidate);
 }
 

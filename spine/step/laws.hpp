@@ -80,7 +80,7 @@ class Laws {
   void commit(law::Resident& candidate, law::Carry carry) LITHE_RT;
   void start_shadow(law::Resident& candidate) LITHE_RT;
   void step_shadow(Host& host) LITHE_RT;
-  void end_shadow(bool promoted, std::string_view why) LITHE_RT;
+  void end_shadow(Shadow::Opinion opinion, std::string_view why) LITHE_RT;
   wire::CommandResult params_set(const wire::Command& command, std::uint32_t count, std::string_view text) LITHE_RT;
 
   void tell_not_carried(const law::Resident& law, law::FieldBits fields) LITHE_RT;

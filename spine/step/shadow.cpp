@@ -37,9 +37,11 @@ Shadow::Opinion Shadow::compare(const Tick& in, const Effort& active, std::int64
     report_.most_nm[j] = std::max(report_.most_nm[j], apart_nm);
     report_.rms_nm[j] = std::sqrt(square_nm2_[j] / report_.ticks);
   }
-  const double tolerance_nm = law_->terms.shadow_tolerance_nm;
+  const law::Terms& terms = law_->terms;
+  const double tolerance_nm = terms.shadow_only ? 0 : terms.shadow_tolerance_nm;
   if (report_.faults != 0 || (tolerance_nm > 0 && largest_difference_nm() > tolerance_nm)) return Opinion::refuse;
-  return report_.ticks >= law_->terms.shadow_ticks ? Opinion::promote : Opinion::go_on;
+  if (report_.ticks < terms.shadow_ticks) return Opinion::go_on;
+  return terms.shadow_only ? Opinion::measured : Opinion::promote;
 }
 
 double Shadow::largest_difference_nm() const LITHE_RT {

@@ -22,7 +22,8 @@ class Shadow {
   // The candidate's output, to be compared.
   Effort effort;
 
-  enum class Opinion : std::uint8_t { go_on, promote, refuse };
+  // All but the last end it, and are then the code of its event.
+  enum class Opinion : std::uint8_t { refuse, promote, measured, go_on };
   // Compares one step of the candidate on `in`, which took `law_ns`, with the active law's output `active`.
   Opinion compare(const Tick& in, const Effort& active, std::int64_t law_ns) LITHE_RT;
   // The candidate failed: it is refused, also if it agreed so far.

@@ -139,6 +139,8 @@ void ControlStep::fill(const Input& in, wire::Telemetry& record) const LITHE_RT 
     record.torque_nm[j] = sample.torque_nm[j];
     record.setpoint_position_rad[j] = in_.setpoint_position_rad[j];
     record.setpoint_velocity_rad_s[j] = in_.setpoint_velocity_rad_s[j];
+    record.setpoint_acceleration_rad_s2[j] = in_.setpoint_acceleration_rad_s2[j];
+    record.law_torque_nm[j] = wanted_nm(laws_.effort(), in_, j);
     record.command_torque_nm[j] = guard_.expected_torque_nm(j);
     record.joint_status[j] = sample.status[j];
     record.joint_fault[j] = static_cast<std::uint32_t>(guard_.joint_fault(j));

@@ -63,6 +63,8 @@ void for_each_field(Telemetry& message, Visit&& visit) {
   visit("drive_voltage_v", message.drive_voltage_v);
   visit("drive_power_w", message.drive_power_w);
   visit("drive_temperature_degc", message.drive_temperature_degc);
+  visit("law_torque_nm", message.law_torque_nm);
+  visit("setpoint_acceleration_rad_s2", message.setpoint_acceleration_rad_s2);
 }
 
 template <class Visit>
@@ -116,7 +118,7 @@ void for_each_field(StageRequest& message, Visit&& visit) {
   visit("shadow_tolerance_nm", message.shadow_tolerance_nm);
   visit("probation_error_ratio", message.probation_error_ratio);
   visit("param_count", message.param_count);
-  visit("pad0", message.pad0);
+  visit("shadow_only", message.shadow_only);
   visit("param_index", message.param_index);
   visit("param_value", message.param_value);
 }

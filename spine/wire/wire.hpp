@@ -684,10 +684,12 @@ struct Telemetry {
   std::array<double, 32> drive_voltage_v{};  // [V] of the drive's supply; NaN = not reported by this drive
   std::array<double, 32> drive_power_w{};  // [W] from the drive into its motor; NaN = not reported by this drive
   std::array<double, 32> drive_temperature_degc{};  // [degC] of the drive's board; NaN = not reported by this drive
+  std::array<double, 32> law_torque_nm{};  // [N m] what the law wants, before the guard: with the drive's gains, and blended after a swap; 0 = no law runs
+  std::array<double, 32> setpoint_acceleration_rad_s2{};  // [rad/s^2] what the law tracks
 };
 static_assert(std::is_trivially_copyable_v<Telemetry>);
 static_assert(std::is_standard_layout_v<Telemetry>);
-static_assert(sizeof(Telemetry) == 3360);
+static_assert(sizeof(Telemetry) == 3872);
 static_assert(offsetof(Telemetry, tick) == 0);
 static_assert(offsetof(Telemetry, release_ns) == 8);
 static_assert(offsetof(Telemetry, sample_ns) == 16);
@@ -723,6 +725,8 @@ static_assert(offsetof(Telemetry, drive_current_a) == 2336);
 static_assert(offsetof(Telemetry, drive_voltage_v) == 2592);
 static_assert(offsetof(Telemetry, drive_power_w) == 2848);
 static_assert(offsetof(Telemetry, drive_temperature_degc) == 3104);
+static_assert(offsetof(Telemetry, law_torque_nm) == 3360);
+static_assert(offsetof(Telemetry, setpoint_acceleration_rad_s2) == 3616);
 
 // Something that happened once.
 struct Event {
@@ -806,7 +810,7 @@ struct StageRequest {
   double shadow_tolerance_nm = {};  // [N m] largest difference that is still agreement
   double probation_error_ratio = {};  // [1] roll back when the tracking error grows beyond this ratio; 0 = never
   std::uint32_t param_count = {};  // parameters that differ from the compiled ones, in force from the first tick on
-  std::array<std::uint8_t, 4> pad0{};
+  std::uint32_t shadow_only = {};  // 1: the shadow ends without a commit, whatever it wants; 0: it commits when it agrees
   std::array<std::uint32_t, 32> param_index{};  // which parameter
   std::array<double, 32> param_value{};  // [1] its value, in the parameter's own unit
 };
@@ -828,7 +832,7 @@ static_assert(offsetof(StageRequest, probation_ticks) == 372);
 static_assert(offsetof(StageRequest, shadow_tolerance_nm) == 376);
 static_assert(offsetof(StageRequest, probation_error_ratio) == 384);
 static_assert(offsetof(StageRequest, param_count) == 392);
-static_assert(offsetof(StageRequest, pad0) == 396);
+static_assert(offsetof(StageRequest, shadow_only) == 396);
 static_assert(offsetof(StageRequest, param_index) == 400);
 static_assert(offsetof(StageRequest, param_value) == 528);
 
@@ -1099,6 +1103,8 @@ constexpr WordRanges active_ranges<Telemetry>(std::size_t joints) {
   used.add(2592, 2592 + 8 * joints);
   used.add(2848, 2848 + 8 * joints);
   used.add(3104, 3104 + 8 * joints);
+  used.add(3360, 3360 + 8 * joints);
+  used.add(3616, 3616 + 8 * joints);
   return used;
 }
 
@@ -1130,31 +1136,31 @@ namespace spine_segment {
 inline constexpr std::size_t kRobotInfoOffset = 128;  // channel RobotInfo
 inline constexpr std::size_t kTelemetryOffset = 20736;  // ring Telemetry
 inline constexpr std::size_t kTelemetryDepth = 4096;
-inline constexpr std::size_t kEventsTickOffset = 13914496;  // ring Event
+inline constexpr std::size_t kEventsTickOffset = 16011648;  // ring Event
 inline constexpr std::size_t kEventsTickDepth = 256;
-inline constexpr std::size_t kEventsLoaderOffset = 13963776;  // ring Event
+inline constexpr std::size_t kEventsLoaderOffset = 16060928;  // ring Event
 inline constexpr std::size_t kEventsLoaderDepth = 256;
-inline constexpr std::size_t kParamsOffset = 14013056;  // channel Params
-inline constexpr std::size_t kLawInfoOffset = 14014720;  // channel LawInfo
+inline constexpr std::size_t kParamsOffset = 16110208;  // channel Params
+inline constexpr std::size_t kLawInfoOffset = 16111872;  // channel LawInfo
 inline constexpr std::size_t kLawInfoStride = 14464;
-inline constexpr std::size_t kLawFaultsOffset = 14130432;  // ring LawFault
+inline constexpr std::size_t kLawFaultsOffset = 16227584;  // ring LawFault
 inline constexpr std::size_t kLawFaultsDepth = 64;
-inline constexpr std::size_t kShadowOffset = 14138752;  // channel ShadowReport
-inline constexpr std::size_t kLawStateOffset = 14141440;  // channel LawState
-inline constexpr std::size_t kReleaseJitterOffset = 14158464;  // plain Histogram
-inline constexpr std::size_t kHandoffOffset = 14166400;  // plain Histogram
-inline constexpr std::size_t kLawOffset = 14174336;  // plain Histogram
-inline constexpr std::size_t kGuardOffset = 14182272;  // plain Histogram
-inline constexpr std::size_t kTickOffset = 14190208;  // plain Histogram
-inline constexpr std::size_t kBusOffset = 14198144;  // plain Histogram
-inline constexpr std::size_t kControlAckOffset = 14206080;  // ack Command
+inline constexpr std::size_t kShadowOffset = 16235904;  // channel ShadowReport
+inline constexpr std::size_t kLawStateOffset = 16238592;  // channel LawState
+inline constexpr std::size_t kReleaseJitterOffset = 16255616;  // plain Histogram
+inline constexpr std::size_t kHandoffOffset = 16263552;  // plain Histogram
+inline constexpr std::size_t kLawOffset = 16271488;  // plain Histogram
+inline constexpr std::size_t kGuardOffset = 16279424;  // plain Histogram
+inline constexpr std::size_t kTickOffset = 16287360;  // plain Histogram
+inline constexpr std::size_t kBusOffset = 16295296;  // plain Histogram
+inline constexpr std::size_t kControlAckOffset = 16303232;  // ack Command
 inline constexpr std::size_t kControlAckDepth = 16;
-inline constexpr std::size_t kBrainAckOffset = 14206336;  // ack Command
+inline constexpr std::size_t kBrainAckOffset = 16303488;  // ack Command
 inline constexpr std::size_t kBrainAckDepth = 16;
-inline constexpr std::size_t kStageAckOffset = 14206592;  // ack StageRequest
+inline constexpr std::size_t kStageAckOffset = 16303744;  // ack StageRequest
 inline constexpr std::size_t kStageAckDepth = 4;
-inline constexpr std::size_t kHealthOffset = 14206848;  // plain Health
-inline constexpr std::size_t kBytes = 14206976;  // the schema text follows
+inline constexpr std::size_t kHealthOffset = 16304000;  // plain Health
+inline constexpr std::size_t kBytes = 16304128;  // the schema text follows
 }
 
 // Segment `control`, written by the supervisor: byte offsets of its items.
@@ -1176,7 +1182,7 @@ inline constexpr std::size_t kEstopOffset = 41344;  // word
 inline constexpr std::size_t kBytes = 41472;  // the schema text follows
 }
 
-inline constexpr std::uint64_t kLayoutHash = 0x9217365ef91f1f66;
+inline constexpr std::uint64_t kLayoutHash = 0xd109cb33a8cdf57e;
 // What the hash covers; every segment carries it, so that two builds can tell where they differ.
 inline constexpr std::string_view kCanonicalSchema =
     "abi:1\n"
@@ -1228,6 +1234,8 @@ inline constexpr std::string_view kCanonicalSchema =
     "Telemetry.drive_voltage_v:float64[32]:2592:256:V\n"
     "Telemetry.drive_power_w:float64[32]:2848:256:W\n"
     "Telemetry.drive_temperature_degc:float64[32]:3104:256:degC\n"
+    "Telemetry.law_torque_nm:float64[32]:3360:256:N m\n"
+    "Telemetry.setpoint_acceleration_rad_s2:float64[32]:3616:256:rad/s^2\n"
     "Event.t_ns:int64[1]:0:8:ns\n"
     "Event.tick:uint64[1]:8:8:-\n"
     "Event.request_id:uint64[1]:16:8:-\n"
@@ -1265,7 +1273,7 @@ inline constexpr std::string_view kCanonicalSchema =
     "StageRequest.shadow_tolerance_nm:float64[1]:376:8:N m\n"
     "StageRequest.probation_error_ratio:float64[1]:384:8:1\n"
     "StageRequest.param_count:uint32[1]:392:4:-\n"
-    "StageRequest.pad0:uint8[4]:396:4:-\n"
+    "StageRequest.shadow_only:uint32[1]:396:4:-\n"
     "StageRequest.param_index:uint32[32]:400:128:-\n"
     "StageRequest.param_value:float64[32]:528:256:1\n"
     "LawFault.tick:uint64[1]:0:8:-\n"
@@ -1354,23 +1362,23 @@ inline constexpr std::string_view kCanonicalSchema =
     "Health.stage_violations:uint64[1]:24:8:-\n"
     "spine/robot_info:channel:RobotInfo:0x1:128\n"
     "spine/telemetry:ring:Telemetry:4096x1:20736\n"
-    "spine/events_tick:ring:Event:256x1:13914496\n"
-    "spine/events_loader:ring:Event:256x1:13963776\n"
-    "spine/params:channel:Params:0x1:14013056\n"
-    "spine/law_info:channel:LawInfo:0x8:14014720\n"
-    "spine/law_faults:ring:LawFault:64x1:14130432\n"
-    "spine/shadow:channel:ShadowReport:0x1:14138752\n"
-    "spine/law_state:channel:LawState:0x1:14141440\n"
-    "spine/release_jitter:plain:Histogram:0x1:14158464\n"
-    "spine/handoff:plain:Histogram:0x1:14166400\n"
-    "spine/law:plain:Histogram:0x1:14174336\n"
-    "spine/guard:plain:Histogram:0x1:14182272\n"
-    "spine/tick:plain:Histogram:0x1:14190208\n"
-    "spine/bus:plain:Histogram:0x1:14198144\n"
-    "spine/control_ack:ack:Command:16x1:14206080\n"
-    "spine/brain_ack:ack:Command:16x1:14206336\n"
-    "spine/stage_ack:ack:StageRequest:4x1:14206592\n"
-    "spine/health:plain:Health:0x1:14206848\n"
+    "spine/events_tick:ring:Event:256x1:16011648\n"
+    "spine/events_loader:ring:Event:256x1:16060928\n"
+    "spine/params:channel:Params:0x1:16110208\n"
+    "spine/law_info:channel:LawInfo:0x8:16111872\n"
+    "spine/law_faults:ring:LawFault:64x1:16227584\n"
+    "spine/shadow:channel:ShadowReport:0x1:16235904\n"
+    "spine/law_state:channel:LawState:0x1:16238592\n"
+    "spine/release_jitter:plain:Histogram:0x1:16255616\n"
+    "spine/handoff:plain:Histogram:0x1:16263552\n"
+    "spine/law:plain:Histogram:0x1:16271488\n"
+    "spine/guard:plain:Histogram:0x1:16279424\n"
+    "spine/tick:plain:Histogram:0x1:16287360\n"
+    "spine/bus:plain:Histogram:0x1:16295296\n"
+    "spine/control_ack:ack:Command:16x1:16303232\n"
+    "spine/brain_ack:ack:Command:16x1:16303488\n"
+    "spine/stage_ack:ack:StageRequest:4x1:16303744\n"
+    "spine/health:plain:Health:0x1:16304000\n"
     "control/commands:mailbox:Command:16x1:128\n"
     "control/stage:mailbox:StageRequest:4x1:7424\n"
     "control/estop:word:-:0x1:10880\n"

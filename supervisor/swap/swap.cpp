@@ -126,6 +126,10 @@ Sequence Swaps::swap_law(Transaction& swap) {
     if (heard_.refusal) co_return refuse(swap, *heard_.refusal);
     if (why_not && !find_commit(now_ns())) co_return give_up(swap, *why_not);
     mark_heard(swap);
+    if (heard_.measured) {  // it was not to be promoted: the running law goes on
+      swap.mark(Stage::measured, text_of(heard_.measured->text), heard_.measured->t_ns);
+      co_return;
+    }
   }
 
   // -> committed: one tick has taken it. Its probation confirms it or takes it back (law_lifecycle.hpp).

@@ -94,6 +94,7 @@ void Swaps::shadow_ended(const wire::Event& event) {
   wire::ShadowReport report{};
   ipc::ChannelReader<wire::ShadowReport> reader(help_.spine.memory().shadow);
   if (reader.read(report) && report.request_id == event.request_id) head_->swap.note("shadow", shadow_json(report));
+  if (event.code == 2) heard_.measured = event;
   if (event.code == 0) {
     heard_.refusal =
         Refusal{"shadow_failed",

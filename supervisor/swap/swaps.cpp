@@ -226,6 +226,12 @@ void Swaps::finish(Entry entry) {
     late_.hold(swap.request_id(), certificate);
     certificate["record_lost"] = entry.record_lost;
   }
+  if (swap.stage() == Stage::measured) {
+    note(swap, "swap_measured", fmt::format("{}: compared with the running law, not promoted", swap.request().name));
+    tried_laws_.forget(swap.request_id());
+    entry.callback(certificate);
+    return;
+  }
   if (!swap.refusal()) {
     lifecycle_.follow(std::move(swap), entry.record, before_, monotonic_ns());
     entry.callback(certificate);

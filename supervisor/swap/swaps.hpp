@@ -87,12 +87,13 @@ class Swaps {
     std::uint64_t ticket = 0;  // of the stage request
     std::int64_t staged_ns = 0, shadow_ns = 0;
     std::optional<wire::Event> commit;
-    bool shown = false;  // by telemetry, so that the client's next `status` shows the law too
+    std::optional<wire::Event> measured;  // the end of a shadow that was not to be promoted
+    bool shown = false;                   // by telemetry, so that the client's next `status` shows the law too
     std::optional<Refusal> refusal;
     std::int64_t refused_ns = 0;  // the Loader refused; its event with the reason may still come
 
     Stage stage() const {
-      return shown                                  ? Stage::committed
+      return shown || measured.has_value()          ? Stage::committed
              : commit.has_value() || shadow_ns != 0 ? Stage::shadow
              : staged_ns != 0                       ? Stage::staged
                                                     : Stage::tried;

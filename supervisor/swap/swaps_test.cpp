@@ -290,6 +290,21 @@ TEST_F(SwapsTest, AShadowThatAgreedIsCommittedAndOneThatDidNotIsRefused) {
   EXPECT_NE(refusal(1).message.find("they differ (largest difference 0.7 N m"), std::string::npos);
 }
 
+TEST_F(SwapsTest, AShadowThatIsOnlyMeasuredEndsTheSwapAndTheRunningLawGoesOn) {
+  publish(10, 3);
+  ask(Json::object(), 1);
+  tell(EventKind::law_staged, 7, 0);
+  tell(EventKind::shadow_started, 7, 20);
+  tell(EventKind::shadow_ended, 2, 30, 0.7, "compared");
+  ASSERT_EQ(answers_.size(), 1U);
+  EXPECT_EQ(std::get<Json>(answers_[0])["verdict"], "measured");
+  EXPECT_EQ(certificate()["verdict"], "measured");
+  answers_.clear();
+  ask();
+  commits(8, 50);
+  EXPECT_EQ(certificate("0002.json")["verdict"], "committed") << "and the next one comes as ever";
+}
+
 TEST_F(SwapsTest, ANewerRequestTakesThePlaceOfOneThatStillWaits) {
   SwapRequest request{"mine.cpp", kRestLaw};
   request.client = 5;

@@ -232,6 +232,10 @@ def test_a_shadow_that_agrees_is_promoted_and_one_that_does_not_is_refused(arm: 
     told = certificate(arm, error["detail"]["swap"]["request_id"])
     assert told["shadow"]["most_nm"][0] == pytest.approx(0.05, abs=0.02)
     assert told["refused_after"] == "shadow"
+    before = arm.ask("status")["law_id"]
+    done = arm.ask("swap", leans, "--shadow", "300ms", "--tolerance", "0.01", "--no-promote")
+    assert done["verdict"] == "measured" and done["shadow"]["most_nm"][0] == pytest.approx(0.05, abs=0.02)
+    assert arm.ask("status")["law_id"] == before
     assert law(arm) == "pd"
 
 

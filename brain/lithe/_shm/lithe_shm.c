@@ -10,7 +10,7 @@
 
 #define LITHE_LINE 128
 #define LITHE_RECORD_ALIGN 64
-#define LITHE_LAYOUT_HASH UINT64_C(0x9217365ef91f1f66)
+#define LITHE_LAYOUT_HASH UINT64_C(0xd109cb33a8cdf57e)
 
 typedef _Atomic uint64_t Word;
 

@@ -46,6 +46,23 @@ TEST_F(LawsTest, AShadowThatDisagreesOrFailsNeverMovesAnything) {
   }
 }
 
+TEST_F(LawsTest, AShadowThatIsOnlyMeasuredIsComparedToItsEndWhateverItWants) {
+  arm_with(kPd);
+  terms_.shadow_ticks = 20;
+  terms_.shadow_tolerance_nm = 0.1;  // it differs by 0.3
+  terms_.shadow_only = true;
+  law::Resident& candidate = stage(kLifted);
+  ticks(40);
+  EXPECT_EQ(slot_.active()->law_id, 1u);
+  EXPECT_EQ(shadow_report().ticks, 20u);
+  EXPECT_NEAR(shadow_report().most_nm[0], 0.3, 1e-9);
+  const auto ended = events(EventKind::shadow_ended);
+  ASSERT_EQ(ended.size(), 1u);
+  EXPECT_EQ(ended[0].code, 2u);
+  EXPECT_EQ(slot_.collect_retired(), &candidate);
+  EXPECT_EQ(events(EventKind::law_committed).size(), 1u);
+}
+
 TEST_F(LawsTest, AShadowEndsWhenNothingRunsBesideIt) {
   arm_with(kPd);
   terms_.shadow_ticks = 100;

@@ -62,6 +62,26 @@ TEST_F(TickTest, AnArmedLawTracksThePlan) {
   EXPECT_NEAR(record_.position_rad[0], 0.5, 0.05);
 }
 
+TEST_F(TickTest, WhatTheLawWantsAndWhatItTracksArePublished) {
+  arm_with(kPd);
+  publish(0.5);
+  double velocity_rad_s = 0, difference_nm = 0;
+  while (record_.setpoint_velocity_rad_s[0] < 0.1) tick();
+  const double from_rad_s = record_.setpoint_velocity_rad_s[0];
+  for (int i = 0; i < 100; ++i) {
+    tick();
+    velocity_rad_s += record_.setpoint_acceleration_rad_s2[0] * 1e-3;
+    difference_nm = std::max(difference_nm, std::abs(record_.law_torque_nm[0] - record_.command_torque_nm[0]));
+  }
+  EXPECT_GT(velocity_rad_s, 0.1);
+  EXPECT_NEAR(velocity_rad_s, record_.setpoint_velocity_rad_s[0] - from_rad_s, 0.03 * velocity_rad_s);
+  EXPECT_LT(difference_nm, 1e-9) << "the guard takes nothing from a law that stays inside";
+  stage(kPush);
+  ticks(3);
+  EXPECT_EQ(record_.law_torque_nm[0], -1000.0);
+  EXPECT_LE(std::abs(record_.command_torque_nm[0]), 0.6);
+}
+
 TEST_F(TickTest, WhatDrivesTellOfThemselvesIsPublished) {
   arm_with(kPd);
   ticks(100);

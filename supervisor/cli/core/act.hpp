@@ -61,9 +61,9 @@ int estop(const Context& context);
 int recover(const Context& context);
 int rollback(const Context& context, int steps);
 int law_activate(const Context& context, const std::string& law);
-// `terms`: arguments of the verb swap that are numbers (docs/reference/verbs.md).
+// `terms`: arguments of the verb swap that are numbers (docs/reference/verbs.md). `no_promote`: its shadow is measured.
 int swap_law(const Context& context, const std::string& law, const std::vector<std::string>& params,
-             const std::map<std::string, double>& terms);
+             const std::map<std::string, double>& terms, bool no_promote);
 int law_check(const Context& context, const std::string& law);
 int law_list(const Context& context);
 // Certificates; `folder`: where, or empty: those of the robot the context means, running or not.

@@ -82,7 +82,16 @@ Answer check_alone(const Source& source) {
   return *answer;
 }
 
+void print_measured(const Json& c) {
+  const Json shadow = c.value("shadow", Json::object());
+  fmt::print(
+      "law {} compared with the running one in {} ticks, and not promoted: its torque differs by at most {} N m "
+      "(rms {}), joint by joint\n",
+      word(c, "law"), shadow.value("ticks", 0), listed(shadow["most_nm"]), listed(shadow["rms_nm"]));
+}
+
 void print_swap(const Json& c) {
+  if (word(c, "verdict") == "measured") return print_measured(c);
   fmt::print(
       "law {} committed at tick {}: compiled in {:.0f} ms{}, loaded in {:.1f} ms, {:.0f} ms from request to commit, "
       "{} releases missed\n",
@@ -128,12 +137,13 @@ int law_activate(const Context& context, const std::string& law) {
 }
 
 int swap_law(const Context& context, const std::string& law, const std::vector<std::string>& params,
-             const std::map<std::string, double>& terms) {
+             const std::map<std::string, double>& terms, bool no_promote) {
   const Source file = read_law(law);
   Json args = {{"name", file.name},
                {"source", file.text},
                {"params", param_values(params, "lithe swap LAW.cpp --param kp=2.5")}};
   for (const auto& [name, value] : terms) args[name] = value;
+  if (no_promote) args["promote"] = false;
   return finish(context, ask(context, "swap", args, kCompileMs), print_swap);
 }
 

@@ -148,8 +148,10 @@ void add_terms(CLI::App& swap, std::map<std::string, double>& terms) {
 
 void add_swap(CLI::App& app, Words& words) {
   CLI::App* swap = add_verb(app, words, kLaws, "swap", "replace the running law",
-                            [](Words& w) { return swap_law(w.context, w.law, w.params, w.terms); });
+                            [](Words& w) { return swap_law(w.context, w.law, w.params, w.terms, w.no_promote); });
   add_terms(*swap, words.terms);
+  swap->add_flag("--no-promote", words.no_promote, "only compare it with the running law, for the time of --shadow")
+      ->needs("--shadow");
   swap->add_option("LAW", words.law, "C++ file, or the name of a law that comes with LITHE")->required();
   swap->add_option("--param", words.params, "NAME=VALUE, tried with the law, in force on its first tick")
       ->type_name("NAME=VALUE");

@@ -22,6 +22,8 @@ bool may_follow(Stage from, Stage to) {
       return from < Stage::committed;
     case Stage::committed:
       return from == Stage::staged || from == Stage::shadow;
+    case Stage::measured:
+      return from == Stage::shadow;
     case Stage::confirmed:
       return from == Stage::committed || from == Stage::unproven;
     case Stage::rolled_back:
@@ -55,6 +57,8 @@ constexpr Argument kArguments[] = {
     {"box_ms", &Terms::box_ms, 20.0, 5000.0, false, "processor time of the trial"},
 };
 
+constexpr const char* kPromote = "promote";
+
 std::uint32_t ticks(double seconds, double rate_hz) {
   return seconds > 0 ? static_cast<std::uint32_t>(std::max(1.0, std::round(seconds * rate_hz))) : 0;
 }
@@ -64,6 +68,7 @@ std::uint32_t ticks(double seconds, double rate_hz) {
 Json Terms::to_json() const {
   Json out = Json::object();
   for (const Argument& each : kArguments) out[each.name] = this->*each.field;
+  out["promote"] = promote;
   return out;
 }
 
@@ -80,8 +85,8 @@ Terms terms_of(const robot::RobotConfig& robot, double rate_hz) {
 }
 
 bool is_term(const std::string& argument) {
-  return std::any_of(std::begin(kArguments), std::end(kArguments),
-                     [&](const Argument& each) { return argument == each.name; });
+  return argument == kPromote || std::any_of(std::begin(kArguments), std::end(kArguments),
+                                             [&](const Argument& each) { return argument == each.name; });
 }
 
 std::variant<Terms, Refusal> read_terms(const Json& args, const Terms& robot, double rate_hz) {
@@ -100,11 +105,22 @@ std::variant<Terms, Refusal> read_terms(const Json& args, const Terms& robot, do
     }
     terms.*each.field = value;
   }
+  const Json promote = args.value(kPromote, Json());
+  if (!promote.is_null() && !promote.is_boolean()) {
+    return Refusal{"usage", fmt::format("promote = {} is not true or false", promote.dump()),
+                   "the running law is unchanged; false: the law is only compared with the running one, for shadow_s"};
+  }
+  terms.promote = promote != false;
+  if (!terms.promote && terms.shadow_s == 0) {
+    return Refusal{"usage", "promote = false compares the law with the running one, and shadow_s says for how long",
+                   "the running law is unchanged; give shadow_s, such as 2"};
+  }
   return terms;
 }
 
 void put_terms(const Terms& terms, double rate_hz, wire::StageRequest& request) {
   request.budget_ns = terms.budget_ns();
+  request.shadow_only = terms.promote ? 0 : 1;
   request.shadow_ticks = ticks(terms.shadow_s, rate_hz);
   request.blend_ticks = ticks(terms.blend_s, rate_hz);
   request.probation_ticks = ticks(terms.probation_s, rate_hz);
@@ -115,7 +131,7 @@ void put_terms(const Terms& terms, double rate_hz, wire::StageRequest& request) 
 const char* to_string(Stage stage) {
   static constexpr const char* kWords[] = {"submitted",   "compiled", "admitted",  "placed",   "tried",
                                            "staged",      "shadow",   "committed", "unproven", "confirmed",
-                                           "rolled_back", "retired",  "refused"};
+                                           "rolled_back", "retired",  "refused",   "measured"};
   return kWords[static_cast<std::size_t>(stage)];
 }
 
@@ -193,7 +209,7 @@ std::int64_t Transaction::time_of(Stage stage) const {
 
 const char* Transaction::verdict() const {
   if (refusal_) return outcome_is_known() ? "refused" : "not_confirmed";
-  for (const Stage each : {Stage::rolled_back, Stage::confirmed, Stage::unproven, Stage::committed}) {
+  for (const Stage each : {Stage::measured, Stage::rolled_back, Stage::confirmed, Stage::unproven, Stage::committed}) {
     if (reached(each)) return to_string(each);
   }
   return to_string(Stage::submitted);

@@ -23,6 +23,7 @@ struct Terms {
   double shadow_tolerance_nm = 0.0;  // largest accepted difference of a torque
   double budget_us = 0.0;            // of one step
   double box_ms = 150.0;             // processor time of the trial
+  bool promote = true;               // false: its shadow is measured, and it never commits
 
   std::uint32_t budget_ns() const { return static_cast<std::uint32_t>(budget_us * 1e3); }
   Json to_json() const;
@@ -32,7 +33,7 @@ struct Terms {
 Terms terms_of(const robot::RobotConfig& robot, double rate_hz);
 
 // The arguments of a request that are terms: blend_s probation_s error_ratio shadow_s shadow_tolerance_nm budget_us
-// box_ms. Others are ignored. A Refusal names the argument, its range and what it is for.
+// box_ms promote. Others are ignored. A Refusal names the argument, its range and what it is for.
 std::variant<Terms, Refusal> read_terms(const Json& args, const Terms& robot, double rate_hz);
 bool is_term(const std::string& argument);
 
@@ -42,6 +43,7 @@ void put_terms(const Terms& terms, double rate_hz, wire::StageRequest& request);
 //   submitted -> compiled -> admitted -> placed -> tried -> staged -> (shadow) -> committed
 //   committed -> (unproven) -> confirmed or rolled_back -> retired
 //   any stage before committed -> refused
+//   shadow -> measured: with promote = false it ends so, and the running law goes on
 // unproven: the duration of the probation is over, but the robot has not moved enough to judge the law.
 enum class Stage {
   submitted,
@@ -56,7 +58,8 @@ enum class Stage {
   confirmed,
   rolled_back,
   retired,
-  refused
+  refused,
+  measured
 };
 
 const char* to_string(Stage stage);
@@ -125,7 +128,7 @@ class Transaction {
   bool outcome_is_known() const;
   std::int64_t stage_since_ns() const { return stage_since_ns_; }
 
-  // submitted, refused, not_confirmed, committed, unproven, confirmed or rolled_back: the last three are about the law
+  // submitted, refused, not_confirmed, measured, committed, unproven, confirmed or rolled_back: the last three are about the law
   // after its commit.
   const char* verdict() const;
   // The certificate: request, times and findings of every stage. Times are CLOCK_MONOTONIC [ns].

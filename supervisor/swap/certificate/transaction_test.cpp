@@ -15,7 +15,7 @@ constexpr Stage kWay[] = {Stage::submitted, Stage::compiled,  Stage::admitted,  
                           Stage::unproven,  Stage::confirmed, Stage::rolled_back, Stage::retired};
 constexpr Stage kAll[] = {Stage::submitted,   Stage::compiled, Stage::admitted,  Stage::placed,   Stage::tried,
                           Stage::staged,      Stage::shadow,   Stage::committed, Stage::unproven, Stage::confirmed,
-                          Stage::rolled_back, Stage::retired,  Stage::refused};
+                          Stage::rolled_back, Stage::retired,  Stage::refused,   Stage::measured};
 
 bool go(Transaction& swap, Stage stage, std::int64_t now_ns) {
   switch (stage) {
@@ -91,17 +91,32 @@ TEST(Transaction, IsUnprovenUntilItIsConfirmed) {
   EXPECT_STREQ(swap.verdict(), "confirmed");
 }
 
+TEST(Transaction, OneThatIsOnlyMeasuredIsNeitherRefusedNorCommitted) {
+  Transaction swap = at(Stage::shadow);
+  EXPECT_TRUE(swap.mark(Stage::measured, "as long as asked", 99'000'000));
+  EXPECT_TRUE(swap.finished() && !swap.refusal());
+  const Json record = swap.certificate();
+  EXPECT_EQ(record["verdict"], "measured");
+  EXPECT_FALSE(record.contains("commit_tick") || record.contains("error"));
+}
+
+TEST(Terms, PromoteIsTrueOrFalseAndFalseSaysForHowLong) {
+  const auto read = [](const Json& args) { return read_terms(args, {}, 1000); };
+  EXPECT_TRUE(std::get<Terms>(read({{"shadow_s", 2}})).promote);
+  EXPECT_FALSE(std::get<Terms>(read({{"shadow_s", 2}, {"promote", false}})).promote);
+  EXPECT_EQ(std::get<Refusal>(read({{"promote", false}})).code, "usage");
+  EXPECT_EQ(std::get<Refusal>(read({{"shadow_s", 2}, {"promote", 0}})).code, "usage");
+}
+
 TEST(Transaction, EveryStageFollowsOnlyWhatItMay) {
   const std::pair<Stage, Stage> allowed[] = {
-      {Stage::submitted, Stage::compiled},   {Stage::compiled, Stage::admitted},
-      {Stage::admitted, Stage::placed},      {Stage::placed, Stage::tried},
-      {Stage::tried, Stage::staged},         {Stage::staged, Stage::shadow},
-      {Stage::staged, Stage::committed},     {Stage::shadow, Stage::committed},
-      {Stage::committed, Stage::confirmed},  {Stage::committed, Stage::rolled_back},
-      {Stage::committed, Stage::unproven},   {Stage::unproven, Stage::confirmed},
-      {Stage::unproven, Stage::rolled_back}, {Stage::unproven, Stage::retired},
-      {Stage::committed, Stage::retired},    {Stage::confirmed, Stage::rolled_back},
-      {Stage::confirmed, Stage::retired},    {Stage::rolled_back, Stage::retired}};
+      {Stage::submitted, Stage::compiled},  {Stage::compiled, Stage::admitted},     {Stage::admitted, Stage::placed},
+      {Stage::placed, Stage::tried},        {Stage::tried, Stage::staged},          {Stage::staged, Stage::shadow},
+      {Stage::staged, Stage::committed},    {Stage::shadow, Stage::committed},      {Stage::shadow, Stage::measured},
+      {Stage::committed, Stage::confirmed}, {Stage::committed, Stage::rolled_back}, {Stage::committed, Stage::unproven},
+      {Stage::unproven, Stage::confirmed},  {Stage::unproven, Stage::rolled_back},  {Stage::unproven, Stage::retired},
+      {Stage::committed, Stage::retired},   {Stage::confirmed, Stage::rolled_back}, {Stage::confirmed, Stage::retired},
+      {Stage::rolled_back, Stage::retired}};
   for (const Stage from : kWay) {
     for (const Stage to : kAll) {
       Transaction swap = at(from);
