@@ -110,7 +110,7 @@ RIGHT: dict[str, Any] = {
     "kernel": {"machine": "aarch64", "cores": 4},
     "tests": {"failures": [], "tests": {"ipc_tests": {"passed": 5, "failed": 0, "skipped": 1}}},
     "refused": {
-        "laws": {"x": {"refused": "trial_failed", "wanted": "trial_failed"}},
+        "laws": {"x": {"refused": "trial_failed", "wanted": ["trial_failed"]}},
         "same_spine": True,
         "mode": "active",
     },
@@ -152,7 +152,7 @@ def test_a_system_on_which_all_works_passes() -> None:
         {"stop": {"code": 3}},
         {"kernel": {"machine": "x86_64", "cores": 4}},
         {"tests": {"failures": ["Ring.Holds"], "tests": {}}},
-        {"refused": RIGHT["refused"] | {"laws": {"x": {"refused": "committed", "wanted": "trial_failed"}}}},
+        {"refused": RIGHT["refused"] | {"laws": {"x": {"refused": "committed", "wanted": ["trial_failed"]}}}},
         {"contained": RIGHT["contained"] | {"laws": {}}},
         {"contained": RIGHT["contained"] | {"mode": "safe_stop"}},
         {"demo": {"verdict": None, "stopped": None, "swaps": None}},

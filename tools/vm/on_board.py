@@ -25,7 +25,8 @@ ATTEMPTS, STARVED = 4, "s of the processor in"
 # Laws are compiled for half a minute each on a busy computer: no further one is begun after this time.
 HOSTILE_S = 150.0
 PROBATION = {"tracking_lost", "guard_busy", "guard_stopped", "chattering", "oscillating"}
-STAGES = {"compile": "compile_failed", "admission": "admission_failed", "trial": "trial_failed"}
+# A trial begins with the dry run.
+STAGES = {"compile": ["compile_failed"], "admission": ["admission_failed"], "trial": ["trial_failed", "dry_run_failed"]}
 REFUSED = ("half_a_file", "asm_syscall", "pointer_in_state", "nan_always", "loops_for_ever")
 CONTAINED = (
     "crashes_delayed", "hangs_delayed", "nan_delayed", "overwrites_the_program_delayed", "reads_kernel_delayed",
