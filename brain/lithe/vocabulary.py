@@ -109,9 +109,9 @@ VERBS = (
     Verb("latest", "The newest telemetry record.", args=(("fields", _FIELDS),)),
     Verb(
         "history",
-        "Columns of telemetry, at most the last 4096 ticks.",
+        "Columns of telemetry: every tick of the last 4096, and before them every 20th of the last 60 s (`thinned`).",
         args=(
-            ("seconds", _number("how far back", exclusiveMinimum=0)),
+            ("seconds", _number("how far back, at most 60", exclusiveMinimum=0)),
             ("since_tick", _integer("only ticks after this one", minimum=0)),
             ("every", _integer("every n-th tick only", minimum=1)),
             ("fields", _FIELDS),
@@ -153,6 +153,10 @@ VERBS = (
             ("promote", {"type": "boolean", "description": "false: it is only compared, for shadow_s, and never runs"}),
             ("budget_us", _number("longest step", exclusiveMinimum=0)),
             ("box_ms", _number("time of the trial", exclusiveMinimum=0)),
+            (
+                "brief",
+                {"type": "boolean", "description": "true: less than 1 kB; the certificate is the document it names"},
+            ),
         ),
         required=("source",),
     ),

@@ -15,8 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import lithe
+import numpy as np
 import pytest
 from lithe.gateway import Gateway, encode
+from lithe.gateway.brief import brief
 from lithe.gateway.client import MOST_REQUEST_BYTES
 from lithe.gateway.parts import parts_of
 from lithe.gateway.token import write_token
@@ -236,6 +238,20 @@ def test_history_goes_on_where_the_last_answer_ended(remote: Remote) -> None:
     assert thin["tick"][1] - thin["tick"][0] == 10
 
 
+def test_history_goes_on_further_back_with_fewer_ticks(remote: Remote) -> None:
+    until = time.monotonic() + 60
+    while "thinned" not in (past := remote.call("history", seconds=60, fields=["tick"])) and time.monotonic() < until:
+        time.sleep(0.5)  # the Spine keeps 4096 ticks
+    ticks, thinned = np.array(past["tick"]), past["thinned"]
+    older = ticks[ticks < thinned["before_tick"]]
+    assert thinned["every"] == 20 and len(older) >= 1
+    assert (older % 20 == 0).all() and (np.diff(older) == 20).all()
+    assert (np.diff(ticks[len(older) :]) == 1).all() and ticks[len(older)] == thinned["before_tick"]
+    few = np.array(remote.call("history", seconds=60, every=40, fields=["tick"])["tick"])
+    assert (np.diff(few)[:-1] == 40).sum() > len(few) - 4
+    assert "thinned" not in remote.call("history", seconds=1, fields=["tick"])
+
+
 def test_an_agent_publishes_swaps_and_tunes(remote: Remote) -> None:
     assert remote.call("swap", source=(ROOT / "laws/pd.cpp").read_text(), name="pd.cpp")["law"] == "pd"
     remote.call("set_params", values={"kp_nm_rad": 2.5})
@@ -274,6 +290,33 @@ def test_a_compile_error_reaches_the_agent_with_its_line(remote: Remote) -> None
     with pytest.raises(lithe.Refused) as caught:
         remote.call("swap", source="#include <lithe/law.hpp>\nint broken(\n", name="broken.cpp")
     assert "broken.cpp" in str(caught.value.detail)
+
+
+def test_a_brief_answer_names_the_document_with_the_certificate(remote: Remote) -> None:
+    source = (ROOT / "laws/pd.cpp").read_text()
+    answer = remote.call("swap", source=source, name="pd.cpp", brief=True)
+    assert len(json.dumps(answer)) < 1000 and (answer["verdict"], answer["law"]) == ("committed", "pd")
+    told = json.loads(remote.call("document", name=answer["certificate"])["text"])
+    assert told["commit_tick"] == answer["commit_tick"] and told["trial"]["ok"] is True
+    compared = remote.call("swap", source=source, name="pd.cpp", brief=True, shadow_s=0.1, promote=False)
+    assert compared["verdict"] == "measured" and compared["shadow_most_nm"] == [pytest.approx(0, abs=1e-6)]
+    with pytest.raises(lithe.Refused) as caught:
+        remote.call("swap", source="#include <lithe/law.hpp>\nint broken(\n", name="broken.cpp", brief=True)
+    assert len(json.dumps(caught.value.detail)) < 1000
+    refused = json.loads(remote.call("document", name=caught.value.detail["certificate"])["text"])
+    assert refused["error"]["code"] == "compile_failed"
+    for name in ("swaps/9999", "swaps/../../arm"):
+        with pytest.raises(lithe.Refused) as caught:
+            remote.call("document", name=name)
+        assert caught.value.code == "unknown_document"
+
+
+def test_a_brief_answer_is_brief_however_many_joints_there_are() -> None:
+    names = [f"joint_with_a_long_name_{number}" for number in range(32)]
+    long = {"certificate": "0007.json", "verdict": "committed", "law": "pd", "trial": {"warnings": ["w" * 300] * 9}}
+    long["control"] = {"joints": [{"joint": name, "predicted_rms_error_rad": 1 / 3} for name in names]}
+    short = brief(long)
+    assert len(json.dumps(short)) < 1000 and short["certificate"] == "swaps/0007" and "warning_1" in short
 
 
 def test_many_agents_at_once_are_all_served(gateway: Gateway) -> None:

@@ -222,6 +222,7 @@ void Swaps::finish(Entry entry) {
   Transaction& swap = entry.swap;
   keep_record(entry);
   Json certificate = swap.certificate();
+  if (!entry.record.path.empty()) certificate["certificate"] = entry.record.path.filename().string();
   if (!entry.record_lost.empty()) {
     late_.hold(swap.request_id(), certificate);
     certificate["record_lost"] = entry.record_lost;

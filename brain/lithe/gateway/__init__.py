@@ -6,7 +6,7 @@ JSON lines. The first line is {"token": "..."}; then requests {"id", "verb", "ar
 
     describe  {}                                        robot, rate, joints with their limits, all verbs, time now
     latest    {fields?}                                 the newest telemetry record
-    history   {seconds? or since_tick?, every?, fields?}    columns of records, at most the last 4096 ticks, and `lost`
+    history   {seconds? or since_tick?, every?, fields?}    columns of records, at most the last 60 s, and `lost`
     publish   {t_ns, position_rad, velocity_rad_s?, streaming?}   a plan of up to 16 waypoints
     estop     {}                                        at once, through shared memory; answered after a tick saw it
     reset     {}                                        also clears that e-stop word, which the supervisor cannot
@@ -27,6 +27,7 @@ connection.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import math
 import socket
@@ -46,10 +47,12 @@ from ..shm import dtype
 from ..text import unprintable_in
 from ..vocabulary import BY_NAME, VERBS, Effect, check_names, nearest
 from . import documents
+from .brief import brief, brief_detail
 from .client import MOST_REQUEST_BYTES, Client
 from .lease import USUAL_S, Lease
 from .lobby import Hello, Lobby
 from .parts import parts_of
+from .past import Past
 from .references import References
 from .token import write_token
 from .turns import MOST_UNSENT_BYTES, Turns
@@ -139,12 +142,14 @@ class Gateway:
         self._places = threading.BoundedSemaphore(MOST_CLIENTS)
         self.references = References(robot)
         self.lease = Lease()
+        self.past = Past(robot)
         self._asking = threading.local()  # .client: whose request this thread handles
         self._ours: dict[str, Verb] = {
             "describe": self._describe,
             "latest": self._latest,
             "history": self._history,
             "publish": self._publish,
+            "swap": self._swap,
             "estop": lambda _: robot.estop(),
             "reset": lambda _: robot.reset(),
             "state": lambda _: robot.state(),
@@ -312,7 +317,10 @@ class Gateway:
         return self._records(record, self._fields(args, list(record.dtype.names or ())))
 
     def _history(self, args: dict[str, Any]) -> Any:
-        """All records after tick `since_tick`, else those of the last `seconds`; of these every `every`-th one."""
+        """All records after tick `since_tick`, else those of the last `seconds`; of these every `every`-th one.
+
+        Before what the Spine still has, `seconds` goes on with thinned records: `thinned` says which.
+        """
         fields = self._fields(args, ["tick", "release_ns", "position_rad"])
         every = max(1, int(args.get("every", 1)))
         since = int(args["since_tick"]) if "since_tick" in args else None
@@ -321,10 +329,20 @@ class Gateway:
             pieces, wanted = self.robot.telemetry.pieces(PIECE_TICKS, since_tick=since, seconds=seconds)
             columns: dict[str, list[bytes]] = {name: [] for name in fields}
             seen = size = 0
-            for records in pieces:
+            full = next((piece for piece in pieces if len(piece)), np.empty(0, dtype("Telemetry")))
+            older, told = full[:0], b""
+            if since is None and len(full):
+                older = self.past.before(int(full["tick"][0]), time.monotonic_ns() - int(seconds * 1e9))[
+                    :: -(-every // self.past.every)
+                ]
+            if len(older):
+                told = (
+                    b', "thinned": ' + _json({"every": self.past.every, "before_tick": int(full["tick"][0])}).encode()
+                )
+            for records in itertools.chain([older, full], pieces):
                 self.turns.pause()
-                thinned = records[-seen % every :: every]
-                seen += len(records)
+                thinned = records if records is older else records[-seen % every :: every]
+                seen += 0 if records is older else len(records)
                 if not len(thinned):
                     continue
                 for name, values in self._records(thinned, fields).items():
@@ -338,9 +356,19 @@ class Gateway:
                     )
             lost = 0 if since is None else wanted - seen
             parts = [_json(name).encode() + b": [" + b", ".join(texts) + b"]" for name, texts in columns.items()]
-            result = Encoded(b"{" + b", ".join([*parts, b'"lost": %d' % lost]) + b"}")
+            result = Encoded(b"{" + b", ".join([*parts, b'"lost": %d' % lost]) + told + b"}")
             self.turns.keep(len(result))
             return result
+
+    def _swap(self, args: dict[str, Any]) -> Any:
+        short = args.pop("brief", False)
+        try:
+            certificate = self.robot.call("swap", **args)
+        except Refused as error:
+            if short:
+                raise Refused(error.code, error.message, error.next, brief_detail(error.detail)) from None
+            raise
+        return brief(certificate) if short else certificate
 
     def _document(self, args: dict[str, Any]) -> Any:
         return documents.read(str(args["name"]), lambda: Path(self.robot.call("status")["records"]))

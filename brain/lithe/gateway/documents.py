@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ LAWS = ROOT / "laws"
 CONTRACT = ROOT / "spine/law/include/lithe/law.hpp"
 CPP, MARKDOWN, JSON = "text/x-c++src", "text/markdown", "application/json"
 MOST_SWAPS = 100
+CERTIFICATE = re.compile(r"swaps/([0-9]{1,9})")
 SHOWN = ("law", "source", "source_sha256", "verdict", "reason", "params", "terms", "control", "measured", "rolled_back")
 FIXED = {
     "contract": (CPP, "the header that every law includes", CONTRACT),
@@ -28,7 +30,7 @@ FIXED = {
 def listed() -> list[Json]:
     """Name, media type and a sentence of each."""
     laws = [(f"laws/{path.name}", CPP, "a law that comes with LITHE") for path in sorted(LAWS.glob("*.cpp"))]
-    swaps = f"the last {MOST_SWAPS} swaps of this robot: law, verdict, terms, old law and new per joint"
+    swaps = f"the last {MOST_SWAPS} swaps of this robot, per joint; swaps/0007: the whole certificate of swap 7"
     all_of_them = [(name, kind, what) for name, (kind, what, _) in FIXED.items()] + [("swaps", JSON, swaps), *laws]
     return [{"name": name, "type": kind, "what": what} for name, kind, what in all_of_them]
 
@@ -36,17 +38,25 @@ def listed() -> list[Json]:
 def read(name: str, records: Callable[[], Path]) -> Json:
     """`name`, `type` and `text` of one. Refused: there is none of that name. `records`: the folder of certificates."""
     kinds = {each["name"]: each["type"] for each in listed()}
+    if number := CERTIFICATE.fullmatch(name):
+        kinds[name] = JSON
     if name not in kinds:
         raise Refused("unknown_document", f"there is no document '{name}'", nearest(name, kinds))
     if name == "swaps":
         text = json.dumps(swaps(records()))
     else:
-        path = FIXED[name][2] if name in FIXED else LAWS / name.removeprefix("laws/")
+        path = (
+            records() / f"{number[1]}.json"
+            if number
+            else FIXED[name][2]
+            if name in FIXED
+            else LAWS / name.removeprefix("laws/")
+        )
         try:
             text = path.read_text(encoding="utf-8")
         except OSError as error:
             words = f"cannot read {path.name}: {error.strerror}"
-            raise Refused("unknown_document", words, "install LITHE whole") from None
+            raise Refused("unknown_document", words, "documents lists those that are there") from None
     return {"name": name, "type": kinds[name], "text": text}
 
 

@@ -152,6 +152,8 @@ class Server:
                 "next: ask the person to run `python -m lithe.mcp allow --minutes 15`",
                 error=True,
             )
+        if verb.name == "swap":
+            args = {"brief": True, **args}  # a model reads it all
         try:
             text = json.dumps(self._call(verb.name, args), default=plain)
         except Refused as error:
