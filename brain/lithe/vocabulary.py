@@ -126,7 +126,7 @@ VERBS = (
         required=("name",),
     ),
     Verb("params", "The running law's parameters: value, min, max."),
-    Verb("law_list", "The laws in the Spine, and which one runs."),
+    Verb("law_list", "The laws in the Spine, which one runs, and how each did: verdict, rms error by joint."),
     Verb(
         "law_check",
         "Compiles a law and runs it on harmless inputs. Nothing reaches the robot.",

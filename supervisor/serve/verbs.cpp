@@ -82,7 +82,9 @@ void Verbs::add_looks() {
   };
   verbs_["params"] = [this](const ReplyTo& to, const Json&) { reply_(to, params_json(parts_.spine)); };
   verbs_["law_list"] = [this](const ReplyTo& to, const Json&) {
-    reply_(to, Json{{"resident", resident_json(parts_.spine)}});
+    Json resident = resident_json(parts_.spine);
+    for (Json& law : resident) law["score"] = parts_.swaps.score_of(law["law_id"]);
+    reply_(to, Json{{"resident", std::move(resident)}});
   };
 }
 

@@ -25,7 +25,8 @@ Json side_json(const LawControl& side, std::size_t joint) {
   const JointControl& seen = side.joints[joint];
   return {{"rms_error_rad", rounded(seen.rms_error_rad)}, {"max_error_rad", rounded(seen.max_error_rad)},
           {"rms_torque_nm", rounded(seen.rms_torque_nm)}, {"max_torque_nm", rounded(seen.max_torque_nm)},
-          {"at_limit", rounded(seen.at_limit)},           {"moved_rad", rounded(seen.moved_rad)}};
+          {"at_limit", rounded(seen.at_limit)},           {"moved_rad", rounded(seen.moved_rad)},
+          {"chatter_hz", std::round(seen.chatter_hz)}};
 }
 
 // The trial's own run of this law, if it had one: its rms error at this joint.
@@ -68,8 +69,12 @@ Json explained(const LawControl& after, const wire::RobotInfo& info, const std::
 
 }  // namespace
 
-LawLifecycle::LawLifecycle(const SpineLink& spine, Keep keep, Locate locate)
-    : spine_(spine), keep_(std::move(keep)), locate_(std::move(locate)), faults_(spine.memory().law_faults) {}
+LawLifecycle::LawLifecycle(const SpineLink& spine, Keep keep, Locate locate, Explain explain)
+    : spine_(spine),
+      keep_(std::move(keep)),
+      locate_(std::move(locate)),
+      explain_(std::move(explain)),
+      faults_(spine.memory().law_faults) {}
 
 void LawLifecycle::follow(Transaction swap, RecordBook::Page record, const CoreCounts& before, std::int64_t now_ns) {
   measure_all();
@@ -286,11 +291,28 @@ void LawLifecycle::leave(Life& life, const std::string& why, const wire::Event& 
                  {"law", law ? Json(text_of(law->name)) : Json(nullptr)}};
     std::string next(next_step(why));
     const Json seen = life.swap.certificate().value("control", Json::object()).value("seen", Json::array());
-    if (!seen.empty()) next = seen[0];  // what was measured says more than the kind of its fault
+    if (!seen.empty()) {  // what was measured says more than the kind of its fault
+      next = seen[0];
+      if (explain_) explain_(life.swap, next);
+    }
     if (!next.empty()) told["next"] = next;
     life.swap.note("rolled_back", std::move(told));
     keep_(life.swap, life.record);
   }
+}
+
+Json LawLifecycle::score_of(std::uint32_t law_id) const {
+  const auto life = std::ranges::find_if(lives_, [&](const Life& each) { return each.swap.law_id() == law_id; });
+  if (life == lives_.end()) return nullptr;
+  const Json control = life->swap.certificate().value("control", Json::object());
+  Json score = {{"verdict", life->swap.verdict()}};
+  if (control.empty()) return score;
+  for (const char* key : {"clamped", "missed_ticks"}) score[key] = control["after"][key];
+  for (const Json& joint : control["joints"]) {
+    if (joint["after"].is_object())
+      score["rms_error_rad"][joint["joint"].get<std::string>()] = joint["after"]["rms_error_rad"];
+  }
+  return score;
 }
 
 void LawLifecycle::end(const std::string& why, std::int64_t now_ns) {

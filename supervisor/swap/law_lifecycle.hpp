@@ -27,12 +27,14 @@ class LawLifecycle {
   // {"where", "function"}, or null when the line cannot be found.
   using Found = std::function<void(const Json& place)>;
   using Locate = std::function<void(const Transaction& swap, std::uint32_t offset, Found found)>;
+  // What the measured control says about a law that was rolled back, one sentence.
+  using Explain = std::function<void(const Transaction& swap, const std::string& sentence)>;
   static constexpr std::size_t kFaultsKept = 8;
   // Control is compared over the probation, at most so long before and after the commit: both are in the ring then.
   static constexpr double kControlS = 1.5;
   static constexpr std::int64_t kMeasureAfterNs = 60'000'000;  // a little more than kWindowS of commit_metrics.hpp
 
-  LawLifecycle(const SpineLink& spine, Keep keep, Locate locate = {});
+  LawLifecycle(const SpineLink& spine, Keep keep, Locate locate = {}, Explain explain = {});
 
   // `before`: the counters when the request was sent to the Loader.
   void follow(Transaction swap, RecordBook::Page record, const CoreCounts& before, std::int64_t now_ns);
@@ -43,6 +45,9 @@ class LawLifecycle {
   void on_event(const wire::Event& event);
   // Sets a section in the certificate of a law that is still in the Spine.
   void note(std::uint64_t request_id, const std::string& section, Json what);
+  // How a resident law did: its verdict and, once measured, rms_error_rad by joint, clamped and missed_ticks. Null: it is
+  // not known, such as one that an earlier supervisor swapped in.
+  Json score_of(std::uint32_t law_id) const;
   // The newest law faults (at most kFaultsKept), oldest first, as in their certificates.
   const Json& faults() const { return told_; }
   // The robot stops, or its Spine has ended: writes the final verdict of every law.
@@ -77,6 +82,7 @@ class LawLifecycle {
   const SpineLink& spine_;
   Keep keep_;
   Locate locate_;
+  Explain explain_;
   Json told_ = Json::array();
   ipc::RingReader<wire::LawFault, wire::spine_segment::kLawFaultsDepth> faults_;
   std::deque<wire::LawFault> untold_;   // read from the ring, their events not seen yet

@@ -32,7 +32,8 @@ class LawLifecycleTest : public SpineRig {
         [this](const Transaction&, std::uint32_t offset, LawLifecycle::Found found) {
           asked_.push_back(offset);
           answers_.push_back(std::move(found));
-        });
+        },
+        [this](const Transaction& each, const std::string& sentence) { explained_[each.request_id()] = sentence; });
   }
 
   // A law committed at tick 10 times its id; its request is 100 + its id.
@@ -80,6 +81,7 @@ class LawLifecycleTest : public SpineRig {
   std::uint32_t pc_offset_ = 0;         // of the next faults
   std::vector<std::uint32_t> asked_;    // where these offsets are
   std::vector<LawLifecycle::Found> answers_;
+  std::map<std::uint64_t, std::string> explained_;
   std::optional<LawLifecycle> lifecycle_;
 };
 
@@ -140,6 +142,12 @@ TEST_F(LawLifecycleTest, ARollbackSaysWhatTheJointDid) {
   EXPECT_NE(kept_[102]["rolled_back"]["next"].get<std::string>().find("its torque grows with its position"),
             std::string::npos)
       << kept_[102]["rolled_back"];
+  EXPECT_EQ(explained_[102], kept_[102]["rolled_back"]["next"]) << "who follows the events is told, too";
+  const Json score = lifecycle_->score_of(2);
+  EXPECT_EQ(score["verdict"], "rolled_back");
+  EXPECT_GT(score["rms_error_rad"]["elbow"], 0.01);
+  EXPECT_EQ(lifecycle_->score_of(1)["rms_error_rad"], Json()) << "nothing was measured of it yet";
+  EXPECT_TRUE(lifecycle_->score_of(9).is_null());
 }
 
 TEST_F(LawLifecycleTest, ConfirmsAndRetires) {

@@ -21,6 +21,9 @@ Swaps::Swaps(const Helpers& helpers, RecordBook book, std::uint64_t first_reques
           helpers.spine, [this](const Transaction& each, const RecordBook::Page& record) { rewrite(each, record); },
           [this](const Transaction& each, std::uint32_t offset, LawLifecycle::Found found) {
             locate(each, offset, std::move(found));
+          },
+          [this](const Transaction& each, const std::string& sentence) {
+            note(each, "law_rollback_explained", fmt::format("{}: {}", each.compiled().law, sentence));
           }),
       tried_laws_(helpers.spine),
       params_({helpers.spine, helpers.trial, helpers.commands, helpers.log, tried_laws_}, robots_terms_,

@@ -46,6 +46,8 @@ class Swaps {
 
   Swaps(const Helpers& helpers, RecordBook book, std::uint64_t first_request_id, const robot::RobotConfig& robot);
 
+  // How a resident law did (LawLifecycle::score_of).
+  Json score_of(std::uint32_t law_id) const { return lifecycle_.score_of(law_id); }
   // The robot file's terms, changed by the arguments of the request.
   std::variant<Terms, Refusal> read_terms(const Json& args) const;
   void submit(SwapRequest request, Callback callback, std::int64_t now_ns);

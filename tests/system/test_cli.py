@@ -49,6 +49,7 @@ def test_each_law_swaps_in_and_rollback_returns(house: House) -> None:
         assert swap["verdict"] == "committed" and swap["commit_tick"] > 0
         order = [swap["times_ns"][word] for word in ("submitted", "started", "compiled", "staged", "committed")]
         assert order == sorted(order)
+        assert swap.pop("certificate") == f"{number:04}.json"
         record = json.loads((house.dir / "out" / "arm" / "swaps" / f"{number:04}.json").read_text())
         later = {"verdict", "stage", "times_ns"}  # the record goes on when the answer has left
         assert {key: record[key] for key in swap if key not in later} == {

@@ -78,6 +78,12 @@ def test_a_law_that_crashes_on_trial_is_told_its_line(arm: House) -> None:
     assert law(arm) == "pd"
 
 
+def score_of(arm: House, law_id: int) -> dict[str, Any]:
+    """Of a law in the Spine, as `lithe law list` tells it."""
+    found: dict[str, Any] = next(each for each in arm.ask("law", "list")["resident"] if each["law_id"] == law_id)
+    return dict(found["score"])
+
+
 def test_a_good_law_is_committed_confirmed_and_certified(arm: House, tell: Callable[[str], None]) -> None:
     """The answer comes at the commit; the certificate goes on."""
     done = arm.ask("swap", "gravity_pd", "--probation", "200ms", "--blend", "10ms")
@@ -98,6 +104,10 @@ def test_a_good_law_is_committed_confirmed_and_certified(arm: House, tell: Calla
     order = [stage for stage in told["times_ns"] if stage != "started"]
     assert order[:7] == ["submitted", "compiled", "admitted", "placed", "tried", "staged", "committed"]
     assert sum(told["split_ms"].values()) == pytest.approx(told["requested_to_committed_ms"])
+    arm.wait_for(lambda: "rms_error_rad" in score_of(arm, done["law_id"]))
+    score = score_of(arm, done["law_id"])
+    assert score["verdict"] == "confirmed" and 0 <= score["rms_error_rad"]["shoulder"] < 0.5
+    assert "rms error shoulder" in arm.lithe("law", "list").stdout
     tell(f"from request to commit, in ms: {json.dumps({k: round(v, 1) for k, v in told['split_ms'].items()})}")
     assert_chained(arm)
 

@@ -114,13 +114,24 @@ void print_check(const Json& result) {
              param_rows(law.value("params", Json::array())));
 }
 
+// "; confirmed, rms error shoulder 0.012, elbow 0.03 rad"
+std::string score_words(const Json& score) {
+  if (!score.is_object()) return "";
+  std::string errors;
+  const Json rms_error_rad = score.value("rms_error_rad", Json::object());
+  for (const auto& [joint, rms_rad] : rms_error_rad.items()) {
+    errors += fmt::format("{} {} {:.4g}", errors.empty() ? ", rms error" : ",", joint, rms_rad.get<double>());
+  }
+  return fmt::format("; {}{}", word(score, "verdict"), errors.empty() ? "" : errors + " rad");
+}
+
 void print_laws(const Json& laws) {
   for (const Json& each : laws["files"]) {
     fmt::print("  {:<20} {}\n", word(each, "name"), word(each, "about"));
   }
   for (const Json& each : laws["resident"]) {
-    fmt::print("in the Spine: {} ({}){}\n", word(each, "law"), each.value("law_id", 0),
-               each.value("active", false) ? ", running" : "");
+    fmt::print("in the Spine: {} ({}){}{}\n", word(each, "law"), each.value("law_id", 0),
+               each.value("active", false) ? ", running" : "", score_words(each.value("score", Json())));
   }
 }
 

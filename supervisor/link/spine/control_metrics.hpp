@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "spine/law/diagnosis.hpp"
+#include "spine/law/tremor.hpp"
 #include "supervisor/link/spine/spine_link.hpp"
 
 namespace lithe::control {
@@ -17,7 +18,9 @@ struct JointControl {
   double rms_torque_nm = 0, max_torque_nm = 0;  // of the guard's output
   double at_limit = 0;                          // share of ticks in which that was torque_max_nm
   double moved_rad = 0;                         // distance, there and back
-  law::JointSums sums;                          // with the guard's output as torque
+  double chatter_hz = 0;  // how often what the law wanted went up and down by a fifth of torque_max_nm (law::Tremor)
+  law::JointSums sums;    // with the guard's output as torque
+  law::Zigzag wanted{};
 };
 
 struct LawControl {

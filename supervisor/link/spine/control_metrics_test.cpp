@@ -41,6 +41,7 @@ class ControlMetrics : public SpineRig {
       record->setpoint_velocity_rad_s[0] = 3;
       record->position_rad[0] = 3 * (t_s - 1e-3) - (first ? 0.1 : 0);
       record->command_torque_nm[0] = tick > 900 ? -2 : 1;
+      record->law_torque_nm[0] = (tick / 5 % 2 == 0 ? 1 : -1) * (first ? 0.1 : 0.5);  // 100 Hz
       ring.push(*record);
     }
   }
@@ -66,6 +67,8 @@ TEST_F(ControlMetrics, CountsWhatTheGuardAndTheMachineDid) {
   EXPECT_DOUBLE_EQ(after.joints[0].max_torque_nm, 2);
   EXPECT_NEAR(after.joints[0].rms_torque_nm, std::sqrt(0.8 + 0.2 * 4), 1e-9);
   EXPECT_NEAR(after.joints[0].moved_rad, 3 * 0.499, 1e-6);
+  EXPECT_NEAR(after.joints[0].chatter_hz, 100, 2);
+  EXPECT_EQ(measure_control(*link_, 1, 0, 500).joints[0].chatter_hz, 0) << "0.2 of 2 N m up and down is no chatter";
 }
 
 TEST_F(ControlMetrics, WhatHasLeftTheRingIsNotCounted) {
