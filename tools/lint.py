@@ -20,6 +20,7 @@ MAX_FOLDER_FILES = 20
 CORPORA = {
     "tests/laws_hostile": "a law in each that must be refused or contained",
     "tests/system": "a test of whole processes in each",
+    "tests/fuzz": "a fuzzer in each",
     "docs/adr": "a decision in each, numbered and never removed",
 }
 MAX_EXEMPTIONS = 5

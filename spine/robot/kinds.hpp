@@ -65,14 +65,14 @@ inline constexpr std::array<BusFacts, 5> kBusFacts{{
      .place = PlaceKey::path,
      .has_own_rates = true,
      .has_checksums = true,
-     .no_classic = "is an fdcanusb, which sends CAN FD; CANopen drives speak classic CAN: use slcan or socketcan"},
+     .no_classic = "is an fdcanusb, which sends CAN FD; this device speaks classic CAN: use slcan or socketcan"},
     {.kind = BusKind::slcan, .word = "slcan", .place = PlaceKey::path, .data_bitrate = 0},  // most adapters are classic
     {.kind = BusKind::socketcan, .word = "socketcan", .place = PlaceKey::interface, .is_shared = true},
     {.kind = BusKind::pi3hat,
      .word = "pi3hat",
      .place = PlaceKey::connector,
      .is_board = true,
-     .no_classic = "is a connector with CAN FD, which sends nothing else; CANopen drives speak classic CAN: say "
+     .no_classic = "is a connector with CAN FD, which sends nothing else; this device speaks classic CAN: say "
                    "data_bitrate = 0 there"},
 }};
 
