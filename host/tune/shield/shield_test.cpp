@@ -61,6 +61,9 @@ class Parent {
     EXPECT_EQ(::read(answer_.get(), &word, 1), 1);
   }
 
+  // Two, or more where an emulator has one of its own in each process.
+  std::size_t tasks() const { return read_tasks(HostFiles(), {pid_}).all.size(); }
+
   // The masks of its threads, without repetition.
   std::set<std::vector<int>> masks() const {
     std::set<std::vector<int>> masks;
@@ -97,7 +100,7 @@ TEST_F(ShieldTest, TasksLeaveTheCoreAndComeBack) {
   {
     const auto shield = Shield::raise(options_);
     ASSERT_TRUE(shield) << shield.message();
-    EXPECT_EQ(shield->facts().moved, 2u);
+    EXPECT_EQ(shield->facts().moved, parent_->tasks());
     EXPECT_EQ(shield->facts().mechanism, Mechanism::affinity);
     EXPECT_EQ(parent_->masks(), Masks{rest_});
   }
@@ -182,7 +185,7 @@ TEST_F(ShieldTest, TheNextOneFindsWhatAKilledHolderLeft) {
   {
     const auto next = Shield::raise(options_);
     ASSERT_TRUE(next) << next.message();
-    EXPECT_EQ(next->facts().moved, 2u) << "they were given back first";
+    EXPECT_EQ(next->facts().moved, parent_->tasks()) << "they were given back first";
   }
   EXPECT_EQ(parent_->masks(), Masks{all_});
 }

@@ -151,6 +151,11 @@ TEST_F(SocketCanBusTest, WhatDoesNotLeaveKeepsLaterCommandsFromPilingUp) {
     bus->flush();
     return sent;
   };
+  std::array<int, 2> ends{};
+  ASSERT_EQ(socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_NONBLOCK, 0, ends.data()), 0);
+  const Descriptor full(ends[0]), unread(ends[1]);
+  ASSERT_EQ(::write(ends[0], "x", 1), 1);
+  if (full.unsent_bytes() == 0) GTEST_SKIP() << "this system does not tell what has not left (qemu-user)";
   EXPECT_TRUE(exchange(1));
   for (std::uint32_t number = 2; number < 100; ++number) EXPECT_FALSE(exchange(number));
   EXPECT_EQ(bus->statistics().sent, 4U);
