@@ -97,7 +97,7 @@ VERBS = (
         "What happened: events with kind and text, the newest last.",
         args=(
             ("since", _integer("the cursor of an earlier answer", minimum=0)),
-            ("limit", _integer("at most so many", minimum=1)),
+            ("limit", _integer("at most so many; without since, the newest", minimum=1)),
         ),
     ),
     Verb("incidents", "What was kept around faults, rollbacks, refusals in the tick and changes of mode."),
@@ -113,9 +113,14 @@ VERBS = (
         args=(
             ("seconds", _number("how far back, at most 60", exclusiveMinimum=0)),
             ("since_tick", _integer("only ticks after this one", minimum=0)),
-            ("every", _integer("every n-th tick only", minimum=1)),
+            ("every", _integer("only ticks that it divides", minimum=1)),
             ("fields", _FIELDS),
         ),
+    ),
+    Verb(
+        "measure",
+        "How well the running law follows: each joint's error (rms, median, largest) and torque, missed ticks.",
+        args=(("seconds", _number("how far back, at most 60 (default 4)", exclusiveMinimum=0)),),
     ),
     Verb("state", "The running law's State, name -> value."),
     Verb("documents", "What there is to read: the contract of a law, rules, usual mistakes, laws, swaps so far."),

@@ -43,7 +43,7 @@ def gateway(robot: lithe.Robot) -> Iterator[Gateway]:
         "add": lambda args: args["a"] + args["b"],
         "stumble": lambda args: args.nothing,
         "mumble": lambda args: object(),
-        "measure": lambda args: {"angles": np.array([0.5, np.nan]), "n": np.int64(3), "pair": (1, 2)},
+        "sums": lambda args: {"angles": np.array([0.5, np.nan]), "n": np.int64(3), "pair": (1, 2)},
     }
     server = Gateway(robot, verbs, token="sesame")
     server.start()

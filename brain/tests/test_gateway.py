@@ -166,7 +166,7 @@ def test_what_json_cannot_say_becomes_null() -> None:
 
 
 def test_an_applications_verb_may_answer_with_numpy(gateway: Gateway) -> None:
-    answer = ask(gateway, b'{"id": 1, "verb": "measure"}')
+    answer = ask(gateway, b'{"id": 1, "verb": "sums"}')
     assert answer["result"] == {"angles": [0.5, None], "n": 3, "pair": [1, 2]}
 
 
@@ -227,6 +227,14 @@ def test_a_robot_file_that_is_gone_or_another_one_takes_nothing_else_away(tmp_pa
         assert parts_of(tmp_path / "bad.toml") == ({}, {})
 
 
+def test_events_without_a_cursor_are_the_newest(remote: Remote) -> None:
+    remote.call("hold"), remote.call("arm")
+    before = remote.call("events")["cursor"]
+    newest = remote.call("events", limit=2)
+    assert len(newest["events"]) == 2 and newest["cursor"] >= before
+    assert len(remote.call("events", since=0, limit=1)["events"]) == 1
+
+
 def test_history_goes_on_where_the_last_answer_ended(remote: Remote) -> None:
     first = remote.call("history", seconds=1.0, fields=["tick", "position_rad"])
     time.sleep(0.3)
@@ -235,7 +243,7 @@ def test_history_goes_on_where_the_last_answer_ended(remote: Remote) -> None:
     assert len(first["position_rad"][0]) == 1 and more["lost"] == 0
     assert remote.call("history", since_tick=0, fields=["tick"])["tick"][-1] > more["tick"][-1]
     thin = remote.call("history", seconds=1.0, every=10, fields=["tick"])
-    assert thin["tick"][1] - thin["tick"][0] == 10
+    assert thin["tick"][1] - thin["tick"][0] == 10 and thin["tick"][0] % 10 == 0
 
 
 def test_history_goes_on_further_back_with_fewer_ticks(remote: Remote) -> None:

@@ -73,7 +73,8 @@ void Verbs::add_looks() {
   };
   verbs_["events"] = [this](const ReplyTo& to, const Json& args) {
     const auto limit = std::min<std::uint64_t>(args.value("limit", std::uint64_t{EventLog::kDepth}), EventLog::kDepth);
-    reply_(to, parts_.log.since(args.value("since", std::uint64_t{0}), limit));
+    const std::uint64_t newest = parts_.log.last() - std::min(parts_.log.last(), limit);
+    reply_(to, parts_.log.since(args.value("since", newest), limit));
   };
   verbs_["incidents"] = [this](const ReplyTo& to, const Json&) { reply_(to, parts_.incidents.list()); };
   verbs_["incident"] = [this](const ReplyTo& to, const Json& args) {

@@ -7,6 +7,7 @@ JSON lines. The first line is {"token": "..."}; then requests {"id", "verb", "ar
     describe  {}                                        robot, rate, joints with their limits, all verbs, time now
     latest    {fields?}                                 the newest telemetry record
     history   {seconds? or since_tick?, every?, fields?}    columns of records, at most the last 60 s, and `lost`
+    measure   {seconds?}                                errors and torques of each joint under the running law
     publish   {t_ns, position_rad, velocity_rad_s?, streaming?}   a plan of up to 16 waypoints
     estop     {}                                        at once, through shared memory; answered after a tick saw it
     reset     {}                                        also clears that e-stop word, which the supervisor cannot
@@ -51,6 +52,7 @@ from .brief import brief, brief_detail
 from .client import MOST_REQUEST_BYTES, Client
 from .lease import USUAL_S, Lease
 from .lobby import Hello, Lobby
+from .measure import measured
 from .parts import parts_of
 from .past import Past
 from .references import References
@@ -148,6 +150,7 @@ class Gateway:
             "describe": self._describe,
             "latest": self._latest,
             "history": self._history,
+            "measure": self._measure,
             "publish": self._publish,
             "swap": self._swap,
             "estop": lambda _: robot.estop(),
@@ -317,7 +320,7 @@ class Gateway:
         return self._records(record, self._fields(args, list(record.dtype.names or ())))
 
     def _history(self, args: dict[str, Any]) -> Any:
-        """All records after tick `since_tick`, else those of the last `seconds`; of these every `every`-th one.
+        """Records after tick `since_tick`, else of the last `seconds`; of these the ticks that `every` divides.
 
         Before what the Spine still has, `seconds` goes on with thinned records: `thinned` says which.
         """
@@ -332,16 +335,14 @@ class Gateway:
             full = next((piece for piece in pieces if len(piece)), np.empty(0, dtype("Telemetry")))
             older, told = full[:0], b""
             if since is None and len(full):
-                older = self.past.before(int(full["tick"][0]), time.monotonic_ns() - int(seconds * 1e9))[
-                    :: -(-every // self.past.every)
-                ]
+                older = self.past.before(int(full["tick"][0]), time.monotonic_ns() - int(seconds * 1e9))
             if len(older):
                 told = (
                     b', "thinned": ' + _json({"every": self.past.every, "before_tick": int(full["tick"][0])}).encode()
                 )
             for records in itertools.chain([older, full], pieces):
                 self.turns.pause()
-                thinned = records if records is older else records[-seen % every :: every]
+                thinned = records[records["tick"] % every == 0]
                 seen += 0 if records is older else len(records)
                 if not len(thinned):
                     continue
@@ -359,6 +360,10 @@ class Gateway:
             result = Encoded(b"{" + b", ".join([*parts, b'"lost": %d' % lost]) + told + b"}")
             self.turns.keep(len(result))
             return result
+
+    def _measure(self, args: dict[str, Any]) -> Any:
+        with self.turns.long_answer():
+            return measured(*self.past.window(float(args.get("seconds", 4.0))), self.robot.spine.joint_names)
 
     def _swap(self, args: dict[str, Any]) -> Any:
         short = args.pop("brief", False)

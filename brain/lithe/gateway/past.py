@@ -41,6 +41,13 @@ class Past:
         recent: npt.NDArray[Any] = kept[(kept["release_ns"] > since_ns) & (kept["tick"] < tick)]
         return recent
 
+    def window(self, seconds: float) -> tuple[npt.NDArray[Any], npt.NDArray[np.float64]]:
+        """The records of the last `seconds`, oldest first, shape (n,), and how many ticks each stands for."""
+        full = self._robot.telemetry.history(seconds)
+        since_ns = int(full["release_ns"][-1] - seconds * 1e9) if len(full) else 0
+        older = self.before(int(full["tick"][0]), since_ns) if len(full) else full
+        return np.concatenate([older, full]), np.repeat([float(self.every), 1.0], [len(older), len(full)])
+
     def _keep(self) -> None:
         stop = threading.Event()
         while not stop.wait(READ_EVERY_S):
