@@ -130,6 +130,8 @@ class LineSocket:
             answer = json.loads(line)
         except (ValueError, RecursionError):
             answer = None
+        if answer is None and not line.endswith(b"\n") and len(line) < MOST_ANSWER_BYTES:
+            raise NotRunning(f"the connection broke in the middle of the answer to '{what}'\n  next: {unsure}")
         if not isinstance(answer, dict):
             raise LitheError(f"the answer to '{what}' is not a JSON object: is that a LITHE socket?")
         return answer

@@ -7,6 +7,7 @@ Threads: may be shared. Errors: NotRunning, Refused.
 from __future__ import annotations
 
 import json
+import secrets
 import socket
 from pathlib import Path
 from typing import Any
@@ -36,11 +37,14 @@ class Remote:
 
     `token` is the token or, as a Path, the file the gateway wrote it to. `timeout_s` bounds connecting and each answer.
     After the gateway was restarted the next call connects again (with the same token: a Path is read again).
+    All its connections are one client to the gateway: after one that broke, its lease is still its own for 10 s.
     """
 
     def __init__(self, host: str, port: int, token: str | Path, timeout_s: float = 60.0) -> None:
+        client = secrets.token_hex(16)
+
         def say_hello(**more: bool) -> tuple[LineSocket, dict[str, Any]]:
-            hello = json.dumps({"token": _token(token), **more}).encode()
+            hello = json.dumps({"token": _token(token), "client": client, **more}).encode()
             try:
                 sock = socket.create_connection((host, port), timeout_s)
             except OSError as error:

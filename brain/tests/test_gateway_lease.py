@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several clients of one gateway: who may move the robot, what became of a plan, and back to a law by its name."""
 
+import json
+import socket
 import time
 from collections.abc import Iterator
 
@@ -50,6 +52,46 @@ def test_a_lease_ends_with_its_client(remote: Remote, other: Remote) -> None:
     remote.close()
     House.wait_for(lambda: other.call("lease")["holder"] is None)
     other.call("publish", **soon(other))
+
+
+def hello(gateway: Gateway, client: str) -> socket.socket:
+    """A connection of the client with that secret."""
+    link = socket.create_connection(("127.0.0.1", gateway.port), 30)
+    link.sendall(json.dumps({"token": "sesame", "client": client}).encode() + b"\n")
+    assert json.loads(link.recv(100)) == {"ok": True}
+    return link
+
+
+def ask(link: socket.socket, verb: str, **args: object) -> dict[str, object]:
+    """One request over it."""
+    link.sendall(json.dumps({"id": 1, "verb": verb, "args": args}).encode() + b"\n")
+    with link.makefile("rb") as file:
+        answer: dict[str, object] = json.loads(file.readline())
+    return answer
+
+
+def test_a_client_that_names_itself_keeps_its_lease_over_a_connection_that_broke(
+    gateway: Gateway, remote: Remote
+) -> None:
+    secret = "0123456789abcdef"
+    ghost = hello(gateway, secret)
+    assert ask(ghost, "lease", take=True, seconds=60)["ok"]
+    again = hello(gateway, secret)  # while its first connection is still open at this end, as after a cable was pulled
+    assert ask(again, "publish", **soon(remote))["ok"]
+    for link in (ghost, again):
+        with pytest.raises(Refused, match="has the right to move"):
+            remote.call("publish", **soon(remote))
+        link.close()
+    House.wait_for(lambda: remote.call("lease")["left_s"] <= 10.0)
+    third = hello(gateway, secret)
+    assert ask(third, "lease", take=True, seconds=60)["ok"]
+    for other in ("0123456789abcdeF", "short", 7):
+        link = hello(gateway, other)  # type: ignore[arg-type]
+        assert not ask(link, "publish", **soon(remote))["ok"]
+        link.close()
+    assert secret not in str(remote.call("lease"))
+    assert ask(third, "lease", take=False)["ok"]
+    third.close()
 
 
 def test_a_lease_ends_by_itself_and_lasts_while_its_client_moves(monkeypatch: pytest.MonkeyPatch) -> None:

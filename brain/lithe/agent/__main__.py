@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Improves the law of a running robot with a language model: `python -m lithe.agent --url URL --model NAME`.
 
-Exit codes: 0 the best law is better than the one at the start, 4 it is not, 3 the robot stopped or was lost, 1 error.
+Exit codes: 0 the best law is better than the one at the start, 4 it is not, 3 the robot stopped, was lost, or does not
+run the best law, 1 error.
 """
 
 from __future__ import annotations
@@ -33,6 +34,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--goal", default="track 0.5 Hz with the least error", help="in your own words; N Hz is obeyed")
     parser.add_argument("--connect", default="127.0.0.1:7423", metavar="HOST:PORT", help="the robot's gateway")
     parser.add_argument("--token-file", type=Path, default=run_dir() / "gateway.token")
+    parser.add_argument(
+        "--reconnect", type=seconds, default=30.0, metavar="S", help="how long a broken connection is tried again"
+    )
     parser.add_argument("--law", type=Path, help="the source of the law that runs now: the model is shown it")
     parser.add_argument("--window", type=seconds, default=4.0, metavar="S", help="of one measurement")
     parser.add_argument("--amplitude", type=share, default=0.5, help="share of the largest motion to begin with")
@@ -67,8 +71,8 @@ def run(args: argparse.Namespace, transcript: Transcript) -> Result:
     model = model_of(args, say)
     limits = Limits(args.rounds, args.swaps, args.failures, args.window, args.amplitude, args.growth)
     with Remote(*_address(args.connect), args.token_file) as remote:
-        link = Link(remote, say)
-        link.call("lease", take=True, seconds=120)
+        link = Link(remote, say, args.reconnect)
+        link.take()
         say("begin", goal=args.goal, model=args.model, url=args.url, joints=link.joints, limits=vars(limits))
         rounds = Rounds(
             link, Streamer(link), model, args.goal, frequency_hz, limits, say, transcript.keep, source

@@ -2,13 +2,15 @@
 """The robot as the agent sees it, over a connection that may be slow and may break.
 
 What only reads, and what goes back, is asked again after a broken connection; a swap never is: what came of it is read
-from the robot. One thread, but for `call`, which any may use.
+from the robot, and so is what came of a rollback. One thread.
 """
 
 from __future__ import annotations
 
+import contextlib
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -25,6 +27,12 @@ FIELDS = [
 ]  # fmt: skip
 LEAST_SHARE = 0.25  # of the window's ticks that must have been in mode active, under the law in question
 PROBATION_S = 2.0  # asked for in every swap: an agent never gets along without it
+LEASE_S, ALIVE_S = 120.0, 10.0  # of the lease; how often the gateway hears of an agent that waits for something else
+AWAY = ("busy", "disconnected")  # refusals that may pass, as a broken connection may
+LATE_S = 10.0  # after a connection broke, its last request may still reach the robot for so long
+MOST_COMPILE_S = 120.0  # how long a swap that has reached the robot may take until it is committed or refused
+MOST_PROBATION_S = 30.0
+RUNS = ("committed", "unproven")  # while the robot rests, as where a connection broke, probation goes on
 OVER = ("confirmed", "rolled_back", "not_confirmed", "refused")  # an unproven law is still on probation
 
 
@@ -61,22 +69,65 @@ class Link:
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._remote, self._say, self._within_s, self.sleep, self.now_s = remote, say, within_s, sleep, now_s
+        self._leased = self._broke = False
+        self.gone = False  # given up: nothing can be asked any more, or nothing may be
         about = self.call("describe")
         self.rate_hz = float(about["rate_hz"])
         self.joints: list[dict[str, Any]] = about["joints"]
         self.names = [str(joint["name"]) for joint in self.joints]
 
+    def take(self) -> None:
+        """The right to move the robot; after a connection broke it is taken anew. Refused: another has it."""
+        self.call("lease", take=True, seconds=LEASE_S)
+        self._leased = True
+
     def call(self, verb: str, /, **args: Any) -> Any:
-        """Any verb but `swap`, as long as needed over a connection that breaks. Stopped: for too long."""
+        """Any verb but swap and rollback, as long as needed over a connection that breaks. Stopped: for too long."""
         until_s = self.now_s() + self._within_s
         while True:
             try:
+                if self._broke and self._leased:
+                    self._remote.call("lease", take=True, seconds=LEASE_S)
+                self._broke = False
                 return self._remote.call(verb, **args)
+            except Refused as refusal:
+                if refusal.code not in AWAY:
+                    self._check(refusal)
+                    raise
+                self._lost(verb, refusal)
             except NotRunning as error:
-                self._say("disconnected", verb=verb, message=str(error))
-                if self.now_s() > until_s:
-                    raise Stopped(f"the robot cannot be reached for {self._within_s:g} s: {error}") from None
-                self.sleep(0.5)
+                self._lost(verb, error)
+            if self.gone or self.now_s() > until_s:
+                self.gone = True
+                raise Stopped(f"the robot cannot be reached for {self._within_s:g} s")
+            self.sleep(0.5)
+
+    def _lost(self, verb: str, error: LitheError) -> None:
+        self._broke = True
+        self._say("disconnected", verb=verb, message=str(error))
+
+    def _check(self, refusal: Refused) -> None:
+        """Stopped when another client has taken the lease meanwhile: then nothing here may move the robot any more."""
+        if refusal.code == "leased" and self._leased:
+            self.gone = True
+            raise Stopped(f"another client moves the robot now: {refusal.message}") from None
+
+    @contextlib.contextmanager
+    def alive(self) -> Iterator[None]:
+        """While this program waits for something else, the gateway hears of it: its lease and its reference go on."""
+        over = threading.Event()
+
+        def tell() -> None:
+            verb, args = ("lease", {"take": True, "seconds": LEASE_S}) if self._leased else ("reference", {})
+            while not over.wait(ALIVE_S):
+                with contextlib.suppress(LitheError):
+                    self._remote.call(verb, **args)
+
+        threading.Thread(target=tell, name="lithe-agent-alive", daemon=True).start()
+        try:
+            yield
+        finally:
+            over.set()
 
     def law_id(self) -> int:
         """Of the law that runs. Stopped: none does."""
@@ -119,51 +170,76 @@ class Link:
 
     def swap(self, source: str, name: str) -> Outcome:
         """The law through the whole transaction, always with probation. Never raises Refused: that is an outcome."""
-        before = self.law_id()
+        before, earlier = self.law_id(), self._last_swap().get("request_id")
         self._say("swap", name=name, probation_s=PROBATION_S)
         try:
-            answer = self._remote.call("swap", source=source, name=name, probation_s=PROBATION_S)
+            with self.alive():
+                answer = self._remote.call("swap", source=source, name=name, probation_s=PROBATION_S)
         except Refused as refusal:
+            self._check(refusal)
             self._say("refused", name=name, code=refusal.code, message=refusal.message, detail=refusal.detail)
             said = f"{refusal.message} Next: {refusal.next}" if refusal.next else refusal.message
             return Outcome(refusal.code, False, before, said, dict(refusal.detail))
         except NotRunning as error:
-            self._say("disconnected", verb="swap", message=str(error))
-            return self.outcome(name, before)
+            self._lost("swap", error)
+            return self.outcome(name, before, earlier, OVER + RUNS)
         self._say("committed", name=name, certificate=answer)
         return Outcome(str(answer.get("verdict")), True, int(answer.get("law_id", 0)), detail=answer)
 
-    def outcome(self, name: str, before: int, seconds: float = 30.0) -> Outcome:
-        """What came of the swap of that name: waits until it is decided, or for `seconds`."""
-        until_s = self.now_s() + seconds
+    def _last_swap(self) -> dict[str, Any]:
+        return self.call("status").get("last_swap") or {}
+
+    def outcome(self, name: str, before: int, earlier: Any = None, over: tuple[str, ...] = OVER) -> Outcome:
+        """What came of the swap of that name: waits for one of these verdicts, for a bounded time.
+
+        earlier: the `request_id` of the swap before it, which may have had the same name.
+        """
+        since_s = self.now_s()
         while True:
-            last = self.call("status").get("last_swap") or {}
-            ours = last.get("source") == name
+            last = self._last_swap()
+            ours = last.get("source") == name and (earlier is None or last.get("request_id") != earlier)
             verdict = str(last.get("verdict", "")) if ours else "unknown"
             now = self.law_id()
-            if (ours and verdict in OVER) or self.now_s() > until_s:
+            most_s = (MOST_COMPILE_S if verdict == "submitted" else MOST_PROBATION_S) if ours else LATE_S
+            if verdict in over or self.now_s() > since_s + most_s:
                 said = str(last.get("reason", "")) if ours else "the swap did not reach the robot"
                 runs = now != before and ours and verdict not in ("rolled_back", "refused")
                 self._say("verdict", name=name, verdict=verdict, reason=said, law_id=now)
                 return Outcome(verdict, runs, now, said, dict(last) if ours else {})
             self.sleep(0.2)
 
-    def go_back_to(self, law_id: int, source: str, name: str) -> int:
-        """That law runs again, by a rollback; where that leads elsewhere, by a swap of its source. Its id now."""
-        if self.law_id() == law_id:
-            return law_id
-        self._say("rollback", to=law_id)
+    def _roll_back(self) -> bool:
+        """One step, asked for once. False: whether it was done is not known."""
         try:
-            self.call("rollback", steps=1)
+            self._remote.call("rollback", steps=1)
         except Refused as refusal:
             self._say("refused", name="rollback", code=refusal.code, message=refusal.message)
-        until_s = self.now_s() + 2.0
-        while (now := self.law_id()) != law_id and self.now_s() < until_s:
-            self.sleep(0.05)
-        if now == law_id or not source:
+        except NotRunning as error:
+            self._lost("rollback", error)
+            return False
+        return True
+
+    def go_back_to(self, law_id: int, source: str, name: str) -> int:
+        """That law runs again, by a rollback; where that leads elsewhere, by a swap of its source. Its id now.
+
+        A rollback whose answer is lost is asked for again only when the law has not changed for LATE_S: a second step
+        would lead too far back. LitheError: it does not run.
+        """
+        first = now = self.law_id()
+        known = False
+        while now == first != law_id and not known:
+            self._say("rollback", to=law_id)
+            known = self._roll_back()
+            until_s = self.now_s() + (2.0 if known else LATE_S)
+            while (now := self.law_id()) == first and self.now_s() < until_s:
+                self.sleep(0.05)
+        if now == law_id:
             return now
-        done = self.swap(source, name)
-        return done.law_id if done.runs else self.law_id()
+        if source:
+            done = self.swap(source, name)
+            if done.runs:
+                return done.law_id
+        raise LitheError(f"the best law does not run: law {self.law_id()} does, and no rollback leads to law {law_id}")
 
 
 def identified(names: list[str], motions: list[list[Motion]]) -> list[dict[str, Any]]:

@@ -12,7 +12,7 @@ from ..errors import LitheError
 from .link import Link
 
 RAMP_S = 1.0
-SILENT_S = 900.0  # a model may think for long
+SILENT_S = 60.0  # the link says something every ALIVE_S, however long a model thinks
 LEAST_HZ, MOST_HZ = 0.05, 5.0
 MOST_GROWTH = 2.0  # of the amplitude from one generation to the next, whatever is asked for
 
@@ -54,12 +54,18 @@ class Streamer:
         self._terms = sine(self._link.joints, frequency_hz, share) | {"client_stale_s": SILENT_S}
         self.go_on()
 
-    def go_on(self) -> None:
-        """Starts it again if it does not run: a connection that breaks ends it."""
-        asked = self._link.call("reference").get("asked", {})
-        if self._terms and asked != self._terms:
+    def go_on(self) -> int:
+        """Starts it again if it does not run: a connection that breaks ends it. Since when it runs [ns]."""
+        told = self._link.call("reference")
+        if self._terms and told.get("asked") != self._terms:
             told = self._link.call("set_reference", **self._terms)
             self._link.sleep(float(told["ramp_s"]))
+        return int(told.get("since_ns", 0))
+
+    def went_on(self, since_ns: int) -> bool:
+        """Whether it has run all the while since go_on() returned that."""
+        told = self._link.call("reference")
+        return bool(told.get("asked") == self._terms and told.get("since_ns", 0) == since_ns)
 
     def stop(self) -> None:
         """The setpoint comes to rest where it is."""

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..errors import LitheError, Refused
+from ..errors import LitheError
 from ..identify import Motion
 from . import prompt
 from .extract import NoLaw, law_in
@@ -22,6 +22,7 @@ from .model import ModelError, Reply
 from .prompt import Try
 from .reference import grown
 
+MOST_WINDOWS = 10  # that a broken connection may spoil, one after the other
 MOST_MOTIONS = 6  # measurements that are identified together
 SETTLE_S = 0.4  # after a commit; the blend is over by then
 LEAST_GAIN = 0.99  # of the score, that makes a law the new best
@@ -63,7 +64,9 @@ class Moves(Protocol):
 
     def start(self, frequency_hz: float, share: float) -> None: ...
 
-    def go_on(self) -> None: ...
+    def go_on(self) -> int: ...
+
+    def went_on(self, since_ns: int) -> bool: ...
 
     def stop(self) -> None: ...
 
@@ -135,8 +138,15 @@ class Rounds:
         self._say("identified", plant=self.result.plant)
 
     def _measured(self) -> tuple[list[float], int]:
-        self.moves.go_on()
-        rmse_rad, motions, law_id = self.link.measure(self.limits.window_s)
+        """On the reference all the while: at rest, where a broken connection leaves the robot, every law is good."""
+        for _ in range(MOST_WINDOWS):
+            since_ns = self.moves.go_on()
+            rmse_rad, motions, law_id = self.link.measure(self.limits.window_s)
+            if self.moves.went_on(since_ns):
+                break
+            self._say("not_measured", message="the reference ended meanwhile")
+        else:
+            raise LitheError(f"the reference ended in each of {MOST_WINDOWS} measurements: is the connection that bad?")
         self._motions = [*self._motions, motions][-MOST_MOTIONS:]
         return [float(each) for each in np.degrees(rmse_rad)], law_id
 
@@ -163,7 +173,9 @@ class Rounds:
             self.goal, self.link.joints, self.link.rate_hz, self.result.plant, best, self.result.tries[1:]
         )
         try:
-            source, told = law_in(self.model.ask(asked))
+            with self.link.alive():
+                answer = self.model.ask(asked)
+            source, told = law_in(answer)
         except (ModelError, NoLaw) as error:
             return Try(number, name, error.kind, error.message, self.share)
         if source in self._seen:
@@ -223,13 +235,18 @@ class Rounds:
         self._say("generation", **vars(one))
 
     def _end(self) -> None:
-        """The best law runs, and the setpoint rests, whatever happened before."""
-        steps: list[Callable[[], Any]] = [self.moves.stop]
-        if self.result.tries:
-            steps.insert(0, lambda: self.link.go_back_to(self._best_id, self.result.source, "best.cpp"))
-        for step in steps:
-            try:
-                step()
-            except (LitheError, Refused, KeyboardInterrupt) as error:
-                self._say("trouble", message=str(error))
-        self._say("end", why=self.result.why, best=self.result.best, swaps=self.result.swaps)
+        """The best law runs, and the setpoint rests, whatever happened; not where another moves the robot now."""
+        result = self.result
+        try:
+            if result.tries and not self.link.gone:
+                self.link.go_back_to(self._best_id, result.source, "best.cpp")
+        except (LitheError, KeyboardInterrupt) as error:
+            self._say("trouble", message=str(error))
+            if not result.stopped:
+                result.why, result.stopped = f"{result.why}; {error}", True
+        try:
+            if not self.link.gone:
+                self.moves.stop()
+        except (LitheError, KeyboardInterrupt) as error:
+            self._say("trouble", message=str(error))
+        self._say("end", why=result.why, best=result.best, swaps=result.swaps)

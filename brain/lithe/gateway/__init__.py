@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Brain's TCP gateway: an agent in another process, or on another computer, can do everything that the Brain can.
 
-JSON lines. The first line is {"token": "..."}; then requests {"id", "verb", "args"}, answered as on the control socket:
+JSON lines. The first line is {"token": "..."}; with "client": "SECRET" all connections that name it are one client
+(peer.py). Then requests {"id", "verb", "args"}, answered as on the control socket:
 {"id", "ok": true, "result"} or {"id", "ok": false, "error": {"code", "message", "next"}}. The gateway's own verbs:
 
     describe  {}                                        robot, rate, joints with their limits, all verbs, time now
@@ -19,7 +20,7 @@ Who is served when: an e-stop ahead of everything, also of this client's own req
 taken (hello {"token": "...", "estop": true}, which is answered as the verb is, and hung up on). Then verbs that move or
 stop the robot. Long answers are made one at a time, in pieces, in turn.
 
-Bounds: 32 clients; who has not shown the token waits apart from them, 2 s at most (lobby.py). A client has
+Bounds: 32 clients; who has not shown the token waits apart from them, 6 s at most (lobby.py). A client has
 256 KiB of requests pending; a long answer has 8 MiB at most, all that are not yet read 32 MiB together; who does not
 read for 5 s is disconnected, and the gateway says so on stderr. Nothing a client sends ends more than its own
 connection.
@@ -55,6 +56,7 @@ from .lobby import Hello, Lobby
 from .measure import measured
 from .parts import parts_of
 from .past import Past
+from .peer import AWAY_S, Peer, Peers
 from .references import References
 from .token import write_token
 from .turns import MOST_UNSENT_BYTES, Turns
@@ -105,17 +107,6 @@ def _text(raw: Any) -> str:
     return bytes(raw).split(b"\0", 1)[0].decode(errors="replace")
 
 
-class _Peer:
-    """A connection, by the address at its other end."""
-
-    def __init__(self, link: socket.socket) -> None:
-        try:
-            host, port = link.getpeername()[:2]
-            self.name = f"client {host}:{port}"
-        except OSError:
-            self.name = "a client that has left"
-
-
 class Gateway:
     """Serves one Robot on `host`:`port` (0: any free one, see .port) to clients with `token`.
 
@@ -144,6 +135,7 @@ class Gateway:
         self._places = threading.BoundedSemaphore(MOST_CLIENTS)
         self.references = References(robot)
         self.lease = Lease()
+        self.peers = Peers()
         self.past = Past(robot)
         self._asking = threading.local()  # .client: whose request this thread handles
         self._ours: dict[str, Verb] = {
@@ -189,7 +181,8 @@ class Gateway:
             return _refusal(
                 None, "busy", f"{MOST_CLIENTS} clients are served already", "try later; an e-stop needs no place"
             )
-        threading.Thread(target=self._serve, args=(link, rest), name="lithe-gateway-client", daemon=True).start()
+        words = link, rest, self.peers.came(link, hello)
+        threading.Thread(target=self._serve, args=words, name="lithe-gateway-client", daemon=True).start()
         return None
 
     def _estop_only(self, link: socket.socket) -> None:
@@ -197,16 +190,16 @@ class Gateway:
             link.settimeout(5.0)
             link.sendall(self._answer(b'{"id": 1, "verb": "estop"}')[0])
 
-    def _serve(self, link: socket.socket, rest: bytes) -> None:
-        me = _Peer(link)
+    def _serve(self, link: socket.socket, rest: bytes, me: Peer) -> None:
         try:
             with link:
                 Client(link, rest, lambda line: self._answer(line, me), self.turns, self._say).serve()
         except OSError:
             pass  # it has left already
         finally:
-            self.references.left(me)
-            self.lease.give_back(me)
+            if self.peers.left(me):
+                self.references.left(me)
+                self.lease.left(me, AWAY_S if me.lasts else 0.0)
             self._places.release()
 
     def _answer(self, line: bytes, client: object = None) -> tuple[bytes, int]:

@@ -26,6 +26,8 @@ MOST_ESTOP_BYTES = 4096
 SEND_BUFFER_BYTES = 256 << 10  # of the kernel
 PIECE_BYTES = 64 << 10
 UNREAD_S = 5  # how long one may leave an answer unread
+# Whose computer or cable is gone has left after 40 s, not after two hours: its reference ends, its place is free.
+KEEPALIVE = {socket.TCP_KEEPIDLE: 20, socket.TCP_KEEPINTVL: 5, socket.TCP_KEEPCNT: 4}
 LEAST_BYTES_PER_S = 256 << 10  # and how fast it must read a long one
 
 Answer = Callable[[bytes], tuple[bytes, int]]
@@ -56,6 +58,8 @@ class Client:
         link.setblocking(True)
         link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         link.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in KEEPALIVE.items():
+            link.setsockopt(socket.IPPROTO_TCP, option, value)
         link.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         link.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", UNREAD_S, 0))
         self._link, self._heard, self._answer, self._turns, self._say = link, bytearray(rest), answer, turns, say

@@ -17,9 +17,10 @@ USUAL_S, MOST_S = 30.0, 600.0
 
 class Lease:
     """At most one client holds it. Its time begins anew with each of its verbs that moves the robot; it ends by itself,
-    when it is given back, and when the client leaves.
+    when it is given back, and when the client has left.
 
-    Threads: all methods may be called from any thread. `who` is any object, `name` what others are told of it.
+    Threads: all methods may be called from any thread. `who` is any object, compared by ==, `name` what others are told
+    of it.
     """
 
     def __init__(self) -> None:
@@ -42,14 +43,20 @@ class Lease:
     def give_back(self, who: object) -> None:
         """Nothing happens when another has it."""
         with self._lock:
-            if self._holder is who:
+            if self._holder == who:
                 self._holder = None
+
+    def left(self, who: object, away_s: float) -> None:
+        """That client has gone; it keeps the lease for so long, to come back."""
+        with self._lock:
+            if self._holder == who:
+                self._end_s = min(self._end_s, time.monotonic() + away_s)
 
     def moves(self, who: object) -> None:
         """Before a verb that moves the robot. Raises Refused (`leased`) while another has the lease."""
         with self._lock:
             self._check(who)
-            if self._holder is who and who is not None:
+            if self._holder == who and who is not None:
                 self._end_s = time.monotonic() + self._lasts_s
 
     def told(self, who: object) -> dict[str, Any]:
@@ -61,7 +68,7 @@ class Lease:
         return self._holder is not None and time.monotonic() < self._end_s
 
     def _check(self, who: object) -> None:
-        if self._held() and self._holder is not who:
+        if self._held() and self._holder != who:
             left_s = self._end_s - time.monotonic()
             raise Refused(
                 "leased",
@@ -73,6 +80,6 @@ class Lease:
         held = self._held()
         return {
             "holder": self._name if held else None,
-            "yours": held and self._holder is who,
+            "yours": held and self._holder == who,
             "left_s": round(self._end_s - time.monotonic(), 1) if held else 0.0,
         }

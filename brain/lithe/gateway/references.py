@@ -270,7 +270,7 @@ class References:
     """Streams one reference at a time to the Spine, from a thread of its own once the first one is set; one that ended
     is streamed until it rests.
 
-    Threads: all methods may be called from any thread. `owner` is whoever set the reference, any object.
+    Threads: all methods may be called from any thread. `owner` is whoever set the reference, compared by ==.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -326,13 +326,13 @@ class References:
     def heard(self, owner: object) -> None:
         """That client has said something."""
         with self._lock:
-            if owner is not None and owner is self._owner:
+            if owner is not None and owner == self._owner:
                 self._heard_ns = time.monotonic_ns()
 
     def left(self, owner: object) -> None:
         """That client has gone: its reference ends, unless it was to stay."""
         with self._lock:
-            ends = self._now is not None and owner is self._owner and math.isfinite(self._stale_s)
+            ends = self._now is not None and owner == self._owner and math.isfinite(self._stale_s)
         if ends:
             self.stop("its client has left")
 

@@ -39,6 +39,8 @@ class FakeRobot:
         self.last: dict[str, Any] = {}
         self.mode = 1
         self.moves: dict[str, Any] = {"kind": "rest"}
+        self.since_ns = 0
+        self.leased = True
         self.asked: list[tuple[str, dict[str, Any]]] = []
 
     def sleep(self, seconds: float) -> None:
@@ -47,11 +49,13 @@ class FakeRobot:
     def call(self, verb: str, /, **args: Any) -> Any:
         self.now += self.delay_s
         if self.random.random() < self.drops / 2:
+            self.moves = {"kind": "rest"}
             raise NotRunning("the connection broke on the way there")
         self.asked.append((verb, args))
         answer = getattr(self, verb)(**args)
         self.now += self.delay_s
         if self.random.random() < self.drops / 2:
+            self.moves = {"kind": "rest"}  # as the gateway does with the reference of a client that has left
             raise NotRunning("the connection broke on the way back")
         return answer
 
@@ -59,11 +63,18 @@ class FakeRobot:
         return {"rate_hz": 100.0, "joints": [{"name": HOSTILE, **JOINT}]}
 
     def set_reference(self, **terms: Any) -> dict[str, Any]:
-        self.moves = terms
-        return {"asked": terms, "since_ns": 0, "ramp_s": 1.0}
+        if not self.leased:
+            raise Refused("leased", "another has the right to move this robot")
+        self.moves, self.since_ns = terms, self.since_ns + 1
+        return {"asked": terms, "since_ns": self.since_ns, "ramp_s": 1.0}
+
+    def lease(self, **_: Any) -> dict[str, Any]:
+        if not self.leased:
+            raise Refused("leased", "another has the right to move this robot")
+        return {"yours": True}
 
     def reference(self) -> dict[str, Any]:
-        return {"asked": self.moves}
+        return {"asked": self.moves, "since_ns": self.since_ns}
 
     def stop_reference(self) -> dict[str, Any]:
         self.moves = {"kind": "rest"}
@@ -77,7 +88,7 @@ class FakeRobot:
         ticks = np.arange(max(since_tick + 1, int(self.now * 100) - 4096), int(self.now * 100))
         t_s = ticks * 0.01
         zeros = np.zeros((len(ticks), 1))
-        error = self.laws[self.active] * np.ones((len(ticks), 1))
+        error = self.laws[self.active] * np.ones((len(ticks), 1)) * (self.moves["kind"] != "rest")
         columns = {"tick": ticks, "sample_ns": t_s * 1e9, "mode": zeros[:, 0] + self.mode,
                    "law_id": zeros[:, 0] + self.active, "position_rad": zeros - error, "velocity_rad_s": zeros,
                    "torque_nm": zeros, "setpoint_position_rad": zeros}  # fmt: skip
@@ -119,6 +130,21 @@ class FakeModel:
         if isinstance(one, Exception):
             raise one
         return Reply(one if isinstance(one, str) else fenced(law(f"u.torque_nm[j] = {one};")))
+
+
+class Once:
+    """A robot whose connection breaks once: after the verb `verb` was done for the first time."""
+
+    def __init__(self, robot: FakeRobot, verb: str) -> None:
+        self.robot, self.verb = robot, verb
+
+    def call(self, verb: str, /, **args: Any) -> Any:
+        answer = self.robot.call(verb, **args)
+        if verb == self.verb:
+            self.verb = ""
+            self.robot.moves = {"kind": "rest"}
+            raise NotRunning("the connection broke on the way back")
+        return answer
 
 
 def run(robot: FakeRobot, answers: list[Any], **limits: Any) -> tuple[Result, FakeModel, list[Any]]:
@@ -171,6 +197,38 @@ def test_a_robot_that_stops_ends_it_and_no_verb_moves_it_again() -> None:
     verbs = [verb for verb, _ in robot.asked]
     harmless = {"describe", "latest", "history", "status", "swap", "reference", "stop_reference"}
     assert set(verbs) - harmless == {"set_reference"} and verbs.count("set_reference") == 1, "the one before it stopped"
+
+
+@pytest.mark.parametrize("verb", ["rollback", "history", "swap", "reference", "set_reference"])
+def test_a_lost_answer_costs_nothing_but_time(verb: str) -> None:
+    robot = FakeRobot()
+    robot.laws, robot.active, robot.before = {1: 0.4, 2: 0.39}, 2, [1, 1]
+    robot.count = 2
+    once = Once(robot, verb)
+    link = Link(once, within_s=30.0, sleep=robot.sleep, now_s=lambda: robot.now)
+    model = FakeModel([0.35, 0.38, 0.2, 0.3])
+    limits = Limits(rounds=4, window_s=2.0, share=1.0)
+    result = Rounds(link, Streamer(link), model, "least error", 0.5, limits).run()
+    assert once.verb == "" and [one.kept for one in result.tries] == [True, True, False, True, False]
+    assert all(min(one.rmse_deg) > 0 for one in result.tries), "what was measured at rest does not count"
+    assert robot.laws[robot.active] == 0.2 and not result.stopped
+    assert [name for name, _ in robot.asked].count("rollback") == 2, "one for each law that was worse"
+
+
+def test_a_lease_that_another_took_meanwhile_ends_it_and_nothing_is_moved_any_more() -> None:
+    robot = FakeRobot()
+    said: list[str] = []
+    once = Once(robot, "swap")
+    link = Link(once, lambda kind, **_: said.append(kind), 30.0, robot.sleep, lambda: robot.now)
+    link.take()
+
+    def lost() -> None:
+        robot.leased = False
+
+    result = Rounds(link, Streamer(link), FakeModel([lost, 0.1]), "least error", 0.5, Limits(window_s=2.0)).run()
+    assert result.stopped and "another client moves the robot" in result.why
+    after = [verb for verb, _ in robot.asked][[verb for verb, _ in robot.asked].index("swap") + 1 :]
+    assert set(after) <= {"lease", "status", "latest"}, after
 
 
 def test_a_robot_that_is_gone_is_given_up() -> None:

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who a client of the gateway is. One that names a secret in its hello is the same over all its connections: those at a
+time, and those after one that broke. Its lease and its reference are the client's, not a connection's.
+"""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+AWAY_S = 10.0  # two ways there and back on a link that takes 2 s, and a pause before the next try
+LEAST_SECRET, MOST_SECRET = 16, 64  # characters
+
+
+@dataclass(frozen=True)
+class Peer:
+    """`key`: equal for the same client, and told to nobody; `name`: the address of this connection's other end;
+    `lasts`: it can come back.
+    """
+
+    key: object
+    name: str = field(compare=False)
+    lasts: bool = field(compare=False)
+
+
+class Peers:
+    """Counts the connections of each client. Threads: all methods may be called from any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._connections: Counter[object] = Counter()
+
+    def came(self, link: socket.socket, hello: dict[str, Any]) -> Peer:
+        """A connection more; without a secret of a good length in `client` it is a client of its own."""
+        secret = hello.get("client")
+        lasts = isinstance(secret, str) and LEAST_SECRET <= len(secret) <= MOST_SECRET
+        try:
+            host, port = link.getpeername()[:2]
+            name = f"client {host}:{port}"
+        except OSError:
+            name = "a client that has left"
+        peer = Peer(secret if lasts else object(), name, lasts)
+        with self._lock:
+            self._connections[peer.key] += 1
+        return peer
+
+    def left(self, peer: Peer) -> bool:
+        """A connection less; True when it was the client's last one."""
+        with self._lock:
+            self._connections[peer.key] -= 1
+            last = self._connections[peer.key] <= 0
+            if last:
+                del self._connections[peer.key]
+        return last
