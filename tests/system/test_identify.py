@@ -63,10 +63,18 @@ def test_what_is_no_telemetry_is_named(tmp_path: Path) -> None:
     for words, code, says in (
         ([ROOT / "robots/chain.toml", tmp_path / "other.npy"], 2, "no telemetry of the robot"),
         ([ROOT / "robots/chain.toml", tmp_path / "missing.npy"], 2, "No such file"),
-        ([ROOT / "robots/arm.toml", tmp_path / "other.npy"], 2, "identify_joint"),
+        ([ROOT / "robots/arm.toml", tmp_path / "other.npy"], 2, "no telemetry of the robot"),
+        ([tmp_path / "other.npy", tmp_path / "other.npy"], 2, "give a robot file"),
+        ([ROOT / "robots/chain.toml", tmp_path / "missing.npy", "--write", tmp_path / "new.toml"], 2, "No such file"),
+        (
+            [ROOT / "robots/chain.toml", tmp_path / "other.npy", "--write", ROOT / "robots/arm.toml"],
+            2,
+            "stays as it is",
+        ),
     ):
         done = subprocess.run(
             [sys.executable, "-m", "lithe.identify", *words],
             env={"PYTHONPATH": str(ROOT / "brain")}, capture_output=True, text=True, check=False,
         )  # fmt: skip
         assert done.returncode == code and says in done.stderr, done.stderr
+    assert not (tmp_path / "new.toml").exists()

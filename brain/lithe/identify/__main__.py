@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m lithe.identify ROBOT.toml DATA.npy ... [--json]`: what recorded motion tells of a chain of links.
+"""`python -m lithe.identify ROBOT.toml DATA.npy ... [--json] [--write OUT.toml]`: what motion tells of a robot.
 
 DATA.npy: telemetry as the flight recorder and `robot.telemetry.history` have it. Each file is a motion of its own.
-Exit 0: fitted, also with warnings; 1: the motion tells too little; 2: a file cannot be read.
+OUT.toml: the robot file with a simulated plant as it was recorded, for `lithe.evolve`; never one that is there already.
+Exit 0: fitted, also with warnings; 1: the motion tells too little; 2: a file cannot be read or written.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -18,8 +20,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import LitheError
+from ..files import read_regular
 from .chain import ChainFit, describe, identify_chain
-from .joint import Motion
+from .joint import Arm, Motion, identify_joint
+from .plant import Plant, Values, chain_values, joint_values, plant_of, with_values, write_new
 
 
 def motion_of(records: npt.NDArray[Any], joints: int) -> list[Motion]:
@@ -50,36 +54,80 @@ def table(fit: ChainFit) -> str:
     return "\n".join([*lines, *(f"warning: {warning}" for warning in fit.warnings)])
 
 
+def arm_table(arms: dict[str, Arm]) -> str:
+    """Of joints that swing each on its own."""
+    lines = [f"{'joint':<12} {'inertia kg m2':>14} {'mgl N m':>10} {'viscous':>10} {'coulomb N m':>12}"]
+    for name, arm in arms.items():
+        lines.append(f"{name:<12} {arm.inertia_kg_m2:14.4g} {arm.mgl_nm:10.4g} {arm.viscous_nm_s_rad:10.3g} "
+                     f"{arm.coulomb_nm:12.4g}")  # fmt: skip
+    return "\n".join(lines)
+
+
+def motions_of(paths: list[Path], joints: int) -> list[list[Motion]]:
+    """Of each file a Motion per joint. LitheError names the file."""
+    motions = []
+    for path in paths:
+        try:
+            motions.append(motion_of(np.load(path, allow_pickle=False), joints))
+        except (OSError, ValueError) as error:
+            raise LitheError(f"cannot read {path}: {error}\n  next: give .npy files of the flight recorder") from None
+        except LitheError as error:
+            raise LitheError(f"{path}: {error}") from None
+    return motions
+
+
+def identify(robot: Path, plant: Plant, data: list[Path]) -> tuple[Values, str, dict[str, Any]]:
+    """What the motion tells: values of the plant, a table, and the same for JSON."""
+    if plant.kind == "chain":
+        fit = identify_chain(describe(robot), motions_of(data, len(plant.sims)))
+        told = {**asdict(fit), "parameters": [asdict(each) for each in fit.parameters]}
+        return chain_values(plant, fit), table(fit), told
+    if plant.kind != "independent":
+        raise LitheError(f'a plant of kind "{plant.kind}" has its parameters in its model\n  next: a "chain"')
+    motions = motions_of(data, len(plant.sims))
+    arms: dict[str, Arm] = {}
+    for name, those in zip(plant.sims, zip(*motions, strict=True), strict=True):
+        try:
+            arms[name] = identify_joint(list(those))
+        except (ValueError, np.linalg.LinAlgError) as error:
+            raise ValueError(f"joint '{name}': {error}") from None
+    return joint_values(plant, arms), arm_table(arms), {"joints": {name: asdict(arm) for name, arm in arms.items()}}
+
+
+def run(asked: argparse.Namespace) -> None:
+    """As asked. LitheError: bad input; ValueError: the motion tells too little."""
+    try:
+        text = read_regular(asked.robot)
+        plant = plant_of(text)
+    except (OSError, ValueError) as error:
+        raise LitheError(f"cannot read {asked.robot}: {error}\n  next: give a robot file") from None
+    except LitheError as error:
+        raise LitheError(f"{asked.robot}: {error}\n  next: `lithe bus plan` names its mistakes") from None
+    if asked.write is not None and os.path.lexists(asked.write):
+        raise LitheError(f"{asked.write} is there already, and stays as it is\n  next: --write with another name")
+    values, said, told = identify(asked.robot, plant, asked.data)
+    if asked.write is not None:
+        write_new(asked.write, with_values(text, values))
+    print(json.dumps(told) if asked.json else said)
+    if asked.write is not None and asked.write.resolve().parent != asked.robot.resolve().parent:
+        print("note: paths in a robot file, such as its law's, are relative to its folder", file=sys.stderr)
+
+
 def main(words: list[str]) -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(prog="python -m lithe.identify", description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("robot", type=Path, help='a robot file with [plant] kind = "chain"')
+    parser.add_argument("robot", type=Path, help='a robot file; [plant] kind = "chain" or "independent"')
     parser.add_argument("data", type=Path, nargs="+", help="telemetry, .npy")
     parser.add_argument("--json", action="store_true", help="print JSON")
-    asked = parser.parse_args(words)
+    parser.add_argument("--write", type=Path, metavar="OUT.toml", help="the robot file with the plant that was found")
     try:
-        chain = describe(asked.robot)
-        motions = []
-        for path in asked.data:
-            try:
-                motions.append(motion_of(np.load(path, allow_pickle=False), len(chain.names)))
-            except (OSError, ValueError) as error:
-                raise LitheError(
-                    f"cannot read {path}: {error}\n  next: give .npy files of the flight recorder"
-                ) from None
-            except LitheError as error:
-                raise LitheError(f"{path}: {error}") from None
-        fit = identify_chain(chain, motions)
+        run(parser.parse_args(words))
     except LitheError as error:
         print(f"lithe.identify: {error}", file=sys.stderr)
         return 2
     except ValueError as error:
         print(f"lithe.identify: {error}", file=sys.stderr)
         return 1
-    if asked.json:
-        print(json.dumps({**asdict(fit), "parameters": [asdict(each) for each in fit.parameters]}))
-    else:
-        print(table(fit))
     return 0
 
 
