@@ -143,6 +143,7 @@ def certificates(robot: lithe.Robot) -> list[str]:
     return [str(json.loads(path.read_text())["source"]) for path in sorted(folder.glob("[0-9]*.json"))]
 
 
+@pytest.mark.long
 def test_the_best_law_runs_in_the_end_and_no_swap_is_sent_twice(tmp_path: Path, tell: Callable[[str], None]) -> None:
     with (
         robot_behind(7, CUTS) as (house, robot, gateway, link),

@@ -91,6 +91,7 @@ def predicted(robot_file: Path, winner: dict[str, Any], cache: Path) -> float:
     return score.error_rad
 
 
+@pytest.mark.long
 def test_what_is_found_on_the_recorded_plant_is_nearer_to_the_robot(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tell: Callable[[str], None]
 ) -> None:
