@@ -9,10 +9,10 @@ from pathlib import Path
 
 # room -> rooms it may include (itself is always allowed). The most specific room that holds a file wins.
 BASE = "spine/core spine/wire"
-OUTSIDE = BASE + " spine/ipc spine/law spine/robot"  # what the processes beside the Spine may know
+OUTSIDE = BASE + " spine/ipc spine/law spine/robot spine/robot/read"  # what the processes beside the Spine may know
 HAL = Path(__file__).parent.parent / "spine/hal"
-# A kind of bus: a folder of spine/hal/bus. A kind of device: a folder of spine/hal with a folder sim/. A new one needs
-# no line here.
+# A kind of bus: a folder of spine/hal/bus. A kind of device: a folder of spine/hal with a folder sim/; what only it has
+# in a robot file is read in its folder keys/ (docs/adr/0023). A new one needs no line here.
 BUS = "spine/hal/core spine/hal/bus/loop spine/hal/bus/serial"
 BUS_KINDS = sorted(
     f"spine/hal/bus/{folder.name}"
@@ -21,6 +21,7 @@ BUS_KINDS = sorted(
 )
 BUSES = f"{BUS} {' '.join(BUS_KINDS)}"
 KINDS = sorted(f"spine/hal/{folder.parent.name}" for folder in HAL.glob("*/sim"))
+KEYS = sorted(f"spine/hal/{folder.parent.name}/keys" for folder in HAL.glob("*/keys"))
 DEVICES = "spine/hal/canopen " + " ".join(KINDS)
 SIMULATED = "spine/hal/physics " + " ".join(f"{kind}/sim" for kind in KINDS)
 DEVICE = BASE + " spine/robot spine/hal/core spine/hal/bus/serial spine/hal/canopen"
@@ -40,7 +41,9 @@ ALLOWED = {
         "spine/ipc": BASE,
         "spine/law/include": "",  # the contract of a law; whoever may include spine/law may include it
         "spine/law": BASE + " spine/law/include",
-        "spine/robot": "spine/core",
+        "spine/robot/read": "spine/core",
+        **dict.fromkeys(KEYS, "spine/core spine/robot/read"),
+        "spine/robot": "spine/core spine/robot/read " + " ".join(KEYS),
         "spine/plan": BASE + " spine/robot",
         "spine/guard": BASE + " spine/law/include spine/robot",
         "spine/hal/core": BASE,
@@ -48,7 +51,7 @@ ALLOWED = {
         "spine/hal/bus/serial": BASE + " spine/hal/core spine/hal/bus/loop",
         **dict.fromkeys(BUS_KINDS, f"{BASE} {BUS}"),
         "spine/hal/canopen": BASE + " spine/hal/core",
-        **dict.fromkeys(KINDS, DEVICE),
+        **{kind: f"{DEVICE} {kind}/keys" if f"{kind}/keys" in KEYS else DEVICE for kind in KINDS},
         **{f"{kind}/sim": f"{DEVICE} spine/hal/bus/loop spine/hal/physics {kind}" for kind in KINDS},
         "spine/hal/physics": BASE + " spine/robot spine/hal/core spine/hal/bus/loop",
         "spine/hal": f"{BASE} spine/robot {BUSES} {DEVICES}",
@@ -64,7 +67,7 @@ ALLOWED = {
         "host": "",
         "host/read": "spine/core",
         "host/doctor": "spine/core host/read",
-        "host/tune": "spine/core spine/robot host/read",  # board profiles are read as robot files are
+        "host/tune": "spine/core spine/robot spine/robot/read host/read",  # board profiles are read as robot files are
         "lawd/run": LAWD,
         "lawd/core": LAWD,
         "lawd/compile": LAWD + " lawd/core lawd/run",

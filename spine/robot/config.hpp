@@ -16,17 +16,15 @@ namespace lithe::robot {
 // "auto": the program chooses the core (docs/rt.md).
 inline constexpr int kAutoCpu = -1;
 
-enum class Release { spin, hybrid, sleep };                     // how the Spine waits for the next release
-enum class TransportPlace { automatic, thread, inlined };       // where the buses are served
-enum class LawLoader { arena, dlopen };                         // where the code of laws lives in the Spine
-enum class MissPolicy { skip, stop };                           // what a missed deadline, or a torn plan, does
-enum class StaleAction { hold, safe_stop };                     // what a silent Brain does
-enum class SafeEnd { damp, hold };                              // how the safe law ends, once the joint has slowed down
-enum class OtherGroups { stop, go_on };                         // what a joint's fault does to the groups it is not in
-enum class Checksums { automatic, on, off };                    // of the lines to an fdcanusb
-enum class DriveMode { torque, position, velocity };            // setpoint type of a CiA 402 drive: CST, CSP or CSV
-enum class NumberFormat { int8, int16, int32, float32, none };  // format of a number in a moteus frame
-enum class PlantKind { independent, chain, mujoco };            // coupling of simulated joints
+enum class Release { spin, hybrid, sleep };                // how the Spine waits for the next release
+enum class TransportPlace { automatic, thread, inlined };  // where the buses are served
+enum class LawLoader { arena, dlopen };                    // where the code of laws lives in the Spine
+enum class MissPolicy { skip, stop };                      // what a missed deadline, or a torn plan, does
+enum class StaleAction { hold, safe_stop };                // what a silent Brain does
+enum class SafeEnd { damp, hold };                         // how the safe law ends, once the joint has slowed down
+enum class OtherGroups { stop, go_on };                    // what a joint's fault does to the groups it is not in
+enum class Checksums { automatic, on, off };               // of the lines to an fdcanusb
+enum class PlantKind { independent, chain, mujoco };       // coupling of simulated joints
 
 inline constexpr std::size_t kMaxSensors = 16;  // the size of Tick::sensor
 
@@ -101,34 +99,27 @@ constexpr bool is_fd(const BusConfig& bus) { return bus.data_bitrate > 0; }
 // True for a bus on which classic frames can be sent, beside those of CAN FD or alone.
 constexpr bool carries_classic(const BusConfig& bus) { return !is_fd(bus) || facts(bus.kind).no_classic.empty(); }
 
-// Number formats in moteus frames: fewer bytes make shorter frames and coarser numbers.
-struct FramesConfig {
-  NumberFormat command = NumberFormat::float32;  // all numbers of a command but its settings
-  NumberFormat answer = NumberFormat::float32;   // position, velocity, torque
-  NumberFormat current = NumberFormat::none;     // none: it is not asked for
-  NumberFormat power = NumberFormat::none;
-  bool settings_in_drive = false;  // watchdog, planner and integral as the drive is configured, not in every command
-};
-
 struct DeviceConfig {
   std::string name;
   DeviceKind kind = DeviceKind::moteus;
-  std::size_t bus = 0;                 // index into RobotConfig::buses
-  std::uint32_t id = 1;                // 0 of an imu, which is of the board and on none of its buses
-  double watchdog_s = 0.1;             // the device stops by itself after this time without a command
-  std::uint32_t rate_divider = 1;      // asked once in this many ticks
-  DriveMode mode = DriveMode::torque;  // these three: cia402
-  double counts_per_rev = 4096;        // of the motor's position
-  double rated_torque_nm = 1.0;        // of the motor: object 6076h, of which torques are thousandths
-  FramesConfig frames{};               // these two: moteus
-  bool may_hold_alone = false;         // when this computer dies it may hold its joint, with no limit from LITHE
-  std::uint32_t digital_inputs = 8;    // these three: cia401
-  std::uint32_t analog_inputs = 0;
-  double send_every_s = 0.01;
+  std::size_t bus = 0;             // index into RobotConfig::buses
+  std::uint32_t id = 1;            // 0 of an imu, which is of the board and on none of its buses
+  double watchdog_s = 0.1;         // the device stops by itself after this time without a command
+  std::uint32_t rate_divider = 1;  // asked once in this many ticks
+  DeviceKeys keys{};               // that only one kind has
 };
 
 // Number of its channels of this kind.
-std::size_t inputs_of(const DeviceConfig& device, SensorKind kind);
+constexpr std::size_t inputs_of(const DeviceConfig& device, SensorKind kind) {
+  const DeviceFacts& is = facts(device.kind);
+  return (is.inputs_in_use != nullptr ? is.inputs_in_use(device.keys) : is.inputs)[static_cast<std::size_t>(kind)];
+}
+
+// True for a drive that controls position or velocity itself.
+constexpr bool closes_loop(const DeviceConfig& device) {
+  const auto closes = facts(device.kind).closes_loop;
+  return closes != nullptr && closes(device.keys);
+}
 
 // One channel of a device that measures: value = scale * raw + offset.
 struct SensorConfig {

@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kinds of buses and devices: one row each with what must be known of a kind without its driver. Drivers, simulations
-// and tools are in the rows of spine/hal/registry.hpp; the keys that only one kind has are in device_keys.cpp.
+// The kinds of buses and devices: one row each with what must be known of a kind without its driver. Keys that only one
+// kind of device has are in its folder; drivers and what tools need are in the rows of spine/hal/registry.hpp.
 #pragma once
 
 #include <array>
 #include <cstddef>
 #include <cstdint>
 #include <string_view>
+
+#include "spine/hal/cia401/keys/cia401_keys.hpp"
+#include "spine/hal/cia402/keys/cia402_keys.hpp"
+#include "spine/hal/moteus/keys/moteus_keys.hpp"
 
 namespace lithe::robot {
 
@@ -39,23 +43,49 @@ struct Advice {
   std::string_view next{};  // what to do
 };
 
+// Keys of a [[device]] that only one kind has. A device uses those of its own kind.
+struct DeviceKeys {
+  hal::moteus::Keys moteus{};
+  hal::cia402::Keys cia402{};
+  hal::cia401::Keys cia401{};
+};
+
+// A table of a [[device]] that only one kind may have: [device.KEY].
+struct DeviceTable {
+  std::string_view key{};
+  std::string_view refusal{};  // the answer where another kind has it
+  void (*read)(Reader&, DeviceKeys&) = nullptr;
+};
+
+using Inputs = std::array<std::size_t, 3>;  // number of channels by SensorKind
+
+// A null function: the kind has no such thing.
 struct DeviceFacts {
   DeviceKind kind;
   std::string_view word;  // in the robot file
   std::string_view noun;  // for messages
   Protocol protocol = Protocol::own;
-  bool drives = false;                  // moves a joint; the others only measure
-  bool on_bus = true;                   // has an id; false: it is on a board
-  bool asked = true;                    // once in `rate_divider` ticks; false: it sends by its own clock
-  bool needs_fd = false;                // its frames are CAN FD
-  bool needs_classic = false;           // its frames are classic CAN
-  bool is_synced = false;               // one SYNC asks all of a bus, and a command waits for it
-  bool tells_home = true;               // a drive that knows whether it is homed
-  bool has_frames = false;              // [device.frames] chooses the formats of its numbers
-  std::array<std::size_t, 3> inputs{};  // number of channels by SensorKind
-  std::string_view other_inputs{};      // the answer to a sensor of a kind that it has no channels of
-  double arm_timeout_s = 5;             // time that it may need after power-on until it can be armed
-  Advice not_ready{};                   // why a drive that answers cannot be armed; empty: the log says it
+  bool drives = false;              // moves a joint; the others only measure
+  bool on_bus = true;               // has an id; false: it is on a board
+  bool asked = true;                // once in `rate_divider` ticks; false: it sends by its own clock
+  bool needs_fd = false;            // its frames are CAN FD
+  bool needs_classic = false;       // its frames are classic CAN
+  bool is_synced = false;           // one SYNC asks all of a bus, and a command waits for it
+  bool tells_home = true;           // a drive that knows whether it is homed
+  Inputs inputs{};                  // at most
+  std::string_view other_inputs{};  // the answer to a sensor of a kind that it has no channels of
+  double arm_timeout_s = 5;         // time that it may need after power-on until it can be armed
+  Advice not_ready{};               // why a drive that answers cannot be armed; empty: the log says it
+
+  // Its own keys. `need`: of those without a default; `watchdog_s`: of the device.
+  void (*read)(Reader& in, DeviceKeys& keys, double watchdog_s, Need need) = nullptr;
+  DeviceTable table{};
+  // Error when the joint needs what its drive cannot do.
+  void (*check_joint)(Reader& in, const DeviceKeys& keys, const JointDemand& joint) = nullptr;
+  // By its keys; null: `inputs`.
+  Inputs (*inputs_in_use)(const DeviceKeys& keys) = nullptr;
+  // True for a drive that controls position or velocity itself: a command's torque does not stop it.
+  bool (*closes_loop)(const DeviceKeys& keys) = nullptr;
 };
 
 inline constexpr std::array<BusFacts, 5> kBusFacts{{
@@ -83,7 +113,11 @@ inline constexpr std::array<DeviceFacts, 5> kDeviceFacts{{
      .protocol = Protocol::moteus,
      .drives = true,
      .needs_fd = true,
-     .has_frames = true},
+     .read = [](Reader& in, DeviceKeys& keys, double, Need) { hal::moteus::read_keys(in, keys.moteus); },
+     .table = {"frames", "only the numbers of a moteus can travel in different formats",
+               [](Reader& in, DeviceKeys& keys) { hal::moteus::read_frames(in, keys.moteus.frames); }},
+     .check_joint = [](Reader& in, const DeviceKeys& keys,
+                       const JointDemand& joint) { hal::moteus::check_joint(in, keys.moteus, joint); }},
     {.kind = DeviceKind::cia402,
      .word = "cia402",
      .noun = "a cia402 drive",
@@ -95,7 +129,11 @@ inline constexpr std::array<DeviceFacts, 5> kDeviceFacts{{
      .arm_timeout_s = 15,  // powered on late it is reset again after 5 s, and then configured
      .not_ready = {"has no heartbeat (1017h)",
                    "check its power and cable; while it is off it is reset and set up anew "
-                   "every 5 s; then: lithe arm"}},
+                   "every 5 s; then: lithe arm"},
+     .read = [](Reader& in, DeviceKeys& keys, double, Need need) { hal::cia402::read_keys(in, keys.cia402, need); },
+     .check_joint = [](Reader& in, const DeviceKeys& keys,
+                       const JointDemand& joint) { hal::cia402::check_joint(in, keys.cia402, joint); },
+     .closes_loop = [](const DeviceKeys& keys) { return keys.cia402.mode != hal::cia402::Mode::torque; }},
     {.kind = DeviceKind::gateway, .word = "gateway", .noun = "a gateway", .asked = false, .inputs = {16, 16, 10}},
     {.kind = DeviceKind::imu,
      .word = "imu",
@@ -109,8 +147,13 @@ inline constexpr std::array<DeviceFacts, 5> kDeviceFacts{{
      .protocol = Protocol::canopen,
      .asked = false,
      .needs_classic = true,
-     .inputs = {12, 16, 0},
-     .other_inputs = "what hangs on a cia401 has kind = \"analog\" or \"digital\""},
+     .inputs = {hal::cia401::kAnalog, hal::cia401::kDigital, 0},
+     .other_inputs = "what hangs on a cia401 has kind = \"analog\" or \"digital\"",
+     .read = [](Reader& in, DeviceKeys& keys, double watchdog_s,
+                Need) { hal::cia401::read_keys(in, keys.cia401, watchdog_s); },
+     .inputs_in_use = [](const DeviceKeys& keys) -> Inputs {
+       return {keys.cia401.inputs.analog, keys.cia401.inputs.digital, 0};
+     }},
 }};
 
 // The rows are in the order of the kinds.

@@ -10,7 +10,6 @@
 #include "spine/core/host/files.hpp"
 #include "spine/core/joints.hpp"
 #include "spine/core/text.hpp"
-#include "spine/robot/keys/device_keys.hpp"
 #include "spine/robot/keys/hardware.hpp"
 #include "spine/robot/keys/plants.hpp"
 #include "spine/robot/keys/sections.hpp"
@@ -76,9 +75,8 @@ class File {
     if (device_defaults_ != nullptr) {
       Reader in(*device_defaults_, "[defaults.device]", report_);
       read_device(in, prototype, buses, Need::optional);
-      if (const toml::table* frames = in.table("frames")) {
-        Reader own(*frames, "[defaults.device.frames]", report_);
-        read_frames(own, prototype.frames);
+      for (const DeviceFacts& kind : kDeviceFacts) {
+        read_table(in, kind.table, fmt::format("[defaults.device.{}]", kind.table.key), prototype);
       }
       in.finish();
     }
@@ -87,11 +85,9 @@ class File {
       Reader in(*table, where("device", *table), report_, device_defaults_);
       in.identifier("name", device.name);
       read_device(in, device, buses, Need::required);
-      if (!facts(device.kind).has_frames)
-        in.refuse("frames", "only the numbers of a moteus can travel in different formats");
-      if (const toml::table* frames = in.table("frames")) {
-        Reader own(*frames, where("device", *table) + ".frames", report_);
-        read_frames(own, device.frames);
+      for (const DeviceFacts& kind : kDeviceFacts) {
+        if (kind.table.read != nullptr && kind.kind != device.kind) in.refuse(kind.table.key, kind.table.refusal);
+        read_table(in, kind.table, fmt::format("{}.{}", where("device", *table), kind.table.key), device);
       }
       if (facts(device.kind).on_bus) {
         in.integer("id", device.id, {1, 126}, Need::required);
@@ -103,6 +99,13 @@ class File {
       check_neighbours(in, robot_, table->get("id") != nullptr);
       check_device(in, robot_, device);
     }
+  }
+
+  void read_table(Reader& in, const DeviceTable& own, const std::string& place, DeviceConfig& device) {
+    const toml::table* table = own.read != nullptr ? in.table(own.key) : nullptr;
+    if (table == nullptr) return;
+    Reader inner(*table, place, report_);
+    own.read(inner, device.keys);
   }
 
   void read_sensors() {

@@ -33,7 +33,8 @@ void check_config(const robot::RobotConfig& robot) {
       const bool apart = &other == &device || other.bus != device.bus || other.id != device.id;
       require(apart || !robot::facts(device.kind).on_bus, "no two devices of a bus have one address");
     }
-    require(within(device.watchdog_s, 0.005, 10) && within(device.counts_per_rev, 1, 1e9), "a device is in range");
+    require(within(device.watchdog_s, 0.005, 10) && within(device.keys.cia402.counts_per_rev, 1, 1e9),
+            "a device is in range");
   }
   for (const robot::JointConfig& joint : robot.joints) {
     require(joint.device < robot.devices.size(), "a joint has a device that is there");

@@ -11,6 +11,7 @@
 #include "spine/core/rt.hpp"
 #include "spine/hal/canopen/canopen.hpp"
 #include "spine/hal/canopen/canopen_pdo.hpp"
+#include "spine/hal/cia401/keys/cia401_keys.hpp"
 
 namespace lithe::hal::cia401 {
 
@@ -21,16 +22,8 @@ inline constexpr std::uint16_t kAnalogInterrupt = 0x6423;  // 1: analog inputs a
 }  // namespace object
 
 inline constexpr std::uint32_t kDeviceProfile = 401;  // low half of object 1000h
-inline constexpr std::size_t kDigital = 16;           // channels at most
-inline constexpr std::size_t kAnalog = 12;
 inline constexpr std::size_t kPdos = 4;
 inline constexpr std::size_t kAnalogPerPdo = 4;
-
-// The inputs of one module that are used.
-struct Inputs {
-  std::uint32_t digital = 8;
-  std::uint32_t analog = 0;
-};
 
 constexpr std::uint32_t pdo_id(std::size_t number, std::uint32_t node) LITHE_RT {
   return canopen::cob::kTpdo1 + static_cast<std::uint32_t>(number) * canopen::cob::kNextPdo + node;

@@ -6,17 +6,11 @@
 #include "spine/hal/cia401/cia401_module.hpp"
 
 namespace lithe::hal::cia401 {
-namespace {
-
-Inputs inputs_of(const robot::DeviceConfig& device) { return {device.digital_inputs, device.analog_inputs}; }
-
-}  // namespace
-
 std::unique_ptr<SensorDevice> make_module(const robot::DeviceConfig& device) {
   ModuleParams params;
   params.id = device.id;
-  params.inputs = inputs_of(device);
-  params.send_every_s = device.send_every_s;
+  params.inputs = device.keys.cia401.inputs;
+  params.send_every_s = device.keys.cia401.send_every_s;
   params.stale_ns = std::llround(1e9 * device.watchdog_s);
   return std::make_unique<Module>(params);
 }
@@ -24,12 +18,12 @@ std::unique_ptr<SensorDevice> make_module(const robot::DeviceConfig& device) {
 PlannedFrames planned_frames(const robot::DeviceConfig& device, const robot::BusConfig& /*bus*/) {
   PlannedFrames frames;
   for (std::size_t number = 0; number < kPdos; ++number) {
-    const std::size_t bytes = pdo_map(number, inputs_of(device)).bytes();
+    const std::size_t bytes = pdo_map(number, device.keys.cia401.inputs).bytes();
     if (bytes == 0) continue;
     frames.push_back({.what = number == 0 ? "digital" : "analog",
                       .size = bytes,
                       .id = pdo_id(number, device.id),
-                      .per_s = 1 / device.send_every_s,
+                      .per_s = 1 / device.keys.cia401.send_every_s,
                       .unasked = true});
   }
   frames.push_back({.what = "heartbeat",
@@ -42,7 +36,7 @@ PlannedFrames planned_frames(const robot::DeviceConfig& device, const robot::Bus
 bool process_map(const robot::DeviceConfig& device, std::uint32_t id, canopen::PdoMap& map) {
   for (std::size_t number = 0; number < kPdos; ++number) {
     if (id != pdo_id(number, device.id)) continue;
-    map = pdo_map(number, inputs_of(device));
+    map = pdo_map(number, device.keys.cia401.inputs);
     return !map.objects().empty();
   }
   return false;

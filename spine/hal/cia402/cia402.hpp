@@ -9,6 +9,7 @@
 #include <string_view>
 
 #include "spine/core/rt.hpp"
+#include "spine/hal/cia402/keys/cia402_keys.hpp"
 
 namespace lithe::hal::cia402 {
 
@@ -50,8 +51,6 @@ inline constexpr std::uint16_t kSupportedModes = 0x6502;
 }  // namespace object
 
 inline constexpr std::uint32_t kDeviceProfile = 402;  // low half of object 1000h
-
-enum class Mode : std::int8_t { none = 0, position = 8, velocity = 9, torque = 10 };  // the cyclic synchronous ones
 
 constexpr bool is_cyclic(Mode mode) LITHE_RT { return mode >= Mode::position && mode <= Mode::torque; }
 

@@ -34,11 +34,6 @@ constexpr std::pair<std::uint16_t, std::string_view> kObjects[] = {
     {object::kSupportedModes, "supported modes"},
 };
 
-Mode mode_of(robot::DriveMode mode) {
-  if (mode == robot::DriveMode::torque) return Mode::torque;
-  return mode == robot::DriveMode::position ? Mode::position : Mode::velocity;
-}
-
 // Of all drives on a bus.
 struct Together {
   double watchdog_s = 10;  // the shortest
@@ -73,9 +68,9 @@ std::unique_ptr<Drive> make_drive(const robot::RobotConfig& robot, const robot::
   params.period_s = device.rate_divider / robot.rate_hz;
   params.divider = device.rate_divider;
   params.lost_after_misses = robot.guard.lost_after_misses;
-  params.mode = mode_of(device.mode);
-  params.counts_per_rev = device.counts_per_rev;
-  params.rated_torque_nm = device.rated_torque_nm;
+  params.mode = device.keys.cia402.mode;
+  params.counts_per_rev = device.keys.cia402.counts_per_rev;
+  params.rated_torque_nm = device.keys.cia402.rated_torque_nm;
   params.torque_max_nm = joint.torque_max_nm;
   params.torque_slew_nm_s = joint.torque_slew_nm_s;
   params.velocity_max_rad_s = joint.velocity_max_rad_s;
@@ -97,7 +92,7 @@ std::unique_ptr<BusMaster> make_master(const robot::RobotConfig& robot, std::siz
 PlannedFrames planned_frames(const robot::DeviceConfig& device, const robot::BusConfig& /*bus*/) {
   const double rate = 1.0 / device.rate_divider;
   return {{.what = "command",
-           .size = pdo::command_map(mode_of(device.mode)).bytes(),
+           .size = pdo::command_map(device.keys.cia402.mode).bytes(),
            .id = pdo::command_id(device.id),
            .outbound = true,
            .per_tick = rate},
@@ -135,7 +130,7 @@ std::string state_words(std::uint32_t state, std::uint32_t error_class) {
 
 bool process_map(const robot::DeviceConfig& device, std::uint32_t id, canopen::PdoMap& map) {
   if (id == pdo::command_id(device.id)) {
-    map = pdo::command_map(mode_of(device.mode));
+    map = pdo::command_map(device.keys.cia402.mode);
   } else if (id == pdo::transmit_id(pdo::kAnswer, device.id)) {
     map = pdo::answer_map();
   } else if (id == pdo::transmit_id(pdo::kVelocity, device.id)) {

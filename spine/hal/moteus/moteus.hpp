@@ -65,21 +65,6 @@ struct DriverParams {
   double kd_max_nm_s_rad = 0;
 };
 
-// `frames` is a robot::FramesConfig, which this room does not know; its formats are in the order of Format, followed by
-// none.
-template <class FramesConfig>
-void use_frames(const FramesConfig& frames, DriverParams& params) {
-  const auto format = [](auto which) { return static_cast<Format>(which); };
-  const auto choice = [&format](auto which) {
-    return which == decltype(which)::none ? std::optional<Format>() : std::optional<Format>(format(which));
-  };
-  const Format all = format(frames.command);
-  params.command = {all, all, all, all, all, all, params.command.watchdog};
-  params.answer = {format(frames.answer), format(frames.answer), format(frames.answer), choice(frames.current),
-                   choice(frames.power)};
-  params.settings_in_drive = frames.settings_in_drive;
-}
-
 // The settings that Setup must find in the drive before it may be commanded with these parameters.
 Expected expected_of(const DriverParams& params);
 

@@ -219,21 +219,6 @@ bool SubframeReader::take(std::size_t bytes, Subframe& out) LITHE_RT {
 // Units and encoding of register values.
 namespace {
 
-// One count of int8, int16, int32, by Quantity.
-constexpr double kWorth[][3] = {
-    {1, 1, 1},                                   // integer
-    {0.01, 0.0001, 0.00001},                     // position
-    {0.1, 0.00025, 0.00001},                     // velocity
-    {0.05, 0.001, 0.00001},                      // acceleration
-    {0.5, 0.01, 0.001},                          // torque
-    {1.0 / 127, 1.0 / 32767, 1.0 / 2147483647},  // fraction
-    {0.5, 0.1, 0.001},                           // voltage
-    {1, 0.1, 0.001},                             // temperature
-    {1, 0.1, 0.001},                             // current
-    {0.01, 0.001, 0.000001},                     // time
-    {10, 0.05, 0.0001},                          // power
-};
-
 std::int32_t to_counts(double value, double worth, std::int32_t most) LITHE_RT {
   if (!std::isfinite(value)) return -most - 1;
   const double counts = value / worth;
@@ -285,16 +270,6 @@ Quantity quantity_of(std::uint32_t number) LITHE_RT {
   if (number < kLow) return kTable[number];
   const bool output = number == reg::kSetOutputNearest || number == reg::kSetOutputExact;
   return output ? Quantity::position_rev : Quantity::integer;
-}
-
-double count_worth(Quantity quantity, Format format) LITHE_RT {
-  if (format == Format::float32) return 1;
-  return kWorth[static_cast<std::size_t>(quantity)][static_cast<std::size_t>(format)];
-}
-
-double largest(Quantity quantity, Format format) LITHE_RT {
-  constexpr double kCounts[] = {127, 32767, 2147483647, std::numeric_limits<double>::infinity()};
-  return kCounts[static_cast<std::size_t>(format)] * count_worth(quantity, format);
 }
 
 void encode_value(double value, Quantity quantity, Format format, std::uint8_t* out) LITHE_RT {

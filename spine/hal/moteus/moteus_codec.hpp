@@ -21,25 +21,9 @@
 
 #include "spine/core/rt.hpp"
 #include "spine/hal/core/frame.hpp"
+#include "spine/hal/moteus/keys/moteus_units.hpp"
 
 namespace lithe::hal::moteus {
-
-enum class Format : std::uint8_t { int8, int16, int32, float32 };
-
-// Kind of quantity: decides the unit of one count of an integer format. Angles in revolutions, as in the drive.
-enum class Quantity : std::uint8_t {
-  integer,
-  position_rev,
-  velocity_rev_s,
-  acceleration_rev_s2,
-  torque_nm,
-  fraction,  // PWM duty and gain scales: 1 is the largest integer
-  voltage_v,
-  temperature_c,
-  current_a,
-  time_s,
-  power_w,
-};
 
 // Register numbers used by LITHE.
 namespace reg {
@@ -128,15 +112,9 @@ enum class Mode : std::uint8_t {
 
 Quantity quantity_of(std::uint32_t number) LITHE_RT;
 
-// Unit of one count; 1 for float.
-double count_worth(Quantity quantity, Format format) LITHE_RT;
-
 constexpr std::size_t bytes_of(Format format) LITHE_RT {
   return format == Format::int8 ? 1 : format == Format::int16 ? 2 : 4;
 }
-
-// The largest value of the format; infinite for float.
-double largest(Quantity quantity, Format format) LITHE_RT;
 
 // Integers: towards zero, saturated; what is not finite as the smallest integer, which reads as NaN. Writes
 // bytes_of(format) bytes.

@@ -26,6 +26,13 @@ std::size_t answer_size(const Frame& command) {
   return answer.size;
 }
 
+void use_frames(const FrameKeys& frames, DriverParams& params) {
+  const Format all = frames.command;
+  params.command = {all, all, all, all, all, all, params.command.watchdog};
+  params.answer = {frames.answer, frames.answer, frames.answer, frames.current, frames.power};
+  params.settings_in_drive = frames.settings_in_drive;
+}
+
 }  // namespace
 
 std::unique_ptr<Drive> make_drive(const robot::RobotConfig& robot, const robot::JointConfig& joint) {
@@ -38,11 +45,11 @@ std::unique_ptr<Drive> make_drive(const robot::RobotConfig& robot, const robot::
   params.damp_torque_max_nm = joint.torque_max_nm / joint.ratio;
   params.velocity_max_rad_s = joint.velocity_max_rad_s;
   params.torque_step_nm = joint.torque_slew_nm_s * device.rate_divider / robot.rate_hz;
-  params.may_hold_alone = device.may_hold_alone;
+  params.may_hold_alone = device.keys.moteus.may_hold_alone;
   params.ask_settings = true;
   params.kp_max_nm_rad = joint.kp_max_nm_rad;
   params.kd_max_nm_s_rad = joint.kd_max_nm_s_rad;
-  use_frames(device.frames, params);
+  use_frames(device.keys.moteus.frames, params);
   return std::make_unique<MoteusDrive>(params);
 }
 
@@ -50,7 +57,7 @@ PlannedFrames planned_frames(const robot::DeviceConfig& device, const robot::Bus
   DriverParams params;
   params.id = device.id;
   params.watchdog_s = device.watchdog_s;
-  use_frames(device.frames, params);
+  use_frames(device.keys.moteus.frames, params);
   const Driver driver(params);
   JointCommand command;
   command.action = DriveAction::torque;  // the longest

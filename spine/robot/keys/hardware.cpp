@@ -4,10 +4,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
+#include <numbers>
 #include <string>
-
-#include "spine/robot/keys/device_keys.hpp"
 
 namespace lithe::robot {
 namespace {
@@ -128,6 +128,26 @@ void check_device(Reader& in, const RobotConfig& robot, const DeviceConfig& devi
   if (!kind.on_bus && is_real(bus) && !facts(bus.kind).is_board) {
     in.complain("bus", fmt::format("\"{}\" is of a kind that has no imu; name a bus of the pi3hat", bus.name));
   }
+}
+
+void check_joint(Reader& in, const RobotConfig& robot, const JointConfig& joint, const DeviceConfig& device) {
+  const DeviceFacts& kind = facts(device.kind);
+  if (kind.drives && !kind.tells_home && joint.must_be_homed) {
+    in.complain("must_be_homed", fmt::format("\"{}\" is {}, which does not tell whether it is homed: say "
+                                             "false, and home the drive before the robot is armed",
+                                             device.name, kind.noun));
+  }
+  if (kind.check_joint == nullptr) return;
+  const double rev_per_rad = joint.ratio / (2.0 * std::numbers::pi);
+  const double farthest_rad =
+      std::max(std::abs(joint.position_min_rad - joint.zero_rad), std::abs(joint.position_max_rad - joint.zero_rad));
+  kind.check_joint(in, device.keys,
+                   {.device = device.name,
+                    .farthest_rev = farthest_rad * rev_per_rad,
+                    .fault_rev = (farthest_rad + robot.guard.position_overrun_rad) * rev_per_rad,
+                    .fault_rev_s = joint.velocity_max_rad_s * robot.guard.velocity_overrun * rev_per_rad,
+                    .torque_nm = joint.torque_max_nm / joint.ratio,
+                    .power_limited = joint.power_max_w > 0});
 }
 
 void check_sensor(Reader& in, const RobotConfig& robot) {

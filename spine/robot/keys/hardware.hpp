@@ -14,6 +14,8 @@ void check_bus(Reader& in, const RobotConfig& robot);
 void check_neighbours(Reader& in, const RobotConfig& robot, bool has_id);
 // Error when the device needs what its bus, or the robot's rate, does not offer.
 void check_device(Reader& in, const RobotConfig& robot, const DeviceConfig& device);
+// Error when the joint needs what its drive cannot do.
+void check_joint(Reader& in, const RobotConfig& robot, const JointConfig& joint, const DeviceConfig& device);
 // Error when the last sensor of `robot` shares its channel, or the device has no such channel.
 void check_sensor(Reader& in, const RobotConfig& robot);
 

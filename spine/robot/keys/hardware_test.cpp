@@ -51,7 +51,7 @@ TEST(Hardware, ARobotMixesBusesDevicesAndSensors) {
   EXPECT_EQ(robot->buses[0].interface, "can0");
   EXPECT_EQ(robot->buses[0].data_bitrate, 5'000'000U);
   EXPECT_EQ(robot->buses[1].data_bitrate, 0U) << "an slcan adapter is classic unless it says otherwise";
-  EXPECT_EQ(robot->devices[2].mode, DriveMode::position);
+  EXPECT_EQ(robot->devices[2].keys.cia402.mode, hal::cia402::Mode::position);
   EXPECT_EQ(robot->devices[2].rate_divider, 2U);
   ASSERT_EQ(robot->sensors.size(), 1U);
   EXPECT_EQ(robot->sensors[0].channel, 3U);
@@ -63,8 +63,8 @@ TEST(Hardware, OnlyAMoteusMayHoldAloneAndOnlyWhereItSaysSo) {
   const auto parsed = [&](const std::string& more) {
     return parse_robot(kTop + kFd + device("d", "moteus", "fd", 1, more) + joint("j", "d"), "r.toml");
   };
-  EXPECT_FALSE(parsed("")->devices[0].may_hold_alone);
-  EXPECT_TRUE(parsed("may_hold_alone = true\n")->devices[0].may_hold_alone);
+  EXPECT_FALSE(parsed("")->devices[0].keys.moteus.may_hold_alone);
+  EXPECT_TRUE(parsed("may_hold_alone = true\n")->devices[0].keys.moteus.may_hold_alone);
   expect_refused(
       kTop + kClassic + device("d", "cia402", "classic", 1, kRated + "may_hold_alone = true\n") + joint("j", "d"),
       {"may_hold_alone"});
@@ -233,11 +233,11 @@ TEST(Hardware, FormatsOfAMoteusAreReadAndDefaultsHoldForAll) {
                            joint("a", "m");
   const Result<RobotConfig> robot = parse_robot(text, "r.toml");
   ASSERT_TRUE(robot) << robot.message();
-  const FramesConfig& frames = robot->devices[0].frames;
-  EXPECT_EQ(frames.command, NumberFormat::int16);
-  EXPECT_EQ(frames.answer, NumberFormat::int32);
-  EXPECT_EQ(frames.current, NumberFormat::int8);
-  EXPECT_EQ(frames.power, NumberFormat::none);
+  const hal::moteus::FrameKeys& frames = robot->devices[0].keys.moteus.frames;
+  EXPECT_EQ(frames.command, hal::moteus::Format::int16);
+  EXPECT_EQ(frames.answer, hal::moteus::Format::int32);
+  EXPECT_EQ(frames.current, hal::moteus::Format::int8);
+  EXPECT_EQ(frames.power, std::nullopt);
   EXPECT_TRUE(frames.settings_in_drive);
 }
 

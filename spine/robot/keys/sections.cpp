@@ -3,7 +3,6 @@
 
 #include <algorithm>
 
-#include "spine/robot/keys/device_keys.hpp"
 #include "spine/robot/robot.hpp"
 
 namespace lithe::robot {
@@ -110,34 +109,20 @@ void read_bus(Reader& in, BusConfig& bus, double rate_hz) {
   in.finish();
 }
 
-void read_frames(Reader& in, FramesConfig& frames) {
-  const std::vector<std::pair<std::string_view, NumberFormat>> formats{{"int8", NumberFormat::int8},
-                                                                       {"int16", NumberFormat::int16},
-                                                                       {"int32", NumberFormat::int32},
-                                                                       {"float", NumberFormat::float32}};
-  auto or_none = formats;
-  or_none.emplace_back("none", NumberFormat::none);
-  in.choice<NumberFormat>("command", frames.command, formats);
-  in.choice<NumberFormat>("answer", frames.answer, formats);
-  in.choice<NumberFormat>("current", frames.current, or_none);
-  in.choice<NumberFormat>("power", frames.power, or_none);
-  in.choice<bool>("settings", frames.settings_in_drive, {{"command", false}, {"drive", true}});
-  in.finish();
-}
-
 void read_device(Reader& in, DeviceConfig& device, const std::vector<std::string_view>& buses, Need need) {
   in.choice<DeviceKind>("kind", device.kind, words_of(kDeviceFacts), need);
   in.reference("bus", device.bus, "bus", buses, need);
   in.number("watchdog_s", device.watchdog_s, {0.005, 10.0});
   const std::uint32_t inherited = device.rate_divider;
   in.integer("rate_divider", device.rate_divider, {1, 1000});
-  if (const DeviceFacts& kind = facts(device.kind); !kind.asked) {
+  const DeviceFacts& kind = facts(device.kind);
+  if (!kind.asked) {
     if (device.rate_divider != inherited) {
       in.complain("rate_divider", std::string(kind.noun) + " is not asked; leave it out");
     }
     device.rate_divider = 1;
   }
-  read_keys(in, device, need);
+  if (kind.read != nullptr) kind.read(in, device.keys, device.watchdog_s, need);
 }
 
 void read_sensor(Reader& in, SensorConfig& sensor, const std::vector<std::string_view>& devices) {

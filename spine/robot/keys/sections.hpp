@@ -20,6 +20,5 @@ void read_sensor(Reader& in, SensorConfig& sensor, const std::vector<std::string
 // The keys that [defaults] may contain; there `need` is optional. Name, id and device cannot have a default.
 void read_device(Reader& in, DeviceConfig& device, const std::vector<std::string_view>& buses, Need need);
 void read_joint(Reader& in, JointConfig& joint, Need need);
-void read_frames(Reader& in, FramesConfig& frames);
 
 }  // namespace lithe::robot

@@ -164,7 +164,7 @@ void settle_limits(Reader& in, RobotConfig& robot, JointConfig& joint) {
   check_gain(in, "safe_kp_nm_rad", joint.safe_kp_nm_rad, "kp_max_nm_rad", joint.kp_max_nm_rad);
   const bool reckoned = inertia || is_simulated(robot, joint);
   if (reckoned && joint.inertia_min_kg_m2 > 0 && joint.safe_kd_nm_s_rad > 0) check_safe_gains(in, robot, joint);
-  if (robot.devices[joint.device].mode != DriveMode::torque) return;  // its own loops move it: nothing here brakes it
+  if (closes_loop(robot.devices[joint.device])) return;  // its own loops move it: nothing here brakes it
   if ((!load || !inertia) && !is_simulated(robot, joint)) {
     robot.notes.push_back(fmt::format(
         "joint \"{}\" does not say {}: the guard reckons with load_max_nm = {:.3g} and inertia_max_kg_m2 = {:.3g}, and "

@@ -56,16 +56,16 @@ TEST(Plan, FourMoteusFitAtAKilohertzWithWholeNumbersAndSettingsOfTheirOwn) {
     RobotConfig robot = moteus_robot(4, kind);
     ASSERT_FALSE(bus::plan(robot, {}).fits) << "with floats";
     for (robot::DeviceConfig& device : robot.devices) {
-      device.frames.command = device.frames.answer = robot::NumberFormat::int16;
-      device.frames.settings_in_drive = true;
+      device.keys.moteus.frames.command = device.keys.moteus.frames.answer = hal::moteus::Format::int16;
+      device.keys.moteus.frames.settings_in_drive = true;
     }
     const Plan four = bus::plan(robot, {});
     EXPECT_EQ(four.buses[0].devices[0].traffic[0].size, 24U);
     EXPECT_EQ(four.buses[0].devices[0].traffic[1].size, 20U);
     EXPECT_TRUE(four.fits) << four.buses[0].load_worst;
-    for (robot::DeviceConfig& device : robot.devices) device.frames.current = robot::NumberFormat::int16;
+    for (robot::DeviceConfig& device : robot.devices) device.keys.moteus.frames.current = hal::moteus::Format::int16;
     EXPECT_TRUE(bus::plan(robot, {}).fits) << "the current costs nothing then";
-    for (robot::DeviceConfig& device : robot.devices) device.frames.settings_in_drive = false;
+    for (robot::DeviceConfig& device : robot.devices) device.keys.moteus.frames.settings_in_drive = false;
     EXPECT_FALSE(bus::plan(robot, {}).fits) << "the settings in every command cost eleven bytes";
   }
 }

@@ -48,7 +48,7 @@ inline RobotConfig canopen_robot(int drives, double rate_hz) {
   robot.rate_hz = rate_hz;
   const std::size_t bus = add_bus(robot);
   robot.buses[bus].data_bitrate = 0;
-  for (int i = 0; i < drives; ++i) add(robot, bus, DeviceKind::cia402).mode = robot::DriveMode::position;
+  for (int i = 0; i < drives; ++i) add(robot, bus, DeviceKind::cia402).keys.cia402.mode = hal::cia402::Mode::position;
   return robot;
 }
 

@@ -166,8 +166,7 @@ std::uint32_t SimCia401::input(Address address, std::int64_t now_ns) const LITHE
 }
 
 std::unique_ptr<BusNode> make_sim_cia401(const SimPlace& place) {
-  return std::make_unique<SimCia401>(place.device.id,
-                                     cia401::Inputs{place.device.digital_inputs, place.device.analog_inputs});
+  return std::make_unique<SimCia401>(place.device.id, place.device.keys.cia401.inputs);
 }
 
 }  // namespace lithe::hal::sim

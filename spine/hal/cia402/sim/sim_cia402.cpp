@@ -294,8 +294,8 @@ void SimCia402::transmit(SimPdo& pdo, std::int64_t now_ns, FrameQueue& answers) 
 std::unique_ptr<BusNode> make_sim_cia402(const SimPlace& place) {
   SimCia402Params params;
   params.id = place.device.id;
-  params.servo.counts_per_rev = place.device.counts_per_rev;
-  params.servo.rated_torque_nm = place.device.rated_torque_nm;
+  params.servo.counts_per_rev = place.device.keys.cia402.counts_per_rev;
+  params.servo.rated_torque_nm = place.device.keys.cia402.rated_torque_nm;
   params.servo.motor_torque_max_nm = cia402_torque_max_nm(place.device);
   params.joint = place.joint;
   params.plant = place.plant;
@@ -303,6 +303,6 @@ std::unique_ptr<BusNode> make_sim_cia402(const SimPlace& place) {
   return std::make_unique<SimCia402>(params);
 }
 
-double cia402_torque_max_nm(const robot::DeviceConfig& device) { return 3 * device.rated_torque_nm; }
+double cia402_torque_max_nm(const robot::DeviceConfig& device) { return 3 * device.keys.cia402.rated_torque_nm; }
 
 }  // namespace lithe::hal::sim
