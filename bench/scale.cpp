@@ -49,7 +49,7 @@ robot::RobotConfig robot_of(std::size_t joints) {
 std::unique_ptr<hal::Actuators> open(std::size_t joints) {
   if (joints == 0) {
     auto none = std::make_unique<hal::BusActuators>(RawClock::calibrate());
-    none->add_bus(std::make_unique<hal::LoopBus>(), hal::Addressing::moteus);
+    none->add_bus(std::make_unique<hal::LoopBus>(), nullptr);
     return none;
   }
   auto opened = hal::sim::open_actuators(robot_of(joints));

@@ -31,17 +31,10 @@ std::uint64_t digest_of(const Frame& frame) LITHE_RT {
   return digest;
 }
 
-constexpr std::uint32_t kNoAddress = 0xffff;
-
-std::uint32_t address_of(Addressing addressing, const Frame& frame) LITHE_RT {
-  if (addressing == Addressing::moteus) return frame.id >> 8;
-  return frame.extended ? kNoAddress : frame.id & 0x7f;
-}
-
 }  // namespace
 
-std::size_t BusActuators::add_bus(std::unique_ptr<Bus> bus, Addressing addressing, std::unique_ptr<BusMaster> master) {
-  Line line{std::move(bus), std::move(master), addressing, 0, 0, 0, 0, {}};
+std::size_t BusActuators::add_bus(std::unique_ptr<Bus> bus, SenderOf sender_of, std::unique_ptr<BusMaster> master) {
+  Line line{std::move(bus), std::move(master), sender_of, 0, 0, 0, 0, {}};
   line.joint_at.fill(kNobody);
   lines_.push_back(std::move(line));
   return lines_.size() - 1;
@@ -163,7 +156,7 @@ void BusActuators::read_sensors(ActuatorState& state) const LITHE_RT {
 
 void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
   if (accept_sensors(line, frame)) return;
-  const std::uint32_t address = address_of(line.addressing, frame);
+  const std::uint32_t address = line.sender_of != nullptr ? line.sender_of(frame) : 0;
   const std::uint8_t index = address < line.joint_at.size() ? line.joint_at[address] : kNobody;
   if (index == kNobody) {
     ++counters_.stray;

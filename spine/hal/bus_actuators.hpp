@@ -17,11 +17,8 @@
 
 namespace lithe::hal {
 
-// Where a frame carries the address of the device that sent it.
-enum class Addressing : std::uint8_t {
-  moteus,   // bits 8 to 14 of its id
-  canopen,  // bits 0 to 6
-};
+// Address of the device that sent a frame, by the protocol of its bus; one that no device has: not a frame of a device.
+using SenderOf = std::uint32_t (*)(const Frame& frame) LITHE_RT;
 
 // Contract: cycle() RT, bounded, one thread · add_bus, add_joint before the first cycle, never in the tick
 class BusActuators final : public Actuators {
@@ -32,7 +29,7 @@ class BusActuators final : public Actuators {
   explicit BusActuators(const RawClock& clock = {}, std::uint32_t misses_to_lost = 3)
       : clock_(clock), misses_to_lost_(misses_to_lost) {}
 
-  std::size_t add_bus(std::unique_ptr<Bus> bus, Addressing addressing, std::unique_ptr<BusMaster> master = nullptr);
+  std::size_t add_bus(std::unique_ptr<Bus> bus, SenderOf sender_of, std::unique_ptr<BusMaster> master = nullptr);
   // Joints in the order of the robot's joints, at most kMaxJoints; addresses (1 to 126) differ on each bus. Asked in
   // one of `divider` exchanges, those of a bus in turn, or together where the bus has a master.
   void add_joint(std::size_t bus, std::uint32_t address, std::unique_ptr<Drive> drive, std::uint32_t divider = 1);
@@ -54,7 +51,7 @@ class BusActuators final : public Actuators {
   struct Line {
     std::unique_ptr<Bus> bus;
     std::unique_ptr<BusMaster> master;
-    Addressing addressing;
+    SenderOf sender_of;  // null: no drives
     std::uint32_t joints = 0;
     std::uint32_t sensor_devices = 0;
     std::uint32_t unanswered = 0;            // number of asked joints without an answer

@@ -11,11 +11,16 @@
 #include "spine/hal/bus/slcan/slcan_bus.hpp"
 #include "spine/hal/bus/slcan/slcan_codec.hpp"
 #include "spine/hal/bus/socketcan/socketcan_bus.hpp"
+#include "spine/hal/canopen/canopen.hpp"
+#include "spine/hal/canopen/canopen_scanner.hpp"
 #include "spine/hal/cia401/cia401.hpp"
 #include "spine/hal/cia401/cia401_type.hpp"
 #include "spine/hal/cia402/cia402.hpp"
 #include "spine/hal/cia402/cia402_type.hpp"
 #include "spine/hal/gateway/gateway.hpp"
+#include "spine/hal/gateway/gateway_scanner.hpp"
+#include "spine/hal/moteus/moteus.hpp"
+#include "spine/hal/moteus/moteus_scanner.hpp"
 #include "spine/hal/moteus/moteus_type.hpp"
 
 namespace lithe::hal {
@@ -83,23 +88,37 @@ constexpr std::array<DeviceType, robot::kDeviceFacts.size()> kDevices{{
     {.kind = DeviceKind::moteus,
      .make_drive = moteus::make_drive,
      .frames = moteus::planned_frames,
+     .sender_of = moteus::device_of,
+     .make_scanner = moteus::make_scanner,
+     .frame_text = moteus::frame_text,
      .state_words = moteus::state_words},
     {.kind = DeviceKind::cia402,
      .make_drive = cia402::make_drive,
      .make_master = cia402::make_master,
      .frames = cia402::planned_frames,
      .bus_frames = cia402::bus_frames,
+     .sender_of = canopen::sender_of,
+     .make_scanner = canopen::make_scanner,
+     .frame_text = canopen::frame_text,
      .profile = cia402::kDeviceProfile,
      .unfit = "it is no CiA 402 drive, and cannot be driven as one",
      .state_words = cia402::state_words,
      .process_map = cia402::process_map,
      .process_value = cia402::process_value,
      .object_name = cia402::object_name},
-    {.kind = DeviceKind::gateway, .make_sensors = gateway::make_gateway, .frames = gateway::planned_frames},
+    {.kind = DeviceKind::gateway,
+     .make_sensors = gateway::make_gateway,
+     .frames = gateway::planned_frames,
+     .is_own = gateway::is_gateway,
+     .make_scanner = gateway::make_scanner,
+     .frame_text = gateway::frame_text},
     {.kind = DeviceKind::imu, .make_on_board = make_imu, .frames = imu_frames},
     {.kind = DeviceKind::cia401,
      .make_sensors = cia401::make_module,
      .frames = cia401::planned_frames,
+     .sender_of = canopen::sender_of,
+     .make_scanner = canopen::make_scanner,
+     .frame_text = canopen::frame_text,
      .profile = cia401::kDeviceProfile,
      .unfit = "it is no CiA 401 module, and cannot be read as one",
      .process_map = cia401::process_map,

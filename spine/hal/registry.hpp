@@ -14,6 +14,7 @@
 #include "spine/hal/bus/pi3hat/imu.hpp"
 #include "spine/hal/canopen/canopen_pdo.hpp"
 #include "spine/hal/core/bus.hpp"
+#include "spine/hal/core/bus_tools.hpp"
 #include "spine/hal/core/drive.hpp"
 #include "spine/hal/core/planned_frame.hpp"
 #include "spine/hal/core/sensors.hpp"
@@ -36,7 +37,14 @@ struct DeviceType {
   PlannedFrames (*frames)(const robot::DeviceConfig&, const robot::BusConfig&) = nullptr;
   PlannedFrames (*bus_frames)(const robot::RobotConfig&, std::size_t bus) = nullptr;
 
-  // Scanner and monitor. `profile`: of a CANopen device, the low half of object 1000h.
+  // The address of the device that sent a frame, on a bus with its protocol.
+  std::uint32_t (*sender_of)(const Frame&) LITHE_RT = nullptr;
+
+  // Scanner and monitor. Kinds with one protocol have the same; `is_own`: true for a frame of this kind on any bus.
+  bool (*is_own)(const Frame&) LITHE_RT = nullptr;
+  std::unique_ptr<Scanner> (*make_scanner)() = nullptr;
+  FrameText (*frame_text)(const Frame&, const FrameContext&) = nullptr;
+  // Of a CANopen device: the low half of object 1000h.
   std::uint32_t profile = 0;
   std::string_view unfit{};  // advice for a node on its bus with another profile
   // Text for bits 16 to 23 and 8 to 15 of a joint's status.

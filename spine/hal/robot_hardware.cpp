@@ -87,12 +87,12 @@ class Hardware final : public Actuators {
   Result<> add_bus(std::size_t index) {
     const robot::BusConfig& config = config_.buses[index];
     std::unique_ptr<BusMaster> master;
-    Addressing addressing = Addressing::moteus;
+    SenderOf sender_of = nullptr;
     for (const robot::DeviceConfig& device : config_.devices) {
       if (device.bus != index) continue;
-      if (robot::facts(device.kind).protocol == robot::Protocol::canopen) addressing = Addressing::canopen;
-      const auto make = type_of(device.kind).make_master;
-      if (make != nullptr && master == nullptr) master = make(config_, index);
+      const DeviceType& type = type_of(device.kind);
+      if (type.sender_of != nullptr) sender_of = type.sender_of;
+      if (type.make_master != nullptr && master == nullptr) master = type.make_master(config_, index);
     }
     std::unique_ptr<Bus> bus;
     if (!robot::is_real(config)) {
@@ -104,7 +104,7 @@ class Hardware final : public Actuators {
       named_buses_.emplace_back(config.name, bus.get());
     }
     if (tap_ != nullptr) bus = std::make_unique<TappedBus>(std::move(bus), static_cast<std::uint32_t>(index), *tap_);
-    actuators_.add_bus(std::move(bus), addressing, std::move(master));
+    actuators_.add_bus(std::move(bus), sender_of, std::move(master));
     return done();
   }
 

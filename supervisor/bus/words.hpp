@@ -4,15 +4,10 @@
 
 #include <cstdint>
 #include <string>
-#include <string_view>
 
-#include "spine/hal/canopen/canopen.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe::bus {
-
-std::string_view word(hal::canopen::NmtState state);
-std::string_view word(hal::canopen::NmtCommand command);
 
 // Text for bits 8 to 23 of a joint's status (wire::joint_status): the drive's mode or state, and its fault or limit
 // with the code, for example "fault: over-temperature (38)". Empty for a device that is not a drive.

@@ -89,7 +89,7 @@ int drive(const std::string& path, std::uint32_t node, const std::string& mode) 
     return 1;
   }
   hal::BusActuators actuators(RawClock::calibrate());
-  actuators.add_bus(std::move(*opened), hal::Addressing::canopen,
+  actuators.add_bus(std::move(*opened), hal::canopen::sender_of,
                     std::make_unique<hal::canopen::CanopenMaster>(hal::canopen::MasterParams{.heartbeat_s = 0.1}));
   hal::cia402::DriverParams params;
   params.id = node;

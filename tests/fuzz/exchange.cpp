@@ -45,8 +45,8 @@ class Robot {
     auto fd = std::make_unique<WatchedBus>(peer_[0], ledger_[0], kGateway);
     auto classic = std::make_unique<WatchedBus>(peer_[1], ledger_[1], 0);
     buses_ = {fd.get(), classic.get()};
-    actuators_.add_bus(std::move(fd), Addressing::moteus);
-    actuators_.add_bus(std::move(classic), Addressing::canopen,
+    actuators_.add_bus(std::move(fd), hal::moteus::device_of);
+    actuators_.add_bus(std::move(classic), hal::canopen::sender_of,
                        std::make_unique<canopen::CanopenMaster>(canopen::MasterParams{.heartbeat_s = 0.02}));
     for (std::uint32_t i = 0; i < kMoteus; ++i) add_moteus(i);
     for (std::uint32_t i = kMoteus; i < kJoints; ++i) add_cia402(i);

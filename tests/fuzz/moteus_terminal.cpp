@@ -67,11 +67,11 @@ void run(Bytes bytes) {
   const std::string words(input.text(input.byte() % 100));
   Mouth mouth(frames_of(input), way);
   std::int64_t looks = 0;
-  const Terminal::Time time{[&] {
-                              require(++looks < kMostLooks, "a terminal comes back");
-                              return looks * 10'000'000;
-                            },
-                            [] {}};
+  const Time time{[&] {
+                    require(++looks < kMostLooks, "a terminal comes back");
+                    return looks * 10'000'000;
+                  },
+                  [] {}};
   Terminal terminal(mouth, time);
   if (verb == 0) {
     std::uint32_t last = 0;

@@ -91,6 +91,8 @@ std::uint32_t get(const std::uint8_t* in, std::size_t bytes) LITHE_RT;
 
 constexpr std::uint32_t function_of(const Frame& frame) LITHE_RT { return frame.id & cob::kFunction; }
 constexpr std::uint32_t node_of(const Frame& frame) LITHE_RT { return frame.id & cob::kNode; }
+// The node that sent a frame; 0, which no node has, for one that is not CANopen.
+constexpr std::uint32_t sender_of(const Frame& frame) LITHE_RT { return frame.extended ? 0 : node_of(frame); }
 
 // True for a frame with an 11-bit id and at most 8 bytes.
 constexpr bool is_canopen(const Frame& frame) LITHE_RT {

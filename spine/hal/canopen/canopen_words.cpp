@@ -55,4 +55,34 @@ std::string hex(std::uint32_t value, std::size_t digits) {
   return text;
 }
 
+std::string_view word(NmtState state) {
+  switch (state) {
+    case NmtState::boot_up:
+      return "boot-up";
+    case NmtState::stopped:
+      return "stopped";
+    case NmtState::operational:
+      return "operational";
+    case NmtState::pre_operational:
+      return "pre-operational";
+  }
+  return "no known state";
+}
+
+std::string_view word(NmtCommand command) {
+  switch (command) {
+    case NmtCommand::start:
+      return "start";
+    case NmtCommand::stop:
+      return "stop";
+    case NmtCommand::enter_pre_operational:
+      return "enter pre-operational";
+    case NmtCommand::reset_node:
+      return "reset node";
+    case NmtCommand::reset_communication:
+      return "reset communication";
+  }
+  return "no known command";
+}
+
 }  // namespace lithe::hal::canopen

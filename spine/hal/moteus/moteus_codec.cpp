@@ -231,12 +231,6 @@ void put_little_endian(std::uint32_t bits, std::size_t bytes, std::uint8_t* out)
   for (std::size_t i = 0; i < bytes; ++i) out[i] = static_cast<std::uint8_t>(bits >> (8 * i));
 }
 
-std::uint32_t get_little_endian(const std::uint8_t* in, std::size_t bytes) LITHE_RT {
-  std::uint32_t bits = 0;
-  for (std::size_t i = 0; i < bytes; ++i) bits |= std::uint32_t{in[i]} << (8 * i);
-  return bits;
-}
-
 constexpr std::size_t kLow = 0x080;  // from here on only integers, with two exceptions
 
 constexpr std::array<Quantity, kLow> table() {
@@ -293,7 +287,7 @@ void encode_value(double value, Quantity quantity, Format format, std::uint8_t* 
 }
 
 double decode_value(const std::uint8_t* in, Quantity quantity, Format format) LITHE_RT {
-  const std::uint32_t bits = get_little_endian(in, bytes_of(format));
+  const std::uint32_t bits = little_endian(in, bytes_of(format));
   if (format == Format::float32) return std::bit_cast<float>(bits);
   const unsigned unused_bits = 32 - 8 * static_cast<unsigned>(bytes_of(format));
   const std::int32_t counts = static_cast<std::int32_t>(bits << unused_bits) >> unused_bits;

@@ -116,6 +116,12 @@ constexpr std::size_t bytes_of(Format format) LITHE_RT {
   return format == Format::int8 ? 1 : format == Format::int16 ? 2 : 4;
 }
 
+constexpr std::uint32_t little_endian(const std::uint8_t* in, std::size_t bytes) LITHE_RT {
+  std::uint32_t bits = 0;
+  for (std::size_t i = 0; i < bytes; ++i) bits |= std::uint32_t{in[i]} << (8 * i);
+  return bits;
+}
+
 // Integers: towards zero, saturated; what is not finite as the smallest integer, which reads as NaN. Writes
 // bytes_of(format) bytes.
 void encode_value(double value, Quantity quantity, Format format, std::uint8_t* out) LITHE_RT;

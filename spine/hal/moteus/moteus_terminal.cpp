@@ -21,17 +21,11 @@ void address(std::uint32_t destination, Frame& frame) {
   frame.extended = frame.fd = frame.brs = true;
 }
 
-std::uint32_t word_at(const std::uint8_t* bytes) {
-  std::uint32_t word = 0;
-  for (std::size_t i = 0; i < 4; ++i) word |= std::uint32_t{bytes[i]} << (8 * i);
-  return word;
-}
-
 // The words as doubles for a subframe. One bit pattern cannot be represented: that of NaN.
 std::array<double, 4> uuid_words(const std::array<std::uint8_t, 16>& uuid) {
   std::array<double, 4> words{};
   for (std::size_t i = 0; i < words.size(); ++i) {
-    const auto word = static_cast<std::int32_t>(word_at(uuid.data() + 4 * i));
+    const auto word = static_cast<std::int32_t>(little_endian(uuid.data() + 4 * i, 4));
     words[i] = word == std::numeric_limits<std::int32_t>::min() ? std::numeric_limits<double>::quiet_NaN() : word;
   }
   return words;
@@ -46,7 +40,7 @@ bool take_identity(const Frame& said, Identity& identity) {
   while (reader.next(s)) {
     for (std::uint32_t i = 0; s.kind == Kind::reply && i < s.count; ++i) {
       const std::uint32_t number = s.start + i;
-      const std::uint32_t word = s.format == Format::int32 ? word_at(s.data + 4 * i) : s.data[i];
+      const std::uint32_t word = s.format == Format::int32 ? little_endian(s.data + 4 * i, 4) : s.data[i];
       whole = whole || number == reg::kRegisterMap;
       if (number == reg::kModel) seen.model = word;
       if (number == reg::kFirmware) seen.firmware = word;

@@ -5,11 +5,11 @@
 #include <array>
 #include <compare>
 #include <cstdint>
-#include <functional>
 #include <vector>
 
 #include "spine/core/result.hpp"
 #include "spine/hal/core/bus.hpp"
+#include "spine/hal/core/bus_tools.hpp"
 #include "spine/hal/moteus/moteus_codec.hpp"
 
 namespace lithe::hal::moteus {
@@ -42,10 +42,6 @@ bool take_discovery(const Frame& answer, Found& found);  // false: not an answer
 // Contract: not RT: waits, but always returns within a time limit · one thread, which alone uses the bus
 class Terminal {
  public:
-  struct Time {
-    std::function<std::int64_t()> now_ns;  // CLOCK_MONOTONIC
-    std::function<void()> pause;           // waits briefly for an answer
-  };
   Terminal(Bus& bus, Time time) : bus_(bus), time_(std::move(time)) {}
 
   // All drives that answer in time, in order of their ids; two with the same id are both listed.

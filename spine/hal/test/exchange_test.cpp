@@ -59,7 +59,7 @@ struct Robot {
   explicit Robot(std::int64_t delay_ns, std::int64_t wait_ns) : actuators(RawClock::calibrate(kMs)) {
     auto own = std::make_unique<SlowBus>(delay_ns, wait_ns);
     bus = own.get();
-    actuators.add_bus(std::move(own), Addressing::moteus);
+    actuators.add_bus(std::move(own), hal::moteus::device_of);
   }
   void add_drive(std::uint32_t id, std::uint32_t divider = 1) {
     sim::SimMoteusParams params;
@@ -192,7 +192,7 @@ TEST(Exchange, WhatOthersSaidMeanwhileNeverCostsADriveItsAnswer) {
     auto own = std::make_unique<Crowded>(drive);
     Crowded* bus = own.get();
     BusActuators actuators;
-    actuators.add_bus(std::move(own), Addressing::moteus);
+    actuators.add_bus(std::move(own), hal::moteus::device_of);
     actuators.add_joint(0, 1, std::make_unique<moteus::MoteusDrive>(moteus::DriverParams{.id = 1, .joint = {}}));
     if (known) actuators.add_sensors(0, std::make_unique<gateway::Gateway>(9, kMs));
     ActuatorCommand command;

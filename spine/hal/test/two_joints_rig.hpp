@@ -110,7 +110,7 @@ class TwoJoints : public testing::Test {
       cables_.push_back(std::make_unique<BadCable>(params));
       bus_->attach(*cables_.back());
     }
-    actuators_.add_bus(std::move(bus), Addressing::moteus);
+    actuators_.add_bus(std::move(bus), hal::moteus::device_of);
     for (std::uint32_t id : {1U, 2U}) {
       moteus::DriverParams params;
       params.id = id;

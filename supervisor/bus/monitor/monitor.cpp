@@ -112,7 +112,7 @@ std::optional<std::string> Monitor::see(const CapturedFrame& captured) {
   if (captured.bus >= tallies_.size()) return std::nullopt;
   const hal::Frame& frame = captured.frame;
   const robot::BusConfig& bus = choice_.robot.buses[captured.bus];
-  const Decoded decoded = decode(frame, protocols_[captured.bus], choice_.robot, captured.bus);
+  const hal::FrameText decoded = decode(frame, protocols_[captured.bus], choice_.robot, captured.bus);
   const bool outbound = captured.outbound.value_or(decoded.outbound);
   Tally& tally = tallies_[captured.bus];
   ++(outbound ? tally.out : tally.in);

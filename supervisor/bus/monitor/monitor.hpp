@@ -14,7 +14,6 @@
 #include "spine/hal/core/bus.hpp"
 #include "spine/hal/core/frame.hpp"
 #include "supervisor/bus/plan/report.hpp"
-#include "supervisor/bus/scan/observation.hpp"
 #include "supervisor/bus/scan/place.hpp"
 
 namespace lithe::bus {
@@ -98,7 +97,7 @@ class Monitor {
   std::int64_t start_ns_;
   std::uint64_t shown_ = 0;
   std::vector<Tally> tallies_;       // by bus
-  std::vector<Protocol> protocols_;  // by bus
+  std::vector<robot::Protocol> protocols_;  // by bus
 };
 
 std::string statistics_text(const Json& statistics);

@@ -11,10 +11,12 @@
 
 #include "spine/core/text.hpp"
 #include "spine/core/time.hpp"
+#include "spine/hal/canopen/canopen.hpp"
 #include "spine/hal/canopen/canopen_sdo.hpp"
 #include "spine/hal/cia402/cia402_setup.hpp"
 #include "spine/hal/gateway/gateway.hpp"
 #include "spine/hal/moteus/moteus.hpp"
+#include "spine/hal/moteus/moteus_terminal.hpp"
 #include "supervisor/bus/monitor/decode.hpp"
 #include "supervisor/bus/plan/frame_time.hpp"
 
@@ -42,6 +44,10 @@ Frame moteus_frame(std::uint32_t id, const std::function<void(hal::moteus::Subfr
   return frame;
 }
 
+hal::FrameText moteus_text(const Frame& frame) {
+  return decode(frame, robot::Protocol::moteus, frankenstein().robot, 0);
+}
+
 TEST(Decode, MoteusRegistersHaveNamesAndUnits) {
   const Frame command = moteus_frame(0x8303, [](auto& writer) {
     const double mode[] = {10}, values[] = {0.25, -1.5};
@@ -49,7 +55,7 @@ TEST(Decode, MoteusRegistersHaveNamesAndUnits) {
     writer.write(hal::moteus::Format::float32, hal::moteus::reg::kCommandPosition, values);
     writer.read(hal::moteus::Format::float32, hal::moteus::reg::kPosition, 3);
   });
-  const Decoded asked = decode_moteus(command);
+  const hal::FrameText asked = moteus_text(command);
   EXPECT_TRUE(asked.outbound);
   EXPECT_EQ(asked.device, 3U);
   EXPECT_EQ(asked.text, "write mode position; write position 0.25 rev, velocity -1.5 rev/s; read position to torque");
@@ -59,13 +65,13 @@ TEST(Decode, MoteusRegistersHaveNamesAndUnits) {
     writer.reply(hal::moteus::Format::float32, hal::moteus::reg::kVoltage, volts, false);
     writer.reply(hal::moteus::Format::int8, hal::moteus::reg::kFault, fault, false);
   });
-  const Decoded said = decode_moteus(answer);
+  const hal::FrameText said = moteus_text(answer);
   EXPECT_FALSE(said.outbound);
   EXPECT_EQ(said.device, 3U);
   EXPECT_EQ(said.text, "mode fault; voltage 24.5 V; fault over-temperature");
   Frame all;
   hal::moteus::make_discovery(all);
-  EXPECT_FALSE(decode_moteus(all).device) << "it is for everybody";
+  EXPECT_FALSE(moteus_text(all).device) << "it is for everybody";
 }
 
 TEST(Decode, MoteusNumbersAreWholeAndPatternsAreNoNumbers) {
@@ -74,7 +80,7 @@ TEST(Decode, MoteusNumbersAreWholeAndPatternsAreNoNumbers) {
     writer.reply(hal::moteus::Format::int32, hal::moteus::reg::kMillisecondCounter, milliseconds, false);
     writer.reply(hal::moteus::Format::int32, hal::moteus::reg::kUuid, uuid, true);
   });
-  EXPECT_EQ(decode_moteus(answer).text,
+  EXPECT_EQ(moteus_text(answer).text,
             "milliseconds 1234567890; uuid 0 80000000, uuid 1 ffffffff, uuid 2 00000005, uuid 3 12345678");
 }
 
@@ -82,15 +88,17 @@ TEST(Decode, AStreamWithFlowControlIsToldByWhoAsksForAReply) {
   Frame said = moteus_frame(0x300, [](auto&) {});
   said.size = 3;
   said.data = {0x43, 1, 0};
-  EXPECT_FALSE(decode_moteus(said).outbound);
-  EXPECT_EQ(decode_moteus(said).device, 3U);
+  EXPECT_FALSE(moteus_text(said).outbound);
+  EXPECT_EQ(moteus_text(said).device, 3U);
   said.id = 0x8003;
   said.data = {0x44, 1, 48};
-  EXPECT_TRUE(decode_moteus(said).outbound);
-  EXPECT_EQ(decode_moteus(said).device, 3U);
+  EXPECT_TRUE(moteus_text(said).outbound);
+  EXPECT_EQ(moteus_text(said).device, 3U);
 }
 
-std::string canopen_text(const Frame& frame) { return decode_canopen(frame, frankenstein().robot, 2).text; }
+std::string canopen_text(const Frame& frame) {
+  return decode(frame, robot::Protocol::canopen, frankenstein().robot, 2).text;
+}
 
 TEST(Decode, CanopenObjectsStatesAndReasonsHaveNames) {
   EXPECT_EQ(canopen_text(canopen::sync_frame()), "SYNC");
@@ -134,8 +142,8 @@ TEST(Decode, WhatNobodySaysIsStillALine) {
     frame.fd = random() % 2 == 0;
     frame.size = static_cast<std::uint8_t>(random() % (frame.fd ? 256 : 9));
     for (std::uint8_t& byte : frame.data) byte = static_cast<std::uint8_t>(random());
-    for (const Protocol protocol : {Protocol::moteus, Protocol::canopen}) {
-      const Decoded decoded = decode(frame, protocol, choice.robot, 2);
+    for (const robot::Protocol protocol : {robot::Protocol::moteus, robot::Protocol::canopen}) {
+      const hal::FrameText decoded = decode(frame, protocol, choice.robot, 2);
       ASSERT_FALSE(decoded.text.empty());
       ASSERT_TRUE(is_printable(decoded.text)) << printable(decoded.text);
     }

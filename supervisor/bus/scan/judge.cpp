@@ -5,125 +5,39 @@
 
 #include <algorithm>
 #include <array>
-#include <map>
 
-#include "spine/core/text.hpp"
-#include "spine/hal/gateway/gateway.hpp"
-#include "spine/hal/moteus/moteus_faults.hpp"
 #include "spine/hal/registry.hpp"
-#include "supervisor/bus/plan/report.hpp"
-#include "supervisor/bus/words.hpp"
 
 namespace lithe::bus {
 namespace {
 
 using robot::DeviceKind;
 
-std::string uuid_text(const std::array<std::uint8_t, 16>& uuid) {
-  std::string text;
-  for (std::size_t i = 0; i < uuid.size(); ++i) {
-    text += fmt::format("{}{:02x}", i == 4 || i == 6 || i == 8 || i == 10 ? "-" : "", uuid[i]);
-  }
-  return text;
-}
-
-std::string moteus_text(const ObservedMoteus& one) {
-  if (!one.identity) return one.why_unknown;
-  const hal::moteus::Identity& is = *one.identity;
-  std::string text = fmt::format("firmware {}.{}.{}, register map {}, serial {:08x}{:08x}{:08x}, ", is.firmware >> 16,
-                                 is.firmware >> 8 & 0xff, is.firmware & 0xff, is.register_map, is.serial[0],
-                                 is.serial[1], is.serial[2]);
-  const bool has_uuid = one.found.uuid != std::array<std::uint8_t, 16>{};
-  text += has_uuid ? "uuid " + uuid_text(one.found.uuid) : "no uuid";
-  text += fmt::format(", {}", hal::moteus::mode_name(static_cast<hal::moteus::Mode>(is.mode & 0xff)));
-  if (is.fault != 0) text += fmt::format(", {} ({})", hal::moteus::fault_name(is.fault), is.fault);
-  return text;
-}
-
-std::string node_text(const ObservedNode& node) {
-  std::string text;
-  const auto add = [&text](const std::string& more) { text += (text.empty() ? "" : ", ") + more; };
-  if (!node.name.empty()) add("'" + printable(node.name) + "'");
-  if (node.device_type) add(fmt::format("profile {}", *node.device_type & 0xffff));
-  if (node.vendor) add(fmt::format("vendor {:08x}h", *node.vendor));
-  if (node.product) add(fmt::format("product {:08x}h", *node.product));
-  if (node.revision) add(fmt::format("revision {:08x}h", *node.revision));
-  if (node.serial) add(fmt::format("serial {:08x}h", *node.serial));
-  if (node.heartbeat) add(fmt::format("heartbeat: {}", word(*node.heartbeat)));
-  if (node.answers == 0) add("its heartbeat is all that is heard of it");
-  return text;
-}
-
-std::string gateway_text(const ObservedGateway& observed) {
-  std::string blocks;
-  constexpr std::array kNames{"analog", "digital", "imu"};
-  static_assert(kNames.size() == hal::gateway::kBlocks);
-  for (std::size_t i = 0; i < kNames.size(); ++i) {
-    if ((observed.blocks >> i & 1) != 0) blocks += fmt::format("{}{}", blocks.empty() ? "" : ", ", kNames[i]);
-  }
-  return fmt::format("{} frames heard: {}", observed.frames, blocks.empty() ? "no known channels" : blocks);
-}
-
-void unfit(Judged& device, const std::string& advice) {
-  if (device.standing == Standing::twice) return;
-  device.standing = Standing::unfit;
-  device.advice = advice;
-}
-
-void judge_moteus(const BusObservation& observed, std::vector<Judged>& all) {
-  for (const ObservedMoteus& one : observed.moteus) {
-    Judged device{DeviceKind::moteus, one.found.id, "", Standing::present, moteus_text(one), ""};
-    const auto same_id = [&](const ObservedMoteus& other) { return other.found.id == one.found.id; };
-    if (std::count_if(observed.moteus.begin(), observed.moteus.end(), same_id) > 1) {
-      device.standing = Standing::twice;
-      device.advice = fmt::format(
-          "several drives have id {}: leave one of them on the bus, give it an id of its own "
-          "(moteus_tool -t {} --console: conf set id.id N, conf write), then plug in the next",
-          one.found.id, one.found.id);
-    }
-    if (one.identity && one.identity->register_map != hal::moteus::kKnownRegisterMap) {
-      unfit(device, fmt::format("its firmware has register map {}, and {} is needed: flash another firmware "
-                                "(moteus_tool -t {} --flash)",
-                                one.identity->register_map, hal::moteus::kKnownRegisterMap, one.found.id));
-    }
-    all.push_back(std::move(device));
-  }
-}
-
-// The kind that the file says; else that of its profile; else the first CANopen one, which it does not fit.
-const hal::DeviceType& type_of_node(const robot::RobotConfig& robot, std::size_t bus, std::uint32_t id,
-                                    const ObservedNode& node) {
+// Of a CANopen device: the kind that the file says; else that of its profile; else the first one, which it does not fit.
+const hal::DeviceType& type_of_found(const robot::RobotConfig& robot, std::size_t bus, DeviceKind first,
+                                     const hal::FoundDevice& found) {
+  if (hal::type_of(first).profile == 0) return hal::type_of(first);
   for (const robot::DeviceConfig& device : robot.devices) {
     const hal::DeviceType& type = hal::type_of(device.kind);
-    if (device.bus == bus && device.id == id && type.profile != 0) return type;
+    if (device.bus == bus && device.id == found.id && type.profile != 0) return type;
   }
-  const hal::DeviceType* first = nullptr;
   for (const hal::DeviceType& type : hal::device_types()) {
-    if (type.profile == 0) continue;
-    if (first == nullptr) first = &type;
-    if (node.device_type && (*node.device_type & 0xffff) == type.profile) return type;
+    if (type.profile != 0 && found.profile == type.profile) return type;
   }
-  return *first;
+  return hal::type_of(first);
 }
 
-void judge_nodes(const robot::RobotConfig& robot, std::size_t bus, const BusObservation& observed,
-                 std::vector<Judged>& all) {
-  for (const auto& [id, node] : observed.nodes) {
-    const hal::DeviceType& type = type_of_node(robot, bus, id, node);
-    Judged device{type.kind, id, "", Standing::present, node_text(node), ""};
-    if (node.answers > 1) {
-      device.standing = Standing::twice;
-      device.advice = fmt::format(
-          "{} answers came to one question: several nodes have id {}; take one off the bus and "
-          "give it another id (its switches, or its maker's tool)",
-          node.answers, id);
-    } else if (node.answers == 0 && observed.trouble.empty() && observed.commander.empty()) {
-      unfit(device, "it does not answer SDO requests: switch it off and on");
-    } else if (node.device_type && (*node.device_type & 0xffff) != type.profile) {
-      unfit(device, std::string(type.unfit));
-    }
-    all.push_back(std::move(device));
+Judged judge_device(const hal::FoundDevice& found, const hal::DeviceType& type) {
+  Judged device{type.kind, found.id, "", Standing::present, found.what, ""};
+  const bool fits = !found.profile || *found.profile == type.profile;
+  if (!found.twice.empty()) {
+    device.standing = Standing::twice;
+    device.advice = found.twice;
+  } else if (!found.unfit.empty() || !fits) {
+    device.standing = Standing::unfit;
+    device.advice = found.unfit.empty() ? std::string(type.unfit) : found.unfit;
   }
+  return device;
 }
 
 // A device of the file gets its name; any other device is `unknown`.
@@ -183,22 +97,23 @@ std::string_view word(Standing standing) {
   return kWords[static_cast<std::size_t>(standing)];
 }
 
-BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_file, const BusObservation& observed) {
+BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_file, const Line& line) {
   BusFindings findings{bus, {}, "", ""};
-  judge_moteus(observed, findings.devices);
-  judge_nodes(robot, bus, observed, findings.devices);
-  for (const auto& [id, one] : observed.gateways) {
-    findings.devices.push_back({DeviceKind::gateway, id, "", Standing::present, gateway_text(one), ""});
+  const bool asked = line.trouble.empty() && line.commander.empty();
+  for (const Line::KindScanner& each : line.scanners) {
+    for (const hal::FoundDevice& found : each.scanner->found(asked)) {
+      findings.devices.push_back(judge_device(found, type_of_found(robot, bus, each.kind, found)));
+    }
   }
-  if (!observed.commander.empty()) {
-    findings.trouble = "another program commands this bus (" + observed.commander +
+  if (!line.commander.empty()) {
+    findings.trouble = "another program commands this bus (" + line.commander +
                        " was heard), so nothing was asked; end that program, or watch it: lithe bus monitor";
   }
-  if (!observed.trouble.empty()) findings.trouble = observed.trouble;
+  if (!line.trouble.empty()) findings.trouble = line.trouble;
   if (!from_file) return findings;
   compare(robot, bus, findings.devices);
   // A device that could not be asked is not called missing: the bus has the error.
-  if (observed.trouble.empty()) add_missing(robot, bus, findings.devices);
+  if (line.trouble.empty()) add_missing(robot, bus, findings.devices);
   advise(robot.path, findings.devices);
   return findings;
 }

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "spine/robot/config.hpp"
-#include "supervisor/bus/scan/observation.hpp"
+#include "supervisor/bus/scan/scan.hpp"
 
 namespace lithe::bus {
 
@@ -40,7 +40,7 @@ struct BusFindings {
 };
 
 // Contract: pure
-BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_file, const BusObservation& observed);
+BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_file, const Line& line);
 
 // True when the bus is as the file says.
 bool matches(const BusFindings& findings);

@@ -3,6 +3,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <array>
 #include <charconv>
 #include <filesystem>
 
@@ -69,8 +71,7 @@ Result<Choice> choose(const Words& words) {
   if (words.bitrate || words.data_bitrate) return Error{"the bit rates of a robot's buses stand in its file"};
   Result<robot::RobotConfig> robot = robot::load_robot(words.what);
   if (!robot) {
-    return Error{robot.message() + "\n(a bus without a robot file: fdcanusb:/dev/ttyACM0, slcan:/dev/ttyACM1, " +
-                 "socketcan:can0, pi3hat:1)"};
+    return Error{robot.message() + "\n(a bus without a robot file: " + bus_forms() + ")"};
   }
   Choice choice;
   choice.from_file = true;
@@ -83,6 +84,29 @@ Result<Choice> choose(const Words& words) {
   if (choice.buses.empty()) return Error{words.what + ": has no bus '" + words.bus + "'; it has " + names};
   choice.robot = std::move(*robot);
   return choice;
+}
+
+std::string bus_forms() {
+  constexpr std::array<std::string_view, robot::kPlaceKeys.size()> kPlaces{"", "PATH", "NAME", "N"};
+  std::string forms;
+  for (const robot::BusFacts& kind : robot::kBusFacts) {
+    if (!kind.real) continue;
+    forms += fmt::format("{}{}:{}", forms.empty() ? "" : " ", kind.word, kPlaces[static_cast<std::size_t>(kind.place)]);
+  }
+  return forms;
+}
+
+robot::Protocol protocol_of(const robot::RobotConfig& robot, std::size_t bus) {
+  for (const robot::DeviceConfig& device : robot.devices) {
+    const robot::Protocol protocol = robot::facts(device.kind).protocol;
+    if (device.bus == bus && protocol != robot::Protocol::own) return protocol;
+  }
+  const bool fd = robot::is_fd(robot.buses[bus]);
+  const auto* const usual = std::find_if(
+      robot::kDeviceFacts.begin(), robot::kDeviceFacts.end(), [fd](const robot::DeviceFacts& kind) {
+        return kind.protocol != robot::Protocol::own && (fd ? kind.needs_fd : kind.needs_classic);
+      });
+  return usual->protocol;
 }
 
 std::string place_of(const robot::BusConfig& bus) {

@@ -48,7 +48,7 @@ Scan scan(const Choice& choice, const ScanOptions& options) {
     done.buses.push_back({index, {}, "", ""});
     open.push_back(robot::is_real(config) ? open_line(opener, config, done.buses.back()) : nullptr);
     if (!robot::is_real(config)) done.buses.back().note = kSimulated;
-    lines.push_back({open.back().get(), protocol_of(choice.robot, index), {}, config.bitrate});
+    lines.emplace_back(open.back().get(), protocol_of(choice.robot, index), config.bitrate);
   }
   const Time time = real_time();
   if (std::any_of(open.begin(), open.end(), [](const auto& bus) { return bus != nullptr; })) {
@@ -57,7 +57,7 @@ Scan scan(const Choice& choice, const ScanOptions& options) {
   for (std::size_t i = 0; i < lines.size(); ++i) {
     if (open[i] == nullptr) continue;
     ask(lines[i], time);
-    done.buses[i] = judge(choice.robot, choice.buses[i], choice.from_file, lines[i].observed);
+    done.buses[i] = judge(choice.robot, choice.buses[i], choice.from_file, lines[i]);
     note_errors(open[i]->statistics(), done.buses[i]);
   }
   done.matches = std::all_of(done.buses.begin(), done.buses.end(), matches) &&

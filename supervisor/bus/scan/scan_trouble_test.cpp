@@ -14,6 +14,7 @@ namespace {
 
 using hal::Frame;
 using robot::DeviceKind;
+using test::found;
 using test::robot_with;
 using test::ScanRigOn;
 
@@ -45,11 +46,11 @@ class Slow final : public test::Watched {
 TEST(ScanTrouble, OnASlowBusEveryNodeIsAskedAndTheBusHasItsTime) {
   ScanRigOn<Slow> rig;
   for (const std::uint32_t id : {1U, 64U, 127U}) rig.add_drive(id);
-  const BusObservation observed = rig.scan(Protocol::canopen);
-  EXPECT_EQ(observed.nodes.size(), 3U);
-  EXPECT_EQ(observed.trouble, "");
+  const Line line = rig.scan(robot::Protocol::canopen);
+  EXPECT_EQ(found(line).size(), 3U);
+  EXPECT_EQ(line.trouble, "");
   EXPECT_EQ(rig.bus().too_early, 0);
-  for (const auto& [id, node] : observed.nodes) EXPECT_EQ(node.answers, 1U) << id;
+  for (const hal::FoundDevice& node : found(line)) EXPECT_EQ(node.twice + node.unfit, "") << node.id;
 }
 
 // A short queue: it takes three frames between two looks.
@@ -69,10 +70,10 @@ TEST(ScanTrouble, AQuestionThatIsRefusedIsPutAgain) {
   ScanRigOn<Short> rig;
   for (std::uint32_t id = 1; id <= 9; ++id) rig.add_drive(id);
   rig.add_drive(127);
-  const BusObservation observed = rig.scan(Protocol::canopen);
-  EXPECT_EQ(observed.nodes.size(), 10U);
-  for (const auto& [id, node] : observed.nodes) EXPECT_EQ(node.answers, 1U) << id;
-  EXPECT_EQ(observed.trouble, "");
+  const Line line = rig.scan(robot::Protocol::canopen);
+  EXPECT_EQ(found(line).size(), 10U);
+  for (const hal::FoundDevice& node : found(line)) EXPECT_EQ(node.twice + node.unfit, "") << node.id;
+  EXPECT_EQ(line.trouble, "");
 }
 
 // Takes so many frames, and no more for ever.
@@ -88,13 +89,13 @@ TEST(ScanTrouble, WhoCouldNotBeAskedIsNeitherMissingNorUnfit) {
   ScanRigOn<Stuck> rig;
   rig.add_drive(5);
   rig.add_drive(100);
-  const BusObservation observed = rig.scan(Protocol::canopen);
-  EXPECT_NE(observed.trouble.find("nodes 21 to 127"), std::string::npos) << observed.trouble;
+  const Line line = rig.scan(robot::Protocol::canopen);
+  EXPECT_NE(line.trouble.find("nodes 21 to 127"), std::string::npos) << line.trouble;
   const BusFindings findings = judge(
-      robot_with({{DeviceKind::cia402, 5}, {DeviceKind::cia402, 100}, {DeviceKind::cia402, 101}}), 0, true, observed);
+      robot_with({{DeviceKind::cia402, 5}, {DeviceKind::cia402, 100}, {DeviceKind::cia402, 101}}), 0, true, line);
   ASSERT_EQ(findings.devices.size(), 2U) << "of node 100 the heartbeat is heard, of 101 nothing";
   for (const Judged& each : findings.devices) EXPECT_EQ(each.standing, Standing::expected) << each.id;
-  EXPECT_EQ(findings.trouble, observed.trouble);
+  EXPECT_EQ(findings.trouble, line.trouble);
   EXPECT_FALSE(matches(findings));
 }
 
@@ -108,10 +109,10 @@ class Gone final : public test::Watched {
 
 TEST(ScanTrouble, AnAdapterThatWentAwayIsNoFaultOfTheDevices) {
   for (const auto& [kind, protocol] :
-       {std::pair{DeviceKind::moteus, Protocol::moteus}, std::pair{DeviceKind::cia402, Protocol::canopen}}) {
+       {std::pair{DeviceKind::moteus, robot::Protocol::moteus}, std::pair{DeviceKind::cia402, robot::Protocol::canopen}}) {
     ScanRigOn<Gone> rig;
-    const BusObservation observed = rig.scan(protocol);
-    const BusFindings findings = judge(robot_with({{kind, 1}}), 0, true, observed);
+    const Line line = rig.scan(protocol);
+    const BusFindings findings = judge(robot_with({{kind, 1}}), 0, true, line);
     EXPECT_EQ(findings.trouble, "/dev/ttyACM0: the adapter went away");
     EXPECT_TRUE(findings.devices.empty()) << findings.devices[0].advice;
   }
@@ -134,9 +135,9 @@ TEST(ScanTrouble, OneLostAnswerMakesNoDriveAMissingOne) {
   rig.add_moteus(1, 1);
   rig.add_moteus(2, 2);
   rig.add_moteus(2, 3);
-  const BusObservation observed = rig.scan(Protocol::moteus);
-  ASSERT_EQ(observed.moteus.size(), 3U) << "each once, though each was asked twice";
-  EXPECT_EQ(observed.moteus[0].found.id, 1U);
+  const Line line = rig.scan(robot::Protocol::moteus);
+  ASSERT_EQ(found(line).size(), 3U) << "each once, though each was asked twice";
+  EXPECT_EQ(found(line)[0].id, 1U);
 }
 
 // Something comes with every look, and time goes on by itself.
@@ -152,15 +153,17 @@ class Babbler final : public test::Watched {
 };
 
 TEST(ScanTrouble, ABusThatIsNeverQuietEndsNoScanLate) {
-  for (const Protocol protocol : {Protocol::moteus, Protocol::canopen}) {
+  for (const robot::Protocol protocol : {robot::Protocol::moteus, robot::Protocol::canopen}) {
     ScanRigOn<Babbler> rig;
     rig.add_moteus(1, 1);
     const Time time{[&] { return rig.bus().looks * 10'000; }, [] { FAIL() << "it is never quiet"; }};
-    std::vector<Line> lines{{&rig.bus(), protocol, {}}};
+    std::vector<Line> lines;
+    lines.emplace_back(&rig.bus(), protocol);
     listen(lines, 20'000'000, time);
     ask(lines.front(), time);
     EXPECT_LT(time.now_ns(), 1'500'000'000) << "0.02 s to listen, 0.3 s to find, 0.2 s for an answer; or 16 batches";
-    EXPECT_EQ(lines.front().observed.moteus.size(), protocol == Protocol::moteus ? 1U : 0U);
+    const std::uint32_t first = protocol == robot::Protocol::moteus ? 1 : 77;
+    EXPECT_EQ(found(lines.front()).at(0).id, first);
   }
 }
 

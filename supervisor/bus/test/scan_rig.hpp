@@ -81,11 +81,12 @@ class ScanRigOn {
               bus_.begin(now_ns_);  // devices send by themselves
             }};
   }
-  BusObservation scan(Protocol protocol) {
-    std::vector<Line> lines{{&bus_, protocol, {}, bus_.bitrate()}};
+  Line scan(robot::Protocol protocol) {
+    std::vector<Line> lines;
+    lines.emplace_back(&bus_, protocol, bus_.bitrate());
     listen(lines, 20'000'000, time());
     ask(lines.front(), time());
-    return lines.front().observed;
+    return std::move(lines.front());
   }
   Wire& bus() { return bus_; }
   std::int64_t now_ns() const { return now_ns_; }
@@ -109,6 +110,15 @@ inline robot::RobotConfig robot_with(std::vector<std::pair<DeviceKind, std::uint
     robot.devices.push_back(device);
   }
   return robot;
+}
+
+// All that was found, of any kind.
+inline std::vector<hal::FoundDevice> found(const Line& line) {
+  std::vector<hal::FoundDevice> all;
+  for (const Line::KindScanner& each : line.scanners) {
+    for (hal::FoundDevice& one : each.scanner->found(true)) all.push_back(std::move(one));
+  }
+  return all;
 }
 
 inline const Judged& of(const BusFindings& findings, std::uint32_t id) {

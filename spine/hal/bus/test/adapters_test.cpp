@@ -108,7 +108,7 @@ class FarEnd {
 // Our end: a joint per drive.
 struct NearEnd {
   explicit NearEnd(std::unique_ptr<Bus> opened) : bus(opened.get()), actuators(RawClock::calibrate(kMs)) {
-    actuators.add_bus(std::move(opened), Addressing::moteus);
+    actuators.add_bus(std::move(opened), hal::moteus::device_of);
     for (std::uint32_t id = 1; id <= kDrives; ++id) {
       moteus::DriverParams driver;
       driver.id = id;

@@ -99,7 +99,7 @@ class Cia402Line : public testing::Test {
       cables_.push_back(std::make_unique<Cable<sim::SimCia402>>(params));
       bus->attach(*cables_.back());
     }
-    actuators_.add_bus(std::move(bus), Addressing::canopen,
+    actuators_.add_bus(std::move(bus), hal::canopen::sender_of,
                        std::make_unique<canopen::CanopenMaster>(
                            canopen::MasterParams{.heartbeat_s = line.heartbeat_s, .divider = line.divider}));
     for (std::uint32_t id = 1; id <= kIds; ++id) {

@@ -23,7 +23,7 @@ struct MoteusLine {
     auto own = std::make_unique<LoopBus>();
     bus = own.get();
     own->attach(node);
-    actuators.add_bus(std::move(own), Addressing::moteus);
+    actuators.add_bus(std::move(own), hal::moteus::device_of);
     auto drive = std::make_unique<moteus::MoteusDrive>(driver);
     moteus = drive.get();
     actuators.add_joint(0, driver.id, std::move(drive));

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// Text for the frames of moteus drives and of who talks to them.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -8,14 +9,10 @@
 
 #include "spine/core/text.hpp"
 #include "spine/hal/moteus/moteus_faults.hpp"
-#include "supervisor/bus/monitor/decode.hpp"
-#include "supervisor/bus/words.hpp"
+#include "spine/hal/moteus/moteus_scanner.hpp"
 
-namespace lithe::bus {
+namespace lithe::hal::moteus {
 namespace {
-
-namespace moteus = hal::moteus;
-namespace reg = hal::moteus::reg;
 
 constexpr std::pair<std::uint32_t, const char*> kNames[] = {
     {reg::kMode, "mode"},
@@ -81,17 +78,17 @@ std::string name_of(std::uint32_t number) {
   return fmt::format("register {:03x}h", number);
 }
 
-const char* unit_of(moteus::Quantity quantity) {
+const char* unit_of(Quantity quantity) {
   constexpr std::array kUnits{"", " rev", " rev/s", " rev/s2", " Nm", "", " V", " C", " A", " s", " W"};
   return kUnits[static_cast<std::size_t>(quantity)];
 }
 
 std::string value_text(std::uint32_t number, double value) {
   if (std::isnan(value)) return "none";
-  if (number == reg::kMode) return moteus::mode_name(static_cast<moteus::Mode>(std::clamp(value, 0.0, 255.0)));
-  if (number == reg::kFault) return moteus::fault_name(static_cast<std::uint32_t>(std::clamp(value, 0.0, 255.0)));
-  const moteus::Quantity quantity = moteus::quantity_of(number);
-  if (quantity == moteus::Quantity::integer && value == std::trunc(value)) return fmt::format("{:.0f}", value);
+  if (number == reg::kMode) return mode_name(static_cast<Mode>(std::clamp(value, 0.0, 255.0)));
+  if (number == reg::kFault) return fault_name(static_cast<std::uint32_t>(std::clamp(value, 0.0, 255.0)));
+  const Quantity quantity = quantity_of(number);
+  if (quantity == Quantity::integer && value == std::trunc(value)) return fmt::format("{:.0f}", value);
   return fmt::format("{:.5g}{}", value, unit_of(quantity));
 }
 
@@ -101,19 +98,19 @@ bool is_pattern(std::uint32_t number) {
   return within(reg::kSerial, 3) || within(reg::kUuid, 4) || within(reg::kUuidMask, 4);
 }
 
-std::string value_text(const moteus::Subframe& s, std::uint32_t i) {
+std::string value_text(const Subframe& s, std::uint32_t i) {
   const std::uint32_t number = s.start + i;
-  if (!is_pattern(number) || s.format != moteus::Format::int32) return value_text(number, s.value(i));
-  return fmt::format("{:08x}", hal::canopen::get(s.data + std::size_t{4} * i, 4));
+  if (!is_pattern(number) || s.format != Format::int32) return value_text(number, s.value(i));
+  return fmt::format("{:08x}", little_endian(s.data + std::size_t{4} * i, 4));
 }
 
 // A read may name more registers than a frame can answer: show only the first and the last.
-std::string read_text(const moteus::Subframe& s) {
+std::string read_text(const Subframe& s) {
   if (s.count == 1) return "read " + name_of(s.start);
   return fmt::format("read {} to {}", name_of(s.start), name_of(s.start + s.count - 1));
 }
 
-std::string values_text(const moteus::Subframe& s) {
+std::string values_text(const Subframe& s) {
   std::string text;
   for (std::uint32_t i = 0; i < s.count; ++i) {
     text += fmt::format("{}{} {}", i == 0 ? "" : ", ", name_of(s.start + i), value_text(s, i));
@@ -121,31 +118,31 @@ std::string values_text(const moteus::Subframe& s) {
   return text;
 }
 
-std::string stream_text(const moteus::Subframe& s) {
+std::string stream_text(const Subframe& s) {
   const std::string_view bytes(reinterpret_cast<const char*>(s.data), s.count);
   return fmt::format("channel {} '{}'", s.start, printable(bytes));
 }
 
 // The text, and whether a host sends this kind of frame.
-std::pair<std::string, bool> subframe_text(const moteus::Subframe& s) {
+std::pair<std::string, bool> subframe_text(const Subframe& s) {
   switch (s.kind) {
-    case moteus::Kind::write:
+    case Kind::write:
       return {"write " + values_text(s), true};
-    case moteus::Kind::read:
+    case Kind::read:
       return {read_text(s), true};
-    case moteus::Kind::reply:
+    case Kind::reply:
       return {values_text(s), false};
-    case moteus::Kind::write_error:
+    case Kind::write_error:
       return {fmt::format("cannot write {}: error {}", name_of(s.start), s.error), false};
-    case moteus::Kind::read_error:
+    case Kind::read_error:
       return {fmt::format("cannot read {}: error {}", name_of(s.start), s.error), false};
-    case moteus::Kind::client_data:
+    case Kind::client_data:
       return {"to " + stream_text(s), true};
-    case moteus::Kind::server_data:
+    case Kind::server_data:
       return {"from " + stream_text(s), false};
-    case moteus::Kind::poll:
+    case Kind::poll:
       return {fmt::format("poll channel {}", s.start), true};
-    case moteus::Kind::flow:
+    case Kind::flow:
       break;
   }
   return {"stream with flow control", false};  // used in both directions: the reply bit decides
@@ -153,12 +150,12 @@ std::pair<std::string, bool> subframe_text(const moteus::Subframe& s) {
 
 }  // namespace
 
-Decoded decode_moteus(const hal::Frame& frame) {
+FrameText frame_text(const Frame& frame, const FrameContext& /*context*/) {
   constexpr std::uint32_t kReplyRequested = 0x8000, kBroadcast = 0x7f;
-  Decoded decoded;
+  FrameText decoded;
   decoded.outbound = (frame.id & kReplyRequested) != 0;
-  moteus::SubframeReader reader(frame.payload());
-  moteus::Subframe s;
+  SubframeReader reader(frame.payload());
+  Subframe s;
   while (reader.next(s)) {
     const auto [text, outbound] = subframe_text(s);
     decoded.outbound = decoded.outbound || outbound;
@@ -171,4 +168,4 @@ Decoded decode_moteus(const hal::Frame& frame) {
   return decoded;
 }
 
-}  // namespace lithe::bus
+}  // namespace lithe::hal::moteus
