@@ -76,7 +76,7 @@ void Devices::act(const FaultRequest& order, std::int64_t now_ns) {
 
 void Devices::suffer(std::size_t device, const FaultRequest& order, std::int64_t now_ns) {
   if (const std::optional<InjectedFault> injected = injected_of(order.kind)) {
-    nodes_.devices[device]->inject(*injected, order.on, now_ns);
+    nodes_.devices[device].node->inject(*injected, order.on, now_ns);
   } else {
     meet_stranger(device, order);
   }
@@ -85,7 +85,7 @@ void Devices::suffer(std::size_t device, const FaultRequest& order, std::int64_t
 // twin: a second device with the same id and another position. wrong_id: a device with another id replaces the right
 // one.
 void Devices::meet_stranger(std::size_t index, const FaultRequest& order) {
-  hal::BusNode& device = *nodes_.devices[index];
+  hal::BusNode& device = *nodes_.devices[index].node;
   Company& company = company_[index];
   hal::sim::SimWire& wire = *wires_[config_.devices[index].bus];
   if (company.stranger != nullptr) wire.detach(*company.stranger);
@@ -140,10 +140,11 @@ void Devices::clear(std::int64_t now_ns) {
   over.on = false;
   for (const auto& wire : wires_) wire->set_faults({});
   for (std::size_t i = 0; i < nodes_.devices.size(); ++i) {
+    if (nodes_.devices[i].node == nullptr) continue;
     for (const InjectedFault injected :
          {InjectedFault::over_temperature, InjectedFault::encoder_lost, InjectedFault::device_fault,
           InjectedFault::homing_lost, InjectedFault::other_map}) {
-      nodes_.devices[i]->inject(injected, false, now_ns);
+      nodes_.devices[i].node->inject(injected, false, now_ns);
     }
     if (company_[i].stranger != nullptr) meet_stranger(i, over);
   }

@@ -14,8 +14,7 @@ namespace {
 
 JointCommand joint_command(const ActuatorCommand& all, std::size_t joint) LITHE_RT {
   if (joint >= all.joints) return {};  // a joint without a command is off
-  return {all.action[joint],    all.torque_nm[joint],   all.position_rad[joint],  all.velocity_rad_s[joint],
-          all.kp_nm_rad[joint], all.kd_nm_s_rad[joint], all.max_torque_nm[joint], all.clear_faults};
+  return {pd_of(all, joint), all.action[joint], all.max_torque_nm[joint], all.clear_faults};
 }
 
 // Hash of a frame's content (FNV-1a, eight bytes at a time).

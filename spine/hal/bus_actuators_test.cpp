@@ -136,7 +136,9 @@ TEST(MoteusLimit, ALimitThatIsNotFiniteIsNoSoundCommand) {
   params.torque_step_nm = 0.1;
   moteus::MoteusDrive drive(params);
   LoopBus bus;
-  JointCommand command{.action = DriveAction::torque, .max_torque_nm = std::numeric_limits<double>::infinity()};
+  JointCommand command;
+  command.action = DriveAction::torque;
+  command.max_torque_nm = std::numeric_limits<double>::infinity();
   EXPECT_FALSE(drive.command(command, {}, bus));
   command.max_torque_nm = 1;
   EXPECT_TRUE(drive.command(command, {}, bus));

@@ -200,12 +200,12 @@ std::vector<Seed> seeds() {
   for (unsigned kind = 0; kind < 27; ++kind) {
     Script script;
     script.byte(kind).byte(kind).byte(0).byte(1 + 6 * 40).byte(0 + 6 * 1);
-    write(script, {DriveAction::torque, 0.5, 0.25, 1, 10, 1, 2});
+    write(script, {{0.5, 0.25, 1, 10, 1}, DriveAction::torque, 2});
     for (const std::uint16_t word : List<std::uint16_t>{0x0240, 0x0221, 0x0223, 0x0227, 0x0227, 0x0208}) {
       script.byte(4).frame(tpdo1(1000)).byte(5).frame(tpdo2(word, 4096, 100)).byte(0 + 6 * 1);
-      write(script, {DriveAction::torque, kSharp[kind % kSharp.size()], 0.25, 1, 10, 1, 2});
+      write(script, {{kSharp[kind % kSharp.size()], 0.25, 1, 10, 1}, DriveAction::torque, 2});
       script.byte(4).frame(tpdo1(0x7fffffff)).byte(5).frame(tpdo2(word, 0x80000000, -32768)).byte(0 + 6 * 1);
-      write(script, {DriveAction::torque, 0.5, kSharp[kind % kSharp.size()], 1, 10, 1, 2});
+      write(script, {{0.5, kSharp[kind % kSharp.size()], 1, 10, 1}, DriveAction::torque, 2});
     }
     script.byte(4).frame(canopen::emergency_frame(kNode, {0x8130, 0x11}));
     script.byte(4).frame(canopen::heartbeat_frame(kNode, NmtState::pre_operational)).byte(1 + 6 * 40);
@@ -215,7 +215,7 @@ std::vector<Seed> seeds() {
     path.byte(kind).byte(kind).byte(1).number(1000U);
     for (int i = 0; i < 48; ++i) {
       const double sharp = kSharp[static_cast<std::size_t>(i) / 3 % kSharp.size()];
-      write(path, {DriveAction::torque, 0.5, i % 2 == 0 ? sharp : 0.25, sharp, 10, 1, 2});
+      write(path, {{0.5, i % 2 == 0 ? sharp : 0.25, sharp, 10, 1}, DriveAction::torque, 2});
       path.real(0.1).real(0.2);
     }
     all.push_back(path);

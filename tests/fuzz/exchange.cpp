@@ -9,7 +9,7 @@
 #include "spine/hal/cia402/cia402_drive.hpp"
 #include "spine/hal/cia402/sim/sim_cia402.hpp"
 #include "spine/hal/gateway/sim/sim_gateway.hpp"
-#include "spine/hal/moteus/moteus_drive.hpp"
+#include "spine/hal/moteus/moteus.hpp"
 #include "spine/hal/moteus/sim/sim_moteus.hpp"
 #include "spine/wire/wire.hpp"
 #include "tests/fuzz/hal_input.hpp"

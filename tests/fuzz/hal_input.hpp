@@ -22,9 +22,9 @@ inline hal::JointTransform joint_of(Input& input) {
   return {(choice & 1) != 0 ? -1.0 : 1.0, kZeros[choice / 16 % 3], kRatios[choice / 2 % 4]};
 }
 
-inline constexpr std::array kFields{&hal::JointCommand::torque_nm,      &hal::JointCommand::position_rad,
-                                    &hal::JointCommand::velocity_rad_s, &hal::JointCommand::kp_nm_rad,
-                                    &hal::JointCommand::kd_nm_s_rad,    &hal::JointCommand::max_torque_nm};
+inline constexpr std::array<double hal::JointCommand::*, 6> kFields{
+    &hal::JointCommand::torque_nm, &hal::JointCommand::target_rad,  &hal::JointCommand::target_rad_s,
+    &hal::JointCommand::kp_nm_rad, &hal::JointCommand::kd_nm_s_rad, &hal::JointCommand::max_torque_nm};
 
 inline hal::JointCommand command_of(Input& input) {
   hal::JointCommand command;
@@ -41,7 +41,7 @@ inline void write(Script& script, const hal::JointCommand& command) {
 inline bool is_sound(const hal::JointCommand& command) {
   if (command.action != hal::DriveAction::torque) return true;
   for (double hal::JointCommand::* field : kFields) {
-    const bool none = field == &hal::JointCommand::position_rad && std::isnan(command.*field);
+    const bool none = field == &hal::JointCommand::target_rad && std::isnan(command.*field);
     if (!std::isfinite(command.*field) && !none) return false;
   }
   return true;

@@ -4,7 +4,6 @@
 
 #include <string>
 
-#include "spine/hal/moteus/moteus_drive.hpp"
 #include "spine/hal/moteus/moteus_terminal.hpp"
 #include "spine/hal/moteus/sim/sim_moteus.hpp"
 #include "spine/wire/wire.hpp"
@@ -86,7 +85,7 @@ void check_sent(const Frame& frame, bool driven) {
   require(driven || !torque, "what is not sound is damped and nothing else");
 }
 
-void one_command(const Driver& driver, const JointCommand& command, Input& input) {
+void one_command(const MoteusDrive& driver, const JointCommand& command, Input& input) {
   Frame frame;
   const bool sound = driver.encode(command, input.byte(), frame);
   require(sound <= is_sound(command), "what is not finite is not sound");
@@ -175,7 +174,7 @@ void run(Bytes bytes) {
   Input input(bytes);
   const DriverParams params = params_of(input);
   Bench bench(params);
-  const Driver driver(params);
+  const MoteusDrive driver(params);
   JointCommand command;
   for (int i = 0; i < 64 && !input.empty(); ++i) {
     const std::uint8_t what = input.byte();
@@ -220,7 +219,7 @@ std::vector<Seed> seeds() {
     Script script;
     script.byte(joint).byte(joint % 2 != 0 ? 0xff : 0x15).byte(joint * 2);
     script.byte(1);
-    write(script, {DriveAction::torque, 0.5, 0.25, 1, 10, 1, 2});
+    write(script, {{0.5, 0.25, 1, 10, 1}, DriveAction::torque, 2});
     for (const double value : kSharp) {
       for (const Format format : {Format::float32, Format::int16}) {
         script.byte(6).frame(answer(format, 0.25, 1, value, 10));
@@ -233,7 +232,7 @@ std::vector<Seed> seeds() {
       Script commands;
       commands.byte(joint).byte(joint).byte(2 + 4 * joint);
       for (double JointCommand::* field : kFields) {
-        JointCommand command{DriveAction::torque, 0.5, 0.25, 1, 10, 1, 2};
+        JointCommand command{{0.5, 0.25, 1, 10, 1}, DriveAction::torque, 2};
         command.*field = value;
         commands.byte(0);
         write(commands, command);
@@ -246,14 +245,14 @@ std::vector<Seed> seeds() {
   for (const std::string_view number : {"4.0", "0", "-1", "nan", "inf", "1e-300", "1e300", "1e-30", "12", "ERR", ""}) {
     Script asked;
     asked.byte(6).byte(0xff).byte(3).byte(1);
-    write(asked, {DriveAction::torque, 0.5, 0.25, 1, 10, 1, 2});
+    write(asked, {{0.5, 0.25, 1, 10, 1}, DriveAction::torque, 2});
     for (int question = 0; question < 6; ++question) {
       asked.byte(2 + 8 * (question == 0 ? 4 : 1));
       const std::string words = std::string(number) + "\r\n";
       asked.byte(3 + 8 * static_cast<unsigned>(words.size())).text(words);
     }
     asked.byte(2 + 8 * 31).byte(1);
-    write(asked, {DriveAction::torque, 0.5, 0.25, 1, 10, 1, 2});
+    write(asked, {{0.5, 0.25, 1, 10, 1}, DriveAction::torque, 2});
     all.push_back(asked);
   }
   Frame discovery;

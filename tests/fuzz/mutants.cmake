@@ -64,7 +64,7 @@ lithe_mutant(answers_unasked sim_moteus ${hal}/moteus/sim/sim_moteus.cpp "|| (fr
 lithe_mutant(is_too_strong sim_cia402 ${hal}/cia402/sim/cia402_servo.cpp
   "return std::clamp(torque_nm, least_nm, most_nm);" "return torque_nm;")
 lithe_mutant(takes_old_answers exchange ${hal}/bus_actuators.cpp "exchange_.number % kSources" "exchange_.number % 16")
-lithe_mutant(takes_every_answer exchange ${hal}/moteus/moteus_drive.cpp
+lithe_mutant(takes_every_answer exchange ${hal}/moteus/moteus.cpp
   "if (!exchange.asked || source_of(frame) != exchange.source)" "if (!exchange.asked)")
 lithe_mutant(forgets_to_count_late exchange ${hal}/bus_actuators.cpp "++late_answers_;" ";")
 lithe_mutant(forgets_to_count_strays exchange ${hal}/bus_actuators.cpp "++counters_.stray;" ";")

@@ -109,13 +109,13 @@ Json drive(const Json& request) {
   const Json& j = request["command"];
   JointCommand command;
   command.action = static_cast<DriveAction>(j["action"].get<int>());
-  command.position_rad = number(j["position_rad"]);
-  command.velocity_rad_s = number(j["velocity_rad_s"]);
+  command.target_rad = number(j["position_rad"]);
+  command.target_rad_s = number(j["velocity_rad_s"]);
   command.torque_nm = number(j["torque_nm"]);
   command.kp_nm_rad = number(j["kp_nm_rad"]);
   command.kd_nm_s_rad = number(j["kd_nm_s_rad"]);
   command.max_torque_nm = number(j["max_torque_nm"]);
-  const moteus::Driver driver(params);
+  const moteus::MoteusDrive driver(params);
   Frame frame;
   const bool sound = driver.encode(command, 0, frame);
   return {{"hex", hex_of(frame)}, {"id", frame.id}, {"ok", sound}};

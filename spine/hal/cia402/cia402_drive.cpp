@@ -15,8 +15,8 @@ constexpr std::int64_t kNsPerS = 1'000'000'000;
 constexpr int kBeatsToLost = 3;
 
 bool finite(const JointCommand& c) LITHE_RT {
-  return std::isfinite(c.torque_nm) && std::isfinite(c.velocity_rad_s) && std::isfinite(c.kp_nm_rad) &&
-         std::isfinite(c.kd_nm_s_rad) && std::isfinite(c.max_torque_nm) && !std::isinf(c.position_rad);
+  return std::isfinite(c.torque_nm) && std::isfinite(c.target_rad_s) && std::isfinite(c.kp_nm_rad) &&
+         std::isfinite(c.kd_nm_s_rad) && std::isfinite(c.max_torque_nm) && !std::isinf(c.target_rad);
 }
 
 }  // namespace

@@ -56,13 +56,13 @@ RawDemand SetpointLimiter::next(const JointCommand& command, const JointSample& 
 }
 
 void SetpointLimiter::move_position(const JointCommand& command) LITHE_RT {
-  if (!has_target(command.position_rad)) {
+  if (!has_target(command.target_rad)) {
     last_step_ = slowed(last_step_, slow_counts_);
     last_wanted_ = at_counts_;
   } else {
     // Limited to the range of the drive's counter, so that differences are finite.
     constexpr double kMost = 2147483647;
-    const double wanted = std::clamp(joint_.motor_rev(command.position_rad) * counts_per_rev_, -kMost, kMost);
+    const double wanted = std::clamp(joint_.motor_rev(command.target_rad) * counts_per_rev_, -kMost, kMost);
     last_step_ = step_to(wanted, step_counts_ * share_);
     last_wanted_ = wanted;
   }
@@ -82,13 +82,14 @@ double SetpointLimiter::step_to(double wanted, double reach) LITHE_RT {
 
 void SetpointLimiter::move_velocity(const JointCommand& command) LITHE_RT {
   const double most = velocity_counts_s_ * share_;
-  const double wanted = std::clamp(command.velocity_rad_s * counts_per_rad_, -most, most);
+  const double wanted = std::clamp(command.target_rad_s * counts_per_rad_, -most, most);
   at_counts_s_ += std::clamp(wanted - at_counts_s_, -velocity_change_counts_s_, velocity_change_counts_s_);
 }
 
 double SetpointLimiter::closed_loop_nm(const JointCommand& command, const JointSample& last) const LITHE_RT {
-  const Pd pd{command.torque_nm, command.position_rad, command.velocity_rad_s, std::max(command.kp_nm_rad, 0.0),
-              std::max(command.kd_nm_s_rad, 0.0)};
+  Pd pd = command;
+  pd.kp_nm_rad = std::max(command.kp_nm_rad, 0.0);
+  pd.kd_nm_s_rad = std::max(command.kd_nm_s_rad, 0.0);
   return pd.felt_nm(last.position_rad, last.velocity_rad_s);
 }
 

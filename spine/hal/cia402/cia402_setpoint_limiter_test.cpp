@@ -13,9 +13,11 @@ TEST(Cia402Demand, APositionBeyondAllNumbersDoesNotSpoilTheOnesAfterIt) {
   params.joint.ratio = 1e4;
   SetpointLimiter demand(params);
   demand.rest(1000);
-  JointCommand command{.action = DriveAction::torque, .position_rad = 1e300};
+  JointCommand command;
+  command.action = DriveAction::torque;
+  command.target_rad = 1e300;
   for (int i = 0; i < 3; ++i) demand.next(command, {});
-  command.position_rad = 1e-4;
+  command.target_rad = 1e-4;
   RawDemand raw;
   for (int i = 0; i < 2000; ++i) raw = demand.next(command, {});
   EXPECT_NEAR(static_cast<std::int32_t>(raw.target), params.joint.motor_rev(1e-4) * params.counts_per_rev, 1);

@@ -28,11 +28,11 @@ struct Answer {
   int error;  // errno
 };
 
-// Only for calls on a descriptor that is non-blocking.
+// Only for calls that never wait, such as those on a descriptor that is non-blocking; and for nap().
 template <class Call>
 Answer ask_kernel(Call call) LITHE_RT {
   Answer answer{};
-  LITHE_RT_EXEMPT("a call that never waits: the kernel copies what it has, or has room for", {
+  LITHE_RT_EXEMPT("a call that never waits: the kernel copies what it has, or has room for; but a nap of 20 us", {
     LITHE_SYSTEM_CALL;
     answer.value = call();
     answer.error = errno;
@@ -91,10 +91,7 @@ std::uint32_t Descriptor::dropped() const LITHE_RT { return socket_memory(fd_, S
 
 void nap() LITHE_RT {
   constexpr timespec kNap{0, 20'000};
-  LITHE_RT_EXEMPT("the Transport's own thread, which has nothing to do until a device answers", {
-    LITHE_SYSTEM_CALL;
-    nanosleep(&kNap, nullptr);
-  });
+  ask_kernel([&] { return ssize_t{nanosleep(&kNap, nullptr)}; });
 }
 
 }  // namespace lithe::hal

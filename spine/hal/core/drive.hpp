@@ -19,13 +19,8 @@ namespace lithe::hal {
 enum class DriveAction : std::uint8_t { off, torque, damp, brake };
 
 // One joint's part of an ActuatorCommand, in joint coordinates.
-struct JointCommand {
+struct JointCommand : Pd {
   DriveAction action = DriveAction::off;
-  double torque_nm = 0;             // feed-forward
-  double position_rad = kNoTarget;  // of the drive's own PD loop
-  double velocity_rad_s = 0;
-  double kp_nm_rad = 0;
-  double kd_nm_s_rad = 0;
   double max_torque_nm = 0;
   bool clear_fault = false;  // with `off`: the robot was reset, so the drive clears its fault
 };

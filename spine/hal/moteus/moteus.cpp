@@ -24,8 +24,8 @@ constexpr double kMaxCommand = 1e15;
 bool possible(double value) LITHE_RT { return std::abs(value) <= kMaxCommand; }
 
 bool possible(const JointCommand& c) LITHE_RT {
-  return possible(c.torque_nm) && possible(c.velocity_rad_s) && possible(c.kp_nm_rad) && possible(c.kd_nm_s_rad) &&
-         possible(c.max_torque_nm) && (!has_target(c.position_rad) || possible(c.position_rad));
+  return possible(c.torque_nm) && possible(c.target_rad_s) && possible(c.kp_nm_rad) && possible(c.kd_nm_s_rad) &&
+         possible(c.max_torque_nm) && (!has_target(c.target_rad) || possible(c.target_rad));
 }
 
 // Torque at the motor per revolution of the motor, from torque at the joint per radian of the joint.
@@ -47,55 +47,28 @@ Mode mode_for(DriveAction action) LITHE_RT {
   return Mode::stopped;
 }
 
-// The registers of an answer; NaN until received.
-struct Registers {
-  static constexpr double kUnseen = std::numeric_limits<double>::quiet_NaN();
-  double mode = kUnseen, position_rev = kUnseen, velocity_rev_s = kUnseen, torque_nm = kUnseen;
-  double home = kUnseen, fault = kUnseen;
-  double current_a = kUnseen, power_w = kUnseen, voltage_v = kUnseen, temperature_degc = kUnseen;
+// The registers of an answer, by number; NaN until received.
+class Registers {
+ public:
+  Registers() LITHE_RT { values_.fill(std::numeric_limits<double>::quiet_NaN()); }
 
-  void take(std::uint32_t number, double value) LITHE_RT {
-    switch (number) {
-      case reg::kMode:
-        mode = value;
-        break;
-      case reg::kPosition:
-        position_rev = value;
-        break;
-      case reg::kVelocity:
-        velocity_rev_s = value;
-        break;
-      case reg::kTorque:
-        torque_nm = value;
-        break;
-      case reg::kQCurrent:
-        current_a = value;
-        break;
-      case reg::kPower:
-        power_w = value;
-        break;
-      case reg::kHomeState:
-        home = value;
-        break;
-      case reg::kVoltage:
-        voltage_v = value;
-        break;
-      case reg::kTemperature:
-        temperature_degc = value;
-        break;
-      case reg::kFault:
-        fault = value;
-        break;
-      default:
-        break;
-    }
+  void set(std::uint32_t number, double value) LITHE_RT {
+    if (number < values_.size()) values_[number] = value;
   }
+  double operator[](std::uint32_t number) const LITHE_RT { return values_[number]; }
+
   // NaN compares false: a missing register makes the answer invalid.
-  bool whole() const LITHE_RT { return mode >= 0 && mode <= 15 && fault >= 0; }
+  bool whole() const LITHE_RT {
+    return values_[reg::kMode] >= 0 && values_[reg::kMode] <= 15 && values_[reg::kFault] >= 0;
+  }
   bool measured() const LITHE_RT {
-    return std::abs(position_rev) <= kMaxRev && std::abs(velocity_rev_s) <= kMaxMotorRevPerS &&
+    const double torque_nm = values_[reg::kTorque];
+    return std::abs(values_[reg::kPosition]) <= kMaxRev && std::abs(values_[reg::kVelocity]) <= kMaxMotorRevPerS &&
            std::abs(torque_nm) <= kMaxTorqueNm;
   }
+
+ private:
+  std::array<double, reg::kFault + 1> values_;
 };
 
 wire::DriveState state_of(Mode mode) LITHE_RT {
@@ -153,44 +126,49 @@ Expected expected_of(const DriverParams& params) {
   return expected;
 }
 
-bool Driver::can_say(double position_rad) const LITHE_RT {
+MoteusDrive::MoteusDrive(const DriverParams& params)
+    : params_(params), setup_(expected_of(params)), torque_allowed_nm_(params.torque_step_nm) {
+  tell();
+}
+
+bool MoteusDrive::can_say(double position_rad) const LITHE_RT {
   const double position_rev = std::abs(params_.joint.motor_rev(position_rad));
   return !has_target(position_rad) || position_rev <= largest(Quantity::position_rev, params_.command.position);
 }
 
-Driver::MotorCommand Driver::to_motor(const JointCommand& command) const LITHE_RT {
+MoteusDrive::MotorCommand MoteusDrive::to_motor(const JointCommand& command) const LITHE_RT {
   const JointTransform& joint = params_.joint;
-  const double kp = has_target(command.position_rad) ? std::max(command.kp_nm_rad, 0.0) : 0.0;
-  return {joint.motor_rev(command.position_rad), command.velocity_rad_s * joint.rev_per_rad(),
-          command.torque_nm / joint.gear(),      kp * to_motor_gain(joint) / params_.kp_nm_rev,
-          kd_scale(command.kd_nm_s_rad),         std::max(command.max_torque_nm, 0.0) / joint.ratio};
+  const double kp = has_target(command.target_rad) ? std::max(command.kp_nm_rad, 0.0) : 0.0;
+  return {joint.motor_rev(command.target_rad), command.target_rad_s * joint.rev_per_rad(),
+          command.torque_nm / joint.gear(),    kp * to_motor_gain(joint) / params_.kp_nm_rev,
+          kd_scale(command.kd_nm_s_rad),       std::max(command.max_torque_nm, 0.0) / joint.ratio};
 }
 
-double Driver::kd_scale(double kd_nm_s_rad) const LITHE_RT {
+double MoteusDrive::kd_scale(double kd_nm_s_rad) const LITHE_RT {
   return std::max(kd_nm_s_rad, 0.0) * to_motor_gain(params_.joint) / params_.kd_nm_s_rev;
 }
 
 // The same torque at the measured speed, plus the damping that must remain when this computer dies.
-JointCommand Driver::with_damping(const JointCommand& command, double measured_rad_s) const LITHE_RT {
+JointCommand MoteusDrive::with_damping(const JointCommand& command, double measured_rad_s) const LITHE_RT {
   JointCommand damped = command;
   const double kd = std::max(command.kd_nm_s_rad, 0.0);
   if (kd >= params_.damp_kd_nm_s_rad) return damped;
   // An implausible velocity must not change the torque.
   const double at_rad_s = std::clamp(measured_rad_s, -params_.velocity_max_rad_s, params_.velocity_max_rad_s);
   damped.kd_nm_s_rad = params_.damp_kd_nm_s_rad;
-  damped.torque_nm += (kd - damped.kd_nm_s_rad) * (command.velocity_rad_s - at_rad_s);
+  damped.torque_nm += (kd - damped.kd_nm_s_rad) * (command.target_rad_s - at_rad_s);
   return damped;
 }
 
-void Driver::know(const Settings& settings) LITHE_RT {
+void MoteusDrive::know(const Settings& settings) LITHE_RT {
   params_.kp_nm_rev = settings.kp_nm_rev;
   params_.kd_nm_s_rev = settings.kd_nm_s_rev;
   params_.direct = settings.rotor_to_output_ratio == 1.0 && params_.joint.ratio == 1.0;
 }
 
-bool Driver::encode(const JointCommand& command, std::uint32_t source, Frame& frame, double measured_rad_s) const
+bool MoteusDrive::encode(const JointCommand& command, std::uint32_t source, Frame& frame, double measured_rad_s) const
     LITHE_RT {
-  const bool sound = command.action != DriveAction::torque || (possible(command) && can_say(command.position_rad));
+  const bool sound = command.action != DriveAction::torque || (possible(command) && can_say(command.target_rad));
   const DriveAction action = sound ? command.action : DriveAction::damp;
   SubframeWriter writer(frame);
   const std::array<double, 1> mode{static_cast<double>(mode_for(action))};
@@ -204,19 +182,21 @@ bool Driver::encode(const JointCommand& command, std::uint32_t source, Frame& fr
   return sound && writer.ok();
 }
 
-void Driver::encode_setup(Setup& setup, std::uint32_t source, Frame& frame) const LITHE_RT {
+// Commands "off", and asks the next question of the set-up in addition to the usual query.
+void MoteusDrive::encode_setup(std::uint32_t source, Frame& frame) LITHE_RT {
   SubframeWriter writer(frame);
   writer.write(Format::int8, reg::kMode, std::array{static_cast<double>(Mode::stopped)});
   AnswerFormats without = params_.answer;  // leaves room for the console's answer
   without.current.reset();
   without.power.reset();
   ask(source, without, writer, frame);
-  setup.ask(writer);
+  setup_.ask(writer);
   writer.pad();
 }
 
 // The address and the query of every frame.
-void Driver::ask(std::uint32_t source, const AnswerFormats& as, SubframeWriter& writer, Frame& frame) const LITHE_RT {
+void MoteusDrive::ask(std::uint32_t source, const AnswerFormats& as, SubframeWriter& writer, Frame& frame) const
+    LITHE_RT {
   frame.id = kReplyRequested | (source & 0x7f) << 8 | params_.id;
   frame.extended = true;
   frame.fd = true;
@@ -231,7 +211,7 @@ void Driver::ask(std::uint32_t source, const AnswerFormats& as, SubframeWriter& 
   writer.read(Format::int8, reg::kHomeState, 4);
 }
 
-void Driver::write_torque(const JointCommand& command, SubframeWriter& writer) const LITHE_RT {
+void MoteusDrive::write_torque(const JointCommand& command, SubframeWriter& writer) const LITHE_RT {
   const MotorCommand motor = to_motor(command);
   const CommandFormats& as = params_.command;
   const std::array<SubframeWriter::Choice, 6> formats{as.position, as.velocity, as.torque,
@@ -247,32 +227,74 @@ void Driver::write_torque(const JointCommand& command, SubframeWriter& writer) c
   writer.write_each(reg::kWatchdog, how, rest);
 }
 
-bool Driver::decode(const Frame& frame, JointSample& sample) const LITHE_RT {
+bool MoteusDrive::decode(const Frame& frame, JointSample& sample) const LITHE_RT {
   if (device_of(frame) != params_.id) return false;
   Registers answer;
   SubframeReader reader(frame.payload());
   Subframe subframe;
   while (reader.next(subframe)) {
     if (subframe.kind != Kind::reply) continue;
-    for (std::uint32_t i = 0; i < subframe.count; ++i) answer.take(subframe.start + i, subframe.value(i));
+    for (std::uint32_t i = 0; i < subframe.count; ++i) answer.set(subframe.start + i, subframe.value(i));
   }
   if (!reader.well_formed() || !answer.whole()) return false;
-  const Mode mode = static_cast<Mode>(static_cast<std::uint8_t>(answer.mode));
+  const Mode mode = static_cast<Mode>(static_cast<std::uint8_t>(answer[reg::kMode]));
   // Behind a gear, a rotor's absolute encoder (1) does not tell the turn; an output encoder or a homing (2) does.
-  sample.status = status_of(mode, answer.fault, answer.home >= (params_.direct ? 1 : 2));
+  sample.status = status_of(mode, answer[reg::kFault], answer[reg::kHomeState] >= (params_.direct ? 1 : 2));
   const double sign = params_.joint.gear() < 0 ? -1 : 1;
-  sample.drive = {state_of(mode), sign * told(answer.current_a), told(answer.voltage_v), told(answer.power_w),
-                  told(answer.temperature_degc)};
+  sample.drive = {state_of(mode), sign * told(answer[reg::kQCurrent]), told(answer[reg::kVoltage]),
+                  told(answer[reg::kPower]), told(answer[reg::kTemperature])};
+  const double rev = answer[reg::kPosition], rev_s = answer[reg::kVelocity], nm = answer[reg::kTorque];
   // An integer at the end of its range is not a measurement.
-  sample.measured = answer.measured() &&
-                    std::abs(answer.position_rev) < largest(Quantity::position_rev, params_.answer.position) &&
-                    std::abs(answer.velocity_rev_s) < largest(Quantity::velocity_rev_s, params_.answer.velocity) &&
-                    std::abs(answer.torque_nm) < largest(Quantity::torque_nm, params_.answer.torque);
+  sample.measured = answer.measured() && std::abs(rev) < largest(Quantity::position_rev, params_.answer.position) &&
+                    std::abs(rev_s) < largest(Quantity::velocity_rev_s, params_.answer.velocity) &&
+                    std::abs(nm) < largest(Quantity::torque_nm, params_.answer.torque);
   if (!sample.measured) return true;
-  sample.position_rad = params_.joint.position_rad(answer.position_rev);
-  sample.velocity_rad_s = answer.velocity_rev_s / params_.joint.rev_per_rad();
-  sample.torque_nm = answer.torque_nm * params_.joint.gear();
+  sample.position_rad = params_.joint.position_rad(rev);
+  sample.velocity_rad_s = rev_s / params_.joint.rev_per_rad();
+  sample.torque_nm = nm * params_.joint.gear();
   return true;
+}
+
+bool MoteusDrive::command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT {
+  if (unanswered_ == kForgets) forgotten_ = true;
+  if (unanswered_ <= kForgets) ++unanswered_;
+  if (forgotten_ && command.action == DriveAction::off) {
+    setup_.restart();
+    forgotten_ = false;
+    tell();
+  }
+  Frame frame;
+  bool sound = true;
+  if (ready()) {
+    JointCommand eased = command;
+    // Non-finite values are kept, so that the driver detects them.
+    if (std::isfinite(command.max_torque_nm)) eased.max_torque_nm = std::min(command.max_torque_nm, torque_allowed_nm_);
+    sound = encode(eased, exchange.source, frame, velocity_rad_s_);
+    asked_ = false;
+  } else {
+    if (asked_) setup_.missed();
+    encode_setup(exchange.source, frame);
+    asked_ = true;
+  }
+  bus.send(frame);  // a refusal is counted by the bus, and the answer is missed
+  return sound;
+}
+
+ReplyKind MoteusDrive::take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT {
+  if (!exchange.asked || source_of(frame) != exchange.source) return ReplyKind::late;
+  if (!decode(frame, sample)) return ReplyKind::malformed;
+  unanswered_ = 0;
+  if (asked_) {
+    asked_ = false;  // a duplicate frame is used once
+    setup_.take(frame);
+    if (setup_.ready()) know(setup_.settings());
+    tell();
+  }
+  const bool drives = mode_of(sample.status) == Mode::position;
+  torque_allowed_nm_ = drives ? torque_allowed_nm_ + params_.torque_step_nm : params_.torque_step_nm;
+  if (sample.measured) velocity_rad_s_ = sample.velocity_rad_s;
+  if (!ready()) sample.status |= wire::joint_status::kNotReady;
+  return ReplyKind::answer;
 }
 
 }  // namespace lithe::hal::moteus

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The driver of one moteus: joint command to frame, frame to joint sample. No I/O: a bus carries the frames.
+// The driver of one moteus: implements hal::Drive.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <limits>
 #include <optional>
+#include <string>
 
 #include "spine/core/rt.hpp"
 #include "spine/hal/core/drive.hpp"
@@ -75,30 +77,32 @@ constexpr Mode mode_of(std::uint32_t status) LITHE_RT { return static_cast<Mode>
 constexpr std::uint32_t device_of(const Frame& answer) LITHE_RT { return answer.id >> 8; }
 constexpr std::uint32_t source_of(const Frame& answer) LITHE_RT { return answer.id & 0xff; }
 
-// Every frame is a complete command (writing the mode resets all that was commanded before), carries its own watchdog
-// and asks for the same answer, so that a lost frame has no further effect.
-// Contract: RT · pure · any thread
-class Driver {
+// One command and one answer per exchange. Every frame is a complete command (writing the mode resets all that was
+// commanded before), carries its own watchdog and asks for the same answer, so that a lost frame has no further effect.
+// With DriverParams::ask_settings the drive's settings are read first (Setup): until then it answers, but is off and not
+// ready. The settings are read again when it is off and was silent for a while: it may have been replaced.
+// Contract: as hal::Drive; why_not_ready() any thread; encode, decode: pure
+class MoteusDrive final : public Drive {
  public:
-  explicit Driver(const DriverParams& params) : params_(params) {}
+  explicit MoteusDrive(const DriverParams& params);
 
-  std::uint32_t id() const LITHE_RT { return params_.id; }
-  void know(const Settings& settings) LITHE_RT;
+  bool command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT override;
+  ReplyKind take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT override;
+  // Relaxed: the word is self-contained. Pairs with tell().
+  std::string why_not_ready() const override { return describe_lack(not_ready_.load(std::memory_order_relaxed)); }
 
-  // A value that is not finite is never sent: the joint is damped instead, and false is returned. `source` is our own
-  // address (0 to 127). The drive answers to it, so a caller that changes it with every exchange can recognise a late
-  // answer: nothing else in an answer shows which command it belongs to. A position outside its format is treated like
-  // a non-finite value; other values are clipped to their formats. `measured_rad_s` is the joint's last measured
-  // velocity: at that velocity the added damping adds no torque.
+  // The frame of one command. A value that is not finite is never sent: the joint is damped instead, and false is
+  // returned. `source` is our own address (0 to 127). The drive answers to it, so a caller that changes it with every
+  // exchange can recognise a late answer: nothing else in an answer shows which command it belongs to. A position outside
+  // its format is treated like a non-finite value; other values are clipped to their formats. `measured_rad_s` is the
+  // joint's last measured velocity: at that velocity the added damping adds no torque.
   bool encode(const JointCommand& command, std::uint32_t source, Frame& frame, double measured_rad_s = 0) const
       LITHE_RT;
-
-  // Commands "off", and asks `setup`'s question in addition to the usual query.
-  void encode_setup(Setup& setup, std::uint32_t source, Frame& frame) const LITHE_RT;
-
   // False: not a valid answer of this drive; `sample` is unchanged. The caller checks which command it answers
   // (source_of). A drive without an encoder answers NaN: not measured.
   bool decode(const Frame& frame, JointSample& sample) const LITHE_RT;
+  // The settings that the drive has said.
+  void know(const Settings& settings) LITHE_RT;
 
  private:
   // In revolutions and torque of the motor, as the registers want them.
@@ -111,8 +115,21 @@ class Driver {
   void write_torque(const JointCommand& command, SubframeWriter& writer) const LITHE_RT;
   void ask(std::uint32_t source, const AnswerFormats& as, SubframeWriter& writer, Frame& frame) const LITHE_RT;
   bool can_say(double position_rad) const LITHE_RT;
+  void encode_setup(std::uint32_t source, Frame& frame) LITHE_RT;
+  bool ready() const LITHE_RT { return !params_.ask_settings || setup_.ready(); }
+  // Relaxed: the word is self-contained. Pairs with why_not_ready().
+  void tell() LITHE_RT { not_ready_.store(params_.ask_settings ? setup_.packed() : 0, std::memory_order_relaxed); }
+
+  static constexpr std::uint32_t kForgets = 10;  // exchanges without an answer
 
   DriverParams params_;
+  Setup setup_;
+  bool asked_ = false;                      // this exchange's frame contained a Setup question
+  std::uint32_t unanswered_ = 0;            // exchanges in a row
+  bool forgotten_ = false;                  // it was silent for kForgets exchanges: read the settings again
+  double velocity_rad_s_ = 0;               // last measured
+  double torque_allowed_nm_;                // its torque limit while it grows after calibration
+  std::atomic<std::uint64_t> not_ready_{};  // Setup::packed(); stored by the exchange's thread, loaded by any
 };
 
 }  // namespace lithe::hal::moteus

@@ -56,7 +56,7 @@ TEST(MoteusDamping, ATorqueCommandCarriesItAndIsTheSameTorqueAtTheMeasuredSpeed)
   for (const double sign : {1.0, -1.0}) {
     for (const double ratio : {1.0, 6.0}) {
       const DriverParams params = damped(sign, ratio);
-      const Driver driver(params);
+      const MoteusDrive driver(params);
       for (const double speed : {-12.0, 0.0, 3.0}) {
         Frame frame;
         ASSERT_TRUE(driver.encode(torque_command(0.2), 0, frame, speed));
@@ -70,9 +70,9 @@ TEST(MoteusDamping, ATorqueCommandCarriesItAndIsTheSameTorqueAtTheMeasuredSpeed)
 
 TEST(MoteusDamping, ALawsOwnDampingCountsAndOnlyWhatIsMissingIsAdded) {
   const DriverParams params = damped();
-  const Driver driver(params);
+  const MoteusDrive driver(params);
   JointCommand command = torque_command(0.1);
-  command.velocity_rad_s = 2;
+  command.target_rad_s = 2;
   command.kd_nm_s_rad = 0.03;
   Frame frame;
   driver.encode(command, 0, frame, 5);
@@ -87,7 +87,7 @@ TEST(MoteusDamping, ALawsOwnDampingCountsAndOnlyWhatIsMissingIsAdded) {
 TEST(MoteusDamping, ASpeedThatTheJointCannotHaveBecomesNoTorque) {
   DriverParams params = damped();
   params.velocity_max_rad_s = 30;
-  const Driver driver(params);
+  const MoteusDrive driver(params);
   Frame frame;
   driver.encode(torque_command(0.1), 0, frame, 18'000);
   EXPECT_NEAR(written(frame).at(reg::kCommandTorque), 0.1 + 0.04 * 30, 1e-6);
@@ -98,20 +98,20 @@ TEST(MoteusDamping, DampSaysHowMuch) {
   JointCommand command;
   command.action = DriveAction::damp;
   Frame frame;
-  Driver(params).encode(command, 0, frame);
+  MoteusDrive(params).encode(command, 0, frame);
   auto r = written(frame);
   EXPECT_EQ(r.at(reg::kMode), 12);
   EXPECT_NEAR(r.at(reg::kKdScale) * params.kd_nm_s_rev, 0.04 * kTurn / 36, 1e-6);
-  EXPECT_FALSE(Driver(params).encode(torque_command(kNan), 0, frame));
+  EXPECT_FALSE(MoteusDrive(params).encode(torque_command(kNan), 0, frame));
   EXPECT_EQ(written(frame), r) << "nonsense is damped alike";
   params.damp_kd_nm_s_rad = 0;
-  Driver(params).encode(command, 0, frame);
+  MoteusDrive(params).encode(command, 0, frame);
   EXPECT_EQ(written(frame).size(), 1U) << "as much as the drive has";
 }
 
 TEST(MoteusDriver, ARotorEncoderKnowsTheTurnOfADirectDriveOnly) {
   const auto homed = [](double home, double joint_ratio, double drive_ratio) {
-    Driver driver({.id = 1, .joint = {.sign = 1, .zero_rad = 0, .ratio = joint_ratio}});
+    MoteusDrive driver({.id = 1, .joint = {.sign = 1, .zero_rad = 0, .ratio = joint_ratio}});
     driver.know({.kp_nm_rev = 4, .kd_nm_s_rev = 0.05, .rotor_to_output_ratio = drive_ratio});
     Frame frame;
     frame.id = 0x100;
@@ -138,38 +138,38 @@ TEST(MoteusDriver, WhateverTheFormatsTheWorstFrameFits) {
     DriverParams params = damped();
     params.command = {formats[0], formats[1], formats[2], formats[3], formats[4], formats[5], formats[6]};
     params.answer = {formats[7], formats[8], formats[9]};
-    const Driver driver(params);
+    const MoteusDrive driver(params);
     Frame frame;
     JointCommand command = torque_command(0.1);
-    command.position_rad = 0.5;
+    command.target_rad = 0.5;
     ASSERT_TRUE(driver.encode(command, 9, frame)) << choice;
   }
 }
 
 TEST(MoteusDriver, AFiniteNumberThatIsNoFloatNeverLeaves) {
   std::mt19937 random(5);
-  for (double JointCommand::* field :
-       {&JointCommand::torque_nm, &JointCommand::velocity_rad_s, &JointCommand::kp_nm_rad, &JointCommand::kd_nm_s_rad,
-        &JointCommand::max_torque_nm, &JointCommand::position_rad}) {
+  for (double JointCommand::* field : std::initializer_list<double JointCommand::*>{
+           &JointCommand::torque_nm, &JointCommand::target_rad_s, &JointCommand::kp_nm_rad, &JointCommand::kd_nm_s_rad,
+           &JointCommand::max_torque_nm, &JointCommand::target_rad}) {
     for (const double huge : {1e300, -1e300, 1e38, 3e15}) {
       JointCommand command = torque_command(0.1);
-      command.position_rad = 0;
+      command.target_rad = 0;
       command.*field = huge;
       Frame frame;
-      EXPECT_FALSE(Driver(damped()).encode(command, 0, frame));
+      EXPECT_FALSE(MoteusDrive(damped()).encode(command, 0, frame));
       for (const auto& [number, value] : written(frame)) EXPECT_TRUE(std::isfinite(value)) << number;
     }
   }
   for (int round = 0; round < 10'000; ++round) {
     const auto some = [&random] { return std::pow(10.0, std::uniform_real_distribution(-15.0, 14.9)(random)); };
     JointCommand command = torque_command(some());
-    command.position_rad = some();
-    command.velocity_rad_s = -some();
+    command.target_rad = some();
+    command.target_rad_s = -some();
     command.kp_nm_rad = some();
     command.kd_nm_s_rad = some();
     command.max_torque_nm = some();
     Frame frame;
-    EXPECT_TRUE(Driver(damped(-1, 0.01)).encode(command, 0, frame, some()));
+    EXPECT_TRUE(MoteusDrive(damped(-1, 0.01)).encode(command, 0, frame, some()));
     for (const auto& [number, value] : written(frame)) ASSERT_TRUE(std::isfinite(value)) << number;
   }
 }
@@ -187,7 +187,7 @@ TEST(MoteusDriver, AnIntegerAtItsEndIsNoSpeedAndNoTorque) {
     writer.reply(Format::int8, reg::kTorque, std::array{torque}, false);
     writer.reply(Format::int8, reg::kFault, std::array{0.0}, false);
     JointSample sample;
-    EXPECT_TRUE(Driver(params).decode(frame, sample));
+    EXPECT_TRUE(MoteusDrive(params).decode(frame, sample));
     EXPECT_EQ(sample.measured, measured) << velocity << " " << torque;
   }
 }

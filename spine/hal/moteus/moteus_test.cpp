@@ -52,7 +52,7 @@ JointCommand torque_command(double torque_nm) {
 }
 
 TEST(MoteusDriver, PureTorqueIsPositionModeWithoutPositionSoThatTheWatchdogRuns) {
-  const Driver driver({.id = 3, .watchdog_s = 0.2, .joint = {}});
+  const MoteusDrive driver({.id = 3, .watchdog_s = 0.2, .joint = {}});
   Frame frame;
   EXPECT_TRUE(driver.encode(torque_command(0.125), 0, frame));
   EXPECT_EQ(frame.id, 0x8003U);
@@ -76,7 +76,7 @@ TEST(MoteusDriver, PureTorqueIsPositionModeWithoutPositionSoThatTheWatchdogRuns)
 }
 
 TEST(MoteusDriver, TheWholeTorqueFrameIsAsWritten) {
-  const Driver driver({.id = 1, .watchdog_s = 0.2, .joint = {}});
+  const MoteusDrive driver({.id = 1, .watchdog_s = 0.2, .joint = {}});
   Frame frame;
   driver.encode(torque_command(0.125), 0, frame);
   // mode 10 | NaN 0 .125 0 0 .6 | watchdog 200 ms | no limits | no integral | query
@@ -89,7 +89,7 @@ TEST(MoteusDriver, TheWholeTorqueFrameIsAsWritten) {
 }
 
 TEST(MoteusDriver, OffDampAndBrakeAreModesOnly) {
-  const Driver driver({.id = 1, .joint = {}});
+  const MoteusDrive driver({.id = 1, .joint = {}});
   Frame frame;
   for (const auto& [action, mode] :
        std::map<DriveAction, double>{{DriveAction::off, 0}, {DriveAction::damp, 12}, {DriveAction::brake, 15}}) {
@@ -103,11 +103,11 @@ TEST(MoteusDriver, OffDampAndBrakeAreModesOnly) {
 }
 
 TEST(MoteusDriver, SignZeroAndRatioApplyToCommandAndSample) {
-  const Driver driver({.id = 1, .joint = {.sign = -1, .zero_rad = 0.5, .ratio = 6}});
+  const MoteusDrive driver({.id = 1, .joint = {.sign = -1, .zero_rad = 0.5, .ratio = 6}});
   JointCommand command = torque_command(1.2);
   command.max_torque_nm = 3;
-  command.position_rad = 0.5 + kTurn / 12;
-  command.velocity_rad_s = kTurn;
+  command.target_rad = 0.5 + kTurn / 12;
+  command.target_rad_s = kTurn;
   command.kp_nm_rad = 36 * 4 / kTurn;
   command.kd_nm_s_rad = 36 * 0.05 / kTurn;
   Frame frame;
@@ -123,18 +123,18 @@ TEST(MoteusDriver, SignZeroAndRatioApplyToCommandAndSample) {
   JointSample sample;
   ASSERT_TRUE(driver.decode(reply(1, 10, -0.5, -6, -0.2, 2, 0), sample));
   EXPECT_TRUE(sample.measured);
-  EXPECT_NEAR(sample.position_rad, command.position_rad, 1e-6);
-  EXPECT_NEAR(sample.velocity_rad_s, command.velocity_rad_s, 1e-6);
+  EXPECT_NEAR(sample.position_rad, command.target_rad, 1e-6);
+  EXPECT_NEAR(sample.velocity_rad_s, command.target_rad_s, 1e-6);
   EXPECT_NEAR(sample.torque_nm, 1.2, 1e-6);
 }
 
 TEST(MoteusDriver, ANumberThatIsNotFiniteBecomesDamping) {
-  const Driver driver({.id = 1, .joint = {}});
+  const MoteusDrive driver({.id = 1, .joint = {}});
   const double inf = std::numeric_limits<double>::infinity();
   for (const double bad : {kNan, inf, -inf}) {
-    for (double JointCommand::* field :
-         {&JointCommand::torque_nm, &JointCommand::velocity_rad_s, &JointCommand::kp_nm_rad, &JointCommand::kd_nm_s_rad,
-          &JointCommand::max_torque_nm}) {
+    for (double JointCommand::* field : std::initializer_list<double JointCommand::*>{
+             &JointCommand::torque_nm, &JointCommand::target_rad_s, &JointCommand::kp_nm_rad,
+             &JointCommand::kd_nm_s_rad, &JointCommand::max_torque_nm}) {
       JointCommand command = torque_command(0.1);
       command.*field = bad;
       Frame frame;
@@ -145,9 +145,9 @@ TEST(MoteusDriver, ANumberThatIsNotFiniteBecomesDamping) {
 }
 
 TEST(MoteusDriver, NegativeGainsAndLimitsNeverReachTheDrive) {
-  const Driver driver({.id = 1, .joint = {}});
+  const MoteusDrive driver({.id = 1, .joint = {}});
   JointCommand command = torque_command(0.1);
-  command.position_rad = 0;
+  command.target_rad = 0;
   command.kp_nm_rad = command.kd_nm_s_rad = command.max_torque_nm = -1;
   Frame frame;
   driver.encode(command, 0, frame);
@@ -158,7 +158,7 @@ TEST(MoteusDriver, NegativeGainsAndLimitsNeverReachTheDrive) {
 }
 
 TEST(MoteusDriver, ModeOneIsAFaultAndModeElevenAWatchdogAndALimitIsNeither) {
-  const Driver driver({.id = 1, .joint = {}});
+  const MoteusDrive driver({.id = 1, .joint = {}});
   JointSample sample;
   ASSERT_TRUE(driver.decode(reply(1, 1, 0, 0, 0, 2, 39), sample));
   EXPECT_EQ(sample.status, wire::joint_status::kFault | 39U << 8 | 1U << 16);
@@ -171,7 +171,7 @@ TEST(MoteusDriver, ModeOneIsAFaultAndModeElevenAWatchdogAndALimitIsNeither) {
 }
 
 TEST(MoteusDriver, AMeasurementThatCannotBeIsNotOne) {
-  const Driver driver({.id = 1, .joint = {}});
+  const MoteusDrive driver({.id = 1, .joint = {}});
   const double inf = std::numeric_limits<double>::infinity();
   for (const double bad : {kNan, inf, -inf, 1e9, -1e9}) {
     for (int at = 0; at < 3; ++at) {
@@ -186,7 +186,7 @@ TEST(MoteusDriver, AMeasurementThatCannotBeIsNotOne) {
 }
 
 TEST(MoteusDriver, TheAnswerNamesTheSourceOfItsCommand) {
-  const Driver driver({.id = 5, .joint = {}});
+  const MoteusDrive driver({.id = 5, .joint = {}});
   Frame frame;
   driver.encode(torque_command(0), 9, frame);
   EXPECT_EQ(frame.id, 0x8905U);
@@ -199,7 +199,7 @@ TEST(MoteusDriver, TheAnswerNamesTheSourceOfItsCommand) {
 }
 
 TEST(MoteusDriver, AnotherDevicesOrHalfAnAnswerIsRefused) {
-  const Driver driver({.id = 1, .joint = {}});
+  const MoteusDrive driver({.id = 1, .joint = {}});
   JointSample sample;
   EXPECT_FALSE(driver.decode(reply(2, 10, 0, 0, 0, 2, 0), sample));
   for (std::uint8_t size = 0; size < 24; ++size) {
@@ -211,7 +211,7 @@ TEST(MoteusDriver, AnotherDevicesOrHalfAnAnswerIsRefused) {
 }
 
 TEST(MoteusDriver, RandomBytesNeverPutAnImpossibleValueIntoASample) {
-  const Driver driver({.id = 1, .joint = {}});
+  const MoteusDrive driver({.id = 1, .joint = {}});
   std::mt19937_64 random(3);
   const Frame good = reply(1, 10, 0.25, 1, 0.1, 2, 0);
   int accepted = 0;
@@ -239,10 +239,10 @@ TEST(MoteusDriver, FormatsMakeFramesShorter) {
   params.command = {Format::int16, Format::int16, Format::int16, Format::int8,
                     Format::int8,  Format::int8,  Format::int8};
   params.answer = {Format::int16, Format::int16, Format::int16};
-  const Driver driver(params);
+  const MoteusDrive driver(params);
   JointCommand command = torque_command(0.125);
-  command.position_rad = 0.5 * kTurn;
-  command.velocity_rad_s = -kTurn;
+  command.target_rad = 0.5 * kTurn;
+  command.target_rad_s = -kTurn;
   command.kp_nm_rad = 2 / kTurn;
   Frame frame;
   EXPECT_TRUE(driver.encode(command, 0, frame));
@@ -258,12 +258,12 @@ TEST(MoteusDriver, FormatsMakeFramesShorter) {
 TEST(MoteusDriver, APositionItsFormatCannotSayIsNotSent) {
   DriverParams params{.id = 1, .joint = {}};
   params.command.position = Format::int16;
-  const Driver driver(params);
+  const MoteusDrive driver(params);
   JointCommand command = torque_command(0.1);
   Frame frame;
-  command.position_rad = 3.2 * kTurn;
+  command.target_rad = 3.2 * kTurn;
   EXPECT_TRUE(driver.encode(command, 0, frame));
-  command.position_rad = -3.3 * kTurn;
+  command.target_rad = -3.3 * kTurn;
   EXPECT_FALSE(driver.encode(command, 0, frame));
   EXPECT_EQ(written(frame).at(reg::kMode), 12);
 }
@@ -271,7 +271,7 @@ TEST(MoteusDriver, APositionItsFormatCannotSayIsNotSent) {
 TEST(MoteusDriver, AnIntegerAtItsEndIsNoMeasurement) {
   DriverParams params{.id = 1, .joint = {}};
   params.answer.position = Format::int16;
-  const Driver driver(params);
+  const MoteusDrive driver(params);
   for (const double rev : {3.0, 4.0}) {
     Frame frame;
     frame.id = 0x100;

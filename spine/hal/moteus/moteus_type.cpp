@@ -4,8 +4,8 @@
 #include <array>
 #include <span>
 
+#include "spine/hal/moteus/moteus.hpp"
 #include "spine/hal/moteus/moteus_codec.hpp"
-#include "spine/hal/moteus/moteus_drive.hpp"
 #include "spine/hal/moteus/moteus_faults.hpp"
 
 namespace lithe::hal::moteus {
@@ -58,7 +58,7 @@ PlannedFrames planned_frames(const robot::DeviceConfig& device, const robot::Bus
   params.id = device.id;
   params.watchdog_s = device.watchdog_s;
   use_frames(device.keys.moteus.frames, params);
-  const Driver driver(params);
+  const MoteusDrive driver(params);
   JointCommand command;
   command.action = DriveAction::torque;  // the longest
   Frame frame;

@@ -11,7 +11,7 @@
 namespace lithe::hal {
 
 // Parses the whole text as a decimal number: sign, digits, point, exponent; or nan, inf. False: not a number.
-// Contract: RT · pure · 15 significant digits
+// Contract: RT · pure
 bool read_number(std::string_view text, double& value) LITHE_RT;
 
 inline constexpr std::size_t kLongestNumber = 40;

@@ -115,21 +115,4 @@ class Plant {
   bool coupled_ = false;
 };
 
-// A drive whose plant can be moved by a mechanism (Coupling).
-class CoupledDrive {
- public:
-  virtual ~CoupledDrive() = default;
-  // Simulates up to `now_ns` on a 50 us grid that starts with the first call. Time that goes backwards is ignored.
-  virtual void advance(std::int64_t now_ns) LITHE_RT = 0;
-  // Skips time without simulating it; watchdogs run.
-  // Contract: after the first advance()
-  virtual void skip(std::int64_t now_ns) LITHE_RT = 0;
-  virtual Plant& plant() LITHE_RT = 0;
-
- protected:
-  CoupledDrive() = default;
-  CoupledDrive(const CoupledDrive&) = default;
-  CoupledDrive& operator=(const CoupledDrive&) = default;
-};
-
 }  // namespace lithe::hal::sim

@@ -3,13 +3,22 @@
 #pragma once
 
 #include <cstddef>
+#include <memory>
 
+#include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/core/drive.hpp"
+#include "spine/hal/physics/coupled_drive.hpp"
 #include "spine/hal/physics/plant.hpp"
 #include "spine/hal/physics/truth.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe::hal::sim {
+
+// A simulated device at the far end of a bus.
+struct SimDevice {
+  std::unique_ptr<BusNode> node;
+  CoupledDrive* drive = nullptr;  // of the node; null: it moves nothing
+};
 
 // One device of a robot, and what its motor moves. A device that measures has no use for the lower four.
 struct SimPlace {

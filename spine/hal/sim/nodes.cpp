@@ -60,7 +60,7 @@ robot::JointConfig free_joint(std::size_t device) {
   return joint;
 }
 
-std::unique_ptr<BusNode> make_node(const robot::RobotConfig& config, std::size_t index, const Mechanism* mechanism) {
+SimDevice make_device(const robot::RobotConfig& config, std::size_t index, const Mechanism* mechanism) {
   const robot::DeviceConfig& device = config.devices[index];
   const auto found = std::find_if(config.joints.begin(), config.joints.end(),
                                   [index](const robot::JointConfig& joint) { return joint.device == index; });
@@ -72,8 +72,9 @@ std::unique_ptr<BusNode> make_node(const robot::RobotConfig& config, std::size_t
   if (moves && mechanism != nullptr) {
     plant.inertia_kg_m2 = mechanism->inertia_kg_m2(static_cast<std::size_t>(found - config.joints.begin()));
   }
-  return type_of(device.kind)
-      .make({device, config.buses[device.bus], index, joint.sim.encoder_counts, transform, plant, truth.drive});
+  const auto make = type_of(device.kind).make;
+  if (make == nullptr) return {};
+  return make({device, config.buses[device.bus], index, joint.sim.encoder_counts, transform, plant, truth.drive});
 }
 
 }  // namespace
@@ -88,18 +89,18 @@ Result<Nodes> make_nodes(const robot::RobotConfig& config) {
   }
   Nodes nodes;
   for (std::size_t i = 0; i < config.devices.size(); ++i) {
-    nodes.devices.push_back(make_node(config, i, mechanism.get()));
+    nodes.devices.push_back(make_device(config, i, mechanism.get()));
   }
   if (mechanism == nullptr) return nodes;
   nodes.coupling = std::make_unique<Coupling>(std::move(mechanism));
   for (const robot::JointConfig& joint : config.joints) {
-    type_of(config.devices[joint.device].kind).couple(*nodes.coupling, *nodes.devices[joint.device]);
+    nodes.coupling->add(*nodes.devices[joint.device].drive);
   }
   return nodes;
 }
 
 std::unique_ptr<BusNode> make_stranger(const robot::RobotConfig& config, std::size_t device) {
-  return make_node(config, device, nullptr);
+  return make_device(config, device, nullptr).node;
 }
 
 }  // namespace lithe::hal::sim

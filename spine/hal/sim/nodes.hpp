@@ -10,20 +10,23 @@
 #include "spine/core/rt.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/physics/coupling.hpp"
+#include "spine/hal/physics/sim_place.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe::hal::sim {
 
 // All devices of one robot, each with the plant of its joint; a drive without a joint turns freely.
 struct Nodes {
-  std::vector<std::unique_ptr<BusNode>> devices;  // as RobotConfig::devices
-  std::unique_ptr<Coupling> coupling;             // couples all joints; null = independent joints
+  std::vector<SimDevice> devices;      // as RobotConfig::devices; without a node: on no bus
+  std::unique_ptr<Coupling> coupling;  // couples all joints; null = independent joints
 
   // Puts every joint back to its start, at rest.
   // Contract: RT
   void to_start() LITHE_RT {
     if (coupling != nullptr) coupling->to_start();
-    for (const auto& device : devices) device->to_start();
+    for (const SimDevice& device : devices) {
+      if (device.node != nullptr) device.node->to_start();
+    }
   }
 
   // Attaches the devices of one bus.
@@ -32,7 +35,7 @@ struct Nodes {
   void attach(const robot::RobotConfig& config, std::size_t bus, AnyBus& to) const {
     if (coupling != nullptr) to.attach(*coupling);
     for (std::size_t i = 0; i < devices.size(); ++i) {
-      if (config.devices[i].bus == bus) to.attach(*devices[i]);
+      if (config.devices[i].bus == bus && devices[i].node != nullptr) to.attach(*devices[i].node);
     }
   }
 };

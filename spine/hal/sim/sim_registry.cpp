@@ -21,23 +21,10 @@ std::unique_ptr<SimAdapter> make_adapter() {
   return std::make_unique<Adapter>();
 }
 
-template <class Sim>
-void couple(Coupling& coupling, BusNode& node) {
-  coupling.add(static_cast<Sim&>(node).servo());
-}
-
-std::unique_ptr<BusNode> make_sim_gateway(const SimPlace& place) {
+SimDevice make_sim_gateway(const SimPlace& place) {
   constexpr std::int64_t kPeriodNs = 1'000'000;
-  return std::make_unique<SimGateway>(place.device.id, kPeriodNs, robot::is_fd(place.bus));
+  return {std::make_unique<SimGateway>(place.device.id, kPeriodNs, robot::is_fd(place.bus))};
 }
-
-// The IMU of a board is on no bus: Simulation::imu() is its reading.
-class Nobody final : public BusNode {
- public:
-  void on_frame(const Frame& /*frame*/, std::int64_t /*now_ns*/, FrameQueue& /*answers*/) LITHE_RT override {}
-};
-
-std::unique_ptr<BusNode> make_nobody(const SimPlace& /*place*/) { return std::make_unique<Nobody>(); }
 
 constexpr std::uint32_t kOfDrives = bit_of(InjectedFault::power_loss) | bit_of(InjectedFault::over_temperature) |
                                     bit_of(InjectedFault::encoder_lost) | bit_of(InjectedFault::device_fault) |
@@ -47,16 +34,14 @@ constexpr std::uint32_t kOfSensors = bit_of(InjectedFault::power_loss) | bit_of(
 constexpr std::array<SimDeviceType, robot::kDeviceFacts.size()> kDevices{{
     {.kind = DeviceKind::moteus,
      .make = make_sim_moteus,
-     .couple = couple<SimMoteus>,
      .motor_torque_max_nm = moteus_torque_max_nm,
      .injected = kOfDrives | bit_of(InjectedFault::homing_lost)},
     {.kind = DeviceKind::cia402,
      .make = make_sim_cia402,
-     .couple = couple<SimCia402>,
      .motor_torque_max_nm = cia402_torque_max_nm,
      .injected = kOfDrives},
     {.kind = DeviceKind::gateway, .make = make_sim_gateway, .injected = kOfSensors},
-    {.kind = DeviceKind::imu, .make = make_nobody},
+    {.kind = DeviceKind::imu},  // on no bus: Simulation::imu() is its reading
     {.kind = DeviceKind::cia401, .make = make_sim_cia401, .injected = kOfSensors},
 }};
 

@@ -6,9 +6,7 @@
 #include <memory>
 #include <string_view>
 
-#include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/bus/serial/sim_adapter.hpp"
-#include "spine/hal/physics/coupling.hpp"
 #include "spine/hal/physics/sim_place.hpp"
 #include "spine/robot/config.hpp"
 
@@ -17,9 +15,7 @@ namespace lithe::hal::sim {
 // A null function: the kind has no such thing.
 struct SimDeviceType {
   robot::DeviceKind kind;
-  // The device at the far end of a bus. `couple`: `node` was made by `make`.
-  std::unique_ptr<BusNode> (*make)(const SimPlace&) = nullptr;
-  void (*couple)(Coupling&, BusNode& node) = nullptr;
+  SimDevice (*make)(const SimPlace&) = nullptr;
   double (*motor_torque_max_nm)(const robot::DeviceConfig&) = nullptr;
   std::uint32_t injected = 0;  // bits `bit_of` of the faults that it knows
 };

@@ -58,28 +58,12 @@ std::string_view word(std::string_view& rest, char end) {
 
 }  // namespace
 
-SimFdcanusb::SimFdcanusb() : settings_(factory()), stored_(factory()) {}
+SimFdcanusb::SimFdcanusb() : SimAdapter(fdcanusb::kLongestLine), settings_(factory()), stored_(factory()) {}
 
-void SimFdcanusb::reset() {
-  length_ = 0;
-  too_long_ = sums_ = false;
+void SimFdcanusb::restart() {
+  sums_ = false;
   settings_ = stored_;
   on_ = settings_[kAutostart] != 0;
-  recover();
-}
-
-void SimFdcanusb::feed(std::span<const char> bytes, std::int64_t now_ns, std::string& out) {
-  for (const char c : bytes) {
-    if (c == '\n' || c == '\r') {
-      if (!too_long_ && length_ > 0) serve({line_.data(), length_}, now_ns, out);
-      length_ = 0;
-      too_long_ = false;
-    } else if (length_ < line_.size()) {
-      line_[length_++] = c;
-    } else {
-      too_long_ = true;
-    }
-  }
 }
 
 void SimFdcanusb::idle(std::int64_t now_ns, std::string& out) {
@@ -89,6 +73,7 @@ void SimFdcanusb::idle(std::int64_t now_ns, std::string& out) {
 }
 
 void SimFdcanusb::serve(std::string_view line, std::int64_t now_ns, std::string& out) {
+  if (line.empty()) return;
   const Sum sum = fdcanusb::strip_sum(line);
   if (sum == Sum::wrong || (sum == Sum::absent && sums_)) return say("ERR checksum", out);
   sums_ = sums_ || sum == Sum::right;

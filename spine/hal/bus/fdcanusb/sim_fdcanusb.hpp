@@ -4,7 +4,6 @@
 
 #include <array>
 #include <cstdint>
-#include <span>
 #include <string>
 #include <string_view>
 
@@ -25,23 +24,18 @@ class SimFdcanusb final : public SimAdapter {
 
   SimFdcanusb();
 
-  void feed(std::span<const char> bytes, std::int64_t now_ns, std::string& out) override;
   void idle(std::int64_t now_ns, std::string& out) override;
-  void reset() override;
-
-  bool demands_sums() const { return sums_; }
 
  private:
-  void serve(std::string_view line, std::int64_t now_ns, std::string& out);
+  bool ends_line(char c) const override { return c == '\n' || c == '\r'; }
+  void serve(std::string_view line, std::int64_t now_ns, std::string& out) override;
+  void restart() override;
   void obey(const fdcanusb::Request& request, std::int64_t now_ns, std::string& out);
   void configure(std::string_view words, std::string& out);
   void switch_bus(bool on, std::string& out);
   void say(std::string_view text, std::string& out) const;
   void pass_on(std::string& out);
 
-  std::array<char, fdcanusb::kLongestLine> line_{};
-  std::size_t length_ = 0;
-  bool too_long_ = false;
   bool sums_ = false;
   bool on_ = true;
   Settings settings_;

@@ -2,9 +2,11 @@
 // The adapter between a host's serial line and the simulated devices of one bus: bytes in, bytes out.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "spine/hal/bus/loop/loop_bus.hpp"
@@ -16,7 +18,7 @@ namespace lithe::hal::sim {
 // it
 class SimAdapter {
  public:
-  SimAdapter() = default;
+  explicit SimAdapter(std::size_t longest_line) : longest_line_(longest_line) {}
   SimAdapter(const SimAdapter&) = delete;
   SimAdapter& operator=(const SimAdapter&) = delete;
   virtual ~SimAdapter() = default;
@@ -24,13 +26,26 @@ class SimAdapter {
   void attach(BusNode& node) { nodes_.push_back(&node); }
 
   // Any bytes from the host, in pieces of any size. The adapter's answers are appended to `out`.
-  virtual void feed(std::span<const char> bytes, std::int64_t now_ns, std::string& out) = 0;
+  void feed(std::span<const char> bytes, std::int64_t now_ns, std::string& out) {
+    for (const char c : bytes) {
+      if (ends_line(c)) {
+        line_.size() <= longest_line_ ? serve(line_, now_ns, out) : refuse(out);
+        line_.clear();
+      } else if (line_.size() <= longest_line_) {
+        line_ += c;
+      }
+    }
+  }
 
   // Advances time: frames that devices send by themselves are appended to `out`. Call about once a millisecond.
   virtual void idle(std::int64_t now_ns, std::string& out) = 0;
 
   // Power cycle: drops partial lines and restores the factory configuration.
-  virtual void reset() = 0;
+  void reset() {
+    line_.clear();
+    restart();
+    recover();
+  }
 
   // Puts the controller in bus-off, or ends the cause. After that it stays in bus-off until the host restarts it. No
   // frame passes in bus-off.
@@ -40,6 +55,13 @@ class SimAdapter {
   }
 
  protected:
+  virtual bool ends_line(char c) const = 0;
+  // A whole line, perhaps empty.
+  virtual void serve(std::string_view line, std::int64_t now_ns, std::string& out) = 0;
+  // Instead of a line that is longer than any command.
+  virtual void refuse(std::string& /*out*/) const {}
+  virtual void restart() = 0;
+
   bool bus_off() const { return off_; }
   // Restarts the controller; while the cause lasts, it goes bus-off again.
   void recover() { off_ = wires_bad_; }
@@ -59,6 +81,8 @@ class SimAdapter {
   FrameQueue& answers() { return answers_; }
 
  private:
+  std::size_t longest_line_;
+  std::string line_;  // so far; one byte more than the longest is too long
   std::vector<BusNode*> nodes_;
   FrameQueue answers_;
   bool wires_bad_ = false;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/bus/slcan/sim_slcan.hpp"
 
+#include <array>
+
 #include "spine/hal/bus/serial/hex.hpp"
 
 namespace lithe::hal::sim {
@@ -30,29 +32,9 @@ std::string_view answer_to(Request request, bool is_open) {
 
 }  // namespace
 
-void SimSlcan::reset() {
+void SimSlcan::restart() {
   channel_ = Channel::closed;
-  has_bitrate_ = fd_ = stamps_ = too_long_ = confirmed_off_ = false;
-  length_ = 0;
-  recover();
-}
-
-void SimSlcan::feed(std::span<const char> bytes, std::int64_t now_ns, std::string& out) {
-  for (const char c : bytes) {
-    if (c == slcan::kDone) {
-      if (too_long_) {
-        say(kRefused, out);
-      } else {
-        serve({line_.data(), length_}, now_ns, out);
-      }
-      length_ = 0;
-      too_long_ = false;
-    } else if (length_ < line_.size()) {
-      line_[length_++] = c;
-    } else {
-      too_long_ = true;
-    }
-  }
+  has_bitrate_ = fd_ = stamps_ = confirmed_off_ = false;
 }
 
 void SimSlcan::idle(std::int64_t now_ns, std::string& out) {
@@ -131,6 +113,8 @@ void SimSlcan::pass_on(std::int64_t now_ns, std::string& out) {
     out += slcan::kDone;
   }
 }
+
+void SimSlcan::refuse(std::string& out) const { say(kRefused, out); }
 
 // Answers that only a LAWICEL adapter sends.
 void SimSlcan::say(std::string_view manners, std::string& out) const {

@@ -2,10 +2,7 @@
 // The adapter's side of slcan: commands in, frames to the simulated devices, lines out.
 #pragma once
 
-#include <array>
-#include <cstddef>
 #include <cstdint>
-#include <span>
 #include <string>
 #include <string_view>
 
@@ -26,18 +23,20 @@ enum class SlcanManners : std::uint8_t {
 // Contract: as SimAdapter
 class SimSlcan final : public SimAdapter {
  public:
-  explicit SimSlcan(SlcanManners manners = SlcanManners::lawicel) : manners_(manners) {}
+  explicit SimSlcan(SlcanManners manners = SlcanManners::lawicel)
+      : SimAdapter(slcan::kLongestLine), manners_(manners) {}
 
-  void feed(std::span<const char> bytes, std::int64_t now_ns, std::string& out) override;
   void idle(std::int64_t now_ns, std::string& out) override;
-  void reset() override;
 
   bool is_open() const { return channel_ != Channel::closed; }
 
  private:
   enum class Channel : std::uint8_t { closed, open, listening };
 
-  void serve(std::string_view line, std::int64_t now_ns, std::string& out);
+  bool ends_line(char c) const override { return c == slcan::kDone; }
+  void serve(std::string_view line, std::int64_t now_ns, std::string& out) override;
+  void refuse(std::string& out) const override;
+  void restart() override;
   bool obey(slcan::Request request);
   bool open(Channel channel);
   bool may_send(const Frame& frame) const { return channel_ == Channel::open && (fd_ || !frame.fd); }
@@ -50,9 +49,6 @@ class SimSlcan final : public SimAdapter {
   bool fd_ = false;
   bool stamps_ = false;
   bool confirmed_off_ = false;
-  std::array<char, slcan::kLongestLine> line_{};
-  std::size_t length_ = 0;
-  bool too_long_ = false;
 };
 
 }  // namespace lithe::hal::sim

@@ -19,7 +19,7 @@
 #include "spine/hal/bus/slcan/slcan_bus.hpp"
 #include "spine/hal/bus/test/pty_rig.hpp"
 #include "spine/hal/bus_actuators.hpp"
-#include "spine/hal/moteus/moteus_drive.hpp"
+#include "spine/hal/moteus/moteus.hpp"
 #include "spine/hal/moteus/sim/sim_moteus.hpp"
 #include "spine/wire/wire.hpp"
 

@@ -58,7 +58,7 @@ class Pi3hatCanopen : public testing::Test {
   }
   void lose_both() {
     for (const std::size_t device : {6, 7})
-      board_.nodes.devices[device]->inject(InjectedFault::power_loss, true, now_ns_);
+      board_.nodes.devices[device].node->inject(InjectedFault::power_loss, true, now_ns_);
   }
 
   Board board_;

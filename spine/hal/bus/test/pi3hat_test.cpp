@@ -97,7 +97,7 @@ TEST_F(Pi3hat, ADriveThatIsLostIsNotWaitedForInEveryTick) {
   const robot::RobotConfig config = quadruped();
   open(config);
   tick(10);
-  board_.nodes.devices[0]->inject(InjectedFault::power_loss, true, now_ns_);
+  board_.nodes.devices[0].node->inject(InjectedFault::power_loss, true, now_ns_);
   tick(10);
   EXPECT_EQ(fresh(), 11);
   EXPECT_NE(state_.status[0] & wire::joint_status::kLost, 0U);

@@ -165,8 +165,8 @@ std::uint32_t SimCia401::input(Address address, std::int64_t now_ns) const LITHE
   return bits;
 }
 
-std::unique_ptr<BusNode> make_sim_cia401(const SimPlace& place) {
-  return std::make_unique<SimCia401>(place.device.id, place.device.keys.cia401.inputs);
+SimDevice make_sim_cia401(const SimPlace& place) {
+  return {std::make_unique<SimCia401>(place.device.id, place.device.keys.cia401.inputs)};
 }
 
 }  // namespace lithe::hal::sim

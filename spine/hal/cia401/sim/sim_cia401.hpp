@@ -56,6 +56,6 @@ class SimCia401 final : public BusNode, private SdoServer {
   bool other_map_ = false;  // its process data is shorter than mapped
 };
 
-std::unique_ptr<BusNode> make_sim_cia401(const SimPlace& place);
+SimDevice make_sim_cia401(const SimPlace& place);
 
 }  // namespace lithe::hal::sim

@@ -33,39 +33,14 @@ std::int32_t whole(double value) LITHE_RT {
 
 Cia402Servo::Cia402Servo(const Cia402ServoParams& params, const JointTransform& joint, const PlantParams& plant,
                          const DriveErrors& errors)
-    : params_(params),
-      joint_(joint),
-      plant_(plant),
-      errors_(errors),
+    : CoupledDrive({params.counts_per_rev, params.velocity_filter_hz}, joint, plant, errors),
+      params_(params),
       target_nm_(static_cast<std::size_t>(errors.delay_ns / Plant::kStepNs)) {
   constexpr double kTurn = 2 * std::numbers::pi;
   const double omega = kTurn * params.loop_hz;
   const double motor_inertia = plant.inertia_kg_m2 / (joint.ratio * joint.ratio);
   stiffness_nm_rev_ = motor_inertia * omega * omega * kTurn;
   damping_nm_s_rev_ = 2 * motor_inertia * omega * kTurn;
-  to_start();
-}
-
-void Cia402Servo::to_start() LITHE_RT {
-  plant_.to_start();
-  tracked_rev_ = joint_.motor_rev(plant_.position_rad());
-  measure();
-  tracked_rev_ = encoder_rev_;
-  velocity_rev_s_ = 0;
-}
-
-void Cia402Servo::advance(std::int64_t now_ns) LITHE_RT {
-  if (!started_) time_ns_ = now_ns;
-  started_ = true;
-  const std::int64_t lag_ns = now_ns - time_ns_;
-  if (lag_ns <= 0) return;
-  const std::int64_t steps = std::min(lag_ns, kMaxCatchUpNs) / Plant::kStepNs;
-  for (std::int64_t i = 0; i < steps; ++i) step();
-  if (lag_ns > kMaxCatchUpNs) skip(now_ns);
-}
-
-void Cia402Servo::skip(std::int64_t now_ns) LITHE_RT {
-  time_ns_ += std::max<std::int64_t>(now_ns - time_ns_, 0) / Plant::kStepNs * Plant::kStepNs;
 }
 
 void Cia402Servo::restart() LITHE_RT {
@@ -77,24 +52,8 @@ void Cia402Servo::restart() LITHE_RT {
 }
 
 void Cia402Servo::step() LITHE_RT {
-  double wanted_nm = powered() ? motor_torque() : 0;
-  if (!std::isfinite(wanted_nm)) wanted_nm = 0;
-  plant_.step(errors_.given_nm(wanted_nm * joint_.gear()));
-  errors_.step();
-  measure();
-  time_ns_ += Plant::kStepNs;
-}
-
-// The encoder gives whole counts; a tracking loop (two poles) computes the velocity.
-void Cia402Servo::measure() LITHE_RT {
-  constexpr double kNothing = 1e-12;
-  const double rev = joint_.motor_rev(plant_.position_rad() + errors_.encoder_error_rad());
-  encoder_rev_ = std::floor(rev * params_.counts_per_rev) / params_.counts_per_rev;
-  const double pole = 2 * std::numbers::pi * params_.velocity_filter_hz;
-  const double error_rev = encoder_rev_ - tracked_rev_;
-  velocity_rev_s_ += kStepS * pole * pole * error_rev;
-  tracked_rev_ += kStepS * (velocity_rev_s_ + 2 * pole * error_rev);
-  if (std::abs(velocity_rev_s_) < kNothing) velocity_rev_s_ = 0;
+  const double wanted_nm = powered() ? motor_torque() : 0;
+  move(std::isfinite(wanted_nm) ? wanted_nm : 0);
 }
 
 bool Cia402Servo::powered() const LITHE_RT {

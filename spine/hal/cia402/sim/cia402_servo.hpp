@@ -9,8 +9,7 @@
 #include "spine/core/rt.hpp"
 #include "spine/hal/cia402/cia402.hpp"
 #include "spine/hal/core/drive.hpp"
-#include "spine/hal/physics/plant.hpp"
-#include "spine/hal/physics/truth.hpp"
+#include "spine/hal/physics/coupled_drive.hpp"
 
 namespace lithe::hal::sim {
 
@@ -47,23 +46,15 @@ struct Cia402Inputs {
 
 // Modes 8, 9 and 10. Positions, velocities and stops on a ramp use one loop: a demand that moves, and stiffness and
 // damping towards it, as the inertia asks for.
-// Contract: RT · one thread · time is an argument · same commands at the same times, same motion
+// Contract: as CoupledDrive
 class Cia402Servo final : public CoupledDrive {
  public:
-  // Longest time that one advance() simulates; the rest is skipped for the plant.
-  static constexpr std::int64_t kMaxCatchUpNs = 50'000'000;
-
   // In torque mode a target acts after DriveErrors::delay_ns; the drive's own loops are not delayed.
   Cia402Servo(const Cia402ServoParams& params, const JointTransform& joint, const PlantParams& plant,
               const DriveErrors& errors = {});
 
-  void advance(std::int64_t now_ns) LITHE_RT override;
-  void skip(std::int64_t now_ns) LITHE_RT override;
   // Restarts the drive; the joint stays where it is.
   void restart() LITHE_RT;
-
-  // Puts the joint back to its start, at rest; the drive continues and sees no motion.
-  void to_start() LITHE_RT;
 
   void set_inputs(const Cia402Inputs& inputs) LITHE_RT;
   void control(std::uint16_t word) LITHE_RT;
@@ -92,11 +83,9 @@ class Cia402Servo final : public CoupledDrive {
   std::int32_t velocity() const LITHE_RT;
   std::int32_t torque() const LITHE_RT;
   std::int32_t following_error() const LITHE_RT;
-  Plant& plant() LITHE_RT override { return plant_; }
 
  private:
-  void step() LITHE_RT;
-  void measure() LITHE_RT;
+  void step() LITHE_RT override;
   void enter(cia402::State state) LITHE_RT;
   void set_error(std::uint16_t code) LITHE_RT;
   void obey(std::uint16_t word) LITHE_RT;
@@ -111,9 +100,6 @@ class Cia402Servo final : public CoupledDrive {
   bool powered() const LITHE_RT;
 
   Cia402ServoParams params_;
-  JointTransform joint_;
-  Plant plant_;
-  ErrorSource errors_;
   StepDelay target_nm_;
   double stiffness_nm_rev_;
   double damping_nm_s_rev_;
@@ -129,14 +115,9 @@ class Cia402Servo final : public CoupledDrive {
   std::int64_t enabling_from_ns_ = kNever;
   bool limited_ = false;
   bool following_error_ = false;
-  bool started_ = false;
-  std::int64_t time_ns_ = 0;
   std::int64_t behind_since_ns_ = kNever;
   std::int64_t stands_from_ns_ = 0;
 
-  double encoder_rev_ = 0;
-  double tracked_rev_ = 0;
-  double velocity_rev_s_ = 0;
   double demand_rev_ = 0;
   double demand_rev_s_ = 0;
   double goal_rev_ = 0;  // of mode 8, reached a period after its SYNC

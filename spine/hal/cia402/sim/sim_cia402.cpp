@@ -291,7 +291,7 @@ void SimCia402::transmit(SimPdo& pdo, std::int64_t now_ns, FrameQueue& answers) 
   pdo.told_ns = now_ns;
 }
 
-std::unique_ptr<BusNode> make_sim_cia402(const SimPlace& place) {
+SimDevice make_sim_cia402(const SimPlace& place) {
   SimCia402Params params;
   params.id = place.device.id;
   params.servo.counts_per_rev = place.device.keys.cia402.counts_per_rev;
@@ -300,7 +300,9 @@ std::unique_ptr<BusNode> make_sim_cia402(const SimPlace& place) {
   params.joint = place.joint;
   params.plant = place.plant;
   params.errors = place.errors;
-  return std::make_unique<SimCia402>(params);
+  auto node = std::make_unique<SimCia402>(params);
+  CoupledDrive& drive = node->servo();
+  return {std::move(node), &drive};
 }
 
 double cia402_torque_max_nm(const robot::DeviceConfig& device) { return 3 * device.keys.cia402.rated_torque_nm; }

@@ -133,7 +133,7 @@ class SimCia402 final : public BusNode, private SdoServer {
 };
 
 // Of a robot file.
-std::unique_ptr<BusNode> make_sim_cia402(const SimPlace& place);
+SimDevice make_sim_cia402(const SimPlace& place);
 double cia402_torque_max_nm(const robot::DeviceConfig& device);
 
 }  // namespace lithe::hal::sim

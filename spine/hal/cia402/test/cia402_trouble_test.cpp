@@ -327,7 +327,7 @@ TEST_F(Cia402Trouble, NoBytesMakeTheDriverSayNonsense) {
     if (i % 5 != 0) continue;
     const std::uint64_t sent = bus_->statistics().sent;
     bus_->begin(exchange.now_ns);
-    drivers_[0]->command({.action = static_cast<DriveAction>(random() % 4)}, exchange, *bus_);
+    drivers_[0]->command({{}, static_cast<DriveAction>(random() % 4), 0, false}, exchange, *bus_);
     ASSERT_LE(bus_->statistics().sent - sent, 2U);
   }
   now_ns_ = exchange.now_ns;

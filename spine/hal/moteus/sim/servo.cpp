@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 namespace lithe::hal::sim {
 
@@ -27,31 +26,9 @@ bool has_watchdog(Mode mode) LITHE_RT { return mode == Mode::position || mode ==
 
 Servo::Servo(const ServoParams& params, const JointTransform& joint, const PlantParams& plant,
              const DriveErrors& errors)
-    : params_(params), joint_(joint), plant_(plant), errors_(errors), home_(params.home_at_power_on) {
-  to_start();
-}
+    : CoupledDrive(encoder_of(params), joint, plant, errors), params_(params), home_(params.home_at_power_on) {}
 
-void Servo::to_start() LITHE_RT {
-  plant_.to_start();
-  tracked_rev_ = joint_.motor_rev(plant_.position_rad());
-  measure();
-  tracked_rev_ = encoder_rev_;
-  velocity_rev_s_ = 0;
-}
-
-void Servo::advance(std::int64_t now_ns) LITHE_RT {
-  if (time_ns_ == kNever) time_ns_ = now_ns;
-  const std::int64_t lag_ns = now_ns - time_ns_;
-  if (lag_ns <= 0) return;
-  const std::int64_t steps = std::min(lag_ns, kMaxCatchUpNs) / Plant::kStepNs;
-  for (std::int64_t i = 0; i < steps; ++i) step();
-  if (lag_ns > kMaxCatchUpNs) skip(now_ns);
-}
-
-void Servo::skip(std::int64_t now_ns) LITHE_RT {
-  const std::int64_t skip_ns = std::max<std::int64_t>(now_ns - time_ns_, 0) / Plant::kStepNs * Plant::kStepNs;
-  skipped_ns_ += skip_ns;
-  time_ns_ += skip_ns;
+void Servo::on_skip() LITHE_RT {
   obey_what_is_due();
   check_watchdog();
 }
@@ -73,22 +50,7 @@ void Servo::step() LITHE_RT {
   // An invalid register value must not give the plant a NaN position.
   if (!std::isfinite(wanted_nm_)) wanted_nm_ = 0;
   wanted_nm_ = std::clamp(wanted_nm_, -params_.motor_torque_max_nm, params_.motor_torque_max_nm);
-  plant_.step(errors_.given_nm(wanted_nm_ * joint_.gear()));
-  errors_.step();
-  measure();
-  time_ns_ += Plant::kStepNs;
-}
-
-// The encoder gives whole counts; a tracking loop (two poles) computes the velocity.
-void Servo::measure() LITHE_RT {
-  constexpr double kNothing = 1e-12;
-  const double rev = joint_.motor_rev(plant_.position_rad() + errors_.encoder_error_rad()) + offset_rev_;
-  encoder_rev_ = std::floor(rev * params_.encoder_counts) / params_.encoder_counts;
-  const double pole = 2 * std::numbers::pi * params_.velocity_filter_hz;
-  const double error_rev = encoder_rev_ - tracked_rev_;
-  velocity_rev_s_ += kStepS * pole * pole * error_rev;
-  tracked_rev_ += kStepS * (velocity_rev_s_ + 2 * pole * error_rev);
-  if (std::abs(velocity_rev_s_) < kNothing) velocity_rev_s_ = 0;
+  move(wanted_nm_);
 }
 
 void Servo::check_watchdog() LITHE_RT {
@@ -135,7 +97,7 @@ void Servo::recapture() LITHE_RT {
 void Servo::apply(Mode mode, const ServoCommand& command) LITHE_RT {
   const bool goes_on = mode == mode_ && has_watchdog(mode);
   if (!goes_on) underway_count_ = 0;
-  if (!goes_on || errors_.delay_ns() == 0 || time_ns_ == kNever) return obey(mode, command);
+  if (!goes_on || errors_.delay_ns() == 0 || !started_) return obey(mode, command);
   if (underway_count_ == kOnTheWay) {
     underway_[first_underway_].due_ns = time_ns_;
     obey_what_is_due();
@@ -164,7 +126,7 @@ void Servo::obey(Mode mode, const ServoCommand& command) LITHE_RT {
   switch (mode_) {
     case Mode::stopped:
       mode_ = Mode::enabling;
-      phase_end_ns_ = (time_ns_ == kNever ? 0 : time_ns_) + kEnablingNs;
+      phase_end_ns_ = time_ns_ + kEnablingNs;
       target_ = mode;
       return;
     case Mode::enabling:

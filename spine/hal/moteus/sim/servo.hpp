@@ -11,8 +11,7 @@
 #include "spine/hal/core/drive.hpp"
 #include "spine/hal/moteus/moteus_codec.hpp"
 #include "spine/hal/moteus/moteus_faults.hpp"
-#include "spine/hal/physics/plant.hpp"
-#include "spine/hal/physics/truth.hpp"
+#include "spine/hal/physics/coupled_drive.hpp"
 
 namespace lithe::hal::sim {
 
@@ -65,27 +64,19 @@ struct ServoCommand {
   double upper_bound_rev = kAbsent;
 };
 
-// Contract: RT · one thread · time is an argument · same commands at the same times, same motion
+// Contract: as CoupledDrive
 class Servo final : public CoupledDrive {
  public:
-  // Longest time that one advance() simulates; the rest is skipped for the plant, not for the watchdog.
-  static constexpr std::int64_t kMaxCatchUpNs = 50'000'000;
-
   Servo(const ServoParams& params, const JointTransform& joint, const PlantParams& plant,
         const DriveErrors& errors = {});
-
-  void advance(std::int64_t now_ns) LITHE_RT override;
-  void skip(std::int64_t now_ns) LITHE_RT override;
 
   // Power cycle: stopped, without fault, command or own limits. The plant continues.
   void restart(const ServoParams& params) LITHE_RT;
 
-  // Puts the joint back to its start, at rest; the drive continues and sees no motion.
-  void to_start() LITHE_RT;
-
   // Changed settings act from the next step on. The plant's own constants do not change.
   void configure(const ServoParams& params) LITHE_RT {
     params_ = params;
+    set_encoder(encoder_of(params));
     judge_health();
   }
 
@@ -139,14 +130,15 @@ class Servo final : public CoupledDrive {
   const ServoCommand& command() const LITHE_RT { return command_; }
   bool encoder_lost() const LITHE_RT { return encoder_lost_; }
   bool trajectory_complete() const LITHE_RT { return trajectory_complete_; }
-  std::int64_t skipped_ns() const LITHE_RT { return skipped_ns_; }
   std::int64_t time_ns() const LITHE_RT { return time_ns_; }
   const ServoParams& params() const LITHE_RT { return params_; }
-  Plant& plant() LITHE_RT override { return plant_; }
 
  private:
-  void step() LITHE_RT;
-  void measure() LITHE_RT;
+  void step() LITHE_RT override;
+  void on_skip() LITHE_RT override;
+  static Encoder encoder_of(const ServoParams& params) LITHE_RT {
+    return {static_cast<double>(params.encoder_counts), params.velocity_filter_hz};
+  }
   void check_watchdog() LITHE_RT;
   void enter(moteus::Mode mode) LITHE_RT;
   void obey(moteus::Mode mode, const ServoCommand& command) LITHE_RT;
@@ -176,9 +168,6 @@ class Servo final : public CoupledDrive {
   };
 
   ServoParams params_;
-  JointTransform joint_;
-  Plant plant_;
-  ErrorSource errors_;
   std::array<Underway, kOnTheWay> underway_{};  // a ring
   std::size_t first_underway_ = 0, underway_count_ = 0;
 
@@ -186,20 +175,14 @@ class Servo final : public CoupledDrive {
   moteus::Mode target_ = moteus::Mode::stopped;  // the mode after the calibration
   std::uint32_t fault_ = 0;
   ServoCommand command_;
-  std::int64_t time_ns_ = kNever;
   std::int64_t phase_end_ns_ = 0;
   std::int64_t watchdog_end_ns_ = kNever;
-  std::int64_t skipped_ns_ = 0;
 
-  double offset_rev_ = 0;  // read position minus the motor's position
   double home_ = 0;
   bool encoder_lost_ = false;
   bool driver_failed_ = false;
   std::uint32_t ailment_ = 0;          // injected fault, raised when driving
   double hot_torque_max_nm_ = kNoEnd;  // torque limit by temperature; infinite while cool
-  double encoder_rev_ = 0;
-  double tracked_rev_ = 0;
-  double velocity_rev_s_ = 0;
 
   double control_position_rev_ = 0;
   double control_velocity_rev_s_ = 0;

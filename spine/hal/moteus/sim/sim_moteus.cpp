@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <utility>
 
 #include "spine/hal/physics/truth.hpp"
 
@@ -178,7 +179,7 @@ void SimMoteus::stream(const Subframe& subframe, SubframeWriter& answer) LITHE_R
   answer.server_data(subframe.start, {bytes.data(), count});
 }
 
-std::unique_ptr<BusNode> make_sim_moteus(const SimPlace& place) {
+SimDevice make_sim_moteus(const SimPlace& place) {
   SimMoteusParams params;
   params.id = place.device.id;
   params.serial = place.index + 1;
@@ -186,7 +187,9 @@ std::unique_ptr<BusNode> make_sim_moteus(const SimPlace& place) {
   params.servo.encoder_counts = place.encoder_counts;
   params.plant = place.plant;
   params.errors = place.errors;
-  return std::make_unique<SimMoteus>(params);
+  auto node = std::make_unique<SimMoteus>(params);
+  CoupledDrive& drive = node->servo();
+  return {std::move(node), &drive};
 }
 
 double moteus_torque_max_nm(const robot::DeviceConfig& /*device*/) { return ServoParams{}.motor_torque_max_nm; }

@@ -48,7 +48,6 @@ class SimMoteus final : public BusNode {
 
   Servo& servo() LITHE_RT { return inside_.servo; }
   const MoteusConfig& config() const LITHE_RT { return inside_.config; }
-  const MoteusIdentity& identity() const LITHE_RT { return inside_.identity; }
 
  private:
   enum class Access : std::uint32_t { done = 0, unknown = 1, read_only = 2 };  // the protocol's own error numbers
@@ -83,7 +82,7 @@ class SimMoteus final : public BusNode {
 };
 
 // Of a robot file.
-std::unique_ptr<BusNode> make_sim_moteus(const SimPlace& place);
+SimDevice make_sim_moteus(const SimPlace& place);
 double moteus_torque_max_nm(const robot::DeviceConfig& device);
 
 }  // namespace lithe::hal::sim

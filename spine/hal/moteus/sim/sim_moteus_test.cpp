@@ -138,7 +138,7 @@ TEST(SimMoteus, SaysWhoItIsInWholeWordsOnly) {
   EXPECT_TRUE(std::isnan(word(bench, reg::kFirmware, Format::int16)));
   EXPECT_EQ(word(bench, reg::kUuidMaskCapable, Format::int8), 1);
   for (std::uint32_t i = 0; i < 4; ++i) {
-    EXPECT_EQ(word(bench, reg::kUuid + i), bench.drive().identity().uuid_word(i));
+    EXPECT_EQ(word(bench, reg::kUuid + i), MoteusIdentity::of(0).uuid_word(i));
     EXPECT_TRUE(std::isnan(word(bench, reg::kUuidMask + i)));
   }
 }
@@ -151,7 +151,7 @@ TEST(SimMoteus, AnothersUuidMaskSilencesTheFrameAndItsCommand) {
     request.extended = request.fd = true;
     SubframeWriter writer(request);
     writer.write(Format::int8, reg::kMode, std::array{10.0});
-    writer.write(Format::int32, reg::kUuidMask, std::array{bench.drive().identity().uuid_word(0) + (own ? 0.0 : 1.0)});
+    writer.write(Format::int32, reg::kUuidMask, std::array{MoteusIdentity::of(0).uuid_word(0) + (own ? 0.0 : 1.0)});
     writer.read(Format::int8, reg::kMode, 1);
     writer.pad();
     EXPECT_EQ(bench.send(request).size(), own ? 1U : 0U);

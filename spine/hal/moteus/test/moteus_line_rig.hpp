@@ -9,7 +9,7 @@
 
 #include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/bus_actuators.hpp"
-#include "spine/hal/moteus/moteus_drive.hpp"
+#include "spine/hal/moteus/moteus.hpp"
 #include "spine/hal/moteus/sim/sim_moteus.hpp"
 #include "spine/hal/test/cable_rig.hpp"
 #include "spine/wire/wire.hpp"

@@ -31,7 +31,6 @@ class House {
   Terminal terminal() {
     return Terminal(bus_, {[this] { return now_ns_; }, [this] { now_ns_ += 1'000'000; }});
   }
-  sim::SimMoteus& drive(std::size_t i) { return *drives_[i]; }
 
  private:
   std::vector<std::unique_ptr<sim::SimMoteus>> drives_;
@@ -46,7 +45,7 @@ TEST(MoteusTerminal, FindsEveryDriveEvenTwoWithOneId) {
   EXPECT_EQ(found[0].id, 3U);
   EXPECT_EQ(found[1].id, 9U);
   EXPECT_EQ(found[2].id, 9U);
-  EXPECT_EQ(found[0].uuid, house.drive(1).identity().uuid);
+  EXPECT_EQ(found[0].uuid, sim::MoteusIdentity::of(2).uuid);
   EXPECT_NE(found[1].uuid, found[2].uuid);
   EXPECT_TRUE(found[0].maskable);
   EXPECT_TRUE(House({}).terminal().discover().empty());
