@@ -16,7 +16,7 @@ using hal::InjectedFault;
 using Kind = FaultRequest::Kind;
 
 // False for faults that this kind of device does not have.
-bool can_suffer(robot::DeviceKind device, Kind kind) {
+bool has_fault(robot::DeviceKind device, Kind kind) {
   if (const std::optional<InjectedFault> injected = injected_of(kind)) {
     return (hal::sim::type_of(device).injected & hal::sim::bit_of(*injected)) != 0;
   }
@@ -33,7 +33,7 @@ Result<std::unique_ptr<Devices>> Devices::make(const robot::RobotConfig& config,
   auto made = std::make_unique<Devices>();
   made->config_ = config;
   made->nodes_ = std::move(*nodes);
-  made->company_.resize(config.devices.size());
+  made->second_.resize(config.devices.size());
   for (std::size_t i = 0; i < config.buses.size(); ++i) {
     made->wires_.push_back(std::make_unique<hal::sim::SimWire>(seed + i));
     made->nodes_.attach(config, i, *made->wires_.back());
@@ -49,10 +49,10 @@ Result<> Devices::check(const FaultRequest& order) const {
   if (!named(config_.devices, order.device)) {
     return Error{"there is no device '" + order.device + "' in the robot file"};
   }
-  const auto suffers = [&](const robot::DeviceConfig& device) {
-    return (order.device.empty() || order.device == device.name) && can_suffer(device.kind, order.kind);
+  const auto can_have = [&](const robot::DeviceConfig& device) {
+    return (order.device.empty() || order.device == device.name) && has_fault(device.kind, order.kind);
   };
-  if (is_of_device(order.kind) && std::none_of(config_.devices.begin(), config_.devices.end(), suffers)) {
+  if (is_of_device(order.kind) && std::none_of(config_.devices.begin(), config_.devices.end(), can_have)) {
     return Error{"such a thing cannot happen to " + (order.device.empty() ? "any device here" : order.device)};
   }
   return done();
@@ -62,36 +62,36 @@ void Devices::act(const FaultRequest& order, std::int64_t now_ns) {
   if (order.kind == Kind::clear) return clear(now_ns);
   if (!is_of_device(order.kind)) {
     for (std::size_t i = 0; i < wires_.size(); ++i) {
-      if (order.bus.empty() || order.bus == config_.buses[i].name) spoil(order, i);
+      if (order.bus.empty() || order.bus == config_.buses[i].name) set_wire_fault(order, i);
     }
     return;
   }
   for (std::size_t i = 0; i < config_.devices.size(); ++i) {
     const robot::DeviceConfig& device = config_.devices[i];
-    if ((order.device.empty() || order.device == device.name) && can_suffer(device.kind, order.kind)) {
-      suffer(i, order, now_ns);
+    if ((order.device.empty() || order.device == device.name) && has_fault(device.kind, order.kind)) {
+      inject(i, order, now_ns);
     }
   }
 }
 
-void Devices::suffer(std::size_t device, const FaultRequest& order, std::int64_t now_ns) {
+void Devices::inject(std::size_t device, const FaultRequest& order, std::int64_t now_ns) {
   if (const std::optional<InjectedFault> injected = injected_of(order.kind)) {
     nodes_.devices[device].node->inject(*injected, order.on, now_ns);
   } else {
-    meet_stranger(device, order);
+    set_second_device(device, order);
   }
 }
 
 // twin: a second device with the same id and another position. wrong_id: a device with another id replaces the right
 // one.
-void Devices::meet_stranger(std::size_t index, const FaultRequest& order) {
+void Devices::set_second_device(std::size_t index, const FaultRequest& order) {
   hal::BusNode& device = *nodes_.devices[index].node;
-  Company& company = company_[index];
+  SecondDevice& other_device = second_[index];
   hal::sim::SimWire& wire = *wires_[config_.devices[index].bus];
-  if (company.stranger != nullptr) wire.detach(*company.stranger);
-  company.stranger.reset();
-  if (!company.here) wire.attach(device);
-  company.here = true;
+  if (other_device.second != nullptr) wire.detach(*other_device.second);
+  other_device.second.reset();
+  if (!other_device.here) wire.attach(device);
+  other_device.here = true;
   if (!order.on) return;
   robot::RobotConfig other = config_;
   constexpr double kElsewhereRad = 0.3;
@@ -101,14 +101,14 @@ void Devices::meet_stranger(std::size_t index, const FaultRequest& order) {
   if (order.kind == Kind::wrong_id) {
     std::uint32_t& id = other.devices[index].id;
     id = (id + kIds / 2 - 1) % kIds + 1;
-    company.here = false;
+    other_device.here = false;
     wire.detach(device);
   }
-  company.stranger = hal::sim::make_stranger(other, index);
-  wire.attach(*company.stranger);
+  other_device.second = hal::sim::make_second_device(other, index);
+  wire.attach(*other_device.second);
 }
 
-void Devices::spoil(const FaultRequest& order, std::size_t bus) {
+void Devices::set_wire_fault(const FaultRequest& order, std::size_t bus) {
   hal::sim::WireFaults faults = wires_[bus]->faults();
   switch (order.kind) {
     case Kind::drop:
@@ -146,7 +146,7 @@ void Devices::clear(std::int64_t now_ns) {
           InjectedFault::homing_lost, InjectedFault::other_map}) {
       nodes_.devices[i].node->inject(injected, false, now_ns);
     }
-    if (company_[i].stranger != nullptr) meet_stranger(i, over);
+    if (second_[i].second != nullptr) set_second_device(i, over);
   }
 }
 

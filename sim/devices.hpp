@@ -33,19 +33,19 @@ class Devices {
 
  private:
   // An injected second device on a device's wire (twin or wrong id).
-  struct Company {
-    std::unique_ptr<hal::BusNode> stranger;  // the second device; null = none
-    bool here = true;                        // false: the original device is disconnected
+  struct SecondDevice {
+    std::unique_ptr<hal::BusNode> second;  // the second device; null = none
+    bool here = true;                      // false: the original device is disconnected
   };
 
-  void suffer(std::size_t device, const FaultRequest& order, std::int64_t now_ns);
-  void meet_stranger(std::size_t device, const FaultRequest& order);
-  void spoil(const FaultRequest& order, std::size_t bus);
+  void inject(std::size_t device, const FaultRequest& order, std::int64_t now_ns);
+  void set_second_device(std::size_t device, const FaultRequest& order);
+  void set_wire_fault(const FaultRequest& order, std::size_t bus);
   void clear(std::int64_t now_ns);
 
   robot::RobotConfig config_;
   hal::sim::Nodes nodes_;
-  std::vector<Company> company_;                           // as RobotConfig::devices
+  std::vector<SecondDevice> second_;                       // as RobotConfig::devices
   std::vector<std::unique_ptr<hal::sim::SimWire>> wires_;  // by bus
 };
 

@@ -30,7 +30,7 @@ class End {
   // Unplugs until then. False: not possible for this kind.
   virtual bool unplug(std::int64_t /*until_ns*/) { return false; }
   // Puts an adapter's controller in bus-off, or ends the cause.
-  virtual void spoil_wires(bool /*bad*/) {}
+  virtual void set_bus_off(bool /*bad*/) {}
 };
 
 // An adapter at a pseudo terminal. Each program that opens it finds a freshly plugged-in adapter.
@@ -46,7 +46,7 @@ class PtyEnd final : public End {
   void tick(std::int64_t now_ns) override;
   std::string place() const override { return slave_path_; }
   bool unplug(std::int64_t until_ns) override;
-  void spoil_wires(bool bad) override { adapter_->spoil_wires(bad); }
+  void set_bus_off(bool bad) override { adapter_->set_bus_off(bad); }
 
  private:
   PtyEnd(std::unique_ptr<hal::sim::SimAdapter> adapter, std::string link)

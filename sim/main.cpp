@@ -51,7 +51,7 @@ class Orders {
     if (count <= 0) fd_ = -1;  // stdin is closed; the devices stay
     for (ssize_t i = 0; i < count; ++i) {
       if (bytes[static_cast<std::size_t>(i)] == '\n') {
-        obey(world, now_ns);
+        handle(world, now_ns);
         line_.clear();
       } else if (line_.size() < kLongestLine) {
         line_ += bytes[static_cast<std::size_t>(i)];
@@ -62,10 +62,10 @@ class Orders {
  private:
   static constexpr std::size_t kLongestLine = 4096;  // a longer line is not an order
 
-  void obey(simulator::World& world, std::int64_t now_ns) {
+  void handle(simulator::World& world, std::int64_t now_ns) {
     if (line_.find_first_not_of(" \r\t") == std::string::npos) return;
     const Result<simulator::FaultRequest> order = simulator::parse_order(line_);
-    const Result<> did = order ? world.obey(*order, now_ns) : Result<>(order.error());
+    const Result<> did = order ? world.handle(*order, now_ns) : Result<>(order.error());
     say(did ? Json{{"ok", true}}.dump() : Json{{"ok", false}, {"error", did.message()}}.dump());
   }
 
@@ -145,7 +145,7 @@ int run(const std::string& path, const simulator::Options& options, const std::v
   if (!world) return refuse(world.message());
   for (const std::string& fault : faults) {
     const Result<simulator::FaultRequest> order = simulator::parse_order(fault);
-    const Result<> did = order ? (*world)->obey(*order, monotonic_ns()) : Result<>(order.error());
+    const Result<> did = order ? (*world)->handle(*order, monotonic_ns()) : Result<>(order.error());
     if (!did) return refuse("--fault " + fault + ": " + did.message());
   }
   return serve(**world, signals.get());

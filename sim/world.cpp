@@ -79,7 +79,7 @@ Result<> World::check(const FaultRequest& order) const {
   return done();
 }
 
-Result<> World::obey(const FaultRequest& order, std::int64_t now_ns) {
+Result<> World::handle(const FaultRequest& order, std::int64_t now_ns) {
   if (Result<> sound = check(order); !sound) return sound;
   if (order.after_s > 0) {
     due_.push_back({now_ns + ns_of(order.after_s), order});
@@ -99,8 +99,8 @@ void World::act(const FaultRequest& order, std::int64_t now_ns) {
   constexpr double kMomentS = 1;
   for (std::size_t i = 0; i < lines_.size(); ++i) {
     if (!is_meant(order.bus, lines_[i].name)) continue;
-    if (order.kind == Kind::bus_off) ends_[i]->spoil_wires(order.on);
-    if (order.kind == Kind::clear) ends_[i]->spoil_wires(false);
+    if (order.kind == Kind::bus_off) ends_[i]->set_bus_off(order.on);
+    if (order.kind == Kind::clear) ends_[i]->set_bus_off(false);
     if (order.kind == Kind::unplug) ends_[i]->unplug(now_ns + ns_of(order.for_s > 0 ? order.for_s : kMomentS));
   }
   tell_places();
@@ -116,7 +116,7 @@ void World::tick(std::int64_t now_ns) {
     now.push_back(due_[i]);
     due_.erase(due_.begin() + static_cast<std::ptrdiff_t>(i));
   }
-  for (const Due& each : now) static_cast<void>(obey(each.order, now_ns));  // it was checked on arrival
+  for (const Due& each : now) static_cast<void>(handle(each.order, now_ns));  // it was checked on arrival
   for (const std::unique_ptr<End>& end : ends_) end->tick(now_ns);
   tell_places();
 }

@@ -31,7 +31,7 @@ class World {
   static Result<std::unique_ptr<World>> open(const robot::RobotConfig& config, const Options& options, Say say);
 
   // Applies an order now, or schedules it. The error: no such bus or device, or it does not have this fault.
-  Result<> obey(const FaultRequest& order, std::int64_t now_ns);
+  Result<> handle(const FaultRequest& order, std::int64_t now_ns);
 
   // Advances time: devices send by themselves, scheduled orders are applied. Call about once a millisecond.
   void tick(std::int64_t now_ns);

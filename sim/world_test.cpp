@@ -104,7 +104,7 @@ class Scene {
       world_->tick(now_ns_);
     }
   }
-  Result<> order(std::string_view line) { return world_->obey(*parse_order(line), now_ns_); }
+  Result<> order(std::string_view line) { return world_->handle(*parse_order(line), now_ns_); }
 
   std::vector<std::string> told;
 
@@ -239,9 +239,9 @@ TEST(World, AGatewayAndAnImuHaveNoEncoderToLose) {
     config.devices[0].kind = kind;
     auto world = World::open(config, {}, [](const std::string&) {});
     ASSERT_TRUE(world) << world.message();
-    EXPECT_EQ((*world)->obey(*parse_order(R"({"fault": "encoder", "device": "drive"})"), 0).message(),
+    EXPECT_EQ((*world)->handle(*parse_order(R"({"fault": "encoder", "device": "drive"})"), 0).message(),
               "such a thing cannot happen to drive");
-    EXPECT_EQ((*world)->obey(*parse_order(R"({"fault": "encoder", "device": "drive", "after_s": 1})"), 0).message(),
+    EXPECT_EQ((*world)->handle(*parse_order(R"({"fault": "encoder", "device": "drive", "after_s": 1})"), 0).message(),
               "such a thing cannot happen to drive")
         << "and not only when it is due";
   }

@@ -276,7 +276,7 @@ void look_after(hal::Actuators& actuators, const sigset_t& signals) {
   std::string told;
   while (sigtimedwait(&signals, nullptr, &kEvery) < 0) {
     actuators.service();
-    const std::string trouble = actuators.trouble();
+    const std::string trouble = actuators.why_not_ready();
     if (trouble != told)
       fmt::print(stderr, "lithe-spine: {}\n", trouble.empty() ? "all buses and drives are well" : trouble);
     told = trouble;

@@ -78,7 +78,7 @@ class Actuators {
   virtual void service() {}
   // Which bus is down and which drive is not ready, with the reason; empty = none.
   // Contract: as service()
-  virtual std::string trouble() const { return ""; }
+  virtual std::string why_not_ready() const { return ""; }
   // Deviations on real buses, one clause each; empty = none.
   // Contract: after the last cycle
   virtual std::string tell_buses() const { return ""; }

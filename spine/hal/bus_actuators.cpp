@@ -34,7 +34,7 @@ std::uint64_t digest_of(const Frame& frame) LITHE_RT {
 
 std::size_t BusActuators::add_bus(std::unique_ptr<Bus> bus, SenderOf sender_of, std::unique_ptr<BusMaster> master) {
   Line line{std::move(bus), std::move(master), sender_of, 0, 0, 0, 0, {}};
-  line.joint_at.fill(kNobody);
+  line.joint_at.fill(kNoJoint);
   lines_.push_back(std::move(line));
   return lines_.size() - 1;
 }
@@ -136,7 +136,7 @@ void BusActuators::drain(Line& line) LITHE_RT {
 bool BusActuators::accept_sensors(const Line& line, const Frame& frame) LITHE_RT {
   for (SensorPlace& place : sensor_places_) {
     if (&lines_[place.line] != &line || !place.device->sent(frame)) continue;
-    place.device->take(frame, exchange_.now_ns);
+    place.device->on_frame(frame, exchange_.now_ns);
     return true;
   }
   return false;
@@ -156,21 +156,21 @@ void BusActuators::read_sensors(ActuatorState& state) const LITHE_RT {
 void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
   if (accept_sensors(line, frame)) return;
   const std::uint32_t address = line.sender_of != nullptr ? line.sender_of(frame) : 0;
-  const std::uint8_t index = address < line.joint_at.size() ? line.joint_at[address] : kNobody;
-  if (index == kNobody) {
+  const std::uint8_t index = address < line.joint_at.size() ? line.joint_at[address] : kNoJoint;
+  if (index == kNoJoint) {
     ++counters_.stray;
     return;
   }
   Joint& joint = joints_[index];
   JointSample sample;
-  switch (joint.drive->take(frame, exchange_, sample)) {
+  switch (joint.drive->on_frame(frame, exchange_, sample)) {
     case ReplyKind::part:
       return;
     case ReplyKind::late:
       ++late_answers_;
       return compare(joint, frame);  // the slower of two devices answers after the wait
     case ReplyKind::malformed:
-      ++spoilt_answers_;
+      ++malformed_answers_;
       joint.garbled = true;
       return;
     case ReplyKind::answer:
@@ -194,7 +194,7 @@ void BusActuators::answer(Line& line, Joint& joint, std::size_t index, const Fra
   if (!sample.measured) {  // use the drive's state, not its measurement
     last_.status[index] = sample.status;
     last_.drive[index] = sample.drive;
-    ++spoilt_answers_;
+    ++malformed_answers_;
     joint.garbled = true;
     return;
   }
@@ -217,7 +217,7 @@ void BusActuators::settle() LITHE_RT {
   }
   counters_.late = late_answers_;
   counters_.duplicate = repeated_answers_;
-  counters_.malformed = spoilt_answers_;
+  counters_.malformed = malformed_answers_;
   counters_.refused = 0;
   for (const SensorPlace& place : sensor_places_) {
     counters_.duplicate += place.device->repeated();

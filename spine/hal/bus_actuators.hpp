@@ -45,8 +45,8 @@ class BusActuators final : public Actuators {
   void share_core() override { shares_core_ = true; }
 
  private:
-  static constexpr std::uint8_t kNobody = 0xff;
-  static_assert(kMaxJoints < kNobody);
+  static constexpr std::uint8_t kNoJoint = 0xff;
+  static_assert(kMaxJoints < kNoJoint);
 
   struct Line {
     std::unique_ptr<Bus> bus;
@@ -124,7 +124,7 @@ class BusActuators final : public Actuators {
   Exchange exchange_;
   std::uint64_t late_answers_ = 0;
   std::uint64_t repeated_answers_ = 0;
-  std::uint64_t spoilt_answers_ = 0;
+  std::uint64_t malformed_answers_ = 0;
   ReplyCounters counters_;
 };
 

@@ -144,7 +144,7 @@ TEST(MoteusLimit, ALimitThatIsNotFiniteIsNoSoundCommand) {
   EXPECT_TRUE(drive.command(command, {}, bus));
 }
 
-TEST_F(TwoJoints, AnyMixOfTroubleLeavesTheStateFiniteAndTheCountsConsistent) {
+TEST_F(TwoJoints, AnyMixOfFaultsLeavesTheStateFiniteAndTheCountsConsistent) {
   std::mt19937 random(9);
   command_.act(DriveAction::torque);
   std::uint64_t expected_missed = 0;

@@ -44,7 +44,7 @@ class Hardware final : public Actuators {
   void service() override {
     for (const auto& [name, bus] : named_buses_) bus->service();
   }
-  std::string trouble() const override {
+  std::string why_not_ready() const override {
     std::string words;
     const auto add = [&words](const char* what, const std::string& name, const std::string& why) {
       if (!why.empty()) words += (words.empty() ? "" : "; ") + std::string(what) + " '" + name + "': " + why;

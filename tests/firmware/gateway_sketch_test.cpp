@@ -76,7 +76,7 @@ TEST_F(Sketch, ItsFdFramesHoldEveryChannel) {
     ASSERT_TRUE(is_gateway(frame));
     EXPECT_TRUE(message.seq) << "frames may overtake each other";
     ASSERT_EQ(node_of(frame), kNode);
-    gateway.take(frame, 1);
+    gateway.on_frame(frame, 1);
   }
   expect_all(gateway);
 }
@@ -87,7 +87,7 @@ TEST_F(Sketch, ItsClassicFramesDoToo) {
   for (const CAN_message_t& message : g_stub_classic) {
     ASSERT_LE(message.len, 8);
     EXPECT_TRUE(message.seq);
-    gateway.take(frame_of(message, false), 1);
+    gateway.on_frame(frame_of(message, false), 1);
   }
   expect_all(gateway);
 }

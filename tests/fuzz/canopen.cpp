@@ -54,7 +54,7 @@ void client_hears(Input& input) {
       put(heard.data.data() + 1, client.address().index, 2);
       heard.data[3] = client.address().subindex;
     }
-    const bool taken = client.take(heard);
+    const bool taken = client.on_frame(heard);
     require(taken == (client.strays() == strays), "what answers nothing is counted");
     require(taken || client.outcome() == before, "what answers nothing changes nothing");
     require(!taken || before == Outcome::busy, "nothing is taken that was not asked for");
@@ -137,7 +137,7 @@ void client_asks_a_drive(Input& input) {
     for (int turn = 0; turn < 40 && client.outcome() == Outcome::busy; ++turn) {
       said.clear();
       if (client.next(now_ns, frame)) drive.on_frame(frame, now_ns, said);
-      for (; const Frame* each = said.front(); said.pop()) client.take(*each);
+      for (; const Frame* each = said.front(); said.pop()) client.on_frame(*each);
     }
     require(client.outcome() == Outcome::done || client.outcome() == Outcome::failed, "a drive ends every transfer");
     require(client.abort() != abort_code::kTimedOut, "a drive answers every request");

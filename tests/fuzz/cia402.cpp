@@ -84,7 +84,7 @@ class Bench {
     untouched.position_rad = 0.125;
     untouched.status = 0x5a;
     JointSample sample = untouched;
-    if (drive_.take(frame, exchange_, sample) != ReplyKind::answer) {
+    if (drive_.on_frame(frame, exchange_, sample) != ReplyKind::answer) {
       require(sample.position_rad == untouched.position_rad && sample.status == untouched.status && !sample.measured,
               "only an answer changes the sample");
       return;

@@ -24,7 +24,7 @@ constexpr std::array<std::uint32_t, 5> kLikely{gateway::kIdBase | kNode << 8, ga
 // What the header of gateway.hpp says, channel by channel.
 class Plain {
  public:
-  void take(const Frame& frame, std::int64_t now_ns) {
+  void on_frame(const Frame& frame, std::int64_t now_ns) {
     ++frames;
     began_ = false;
     const Bytes data = frame.payload();
@@ -102,8 +102,8 @@ void run(Bytes bytes) {
   for (int i = 0; i < 64 && !input.empty(); ++i) {
     now_ns += input.byte() * 1'000'000;
     const Frame frame = input.frame(kLikely, true);
-    gateway.take(frame, now_ns);
-    plain.take(frame, now_ns);
+    gateway.on_frame(frame, now_ns);
+    plain.on_frame(frame, now_ns);
     compare(gateway, plain, now_ns);
   }
 }

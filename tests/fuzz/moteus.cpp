@@ -63,7 +63,7 @@ void walk(const Frame& frame) {
     }
   }
   Found found;
-  if (take_discovery(frame, found)) require(found.id >= 1 && found.id <= 126, "a drive that is found has an address");
+  if (parse_discovery(frame, found)) require(found.id >= 1 && found.id <= 126, "a drive that is found has an address");
 }
 
 // No number leaves that is none, but for a position that is not meant.
@@ -125,7 +125,7 @@ class Bench {
     untouched.position_rad = 0.125;
     untouched.status = 0x5a;
     JointSample sample = untouched;
-    if (drive_.take(frame, exchange_, sample) != ReplyKind::answer) {
+    if (drive_.on_frame(frame, exchange_, sample) != ReplyKind::answer) {
       require(sample.position_rad == untouched.position_rad && sample.status == untouched.status && !sample.measured,
               "only an answer changes the sample");
       return;

@@ -183,7 +183,7 @@ class WatchedBus final : public hal::Bus {
     ledger_.age = said == 0 ? 0 : exchange_ - said;
     if (!hal::gateway::is_gateway(frame) || hal::gateway::node_of(frame) != gateway_.node()) return true;
     ++ledger_.gateway;
-    gateway_.take(frame, 0);
+    gateway_.on_frame(frame, 0);
     return true;
   }
 
@@ -205,9 +205,9 @@ class WatchedDrive final : public hal::Drive {
     asked_ = exchange.number;
     return drive_->command(command, exchange, bus);
   }
-  hal::ReplyKind take(const hal::Frame& frame, const hal::Exchange& exchange, hal::JointSample& sample)
+  hal::ReplyKind on_frame(const hal::Frame& frame, const hal::Exchange& exchange, hal::JointSample& sample)
       LITHE_RT override {
-    const hal::ReplyKind heard = drive_->take(frame, exchange, sample);
+    const hal::ReplyKind heard = drive_->on_frame(frame, exchange, sample);
     ledger_.parts += heard == hal::ReplyKind::part ? 1 : 0;
     ledger_.late += heard == hal::ReplyKind::late ? 1 : 0;
     ledger_.malformed += heard == hal::ReplyKind::malformed ? 1 : 0;

@@ -54,7 +54,7 @@ Told expected_of(std::string_view text) {
     if (answer == Answer::frame) told.frames.push_back(frame);
     told.acknowledged += answer == Answer::done || answer == Answer::sent ? 1 : 0;
     told.bus_off = answer == Answer::bus_off;
-    told.errors += answer == Answer::refused || answer == Answer::trouble || told.bus_off ? 1 : 0;
+    told.errors += answer == Answer::refused || answer == Answer::error || told.bus_off ? 1 : 0;
     told.malformed += answer == Answer::malformed ? 1 : 0;
     told.ignored += answer == Answer::other ? 1 : 0;
   });

@@ -27,10 +27,10 @@ void there_and_back(const Frame& frame) {
   require(is_can(frame), "a frame of the kernel's is one that CAN has");
   canfd_frame raw;
   const std::size_t size = socketcan::encode(frame, raw);
-  socketcan::Troubles troubles;
+  socketcan::ErrorCounts error_counts;
   Frame again;
   require(size == (frame.fd ? CANFD_MTU : CAN_MTU), "every frame can be sent");
-  require(socketcan::decode(std::as_bytes(std::span(&raw, 1)).first(size), again, troubles) == Kind::frame &&
+  require(socketcan::decode(std::as_bytes(std::span(&raw, 1)).first(size), again, error_counts) == Kind::frame &&
               same(again, frame),
           "a frame is read as it was sent");
 }
@@ -39,10 +39,10 @@ void one_packet(std::span<const std::byte> packet, Told& told) {
   Frame untouched;
   untouched.id = 0x123;
   Frame frame = untouched;
-  socketcan::Troubles troubles;
-  const Kind kind = socketcan::decode(packet, frame, troubles);
+  socketcan::ErrorCounts error_counts;
+  const Kind kind = socketcan::decode(packet, frame, error_counts);
   require(kind == Kind::frame || same(frame, untouched), "only a frame changes the frame");
-  require(kind == Kind::error || std::memcmp(&troubles, "\0\0\0\0\0\0\0", 8) == 0,
+  require(kind == Kind::error || std::memcmp(&error_counts, "\0\0\0\0\0\0\0", 8) == 0,
           "only an error frame tells of trouble");
   require(kind == Kind::malformed || packet.size() == CAN_MTU || packet.size() == CANFD_MTU, "a packet is whole");
   if (kind == Kind::frame) {

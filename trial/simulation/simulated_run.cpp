@@ -88,7 +88,7 @@ Result<std::int64_t> make_ready(const robot::RobotConfig& robot, hal::Actuators&
   for (; joint_behind() < command.joints; cycle()) {
     if (now_ns - kStartNs <= static_cast<std::int64_t>(kReadySeconds * 1e9)) continue;
     return Error{"the simulated robot is not ready, joint " + robot.joints[joint_behind()].name + ": " +
-                 actuators.trouble()};
+                 actuators.why_not_ready()};
   }
   const std::uint32_t divider = step::slowest_drive(robot);
   command.act(hal::DriveAction::torque);

@@ -48,8 +48,7 @@ std::string text_of(const ObservedNode& node) {
 }
 
 // `finished` gets the answers to SDO requests.
-void receive_for(const AskedBus& line, std::int64_t for_ns,
-                                 const std::function<bool(const Frame&)>& finished) {
+void receive_for(const AskedBus& line, std::int64_t for_ns, const std::function<bool(const Frame&)>& finished) {
   const std::int64_t end_ns = line.time.now_ns() + for_ns;
   while (true) {
     Frame frame;
@@ -76,7 +75,7 @@ std::optional<std::string> read_object(const AskedBus& line, std::uint32_t node,
       line.bus.flush();
     }
     receive_for(line, kBatchNs,
-                [&](const Frame& answer) { return node_of(answer) == node && client.take(answer); });
+                [&](const Frame& answer) { return node_of(answer) == node && client.on_frame(answer); });
   }
   if (client.outcome() != SdoClient::Outcome::done) return std::nullopt;
   const auto data = client.data();
@@ -84,8 +83,7 @@ std::optional<std::string> read_object(const AskedBus& line, std::uint32_t node,
 }
 
 // Of the identity object. Empty when it has no such number, or one of more than 4 bytes.
-std::optional<std::uint32_t> read_number(const AskedBus& line, std::uint32_t node,
-                                                         std::uint8_t subindex) {
+std::optional<std::uint32_t> read_number(const AskedBus& line, std::uint32_t node, std::uint8_t subindex) {
   const auto bytes = read_object(line, node, {object::kIdentity, subindex});
   if (!bytes || bytes->empty() || bytes->size() > 4) return std::nullopt;
   return get(reinterpret_cast<const std::uint8_t*>(bytes->data()), bytes->size());
@@ -153,7 +151,7 @@ std::string CanopenScanner::ask_all_nodes(const AskedBus& line) {
 }
 
 std::string CanopenScanner::ask(const AskedBus& line) {
-  std::string trouble = ask_all_nodes(line);
+  std::string error = ask_all_nodes(line);
   for (auto& [id, node] : nodes_) {
     if (node.answers == 0) continue;
     node.vendor = read_number(line, id, 1);
@@ -162,7 +160,7 @@ std::string CanopenScanner::ask(const AskedBus& line) {
     node.serial = read_number(line, id, 4);
     node.name = read_object(line, id, {object::kDeviceName, 0}).value_or("");
   }
-  return trouble;
+  return error;
 }
 
 std::vector<FoundDevice> CanopenScanner::found(bool asked) const {

@@ -195,14 +195,14 @@ bool SdoClient::fail(std::uint32_t code, Phase phase) LITHE_RT {
   return true;
 }
 
-bool SdoClient::take(const Frame& frame) LITHE_RT {
+bool SdoClient::on_frame(const Frame& frame) LITHE_RT {
   if (!is_canopen(frame) || frame.id != cob::kSdoAnswer + node_ || frame.size != 8) return stray();
-  if (phase_ == Phase::await_segment) return take_segment(frame);
-  if (phase_ == Phase::await_start) return take_start(frame);
+  if (phase_ == Phase::await_segment) return on_segment(frame);
+  if (phase_ == Phase::await_start) return on_start_answer(frame);
   return stray();
 }
 
-bool SdoClient::take_start(const Frame& frame) LITHE_RT {
+bool SdoClient::on_start_answer(const Frame& frame) LITHE_RT {
   const std::uint8_t command = frame.data[0];
   const std::uint8_t kind = command & kKind;
   // An answer to an earlier, aborted request has another index and is ignored.
@@ -226,7 +226,7 @@ bool SdoClient::take_start(const Frame& frame) LITHE_RT {
   return true;
 }
 
-bool SdoClient::take_segment(const Frame& frame) LITHE_RT {
+bool SdoClient::on_segment(const Frame& frame) LITHE_RT {
   const std::uint8_t command = frame.data[0];
   if (command == kAbort) return fail(get(frame.data.data() + 4, 4), Phase::failed);
   if ((command & kKind) != kSegmentAnswer) return stray();

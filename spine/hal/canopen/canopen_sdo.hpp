@@ -107,7 +107,7 @@ class SdoClient {
   // The frame to send now. False: nothing to send.
   bool next(std::int64_t now_ns, Frame& frame) LITHE_RT;
   // Handles a frame from 580h + node. False: not an answer to the present request.
-  bool take(const Frame& frame) LITHE_RT;
+  bool on_frame(const Frame& frame) LITHE_RT;
 
   Outcome outcome() const LITHE_RT;
   Address address() const LITHE_RT { return address_; }
@@ -123,8 +123,8 @@ class SdoClient {
 
   void begin(Address address, bool writing) LITHE_RT;
   bool send_start(std::int64_t now_ns, Frame& frame) LITHE_RT;
-  bool take_start(const Frame& frame) LITHE_RT;
-  bool take_segment(const Frame& frame) LITHE_RT;
+  bool on_start_answer(const Frame& frame) LITHE_RT;
+  bool on_segment(const Frame& frame) LITHE_RT;
   bool fail(std::uint32_t code, Phase phase) LITHE_RT;
   bool stray() LITHE_RT;
 

@@ -167,7 +167,7 @@ class SdoClientTest : public testing::Test {
     Frame frame;
     return client_.next(now_ns_, frame) ? text(frame) : "";
   }
-  bool takes(std::string_view line) { return client_.take(frame_of(line)); }
+  bool takes(std::string_view line) { return client_.on_frame(frame_of(line)); }
 
   SdoClient client_{1};
   std::int64_t now_ns_ = 0;
@@ -299,7 +299,7 @@ TEST_F(SdoClientTest, NoBytesBreakIt) {
       if (random() % 2 == 0) byte = static_cast<std::uint8_t>(random());
     }
     if (random() % 8 == 0) frame.size = static_cast<std::uint8_t>(random());
-    client_.take(frame);
+    client_.on_frame(frame);
     ASSERT_LE(client_.data().size(), SdoClient::kLongest);
   }
 }

@@ -22,14 +22,14 @@ void Module::watch_anew() LITHE_RT {
 void Module::step(const Exchange& exchange, Bus& bus) LITHE_RT {
   const std::int64_t now_ns = exchange.now_ns;
   if (heartbeat_.lost(now_ns) && stage_ != Stage::await_boot_up) {
-    tell({TroubleKind::silent, {}, 0});
+    tell({NotReadyKind::silent, {}, 0});
     valid_.fill(false);
     stage_ = Stage::reset;
   }
   if (stage_ == Stage::setup) judge_setup(now_ns);
   const bool waited = now_ns - since_ns_ >= kBootNs;
   if (stage_ == Stage::await_boot_up && waited) {
-    tell({TroubleKind::not_booted, {}, 0});
+    tell({NotReadyKind::not_booted, {}, 0});
     stage_ = Stage::reset;
   }
   if (stage_ == Stage::refused && waited) stage_ = Stage::reset;
@@ -70,21 +70,21 @@ void Module::set_up_anew() LITHE_RT {
   stage_ = Stage::setup;
 }
 
-void Module::take(const Frame& frame, std::int64_t now_ns) LITHE_RT {
+void Module::on_frame(const Frame& frame, std::int64_t now_ns) LITHE_RT {
   const std::uint32_t function = canopen::function_of(frame);
-  if (function == canopen::cob::kHeartbeat) return take_heartbeat(frame, now_ns);
+  if (function == canopen::cob::kHeartbeat) return on_heartbeat(frame, now_ns);
   if (function == canopen::cob::kSdoAnswer) {
-    if (stage_ == Stage::setup && setup_.take(frame)) judge_setup(now_ns);
+    if (stage_ == Stage::setup && setup_.on_frame(frame)) judge_setup(now_ns);
     return;
   }
   for (std::size_t i = 0; i < kPdos; ++i) {
-    if (frame.id == pdo_id(i, params_.id)) return take_inputs(i, frame, now_ns);
+    if (frame.id == pdo_id(i, params_.id)) return on_inputs(i, frame, now_ns);
   }
   canopen::Emergency what;  // of which nothing follows: its inputs tell how old they are
   if (function != canopen::cob::kEmergency || !canopen::parse_emergency(frame, what)) ++malformed_;
 }
 
-void Module::take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT {
+void Module::on_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT {
   NmtState state{};
   if (!canopen::parse_heartbeat(frame, state)) {
     ++malformed_;
@@ -96,7 +96,7 @@ void Module::take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT {
   if (stage_ != Stage::running) return;
   if (state == NmtState::operational) return tell({});
   if (now_ns - since_ns_ < kResetNs) return;  // it may have sent this before it was started
-  tell({TroubleKind::not_operational, {}, static_cast<std::uint8_t>(state)});
+  tell({NotReadyKind::not_operational, {}, static_cast<std::uint8_t>(state)});
   valid_.fill(false);
   if (state == NmtState::stopped) {  // it answers no SDO
     stage_ = Stage::reset;
@@ -105,7 +105,7 @@ void Module::take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT {
   }
 }
 
-void Module::take_inputs(std::size_t number, const Frame& frame, std::int64_t now_ns) LITHE_RT {
+void Module::on_inputs(std::size_t number, const Frame& frame, std::int64_t now_ns) LITHE_RT {
   if (stage_ != Stage::running) return;  // by another mapping
   std::array<std::uint32_t, canopen::PdoMap::kMost> raw{};
   const canopen::PdoMap& map = maps_[number];

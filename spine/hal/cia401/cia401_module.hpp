@@ -31,7 +31,7 @@ class Module final : public SensorDevice {
   bool sent(const Frame& frame) const LITHE_RT override {
     return canopen::is_canopen(frame) && canopen::node_of(frame) == params_.id;
   }
-  void take(const Frame& frame, std::int64_t now_ns) LITHE_RT override;
+  void on_frame(const Frame& frame, std::int64_t now_ns) LITHE_RT override;
   void step(const Exchange& exchange, Bus& bus) LITHE_RT override;
   bool read(Block block, std::size_t channel, std::int64_t now_ns, double& raw) const LITHE_RT override;
   std::uint64_t malformed() const LITHE_RT override { return malformed_; }
@@ -44,8 +44,8 @@ class Module final : public SensorDevice {
  private:
   enum class Stage : std::uint8_t { reset, await_boot_up, setup, start, running, refused };
 
-  void take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT;
-  void take_inputs(std::size_t number, const Frame& frame, std::int64_t now_ns) LITHE_RT;
+  void on_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT;
+  void on_inputs(std::size_t number, const Frame& frame, std::int64_t now_ns) LITHE_RT;
   void watch_anew() LITHE_RT;
   void set_up_anew() LITHE_RT;
   void judge_setup(std::int64_t now_ns) LITHE_RT;

@@ -19,21 +19,21 @@ std::string describe(const NotReadyReason& not_ready) {
   const std::string object =
       "object " + canopen::hex(not_ready.address.index, 4) + "h:" + std::to_string(not_ready.address.subindex);
   switch (not_ready.kind) {
-    case TroubleKind::none:
+    case NotReadyKind::none:
       break;
-    case TroubleKind::not_booted:
+    case NotReadyKind::not_booted:
       return "it was reset and does not report back: check power, wires and its id; it is reset again every 5 s";
-    case TroubleKind::no_answer:
+    case NotReadyKind::no_answer:
       return "it does not answer when " + object + " is set: check its power and its id";
-    case TroubleKind::refused:
+    case NotReadyKind::refused:
       return "it refuses " + object + ": " + std::string(canopen::abort_name(not_ready.value)) +
              "; has it as many inputs as the robot file says?";
-    case TroubleKind::no_module:
+    case NotReadyKind::no_module:
       return "its profile is " + std::to_string(not_ready.value & 0xffff) +
              ", not 401: name the right device, or its kind";
-    case TroubleKind::not_operational:
+    case NotReadyKind::not_operational:
       return "it left its operational state by itself; it is set up again";
-    case TroubleKind::silent:
+    case NotReadyKind::silent:
       return "its heartbeat has ended: check power and wires; it is reset every 5 s";
   }
   return "";
@@ -87,7 +87,7 @@ bool Setup::next(std::int64_t now_ns, Frame& frame) LITHE_RT {
 }
 
 Setup::Progress Setup::advance() LITHE_RT {
-  if (not_ready_.kind != TroubleKind::none) return Progress::failed;
+  if (not_ready_.kind != NotReadyKind::none) return Progress::failed;
   if (at_ >= count_) return Progress::done;
   const Step& step = steps_[at_];
   const SdoClient::Outcome outcome = client_.outcome();
@@ -97,11 +97,11 @@ Setup::Progress Setup::advance() LITHE_RT {
     const bool nobody = why == canopen::abort_code::kTimedOut;
     const bool lacks = why == canopen::abort_code::kNoObject || why == canopen::abort_code::kNoSubindex;
     if (!lacks || !step.may_lack) {
-      not_ready_ = {nobody ? TroubleKind::no_answer : TroubleKind::refused, step.address, why};
+      not_ready_ = {nobody ? NotReadyKind::no_answer : NotReadyKind::refused, step.address, why};
       return Progress::failed;
     }
   } else if (step.bytes == 0 && (client_.value() & 0xffff) != kDeviceProfile) {
-    not_ready_ = {TroubleKind::no_module, step.address, client_.value()};
+    not_ready_ = {NotReadyKind::no_module, step.address, client_.value()};
     return Progress::failed;
   }
   client_.forget();

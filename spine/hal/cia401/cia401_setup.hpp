@@ -23,7 +23,7 @@ struct ModuleParams {
 };
 
 // Why a module measures nothing.
-enum class TroubleKind : std::uint8_t {
+enum class NotReadyKind : std::uint8_t {
   none,
   not_booted,       // no boot-up message after a reset
   no_answer,        // to an SDO request
@@ -33,7 +33,7 @@ enum class TroubleKind : std::uint8_t {
   silent,           // no heartbeat
 };
 
-using NotReadyReason = canopen::NotReady<TroubleKind>;
+using NotReadyReason = canopen::NotReady<NotReadyKind>;
 
 // One sentence; empty for none.
 // Contract: never in an exchange's thread
@@ -51,7 +51,7 @@ class Setup {
   // At most one frame. False: nothing to send now.
   bool next(std::int64_t now_ns, Frame& frame) LITHE_RT;
   // Handles an answer. False: not one to the present request.
-  bool take(const Frame& frame) LITHE_RT { return client_.take(frame); }
+  bool on_frame(const Frame& frame) LITHE_RT { return client_.on_frame(frame); }
   // Call after an answer, and once per exchange: a request may have timed out.
   Progress advance() LITHE_RT;
   const NotReadyReason& not_ready() const LITHE_RT { return not_ready_; }

@@ -30,31 +30,31 @@ void Cia402Drive::start_setup() LITHE_RT {
   setup_.begin(sdo_);
 }
 
-ReplyKind Cia402Drive::take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT {
+ReplyKind Cia402Drive::on_frame(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT {
   if (!canopen::is_canopen(frame) || canopen::node_of(frame) != params_.id) return ReplyKind::malformed;
   switch (canopen::function_of(frame)) {
     case canopen::cob::kHeartbeat:
-      return take_heartbeat(frame, exchange.now_ns);
+      return on_heartbeat(frame, exchange.now_ns);
     case canopen::cob::kEmergency:
-      return take_emergency(frame);
+      return on_emergency(frame);
     case canopen::cob::kSdoAnswer:
-      return take_sdo(frame);
+      return on_sdo(frame);
     default:
       break;
   }
-  if (frame.id == pdo::transmit_id(pdo::kVelocity, params_.id)) return take_velocity(frame, exchange);
-  if (frame.id == pdo::transmit_id(pdo::kAnswer, params_.id)) return take_answer(frame, exchange, sample);
+  if (frame.id == pdo::transmit_id(pdo::kVelocity, params_.id)) return on_velocity(frame, exchange);
+  if (frame.id == pdo::transmit_id(pdo::kAnswer, params_.id)) return on_answer(frame, exchange, sample);
   return ReplyKind::malformed;
 }
 
-ReplyKind Cia402Drive::take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT {
+ReplyKind Cia402Drive::on_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT {
   NmtState state{};
   if (!canopen::parse_heartbeat(frame, state)) return ReplyKind::malformed;
   heartbeat_.beat(now_ns);
   const bool was_silent = std::exchange(silent_, false);
   doubted_ = (was_silent || doubted_) && state == NmtState::boot_up;
   if (state == NmtState::boot_up) {
-    if (stage_ == Stage::running) set_not_ready({TroubleKind::left_operational, {}, static_cast<std::uint8_t>(state)});
+    if (stage_ == Stage::running) set_not_ready({NotReadyKind::left_operational, {}, static_cast<std::uint8_t>(state)});
     start_setup();  // it has lost its configuration
     stopped_ = false;
     units_wrong_ = false;
@@ -72,11 +72,11 @@ ReplyKind Cia402Drive::take_heartbeat(const Frame& frame, std::int64_t now_ns) L
   start_setup();
   watchdog_ = true;  // it does this by itself only when it loses our heartbeat; we may have missed its EMCY frame
   stopped_ = state == NmtState::stopped;
-  set_not_ready({TroubleKind::left_operational, {}, static_cast<std::uint8_t>(state)});
+  set_not_ready({NotReadyKind::left_operational, {}, static_cast<std::uint8_t>(state)});
   return ReplyKind::part;
 }
 
-ReplyKind Cia402Drive::take_emergency(const Frame& frame) LITHE_RT {
+ReplyKind Cia402Drive::on_emergency(const Frame& frame) LITHE_RT {
   canopen::Emergency what;
   if (!canopen::parse_emergency(frame, what)) return ReplyKind::malformed;
   if (what.code == canopen::emergency::kHeartbeatLost) {
@@ -90,16 +90,16 @@ ReplyKind Cia402Drive::take_emergency(const Frame& frame) LITHE_RT {
 // It leaves OPERATIONAL when it loses our heartbeat, and then answers nothing.
 std::uint32_t Cia402Drive::alarm() const LITHE_RT { return watchdog_ ? wire::joint_status::kWatchdog : 0; }
 
-ReplyKind Cia402Drive::take_sdo(const Frame& frame) LITHE_RT {
-  if (!sdo_.take(frame)) return ReplyKind::late;
+ReplyKind Cia402Drive::on_sdo(const Frame& frame) LITHE_RT {
+  if (!sdo_.on_frame(frame)) return ReplyKind::late;
   const SdoClient::Outcome outcome = sdo_.outcome();
   const bool over = outcome == SdoClient::Outcome::done || outcome == SdoClient::Outcome::failed;
-  if (stage_ != Stage::running || !over || report_.take(sdo_)) return ReplyKind::part;
+  if (stage_ != Stage::running || !over || report_.on_answer(sdo_)) return ReplyKind::part;
   if (outcome == SdoClient::Outcome::done) error_code_ = static_cast<std::uint16_t>(sdo_.value());
   return ReplyKind::part;
 }
 
-ReplyKind Cia402Drive::take_velocity(const Frame& frame, const Exchange& exchange) LITHE_RT {
+ReplyKind Cia402Drive::on_velocity(const Frame& frame, const Exchange& exchange) LITHE_RT {
   std::array<std::uint32_t, 1> raw{};
   if (!velocity_map_.unpack(frame, raw)) return ReplyKind::malformed;
   velocity_raw_ = canopen::signed_of(raw[0], 4);
@@ -107,7 +107,7 @@ ReplyKind Cia402Drive::take_velocity(const Frame& frame, const Exchange& exchang
   return ReplyKind::part;
 }
 
-ReplyKind Cia402Drive::take_answer(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT {
+ReplyKind Cia402Drive::on_answer(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT {
   std::array<std::uint32_t, 3> raw{};
   State state{};
   if (!answer_map_.unpack(frame, raw)) return ReplyKind::malformed;
@@ -154,7 +154,7 @@ void Cia402Drive::note_state(State state, bool follows) LITHE_RT {
   was_enabled_ = was_enabled_ || enabled;
   followed_ = enabled && follows;
   if (left || let_go) {
-    drop({TroubleKind::left_enabled, {object::kStatusword, 0}, static_cast<std::uint8_t>(state)});
+    drop({NotReadyKind::left_enabled, {object::kStatusword, 0}, static_cast<std::uint8_t>(state)});
   }
 }
 
@@ -162,7 +162,7 @@ void Cia402Drive::check_units(std::int64_t now_ns) LITHE_RT {
   if (units_wrong_ || units_.agrees(now_ns, static_cast<std::int32_t>(position_raw_), velocity_raw_)) return;
   units_wrong_ = true;
   const auto ratio = static_cast<std::int32_t>(std::round(1000 * units_.ratio()));
-  drop({TroubleKind::velocity_unit, {object::kVelocity, 0}, static_cast<std::uint32_t>(ratio)});
+  drop({NotReadyKind::velocity_unit, {object::kVelocity, 0}, static_cast<std::uint32_t>(ratio)});
 }
 
 bool Cia402Drive::failed() const LITHE_RT {

@@ -30,7 +30,7 @@ Cia402Drive::Cia402Drive(const DriverParams& params)
       units_(params.counts_per_rev, params.period_s),
       silence_ns_(static_cast<std::int64_t>(kBeatsToLost * params.heartbeat_s * kNsPerS)) {
   heartbeat_.set_timeout(silence_ns_);
-  set_not_ready({TroubleKind::not_booted, {}, 0});
+  set_not_ready({NotReadyKind::not_booted, {}, 0});
 }
 
 bool Cia402Drive::command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT {
@@ -73,15 +73,15 @@ void Cia402Drive::watch(const Exchange& exchange) LITHE_RT {
     silent_ = true;
     silent_from_ns_ = exchange.now_ns;
     may_enable_ = false;
-    if (stage_ == Stage::running) drop({TroubleKind::silent, {}, 0});
+    if (stage_ == Stage::running) drop({NotReadyKind::silent, {}, 0});
   }
   if (stage_ != Stage::running || unanswered_ <= params_.lost_after_misses) return;
   const bool closes_loop = params_.mode == Mode::torque && last_action_ == DriveAction::torque;
-  if (closes_loop && !dropped_) drop({TroubleKind::unheard, {}, unanswered_});
+  if (closes_loop && !dropped_) drop({NotReadyKind::unheard, {}, unanswered_});
   // No frame comes from it, and we were not delayed ourselves. It may have restarted, and its boot-up message was lost:
   // then it would stay silent.
   if (silent_ && exchange.now_ns - silent_from_ns_ >= silence_ns_) {
-    drop({TroubleKind::silent, {}, 0});
+    drop({NotReadyKind::silent, {}, 0});
     stage_ = Stage::reset;
   }
 }
@@ -103,7 +103,7 @@ void Cia402Drive::watch_enabling(DriveAction action, std::int64_t now_ns) LITHE_
   if (action != DriveAction::torque) was_enabled_ = followed_ = false;
   if (action != DriveAction::torque || last_action_ != DriveAction::torque) enabling_from_ns_ = now_ns;
   if (may_enable_ && !was_enabled_ && now_ns - enabling_from_ns_ > kEnableNs) {
-    drop({TroubleKind::not_enabled, {object::kStatusword, 0}, static_cast<std::uint8_t>(state_)});
+    drop({NotReadyKind::not_enabled, {object::kStatusword, 0}, static_cast<std::uint8_t>(state_)});
   }
 }
 
@@ -132,12 +132,12 @@ void Cia402Drive::progress(const Exchange& exchange, Bus& bus) LITHE_RT {
       stage_ = Stage::running;
       reset_after_refusal_ = false;
       // No heartbeat during the set-up: report the reason.
-      silent_ ? drop({TroubleKind::silent, {}, 0}) : set_not_ready({});
+      silent_ ? drop({NotReadyKind::silent, {}, 0}) : set_not_ready({});
       return;
     case Setup::Progress::failed:
       set_not_ready(setup_.not_ready());
       // A lost drive may have been replaced, so it is set up again; one that refused will refuse again.
-      stage_ = setup_.not_ready().kind == TroubleKind::no_answer ? Stage::reset : Stage::refused;
+      stage_ = setup_.not_ready().kind == NotReadyKind::no_answer ? Stage::reset : Stage::refused;
   }
 }
 

@@ -48,7 +48,7 @@ class Cia402Drive final : public Drive {
   explicit Cia402Drive(const DriverParams& params);
 
   bool command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT override;
-  ReplyKind take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT override;
+  ReplyKind on_frame(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT override;
   std::uint32_t alarm() const LITHE_RT override;
 
   // Empty when the drive can be commanded.
@@ -77,11 +77,11 @@ class Cia402Drive final : public Drive {
   std::uint16_t control_word(DriveAction action) LITHE_RT;
   std::uint16_t clearing_word() LITHE_RT;
 
-  ReplyKind take_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT;
-  ReplyKind take_emergency(const Frame& frame) LITHE_RT;
-  ReplyKind take_sdo(const Frame& frame) LITHE_RT;
-  ReplyKind take_velocity(const Frame& frame, const Exchange& exchange) LITHE_RT;
-  ReplyKind take_answer(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT;
+  ReplyKind on_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT;
+  ReplyKind on_emergency(const Frame& frame) LITHE_RT;
+  ReplyKind on_sdo(const Frame& frame) LITHE_RT;
+  ReplyKind on_velocity(const Frame& frame, const Exchange& exchange) LITHE_RT;
+  ReplyKind on_answer(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT;
   bool measure(std::int32_t position_raw, std::int32_t torque_raw) LITHE_RT;
   void note_state(State state, bool follows) LITHE_RT;
   void check_units(std::int64_t now_ns) LITHE_RT;

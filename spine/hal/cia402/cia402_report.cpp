@@ -20,7 +20,7 @@ void ReportClient::ask(std::int64_t now_ns, SdoClient& sdo) LITHE_RT {
   }
 }
 
-bool ReportClient::take(const SdoClient& sdo) LITHE_RT {
+bool ReportClient::on_answer(const SdoClient& sdo) LITHE_RT {
   if (sdo.address() != canopen::Address{kQuestions[question_], 0}) return false;
   if (sdo.outcome() == SdoClient::Outcome::failed) {
     const std::uint32_t why = sdo.abort();

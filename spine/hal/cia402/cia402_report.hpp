@@ -25,7 +25,7 @@ class ReportClient {
   void restart() LITHE_RT { *this = ReportClient(); }
   void ask(std::int64_t now_ns, canopen::SdoClient& sdo) LITHE_RT;
   // The client has finished a transfer of ours. False: the transfer was somebody else's.
-  bool take(const canopen::SdoClient& sdo) LITHE_RT;
+  bool on_answer(const canopen::SdoClient& sdo) LITHE_RT;
 
   // Of the motor; the sign of the joint is the caller's.
   double current_a() const LITHE_RT;

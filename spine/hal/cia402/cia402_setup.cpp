@@ -175,17 +175,17 @@ Setup::Progress Setup::advance(SdoClient& client) LITHE_RT {
       const bool lacks = why == canopen::abort_code::kNoObject || why == canopen::abort_code::kNoSubindex;
       const bool may_refuse = step.kind == Kind::offer || step.kind == Kind::limit_torque;
       passed = !nobody && (may_refuse || (step.kind == Kind::write_if_there && lacks));
-      if (!passed) refuse(nobody ? TroubleKind::no_answer : TroubleKind::refused, step, why);
+      if (!passed) refuse(nobody ? NotReadyKind::no_answer : NotReadyKind::refused, step, why);
       break;
     }
   }
   client.forget();
   if (passed) ++at_;
-  if (not_ready_.kind != TroubleKind::none) return Progress::failed;
+  if (not_ready_.kind != NotReadyKind::none) return Progress::failed;
   return at_ >= count_ ? Progress::done : Progress::busy;
 }
 
-bool Setup::refuse(TroubleKind kind, const Step& step, std::uint32_t value) LITHE_RT {
+bool Setup::refuse(NotReadyKind kind, const Step& step, std::uint32_t value) LITHE_RT {
   not_ready_ = {kind, step.address, value};
   return false;
 }
@@ -195,21 +195,21 @@ bool Setup::judge(const Step& step, std::uint32_t value) LITHE_RT {
   constexpr double kRatingTolerance = 0.05;
   switch (step.kind) {
     case Kind::require_profile:
-      return (value & 0xffff) == kDeviceProfile || refuse(TroubleKind::not_a_drive, step, value);
+      return (value & 0xffff) == kDeviceProfile || refuse(NotReadyKind::not_a_drive, step, value);
     case Kind::require_mode:
-      return (value & supported_bit(mode_)) != 0 || refuse(TroubleKind::mode_unsupported, step, value);
+      return (value & supported_bit(mode_)) != 0 || refuse(NotReadyKind::mode_unsupported, step, value);
     case Kind::require_rating:
       if (!(std::abs(value - rated_mnm_) <= kRatingTolerance * rated_mnm_)) {
-        return refuse(TroubleKind::rated_torque, step, value);
+        return refuse(NotReadyKind::rated_torque, step, value);
       }
       // Rounded down, but not from a number that is whole but for the last bits of a double.
       torque_limit_ = static_cast<std::uint32_t>(std::clamp(1000 * motor_max_mnm_ / value + 1e-6, 0.0, 65535.0));
       return true;
     case Kind::require_torque_limit:
-      return (value & 0xffff) <= torque_limit_ || refuse(TroubleKind::torque_limit, step, value & 0xffff);
+      return (value & 0xffff) <= torque_limit_ || refuse(NotReadyKind::torque_limit, step, value & 0xffff);
     case Kind::await_mode:
       if ((value & 0xff) == static_cast<std::uint8_t>(mode_)) return true;
-      if (++looks_ >= kMostLooks) refuse(TroubleKind::mode_not_taken, step, value);
+      if (++looks_ >= kMostLooks) refuse(NotReadyKind::mode_not_taken, step, value);
       return false;
     case Kind::write:
     case Kind::write_if_there:
@@ -251,51 +251,51 @@ std::string describe(const NotReadyReason& not_ready) {
   const std::string why =
       "0x" + hex(not_ready.value, 8) + " (" + std::string(canopen::abort_name(not_ready.value)) + ")";
   switch (not_ready.kind) {
-    case TroubleKind::none:
+    case NotReadyKind::none:
       return "";
-    case TroubleKind::not_booted:
+    case NotReadyKind::not_booted:
       return "no boot-up message after a reset; check its power, cable, node id and bit rate";
-    case TroubleKind::no_answer:
+    case NotReadyKind::no_answer:
       return "no answer when asked for object " + where + "; check the cable";
-    case TroubleKind::refused:
+    case NotReadyKind::refused:
       if (not_ready.address.index == object::kMaxTorque) {
         return "max torque " + where + " is refused with abort " + why +
                "; without it nothing keeps what the drive does by itself (quick stop, fault reaction) below "
                "torque_max_nm";
       }
       return "object " + where + " is refused with abort " + why + "; the drive lacks what LITHE needs of it";
-    case TroubleKind::not_a_drive:
+    case NotReadyKind::not_a_drive:
       return "device type " + where + " = 0x" + hex(not_ready.value, 8) + " is profile " +
              std::to_string(not_ready.value & 0xffff) + ", not 402; give the robot file the id of a drive";
-    case TroubleKind::mode_unsupported:
+    case NotReadyKind::mode_unsupported:
       return "supported modes " + where + " = 0x" + hex(not_ready.value, 8) +
              " lack the mode of the robot file; choose another mode";
-    case TroubleKind::rated_torque:
+    case NotReadyKind::rated_torque:
       return "rated torque " + where + " = " + std::to_string(not_ready.value) +
              " mNm is not the robot file's rated_torque_nm; correct the one that is wrong";
-    case TroubleKind::torque_limit:
+    case NotReadyKind::torque_limit:
       return "max torque " + where + " = " + std::to_string(not_ready.value) +
              " thousandths of the rated torque is more than torque_max_nm, and the drive takes no less from here: what "
              "it "
              "does by itself (quick stop, fault reaction) would have more; set it lower in the drive, or raise "
              "torque_max_nm";
-    case TroubleKind::mode_not_taken:
+    case NotReadyKind::mode_not_taken:
       return "mode display " + where + " stays at " + std::to_string(static_cast<std::int8_t>(not_ready.value)) +
              "; the drive does not take the mode of the robot file";
-    case TroubleKind::left_operational:
+    case NotReadyKind::left_operational:
       return "left the state operational by itself (now 0x" + hex(not_ready.value, 2) + ") and is being set up again";
-    case TroubleKind::silent:
+    case NotReadyKind::silent:
       return "no heartbeat (1017h); check its power and cable; while it is switched off (reset) it is reset and set up "
              "anew every 5 s";
-    case TroubleKind::unheard:
+    case NotReadyKind::unheard:
       return "does not answer; stopped until it is switched off and on (reset, arm)";
-    case TroubleKind::left_enabled:
+    case NotReadyKind::left_enabled:
       return "stopped by itself (now: " + state_of(not_ready) +
              "); check torque-off inputs and limit switches, then switch it off and on (reset, arm)";
-    case TroubleKind::not_enabled:
+    case NotReadyKind::not_enabled:
       return "cannot be switched on (now: " + state_of(not_ready) +
              "); check its power stage, torque-off inputs and brake, then switch it off and on (reset, arm)";
-    case TroubleKind::velocity_unit:
+    case NotReadyKind::velocity_unit:
       return "velocity 606Ch is " + per_mille(not_ready.value) +
              " of how fast position 6064h changes; set the drive's velocity unit to counts per second";
   }

@@ -40,7 +40,7 @@ struct DriverParams {
 };
 
 // Why a drive is not ready.
-enum class TroubleKind : std::uint8_t {
+enum class NotReadyKind : std::uint8_t {
   none,
   not_booted,        // no boot-up message after a reset
   no_answer,         // to an SDO request; value: the abort code
@@ -58,7 +58,7 @@ enum class TroubleKind : std::uint8_t {
   velocity_unit,     // object 606Ch is not how fast 6064h changes; value: how much of that it is [thousandths]
 };
 
-using NotReadyReason = canopen::NotReady<TroubleKind>;
+using NotReadyReason = canopen::NotReady<NotReadyKind>;
 
 // One sentence; empty for none. Contract: never in an exchange's thread
 std::string describe(const NotReadyReason& not_ready);
@@ -121,7 +121,7 @@ class Setup {
   void add_interpolation(const DriverParams& params);
   void add_pdo(std::uint16_t communication, std::uint16_t mapping, std::uint32_t id, const canopen::PdoMap& map);
   bool judge(const Step& step, std::uint32_t value) LITHE_RT;
-  bool refuse(TroubleKind kind, const Step& step, std::uint32_t value) LITHE_RT;
+  bool refuse(NotReadyKind kind, const Step& step, std::uint32_t value) LITHE_RT;
 
   std::uint32_t node_;
   std::uint32_t host_;

@@ -67,8 +67,8 @@ TEST(Cia402, CommandsFitOneFrameInEveryMode) {
   EXPECT_EQ(pdo::transmit_id(pdo::kAnswer, 5), 0x285U);
 }
 
-TEST(Cia402, ATroubleSurvivesItsWordAndSaysWhatToDo) {
-  const NotReadyReason not_ready{TroubleKind::refused, {0x6007, 2}, 0x06020000};
+TEST(Cia402, ANotReadyReasonSurvivesItsWordAndSaysWhatToDo) {
+  const NotReadyReason not_ready{NotReadyKind::refused, {0x6007, 2}, 0x06020000};
   const NotReadyReason same = NotReadyReason::unpacked(not_ready.packed());
   EXPECT_EQ(same.kind, not_ready.kind);
   EXPECT_EQ(same.address, not_ready.address);
@@ -77,8 +77,8 @@ TEST(Cia402, ATroubleSurvivesItsWordAndSaysWhatToDo) {
       describe(same),
       "object 6007h:02 is refused with abort 0x06020000 (no such object); the drive lacks what LITHE needs of it");
   EXPECT_EQ(describe({}), "");
-  for (std::uint8_t kind = 1; kind <= static_cast<std::uint8_t>(TroubleKind::velocity_unit); ++kind) {
-    EXPECT_FALSE(describe({static_cast<TroubleKind>(kind), {}, 0}).empty());
+  for (std::uint8_t kind = 1; kind <= static_cast<std::uint8_t>(NotReadyKind::velocity_unit); ++kind) {
+    EXPECT_FALSE(describe({static_cast<NotReadyKind>(kind), {}, 0}).empty());
   }
 }
 
@@ -101,9 +101,9 @@ std::vector<Frame> told(const DriverParams& params) {
     const canopen::Address address = canopen::sdo_address(frame);
     if (address.index == 0x6072 && frame.data[0] != 0x40) readable[0x6072] = canopen::get(frame.data.data() + 4, 2);
     const auto value = readable.find(address.index);
-    client.take(value != readable.end() && frame.data[0] == 0x40
-                    ? canopen::sdo_read_answer(params.id, address, value->second, 4)
-                    : canopen::sdo_written_answer(params.id, address));
+    client.on_frame(value != readable.end() && frame.data[0] == 0x40
+                        ? canopen::sdo_read_answer(params.id, address, value->second, 4)
+                        : canopen::sdo_written_answer(params.id, address));
   }
   EXPECT_EQ(setup.advance(client), Setup::Progress::done);
   return frames;

@@ -91,7 +91,7 @@ class Drive {
   virtual bool command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT = 0;
 
   // Handles a frame from this drive's address. `sample` is changed by an answer only.
-  virtual ReplyKind take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT = 0;
+  virtual ReplyKind on_frame(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT = 0;
 
   // Bits of wire::joint_status known from other frames than answers, for example why no answer comes.
   virtual std::uint32_t alarm() const LITHE_RT { return 0; }

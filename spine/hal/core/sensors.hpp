@@ -30,7 +30,7 @@ class SensorDevice {
   // True for a frame that this device sent.
   virtual bool sent(const Frame& frame) const LITHE_RT = 0;
   // Handles such a frame.
-  virtual void take(const Frame& frame, std::int64_t now_ns) LITHE_RT = 0;
+  virtual void on_frame(const Frame& frame, std::int64_t now_ns) LITHE_RT = 0;
   // Sends what the device needs, at most one frame: once per exchange, before the commands of drives.
   virtual void step(const Exchange& /*exchange*/, Bus& /*bus*/) LITHE_RT {}
 

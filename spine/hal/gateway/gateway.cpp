@@ -33,7 +33,7 @@ bool Gateway::follows(std::uint8_t sequence) LITHE_RT {
   return true;
 }
 
-void Gateway::take(const Frame& frame, std::int64_t now_ns) LITHE_RT {
+void Gateway::on_frame(const Frame& frame, std::int64_t now_ns) LITHE_RT {
   const std::size_t size = frame.payload().size();
   const std::uint32_t block = frame.id & 0xff;
   const bool whole = block < kBlocks && size >= kHeader + 2 && (size - kHeader) % 2 == 0 && frame.data[1] < kChannels;
@@ -54,9 +54,9 @@ void Gateway::take(const Frame& frame, std::int64_t now_ns) LITHE_RT {
   }
   const std::int64_t taken_ns = sampled_ns(stamp, now_ns);
   if (digital) {
-    take_bits(frame, taken_ns);
+    read_bits(frame, taken_ns);
   } else {
-    take_words(static_cast<Block>(block), frame, taken_ns);
+    read_words(static_cast<Block>(block), frame, taken_ns);
   }
 }
 
@@ -71,7 +71,7 @@ std::int64_t Gateway::sampled_ns(std::uint16_t stamp, std::int64_t now_ns) LITHE
 }
 
 // Bytes after the last channel are padding: CAN FD has only certain lengths.
-void Gateway::take_words(Block block, const Frame& frame, std::int64_t now_ns) LITHE_RT {
+void Gateway::read_words(Block block, const Frame& frame, std::int64_t now_ns) LITHE_RT {
   auto& channels = channels_[static_cast<std::size_t>(block)];
   const std::size_t words = (frame.payload().size() - kHeader) / 2;
   for (std::size_t i = 0; i < words && frame.data[1] + i < kChannels; ++i) {
@@ -80,7 +80,7 @@ void Gateway::take_words(Block block, const Frame& frame, std::int64_t now_ns) L
   }
 }
 
-void Gateway::take_bits(const Frame& frame, std::int64_t now_ns) LITHE_RT {
+void Gateway::read_bits(const Frame& frame, std::int64_t now_ns) LITHE_RT {
   auto& channels = channels_[static_cast<std::size_t>(Block::digital)];
   const std::uint32_t values = word_at(frame, kHeader), valid = word_at(frame, kHeader + 2);
   for (std::size_t i = 0; i < kChannels; ++i) {

@@ -53,7 +53,7 @@ class Gateway final : public SensorDevice {
 
   std::uint32_t node() const LITHE_RT { return node_; }
   bool sent(const Frame& frame) const LITHE_RT override { return is_gateway(frame) && node_of(frame) == node_; }
-  void take(const Frame& frame, std::int64_t now_ns) LITHE_RT override;
+  void on_frame(const Frame& frame, std::int64_t now_ns) LITHE_RT override;
   bool read(Block block, std::size_t channel, std::int64_t now_ns, double& raw) const LITHE_RT override;
   std::uint64_t repeated() const LITHE_RT override { return counters_.repeated; }
   std::uint64_t malformed() const LITHE_RT override { return counters_.malformed; }
@@ -68,8 +68,8 @@ class Gateway final : public SensorDevice {
   };
   bool follows(std::uint8_t sequence) LITHE_RT;
   std::int64_t sampled_ns(std::uint16_t stamp, std::int64_t now_ns) LITHE_RT;
-  void take_words(Block block, const Frame& frame, std::int64_t now_ns) LITHE_RT;
-  void take_bits(const Frame& frame, std::int64_t now_ns) LITHE_RT;
+  void read_words(Block block, const Frame& frame, std::int64_t now_ns) LITHE_RT;
+  void read_bits(const Frame& frame, std::int64_t now_ns) LITHE_RT;
 
   std::uint32_t node_;
   std::int64_t stale_ns_;

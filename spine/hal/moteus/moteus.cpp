@@ -280,13 +280,13 @@ bool MoteusDrive::command(const JointCommand& command, const Exchange& exchange,
   return sound;
 }
 
-ReplyKind MoteusDrive::take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT {
+ReplyKind MoteusDrive::on_frame(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT {
   if (!exchange.asked || source_of(frame) != exchange.source) return ReplyKind::late;
   if (!decode(frame, sample)) return ReplyKind::malformed;
   unanswered_ = 0;
   if (asked_) {
     asked_ = false;  // a duplicate frame is used once
-    setup_.take(frame);
+    setup_.on_frame(frame);
     if (setup_.ready()) know(setup_.settings());
     tell();
   }

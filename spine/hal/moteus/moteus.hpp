@@ -87,9 +87,9 @@ class MoteusDrive final : public Drive {
   explicit MoteusDrive(const DriverParams& params);
 
   bool command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT override;
-  ReplyKind take(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT override;
+  ReplyKind on_frame(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT override;
   // Relaxed: the word is self-contained. Pairs with tell().
-  std::string why_not_ready() const override { return describe_lack(not_ready_.load(std::memory_order_relaxed)); }
+  std::string why_not_ready() const override { return describe_not_ready(not_ready_.load(std::memory_order_relaxed)); }
 
   // The frame of one command. A value that is not finite is never sent: the joint is damped instead, and false is
   // returned. `source` is our own address (0 to 127). The drive answers to it, so a caller that changes it with every

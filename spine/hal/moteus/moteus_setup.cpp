@@ -62,7 +62,7 @@ void Setup::ask(SubframeWriter& writer) LITHE_RT {
     const Setup before = *this;
     restart();
     not_ready_ = before.not_ready_;  // until there is a new answer
-    lacking_ = before.lacking_;
+    unanswered_question_ = before.unanswered_question_;
     value_ = before.value_;
   }
   if (question_ == kMap) {
@@ -84,7 +84,7 @@ void Setup::missed() LITHE_RT {
   too_long_ = false;
 }
 
-void Setup::take(const Frame& answer) LITHE_RT {
+void Setup::on_frame(const Frame& answer) LITHE_RT {
   if (ready() || phase_ == Phase::rest) return;
   const Phase asked = phase_;
   const std::size_t question = question_;
@@ -92,10 +92,10 @@ void Setup::take(const Frame& answer) LITHE_RT {
   SubframeReader reader(answer.payload());
   Subframe s;
   while (question_ == question && phase_ != Phase::rest && reader.next(s)) {
-    if (question_ == kMap && s.kind == Kind::reply) take_register_map(s);
+    if (question_ == kMap && s.kind == Kind::reply) on_register_map(s);
     if (s.kind != Kind::server_data || s.start != kChannel) continue;
     heard = heard || s.count > 0;
-    if (asked != Phase::empty) take_text(s);
+    if (asked != Phase::empty) on_text(s);
   }
   if (phase_ != asked || question_ != question) return;
   if (asked == Phase::say) {
@@ -108,17 +108,17 @@ void Setup::take(const Frame& answer) LITHE_RT {
   }
 }
 
-void Setup::take_register_map(const Subframe& reply) LITHE_RT {
+void Setup::on_register_map(const Subframe& reply) LITHE_RT {
   if (reply.start != reg::kRegisterMap || reply.format != Format::int32 || reply.count != 1) return;
   answered(reply.value(0));
 }
 
 // Lines end with either or both of these; empty lines are ignored.
-void Setup::take_text(const Subframe& data) LITHE_RT {
+void Setup::on_text(const Subframe& data) LITHE_RT {
   for (std::uint32_t i = 0; i < data.count; ++i) {
     const char c = static_cast<char>(data.data[i]);
     if (c == '\r' || c == '\n') {
-      if (length_ > 0) take_line();
+      if (length_ > 0) on_line();
       length_ = 0;
       too_long_ = false;
       if (phase_ == Phase::rest || phase_ == Phase::empty) return;  // answer complete; the rest is for others
@@ -130,7 +130,7 @@ void Setup::take_text(const Subframe& data) LITHE_RT {
   }
 }
 
-void Setup::take_line() LITHE_RT {
+void Setup::on_line() LITHE_RT {
   const std::string_view line(line_.data(), length_);
   if (setting_) {  // the reply is ignored: the next read shows the value
     setting_ = false;
@@ -201,18 +201,18 @@ void Setup::next() LITHE_RT {
 
 void Setup::refuse(NotReady not_ready, double value) LITHE_RT {
   not_ready_ = not_ready;
-  lacking_ = static_cast<std::uint8_t>(question_);
+  unanswered_question_ = static_cast<std::uint8_t>(question_);
   value_ = static_cast<float>(value);
   phase_ = Phase::rest;
   exchanges_ = 0;
 }
 
 std::uint64_t Setup::packed() const LITHE_RT {
-  return std::uint64_t{static_cast<std::uint8_t>(not_ready_)} << 40 | std::uint64_t{lacking_} << 32 |
+  return std::uint64_t{static_cast<std::uint8_t>(not_ready_)} << 40 | std::uint64_t{unanswered_question_} << 32 |
          std::bit_cast<std::uint32_t>(value_);
 }
 
-std::string describe_lack(std::uint64_t packed) {
+std::string describe_not_ready(std::uint64_t packed) {
   const std::string name(name_of(static_cast<std::uint8_t>(packed >> 32)));
   std::array<char, 32> number{};
   std::snprintf(number.data(), number.size(), "%g",

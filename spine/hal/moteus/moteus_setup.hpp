@@ -66,7 +66,7 @@ class Setup {
   // Appends this exchange's question.
   void ask(SubframeWriter& writer) LITHE_RT;
   // The complete answer to it.
-  void take(const Frame& answer) LITHE_RT;
+  void on_frame(const Frame& answer) LITHE_RT;
   // There was no answer.
   void missed() LITHE_RT;
 
@@ -81,9 +81,9 @@ class Setup {
   static constexpr std::uint32_t kPatience = 200;   // exchanges for an answer
   static constexpr std::uint32_t kRest = 1000;      // pause before an unsuitable answer is asked for again
 
-  void take_register_map(const Subframe& reply) LITHE_RT;
-  void take_text(const Subframe& data) LITHE_RT;
-  void take_line() LITHE_RT;
+  void on_register_map(const Subframe& reply) LITHE_RT;
+  void on_text(const Subframe& data) LITHE_RT;
+  void on_line() LITHE_RT;
   void answered(double value) LITHE_RT;
   void answered_gain(double value, double least, double& gain) LITHE_RT;
   void limit_damping(double value) LITHE_RT;
@@ -96,7 +96,7 @@ class Setup {
   Phase phase_ = Phase::empty;
   std::uint32_t exchanges_ = 0;  // in this phase
   NotReady not_ready_ = NotReady::silent;
-  std::uint8_t lacking_ = 0;                // index of the question
+  std::uint8_t unanswered_question_ = 0;    // index of the question
   float value_ = 0;                         // the unsuitable answer
   bool setting_ = false, was_set_ = false;  // of the damping
   std::array<char, 48> line_{};
@@ -105,6 +105,6 @@ class Setup {
 };
 
 // Text of Setup::packed() with the next step; empty for none.
-std::string describe_lack(std::uint64_t packed);
+std::string describe_not_ready(std::uint64_t packed);
 
 }  // namespace lithe::hal::moteus

@@ -32,7 +32,7 @@ std::array<double, 4> uuid_words(const std::array<std::uint8_t, 16>& uuid) {
 }
 
 // False: not a complete answer to identify().
-bool take_identity(const Frame& said, Identity& identity) {
+bool parse_identity(const Frame& said, Identity& identity) {
   Identity seen;
   bool whole = false;
   SubframeReader reader(said.payload());
@@ -66,7 +66,7 @@ void make_discovery(Frame& frame) {
   writer.pad();
 }
 
-bool take_discovery(const Frame& answer, Found& found) {
+bool parse_discovery(const Frame& answer, Found& found) {
   if ((answer.id & ~0x7f00U) != 0) return false;  // an answer to source 0 has no other bits
   Found seen;
   seen.id = device_of(answer) & 0xff;
@@ -98,7 +98,7 @@ std::vector<Found> Terminal::discover(std::int64_t wait_ns) {
   while (true) {
     Found found;
     const bool heard = bus_.receive(frame);
-    if (heard && take_discovery(frame, found)) all.push_back(found);
+    if (heard && parse_discovery(frame, found)) all.push_back(found);
     if (time_.now_ns() >= end_ns) break;  // also with endless input
     if (!heard) time_.pause();
   }
@@ -127,7 +127,7 @@ Result<Identity> Terminal::identify(const Found& who) {
     const bool heard = bus_.receive(frame);
     // An answer to another source address belongs to an earlier question.
     const bool answers = heard && device_of(frame) == who.id && source_of(frame) == source_;
-    if (answers && take_identity(frame, identity)) return identity;
+    if (answers && parse_identity(frame, identity)) return identity;
     if (time_.now_ns() >= end_ns) return Error{"drive " + std::to_string(who.id) + " does not answer"};
     if (!heard) time_.pause();
   }

@@ -36,8 +36,8 @@ struct Identity {
 };
 
 // The frames; pure.
-void make_discovery(Frame& frame);                       // to all, all answer
-bool take_discovery(const Frame& answer, Found& found);  // false: not an answer to it
+void make_discovery(Frame& frame);                        // to all, all answer
+bool parse_discovery(const Frame& answer, Found& found);  // false: not an answer to it
 
 // Contract: not RT: waits, but always returns within a time limit · one thread, which alone uses the bus
 class Terminal {

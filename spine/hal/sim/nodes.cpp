@@ -99,7 +99,7 @@ Result<Nodes> make_nodes(const robot::RobotConfig& config) {
   return nodes;
 }
 
-std::unique_ptr<BusNode> make_stranger(const robot::RobotConfig& config, std::size_t device) {
+std::unique_ptr<BusNode> make_second_device(const robot::RobotConfig& config, std::size_t device) {
   return make_device(config, device, nullptr).node;
 }
 

@@ -46,6 +46,6 @@ Result<Nodes> make_nodes(const robot::RobotConfig& config);
 
 // Makes one more device with an independent joint, to replace or duplicate a device on a bus.
 // Contract: never in the tick
-std::unique_ptr<BusNode> make_stranger(const robot::RobotConfig& config, std::size_t device);
+std::unique_ptr<BusNode> make_second_device(const robot::RobotConfig& config, std::size_t device);
 
 }  // namespace lithe::hal::sim

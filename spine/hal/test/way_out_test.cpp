@@ -107,10 +107,10 @@ INSTANTIATE_TEST_SUITE_P(
                             }},
                     Latched{"its torque was taken away and given back",
                             [](Cia402WayOut& line) {
-                              line.sim().servo().take_torque(true);
+                              line.sim().servo().set_torque_off(true);
                               line.pass(50);
                             },
-                            [](Cia402WayOut& line) { line.sim().servo().take_torque(false); }},
+                            [](Cia402WayOut& line) { line.sim().servo().set_torque_off(false); }},
                     Latched{"a restart",
                             [](Cia402WayOut& line) {
                               line.sim().inject(InjectedFault::power_loss, true, line.now_ns());

@@ -52,7 +52,7 @@ bool BusListener::next(CapturedFrame& captured) {
   return false;
 }
 
-std::string BusListener::trouble() {
+std::string BusListener::why_down() {
   std::string all;
   for (const ListenedBus& each : buses_) {
     const std::string why = each.bus->why_down();  // read before begin(), which may reopen the bus
@@ -179,13 +179,13 @@ int watch(FrameSource& source, Monitor& monitor, const MonitorOptions& options, 
   constexpr auto kPause = std::chrono::microseconds(500);
   bool any = false;
   std::int64_t look_at_ns = 0;
-  std::string trouble;
+  std::string error;
   while (!stop() && !monitor.finished(monotonic_ns())) {
     if (monotonic_ns() >= look_at_ns) {
       look_at_ns = monotonic_ns() + kNsPerS;
-      const std::string now = source.trouble();
-      if (now != trouble) warn(now.empty() ? "all is heard again" : now);
-      trouble = now;
+      const std::string now = source.why_down();
+      if (now != error) warn(now.empty() ? "all is heard again" : now);
+      error = now;
     }
     CapturedFrame captured;
     if (!source.next(captured)) {

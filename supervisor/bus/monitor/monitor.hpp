@@ -36,7 +36,7 @@ class FrameSource {
   // The next frame; false = none now.
   virtual bool next(CapturedFrame& captured) = 0;
   // Reopens buses, about once a second. Returns why a bus delivers no frames; empty = all work.
-  virtual std::string trouble() { return ""; }
+  virtual std::string why_down() { return ""; }
   // Number of frames that were lost because they came too fast.
   virtual std::uint64_t lost() const { return 0; }
   // Number of error frames, refusals of the adapter, and invalid lines or frames on one bus.
@@ -50,7 +50,7 @@ class BusListener final : public FrameSource {
   // The error names the bus that cannot be opened, and the next step.
   static Result<std::unique_ptr<BusListener>> open(const Choice& choice, const std::vector<std::size_t>& buses);
   bool next(CapturedFrame& captured) override;
-  std::string trouble() override;
+  std::string why_down() override;
   std::uint64_t lost() const override;
   std::uint64_t errors(std::size_t bus) const override;
 
@@ -96,7 +96,7 @@ class Monitor {
   MonitorOptions options_;
   std::int64_t start_ns_;
   std::uint64_t shown_ = 0;
-  std::vector<Tally> tallies_;       // by bus
+  std::vector<Tally> tallies_;              // by bus
   std::vector<robot::Protocol> protocols_;  // by bus
 };
 

@@ -193,13 +193,13 @@ TEST(Monitor, LoadIsTheExactTimeOfTheFramesAtTheRatesOfTheFile) {
 class Broken final : public FrameSource {
  public:
   bool next(CapturedFrame&) override { return false; }
-  std::string trouble() override { return ++looks_ == 1 ? "can0: gone" : ""; }
+  std::string why_down() override { return ++looks_ == 1 ? "can0: gone" : ""; }
 
  private:
   int looks_ = 0;
 };
 
-TEST(Monitor, TroubleIsToldWhenItComesAndWhenItGoes) {
+TEST(Monitor, AnErrorOfTheSourceIsReportedWhenItComesAndWhenItGoes) {
   const Choice choice = frankenstein();
   const MonitorOptions options{.seconds = 60};
   Monitor monitor(choice, options, monotonic_ns());

@@ -99,27 +99,27 @@ std::string_view word(Standing standing) {
 
 BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_file, const Line& line) {
   BusFindings findings{bus, {}, "", ""};
-  const bool asked = line.trouble.empty() && line.commander.empty();
+  const bool asked = line.error.empty() && line.commander.empty();
   for (const Line::KindScanner& each : line.scanners) {
     for (const hal::FoundDevice& found : each.scanner->found(asked)) {
       findings.devices.push_back(judge_device(found, type_of_found(robot, bus, each.kind, found)));
     }
   }
   if (!line.commander.empty()) {
-    findings.trouble = "another program commands this bus (" + line.commander +
-                       " was heard), so nothing was asked; end that program, or watch it: lithe bus monitor";
+    findings.error = "another program commands this bus (" + line.commander +
+                     " was heard), so nothing was asked; end that program, or watch it: lithe bus monitor";
   }
-  if (!line.trouble.empty()) findings.trouble = line.trouble;
+  if (!line.error.empty()) findings.error = line.error;
   if (!from_file) return findings;
   compare(robot, bus, findings.devices);
   // A device that could not be asked is not called missing: the bus has the error.
-  if (line.trouble.empty()) add_missing(robot, bus, findings.devices);
+  if (line.error.empty()) add_missing(robot, bus, findings.devices);
   advise(robot.path, findings.devices);
   return findings;
 }
 
 bool matches(const BusFindings& findings) {
-  return findings.trouble.empty() && std::all_of(findings.devices.begin(), findings.devices.end(), [](const Judged& e) {
+  return findings.error.empty() && std::all_of(findings.devices.begin(), findings.devices.end(), [](const Judged& e) {
            return e.standing == Standing::expected || e.standing == Standing::present;
          });
 }

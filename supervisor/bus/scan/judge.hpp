@@ -35,8 +35,8 @@ struct Judged {
 struct BusFindings {
   std::size_t bus = 0;  // index into the robot's buses
   std::vector<Judged> devices;
-  std::string trouble;  // why the scan is incomplete; empty = complete
-  std::string note;     // a remark that is not an error
+  std::string error;  // why the scan is incomplete; empty = complete
+  std::string note;   // a remark that is not an error
 };
 
 // Contract: pure

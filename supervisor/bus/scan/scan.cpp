@@ -63,10 +63,10 @@ void ask(Line& line, const Time& time) {
   if (line.bus == nullptr) return;
   const hal::AskedBus asked{*line.bus, time, line.bitrate, [&line](const hal::Frame& frame) { line.on_frame(frame); }};
   if (line.commander.empty()) {
-    for (const Line::KindScanner& each : line.scanners) line.trouble += each.scanner->ask(asked);
+    for (const Line::KindScanner& each : line.scanners) line.error += each.scanner->ask(asked);
   }
   line.bus->begin(time.now_ns());  // some adapters notice only here that nothing is sent
-  if (std::string down = line.bus->why_down(); !down.empty()) line.trouble = std::move(down);
+  if (std::string down = line.bus->why_down(); !down.empty()) line.error = std::move(down);
 }
 
 }  // namespace lithe::bus

@@ -33,7 +33,7 @@ struct Line {
   std::uint32_t bitrate;
   std::vector<KindScanner> scanners;
   std::string commander;  // evidence that another program commands this bus; empty = none
-  std::string trouble;    // the bus error that kept devices from being asked; empty = none
+  std::string error;      // of the bus, which kept devices from being asked; empty = none
 };
 
 // Listens on all lines at the same time, for this long.

@@ -21,7 +21,7 @@ bool found_something(const BusFindings& findings) { return !findings.devices.emp
 std::unique_ptr<hal::Bus> open_line(hal::BusOpener& opener, const robot::BusConfig& config, BusFindings& findings) {
   Result<std::unique_ptr<hal::Bus>> bus = opener.open(config);
   if (bus) return std::move(*bus);
-  findings.trouble = bus.message();
+  findings.error = bus.message();
   return nullptr;
 }
 
@@ -80,7 +80,7 @@ Json to_json(const Scan& scan, const Choice& choice) {
     }
     buses.push_back({{"name", config.name},
                      {"place", place_of(config)},
-                     {"trouble", or_null(each.trouble)},
+                     {"trouble", or_null(each.error)},
                      {"note", or_null(each.note)},
                      {"matches", matches(each)},
                      {"devices", devices}});
@@ -102,10 +102,10 @@ std::string to_text(const Scan& scan, const Choice& choice) {
                           word(device.standing), device.name, device.what);
       if (!device.advice.empty()) next += fmt::format("  {} id {}: {}\n", config.name, device.id, device.advice);
     }
-    for (const std::string& words : {each.trouble, each.note}) {
+    for (const std::string& words : {each.error, each.note}) {
       if (!words.empty()) text += "  " + words + "\n";
     }
-    if (each.devices.empty() && each.trouble.empty() && each.note.empty()) text += "  nothing answers\n";
+    if (each.devices.empty() && each.error.empty() && each.note.empty()) text += "  nothing answers\n";
   }
   if (scan.matches) return text + (choice.from_file ? "all is as " + choice.robot.path + " says\n" : "");
   text += choice.from_file ? "NOT as " + choice.robot.path + " says\n" : "";

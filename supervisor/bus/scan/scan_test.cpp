@@ -32,7 +32,7 @@ TEST(Scan, FindsDrivesAndGatewaysAndWhatTheyAre) {
   ASSERT_EQ(found(line).size(), 3U);
   const auto robot = robot_with({{DeviceKind::moteus, 1}, {DeviceKind::moteus, 9}, {DeviceKind::gateway, 20}});
   const BusFindings findings = judge(robot, 0, true, line);
-  EXPECT_TRUE(matches(findings)) << findings.trouble;
+  EXPECT_TRUE(matches(findings)) << findings.error;
   const auto& serial = hal::sim::MoteusIdentity::of(12).serial;
   const std::string what =
       fmt::format("firmware 1.0.0, register map 5, serial {:08x}{:08x}{:08x}, ", serial[0], serial[1], serial[2]);
@@ -196,7 +196,7 @@ TEST(Scan, NothingIsAskedWhereSomebodyElseCommands) {
     rig.add(std::make_unique<Commander>(heard));
     const Line line = rig.scan(robot::Protocol::moteus);
     EXPECT_TRUE(rig.bus().sent().empty());
-    EXPECT_FALSE(judge(robot_with({}), 0, false, line).trouble.empty());
+    EXPECT_FALSE(judge(robot_with({}), 0, false, line).error.empty());
   }
   for (const Frame& heard :
        {hal::canopen::sync_frame(), hal::canopen::blank(0x203, 8), hal::canopen::sdo_read_request(3, {0x1000, 0})}) {

@@ -45,9 +45,9 @@ class All final : public bus::FrameSource {
     return false;
   }
   // Parts of one Spine may have the same trouble.
-  std::string trouble() override {
+  std::string why_down() override {
     std::set<std::string> all;
-    for (const auto& part : parts_) all.insert(part->trouble());
+    for (const auto& part : parts_) all.insert(part->why_down());
     all.erase("");
     return fmt::format("{}", fmt::join(all, "; "));
   }

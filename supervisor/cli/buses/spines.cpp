@@ -83,7 +83,7 @@ class SpineFrames final : public bus::FrameSource {
     return false;
   }
   // A Spine started anew has a new segment under the same name.
-  std::string trouble() override {
+  std::string why_down() override {
     auto there = ipc::Segment<ipc::FramesMemory>::attach(robot_, ipc::Access::write);
     if (!there || !ipc::Lease::is_held(Spine::path(robot_))) {
       return fmt::format("the Spine of robot '{}' has gone; its next one is watched again (lithe run)", robot_);

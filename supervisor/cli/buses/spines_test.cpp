@@ -57,14 +57,14 @@ TEST_F(SpinesTest, AMonitorFollowsItsBusByNameWhenTheFilesOrderChanges) {
   EXPECT_EQ(captured.frame.id, 17u);
   EXPECT_EQ(captured.bus, 3u);
   Frames second = start_spine({"right", "left"});
-  EXPECT_EQ((*source)->trouble(), "");
+  EXPECT_EQ((*source)->why_down(), "");
   show(second, 0, 18);
   show(second, 1, 19);
   ASSERT_TRUE((*source)->next(captured));
   EXPECT_EQ(captured.frame.id, 19u) << "of the bus 'left', which is now the second";
   EXPECT_FALSE((*source)->next(captured));
   Frames third = start_spine({"right"});
-  EXPECT_NE((*source)->trouble().find("has no bus 'left' any more"), std::string::npos);
+  EXPECT_NE((*source)->why_down().find("has no bus 'left' any more"), std::string::npos);
   show(third, 0, 20);
   EXPECT_FALSE((*source)->next(captured));
   EXPECT_EQ((*source)->errors(3), 0u);

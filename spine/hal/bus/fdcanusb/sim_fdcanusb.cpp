@@ -81,10 +81,10 @@ void SimFdcanusb::serve(std::string_view line, std::int64_t now_ns, std::string&
   const fdcanusb::Defaults defaults{settings_[kFdFrame] != 0, settings_[kBitRateSwitch] != 0};
   if (const char* wrong = fdcanusb::parse_request(line, defaults, request))
     return say(std::string("ERR ") + wrong, out);
-  obey(request, now_ns, out);
+  handle(request, now_ns, out);
 }
 
-void SimFdcanusb::obey(const Request& request, std::int64_t now_ns, std::string& out) {
+void SimFdcanusb::handle(const Request& request, std::int64_t now_ns, std::string& out) {
   switch (request.kind) {
     case Request::Kind::send:
     case Request::Kind::remote:

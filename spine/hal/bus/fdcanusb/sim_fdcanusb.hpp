@@ -30,7 +30,7 @@ class SimFdcanusb final : public SimAdapter {
   bool ends_line(char c) const override { return c == '\n' || c == '\r'; }
   void serve(std::string_view line, std::int64_t now_ns, std::string& out) override;
   void restart() override;
-  void obey(const fdcanusb::Request& request, std::int64_t now_ns, std::string& out);
+  void handle(const fdcanusb::Request& request, std::int64_t now_ns, std::string& out);
   void configure(std::string_view words, std::string& out);
   void switch_bus(bool on, std::string& out);
   void say(std::string_view text, std::string& out) const;

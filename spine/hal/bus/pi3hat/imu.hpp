@@ -40,7 +40,7 @@ class BoardImu final : public SensorDevice {
   BoardImu(ImuSource& source, std::int64_t stale_ns) : source_(source), stale_ns_(stale_ns) {}
 
   bool sent(const Frame& /*frame*/) const LITHE_RT override { return false; }
-  void take(const Frame& /*frame*/, std::int64_t /*now_ns*/) LITHE_RT override {}
+  void on_frame(const Frame& /*frame*/, std::int64_t /*now_ns*/) LITHE_RT override {}
   bool read(Block block, std::size_t channel, std::int64_t now_ns, double& raw) const LITHE_RT override {
     const ImuReading& reading = source_.imu(now_ns);
     if (!reading.valid || block != Block::imu || channel >= kImuChannels || now_ns - reading.taken_ns > stale_ns_) {

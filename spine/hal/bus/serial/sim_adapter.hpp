@@ -49,7 +49,7 @@ class SimAdapter {
 
   // Puts the controller in bus-off, or ends the cause. After that it stays in bus-off until the host restarts it. No
   // frame passes in bus-off.
-  void spoil_wires(bool bad) {
+  void set_bus_off(bool bad) {
     wires_bad_ = bad;
     off_ = off_ || bad;
   }

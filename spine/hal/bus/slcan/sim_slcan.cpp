@@ -52,7 +52,7 @@ void SimSlcan::serve(std::string_view line, std::int64_t now_ns, std::string& ou
   if (const std::string_view answer = answer_to(request, is_open()); !answer.empty()) {
     out += answer;
   } else if (request != Request::send && request != Request::remote) {
-    say(obey(request) ? kDone : kRefused, out);
+    say(handle(request) ? kDone : kRefused, out);
   } else if (!may_send(frame)) {
     say(kRefused, out);
   } else {
@@ -64,7 +64,7 @@ void SimSlcan::serve(std::string_view line, std::int64_t now_ns, std::string& ou
 }
 
 // False: refused.
-bool SimSlcan::obey(Request request) {
+bool SimSlcan::handle(Request request) {
   switch (request) {
     case Request::open:
       return open(Channel::open);

@@ -37,7 +37,7 @@ class SimSlcan final : public SimAdapter {
   void serve(std::string_view line, std::int64_t now_ns, std::string& out) override;
   void refuse(std::string& out) const override;
   void restart() override;
-  bool obey(slcan::Request request);
+  bool handle(slcan::Request request);
   bool open(Channel channel);
   bool may_send(const Frame& frame) const { return channel_ == Channel::open && (fd_ || !frame.fd); }
   void pass_on(std::int64_t now_ns, std::string& out);

@@ -46,7 +46,7 @@ TextBus::Said SlcanBus::parse(std::string_view line, Frame& frame) LITHE_RT {
     case slcan::Answer::sent:
       return Said::acknowledged;
     case slcan::Answer::refused:
-    case slcan::Answer::trouble:
+    case slcan::Answer::error:
       return Said::refused;
     case slcan::Answer::bus_off:
       return Said::bus_off;

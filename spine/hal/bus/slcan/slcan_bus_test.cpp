@@ -68,7 +68,7 @@ TEST(SlcanBus, WaitsForAnswersAsLongAsItIsTold) {
   EXPECT_EQ((*bus)->reply_wait_ns(), 3'000'000);
 }
 
-TEST(SlcanBus, CountsTroubleThatTheAdapterReports) {
+TEST(SlcanBus, CountsErrorsThatTheAdapterReports) {
   TestPty pty;
   const auto bus = SlcanBus::open({pty.path()});
   ASSERT_TRUE(bus);

@@ -90,9 +90,9 @@ constexpr Request either(bool sound, Request request) LITHE_RT { return sound ? 
 
 // State of the adapter's controller: active, warning, passive or bus-off, and its error counts.
 Answer parse_state(std::string_view line) LITHE_RT {
-  if (line.size() < 2) return Answer::trouble;
+  if (line.size() < 2) return Answer::error;
   if (line[1] == 'b') return Answer::bus_off;
-  return line[1] == 'a' ? Answer::other : Answer::trouble;
+  return line[1] == 'a' ? Answer::other : Answer::error;
 }
 
 // Commands that set a value: a letter and a number.
@@ -183,7 +183,7 @@ Answer parse_answer(std::string_view line, Frame& frame) LITHE_RT {
     case 's':
       return parse_state(line);
     case 'e':
-      return Answer::trouble;
+      return Answer::error;
     case 'V':
     case 'v':
     case 'N':

@@ -38,7 +38,7 @@ enum class Answer : std::uint8_t {
   done,       // a command
   sent,       // a frame
   refused,    // a command or a frame
-  trouble,    // a bus error, or a controller in an error state
+  error,      // of the bus, or a controller in an error state
   bus_off,    // bus-off: nothing is sent or received until the channel is opened again
   other,      // recovered controller, remote frames, versions, numbers: no answer to a command
   malformed,  // not a valid line

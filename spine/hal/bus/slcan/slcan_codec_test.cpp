@@ -135,9 +135,9 @@ TEST(SlcanCodec, UnderstandsWhatAnAdapterSaysBesideFrames) {
   EXPECT_EQ(parse_answer("V1013\r", frame), Answer::other);
   EXPECT_EQ(parse_answer("b158aa5 github.com/normaldotcom/canable2-fw.git\r", frame), Answer::malformed);
   EXPECT_EQ(parse_answer("sb256000\r", frame), Answer::bus_off) << "as the kernel's driver reads it";
-  EXPECT_EQ(parse_answer("sp128000\r", frame), Answer::trouble);
+  EXPECT_EQ(parse_answer("sp128000\r", frame), Answer::error);
   EXPECT_EQ(parse_answer("sa000000\r", frame), Answer::other) << "healthy again";
-  EXPECT_EQ(parse_answer("e1a\r", frame), Answer::trouble);
+  EXPECT_EQ(parse_answer("e1a\r", frame), Answer::error);
 }
 
 TEST(SlcanCodec, RefusesEveryLineThatIsNotWhole) {

@@ -74,8 +74,8 @@ bool SocketCanBus::receive(Frame& frame) LITHE_RT {
     const Moved moved = socket_.read(bytes);
     if (moved.error != 0) link_.lose(moved.error);
     if (moved.bytes == 0) return false;
-    const socketcan::Troubles before = troubles_;
-    switch (socketcan::decode(std::span(bytes).first(moved.bytes), frame, troubles_)) {
+    const socketcan::ErrorCounts before = error_counts_;
+    switch (socketcan::decode(std::span(bytes).first(moved.bytes), frame, error_counts_)) {
       case socketcan::Kind::frame:
         ++statistics_.received;
         return true;
@@ -94,9 +94,9 @@ bool SocketCanBus::receive(Frame& frame) LITHE_RT {
   return false;
 }
 
-void SocketCanBus::note_state(const socketcan::Troubles& before) LITHE_RT {
-  if (troubles_.bus_off != before.bus_off) bus_off_.store(true, std::memory_order_relaxed);
-  if (troubles_.restarted != before.restarted) bus_off_.store(false, std::memory_order_relaxed);
+void SocketCanBus::note_state(const socketcan::ErrorCounts& before) LITHE_RT {
+  if (error_counts_.bus_off != before.bus_off) bus_off_.store(true, std::memory_order_relaxed);
+  if (error_counts_.restarted != before.restarted) bus_off_.store(false, std::memory_order_relaxed);
 }
 
 void SocketCanBus::service() {

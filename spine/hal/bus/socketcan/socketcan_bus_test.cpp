@@ -65,7 +65,7 @@ class SocketCanBusTest : public ::testing::Test {
     const std::size_t size = socketcan::encode(spoken, raw);
     say(raw, size);
   }
-  void say_trouble(canid_t kinds) {
+  void say_error(canid_t kinds) {
     canfd_frame raw{};
     raw.can_id = CAN_ERR_FLAG | kinds;
     raw.len = CAN_ERR_DLC;
@@ -186,7 +186,7 @@ TEST_F(SocketCanBusTest, ABusOffThatNobodyToldIsSeenAndSoIsItsEnd) {
   bus->begin(0);
   EXPECT_EQ(bus->why_down(), "");
   EXPECT_TRUE(bus->send(command(1, 1)));
-  say_trouble(CAN_ERR_BUSOFF);
+  say_error(CAN_ERR_BUSOFF);
   EXPECT_FALSE(bus->receive(frame));
   carrier = SocketCanBus::Carrier::unknown;
   bus->service();
@@ -206,18 +206,18 @@ TEST_F(SocketCanBusTest, AFrameThatTheInterfaceDoesNotCarryIsNoReasonToGiveItUp)
 }
 
 TEST_F(SocketCanBusTest, BusOffRefusesCommandsUntilTheControllerIsRestarted) {
-  say_trouble(CAN_ERR_BUSOFF);
+  say_error(CAN_ERR_BUSOFF);
   EXPECT_FALSE(bus->receive(frame));
   EXPECT_FALSE(bus->send(command(1, 1))) << "it would wait, and leave when nobody wants it any more";
   EXPECT_EQ(bus->reply_wait_ns(), 0) << "no answer will come";
   EXPECT_NE(bus->why_down().find("sudo ip link set can7 type can restart"), std::string::npos) << bus->why_down();
-  say_trouble(CAN_ERR_RESTARTED);
+  say_error(CAN_ERR_RESTARTED);
   EXPECT_FALSE(bus->receive(frame));
   EXPECT_EQ(bus->why_down(), "");
   EXPECT_TRUE(bus->send(command(1, 1)));
   EXPECT_EQ(bus->statistics().errors, 2U);
-  EXPECT_EQ(bus->troubles().bus_off, 1U);
-  EXPECT_EQ(bus->troubles().restarted, 1U);
+  EXPECT_EQ(bus->error_counts().bus_off, 1U);
+  EXPECT_EQ(bus->error_counts().restarted, 1U);
 }
 
 TEST_F(SocketCanBusTest, ABusFullOfErrorsDoesNotKeepTheExchange) {
@@ -236,7 +236,7 @@ TEST_F(SocketCanBusTest, ABusFullOfErrorsDoesNotKeepTheExchange) {
 
 // Who asks drains first, and takes what comes afterwards for an answer.
 TEST_F(SocketCanBusTest, ErrorsDoNotHideTheFrameBehindThem) {
-  for (int i = 0; i < 100; ++i) say_trouble(CAN_ERR_PROT);
+  for (int i = 0; i < 100; ++i) say_error(CAN_ERR_PROT);
   say(command(1, 1));
   EXPECT_TRUE(bus->receive(frame)) << "in one drain";
   EXPECT_EQ(bus->statistics().errors, 100U);
@@ -266,7 +266,7 @@ TEST_F(SocketCanBusTest, AnInterfaceThatGoesAwayIsNamedAndTakenBack) {
 }
 
 TEST_F(SocketCanBusTest, ANewInterfaceIsNotBusOff) {
-  say_trouble(CAN_ERR_BUSOFF);
+  say_error(CAN_ERR_BUSOFF);
   EXPECT_FALSE(bus->receive(frame));
   unplug();
   EXPECT_FALSE(bus->receive(frame));
@@ -283,8 +283,8 @@ TEST_F(SocketCanBusTest, AnExchangeAllocatesNothingWhateverHappens) {
     for (int i = 0; i < 100; ++i) bus->receive(frame);
   };
   say(command(2, 2));
-  say_trouble(CAN_ERR_BUSOFF);
-  say_trouble(CAN_ERR_RESTARTED);
+  say_error(CAN_ERR_BUSOFF);
+  say_error(CAN_ERR_RESTARTED);
   {
     const NoAllocScope scope;
     for (int i = 0; i < 50; ++i) exchange();

@@ -56,7 +56,7 @@ class FarEnd {
     replug_.store(true, std::memory_order_release);
     test::await([this] { return !replug_.load(std::memory_order_acquire); });
   }
-  void spoil_wires(bool bad) { wires_bad_.store(bad, std::memory_order_release); }
+  void set_bus_off(bool bad) { wires_bad_.store(bad, std::memory_order_release); }
   // It hears the next words so much later: a busy machine starves a thread for as long.
   void stand_still(std::chrono::milliseconds pause) { stands_still_.store(pause, std::memory_order_relaxed); }
   // Every answer of the adapter passes through it from now on.
@@ -70,7 +70,7 @@ class FarEnd {
   void serve() {
     bool bad = false;
     for (std::int64_t now_ns = kMs; !over_.load(std::memory_order_relaxed); now_ns += kMs / 10) {
-      if (bad != wires_bad_.load(std::memory_order_acquire)) adapter_->spoil_wires(bad = !bad);
+      if (bad != wires_bad_.load(std::memory_order_acquire)) adapter_->set_bus_off(bad = !bad);
       if (replug_.load(std::memory_order_acquire)) {
         pty_.unplug();
         adapter_->reset();
@@ -200,10 +200,10 @@ void survive_bus_off(FarEnd& far, NearEnd& near) {
   };
   const auto fresh = [&] { return near.fresh(); };
   ASSERT_TRUE(cycle_until(fresh));
-  far.spoil_wires(true);
+  far.set_bus_off(true);
   EXPECT_TRUE(cycle_until([&] { return near.bus->why_down().find("bus-off") != std::string::npos; }));
   EXPECT_GT(near.bus->statistics().errors, 0U);
-  far.spoil_wires(false);
+  far.set_bus_off(false);
   EXPECT_TRUE(cycle_until(fresh));
   EXPECT_EQ(near.bus->why_down(), "");
   near.expect_true_positions();

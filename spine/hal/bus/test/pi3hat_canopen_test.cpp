@@ -43,7 +43,7 @@ class Pi3hatCanopen : public testing::Test {
     ASSERT_TRUE(opened) << opened.message();
     actuators_ = std::move(*opened);
     for (int i = 0; i < 2000 && fresh() < kJoints; ++i) tick();
-    ASSERT_EQ(fresh(), kJoints) << actuators_->trouble();
+    ASSERT_EQ(fresh(), kJoints) << actuators_->why_not_ready();
   }
   void tick() {
     board_.now_ns = now_ns_ += 1'000'000;

@@ -29,8 +29,8 @@ struct Board {
   Pi3hatAttitude attitude{{1, 0, 0, 0}, {0, 90, 0}, {0, 0, 9.8}};
   int error = 0;
   std::int64_t now_ns = 0;
-  std::size_t strangers = 0;  // invented frames with connector numbers that do not exist
-  bool slow = false;          // answers arrive in the next tick
+  std::size_t unknown_connectors = 0;  // invented frames with connector numbers that do not exist
+  bool slow = false;                   // answers arrive in the next tick
 };
 
 // As the maker's library, of whose processors one has JC1 and JC2, one JC3 and JC4, one JC5: first what is in the
@@ -50,7 +50,7 @@ class BoardPort final : public Pi3hatPort {
     pass_time();
     received_ = received;
     count_ = 0;
-    for (std::size_t i = 0; i < board_.strangers && count_ < received.size(); ++i) {
+    for (std::size_t i = 0; i < board_.unknown_connectors && count_ < received.size(); ++i) {
       received[count_++] = {static_cast<std::uint32_t>(i % 2 == 0 ? 0 : 77), false, {}};
     }
     for (std::size_t processor = 0; processor < kProcessors; ++processor) read(processor, kMostRead);

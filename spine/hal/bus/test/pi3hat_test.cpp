@@ -172,16 +172,16 @@ TEST_F(Pi3hat, ARobotInMemoryHasAnImuThatLiesLevel) {
 TEST_F(Pi3hat, AnErrorOfTheBoardIsNamedAndAStrangeConnectorIsNobody) {
   open(quadruped());
   tick(100);  // the drives have said how they are set
-  board_.strangers = 20;
+  board_.unknown_connectors = 20;
   tick();
   EXPECT_EQ(fresh(), 12);
-  EXPECT_EQ(actuators_->trouble(), "");
+  EXPECT_EQ(actuators_->why_not_ready(), "");
   board_.error = 4;
   tick();
-  EXPECT_NE(actuators_->trouble().find("error 4"), std::string::npos);
+  EXPECT_NE(actuators_->why_not_ready().find("error 4"), std::string::npos);
   board_.error = 0;
   tick();
-  EXPECT_EQ(actuators_->trouble(), "");
+  EXPECT_EQ(actuators_->why_not_ready(), "");
 }
 
 class Pi3hatLines : public testing::Test {

@@ -77,22 +77,22 @@ TEST(SimFdcanusb, OffIsOff) {
 TEST(SimFdcanusb, ABusOffLastsUntilItIsSwitchedOffAndOnOrRecoversByItself) {
   Line line;
   const auto answers = [&] { return line.say(kQuery).find("rcv") != std::string::npos; };
-  line.adapter().spoil_wires(true);
+  line.adapter().set_bus_off(true);
   EXPECT_EQ(line.say(kQuery), "OK\r\n") << "it takes commands, as if nothing were";
   EXPECT_NE(line.say("can status\n").find(" busoff=1 "), std::string::npos);
   line.say("can off\ncan on\n");
   EXPECT_NE(line.say("can status\n").find(" busoff=1 "), std::string::npos) << "the wires are as bad as before";
-  line.adapter().spoil_wires(false);
+  line.adapter().set_bus_off(false);
   line.idle();
   EXPECT_FALSE(answers());
   line.say("can off\ncan on\n");
   EXPECT_TRUE(answers());
   EXPECT_NE(line.say("can status\n").find(" busoff=0 "), std::string::npos);
   line.say("conf set can.autorecover 1\n");
-  line.adapter().spoil_wires(true);
+  line.adapter().set_bus_off(true);
   line.idle();
   EXPECT_FALSE(answers());
-  line.adapter().spoil_wires(false);
+  line.adapter().set_bus_off(false);
   line.idle();
   EXPECT_TRUE(answers());
 }

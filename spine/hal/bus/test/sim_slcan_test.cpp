@@ -63,7 +63,7 @@ TEST_F(SimSlcanTest, TheFirstWordOfOurHostEndsNoHalfCommand) {
 
 TEST_F(SimSlcanTest, ABusOffIsToldOnceAndEndsWithTheChannel) {
   say("S8\rO\r");
-  adapter.spoil_wires(true);
+  adapter.set_bus_off(true);
   std::string out;
   adapter.idle(now_ns, out);
   adapter.idle(now_ns, out);
@@ -73,7 +73,7 @@ TEST_F(SimSlcanTest, ABusOffIsToldOnceAndEndsWithTheChannel) {
   say("C\rO\r");
   adapter.idle(now_ns, out);
   EXPECT_EQ(out, "sb255000\rsb255000\r") << "the wires are as bad as before";
-  adapter.spoil_wires(false);
+  adapter.set_bus_off(false);
   say("t10021234\r");
   EXPECT_EQ(node.heard, 0) << "they are good, but it gave up";
   say("C\rO\r");

@@ -28,7 +28,7 @@ class Cia401Module : public testing::Test {
       Frame frame;
       while (bus_.receive(frame)) {
         if (take != nullptr && !take(frame)) continue;
-        if (module_.sent(frame)) module_.take(frame, now_ns_);
+        if (module_.sent(frame)) module_.on_frame(frame, now_ns_);
       }
     }
   }
@@ -157,7 +157,7 @@ TEST_F(Cia401Module, InputsThatTheModuleLacksAreNamed) {
     bus.begin(now_ns_);
     module.step({.number = ++number_, .now_ns = now_ns_}, bus);
     Frame frame;
-    while (bus.receive(frame)) module.take(frame, now_ns_);
+    while (bus.receive(frame)) module.on_frame(frame, now_ns_);
   }
   EXPECT_NE(module.why_not_ready().find("object 1a00h:2"), std::string::npos) << module.why_not_ready();
 }

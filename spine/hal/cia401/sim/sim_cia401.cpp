@@ -71,13 +71,13 @@ bool SimCia401::inject(InjectedFault injected, bool begins, std::int64_t now_ns)
 void SimCia401::on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
   on_time(now_ns, answers);
   if (!canopen::is_canopen(frame) || state_ == NmtState::boot_up || muted_) return;
-  if (frame.id == cob::kNmt) return obey(frame, now_ns);
+  if (frame.id == cob::kNmt) return handle(frame, now_ns);
   if (frame.id == cob::kSdoRequest + node_ && state_ != NmtState::stopped) {
     if (Frame answer; serve(frame, answer)) answers.push(answer);
   }
 }
 
-void SimCia401::obey(const Frame& frame, std::int64_t now_ns) LITHE_RT {
+void SimCia401::handle(const Frame& frame, std::int64_t now_ns) LITHE_RT {
   if (frame.size != 2 || (frame.data[1] != 0 && frame.data[1] != node_)) return;
   switch (static_cast<canopen::NmtCommand>(frame.data[0])) {
     case canopen::NmtCommand::start:

@@ -39,7 +39,7 @@ class SimCia401 final : public BusNode, private SdoServer {
 
  private:
   void restart(std::int64_t back_ns) LITHE_RT;
-  void obey(const Frame& frame, std::int64_t now_ns) LITHE_RT;
+  void handle(const Frame& frame, std::int64_t now_ns) LITHE_RT;
   std::uint32_t read_object(ObjectDictionary::Slot slot) LITHE_RT override { return objects_.raw(slot); }
   std::uint32_t write_object(ObjectDictionary::Slot slot, std::uint32_t value) LITHE_RT override;
   void send_inputs(std::size_t pdo, std::int64_t now_ns, FrameQueue& answers) LITHE_RT;

@@ -61,7 +61,7 @@ TEST(Cia401Robot, ItsInputsAreTheRobotsSensorsBesideADrive) {
   EXPECT_NEAR(most, 12500, 100) << "1000 counts of 12.5";
   EXPECT_NEAR(least, -12500, 100);
   EXPECT_NE(state.status[0] & wire::joint_status::kFresh, 0U) << "the drive on its bus works";
-  EXPECT_EQ(actuators.trouble(), "");
+  EXPECT_EQ(actuators.why_not_ready(), "");
   EXPECT_EQ(actuators.counters().stray, 0U);
   EXPECT_EQ(actuators.counters().malformed, 0U);
 }

@@ -66,7 +66,7 @@ class Cia402Servo final : public CoupledDrive {
   void cause_gone(std::uint16_t code) LITHE_RT;  // 0: every cause
   void find_causes() LITHE_RT;                   // after a restart
   // Safe torque off (STO), as in most drives: no power, no fault, no message; it cannot be enabled meanwhile.
-  void take_torque(bool off) LITHE_RT;
+  void set_torque_off(bool off) LITHE_RT;
   // A limit switch: the drive does a quick stop by itself.
   void stop_at_limit() LITHE_RT;
   // The drive halts by itself: it stays on and ignores targets.
@@ -88,7 +88,7 @@ class Cia402Servo final : public CoupledDrive {
   void step() LITHE_RT override;
   void enter(cia402::State state) LITHE_RT;
   void set_error(std::uint16_t code) LITHE_RT;
-  void obey(std::uint16_t word) LITHE_RT;
+  void handle(std::uint16_t word) LITHE_RT;
   void hold() LITHE_RT;
   void begin_ramp() LITHE_RT;
   double motor_torque() LITHE_RT;

@@ -19,11 +19,11 @@ void Cia402Servo::control(std::uint16_t word) LITHE_RT {
     enter(State::switch_on_disabled);
     return;
   }
-  if (state_ != State::fault_reaction_active && state_ != State::not_ready) obey(word);
+  if (state_ != State::fault_reaction_active && state_ != State::not_ready) handle(word);
 }
 
 // The transitions of the profile, by the lowest four bits of the word.
-void Cia402Servo::obey(std::uint16_t word) LITHE_RT {
+void Cia402Servo::handle(std::uint16_t word) LITHE_RT {
   const bool enabled = state_ == State::operation_enabled;
   const bool stopping = state_ == State::quick_stop_active;
   if ((word & 0x02) == 0 || torque_off_) return enter(State::switch_on_disabled);
@@ -49,7 +49,7 @@ void Cia402Servo::enable() LITHE_RT {
   if (time_ns_ - enabling_from_ns_ >= params_.enable_ns) enter(State::operation_enabled);
 }
 
-void Cia402Servo::take_torque(bool off) LITHE_RT {
+void Cia402Servo::set_torque_off(bool off) LITHE_RT {
   torque_off_ = off;
   if (off && state_ != State::fault) enter(State::switch_on_disabled);
 }
@@ -88,8 +88,8 @@ void Cia402Servo::connection_lost(std::int32_t option, std::uint16_t code) LITHE
   constexpr std::int32_t kDisable = 2;
   constexpr std::int32_t kQuickStop = 3;
   if (option == kFault) return fail(code, false);
-  if (option == kDisable && state_ != State::fault) obey(cia402::control::kDisableVoltage);
-  if (option == kQuickStop && state_ == State::operation_enabled) obey(cia402::control::kQuickStop);
+  if (option == kDisable && state_ != State::fault) handle(cia402::control::kDisableVoltage);
+  if (option == kQuickStop && state_ == State::operation_enabled) handle(cia402::control::kQuickStop);
 }
 
 }  // namespace lithe::hal::sim

@@ -177,7 +177,7 @@ void SimCia402::on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& an
     return;
   }
   if (frame.id == cob::kNmt) {
-    obey_network(frame);
+    on_nmt(frame);
   } else if (frame.id == dictionary_.value(common::kSyncId)) {
     sync(now_ns_, answers);
   } else if (frame.id == cob::kSdoRequest + params_.id) {
@@ -186,13 +186,13 @@ void SimCia402::on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& an
   } else if (canopen::function_of(frame) == cob::kHeartbeat) {
     hear_heartbeat(frame, now_ns_, answers);
   } else {
-    take_pdo(frame, answers);
+    on_pdo(frame, answers);
   }
   if (booting_) return live(now_ns, answers);  // a boot time of 0 ends at once
   tell_news(now_ns_, answers);
 }
 
-void SimCia402::obey_network(const Frame& frame) LITHE_RT {
+void SimCia402::on_nmt(const Frame& frame) LITHE_RT {
   if (frame.size != 2) {
     ++refused_;
     return;
@@ -247,7 +247,7 @@ void SimCia402::sync(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
   }
 }
 
-void SimCia402::take_pdo(const Frame& frame, FrameQueue& answers) LITHE_RT {
+void SimCia402::on_pdo(const Frame& frame, FrameQueue& answers) LITHE_RT {
   if (network_state_ != NmtState::operational) return;
   for (SimPdo& pdo : receive_) {
     if (!pdo.valid() || pdo.id() != frame.id) continue;

@@ -93,7 +93,7 @@ class SimCia402 final : public BusNode, private SdoServer {
   void tell_news(std::int64_t now_ns, FrameQueue& answers) LITHE_RT;
   void tell_emergency(std::uint16_t code, FrameQueue& answers) LITHE_RT;
 
-  void obey_network(const Frame& frame) LITHE_RT;
+  void on_nmt(const Frame& frame) LITHE_RT;
   void hear_heartbeat(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT;
   std::uint32_t read_object(Cia402Dictionary::Slot slot) LITHE_RT override;
   std::uint32_t write_object(Cia402Dictionary::Slot slot, std::uint32_t value) LITHE_RT override;
@@ -107,7 +107,7 @@ class SimCia402 final : public BusNode, private SdoServer {
   void refresh_actuals() LITHE_RT;
 
   void sync(std::int64_t now_ns, FrameQueue& answers) LITHE_RT;
-  void take_pdo(const Frame& frame, FrameQueue& answers) LITHE_RT;
+  void on_pdo(const Frame& frame, FrameQueue& answers) LITHE_RT;
   void apply(const SimPdo& pdo, const Frame& frame) LITHE_RT;
   void transmit(SimPdo& pdo, std::int64_t now_ns, FrameQueue& answers) LITHE_RT;
 

@@ -57,7 +57,7 @@ TEST_F(Drive402, AFaultSlowsDownStaysAndIsResetByARisingEdgeOnly) {
   EXPECT_EQ(read(0x603f), 0U);
 }
 
-TEST_F(Drive402, WhatBefallsItIsToldByItsCode) {
+TEST_F(Drive402, AnInjectedFaultIsReportedByItsCode) {
   EXPECT_TRUE(drive_.inject(InjectedFault::over_temperature, true, now_ns_));
   EXPECT_EQ(canopen::get(wait(1).at(0).data.data(), 2), 0x4210U);
   drive_.inject(InjectedFault::over_temperature, false, now_ns_);
@@ -89,12 +89,12 @@ TEST_F(Drive402, ARestartHelpsAgainstNoCauseThatStays) {
 
 TEST_F(Drive402, TakenTorqueIsNoFaultAndNotToBeEnabled) {
   enable(10);
-  drive_.servo().take_torque(true);
+  drive_.servo().set_torque_off(true);
   EXPECT_EQ(state(), State::switch_on_disabled);
   EXPECT_TRUE(said().empty());
   for (const std::uint16_t word : std::array<std::uint16_t, 3>{0x06, 0x07, 0x0f}) control(word);
   EXPECT_EQ(state(), State::switch_on_disabled);
-  drive_.servo().take_torque(false);
+  drive_.servo().set_torque_off(false);
   enable(10);
 }
 

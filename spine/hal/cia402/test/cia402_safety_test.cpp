@@ -79,13 +79,13 @@ TEST_F(Cia402Safety, AMotorWhoseTorqueWasTakenAwayDoesNotStartWhenItIsGivenBack)
   enable();
   command_.torque_nm[0] = 0.5;
   cycle(50);
-  drive().servo().take_torque(true);
+  drive().servo().set_torque_off(true);
   cycle(2);
   EXPECT_TRUE(has(kFault));
   EXPECT_EQ(fault_class(), 0xffU);
   EXPECT_NE(drivers_[0]->why_not_ready().find("switch on disabled"), std::string::npos) << drivers_[0]->why_not_ready();
   cycle(100);
-  drive().servo().take_torque(false);
+  drive().servo().set_torque_off(false);
   expect_off_until_it_is_switched_off_and_on();
 }
 
@@ -113,14 +113,14 @@ TEST_F(Cia402Safety, ADriveThatStopsFollowingItsTargetIsAFault) {
 TEST_F(Cia402Safety, AMotorThatCouldNotBeSwitchedOnDoesNotStartLongAfter) {
   build();
   act(DriveAction::off, 200);
-  drive().servo().take_torque(true);
+  drive().servo().set_torque_off(true);
   command_.torque_nm[0] = 1;
   act(DriveAction::torque, 4000);
   EXPECT_FALSE(has(kFault));
   cycle(1100);
   EXPECT_TRUE(has(kFault));
   EXPECT_NE(drivers_[0]->why_not_ready().find("cannot be switched on"), std::string::npos);
-  drive().servo().take_torque(false);
+  drive().servo().set_torque_off(false);
   expect_off_until_it_is_switched_off_and_on();
 }
 

@@ -31,7 +31,7 @@ struct Second {
         EXPECT_EQ(gateway::node_of(*frame), 7U);
         EXPECT_LE(frame->size, sim_fd ? 64 : 8);
         last = *frame;
-        reader.take(*frame, now_ns);
+        reader.on_frame(*frame, now_ns);
       }
     }
   }
@@ -84,10 +84,10 @@ TEST(Gateway, LostRepeatedAndReorderedFramesAreCountedAndOldOnesNotUsed) {
   const Frame old = second.last;
   Frame next = old;
   next.data[0] = static_cast<std::uint8_t>(old.data[0] + 4);
-  second.reader.take(next, second.now_ns);
+  second.reader.on_frame(next, second.now_ns);
   EXPECT_EQ(second.reader.counters().lost, 3U);
-  second.reader.take(next, second.now_ns);
-  second.reader.take(old, second.now_ns);
+  second.reader.on_frame(next, second.now_ns);
+  second.reader.on_frame(old, second.now_ns);
   EXPECT_EQ(second.reader.counters().repeated, 2U);
   EXPECT_EQ(second.reader.counters().frames, 4U);
 }
@@ -122,8 +122,8 @@ bool valid(const Gateway& reader, std::int64_t now_ns) {
 
 TEST(Gateway, AfterASilenceAnySequenceIsNew) {
   Gateway reader(7, kStale);
-  reader.take(words(200, 0), kMs);
-  for (int i = 0; i < 20; ++i) reader.take(words(static_cast<std::uint8_t>(120 + i), i * kMs), (1000 + i) * kMs);
+  reader.on_frame(words(200, 0), kMs);
+  for (int i = 0; i < 20; ++i) reader.on_frame(words(static_cast<std::uint8_t>(120 + i), i * kMs), (1000 + i) * kMs);
   EXPECT_EQ(reader.counters().repeated, 0U);
   EXPECT_TRUE(valid(reader, 1019 * kMs));
 }
@@ -131,21 +131,22 @@ TEST(Gateway, AfterASilenceAnySequenceIsNew) {
 TEST(Gateway, ASamplerThatHangsIsNotValidThoughFramesCome) {
   Gateway reader(7, kStale);
   std::uint8_t sequence = 0;
-  for (int i = 0; i < 100; ++i) reader.take(words(++sequence, i * kMs), i * kMs);
+  for (int i = 0; i < 100; ++i) reader.on_frame(words(++sequence, i * kMs), i * kMs);
   EXPECT_TRUE(valid(reader, 99 * kMs));
-  for (int i = 100; i < 140; ++i) reader.take(words(++sequence, 100 * kMs), i * kMs);
+  for (int i = 100; i < 140; ++i) reader.on_frame(words(++sequence, 100 * kMs), i * kMs);
   EXPECT_TRUE(valid(reader, 139 * kMs)) << "40 of 50 ms old";
-  for (int i = 140; i < 200; ++i) reader.take(words(++sequence, 100 * kMs), i * kMs);
+  for (int i = 140; i < 200; ++i) reader.on_frame(words(++sequence, 100 * kMs), i * kMs);
   EXPECT_FALSE(valid(reader, 199 * kMs));
 }
 
 TEST(Gateway, ValuesThatWaitedInAQueueAreAsOldAsTheyAre) {
   Gateway reader(7, kStale);
   std::uint8_t sequence = 0;
-  for (int i = 0; i < 100; ++i) reader.take(words(++sequence, i * kMs), (i + 1) * kMs);
-  for (int i = 100; i < 400; ++i) reader.take(words(++sequence, (i - i / 4) * kMs), (i + 1) * kMs);  // more and more
+  for (int i = 0; i < 100; ++i) reader.on_frame(words(++sequence, i * kMs), (i + 1) * kMs);
+  for (int i = 100; i < 400; ++i)
+    reader.on_frame(words(++sequence, (i - i / 4) * kMs), (i + 1) * kMs);  // more and more
   EXPECT_FALSE(valid(reader, 400 * kMs));
-  for (int i = 400; i < 500; ++i) reader.take(words(++sequence, i * kMs), (i + 1) * kMs);  // emptied
+  for (int i = 400; i < 500; ++i) reader.on_frame(words(++sequence, i * kMs), (i + 1) * kMs);  // emptied
   EXPECT_TRUE(valid(reader, 500 * kMs));
 }
 
@@ -155,7 +156,8 @@ TEST(Gateway, AClockThatDriftsIsNoAge) {
     Gateway reader(7, kStale);
     std::uint8_t sequence = 0;
     for (std::int64_t ms = 0; ms < 3'600'000; ms += 20) {
-      reader.take(words(++sequence, static_cast<std::int64_t>((1 + drift) * static_cast<double>(ms * kMs))), ms * kMs);
+      reader.on_frame(words(++sequence, static_cast<std::int64_t>((1 + drift) * static_cast<double>(ms * kMs))),
+                      ms * kMs);
       ASSERT_TRUE(valid(reader, ms * kMs)) << ms;
     }
   }
@@ -171,7 +173,7 @@ TEST(Gateway, NonsenseIsCountedAndChangesNothing) {
     frame.id = gateway::kIdBase | 7U << 8 | static_cast<std::uint32_t>(random() % 6);
     frame.size = static_cast<std::uint8_t>(random());
     for (std::uint8_t& byte : frame.data) byte = static_cast<std::uint8_t>(random());
-    reader.take(frame, i);
+    reader.on_frame(frame, i);
     for (std::size_t c = 0; c < 18; ++c) {
       if (!reader.read(static_cast<Block>(random() % 3), c, i, raw)) continue;
       ASSERT_LE(std::abs(raw), 32767);

@@ -29,12 +29,12 @@ Servo::Servo(const ServoParams& params, const JointTransform& joint, const Plant
     : CoupledDrive(encoder_of(params), joint, plant, errors), params_(params), home_(params.home_at_power_on) {}
 
 void Servo::on_skip() LITHE_RT {
-  obey_what_is_due();
+  handle_due();
   check_watchdog();
 }
 
 void Servo::step() LITHE_RT {
-  obey_what_is_due();
+  handle_due();
   check_watchdog();
   // A drive that is off does not check.
   if (ailment_ != 0 && mode_ != Mode::stopped && mode_ != Mode::fault) fail(ailment_);
@@ -97,24 +97,24 @@ void Servo::recapture() LITHE_RT {
 void Servo::apply(Mode mode, const ServoCommand& command) LITHE_RT {
   const bool goes_on = mode == mode_ && has_watchdog(mode);
   if (!goes_on) underway_count_ = 0;
-  if (!goes_on || errors_.delay_ns() == 0 || !started_) return obey(mode, command);
+  if (!goes_on || errors_.delay_ns() == 0 || !started_) return handle(mode, command);
   if (underway_count_ == kOnTheWay) {
     underway_[first_underway_].due_ns = time_ns_;
-    obey_what_is_due();
+    handle_due();
   }
   underway_[(first_underway_ + underway_count_++) % kOnTheWay] = {time_ns_ + errors_.delay_ns(), mode, command};
 }
 
-void Servo::obey_what_is_due() LITHE_RT {
+void Servo::handle_due() LITHE_RT {
   while (underway_count_ > 0 && underway_[first_underway_].due_ns <= time_ns_) {
     const Underway& oldest = underway_[first_underway_];
     first_underway_ = (first_underway_ + 1) % kOnTheWay;
     --underway_count_;
-    obey(oldest.mode, oldest.command);
+    handle(oldest.mode, oldest.command);
   }
 }
 
-void Servo::obey(Mode mode, const ServoCommand& command) LITHE_RT {
+void Servo::handle(Mode mode, const ServoCommand& command) LITHE_RT {
   if (mode == Mode::stopped) {
     mode_ = Mode::stopped;
     fault_ = 0;

@@ -141,8 +141,8 @@ class Servo final : public CoupledDrive {
   }
   void check_watchdog() LITHE_RT;
   void enter(moteus::Mode mode) LITHE_RT;
-  void obey(moteus::Mode mode, const ServoCommand& command) LITHE_RT;
-  void obey_what_is_due() LITHE_RT;
+  void handle(moteus::Mode mode, const ServoCommand& command) LITHE_RT;
+  void handle_due() LITHE_RT;
   void start_command() LITHE_RT;
   void fail(std::uint32_t fault) LITHE_RT;
   void move_set_point() LITHE_RT;

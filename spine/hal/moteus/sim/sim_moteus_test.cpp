@@ -165,7 +165,7 @@ TEST(SimMoteus, TwoDevicesDiffer) {
   EXPECT_EQ(MoteusIdentity::of(3).uuid, MoteusIdentity::of(3).uuid);
 }
 
-TEST(SimMoteus, MishapsBeginAndEnd) {
+TEST(SimMoteus, InjectedFaultsBeginAndEnd) {
   Bench bench;
   bench.stream(kTorque, 20);
   EXPECT_TRUE(bench.drive().inject(InjectedFault::over_temperature, true, 0));

@@ -287,7 +287,7 @@ TEST(MoteusSetup, NoBytesWhateverMakeItReadyWithGainsThatAreNone) {
     if (random() % 4 == 0) reply.reply(moteus::Format::int32, 0x102, std::array{5.0}, false);
     reply.server_data(1, {text.data(), random() % text.size()});
     if (random() % 8 == 0) answer.data[random() % 16] = static_cast<std::uint8_t>(random());
-    random() % 5 == 0 ? setup.missed() : setup.take(answer);
+    random() % 5 == 0 ? setup.missed() : setup.on_frame(answer);
     if (!setup.ready()) continue;
     ASSERT_TRUE(setup.settings().kp_nm_rev > 0 && setup.settings().kd_nm_s_rev > 0);
     ASSERT_TRUE(std::isfinite(setup.settings().kp_nm_rev) && std::isfinite(setup.settings().kd_nm_s_rev));

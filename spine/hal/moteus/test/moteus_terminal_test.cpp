@@ -88,9 +88,9 @@ class Babble final : public Bus {
 };
 
 TEST(MoteusTerminal, ABusOnWhichSomebodyAlwaysTalksIsGivenUp) {
-  Babble stranger(false);
-  EXPECT_FALSE(stranger.terminal().discover().empty());
-  EXPECT_EQ(stranger.terminal().identify({.id = 5}).message(), "drive 5 does not answer");
+  Babble other(false);
+  EXPECT_FALSE(other.terminal().discover().empty());
+  EXPECT_EQ(other.terminal().identify({.id = 5}).message(), "drive 5 does not answer");
 }
 
 TEST(MoteusTerminal, WhatAnswersAnEarlierQuestionIsPassedOver) {
@@ -107,7 +107,7 @@ TEST(MoteusTerminal, NonsenseIsNoDiscovery) {
     frame.id = static_cast<std::uint32_t>(random() % 0x10000) & (round % 4 == 0 ? 0xffffU : 0x7f00U);
     frame.size = static_cast<std::uint8_t>(random() % 65);
     for (std::uint8_t& byte : frame.data) byte = static_cast<std::uint8_t>(random() % (round % 2 == 0 ? 256 : 90));
-    if (!take_discovery(frame, found)) {
+    if (!parse_discovery(frame, found)) {
       ASSERT_EQ(found.id, 0U) << "unchanged";
       continue;
     }

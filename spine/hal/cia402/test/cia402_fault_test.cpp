@@ -12,7 +12,7 @@ namespace {
 using cia402::Mode;
 using cia402::State;
 
-class Cia402Trouble : public Cia402Line {
+class Cia402Faults : public Cia402Line {
  protected:
   // What the drive with address 1 answers to an SDO request for this object is replaced by an abort.
   void abort_object(std::uint16_t index, std::uint32_t code) {
@@ -37,23 +37,23 @@ class Cia402Trouble : public Cia402Line {
   }
 };
 
-TEST_F(Cia402Trouble, AnotherKindOfDeviceIsRefusedByName) {
+TEST_F(Cia402Faults, AnotherKindOfDeviceIsRefusedByName) {
   build({.device_type = 0x0003'0191});  // an input and output module
   expect_refused({"1000h", "profile 401", "not 402"});
 }
 
-TEST_F(Cia402Trouble, ARatedTorqueThatContradictsTheRobotFileIsRefused) {
+TEST_F(Cia402Faults, ARatedTorqueThatContradictsTheRobotFileIsRefused) {
   build({.rated_torque_nm = 0.8});
   expect_refused({"6076h", "800 mNm", "rated_torque_nm"});
 }
 
-TEST_F(Cia402Trouble, ADriveWithoutAnObjectThatKeepsItSafeIsRefused) {
+TEST_F(Cia402Faults, ADriveWithoutAnObjectThatKeepsItSafeIsRefused) {
   build();
   abort_object(0x6007, canopen::abort_code::kNoObject);
   expect_refused({"6007h", "06020000", "no such object"});
 }
 
-TEST_F(Cia402Trouble, AModeThatTheDriveDoesNotHaveIsRefused) {
+TEST_F(Cia402Faults, AModeThatTheDriveDoesNotHaveIsRefused) {
   build();
   cables_[0]->back = [](Frame& frame) {
     if (frame.id == 0x581 && canopen::sdo_address(frame).index == 0x6502) frame.data[5] = 0;
@@ -62,7 +62,7 @@ TEST_F(Cia402Trouble, AModeThatTheDriveDoesNotHaveIsRefused) {
   expect_refused({"6502h", "mode"});
 }
 
-TEST_F(Cia402Trouble, AModeThatIsNotTakenIsRefused) {
+TEST_F(Cia402Faults, AModeThatIsNotTakenIsRefused) {
   build();
   cables_[0]->back = [](Frame& frame) {
     if (frame.id == 0x581 && canopen::sdo_address(frame).index == 0x6061) frame.data[4] = 1;
@@ -72,40 +72,40 @@ TEST_F(Cia402Trouble, AModeThatIsNotTakenIsRefused) {
 }
 
 // With its makers' defaults on, it would fill the bus with frames that nobody planned with.
-TEST_F(Cia402Trouble, AProcessDataThatCannotBeSwitchedOffIsRefused) {
+TEST_F(Cia402Faults, AProcessDataThatCannotBeSwitchedOffIsRefused) {
   build();
   abort_object(0x1802, canopen::abort_code::kValue);
   expect_refused({"1802h", "06090030"});
 }
 
-TEST_F(Cia402Trouble, OneThatIsNotThereNeedNotBeSwitchedOff) {
+TEST_F(Cia402Faults, OneThatIsNotThereNeedNotBeSwitchedOff) {
   build();
   abort_object(0x1802, canopen::abort_code::kNoObject);
   enable();
   EXPECT_EQ(drive_state(), State::operation_enabled);
 }
 
-TEST_F(Cia402Trouble, ADriveThatKnowsNoRemoteFramesIsSetUp) {
+TEST_F(Cia402Faults, ADriveThatKnowsNoRemoteFramesIsSetUp) {
   build({.knows_no_remote = true});
   enable();
   EXPECT_EQ(drivers_[0]->why_not_ready(), "");
   EXPECT_EQ(drive_state(), State::operation_enabled);
 }
 
-TEST_F(Cia402Trouble, AnObjectThatMayBeMissingMayBeMissing) {
+TEST_F(Cia402Faults, AnObjectThatMayBeMissingMayBeMissing) {
   build();
   abort_object(0x60c2, canopen::abort_code::kNoObject);
   enable();
   EXPECT_EQ(drive_state(), State::operation_enabled);
 }
 
-TEST_F(Cia402Trouble, APositionDriveMustKnowItsPeriod) {
+TEST_F(Cia402Faults, APositionDriveMustKnowItsPeriod) {
   build({.mode = Mode::position});
   abort_object(0x60c2, canopen::abort_code::kNoObject);
   expect_refused({"60C2h"});
 }
 
-TEST_F(Cia402Trouble, ADriveThatIsNotThereIsLookedForAgain) {
+TEST_F(Cia402Faults, ADriveThatIsNotThereIsLookedForAgain) {
   build();
   cables_[0]->there = cables_[0]->back = [](Frame&) { return false; };
   int resets = 0;
@@ -121,7 +121,7 @@ TEST_F(Cia402Trouble, ADriveThatIsNotThereIsLookedForAgain) {
   EXPECT_TRUE(fresh());
 }
 
-TEST_F(Cia402Trouble, ADriveThatRestartsIsSetUpAgainAndWaitsForOff) {
+TEST_F(Cia402Faults, ADriveThatRestartsIsSetUpAgainAndWaitsForOff) {
   build();
   enable();
   command_.torque_nm[0] = 0.1;
@@ -140,7 +140,7 @@ TEST_F(Cia402Trouble, ADriveThatRestartsIsSetUpAgainAndWaitsForOff) {
   EXPECT_EQ(drive_state(), State::operation_enabled);
 }
 
-TEST_F(Cia402Trouble, ARestartInTheMiddleOfTheSetUpStartsItAgain) {
+TEST_F(Cia402Faults, ARestartInTheMiddleOfTheSetUpStartsItAgain) {
   build();
   for (int at = 1; at < 60; at += 7) {
     act(DriveAction::off, 105 + at);
@@ -151,7 +151,7 @@ TEST_F(Cia402Trouble, ARestartInTheMiddleOfTheSetUpStartsItAgain) {
   EXPECT_EQ(drive_state(), State::operation_enabled);
 }
 
-TEST_F(Cia402Trouble, ADriveThatSomebodyStoppedIsSetUpAgain) {
+TEST_F(Cia402Faults, ADriveThatSomebodyStoppedIsSetUpAgain) {
   build();
   enable();
   FrameQueue unheard;
@@ -164,7 +164,7 @@ TEST_F(Cia402Trouble, ADriveThatSomebodyStoppedIsSetUpAgain) {
   EXPECT_EQ(drive_state(), State::operation_enabled);
 }
 
-TEST_F(Cia402Trouble, ASilentDriveIsLostAndNeedsOffWhenItIsBack) {
+TEST_F(Cia402Faults, ASilentDriveIsLostAndNeedsOffWhenItIsBack) {
   build();
   enable();
   for (const int silent_ms : {500, 1500}) {
@@ -184,7 +184,7 @@ TEST_F(Cia402Trouble, ASilentDriveIsLostAndNeedsOffWhenItIsBack) {
 }
 
 // Its boot-up message was heard by nobody, and after that it never speaks by itself.
-TEST_F(Cia402Trouble, ADriveThatRestartedWhileNobodyHeardItIsFoundAgain) {
+TEST_F(Cia402Faults, ADriveThatRestartedWhileNobodyHeardItIsFoundAgain) {
   build();
   enable();
   cables_[0]->there = cables_[0]->back = [](Frame&) { return false; };
@@ -201,7 +201,7 @@ TEST_F(Cia402Trouble, ADriveThatRestartedWhileNobodyHeardItIsFoundAgain) {
   EXPECT_EQ(drive_state(), State::operation_enabled);
 }
 
-TEST_F(Cia402Trouble, OneFrameInTenLostDelaysTheStartAndNothingElse) {
+TEST_F(Cia402Faults, OneFrameInTenLostDelaysTheStartAndNothingElse) {
   build({.lost_after_misses = 20});
   std::mt19937 random(3);
   for (auto& cable : cables_) {
@@ -218,7 +218,7 @@ TEST_F(Cia402Trouble, OneFrameInTenLostDelaysTheStartAndNothingElse) {
   EXPECT_GT(actuators_.counters().missed, 100U);
 }
 
-TEST_F(Cia402Trouble, AVelocityThatIsLostTwiceMakesTheAnswerWorthless) {
+TEST_F(Cia402Faults, AVelocityThatIsLostTwiceMakesTheAnswerWorthless) {
   build();
   enable();
   cables_[0]->back = [](Frame& frame) { return frame.id != 0x181; };
@@ -228,7 +228,7 @@ TEST_F(Cia402Trouble, AVelocityThatIsLostTwiceMakesTheAnswerWorthless) {
   EXPECT_FALSE(fresh());
 }
 
-TEST_F(Cia402Trouble, AnAnswerOfBeforeTheSyncIsLate) {
+TEST_F(Cia402Faults, AnAnswerOfBeforeTheSyncIsLate) {
   build();
   enable();
   Frame held;
@@ -240,14 +240,14 @@ TEST_F(Cia402Trouble, AnAnswerOfBeforeTheSyncIsLate) {
   EXPECT_FALSE(fresh());
   JointSample sample;
   Exchange next{.number = command_.tick + 1, .now_ns = now_ns_, .source = 0, .asked = false};
-  EXPECT_EQ(drivers_[0]->take(held, next, sample), ReplyKind::late);
+  EXPECT_EQ(drivers_[0]->on_frame(held, next, sample), ReplyKind::late);
   next.asked = true;  // the others are asked, this joint is not
-  EXPECT_EQ(drivers_[0]->take(held, next, sample), ReplyKind::late);
+  EXPECT_EQ(drivers_[0]->on_frame(held, next, sample), ReplyKind::late);
   --next.number;
-  EXPECT_EQ(drivers_[0]->take(held, next, sample), ReplyKind::answer);
+  EXPECT_EQ(drivers_[0]->on_frame(held, next, sample), ReplyKind::answer);
 }
 
-TEST_F(Cia402Trouble, ADriveThatStartsAnewSaysSoUntilItIsSetUp) {
+TEST_F(Cia402Faults, ADriveThatStartsAnewSaysSoUntilItIsSetUp) {
   build();
   enable();
   lose_power();
@@ -260,7 +260,7 @@ TEST_F(Cia402Trouble, ADriveThatStartsAnewSaysSoUntilItIsSetUp) {
   EXPECT_TRUE(left && drivers_[0]->running());
 }
 
-TEST_F(Cia402Trouble, WhatNoMotorDoesIsNotMeasured) {
+TEST_F(Cia402Faults, WhatNoMotorDoesIsNotMeasured) {
   build();
   enable();
   cycle();
@@ -284,7 +284,7 @@ TEST_F(Cia402Trouble, WhatNoMotorDoesIsNotMeasured) {
   }
 }
 
-TEST_F(Cia402Trouble, AJointThatCannotFollowFaults) {
+TEST_F(Cia402Faults, AJointThatCannotFollowFaults) {
   build({.mode = Mode::position, .velocity_max_rad_s = 1000});
   enable();
   command_.position_rad[0] = state_.position_rad[0];
@@ -309,7 +309,7 @@ Frame random_frame(std::mt19937& random) {
   return frame;
 }
 
-TEST_F(Cia402Trouble, NoBytesMakeTheDriverSayNonsense) {
+TEST_F(Cia402Faults, NoBytesMakeTheDriverSayNonsense) {
   build();
   enable();
   std::mt19937 random(11);
@@ -319,7 +319,7 @@ TEST_F(Cia402Trouble, NoBytesMakeTheDriverSayNonsense) {
     exchange.now_ns += static_cast<std::int64_t>(random() % kMs);
     exchange.asked = random() % 4 != 0;
     JointSample sample;
-    const ReplyKind heard = drivers_[0]->take(random_frame(random), exchange, sample);
+    const ReplyKind heard = drivers_[0]->on_frame(random_frame(random), exchange, sample);
     if (heard == ReplyKind::answer) {
       ASSERT_TRUE(std::isfinite(sample.position_rad) && std::isfinite(sample.velocity_rad_s));
       ASSERT_TRUE(std::isfinite(sample.torque_nm));
@@ -337,7 +337,7 @@ TEST_F(Cia402Trouble, NoBytesMakeTheDriverSayNonsense) {
   EXPECT_EQ(drive_state(), State::operation_enabled);
 }
 
-TEST_F(Cia402Trouble, NoBytesBreakTheSimulatedDrive) {
+TEST_F(Cia402Faults, NoBytesBreakTheSimulatedDrive) {
   build();
   enable();
   std::mt19937 random(12);

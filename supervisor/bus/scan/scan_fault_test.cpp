@@ -43,12 +43,12 @@ class Slow final : public test::Watched {
   bool stuck_ = false;
 };
 
-TEST(ScanTrouble, OnASlowBusEveryNodeIsAskedAndTheBusHasItsTime) {
+TEST(ScanFaults, OnASlowBusEveryNodeIsAskedAndTheBusHasItsTime) {
   ScanRigOn<Slow> rig;
   for (const std::uint32_t id : {1U, 64U, 127U}) rig.add_drive(id);
   const Line line = rig.scan(robot::Protocol::canopen);
   EXPECT_EQ(found(line).size(), 3U);
-  EXPECT_EQ(line.trouble, "");
+  EXPECT_EQ(line.error, "");
   EXPECT_EQ(rig.bus().too_early, 0);
   for (const hal::FoundDevice& node : found(line)) EXPECT_EQ(node.twice + node.unfit, "") << node.id;
 }
@@ -66,14 +66,14 @@ class Short final : public test::Watched {
   int room_ = 0;
 };
 
-TEST(ScanTrouble, AQuestionThatIsRefusedIsPutAgain) {
+TEST(ScanFaults, AQuestionThatIsRefusedIsPutAgain) {
   ScanRigOn<Short> rig;
   for (std::uint32_t id = 1; id <= 9; ++id) rig.add_drive(id);
   rig.add_drive(127);
   const Line line = rig.scan(robot::Protocol::canopen);
   EXPECT_EQ(found(line).size(), 10U);
   for (const hal::FoundDevice& node : found(line)) EXPECT_EQ(node.twice + node.unfit, "") << node.id;
-  EXPECT_EQ(line.trouble, "");
+  EXPECT_EQ(line.error, "");
 }
 
 // Takes so many frames, and no more for ever.
@@ -85,17 +85,17 @@ class Stuck final : public test::Watched {
   int taken_ = 0;
 };
 
-TEST(ScanTrouble, WhoCouldNotBeAskedIsNeitherMissingNorUnfit) {
+TEST(ScanFaults, WhoCouldNotBeAskedIsNeitherMissingNorUnfit) {
   ScanRigOn<Stuck> rig;
   rig.add_drive(5);
   rig.add_drive(100);
   const Line line = rig.scan(robot::Protocol::canopen);
-  EXPECT_NE(line.trouble.find("nodes 21 to 127"), std::string::npos) << line.trouble;
-  const BusFindings findings = judge(
-      robot_with({{DeviceKind::cia402, 5}, {DeviceKind::cia402, 100}, {DeviceKind::cia402, 101}}), 0, true, line);
+  EXPECT_NE(line.error.find("nodes 21 to 127"), std::string::npos) << line.error;
+  const BusFindings findings =
+      judge(robot_with({{DeviceKind::cia402, 5}, {DeviceKind::cia402, 100}, {DeviceKind::cia402, 101}}), 0, true, line);
   ASSERT_EQ(findings.devices.size(), 2U) << "of node 100 the heartbeat is heard, of 101 nothing";
   for (const Judged& each : findings.devices) EXPECT_EQ(each.standing, Standing::expected) << each.id;
-  EXPECT_EQ(findings.trouble, line.trouble);
+  EXPECT_EQ(findings.error, line.error);
   EXPECT_FALSE(matches(findings));
 }
 
@@ -107,13 +107,13 @@ class Gone final : public test::Watched {
   std::string why_down() const override { return "/dev/ttyACM0: the adapter went away"; }
 };
 
-TEST(ScanTrouble, AnAdapterThatWentAwayIsNoFaultOfTheDevices) {
-  for (const auto& [kind, protocol] :
-       {std::pair{DeviceKind::moteus, robot::Protocol::moteus}, std::pair{DeviceKind::cia402, robot::Protocol::canopen}}) {
+TEST(ScanFaults, AnAdapterThatWentAwayIsNoFaultOfTheDevices) {
+  for (const auto& [kind, protocol] : {std::pair{DeviceKind::moteus, robot::Protocol::moteus},
+                                       std::pair{DeviceKind::cia402, robot::Protocol::canopen}}) {
     ScanRigOn<Gone> rig;
     const Line line = rig.scan(protocol);
     const BusFindings findings = judge(robot_with({{kind, 1}}), 0, true, line);
-    EXPECT_EQ(findings.trouble, "/dev/ttyACM0: the adapter went away");
+    EXPECT_EQ(findings.error, "/dev/ttyACM0: the adapter went away");
     EXPECT_TRUE(findings.devices.empty()) << findings.devices[0].advice;
   }
 }
@@ -130,7 +130,7 @@ class Lossy final : public test::Watched {
   int lost_ = 0;
 };
 
-TEST(ScanTrouble, OneLostAnswerMakesNoDriveAMissingOne) {
+TEST(ScanFaults, OneLostAnswerMakesNoDriveAMissingOne) {
   ScanRigOn<Lossy> rig;
   rig.add_moteus(1, 1);
   rig.add_moteus(2, 2);
@@ -152,7 +152,7 @@ class Babbler final : public test::Watched {
   std::int64_t looks = 0;
 };
 
-TEST(ScanTrouble, ABusThatIsNeverQuietEndsNoScanLate) {
+TEST(ScanFaults, ABusThatIsNeverQuietEndsNoScanLate) {
   for (const robot::Protocol protocol : {robot::Protocol::moteus, robot::Protocol::canopen}) {
     ScanRigOn<Babbler> rig;
     rig.add_moteus(1, 1);
