@@ -12,16 +12,16 @@
 namespace lithe::simulator {
 
 //   {"fault": "drop", "bus": "can0", "share": 0.1}          also corrupt, duplicate, replay; share of frames, each way
-//   {"fault": "delay", "bus": "can0", "ms": 5}              of what the devices say
-//   {"fault": "bus_off", "bus": "can0", "on": true}         nothing passes
-//   {"fault": "unplug", "bus": "can0", "for_s": 1}          the adapter goes, and comes back
-//   {"fault": "reset", "device": "shoulder_drive"}          its power goes and comes
-//   {"fault": "watchdog", "device": "shoulder_drive"}       for it, its host has fallen silent
+//   {"fault": "delay", "bus": "can0", "ms": 5}              of frames from the devices
+//   {"fault": "bus_off", "bus": "can0", "on": true}         no frame passes
+//   {"fault": "unplug", "bus": "can0", "for_s": 1}          the adapter is unplugged, and plugged in again
+//   {"fault": "reset", "device": "shoulder_drive"}          the device is switched off and on
+//   {"fault": "watchdog", "device": "shoulder_drive"}       its watchdog expires
 //   {"fault": "over_temperature", "device": "...", "on": true}     also encoder, device_fault, homing, register_map
 //   {"fault": "twin", "device": "...", "on": true}          a second device with its id; wrong_id: it has another one
 //   {"fault": "clear"}                                      all faults end
-// Without "bus" or "device": all of them. "after_s" puts it off; "for_s" ends it by itself (but reset, watchdog and
-// clear).
+// Without "bus" or "device": all of them. "after_s": the fault begins later; "for_s": it ends by itself (not for reset,
+// watchdog and clear).
 struct FaultRequest {
   enum class Kind {
     drop,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kinds of devices and buses: one row each with all that differs between them. Nothing else chooses by kind. What
-// must be known without a driver is in spine/robot/kinds.hpp, what is simulated in spine/hal/sim/sim_registry.hpp.
+// The kinds of devices and buses: one row each with all that differs between them; no other code chooses by kind. What the
+// robot file needs is in the rows of spine/robot/kinds.hpp, simulations are in those of spine/hal/sim/sim_registry.hpp.
 #pragma once
 
 #include <cstddef>
@@ -26,7 +26,7 @@ namespace lithe::hal {
 struct DeviceType {
   robot::DeviceKind kind;
 
-  // One of these: it drives, it measures, it is on a board and measures.
+  // Exactly one of these three is set: for a drive, a device with inputs on a bus, inputs of a board.
   std::unique_ptr<Drive> (*make_drive)(const robot::RobotConfig&, const robot::JointConfig&) = nullptr;
   std::unique_ptr<SensorDevice> (*make_sensors)(const robot::DeviceConfig&) = nullptr;
   std::unique_ptr<SensorDevice> (*make_on_board)(const robot::DeviceConfig&, ImuSource& board) = nullptr;

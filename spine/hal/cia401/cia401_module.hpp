@@ -23,7 +23,8 @@ namespace lithe::hal::cia401 {
 class Module final : public SensorDevice {
  public:
   static constexpr std::int64_t kBootNs = 5'000'000'000;
-  static constexpr std::int64_t kResetNs = 200'000'000;  // a heartbeat so long after a reset: it was not heard
+  // A heartbeat this long after a reset: the module did not receive the reset.
+  static constexpr std::int64_t kResetNs = 200'000'000;
   static constexpr double kBeatsToSilence = 3;
 
   explicit Module(const ModuleParams& params);

@@ -29,17 +29,16 @@ namespace lithe::hal::cia402 {
 //
 // Nothing but `off` followed by `torque` enables a drive again after a fault (which is reset on that edge only), a
 // restart, or any of these, which the driver reports as a fault and answers with a quick stop:
-//   - it left `operation enabled`, or stopped following its target, and nobody told it to: torque taken away (STO), a
-//     limit switch, an enable input. Given back, the motor would start by itself.
-//   - it did not get there within kEnableNs: the request timed out and is dropped
-//   - its heartbeat is lost. While it is off and goes on being silent, it is reset and set up anew, every kBootNs at
-//   most,
-//     and it is not ready before it has beaten
-//   - so many answers of a torque drive are missing that its joint is lost: its PD loop is closed here (SetpointLimiter), and on
-//     an old sample it is no loop but a constant torque
-//   - its velocity is not that of its position (UnitCheck): for good, until it restarts. Off with clear_fault resets it
-// A drive that was refused at its set-up is reset and set up anew by off with clear_fault, too. Position and velocity
-// drives have their own control loops and gains.
+//   - it left `operation enabled`, or stopped following its target, without a command to do so: safe torque off (STO), a
+//     limit switch, an enable input. Otherwise the motor would start by itself when that input is released.
+//   - it did not reach `operation enabled` within kEnableNs: the request timed out and is dropped
+//   - its heartbeat is lost. While it is off and still sends none, it is reset and set up again, at most every kBootNs. It
+//     is not ready until a heartbeat is received
+//   - it is a torque drive, and so many of its answers are missing that its joint is lost: its PD loop is closed here
+//     (SetpointLimiter), and with an old sample that would be a constant torque
+//   - its velocity contradicts its position (UnitCheck): a fault until it restarts. Off with clear_fault resets it
+// Off with clear_fault also resets a drive whose set-up failed, and sets it up again. Position and velocity drives have
+// their own control loops and gains.
 // Contract: as hal::Drive; why_not_ready() any thread, never in an exchange's
 class Cia402Drive final : public Drive {
  public:
@@ -59,8 +58,9 @@ class Cia402Drive final : public Drive {
   enum class Stage : std::uint8_t { reset, await_boot_up, setup, running, refused };
 
   static constexpr std::int64_t kBootNs = 5'000'000'000;
-  static constexpr std::int64_t kResetNs = 200'000'000;  // a heartbeat so long after a reset: it was not heard
-  static constexpr std::uint32_t kResetExchanges = 20;   // for so many a fault reset is held before it has failed
+  // A heartbeat this long after a reset: the drive did not receive the reset.
+  static constexpr std::int64_t kResetNs = 200'000'000;
+  static constexpr std::uint32_t kResetExchanges = 20;   // a fault reset that takes longer has failed
   static constexpr std::uint64_t kVelocityAge = 2;       // commands for which a velocity may stand in for a lost one
 
   void forgive() LITHE_RT;
@@ -107,7 +107,7 @@ class Cia402Drive final : public Drive {
   bool stopped_ = false;  // its network state: it answers no SDO
   std::int64_t silent_from_ns_ = 0;
   bool silent_ = false;        // no heartbeat
-  bool doubted_ = false;       // it was silent, and has not beaten since but for its boot-up message
+  bool doubted_ = false;       // it was silent, and only its boot-up message was received since
   bool clearing_off_ = false;  // the last command was `off` with clear_fault
   bool may_enable_ = true;     // false until `off` is commanded
   bool dropped_ = false;       // reported as a fault until then

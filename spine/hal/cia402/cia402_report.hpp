@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a CiA 402 drive tells of itself beside its process data: read over SDO, a question every 50 ms.
+// Values of a CiA 402 drive that are not in its process data: read by SDO, one every 50 ms.
 #pragma once
 
 #include <array>
@@ -24,7 +24,7 @@ class ReportClient {
   // Everything is unknown again.
   void restart() LITHE_RT { *this = ReportClient(); }
   void ask(std::int64_t now_ns, canopen::SdoClient& sdo) LITHE_RT;
-  // The client has finished a transfer of ours. False: the transfer was somebody else's.
+  // The client has finished a transfer. False: it was not one of ours.
   bool on_answer(const canopen::SdoClient& sdo) LITHE_RT;
 
   // Of the motor; the sign of the joint is the caller's.

@@ -20,10 +20,10 @@ namespace lithe::hal::cia402 {
 struct DriverParams {
   std::uint32_t id = 1;                 // 1 to 126
   std::uint32_t host_id = 127;          // whose heartbeat the drive watches
-  double watchdog_s = 0.1;              // so long without that heartbeat, and the drive quick-stops by itself
+  double watchdog_s = 0.1;              // without that heartbeat for this long the drive quick-stops by itself
   double heartbeat_s = 0.1;             // of the drive's own
   double period_s = 0.001;              // between two commands
-  std::uint32_t divider = 1;            // of so many exchanges it is commanded in one
+  std::uint32_t divider = 1;            // commanded in one of this many exchanges
   std::uint32_t lost_after_misses = 3;  // of its answers in a row
   Mode mode = Mode::torque;
   double counts_per_rev = 4096;  // of the motor; velocities are counts per second
@@ -55,17 +55,18 @@ enum class NotReadyKind : std::uint8_t {
   unheard,           // no process data; value: commands without an answer
   left_enabled,      // it left `operation enabled` by itself, or ignores its target; value: its State
   not_enabled,       // it does not get there; value: its State
-  velocity_unit,     // object 606Ch is not how fast 6064h changes; value: how much of that it is [thousandths]
+  velocity_unit,     // object 606Ch is not the rate of 6064h; value: 606Ch divided by that rate [thousandths]
 };
 
 using NotReadyReason = canopen::NotReady<NotReadyKind>;
 
-// One sentence; empty for none. Contract: never in an exchange's thread
+// One sentence; empty for none.
+// Contract: never in an exchange's thread
 std::string describe(const NotReadyReason& not_ready);
 
-// The process data of a drive in each mode. Its answer is 6041 + 6064 + 6077: 8 bytes, full. The velocity needs a
-// second frame, and that one is the first TPDO, whose identifier wins the bus: when the answer is here, the velocity of
-// the same SYNC is here too, and losing it does not lose the answer.
+// The process data of a drive in each mode. Its answer is 6041h, 6064h and 6077h, which fill a frame of 8 bytes. The velocity
+// is in a second frame: TPDO1, whose id has the higher priority. So the velocity of a SYNC is received before the answer
+// to the same SYNC, and the answer counts also when the velocity was lost.
 namespace pdo {
 inline constexpr std::size_t kVelocity = 0;  // TPDO1
 inline constexpr std::size_t kAnswer = 1;    // TPDO2
@@ -100,8 +101,8 @@ class Setup {
     require_profile,
     require_mode,
     require_rating,
-    limit_torque,          // in thousandths of what the drive says that its rating is; it may refuse it
-    require_torque_limit,  // but not allow more
+    limit_torque,          // in thousandths of the rating that the drive reports; it may refuse this
+    require_torque_limit,  // error when the drive allows more
     beat,                  // our heartbeat, not SDO
     start,                 // NMT, not SDO
     await_mode,
@@ -113,7 +114,7 @@ class Setup {
     std::uint8_t bytes;
   };
   static constexpr std::size_t kMostSteps = 56;
-  static constexpr std::uint32_t kMostLooks = 50;  // at 6061h, until it shows the mode
+  static constexpr std::uint32_t kMostLooks = 50;  // reads of 6061h, until it shows the mode
 
   void add(Kind kind, std::uint16_t index, std::uint8_t subindex = 0, std::uint32_t value = 0, std::uint8_t bytes = 0);
   void add_safety(const DriverParams& params);

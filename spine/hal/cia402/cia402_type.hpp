@@ -18,7 +18,7 @@ namespace lithe::hal::cia402 {
 std::unique_ptr<Drive> make_drive(const robot::RobotConfig& robot, const robot::JointConfig& joint);
 // SYNC and our heartbeat, for all drives of the bus.
 std::unique_ptr<BusMaster> make_master(const robot::RobotConfig& robot, std::size_t bus);
-// It answers to every SYNC, and SYNC comes when its bus's drives are asked, all of them together.
+// One SYNC asks all drives of the bus, and each answers every SYNC.
 PlannedFrames planned_frames(const robot::DeviceConfig& device, const robot::BusConfig& bus);
 PlannedFrames bus_frames(const robot::RobotConfig& robot, std::size_t bus);
 

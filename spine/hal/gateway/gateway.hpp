@@ -5,8 +5,8 @@
 //   id      0x10400000 | node << 8 | block       node 1 to 126
 //   byte 0  sequence: counts all frames of the node, wraps
 //   byte 1  first channel
-//   2, 3    time of the sample in 100 us, wraps (little-endian, as all below): values that were delayed, or of a
-//           sampler that hangs, are as old as this says
+//   2, 3    time of the sample in 100 us, wraps (little-endian, as all below): the age of the values is computed from it,
+//           also when they were delayed or the sampling has stopped
 //   4 ...   analog, imu: one int16 per channel, -32768 = not valid
 //           digital: uint16 values, uint16 valid, one bit per channel; first channel 0
 // Classic CAN holds two channels per frame, CAN FD all sixteen. A reference sketch is in firmware/.

@@ -25,7 +25,7 @@ enum class NotReady : std::uint8_t {
   none,
   silent,        // no answer yet
   register_map,  // its register map is another one
-  unsaid,        // an answer is not a number
+  unsaid,        // the console's answer is not a number
   gain,          // one of its gains is 0 or implausible, so it cannot be scaled
   limp,          // after a watchdog timeout it would let the joint go limp
   holds,         // after a watchdog timeout it would go on with its own gains, and the robot file does not permit that
@@ -78,7 +78,7 @@ class Setup {
 
   static constexpr std::size_t kQuestions = 6;
   static constexpr std::size_t kAllQuestions = 10;  // including settings that commands leave out
-  static constexpr std::uint32_t kPatience = 200;   // exchanges for an answer
+  static constexpr std::uint32_t kPatience = 200;   // longest wait for an answer, in exchanges
   static constexpr std::uint32_t kRest = 1000;      // pause before an unsuitable answer is asked for again
 
   void on_register_map(const Subframe& reply) LITHE_RT;

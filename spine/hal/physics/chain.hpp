@@ -34,9 +34,9 @@ struct ChainParams {
 // between its two links. Motor and friction of each joint are Plant's, and a chain of one link moves as a Plant does.
 //
 // Articulated bodies (Featherstone), in the plane: a step costs O(links). Semi-implicit Euler in steps of
-// Plant::kStepNs; what depends on the velocity sees that of the middle of the step, so that the integration neither
-// adds nor removes energy. A joint at rest is locked until what would hold it exceeds its dry friction; a joint that
-// would reverse within a step stops. Same inputs, same motion, to the bit.
+// Plant::kStepNs; terms that depend on the velocity use the velocity in the middle of the step, so that the integration
+// neither adds nor removes energy. A joint at rest stays locked until the torque needed to hold it exceeds its dry
+// friction; a joint that would reverse within a step stops. Same inputs, same motion, to the bit.
 // Contract: RT · one thread · no clock of its own
 class Chain final : public Mechanism {
  public:

@@ -32,7 +32,7 @@ class SimCia401 final : public BusNode, private SdoServer {
   bool inject(InjectedFault injected, bool begins, std::int64_t now_ns) LITHE_RT override;
 
   canopen::NmtState state() const LITHE_RT { return state_; }
-  // For tests: says nothing any more; falls back by itself.
+  // For tests: stops sending; leaves `operational` by itself.
   void mute(bool muted) LITHE_RT { muted_ = muted; }
   void fall_back(canopen::NmtState state) LITHE_RT { state_ = state; }
   const ObjectDictionary& objects() const LITHE_RT { return objects_; }

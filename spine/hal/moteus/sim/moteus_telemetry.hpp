@@ -17,7 +17,7 @@ inline constexpr std::size_t kNone = kChannels;
 inline constexpr std::size_t kLongestSchema = 1024;
 inline constexpr std::size_t kLongestData = 128;
 
-// Contract of all: RT · pure
+// Contract: RT · pure (all of these functions)
 std::string_view name(std::size_t channel) LITHE_RT;
 std::size_t find(std::string_view name) LITHE_RT;  // kNone for an unknown channel
 
