@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <optional>
 #include <utility>
 
 #include "spine/hal/sim/sim_registry.hpp"
@@ -16,11 +15,9 @@ using hal::InjectedFault;
 using Kind = FaultRequest::Kind;
 
 // False for faults that this kind of device does not have.
-bool has_fault(robot::DeviceKind device, Kind kind) {
-  if (const std::optional<InjectedFault> injected = injected_of(kind)) {
-    return (hal::sim::type_of(device).injected & hal::sim::bit_of(*injected)) != 0;
-  }
-  return robot::facts(device).on_bus;  // twin, wrong id
+bool has_fault(robot::DeviceKind device, const FaultRequest& order) {
+  if (order.kind != Kind::injected) return robot::facts(device).on_bus;  // twin, wrong id
+  return (hal::sim::type_of(device).injected & hal::sim::bit_of(order.injected)) != 0;
 }
 
 constexpr std::uint32_t kIds = 126;
@@ -50,7 +47,7 @@ Result<> Devices::check(const FaultRequest& order) const {
     return Error{"there is no device '" + order.device + "' in the robot file"};
   }
   const auto can_have = [&](const robot::DeviceConfig& device) {
-    return (order.device.empty() || order.device == device.name) && has_fault(device.kind, order.kind);
+    return (order.device.empty() || order.device == device.name) && has_fault(device.kind, order);
   };
   if (is_of_device(order.kind) && std::none_of(config_.devices.begin(), config_.devices.end(), can_have)) {
     return Error{"such a thing cannot happen to " + (order.device.empty() ? "any device here" : order.device)};
@@ -68,17 +65,13 @@ void Devices::act(const FaultRequest& order, std::int64_t now_ns) {
   }
   for (std::size_t i = 0; i < config_.devices.size(); ++i) {
     const robot::DeviceConfig& device = config_.devices[i];
-    if ((order.device.empty() || order.device == device.name) && has_fault(device.kind, order.kind)) {
-      inject(i, order, now_ns);
+    if ((order.device.empty() || order.device == device.name) && has_fault(device.kind, order)) {
+      if (order.kind == Kind::injected) {
+        nodes_.devices[i].node->inject(order.injected, order.on, now_ns);
+      } else {
+        set_second_device(i, order);
+      }
     }
-  }
-}
-
-void Devices::inject(std::size_t device, const FaultRequest& order, std::int64_t now_ns) {
-  if (const std::optional<InjectedFault> injected = injected_of(order.kind)) {
-    nodes_.devices[device].node->inject(*injected, order.on, now_ns);
-  } else {
-    set_second_device(device, order);
   }
 }
 

@@ -38,7 +38,6 @@ class Devices {
     bool here = true;                      // false: the original device is disconnected
   };
 
-  void inject(std::size_t device, const FaultRequest& order, std::int64_t now_ns);
   void set_second_device(std::size_t device, const FaultRequest& order);
   void set_wire_fault(const FaultRequest& order, std::size_t bus);
   void clear(std::int64_t now_ns);

@@ -14,25 +14,25 @@ using hal::InjectedFault;
 struct Row {
   std::string_view word;
   Kind kind;
-  std::optional<InjectedFault> injected = std::nullopt;
+  InjectedFault injected{};
 };
-constexpr std::array<Row, 17> kKinds{{{"drop", Kind::drop},
-                                      {"corrupt", Kind::corrupt},
-                                      {"duplicate", Kind::duplicate},
-                                      {"replay", Kind::replay},
-                                      {"delay", Kind::delay},
-                                      {"bus_off", Kind::bus_off},
-                                      {"unplug", Kind::unplug},
-                                      {"reset", Kind::reset, InjectedFault::power_loss},
-                                      {"watchdog", Kind::watchdog, InjectedFault::watchdog_trip},
-                                      {"over_temperature", Kind::over_temperature, InjectedFault::over_temperature},
-                                      {"encoder", Kind::encoder, InjectedFault::encoder_lost},
-                                      {"device_fault", Kind::device_fault, InjectedFault::device_fault},
-                                      {"homing", Kind::homing, InjectedFault::homing_lost},
-                                      {"register_map", Kind::register_map, InjectedFault::other_map},
-                                      {"twin", Kind::twin},
-                                      {"wrong_id", Kind::wrong_id},
-                                      {"clear", Kind::clear}}};
+constexpr Row kKinds[] = {{"drop", Kind::drop},
+                          {"corrupt", Kind::corrupt},
+                          {"duplicate", Kind::duplicate},
+                          {"replay", Kind::replay},
+                          {"delay", Kind::delay},
+                          {"bus_off", Kind::bus_off},
+                          {"unplug", Kind::unplug},
+                          {"reset", Kind::injected, InjectedFault::power_loss},
+                          {"watchdog", Kind::injected, InjectedFault::watchdog_trip},
+                          {"over_temperature", Kind::injected, InjectedFault::over_temperature},
+                          {"encoder", Kind::injected, InjectedFault::encoder_lost},
+                          {"device_fault", Kind::injected, InjectedFault::device_fault},
+                          {"homing", Kind::injected, InjectedFault::homing_lost},
+                          {"register_map", Kind::injected, InjectedFault::other_map},
+                          {"twin", Kind::twin},
+                          {"wrong_id", Kind::wrong_id},
+                          {"clear", Kind::clear}};
 constexpr double kLongestS = 1e6;
 
 bool is_share(Kind kind) { return kind <= Kind::replay; }
@@ -104,6 +104,7 @@ Result<FaultRequest> parse_order(std::string_view line) {
     words += (words.empty() ? "" : ", ") + std::string(word);
     if (fault == json.end() || !fault->is_string() || fault->get<std::string>() != word) continue;
     order.kind = kind;
+    order.injected = injected;
     known = true;
   }
   if (!known) return Error{"\"fault\" must be one of " + words};
@@ -111,9 +112,7 @@ Result<FaultRequest> parse_order(std::string_view line) {
   return order;
 }
 
-std::optional<InjectedFault> injected_of(Kind kind) { return kKinds[static_cast<std::size_t>(kind)].injected; }
-
-bool is_of_device(Kind kind) { return kind >= Kind::reset && kind <= Kind::wrong_id; }
+bool is_of_device(Kind kind) { return kind >= Kind::injected && kind <= Kind::wrong_id; }
 
 FaultRequest undone(const FaultRequest& order) {
   FaultRequest end = order;

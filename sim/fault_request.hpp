@@ -2,7 +2,6 @@
 // Orders to simulated hardware: one JSON object per line.
 #pragma once
 
-#include <optional>
 #include <string>
 #include <string_view>
 
@@ -23,26 +22,10 @@ namespace lithe::simulator {
 // Without "bus" or "device": all of them. "after_s": the fault begins later; "for_s": it ends by itself (not for reset,
 // watchdog and clear).
 struct FaultRequest {
-  enum class Kind {
-    drop,
-    corrupt,
-    duplicate,
-    replay,
-    delay,
-    bus_off,
-    unplug,
-    reset,
-    watchdog,
-    over_temperature,
-    encoder,
-    device_fault,
-    homing,
-    register_map,
-    twin,
-    wrong_id,
-    clear
-  };
+  // `injected`: a fault of a device itself.
+  enum class Kind { drop, corrupt, duplicate, replay, delay, bus_off, unplug, injected, twin, wrong_id, clear };
   Kind kind = Kind::clear;
+  hal::InjectedFault injected{};  // which, with that kind
   std::string bus;
   std::string device;
   double amount = 0;  // share, or seconds of delay; 0 ends the fault
@@ -54,9 +37,6 @@ struct FaultRequest {
 // The error says what is wrong with the line, and what is expected.
 // Contract: any bytes · never in the tick
 Result<FaultRequest> parse_order(std::string_view line);
-
-// The fault that a device itself can have; none: of its bus, or of another device.
-std::optional<hal::InjectedFault> injected_of(FaultRequest::Kind kind);
 
 // True for orders about devices, false about buses.
 bool is_of_device(FaultRequest::Kind kind);

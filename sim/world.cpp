@@ -87,8 +87,9 @@ Result<> World::handle(const FaultRequest& order, std::int64_t now_ns) {
     return done();
   }
   act(order, now_ns);
-  const bool ends = order.kind != Kind::unplug && order.kind != Kind::reset && order.kind != Kind::watchdog &&
-                    order.kind != Kind::clear;
+  const bool momentary = order.kind == Kind::injected && (order.injected == hal::InjectedFault::power_loss ||
+                                                          order.injected == hal::InjectedFault::watchdog_trip);
+  const bool ends = !momentary && order.kind != Kind::unplug && order.kind != Kind::clear;
   if (ends && order.for_s > 0) due_.push_back({now_ns + ns_of(order.for_s), undone(order)});
   return done();
 }

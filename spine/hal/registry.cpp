@@ -18,9 +18,7 @@
 #include "spine/hal/cia402/cia402.hpp"
 #include "spine/hal/cia402/cia402_type.hpp"
 #include "spine/hal/gateway/gateway.hpp"
-#include "spine/hal/gateway/gateway_scanner.hpp"
 #include "spine/hal/moteus/moteus.hpp"
-#include "spine/hal/moteus/moteus_scanner.hpp"
 #include "spine/hal/moteus/moteus_type.hpp"
 
 namespace lithe::hal {

@@ -91,95 +91,89 @@ std::optional<std::uint32_t> read_number(const AskedBus& line, std::uint32_t nod
 
 class CanopenScanner final : public Scanner {
  public:
-  std::string on_frame(const Frame& frame) override;
-  std::string ask(const AskedBus& line) override;
-  std::vector<FoundDevice> found(bool asked) const override;
+  std::string on_frame(const Frame& frame) override {
+    if (!is_canopen(frame)) return "";
+    const std::uint32_t function = function_of(frame);
+    NmtState state{};
+    if (node_of(frame) != 0 && function == cob::kHeartbeat && parse_heartbeat(frame, state)) {
+      nodes_[node_of(frame)].heartbeat = state;
+    }
+    if (frame.id == cob::kNmt) return "a network command (NMT)";
+    if (frame.id == cob::kSync) return "SYNC";
+    if (function == cob::kSdoRequest) return "an SDO request";
+    const bool rpdo =
+        function >= cob::kRpdo1 && function < cob::kSdoAnswer && (function - cob::kRpdo1) % cob::kNextPdo == 0;
+    return rpdo ? fmt::format("process data for node {}", node_of(frame)) : "";
+  }
+
+  std::string ask(const AskedBus& line) override {
+    std::string error = ask_all_nodes(line);
+    for (auto& [id, node] : nodes_) {
+      if (node.answers == 0) continue;
+      node.vendor = read_number(line, id, 1);
+      node.product = read_number(line, id, 2);
+      node.revision = read_number(line, id, 3);
+      node.serial = read_number(line, id, 4);
+      node.name = read_object(line, id, {object::kDeviceName, 0}).value_or("");
+    }
+    return error;
+  }
+
+  std::vector<FoundDevice> found(bool asked) const override {
+    std::vector<FoundDevice> all;
+    for (const auto& [id, node] : nodes_) {
+      FoundDevice device{.id = id, .what = text_of(node)};
+      if (node.device_type) device.profile = *node.device_type & 0xffff;
+      if (node.answers > 1) {
+        device.twice = fmt::format(
+            "{} answers came to one question: several nodes have id {}; take one off the bus and "
+            "give it another id (its switches, or its maker's tool)",
+            node.answers, id);
+      } else if (node.answers == 0 && asked) {
+        device.unfit = "it does not answer SDO requests: switch it off and on";
+      }
+      all.push_back(std::move(device));
+    }
+    return all;
+  }
 
  private:
-  std::string ask_all_nodes(const AskedBus& line);
-  bool note_device_type(const Frame& frame);
+  // A question that the bus refuses is sent again.
+  std::string ask_all_nodes(const AskedBus& line) {
+    // Until a batch of questions and answers has passed: an interface with a full queue would refuse the next batch.
+    constexpr std::int64_t kMostBits = 135;  // of a classic frame with 8 bytes, all stuff bits and the pause after it
+    const std::int64_t batch_ns = std::max(kBatchNs, 2 * kBatch * kMostBits * kNsPerS / line.bitrate);
+    const auto note = [this](const Frame& answer) { return note_device_type(answer); };
+    std::uint32_t node = 1;
+    for (int in_vain = 0; node <= kLastNode && in_vain < kMostInVain;) {
+      const std::uint32_t first = node;
+      line.bus.begin(line.time.now_ns());
+      const auto ask_next = [&] { return line.bus.send(sdo_read_request(node, kDeviceType)); };
+      while (node < first + kBatch && node <= kLastNode && ask_next()) ++node;
+      line.bus.flush();
+      in_vain = node == first ? in_vain + 1 : 0;
+      receive_for(line, batch_ns, note);
+    }
+    receive_for(line, kLastNs, note);
+    if (node > kLastNode) return "";
+    return fmt::format(
+        "the bus takes no more questions: check wires, termination and bit rates, and whether it is too busy (lithe "
+        "bus "
+        "monitor); not asked are nodes {} to {}",
+        node, kLastNode);
+  }
+
+  // An SDO abort is an answer too.
+  bool note_device_type(const Frame& frame) {
+    if (frame.size != 8 || !(sdo_address(frame) == kDeviceType)) return false;
+    ObservedNode& node = nodes_[node_of(frame)];
+    ++node.answers;
+    if ((frame.data[0] & 0xe0) == 0x40) node.device_type = get(frame.data.data() + 4, 4);
+    return false;  // there may be more
+  }
 
   std::map<std::uint32_t, ObservedNode> nodes_;
 };
-
-std::string CanopenScanner::on_frame(const Frame& frame) {
-  if (!is_canopen(frame)) return "";
-  const std::uint32_t function = function_of(frame);
-  NmtState state{};
-  if (node_of(frame) != 0 && function == cob::kHeartbeat && parse_heartbeat(frame, state)) {
-    nodes_[node_of(frame)].heartbeat = state;
-  }
-  if (frame.id == cob::kNmt) return "a network command (NMT)";
-  if (frame.id == cob::kSync) return "SYNC";
-  if (function == cob::kSdoRequest) return "an SDO request";
-  const bool rpdo =
-      function >= cob::kRpdo1 && function < cob::kSdoAnswer && (function - cob::kRpdo1) % cob::kNextPdo == 0;
-  return rpdo ? fmt::format("process data for node {}", node_of(frame)) : "";
-}
-
-// An SDO abort is an answer too.
-bool CanopenScanner::note_device_type(const Frame& frame) {
-  if (frame.size != 8 || !(sdo_address(frame) == kDeviceType)) return false;
-  ObservedNode& node = nodes_[node_of(frame)];
-  ++node.answers;
-  if ((frame.data[0] & 0xe0) == 0x40) node.device_type = get(frame.data.data() + 4, 4);
-  return false;  // there may be more
-}
-
-// A question that the bus refuses is sent again.
-std::string CanopenScanner::ask_all_nodes(const AskedBus& line) {
-  // Until a batch of questions and answers has passed: an interface with a full queue would refuse the next batch.
-  constexpr std::int64_t kMostBits = 135;  // of a classic frame with 8 bytes, all stuff bits and the pause after it
-  const std::int64_t batch_ns = std::max(kBatchNs, 2 * kBatch * kMostBits * kNsPerS / line.bitrate);
-  const auto note = [this](const Frame& answer) { return note_device_type(answer); };
-  std::uint32_t node = 1;
-  for (int in_vain = 0; node <= kLastNode && in_vain < kMostInVain;) {
-    const std::uint32_t first = node;
-    line.bus.begin(line.time.now_ns());
-    const auto ask_next = [&] { return line.bus.send(sdo_read_request(node, kDeviceType)); };
-    while (node < first + kBatch && node <= kLastNode && ask_next()) ++node;
-    line.bus.flush();
-    in_vain = node == first ? in_vain + 1 : 0;
-    receive_for(line, batch_ns, note);
-  }
-  receive_for(line, kLastNs, note);
-  if (node > kLastNode) return "";
-  return fmt::format(
-      "the bus takes no more questions: check wires, termination and bit rates, and whether it is too busy (lithe bus "
-      "monitor); not asked are nodes {} to {}",
-      node, kLastNode);
-}
-
-std::string CanopenScanner::ask(const AskedBus& line) {
-  std::string error = ask_all_nodes(line);
-  for (auto& [id, node] : nodes_) {
-    if (node.answers == 0) continue;
-    node.vendor = read_number(line, id, 1);
-    node.product = read_number(line, id, 2);
-    node.revision = read_number(line, id, 3);
-    node.serial = read_number(line, id, 4);
-    node.name = read_object(line, id, {object::kDeviceName, 0}).value_or("");
-  }
-  return error;
-}
-
-std::vector<FoundDevice> CanopenScanner::found(bool asked) const {
-  std::vector<FoundDevice> all;
-  for (const auto& [id, node] : nodes_) {
-    FoundDevice device{.id = id, .what = text_of(node)};
-    if (node.device_type) device.profile = *node.device_type & 0xffff;
-    if (node.answers > 1) {
-      device.twice = fmt::format(
-          "{} answers came to one question: several nodes have id {}; take one off the bus and "
-          "give it another id (its switches, or its maker's tool)",
-          node.answers, id);
-    } else if (node.answers == 0 && asked) {
-      device.unfit = "it does not answer SDO requests: switch it off and on";
-    }
-    all.push_back(std::move(device));
-  }
-  return all;
-}
 
 }  // namespace
 

@@ -78,7 +78,6 @@ std::uint16_t encode_state(State state) LITHE_RT;
 
 namespace status_bit {
 inline constexpr std::uint16_t kVoltage = 1U << 4;
-inline constexpr std::uint16_t kWarning = 1U << 7;
 inline constexpr std::uint16_t kRemote = 1U << 9;
 inline constexpr std::uint16_t kLimited = 1U << 11;
 inline constexpr std::uint16_t kFollows = 1U << 12;

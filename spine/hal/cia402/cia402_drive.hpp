@@ -60,8 +60,8 @@ class Cia402Drive final : public Drive {
   static constexpr std::int64_t kBootNs = 5'000'000'000;
   // A heartbeat this long after a reset: the drive did not receive the reset.
   static constexpr std::int64_t kResetNs = 200'000'000;
-  static constexpr std::uint32_t kResetExchanges = 20;   // a fault reset that takes longer has failed
-  static constexpr std::uint64_t kVelocityAge = 2;       // commands for which a velocity may stand in for a lost one
+  static constexpr std::uint32_t kResetExchanges = 20;  // a fault reset that takes longer has failed
+  static constexpr std::uint64_t kVelocityAge = 2;      // commands for which a velocity may stand in for a lost one
 
   void forgive() LITHE_RT;
   void find_way_out(const JointCommand& command, DriveAction action, std::int64_t now_ns) LITHE_RT;

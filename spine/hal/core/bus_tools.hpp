@@ -63,7 +63,7 @@ struct FrameText {
 
 // What the text of a CANopen frame needs of the kinds of devices and of the robot file.
 struct FrameContext {
-  std::function<std::string(const Frame&)> process_data;            // its values; empty = of no device of the file
+  std::function<std::string(const Frame&)> process_data;             // its values; empty = of no device of the file
   std::function<std::string_view(std::uint16_t index)> object_name;  // of a device profile; empty = unknown
 };
 

@@ -18,6 +18,7 @@
 #include <memory>
 
 #include "spine/core/rt.hpp"
+#include "spine/hal/core/bus_tools.hpp"
 #include "spine/hal/core/frame.hpp"
 #include "spine/hal/core/planned_frame.hpp"
 #include "spine/hal/core/sensors.hpp"
@@ -82,6 +83,10 @@ class Gateway final : public SensorDevice {
   std::array<std::array<Channel, kChannels>, kBlocks> channels_{};
   Counters counters_;
 };
+
+// They are never asked.
+std::unique_ptr<Scanner> make_scanner();
+FrameText frame_text(const Frame& frame, const FrameContext& context);
 
 // Of a robot file. It sends at the rate of the sketch in firmware/, one block after the other.
 std::unique_ptr<SensorDevice> make_gateway(const robot::DeviceConfig& device);

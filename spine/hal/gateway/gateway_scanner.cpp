@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sensor gateways for `lithe bus scan` and `lithe bus monitor`.
-#include "spine/hal/gateway/gateway_scanner.hpp"
-
 #include <fmt/format.h>
 
 #include <array>
@@ -32,8 +30,9 @@ class GatewayScanner final : public Scanner {
       for (std::size_t i = 0; i < kBlocks; ++i) {
         if ((one.blocks >> i & 1) != 0) blocks += fmt::format("{}{}", blocks.empty() ? "" : ", ", kBlockNames[i]);
       }
-      all.push_back({.id = id, .what = fmt::format("{} frames heard: {}", one.frames,
-                                                   blocks.empty() ? "no known channels" : blocks)});
+      all.push_back(
+          {.id = id,
+           .what = fmt::format("{} frames heard: {}", one.frames, blocks.empty() ? "no known channels" : blocks)});
     }
     return all;
   }

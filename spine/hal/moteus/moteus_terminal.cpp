@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/moteus/moteus_terminal.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <limits>
 #include <string>
 
 #include "spine/hal/moteus/moteus.hpp"
+#include "spine/hal/moteus/moteus_faults.hpp"
 
 namespace lithe::hal::moteus {
 namespace {
@@ -56,7 +59,35 @@ bool parse_identity(const Frame& said, Identity& identity) {
   return true;
 }
 
+std::string uuid_text(const std::array<std::uint8_t, 16>& uuid) {
+  std::string text;
+  for (std::size_t i = 0; i < uuid.size(); ++i) {
+    text += fmt::format("{}{:02x}", i == 4 || i == 6 || i == 8 || i == 10 ? "-" : "", uuid[i]);
+  }
+  return text;
+}
+
 }  // namespace
+
+FoundDevice describe(const Found& found, const std::optional<Identity>& identity, const std::string& why_unknown) {
+  FoundDevice device{.id = found.id, .what = why_unknown};
+  if (!identity) return device;
+  const Identity& is = *identity;
+  device.what = fmt::format("firmware {}.{}.{}, register map {}, serial {:08x}{:08x}{:08x}, ", is.firmware >> 16,
+                            is.firmware >> 8 & 0xff, is.firmware & 0xff, is.register_map, is.serial[0], is.serial[1],
+                            is.serial[2]);
+  const bool has_uuid = found.uuid != std::array<std::uint8_t, 16>{};
+  device.what += has_uuid ? "uuid " + uuid_text(found.uuid) : "no uuid";
+  device.what += fmt::format(", {}", mode_name(static_cast<Mode>(is.mode & 0xff)));
+  if (is.fault != 0) device.what += fmt::format(", {} ({})", fault_name(is.fault), is.fault);
+  if (is.register_map != kKnownRegisterMap) {
+    device.unfit = fmt::format(
+        "its firmware has register map {}, and {} is needed: flash another firmware "
+        "(moteus_tool -t {} --flash)",
+        is.register_map, kKnownRegisterMap, found.id);
+  }
+  return device;
+}
 
 void make_discovery(Frame& frame) {
   address(kBroadcast, frame);

@@ -5,6 +5,8 @@
 #include <array>
 #include <compare>
 #include <cstdint>
+#include <optional>
+#include <string>
 #include <vector>
 
 #include "spine/core/result.hpp"
@@ -34,6 +36,9 @@ struct Identity {
   std::uint32_t mode = 0;
   std::uint32_t fault = 0;
 };
+
+// Text for one drive. Without an identity: `why_unknown`.
+FoundDevice describe(const Found& found, const std::optional<Identity>& identity, const std::string& why_unknown = "");
 
 // The frames; pure.
 void make_discovery(Frame& frame);                        // to all, all answer

@@ -5,76 +5,47 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <initializer_list>
 #include <utility>
 
 #include "spine/core/text.hpp"
 #include "spine/hal/moteus/moteus_faults.hpp"
-#include "spine/hal/moteus/moteus_scanner.hpp"
+#include "spine/hal/moteus/moteus_type.hpp"
 
 namespace lithe::hal::moteus {
 namespace {
 
-constexpr std::pair<std::uint32_t, const char*> kNames[] = {
-    {reg::kMode, "mode"},
-    {reg::kPosition, "position"},
-    {reg::kVelocity, "velocity"},
-    {reg::kTorque, "torque"},
-    {reg::kQCurrent, "q current"},
-    {reg::kDCurrent, "d current"},
-    {reg::kAbsPosition, "absolute position"},
-    {reg::kPower, "power"},
-    {reg::kMotorTemperature, "motor temperature"},
-    {reg::kTrajectoryComplete, "trajectory complete"},
-    {reg::kHomeState, "home state"},
-    {reg::kVoltage, "voltage"},
-    {reg::kTemperature, "temperature"},
-    {reg::kFault, "fault"},
-    {reg::kCommandQCurrent, "q current"},
-    {reg::kCommandDCurrent, "d current"},
-    {reg::kCommandPosition, "position"},
-    {reg::kCommandVelocity, "velocity"},
-    {reg::kCommandTorque, "torque"},
-    {reg::kKpScale, "kp scale"},
-    {reg::kKdScale, "kd scale"},
-    {reg::kMaxTorque, "most torque"},
-    {reg::kStopPosition, "stop position"},
-    {reg::kWatchdog, "watchdog"},
-    {reg::kVelocityLimit, "velocity limit"},
-    {reg::kAccelerationLimit, "acceleration limit"},
-    {reg::kFixedVoltage, "fixed voltage"},
-    {reg::kIntegralScale, "integral scale"},
-    {reg::kFixedCurrent, "fixed current"},
-    {reg::kIgnoreBounds, "ignore bounds"},
-    {reg::kControlPosition, "control position"},
-    {reg::kControlVelocity, "control velocity"},
-    {reg::kControlTorque, "control torque"},
-    {reg::kErrorPosition, "position error"},
-    {reg::kErrorVelocity, "velocity error"},
-    {reg::kErrorTorque, "torque error"},
-    {reg::kLowerBound, "lower bound"},
-    {reg::kUpperBound, "upper bound"},
-    {reg::kEncoderValidity, "encoder validity"},
-    {reg::kMillisecondCounter, "milliseconds"},
-    {reg::kClockTrim, "clock trim"},
-    {reg::kModel, "model"},
-    {reg::kFirmware, "firmware"},
-    {reg::kRegisterMap, "register map"},
-    {reg::kId, "id"},
-    {reg::kSetOutputNearest, "set output, nearest"},
-    {reg::kSetOutputExact, "set output, exact"},
-    {reg::kRequireReindex, "require reindex"},
-    {reg::kRecapture, "recapture"},
-    {reg::kUuidMaskCapable, "uuid mask capable"},
+// Names of registers with numbers in a row.
+struct Names {
+  std::uint32_t first;
+  std::initializer_list<const char*> names;
 };
 
 std::string name_of(std::uint32_t number) {
-  const auto* const found =
-      std::find_if(std::begin(kNames), std::end(kNames), [number](const auto& each) { return each.first == number; });
-  if (found != std::end(kNames)) return found->second;
-  if (number >= reg::kSerial && number < reg::kSerial + 3) return fmt::format("serial {}", number - reg::kSerial);
-  if (number >= reg::kUuid && number < reg::kUuid + 4) return fmt::format("uuid {}", number - reg::kUuid);
-  if (number >= reg::kUuidMask && number < reg::kUuidMask + 4)
-    return fmt::format("uuid mask {}", number - reg::kUuidMask);
+  static const Names kNames[] = {
+      {reg::kMode, {"mode", "position", "velocity", "torque", "q current", "d current", "absolute position", "power"}},
+      {reg::kMotorTemperature,
+       {"motor temperature", "trajectory complete", "home state", "voltage", "temperature", "fault"}},
+      {reg::kCommandQCurrent, {"q current", "d current"}},
+      {reg::kCommandPosition,
+       {"position", "velocity", "torque", "kp scale", "kd scale", "most torque", "stop position", "watchdog",
+        "velocity limit", "acceleration limit", "fixed voltage", "integral scale", "fixed current", "ignore bounds"}},
+      {reg::kControlPosition,
+       {"control position", "control velocity", "control torque", "position error", "velocity error", "torque error"}},
+      {reg::kLowerBound, {"lower bound", "upper bound"}},
+      {reg::kEncoderValidity, {"encoder validity"}},
+      {reg::kMillisecondCounter, {"milliseconds", "clock trim"}},
+      {reg::kModel, {"model", "firmware", "register map"}},
+      {reg::kId, {"id"}},
+      {reg::kSerial, {"serial 0", "serial 1", "serial 2"}},
+      {reg::kSetOutputNearest, {"set output, nearest", "set output, exact", "require reindex", "recapture"}},
+      {reg::kUuid, {"uuid 0", "uuid 1", "uuid 2", "uuid 3"}},
+      {reg::kUuidMask, {"uuid mask 0", "uuid mask 1", "uuid mask 2", "uuid mask 3"}},
+      {reg::kUuidMaskCapable, {"uuid mask capable"}},
+  };
+  for (const Names& row : kNames) {
+    if (number - row.first < row.names.size()) return row.names.begin()[number - row.first];
+  }
   return fmt::format("register {:03x}h", number);
 }
 

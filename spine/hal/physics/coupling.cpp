@@ -23,9 +23,9 @@ void Coupling::advance(std::int64_t now_ns) LITHE_RT {
   }
   const std::int64_t lag_ns = now_ns - time_ns_;
   if (lag_ns <= 0) return;
-  const std::int64_t steps = std::min(lag_ns, kMaxCatchUpNs) / Plant::kStepNs;
+  const std::int64_t steps = std::min(lag_ns, CoupledDrive::kMaxCatchUpNs) / Plant::kStepNs;
   for (std::int64_t i = 0; i < steps; ++i) step();
-  if (lag_ns <= kMaxCatchUpNs) return;
+  if (lag_ns <= CoupledDrive::kMaxCatchUpNs) return;
   time_ns_ += (now_ns - time_ns_) / Plant::kStepNs * Plant::kStepNs;
   for (CoupledDrive* drive : drives_) drive->skip(time_ns_);  // otherwise its controllers would wind up
 }

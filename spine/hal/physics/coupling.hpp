@@ -23,9 +23,6 @@ namespace lithe::hal::sim {
 // Contract: RT · one thread · drives outlive it, and nothing else advances them beyond its time
 class Coupling final : public BusNode {
  public:
-  // Longest time that one advance() simulates; the rest is skipped, only watchdogs run.
-  static constexpr std::int64_t kMaxCatchUpNs = 50'000'000;
-
   explicit Coupling(std::unique_ptr<Mechanism> mechanism) : mechanism_(std::move(mechanism)) {}
 
   // Attaches a drive to the mechanism's next joint, which moves its plant from now on. False: there is no such joint.

@@ -45,8 +45,7 @@ std::string process_data(const hal::Frame& frame, const robot::RobotConfig& robo
 
 hal::FrameText decode(const hal::Frame& frame, robot::Protocol protocol, const robot::RobotConfig& robot,
                       std::size_t bus) {
-  const hal::FrameContext context{
-      [&](const hal::Frame& pdo) { return process_data(pdo, robot, bus); }, object_name};
+  const hal::FrameContext context{[&](const hal::Frame& pdo) { return process_data(pdo, robot, bus); }, object_name};
   const hal::DeviceType* speaks = nullptr;
   for (const hal::DeviceType& type : hal::device_types()) {
     if (type.is_own != nullptr && type.is_own(frame)) return type.frame_text(frame, context);

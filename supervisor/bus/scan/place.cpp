@@ -102,8 +102,8 @@ robot::Protocol protocol_of(const robot::RobotConfig& robot, std::size_t bus) {
     if (device.bus == bus && protocol != robot::Protocol::own) return protocol;
   }
   const bool fd = robot::is_fd(robot.buses[bus]);
-  const auto* const usual = std::find_if(
-      robot::kDeviceFacts.begin(), robot::kDeviceFacts.end(), [fd](const robot::DeviceFacts& kind) {
+  const auto* const usual =
+      std::find_if(robot::kDeviceFacts.begin(), robot::kDeviceFacts.end(), [fd](const robot::DeviceFacts& kind) {
         return kind.protocol != robot::Protocol::own && (fd ? kind.needs_fd : kind.needs_classic);
       });
   return usual->protocol;

@@ -201,8 +201,7 @@ void add_params(CLI::App& app, Words& words) {
 
 // The arguments that choose a bus.
 void add_place(CLI::App& verb, bus::Words& bus) {
-  verb.add_option("WHAT", bus.what, "robot file, or a bus: " + bus::bus_forms())
-      ->required();
+  verb.add_option("WHAT", bus.what, "robot file, or a bus: " + bus::bus_forms())->required();
   verb.add_option("--bus", bus.bus, "this bus of the robot only")->type_name("NAME");
   verb.add_option("--bitrate", bus.bitrate, "bit rate without a robot file (default 1000000)")->type_name("BIT/S");
   verb.add_option("--data-bitrate", bus.data_bitrate, "the same, of CAN FD's data; 0 = classic CAN")

@@ -4,6 +4,8 @@
 #include <charconv>
 #include <cstdio>
 
+#include "spine/hal/bus/serial/words.hpp"
+
 namespace lithe::hal::sim {
 
 using fdcanusb::Request;
@@ -47,13 +49,6 @@ std::string shown(double value) {
   std::array<char, 32> text{};
   const int length = std::snprintf(text.data(), text.size(), "%.7g", value);
   return {text.data(), static_cast<std::size_t>(length)};
-}
-
-std::string_view word(std::string_view& rest, char end) {
-  const std::size_t at = rest.find(end);
-  const std::string_view first = rest.substr(0, at);
-  rest.remove_prefix(at == std::string_view::npos ? rest.size() : at + 1);
-  return first;
 }
 
 }  // namespace
@@ -119,7 +114,7 @@ void SimFdcanusb::switch_bus(bool on, std::string& out) {
 }
 
 void SimFdcanusb::configure(std::string_view words, std::string& out) {
-  const std::string_view verb = word(words, ' ');
+  const std::string_view verb = next_field(words, ' ');
   if (verb == "write") stored_ = settings_;
   if (verb == "load") settings_ = stored_;
   if (verb == "default") settings_ = factory();
@@ -133,8 +128,8 @@ void SimFdcanusb::configure(std::string_view words, std::string& out) {
     return say("OK", out);
   }
   if (verb != "get" && verb != "set") return say("ERR unknown subcommand", out);
-  if (word(words, '.') != "can") return say("ERR unknown group", out);
-  const std::string_view name = word(words, ' ');
+  if (next_field(words, '.') != "can") return say("ERR unknown group", out);
+  const std::string_view name = next_field(words, ' ');
   for (std::size_t i = 0; i < kSettings; ++i) {
     if (name != kTable[i].name) continue;
     if (verb == "get") return say(shown(settings_[i]), out);
