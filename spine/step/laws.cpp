@@ -29,6 +29,20 @@ bool is_runaway(wire::Fault fault) LITHE_RT {
 
 }  // namespace
 
+void tell_beyond(const robot::RobotConfig& robot, const Tick& in, std::size_t joint, wire::Fault fault,
+                 Words& words) LITHE_RT {
+  const robot::JointConfig& config = robot.joints[joint];
+  const double overrun_rad = robot.guard.position_overrun_rad;
+  if (fault == wire::Fault::position_limit) {
+    (words << ": ").number(in.position_rad[joint], 3) << " rad, allowed ";
+    words.number(config.position_min_rad - overrun_rad, 3) << " to ";
+    words.number(config.position_max_rad + overrun_rad, 3);
+  } else if (fault == wire::Fault::velocity_limit) {
+    (words << ": ").number(in.velocity_rad_s[joint], 1) << " rad/s, allowed ";
+    words.number(config.velocity_max_rad_s * robot.guard.velocity_overrun, 1);
+  }
+}
+
 Laws::Laws(const Wiring& wiring)
     : robot_(wiring.robot),
       slot_(wiring.slot),
@@ -85,7 +99,7 @@ bool Laws::fall_back(const Run& first, Host& host) LITHE_RT {
   const Back back = step_back();
   if (back == Back::nowhere) {
     report(fault, 0, host.now_ns() - first.from_ns, why.text());
-    stop_for(kind);
+    stop_for(kind, why.text());
     return false;
   }
   const Run second = run(*slot_.active(), effort_, host);
@@ -98,7 +112,7 @@ bool Laws::fall_back(const Run& first, Host& host) LITHE_RT {
   fault = fault_of(second.failure);
   report(fault, 0, host.now_ns() - second.from_ns, its_why.text());
   tell_back(step_back(), its_why.text());  // the law that runs after a reset
-  stop_for(its_kind);
+  stop_for(its_kind, its_why.text());
   return false;
 }
 
@@ -108,7 +122,7 @@ void Laws::replace(const Probation::News& why) LITHE_RT {
   wire::LawFault fault = fault_of({why.kind, 0, 0});
   const Back back = step_back();
   report(fault, back == Back::nowhere ? 0 : slot_.active()->law_id, 0, words.text());
-  back == Back::nowhere ? stop_for(why.kind) : tell_back(back, words.text());
+  back == Back::nowhere ? stop_for(why.kind, words.text()) : tell_back(back, words.text());
 }
 
 // Goes back by one step: to the previous parameters while the last ones are on probation, else to the law before the
@@ -159,11 +173,11 @@ void Laws::tell_back(Back back, std::string_view why) LITHE_RT {
   }
 }
 
-void Laws::stop_for(LawFaultKind kind) LITHE_RT {
+void Laws::stop_for(LawFaultKind kind, std::string_view why) LITHE_RT {
   const wire::Fault fault = kind == LawFaultKind::not_finite ? wire::Fault::law_not_finite : wire::Fault::law_faulted;
   if (kind == LawFaultKind::not_finite) report_.flags |= flag::kNotFinite;
   if (mode_.fail(fault)) {
-    report_.event(EventKind::safe_stop, static_cast<std::uint32_t>(fault), 0, 0, wire::to_string(fault));
+    report_.event(EventKind::safe_stop, static_cast<std::uint32_t>(fault), 0, 0, why);
   }
 }
 

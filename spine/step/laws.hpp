@@ -24,6 +24,10 @@
 
 namespace lithe::step {
 
+// Where the joint is and what is allowed: ": 1.234 rad, allowed -1.200 to 1.200". Nothing for a fault without a number.
+void tell_beyond(const robot::RobotConfig& robot, const Tick& in, std::size_t joint, wire::Fault fault,
+                 Words& words) LITHE_RT;
+
 // Contract: RT · owned by the tick thread
 class Laws {
  public:
@@ -76,7 +80,7 @@ class Laws {
   void replace(const Probation::News& why) LITHE_RT;
   Back step_back() LITHE_RT;
   void greet(std::uint32_t blend_ticks) LITHE_RT;
-  void stop_for(wire::LawFaultKind kind) LITHE_RT;
+  void stop_for(wire::LawFaultKind kind, std::string_view why) LITHE_RT;
   void commit(law::Resident& candidate, law::Carry carry) LITHE_RT;
   void start_shadow(law::Resident& candidate) LITHE_RT;
   void step_shadow(Host& host) LITHE_RT;

@@ -46,7 +46,8 @@ const Report& ControlStep::run(const Input& in, Host& host, hal::ActuatorCommand
 void ControlStep::count_exchange(const Input& in, wire::Telemetry& record) LITHE_RT {
   if (in.deadline_missed) {
     report_.flags |= flag::kDeadlineMissed;
-    if (robot_.spine.miss_policy == robot::MissPolicy::stop) fail(wire::Fault::deadline_missed, "");
+    if (robot_.spine.miss_policy == robot::MissPolicy::stop)
+      fail(wire::Fault::deadline_missed, "deadline_missed: a tick ended after the next release");
   }
   if (in.exchanged) {
     guard_.dispatched();
@@ -103,7 +104,7 @@ void ControlStep::react(const guard::Verdict& verdict) LITHE_RT {
   recovered_ = verdict.recovered;
   if (verdict.fault == wire::Fault::none || !mode_.can_fail()) return;
   Words whose;
-  whose << wire::to_string(verdict.fault);
+  name(verdict.fault, whose);
   for (const guard::Group& group : guard_.groups()) {
     if (!group.news) continue;
     Words words;
@@ -121,6 +122,22 @@ void ControlStep::name(const guard::Group& group, Words& words) const LITHE_RT {
   words << wire::to_string(group.fault) << " at joint " << joint.name;
   if (!joint.group.empty()) words << ", group " << joint.group;
   if (group.fault == wire::Fault::recover_failed) words << ": " << guard_.recovery().why_stuck(group.joint);
+  tell_beyond(robot_, in_, group.joint, group.fault, words);
+}
+
+// A fault of the whole robot.
+void ControlStep::name(wire::Fault fault, Words& words) const LITHE_RT {
+  words << wire::to_string(fault);
+  if (fault == wire::Fault::sample_stale) {
+    (words << ": ").number(stale_ticks_, 0) << " ticks in a row without a new sample, allowed ";
+    words.number(robot_.spine.late_ticks_to_stop - 1, 0);
+  } else if (fault == wire::Fault::brain_stale && std::isfinite(in_.brain_age_s)) {
+    (words << ": no sign of life for ").number(in_.brain_age_s, 3) << " s, allowed ";
+    words.number(robot_.brain.stale_after_s, 3);
+  } else if (fault == wire::Fault::law_not_finite) {
+    const std::size_t joint = guard_.not_finite_at(laws_.effort());
+    if (joint < in_.joints) words << ": joint " << robot_.joints[joint].name;
+  }
 }
 
 void ControlStep::fill(const Input& in, wire::Telemetry& record) const LITHE_RT {

@@ -33,6 +33,14 @@ std::string code_word(wire::EventKind kind, std::uint32_t code) {
   }
 }
 
+// It stops the robot, or takes its law or parameters away.
+bool tells_next(wire::EventKind kind) {
+  constexpr wire::EventKind kKinds[] = {wire::EventKind::law_rolled_back, wire::EventKind::params_reverted,
+                                        wire::EventKind::law_faulted,     wire::EventKind::safe_stop,
+                                        wire::EventKind::group_stopped,   wire::EventKind::memory_damaged};
+  return std::ranges::find(kKinds, kind) != std::end(kKinds);
+}
+
 }  // namespace
 
 std::string_view next_step(std::string_view why) {
@@ -43,9 +51,32 @@ std::string_view next_step(std::string_view why) {
       {"chattering", "lower the joint's damping, or smooth the speed that it uses"},
       {"oscillating", "lower the joint's stiffness, or raise its damping"},
       {"overran", "make its step shorter; the robot file says what it may take (swap.budget_share)"},
-      {"not_finite", "look for a division by 0, or an input that is NaN (std::isnan)"}};
+      {"not_finite", "look for a division by 0, or an input that is NaN (std::isnan)"},
+      {"law_not_finite", "look for a division by 0, or an input that is NaN (std::isnan); on again: lithe reset"},
+      {"bad_access", "keep every array index below t.joints; lithe law show names the line"},
+      {"bus_error", "keep every array index below t.joints; lithe law show names the line"},
+      {"state_broken", "keep every array index below t.joints; lithe law show names the line"},
+      {"arithmetic", "an integer was divided by 0: test the divisor first; lithe law show names the line"},
+      {"illegal_instruction", "let every path of a function return; lithe law show names the line"},
+      {"trapped", "let every path of a function return; lithe law show names the line"},
+      {"aborted", "take out what ends the program (assert, an exception); lithe law show names the line"},
+      {"system_call", "take it out: a law computes only; lithe law show names the line"},
+      {"position_limit", "slow the joint down before its limits; on again: lithe recover, lithe arm"},
+      {"velocity_limit", "plan slower, or give the law less gain and more damping; on again: lithe reset, lithe arm"},
+      {"sample_stale", "find what is late: lithe bus monitor, lithe doctor; on again: lithe reset, lithe arm"},
+      {"drive_fault", "clear what the drive reports (lithe status); on again: lithe reset, lithe arm"},
+      {"drive_watchdog", "find what held the commands up: lithe bus monitor, lithe doctor; on again: lithe reset"},
+      {"drive_lost", "check its power, cable and id: lithe bus scan; on again: lithe reset, lithe arm"},
+      {"drive_conflict", "give the two devices different ids: lithe bus scan; on again: lithe reset, lithe arm"},
+      {"drive_garbled", "check the cable, the device and its firmware: lithe bus monitor; on again: lithe reset"},
+      {"drive_not_homed", "home the joint again; then: lithe reset, lithe arm"},
+      {"recover_failed", "take the load away, or raise guard.recover_torque_share; then: lithe recover"},
+      {"deadline_missed", "find what disturbs the Spine's core: lithe doctor; on again: lithe reset, lithe arm"},
+      {"brain_stale", "start the Brain, or let it beat more often; on again: lithe reset, lithe arm"},
+      {"plan_torn", "let one thread publish, and only plans that are complete; on again: lithe reset, lithe arm"},
+      {"memory_damaged", "swap the law that ran for another; only a new process helps: lithe stop, lithe run"}};
   const auto found = std::ranges::find_if(
-      kSteps, [why](const auto& each) { return why.substr(0, why.find_first_of(":;")) == each.first; });
+      kSteps, [why](const auto& each) { return why.substr(0, why.find_first_of(":; ")) == each.first; });
   return found == std::end(kSteps) ? std::string_view() : found->second;
 }
 
@@ -69,13 +100,13 @@ Json event_json(const wire::Event& event, const SpineLink& spine) {
     const auto law = spine.law(event.code);
     out["law"] = law ? Json(text_of(law->name)) : Json(nullptr);
     more = law ? fmt::format("law {} runs now", text_of(law->name)) : "no law runs now";
-    if (const std::string_view next = next_step(text_of(event.text)); !next.empty()) out["next"] = std::string(next);
   } else if (kind == wire::EventKind::plan_refused) {
     const auto plan = spine.plan();  // unless a newer one has taken its place
     const auto reason = static_cast<wire::PlanReject>(event.code);
     if (plan && plan->plan_id == event.request_id) more = beyond_limits(*plan, reason, spine.info());
   }
   const std::string text = out["text"];
+  if (const std::string_view next = next_step(text); tells_next(kind) && !next.empty()) out["next"] = std::string(next);
   if (!more.empty()) out["text"] = text.empty() ? more : text + "; " + more;
   return out;
 }
@@ -96,6 +127,9 @@ std::string event_line(const Json& event) {
 void EventLog::add(Json event) {
   Json numbered = {{"cursor", ++last_}};
   numbered.update(event);
+  const std::string kind = event.value("kind", "");
+  if (kind == "safe_stop" || kind == "group_stopped") last_stop_ = event;
+  if (kind == "reset" || kind == "recovering") last_stop_ = nullptr;
   events_.push_back(std::move(numbered));
   if (events_.size() > kDepth) events_.pop_front();
 }

@@ -16,10 +16,11 @@ namespace lithe::control {
 
 // An event of the Spine as text.
 Json event_json(const wire::Event& event);
-// With what the event has no room for: after a rollback or a revert which law runs ("law") and what to do ("next"), and
-// which joint of a refused plan is beyond which limit.
+// With what the event has no room for: after a stop, a law's fault, a rollback or a revert what to do ("next"), after the
+// last two which law runs ("law"), and which joint of a refused plan is beyond which limit.
 Json event_json(const wire::Event& event, const SpineLink& spine);
-// What to do about the reason of a rollback or a revert, as the Spine's event tells it; empty: nothing, or it says more.
+// What to do about the reason of a stop, a fault, a rollback or a revert, which is the first word of the Spine's event;
+// empty: somebody asked for it.
 std::string_view next_step(std::string_view why);
 // One line for a person.
 std::string event_line(const Json& event);
@@ -38,10 +39,13 @@ class EventLog {
   // {"events":[{"cursor":n, ...}], "cursor":last, "lost":n}: at most `limit` events after `since`, oldest first.
   Json since(std::uint64_t since, std::size_t limit) const;
   std::uint64_t last() const { return last_; }
+  // The event of the newest stop, until the reset or recovery after it; null: none.
+  const Json& last_stop() const { return last_stop_; }
 
  private:
   std::deque<Json> events_;
   std::uint64_t last_ = 0;
+  Json last_stop_ = nullptr;
   std::uint64_t lost_in_ring_ = 0;
 };
 

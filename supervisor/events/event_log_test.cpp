@@ -63,6 +63,30 @@ TEST_F(EventJsonTest, ARollbackIsToldWithWhatToDo) {
   EXPECT_FALSE(event_json(event, *link_).contains("next")) << "somebody asked for it";
 }
 
+TEST_F(EventJsonTest, AStopAndALawsFaultAreToldWithWhatToDo) {
+  const auto next_of = [&](wire::EventKind kind, std::string_view why) {
+    wire::Event event = event_of(kind);
+    std::copy(why.begin(), why.end(), event.text.begin());
+    return event_json(event, *link_).value("next", "");
+  };
+  for (std::uint32_t code = 1; wire::to_string(static_cast<wire::Fault>(code)) != "?"; ++code) {
+    const auto fault = static_cast<wire::Fault>(code);
+    // The first has the kind of the law's fault as its text; the others are in no event of a stop.
+    if (fault == wire::Fault::law_faulted || fault == wire::Fault::estop_pressed || fault == wire::Fault::law_missing)
+      continue;
+    const std::string why = std::string(wire::to_string(fault)) + " at joint hip, group leg: 9.0 rad/s, allowed 2.0";
+    for (const auto kind : {wire::EventKind::safe_stop, wire::EventKind::group_stopped}) {
+      EXPECT_NE(next_of(kind, why), "") << why;
+    }
+  }
+  for (std::uint32_t code = 1; wire::to_string(static_cast<wire::LawFaultKind>(code)) != "?"; ++code) {
+    const std::string_view kind = wire::to_string(static_cast<wire::LawFaultKind>(code));
+    EXPECT_NE(next_of(wire::EventKind::law_faulted, kind), "") << kind;
+    EXPECT_NE(next_of(wire::EventKind::safe_stop, kind), "") << kind;
+  }
+  EXPECT_EQ(next_of(wire::EventKind::armed, "velocity_limit"), "");
+}
+
 TEST_F(EventJsonTest, ARefusedPlanNamesItsJointUntilANewerOneIsThere) {
   wire::Event event =
       event_of(wire::EventKind::plan_refused, static_cast<std::uint32_t>(wire::PlanReject::position_limit));
@@ -109,6 +133,16 @@ TEST(EventLog, SaysHowManyAnOldCursorHasLost) {
   const Json all = log.since(0, EventLog::kDepth);
   EXPECT_EQ(all["lost"], 10);
   EXPECT_EQ(all["events"][0]["cursor"], 11);
+}
+
+TEST(EventLog, KeepsTheLastStopUntilTheReset) {
+  EventLog log;
+  EXPECT_TRUE(log.last_stop().is_null());
+  log.add({{"kind", "safe_stop"}, {"text", "drive_lost at joint hip"}});
+  log.add({{"kind", "held"}});
+  EXPECT_EQ(log.last_stop()["text"], "drive_lost at joint hip");
+  log.add({{"kind", "reset"}});
+  EXPECT_TRUE(log.last_stop().is_null());
 }
 
 TEST(EventJson, PutsTheCodeIntoTheWordsOfItsKind) {

@@ -38,15 +38,24 @@ class Alarms {
   Json stops_ = Json::array(), warnings_ = Json::array();
 };
 
+// "velocity_limit at joint wrist: 19.3 rad/s, allowed 18.8 [tick 51]; next: what to change".
+std::string what_stopped(const Json& status, const std::string& fault) {
+  const Json stop = status.value("stopped_by", Json());
+  if (!stop.is_object()) return fault + "; what happened: lithe events; then: lithe reset";
+  const std::string text = word(stop, "text"), next = word(stop, "next");
+  return fmt::format("{} [tick {}]; next: {}", text.starts_with(fault) ? text : fault + ": " + text,
+                     stop.value("tick", std::uint64_t{0}), next.empty() ? "lithe events, lithe reset" : next);
+}
+
 void see_mode(const Json& status, Alarms& out) {
   const std::string mode = word(status, "mode"), fault = word(status, "fault");
   const bool faulty = !fault.empty() && fault != "none";
   if (mode == "estop") {
     out.stop("the e-stop is latched; find out why, then: lithe reset");
   } else if (mode == "safe_stop") {
-    out.stop(fmt::format("safe stop{}; what happened: lithe events; then: lithe reset", faulty ? " by " + fault : ""));
+    out.stop("safe stop by " + what_stopped(status, fault));
   } else if (faulty) {
-    out.stop(fmt::format("fault {} is latched; what happened: lithe events; then: lithe reset", fault));
+    out.stop("latched fault: " + what_stopped(status, fault));
   }
   if (has_number(status, "age_ms") && status["age_ms"].get<double>() > kFrozenAfterMs) {
     out.stop(

@@ -38,6 +38,17 @@ TEST(Alarms, EachNamesJointValueAndWhatToDo) {
   EXPECT_NE(said({{"mode", "estop"}}).find("stop: the e-stop is latched"), std::string::npos);
   EXPECT_NE(said({{"mode", "safe_stop"}, {"fault", "velocity_limit"}}).find("stop: safe stop by velocity_limit"),
             std::string::npos);
+  EXPECT_EQ(
+      said({{"mode", "safe_stop"},
+            {"fault", "velocity_limit"},
+            {"stopped_by",
+             {{"text", "velocity_limit at joint elbow: 19.3 rad/s, allowed 18.8"},
+              {"tick", 51},
+              {"next", "plan slower"}}}}),
+      "stop: safe stop by velocity_limit at joint elbow: 19.3 rad/s, allowed 18.8 [tick 51]; next: plan slower\n");
+  EXPECT_NE(said({{"mode", "active"}, {"fault", "law_faulted"}, {"stopped_by", {{"text", "bad_access"}, {"tick", 5}}}})
+                .find("stop: latched fault: law_faulted: bad_access [tick 5]; next: lithe events, lithe reset"),
+            std::string::npos);
   EXPECT_NE(said({{"age_ms", 3200.0}, {"spine_pid", 7}}).find("stop: THE SPINE DOES NOT TICK: its last tick is 3.2 s"),
             std::string::npos);
   EXPECT_EQ(said({{"joints", Json::array({joint(1.95)})}}),

@@ -68,6 +68,7 @@ void Verbs::add_looks() {
     status["incidents"] = parts_.incidents.brief();
     status["throttled"] = {
         {"now", parts_.throttle.active()}, {"times", parts_.throttle.times()}, {"why", parts_.throttle.why()}};
+    status["stopped_by"] = parts_.log.last_stop();
     status["alarms"] = alarms_of(status);
     reply_(to, status);
   };

@@ -40,6 +40,8 @@ TEST_F(LawsTest, WithoutALawBeforeItTheSafeLawTakesOverInTheSameTick) {
   EXPECT_EQ(mode(), Mode::safe_stop);
   EXPECT_EQ(static_cast<wire::Fault>(record_.fault), wire::Fault::law_not_finite);
   EXPECT_NE(record_.flags & flag::kNotFinite, 0u);
+  ASSERT_EQ(events(EventKind::safe_stop).size(), 1u);
+  EXPECT_EQ(std::string(events(EventKind::safe_stop)[0].text.data()).substr(0, 26), "not_finite: joint shoulder");
   for (int i = 0; i < 500; ++i) {
     tick();
     ASSERT_TRUE(std::isfinite(sent_.torque_nm[0]));

@@ -340,6 +340,9 @@ TEST_F(LawsTest, ALawOnProbationThatTheGuardHasToStopDoesNotRunAfterTheReset) {
   EXPECT_EQ(fault->to_law_id, 1u);
   ASSERT_EQ(events(EventKind::law_rolled_back).size(), 1u);
   EXPECT_STREQ(events(EventKind::law_rolled_back)[0].text.data(), "guard_stopped: joint shoulder, velocity_limit");
+  ASSERT_EQ(events(EventKind::safe_stop).size(), 1u);
+  EXPECT_STREQ(events(EventKind::safe_stop)[0].text.data(),
+               "velocity_limit at joint shoulder: 100.0 rad/s, allowed 30.0");
 }
 
 TEST_F(LawsTest, WhatIsLeftOfABlendEndsWithTheMotion) {

@@ -125,6 +125,9 @@ TEST(Recover, AnyOtherFaultEndsIt) {
   for (int i = 0; i < 8; ++i) rig.tick(false);  // the bus is late
   EXPECT_EQ(rig.mode(), Mode::safe_stop);
   EXPECT_EQ(rig.fault(), wire::Fault::sample_stale);
+  const std::string last = std::to_string(rig.robot_.spine.late_ticks_to_stop);
+  EXPECT_EQ(rig.last_event(wire::EventKind::safe_stop).rfind("sample_stale: " + last + " ticks in a row", 0), 0U)
+      << rig.last_event(wire::EventKind::safe_stop);
   rig.serve();
   rig.ticks(3);
   EXPECT_EQ(rig.send(CommandKind::recover), CommandResult::refused_fault) << "not what recover is the way out of";
