@@ -82,7 +82,8 @@ class Tremor {
     enum class Kind : std::uint8_t { none, chatter, oscillation } kind = Kind::none;
     std::uint32_t joint = 0;
     double frequency_hz = 0;
-    double size = 0;  // of a swing: [N m] of chatter, [rad/s] of an oscillation, from turn to turn
+    double size = 0;        // of a swing: [N m] of chatter, [rad/s] of an oscillation, from turn to turn
+    double least_size = 0;  // from which on it counts
   };
 
   void configure(double rate_hz, std::uint32_t joint, const Bounds& bounds) {
@@ -126,6 +127,7 @@ class Tremor {
                          swing.size >= kNotDecaying * joint.last_swing_rad_s;
     joint.swings = goes_on ? joint.swings + 1 : 0;
     joint.last_swing_rad_s = swing.size;
+    joint.least_swing_rad_s = least_rad_s;
     joint.last_swing_ticks = swing.ticks;
     joint.most_swing_rad_s = std::max(joint.most_swing_rad_s, swing.size);
   }
@@ -135,10 +137,11 @@ class Tremor {
     for (std::uint32_t j = 0; j < joints && j < kMaxJoints; ++j) {
       const Joint& joint = joints_[j];
       if (joint.swings >= kMostSwings) {
-        return {Finding::Kind::oscillation, j, 0.5 * rate_hz_ / joint.last_swing_ticks, joint.last_swing_rad_s};
+        return {Finding::Kind::oscillation, j, 0.5 * rate_hz_ / joint.last_swing_ticks, joint.last_swing_rad_s,
+                joint.least_swing_rad_s};
       }
       if (joint.chatter_hz >= chatter_hz_ && joint.chatter_before_hz < 0.5 * chatter_hz_) {
-        return {Finding::Kind::chatter, j, joint.chatter_hz, joint.jump_nm};
+        return {Finding::Kind::chatter, j, joint.chatter_hz, joint.jump_nm, kJumpShare * joint.bounds.torque_max_nm};
       }
     }
     return {};
@@ -153,6 +156,7 @@ class Tremor {
     Zigzag torque, velocity;
     double chatter_hz = 0, chatter_before_hz = 0, jump_nm = 0;
     double most_asked_rad_s = 0, most_swing_rad_s = 0, swing_before_rad_s = 0, last_swing_rad_s = 0;
+    double least_swing_rad_s = 0;
     std::uint32_t swings = 0, last_swing_ticks = 1;
   };
   double rate_hz_ = 1000, chatter_hz_ = kChatterHz, forget_ = 0, forget_chatter_ = 0;

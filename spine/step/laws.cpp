@@ -276,7 +276,7 @@ void Laws::tell_clamped(const Probation::Evidence& evidence, Words& words) const
   }
 }
 
-// "oscillating: joint wrist, 31 Hz"; "tracking_lost: joint elbow, error 0.312 rad, allowed 0.150"; "guard_busy: joint
+// "oscillating: joint wrist, 31 Hz, swings of 20.00, allowed 1.50 rad/s"; "tracking_lost: joint elbow, error 0.312 rad, allowed 0.150"; "guard_busy: joint
 // elbow clamped in 80.1 % of ticks, allowed 80: wants 12.000 N m of 0.600".
 Words Laws::in_words(const Probation::News& news) const LITHE_RT {
   const Probation::Evidence& evidence = news.evidence;
@@ -286,7 +286,9 @@ Words Laws::in_words(const Probation::News& news) const LITHE_RT {
     case LawFaultKind::chattering:
     case LawFaultKind::oscillating:
       words << ": joint " << robot_.joints[evidence.tremor.joint].name << ", ";
-      words.number(evidence.tremor.frequency_hz, 0) << " Hz";
+      words.number(evidence.tremor.frequency_hz, 0) << " Hz, swings of ";
+      words.number(evidence.tremor.size, 2) << ", allowed ";
+      words.number(evidence.tremor.least_size, 2) << (news.kind == LawFaultKind::chattering ? " N m" : " rad/s");
       break;
     case LawFaultKind::tracking_lost:
       words << ": joint " << robot_.joints[evidence.joint].name << ", error ";
@@ -302,6 +304,7 @@ Words Laws::in_words(const Probation::News& news) const LITHE_RT {
     case LawFaultKind::guard_stopped:
       words << ": joint " << robot_.joints[evidence.joint].name << ", "
             << wire::to_string(guard_.joint_fault(evidence.joint));
+      tell_beyond(robot_, in_, evidence.joint, guard_.joint_fault(evidence.joint), words);
       break;
     case LawFaultKind::overran:
       (words << ": a step took ").number(1e6 * evidence.value, 1) << " us, allowed ";

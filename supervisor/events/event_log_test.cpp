@@ -51,7 +51,8 @@ TEST_F(EventJsonTest, ARollbackIsToldWithWhatToDo) {
   for (const std::string why :
        {"tracking_lost: joint hip, error 0.312 rad, allowed 0.150",
         "guard_busy: joint hip clamped in 80.1 % of ticks, allowed 80: wants 12.000 N m of 0.600",
-        "guard_stopped: joint hip, velocity_limit", "chattering: joint hip, 210 Hz", "oscillating: joint hip, 31 Hz",
+        "guard_stopped: joint hip, velocity_limit", "chattering: joint hip, 210 Hz, swings of 0.31, allowed 0.12 N m",
+        "oscillating: joint hip, 31 Hz, swings of 20.00, allowed 1.50 rad/s",
         "overran: a step took 812.0 us, allowed 300.0, 3 times in a row", "overran", "not_finite: joint hip"}) {
     wire::Event event = event_of(wire::EventKind::law_rolled_back, 3);
     std::copy(why.begin(), why.end(), event.text.begin());

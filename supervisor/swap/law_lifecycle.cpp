@@ -51,11 +51,11 @@ Json control_json(const LawControl& before, const LawControl& after, const wire:
 }
 
 // What the joints did under a law that was rolled back, one sentence for each whose numbers are clear. `why` may name a
-// frequency: "oscillating: joint wrist, 31 Hz".
+// frequency: "oscillating: joint wrist, 31 Hz, swings of ...".
 Json explained(const LawControl& after, const wire::RobotInfo& info, const std::string& why) {
-  const std::size_t comma = why.rfind(", ");
-  const bool swings = why.starts_with("oscillating") && comma != std::string::npos;
-  const double swing_hz = swings ? std::strtod(why.c_str() + comma + 2, nullptr) : 0;
+  const std::size_t unit = why.rfind(" Hz"), number = unit == std::string::npos ? unit : why.rfind(' ', unit - 1);
+  const bool swings = why.starts_with("oscillating") && number != std::string::npos;
+  const double swing_hz = swings ? std::strtod(why.c_str() + number, nullptr) : 0;
   Json told = Json::array();
   for (std::size_t j = 0; j < after.joints.size(); ++j) {
     const std::string name = joint_name(info, j);

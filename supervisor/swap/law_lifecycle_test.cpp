@@ -120,6 +120,27 @@ TEST_F(LawLifecycleTest, ComparesOldLawAndNewPerJoint) {
   EXPECT_EQ(summary_of(kept_[102])["rms_error_rad"]["elbow"], (Json{0.2, 0.1}));
 }
 
+TEST_F(LawLifecycleTest, ASwingIsExplainedWithItsFrequency) {
+  ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth> ring((*spine_)->telemetry);
+  auto record = std::make_unique<wire::Telemetry>();
+  commit(1);
+  commit(2);
+  for (std::uint64_t tick = 1; tick <= 120; ++tick) {
+    record->tick = tick;
+    record->law_id = tick <= 20 ? 1 : 2;
+    record->mode = static_cast<std::uint32_t>(wire::Mode::active);
+    record->position_rad[0] = 0.1 * std::sin(0.2 * static_cast<double>(tick));
+    record->velocity_rad_s[0] = 20 * std::cos(0.2 * static_cast<double>(tick));
+    record->command_torque_nm[0] = -4 * record->position_rad[0];
+    ring.push(*record);
+  }
+  fault(2, 1, wire::LawFaultKind::oscillating, 110);
+  tell(EventKind::law_rolled_back, 101, 1, 110, "oscillating: joint elbow, 31 Hz, swings of 20.00, allowed 1.50 rad/s");
+  EXPECT_NE(kept_[102]["rolled_back"]["next"].get<std::string>().find("too little damping for its swing of 31.0 Hz"),
+            std::string::npos)
+      << kept_[102]["rolled_back"];
+}
+
 // A joint whose torque grows with its error, to the other side.
 TEST_F(LawLifecycleTest, ARollbackSaysWhatTheJointDid) {
   ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth> ring((*spine_)->telemetry);

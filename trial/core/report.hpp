@@ -29,6 +29,12 @@ struct Crash {
   std::uint64_t pc = 0, address = 0;
 };
 
+// A tick in which the guard took torque from a joint, and what it was like then.
+struct Held {
+  std::uint32_t tick = 0;
+  double wanted_nm = 0, given_nm = 0, position_rad = 0, velocity_rad_s = 0;
+};
+
 // Number of ticks in which the guard changed the law's output.
 struct LoopStats {
   std::uint32_t whole_ticks = 0;  // of a run that nothing cuts short
@@ -37,6 +43,7 @@ struct LoopStats {
   std::uint32_t fault_tick = 0;
   std::uint32_t fault_joint = 0;
   std::uint32_t held_joint = 0;  // whose torque the guard had to change most often
+  Held held;                     // of that joint, where it changed most
   double most_torque_nm = 0;     // asked for
   double most_velocity_rad_s = 0;
   double rms_error_rad = 0;

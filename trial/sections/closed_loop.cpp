@@ -84,6 +84,28 @@ bool goes_on(TrialContext& context, const LoopStats& law, const LoopStats& alone
       law::Tremor::kMostSwings);
 }
 
+// "joint wrist most of all (tick 512: wanted 12.3 N m, got 0.6, at 0.4 rad and 3.1 rad/s; torque_max_nm is 0.6)".
+std::array<char, 240> held_words(const robot::RobotConfig& robot, const LoopStats& law, const Bound& bound) {
+  const robot::JointConfig& joint = robot.joints[law.held_joint];
+  std::array<char, 80> limit{};
+  if (bound.count == &LoopStats::position_clamped) {
+    std::snprintf(limit.data(), limit.size(), "its limits are %.3g and %.3g rad", joint.position_min_rad,
+                  joint.position_max_rad);
+  } else if (bound.count == &LoopStats::velocity_clamped) {
+    std::snprintf(limit.data(), limit.size(), "velocity_max_rad_s is %.3g", joint.velocity_max_rad_s);
+  } else if (bound.count == &LoopStats::slew_clamped) {
+    std::snprintf(limit.data(), limit.size(), "torque_slew_nm_s is %.3g", joint.torque_slew_nm_s);
+  } else {
+    std::snprintf(limit.data(), limit.size(), "torque_max_nm is %.3g", joint.torque_max_nm);
+  }
+  std::array<char, 240> text{};
+  std::snprintf(text.data(), text.size(),
+                "joint %s most of all (tick %u: wanted %.3g N m, got %.3g, at %.3g rad and %.3g rad/s; %s)",
+                joint.name.c_str(), law.held.tick, law.held.wanted_nm, law.held.given_nm, law.held.position_rad,
+                law.held.velocity_rad_s, limit.data());
+  return text;
+}
+
 bool judge(TrialContext& context) {
   const LoopStats &law = context.report.loop, &alone = context.setup.plain.baseline;
   if (!goes_on(context, law, alone, "with the simulated robot")) return false;
@@ -94,11 +116,10 @@ bool judge(TrialContext& context) {
         alone.*bound.count / std::max({1.0, static_cast<double>(alone.ticks), static_cast<double>(law.ticks)});
     if (share <= bound.share + anyway) continue;
     return context.refuse(
-        "with the simulated robot it %s in %.0f %% of %u ticks (at most %.0f %%), joint %s most of all: look at the "
-        "sign "
-        "and the size of its gains, and filter what it differentiates",
+        "with the simulated robot it %s in %.0f %% of %u ticks (at most %.0f %%), %s: look at the sign and "
+        "the size of its gains, and filter what it differentiates",
         bound.what, 100 * share, law.ticks, 100 * (bound.share + anyway),
-        context.setup.robot.joints[law.held_joint].name.c_str());
+        held_words(context.setup.robot, law, bound).data());
   }
   return true;
 }

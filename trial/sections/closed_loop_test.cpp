@@ -155,6 +155,19 @@ TEST(SimulatedRun, TheGuardsWorkIsComparedOverTheSameTime) {
   rig.setup.plain.baseline.fault_tick = 10;
   EXPECT_FALSE(rig.run(kAsksTooMuch));
   EXPECT_GT(rig.report.loop.ticks, 50u) << "the guard stops it later than the baseline, so that only the share speaks";
+  const std::string said = text_of(rig.report.refused);
+  unsigned tick = 0;
+  double wanted_nm = 0, given_nm = 0, at_rad = 0;
+  const std::size_t words = said.find("), joint ");
+  ASSERT_NE(words, std::string::npos) << said;
+  EXPECT_EQ(std::sscanf(said.c_str() + words, "), joint %*s most of all (tick %u: wanted %lf N m, got %lf, at %lf rad",
+                        &tick, &wanted_nm, &given_nm, &at_rad),
+            4)
+      << said;
+  EXPECT_GT(tick, 0U) << said;
+  EXPECT_EQ(wanted_nm, 2) << said;
+  EXPECT_LE(given_nm, 0.6) << said;
+  EXPECT_NE(said.find("; its limits are -3 and 3 rad)"), std::string::npos) << said;
   EXPECT_TRUE(Rig(robot_of("arm.toml")).run(kHolds));
 }
 

@@ -259,8 +259,12 @@ void SimulatedRun::count(const step::Report& report) {
     const double given_nm = record_.command_torque_nm[j];
     const double wanted_nm =
         stopping_ ? given_nm : pd_of(effort, j).felt_nm(tick.position_rad[j], tick.velocity_rad_s[j]);
-    if (std::abs(wanted_nm - given_nm) > kHeldShare * robot_.joints[j].torque_max_nm) {
+    const double held_nm = std::abs(wanted_nm - given_nm);
+    if (held_nm > kHeldShare * robot_.joints[j].torque_max_nm) {
       if (++held_ticks_[j] > held_ticks_[stats.held_joint]) stats.held_joint = j;
+      if (held_nm > std::abs(held_[j].wanted_nm - held_[j].given_nm)) {
+        held_[j] = {stats.ticks, wanted_nm, given_nm, tick.position_rad[j], tick.velocity_rad_s[j]};
+      }
     }
     tremor_.see(tick, j, wanted_nm);
     if (!stopping_) {
@@ -271,6 +275,7 @@ void SimulatedRun::count(const step::Report& report) {
     stats.most_chatter_hz = std::max(stats.most_chatter_hz, tremor_.chatter_hz(j));
     stats.most_swings = std::max(stats.most_swings, tremor_.swings(j));
   }
+  stats.held = held_[stats.held_joint];
   stats.rms_error_rad = std::sqrt(mean_rad2 / stats.ticks);
 }
 

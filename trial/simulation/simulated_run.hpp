@@ -108,6 +108,7 @@ class SimulatedRun {
   law::Tremor tremor_;
   JointArray squares_rad2_{};
   std::array<std::uint32_t, kMaxJoints> held_ticks_{};
+  std::array<Held, kMaxJoints> held_{};
 };
 
 }  // namespace lithe::trial

@@ -251,7 +251,14 @@ TEST_F(LawsTest, ALawThatChattersOnProbationIsReplacedAndTheJointNamed) {
   EXPECT_EQ(slot_.active()->law_id, 1u);
   const auto told = events(EventKind::law_rolled_back);
   ASSERT_EQ(told.size(), 1u);
-  EXPECT_EQ(std::string(told[0].text.data()).substr(0, 18), "chattering: joint ") << told[0].text.data();
+  double found_hz = 0, jump_nm = 0, allowed_nm = 0;
+  ASSERT_EQ(std::sscanf(told[0].text.data(), "chattering: joint shoulder, %lf Hz, swings of %lf, allowed %lf N m",
+                        &found_hz, &jump_nm, &allowed_nm),
+            3)
+      << told[0].text.data();
+  EXPECT_GE(found_hz, law::Tremor::kChatterHz) << told[0].text.data();
+  EXPECT_GE(jump_nm, allowed_nm) << told[0].text.data();
+  EXPECT_NEAR(allowed_nm, 0.2 * 0.6, 1e-9) << "of torque_max_nm";
 }
 
 TEST_F(LawsTest, ALawThatSwingsTheJointOnProbationIsReplaced) {
@@ -266,7 +273,13 @@ TEST_F(LawsTest, ALawThatSwingsTheJointOnProbationIsReplaced) {
   EXPECT_EQ(slot_.active()->law_id, 1u);
   const auto told = events(EventKind::law_rolled_back);
   ASSERT_EQ(told.size(), 1u);
-  EXPECT_EQ(std::string(told[0].text.data()).substr(0, 19), "oscillating: joint ") << told[0].text.data();
+  double found_hz = 0, swing_rad_s = 0, allowed_rad_s = 0;
+  ASSERT_EQ(std::sscanf(told[0].text.data(), "oscillating: joint shoulder, %lf Hz, swings of %lf, allowed %lf rad/s",
+                        &found_hz, &swing_rad_s, &allowed_rad_s),
+            3)
+      << told[0].text.data();
+  EXPECT_GE(swing_rad_s, allowed_rad_s) << told[0].text.data();
+  EXPECT_GE(allowed_rad_s, 0.1 * 30) << "of velocity_max_rad_s: " << told[0].text.data();
 }
 
 TEST_F(LawsTest, ParametersThatSwingTheJointAreRevertedAndTheLawStays) {
@@ -339,10 +352,11 @@ TEST_F(LawsTest, ALawOnProbationThatTheGuardHasToStopDoesNotRunAfterTheReset) {
   EXPECT_EQ(fault->kind, static_cast<std::uint32_t>(LawFaultKind::guard_stopped));
   EXPECT_EQ(fault->to_law_id, 1u);
   ASSERT_EQ(events(EventKind::law_rolled_back).size(), 1u);
-  EXPECT_STREQ(events(EventKind::law_rolled_back)[0].text.data(), "guard_stopped: joint shoulder, velocity_limit");
+  EXPECT_STREQ(events(EventKind::law_rolled_back)[0].text.data(),
+               "guard_stopped: joint shoulder, velocity_limit: 100.0 rad/s, allowed 37.5");
   ASSERT_EQ(events(EventKind::safe_stop).size(), 1u);
   EXPECT_STREQ(events(EventKind::safe_stop)[0].text.data(),
-               "velocity_limit at joint shoulder: 100.0 rad/s, allowed 30.0");
+               "velocity_limit at joint shoulder: 100.0 rad/s, allowed 37.5");
 }
 
 TEST_F(LawsTest, WhatIsLeftOfABlendEndsWithTheMotion) {
