@@ -127,7 +127,7 @@ VERBS = (
     Verb(
         "document",
         "The text of one of them.",
-        args=(("name", _text("as documents lists it: contract, rules, mistakes, swaps, laws/pd.cpp ...")),),
+        args=(("name", _text("as documents lists it: contract, rules, mistakes, swaps, swaps/0007.cpp ...")),),
         required=("name",),
     ),
     Verb("params", "The running law's parameters: value, min, max."),

@@ -164,6 +164,15 @@ void Verbs::activate(const ReplyTo& to, const Json& args) {
   const auto found = std::find_if(earlier.rbegin(), earlier.rend(),
                                   [&name](const wire::LawInfo& law) { return text_of(law.name) == name; });
   if (found == earlier.rend()) {
+    if (const auto text = parts_.swaps.source_of(name); !text.empty()) {
+      const std::string document = fmt::format("swaps/{}", text.filename().string());
+      return reply_(to, Refusal{"unknown_law",
+                                fmt::format("law '{}' is no longer loaded: a rollback passed over it, or later laws "
+                                            "took its place",
+                                            name),
+                                fmt::format("swap it in again, from the document {} or {}", document, text.string()),
+                                {{"source", document}}});
+    }
     std::vector<std::string> names;
     for (const wire::LawInfo& law : earlier) names.push_back(fmt::format("'{}'", text_of(law.name)));
     return reply_(to, Refusal{"unknown_law", fmt::format("no law '{}' ran before this one and is still loaded", name),

@@ -146,7 +146,7 @@ void Swaps::keep_record(Entry& entry) {
   remember(entry.swap);
   if (!entry.record.path.empty()) {
     rewrite(entry.swap, entry.record);
-  } else if (const auto page = book_.write(entry.swap.certificate())) {
+  } else if (const auto page = book_.write(entry.swap.certificate(), entry.swap.request().source)) {
     entry.record = *page;
     entry.record_lost.clear();
     write_failed_.clear();
@@ -163,6 +163,13 @@ void Swaps::write_last_records(std::int64_t now_ns) {
         "{} certificate{} lost: nothing could be written to {} until the end; free space there, or set "
         "LITHE_OUT_DIR, before the next lithe run",
         lost, lost == 1 ? " is" : "s are", records().string());
+}
+
+std::filesystem::path Swaps::source_of(const std::string& law) const {
+  const auto found = sources_.find(law);
+  std::error_code failure;
+  return found != sources_.end() && std::filesystem::exists(found->second, failure) ? found->second
+                                                                                    : std::filesystem::path();
 }
 
 Json Swaps::records_trouble() const {
@@ -237,6 +244,9 @@ void Swaps::finish(Entry entry) {
     return;
   }
   if (!swap.refusal()) {
+    if (!entry.record.path.empty())
+      sources_[swap.compiled().law] = std::filesystem::path(entry.record.path).replace_extension("cpp");
+    if (sources_.size() > kMostSources) sources_.erase(sources_.begin());
     lifecycle_.follow(std::move(swap), entry.record, before_, monotonic_ns());
     entry.callback(certificate);
     return;

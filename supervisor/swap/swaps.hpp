@@ -6,6 +6,7 @@
 #include <deque>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <optional>
 #include <string>
 #include <variant>
@@ -48,6 +49,8 @@ class Swaps {
 
   // How a resident law did (LawLifecycle::score_of).
   Json score_of(std::uint32_t law_id) const { return lifecycle_.score_of(law_id); }
+  // The text of a law of this name that ran, the newest: a file beside its certificate. Empty: not known.
+  std::filesystem::path source_of(const std::string& law) const;
   // The robot file's terms, changed by the arguments of the request.
   std::variant<Terms, Refusal> read_terms(const Json& args) const;
   void submit(SwapRequest request, Callback callback, std::int64_t now_ns);
@@ -148,6 +151,8 @@ class Swaps {
   Placement placement_;
   RecordBook book_;
   LateRecords late_;
+  static constexpr std::size_t kMostSources = 256;
+  std::map<std::string, std::filesystem::path> sources_;  // by the name of the law
   std::string write_failed_;  // why the last certificate could not be written; empty = it was written
   Json last_ = nullptr;
   Terms robots_terms_;

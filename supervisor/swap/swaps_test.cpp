@@ -129,6 +129,10 @@ TEST_F(SwapsTest, ALawThatTookTheSpineAlongIsCertifiedAsCommitted) {
   EXPECT_EQ(certificate()["law_id"], 7);
   EXPECT_EQ(certificate()["stage"], "retired");
   EXPECT_EQ(certificate()["reasons"]["retired"], "the Spine is gone");
+  std::ifstream text(swaps_->source_of("rest"));
+  EXPECT_EQ(std::string(std::istreambuf_iterator<char>(text), {}), kRestLaw);
+  fs::remove(swaps_->source_of("rest"));
+  EXPECT_EQ(swaps_->source_of("rest"), "") << "no file is named that is not there";
 }
 
 TEST_F(SwapsTest, OneWhoseCommitEventWasLostIsSeenByItsTelemetryAndTheTickIsMarkedAsAGuess) {

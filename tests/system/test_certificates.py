@@ -76,6 +76,13 @@ def test_json_gives_the_file(ended: House) -> None:
         assert ended.lithe("--json", "law", "show", which).stdout == (swaps(ended) / name).read_text()
 
 
+def test_the_text_of_a_law_is_shown_as_it_was_sent(ended: House) -> None:
+    text = (ROOT / "laws/gravity_pd.cpp").read_text()
+    assert ended.lithe("law", "show", "gravity_pd", "--source").stdout == text
+    shown = json.loads(ended.lithe("--json", "law", "show", "gravity_pd", "--source").stdout)
+    assert shown == {"source": text}
+
+
 def test_a_refused_law_is_shown_with_its_reason(ended: House) -> None:
     """At which stage, why, and what to do next."""
     shown = ended.lithe("law", "show", "global_counter").stdout

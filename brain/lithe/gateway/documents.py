@@ -18,7 +18,7 @@ LAWS = ROOT / "laws"
 CONTRACT = ROOT / "spine/law/include/lithe/law.hpp"
 CPP, MARKDOWN, JSON = "text/x-c++src", "text/markdown", "application/json"
 MOST_SWAPS = 100
-CERTIFICATE = re.compile(r"swaps/([0-9]{1,9})")
+OF_A_SWAP = re.compile(r"swaps/([0-9]{1,9})(\.cpp)?")
 SHOWN = ("law", "source", "source_sha256", "verdict", "reason", "params", "terms", "control", "measured", "rolled_back")
 FIXED = {
     "contract": (CPP, "the header that every law includes", CONTRACT),
@@ -30,7 +30,7 @@ FIXED = {
 def listed() -> list[Json]:
     """Name, media type and a sentence of each."""
     laws = [(f"laws/{path.name}", CPP, "a law that comes with LITHE") for path in sorted(LAWS.glob("*.cpp"))]
-    swaps = f"the last {MOST_SWAPS} swaps of this robot, per joint; swaps/0007: the whole certificate of swap 7"
+    swaps = f"the last {MOST_SWAPS} swaps, per joint; swaps/0007: the certificate of swap 7, swaps/0007.cpp: its law"
     all_of_them = [(name, kind, what) for name, (kind, what, _) in FIXED.items()] + [("swaps", JSON, swaps), *laws]
     return [{"name": name, "type": kind, "what": what} for name, kind, what in all_of_them]
 
@@ -38,16 +38,16 @@ def listed() -> list[Json]:
 def read(name: str, records: Callable[[], Path]) -> Json:
     """`name`, `type` and `text` of one. Refused: there is none of that name. `records`: the folder of certificates."""
     kinds = {each["name"]: each["type"] for each in listed()}
-    if number := CERTIFICATE.fullmatch(name):
-        kinds[name] = JSON
+    if swap := OF_A_SWAP.fullmatch(name):
+        kinds[name] = CPP if swap[2] else JSON
     if name not in kinds:
         raise Refused("unknown_document", f"there is no document '{name}'", nearest(name, kinds))
     if name == "swaps":
         text = json.dumps(swaps(records()))
     else:
         path = (
-            records() / f"{number[1]}.json"
-            if number
+            records() / f"{swap[1]}{swap[2] or '.json'}"
+            if swap
             else FIXED[name][2]
             if name in FIXED
             else LAWS / name.removeprefix("laws/")

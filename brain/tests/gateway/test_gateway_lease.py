@@ -133,7 +133,12 @@ def test_a_law_that_ran_before_runs_again_by_its_name(remote: Remote, robot: lit
         remote.call("activate", law="nobody")
     assert refusal.value.code == "unknown_law" and "'gravity_pd'" in refusal.value.next
     assert remote.call("activate", law=first)["law"] == first
-    with pytest.raises(Refused, match="still loaded"):
+    with pytest.raises(Refused, match="no longer loaded") as refusal:
         robot.activate("hold")  # a step back passed over it
+    kept = refusal.value.detail["source"]
+    assert kept in refusal.value.next, refusal.value.next
+    text = remote.call("document", name=kept)
+    assert text["type"] == "text/x-c++src" and text["text"] == (ROOT / "laws/hold.cpp").read_text()
+    assert remote.call("swap", source=text["text"], name="hold.cpp", probation_s=0)["law"] == "hold"
     with pytest.raises(Refused, match="law = 3"):
         robot.call("activate", law=3)

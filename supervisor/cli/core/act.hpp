@@ -67,7 +67,8 @@ int swap_law(const Context& context, const std::string& law, const std::vector<s
 int law_check(const Context& context, const std::string& law);
 int law_list(const Context& context);
 // Certificates; `folder`: where, or empty: those of the robot the context means, running or not.
-int law_show(const Context& context, const std::string& which, const std::string& folder);
+// `source`: the text of its law instead.
+int law_show(const Context& context, const std::string& which, const std::string& folder, bool source);
 int law_verify(const Context& context, const std::string& folder);
 int param_get(const Context& context, const std::string& name);
 int param_set(const Context& context, const std::vector<std::string>& words);

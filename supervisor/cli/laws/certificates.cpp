@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // `lithe law show` and `lithe law verify`: certificates on disk. No robot needs to run.
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cstdlib>
@@ -95,7 +96,7 @@ std::optional<std::pair<fs::path, Json>> find_page(const fs::path& folder, const
 
 }  // namespace
 
-int law_show(const Context& context, const std::string& which, const std::string& folder_word) {
+int law_show(const Context& context, const std::string& which, const std::string& folder_word, bool source) {
   const fs::path folder = find_folder(context, folder_word);
   const auto found = find_page(folder, which);
   if (!found && pages(folder).empty()) throw no_certificates(folder);
@@ -107,6 +108,14 @@ int law_show(const Context& context, const std::string& which, const std::string
   if (!certificate.is_object()) {
     throw Refusal{"bad_certificate", fmt::format("{} is not a certificate", page.string()),
                   "see what else was changed: lithe law verify"};
+  }
+  if (source) {
+    const fs::path path = fs::path(page).replace_extension(".cpp");
+    const auto text = read_regular_file(path.string(), control::kMaxRecordBytes);
+    if (!text) throw Refusal{"no_source", fmt::format("cannot read {}", path.string()), "lithe law show has its name"};
+    return finish(context, {{"source", *text}}, [&text](const Json&) {
+      fmt::print("{}", ::isatty(STDOUT_FILENO) == 1 ? printable(*text, true) : *text);
+    });
   }
   return finish(context, certificate,
                 [&page = page](const Json& shown) { print_certificate(printable(page.filename().string()), shown); });

@@ -174,8 +174,9 @@ void add_laws(CLI::App& app, Words& words) {
   add_verb(*law, words, "list", "laws that come with LITHE, and laws in the Spine",
            [](Words& w) { return law_list(w.context); });
   CLI::App* show = add_verb(*law, words, "show", "show the certificate of a swap",
-                            [](Words& w) { return law_show(w.context, w.which, w.folder); });
+                            [](Words& w) { return law_show(w.context, w.which, w.folder, w.source); });
   show->add_option("WHICH", words.which, "last (default), a number, or the name of a law (its newest)");
+  show->add_flag("--source", words.source, "the text of its law, as it was sent");
   CLI::App* verify = add_verb(*law, words, "verify", "verify all certificates against their chain",
                               [](Words& w) { return law_verify(w.context, w.folder); });
   for (CLI::App* each : {show, verify}) {

@@ -22,6 +22,7 @@ struct Words {
   std::string name;
   std::string folder;
   std::string which = "last";
+  bool source = false;  // the law's text instead of its certificate
   std::vector<std::string> params;
   std::map<std::string, double> terms;  // of a swap, by the names of the verb's arguments
   bool no_promote = false;              // its shadow is only measured

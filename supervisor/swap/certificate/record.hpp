@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The certificates a robot's swaps leave on disk: <dir>/0001.json, 0002.json ... and <dir>/chain.jsonl, which binds
-// them (verify_chain() checks it).
+// them (verify_chain() checks it). Beside each is the text of its law, 0001.cpp, as it was sent; the certificate has its
+// hash.
 //
 // A certificate goes on changing while its law lives (committed, measured, confirmed, rolled back, retired), so the
 // chain contains writings, not files. Each writing adds a line to chain.jsonl:
@@ -38,8 +39,9 @@ class RecordBook {
     int folder = 0;              // which of the folders it was written to: see begun_anew()
   };
 
-  // Writes a new file. On a full disk it returns an Error; the caller warns and continues.
-  Result<Page> write(const Json& certificate);
+  // Writes a new file, and the law's text beside it unless that is empty. On a full disk it returns an Error; the caller
+  // warns and continues.
+  Result<Page> write(const Json& certificate, const std::string& source = "");
   // Replaces a file of write() atomically.
   Result<> rewrite(const Page& page, const Json& certificate) { return put(page, certificate); }
   const std::filesystem::path& folder() const { return dir_; }
@@ -63,7 +65,7 @@ class RecordBook {
   std::string begun_anew_;
 };
 
-// Certificates that could not be written: they wait until the disk has room.
+// Certificates that could not be written: they wait until the disk has room, without the texts of their laws.
 // Contract: one thread · holds kMost certificates; the oldest goes when there are more.
 class LateRecords {
  public:
