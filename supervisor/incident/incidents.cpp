@@ -44,11 +44,14 @@ bool is_fault(EventKind kind) {
 }
 
 // Refused in the tick, or a change of mode.
-bool is_notable(EventKind kind) {
-  switch (kind) {
+bool is_notable(const wire::Event& event) {
+  switch (static_cast<EventKind>(event.kind)) {
+    case EventKind::shadow_ended:
+      return event.code == 0;  // refused; the others end as asked
     case EventKind::plan_refused:
     case EventKind::command_refused:
     case EventKind::params_refused:
+    case EventKind::law_refused:
     case EventKind::armed:
     case EventKind::disarmed:
     case EventKind::held:
@@ -59,6 +62,17 @@ bool is_notable(EventKind kind) {
     default:
       return false;
   }
+}
+
+// Equal for two events of which one is enough. Faults of different laws and joints are different; the text names the
+// joint: "tracking_lost: joint elbow, error ...", "velocity_limit at joint wrist: ...".
+std::string same_as(const wire::Event& event) {
+  const auto kind = static_cast<EventKind>(event.kind);
+  if (!is_fault(kind)) return std::to_string(event.kind);
+  const std::string text = text_of(event.text), word = "joint ";
+  const std::size_t joint = text.find(word), from = joint == std::string::npos ? 0 : joint + word.size();
+  return fmt::format("{} {} {}", event.kind, kind == EventKind::law_faulted ? event.request_id : event.code,
+                     text.substr(0, text.find_first_of(" ,:", from)));
 }
 
 std::string name_of(std::uint64_t id) { return fmt::format("{:04}", id); }
@@ -123,15 +137,18 @@ void Incidents::on_event(const SpineLink& spine, const wire::Event& event, const
     laws_[event.code] = law(spine, event.code);
     if (laws_.size() > kMostLaws) laws_.erase(laws_.begin());
   }
-  if (!is_fault(kind) && !is_notable(kind)) return;
-  // One at a time: what follows is in the events of the open one. A fault takes the place of what is none.
-  if (open_ && (is_fault(static_cast<EventKind>(open_->event.kind)) || !is_fault(kind))) return;
-  const auto last = last_ns_.find(event.kind);
-  if (last != last_ns_.end() && event.t_ns - last->second < kPauseNs) {
+  if (!is_fault(kind) && !is_notable(event)) return;
+  // One at a time: what follows is in the events of the open one, and counted if it is another fault, not the next
+  // event of the same. A fault takes the place of what is none.
+  if (open_ && (is_fault(static_cast<EventKind>(open_->event.kind)) || !is_fault(kind))) {
+    if (is_fault(kind) && event.tick != open_->event.tick) ++skipped_;
+    return;
+  }
+  std::erase_if(last_ns_, [&](const auto& each) { return event.t_ns - each.second >= kPauseNs; });
+  if (!last_ns_.try_emplace(same_as(event), event.t_ns).second) {
     ++skipped_;
     return;
   }
-  last_ns_[event.kind] = event.t_ns;
   open_ = Open{event, line, kHalfNs};
 }
 

@@ -31,8 +31,9 @@ class Incidents {
  public:
   static constexpr std::size_t kMost = 30;
   static constexpr std::uintmax_t kMostBytes = 64'000'000;
-  static constexpr std::int64_t kHalfNs = 1'000'000'000;    // before and after; less at rates whose ring holds less
-  static constexpr std::int64_t kPauseNs = 10'000'000'000;  // between two incidents of the same kind
+  static constexpr std::int64_t kHalfNs = 1'000'000'000;  // before and after; less at rates whose ring holds less
+  // Between two incidents of the same kind; of faults: of the same law and joint.
+  static constexpr std::int64_t kPauseNs = 10'000'000'000;
 
   // `log` has the events, also those of the supervisor.
   Incidents(std::filesystem::path folder, const EventLog& log) : folder_(std::move(folder)), log_(log) {}
@@ -65,8 +66,8 @@ class Incidents {
   std::filesystem::path folder_;
   const EventLog& log_;
   std::optional<Open> open_;
-  std::map<std::uint32_t, std::int64_t> last_ns_;  // per kind of event
-  std::map<std::uint32_t, Json> laws_;             // those committed last: the Spine forgets one that it has replaced
+  std::map<std::string, std::int64_t> last_ns_;  // of the last kPauseNs, by what happened
+  std::map<std::uint32_t, Json> laws_;           // those committed last: the Spine forgets one that it has replaced
   std::uint64_t skipped_ = 0, last_id_ = 0;
   std::string trouble_;
 };

@@ -46,8 +46,12 @@ class IncidentsTest : public SpineRig {
     }
   }
   static std::int64_t at_ns(std::uint64_t tick) { return static_cast<std::int64_t>(tick) * kNsPerMs; }
-  void tell(EventKind kind, std::uint64_t tick) {
+  void tell(EventKind kind, std::uint64_t tick, const std::string& text = "", std::uint32_t code = 0,
+            std::uint64_t request_id = 0) {
     wire::Event event;
+    event.code = code;
+    event.request_id = request_id;
+    std::copy(text.begin(), text.end(), event.text.begin());
     event.kind = static_cast<std::uint32_t>(kind);
     event.tick = tick;
     event.t_ns = at_ns(tick);
@@ -103,6 +107,54 @@ TEST_F(IncidentsTest, AStormOfOneKindIsKeptOnceAndCounted) {
   tell(EventKind::brain_stale, 2100);
   incidents_.finish(*link_);
   EXPECT_EQ(incidents_.list()["incidents"].size(), 2U) << "no reason to keep anything";
+}
+
+TEST_F(IncidentsTest, AFaultDuringAnotherOnesSecondIsCounted) {
+  run(1, 3000);
+  tell(EventKind::law_faulted, 1000);
+  tell(EventKind::law_rolled_back, 1000);
+  EXPECT_EQ(incidents_.list()["skipped"], 0) << "of the same fault";
+  tell(EventKind::held, 1200);
+  EXPECT_EQ(incidents_.list()["skipped"], 0) << "no fault";
+  tell(EventKind::safe_stop, 1500);
+  EXPECT_EQ(incidents_.list()["skipped"], 1);
+  incidents_.finish(*link_);
+  EXPECT_EQ(show()["events"].size(), 4U) << "all of them are in it";
+}
+
+TEST_F(IncidentsTest, FaultsOfOtherJointsAndLawsAreKeptAtOnceAndTheSameOnceIn10S) {
+  run(1, 4000);
+  const auto kept = [&](EventKind kind, std::uint64_t tick, const std::string& text, std::uint64_t request_id) {
+    const std::size_t before = read_incidents(folder_).size();
+    tell(kind, tick, text, 3, request_id);
+    incidents_.finish(*link_);
+    return read_incidents(folder_).size() > before;
+  };
+  EXPECT_TRUE(kept(EventKind::safe_stop, 1000, "velocity_limit at joint hip: 19.3 rad/s, allowed 18.8", 0));
+  EXPECT_TRUE(kept(EventKind::safe_stop, 1100, "velocity_limit at joint knee: 19.3 rad/s, allowed 18.8", 0));
+  EXPECT_FALSE(kept(EventKind::safe_stop, 1200, "velocity_limit at joint hip: 20.0 rad/s, allowed 18.8", 0));
+  EXPECT_TRUE(kept(EventKind::law_faulted, 1300, "bad_access", 7));
+  EXPECT_TRUE(kept(EventKind::law_faulted, 1400, "bad_access", 8));
+  EXPECT_FALSE(kept(EventKind::law_faulted, 1500, "bad_access", 7));
+  EXPECT_TRUE(kept(EventKind::law_rolled_back, 1600, "guard_busy: joint hip clamped in 80.1 % of ticks", 0));
+  EXPECT_TRUE(kept(EventKind::law_rolled_back, 1700, "guard_busy: joint knee clamped in 80.1 % of ticks", 0));
+  EXPECT_FALSE(kept(EventKind::law_rolled_back, 1800, "guard_busy: joint hip clamped in 90.3 % of ticks", 9));
+  EXPECT_EQ(incidents_.list()["skipped"], 3);
+  EXPECT_TRUE(
+      kept(EventKind::law_faulted, 1300 + static_cast<std::uint64_t>(Incidents::kPauseNs / kNsPerMs), "bad_access", 7));
+}
+
+TEST_F(IncidentsTest, ARefusedLawAndAFailedShadowAreKept) {
+  run(1, 4000);
+  tell(EventKind::shadow_ended, 1000, "it agrees with the active law", 1);
+  incidents_.finish(*link_);
+  EXPECT_TRUE(read_incidents(folder_).empty()) << "it was promoted";
+  tell(EventKind::shadow_ended, 1100, "it disagrees with the active law by more than the tolerance", 0);
+  incidents_.finish(*link_);
+  EXPECT_EQ(show()["kind"], "shadow_ended");
+  tell(EventKind::law_refused, 1200);
+  incidents_.finish(*link_);
+  EXPECT_EQ(show()["kind"], "law_refused");
 }
 
 TEST_F(IncidentsTest, TheOldestMakeRoomAndNumbersGoOn) {
