@@ -26,7 +26,7 @@ Json side_json(const LawControl& side, std::size_t joint) {
   return {{"rms_error_rad", rounded(seen.rms_error_rad)}, {"max_error_rad", rounded(seen.max_error_rad)},
           {"rms_torque_nm", rounded(seen.rms_torque_nm)}, {"max_torque_nm", rounded(seen.max_torque_nm)},
           {"at_limit", rounded(seen.at_limit)},           {"moved_rad", rounded(seen.moved_rad)},
-          {"chatter_hz", std::round(seen.chatter_hz)}};
+          {"chatter_hz", std::round(seen.chatter_hz)},    {"clamped", rounded(seen.clamped)}};
 }
 
 // The trial's own run of this law, if it had one: its rms error at this joint.

@@ -12,7 +12,8 @@ namespace {
 namespace flag = wire::telemetry_flag;
 constexpr std::uint32_t kClamped =
     flag::kTorqueClamped | flag::kSlewClamped | flag::kPositionClamped | flag::kVelocityClamped | flag::kPowerClamped;
-constexpr double kAll = 0.999;  // of torque_max_nm
+constexpr double kAll = 0.999;        // of torque_max_nm
+constexpr double kClampedBy = 0.001;  // likewise: by less the guard changes nothing worth a word
 
 // Calls `see` for each record of ticks (from, to] that is still in the ring, oldest first.
 template <class See>
@@ -43,6 +44,8 @@ void see(const wire::Telemetry& record, const wire::RobotInfo& info, std::size_t
   joint.max_error_rad = std::max(joint.max_error_rad, std::abs(error_rad));
   joint.max_torque_nm = std::max(joint.max_torque_nm, std::abs(torque_nm));
   joint.at_limit += std::abs(torque_nm) >= kAll * info.torque_max_nm[j] ? 1 : 0;
+  const bool changed = std::abs(record.law_torque_nm[j] - torque_nm) > kClampedBy * info.torque_max_nm[j];
+  joint.clamped += (record.flags & kClamped) != 0 && changed ? 1 : 0;
   const double jump_nm = law::Tremor::kJumpShare * info.torque_max_nm[j];
   joint.chatter_hz += joint.wanted.see(record.law_torque_nm[j], jump_nm).ticks > 0 ? 0.5 : 0;  // two turns are a period
   joint.sums.see({record.setpoint_position_rad[j], record.position_rad[j], record.velocity_rad_s[j],
@@ -82,6 +85,7 @@ LawControl measure_control(const SpineLink& spine, std::uint32_t law_id, std::ui
     joint.rms_error_rad = std::sqrt(joint.rms_error_rad / ticks);
     joint.rms_torque_nm = std::sqrt(joint.rms_torque_nm / ticks);
     joint.at_limit /= ticks;
+    joint.clamped /= ticks;
     joint.chatter_hz *= info.rate_hz / ticks;
   }
   return found;

@@ -17,7 +17,8 @@ struct JointControl {
   double rms_error_rad = 0, max_error_rad = 0;
   double rms_torque_nm = 0, max_torque_nm = 0;  // of the guard's output
   double at_limit = 0;                          // share of ticks in which that was torque_max_nm
-  double moved_rad = 0;                         // distance, there and back
+  double clamped = 0;     // share of ticks in which the guard took torque from this joint: law_torque_nm differs
+  double moved_rad = 0;   // distance, there and back
   double chatter_hz = 0;  // how often what the law wanted went up and down by a fifth of torque_max_nm (law::Tremor)
   law::JointSums sums;    // with the guard's output as torque
   law::Zigzag wanted{};

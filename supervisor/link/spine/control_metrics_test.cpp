@@ -11,14 +11,14 @@
 namespace lithe::control {
 namespace {
 
-// A Spine of 1 kHz with one joint: law 1 to tick 500, then law 2.
+// A Spine of 1 kHz with two joints, of which the second one rests: law 1 to tick 500, then law 2.
 class ControlMetrics : public SpineRig {
  protected:
   void SetUp() override {
     attach([](wire::RobotInfo& info) {
       info.rate_hz = 1000;
-      info.joint_count = 1;
-      info.torque_max_nm[0] = 2;
+      info.joint_count = 2;
+      info.torque_max_nm[0] = info.torque_max_nm[1] = 2;
     });
   }
   // The setpoint moves at 3 rad/s; the sample is one tick old. Law 1 lags by 0.1 rad, law 2 by nothing.
@@ -29,7 +29,7 @@ class ControlMetrics : public SpineRig {
       const bool first = tick <= 500;
       const double t_s = static_cast<double>(tick) * 1e-3;
       record->tick = tick;
-      record->joint_count = 1;
+      record->joint_count = 2;
       record->law_id = first ? 1 : 2;
       record->mode = static_cast<std::uint32_t>(tick > 100 && tick <= 150 ? wire::Mode::hold : wire::Mode::active);
       record->release_ns = static_cast<std::int64_t>(tick) * 1'000'000;
@@ -42,6 +42,7 @@ class ControlMetrics : public SpineRig {
       record->position_rad[0] = 3 * (t_s - 1e-3) - (first ? 0.1 : 0);
       record->command_torque_nm[0] = tick > 900 ? -2 : 1;
       record->law_torque_nm[0] = (tick / 5 % 2 == 0 ? 1 : -1) * (first ? 0.1 : 0.5);  // 100 Hz
+      record->command_torque_nm[1] = record->law_torque_nm[1] = 0.3;
       ring.push(*record);
     }
   }
@@ -52,7 +53,7 @@ TEST_F(ControlMetrics, ComparesSampleAndSetpointOfTheSameInstant) {
   const LawControl before = measure_control(*link_, 1, 0, 500), after = measure_control(*link_, 2, 500, 1000);
   EXPECT_EQ(before.ticks, 450u) << "ticks in hold do not count";
   EXPECT_EQ(after.ticks, 500u);
-  ASSERT_EQ(after.joints.size(), 1u);
+  ASSERT_EQ(after.joints.size(), 2u);
   EXPECT_NEAR(before.joints[0].rms_error_rad, 0.1, 1e-9);
   EXPECT_NEAR(after.joints[0].rms_error_rad, 0, 1e-9) << "not 3 mrad, which the sample's age alone makes";
   EXPECT_NEAR(after.joints[0].max_error_rad, 0, 1e-9);
@@ -63,6 +64,8 @@ TEST_F(ControlMetrics, CountsWhatTheGuardAndTheMachineDid) {
   const LawControl after = measure_control(*link_, 2, 500, 1000);
   EXPECT_EQ(after.missed, 3u);
   EXPECT_DOUBLE_EQ(after.clamped, 0.2);
+  EXPECT_DOUBLE_EQ(after.joints[0].clamped, 0.2);
+  EXPECT_EQ(after.joints[1].clamped, 0) << "the guard clamped another joint";
   EXPECT_DOUBLE_EQ(after.joints[0].at_limit, 0.2);
   EXPECT_DOUBLE_EQ(after.joints[0].max_torque_nm, 2);
   EXPECT_NEAR(after.joints[0].rms_torque_nm, std::sqrt(0.8 + 0.2 * 4), 1e-9);
