@@ -32,6 +32,7 @@ NAMED_PATH = re.compile(rf"(?:{TREE.replace(' ', '|')})/[\w./*-]*")
 PROGRAMS = ("make", "lithe", "python", "pytest", "ctest", "build/release/bin/")
 CLI = Path("docs/reference/cli.md")  # made from the table that parses; a test compares
 SIM = Path("docs/reference/sim.md")  # `lithe sim` reads its own words
+MODULES = ("agent", "mcp", "evolve", "identify")  # so do these, packages below brain/lithe
 
 
 @cache
@@ -70,7 +71,10 @@ def cli_verbs(root: Path) -> dict[str, set[str]]:
             verbs[verb] = set()
         elif line.startswith("| `-"):
             verbs[verb] |= set(re.findall(r"--?[a-z-]+", line.split("|")[1]))
-    verbs["sim"] |= set(re.findall(r"--[a-z-]+", (root / SIM).read_text(encoding="utf-8")))
+    own = {"sim": [root / SIM]} | {name: list((root / "brain/lithe" / name).glob("*.py")) for name in MODULES}
+    for name, files in own.items():
+        said = "".join(file.read_text(encoding="utf-8") for file in files)
+        verbs.setdefault(name, set()).update(re.findall(r"--[a-z-]+", said))
     return verbs
 
 

@@ -4,6 +4,7 @@
 import concurrent.futures
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -11,7 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from system.house import ROOT, House, alive
+from system.house import BIN, ROOT, House, alive
 
 LAWS = ROOT / "laws"
 
@@ -345,3 +346,19 @@ def test_run_announces_itself_in_json(house: House) -> None:
     assert json.loads(line)["supervisor_pid"] == process.pid
     assert Path(json.loads(line)["socket"]) == house.socket
     assert isinstance(process, subprocess.Popen)
+
+
+def test_words_of_python_run_its_modules_and_say_what_is_missing(tmp_path: Path) -> None:
+    """The rest of the line and the exit code pass; without an interpreter that has the package, the way on."""
+
+    def said(*words: str | Path, **env: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(words, check=False, capture_output=True, text=True, timeout=120, env=os.environ | env)
+
+    for name in ("agent", "mcp", "evolve", "identify"):
+        done = said(BIN / "lithe", name, "--help")
+        assert done.returncode == 0 and f"python -m lithe.{name}" in done.stdout, done.stdout + done.stderr
+        done = said(BIN / "lithe", name, "--no-such")
+        assert done.returncode == 2 and "usage: " in done.stderr, done.stderr
+    done = said(shutil.copy(BIN / "lithe", tmp_path / "lithe"), "agent", PATH=str(tmp_path))
+    assert done.returncode == 2, done.stderr
+    assert "needs a Python with the package lithe" in done.stderr and "tools/setup" in done.stderr, done.stderr

@@ -2,8 +2,6 @@
 """The flight recorder, on a running robot: from the fault to the picture."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +53,8 @@ def test_a_crash_is_kept_with_a_second_before_and_after(arm: House) -> None:
     assert summary["tick"] in records["tick"]
 
     picture = arm.dir / "incident.svg"
-    subprocess.run([sys.executable, "-m", "lithe.incident", told["path"], "--out", picture], check=True, timeout=120)
+    drawn = arm.lithe("incident", "plot", str(number), "--out", str(picture))
+    assert drawn.returncode == 0, drawn.stderr
     assert "<svg" in picture.read_text()
 
     folder = str(Path(told["path"]).parent)

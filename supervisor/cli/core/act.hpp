@@ -78,6 +78,11 @@ int events(const Context& context, std::uint64_t since, bool follow);
 // What the flight recorder has kept. `which`: "last", or a number. `folder`: empty = the robot's.
 int incident_list(const Context& context, const std::string& folder);
 int incident_show(const Context& context, const std::string& which, const std::string& folder);
+// Replaces this process by `python -m lithe.incident`, which draws it; `out`: the picture, or empty.
+int incident_plot(const Context& context, const std::string& which, const std::string& folder, const std::string& out);
+// Replaces this process by `python -m MODULE` with these arguments, of the checkout's .venv or of the PATH; throws a
+// Refusal when neither has the package.
+[[noreturn]] void run_module(const std::string& module, const std::vector<std::string>& words);
 int top(const Context& context, int turns);
 // Replaces this process by `lithe-sim` with these arguments; throws a Refusal when it cannot.
 [[noreturn]] void simulate(const std::vector<std::string>& words);

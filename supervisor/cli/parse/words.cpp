@@ -15,6 +15,7 @@ namespace {
 constexpr const char* kRobot = "The robot";
 constexpr const char* kMotion = "Motion";
 constexpr const char* kLaws = "Laws";
+constexpr const char* kAgents = "Agents and learning";
 constexpr const char* kHardware = "Hardware and simulation";
 constexpr const char* kMachine = "This machine";
 constexpr const char* kHelp = "Help";
@@ -90,8 +91,11 @@ void add_robot(CLI::App& app, Words& words) {
                             [](Words& w) { return incident_list(w.context, w.folder); });
   CLI::App* one = add_verb(*incident, words, "show", "one of them",
                            [](Words& w) { return incident_show(w.context, w.which, w.folder); });
-  one->add_option("WHICH", words.which, "last (default), or a number");
-  for (CLI::App* each : {kept, one}) {
+  CLI::App* plot = add_verb(*incident, words, "plot", "draw one of them: setpoint, position and torque of each joint",
+                            [](Words& w) { return incident_plot(w.context, w.which, w.folder, w.file); });
+  plot->add_option("--out", words.file, "the picture, .png or .svg (default: beside the incident)")->type_name("FILE");
+  for (CLI::App* each : {one, plot}) each->add_option("WHICH", words.which, "last (default), or a number");
+  for (CLI::App* each : {kept, one, plot}) {
     each->add_option("--folder", words.folder, "folder of the incidents, instead of the robot's")->type_name("DIR");
   }
   add_verb(app, words, kRobot, "estop", "stop now, with or without a supervisor; latched",
@@ -259,6 +263,20 @@ void add_sim(CLI::App& app, Words& words) {
   });
 }
 
+// Modules of the Python package; the rest of the line goes to them.
+void add_modules(CLI::App& app) {
+  const std::pair<const char*, const char*> modules[] = {
+      {"agent", "a language model improves the law of a running robot: lithe agent --help"},
+      {"mcp", "the robot as tools of the Model Context Protocol: lithe mcp --help"},
+      {"evolve", "search laws and their parameters on the simulated robot: lithe evolve --help"},
+      {"identify", "what recorded motion tells of a chain of links: lithe identify --help"}};
+  for (const auto& [name, about] : modules) {
+    CLI::App* verb = app.add_subcommand(name, about);
+    verb->group(kAgents)->prefix_command()->set_help_flag();
+    verb->callback([verb] { run_module("lithe." + verb->get_name(), verb->remaining()); });
+  }
+}
+
 void add_doctor(CLI::App& app, Words& words) {
   CLI::App* verb = add_verb(app, words, kMachine, "doctor", "how well the Spine's core is protected; changes nothing",
                             [](Words& w) { return doctor(w.context, w.doctor); });
@@ -344,6 +362,7 @@ void add_words(CLI::App& app, Words& words) {
   add_swap(app, words);
   add_laws(app, words);
   add_params(app, words);
+  add_modules(app);
   add_bus(app, words);
   add_sim(app, words);
   add_doctor(app, words);

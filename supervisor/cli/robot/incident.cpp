@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// `lithe incident list` and `lithe incident show`: from the files, so no robot needs to run.
+// `lithe incident list`, `show` and `plot`: from the files, so no robot needs to run.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -63,18 +63,12 @@ void print_incident(const Json& incident) {
   for (const Json& event : incident.value("events", Json::array())) {
     fmt::print("  tick {:<8} {} {}\n", text_at(event, "tick"), text_at(event, "kind"), text_at(event, "text"));
   }
-  fmt::print("telemetry: {}; a picture of it: python -m lithe.incident {}\n", text_at(incident, "path"),
-             text_at(incident, "path"));
+  fmt::print("telemetry: {}; a picture of it: lithe incident plot {}\n", text_at(incident, "path"),
+             text_at(incident, "id"));
 }
 
-}  // namespace
-
-int incident_list(const Context& context, const std::string& folder_word) {
-  const fs::path folder = incidents_folder(context, folder_word);
-  return finish(context, Json{{"folder", folder.string()}, {"incidents", all_incidents(folder)}}, print_incidents);
-}
-
-int incident_show(const Context& context, const std::string& which, const std::string& folder_word) {
+// Its summary, with "path", where its telemetry is.
+Json find_incident(const Context& context, const std::string& which, const std::string& folder_word) {
   const fs::path folder = incidents_folder(context, folder_word);
   const std::vector<Json> all = all_incidents(folder);
   const auto found = which == "last"
@@ -86,7 +80,24 @@ int incident_show(const Context& context, const std::string& which, const std::s
   }
   Json incident = *found;
   incident["path"] = (folder / incident.value("data", "")).string();
-  return finish(context, incident, print_incident);
+  return incident;
+}
+
+}  // namespace
+
+int incident_list(const Context& context, const std::string& folder_word) {
+  const fs::path folder = incidents_folder(context, folder_word);
+  return finish(context, Json{{"folder", folder.string()}, {"incidents", all_incidents(folder)}}, print_incidents);
+}
+
+int incident_show(const Context& context, const std::string& which, const std::string& folder) {
+  return finish(context, find_incident(context, which, folder), print_incident);
+}
+
+int incident_plot(const Context& context, const std::string& which, const std::string& folder, const std::string& out) {
+  std::vector<std::string> words{text_at(find_incident(context, which, folder), "path")};
+  if (!out.empty()) words.insert(words.end(), {"--out", out});
+  run_module("lithe.incident", words);
 }
 
 }  // namespace lithe::cli
