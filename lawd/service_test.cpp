@@ -146,10 +146,11 @@ TEST_F(ServiceTest, UnknownFunctionIsNamed) {
 }
 
 TEST_F(ServiceTest, CrashHangExitAndNanAreRefusedWithTheReason) {
-  EXPECT_NE(first(refused({.body = "*(volatile int*)nullptr = 1;"}, "dry_run")).find("SIGSEGV"), std::string::npos);
-  EXPECT_NE(
-      first(refused({.body = "for (;;) s.sum_rad = *(volatile double*)&s.sum_rad;"}, "dry_run")).find("did not return"),
-      std::string::npos);
+  const json crash = refused({.body = "*(volatile int*)nullptr = 1;"}, "dry_run");
+  EXPECT_NE(first(crash).find("SIGSEGV"), std::string::npos);
+  const json loop = refused({.body = "for (;;) s.sum_rad = *(volatile double*)&s.sum_rad;"}, "dry_run");
+  EXPECT_NE(first(loop).find("did not return"), std::string::npos);
+  for (const json& each : {crash, loop}) EXPECT_GT(each["diagnostics"][0].value("line", 0), 0) << each;
   const json ended = compile(service_, LawText{.body = "__builtin_exit(0);"}.source(), "law.cpp", false);
   EXPECT_EQ(ended["stage"], "dry_run");
   EXPECT_NE(first(ended).find("ended its process"), std::string::npos);

@@ -78,7 +78,8 @@ std::uint64_t dry_steps(const LitheLaw& law, std::uint32_t joints, std::uint64_t
 int g_pipe = -1;
 std::uint64_t g_base = 0;
 
-void on_invalid(int, siginfo_t*, void* context) {
+// Tells where the law was, then lets the signal end it.
+void on_death(int signal, siginfo_t*, void* context) {
   const auto& machine = static_cast<const ucontext_t*>(context)->uc_mcontext;
 #if defined(__x86_64__)
   const auto pc = static_cast<std::uint64_t>(machine.gregs[REG_RIP]);
@@ -87,20 +88,29 @@ void on_invalid(int, siginfo_t*, void* context) {
 #endif
   char line[48];
   const int length = std::snprintf(line, sizeof line, "{\"pc\": %llu}\n", static_cast<unsigned long long>(pc - g_base));
-  _exit(write(g_pipe, line, static_cast<std::size_t>(length)) == length ? 1 : 3);
+  if (write(g_pipe, line, static_cast<std::size_t>(length)) != length) _exit(3);
+  ::signal(signal, SIG_DFL);
+  ::raise(signal);  // blocked until this returns
+}
+
+// A crash, a loop without an end (SIGXCPU), and what tell_place() makes the processor stop at. On a stack of its own,
+// for a law that has used up its stack.
+void listen_for_death(int fd, const LitheLaw& law) {
+  static std::array<char, 64 << 10> memory;
+  const stack_t stack{memory.data(), 0, memory.size()};
+  Dl_info info{};
+  if (dladdr(&law, &info) == 0 || sigaltstack(&stack, nullptr) != 0) return;
+  g_pipe = fd;
+  g_base = reinterpret_cast<std::uint64_t>(info.dli_fbase);
+  struct sigaction action{};
+  action.sa_sigaction = &on_death;
+  action.sa_flags = SA_SIGINFO | SA_ONSTACK;
+  for (const int signal : {SIGXCPU, SIGSEGV, SIGBUS, SIGFPE, SIGILL}) sigaction(signal, &action, nullptr);
 }
 
 // Repeats the steps up to a bad one, and in that one lets the processor stop at the first invalid operation (a division
 // by zero, 0/0, the root of a negative number). Not every processor can; then nothing is told.
-void tell_place(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t bad_step, law::Resident& resident) {
-  Dl_info info{};
-  if (dladdr(&law, &info) == 0) return;
-  g_pipe = fd;
-  g_base = reinterpret_cast<std::uint64_t>(info.dli_fbase);
-  struct sigaction action{};
-  action.sa_sigaction = &on_invalid;
-  action.sa_flags = SA_SIGINFO;
-  if (sigaction(SIGFPE, &action, nullptr) != 0) return;
+void tell_place(const LitheLaw& law, std::uint32_t joints, std::uint64_t bad_step, law::Resident& resident) {
   law::reset_resident(resident, law);
   Tick tick;
   Effort effort;
@@ -129,7 +139,7 @@ int try_steps(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t s
       tell(fd, {{"refused", std::string(bad.data()) + " is not finite in dry step " + std::to_string(done) +
                                 ", on harmless inputs: look for a division by zero, sqrt or log of a negative number, "
                                 "a sensor that is not valid (NaN), or a gain that diverges"}});
-      tell_place(fd, law, joints, done, *resident);
+      tell_place(law, joints, done, *resident);
       return 1;
     }
     if (now_ns() - start > kPatienceNs) break;  // the step is so slow that noise does not matter
@@ -154,6 +164,7 @@ int try_law(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t ste
     return 1;
   }
   tell(fd, {{"law", describe_json(law)}});
+  listen_for_death(fd, law);
   return try_steps(fd, law, joints, steps);
 }
 

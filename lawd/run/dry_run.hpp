@@ -10,12 +10,13 @@ namespace lithe::lawd {
 
 struct DryRun {
   bool ok = false;
-  bool starved = false;         // it got too little processor time: no evidence against the law
-  std::string stage;            // load | dry_run: where it failed
-  std::string reason;           // one sentence: what happened and what to change
-  nlohmann::json law;           // name, state[], params[], probes[], sizes
-  std::uint64_t pc_offset = 0;  // of the first invalid operation, from the object's start [bytes]; 0 = unknown
-  double step_ns = 0;           // slowest step; for each step the fastest repetition counts
+  bool starved = false;  // it got too little processor time: no evidence against the law
+  std::string stage;     // load | dry_run: where it failed
+  std::string reason;    // one sentence: what happened and what to change
+  nlohmann::json law;    // name, state[], params[], probes[], sizes
+  std::uint64_t pc_offset =
+      0;  // of the first invalid operation, a crash or an endless loop, from the object's start [bytes]; 0 = unknown
+  double step_ns = 0;  // slowest step; for each step the fastest repetition counts
 };
 
 inline constexpr std::uint64_t kDrySteps = 1000;

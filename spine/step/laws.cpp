@@ -23,14 +23,22 @@ void copy_effort(const Effort& from, Effort& to, std::uint32_t joints) LITHE_RT 
   copy_joints(from.kd_nm_s_rad, to.kd_nm_s_rad, joints);
 }
 
+// The name of an output of this joint that is not finite.
+std::string_view not_finite_in(const Effort& effort, std::size_t joint) LITHE_RT {
+  if (!std::isfinite(effort.torque_nm[joint])) return "torque_nm";
+  if (!std::isfinite(effort.velocity_rad_s[joint])) return "velocity_rad_s";
+  if (!std::isfinite(effort.kp_nm_rad[joint])) return "kp_nm_rad";
+  return std::isfinite(effort.kd_nm_s_rad[joint]) ? "position_rad" : "kd_nm_s_rad";
+}
+
 bool is_runaway(wire::Fault fault) LITHE_RT {
   return fault == wire::Fault::position_limit || fault == wire::Fault::velocity_limit;
 }
 
 }  // namespace
 
-void tell_beyond(const robot::RobotConfig& robot, const Tick& in, std::size_t joint, wire::Fault fault,
-                 Words& words) LITHE_RT {
+void tell_beyond(const robot::RobotConfig& robot, const Tick& in, std::size_t joint, wire::Fault fault, Words& words)
+    LITHE_RT {
   const robot::JointConfig& config = robot.joints[joint];
   const double overrun_rad = robot.guard.position_overrun_rad;
   if (fault == wire::Fault::position_limit) {
@@ -84,7 +92,12 @@ Laws::Run Laws::run(law::Resident& law, Effort& effort, Host& host) LITHE_RT {
   // A non-finite output that comes from a broken sensor is not a law fault: the guard handles it. The state of this
   // step is not kept.
   const std::size_t odd = sound_input ? guard_.not_finite_at(sandbox_.effort) : kMaxJoints;
-  if (odd != kMaxJoints) return {.failure = {LawFaultKind::not_finite, 0, 0}, .from_ns = from_ns, .joint = odd};
+  if (odd != kMaxJoints) {
+    return {.failure = {LawFaultKind::not_finite, 0, 0},
+            .from_ns = from_ns,
+            .joint = odd,
+            .output = not_finite_in(sandbox_.effort, odd)};
+  }
   if (sound_input) sandbox_.keep_state(law);
   copy_effort(sandbox_.effort, effort, in_.joints);
   return {{}, from_ns};
@@ -245,7 +258,22 @@ void Laws::tell_probation(const Probation::News& news) LITHE_RT {
       guard_.any_stopped() ? "its probation is over, with a part of the robot stopped" : "its probation is over");
 }
 
-// "overran: ended after 812.0 us, allowed 800.0"; "not_finite: joint elbow".
+// What the law saw of a joint, or a sensor that was not valid.
+void Laws::tell_inputs(std::size_t joint, Words& words) const LITHE_RT {
+  for (std::size_t i = 0; i < robot_.sensors.size() && i < in_.sensor.size(); ++i) {
+    if (std::isnan(in_.sensor[i])) {
+      words << "sensor " << robot_.sensors[i].name << " was NaN";
+      return;
+    }
+  }
+  (words << "at ").number(in_.position_rad[joint], 3) << " rad, ";
+  words.number(in_.velocity_rad_s[joint], 2) << " rad/s, ";
+  words.number(in_.torque_nm[joint], 2) << " N m, setpoint ";
+  words.number(in_.setpoint_position_rad[joint], 3);
+}
+
+// "overran: ended after 812.0 us, allowed 800.0"; "not_finite: joint elbow, torque_nm; at 0.100 rad, 3.20 rad/s, 0.15
+// N m, setpoint 0.250".
 Words Laws::in_words(const Run& failed) const LITHE_RT {
   Words words;
   words << wire::to_string(failed.failure.kind);
@@ -253,7 +281,8 @@ Words Laws::in_words(const Run& failed) const LITHE_RT {
     (words << ": ended after ").number(1e-3 * static_cast<double>(failed.took_ns), 1) << " us, allowed ";
     words.number(1e-3 * static_cast<double>(failed.budget_ns), 1);
   } else if (failed.joint < robot_.joints.size()) {
-    words << ": joint " << robot_.joints[failed.joint].name;
+    words << ": joint " << robot_.joints[failed.joint].name << ", " << failed.output << "; ";
+    tell_inputs(failed.joint, words);
   }
   return words;
 }

@@ -25,8 +25,8 @@
 namespace lithe::step {
 
 // Where the joint is and what is allowed: ": 1.234 rad, allowed -1.200 to 1.200". Nothing for a fault without a number.
-void tell_beyond(const robot::RobotConfig& robot, const Tick& in, std::size_t joint, wire::Fault fault,
-                 Words& words) LITHE_RT;
+void tell_beyond(const robot::RobotConfig& robot, const Tick& in, std::size_t joint, wire::Fault fault, Words& words)
+    LITHE_RT;
 
 // Contract: RT · owned by the tick thread
 class Laws {
@@ -70,7 +70,8 @@ class Laws {
     contain::Failure failure;
     std::int64_t from_ns;
     std::int64_t took_ns = 0, budget_ns = 0;  // of one that failed
-    std::size_t joint = kMaxJoints;           // whose output is not finite
+    std::size_t joint = kMaxJoints;           // whose output is not finite, and which one
+    std::string_view output = "";
   };
   // A step back: to the previous parameters, or to the law before.
   enum class Back : std::uint8_t { nowhere, params, law };
@@ -92,6 +93,7 @@ class Laws {
   void tell_probation(const Probation::News& news) LITHE_RT;
   Words in_words(const Probation::News& news) const LITHE_RT;
   Words in_words(const Run& failed) const LITHE_RT;
+  void tell_inputs(std::size_t joint, Words& words) const LITHE_RT;
   void tell_clamped(const Probation::Evidence& evidence, Words& words) const LITHE_RT;
   wire::LawFault fault_of(const contain::Failure& failure) const LITHE_RT;
   void report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t took_ns, std::string_view why) LITHE_RT;
