@@ -25,13 +25,16 @@ std::vector<std::string> hints(const Report& report, const TrialSetup& setup, bo
   const bool swings = run.tremor == static_cast<std::uint32_t>(law::Tremor::Finding::Kind::oscillation);
   const std::span params = std::span(report.param_values).first(std::min<std::size_t>(report.params, kMaxParams));
   std::vector<std::string> found;
-  for (std::uint32_t j = 0; j < setup.joints(); ++j) {
-    if (!passed && j != joint_of(run)) continue;
+  const auto look_at = [&](std::uint32_t j) {
     const robot::JointConfig& joint = setup.robot.joints[j];
-    const law::Diagnosis diagnosis = law::diagnose(
-        report.sums[j], {joint.name.c_str(), joint.torque_max_nm, swings ? run.tremor_hz : 0, !passed, params});
+    const double swing_hz = swings && j == run.tremor_joint ? run.tremor_hz : 0;
+    const law::Diagnosis diagnosis =
+        law::diagnose(report.sums[j], {joint.name.c_str(), joint.torque_max_nm, swing_hz, !passed, params});
     if (diagnosis.kind != law::Diagnosis::Kind::none) found.push_back(text_of(diagnosis.text));
-  }
+  };
+  if (!passed) look_at(joint_of(run));
+  // Of a refused law whose joint shows nothing: another one may have thrown it.
+  for (std::uint32_t j = 0; j < setup.joints() && (passed || found.empty()); ++j) look_at(j);
   return found;
 }
 
