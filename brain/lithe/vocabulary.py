@@ -215,7 +215,7 @@ VERBS = (
             ("centre_rad", _EACH),
             ("amplitude_rad", _EACH),
             ("phase_rad", _EACH),
-            ("frequency_hz", {**_EACH, "description": "sine: one; multisine: up to 64"}),
+            ("frequency_hz", {**_EACH, "description": "sine: one, or one for each joint; multisine: up to 64"}),
             ("from_hz", _number("chirp: its first frequency", exclusiveMinimum=0)),
             ("to_hz", _number("chirp: its last frequency", exclusiveMinimum=0)),
             ("duration_s", _number("chirp: its length", exclusiveMinimum=0)),

@@ -11,8 +11,18 @@ import pytest
 from lithe._wire import Mode
 from lithe.errors import NotRunning, Refused
 from lithe.gateway import references
-from lithe.gateway.references import KINDS, References
+from lithe.gateway.curves import KINDS
+from lithe.gateway.references import References
 
+CHIRP: dict[str, Any] = {
+    "kind": "chirp",
+    "centre_rad": 0,
+    "amplitude_rad": 0.1,
+    "from_hz": 0.1,
+    "to_hz": 1,
+    "duration_s": 5,
+}
+STEPS: dict[str, Any] = {"kind": "steps", "rise_s": 0.2}
 SINE: dict[str, Any] = {"kind": "sine", "centre_rad": 0.1, "amplitude_rad": [0.5, 0.3], "frequency_hz": 0.5}
 GOOD: list[dict[str, Any]] = [
     SINE,
@@ -54,6 +64,7 @@ class FakeRobot:
         self.plans: list[tuple[list[int], Any]] = []
         self.came = threading.Event()
         self.gone = False
+        self.refusal: Refused | None = None
 
     def publish(self, times: list[int], angles: Any) -> int:
         if self.gone:
@@ -61,6 +72,11 @@ class FakeRobot:
         self.plans.append((times, angles))
         self.came.set()
         return len(self.plans)
+
+    def decided(self, plan_id: int) -> bool:
+        if self.refusal is not None and threading.current_thread() is threading.main_thread():
+            raise self.refusal
+        return True
 
 
 @pytest.fixture
@@ -105,6 +121,15 @@ def test_each_kind_starts_where_the_setpoint_is_and_as_fast_and_keeps_the_limits
         ({"frequency_hz": 2.5}, "refused_limit", "joint 'hip' would move at"),
         ({"frequency_hz": 20}, "usage", "at most 5 Hz"),
         ({"frequency_hz": -1}, "usage", "above 0"),
+        ({"frequency_hz": [0.5, 20]}, "usage", "at most 5 Hz"),
+        ({"frequency_hz": [0.5, 1, 2]}, "usage", "one for each of 2 joints"),
+        ({"frequency_hz": [0.1, 2.5], "amplitude_rad": 0.5}, "refused_limit", "joint 'knee' would move at 7."),
+        ({"ramp_s": [1, 2]}, "usage", "one number from 0.1 to 60"),
+        (
+            {"frequency_hz": 0.001, "amplitude_rad": [0.5, 3.0]},
+            "refused_limit",
+            "'knee' would be at 2.154 rad after 120.01",
+        ),
         ({"frequency_hz": None}, "usage", "needs 'frequency_hz'"),
         ({"amplitude_rad": [1, 2, 3]}, "usage", "one for each of 2 joints"),
         ({"amplitude_rad": math.nan}, "usage", "not finite"),
@@ -112,6 +137,21 @@ def test_each_kind_starts_where_the_setpoint_is_and_as_fast_and_keeps_the_limits
         ({"ramp_s": -1}, "usage", "from 0.1 to 60"),
         ({"from_hz": 1}, "usage", "has no argument 'from_hz'"),
         ({"kind": "waypoints", "t_s": list(range(100000)), "position_rad": [[0, 0]]}, "usage", "1 to 1000"),
+        ({**CHIRP, "to_hz": [1, 2]}, "usage", "one number from 0 to 5"),
+        ({**CHIRP, "to_hz": 5, "duration_s": 600, "amplitude_rad": 0.2}, "refused_limit", "'hip' would move at"),
+        ({**STEPS, "position_rad": [[0, 0]] * 9 + [[0.9, 0]], "every_s": 10}, "refused_limit", "after 90."),
+        ({**STEPS, "position_rad": [[0, 0]] * 100, "every_s": 60}, "usage", "at most 3600 s"),
+        (
+            {"kind": "waypoints", "t_s": [0, 200, 200.2], "position_rad": [[0, 0], [0, 0], [0.9, 0]]},
+            "refused_limit",
+            "'hip' would move at 6.7",
+        ),
+        ({"kind": "waypoints", "t_s": [0, 5000], "position_rad": [[0, 0], [0, 0]]}, "usage", "at most 3600 s"),
+        (
+            {"kind": "multisine", "centre_rad": 0, "amplitude_rad": [0.3, 4], "frequency_hz": [0.01, 0.011]},
+            "refused_limit",
+            "'knee' would be at",
+        ),
         ({"kind": "waypoints", "t_s": [1, 1], "position_rad": [[0, 0], [0, 0]]}, "usage", "ascending"),
         ({"kind": "waypoints", "t_s": [0, 9], "position_rad": [[0, 0]]}, "usage", "2 rows of 2 numbers"),
         ({"kind": "steps", "position_rad": [[0, 0]], "every_s": 0.2, "rise_s": 1}, "usage", "longer than every_s"),
@@ -166,6 +206,41 @@ def test_a_robot_that_ends_ends_the_reference(robot: FakeRobot) -> None:
     count = len(robot.plans)
     kept.set({**SINE, "stay": True})
     until(lambda: len(robot.plans) > count)
+
+
+def test_each_joint_has_its_own_frequency(robot: FakeRobot) -> None:
+    """A list of frequencies of a sine is not cut to its first."""
+    kept = References(robot)  # type: ignore[arg-type]
+    kept.set({"kind": "sine", "centre_rad": 0, "amplitude_rad": 0.5, "frequency_hz": [0.5, 1.0]})
+    made = kept._now
+    assert made is not None and made.curve is not None
+    t_s = 30 + np.arange(0.0, 2.0, 0.01)
+    assert made.after(t_s) == pytest.approx(np.column_stack([0.5 * np.sin(k * np.pi * t_s) for k in (1, 2)]), abs=1e-9)
+    assert made.curve.whole_s == 2.0
+
+
+def test_a_multisine_is_checked_over_its_whole_period(robot: FakeRobot) -> None:
+    """Two frequencies that meet every 500 s: their peak is far lower in the first minute."""
+    kept = References(robot)  # type: ignore[arg-type]
+    asked = {"kind": "multisine", "centre_rad": 0, "frequency_hz": [0.25, 0.252]}
+    wave = references.curve_of({**asked, "amplitude_rad": 1.0}, 2)
+    assert wave.whole_s == pytest.approx(500.0)
+    peak = np.abs(wave(np.arange(0.0, 500.0, 0.005)))[:, 1]
+    most, soon = peak.max(), peak[: int(60 / 0.005)].max()
+    assert soon < 0.8 * most, "it tells something"
+    kept.set({**asked, "amplitude_rad": [0.5, 1.99 / most]})
+    with pytest.raises(Refused, match="'knee' would be at"):
+        kept.set({**asked, "amplitude_rad": [0.5, 1.95 / soon]})
+
+
+def test_what_the_spine_does_not_follow_is_refused_and_the_one_before_goes_on(robot: FakeRobot) -> None:
+    kept = References(robot)  # type: ignore[arg-type]
+    kept.set({**SINE, "stay": True})
+    before = kept.told()
+    robot.refusal = Refused("refused_plan", "the Spine refused the plan: time in the past")
+    with pytest.raises(Refused, match="time in the past"):
+        kept.set({**SINE, "frequency_hz": 0.25})
+    assert kept.told() == before
 
 
 def test_every_kind_of_the_table_is_offered() -> None:

@@ -10,32 +10,28 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from .._wire import Mode
-from ..errors import LitheError, Refused
+from ..errors import LitheError, NotRunning, Refused
 from ..robot import Robot
+from .curves import Args, Curve, Vector, curve_of
 
 PERIOD_NS = 20_000_000  # between two points of a plan
 POINTS = 12
-HIGHEST_HZ = 5.0  # ten points in a period
-MOST_POINTS = 1000
 COAST_S = 0.5  # from the setpoint's speed to rest
 FAR_RAD = 0.1  # a setpoint that far from its joint is not where the joint is
 USUAL_RAMP_S = 1.0
-CHECKED_S = 60.0  # of a reference, in steps of CHECK_STEP_S
+PIECE_S = 60.0  # of a reference, checked at a time in steps of CHECK_STEP_S
 CHECK_STEP_S = 0.005
 ROUNDING_RAD = 1e-9
+MOST_REFUSED = 3  # plans in a row; a single one may have come late
 _RESTS: dict[str, Any] = {"kind": "rest"}
 _OF_ALL = ("stay", "client_stale_s", "ramp_s")  # arguments of every kind
-
-Vector = npt.NDArray[np.float64]
-Curve = Callable[[Vector], Vector]
 
 
 @dataclass(frozen=True)
@@ -52,7 +48,7 @@ class Limits:
 class Reference:
     """Angles over time: `curve`, faded in within `ramp_s` from where the joints were and how fast the setpoint was.
 
-    curve: times since the start [s] (n,) -> angles [rad] (n, joints). None: it comes to rest.
+    curve: None: it comes to rest.
     """
 
     since_ns: int
@@ -79,171 +75,31 @@ class Reference:
         return self.after(np.asarray(since_ns * 1e-9, dtype=np.float64))
 
 
-class _Args:
-    """The arguments of one reference. Each that is not used is refused."""
-
-    def __init__(self, args: dict[str, Any], joints: int) -> None:
-        self._left, self._joints = dict(args), joints
-
-    def _array(self, name: str, usual: Any) -> Vector:
-        given = self._left.pop(name, usual)
-        if given is None:
-            raise Refused("usage", f"a reference of this kind needs '{name}'", f"give {name}")
-        try:
-            value = np.asarray(given, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise Refused("usage", f"'{name}' is not made of numbers", f"give {name} as in docs/agents.md") from None
-        if not np.isfinite(value).all():
-            raise Refused("usage", f"'{name}' holds a number that is not finite", "give finite numbers")
-        return value
-
-    def each(self, name: str, usual: Any = None) -> Vector:
-        """One number for all joints, or one for each -> (joints,)."""
-        value = self._array(name, usual)
-        if value.shape not in ((), (1,), (self._joints,)):
-            raise Refused(
-                "usage", f"'{name}' has shape {value.shape}", f"one number, or one for each of {self._joints} joints"
-            )
-        return np.broadcast_to(value, (self._joints,)).copy()
-
-    def number(self, name: str, usual: float | None, least: float, most: float) -> float:
-        value = self._array(name, usual)
-        if value.shape != () or not least <= float(value) <= most:
-            raise Refused("usage", f"'{name}' is {value.tolist()}", f"one number from {least:g} to {most:g}")
-        return float(value)
-
-    def times(self, name: str) -> Vector:
-        """Ascending times [s] -> (n,)."""
-        value = self._array(name, None)
-        if value.ndim != 1 or not 1 <= len(value) <= MOST_POINTS or value[0] < 0 or (np.diff(value) <= 0).any():
-            raise Refused("usage", f"'{name}' is not 1 to {MOST_POINTS} ascending times", "seconds from the start")
-        return value
-
-    def rows(self, name: str, count: int | None = None) -> Vector:
-        """Rows of angles, one number per joint -> (n, joints)."""
-        value = self._array(name, None)
-        if value.ndim == 1 and self._joints == 1:
-            value = value[:, None]
-        fits = value.ndim == 2 and value.shape[1] == self._joints and 1 <= len(value) <= MOST_POINTS
-        if not fits or (count is not None and len(value) != count):
-            many = f"{count}" if count is not None else f"1 to {MOST_POINTS}"
-            raise Refused("usage", f"'{name}' has shape {value.shape}", f"{many} rows of {self._joints} numbers")
-        return value
-
-    def frequencies(self, name: str) -> Vector:
-        """Frequencies [Hz] above 0 that plans can carry -> (n,)."""
-        value = np.atleast_1d(self._array(name, None))
-        if value.ndim != 1 or not 1 <= len(value) <= 64 or value.min() <= 0 or value.max() > HIGHEST_HZ:
-            raise Refused(
-                "usage",
-                f"'{name}' is {value.tolist()}",
-                f"above 0 and at most {HIGHEST_HZ:g} Hz: a plan has a point every {PERIOD_NS // 1_000_000} ms",
-            )
-        return value
-
-    def end(self, kind: str) -> None:
-        if self._left:
-            raise Refused("usage", f"a reference of kind '{kind}' has no argument '{min(self._left)}'", "leave it out")
-
-
-def _smooth(x: Vector) -> Vector:
-    x = np.clip(x, 0.0, 1.0)
-    return x * x * (3 - 2 * x)
-
-
-def _sine(args: _Args) -> Curve:
-    centre, amplitude, phase = args.each("centre_rad"), args.each("amplitude_rad"), args.each("phase_rad", 0.0)
-    omega = 2 * math.pi * float(args.frequencies("frequency_hz")[0])
-    return lambda t: centre + amplitude * np.sin(omega * t[:, None] + phase)
-
-
-def _multisine(args: _Args) -> Curve:
-    centre, amplitude = args.each("centre_rad"), args.each("amplitude_rad")
-    omega = 2 * math.pi * args.frequencies("frequency_hz")
-    k = np.arange(1, len(omega) + 1)
-    phase = -np.pi * k * (k - 1) / len(omega)  # Schroeder 1970: a low crest factor
-    joint = np.arange(len(centre))[:, None] * k  # other phases for each joint
-
-    def curve(t: Vector) -> Vector:
-        waves = np.sin(omega * t[:, None, None] + phase + joint)
-        swing: Vector = centre + amplitude * waves.mean(axis=2)
-        return swing
-
-    return curve
-
-
-def _chirp(args: _Args) -> Curve:
-    centre, amplitude = args.each("centre_rad"), args.each("amplitude_rad")
-    first, last = (float(args.frequencies(name)[0]) for name in ("from_hz", "to_hz"))
-    length_s = args.number("duration_s", None, 0.1, 3600.0)
-
-    def curve(t: Vector) -> Vector:
-        u = np.clip(t, 0.0, length_s)
-        fade = 1 - _smooth((t - 0.9 * length_s) / (0.1 * length_s))  # ends at its centre
-        angle = 2 * math.pi * (first * u + 0.5 * (last - first) * u * u / length_s)
-        swing: Vector = centre + amplitude * (fade * np.sin(angle))[:, None]
-        return swing
-
-    return curve
-
-
-def _steps(args: _Args) -> Curve:
-    rows = args.rows("position_rad")
-    every_s, rise_s = args.number("every_s", None, 0.05, 3600.0), args.number("rise_s", 0.2, 0.05, 60.0)
-    if rise_s > every_s:
-        raise Refused("usage", f"rise_s {rise_s:g} is longer than every_s {every_s:g}", "give a shorter rise_s")
-
-    def curve(t: Vector) -> Vector:
-        turn = np.minimum((np.maximum(t, 0.0) / every_s).astype(np.int64), len(rows) - 1)
-        share = _smooth((t - turn * every_s) / rise_s)[:, None]
-        before = rows[np.maximum(turn - 1, 0)]
-        step: Vector = before + share * (rows[turn] - before)
-        return step
-
-    return curve
-
-
-def _waypoints(args: _Args) -> Curve:
-    times = args.times("t_s")
-    rows = args.rows("position_rad", len(times))
-
-    def curve(t: Vector) -> Vector:
-        if len(times) == 1:
-            return np.repeat(rows, len(t), axis=0)
-        at = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
-        share = _smooth((t - times[at]) / (times[at + 1] - times[at]))[:, None]
-        way: Vector = rows[at] + share * (rows[at + 1] - rows[at])
-        return way
-
-    return curve
-
-
-KINDS: dict[str, Callable[[_Args], Curve]] = {
-    "sine": _sine, "multisine": _multisine, "chirp": _chirp, "steps": _steps, "waypoints": _waypoints,
-}  # fmt: skip
-
-
-def curve_of(args: dict[str, Any], joints: int) -> Curve:
-    """The curve of a reference: its `kind` and that kind's arguments. Raises Refused where they are wrong."""
-    rest = dict(args)
-    kind = str(rest.pop("kind", ""))
-    if kind not in KINDS:
-        raise Refused("usage", f"there is no reference of kind '{kind}'", f"one of: rest, {', '.join(KINDS)}")
-    given = _Args(rest, joints)
-    curve = KINDS[kind](given)
-    given.end(kind)
-    return curve
-
-
 def least_ramp_s(curve: Curve, start_rad: Vector, limits: Limits) -> float:
     """A time [s] to fade in that takes at most half of each joint's speed limit; a minimum jerk peaks at 15/8."""
-    way_rad = np.abs(curve(np.arange(0.0, CHECKED_S, CHECK_STEP_S, dtype=np.float64)) - start_rad).max(axis=0)
+    way_rad = np.abs(curve(np.arange(0.0, PIECE_S, CHECK_STEP_S, dtype=np.float64)) - start_rad).max(axis=0)
     return float(np.max(15 / 8 * way_rad / (0.5 * limits.speed_rad_s)))
 
 
 def check(reference: Reference, limits: Limits) -> None:
-    """Raises Refused when the first minute of it leaves a joint's range or is too fast: joint, value, limit, time."""
-    t_s = np.arange(0.0, CHECKED_S, CHECK_STEP_S, dtype=np.float64)
+    """Raises Refused where it leaves a joint's range or is too fast, whenever that is: joint, value, limit, time."""
+    curve, whole_s = reference.curve, max(reference.ramp_s, COAST_S)
+    if curve is not None and not _swings_within(curve, limits):
+        whole_s += curve.whole_s
+    for begin_s in np.arange(0.0, whole_s, PIECE_S).tolist():
+        end_s = min(begin_s + PIECE_S, whole_s) + CHECK_STEP_S  # the first point of the next piece, too: for its speed
+        _check_piece(reference, limits, np.arange(begin_s, end_s + CHECK_STEP_S, CHECK_STEP_S, dtype=np.float64))
+
+
+def _swings_within(curve: Curve, limits: Limits) -> bool:
+    if curve.swings is None:
+        return False
+    centre, most, speed = curve.swings
+    inside = (centre + most <= limits.most_rad) & (centre - most >= limits.least_rad)
+    return bool((inside & (speed <= limits.speed_rad_s)).all())
+
+
+def _check_piece(reference: Reference, limits: Limits, t_s: Vector) -> None:
     angles = reference.after(t_s)
     speeds = np.diff(angles, axis=0) / CHECK_STEP_S
     for j, name in enumerate(limits.names):
@@ -276,6 +132,7 @@ class References:
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._lock = threading.Lock()
+        self._publishing = threading.Lock()  # one plan at a time; taken before `_lock`
         self._now: Reference | None = None
         self._owner: object = None
         self._stale_s = math.inf
@@ -293,19 +150,20 @@ class References:
         )
 
     def set(self, args: dict[str, Any], owner: object = None) -> dict[str, Any]:
-        """Starts a reference: `kind` and its arguments (docs/agents.md); returns what runs.
+        """Starts a reference: `kind` and its arguments (docs/agents.md); returns what runs. Refused when it would leave
+        a limit, and when the Spine does not follow it: then the one before goes on.
 
         stay: it goes on without its client. client_stale_s: without it, it ends after this time without a word.
         """
         joints = self._robot.spine.joint_count
         kind, stay = str(args.get("kind", "")), bool(args.get("stay", False))
-        given = _Args({name: value for name, value in args.items() if name in _OF_ALL}, joints)
+        given = Args({name: value for name, value in args.items() if name in _OF_ALL}, joints)
         stale_s = given.number("client_stale_s", 5.0, 0.1, 3600.0)
         ramp_s = given.number("ramp_s", USUAL_RAMP_S, 0.1, 60.0)
         own = {name: value for name, value in args.items() if name not in _OF_ALL}
         if kind == "rest":
             curve = None
-            _Args({name: value for name, value in own.items() if name != "kind"}, joints).end(kind)
+            Args({name: value for name, value in own.items() if name != "kind"}, joints).end(kind)
         else:
             curve = curve_of(own, joints)
         start_rad, speed_rad_s = self._where(curve is None)
@@ -314,13 +172,15 @@ class References:
             ramp_s = max(ramp_s, least_ramp_s(curve, start_rad, limits))
         made = Reference(time.monotonic_ns(), start_rad, speed_rad_s, curve, ramp_s, dict(args))
         check(made, limits)
-        with self._lock:
-            self._now, self._owner, self._why = made, owner, ""
-            self._stale_s = math.inf if stay else stale_s
-            self._heard_ns = time.monotonic_ns()
-            if self._thread is None:
-                self._thread = threading.Thread(target=self._run, name="lithe-references", daemon=True)
-                self._thread.start()
+        with self._publishing:
+            self._begin(made)
+            with self._lock:
+                self._now, self._owner, self._why = made, owner, ""
+                self._stale_s = math.inf if stay else stale_s
+                self._heard_ns = time.monotonic_ns()
+                if self._thread is None:
+                    self._thread = threading.Thread(target=self._run, name="lithe-references", daemon=True)
+                    self._thread.start()
         return self.told()
 
     def heard(self, owner: object) -> None:
@@ -373,28 +233,64 @@ class References:
         room = np.where(speed > 0, limits.most_rad - start, start - limits.least_rad)
         return start, np.sign(speed) * np.minimum(np.abs(speed), np.maximum(3 * room / COAST_S, 0.0))
 
+    def _begin(self, made: Reference) -> None:
+        refused: Refused | None = None
+        for _ in range(MOST_REFUSED):
+            refused = self._refused(self._publish(made))
+            if refused is None:
+                return
+        assert refused is not None
+        raise refused
+
     def _run(self) -> None:
+        plan_id = in_a_row = 0
         while True:
-            with self._lock:
-                now = self._now
-                silent_s = 1e-9 * (time.monotonic_ns() - self._heard_ns)
-                stale = now is not None and silent_s > self._stale_s
-            try:
-                if stale:
-                    self.stop(f"its client was silent for {silent_s:.1f} s")
-                elif now is not None:
-                    self._publish(now)
-            except LitheError as error:  # the robot has ended, or was started again
+            with self._publishing:
                 with self._lock:
-                    self._now, self._why = None, str(error)
+                    now = self._now
+                    silent_s = 1e-9 * (time.monotonic_ns() - self._heard_ns)
+                    stale = now is not None and silent_s > self._stale_s
+                try:
+                    if stale:
+                        self.stop(f"its client was silent for {silent_s:.1f} s")
+                    elif now is not None:
+                        refused = self._refused(plan_id)
+                        in_a_row = in_a_row + 1 if refused else 0
+                        if refused and in_a_row >= MOST_REFUSED:
+                            self._give_up(now, refused)
+                            plan_id = in_a_row = 0
+                        else:
+                            plan_id = self._publish(now)
+                except LitheError as error:  # the robot has ended, or was started again
+                    with self._lock:
+                        self._now, self._why = None, str(error)
             time.sleep(PERIOD_NS * 1e-9)
 
-    def _publish(self, now: Reference) -> None:
+    def _refused(self, plan_id: int) -> Refused | None:
+        """Why the Spine does not follow that plan; None: it does, or nobody knows."""
+        try:
+            self._robot.decided(plan_id)
+        except Refused as refused:
+            return refused
+        except NotRunning:  # no supervisor that could tell the reason; or no robot, as the next plan will show
+            pass
+        return None
+
+    def _give_up(self, now: Reference, refused: Refused) -> None:
+        if not now.ends and refused.code != "refused_mode":  # it moves still
+            self.stop(refused.message)
+            return
+        with self._lock:
+            if self._now is now:
+                self._now, self._why = None, self._why if now.ends else refused.message
+
+    def _publish(self, now: Reference) -> int:
+        """The next points; the plan's id, 0 when there was none to publish."""
         if now.ends and time.monotonic_ns() - now.since_ns > 1e9 * COAST_S:
             with self._lock:
                 self._now = None if self._now is now else self._now
-            return
+            return 0
         first = (time.monotonic_ns() // PERIOD_NS + 1) * PERIOD_NS
         times = [first + i * PERIOD_NS for i in range(POINTS)]
         limits = self.limits()
-        self._robot.publish(times, np.clip(now.at(times), limits.least_rad, limits.most_rad))
+        return self._robot.publish(times, np.clip(now.at(times), limits.least_rad, limits.most_rad))

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..gateway.references import HIGHEST_HZ, Limits, curve_of
+from ..gateway.curves import HIGHEST_HZ, curve_of
+from ..gateway.references import Limits
 from .chain import MOVING_RAD_S, WINDOW_S
 from .joint import Vector
 from .regressor import Description, names_of, rows_of
@@ -45,7 +46,7 @@ def design_multisine(
     best: dict[str, Any] | None = None
     most = -np.inf
     for _ in range(candidates):
-        base_hz = rng.uniform(0.1, 0.3)
+        base_hz = round(rng.uniform(0.1, 0.3), 4)  # all of them have its period
         many = int(rng.integers(3, 9))
         turns = np.sort(rng.choice(np.arange(1, 16), size=many, replace=False))
         args: dict[str, Any] = {

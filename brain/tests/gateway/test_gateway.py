@@ -368,3 +368,20 @@ def test_a_reference_moves_the_joint_and_rests_when_its_client_leaves(robot: lit
     wait_for(lambda record: float(record["setpoint_velocity_rad_s"][0]) == 0.0)
     assert robot.status()["mode"] == "active"
     gateway.close()
+
+
+def test_a_reference_that_the_spine_does_not_follow_is_refused_or_ends_and_says_why(remote: Remote) -> None:
+    asked = {"kind": "sine", "centre_rad": 0.0, "amplitude_rad": 0.3, "frequency_hz": 1.0, "client_stale_s": 60}
+    remote.call("set_reference", **asked)
+    remote.call("hold")
+    House.wait_for(lambda: remote.call("reference")["streams"] is False)
+    assert "in mode hold" in remote.call("reference")["ended"]
+    for stop in ("hold", "disarm"):
+        remote.call(stop)
+        for kind in (asked, {"kind": "rest"}):
+            with pytest.raises(lithe.Refused) as caught:
+                remote.call("set_reference", **kind)
+            assert caught.value.code == "refused_mode" and "arm" in caught.value.next
+        assert remote.call("reference")["streams"] is False
+    remote.call("arm")
+    assert remote.call("set_reference", **asked)["streams"]
