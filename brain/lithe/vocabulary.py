@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
@@ -27,7 +28,9 @@ class Effect(Enum):
 
 @dataclass(frozen=True)
 class Verb:
-    """`first`: handled ahead of what only reads. `required`: names of arguments that must be there."""
+    """`first`: handled ahead of what only reads. `required`: names of arguments that must be there. `commands`: of the
+    program `lithe`, those that do the same; the one that has the verb's own words is not named.
+    """
 
     name: str
     what: str
@@ -35,6 +38,7 @@ class Verb:
     args: tuple[tuple[str, Schema], ...] = ()
     required: tuple[str, ...] = ()
     first: bool = False
+    commands: tuple[str, ...] = ()
 
     def schema(self) -> Schema:
         """The arguments, as one JSON Schema."""
@@ -91,7 +95,11 @@ VERBS = (
         "The robot: rate, joints with limits and drives, sensors, documents, time now, every verb with its arguments.",
     ),
     Verb("ping", "The supervisor's process id."),
-    Verb("status", "Mode, fault, law, alarms (the worst first), joints and drives with their problems, lost ticks."),
+    Verb(
+        "status",
+        "Mode, fault, law, alarms (the worst first), joints and drives with their problems, lost ticks.",
+        commands=("top",),
+    ),
     Verb(
         "events",
         "What happened: events with kind and text, the newest last.",
@@ -100,11 +108,16 @@ VERBS = (
             ("limit", _integer("at most so many; without since, the newest", minimum=1)),
         ),
     ),
-    Verb("incidents", "What was kept around faults, rollbacks, refusals in the tick and changes of mode."),
+    Verb(
+        "incidents",
+        "What was kept around faults, rollbacks, refusals in the tick and changes of mode.",
+        commands=("incident list",),
+    ),
     Verb(
         "incident",
         "One of them: what happened, extremes of each joint, the events of that time, the file of its telemetry.",
         args=(("id", _integer("its number; 0 or left out: the newest", minimum=0)),),
+        commands=("incident show",),
     ),
     Verb("latest", "The newest telemetry record.", args=(("fields", _FIELDS),)),
     Verb(
@@ -129,8 +142,9 @@ VERBS = (
         "The text of one of them.",
         args=(("name", _text("as documents lists it: contract, rules, mistakes, swaps, swaps/0007.cpp ...")),),
         required=("name",),
+        commands=("law show",),
     ),
-    Verb("params", "The running law's parameters: value, min, max."),
+    Verb("params", "The running law's parameters: value, min, max.", commands=("param get",)),
     Verb("law_list", "The laws in the Spine, which one runs, and how each did: verdict, rms error by joint."),
     Verb(
         "law_check",
@@ -164,6 +178,7 @@ VERBS = (
             ),
         ),
         required=("source",),
+        commands=("swap hold",),
     ),
     Verb(
         "lease",
@@ -182,6 +197,7 @@ VERBS = (
         Effect.moves,
         args=(("values", _VALUES), ("name", _text("of one parameter")), ("value", _number("its value"))),
         first=True,
+        commands=("param set",),
     ),
     Verb(
         "publish",
@@ -232,6 +248,7 @@ VERBS = (
         ),
         required=("kind",),
         first=True,
+        commands=("move", "jog"),
     ),
     Verb("reference", "The reference that is streamed, since when, and why the one before ended."),
     Verb("stop_reference", "The reference comes to rest.", Effect.stops, first=True),
@@ -261,11 +278,32 @@ VERBS = (
         args=(("law", _text("its name")),),
         required=("law",),
         first=True,
+        commands=("law activate",),
     ),
-    Verb("revert_params", "The parameters before the last change.", Effect.stops, first=True),
-    Verb("shutdown", "Stops robot and supervisor in order.", Effect.moves),
+    Verb(
+        "revert_params", "The parameters before the last change.", Effect.stops, first=True, commands=("param revert",)
+    ),
+    Verb("shutdown", "Stops robot and supervisor in order.", Effect.moves, commands=("stop",)),
 )
 BY_NAME = {each.name: each for each in VERBS}
+_BY_COMMAND = {words: each.name for each in VERBS for words in (each.name.replace("_", " "), *each.commands)}
+# These need the robot's computer: no verb does the same.
+_OTHER_COMMANDS = (
+    "run", "list", "law", "law verify", "param", "param save", "bus", "bus [a-z]+", "tune", "tune [a-z]+", "doctor",
+    "sim", "help",
+)  # fmt: skip
+_ANY = "|".join(sorted([*_BY_COMMAND, *_OTHER_COMMANDS], key=len, reverse=True))
+_COMMAND = re.compile(rf"`?\blithe ({_ANY})\b((?: \S+[.]toml\b| --[a-z-]+)*)`?")
+
+
+def in_verbs(text: str) -> str:
+    """Words that are meant for a terminal, for clients that have verbs only: "lithe law list" -> "law_list"."""
+
+    def verb(found: re.Match[str]) -> str:
+        name = _BY_COMMAND.get(found[1])
+        return name + found[2] if name else f"{found[1]}{found[2]} (on the robot's computer)"
+
+    return _COMMAND.sub(verb, text) if "lithe " in text else text
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

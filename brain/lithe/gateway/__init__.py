@@ -31,7 +31,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 import json
-import math
 import socket
 import sys
 import threading
@@ -42,13 +41,13 @@ from typing import Any
 
 import numpy as np
 
-from ..control import plain
 from ..errors import LitheError, NotRunning, Refused
 from ..robot import Robot
 from ..shm import dtype
 from ..text import unprintable_in
 from ..vocabulary import BY_NAME, VERBS, Effect, check_names, nearest
 from . import documents
+from .answers import Encoded, as_json, encode, in_the_words_of_verbs, refusal
 from .brief import brief, brief_detail
 from .client import MOST_REQUEST_BYTES, Client
 from .lease import USUAL_S, Lease
@@ -61,46 +60,13 @@ from .references import References
 from .token import write_token
 from .turns import MOST_UNSENT_BYTES, Turns
 
-__all__ = ["Gateway", "write_token"]
+__all__ = ["Gateway", "encode", "write_token"]
 
 MOST_CLIENTS = 32  # each may keep a connection to the supervisor, which serves 64
 MOST_LONG_BYTES = MOST_UNSENT_BYTES // 4
 PIECE_TICKS = 128  # of a history, made at a time
 FIRST = frozenset(each.name for each in VERBS if each.first)  # they move or stop the robot
 Verb = Callable[[dict[str, Any]], Any]
-
-
-class Encoded(bytes):
-    """A verb's result that is JSON already."""
-
-
-def _json(value: Any) -> str:
-    try:
-        return json.dumps(value, default=plain, allow_nan=False)
-    except ValueError:
-        return json.dumps(_with_nulls(value), default=lambda value: _with_nulls(plain(value)))
-
-
-def encode(answer: dict[str, Any]) -> bytes:
-    """One line of JSON; NaN and infinity become null. TypeError for values that JSON cannot represent."""
-    result = answer.get("result")
-    if isinstance(result, Encoded):
-        head = _json({key: value for key, value in answer.items() if key != "result"}).encode()
-        return b"".join((head[:-1], b', "result": ', result, b"}\n"))
-    return _json(answer).encode() + b"\n"
-
-
-def _with_nulls(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _with_nulls(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_with_nulls(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _refusal(name: Any, code: str, message: str, next_step: str = "", detail: dict[str, Any] | None = None) -> bytes:
-    body = {"code": code, "message": message, "next": next_step, "detail": detail or {}}
-    return encode({"id": name, "ok": False, "error": body})
 
 
 def _text(raw: Any) -> str:
@@ -156,7 +122,7 @@ class Gateway:
             "lease": self._lease_verb,
         }
         self.verbs: dict[str, Verb] = {**self._ours, **(verbs or {})}
-        no = _refusal(None, "token", "wrong token", "read it from the token file")
+        no = refusal(None, "token", "wrong token", "read it from the token file")
         try:
             self._lobby = Lobby(host, port, self.token, self._admit, no)
         except (OSError, OverflowError) as error:  # OverflowError: no number of a port
@@ -178,7 +144,7 @@ class Gateway:
             threading.Thread(target=self._estop_only, args=(link,), name="lithe-gateway-estop", daemon=True).start()
             return None
         if not self._places.acquire(blocking=False):
-            return _refusal(
+            return refusal(
                 None, "busy", f"{MOST_CLIENTS} clients are served already", "try later; an e-stop needs no place"
             )
         words = link, rest, self.peers.came(link, hello)
@@ -220,25 +186,25 @@ class Gateway:
                 raise Refused("bad_request", "args is an object", "docs/reference/verbs.md")
             if word := unprintable_in({"verb": request.get("verb"), "args": args}):
                 raise Refused("bad_request", f"{word} is not printable text", "names hold no control characters")
-            result = self._call(str(request.get("verb", "")), args)
+            result = in_the_words_of_verbs(self._call(str(request.get("verb", "")), args))
             if isinstance(result, Encoded):
                 kept.append(len(result))
             return encode({"id": name, "ok": True, "result": result}), sum(kept)
         except Refused as error:
-            return _refusal(name, error.code, error.message, error.next, error.detail), 0
+            return refusal(name, error.code, error.message, error.next, error.detail), 0
         except NotRunning as error:
-            return _refusal(name, "disconnected", str(error), "start the robot, then ask again"), 0
+            return refusal(name, "disconnected", str(error), "start the robot, then ask again"), 0
         except RecursionError:
             next_step = "verbs and arguments: docs/reference/verbs.md"
-            return _refusal(None, "bad_request", "bad request: nested too deeply", next_step), sum(kept)
+            return refusal(None, "bad_request", "bad request: nested too deeply", next_step), sum(kept)
         except (ValueError, TypeError, KeyError, ArithmeticError) as error:
             what = f"missing: {error}" if isinstance(error, KeyError) else str(error)
             next_step = "verbs and arguments: docs/reference/verbs.md"
-            return _refusal(name, "bad_request", f"bad request: {what}", next_step), sum(kept)
+            return refusal(name, "bad_request", f"bad request: {what}", next_step), sum(kept)
         except LitheError as error:
-            return _refusal(name, "error", str(error)), 0
+            return refusal(name, "error", str(error)), 0
         except Exception as error:  # an error in an application's verb must not look like a dead gateway
-            return _refusal(name, "error", f"{type(error).__name__}: {error}"), 0
+            return refusal(name, "error", f"{type(error).__name__}: {error}"), 0
 
     def _call(self, verb: str, args: dict[str, Any]) -> Any:
         own = self.verbs.get(verb)
@@ -331,7 +297,7 @@ class Gateway:
                 older = self.past.before(int(full["tick"][0]), time.monotonic_ns() - int(seconds * 1e9))
             if len(older):
                 told = (
-                    b', "thinned": ' + _json({"every": self.past.every, "before_tick": int(full["tick"][0])}).encode()
+                    b', "thinned": ' + as_json({"every": self.past.every, "before_tick": int(full["tick"][0])}).encode()
                 )
             for records in itertools.chain([older, full], pieces):
                 self.turns.pause()
@@ -340,7 +306,7 @@ class Gateway:
                 if not len(thinned):
                     continue
                 for name, values in self._records(thinned, fields).items():
-                    columns[name].append(_json(values)[1:-1].encode())
+                    columns[name].append(as_json(values)[1:-1].encode())
                     size += len(columns[name][-1]) + 2
                 if size > MOST_LONG_BYTES:
                     raise Refused(
@@ -349,7 +315,7 @@ class Gateway:
                         "fewer fields, every=N, or several times with since_tick",
                     )
             lost = 0 if since is None else wanted - seen
-            parts = [_json(name).encode() + b": [" + b", ".join(texts) + b"]" for name, texts in columns.items()]
+            parts = [as_json(name).encode() + b": [" + b", ".join(texts) + b"]" for name, texts in columns.items()]
             result = Encoded(b"{" + b", ".join([*parts, b'"lost": %d' % lost]) + told + b"}")
             self.turns.keep(len(result))
             return result

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Answers as lines of JSON, in words that a client can use which has nothing but verbs."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+from ..control import plain
+from ..vocabulary import in_verbs
+
+
+class Encoded(bytes):
+    """A verb's result that is JSON already."""
+
+
+class Verbatim(dict[str, Any]):
+    """A verb's result whose words stay as they are."""
+
+
+def as_json(value: Any) -> str:
+    """One line; NaN and infinity become null. TypeError for values that JSON cannot represent."""
+    try:
+        return json.dumps(value, default=plain, allow_nan=False)
+    except ValueError:
+        return json.dumps(_with_nulls(value), default=lambda value: _with_nulls(plain(value)))
+
+
+def encode(answer: dict[str, Any]) -> bytes:
+    """The line of an answer; see as_json()."""
+    result = answer.get("result")
+    if isinstance(result, Encoded):
+        head = as_json({key: value for key, value in answer.items() if key != "result"}).encode()
+        return b"".join((head[:-1], b', "result": ', result, b"}\n"))
+    return as_json(answer).encode() + b"\n"
+
+
+def refusal(name: Any, code: str, message: str, next_step: str = "", detail: dict[str, Any] | None = None) -> bytes:
+    """The line that refuses the request with the id `name`."""
+    body = {"code": code, "message": message, "next": next_step, "detail": detail or {}}
+    return encode({"id": name, "ok": False, "error": in_the_words_of_verbs(body)})
+
+
+def in_the_words_of_verbs(value: Any) -> Any:
+    """The same with verbs in place of commands of the program `lithe`, in all of its texts."""
+    if isinstance(value, str):
+        return in_verbs(value)
+    if isinstance(value, dict) and not isinstance(value, Verbatim):
+        return {key: in_the_words_of_verbs(item) for key, item in value.items()}
+    return [in_the_words_of_verbs(item) for item in value] if isinstance(value, list) else value
+
+
+def _with_nulls(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _with_nulls(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_with_nulls(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
