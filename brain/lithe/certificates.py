@@ -1,15 +1,64 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Verifies certificates of swaps against their chain. The check itself is `lithe law verify`."""
+"""Certificates of swaps: waits for their verdict, and verifies them against their chain (`lithe law verify`)."""
 
 from __future__ import annotations
 
 import json
 import subprocess
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from .errors import LitheError
 from .programs import binary
+
+if TYPE_CHECKING:
+    from .robot import Robot
+
+PATIENCE_S = 3.0  # a verdict comes so long after the probation at the latest
+MOST_WAIT_S = 20.0
+LOOK_S = 0.1
+
+
+def _is_known(certificate: dict[str, Any]) -> bool:
+    """Whether what there is to know of a swap is in its certificate."""
+    verdict = certificate.get("verdict")
+    if verdict == "rolled_back":
+        return "rolled_back" in certificate
+    if verdict in ("refused", "not_confirmed", "measured") or "probation" in certificate:  # cut short by another swap
+        return True
+    without = not (certificate.get("terms") or {}).get("probation_s")
+    return "control" in certificate and (verdict in ("confirmed", "unproven") or without)
+
+
+def with_verdict(robot: Robot, certificate: dict[str, Any], ends: Callable[[], bool] = lambda: False) -> dict[str, Any]:
+    """The answer of a swap once its probation has a verdict and the new law was measured: `control`, `rolled_back`.
+
+    Waits for probation_s and PATIENCE_S more, at most MOST_WAIT_S, or until `ends()`. It is as it is by then: a verdict
+    that is still `committed` comes later, into the certificate.
+    """
+    probation_s = float((certificate.get("terms") or {}).get("probation_s") or 0.0)
+    until_s = time.monotonic() + min(probation_s + PATIENCE_S, MOST_WAIT_S)
+    folder = Path(robot.call("status")["records"])
+    while not _is_known(certificate) and time.monotonic() < until_s and not ends():
+        time.sleep(LOOK_S)
+        certificate = certificate | _newest(robot, folder, certificate)
+    return certificate
+
+
+def _newest(robot: Robot, folder: Path, certificate: dict[str, Any]) -> dict[str, Any]:
+    """What is new of it: its file, or what the status tells when there is no file (a full disk)."""
+    try:
+        read: dict[str, Any] = json.loads((folder / str(certificate.get("certificate"))).read_text(encoding="utf-8"))
+        return read
+    except (OSError, ValueError):
+        last = robot.call("status")["last_swap"] or {}
+    if last.get("request_id") != certificate.get("request_id"):
+        return {}
+    lost = {"rolled_back": {"why": last["reason"]}} if last["verdict"] == "rolled_back" else {}
+    return {"verdict": last["verdict"], **lost}
 
 
 @dataclass(frozen=True)

@@ -154,7 +154,8 @@ VERBS = (
     ),
     Verb(
         "swap",
-        "Replaces the running law, once the new one has passed compiler, admission and trial. Returns the certificate.",
+        "Replaces the running law, once the new one has passed compiler, admission and trial. Returns the certificate; "
+        "with wait, when the probation is over: verdict, rms errors of old and new law, why it was rolled back.",
         Effect.moves,
         args=(
             _SOURCE,
@@ -175,6 +176,13 @@ VERBS = (
             (
                 "brief",
                 {"type": "boolean", "description": "true: less than 1 kB; the certificate is the document it names"},
+            ),
+            (
+                "wait",
+                {
+                    "type": "boolean",
+                    "description": "true (the default with brief): answers when its probation is over; false: at once",
+                },
             ),
         ),
         required=("source",),

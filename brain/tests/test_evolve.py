@@ -3,6 +3,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -10,8 +11,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import calm
 import pytest
 from lithe.evolve.__main__ import main
+from lithe.gateway.references import References
 from system.house import BIN, ROOT, need
 
 CHAIN, PD, GRAVITY = ROOT / "robots/chain.toml", ROOT / "laws/pd.cpp", ROOT / "laws/gravity_pd.cpp"
@@ -31,6 +34,18 @@ struct Wrong {
   }
 };
 LITHE_LAW(Wrong, "wrong");
+"""
+# It leaves the joint alone: a trial accepts that, a probation in motion does not.
+LIMP = """
+#include <lithe/law.hpp>
+struct Limp {
+  struct Params {};
+  struct State {};
+  static void step(const lithe::Tick& t, const Params&, State&, lithe::Effort& u) {
+    for (std::uint32_t j = 0; j < t.joints; ++j) u.torque_nm[j] = -0.02 * t.velocity_rad_s[j];
+  }
+};
+LITHE_LAW(Limp, "limp");
 """
 
 
@@ -111,6 +126,28 @@ def test_refused_candidates_are_counted_with_the_reason(tmp_path: Path, capsys: 
     result = json.loads((tmp_path / "result.json").read_text())
     assert result["winner"] is None and sum(result["refused"].values()) == 16
     assert "every candidate was refused" in said and "refused" in said.splitlines()[-2]
+
+
+def test_a_winner_on_the_robot_is_told_with_its_verdict_and_one_that_is_rolled_back_is_none(tmp_path: Path) -> None:
+    law = tmp_path / "limp.cpp"
+    law.write_text(LIMP)
+    with calm.calm_robot() as house, calm.connected() as robot:
+
+        def live(source: Path) -> subprocess.CompletedProcess[str]:
+            command = [sys.executable, "-m", "lithe.evolve", house.config, source, "--budget", "1", "--live"]
+            env = os.environ | {"PYTHONPATH": str(ROOT / "brain")}
+            done = [*map(str, command), "--out", str(tmp_path / source.stem)]
+            return subprocess.run(done, env=env, capture_output=True, text=True, timeout=300, check=False)
+
+        References(robot).set(
+            {"kind": "sine", "centre_rad": 0.9, "amplitude_rad": 0.4, "frequency_hz": 1.0, "stay": True}
+        )
+        kept, back = live(PD), live(law)
+        assert robot.status()["law"] == "pd"
+    assert kept.returncode == 0 and ("live: confirmed" in kept.stdout or "live: unproven" in kept.stdout), kept
+    assert re.search(r"joint shoulder: [0-9.e-]+ rad, under the law before [0-9.e-]+ rad", kept.stdout), kept.stdout
+    assert back.returncode == 1 and "live: rolled_back" in back.stdout, back.stdout + back.stderr
+    assert "live: rolled back: tracking_lost: joint shoulder" in back.stdout, back.stdout
 
 
 @pytest.mark.parametrize(

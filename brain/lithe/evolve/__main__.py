@@ -2,8 +2,8 @@
 """`python -m lithe.evolve ROBOT.toml LAW.cpp ... [--budget N] [--seed N] [--processes N | --dask [ADDRESS]] [--live]`
 
 Searches the parameters of these laws on the simulated robot of the file. OUT/journal.jsonl has every candidate,
-OUT/result.json the best of each law. Exit 0: a winner was found; 1: every candidate was refused, or --live did not
-confirm it; 2: it cannot run.
+OUT/result.json the best of each law. Exit 0: a winner was found; 1: every candidate was refused, or --live rolled it
+back or did not confirm it; 2: it cannot run.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from ..certificates import with_verdict
 from ..errors import LitheError, Refused
 from ..files import read_regular
 from .evaluate import Candidate, Score, compile_laws, evaluate
@@ -94,18 +95,23 @@ def joints_of(robot: Path) -> int:
 
 
 def swap_in(found: Found, source: str) -> bool:
-    """The winner through the whole transaction of the running robot, with its usual probation."""
+    """The winner through the whole transaction of the running robot, and its usual probation. Whether it runs on."""
     import lithe
 
-    with lithe.connect(heartbeat=False) as robot:
+    with lithe.connect(writes_plans=False) as robot:  # a Brain may move it meanwhile
         try:
-            certificate = robot.swap(source, name=found.law, params=found.params)
+            certificate = with_verdict(robot, robot.swap(source, name=found.law, params=found.params))
         except Refused as refusal:
             print(f"live: refused ({refusal.code}): {refusal.message}")
             return False
-    measured = json.dumps(certificate.get("control") or certificate.get("rms_error_rad"))
-    print(f"live: {certificate.get('verdict')}; predicted {found.score.error_rad:.5f} rad, measured {measured}")
-    return True
+    verdict = str(certificate["verdict"])
+    print(f"live: {verdict}; predicted {found.score.error_rad:.5f} rad")
+    for joint in (certificate.get("control") or {}).get("joints", []):
+        old, new = ((joint[side] or {}).get("rms_error_rad") for side in ("before", "after"))
+        print(f"live: joint {joint['joint']}: {new} rad, under the law before {old} rad")
+    if why := certificate.get("rolled_back"):
+        print(f"live: rolled back: {why['why']}")
+    return verdict in ("confirmed", "unproven")
 
 
 def run(asked: argparse.Namespace) -> int:

@@ -41,6 +41,7 @@ from typing import Any
 
 import numpy as np
 
+from ..certificates import with_verdict
 from ..errors import LitheError, NotRunning, Refused
 from ..robot import Robot
 from ..shm import dtype
@@ -103,7 +104,7 @@ class Gateway:
         self.lease = Lease()
         self.peers = Peers()
         self.past = Past(robot)
-        self._asking = threading.local()  # .client: whose request this thread handles
+        self._asking = threading.local()  # .client: whose request this thread handles; .stop_waits(): it has asked for a stop since
         self._ours: dict[str, Verb] = {
             "describe": self._describe,
             "latest": self._latest,
@@ -159,7 +160,8 @@ class Gateway:
     def _serve(self, link: socket.socket, rest: bytes, me: Peer) -> None:
         try:
             with link:
-                Client(link, rest, lambda line: self._answer(line, me), self.turns, self._say).serve()
+                client = Client(link, rest, lambda line: self._answer(line, me, client.stop_waits), self.turns, self._say)
+                client.serve()
         except OSError:
             pass  # it has left already
         finally:
@@ -168,9 +170,11 @@ class Gateway:
                 self.lease.left(me, AWAY_S if me.lasts else 0.0)
             self._places.release()
 
-    def _answer(self, line: bytes, client: object = None) -> tuple[bytes, int]:
+    def _answer(
+        self, line: bytes, client: Peer | None = None, stop_waits: Callable[[], bool] = lambda: False
+    ) -> tuple[bytes, int]:
         """The line that answers a request, and how much of it `turns` keeps as not yet sent."""
-        self._asking.client = client
+        self._asking.client, self._asking.stop_waits = client, stop_waits
         self.references.heard(client)
         name: Any = None
         kept: list[int] = []
@@ -325,14 +329,22 @@ class Gateway:
             return measured(*self.past.window(float(args.get("seconds", 4.0))), self.robot.spine.joint_names)
 
     def _swap(self, args: dict[str, Any]) -> Any:
-        short = args.pop("brief", False)
+        short = bool(args.pop("brief", False))
+        wait = bool(args.pop("wait", short))
         try:
             certificate = self.robot.call("swap", **args)
         except Refused as error:
             if short:
                 raise Refused(error.code, error.message, error.next, brief_detail(error.detail)) from None
             raise
+        if wait:
+            certificate = with_verdict(self.robot, certificate, self._wants_more)
         return brief(certificate) if short else certificate
+
+    def _wants_more(self) -> bool:
+        """Whether the client that waits for a verdict has asked for a stop meanwhile; else it is not silent."""
+        self.references.heard(self._asking.client)
+        return bool(self._asking.stop_waits())
 
     def _document(self, args: dict[str, Any]) -> Any:
         return documents.read(str(args["name"]), lambda: Path(self.robot.call("status")["records"]))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A swap's answer in less than 1 kB: what a language model needs to go on, and where the certificate is."""
+"""A swap in less than 1 kB: what a language model needs to go on, and where the certificate is."""
 
 from __future__ import annotations
 
@@ -8,14 +8,72 @@ from typing import Any
 
 Json = dict[str, Any]
 MOST_BYTES = 1000
+MOST_JOINTS_BYTES = 450  # so that a robot with many joints leaves room for warnings
+MOST_ERROR_BYTES = 500
+CUT = "..."
 # In this order, as long as there is room.
-FIRST = ("verdict", "law", "law_id", "commit_tick", "missed_releases", "record_lost", "cleaned")
+FIRST = (
+    "verdict",
+    "law",
+    "source",
+    "law_id",
+    "commit_tick",
+    "missed_releases",
+    "record_lost",
+    "refused_after",
+    "probation",
+)
 
 
 def _rounded(value: Any) -> Any:
     if isinstance(value, list):
         return [_rounded(one) for one in value]
+    if isinstance(value, dict):
+        return {key: _rounded(one) for key, one in value.items()}
     return float(f"{value:.4g}") if isinstance(value, float) else value
+
+
+def _size(value: Any) -> int:
+    return len(json.dumps(value))
+
+
+def beginning(value: Any, most_bytes: int) -> Any:
+    """As much of a JSON value as fits: of a text its beginning, of lists and objects what has room. None: nothing."""
+    if _size(value) <= most_bytes:
+        return value
+    if isinstance(value, str):
+        kept = value[: max(0, most_bytes - len(CUT) - 2)]
+        while kept and _size(kept + CUT) > most_bytes:  # a character may take twelve bytes
+            kept = kept[:-1]
+        return kept + CUT if kept else None
+    if isinstance(value, list):
+        items: list[Any] = []
+        for each in value:
+            part = beginning(each, most_bytes - _size(items) - 2)
+            if part is None:
+                break
+            items.append(part)
+        return items or None
+    fields: Json = {}
+    for key, each in value.items() if isinstance(value, dict) else ():
+        part = beginning(each, most_bytes - _size(fields) - _size(key) - 4)
+        if part is not None:
+            fields[key] = part
+    return fields or None
+
+
+def _joints(control: Json) -> Json:
+    """Old law beside new and what the trial predicted, the joint with the largest error under the new law first."""
+    each: Json = {}
+    for joint in control.get("joints") or []:
+        old, new = joint.get("before") or {}, joint.get("after") or {}
+        rms = {"old": old.get("rms_error_rad"), "new": new.get("rms_error_rad"),
+               "predicted": joint.get("predicted_rms_error_rad")}  # fmt: skip
+        each[str(joint.get("joint"))] = {"rms_error_rad": rms, "chatter_hz": new.get("chatter_hz")}
+    worst: Json = _rounded(dict(sorted(each.items(), key=lambda one: -(one[1]["rms_error_rad"]["new"] or 0.0))))
+    kept = beginning(worst, MOST_JOINTS_BYTES) or {}
+    whole = {name: told for name, told in kept.items() if told == worst[name]}
+    return {"joints": whole} | ({"joints_left_out": len(each) - len(whole)} if len(whole) < len(each) else {})
 
 
 def _parts(certificate: Json) -> Json:
@@ -24,34 +82,38 @@ def _parts(certificate: Json) -> Json:
     if "certificate" in certificate:
         parts["certificate"] = "swaps/" + str(certificate["certificate"]).removesuffix(".json")
     parts |= {key: certificate[key] for key in FIRST if key in certificate}
+    for name in ("error", "rolled_back"):
+        said = certificate.get(name) or {}
+        if told := {key: said[key] for key in ("code", "message", "why", "next") if key in said}:
+            parts[name] = beginning(told, MOST_ERROR_BYTES)
+    if control := certificate.get("control"):
+        parts |= {key: (control.get("after") or {}).get(key) for key in ("clamped", "missed_ticks")}
+        parts |= _joints(control)
+    if values := (certificate.get("params") or {}).get("values"):
+        parts["params"] = values
     if fields := (certificate.get("state_not_carried") or {}).get("fields"):
         parts["state_not_carried"] = fields
-    trial = certificate.get("trial") or {}
-    for number, warning in enumerate(trial.get("warnings") or []):
-        parts[f"warning_{number + 1}"] = warning
+    if warnings := (certificate.get("trial") or {}).get("warnings"):
+        parts["warnings"] = warnings
+    if "cleaned" in certificate:
+        parts["cleaned"] = certificate["cleaned"]
     if shadow := certificate.get("shadow"):
         parts |= {f"shadow_{key}": shadow[key] for key in ("ticks", "most_nm", "rms_nm")}
-    for joint in (certificate.get("control") or {}).get("joints") or []:
-        name = joint.get("joint")
-        parts[f"predicted_rms_error_rad_{name}"] = joint.get("predicted_rms_error_rad")
     return parts
 
 
 def brief(certificate: Json) -> Json:
     """Less than 1 kB of JSON."""
-    told: Json = {}
-    for key, value in _parts(certificate).items():
-        more = told | {key: _rounded(value)}
-        if len(json.dumps(more)) < MOST_BYTES:
-            told = more
+    told: Json = beginning(_rounded(_parts(certificate)), MOST_BYTES - 1) or {}
     return told
 
 
 def brief_detail(detail: Json) -> Json:
-    """The same of a refusal: where its certificate is, and what else is short."""
-    told = brief({"certificate": swap["certificate"]}) if "certificate" in (swap := detail.get("swap") or {}) else {}
-    for key, value in detail.items():
-        more = told | {key: _rounded(value)}
-        if key != "swap" and len(json.dumps(more)) < MOST_BYTES:
-            told = more
-    return told
+    """The same of a refusal: where its certificate is, and as much of the rest as there is room for."""
+    told = detail | {"hints": (detail.get("trial") or {}).get("hints")}
+    certificate = (detail.get("swap") or {}).get("certificate")
+    parts = _parts({"certificate": certificate} if certificate else {})
+    parts |= {key: told[key] for key in ("stage", "where", "hints", "diagnostics", "text") if told.get(key)}
+    parts |= {key: value for key, value in detail.items() if key not in {"swap", "trial", *parts}}
+    short: Json = beginning(_rounded(parts), MOST_BYTES - 1) or {}
+    return short

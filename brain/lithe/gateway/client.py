@@ -18,11 +18,12 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+from ..vocabulary import VERBS, Effect
 from .turns import Turns
 
 MOST_REQUEST_BYTES = 1 << 20
 MOST_PENDING_BYTES = 256 << 10  # requests that wait for their turn; one longer than that waits alone
-MOST_ESTOP_BYTES = 4096
+MOST_STOP_BYTES = 4096
 SEND_BUFFER_BYTES = 256 << 10  # of the kernel
 PIECE_BYTES = 64 << 10
 UNREAD_S = 5  # how long one may leave an answer unread
@@ -30,6 +31,8 @@ UNREAD_S = 5  # how long one may leave an answer unread
 KEEPALIVE = {socket.TCP_KEEPIDLE: 20, socket.TCP_KEEPINTVL: 5, socket.TCP_KEEPCNT: 4}
 LEAST_BYTES_PER_S = 256 << 10  # and how fast it must read a long one
 
+ESTOP = frozenset({"estop"})
+STOPS = frozenset(each.name for each in VERBS if each.effect is Effect.stops)
 Answer = Callable[[bytes], tuple[bytes, int]]
 
 
@@ -37,15 +40,15 @@ class TooSlow(Exception):
     """The client does not read its answers."""
 
 
-def is_estop(line: bytes) -> bool:
-    """Whether a request is an e-stop."""
-    if len(line) > MOST_ESTOP_BYTES or b"estop" not in line:
+def asks_for(line: bytes, verbs: frozenset[str]) -> bool:
+    """Whether a request is short, and for one of these verbs."""
+    if len(line) > MOST_STOP_BYTES or not any(verb.encode() in line for verb in verbs):
         return False
     try:
         request: Any = json.loads(line)
     except (ValueError, RecursionError):
         return False
-    return isinstance(request, dict) and request.get("verb") == "estop"
+    return isinstance(request, dict) and request.get("verb") in verbs
 
 
 class Client:
@@ -85,6 +88,11 @@ class Client:
         worker.join()
         self._link.close()
 
+    def stop_waits(self) -> bool:
+        """Whether what stops the robot is among the requests that wait for the one being handled."""
+        with self._changed:
+            return any(asks_for(line, STOPS) for line in self._pending)
+
     def _read(self) -> None:
         """Line by line; a last one without its end counts. An oversized one is the last."""
         searched = 0
@@ -108,7 +116,7 @@ class Client:
             self._heard += data
 
     def _take(self, line: bytes) -> None:
-        if is_estop(line):
+        if asks_for(line, ESTOP):
             return self._send(self._answer(line)[0])
         with self._changed:
             self._changed.wait_for(

@@ -12,14 +12,15 @@ from typing import Any
 from ..errors import Refused
 from ..programs import ROOT
 from ..vocabulary import nearest
+from .answers import Verbatim
+from .brief import brief
 
 Json = dict[str, Any]
 LAWS = ROOT / "laws"
 CONTRACT = ROOT / "spine/law/include/lithe/law.hpp"
 CPP, MARKDOWN, JSON = "text/x-c++src", "text/markdown", "application/json"
-MOST_SWAPS = 100
+MOST_SWAPS_BYTES = 32 << 10
 OF_A_SWAP = re.compile(r"swaps/([0-9]{1,9})(\.cpp)?")
-SHOWN = ("law", "source", "source_sha256", "verdict", "reason", "params", "terms", "control", "measured", "rolled_back")
 FIXED = {
     "contract": (CPP, "the header that every law includes", CONTRACT),
     "rules": (MARKDOWN, "what a law may use, and how it is tried", ROOT / "docs/laws.md"),
@@ -30,7 +31,10 @@ FIXED = {
 def listed() -> list[Json]:
     """Name, media type and a sentence of each."""
     laws = [(f"laws/{path.name}", CPP, "a law that comes with LITHE") for path in sorted(LAWS.glob("*.cpp"))]
-    swaps = f"the last {MOST_SWAPS} swaps, per joint; swaps/0007: the certificate of swap 7, swaps/0007.cpp: its law"
+    swaps = (
+        "the last swaps of this robot: verdict, error, joints; swaps/0007: the whole certificate of swap 7, "
+        "swaps/0007.cpp: its law"
+    )
     all_of_them = [(name, kind, what) for name, (kind, what, _) in FIXED.items()] + [("swaps", JSON, swaps), *laws]
     return [{"name": name, "type": kind, "what": what} for name, kind, what in all_of_them]
 
@@ -43,30 +47,33 @@ def read(name: str, records: Callable[[], Path]) -> Json:
     if name not in kinds:
         raise Refused("unknown_document", f"there is no document '{name}'", nearest(name, kinds))
     if name == "swaps":
-        text = json.dumps(swaps(records()))
-    else:
-        path = (
-            records() / f"{swap[1]}{swap[2] or '.json'}"
-            if swap
-            else FIXED[name][2]
-            if name in FIXED
-            else LAWS / name.removeprefix("laws/")
-        )
-        try:
-            text = path.read_text(encoding="utf-8")
-        except OSError as error:
-            words = f"cannot read {path.name}: {error.strerror}"
-            raise Refused("unknown_document", words, "documents lists those that are there") from None
-    return {"name": name, "type": kinds[name], "text": text}
+        return {"name": name, "type": kinds[name], "text": json.dumps(swaps(records()))}
+    path = (
+        records() / f"{swap[1]}{swap[2] or '.json'}"
+        if swap
+        else FIXED[name][2]
+        if name in FIXED
+        else LAWS / name.removeprefix("laws/")
+    )
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        words = f"cannot read {path.name}: {error.strerror}"
+        raise Refused("unknown_document", words, "documents lists those that are there") from None
+    return Verbatim({"name": name, "type": kinds[name], "text": text})
 
 
 def swaps(folder: Path) -> list[Json]:
-    """The certificates of a folder, the oldest first; what cannot be read is left out."""
-    told = []
-    for path in sorted(folder.glob("[0-9]*.json"))[-MOST_SWAPS:]:
+    """The newest certificates of a folder in short, as many as fit, the oldest first; unreadable ones are left out."""
+    told: list[Json] = []
+    left_bytes = MOST_SWAPS_BYTES - 2
+    for path in sorted(folder.glob("[0-9]*.json"), key=lambda each: (len(each.name), each.name), reverse=True):
         try:
-            one = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+            one = brief(json.loads(path.read_text(encoding="utf-8")) | {"certificate": path.name})
+        except (OSError, ValueError, TypeError, AttributeError):
             continue
-        told.append({"certificate": path.name, **{key: one[key] for key in SHOWN if key in one}})
-    return told
+        left_bytes -= len(json.dumps(one)) + 2
+        if left_bytes < 0:
+            break
+        told.append(one)
+    return told[::-1]

@@ -18,7 +18,6 @@ import lithe
 import numpy as np
 import pytest
 from lithe.gateway import Gateway, encode
-from lithe.gateway.brief import brief
 from lithe.gateway.client import MOST_REQUEST_BYTES
 from lithe.gateway.parts import parts_of
 from lithe.gateway.token import write_token
@@ -302,7 +301,7 @@ def test_a_compile_error_reaches_the_agent_with_its_line(remote: Remote) -> None
 
 def test_a_brief_answer_names_the_document_with_the_certificate(remote: Remote) -> None:
     source = (ROOT / "laws/pd.cpp").read_text()
-    answer = remote.call("swap", source=source, name="pd.cpp", brief=True)
+    answer = remote.call("swap", source=source, name="pd.cpp", brief=True, wait=False)
     assert len(json.dumps(answer)) < 1000 and (answer["verdict"], answer["law"]) == ("committed", "pd")
     told = json.loads(remote.call("document", name=answer["certificate"])["text"])
     assert told["commit_tick"] == answer["commit_tick"] and told["trial"]["ok"] is True
@@ -311,20 +310,12 @@ def test_a_brief_answer_names_the_document_with_the_certificate(remote: Remote) 
     with pytest.raises(lithe.Refused) as caught:
         remote.call("swap", source="#include <lithe/law.hpp>\nint broken(\n", name="broken.cpp", brief=True)
     assert len(json.dumps(caught.value.detail)) < 1000
-    refused = json.loads(remote.call("document", name=caught.value.detail["certificate"])["text"])
+    refused = json.loads(remote.call("document", name=str(caught.value.detail["certificate"]))["text"])
     assert refused["error"]["code"] == "compile_failed"
     for name in ("swaps/9999", "swaps/../../arm"):
         with pytest.raises(lithe.Refused) as caught:
             remote.call("document", name=name)
         assert caught.value.code == "unknown_document"
-
-
-def test_a_brief_answer_is_brief_however_many_joints_there_are() -> None:
-    names = [f"joint_with_a_long_name_{number}" for number in range(32)]
-    long = {"certificate": "0007.json", "verdict": "committed", "law": "pd", "trial": {"warnings": ["w" * 300] * 9}}
-    long["control"] = {"joints": [{"joint": name, "predicted_rms_error_rad": 1 / 3} for name in names]}
-    short = brief(long)
-    assert len(json.dumps(short)) < 1000 and short["certificate"] == "swaps/0007" and "warning_1" in short
 
 
 def test_many_agents_at_once_are_all_served(gateway: Gateway) -> None:

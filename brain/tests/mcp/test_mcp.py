@@ -214,7 +214,7 @@ def test_contract_rules_laws_and_swaps_can_be_read(fake: Fake, tmp_path: Path) -
         one = fake.send("resources/read", {"uri": uri})["result"]["contents"][0]
         assert one["uri"] == uri and one["text"]
     swaps = json.loads(fake.send("resources/read", {"uri": "lithe://swaps"})["result"]["contents"][0]["text"])
-    assert swaps == [{"certificate": "0001.json", "law": "pd", "verdict": "confirmed"}]
+    assert swaps == [{"certificate": "swaps/0001", "law": "pd", "verdict": "confirmed"}]
 
 
 def test_prompts_take_the_words_of_the_person(fake: Fake) -> None:
