@@ -12,10 +12,12 @@ SCHEME = "lithe://"
 PROMPTS = {
     "identify_then_compensate": (
         "Measure the robot, find its parameters, write a law that compensates them.",
-        "Read lithe://contract and lithe://rules. Move every joint within its limits (`publish`) and fetch `history` "
-        "with setpoint, position, velocity and torque. Estimate inertia, friction and gravity of each joint. Write a "
-        "law that adds what you found to a feedback; `law_check` it, then `swap` it. Compare the tracking error "
-        "before and after, per joint, and `rollback` if any joint became worse.",
+        "Read lithe://contract and lithe://rules. Move every joint within its limits: `set_reference` (kind multisine, "
+        "client_stale_s 900, so that it goes on while you think). Fetch `history` with setpoint, position, velocity "
+        "and torque. Estimate inertia, friction and gravity of each joint. Write a law that adds what you found to a "
+        "feedback; `law_check` it, then `swap` it while the reference runs: at rest no law is confirmed. The answer of "
+        "`swap` has the verdict and, per joint, the rms error of old and new law; lithe://swaps has those of all "
+        "swaps. `rollback` if any joint became worse, and `stop_reference` at the end.",
     ),
     "explain_this_refusal": (
         "Say why a law was refused and what to change.",
@@ -24,9 +26,10 @@ PROMPTS = {
     ),
     "improve_by_one_term": (
         "Make the running law better by one term.",
-        "Fetch `history` of the last seconds and find the joint with the largest tracking error. Add exactly one term "
-        "to your last law that reduces this error, and say why it does. `swap` it, compare, and keep it only if no "
-        "joint became worse.",
+        "While a reference runs (`reference`; `set_reference` with client_stale_s 900 starts one), fetch `history` of "
+        "the last seconds and find the joint with the largest tracking error. Add exactly one term to your last law "
+        "that reduces this error, and say why it does. `swap` it: its answer has the verdict and, per joint, the rms "
+        "error of old and new law. `rollback` if a joint became worse.",
     ),
 }
 

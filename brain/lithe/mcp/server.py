@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,13 +24,18 @@ Json = dict[str, Any]
 VERSIONS = ("2025-06-18", "2025-03-26", "2024-11-05")  # the newest first
 Send = Callable[[Json], None]  # takes one answer; from any thread
 MOST_LINE_BYTES = 1 << 20
-MOST_CALLS = 16  # at a time; what stops the robot is not counted
+MOST_CALLS = 16  # at a time
+MOST_STOPS = 16  # at a time, beside them; an e-stop is not counted
+LOOK_S = 0.25  # at the permission, while a reference runs
+STAY_S = 3600.0  # a reference that is to stay: as long as this server lives, and so long without a word
 MOST_ANSWER_BYTES = 64 << 10  # of one tool: a model reads it all
+WHOLE = "the document swaps has every certificate in short; the whole file is on the robot's computer"
 PARSE, REQUEST, METHOD, PARAMS = -32700, -32600, -32601, -32602
 INSTRUCTIONS = (
     "A robot whose control law you can try and replace while it moves. Begin with `describe` and `status`; read the "
-    "resource lithe://contract before you write a law. `law_check` costs nothing. A refusal says what to change. Tools "
-    "that can move the robot need a person's permission; hold, disarm, estop, rollback and revert_params never do."
+    "resource lithe://contract before you write a law. `law_check` costs nothing. A refusal says what to change. The "
+    "answer of `swap` has the verdict of its probation, and old law beside new. `set_reference` moves the joints. "
+    "Tools that can move the robot need a person's permission; hold, disarm, estop, rollback, revert_params never do."
 )
 
 
@@ -53,6 +59,11 @@ def said(text: str, error: bool = False) -> Json:
     return {"content": [{"type": "text", "text": text}], "isError": error}
 
 
+def too_long(text: str) -> str:
+    """The error's words."""
+    return f"the answer has {len(text)} bytes, of at most {MOST_ANSWER_BYTES}"
+
+
 def answer(send: Send, name: Any, **what: Json) -> None:
     """The result or the error of the request with this id."""
     send({"jsonrpc": "2.0", "id": name, **what})
@@ -65,6 +76,8 @@ class Server:
         self._call = call
         self._permission = permission
         self._free = threading.BoundedSemaphore(MOST_CALLS)
+        self._free_for_stops = threading.BoundedSemaphore(MOST_STOPS)
+        self._since_ns = 0  # of the reference that was set here last
         self._running: set[threading.Thread] = set()
         self._methods: dict[str, Callable[[Json], Json]] = {
             "initialize": self._initialize,
@@ -107,9 +120,10 @@ class Server:
         return True
 
     def finish(self) -> None:
-        """Waits for the calls that still run."""
+        """Waits for the calls that still run. A reference ends with the connection to the gateway."""
         for thread in list(self._running):
             thread.join()
+        self._since_ns = 0
 
     def _initialize(self, params: Json) -> Json:
         asked = params.get("protocolVersion")
@@ -127,22 +141,26 @@ class Server:
             raise Wrong(PARAMS, f"there is no tool '{params.get('name')}': see tools/list")
         if not isinstance(args, dict):
             raise Wrong(PARAMS, "arguments is an object")
-        counted = verb.effect is not Effect.stops
-        if counted and not self._free.acquire(blocking=False):
-            answer(send, name, result=said(f"busy: {MOST_CALLS} calls run already\nnext: wait for one", True))
+        places = self._free_for_stops if verb.effect is Effect.stops else self._free
+        if verb.name == "estop":  # always has a place
+            places = threading.BoundedSemaphore(1)
+        if not places.acquire(blocking=False):
+            many = f"{MOST_STOPS} stops" if verb.effect is Effect.stops else f"{MOST_CALLS} calls"
+            answer(send, name, result=said(f"busy: {many} run already\nnext: wait for one", True))
             return
         thread = threading.Thread(
-            target=self._run_tool, args=(name, verb, args, counted, send), name=f"lithe-mcp-{verb.name}"
+            target=self._run_tool, args=(name, verb, args, places, send), name=f"lithe-mcp-{verb.name}"
         )
         self._running.add(thread)
         thread.start()
 
-    def _run_tool(self, name: str | int, verb: Verb, args: Json, counted: bool, send: Send) -> None:
+    def _run_tool(
+        self, name: str | int, verb: Verb, args: Json, places: threading.BoundedSemaphore, send: Send
+    ) -> None:
         try:
             answer(send, name, result=self._tool(verb, args))
         finally:
-            if counted:
-                self._free.release()
+            places.release()
             self._running.discard(threading.current_thread())
 
     def _tool(self, verb: Verb, args: Json) -> Json:
@@ -153,9 +171,14 @@ class Server:
                 error=True,
             )
         if verb.name == "swap":
-            args = {"brief": True, **args}  # a model reads it all
+            args = {"brief": True, "wait": True, **args}  # a model reads it all
+        if verb.name == "set_reference" and args.get("stay"):  # not beyond this server: it watches the permission
+            args = {**args, "stay": False, "client_stale_s": STAY_S}
         try:
-            text = json.dumps(self._call(verb.name, args), default=plain)
+            result = self._call(verb.name, args)
+            if verb.name == "set_reference" and "since_ns" in result:
+                self._ends_with_the_permission(result)
+            text = json.dumps(result, default=plain)
         except Refused as error:
             detail = json.dumps(error.detail, default=plain) if error.detail else ""
             return said(
@@ -166,9 +189,26 @@ class Server:
         except LitheError as error:
             return said(f"error: {error}", error=True)
         if len(text) > MOST_ANSWER_BYTES:
-            words = f"too_long: the answer has {len(text)} bytes, of at most {MOST_ANSWER_BYTES}"
-            return said(f"{words}\nnext: ask for fewer fields, a shorter time, or every=N", error=True)
+            next_step = WHOLE if verb.name == "document" else "ask for fewer fields, a shorter time, or every=N"
+            return said(f"too_long: {too_long(text)}\nnext: {next_step}", error=True)
         return said(text)
+
+    def _ends_with_the_permission(self, told: Json) -> None:
+        """The reference that was set, unless another has taken its place by then."""
+        self._since_ns = since_ns = int(told["since_ns"])
+
+        def watch() -> None:
+            while self._since_ns == since_ns and remaining_s(self._permission):
+                time.sleep(LOOK_S)
+            while self._since_ns == since_ns:
+                try:
+                    if self._call("reference", {})["since_ns"] == since_ns:
+                        self._call("stop_reference", {})
+                    return
+                except LitheError:  # a connection that broke; a gateway that has gone streams nothing
+                    time.sleep(LOOK_S)
+
+        threading.Thread(target=watch, name="lithe-mcp-permission", daemon=True).start()
 
     # ---- resources and prompts
     def _read(self, params: Json) -> Json:
@@ -177,6 +217,8 @@ class Server:
             mime, text = library.read(uri, self._call)
         except (KeyError, OSError, LitheError) as error:
             raise Wrong(PARAMS, f"cannot read '{uri}': {error}; resources/list has all") from None
+        if len(text) > MOST_ANSWER_BYTES:
+            raise Wrong(PARAMS, f"cannot read '{uri}': {too_long(text)}; {WHOLE}")
         return {"contents": [{"uri": uri, "mimeType": mime, "text": text}]}
 
     def _prompt(self, params: Json) -> Json:

@@ -17,9 +17,10 @@ from lithe.errors import NotRunning, Refused
 from lithe.gateway import Gateway, documents
 from lithe.gateway.token import write_token
 from lithe.mcp import permission
-from lithe.mcp.server import MOST_ANSWER_BYTES, MOST_CALLS, MOST_LINE_BYTES, VERSIONS, Server
+from lithe.mcp.server import MOST_ANSWER_BYTES, MOST_CALLS, MOST_LINE_BYTES, MOST_STOPS, VERSIONS, Server
+from lithe.remote import Remote
 from lithe.vocabulary import BY_NAME, VERBS, Effect, check_names, nearest
-from system.house import ROOT
+from system.house import ROOT, House
 
 Json = dict[str, Any]
 
@@ -215,6 +216,11 @@ def test_contract_rules_laws_and_swaps_can_be_read(fake: Fake, tmp_path: Path) -
         assert one["uri"] == uri and one["text"]
     swaps = json.loads(fake.send("resources/read", {"uri": "lithe://swaps"})["result"]["contents"][0]["text"])
     assert swaps == [{"certificate": "swaps/0001", "law": "pd", "verdict": "confirmed"}]
+    (tmp_path / "0003.json").write_text(json.dumps({"law": "x" * MOST_ANSWER_BYTES}))
+    told = fake.send("resources/read", {"uri": "lithe://swaps/0003"})["error"]["message"]
+    assert f"at most {MOST_ANSWER_BYTES}" in told and "swaps has every certificate in short" in told
+    told = text(fake.tool("document", name="swaps/0003"))
+    assert told.startswith("too_long") and "swaps has every certificate in short" in told and "every=N" not in told
 
 
 def test_prompts_take_the_words_of_the_person(fake: Fake) -> None:
@@ -232,6 +238,76 @@ def test_wrong_names_of_arguments_are_named() -> None:
         check_names(BY_NAME["arm"], {"now": 1})
     assert wrong.value.next == "it takes none"
     assert nearest("statis", BY_NAME).startswith("did you mean 'status'?")
+
+
+def test_a_thousand_stops_take_a_bounded_number_of_threads_and_an_estop_still_has_a_place(fake: Fake) -> None:
+    go_on, call = threading.Event(), fake.server._call
+
+    def slow(verb: str, args: Json) -> Any:
+        if verb == "hold":
+            go_on.wait(60)
+        return call(verb, args)
+
+    fake.server._call = slow
+    before = threading.active_count()
+    for name in range(1000):
+        line = {"jsonrpc": "2.0", "id": name, "method": "tools/call", "params": {"name": "hold"}}
+        fake.server.line(json.dumps(line).encode(), fake.answers.append)
+    assert threading.active_count() - before <= MOST_STOPS
+    assert len(fake.answers) == 1000 - MOST_STOPS and "busy" in text(fake.answers[0]["result"])
+    stop = b'{"jsonrpc": "2.0", "id": "e", "method": "tools/call", "params": {"name": "estop"}}'
+    fake.server.line(stop, fake.answers.append)
+    until = time.monotonic() + 60
+    while fake.answers[-1]["id"] != "e" and time.monotonic() < until:
+        time.sleep(0.01)
+    assert fake.answers[-1]["id"] == "e"
+    go_on.set()
+    fake.server.finish()
+    assert len(fake.answers) == 1001
+
+
+def test_a_thousand_stops_keep_no_other_client_waiting(gateway: Gateway, remote: Remote, tmp_path: Path) -> None:
+    answers: list[Json] = []
+    with Remote("127.0.0.1", gateway.port, "sesame") as flooding:
+        server = Server(lambda verb, args: flooding.call(verb, **args), tmp_path / "none")
+        for name in range(1000):
+            line = {"jsonrpc": "2.0", "id": name, "method": "tools/call", "params": {"name": "hold"}}
+            server.line(json.dumps(line).encode(), answers.append)
+            if name % 100 == 50:
+                assert remote.call("latest", fields=["tick"])["tick"] > 0
+        server.finish()
+    assert sorted(each["id"] for each in answers) == list(range(1000))
+    assert gateway.robot.status()["mode"] == "hold"
+
+
+def test_a_reference_ends_with_the_permission(gateway: Gateway, tmp_path: Path) -> None:
+    permit = tmp_path / "may-move"
+    permission.give(permit, 5)
+    answers: list[Json] = []
+    asked = {"kind": "sine", "centre_rad": 0.0, "amplitude_rad": 0.3, "frequency_hz": 1.0, "stay": True}
+    with Remote("127.0.0.1", gateway.port, "sesame") as robot:
+        server = Server(lambda verb, args: robot.call(verb, **args), permit)
+        line = {"jsonrpc": "2.0", "id": 1, "method": "tools/call",
+                "params": {"name": "set_reference", "arguments": asked}}  # fmt: skip
+        server.line(json.dumps(line).encode(), answers.append)
+        House.wait_for(lambda: len(answers) == 1)
+        assert not answers[0]["result"]["isError"], answers
+        assert robot.call("reference")["asked"]["kind"] == "sine"
+        permission.take_back(permit)
+        House.wait_for(lambda: robot.call("reference")["asked"]["kind"] == "rest")
+        assert robot.call("reference")["ended"] == "stopped"
+        permission.give(permit, 5)
+        server.line(json.dumps(line).encode(), answers.append)
+        server.finish()
+    House.wait_for(lambda: gateway.references.told()["asked"]["kind"] == "rest")
+    assert gateway.references.told()["ended"] == "its client has left", "nobody watches the permission any more"
+
+
+def test_a_prompt_moves_the_robot_by_a_reference_that_outlasts_a_thought(fake: Fake) -> None:
+    for name in ("identify_then_compensate", "improve_by_one_term"):
+        told = fake.send("prompts/get", {"name": name})["result"]["messages"][0]["content"]["text"]
+        assert "`set_reference`" in told and "client_stale_s 900" in told and "`publish`" not in told
+        assert "verdict" in told and "`rollback`" in told
 
 
 class Process:
@@ -285,7 +361,8 @@ def test_a_client_that_knows_only_mcp_changes_the_law_and_goes_back(process: Pro
     assert allowed.returncode == 0 and "agents may move the robot" in allowed.stdout
     before = json.loads(text(process.tool("status")))["law"]
     certificate = json.loads(text(process.tool("swap", source=law, name="gravity_pd.cpp")))
-    assert certificate["verdict"] in ("committed", "confirmed", "unproven")
+    assert certificate["verdict"] in ("confirmed", "unproven"), "it waited for the verdict"
+    assert set(certificate["joints"]["shoulder"]["rms_error_rad"]) == {"old", "new", "predicted"}
     assert json.loads(text(process.tool("status")))["law"] != before
     assert not process.tool("rollback")["isError"]
     wrong = process.tool("swap", source=law, probation=1)
