@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Holds docs/paper.md to the tree: every claim says where it stands, and names a command that shows it. The command's
 tests, verbs, options, targets and files exist; a file alone shows nothing. The same of the numbers in docs/rt.md: each
-names its command, or says when it was measured by hand. Every path of the tree that a page names exists, and every
-`lithe` command has the verb and the options that it is given.
+names its command, or says when it was measured by hand. Every path of the tree that a page names exists, also one that
+is written without its folders, and every `lithe` command has the verb and the options that it is given. The numbers of
+`stated` are counted.
 
 python tools/paper.py            exit code 0 when all is there, 1 with a line for each thing that is not
 """
@@ -13,9 +14,12 @@ import json
 import re
 import shlex
 import sys
+from fnmatch import filter as fnfilter
 from fnmatch import fnmatch
 from functools import cache
 from pathlib import Path
+
+import lint
 
 ROOT = Path(__file__).parent.parent
 PAGE = Path("docs/paper.md")
@@ -28,7 +32,10 @@ NUMBERS_HEAD = ["number", "command"]
 BY_HAND = re.compile(r"measured once, 20\d\d-\d\d-\d\d: .")
 TREE = "host spine supervisor lawd trial sim bench brain tools tests docs schema models laws robots examples cmake"
 TREE += " firmware"
+RELATIVE = re.compile(r"[\w*-][\w./*-]*(?:/|\.(?:cpp|hpp|py|pml|c|h))")  # `core/act.hpp`, `robot/`: the end of a path
+NO_FILE = re.compile(r"(?:out|build)/.*|(?:x|x_test|my|best)\.[ch]pp|x\.py")  # results, and names that stand for any
 NAMED_PATH = re.compile(rf"(?:{TREE.replace(' ', '|')})/[\w./*-]*")
+WORDS = ["no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten"]
 PROGRAMS = ("make", "lithe", "python", "pytest", "ctest", "build/release/bin/")
 CLI = Path("docs/reference/cli.md")  # made from the table that parses; a test compares
 SIM = Path("docs/reference/sim.md")  # `lithe sim` reads its own words
@@ -221,13 +228,26 @@ def number_troubles(text: str, root: Path) -> list[str]:
     return wrong
 
 
+@cache
+def named_ends(root: Path) -> list[str]:
+    """Each file and folder of the tree, with as many of its folders as one may write."""
+    paths = {str(each) for path in lint.tracked(root) for each in (Path(path), *Path(path).parents)}
+    return sorted({path.split("/", skipped)[-1] for path in paths for skipped in range(path.count("/") + 1)})
+
+
 def path_troubles(page: Path, text: str, root: Path) -> list[str]:
-    """One line for each path in backticks that does not exist. `*` stands for any name."""
+    """One line for each path in backticks that does not exist. `*` and words in capitals stand for any name."""
     wrong = []
     for number, line in enumerate(text.splitlines(), 1):
         for quoted in re.findall(r"`([^`]+)`", line):
             for path in re.split(r"[\s,]+", quoted):
-                if NAMED_PATH.fullmatch(path) and not any(root.glob(path.rstrip("/"))):
+                pattern = re.sub(r"\b[A-Z]{3,}\b", "*", path).rstrip("/")
+                if NAMED_PATH.fullmatch(path):
+                    there = any(root.glob(pattern))
+                else:
+                    may_be = RELATIVE.fullmatch(path) and not NO_FILE.fullmatch(path)
+                    there = not may_be or bool(fnfilter(named_ends(root), pattern))
+                if not there:
                     wrong.append(f"{page}:{number}: there is no {path}; name what is there, or leave it out")
     return wrong
 
@@ -245,6 +265,66 @@ def cli_troubles(page: Path, text: str, root: Path) -> list[str]:
             if len(words) > 1 or (words and words[0] not in groups):
                 trouble = lithe_trouble(words, root)
                 wrong += [f"{page}:{number}: {trouble}"] if trouble else []
+    return wrong
+
+
+def cpp_lines(root: Path) -> int:
+    """Lines of the C++ that runs on a robot: without tests, and without what is generated."""
+    rooms = ("spine/", "supervisor/", "lawd/", "trial/", "host/", "sim/", "laws/")
+    ours = [path for path in lint.tracked(root) if path.startswith(rooms) and path.endswith(lint.CPP)]
+    product = [path for path in ours if not re.search(r"_test\.cpp$|/test/|^spine/wire/", path)]
+    return sum((root / path).read_text(encoding="utf-8").count("\n") for path in product)
+
+
+def paths_in(page: Path, first: str, end: str = "|") -> list[str]:
+    """The paths that the row or paragraph names that begins so, up to `end`."""
+    text = page.read_text(encoding="utf-8").partition(first)[2]
+    text = text.partition(end)[0].partition("\n\n")[0]
+    return [path for path in re.findall(r"`([\w./]+\.[a-z]+)`", text) if not path.endswith(".md")]
+
+
+def stated(root: Path) -> list[tuple[str, str, int, float]]:
+    """Numbers that a page states: page, what stands around it, the number as it is counted, how far it may be off."""
+    python = [path for path in lint.tracked(root) if re.search(r"(^|/)test_\w+\.py$", path)]
+    tests = sum(
+        len(re.findall(r"^ *def test_", (root / path).read_text(encoding="utf-8"), re.MULTILINE)) for path in python
+    )
+    tops = [path.rpartition("/")[0] for path in lint.tracked(root)]
+    spine = (root / "spine/loop/spine.hpp").read_text(encoding="utf-8").partition("class Spine {")[2]
+    largest = max(map(tops.count, set(tops) - set(lint.CORPORA)))
+    members = len(re.findall(r"^  \S.* \*?\w+_(?: = .*)?;", spine, re.MULTILINE))
+    to_tick = len(paths_in(root / "supervisor/README.md", "From text to tick"))
+    drive = len(paths_in(root / "ARCHITECTURE.md", "| add a device |", "; a protocol"))
+    bus = len(paths_in(root / "ARCHITECTURE.md", "| add a bus |", ";"))
+    return [
+        ("README.md", r"ctest, about ([\d,]+) tests", sum(map(len, cpp_tests(root).values())), 0.05),
+        ("README.md", r"pytest, about ([\d,]+) functions", tests, 0.05),
+        ("README.md", r"□ (\w+) small programs", len(list(root.glob("examples/*/main.py"))), 0),
+        ("CONTRIBUTING.md", r"At most (\d+) lines a file", lint.MAX_FILE_LINES, 0),
+        ("CONTRIBUTING.md", r"a file, (\d+) a function", lint.MAX_FUNCTION_LINES, 0),
+        ("CONTRIBUTING.md", r"and (\d+) files a folder", lint.MAX_FOLDER_FILES, 0),
+        ("CONTRIBUTING.md", r"accepts at most (\w+)\.", lint.MAX_EXEMPTIONS, 0),
+        ("ARCHITECTURE.md", r"text to tick .*\| (\d+) \|$", to_tick, 0),
+        ("ARCHITECTURE.md", r"new kind of drive.*\| (\d+) \|$", drive, 0),
+        ("ARCHITECTURE.md", r"new kind of bus.*\| (\d+) \|$", bus, 0),
+        ("ARCHITECTURE.md", r"largest folder .*\| (\d+) \|$", largest, 0),
+        ("ARCHITECTURE.md", r"members of `Spine` .*\| (\d+) \|$", members, 0),
+        ("ARCHITECTURE.md", r"lines of C\+\+ .*\| ([\d,]+) \|$", cpp_lines(root), 0.02),
+    ]  # fmt: skip
+
+
+def stated_troubles(page: str, text: str, numbers: list[tuple[str, str, int, float]]) -> list[str]:
+    """One line for each number of a page that is not what is counted, or that the page no longer states."""
+    wrong = []
+    for _, pattern, counted, slack in (each for each in numbers if each[0] == page):
+        match = re.search(pattern, text, re.MULTILINE)
+        if match is None:
+            wrong.append(f"{page}: does not state {pattern} any more: change `stated` in tools/paper.py, too")
+            continue
+        said = WORDS.index(match[1]) if match[1] in WORDS else int(match[1].replace(",", ""))
+        if abs(said - counted) > slack * counted:
+            line = text.count("\n", 0, match.start(1)) + 1
+            wrong.append(f"{page}:{line}: '{match[0].strip('| ')}', but {counted} are counted")
     return wrong
 
 
@@ -294,9 +374,11 @@ def troubles(text: str, root: Path) -> list[str]:
 def main() -> int:
     wrong = troubles((ROOT / PAGE).read_text(encoding="utf-8"), ROOT)
     wrong += number_troubles((ROOT / NUMBERS).read_text(encoding="utf-8"), ROOT)
+    numbers = stated(ROOT)
     for path in pages(ROOT):
         page, text = path.relative_to(ROOT), path.read_text(encoding="utf-8")
         wrong += path_troubles(page, text, ROOT)
+        wrong += stated_troubles(str(page), text, numbers)
         wrong += [] if page == CLI else cli_troubles(page, text, ROOT)
     print("\n".join(wrong), end="\n" if wrong else "")
     return 1 if wrong else 0

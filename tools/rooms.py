@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who may include whom: the architecture as one table, held against every #include and import in the tree."""
+"""Who may include whom: the architecture as one table, held against every #include and import in the tree, and against
+the maps of it in ARCHITECTURE.md and README.md."""
 
 import ast
 import re
 import sys
 from collections.abc import Iterator
+from itertools import pairwise, product
 from pathlib import Path
+
+import lint
 
 # room -> rooms it may include (itself is always allowed). The most specific room that holds a file wins.
 BASE = "spine/core spine/wire"
@@ -112,6 +116,7 @@ FREE = ("tests", "bench")
 LAW_STANDARD = {"cmath", "array", "algorithm", "span", "numbers", "type_traits", "cstddef", "cstdint", "limits"}
 LAW_HEADERS = frozenset({"lithe/law.hpp", *LAW_STANDARD})
 BRAIN_MODULES = frozenset({"numpy", "matplotlib", "lithe"})  # beside the standard library
+ENTRY = re.compile(r"^( *)((?:[\w.]+/? +)+)[■◧□] (.*)")  # of a map: names, when it runs, what it is
 INCLUDE = re.compile(r'^\s*#\s*include\s*(?:"([^"]+)"|<([^>]+)>)')
 
 
@@ -179,6 +184,85 @@ def check_python(path: str, text: str) -> Iterator[str]:
                 yield f"{path}:{node.lineno}: brain may not import {top}; it has the standard library and numpy"
 
 
+def map_entries(text: str) -> Iterator[tuple[int, str, str]]:
+    """Each folder or file of a page's map: number of its line, path from the root, and what is said of it."""
+    found: list[tuple[int, str, str]] = []
+    above: dict[int, str] = {}  # by indentation
+    open_entries = 0
+    for number, line in enumerate(text.splitlines(), 1):
+        if match := ENTRY.match(line):
+            indent = len(match[1])
+            folder = above.get(max((each for each in above if each < indent), default=-1), "")
+            paths = [folder + name for name in match[2].split()]
+            above = {each: path for each, path in above.items() if each < indent} | {indent: paths[-1]}
+            found += [(number, path, match[3]) for path in paths]
+            open_entries = len(paths)
+        elif open_entries and line.startswith("  ") and line.strip():  # goes on with what is said of the last ones
+            found[-open_entries:] = [(at, path, f"{said} {line}") for at, path, said in found[-open_entries:]]
+        else:
+            open_entries = 0
+    yield from found
+
+
+def check_map(page: str, text: str, root: Path) -> Iterator[str]:
+    """What a page's map names and the tree lacks, and folders at the top that it does not name."""
+    entries = list(map_entries(text))
+    for number, path, said in entries:
+        if not (root / path).exists():
+            yield f"{page}:{number}: there is no {path}"
+        for name in re.findall(r"(?<![\w/`])([\w/]+)/(?![\w*])", said):
+            if "/" not in path or not (any((root / path).glob(f"**/{name}")) or (root / name).exists()):
+                yield f"{page}:{number}: there is no {name}/ in {path}"
+    tops = {path.split("/")[0] for path in lint.tracked(root) if "/" in path and path[0] != "."}
+    for top in sorted(tops - {path.split("/")[0] for _, path, _ in entries}):
+        yield f"{page}: the map lacks {top}/"
+
+
+def check_rooms_named(page: str, text: str) -> Iterator[str]:
+    """Rooms that the map does not name. Kinds of buses are folders of bus/, all alike."""
+    entries = [(0, "", ""), *map_entries(text)]
+    for room in sorted(ALLOWED.keys() - set(BUS_KINDS) - {"spine/law/include"}):
+        inner = max((len(path), number, path, said) for number, path, said in entries if f"{room}/".startswith(path))
+        if f"{room}/" != inner[2] and not re.search(rf"\b{room.split('/')[-1]}\b", inner[3]):
+            yield f"{page}:{inner[1]}: the map lacks {room}/"
+
+
+def map_edges(text: str) -> Iterator[tuple[int, str, str]]:
+    """What the short form says: number of the line, a room, and one that includes it. Names are below `base:` at the
+    beginning of a line, else below spine/; KIND stands for each kind of device, BUS for each kind of bus."""
+    base = ""
+    for number, line in enumerate(text.splitlines(), 1):
+        if " <- " not in line or "`" in line:
+            continue
+        if head := re.match(r"(?:(\w+):)?\S*", line):
+            base = head[1] or ("" if head[0] else base)
+        for chain in re.split(r" {2,}", line.removeprefix(f"{base}:").strip()):
+            for lower, upper in pairwise(step.split(", ") for step in chain.split(" <- ")):
+                for pair in product(lower, upper):
+                    for kind in KINDS if "KIND" in "".join(pair) else BUS_KINDS:
+                        names = [re.sub("KIND|BUS", kind.rsplit("/", 1)[1], name) for name in pair]
+                        places = [[f"{base}/{name}", f"spine/{base}/{name}", f"spine/{name}", name] for name in names]
+                        rooms = [next((place for place in each if place in ALLOWED), each[-1]) for each in places]
+                        yield number, rooms[0], rooms[1]
+
+
+def check_short_form(page: str, text: str) -> Iterator[str]:
+    """The short form says nothing that the table forbids, and what the table allows follows from it."""
+    below: dict[str, set[str]] = {room: set() for room in ALLOWED}
+    for number, lower, upper in dict.fromkeys(map_edges(text)):
+        if lower not in ALLOWED.get(upper, ()) and lower.removesuffix("/include") not in ALLOWED.get(upper, ()):
+            yield f"{page}:{number}: {upper} may not include {lower}, says tools/rooms.py"
+        else:
+            below[upper].add(lower)
+
+    def reached(room: str) -> set[str]:
+        return below[room].union(*(reached(each) for each in below[room]))
+
+    for room, allowed in ALLOWED.items():
+        if missing := allowed - reached(room):
+            yield f"{page}: the short form does not tell that {room} may include {', '.join(sorted(missing))}"
+
+
 def check_tree(root: Path) -> list[str]:
     """Every broken rule under root."""
     problems: list[str] = []
@@ -187,6 +271,10 @@ def check_tree(root: Path) -> list[str]:
             problems += check_cpp(str(file.relative_to(root)), file.read_text())
     for file in sorted((root / "brain/lithe").rglob("*.py")):
         problems += check_python(str(file.relative_to(root)), file.read_text())
+    for page in ("README.md", "ARCHITECTURE.md"):
+        problems += check_map(page, (root / page).read_text(), root)
+    problems += check_rooms_named(page, (root / page).read_text())
+    problems += check_short_form(page, (root / page).read_text())
     return problems
 
 

@@ -151,3 +151,24 @@ def test_a_lithe_command_that_a_page_names_and_the_program_lacks_is_found() -> N
         "docs/laws.md:4: `lithe run` has no option --shielded",
         "docs/laws.md:6: `lithe` has no verb 'dance'",
     ]
+
+
+@pytest.mark.parametrize("path", ["`keys/device_key.cpp`", "`core/acts.hpp`", "`cia402_reports.cpp`", "`robos/`"])
+def test_a_name_without_its_folders_that_no_file_has_is_found(path: str) -> None:
+    there = "`keys/device_keys.cpp`, `core/act.hpp`, `cia402_report.cpp`, `robots/`, `KIND/sim/`, `x.hpp`, `out/demo/`"
+    assert paper.path_troubles(Path("ARCHITECTURE.md"), there, ROOT) == []
+    assert len(paper.path_troubles(Path("ARCHITECTURE.md"), path, ROOT)) == 1
+
+
+STATED = paper.stated(ROOT)
+
+
+@pytest.mark.parametrize(("page", "pattern", "counted", "slack"), STATED)
+def test_a_number_of_a_page_that_is_not_what_is_counted_is_found(
+    page: str, pattern: str, counted: int, slack: float
+) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    assert paper.stated_troubles(page, text, [(page, pattern, counted, slack)]) == []
+    wrong = paper.stated_troubles(page, text, [(page, pattern, round(counted * 1.2) + 1, slack)])
+    assert len(wrong) == 1 and "are counted" in wrong[0], wrong
+    assert "does not state" in paper.stated_troubles(page, "", [(page, pattern, counted, slack)])[0]

@@ -62,3 +62,43 @@ def test_the_table_has_no_cycle() -> None:
 
 def test_this_tree_keeps_the_table() -> None:
     assert rooms.check_tree(Path(rooms.__file__).parent.parent) == []
+
+
+ROOT = Path(rooms.__file__).parent.parent
+MAP = (ROOT / "ARCHITECTURE.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("there", "instead", "reason"),
+    [
+        ("  guard/    ", "  gard/    ", "there is no spine/gard/"),
+        ("certificate/)", "certificates/)", "there is no certificates/ in supervisor/"),
+        ("process.cpp      □", "processes.cpp    □", "there is no spine/processes.cpp"),
+        ("firmware/          □ a sensor board\n", "", "the map lacks firmware/"),
+        ("laws, buses, host; core)", "laws, buses; core)", "the map lacks supervisor/cli/host/"),
+        ("; core/ (what they share)", "", "the map lacks trial/core/"),
+        ("host/doctor, host/tune <- cli/host", "host/tune <- cli/host", "cli/host may include host/doctor"),
+        ("ipc <- loop\n", "ipc <- loop, step\n", "spine/step may not include spine/ipc"),
+        ("ipc, law, arena, contain <- load", "ipc, law, arena, contian <- load", "may not include contian"),
+        ("physics <- KIND/sim", "physics <- KIND", "spine/hal/moteus may not include spine/hal/physics"),
+    ],
+)
+def test_a_map_that_is_not_the_tree_or_not_the_table_is_found(there: str, instead: str, reason: str) -> None:
+    def problems(text: str) -> list[str]:
+        page = "ARCHITECTURE.md"
+        rules = (
+            rooms.check_map(page, text, ROOT),
+            rooms.check_rooms_named(page, text),
+            rooms.check_short_form(page, text),
+        )
+        return [each for rule in rules for each in rule]
+
+    assert problems(MAP) == []
+    assert MAP.count(there) == 1
+    assert any(reason in each for each in problems(MAP.replace(there, instead))), problems(MAP.replace(there, instead))
+
+
+def test_a_folder_that_the_map_of_the_readme_lacks_is_found() -> None:
+    text = (ROOT / "README.md").read_text()
+    assert list(rooms.check_map("README.md", text, ROOT)) == []
+    assert list(rooms.check_map("README.md", text.replace(" docs/ ", " "), ROOT)) == ["README.md: the map lacks docs/"]
