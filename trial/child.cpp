@@ -5,7 +5,6 @@
 #include <signal.h>
 #include <sys/mman.h>
 #include <sys/syscall.h>
-#include <ucontext.h>
 
 #include <algorithm>
 #include <array>
@@ -13,6 +12,7 @@
 #include <memory>
 
 #include "spine/arena/layout.hpp"
+#include "spine/core/host/signals.hpp"
 #include "spine/law/resident.hpp"
 #include "spine/load/dlopen_store.hpp"
 #include "trial/sandbox/gate.hpp"
@@ -37,25 +37,16 @@ void tell() {
   if (ask_kernel(SYS_write, kPipe, reinterpret_cast<long>(&g_report), bytes) != bytes) end(3);
 }
 
-std::uint64_t pc_of(const void* context) {
-  const auto& machine = static_cast<const ucontext_t*>(context)->uc_mcontext;
-#if defined(__x86_64__)
-  return static_cast<std::uint64_t>(machine.gregs[REG_RIP]);
-#else
-  return machine.pc;
-#endif
-}
-
 void on_signal(int signal, siginfo_t* info, void* context) {
   if (signal == SIGFPE &&
       g_report.refused[0] != '\0') {  // LawHarness::repeat(): the verdict is known, this is its place
-    g_report.invalid_pc = pc_of(context);
+    g_report.invalid_pc = program_counter(context);
     g_report.ended = 1;
     tell();
     end(0);
   }
   g_report.crash.signal = signal;
-  g_report.crash.pc = pc_of(context);
+  g_report.crash.pc = program_counter(context);
   if (signal == SIGSYS) {
     g_report.crash.system_call = info->si_syscall;
     g_report.crash.pc = reinterpret_cast<std::uint64_t>(info->si_call_addr);

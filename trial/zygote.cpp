@@ -4,11 +4,11 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cstring>
 #include <utility>
 
 #include "spine/arena/arena.hpp"
+#include "spine/core/lookup.hpp"
 #include "spine/robot/robot.hpp"
 #include "trial/child.hpp"
 #include "trial/sections/sections.hpp"
@@ -45,9 +45,7 @@ std::uint64_t word(const json& request, const char* key) {
   if (found->is_number_unsigned()) return found->get<std::uint64_t>();
   std::string digits = text(request, key);
   if (digits.starts_with("0x")) digits.erase(0, 2);
-  std::uint64_t value = 0;
-  std::from_chars(digits.data(), digits.data() + digits.size(), value, 16);
-  return value;
+  return leading_number<std::uint64_t>(digits, 16);
 }
 
 // "" or what is wrong with the request.

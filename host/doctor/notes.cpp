@@ -7,6 +7,7 @@
 #include <cstring>
 
 #include "host/read/words.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::host {
 namespace {
@@ -54,8 +55,6 @@ std::string some_of(const std::vector<std::string>& names, const char* noun) {
   for (std::size_t i = 0; i < std::min(names.size(), kNamed); ++i) text += (i == 0 ? " (" : ", ") + names[i];
   return text + (names.empty() ? "" : names.size() > kNamed ? ", ...)" : ")");
 }
-
-bool holds(const std::vector<int>& cpus, int cpu) { return std::binary_search(cpus.begin(), cpus.end(), cpu); }
 
 bool has_no(const Subject& subject, const std::string& parent, const std::string& name) {
   return subject.files.is_folder(parent) && !subject.files.is_folder(parent + "/" + name);

@@ -18,8 +18,8 @@ inline constexpr const char* kAllTasks = "/proc/*/task/*/status";  // as evidenc
 // "(absent)", "(Permission denied)", or the value, shortened.
 std::string shown(const Reading& reading);
 
-// fail before warn, unknown, ok, not applicable. An item whose parts are joined by it has only `fail` or only `warn`
-// among them: else a file that is removed could turn the one into the other.
+// The worst of several states, in the order fail, warn, unknown, ok, not_applicable. Parts of one item must not mix `fail`
+// and `warn`: a file that disappears could then turn one into the other.
 State worst(std::initializer_list<State> parts);
 
 class Notes {
@@ -45,8 +45,6 @@ class Notes {
 
 // "3 threads (kworker/u4:1, rcu_preempt, ...)".
 std::string some_of(const std::vector<std::string>& names, const char* noun);
-
-bool holds(const std::vector<int>& cpus, int cpu);
 
 // Whether a feature is not in this kernel: its folder is absent, and the folder above it is there.
 bool has_no(const Subject& subject, const std::string& parent, const std::string& name);

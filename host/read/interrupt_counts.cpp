@@ -6,6 +6,7 @@
 
 #include "host/read/words.hpp"
 #include "spine/core/host/interrupts.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::host {
 namespace {

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/read/machine.hpp"
 
-#include <cstdio>
 #include <sstream>
 
 #include "host/read/words.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::host {
 namespace {
@@ -16,13 +16,11 @@ constexpr std::size_t kMostCpuInfoBytes = std::size_t{2} << 20;
 constexpr std::size_t kMostStatBytes = std::size_t{1} << 20;
 constexpr std::size_t kStolen = 8;  // word of a line "cpu1 user nice system idle iowait irq softirq steal ..."
 
-bool holds(const std::string& text, const char* part) { return text.find(part) != std::string::npos; }
-
 // What stands in a device tree of a virtual machine: QEMU's board `virt`, and a node for the hypervisor.
 std::string virtual_words(const HostFiles& files) {
   if (const Reading node = files.read("/proc/device-tree/hypervisor/compatible"); node.known()) return node.value;
   const Reading model = files.read(kModel);
-  return holds(model.value, "dummy-virt") ? model.value : "";
+  return has_text(model.value, "dummy-virt") ? model.value : "";
 }
 
 }  // namespace
@@ -31,8 +29,8 @@ Board board_of(const HostFiles& files) {
   if (!field_of(files.read(kCpuInfo, kMostCpuInfoBytes).value, "vendor_id").empty()) return Board::x86;
   const Reading model = files.read(kModel);
   if (!model.known()) return Board::unknown;
-  if (holds(model.value, "Raspberry Pi")) return Board::raspberry_pi;
-  return holds(model.value, "Jetson") || holds(model.value, "NVIDIA") ? Board::jetson : Board::other;
+  if (has_text(model.value, "Raspberry Pi")) return Board::raspberry_pi;
+  return has_text(model.value, "Jetson") || has_text(model.value, "NVIDIA") ? Board::jetson : Board::other;
 }
 
 Hypervisor hypervisor_of(const HostFiles& files) {
@@ -79,10 +77,16 @@ std::optional<long long> stolen_ticks(const HostFiles& files, int cpu) {
 }
 
 std::optional<std::pair<int, int>> kernel_version(const HostFiles& files) {
-  int major = 0, minor = 0;
-  const Reading release = files.read("/proc/sys/kernel/osrelease");
-  if (std::sscanf(release.value.c_str(), "%d.%d", &major, &minor) != 2) return std::nullopt;
-  return std::pair{major, minor};
+  return kernel_version(files.read("/proc/sys/kernel/osrelease").value);
+}
+
+std::optional<std::pair<int, int>> kernel_version(std::string_view release) {
+  const std::size_t dot = release.find('.');
+  if (dot == std::string_view::npos) return std::nullopt;
+  const auto major = whole_number<int>(release.substr(0, dot));
+  const std::string_view rest = release.substr(dot + 1);
+  const auto minor = whole_number<int>(rest.substr(0, rest.find_first_not_of("0123456789")));
+  return major && minor ? std::optional(std::pair{*major, *minor}) : std::nullopt;
 }
 
 }  // namespace lithe::host

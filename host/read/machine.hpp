@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -12,12 +13,12 @@
 
 namespace lithe::host {
 
-// `unknown` until a file says otherwise: what only another board has is then unknown, too, and not "not applicable".
+// `unknown` until a file says otherwise. A check for another board only is then `unknown`, too, not `not_applicable`.
 enum class Board : std::uint8_t { unknown, x86, raspberry_pi, jetson, other };
 Board board_of(const HostFiles& files);
 
 struct Hypervisor {
-  std::optional<bool> present;                                // nothing: it cannot be known from what was read
+  std::optional<bool> present;                                // nothing: not known
   std::vector<std::pair<std::string, std::string>> evidence;  // path and value
 };
 
@@ -38,5 +39,7 @@ KernelFacts kernel_facts(const HostFiles& files);
 
 // The running kernel's version: {6, 12}. Nothing when unread.
 std::optional<std::pair<int, int>> kernel_version(const HostFiles& files);
+// The same of a name as "6.12.1-arm64". Nothing when it does not begin so.
+std::optional<std::pair<int, int>> kernel_version(std::string_view release);
 
 }  // namespace lithe::host

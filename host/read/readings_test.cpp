@@ -11,6 +11,7 @@
 #include "host/read/tasks.hpp"
 #include "host/read/words.hpp"
 #include "host/test/machines.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::host {
 namespace {

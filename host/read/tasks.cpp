@@ -7,6 +7,7 @@
 
 #include "host/read/words.hpp"
 #include "spine/core/host/cores.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::host {
 namespace {
@@ -15,10 +16,6 @@ constexpr unsigned long kKernelThread = 0x00200000;  // PF_KTHREAD
 constexpr unsigned long kBound = 0x04000000;         // PF_NO_SETAFFINITY
 // Fields of /proc/PID/stat behind the name: flags is field 9, start time 22, policy 41 (man 5 proc_pid_stat).
 constexpr std::size_t kFlags = 9 - 3, kStartTime = 22 - 3, kPolicy = 41 - 3;
-
-bool is_number(const std::string& text) {
-  return !text.empty() && text.size() < 10 && text.find_first_not_of("0123456789") == std::string::npos;
-}
 
 // "12 (a name) S 1 ...": the name may contain any character.
 std::optional<Task> parse_task(const std::string& stat, const std::string& status) {
@@ -61,11 +58,12 @@ bool Task::may_run_on(int cpu) const { return std::binary_search(cpus.begin(), c
 std::optional<Task> read_task(const HostFiles& files, const std::string& path) {
   const std::string pid = path.substr(6, path.find('/', 6) - 6), tid = path.substr(path.rfind('/') + 1);  // "/proc/"
   const Reading stat = files.read(path + "/stat"), status = files.read(path + "/status");
-  if (!is_number(pid) || !is_number(tid) || !stat.known() || !status.known()) return std::nullopt;
+  const std::optional<int> process = whole_number<int>(pid), thread = whole_number<int>(tid);
+  if (!process || !thread || !stat.known() || !status.known()) return std::nullopt;
   std::optional<Task> task = parse_task(stat.value, status.value);
   if (!task) return std::nullopt;
-  task->pid = std::stoi(pid);
-  task->tid = std::stoi(tid);
+  task->pid = *process;
+  task->tid = *thread;
   return task;
 }
 
@@ -77,7 +75,7 @@ Tasks read_tasks(const HostFiles& files, const std::vector<int>& pids) {
     return tasks;
   }
   for (const std::string& pid : files.list("/proc")) {
-    if (is_number(pid)) read_process(files, pid, tasks);
+    if (whole_number<unsigned>(pid)) read_process(files, pid, tasks);
   }
   const auto named = [&](int pid, const char* name) {
     return std::any_of(tasks.all.begin(), tasks.all.end(),

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/read/throttle.hpp"
 
-#include <charconv>
 #include <string_view>
+
+#include "spine/core/lookup.hpp"
 
 namespace lithe::host {
 namespace {
@@ -21,34 +22,28 @@ constexpr Bit kBits[] = {{1u << 0, "under-voltage"},
                          {1u << 2, "throttled"},
                          {1u << 3, "soft temperature limit"}};
 
-// A whole text as a number; false if it is none.
-bool number(std::string_view text, std::uint64_t& value, int base = 10) {
-  if (base == 16 && text.starts_with("0x")) text.remove_prefix(2);
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value, base);
-  return error == std::errc() && end == text.data() + text.size() && !text.empty();
-}
-
 void read_counters(const HostFiles& files, Throttle& found) {
   for (const std::string& cpu : files.list(kCpus)) {
     if (!cpu.starts_with("cpu")) continue;
     for (const char* name : {"core_throttle_count", "package_throttle_count"}) {
       const Reading reading = files.read(std::string(kCpus) + "/" + cpu + "/thermal_throttle/" + name);
-      std::uint64_t count = 0;
-      if (!reading.known() || !number(reading.value, count)) continue;
+      const auto count = whole_number<std::uint64_t>(reading.value);
+      if (!reading.known() || !count) continue;
       ++found.sources;
-      found.count += count;
-      if (count > 0) found.why = cpu + " " + name + " " + reading.value;
+      found.count += *count;
+      if (*count > 0) found.why = cpu + " " + name + " " + reading.value;
     }
   }
 }
 
 void read_firmware(const HostFiles& files, Throttle& found) {
   const Reading reading = files.read(kFirmware);
-  std::uint64_t word = 0;
-  if (!reading.known() || !number(reading.value, word, 16)) return;
+  const std::string_view digits = reading.value;
+  const auto word = whole_number<std::uint64_t>(digits.substr(digits.starts_with("0x") ? 2 : 0), 16);
+  if (!reading.known() || !word) return;
   ++found.sources;
   for (const Bit& bit : kBits) {
-    if ((word & bit.mask) == 0) continue;
+    if ((*word & bit.mask) == 0) continue;
     found.active = true;
     found.why = std::string("firmware: ") + bit.what;
   }
@@ -63,10 +58,10 @@ void read_cooling(const HostFiles& files, Throttle& found) {
     if (!device.starts_with("cooling_device")) continue;
     const std::string folder = std::string(kCooling) + "/" + device;
     const Reading type = files.read(folder + "/type"), state = files.read(folder + "/cur_state");
-    std::uint64_t level = 0;
-    if (!type.known() || !cools_a_processor(type.value) || !state.known() || !number(state.value, level)) continue;
+    const auto level = whole_number<std::uint64_t>(state.value);
+    if (!type.known() || !cools_a_processor(type.value) || !state.known() || !level) continue;
     ++found.sources;
-    if (level == 0) continue;
+    if (*level == 0) continue;
     found.active = true;
     found.why = type.value + " cooling state " + state.value;
   }

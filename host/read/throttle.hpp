@@ -9,7 +9,7 @@
 
 namespace lithe::host {
 
-// What the kernel says now. Where no source can be read, nothing is known: `sources` is 0.
+// One reading of the kernel's files. `sources` is 0 where none could be read: then nothing is known.
 struct Throttle {
   int sources = 0;          // files that could be read
   bool active = false;      // slowed down at this moment
@@ -24,8 +24,8 @@ Throttle read_throttle(const HostFiles& files);
 // Compares readings.
 class ThrottleWatch {
  public:
-  // Takes a reading. Returns a sentence when slowing down begins or ends, else an empty text. What happened before the
-  // first reading is not told. Where the kernel only counts, slowing down ends with a reading that has the same count.
+  // Takes a reading. Returns a sentence when throttling begins or ends, else an empty text. Throttling before the first
+  // reading is not reported. Where the kernel only counts, throttling ends with a reading whose count has not grown.
   std::string look(const Throttle& now);
 
   bool active() const { return active_; }

@@ -14,14 +14,6 @@ constexpr int kGroupBits = 32;
 
 }  // namespace
 
-std::optional<long long> whole_number(const std::string& text) {
-  long long number = 0;
-  const char* last = text.data() + text.size();
-  const auto [end, error] = std::from_chars(text.data(), last, number);
-  if (error != std::errc() || end != last || text.empty()) return std::nullopt;
-  return number;
-}
-
 std::string field_of(const std::string& text, const std::string& name) {
   std::istringstream lines(text);
   for (std::string line; std::getline(lines, line);) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small readings of text as the kernel writes it. Off the tick.
+// Parses text that the kernel writes. Off the tick.
 #pragma once
 
 #include <optional>
@@ -7,9 +7,6 @@
 #include <vector>
 
 namespace lithe::host {
-
-// A decimal number that is the whole text; nothing otherwise.
-std::optional<long long> whole_number(const std::string& text);
 
 // The value behind "name:" at the start of a line (/proc/self/status, /proc/cpuinfo), without spaces around it; empty
 // if there is none.
@@ -22,9 +19,9 @@ bool has_word(const std::string& text, const std::string& word);
 // The word in brackets: "always [madvise] never" gives "madvise"; empty if there is none.
 std::string chosen(const std::string& text);
 
-// The cores of a mask: "ff,00000003", hexadecimal, 32 cores a group. Nothing when it is none.
+// The cores in a mask such as "ff,00000003" (hexadecimal, 32 cores a group). Nothing when the text is no mask.
 std::optional<std::vector<int>> parse_mask(const std::string& text);
-// "3", "ff,ffffffff".
+// The mask of these cores, as the kernel writes it: "3", "ff,ffffffff".
 std::string mask_of(const std::vector<int>& cpus);
 
 }  // namespace lithe::host

@@ -9,6 +9,7 @@
 #include "host/read/words.hpp"
 #include "host/tune/values.hpp"
 #include "spine/core/host/cores.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::host {
 namespace {
@@ -70,17 +71,13 @@ class Planner {
   Plan plan_;
 };
 
-bool is_a_number(const std::string& name) {
-  return !name.empty() && name.find_first_not_of("0123456789") == std::string::npos;
-}
-
 void plan_interrupts(Planner& plan) {
   const auto list_off = [&](const std::string& now) { return plan.list_off(now); };
   const auto mask_off = [&](const std::string& now) { return plan.mask_off(now); };
   plan.look_at(
       {"irq_default", "/proc/irq/default_smp_affinity", "new device interrupts keep off the robot's cores", mask_off});
   for (const std::string& number : plan.files().list("/proc/irq")) {
-    if (!is_a_number(number)) continue;
+    if (!whole_number<unsigned>(number)) continue;
     plan.look_at({"irq_affinity", "/proc/irq/" + number + "/smp_affinity_list",
                   "a device interrupt on the robot's core delays its tick", list_off});
   }
@@ -100,7 +97,9 @@ std::function<std::string(const std::string&)> exactly(const char* value) {
   return [value](const std::string&) { return std::string(value); };
 }
 
-std::string ten_or_more(const std::string& now) { return is_a_number(now) && (now.size() > 1) ? now : "10"; }
+std::string ten_or_more(const std::string& now) {
+  return whole_number<unsigned long long>(now).value_or(0) >= 10 ? now : "10";
+}
 
 // What the sysctl file below keeps for later boots, and the two that need the core's number.
 void plan_sysctls(Planner& plan) {
@@ -147,7 +146,7 @@ void plan_frequency(Planner& plan) {
 
 void note_irqbalance(Planner& plan) {
   for (const std::string& pid : plan.files().list("/proc")) {
-    if (is_a_number(pid) && plan.files().read("/proc/" + pid + "/comm").value == "irqbalance") {
+    if (whole_number<unsigned>(pid) && plan.files().read("/proc/" + pid + "/comm").value == "irqbalance") {
       plan.note("irqbalance runs (pid " + pid + ") and moves interrupts back: sudo systemctl disable --now irqbalance");
     }
   }

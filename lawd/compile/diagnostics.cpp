@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "lawd/core/admission.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::lawd {
 namespace {
@@ -51,18 +52,16 @@ int line_about(const std::string& message, const std::vector<std::string>& lines
   return line_with(lines, "LITHE_LAW(");
 }
 
-bool holds(const std::string& text, std::string_view part) { return text.find(part) != std::string::npos; }
-
 // Explains a compiler message about the end of the file. Empty = the message is clear.
 std::string about_the_macro(const std::string& message, const std::string& line) {
   constexpr const char* kHow = "LITHE_LAW takes the law's struct, then its name: LITHE_LAW(Law, \"name\");";
   const auto at = line.find_first_not_of(" \t");
   if (at == std::string::npos || !std::string_view(line).substr(at).starts_with("LITHE_LAW")) return "";
-  const bool no_struct = holds(message, "no matching function for call to") && holds(message, "describe<");
-  const bool swapped = holds(message, "a law's name has") && holds(line, "(\"");
-  const bool unknown = holds(message, "was not declared in this scope");
+  const bool no_struct = has_text(message, "no matching function for call to") && has_text(message, "describe<");
+  const bool swapped = has_text(message, "a law's name has") && has_text(line, "(\"");
+  const bool unknown = has_text(message, "was not declared in this scope");
   if (unknown) return message + ": " + kHow;
-  return no_struct || swapped || holds(message, "macro \"LITHE_LAW\"") ? kHow : "";
+  return no_struct || swapped || has_text(message, "macro \"LITHE_LAW\"") ? kHow : "";
 }
 
 // A compiler message quotes the file it is about. The client sent the law, and may read the contract and the system's
@@ -132,7 +131,8 @@ Diagnostics read_diagnostics(const std::string& output, const Sources& sources) 
       const bool consequence = contract && !d.contains("contract") && !is_warning &&
                                (d["file"] != name || d["text"].get<std::string>().starts_with("LITHE_LAW"));
       d.erase("contract");
-      if (holds(d["message"], "<expression error>")) continue;  // follows from an error that is reported itself
+      if (has_text(d["message"].get<std::string>(), "<expression error>"))
+        continue;  // follows from an error that is reported itself
       const bool known = std::find(result.list.begin(), result.list.end(), d) != result.list.end();
       if (is_warning != warnings || consequence || known || d["severity"] == "note") continue;
       if (result.list.size() >= kMaxEntries) {

@@ -4,8 +4,6 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include <charconv>
-#include <cstdlib>
 #include <sstream>
 #include <vector>
 
@@ -14,6 +12,7 @@
 #include "lawd/run/child.hpp"
 #include "lawd/run/files.hpp"
 #include "lawd/source/admission_tokens.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::lawd {
 namespace {
@@ -47,7 +46,7 @@ nlohmann::json own_place(const std::string& program, std::uint64_t address, std:
   for (std::string function, place; std::getline(lines, function) && std::getline(lines, place);) {
     const auto colon = place.rfind(':');
     if (colon == std::string::npos || is_library(place)) continue;
-    if (const int line = std::atoi(place.c_str() + colon + 1); line > 0) {
+    if (const int line = leading_number<int>(std::string_view(place).substr(colon + 1)); line > 0) {
       return {{"ok", true}, {"line", line}, {"function", function.substr(0, function.find('('))}};
     }
   }
@@ -64,9 +63,7 @@ int SourceLines::own_line(std::string_view place) const {
   const std::string_view own = file_of(compiled_.source_path);
   const std::string_view rest = file_of(place);
   if (own.empty() || !rest.starts_with(own) || rest.size() <= own.size() || rest[own.size()] != ':') return 0;
-  int line = 0;
-  std::from_chars(rest.data() + own.size() + 1, rest.data() + rest.size(), line);
-  return line > 0 ? line : 0;
+  return std::max(leading_number<int>(rest.substr(own.size() + 1)), 0);
 }
 
 int SourceLines::mentions(std::string_view name) const {

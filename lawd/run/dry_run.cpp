@@ -4,7 +4,6 @@
 #include <dlfcn.h>
 #include <fenv.h>
 #include <signal.h>
-#include <ucontext.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -16,6 +15,7 @@
 #include <vector>
 
 #include "lawd/run/child.hpp"
+#include "spine/core/host/signals.hpp"
 #include "spine/law/dry_inputs.hpp"
 #include "spine/law/resident.hpp"
 
@@ -80,14 +80,9 @@ std::uint64_t g_base = 0;
 
 // Tells where the law was, then lets the signal end it.
 void on_death(int signal, siginfo_t*, void* context) {
-  const auto& machine = static_cast<const ucontext_t*>(context)->uc_mcontext;
-#if defined(__x86_64__)
-  const auto pc = static_cast<std::uint64_t>(machine.gregs[REG_RIP]);
-#else
-  const std::uint64_t pc = machine.pc;
-#endif
+  const auto pc = static_cast<unsigned long long>(program_counter(context) - g_base);
   char line[48];
-  const int length = std::snprintf(line, sizeof line, "{\"pc\": %llu}\n", static_cast<unsigned long long>(pc - g_base));
+  const int length = std::snprintf(line, sizeof line, "{\"pc\": %llu}\n", pc);
   if (write(g_pipe, line, static_cast<std::size_t>(length)) != length) _exit(3);
   ::signal(signal, SIG_DFL);
   ::raise(signal);  // blocked until this returns

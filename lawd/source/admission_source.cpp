@@ -7,16 +7,12 @@
 #include "lawd/core/admission.hpp"
 #include "lawd/source/admission_tokens.hpp"
 #include "lawd/source/admission_words.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::lawd {
 namespace {
 
 constexpr std::size_t kMaxSourceBytes = std::size_t{256} << 10;
-
-template <std::size_t N>
-bool holds(const std::array<std::string_view, N>& list, std::string_view word) {
-  return std::find(list.begin(), list.end(), word) != list.end();
-}
 
 class Source {
  public:
@@ -136,7 +132,7 @@ class Source {
     if (!same_directive(name)) return;  // a lone "#"
     const std::string& word = at(name).text;
     if (word == "include_next" || word == "import") return;  // reported already
-    if (!holds(kAllowed, word)) {
+    if (!contains(kAllowed, word)) {
       refuse(at(name), "#" + word + " is not for laws: remove the line");
     } else if (word == "pragma") {
       check_pragma(name);

@@ -6,14 +6,10 @@
 #include <utility>
 
 #include "spine/arena/veneers.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::lawd {
 namespace {
-
-template <std::size_t N>
-bool holds(const std::array<std::string_view, N>& list, std::string_view word) {
-  return std::find(list.begin(), list.end(), word) != list.end();
-}
 
 constexpr std::array<std::string_view, 10> kHeaders = {"<lithe/law.hpp>", "<cmath>",   "<array>",       "<algorithm>",
                                                        "<span>",          "<numbers>", "<type_traits>", "<cstddef>",
@@ -259,7 +255,7 @@ std::string_view why_listed(const std::array<Word, N>& list, std::string_view wo
 
 bool is_allowed_header(std::string_view header) {
   const bool eigen = header.starts_with("<Eigen/") && header.find("..") == std::string_view::npos;
-  return holds(kHeaders, header) || eigen;
+  return contains(kHeaders, header) || eigen;
 }
 
 std::string allowed_headers_text() {
@@ -275,7 +271,7 @@ bool is_keyword(std::string_view word) {
 bool is_reserved(std::string_view word) {
   const bool reserved =
       word.starts_with("__") || (word.size() > 1 && word[0] == '_' && word[1] >= 'A' && word[1] <= 'Z');
-  return reserved && !holds(kHarmlessReserved, word);
+  return reserved && !contains(kHarmlessReserved, word);
 }
 
 std::string_view why_word_is_refused(std::string_view word) { return why_listed(kWords, word); }
@@ -287,13 +283,13 @@ std::string_view why_call_is_refused(std::string_view name) { return why_listed(
 std::string_view why_header_is_refused(std::string_view header) { return why_listed(kRefusedHeaders, header); }
 
 bool is_allowed_attribute(std::string_view name, bool in_namespace) {
-  return in_namespace ? holds(kGnuAttributes, name) : holds(kAttributes, name);
+  return in_namespace ? contains(kGnuAttributes, name) : contains(kAttributes, name);
 }
 
 // The arena has more stubs than this list; a law that was not admitted and calls one of the others traps.
 bool is_allowed_symbol(std::string_view symbol) {
   if (symbol == "_GLOBAL_OFFSET_TABLE_") return true;  // the linker's own
-  if (holds(kOnlyTrap, symbol)) return false;
+  if (contains(kOnlyTrap, symbol)) return false;
   const auto veneers = arena::veneers();
   return std::any_of(veneers.begin(), veneers.end(),
                      [&](const arena::Veneer& veneer) { return veneer.name == symbol; });
@@ -302,7 +298,7 @@ bool is_allowed_symbol(std::string_view symbol) {
 std::string why_symbol_is_refused(std::string_view symbol, std::string_view readable) {
   const std::string_view bare = readable.substr(0, readable.find('('));
   for (const Group& group : kGroups) {
-    if (!bare.empty() && (holds(group.names, symbol) || holds(group.names, bare))) return std::string(group.why);
+    if (!bare.empty() && (contains(group.names, symbol) || contains(group.names, bare))) return std::string(group.why);
   }
   for (const Word& entry : kAdvice) {
     if (readable.starts_with(entry.word)) return std::string(entry.why);

@@ -9,11 +9,10 @@
 #include <numeric>
 
 #include "lawd/source/admission_words.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::lawd {
 namespace {
-
-bool holds(std::string_view text, std::string_view part) { return text.find(part) != std::string_view::npos; }
 
 // The text in quotes before `end`, or "" when there is none.
 std::string quoted_before(const std::string& message, std::size_t end) {
@@ -73,7 +72,7 @@ std::size_t farness(std::string_view wanted, std::string_view field) {
   for (const Alias& each : kAliases) {
     if (field == each.field && (wanted == each.word || wanted.starts_with(std::string(each.word) + "_"))) return 0;
   }
-  if (holds(field, wanted) || holds(wanted, field)) return 1 + (field.starts_with(wanted) ? 0 : 1);
+  if (has_text(field, wanted) || has_text(wanted, field)) return 1 + (field.starts_with(wanted) ? 0 : 1);
   return 2 + distance(wanted, field);
 }
 
@@ -178,7 +177,7 @@ std::string Help::with_help(const std::string& message) const {
   std::string help = about_field(message);
   if (help.empty()) help = about_name(message);
   for (const Advice& each : kAdvice) {
-    if (help.empty() && holds(message, each.part) && holds(message, each.also)) help = each.says;
+    if (help.empty() && has_text(message, each.part) && has_text(message, each.also)) help = each.says;
   }
   return help.empty() ? message : message + ": " + help;
 }

@@ -16,6 +16,7 @@
 #include "spine/contain/law_stack.hpp"
 #include "spine/contain/memory/memory_key.hpp"
 #include "spine/contain/memory/protected_memory.hpp"
+#include "spine/core/host/signals.hpp"
 
 namespace lithe::contain {
 
@@ -80,7 +81,6 @@ inline void claim(Core& core) noexcept {
 
 // Ends the claimed call: run() returns with this fault.
 [[noreturn]] void break_off(Core& core, const Failure& failure) noexcept;
-std::uint64_t program_counter(const void* context) noexcept;
 
 // Handler of the Watchdog's signal. The rule is a parameter, so that a test can show what a wrong rule does.
 template <class Rule>

@@ -4,7 +4,6 @@
 #include <setjmp.h>
 #include <signal.h>
 #include <sys/syscall.h>
-#include <ucontext.h>
 #include <unistd.h>
 
 #include <array>
@@ -111,15 +110,6 @@ Result<> install_all() {
 Entrance& entrance() noexcept { return t_entrance; }
 
 int watch_signal() noexcept { return SIGRTMIN + 3; }
-
-std::uint64_t program_counter(const void* context) noexcept {
-  const auto& machine = static_cast<const ucontext_t*>(context)->uc_mcontext;
-#if defined(__x86_64__)
-  return static_cast<std::uint64_t>(machine.gregs[REG_RIP]);
-#else
-  return machine.pc;
-#endif
-}
 
 void break_off(Core& core, const Failure& failure) noexcept {
   core.failure = failure;

@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "spine/core/host/fd.hpp"
 #include "spine/core/result.hpp"
-#include "supervisor/core/fd.hpp"
 
 namespace lithe::control {
 

@@ -44,8 +44,11 @@ Verbs::Verbs(Parts parts, Reply reply, std::function<void()> shutdown)
   add_swaps();
 }
 
-std::function<void(const Answer&)> Verbs::later(const ReplyTo& to) const {
-  return [this, to](const Answer& answer) { reply_(to, answer); };
+std::function<void(const Answer&)> Verbs::later(const ReplyTo& to, const Done& done) const {
+  return [this, to, done](const Answer& answer) {
+    const Json* json = std::get_if<Json>(&answer);
+    reply_(to, json != nullptr && done ? done(*json) : answer);
+  };
 }
 
 void Verbs::add_looks() {
@@ -103,7 +106,9 @@ void Verbs::add_commands() {
   }
   verbs_["rollback"] = [this](const ReplyTo& to, const Json& args) { roll_back(to, args); };
   verbs_["activate"] = [this](const ReplyTo& to, const Json& args) { activate(to, args); };
-  verbs_["revert_params"] = [this](const ReplyTo& to, const Json&) { revert_params(to); };
+  verbs_["revert_params"] = [this](const ReplyTo& to, const Json&) {
+    command(wire::CommandKind::revert_params, to, 0, [this](const Json&) { return params_json(parts_.spine); });
+  };
   verbs_["set_params"] = [this](const ReplyTo& to, const Json& args) { set_params(to, args); };
   verbs_["shutdown"] = [this](const ReplyTo& to, const Json&) {
     reply_(to, Json{{"stopping", true}, {"pid", ::getpid()}});
@@ -127,7 +132,7 @@ void Verbs::handle(const ReplyTo& to, const std::string& verb, const Json& args)
   reply_(to, Refusal{"unknown_verb", fmt::format("there is no verb '{}'", verb), fmt::format("one of: {}", known)});
 }
 
-void Verbs::command(wire::CommandKind kind, const ReplyTo& to) {
+void Verbs::command(wire::CommandKind kind, const ReplyTo& to, std::uint32_t count, const Done& done) {
   if (kind == wire::CommandKind::estop) {
     parts_.spine.press_estop();  // effective even when the command after it is lost or refused
   } else if (kind == wire::CommandKind::reset) {
@@ -135,7 +140,8 @@ void Verbs::command(wire::CommandKind kind, const ReplyTo& to) {
   }
   wire::Command command;
   command.kind = static_cast<std::uint32_t>(kind);
-  parts_.commands.send(command, later(to), monotonic_ns());
+  command.count = count;
+  parts_.commands.send(command, later(to, done), monotonic_ns());
 }
 
 void Verbs::roll_back(const ReplyTo& to, const Json& args) {
@@ -188,42 +194,21 @@ Json Verbs::law_that_runs() const {
 }
 
 void Verbs::go_back(const ReplyTo& to, std::uint32_t steps) {
-  wire::Command command;
-  command.kind = static_cast<std::uint32_t>(wire::CommandKind::rollback);
-  command.count = steps;
-  parts_.commands.send(
-      command,
-      [this, to](const Answer& result) {
-        Answer out = result;
-        if (Json* json = std::get_if<Json>(&out)) json->update(law_that_runs());
-        reply_(to, out);
-      },
-      monotonic_ns());
-}
-
-void Verbs::revert_params(const ReplyTo& to) {
-  wire::Command command;
-  command.kind = static_cast<std::uint32_t>(wire::CommandKind::revert_params);
-  parts_.commands.send(
-      command,
-      [this, to](const Answer& answer) {
-        reply_(to, std::holds_alternative<Json>(answer) ? params_json(parts_.spine) : answer);
-      },
-      monotonic_ns());
+  command(wire::CommandKind::rollback, to, steps, [this](Json json) {
+    json.update(law_that_runs());
+    return json;
+  });
 }
 
 void Verbs::set_params(const ReplyTo& to, const Json& args) {
   Json values = args.value("values", Json::object());
   if (args.contains("name")) values[args["name"].get<std::string>()] = args.value("value", Json(nullptr));
-  parts_.swaps.set_params(
-      values,
-      [this, to](const Answer& answer) {
-        const Json* done = std::get_if<Json>(&answer);
-        Answer out = done != nullptr ? params_json(parts_.spine) : answer;
-        if (Json* params = done != nullptr ? std::get_if<Json>(&out) : nullptr) params->update(*done);
-        reply_(to, out);
-      },
-      monotonic_ns());
+  const Done params_of = [this](const Json& done) {
+    Answer out = params_json(parts_.spine);
+    if (Json* params = std::get_if<Json>(&out)) params->update(done);
+    return out;
+  };
+  parts_.swaps.set_params(values, later(to, params_of), monotonic_ns());
 }
 
 void Verbs::swap_law(const ReplyTo& to, const Json& args) {

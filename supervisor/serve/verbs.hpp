@@ -49,15 +49,16 @@ class Verbs {
   void add_looks();
   void add_commands();
   void add_swaps();
-  std::function<void(const Answer&)> later(const ReplyTo& to) const;
-  void command(wire::CommandKind kind, const ReplyTo& to);
+  using Done = std::function<Answer(const Json&)>;  // makes the answer to the client, when the Spine did it
+
+  std::function<void(const Answer&)> later(const ReplyTo& to, const Done& done = nullptr) const;
+  void command(wire::CommandKind kind, const ReplyTo& to, std::uint32_t count = 0, const Done& done = nullptr);
   void swap_law(const ReplyTo& to, const Json& args);
   void check_law(const ReplyTo& to, const Json& args);
   void roll_back(const ReplyTo& to, const Json& args);
   void activate(const ReplyTo& to, const Json& args);
   void go_back(const ReplyTo& to, std::uint32_t steps);
   Json law_that_runs() const;
-  void revert_params(const ReplyTo& to);
   void set_params(const ReplyTo& to, const Json& args);
 
   Parts parts_;

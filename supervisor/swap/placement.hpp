@@ -7,8 +7,8 @@
 #include <string>
 
 #include "spine/arena/layout.hpp"
+#include "spine/core/host/fd.hpp"
 #include "spine/robot/config.hpp"
-#include "supervisor/core/fd.hpp"
 #include "supervisor/link/services/lawd_link.hpp"
 #include "supervisor/link/spine/spine_link.hpp"
 

@@ -4,10 +4,10 @@
 #include <fmt/format.h>
 
 #include <array>
-#include <cstdlib>
 #include <cstring>
 #include <utility>
 
+#include "spine/core/lookup.hpp"
 #include "spine/core/time.hpp"
 #include "supervisor/swap/swaps.hpp"
 
@@ -262,7 +262,7 @@ std::optional<Refusal> Swaps::stage(Transaction& swap) {
   swap.note_missed_before(missed_releases());
   wire::StageRequest request;
   request.request_id = swap.request_id();
-  request.source_hash = std::strtoull(swap.compiled().hash.substr(0, 16).c_str(), nullptr, 16);
+  request.source_hash = leading_number<std::uint64_t>(swap.compiled().hash.substr(0, 16), 16);
   request.slot = placed_->slot;
   request.code_bytes = placed_->code_bytes;
   request.entry = placed_->entry;

@@ -14,6 +14,8 @@
 #include <cstdlib>
 #include <cstring>
 
+#include "spine/core/lookup.hpp"
+
 namespace lithe::trial {
 namespace {
 
@@ -25,8 +27,8 @@ std::size_t mapped_bytes() {
   const int fd = open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
   const ssize_t got = fd < 0 ? -1 : read(fd, text.data(), text.size() - 1);
   if (fd >= 0) close(fd);
-  const std::size_t pages = got > 0 ? std::strtoul(text.data(), nullptr, 10) : 0;
-  return pages * static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
+  return leading_number<std::size_t>({text.data(), static_cast<std::size_t>(std::max<ssize_t>(got, 0))}) *
+         static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
 }
 
 bool limit(__rlimit_resource resource, rlim_t soft, rlim_t hard) {

@@ -10,6 +10,7 @@
 #include "host/read/machine.hpp"
 #include "host/read/words.hpp"
 #include "spine/core/host/interrupts.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::host {
 namespace {
@@ -72,7 +73,7 @@ Finding check_irq_affinity(const Subject& subject) {
   if (Finding untold = judge_untold(subject, *counts, notes); untold.state != State::ok) return untold;
   const std::optional<std::vector<int>> later = parse_mask(notes.read(kDefaultMask).value);
   if (!later) return notes.unread(kDefaultMask);
-  if (holds(*later, subject.cpu)) {
+  if (contains(*later, subject.cpu)) {
     return notes.say(State::warn, fmt::format("a device that is added later may interrupt core {}", subject.cpu));
   }
   return notes.say(State::ok, fmt::format("no device interrupts core {}", subject.cpu));
@@ -88,7 +89,7 @@ Finding check_irqbalance(const Subject& subject) {
     const std::size_t at = environment.find(kKey);
     const std::string banned = at == std::string::npos ? "" : environment.c_str() + at + kKey.size();
     notes.add(path, banned.empty() ? "no IRQBALANCE_BANNED_CPULIST seen" : fmt::format("{}{}", kKey, banned));
-    if (holds(parse_cpu_list(banned), subject.cpu)) {
+    if (contains(parse_cpu_list(banned), subject.cpu)) {
       return notes.say(State::ok, fmt::format("irqbalance leaves core {} alone", subject.cpu));
     }
     return notes.say(State::warn, fmt::format("irqbalance (pid {}) may move interrupts to the core", each.pid));

@@ -7,6 +7,7 @@
 #include "host/doctor/checks/checks.hpp"
 #include "host/doctor/notes.hpp"
 #include "host/read/words.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::host {
 namespace {
@@ -20,7 +21,7 @@ State judge_writeback(const Subject& subject, Notes& notes) {
   const std::optional<long long> centiseconds = notes.number("/proc/sys/vm/dirty_writeback_centisecs");
   if (centiseconds && (*centiseconds == 0 || *centiseconds >= kWritebackCs)) return State::ok;
   const auto work = parse_mask(notes.read("/sys/devices/virtual/workqueue/cpumask").value);
-  if (work && !holds(*work, subject.cpu)) return State::ok;
+  if (work && !contains(*work, subject.cpu)) return State::ok;
   return work && centiseconds ? State::warn : State::unknown;
 }
 
@@ -45,7 +46,8 @@ Finding check_watchdogs(const Subject& subject) {
   const std::vector<int> cores = parse_cpu_list(notes.read(cores_path).value);
   notes.read("/proc/sys/kernel/nmi_watchdog");
   if (on == 0) return notes.say(State::ok, "the kernel's watchdogs are off");
-  if (!cores.empty() && !holds(cores, subject.cpu)) return notes.say(State::ok, "the watchdogs leave the core alone");
+  if (!cores.empty() && !contains(cores, subject.cpu))
+    return notes.say(State::ok, "the watchdogs leave the core alone");
   if (!on || cores.empty()) return notes.unread(on ? cores_path : on_path);
   return notes.say(State::warn, "a watchdog of the kernel wakes up on the core");
 }

@@ -2,7 +2,6 @@
 // Items 30 to 37: memory, and what takes it away.
 #include <fmt/format.h>
 
-#include <charconv>
 #include <cstdint>
 #include <sstream>
 
@@ -10,6 +9,7 @@
 #include "host/doctor/notes.hpp"
 #include "host/read/machine.hpp"
 #include "host/read/words.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::host {
 namespace {
@@ -40,8 +40,7 @@ std::optional<Finding> judge_running_spine(const Subject& subject, Notes& notes)
 // Whether this process may lock all memory whatever its limit: not with the capabilities of a user namespace.
 bool may_lock_all(const Subject& subject, Notes& notes) {
   const std::string text = field_of(subject.files.read("/proc/self/status").value, "CapEff");
-  std::uint64_t capabilities = 0;
-  std::from_chars(text.data(), text.data() + text.size(), capabilities, 16);
+  const auto capabilities = leading_number<std::uint64_t>(text, 16);
   const std::vector<std::string> users = split(subject.files.read("/proc/self/uid_map").value);
   const bool all = users.size() == 3 && whole_number(users[2]) == kAllUsers;
   const bool may = all && (capabilities >> kMayLock & 1U) != 0;
@@ -186,7 +185,7 @@ Finding check_cache_partition(const Subject& subject) {
   for (const std::string& each : subject.files.list(folder)) {
     const std::string path = fmt::format("{}/{}/cpus_list", folder, each);
     const Reading cpus = subject.files.read(path);
-    if (!holds(parse_cpu_list(cpus.value), subject.cpu)) continue;
+    if (!contains(parse_cpu_list(cpus.value), subject.cpu)) continue;
     notes.add(path, cpus.value);
     return notes.say(State::ok, fmt::format("group {} has a part of the cache for core {}", each, subject.cpu));
   }

@@ -10,6 +10,7 @@
 #include "host/doctor/notes.hpp"
 #include "host/read/partitions.hpp"
 #include "host/read/words.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::host {
 namespace {
@@ -51,7 +52,7 @@ bool is_out_of_v1(const Subject& subject, Notes& notes) {
     const std::string folder = fmt::format("{}/{}", kV1, group);
     const Reading cpus = subject.files.read(folder + "/cpuset.cpus");
     const bool balances = cpus.known() && subject.files.read(folder + "/cpuset.sched_load_balance").value != "0";
-    if (balances && holds(parse_cpu_list(cpus.value), subject.cpu)) return false;
+    if (balances && contains(parse_cpu_list(cpus.value), subject.cpu)) return false;
   }
   return true;
 }
@@ -66,7 +67,7 @@ std::string dropped_option(const Subject& subject, Notes& notes) {
       const std::size_t comma = cpus.find(',');
       cpus.erase(0, comma == std::string::npos ? comma : comma + 1);
     }
-    if (!holds(parse_cpu_list(cpus), subject.cpu)) return fmt::format("; {} does not name it", option);
+    if (!contains(parse_cpu_list(cpus), subject.cpu)) return fmt::format("; {} does not name it", option);
     if (option.find("nohz") == std::string::npos) return fmt::format("; the kernel did not take {}", option);
     return fmt::format("; a kernel without CONFIG_NO_HZ_FULL drops all of {} because of its flag nohz", option);
   }
@@ -129,7 +130,7 @@ Finding check_domain_isolation(const Subject& subject) {
     all_read = all_read && each.kind.known() && each.wanted.known();
     if (!each.is_isolated()) continue;
     for (const int its : each.cpus) left.erase(its);
-    if (!holds(each.cpus, cpu)) continue;
+    if (!contains(each.cpus, cpu)) continue;
     notes.add(each.kind.path, each.kind.value);
     return notes.say(State::ok, fmt::format("core {} is in an isolated partition", cpu));
   }
@@ -157,10 +158,10 @@ Finding check_isolated_partition(const Subject& subject) {
     all_read = all_read && each.kind.known() && each.wanted.known();
     if (each.kind.value.empty()) continue;
     notes.add(each.kind.path, each.kind.value);
-    if (each.is_invalid() && holds(parse_cpu_list(each.wanted.value), subject.cpu)) {
+    if (each.is_invalid() && contains(parse_cpu_list(each.wanted.value), subject.cpu)) {
       return notes.say(State::fail, fmt::format("the partition is not in force: {}", each.kind.value));
     }
-    if (each.is_isolated() && holds(each.cpus, subject.cpu)) good = &each;
+    if (each.is_isolated() && contains(each.cpus, subject.cpu)) good = &each;
   }
   const std::optional<bool> v1 = is_v1(notes);
   if (!all_read || !v1) return notes.say(State::unknown, "the files of a partition cannot be read");
@@ -224,7 +225,7 @@ Finding check_workqueues(const Subject& subject) {
   Notes notes(subject);
   const std::optional<std::vector<int>> cpus = parse_mask(notes.read(path).value);
   if (!cpus) return notes.unread(path);
-  if (!holds(*cpus, subject.cpu)) return notes.say(State::ok, "unbound work of the kernel runs on other cores");
+  if (!contains(*cpus, subject.cpu)) return notes.say(State::ok, "unbound work of the kernel runs on other cores");
   return notes.say(State::warn, fmt::format("unbound work of the kernel may run on core {}", subject.cpu));
 }
 

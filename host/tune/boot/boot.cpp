@@ -17,6 +17,7 @@
 #include "host/tune/boot/kernel.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/files.hpp"
+#include "spine/core/lookup.hpp"
 #include "spine/core/text.hpp"
 
 namespace lithe::host {
@@ -27,10 +28,6 @@ namespace fs = std::filesystem;
 constexpr std::size_t kMostBootBytes = std::size_t{64} << 10;
 
 bool is_there(const HostFiles& files, const std::string& path) { return !files.read(path).is_absent(); }
-
-bool holds(const std::vector<int>& cores, int core) {
-  return std::find(cores.begin(), cores.end(), core) != cores.end();
-}
 
 std::vector<int> ascending(std::vector<int> cores) {
   std::sort(cores.begin(), cores.end());
@@ -44,11 +41,11 @@ Result<> check_cores(const BootCores& cores) {
   for (const int core : cores.isolated) {
     if (core < 0) return Error{fmt::format("{} is no core", core)};
   }
-  if (holds(cores.isolated, cores.housekeeping)) {
+  if (contains(cores.isolated, cores.housekeeping)) {
     return Error{fmt::format("core {} cannot be isolated: it is the one for everything else", cores.housekeeping)};
   }
   for (const int core : cores.tickless) {
-    if (!holds(cores.isolated, core)) return Error{fmt::format("core {} is to be tickless, but not isolated", core)};
+    if (!contains(cores.isolated, core)) return Error{fmt::format("core {} is to be tickless, but not isolated", core)};
   }
   return done();
 }

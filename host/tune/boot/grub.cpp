@@ -18,7 +18,6 @@ constexpr std::string_view kLast = "# lithe tune: end";
 constexpr std::string_view kVariable = "GRUB_CMDLINE_LINUX";
 constexpr std::string_view kNormalOnly = "GRUB_CMDLINE_LINUX_DEFAULT";  // not for recovery
 
-bool is_blank(char c) { return c == ' ' || c == '\t'; }
 bool is_name(char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_'; }
 
 Error wrong(const std::string& where, const std::string& what) {

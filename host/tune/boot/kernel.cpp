@@ -4,9 +4,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cstddef>
 
+#include "host/read/machine.hpp"
 #include "host/read/unpack.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/files.hpp"
@@ -30,13 +30,8 @@ bool has_line(const std::string& text, const std::string& line) {
 
 // 5006 for "5.6.1-v8+"; 0 if it is no release.
 int version_of(std::string_view release) {
-  int major = 0;
-  int minor = 0;
-  const char* const end = release.data() + release.size();
-  const auto first = std::from_chars(release.data(), end, major);
-  if (first.ec != std::errc() || first.ptr == end || *first.ptr != '.') return 0;
-  if (std::from_chars(first.ptr + 1, end, minor).ec != std::errc()) return 0;
-  return major * 1000 + minor;
+  const auto version = kernel_version(release);
+  return version ? version->first * 1000 + version->second : 0;
 }
 
 std::vector<std::string> releases(const HostFiles& files) {

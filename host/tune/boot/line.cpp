@@ -12,8 +12,6 @@ namespace {
 
 constexpr std::size_t kMostLineBytes = 2047;  // COMMAND_LINE_SIZE of x86 and arm64 is 2048, with the zero at its end
 
-bool is_blank(char c) { return c == ' ' || c == '\t'; }
-
 std::string without_quotes(std::string_view text) {
   std::string plain(text);
   std::erase(plain, '"');

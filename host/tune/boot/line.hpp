@@ -23,6 +23,9 @@ struct Flag {
 // "isolcpus=... nohz_full=..."
 std::string text_of(const std::vector<Flag>& flags);
 
+// What separates the words of a line.
+inline bool is_blank(char c) { return c == ' ' || c == '\t'; }
+
 // A word that stands on a command line.
 struct Word {
   std::string text;       // as the kernel reads it: without quotes

@@ -8,7 +8,6 @@
 
 #include <cerrno>
 #include <cstddef>
-#include <cstdlib>
 #include <filesystem>
 
 #include "host/read/files.hpp"
@@ -18,6 +17,7 @@
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/fd.hpp"
 #include "spine/core/host/files.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::host {
 namespace {
@@ -168,7 +168,7 @@ int Writer::set_cores(const Change& change, const std::string& cores) const {
   cpu_set_t set;
   CPU_ZERO(&set);
   for (const int core : parse_cpu_list(cores)) CPU_SET(static_cast<unsigned>(core), &set);
-  const int tid = std::atoi(change.path.substr(change.path.rfind('/') + 1).c_str());
+  const int tid = leading_number<int>(change.path.substr(change.path.rfind('/') + 1));
   if (tid <= 0) return ESRCH;
   step();
   return ::sched_setaffinity(tid, sizeof set, &set) == 0 ? 0 : errno;

@@ -4,7 +4,6 @@
 #include <sched.h>
 
 #include <algorithm>
-#include <charconv>
 #include <iterator>
 #include <string_view>
 #include <thread>
@@ -12,6 +11,7 @@
 #include "spine/core/host/files.hpp"
 #include "spine/core/host/realtime.hpp"
 #include "spine/core/host/shield_group.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe {
 namespace {
@@ -24,8 +24,6 @@ std::string read_or_empty(const std::string& path) {
   const Result<std::string> text = read_regular_file(path, kMostBytes);
   return text ? text->substr(0, text->find('\n')) : "";
 }
-
-bool holds(const std::vector<int>& cpus, int cpu) { return std::binary_search(cpus.begin(), cpus.end(), cpu); }
 
 std::vector<int> without(const std::vector<int>& cpus, const std::vector<int>& others) {
   std::vector<int> rest;
@@ -41,9 +39,8 @@ std::vector<int> both(const std::vector<int>& cpus, const std::vector<int>& othe
 
 // The whole of a text as a number; -1 if it is none that a core may have.
 int core_number(std::string_view text) {
-  int number = -1;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
-  return error == std::errc() && end == text.data() + text.size() && number < CPU_SETSIZE ? number : -1;
+  const int number = whole_number<int>(text).value_or(-1);
+  return number < CPU_SETSIZE ? number : -1;
 }
 
 // Its path below the mount of cgroup v2: the line "0::/path".
@@ -73,18 +70,18 @@ std::vector<int> isolated_partition(std::string group, const std::string& root) 
 }  // namespace
 
 Isolation IsolatedCores::how(int cpu) const {
-  if (holds(cpuset, cpu)) return Isolation::cpuset;
-  return holds(boot, cpu) ? Isolation::boot : Isolation::none;
+  if (contains(cpuset, cpu)) return Isolation::cpuset;
+  return contains(boot, cpu) ? Isolation::boot : Isolation::none;
 }
 
-bool IsolatedCores::is_tickless(int cpu) const { return holds(tickless, cpu); }
+bool IsolatedCores::is_tickless(int cpu) const { return contains(tickless, cpu); }
 
 std::vector<int> IsolatedCores::all() const { return both(boot, cpuset); }
 
 std::vector<int> MachineCores::usable() const {
   std::vector<int> cpus = affinity;
   for (const int cpu : granted) {
-    if (!holds(affinity, cpu) && isolated.how(cpu) != Isolation::none) cpus.push_back(cpu);
+    if (!contains(affinity, cpu) && isolated.how(cpu) != Isolation::none) cpus.push_back(cpu);
   }
   std::sort(cpus.begin(), cpus.end());
   return cpus;

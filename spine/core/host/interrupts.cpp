@@ -7,6 +7,7 @@
 
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/files.hpp"
+#include "spine/core/lookup.hpp"
 #include "spine/core/text.hpp"
 
 namespace lithe {
@@ -14,18 +15,14 @@ namespace {
 
 constexpr std::size_t kMostTableBytes = std::size_t{8} << 20;  // a machine of 256 cores writes two
 constexpr std::size_t kMostListBytes = std::size_t{64} << 10;
-constexpr int kFirstSharedOfGic = 32;  // ARM: an interrupt controller's inputs below are each core's own
-
-bool is_number(const std::string& text) {
-  return !text.empty() && text.size() < 8 && text.find_first_not_of("0123456789") == std::string::npos;
-}
+constexpr unsigned kFirstSharedOfGic = 32;  // ARM: an interrupt controller's inputs below are each core's own
 
 // "  GICv2  30 Level     arch_timer": what stands behind the counts of a row.
 bool is_each_cores_own(const std::string& about) {
   std::istringstream words(about);
   std::string chip, input;
   words >> chip >> input;
-  if (chip.starts_with("GIC")) return is_number(input) && std::stoi(input) < kFirstSharedOfGic;
+  if (chip.starts_with("GIC")) return whole_number<unsigned>(input).value_or(kFirstSharedOfGic) < kFirstSharedOfGic;
   return chip == "RISC-V" && input == "INTC";
 }
 
@@ -66,12 +63,12 @@ Result<std::vector<Interrupt>> device_interrupts(const std::string& root) {
   while (std::getline(lines, line)) {
     std::istringstream row(line);
     row >> word;
-    if (!word.ends_with(':') || !is_number(word.substr(0, word.size() - 1))) continue;
-    const int number = std::stoi(word);
+    const auto number = whole_number<unsigned>(std::string_view(word).substr(0, word.size() - 1));
+    if (!word.ends_with(':') || !number) continue;
     for (std::size_t core = 0; core < cores; ++core) row >> word;
     std::string about;
     std::getline(row, about);
-    if (!is_each_cores_own(about)) all.push_back({number, last_column(about)});
+    if (!is_each_cores_own(about)) all.push_back({static_cast<int>(*number), last_column(about)});
   }
   return all;
 }

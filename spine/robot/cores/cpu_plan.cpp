@@ -5,13 +5,13 @@
 
 #include <algorithm>
 
+#include "spine/core/lookup.hpp"
+
 namespace lithe::robot {
 namespace {
 
 constexpr std::size_t kFullLayout = 4;
 constexpr int kNoCore = -1;
-
-bool holds(const std::vector<int>& cpus, int cpu) { return std::find(cpus.begin(), cpus.end(), cpu) != cpus.end(); }
 
 // Cores without a role so far.
 class Free {
@@ -51,8 +51,8 @@ std::vector<Named> named(const SpineConfig& wanted) {
 }
 
 std::string why_not(int cpu, const MachineCores& cores) {
-  if (!holds(cores.online, cpu)) return fmt::format("this machine has cores {}", cpu_list(cores.online));
-  if (!cores.granted.empty() && !holds(cores.granted, cpu)) {
+  if (!contains(cores.online, cpu)) return fmt::format("this machine has cores {}", cpu_list(cores.online));
+  if (!cores.granted.empty() && !contains(cores.granted, cpu)) {
     return fmt::format("the cpuset of this process has cores {}", cpu_list(cores.granted));
   }
   return fmt::format("this process was started on cores {} (taskset?)", cpu_list(cores.affinity));
@@ -94,7 +94,7 @@ Result<CpuPlan> plan_cpus(const RobotConfig& robot, const MachineCores& cores) {
   const SpineConfig& wanted = robot.spine;
   const std::vector<int> usable = cores.usable();
   for (const Named& each : named(wanted)) {
-    if (holds(usable, each.cpu)) continue;
+    if (contains(usable, each.cpu)) continue;
     return Error{fmt::format("{}: spine.{} = {}, but {}; name one of {}, or leave it out to let the program choose",
                              robot.path, each.key, each.cpu, why_not(each.cpu, cores), cpu_list(usable))};
   }

@@ -4,7 +4,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cstdlib>
 #include <filesystem>
 #include <optional>
 #include <system_error>
@@ -13,6 +12,7 @@
 #include <vector>
 
 #include "spine/core/host/files.hpp"
+#include "spine/core/lookup.hpp"
 #include "spine/core/text.hpp"
 #include "supervisor/cli/core/act.hpp"
 #include "supervisor/cli/core/talk.hpp"
@@ -63,7 +63,7 @@ std::vector<fs::path> pages(const fs::path& folder) {
   for (const auto& entry : fs::directory_iterator(folder, failure)) {
     if (entry.path().extension() == ".json") found.push_back(entry.path());
   }
-  const auto number = [](const fs::path& path) { return std::atol(path.stem().c_str()); };
+  const auto number = [](const fs::path& path) { return leading_number<long>(path.stem().string()); };
   std::sort(found.begin(), found.end(), [&](const fs::path& a, const fs::path& b) { return number(a) > number(b); });
   return found;
 }
@@ -76,9 +76,8 @@ Json read(const fs::path& path) {
 // `which`: last, a number, or a law: its own name, or its source file's with or without .cpp.
 bool means(const std::string& which, const fs::path& page, const Json& certificate) {
   if (which == "last") return true;
-  if (!which.empty() && which.find_first_not_of("0123456789") == std::string::npos) {
-    return std::atol(which.c_str()) == std::atol(page.stem().c_str());
-  }
+  if (const auto number = whole_number<unsigned long>(which))
+    return number == whole_number<unsigned long>(page.stem().string());
   const auto is = [&](const char* key) {
     const Json value = certificate.is_object() ? certificate.value(key, Json()) : Json();
     return value.is_string() && (value == which || value == which + ".cpp");

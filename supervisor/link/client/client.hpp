@@ -9,9 +9,9 @@
 #include <string>
 #include <vector>
 
+#include "spine/core/host/fd.hpp"
 #include "spine/core/result.hpp"
 #include "supervisor/core/answer.hpp"
-#include "supervisor/core/fd.hpp"
 #include "supervisor/core/lines.hpp"
 
 namespace lithe::control {

@@ -8,9 +8,9 @@
 #include <optional>
 #include <string>
 
+#include "spine/core/host/fd.hpp"
 #include "spine/core/result.hpp"
 #include "supervisor/core/answer.hpp"
-#include "supervisor/core/fd.hpp"
 #include "supervisor/core/lines.hpp"
 #include "supervisor/core/process.hpp"
 

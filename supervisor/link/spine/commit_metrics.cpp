@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <fstream>
 #include <iterator>
@@ -12,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "spine/core/lookup.hpp"
 #include "spine/core/time.hpp"
 
 namespace lithe::control {
@@ -29,13 +29,6 @@ std::string_view word(std::string_view& text) {
   const std::string_view found = text.substr(from, to - from);
   text.remove_prefix(to);
   return found;
-}
-
-std::optional<std::uint64_t> number(std::string_view text) {
-  std::uint64_t value = 0;
-  const auto [end, failure] = std::from_chars(text.data(), text.data() + text.size(), value);
-  return failure == std::errc() && end == text.data() + text.size() && !text.empty() ? std::optional(value)
-                                                                                     : std::nullopt;
 }
 
 Json difference(const std::optional<std::uint64_t>& before, const std::optional<std::uint64_t>& after) {
@@ -101,7 +94,7 @@ void read_interrupts(std::string_view text, std::uint32_t cpu, CoreCounts& count
     for (std::size_t i = 0; i < kInterrupts.size(); ++i) {
       if (name.size() == kInterrupts[i].size() + 1 && name.starts_with(kInterrupts[i]) && name.back() == ':') {
         for (std::size_t skipped = 0; skipped < column; ++skipped) (void)word(line);
-        counts.interrupts[i] = number(word(line));
+        counts.interrupts[i] = whole_number<std::uint64_t>(word(line));
       }
     }
   }
@@ -115,9 +108,9 @@ void read_faults(std::string_view stat, CoreCounts& counts) {
   for (int field = 3; field <= 12; ++field) {
     const std::string_view text = word(stat);
     if (field == 10) {
-      counts.minor_faults = number(text);
+      counts.minor_faults = whole_number<std::uint64_t>(text);
     } else if (field == 12) {
-      counts.major_faults = number(text);
+      counts.major_faults = whole_number<std::uint64_t>(text);
     }
   }
 }

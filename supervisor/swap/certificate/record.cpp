@@ -6,7 +6,6 @@
 #include <stdio.h>
 
 #include <algorithm>
-#include <cstdlib>
 #include <fstream>
 #include <map>
 #include <system_error>
@@ -14,6 +13,7 @@
 
 #include "spine/core/host/files.hpp"
 #include "spine/core/host/paths.hpp"
+#include "spine/core/lookup.hpp"
 #include "spine/core/sha256.hpp"
 
 namespace lithe::control {
@@ -161,7 +161,8 @@ Result<> RecordBook::open() {
   }
   int highest = 0;
   for (const auto& entry : fs::directory_iterator(dir_, failure)) {
-    if (entry.path().extension() == ".json") highest = std::max(highest, std::atoi(entry.path().stem().c_str()));
+    if (entry.path().extension() == ".json")
+      highest = std::max(highest, leading_number<int>(entry.path().stem().string()));
   }
   next_ = std::max(highest, used_) + 1;
   return find_end();
