@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What passes over the buses, into shared memory, while somebody watches.
+// Copies the frames of the buses into shared memory while a monitor asks for them.
 #pragma once
 
 #include <cstdint>

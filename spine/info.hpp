@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What main tells the others of itself before the first tick: which core does what, and what this machine cannot give.
+// What the Spine publishes about itself before the first tick: the core of each thread, and what this machine lacks.
 #pragma once
 
 #include <string>
@@ -12,10 +12,11 @@
 
 namespace lithe {
 
-// Locks memory, tries for priority, and says in sentences what was lost, after what is known to be. Empty: nothing was.
+// Locks memory and raises the priority. Returns one sentence for each thing that did not work, after those in `known`; empty
+// when all worked.
 std::string describe_host(const std::vector<std::string>& known);
 
-// Of the process itself.
+// Facts about the process itself.
 struct Own {
   int tid_spine = 0;             // the thread that ticks
   bool protection_keys = false;  // a law cannot write the Spine's memory
@@ -25,7 +26,7 @@ struct Own {
 void write_robot_info(ipc::ChannelMemory<wire::RobotInfo>& memory, const robot::RobotConfig& robot,
                       const robot::CpuPlan& cpus, const std::string& notes, const Own& own);
 
-// What buses and drives did otherwise than asked; empty when nothing. After the last exchange.
+// What buses and drives answered wrongly or not at all; empty when nothing. To be called after the last exchange.
 std::string describe_replies(const hal::Actuators& actuators);
 
 // One JSON line for whoever started us.

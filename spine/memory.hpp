@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shared memory of a running robot, as its Spine makes it.
+// The shared memory of a running robot, created by its Spine.
 #pragma once
 
 #include <string>
@@ -19,7 +19,7 @@ struct Memory {
   ipc::Segment<ipc::FramesMemory> frames;
 };
 
-// Replaces what a crashed run left. Error: another Spine of this robot lives.
+// Replaces segments that a crashed run left. Error: another Spine of this robot is running.
 Result<Memory> make_memory(const std::string& robot);
 void remove_memory(const std::string& robot);
 

@@ -32,7 +32,7 @@ constexpr Item kScheduler[] = {
      "taskset -acp {others} PID for each; for good: systemd CPUAffinity={others}", kNow, check_user_tasks},
     {5, "kernel_threads", "Movable kernel threads stay off the core",
      "threads such as rcu_preempt, kcompactd and khugepaged take the core for some 10 us",
-     "taskset -cp {others} TID for each; kernel threads that are born later may come back", kNow, check_kernel_threads},
+     "taskset -cp {others} TID for each; kernel threads that start later may come back", kNow, check_kernel_threads},
     {6, "bound_kernel_threads", "Kernel threads bound to the core are quiet",
      "kworker/{cpu}, ksoftirqd/{cpu} and migration/{cpu} cannot be moved; only their causes can: items 7, 12, 20, 21",
      "mend items 7, 12, 20 and 21, then measure again", kNow, check_bound_kernel_threads},

@@ -21,8 +21,8 @@ char letter(Tier tier);
 
 // A gate that the core does not pass.
 struct Missing {
-  Tier tier = Tier::d;  // that it is asked for
-  int number = 0;       // of the item; 0: asked of the measurement
+  Tier tier = Tier::d;  // the tier that needs it
+  int number = 0;       // of the item; 0: a gate of the measurement
   std::string id;
   std::string words;
 };
@@ -32,7 +32,7 @@ struct TierVerdict {
   std::vector<Missing> missing;  // for the next better tier; empty at tier A
 };
 
-// `findings`: of the whole checklist, in its order. A gate needs `ok` or `not_applicable`: what is unknown closes it. A
+// `findings`: of the whole checklist, in its order. A gate needs `ok` or `not_applicable`; `unknown` does not pass it. A
 // measurement has gates of its own.
 TierVerdict judge_tier(const Subject& subject, std::span<const Finding> findings);
 

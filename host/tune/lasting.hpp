@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files below /etc that outlive a boot. Each is written only where the system has the folder for it. All only read.
+// Plans files below /etc that outlive a boot, each only where the system has its folder. These functions only read.
 #pragma once
 
 #include <string>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The settings of the kernel that keep work off the robot's cores until the next boot.
+// Kernel settings, until the next boot, that keep other work off the robot's cores.
 #pragma once
 
 #include <vector>

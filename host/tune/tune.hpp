@@ -12,18 +12,18 @@
 
 namespace lithe::host {
 
-// Void after a boot, as the settings are.
+// Journal of settings that end with a boot; /run is empty after it.
 inline constexpr const char* kRunJournal = "/run/lithe/tune.journal";
-// Of files, which survive a boot.
+// Journal of files, which survive a boot.
 inline constexpr const char* kLastingJournal = "/var/lib/lithe/tune.journal";
 
 struct Target {
   std::string root{};                         // "": this machine
   bool image = false;                         // a mounted image: only its files are planned
-  std::vector<int> all_cores{};               // of the machine, ascending
-  std::vector<int> cores{};                   // the robot's among them
-  bool partition = false;                     // also an isolated partition of cgroup v2, until the next boot
-  bool files = true;                          // also what outlives a boot
+  std::vector<int> all_cores{};               // all cores of the machine, ascending
+  std::vector<int> cores{};                   // those of the robot
+  bool partition = false;                     // make an isolated partition of cgroup v2, until the next boot
+  bool files = true;                          // change files that outlive a boot, too
   std::string program{};                      // lithe itself, for the unit of systemd; empty: no unit
   std::optional<robot::RobotConfig> robot{};  // whose devices keep their names
 };
@@ -43,7 +43,7 @@ struct TuneResult {
   bool no_partition = false;            // it was planned, and the kernel made none; a note says why
   bool still_shielded = false;          // a killed robot's shield could not be lowered in full
 
-  bool well() const;  // every step is in order, and no shield was left
+  bool well() const;  // every step succeeded, and no shield is left
 };
 
 // Only reads.
@@ -52,8 +52,8 @@ TunePlan tune_plan(const Target& target);
 // Makes the changes. Errors: a journal cannot be opened (no permission, or another process tunes).
 Result<TuneResult> tune_apply(const Target& target, const std::vector<Change>& changes, const StepHook& hook = {});
 
-// Undoes what tune_apply() did and is still as it left it; also the shield that a killed robot left. The robot's cores
-// do not matter.
+// Undoes each change of tune_apply() whose value nobody has changed since, and lowers the shield that a killed robot left.
+// `target.cores` is not used.
 Result<TuneResult> tune_revert(const Target& target, bool forget, const StepHook& hook = {});
 
 }  // namespace lithe::host

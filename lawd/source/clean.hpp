@@ -17,7 +17,7 @@ struct Cleaned {
 };
 
 // Of several code blocks the one with LITHE_LAW is taken; when none or more than one has it, `out` refuses (gate "text")
-// and the text is as sent. Whatever could be C++ stays: then admission or the compiler judge it.
+// and the text is as sent. Whatever could be C++ stays, for admission and the compiler.
 // Contract: any bytes are safe · linear in the size of `sent`
 Cleaned clean_source(std::string_view sent, Admission& out);
 

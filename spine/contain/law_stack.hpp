@@ -30,7 +30,7 @@ class LawStack {
   // its whole stack and the callee-saved registers.
   void run(FaultBarrier::Call call, void* context) LITHE_RT;
 
-  // After an ended call, and the last one: tells AddressSanitizer that the abandoned frames are free.
+  // To be called after an ended call, and after the last one: tells AddressSanitizer that the abandoned frames are free.
   void forget_frames() const LITHE_RT;
 
  private:

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Keeps one joint inside its position and velocity limits: selects a torque that leaves a state from which the joint
-// can be stopped.
+// Keeps one joint inside its position and velocity limits: selects a torque after which the joint can still be stopped.
 #pragma once
 
 #include <array>
@@ -19,14 +18,17 @@ struct Measured {
   double age_s = 0;  // of both
 };
 
-// Between the nearest and the farthest torque that the slew bound allows, the one nearest to what is wanted from which
-// the joint still stops before its position limits and stays below its velocity limit: if the worst load pushed
-// outwards from now on, what is in flight acted until the new torque does, the new torque acted until the next one, and
-// then the torque fell to full braking as fast as slew allows (robot/stopping.hpp). Where no torque does, the one that
-// brakes hardest; where that would only carry it to the other limit, the one that is as far from both. Beyond a limit:
-// a torque under which it goes no farther, and comes back slowly. What acts and is not decided here is the drive's own:
-// its PD between two commands, its lag. Both are in flight too. Contract: RT after configure() · one thread · bounded
-// work
+// Selects a torque in the range that the slew bound allows:
+// 1. The torque nearest to the wanted one with which the joint still stops before its position limits and stays below its
+//    velocity limit.
+// 2. "Still stops" assumes the worst: the largest load pushes outwards from now on; torques in flight act until the new
+//    one does; the new one acts until the next one; then the torque falls to full braking at the slew bound
+//    (robot/limits/stopping.hpp).
+// 3. If no torque stops the joint: the one that brakes hardest. If that would carry the joint to the opposite limit: the
+//    one that stays equally far from both.
+// 4. Beyond a limit: a torque with which the joint goes no farther, and comes back slowly.
+// 5. In flight are also what the drive adds by itself: its PD between two commands, and its lag.
+// Contract: RT after configure() · one thread · bounded work
 class Envelope {
  public:
   void configure(const robot::RobotConfig& robot, const robot::JointConfig& joint);
@@ -34,7 +36,7 @@ class Envelope {
   // False when load and inertia are not known.
   bool on() const LITHE_RT { return brakes_.inertia_max_kg_m2 > 0; }
 
-  // From now on the drive is off.
+  // To be called when the drive is off.
   void forget() LITHE_RT;
 
   // Once per tick: the torque that acts by the last command that left, between these two.
@@ -48,7 +50,7 @@ class Envelope {
 
   // least_nm <= wanted_nm <= most_nm.
   double bound(const Measured& now, double least_nm, double wanted_nm, double most_nm) const LITHE_RT;
-  // The same of one limit alone: of a joint that is beyond the other one, or comes from there.
+  // The same for one limit only, when the joint is beyond the other one or comes from there.
   double bound_one(const Measured& now, double least_nm, double wanted_nm, double most_nm, bool up) const LITHE_RT;
 
   // Uncertainty of the joint's state when the next command takes effect.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is wrong with a law's control of one joint, computed from what it did: never from its text. The trial and the
-// supervisor use it; the tick does not.
+// What is wrong with a law's control of one joint. Computed from measured values, never from the law's text. For the trial
+// and the supervisor, off the tick.
 #pragma once
 
 #include <array>
@@ -10,7 +10,8 @@
 
 namespace lithe::law {
 
-// Sums over a run. Contract: plain bytes · any bytes are safe to read
+// Sums over a run.
+// Contract: plain bytes · any bytes are safe to read
 struct JointSums {
   static constexpr std::size_t kValues = 5;  // setpoint [rad], position [rad], its velocity, setpoint's, torque [N m]
   std::uint32_t ticks = 0;

@@ -95,7 +95,7 @@ class Tremor {
     joints_[joint].bounds = bounds;
   }
 
-  // A new law starts: shaking from before is not counted against it.
+  // To be called when a new law starts: earlier shaking does not count.
   void start() LITHE_RT {
     for (Joint& joint : joints_) {
       joint.swing_before_rad_s = joint.most_swing_rad_s;

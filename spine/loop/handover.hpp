@@ -19,7 +19,7 @@ namespace lithe::loop {
 class Handover {
  public:
   // ---- tick side
-  // True when the Transport has finished the last exchange, so that a command can go out and a sample is there.
+  // True when the Transport has finished the last exchange: the next command can be handed over, and a sample is there.
   // acquire, with the release store in finish(): what the Transport wrote into its sample is visible.
   bool idle() const LITHE_RT { return done_.load(std::memory_order_acquire) == sent_; }
 
@@ -33,7 +33,8 @@ class Handover {
   // release, with the acquire load in pending(): the command is whole before its number is seen.
   void dispatch() LITHE_RT { dispatched_.store(++sent_, std::memory_order_release); }
 
-  // ---- Transport side True when a command is pending.
+  // ---- Transport side
+  // True when a command is pending.
   bool pending() const LITHE_RT { return dispatched_.load(std::memory_order_acquire) != finished_; }
   const hal::ActuatorCommand& command() const LITHE_RT { return command_[(finished_ + 1) & 1]; }
   hal::ActuatorState& sample() LITHE_RT { return state_[(finished_ + 1) & 1]; }

@@ -18,7 +18,7 @@ class Inbox {
   Inbox(const Inbox&) = delete;
   Inbox& operator=(const Inbox&) = delete;
 
-  // The next command, at most one per call; null = none. It holds until the next call, and must be answered before.
+  // The next command; null = none. It is valid until the next call, and must be answered before that.
   const wire::Command* next_command() LITHE_RT;
   bool is_from_brain() const LITHE_RT { return from_ == &brain_; }
   void answer(wire::CommandResult result) LITHE_RT { from_->answer(ticket_, static_cast<std::uint32_t>(result)); }
@@ -35,7 +35,7 @@ class Inbox {
   // Age of the Brain's last heartbeat [ns]; -1 before the first. A heartbeat with a time in the future is ignored.
   std::int64_t brain_age_ns(std::int64_t now_ns) const LITHE_RT;
 
-  // True while a supervisor lives: it gives a sign of life every 20 ms, and none for kSupervisorNs when it is gone.
+  // True while a supervisor lives: it gives a sign of life every 20 ms. Without one for kSupervisorNs it counts as gone.
   bool supervised(std::int64_t now_ns) const LITHE_RT;
 
  private:

@@ -40,7 +40,7 @@ class Publisher {
   // Publishes record() and counts the durations.
   void publish(const Durations& durations, bool fresh_sample) LITHE_RT;
 
-  // An event of the loop itself.
+  // Publishes an event of the loop itself.
   void event(wire::EventKind kind, std::int64_t now_ns, std::uint32_t code, double value, std::string_view text)
       LITHE_RT;
   // Everything that a step told.

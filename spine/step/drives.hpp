@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the drives do beside the guard's values: torque, damping, brake or off; clear a fault; reset a simulation.
+// The part of a command that the guard does not decide: torque, damping, brake or off; clear a fault; reset a simulation.
 #pragma once
 
 #include <algorithm>
@@ -26,25 +26,25 @@ class Drives {
   explicit Drives(const robot::RobotConfig& robot)
       : slowest_(slowest_drive(robot)), simulated_(std::ranges::none_of(robot.buses, robot::is_real)) {}
 
-  bool simulated() const LITHE_RT { return simulated_; }  // every bus is
+  bool simulated() const LITHE_RT { return simulated_; }  // every bus is simulated
 
-  // The last command has left.
+  // To be called when the last command was sent.
   void dispatched() LITHE_RT { ticks_off_ = all_off_ ? ticks_off_ + 1 : 0; }
-  // Each of them has got "off".
+  // True once every drive has been sent "off".
   bool got_off() const LITHE_RT { return ticks_off_ >= slowest_; }
 
-  // From now on, while they are off; some drives need it more than once.
+  // Sends clear-fault with the next "off" commands. Some drives need several.
   void clear_faults() LITHE_RT { clear_ticks_left_ = kTurnsToClear * slowest_; }
-  // With the next command.
+  // Sends it with the next command.
   void reset_simulation() LITHE_RT { reset_simulation_ = true; }
 
-  // All of `command` but the guard's values.
+  // Fills in `command`, except the guard's values.
   void compose(const Tick& in, const ModeMachine& mode, const guard::Guard& guard, hal::ActuatorCommand& command)
       LITHE_RT {
     command.tick = in.tick + 1;
     command.joints = in.joints;
     command.clear_faults = clear_ticks_left_ > 0 && mode.mode() == wire::Mode::disarmed;
-    clear_ticks_left_ = command.clear_faults ? clear_ticks_left_ - 1 : 0;  // later faults need another reset
+    clear_ticks_left_ = command.clear_faults ? clear_ticks_left_ - 1 : 0;  // a later fault needs another reset
     command.reset_simulation = reset_simulation_;
     reset_simulation_ = false;
     all_off_ = !mode.energised() && !mode.damps();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a step needs while it runs: somebody who runs a law, and measures how long it takes.
+// Interface that runs a law and measures how long it takes.
 #pragma once
 
 #include <cstdint>
@@ -10,11 +10,12 @@
 
 namespace lithe::step {
 
-// Its answers are inputs of the step, as its samples and commands are. The Spine's host has the FaultBarrier and the clock.
+// Its answers are inputs of the step, like samples and commands. In the Spine it is BarrierHost, with the FaultBarrier and
+// the clock.
 // Contract: RT · one thread
 class Host {
  public:
-  // For durations only. Of all that a step decides, the time budget of a law on probation depends on it, nothing else.
+  // For durations. Only the time budget of a law on probation depends on it.
   virtual std::int64_t now_ns() LITHE_RT = 0;
 
   // Calls the law that is in `sandbox`. It is ended at `deadline_ns` of this clock, or when it crashes.

@@ -42,22 +42,23 @@ class Laws {
   };
   explicit Laws(const Wiring& wiring);
 
-  // Before the guard: effort() and `probes` are those of the active law. If it fails, it is replaced in this same tick
-  // by the law before it, else by the safe law.
+  // Runs the active law; its output is in effort() and `probes`. To be called before the guard. A law that fails is
+  // replaced in the same tick by the law before it, or by the safe law if there is none.
   void step(Host& host, std::array<double, kMaxProbes>& probes) LITHE_RT;
-  // After the guard: a law on probation that does worse than the one before it is replaced from the next tick on.
+  // To be called after the guard. A law on probation that does worse than the one before it is replaced from the next
+  // tick on.
   void judge(const guard::Verdict& verdict) LITHE_RT;
-  // At the end of the tick: the next one runs the new law.
+  // To be called at the end of the tick: commits a waiting law, which the next tick runs.
   void swap(Host& host) LITHE_RT;
 
   // While a group is stopped, the law's values for it are not checked. Before the law drives that group again,
   // non-finite State fields are set to their defaults.
   void mend() LITHE_RT;
-  // Sets all values in this tick, or none.
+  // Sets all values in this tick, or, when one of them is refused, none.
   wire::CommandResult set_params(const wire::Command& command) LITHE_RT;
-  // The values before the last change; when called again, that change again.
+  // Undo of the last parameter change; a second call redoes it.
   wire::CommandResult revert_params(const wire::Command& command) LITHE_RT;
-  // `count` laws back; 0 means 1.
+  // Back by `count` laws; 0 means 1.
   wire::CommandResult roll_back(const wire::Command& command) LITHE_RT;
 
   const law::Resident* active() const LITHE_RT { return slot_.active(); }

@@ -18,12 +18,12 @@ namespace lithe::step {
 // The criteria (besides a law fault, which always replaces the law):
 //   tracking    a joint's error grows beyond error_ratio times the largest of the time before the commit; a joint that
 //               tracked better than kLeastErrorRad counts as having been that far off
-//   guard       it had to clamp a joint's torque, velocity or position in most ticks of the last while, and did not
-//               before
+//   guard       in most recent ticks the guard had to clamp a joint's torque, velocity or position, and before the
+//               commit it did not
 //   chatter     a joint's torque jumps up and down from tick to tick (law::Tremor)
 //   oscillation a joint swings to and fro without decay (law::Tremor)
-//   budget      the step took longer than allowed kMostLong times in a row: once may be the machine's fault
-// Only ticks in which the robot moves, or is asked to, count for the duration: at rest nothing is proven.
+//   budget      the step took longer than allowed kMostLong times in a row; a single time may be the machine's fault
+// Only ticks in which the robot moves, or should move, count for the duration. A robot at rest proves nothing.
 // When the machine stopped the tick for kPauseS (at least 3.5 periods), the setpoint went on without the law: for
 // kCatchUpS no tracking error is judged or remembered, and no tick counts. The guard's limits hold all the time.
 // A law and its parameters can be on probation at the same time; then the newer parameters are reverted first.
@@ -44,10 +44,10 @@ class Probation {
 
   void configure(const robot::RobotConfig& robot);
 
-  // A law was committed: from now on it is compared with the time before.
+  // To be called when a law was committed. It is compared with the time before.
   void start(const law::Terms& terms) LITHE_RT;
-  // The parameters of the active law were set by this command: likewise, with the robot file's terms. While the law
-  // itself is unconfirmed, law and values are judged together.
+  // To be called when this command has set parameters of the active law. They are compared likewise, for the duration in
+  // the robot file. While the law itself is on probation, it and the values are judged together.
   void start_params(std::uint64_t request_id) LITHE_RT;
   std::uint64_t params_request_id() const LITHE_RT { return params_request_id_; }
   // Another law runs.
@@ -58,7 +58,7 @@ class Probation {
   bool on() const LITHE_RT { return law_.left > 0 || params_.left > 0; }
   bool of_law() const LITHE_RT { return law_.left > 0; }
   bool of_params() const LITHE_RT { return params_.left > 0; }
-  // The duration is over, but the robot has not moved enough.
+  // True when the duration is over, but the robot has not moved enough.
   bool unproven() const LITHE_RT { return law_.unproven() || params_.unproven(); }
 
   struct Observed {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a step tells beside its command and its record: events, law faults, flags, durations.
+// What a step returns besides the command and the telemetry record: events, law faults, flags, durations.
 #pragma once
 
 #include <algorithm>
@@ -75,7 +75,7 @@ class Report {
     law_ns = guard_ns = 0;
     params_changed = shadow_changed = false;
   }
-  // More than kMostEvents cannot happen in one tick; they would be left out.
+  // One tick makes at most kMostEvents; further ones would be dropped.
   void event(wire::EventKind kind, std::uint32_t code, std::uint64_t request_id, double value, std::string_view text)
       LITHE_RT {
     if (events_ == kMostEvents) return;

@@ -22,11 +22,11 @@ class Shadow {
   // The candidate's output, to be compared.
   Effort effort;
 
-  // All but the last end it, and are then the code of its event.
+  // go_on: not decided yet. The others end the shadow run, and name its event.
   enum class Opinion : std::uint8_t { refuse, promote, measured, go_on };
   // Compares one step of the candidate on `in`, which took `law_ns`, with the active law's output `active`.
   Opinion compare(const Tick& in, const Effort& active, std::int64_t law_ns) LITHE_RT;
-  // The candidate failed: it is refused, also if it agreed so far.
+  // To be called when the candidate failed. It is then refused, even if its outputs agreed so far.
   void fail() LITHE_RT { report_.faults = 1; }
   void end() LITHE_RT { law_ = nullptr; }
 

@@ -25,40 +25,40 @@
 
 namespace lithe::step {
 
-// Everything that comes into a step from outside, beside the answers of its Host and the laws in the Slot.
+// All inputs of a step, except the answers of its Host and the laws in the Slot.
 struct Input {
   std::uint64_t tick;
   std::int64_t now_ns;               // CLOCK_MONOTONIC: the time of this step
   const hal::ActuatorState& sample;  // x_k: the newest sample, fresh or not
-  bool exchanged = true;             // the last exchange is over: the last command has left, and this is its sample
+  bool exchanged = true;             // the last command was sent, and `sample` is the answer to it
   bool deadline_missed = false;      // the tick before ended late, or releases were skipped
   bool estop_pressed = false;        // one of the sticky words is set
   std::int64_t brain_age_ns = -1;    // since the Brain's last heartbeat; -1 = none so far
   const wire::Command* command = nullptr;
-  bool untried = false;              // nobody has tried the parameters in the command, and somebody could
+  bool untried = false;              // the command's parameters skipped the trial although there is one
   const wire::Plan* plan = nullptr;  // a new one
-  bool plan_torn = false;            // there is one, but it could not be read whole
-  const char* damaged = nullptr;     // the memory that must not change and did
+  bool plan_torn = false;            // there is a plan, but it was not read complete
+  const char* damaged = nullptr;     // name of constant memory that was changed; null: none
 };
 
 // The interpolator, the mode, the laws and the guard, in the order of the timing figure.
 // Contract: run() RT, on one thread · made off the tick
 class ControlStep {
  public:
-  // All of it outlives the step; a law runs in `sandbox`.
+  // The arguments must outlive this object. Laws run in `sandbox`.
   ControlStep(const robot::RobotConfig& robot, law::Slot& slot, law::Sandbox& sandbox);
   ControlStep(const ControlStep&) = delete;
   ControlStep& operator=(const ControlStep&) = delete;
 
-  // `command`: u_{k+1}. `record`: of this tick, but for what only the loop knows (release, durations, counters). The
-  // report holds until the next call.
+  // Output: `command` is u_{k+1}; `record` is this tick's telemetry, except for release, durations and counters, which the
+  // loop fills in. The report is valid until the next call.
   const Report& run(const Input& in, Host& host, hal::ActuatorCommand& command, wire::Telemetry& record) LITHE_RT;
 
   wire::Mode mode() const LITHE_RT { return mode_.mode(); }
   const Laws& laws() const LITHE_RT { return laws_; }
   const Tick& seen() const LITHE_RT { return in_; }  // what a law sees in this tick
 
-  // What a law must not change, whatever it writes: the guard and the mode.
+  // Memory that no law may change: the guard and the mode.
   std::array<std::span<std::byte>, 2> guarded() {
     return {std::as_writable_bytes(std::span(&guard_, 1)), std::as_writable_bytes(std::span(&mode_, 1))};
   }

@@ -15,7 +15,7 @@ namespace lithe::control {
 
 namespace {
 
-constexpr std::int64_t kShieldNs = 10 * kNsPerS;  // between two looks for kernel threads that were born
+constexpr std::int64_t kShieldNs = 10 * kNsPerS;  // between two looks for kernel threads that started
 
 // Of a Spine that ticks already.
 robot::CpuPlan plan_of(const wire::RobotInfo& spine) {

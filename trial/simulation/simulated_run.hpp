@@ -34,17 +34,18 @@ struct Rough {
   static constexpr double kPayload = 0.2;
 };
 
-// The robot file's own plant with Rough::kPayload more of everything that has mass.
+// The robot with every mass in its plant made heavier by Rough::kPayload.
 robot::RobotConfig with_payload(const robot::RobotConfig& robot);
 
-// Opens it and lives until every drive is set up and on. Errors: it cannot be simulated, or a drive never gets there.
+// Opens the simulated robot and runs it until every drive is configured and on. Errors: it cannot be simulated, or a drive
+// does not get ready.
 Result<> open_ready(const robot::RobotConfig& robot, SimulatedRobot& simulated);
 
-// A joint that stands outside its limits, or at one, would be stopped in the first tick whatever the law does: nothing
-// would be tried.
+// Moves every joint that starts at or outside a position limit inside. The guard would stop it in the first tick, and the
+// law would not be tried.
 void start_inside(robot::RobotConfig& robot);
 
-// Whatever acts in a run: a law under trial, or something in its place.
+// Source of the torques in a run: the law under trial, or a replacement (none, the safe law).
 class TorqueSource {
  public:
   // One step: `effort` is clear before it.

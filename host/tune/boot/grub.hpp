@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// GRUB of Debian and Ubuntu: our flags are lines of ours, behind what the user's files set; no line of theirs changes.
+// Flags for the kernel in GRUB's files (Debian, Ubuntu). They are added in lines of our own, after the user's; none of the
+// user's lines is changed.
 // Off the tick.
 #pragma once
 

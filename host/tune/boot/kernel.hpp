@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the kernel that will boot can do, and the flags it gets: never one that it does not know. Off the tick.
+// The options of the kernel that will boot, and the boot flags for it: only flags that it knows. Off the tick.
 #pragma once
 
 #include <string>
@@ -15,7 +15,7 @@ namespace lithe::host {
 // Whether the first processor of /proc/cpuinfo has a flag (x86: "constant_tsc").
 bool has_cpu_flag(const HostFiles& files, const std::string& flag);
 
-// The running kernel; below a root without /proc, all kernels installed there: each of them may boot.
+// Facts about the running kernel. Below a root without /proc: about all kernels installed there, because any may boot.
 struct Kernel {
   int version = 0;                     // 5006 is 5.6; of several the oldest; 0: not known
   std::vector<std::string> configs;    // how each was built; empty: not known

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What was changed, on disk before it is changed: a process that is killed in between can be undone by the next one.
+// The journal of changes. An entry is on disk before its change is made, so that the next process can undo what a killed
+// one did.
 #pragma once
 
 #include <cstdint>
@@ -25,8 +26,8 @@ struct Entry {
 //   {"number": 1, "boot": ID, "at_ticks": T, "change": {...}}   before the change; on disk before it begins
 //   {"number": 1, "done": true, "after": VALUE}                 after it; or "done": false and "error"
 //   {"number": 1, "dropped": WHY}                               it is undone, or no longer ours
-// A last line without its end is ignored: its change had not begun. Contract: one process at a time, by flock(2), for as
-// long as the object lives; one thread.
+// A last line without its end is ignored: its change had not begun.
+// Contract: one process at a time, by flock(2), for as long as the object lives · one thread
 class Journal {
  public:
   // `boot`: the entries are of this boot only, those of another are void; "": they are of files that survive it. `make`:

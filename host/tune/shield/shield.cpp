@@ -21,7 +21,7 @@
 namespace lithe::host {
 namespace {
 
-constexpr int kMostRounds = 8;  // a task may be born while others are moved
+constexpr int kMostRounds = 8;  // a task may start while others are moved
 constexpr const char* kGroups = "cpuset";
 
 constexpr const char* kNoRight =
@@ -67,7 +67,7 @@ bool is_of_lithe(const Task& task) {
   return task.is_spine() || task.name == "lithe" || task.name == "lawd" || task.name == "lithe-trial";
 }
 
-// Tasks that were born under the shield inherited the narrow mask of their parents; kernel threads have no parents.
+// Tasks that started while the shield was up inherited the narrow mask of their parents; kernel threads have no parents.
 std::vector<std::string> widen_the_born(const Writer& writer, const Moves& moves, const std::vector<int>& only) {
   if (moves.tasks.empty()) return {};
   const std::vector<Task> tasks = read_tasks(HostFiles(), only).all;
@@ -210,7 +210,7 @@ Result<> Shield::move_tasks(bool kernel) {
       facts_.refused += step.outcome == Outcome::refused ? 1 : 0;
     }
   }
-  facts_.notes.push_back("tasks are born faster than they are moved: some may still run on the robot's core");
+  facts_.notes.push_back("tasks start faster than they are moved: some may still run on the robot's core");
   return done();
 }
 
@@ -267,7 +267,8 @@ std::string born_words(const Lowered& lowered) {
   if (count == 0) return "";
   const std::vector<std::string> names(lowered.born.begin(), lowered.born.begin() + static_cast<std::ptrdiff_t>(named));
   return fmt::format(
-      "tasks born under the shield have all cores again: {}{}; one that chose fewer itself in that time has to do so "
+      "tasks started while the shield was up have all cores again: {}{}; one that chose fewer itself in that time has "
+      "to do so "
       "anew",
       fmt::join(names, ", "), count > named ? fmt::format(" and {} more", count - named) : "");
 }

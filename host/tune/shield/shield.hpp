@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A robot's cores, kept free for the life of one process, and given back at its end or by the next one.
+// Keeps other tasks off a robot's cores while one process lives. Its end undoes this; after a kill, the next shield does.
 #pragma once
 
 #include <cstddef>
@@ -41,11 +41,12 @@ struct ShieldFacts {
 struct Lowered {
   std::size_t count = 0;              // tasks and settings that were given back
   std::vector<std::string> failed{};  // what could not be, and why
-  std::vector<std::string> born{};  // tasks that were born under the shield and may use its cores again: "cc1plus 4711"
+  std::vector<std::string>
+      born{};  // tasks started while the shield was up; they may use its cores again: "cc1plus 4711"
 };
 
-// "tasks born under the shield have all cores again: cc1plus 4711, make 4700 and 3 more; ..."; empty when there are none.
-// One that chose just the shield's cores itself cannot be told from one that inherited them, so they are named.
+// "tasks started while the shield was up have all cores again: cc1plus 4711, make 4700 and 3 more; ..."; empty when there are
+// none. A task that chose exactly the shield's cores itself looks like one that inherited them, so they are named.
 std::string born_words(const Lowered& lowered);
 
 // Contract: one thread. The destructor lowers the shield; a kill leaves the journal.
@@ -73,11 +74,11 @@ class Shield {
   const ShieldFacts& facts() const { return facts_; }
   bool has_partition() const { return partition_; }  // made by this shield: its cores are for the members of its group
 
-  // To be called every few seconds. Moves kernel threads that were born since: the kernel gives them all cores. Returns
+  // To be called every few seconds. Moves kernel threads that started since: the kernel gives them all cores. Returns
   // a sentence when the kernel ended the partition, and moves all tasks instead; else an empty text.
   Result<std::string> keep_up();
 
-  // Gives everything back, also to tasks that were born meanwhile and inherited the narrow mask; not to LITHE's own
+  // Gives everything back, also to tasks that started meanwhile and inherited the narrow mask; not to LITHE's own
   // programs, which choose their cores. What somebody else changed stays. The error names what could not be undone.
   Result<Lowered> lower();
 

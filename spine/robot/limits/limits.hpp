@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the guard reckons with to keep a joint inside its limits: the worst load, the inertia, the delay. Completed
-// where the robot file says nothing, and checked against the limits it shall keep.
+// The guard's model of a joint: worst load, inertia, delay. Fills in what the robot file leaves out, and checks whether the
+// guard can keep the limits with it.
 #pragma once
 
 #include "spine/robot/config.hpp"
@@ -8,15 +8,15 @@
 
 namespace lithe::robot {
 
-// Before the keys of a joint are read: nothing of the above has been said.
+// To be called before the keys of a joint are read: marks load, inertia and delay as not given.
 void forget_limits(JointConfig& joint);
 
-// Whether the robot file's simulation says all that pulls at the joint: in a chain or a model the other joints do too,
-// and behind a real bus there is a real joint.
+// Whether the robot file's simulation contains every load on this joint. Not in a chain or a model, where other joints
+// pull at it, and not behind a real bus.
 bool is_simulated(const RobotConfig& robot, const JointConfig& joint);
 
-// After them. Fills in what was not said and complains about what cannot work; the notes say what the guard reckons
-// with where nobody declared it, and which limits it can keep only by being slower.
+// To be called after the keys. Fills in what was not given; reports limits that cannot be kept. The notes name assumed
+// values, and limits that are kept only at a lower speed.
 // Contract: never in the tick · the joint's device is known
 void settle_limits(Reader& in, RobotConfig& robot, JointConfig& joint);
 

@@ -19,7 +19,7 @@ using control::Refusal;
 inline constexpr int kQuickMs = 10'000;
 inline constexpr int kCompileMs = 180'000;
 
-// What was asked for; else throws the Refusal, which ends the verb: main() prints it.
+// The value of an outcome. Throws the Refusal if it is one; main() prints it.
 template <class T>
 T value_of(std::variant<T, Refusal> outcome) {
   if (auto* refusal = std::get_if<Refusal>(&outcome)) throw std::move(*refusal);
@@ -28,7 +28,7 @@ T value_of(std::variant<T, Refusal> outcome) {
 
 // Sends one request to the context's robot. Throws the Refusal.
 Json ask(const Context& context, const std::string& verb, const Json& args, int timeout_ms = kQuickMs);
-// The same, for who goes on after a refusal.
+// The same, but returns a refusal instead of throwing it.
 Answer try_ask(const Context& context, const std::string& verb, const Json& args, int timeout_ms = kQuickMs);
 
 // The name of the context's robot, also when its supervisor does not answer. Throws the Refusal.
